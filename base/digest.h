@@ -1,0 +1,35 @@
+/*
+ * The digests that say "same mesh" (PROTOCOL: STREAM.md, "Digests"). A digest is two 64-bit sums of
+ * XXH3-128 hashes (seed 0), high halves and low halves apart, modulo 2^64, so that it does not depend
+ * on order and digests of parts add up to the digest of the whole.
+ */
+#ifndef DIGEST_H
+#define DIGEST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct digest {
+	uint64_t hi, lo;
+};
+
+#define DIGEST_HEX_SIZE 33
+
+struct digest digest_hash(const void *bytes, size_t size);
+void digest_add(struct digest *sum, struct digest part);
+void digest_sub(struct digest *sum, struct digest part);
+bool digest_equal(struct digest a, struct digest b);
+bool digest_is_zero(struct digest a);
+
+/* One triangle: absolute lattice numbers (X + K) of its three corners, counter-clockwise. It is rotated
+ * so that the lexicographically smallest corner (x, then y) comes first; hashed are the 48 bytes of the
+ * six int64 x, y, x, y, x, y, little-endian. Heights are in the vertex digest. */
+void digest_add_triangle(struct digest *sum, const int64_t corner[3][2]);
+/* One vertex: 24 bytes x, y, z, little-endian int64, absolute. */
+void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z);
+
+char *digest_hex(struct digest d, char hex[DIGEST_HEX_SIZE]);
+bool digest_parse(const char *hex, struct digest *ret);
+
+#endif

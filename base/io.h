@@ -1,0 +1,48 @@
+/*
+ * The one table of file calls. All file I/O of daemon and engine goes through `io`, so that tests can
+ * make any call fail. Helpers above it loop over short transfers and EINTR and fill in struct err;
+ * `name` is what messages call the file.
+ */
+#ifndef IO_H
+#define IO_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <sys/stat.h>
+#include <sys/types.h>
+
+struct err;
+
+struct io_table {
+	int (*openat)(int dirfd, const char *path, int flags, mode_t mode);
+	int (*close)(int fd);
+	ssize_t (*read)(int fd, void *buf, size_t n);
+	ssize_t (*pread)(int fd, void *buf, size_t n, off_t off);
+	ssize_t (*pwrite)(int fd, const void *buf, size_t n, off_t off);
+	int (*fsync)(int fd);
+	int (*renameat)(int olddir, const char *old, int newdir, const char *name);
+	int (*unlinkat)(int dirfd, const char *path, int flags);
+	int (*ftruncate)(int fd, off_t size);
+	int (*fstat)(int fd, struct stat *st);
+	int (*mkdirat)(int dirfd, const char *path, mode_t mode);
+};
+
+extern const struct io_table io_system;
+extern const struct io_table *io; /* io_system, unless a test says otherwise */
+
+/* Always O_CLOEXEC. *ret_fd untouched on failure. */
+int io_open(int dirfd, const char *path, int flags, mode_t mode, int *ret_fd, struct err *err);
+/* All n bytes; the end of the file before that is -ERR_TRUNCATED. */
+int io_read_at(int fd, void *buf, size_t n, uint64_t off, const char *name, struct err *err);
+/* Up to n bytes, until the end of the file. */
+int io_read_some(int fd, void *buf, size_t n, uint64_t off, const char *name, size_t *ret_n, struct err *err);
+int io_write_at(int fd, const void *buf, size_t n, uint64_t off, const char *name, struct err *err);
+int io_sync(int fd, const char *name, struct err *err);
+/* fsync(fd), rename temp to name, fsync(dirfd). On failure the temp file is removed. Does not close. */
+int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err);
+int io_remove(int dirfd, const char *path, struct err *err); /* absent is success */
+int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err); /* present is success */
+/* Closes if fd >= 0; returns -1, so that `fd = io_close(fd)`. */
+int io_close(int fd);
+
+#endif

@@ -1,0 +1,192 @@
+/*
+ * libacut: talk to acutd. The one public header; opaque handles, no global state, no threads of its own.
+ *
+ * Every call returns 0, or a negative acut_code (its details by acut_error). Calls wait for the answer up
+ * to the connection's time-out; while they wait, progress and interruption go through the callbacks.
+ * Strings handed out belong to the object they came with.
+ */
+#ifndef ACUT_H
+#define ACUT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+struct acut;
+
+/* Same order and numbers as base/err.def (checked when libacut is built). */
+struct acut_failure {
+	int code;                  /* enum err_code */
+	const char *name;          /* "bad-input", frozen */
+	int exit_status;           /* what acutctl ends with */
+	const char *message, *file, *field, *hint; /* "" if none */
+	uint64_t offset;           /* UINT64_MAX if unknown */
+};
+
+struct acut_options {
+	const char *program;       /* for the daemon's log; NULL: "libacut" */
+	double timeout;            /* seconds to wait for one answer; 0: for ever */
+	/* Asked about ten times a second while a call waits; non-zero: the call ends with "cancelled". */
+	int (*interrupted)(void *ctx);
+	void *ctx;
+};
+
+/* ---- connection ---- */
+
+int acut_connect(const char *socket_path, const struct acut_options *, struct acut **ret);
+/* Takes over a connected socket. On failure of either, *ret is still set, for acut_error; close it. */
+int acut_attach(int fd, const struct acut_options *, struct acut **ret);
+struct acut *acut_close(struct acut *);
+const struct acut_failure *acut_error(const struct acut *);
+int acut_fd(const struct acut *);                   /* to poll for POLLIN between calls */
+int acut_dispatch(struct acut *);                   /* read what is there; runs callbacks, never waits */
+const char *acut_daemon_build(const struct acut *); /* build id of the other side */
+
+int acut_ping(struct acut *, double *ret_seconds);
+
+struct acut_ledger_entry { const char *name; uint64_t bytes; };
+struct acut_status {
+	const char *version, *state_dir, *cache_dir;
+	uint64_t pid, memory, peak_rss_bytes;
+	uint32_t threads, jobs_running, jobs_waiting, connections;
+	double uptime_seconds;
+	const struct acut_ledger_entry *ledger;
+	size_t nledger;
+};
+/* Results stay valid until the next call on this connection. */
+int acut_status(struct acut *, const struct acut_status **ret);
+
+/* ---- push ---- */
+
+struct acut_progress {
+	const char *phase;         /* "stage", "seal", "mesh" */
+	uint64_t points, points_total, domains, domains_total;
+};
+typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
+
+struct acut_push_options {
+	const char *dataset;       /* NULL: one-step */
+	const char *scale_xy, *scale_z, *format; /* NULL: as found */
+	bool planar, accept_truncated;
+	acut_progress_fn progress;
+	void *ctx;
+};
+struct acut_probe {
+	const char *name, *format, *variant, *crs, *unit_xy, *unit_z, *plane, *warning;
+	uint64_t points;
+	double min[3], max[3];
+	const char *scale[3], *offset[3];
+};
+struct acut_file_result {
+	const char *name, *warning;
+	uint64_t points, moved;
+	double max_shift[3];
+};
+struct acut_push_result { const char *dataset; uint64_t generation, points; };
+
+struct acut_push;
+/* The order: begin, probe each, plan, file each, commit. Probe and file take an open regular file (the
+ * caller closes it). A failed probe or file names the input and does not end the push. */
+int acut_push_begin(struct acut *, const struct acut_push_options *, struct acut_push **ret);
+int acut_push_probe(struct acut_push *, int fd, const char *name, const struct acut_probe **ret);
+int acut_push_plan(struct acut_push *, const char **ret_lattice);
+int acut_push_file(struct acut_push *, int fd, const char *name, const struct acut_file_result **ret);
+int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
+struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed */
+
+int acut_info(struct acut *, int fd, const char *name, const char *format, const struct acut_probe **ret);
+
+/* ---- jobs ---- */
+
+struct acut_removed { const char *rule; uint64_t count; };
+struct acut_report {
+	uint64_t points, used, vertices, triangles, hull, domains, halo, peak_rss_bytes;
+	const char *digest, *vertex_digest;
+	const struct acut_removed *removed;
+	size_t nremoved;
+	double seconds, stage_seconds, first_triangle_seconds;
+};
+struct acut_job {
+	uint64_t id, generation;
+	const char *dataset, *view, *state, *lattice, *crs, *unit_xy, *unit_z;
+	uint32_t uid, pid;
+	int64_t submitted_us, finished_us;
+	struct acut_progress progress;
+	bool final, has_report, has_error;
+	struct acut_report report;
+	struct acut_failure error;
+};
+int acut_submit(struct acut *, const char *dataset, uint64_t generation, const char *view, bool bound,
+		bool fresh, const struct acut_job **ret);
+/* Once (follow false), or until the job is final; `changed` (may be NULL) at each change. */
+int acut_job_wait(struct acut *, uint64_t id, bool follow,
+		  void (*changed)(void *ctx, const struct acut_job *), void *ctx, const struct acut_job **ret);
+int acut_job_cancel(struct acut *, uint64_t id, const struct acut_job **ret);
+int acut_job_remove(struct acut *, uint64_t id);
+/* Calls `each` for every job, paging inside. */
+int acut_jobs(struct acut *, void (*each)(void *ctx, const struct acut_job *), void *ctx);
+
+struct acut_dataset {
+	const char *name, *lattice, *crs, *unit_xy, *unit_z, *pending;
+	uint64_t generation, points, bytes;
+	uint32_t files, uid;
+	int64_t created_us, pushed_us;
+	double min[3], max[3];
+};
+int acut_datasets(struct acut *, const char *name /* NULL: all */,
+		  void (*each)(void *ctx, const struct acut_dataset *), void *ctx);
+
+struct acut_plan {
+	uint64_t points, domains, memory_bytes, disk_bytes;
+	bool exact;
+	double seconds;
+	uint32_t load, threads;
+};
+int acut_plan(struct acut *, const char *dataset, uint64_t generation, const char *view,
+	      const struct acut_plan **ret);
+
+/* ---- the mesh ---- */
+
+struct acut_mesh_head {
+	const char *lattice, *scale_xy, *scale_z, *crs, *unit_xy, *unit_z, *view, *stream_id;
+	int64_t k[3];              /* coordinate = (X + k) * scale */
+	int32_t box[6];            /* min x y z, max x y z: holds all vertices */
+};
+struct acut_mesh_block {
+	uint64_t index, first;
+	const uint64_t *foreign;
+	const int32_t (*vertex)[3];
+	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
+	const uint8_t *final;      /* bit set over nforeign + nnew */
+	uint32_t nforeign, nnew, ntriangle;
+};
+struct acut_mesh_tail {
+	uint64_t blocks, vertices, triangles, hull;
+	int32_t box[6];
+	const char *digest, *vertex_digest, *report;
+};
+/* Non-zero from a callback ends the fetch with "cancelled". */
+struct acut_mesh_sink {
+	int (*head)(void *ctx, const struct acut_mesh_head *);
+	int (*block)(void *ctx, const struct acut_mesh_block *);
+	int (*tail)(void *ctx, const struct acut_mesh_tail *); /* digests were computed here and agreed */
+	acut_progress_fn progress; /* may be NULL */
+	void *ctx;
+};
+/* Streams the mesh of a job from block 0; checks frames, numbering and both digests. A stream that ends
+ * without its tail, or with an error in it, is an error. */
+int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
+
+/* Coordinates from lattice numbers: nearest double; exact decimal text into buf (48 bytes). */
+double acut_coordinate(const struct acut_mesh_head *, int axis, int32_t number);
+char *acut_coordinate_text(const struct acut_mesh_head *, int axis, int32_t number, char *buf);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,84 @@
+/*
+ * Cutting: regions (dyadic boxes of circumcentres), which triangles they own, which points they load,
+ * and the plan of a mesh (ALGORITHM 4, DESIGN of domains). A region is opaque outside this room.
+ */
+#ifndef CUT_H
+#define CUT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "mesh.h"
+#include "view.h"
+
+struct err;
+struct grid_reader;
+
+enum { CUT_INF_X0 = 1, CUT_INF_X1 = 2, CUT_INF_Y0 = 4, CUT_INF_Y1 = 8 };
+
+/* x, y: lattice numbers + 2^31 of the lower corner; widths are 2^wx, 2^wy. Only cut/ looks inside. */
+struct cut_region {
+	uint32_t x, y;
+	uint8_t wx, wy, inf;
+};
+
+struct cut_range { uint64_t lo, hi; };
+
+#define CUT_REGION_TEXT_SIZE 64
+char *cut_region_text(const struct cut_region *, char buf[CUT_REGION_TEXT_SIZE]);
+bool cut_region_parse(const char *text, struct cut_region *ret);
+/* The borders as doubled lattice numbers (odd), INT64_MIN/MAX on infinite sides: x0, y0, x1, y1. */
+void cut_region_box(const struct cut_region *, int64_t ret[4]);
+
+/* The smallest aligned square, or 2 x 2 block of aligned squares, around the box; all sides infinite. */
+void cut_region_root(const int32_t box[4], struct cut_region *ret);
+/* Lower half, upper half (x first of a square). False: one position wide, cannot be split. */
+bool cut_region_split(const struct cut_region *, struct cut_region ret[2]);
+/* The Morton ranges that make up the region's finite box; returns how many (1 to 4), ascending. */
+unsigned cut_region_ranges(const struct cut_region *, struct cut_range ret[4]);
+bool cut_region_holds(const struct cut_region *, int32_t x, int32_t y);
+
+/* Owner test, exact (ALGORITHM 4.2). a, b, c counter-clockwise. */
+bool cut_region_owns(const struct cut_region *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
+
+/* Load exactly P_B: the region's own positions and its halo, after the view, duplicates reduced, in
+ * Morton order, into out[0..cap). Scratch memory for the halo comes from the caller.
+ * CUT_E_FULL: own + halo do not fit cap or the scratch; *ret_need is a lower bound of what would do
+ * (positions), and the caller splits the region. */
+enum { CUT_E_FULL = 1 };
+struct cut_load {
+	struct mesh_vertex *out;
+	uint32_t cap;
+	void *scratch;
+	size_t scratch_size;
+	/* results */
+	uint32_t n, own;
+	struct mesh_counts counts;
+	uint64_t cells_read, points_read;
+};
+int cut_load(struct grid_reader *, const struct view *, const struct cut_region *, struct cut_load *,
+	     uint64_t *ret_need, struct err *err);
+size_t cut_load_scratch_bytes(uint32_t cap);
+
+/* The plan: leaves in order, each with an upper bound of its own positions. */
+struct cut_leaf {
+	struct cut_region region;
+	uint64_t count;      /* records at most (exact if `exact`) */
+	bool exact;
+	uint8_t stuck;       /* consecutive levels without progress above it */
+};
+struct cut_plan {
+	struct cut_leaf *leaf;
+	size_t n, cap;
+};
+
+/* Split the root until each leaf has at most `load` positions. -ERR_LIMIT: cannot. */
+int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);
+/* Replace leaf i by its two halves (in order). `need` as cut_load said, for the error's text:
+ * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
+int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap,
+		   struct err *err);
+void cut_plan_done(struct cut_plan *);
+
+#endif

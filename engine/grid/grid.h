@@ -1,0 +1,125 @@
+/*
+ * The grid cache on disk: sorted runs, immutable segments of Morton cells with a paged index, and
+ * manifests that name the segments and sources of a dataset's generations. FORMAT.md has the bytes.
+ */
+#ifndef GRID_H
+#define GRID_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "digest.h"
+#include "lattice.h"
+#include "point.h"
+
+struct err;
+struct ledger;
+
+enum { GRID_CELL_RECORDS = 1024, GRID_RUN_SOURCES = 4096 };
+
+/* ---- writing: stage -> sorted runs -> one segment ---- */
+
+struct grid_stage;
+
+struct grid_stage_params {
+	int dirfd;              /* folder for runs and the segment (borrowed) */
+	const char *name;       /* file name stem of the segment, unique in the folder */
+	size_t memory;          /* bytes the stage may use for its buffers; the caller has charged them */
+	bool durable;           /* runs are fsynced by grid_stage_sync */
+};
+
+int grid_stage_new(const struct grid_stage_params *, struct grid_stage **ret, struct err *err);
+/* All points added from now on belong to source `id` (numbers of the manifest, > 0). */
+int grid_stage_source(struct grid_stage *, uint32_t id, struct err *err);
+/* Points with lattice coordinates; the tag carries flags only. Sorts and spills when full. */
+int grid_stage_add(struct grid_stage *, const struct point *pts, size_t n, struct err *err);
+/* Everything added so far lies in fsynced runs when this returns. */
+int grid_stage_sync(struct grid_stage *, struct err *err);
+
+struct grid_segment_info {
+	char file[64];          /* name in the folder */
+	uint64_t points, cells, bytes;
+	int32_t box[4];         /* min x, min y, max x, max y; meaningless if points == 0 */
+	uint64_t classes[256];  /* points by class */
+	struct digest sum;      /* content sum of all its records, without their sources */
+};
+
+/* Merge the runs (and what is still in memory) into a segment, published durably; runs are removed. */
+int grid_stage_seal(struct grid_stage *, struct grid_segment_info *ret, struct err *err);
+/* Frees; what was not sealed is removed from disk. */
+struct grid_stage *grid_stage_free(struct grid_stage *);
+
+/* ---- manifests: a text or binary file that alone describes a dataset ---- */
+
+struct grid_source {
+	uint32_t id;            /* > 0, never used twice in a dataset */
+	uint64_t added, removed; /* generation that added it; that removed it, 0 = none */
+	uint64_t points;
+	char name[256];         /* file name as pushed */
+	struct digest hash;     /* of the input's bytes, zero if unknown */
+};
+
+struct grid_manifest {
+	struct lattice lattice;
+	char crs[512], unit_xy[16], unit_z[16];
+	uint64_t generation;    /* the newest */
+	struct grid_segment_info *segments;
+	size_t nsegments;
+	struct grid_source *sources;
+	size_t nsources;
+};
+
+int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *, struct err *err);
+int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err);
+struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+
+/* ---- reading one generation; thread-safe, all state in the caller's reader ---- */
+
+struct grid;        /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
+
+int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
+	      struct grid **ret, struct err *err);
+struct grid *grid_close(struct grid *);
+const struct grid_manifest *grid_manifest(const struct grid *);
+uint64_t grid_points(const struct grid *);           /* live records */
+/* Box of all points of all sources (not only live ones); false if there are none. */
+bool grid_box(const struct grid *, int32_t ret_box[4]);
+
+/* A cell, or a subtree of cells, as the index knows it. Morton range lo..hi inclusive and aligned. */
+struct grid_cell {
+	uint64_t lo, hi;
+	int32_t box[4];         /* tight: min x, min y, max x, max y */
+	uint64_t count;         /* records, live or not: an upper bound */
+	uint64_t distinct;      /* distinct positions, upper bound likewise */
+	uint32_t segment;
+	uint64_t place;         /* where the blocks are; opaque */
+	uint32_t blocks;
+};
+
+struct grid_visitor {
+	void *ctx;
+	/* Subtree: true to go down. NULL: always. `cell->place` has no meaning there. */
+	bool (*enter)(void *ctx, const struct grid_cell *subtree);
+	/* A cell; non-zero ends the walk and is returned by it. */
+	int (*cell)(void *ctx, const struct grid_cell *cell);
+};
+
+/* Working memory of one thread that reads: block buffers. Size by grid_reader_bytes. */
+struct grid_reader;
+size_t grid_reader_bytes(const struct grid *);
+int grid_reader_new(const struct grid *, void *memory, size_t size, struct grid_reader **ret, struct err *);
+struct grid_reader *grid_reader_free(struct grid_reader *); /* `memory` stays the caller's */
+
+/* All cells of all segments whose Morton range meets [lo, hi], in order within each segment. */
+int grid_walk(struct grid_reader *, uint64_t lo, uint64_t hi, const struct grid_visitor *, struct err *);
+/* Live records of a cell, sorted; handed to `sink` in pieces of at most GRID_CELL_RECORDS. */
+typedef int (*grid_points_fn)(void *ctx, const struct point *pts, size_t n, struct err *err);
+int grid_cell_read(struct grid_reader *, const struct grid_cell *, grid_points_fn, void *ctx, struct err *);
+/* Live records of Morton range [lo, hi] of all segments, merged in point order, in pieces. */
+int grid_scan(struct grid_reader *, uint64_t lo, uint64_t hi, grid_points_fn, void *ctx, struct err *);
+/* Upper bound of live records in the range; *ret_exact if it is the number itself. */
+int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
+	       struct err *);
+
+#endif

@@ -1,0 +1,61 @@
+/*
+ * Inputs: bytes of a descriptor to batches of raw points. Formats are rows of input_table.c.
+ * Reads forwards in a bounded buffer, never the whole file.
+ */
+#ifndef INPUT_H
+#define INPUT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "lattice.h"
+
+struct err;
+struct input;
+
+/* A raw point: coordinate = raw * scale + offset of the input's lattice_input. */
+struct input_points {
+	int64_t (*raw)[3];
+	uint8_t *cls;      /* class */
+	uint8_t *ret;      /* as point.ret */
+	uint8_t *flags;    /* POINT_WITHHELD ... */
+	size_t n, cap;
+};
+
+enum input_plane { INPUT_PLANE_UNKNOWN, INPUT_PLANE_PROJECTED, INPUT_PLANE_GEOGRAPHIC, INPUT_PLANE_GEOCENTRIC };
+
+struct input_info {
+	const char *format;        /* "las", "xyz" */
+	char variant[64];          /* "LAS 1.2, point format 3, 34 bytes" */
+	uint64_t claimed;          /* points the header claims; for text: counted by the probe */
+	struct lattice_input coords;
+	enum input_plane plane;
+	char crs[512];             /* short CRS text ("EPSG:26910", WKT name), "unknown" */
+	char unit_xy[16], unit_z[16]; /* "metre", "foot", "us-survey-foot", "degree", "unknown" */
+	char warning[256];         /* a header lie that does no harm, "" if none */
+};
+
+struct input_options {
+	const char *format;        /* forced format, or NULL: by content */
+	bool accept_truncated;
+	bool planar;               /* take degrees as a plane */
+};
+
+/* Upper bound of the memory that an input takes, whatever its bytes are. */
+size_t input_bytes(void);
+
+/* Take a descriptor (borrowed: the caller closes it after input_close), read the header (text: the
+ * whole file, for digits and extent). `name` is copied, for messages. Reading starts at offset 0. */
+int input_open(int fd, const char *name, const struct input_options *, struct input **ret,
+	       struct err *err);
+const struct input_info *input_info(const struct input *);
+/* The next points, up to pts->cap; pts->n == 0 at the end. -ERR_TRUNCATED, -ERR_INPUT name the place. */
+int input_read(struct input *, struct input_points *pts, struct err *err);
+struct input *input_close(struct input *);
+
+/* The table, for `acutctl formats`. */
+struct input_format_row { const char *name, *help, *extensions; };
+const struct input_format_row *input_formats(size_t *ret_n);
+
+#endif

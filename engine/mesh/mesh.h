@@ -1,0 +1,64 @@
+/*
+ * Pieces of mesh and the sinks that take them.
+ *
+ * A finished domain (struct mesh_domain) has positions and no numbers: it is what the store keeps.
+ * The emitter turns it into a numbered block (struct mesh_block): what the stream carries.
+ */
+#ifndef MESH_H
+#define MESH_H
+
+#include <stdint.h>
+
+#include "digest.h"
+
+struct err;
+
+struct mesh_vertex {
+	int32_t x, y, z; /* lattice numbers */
+};
+
+/* What is known of an open vertex: one that other domains or the hull may share. */
+struct mesh_link {
+	uint64_t hi, lo;   /* 128-bit sum over its triangles (p, a, b), ccw: H(a) - H(b); zero: closed */
+	uint32_t edges;    /* triangles counted */
+};
+
+#define MESH_RULES 8 /* at least VIEW_RULES */
+
+struct mesh_counts {
+	uint64_t points;               /* records read whose position lies in the region */
+	uint64_t removed[MESH_RULES];  /* by rule, enum view_rule */
+	uint64_t used;                 /* positions of the region that are in the mesh's point set */
+	uint64_t halo;                 /* positions loaded from outside */
+};
+
+/* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. */
+struct mesh_domain {
+	uint64_t index;                    /* place in the plan */
+	const struct mesh_vertex *vertex;
+	const struct mesh_link *link;      /* nopen of them */
+	const uint32_t (*triangle)[3];     /* local vertex numbers, counter-clockwise */
+	uint32_t nvertex, nopen, ntriangle;
+	struct digest digest;              /* of its triangles */
+	struct digest closed_digest;       /* vertex digest of the closed vertices */
+	struct mesh_counts counts;
+};
+
+/* Local vertices: foreign first (numbers given before), then new ones, numbered from `first`. */
+struct mesh_block {
+	uint64_t index;
+	int64_t box[4];                    /* region, doubled odd lattice borders; INT64_MIN/MAX: infinite */
+	uint64_t first;
+	const uint64_t *foreign;
+	const struct mesh_vertex *vertex;  /* nnew of them */
+	const uint32_t (*triangle)[3];
+	const uint8_t *final;              /* bit set over nforeign + nnew: no later block uses it */
+	uint32_t nforeign, nnew, ntriangle;
+};
+
+struct mesh_sink {
+	void *ctx;
+	int (*block)(void *ctx, const struct mesh_block *, struct err *err);
+};
+
+#endif

@@ -1,0 +1,98 @@
+/*
+ * The steps of a mesh, one function each: ingest, plan, domain, emit. No threads, no waiting, no clock:
+ * whoever calls decides when and where. daemon/job calls them from workers, acut-domain from main.
+ */
+#ifndef PIPE_H
+#define PIPE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "cut.h"
+#include "digest.h"
+#include "grid.h"
+#include "input.h"
+#include "lattice.h"
+#include "mesh.h"
+#include "view.h"
+
+struct err;
+struct ledger;
+
+/* ---- ingest: one input into a stage ---- */
+
+struct pipe_ingested {
+	uint64_t points;            /* read and staged */
+	uint64_t moved;             /* of these, rounded to the lattice */
+	double max_shift[3];        /* largest move, in coordinates */
+	struct digest hash;         /* of ... the records as read */
+	char warning[256];
+};
+
+/* Memory that pipe_ingest takes besides the stage; charge it before. */
+size_t pipe_ingest_bytes(void);
+/* Read all of `input` into `stage` as source `source`. `progress` (may be NULL) is called now and then with
+ * points so far; non-zero from it cancels (-ERR_CANCELLED). */
+typedef int (*pipe_progress_fn)(void *ctx, uint64_t points);
+int pipe_ingest(struct input *input, const struct lattice *lattice, struct grid_stage *stage,
+		uint32_t source, pipe_progress_fn progress, void *ctx, struct pipe_ingested *ret,
+		struct err *err);
+
+/* ---- plan ---- */
+
+enum { PIPE_RUNGS = 4 };
+extern const uint32_t pipe_rung[PIPE_RUNGS]; /* 2^15, 2^17, 2^19, 2^20 positions */
+
+struct pipe_budget {
+	uint32_t load;        /* positions a leaf may own: a rung */
+	uint32_t cap;         /* positions an arena carries: own + halo */
+	size_t domain_bytes;  /* of one domain, all of it */
+	unsigned threads;     /* domains at once */
+};
+/* The highest rung that `memory` carries with `threads` (fewer threads before a lower rung).
+ * -ERR_LIMIT with the number if not even the lowest fits one thread. `grid` may be NULL (reader bytes
+ * of one segment are assumed). */
+int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret,
+		struct err *err);
+
+/* ---- domain: one region to a finished domain ---- */
+
+/* Everything in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do not
+ * fit; *ret_need positions would. */
+enum { PIPE_E_SPLIT = 1 };
+int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
+		struct err *err);
+/* Bytes of `memory` from its start that *domain needs to stay valid. */
+size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
+
+/* Content key of a domain (engine/store). */
+struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region);
+
+/* ---- emit: finished domains, in plan order, to numbered blocks ---- */
+
+struct pipe_emitter;
+
+struct pipe_totals {
+	uint64_t vertices, triangles, hull, domains;
+	struct mesh_counts counts;
+	struct digest digest, vertex_digest;
+	int32_t box[4];   /* of the vertices */
+	int32_t zrange[2];
+};
+
+/* `memory`: bytes for the table of unfinished vertices (charged by the caller); beyond them it spills
+ * into an unlinked file in `tempdirfd`. */
+int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
+		     struct err *err);
+/* The next domain of the plan. Calls sink->block once (sink may be NULL: counted and digested only).
+ * Domains without triangles give no block. */
+int pipe_emit(struct pipe_emitter *, const struct mesh_domain *, const struct cut_region *,
+	      const struct mesh_sink *, struct err *err);
+/* After the last domain: totals. Vertices still open are the hull. -ERR_INTERNAL if the mesh is not whole
+ * (a link that should have closed). */
+int pipe_emitter_finish(struct pipe_emitter *, struct pipe_totals *ret, struct err *err);
+struct pipe_emitter *pipe_emitter_free(struct pipe_emitter *);
+
+#endif

@@ -1,0 +1,44 @@
+/*
+ * The point record of the cache: 16 bytes, and its one sort order.
+ */
+#ifndef POINT_H
+#define POINT_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct point {
+	int32_t x, y, z;  /* lattice numbers */
+	uint8_t cls;      /* class */
+	uint8_t ret;      /* return number (low nibble), number of returns (high nibble) */
+	uint16_t tag;     /* flags (low 4 bits), index into the cell's table of sources (high 12 bits) */
+};
+
+_Static_assert(sizeof(struct point) == 16, "the record of FORMAT.md");
+
+enum {
+	POINT_WITHHELD = 1,
+	POINT_SYNTHETIC = 2,
+	POINT_KEY = 4, /* model key-point */
+	POINT_OVERLAP = 8,
+	POINT_FLAGS = 15,
+	POINT_SOURCE_SHIFT = 4,
+	POINT_SOURCES = 4096,
+};
+
+static inline unsigned point_return(const struct point *p) { return p->ret & 15u; }
+static inline unsigned point_returns(const struct point *p) { return p->ret >> 4; }
+static inline unsigned point_flags(const struct point *p) { return p->tag & POINT_FLAGS; }
+static inline unsigned point_source(const struct point *p) { return p->tag >> POINT_SOURCE_SHIFT; }
+
+/* Morton key: x + 2^31 and y + 2^31; bit i of x at 2i + 1, of y at 2i (DESIGN of regions and cells). */
+uint64_t point_morton(int32_t x, int32_t y);
+void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y);
+
+/* The sort order of runs and segments: Morton key, z, class, returns, flags; source last. <0, 0, >0. */
+int point_compare(const struct point *a, const struct point *b);
+
+/* Sort by point_compare, radix on the key; `scratch` has room for n records. Result in `pts`. */
+void point_sort(struct point *pts, struct point *scratch, size_t n);
+
+#endif

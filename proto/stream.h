@@ -1,0 +1,72 @@
+/*
+ * The mesh stream: the bytes that acutd writes into a pipe and a client reads (STREAM.md describes them).
+ * Encoding hands out pieces to be written one after the other, so that nothing large is copied; decoding is
+ * incremental. No descriptors here: bytes only.
+ */
+#ifndef STREAM_H
+#define STREAM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "digest.h"
+
+struct err;
+
+enum stream_kind { STREAM_WHOLE = 1, STREAM_AREA = 2, STREAM_CHANGES = 3 };
+
+struct stream_head {
+	uint8_t kind;
+	char lattice[192];         /* "SXY SZ KX KY KZ" */
+	char crs[512], unit_xy[16], unit_z[16];
+	char view[2048];           /* canonical text */
+	struct digest id;          /* generation, view, plan, kernel version */
+	int32_t box[6];            /* holds all vertices: min x y z, max x y z; lattice numbers */
+};
+
+struct stream_block {
+	uint64_t index;
+	int64_t box[4];
+	uint64_t first;
+	uint32_t nforeign, nnew, ntriangle;
+	const uint64_t *foreign;
+	const int32_t (*vertex)[3];
+	const uint32_t (*triangle)[3];
+	const uint8_t *final;
+};
+
+struct stream_tail {
+	bool failed;               /* the job ended with an error; `error` is what acutctl prints */
+	char error_code[32], error_message[512], error_hint[384];
+	uint64_t blocks, vertices, triangles, hull;
+	int32_t box[6];
+	struct digest digest, vertex_digest;
+	char report[4096];         /* JSON object of the daemon's report: removed counts, domains, times */
+};
+
+/* Encoding. A frame is written as pieces; `scratch` holds head, tail and block headers. */
+struct stream_piece { const void *bytes; size_t size; };
+#define STREAM_PIECES 8
+#define STREAM_SCRATCH 16384
+/* Each returns the number of pieces (<= STREAM_PIECES); pieces point into scratch and the argument. */
+unsigned stream_put_head(const struct stream_head *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
+unsigned stream_put_block(const struct stream_block *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
+unsigned stream_put_tail(const struct stream_tail *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
+
+/* Decoding: feed bytes as they come; events come out one at a time. Checks magic, version, lengths,
+ * checksums, numbering (first == vertices so far, foreign < first), index bounds. */
+struct stream_reader;
+enum stream_event { STREAM_MORE, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL };
+struct stream_reader *stream_reader_new(void);
+struct stream_reader *stream_reader_free(struct stream_reader *);
+/* Where to put the next bytes, and how many at most. */
+int stream_reader_space(struct stream_reader *, void **ret, size_t *ret_size, struct err *err);
+/* n bytes were put there. *ret_event says what is whole now; valid until the next call of _space. */
+int stream_reader_feed(struct stream_reader *, size_t n, enum stream_event *ret_event, struct err *err);
+const struct stream_head *stream_reader_head(const struct stream_reader *);
+const struct stream_block *stream_reader_block(const struct stream_reader *);
+const struct stream_tail *stream_reader_tail(const struct stream_reader *);
+bool stream_reader_done(const struct stream_reader *); /* the tail was read */
+
+#endif
