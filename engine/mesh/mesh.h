@@ -32,15 +32,17 @@ struct mesh_counts {
 	uint64_t halo;                 /* positions loaded from outside */
 };
 
-/* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. */
+/* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. The arrays lie in
+ * memory of whoever made the domain; the emitter renumbers them in place, so a domain is emitted once. */
 struct mesh_domain {
-	uint64_t index;                    /* place in the plan */
-	const struct mesh_vertex *vertex;
-	const struct mesh_link *link;      /* nopen of them */
-	const uint32_t (*triangle)[3];     /* local vertex numbers, counter-clockwise */
+	struct mesh_vertex *vertex;
+	struct mesh_link *link;            /* nopen of them */
+	uint32_t (*triangle)[3];           /* local vertex numbers, counter-clockwise */
+	uint8_t *final;                    /* room for (nvertex + 7) / 8 bytes, filled by the emitter */
 	uint32_t nvertex, nopen, ntriangle;
 	struct digest digest;              /* of its triangles */
 	struct digest closed_digest;       /* vertex digest of the closed vertices */
+	int32_t box[6];                    /* of its vertices: min x y z, max x y z; meaningless if none */
 	struct mesh_counts counts;
 };
 

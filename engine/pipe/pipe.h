@@ -26,7 +26,6 @@ struct pipe_ingested {
 	uint64_t points;            /* read and staged */
 	uint64_t moved;             /* of these, rounded to the lattice */
 	double max_shift[3];        /* largest move, in coordinates */
-	struct digest hash;         /* of ... the records as read */
 	char warning[256];
 };
 
@@ -78,8 +77,7 @@ struct pipe_totals {
 	uint64_t vertices, triangles, hull, domains;
 	struct mesh_counts counts;
 	struct digest digest, vertex_digest;
-	int32_t box[4];   /* of the vertices */
-	int32_t zrange[2];
+	int32_t box[6];   /* of the vertices: min x y z, max x y z */
 };
 
 /* `memory`: bytes for the table of unfinished vertices (charged by the caller); beyond them it spills
@@ -87,8 +85,9 @@ struct pipe_totals {
 int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
 		     struct err *err);
 /* The next domain of the plan. Calls sink->block once (sink may be NULL: counted and digested only).
- * Domains without triangles give no block. */
-int pipe_emit(struct pipe_emitter *, const struct mesh_domain *, const struct cut_region *,
+ * Domains without triangles give no block. The arrays of the block are those of the domain, renumbered in
+ * place: they stay valid as long as the domain's memory, also after this returns. */
+int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *,
 	      const struct mesh_sink *, struct err *err);
 /* After the last domain: totals. Vertices still open are the hull. -ERR_INTERNAL if the mesh is not whole
  * (a link that should have closed). */
