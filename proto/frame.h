@@ -1,0 +1,121 @@
+/*
+ * Frames: how control messages travel over a Unix stream socket (PROTOCOL.md). Used alike by acutd and
+ * by libacut.
+ *
+ * A frame is a header of 16 bytes and a protobuf Message; together at most 64 KiB. At most one descriptor
+ * goes with a frame, sent with its first byte. A frame_conn never reads beyond the end of a frame, so a
+ * descriptor always belongs to the frame that is being read; a surplus one is closed and ends the
+ * connection, as does every other breach. Nothing here waits, and no thread may share a frame_conn.
+ */
+#ifndef FRAME_H
+#define FRAME_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "acut.pb-c.h"
+#include "ledger.h"
+
+struct err;
+
+/* ---- the header ---- */
+
+#define FRAME_MAGIC 0x4341u /* "AC" */
+#define FRAME_VERSION 1u
+#define FRAME_HEADER_SIZE 16u
+#define FRAME_MAX 65536u /* header and message */
+#define FRAME_BODY_MAX (FRAME_MAX - FRAME_HEADER_SIZE)
+
+/* What HELLO negotiates: the version of the messages, not of the frame. */
+#define FRAME_PROTOCOL_MIN 1u
+#define FRAME_PROTOCOL_MAX 1u
+
+struct frame_header {
+	uint32_t length;      /* bytes of the message after the header */
+	uint32_t request_id;  /* chosen by the client, 1 and up; an answer repeats it; 0: asked by nobody */
+	uint8_t descriptors;  /* that go with this frame: 0 or 1 */
+};
+
+/* Offsets: u16 magic, u16 version, u32 length, u32 request id, u8 descriptors, 3 bytes of zero. */
+void frame_header_put(const struct frame_header *, uint8_t bytes[FRAME_HEADER_SIZE]);
+/* -ERR_PROTO (not a frame, a length or count out of bounds, padding not zero); -ERR_VERSION. */
+int frame_header_get(const uint8_t bytes[FRAME_HEADER_SIZE], struct frame_header *ret, struct err *err);
+
+/* ---- messages ---- */
+
+/* Unpacks `size` bytes; what the message takes may not exceed `cap` bytes and is taken from `ledger` (NULL:
+ * not charged). -ERR_PROTO: malformed, beyond the cap, or a text that is not UTF-8. -ERR_BUSY: the ledger
+ * has no room. A body that this build does not know gives body_case 0 (answer it with ERR_UNSUPPORTED). */
+int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger,
+			 Acut__V1__Message **ret, struct err *err);
+/* Only for messages that came from here (frame_conn_recv included). Returns NULL. */
+Acut__V1__Message *frame_message_free(Acut__V1__Message *);
+
+/* ---- a connection ---- */
+
+struct frame_limits {
+	size_t queue;          /* bytes of frames waiting to be sent; 0: 256 KiB */
+	size_t message;        /* bytes that one unpacked message may take; 0: 1 MiB */
+	struct ledger *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
+};
+
+/* Positive results; the connection stays whole after AGAIN and FULL. */
+enum {
+	FRAME_E_AGAIN = 1, /* nothing (more) can be done until poll says so */
+	FRAME_E_EOF = 2,   /* the other side is gone, between two frames */
+	FRAME_E_FULL = 3,  /* the queue is at its cap, or the ledger has no room: nothing was queued */
+};
+
+struct frame_conn;
+
+/* Takes over `fd` (a connected stream socket), makes it non-blocking and close-on-exec. On failure the
+ * descriptor stays the caller's. `limits` NULL: the defaults. */
+int frame_conn_new(int fd, const struct frame_limits *limits, struct frame_conn **ret, struct err *err);
+/* Closes the socket and every descriptor still queued. NULL is fine; returns NULL. */
+struct frame_conn *frame_conn_free(struct frame_conn *);
+int frame_conn_fd(const struct frame_conn *);
+/* What to poll for: POLLIN, and POLLOUT while frames are queued. The values are those of EPOLLIN and
+ * EPOLLOUT as well. */
+short frame_conn_events(const struct frame_conn *);
+bool frame_conn_wants_write(const struct frame_conn *);
+size_t frame_conn_queued(const struct frame_conn *); /* bytes not yet sent */
+
+/* The next whole frame. 0: *ret_message (frame_message_free it), *ret_id and *ret_fd (-1: none; else the
+ * caller's, close-on-exec) are set. FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION, -ERR_IO,
+ * -ERR_BUSY; after a negative result the connection is beyond use (each further call gives it again),
+ * though an Error may still be sent. */
+int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd,
+		    struct err *err);
+
+/* Queues a message. `fd` (-1: none) belongs to the connection from now on, whatever the result. 0 or
+ * FRAME_E_FULL; -ERR_LIMIT: the message is larger than a frame; -ERR_NOMEM. Call frame_conn_flush next. */
+int frame_conn_send(struct frame_conn *, uint32_t id, const Acut__V1__Message *, int fd, struct err *err);
+/* Same, for an Error made from *why. */
+int frame_conn_send_error(struct frame_conn *, uint32_t id, const struct err *why, struct err *err);
+/* Sends what the socket takes. 0: all sent. FRAME_E_AGAIN, FRAME_E_EOF, -ERR_IO. */
+int frame_conn_flush(struct frame_conn *, struct err *err);
+
+/* Bytes that `message` would take as a frame; more than FRAME_MAX cannot be sent (for paging of lists). */
+size_t frame_message_size(const Acut__V1__Message *message);
+
+/* ---- errors over the wire ---- */
+
+/* An Error whose texts live in it (bytes that are not UTF-8 become '?'). Do not copy or move it. */
+struct frame_error {
+	Acut__V1__Error body;
+	char message[512], file[256], field[64], hint[384];
+};
+void frame_error_from_err(const struct err *, struct frame_error *ret);
+/* Fills *err and returns -code. A code that this build does not know becomes ERR_INTERNAL. */
+int frame_error_to_err(const Acut__V1__Error *, struct err *err);
+
+/* Makes text valid UTF-8 in place: each byte that is not becomes '?'. Returns text. */
+char *frame_text_clean(char *text);
+
+/* A Message around one body: FRAME_MESSAGE(PROBED, probed, &p). */
+#define FRAME_MESSAGE(CASE, member, ptr) \
+	(&(Acut__V1__Message){ .base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor), \
+			       .body_case = ACUT__V1__MESSAGE__BODY_##CASE, .member = (ptr) })
+
+#endif
