@@ -158,6 +158,8 @@ struct acut_mesh_head {
 };
 struct acut_mesh_block {
 	uint64_t index, first;
+	int64_t box[4];            /* the domain's region, closed, doubled lattice numbers: min x y, max x y;
+				    * pieces of one domain have the same */
 	const uint64_t *foreign;
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
