@@ -25,7 +25,8 @@ char *decimal_text(struct decimal, char buf[DECIMAL_TEXT_SIZE]);
 int decimal_compare(struct decimal a, struct decimal b); /* exact; -1, 0, 1 */
 double decimal_double(struct decimal d); /* nearest double */
 
-/* n * scale, for a lattice number n: nearest double; exact plain decimal text (never an exponent). */
+/* n * scale, for a lattice number n: nearest double; exact plain decimal text (never an exponent for the
+ * scales that a lattice may have: exponent -40..8). */
 double decimal_scaled_double(struct decimal scale, int64_t n);
 char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT_SIZE]);
 

@@ -1,0 +1,103 @@
+/*
+ * Digests as sums of XXH3-128 (digest.h). The hash is compiled in here with its length known, so that one
+ * triangle costs some nanoseconds. Order never matters, because only sums are kept.
+ */
+#include "digest.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "numbers are hashed as they lie in memory");
+
+struct digest digest_hash(const void *bytes, size_t size)
+{
+	XXH128_hash_t h = XXH3_128bits(bytes, size);
+
+	return (struct digest){h.high64, h.low64};
+}
+
+void digest_add(struct digest *sum, struct digest part)
+{
+	sum->hi += part.hi;
+	sum->lo += part.lo;
+}
+
+void digest_sub(struct digest *sum, struct digest part)
+{
+	sum->hi -= part.hi;
+	sum->lo -= part.lo;
+}
+
+bool digest_equal(struct digest a, struct digest b)
+{
+	return a.hi == b.hi && a.lo == b.lo;
+}
+
+bool digest_is_zero(struct digest a)
+{
+	return !a.hi && !a.lo;
+}
+
+/* The caller's positions are distinct, so the smallest is unique. */
+static inline bool less(const int64_t a[2], const int64_t b[2])
+{
+	return a[0] < b[0] || (a[0] == b[0] && a[1] < b[1]);
+}
+
+void digest_add_triangle(struct digest *sum, const int64_t corner[3][2])
+{
+	int64_t bytes[3][2];
+	unsigned i = less(corner[1], corner[0]) ? 1 : 0;
+
+	if (less(corner[2], corner[i]))
+		i = 2;
+	for (unsigned k = 0; k < 3; k++) {
+		bytes[k][0] = corner[i][0];
+		bytes[k][1] = corner[i][1];
+		i = i == 2 ? 0 : i + 1;
+	}
+	XXH128_hash_t h = XXH3_128bits(bytes, sizeof bytes);
+
+	sum->hi += h.high64;
+	sum->lo += h.low64;
+}
+
+void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z)
+{
+	int64_t bytes[3] = {x, y, z};
+	XXH128_hash_t h = XXH3_128bits(bytes, sizeof bytes);
+
+	sum->hi += h.high64;
+	sum->lo += h.low64;
+}
+
+char *digest_hex(struct digest d, char hex[DIGEST_HEX_SIZE])
+{
+	snprintf(hex, DIGEST_HEX_SIZE, "%016llx%016llx", (unsigned long long)d.hi, (unsigned long long)d.lo);
+	return hex;
+}
+
+bool digest_parse(const char *hex, struct digest *ret)
+{
+	uint64_t half[2] = {0, 0};
+
+	for (unsigned i = 0; i < 32; i++) {
+		char c = hex[i];
+		unsigned v;
+
+		if (c >= '0' && c <= '9')
+			v = (unsigned)(c - '0');
+		else if (c >= 'a' && c <= 'f')
+			v = (unsigned)(c - 'a') + 10;
+		else
+			return false;
+		half[i / 16] = half[i / 16] << 4 | v;
+	}
+	if (hex[32])
+		return false;
+	*ret = (struct digest){half[0], half[1]};
+	return true;
+}

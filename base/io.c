@@ -1,0 +1,160 @@
+/*
+ * File calls (io.h): the table, and loops over it. A transfer is tried again only where nothing was lost
+ * (short counts, EINTR). A failed fsync is never tried again: after it the kernel may have dropped the
+ * pages and call them clean.
+ */
+#include "io.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <unistd.h>
+
+#include "err.h"
+
+static int system_openat(int dirfd, const char *path, int flags, mode_t mode)
+{
+	return openat(dirfd, path, flags, mode);
+}
+
+const struct io_table io_system = {
+	.openat = system_openat,
+	.close = close,
+	.read = read,
+	.pread = pread,
+	.pwrite = pwrite,
+	.fsync = fsync,
+	.renameat = renameat,
+	.unlinkat = unlinkat,
+	.ftruncate = ftruncate,
+	.fstat = fstat,
+	.mkdirat = mkdirat,
+};
+
+const struct io_table *io = &io_system;
+
+enum { TRANSFER_MAX = 1 << 30 }; /* the kernel's own limit is just under 2^31 */
+
+int io_open(int dirfd, const char *path, int flags, mode_t mode, int *ret_fd, struct err *err)
+{
+	int fd;
+
+	do
+		fd = io->openat(dirfd, path, flags | O_CLOEXEC, mode);
+	while (fd < 0 && errno == EINTR);
+	if (fd < 0) {
+		err_sys(err, errno, "cannot open");
+		return err_add_file(err, path);
+	}
+	*ret_fd = fd;
+	return 0;
+}
+
+int io_read_some(int fd, void *buf, size_t n, uint64_t off, const char *name, size_t *ret_n, struct err *err)
+{
+	size_t done = 0;
+
+	if (off > INT64_MAX || n > INT64_MAX - off) {
+		err_set(err, ERR_INTERNAL, "a read beyond the largest file");
+		return err_add_file(err, name);
+	}
+	while (done < n) {
+		size_t want = n - done < TRANSFER_MAX ? n - done : TRANSFER_MAX;
+		ssize_t got = io->pread(fd, (char *)buf + done, want, (off_t)(off + done));
+
+		if (got == 0)
+			break;
+		if (got < 0 && errno == EINTR)
+			continue;
+		if (got < 0) {
+			err_sys(err, errno, "cannot read");
+			err_add_place(err, off + done, NULL);
+			return err_add_file(err, name);
+		}
+		done += (size_t)got;
+	}
+	*ret_n = done;
+	return 0;
+}
+
+int io_read_at(int fd, void *buf, size_t n, uint64_t off, const char *name, struct err *err)
+{
+	size_t got = 0;
+	int rc = io_read_some(fd, buf, n, off, name, &got, err);
+
+	if (rc)
+		return rc;
+	if (got < n) {
+		err_set(err, ERR_TRUNCATED, "the file ends %zu bytes too early", n - got);
+		err_add_place(err, off + got, NULL);
+		return err_add_file(err, name);
+	}
+	return 0;
+}
+
+int io_write_at(int fd, const void *buf, size_t n, uint64_t off, const char *name, struct err *err)
+{
+	size_t done = 0;
+
+	while (done < n) {
+		size_t want = n - done < TRANSFER_MAX ? n - done : TRANSFER_MAX;
+		ssize_t put = io->pwrite(fd, (const char *)buf + done, want, (off_t)(off + done));
+
+		if (put < 0 && errno == EINTR)
+			continue;
+		if (put <= 0) {
+			err_sys(err, put < 0 ? errno : EIO, "cannot write");
+			err_add_place(err, off + done, NULL);
+			return err_add_file(err, name);
+		}
+		done += (size_t)put;
+	}
+	return 0;
+}
+
+int io_sync(int fd, const char *name, struct err *err)
+{
+	if (io->fsync(fd) == 0)
+		return 0;
+	err_sys(err, errno, "cannot bring to disk (fsync)");
+	return err_add_file(err, name);
+}
+
+int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err)
+{
+	int rc = io_sync(fd, name, err);
+
+	if (rc == 0 && io->renameat(dirfd, temp, dirfd, name) != 0) {
+		err_sys(err, errno, "cannot rename %s", temp);
+		rc = err_add_file(err, name);
+	}
+	if (rc) {
+		io->unlinkat(dirfd, temp, 0); /* best effort: the first error is the one to tell */
+		return rc;
+	}
+	return io_sync(dirfd, name, err);
+}
+
+int io_remove(int dirfd, const char *path, struct err *err)
+{
+	if (io->unlinkat(dirfd, path, 0) == 0 || errno == ENOENT)
+		return 0;
+	err_sys(err, errno, "cannot remove");
+	return err_add_file(err, path);
+}
+
+int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err)
+{
+	if (io->mkdirat(dirfd, path, mode) == 0 || errno == EEXIST)
+		return 0;
+	err_sys(err, errno, "cannot make the folder");
+	return err_add_file(err, path);
+}
+
+int io_close(int fd)
+{
+	if (fd >= 0)
+		io->close(fd); /* the number is free afterwards, whatever it answers; what matters was synced */
+	return -1;
+}
