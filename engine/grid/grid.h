@@ -26,15 +26,18 @@ struct grid_stage_params {
 	int dirfd;              /* folder for runs and the segment (borrowed) */
 	const char *name;       /* file name stem of the segment, unique in the folder */
 	size_t memory;          /* bytes the stage may use for its buffers; the caller has charged them */
-	bool durable;           /* runs are fsynced by grid_stage_sync */
+	bool durable;           /* runs are fsynced; if not, grid_stage_sync does nothing */
 };
+
+/* The least `memory` that does. */
+enum { GRID_STAGE_MIN = 1 << 20 };
 
 int grid_stage_new(const struct grid_stage_params *, struct grid_stage **ret, struct err *err);
 /* All points added from now on belong to source `id` (numbers of the manifest, > 0). */
 int grid_stage_source(struct grid_stage *, uint32_t id, struct err *err);
 /* Points with lattice coordinates; the tag carries flags only. Sorts and spills when full. */
 int grid_stage_add(struct grid_stage *, const struct point *pts, size_t n, struct err *err);
-/* Everything added so far lies in fsynced runs when this returns. */
+/* Everything added so far lies in fsynced runs when this returns (durable stages). */
 int grid_stage_sync(struct grid_stage *, struct err *err);
 
 struct grid_segment_info {
@@ -47,7 +50,7 @@ struct grid_segment_info {
 
 /* Merge the runs (and what is still in memory) into a segment, published durably; runs are removed. */
 int grid_stage_seal(struct grid_stage *, struct grid_segment_info *ret, struct err *err);
-/* Frees; what was not sealed is removed from disk. */
+/* After a failure nothing but grid_stage_free works. Frees; what was not sealed is removed from disk. */
 struct grid_stage *grid_stage_free(struct grid_stage *);
 
 /* ---- manifests: a text or binary file that alone describes a dataset ---- */
@@ -78,6 +81,8 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *);
 
 struct grid;        /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
 
+/* Takes index_memory and its own tables from the ledger (may be NULL) until grid_close: -ERR_BUSY if they are
+ * not free now. Any index_memory works; pages beyond it are read again. dirfd is borrowed until grid_close. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
 	      struct grid **ret, struct err *err);
 struct grid *grid_close(struct grid *);
@@ -86,32 +91,47 @@ uint64_t grid_points(const struct grid *);           /* live records */
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);
 
-/* A cell, or a subtree of cells, as the index knows it. Morton range lo..hi inclusive and aligned. */
+/* A cell, or a subtree of cells, as the index knows it. Morton range lo..hi inclusive; aligned for a cell,
+ * from the first to the last cell for a subtree. */
 struct grid_cell {
 	uint64_t lo, hi;
 	int32_t box[4];         /* tight: min x, min y, max x, max y */
 	uint64_t count;         /* records, live or not: an upper bound */
 	uint64_t distinct;      /* distinct positions, upper bound likewise */
 	uint32_t segment;
-	uint64_t place;         /* where the blocks are; opaque */
 	uint32_t blocks;
+	uint64_t place, check;  /* where the blocks are, and their checksum; opaque */
+	uint32_t head_bytes;    /* of the first block; opaque */
+	uint32_t source;        /* the one source of all its records, 0 if there are several; 0 for a subtree */
 };
 
 struct grid_visitor {
 	void *ctx;
 	/* Subtree: true to go down. NULL: always. `cell->place` has no meaning there. */
 	bool (*enter)(void *ctx, const struct grid_cell *subtree);
-	/* A cell; non-zero ends the walk and is returned by it. */
+	/* A cell; non-zero ends the walk and is returned by it (negative: err is the callee's). */
 	int (*cell)(void *ctx, const struct grid_cell *cell);
 };
 
-/* Working memory of one thread that reads: block buffers. Size by grid_reader_bytes. */
+/* Working memory of one thread that reads: block buffers. Size by grid_reader_bytes. A sink that returns
+ * non-zero ends the call, which returns that number. */
 struct grid_reader;
 size_t grid_reader_bytes(const struct grid *);
 int grid_reader_new(const struct grid *, void *memory, size_t size, struct grid_reader **ret, struct err *);
 struct grid_reader *grid_reader_free(struct grid_reader *); /* `memory` stays the caller's */
 
-/* All cells of all segments whose Morton range meets [lo, hi], in order within each segment. */
+struct grid_reader_stats {
+	uint64_t cells, records, bytes; /* of data: cells and records read, live or not; bytes from disk */
+	uint64_t pages, misses;         /* of the index: pages asked for; of these, read from disk */
+};
+struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
+
+/* A visitor or sink may call grid_cell_read (not grid_scan, grid_walk, grid_count, grid_sum) with the same
+ * reader; points handed to a sink stay valid until it returns. The source index in the tags of points that
+ * are handed out is zero: what is read does not depend on how the records lie in segments. */
+
+/* All cells of all segments whose Morton range meets [lo, hi], in order within each segment. Cells whose
+ * records are known to be dead without reading them are left out. */
 int grid_walk(struct grid_reader *, uint64_t lo, uint64_t hi, const struct grid_visitor *, struct err *);
 /* Live records of a cell, sorted; handed to `sink` in pieces of at most GRID_CELL_RECORDS. */
 typedef int (*grid_points_fn)(void *ctx, const struct point *pts, size_t n, struct err *err);
@@ -121,5 +141,7 @@ int grid_scan(struct grid_reader *, uint64_t lo, uint64_t hi, grid_points_fn, vo
 /* Upper bound of live records in the range; *ret_exact if it is the number itself. */
 int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
 	       struct err *);
+/* Content sum (FORMAT.md) of the live records in the range, over all segments: exact always. */
+int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
 
 #endif
