@@ -1,0 +1,61 @@
+/*
+ * How large the domains may be: the ladder of loads, and what each rung costs.
+ */
+#include "pipe.h"
+
+#include "err.h"
+#include "parse.h"
+#include "pipe_priv.h"
+#include "tri.h"
+
+const uint32_t pipe_rung[PIPE_RUNGS] = { 1u << 15, 1u << 17, 1u << 19, 1u << 20 };
+
+/* Room for the halo: an eighth of the load and what a small, ragged region needs. Measured halos of ordinary
+ * surveys are 0.5 to 6 % of a region's points (ALGORITHM 6); a region that needs more is split. */
+static uint32_t cap_of(uint32_t load)
+{
+	return load + load / 8 + 4096;
+}
+
+size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes)
+{
+	return pipe_round(reader_bytes) + pipe_round(tri_bytes(cap)) + PIPE_ALIGN;
+}
+
+static size_t reader_bytes_of(const struct grid *grid)
+{
+	/* Block buffers of one segment, as long as no grid is known: the estimate is made again with it. */
+	return grid ? grid_reader_bytes(grid) : (size_t)1 << 18;
+}
+
+int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err)
+{
+	size_t reader = reader_bytes_of(grid), bytes = 0;
+	char need[32], have[32];
+	int rung;
+
+	if (!threads)
+		threads = 1;
+	for (unsigned t = threads; t; t--) {
+		for (rung = PIPE_RUNGS; rung-- > 0;) {
+			bytes = pipe_domain_bytes(cap_of(pipe_rung[rung]), reader);
+			/* One more than there are threads: a finished domain is sent while all threads compute. */
+			if (bytes * (t + 1) <= memory)
+				break;
+		}
+		/* Fewer threads only where not even the lowest rung carries them. */
+		if (rung >= 0) {
+			*ret = (struct pipe_budget){
+				.load = pipe_rung[rung],
+				.cap = cap_of(pipe_rung[rung]),
+				.domain_bytes = bytes,
+				.threads = t,
+			};
+			return 0;
+		}
+	}
+	bytes = pipe_domain_bytes(cap_of(pipe_rung[0]), reader) * 2;
+	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, %s are left of the memory",
+		parse_size_text(bytes, need), parse_size_text(memory, have));
+	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
+}

@@ -1,0 +1,231 @@
+/*
+ * The emitter: finished domains, in plan order, to numbered blocks.
+ *
+ * A closed vertex appears in its domain only: it is numbered and final there and then. An open one is looked
+ * up by position in the table of unfinished vertices: known there, it is foreign to this block; its link sum
+ * grows by what this domain adds, and is zero exactly when the triangles around it have closed (DESIGN: for a
+ * triangle (p, a, b) add H(a) - H(b)); then no later block uses it. Numbers are given by first use. Nothing is
+ * copied: the open vertices are put in order in place (foreign first), foreign numbers take the place of the
+ * link sums, and triangles that touch open vertices are renumbered.
+ */
+#include "pipe.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "pipe_table.h"
+
+struct pipe_emitter {
+	struct lattice lattice;
+	struct pipe_table *table;
+	struct pipe_totals totals;
+	uint64_t domains, blocks;
+	bool any_box;
+};
+
+int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
+		     struct err *err)
+{
+	struct pipe_emitter *e = calloc(1, sizeof *e);
+	int r;
+
+	if (!e)
+		return err_set(err, ERR_NOMEM, "no memory for an emitter");
+	e->lattice = *lattice;
+	r = pipe_table_new(memory, tempdirfd, &e->table, err);
+	if (r) {
+		free(e);
+		return r;
+	}
+	*ret = e;
+	return 0;
+}
+
+struct pipe_emitter *pipe_emitter_free(struct pipe_emitter *e)
+{
+	if (e) {
+		pipe_table_free(e->table);
+		free(e);
+	}
+	return NULL;
+}
+
+static void counts_add(struct mesh_counts *sum, const struct mesh_counts *c)
+{
+	size_t i;
+
+	sum->points += c->points;
+	sum->used += c->used;
+	sum->halo += c->halo;
+	for (i = 0; i < MESH_RULES; i++)
+		sum->removed[i] += c->removed[i];
+}
+
+static void box_add(struct pipe_emitter *e, const struct mesh_domain *d)
+{
+	size_t i;
+
+	for (i = 0; i < 3; i++) {
+		if (!e->any_box || d->box[i] < e->totals.box[i])
+			e->totals.box[i] = d->box[i];
+		if (!e->any_box || d->box[3 + i] > e->totals.box[3 + i])
+			e->totals.box[3 + i] = d->box[3 + i];
+	}
+	e->any_box = true;
+}
+
+static void set_bit(uint8_t *bits, uint32_t i)
+{
+	bits[i / 8] |= (uint8_t)(1u << (i % 8));
+}
+
+/* What the look-up of the open vertices found out, kept in the place of the link sums: `where` is the new
+ * local number, `number` the number in the stream. */
+struct found {
+	uint64_t number;
+	uint32_t where;
+	uint32_t closed;
+	uint64_t foreign;
+};
+_Static_assert(sizeof(struct found) == sizeof(struct mesh_link), "found replaces link in place");
+
+static void vertex_count(struct pipe_emitter *e, const struct mesh_vertex *v)
+{
+	digest_add_vertex(&e->totals.vertex_digest, v->x + e->lattice.k[0], v->y + e->lattice.k[1],
+			  v->z + e->lattice.k[2]);
+}
+
+/* Look every open vertex up; returns through ret_foreign how many were known. */
+static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_foreign, struct err *err)
+{
+	struct found *found = (struct found *)d->link;
+	uint32_t i, nforeign = 0, nnew = 0;
+	int r;
+
+	for (i = 0; i < d->nopen; i++) {
+		struct mesh_link link = d->link[i];
+		const struct mesh_vertex *v = &d->vertex[i];
+		struct pipe_vertex add = {
+			.place = (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y,
+			.number = e->totals.vertices + nnew + 1,
+			.hi = link.hi,
+			.lo = link.lo,
+			.edges = link.edges,
+		}, got;
+
+		if (!link.hi && !link.lo) {
+			/* Closed inside this domain, though another triangle of the kernel's touched it. */
+			r = PIPE_TABLE_NEW;
+			got = add;
+		} else {
+			r = pipe_table_add(e->table, &add, &got, err);
+		}
+		if (r < 0)
+			return r;
+		if (r == PIPE_TABLE_CLOSED && got.edges < 3)
+			return err_set(err, ERR_INTERNAL, "the vertex at (%d, %d) closed with %u triangles", v->x, v->y,
+				       got.edges);
+		found[i] = (struct found){
+			.number = got.number - 1,
+			.where = r == PIPE_TABLE_NEW ? nnew++ : nforeign++,
+			.closed = r == PIPE_TABLE_CLOSED || (!link.hi && !link.lo),
+			.foreign = r != PIPE_TABLE_NEW,
+		};
+		if (r == PIPE_TABLE_NEW)
+			vertex_count(e, v);
+	}
+	*ret_foreign = nforeign;
+	return 0;
+}
+
+/* Triangles first: they need `where`. Foreign vertices come first, so new ones move up by their count. */
+static void renumber(struct mesh_domain *d, uint32_t nforeign)
+{
+	struct found *found = (struct found *)d->link;
+	uint32_t i, nopen = d->nopen;
+	uint32_t *corner = d->triangle[0];
+
+	for (i = 0; i < nopen; i++) {
+		if (!found[i].foreign)
+			found[i].where += nforeign;
+		if (found[i].closed)
+			set_bit(d->final, found[i].where);
+	}
+	for (size_t k = 0; k < (size_t)d->ntriangle * 3; k++)
+		if (corner[k] < nopen)
+			corner[k] = found[corner[k]].where;
+}
+
+/* New open vertices to the end of the open ones, in order: from behind, each moves up or stays. Foreign
+ * numbers to the front of the link array, in order: each moves down or stays. */
+static void settle(struct mesh_domain *d, uint32_t nforeign)
+{
+	struct found *found = (struct found *)d->link;
+	uint64_t *foreign = (uint64_t *)d->link;
+	uint32_t i, to = d->nopen;
+
+	for (i = d->nopen; i-- > 0;)
+		if (!found[i].foreign)
+			d->vertex[--to] = d->vertex[i];
+	for (i = to = 0; i < d->nopen && to < nforeign; i++) {
+		struct found f = found[i];
+
+		if (f.foreign)
+			foreign[to++] = f.number;
+	}
+}
+
+int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *region,
+	      const struct mesh_sink *sink, struct err *err)
+{
+	struct mesh_block block = { .index = e->blocks, .first = e->totals.vertices };
+	uint32_t i, nforeign = 0;
+	int r;
+
+	counts_add(&e->totals.counts, &d->counts);
+	e->totals.domains++;
+	if (!d->ntriangle)
+		return 0;
+	memset(d->final, 0, ((size_t)d->nvertex + 7) / 8);
+	r = look_up(e, d, &nforeign, err);
+	if (r)
+		return r;
+	renumber(d, nforeign);
+	settle(d, nforeign);
+	for (i = d->nopen; i < d->nvertex; i++)
+		set_bit(d->final, i);
+	digest_add(&e->totals.digest, d->digest);
+	digest_add(&e->totals.vertex_digest, d->closed_digest);
+	box_add(e, d);
+	e->totals.triangles += d->ntriangle;
+	e->totals.vertices += d->nvertex - nforeign;
+	e->blocks++;
+	if (!sink)
+		return 0;
+	cut_region_box(region, block.box);
+	block.foreign = (const uint64_t *)d->link;
+	block.vertex = d->vertex + nforeign;
+	block.triangle = (const uint32_t (*)[3])d->triangle;
+	block.final = d->final;
+	block.nforeign = nforeign;
+	block.nnew = d->nvertex - nforeign;
+	block.ntriangle = d->ntriangle;
+	return sink->block(sink->ctx, &block, err);
+}
+
+int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct err *err)
+{
+	struct pipe_totals *t = &e->totals;
+
+	t->hull = pipe_table_count(e->table);
+	/* Euler's count and the point set: a mesh with a hole, a lost or a doubled triangle fails here, and a job
+	 * must not end as done with one. */
+	if (t->triangles && (t->vertices != t->counts.used || t->triangles != 2 * t->vertices - 2 - t->hull))
+		return err_set(err, ERR_INTERNAL,
+			       "the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull",
+			       (unsigned long long)t->counts.used, (unsigned long long)t->vertices,
+			       (unsigned long long)t->triangles, (unsigned long long)t->hull);
+	*ret = *t;
+	return 0;
+}

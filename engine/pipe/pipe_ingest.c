@@ -1,0 +1,94 @@
+/*
+ * Ingest: raw points of an input, on the dataset's lattice, into a stage. Reads batch after batch; keeps
+ * nothing but one batch.
+ */
+#include "pipe.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "err.h"
+
+enum { BATCH = 8192 };
+
+struct batch {
+	int64_t raw[BATCH][3];
+	int32_t at[BATCH][3];
+	struct point point[BATCH];
+	uint8_t cls[BATCH], ret[BATCH], flags[BATCH];
+};
+
+size_t pipe_ingest_bytes(void)
+{
+	return sizeof(struct batch) + input_bytes();
+}
+
+static void batch_points(struct batch *b, size_t n)
+{
+	size_t i;
+
+	for (i = 0; i < n; i++)
+		b->point[i] = (struct point){
+			.x = b->at[i][0],
+			.y = b->at[i][1],
+			.z = b->at[i][2],
+			.cls = b->cls[i],
+			.ret = b->ret[i],
+			.tag = b->flags[i] & POINT_FLAGS,
+		};
+}
+
+static int ingest_batches(struct input *input, const struct lattice_map *map, struct grid_stage *stage, struct batch *b,
+			  pipe_progress_fn progress, void *ctx, struct pipe_ingested *in, struct err *err)
+{
+	struct input_points pts = { .raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH };
+	size_t bad = 0;
+	int r;
+
+	for (;;) {
+		r = input_read(input, &pts, err);
+		if (r || !pts.n)
+			return r;
+		r = lattice_map_apply(map, (const int64_t (*)[3])b->raw, pts.n, b->at, &in->moved, in->max_shift, &bad,
+				      err);
+		if (r) {
+			char field[64];
+
+			snprintf(field, sizeof field, "point %llu", (unsigned long long)(in->points + bad));
+			return err_add_place(err, ERR_NO_OFFSET, field);
+		}
+		batch_points(b, pts.n);
+		r = grid_stage_add(stage, b->point, pts.n, err);
+		if (r)
+			return r;
+		in->points += pts.n;
+		if (progress && progress(ctx, in->points))
+			return err_set(err, ERR_CANCELLED, "cancelled after %llu points", (unsigned long long)in->points);
+	}
+}
+
+int pipe_ingest(struct input *input, const struct lattice *lattice, struct grid_stage *stage, uint32_t source,
+		pipe_progress_fn progress, void *ctx, struct pipe_ingested *ret, struct err *err)
+{
+	const struct input_info *info = input_info(input);
+	struct pipe_ingested in = { 0 };
+	struct lattice_map map;
+	struct batch *b;
+	int r;
+
+	r = lattice_map_init(&map, lattice, &info->coords, err);
+	if (!r)
+		r = grid_stage_source(stage, source, err);
+	if (r)
+		return r;
+	b = malloc(sizeof *b);
+	if (!b)
+		return err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
+	r = ingest_batches(input, &map, stage, b, progress, ctx, &in, err);
+	free(b);
+	if (r)
+		return err_add_file(err, info->coords.name);
+	snprintf(in.warning, sizeof in.warning, "%s", info->warning);
+	*ret = in;
+	return 0;
+}

@@ -1,0 +1,35 @@
+/*
+ * The emitter's table of unfinished vertices: position to number and link sum. It lives in a fixed number of
+ * page frames; what does not fit them lies in an unlinked file. Inner door of pipe/.
+ */
+#ifndef PIPE_TABLE_H
+#define PIPE_TABLE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct err;
+struct pipe_table;
+
+struct pipe_vertex {
+	uint64_t place;        /* position: x, y as two unsigned 32-bit halves */
+	uint64_t number;       /* in the stream, plus one: 0 marks a free slot */
+	uint64_t hi, lo;       /* link sum */
+	uint32_t edges;
+	uint32_t reserved;
+};
+
+enum { PIPE_TABLE_PAGE = 4096, PIPE_TABLE_FRAMES_MIN = 16 };
+
+/* `memory`: bytes for page frames, at least PIPE_TABLE_FRAMES_MIN pages. */
+int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct err *err);
+struct pipe_table *pipe_table_free(struct pipe_table *);
+
+/* Adds `edges` triangles and the sum `hi`, `lo` to the vertex at `place`; a new one gets `number`.
+ * *ret has the entry as it is then. An entry whose sum has become zero is taken out. */
+enum { PIPE_TABLE_NEW = 1, PIPE_TABLE_KNOWN = 2, PIPE_TABLE_CLOSED = 3 };
+int pipe_table_add(struct pipe_table *, const struct pipe_vertex *add, struct pipe_vertex *ret, struct err *err);
+uint64_t pipe_table_count(const struct pipe_table *);
+uint64_t pipe_table_spilled_pages(const struct pipe_table *); /* 0: all in memory */
+
+#endif
