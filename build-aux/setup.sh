@@ -1,0 +1,58 @@
+# shellcheck shell=bash
+# Set-up shared by ./quickstart, ./check and .ci/run: packages, configure, build. Sourced, not run.
+
+say() { printf '%s\n' "acut: $*" >&2; }
+die() { say "$*"; exit 1; }
+
+as_root() {
+	if [ "$(id -u)" = 0 ]; then
+		"$@"
+	elif command -v sudo >/dev/null; then
+		sudo "$@"
+	else
+		die "these packages are missing, and neither root nor sudo is there to install them:$missing"
+	fi
+}
+
+# wanted_packages KIND...: names from build-aux/packages.
+wanted_packages() {
+	local kinds=" $* " kind name
+	while IFS=$'\t' read -r kind name; do
+		case "$kind" in ''|\#*) continue ;; esac
+		case "$kinds" in *" $kind "*) printf '%s\n' "$name" ;; esac
+	done <build-aux/packages
+}
+
+# install_packages KIND...: what is missing of them, and nothing else.
+install_packages() {
+	local name
+	missing=""
+	command -v dpkg-query >/dev/null ||
+		die "this set-up knows Debian packages only; install those of build-aux/packages by hand"
+	for name in $(wanted_packages "$@"); do
+		dpkg-query -W -f='${Status}' "$name" 2>/dev/null | grep -q 'ok installed' || missing="$missing $name"
+	done
+	[ -n "$missing" ] || return 0
+	say "installing packages:$missing"
+	as_root apt-get update -qq || die "apt-get update failed"
+	# shellcheck disable=SC2086
+	as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null ||
+		die "apt-get could not install:$missing"
+}
+
+# configure DIR [MESON OPTION...]: once.
+configure() {
+	local dir=$1 log
+	shift
+	[ -f "$dir/build.ninja" ] && return 0
+	rm -rf "$dir"
+	mkdir -p "$dir"
+	log=$(meson setup "$dir" "$@" 2>&1) || { printf '%s\n' "$log" >&2; rm -rf "$dir"; die "configuring failed"; }
+}
+
+# build DIR [TARGET...]: silent unless it fails.
+build() {
+	local dir=$1 log
+	shift
+	log=$(ninja -C "$dir" "$@" 2>&1) || { printf '%s\n' "$log" | tail -n 60 >&2; die "building failed"; }
+}
