@@ -1,0 +1,312 @@
+/*
+ * Messages out of bytes that nobody vouches for.
+ *
+ * A message and all that hangs on it live in one arena: the message is the first thing in the arena's first
+ * chunk, so that frame_message_free finds the arena from the message. The arena refuses to grow beyond its
+ * cap (64 KiB of protobuf can ask for megabytes: each empty element of a list is two bytes on the wire
+ * and a whole struct in memory) and takes what it needs from the ledger.
+ *
+ * What it will not do: keep a message whose texts are not UTF-8, since the protobuf libraries of other
+ * languages refuse such a message when acutd repeats the text in an answer.
+ */
+#include "frame.h"
+
+#include <stdalign.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+
+enum { CHUNK_SIZE = 2048, DEPTH_MAX = 16 };
+
+struct chunk {
+	struct chunk *next;
+	size_t size, used; /* of bytes */
+	alignas(16) uint8_t bytes[];
+};
+
+struct arena {
+	size_t taken, cap; /* bytes, chunk headers included */
+	struct ledger *ledger;
+	bool over_cap, over_ledger;
+	struct chunk *chunks; /* the newest first; the arena itself lies in the last one */
+};
+
+/* What lies at the start of the first chunk. */
+struct arena_start {
+	struct arena arena;
+	alignas(16) uint8_t message[];
+};
+
+static struct chunk *arena_chunk(struct arena *a, size_t size)
+{
+	size_t all = sizeof(struct chunk) + size;
+	struct chunk *chunk;
+
+	if (all > a->cap - a->taken) {
+		a->over_cap = true;
+		return NULL;
+	}
+	if (a->ledger && !ledger_take(a->ledger, LEDGER_MESSAGE, all)) {
+		a->over_ledger = true;
+		return NULL;
+	}
+	chunk = malloc(all);
+	if (!chunk) {
+		if (a->ledger)
+			ledger_give(a->ledger, LEDGER_MESSAGE, all);
+		a->over_ledger = true;
+		return NULL;
+	}
+	a->taken += all;
+	*chunk = (struct chunk){ .next = a->chunks, .size = size };
+	a->chunks = chunk;
+	return chunk;
+}
+
+static void *arena_alloc(void *ctx, size_t size)
+{
+	struct arena *a = ctx;
+	struct chunk *chunk = a->chunks;
+	void *at;
+
+	if (size > SIZE_MAX - 15) {
+		a->over_cap = true;
+		return NULL;
+	}
+	size = (size + 15) & ~(size_t)15;
+	if (!chunk || chunk->size - chunk->used < size) {
+		chunk = arena_chunk(a, size > CHUNK_SIZE ? size : CHUNK_SIZE);
+		if (!chunk)
+			return NULL;
+	}
+	at = chunk->bytes + chunk->used;
+	chunk->used += size;
+	return at;
+}
+
+static void arena_keep(void *ctx, void *pointer)
+{
+	/* Everything goes at once, with the arena. */
+}
+
+static void arena_drop(struct arena *a)
+{
+	struct ledger *ledger = a->ledger;
+	size_t taken = a->taken;
+
+	for (struct chunk *chunk = a->chunks, *next; chunk; chunk = next) {
+		next = chunk->next;
+		free(chunk);
+	}
+	if (ledger && taken > 0)
+		ledger_give(ledger, LEDGER_MESSAGE, taken);
+}
+
+/* ---- texts ---- */
+
+/* Bytes of the UTF-8 sequence at s (its end is a zero byte), 0 if it is none. */
+static size_t utf8_length(const uint8_t *s)
+{
+	size_t n = s[0] < 0x80 ? 1 : s[0] < 0xc2 ? 0 : s[0] < 0xe0 ? 2 : s[0] < 0xf0 ? 3 : s[0] < 0xf5 ? 4 : 0;
+
+	for (size_t i = 1; i < n; i++)
+		if ((s[i] & 0xc0) != 0x80)
+			return 0;
+	if ((s[0] == 0xe0 && s[1] < 0xa0) || (s[0] == 0xed && s[1] > 0x9f) || (s[0] == 0xf0 && s[1] < 0x90) ||
+	    (s[0] == 0xf4 && s[1] > 0x8f))
+		return 0; /* overlong, surrogate, beyond U+10FFFF */
+	return n;
+}
+
+static bool text_valid(const char *text)
+{
+	const uint8_t *s = (const uint8_t *)text;
+
+	while (*s) {
+		size_t n = utf8_length(s);
+
+		if (n == 0)
+			return false;
+		s += n;
+	}
+	return true;
+}
+
+char *frame_text_clean(char *text)
+{
+	uint8_t *s = (uint8_t *)text;
+
+	while (*s) {
+		size_t n = utf8_length(s);
+
+		if (n == 0)
+			*s = '?';
+		s += n > 0 ? n : 1;
+	}
+	return text;
+}
+
+static int check_texts(const ProtobufCMessage *message, unsigned depth, struct err *err);
+
+static int check_text(const ProtobufCFieldDescriptor *field, const char *text, struct err *err)
+{
+	if (!text || text_valid(text))
+		return 0;
+	err_set(err, ERR_PROTO, "the text of a message's field is not UTF-8");
+	return err_add_place(err, ERR_NO_OFFSET, field->name);
+}
+
+static int check_member(const ProtobufCFieldDescriptor *field, void *const *at, unsigned depth, struct err *err)
+{
+	if (field->type == PROTOBUF_C_TYPE_STRING)
+		return check_text(field, *at, err);
+	if (field->type == PROTOBUF_C_TYPE_MESSAGE && *at)
+		return check_texts(*at, depth + 1, err);
+	return 0;
+}
+
+/* Every text of the message and of those inside it. */
+static int check_texts(const ProtobufCMessage *message, unsigned depth, struct err *err)
+{
+	const uint8_t *base = (const uint8_t *)message;
+
+	if (depth > DEPTH_MAX)
+		return err_set(err, ERR_PROTO, "a message holds messages deeper than %d", DEPTH_MAX);
+	for (unsigned i = 0; i < message->descriptor->n_fields; i++) {
+		const ProtobufCFieldDescriptor *field = &message->descriptor->fields[i];
+		void *const *at = (void *const *)(base + field->offset);
+		size_t count = 1;
+		int r;
+
+		if (field->type != PROTOBUF_C_TYPE_STRING && field->type != PROTOBUF_C_TYPE_MESSAGE)
+			continue;
+		if ((field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF) &&
+		    *(const uint32_t *)(base + field->quantifier_offset) != field->id)
+			continue;
+		if (field->label == PROTOBUF_C_LABEL_REPEATED) {
+			count = *(const size_t *)(base + field->quantifier_offset);
+			at = *at;
+		}
+		for (size_t k = 0; k < count; k++) {
+			r = check_member(field, at + k, depth, err);
+			if (r < 0)
+				return r;
+		}
+	}
+	return 0;
+}
+
+/* ---- unpacking ---- */
+
+/* The allocator's first call is for the message itself: it gets the place behind the arena. */
+struct first {
+	struct arena_start *start;
+	bool given;
+};
+
+static void *first_alloc(void *ctx, size_t size)
+{
+	struct first *first = ctx;
+
+	if (first->given)
+		return arena_alloc(&first->start->arena, size);
+	first->given = true;
+	return size <= sizeof(Acut__V1__Message) ? first->start->message : NULL;
+}
+
+static int unpack_error(const struct arena *a, size_t size, struct err *err)
+{
+	if (a->over_ledger) {
+		err_set(err, ERR_BUSY, "there is no memory left for a message");
+		return err_add_hint(err, "try again when other clients are done, or set a larger --memory");
+	}
+	if (a->over_cap)
+		return err_set(err, ERR_PROTO, "a message of %zu bytes unpacks to more than %zu bytes", size, a->cap);
+	return err_set(err, ERR_PROTO, "a message of %zu bytes is malformed", size);
+}
+
+int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger,
+			 Acut__V1__Message **ret, struct err *err)
+{
+	struct arena a = { .cap = cap, .ledger = ledger };
+	size_t lead = (sizeof(struct arena_start) + sizeof(Acut__V1__Message) + 15) & ~(size_t)15;
+	struct chunk *chunk = arena_chunk(&a, lead + CHUNK_SIZE);
+	struct first first = { 0 };
+	ProtobufCAllocator allocator = { .alloc = first_alloc, .free = arena_keep, .allocator_data = &first };
+	Acut__V1__Message *message;
+	int r;
+
+	if (!chunk)
+		return unpack_error(&a, size, err);
+	chunk->used = lead;
+	first.start = (struct arena_start *)chunk->bytes;
+	first.start->arena = a;
+	message = acut__v1__message__unpack(&allocator, size, bytes);
+	if (!message) {
+		r = unpack_error(&first.start->arena, size, err);
+		a = first.start->arena;
+		arena_drop(&a);
+		return r;
+	}
+	r = check_texts(&message->base, 0, err);
+	if (r < 0) {
+		frame_message_free(message);
+		return r;
+	}
+	*ret = message;
+	return 0;
+}
+
+Acut__V1__Message *frame_message_free(Acut__V1__Message *message)
+{
+	if (message) {
+		uint8_t *at = (uint8_t *)message - offsetof(struct arena_start, message);
+		struct arena a = ((struct arena_start *)at)->arena;
+
+		arena_drop(&a);
+	}
+	return NULL;
+}
+
+size_t frame_message_size(const Acut__V1__Message *message)
+{
+	return FRAME_HEADER_SIZE + acut__v1__message__get_packed_size(message);
+}
+
+/* ---- errors ---- */
+
+static char *copy_text(char *to, size_t size, const char *from)
+{
+	size_t n = strnlen(from, size - 1);
+
+	memcpy(to, from, n);
+	to[n] = '\0';
+	return frame_text_clean(to);
+}
+
+void frame_error_from_err(const struct err *err, struct frame_error *ret)
+{
+	acut__v1__error__init(&ret->body);
+	ret->body.code = (char *)err_wire_name(err->code);
+	ret->body.message = copy_text(ret->message, sizeof ret->message, err->message);
+	ret->body.file = copy_text(ret->file, sizeof ret->file, err->file);
+	ret->body.field = copy_text(ret->field, sizeof ret->field, err->field);
+	ret->body.hint = copy_text(ret->hint, sizeof ret->hint, err->hint);
+	ret->body.has_offset = err->offset != ERR_NO_OFFSET;
+	ret->body.offset = ret->body.has_offset ? err->offset : 0;
+}
+
+int frame_error_to_err(const Acut__V1__Error *error, struct err *err)
+{
+	enum err_code code = err_from_wire_name(error->code);
+
+	err_set(err, code == ERR_NONE ? ERR_INTERNAL : code, "%s",
+		error->message[0] ? error->message : "the daemon gave no reason");
+	if (error->file[0])
+		err_add_file(err, error->file);
+	err_add_place(err, error->has_offset ? error->offset : ERR_NO_OFFSET, error->field[0] ? error->field : NULL);
+	if (error->hint[0])
+		err_add_hint(err, "%s", error->hint);
+	return -(int)err->code;
+}

@@ -1,0 +1,539 @@
+/*
+ * Frames: what is written is read again; every breach of PROTOCOL.md is an error of its own; a descriptor
+ * never leaks; memory stays under its caps.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "err.h"
+#include "frame.h"
+
+static unsigned open_descriptors(void)
+{
+	DIR *dir = opendir("/proc/self/fd");
+	unsigned n = 0;
+
+	assert_non_null(dir);
+	while (readdir(dir))
+		n++;
+	closedir(dir);
+	return n;
+}
+
+struct pair {
+	struct frame_conn *conn;
+	int raw; /* the other end */
+};
+
+static struct pair pair_new(const struct frame_limits *limits)
+{
+	struct err err = ERR_INIT;
+	struct pair pair;
+	int sv[2];
+
+	assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, sv), 0);
+	assert_int_equal(frame_conn_new(sv[0], limits, &pair.conn, &err), 0);
+	pair.raw = sv[1];
+	return pair;
+}
+
+static void pair_free(struct pair *pair)
+{
+	pair->conn = frame_conn_free(pair->conn);
+	if (pair->raw >= 0)
+		close(pair->raw);
+}
+
+/* Sends bytes with `nfd` descriptors (copies of standard error). */
+static void raw_send(int fd, const void *bytes, size_t n, unsigned nfd)
+{
+	union {
+		struct cmsghdr align;
+		char bytes[CMSG_SPACE(64 * sizeof(int))];
+	} control = { 0 };
+	struct iovec iov = { .iov_base = (void *)bytes, .iov_len = n };
+	struct msghdr msg = { .msg_iov = &iov, .msg_iovlen = 1 };
+
+	if (nfd > 0) {
+		struct cmsghdr *c = &control.align;
+		int two = 2;
+
+		msg.msg_control = &control;
+		msg.msg_controllen = CMSG_SPACE(nfd * sizeof(int));
+		c->cmsg_level = SOL_SOCKET;
+		c->cmsg_type = SCM_RIGHTS;
+		c->cmsg_len = CMSG_LEN(nfd * sizeof(int));
+		for (unsigned i = 0; i < nfd; i++)
+			memcpy(CMSG_DATA(c) + i * sizeof two, &two, sizeof two);
+	}
+	assert_int_equal(sendmsg(fd, &msg, MSG_NOSIGNAL), (ssize_t)n);
+}
+
+/* What most tests send. */
+static const Acut__V1__Message *hello(void)
+{
+	static char *features[] = { "a", "b" };
+	static Acut__V1__Hello h = { .base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__hello__descriptor),
+				     .version_min = 1, .version_max = 7, .build = "0.1 \xc3\xa4", .n_features = 2,
+				     .features = features, .program = "test" };
+	static Acut__V1__Message m = { .base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor),
+				       .body_case = ACUT__V1__MESSAGE__BODY_HELLO, .hello = &h };
+	return &m;
+}
+
+/* A frame as bytes; returns its size. */
+static size_t frame_bytes(const Acut__V1__Message *m, uint32_t id, unsigned descriptors, uint8_t *to)
+{
+	struct frame_header header = { .length = (uint32_t)acut__v1__message__get_packed_size(m), .request_id = id,
+				       .descriptors = (uint8_t)descriptors };
+
+	frame_header_put(&header, to);
+	return FRAME_HEADER_SIZE + acut__v1__message__pack(m, to + FRAME_HEADER_SIZE);
+}
+
+static void check_hello(struct frame_conn *conn, uint32_t want_id, bool want_fd)
+{
+	struct err err = ERR_INIT;
+	Acut__V1__Message *m = NULL;
+	uint32_t id = 0;
+	int fd = -5;
+
+	assert_int_equal(frame_conn_recv(conn, &id, &m, &fd, &err), 0);
+	assert_int_equal(id, want_id);
+	assert_int_equal(m->body_case, ACUT__V1__MESSAGE__BODY_HELLO);
+	assert_int_equal(m->hello->version_max, 7);
+	assert_int_equal(m->hello->n_features, 2);
+	assert_string_equal(m->hello->features[1], "b");
+	assert_string_equal(m->hello->build, "0.1 \xc3\xa4");
+	if (want_fd) {
+		assert_true(fd >= 0);
+		assert_true(fcntl(fd, F_GETFD) & FD_CLOEXEC);
+		close(fd);
+	} else {
+		assert_int_equal(fd, -1);
+	}
+	assert_null(frame_message_free(m));
+}
+
+static int recv_result(struct frame_conn *conn, struct err *err)
+{
+	Acut__V1__Message *m = NULL;
+	uint32_t id;
+	int fd = -1;
+	int r = frame_conn_recv(conn, &id, &m, &fd, err);
+
+	if (r != 0) {
+		assert_null(m);
+		assert_int_equal(fd, -1);
+	}
+	if (fd >= 0)
+		close(fd);
+	frame_message_free(m);
+	return r;
+}
+
+/* ---- */
+
+static void test_header(void **state)
+{
+	struct frame_header in = { .length = 0x1234, .request_id = 0x89abcdef, .descriptors = 1 }, out;
+	static const uint8_t want[16] = { 0x41, 0x43, 1, 0, 0x34, 0x12, 0, 0, 0xef, 0xcd, 0xab, 0x89, 1, 0, 0, 0 };
+	uint8_t bytes[16];
+	struct err err = ERR_INIT;
+
+	frame_header_put(&in, bytes);
+	assert_memory_equal(bytes, want, 16);
+	assert_int_equal(frame_header_get(bytes, &out, &err), 0);
+	assert_int_equal(out.length, in.length);
+	assert_int_equal(out.request_id, in.request_id);
+	assert_int_equal(out.descriptors, 1);
+}
+
+static void test_header_bad(void **state)
+{
+	static const struct { unsigned at; uint8_t value; enum err_code code; const char *field; } row[] = {
+		{ 0, 0x42, ERR_PROTO, "magic" },  { 1, 0, ERR_PROTO, "magic" },
+		{ 2, 2, ERR_VERSION, "version" }, { 3, 1, ERR_VERSION, "version" },
+		{ 6, 1, ERR_PROTO, "length" },	  { 7, 4, ERR_PROTO, "length" },
+		{ 12, 2, ERR_PROTO, "descriptors" }, { 12, 255, ERR_PROTO, "descriptors" },
+		{ 13, 1, ERR_PROTO, "padding" },  { 14, 1, ERR_PROTO, "padding" }, { 15, 1, ERR_PROTO, "padding" },
+	};
+	struct frame_header good = { .length = 10, .request_id = 1 }, out;
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		struct err err = ERR_INIT;
+		uint8_t bytes[16];
+
+		frame_header_put(&good, bytes);
+		bytes[row[i].at] = row[i].value;
+		assert_int_equal(frame_header_get(bytes, &out, &err), -(int)row[i].code);
+		assert_string_equal(err.field, row[i].field);
+	}
+}
+
+static void test_length_limit(void **state)
+{
+	struct frame_header h = { .length = FRAME_BODY_MAX }, out;
+	struct err err = ERR_INIT;
+	uint8_t bytes[16];
+
+	frame_header_put(&h, bytes);
+	assert_int_equal(frame_header_get(bytes, &out, &err), 0);
+	h.length++;
+	frame_header_put(&h, bytes);
+	assert_int_equal(frame_header_get(bytes, &out, &err), -ERR_PROTO);
+}
+
+static void test_round_trip(void **state)
+{
+	unsigned before = open_descriptors();
+	struct pair a = pair_new(NULL);
+	struct frame_conn *b;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(frame_conn_new(a.raw, NULL, &b, &err), 0);
+	assert_int_equal(frame_conn_events(a.conn), POLLIN);
+	assert_int_equal(frame_conn_send(a.conn, 1, hello(), -1, &err), 0);
+	assert_int_equal(frame_conn_send(a.conn, 2, hello(), dup(2), &err), 0);
+	assert_int_equal(frame_conn_send(a.conn, 3, hello(), -1, &err), 0);
+	assert_int_equal(frame_conn_send(a.conn, 4, hello(), dup(2), &err), 0);
+	assert_int_equal(frame_conn_events(a.conn), POLLIN | POLLOUT);
+	assert_int_equal(frame_conn_queued(a.conn), 4 * frame_message_size(hello()));
+	assert_int_equal(frame_conn_flush(a.conn, &err), 0);
+	assert_int_equal(frame_conn_queued(a.conn), 0);
+	check_hello(b, 1, false);
+	check_hello(b, 2, true);
+	check_hello(b, 3, false);
+	check_hello(b, 4, true);
+	assert_int_equal(recv_result(b, &err), FRAME_E_AGAIN);
+	a.raw = -1;
+	pair_free(&a);
+	assert_int_equal(recv_result(b, &err), FRAME_E_EOF);
+	assert_int_equal(frame_conn_send(b, 1, hello(), dup(2), &err), 0);
+	assert_int_equal(frame_conn_flush(b, &err), FRAME_E_EOF);
+	frame_conn_free(b);
+	assert_int_equal(open_descriptors(), before);
+}
+
+/* Bytes dribble in one at a time; nothing is there before the last one. */
+static void test_one_byte_writes(void **state)
+{
+	struct pair p = pair_new(NULL);
+	struct err err = ERR_INIT;
+	uint8_t bytes[256];
+	size_t n = frame_bytes(hello(), 9, 1, bytes);
+
+	for (size_t i = 0; i < n; i++) {
+		assert_int_equal(recv_result(p.conn, &err), FRAME_E_AGAIN);
+		raw_send(p.raw, bytes + i, 1, i == 0);
+	}
+	check_hello(p.conn, 9, true);
+	pair_free(&p);
+}
+
+static void test_every_truncation(void **state)
+{
+	uint8_t bytes[256];
+	size_t n = frame_bytes(hello(), 9, 1, bytes);
+	unsigned before = open_descriptors();
+
+	for (size_t cut = 0; cut < n; cut++) {
+		struct pair p = pair_new(NULL);
+		struct err err = ERR_INIT;
+
+		if (cut > 0)
+			raw_send(p.raw, bytes, cut, 1);
+		close(p.raw);
+		p.raw = -1;
+		if (cut == 0) {
+			assert_int_equal(recv_result(p.conn, &err), FRAME_E_EOF);
+		} else {
+			assert_int_equal(recv_result(p.conn, &err), -ERR_PROTO);
+			assert_non_null(strstr(err.message, "middle of a frame"));
+			assert_int_equal(recv_result(p.conn, &err), -ERR_PROTO); /* stays broken */
+		}
+		pair_free(&p);
+	}
+	assert_int_equal(open_descriptors(), before);
+}
+
+static void test_descriptors(void **state)
+{
+	static const struct { unsigned said, sent; const char *text; } row[] = {
+		{ 0, 1, "announces none" }, { 1, 0, "came without" }, { 1, 2, "2 descriptors" },
+		{ 0, 2, "2 descriptors" },  { 1, 40, "40 descriptors" },
+	};
+	unsigned before = open_descriptors();
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		struct pair p = pair_new(NULL);
+		struct err err = ERR_INIT;
+		uint8_t bytes[256];
+		size_t n = frame_bytes(hello(), 1, row[i].said, bytes);
+
+		raw_send(p.raw, bytes, n, row[i].sent);
+		assert_int_equal(recv_result(p.conn, &err), -ERR_PROTO);
+		assert_non_null(strstr(err.message, row[i].text));
+		pair_free(&p);
+		assert_int_equal(open_descriptors(), before);
+	}
+}
+
+/* One descriptor with each byte of a frame, and one with the byte after its end. */
+static void test_descriptor_drip(void **state)
+{
+	unsigned before = open_descriptors();
+	struct pair p = pair_new(NULL);
+	struct err err = ERR_INIT;
+	uint8_t bytes[256];
+	size_t n = frame_bytes(hello(), 1, 1, bytes);
+
+	raw_send(p.raw, bytes, 4, 1);
+	assert_int_equal(recv_result(p.conn, &err), FRAME_E_AGAIN);
+	raw_send(p.raw, bytes + 4, n - 4, 1);
+	assert_int_equal(recv_result(p.conn, &err), -ERR_PROTO);
+	pair_free(&p);
+	assert_int_equal(open_descriptors(), before);
+
+	/* The second frame's descriptor is not taken for the first one's. */
+	p = pair_new(NULL);
+	n = frame_bytes(hello(), 1, 0, bytes);
+	raw_send(p.raw, bytes, n, 0);
+	n = frame_bytes(hello(), 2, 1, bytes);
+	raw_send(p.raw, bytes, n, 1);
+	err_clear(&err);
+	check_hello(p.conn, 1, false);
+	check_hello(p.conn, 2, true);
+	pair_free(&p);
+	assert_int_equal(open_descriptors(), before);
+}
+
+static void test_malformed_message(void **state)
+{
+	struct pair p = pair_new(NULL);
+	struct err err = ERR_INIT;
+	uint8_t bytes[20];
+	struct frame_header h = { .length = 4, .request_id = 1 };
+
+	frame_header_put(&h, bytes);
+	memset(bytes + 16, 0xff, 4);
+	raw_send(p.raw, bytes, 20, 0);
+	assert_int_equal(recv_result(p.conn, &err), -ERR_PROTO);
+	assert_non_null(strstr(err.message, "malformed"));
+	pair_free(&p);
+}
+
+static void test_unknown_kind(void **state)
+{
+	static const uint8_t bytes[] = { 0x82, 0x4b, 0x01, 0x00 }; /* field 1200, length 1 */
+	struct err err = ERR_INIT;
+	Acut__V1__Message *m;
+
+	assert_int_equal(frame_message_unpack(bytes, sizeof bytes, 1 << 20, NULL, &m, &err), 0);
+	assert_int_equal(m->body_case, ACUT__V1__MESSAGE__BODY__NOT_SET);
+	frame_message_free(m);
+	assert_int_equal(frame_message_unpack(bytes, 0, 1 << 20, NULL, &m, &err), 0);
+	assert_int_equal(m->body_case, ACUT__V1__MESSAGE__BODY__NOT_SET);
+	frame_message_free(m);
+}
+
+/* 64 KiB of empty jobs ask for megabytes: refused by the cap and by the ledger, and all is given back. */
+static void test_caps(void **state)
+{
+	enum { N = 16000 };
+	uint8_t *bytes = malloc(8 + 2 * N);
+	struct ledger *ledger = ledger_new(1 << 20);
+	struct err err = ERR_INIT;
+	Acut__V1__Message *m = NULL;
+	size_t n = 0;
+
+	bytes[n++] = 0xb2; /* field 38: Jobs */
+	bytes[n++] = 0x02;
+	bytes[n++] = (uint8_t)(0x80 | (2 * N & 0x7f));
+	bytes[n++] = (uint8_t)(0x80 | (2 * N >> 7 & 0x7f));
+	bytes[n++] = (uint8_t)(2 * N >> 14);
+	for (int i = 0; i < N; i++) {
+		bytes[n++] = 0x0a; /* field 1: Job, empty */
+		bytes[n++] = 0;
+	}
+	assert_int_equal(frame_message_unpack(bytes, n, 64 << 20, NULL, &m, &err), 0);
+	assert_int_equal(m->jobs->n_jobs, N);
+	m = frame_message_free(m);
+	assert_int_equal(frame_message_unpack(bytes, n, 1 << 20, ledger, &m, &err), -ERR_PROTO);
+	assert_non_null(strstr(err.message, "unpacks to more than"));
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), 0);
+	err_clear(&err);
+	assert_int_equal(frame_message_unpack(bytes, n, 64 << 20, ledger, &m, &err), -ERR_BUSY);
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), 0);
+	err_clear(&err);
+	assert_int_equal(frame_message_unpack(bytes, n, 64 << 10, NULL, &m, &err), -ERR_PROTO);
+	assert_null(m);
+	ledger_free(ledger);
+	free(bytes);
+}
+
+static void test_charged(void **state)
+{
+	struct ledger *ledger = ledger_new(1 << 20);
+	struct frame_limits limits = { .ledger = ledger };
+	struct pair p = pair_new(&limits);
+	struct err err = ERR_INIT;
+	uint8_t bytes[256];
+	size_t n = frame_bytes(hello(), 9, 1, bytes);
+	uint64_t idle = ledger_held(ledger, LEDGER_MESSAGE);
+
+	assert_true(idle > 0);
+	raw_send(p.raw, bytes, n, 1);
+	check_hello(p.conn, 9, true);
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), idle);
+	raw_send(p.raw, bytes, n / 2, 1);
+	assert_int_equal(recv_result(p.conn, &err), FRAME_E_AGAIN);
+	assert_true(ledger_held(ledger, LEDGER_MESSAGE) > idle);
+	assert_int_equal(frame_conn_send(p.conn, 1, hello(), dup(2), &err), 0);
+	pair_free(&p);
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), 0);
+	ledger_free(ledger);
+}
+
+/* A peer that never reads: the queue fills to its cap and not a byte further; all that was queued arrives. */
+static void test_queue_cap(void **state)
+{
+	unsigned before = open_descriptors(), sent = 0, got = 0;
+	struct frame_limits limits = { .queue = 4096 };
+	struct pair p = pair_new(&limits);
+	struct err err = ERR_INIT;
+	struct frame_conn *b;
+	int r, flushed;
+
+	for (;;) {
+		r = frame_conn_send(p.conn, sent + 1, hello(), sent % 50 == 0 ? dup(2) : -1, &err);
+		if (r != 0)
+			break;
+		sent++;
+		frame_conn_flush(p.conn, &err);
+	}
+	assert_int_equal(r, FRAME_E_FULL);
+	assert_true(frame_conn_queued(p.conn) <= 4096);
+	assert_int_equal(frame_conn_new(p.raw, NULL, &b, &err), 0);
+	do {
+		flushed = frame_conn_flush(p.conn, &err);
+		while (recv_result(b, &err) == 0)
+			got++;
+	} while (flushed == FRAME_E_AGAIN);
+	assert_int_equal(flushed, 0);
+	assert_int_equal(got, sent);
+	frame_conn_free(b);
+	p.raw = -1;
+	pair_free(&p);
+	assert_int_equal(open_descriptors(), before);
+}
+
+static void test_too_large(void **state)
+{
+	struct pair p = pair_new(NULL);
+	struct err err = ERR_INIT;
+	char *text = malloc(FRAME_MAX + 1);
+	Acut__V1__Hello h = ACUT__V1__HELLO__INIT;
+	unsigned before = open_descriptors();
+
+	memset(text, 'a', FRAME_MAX);
+	text[FRAME_MAX] = '\0';
+	h.build = text;
+	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), dup(2), &err), -ERR_LIMIT);
+	assert_int_equal(open_descriptors(), before);
+	text[FRAME_BODY_MAX - 8] = '\0';
+	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), -1, &err), 0);
+	assert_int_equal(frame_conn_queued(p.conn), FRAME_MAX);
+	free(text);
+	pair_free(&p);
+}
+
+static void test_text_not_utf8(void **state)
+{
+	static const char *bad[] = { "\x80", "a\xff", "\xc0\xaf", "\xe0\x80\x80", "\xed\xa0\x80", "\xf4\x90\x80\x80",
+				     "\xc3", "\xe2\x82" };
+	uint8_t bytes[256];
+
+	for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
+		Acut__V1__PushBegin b = ACUT__V1__PUSH_BEGIN__INIT;
+		struct err err = ERR_INIT;
+		Acut__V1__Message *m;
+		char copy[16];
+		size_t n;
+
+		b.dataset = (char *)bad[i];
+		n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
+		assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), -ERR_PROTO);
+		assert_string_equal(err.field, "dataset");
+		strcpy(copy, bad[i]);
+		b.dataset = frame_text_clean(copy);
+		n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
+		assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), 0);
+		frame_message_free(m);
+	}
+}
+
+static void test_errors_over_the_wire(void **state)
+{
+	struct pair p = pair_new(NULL);
+	struct err why = ERR_INIT, err = ERR_INIT, got = ERR_INIT;
+	struct frame_conn *b;
+	Acut__V1__Message *m;
+	uint32_t id;
+	int fd;
+
+	assert_int_equal(frame_conn_new(p.raw, NULL, &b, &err), 0);
+	err_set(&why, ERR_TRUNCATED, "point 7 ends early");
+	err_add_file(&why, "a\xff.las");
+	err_add_place(&why, 0, "points");
+	err_add_hint(&why, "copy the file again");
+	assert_int_equal(frame_conn_send_error(p.conn, 5, &why, &err), 0);
+	assert_int_equal(frame_conn_flush(p.conn, &err), 0);
+	assert_int_equal(frame_conn_recv(b, &id, &m, &fd, &err), 0);
+	assert_int_equal(m->body_case, ACUT__V1__MESSAGE__BODY_ERROR);
+	assert_int_equal(frame_error_to_err(m->error, &got), -ERR_TRUNCATED);
+	assert_string_equal(got.message, "point 7 ends early");
+	assert_string_equal(got.file, "a?.las");
+	assert_string_equal(got.field, "points");
+	assert_string_equal(got.hint, "copy the file again");
+	assert_int_equal(got.offset, 0);
+	frame_message_free(m);
+	frame_conn_free(b);
+	p.raw = -1;
+	pair_free(&p);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_header),
+		cmocka_unit_test(test_header_bad),
+		cmocka_unit_test(test_length_limit),
+		cmocka_unit_test(test_round_trip),
+		cmocka_unit_test(test_one_byte_writes),
+		cmocka_unit_test(test_every_truncation),
+		cmocka_unit_test(test_descriptors),
+		cmocka_unit_test(test_descriptor_drip),
+		cmocka_unit_test(test_malformed_message),
+		cmocka_unit_test(test_unknown_kind),
+		cmocka_unit_test(test_caps),
+		cmocka_unit_test(test_charged),
+		cmocka_unit_test(test_queue_cap),
+		cmocka_unit_test(test_too_large),
+		cmocka_unit_test(test_text_not_utf8),
+		cmocka_unit_test(test_errors_over_the_wire),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
