@@ -1,0 +1,216 @@
+/*
+ * acut-domain: one region of a dataset, from files alone: no daemon, no catalogue, no lock. So that a
+ * cluster's scheduler can run domains, and a person can look at one.
+ *
+ *   acut-domain --plan MANIFEST VIEW               the regions, a line each
+ *   acut-domain MANIFEST VIEW REGION OUT           triangulate one, publish it in the folder OUT
+ *
+ * A finished domain appears under its content key, whole or not at all; the daemon finds it there when OUT is
+ * its store.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <getopt.h>
+#include <libgen.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cut.h"
+#include "digest.h"
+#include "err.h"
+#include "grid.h"
+#include "io.h"
+#include "ledger.h"
+#include "parse.h"
+#include "pipe.h"
+#include "store.h"
+
+enum { INDEX_MEMORY = 4 << 20 };
+
+static const char USAGE[] =
+	"usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
+	"       acut-domain [--memory SIZE] --plan MANIFEST VIEW\n"
+	"\n"
+	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
+	"folder OUT under its content key. With --plan: prints the regions that make up the mesh, in order.\n"
+	"\n"
+	"  --memory SIZE   bytes for one domain and the index (default 256M)\n"
+	"  --plan          print the regions, a line each: REGION at-most|exact POINTS\n"
+	"  --help, --version\n"
+	"\n"
+	"VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
+	"Exit status: 0 done; 1 it failed; 2 usage; 74 reading or writing failed.\n";
+
+struct options {
+	uint64_t memory;
+	bool plan;
+	const char *manifest, *view, *region, *out;
+};
+
+struct session {
+	struct ledger *ledger;
+	struct grid *grid;
+	struct view view;
+	struct pipe_budget budget;
+};
+
+static int usage_error(const char *text)
+{
+	fprintf(stderr, "acut-domain: %s\nTry 'acut-domain --help'.\n", text);
+	return 2;
+}
+
+/* -1: go on; otherwise the exit status. */
+static int parse_options(int argc, char **argv, struct options *o)
+{
+	static const struct option longs[] = {
+		{ "memory", required_argument, NULL, 'm' }, { "plan", no_argument, NULL, 'p' },
+		{ "help", no_argument, NULL, 'h' },         { "version", no_argument, NULL, 'V' },
+		{ 0 },
+	};
+	int c;
+
+	while ((c = getopt_long(argc, argv, "", longs, NULL)) != -1) {
+		switch (c) {
+		case 'm':
+			if (!parse_size(optarg, &o->memory))
+				return usage_error("--memory wants a size such as 256M");
+			break;
+		case 'p':
+			o->plan = true;
+			break;
+		case 'h':
+			fputs(USAGE, stdout);
+			return 0;
+		case 'V':
+			puts("acut-domain " ACUT_VERSION);
+			return 0;
+		default:
+			fputs("Try 'acut-domain --help'.\n", stderr);
+			return 2;
+		}
+	}
+	if (argc - optind != (o->plan ? 2 : 4))
+		return usage_error(o->plan ? "--plan wants MANIFEST and VIEW" : "it wants MANIFEST, VIEW, REGION and OUT");
+	o->manifest = argv[optind];
+	o->view = argv[optind + 1];
+	o->region = o->plan ? NULL : argv[optind + 2];
+	o->out = o->plan ? NULL : argv[optind + 3];
+	return -1;
+}
+
+static int session_open(struct session *s, const struct options *o, struct err *err)
+{
+	char folder[4096], file[4096];
+	int dirfd = -1, r;
+
+	if (strlen(o->manifest) >= sizeof folder)
+		return err_set(err, ERR_USAGE, "the manifest's path is too long");
+	strcpy(folder, o->manifest);
+	strcpy(file, o->manifest);
+	s->view = VIEW_INIT;
+	r = *o->view ? view_parse(o->view, &s->view, err) : 0;
+	if (!r)
+		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (r)
+		return r;
+	s->ledger = ledger_new(o->memory);
+	if (!s->ledger)
+		r = err_set(err, ERR_NOMEM, "no memory");
+	else
+		r = grid_open(dirfd, basename(file), UINT64_MAX, s->ledger, INDEX_MEMORY, &s->grid, err);
+	io_close(dirfd);
+	if (!r)
+		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);
+	return r;
+}
+
+static void session_close(struct session *s)
+{
+	grid_close(s->grid);
+	ledger_free(s->ledger);
+}
+
+static int print_plan(struct session *s, struct err *err)
+{
+	struct grid_reader *reader = NULL;
+	size_t size = grid_reader_bytes(s->grid), i;
+	char text[CUT_REGION_TEXT_SIZE];
+	struct cut_plan plan = { 0 };
+	void *memory = malloc(size);
+	int r;
+
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory for reading (%zu bytes)", size);
+	r = grid_reader_new(s->grid, memory, size, &reader, err);
+	if (!r)
+		r = cut_plan_make(reader, s->budget.load, &plan, err);
+	for (i = 0; !r && i < plan.n; i++)
+		printf("%s %s %llu\n", cut_region_text(&plan.leaf[i].region, text),
+		       plan.leaf[i].exact ? "exact" : "at-most", (unsigned long long)plan.leaf[i].count);
+	cut_plan_done(&plan);
+	grid_reader_free(reader);
+	free(memory);
+	return r;
+}
+
+static int make_domain(struct session *s, const struct options *o, struct err *err)
+{
+	char digest[DIGEST_HEX_SIZE], key_text[DIGEST_HEX_SIZE];
+	struct mesh_domain domain = { 0 };
+	struct cut_region region;
+	struct digest key;
+	uint64_t need = 0;
+	void *memory;
+	int dirfd = -1, r;
+
+	if (!cut_region_parse(o->region, &region))
+		return err_set(err, ERR_USAGE, "'%s' is not a region", o->region);
+	memory = aligned_alloc(64, (s->budget.domain_bytes + 63) & ~(size_t)63);
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory for a domain (%zu bytes)", s->budget.domain_bytes);
+	r = pipe_domain(s->grid, &s->view, &region, &s->budget, memory, &domain, &need, err);
+	if (r == PIPE_E_SPLIT) {
+		err_set(err, ERR_LIMIT, "the region and its halo have at least %llu positions, the memory carries %u",
+			(unsigned long long)need, s->budget.cap);
+		r = err_add_hint(err, "split the region, or give more --memory");
+	}
+	if (!r)
+		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (!r) {
+		key = pipe_domain_key(s->grid, &s->view, &region);
+		r = store_put(dirfd, key, &domain, err);
+	}
+	if (!r)
+		printf("%s points %llu halo %llu triangles %u digest %s\n", digest_hex(key, key_text),
+		       (unsigned long long)domain.counts.used, (unsigned long long)domain.counts.halo,
+		       domain.ntriangle, digest_hex(domain.digest, digest));
+	io_close(dirfd);
+	free(memory);
+	return r;
+}
+
+int main(int argc, char **argv)
+{
+	struct options o = { .memory = 256 << 20 };
+	struct err err = ERR_INIT;
+	struct session s = { 0 };
+	char text[1600];
+	int status = parse_options(argc, argv, &o), r;
+
+	if (status >= 0)
+		return status;
+	r = session_open(&s, &o, &err);
+	if (!r)
+		r = o.plan ? print_plan(&s, &err) : make_domain(&s, &o, &err);
+	session_close(&s);
+	if (!r && fflush(stdout) != 0)
+		r = err_sys(&err, errno, "cannot write to standard output");
+	if (r) {
+		fprintf(stderr, "acut-domain: %s\n", err_format(&err, text, sizeof text));
+		return err_exit_status(err.code);
+	}
+	return 0;
+}
