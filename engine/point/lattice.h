@@ -39,7 +39,7 @@ bool lattice_parse(const char *text, struct lattice *ret);
 /* How raw numbers of one file become lattice numbers: floor((raw * a + b) / d + 1/2), exact. */
 struct lattice_map {
 	struct {
-		__int128 a, b, d;  /* d > 0; exact shift if a == d == 1 (then b is the shift) */
+		__int128 a, b, d;  /* d > 0; exact if d == 1; a shift by b if a == 1 too */
 		bool exact;        /* every raw number maps without rounding */
 	} axis[3];
 	struct decimal scale[3]; /* of the lattice, for reports */

@@ -40,16 +40,24 @@ struct view {
 #define VIEW_INIT ((struct view){ .returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST })
 #define VIEW_TEXT_SIZE 2048
 
-/* Canonical text: the view's identity is its hash. view_parse accepts exactly what view_text writes. */
+/* The same view with --surface and --ground spelt out (surface: first returns, highest; ground: lowest). */
+struct view view_normal(const struct view *);
+/* -ERR_USAGE if what is asked for contradicts itself (ground and surface, surface of last returns ...). */
+int view_check(const struct view *, struct err *err);
+
+/* Canonical text of the normal view: the view's identity is its hash. view_parse accepts exactly what
+ * view_text writes. */
 char *view_text(const struct view *, char buf[VIEW_TEXT_SIZE]);
 int view_parse(const char *text, struct view *ret, struct err *err);
 struct digest view_hash(const struct view *);
 /* "2,8" or "2-5,9": sets classes; -ERR_USAGE for rubbish. */
 int view_set_classes(struct view *, const char *list, struct err *err);
 
-/* The rule that removes this point, or VIEW_KEPT. Never VIEW_BY_DUPLICATE. */
+/* The rule that removes this point, or VIEW_KEPT. Never VIEW_BY_DUPLICATE. Return number 0 (none known)
+ * counts as a first return, and as a last one where the count is 0 or 1. */
 enum view_rule view_judge(const struct view *, const struct point *);
-/* Of two kept points of one position: true if a is the one to take rather than b. */
+/* Of two kept points of one position: true if a is the one to take rather than b. False for equals (the
+ * source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);
 const char *view_rule_text(enum view_rule);
 
