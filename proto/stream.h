@@ -26,14 +26,15 @@ struct stream_head {
 };
 
 struct stream_block {
-	uint64_t index;
-	int64_t box[4];
-	uint64_t first;
+	uint64_t index;            /* of its domain in the plan; never falls; pieces of one domain share it */
+	int64_t box[4];            /* of its region: doubled odd lattice borders; INT64_MIN/MAX: infinite */
+	uint64_t first;            /* number of vertex[0]: the count of all vertices before */
 	uint32_t nforeign, nnew, ntriangle;
 	const uint64_t *foreign;
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3];
-	const uint8_t *final;
+	const uint8_t *flags;      /* one byte a triangle, or NULL */
+	const uint8_t *final;      /* bit set over nforeign + nnew, low bits first; bits beyond are zero */
 };
 
 struct stream_tail {
@@ -55,18 +56,24 @@ unsigned stream_put_block(const struct stream_block *, uint8_t scratch[STREAM_SC
 unsigned stream_put_tail(const struct stream_tail *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
 
 /* Decoding: feed bytes as they come; events come out one at a time. Checks magic, version, lengths,
- * checksums, numbering (first == vertices so far, foreign < first), index bounds. */
+ * checksums, order of frames and blocks, numbering (first == vertices so far, foreign < first), index
+ * bounds, boxes, and the tail's counts and box. Not checked here: geometry and digests. Every breach is
+ * -ERR_PROTO with the offset in the stream (-ERR_VERSION: another version; -ERR_UNSUPPORTED: a kind that this build
+ * cannot read). Takes as much memory as the largest frame, at most STREAM_FRAME_MAX. */
+#define STREAM_FRAME_MAX (1u << 30)
 struct stream_reader;
 enum stream_event { STREAM_MORE, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL };
 struct stream_reader *stream_reader_new(void);
 struct stream_reader *stream_reader_free(struct stream_reader *);
-/* Where to put the next bytes, and how many at most. */
+/* Where to put the next bytes, and how many at most (never 0). -ERR_NOMEM. */
 int stream_reader_space(struct stream_reader *, void **ret, size_t *ret_size, struct err *err);
-/* n bytes were put there. *ret_event says what is whole now; valid until the next call of _space. */
+/* n bytes were put there. *ret_event says what is whole now; valid until the next call of _space. A failed
+ * reader fails for ever. */
 int stream_reader_feed(struct stream_reader *, size_t n, enum stream_event *ret_event, struct err *err);
 const struct stream_head *stream_reader_head(const struct stream_reader *);
 const struct stream_block *stream_reader_block(const struct stream_reader *);
 const struct stream_tail *stream_reader_tail(const struct stream_reader *);
 bool stream_reader_done(const struct stream_reader *); /* the tail was read */
+uint64_t stream_reader_offset(const struct stream_reader *); /* bytes fed so far */
 
 #endif

@@ -1,0 +1,144 @@
+/*
+ * Writing the mesh stream. A frame is handed out as pieces that point into the caller's arrays, in the order
+ * in which they go on the wire; only headers, texts and padding are written, into the caller's scratch.
+ * The arrays go out as they lie in memory, which is why this builds on little-endian machines only.
+ */
+#include "stream.h"
+
+#include <string.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "cursor.h"
+#include "stream_bytes.h"
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "arrays are written as they lie in memory");
+
+static unsigned add_piece(struct stream_piece *piece, unsigned n, const void *bytes, uint64_t size)
+{
+	if (size == 0)
+		return n;
+	piece[n] = (struct stream_piece){ bytes, size };
+	return n + 1;
+}
+
+/* Fills in the header at the start of the first piece; the payload is the rest of all pieces. */
+static void put_header(enum stream_type type, uint8_t *scratch, const struct stream_piece *piece, unsigned n)
+{
+	struct packer p = packer_of(scratch, STREAM_HEADER_SIZE);
+	XXH3_state_t state;
+	uint64_t length = 0;
+
+	XXH3_64bits_reset(&state);
+	for (unsigned i = 0; i < n; i++) {
+		size_t skip = i == 0 ? STREAM_HEADER_SIZE : 0;
+
+		XXH3_64bits_update(&state, (const uint8_t *)piece[i].bytes + skip, piece[i].size - skip);
+		length += piece[i].size - skip;
+	}
+	packer_u32(&p, STREAM_MAGIC);
+	packer_u16(&p, STREAM_VERSION);
+	packer_u16(&p, type);
+	packer_u64(&p, length);
+	packer_u64(&p, XXH3_64bits_digest(&state));
+	packer_u64(&p, XXH3_64bits(scratch, STREAM_HEADER_CHECKED));
+}
+
+static void put_text(struct packer *p, const char *text, size_t size)
+{
+	size_t n = strnlen(text, size - 1);
+
+	packer_u16(p, (uint16_t)n);
+	packer_bytes(p, text, n);
+}
+
+#define PUT_TEXT(p, array) put_text((p), (array), sizeof(array))
+
+static void put_box(struct packer *p, const int32_t box[6])
+{
+	for (unsigned i = 0; i < 6; i++)
+		packer_i32(p, box[i]);
+}
+
+static void put_digest(struct packer *p, struct digest d)
+{
+	packer_u64(p, d.hi);
+	packer_u64(p, d.lo);
+}
+
+/* A frame that lies in scratch as a whole. */
+static unsigned put_small(enum stream_type type, struct packer *p, struct stream_piece *piece)
+{
+	packer_zero(p, stream_padded(packer_size(p)) - packer_size(p));
+	add_piece(piece, 0, p->start, packer_size(p));
+	put_header(type, p->start, piece, 1);
+	return 1;
+}
+
+unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
+{
+	struct packer p = packer_of(scratch, STREAM_SCRATCH);
+
+	packer_zero(&p, STREAM_HEADER_SIZE);
+	packer_u8(&p, head->kind);
+	packer_zero(&p, 7);
+	put_digest(&p, head->id);
+	put_box(&p, head->box);
+	PUT_TEXT(&p, head->lattice);
+	PUT_TEXT(&p, head->crs);
+	PUT_TEXT(&p, head->unit_xy);
+	PUT_TEXT(&p, head->unit_z);
+	PUT_TEXT(&p, head->view);
+	return put_small(STREAM_TYPE_HEAD, &p, piece);
+}
+
+unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
+{
+	static const uint8_t zeros[8];
+	struct packer p = packer_of(scratch, STREAM_SCRATCH);
+	unsigned flags = b->flags ? STREAM_BLOCK_FLAG_BYTES : 0;
+	uint64_t locals = (uint64_t)b->nforeign + b->nnew;
+	uint64_t bytes = stream_block_bytes(b->nforeign, b->nnew, b->ntriangle, flags);
+	unsigned n = 0;
+
+	packer_zero(&p, STREAM_HEADER_SIZE);
+	packer_u64(&p, b->index);
+	for (unsigned i = 0; i < 4; i++)
+		packer_i64(&p, b->box[i]);
+	packer_u64(&p, b->first);
+	packer_u32(&p, b->nforeign);
+	packer_u32(&p, b->nnew);
+	packer_u32(&p, b->ntriangle);
+	packer_u32(&p, flags);
+	n = add_piece(piece, n, scratch, packer_size(&p));
+	n = add_piece(piece, n, b->foreign, b->nforeign * sizeof *b->foreign);
+	n = add_piece(piece, n, b->vertex, b->nnew * sizeof *b->vertex);
+	n = add_piece(piece, n, b->triangle, b->ntriangle * sizeof *b->triangle);
+	n = add_piece(piece, n, b->flags, b->flags ? b->ntriangle : 0);
+	n = add_piece(piece, n, b->final, (locals + 7) / 8);
+	n = add_piece(piece, n, zeros, stream_padded(bytes) - bytes);
+	put_header(STREAM_TYPE_BLOCK, scratch, piece, n);
+	return n;
+}
+
+unsigned stream_put_tail(const struct stream_tail *tail, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
+{
+	struct packer p = packer_of(scratch, STREAM_SCRATCH);
+
+	packer_zero(&p, STREAM_HEADER_SIZE);
+	packer_u8(&p, tail->failed);
+	packer_zero(&p, 7);
+	packer_u64(&p, tail->blocks);
+	packer_u64(&p, tail->vertices);
+	packer_u64(&p, tail->triangles);
+	packer_u64(&p, tail->hull);
+	put_box(&p, tail->box);
+	put_digest(&p, tail->digest);
+	put_digest(&p, tail->vertex_digest);
+	PUT_TEXT(&p, tail->error_code);
+	PUT_TEXT(&p, tail->error_message);
+	PUT_TEXT(&p, tail->error_hint);
+	PUT_TEXT(&p, tail->report);
+	return put_small(STREAM_TYPE_TAIL, &p, piece);
+}

@@ -1,0 +1,420 @@
+/*
+ * Reading the mesh stream, bytes as they come. The bytes of a frame are collected in one buffer of the frame's
+ * own size; when the last one is there, the frame is checked and handed out as views into that buffer.
+ * What a frame announces is believed only after the checksum of its header agreed.
+ *
+ * Running totals over the stream (vertices, triangles, box) are kept to check numbering and the tail.
+ */
+#include "stream.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "cursor.h"
+#include "err.h"
+#include "stream_bytes.h"
+
+struct stream_reader {
+	uint64_t offset;        /* bytes fed */
+	uint8_t header[STREAM_HEADER_SIZE];
+	uint8_t *payload;
+	size_t room;            /* bytes at payload */
+	size_t length;          /* of the payload, once the header is whole */
+	size_t got;             /* bytes of the frame in hand */
+	enum stream_type type;
+	uint64_t checksum;
+
+	bool has_head, done, failed;
+	struct err why;         /* if failed */
+	struct stream_head head;
+	struct stream_block block;
+	struct stream_tail tail;
+	uint64_t blocks, vertices, triangles, last_index;
+	int32_t box[6];         /* of the vertices so far */
+};
+
+struct stream_reader *stream_reader_new(void)
+{
+	struct stream_reader *r = calloc(1, sizeof *r);
+
+	if (r)
+		for (unsigned i = 0; i < 3; i++) {
+			r->box[i] = INT32_MAX;
+			r->box[3 + i] = INT32_MIN;
+		}
+	return r;
+}
+
+struct stream_reader *stream_reader_free(struct stream_reader *r)
+{
+	if (r) {
+		free(r->payload);
+		free(r);
+	}
+	return NULL;
+}
+
+const struct stream_head *stream_reader_head(const struct stream_reader *r)
+{
+	return &r->head;
+}
+
+const struct stream_block *stream_reader_block(const struct stream_reader *r)
+{
+	return &r->block;
+}
+
+const struct stream_tail *stream_reader_tail(const struct stream_reader *r)
+{
+	return &r->tail;
+}
+
+bool stream_reader_done(const struct stream_reader *r)
+{
+	return r->done;
+}
+
+uint64_t stream_reader_offset(const struct stream_reader *r)
+{
+	return r->offset;
+}
+
+/* A breach `back` bytes before what was fed last. */
+static int refuse(struct stream_reader *r, uint64_t back, struct err *err)
+{
+	err_add_place(err, r->offset - back, NULL);
+	return -(int)err->code;
+}
+
+int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, struct err *err)
+{
+	if (r->got < STREAM_HEADER_SIZE) {
+		*ret = r->header + r->got;
+		*ret_size = STREAM_HEADER_SIZE - r->got;
+		return 0;
+	}
+	if (r->length > r->room) {
+		free(r->payload);
+		r->room = 0;
+		r->payload = malloc(r->length);
+		if (!r->payload)
+			return err_set(err, ERR_NOMEM, "there is no memory for a frame of %zu bytes of the mesh stream", r->length);
+		r->room = r->length;
+	}
+	*ret = r->payload + (r->got - STREAM_HEADER_SIZE);
+	*ret_size = r->length - (r->got - STREAM_HEADER_SIZE);
+	return 0;
+}
+
+static int read_header(struct stream_reader *r, struct err *err)
+{
+	struct cursor c = cursor_of(r->header, STREAM_HEADER_SIZE);
+	uint32_t magic = cursor_u32(&c);
+	unsigned version = cursor_u16(&c);
+	unsigned type = cursor_u16(&c);
+	uint64_t length = cursor_u64(&c);
+
+	r->checksum = cursor_u64(&c);
+	if (magic != STREAM_MAGIC)
+		return err_set(err, ERR_PROTO, "what was received is no frame of a mesh stream (0x%08x)", magic);
+	if (XXH3_64bits(r->header, STREAM_HEADER_CHECKED) != cursor_u64(&c))
+		return err_set(err, ERR_PROTO, "the header of a frame of the mesh stream does not agree with its checksum");
+	if (version != STREAM_VERSION)
+		return err_set(err, ERR_VERSION, "the mesh stream has version %u; this build reads version %u", version,
+			       STREAM_VERSION);
+	if (type < STREAM_TYPE_HEAD || type > STREAM_TYPE_TAIL)
+		return err_set(err, ERR_PROTO, "a frame of the mesh stream has the unknown type %u", type);
+	if ((type == STREAM_TYPE_HEAD) == r->has_head)
+		return err_set(err, ERR_PROTO, r->has_head ? "the mesh stream has a second head"
+							   : "the mesh stream does not start with its head");
+	if (length == 0 || length % 8 != 0 || length > STREAM_FRAME_MAX)
+		return err_set(err, ERR_PROTO, "a frame of the mesh stream announces %llu bytes",
+			       (unsigned long long)length);
+	r->type = type;
+	r->length = length;
+	return 0;
+}
+
+/* ---- head and tail ---- */
+
+static void get_text(struct cursor *c, char *text, size_t size)
+{
+	size_t n = cursor_u16(c);
+	const uint8_t *bytes = cursor_bytes(c, n);
+
+	if (!bytes)
+		return;
+	if (n >= size || memchr(bytes, 0, n)) {
+		c->bad = true;
+		return;
+	}
+	memcpy(text, bytes, n);
+	text[n] = '\0';
+}
+
+#define GET_TEXT(c, array) get_text((c), (array), sizeof(array))
+
+static void get_box(struct cursor *c, int32_t box[6])
+{
+	for (unsigned i = 0; i < 6; i++)
+		box[i] = cursor_i32(c);
+}
+
+static struct digest get_digest(struct cursor *c)
+{
+	struct digest d;
+
+	d.hi = cursor_u64(c);
+	d.lo = cursor_u64(c);
+	return d;
+}
+
+static void get_zeros(struct cursor *c, size_t n)
+{
+	const uint8_t *bytes = cursor_bytes(c, n);
+
+	for (size_t i = 0; bytes && i < n; i++)
+		if (bytes[i] != 0)
+			c->bad = true;
+}
+
+/* The payload must end here, but for padding. */
+static int get_end(struct cursor *c, const char *what, struct err *err)
+{
+	if (!c->bad && cursor_left(c) < 8)
+		get_zeros(c, cursor_left(c));
+	if (c->bad || cursor_left(c) > 0)
+		return err_set(err, ERR_PROTO, "the %s of the mesh stream is malformed", what);
+	return 0;
+}
+
+static int read_head(struct stream_reader *r, struct err *err)
+{
+	struct cursor c = cursor_of(r->payload, r->length);
+	struct stream_head *head = &r->head;
+	int e;
+
+	head->kind = cursor_u8(&c);
+	get_zeros(&c, 7);
+	head->id = get_digest(&c);
+	get_box(&c, head->box);
+	GET_TEXT(&c, head->lattice);
+	GET_TEXT(&c, head->crs);
+	GET_TEXT(&c, head->unit_xy);
+	GET_TEXT(&c, head->unit_z);
+	GET_TEXT(&c, head->view);
+	e = get_end(&c, "head", err);
+	if (e < 0)
+		return e;
+	if (head->kind != STREAM_WHOLE && head->kind != STREAM_AREA)
+		return err_set(err, ERR_UNSUPPORTED, "the mesh stream is of kind %u, which this version cannot read",
+			       head->kind);
+	r->has_head = true;
+	return 0;
+}
+
+/* What the tail of a whole stream says must be what came. */
+static int check_tail(const struct stream_reader *r, struct err *err)
+{
+	const struct { const char *what; uint64_t said, came; } row[] = {
+		{ "blocks", r->tail.blocks, r->blocks },
+		{ "vertices", r->tail.vertices, r->vertices },
+		{ "triangles", r->tail.triangles, r->triangles },
+	};
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++)
+		if (row[i].said != row[i].came)
+			return err_set(err, ERR_PROTO, "the tail of the mesh stream counts %llu %s, but %llu came",
+				       (unsigned long long)row[i].said, row[i].what, (unsigned long long)row[i].came);
+	if (r->vertices > 0 && memcmp(r->box, r->tail.box, sizeof r->box) != 0)
+		return err_set(err, ERR_PROTO, "the box in the tail of the mesh stream is not that of its vertices");
+	return 0;
+}
+
+static int read_tail(struct stream_reader *r, struct err *err)
+{
+	struct cursor c = cursor_of(r->payload, r->length);
+	struct stream_tail *tail = &r->tail;
+	unsigned failed = cursor_u8(&c);
+	int e;
+
+	get_zeros(&c, 7);
+	tail->failed = failed != 0;
+	tail->blocks = cursor_u64(&c);
+	tail->vertices = cursor_u64(&c);
+	tail->triangles = cursor_u64(&c);
+	tail->hull = cursor_u64(&c);
+	get_box(&c, tail->box);
+	tail->digest = get_digest(&c);
+	tail->vertex_digest = get_digest(&c);
+	GET_TEXT(&c, tail->error_code);
+	GET_TEXT(&c, tail->error_message);
+	GET_TEXT(&c, tail->error_hint);
+	GET_TEXT(&c, tail->report);
+	if (failed > 1)
+		c.bad = true;
+	e = get_end(&c, "tail", err);
+	if (e == 0 && !tail->failed)
+		e = check_tail(r, err);
+	if (e < 0)
+		return e;
+	r->done = true;
+	return 0;
+}
+
+/* ---- blocks ---- */
+
+static int check_vertices(struct stream_reader *r, const struct stream_block *b, struct err *err)
+{
+	int32_t box[6];
+
+	memcpy(box, r->box, sizeof box);
+	for (uint32_t i = 0; i < b->nnew; i++)
+		for (unsigned k = 0; k < 3; k++) {
+			int32_t v = b->vertex[i][k];
+
+			box[k] = v < box[k] ? v : box[k];
+			box[3 + k] = v > box[3 + k] ? v : box[3 + k];
+		}
+	memcpy(r->box, box, sizeof box);
+	for (unsigned k = 0; k < 3 && b->nnew > 0; k++)
+		if (box[k] < r->head.box[k] || box[3 + k] > r->head.box[3 + k])
+			return err_set(err, ERR_PROTO, "block %llu has a vertex outside the box in the head",
+				       (unsigned long long)b->index);
+	return 0;
+}
+
+static int check_triangles(const struct stream_block *b, struct err *err)
+{
+	uint32_t locals = b->nforeign + b->nnew;
+	unsigned bad = 0;
+
+	for (uint32_t i = 0; i < b->ntriangle; i++) {
+		const uint32_t *t = b->triangle[i];
+
+		bad |= (t[0] >= locals) | (t[1] >= locals) | (t[2] >= locals) | (t[0] == t[1]) | (t[1] == t[2]) |
+		       (t[2] == t[0]);
+	}
+	if (bad)
+		return err_set(err, ERR_PROTO, "block %llu has a triangle whose corners are not three of its %u vertices",
+			       (unsigned long long)b->index, locals);
+	return 0;
+}
+
+static int check_block(struct stream_reader *r, const struct stream_block *b, struct err *err)
+{
+	uint64_t locals = (uint64_t)b->nforeign + b->nnew;
+	int e;
+
+	if (b->index < r->last_index) /* pieces of one domain have the same */
+		return err_set(err, ERR_PROTO, "block %llu comes after block %llu", (unsigned long long)b->index,
+			       (unsigned long long)r->last_index);
+	if (b->first != r->vertices)
+		return err_set(err, ERR_PROTO, "block %llu numbers its vertices from %llu, but %llu vertices came before",
+			       (unsigned long long)b->index, (unsigned long long)b->first,
+			       (unsigned long long)r->vertices);
+	for (uint32_t i = 0; i < b->nforeign; i++)
+		if (b->foreign[i] >= b->first)
+			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which has not come yet",
+				       (unsigned long long)b->index, (unsigned long long)b->foreign[i]);
+	if (locals % 8 != 0 && b->final[locals / 8] >> (locals % 8) != 0)
+		return err_set(err, ERR_PROTO, "block %llu marks vertices as final that it does not have",
+			       (unsigned long long)b->index);
+	e = check_triangles(b, err);
+	return e < 0 ? e : check_vertices(r, b, err);
+}
+
+static int read_block(struct stream_reader *r, struct err *err)
+{
+	struct cursor c = cursor_of(r->payload, r->length);
+	struct stream_block b = { .index = cursor_u64(&c) };
+	uint64_t bytes;
+	unsigned flags;
+	int e;
+
+	for (unsigned i = 0; i < 4; i++)
+		b.box[i] = cursor_i64(&c);
+	b.first = cursor_u64(&c);
+	b.nforeign = cursor_u32(&c);
+	b.nnew = cursor_u32(&c);
+	b.ntriangle = cursor_u32(&c);
+	flags = cursor_u32(&c);
+	bytes = stream_block_bytes(b.nforeign, b.nnew, b.ntriangle, flags);
+	if (c.bad || flags > STREAM_BLOCK_FLAG_BYTES || stream_padded(bytes) != r->length ||
+	    (uint64_t)b.nforeign + b.nnew > UINT32_MAX)
+		return err_set(err, ERR_PROTO, "a block of the mesh stream is malformed");
+	/* The payload begins on 16 bytes, and wide arrays come first: all of them are aligned. */
+	b.foreign = (const uint64_t *)(const void *)cursor_bytes(&c, (size_t)b.nforeign * sizeof *b.foreign);
+	b.vertex = (const int32_t (*)[3])(const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.vertex);
+	b.triangle = (const uint32_t (*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);
+	b.flags = flags ? cursor_bytes(&c, b.ntriangle) : NULL;
+	b.final = cursor_bytes(&c, ((size_t)b.nforeign + b.nnew + 7) / 8);
+	e = get_end(&c, "block", err);
+	if (e == 0)
+		e = check_block(r, &b, err);
+	if (e < 0)
+		return e;
+	r->block = b;
+	r->blocks++;
+	r->vertices += b.nnew;
+	r->triangles += b.ntriangle;
+	r->last_index = b.index;
+	return 0;
+}
+
+static int read_payload(struct stream_reader *r, enum stream_event *ret_event, struct err *err)
+{
+	static const enum stream_event event[] = { 0, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL };
+	int e;
+
+	if (XXH3_64bits(r->payload, r->length) != r->checksum)
+		return err_set(err, ERR_PROTO, "a frame of the mesh stream does not agree with its checksum");
+	e = r->type == STREAM_TYPE_HEAD ? read_head(r, err) : r->type == STREAM_TYPE_BLOCK ? read_block(r, err)
+											  : read_tail(r, err);
+	if (e < 0)
+		return e;
+	r->got = 0;
+	*ret_event = event[r->type];
+	return 0;
+}
+
+static int feed(struct stream_reader *r, size_t n, enum stream_event *ret_event, struct err *err)
+{
+	int e;
+
+	if (r->done)
+		return err_set(err, ERR_PROTO, "the mesh stream goes on after its tail");
+	r->got += n;
+	if (r->got == STREAM_HEADER_SIZE) {
+		e = read_header(r, err);
+		return e < 0 ? refuse(r, STREAM_HEADER_SIZE, err) : 0;
+	}
+	if (r->got > STREAM_HEADER_SIZE && r->got == STREAM_HEADER_SIZE + r->length) {
+		e = read_payload(r, ret_event, err);
+		return e < 0 ? refuse(r, r->length + STREAM_HEADER_SIZE, err) : 0;
+	}
+	return 0;
+}
+
+int stream_reader_feed(struct stream_reader *r, size_t n, enum stream_event *ret_event, struct err *err)
+{
+	int e;
+
+	*ret_event = STREAM_MORE;
+	if (r->failed) {
+		*err = r->why;
+		return -(int)err->code;
+	}
+	if (n == 0)
+		return 0;
+	r->offset += n;
+	e = feed(r, n, ret_event, err);
+	if (e < 0) {
+		r->failed = true;
+		r->why = *err;
+	}
+	return e;
+}
