@@ -38,7 +38,9 @@ static inline bool geom_fits31(int64_t a, int64_t b, int64_t c, int64_t d)
 {
 	uint64_t bias = UINT64_C(1) << 31;
 
-	return !((((uint64_t)a + bias) | ((uint64_t)b + bias) | ((uint64_t)c + bias) | ((uint64_t)d + bias)) >> 32);
+	return !(
+	    (((uint64_t)a + bias) | ((uint64_t)b + bias) | ((uint64_t)c + bias) | ((uint64_t)d + bias)) >>
+	    32);
 }
 
 /* Twice the signed area of a, b, c: > 0 counter-clockwise, 0 collinear. |value| <= 2^64. */
@@ -71,8 +73,8 @@ static inline int geom_orient(const int32_t a[2], const int32_t b[2], const int3
  * counter-clockwise a, b, c). Intermediates reach 2^131.6, so only the last value has a sign; unweighted
  * heights of full-range positions keep it below 2^127 (ALGORITHM 2).
  */
-static inline geom_i128 geom_lift_det(int64_t ax, int64_t ay, geom_u128 az, int64_t bx, int64_t by, geom_u128 bz,
-				      int64_t cx, int64_t cy, geom_u128 cz)
+static inline geom_i128 geom_lift_det(int64_t ax, int64_t ay, geom_u128 az, int64_t bx, int64_t by,
+				      geom_u128 bz, int64_t cx, int64_t cy, geom_u128 cz)
 {
 	geom_u128 bc = (geom_u128)((geom_i128)bx * cy) - (geom_u128)((geom_i128)by * cx);
 	geom_u128 ca = (geom_u128)((geom_i128)cx * ay) - (geom_u128)((geom_i128)cy * ax);
@@ -106,8 +108,8 @@ static inline int geom_incircle_plain(const int32_t a[2], const int32_t b[2], co
 					     bz * (uint64_t)(cx * ay - cy * ax) +
 					     cz * (uint64_t)(ax * by - ay * bx)));
 	}
-	return geom_sign128(geom_lift_det(ax, ay, geom_lift(ax, ay), bx, by, geom_lift(bx, by), cx, cy,
-					  geom_lift(cx, cy)));
+	return geom_sign128(
+	    geom_lift_det(ax, ay, geom_lift(ax, ay), bx, by, geom_lift(bx, by), cx, cy, geom_lift(cx, cy)));
 }
 
 /* The answer of geom_incircle where the unperturbed sign is 0: 1 inside, -1 outside. */
@@ -117,7 +119,8 @@ int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2]
  * Whether d lies inside the circle through a, b, c (counter-clockwise), ties broken by the lexicographic
  * order: 1 inside, -1 outside, never 0. The four positions are distinct and a, b, c are not collinear.
  */
-static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2])
+static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2],
+				const int32_t d[2])
 {
 	int sign = geom_incircle_plain(a, b, c, d);
 

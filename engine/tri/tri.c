@@ -1,0 +1,128 @@
+/*
+ * The kernel's door: the layout of the arena, and a run from positions to triangles.
+ *
+ * The arena is a struct tri and 64 bytes a point. Until the order of insertion is known, the place of the
+ * triangles holds the input (12 bytes a point) and the scratch of the sort (16): afterwards both are dead.
+ * It will not remove duplicates (the caller's precondition) and it allocates nothing.
+ */
+#include "tri_inside.h"
+
+#include <string.h>
+
+#include "geom.h"
+
+enum {
+	TRI_HEAD_BYTES = 64,
+	TRI_TRIANGLE_BYTES = 48, /* two triangles a point: n points make 2n - 2, ghosts included */
+};
+
+_Static_assert(sizeof(struct tri) <= TRI_HEAD_BYTES, "the head of the arena");
+_Static_assert(2 * sizeof(struct tri_triangle) == TRI_TRIANGLE_BYTES, "two triangles a point");
+_Static_assert(TRI_TRIANGLE_BYTES + 8 + 4 + 4 == TRI_BYTES_PER_POINT, "all of the arena");
+_Static_assert(sizeof(struct mesh_vertex) + 2 * sizeof(uint64_t) <= TRI_TRIANGLE_BYTES, "input and scratch");
+
+size_t tri_bytes(uint32_t cap)
+{
+	return TRI_HEAD_BYTES + (size_t)cap * TRI_BYTES_PER_POINT;
+}
+
+struct tri *tri_init(void *memory, uint32_t cap)
+{
+	struct tri *t = memory;
+	unsigned char *at = (unsigned char *)memory + TRI_HEAD_BYTES;
+
+	memset(t, 0, sizeof(*t));
+	t->cap = cap;
+	t->triangle = (struct tri_triangle *)at;
+	at += (size_t)cap * TRI_TRIANGLE_BYTES;
+	t->xy = (int32_t(*)[2])at;
+	at += (size_t)cap * sizeof(*t->xy);
+	t->z = (int32_t *)at;
+	at += (size_t)cap * sizeof(*t->z);
+	t->id = (uint32_t *)at;
+	return t;
+}
+
+/* Behind the sort's scratch, so that the scratch is aligned whatever the capacity. */
+struct mesh_vertex *tri_input(struct tri *t)
+{
+	return (struct mesh_vertex *)((uint64_t *)t->triangle + 2 * (size_t)t->cap);
+}
+
+static void swap_vertices(struct tri *t, uint32_t a, uint32_t b)
+{
+	int32_t x = t->xy[a][0], y = t->xy[a][1], z = t->z[a];
+	uint32_t id = t->id[a];
+
+	memcpy(t->xy[a], t->xy[b], sizeof(t->xy[a]));
+	t->z[a] = t->z[b];
+	t->id[a] = t->id[b];
+	t->xy[b][0] = x;
+	t->xy[b][1] = y;
+	t->z[b] = z;
+	t->id[b] = id;
+}
+
+/* Bring three vertices that make a counter-clockwise triangle to the front. False: all are collinear. */
+static bool seed_find(struct tri *t)
+{
+	uint32_t third = 2;
+	int turn = 0;
+
+	while (third < t->nvertex && !(turn = geom_orient(t->xy[0], t->xy[1], t->xy[third])))
+		third++;
+	if (!turn)
+		return false;
+	swap_vertices(t, 2, third);
+	if (turn < 0)
+		swap_vertices(t, 0, 1);
+	return true;
+}
+
+/* The triangle 0, 1, 2 and, across each of its sides, a ghost. */
+static void seed_place(struct tri *t)
+{
+	struct tri_triangle *first = &t->triangle[0];
+
+	for (uint32_t i = 0; i < 3; i++) {
+		uint32_t next = (i + 1) % 3, last = (i + 2) % 3;
+		struct tri_triangle *ghost = &t->triangle[1 + i];
+
+		first->corner[i] = i;
+		first->link[i] = (1 + i) << 3 | 2 << 1;
+		ghost->corner[0] = last;
+		ghost->corner[1] = next;
+		ghost->corner[2] = TRI_GHOST;
+		ghost->link[0] = (1 + last) << 3 | 1 << 1;
+		ghost->link[1] = (1 + next) << 3 | 0 << 1;
+		ghost->link[2] = i << 1;
+	}
+	t->ntriangle = 4;
+}
+
+int tri_run(struct tri *t, uint32_t n)
+{
+	struct tri_extent extent;
+
+	t->nvertex = n;
+	t->ntriangle = 0;
+	if (n == 0)
+		return TRI_E_FLAT;
+	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &extent);
+	if (!seed_find(t))
+		return TRI_E_FLAT;
+	seed_place(t);
+	tri_insert_all(t, (int64_t)extent.max[0] - extent.min[0] <= INT32_MAX &&
+			      (int64_t)extent.max[1] - extent.min[1] <= INT32_MAX);
+	return 0;
+}
+
+void tri_result(const struct tri *t, struct tri_result *ret)
+{
+	ret->nvertex = t->nvertex;
+	ret->ntriangle = t->ntriangle;
+	ret->xy = (const int32_t(*)[2])t->xy;
+	ret->z = t->z;
+	ret->id = t->id;
+	ret->triangle = t->triangle;
+}

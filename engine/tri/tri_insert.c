@@ -1,0 +1,277 @@
+/*
+ * Incremental insertion: walk to the new position, dig out the triangles whose circle holds it, fill the
+ * hole with a fan (ALGORITHM 8).
+ *
+ * The removed triangles form a tree (two of them share at most one side, none of their vertices is inside
+ * the hole). It is searched depth first, counter-clockwise, one test a side, and filled in the same
+ * sweep: sides of the hole and triangles left for good alternate, so each new triangle takes the slot of the
+ * removed triangle that was left just before, and two fresh slots are all that is needed. Triangles that are
+ * entered but not yet left make the stack: each keeps, in the link that was followed, the place of the
+ * one below. So a hole of any size needs no memory, no recursion and no marks.
+ *
+ * Two ways to compute: with coordinates relative to the new position in 64 bits, carried from side to side
+ * ("narrow": the whole input spans less than 2^31), and the general one by vertex numbers ("careful"): for
+ * wide inputs, and wherever a ghost takes part.
+ */
+#include "tri_inside.h"
+
+#include "geom.h"
+
+/* Ends of the stack: below the first side of the hole's first triangle, below its other two. */
+enum { STACK_FIRST = 0xfffffff8u, STACK_LAST = 0xfffffff0u };
+
+/* A vertex relative to the new position, and its height. */
+struct spoke {
+	int64_t x, y, z;
+	uint32_t vertex;
+};
+
+/* The sides after and before `link`'s, as shifted in a link: 0, 2, 4. */
+static inline uint32_t side_next(uint32_t side2)
+{
+	return 2 * (9 >> side2 & 3);
+}
+
+static inline uint32_t side_prev(uint32_t side2)
+{
+	return 2 * (18 >> side2 & 3);
+}
+
+static inline uint32_t link_of(const struct tri_triangle *t, uint32_t side2)
+{
+	return t->link[side2 >> 1];
+}
+
+static inline uint32_t corner_of(const struct tri_triangle *t, uint32_t side2)
+{
+	return t->corner[side2 >> 1];
+}
+
+static inline struct spoke spoke_to(const int32_t (*xy)[2], uint32_t vertex, const int32_t p[2])
+{
+	struct spoke s = {(int64_t)xy[vertex][0] - p[0], (int64_t)xy[vertex][1] - p[1], 0, vertex};
+
+	s.z = s.x * s.x + s.y * s.y;
+	return s;
+}
+
+static inline int64_t cross(const struct spoke *a, const struct spoke *b)
+{
+	return a->x * b->y - a->y * b->x;
+}
+
+/* The tie order with the new position at the origin: keys are lexicographic. */
+static bool spoke_tie(const struct spoke *a, const struct spoke *b, const struct spoke *v, int64_t av,
+		      int64_t vb, int64_t ab)
+{
+	int64_t ka = a->x * ((int64_t)1 << 32) + a->y, kb = b->x * ((int64_t)1 << 32) + b->y;
+	int64_t kv = v->x * ((int64_t)1 << 32) + v->y, most = ka > kb ? ka : kb;
+
+	if (kv > most)
+		return kv > 0 && ab < 0;
+	return most > 0 && (ka > kb ? vb > 0 : av > 0);
+}
+
+/* Whether the origin is inside the circle of the triangle b, a, v across the side a, b of the hole. */
+static inline bool spoke_conflict(const struct spoke *a, const struct spoke *b, const struct spoke *v)
+{
+	int64_t av = cross(a, v), vb = cross(v, b), ab = cross(a, b);
+	geom_i128 det = (geom_i128)((geom_u128)((geom_i128)b->z * av) + (geom_u128)((geom_i128)a->z * vb) -
+				    (geom_u128)((geom_i128)v->z * ab));
+
+	if (TRI_UNLIKELY(det == 0))
+		return spoke_tie(a, b, v, av, vb, ab);
+	return det > 0;
+}
+
+/* Across the hull's edge a, b (outside on its left): outside, or on the edge between its ends. */
+static bool ghost_conflict(const int32_t a[2], const int32_t b[2], const int32_t p[2])
+{
+	int turn = geom_orient(a, b, p);
+
+	if (turn)
+		return turn > 0;
+	return geom_less(a, b) ? geom_less(a, p) && geom_less(p, b) : geom_less(b, p) && geom_less(p, a);
+}
+
+static bool careful_conflict(const struct tri_triangle *t, const int32_t (*xy)[2], const int32_t p[2])
+{
+	for (unsigned i = 0; i < 3; i++)
+		if (t->corner[i] == TRI_GHOST)
+			return ghost_conflict(xy[t->corner[(i + 1) % 3]], xy[t->corner[(i + 2) % 3]], p);
+	return geom_incircle(xy[t->corner[0]], xy[t->corner[1]], xy[t->corner[2]], p) > 0;
+}
+
+static uint32_t real_neighbour(const struct tri_triangle *tri, uint32_t at)
+{
+	for (unsigned i = 0; i < 3; i++)
+		if (tri[at].corner[i] == TRI_GHOST)
+			return tri[at].link[i] >> 3;
+	return at;
+}
+
+/* From triangle `at` to the one that holds p, or the ghost it is outside of. */
+static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2],
+			     uint32_t at)
+{
+	uint32_t from = UINT32_MAX;
+
+	at = real_neighbour(tri, at);
+	for (;;) {
+		const struct tri_triangle *t = &tri[at];
+		unsigned side = 0;
+
+		for (; side < 3; side++) {
+			if (t->link[side] >> 3 == from)
+				continue;
+			if (geom_orient(xy[t->corner[(side + 1) % 3]], xy[t->corner[(side + 2) % 3]], p) < 0)
+				break;
+		}
+		if (side == 3)
+			return at;
+		from = at;
+		at = t->link[side] >> 3;
+		t = &tri[at];
+		if (t->corner[0] == TRI_GHOST || t->corner[1] == TRI_GHOST || t->corner[2] == TRI_GHOST)
+			return at;
+	}
+}
+
+/* The same in 64 bits: at each triangle leave by the side that p is farther beyond. */
+static uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2],
+			    uint32_t at)
+{
+	const struct tri_triangle *t = &tri[real_neighbour(tri, at)];
+	int64_t ax, ay, bx, by;
+	uint32_t link;
+
+	{
+		struct spoke s[3];
+		int64_t beyond[3];
+		unsigned side;
+
+		for (unsigned i = 0; i < 3; i++)
+			s[i] = spoke_to(xy, t->corner[i], p);
+		for (unsigned i = 0; i < 3; i++)
+			beyond[i] = cross(&s[(i + 1) % 3], &s[(i + 2) % 3]);
+		side = beyond[1] < beyond[0];
+		side = beyond[2] < beyond[side] ? 2 : side;
+		if (beyond[side] >= 0)
+			return (uint32_t)(t - tri);
+		ax = s[(side + 1) % 3].x, ay = s[(side + 1) % 3].y;
+		bx = s[(side + 2) % 3].x, by = s[(side + 2) % 3].y;
+		link = t->link[side];
+	}
+	for (;;) {
+		uint32_t side2 = link & 6, v, left, right;
+		int64_t vx, vy, av, vb;
+		bool go;
+
+		t = &tri[link >> 3];
+		v = corner_of(t, side2);
+		left = link_of(t, side_next(side2));
+		right = link_of(t, side_prev(side2));
+		if (TRI_UNLIKELY(v == TRI_GHOST))
+			return link >> 3;
+		vx = (int64_t)xy[v][0] - p[0];
+		vy = (int64_t)xy[v][1] - p[1];
+		av = ax * vy - ay * vx;
+		vb = vx * by - vy * bx;
+		go = av < vb;
+		if ((go ? av : vb) >= 0)
+			return link >> 3;
+		link = go ? left : right;
+		ax = go ? ax : vx;
+		ay = go ? ay : vy;
+		bx = go ? vx : bx;
+		by = go ? vy : by;
+	}
+}
+
+/* Replace the triangles in conflict with vertex p, of which `root` is one, by a fan around p. The slots
+ * `fresh` and `fresh` + 1 are unused. Returns a triangle of the fan. */
+static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p, uint32_t root,
+			    uint32_t fresh, bool careful)
+{
+	const int32_t at[2] = {xy[p][0], xy[p][1]};
+	uint32_t top = STACK_FIRST, slot = fresh, last = fresh, link = tri[root].link[0];
+	struct spoke a = {0, 0, 0, tri[root].corner[1]}, b = {0, 0, 0, tri[root].corner[2]};
+
+	careful |= a.vertex == TRI_GHOST || b.vertex == TRI_GHOST || tri[root].corner[0] == TRI_GHOST;
+	if (!careful) {
+		a = spoke_to(xy, a.vertex, at);
+		b = spoke_to(xy, b.vertex, at);
+	}
+	for (;;) {
+		struct tri_triangle *t = &tri[link >> 3], *n;
+		uint32_t side2 = link & 6;
+		struct spoke v = {0, 0, 0, corner_of(t, side2)};
+		bool conflict;
+
+		if (TRI_UNLIKELY(careful || v.vertex == TRI_GHOST)) {
+			conflict = careful_conflict(t, xy, at);
+			careful |= conflict;
+		} else {
+			v = spoke_to(xy, v.vertex, at);
+			conflict = spoke_conflict(&a, &b, &v);
+		}
+		if (conflict) {
+			uint32_t first = side_next(side2);
+
+			link = link_of(t, first);
+			t->link[first >> 1] = top;
+			top = (uint32_t)(t - tri) << 3 | first;
+			b = v;
+			continue;
+		}
+
+		n = &tri[slot];
+		n->corner[0] = a.vertex;
+		n->corner[1] = b.vertex;
+		n->corner[2] = p;
+		n->link[1] = last << 3;
+		n->link[2] = link;
+		tri[last].link[0] = slot << 3 | 2;
+		t->link[side2 >> 1] = slot << 3 | 4;
+		last = slot;
+
+		a = b;
+		if (top < STACK_LAST) {
+			uint32_t second = side_next(top & 6);
+
+			slot = top >> 3;
+			t = &tri[slot];
+			top = link_of(t, top & 6);
+			b.vertex = corner_of(t, side_prev(second));
+			link = link_of(t, second);
+		} else if (top == STACK_FIRST) {
+			t = &tri[root];
+			slot = fresh + 1;
+			link = t->link[1];
+			t->link[1] = STACK_LAST;
+			top = root << 3 | 2;
+			b.vertex = t->corner[0];
+		} else {
+			break;
+		}
+		if (!careful)
+			b = spoke_to(xy, b.vertex, at);
+	}
+	tri[last].link[0] = fresh << 3 | 2;
+	tri[fresh].link[1] = last << 3;
+	return last;
+}
+
+void tri_insert_all(struct tri *t, bool narrow)
+{
+	struct tri_triangle *tri = t->triangle;
+	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
+	uint32_t at = 0, n = t->ntriangle;
+
+	for (uint32_t p = 3; p < t->nvertex; p++) {
+		at = narrow ? narrow_walk(tri, xy, xy[p], at) : careful_walk(tri, xy, xy[p], at);
+		at = cavity_fill(tri, xy, p, at, n, !narrow);
+		n += 2;
+	}
+	t->ntriangle = n;
+}

@@ -1,0 +1,198 @@
+/*
+ * The order of insertion: rounds of growing size (biased randomised insertion order), each along a Hilbert
+ * curve (ALGORITHM 8).
+ *
+ * A position goes down a round with probability 1/4, by a fixed hash of its coordinates; the smallest round
+ * comes first; every other round runs along the curve backwards, so that one ends where the next begins.
+ * The curve has 2^16 steps an axis over the bounding square. Positions of one round and one curve cell
+ * keep the order of the input. Nothing random: the same input gives the same order.
+ *
+ * The scratch holds two arrays of curve place << 32 | index in the input.
+ */
+#include "tri_inside.h"
+
+#include <string.h>
+
+enum {
+	ROUND_MAX = 14,
+	CURVE_STEP_BITS = 4, /* bits an axis that one table look-up takes */
+	CURVE_STATES = 4,    /* bit 0: axes swapped, bit 1: both axes inverted */
+	CURVE_CELLS = 1 << (2 * CURVE_STEP_BITS),
+	DIGIT_BITS = 11, /* of the radix sort: 11 + 11 + 10 */
+	DIGITS = 1 << DIGIT_BITS,
+	PASSES = 3,
+	SORT_FEW = 48, /* below, sorting by insertion is faster */
+};
+
+struct curve {
+	uint16_t step[CURVE_STATES][CURVE_CELLS]; /* curve bits << 2 | next state, by x bits << 4 | y bits */
+	int32_t min[2];
+	uint64_t mul; /* cells per unit, times 2^32 */
+};
+
+/*
+ * The curve visits the quarters (x, y) = (0,0), (0,1), (1,1), (1,0); in the first its axes are swapped, in
+ * the last swapped and inverted. Both operations commute, so two bits say how a cell is turned.
+ */
+static uint16_t curve_walk(unsigned state, unsigned x, unsigned y)
+{
+	unsigned place = 0;
+
+	for (int bit = CURVE_STEP_BITS - 1; bit >= 0; bit--) {
+		unsigned flip = state >> 1, swap = state & 1;
+		unsigned bx = (x >> bit & 1) ^ flip, by = (y >> bit & 1) ^ flip;
+		unsigned u = swap ? by : bx, v = swap ? bx : by;
+
+		place = place << 2 | (u << 1) | (u ^ v);
+		if (!v)
+			state ^= u ? 3 : 1;
+	}
+	return (uint16_t)(place << 2 | state);
+}
+
+static void curve_init(struct curve *c, const struct tri_extent *extent)
+{
+	uint64_t width = (uint64_t)((int64_t)extent->max[0] - extent->min[0]);
+	uint64_t height = (uint64_t)((int64_t)extent->max[1] - extent->min[1]);
+	uint64_t side = (width > height ? width : height) + 1;
+
+	for (unsigned s = 0; s < CURVE_STATES; s++)
+		for (unsigned i = 0; i < CURVE_CELLS; i++)
+			c->step[s][i] = curve_walk(s, i >> CURVE_STEP_BITS, i & ((1 << CURVE_STEP_BITS) - 1));
+	memcpy(c->min, extent->min, sizeof(c->min));
+	c->mul = (UINT64_C(1) << 48) / side;
+}
+
+/* The place on the curve, 32 bits. */
+static inline uint32_t curve_place(const struct curve *c, const struct mesh_vertex *v)
+{
+	uint32_t x = (uint32_t)(((uint32_t)v->x - (uint32_t)c->min[0]) * c->mul >> 32);
+	uint32_t y = (uint32_t)(((uint32_t)v->y - (uint32_t)c->min[1]) * c->mul >> 32);
+	uint32_t place = 0, state = 0;
+
+	for (int shift = 16 - CURVE_STEP_BITS; shift >= 0; shift -= CURVE_STEP_BITS) {
+		uint32_t cell = (x >> shift & 15) << CURVE_STEP_BITS | (y >> shift & 15);
+		uint32_t step = c->step[state][cell];
+
+		place = place << (2 * CURVE_STEP_BITS) | step >> 2;
+		state = step & 3;
+	}
+	return place;
+}
+
+/* How many rounds a position goes down: k or more with probability 4^-k. */
+static inline unsigned round_of(const struct mesh_vertex *v)
+{
+	uint64_t h = ((uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y) * UINT64_C(0x9e3779b97f4a7c15);
+
+	h = (h ^ h >> 32) * UINT64_C(0xd6e8feb86659fd93);
+	return (unsigned)__builtin_ctzll(h >> 32 | UINT64_C(1) << (2 * ROUND_MAX)) / 2;
+}
+
+static void extent_and_rounds(const struct mesh_vertex *in, uint32_t n, struct tri_extent *ret,
+			      uint32_t count[ROUND_MAX + 1])
+{
+	struct tri_extent e = {{in[0].x, in[0].y}, {in[0].x, in[0].y}};
+
+	for (uint32_t i = 0; i < n; i++) {
+		int32_t x = in[i].x, y = in[i].y;
+
+		e.min[0] = x < e.min[0] ? x : e.min[0];
+		e.max[0] = x > e.max[0] ? x : e.max[0];
+		e.min[1] = y < e.min[1] ? y : e.min[1];
+		e.max[1] = y > e.max[1] ? y : e.max[1];
+		count[round_of(&in[i])]++;
+	}
+	*ret = e;
+}
+
+static void sort_few(uint64_t *from, uint64_t *to, uint32_t n)
+{
+	for (uint32_t i = 0; i < n; i++) {
+		uint64_t v = from[i];
+		uint32_t at = i;
+
+		for (; at > 0 && to[at - 1] > v; at--)
+			to[at] = to[at - 1];
+		to[at] = v;
+	}
+}
+
+static void sort_pass(const uint64_t *from, uint64_t *to, uint32_t n, uint32_t place[DIGITS], unsigned shift)
+{
+	uint32_t sum = 0;
+
+	for (unsigned d = 0; d < DIGITS; d++) {
+		uint32_t count = place[d];
+
+		place[d] = sum;
+		sum += count;
+	}
+	for (uint32_t i = 0; i < n; i++)
+		to[place[from[i] >> shift & (DIGITS - 1)]++] = from[i];
+}
+
+/* By the high 32 bits, stable; the result is in `to`, `from` is overwritten. */
+static void sort_round(uint64_t *from, uint64_t *to, uint32_t n)
+{
+	uint32_t count[PASSES][DIGITS];
+
+	if (n < SORT_FEW) {
+		sort_few(from, to, n);
+		return;
+	}
+	memset(count, 0, sizeof(count));
+	for (uint32_t i = 0; i < n; i++) {
+		uint64_t v = from[i] >> 32;
+
+		count[0][v & (DIGITS - 1)]++;
+		count[1][v >> DIGIT_BITS & (DIGITS - 1)]++;
+		count[2][v >> (2 * DIGIT_BITS)]++;
+	}
+	sort_pass(from, to, n, count[0], 32);
+	sort_pass(to, from, n, count[1], 32 + DIGIT_BITS);
+	sort_pass(from, to, n, count[2], 32 + 2 * DIGIT_BITS);
+}
+
+static void vertices_place(struct tri *t, const struct mesh_vertex *in, const uint64_t *order, uint32_t n)
+{
+	enum { AHEAD = 24 };
+
+	for (uint32_t i = 0; i < n; i++) {
+		uint32_t from = (uint32_t)order[i];
+
+		if (i + AHEAD < n)
+			__builtin_prefetch(&in[(uint32_t)order[i + AHEAD]]);
+		t->xy[i][0] = in[from].x;
+		t->xy[i][1] = in[from].y;
+		t->z[i] = in[from].z;
+		t->id[i] = from;
+	}
+}
+
+void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n,
+	       struct tri_extent *ret)
+{
+	uint32_t count[ROUND_MAX + 1] = {0}, place[ROUND_MAX + 1], sum = 0;
+	uint64_t *from = scratch, *to = scratch + n;
+	struct curve curve;
+
+	extent_and_rounds(in, n, ret, count);
+	curve_init(&curve, ret);
+	for (unsigned r = ROUND_MAX + 1; r-- > 0;) {
+		place[r] = sum;
+		sum += count[r];
+	}
+	for (uint32_t i = 0; i < n; i++) {
+		unsigned r = round_of(&in[i]);
+		uint32_t backwards = 0u - (r & 1);
+
+		from[place[r]++] = (uint64_t)(curve_place(&curve, &in[i]) ^ backwards) << 32 | i;
+	}
+	for (unsigned r = 0; r <= ROUND_MAX; r++) {
+		uint32_t first = place[r] - count[r];
+
+		sort_round(from + first, to + first, count[r]);
+	}
+	vertices_place(t, in, to, n);
+}
