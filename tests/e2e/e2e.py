@@ -1,0 +1,154 @@
+"""What the end-to-end tests share: folders that go away, a daemon of one's own, runs of the programs.
+
+The programs are named by the environment (ACUTD, ACUTCTL, ACUT_SYNTH, ACUT_VERIFY, ACUT_DOMAIN), set by meson.
+A test prints one line a case and ends with exit status 0, 1, or 77 (skipped, with the reason).
+"""
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+ACUTD = os.environ.get("ACUTD", "acutd")
+ACUTCTL = os.environ.get("ACUTCTL", "acutctl")
+SYNTH = os.environ.get("ACUT_SYNTH", "acut-synth")
+VERIFY = os.environ.get("ACUT_VERIFY", "acut-verify")
+DOMAIN = os.environ.get("ACUT_DOMAIN", "acut-domain")
+
+
+def skip(reason):
+    print("skipped:", reason)
+    sys.exit(77)
+
+
+def data_dir():
+    """The folder of real files, or None."""
+    here = os.path.dirname(os.path.abspath(__file__))
+    for path in (os.environ.get("ACUT_TEST_DATA"), os.path.join(here, "../../../shared/data")):
+        if path and os.path.isdir(os.path.join(path, "lidar")):
+            return os.path.abspath(path)
+    return None
+
+
+class Fault(AssertionError):
+    pass
+
+
+def expect(cond, text):
+    if not cond:
+        raise Fault(text)
+
+
+class Run:
+    """A finished command."""
+
+    def __init__(self, args, status, out, err):
+        self.args, self.status, self.out, self.err = args, status, out, err
+
+    def json(self):
+        return json.loads(self.out)
+
+    def ok(self):
+        expect(self.status == 0, "%s\nended with %d\n%s%s" % (" ".join(self.args), self.status, self.out, self.err))
+        return self
+
+
+def run(args, env=None, timeout=600, stdin=None):
+    full = dict(os.environ)
+    full.update(env or {})
+    p = subprocess.run([str(a) for a in args], stdin=stdin or subprocess.DEVNULL, stdout=subprocess.PIPE,
+                       stderr=subprocess.PIPE, env=full, timeout=timeout)
+    return Run([str(a) for a in args], p.returncode, p.stdout.decode(errors="replace"),
+               p.stderr.decode(errors="replace"))
+
+
+class Folder:
+    """A temporary folder: with Folder() as path."""
+
+    def __enter__(self):
+        self.path = tempfile.mkdtemp(prefix="acut-e2e-", dir=os.environ.get("ACUT_TEST_TMP"))
+        return self.path
+
+    def __exit__(self, *exc):
+        shutil.rmtree(self.path, ignore_errors=True)
+
+
+class Daemon:
+    """An acutd with folders of its own below `base`; with Daemon(base) as d: d.ctl("ping")."""
+
+    def __init__(self, base, memory="256M", threads=2, args=(), prefix=(), env=None, name=""):
+        self.base = base
+        self.socket = os.path.join(base, "acutd%s.sock" % name)
+        self.state, self.cache = os.path.join(base, "state" + name), os.path.join(base, "cache" + name)
+        self.log = os.path.join(base, "acutd%s.log" % name)
+        self.command = list(prefix) + [ACUTD, "--socket", self.socket, "--state", self.state, "--cache", self.cache,
+                                       "--memory", memory, "--threads", str(threads)] + list(args)
+        self.env = dict(os.environ)
+        self.env.update(env or {})
+        self.process = None
+
+    def start(self):
+        log = open(self.log, "ab")
+        self.process = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self.env)
+        log.close()
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline:
+            if self.process.poll() is not None:
+                raise Fault("acutd ended with %d\n%s" % (self.process.returncode, self.log_text()))
+            if os.path.exists(self.socket) and self.ctl("ping").status == 0:
+                return self
+            time.sleep(0.02)
+        raise Fault("acutd did not answer\n" + self.log_text())
+
+    def log_text(self):
+        with open(self.log, errors="replace") as f:
+            return f.read()
+
+    def ctl(self, *args, **kw):
+        env = dict(kw.pop("env", None) or {})
+        env["ACUT_SOCKET"] = self.socket
+        return run([ACUTCTL] + list(args), env=env, **kw)
+
+    def vmhwm(self):
+        """Peak resident bytes."""
+        with open("/proc/%d/status" % self.process.pid) as f:
+            for line in f:
+                if line.startswith("VmHWM:"):
+                    return int(line.split()[1]) * 1024
+        return 0
+
+    def stop(self, sig=signal.SIGTERM, timeout=20):
+        if self.process and self.process.poll() is None:
+            self.process.send_signal(sig)
+            try:
+                self.process.wait(timeout)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+                raise Fault("acutd did not end within %d s of signal %d" % (timeout, sig))
+        return self.process.returncode if self.process else None
+
+    def __enter__(self):
+        return self.start()
+
+    def __exit__(self, *exc):
+        if exc[0] is not None:
+            print(self.log_text()[-4000:])
+        self.stop(signal.SIGKILL)
+
+
+def main(*cases):
+    """Run the cases in order, each a function; all run, the status says whether one failed."""
+    failed = 0
+    for case in cases:
+        start = time.monotonic()
+        try:
+            case()
+            print("ok   %-40s %6.1f s" % (case.__name__, time.monotonic() - start), flush=True)
+        except (Fault, AssertionError, KeyError, ValueError, subprocess.TimeoutExpired) as e:
+            failed += 1
+            print("FAIL %-40s %6.1f s\n%s: %s" % (case.__name__, time.monotonic() - start, type(e).__name__, e), flush=True)
+    sys.exit(1 if failed else 0)
