@@ -1,0 +1,283 @@
+/* The smaller parts of base: errors, the log's levels, arena, ledger, cursor, clock, parsing. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <errno.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "arena.h"
+#include "clock.h"
+#include "cursor.h"
+#include "err.h"
+#include "ledger.h"
+#include "log.h"
+#include "parse.h"
+
+static void test_err(void **state)
+{
+	struct err err = ERR_INIT;
+	char text[900];
+
+	assert_int_equal(err_add_hint(&err, "nothing is wrong"), 0);
+	assert_string_equal(err.hint, "");
+	assert_int_equal(err_set(&err, ERR_INPUT, "scale is %d", 0), -ERR_INPUT);
+	assert_int_equal(err_set(&err, ERR_IO, "later"), -ERR_INPUT); /* the first wins */
+	assert_int_equal(err_add_file(&err, "a.las"), -ERR_INPUT);
+	err_add_file(&err, "b.las");
+	err_add_place(&err, 131, "x scale");
+	err_add_place(&err, 7, "other");
+	err_add_hint(&err, "mend it");
+	assert_string_equal(err_format(&err, text, sizeof text), "a.las: byte 131, x scale: scale is 0 (mend it)");
+	err_clear(&err);
+	assert_int_equal(err_sys(&err, ENOSPC, "cannot write"), -ERR_NOSPACE);
+	assert_string_equal(err_format(&err, text, sizeof text), "cannot write: No space left on device");
+	err_format(&err, text, 10);
+	assert_int_equal(strlen(text), 9);
+	(void)state;
+}
+
+static void test_err_long(void **state)
+{
+	struct err err = ERR_INIT;
+	char text[2000];
+
+	for (size_t i = 0; i + 1 < sizeof text; i += 2)
+		memcpy(text + i, "\xc3\xa9", 2);
+	text[1998] = '\0';
+	err_set(&err, ERR_INPUT, "%s", text);
+	err_add_file(&err, text);
+	err_add_hint(&err, "%s", text);
+	assert_int_equal(strlen(err.message) % 2, 0); /* never half a character */
+	assert_int_equal(strlen(err.file) % 2, 0);
+	assert_int_equal(strlen(err.hint) % 2, 0);
+	assert_true(strlen(err.message) >= sizeof err.message - 3);
+	(void)state;
+}
+
+static void test_err_table(void **state)
+{
+	for (int c = 0; c < ERR_COUNT; c++)
+		assert_int_equal(err_from_wire_name(err_wire_name((enum err_code)c)), c);
+	assert_int_equal(err_from_wire_name("what"), ERR_INTERNAL);
+	assert_int_equal(err_exit_status(ERR_USAGE), 2);
+	assert_int_equal(err_exit_status(ERR_NODAEMON), 69);
+	assert_int_equal(err_exit_status((enum err_code)1000), 1);
+	(void)state;
+}
+
+static void test_log(void **state)
+{
+	char line[400] = "";
+	int ends[2], saved = dup(STDERR_FILENO);
+	enum log_level level = LOG_LEVEL_ERROR;
+	struct err err = ERR_INIT;
+
+	assert_true(log_parse_level("notice", &level));
+	assert_int_equal(level, LOG_LEVEL_NOTICE);
+	assert_false(log_parse_level("loud", &level));
+	assert_int_equal(pipe(ends), 0);
+	dup2(ends[1], STDERR_FILENO);
+	log_init("acutd", LOG_LEVEL_INFO);
+	errno = 5;
+	log_debug("not seen");
+	log_info("file a\nb");
+	err_set(&err, ERR_INPUT, "bad");
+	log_err(LOG_LEVEL_ERROR, "job 1", &err);
+	assert_int_equal(errno, 5);
+	dup2(saved, STDERR_FILENO);
+	close(saved);
+	close(ends[1]);
+	ssize_t n = read(ends[0], line, sizeof line - 1);
+
+	close(ends[0]);
+	assert_true(n > 0);
+	assert_string_equal(line, "acutd: info: file a?b\nacutd: error: job 1: bad\n");
+	(void)state;
+}
+
+static void test_arena(void **state)
+{
+	_Alignas(64) uint8_t memory[256];
+	struct arena a = arena_of(memory + 1, 200);
+	struct arena_mark start = arena_mark(&a);
+
+	uint64_t *v = arena_array(&a, uint64_t, 4);
+
+	assert_non_null(v);
+	assert_int_equal((uintptr_t)v % 8, 0);
+	struct arena_mark mark = arena_mark(&a);
+
+	assert_non_null(arena_take(&a, 1, 1, 64));
+	assert_null(arena_take(&a, SIZE_MAX / 2, 3, 1)); /* the product overflows */
+	assert_true(a.overflow);
+	assert_null(arena_take(&a, 1, 1, 1)); /* sticky */
+	assert_int_equal(arena_left(&a), 0);
+	arena_rollback(&a, mark);
+	assert_false(a.overflow);
+	assert_ptr_equal(arena_take(&a, 1, 1, 1), v + 4);
+	arena_rollback(&a, start);
+	assert_ptr_equal(arena_take(&a, 200, 1, 1), memory + 1);
+	assert_null(arena_take(&a, 1, 1, 1));
+	assert_int_equal(a.peak, 200);
+	(void)state;
+}
+
+static void *ledger_churn(void *arg)
+{
+	for (int i = 0; i < 20000; i++)
+		if (ledger_take(arg, LEDGER_STAGE, 600))
+			ledger_give(arg, LEDGER_STAGE, 600);
+	return NULL;
+}
+
+static void test_ledger(void **state)
+{
+	struct ledger *l = ledger_new(1000);
+	pthread_t thread[3];
+
+	assert_true(ledger_take(l, LEDGER_PIPE, 400));
+	assert_false(ledger_take(l, LEDGER_STAGE, 601));
+	assert_false(ledger_take(l, LEDGER_STAGE, UINT64_MAX));
+	assert_int_equal(ledger_left(l), 600);
+	assert_true(ledger_take(l, LEDGER_STAGE, 600));
+	assert_int_equal(ledger_held(l, LEDGER_STAGE), 600);
+	ledger_give(l, LEDGER_STAGE, 600);
+	for (int i = 0; i < 3; i++)
+		pthread_create(&thread[i], NULL, ledger_churn, l);
+	for (int i = 0; i < 3; i++)
+		pthread_join(thread[i], NULL);
+	ledger_give(l, LEDGER_PIPE, 400);
+	assert_int_equal(ledger_left(l), ledger_total(l));
+	for (int i = 0; i < LEDGER_NAMES; i++)
+		assert_true(strcmp(ledger_name_text((enum ledger_name)i), "unknown") != 0);
+	assert_null(ledger_free(l));
+	assert_null(ledger_free(NULL));
+	(void)state;
+}
+
+static void test_cursor(void **state)
+{
+	uint8_t bytes[64];
+	struct packer p = packer_of(bytes, sizeof bytes);
+
+	packer_u8(&p, 0xfe);
+	packer_u16(&p, 0xfedc);
+	packer_u32(&p, 0xfedcba98u);
+	packer_u64(&p, 0xfedcba9876543210u);
+	packer_i32(&p, -2);
+	packer_i64(&p, INT64_MIN);
+	packer_f64(&p, -0.1);
+	packer_zero(&p, 3);
+	packer_bytes(&p, "abc", 3);
+	assert_false(p.bad);
+	assert_int_equal(packer_size(&p), 41);
+	assert_int_equal(bytes[1], 0xdc); /* little-endian */
+	struct cursor c = cursor_of(bytes, packer_size(&p));
+
+	assert_int_equal(cursor_u8(&c), 0xfe);
+	assert_int_equal(cursor_u16(&c), 0xfedc);
+	assert_int_equal(cursor_u32(&c), 0xfedcba98u);
+	assert_true(cursor_u64(&c) == 0xfedcba9876543210u);
+	assert_int_equal(cursor_i32(&c), -2);
+	assert_true(cursor_i64(&c) == INT64_MIN);
+	assert_true(cursor_f64(&c) == -0.1);
+	cursor_skip(&c, 3);
+	assert_int_equal(cursor_left(&c), 3);
+	assert_int_equal(cursor_offset(&c), 38);
+	assert_int_equal(cursor_u32(&c), 0); /* one byte short */
+	assert_true(c.bad);
+	assert_int_equal(cursor_u8(&c), 0); /* sticky, though three are left */
+	assert_int_equal(cursor_left(&c), 0);
+	p = packer_of(bytes, 3);
+	packer_u16(&p, 1);
+	packer_u16(&p, 1);
+	assert_true(p.bad);
+	packer_u8(&p, 1);
+	assert_int_equal(packer_size(&p), 2);
+	c = cursor_of(NULL, 0);
+	assert_false(c.bad);
+	cursor_u8(&c);
+	assert_true(c.bad);
+	(void)state;
+}
+
+static void test_clock(void **state)
+{
+	uint64_t t = clock_mono_ns();
+
+	usleep(2000);
+	assert_true(clock_since(t) >= 0.002 && clock_since(t) < 60);
+	assert_true(clock_since(UINT64_MAX) == 0);
+	assert_true(clock_real_us() > INT64_C(1500000000000000));
+	(void)state;
+}
+
+static void test_parse_integers(void **state)
+{
+	static const char *const bad[] = {"", " 1", "1 ", "+", "-", "0x1", "1.0", "18446744073709551616"};
+	uint64_t u = 7;
+	int64_t i = 7;
+
+	for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
+		assert_false(parse_u64(bad[k], &u));
+		assert_false(parse_i64(bad[k], &i));
+	}
+	assert_false(parse_u64("-1", &u));
+	assert_false(parse_i64("9223372036854775808", &i));
+	assert_false(parse_i64("-9223372036854775809", &i));
+	assert_true(u == 7 && i == 7);
+	assert_true(parse_u64("18446744073709551615", &u) && u == UINT64_MAX);
+	assert_true(parse_i64("-9223372036854775808", &i) && i == INT64_MIN);
+	assert_true(parse_i64("+5", &i) && i == 5);
+	(void)state;
+}
+
+static void test_parse_units(void **state)
+{
+	static const char *const bad[] = {"", "M", "-1", "1X", "1MM", "1 M", "nan", "1e30P", "-0M", "0x10K"};
+	uint64_t u = 7;
+	double d = 7;
+	char text[32];
+
+	for (size_t k = 0; k < sizeof bad / sizeof bad[0]; k++) {
+		assert_false(parse_size(bad[k], &u));
+		assert_false(parse_seconds(bad[k], &d));
+	}
+	assert_true(u == 7 && d == 7);
+	assert_true(parse_size("24M", &u) && u == 24u << 20);
+	assert_true(parse_size("1.5G", &u) && u == 3ull << 29);
+	assert_true(parse_size("512k", &u) && u == 512u << 10);
+	assert_true(parse_size("100", &u) && u == 100);
+	assert_false(parse_size("1.5", &u));
+	assert_true(parse_seconds("90", &d) && d == 90);
+	assert_true(parse_seconds("1.5m", &d) && d == 90);
+	assert_true(parse_seconds("2h", &d) && d == 7200);
+	assert_true(parse_double("-1.5e3", &d) && d == -1500);
+	assert_false(parse_double("1e999", &d));
+	assert_false(parse_double("inf", &d));
+	assert_false(parse_double("1.5x", &d));
+	assert_string_equal(parse_size_text(0, text), "0 bytes");
+	assert_string_equal(parse_size_text(1288490189, text), "1.2 GB");
+	assert_string_equal(parse_size_text(340u << 20, text), "340 MB");
+	assert_string_equal(parse_size_text(1048575, text), "1.0 MB");
+	(void)state;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_err), cmocka_unit_test(test_err_long), cmocka_unit_test(test_err_table),
+		cmocka_unit_test(test_log), cmocka_unit_test(test_arena), cmocka_unit_test(test_ledger),
+		cmocka_unit_test(test_cursor), cmocka_unit_test(test_clock), cmocka_unit_test(test_parse_integers),
+		cmocka_unit_test(test_parse_units),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

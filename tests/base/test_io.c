@@ -1,0 +1,250 @@
+/*
+ * File helpers with every call of the table made to fail: once and for ever, by short transfers, EINTR and
+ * errors. What must hold: the right error with the right file and place, and nothing left half published.
+ */
+#include <setjmp.h>
+#include <stdbool.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "err.h"
+#include "io.h"
+
+static char folder[] = "/tmp/acut-test-io-XXXXXX";
+static int dir = -1;
+
+/* The faulty table: the call `fault.at`, counted over all of them, fails with `fault.error`. */
+static struct {
+	int at, count, error;
+	bool short_transfers, interrupts;
+} fault;
+
+static bool fails(void)
+{
+	if (++fault.count != fault.at)
+		return false;
+	errno = fault.error;
+	return true;
+}
+
+static bool interrupted(void)
+{
+	static int turn;
+
+	if (!fault.interrupts || turn++ % 2)
+		return false;
+	errno = EINTR;
+	return true;
+}
+
+static size_t cut(size_t n)
+{
+	return fault.short_transfers && n > 3 ? n / 2 : n;
+}
+
+static int f_openat(int d, const char *path, int flags, mode_t mode)
+{
+	if (interrupted() || fails())
+		return -1;
+	assert_true(flags & O_CLOEXEC);
+	return openat(d, path, flags, mode);
+}
+
+static ssize_t f_pread(int fd, void *buf, size_t n, off_t off)
+{
+	return interrupted() || fails() ? -1 : pread(fd, buf, cut(n), off);
+}
+
+static ssize_t f_pwrite(int fd, const void *buf, size_t n, off_t off)
+{
+	return interrupted() || fails() ? -1 : pwrite(fd, buf, cut(n), off);
+}
+
+static int f_fsync(int fd)
+{
+	return fails() ? -1 : fsync(fd);
+}
+
+static int f_renameat(int a, const char *old, int b, const char *name)
+{
+	return fails() ? -1 : renameat(a, old, b, name);
+}
+
+static int f_unlinkat(int d, const char *path, int flags)
+{
+	return fails() ? -1 : unlinkat(d, path, flags);
+}
+
+static int f_mkdirat(int d, const char *path, mode_t mode)
+{
+	return fails() ? -1 : mkdirat(d, path, mode);
+}
+
+static const struct io_table faulty = {
+	.openat = f_openat, .close = close, .read = read, .pread = f_pread, .pwrite = f_pwrite, .fsync = f_fsync,
+	.renameat = f_renameat, .unlinkat = f_unlinkat, .ftruncate = ftruncate, .fstat = fstat, .mkdirat = f_mkdirat,
+};
+
+static void fault_set(int at, int error)
+{
+	memset(&fault, 0, sizeof fault);
+	fault.at = at;
+	fault.error = error;
+	io = &faulty;
+}
+
+static int set_up(void **state)
+{
+	dir = mkdtemp(folder) ? open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+	return dir < 0;
+}
+
+static int tear_down(void **state)
+{
+	io = &io_system;
+	unlinkat(dir, "a", 0);
+	unlinkat(dir, "a.tmp", 0);
+	unlinkat(dir, "sub", AT_REMOVEDIR);
+	close(dir);
+	return rmdir(folder);
+}
+
+static bool there(const char *name)
+{
+	return faccessat(dir, name, F_OK, 0) == 0;
+}
+
+/* Write a file and publish it: what all of storage does. */
+static int publish(const char *text, struct err *err)
+{
+	int fd = -1, rc = io_open(dir, "a.tmp", O_RDWR | O_CREAT | O_TRUNC, 0600, &fd, err);
+
+	if (rc)
+		return rc;
+	rc = io_write_at(fd, text, strlen(text), 0, "a", err);
+	if (rc == 0)
+		rc = io_publish(dir, fd, "a.tmp", "a", err);
+	else
+		unlinkat(dir, "a.tmp", 0);
+	assert_int_equal(io_close(fd), -1);
+	return rc;
+}
+
+static void test_publish_each_fault(void **state)
+{
+	static const int errors[] = {EIO, ENOSPC, EDQUOT, EACCES, ENOMEM};
+	static const enum err_code codes[] = {ERR_IO, ERR_NOSPACE, ERR_NOSPACE, ERR_PERM, ERR_NOMEM};
+
+	for (unsigned e = 0; e < 5; e++) {
+		for (int at = 1;; at++) {
+			struct err err = ERR_INIT;
+
+			unlinkat(dir, "a", 0);
+			fault_set(at, errors[e]);
+			int rc = publish("hello, world", &err);
+
+			if (fault.count < at) {
+				assert_int_equal(rc, 0);
+				assert_true(at > 5); /* open, write, fsync, rename, fsync of the folder */
+				break;
+			}
+			assert_int_equal(rc, -(int)codes[e]);
+			assert_int_equal(err.code, codes[e]);
+			assert_int_equal(err.sys, errors[e]);
+			assert_string_equal(err.file, at == 1 ? "a.tmp" : "a");
+			assert_false(there("a.tmp"));
+			assert_int_equal(there("a"), at == 5); /* only the last fsync may fail with the file in place */
+		}
+	}
+	io = &io_system;
+	(void)state;
+}
+
+static void test_short_and_interrupted(void **state)
+{
+	char text[1000], back[1200];
+	struct err err = ERR_INIT;
+	size_t got = 0;
+	int fd = -1;
+
+	for (size_t i = 0; i < sizeof text; i++)
+		text[i] = (char)('a' + i % 26);
+	fault_set(0, 0);
+	fault.short_transfers = fault.interrupts = true;
+	assert_int_equal(io_open(dir, "a", O_RDWR | O_CREAT | O_TRUNC, 0600, &fd, &err), 0);
+	assert_int_equal(io_write_at(fd, text, sizeof text, 7, "a", &err), 0);
+	assert_int_equal(io_read_at(fd, back, sizeof text, 7, "a", &err), 0);
+	assert_memory_equal(text, back, sizeof text);
+	assert_int_equal(io_read_some(fd, back, sizeof back, 7, "a", &got, &err), 0);
+	assert_int_equal(got, sizeof text);
+	assert_int_equal(io_read_at(fd, back, 10, 1000, "a", &err), -ERR_TRUNCATED);
+	assert_int_equal(err.offset, 1007);
+	assert_string_equal(err.file, "a");
+	fd = io_close(fd);
+	io = &io_system;
+	(void)state;
+}
+
+static void test_read_fault(void **state)
+{
+	struct err err = ERR_INIT;
+	size_t got = 99;
+	char b[8];
+	int fd = -1;
+
+	fault_set(0, 0);
+	assert_int_equal(io_open(dir, "a", O_RDWR | O_CREAT, 0600, &fd, &err), 0);
+	fault_set(1, EIO);
+	assert_int_equal(io_read_some(fd, b, sizeof b, 3, "a", &got, &err), -ERR_IO);
+	assert_int_equal(got, 99);
+	assert_int_equal(err.offset, 3);
+	err_clear(&err);
+	assert_int_equal(io_read_some(fd, b, sizeof b, UINT64_MAX - 3, "a", &got, &err), -ERR_INTERNAL);
+	io_close(fd);
+	io = &io_system;
+	(void)state;
+}
+
+static void test_remove_and_make_dir(void **state)
+{
+	struct err err = ERR_INIT;
+	int fd = 77;
+
+	fault_set(0, 0);
+	assert_int_equal(io_remove(dir, "nothing", &err), 0);
+	assert_int_equal(io_make_dir(dir, "sub", 0700, &err), 0);
+	assert_int_equal(io_make_dir(dir, "sub", 0700, &err), 0);
+	fault_set(1, EROFS);
+	assert_int_equal(io_make_dir(dir, "sub", 0700, &err), -ERR_IO);
+	err_clear(&err);
+	fault_set(1, EPERM);
+	assert_int_equal(io_remove(dir, "sub", &err), -ERR_PERM);
+	err_clear(&err);
+	fault_set(0, 0);
+	assert_int_equal(io_open(dir, "missing", O_RDONLY, 0, &fd, &err), -ERR_IO);
+	assert_int_equal(fd, 77);
+	assert_int_equal(err.sys, ENOENT);
+	assert_int_equal(io_close(-1), -1);
+	io = &io_system;
+	(void)state;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_publish_each_fault), cmocka_unit_test(test_short_and_interrupted),
+		cmocka_unit_test(test_read_fault), cmocka_unit_test(test_remove_and_make_dir),
+	};
+
+	return cmocka_run_group_tests(tests, set_up, tear_down);
+}
