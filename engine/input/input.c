@@ -1,0 +1,179 @@
+/*
+ * The door of the room: which format it is, opening, closing, and the watch over files that change.
+ *
+ * Model: an input is one allocation, its read buffer included; nothing is allocated afterwards, whatever
+ * the file says. The descriptor is borrowed and only ever read at explicit offsets. Not here: threads,
+ * paths, anything but regular files.
+ */
+#include "input.h"
+#include "input_parts.h"
+
+#include <errno.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "io.h"
+
+size_t input_bytes(void)
+{
+	return sizeof(struct input);
+}
+
+void input_warn(struct input *in, const char *fmt, ...)
+{
+	char *text = in->info.warning;
+	size_t n = strlen(text), size = sizeof in->info.warning;
+	va_list args;
+
+	if (n && n + 3 < size)
+		n += (size_t)snprintf(text + n, size - n, "; ");
+	va_start(args, fmt);
+	vsnprintf(text + n, size - n, fmt, args);
+	va_end(args);
+}
+
+static int stat_input(struct input *in, struct stat *st, struct err *err)
+{
+	if (io->fstat(in->fd, st) < 0) {
+		err_sys(err, errno, "cannot ask for the size of the file");
+		return err_add_file(err, in->name);
+	}
+	return 0;
+}
+
+int input_check_unchanged(struct input *in, struct err *err)
+{
+	struct stat st;
+	int rc = stat_input(in, &st, err);
+
+	if (rc)
+		return rc;
+	if ((uint64_t)st.st_size != in->size || st.st_mtim.tv_sec != in->mtime.tv_sec ||
+	    st.st_mtim.tv_nsec != in->mtime.tv_nsec) {
+		input_fail(in, err, ERR_CHANGED, ERR_NO_OFFSET, NULL, "the file changed while it was read");
+		return err_add_hint(err, "wait until whoever writes it is done, then push it again");
+	}
+	return 0;
+}
+
+static bool has_extension(const char *name, const char *extensions)
+{
+	const char *dot = strrchr(name, '.');
+
+	if (!dot)
+		return false;
+	for (const char *e = extensions; *e; ) {
+		size_t n = strcspn(e, " ");
+
+		if (strlen(dot) == n && !strncasecmp(dot, e, n))
+			return true;
+		e += n;
+		e += strspn(e, " ");
+	}
+	return false;
+}
+
+/* By content; where the content fits no format, by the name, so that the format's own reader says what
+ * is wrong with it; an empty file without a telling name is an empty text. */
+static const struct input_row *recognise(const struct input *in, size_t n)
+{
+	for (size_t i = 0; n && i < input_n_rows; i++)
+		if (input_rows[i].matches(in->buffer, n) &&
+		    !(input_rows[i].open == input_xyz_open && has_extension(in->name, ".las .laz")))
+			return &input_rows[i];
+	for (size_t i = 0; i < input_n_rows; i++)
+		if (has_extension(in->name, input_rows[i].text->extensions))
+			return &input_rows[i];
+	return n ? NULL : &input_rows[input_n_rows - 1];
+}
+
+static int choose_row(struct input *in, const char *format, struct err *err)
+{
+	size_t n;
+	int rc;
+
+	for (size_t i = 0; format && i < input_n_rows; i++) {
+		if (!strcmp(format, input_rows[i].text->name)) {
+			in->row = &input_rows[i];
+			return 0;
+		}
+	}
+	if (format) {
+		err_set(err, ERR_USAGE, "there is no input format \"%s\"", format);
+		return err_add_hint(err, "\"acutctl formats\" lists them");
+	}
+	rc = io_read_some(in->fd, in->buffer, INPUT_SNIFF, 0, in->name, &n, err);
+	if (rc)
+		return rc;
+	in->row = recognise(in, n);
+	if (!in->row) {
+		input_fail(in, err, ERR_INPUT, 0, NULL, "neither LAS nor text: no format that acut knows");
+		return err_add_hint(err, "\"acutctl formats\" lists what can be read");
+	}
+	return 0;
+}
+
+static int open_input(struct input *in, const char *format, struct err *err)
+{
+	struct stat st;
+	int rc = stat_input(in, &st, err);
+
+	if (rc)
+		return rc;
+	if (!S_ISREG(st.st_mode)) {
+		input_fail(in, err, ERR_INPUT, ERR_NO_OFFSET, NULL, "not a regular file");
+		return err_add_hint(err, "only regular files can be read as input");
+	}
+	in->size = (uint64_t)st.st_size;
+	in->mtime = st.st_mtim;
+	rc = choose_row(in, format, err);
+	if (rc)
+		return rc;
+	in->info.format = in->row->text->name;
+	in->info.coords.name = in->name;
+	return in->row->open(in, err);
+}
+
+int input_open(int fd, const char *name, const struct input_options *options, struct input **ret,
+	       struct err *err)
+{
+	struct input *in = malloc(sizeof *in);
+	int rc;
+
+	if (!in) {
+		err_set(err, ERR_NOMEM, "no memory to read a file");
+		return err_add_file(err, name);
+	}
+	memset(in, 0, offsetof(struct input, buffer));
+	in->fd = fd;
+	snprintf(in->name, sizeof in->name, "%s", name);
+	in->accept_truncated = options->accept_truncated;
+	in->planar = options->planar;
+	rc = open_input(in, options->format, err);
+	if (rc) {
+		input_close(in);
+		return rc;
+	}
+	*ret = in;
+	return 0;
+}
+
+const struct input_info *input_info(const struct input *in)
+{
+	return &in->info;
+}
+
+int input_read(struct input *in, struct input_points *pts, struct err *err)
+{
+	pts->n = 0;
+	return in->row->read(in, pts, err);
+}
+
+struct input *input_close(struct input *in)
+{
+	free(in);
+	return NULL;
+}

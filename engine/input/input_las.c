@@ -1,0 +1,151 @@
+/*
+ * LAS points: from the buffer to points (ASPRS LAS 1.4 R15, tables 7 to 17).
+ *
+ * Model: the buffer is filled with whole records only, straight from the file, and each record is looked
+ * at once. Of a record only xyz, class, returns and flags matter here; what else it holds (time, colour,
+ * waveform, extra bytes) is stepped over by the record length of the header.
+ *
+ * The class byte of formats 0 to 5 is taken as LAS 1.1 defines it (5 bits of class, 3 of flags) for LAS
+ * 1.0 too, as every reader does. Class 12 ("overlap" there) stays class 12.
+ */
+#include "input_parts.h"
+
+#include <endian.h>
+#include <string.h>
+
+#include "io.h"
+#include "point.h"
+
+unsigned input_las_min_length(unsigned format)
+{
+	static const uint8_t length[] = { 20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67 };
+
+	return format < sizeof length ? length[format] : 0;
+}
+
+static inline int32_t load_i32(const uint8_t *at)
+{
+	uint32_t v;
+
+	memcpy(&v, at, 4);
+	return (int32_t)le32toh(v);
+}
+
+/* Inlined into one loop for each record length, so that the step is a constant. */
+static inline __attribute__((always_inline)) void decode(const uint8_t *restrict at, size_t length,
+							 bool extended, size_t n,
+							 int64_t (*restrict raw)[3], uint8_t *restrict cls,
+							 uint8_t *restrict ret, uint8_t *restrict flags)
+{
+	for (size_t i = 0; i < n; i++, at += length) {
+		unsigned r = at[14], c = at[15];
+
+		raw[i][0] = load_i32(at);
+		raw[i][1] = load_i32(at + 4);
+		raw[i][2] = load_i32(at + 8);
+		if (extended) {
+			/* bits: 0 synthetic, 1 key-point, 2 withheld, 3 overlap */
+			cls[i] = at[16];
+			ret[i] = (uint8_t)r;
+			flags[i] = (uint8_t)((c & 3) << 1 | (c >> 2 & 1) | (c & 8));
+		} else {
+			/* bits: 5 synthetic, 6 key-point, 7 withheld */
+			cls[i] = c & 31;
+			ret[i] = (uint8_t)((r & 7) | (r >> 3 & 7) << 4);
+			flags[i] = (uint8_t)((c >> 4 & 6) | c >> 7);
+		}
+	}
+}
+
+_Static_assert(POINT_WITHHELD == 1 && POINT_SYNTHETIC == 2 && POINT_KEY == 4 && POINT_OVERLAP == 8,
+	       "decode() moves the bits of LAS to these places");
+
+void input_las_decode(unsigned format, unsigned length, const uint8_t *records, size_t n,
+		      struct input_points *pts)
+{
+	int64_t (*raw)[3] = pts->raw + pts->n;
+	uint8_t *cls = pts->cls + pts->n, *ret = pts->ret + pts->n, *flags = pts->flags + pts->n;
+
+#define STEP(bytes, extended) \
+	case bytes: \
+		decode(records, bytes, extended, n, raw, cls, ret, flags); \
+		break
+	if (format < 6) {
+		switch (length) {
+		STEP(20, false);
+		STEP(28, false);
+		STEP(26, false);
+		STEP(34, false);
+		default:
+			decode(records, length, false, n, raw, cls, ret, flags);
+		}
+	} else {
+		switch (length) {
+		STEP(30, true);
+		STEP(36, true);
+		STEP(38, true);
+		default:
+			decode(records, length, true, n, raw, cls, ret, flags);
+		}
+	}
+#undef STEP
+	pts->n += n;
+}
+
+/* The next whole records. A short read means that the file shrank: its size was checked at open. */
+static int refill(struct input *in, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	size_t n = sizeof in->buffer / las->length, got;
+	int rc;
+
+	if (n > las->left)
+		n = (size_t)las->left;
+	rc = io_read_some(in->fd, in->buffer, n * las->length, las->at, in->name, &got, err);
+	if (rc)
+		return rc;
+	if (got < n * las->length) {
+		rc = input_check_unchanged(in, err);
+		if (rc)
+			return rc;
+		return input_fail(in, err, ERR_TRUNCATED, las->at + got, "points",
+				  "the file ends in the middle of its points");
+	}
+	las->at += got;
+	las->n_buffered = n;
+	las->i_buffered = 0;
+	return 0;
+}
+
+int input_las_read(struct input *in, struct input_points *pts, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	int rc;
+
+	while (pts->n < pts->cap && las->left) {
+		const uint8_t *records;
+		size_t n;
+
+		if (las->i_buffered == las->n_buffered) {
+			rc = refill(in, err);
+			if (rc)
+				return rc;
+		}
+		n = las->n_buffered - las->i_buffered;
+		if (n > pts->cap - pts->n)
+			n = pts->cap - pts->n;
+		records = in->buffer + las->i_buffered * las->length;
+		if (las->watch)
+			las->watch(las->watch_arg, records, n, las->length);
+		input_las_decode(las->format, las->length, records, n, pts);
+		las->i_buffered += n;
+		las->left -= n;
+	}
+	if (!las->left && !in->checked) {
+		rc = input_check_unchanged(in, err);
+		if (rc)
+			return rc;
+		in->checked = true;
+	}
+	return 0;
+}

@@ -1,0 +1,281 @@
+/*
+ * The LAS header (ASPRS LAS 1.4 R15, table 3, and its forerunners), and what is done about its lies.
+ *
+ * Rule: a claim that matters is checked against the file's size before anything is read by it, and fails
+ * with the byte and the name of its field; a claim that does not matter (box, counts of records that hold
+ * no points, texts) is never trusted and at most warned about. Sizes and counts of the file never decide
+ * how much memory is taken.
+ */
+#include "input_parts.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "cursor.h"
+#include "io.h"
+
+/* Byte offsets of the fields that errors name. */
+enum {
+	AT_SIGNATURE = 0,
+	AT_ENCODING = 6,
+	AT_VERSION = 24,
+	AT_HEADER_SIZE = 94,
+	AT_POINT_OFFSET = 96,
+	AT_FORMAT = 104,
+	AT_LENGTH = 105,
+	AT_SCALE = 131,
+	AT_OFFSET = 155,
+	AT_WAVEFORM = 227,
+};
+
+/* Beyond these no survey lies; decimals of that size only cost time. */
+static const double SCALE_MIN = 1e-15, SCALE_MAX = 1e15, OFFSET_MAX = 1e18;
+
+enum { HEADER_MAX = 393 };
+
+struct header {
+	unsigned encoding, format_byte;
+	uint32_t point_offset, n_vlrs, n_evlrs, legacy_count;
+	uint64_t count, evlr_offset, waveform;
+	double scale[3], offset[3], min[3], max[3];
+};
+
+bool input_las_matches(const uint8_t *bytes, size_t n)
+{
+	return n >= 4 && !memcmp(bytes, "LASF", 4);
+}
+
+static unsigned min_header_size(unsigned minor)
+{
+	return minor >= 5 ? 393 : minor == 4 ? 375 : minor == 3 ? 235 : 227;
+}
+
+static int short_header(struct input *in, uint64_t need, struct err *err)
+{
+	return input_fail(in, err, ERR_TRUNCATED, in->size, "header",
+			  "the file ends inside its header: %" PRIu64 " of %" PRIu64 " bytes", in->size, need);
+}
+
+/* Signature and version: is it a LAS file that this version knows at all? */
+static int check_kind(struct input *in, size_t n, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	const uint8_t *b = in->buffer;
+
+	if (n == 0)
+		return input_fail(in, err, ERR_TRUNCATED, 0, "header", "the file is empty: no LAS header");
+	if (memcmp(b, "LASF", n < 4 ? n : 4))
+		return input_fail(in, err, ERR_INPUT, AT_SIGNATURE, "file signature",
+				  "not a LAS file: it does not begin with LASF");
+	if (n < AT_VERSION + 2)
+		return short_header(in, min_header_size(0), err);
+	las->major = b[AT_VERSION];
+	las->minor = b[AT_VERSION + 1];
+	if (las->major != 1)
+		return input_fail(in, err, ERR_INPUT, AT_VERSION, "version",
+				  "LAS version %u.%u does not exist", las->major, las->minor);
+	if (las->minor > 5) {
+		input_fail(in, err, ERR_UNSUPPORTED, AT_VERSION, "version",
+			   "LAS version 1.%u is not in this version", las->minor);
+		return err_add_hint(err, "LAS 1.0 to 1.5 can be read");
+	}
+	if (n < min_header_size(las->minor))
+		return short_header(in, min_header_size(las->minor), err);
+	return 0;
+}
+
+static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_las *las, struct header *h)
+{
+	struct cursor c = cursor_of(bytes, n);
+
+	memset(h, 0, sizeof *h);
+	cursor_skip(&c, AT_ENCODING);
+	h->encoding = las->encoding = cursor_u16(&c);
+	cursor_skip(&c, AT_HEADER_SIZE - AT_ENCODING - 2);
+	las->header_size = cursor_u16(&c);
+	h->point_offset = cursor_u32(&c);
+	h->n_vlrs = cursor_u32(&c);
+	h->format_byte = cursor_u8(&c);
+	las->length = cursor_u16(&c);
+	h->legacy_count = cursor_u32(&c);
+	cursor_skip(&c, 20); /* counts by return */
+	for (int i = 0; i < 3; i++)
+		h->scale[i] = cursor_f64(&c);
+	for (int i = 0; i < 3; i++)
+		h->offset[i] = cursor_f64(&c);
+	for (int i = 0; i < 3; i++) {
+		h->max[i] = cursor_f64(&c);
+		h->min[i] = cursor_f64(&c);
+	}
+	h->count = h->legacy_count;
+	if (minor >= 3)
+		h->waveform = cursor_u64(&c);
+	if (minor >= 4) {
+		h->evlr_offset = cursor_u64(&c);
+		h->n_evlrs = cursor_u32(&c);
+		h->count = cursor_u64(&c);
+	}
+	las->point_offset = h->point_offset;
+	las->format = h->format_byte & 0x3f;
+}
+
+static int check_layout(struct input *in, const struct header *h, struct err *err)
+{
+	const struct input_las *las = &in->as.las;
+	unsigned header_min = min_header_size(las->minor);
+
+	if (las->header_size < header_min)
+		return input_fail(in, err, ERR_INPUT, AT_HEADER_SIZE, "header size",
+				  "a header of %u bytes; LAS 1.%u has at least %u", las->header_size,
+				  las->minor, header_min);
+	if (h->format_byte & 0x80) {
+		input_fail(in, err, ERR_UNSUPPORTED, AT_FORMAT, "point format",
+			   "compressed LAS (LAZ) is not in this version");
+		return err_add_hint(err, "decompress it first, for example: laszip -i FILE.laz -o FILE.las");
+	}
+	if (h->format_byte > 10)
+		return input_fail(in, err, ERR_INPUT, AT_FORMAT, "point format",
+				  "point format %u does not exist", h->format_byte);
+	if (las->length < input_las_min_length(las->format))
+		return input_fail(in, err, ERR_INPUT, AT_LENGTH, "record length",
+				  "records of %u bytes; point format %u has at least %u", las->length,
+				  las->format, input_las_min_length(las->format));
+	if (las->point_offset < las->header_size)
+		return input_fail(in, err, ERR_INPUT, AT_POINT_OFFSET, "point offset",
+				  "points begin at byte %" PRIu64 ", inside the header of %u bytes",
+				  las->point_offset, las->header_size);
+	if (las->point_offset > in->size && (h->count || h->legacy_count))
+		return input_fail(in, err, ERR_INPUT, AT_POINT_OFFSET, "point offset",
+				  "points begin at byte %" PRIu64 ", but the file has only %" PRIu64 " bytes",
+				  las->point_offset, in->size);
+	return 0;
+}
+
+static int check_numbers(struct input *in, const struct header *h, struct err *err)
+{
+	static const char *const scale_name[] = { "x scale", "y scale", "z scale" };
+	static const char *const offset_name[] = { "x offset", "y offset", "z offset" };
+	struct lattice_input *coords = &in->info.coords;
+
+	coords->has_offset = true;
+	for (unsigned i = 0; i < 3; i++) {
+		/* written so that NaN fails */
+		if (!(h->scale[i] >= SCALE_MIN && h->scale[i] <= SCALE_MAX) ||
+		    !decimal_from_double(h->scale[i], &coords->scale[i]))
+			return input_fail(in, err, ERR_INPUT, AT_SCALE + 8 * i, scale_name[i],
+					  "a scale of %g cannot be used", h->scale[i]);
+		if (!(fabs(h->offset[i]) <= OFFSET_MAX) ||
+		    !decimal_from_double(h->offset[i], &coords->offset[i]))
+			return input_fail(in, err, ERR_INPUT, AT_OFFSET + 8 * i, offset_name[i],
+					  "an offset of %g cannot be used", h->offset[i]);
+		coords->min[i] = h->min[i];
+		coords->max[i] = h->max[i];
+	}
+	for (unsigned i = 0; i < 3; i++) {
+		if (isfinite(h->min[i]) && isfinite(h->max[i]) && h->min[i] <= h->max[i])
+			continue;
+		input_warn(in, "the header's box is not one (%c from %g to %g)", "xyz"[i], h->min[i], h->max[i]);
+		break;
+	}
+	return 0;
+}
+
+/* LAS 1.4 has two counts. The large one holds; writers that fill only the small one are understood. */
+static void settle_count(struct input *in, struct header *h)
+{
+	if (in->as.las.minor >= 4 && h->count != h->legacy_count && h->legacy_count) {
+		if (!h->count)
+			h->count = h->legacy_count;
+		else
+			input_warn(in, "the header's two point counts differ (%" PRIu64 " and %" PRIu32 ")", h->count,
+				   h->legacy_count);
+	}
+	in->info.claimed = h->count;
+}
+
+/* Where the points must end: at the records that follow them, if the header says where those begin. */
+static uint64_t end_of_points(const struct input *in, const struct header *h)
+{
+	uint64_t end = in->size, begin = in->as.las.point_offset;
+
+	if (h->n_evlrs && h->evlr_offset >= begin && h->evlr_offset < end)
+		end = h->evlr_offset;
+	if (in->as.las.format >= 4 && (h->encoding & 2) && h->waveform > begin && h->waveform < end)
+		end = h->waveform;
+	return end;
+}
+
+static int check_count(struct input *in, const struct header *h, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	uint64_t end = end_of_points(in, h), found;
+
+	found = end > las->point_offset ? (end - las->point_offset) / las->length : 0;
+	las->at = las->point_offset;
+	las->left = h->count;
+	if (h->count <= found)
+		return 0;
+	if (las->has_laszip)
+		return input_fail(in, err, ERR_INPUT, AT_FORMAT, "point format",
+				  "the points are compressed (LAZ), but the point format does not say so");
+	las->left = found;
+	if (in->accept_truncated) {
+		input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", found, h->count);
+		return 0;
+	}
+	input_fail(in, err, ERR_TRUNCATED, las->point_offset + found * las->length, "points",
+		   "%s holds %" PRIu64 " whole points, but its header says %" PRIu64,
+		   end < in->size ? "the part for points" : "the file", found, h->count);
+	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
+}
+
+/* What the plane of the file allows in this version. */
+static int check_plane(struct input *in, struct err *err)
+{
+	if (in->planar)
+		return 0;
+	if (in->info.plane == INPUT_PLANE_GEOGRAPHIC) {
+		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
+			   "its coordinates are degrees (%.200s), and projecting them is not in this version",
+			   in->info.crs);
+		return err_add_hint(err, "--planar triangulates the file's own plane, degrees taken as they are");
+	}
+	if (in->info.plane == INPUT_PLANE_GEOCENTRIC) {
+		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
+			   "its coordinates are geocentric (%.200s): x and y span no plane that a terrain stands on",
+			   in->info.crs);
+		return err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
+	}
+	return 0;
+}
+
+int input_las_open(struct input *in, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	struct header h;
+	size_t n;
+	int rc = io_read_some(in->fd, in->buffer, HEADER_MAX, 0, in->name, &n, err);
+
+	if (rc)
+		return rc;
+	rc = check_kind(in, n, err);
+	if (rc)
+		return rc;
+	parse(in->buffer, n, las->minor, las, &h);
+	rc = check_layout(in, &h, err);
+	if (!rc)
+		rc = check_numbers(in, &h, err);
+	if (rc)
+		return rc;
+	settle_count(in, &h);
+	rc = input_las_read_vlrs(in, h.n_vlrs, h.evlr_offset, h.n_evlrs, err);
+	if (!rc)
+		rc = check_count(in, &h, err);
+	if (!rc)
+		rc = check_plane(in, err);
+	snprintf(in->info.variant, sizeof in->info.variant, "LAS 1.%u, point format %u, %u bytes", las->minor,
+		 las->format, las->length);
+	return rc;
+}

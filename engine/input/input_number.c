@@ -1,0 +1,103 @@
+/*
+ * Numbers of text files, exactly: digits become an integer and a power of ten, nothing is rounded.
+ *
+ * Model: zeros are held back until a digit follows them, so that neither "0.000" nor "1.5000000000000000"
+ * costs digits that mean nothing. What does not fit 18 digits, or lies below 10^-15, is refused rather
+ * than rounded.
+ */
+#include "input_parts.h"
+
+enum { DIGITS_MAX = 18, PLACE_MIN = -15, PLACE_MAX = 18, EXPONENT_MAX = 9999 };
+
+static const uint64_t power[DIGITS_MAX + 1] = {
+	1ull, 10ull, 100ull, 1000ull, 10000ull, 100000ull, 1000000ull, 10000000ull, 100000000ull, 1000000000ull,
+	10000000000ull, 100000000000ull, 1000000000000ull, 10000000000000ull, 100000000000000ull,
+	1000000000000000ull, 10000000000000000ull, 100000000000000000ull, 1000000000000000000ull,
+};
+
+struct digits {
+	uint64_t mantissa;
+	unsigned n, held, fraction; /* significant digits, zeros held back, digits behind the point */
+	bool any, too_long;
+};
+
+static inline void digits_read(const char **at, const char *end, struct digits *d, bool fraction)
+{
+	const char *p = *at;
+
+	for (; p < end && (unsigned char)(*p - '0') < 10; p++) {
+		unsigned digit = (unsigned char)(*p - '0');
+
+		if (!digit) {
+			d->held += d->n != 0;
+			continue;
+		}
+		if (d->n + d->held + 1 > DIGITS_MAX) {
+			d->too_long = true;
+			continue;
+		}
+		d->mantissa = d->mantissa * power[d->held + 1] + digit;
+		d->n += d->held + 1;
+		d->held = 0;
+	}
+	d->any |= p > *at;
+	if (fraction)
+		d->fraction = (unsigned)(p - *at);
+	*at = p;
+}
+
+/* e or E, sign, digits. False if digits are missing. Clamped far outside of what is accepted. */
+static bool exponent_read(const char **at, const char *end, int *ret)
+{
+	const char *p = *at + 1, *first;
+	bool negative = false;
+	int n = 0;
+
+	if (p < end && (*p == '+' || *p == '-'))
+		negative = *p++ == '-';
+	first = p;
+	for (; p < end && (unsigned char)(*p - '0') < 10; p++)
+		n = n < EXPONENT_MAX ? n * 10 + (*p - '0') : n;
+	if (p == first)
+		return false;
+	*at = p;
+	*ret = negative ? -n : n;
+	return true;
+}
+
+static bool word_is(const char *p, const char *end, const char *word)
+{
+	for (; *word; word++, p++)
+		if (p == end || (*p | 0x20) != *word)
+			return false;
+	return true;
+}
+
+enum input_number_state input_number_read(const char **at, const char *end, struct input_number *ret)
+{
+	const char *p = *at;
+	struct digits d = { .mantissa = 0 };
+	bool negative = false;
+	int exponent = 0, place;
+
+	if (p < end && (*p == '+' || *p == '-'))
+		negative = *p++ == '-';
+	digits_read(&p, end, &d, false);
+	if (p < end && *p == '.') {
+		p++;
+		digits_read(&p, end, &d, true);
+	}
+	if (!d.any)
+		return word_is(p, end, "nan") || word_is(p, end, "inf") ? INPUT_NUMBER_NOT_FINITE : INPUT_NUMBER_BAD;
+	if (p < end && (*p | 0x20) == 'e' && !exponent_read(&p, end, &exponent))
+		return INPUT_NUMBER_BAD;
+	place = exponent - (int)d.fraction;
+	if (d.too_long || (d.mantissa && place + (int)d.held < PLACE_MIN) ||
+	    (d.mantissa && place + (int)(d.held + d.n) > PLACE_MAX + 1))
+		return INPUT_NUMBER_TOO_LONG;
+	ret->mantissa = negative ? -(int64_t)d.mantissa : (int64_t)d.mantissa;
+	ret->exponent = d.mantissa ? place + (int)d.held : 0;
+	ret->written = place < 0 ? place : 0;
+	*at = p;
+	return INPUT_NUMBER_OK;
+}

@@ -1,0 +1,110 @@
+/*
+ * Shared by the files of this room; nobody else includes it, but for the tests, which look at the raw
+ * records as the reader steps through them.
+ */
+#ifndef INPUT_PARTS_H
+#define INPUT_PARTS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <time.h>
+
+#include "crs.h"
+#include "err.h"
+#include "input.h"
+
+enum { INPUT_BUFFER = 256 * 1024 };
+
+/* One format. `matches` looks at the first bytes (up to INPUT_SNIFF); `open` reads header or text and
+ * fills in->info; `read` goes on where it was. None keeps anything outside of struct input. */
+enum { INPUT_SNIFF = 4096 };
+
+struct input_row {
+	const struct input_format_row *text; /* extensions: ".las .laz" */
+	bool (*matches)(const uint8_t *bytes, size_t n);
+	int (*open)(struct input *in, struct err *err);
+	int (*read)(struct input *in, struct input_points *pts, struct err *err);
+};
+
+extern const struct input_row input_rows[];
+extern const size_t input_n_rows;
+
+typedef void input_watch_fn(void *arg, const uint8_t *records, size_t n, size_t length);
+
+struct input_las {
+	unsigned format, length;   /* point data record format, bytes of a record */
+	unsigned major, minor, encoding, header_size;
+	uint64_t point_offset;
+	uint64_t left;             /* records still to be handed out */
+	uint64_t at;               /* file offset of the next record to be read into the buffer */
+	size_t n_buffered, i_buffered; /* records in the buffer; the next one to be handed out */
+	bool has_laszip;
+	input_watch_fn *watch;     /* tests: sees every record that is handed out, in order */
+	void *watch_arg;
+};
+
+struct input_xyz {
+	int exponent_xy, exponent_z; /* raw numbers are multiples of 10 to this power */
+	uint64_t at;               /* file offset of the next byte to be read into the buffer */
+	uint64_t line;             /* of the line handed out last, from 1 */
+	size_t i_buffered, n_buffered;
+	uint64_t points;           /* handed out so far */
+	bool ended;
+};
+
+struct input {
+	int fd;
+	char name[1024];
+	bool accept_truncated, planar;
+	uint64_t size;
+	struct timespec mtime;
+	const struct input_row *row;
+	struct input_info info;
+	bool checked;              /* the end was reached, and the file is still the one that was opened */
+	union {
+		struct input_las las;
+		struct input_xyz xyz;
+	} as;
+	uint8_t buffer[INPUT_BUFFER];
+};
+
+/* -code, with place and file filled in. */
+#define input_fail(in, err, code, offset, field, ...) \
+	(err_set((err), code, __VA_ARGS__), err_add_place((err), (offset), (field)), \
+	 err_add_file((err), (in)->name))
+
+/* A lie that does no harm: said once, in info.warning. */
+void input_warn(struct input *in, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+/* -ERR_CHANGED if size or time of the file are not those of input_open. */
+int input_check_unchanged(struct input *in, struct err *err);
+
+bool input_las_matches(const uint8_t *bytes, size_t n);
+int input_las_open(struct input *in, struct err *err);
+int input_las_read(struct input *in, struct input_points *pts, struct err *err);
+/* Reads the variable length records, before and after the points, and fills in the CRS. */
+int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs,
+			struct err *err);
+/* n records to points, by format and record length (at least the minimum of the format). */
+void input_las_decode(unsigned format, unsigned length, const uint8_t *records, size_t n,
+		      struct input_points *pts);
+unsigned input_las_min_length(unsigned format); /* 0: no such format */
+
+bool input_xyz_matches(const uint8_t *bytes, size_t n);
+int input_xyz_open(struct input *in, struct err *err);
+int input_xyz_read(struct input *in, struct input_points *pts, struct err *err);
+
+/* value = mantissa * 10^exponent, no trailing zero in the mantissa; `written` is the place of the last
+ * digit that stands in the text, zero or not, at most 0. */
+struct input_number {
+	int64_t mantissa;
+	int exponent, written;
+};
+
+enum input_number_state { INPUT_NUMBER_OK, INPUT_NUMBER_BAD, INPUT_NUMBER_NOT_FINITE, INPUT_NUMBER_TOO_LONG };
+
+/* One number at *at, up to `end`; *at moves behind it. Decimal point, optional exponent; at most 18
+ * significant digits, places 10^-15 to 10^18. */
+enum input_number_state input_number_read(const char **at, const char *end, struct input_number *ret);
+
+#endif

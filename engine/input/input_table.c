@@ -1,0 +1,23 @@
+/* The formats, one row each. A new format is a new row here and a new file beside this one. */
+#include "input_parts.h"
+
+enum { LAS, XYZ, ROWS };
+
+static const struct input_format_row texts[ROWS] = {
+	[LAS] = { "las", "ASPRS LAS 1.0 to 1.5, uncompressed, point formats 0 to 10", ".las .laz" },
+	[XYZ] = { "xyz", "text, one point a line: x y z; space, tab, comma or semicolon",
+		  ".xyz .txt .csv .asc .pts" },
+};
+
+const struct input_row input_rows[ROWS] = {
+	[LAS] = { &texts[LAS], input_las_matches, input_las_open, input_las_read },
+	[XYZ] = { &texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read },
+};
+
+const size_t input_n_rows = ROWS;
+
+const struct input_format_row *input_formats(size_t *ret_n)
+{
+	*ret_n = ROWS;
+	return texts;
+}
