@@ -43,9 +43,10 @@ bool cut_region_holds(const struct cut_region *, int32_t x, int32_t y);
 bool cut_region_owns(const struct cut_region *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
 /* Load exactly P_B: the region's own positions and its halo, after the view, duplicates reduced, in
- * Morton order, into out[0..cap). Scratch memory for the halo comes from the caller.
- * CUT_E_FULL: own + halo do not fit cap or the scratch; *ret_need is a lower bound of what would do
- * (positions), and the caller splits the region. */
+ * Morton order, into out[0..cap). Scratch memory for the halo comes from the caller: cut_load_scratch_bytes
+ * holds halos of about cap / 2, more scratch more. CUT_E_FULL: own + halo do not fit cap or the scratch; the
+ * caller splits the region. *ret_need > cap is the number of positions where it is known, else an estimate from
+ * the index (known sites and the records of cells that may still matter). */
 enum { CUT_E_FULL = 1 };
 struct cut_load {
 	struct mesh_vertex *out;
@@ -55,7 +56,8 @@ struct cut_load {
 	/* results */
 	uint32_t n, own;
 	struct mesh_counts counts;
-	uint64_t cells_read, points_read;
+	uint64_t cells_read;  /* for the halo */
+	uint64_t points_read; /* records: the region's own and those of the cells read for the halo */
 };
 int cut_load(struct grid_reader *, const struct view *, const struct cut_region *, struct cut_load *,
 	     uint64_t *ret_need, struct err *err);
@@ -64,21 +66,29 @@ size_t cut_load_scratch_bytes(uint32_t cap);
 /* The plan: leaves in order, each with an upper bound of its own positions. */
 struct cut_leaf {
 	struct cut_region region;
-	uint64_t count;      /* records at most (exact if `exact`) */
+	uint64_t count;      /* own positions at most, before the view (their number if `exact`) */
 	bool exact;
 	uint8_t stuck;       /* consecutive levels without progress above it */
+	uint64_t above;      /* own + halo of the region it was cut out of because they did not fit; else 0 */
 };
 struct cut_plan {
 	struct cut_leaf *leaf;
 	size_t n, cap;
 };
 
-/* Split the root until each leaf has at most `load` positions. -ERR_LIMIT: cannot. */
+/* What a refusal reckons: bytes a position of a domain, and what the daemon needs beside domains. */
+enum { CUT_BYTES_PER_POSITION = 80, CUT_BASE_MIB = 24 };
+
+/* Split the root until each leaf has at most `load` positions. No points: no leaves. */
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);
 /* Replace leaf i by its two halves (in order). `need` as cut_load said, for the error's text:
  * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
 int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap,
 		   struct err *err);
+/* Before the first triangle: count own + halo of the leaves at the rim and of those that are nearly empty,
+ * and split what does not fit `cap`; -ERR_LIMIT as cut_plan_split. `scratch` as for cut_load. */
+int cut_plan_probe_rim(struct cut_plan *, struct grid_reader *, const struct view *, uint32_t cap, void *scratch,
+		       size_t scratch_size, struct err *err);
 void cut_plan_done(struct cut_plan *);
 
 #endif

@@ -1,0 +1,350 @@
+/*
+ * Chains: see the header for the model. What decides which points belong to the halo (add, flush) is exact:
+ * h < 2^67, hull orientations < 2^102. What decides which cells to read (hit, limit, reach) is in doubles and
+ * errs to the side of reading: on edges E(U) - U^2 is a sum of non-negative terms, so nothing cancels.
+ */
+#include "cut_chain.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "cut.h"
+#include "cut_order.h"
+
+__extension__ typedef __int128 i128;
+
+/* Rounding of the few operations below, and what an integer place beside the true extremum loses. */
+#define SLACK_REL 1e-12
+#define SLACK_ABS 1e-3
+
+static i128 height(const struct cut_chain *c, const struct point *p)
+{
+	i128 x = cut_chain_x(c, p), u = cut_chain_u(c, p);
+
+	return x * x + u * u;
+}
+
+void cut_chain_init(struct cut_chain *c, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt,
+		    uint32_t cap, struct point *batch, uint32_t batch_cap)
+{
+	*c = (struct cut_chain){ .vertical = vertical, .c2 = c2, .t0 = t0, .t1 = t1, .pt = pt, .cap = cap,
+				 .batch = batch, .batch_cap = batch_cap, .reach = INFINITY };
+}
+
+/* How many entries have a U of at most u. */
+static uint32_t upto(const struct cut_chain *c, int64_t u)
+{
+	uint32_t lo = 0, hi = c->n;
+
+	while (lo < hi) {
+		uint32_t mid = lo + (hi - lo) / 2;
+
+		if (cut_chain_u(c, &c->pt[mid]) <= u)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo;
+}
+
+/* Whether p lies above the ray of slope 2t that leaves the chain's end. An infinite end has no ray: +infinity. */
+static bool above_ray(const struct cut_chain *c, const struct point *end, int64_t t, i128 h, int64_t u)
+{
+	if (t == INT64_MIN || t == INT64_MAX)
+		return false;
+	return h - height(c, end) > (i128)(2 * t) * (u - cut_chain_u(c, end));
+}
+
+static bool above(const struct cut_chain *c, const struct point *p)
+{
+	int64_t u = cut_chain_u(c, p), x = cut_chain_x(c, p), ua, ub;
+	const struct point *a, *b;
+	i128 h, ha;
+	uint32_t k;
+
+	if (c->n == 0)
+		return false;
+	if ((double)x > c->reach)
+		return true;
+	k = upto(c, u);
+	h = (i128)x * x + (i128)u * u;
+	if (k == 0)
+		return above_ray(c, &c->pt[0], c->t0, h, u);
+	a = &c->pt[k - 1];
+	ua = cut_chain_u(c, a);
+	if (ua == u)
+		return x > cut_chain_x(c, a);
+	if (k == c->n)
+		return above_ray(c, a, c->t1, h, u);
+	b = &c->pt[k];
+	ub = cut_chain_u(c, b);
+	ha = height(c, a);
+	return (h - ha) * (ub - ua) > (height(c, b) - ha) * (u - ua);
+}
+
+int cut_chain_add(struct cut_chain *c, const struct view *view, const struct point *p)
+{
+	if (above(c, p))
+		return 0;
+	if (c->nbatch == c->batch_cap) {
+		int rc = cut_chain_flush(c, view);
+
+		if (rc)
+			return rc;
+		if (above(c, p))
+			return 0;
+	}
+	c->batch[c->nbatch++] = *p;
+	return 0;
+}
+
+/* By U, then the nearer, then the side of the line: points of one position come together. */
+static bool chain_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	const struct cut_chain *c = ctx;
+	int64_t ua = cut_chain_u(c, a), ub = cut_chain_u(c, b), xa, xb;
+
+	if (ua != ub)
+		return ua < ub;
+	xa = cut_chain_x(c, a);
+	xb = cut_chain_x(c, b);
+	if (xa != xb)
+		return xa < xb;
+	return c->vertical ? a->x < b->x : a->y < b->y;
+}
+
+static bool same_position(const struct point *a, const struct point *b)
+{
+	return a->x == b->x && a->y == b->y;
+}
+
+/* The first entry of the group of one U that ends at k - 1. */
+static uint32_t group_start(const struct cut_chain *c, uint32_t k)
+{
+	return k >= 2 && cut_chain_u(c, &c->pt[k - 2]) == cut_chain_u(c, &c->pt[k - 1]) ? k - 2 : k - 1;
+}
+
+/* Drop from the stack of k entries the groups that lie strictly above the line to p: ties stay. */
+static uint32_t pop_above(const struct cut_chain *c, uint32_t k, const struct point *p)
+{
+	int64_t u = cut_chain_u(c, p);
+	i128 h = height(c, p);
+
+	while (k > 0) {
+		uint32_t g = group_start(c, k);
+		const struct point *a, *b = &c->pt[g];
+		i128 ha;
+		int64_t ua;
+
+		if (g == 0)
+			break;
+		a = &c->pt[g - 1];
+		ua = cut_chain_u(c, a);
+		ha = height(c, a);
+		if ((height(c, b) - ha) * (u - ua) <= (h - ha) * (cut_chain_u(c, b) - ua))
+			break;
+		k = g;
+	}
+	return k;
+}
+
+/* Cut the ends back to slopes 2 t0 .. 2 t1; an edge of just that slope stays: its ends are equally near. */
+static void trim(struct cut_chain *c)
+{
+	uint32_t first = 0;
+
+	while (c->t1 != INT64_MAX && c->n > 0) {
+		uint32_t g = group_start(c, c->n);
+		const struct point *a, *b = &c->pt[g];
+
+		if (g == 0)
+			break;
+		a = &c->pt[g - 1];
+		if (height(c, b) - height(c, a) <= (i128)(2 * c->t1) * (cut_chain_u(c, b) - cut_chain_u(c, a)))
+			break;
+		c->n = g;
+	}
+	while (c->t0 != INT64_MIN) {
+		uint32_t next = first + 1;
+		const struct point *a = &c->pt[first];
+
+		if (next < c->n && cut_chain_u(c, &c->pt[next]) == cut_chain_u(c, a))
+			next++;
+		if (next >= c->n)
+			break;
+		if (height(c, &c->pt[next]) - height(c, a) >=
+		    (i128)(2 * c->t0) * (cut_chain_u(c, &c->pt[next]) - cut_chain_u(c, a)))
+			break;
+		first = next;
+	}
+	c->n -= first;
+	memmove(c->pt, c->pt + first, c->n * sizeof(*c->pt));
+}
+
+/* Where on the border the cells of a and b (ua < ub) part: half the slope of their edge. */
+static double parting(double ua, double xa, double ub, double xb)
+{
+	return (xb - xa) * (xb + xa) / (2 * (ub - ua)) + (ua + ub) / 2;
+}
+
+static double reach_of(const struct cut_chain *c)
+{
+	double far = 0;
+
+	if (c->n == 0 || c->t0 == INT64_MIN || c->t1 == INT64_MAX)
+		return INFINITY;
+	for (uint32_t i = 0; i < c->n; i++) {
+		double u = (double)cut_chain_u(c, &c->pt[i]), x = (double)cut_chain_x(c, &c->pt[i]);
+		double t = i + 1 == c->n ? (double)c->t1 : 0;
+
+		if (i == 0)
+			far = hypot(x, u - (double)c->t0);
+		if (i + 1 < c->n) {
+			double un = (double)cut_chain_u(c, &c->pt[i + 1]);
+
+			if (un == u)
+				continue;
+			t = parting(u, x, un, (double)cut_chain_x(c, &c->pt[i + 1]));
+		}
+		far = fmax(far, hypot(x, u - t));
+	}
+	return far * (1 + SLACK_REL) + 1;
+}
+
+int cut_chain_flush(struct cut_chain *c, const struct view *view)
+{
+	uint32_t i = c->n, j = c->nbatch, k = c->n + c->nbatch, total = k;
+
+	if (c->nbatch == 0)
+		return 0;
+	if (total > c->cap)
+		return CUT_E_FULL;
+	cut_order_sort(c->batch, c->nbatch, chain_less, c);
+	while (j > 0) {
+		if (i > 0 && chain_less(c, &c->batch[j - 1], &c->pt[i - 1]))
+			c->pt[--k] = c->pt[--i];
+		else
+			c->pt[--k] = c->batch[--j];
+	}
+	c->nbatch = 0;
+	k = 0;
+	for (i = 0; i < total; i++) {
+		struct point p = c->pt[i];
+
+		if (k > 0 && same_position(&c->pt[k - 1], &p)) {
+			if (view_prefers(view, &p, &c->pt[k - 1]))
+				c->pt[k - 1] = p;
+			continue;
+		}
+		if (k > 0 && cut_chain_u(c, &c->pt[k - 1]) == cut_chain_u(c, &p)) {
+			if (cut_chain_x(c, &c->pt[k - 1]) < cut_chain_x(c, &p))
+				continue;
+		} else {
+			k = pop_above(c, k, &p);
+		}
+		c->pt[k++] = p;
+	}
+	c->n = k;
+	trim(c);
+	c->reach = reach_of(c);
+	return 0;
+}
+
+void cut_chain_span(const struct cut_chain *c, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1,
+		    int64_t *ret_x)
+{
+	unsigned along = c->vertical ? 1 : 0, across = 1 - along;
+	int64_t v0 = 2 * (int64_t)box[across] - c->c2, v1 = 2 * (int64_t)box[across + 2] - c->c2;
+
+	*ret_u0 = 2 * (int64_t)box[along];
+	*ret_u1 = 2 * (int64_t)box[along + 2];
+	*ret_x = v0 > 0 ? v0 : v1 < 0 ? -v1 : 1;
+}
+
+static int64_t clamp(double t, int64_t lo, int64_t hi)
+{
+	return t <= (double)lo ? lo : t >= (double)hi ? hi : (int64_t)llround(t);
+}
+
+/* The largest E(U) - U^2 on U in [u0, u1] along the ray of slope 2t from `end`. */
+static double ray_most(const struct cut_chain *c, const struct point *end, int64_t t, int64_t u0, int64_t u1)
+{
+	int64_t ue = cut_chain_u(c, end), u;
+	double x = (double)cut_chain_x(c, end), bow;
+
+	if (t == INT64_MIN || t == INT64_MAX)
+		return INFINITY;
+	u = t < u0 ? u0 : t > u1 ? u1 : t;
+	bow = (double)(u - ue) * (double)(2 * t - u - ue);
+	/* Negative past the far side of the circle round the corner: here alone the terms cancel. */
+	return x * x + bow + SLACK_REL * (x * x + fabs(bow));
+}
+
+/* Likewise on the edge from a to b, for U in [u0, u1] within it. */
+static double edge_most(const struct cut_chain *c, const struct point *a, const struct point *b, int64_t u0,
+			int64_t u1)
+{
+	int64_t ua = cut_chain_u(c, a), ub = cut_chain_u(c, b), u;
+	double xa = (double)cut_chain_x(c, a), xb = (double)cut_chain_x(c, b), part;
+
+	u = clamp(parting((double)ua, xa, (double)ub, xb), u0, u1);
+	part = (double)(u - ua) / (double)(ub - ua);
+	return xa * xa * (1 - part) + xb * xb * part + (double)(u - ua) * (double)(ub - u);
+}
+
+/* The largest E(U) - U^2 on [u0, u1]; stops as soon as it is at least `enough`. */
+static double most(const struct cut_chain *c, int64_t u0, int64_t u1, double enough)
+{
+	int64_t first, last;
+	double m = -INFINITY;
+
+	if (c->n == 0)
+		return INFINITY;
+	first = cut_chain_u(c, &c->pt[0]);
+	last = cut_chain_u(c, &c->pt[c->n - 1]);
+	if (u0 < first)
+		m = ray_most(c, &c->pt[0], c->t0, u0, u1 < first ? u1 : first);
+	if (u1 > last)
+		m = fmax(m, ray_most(c, &c->pt[c->n - 1], c->t1, u0 > last ? u0 : last, u1));
+	u0 = u0 < first ? first : u0;
+	u1 = u1 > last ? last : u1;
+	if (u0 > u1)
+		return m;
+	if (u1 == last) {
+		double x = (double)cut_chain_x(c, &c->pt[c->n - 1]);
+
+		m = fmax(m, x * x);
+	}
+	for (uint32_t k = upto(c, u0); k < c->n && m < enough; k++) {
+		int64_t ua = cut_chain_u(c, &c->pt[k - 1]), ub = cut_chain_u(c, &c->pt[k]);
+
+		if (ua > u1)
+			break;
+		if (ua < ub)
+			m = fmax(m, edge_most(c, &c->pt[k - 1], &c->pt[k], ua > u0 ? ua : u0, ub < u1 ? ub : u1));
+	}
+	return m;
+}
+
+bool cut_chain_hit(const struct cut_chain *c, const int32_t box[4])
+{
+	int64_t u0, u1, x;
+	double need;
+
+	cut_chain_span(c, box, &u0, &u1, &x);
+	if (c->reach < INFINITY &&
+	    ((double)x > c->reach || (double)(u0 - c->t1) > c->reach || (double)(c->t0 - u1) > c->reach))
+		return false;
+	need = (double)x * (double)x * (1 - SLACK_REL) - SLACK_ABS;
+	return most(c, u0, u1, need) >= need;
+}
+
+double cut_chain_limit(const struct cut_chain *c, int64_t u0, int64_t u1)
+{
+	double w = (double)(u1 - u0);
+	double m = fmax(most(c, u0, u0, INFINITY), most(c, u1, u1, INFINITY));
+
+	/* E is convex: it lies below its chord, and the chord's gap to U^2 adds at most w^2 / 4. */
+	m += w * w / 4;
+	return m < 0 ? -1 : sqrt(m) * (1 + SLACK_REL) + 1;
+}

@@ -1,0 +1,55 @@
+/*
+ * The chain of one finite border: the lower hull E of (U, h) over the sites seen so far, with its ties.
+ *
+ * All in doubled units relative to the border's line: U = twice the coordinate along it, X = twice the
+ * coordinate across it less the doubled border (odd, never 0), h = X^2 + U^2. The nearest site of the
+ * border's point at T minimises h - 2TU, so a site's closed cell meets the border iff h == E(U).
+ */
+#ifndef CUT_CHAIN_H
+#define CUT_CHAIN_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "point.h"
+#include "view.h"
+
+struct cut_chain {
+	bool vertical;
+	int64_t c2;          /* doubled border */
+	int64_t t0, t1;      /* its ends, doubled; INT64_MIN, INT64_MAX: it has none on that side */
+	struct point *pt;    /* by U: the sites with h == E(U); of one U one or two (mirrored) */
+	uint32_t n, cap;
+	struct point *batch; /* not in the chain yet */
+	uint32_t nbatch, batch_cap;
+	double reach;        /* no border point is farther from its site than this; INFINITY: unknown */
+};
+
+static inline int64_t cut_chain_u(const struct cut_chain *c, const struct point *p)
+{
+	return 2 * (int64_t)(c->vertical ? p->y : p->x);
+}
+
+static inline int64_t cut_chain_x(const struct cut_chain *c, const struct point *p)
+{
+	int64_t x = 2 * (int64_t)(c->vertical ? p->x : p->y) - c->c2;
+
+	return x < 0 ? -x : x;
+}
+
+/* Start empty: E is +infinity everywhere. Memory: n + batch never exceeds cap. */
+void cut_chain_init(struct cut_chain *, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt,
+		    uint32_t cap, struct point *batch, uint32_t batch_cap);
+/* A kept point: goes into the batch unless it lies above E. CUT_E_FULL: the chain overflows. */
+int cut_chain_add(struct cut_chain *, const struct view *, const struct point *);
+/* Take the batch into the chain; points of one position are reduced to the one the view prefers. */
+int cut_chain_flush(struct cut_chain *, const struct view *);
+/* Whether E(U) - U^2 reaches x^2 anywhere in the box: false only if no point in it has h <= E(U). */
+bool cut_chain_hit(const struct cut_chain *, const int32_t box[4]);
+/* An upper bound of |X| of the points with h <= E(U) and U in [u0, u1]; INFINITY where E is. */
+double cut_chain_limit(const struct cut_chain *, int64_t u0, int64_t u1);
+/* Extents of a box along the border, and its least distance from the line; doubled. */
+void cut_chain_span(const struct cut_chain *, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1,
+		    int64_t *ret_x);
+
+#endif

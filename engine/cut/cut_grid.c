@@ -1,0 +1,70 @@
+/*
+ * The grid as a source of cells, and the public functions over it: the only place that calls engine/grid.
+ */
+#include "cut_source.h"
+
+static int grid_source_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
+{
+	return grid_walk(ctx, lo, hi, v, err);
+}
+
+static int grid_source_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn, void *sink,
+			    struct err *err)
+{
+	return grid_cell_read(ctx, cell, fn, sink, err);
+}
+
+static int grid_source_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn fn, void *sink, struct err *err)
+{
+	return grid_scan(ctx, lo, hi, fn, sink, err);
+}
+
+static int grid_source_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
+			     struct err *err)
+{
+	return grid_count(ctx, lo, hi, ret_count, ret_exact, err);
+}
+
+static void source_grid(struct grid_reader *reader, struct cut_source *ret)
+{
+	ret->ctx = reader;
+	ret->walk = grid_source_walk;
+	ret->read = grid_source_read;
+	ret->scan = grid_source_scan;
+	ret->count = grid_source_count;
+}
+
+int cut_load(struct grid_reader *reader, const struct view *view, const struct cut_region *region,
+	     struct cut_load *load, uint64_t *ret_need, struct err *err)
+{
+	struct cut_source src;
+
+	source_grid(reader, &src);
+	return cut_load_from(&src, view, region, load, ret_need, err);
+}
+
+int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *ret, struct err *err)
+{
+	struct cut_source src;
+
+	source_grid(reader, &src);
+	return cut_plan_make_from(&src, load, ret, err);
+}
+
+int cut_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, uint64_t need, uint32_t cap,
+		   struct err *err)
+{
+	struct cut_source src;
+
+	source_grid(reader, &src);
+	return cut_plan_split_from(&src, plan, i, need, cap, err);
+}
+
+int cut_plan_probe_rim(struct cut_plan *plan, struct grid_reader *reader, const struct view *view, uint32_t cap,
+		       void *scratch, size_t scratch_size, struct err *err)
+{
+	struct cut_source src;
+
+	source_grid(reader, &src);
+	return cut_plan_probe_from(&src, view, plan, cap, scratch, scratch_size, err);
+}

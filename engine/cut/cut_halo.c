@@ -1,0 +1,534 @@
+/*
+ * Halos. Up to four chains, one a finite border, are fed by all cells read, each cell once.
+ *
+ * Rounds: a walk notes, for every column of every border, the nearest cell that is a hit; those are read, the
+ * hulls sink, the next walk finds fewer hits. Nearest first matters: it reads a tenth of what "all hits" reads
+ * where a border lies far from the data. The cells read are remembered so that they are not noted again. Where
+ * that memory or the number of rounds ends, a sweep in the order of the index finishes: it needs no memory and
+ * ends after every cell was tested once, because hulls only sink: what was no hit will be none.
+ *
+ * No cell is judged by its points' numbers, no epsilon decides membership, nothing is allocated.
+ */
+#include "cut_halo.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "cut_chain.h"
+#include "cut_order.h"
+#include "point.h"
+
+enum {
+	COLUMNS = 256,
+	BATCH = 1024,
+	SWEEP = 256,
+	ROUNDS = 200,
+	SEED_COLUMNS = 1024,
+	NONE = UINT32_MAX,
+};
+
+struct noted {
+	int64_t x;              /* distance of the cell's box from the line; INT64_MAX: nothing noted */
+	struct grid_cell cell;
+};
+
+struct seen {
+	uint64_t lo, place;
+	uint32_t segment;
+	uint32_t used;
+};
+
+struct cut_halo {
+	struct cut_source src;
+	const struct view *view;
+	struct cut_region region;
+	bool own_known;
+	struct cut_range range[4];
+	unsigned nrange, nchain;
+	struct cut_chain chain[4];
+	int32_t box[4];         /* of all cells */
+	bool any;
+	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
+	unsigned columns;       /* in use */
+	unsigned rounds;        /* limit */
+	struct seen *seen;
+	uint32_t seen_size, seen_limit, nseen;
+	struct point *pool;
+	uint64_t cells, points;
+	/* sweep: the hits with the smallest keys past `after`, sorted */
+	struct grid_cell after;
+	bool has_after;
+	uint32_t nsweep;
+	uint64_t waiting;       /* estimate: records of hits not read */
+	union {
+		struct noted noted[4][COLUMNS];
+		struct grid_cell sweep[SWEEP];
+		struct {
+			uint32_t nearest[SEED_COLUMNS];
+			int64_t limit[SEED_COLUMNS];
+		} seed;
+	};
+};
+
+/* ---- memory ---- */
+
+static uint32_t seen_size(uint32_t cap)
+{
+	uint32_t n = 2048;
+
+	while (n < cap / 64)
+		n *= 2;
+	return n;
+}
+
+static size_t round64(size_t n)
+{
+	return (n + 63) & ~(size_t)63;
+}
+
+/* Positions the pool of all chains holds, for a region of at most cap positions. */
+static size_t pool_size(uint32_t cap)
+{
+	return (size_t)cap / 2 + 16384;
+}
+
+size_t cut_halo_bytes(uint32_t cap)
+{
+	return 64 + round64(sizeof(struct cut_halo)) + round64(seen_size(cap) * sizeof(struct seen)) +
+	       pool_size(cap) * sizeof(struct point);
+}
+
+static void add_chain(struct cut_halo *h, bool vertical, int64_t c2, int64_t t0, int64_t t1)
+{
+	if (c2 != INT64_MIN && c2 != INT64_MAX)
+		cut_chain_init(&h->chain[h->nchain++], vertical, c2, t0, t1, NULL, 0, NULL, 0);
+}
+
+struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_source *src, const struct view *view,
+			       const struct cut_region *region, bool own_known)
+{
+	size_t pad = round64((uintptr_t)scratch) - (uintptr_t)scratch, left;
+	struct cut_halo *h = (struct cut_halo *)((char *)scratch + pad);
+	uint32_t table = 2048, each;
+	int64_t box[4];
+	char *at;
+
+	if (size < cut_halo_bytes(0))
+		return NULL;
+	/* The largest table that leaves the pool its share: the inverse of cut_halo_bytes. */
+	left = size - pad - round64(sizeof(*h));
+	while (2 * (size_t)table * sizeof(struct seen) * 8 < left)
+		table *= 2;
+	memset(h, 0, offsetof(struct cut_halo, noted)); /* each use fills its own part of the union */
+	at = (char *)h + round64(sizeof(*h));
+	h->seen = (struct seen *)at;
+	memset(h->seen, 0, table * sizeof(struct seen));
+	h->seen_size = table;
+	h->seen_limit = table - table / 8;
+	at += round64(table * sizeof(struct seen));
+	left -= round64(table * sizeof(struct seen));
+	h->pool = (struct point *)at;
+	h->src = *src;
+	h->view = view;
+	h->region = *region;
+	h->own_known = own_known;
+	h->rounds = ROUNDS;
+	h->columns = own_known ? COLUMNS : 16;
+	h->nrange = cut_region_ranges(region, h->range);
+	cut_region_box(region, box);
+	add_chain(h, true, box[0], box[1], box[3]);
+	add_chain(h, true, box[2], box[1], box[3]);
+	add_chain(h, false, box[1], box[0], box[2]);
+	add_chain(h, false, box[3], box[0], box[2]);
+	if (h->nchain == 0)
+		return h;
+	left /= h->nchain * sizeof(struct point);
+	each = left > UINT32_MAX ? UINT32_MAX : (uint32_t)left;
+	for (unsigned i = 0; i < h->nchain; i++) {
+		struct point *mine = h->pool + (size_t)i * each;
+
+		h->chain[i].pt = mine;
+		h->chain[i].cap = each - BATCH;
+		h->chain[i].batch = mine + each - BATCH;
+		h->chain[i].batch_cap = BATCH;
+	}
+	return h;
+}
+
+void cut_halo_limit(struct cut_halo *h, unsigned rounds, uint32_t seen)
+{
+	h->rounds = rounds;
+	if (seen < h->seen_limit)
+		h->seen_limit = seen;
+}
+
+void cut_halo_stats(const struct cut_halo *h, uint64_t *ret_cells, uint64_t *ret_points)
+{
+	*ret_cells = h->cells;
+	*ret_points = h->points;
+}
+
+/* ---- own positions ---- */
+
+static int seed_add(struct cut_halo *h, struct cut_chain *c, const struct mesh_vertex *v)
+{
+	/* Stands for its position only: never part of the result. */
+	const struct point p = { .x = v->x, .y = v->y, .z = v->z };
+
+	return cut_chain_add(c, h->view, &p);
+}
+
+/*
+ * The nearest own position of each column first: they make a hull that is nearly the last one. Then all
+ * others, against the column's bound of |X| (one comparison each) before the exact test.
+ */
+static int seed_chain(struct cut_halo *h, struct cut_chain *c, const struct mesh_vertex *own, uint32_t n)
+{
+	uint32_t base = c->vertical ? h->region.y : h->region.x;
+	unsigned w = c->vertical ? h->region.wy : h->region.wx, shift = w > 10 ? w - 10 : 0;
+	int rc = 0;
+
+	for (unsigned i = 0; i < SEED_COLUMNS; i++) {
+		h->seed.nearest[i] = NONE;
+		h->seed.limit[i] = INT64_MAX;
+	}
+	for (uint32_t i = 0; i < n; i++) {
+		uint32_t along = (uint32_t)(c->vertical ? own[i].y : own[i].x) + 0x80000000u - base;
+		int64_t x = 2 * (int64_t)(c->vertical ? own[i].x : own[i].y) - c->c2;
+
+		x = x < 0 ? -x : x;
+		if (x < h->seed.limit[along >> shift]) {
+			h->seed.limit[along >> shift] = x;
+			h->seed.nearest[along >> shift] = i;
+		}
+	}
+	for (unsigned i = 0; i < SEED_COLUMNS && !rc; i++)
+		if (h->seed.nearest[i] != NONE)
+			rc = seed_add(h, c, &own[h->seed.nearest[i]]);
+	if (!rc)
+		rc = cut_chain_flush(c, h->view);
+	if (rc)
+		return rc;
+	for (unsigned i = 0; i < SEED_COLUMNS; i++) {
+		int64_t u0 = 2 * ((int64_t)base + ((int64_t)i << shift) - ((int64_t)1 << 31));
+		double limit = cut_chain_limit(c, u0, u0 + ((int64_t)2 << shift));
+
+		h->seed.limit[i] = limit < 0x1p40 ? (int64_t)ceil(limit) : INT64_MAX;
+	}
+	for (uint32_t i = 0; i < n && !rc; i++) {
+		uint32_t along = (uint32_t)(c->vertical ? own[i].y : own[i].x) + 0x80000000u - base;
+		int64_t x = 2 * (int64_t)(c->vertical ? own[i].x : own[i].y) - c->c2;
+
+		x = x < 0 ? -x : x;
+		if (x <= h->seed.limit[along >> shift])
+			rc = seed_add(h, c, &own[i]);
+	}
+	return rc ? rc : cut_chain_flush(c, h->view);
+}
+
+int cut_halo_seed(struct cut_halo *h, const struct mesh_vertex *own, uint32_t n)
+{
+	if (n == 0) {
+		h->columns = 16;
+		return 0;
+	}
+	for (unsigned i = 0; i < h->nchain; i++) {
+		int rc = seed_chain(h, &h->chain[i], own, n);
+
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+/* ---- cells ---- */
+
+static bool inside(const struct cut_halo *h, const struct grid_cell *cell)
+{
+	for (unsigned i = 0; i < h->nrange; i++)
+		if (cell->lo >= h->range[i].lo && cell->hi <= h->range[i].hi)
+			return true;
+	return false;
+}
+
+static struct seen *seen_find(const struct cut_halo *h, const struct grid_cell *cell)
+{
+	uint64_t key = (cell->lo + cell->segment) * UINT64_C(0x9e3779b97f4a7c15) ^ cell->place;
+	uint32_t i = (uint32_t)((key * UINT64_C(0xd6e8feb86659fd93)) >> 32) & (h->seen_size - 1);
+
+	while (h->seen[i].used && (h->seen[i].lo != cell->lo || h->seen[i].place != cell->place ||
+				   h->seen[i].segment != cell->segment))
+		i = (i + 1) & (h->seen_size - 1);
+	return &h->seen[i];
+}
+
+/* Whether a cell or subtree may hold a point that belongs to some chain. */
+static bool matters(const struct cut_halo *h, const struct grid_cell *cell)
+{
+	if (cell->count == 0 || (h->own_known && inside(h, cell)))
+		return false;
+	for (unsigned i = 0; i < h->nchain; i++)
+		if (cut_chain_hit(&h->chain[i], cell->box))
+			return true;
+	return false;
+}
+
+static bool halo_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return matters(ctx, subtree);
+}
+
+static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct cut_halo *h = ctx;
+
+	(void)err;
+	h->points += n;
+	for (size_t i = 0; i < n; i++) {
+		if (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y))
+			continue;
+		if (view_judge(h->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		for (unsigned k = 0; k < h->nchain; k++) {
+			int rc = cut_chain_add(&h->chain[k], h->view, &pts[i]);
+
+			if (rc)
+				return rc;
+		}
+	}
+	return 0;
+}
+
+static int read_cell(struct cut_halo *h, const struct grid_cell *cell, struct err *err)
+{
+	h->cells++;
+	return h->src.read(h->src.ctx, cell, take_points, h, err);
+}
+
+static int flush(struct cut_halo *h)
+{
+	for (unsigned i = 0; i < h->nchain; i++) {
+		int rc = cut_chain_flush(&h->chain[i], h->view);
+
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+/* ---- rounds ---- */
+
+/* The stretch of the border's line that still matters: no farther out than the data and the reach. */
+static void span_columns(struct cut_halo *h)
+{
+	for (unsigned i = 0; i < h->nchain; i++) {
+		const struct cut_chain *c = &h->chain[i];
+		int64_t x;
+
+		cut_chain_span(c, h->box, &h->u0[i], &h->u1[i], &x);
+		if (c->reach < 0x1p35) {
+			int64_t far = (int64_t)c->reach + 1;
+
+			h->u0[i] = c->t0 - far > h->u0[i] ? c->t0 - far : h->u0[i];
+			h->u1[i] = c->t1 + far < h->u1[i] ? c->t1 + far : h->u1[i];
+		}
+		for (unsigned k = 0; k < h->columns; k++)
+			h->noted[i][k].x = INT64_MAX;
+	}
+}
+
+static int64_t column_of(const struct cut_halo *h, unsigned chain, int64_t u)
+{
+	int64_t width = h->u1[chain] - h->u0[chain] + 1;
+
+	u -= h->u0[chain];
+	return u < 0 ? 0 : u >= width ? h->columns - 1 : u * h->columns / width;
+}
+
+static int round_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct cut_halo *h = ctx;
+
+	if (cell->count == 0 || (h->own_known && inside(h, cell)) || seen_find(h, cell)->used)
+		return 0;
+	for (unsigned i = 0; i < h->nchain; i++) {
+		int64_t u0, u1, x, last;
+
+		if (!cut_chain_hit(&h->chain[i], cell->box))
+			continue;
+		cut_chain_span(&h->chain[i], cell->box, &u0, &u1, &x);
+		last = column_of(h, i, u1);
+		for (int64_t k = column_of(h, i, u0); k <= last; k++)
+			if (x < h->noted[i][k].x) {
+				h->noted[i][k].x = x;
+				h->noted[i][k].cell = *cell;
+			}
+	}
+	return 0;
+}
+
+/* One walk, then the nearest hits of each column. *ret_more: something was noted. */
+static int round_once(struct cut_halo *h, bool *ret_more, struct err *err)
+{
+	const struct grid_visitor v = { .ctx = h, .enter = halo_enter, .cell = round_cell };
+	bool more = false;
+	int rc;
+
+	span_columns(h);
+	rc = h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+	for (unsigned i = 0; i < h->nchain && !rc; i++)
+		for (unsigned k = 0; k < h->columns && !rc; k++) {
+			const struct noted *noted = &h->noted[i][k];
+			struct seen *seen;
+
+			if (noted->x == INT64_MAX)
+				continue;
+			more = true;
+			seen = seen_find(h, &noted->cell);
+			if (seen->used || h->nseen >= h->seen_limit)
+				continue;
+			*seen = (struct seen){ noted->cell.lo, noted->cell.place, noted->cell.segment, 1 };
+			h->nseen++;
+			rc = read_cell(h, &noted->cell, err);
+		}
+	if (!rc)
+		rc = flush(h);
+	h->columns = h->columns * 4 < COLUMNS ? h->columns * 4 : COLUMNS;
+	*ret_more = more;
+	return rc;
+}
+
+/* ---- sweep ---- */
+
+static bool cell_before(const struct grid_cell *a, const struct grid_cell *b)
+{
+	if (a->segment != b->segment)
+		return a->segment < b->segment;
+	if (a->lo != b->lo)
+		return a->lo < b->lo;
+	return a->place < b->place;
+}
+
+static int sweep_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct cut_halo *h = ctx;
+	uint32_t i;
+
+	if ((h->has_after && !cell_before(&h->after, cell)) ||
+	    (h->nsweep == SWEEP && !cell_before(cell, &h->sweep[SWEEP - 1])) || !matters(h, cell) ||
+	    seen_find(h, cell)->used)
+		return 0;
+	i = h->nsweep < SWEEP ? h->nsweep++ : SWEEP - 1;
+	for (; i > 0 && cell_before(cell, &h->sweep[i - 1]); i--)
+		h->sweep[i] = h->sweep[i - 1];
+	h->sweep[i] = *cell;
+	return 0;
+}
+
+static int sweep_all(struct cut_halo *h, struct err *err)
+{
+	const struct grid_visitor v = { .ctx = h, .enter = halo_enter, .cell = sweep_cell };
+
+	for (;;) {
+		int rc;
+
+		h->nsweep = 0;
+		rc = h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+		for (uint32_t i = 0; i < h->nsweep && !rc; i++)
+			rc = read_cell(h, &h->sweep[i], err);
+		if (!rc)
+			rc = flush(h);
+		if (rc || h->nsweep < SWEEP)
+			return rc;
+		h->after = h->sweep[SWEEP - 1];
+		h->has_after = true;
+	}
+}
+
+/* ---- result ---- */
+
+static bool morton_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	(void)ctx;
+	return cut_order_before(a->x, a->y, b->x, b->y);
+}
+
+static int estimate_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct cut_halo *h = ctx;
+
+	if (matters(h, cell) && !seen_find(h, cell)->used)
+		h->waiting += cell->distinct < cell->count ? cell->distinct : cell->count;
+	return 0;
+}
+
+/* What the halo may come to, from what is in the chains and the cells that may still matter. */
+static int estimate(struct cut_halo *h, uint64_t *ret, struct err *err)
+{
+	const struct grid_visitor v = { .ctx = h, .enter = halo_enter, .cell = estimate_cell };
+	uint64_t known = 0;
+	int rc;
+
+	h->waiting = 0;
+	rc = h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+	if (rc)
+		return rc;
+	for (unsigned i = 0; i < h->nchain; i++) {
+		uint64_t outside = 0;
+
+		for (uint32_t k = 0; k < h->chain[i].n; k++)
+			outside += !cut_region_holds(&h->region, h->chain[i].pt[k].x, h->chain[i].pt[k].y);
+		known = outside > known ? outside : known;
+	}
+	*ret = known + h->waiting;
+	return CUT_E_FULL;
+}
+
+/* The chains' points outside the region, each position once, at the front of the pool. */
+static uint32_t collect(struct cut_halo *h)
+{
+	uint32_t n = 0, k = 0;
+
+	for (unsigned i = 0; i < h->nchain; i++)
+		for (uint32_t j = 0; j < h->chain[i].n; j++) {
+			/* Copied: the front of the pool runs behind what is read, never past it. */
+			struct point p = h->chain[i].pt[j];
+
+			if (!cut_region_holds(&h->region, p.x, p.y))
+				h->pool[n++] = p;
+		}
+	cut_order_sort(h->pool, n, morton_less, NULL);
+	for (uint32_t i = 0; i < n; i++) {
+		if (k > 0 && h->pool[k - 1].x == h->pool[i].x && h->pool[k - 1].y == h->pool[i].y) {
+			if (view_prefers(h->view, &h->pool[i], &h->pool[k - 1]))
+				h->pool[k - 1] = h->pool[i];
+			continue;
+		}
+		h->pool[k++] = h->pool[i];
+	}
+	return k;
+}
+
+int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n, uint64_t *ret_need,
+		  struct err *err)
+{
+	bool more = h->nchain > 0;
+	int rc = 0;
+
+	if (more)
+		rc = cut_source_box(&h->src, h->box, &h->any, err);
+	if (rc)
+		return rc;
+	more = more && h->any;
+	for (unsigned round = 0; more && !rc && round < h->rounds && h->nseen < h->seen_limit; round++)
+		rc = round_once(h, &more, err);
+	if (more && !rc)
+		rc = sweep_all(h, err);
+	if (rc == CUT_E_FULL)
+		return estimate(h, ret_need, err);
+	if (rc)
+		return rc;
+	*ret_n = collect(h);
+	*ret = h->pool;
+	return 0;
+}

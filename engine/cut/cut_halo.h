@@ -1,0 +1,32 @@
+/*
+ * The halo of a region: the sites outside it whose closed Voronoi cell meets its border, found by reading
+ * only the cells that can matter (ALGORITHM 4.3).
+ */
+#ifndef CUT_HALO_H
+#define CUT_HALO_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "cut_source.h"
+
+struct cut_halo;
+
+/* Scratch for halos of about cap / 2 positions. */
+size_t cut_halo_bytes(uint32_t cap);
+/* Lies at the start of `scratch`. NULL: scratch_size is too small for any work. With `own_known` the caller
+ * seeds the region's own positions; without, they are read as far as they matter. */
+struct cut_halo *cut_halo_init(void *scratch, size_t scratch_size, const struct cut_source *,
+			       const struct view *, const struct cut_region *, bool own_known);
+/* The region's own positions, all of them, once. */
+int cut_halo_seed(struct cut_halo *, const struct mesh_vertex *own, uint32_t n);
+/* Read and find. CUT_E_FULL: scratch does not hold it; *ret_need: halo positions now known plus the records
+ * of the cells that may still matter. Else *ret is inside scratch, in Morton order. */
+int cut_halo_find(struct cut_halo *, const struct point **ret, uint32_t *ret_n, uint64_t *ret_need,
+		  struct err *err);
+void cut_halo_stats(const struct cut_halo *, uint64_t *ret_cells, uint64_t *ret_points);
+/* For tests: at most this many rounds of nearest cells before the sweep, this many remembered cells. */
+void cut_halo_limit(struct cut_halo *, unsigned rounds, uint32_t seen);
+
+#endif

@@ -1,0 +1,302 @@
+/*
+ * Plans: the leaves of the dyadic tree over all points, split until each owns at most `load` positions.
+ *
+ * Counts are upper bounds of positions: the index's distinct positions of cells and subtrees inside the
+ * region, the positions counted by reading where a cell of a sparse segment reaches beyond it, and never more
+ * than the region has places. So a million records on one position are one position, and a region of no more
+ * places than the load is never split: splits end at side 1 at the latest. Positions that several segments
+ * share, removed sources and the view's rules make the bound higher than the truth, never lower.
+ *
+ * Empty leaves stay: they can own triangles.
+ */
+#include "cut_source.h"
+
+#include <inttypes.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cut_halo.h"
+#include "err.h"
+
+enum {
+	STRADDLERS = 64,
+	STUCK_LEVELS = 8,
+	STACK = 80, /* a split adds one region; 64 levels at most */
+};
+
+struct bound {
+	struct cut_range range;
+	uint64_t positions;
+	bool several;            /* cells of more than one segment counted */
+	bool any, loose;
+	uint32_t segment;
+	uint32_t nstraddler;
+	struct grid_cell straddler[STRADDLERS];
+	/* counting the positions of one cell */
+	struct point last;
+	bool has_last;
+};
+
+static uint64_t positions_of(const struct grid_cell *cell)
+{
+	return cell->distinct < cell->count ? cell->distinct : cell->count;
+}
+
+static void bound_segment(struct bound *b, const struct grid_cell *cell)
+{
+	b->several = b->several || (b->any && b->segment != cell->segment);
+	b->any = true;
+	b->segment = cell->segment;
+}
+
+static bool bound_enter(void *ctx, const struct grid_cell *subtree)
+{
+	struct bound *b = ctx;
+
+	if (subtree->count == 0 || subtree->hi < b->range.lo || subtree->lo > b->range.hi)
+		return false;
+	if (subtree->lo < b->range.lo || subtree->hi > b->range.hi)
+		return true;
+	bound_segment(b, subtree);
+	b->positions += positions_of(subtree);
+	return false;
+}
+
+static int bound_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct bound *b = ctx;
+
+	if (cell->count == 0 || cell->hi < b->range.lo || cell->lo > b->range.hi)
+		return 0;
+	bound_segment(b, cell);
+	if (cell->lo >= b->range.lo && cell->hi <= b->range.hi) {
+		b->positions += positions_of(cell);
+	} else if (b->nstraddler < STRADDLERS) {
+		b->straddler[b->nstraddler++] = *cell;
+	} else {
+		b->positions += positions_of(cell);
+		b->loose = true;
+	}
+	return 0;
+}
+
+static int bound_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct bound *b = ctx;
+
+	(void)err;
+	for (size_t i = 0; i < n; i++) {
+		uint64_t key = point_morton(pts[i].x, pts[i].y);
+
+		if (key < b->range.lo || key > b->range.hi)
+			continue;
+		if (b->has_last && b->last.x == pts[i].x && b->last.y == pts[i].y)
+			continue;
+		b->positions++;
+		b->last = pts[i];
+		b->has_last = true;
+	}
+	return 0;
+}
+
+/* An upper bound of the region's positions before the view; *ret_exact: it is the number itself. */
+static int region_bound(const struct cut_source *src, const struct cut_region *r, uint64_t *ret, bool *ret_exact,
+			struct err *err)
+{
+	unsigned bits = (unsigned)r->wx + r->wy;
+	struct cut_range range[4];
+	unsigned n = cut_region_ranges(r, range);
+	uint64_t total = 0;
+	bool exact = true;
+	struct bound b;
+
+	for (unsigned i = 0; i < n; i++) {
+		const struct grid_visitor v = { .ctx = &b, .enter = bound_enter, .cell = bound_cell };
+		uint64_t records;
+		bool all_live;
+		int rc;
+
+		memset(&b, 0, sizeof(b));
+		b.range = range[i];
+		rc = src->walk(src->ctx, range[i].lo, range[i].hi, &v, err);
+		for (uint32_t k = 0; k < b.nstraddler && !rc; k++) {
+			b.has_last = false;
+			rc = src->read(src->ctx, &b.straddler[k], bound_points, &b, err);
+		}
+		if (!rc)
+			rc = src->count(src->ctx, range[i].lo, range[i].hi, &records, &all_live, err);
+		if (rc)
+			return rc;
+		/* The live records may be fewer than the positions of all of them. */
+		if (records < b.positions) {
+			b.positions = records;
+			b.loose = b.loose || !all_live;
+		}
+		total += b.positions;
+		exact = exact && all_live && !b.several && !b.loose;
+	}
+	if (bits < 64 && total > (uint64_t)1 << bits) {
+		total = (uint64_t)1 << bits;
+		exact = false;
+	}
+	*ret = total;
+	*ret_exact = exact;
+	return 0;
+}
+
+/* Room for one more leaf at place i; those behind it move up. */
+static int plan_insert(struct cut_plan *plan, size_t i, const struct cut_leaf *leaf, struct err *err)
+{
+	if (plan->n == plan->cap) {
+		size_t cap = plan->cap ? 2 * plan->cap : 64;
+		struct cut_leaf *more = realloc(plan->leaf, cap * sizeof(*more));
+
+		if (!more)
+			return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", cap);
+		plan->leaf = more;
+		plan->cap = cap;
+	}
+	memmove(plan->leaf + i + 1, plan->leaf + i, (plan->n - i) * sizeof(*leaf));
+	plan->leaf[i] = *leaf;
+	plan->n++;
+	return 0;
+}
+
+void cut_plan_done(struct cut_plan *plan)
+{
+	free(plan->leaf);
+	*plan = (struct cut_plan){ 0 };
+}
+
+static int plan_root(const struct cut_source *src, const struct cut_region *root, uint32_t load,
+		     struct cut_plan *plan, struct err *err)
+{
+	struct cut_region stack[STACK], half[2];
+	unsigned n = 0;
+
+	stack[n++] = *root;
+	while (n > 0) {
+		struct cut_leaf leaf = { .region = stack[--n] };
+		int rc = region_bound(src, &leaf.region, &leaf.count, &leaf.exact, err);
+
+		if (rc)
+			return rc;
+		if (leaf.count > load && cut_region_split(&leaf.region, half)) {
+			stack[n++] = half[1];
+			stack[n++] = half[0];
+			continue;
+		}
+		rc = plan_insert(plan, plan->n, &leaf, err);
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_plan *ret, struct err *err)
+{
+	struct cut_plan plan = { 0 };
+	struct cut_region root;
+	int32_t box[4];
+	bool any;
+	int rc = cut_source_box(src, box, &any, err);
+
+	if (rc)
+		return rc;
+	if (any) {
+		cut_region_root(box, &root);
+		rc = plan_root(src, &root, load ? load : 1, &plan, err);
+		if (rc) {
+			cut_plan_done(&plan);
+			return rc;
+		}
+	}
+	*ret = plan;
+	return 0;
+}
+
+static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap,
+		  struct err *err)
+{
+	uint64_t points = 0, bytes = need * CUT_BYTES_PER_POSITION;
+	char text[CUT_REGION_TEXT_SIZE];
+	bool exact;
+	int rc = src->count(src->ctx, 0, UINT64_MAX, &points, &exact, err);
+
+	if (rc)
+		return rc;
+	err_set(err, ERR_LIMIT,
+		"of %" PRIu64 " points, %" PRIu64 " must be in memory at once (%" PRIu64 " bytes) for region %s; the "
+		"budget carries %" PRIu32 ": they lie in convex position, as on a circle or a line",
+		points, need, bytes, cut_region_text(&leaf->region, text), cap);
+	err_add_hint(err, "run with memory=%" PRIu64 "M or more", (bytes >> 20) + CUT_BASE_MIB);
+	return -ERR_LIMIT;
+}
+
+int cut_plan_split_from(const struct cut_source *src, struct cut_plan *plan, size_t i, uint64_t need, uint32_t cap,
+			struct err *err)
+{
+	struct cut_leaf parent = plan->leaf[i], child[2];
+	struct cut_region half[2];
+	bool kept = parent.above && need >= parent.above - parent.above / 50;
+	uint8_t stuck = kept ? (uint8_t)(parent.stuck + 1) : 0;
+
+	if (stuck >= STUCK_LEVELS || !cut_region_split(&parent.region, half))
+		return refuse(src, &parent, need, cap, err);
+	for (unsigned k = 0; k < 2; k++) {
+		int rc;
+
+		child[k] = (struct cut_leaf){ .region = half[k], .above = need, .stuck = stuck };
+		rc = region_bound(src, &half[k], &child[k].count, &child[k].exact, err);
+		if (rc)
+			return rc;
+	}
+	if (plan_insert(plan, i + 1, &child[1], err))
+		return -ERR_NOMEM;
+	plan->leaf[i] = child[0];
+	return 0;
+}
+
+/* Leaves whose halo can be large while their own points are few: at the rim (a hull), or nearly empty (the
+ * middle of a circle), or cut out of such a one. Everywhere else neighbours of equal load keep a halo small. */
+static bool suspicious(const struct cut_leaf *leaf, uint32_t cap)
+{
+	return leaf->region.inf || leaf->above || leaf->count < cap / 8;
+}
+
+int cut_plan_probe_from(const struct cut_source *src, const struct view *view, struct cut_plan *plan, uint32_t cap,
+			void *scratch, size_t scratch_size, struct err *err)
+{
+	size_t i = 0;
+
+	while (i < plan->n) {
+		const struct cut_leaf *leaf = &plan->leaf[i];
+		const struct point *pts;
+		struct cut_halo *h;
+		uint64_t need = 0;
+		uint32_t n = 0;
+		int rc;
+
+		if (!suspicious(leaf, cap)) {
+			i++;
+			continue;
+		}
+		h = cut_halo_init(scratch, scratch_size, src, view, &leaf->region, false);
+		if (!h)
+			return err_set(err, ERR_INTERNAL, "%zu bytes of scratch are too few to plan", scratch_size);
+		rc = cut_halo_find(h, &pts, &n, &need, err);
+		if (rc == 0 && leaf->count + n <= cap) {
+			i++;
+			continue;
+		}
+		if (rc == 0)
+			need = n;
+		else if (rc != CUT_E_FULL)
+			return rc;
+		need += leaf->count;
+		rc = cut_plan_split_from(src, plan, i, need > cap ? need : (uint64_t)cap + 1, cap, err);
+		if (rc)
+			return rc;
+	}
+	return 0;
+}

@@ -1,0 +1,35 @@
+/*
+ * Where cells and points come from: the few questions that this room asks of a grid. cut_grid.c is
+ * the only place that calls engine/grid; tests cut with tilings in memory.
+ */
+#ifndef CUT_SOURCE_H
+#define CUT_SOURCE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "cut.h"
+#include "grid.h"
+
+struct cut_source {
+	void *ctx;
+	/* As grid_walk, grid_cell_read, grid_scan, grid_count. */
+	int (*walk)(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *, struct err *);
+	int (*read)(void *ctx, const struct grid_cell *, grid_points_fn, void *sink, struct err *);
+	int (*scan)(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn, void *sink, struct err *);
+	int (*count)(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
+};
+
+/* Box of all cells; false if there are none. */
+int cut_source_box(const struct cut_source *, int32_t ret_box[4], bool *ret_any, struct err *err);
+
+/* The functions of cut.h over any source. */
+int cut_load_from(const struct cut_source *, const struct view *, const struct cut_region *, struct cut_load *,
+		  uint64_t *ret_need, struct err *err);
+int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
+int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap,
+			struct err *err);
+int cut_plan_probe_from(const struct cut_source *, const struct view *, struct cut_plan *, uint32_t cap,
+			void *scratch, size_t scratch_size, struct err *err);
+
+#endif

@@ -1,0 +1,374 @@
+/*
+ * The box rule by the ten thousand: random small point sets, tilings, views and dyadic partitions. For every
+ * region cut_load gives exactly P_B by its definition; the owned triangles of P_B, and of random supersets of
+ * it, are over all regions the triangles of the whole, each once.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "brute.h"
+#include "cut_halo.h"
+#include "cut_order.h"
+#include "err.h"
+#include "tiling.h"
+
+enum { MAX_N = 60, MAX_RECORDS = 4 * MAX_N, MAX_LEAVES = 64, MAX_TRIANGLES = 4 * BRUTE_POINTS };
+
+struct set {
+	struct point record[TILING_SEGMENTS][MAX_RECORDS];
+	size_t nrecord[TILING_SEGMENTS];
+	unsigned segments;
+	struct mesh_vertex pos[MAX_N];  /* after the view, Morton order */
+	unsigned n;
+};
+
+static struct set set;
+static struct view view;
+static int32_t whole[MAX_TRIANGLES][6], parts[2 * MAX_TRIANGLES][6], extra[2 * MAX_TRIANGLES][6];
+static void *scratch;
+static size_t scratch_size;
+static uint64_t cases, regions, triangles, halos, empty_owners;
+
+static unsigned below(uint64_t *seed, unsigned n)
+{
+	return (unsigned)(tiling_random(seed) % n);
+}
+
+/* ---- point sets ---- */
+
+static int32_t corner(uint64_t *seed)
+{
+	static const int32_t at[5] = { INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX };
+
+	return at[below(seed, 5)];
+}
+
+static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, const int32_t base[2], int32_t ret[2])
+{
+	static const int32_t circle[12][2] = { { 5, 0 }, { 4, 3 }, { 3, 4 }, { 0, 5 }, { -3, 4 }, { -4, 3 },
+					       { -5, 0 }, { -4, -3 }, { -3, -4 }, { 0, -5 }, { 3, -4 }, { 4, -3 } };
+	int32_t r = (int32_t)below(seed, (unsigned)range + 1), s = (int32_t)below(seed, (unsigned)range + 1);
+
+	switch (family) {
+	case 0: /* full range */
+		ret[0] = (int32_t)tiling_random(seed);
+		ret[1] = (int32_t)tiling_random(seed);
+		return;
+	case 1:
+		ret[0] = corner(seed);
+		ret[1] = corner(seed);
+		return;
+	case 2: /* on a line, now and then one beside it */
+		ret[0] = base[0] + 7 * r;
+		ret[1] = base[1] + (base[0] & 1 ? 7 : base[0] & 2 ? -3 : 0) * r + (below(seed, 40) == 0);
+		return;
+	case 3: /* two clusters */
+		ret[0] = base[0] + r + (i & 1 ? 1000000 : 0);
+		ret[1] = base[1] + s + (i & 1 ? 700000 : 0);
+		return;
+	case 4: /* cocircular */
+		ret[0] = base[0] + circle[i % 12][0] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
+		ret[1] = base[1] + circle[i % 12][1] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
+		return;
+	case 5: /* a grid of odd step: circumcentres on possible cuts */
+		ret[0] = base[0] + 3 * (int32_t)(i % 7);
+		ret[1] = base[1] + 3 * (int32_t)(i / 7);
+		return;
+	case 6: /* the far ends of the lattice */
+		ret[0] = (i & 1) ? INT32_MAX - r : INT32_MIN + r;
+		ret[1] = (i & 2) ? INT32_MAX - s : INT32_MIN + s;
+		return;
+	default:
+		ret[0] = base[0] + r;
+		ret[1] = base[1] + s;
+	}
+}
+
+static struct point record_at(uint64_t *seed, const int32_t at[2])
+{
+	struct point p = { .x = at[0], .y = at[1], .z = (int32_t)below(seed, 4), .cls = (uint8_t)(1 + below(seed, 2)),
+			   .ret = 0x11 };
+
+	if (below(seed, 12) == 0)
+		p.cls = 7;
+	if (below(seed, 12) == 0)
+		p.tag = POINT_WITHHELD;
+	return p;
+}
+
+static bool point_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	return point_compare(a, b) < 0;
+}
+
+/* The positions that the view leaves, each with the record it prefers. */
+static void reduce(void)
+{
+	struct point kept[TILING_SEGMENTS * MAX_RECORDS];
+	size_t n = 0;
+
+	for (unsigned s = 0; s < set.segments; s++)
+		for (size_t i = 0; i < set.nrecord[s]; i++)
+			if (view_judge(&view, &set.record[s][i]) == VIEW_KEPT)
+				kept[n++] = set.record[s][i];
+	set.n = 0;
+	for (size_t i = 0; i < n; i++) {
+		bool best = true;
+
+		for (size_t k = 0; k < n && best; k++)
+			if (k != i && kept[k].x == kept[i].x && kept[k].y == kept[i].y &&
+			    (view_prefers(&view, &kept[k], &kept[i]) ||
+			     (k < i && !view_prefers(&view, &kept[i], &kept[k]))))
+				best = false;
+		if (best)
+			set.pos[set.n++] = (struct mesh_vertex){ kept[i].x, kept[i].y, kept[i].z };
+	}
+	for (unsigned i = 1; i < set.n; i++)
+		for (unsigned j = i; j > 0 && point_morton(set.pos[j].x, set.pos[j].y) <
+						      point_morton(set.pos[j - 1].x, set.pos[j - 1].y); j--) {
+			struct mesh_vertex t = set.pos[j];
+
+			set.pos[j] = set.pos[j - 1];
+			set.pos[j - 1] = t;
+		}
+}
+
+static void make_set(uint64_t *seed)
+{
+	unsigned family = below(seed, 16), n = 3 + below(seed, below(seed, 4) ? 20 : MAX_N - 2);
+	int32_t range = below(seed, 3) ? (int32_t)below(seed, 6) : (int32_t)below(seed, 200);
+	int32_t base[2] = { (int32_t)below(seed, 100000) - 50000, (int32_t)below(seed, 100000) - 50000 };
+
+	if (below(seed, 3) == 0)
+		base[0] = base[1] = -(int32_t)below(seed, 4); /* across the highest cut */
+	view = VIEW_INIT;
+	view.duplicates = below(seed, 2) ? VIEW_LOWEST : VIEW_HIGHEST;
+	view.keep_withheld = below(seed, 2);
+	view.keep_noise = below(seed, 2);
+	set.segments = 1 + below(seed, 2) * below(seed, TILING_SEGMENTS);
+	memset(set.nrecord, 0, sizeof(set.nrecord));
+	for (unsigned i = 0; i < n; i++) {
+		int32_t at[2];
+
+		place(seed, family, i, range, base, at);
+		for (unsigned k = below(seed, 6) ? 1 : 1 + below(seed, 4); k > 0; k--) {
+			unsigned s = below(seed, set.segments);
+
+			set.record[s][set.nrecord[s]++] = record_at(seed, at);
+		}
+	}
+	for (unsigned s = 0; s < set.segments; s++)
+		cut_order_sort(set.record[s], set.nrecord[s], point_less, NULL);
+	reduce();
+}
+
+static void make_tiling(uint64_t *seed, struct tiling *t)
+{
+	*t = (struct tiling){ .segments = set.segments, .salt = tiling_random(seed) };
+	t->cell_records = below(seed, 4) ? 1 + below(seed, 6) : 1000;
+	for (unsigned s = 0; s < set.segments; s++) {
+		t->pts[s] = set.record[s];
+		t->n[s] = set.nrecord[s];
+	}
+}
+
+/* ---- partitions ---- */
+
+static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret)
+{
+	struct err err = ERR_INIT;
+	struct cut_plan plan;
+	unsigned want = 1 + below(seed, below(seed, 4) ? 12 : MAX_LEAVES), n = 0;
+
+	assert_int_equal(cut_plan_make_from(src, 1 + below(seed, 8) + (uint32_t)(2 * MAX_RECORDS / want), &plan, &err), 0);
+	for (size_t i = 0; i < plan.n && n < MAX_LEAVES; i++)
+		ret[n++] = plan.leaf[i].region;
+	if (plan.n > MAX_LEAVES) {
+		/* Too many: the root alone, split at random below. */
+		int32_t box[4];
+		bool any;
+
+		assert_int_equal(cut_source_box(src, box, &any, &err), 0);
+		cut_region_root(box, &ret[0]);
+		n = 1;
+	}
+	cut_plan_done(&plan);
+	for (unsigned tries = 0; n < want && n > 0 && tries < 200; tries++) {
+		unsigned i = below(seed, n);
+		struct cut_region half[2];
+
+		if (!cut_region_split(&ret[i], half))
+			continue;
+		ret[i] = half[0];
+		ret[n++] = half[1];
+	}
+	return n;
+}
+
+/* ---- checks ---- */
+
+static int triangle_compare(const void *a, const void *b)
+{
+	return memcmp(a, b, 6 * sizeof(int32_t));
+}
+
+static unsigned owned(const struct cut_region *region, const struct mesh_vertex *p, unsigned n, int32_t (*ret)[6])
+{
+	static int32_t all[MAX_TRIANGLES][6];
+	unsigned m = brute_triangles(p, n, all), k = 0;
+
+	for (unsigned i = 0; i < m; i++)
+		if (cut_region_owns(region, &all[i][0], &all[i][2], &all[i][4]))
+			memcpy(ret[k++], all[i], sizeof(all[i]));
+	return k;
+}
+
+/* The other ways to find a halo: the sweep instead of rounds, a table of cells that overflows, own unknown. */
+static void check_halo(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
+		       const struct mesh_vertex *pb, unsigned n)
+{
+	bool known = below(seed, 2);
+	struct cut_halo *h = cut_halo_init(scratch, scratch_size, src, &view, region, known);
+	struct err err = ERR_INIT;
+	const struct point *pts;
+	uint64_t need;
+	uint32_t m, k = 0;
+
+	assert_non_null(h);
+	cut_halo_limit(h, below(seed, 4), below(seed, 2) ? below(seed, 4) : 1000);
+	if (known) {
+		struct mesh_vertex own[MAX_N];
+		uint32_t nown = 0;
+
+		for (unsigned i = 0; i < n; i++)
+			if (cut_region_holds(region, pb[i].x, pb[i].y))
+				own[nown++] = pb[i];
+		assert_int_equal(cut_halo_seed(h, own, nown), 0);
+	}
+	assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
+	for (unsigned i = 0; i < n; i++) {
+		if (cut_region_holds(region, pb[i].x, pb[i].y))
+			continue;
+		assert_true(k < m);
+		assert_int_equal(pts[k].x, pb[i].x);
+		assert_int_equal(pts[k].y, pb[i].y);
+		assert_int_equal(pts[k].z, pb[i].z);
+		k++;
+	}
+	assert_int_equal(k, m);
+}
+
+static void check_load(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
+		       const struct mesh_vertex *pb, unsigned n, unsigned own)
+{
+	struct mesh_vertex out[MAX_N];
+	struct cut_load load = { .out = out, .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size };
+	struct err err = ERR_INIT;
+	uint64_t need = 0, removed = 0;
+
+	assert_int_equal(cut_load_from(src, &view, region, &load, &need, &err), 0);
+	assert_int_equal(load.n, n);
+	assert_int_equal(load.own, own);
+	if (n)
+		assert_memory_equal(out, pb, n * sizeof(*pb));
+	for (unsigned i = 0; i < MESH_RULES; i++)
+		removed += load.counts.removed[i];
+	assert_int_equal(load.counts.points, load.counts.used + removed);
+	assert_int_equal(load.counts.used, own);
+	assert_int_equal(load.counts.halo, n - own);
+	if (n == 0)
+		return;
+	load.cap = below(seed, n);
+	assert_int_equal(cut_load_from(src, &view, region, &load, &need, &err), CUT_E_FULL);
+	assert_true(need > load.cap && need <= n);
+}
+
+static unsigned check_region(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
+			     unsigned nparts)
+{
+	struct mesh_vertex pb[MAX_N], super[MAX_N];
+	unsigned n = 0, own = 0, nsuper = 0, k, m;
+	int64_t box[4];
+
+	cut_region_box(region, box);
+	for (unsigned i = 0; i < set.n; i++) {
+		bool in = brute_meets(set.pos, set.n, i, box);
+
+		if (in) {
+			pb[n++] = set.pos[i];
+			own += cut_region_holds(region, set.pos[i].x, set.pos[i].y);
+		}
+		if (in || below(seed, 3) == 0)
+			super[nsuper++] = set.pos[i];
+	}
+	check_load(seed, src, region, pb, n, own);
+	check_halo(seed, src, region, pb, n);
+	k = owned(region, pb, n, parts + nparts);
+	m = owned(region, super, nsuper, extra);
+	qsort(parts + nparts, k, sizeof(parts[0]), triangle_compare);
+	qsort(extra, m, sizeof(extra[0]), triangle_compare);
+	assert_int_equal(k, m);
+	if (k)
+		assert_memory_equal(parts + nparts, extra, k * sizeof(parts[0]));
+	regions++;
+	halos += n - own;
+	empty_owners += own == 0 && k > 0;
+	return k;
+}
+
+static void one_case(uint64_t seed)
+{
+	struct cut_region leaf[MAX_LEAVES];
+	struct cut_source src;
+	struct tiling t;
+	unsigned n, m, k = 0;
+
+	make_set(&seed);
+	make_tiling(&seed, &t);
+	tiling_source(&t, &src);
+	n = make_leaves(&seed, &src, leaf);
+	m = brute_triangles(set.pos, set.n, whole);
+	for (unsigned i = 0; i < n; i++)
+		k += check_region(&seed, &src, &leaf[i], k);
+	assert_int_equal(k, m);
+	qsort(whole, m, sizeof(whole[0]), triangle_compare);
+	qsort(parts, m, sizeof(parts[0]), triangle_compare);
+	if (m)
+		assert_memory_equal(whole, parts, m * sizeof(whole[0]));
+	cases++;
+	triangles += m;
+}
+
+static void fuzz(void **state)
+{
+	const char *want = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
+	uint64_t n = want ? strtoull(want, NULL, 10) : 20000, from = first ? strtoull(first, NULL, 10) : 1;
+
+	scratch_size = cut_load_scratch_bytes(MAX_N);
+	scratch = malloc(scratch_size);
+	assert_non_null(scratch);
+	for (uint64_t i = 0; i < n; i++) {
+		if (getenv("ACUT_FUZZ_TRACE"))
+			fprintf(stderr, "case %llu\n", (unsigned long long)(from + i));
+		one_case((from + i) * UINT64_C(0x2545f4914f6cdd1d));
+	}
+	free(scratch);
+	print_message("%llu cases, %llu regions, %llu triangles, %llu halo sites, %llu empty regions with triangles\n",
+		      (unsigned long long)cases, (unsigned long long)regions, (unsigned long long)triangles,
+		      (unsigned long long)halos, (unsigned long long)empty_owners);
+	if (n >= 1000)
+		assert_true(empty_owners > 0 && halos > 0);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = { cmocka_unit_test(fuzz) };
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

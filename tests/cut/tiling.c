@@ -1,0 +1,161 @@
+#include "tiling.h"
+
+#include "err.h"
+
+uint64_t tiling_random(uint64_t *state)
+{
+	uint64_t z = *state += UINT64_C(0x9e3779b97f4a7c15);
+
+	z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
+	z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
+	return z ^ (z >> 31);
+}
+
+static size_t lower(const struct point *p, size_t n, uint64_t key)
+{
+	size_t lo = 0, hi = n;
+
+	while (lo < hi) {
+		size_t mid = lo + (hi - lo) / 2;
+
+		if (point_morton(p[mid].x, p[mid].y) < key)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo;
+}
+
+static void make_cell(const struct point *p, size_t n, uint64_t lo, uint64_t hi, unsigned segment, size_t place,
+		      struct grid_cell *ret)
+{
+	*ret = (struct grid_cell){ .lo = lo, .hi = hi, .count = n, .segment = segment, .place = place, .blocks = 1,
+				   .box = { p->x, p->y, p->x, p->y } };
+	for (size_t i = 0; i < n; i++) {
+		ret->box[0] = p[i].x < ret->box[0] ? p[i].x : ret->box[0];
+		ret->box[1] = p[i].y < ret->box[1] ? p[i].y : ret->box[1];
+		ret->box[2] = p[i].x > ret->box[2] ? p[i].x : ret->box[2];
+		ret->box[3] = p[i].y > ret->box[3] ? p[i].y : ret->box[3];
+		ret->distinct += i == 0 || p[i].x != p[i - 1].x || p[i].y != p[i - 1].y;
+	}
+}
+
+struct walk {
+	const struct tiling *t;
+	const struct grid_visitor *v;
+	uint64_t lo, hi;
+	unsigned segment;
+};
+
+static int walk_node(const struct walk *w, size_t from, size_t to, uint64_t lo, uint64_t hi)
+{
+	const struct point *p = w->t->pts[w->segment];
+	uint64_t state = w->t->salt ^ lo * 3 ^ hi * 5 ^ w->segment, dice, mid;
+	struct grid_cell cell;
+	size_t cut;
+	int rc;
+
+	if (from == to || hi < w->lo || lo > w->hi)
+		return 0;
+	dice = tiling_random(&state);
+	if (lo == hi || to - from <= w->t->cell_records || (to - from <= 4 * w->t->cell_records && dice % 4 == 0)) {
+		make_cell(p + from, to - from, lo, hi, w->segment, from, &cell);
+		return w->v->cell(w->v->ctx, &cell);
+	}
+	if (dice % 3 == 0 && w->v->enter) {
+		make_cell(p + from, to - from, lo, hi, w->segment, from, &cell);
+		if (!w->v->enter(w->v->ctx, &cell))
+			return 0;
+	}
+	mid = lo + (hi - lo) / 2;
+	cut = from + lower(p + from, to - from, mid + 1);
+	rc = walk_node(w, from, cut, lo, mid);
+	return rc ? rc : walk_node(w, cut, to, mid + 1, hi);
+}
+
+static int tiling_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
+{
+	const struct tiling *t = ctx;
+
+	for (unsigned s = 0; s < t->segments; s++) {
+		const struct walk w = { t, v, lo, hi, s };
+		int rc = walk_node(&w, 0, t->n[s], 0, UINT64_MAX);
+
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+static int hand_out(const struct point *p, size_t n, grid_points_fn fn, void *sink, struct err *err)
+{
+	for (size_t i = 0; i < n; i += 7) {
+		int rc = fn(sink, p + i, n - i < 7 ? n - i : 7, err);
+
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+static int tiling_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn, void *sink, struct err *err)
+{
+	struct tiling *t = ctx;
+
+	t->reads++;
+	t->read_points += cell->count;
+	return hand_out(t->pts[cell->segment] + cell->place, cell->count, fn, sink, err);
+}
+
+static int tiling_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn fn, void *sink, struct err *err)
+{
+	const struct tiling *t = ctx;
+	size_t at[TILING_SEGMENTS];
+
+	for (unsigned s = 0; s < t->segments; s++)
+		at[s] = lower(t->pts[s], t->n[s], lo);
+	for (;;) {
+		const struct point *best = NULL;
+		unsigned from = 0;
+		int rc;
+
+		for (unsigned s = 0; s < t->segments; s++) {
+			const struct point *p = t->pts[s] + at[s];
+
+			if (at[s] < t->n[s] && point_morton(p->x, p->y) <= hi &&
+			    (!best || point_compare(p, best) < 0)) {
+				best = p;
+				from = s;
+			}
+		}
+		if (!best)
+			return 0;
+		at[from]++;
+		rc = fn(sink, best, 1, err);
+		if (rc)
+			return rc;
+	}
+}
+
+static int tiling_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
+{
+	const struct tiling *t = ctx;
+
+	*ret_count = 0;
+	for (unsigned s = 0; s < t->segments; s++) {
+		size_t end = hi == UINT64_MAX ? t->n[s] : lower(t->pts[s], t->n[s], hi + 1);
+
+		*ret_count += end - lower(t->pts[s], t->n[s], lo);
+	}
+	*ret_exact = true;
+	return 0;
+}
+
+void tiling_source(struct tiling *t, struct cut_source *ret)
+{
+	ret->ctx = t;
+	ret->walk = tiling_walk;
+	ret->read = tiling_read;
+	ret->scan = tiling_scan;
+	ret->count = tiling_count;
+}
