@@ -1,0 +1,89 @@
+/*
+ * Writers over the mesh stream: one row a format, and a run that feeds one stream to several of them.
+ *
+ * A run is given its outputs, hands a sink to acut_fetch, and publishes what was written once the fetch has
+ * succeeded. Until then nothing stands under a final name; a run that is freed unpublished leaves nothing.
+ */
+#ifndef FORMAT_H
+#define FORMAT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "acut.h"
+#include "decimal.h"
+
+struct err;
+struct format_output;
+
+enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
+
+struct format_options {
+	bool canonical;            /* vertices by (x, y), triangles by their numbers */
+	bool no_clobber;           /* an output that exists is an error */
+	bool origin_auto, has_origin;
+	struct decimal origin[3];  /* subtracted from the coordinates, exactly */
+	uint32_t width;            /* pictures: pixels; 0 = FORMAT_WIDTH */
+	enum format_color color;
+};
+
+#define FORMAT_WIDTH 1600
+#define FORMAT_WIDTH_MAX 32768
+
+/* A block as writers see it: `mesh` as it came (triangles left out are gone), and, for rows that ask for
+ * them, the positions of all its local vertices, foreign ones first. */
+struct format_block {
+	const struct acut_mesh_block *mesh;
+	const int32_t (*position)[3];
+};
+
+/* One format. `open` makes the writer; `head`, any number of `block`, `finish` follow in this order, `free`
+ * comes last, also after a failure, and returns NULL. Writers write to their output and nowhere else. */
+struct format {
+	const char *name, *extensions, *help; /* extensions: ".a .b" */
+	bool canonical;            /* --canonical makes sense */
+	bool origin;               /* so does --origin */
+	bool positions;            /* blocks come with positions */
+	int (*open)(struct format_output *, const struct format_options *, void **ret, struct err *);
+	int (*head)(void *writer, const struct acut_mesh_head *, struct err *);
+	int (*block)(void *writer, const struct format_block *, struct err *);
+	int (*finish)(void *writer, const struct acut_mesh_tail *, struct err *);
+	void *(*free)(void *writer);
+};
+
+const struct format *const *format_rows(size_t *ret_n);
+const struct format *format_find(const char *name);    /* NULL: no such format */
+const struct format *format_by_path(const char *path); /* by extension; NULL: unknown */
+bool format_parse_color(const char *text, enum format_color *ret);
+
+struct format_run_options {
+	bool has_max_edge;
+	struct decimal max_edge;   /* file units; triangles with a longer xy edge are left out */
+	bool edges;                /* gather edge statistics */
+	uint64_t sort_memory;      /* for canonical; 0 = 64 MiB */
+};
+
+/* What a run has to say when the stream has ended. Lengths and areas are in file units. */
+struct format_report {
+	uint64_t bytes;            /* of all outputs */
+	uint64_t left_out;         /* triangles, by max_edge */
+	double left_out_area;
+	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
+};
+
+struct format_run;
+int format_run_new(const struct format_run_options *, struct format_run **ret, struct err *err);
+/* Opens the output: "-" is standard output. Wrong combinations are -ERR_USAGE. */
+int format_run_add(struct format_run *, const char *path, const struct format *, const struct format_options *,
+		   struct err *err);
+/* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */
+struct acut_mesh_sink format_run_sink(struct format_run *);
+/* What a callback of the sink failed with; code ERR_NONE if none did. */
+const struct err *format_run_error(const struct format_run *);
+/* After the tail: makes all outputs durable and gives them their names. */
+int format_run_publish(struct format_run *, struct err *err);
+void format_run_report(const struct format_run *, struct format_report *ret);
+struct format_run *format_run_free(struct format_run *);
+
+#endif

@@ -1,0 +1,178 @@
+/*
+ * Lattice numbers to coordinates, doubles and text.
+ *
+ * A coordinate is (X + k) * scale - origin; with a common power of ten it becomes (X * a + b) * 10^e with
+ * whole a and b. Where |X * a + b| stays below 2^53 for every int32 X and |e| <= 22, both that number and
+ * 10^|e| are doubles without error, so that one multiplication or division gives the nearest double; and as
+ * X, a and b are exact in doubles too, the whole of it runs in vector registers. Everything else takes the
+ * slow and equally exact way through decimal_scaled_*.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+static const double ten[] = { 1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
+			      1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22 };
+
+/* m * 10^n into *ret; false if it overflows. */
+static bool times_ten(int64_t m, int32_t n, int64_t *ret)
+{
+	for (; n > 0 && m; n--)
+		if (__builtin_mul_overflow(m, 10, &m))
+			return false;
+	*ret = m;
+	return true;
+}
+
+/* a, b, e for one axis; false if they do not fit into 62 bits. */
+static bool axis_whole(struct format_axis *ax, const struct decimal *origin)
+{
+	int64_t o = 0, b;
+	__int128 reach;
+
+	ax->e = ax->scale.exponent;
+	if (origin && origin->mantissa && origin->exponent < ax->e)
+		ax->e = origin->exponent;
+	if (ax->scale.exponent - ax->e > 18 || !times_ten(ax->scale.mantissa, ax->scale.exponent - ax->e, &ax->a))
+		return false;
+	if (origin && origin->mantissa &&
+	    (origin->exponent - ax->e > 18 || !times_ten(origin->mantissa, origin->exponent - ax->e, &o)))
+		return false;
+	if (__builtin_mul_overflow(ax->k, ax->a, &b) || __builtin_sub_overflow(b, o, &b))
+		return false;
+	ax->b = b;
+	reach = ((__int128)1 << 31) * ax->a + (b < 0 ? -(__int128)b : b);
+	if (ax->a <= 0 || reach >= (__int128)1 << 62)
+		return false;
+	ax->fast = reach < (__int128)1 << 53 && ax->e >= -22 && ax->e <= 22;
+	if (ax->fast)
+		ax->power = ten[abs(ax->e)];
+	return true;
+}
+
+/* The origin of --origin auto: the middle of the box, as a lattice number. */
+static int64_t auto_number(const struct acut_mesh_head *head, int axis)
+{
+	return head->k[axis] + (int64_t)(((int64_t)head->box[axis] + head->box[axis + 3]) >> 1);
+}
+
+int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *head,
+		     const struct format_options *opt, struct err *err)
+{
+	static const char *const name[] = { "x", "y", "z" };
+
+	for (int i = 0; i < 3; i++) {
+		struct format_axis *ax = &axis[i];
+		bool ok = true;
+
+		memset(ax, 0, sizeof(*ax));
+		if (!decimal_parse(i < 2 ? head->scale_xy : head->scale_z, &ax->scale))
+			return err_set(err, ERR_PROTO, "the stream's %s scale is not a number", name[i]);
+		ax->k = head->k[i];
+		if (opt->origin_auto) {
+			int64_t o = auto_number(head, i);
+			ax->k = head->k[i] - o;
+			ok = ax->whole = axis_whole(ax, NULL);
+		} else if (opt->has_origin) {
+			ok = ax->whole = axis_whole(ax, &opt->origin[i]);
+		} else {
+			ax->whole = axis_whole(ax, NULL);
+		}
+		if (!ok) {
+			err_set(err, ERR_USAGE, "the %s of --origin has too many digits beside the scale %s",
+				name[i], i < 2 ? head->scale_xy : head->scale_z);
+			return err_add_hint(err, "give --origin with fewer decimals");
+		}
+	}
+	return 0;
+}
+
+double format_axis_value(const struct format_axis *ax, int32_t x)
+{
+	if (ax->fast) {
+		double n = (double)x * (double)ax->a + (double)ax->b;
+		return ax->e < 0 ? n / ax->power : n * ax->power;
+	}
+	if (ax->whole)
+		return decimal_scaled_double((struct decimal){ 1, ax->e }, x * ax->a + ax->b);
+	return decimal_scaled_double(ax->scale, x + ax->k);
+}
+
+void format_axis_values(const struct format_axis axis[3], const int32_t (*v)[3], size_t n, double *ret)
+{
+	if (axis[0].fast && axis[1].fast && axis[2].fast && axis[0].e <= 0 && axis[1].e <= 0 && axis[2].e <= 0) {
+		const double a[3] = { (double)axis[0].a, (double)axis[1].a, (double)axis[2].a };
+		const double b[3] = { (double)axis[0].b, (double)axis[1].b, (double)axis[2].b };
+		const double p[3] = { axis[0].power, axis[1].power, axis[2].power };
+
+		for (size_t i = 0; i < n; i++)
+			for (int j = 0; j < 3; j++)
+				ret[3 * i + (size_t)j] = (v[i][j] * a[j] + b[j]) / p[j];
+		return;
+	}
+	for (size_t i = 0; i < n; i++)
+		for (int j = 0; j < 3; j++)
+			ret[3 * i + (size_t)j] = format_axis_value(&axis[j], v[i][j]);
+}
+
+char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
+{
+	char digits[24];
+	uint64_t n;
+	int64_t v;
+	int len = 0, decimals;
+
+	if (!ax->whole || ax->e < -20 || ax->e > 18) {
+		char buf[DECIMAL_TEXT_SIZE];
+		if (ax->whole)
+			decimal_scaled_text((struct decimal){ 1, ax->e }, x * ax->a + ax->b, buf);
+		else
+			decimal_scaled_text(ax->scale, x + ax->k, buf);
+		return stpcpy(at, buf);
+	}
+	v = x * ax->a + ax->b;
+	n = v < 0 ? (uint64_t)-v : (uint64_t)v;
+	if (v < 0)
+		*at++ = '-';
+	decimals = ax->e < 0 ? -ax->e : 0;
+	do {
+		digits[len++] = (char)('0' + n % 10);
+		n /= 10;
+	} while (n);
+	while (len <= decimals)
+		digits[len++] = '0';
+	while (len) {
+		if (len == decimals)
+			*at++ = '.';
+		*at++ = digits[--len];
+	}
+	for (int i = 0; v && i < ax->e; i++)
+		*at++ = '0';
+	*at = 0;
+	return at;
+}
+
+char *format_axis_origin(const struct acut_mesh_head *head, const struct format_options *opt, char *buf,
+			 size_t size)
+{
+	char text[3][DECIMAL_TEXT_SIZE];
+
+	buf[0] = 0;
+	if (!opt->origin_auto && !opt->has_origin)
+		return buf;
+	for (int i = 0; i < 3; i++) {
+		struct decimal scale;
+
+		if (!opt->origin_auto)
+			decimal_text(opt->origin[i], text[i]);
+		else if (decimal_parse(i < 2 ? head->scale_xy : head->scale_z, &scale))
+			decimal_scaled_text(scale, auto_number(head, i), text[i]);
+		else
+			strcpy(text[i], "0");
+	}
+	snprintf(buf, size, "acut-origin %s %s %s", text[0], text[1], text[2]);
+	return buf;
+}

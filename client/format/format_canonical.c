@@ -1,0 +1,242 @@
+/*
+ * --canonical: one order of vertices and triangles, whatever order the stream had.
+ *
+ * Vertices are numbered by (x, y), triangles turned so that the smallest number comes first and sorted by
+ * their numbers. As positions are distinct, the order of numbers is the order of positions: triangles are
+ * sorted as three positions and need no old numbers at all. Sorted vertices go to the writer and, as keys,
+ * to a nameless file with the first key of each page in memory; each corner is looked up there, most of them
+ * in a small table of recent answers. Memory: two sort buffers, 8 bytes for 512 vertices, 3 MiB.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+#define PAGE_KEYS 512
+#define PAGES 256             /* kept in memory */
+#define RECENT (1u << 16)
+#define PIECE 8192            /* vertices or triangles in one block for the writer */
+
+struct page {
+	uint64_t number;           /* + 1; 0 = empty */
+	uint64_t key[PAGE_KEYS];
+};
+
+struct format_canonical {
+	const struct format *format;
+	void *writer;
+	struct format_sort *vertices, *triangles;
+	struct format_output *keys;
+	uint64_t nvertex, *first;  /* first key of each page */
+	size_t npage, first_room;
+	struct page *page;
+	struct { uint64_t key, number; } *recent;
+	uint64_t *foreign;         /* 3 * PIECE */
+	uint32_t (*index)[3];
+	int32_t (*position)[3];    /* PIECE */
+};
+
+static uint64_t key_of(const int32_t *p)
+{
+	return (uint64_t)((uint32_t)p[0] ^ 1u << 31) << 32 | ((uint32_t)p[1] ^ 1u << 31);
+}
+
+int format_canonical_new(const struct format *format, void *writer, const struct format_output *beside,
+			 uint64_t memory, struct format_canonical **ret, struct err *err)
+{
+	struct format_canonical *c = calloc(1, sizeof(*c));
+	int r = c ? 0 : err_set(err, ERR_NOMEM, "no memory to sort with");
+
+	if (!r)
+		r = format_sort_new(2, 1, memory / 3, beside, &c->vertices, err);
+	if (!r)
+		r = format_sort_new(3, 3, memory - memory / 3, beside, &c->triangles, err);
+	if (!r)
+		r = format_output_spool(beside, &c->keys, err);
+	if (!r) {
+		c->format = format;
+		c->writer = writer;
+		c->page = calloc(PAGES, sizeof(*c->page));
+		c->recent = calloc(RECENT, sizeof(*c->recent));
+		c->foreign = malloc(3 * PIECE * sizeof(*c->foreign));
+		c->index = malloc(PIECE * sizeof(*c->index));
+		c->position = malloc(PIECE * sizeof(*c->position));
+		if (!c->page || !c->recent || !c->foreign || !c->index || !c->position)
+			r = err_set(err, ERR_NOMEM, "no memory to sort with");
+	}
+	if (r) {
+		format_canonical_free(c);
+		return r;
+	}
+	*ret = c;
+	return 0;
+}
+
+int format_canonical_block(struct format_canonical *c, const struct format_block *block, struct err *err)
+{
+	const struct acut_mesh_block *b = block->mesh;
+	int r = 0;
+
+	for (uint32_t i = 0; i < b->nnew && !r; i++) {
+		uint64_t rec[2] = { key_of(b->vertex[i]), (uint32_t)b->vertex[i][2] };
+		r = format_sort_add(c->vertices, rec, err);
+	}
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
+		uint64_t k[3], rec[3];
+		int low = 0;
+
+		for (int j = 0; j < 3; j++) {
+			k[j] = key_of(block->position[b->triangle[i][j]]);
+			if (k[j] < k[low])
+				low = j;
+		}
+		for (int j = 0; j < 3; j++)
+			rec[j] = k[(low + j) % 3];
+		r = format_sort_add(c->triangles, rec, err);
+	}
+	return r;
+}
+
+static int first_add(struct format_canonical *c, uint64_t key, struct err *err)
+{
+	if (c->npage == c->first_room) {
+		size_t room = c->first_room ? 2 * c->first_room : 1024;
+		void *grown = realloc(c->first, room * sizeof(*c->first));
+		if (!grown)
+			return err_set(err, ERR_NOMEM, "no memory for an index of %zu pages", room);
+		c->first = grown;
+		c->first_room = room;
+	}
+	c->first[c->npage++] = key;
+	return 0;
+}
+
+static int send(struct format_canonical *c, const struct acut_mesh_block *b, struct err *err)
+{
+	const struct format_block block = { b, NULL };
+
+	return c->format->block(c->writer, &block, err);
+}
+
+static int send_vertices(struct format_canonical *c, struct err *err)
+{
+	const uint64_t *rec;
+	uint32_t n = 0;
+	int r = format_sort_start(c->vertices, err);
+
+	while (!r && !(r = format_sort_next(c->vertices, &rec, err))) {
+		if (n == PIECE || (!rec && n)) {
+			struct acut_mesh_block b = { .first = c->nvertex - n, .nnew = n,
+						     .vertex = (const int32_t (*)[3])c->position };
+			r = send(c, &b, err);
+			n = 0;
+		}
+		if (r || !rec)
+			break;
+		c->position[n][0] = (int32_t)((uint32_t)(rec[0] >> 32) ^ 1u << 31);
+		c->position[n][1] = (int32_t)((uint32_t)rec[0] ^ 1u << 31);
+		c->position[n++][2] = (int32_t)(uint32_t)rec[1];
+		if (c->nvertex++ % PAGE_KEYS == 0)
+			r = first_add(c, rec[0], err);
+		if (!r)
+			r = format_output_write(c->keys, rec, sizeof(*rec), err);
+	}
+	c->vertices = format_sort_free(c->vertices);
+	return r;
+}
+
+/* The number of the last entry of a sorted array that is not above `key`. */
+static size_t last_not_above(const uint64_t *a, size_t n, uint64_t key)
+{
+	size_t low = 0;
+
+	while (n > 1) {
+		size_t half = n / 2;
+		if (a[low + half] <= key)
+			low += half;
+		n -= half;
+	}
+	return low;
+}
+
+static int look_up(struct format_canonical *c, uint64_t key, uint64_t *ret, struct err *err)
+{
+	size_t slot = (size_t)(key * 0x9e3779b97f4a7c15u >> 48) & (RECENT - 1), at;
+	uint64_t number, n;
+	struct page *p;
+	int r;
+
+	if (c->recent[slot].number && c->recent[slot].key == key) {
+		*ret = c->recent[slot].number - 1;
+		return 0;
+	}
+	if (!c->npage)
+		return err_set(err, ERR_PROTO, "the stream has triangles and no vertices");
+	number = last_not_above(c->first, c->npage, key);
+	n = c->nvertex - number * PAGE_KEYS < PAGE_KEYS ? c->nvertex - number * PAGE_KEYS : PAGE_KEYS;
+	p = &c->page[number % PAGES];
+	if (p->number != number + 1) {
+		p->number = 0;
+		r = format_output_read(c->keys, number * sizeof(p->key), p->key, n * sizeof(*p->key), err);
+		if (r)
+			return r;
+		p->number = number + 1;
+	}
+	at = last_not_above(p->key, n, key);
+	if (p->key[at] != key)
+		return err_set(err, ERR_PROTO, "a triangle of the stream has a corner that is no vertex");
+	*ret = number * PAGE_KEYS + at;
+	c->recent[slot].key = key;
+	c->recent[slot].number = *ret + 1;
+	return 0;
+}
+
+static int send_triangles(struct format_canonical *c, struct err *err)
+{
+	const uint64_t *rec;
+	uint32_t n = 0;
+	int r = format_sort_start(c->triangles, err);
+
+	while (!r && !(r = format_sort_next(c->triangles, &rec, err))) {
+		if (n == PIECE || (!rec && n)) {
+			struct acut_mesh_block b = { .first = c->nvertex, .nforeign = 3 * n,
+						     .foreign = c->foreign, .ntriangle = n,
+						     .triangle = (const uint32_t (*)[3])c->index };
+			r = send(c, &b, err);
+			n = 0;
+		}
+		if (r || !rec)
+			break;
+		for (uint32_t j = 0; j < 3 && !r; j++) {
+			c->index[n][j] = 3 * n + j;
+			r = look_up(c, rec[j], &c->foreign[3 * n + j], err);
+		}
+		n++;
+	}
+	return r;
+}
+
+int format_canonical_finish(struct format_canonical *c, struct err *err)
+{
+	int r = send_vertices(c, err);
+
+	return r ? r : send_triangles(c, err);
+}
+
+struct format_canonical *format_canonical_free(struct format_canonical *c)
+{
+	if (!c)
+		return NULL;
+	format_sort_free(c->vertices);
+	format_sort_free(c->triangles);
+	format_output_free(c->keys);
+	free(c->first);
+	free(c->page);
+	free(c->recent);
+	free(c->foreign);
+	free(c->index);
+	free(c->position);
+	free(c);
+	return NULL;
+}

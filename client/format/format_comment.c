@@ -1,0 +1,41 @@
+/*
+ * The comments that say what the numbers of a text header mean. One line each, whatever is in the CRS text.
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+/* A line must stay a line: control characters become spaces. */
+static void make_line(char *text)
+{
+	for (; *text; text++)
+		if ((unsigned char)*text < ' ' || *text == 0x7f)
+			*text = ' ';
+}
+
+int format_comment_head(const struct acut_mesh_head *head, const struct format_options *opt,
+			int (*line)(void *ctx, const char *text, struct err *), void *ctx, struct err *err)
+{
+	char text[FORMAT_COMMENT];
+	int r;
+
+	snprintf(text, sizeof(text), "acut-lattice %s", head->lattice);
+	make_line(text);
+	r = line(ctx, text, err);
+	if (!r) {
+		snprintf(text, sizeof(text), "acut-crs %s", head->crs && *head->crs ? head->crs : "unknown");
+		make_line(text);
+		r = line(ctx, text, err);
+	}
+	if (!r) {
+		snprintf(text, sizeof(text), "acut-units %.64s %.64s",
+			 head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown",
+			 head->unit_z && *head->unit_z ? head->unit_z : "unknown");
+		make_line(text);
+		r = line(ctx, text, err);
+	}
+	format_axis_origin(head, opt, text, sizeof(text));
+	return r || !text[0] ? r : line(ctx, text, err);
+}

@@ -1,0 +1,130 @@
+/*
+ * Wavefront OBJ: text, exact decimals out of the lattice numbers, faces with 1-based numbers.
+ *
+ * Vertices and faces may alternate in this format, so that blocks are written as they come and nothing is
+ * kept. Counts and digests are known at the end and stand there, as comments.
+ */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+struct obj {
+	struct format_output *out;
+	struct format_options opt;
+	struct format_axis axis[3];
+	uint64_t nvertex, nface;
+};
+
+static int obj_comment(void *ctx, const char *text, struct err *err)
+{
+	struct obj *o = ctx;
+	char line[FORMAT_COMMENT + 8];
+	int n = snprintf(line, sizeof(line), "# %s\n", text);
+
+	return format_output_write(o->out, line, (size_t)n, err);
+}
+
+static int obj_open(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
+{
+	struct obj *o = calloc(1, sizeof(*o));
+
+	if (!o)
+		return err_set(err, ERR_NOMEM, "no memory for a writer");
+	o->out = out;
+	o->opt = *opt;
+	*ret = o;
+	return 0;
+}
+
+static int obj_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+{
+	struct obj *o = writer;
+	int r = format_axis_init(o->axis, head, &o->opt, err);
+
+	return r ? r : format_comment_head(head, &o->opt, obj_comment, o, err);
+}
+
+static char *put_number(uint64_t n, char *at)
+{
+	char digits[20];
+	int len = 0;
+
+	do {
+		digits[len++] = (char)('0' + n % 10);
+		n /= 10;
+	} while (n);
+	while (len)
+		*at++ = digits[--len];
+	return at;
+}
+
+static int obj_block(void *writer, const struct format_block *block, struct err *err)
+{
+	struct obj *o = writer;
+	const struct acut_mesh_block *b = block->mesh;
+
+	for (uint32_t i = 0; i < b->nnew; i++) {
+		char *start = format_output_room(o->out, 3 * FORMAT_COORDINATE + 8, err), *at = start;
+
+		if (!start)
+			return -err->code;
+		*at++ = 'v';
+		for (int j = 0; j < 3; j++) {
+			*at++ = ' ';
+			at = format_axis_text(&o->axis[j], b->vertex[i][j], at);
+		}
+		*at++ = '\n';
+		format_output_used(o->out, (size_t)(at - start));
+	}
+	for (uint32_t i = 0; i < b->ntriangle; i++) {
+		char *start = format_output_room(o->out, 72, err), *at = start;
+
+		if (!start)
+			return -err->code;
+		*at++ = 'f';
+		for (int j = 0; j < 3; j++) {
+			uint32_t l = b->triangle[i][j];
+			*at++ = ' ';
+			at = put_number(1 + (l >= b->nforeign ? b->first + (l - b->nforeign) : b->foreign[l]), at);
+		}
+		*at++ = '\n';
+		format_output_used(o->out, (size_t)(at - start));
+	}
+	o->nvertex += b->nnew;
+	o->nface += b->ntriangle;
+	return 0;
+}
+
+static int obj_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	struct obj *o = writer;
+	char text[FORMAT_COMMENT];
+	int r;
+
+	snprintf(text, sizeof(text), "acut-counts %" PRIu64 " %" PRIu64, o->nvertex, o->nface);
+	r = obj_comment(o, text, err);
+	snprintf(text, sizeof(text), "acut-digest %s %s", tail->digest, tail->vertex_digest);
+	return r ? r : obj_comment(o, text, err);
+}
+
+static void *obj_free(void *writer)
+{
+	free(writer);
+	return NULL;
+}
+
+const struct format format_obj = {
+	.name = "obj",
+	.extensions = ".obj",
+	.help = "Wavefront OBJ: exact decimals as text",
+	.canonical = true,
+	.origin = true,
+	.open = obj_open,
+	.head = obj_head,
+	.block = obj_block,
+	.finish = obj_finish,
+	.free = obj_free,
+};

@@ -1,0 +1,222 @@
+/*
+ * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int).
+ *
+ * The stream mixes both and says the counts at its end. Vertices go to their place at once, faces to a
+ * nameless file that is appended at the end; the header is written first at its greatest possible size and
+ * patched when the counts are known, a comment filling the rest. Where the output cannot seek, vertices are
+ * kept aside too. Faces take 32-bit numbers: int up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused beyond.
+ */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+#define PLY_HEADER 8192
+#define PLY_FILL "comment "
+
+_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "records are written as they lie in memory");
+
+struct ply {
+	struct format_output *out, *vertices, *faces; /* vertices: the output, or a spool */
+	struct format_options opt;
+	struct format_axis axis[3];
+	uint64_t nvertex, nface;
+	size_t header;             /* bytes kept for it */
+	char *comments;            /* lines of the head */
+};
+
+static int ply_comment(void *ctx, const char *text, struct err *err)
+{
+	struct ply *p = ctx;
+	char *grown;
+
+	if (asprintf(&grown, "%scomment %s\n", p->comments ? p->comments : "", text) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for a header");
+	free(p->comments);
+	p->comments = grown;
+	return 0;
+}
+
+static int ply_header(const struct ply *p, const char *digest, const char *vertex_digest, uint64_t nvertex,
+		      uint64_t nface, char buf[PLY_HEADER], struct err *err)
+{
+	const char *index = nvertex > (1u << 31) - 1 ? "uint" : "int";
+	int n = snprintf(buf, PLY_HEADER,
+			 "ply\nformat binary_little_endian 1.0\n%scomment acut-digest %s %s\n"
+			 "element vertex %" PRIu64 "\nproperty double x\nproperty double y\nproperty double z\n"
+			 "element face %" PRIu64 "\nproperty list uchar %s vertex_indices\nend_header\n",
+			 p->comments, digest, vertex_digest, nvertex, nface, index);
+
+	if (n < 0 || n >= PLY_HEADER - 64)
+		return err_set(err, ERR_INTERNAL, "the PLY header is longer than %d bytes", PLY_HEADER);
+	return n;
+}
+
+/* The header at exactly p->header bytes: a comment of dots before "end_header". */
+static int ply_header_fill(const struct ply *p, char buf[PLY_HEADER], int n, struct err *err)
+{
+	static const char end[] = "end_header\n";
+	size_t fill = p->header - (size_t)n, tail = sizeof(end) - 1;
+	char *at = buf + n - tail;
+
+	if (fill < sizeof(PLY_FILL) || p->header > PLY_HEADER)
+		return err_set(err, ERR_INTERNAL, "the PLY header does not fit its place");
+	memcpy(at, PLY_FILL, sizeof(PLY_FILL) - 1);
+	memset(at + sizeof(PLY_FILL) - 1, '.', fill - sizeof(PLY_FILL));
+	at[fill - 1] = '\n';
+	memcpy(at + fill, end, tail);
+	return 0;
+}
+
+static int ply_open(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
+{
+	struct ply *p = calloc(1, sizeof(*p));
+
+	if (!p)
+		return err_set(err, ERR_NOMEM, "no memory for a writer");
+	p->out = out;
+	p->opt = *opt;
+	*ret = p;
+	return 0;
+}
+
+static int ply_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+{
+	static const char widest[] = "00000000000000000000000000000000";
+	struct ply *p = writer;
+	char buf[PLY_HEADER];
+	int r = format_axis_init(p->axis, head, &p->opt, err);
+
+	if (!r)
+		r = format_comment_head(head, &p->opt, ply_comment, p, err);
+	if (!r)
+		r = format_output_spool(p->out, &p->faces, err);
+	if (r)
+		return r;
+	if (!format_output_seekable(p->out))
+		return format_output_spool(p->out, &p->vertices, err);
+	r = ply_header(p, widest, widest, UINT64_MAX, UINT64_MAX, buf, err);
+	if (r < 0)
+		return r;
+	p->header = ((size_t)r + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
+	memset(buf, 0, sizeof(buf));
+	p->vertices = p->out;
+	return format_output_write(p->out, buf, p->header, err);
+}
+
+static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct err *err)
+{
+	uint32_t most = FORMAT_BUFFER / 24;
+
+	while (n) {
+		uint32_t k = n < most ? n : most;
+		double *to = format_output_room(p->vertices, k * 24u, err);
+		double aligned[3 * 512];
+
+		if (!to)
+			return -err->code;
+		if ((uintptr_t)to % sizeof(double) == 0) {
+			format_axis_values(p->axis, v, k, to);
+		} else {
+			k = k < 512 ? k : 512;
+			format_axis_values(p->axis, v, k, aligned);
+			memcpy(to, aligned, k * 24u);
+		}
+		format_output_used(p->vertices, k * 24u);
+		v += k;
+		n -= k;
+	}
+	return 0;
+}
+
+static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err *err)
+{
+	const uint32_t most = FORMAT_BUFFER / 13, nf = b->nforeign, base = (uint32_t)(b->first - nf);
+
+	for (uint32_t i = 0; i < b->ntriangle;) {
+		uint32_t k = b->ntriangle - i < most ? b->ntriangle - i : most;
+		uint8_t *to = format_output_room(p->faces, k * 13u, err);
+
+		if (!to)
+			return -err->code;
+		for (uint32_t end = i + k; i < end; i++, to += 13) {
+			uint32_t g[3];
+			for (int j = 0; j < 3; j++) {
+				uint32_t l = b->triangle[i][j];
+				g[j] = l >= nf ? l + base : (uint32_t)b->foreign[l];
+			}
+			to[0] = 3;
+			memcpy(to + 1, g, 12);
+		}
+		format_output_used(p->faces, k * 13u);
+	}
+	return 0;
+}
+
+static int ply_block(void *writer, const struct format_block *block, struct err *err)
+{
+	struct ply *p = writer;
+	const struct acut_mesh_block *b = block->mesh;
+	int r;
+
+	if (p->nvertex + b->nnew > UINT32_MAX) {
+		err_set(err, ERR_LIMIT, "PLY cannot number more than 4294967295 vertices");
+		return err_add_hint(err, "write OBJ: -o NAME.obj");
+	}
+	r = ply_vertices(p, b->vertex, b->nnew, err);
+	if (!r)
+		r = ply_faces(p, b, err);
+	p->nvertex += b->nnew;
+	p->nface += b->ntriangle;
+	return r;
+}
+
+static int ply_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	struct ply *p = writer;
+	char buf[PLY_HEADER];
+	int n = ply_header(p, tail->digest, tail->vertex_digest, p->nvertex, p->nface, buf, err), r = 0;
+
+	if (n < 0)
+		return n;
+	if (p->vertices == p->out) {
+		r = ply_header_fill(p, buf, n, err);
+		if (!r)
+			r = format_output_patch(p->out, 0, buf, p->header, err);
+	} else {
+		r = format_output_write(p->out, buf, (size_t)n, err);
+		if (!r)
+			r = format_output_join(p->out, p->vertices, err);
+	}
+	return r ? r : format_output_join(p->out, p->faces, err);
+}
+
+static void *ply_free(void *writer)
+{
+	struct ply *p = writer;
+
+	if (!p)
+		return NULL;
+	if (p->vertices != p->out)
+		format_output_free(p->vertices);
+	format_output_free(p->faces);
+	free(p->comments);
+	free(p);
+	return NULL;
+}
+
+const struct format format_ply = {
+	.name = "ply",
+	.extensions = ".ply",
+	.help = "binary little-endian PLY: double x, y, z; triangles counter-clockwise",
+	.canonical = true,
+	.origin = true,
+	.open = ply_open,
+	.head = ply_head,
+	.block = ply_block,
+	.finish = ply_finish,
+	.free = ply_free,
+};

@@ -1,0 +1,199 @@
+/*
+ * PNG: a picture of the mesh from above, north up, drawn while it streams by.
+ *
+ * Memory is the picture's (4 bytes a pixel, 8 with domains), not the mesh's. The picture is laid out over
+ * the box that the stream announces; margins that no triangle covers are cut off at the end, because that box
+ * may be larger than the mesh (points that the view leaves out count in it).
+ */
+#include <math.h>
+#include <png.h>
+#include <setjmp.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+struct picture {
+	struct format_output *out;
+	struct format_options opt;
+	struct format_raster raster;
+	struct acut_mesh_head head; /* scales and units only */
+	char scale_xy[64], scale_z[64], unit_xy[64], unit_z[64];
+	struct err *err;           /* of the running call, for libpng's callbacks */
+};
+
+static int png_open_writer(struct format_output *out, const struct format_options *opt, void **ret,
+			   struct err *err)
+{
+	struct picture *p;
+
+	if (opt->width > FORMAT_WIDTH_MAX)
+		return err_set(err, ERR_USAGE, "--width is more than %d", FORMAT_WIDTH_MAX);
+	p = calloc(1, sizeof(*p));
+	if (!p)
+		return err_set(err, ERR_NOMEM, "no memory for a writer");
+	p->out = out;
+	p->opt = *opt;
+	if (!p->opt.width)
+		p->opt.width = FORMAT_WIDTH;
+	*ret = p;
+	return 0;
+}
+
+static const char *keep(char *to, size_t size, const char *text)
+{
+	strncpy(to, text ? text : "", size - 1);
+	return to;
+}
+
+static int png_head(void *writer, const struct acut_mesh_head *head, struct err *err)
+{
+	struct picture *p = writer;
+
+	p->head.scale_xy = keep(p->scale_xy, sizeof(p->scale_xy), head->scale_xy);
+	p->head.scale_z = keep(p->scale_z, sizeof(p->scale_z), head->scale_z);
+	p->head.unit_xy = keep(p->unit_xy, sizeof(p->unit_xy), head->unit_xy);
+	p->head.unit_z = keep(p->unit_z, sizeof(p->unit_z), head->unit_z);
+	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width,
+				  p->opt.color == FORMAT_DOMAIN, err);
+}
+
+/* One number for a region, well mixed: neighbours must not look alike. */
+static uint32_t domain_hash(const int64_t box[4])
+{
+	uint64_t h = 0x243f6a8885a308d3u;
+
+	for (int i = 0; i < 4; i++) {
+		h = (h ^ (uint64_t)box[i]) * 0x9e3779b97f4a7c15u;
+		h ^= h >> 29;
+	}
+	return (uint32_t)(h ^ h >> 32);
+}
+
+static int png_block(void *writer, const struct format_block *block, struct err *err)
+{
+	struct picture *p = writer;
+	const struct acut_mesh_block *b = block->mesh;
+	uint32_t domain = domain_hash(b->box);
+
+	for (uint32_t i = 0; i < b->ntriangle; i++) {
+		const uint32_t *t = b->triangle[i];
+		format_raster_triangle(&p->raster, block->position[t[0]], block->position[t[1]],
+				       block->position[t[2]], domain);
+	}
+	return 0;
+}
+
+static void png_put(png_structp png, png_bytep bytes, png_size_t n)
+{
+	struct picture *p = png_get_io_ptr(png);
+
+	if (format_output_write(p->out, bytes, n, p->err))
+		png_error(png, "output");
+}
+
+static void png_put_flush(png_structp png)
+{
+}
+
+static void png_fail(png_structp png, png_const_charp text)
+{
+	struct picture *p = png_get_error_ptr(png);
+
+	if (!p->err->code)
+		err_set(p->err, ERR_INTERNAL, "the picture cannot be encoded: %s", text);
+	png_longjmp(png, 1);
+}
+
+static void png_warn(png_structp png, png_const_charp text)
+{
+}
+
+struct frame { uint32_t x0, y0, x1, y1; };
+
+/* The covered part of the raster; one transparent pixel if there is none. */
+static struct frame covered(const struct format_raster *r)
+{
+	struct frame f = { r->w, r->h, 0, 0 };
+
+	for (uint32_t y = 0; y < r->h; y++) {
+		const float *z = r->z + (size_t)y * r->w;
+		for (uint32_t x = 0; x < r->w; x++) {
+			if (isnan(z[x]))
+				continue;
+			f.x0 = x < f.x0 ? x : f.x0;
+			f.x1 = x >= f.x1 ? x + 1 : f.x1;
+			f.y0 = y < f.y0 ? y : f.y0;
+			f.y1 = y + 1;
+		}
+	}
+	return f.x1 ? f : (struct frame){ 0, 0, 1, 1 };
+}
+
+static int png_encode(struct picture *p, const struct format_paint *paint, struct frame f, uint8_t *row)
+{
+	png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, p, png_fail, png_warn);
+	png_infop info = png ? png_create_info_struct(png) : NULL;
+
+	if (!info) {
+		png_destroy_write_struct(&png, NULL);
+		return err_set(p->err, ERR_NOMEM, "no memory to encode a picture");
+	}
+	if (setjmp(png_jmpbuf(png))) {
+		png_destroy_write_struct(&png, &info);
+		return -p->err->code;
+	}
+	png_set_write_fn(png, p, png_put, png_put_flush);
+	png_set_user_limits(png, 0x7fffffff, 0x7fffffff);
+	png_set_IHDR(png, info, f.x1 - f.x0, f.y1 - f.y0, 8, PNG_COLOR_TYPE_RGB_ALPHA, PNG_INTERLACE_NONE,
+		     PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
+	png_set_compression_level(png, 4);
+	png_write_info(png, info);
+	for (uint32_t y = f.y0; y < f.y1; y++) {
+		format_paint_row(paint, y, f.x0, f.x1, row);
+		png_write_row(png, row);
+	}
+	png_write_end(png, info);
+	png_destroy_write_struct(&png, &info);
+	return 0;
+}
+
+static int png_finish(void *writer, const struct acut_mesh_tail *tail, struct err *err)
+{
+	struct picture *p = writer;
+	struct frame f = covered(&p->raster);
+	struct format_paint paint;
+	uint8_t *row = malloc((size_t)(f.x1 - f.x0) * 4);
+	int r;
+
+	if (!row)
+		return err_set(err, ERR_NOMEM, "no memory to encode a picture");
+	format_paint_init(&paint, &p->raster, &p->head, p->opt.color);
+	p->err = err;
+	r = png_encode(p, &paint, f, row);
+	free(row);
+	return r;
+}
+
+static void *png_free_writer(void *writer)
+{
+	struct picture *p = writer;
+
+	if (p)
+		format_raster_done(&p->raster);
+	free(p);
+	return NULL;
+}
+
+const struct format format_png = {
+	.name = "png",
+	.extensions = ".png",
+	.help = "a picture from above: hillshade, elevation or domains (--color, --width)",
+	.positions = true,
+	.open = png_open_writer,
+	.head = png_head,
+	.block = png_block,
+	.finish = png_finish,
+	.free = png_free_writer,
+};

@@ -1,0 +1,198 @@
+/*
+ * One stream to several outputs.
+ *
+ * The order inside: positions of local vertices (only if somebody needs them), triangles left out by
+ * --max-edge, then each output, through the canonical order if asked. The first failure is kept, ends the
+ * fetch, and makes publishing impossible. Outputs are published one after the other when the stream has
+ * ended well: with several of them, a failure between two leaves the earlier ones, each of them whole.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_priv.h"
+
+#define SORT_MEMORY (64ull << 20)
+
+struct target {
+	const struct format *format;
+	struct format_options opt;
+	struct format_output *out;
+	void *writer;
+	struct format_canonical *canonical;
+	struct target *next;
+};
+
+struct format_run {
+	struct format_run_options opt;
+	struct target *target, **end;
+	bool positions;            /* somebody needs them */
+	bool finished;
+	struct format_open open;
+	struct format_edge edge;
+	struct err err;
+	uint64_t bytes;
+};
+
+int format_run_new(const struct format_run_options *opt, struct format_run **ret, struct err *err)
+{
+	struct format_run *run = calloc(1, sizeof(*run));
+
+	if (!run)
+		return err_set(err, ERR_NOMEM, "no memory for outputs");
+	run->opt = *opt;
+	if (!run->opt.sort_memory)
+		run->opt.sort_memory = SORT_MEMORY;
+	run->positions = opt->has_max_edge || opt->edges;
+	run->end = &run->target;
+	run->err = ERR_INIT;
+	*ret = run;
+	return 0;
+}
+
+static struct target *target_free(struct target *t)
+{
+	if (!t)
+		return NULL;
+	format_canonical_free(t->canonical);
+	if (t->writer)
+		t->format->free(t->writer);
+	format_output_free(t->out);
+	free(t);
+	return NULL;
+}
+
+static int target_check(const struct format *format, const struct format_options *opt, struct err *err)
+{
+	if (opt->canonical && !format->canonical)
+		return err_set(err, ERR_USAGE, "--canonical has no meaning for %s", format->name);
+	if ((opt->has_origin || opt->origin_auto) && !format->origin)
+		return err_set(err, ERR_USAGE, "--origin has no meaning for %s", format->name);
+	return 0;
+}
+
+int format_run_add(struct format_run *run, const char *path, const struct format *format,
+		   const struct format_options *opt, struct err *err)
+{
+	int r = target_check(format, opt, err);
+	struct target *t = r ? NULL : calloc(1, sizeof(*t));
+
+	if (r)
+		return err_add_file(err, path);
+	if (!t)
+		return err_set(err, ERR_NOMEM, "no memory for an output");
+	t->format = format;
+	t->opt = *opt;
+	r = format_output_new(path, opt->no_clobber, &t->out, err);
+	if (!r)
+		r = format->open(t->out, opt, &t->writer, err);
+	if (!r && opt->canonical)
+		r = format_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
+	if (r) {
+		err_add_file(err, path);
+		target_free(t);
+		return r;
+	}
+	run->positions |= format->positions || opt->canonical;
+	*run->end = t;
+	run->end = &t->next;
+	return 0;
+}
+
+static int run_head(void *ctx, const struct acut_mesh_head *head)
+{
+	struct format_run *run = ctx;
+	int r = format_edge_init(&run->edge, head, &run->opt, &run->err);
+
+	for (struct target *t = run->target; t && !r; t = t->next)
+		r = t->format->head(t->writer, head, &run->err);
+	return r;
+}
+
+static int run_block(void *ctx, const struct acut_mesh_block *b)
+{
+	struct format_run *run = ctx;
+	struct acut_mesh_block kept;
+	struct format_block block = { b, NULL };
+	int r = 0;
+
+	if (run->positions)
+		r = format_open_block(&run->open, b, &block.position, &run->err);
+	if (!r && (run->opt.has_max_edge || run->opt.edges)) {
+		r = format_edge_block(&run->edge, b, block.position, &kept, &run->err);
+		block.mesh = &kept;
+	}
+	for (struct target *t = run->target; t && !r; t = t->next)
+		r = t->canonical ? format_canonical_block(t->canonical, &block, &run->err)
+				 : t->format->block(t->writer, &block, &run->err);
+	return r;
+}
+
+static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
+{
+	struct format_run *run = ctx;
+	int r = 0;
+
+	format_open_done(&run->open);
+	for (struct target *t = run->target; t && !r; t = t->next) {
+		if (t->canonical)
+			r = format_canonical_finish(t->canonical, &run->err);
+		t->canonical = format_canonical_free(t->canonical);
+		if (!r)
+			r = t->format->finish(t->writer, tail, &run->err);
+	}
+	run->finished = !r;
+	return r;
+}
+
+struct acut_mesh_sink format_run_sink(struct format_run *run)
+{
+	return (struct acut_mesh_sink){ .head = run_head, .block = run_block, .tail = run_tail, .ctx = run };
+}
+
+const struct err *format_run_error(const struct format_run *run)
+{
+	return &run->err;
+}
+
+int format_run_publish(struct format_run *run, struct err *err)
+{
+	if (run->err.code) {
+		*err = run->err;
+		return -err->code;
+	}
+	if (!run->finished)
+		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
+	for (struct target *t = run->target; t; t = t->next) {
+		int r = format_output_publish(t->out, err);
+		if (r)
+			return r;
+		run->bytes += format_output_size(t->out);
+	}
+	return 0;
+}
+
+void format_run_report(const struct format_run *run, struct format_report *ret)
+{
+	*ret = (struct format_report){
+		.bytes = run->bytes,
+		.left_out = run->edge.left_out,
+		.left_out_area = format_edge_area(&run->edge),
+		.longest_edge = format_edge_longest(&run->edge),
+		.median_edge = format_edge_median(&run->edge),
+	};
+}
+
+struct format_run *format_run_free(struct format_run *run)
+{
+	if (!run)
+		return NULL;
+	for (struct target *t = run->target, *next; t; t = next) {
+		next = t->next;
+		target_free(t);
+	}
+	format_open_done(&run->open);
+	format_edge_done(&run->edge);
+	free(run);
+	return NULL;
+}

@@ -1,0 +1,64 @@
+/*
+ * The table of output formats. A new format is one file and one row here (ARCHITECTURE.md); everything else,
+ * the help text, `acutctl formats` and the contract tests included, reads this table.
+ */
+#include <string.h>
+#include <strings.h>
+
+#include "format_priv.h"
+
+static const struct format *const row[] = { &format_ply, &format_obj, &format_png };
+
+const struct format *const *format_rows(size_t *ret_n)
+{
+	*ret_n = sizeof(row) / sizeof(row[0]);
+	return row;
+}
+
+const struct format *format_find(const char *name)
+{
+	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++)
+		if (!strcasecmp(row[i]->name, name))
+			return row[i];
+	return NULL;
+}
+
+/* True if `ext` (with its dot) is one of the words of `list`. */
+static bool in_list(const char *list, const char *ext)
+{
+	size_t n = strlen(ext);
+
+	for (const char *at = list; *at; at += strspn(at, " ")) {
+		size_t m = strcspn(at, " ");
+		if (m == n && !strncasecmp(at, ext, n))
+			return true;
+		at += m;
+	}
+	return false;
+}
+
+const struct format *format_by_path(const char *path)
+{
+	const char *base = strrchr(path, '/');
+	const char *dot = strrchr(base ? base : path, '.');
+
+	if (!dot)
+		return NULL;
+	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++)
+		if (in_list(row[i]->extensions, dot))
+			return row[i];
+	return NULL;
+}
+
+bool format_parse_color(const char *text, enum format_color *ret)
+{
+	static const char *const name[] = { "hillshade", "elevation", "domain" };
+
+	for (unsigned i = 0; i < 3; i++) {
+		if (!strcmp(text, name[i])) {
+			*ret = (enum format_color)i;
+			return true;
+		}
+	}
+	return false;
+}
