@@ -1,0 +1,370 @@
+/*
+ * Lattices: the choice from headers, whatever their order; mapping against the inequality that defines a
+ * floor, in exact numbers; and rounding that commutes with shifts.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "lattice.h"
+
+static uint64_t random_state = 17;
+
+static uint64_t rnd(void)
+{
+	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
+
+	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+	return z ^ z >> 31;
+}
+
+static struct decimal dec(const char *text)
+{
+	struct decimal d;
+
+	assert_true(decimal_parse(text, &d));
+	return d;
+}
+
+/* An input with the same numbers on x and y. */
+static struct lattice_input input(const char *name, const char *scale, const char *offset, double min, double max)
+{
+	struct lattice_input in = {.name = name, .has_offset = offset != NULL};
+
+	for (int a = 0; a < 3; a++) {
+		in.scale[a] = dec(scale);
+		in.offset[a] = dec(offset ? offset : "0");
+		in.min[a] = min;
+		in.max[a] = max;
+	}
+	return in;
+}
+
+static struct lattice lattice_of(const char *text)
+{
+	struct lattice l;
+
+	assert_true(lattice_parse(text, &l));
+	return l;
+}
+
+static void choose_is(const struct lattice_input *in, size_t n, const char *want)
+{
+	struct lattice_input turned[4];
+	char text[LATTICE_TEXT_SIZE];
+
+	for (size_t turn = 0; turn < n; turn++) {
+		struct err err = ERR_INIT;
+		struct lattice l;
+
+		for (size_t i = 0; i < n; i++)
+			turned[i] = in[(i + turn) % n];
+		assert_int_equal(lattice_choose(turned, n, NULL, NULL, &l, &err), 0);
+		assert_string_equal(lattice_text(&l, text), want);
+	}
+}
+
+static void test_choose(void **state)
+{
+	struct lattice_input in[3];
+
+	in[0] = input("a", "0.01", "500000", 500000, 501000);
+	choose_is(in, 1, "0.01 0.01 50000000 50000000 50000000");
+	in[1] = input("b", "0.01", "500000", 501000, 502000);
+	choose_is(in, 2, "0.01 0.01 50000000 50000000 50000000"); /* one distinct (offset, scale) */
+	in[1] = input("b", "0.01", "600000", 501000, 502000);
+	choose_is(in, 2, "0.01 0.01 50100000 50100000 50100000"); /* the middle of the boxes */
+	in[2] = input("c", "0.001", "0", 500000, 500010);
+	choose_is(in, 3, "0.001 0.001 501000000 501000000 501000000");
+	in[0] = input("a", "0.01", "-0.005", 0, 1);
+	choose_is(in, 1, "0.01 0.01 -1 -1 -1"); /* floor(-0.5) */
+	in[0] = input("text", "0.001", NULL, -5, 10);
+	choose_is(in, 1, "0.001 0.001 2500 2500 2500");
+	in[0].scale[1] = dec("0.0001"); /* x and y differ: the finer for both */
+	choose_is(in, 1, "0.0001 0.001 25000 25000 2500");
+	in[0] = input("nobox", "0.01", "7", NAN, 1);
+	in[1] = input("nobox2", "0.01", "5", 3, -3);
+	choose_is(in, 2, "0.01 0.01 500 500 500");
+	(void)state;
+}
+
+static void test_choose_lying_box(void **state)
+{
+	struct lattice_input in[2] = {input("a", "0.01", "0", -1e300, 1e300), input("b", "0.01", "1", 0, 10)};
+	struct err err = ERR_INIT;
+	struct lattice l = {.k = {7}};
+
+	/* Alone its box is not needed; with another it is, and can only be refused. */
+	choose_is(in, 1, "0.01 0.01 0 0 0");
+	assert_int_equal(lattice_choose(in, 2, NULL, NULL, &l, &err), -ERR_INPUT);
+	assert_string_equal(err.file, "a");
+	assert_int_equal(l.k[0], 7);
+	(void)state;
+}
+
+static void test_choose_refused(void **state)
+{
+	static const char *const scales[] = {"0", "-0.01", "1e-41", "1e9", "123456789012345678e-10"};
+	struct lattice_input in[2];
+	struct decimal wanted;
+	struct lattice l;
+
+	for (size_t i = 0; i < 5; i++) {
+		struct err err = ERR_INIT;
+
+		in[0] = input("good", "0.01", "0", 0, 1);
+		in[1] = input("bad", "0.01", "0", 0, 1);
+		in[1].scale[i % 3] = dec(scales[i]);
+		assert_int_equal(lattice_choose(in, 2, NULL, NULL, &l, &err), -ERR_INPUT);
+		assert_string_equal(err.file, "bad");
+		err_clear(&err);
+		wanted = dec(scales[i]);
+		assert_int_equal(lattice_choose(in, 1, &wanted, NULL, &l, &err), -ERR_USAGE);
+	}
+	struct err err = ERR_INIT;
+
+	in[0] = input("coarse", "0.01", "0", 0, 5000000);
+	in[1] = input("fine", "0.0000001", "0", 0, 1);
+	assert_int_equal(lattice_choose(in, 2, NULL, NULL, &l, &err), -ERR_INPUT);
+	assert_string_equal(err.file, "coarse"); /* its own extent is too wide for the finest scale */
+	err_clear(&err);
+	in[0] = input("near", "0.001", "0", 0, 5);
+	in[1] = input("far", "0.00001", "0", 5000000, 5000001);
+	assert_int_equal(lattice_choose(in, 2, NULL, NULL, &l, &err), -ERR_INPUT);
+	assert_string_equal(err.file, "far");
+	assert_true(err.hint[0]);
+	err_clear(&err);
+	wanted = dec("0.01");
+	assert_int_equal(lattice_choose(in, 2, &wanted, &wanted, &l, &err), 0);
+	(void)state;
+}
+
+/* A scale finer than the file's: the offset serves only while the data fit around it. */
+static void test_choose_wanted(void **state)
+{
+	struct lattice_input in = input("a", "0.01", "0", 4000000, 4000100);
+	struct decimal wanted = dec("0.001");
+	struct err err = ERR_INIT;
+	struct lattice l;
+
+	assert_int_equal(lattice_choose(&in, 1, &wanted, NULL, &l, &err), 0);
+	assert_int_equal(l.k[0], 4000050000);
+	assert_int_equal(l.k[2], 0);
+	(void)state;
+}
+
+static void test_text(void **state)
+{
+	static const char *const bad[] = {
+		"", "0.01 0.01 1 2", "0.01 0.01 1 2 3 4", "0.010 0.01 1 2 3", "0.01  0.01 1 2 3", "0 0.01 1 2 3", "-1 1 1 2 3",
+		"0.01 0.01 +1 2 3", "0.01 0.01 1 2 03", "0.01 0.01 1 2 4611686018427387905", "0.01 0.01 1 2 3 ", "1e-41 1 0 0 0",
+	};
+	char text[LATTICE_TEXT_SIZE];
+	struct lattice l = {.k = {5}};
+
+	for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++)
+		assert_false(lattice_parse(bad[i], &l));
+	assert_int_equal(l.k[0], 5);
+	l = lattice_of("99999999999999999e-40 1 -4611686018427387904 4611686018427387904 0");
+	assert_string_equal(lattice_text(&l, text), "99999999999999999e-40 1 -4611686018427387904 4611686018427387904 0");
+	(void)state;
+}
+
+/* Tenths of a step, rounded by hand: halves go up, below zero too. */
+static void test_map_rounding(void **state)
+{
+	struct lattice l = lattice_of("0.01 0.01 0 0 0");
+	struct lattice_input in = input("a", "0.001", "0", 0, 1);
+	struct lattice_map m;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
+	assert_false(m.axis[0].exact);
+	for (int64_t raw = -25; raw <= 25; raw++) {
+		int64_t r[1][3] = {{raw, raw, raw}};
+		int32_t got[1][3];
+		uint64_t moved = 0;
+		double shift[3] = {0, 0, 0};
+		size_t bad;
+		int64_t want = (int64_t)floor((double)(raw * 2 + 10) / 20); /* floor(raw / 10 + 1/2) */
+
+		assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])r, 1, got, &moved, shift, &bad, &err), 0);
+		for (int a = 0; a < 3; a++) {
+			assert_int_equal(got[0][a], want);
+			assert_true(fabs(shift[a] - fabs((double)(raw - want * 10)) * 0.001) < 1e-12);
+		}
+		assert_int_equal(moved, raw % 10 != 0);
+	}
+	(void)state;
+}
+
+/* A whole number of lattice steps added to a file's offset moves all its points by just that many. */
+static void test_map_commutes(void **state)
+{
+	static const char *const scales[] = {"0.001", "0.01", "0.0025", "3048006096012192e-16", "0.3048", "1e-7", "7e-3"};
+	static const char *const steps[] = {"0.01", "0.001", "3048006096012192e-17", "0.007"};
+
+	for (int round = 0; round < 3000; round++) {
+		struct lattice l = {.scale_xy = dec(steps[rnd() % 4]), .scale_z = dec(steps[rnd() % 4])};
+		struct lattice_input in = input("a", scales[rnd() % 7], "0", 0, 1), moved_in;
+		struct lattice_map m[2];
+		struct err err = ERR_INIT;
+		int64_t raw[16][3], by = (int64_t)(rnd() % 2000001) - 1000000;
+		int32_t got[2][16][3];
+		uint64_t moved[2] = {0, 0};
+		double shift[2][3] = {{0}};
+		size_t bad;
+
+		for (int a = 0; a < 3; a++)
+			in.offset[a] = (struct decimal){(int64_t)(rnd() % 20001) * 10 - 99999, -4};
+		for (int i = 0; i < 16; i++)
+			for (int a = 0; a < 3; a++)
+				raw[i][a] = (int64_t)(rnd() % 2000001) - 1000000;
+		moved_in = in;
+		for (int v = 0; v < 2; v++) {
+			struct lattice k = l;
+
+			for (int a = 0; v && a < 3; a++)
+				k.k[a] = l.k[a] - by; /* the same as moving the offset by `by` steps */
+			assert_int_equal(lattice_map_init(&m[v], &k, v ? &moved_in : &in, &err), 0);
+			assert_int_equal(lattice_map_apply(&m[v], (const int64_t(*)[3])raw, 16, got[v], &moved[v], shift[v],
+							   &bad, &err), 0);
+		}
+		assert_int_equal(moved[0], moved[1]);
+		for (int i = 0; i < 16; i++)
+			for (int a = 0; a < 3; a++)
+				assert_int_equal((int64_t)got[1][i][a] - got[0][i][a], by);
+	}
+	(void)state;
+}
+
+/* Fast, narrow and wide ways give the same numbers: X is the floor, checked by its defining inequality
+ * in exact decimals: X - 1/2 <= v < X + 1/2. */
+static void test_map_defining(void **state)
+{
+	static const char *const scales[] = {"0.001", "0.01", "1", "0.3048", "3048006096012192e-16", "123456789e-10", "0.1"};
+
+	for (int round = 0; round < 20000; round++) {
+		struct lattice l = {.scale_xy = dec(scales[rnd() % 7]), .scale_z = dec("1"), .k = {0, 0, 0}};
+		struct lattice_input in = input("a", scales[rnd() % 7], "0", 0, 1);
+		int64_t raw[1][3] = {{(int64_t)(rnd() % 4000001) - 2000000, 0, 0}};
+		int32_t got[1][3];
+		uint64_t moved = 0;
+		double shift[3] = {0, 0, 0};
+		struct lattice_map m;
+		struct err err = ERR_INIT;
+		size_t bad;
+
+		assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
+		int rc = lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err);
+
+		if (rc) { /* 2e6 / 0.001 fits 32 bits only just */
+			assert_int_equal(rc, -ERR_LIMIT);
+			continue;
+		}
+		/* All over 10^20: 2 * raw * scale against (2X - 1) * step and (2X + 1) * step. */
+		__int128 v = 2 * (__int128)raw[0][0] * in.scale[0].mantissa, s = l.scale_xy.mantissa;
+
+		for (int e = in.scale[0].exponent; e > -20; e--)
+			v *= 10;
+		for (int e = l.scale_xy.exponent; e > -20; e--)
+			s *= 10;
+		assert_true((2 * (__int128)got[0][0] - 1) * s <= v && v < (2 * (__int128)got[0][0] + 1) * s);
+		assert_int_equal(moved, v != 2 * (__int128)got[0][0] * s);
+	}
+	(void)state;
+}
+
+static void test_map_exact(void **state)
+{
+	struct lattice l = lattice_of("0.01 0.001 5 -5 0");
+	struct lattice_input in = input("a", "0.01", "10", 0, 1);
+	int64_t raw[3][3] = {{1, 2, 3}, {-1, -2, -3}, {2000000000, 0, 0}};
+	int32_t got[3][3];
+	uint64_t moved = 0;
+	double shift[3] = {0, 0, 0};
+	size_t bad = 99;
+	struct lattice_map m;
+	struct err err = ERR_INIT;
+
+	in.scale[2] = dec("0.1");
+	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
+	assert_true(m.axis[0].exact && m.axis[1].exact && m.axis[2].exact);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), 0);
+	assert_int_equal(got[0][0], 1 + 1000 - 5);
+	assert_int_equal(got[1][1], -2 + 1000 + 5);
+	assert_int_equal(got[1][2], -300 + 10000);
+	assert_int_equal(got[2][0], 2000000995);
+	assert_true(moved == 0 && shift[0] == 0);
+	raw[2][2] = 21474737; /* 21474737 * 100 + 10000 = 2^31 + 52 */
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), -ERR_LIMIT);
+	assert_int_equal(bad, 2);
+	raw[2][2] = 21474736; /* 2^31 - 48 */
+	err_clear(&err);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), 0);
+	assert_int_equal(got[2][2], INT32_MAX - 47);
+	raw[1][1] = INT64_MIN;
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), -ERR_LIMIT);
+	assert_int_equal(bad, 1);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 0, got, &moved, shift, &bad, &err), 0);
+	(void)state;
+}
+
+/* Numbers of many digits go the 128-bit way; what not even that can hold is refused with the file's name. */
+static void test_map_wide(void **state)
+{
+	struct lattice l = lattice_of("0.0000001 0.01 0 0 0");
+	struct lattice_input in = input("a", "99999999999999999e-25", "123456789012345e-15", 0, 1);
+	int64_t raw[1][3] = {{5000000000000, -5000000000000, 1}};
+	int32_t got[1][3];
+	uint64_t moved = 0;
+	double shift[3] = {0, 0, 0};
+	size_t bad;
+	struct lattice_map m;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err), -ERR_LIMIT);
+	err_clear(&err);
+	raw[0][0] = 1000;
+	raw[0][1] = -1000;
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err), 0);
+	/* 1000 * 9.9999999999999999e-9 + 0.123456789012345 = 0.12346678901234499999: 1234667.89 steps */
+	assert_int_equal(got[0][0], 1234668);
+	assert_int_equal(got[0][1], 1234468); /* 1234467.89 */
+	assert_int_equal(got[0][2], 12);
+	assert_int_equal(moved, 1);
+	in.offset[1] = dec("1e300");
+	assert_int_equal(lattice_map_init(&m, &l, &in, &err), -ERR_INPUT);
+	assert_string_equal(err.file, "a");
+	err_clear(&err);
+	in.offset[1] = dec("1e-300");
+	assert_int_equal(lattice_map_init(&m, &l, &in, &err), -ERR_INPUT);
+	err_clear(&err);
+	in.offset[1] = dec("0");
+	in.scale[0] = dec("0");
+	assert_int_equal(lattice_map_init(&m, &l, &in, &err), -ERR_INPUT);
+	(void)state;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_choose),       cmocka_unit_test(test_choose_lying_box),
+		cmocka_unit_test(test_choose_refused), cmocka_unit_test(test_choose_wanted),
+		cmocka_unit_test(test_text),         cmocka_unit_test(test_map_rounding),
+		cmocka_unit_test(test_map_commutes), cmocka_unit_test(test_map_defining),
+		cmocka_unit_test(test_map_exact),    cmocka_unit_test(test_map_wide),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,171 @@
+/* The Morton key (nesting, order, inverse) and the sort (against qsort by the order written down again). */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "point.h"
+
+static uint64_t random_state = 9;
+
+static uint64_t rnd(void)
+{
+	uint64_t z = (random_state += 0x9e3779b97f4a7c15u);
+
+	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+	return z ^ z >> 31;
+}
+
+/* Bit by bit, as the comment in point.h says. */
+static uint64_t morton_again(int32_t x, int32_t y)
+{
+	uint64_t ux = (uint64_t)((int64_t)x + 2147483648), uy = (uint64_t)((int64_t)y + 2147483648), key = 0;
+
+	for (int i = 0; i < 32; i++)
+		key |= (ux >> i & 1) << (2 * i + 1) | (uy >> i & 1) << (2 * i);
+	return key;
+}
+
+static void test_morton(void **state)
+{
+	static const int32_t ends[] = {INT32_MIN, INT32_MIN + 1, -1, 0, 1, INT32_MAX - 1, INT32_MAX};
+
+	for (int i = 0; i < 100049; i++) {
+		int32_t x = i < 49 ? ends[i / 7] : (int32_t)rnd(), y = i < 49 ? ends[i % 7] : (int32_t)rnd(), bx, by;
+		uint64_t key = point_morton(x, y);
+
+		assert_true(key == morton_again(x, y));
+		point_from_morton(key, &bx, &by);
+		assert_true(bx == x && by == y);
+	}
+	assert_true(point_morton(INT32_MIN, INT32_MIN) == 0);
+	assert_true(point_morton(INT32_MAX, INT32_MAX) == UINT64_MAX);
+	(void)state;
+}
+
+/* A range of keys that share their first bits is an aligned box: x is split first, then y. */
+static void test_morton_nests(void **state)
+{
+	for (int i = 0; i < 20000; i++) {
+		unsigned low = (unsigned)(rnd() % 64);
+		uint64_t key = rnd() >> low << low, width = UINT64_C(1) << low;
+		int32_t x0, y0, x1, y1, x, y;
+
+		point_from_morton(key, &x0, &y0);
+		point_from_morton(key + (width - 1), &x1, &y1);
+		assert_true((uint32_t)x1 - (uint32_t)x0 == (uint32_t)((UINT64_C(1) << low / 2) - 1));
+		assert_true((uint32_t)y1 - (uint32_t)y0 == (uint32_t)((UINT64_C(1) << (low + 1) / 2) - 1));
+		point_from_morton(key + rnd() % width, &x, &y);
+		assert_true(x >= x0 && x <= x1 && y >= y0 && y <= y1);
+	}
+	(void)state;
+}
+
+/* The order of runs, written a second time over plain fields. */
+static int order_again(const void *va, const void *vb)
+{
+	const struct point *a = va, *b = vb;
+	uint64_t ka = morton_again(a->x, a->y), kb = morton_again(b->x, b->y);
+	int64_t fa[] = {a->z, a->cls, a->ret, a->tag & 15, a->tag >> 4};
+	int64_t fb[] = {b->z, b->cls, b->ret, b->tag & 15, b->tag >> 4};
+
+	if (ka != kb)
+		return ka < kb ? -1 : 1;
+	for (int i = 0; i < 5; i++)
+		if (fa[i] != fb[i])
+			return fa[i] < fb[i] ? -1 : 1;
+	return 0;
+}
+
+enum family { FULL, SMALL, TWO, ONE, CLUSTERS, TIES, COLUMN, FAMILIES };
+
+static struct point make(enum family f)
+{
+	uint64_t a = rnd(), b = rnd(), c = rnd();
+	struct point p = {(int32_t)a, (int32_t)b, (int32_t)c, (uint8_t)(a >> 40), (uint8_t)(b >> 40), (uint16_t)(c >> 40)};
+
+	switch (f) {
+	case SMALL:
+		p.x = (int32_t)(a % 1000) - 500;
+		p.y = (int32_t)(b % 1000) - 500;
+		break;
+	case TWO:
+		p.x = a % 2 ? 7 : -7;
+		p.y = 3;
+		break;
+	case ONE:
+	case TIES:
+		p.x = p.y = INT32_MIN;
+		if (f == TIES) {
+			p.z = (int32_t)(c % 3) - 1;
+			p.cls = (uint8_t)(a % 2);
+			p.ret = (uint8_t)(b % 2);
+			p.tag = (uint16_t)(c % 4 + (a % 4 << 4));
+		}
+		break;
+	case CLUSTERS:
+		p.x = (int32_t)((a >> 8) % 50) + (a % 100 ? 0 : INT32_MAX - 50);
+		p.y = (int32_t)((b >> 8) % 50);
+		break;
+	case COLUMN:
+		p.x = 5;
+		break;
+	default:
+		break;
+	}
+	return p;
+}
+
+static void test_sort(void **state)
+{
+	static const size_t sizes[] = {0, 1, 2, 3, 47, 48, 49, 50, 1000, 32767, 32768, 32769, 200000};
+	struct point *a = malloc(200000 * sizeof *a), *b = malloc(200000 * sizeof *b), *s = malloc(200000 * sizeof *s);
+
+	for (int f = 0; f < FAMILIES; f++) {
+		for (size_t k = 0; k < sizeof sizes / sizeof sizes[0]; k++) {
+			size_t n = sizes[k];
+
+			for (size_t i = 0; i < n; i++)
+				a[i] = b[i] = make((enum family)f);
+			point_sort(a, s, n);
+			if (n)
+				qsort(b, n, sizeof *b, order_again);
+			assert_memory_equal(a, b, n * sizeof *a);
+			point_sort(a, s, n); /* sorted already */
+			assert_memory_equal(a, b, n * sizeof *a);
+		}
+	}
+	free(a);
+	free(b);
+	free(s);
+	(void)state;
+}
+
+static void test_compare(void **state)
+{
+	for (int i = 0; i < 100000; i++) {
+		struct point a = make((enum family)(i % FAMILIES)), b = i % 3 ? make((enum family)(i % FAMILIES)) : a;
+
+		if (i % 5 == 0)
+			b.tag ^= (uint16_t)(1u << (rnd() % 16));
+		assert_int_equal(point_compare(&a, &b), order_again(&a, &b));
+		assert_int_equal(point_compare(&b, &a), -point_compare(&a, &b));
+	}
+	(void)state;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_morton), cmocka_unit_test(test_morton_nests), cmocka_unit_test(test_sort),
+		cmocka_unit_test(test_compare),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

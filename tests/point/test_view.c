@@ -1,0 +1,243 @@
+/* Views: the matrix of rules against a table written by hand, canonical texts, preference among equals. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <string.h>
+
+#include "err.h"
+#include "view.h"
+
+static struct view view_with(const char *classes)
+{
+	struct view v = VIEW_INIT;
+	struct err err = ERR_INIT;
+
+	if (classes)
+		assert_int_equal(view_set_classes(&v, classes, &err), 0);
+	return v;
+}
+
+static struct point point_with(unsigned cls, unsigned number, unsigned count, unsigned flags)
+{
+	return (struct point){0, 0, 0, (uint8_t)cls, (uint8_t)(number | count << 4), (uint16_t)flags};
+}
+
+static void test_matrix(void **state)
+{
+	struct view all = view_with(NULL), named = view_with("2,7"), ground = all, surface = all, last = all, loud = all;
+	struct view first = all, kept = all, ground7;
+
+	ground.ground = true;
+	surface.surface = true;
+	first.returns = VIEW_RETURNS_FIRST;
+	last.returns = VIEW_RETURNS_LAST;
+	loud.keep_noise = true;
+	kept.keep_withheld = true;
+	ground7 = ground;
+	ground7.keep_noise = true;
+	const struct {
+		const struct view *view;
+		unsigned cls, number, count, flags;
+		enum view_rule want;
+	} rows[] = {
+		{&all, 2, 1, 1, 0, VIEW_KEPT},
+		{&all, 7, 1, 1, 0, VIEW_BY_NOISE},
+		{&all, 18, 1, 1, 0, VIEW_BY_NOISE},
+		{&all, 2, 1, 1, POINT_WITHHELD, VIEW_BY_WITHHELD},
+		{&all, 7, 1, 1, POINT_WITHHELD, VIEW_BY_NOISE}, /* the first rule is the one counted */
+		{&all, 2, 1, 1, POINT_SYNTHETIC | POINT_OVERLAP | POINT_KEY, VIEW_KEPT},
+		{&all, 255, 5, 9, 0, VIEW_KEPT},
+		{&loud, 7, 1, 1, 0, VIEW_KEPT},
+		{&loud, 18, 1, 1, POINT_WITHHELD, VIEW_BY_WITHHELD},
+		{&kept, 2, 1, 1, POINT_WITHHELD, VIEW_KEPT},
+		{&kept, 7, 1, 1, POINT_WITHHELD, VIEW_BY_NOISE},
+		{&named, 2, 1, 1, 0, VIEW_KEPT},
+		{&named, 7, 1, 1, 0, VIEW_KEPT}, /* named: not noise */
+		{&named, 18, 1, 1, 0, VIEW_BY_CLASS},
+		{&named, 3, 1, 1, POINT_WITHHELD, VIEW_BY_CLASS},
+		{&named, 7, 1, 1, POINT_WITHHELD, VIEW_BY_WITHHELD},
+		{&ground, 2, 1, 1, 0, VIEW_KEPT},
+		{&ground, 8, 1, 1, 0, VIEW_KEPT},
+		{&ground, 5, 1, 1, 0, VIEW_BY_CLASS},
+		{&ground, 5, 1, 1, POINT_KEY, VIEW_KEPT},
+		{&ground, 7, 1, 1, POINT_KEY, VIEW_BY_NOISE},
+		{&ground, 18, 1, 1, POINT_KEY, VIEW_BY_NOISE},
+		{&ground, 7, 1, 1, 0, VIEW_BY_CLASS},
+		{&ground, 2, 1, 1, POINT_WITHHELD, VIEW_BY_WITHHELD},
+		{&ground7, 7, 1, 1, POINT_KEY, VIEW_KEPT},
+		{&surface, 5, 1, 3, 0, VIEW_KEPT},
+		{&surface, 5, 2, 3, 0, VIEW_BY_RETURNS},
+		{&surface, 5, 2, 3, POINT_WITHHELD, VIEW_BY_RETURNS},
+		{&surface, 5, 0, 0, 0, VIEW_KEPT}, /* no returns known */
+		{&first, 5, 1, 3, 0, VIEW_KEPT},
+		{&first, 5, 3, 3, 0, VIEW_BY_RETURNS},
+		{&last, 5, 3, 3, 0, VIEW_KEPT},
+		{&last, 5, 1, 1, 0, VIEW_KEPT},
+		{&last, 5, 1, 3, 0, VIEW_BY_RETURNS},
+		{&last, 5, 0, 0, 0, VIEW_KEPT},
+		{&last, 5, 0, 1, 0, VIEW_KEPT},
+		{&last, 5, 0, 2, 0, VIEW_BY_RETURNS},
+		{&last, 5, 4, 3, 0, VIEW_KEPT}, /* beyond its count */
+	};
+
+	for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+		struct point p = point_with(rows[i].cls, rows[i].number, rows[i].count, rows[i].flags);
+		enum view_rule got = view_judge(rows[i].view, &p);
+
+		if (got != rows[i].want)
+			print_error("row %zu: %s, not %s\n", i, view_rule_text(got), view_rule_text(rows[i].want));
+		assert_int_equal(got, rows[i].want);
+	}
+	(void)state;
+}
+
+/* Whatever the view: the order of the points of a position does not matter, and the source never decides. */
+static void test_preference(void **state)
+{
+	struct point all[3 * 2 * 2 * 2 * 2];
+	size_t n = 0;
+
+	for (int z = 0; z < 3; z++)
+		for (unsigned m = 0; m < 16; m++)
+			all[n++] = (struct point){0, 0, z, (uint8_t)(m & 1), (uint8_t)(m >> 1 & 1),
+						  (uint16_t)((m >> 2 & 1) | (m >> 3 & 1) << 4)};
+	for (unsigned mode = 0; mode < 4; mode++) {
+		struct view v = VIEW_INIT;
+
+		v.duplicates = mode == 1 ? VIEW_HIGHEST : VIEW_LOWEST;
+		v.surface = mode == 2;
+		v.ground = mode == 3;
+		int want = mode == 1 || mode == 2 ? 2 : 0;
+
+		for (size_t start = 0; start < n; start++) {
+			struct point best = all[start];
+
+			for (size_t i = 0; i < n; i++) {
+				const struct point *p = &all[(start * 7 + i * 5) % n];
+
+				assert_false(view_prefers(&v, p, &best) && view_prefers(&v, &best, p));
+				if (view_prefers(&v, p, &best))
+					best = *p;
+			}
+			assert_int_equal(best.z, want);
+			assert_true(best.cls == 0 && best.ret == 0 && point_flags(&best) == 0);
+		}
+		struct point a = all[0], b = all[0];
+
+		b.tag |= 5 << POINT_SOURCE_SHIFT;
+		assert_false(view_prefers(&v, &a, &b) || view_prefers(&v, &b, &a));
+	}
+	(void)state;
+}
+
+static void test_text_round_trip(void **state)
+{
+	static const char *const lists[] = {NULL, "2", "2,8", "0-255", "7", "3-5,9,200-255", "0,2,4,6,8"};
+	char text[VIEW_TEXT_SIZE], again[VIEW_TEXT_SIZE];
+	struct digest seen[7 * 3 * 2 * 2 * 2 * 2];
+	size_t nseen = 0;
+
+	for (unsigned m = 0; m < 7 * 3 * 2 * 2 * 2 * 2; m++) {
+		struct view v = view_with(lists[m % 7]), w = VIEW_INIT;
+		struct err err = ERR_INIT;
+
+		v.returns = (uint8_t)(m / 7 % 3);
+		v.keep_noise = m / 21 % 2;
+		v.keep_withheld = m / 42 % 2;
+		v.ground = m / 84 % 2;
+		v.duplicates = (uint8_t)(m / 168 % 2);
+		if (view_check(&v, &err))
+			continue;
+		view_text(&v, text);
+		assert_int_equal(view_parse(text, &w, &err), 0);
+		assert_string_equal(view_text(&w, again), text);
+		assert_true(digest_equal(view_hash(&v), view_hash(&w)));
+		assert_memory_equal(&v, &w, sizeof v);
+		for (size_t i = 0; i < nseen; i++)
+			assert_false(digest_equal(seen[i], view_hash(&v))); /* different views, different texts */
+		seen[nseen++] = view_hash(&v);
+	}
+	(void)state;
+}
+
+static void test_text(void **state)
+{
+	struct view v = view_with("9,2-3,4"), s = VIEW_INIT, t = VIEW_INIT, g = VIEW_INIT, every = VIEW_INIT;
+	char text[VIEW_TEXT_SIZE], other[VIEW_TEXT_SIZE];
+	struct err err = ERR_INIT;
+
+	assert_string_equal(view_text(&s, text), "view 1");
+	v.keep_noise = true;
+	assert_string_equal(view_text(&v, text), "view 1 class=2-4,9 keep-noise");
+	s.surface = true;
+	t.returns = VIEW_RETURNS_FIRST;
+	t.duplicates = VIEW_HIGHEST;
+	assert_string_equal(view_text(&s, text), view_text(&t, other)); /* two ways to ask for one view */
+	g.ground = true;
+	assert_string_equal(view_text(&g, text), "view 1 ground");
+	for (unsigned c = 0; c < 256; c += 2)
+		every.classes[c >> 6] |= UINT64_C(1) << (c & 63);
+	every.has_classes = every.keep_noise = every.keep_withheld = true;
+	assert_int_equal(view_parse(view_text(&every, text), &v, &err), 0); /* the longest */
+	assert_memory_equal(&v, &every, sizeof v);
+	(void)state;
+}
+
+static void test_bad_texts(void **state)
+{
+	static const char *const bad[] = {
+		"", "view", "view 2", "view 1 ", "view  1", "view 1  ground", "view 1 class=", "view 1 class=2,", "view 1 class=02",
+		"view 1 class=3,2", "view 1 class=2,3", "view 1 class=256", "view 1 keep-noise keep-withheld", "view 1 surface",
+		"view 1 returns=all", "view 1 ground duplicates=highest", "view 1 ground ground", "view 1 Ground", "view 1ground",
+	};
+	static const char *const lists[] = {"", ",", "2,", "-2", "2-", "5-2", "256", "2 ", " 2", "a", "2,,3", "1-2-3", "99999999999"};
+	struct view v = VIEW_INIT, same = v;
+
+	for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+		struct err err = ERR_INIT;
+
+		assert_int_equal(view_parse(bad[i], &v, &err), -ERR_PROTO);
+	}
+	for (size_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
+		struct err err = ERR_INIT;
+
+		assert_int_equal(view_set_classes(&v, lists[i], &err), -ERR_USAGE);
+		assert_true(err.hint[0]);
+	}
+	assert_memory_equal(&v, &same, sizeof v);
+	(void)state;
+}
+
+static void test_contradictions(void **state)
+{
+	struct view v = VIEW_INIT;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(view_check(&v, &err), 0);
+	v.ground = v.surface = true;
+	assert_int_equal(view_check(&v, &err), -ERR_USAGE);
+	err_clear(&err);
+	v.ground = false;
+	v.returns = VIEW_RETURNS_LAST;
+	assert_int_equal(view_check(&v, &err), -ERR_USAGE);
+	err_clear(&err);
+	v = VIEW_INIT;
+	v.ground = true;
+	v.duplicates = VIEW_HIGHEST;
+	assert_int_equal(view_check(&v, &err), -ERR_USAGE);
+	(void)state;
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_matrix), cmocka_unit_test(test_preference), cmocka_unit_test(test_text_round_trip),
+		cmocka_unit_test(test_text),   cmocka_unit_test(test_bad_texts),  cmocka_unit_test(test_contradictions),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
