@@ -1,9 +1,11 @@
 /*
  * libacut: talk to acutd. The one public header; opaque handles, no global state, no threads of its own.
  *
- * Every call returns 0, or a negative acut_code (its details by acut_error). Calls wait for the answer up
- * to the connection's time-out; while they wait, progress and interruption go through the callbacks.
- * Strings handed out belong to the object they came with.
+ * Every call returns 0, or a negative acut_code (its details by acut_error). Calls wait for the answer;
+ * while they wait, progress and interruption go through the callbacks. A call that timed out or was
+ * interrupted leaves the connection whole: its late answer is dropped. After the other side went away or broke
+ * the protocol, every further call fails in the same way. One thread at a time may use a connection; different
+ * connections do not know of each other. Callbacks must not call on their own connection.
  */
 #ifndef ACUT_H
 #define ACUT_H
@@ -18,9 +20,33 @@ extern "C" {
 
 struct acut;
 
-/* Same order and numbers as base/err.def (checked when libacut is built). */
+/* Same order and numbers as base/err.def (checked when libacut is built). New ones go to the end. */
+enum acut_code {
+	ACUT_OK,
+	ACUT_E_INPUT,       /* the input is broken or cannot be used */
+	ACUT_E_TRUNCATED,   /* the input has less data than its header says */
+	ACUT_E_CHANGED,     /* the input changed while it was read */
+	ACUT_E_LIMIT,       /* it can never fit into the limits that are set */
+	ACUT_E_CANCELLED,   /* the job was cancelled, or a callback ended the call */
+	ACUT_E_GONE,        /* the stream cannot be continued */
+	ACUT_E_DIGEST,      /* the digests do not agree */
+	ACUT_E_INTERNAL,    /* a fault in acut itself */
+	ACUT_E_USAGE,       /* the request is not well formed */
+	ACUT_E_UNSUPPORTED, /* this version of acut cannot do that */
+	ACUT_E_NOTFOUND,    /* there is no such job or dataset */
+	ACUT_E_NODAEMON,    /* no daemon answers, or it went away */
+	ACUT_E_IO,          /* reading or writing failed */
+	ACUT_E_NOSPACE,     /* there is no space left */
+	ACUT_E_CORRUPT,     /* stored data is damaged */
+	ACUT_E_BUSY,        /* not now; time alone mends it */
+	ACUT_E_NOMEM,       /* the system gave no memory */
+	ACUT_E_PROTO,       /* the other side does not keep to the protocol */
+	ACUT_E_VERSION,     /* the versions do not agree */
+	ACUT_E_PERM,        /* not permitted */
+	ACUT_E_TIMEOUT,     /* it took longer than the time-out */
+};
 struct acut_failure {
-	int code;                  /* enum err_code */
+	int code;                  /* enum acut_code */
 	const char *name;          /* "bad-input", frozen */
 	int exit_status;           /* what acutctl ends with */
 	const char *message, *file, *field, *hint; /* "" if none */
@@ -29,7 +55,7 @@ struct acut_failure {
 
 struct acut_options {
 	const char *program;       /* for the daemon's log; NULL: "libacut" */
-	double timeout;            /* seconds to wait for one answer; 0: for ever */
+	double timeout;            /* seconds without a sign of life while a call waits; 0: for ever */
 	/* Asked about ten times a second while a call waits; non-zero: the call ends with "cancelled". */
 	int (*interrupted)(void *ctx);
 	void *ctx;
@@ -38,9 +64,11 @@ struct acut_options {
 /* ---- connection ---- */
 
 int acut_connect(const char *socket_path, const struct acut_options *, struct acut **ret);
-/* Takes over a connected socket. On failure of either, *ret is still set, for acut_error; close it. */
+/* Takes over a connected socket, whatever the result. On failure of either, *ret is still set, for
+ * acut_error; close it (NULL only if there is no memory even for that). */
 int acut_attach(int fd, const struct acut_options *, struct acut **ret);
 struct acut *acut_close(struct acut *);
+/* Of the last call; valid until the next one. Of NULL: out of memory. */
 const struct acut_failure *acut_error(const struct acut *);
 int acut_fd(const struct acut *);                   /* to poll for POLLIN between calls */
 int acut_dispatch(struct acut *);                   /* read what is there; runs callbacks, never waits */
@@ -96,7 +124,11 @@ int acut_push_probe(struct acut_push *, int fd, const char *name, const struct a
 int acut_push_plan(struct acut_push *, const char **ret_lattice);
 int acut_push_file(struct acut_push *, int fd, const char *name, const struct acut_file_result **ret);
 int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
-struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed */
+/* Files 1..n lie safely on the daemon's disk and outlive this connection (counted as they were sent). */
+uint64_t acut_push_durable(const struct acut_push *);
+struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed; NULL is fine; gives NULL */
+/* Forgets a push without aborting it: what is durable stays pending with the daemon. */
+struct acut_push *acut_push_leave(struct acut_push *);
 
 int acut_info(struct acut *, int fd, const char *name, const char *format, const struct acut_probe **ret);
 
@@ -155,6 +187,8 @@ struct acut_mesh_head {
 	const char *lattice, *scale_xy, *scale_z, *crs, *unit_xy, *unit_z, *view, *stream_id;
 	int64_t k[3];              /* coordinate = (X + k) * scale */
 	int32_t box[6];            /* min x y z, max x y z: holds all vertices */
+	int64_t scale_mantissa[2]; /* scale = mantissa * 10^exponent; [0] of x and y, [1] of z */
+	int32_t scale_exponent[2];
 };
 struct acut_mesh_block {
 	uint64_t index, first;
@@ -164,6 +198,7 @@ struct acut_mesh_block {
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
 	const uint8_t *final;      /* bit set over nforeign + nnew */
+	const uint8_t *flags;      /* one byte a triangle, or NULL */
 	uint32_t nforeign, nnew, ntriangle;
 };
 struct acut_mesh_tail {
@@ -179,11 +214,13 @@ struct acut_mesh_sink {
 	acut_progress_fn progress; /* may be NULL */
 	void *ctx;
 };
-/* Streams the mesh of a job from block 0; checks frames, numbering and both digests. A stream that ends
- * without its tail, or with an error in it, is an error. */
+/* Streams the mesh of a job from block 0; checks frames, numbering and both digests ("digest-mismatch"). A
+ * stream that ends without its tail, or with an error in it, is an error. What the sink gets is valid
+ * during the callback; until the tail came, it is not yet known to be whole. */
 int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
 
-/* Coordinates from lattice numbers: nearest double; exact decimal text into buf (48 bytes). */
+/* Coordinates from lattice numbers: nearest double; exact decimal text into buf (48 bytes).
+ * axis: 0 x, 1 y, 2 z. */
 double acut_coordinate(const struct acut_mesh_head *, int axis, int32_t number);
 char *acut_coordinate_text(const struct acut_mesh_head *, int axis, int32_t number, char *buf);
 

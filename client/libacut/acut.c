@@ -1,0 +1,242 @@
+/*
+ * The connection: made, greeted, closed; its error; the small questions. HELLO goes first both ways and settles
+ * the version of the messages.
+ */
+#include "call.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include "clock.h"
+
+#define ERR(name, wire, status, text) \
+	_Static_assert((int)ACUT_E_##name == (int)ERR_##name, "acut.h and err.def disagree on " #name);
+#include "err.def"
+#undef ERR
+
+static struct acut *acut_alloc(const struct acut_options *options)
+{
+	struct acut *a = calloc(1, sizeof *a);
+
+	if (!a)
+		return NULL;
+	a->err = a->dead = ERR_INIT;
+	if (options)
+		a->options = *options;
+	snprintf(a->program, sizeof a->program, "%s",
+		 options && options->program ? options->program : "libacut");
+	frame_text_clean(a->program);
+	a->options.program = a->program;
+	return a;
+}
+
+static int check_hello(struct acut *a, const Acut__V1__Hello *hello)
+{
+	if (hello->version_min > FRAME_PROTOCOL_MAX || hello->version_max < FRAME_PROTOCOL_MIN) {
+		err_set(&a->err, ERR_VERSION,
+			"the daemon speaks protocol versions %u to %u, this program %u to %u", hello->version_min,
+			hello->version_max, FRAME_PROTOCOL_MIN, FRAME_PROTOCOL_MAX);
+		return err_add_hint(&a->err, "use acutctl and acutd of the same release");
+	}
+	snprintf(a->build, sizeof a->build, "%s", hello->build);
+	return 0;
+}
+
+static int greet(struct acut *a)
+{
+	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
+	int r;
+
+	hello.version_min = FRAME_PROTOCOL_MIN;
+	hello.version_max = FRAME_PROTOCOL_MAX;
+	hello.build = ACUT_VERSION;
+	hello.program = a->program;
+	r = call_ask(a, FRAME_MESSAGE(HELLO, hello, &hello), -1, ACUT__V1__MESSAGE__BODY_HELLO);
+	return r < 0 ? r : check_hello(a, a->answer->hello);
+}
+
+static int attach(struct acut *a, int fd)
+{
+	static const struct frame_limits limits = { .message = 16 << 20 };
+	int r = frame_conn_new(fd, &limits, &a->conn, &a->err);
+
+	if (r < 0)
+		close(fd);
+	else
+		r = greet(a);
+	if (r < 0 && !a->dead.code)
+		a->dead = a->err;
+	return r;
+}
+
+int acut_attach(int fd, const struct acut_options *options, struct acut **ret)
+{
+	*ret = acut_alloc(options);
+	if (!*ret) {
+		close(fd);
+		return -ACUT_E_NOMEM;
+	}
+	return attach(*ret, fd);
+}
+
+/* A daemon whose queue of connections is full gives EAGAIN: then wait a little and try again. */
+static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
+{
+	uint64_t since = clock_mono_ns();
+
+	while (connect(fd, (const struct sockaddr *)address, sizeof *address) < 0) {
+		if (errno == EISCONN)
+			return 0;
+		if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR || errno == ENOTSOCK) {
+			err_set(&a->err, ERR_NODAEMON, "no daemon answers at %s: %s", address->sun_path, strerror(errno));
+			return err_add_hint(&a->err, "start acutd, or say with --socket where it listens");
+		}
+		if (errno != EAGAIN && errno != EINTR)
+			return err_sys(&a->err, errno, "cannot connect to %s", address->sun_path);
+		if (a->options.interrupted && a->options.interrupted(a->options.ctx))
+			return err_set(&a->err, ERR_CANCELLED, "interrupted");
+		if (a->options.timeout > 0 && clock_since(since) > a->options.timeout)
+			return err_set(&a->err, ERR_TIMEOUT, "the daemon at %s took no connection within %g s",
+				       address->sun_path, a->options.timeout);
+		poll(NULL, 0, 20);
+	}
+	return 0;
+}
+
+static int connect_path(struct acut *a, const char *path)
+{
+	struct sockaddr_un address = { .sun_family = AF_UNIX };
+	int fd, r;
+
+	if (strlen(path) >= sizeof address.sun_path)
+		return err_set(&a->err, ERR_USAGE, "the socket's path is longer than %zu bytes: %s",
+			       sizeof address.sun_path - 1, path);
+	strcpy(address.sun_path, path);
+	fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+	if (fd < 0)
+		return err_sys(&a->err, errno, "cannot make a socket");
+	r = connect_fd(a, fd, &address);
+	if (r < 0) {
+		close(fd);
+		a->dead = a->err;
+		return r;
+	}
+	return attach(a, fd);
+}
+
+int acut_connect(const char *socket_path, const struct acut_options *options, struct acut **ret)
+{
+	int r;
+
+	*ret = acut_alloc(options);
+	if (!*ret)
+		return -ACUT_E_NOMEM;
+	r = connect_path(*ret, socket_path);
+	if (r < 0 && !(*ret)->dead.code)
+		(*ret)->dead = (*ret)->err;
+	return r;
+}
+
+struct acut *acut_close(struct acut *a)
+{
+	if (!a)
+		return NULL;
+	while (a->pushes)
+		acut_push_leave(a->pushes);
+	frame_message_free(a->answer);
+	free(a->rows);
+	frame_conn_free(a->conn);
+	free(a);
+	return NULL;
+}
+
+void call_failure(const struct err *err, struct acut_failure *ret)
+{
+	*ret = (struct acut_failure){
+		.code = (int)err->code,
+		.name = err->code ? err_wire_name(err->code) : "",
+		.exit_status = err->code ? err_exit_status(err->code) : 0,
+		.message = err->message,
+		.file = err->file,
+		.field = err->field,
+		.hint = err->hint,
+		.offset = err->offset,
+	};
+}
+
+const struct acut_failure *acut_error(const struct acut *a)
+{
+	static const struct acut_failure no_memory = {
+		.code = ACUT_E_NOMEM, .name = "out-of-memory", .exit_status = 75,
+		.message = "there is no memory for a connection", .file = "", .field = "", .hint = "",
+		.offset = UINT64_MAX,
+	};
+
+	if (!a)
+		return &no_memory;
+	/* The texts live in a->err; only the view of them is made anew. */
+	call_failure(&a->err, &((struct acut *)a)->failure);
+	return &a->failure;
+}
+
+int acut_fd(const struct acut *a)
+{
+	return a->conn ? frame_conn_fd(a->conn) : -1;
+}
+
+const char *acut_daemon_build(const struct acut *a)
+{
+	return a->build;
+}
+
+int acut_dispatch(struct acut *a)
+{
+	Acut__V1__Message *m;
+	int fd, r = call_begin(a);
+
+	while (r == 0)
+		r = call_pump(a, 0, &m, &fd);
+	return r == FRAME_E_AGAIN ? 0 : r;
+}
+
+int acut_ping(struct acut *a, double *ret_seconds)
+{
+	Acut__V1__Ping ping = ACUT__V1__PING__INIT;
+	uint64_t start = clock_mono_ns();
+	int r = call_ask(a, FRAME_MESSAGE(PING, ping, &ping), -1, ACUT__V1__MESSAGE__BODY_DONE);
+
+	if (r == 0)
+		*ret_seconds = clock_since(start);
+	return r;
+}
+
+int acut_status(struct acut *a, const struct acut_status **ret)
+{
+	Acut__V1__StatusRequest question = ACUT__V1__STATUS_REQUEST__INIT;
+	struct acut_ledger_entry *rows;
+	const Acut__V1__Status *s;
+	int r = call_ask(a, FRAME_MESSAGE(STATUS_REQUEST, status_request, &question), -1,
+			 ACUT__V1__MESSAGE__BODY_STATUS);
+
+	if (r < 0)
+		return r;
+	s = a->answer->status;
+	rows = a->rows = calloc(s->n_ledger + 1, sizeof *rows);
+	if (!rows)
+		return err_set(&a->err, ERR_NOMEM, "there is no memory for a status");
+	for (size_t i = 0; i < s->n_ledger; i++)
+		rows[i] = (struct acut_ledger_entry){ s->ledger[i]->name, s->ledger[i]->bytes };
+	a->status = (struct acut_status){
+		.version = s->version, .state_dir = s->state_dir, .cache_dir = s->cache_dir, .pid = s->pid,
+		.memory = s->memory, .peak_rss_bytes = s->peak_rss_bytes, .threads = s->threads,
+		.jobs_running = s->jobs_running, .jobs_waiting = s->jobs_waiting, .connections = s->connections,
+		.uptime_seconds = s->uptime_seconds, .ledger = rows, .nledger = s->n_ledger,
+	};
+	*ret = &a->status;
+	return 0;
+}

@@ -1,0 +1,77 @@
+/* Inside libacut: the connection, and how a call sends its question and waits for the answers. */
+#ifndef CALL_H
+#define CALL_H
+
+#include <poll.h>
+
+#include "acut.h"
+#include "err.h"
+#include "frame.h"
+
+struct acut_push {
+	struct acut *acut;
+	struct acut_push *next;      /* on acut->pushes */
+	uint32_t request_id;         /* of PushBegin: Durable comes on it */
+	uint64_t push, durable;
+	char *format;
+	acut_progress_fn progress;
+	void *ctx;
+	bool committed;
+	struct err failed;           /* what came unasked; code 0: nothing */
+};
+
+struct acut {
+	struct frame_conn *conn;     /* NULL: never connected */
+	struct acut_options options;
+	char program[64], build[128];
+	uint32_t last_id;
+	struct err err;              /* of the last call */
+	struct err dead;             /* why the connection is beyond use; code 0: it is not */
+	struct acut_failure failure; /* err, for acut_error */
+	struct acut_push *pushes;
+
+	acut_progress_fn progress;   /* of the call that waits; may be NULL */
+	void *progress_ctx;
+
+	Acut__V1__Message *answer;   /* what the results below point into */
+	void *rows;                  /* an array that the result points to */
+	struct acut_status status;
+	struct acut_probe probe;
+	struct acut_file_result file;
+	struct acut_push_result pushed;
+	struct acut_job job;
+	struct acut_plan plan;
+};
+
+/* Starts a call: forgets the last one's error and results. Negative if the connection is dead. */
+int call_begin(struct acut *);
+/* Sends a question. `fd` (-1: none) stays the caller's. */
+int call_send(struct acut *, const Acut__V1__Message *, int fd, uint32_t *ret_id);
+/* Waits for the next answer to `id`, other than Progress, which goes to acut->progress. *ret is the
+ * caller's (frame_message_free); an Error becomes the call's failure. ret_fd NULL: no descriptor is expected. */
+int call_next(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
+/* begin, send, next; the answer must be `want` and is kept as acut->answer. */
+int call_ask(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want);
+/* Same without begin, for the second and later questions of one call. *ret is the caller's. */
+int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
+	       Acut__V1__Message **ret);
+/* The failure of a message that should not have come. */
+int call_unexpected(struct acut *, const Acut__V1__Message *);
+
+/* Reads one message without waiting. 0: one was taken (if it answers `id` and is not Progress: *ret is set,
+ * else NULL); FRAME_E_AGAIN; negative. */
+int call_pump(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
+/* Waits for the connection or for `other` (NULL: none), at most a tenth of a second at a time if somebody
+ * wants to be asked. `since`: clock_mono_ns of the last sign of life. */
+int call_pause(struct acut *, uint64_t since, struct pollfd *other);
+
+/* ---- messages to results ---- */
+
+/* Text as it goes into a message; NULL: "". */
+char *call_text(const char *text);
+void call_failure(const struct err *err, struct acut_failure *ret);
+void call_progress(const Acut__V1__Progress *, struct acut_progress *ret);
+int call_job(struct acut *, const Acut__V1__Job *, struct acut_job *ret, void **ret_rows);
+void call_probe(const Acut__V1__Probed *, struct acut_probe *ret);
+
+#endif

@@ -1,0 +1,227 @@
+/*
+ * Checking a mesh as it streams by. Both digests are sums, so blocks need no order and nothing is kept of
+ * a block but the positions of vertices that later blocks may name: those not yet final. They stand in a hash
+ * table by number (open addressing, linear probing, deletion by shifting back), which grows with the open
+ * vertices and not with the mesh.
+ */
+#include "check.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+
+struct slot {
+	uint64_t key; /* vertex number + 1; 0: free */
+	int32_t xy[2];
+};
+
+struct check {
+	int64_t k[3];
+	struct digest digest, vertex_digest;
+
+	struct slot *slot;
+	unsigned bits; /* log2 of the slots */
+	uint64_t open; /* slots in use */
+
+	int32_t (*foreign)[2]; /* positions of the block's foreign vertices */
+	size_t room;
+};
+
+enum { BITS_FIRST = 10 };
+
+static uint64_t home(const struct check *c, uint64_t key)
+{
+	return key * 0x9e3779b97f4a7c15u >> (64 - c->bits);
+}
+
+struct check *check_new(const int64_t k[3])
+{
+	struct check *c = calloc(1, sizeof *c);
+
+	if (!c)
+		return NULL;
+	c->bits = BITS_FIRST;
+	c->slot = calloc((size_t)1 << c->bits, sizeof *c->slot);
+	if (!c->slot)
+		return check_free(c);
+	memcpy(c->k, k, sizeof c->k);
+	return c;
+}
+
+struct check *check_free(struct check *c)
+{
+	if (c) {
+		free(c->slot);
+		free(c->foreign);
+		free(c);
+	}
+	return NULL;
+}
+
+uint64_t check_open(const struct check *c)
+{
+	return c->open;
+}
+
+/* ---- the table ---- */
+
+static struct slot *find(const struct check *c, uint64_t key)
+{
+	uint64_t mask = ((uint64_t)1 << c->bits) - 1;
+	uint64_t i = home(c, key);
+
+	while (c->slot[i].key != 0 && c->slot[i].key != key)
+		i = (i + 1) & mask;
+	return &c->slot[i];
+}
+
+static int grow(struct check *c, struct err *err)
+{
+	struct slot *old = c->slot;
+	uint64_t n = (uint64_t)1 << c->bits;
+	struct slot *slot = calloc(2 * n, sizeof *slot);
+
+	if (!slot)
+		return err_set(err, ERR_NOMEM, "there is no memory for a table of %llu open vertices",
+			       (unsigned long long)(2 * n));
+	c->slot = slot;
+	c->bits++;
+	for (uint64_t i = 0; i < n; i++)
+		if (old[i].key != 0)
+			*find(c, old[i].key) = old[i];
+	free(old);
+	return 0;
+}
+
+static int insert(struct check *c, uint64_t number, const int32_t position[3], struct err *err)
+{
+	if ((c->open + 1) * 3 > (uint64_t)2 << c->bits) {
+		int r = grow(c, err);
+
+		if (r < 0)
+			return r;
+	}
+	*find(c, number + 1) = (struct slot){ number + 1, { position[0], position[1] } };
+	c->open++;
+	return 0;
+}
+
+/* Frees the slot and moves up those behind it that would no longer be found. */
+static void erase(struct check *c, struct slot *at)
+{
+	uint64_t mask = ((uint64_t)1 << c->bits) - 1;
+	uint64_t hole = (uint64_t)(at - c->slot);
+
+	for (uint64_t i = (hole + 1) & mask; c->slot[i].key != 0; i = (i + 1) & mask) {
+		uint64_t want = home(c, c->slot[i].key);
+
+		if (((i - want) & mask) >= ((i - hole) & mask)) {
+			c->slot[hole] = c->slot[i];
+			hole = i;
+		}
+	}
+	c->slot[hole].key = 0;
+	c->open--;
+}
+
+/* ---- a block ---- */
+
+static bool is_final(const struct stream_block *b, uint32_t local)
+{
+	return b->final[local / 8] >> local % 8 & 1;
+}
+
+static int look_up_foreign(struct check *c, const struct stream_block *b, struct err *err)
+{
+	if (b->nforeign > c->room) {
+		free(c->foreign);
+		c->room = 0;
+		c->foreign = malloc(b->nforeign * sizeof *c->foreign);
+		if (!c->foreign)
+			return err_set(err, ERR_NOMEM, "there is no memory for a block's %u vertices", b->nforeign);
+		c->room = b->nforeign;
+	}
+	for (uint32_t i = 0; i < b->nforeign; i++) {
+		struct slot *slot = find(c, b->foreign[i] + 1);
+
+		if (slot->key == 0)
+			return err_set(err, ERR_PROTO,
+				       "block %llu uses vertex %llu, which an earlier block said to be final",
+				       (unsigned long long)b->index, (unsigned long long)b->foreign[i]);
+		memcpy(c->foreign[i], slot->xy, sizeof slot->xy);
+		if (is_final(b, i))
+			erase(c, slot);
+	}
+	return 0;
+}
+
+static int take_new(struct check *c, const struct stream_block *b, struct err *err)
+{
+	for (uint32_t i = 0; i < b->nnew; i++) {
+		const int32_t *v = b->vertex[i];
+		int r;
+
+		digest_add_vertex(&c->vertex_digest, v[0] + c->k[0], v[1] + c->k[1], v[2] + c->k[2]);
+		if (is_final(b, b->nforeign + i))
+			continue;
+		r = insert(c, b->first + i, v, err);
+		if (r < 0)
+			return r;
+	}
+	return 0;
+}
+
+static void add_triangles(struct check *c, const struct stream_block *b)
+{
+	uint32_t nforeign = b->nforeign;
+	struct digest sum = c->digest;
+
+	for (uint32_t i = 0; i < b->ntriangle; i++) {
+		int64_t corner[3][2];
+
+		for (unsigned k = 0; k < 3; k++) {
+			uint32_t local = b->triangle[i][k];
+			const int32_t *p = local < nforeign ? c->foreign[local] : b->vertex[local - nforeign];
+
+			corner[k][0] = p[0] + c->k[0];
+			corner[k][1] = p[1] + c->k[1];
+		}
+		digest_add_triangle(&sum, corner);
+	}
+	c->digest = sum;
+}
+
+int check_block(struct check *c, const struct stream_block *b, struct err *err)
+{
+	int r = look_up_foreign(c, b, err);
+
+	if (r == 0)
+		r = take_new(c, b, err);
+	if (r == 0)
+		add_triangles(c, b);
+	return r;
+}
+
+static int compare(const char *what, struct digest came, struct digest said, struct err *err)
+{
+	char a[DIGEST_HEX_SIZE], b[DIGEST_HEX_SIZE];
+
+	if (digest_equal(came, said))
+		return 0;
+	err_set(err, ERR_DIGEST, "the mesh that came has the %s %s, but the daemon says %s", what,
+		digest_hex(came, a), digest_hex(said, b));
+	return err_add_hint(err, "fetch it again; if it stays so, the daemon or its machine is at fault: please report it");
+}
+
+int check_tail(const struct check *c, const struct stream_tail *tail, bool whole, struct err *err)
+{
+	int r = compare("digest", c->digest, tail->digest, err);
+
+	if (r == 0)
+		r = compare("vertex digest", c->vertex_digest, tail->vertex_digest, err);
+	if (r == 0 && whole && tail->triangles > 0 && c->open != tail->hull)
+		r = err_set(err, ERR_PROTO, "%llu vertices never became final, but the hull has %llu",
+			    (unsigned long long)c->open, (unsigned long long)tail->hull);
+	return r;
+}

@@ -1,0 +1,21 @@
+/* Inside libacut: what a stream claims of its mesh, computed again from its blocks. */
+#ifndef CHECK_H
+#define CHECK_H
+
+#include "digest.h"
+#include "stream.h"
+
+struct err;
+struct check;
+
+/* k: the lattice's offsets; absolute number = number + k. NULL: no memory. */
+struct check *check_new(const int64_t k[3]);
+struct check *check_free(struct check *);
+/* -ERR_PROTO: a vertex is used that was said to be final; -ERR_NOMEM. */
+int check_block(struct check *, const struct stream_block *, struct err *err);
+/* After the last block. -ERR_DIGEST: a digest is not what the tail says; -ERR_PROTO: the vertices that
+ * never became final are not as many as the hull's (whole meshes only). */
+int check_tail(const struct check *, const struct stream_tail *, bool whole, struct err *err);
+uint64_t check_open(const struct check *); /* vertices in the table now */
+
+#endif

@@ -1,0 +1,321 @@
+/*
+ * Fetching a mesh: the daemon hands over the reading end of a pipe, the bytes go through the stream reader,
+ * each block is checked and then given to the sink. The socket is watched meanwhile, since progress and errors
+ * come there. Closing the pipe is all it takes to give up.
+ */
+#include "call.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "check.h"
+#include "clock.h"
+#include "decimal.h"
+#include "parse.h"
+#include "stream.h"
+
+enum { READS_A_LOOK = 32 }; /* reads from the pipe between two looks at the socket */
+
+struct fetch {
+	struct acut *acut;
+	const struct acut_mesh_sink *sink;
+	uint32_t request;
+	int fd;
+	struct stream_reader *reader;
+	struct check *check;
+	struct acut_mesh_head head;
+	char lattice[192], scale[2][DECIMAL_TEXT_SIZE], stream_id[DIGEST_HEX_SIZE];
+};
+
+static int from_sink(struct fetch *f, int r)
+{
+	return r == 0 ? 0 : err_set(&f->acut->err, ERR_CANCELLED, "the receiver of the mesh gave up");
+}
+
+/* ---- the lattice's text: "SXY SZ KX KY KZ" ---- */
+
+static int get_lattice(struct fetch *f, const char *text)
+{
+	char *word[5], *save = NULL, *at = f->lattice;
+	struct decimal scale[2];
+	unsigned n = 0;
+	bool ok;
+
+	strcpy(f->lattice, text);
+	for (char *w = strtok_r(at, " ", &save); w && n < 5; w = strtok_r(NULL, " ", &save))
+		word[n++] = w;
+	ok = n == 5;
+	for (unsigned i = 0; ok && i < 2; i++)
+		ok = decimal_parse(word[i], &scale[i]) && scale[i].mantissa > 0 && strlen(word[i]) < DECIMAL_TEXT_SIZE;
+	for (unsigned i = 0; ok && i < 3; i++)
+		ok = parse_i64(word[2 + i], &f->head.k[i]) && f->head.k[i] >= -INT64_MAX / 2 &&
+		     f->head.k[i] <= INT64_MAX / 2;
+	if (!ok)
+		return err_set(&f->acut->err, ERR_PROTO, "the mesh stream has no good lattice: \"%s\"", text);
+	for (unsigned i = 0; i < 2; i++) {
+		strcpy(f->scale[i], word[i]);
+		f->head.scale_mantissa[i] = scale[i].mantissa;
+		f->head.scale_exponent[i] = scale[i].exponent;
+	}
+	return 0;
+}
+
+double acut_coordinate(const struct acut_mesh_head *head, int axis, int32_t number)
+{
+	struct decimal scale = { head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2] };
+
+	return decimal_scaled_double(scale, head->k[axis] + number);
+}
+
+char *acut_coordinate_text(const struct acut_mesh_head *head, int axis, int32_t number, char *buf)
+{
+	struct decimal scale = { head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2] };
+
+	return decimal_scaled_text(scale, head->k[axis] + number, buf);
+}
+
+/* ---- frames ---- */
+
+static int on_head(struct fetch *f)
+{
+	const struct stream_head *head = stream_reader_head(f->reader);
+	int r = get_lattice(f, head->lattice);
+
+	if (r < 0)
+		return r;
+	f->check = check_new(f->head.k);
+	if (!f->check)
+		return err_set(&f->acut->err, ERR_NOMEM, "there is no memory to check a mesh");
+	f->head.lattice = head->lattice;
+	f->head.scale_xy = f->scale[0];
+	f->head.scale_z = f->scale[1];
+	f->head.crs = head->crs;
+	f->head.unit_xy = head->unit_xy;
+	f->head.unit_z = head->unit_z;
+	f->head.view = head->view;
+	f->head.stream_id = digest_hex(head->id, f->stream_id);
+	memcpy(f->head.box, head->box, sizeof f->head.box);
+	return f->sink->head ? from_sink(f, f->sink->head(f->sink->ctx, &f->head)) : 0;
+}
+
+static int on_block(struct fetch *f)
+{
+	const struct stream_block *b = stream_reader_block(f->reader);
+	struct acut_mesh_block out = {
+		.index = b->index, .first = b->first, .foreign = b->foreign, .vertex = b->vertex,
+		.triangle = b->triangle, .final = b->final, .flags = b->flags, .nforeign = b->nforeign,
+		.nnew = b->nnew, .ntriangle = b->ntriangle,
+	};
+	int r = check_block(f->check, b, &f->acut->err);
+
+	if (r < 0 || !f->sink->block)
+		return r;
+	memcpy(out.box, b->box, sizeof out.box);
+	return from_sink(f, f->sink->block(f->sink->ctx, &out));
+}
+
+static int failed_tail(struct fetch *f, const struct stream_tail *tail)
+{
+	Acut__V1__Error error = ACUT__V1__ERROR__INIT;
+
+	error.code = (char *)tail->error_code;
+	error.message = (char *)tail->error_message;
+	error.hint = (char *)tail->error_hint;
+	return frame_error_to_err(&error, &f->acut->err);
+}
+
+static int on_tail(struct fetch *f)
+{
+	const struct stream_tail *tail = stream_reader_tail(f->reader);
+	bool whole = stream_reader_head(f->reader)->kind == STREAM_WHOLE;
+	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	struct acut_mesh_tail out = {
+		.blocks = tail->blocks, .vertices = tail->vertices, .triangles = tail->triangles,
+		.hull = tail->hull, .digest = digest_hex(tail->digest, digest),
+		.vertex_digest = digest_hex(tail->vertex_digest, vertex_digest), .report = tail->report,
+	};
+	int r;
+
+	if (tail->failed)
+		return failed_tail(f, tail);
+	r = check_tail(f->check, tail, whole, &f->acut->err);
+	if (r < 0 || !f->sink->tail)
+		return r;
+	memcpy(out.box, tail->box, sizeof out.box);
+	return from_sink(f, f->sink->tail(f->sink->ctx, &out));
+}
+
+static int on_event(struct fetch *f, enum stream_event event)
+{
+	switch (event) {
+	case STREAM_HEAD:
+		return on_head(f);
+	case STREAM_BLOCK:
+		return on_block(f);
+	case STREAM_TAIL:
+		return on_tail(f);
+	case STREAM_MORE:
+		break;
+	}
+	return 0;
+}
+
+/* ---- pipe and socket ---- */
+
+/* Takes what the socket has. An Error on the request ends the fetch; so does the end of the connection,
+ * but only once the pipe is dry: what is in it may be the whole mesh. */
+static int look_at_socket(struct fetch *f)
+{
+	struct acut *a = f->acut;
+	int r = 0;
+
+	while (r == 0) {
+		Acut__V1__Message *m;
+		int fd = -1;
+
+		r = call_pump(a, f->request, &m, &fd);
+		if (r != 0 || !m)
+			continue;
+		if (m->body_case == ACUT__V1__MESSAGE__BODY_ERROR)
+			r = frame_error_to_err(m->error, &a->err);
+		if (fd >= 0)
+			close(fd);
+		frame_message_free(m);
+	}
+	return r == FRAME_E_AGAIN ? 0 : r;
+}
+
+/* The pipe ended before the tail: the daemon may have said why. */
+static int ended_early(struct fetch *f)
+{
+	struct acut *a = f->acut;
+	int r = look_at_socket(f);
+
+	if (r < 0)
+		return r;
+	err_set(&a->err, ERR_IO, "the mesh stream ended after %llu bytes, before its tail",
+		(unsigned long long)stream_reader_offset(f->reader));
+	return err_add_hint(&a->err, "fetch it again");
+}
+
+/* One read. 0: some bytes; FRAME_E_AGAIN; FRAME_E_EOF after the tail; negative. */
+static int read_some(struct fetch *f)
+{
+	struct acut *a = f->acut;
+	enum stream_event event;
+	size_t room;
+	void *to;
+	ssize_t n;
+	int r = stream_reader_space(f->reader, &to, &room, &a->err);
+
+	if (r < 0)
+		return r;
+	do {
+		n = read(f->fd, to, room);
+	} while (n < 0 && errno == EINTR);
+	if (n < 0 && errno == EAGAIN)
+		return FRAME_E_AGAIN;
+	if (n < 0)
+		return err_sys(&a->err, errno, "cannot read the mesh stream");
+	if (n == 0)
+		return stream_reader_done(f->reader) ? FRAME_E_EOF : ended_early(f);
+	r = stream_reader_feed(f->reader, (size_t)n, &event, &a->err);
+	return r < 0 ? r : on_event(f, event);
+}
+
+/* The pipe is dry. 0: look again. */
+static int wait_for_bytes(struct fetch *f, uint64_t since)
+{
+	struct pollfd pipe = { .fd = f->fd, .events = POLLIN };
+	struct pollfd look = pipe;
+	int r;
+
+	/* A dead connection is readable for ever: then only the pipe counts. */
+	if (f->acut->dead.code) {
+		r = poll(&look, 1, 0);
+		return r > 0 ? 0 : -(int)(f->acut->err = f->acut->dead).code;
+	}
+	return call_pause(f->acut, since, &pipe);
+}
+
+static int stream(struct fetch *f)
+{
+	uint64_t since = clock_mono_ns();
+	unsigned reads = 0;
+
+	for (;;) {
+		int r = read_some(f);
+
+		if (r == FRAME_E_EOF)
+			return 0;
+		if (r < 0)
+			return r;
+		if (r == 0)
+			since = clock_mono_ns();
+		if ((r == FRAME_E_AGAIN || ++reads % READS_A_LOOK == 0) && !f->acut->dead.code) {
+			int looked = look_at_socket(f);
+
+			if (looked < 0 && !f->acut->dead.code)
+				return looked;
+			err_clear(&f->acut->err);
+			if (f->acut->options.interrupted && f->acut->options.interrupted(f->acut->options.ctx))
+				return err_set(&f->acut->err, ERR_CANCELLED, "interrupted");
+		}
+		if (r == FRAME_E_AGAIN)
+			r = wait_for_bytes(f, since);
+		if (r < 0)
+			return r;
+	}
+}
+
+/* Takes over the descriptor that came with Fetching. */
+static int open_stream(struct fetch *f, int fd)
+{
+	struct acut *a = f->acut;
+	struct stat st;
+	int flags;
+
+	f->fd = fd;
+	if (fd < 0 || fstat(fd, &st) < 0 || !S_ISFIFO(st.st_mode))
+		return err_set(&a->err, ERR_PROTO, "the daemon announced a mesh stream and sent no pipe");
+	flags = fcntl(fd, F_GETFL);
+	if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
+		return err_sys(&a->err, errno, "cannot set up the pipe of a mesh stream");
+	f->reader = stream_reader_new();
+	return f->reader ? 0 : err_set(&a->err, ERR_NOMEM, "there is no memory to read a mesh stream");
+}
+
+int acut_fetch(struct acut *a, uint64_t job, const struct acut_mesh_sink *sink)
+{
+	Acut__V1__Fetch question = ACUT__V1__FETCH__INIT;
+	struct fetch f = { .acut = a, .sink = sink, .fd = -1 };
+	int fd = -1, r = call_begin(a);
+
+	if (r < 0)
+		return r;
+	question.job = job;
+	a->progress = sink->progress;
+	a->progress_ctx = sink->ctx;
+	r = call_send(a, FRAME_MESSAGE(FETCH, fetch, &question), -1, &f.request);
+	if (r == 0)
+		r = call_next(a, f.request, &a->answer, &fd);
+	if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_FETCHING)
+		r = call_unexpected(a, a->answer);
+	if (r == 0) {
+		r = open_stream(&f, fd);
+		fd = -1;
+	}
+	if (r == 0)
+		r = stream(&f);
+	if (fd >= 0)
+		close(fd);
+	if (f.fd >= 0)
+		close(f.fd);
+	stream_reader_free(f.reader);
+	check_free(f.check);
+	return r;
+}

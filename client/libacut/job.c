@@ -1,0 +1,246 @@
+/*
+ * Jobs, datasets and plans: questions whose answers are rows. Lists come in pages; each page is taken out of
+ * the connection while its rows are handed out. Keys must rise from row to row, so that a daemon at fault
+ * cannot keep a list going for ever.
+ */
+#include "call.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { PAGE = 100 };
+
+static void wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
+{
+	enum err_code code = err_from_wire_name(e->code);
+
+	*ret = (struct acut_failure){
+		.code = (int)code, .name = err_wire_name(code), .exit_status = err_exit_status(code),
+		.message = e->message, .file = e->file, .field = e->field, .hint = e->hint,
+		.offset = e->has_offset ? e->offset : UINT64_MAX,
+	};
+}
+
+static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_report *ret, void **ret_rows)
+{
+	struct acut_removed *rows = calloc(p->n_removed + 1, sizeof *rows);
+
+	if (!rows)
+		return err_set(&a->err, ERR_NOMEM, "there is no memory for a report");
+	for (size_t i = 0; i < p->n_removed; i++)
+		rows[i] = (struct acut_removed){ p->removed[i]->rule, p->removed[i]->count };
+	*ret = (struct acut_report){
+		.points = p->points, .used = p->used, .vertices = p->vertices, .triangles = p->triangles,
+		.hull = p->hull, .domains = p->domains, .halo = p->halo, .peak_rss_bytes = p->peak_rss_bytes,
+		.digest = p->digest, .vertex_digest = p->vertex_digest, .removed = rows,
+		.nremoved = p->n_removed, .seconds = p->seconds, .stage_seconds = p->stage_seconds,
+		.first_triangle_seconds = p->first_triangle_seconds,
+	};
+	*ret_rows = rows;
+	return 0;
+}
+
+/* *ret_rows: free it with the result. */
+int call_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void **ret_rows)
+{
+	int r = 0;
+
+	*ret_rows = NULL;
+	*ret = (struct acut_job){
+		.id = j->id, .generation = j->generation, .dataset = j->dataset, .view = j->view,
+		.state = j->state, .lattice = j->lattice, .crs = j->crs, .unit_xy = j->unit_xy,
+		.unit_z = j->unit_z, .uid = j->uid, .pid = j->pid, .submitted_us = j->submitted_us,
+		.finished_us = j->finished_us, .final = j->final, .has_report = j->report != NULL,
+		.has_error = j->error != NULL, .progress = { .phase = "" },
+	};
+	if (j->progress)
+		call_progress(j->progress, &ret->progress);
+	if (j->error)
+		wire_failure(j->error, &ret->error);
+	if (j->report)
+		r = get_report(a, j->report, &ret->report, ret_rows);
+	return r;
+}
+
+static int job_ask(struct acut *a, const Acut__V1__Message *question, const struct acut_job **ret)
+{
+	int r = call_ask(a, question, -1, ACUT__V1__MESSAGE__BODY_JOB);
+
+	if (r == 0)
+		r = call_job(a, a->answer->job, &a->job, &a->rows);
+	if (r == 0)
+		*ret = &a->job;
+	return r;
+}
+
+int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound, bool fresh,
+		const struct acut_job **ret)
+{
+	Acut__V1__Submit question = ACUT__V1__SUBMIT__INIT;
+
+	question.dataset = call_text(dataset);
+	question.generation = generation;
+	question.view = call_text(view);
+	question.bound = bound;
+	question.fresh = fresh;
+	return job_ask(a, FRAME_MESSAGE(SUBMIT, submit, &question), ret);
+}
+
+int acut_job_cancel(struct acut *a, uint64_t id, const struct acut_job **ret)
+{
+	Acut__V1__Cancel question = ACUT__V1__CANCEL__INIT;
+
+	question.job = id;
+	return job_ask(a, FRAME_MESSAGE(CANCEL, cancel, &question), ret);
+}
+
+int acut_job_remove(struct acut *a, uint64_t id)
+{
+	Acut__V1__Remove question = ACUT__V1__REMOVE__INIT;
+
+	question.job = id;
+	return call_ask(a, FRAME_MESSAGE(REMOVE, remove, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
+}
+
+int acut_job_wait(struct acut *a, uint64_t id, bool follow, void (*changed)(void *ctx, const struct acut_job *),
+		  void *ctx, const struct acut_job **ret)
+{
+	Acut__V1__Wait question = ACUT__V1__WAIT__INIT;
+	uint32_t request;
+	int r = call_begin(a);
+
+	question.job = id;
+	question.watch = follow;
+	if (r == 0)
+		r = call_send(a, FRAME_MESSAGE(WAIT, wait, &question), -1, &request);
+	while (r == 0) {
+		a->answer = frame_message_free(a->answer);
+		free(a->rows);
+		a->rows = NULL;
+		r = call_next(a, request, &a->answer, NULL);
+		if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_JOB)
+			r = call_unexpected(a, a->answer);
+		if (r == 0)
+			r = call_job(a, a->answer->job, &a->job, &a->rows);
+		if (r < 0)
+			break;
+		if (changed)
+			changed(ctx, &a->job);
+		if (!follow || a->job.final) {
+			*ret = &a->job;
+			break;
+		}
+	}
+	return r;
+}
+
+/* Hands out one page; *ret_last is the key of its last row. */
+static int jobs_page(struct acut *a, const Acut__V1__Jobs *page, uint64_t after,
+		     void (*each)(void *ctx, const struct acut_job *), void *ctx, uint64_t *ret_last)
+{
+	for (size_t i = 0; i < page->n_jobs; i++) {
+		struct acut_job job;
+		void *rows;
+		int r;
+
+		if (page->jobs[i]->id <= after)
+			return err_set(&a->err, ERR_PROTO, "the daemon's list of jobs does not rise");
+		after = page->jobs[i]->id;
+		r = call_job(a, page->jobs[i], &job, &rows);
+		if (r < 0)
+			return r;
+		each(ctx, &job);
+		free(rows);
+	}
+	*ret_last = after;
+	return 0;
+}
+
+int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), void *ctx)
+{
+	Acut__V1__JobsRequest question = ACUT__V1__JOBS_REQUEST__INIT;
+	bool more = true;
+	int r = call_begin(a);
+
+	question.limit = PAGE;
+	while (r == 0 && more) {
+		Acut__V1__Message *page;
+		uint32_t id;
+
+		r = call_again(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1, ACUT__V1__MESSAGE__BODY_JOBS,
+			       &id, &page);
+		if (r < 0)
+			break;
+		more = page->jobs->more && page->jobs->n_jobs > 0;
+		r = jobs_page(a, page->jobs, question.after, each, ctx, &question.after);
+		frame_message_free(page);
+	}
+	return r;
+}
+
+static void get_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
+{
+	*ret = (struct acut_dataset){
+		.name = d->name, .lattice = d->lattice, .crs = d->crs, .unit_xy = d->unit_xy,
+		.unit_z = d->unit_z, .pending = d->pending, .generation = d->generation, .points = d->points,
+		.bytes = d->bytes, .files = d->files, .uid = d->uid, .created_us = d->created_us,
+		.pushed_us = d->pushed_us,
+	};
+	for (size_t i = 0; i < 3; i++) {
+		ret->min[i] = i < d->n_min ? d->min[i] : 0;
+		ret->max[i] = i < d->n_max ? d->max[i] : 0;
+	}
+}
+
+int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
+{
+	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
+	Acut__V1__Message *last = NULL, *page; /* `last` holds the text that question.after points to */
+	bool more = true;
+	uint32_t id;
+	int r = call_begin(a);
+
+	question.name = call_text(name);
+	question.limit = PAGE;
+	while (r == 0 && more) {
+		r = call_again(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1,
+			       ACUT__V1__MESSAGE__BODY_DATASETS, &id, &page);
+		if (r < 0)
+			break;
+		more = page->datasets->more && page->datasets->n_datasets > 0;
+		for (size_t i = 0; i < page->datasets->n_datasets && r == 0; i++) {
+			struct acut_dataset dataset;
+
+			get_dataset(page->datasets->datasets[i], &dataset);
+			if (strcmp(dataset.name, question.after) <= 0)
+				r = err_set(&a->err, ERR_PROTO, "the daemon's list of datasets does not rise");
+			else
+				each(ctx, &dataset);
+			question.after = page->datasets->datasets[i]->name;
+		}
+		frame_message_free(last);
+		last = page;
+	}
+	frame_message_free(last);
+	return r;
+}
+
+int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view, const struct acut_plan **ret)
+{
+	Acut__V1__PlanRequest question = ACUT__V1__PLAN_REQUEST__INIT;
+	const Acut__V1__Plan *p;
+	int r;
+
+	question.dataset = call_text(dataset);
+	question.generation = generation;
+	question.view = call_text(view);
+	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &question), -1, ACUT__V1__MESSAGE__BODY_PLAN);
+	if (r < 0)
+		return r;
+	p = a->answer->plan;
+	a->plan = (struct acut_plan){ .points = p->points, .domains = p->domains, .memory_bytes = p->memory_bytes,
+				      .disk_bytes = p->disk_bytes, .exact = p->exact, .seconds = p->seconds,
+				      .load = p->load, .threads = p->threads };
+	*ret = &a->plan;
+	return 0;
+}
