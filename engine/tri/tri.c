@@ -100,6 +100,16 @@ static void seed_place(struct tri *t)
 	t->ntriangle = 4;
 }
 
+int tri_build(struct tri *t, bool narrow)
+{
+	t->ntriangle = 0;
+	if (!seed_find(t))
+		return TRI_E_FLAT;
+	seed_place(t);
+	tri_insert_all(t, narrow);
+	return 0;
+}
+
 int tri_run(struct tri *t, uint32_t n)
 {
 	struct tri_extent extent;
@@ -109,12 +119,8 @@ int tri_run(struct tri *t, uint32_t n)
 	if (n == 0)
 		return TRI_E_FLAT;
 	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &extent);
-	if (!seed_find(t))
-		return TRI_E_FLAT;
-	seed_place(t);
-	tri_insert_all(t, (int64_t)extent.max[0] - extent.min[0] <= INT32_MAX &&
-			      (int64_t)extent.max[1] - extent.min[1] <= INT32_MAX);
-	return 0;
+	return tri_build(t, (int64_t)extent.max[0] - extent.min[0] <= INT32_MAX &&
+				    (int64_t)extent.max[1] - extent.min[1] <= INT32_MAX);
 }
 
 void tri_result(const struct tri *t, struct tri_result *ret)

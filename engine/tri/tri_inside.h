@@ -27,8 +27,11 @@ struct tri_extent {
 void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n,
 	       struct tri_extent *ret);
 
-/* Insert vertices 3 to nvertex - 1 into the four triangles of the first three. `narrow`: all differences
- * of coordinates lie within +-(2^31 - 1). */
+/* Triangulate the nvertex vertices in the order in which they stand (three may move to the front). The second
+ * half of tri_run. `narrow`: all differences of coordinates lie within +-(2^31 - 1). */
+int tri_build(struct tri *, bool narrow);
+
+/* Insert vertices 3 to nvertex - 1 into the four triangles of the first three. */
 void tri_insert_all(struct tri *, bool narrow);
 
 #endif

@@ -29,10 +29,10 @@ static uint32_t rnd(uint32_t n)
 struct mesh {
 	uint32_t w, h, nvertex, ntriangle, ndomain;
 	uint32_t (*triangle)[3];
-	uint32_t *domain;      /* of each triangle */
-	uint32_t *order;       /* domains in emission order */
-	uint32_t *rank;        /* of each domain in that order */
-	uint32_t *last;        /* of each vertex: rank of its last domain */
+	uint32_t *domain; /* of each triangle */
+	uint32_t *order;  /* domains in emission order */
+	uint32_t *rank;   /* of each domain in that order */
+	uint32_t *last;   /* of each vertex: rank of its last domain */
 	bool *hull;
 };
 
@@ -40,7 +40,7 @@ static void mesh_make(struct mesh *m, uint32_t w, uint32_t h, uint32_t ndomain, 
 {
 	uint32_t i, k, n = 0;
 
-	*m = (struct mesh){ .w = w, .h = h, .nvertex = w * h, .ndomain = ndomain };
+	*m = (struct mesh){.w = w, .h = h, .nvertex = w * h, .ndomain = ndomain};
 	m->triangle = calloc((size_t)(w - 1) * (h - 1) * 2, sizeof *m->triangle);
 	m->domain = calloc((size_t)(w - 1) * (h - 1) * 2, sizeof *m->domain);
 	m->order = calloc(ndomain, sizeof *m->order);
@@ -54,7 +54,7 @@ static void mesh_make(struct mesh *m, uint32_t w, uint32_t h, uint32_t ndomain, 
 			m->hull[a] = !x || !y || x == w - 1 || y == h - 1;
 			if (x == w - 1 || y == h - 1)
 				continue;
-			const uint32_t t[2][3] = { { a, b, flip ? d : c }, { flip ? a : b, d, c } };
+			const uint32_t t[2][3] = {{a, b, flip ? d : c}, {flip ? a : b, d, c}};
 
 			for (k = 0; k < 2; k++) {
 				memcpy(m->triangle[n], t[k], sizeof t[k]);
@@ -101,7 +101,7 @@ static void domain_make(const struct mesh *m, uint32_t which, struct mesh_domain
 	uint32_t *local = malloc(m->nvertex * sizeof *local), i, k, pass;
 	bool *shared = calloc(m->nvertex, sizeof *shared);
 
-	*d = (struct mesh_domain){ 0 };
+	*d = (struct mesh_domain){0};
 	d->triangle = calloc(m->ntriangle, sizeof *d->triangle);
 	d->vertex = calloc(m->nvertex, sizeof *d->vertex);
 	d->link = calloc(m->nvertex, sizeof *d->link);
@@ -118,7 +118,8 @@ static void domain_make(const struct mesh *m, uint32_t which, struct mesh_domain
 				if (m->domain[i] != which || local[v] != UINT32_MAX || shared[v] != !pass)
 					continue;
 				local[v] = d->nvertex++;
-				d->vertex[local[v]] = (struct mesh_vertex){ (int32_t)(v % m->w), (int32_t)(v / m->w), 7 };
+				d->vertex[local[v]] =
+				    (struct mesh_vertex){(int32_t)(v % m->w), (int32_t)(v / m->w), 7};
 			}
 		if (!pass)
 			d->nopen = d->nvertex;
@@ -157,10 +158,10 @@ static void domain_free(struct mesh_domain *d)
 struct seen {
 	const struct mesh *m;
 	uint32_t rank;
-	uint64_t next;         /* number of the next new vertex */
+	uint64_t next; /* number of the next new vertex */
 	uint64_t triangles;
-	uint32_t *vertex_of;   /* stream number to vertex */
-	bool *final;           /* of each vertex */
+	uint32_t *vertex_of; /* stream number to vertex */
+	bool *final;         /* of each vertex */
 };
 
 static int see_block(void *ctx, const struct mesh_block *b, struct err *err)
@@ -193,10 +194,10 @@ static int see_block(void *ctx, const struct mesh_block *b, struct err *err)
 
 static void emit_mesh(struct mesh *m, size_t memory, bool drop_one)
 {
-	struct lattice lattice = { .k = { 1000000, -5, 0 } };
-	struct seen seen = { .m = m };
-	struct mesh_sink sink = { &seen, see_block };
-	struct cut_region region = { .wx = 32, .wy = 32, .inf = 15 };
+	struct lattice lattice = {.k = {1000000, -5, 0}};
+	struct seen seen = {.m = m};
+	struct mesh_sink sink = {&seen, see_block};
+	struct cut_region region = {.wx = 32, .wy = 32, .inf = 15};
 	struct pipe_emitter *e = NULL;
 	struct pipe_totals totals;
 	struct err err = ERR_INIT;
@@ -283,7 +284,8 @@ static void test_table(void **state)
 		uint32_t v = rnd(i < 150000 ? N : N / 2);
 		bool close_it = sum[v] && rnd(2);
 		uint64_t delta = close_it ? (uint64_t)0 - sum[v] : 1 + rnd(1000);
-		struct pipe_vertex add = { .place = v * 0x100000001u, .number = next, .hi = delta, .edges = 1 }, got;
+		struct pipe_vertex add = {.place = v * 0x100000001u, .number = next, .hi = delta, .edges = 1},
+				   got;
 		int r = pipe_table_add(t, &add, &got, &err);
 
 		sum[v] += delta;
@@ -312,10 +314,10 @@ static void test_table(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_table),
-		cmocka_unit_test(test_random_order),
-		cmocka_unit_test(test_spill),
-		cmocka_unit_test(test_missing_domain),
+	    cmocka_unit_test(test_table),
+	    cmocka_unit_test(test_random_order),
+	    cmocka_unit_test(test_spill),
+	    cmocka_unit_test(test_missing_domain),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

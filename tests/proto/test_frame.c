@@ -61,9 +61,9 @@ static void raw_send(int fd, const void *bytes, size_t n, unsigned nfd)
 	union {
 		struct cmsghdr align;
 		char bytes[CMSG_SPACE(64 * sizeof(int))];
-	} control = { 0 };
-	struct iovec iov = { .iov_base = (void *)bytes, .iov_len = n };
-	struct msghdr msg = { .msg_iov = &iov, .msg_iovlen = 1 };
+	} control = {0};
+	struct iovec iov = {.iov_base = (void *)bytes, .iov_len = n};
+	struct msghdr msg = {.msg_iov = &iov, .msg_iovlen = 1};
 
 	if (nfd > 0) {
 		struct cmsghdr *c = &control.align;
@@ -83,20 +83,26 @@ static void raw_send(int fd, const void *bytes, size_t n, unsigned nfd)
 /* What most tests send. */
 static const Acut__V1__Message *hello(void)
 {
-	static char *features[] = { "a", "b" };
-	static Acut__V1__Hello h = { .base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__hello__descriptor),
-				     .version_min = 1, .version_max = 7, .build = "0.1 \xc3\xa4", .n_features = 2,
-				     .features = features, .program = "test" };
-	static Acut__V1__Message m = { .base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor),
-				       .body_case = ACUT__V1__MESSAGE__BODY_HELLO, .hello = &h };
+	static char *features[] = {"a", "b"};
+	static Acut__V1__Hello h = {.base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__hello__descriptor),
+				    .version_min = 1,
+				    .version_max = 7,
+				    .build = "0.1 \xc3\xa4",
+				    .n_features = 2,
+				    .features = features,
+				    .program = "test"};
+	static Acut__V1__Message m = {.base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor),
+				      .body_case = ACUT__V1__MESSAGE__BODY_HELLO,
+				      .hello = &h};
 	return &m;
 }
 
 /* A frame as bytes; returns its size. */
 static size_t frame_bytes(const Acut__V1__Message *m, uint32_t id, unsigned descriptors, uint8_t *to)
 {
-	struct frame_header header = { .length = (uint32_t)acut__v1__message__get_packed_size(m), .request_id = id,
-				       .descriptors = (uint8_t)descriptors };
+	struct frame_header header = {.length = (uint32_t)acut__v1__message__get_packed_size(m),
+				      .request_id = id,
+				      .descriptors = (uint8_t)descriptors};
 
 	frame_header_put(&header, to);
 	return FRAME_HEADER_SIZE + acut__v1__message__pack(m, to + FRAME_HEADER_SIZE);
@@ -147,8 +153,9 @@ static int recv_result(struct frame_conn *conn, struct err *err)
 
 static void test_header(void **state)
 {
-	struct frame_header in = { .length = 0x1234, .request_id = 0x89abcdef, .descriptors = 1 }, out;
-	static const uint8_t want[16] = { 0x41, 0x43, 1, 0, 0x34, 0x12, 0, 0, 0xef, 0xcd, 0xab, 0x89, 1, 0, 0, 0 };
+	struct frame_header in = {.length = 0x1234, .request_id = 0x89abcdef, .descriptors = 1}, out;
+	static const uint8_t want[16] = {0x41, 0x43, 1,    0,    0x34, 0x12, 0, 0,
+					 0xef, 0xcd, 0xab, 0x89, 1,    0,    0, 0};
 	uint8_t bytes[16];
 	struct err err = ERR_INIT;
 
@@ -162,14 +169,20 @@ static void test_header(void **state)
 
 static void test_header_bad(void **state)
 {
-	static const struct { unsigned at; uint8_t value; enum err_code code; const char *field; } row[] = {
-		{ 0, 0x42, ERR_PROTO, "magic" },  { 1, 0, ERR_PROTO, "magic" },
-		{ 2, 2, ERR_VERSION, "version" }, { 3, 1, ERR_VERSION, "version" },
-		{ 6, 1, ERR_PROTO, "length" },	  { 7, 4, ERR_PROTO, "length" },
-		{ 12, 2, ERR_PROTO, "descriptors" }, { 12, 255, ERR_PROTO, "descriptors" },
-		{ 13, 1, ERR_PROTO, "padding" },  { 14, 1, ERR_PROTO, "padding" }, { 15, 1, ERR_PROTO, "padding" },
+	static const struct {
+		unsigned at;
+		uint8_t value;
+		enum err_code code;
+		const char *field;
+	} row[] = {
+	    {0, 0x42, ERR_PROTO, "magic"},     {1, 0, ERR_PROTO, "magic"},
+	    {2, 2, ERR_VERSION, "version"},    {3, 1, ERR_VERSION, "version"},
+	    {6, 1, ERR_PROTO, "length"},       {7, 4, ERR_PROTO, "length"},
+	    {12, 2, ERR_PROTO, "descriptors"}, {12, 255, ERR_PROTO, "descriptors"},
+	    {13, 1, ERR_PROTO, "padding"},     {14, 1, ERR_PROTO, "padding"},
+	    {15, 1, ERR_PROTO, "padding"},
 	};
-	struct frame_header good = { .length = 10, .request_id = 1 }, out;
+	struct frame_header good = {.length = 10, .request_id = 1}, out;
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
 		struct err err = ERR_INIT;
@@ -184,7 +197,7 @@ static void test_header_bad(void **state)
 
 static void test_length_limit(void **state)
 {
-	struct frame_header h = { .length = FRAME_BODY_MAX }, out;
+	struct frame_header h = {.length = FRAME_BODY_MAX}, out;
 	struct err err = ERR_INIT;
 	uint8_t bytes[16];
 
@@ -270,9 +283,12 @@ static void test_every_truncation(void **state)
 
 static void test_descriptors(void **state)
 {
-	static const struct { unsigned said, sent; const char *text; } row[] = {
-		{ 0, 1, "announces none" }, { 1, 0, "came without" }, { 1, 2, "2 descriptors" },
-		{ 0, 2, "2 descriptors" },  { 1, 40, "40 descriptors" },
+	static const struct {
+		unsigned said, sent;
+		const char *text;
+	} row[] = {
+	    {0, 1, "announces none"}, {1, 0, "came without"},    {1, 2, "2 descriptors"},
+	    {0, 2, "2 descriptors"},  {1, 40, "40 descriptors"},
 	};
 	unsigned before = open_descriptors();
 
@@ -324,7 +340,7 @@ static void test_malformed_message(void **state)
 	struct pair p = pair_new(NULL);
 	struct err err = ERR_INIT;
 	uint8_t bytes[20];
-	struct frame_header h = { .length = 4, .request_id = 1 };
+	struct frame_header h = {.length = 4, .request_id = 1};
 
 	frame_header_put(&h, bytes);
 	memset(bytes + 16, 0xff, 4);
@@ -336,7 +352,7 @@ static void test_malformed_message(void **state)
 
 static void test_unknown_kind(void **state)
 {
-	static const uint8_t bytes[] = { 0x82, 0x4b, 0x01, 0x00 }; /* field 1200, length 1 */
+	static const uint8_t bytes[] = {0x82, 0x4b, 0x01, 0x00}; /* field 1200, length 1 */
 	struct err err = ERR_INIT;
 	Acut__V1__Message *m;
 
@@ -386,7 +402,7 @@ static void test_caps(void **state)
 static void test_charged(void **state)
 {
 	struct ledger *ledger = ledger_new(1 << 20);
-	struct frame_limits limits = { .ledger = ledger };
+	struct frame_limits limits = {.ledger = ledger};
 	struct pair p = pair_new(&limits);
 	struct err err = ERR_INIT;
 	uint8_t bytes[256];
@@ -410,7 +426,7 @@ static void test_charged(void **state)
 static void test_queue_cap(void **state)
 {
 	unsigned before = open_descriptors(), sent = 0, got = 0;
-	struct frame_limits limits = { .queue = 4096 };
+	struct frame_limits limits = {.queue = 4096};
 	struct pair p = pair_new(&limits);
 	struct err err = ERR_INIT;
 	struct frame_conn *b;
@@ -450,7 +466,8 @@ static void test_too_large(void **state)
 	memset(text, 'a', FRAME_MAX);
 	text[FRAME_MAX] = '\0';
 	h.build = text;
-	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), dup(2), &err), -ERR_LIMIT);
+	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), dup(2), &err),
+			 -ERR_LIMIT);
 	assert_int_equal(open_descriptors(), before);
 	text[FRAME_BODY_MAX - 8] = '\0';
 	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), -1, &err), 0);
@@ -461,8 +478,9 @@ static void test_too_large(void **state)
 
 static void test_text_not_utf8(void **state)
 {
-	static const char *bad[] = { "\x80", "a\xff", "\xc0\xaf", "\xe0\x80\x80", "\xed\xa0\x80", "\xf4\x90\x80\x80",
-				     "\xc3", "\xe2\x82" };
+	static const char *bad[] = {"\x80",         "a\xff",        "\xc0\xaf",
+				    "\xe0\x80\x80", "\xed\xa0\x80", "\xf4\x90\x80\x80",
+				    "\xc3",         "\xe2\x82"};
 	uint8_t bytes[256];
 
 	for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
@@ -474,7 +492,8 @@ static void test_text_not_utf8(void **state)
 
 		b.dataset = (char *)bad[i];
 		n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
-		assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), -ERR_PROTO);
+		assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err),
+				 -ERR_PROTO);
 		assert_string_equal(err.field, "dataset");
 		strcpy(copy, bad[i]);
 		b.dataset = frame_text_clean(copy);
@@ -517,22 +536,22 @@ static void test_errors_over_the_wire(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_header),
-		cmocka_unit_test(test_header_bad),
-		cmocka_unit_test(test_length_limit),
-		cmocka_unit_test(test_round_trip),
-		cmocka_unit_test(test_one_byte_writes),
-		cmocka_unit_test(test_every_truncation),
-		cmocka_unit_test(test_descriptors),
-		cmocka_unit_test(test_descriptor_drip),
-		cmocka_unit_test(test_malformed_message),
-		cmocka_unit_test(test_unknown_kind),
-		cmocka_unit_test(test_caps),
-		cmocka_unit_test(test_charged),
-		cmocka_unit_test(test_queue_cap),
-		cmocka_unit_test(test_too_large),
-		cmocka_unit_test(test_text_not_utf8),
-		cmocka_unit_test(test_errors_over_the_wire),
+	    cmocka_unit_test(test_header),
+	    cmocka_unit_test(test_header_bad),
+	    cmocka_unit_test(test_length_limit),
+	    cmocka_unit_test(test_round_trip),
+	    cmocka_unit_test(test_one_byte_writes),
+	    cmocka_unit_test(test_every_truncation),
+	    cmocka_unit_test(test_descriptors),
+	    cmocka_unit_test(test_descriptor_drip),
+	    cmocka_unit_test(test_malformed_message),
+	    cmocka_unit_test(test_unknown_kind),
+	    cmocka_unit_test(test_caps),
+	    cmocka_unit_test(test_charged),
+	    cmocka_unit_test(test_queue_cap),
+	    cmocka_unit_test(test_too_large),
+	    cmocka_unit_test(test_text_not_utf8),
+	    cmocka_unit_test(test_errors_over_the_wire),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -69,9 +69,13 @@ static void model_block(struct model *m, unsigned i, uint64_t index, uint64_t fi
 	struct stream_block *b = &m->block[i];
 	uint32_t locals;
 
-	*b = (struct stream_block){ .index = index, .box = { -3, INT64_MIN, 5, INT64_MAX }, .first = first,
-				    .foreign = d->foreign, .vertex = d->vertex, .triangle = d->triangle,
-				    .final = d->final };
+	*b = (struct stream_block){.index = index,
+				   .box = {-3, INT64_MIN, 5, INT64_MAX},
+				   .first = first,
+				   .foreign = d->foreign,
+				   .vertex = d->vertex,
+				   .triangle = d->triangle,
+				   .final = d->final};
 	b->nforeign = first > 0 ? roll(MAX_NEW) : 0;
 	b->nnew = 3 + roll(MAX_NEW - 3);
 	b->ntriangle = 1 + roll(MAX_TRI - 1);
@@ -97,7 +101,7 @@ static void model_block(struct model *m, unsigned i, uint64_t index, uint64_t fi
 
 static void model_totals(struct model *m)
 {
-	int32_t box[6] = { INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN };
+	int32_t box[6] = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN};
 
 	m->tail.blocks = m->nblock;
 	m->tail.vertices = m->tail.triangles = 0;
@@ -119,13 +123,13 @@ static void model_totals(struct model *m)
 
 static void model_init(struct model *m, unsigned nblock)
 {
-	static const int32_t box[6] = { -1000, -1000, -1000, 1000, 1000, 1000 };
+	static const int32_t box[6] = {-1000, -1000, -1000, 1000, 1000, 1000};
 	uint64_t first = 0;
 
 	memset(m, 0, sizeof *m);
 	m->nblock = nblock;
 	m->head.kind = STREAM_WHOLE;
-	m->head.id = (struct digest){ 7, UINT64_MAX };
+	m->head.id = (struct digest){7, UINT64_MAX};
 	memcpy(m->head.box, box, sizeof box);
 	strcpy(m->head.lattice, "0.01 0.01 -500000 0 17");
 	strcpy(m->head.crs, "EPSG:25832");
@@ -136,8 +140,8 @@ static void model_init(struct model *m, unsigned nblock)
 		first += m->block[i].nnew;
 	}
 	m->tail.hull = 5;
-	m->tail.digest = (struct digest){ 1, 2 };
-	m->tail.vertex_digest = (struct digest){ 3, 4 };
+	m->tail.digest = (struct digest){1, 2};
+	m->tail.vertex_digest = (struct digest){3, 4};
 	strcpy(m->tail.report, "{\"points\":5}");
 	model_totals(m);
 }
@@ -146,7 +150,7 @@ static struct bytes model_bytes(const struct model *m)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
 	struct stream_piece piece[STREAM_PIECES];
-	struct bytes out = { 0 };
+	struct bytes out = {0};
 
 	append(&out, piece, stream_put_head(&m->head, scratch, piece));
 	for (unsigned i = 0; i < m->nblock; i++)
@@ -234,7 +238,7 @@ static int run_model(const struct model *m, struct err *err)
 static void test_round_trip(void **state)
 {
 	static struct model m;
-	static const size_t cuts[] = { 1, 7, 100, 5000, 1 << 20 };
+	static const size_t cuts[] = {1, 7, 100, 5000, 1 << 20};
 
 	for (unsigned turn = 0; turn < 50; turn++) {
 		struct err err = ERR_INIT;
@@ -317,16 +321,46 @@ static void test_error_tail(void **state)
 }
 
 /* Each breaks one rule; checksums are right. */
-static void break_first(struct model *m) { m->block[2].first++; }
-static void break_foreign(struct model *m) { m->data[2].foreign[0] = m->block[2].first; }
-static void break_index(struct model *m) { m->block[1].index = m->block[2].index + 1; }
-static void break_corner(struct model *m) { m->data[1].triangle[0][1] = m->block[1].nforeign + m->block[1].nnew; }
-static void break_degenerate(struct model *m) { m->data[1].triangle[0][1] = m->data[1].triangle[0][0]; }
-static void break_box(struct model *m) { m->data[0].vertex[0][1] = 1001, model_totals(m); }
-static void break_count(struct model *m) { m->tail.triangles++; }
-static void break_vertices(struct model *m) { m->tail.vertices--; }
-static void break_blocks(struct model *m) { m->tail.blocks--; }
-static void break_tail_box(struct model *m) { m->tail.box[2]++; }
+static void break_first(struct model *m)
+{
+	m->block[2].first++;
+}
+static void break_foreign(struct model *m)
+{
+	m->data[2].foreign[0] = m->block[2].first;
+}
+static void break_index(struct model *m)
+{
+	m->block[1].index = m->block[2].index + 1;
+}
+static void break_corner(struct model *m)
+{
+	m->data[1].triangle[0][1] = m->block[1].nforeign + m->block[1].nnew;
+}
+static void break_degenerate(struct model *m)
+{
+	m->data[1].triangle[0][1] = m->data[1].triangle[0][0];
+}
+static void break_box(struct model *m)
+{
+	m->data[0].vertex[0][1] = 1001, model_totals(m);
+}
+static void break_count(struct model *m)
+{
+	m->tail.triangles++;
+}
+static void break_vertices(struct model *m)
+{
+	m->tail.vertices--;
+}
+static void break_blocks(struct model *m)
+{
+	m->tail.blocks--;
+}
+static void break_tail_box(struct model *m)
+{
+	m->tail.box[2]++;
+}
 
 static void break_final(struct model *m)
 {
@@ -339,13 +373,21 @@ static void break_final(struct model *m)
 
 static void test_broken_rules(void **state)
 {
-	static const struct { void (*brk)(struct model *); const char *text; } row[] = {
-		{ break_first, "numbers its vertices from" }, { break_foreign, "not come yet" },
-		{ break_index, "comes after" },		      { break_corner, "corners" },
-		{ break_degenerate, "corners" },	      { break_box, "outside the box" },
-		{ break_count, "triangles" },		      { break_vertices, "vertices" },
-		{ break_blocks, "blocks" },		      { break_tail_box, "box in the tail" },
-		{ break_final, "final" },
+	static const struct {
+		void (*brk)(struct model *);
+		const char *text;
+	} row[] = {
+	    {break_first, "numbers its vertices from"},
+	    {break_foreign, "not come yet"},
+	    {break_index, "comes after"},
+	    {break_corner, "corners"},
+	    {break_degenerate, "corners"},
+	    {break_box, "outside the box"},
+	    {break_count, "triangles"},
+	    {break_vertices, "vertices"},
+	    {break_blocks, "blocks"},
+	    {break_tail_box, "box in the tail"},
+	    {break_final, "final"},
 	};
 	static struct model m;
 
@@ -378,7 +420,7 @@ static void test_order_of_frames(void **state)
 	static uint8_t scratch[STREAM_SCRATCH];
 	static struct model m;
 	struct stream_piece piece[STREAM_PIECES];
-	struct bytes in = { 0 };
+	struct bytes in = {0};
 	struct err err = ERR_INIT;
 	bool done;
 
@@ -398,14 +440,14 @@ static void test_order_of_frames(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_round_trip),
-		cmocka_unit_test(test_every_byte_flipped),
-		cmocka_unit_test(test_every_cut),
-		cmocka_unit_test(test_more_than_a_tail),
-		cmocka_unit_test(test_error_tail),
-		cmocka_unit_test(test_broken_rules),
-		cmocka_unit_test(test_kind_of_a_later_version),
-		cmocka_unit_test(test_order_of_frames),
+	    cmocka_unit_test(test_round_trip),
+	    cmocka_unit_test(test_every_byte_flipped),
+	    cmocka_unit_test(test_every_cut),
+	    cmocka_unit_test(test_more_than_a_tail),
+	    cmocka_unit_test(test_error_tail),
+	    cmocka_unit_test(test_broken_rules),
+	    cmocka_unit_test(test_kind_of_a_later_version),
+	    cmocka_unit_test(test_order_of_frames),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
