@@ -107,15 +107,16 @@ static inline const char *skip_blanks(const char *p, const char *end)
 	return p;
 }
 
-/* Steps over one separator; *kind is that of the line, 0 before the first. NULL if it is another one. */
-static const char *separator(const char *p, const char *end, char *kind)
+/* Steps over one separator; *kind is that of the line, 0 before the first. NULL if it is another one.
+ * Behind the third number a blank is enough in any line. */
+static const char *separator(const char *p, const char *end, bool third, char *kind)
 {
 	const char *after = skip_blanks(p, end);
 	char found = after < end && (*after == ',' || *after == ';') ? *after : ' ';
 
-	if (found == ' ' && after == p && p < end)
-		return NULL;
-	if (*kind && *kind != found)
+	if (after == end || (third && found == ' ' && after > p))
+		return after;
+	if ((found == ' ' && after == p) || (*kind && *kind != found))
 		return NULL;
 	*kind = found;
 	return found == ' ' ? after : skip_blanks(after + 1, end);
@@ -159,7 +160,7 @@ static int parse_line(struct input *in, struct line line, bool first, struct inp
 			return no_number(in, err, state, line, number, first && i == 0);
 		if (p == line.end)
 			continue;
-		p = separator(p, line.end, &kind);
+		p = separator(p, line.end, i == 2, &kind);
 		if (!p) {
 			bad_line(in, err, ERR_INPUT, "numbers that run together, or two kinds of separators", line);
 			return err_add_hint(err, "one separator a line; decimal points, not decimal commas");

@@ -1,0 +1,14 @@
+/*
+ * What a test's program takes from the heap: malloc and its kin are wrapped by the linker (see
+ * meson.build), so that it works under the address sanitizer too. Bytes given back are not counted off:
+ * account_taken is an upper bound of what was held at any time since account_begin.
+ */
+#ifndef ACCOUNT_H
+#define ACCOUNT_H
+
+#include <stddef.h>
+
+void account_begin(void);
+size_t account_taken(void);
+
+#endif
