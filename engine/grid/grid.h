@@ -126,8 +126,8 @@ struct grid_reader_stats {
 };
 struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
 
-/* A visitor or sink may call grid_cell_read (not grid_scan, grid_walk, grid_count, grid_sum) with the same
- * reader; points handed to a sink stay valid until it returns. The source index in the tags of points that
+/* A visitor may call grid_cell_read (not grid_scan, grid_walk, grid_count, grid_sum) with the same reader, a sink
+ * nothing; points handed to a sink stay valid until it returns. The source index in the tags of points that
  * are handed out is zero: what is read does not depend on how the records lie in segments. */
 
 /* All cells of all segments whose Morton range meets [lo, hi], in order within each segment. Cells whose

@@ -1,0 +1,144 @@
+/*
+ * The pages of the index that are kept in memory, shared by all readers of a grid: a hash table over frames and
+ * a list by last use, under one mutex. A page is copied out (16 KiB for some hundred cells) instead of
+ * lent: no reader ever waits for another to give a page back, and a cache of any size works, even of none.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "grid_read.h"
+
+enum { NONE = UINT32_MAX };
+
+struct frame {
+	uint64_t place;
+	uint32_t segment;
+	uint32_t newer, older;    /* by last use */
+	uint32_t chain;           /* next in the hash chain */
+};
+
+struct grid_cache {
+	pthread_mutex_t lock;
+	size_t nframes, used;
+	uint32_t newest, oldest;
+	struct frame *frames;
+	uint32_t *heads;          /* nframes of them */
+	uint8_t *pages;
+};
+
+size_t grid_cache_bytes(size_t frames)
+{
+	return sizeof(struct grid_cache) + frames * (DISK_PAGE + sizeof(struct frame) + sizeof(uint32_t));
+}
+
+struct grid_cache *grid_cache_new(size_t frames)
+{
+	struct grid_cache *c = calloc(1, sizeof *c);
+
+	if (!c)
+		return NULL;
+	pthread_mutex_init(&c->lock, NULL);
+	c->nframes = frames < NONE ? frames : NONE - 1;
+	c->newest = c->oldest = NONE;
+	if (!frames)
+		return c;
+	c->frames = malloc(frames * sizeof *c->frames);
+	c->heads = malloc(frames * sizeof *c->heads);
+	c->pages = malloc(frames * (size_t)DISK_PAGE);
+	if (!c->frames || !c->heads || !c->pages)
+		return grid_cache_free(c);
+	for (size_t i = 0; i < frames; i++)
+		c->heads[i] = NONE;
+	return c;
+}
+
+struct grid_cache *grid_cache_free(struct grid_cache *c)
+{
+	if (!c)
+		return NULL;
+	pthread_mutex_destroy(&c->lock);
+	free(c->frames);
+	free(c->heads);
+	free(c->pages);
+	free(c);
+	return NULL;
+}
+
+static uint32_t *head_of(struct grid_cache *c, uint32_t segment, uint64_t place)
+{
+	uint64_t h = (place / DISK_ALIGN ^ (uint64_t)segment << 40) * 0x9e3779b97f4a7c15u;
+
+	return &c->heads[(h >> 32) % c->nframes];
+}
+
+static uint32_t find(struct grid_cache *c, uint32_t segment, uint64_t place)
+{
+	uint32_t i = *head_of(c, segment, place);
+
+	while (i != NONE && (c->frames[i].place != place || c->frames[i].segment != segment))
+		i = c->frames[i].chain;
+	return i;
+}
+
+static void unlink_use(struct grid_cache *c, uint32_t i)
+{
+	struct frame *f = &c->frames[i];
+
+	*(f->newer == NONE ? &c->newest : &c->frames[f->newer].older) = f->older;
+	*(f->older == NONE ? &c->oldest : &c->frames[f->older].newer) = f->newer;
+}
+
+static void link_newest(struct grid_cache *c, uint32_t i)
+{
+	c->frames[i].newer = NONE;
+	c->frames[i].older = c->newest;
+	*(c->newest == NONE ? &c->oldest : &c->frames[c->newest].newer) = i;
+	c->newest = i;
+}
+
+bool grid_cache_get(struct grid_cache *c, uint32_t segment, uint64_t place, void *page)
+{
+	uint32_t i;
+
+	if (!c->nframes)
+		return false;
+	pthread_mutex_lock(&c->lock);
+	i = find(c, segment, place);
+	if (i != NONE) {
+		memcpy(page, c->pages + i * (size_t)DISK_PAGE, DISK_PAGE);
+		unlink_use(c, i);
+		link_newest(c, i);
+	}
+	pthread_mutex_unlock(&c->lock);
+	return i != NONE;
+}
+
+/* A frame for a new page: an unused one, else that of the page whose last use is longest ago. */
+static uint32_t claim(struct grid_cache *c)
+{
+	if (c->used < c->nframes)
+		return (uint32_t)c->used++;
+	uint32_t i = c->oldest, *at = head_of(c, c->frames[i].segment, c->frames[i].place);
+
+	while (*at != i)
+		at = &c->frames[*at].chain;
+	*at = c->frames[i].chain;
+	unlink_use(c, i);
+	return i;
+}
+
+void grid_cache_put(struct grid_cache *c, uint32_t segment, uint64_t place, const void *page)
+{
+	if (!c->nframes)
+		return;
+	pthread_mutex_lock(&c->lock);
+	if (find(c, segment, place) == NONE) { /* else another reader missed it too and was quicker */
+		uint32_t i = claim(c), *head = head_of(c, segment, place);
+
+		c->frames[i] = (struct frame){.place = place, .segment = segment, .chain = *head};
+		*head = i;
+		link_newest(c, i);
+		memcpy(c->pages + i * (size_t)DISK_PAGE, page, DISK_PAGE);
+	}
+	pthread_mutex_unlock(&c->lock);
+}

@@ -1,0 +1,124 @@
+/*
+ * Sequential writing of files that appear only whole (grid_file.h). One buffer, flushed when full, so the
+ * disk sees few large writes. No reading, no retry after a failed fsync.
+ */
+#include "grid_file.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "err.h"
+#include "io.h"
+
+int grid_file_create(struct grid_file *f, int dirfd, const char *name, void *buf, size_t cap, struct err *err)
+{
+	struct grid_file new = {.dirfd = dirfd, .fd = -1, .buf = buf, .cap = cap};
+
+	assert(strlen(name) < sizeof new.name);
+	snprintf(new.name, sizeof new.name, "%s", name);
+	snprintf(new.temp, sizeof new.temp, "%s.tmp", name);
+	int rc = io_open(dirfd, new.temp, O_WRONLY | O_CREAT | O_TRUNC, 0640, &new.fd, err);
+
+	if (rc)
+		return rc;
+	*f = new;
+	return 0;
+}
+
+static int flush(struct grid_file *f, struct err *err)
+{
+	int rc = io_write_at(f->fd, f->buf, f->used, f->at, f->temp, err);
+
+	if (rc)
+		return rc;
+	f->at += f->used;
+	f->used = 0;
+	return 0;
+}
+
+int grid_file_reserve(struct grid_file *f, size_t n, uint8_t **ret, struct err *err)
+{
+	assert(n <= f->cap);
+	if (f->cap - f->used < n) {
+		int rc = flush(f, err);
+
+		if (rc)
+			return rc;
+	}
+	*ret = f->buf + f->used;
+	return 0;
+}
+
+void grid_file_commit(struct grid_file *f, size_t n)
+{
+	assert(n <= f->cap - f->used);
+	f->used += n;
+}
+
+uint64_t grid_file_place(const struct grid_file *f)
+{
+	return f->at + f->used;
+}
+
+int grid_file_append(struct grid_file *f, const void *bytes, size_t n, struct err *err)
+{
+	const uint8_t *from = bytes;
+
+	while (n) {
+		if (f->used == f->cap) {
+			int rc = flush(f, err);
+
+			if (rc)
+				return rc;
+		}
+		size_t part = f->cap - f->used < n ? f->cap - f->used : n;
+
+		memcpy(f->buf + f->used, from, part);
+		f->used += part;
+		from += part;
+		n -= part;
+	}
+	return 0;
+}
+
+int grid_file_patch(struct grid_file *f, uint64_t place, const void *bytes, size_t n, struct err *err)
+{
+	int rc = flush(f, err);
+
+	return rc ? rc : io_write_at(f->fd, bytes, n, place, f->temp, err);
+}
+
+int grid_file_publish(struct grid_file *f, bool durable, struct err *err)
+{
+	int rc = flush(f, err);
+
+	if (rc) {
+		grid_file_abort(f);
+		return rc;
+	}
+	if (durable) {
+		rc = io_publish(f->dirfd, f->fd, f->temp, f->name, err);
+	} else if (io->renameat(f->dirfd, f->temp, f->dirfd, f->name) != 0) {
+		err_sys(err, errno, "cannot rename %s", f->temp);
+		rc = err_add_file(err, f->name);
+	}
+	if (rc) {
+		/* The rename may have been done and only the folder's fsync have failed: neither name may stay,
+		 * because whoever asked will be told that there is no such file. */
+		io->unlinkat(f->dirfd, f->temp, 0);
+		io->unlinkat(f->dirfd, f->name, 0);
+	}
+	f->fd = io_close(f->fd);
+	return rc;
+}
+
+void grid_file_abort(struct grid_file *f)
+{
+	if (f->fd < 0)
+		return;
+	io->unlinkat(f->dirfd, f->temp, 0); /* best effort: an error is being reported already */
+	f->fd = io_close(f->fd);
+}

@@ -1,0 +1,393 @@
+/*
+ * Manifests (grid.h): one checksummed file that alone describes a dataset. Written whole, read whole, believed only
+ * after the checksum and then every rule below hold; the same rules hold for what is written.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "cursor.h"
+#include "err.h"
+#include "grid.h"
+#include "grid_cell.h"
+#include "grid_disk.h"
+#include "grid_file.h"
+#include "io.h"
+
+enum {
+	HEAD_BYTES = 8 + 4 + 4 + 8 + 8 + 4 + 4,
+	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
+	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2,
+	TEXTS_MOST = 4 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16,
+	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
+	SOURCE_MOST = SOURCE_LEAST + 256,
+	CHECK_BYTES = 8,
+};
+#define MANIFEST_MOST ((uint64_t)1 << 32) /* bytes; ten million sources */
+
+/* ---- rules ---- */
+
+static bool text_ok(const char *text, size_t size)
+{
+	return strnlen(text, size) < size;
+}
+
+static int compare_ids(const void *a, const void *b)
+{
+	uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
+
+	return x < y ? -1 : x > y;
+}
+
+static int compare_names(const void *a, const void *b)
+{
+	return strcmp(*(char *const *)a, *(char *const *)b);
+}
+
+static const char *segment_fault(const struct grid_segment_info *s)
+{
+	uint64_t classes = 0;
+
+	if (!text_ok(s->file, sizeof s->file) || !s->file[0] || strchr(s->file, '/') || s->file[0] == '.')
+		return "a segment has no proper file name";
+	for (unsigned i = 0; i < 256; i++) {
+		if (s->classes[i] > s->points)
+			return "a segment has more points of a class than points";
+		classes += s->classes[i];
+	}
+	if (classes != s->points || !s->points != !s->cells || s->cells > s->points || s->bytes < DISK_HEADER)
+		return "the numbers of a segment contradict each other";
+	if (s->points && (s->box[0] > s->box[2] || s->box[1] > s->box[3]))
+		return "the box of a segment is inside out";
+	return NULL;
+}
+
+static const char *source_fault(const struct grid_manifest *m, const struct grid_source *s)
+{
+	if (!s->id)
+		return "a source has the number 0";
+	if (!text_ok(s->name, sizeof s->name))
+		return "the name of a source is too long";
+	if (s->added > m->generation || s->removed > m->generation)
+		return "a source belongs to a generation that is not there yet";
+	if (s->removed && s->removed <= s->added)
+		return "a source was removed before it was added";
+	return NULL;
+}
+
+static const char *repeats(const struct grid_manifest *m, bool *ret_nomem)
+{
+	size_t most = m->nsegments > m->nsources ? m->nsegments : m->nsources;
+	const char **names = malloc((most + 1) * sizeof *names);
+	uint32_t *ids = (uint32_t *)names;
+	const char *fault = NULL;
+
+	*ret_nomem = !names;
+	if (!names)
+		return NULL;
+	for (size_t i = 0; i < m->nsegments; i++)
+		names[i] = m->segments[i].file;
+	qsort(names, m->nsegments, sizeof *names, compare_names);
+	for (size_t i = 1; i < m->nsegments; i++)
+		if (!strcmp(names[i], names[i - 1]))
+			fault = "a segment is named twice";
+	for (size_t i = 0; i < m->nsources; i++)
+		ids[i] = m->sources[i].id;
+	qsort(ids, m->nsources, sizeof *ids, compare_ids);
+	for (size_t i = 1; i < m->nsources; i++)
+		if (ids[i] == ids[i - 1])
+			fault = "two sources have one number";
+	free(names);
+	return fault;
+}
+
+/* What is wrong with a manifest, or NULL. */
+static const char *manifest_fault(const struct grid_manifest *m, bool *ret_nomem)
+{
+	struct lattice back;
+	char text[LATTICE_TEXT_SIZE];
+	const char *fault = NULL;
+
+	*ret_nomem = false;
+	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) ||
+	    !text_ok(m->unit_z, sizeof m->unit_z))
+		return "a text is too long";
+	if (!lattice_parse(lattice_text(&m->lattice, text), &back))
+		return "the lattice is not one";
+	for (size_t i = 0; !fault && i < m->nsegments; i++)
+		fault = segment_fault(&m->segments[i]);
+	for (size_t i = 0; !fault && i < m->nsources; i++)
+		fault = source_fault(m, &m->sources[i]);
+	return fault ? fault : repeats(m, ret_nomem);
+}
+
+/* ---- writing ---- */
+
+static void pack_text(struct packer *p, const char *text)
+{
+	size_t n = strlen(text);
+
+	packer_u16(p, (uint16_t)n);
+	packer_bytes(p, text, n);
+}
+
+static void pack_segment(struct packer *p, const struct grid_segment_info *s)
+{
+	unsigned classes = 0;
+
+	pack_text(p, s->file);
+	packer_u64(p, s->points);
+	packer_u64(p, s->cells);
+	packer_u64(p, s->bytes);
+	for (unsigned i = 0; i < 4; i++)
+		packer_i32(p, s->box[i]);
+	packer_u64(p, s->sum.hi);
+	packer_u64(p, s->sum.lo);
+	for (unsigned c = 0; c < 256; c++)
+		classes += s->classes[c] != 0;
+	packer_u16(p, (uint16_t)classes);
+	for (unsigned c = 0; c < 256; c++) {
+		if (!s->classes[c])
+			continue;
+		packer_u8(p, (uint8_t)c);
+		packer_u64(p, s->classes[c]);
+	}
+}
+
+static void pack_source(struct packer *p, const struct grid_source *s)
+{
+	packer_u32(p, s->id);
+	packer_u64(p, s->added);
+	packer_u64(p, s->removed);
+	packer_u64(p, s->points);
+	packer_u64(p, s->hash.hi);
+	packer_u64(p, s->hash.lo);
+	pack_text(p, s->name);
+}
+
+/* The whole file into `out`; its size. */
+static size_t pack(const struct grid_manifest *m, void *out, size_t size)
+{
+	struct packer p = packer_of(out, size);
+	char text[LATTICE_TEXT_SIZE];
+	uint64_t bytes, check;
+
+	packer_bytes(&p, DISK_MANIFEST_MAGIC, 8);
+	packer_u32(&p, DISK_VERSION);
+	packer_u32(&p, 0);
+	packer_u64(&p, 0); /* size, below */
+	packer_u64(&p, m->generation);
+	packer_u32(&p, (uint32_t)m->nsegments);
+	packer_u32(&p, (uint32_t)m->nsources);
+	pack_text(&p, lattice_text(&m->lattice, text));
+	pack_text(&p, m->crs);
+	pack_text(&p, m->unit_xy);
+	pack_text(&p, m->unit_z);
+	for (size_t i = 0; i < m->nsegments; i++)
+		pack_segment(&p, &m->segments[i]);
+	for (size_t i = 0; i < m->nsources; i++)
+		pack_source(&p, &m->sources[i]);
+	bytes = packer_size(&p) + CHECK_BYTES;
+	memcpy((uint8_t *)out + 16, &bytes, sizeof bytes);
+	check = grid_check(out, packer_size(&p), 0);
+	packer_u64(&p, check);
+	return p.bad ? 0 : bytes;
+}
+
+int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *m, struct err *err)
+{
+	struct grid_file f;
+	bool nomem;
+	const char *fault = manifest_fault(m, &nomem);
+
+	if (fault)
+		return err_set(err, ERR_INTERNAL, "not a manifest to write: %s", fault);
+	size_t len = strlen(name);
+	uint64_t most = HEAD_BYTES + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST +
+			m->nsources * (uint64_t)SOURCE_MOST + CHECK_BYTES;
+
+	if (!len || len >= GRID_NAME_MAX || most > MANIFEST_MOST)
+		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'", m->nsources,
+			       name);
+	uint8_t *bytes = nomem ? NULL : malloc(2 * most);
+
+	if (!bytes)
+		return err_set(err, ERR_NOMEM, "no memory for a manifest of %zu sources", m->nsources);
+	int rc = grid_file_create(&f, dirfd, name, bytes + most, most, err);
+
+	if (rc == 0) {
+		size_t n = pack(m, bytes, most);
+
+		rc = n ? grid_file_append(&f, bytes, n, err)
+		       : err_set(err, ERR_INTERNAL, "a manifest is larger than it can be");
+		if (rc == 0)
+			rc = grid_file_publish(&f, true, err);
+		grid_file_abort(&f);
+	}
+	free(bytes);
+	return rc;
+}
+
+/* ---- reading ---- */
+
+static bool unpack_text(struct cursor *c, char *ret, size_t size)
+{
+	size_t n = cursor_u16(c);
+	const uint8_t *bytes = n < size ? cursor_bytes(c, n) : NULL;
+
+	if (n && (!bytes || memchr(bytes, 0, n)))
+		return false;
+	if (n)
+		memcpy(ret, bytes, n);
+	ret[n] = 0;
+	return !c->bad;
+}
+
+static bool unpack_segment(struct cursor *c, struct grid_segment_info *ret)
+{
+	int last = -1;
+
+	if (!unpack_text(c, ret->file, sizeof ret->file))
+		return false;
+	ret->points = cursor_u64(c);
+	ret->cells = cursor_u64(c);
+	ret->bytes = cursor_u64(c);
+	for (unsigned i = 0; i < 4; i++)
+		ret->box[i] = cursor_i32(c);
+	ret->sum.hi = cursor_u64(c);
+	ret->sum.lo = cursor_u64(c);
+	for (unsigned n = cursor_u16(c); n && !c->bad; n--) {
+		int cls = cursor_u8(c);
+		uint64_t count = cursor_u64(c);
+
+		if (cls <= last || !count)
+			return false;
+		ret->classes[cls] = count;
+		last = cls;
+	}
+	return !c->bad;
+}
+
+static bool unpack_source(struct cursor *c, struct grid_source *ret)
+{
+	ret->id = cursor_u32(c);
+	ret->added = cursor_u64(c);
+	ret->removed = cursor_u64(c);
+	ret->points = cursor_u64(c);
+	ret->hash.hi = cursor_u64(c);
+	ret->hash.lo = cursor_u64(c);
+	return unpack_text(c, ret->name, sizeof ret->name) && !c->bad;
+}
+
+/* NULL, or what is wrong; *ret_nomem if it is only that memory is missing. */
+static const char *unpack(struct cursor *c, struct grid_manifest *m, bool *ret_nomem)
+{
+	char lattice[LATTICE_TEXT_SIZE], again[LATTICE_TEXT_SIZE];
+
+	*ret_nomem = false;
+	m->generation = cursor_u64(c);
+	m->nsegments = cursor_u32(c);
+	m->nsources = cursor_u32(c);
+	/* Counts come from the file: believe them only as far as its size can bear. */
+	if (c->bad || m->nsegments > cursor_left(c) / SEGMENT_LEAST || m->nsources > cursor_left(c) / SOURCE_LEAST) {
+		m->nsegments = m->nsources = 0;
+		return "it says more than it holds";
+	}
+	if (!unpack_text(c, lattice, sizeof lattice) || !unpack_text(c, m->crs, sizeof m->crs) ||
+	    !unpack_text(c, m->unit_xy, sizeof m->unit_xy) || !unpack_text(c, m->unit_z, sizeof m->unit_z))
+		return "a text in it is malformed";
+	if (!lattice_parse(lattice, &m->lattice) || strcmp(lattice_text(&m->lattice, again), lattice))
+		return "its lattice is malformed";
+	m->segments = calloc(m->nsegments + 1, sizeof *m->segments);
+	m->sources = calloc(m->nsources + 1, sizeof *m->sources);
+	*ret_nomem = !m->segments || !m->sources;
+	if (*ret_nomem)
+		return "no memory";
+	for (size_t i = 0; i < m->nsegments; i++)
+		if (!unpack_segment(c, &m->segments[i]))
+			return "a segment in it is malformed";
+	for (size_t i = 0; i < m->nsources; i++)
+		if (!unpack_source(c, &m->sources[i]))
+			return "a source in it is malformed";
+	if (cursor_left(c))
+		return "there is something behind its end";
+	return manifest_fault(m, ret_nomem);
+}
+
+static int damaged(const char *name, const char *what, struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "the manifest is damaged: %s", what);
+	err_add_file(err, name);
+	return err_add_hint(err, "check the disk, and restore the file or push the data again");
+}
+
+static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_manifest **ret, struct err *err)
+{
+	struct cursor c = cursor_of(bytes, n);
+	const uint8_t *magic = cursor_bytes(&c, 8);
+	uint32_t version = cursor_u32(&c), zero = cursor_u32(&c);
+	uint64_t size = cursor_u64(&c), check;
+	bool nomem = false;
+
+	if (c.bad || n < HEAD_BYTES + CHECK_BYTES || memcmp(magic, DISK_MANIFEST_MAGIC, 8) || zero)
+		return damaged(name, "it does not begin like one", err);
+	memcpy(&check, bytes + n - CHECK_BYTES, sizeof check);
+	if (size != n || check != grid_check(bytes, n - CHECK_BYTES, 0))
+		return damaged(name, "its checksum does not agree", err);
+	if (version != DISK_VERSION) {
+		err_set(err, ERR_VERSION, "a manifest of version %u; this acut reads version %u", version,
+			DISK_VERSION);
+		return err_add_file(err, name);
+	}
+	c.end -= CHECK_BYTES;
+	struct grid_manifest *m = calloc(1, sizeof *m);
+	const char *fault = m ? unpack(&c, m, &nomem) : "no memory";
+
+	if (!fault && !nomem) {
+		*ret = m;
+		return 0;
+	}
+	if (!m || nomem)
+		err_set(err, ERR_NOMEM, "no memory for a manifest of %zu bytes", n);
+	else
+		damaged(name, fault, err);
+	grid_manifest_free(m);
+	return -(int)err->code;
+}
+
+int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err)
+{
+	uint8_t *bytes = NULL;
+	struct stat st;
+	int fd = -1, rc = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
+
+	if (rc)
+		return rc;
+	if (io->fstat(fd, &st) != 0) {
+		err_sys(err, errno, "cannot look at");
+		rc = err_add_file(err, name);
+	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES || (uint64_t)st.st_size > MANIFEST_MOST) {
+		rc = damaged(name, "no manifest has this size", err);
+	} else if (!(bytes = malloc((size_t)st.st_size))) {
+		rc = err_set(err, ERR_NOMEM, "no memory for a manifest of %lld bytes", (long long)st.st_size);
+	}
+	if (rc == 0)
+		rc = io_read_at(fd, bytes, (size_t)st.st_size, 0, name, err);
+	if (rc == 0)
+		rc = parse(bytes, (size_t)st.st_size, name, ret, err);
+	free(bytes);
+	io_close(fd);
+	return rc;
+}
+
+struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
+{
+	if (!m)
+		return NULL;
+	free(m->segments);
+	free(m->sources);
+	free(m);
+	return NULL;
+}

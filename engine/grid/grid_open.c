@@ -1,0 +1,302 @@
+/*
+ * Opening a manifest for reading in one generation (grid.h). A record is live if its source was added in that
+ * generation or before and was not removed by then; sources are few, so this is decided here once. Nothing changes
+ * afterwards except the cache of index pages.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "grid_read.h"
+#include "io.h"
+#include "ledger.h"
+
+static int by_id(const void *a, const void *b)
+{
+	const struct grid_life *x = a, *y = b;
+
+	return x->id < y->id ? -1 : x->id > y->id;
+}
+
+static const struct grid_life *life_of(const struct grid *g, uint32_t source)
+{
+	struct grid_life key = {.id = source};
+
+	if (!g->manifest->nsources)
+		return NULL;
+	return bsearch(&key, g->lives, g->manifest->nsources, sizeof key, by_id);
+}
+
+bool grid_live(const struct grid *g, uint32_t source)
+{
+	const struct grid_life *life = life_of(g, source);
+
+	return life && life->live;
+}
+
+bool grid_known(const struct grid *g, uint32_t source)
+{
+	return life_of(g, source) != NULL;
+}
+
+int grid_damaged(const struct grid_part *p, uint64_t place, const char *what, struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "the segment is damaged: %s", what);
+	err_add_place(err, place, NULL);
+	err_add_file(err, p->name);
+	return err_add_hint(err, "check the disk, and restore the file or push its data again");
+}
+
+int grid_part_read(const struct grid_part *p, void *buf, size_t n, uint64_t place, struct err *err)
+{
+	if (place > p->bytes || n > p->bytes - place)
+		return grid_damaged(p, place, "something reaches beyond its end", err);
+	int rc = io_read_at(p->fd, buf, n, place, p->name, err);
+
+	if (rc != -ERR_TRUNCATED)
+		return rc;
+	err_clear(err);
+	return grid_damaged(p, place, "it ends too early", err);
+}
+
+/* ---- segments ---- */
+
+static int check_header(const struct grid_part *p, const struct disk_segment *h,
+			const struct grid_segment_info *info, struct err *err)
+{
+	struct stat st;
+
+	if (h->check != grid_check((const uint8_t *)h + 8, DISK_HEADER - 8, 0) ||
+	    memcmp(h->magic, DISK_SEGMENT_MAGIC, sizeof h->magic))
+		return grid_damaged(p, 0, "its header is not one", err);
+	if (h->version != DISK_VERSION || h->header_bytes != DISK_HEADER || h->page_bytes != DISK_PAGE ||
+	    h->cell_records != GRID_CELL_RECORDS) {
+		err_set(err, ERR_VERSION, "a segment of version %u; this acut reads version %u", h->version,
+			DISK_VERSION);
+		return err_add_file(err, p->name);
+	}
+	if (h->points != info->points || h->cells != info->cells || h->bytes != info->bytes ||
+	    h->sum_hi != info->sum.hi || h->sum_lo != info->sum.lo ||
+	    memcmp(h->box, info->box, sizeof h->box) || memcmp(h->classes, info->classes, sizeof h->classes))
+		return grid_damaged(p, 0, "it is not the one that the manifest means", err);
+	if (io->fstat(p->fd, &st) != 0) {
+		err_sys(err, errno, "cannot look at");
+		return err_add_file(err, p->name);
+	}
+	if ((uint64_t)st.st_size != h->bytes)
+		return grid_damaged(p, 0, "its size is not what its header says", err);
+	if (h->height > DISK_LEVELS || !h->height != !h->cells || !h->points != !h->cells ||
+	    h->sources_place > h->bytes ||
+	    h->sources > (h->bytes - h->sources_place) / sizeof(struct disk_total))
+		return grid_damaged(p, 0, "its header contradicts itself", err);
+	return 0;
+}
+
+/* Which sources a segment has: whether all, some or none of them are live. */
+static int read_sources(const struct grid *g, struct grid_part *p, const struct disk_segment *h, struct err *err)
+{
+	size_t bytes = h->sources * sizeof(struct disk_total);
+	struct disk_total *totals = malloc(bytes ? bytes : 1);
+	uint64_t points = 0;
+
+	if (!totals)
+		return err_set(err, ERR_NOMEM, "no memory for a table of %u sources", h->sources);
+	int rc = grid_part_read(p, totals, bytes, h->sources_place, err);
+
+	if (rc == 0 && grid_check(totals, bytes, h->sources_place) != h->sources_check)
+		rc = grid_damaged(p, h->sources_place, "the checksum of its table of sources does not agree", err);
+	p->all_live = p->none_live = true;
+	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
+		bool live = grid_live(g, totals[i].id);
+
+		if (!grid_known(g, totals[i].id))
+			rc = grid_damaged(p, h->sources_place, "the manifest lacks one of its sources", err);
+		points += totals[i].points;
+		p->live_points += live ? totals[i].points : 0;
+		p->all_live = p->all_live && live;
+		p->none_live = p->none_live && !live;
+	}
+	if (rc == 0 && points != h->points)
+		rc = grid_damaged(p, h->sources_place, "its table of sources does not add up", err);
+	free(totals);
+	return rc;
+}
+
+static int open_part(struct grid *g, int dirfd, size_t i, struct err *err)
+{
+	const struct grid_segment_info *info = &g->manifest->segments[i];
+	struct grid_part *p = &g->parts[i];
+	struct disk_segment h;
+
+	p->name = info->file;
+	int rc = io_open(dirfd, p->name, O_RDONLY, 0, &p->fd, err);
+
+	if (rc)
+		return rc;
+	p->bytes = DISK_HEADER; /* until the header says more */
+	rc = grid_part_read(p, &h, sizeof h, 0, err);
+	if (rc == 0)
+		rc = check_header(p, &h, info, err);
+	if (rc)
+		return rc;
+	p->bytes = h.bytes;
+	p->cells = h.cells;
+	p->root = h.root;
+	p->root_check = h.root_check;
+	p->height = h.height;
+	rc = read_sources(g, p, &h, err);
+	if (rc)
+		return rc;
+	if (p->height > g->height)
+		g->height = p->height;
+	g->active += !p->none_live;
+	return 0;
+}
+
+/* ---- the whole ---- */
+
+static uint64_t page_count(uint64_t cells)
+{
+	uint64_t pages = 0;
+
+	while (cells) {
+		cells = cells / DISK_ENTRIES + (cells % DISK_ENTRIES != 0);
+		pages += cells;
+		if (cells == 1)
+			break;
+	}
+	return pages;
+}
+
+/* Tables first, then as many frames as index_memory has room for and the index has pages. */
+static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struct err *err)
+{
+	const struct grid_manifest *m = g->manifest;
+	uint64_t pages = 0, frames = index_memory / (grid_cache_bytes(1) - grid_cache_bytes(0));
+
+	for (size_t i = 0; i < m->nsegments; i++)
+		pages += page_count(m->segments[i].cells);
+	frames = frames < pages ? frames : pages;
+	uint64_t bytes = sizeof *g + sizeof *m + m->nsegments * (sizeof *g->parts + sizeof *m->segments) +
+			 m->nsources * (sizeof *g->lives + sizeof *m->sources) + grid_cache_bytes(frames);
+
+	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
+		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset",
+			(unsigned long long)bytes);
+		return err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
+	}
+	g->charged = bytes;
+	*ret_frames = frames;
+	return 0;
+}
+
+static int fill_lives(struct grid *g, uint64_t generation, struct err *err)
+{
+	const struct grid_manifest *m = g->manifest;
+
+	g->lives = calloc(m->nsources ? m->nsources : 1, sizeof *g->lives);
+	g->parts = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->parts);
+	if (!g->lives || !g->parts)
+		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources,
+			       m->nsegments);
+	for (size_t i = 0; i < m->nsegments; i++)
+		g->parts[i].fd = -1;
+	for (size_t i = 0; i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		g->lives[i].id = s->id;
+		g->lives[i].live = s->added <= generation && (!s->removed || s->removed > generation);
+	}
+	if (m->nsources)
+		qsort(g->lives, m->nsources, sizeof *g->lives, by_id);
+	return 0;
+}
+
+int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger, size_t index_memory,
+	      struct grid **ret, struct err *err)
+{
+	struct grid *g = calloc(1, sizeof *g);
+	size_t frames = 0;
+
+	if (!g)
+		return err_set(err, ERR_NOMEM, "no memory to open %s", manifest);
+	int rc = grid_manifest_read(dirfd, manifest, &g->manifest, err);
+
+	if (rc) {
+		free(g);
+		return rc;
+	}
+	g->ledger = ledger;
+	if (generation > g->manifest->generation) {
+		rc = err_set(err, ERR_NOTFOUND, "there is no generation %llu yet, the newest is %llu",
+			     (unsigned long long)generation, (unsigned long long)g->manifest->generation);
+		err_add_file(err, manifest);
+	}
+	if (rc == 0)
+		rc = charge(g, index_memory, &frames, err);
+	if (rc == 0)
+		rc = fill_lives(g, generation, err);
+	for (size_t i = 0; rc == 0 && i < g->manifest->nsegments; i++)
+		rc = open_part(g, dirfd, i, err);
+	if (rc == 0 && !(g->cache = grid_cache_new(frames)))
+		rc = err_set(err, ERR_NOMEM, "no memory for %zu pages of the index", frames);
+	if (rc) {
+		grid_close(g);
+		return rc;
+	}
+	*ret = g;
+	return 0;
+}
+
+struct grid *grid_close(struct grid *g)
+{
+	if (!g)
+		return NULL;
+	for (size_t i = 0; g->parts && i < g->manifest->nsegments; i++)
+		io_close(g->parts[i].fd);
+	grid_cache_free(g->cache);
+	if (g->charged && g->ledger)
+		ledger_give(g->ledger, LEDGER_INDEX, g->charged);
+	grid_manifest_free(g->manifest);
+	free(g->parts);
+	free(g->lives);
+	free(g);
+	return NULL;
+}
+
+const struct grid_manifest *grid_manifest(const struct grid *g)
+{
+	return g->manifest;
+}
+
+uint64_t grid_points(const struct grid *g)
+{
+	uint64_t points = 0;
+
+	for (size_t i = 0; i < g->manifest->nsegments; i++)
+		points += g->parts[i].live_points;
+	return points;
+}
+
+bool grid_box(const struct grid *g, int32_t ret_box[4])
+{
+	int32_t box[4] = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};
+	bool any = false;
+
+	for (size_t i = 0; i < g->manifest->nsegments; i++) {
+		const struct grid_segment_info *s = &g->manifest->segments[i];
+
+		if (!s->points)
+			continue;
+		any = true;
+		box[0] = s->box[0] < box[0] ? s->box[0] : box[0];
+		box[1] = s->box[1] < box[1] ? s->box[1] : box[1];
+		box[2] = s->box[2] > box[2] ? s->box[2] : box[2];
+		box[3] = s->box[3] > box[3] ? s->box[3] : box[3];
+	}
+	if (any)
+		memcpy(ret_box, box, sizeof box);
+	return any;
+}

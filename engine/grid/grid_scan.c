@@ -1,0 +1,267 @@
+/*
+ * Scans: the live records of a Morton range over all segments in point order (grid.h). A segment gives its cells in
+ * batches, each found by a fresh descent, so a scan holds no pages. If one segment has anything in the range
+ * its blocks are handed out as they were read; otherwise blocks are copied to a buffer for each segment
+ * and merged through a heap.
+ */
+#include <string.h>
+
+#include "err.h"
+#include "grid_read.h"
+
+struct scan {
+	struct grid_reader *r;
+	uint64_t lo, hi;
+	grid_points_fn sink;
+	void *ctx;
+	size_t npiece;            /* records in r->piece */
+	size_t nheap;
+};
+
+/* ---- cells of a segment in order ---- */
+
+/* First entry of an inner page whose range ends at `from` or later. */
+static const struct disk_inner *inner_at(const uint8_t *page, uint64_t from)
+{
+	unsigned a = 0, b = grid_page_entries(page);
+
+	while (a < b) {
+		unsigned mid = a + (b - a) / 2;
+
+		if (grid_page_inner(page, mid)->hi < from)
+			a = mid + 1;
+		else
+			b = mid;
+	}
+	return a < grid_page_entries(page) ? grid_page_inner(page, a) : NULL;
+}
+
+/* The next cells that meet [c->from, hi]. */
+static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi, struct err *err)
+{
+	const struct grid_part *p = &r->grid->parts[c->part];
+	uint64_t place = p->root, check = p->root_check;
+	unsigned n;
+
+	c->nbatch = c->at = 0;
+	for (unsigned level = p->height; level-- > 0;) {
+		int rc = grid_page_read(r, c->part, level, place, check, err);
+
+		if (rc)
+			return rc;
+		if (!level)
+			break;
+		const struct disk_inner *e = inner_at(grid_reader_page(r, level), c->from);
+
+		if (!e || e->lo > hi) {
+			c->done = true;
+			return 0;
+		}
+		place = e->place;
+		check = e->check;
+	}
+	const uint8_t *page = grid_reader_page(r, 0);
+
+	n = grid_page_entries(page);
+	for (unsigned i = 0; i < n && c->nbatch < GRID_BATCH; i++) {
+		const struct disk_leaf *leaf = grid_page_leaf(page, i);
+
+		if (leaf->lo > hi)
+			break;
+		if (disk_range_end(leaf->lo, leaf->bits) >= c->from)
+			c->batch[c->nbatch++] = *leaf;
+	}
+	if (!c->nbatch) {
+		c->done = true;
+		return 0;
+	}
+	const struct disk_leaf *last = &c->batch[c->nbatch - 1];
+	uint64_t end = disk_range_end(last->lo, last->bits);
+
+	c->done = end >= hi;
+	c->from = c->done ? end : end + 1;
+	return 0;
+}
+
+/* The next block of the segment in the range; *ret_n = 0: there is none. Points into the block buffer. */
+static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_pts, size_t *ret_n,
+		      struct err *err)
+{
+	const struct grid *g = s->r->grid;
+	int rc = 0;
+
+	*ret_n = 0;
+	while (rc == 0 && !*ret_n) {
+		if (c->block < c->cell.blocks) {
+			rc = grid_cursor_block(s->r, c, ret_pts, ret_n, err);
+			if (rc == 0 && (c->cell.lo < s->lo || c->cell.hi > s->hi))
+				grid_trim(ret_pts, ret_n, s->lo, s->hi);
+		} else if (c->at < c->nbatch) {
+			struct grid_cell cell;
+
+			rc = grid_cell_of(&g->parts[c->part], c->part, &c->batch[c->at++], &cell, err);
+			if (rc == 0 && !grid_cell_dead(g, &cell))
+				grid_cursor_cell(c, &cell);
+		} else if (!c->done) {
+			rc = next_batch(s->r, c, s->hi, err);
+		} else {
+			break;
+		}
+	}
+	return rc;
+}
+
+/* ---- one segment ---- */
+
+static int scan_one(struct scan *s, struct grid_cursor *c, struct err *err)
+{
+	struct point *pts;
+	size_t n;
+
+	for (;;) {
+		int rc = next_block(s, c, &pts, &n, err);
+
+		if (rc || !n)
+			return rc;
+		rc = s->sink(s->ctx, pts, n, err);
+		if (rc)
+			return rc;
+	}
+}
+
+/* ---- several ---- */
+
+static int load(struct scan *s, struct grid_cursor *c, struct err *err)
+{
+	struct point *pts;
+	int rc = next_block(s, c, &pts, &c->n, err);
+
+	if (rc || !c->n)
+		return rc;
+	memcpy(c->pts, pts, c->n * sizeof *pts);
+	c->pos = 0;
+	c->key = point_morton(c->pts->x, c->pts->y);
+	return 0;
+}
+
+static bool before(const struct grid_cursor *a, const struct grid_cursor *b)
+{
+	if (a->key != b->key)
+		return a->key < b->key;
+	return point_compare(&a->pts[a->pos], &b->pts[b->pos]) < 0;
+}
+
+static void sift(struct scan *s, size_t i)
+{
+	struct grid_cursor **heap = s->r->heap, *c = heap[i];
+
+	for (size_t k; (k = 2 * i + 1) < s->nheap; i = k) {
+		if (k + 1 < s->nheap && before(heap[k + 1], heap[k]))
+			k++;
+		if (!before(heap[k], c))
+			break;
+		heap[i] = heap[k];
+	}
+	heap[i] = c;
+}
+
+static int flush(struct scan *s, struct err *err)
+{
+	size_t n = s->npiece;
+
+	s->npiece = 0;
+	return n ? s->sink(s->ctx, s->r->piece, n, err) : 0;
+}
+
+/* Records of the heap's first cursor, as long as they come before those of all others; to the piece. */
+static int take(struct scan *s, struct err *err)
+{
+	struct grid_cursor **heap = s->r->heap, *c = heap[0], *next = s->nheap > 1 ? heap[1] : NULL;
+
+	if (s->nheap > 2 && before(heap[2], heap[1]))
+		next = heap[2];
+	do {
+		if (s->npiece == GRID_CELL_RECORDS) {
+			int rc = flush(s, err);
+
+			if (rc)
+				return rc;
+		}
+		s->r->piece[s->npiece++] = c->pts[c->pos++];
+		if (c->pos == c->n)
+			return load(s, c, err);
+		c->key = point_morton(c->pts[c->pos].x, c->pts[c->pos].y);
+	} while (!next || !before(next, c));
+	return 0;
+}
+
+static int scan_many(struct scan *s, struct err *err)
+{
+	struct grid_cursor **heap = s->r->heap;
+
+	for (size_t i = s->nheap / 2; i-- > 0;)
+		sift(s, i);
+	while (s->nheap) {
+		int rc = take(s, err);
+
+		if (rc)
+			return rc;
+		if (!heap[0]->n)
+			heap[0] = heap[--s->nheap];
+		sift(s, 0);
+	}
+	return flush(s, err);
+}
+
+/* The segments with cells in the range to the heap, their first batch read. */
+static int start(struct scan *s, struct err *err)
+{
+	const struct grid *g = s->r->grid;
+	uint32_t used = 0;
+
+	for (uint32_t i = 0; i < g->manifest->nsegments; i++) {
+		struct grid_cursor *c = &s->r->cursors[used];
+		struct point *buffer = c->pts;
+
+		if (g->parts[i].none_live || !g->parts[i].height)
+			continue;
+		*c = (struct grid_cursor){.part = i, .from = s->lo, .pts = buffer};
+		int rc = next_batch(s->r, c, s->hi, err);
+
+		if (rc)
+			return rc;
+		if (c->nbatch) {
+			s->r->heap[s->nheap++] = c;
+			used++;
+		}
+	}
+	return 0;
+}
+
+int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn sink, void *ctx, struct err *err)
+{
+	struct scan s = {.r = r, .lo = lo, .hi = hi, .sink = sink, .ctx = ctx};
+	size_t kept = 0;
+	int rc;
+
+	if (r->walking)
+		return err_set(err, ERR_INTERNAL, "a reader was used for a scan inside a walk or scan");
+	if (lo > hi)
+		return 0;
+	r->walking = true;
+	rc = start(&s, err);
+	if (rc == 0 && s.nheap == 1) {
+		rc = scan_one(&s, r->heap[0], err);
+	} else if (rc == 0 && s.nheap > 1) {
+		for (size_t i = 0; rc == 0 && i < s.nheap; i++) {
+			rc = load(&s, r->heap[i], err);
+			if (r->heap[i]->n)
+				r->heap[kept++] = r->heap[i];
+		}
+		s.nheap = kept;
+		if (rc == 0)
+			rc = scan_many(&s, err);
+	}
+	r->walking = false;
+	return rc;
+}

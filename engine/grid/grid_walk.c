@@ -1,0 +1,239 @@
+/*
+ * Walks over the index (grid.h): cells one by one, counts, content sums. All three are one descent that differs in
+ * what it does with a subtree and with a cell. Pages are the reader's own copies, so a visitor may take its time.
+ */
+#include <string.h>
+
+#include "err.h"
+#include "grid_read.h"
+
+struct descent {
+	struct grid_reader *r;
+	uint32_t part;
+	uint64_t lo, hi;
+	void *ctx;
+	/* A subtree that meets [lo, hi]: whether to go down. */
+	bool (*inner)(struct descent *, const struct disk_inner *);
+	int (*cell)(struct descent *, const struct grid_cell *, const struct disk_leaf *, struct err *err);
+};
+
+static int descend_leaf(struct descent *d, struct err *err)
+{
+	const struct grid_part *p = &d->r->grid->parts[d->part];
+	const uint8_t *page = grid_reader_page(d->r, 0);
+	unsigned n = grid_page_entries(page);
+
+	for (unsigned i = 0; i < n; i++) {
+		const struct disk_leaf *leaf = grid_page_leaf(page, i);
+		struct grid_cell cell;
+
+		if (leaf->lo > d->hi)
+			break;
+		int rc = grid_cell_of(p, d->part, leaf, &cell, err);
+
+		if (rc == 0 && cell.hi >= d->lo && !grid_cell_dead(d->r->grid, &cell))
+			rc = d->cell(d, &cell, leaf, err);
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+static int descend_page(struct descent *d, unsigned level, uint64_t place, uint64_t check, struct err *err)
+{
+	const uint8_t *page = grid_reader_page(d->r, level);
+	int rc = grid_page_read(d->r, d->part, level, place, check, err);
+
+	if (rc)
+		return rc;
+	if (!level)
+		return descend_leaf(d, err);
+	for (unsigned i = 0, n = grid_page_entries(page); rc == 0 && i < n; i++) {
+		const struct disk_inner *e = grid_page_inner(page, i);
+
+		if (e->lo > d->hi)
+			break;
+		if (e->hi >= d->lo && d->inner(d, e))
+			rc = descend_page(d, level - 1, e->place, e->check, err);
+	}
+	return rc;
+}
+
+/* All segments with something live. */
+static int descend(struct descent *d, struct err *err)
+{
+	const struct grid *g = d->r->grid;
+	int rc = 0;
+
+	if (d->r->walking)
+		return err_set(err, ERR_INTERNAL, "a reader was used for a second walk inside a walk");
+	d->r->walking = true;
+	for (uint32_t i = 0; rc == 0 && i < g->manifest->nsegments; i++) {
+		const struct grid_part *p = &g->parts[i];
+
+		d->part = i;
+		if (!p->none_live && p->height && d->lo <= d->hi)
+			rc = descend_page(d, p->height - 1, p->root, p->root_check, err);
+	}
+	d->r->walking = false;
+	return rc;
+}
+
+static bool inside(const struct descent *d, uint64_t lo, uint64_t hi)
+{
+	return lo >= d->lo && hi <= d->hi;
+}
+
+/* ---- walk ---- */
+
+static bool walk_inner(struct descent *d, const struct disk_inner *e)
+{
+	const struct grid_visitor *v = d->ctx;
+	struct grid_cell cell = {
+		.lo = e->lo,
+		.hi = e->hi,
+		.count = e->count,
+		.distinct = e->distinct,
+		.segment = d->part,
+	};
+
+	memcpy(cell.box, e->box, sizeof cell.box);
+	return !v->enter || v->enter(v->ctx, &cell);
+}
+
+static int walk_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
+		     struct err *err)
+{
+	const struct grid_visitor *v = d->ctx;
+
+	return v->cell(v->ctx, cell);
+}
+
+int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid_visitor *visitor,
+	      struct err *err)
+{
+	struct descent d = {
+		.r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .inner = walk_inner, .cell = walk_cell};
+
+	return descend(&d, err);
+}
+
+/* ---- count ---- */
+
+struct count {
+	uint64_t count;
+	bool exact;
+};
+
+static bool count_inner(struct descent *d, const struct disk_inner *e)
+{
+	struct count *c = d->ctx;
+
+	if (!inside(d, e->lo, e->hi))
+		return true;
+	c->count += e->count;
+	c->exact = c->exact && d->r->grid->parts[d->part].all_live;
+	return false;
+}
+
+static int count_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
+		      struct err *err)
+{
+	struct count *c = d->ctx;
+	struct grid_cursor cursor;
+	struct point *pts;
+	size_t n;
+
+	if (inside(d, cell->lo, cell->hi)) {
+		c->count += cell->count; /* one source: it is live, or the cell would not be here */
+		c->exact = c->exact && (cell->source || d->r->grid->parts[d->part].all_live);
+		return 0;
+	}
+	for (grid_cursor_cell(&cursor, cell); cursor.block < cell->blocks;) {
+		int rc = grid_cursor_block(d->r, &cursor, &pts, &n, err);
+
+		if (rc)
+			return rc;
+		grid_trim(&pts, &n, d->lo, d->hi);
+		c->count += n;
+	}
+	return 0;
+}
+
+int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
+	       struct err *err)
+{
+	struct count c = {.exact = true};
+	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .inner = count_inner, .cell = count_cell};
+	int rc = descend(&d, err);
+
+	if (rc)
+		return rc;
+	*ret_count = c.count;
+	*ret_exact = c.exact;
+	return 0;
+}
+
+/* ---- content sum ---- */
+
+static bool sum_inner(struct descent *d, const struct disk_inner *e)
+{
+	if (!inside(d, e->lo, e->hi) || !d->r->grid->parts[d->part].all_live)
+		return true;
+	digest_add(d->ctx, (struct digest){e->sum_hi, e->sum_lo});
+	return false;
+}
+
+/* Of a cell some of whose sources are live: by the heads of its blocks, without its records. */
+static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err *err)
+{
+	struct grid_cursor cursor;
+	struct grid_block b;
+
+	for (grid_cursor_cell(&cursor, cell); cursor.block < cell->blocks;) {
+		int rc = grid_cursor_head(d->r, &cursor, &b, err);
+
+		if (rc)
+			return rc;
+		for (unsigned i = 0; i < b.head->sources; i++)
+			if (grid_live(d->r->grid, b.sources[i].id))
+				digest_add(d->ctx, (struct digest){b.sources[i].sum_hi, b.sources[i].sum_lo});
+	}
+	return 0;
+}
+
+static int sum_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
+		    struct err *err)
+{
+	struct grid_cursor cursor;
+	struct point *pts;
+	size_t n;
+
+	if (inside(d, cell->lo, cell->hi)) {
+		if (!cell->source && !d->r->grid->parts[d->part].all_live)
+			return sum_heads(d, cell, err);
+		digest_add(d->ctx, (struct digest){leaf->sum_hi, leaf->sum_lo});
+		return 0;
+	}
+	for (grid_cursor_cell(&cursor, cell); cursor.block < cell->blocks;) {
+		int rc = grid_cursor_block(d->r, &cursor, &pts, &n, err);
+
+		if (rc)
+			return rc;
+		grid_trim(&pts, &n, d->lo, d->hi);
+		for (size_t i = 0; i < n; i++)
+			digest_add(d->ctx, grid_record_hash(&pts[i]));
+	}
+	return 0;
+}
+
+int grid_sum(struct grid_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)
+{
+	struct digest sum = {0, 0};
+	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &sum, .inner = sum_inner, .cell = sum_cell};
+	int rc = descend(&d, err);
+
+	if (rc == 0)
+		*ret = sum;
+	return rc;
+}

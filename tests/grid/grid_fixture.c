@@ -1,0 +1,320 @@
+/* Shared by the tests of the grid (grid_fixture.h). Nothing here uses the room's insides. */
+#include "grid_fixture.h"
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <stdarg.h>
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+uint64_t rng_next(uint64_t *state)
+{
+	uint64_t z = *state += 0x9e3779b97f4a7c15u;
+
+	z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+	z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+	return z ^ z >> 31;
+}
+
+uint64_t rng_below(uint64_t *state, uint64_t n)
+{
+	return rng_next(state) % n;
+}
+
+void check_ok(int rc, const struct err *err, const char *what, const char *file, int line)
+{
+	char text[1200];
+
+	if (!rc)
+		return;
+	print_error("%s: %d, %s\n", what, rc, err_format(err, text, sizeof text));
+	_fail(file, line);
+}
+
+/* ---- folders ---- */
+
+struct folder folder_new(void)
+{
+	struct folder f;
+	const char *base = getenv("TMPDIR");
+
+	snprintf(f.path, sizeof f.path, "%.40s/acut-grid-XXXXXX", base && *base ? base : "/tmp");
+	assert_non_null(mkdtemp(f.path));
+	f.fd = open(f.path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	assert_true(f.fd >= 0);
+	return f;
+}
+
+static size_t folder_each(const struct folder *f, const char *suffix, bool erase)
+{
+	DIR *d = opendir(f->path);
+	struct dirent *e;
+	size_t n = 0;
+
+	assert_non_null(d);
+	while ((e = readdir(d))) {
+		size_t len = strlen(e->d_name), tail = strlen(suffix);
+
+		if (e->d_name[0] == '.' || len < tail || strcmp(e->d_name + len - tail, suffix))
+			continue;
+		n++;
+		if (erase)
+			assert_int_equal(unlinkat(f->fd, e->d_name, 0), 0);
+	}
+	closedir(d);
+	return n;
+}
+
+size_t folder_files(const struct folder *f, const char *suffix)
+{
+	return folder_each(f, suffix, false);
+}
+
+void folder_remove(struct folder *f)
+{
+	folder_each(f, "", true);
+	close(f->fd);
+	assert_int_equal(rmdir(f->path), 0);
+}
+
+size_t open_descriptors(void)
+{
+	size_t n = 0;
+
+	for (int fd = 0; fd < 1024; fd++)
+		n += fcntl(fd, F_GETFD) != -1;
+	return n;
+}
+
+/* ---- point sets ---- */
+
+static int32_t coordinate(enum shape shape, uint64_t *rng)
+{
+	switch (shape) {
+	case SHAPE_UNIFORM:
+		return (int32_t)rng_below(rng, 2000000) - 1000000;
+	case SHAPE_CLUSTERED:
+		return (int32_t)(rng_below(rng, 5) * 400000000u) + (int32_t)(rng_below(rng, 40) * rng_below(rng, 40));
+	case SHAPE_DUPLICATES:
+		return (int32_t)rng_below(rng, 12) - 6;
+	case SHAPE_EXTREME:
+		switch (rng_below(rng, 5)) {
+		case 0: return INT32_MIN;
+		case 1: return INT32_MAX;
+		case 2: return (int32_t)rng_below(rng, 3) - 1;
+		default: return (int32_t)rng_next(rng);
+		}
+	default:
+		return -77;
+	}
+}
+
+struct set set_make(enum shape shape, size_t n, unsigned sources, uint64_t seed)
+{
+	struct set s = {calloc(n + 1, sizeof *s.pts), calloc(n + 1, sizeof *s.ids), n};
+	uint64_t rng = seed;
+
+	for (size_t i = 0; i < n; i++) {
+		struct point *p = &s.pts[i];
+
+		p->x = coordinate(shape, &rng);
+		p->y = coordinate(shape, &rng);
+		p->z = (int32_t)rng_below(&rng, 50) - 25;
+		p->cls = (uint8_t)(rng_below(&rng, 20) ? rng_below(&rng, 4) : rng_below(&rng, 256));
+		p->ret = (uint8_t)rng_below(&rng, 256);
+		p->tag = (uint16_t)rng_below(&rng, 16);
+		/* Sources in stretches, as files come, and here and there mixed. */
+		s.ids[i] = 1 + (uint32_t)(rng_below(&rng, 3) ? i * sources / n : rng_below(&rng, sources));
+	}
+	return s;
+}
+
+void set_free(struct set *s)
+{
+	free(s->pts);
+	free(s->ids);
+	*s = (struct set){0};
+}
+
+struct tagged {
+	struct point p;
+	uint32_t id;
+};
+
+static int by_order(const void *a, const void *b)
+{
+	const struct tagged *x = a, *y = b;
+	int c = point_compare(&x->p, &y->p);
+
+	return c ? c : (x->id > y->id) - (x->id < y->id);
+}
+
+void set_sort(struct set *s)
+{
+	struct tagged *t = calloc(s->n + 1, sizeof *t);
+
+	for (size_t i = 0; i < s->n; i++)
+		t[i] = (struct tagged){s->pts[i], s->ids[i]};
+	qsort(t, s->n, sizeof *t, by_order);
+	for (size_t i = 0; i < s->n; i++) {
+		s->pts[i] = t[i].p;
+		s->ids[i] = t[i].id;
+	}
+	free(t);
+}
+
+void set_shuffle(struct set *s, uint64_t seed)
+{
+	for (size_t i = s->n; i > 1; i--) {
+		size_t k = rng_below(&seed, i);
+		struct point p = s->pts[k];
+		uint32_t id = s->ids[k];
+
+		s->pts[k] = s->pts[i - 1];
+		s->ids[k] = s->ids[i - 1];
+		s->pts[i - 1] = p;
+		s->ids[i - 1] = id;
+	}
+}
+
+/* ---- cells, by halving ---- */
+
+struct halving {
+	const struct set *s;
+	struct ref_cell *cells;
+	size_t n, cap;
+};
+
+static void halve(struct halving *h, size_t first, size_t n, uint64_t lo, unsigned bits)
+{
+	const struct point *p = h->s->pts + first;
+
+	if (!n)
+		return;
+	if (n > GRID_CELL_RECORDS && bits) {
+		uint64_t middle = lo + ((uint64_t)1 << (bits - 1));
+		size_t left = 0;
+
+		while (left < n && point_morton(p[left].x, p[left].y) < middle)
+			left++;
+		halve(h, first, left, lo, bits - 1);
+		halve(h, first + left, n - left, middle, bits - 1);
+		return;
+	}
+	if (h->n == h->cap) {
+		h->cap = h->cap ? 2 * h->cap : 64;
+		h->cells = realloc(h->cells, h->cap * sizeof *h->cells);
+		assert_non_null(h->cells);
+	}
+	struct ref_cell *c = &h->cells[h->n++];
+
+	*c = (struct ref_cell){
+		.lo = lo,
+		.hi = bits == 64 ? UINT64_MAX : lo + ((uint64_t)1 << bits) - 1,
+		.first = first,
+		.n = n,
+		.box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
+	};
+	for (size_t i = 0; i < n; i++) {
+		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source here */
+
+		c->box[0] = p[i].x < c->box[0] ? p[i].x : c->box[0];
+		c->box[1] = p[i].y < c->box[1] ? p[i].y : c->box[1];
+		c->box[2] = p[i].x > c->box[2] ? p[i].x : c->box[2];
+		c->box[3] = p[i].y > c->box[3] ? p[i].y : c->box[3];
+		c->distinct += !i || p[i].x != p[i - 1].x || p[i].y != p[i - 1].y;
+		digest_add(&c->sum, d);
+	}
+}
+
+struct ref_cell *ref_cells(const struct set *s, size_t *ret_n)
+{
+	struct halving h = {.s = s};
+
+	halve(&h, 0, s->n, 0, 64);
+	*ret_n = h.n;
+	return h.cells;
+}
+
+/* ---- datasets ---- */
+
+int stage_set(const struct folder *f, const char *name, const struct set *s, size_t memory,
+	      struct grid_segment_info *ret, struct err *err)
+{
+	struct grid_stage_params params = {
+		.dirfd = f->fd, .name = name, .memory = memory ? memory : (size_t)64 << 20, .durable = false};
+	struct grid_stage *stage;
+	int rc = grid_stage_new(&params, &stage, err);
+
+	if (rc)
+		return rc;
+	for (size_t at = 0, n; rc == 0 && at < s->n; at += n) {
+		for (n = 1; at + n < s->n && n < 777 && s->ids[at + n] == s->ids[at];)
+			n++;
+		rc = grid_stage_source(stage, s->ids[at], err);
+		if (rc == 0)
+			rc = grid_stage_add(stage, s->pts + at, n, err);
+	}
+	if (rc == 0)
+		rc = grid_stage_seal(stage, ret, err);
+	grid_stage_free(stage);
+	return rc;
+}
+
+struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources)
+{
+	struct grid_manifest m = {
+		.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {5, -6, 7}},
+		.crs = "EPSG:26910",
+		.unit_xy = "metre",
+		.unit_z = "unknown",
+		.generation = 1,
+		.segments = segments,
+		.nsegments = n,
+		.nsources = sources,
+	};
+
+	m.sources = calloc(sources + 1, sizeof *m.sources);
+	for (uint32_t i = 0; i < sources; i++) {
+		m.sources[i] = (struct grid_source){.id = i + 1, .added = 1};
+		snprintf(m.sources[i].name, sizeof m.sources[i].name, "file %u\n\xff.las", i + 1);
+	}
+	return m;
+}
+
+struct reader reader_open(const struct folder *f, const char *manifest, uint64_t generation, size_t index_memory)
+{
+	struct reader r = {0};
+	struct err err = ERR_INIT;
+
+	CHECK(grid_open(f->fd, manifest, generation, NULL, index_memory, &r.grid, &err));
+	r.memory = malloc(grid_reader_bytes(r.grid));
+	CHECK(grid_reader_new(r.grid, r.memory, grid_reader_bytes(r.grid), &r.r, &err));
+	return r;
+}
+
+void reader_close(struct reader *r)
+{
+	r->r = grid_reader_free(r->r);
+	r->grid = grid_close(r->grid);
+	free(r->memory);
+}
+
+int gather_sink(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct gather *g = ctx;
+
+	if (g->n + n > g->cap) {
+		g->cap = 2 * (g->n + n);
+		g->pts = realloc(g->pts, g->cap * sizeof *g->pts);
+	}
+	memcpy(g->pts + g->n, pts, n * sizeof *pts);
+	g->n += n;
+	g->largest = n > g->largest ? n : g->largest;
+	return 0;
+}

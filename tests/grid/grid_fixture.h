@@ -1,0 +1,88 @@
+/* What the tests of the grid share: folders, point sets, and the cache written a second time, in memory. */
+#ifndef GRID_FIXTURE_H
+#define GRID_FIXTURE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "err.h"
+#include "grid.h"
+#include "point.h"
+
+/* ---- numbers that look random and are the same everywhere ---- */
+
+uint64_t rng_next(uint64_t *state);
+uint64_t rng_below(uint64_t *state, uint64_t n);
+
+/* ---- folders ---- */
+
+struct folder {
+	char path[64];
+	int fd;
+};
+
+struct folder folder_new(void);
+void folder_remove(struct folder *); /* with everything in it */
+size_t folder_files(const struct folder *, const char *suffix); /* files whose name ends so; "" all */
+size_t open_descriptors(void);
+
+/* ---- point sets ---- */
+
+/* Points with sources: id[i] belongs to pts[i], whose tag has flags only. */
+struct set {
+	struct point *pts;
+	uint32_t *ids;
+	size_t n;
+};
+
+enum shape { SHAPE_UNIFORM, SHAPE_CLUSTERED, SHAPE_DUPLICATES, SHAPE_EXTREME, SHAPE_ONE_POSITION, SHAPES };
+
+struct set set_make(enum shape, size_t n, unsigned sources, uint64_t seed);
+void set_free(struct set *);
+/* In the order of the cache, with source last. */
+void set_sort(struct set *);
+void set_shuffle(struct set *, uint64_t seed);
+
+/* ---- cells, by halving the key space ---- */
+
+struct ref_cell {
+	uint64_t lo, hi;
+	size_t first, n; /* in the sorted set */
+	int32_t box[4];
+	uint64_t distinct;
+	struct digest sum;
+};
+
+/* Of a sorted set. Caller frees. */
+struct ref_cell *ref_cells(const struct set *, size_t *ret_n);
+
+/* ---- making and opening a dataset ---- */
+
+#define CHECK(call) check_ok((call), &err, #call, __FILE__, __LINE__)
+void check_ok(int rc, const struct err *err, const char *what, const char *file, int line);
+
+/* Stage and seal, in pieces of odd sizes; memory 0: plenty. */
+int stage_set(const struct folder *, const char *name, const struct set *, size_t memory,
+	      struct grid_segment_info *ret, struct err *err);
+/* A manifest over segments whose sources are 1..sources, all added in generation 1. Caller frees m.sources. */
+struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources);
+
+/* A reader with its memory. */
+struct reader {
+	struct grid *grid;
+	struct grid_reader *r;
+	void *memory;
+};
+struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation, size_t index_memory);
+void reader_close(struct reader *);
+
+/* Everything that a scan hands out. */
+struct gather {
+	struct point *pts;
+	size_t n, cap;
+	size_t largest; /* piece */
+};
+int gather_sink(void *ctx, const struct point *pts, size_t n, struct err *err);
+
+#endif
