@@ -4,8 +4,9 @@
  *
  * A position goes down a round with probability 1/4, by a fixed hash of its coordinates; the smallest round
  * comes first; every other round runs along the curve backwards, so that one ends where the next begins.
- * The curve has 2^16 steps an axis over the bounding square. Positions of one round and one curve cell
- * keep the order of the input. Nothing random: the same input gives the same order.
+ * The curve has 2^16 steps an axis over the bounding square. Where many positions of a round share a cell
+ * (tight clusters far apart), they are put along a curve of their own, whose steps are single lattice units.
+ * Nothing random: the same input gives the same order.
  *
  * The scratch holds two arrays of curve place << 32 | index in the input.
  */
@@ -21,7 +22,8 @@ enum {
 	DIGIT_BITS = 11, /* of the radix sort: 11 + 11 + 10 */
 	DIGITS = 1 << DIGIT_BITS,
 	PASSES = 3,
-	SORT_FEW = 48, /* below, sorting by insertion is faster */
+	SORT_FEW = 48,       /* below, sorting by insertion is faster */
+	CELL_MANY = 12,      /* positions of a cell that are worth a curve of their own */
 };
 
 struct curve {
@@ -50,17 +52,20 @@ static uint16_t curve_walk(unsigned state, unsigned x, unsigned y)
 	return (uint16_t)(place << 2 | state);
 }
 
-static void curve_init(struct curve *c, const struct tri_extent *extent)
+static void curve_init(struct curve *c)
 {
-	uint64_t width = (uint64_t)((int64_t)extent->max[0] - extent->min[0]);
-	uint64_t height = (uint64_t)((int64_t)extent->max[1] - extent->min[1]);
-	uint64_t side = (width > height ? width : height) + 1;
-
 	for (unsigned s = 0; s < CURVE_STATES; s++)
 		for (unsigned i = 0; i < CURVE_CELLS; i++)
 			c->step[s][i] = curve_walk(s, i >> CURVE_STEP_BITS, i & ((1 << CURVE_STEP_BITS) - 1));
+}
+
+static void curve_over(struct curve *c, const struct tri_extent *extent)
+{
+	uint64_t width = (uint64_t)((int64_t)extent->max[0] - extent->min[0]);
+	uint64_t height = (uint64_t)((int64_t)extent->max[1] - extent->min[1]);
+
 	memcpy(c->min, extent->min, sizeof(c->min));
-	c->mul = (UINT64_C(1) << 48) / side;
+	c->mul = (UINT64_C(1) << 48) / ((width > height ? width : height) + 1);
 }
 
 /* The place on the curve, 32 bits. */
@@ -89,18 +94,23 @@ static inline unsigned round_of(const struct mesh_vertex *v)
 	return (unsigned)__builtin_ctzll(h >> 32 | UINT64_C(1) << (2 * ROUND_MAX)) / 2;
 }
 
+static inline void extent_add(struct tri_extent *e, const struct mesh_vertex *v)
+{
+	e->min[0] = v->x < e->min[0] ? v->x : e->min[0];
+	e->max[0] = v->x > e->max[0] ? v->x : e->max[0];
+	e->min[1] = v->y < e->min[1] ? v->y : e->min[1];
+	e->max[1] = v->y > e->max[1] ? v->y : e->max[1];
+}
+
+static const struct tri_extent nowhere = {{INT32_MAX, INT32_MAX}, {INT32_MIN, INT32_MIN}};
+
 static void extent_and_rounds(const struct mesh_vertex *in, uint32_t n, struct tri_extent *ret,
 			      uint32_t count[ROUND_MAX + 1])
 {
-	struct tri_extent e = {{in[0].x, in[0].y}, {in[0].x, in[0].y}};
+	struct tri_extent e = nowhere;
 
 	for (uint32_t i = 0; i < n; i++) {
-		int32_t x = in[i].x, y = in[i].y;
-
-		e.min[0] = x < e.min[0] ? x : e.min[0];
-		e.max[0] = x > e.max[0] ? x : e.max[0];
-		e.min[1] = y < e.min[1] ? y : e.min[1];
-		e.max[1] = y > e.max[1] ? y : e.max[1];
+		extent_add(&e, &in[i]);
 		count[round_of(&in[i])]++;
 	}
 	*ret = e;
@@ -154,6 +164,32 @@ static void sort_round(uint64_t *from, uint64_t *to, uint32_t n)
 	sort_pass(from, to, n, count[2], 32 + 2 * DIGIT_BITS);
 }
 
+/*
+ * Where many of a sorted round share a cell of the curve, sort these along a curve over their own box. A
+ * cell is at most 2^16 units wide, so that the second curve tells all of them apart.
+ */
+static void sort_cells(struct curve *curve, const struct mesh_vertex *in, uint64_t *from, uint64_t *to,
+		       uint32_t n, uint32_t backwards)
+{
+	for (uint32_t first = 0, end; first < n; first = end) {
+		struct tri_extent box = nowhere;
+
+		for (end = first + 1; end < n && to[end] >> 32 == to[first] >> 32;)
+			end++;
+		if (end - first < CELL_MANY)
+			continue;
+		for (uint32_t i = first; i < end; i++)
+			extent_add(&box, &in[(uint32_t)to[i]]);
+		curve_over(curve, &box);
+		for (uint32_t i = first; i < end; i++) {
+			uint32_t at = (uint32_t)to[i];
+
+			from[i] = (uint64_t)(curve_place(curve, &in[at]) ^ backwards) << 32 | at;
+		}
+		sort_round(from + first, to + first, end - first);
+	}
+}
+
 static void vertices_place(struct tri *t, const struct mesh_vertex *in, const uint64_t *order, uint32_t n)
 {
 	enum { AHEAD = 24 };
@@ -170,6 +206,11 @@ static void vertices_place(struct tri *t, const struct mesh_vertex *in, const ui
 	}
 }
 
+static inline uint32_t round_direction(unsigned round)
+{
+	return 0u - (round & 1);
+}
+
 void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n,
 	       struct tri_extent *ret)
 {
@@ -178,21 +219,22 @@ void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, u
 	struct curve curve;
 
 	extent_and_rounds(in, n, ret, count);
-	curve_init(&curve, ret);
+	curve_init(&curve);
+	curve_over(&curve, ret);
 	for (unsigned r = ROUND_MAX + 1; r-- > 0;) {
 		place[r] = sum;
 		sum += count[r];
 	}
 	for (uint32_t i = 0; i < n; i++) {
 		unsigned r = round_of(&in[i]);
-		uint32_t backwards = 0u - (r & 1);
 
-		from[place[r]++] = (uint64_t)(curve_place(&curve, &in[i]) ^ backwards) << 32 | i;
+		from[place[r]++] = (uint64_t)(curve_place(&curve, &in[i]) ^ round_direction(r)) << 32 | i;
 	}
 	for (unsigned r = 0; r <= ROUND_MAX; r++) {
 		uint32_t first = place[r] - count[r];
 
 		sort_round(from + first, to + first, count[r]);
+		sort_cells(&curve, in, from + first, to + first, count[r], round_direction(r));
 	}
 	vertices_place(t, in, to, n);
 }
