@@ -1,0 +1,314 @@
+/*
+ * Plans: leaves that cover the root once, bounds that count positions, refusals that say what would do; and
+ * halos of sets too large for the fuzz.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "brute.h"
+#include "cut_halo.h"
+#include "cut_order.h"
+#include "err.h"
+#include "tiling.h"
+
+static bool point_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	return point_compare(a, b) < 0;
+}
+
+enum shape { UNIFORM, DIAGONAL, PARABOLA, CLUSTERS, ONE_POSITION };
+
+static void make(struct tiling *t, struct cut_source *src, enum shape shape, size_t n, size_t cell_records)
+{
+	struct point *p = calloc(n, sizeof(*p));
+	uint64_t seed = 5;
+
+	assert_non_null(p);
+	for (size_t i = 0; i < n; i++) {
+		int32_t k = (int32_t)i, r = (int32_t)(tiling_random(&seed) & 0xfffff), s = (int32_t)(tiling_random(&seed) & 0xfffff);
+
+		p[i].ret = 0x11;
+		p[i].cls = 1;
+		p[i].z = k;
+		switch (shape) {
+		case UNIFORM:
+			p[i].x = r;
+			p[i].y = s;
+			break;
+		case DIAGONAL:
+			p[i].x = p[i].y = k;
+			break;
+		case PARABOLA:
+			p[i].x = 1000 * k;
+			p[i].y = k * k;
+			break;
+		case CLUSTERS:
+			p[i].x = (r & 1023) + (i & 1 ? 1 << 30 : 0);
+			p[i].y = (s & 1023) + (i & 1 ? 1 << 29 : 0);
+			break;
+		case ONE_POSITION:
+			p[i].x = 77;
+			p[i].y = -5;
+			break;
+		}
+	}
+	cut_order_sort(p, n, point_less, NULL);
+	*t = (struct tiling){ .segments = 1, .pts = { p }, .n = { n }, .cell_records = cell_records, .salt = 1 };
+	tiling_source(t, src);
+}
+
+static void make_done(struct tiling *t)
+{
+	free(t->pts[0]);
+}
+
+static void leaves_cover_once(void **state)
+{
+	static const enum shape shapes[] = { UNIFORM, DIAGONAL, CLUSTERS };
+
+	for (unsigned s = 0; s < 3; s++) {
+		struct cut_source src;
+		struct tiling t;
+		struct cut_plan plan;
+		struct err err = ERR_INIT;
+		struct cut_region root;
+		int32_t box[4];
+		bool any;
+		uint64_t sum = 0;
+		double area = 0;
+		unsigned infinite[4] = { 0 };
+
+		make(&t, &src, shapes[s], 5000, 40);
+		assert_int_equal(cut_plan_make_from(&src, 300, &plan, &err), 0);
+		assert_int_equal(cut_source_box(&src, box, &any, &err), 0);
+		cut_region_root(box, &root);
+		for (size_t i = 0; i < plan.n; i++) {
+			const struct cut_region *r = &plan.leaf[i].region;
+			uint64_t own = 0;
+
+			for (size_t k = 0; k < t.n[0]; k++)
+				own += cut_region_holds(r, t.pts[0][k].x, t.pts[0][k].y) &&
+				       (k == 0 || t.pts[0][k].x != t.pts[0][k - 1].x || t.pts[0][k].y != t.pts[0][k - 1].y);
+			assert_true(own <= plan.leaf[i].count && plan.leaf[i].count <= 300);
+			assert_true(plan.leaf[i].exact && own == plan.leaf[i].count);
+			sum += own;
+			area += (double)((uint64_t)1 << r->wx) * (double)((uint64_t)1 << r->wy);
+			for (unsigned side = 0; side < 4; side++)
+				infinite[side] += r->inf >> side & 1;
+		}
+		assert_true(sum > 300);
+		assert_true(area == (double)((uint64_t)1 << root.wx) * (double)((uint64_t)1 << root.wy));
+		for (unsigned side = 0; side < 4; side++)
+			assert_true(infinite[side] > 0);
+		cut_plan_done(&plan);
+		make_done(&t);
+	}
+}
+
+static void many_records_are_one_position(void **state)
+{
+	struct cut_source src;
+	struct tiling t;
+	struct cut_plan plan;
+	struct err err = ERR_INIT;
+
+	make(&t, &src, ONE_POSITION, 100000, 1000);
+	assert_int_equal(cut_plan_make_from(&src, 2, &plan, &err), 0);
+	assert_int_equal(plan.n, 1);
+	assert_int_equal(plan.leaf[0].count, 1);
+	cut_plan_done(&plan);
+	t.n[0] = 0;
+	assert_int_equal(cut_plan_make_from(&src, 2, &plan, &err), 0);
+	assert_int_equal(plan.n, 0);
+	cut_plan_done(&plan);
+	make_done(&t);
+}
+
+/* What the plan promises holds: every leaf loads into cap, or the probe has refused before. */
+static int probe(enum shape shape, size_t n, uint32_t load, uint32_t cap, size_t *ret_leaves, struct err *err)
+{
+	struct cut_source src;
+	struct tiling t;
+	struct cut_plan plan;
+	const struct view view = VIEW_INIT;
+	size_t size = cut_load_scratch_bytes(cap);
+	struct mesh_vertex *out = malloc(cap * sizeof(*out));
+	void *scratch = malloc(size);
+	uint64_t need, used = 0, halo = 0;
+	int rc;
+
+	make(&t, &src, shape, n, 40);
+	assert_int_equal(cut_plan_make_from(&src, load, &plan, err), 0);
+	rc = cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, err);
+	for (size_t i = 0; i < plan.n && rc == 0; i++) {
+		struct cut_load l = { .out = out, .cap = cap, .scratch = scratch, .scratch_size = size };
+
+		assert_int_equal(cut_load_from(&src, &view, &plan.leaf[i].region, &l, &need, err), 0);
+		used += l.own;
+		halo += l.counts.halo;
+	}
+	*ret_leaves = plan.n;
+	if (rc == 0)
+		print_message("shape %d: %zu leaves, %llu own, %llu halo\n", shape, plan.n, (unsigned long long)used,
+			      (unsigned long long)halo);
+	cut_plan_done(&plan);
+	make_done(&t);
+	free(out);
+	free(scratch);
+	return rc;
+}
+
+static void probe_lets_real_data_pass(void **state)
+{
+	struct err err = ERR_INIT;
+	size_t leaves;
+
+	assert_int_equal(probe(UNIFORM, 20000, 2000, 2600, &leaves, &err), 0);
+	assert_in_range(leaves, 10, 40);
+	assert_int_equal(probe(CLUSTERS, 20000, 2000, 2600, &leaves, &err), 0);
+}
+
+static void probe_refuses_convex_position(void **state)
+{
+	static const enum shape shapes[] = { DIAGONAL, PARABOLA };
+
+	for (unsigned i = 0; i < 2; i++) {
+		struct err err = ERR_INIT;
+		size_t leaves;
+
+		assert_int_equal(probe(shapes[i], 20000, 2000, 4000, &leaves, &err), -ERR_LIMIT);
+		assert_non_null(strstr(err.message, "of 20000 points"));
+		assert_non_null(strstr(err.message, "the budget carries 4000"));
+		assert_non_null(strstr(err.hint, "memory="));
+		/* With room for all of them it goes. */
+		err = ERR_INIT;
+		assert_int_equal(probe(shapes[i], 20000, 2000, 60000, &leaves, &err), 0);
+	}
+}
+
+static void splits_end(void **state)
+{
+	struct cut_source src;
+	struct tiling t;
+	struct cut_plan plan;
+	struct err err = ERR_INIT;
+	unsigned levels = 0;
+	int rc;
+
+	make(&t, &src, UNIFORM, 2000, 40);
+	/* No progress at all: one split to have something to compare with, then eight levels. */
+	assert_int_equal(cut_plan_make_from(&src, 2000, &plan, &err), 0);
+	while ((rc = cut_plan_split_from(&src, &plan, plan.n - 1, 99000, 5000, &err)) == 0)
+		levels++;
+	assert_int_equal(rc, -ERR_LIMIT);
+	assert_int_equal(levels, 8);
+	assert_int_equal(plan.n, 9);
+	assert_non_null(strstr(err.message, "99000 must be in memory"));
+	assert_non_null(strstr(err.hint, "memory=31M")); /* 99000 x 80 bytes and 24 MiB */
+	cut_plan_done(&plan);
+	/* Three percent a level is progress: it goes on to the ends of the lattice. */
+	err = ERR_INIT;
+	levels = 0;
+	assert_int_equal(cut_plan_make_from(&src, 2000, &plan, &err), 0);
+	for (uint64_t need = 99000; cut_plan_split_from(&src, &plan, 0, need, 5000, &err) == 0; need = need * 97 / 100)
+		levels++;
+	assert_int_equal(levels, 40);
+	cut_plan_done(&plan);
+	make_done(&t);
+}
+
+/* The sweep with more hits than one batch of it, against the rounds; every site of a parabola is a neighbour. */
+static void sweep_finds_what_rounds_find(void **state)
+{
+	static const enum shape shapes[] = { PARABOLA, UNIFORM, DIAGONAL };
+	const struct view view = VIEW_INIT;
+	size_t size = cut_load_scratch_bytes(100000);
+	void *scratch[2] = { malloc(size), malloc(size) };
+
+	for (unsigned s = 0; s < 3; s++) {
+		struct cut_source src;
+		struct tiling t;
+		struct cut_plan plan;
+		struct err err = ERR_INIT;
+
+		make(&t, &src, shapes[s], 10000, 8);
+		assert_int_equal(cut_plan_make_from(&src, 3000, &plan, &err), 0);
+		assert_true(plan.n > 1);
+		for (size_t i = 0; i < plan.n; i++) {
+			const struct point *pts[2];
+			uint32_t n[2];
+			uint64_t need, cells[2], points;
+
+			for (unsigned k = 0; k < 2; k++) {
+				struct cut_halo *h = cut_halo_init(scratch[k], size, &src, &view, &plan.leaf[i].region, false);
+
+				if (k)
+					cut_halo_limit(h, 1, 20);
+				assert_int_equal(cut_halo_find(h, &pts[k], &n[k], &need, &err), 0);
+				cut_halo_stats(h, &cells[k], &points);
+			}
+			assert_int_equal(n[0], n[1]);
+			assert_memory_equal(pts[0], pts[1], n[0] * sizeof(struct point));
+			if (s == 0)
+				assert_true(cells[1] > 300);
+		}
+		cut_plan_done(&plan);
+		make_done(&t);
+	}
+	free(scratch[0]);
+	free(scratch[1]);
+}
+
+/* A region inside uniform data reads its neighbours, not the dataset. */
+static void halos_read_little(void **state)
+{
+	const struct view view = VIEW_INIT;
+	struct cut_source src;
+	struct tiling t;
+	struct cut_plan plan;
+	struct err err = ERR_INIT;
+	uint64_t need, cells = 0, points = 0, own = 0;
+	struct mesh_vertex *out = malloc(20000 * sizeof(*out));
+	size_t size = cut_load_scratch_bytes(20000);
+	void *scratch = malloc(size);
+
+	make(&t, &src, UNIFORM, 100000, 100);
+	assert_int_equal(cut_plan_make_from(&src, 8000, &plan, &err), 0);
+	for (size_t i = 0; i < plan.n; i++) {
+		struct cut_load l = { .out = out, .cap = 20000, .scratch = scratch, .scratch_size = size };
+
+		assert_int_equal(cut_load_from(&src, &view, &plan.leaf[i].region, &l, &need, &err), 0);
+		cells += l.cells_read;
+		points += l.points_read;
+		own += l.own;
+		assert_true(l.counts.halo < 700);
+	}
+	print_message("%zu leaves, %llu own, %llu halo cells, %.2f x read\n", plan.n, (unsigned long long)own,
+		      (unsigned long long)cells, (double)points / (double)own);
+	assert_true(points < 2 * own);
+	cut_plan_done(&plan);
+	make_done(&t);
+	free(out);
+	free(scratch);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(leaves_cover_once),
+		cmocka_unit_test(many_records_are_one_position),
+		cmocka_unit_test(probe_lets_real_data_pass),
+		cmocka_unit_test(probe_refuses_convex_position),
+		cmocka_unit_test(splits_end),
+		cmocka_unit_test(sweep_finds_what_rounds_find),
+		cmocka_unit_test(halos_read_little),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

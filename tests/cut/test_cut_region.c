@@ -1,0 +1,208 @@
+/*
+ * Regions: roots, splits, ranges of keys, texts, and the owner test where circumcentres lie on cuts or far out.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "cut.h"
+#include "geom.h"
+#include "point.h"
+#include "tiling.h"
+
+static int32_t num(uint64_t v)
+{
+	return (int32_t)(uint32_t)v;
+}
+
+static void root_is_small(void **state)
+{
+	static const struct {
+		int32_t box[4];
+		unsigned w;
+	} row[] = {
+		{ { 5, 7, 5, 7 }, 0 },
+		{ { -1, 0, 0, 1 }, 1 },           /* 2 x 2 positions across the highest cut */
+		{ { 0, 0, 1, 1 }, 1 },
+		{ { 0, 0, 3, 0 }, 2 },
+		{ { 7, 7, 8, 8 }, 1 },            /* the aligned square would have side 16 */
+		{ { -1000, -1000, 1000, 1000 }, 11 },
+		{ { INT32_MIN, INT32_MIN, INT32_MAX, INT32_MAX }, 32 },
+		{ { INT32_MIN, 0, INT32_MIN, 0 }, 0 },
+		{ { INT32_MAX - 1, INT32_MAX, INT32_MAX, INT32_MAX }, 1 },
+	};
+
+	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++) {
+		struct cut_region r;
+
+		cut_region_root(row[i].box, &r);
+		assert_int_equal(r.wx, row[i].w);
+		assert_int_equal(r.wy, row[i].w);
+		assert_int_equal(r.inf, 15);
+		assert_true(cut_region_holds(&r, row[i].box[0], row[i].box[1]));
+		assert_true(cut_region_holds(&r, row[i].box[2], row[i].box[3]));
+	}
+}
+
+static void random_region(uint64_t *seed, struct cut_region *ret)
+{
+	unsigned shift = (unsigned)(tiling_random(seed) % 32);
+	int32_t x = num(tiling_random(seed)), y = num(tiling_random(seed));
+	int64_t x1 = x + (int64_t)(tiling_random(seed) >> 32 >> shift), y1 = y + (int64_t)(tiling_random(seed) >> 32 >> shift);
+	int32_t box[4] = { x, y, (int32_t)(x1 > INT32_MAX ? INT32_MAX : x1), (int32_t)(y1 > INT32_MAX ? INT32_MAX : y1) };
+	unsigned depth = (unsigned)(tiling_random(seed) % 10);
+	struct cut_region half[2];
+
+	cut_region_root(box, ret);
+	for (; depth > 0 && cut_region_split(ret, half); depth--)
+		*ret = half[tiling_random(seed) & 1];
+}
+
+/* A position near the region's border, inside or outside. */
+static void near_position(uint64_t *seed, const struct cut_region *r, int32_t ret[2])
+{
+	uint64_t wx = (uint64_t)1 << r->wx, wy = (uint64_t)1 << r->wy;
+	uint64_t dx = tiling_random(seed), dy = tiling_random(seed);
+
+	dx = dx & 1 ? (dx >> 1) % wx : dx & 2 ? wx - 3 + (dx >> 2) % 6 : (dx >> 2) % 6 - 3;
+	dy = dy & 1 ? (dy >> 1) % wy : dy & 2 ? wy - 3 + (dy >> 2) % 6 : (dy >> 2) % 6 - 3;
+	ret[0] = num((r->x + dx) ^ 0x80000000u);
+	ret[1] = num((r->y + dy) ^ 0x80000000u);
+}
+
+static void ranges_are_the_box(void **state)
+{
+	uint64_t seed = 3;
+
+	for (unsigned i = 0; i < 20000; i++) {
+		struct cut_region r, back, half[2];
+		struct cut_range range[4];
+		char text[CUT_REGION_TEXT_SIZE], again[CUT_REGION_TEXT_SIZE];
+		int64_t box[4];
+		unsigned n;
+
+		random_region(&seed, &r);
+		n = cut_region_ranges(&r, range);
+		assert_in_range(n, 1, 4);
+		for (unsigned k = 1; k < n; k++)
+			assert_true(range[k - 1].hi < range[k].lo);
+		assert_true(cut_region_parse(cut_region_text(&r, text), &back));
+		assert_string_equal(text, cut_region_text(&back, again));
+		cut_region_box(&r, box);
+		for (unsigned k = 0; k < 4; k++) {
+			int32_t at[2];
+			uint64_t key;
+			bool in = false;
+
+			near_position(&seed, &r, at);
+			key = point_morton(at[0], at[1]);
+			for (unsigned j = 0; j < n; j++)
+				in = in || (key >= range[j].lo && key <= range[j].hi);
+			assert_int_equal(in, cut_region_holds(&r, at[0], at[1]));
+			if (in)
+				assert_true(2 * (int64_t)at[0] > box[0] && 2 * (int64_t)at[0] < box[2] &&
+					    2 * (int64_t)at[1] > box[1] && 2 * (int64_t)at[1] < box[3]);
+			if (cut_region_split(&r, half))
+				assert_int_equal(in, cut_region_holds(&half[0], at[0], at[1]) +
+							     cut_region_holds(&half[1], at[0], at[1]));
+		}
+	}
+}
+
+static void rubbish_is_no_region(void **state)
+{
+	static const char *const bad[] = {
+		"", "1:2:3:4", "0:0:1:1:15 ", " 0:0:1:1:15", "00:0:1:1:15", "0:0:33:33:15", "0:0:3:5:15", "0:0:5:4:15",
+		"1:0:1:1:14", "3:0:2:2:15", "4294967295:0:1:1:15", "0:0:1:1:16", "0:0:1:1:-1", "4294967296:0:1:1:15",
+		"0:0:1:1:15:0", "2:1:1:2:15", "0:0:1:1:1515151515151515151515151515151515151515151515151515151515151515",
+	};
+	struct cut_region r;
+
+	for (size_t i = 0; i < sizeof(bad) / sizeof(bad[0]); i++)
+		assert_false(cut_region_parse(bad[i], &r));
+	assert_true(cut_region_parse("0:0:32:32:15", &r));
+	assert_true(cut_region_parse("1:0:1:1:15", &r));
+}
+
+/* Half the triangles of a unit grid have their centre on a possible cut: exactly one side owns each. */
+static void ties_have_one_owner(void **state)
+{
+	for (int32_t step = 1; step <= 7; step += 2)
+		for (int32_t at = -20; at < 20; at++)
+			for (unsigned i = 0; i < 4; i++) {
+				int32_t x = at, y = at * 3 - 7, d = step;
+				const int32_t p[4][2] = { { x, y }, { x + d, y }, { x + d, y + d }, { x, y + d } };
+				const int32_t *a = p[i], *b = p[(i + 1) % 4], *c = p[(i + 2) % 4];
+				/* The cell whose border runs through the centre, and its neighbours. */
+				struct cut_region root = { 0, 0, 32, 32, 15 };
+				unsigned owners = 0;
+
+				for (unsigned depth = 0; depth < 64; depth++) {
+					struct cut_region half[2];
+
+					if (!cut_region_split(&root, half))
+						break;
+					owners = cut_region_owns(&half[0], a, b, c) + cut_region_owns(&half[1], a, b, c);
+					assert_int_equal(owners, 1);
+					root = half[cut_region_owns(&half[1], a, b, c)];
+				}
+				assert_int_equal(owners, 1);
+			}
+}
+
+/* Slivers of the full square have centres out to 2^97: infinite sides hold them, large numbers would not. */
+static void far_centres_have_one_owner(void **state)
+{
+	uint64_t seed = 9;
+
+	for (unsigned i = 0; i < 20000; i++) {
+		int32_t p[3][2];
+		struct cut_region r = { 0, 0, 32, 32, 15 }, half[2];
+
+		for (unsigned k = 0; k < 3; k++) {
+			int32_t t = num(tiling_random(&seed)), e = (int32_t)(tiling_random(&seed) % 3) - 1;
+
+			p[k][0] = t;
+			p[k][1] = i & 1 ? t / 2 + e : num(tiling_random(&seed));
+		}
+		if (geom_orient(p[0], p[1], p[2]) == 0)
+			continue;
+		if (geom_orient(p[0], p[1], p[2]) < 0) {
+			int32_t t[2] = { p[0][0], p[0][1] };
+
+			memcpy(p[0], p[1], sizeof(t));
+			memcpy(p[1], t, sizeof(t));
+		}
+		assert_true(cut_region_owns(&r, p[0], p[1], p[2]));
+		while (cut_region_split(&r, half)) {
+			bool low = cut_region_owns(&half[0], p[0], p[1], p[2]);
+			int64_t box[4];
+
+			assert_int_equal(low + cut_region_owns(&half[1], p[0], p[1], p[2]), 1);
+			r = half[!low];
+			/* The filter in doubles agrees with the exact sign on every finite border. */
+			cut_region_box(&r, box);
+			for (unsigned side = 0; side < 4; side++)
+				if (box[side] != INT64_MIN && box[side] != INT64_MAX)
+					assert_int_equal(geom_cut_side(p[0], p[1], p[2], box[side], side % 2 == 0),
+							 side < 2 ? 1 : -1);
+		}
+	}
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(root_is_small),
+		cmocka_unit_test(ranges_are_the_box),
+		cmocka_unit_test(rubbish_is_no_region),
+		cmocka_unit_test(ties_have_one_owner),
+		cmocka_unit_test(far_centres_have_one_owner),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
