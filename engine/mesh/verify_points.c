@@ -1,0 +1,107 @@
+/*
+ * A mesh against the points it is said to be made of (verify.h): both are brought into one order and read
+ * side by side. Each position must be a vertex with the height of the point that the view takes, and each
+ * vertex a position.
+ */
+#include <stdlib.h>
+
+#include "err.h"
+#include "verify.h"
+#include "verify_place.h"
+
+static bool same_place(const struct point *a, const struct point *b)
+{
+	return a->x == b->x && a->y == b->y;
+}
+
+static void place_of(const struct point *p, int32_t place[3])
+{
+	place[0] = p->x;
+	place[1] = p->y;
+	place[2] = p->z;
+}
+
+/* Leaves one point of each position, the one that the view takes. */
+static size_t reduce(const struct view *view, struct point *pts, size_t n)
+{
+	size_t kept = 0;
+
+	for (size_t i = 0; i < n; i++) {
+		if (kept && same_place(&pts[kept - 1], &pts[i])) {
+			if (view_prefers(view, &pts[i], &pts[kept - 1]))
+				pts[kept - 1] = pts[i];
+			continue;
+		}
+		pts[kept++] = pts[i];
+	}
+	return kept;
+}
+
+static bool all_collinear(const struct point *pts, size_t n)
+{
+	for (size_t i = 2; i < n; i++) {
+		int32_t a[3], b[3], c[3];
+
+		place_of(&pts[0], a);
+		place_of(&pts[1], b); /* positions are distinct */
+		place_of(&pts[i], c);
+		if (verify_area(a, b, c) != 0)
+			return false;
+	}
+	return true;
+}
+
+static void compare(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex,
+		    struct verify_report *r)
+{
+	size_t i = 0, v = 0;
+	int32_t place[3];
+
+	while (!r->fault && (i < n || v < nvertex)) {
+		const struct point *p = i < n ? &pts[i] : NULL, *q = v < nvertex ? &vertex[v] : NULL;
+		uint64_t kp = p ? point_morton(p->x, p->y) : UINT64_MAX, kq = q ? point_morton(q->x, q->y) : UINT64_MAX;
+
+		if (q && v > 0 && same_place(q, q - 1)) {
+			place_of(q, place);
+			verify_tell(r, VERIFY_EXTRA, place, "two vertices have one position");
+		} else if (!q || (p && kp < kq)) {
+			place_of(p, place);
+			verify_tell(r, VERIFY_MISSING, place, "a point is no vertex of the mesh");
+		} else if (!p || kq < kp) {
+			place_of(q, place);
+			verify_tell(r, VERIFY_EXTRA, place, "a vertex is none of the points");
+		} else if (p->z != q->z) {
+			place_of(q, place);
+			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z,
+				    (int)p->z);
+		}
+		i++;
+		v++;
+	}
+}
+
+int verify_points(const struct verify_mesh *m, const struct view *view, struct point *pts, size_t n,
+		  struct verify_report *r, struct err *err)
+{
+	size_t most = n > m->nvertex ? n : m->nvertex;
+	struct point *scratch = malloc((most ? most : 1) * sizeof *scratch);
+	struct point *vertex = malloc((m->nvertex ? m->nvertex : 1) * sizeof *vertex);
+
+	if (!scratch || !vertex) {
+		err_set(err, ERR_NOMEM, "no memory to compare %zu vertices with %zu points", m->nvertex, n);
+		goto out;
+	}
+	for (size_t v = 0; v < m->nvertex; v++)
+		vertex[v] = (struct point){m->vertex[v][0], m->vertex[v][1], m->vertex[v][2], 0, 0, 0};
+	point_sort(vertex, scratch, m->nvertex);
+	point_sort(pts, scratch, n);
+	r->points = n;
+	n = reduce(view, pts, n);
+	r->positions = n;
+	if (m->ntriangle || m->nvertex || !all_collinear(pts, n))
+		compare(pts, n, vertex, m->nvertex, r);
+out:
+	free(scratch);
+	free(vertex);
+	return -(int)err->code;
+}
