@@ -1,7 +1,7 @@
 /*
  * Real LAS files against what two other decoders made of them (golden.def): the hash of the records as
  * the reader steps through them, and, of what it decodes, counts, extent and classes. Every file of the
- * folder must have a row.
+ * folder must have a row. The text files are added up.
  */
 #include <dirent.h>
 #include <fcntl.h>
@@ -31,6 +31,20 @@ static const struct row rows[] = {
 #define GOLDEN(...) { __VA_ARGS__ },
 #include "golden.def"
 #undef GOLDEN
+};
+
+/* What the files say of their coordinate systems; all others say nothing. */
+static const struct { const char *file; enum input_plane plane; const char *crs, *unit_xy, *unit_z; } systems[] = {
+	{ "las10_pdrf0_ft.las", INPUT_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown" },
+	{ "las10_pdrf1_tiny.las", INPUT_PLANE_PROJECTED, "EPSG:26917", "metre", "metre" },
+	{ "las12_pdrf0_lonlat_epsg4326.las", INPUT_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
+	{ "las12_pdrf0_utm10.las", INPUT_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
+	{ "las12_pdrf2_utm10.las", INPUT_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
+	{ "las12_pdrf3_autzen_ft.las", INPUT_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
+	{ "las12_pdrf3_epsg2903_ftus.las", INPUT_PLANE_PROJECTED, "EPSG:2903 + EPSG:5103", "us-survey-foot",
+	  "us-survey-foot" },
+	{ "las12_pdrf3_lonlat_epsg4326.las", INPUT_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
+	{ "las14_pdrf7_autzen_ft.las", INPUT_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
 };
 
 static int failures;
@@ -97,6 +111,22 @@ static void check_sums(const struct row *row, const struct sums *s, const struct
 	}
 }
 
+static void check_system(const struct row *row, const struct input_info *info)
+{
+	size_t i = 0;
+
+	while (i < sizeof systems / sizeof *systems && strcmp(systems[i].file, row->file))
+		i++;
+	if (i == sizeof systems / sizeof *systems) {
+		CHECK(row, info->plane == INPUT_PLANE_UNKNOWN && !strcmp(info->crs, "unknown"), "is %s", info->crs);
+		return;
+	}
+	CHECK(row, info->plane == systems[i].plane, "plane %d", info->plane);
+	CHECK(row, !strcmp(info->crs, systems[i].crs), "is %s", info->crs);
+	CHECK(row, !strcmp(info->unit_xy, systems[i].unit_xy), "in %s", info->unit_xy);
+	CHECK(row, !strcmp(info->unit_z, systems[i].unit_z), "heights in %s", info->unit_z);
+}
+
 static void check_file(const char *folder, const struct row *row)
 {
 	const struct input_options options = { .planar = true };
@@ -118,6 +148,7 @@ static void check_file(const char *folder, const struct row *row)
 		snprintf(variant, sizeof variant, "LAS 1.%u, point format %u, %u bytes", row->minor, row->format,
 			 row->length);
 		CHECK(row, !strcmp(variant, input_info(in)->variant), "is %s", input_info(in)->variant);
+		check_system(row, input_info(in));
 		in->as.las.watch = hash_records;
 		in->as.las.watch_arg = hash;
 		while (!(rc = input_read(in, &pts, &err)) && pts.n)
@@ -129,6 +160,55 @@ static void check_file(const char *folder, const struct row *row)
 	input_close(in);
 	fixture_points_free(&pts);
 	XXH64_freeState(hash);
+	if (fd >= 0)
+		close(fd);
+}
+
+/* Text: points, places of the last digit, sums of all raw numbers (by Python's decimals). */
+static const struct text_row {
+	const char *file;
+	uint64_t points;
+	int place_xy, place_z;
+	int64_t sum[3];
+} texts[] = {
+	{ "s400.xyz", 400, -3, -1, { 40599627, 40221370, 0 } },
+	{ "rect1.xyz", 242, -3, -1, { 24601886, 14489233, 0 } },
+	{ "grid_60m.xyz", 400, 0, 0, { 176528000, 1500288000, 50706 } },
+};
+
+static void check_text(const char *folder, const struct text_row *row)
+{
+	const struct input_options options = { 0 };
+	struct err err = ERR_INIT;
+	struct input_points pts;
+	struct input *in = NULL;
+	int64_t sum[3] = { 0 };
+	uint64_t n = 0;
+	char path[4400];
+	int fd, rc;
+
+	snprintf(path, sizeof path, "%s/lidar/xyz/%s", folder, row->file);
+	fd = open(path, O_RDONLY | O_CLOEXEC);
+	CHECK(row, fd >= 0, "cannot open %s", path);
+	fixture_points_new(&pts, 100);
+	rc = fd < 0 ? -1 : input_open(fd, row->file, &options, &in, &err);
+	if (!rc) {
+		const struct lattice_input *c = &input_info(in)->coords;
+
+		CHECK(row, c->scale[0].exponent == row->place_xy && c->scale[2].exponent == row->place_z, "1e%d, 1e%d",
+		      c->scale[0].exponent, c->scale[2].exponent);
+		while (!(rc = input_read(in, &pts, &err)) && pts.n) {
+			for (size_t i = 0; i < pts.n; i++, n++)
+				for (int k = 0; k < 3; k++)
+					sum[k] += pts.raw[i][k];
+		}
+		CHECK(row, n == row->points, "%llu points", (unsigned long long)n);
+		CHECK(row, !memcmp(sum, row->sum, sizeof sum), "sums %lld %lld %lld", (long long)sum[0],
+		      (long long)sum[1], (long long)sum[2]);
+	}
+	CHECK(row, !rc, "%s", err.message);
+	input_close(in);
+	fixture_points_free(&pts);
 	if (fd >= 0)
 		close(fd);
 }
@@ -168,6 +248,8 @@ int main(void)
 		return 77;
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
 		check_file(folder, &rows[i]);
+	for (size_t i = 0; i < sizeof texts / sizeof *texts; i++)
+		check_text(folder, &texts[i]);
 	check_folder(folder);
 	printf("%zu files, %d failures\n", sizeof rows / sizeof *rows, failures);
 	return failures != 0;

@@ -2,6 +2,7 @@
  * Files cut at every byte, and with bytes changed at random: every one ends in points or in one clear
  * error, and the memory taken is that of input_bytes(), whatever the file says. Run it under sanitizers.
  */
+#include <errno.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,6 +16,7 @@
 
 #include "account.h"
 #include "fixture.h"
+#include "io.h"
 
 #define WKT "COMPD_CS[\"c\",PROJCS[\"p\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"metre\",1]]," \
 	"VERT_CS[\"v\",UNIT[\"metre\",1]]]"
@@ -136,6 +138,64 @@ static void four_gigabytes_of_records(void **state)
 	free(b.at);
 }
 
+/* File calls that fail, once each, or give a few bytes at a time. */
+static struct {
+	struct io_table table;
+	unsigned calls, fail_at;
+	size_t at_most;
+} faults;
+
+static ssize_t faulty_pread(int fd, void *buf, size_t n, off_t off)
+{
+	if (++faults.calls == faults.fail_at) {
+		errno = EIO;
+		return -1;
+	}
+	return pread(fd, buf, faults.at_most && n > faults.at_most ? faults.at_most : n, off);
+}
+
+static int faulty_fstat(int fd, struct stat *st)
+{
+	if (++faults.calls == faults.fail_at) {
+		errno = EIO;
+		return -1;
+	}
+	return fstat(fd, st);
+}
+
+static void file_calls_fail(void **state)
+{
+	static const char text[] = "1 2 3\n4 5 6\n7 8 9\n";
+
+	faults.table = io_system;
+	faults.table.pread = faulty_pread;
+	faults.table.fstat = faulty_fstat;
+	io = &faults.table;
+	for (int kind = 0; kind <= KINDS; kind++) {
+		struct bytes b = kind < KINDS ? sample(kind) : (struct bytes){ (uint8_t *)text, sizeof text - 1 };
+		const char *name = kind < KINDS ? "a.las" : "a.xyz";
+		struct outcome out;
+
+		faults.at_most = 0;
+		for (faults.fail_at = 1; ; faults.fail_at++) {
+			faults.calls = 0;
+			out = fixture_read(b.at, b.size, name, &defaults, BATCH);
+			if (faults.calls < faults.fail_at)
+				break;
+			assert_int_equal(out.code, ERR_IO);
+			assert_string_equal(out.err.file, name);
+		}
+		assert_int_equal(out.code, 0);
+		assert_true(faults.fail_at > 5);
+		faults.fail_at = 0;
+		for (faults.at_most = 1; faults.at_most < 60; faults.at_most += 7)
+			assert_int_equal(fixture_read(b.at, b.size, name, &defaults, BATCH).points, kind < KINDS ? 20 : 3);
+		if (kind < KINDS)
+			free(b.at);
+	}
+	io = &io_system;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -143,6 +203,7 @@ int main(void)
 		cmocka_unit_test(random_changes),
 		cmocka_unit_test(random_text),
 		cmocka_unit_test(four_gigabytes_of_records),
+		cmocka_unit_test(file_calls_fail),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
