@@ -1,0 +1,36 @@
+/* A daemon of a few lines, in a thread, for the tests of libacut. */
+#ifndef FAKE_H
+#define FAKE_H
+
+#include <pthread.h>
+#include <stdbool.h>
+
+#include "acut.h"
+#include "err.h"
+#include "frame.h"
+#include "stream.h"
+
+struct fake {
+	struct frame_conn *conn;
+	pthread_t thread;
+	void (*serve)(struct fake *);
+	void *ctx;
+};
+
+/* Starts the thread; *ret_fd is the client's socket. `serve` is to answer the greeting first. */
+struct fake *fake_start(void (*serve)(struct fake *), void *ctx, int *ret_fd);
+void fake_stop(struct fake *); /* waits for the thread; close the client first */
+
+/* For `serve`. False: the client is gone. *ret is the server's to free. */
+bool fake_recv(struct fake *, uint32_t *ret_id, Acut__V1__Message **ret, int *ret_fd);
+void fake_send(struct fake *, uint32_t id, const Acut__V1__Message *, int fd);
+void fake_close(struct fake *);
+
+/* A pipe's ends; the reading one is to be sent. Writing waits. */
+void fake_pipe(int fds[2]);
+/* All pieces. False: nobody reads. */
+bool fake_write(int fd, const struct stream_piece *, unsigned n);
+
+unsigned fake_open_descriptors(void);
+
+#endif

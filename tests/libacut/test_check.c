@@ -1,0 +1,208 @@
+/*
+ * The checks of a stream: digests of a mesh cut into blocks are those of the mesh counted directly; one
+ * moved vertex, one turned or missing triangle, one early final mark is found; the table holds only what is open.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "check.h"
+#include "err.h"
+
+/* A strip of W columns and H rows of squares, two triangles each; one block a column. */
+enum { W = 300, H = 40 };
+
+static const int64_t offset[3] = { 1000000007, -5, 1LL << 40 };
+
+struct strip {
+	struct stream_block block;
+	uint64_t foreign[H + 1];
+	int32_t vertex[2 * (H + 1)][3];
+	uint32_t triangle[2 * H][3];
+	uint8_t final[(2 * (H + 1) + 7) / 8];
+};
+
+static void position(unsigned column, unsigned row, int32_t to[3])
+{
+	to[0] = (int32_t)column * 10 - 77;
+	to[1] = (int32_t)(row * 10 + column % 3);
+	to[2] = (int32_t)(column * row);
+}
+
+/* The left column of points is foreign but for the first block; vertex number = column * (H + 1) + row. */
+static void strip_make(struct strip *s, unsigned column)
+{
+	struct stream_block *b = &s->block;
+	uint32_t n = H + 1, left = 0, right = n;
+
+	memset(s, 0, sizeof *s);
+	b->index = column;
+	b->foreign = s->foreign;
+	b->vertex = s->vertex;
+	b->triangle = s->triangle;
+	b->final = s->final;
+	b->nforeign = column > 0 ? n : 0;
+	b->nnew = column > 0 ? n : 2 * n;
+	b->first = column > 0 ? (column + 1) * (uint64_t)n : 0;
+	for (unsigned row = 0; row <= H; row++) {
+		if (column > 0)
+			s->foreign[row] = column * (uint64_t)n + row;
+		else
+			position(0, row, s->vertex[row]);
+		position(column + 1, row, s->vertex[b->nnew - n + row]);
+		/* Inner points of the left column are done with this block. */
+		if (column > 0 && row > 0 && row < H)
+			s->final[row / 8] |= (uint8_t)(1u << row % 8);
+	}
+	for (unsigned row = 0; row < H; row++) {
+		uint32_t a = left + row, c = right + row;
+		uint32_t t[2][3] = { { a, c, a + 1 }, { c + 1, a + 1, c } };
+
+		memcpy(s->triangle[b->ntriangle], t, sizeof t);
+		b->ntriangle += 2;
+	}
+}
+
+/* The same digests, straight from the positions. */
+static void expect(struct stream_tail *tail)
+{
+	memset(tail, 0, sizeof *tail);
+	for (unsigned column = 0; column <= W; column++)
+		for (unsigned row = 0; row <= H; row++) {
+			int32_t p[3];
+
+			position(column, row, p);
+			digest_add_vertex(&tail->vertex_digest, p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]);
+		}
+	for (unsigned column = 0; column < W; column++)
+		for (unsigned row = 0; row < H; row++) {
+			int32_t p[4][3];
+			int64_t q[4][2];
+
+			for (unsigned i = 0; i < 4; i++) {
+				position(column + i % 2, row + i / 2, p[i]);
+				q[i][0] = p[i][0] + offset[0];
+				q[i][1] = p[i][1] + offset[1];
+			}
+			/* Corners in another order than the blocks have them. */
+			digest_add_triangle(&tail->digest, (const int64_t[3][2]){ { q[2][0], q[2][1] },
+				{ q[0][0], q[0][1] }, { q[1][0], q[1][1] } });
+			digest_add_triangle(&tail->digest, (const int64_t[3][2]){ { q[1][0], q[1][1] },
+				{ q[3][0], q[3][1] }, { q[2][0], q[2][1] } });
+		}
+	tail->triangles = 2 * W * H;
+	tail->hull = 2 * (W + H);
+}
+
+enum fault { NONE, MOVED, HEIGHT, TURNED, MISSING, EARLY_FINAL, LATE_FINAL };
+
+static int run(enum fault fault, struct err *err)
+{
+	struct check *c = check_new(offset);
+	struct stream_tail tail;
+	struct strip s;
+	int r = 0;
+
+	assert_non_null(c);
+	for (unsigned column = 0; column < W && r == 0; column++) {
+		strip_make(&s, column);
+		if (column == 7 && fault == MOVED)
+			s.vertex[3][1]++;
+		if (column == 7 && fault == HEIGHT)
+			s.vertex[3][2]++;
+		if (column == 7 && fault == TURNED) {
+			uint32_t t = s.triangle[4][0];
+
+			s.triangle[4][0] = s.triangle[4][1];
+			s.triangle[4][1] = t;
+		}
+		if (column == 7 && fault == MISSING)
+			s.block.ntriangle--;
+		if (column == 7 && fault == EARLY_FINAL)
+			s.final[(H + 4) / 8] |= (uint8_t)(1u << (H + 4) % 8);
+		if (column == 7 && fault == LATE_FINAL)
+			s.final[0] &= 0xf7;
+		r = check_block(c, &s.block, err);
+		assert_true(check_open(c) <= 2 * (column + 2) + 2 * (H + 1) + 1);
+	}
+	expect(&tail);
+	if (r == 0)
+		r = check_tail(c, &tail, true, err);
+	check_free(c);
+	return r;
+}
+
+/* The right column's inner points stay open in this strip: they are the hull. */
+static void test_agrees(void **state)
+{
+	struct err err = ERR_INIT;
+
+	assert_int_equal(run(NONE, &err), 0);
+}
+
+static void test_faults(void **state)
+{
+	static const struct { enum fault fault; enum err_code code; const char *text; } row[] = {
+		{ MOVED, ERR_DIGEST, "the digest" },	     { HEIGHT, ERR_DIGEST, "the vertex digest" },
+		{ TURNED, ERR_DIGEST, "the digest" },	     { MISSING, ERR_DIGEST, "the digest" },
+		{ EARLY_FINAL, ERR_PROTO, "said to be final" }, { LATE_FINAL, ERR_PROTO, "never became final" },
+	};
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		struct err err = ERR_INIT;
+
+		assert_int_equal(run(row[i].fault, &err), -(int)row[i].code);
+		if (!strstr(err.message, row[i].text))
+			fail_msg("row %zu: %s", i, err.message);
+	}
+}
+
+/* Random open and close against a plain array; numbers collide and wrap around the table. */
+static void test_table(void **state)
+{
+	enum { N = 20000 };
+	struct check *c = check_new(offset);
+	struct err err = ERR_INIT;
+	uint8_t *open = calloc(1, N);
+	uint64_t seed = 88172645463325252u, alive = 0;
+
+	for (uint64_t n = 0; n < N; n++) {
+		int32_t v[1][3] = { { (int32_t)n, (int32_t)(3 * n), 0 } };
+		uint8_t none = 0, all = 1;
+		struct stream_block b = { .first = n, .nnew = 1, .vertex = v, .final = &none };
+
+		assert_int_equal(check_block(c, &b, &err), 0);
+		open[n] = 1;
+		alive++;
+		for (unsigned k = 0; k < 3 && n > 0; k++) {
+			uint64_t old;
+
+			seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
+			old = seed % n;
+			b = (struct stream_block){ .first = n + 1, .nforeign = 1, .foreign = &old, .final = &all };
+			assert_int_equal(check_block(c, &b, &err), open[old] ? 0 : -ERR_PROTO);
+			alive -= open[old];
+			open[old] = 0;
+			err_clear(&err);
+		}
+		assert_int_equal(check_open(c), alive);
+	}
+	check_free(c);
+	free(open);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_agrees),
+		cmocka_unit_test(test_faults),
+		cmocka_unit_test(test_table),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

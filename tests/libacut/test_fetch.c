@@ -1,0 +1,354 @@
+/*
+ * Fetching: a small mesh arrives with its numbers and digests agreed; a wrong digest, an error in the tail or
+ * on the socket, a stream cut off, a receiver that gives up, a daemon that dies or stalls each end in the
+ * right failure, with no descriptor left.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "fake.h"
+
+/* Two blocks of one triangle each over four points; the second reuses two vertices of the first. */
+static const int32_t vertex[4][3] = { { 0, 0, 5 }, { 10, 0, 6 }, { 0, 10, 7 }, { 10, 10, -8 } };
+static const int64_t k[3] = { 50000000, -600, 3 };
+
+enum how { GOOD, BAD_DIGEST, BAD_VERTEX_DIGEST, ERROR_TAIL, ERROR_SOCKET, CUT, DEATH, STALL, NO_PIPE, REFUSED, LATE_MESH };
+
+struct server {
+	enum how how;
+	bool reader_gone;
+};
+
+static void put_blocks(struct stream_block b[2])
+{
+	static const uint64_t foreign[2] = { 1, 2 };
+	static const uint32_t first[1][3] = { { 0, 1, 2 } }, second[1][3] = { { 0, 2, 1 } };
+	static const uint8_t none = 0;
+
+	b[0] = (struct stream_block){ .index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first,
+				      .final = &none };
+	b[1] = (struct stream_block){ .index = 4, .box = { 1, 3, 5, INT64_MAX }, .first = 3, .nforeign = 2, .nnew = 1,
+				      .ntriangle = 1, .foreign = foreign, .vertex = &vertex[3], .triangle = second,
+				      .final = &none };
+}
+
+static void put_tail(struct stream_tail *tail, enum how how)
+{
+	static const unsigned triangle[2][3] = { { 0, 1, 2 }, { 1, 3, 2 } };
+
+	*tail = (struct stream_tail){ .blocks = 2, .vertices = 4, .triangles = 2, .hull = 4,
+				      .box = { 0, 0, -8, 10, 10, 7 }, .report = "{}" };
+	for (unsigned i = 0; i < 4; i++)
+		digest_add_vertex(&tail->vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]);
+	for (unsigned i = 0; i < 2; i++) {
+		int64_t corner[3][2];
+
+		for (unsigned j = 0; j < 3; j++)
+			for (unsigned a = 0; a < 2; a++)
+				corner[j][a] = vertex[triangle[i][j]][a] + k[a];
+		digest_add_triangle(&tail->digest, corner);
+	}
+	tail->digest.lo += how == BAD_DIGEST;
+	tail->vertex_digest.hi += how == BAD_VERTEX_DIGEST;
+	if (how == ERROR_TAIL) {
+		tail->failed = true;
+		strcpy(tail->error_code, "no-space");
+		strcpy(tail->error_message, "the disk is full");
+		strcpy(tail->error_hint, "free some");
+	}
+}
+
+static void write_stream(int fd, struct server *s)
+{
+	static uint8_t scratch[STREAM_SCRATCH];
+	struct stream_head head = { .kind = STREAM_WHOLE, .lattice = "0.01 0.001 50000000 -600 3", .crs = "EPSG:25832",
+				    .unit_xy = "m", .box = { -1, -1, -10, 10, 10, 10 }, .id = { 1, 2 } };
+	struct stream_piece piece[STREAM_PIECES];
+	struct stream_block block[2];
+	struct stream_tail tail;
+	bool ok;
+
+	put_blocks(block);
+	put_tail(&tail, s->how);
+	ok = fake_write(fd, piece, stream_put_head(&head, scratch, piece)) &&
+	     fake_write(fd, piece, stream_put_block(&block[0], scratch, piece));
+	if (s->how == CUT || s->how == DEATH || s->how == STALL || s->how == ERROR_SOCKET)
+		return;
+	/* So that a receiver that gave up is seen. */
+	if (s->how == LATE_MESH)
+		usleep(200000);
+	ok = ok && fake_write(fd, piece, stream_put_block(&block[1], scratch, piece)) &&
+	     fake_write(fd, piece, stream_put_tail(&tail, scratch, piece));
+	s->reader_gone = !ok;
+}
+
+static void send_error(struct fake *f, uint32_t id)
+{
+	Acut__V1__Error error = ACUT__V1__ERROR__INIT;
+
+	error.code = "does-not-fit";
+	error.message = "set memory to 1G";
+	fake_send(f, id, FRAME_MESSAGE(ERROR, error, &error), -1);
+}
+
+static void serve_fetch(struct fake *f, uint32_t id)
+{
+	struct server *s = f->ctx;
+	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
+	Acut__V1__Progress progress = ACUT__V1__PROGRESS__INIT;
+	int fds[2];
+
+	if (s->how == REFUSED) {
+		send_error(f, id);
+		return;
+	}
+	if (s->how == NO_PIPE) {
+		fake_send(f, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), -1);
+		return;
+	}
+	fake_pipe(fds);
+	fake_send(f, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), fds[0]);
+	progress.phase = "mesh";
+	progress.domains = 1;
+	fake_send(f, id, FRAME_MESSAGE(PROGRESS, progress, &progress), -1);
+	write_stream(fds[1], s);
+	if (s->how == ERROR_SOCKET)
+		send_error(f, id);
+	if (s->how == DEATH)
+		fake_close(f);
+	if (s->how == STALL)
+		usleep(400000);
+	close(fds[1]);
+}
+
+static void serve(struct fake *f)
+{
+	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
+	Acut__V1__Done done = ACUT__V1__DONE__INIT;
+	Acut__V1__Message *m;
+	uint32_t id;
+	int fd;
+
+	hello.version_min = hello.version_max = 1;
+	while (f->conn && fake_recv(f, &id, &m, &fd)) {
+		if (m->body_case == ACUT__V1__MESSAGE__BODY_FETCH)
+			serve_fetch(f, id);
+		else if (m->body_case == ACUT__V1__MESSAGE__BODY_HELLO)
+			fake_send(f, id, FRAME_MESSAGE(HELLO, hello, &hello), -1);
+		else
+			fake_send(f, id, FRAME_MESSAGE(DONE, done, &done), -1);
+		frame_message_free(m);
+	}
+}
+
+struct got {
+	unsigned heads, blocks, tails, progress, stop_at;
+	struct acut_mesh_head head;
+	char coordinate[48], stream_id[40];
+	double x;
+};
+
+static int got_head(void *ctx, const struct acut_mesh_head *head)
+{
+	struct got *got = ctx;
+
+	got->heads++;
+	got->head = *head;
+	strcpy(got->stream_id, head->stream_id);
+	assert_string_equal(head->scale_xy, "0.01");
+	assert_string_equal(head->scale_z, "0.001");
+	assert_string_equal(head->crs, "EPSG:25832");
+	got->x = acut_coordinate(head, 0, 10);
+	assert_true(acut_coordinate(head, 2, -8) == -0.005);
+	acut_coordinate_text(head, 1, 7, got->coordinate);
+	return 0;
+}
+
+static int got_block(void *ctx, const struct acut_mesh_block *b)
+{
+	struct got *got = ctx;
+
+	if (++got->blocks == 2) {
+		assert_int_equal(b->index, 4);
+		assert_int_equal(b->box[1], 3);
+		assert_int_equal(b->first, 3);
+		assert_int_equal(b->foreign[1], 2);
+		assert_int_equal(b->vertex[0][2], -8);
+		assert_int_equal(b->triangle[0][1], 2);
+	}
+	return got->stop_at == got->blocks;
+}
+
+static int got_tail(void *ctx, const struct acut_mesh_tail *tail)
+{
+	struct got *got = ctx;
+
+	got->tails++;
+	assert_int_equal(tail->triangles, 2);
+	assert_int_equal(tail->box[2], -8);
+	assert_int_equal(strlen(tail->digest), 32);
+	assert_string_equal(tail->report, "{}");
+	return 0;
+}
+
+static void got_progress(void *ctx, const struct acut_progress *p)
+{
+	struct got *got = ctx;
+
+	got->progress += strcmp(p->phase, "mesh") == 0;
+}
+
+static int fetch(enum how how, const struct acut_options *options, unsigned stop_at, struct got *got, char *message,
+		 struct server *s)
+{
+	struct acut_mesh_sink sink = { got_head, got_block, got_tail, got_progress, got };
+	unsigned before = fake_open_descriptors();
+	struct fake *f;
+	struct acut *a;
+	double seconds;
+	int fd, r;
+
+	*got = (struct got){ .stop_at = stop_at };
+	*s = (struct server){ .how = how };
+	f = fake_start(serve, s, &fd);
+	assert_int_equal(acut_attach(fd, options, &a), 0);
+	r = acut_fetch(a, 3, &sink);
+	strcpy(message, acut_error(a)->message);
+	if (how != DEATH)
+		assert_int_equal(acut_ping(a, &seconds), 0); /* the connection goes on */
+	acut_close(a);
+	fake_stop(f);
+	assert_int_equal(fake_open_descriptors(), before);
+	return r;
+}
+
+static void test_good(void **state)
+{
+	char message[512];
+	struct server s;
+	struct got got;
+
+	assert_int_equal(fetch(GOOD, NULL, 0, &got, message, &s), 0);
+	assert_int_equal(got.heads, 1);
+	assert_int_equal(got.blocks, 2);
+	assert_int_equal(got.tails, 1);
+	assert_int_equal(got.progress, 1);
+	assert_true(got.x == 500000.10);
+	assert_string_equal(got.coordinate, "-5.93");
+	assert_int_equal(got.head.k[1], -600);
+	assert_string_equal(got.stream_id, "00000000000000010000000000000002");
+}
+
+static void test_failures(void **state)
+{
+	static const struct { enum how how; int code; unsigned blocks; const char *text; } row[] = {
+		{ BAD_DIGEST, ACUT_E_DIGEST, 2, "the digest" },
+		{ BAD_VERTEX_DIGEST, ACUT_E_DIGEST, 2, "vertex digest" },
+		{ ERROR_TAIL, ACUT_E_NOSPACE, 2, "disk is full" },
+		{ CUT, ACUT_E_IO, 1, "before its tail" },
+		{ DEATH, ACUT_E_NODAEMON, 1, "closed the connection" },
+		{ NO_PIPE, ACUT_E_PROTO, 0, "no pipe" },
+		{ REFUSED, ACUT_E_LIMIT, 0, "set memory" },
+	};
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		char message[512];
+		struct server s;
+		struct got got;
+
+		assert_int_equal(fetch(row[i].how, NULL, 0, &got, message, &s), -row[i].code);
+		if (!strstr(message, row[i].text))
+			fail_msg("row %zu: %s", i, message);
+		assert_int_equal(got.blocks, row[i].blocks);
+		assert_int_equal(got.tails, 0);
+	}
+}
+
+static void test_error_on_the_socket(void **state)
+{
+	char message[512];
+	struct server s;
+	struct got got;
+
+	assert_int_equal(fetch(ERROR_SOCKET, NULL, 0, &got, message, &s), -ACUT_E_LIMIT);
+	assert_string_equal(message, "set memory to 1G");
+	assert_int_equal(got.tails, 0);
+}
+
+static void test_stalled(void **state)
+{
+	struct acut_options options = { .timeout = 0.1 };
+	struct server s = { .how = STALL };
+	struct got got = { 0 };
+	struct acut_mesh_sink sink = { got_head, got_block, got_tail, got_progress, &got };
+	struct fake *f;
+	struct acut *a;
+	int fd;
+
+	f = fake_start(serve, &s, &fd);
+	assert_int_equal(acut_attach(fd, &options, &a), 0);
+	assert_int_equal(acut_fetch(a, 3, &sink), -ACUT_E_TIMEOUT);
+	acut_close(a);
+	fake_stop(f);
+}
+
+static int always(void *ctx)
+{
+	return *(int *)ctx;
+}
+
+static int interrupt_head(void *ctx, const struct acut_mesh_head *head)
+{
+	*(int *)ctx = 1;
+	return 0;
+}
+
+static void test_interrupted(void **state)
+{
+	int stop = 0;
+	struct acut_options options = { .interrupted = always, .ctx = &stop };
+	struct acut_mesh_sink sink = { .head = interrupt_head, .ctx = &stop };
+	struct server s = { .how = STALL };
+	struct fake *f;
+	struct acut *a;
+	int fd;
+
+	f = fake_start(serve, &s, &fd);
+	assert_int_equal(acut_attach(fd, &options, &a), 0);
+	assert_int_equal(acut_fetch(a, 3, &sink), -ACUT_E_CANCELLED);
+	acut_close(a);
+	fake_stop(f);
+}
+
+/* The receiver gives up: the writer finds nobody reading. */
+static void test_receiver_gives_up(void **state)
+{
+	char message[512];
+	struct server s;
+	struct got got;
+
+	assert_int_equal(fetch(LATE_MESH, NULL, 1, &got, message, &s), -ACUT_E_CANCELLED);
+	assert_int_equal(got.blocks, 1);
+	assert_true(s.reader_gone);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_good),
+		cmocka_unit_test(test_failures),
+		cmocka_unit_test(test_error_on_the_socket),
+		cmocka_unit_test(test_stalled),
+		cmocka_unit_test(test_interrupted),
+		cmocka_unit_test(test_receiver_gives_up),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
