@@ -163,7 +163,7 @@ int call_next(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 {
 	uint64_t since = clock_mono_ns();
 	Acut__V1__Message *m = NULL;
-	int fd = -1, r;
+	int fd = -1, r = 0;
 
 	while (!m) {
 		r = call_pump(a, id, &m, &fd);
