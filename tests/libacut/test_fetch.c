@@ -239,11 +239,22 @@ static void test_good(void **state)
 	assert_int_equal(got.heads, 1);
 	assert_int_equal(got.blocks, 2);
 	assert_int_equal(got.tails, 1);
-	assert_int_equal(got.progress, 1);
 	assert_true(got.x == 500000.10);
 	assert_string_equal(got.coordinate, "-5.93");
 	assert_int_equal(got.head.k[1], -600);
 	assert_string_equal(got.stream_id, "00000000000000010000000000000002");
+}
+
+/* While the mesh takes its time, progress comes through. */
+static void test_progress(void **state)
+{
+	char message[512];
+	struct server s;
+	struct got got;
+
+	assert_int_equal(fetch(LATE_MESH, NULL, 0, &got, message, &s), 0);
+	assert_int_equal(got.tails, 1);
+	assert_int_equal(got.progress, 1);
 }
 
 static void test_failures(void **state)
@@ -343,6 +354,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_good),
+		cmocka_unit_test(test_progress),
 		cmocka_unit_test(test_failures),
 		cmocka_unit_test(test_error_on_the_socket),
 		cmocka_unit_test(test_stalled),
