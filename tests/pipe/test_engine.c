@@ -1,0 +1,271 @@
+/*
+ * The whole engine in one process, without daemon: points to a segment on disk, plan, domains, emitter. Small
+ * coordinate ranges, duplicates, collinear strips, full-range corners, many tiny regions: whatever the load, the
+ * mesh is that of one single region, its digests agree, and a verifier that shares no code with it is content.
+ *
+ * ACUT_FUZZ_CASES sets the number of random sets (default 2,000).
+ */
+#include <fcntl.h>
+#include <ftw.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "ledger.h"
+#include "pipe.h"
+#include "tri.h"
+#include "verify.h"
+
+static uint64_t seed;
+static char folder[64];
+static int dirfd_;
+
+static uint32_t rnd(uint32_t n)
+{
+	seed = seed * 6364136223846793005u + 1442695040888963407u;
+	return n ? (uint32_t)((seed >> 33) % n) : 0;
+}
+
+struct mesh {
+	struct mesh_vertex *vertex;
+	uint32_t (*triangle)[3];
+	size_t nvertex, ntriangle;
+	struct pipe_totals totals;
+	int status;
+};
+
+static int collect(void *ctx, const struct mesh_block *b, struct err *err)
+{
+	struct mesh *m = ctx;
+	uint32_t i, k;
+
+	(void)err;
+	assert_int_equal(b->first, m->nvertex);
+	m->vertex = realloc(m->vertex, (m->nvertex + b->nnew + 1) * sizeof *m->vertex);
+	memcpy(m->vertex + m->nvertex, b->vertex, b->nnew * sizeof *m->vertex);
+	m->nvertex += b->nnew;
+	m->triangle = realloc(m->triangle, (m->ntriangle + b->ntriangle + 1) * sizeof *m->triangle);
+	for (i = 0; i < b->ntriangle; i++, m->ntriangle++)
+		for (k = 0; k < 3; k++) {
+			uint32_t c = b->triangle[i][k];
+
+			assert_true(c < b->nforeign + b->nnew);
+			m->triangle[m->ntriangle][k] =
+				(uint32_t)(c < b->nforeign ? b->foreign[c] : b->first + c - b->nforeign);
+		}
+	return 0;
+}
+
+static void mesh_free(struct mesh *m)
+{
+	free(m->vertex);
+	free(m->triangle);
+}
+
+/* One sealed segment and its manifest "m". */
+static struct grid *cache_make(const struct point *pts, size_t n, struct ledger *ledger)
+{
+	struct grid_stage_params params = { .dirfd = dirfd_, .name = "s", .memory = 1 << 20 };
+	struct grid_source source = { .id = 1, .added = 1, .points = n, .name = "test" };
+	struct grid_manifest manifest = { .lattice = { { 1, -2 }, { 1, -2 }, { 0, 0, 0 } }, .generation = 1 };
+	struct grid_segment_info info;
+	struct grid_stage *stage = NULL;
+	struct grid *grid = NULL;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(grid_stage_new(&params, &stage, &err), 0);
+	assert_int_equal(grid_stage_source(stage, 1, &err), 0);
+	assert_int_equal(grid_stage_add(stage, pts, n, &err), 0);
+	assert_int_equal(grid_stage_seal(stage, &info, &err), 0);
+	grid_stage_free(stage);
+	strcpy(manifest.crs, "unknown");
+	strcpy(manifest.unit_xy, "unknown");
+	strcpy(manifest.unit_z, "unknown");
+	manifest.segments = &info;
+	manifest.nsegments = 1;
+	manifest.sources = &source;
+	manifest.nsources = 1;
+	assert_int_equal(grid_manifest_write(dirfd_, "m", &manifest, &err), 0);
+	assert_int_equal(grid_open(dirfd_, "m", 1, ledger, 1 << 20, &grid, &err), 0);
+	return grid;
+}
+
+/* Every leaf in order; a region that does not fit is split, as the daemon does. */
+static int run_leaves(struct grid *grid, const struct view *view, struct cut_plan *plan, const struct pipe_budget *budget,
+		      struct grid_reader *reader, struct pipe_emitter *emitter, struct mesh *m, struct err *err)
+{
+	struct mesh_sink sink = { m, collect };
+	void *memory = aligned_alloc(64, (budget->domain_bytes + 63) & ~(size_t)63);
+	struct mesh_domain domain;
+	uint64_t need;
+	int r = 0;
+
+	for (size_t i = 0; !r && i < plan->n; i++) {
+		r = pipe_domain(grid, view, &plan->leaf[i].region, budget, memory, &domain, &need, err);
+		while (r == PIPE_E_SPLIT) {
+			r = cut_plan_split(plan, i, reader, need, budget->cap, err);
+			if (!r)
+				r = pipe_domain(grid, view, &plan->leaf[i].region, budget, memory, &domain, &need, err);
+		}
+		if (!r)
+			r = pipe_emit(emitter, &domain, &plan->leaf[i].region, &sink, err);
+	}
+	free(memory);
+	return r;
+}
+
+static void mesh_make(struct grid *grid, const struct view *view, uint32_t load, uint32_t cap, struct mesh *m)
+{
+	size_t reader_size = grid_reader_bytes(grid);
+	struct pipe_budget budget = { .load = load, .cap = cap, .threads = 1,
+				      .domain_bytes = reader_size + tri_bytes(cap) + 4096 };
+	struct pipe_emitter *emitter = NULL;
+	struct grid_reader *reader = NULL;
+	struct cut_plan plan = { 0 };
+	struct err err = ERR_INIT;
+	void *memory = malloc(reader_size);
+
+	*m = (struct mesh){ 0 };
+	assert_int_equal(grid_reader_new(grid, memory, reader_size, &reader, &err), 0);
+	assert_int_equal(pipe_emitter_new(&grid_manifest(grid)->lattice, 1 << 17, dirfd_, &emitter, &err), 0);
+	m->status = cut_plan_make(reader, load, &plan, &err);
+	if (!m->status)
+		m->status = run_leaves(grid, view, &plan, &budget, reader, emitter, m, &err);
+	if (!m->status)
+		m->status = pipe_emitter_finish(emitter, &m->totals, &err);
+	if (m->status && m->status != -ERR_LIMIT)
+		fail_msg("seed %llu: %s", (unsigned long long)seed, err.message);
+	cut_plan_done(&plan);
+	pipe_emitter_free(emitter);
+	grid_reader_free(reader);
+	free(memory);
+}
+
+static size_t make_points(struct point *pts, uint64_t which)
+{
+	static const int32_t corner[] = { INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX };
+	uint32_t range = 1 + rnd(6), n = 1 + rnd(which % 10 == 9 ? 200 : 40), kind = rnd(6);
+
+	for (uint32_t i = 0; i < n; i++) {
+		int32_t x = (int32_t)rnd(range), y = (int32_t)rnd(range);
+
+		switch (kind) {
+		case 0:
+			x = corner[rnd(5)];
+			y = corner[rnd(5)];
+			break;
+		case 1: /* collinear strip and its like */
+			y = x * 3 - 7;
+			break;
+		case 2: /* two far clusters */
+			x += rnd(2) ? 2000000000 : -2000000000;
+			break;
+		case 3: /* around a high cut */
+			x -= 3;
+			y = (int32_t)rnd(3) - 1;
+			break;
+		case 4:
+			x = (int32_t)rnd(1000);
+			y = (int32_t)rnd(1000);
+			break;
+		}
+		pts[i] = (struct point){ .x = x, .y = y, .z = (int32_t)rnd(50), .cls = (uint8_t)(1 + rnd(3)), .ret = 0x11 };
+	}
+	return n;
+}
+
+static void check_same(const struct mesh *a, const struct mesh *b)
+{
+	assert_true(digest_equal(a->totals.digest, b->totals.digest));
+	assert_true(digest_equal(a->totals.vertex_digest, b->totals.vertex_digest));
+	assert_int_equal(a->totals.hull, b->totals.hull);
+	assert_int_equal(a->totals.counts.used, b->totals.counts.used);
+	assert_memory_equal(a->totals.counts.removed, b->totals.counts.removed, sizeof a->totals.counts.removed);
+}
+
+static void check_verified(const struct mesh *m)
+{
+	struct err err = ERR_INIT;
+
+	if (!m->ntriangle)
+		return;
+	if (verify_mesh((const struct mesh_vertex *)m->vertex, m->nvertex, (const uint32_t (*)[3])m->triangle,
+			m->ntriangle, NULL, &err))
+		fail_msg("seed %llu: %s", (unsigned long long)seed, err.message);
+}
+
+static void test_fuzz(void **state)
+{
+	const char *cases = getenv("ACUT_FUZZ_CASES");
+	uint64_t n = cases ? strtoull(cases, NULL, 10) : 2000, meshes = 0;
+	struct point pts[256];
+
+	(void)state;
+	for (uint64_t i = 0; i < n; i++) {
+		struct ledger *ledger = ledger_new(1 << 26);
+		struct view view = VIEW_INIT;
+		struct mesh whole, parts;
+		struct grid *grid;
+		size_t count;
+
+		seed = i * 7919 + 1;
+		count = make_points(pts, i);
+		if (rnd(3) == 0)
+			view.duplicates = VIEW_HIGHEST;
+		grid = cache_make(pts, count, ledger);
+		mesh_make(grid, &view, 1 << 15, 1 << 15, &whole);
+		assert_int_equal(whole.status, 0);
+		check_verified(&whole);
+		for (uint32_t k = 0; k < 3; k++) {
+			mesh_make(grid, &view, 1 + rnd(8), 512, &parts);
+			assert_int_equal(parts.status, 0);
+			check_same(&whole, &parts);
+			mesh_free(&parts);
+			meshes++;
+		}
+		mesh_free(&whole);
+		grid_close(grid);
+		ledger_free(ledger);
+	}
+	print_message("%llu sets, %llu partitions\n", (unsigned long long)n, (unsigned long long)meshes);
+}
+
+static int remove_entry(const char *path, const struct stat *st, int type, struct FTW *ftw)
+{
+	(void)st;
+	(void)type;
+	(void)ftw;
+	return remove(path);
+}
+
+static int setup(void **state)
+{
+	(void)state;
+	strcpy(folder, "/tmp/acut-engine-XXXXXX");
+	if (!mkdtemp(folder))
+		return -1;
+	dirfd_ = open(folder, O_RDONLY | O_DIRECTORY);
+	return dirfd_ < 0;
+}
+
+static int teardown(void **state)
+{
+	(void)state;
+	close(dirfd_);
+	return nftw(folder, remove_entry, 8, FTW_DEPTH | FTW_PHYS);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = { cmocka_unit_test(test_fuzz) };
+
+	return cmocka_run_group_tests(tests, setup, teardown);
+}
