@@ -1,0 +1,211 @@
+"""The commands of acutctl against a real daemon: datasets, jobs, streams, refusals, exit statuses."""
+import json
+import os
+import signal
+import subprocess
+import time
+
+import e2e
+from e2e import expect
+
+KEYS = ("job dataset generation points used vertices triangles hull domains digest vertex_digest lattice crs units "
+        "removed seconds stage_seconds first_triangle_seconds peak_rss_bytes output_bytes").split()
+
+
+def survey(base, name="survey.las", points=200000, *options):
+    path = os.path.join(base, name)
+    e2e.run([e2e.SYNTH, "--points", points, *options, path]).ok()
+    return path
+
+
+def status(run, want, *texts):
+    expect(run.status == want, "%s ended with %d, not %d\n%s%s" % (" ".join(run.args), run.status, want, run.out, run.err))
+    for t in texts:
+        expect(t in run.out + run.err, "%s does not say '%s':\n%s%s" % (" ".join(run.args), t, run.out, run.err))
+
+
+def mesh_is_complete():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, out, png = survey(base), os.path.join(base, "m.ply"), os.path.join(base, "m.png")
+        got = d.ctl("mesh", "--json", "-o", out, "-o", png, path).ok().json()
+        for k in KEYS:
+            expect(k in got, "the report has no '%s'" % k)
+        expect(got["points"] == 200000 and got["used"] == got["vertices"], str(got))
+        expect(got["triangles"] == 2 * got["vertices"] - 2 - got["hull"], "Euler's count")
+        expect(got["output_bytes"] >= os.path.getsize(out), "output_bytes %d" % got["output_bytes"])
+        with open(png, "rb") as f:
+            expect(f.read(8) == b"\x89PNG\r\n\x1a\n", "not a PNG")
+        e2e.run([e2e.VERIFY, out, path]).ok()
+        expect(not [n for n in os.listdir(base) if ".part" in n or ".tmp" in n], str(os.listdir(base)))
+        # Nothing of a one-step dataset stays.
+        left = [n for _, _, files in os.walk(d.cache) for n in files if n.startswith("s")]
+        expect(not left, "left in the cache: %s" % left)
+
+
+def verify_catches():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, other, out = survey(base, points=5000), survey(base, "o.las", 5000, "--seed", 99), os.path.join(base, "m.ply")
+        d.ctl("mesh", "-o", out, path).ok()
+        e2e.run([e2e.VERIFY, out, path]).ok()
+        status(e2e.run([e2e.VERIFY, out, other]), 1)
+        with open(out, "r+b") as f:
+            data = f.read()
+            f.seek(len(data) - 4)
+            f.write(b"\x01\x00\x00\x00")
+        status(e2e.run([e2e.VERIFY, out, path]), 1)
+
+
+def datasets_and_jobs():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a, b = survey(base, "a.las", 60000), survey(base, "b.las", 60000, "--seed", 5)
+        d.ctl("push", "valley", a).ok()
+        first = int(d.ctl("submit", "valley", "--wait").ok().out.split()[0])
+        again = int(d.ctl("submit", "valley").ok().out.split()[0])
+        expect(first == again, "the same generation and view gave job %d, then %d" % (first, again))
+        fresh = int(d.ctl("submit", "valley", "--new", "--wait").ok().out.split()[0])
+        expect(fresh != first, "--new gave the old job")
+        d.ctl("push", "valley", b).ok()
+        second = int(d.ctl("submit", "valley", "--wait").ok().out.split()[0])
+        expect(second != first, "a push made no new job")
+        out = os.path.join(base, "v.ply")
+        show = d.ctl("show", str(second), "--json").ok().json()
+        got = d.ctl("fetch", str(second), "-o", out, "--json").ok().json()
+        one = d.ctl("mesh", "--json", "-o", os.path.join(base, "w.ply"), b, a).ok().json()
+        expect(got["digest"] == one["digest"] == show["digest"], "%s %s %s" % (got["digest"], one["digest"], show["digest"]))
+        expect(got["vertex_digest"] == one["vertex_digest"], "vertex digests differ")
+        e2e.run([e2e.VERIFY, out, a, b]).ok()
+        names = [json.loads(line)["name"] for line in d.ctl("datasets", "--json").ok().out.splitlines()]
+        expect(names == ["valley"], str(names))
+        jobs = [json.loads(line)["job"] for line in d.ctl("jobs", "--json").ok().out.splitlines()]
+        expect({first, fresh, second} <= set(jobs), str(jobs))
+        plan = d.ctl("plan", "valley", "--json").ok().json()
+        expect(plan["points"] == 120000, str(plan))
+        d.ctl("wait", str(first), str(second)).ok()
+        d.ctl("rm", str(first)).ok()
+        status(d.ctl("show", str(first)), 4)
+        # A restart keeps datasets, jobs and meshes.
+        d.stop()
+        d.start()
+        d.ctl("fetch", str(second), "-o", out).ok()
+        e2e.run([e2e.VERIFY, out, a, b]).ok()
+
+
+def killed_daemon_resumes():
+    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
+        path = survey(base, points=1500000)
+        d.ctl("push", "big", path).ok()
+        job = d.ctl("submit", "big").ok().out.split()[0]
+        time.sleep(0.4)
+        d.stop(signal.SIGKILL)
+        d.start()
+        got = d.ctl("wait", job, "--json").ok()
+        out = os.path.join(base, "m.ply")
+        d.ctl("fetch", job, "-o", out).ok()
+        e2e.run([e2e.VERIFY, out, path]).ok()
+        expect(got.status == 0, got.err)
+
+
+def sigterm_leaves_clean_folders():
+    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
+        path = survey(base, points=1000000)
+        d.ctl("push", "big", path).ok()
+        d.ctl("submit", "big").ok()
+        time.sleep(0.2)
+        start = time.monotonic()
+        code = d.stop(signal.SIGTERM)
+        expect(code == 0 and time.monotonic() - start < 10, "SIGTERM: status %s after %.1f s" % (code, time.monotonic() - start))
+        left = [n for top in (d.state, d.cache) for _, _, fs in os.walk(top) for n in fs if n.endswith(".tmp")]
+        expect(not left, str(left))
+        second = subprocess.Popen(d.command, stderr=subprocess.DEVNULL)
+        time.sleep(0.5)
+        third = e2e.run(d.command, timeout=20)
+        second.kill()
+        second.wait()
+        expect(third.status != 0 and ("in use" in third.err or "runs" in third.err or "lock" in third.err),
+               "a second daemon on the same folders: %d %s" % (third.status, third.err))
+
+
+def refusals():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, out = survey(base, points=1000), os.path.join(base, "m.ply")
+        bad = os.path.join(base, "bad.las")
+        with open(path, "rb") as f, open(bad, "wb") as g:
+            g.write(f.read()[:-10])
+        text = os.path.join(base, "t.xyz")
+        with open(text, "w") as f:
+            f.write("0 0 0\n1 0 0\nx 1 0\n")
+        status(d.ctl("mesh", "-o", out, bad), 1, "bad.las")
+        status(d.ctl("mesh", "-o", out, text), 1, "t.xyz", "3")
+        expect(not os.path.exists(out), "an output of a failed run")
+        status(d.ctl("mesh", "-o", out, path, bad), 3, "bad.las")
+        os.unlink(out)
+        status(d.ctl("mesh", "--strict", "-o", out, path, bad), 1, "bad.las")
+        expect(not os.path.exists(out), "--strict kept an output")
+        status(d.ctl("mesh", "--accept-truncated", "-o", out, bad), 0)
+        status(d.ctl("mesh", "-o", out, path, "--geoid", "egm96"), 2, "not in this version")
+        status(d.ctl("mesh", "-o", out, path, "--rubbish"), 2)
+        status(d.ctl("mesh", "-o", path, path), 2)
+        status(d.ctl("mesh", "-o", out), 2)
+        status(d.ctl("nonsense"), 2)
+        status(d.ctl("show", "424242"), 4)
+        status(d.ctl("submit", "nobody"), 4)
+        status(d.ctl("mesh", "--ground", "-o", out, text.replace("t.xyz", "g.xyz")), 1)
+        status(e2e.run([e2e.ACUTCTL, "jobs"], env={"ACUT_SOCKET": os.path.join(base, "none.sock")}), 69)
+        with open(text, "w") as f:
+            f.write("0 0 0\n1 1 0\n2 2 0\n")
+        got = d.ctl("mesh", "--json", "-o", out, text).ok().json()
+        expect(got["triangles"] == 0, str(got))
+        got = json.loads(d.ctl("mesh", "--json", "-o", out, bad).err.splitlines()[-1] if False else
+                         d.ctl("mesh", "--json", "-o", out, bad).out.splitlines()[-1])
+        expect(set(got["error"]) >= {"code", "file", "offset", "field", "message", "hint"}, str(got))
+
+
+def streams_and_signals():
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
+        path, out = survey(base, points=1000000), os.path.join(base, "m.ply")
+        # Standard output, and a reader that goes away.
+        p = subprocess.run([e2e.ACUTCTL, "mesh", "-o", "-", "--format", "ply", "--quiet", path], stdout=subprocess.PIPE,
+                           stderr=subprocess.PIPE, env=dict(os.environ, ACUT_SOCKET=d.socket))
+        expect(p.returncode == 0 and p.stdout[:4] == b"ply\n", "%d %s" % (p.returncode, p.stderr))
+        with open(out, "wb") as f:
+            f.write(p.stdout)
+        e2e.run([e2e.VERIFY, out, path]).ok()
+        os.unlink(out)
+        p = subprocess.Popen([e2e.ACUTCTL, "mesh", "-o", out, path], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
+                             env=dict(os.environ, ACUT_SOCKET=d.socket))
+        time.sleep(0.5)
+        p.send_signal(signal.SIGINT)
+        p.communicate(timeout=20)
+        expect(p.returncode in (130, -2), "SIGINT: %d" % p.returncode)
+        expect([n for n in os.listdir(base) if n.startswith("m.ply") or n.startswith(".m.ply")] == [], str(os.listdir(base)))
+        p = subprocess.Popen([e2e.ACUTCTL, "mesh", "-o", out, path], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
+                             env=dict(os.environ, ACUT_SOCKET=d.socket))
+        time.sleep(0.5)
+        p.kill()
+        p.communicate()
+        d.ctl("mesh", "-o", out, path).ok()
+        deadline = time.monotonic() + 10
+        while time.monotonic() < deadline:
+            s = d.ctl("status", "--json").ok().json()
+            if s["jobs_running"] == 0:
+                break
+            time.sleep(0.1)
+        expect(s["jobs_running"] == 0, "a job of a dead client runs on: %s" % s)
+
+
+def private_daemon():
+    with e2e.Folder() as base:
+        path, out = survey(base, points=50000), os.path.join(base, "m.ply")
+        env = {"XDG_RUNTIME_DIR": base, "XDG_CACHE_HOME": base + "/c", "XDG_STATE_HOME": base + "/s", "HOME": base}
+        env["ACUT_SOCKET"] = ""
+        got = e2e.run([e2e.ACUTCTL, "mesh", "--json", "-o", out, path], env=env).ok().json()
+        own = e2e.run([e2e.ACUTCTL, "mesh", "--json", "--memory", "24M", "--threads", "1", "-o", out, path], env=env).ok().json()
+        expect(got["digest"] == own["digest"], "digests differ")
+        expect(own["peak_rss_bytes"] <= (24 + 32) << 20, "VmHWM %d" % own["peak_rss_bytes"])
+        left = [n for n in os.listdir(base + "/c/acut") if n.startswith("own-")]
+        expect(not left, "left: %s" % left)
+        e2e.run(["pkill", "-f", "acutd.*" + base])
+
+
+e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, killed_daemon_resumes, sigterm_leaves_clean_folders, refusals,
+         streams_and_signals, private_daemon)
