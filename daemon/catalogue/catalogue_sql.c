@@ -1,0 +1,50 @@
+/*
+ * The schema and statements of the catalogue. AUTOINCREMENT only so that an id is never given twice: SQLite
+ * remembers the largest in sqlite_sequence, also for rows whose id was chosen by us.
+ */
+#include "catalogue_sql.h"
+
+const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
+				   "PRAGMA synchronous = FULL;"
+				   "PRAGMA foreign_keys = OFF;"
+				   "PRAGMA temp_store = MEMORY;"
+				   "PRAGMA mmap_size = 0;"
+				   "PRAGMA cache_size = -256;"
+				   "PRAGMA wal_autocheckpoint = 256;";
+
+const char catalogue_sql_schema[] =
+	"BEGIN;"
+	"CREATE TABLE IF NOT EXISTS dataset ("
+	" id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE, uid INTEGER NOT NULL,"
+	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"
+	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT NULL,"
+	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL,"
+	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL);"
+	"CREATE TABLE IF NOT EXISTS job ("
+	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, generation INTEGER NOT NULL,"
+	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL,"
+	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL,"
+	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL,"
+	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL);"
+	"CREATE TABLE IF NOT EXISTS push ("
+	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"
+	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL);"
+	"PRAGMA user_version = 1;"
+	"COMMIT;";
+
+const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
+	[CATALOGUE_PUT_DATASET] = "INSERT OR REPLACE INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+	[CATALOGUE_PUT_PUSH] = "INSERT OR REPLACE INTO push VALUES (?,?,?,?,?)",
+	[CATALOGUE_DROP_DATASET] = "DELETE FROM dataset WHERE id = ?",
+	[CATALOGUE_DROP_JOB] = "DELETE FROM job WHERE id = ?",
+	[CATALOGUE_DROP_PUSH] = "DELETE FROM push WHERE id = ?",
+};
+
+const char catalogue_sql_datasets[] =
+	"SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes, files, lattice, crs,"
+	" unit_xy, unit_z, box_min, box_max FROM dataset ORDER BY id";
+const char catalogue_sql_jobs[] =
+	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, error_code,"
+	" error_message, error_file, error_field, error_hint, error_offset FROM job ORDER BY id";
+const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us FROM push ORDER BY id";

@@ -1,0 +1,24 @@
+/* The statements of the catalogue, apart from the code that runs them. Only catalogue.c includes this. */
+#ifndef CATALOGUE_SQL_H
+#define CATALOGUE_SQL_H
+
+#include <stdbool.h>
+
+enum { CATALOGUE_VERSION = 1 };
+
+enum catalogue_sql {
+	CATALOGUE_PUT_DATASET,
+	CATALOGUE_PUT_JOB,
+	CATALOGUE_PUT_PUSH,
+	CATALOGUE_DROP_DATASET,
+	CATALOGUE_DROP_JOB,
+	CATALOGUE_DROP_PUSH,
+	CATALOGUE_SQLS
+};
+
+extern const char *const catalogue_sql_text[CATALOGUE_SQLS];
+extern const char catalogue_sql_setup[], catalogue_sql_schema[];
+/* Columns as catalogue.c reads them. */
+extern const char catalogue_sql_datasets[], catalogue_sql_jobs[], catalogue_sql_pushes[];
+
+#endif

@@ -1,0 +1,62 @@
+/*
+ * Tasks on worker threads, admitted under the budget. Knows no geometry and no jobs.
+ *
+ * A task says which ledger name it takes and how many bytes; they are taken when it starts and belong to
+ * whoever submitted it from then on (given back with sched_give). Tasks start in the order of their
+ * priority, then of their submission. Where the first task that needs memory cannot have it, no later one
+ * that needs memory overtakes it; tasks that need none do. All calls are for the loop thread, except those
+ * said to be for workers.
+ */
+#ifndef SCHED_H
+#define SCHED_H
+
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "ledger.h"
+
+struct err;
+struct sched;
+
+/* Small numbers first. */
+enum sched_priority { SCHED_FIRST, SCHED_NORMAL, SCHED_LAST };
+
+struct sched_task {
+	void (*run)(struct sched_task *);  /* on a worker; not called for a task cancelled before it started */
+	void (*done)(struct sched_task *); /* on the loop, once, from sched_dispatch; may free the task */
+	enum sched_priority priority;
+	enum ledger_name name;
+	uint64_t bytes;                    /* taken before run; 0: none */
+	atomic_bool cancel;                /* workers look at it; set by sched_cancel */
+	bool ran;                          /* in done: run was called, and `bytes` are the submitter's */
+	/* of sched only */
+	uint64_t order;
+	struct sched_task *next;
+};
+
+/* `ledger` is borrowed. Starts `threads` threads. */
+int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struct err *err);
+/* Cancels what has not started, waits for what runs, calls every done. NULL is fine; returns NULL. */
+struct sched *sched_free(struct sched *);
+
+void sched_submit(struct sched *, struct sched_task *);
+/* A waiting task will not run; a running one finds task->cancel set. done comes in any case. */
+void sched_cancel(struct sched *, struct sched_task *);
+void sched_cancel_all(struct sched *);
+
+/* Readable when something is to be dispatched. */
+int sched_fd(const struct sched *);
+/* Calls the done of every task that is over; returns how many. */
+unsigned sched_dispatch(struct sched *);
+
+/* Gives bytes back to the ledger and starts what fits now. Any thread. */
+void sched_give(struct sched *, enum ledger_name, uint64_t bytes);
+/* The bytes that the first waiting task lacks memory for; 0 if none waits for memory. Any change of the
+ * answer to non-zero makes sched_fd readable. */
+uint64_t sched_starved(struct sched *);
+unsigned sched_threads(const struct sched *);
+/* Tasks submitted whose done has not been called. */
+unsigned sched_busy(struct sched *);
+
+#endif
