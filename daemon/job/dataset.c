@@ -1,0 +1,401 @@
+/*
+ * Datasets: their rows in memory, their folders on disk.
+ *
+ * The model: a dataset is in the list as long as it has a generation or a user. A one-step dataset, and a named one
+ * that never got a generation, goes with its last user, folder and all. The folder is opened when first needed, by a
+ * worker, and closed with the last who opened it (the only state here that workers touch, under its own lock).
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "io.h"
+#include "job_priv.h"
+#include "log.h"
+
+static pthread_mutex_t folder_lock = PTHREAD_MUTEX_INITIALIZER;
+
+bool dataset_name_valid(const char *name)
+{
+	static const char more[] = "0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ_.-";
+	size_t n = strlen(name);
+
+	return n && n <= DATASET_NAME_MAX && strspn(name, more) == n && *name != '.' && *name != '-';
+}
+
+struct dataset *dataset_new(struct jobs *j, const char *name, uint32_t uid, bool onestep, struct err *err)
+{
+	struct dataset *d = calloc(1, sizeof *d), **at;
+
+	if (d) {
+		d->dirfd = -1;
+		d->lattice = strdup("");
+		d->crs = strdup("");
+		d->unit_xy = strdup("");
+		d->unit_z = strdup("");
+	}
+	if (!d || !d->lattice || !d->crs || !d->unit_xy || !d->unit_z) {
+		dataset_free(d);
+		err_set(err, ERR_NOMEM, "no memory for a dataset");
+		return NULL;
+	}
+	d->jobs = j;
+	d->onestep = onestep;
+	d->id = onestep ? ++j->last_onestep : ++j->last_dataset;
+	if (onestep)
+		snprintf(d->name, sizeof d->name, ".one-step-%llu", (unsigned long long)d->id);
+	else
+		snprintf(d->name, sizeof d->name, "%s", name);
+	d->uid = uid;
+	d->created_us = clock_real_us();
+	d->next_source = 1;
+	for (at = &j->datasets; *at && !(*at)->onestep; at = &(*at)->next)
+		;
+	if (onestep)
+		while (*at)
+			at = &(*at)->next;
+	d->next = *at;
+	*at = d;
+	return d;
+}
+
+struct dataset *dataset_free(struct dataset *d)
+{
+	if (!d)
+		return NULL;
+	io_close(d->dirfd);
+	free(d->lattice);
+	free(d->crs);
+	free(d->unit_xy);
+	free(d->unit_z);
+	free(d);
+	return NULL;
+}
+
+/* ---- folders ---- */
+
+static int parent_of(const struct dataset *d)
+{
+	return d->onestep ? d->jobs->onestepfd : d->jobs->datafd;
+}
+
+int dataset_open(struct dataset *d, struct err *err)
+{
+	char name[32];
+	int r = 0;
+
+	snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
+	pthread_mutex_lock(&folder_lock);
+	if (d->dirfd < 0) {
+		r = io_make_dir(parent_of(d), name, 0700, err);
+		if (!r)
+			r = io_open(parent_of(d), name, O_RDONLY | O_DIRECTORY, 0, &d->dirfd, err);
+		/* The folder's own name must outlive a power cut as its files do. */
+		if (!r && !d->onestep)
+			r = io_sync(parent_of(d), "the folder of datasets", err);
+	}
+	if (!r)
+		d->opened++;
+	pthread_mutex_unlock(&folder_lock);
+	return r;
+}
+
+void dataset_close(struct dataset *d)
+{
+	pthread_mutex_lock(&folder_lock);
+	if (!--d->opened)
+		d->dirfd = io_close(d->dirfd);
+	pthread_mutex_unlock(&folder_lock);
+}
+
+/* Calls `each` for every entry but "." and "..". */
+static int folder_each(int dirfd, int (*each)(int dirfd, const struct dirent *, void *ctx, struct err *), void *ctx,
+		       struct err *err)
+{
+	int fd = openat(dirfd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0;
+	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
+	struct dirent *e;
+
+	if (!dir) {
+		r = err_sys(err, errno, "cannot list a folder");
+		io_close(fd);
+		return r;
+	}
+	while (!r && (e = readdir(dir)))
+		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
+			r = each(dirfd, e, ctx, err);
+	closedir(dir);
+	return r;
+}
+
+static int remove_entry(int dirfd, const struct dirent *e, void *ctx, struct err *err)
+{
+	int sub, r;
+
+	if (io->unlinkat(dirfd, e->d_name, 0) == 0 || errno == ENOENT)
+		return 0;
+	if (errno != EISDIR && errno != EPERM)
+		return err_sys(err, errno, "cannot remove %s", e->d_name);
+	r = io_open(dirfd, e->d_name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sub, err);
+	if (r)
+		return r;
+	r = folder_empty(sub, err);
+	io_close(sub);
+	if (!r && io->unlinkat(dirfd, e->d_name, AT_REMOVEDIR) != 0)
+		r = err_sys(err, errno, "cannot remove the folder %s", e->d_name);
+	return r;
+}
+
+int folder_empty(int dirfd, struct err *err)
+{
+	return folder_each(dirfd, remove_entry, NULL, err);
+}
+
+/* ---- leftovers ---- */
+
+static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct err *err)
+{
+	const struct { const char *manifest; const struct grid_manifest *m; } *keep = ctx;
+	size_t i;
+
+	if (!strcmp(e->d_name, keep->manifest))
+		return 0;
+	for (i = 0; keep->m && i < keep->m->nsegments; i++)
+		if (!strcmp(e->d_name, keep->m->segments[i].file))
+			return 0;
+	return io_remove(dirfd, e->d_name, err);
+}
+
+int dataset_sweep(struct dataset *d, struct err *err)
+{
+	struct { const char *manifest; const struct grid_manifest *m; } keep = { .manifest = d->manifest };
+	struct grid_manifest *m = NULL;
+	int r = dataset_open(d, err);
+
+	if (r)
+		return r;
+	if (*d->manifest)
+		r = grid_manifest_read(d->dirfd, d->manifest, &m, err);
+	keep.m = m;
+	if (!r)
+		r = folder_each(d->dirfd, remove_unnamed, &keep, err);
+	grid_manifest_free(m);
+	dataset_close(d);
+	return r;
+}
+
+struct removal {
+	struct sched_task task;
+	struct jobs *jobs;
+	int parent;
+	char name[32];
+};
+
+static void removal_run(struct sched_task *t)
+{
+	struct removal *rm = (struct removal *)t;
+	struct err err = ERR_INIT;
+	int fd, r;
+
+	r = io_open(rm->parent, rm->name, O_RDONLY | O_DIRECTORY, 0, &fd, &err);
+	if (r)
+		return; /* never made */
+	r = folder_empty(fd, &err);
+	io_close(fd);
+	if (!r && io->unlinkat(rm->parent, rm->name, AT_REMOVEDIR) != 0)
+		r = err_sys(&err, errno, "cannot remove the folder of a dataset");
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "a dataset's folder stays behind", &err);
+}
+
+static void removal_done(struct sched_task *t)
+{
+	struct removal *rm = (struct removal *)t;
+
+	rm->jobs->background--;
+	free(rm);
+}
+
+/* The folder goes in the background. Without memory for that it stays, and is removed at the next start. */
+static void remove_folder(struct dataset *d)
+{
+	struct removal *rm = calloc(1, sizeof *rm);
+
+	if (!rm)
+		return;
+	rm->task = (struct sched_task){ .run = removal_run, .done = removal_done, .priority = SCHED_LAST };
+	rm->jobs = d->jobs;
+	rm->parent = parent_of(d);
+	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);
+	d->jobs->background++;
+	sched_submit(d->jobs->p.sched, &rm->task);
+}
+
+/* ---- in memory ---- */
+
+struct dataset *dataset_hold(struct dataset *d)
+{
+	d->users++;
+	return d;
+}
+
+void dataset_release(struct dataset *d)
+{
+	struct dataset **at;
+
+	if (--d->users || (!d->onestep && d->generation))
+		return;
+	for (at = &d->jobs->datasets; *at != d; at = &(*at)->next)
+		;
+	*at = d->next;
+	remove_folder(d);
+	dataset_free(d);
+}
+
+struct dataset *dataset_find(struct jobs *j, const char *name, const struct job_peer *peer)
+{
+	struct dataset *d;
+
+	for (d = j->datasets; d; d = d->next)
+		if (!strcmp(d->name, name))
+			return !d->onestep || !peer->uid || peer->uid == d->uid ? d : NULL;
+	return NULL;
+}
+
+struct dataset *dataset_after(struct jobs *j, uint64_t id)
+{
+	struct dataset *d;
+
+	for (d = j->datasets; d && !d->onestep; d = d->next)
+		if (d->id > id)
+			return d;
+	return NULL;
+}
+
+void dataset_info(const struct dataset *d, struct dataset_info *ret)
+{
+	*ret = (struct dataset_info){
+		.name = d->name,
+		.id = d->id,
+		.generation = d->generation,
+		.points = d->points,
+		.bytes = d->bytes,
+		.files = d->files,
+		.uid = d->uid,
+		.lattice = d->lattice,
+		.crs = d->crs,
+		.unit_xy = d->unit_xy,
+		.unit_z = d->unit_z,
+		.created_us = d->created_us,
+		.pushed_us = d->pushed_us,
+		.pushes = d->pushes,
+	};
+	memcpy(ret->box, d->box, sizeof ret->box);
+}
+
+static bool replace(char **to, const char *with)
+{
+	char *copy = strdup(with);
+
+	if (!copy)
+		return false;
+	free(*to);
+	*to = copy;
+	return true;
+}
+
+/* Box and sizes of all segments. */
+static void sum_segments(struct dataset *d, const struct grid_manifest *m)
+{
+	bool any = false;
+	size_t i;
+	int k;
+
+	d->bytes = 0;
+	for (i = 0; i < m->nsegments; i++) {
+		const struct grid_segment_info *s = &m->segments[i];
+
+		d->bytes += s->bytes;
+		if (!s->points)
+			continue;
+		for (k = 0; k < 4; k++)
+			if (!any || (k < 2 ? s->box[k] < d->box[k] : s->box[k] > d->box[k]))
+				d->box[k] = s->box[k];
+		any = true;
+	}
+}
+
+int dataset_set(struct dataset *d, const struct grid_manifest *m, const char *manifest, struct err *err)
+{
+	char lattice[LATTICE_TEXT_SIZE];
+	size_t i;
+
+	lattice_text(&m->lattice, lattice);
+	if (!replace(&d->lattice, lattice) || !replace(&d->crs, m->crs) || !replace(&d->unit_xy, m->unit_xy) ||
+	    !replace(&d->unit_z, m->unit_z))
+		return err_set(err, ERR_NOMEM, "no memory for a dataset");
+	d->generation = m->generation;
+	snprintf(d->manifest, sizeof d->manifest, "%s", manifest);
+	d->points = 0;
+	d->files = 0;
+	for (i = 0; i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		if (!s->removed) {
+			d->points += s->points;
+			d->files++;
+		}
+		if (s->id >= d->next_source)
+			d->next_source = s->id + 1;
+	}
+	sum_segments(d, m);
+	return 0;
+}
+
+void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
+{
+	*ret = (struct catalogue_dataset){
+		.id = d->id,
+		.name = d->name,
+		.uid = d->uid,
+		.created_us = d->created_us,
+		.pushed_us = d->pushed_us,
+		.manifest = d->manifest,
+		.generation = d->generation,
+		.points = d->points,
+		.bytes = d->bytes,
+		.files = d->files,
+		.lattice = d->lattice,
+		.crs = d->crs,
+		.unit_xy = d->unit_xy,
+		.unit_z = d->unit_z,
+	};
+	memcpy(ret->box, d->box, sizeof ret->box);
+}
+
+int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err *err)
+{
+	struct dataset *d = dataset_new(j, row->name, row->uid, false, err);
+
+	if (!d)
+		return -ERR_NOMEM;
+	d->id = row->id;
+	d->files = row->files;
+	d->created_us = row->created_us;
+	d->pushed_us = row->pushed_us;
+	snprintf(d->manifest, sizeof d->manifest, "%s", row->manifest);
+	d->generation = row->generation;
+	d->points = row->points;
+	d->bytes = row->bytes;
+	memcpy(d->box, row->box, sizeof d->box);
+	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) || !replace(&d->unit_xy, row->unit_xy) ||
+	    !replace(&d->unit_z, row->unit_z))
+		return err_set(err, ERR_NOMEM, "no memory for a dataset");
+	return 0;
+}

@@ -1,0 +1,572 @@
+/*
+ * Jobs: a table of states, each a function that says which comes next.
+ *
+ * The model: events (the walk planned, moved, ended; a cancel; the owner left) only set what the job knows and
+ * then call job_step, which runs state functions until one waits. A job's mesh is made by its own walk; later streams
+ * of it are walks of their own (job_fetch.c). Final states never change. Unbound jobs have a row in the catalogue
+ * from their submission on, so that they go on after a restart; bound ones end with their owner.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "job_fetch.h"
+#include "job_priv.h"
+#include "log.h"
+
+#define TELL_SECONDS 0.2
+/* A bound job's first block waits so long for its owner to fetch it. */
+#define PATIENCE_SECONDS 2.0
+
+typedef enum job_state job_state_fn(struct job *);
+#define JOB_STATE(name, wire, final) static job_state_fn job_state_##name;
+#include "job_state.def"
+#undef JOB_STATE
+
+static const struct {
+	const char *wire;
+	bool final;
+	job_state_fn *step;
+} states[JOB_STATES] = {
+#define JOB_STATE(name, wire, final) { wire, final, job_state_##name },
+#include "job_state.def"
+#undef JOB_STATE
+};
+
+const char *job_state_text(enum job_state state)
+{
+	return states[state].wire;
+}
+
+bool job_state_final(enum job_state state)
+{
+	return states[state].final;
+}
+
+struct job *job_free(struct job *job)
+{
+	if (!job)
+		return NULL;
+	walk_free(job->walk);
+	if (job->dataset)
+		dataset_release(job->dataset);
+	free(job->view);
+	free(job);
+	return NULL;
+}
+
+static void tell(struct job *job)
+{
+	job->told_ns = clock_mono_ns();
+	job->moved = false;
+	if (job->jobs->p.changed && !job->waiting_row)
+		job->jobs->p.changed(job->jobs->p.ctx, job);
+}
+
+/* ---- the row ---- */
+
+static int put_row(struct job *job, catalogue_done_fn done, struct err *err)
+{
+	char report[2048];
+	bool final = states[job->state].final;
+	struct catalogue_job row = {
+		.id = job->id,
+		.dataset = job->dataset ? job->dataset->id : 0,
+		.generation = job->generation,
+		.view = job->view,
+		/* Whatever it does now, after a restart it is queued. */
+		.state = job_state_text(final ? job->state : JOB_queued),
+		.uid = job->peer.uid,
+		.pid = job->peer.pid,
+		.submitted_us = job->submitted_us,
+		.finished_us = job->finished_us,
+		.report = job->has_report ? report_text(&job->report, report, sizeof report) : "",
+		.error_code = job->has_error ? err_wire_name(job->err.code) : "",
+		.error_message = job->has_error ? job->err.message : "",
+		.error_file = job->has_error ? job->err.file : "",
+		.error_field = job->has_error ? job->err.field : "",
+		.error_hint = job->has_error ? job->err.hint : "",
+		.error_offset = job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
+	};
+
+	return catalogue_put_job(job->jobs->p.catalogue, &row, done, job, err);
+}
+
+static void accept(struct job *job, const struct err *why)
+{
+	void (*accepted)(void *token, const struct err *why, struct job *) = job->accepted;
+
+	job->waiting_row = false;
+	job->accepted = NULL;
+	if (accepted)
+		accepted(job->token, why, why ? NULL : job);
+}
+
+static void submit_row_done(void *ctx, int r, const struct err *why)
+{
+	struct job *job = ctx;
+
+	if (r) {
+		accept(job, why);
+		job->removed = true;
+		return;
+	}
+	accept(job, NULL);
+	job_step(job);
+}
+
+/* ---- the walk's calls ---- */
+
+static void walk_planned(void *ctx)
+{
+	struct job *job = ctx;
+
+	job->planned = true;
+	job_step(job);
+}
+
+static void walk_moved(void *ctx)
+{
+	((struct job *)ctx)->moved = true;
+}
+
+/* The client of a bound job closed its stream: it wants no mesh. An unbound job goes on without. */
+static void walk_unread(void *ctx, const struct err *why)
+{
+	struct job *job = ctx;
+
+	if (job->bound)
+		walk_stop(job->walk, why);
+}
+
+static void walk_ended(void *ctx, const struct err *why)
+{
+	struct job *job = ctx;
+
+	job->walk_ended = true;
+	if (why && !job->has_error) {
+		job->has_error = true;
+		job->err = *why;
+	}
+}
+
+static const struct walk_calls calls = { walk_planned, walk_moved, walk_unread, walk_ended };
+
+/* ---- the states ---- */
+
+static void fail(struct job *job, const struct err *why)
+{
+	job->has_error = true;
+	job->err = *why;
+}
+
+static enum job_state job_state_queued(struct job *job)
+{
+	struct walk_params p = {
+		.jobs = job->jobs,
+		.dataset = job->dataset,
+		.generation = job->generation,
+		.view_text = job->view,
+		.keep = !job->bound,
+		.patience = job->bound ? PATIENCE_SECONDS : 0,
+		.calls = &calls,
+		.ctx = job,
+	};
+	struct err err = ERR_INIT;
+
+	if (job->stop)
+		return JOB_cancelled;
+	if (job->waiting_row || job->jobs->parking || !jobs_walk_room(job->jobs))
+		return JOB_queued;
+	if (walk_new(&p, &job->walk, &err)) {
+		fail(job, &err);
+		return JOB_failed;
+	}
+	job->walk_ended = job->planned = false;
+	if (!job->begun_ns)
+		job->begun_ns = clock_mono_ns();
+	job_fetch_attach(job);
+	walk_start(job->walk);
+	return JOB_planning;
+}
+
+static enum job_state end_of(struct job *job);
+
+static enum job_state job_state_planning(struct job *job)
+{
+	if (job->stop || job->jobs->parking)
+		return JOB_cancelling;
+	if (job->walk_ended)
+		return end_of(job);
+	return job->planned ? JOB_meshing : JOB_planning;
+}
+
+static enum job_state job_state_meshing(struct job *job)
+{
+	if (job->stop || job->jobs->parking)
+		return JOB_cancelling;
+	return job->walk_ended ? end_of(job) : JOB_meshing;
+}
+
+static enum job_state job_state_cancelling(struct job *job)
+{
+	if (!job->walk_ended)
+		return JOB_cancelling;
+	/* A daemon that stops leaves it for the next start. */
+	return job->jobs->parking && !job->bound && !job->stop ? JOB_queued : end_of(job);
+}
+
+static enum job_state job_state_done(struct job *job)
+{
+	return JOB_done;
+}
+
+static enum job_state job_state_failed(struct job *job)
+{
+	return JOB_failed;
+}
+
+static enum job_state job_state_cancelled(struct job *job)
+{
+	return JOB_cancelled;
+}
+
+/* ---- the end of a job ---- */
+
+static void no_ground(struct job *job)
+{
+	struct err err = ERR_INIT;
+
+	err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
+	err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf) or LAStools (lasground), "
+			   "or leave --ground out");
+	fail(job, &err);
+}
+
+static void make_report(struct job *job)
+{
+	const struct pipe_totals *totals = walk_totals(job->walk);
+	uint64_t first = walk_first_ns(job->walk);
+	struct view view;
+	struct err err = ERR_INIT;
+
+	if (view_parse(job->view, &view, &err) == 0 && view.ground && !totals->counts.used && totals->counts.points) {
+		no_ground(job);
+		return;
+	}
+	report_make(totals, &view, &job->report);
+	job->report.seconds = clock_since(job->begun_ns);
+	job->report.stage_seconds = job->dataset->stage_seconds;
+	job->report.first_triangle_seconds = first ? (double)(first - job->begun_ns) / 1e9 : 0;
+	job->has_report = true;
+}
+
+/* The walk is over: its output hears how, then it goes. */
+static enum job_state end_of(struct job *job)
+{
+	struct job_output *output;
+
+	if (!job->has_error)
+		make_report(job);
+	output = walk_detach(job->walk);
+	if (output)
+		output->calls->end(output, job->has_error ? &job->err : NULL, walk_totals(job->walk), &job->report);
+	if (!job->has_error)
+		return JOB_done;
+	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
+}
+
+static void ended(struct job *job)
+{
+	struct err err = ERR_INIT;
+
+	job->finished_us = clock_real_us();
+	if (job->state == JOB_cancelled && !job->has_error) {
+		err_set(&err, ERR_CANCELLED, "the job was cancelled");
+		fail(job, &err);
+	}
+	job->walk = walk_free(job->walk);
+	if (!job->bound && put_row(job, NULL, &err))
+		log_err(LOG_LEVEL_ERROR, "the catalogue", &err);
+	if (job->state == JOB_failed)
+		log_err(LOG_LEVEL_WARNING, "a job failed", &job->err);
+}
+
+static void stop_walk(struct job *job)
+{
+	struct err err = ERR_INIT;
+
+	if (job->stop)
+		err_set(&err, ERR_CANCELLED, "the job was cancelled");
+	else
+		err_set(&err, ERR_BUSY, "the daemon is stopping");
+	if (!job->walk_ended)
+		walk_stop(job->walk, &err);
+}
+
+static void requeue(struct job *job)
+{
+	struct job_output *output = walk_detach(job->walk);
+
+	if (output)
+		output->calls->end(output, &job->err, NULL, NULL);
+	job->walk = walk_free(job->walk);
+	job->has_error = false;
+	job->err = ERR_INIT;
+}
+
+void job_step(struct job *job)
+{
+	enum job_state before = job->state, next;
+
+	if (states[before].final)
+		return;
+	for (;;) {
+		next = states[job->state].step(job);
+		if (next == job->state)
+			break;
+		job->state = next;
+		if (next == JOB_cancelling)
+			stop_walk(job);
+		if (next == JOB_queued) {
+			requeue(job);
+			break;
+		}
+		if (states[next].final) {
+			ended(job);
+			break;
+		}
+	}
+	if (job->state != before)
+		tell(job);
+}
+
+void job_settle(struct job *job)
+{
+	if (job->walk && !job->walk_ended)
+		walk_settle(job->walk);
+	job_step(job);
+	job_fetch_settle(job);
+}
+
+void job_tick(struct job *job)
+{
+	if (job->walk && !job->walk_ended)
+		walk_tick(job->walk);
+	job_step(job);
+	if (job->moved && clock_since(job->told_ns) >= TELL_SECONDS)
+		tell(job);
+	job_fetch_tick(job);
+}
+
+/* ---- what is asked ---- */
+
+static struct job *job_add(struct jobs *j, uint64_t id)
+{
+	struct job *job = calloc(1, sizeof *job), **at;
+
+	if (!job)
+		return NULL;
+	job->jobs = j;
+	job->id = id;
+	job->err = ERR_INIT;
+	for (at = &j->jobs; *at && (*at)->id < id; at = &(*at)->next)
+		;
+	job->next = *at;
+	*at = job;
+	return job;
+}
+
+/* The same generation and view: the same job, unless it came to nothing. */
+static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation)
+{
+	struct job *job;
+
+	for (job = j->jobs; job; job = job->next)
+		if (job->dataset == p->dataset && job->generation == generation && !job->bound && !job->removed &&
+		    !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
+		    job->state != JOB_cancelled && !strcmp(job->view, p->view))
+			return job;
+	return NULL;
+}
+
+static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, struct err *err)
+{
+	struct view view;
+
+	if (j->parking)
+		return err_set(err, ERR_BUSY, "the daemon is stopping");
+	if (!p->dataset->generation)
+		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", p->dataset->name);
+	if (generation > p->dataset->generation)
+		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu",
+			       p->dataset->name, (unsigned long long)generation,
+			       (unsigned long long)p->dataset->generation);
+	return view_parse(p->view, &view, err);
+}
+
+void job_submit(struct jobs *j, const struct job_params *p,
+		void (*accepted)(void *token, const struct err *why, struct job *), void *token)
+{
+	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
+	struct err err = ERR_INIT;
+	struct job *job = NULL;
+	int r = check_submit(j, p, generation, &err);
+
+	if (!r && !p->bound && !p->fresh) {
+		job = find_same(j, p, generation);
+		/* One that is not in the catalogue yet is not promised yet. */
+		if (job && !job->waiting_row) {
+			accepted(token, NULL, job);
+			return;
+		}
+	}
+	if (!r) {
+		job = job_add(j, ++j->last_job);
+		if (job)
+			job->view = strdup(p->view);
+		if (!job || !job->view)
+			r = err_set(&err, ERR_NOMEM, "no memory for a job");
+	}
+	if (r) {
+		if (job)
+			job->removed = true;
+		accepted(token, &err, NULL);
+		return;
+	}
+	job->dataset = dataset_hold(p->dataset);
+	job->generation = generation;
+	job->peer = p->peer;
+	job->bound = p->bound;
+	job->submitted_us = clock_real_us();
+	job->begun_ns = clock_mono_ns();
+	job->accepted = accepted;
+	job->token = token;
+	if (job->bound) {
+		accept(job, NULL);
+		job_step(job);
+		return;
+	}
+	job->waiting_row = true;
+	if (put_row(job, submit_row_done, &err)) {
+		accept(job, &err);
+		job->removed = true;
+	}
+}
+
+static bool may_see(const struct job *job, const struct job_peer *peer)
+{
+	return !job->removed && !job->waiting_row && (!peer->uid || peer->uid == job->peer.uid);
+}
+
+struct job *job_find(struct jobs *j, uint64_t id, const struct job_peer *peer)
+{
+	struct job *job;
+
+	for (job = j->jobs; job && job->id < id; job = job->next)
+		;
+	return job && job->id == id && may_see(job, peer) ? job : NULL;
+}
+
+struct job *job_after(struct jobs *j, uint64_t id, const struct job_peer *peer)
+{
+	struct job *job;
+
+	for (job = j->jobs; job; job = job->next)
+		if (job->id > id && may_see(job, peer))
+			return job;
+	return NULL;
+}
+
+void job_info(const struct job *job, struct job_info *ret)
+{
+	*ret = (struct job_info){
+		.id = job->id,
+		.generation = job->generation,
+		.dataset = job->dataset,
+		.dataset_name = job->dataset ? job->dataset->name : "",
+		.view = job->view,
+		.state = job->state,
+		.peer = job->peer,
+		.bound = job->bound,
+		.submitted_us = job->submitted_us,
+		.finished_us = job->finished_us,
+		.report = job->has_report ? &job->report : NULL,
+		.err = states[job->state].final && job->has_error ? &job->err : NULL,
+	};
+	if (job->walk) {
+		walk_progress(job->walk, &ret->points_done, &ret->points_total, &ret->domains_done, &ret->domains_total);
+	} else if (job->has_report) {
+		ret->points_done = ret->points_total = job->report.points;
+		ret->domains_done = ret->domains_total = job->report.domains;
+	}
+}
+
+void job_cancel(struct job *job)
+{
+	if (states[job->state].final || job->stop)
+		return;
+	job->stop = true;
+	job_step(job);
+}
+
+int job_remove(struct job *job, struct err *err)
+{
+	struct err ignored = ERR_INIT;
+
+	if (!states[job->state].final) {
+		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id, states[job->state].wire);
+		return err_add_hint(err, "cancel it first");
+	}
+	job->removed = true;
+	if (!job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
+		return err_set(err, ERR_NOMEM, "no memory to remove a job");
+	return 0;
+}
+
+void job_leave(struct job *job)
+{
+	job->left = true;
+	job_cancel(job);
+	job->removed = true;
+}
+
+int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
+{
+	struct job *job = job_add(j, row->id);
+	struct dataset *d;
+	int s;
+
+	if (job)
+		job->view = strdup(row->view);
+	if (!job || !job->view)
+		return err_set(err, ERR_NOMEM, "no memory for a job");
+	for (d = j->datasets; d && d->id != row->dataset; d = d->next)
+		;
+	if (d)
+		job->dataset = dataset_hold(d);
+	job->generation = row->generation;
+	job->peer = (struct job_peer){ row->uid, row->pid };
+	job->submitted_us = row->submitted_us;
+	job->finished_us = row->finished_us;
+	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)
+		;
+	job->state = s < JOB_STATES ? (enum job_state)s : JOB_failed;
+	if (*row->report)
+		job->has_report = report_parse(row->report, &job->report);
+	if (*row->error_code) {
+		job->has_error = true;
+		err_set(&job->err, err_from_wire_name(row->error_code), "%s", row->error_message);
+		err_add_file(&job->err, row->error_file);
+		if (row->error_offset >= 0)
+			err_add_place(&job->err, (uint64_t)row->error_offset, row->error_field);
+		if (*row->error_hint)
+			err_add_hint(&job->err, "%s", row->error_hint);
+	}
+	if (!job->dataset && !states[job->state].final) {
+		job->state = JOB_failed;
+		job->has_error = true;
+		err_set(&job->err, ERR_NOTFOUND, "its dataset is gone");
+	}
+	return 0;
+}

@@ -1,0 +1,220 @@
+/*
+ * When each step of a mesh runs: datasets, pushes into them, jobs on them, and the mesh of a job as a stream.
+ *
+ * Everything here belongs to one thread, the loop: it calls these functions, and all callbacks come on it
+ * (except job_output's `encode`, `spool` and `refill`, which workers call). Disks are read and written by workers and by
+ * the catalogue's thread only. Who asks is a job_peer; how it was asked is not known here.
+ */
+#ifndef JOB_H
+#define JOB_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "err.h"
+#include "pipe.h"
+
+struct catalogue;
+struct ledger;
+struct sched;
+
+struct jobs;    /* the house */
+struct dataset;
+struct push;
+struct job;
+
+struct job_peer {
+	uint32_t uid, pid;
+};
+
+/* ---- the house ---- */
+
+struct jobs_params {
+	struct ledger *ledger;
+	struct sched *sched;
+	struct catalogue *catalogue; /* not started: jobs_new loads it and starts it */
+	int statefd, cachefd;        /* folders, borrowed */
+	unsigned threads;            /* domains at once, at most */
+	/* A job came to be, went on, or ended. */
+	void (*changed)(void *ctx, struct job *);
+	void *ctx;
+};
+/* Loads the catalogue, removes what uncommitted pushes and dead one-step datasets left, queues the jobs that
+ * were not done. Reads the disk: call it before the loop runs. */
+int jobs_new(const struct jobs_params *, struct jobs **ret, struct err *err);
+/* Only when jobs_parked. NULL is fine; returns NULL. */
+struct jobs *jobs_free(struct jobs *);
+/* After sched_dispatch and catalogue_dispatch: gives memory to who starves, starts what can start. */
+void jobs_settle(struct jobs *);
+/* About ten times a second while jobs_active. */
+void jobs_tick(struct jobs *);
+bool jobs_active(const struct jobs *);  /* a push is open, or a job or stream is not over */
+/* Work stops as soon as it can: pushes end, bound jobs end, unbound jobs stay queued for the next start. */
+void jobs_park(struct jobs *);
+bool jobs_parked(const struct jobs *);
+/* The last resort of a stop that takes too long: removes temporary files at once. Workers still run: exit next. */
+void jobs_abandon(struct jobs *);
+void jobs_count(const struct jobs *, uint32_t *ret_running, uint32_t *ret_waiting);
+uint64_t jobs_peak_rss(void);           /* VmHWM of this process, bytes */
+
+/* ---- datasets ---- */
+
+struct dataset_info {
+	const char *name;
+	uint64_t id, generation, points, bytes;
+	uint32_t files, uid;
+	const char *lattice, *crs, *unit_xy, *unit_z; /* "" while there is no generation */
+	int64_t created_us, pushed_us;
+	int32_t box[4];
+	unsigned pushes;            /* open now */
+};
+/* NULL: none. One-step datasets are seen by their owner only. */
+struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
+/* Named datasets by id, those after `id`; NULL at the end. */
+struct dataset *dataset_after(struct jobs *, uint64_t id);
+void dataset_info(const struct dataset *, struct dataset_info *ret);
+/* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed. */
+struct dataset *dataset_hold(struct dataset *);
+void dataset_release(struct dataset *);
+
+/* ---- pushes ---- */
+
+struct push_begun { struct push *push; uint64_t id; const char *lattice; };
+struct push_file { const char *name; struct pipe_ingested in; };
+struct push_committed { struct dataset *dataset; uint64_t generation, points; };
+
+/* Each request is answered once, with `why` (NULL: done) and its own token. */
+struct push_calls {
+	void (*begun)(void *token, const struct err *why, const struct push_begun *);
+	void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *);
+	void (*planned)(void *token, const struct err *why, const char *lattice);
+	void (*staged)(void *token, const struct err *why, const struct push_file *);
+	void (*committed)(void *token, const struct err *why, const struct push_committed *);
+	void (*aborted)(void *token);
+	/* Unasked. `progress` comes with the token of the request that it is about. */
+	void (*durable)(void *ctx, uint64_t files);
+	void (*progress)(void *token, const char *phase, uint64_t points, uint64_t total);
+};
+struct push_params {
+	const char *dataset;        /* "" = one-step */
+	const char *scale_xy, *scale_z, *format;
+	bool planar, accept_truncated;
+	struct job_peer peer;
+	const struct push_calls *calls;
+	void *ctx;                  /* of calls->durable; until push_leave */
+};
+void push_begin(struct jobs *, const struct push_params *, void *token);
+/* `fd` becomes the push's in any case. */
+void push_probe(struct push *, int fd, const char *name, const char *format, void *token);
+void push_plan(struct push *, void *token);
+void push_file(struct push *, int fd, const char *name, const char *format, void *token);
+void push_commit(struct push *, void *token);
+void push_abort(struct push *, void *token);
+/* Nobody will call any more: aborts if not committed; what is unanswered is still answered. The push is void. */
+void push_leave(struct push *);
+unsigned push_unanswered(const struct push *); /* files and probes */
+/* A probe of its own, for `acutctl info`. */
+void push_info(struct jobs *, int fd, const char *name, const char *format,
+	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *),
+	       void *token);
+
+/* ---- jobs ---- */
+
+enum job_state {
+#define JOB_STATE(name, wire, final) JOB_##name,
+#include "job_state.def"
+#undef JOB_STATE
+	JOB_STATES
+};
+const char *job_state_text(enum job_state);
+bool job_state_final(enum job_state);
+
+struct job_report {
+	uint64_t points, used, vertices, triangles, hull, domains, halo;
+	uint64_t removed[VIEW_RULES];
+	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
+	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
+	uint64_t peak_rss;
+	char note[160];             /* "" or a sentence, as for a mesh without triangles */
+};
+struct job_info {
+	uint64_t id, generation;
+	struct dataset *dataset;    /* NULL: it is gone */
+	const char *dataset_name, *view;
+	enum job_state state;
+	struct job_peer peer;
+	bool bound;
+	int64_t submitted_us, finished_us;
+	uint64_t points_done, points_total, domains_done, domains_total;
+	const struct job_report *report; /* NULL unless done */
+	const struct err *err;           /* NULL unless failed or cancelled */
+};
+struct job_params {
+	struct dataset *dataset;
+	uint64_t generation;        /* 0 = the newest */
+	const char *view;
+	bool bound, fresh;
+	struct job_peer peer;
+};
+/* Unbound jobs: `accepted` comes when the catalogue has it. */
+void job_submit(struct jobs *, const struct job_params *,
+		void (*accepted)(void *token, const struct err *why, struct job *), void *token);
+/* NULL: none that this peer may see. */
+struct job *job_find(struct jobs *, uint64_t id, const struct job_peer *);
+struct job *job_after(struct jobs *, uint64_t id, const struct job_peer *);
+void job_info(const struct job *, struct job_info *ret);
+void job_cancel(struct job *);
+/* -ERR_BUSY: it is not over. */
+int job_remove(struct job *, struct err *err);
+/* The owner of a bound job is gone. */
+void job_leave(struct job *);
+
+/* ---- the mesh of a job ---- */
+
+struct job_stream_head {
+	const struct grid_manifest *manifest;
+	const char *view;
+	struct digest id;           /* generation, view, plan, kernel version */
+	int32_t box[6];             /* holds all vertices; heights are not known yet: all of int32 */
+};
+struct job_output;
+struct job_output_calls {
+	/* Loop. */
+	void (*head)(struct job_output *, const struct job_stream_head *);
+	void (*send)(struct job_output *);    /* what was encoded; job_output_sent when all of it is written */
+	double (*stalled)(struct job_output *); /* seconds since bytes last moved, 0 if none wait */
+	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
+	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *, const struct job_report *);
+	/* Workers, never two at once, and the loop sends nothing meanwhile. The block's arrays stay until sent or
+	 * spooled. */
+	void (*encode)(struct job_output *, const struct mesh_block *);
+	int (*spool)(struct job_output *, int dirfd, struct err *err); /* the rest of the block into a file */
+	int (*refill)(struct job_output *, struct err *err);           /* the next bytes of that file */
+};
+struct job_output {
+	const struct job_output_calls *calls;
+	struct walk *walk;          /* these two are of job/ only */
+	struct job_fetch *fetch;
+	bool spooled;               /* set by spool: the block's memory is not needed any more */
+};
+enum { JOB_OUTPUT_BUFFER = 256 << 10 }; /* what refill may hold; charged by job/ */
+/* Streams the mesh of `job` into `output`, at once if it is bound and has just begun, else when it is done. */
+void job_fetch(struct job *, struct job_output *output);
+void job_output_sent(struct job_output *);
+void job_output_dry(struct job_output *);  /* the refilled bytes are written, and there are more */
+/* Nobody reads any more. No call comes for this output after this; a worker may still be in one, so `freed` is
+ * called when none is. */
+void job_output_gone(struct job_output *, void (*freed)(struct job_output *));
+
+/* ---- plans ---- */
+
+struct job_plan {
+	uint64_t points, domains, memory_bytes, disk_bytes;
+	bool exact;
+	uint32_t load, threads;
+};
+void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *view, const struct job_peer *,
+	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token);
+
+#endif

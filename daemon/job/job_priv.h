@@ -1,0 +1,135 @@
+/* What the files of this room share: the house and what lives in it. */
+#ifndef JOB_PRIV_H
+#define JOB_PRIV_H
+
+#include "catalogue.h"
+#include "job.h"
+#include "ledger.h"
+#include "sched.h"
+#include "walk.h"
+
+enum { DATASET_NAME_MAX = 64 };
+
+struct dataset {
+	struct dataset *next;       /* named: by id; one-step ones follow in no order */
+	struct jobs *jobs;
+	uint64_t id;
+	char name[DATASET_NAME_MAX + 1];
+	uint32_t uid, files;
+	int64_t created_us, pushed_us;
+	char manifest[64];          /* "": no generation yet */
+	uint64_t generation, points, bytes;
+	char *lattice, *crs, *unit_xy, *unit_z;
+	int32_t box[4];
+	bool onestep;
+	unsigned users;             /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
+	unsigned opened;            /* users of dirfd */
+	int dirfd;
+	unsigned pushes;
+	struct push *planner;       /* fixes the lattice */
+	struct push *committer;
+	uint32_t next_source;
+	double stage_seconds;       /* of the last push */
+};
+
+struct job {
+	struct job *next;           /* by id */
+	struct jobs *jobs;
+	uint64_t id, generation;
+	struct dataset *dataset;
+	char *view;
+	enum job_state state;
+	struct job_peer peer;
+	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
+	int64_t submitted_us, finished_us;
+	uint64_t begun_ns;          /* monotonic, of this run of the daemon */
+	struct walk *walk;
+	bool walk_ended;
+	struct job_report report;
+	struct err err;
+	struct job_fetch *fetches;
+	uint64_t told_ns;           /* when `changed` last told progress */
+	bool moved;
+	void (*accepted)(void *token, const struct err *why, struct job *);
+	void *token;
+};
+
+/* A stream of a mesh that is not the job's own walk. */
+struct job_fetch {
+	struct job_fetch *next;
+	struct job *job;
+	struct job_output *output;
+	struct walk *walk;
+	bool walk_ended;
+	struct err why;
+	uint64_t begun_ns;
+};
+
+struct job_asked_plan {
+	struct job_asked_plan *next;
+	struct jobs *jobs;
+	struct walk *walk;
+	bool walk_ended;
+	struct err err;
+	bool failed;
+	void (*planned)(void *token, const struct err *why, const struct job_plan *);
+	void *token;
+};
+
+struct jobs {
+	struct jobs_params p;
+	int datafd, onestepfd, domainsfd, tempfd; /* state/datasets, cache/one-step, cache/domains, cache/tmp */
+	struct dataset *datasets;
+	struct push *pushes;
+	struct job *jobs;
+	struct job_asked_plan *plans;
+	uint64_t last_dataset, last_job, last_push, last_onestep;
+	uint64_t emitter_share, index_share, stage_share, reserve;
+	unsigned walks_max;
+	unsigned background;        /* tasks of the house itself: removal of folders, probes for info */
+	bool parking, settling;
+	uint64_t swept_ns;
+};
+
+/* dataset.c */
+struct dataset *dataset_new(struct jobs *, const char *name, uint32_t uid, bool onestep, struct err *err);
+struct dataset *dataset_free(struct dataset *);
+bool dataset_name_valid(const char *name);
+/* Its folder; balanced by dataset_close. Opens (and makes) it on a worker's or the starting thread. */
+int dataset_open(struct dataset *, struct err *err);
+void dataset_close(struct dataset *);
+int dataset_set(struct dataset *, const struct grid_manifest *, const char *manifest, struct err *err);
+void dataset_row(const struct dataset *, struct catalogue_dataset *ret);
+int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
+/* Removes what no manifest of the dataset names. Reads the disk. */
+int dataset_sweep(struct dataset *, struct err *err);
+int folder_empty(int dirfd, struct err *err); /* removes everything in it, one level of folders down */
+
+/* push.c */
+void push_tick(struct push *);
+uint64_t push_stage_bytes(const struct push *);
+struct push *push_next(const struct push *);
+void push_retry(struct push *);
+void push_remove_files(struct push *);
+
+/* job.c */
+void job_step(struct job *);
+void job_tick(struct job *);
+int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
+struct job *job_free(struct job *);
+void job_settle(struct job *);
+void job_plans_settle(struct jobs *);
+
+/* report.c */
+char *report_text(const struct job_report *, char *buf, size_t size);
+bool report_parse(const char *text, struct job_report *ret);
+void report_make(const struct pipe_totals *, const struct view *, struct job_report *ret);
+
+/* jobs.c */
+uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
+uint64_t jobs_domain_largest(struct jobs *); /* of the walks that run */
+uint64_t jobs_staged(const struct jobs *);   /* held by stages */
+bool jobs_walk_room(struct jobs *);          /* one more walk may start */
+bool jobs_opening(struct jobs *, const struct dataset *); /* a walk is about to open its manifest */
+
+#endif

@@ -1,0 +1,384 @@
+/*
+ * The house: loading, the shares of the memory, the tick, and stopping.
+ *
+ * The shares of `memory`: the catalogue and the messages have a fixed part; every walk has a share for its table of
+ * unfinished vertices and one for index pages; stages take up to half; domains take what is left when their plan is
+ * made. A plan counts on at most what is left beside the stages held then, of which one domain is less than half, and
+ * a stage leaves room for two domains of the largest plan that runs: so the first in the queue can always run.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "job_fetch.h"
+#include "job_priv.h"
+#include "log.h"
+
+enum { MESSAGE_SHARE = 1 << 20, JOBS_KEPT = 2048 };
+
+static uint64_t clamp(uint64_t v, uint64_t low, uint64_t high)
+{
+	return v < low ? low : v > high ? high : v;
+}
+
+static void share_out(struct jobs *j)
+{
+	uint64_t total = ledger_total(j->p.ledger);
+
+	j->emitter_share = clamp(total / 64, 384 << 10, 32 << 20);
+	j->index_share = clamp(total / 64, 256 << 10, 32 << 20);
+	j->stage_share = total / 2;
+	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
+	j->reserve = ledger_held(j->p.ledger, LEDGER_CATALOGUE) + MESSAGE_SHARE + pipe_ingest_bytes();
+}
+
+/* ---- walks ---- */
+
+static void each_walk(struct jobs *j, void (*fn)(struct walk *, void *), void *ctx)
+{
+	struct job_asked_plan *p;
+	struct job_fetch *f;
+	struct job *job;
+
+	for (job = j->jobs; job; job = job->next) {
+		if (job->walk && !job->walk_ended)
+			fn(job->walk, ctx);
+		for (f = job->fetches; f; f = f->next)
+			if (f->walk && !f->walk_ended)
+				fn(f->walk, ctx);
+	}
+	for (p = j->plans; p; p = p->next)
+		if (p->walk && !p->walk_ended)
+			fn(p->walk, ctx);
+}
+
+struct tally {
+	unsigned walks, running, opening;
+	uint64_t largest;
+	const struct dataset *dataset;
+};
+
+static void tally_walk(struct walk *w, void *ctx)
+{
+	struct tally *t = ctx;
+
+	t->walks++;
+	t->running += !walk_stalled(w);
+	if (walk_domain_bytes(w) > t->largest)
+		t->largest = walk_domain_bytes(w);
+	t->opening += walk_opens(w, t->dataset);
+}
+
+static struct tally tally(struct jobs *j, const struct dataset *d)
+{
+	struct tally t = { .dataset = d };
+
+	each_walk(j, tally_walk, &t);
+	return t;
+}
+
+uint64_t jobs_staged(const struct jobs *j)
+{
+	struct push *p;
+	uint64_t bytes = 0;
+
+	for (p = j->pushes; p; p = push_next(p))
+		bytes += push_stage_bytes(p);
+	return bytes;
+}
+
+uint64_t jobs_domain_memory(struct jobs *j)
+{
+	unsigned walks = tally(j, NULL).walks;
+	uint64_t used = j->reserve + jobs_staged(j) + (walks + 1) * (j->emitter_share + 2 * j->index_share);
+	uint64_t total = ledger_total(j->p.ledger);
+
+	return total > used ? total - used : 0;
+}
+
+uint64_t jobs_domain_largest(struct jobs *j)
+{
+	return tally(j, NULL).largest;
+}
+
+bool jobs_opening(struct jobs *j, const struct dataset *d)
+{
+	return tally(j, d).opening > 0;
+}
+
+bool jobs_walk_room(struct jobs *j)
+{
+	return tally(j, NULL).running < j->walks_max &&
+	       ledger_left(j->p.ledger) >= j->emitter_share + j->index_share;
+}
+
+static void relieve(struct walk *w, void *ctx)
+{
+	walk_relieve(w);
+}
+
+/* ---- starting ---- */
+
+static int folder(int dirfd, const char *name, int *ret, struct err *err)
+{
+	int r = io_make_dir(dirfd, name, 0700, err);
+
+	return r ? r : io_open(dirfd, name, O_RDONLY | O_DIRECTORY, 0, ret, err);
+}
+
+static int load_dataset(void *ctx, const struct catalogue_dataset *row, struct err *err)
+{
+	return dataset_load(ctx, row, err);
+}
+
+static int load_job(void *ctx, const struct catalogue_job *row, struct err *err)
+{
+	return job_load(ctx, row, err);
+}
+
+/* A push that a crash ended: what it left is removed, and it must be pushed again. Said aloud, once. */
+static int load_push(void *ctx, const struct catalogue_push *row, struct err *err)
+{
+	struct jobs *j = ctx;
+	struct dataset *d;
+	char name[32];
+	int fd, r;
+
+	for (d = j->datasets; d && d->id != row->dataset; d = d->next)
+		;
+	if (d) {
+		r = dataset_sweep(d, err);
+	} else {
+		/* Its dataset never got a generation. */
+		struct err absent = ERR_INIT;
+
+		snprintf(name, sizeof name, "%llu", (unsigned long long)row->dataset);
+		r = 0;
+		if (!io_open(j->datafd, name, O_RDONLY | O_DIRECTORY, 0, &fd, &absent)) {
+			r = folder_empty(fd, err);
+			io_close(fd);
+			if (!r && io->unlinkat(j->datafd, name, AT_REMOVEDIR) != 0)
+				r = err_sys(err, errno, "cannot remove the folder of a dataset");
+		}
+		if (row->dataset > j->last_dataset)
+			j->last_dataset = row->dataset;
+	}
+	log_notice("push %llu of user %u into %s was not committed before the daemon ended: its %u durable file(s) were "
+		   "removed, push them again", (unsigned long long)row->id, row->uid, d ? d->name : "a new dataset",
+		   row->files);
+	if (!r)
+		r = catalogue_drop_push(j->p.catalogue, row->id, NULL, NULL, err);
+	return r;
+}
+
+static int open_folders(struct jobs *j, struct err *err)
+{
+	int r = folder(j->p.statefd, "datasets", &j->datafd, err);
+
+	if (!r)
+		r = folder(j->p.cachefd, "one-step", &j->onestepfd, err);
+	if (!r)
+		r = folder(j->p.cachefd, "domains", &j->domainsfd, err);
+	if (!r)
+		r = folder(j->p.cachefd, "tmp", &j->tempfd, err);
+	/* Nothing in these outlives a daemon. */
+	if (!r)
+		r = folder_empty(j->onestepfd, err);
+	if (!r)
+		r = folder_empty(j->tempfd, err);
+	return r;
+}
+
+int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
+{
+	struct catalogue_reader reader = { .dataset = load_dataset, .job = load_job, .push = load_push };
+	struct jobs *j = calloc(1, sizeof *j);
+	uint64_t last[3];
+	int r;
+
+	if (!j)
+		return err_set(err, ERR_NOMEM, "no memory for jobs");
+	j->p = *p;
+	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = -1;
+	share_out(j);
+	reader.ctx = j;
+	r = open_folders(j, err);
+	if (!r)
+		r = catalogue_load(p->catalogue, &reader, last, err);
+	if (!r)
+		r = catalogue_start(p->catalogue, err);
+	if (r) {
+		jobs_free(j);
+		return r;
+	}
+	if (last[0] > j->last_dataset)
+		j->last_dataset = last[0];
+	j->last_job = last[1];
+	j->last_push = last[2];
+	*ret = j;
+	return 0;
+}
+
+struct jobs *jobs_free(struct jobs *j)
+{
+	struct dataset *d;
+	struct job *job;
+
+	if (!j)
+		return NULL;
+	while ((job = j->jobs)) {
+		j->jobs = job->next;
+		/* The datasets go next, whoever uses them. */
+		job->dataset = NULL;
+		job_free(job);
+	}
+	while ((d = j->datasets)) {
+		j->datasets = d->next;
+		dataset_free(d);
+	}
+	io_close(j->datafd);
+	io_close(j->onestepfd);
+	io_close(j->domainsfd);
+	io_close(j->tempfd);
+	free(j);
+	return NULL;
+}
+
+/* ---- running ---- */
+
+/* Removed jobs go when nothing of theirs is left; of the finished ones the newest are kept. */
+static void forget_jobs(struct jobs *j)
+{
+	struct job **at = &j->jobs, *job;
+	unsigned n = 0;
+
+	for (job = j->jobs; job; job = job->next)
+		n++;
+	while ((job = *at)) {
+		struct err err = ERR_INIT;
+
+		if (n > JOBS_KEPT && job_state_final(job->state) && !job->fetches && !job->removed && !job->bound &&
+		    !job_remove(job, &err))
+			n--;
+		if (job->removed && !job->walk && !job->fetches && !job->waiting_row &&
+		    (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
+			*at = job->next;
+			job_free(job);
+		} else {
+			at = &job->next;
+		}
+	}
+}
+
+void jobs_settle(struct jobs *j)
+{
+	struct push *p, *next;
+	struct job *job;
+
+	for (job = j->jobs; job; job = job->next)
+		job_settle(job);
+	job_plans_settle(j);
+	for (p = j->pushes; p; p = next) {
+		next = push_next(p);
+		push_retry(p);
+	}
+	forget_jobs(j);
+	if (sched_starved(j->p.sched))
+		each_walk(j, relieve, NULL);
+}
+
+void jobs_tick(struct jobs *j)
+{
+	struct push *p, *next;
+	struct job *job;
+
+	/* Index pages are given back without a word. */
+	sched_give(j->p.sched, LEDGER_INDEX, 0);
+	for (job = j->jobs; job; job = job->next)
+		job_tick(job);
+	for (p = j->pushes; p; p = next) {
+		next = push_next(p);
+		push_tick(p);
+	}
+	jobs_settle(j);
+}
+
+static bool anything(const struct jobs *j, bool queued)
+{
+	struct job *job;
+
+	if (j->pushes || j->plans || j->background || sched_busy(j->p.sched) || catalogue_busy(j->p.catalogue))
+		return true;
+	for (job = j->jobs; job; job = job->next)
+		if (job->walk || job->fetches || (queued && !job_state_final(job->state)))
+			return true;
+	return false;
+}
+
+bool jobs_active(const struct jobs *j)
+{
+	return anything(j, true);
+}
+
+void jobs_park(struct jobs *j)
+{
+	struct job *job;
+
+	j->parking = true;
+	for (job = j->jobs; job; job = job->next) {
+		if (job->bound)
+			job_cancel(job);
+		job_fetch_park(job);
+	}
+	jobs_settle(j);
+}
+
+bool jobs_parked(const struct jobs *j)
+{
+	return j->parking && !anything(j, false);
+}
+
+void jobs_abandon(struct jobs *j)
+{
+	struct err err = ERR_INIT;
+	struct push *p;
+
+	for (p = j->pushes; p; p = push_next(p))
+		push_remove_files(p);
+	if (folder_empty(j->onestepfd, &err) || folder_empty(j->tempfd, &err))
+		log_err(LOG_LEVEL_WARNING, "temporary files stay behind until the next start", &err);
+}
+
+void jobs_count(const struct jobs *j, uint32_t *ret_running, uint32_t *ret_waiting)
+{
+	uint32_t running = 0, waiting = 0;
+	struct job *job;
+
+	for (job = j->jobs; job; job = job->next) {
+		if (job->walk)
+			running++;
+		else if (!job_state_final(job->state))
+			waiting++;
+	}
+	*ret_running = running;
+	*ret_waiting = waiting;
+}
+
+uint64_t jobs_peak_rss(void)
+{
+	char line[256];
+	unsigned long long kib = 0;
+	FILE *f = fopen("/proc/self/status", "re");
+
+	if (!f)
+		return 0;
+	while (fgets(line, sizeof line, f))
+		if (sscanf(line, "VmHWM: %llu", &kib) == 1)
+			break;
+	fclose(f);
+	return (uint64_t)kib << 10;
+}

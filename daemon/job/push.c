@@ -1,0 +1,397 @@
+/*
+ * Pushes: what was asked, one after the other.
+ *
+ * The model: a push is a queue of asks, of which the first is being done, by a worker or by the loop; each is
+ * answered exactly once, in order. What an ask does is a row of push_rows (push_ask.c). A push whose caller has left
+ * answers what is queued with "cancelled" and closes itself; it is gone when its PUSH_CLOSE is done. Points are
+ * visible only after a commit; everything else a push wrote is removed by its close, or by the next start.
+ */
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "push_priv.h"
+
+#define PROGRESS_SECONDS 0.2
+#define DURABLE_SECONDS 5.0
+
+struct push *push_free(struct push *p)
+{
+	size_t i;
+
+	if (!p)
+		return NULL;
+	for (i = 0; i < p->nprobes; i++)
+		free(p->probes[i].name);
+	free(p->probes);
+	free(p->sources);
+	free(p->scale_xy);
+	free(p->scale_z);
+	free(p->format);
+	free(p->last);
+	grid_manifest_free(p->base);
+	grid_manifest_free(p->made);
+	free(p);
+	return NULL;
+}
+
+static void ask_free(struct push_ask *a)
+{
+	io_close(a->fd);
+	free(a->name);
+	free(a->format);
+	free(a);
+}
+
+struct push_ask *push_ask_new(struct push *p, enum push_kind kind, void *token, bool front)
+{
+	struct push_ask *a = calloc(1, sizeof *a);
+
+	if (!a)
+		return NULL;
+	a->push = p;
+	a->kind = kind;
+	a->token = token;
+	a->fd = -1;
+	a->err = ERR_INIT;
+	if (front) {
+		a->next = p->asks;
+		p->asks = a;
+		if (!a->next)
+			p->asks_end = &a->next;
+	} else {
+		*p->asks_end = a;
+		p->asks_end = &a->next;
+	}
+	return a;
+}
+
+void push_ask_over(struct push *p)
+{
+	struct push_ask *a = p->asks;
+
+	p->asks = a->next;
+	if (!p->asks)
+		p->asks_end = &p->asks;
+	if (a->kind == PUSH_FILE || a->kind == PUSH_PROBE)
+		p->unanswered--;
+	ask_free(a);
+	p->busy = false;
+}
+
+static void close_done(struct push *p)
+{
+	struct push **at;
+
+	for (at = &p->jobs->pushes; *at != p; at = &(*at)->next)
+		;
+	*at = p->next;
+	p->dataset->pushes--;
+	if (p->dataset->planner == p)
+		p->dataset->planner = NULL;
+	if (p->dataset->committer == p)
+		p->dataset->committer = NULL;
+	dataset_release(p->dataset);
+	while (p->asks)
+		push_ask_over(p);
+	push_free(p);
+}
+
+/* True if the push is still there. */
+static bool finish_first(struct push *p, const struct err *why)
+{
+	struct push_ask *a = p->asks;
+	bool last = a->kind == PUSH_CLOSE;
+
+	if (!push_rows[a->kind].done(p, a, why))
+		return true;
+	push_ask_over(p);
+	if (last) {
+		close_done(p);
+		return false;
+	}
+	return true;
+}
+
+static void task_run(struct sched_task *t)
+{
+	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
+
+	push_rows[p->asks->kind].run(p, p->asks);
+}
+
+static void task_done(struct sched_task *t)
+{
+	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
+	struct push_ask *a = p->asks;
+
+	if (t->ran && t->bytes && a->kind != PUSH_STAGE)
+		sched_give(p->jobs->p.sched, t->name, t->bytes);
+	if (!t->ran) {
+		a->r = -ERR_CANCELLED;
+		err_set(&a->err, ERR_CANCELLED, "the push was ended");
+	}
+	if (finish_first(p, a->r ? &a->err : NULL))
+		push_pump(p);
+}
+
+/* What is asked of a push that is closing, or whose stage broke, is answered with the reason. */
+static const struct err *refusal(const struct push *p, const struct push_ask *a, struct err *err)
+{
+	if (a->kind == PUSH_CLOSE || a->kind == PUSH_ABORT)
+		return NULL;
+	if (p->left) {
+		err_set(err, ERR_CANCELLED, "the push was ended");
+		return err;
+	}
+	if (p->broken && a->kind != PUSH_BEGIN)
+		return &p->broken_err;
+	return NULL;
+}
+
+void push_pump(struct push *p)
+{
+	while (p->asks && !p->busy && !p->waiting_row) {
+		struct push_ask *a = p->asks;
+		struct err err = ERR_INIT;
+		const struct err *why = refusal(p, a, &err);
+		int r = 0;
+
+		p->busy = true;
+		p->task = (struct sched_task){ .run = task_run, .done = task_done, .priority = SCHED_NORMAL };
+		if (!why && push_rows[a->kind].start)
+			r = push_rows[a->kind].start(p, a, &err);
+		if (r == PUSH_WAIT) {
+			p->busy = false;
+			return;
+		}
+		if (p->asks != a) {
+			/* Something of our own goes before it. */
+			p->busy = false;
+			continue;
+		}
+		if (!why && !r) {
+			sched_submit(p->jobs->p.sched, &p->task);
+			return;
+		}
+		if (!finish_first(p, why ? why : r < 0 ? &err : NULL))
+			return;
+	}
+}
+
+/* ---- what is asked ---- */
+
+static char *copy(const char *text)
+{
+	return strdup(text ? text : "");
+}
+
+static struct dataset *target(struct jobs *j, const struct push_params *in, struct err *err)
+{
+	struct dataset *d;
+
+	if (!*in->dataset)
+		return dataset_new(j, "", in->peer.uid, true, err);
+	if (!dataset_name_valid(in->dataset)) {
+		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", in->dataset);
+		err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+			     DATASET_NAME_MAX);
+		return NULL;
+	}
+	d = dataset_find(j, in->dataset, &in->peer);
+	if (d && in->peer.uid && d->uid != in->peer.uid) {
+		err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
+		return NULL;
+	}
+	return d ? d : dataset_new(j, in->dataset, in->peer.uid, false, err);
+}
+
+void push_begin(struct jobs *j, const struct push_params *in, void *token)
+{
+	struct push *p = calloc(1, sizeof *p);
+	struct err err = ERR_INIT;
+
+	if (p) {
+		p->asks_end = &p->asks;
+		p->scale_xy = copy(in->scale_xy);
+		p->scale_z = copy(in->scale_z);
+		p->format = copy(in->format);
+		p->last = calloc(1, sizeof *p->last);
+	}
+	if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->last)
+		err_set(&err, ERR_NOMEM, "no memory for a push");
+	else if (j->parking)
+		err_set(&err, ERR_BUSY, "the daemon is stopping");
+	else
+		p->dataset = target(j, in, &err);
+	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
+		err_set(&err, ERR_NOMEM, "no memory for a push");
+	if (err.code) {
+		if (p && p->dataset) {
+			dataset_hold(p->dataset);
+			dataset_release(p->dataset);
+		}
+		if (p)
+			free(p->asks);
+		push_free(p);
+		in->calls->begun(token, &err, NULL);
+		return;
+	}
+	p->jobs = j;
+	p->last->push = p;
+	p->last->kind = PUSH_CLOSE;
+	p->last->fd = -1;
+	p->last->err = ERR_INIT;
+	dataset_hold(p->dataset);
+	p->dataset->pushes++;
+	p->id = ++j->last_push;
+	p->calls = *in->calls;
+	p->ctx = in->ctx;
+	p->peer = in->peer;
+	p->planar = in->planar;
+	p->accept_truncated = in->accept_truncated;
+	p->begun_ns = p->synced_ns = clock_mono_ns();
+	snprintf(p->crs, sizeof p->crs, "unknown");
+	snprintf(p->unit_xy, sizeof p->unit_xy, "unknown");
+	snprintf(p->unit_z, sizeof p->unit_z, "unknown");
+	p->next = j->pushes;
+	j->pushes = p;
+	push_pump(p);
+}
+
+/* False: answered already. */
+static bool ask_file(struct push *p, enum push_kind kind, int fd, const char *name, const char *format, void *token)
+{
+	struct push_ask *a = push_ask_new(p, kind, token, false);
+
+	if (!a) {
+		io_close(fd);
+		return false;
+	}
+	p->unanswered++;
+	a->fd = fd;
+	a->name = copy(name);
+	a->format = copy(format && *format ? format : p->format);
+	push_pump(p);
+	return true;
+}
+
+static const struct err *no_memory(struct err *err)
+{
+	*err = ERR_INIT;
+	err_set(err, ERR_NOMEM, "no memory for a request");
+	return err;
+}
+
+void push_probe(struct push *p, int fd, const char *name, const char *format, void *token)
+{
+	struct err err;
+
+	if (!ask_file(p, PUSH_PROBE, fd, name, format, token))
+		p->calls.probed(token, no_memory(&err), name, NULL);
+}
+
+void push_file(struct push *p, int fd, const char *name, const char *format, void *token)
+{
+	struct err err;
+
+	if (!ask_file(p, PUSH_FILE, fd, name, format, token))
+		p->calls.staged(token, no_memory(&err), NULL);
+}
+
+void push_plan(struct push *p, void *token)
+{
+	struct err err;
+
+	if (!push_ask_new(p, PUSH_PLAN, token, false))
+		p->calls.planned(token, no_memory(&err), NULL);
+	else
+		push_pump(p);
+}
+
+void push_commit(struct push *p, void *token)
+{
+	struct err err;
+
+	if (!push_ask_new(p, PUSH_COMMIT, token, false))
+		p->calls.committed(token, no_memory(&err), NULL);
+	else
+		push_pump(p);
+}
+
+void push_abort(struct push *p, void *token)
+{
+	atomic_store(&p->cancel, true);
+	if (!push_ask_new(p, PUSH_ABORT, token, false))
+		p->calls.aborted(token);
+	else
+		push_pump(p);
+}
+
+void push_leave(struct push *p)
+{
+	if (p->left)
+		return;
+	p->left = true;
+	/* A commit that is under way is carried through. */
+	if (!p->busy || p->asks->kind != PUSH_COMMIT) {
+		atomic_store(&p->cancel, true);
+		if (p->busy)
+			sched_cancel(p->jobs->p.sched, &p->task);
+	}
+	*p->asks_end = p->last;
+	p->asks_end = &p->last->next;
+	p->last = NULL;
+	push_pump(p);
+}
+
+unsigned push_unanswered(const struct push *p)
+{
+	return p->unanswered;
+}
+
+struct push *push_next(const struct push *p)
+{
+	return p->next;
+}
+
+uint64_t push_stage_bytes(const struct push *p)
+{
+	return p->stage_bytes;
+}
+
+void push_retry(struct push *p)
+{
+	push_pump(p);
+}
+
+/* For a stop that cannot wait: the folder of an uncommitted push is swept as the next start would. */
+void push_remove_files(struct push *p)
+{
+	struct err err = ERR_INIT;
+
+	if (!p->committed && (!p->busy || p->asks->kind != PUSH_COMMIT) && dataset_sweep(p->dataset, &err))
+		log_err(LOG_LEVEL_WARNING, "what a push left cannot be removed", &err);
+}
+
+void push_tick(struct push *p)
+{
+	struct push_ask *a = p->asks;
+
+	if (a && p->busy && (a->kind == PUSH_FILE || a->kind == PUSH_COMMIT) && !p->left &&
+	    clock_since(p->told_ns) >= PROGRESS_SECONDS) {
+		p->told_ns = clock_mono_ns();
+		if (a->kind == PUSH_FILE)
+			p->calls.progress(a->token, "stage", atomic_load(&p->progress), atomic_load(&p->claimed));
+		else
+			p->calls.progress(a->token, "seal", 0, 0);
+	}
+	if (!a && p->stage && !p->dataset->onestep && p->durable < p->files && !p->broken &&
+	    clock_since(p->synced_ns) >= DURABLE_SECONDS)
+		push_ask_new(p, PUSH_SYNC, NULL, false);
+	push_pump(p);
+}

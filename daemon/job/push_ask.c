@@ -1,0 +1,654 @@
+/*
+ * What each ask of a push does: a row of start (loop), run (worker), done (loop).
+ *
+ * A file that fails half-way has left points in the stage: its source is written into the manifest as removed by the
+ * generation that adds it, so that no generation shows them. A failure of the stage itself ends the push.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "push_priv.h"
+
+#define DURABLE_SECONDS 5.0
+#define DURABLE_POINTS ((UINT64_C(1) << 30) / sizeof(struct point))
+
+static void task_bytes(struct push *p, enum ledger_name name, uint64_t bytes)
+{
+	p->task.name = name;
+	p->task.bytes = bytes;
+}
+
+/* ---- begin ---- */
+
+static int begin_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
+	return 0;
+}
+
+static void begin_run(struct push *p, struct push_ask *a)
+{
+	a->r = dataset_open(p->dataset, &a->err);
+	p->opened = !a->r;
+	if (!a->r && *p->base_name)
+		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+}
+
+static void begin_answer(struct push *p, const struct err *why)
+{
+	struct push_begun begun = { .push = p, .id = p->id, .lattice = "" };
+	char lattice[LATTICE_TEXT_SIZE];
+	void *token = p->asks->token;
+
+	if (p->has_lattice)
+		begun.lattice = lattice_text(&p->lattice, lattice);
+	push_ask_over(p);
+	if (why)
+		push_leave(p);
+	p->calls.begun(token, why, why ? NULL : &begun);
+}
+
+static void begin_row_done(void *ctx, int r, const struct err *why)
+{
+	struct push *p = ctx;
+	bool left = p->left;
+
+	p->waiting_row = false;
+	p->row = !r;
+	begin_answer(p, r ? why : NULL);
+	if (!left || !r)
+		push_pump(p);
+}
+
+static int begin_with_base(struct push *p, struct err *err)
+{
+	const struct grid_manifest *m = p->base;
+	size_t i;
+
+	p->has_lattice = true;
+	p->lattice = m->lattice;
+	snprintf(p->crs, sizeof p->crs, "%s", m->crs);
+	snprintf(p->unit_xy, sizeof p->unit_xy, "%s", m->unit_xy);
+	snprintf(p->unit_z, sizeof p->unit_z, "%s", m->unit_z);
+	snprintf(p->crs_of, sizeof p->crs_of, "the dataset %s", p->dataset->name);
+	memcpy(p->unit_xy_of, p->crs_of, sizeof p->unit_xy_of);
+	memcpy(p->unit_z_of, p->crs_of, sizeof p->unit_z_of);
+	for (i = 0; i < m->nsources; i++)
+		if (m->sources[i].id >= p->dataset->next_source)
+			p->dataset->next_source = m->sources[i].id + 1;
+	if (*p->scale_xy || *p->scale_z) {
+		struct decimal d;
+
+		if ((*p->scale_xy && (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
+		    (*p->scale_z && (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
+			err_set(err, ERR_USAGE, "the dataset %s has another scale", p->dataset->name);
+			return err_add_hint(err, "leave the scale out, or push into a new dataset");
+		}
+	}
+	return 0;
+}
+
+static bool begin_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+	struct catalogue_push row = {
+		.id = p->id,
+		.dataset = p->dataset->id,
+		.uid = p->peer.uid,
+		.begun_us = clock_real_us(),
+	};
+
+	if (!why && p->base && begin_with_base(p, &err))
+		why = &err;
+	if (!why && !p->dataset->onestep) {
+		p->waiting_row = true;
+		if (!catalogue_put_push(p->jobs->p.catalogue, &row, begin_row_done, p, &err))
+			return false;
+		p->waiting_row = false;
+		why = &err;
+	}
+	begin_answer(p, why);
+	return false;
+}
+
+/* ---- probe ---- */
+
+static struct input_options options_of(const struct push *p, const struct push_ask *a)
+{
+	return (struct input_options){
+		.format = a->format && *a->format ? a->format : NULL,
+		.accept_truncated = p->accept_truncated,
+		.planar = p->planar,
+	};
+}
+
+static int probe_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	task_bytes(p, LEDGER_INPUT, input_bytes());
+	return a->name && a->format ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
+}
+
+static void remember_info(struct push_ask *a, const struct input *in)
+{
+	a->info = *input_info(in);
+	snprintf(a->info_format, sizeof a->info_format, "%s", a->info.format);
+	a->info.format = a->info_format;
+	a->info.coords.name = a->name;
+}
+
+static void probe_run(struct push *p, struct push_ask *a)
+{
+	struct input_options options = options_of(p, a);
+	struct input *in = NULL;
+
+	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
+	if (!a->r)
+		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
+	if (a->r) {
+		err_add_file(&a->err, a->name);
+		return;
+	}
+	remember_info(a, in);
+	input_close(in);
+}
+
+static bool probe_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+
+	if (!why && push_remember_probe(p, a, &err))
+		why = &err;
+	p->calls.probed(a->token, why, a->name ? a->name : "", why ? NULL : &a->info);
+	return true;
+}
+
+/* ---- plan ---- */
+
+static int plan_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	size_t i;
+	int r = 0;
+
+	for (i = 0; !r && i < p->nprobes; i++)
+		r = push_compatible(p, p->probes[i].name, p->probes[i].crs, p->probes[i].unit_xy, p->probes[i].unit_z,
+				    err);
+	if (r || p->has_lattice)
+		return r ? r : PUSH_NOW;
+	if (*p->dataset->manifest) {
+		err_set(err, ERR_BUSY, "another push has just fixed the lattice of %s", p->dataset->name);
+		return err_add_hint(err, "push again");
+	}
+	if (p->dataset->planner && p->dataset->planner != p) {
+		err_set(err, ERR_BUSY, "another push is fixing the lattice of %s", p->dataset->name);
+		return err_add_hint(err, "push again when that one is committed");
+	}
+	r = push_choose_lattice(p, err);
+	if (r)
+		return r;
+	p->has_lattice = true;
+	p->dataset->planner = p;
+	return PUSH_NOW;
+}
+
+static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	char lattice[LATTICE_TEXT_SIZE] = "";
+
+	if (!why)
+		lattice_text(&p->lattice, lattice);
+	p->calls.planned(a->token, why, lattice);
+	return true;
+}
+
+/* ---- the stage's memory ---- */
+
+static int stage_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	struct jobs *j = p->jobs;
+	uint64_t left = jobs_domain_memory(j), head = jobs_domain_largest(j);
+	uint64_t size = j->stage_share;
+
+	/* A job that runs must be able to finish beside it, one domain at a time. */
+	left = left > 2 * head ? left - 2 * head : 0;
+	if (size > left)
+		size = left;
+	if (size < GRID_STAGE_MIN)
+		return PUSH_WAIT;
+	p->task.priority = SCHED_FIRST;
+	task_bytes(p, LEDGER_STAGE, size);
+	/* Known to plans that are made from now on. */
+	p->stage_bytes = size;
+	return 0;
+}
+
+static void stage_run(struct push *p, struct push_ask *a)
+{
+	char name[48];
+	struct grid_stage_params params = {
+		.dirfd = p->dataset->dirfd,
+		.name = name,
+		.memory = p->task.bytes,
+		.durable = !p->dataset->onestep,
+	};
+
+	snprintf(name, sizeof name, "push-%llu", (unsigned long long)p->id);
+	a->r = grid_stage_new(&params, &p->stage, &a->err);
+}
+
+static bool stage_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	if (!p->task.ran) {
+		p->stage_bytes = 0;
+	} else if (why) {
+		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
+		p->stage_bytes = 0;
+	}
+	if (why) {
+		p->broken = true;
+		p->broken_err = *why;
+	}
+	return true;
+}
+
+/* ---- file ---- */
+
+static int file_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	struct grid_source *s;
+
+	if (!a->name || !a->format)
+		return err_set(err, ERR_NOMEM, "no memory for a request");
+	if (!p->has_lattice) {
+		err_set(err, ERR_USAGE, "the push has no lattice yet: PushPlan comes before File");
+		return err_add_file(err, a->name);
+	}
+	if (!p->stage) {
+		if (!push_ask_new(p, PUSH_STAGE, NULL, true))
+			return err_set(err, ERR_NOMEM, "no memory for a request");
+		return 0;
+	}
+	if ((p->nsources & (p->nsources - 1)) == 0) {
+		size_t cap = p->nsources ? p->nsources * 2 : 1;
+
+		s = realloc(p->sources, cap * sizeof *s);
+		if (!s)
+			return err_set(err, ERR_NOMEM, "no memory for a source");
+		p->sources = s;
+	}
+	a->source = p->dataset->next_source++;
+	atomic_store(&p->progress, 0);
+	atomic_store(&p->claimed, 0);
+	task_bytes(p, LEDGER_INPUT, pipe_ingest_bytes());
+	return 0;
+}
+
+static int file_progress(void *ctx, uint64_t points)
+{
+	struct push *p = ctx;
+
+	atomic_store(&p->progress, points);
+	return atomic_load(&p->cancel);
+}
+
+static bool same_input(const struct push_input_id *a, const struct push_input_id *b)
+{
+	return a->dev == b->dev && a->ino == b->ino && a->size == b->size && a->mtime_ns == b->mtime_ns;
+}
+
+static int changed(const char *name, const char *when, struct err *err)
+{
+	err_set(err, ERR_CHANGED, "the file changed %s", when);
+	err_add_hint(err, "push it again when nobody writes to it");
+	return err_add_file(err, name);
+}
+
+static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
+{
+	const struct push_probed *probe = push_find_probe(p, a->name);
+	struct push_input_id after;
+	int r;
+
+	remember_info(a, in);
+	atomic_store(&p->claimed, a->info.claimed);
+	if (probe && !same_input(&probe->id, &a->id))
+		return changed(a->name, "after its header was read", &a->err);
+	r = push_compatible(p, a->name, a->info.crs, a->info.unit_xy, a->info.unit_z, &a->err);
+	if (!r)
+		r = pipe_ingest(in, &p->lattice, p->stage, a->source, file_progress, p, &a->in, &a->err);
+	if (!r)
+		r = push_fd_check(a->fd, a->name, &after, &a->err);
+	if (!r && !same_input(&a->id, &after))
+		return changed(a->name, "while it was read", &a->err);
+	return r;
+}
+
+static void file_run(struct push *p, struct push_ask *a)
+{
+	struct input_options options = options_of(p, a);
+	struct input *in = NULL;
+
+	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
+	if (!a->r)
+		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
+	if (!a->r)
+		a->r = file_ingest(p, a, in);
+	if (a->r)
+		err_add_file(&a->err, a->name);
+	input_close(in);
+}
+
+/* Of the stage, not of the input: nothing more can be staged. */
+static bool stage_broke(const struct err *why)
+{
+	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM || why->code == ERR_CORRUPT ||
+	       why->code == ERR_INTERNAL;
+}
+
+static void source_add(struct push *p, const struct push_ask *a, bool live)
+{
+	struct grid_source *s = &p->sources[p->nsources++];
+	const char *base = strrchr(a->name, '/');
+
+	memset(s, 0, sizeof *s);
+	s->id = a->source;
+	s->points = live ? a->in.points : atomic_load(&p->progress);
+	/* Generations are put in by the commit; here only: lives or not. */
+	s->removed = !live;
+	snprintf(s->name, sizeof s->name, "%s", base ? base + 1 : a->name);
+}
+
+static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct push_file file = { .name = a->name, .in = a->in };
+	bool tried = a->source != 0 && p->task.ran && !p->broken;
+
+	/* What was staged of a file that failed must be known as dead. */
+	if (tried && (!why || atomic_load(&p->progress)))
+		source_add(p, a, !why);
+	if (!why) {
+		p->files++;
+		p->unsynced_points += a->in.points;
+	} else if (tried && stage_broke(why)) {
+		p->broken = true;
+		p->broken_err = *why;
+	}
+	p->calls.staged(a->token, why, why ? NULL : &file);
+	if (!why && !p->dataset->onestep && !p->left &&
+	    (p->unsynced_points >= DURABLE_POINTS || clock_since(p->synced_ns) >= DURABLE_SECONDS)) {
+		/* Behind this one, before what was asked since. */
+		struct push_ask *sync = push_ask_new(p, PUSH_SYNC, NULL, true);
+
+		if (sync) {
+			p->asks = a;
+			sync->next = a->next;
+			a->next = sync;
+			if (!sync->next)
+				p->asks_end = &sync->next;
+		}
+	}
+	return true;
+}
+
+/* ---- sync ---- */
+
+static int sync_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	return p->stage ? 0 : PUSH_NOW;
+}
+
+static void sync_run(struct push *p, struct push_ask *a)
+{
+	a->r = grid_stage_sync(p->stage, &a->err);
+}
+
+static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+	struct catalogue_push row = {
+		.id = p->id,
+		.dataset = p->dataset->id,
+		.uid = p->peer.uid,
+		.files = p->files,
+		.begun_us = clock_real_us(),
+	};
+
+	if (why) {
+		p->broken = true;
+		p->broken_err = *why;
+		return true;
+	}
+	p->durable = p->files;
+	p->unsynced_points = 0;
+	p->synced_ns = clock_mono_ns();
+	if (p->row && catalogue_put_push(p->jobs->p.catalogue, &row, NULL, NULL, &err))
+		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	if (!p->left)
+		p->calls.durable(p->ctx, p->durable);
+	return true;
+}
+
+/* ---- commit ---- */
+
+static uint64_t live_sources(const struct push *p)
+{
+	uint64_t n = 0;
+	size_t i;
+
+	for (i = 0; i < p->nsources; i++)
+		n += !p->sources[i].removed;
+	return n;
+}
+
+static int commit_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	struct dataset *d = p->dataset;
+
+	if (!live_sources(p))
+		return d->generation ? PUSH_NOW
+				     : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
+	if (d->committer && d->committer != p)
+		return PUSH_WAIT;
+	d->committer = p;
+	memcpy(p->base_name, d->manifest, sizeof p->base_name);
+	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu", (unsigned long long)d->generation + 1);
+	return 0;
+}
+
+/* The newest manifest, one segment and this push's sources more. */
+static int commit_manifest(struct push *p, const struct grid_segment_info *segment, struct err *err)
+{
+	size_t nseg = p->base ? p->base->nsegments : 0, nsrc = p->base ? p->base->nsources : 0, i;
+	uint64_t generation = (p->base ? p->base->generation : 0) + 1;
+	struct grid_manifest m = {
+		.lattice = p->lattice,
+		.generation = generation,
+		.nsegments = nseg + 1,
+		.nsources = nsrc + p->nsources,
+	};
+	int r;
+
+	m.segments = calloc(m.nsegments, sizeof *m.segments);
+	m.sources = calloc(m.nsources, sizeof *m.sources);
+	if (!m.segments || !m.sources) {
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
+	} else {
+		if (nseg)
+			memcpy(m.segments, p->base->segments, nseg * sizeof *m.segments);
+		if (nsrc)
+			memcpy(m.sources, p->base->sources, nsrc * sizeof *m.sources);
+		m.segments[nseg] = *segment;
+		for (i = 0; i < p->nsources; i++) {
+			m.sources[nsrc + i] = p->sources[i];
+			m.sources[nsrc + i].added = generation;
+			m.sources[nsrc + i].removed = p->sources[i].removed ? generation : 0;
+		}
+		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
+		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
+		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
+		r = grid_manifest_write(p->dataset->dirfd, p->made_name, &m, err);
+		if (!r)
+			r = grid_manifest_read(p->dataset->dirfd, p->made_name, &p->made, err);
+	}
+	free(m.segments);
+	free(m.sources);
+	return r;
+}
+
+static void commit_run(struct push *p, struct push_ask *a)
+{
+	struct grid_segment_info segment = { 0 };
+
+	a->r = grid_stage_seal(p->stage, &segment, &a->err);
+	p->stage = grid_stage_free(p->stage);
+	if (a->r)
+		return;
+	/* Another push may have committed since this one began. */
+	p->base = grid_manifest_free(p->base);
+	if (*p->base_name)
+		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+	if (!a->r)
+		a->r = commit_manifest(p, &segment, &a->err);
+	if (a->r)
+		io->unlinkat(p->dataset->dirfd, segment.file, 0);
+}
+
+static void stage_give(struct push *p)
+{
+	if (p->stage_bytes)
+		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
+	p->stage_bytes = 0;
+}
+
+/* The dataset shows the new generation from here on. */
+static void commit_answer(struct push *p, const struct err *why)
+{
+	struct dataset *d = p->dataset;
+	struct push_committed done = { .dataset = d };
+	struct err err = ERR_INIT;
+	void *token = p->asks->token;
+
+	if (!why && p->made) {
+		d->pushed_us = clock_real_us();
+		d->stage_seconds = clock_since(p->begun_ns);
+		if (dataset_set(d, p->made, p->made_name, &err))
+			why = &err;
+		p->row = false;
+		p->old_goes = !jobs_opening(p->jobs, d);
+	}
+	p->committed = !why;
+	if (d->committer == p)
+		d->committer = NULL;
+	if (d->planner == p)
+		d->planner = NULL;
+	if (why) {
+		p->broken = true;
+		p->broken_err = *why;
+	}
+	done.generation = d->generation;
+	done.points = d->points;
+	push_ask_over(p);
+	p->calls.committed(token, why, why ? NULL : &done);
+}
+
+static void commit_row_done(void *ctx, int r, const struct err *why)
+{
+	struct push *p = ctx;
+
+	p->waiting_row = false;
+	commit_answer(p, r ? why : NULL);
+	push_pump(p);
+}
+
+static bool commit_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+
+	if (!p->stage)
+		stage_give(p);
+	if (!why && p->made && !p->dataset->onestep) {
+		/* The row as it will be; the dataset itself changes when it is on disk. */
+		struct dataset shadow = *p->dataset;
+		struct catalogue_dataset row;
+		int r;
+
+		shadow.lattice = strdup("");
+		shadow.crs = strdup("");
+		shadow.unit_xy = strdup("");
+		shadow.unit_z = strdup("");
+		shadow.pushed_us = clock_real_us();
+		shadow.dirfd = -1;
+		r = dataset_set(&shadow, p->made, p->made_name, &err);
+		if (!r) {
+			dataset_row(&shadow, &row);
+			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, p->row ? p->id : 0, commit_row_done, p,
+						  &err);
+		}
+		free(shadow.lattice);
+		free(shadow.crs);
+		free(shadow.unit_xy);
+		free(shadow.unit_z);
+		if (!r) {
+			p->waiting_row = true;
+			return false;
+		}
+		why = &err;
+	}
+	commit_answer(p, why);
+	return false;
+}
+
+/* ---- abort, close ---- */
+
+static void close_run(struct push *p, struct push_ask *a)
+{
+	p->stage = grid_stage_free(p->stage);
+	if (p->made && !p->committed) {
+		/* The catalogue does not name them. */
+		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
+		io->unlinkat(p->dataset->dirfd, p->made_name, 0);
+	}
+	if (p->old_goes && *p->base_name)
+		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
+}
+
+static bool abort_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	if (!p->stage)
+		stage_give(p);
+	atomic_store(&p->cancel, false);
+	if (!why && !p->committed) {
+		p->nsources = 0;
+		p->files = p->durable = 0;
+	}
+	p->calls.aborted(a->token);
+	return true;
+}
+
+static bool close_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+
+	p->stage = grid_stage_free(p->stage); /* if no worker came to it */
+	stage_give(p);
+	if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
+		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	if (p->opened)
+		dataset_close(p->dataset);
+	return true;
+}
+
+const struct push_row push_rows[PUSH_KINDS] = {
+	[PUSH_BEGIN] = { begin_start, begin_run, begin_done },
+	[PUSH_PROBE] = { probe_start, probe_run, probe_done },
+	[PUSH_PLAN] = { plan_start, NULL, plan_done },
+	[PUSH_STAGE] = { stage_start, stage_run, stage_done },
+	[PUSH_FILE] = { file_start, file_run, file_done },
+	[PUSH_SYNC] = { sync_start, sync_run, sync_done },
+	[PUSH_COMMIT] = { commit_start, commit_run, commit_done },
+	[PUSH_ABORT] = { NULL, close_run, abort_done },
+	[PUSH_CLOSE] = { NULL, close_run, close_done },
+};

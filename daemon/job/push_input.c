@@ -1,0 +1,254 @@
+/*
+ * What a push knows of its inputs: which descriptors it takes, what their headers say of lattice, CRS and units, and
+ * whether these go together.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "io.h"
+#include "push_priv.h"
+
+/* A client's descriptor must not be able to make a worker wait, nor to change what it is: regular files only. */
+int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err)
+{
+	struct stat st;
+	int flags;
+
+	if (fd < 0) {
+		err_set(err, ERR_PROTO, "no descriptor came with the file");
+		return err_add_file(err, name);
+	}
+	flags = fcntl(fd, F_GETFL);
+	if (flags < 0 || fstat(fd, &st) != 0) {
+		err_sys(err, errno, "the descriptor cannot be used");
+		return err_add_file(err, name);
+	}
+	if (!S_ISREG(st.st_mode)) {
+		err_set(err, ERR_INPUT, "it is a %s, not a regular file",
+			S_ISDIR(st.st_mode)    ? "folder"
+			: S_ISFIFO(st.st_mode) ? "pipe"
+			: S_ISSOCK(st.st_mode) ? "socket"
+					       : "device");
+		err_add_hint(err, "pass a file; what comes from a pipe must be written to a file first");
+		return err_add_file(err, name);
+	}
+	if ((flags & O_PATH) || (flags & O_ACCMODE) == O_WRONLY) {
+		err_set(err, ERR_PERM, "the descriptor was not opened for reading");
+		return err_add_file(err, name);
+	}
+	*ret = (struct push_input_id){
+		.dev = st.st_dev,
+		.ino = st.st_ino,
+		.size = (uint64_t)st.st_size,
+		.mtime_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec,
+		.ctime_ns = (int64_t)st.st_ctim.tv_sec * 1000000000 + st.st_ctim.tv_nsec,
+	};
+	return 0;
+}
+
+static bool known(const char *text)
+{
+	return *text && strcmp(text, "unknown");
+}
+
+/* One property: the first input that knows it decides for the push; the others must agree or not know. */
+static int agree(const char *what, char *mine, size_t size, char *mine_of, const char *name, const char *theirs,
+		 struct err *err)
+{
+	if (!known(theirs))
+		return 0;
+	if (!known(mine)) {
+		snprintf(mine, size, "%s", theirs);
+		snprintf(mine_of, 256, "%s", name);
+		return 0;
+	}
+	if (!strcmp(mine, theirs))
+		return 0;
+	err_set(err, ERR_INPUT, "%s is %.100s, but %.100s of %.200s", what, theirs, mine, mine_of);
+	err_add_hint(err, "push files of one coordinate system into one dataset; convert this one first");
+	return err_add_file(err, name);
+}
+
+int push_compatible(struct push *p, const char *name, const char *crs, const char *unit_xy, const char *unit_z,
+		    struct err *err)
+{
+	int r = agree("the coordinate system", p->crs, sizeof p->crs, p->crs_of, name, crs, err);
+
+	if (!r)
+		r = agree("the horizontal unit", p->unit_xy, sizeof p->unit_xy, p->unit_xy_of, name, unit_xy, err);
+	if (!r)
+		r = agree("the vertical unit", p->unit_z, sizeof p->unit_z, p->unit_z_of, name, unit_z, err);
+	return r;
+}
+
+const struct push_probed *push_find_probe(const struct push *p, const char *name)
+{
+	size_t i;
+
+	for (i = 0; i < p->nprobes; i++)
+		if (!strcmp(p->probes[i].name, name))
+			return &p->probes[i];
+	return NULL;
+}
+
+int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
+{
+	struct push_probed *at = (struct push_probed *)push_find_probe(p, ask->name);
+
+	if (!at) {
+		if ((p->nprobes & (p->nprobes - 1)) == 0) {
+			size_t cap = p->nprobes ? p->nprobes * 2 : 1;
+
+			at = realloc(p->probes, cap * sizeof *at);
+			if (!at)
+				return err_set(err, ERR_NOMEM, "no memory to remember a file");
+			p->probes = at;
+		}
+		at = &p->probes[p->nprobes];
+		memset(at, 0, sizeof *at);
+		at->name = strdup(ask->name);
+		if (!at->name)
+			return err_set(err, ERR_NOMEM, "no memory to remember a file");
+		p->nprobes++;
+	}
+	at->id = ask->id;
+	at->coords = ask->info.coords;
+	at->coords.name = at->name;
+	memcpy(at->crs, ask->info.crs, sizeof at->crs);
+	memcpy(at->unit_xy, ask->info.unit_xy, sizeof at->unit_xy);
+	memcpy(at->unit_z, ask->info.unit_z, sizeof at->unit_z);
+	return 0;
+}
+
+static int scale_of(const char *text, const char *field, struct decimal *ret, struct err *err)
+{
+	if (!decimal_parse(text, ret) || ret->mantissa <= 0) {
+		err_set(err, ERR_USAGE, "\"%.40s\" is not a scale: a decimal above zero is wanted", text);
+		return err_add_place(err, ERR_NO_OFFSET, field);
+	}
+	return 0;
+}
+
+/* From all headers that were probed, so that it does not depend on their order. */
+int push_choose_lattice(struct push *p, struct err *err)
+{
+	struct decimal xy, z;
+	struct lattice_input *inputs;
+	size_t i;
+	int r = 0;
+
+	if (*p->scale_xy)
+		r = scale_of(p->scale_xy, "scale_xy", &xy, err);
+	if (!r && *p->scale_z)
+		r = scale_of(p->scale_z, "scale_z", &z, err);
+	if (r)
+		return r;
+	if (!p->nprobes)
+		return err_set(err, ERR_USAGE, "no input was probed: there is nothing to choose a lattice from");
+	inputs = calloc(p->nprobes, sizeof *inputs);
+	if (!inputs)
+		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
+	for (i = 0; i < p->nprobes; i++)
+		inputs[i] = p->probes[i].coords;
+	r = lattice_choose(inputs, p->nprobes, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
+	free(inputs);
+	return r;
+}
+
+/* ---- a probe of its own ---- */
+
+struct info_ask {
+	struct sched_task task;
+	struct jobs *jobs;
+	int fd, r;
+	char *name, *format;
+	struct input_info info;
+	char info_format[16];
+	struct err err;
+	void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *);
+	void *token;
+};
+
+static void info_run(struct sched_task *t)
+{
+	struct info_ask *a = (struct info_ask *)t;
+	/* It is described only, so its plane does not matter, nor that it ends early. */
+	struct input_options options = {
+		.format = *a->format ? a->format : NULL,
+		.accept_truncated = true,
+		.planar = true,
+	};
+	struct push_input_id id;
+	struct input *in = NULL;
+
+	a->r = push_fd_check(a->fd, a->name, &id, &a->err);
+	if (!a->r)
+		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
+	if (a->r) {
+		err_add_file(&a->err, a->name);
+		return;
+	}
+	a->info = *input_info(in);
+	snprintf(a->info_format, sizeof a->info_format, "%s", a->info.format);
+	a->info.format = a->info_format;
+	a->info.coords.name = a->name;
+	input_close(in);
+}
+
+static void info_done(struct sched_task *t)
+{
+	struct info_ask *a = (struct info_ask *)t;
+
+	if (t->ran)
+		sched_give(a->jobs->p.sched, t->name, t->bytes);
+	else
+		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
+	a->jobs->background--;
+	a->probed(a->token, a->r ? &a->err : NULL, a->name, a->r ? NULL : &a->info);
+	io_close(a->fd);
+	free(a->name);
+	free(a->format);
+	free(a);
+}
+
+void push_info(struct jobs *j, int fd, const char *name, const char *format,
+	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *),
+	       void *token)
+{
+	struct info_ask *a = calloc(1, sizeof *a);
+	struct err err = ERR_INIT;
+
+	if (a) {
+		a->name = strdup(name);
+		a->format = strdup(format);
+	}
+	if (!a || !a->name || !a->format) {
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+		if (a) {
+			free(a->name);
+			free(a->format);
+			free(a);
+		}
+		io_close(fd);
+		probed(token, &err, name, NULL);
+		return;
+	}
+	a->task = (struct sched_task){
+		.run = info_run,
+		.done = info_done,
+		.priority = SCHED_FIRST,
+		.name = LEDGER_INPUT,
+		.bytes = input_bytes(),
+	};
+	a->jobs = j;
+	a->fd = fd;
+	a->err = ERR_INIT;
+	a->probed = probed;
+	a->token = token;
+	j->background++;
+	sched_submit(j->p.sched, &a->task);
+}

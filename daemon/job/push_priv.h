@@ -1,0 +1,120 @@
+/* The insides of a push, shared by push.c (the queue of what was asked) and push_ask.c (what each asks). */
+#ifndef PUSH_PRIV_H
+#define PUSH_PRIV_H
+
+#include "job_priv.h"
+
+enum push_kind {
+	PUSH_BEGIN,
+	PUSH_PROBE,
+	PUSH_PLAN,
+	PUSH_STAGE,   /* of our own: memory for the stage */
+	PUSH_FILE,
+	PUSH_SYNC,    /* of our own: what was staged becomes durable */
+	PUSH_COMMIT,
+	PUSH_ABORT,
+	PUSH_CLOSE,   /* of our own, the last */
+	PUSH_KINDS
+};
+
+/* What identifies an input between its probe and its reading. */
+struct push_input_id {
+	uint64_t dev, ino, size;
+	int64_t mtime_ns, ctime_ns;
+};
+
+struct push_ask {
+	struct push_ask *next;
+	struct push *push;
+	enum push_kind kind;
+	void *token;
+	int fd;
+	char *name, *format;
+	/* of the worker */
+	int r;
+	struct err err;
+	struct input_info info;
+	char info_format[16];
+	struct push_input_id id;
+	uint32_t source;
+	struct pipe_ingested in;
+};
+
+struct push_probed {
+	char *name;
+	struct push_input_id id;
+	struct lattice_input coords;
+	char crs[512], unit_xy[16], unit_z[16];
+};
+
+struct push {
+	struct push *next;
+	struct jobs *jobs;
+	struct dataset *dataset;
+	uint64_t id;
+	struct push_calls calls;
+	void *ctx;
+	struct job_peer peer;
+	char *scale_xy, *scale_z, *format;
+	bool planar, accept_truncated;
+
+	struct sched_task task;
+	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
+	bool busy, waiting_row, row, left, committed, opened;
+	bool old_goes;               /* the manifest before this push's is used by nobody */
+	struct push_ask *last;       /* made beforehand, so that closing needs no memory */
+	unsigned unanswered;
+
+	struct grid_manifest *base;  /* as the push found it; NULL: none */
+	char base_name[64];
+	bool has_lattice;
+	struct lattice lattice;
+	char crs[512], unit_xy[16], unit_z[16];
+	char crs_of[256], unit_xy_of[256], unit_z_of[256]; /* the input that said so */
+	struct push_probed *probes;
+	size_t nprobes;
+
+	struct grid_stage *stage;
+	uint64_t stage_bytes;        /* charged */
+	bool broken;
+	struct err broken_err;
+	struct grid_source *sources;
+	size_t nsources;
+	uint32_t files;              /* staged whole */
+	uint32_t durable;
+	uint64_t unsynced_points;
+	uint64_t synced_ns, begun_ns;
+
+	struct grid_manifest *made;  /* by the commit */
+	char made_name[64];
+
+	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
+	uint64_t told_ns;
+	atomic_bool cancel;
+};
+
+/* Each kind: `start` (loop) says 0: submit p->task (prepared there) for `run`; PUSH_NOW: nothing for a worker,
+ * `done` at once; PUSH_WAIT: ask again later; negative: err says why, `done` at once with it. */
+enum { PUSH_NOW = 1, PUSH_WAIT = 2 };
+struct push_row {
+	int (*start)(struct push *, struct push_ask *, struct err *err);
+	void (*run)(struct push *, struct push_ask *);
+	/* Answers and tidies up. True: the ask is over; false: it is answered later (push_ask_over). */
+	bool (*done)(struct push *, struct push_ask *, const struct err *why);
+};
+extern const struct push_row push_rows[PUSH_KINDS];
+
+struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
+void push_ask_over(struct push *);  /* the first one */
+void push_pump(struct push *);
+struct push *push_free(struct push *);
+
+/* push_input.c: descriptors and what their inputs say */
+int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err);
+int push_compatible(struct push *, const char *name, const char *crs, const char *unit_xy, const char *unit_z,
+		    struct err *err);
+int push_choose_lattice(struct push *, struct err *err);
+int push_remember_probe(struct push *, const struct push_ask *, struct err *err);
+const struct push_probed *push_find_probe(const struct push *, const char *name);
+
+#endif

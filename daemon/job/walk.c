@@ -1,0 +1,509 @@
+/*
+ * The loop's side of a walk: which domain is made next, which is emitted next, and what gives way when memory is short.
+ *
+ * The model: domains [0, next_emit) are emitted; of [next_emit, next_start) those in the list are in memory or being
+ * made, the others are in the store, or were lost and are made again when their turn comes. At most one emission,
+ * one split and one output task run at a time. A walk never waits while it holds memory that others need: whatever is
+ * finished and not next can go to the store at any moment (walk_relieve), and the block being written can be spooled.
+ * A reader who is slow for a quarter of a second turns run-ahead in memory into run-ahead in the store.
+ */
+#include "walk.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "job_priv.h"
+#include "log.h"
+#include "walk_priv.h"
+
+#define STALL_SECONDS 0.25
+/* A failed walk lets a block that is half written be finished, so that the error can follow it. */
+#define FAREWELL_SECONDS 2.0
+
+static struct walk *walk_of_task(struct sched_task *t)
+{
+	return (struct walk *)((char *)t - offsetof(struct walk, task));
+}
+
+int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
+{
+	struct walk *w = calloc(1, sizeof *w);
+	int r;
+
+	if (!w)
+		return err_set(err, ERR_NOMEM, "no memory for a job");
+	w->view_text = strdup(p->view_text);
+	if (!w->view_text) {
+		free(w);
+		return err_set(err, ERR_NOMEM, "no memory for a job");
+	}
+	r = view_parse(p->view_text, &w->view, err);
+	if (r) {
+		free(w->view_text);
+		free(w);
+		return r;
+	}
+	w->jobs = p->jobs;
+	w->dataset = dataset_hold(p->dataset);
+	w->generation = p->generation;
+	w->keep = p->keep;
+	w->plan_only = p->plan_only;
+	w->patience = p->patience;
+	w->calls = p->calls;
+	w->ctx = p->ctx;
+	w->why = ERR_INIT;
+	w->err = ERR_INIT;
+	*ret = w;
+	return 0;
+}
+
+struct walk *walk_free(struct walk *w)
+{
+	if (!w)
+		return NULL;
+	cut_plan_done(&w->plan);
+	dataset_release(w->dataset);
+	free(w->view_text);
+	free(w);
+	return NULL;
+}
+
+static void shut(struct walk *w)
+{
+	pipe_emitter_free(w->emitter);
+	w->emitter = NULL;
+	if (w->grid) {
+		grid_close(w->grid);
+		w->grid = NULL;
+		dataset_close(w->dataset);
+	}
+	if (w->emitter_bytes)
+		sched_give(w->jobs->p.sched, LEDGER_EMITTER, w->emitter_bytes);
+	if (w->output_buffer)
+		sched_give(w->jobs->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
+	w->emitter_bytes = 0;
+	w->output_buffer = false;
+}
+
+/* ---- opening and planning ---- */
+
+static void open_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+	struct jobs *j = w->jobs;
+
+	w->err = ERR_INIT;
+	w->r = dataset_open(w->dataset, &w->err);
+	if (w->r)
+		return;
+	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->p.ledger, j->index_share, &w->grid,
+			 &w->err);
+	if (!w->r)
+		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter,
+					&w->err);
+	if (w->r) {
+		w->grid = grid_close(w->grid);
+		dataset_close(w->dataset);
+	}
+}
+
+static void open_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->task_busy = false;
+	if (t->ran)
+		w->emitter_bytes = t->bytes;
+	if (!t->ran || w->stopping || (w->r && w->r != -ERR_BUSY)) {
+		if (t->ran && w->r)
+			walk_fail(w, &w->err);
+		walk_settle(w);
+		return;
+	}
+	if (w->r) {
+		/* The index has no memory now: from the start, at the next tick. */
+		shut(w);
+		w->state = WALK_NEW;
+		return;
+	}
+	w->state = WALK_OPEN;
+	walk_settle(w);
+}
+
+static void open_start(struct walk *w)
+{
+	w->state = WALK_OPENING;
+	memcpy(w->manifest, w->dataset->manifest, sizeof w->manifest);
+	w->task = (struct sched_task){
+		.run = open_run,
+		.done = open_done,
+		.priority = SCHED_FIRST,
+		.name = LEDGER_EMITTER,
+		.bytes = w->jobs->emitter_share,
+	};
+	w->task_busy = true;
+	sched_submit(w->jobs->p.sched, &w->task);
+}
+
+static void plan_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+	struct grid_reader *reader = NULL;
+	size_t size = grid_reader_bytes(w->grid);
+	void *memory = aligned_alloc(64, (size + 63) & ~(size_t)63);
+
+	w->err = ERR_INIT;
+	if (!memory) {
+		w->r = err_set(&w->err, ERR_NOMEM, "no memory to read the grid");
+		return;
+	}
+	w->r = grid_reader_new(w->grid, memory, size, &reader, &w->err);
+	if (!w->r)
+		w->r = cut_plan_make(reader, w->budget.load, &w->plan, &w->err);
+	grid_reader_free(reader);
+	free(memory);
+}
+
+static void plan_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->task_busy = false;
+	if (t->ran) {
+		sched_give(w->jobs->p.sched, t->name, t->bytes);
+		if (w->r)
+			walk_fail(w, &w->err);
+	}
+	if (!w->stopping) {
+		w->plan_n = w->plan.n;
+		w->grid_total = grid_points(w->grid);
+		w->state = WALK_RUNNING;
+		w->started_ns = clock_mono_ns();
+		if (w->calls->planned)
+			w->calls->planned(w->ctx);
+		if (w->plan_only)
+			w->state = WALK_FINISHING;
+		else
+			walk_output_head(w);
+	}
+	walk_settle(w);
+}
+
+/* With what is left beside stages that are held now; where that is too little, later. */
+static void plan_start(struct walk *w)
+{
+	struct err err = ERR_INIT;
+	int r = pipe_budget(jobs_domain_memory(w->jobs), w->jobs->p.threads, w->grid, &w->budget, &err);
+
+	if (r) {
+		if (!jobs_staged(w->jobs))
+			walk_fail(w, &err);
+		return;
+	}
+	w->state = WALK_PLANNING;
+	w->task = (struct sched_task){
+		.run = plan_run,
+		.done = plan_done,
+		.priority = SCHED_FIRST,
+		.name = LEDGER_DOMAIN,
+		.bytes = grid_points(w->grid) ? grid_reader_bytes(w->grid) : 0,
+	};
+	w->task_busy = true;
+	if (grid_points(w->grid)) {
+		sched_submit(w->jobs->p.sched, &w->task);
+	} else {
+		/* No points, no domains. */
+		w->task_busy = false;
+		w->r = 0;
+		plan_done(&w->task);
+	}
+}
+
+/* ---- the end ---- */
+
+static void finish_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->err = ERR_INIT;
+	w->r = pipe_emitter_finish(w->emitter, &w->totals, &w->err);
+}
+
+static void finish_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->task_busy = false;
+	if (t->ran && w->r)
+		walk_fail(w, &w->err);
+	walk_settle(w);
+}
+
+static void over(struct walk *w)
+{
+	w->state = WALK_OVER;
+	shut(w);
+	w->calls->ended(w->ctx, w->why.code ? &w->why : NULL);
+}
+
+void walk_fail(struct walk *w, const struct err *why)
+{
+	struct walk_domain *d;
+
+	if (w->stopping || w->state == WALK_OVER)
+		return;
+	w->stopping = true;
+	w->stopped_ns = clock_mono_ns();
+	w->why = *why;
+	if (w->task_busy)
+		sched_cancel(w->jobs->p.sched, &w->task);
+	for (d = w->domains; d; d = d->next)
+		if (d->state != DOMAIN_READY && d->state != DOMAIN_SENDING)
+			sched_cancel(w->jobs->p.sched, &d->task);
+}
+
+void walk_stop(struct walk *w, const struct err *why)
+{
+	walk_fail(w, why);
+}
+
+static void settle_stopping(struct walk *w)
+{
+	struct walk_domain *d, *next;
+	bool farewell = w->sending && w->output && clock_since(w->stopped_ns) < FAREWELL_SECONDS;
+
+	for (d = w->domains; d; d = next) {
+		next = d->next;
+		if (d->state == DOMAIN_READY || (d->state == DOMAIN_SPLIT && w->splitting != d))
+			walk_domain_release(d);
+	}
+	if (w->task_busy || w->tasks || farewell)
+		return;
+	while (w->domains)
+		walk_domain_release(w->domains);
+	w->sending = w->emitting = NULL;
+	over(w);
+}
+
+/* ---- running ---- */
+
+static struct walk_domain *find(struct walk *w, size_t index)
+{
+	struct walk_domain *d;
+
+	for (d = w->domains; d && d->index != index; d = d->next)
+		;
+	return d;
+}
+
+/* Its reader is slow, or has not come yet: domains go to the store. */
+bool walk_backlog(const struct walk *w)
+{
+	if (w->output)
+		return w->output_busy && w->output->calls->stalled(w->output) > STALL_SECONDS;
+	return false;
+}
+
+/* A bound job's first block waits a while for its reader. */
+static bool awaits_output(const struct walk *w)
+{
+	return !w->output && w->patience > 0 && !w->next_emit && clock_since(w->started_ns) < w->patience;
+}
+
+bool walk_stalled(const struct walk *w)
+{
+	return w->state == WALK_RUNNING && walk_backlog(w) && !w->ndomains && w->next_start == w->plan_n;
+}
+
+static void split_next(struct walk *w)
+{
+	struct walk_domain *d;
+
+	for (d = w->domains; d && !w->splitting; d = d->next)
+		if (d->state == DOMAIN_SPLIT)
+			walk_domain_split(d);
+}
+
+/* True if something was started that may make more possible at once. */
+static bool emit_next(struct walk *w)
+{
+	struct walk_domain *d;
+
+	if (w->stopping || w->emitting || w->output_busy || w->output_working || awaits_output(w))
+		return false;
+	if (w->next_emit >= w->next_start)
+		return false;
+	d = find(w, w->next_emit);
+	if (!d) {
+		/* It is in the store, or lost. */
+		if (!w->splitting)
+			walk_domain_start(w, w->next_emit, SCHED_FIRST);
+		return false;
+	}
+	if (d->state != DOMAIN_READY)
+		return false;
+	walk_domain_emit(d);
+	return !w->emitting;
+}
+
+static void make_next(struct walk *w)
+{
+	unsigned window = w->budget.threads + 1;
+
+	while (!w->splitting && w->next_start < w->plan.n && w->ndomains < window) {
+		if (!walk_domain_start(w, w->next_start, SCHED_NORMAL))
+			return;
+		w->next_start++;
+	}
+}
+
+/* What waits for a slow reader goes to the store, the next one too. */
+static void store_backlog(struct walk *w)
+{
+	struct walk_domain *d, *next;
+
+	for (d = w->domains; d; d = next) {
+		next = d->next;
+		if (d->state == DOMAIN_READY && !d->unstorable)
+			walk_domain_store(d);
+	}
+}
+
+static void settle_running(struct walk *w)
+{
+	split_next(w);
+	while (emit_next(w))
+		;
+	if (!w->stopping && walk_backlog(w))
+		store_backlog(w);
+	if (!w->stopping)
+		make_next(w);
+	if (w->stopping) {
+		settle_stopping(w);
+		return;
+	}
+	if (w->splitting || w->domains || w->tasks || w->output_busy || w->next_emit != w->plan_n)
+		return;
+	w->state = WALK_FINISHING;
+	w->task = (struct sched_task){ .run = finish_run, .done = finish_done, .priority = SCHED_FIRST };
+	w->task_busy = true;
+	sched_submit(w->jobs->p.sched, &w->task);
+}
+
+void walk_settle(struct walk *w)
+{
+	if (w->state == WALK_OVER)
+		return;
+	if (w->stopping) {
+		settle_stopping(w);
+		return;
+	}
+	if (w->state == WALK_OPEN)
+		plan_start(w);
+	if (w->stopping) {
+		settle_stopping(w);
+		return;
+	}
+	if (w->state == WALK_RUNNING) {
+		split_next(w);
+		while (emit_next(w))
+			;
+		if (walk_backlog(w))
+			store_backlog(w);
+		make_next(w);
+		if (!w->stopping && !w->splitting && !w->domains && !w->tasks && !w->output_busy &&
+		    w->next_emit == w->plan.n) {
+			w->state = WALK_FINISHING;
+			w->task = (struct sched_task){ .run = finish_run, .done = finish_done,
+						       .priority = SCHED_FIRST };
+			w->task_busy = true;
+			sched_submit(w->jobs->p.sched, &w->task);
+		}
+		return;
+	}
+	if (w->state == WALK_FINISHING && !w->task_busy)
+		over(w);
+}
+
+void walk_start(struct walk *w)
+{
+	open_start(w);
+}
+
+void walk_relieve(struct walk *w)
+{
+	struct walk_domain *d, *next;
+
+	if (w->state != WALK_RUNNING || w->stopping)
+		return;
+	for (d = w->domains; d; d = next) {
+		next = d->next;
+		/* The next one to be emitted is on its way already, unless its reader is slow. */
+		if (d->state != DOMAIN_READY || (d->index == w->next_emit && !w->output_busy && !awaits_output(w)))
+			continue;
+		if (d->stored || d->unstorable)
+			walk_domain_release(d);
+		else
+			walk_domain_store(d);
+	}
+}
+
+void walk_tick(struct walk *w)
+{
+	if (w->state == WALK_NEW) {
+		if (w->stopping)
+			over(w);
+		else
+			open_start(w);
+		return;
+	}
+	walk_output_tick(w);
+	walk_settle(w);
+}
+
+/* ---- what others ask ---- */
+
+size_t walk_domain_bytes(const struct walk *w)
+{
+	return w->state == WALK_PLANNING || w->state == WALK_RUNNING ? w->budget.domain_bytes : 0;
+}
+
+const struct pipe_totals *walk_totals(const struct walk *w)
+{
+	return &w->totals;
+}
+
+const struct cut_plan *walk_plan(const struct walk *w)
+{
+	return &w->plan;
+}
+
+const struct pipe_budget *walk_budget(const struct walk *w)
+{
+	return &w->budget;
+}
+
+uint64_t walk_grid_points(const struct walk *w)
+{
+	return w->grid_total;
+}
+
+void walk_progress(const struct walk *w, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
+		   uint64_t *ret_domains_total)
+{
+	*ret_points = w->points;
+	*ret_total = w->grid_total;
+	*ret_domains = w->next_emit;
+	*ret_domains_total = w->plan_n;
+}
+
+uint64_t walk_first_ns(const struct walk *w)
+{
+	return w->first_ns;
+}
+
+bool walk_opens(const struct walk *w, const struct dataset *d)
+{
+	return w->dataset == d && (w->state == WALK_NEW || w->state == WALK_OPENING);
+}

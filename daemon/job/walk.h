@@ -1,0 +1,59 @@
+/*
+ * A walk over the plan of one mesh: opens the grid, plans, makes the domains (or takes them from the store), emits
+ * them in plan order, and hands their blocks to an output if there is one. A job is such a walk, and so is
+ * each later stream of its mesh. Loop only.
+ */
+#ifndef WALK_H
+#define WALK_H
+
+#include "job.h"
+#include "sched.h"
+
+struct walk;
+
+struct walk_calls {
+	void (*planned)(void *ctx);
+	void (*moved)(void *ctx);             /* progress */
+	void (*unread)(void *ctx, const struct err *why); /* the output is gone; may call walk_stop */
+	void (*ended)(void *ctx, const struct err *why); /* once; then walk_free */
+};
+
+struct walk_params {
+	struct jobs *jobs;
+	struct dataset *dataset;
+	uint64_t generation;
+	const char *view_text;
+	bool keep;              /* every finished domain goes to the store */
+	bool plan_only;         /* ends after the plan */
+	double patience;        /* seconds to wait for an output before the domains go to the store */
+	const struct walk_calls *calls;
+	void *ctx;
+};
+
+/* `ended` comes in any case, later. -ERR_USAGE: the view. */
+int walk_new(const struct walk_params *, struct walk **ret, struct err *err);
+/* Only after `ended`, or before walk_start. NULL is fine; returns NULL. */
+struct walk *walk_free(struct walk *);
+void walk_start(struct walk *);
+/* `ended` comes with `why` as soon as no worker is busy with it. */
+void walk_stop(struct walk *, const struct err *why);
+/* True if the walk has emitted nothing and has no output: it is its output then. */
+bool walk_attach(struct walk *, struct job_output *);
+/* The output is the caller's again. */
+struct job_output *walk_detach(struct walk *);
+void walk_settle(struct walk *);   /* start what can start */
+void walk_relieve(struct walk *);  /* somebody lacks memory: give what can be given */
+void walk_tick(struct walk *);
+
+bool walk_stalled(const struct walk *); /* waits for its reader only */
+bool walk_opens(const struct walk *, const struct dataset *); /* is about to open its manifest */
+size_t walk_domain_bytes(const struct walk *); /* 0: not planned */
+const struct pipe_totals *walk_totals(const struct walk *); /* after `ended` without why */
+const struct cut_plan *walk_plan(const struct walk *);
+const struct pipe_budget *walk_budget(const struct walk *);
+uint64_t walk_grid_points(const struct walk *);
+void walk_progress(const struct walk *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
+		   uint64_t *ret_domains_total);
+uint64_t walk_first_ns(const struct walk *); /* when the first triangles were there, 0: not yet */
+
+#endif

@@ -1,0 +1,386 @@
+/*
+ * The domains of a walk: their memory, and the tasks that make, split, store and emit them.
+ *
+ * The model: a domain's memory is mapped by the worker that makes it, of the size that was charged; when it is done,
+ * what its result does not need is unmapped and given back. A task owns its walk_domain from submit to done; the
+ * plan belongs to the worker while `splitting` is set.
+ */
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "clock.h"
+#include "job_priv.h"
+#include "log.h"
+#include "store.h"
+#include "walk_priv.h"
+
+#define HUGE_PAGE ((size_t)2 << 20)
+#define PAGE ((size_t)4096)
+
+static struct walk_domain *domain_of(struct sched_task *t)
+{
+	return (struct walk_domain *)((char *)t - offsetof(struct walk_domain, task));
+}
+
+/* ---- memory ---- */
+
+static size_t page_round(size_t n)
+{
+	return (n + PAGE - 1) & ~(PAGE - 1);
+}
+
+/* Huge pages save the kernel of the triangulation most of its TLB misses; the mapping starts on one and ends with
+ * the budget, so that no page beyond it can become resident. */
+static void *memory_map(size_t size)
+{
+	size_t whole = page_round(size) + HUGE_PAGE, head;
+	uint8_t *base = mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+
+	if (base == MAP_FAILED)
+		return NULL;
+	head = -(uintptr_t)base & (HUGE_PAGE - 1);
+	if (head)
+		munmap(base, head);
+	munmap(base + head + page_round(size), HUGE_PAGE - head);
+	madvise(base + head, page_round(size), MADV_HUGEPAGE);
+	return base + head;
+}
+
+/* Keeps the first `held` bytes. */
+static void memory_trim(struct walk_domain *d, size_t held)
+{
+	size_t keep = page_round(held);
+
+	if (!d->memory || keep >= d->size)
+		return;
+	munmap((uint8_t *)d->memory + keep, d->size - keep);
+	sched_give(d->walk->jobs->p.sched, LEDGER_DOMAIN, d->size - keep);
+	d->size = keep;
+	if (!keep)
+		d->memory = NULL;
+}
+
+void walk_domain_unmap(struct walk_domain *d)
+{
+	memory_trim(d, 0);
+}
+
+/* ---- the list ---- */
+
+static struct walk_domain *domain_add(struct walk *w, size_t index)
+{
+	struct walk_domain *d = calloc(1, sizeof *d), **at;
+	struct err err = ERR_INIT;
+
+	if (!d) {
+		err_set(&err, ERR_NOMEM, "no memory for a domain");
+		walk_fail(w, &err);
+		return NULL;
+	}
+	d->walk = w;
+	d->index = index;
+	d->err = ERR_INIT;
+	for (at = &w->domains; *at && (*at)->index < index; at = &(*at)->next)
+		;
+	d->next = *at;
+	*at = d;
+	w->ndomains++;
+	return d;
+}
+
+void walk_domain_release(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+	struct walk_domain **at;
+
+	for (at = &w->domains; *at != d; at = &(*at)->next)
+		;
+	*at = d->next;
+	w->ndomains--;
+	walk_domain_unmap(d);
+	free(d);
+}
+
+static void submit(struct walk_domain *d, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
+		   enum sched_priority priority, uint64_t bytes)
+{
+	d->task = (struct sched_task){
+		.run = run,
+		.done = done,
+		.priority = priority,
+		.name = LEDGER_DOMAIN,
+		.bytes = bytes,
+	};
+	d->walk->tasks++;
+	sched_submit(d->walk->jobs->p.sched, &d->task);
+}
+
+/* ---- making ---- */
+
+static bool load(struct walk_domain *d, struct digest key)
+{
+	struct walk *w = d->walk;
+	struct err err = ERR_INIT;
+	size_t size;
+	int r;
+
+	if (!store_has(w->jobs->domainsfd, key))
+		return false;
+	r = store_size(w->jobs->domainsfd, key, &size, &err);
+	if (!r && size <= d->size)
+		r = store_get(w->jobs->domainsfd, key, d->memory, d->size, &d->domain, &err);
+	else if (!r)
+		r = STORE_E_ABSENT;
+	if (r < 0)
+		log_err(LOG_LEVEL_WARNING, "a stored domain cannot be read, it is made again", &err);
+	d->stored = !r;
+	if (!r)
+		d->held = size;
+	return !r;
+}
+
+static void keep(struct walk_domain *d, struct digest key)
+{
+	struct err err = ERR_INIT;
+	int r = store_put(d->walk->jobs->domainsfd, key, &d->domain, &err);
+
+	d->stored = !r;
+	d->unstorable = r != 0;
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "a finished domain cannot be stored", &err);
+}
+
+static void make_run(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+	struct digest key = pipe_domain_key(w->grid, &w->view, &d->region);
+
+	d->err = ERR_INIT;
+	d->size = page_round(t->bytes);
+	d->memory = memory_map(d->size);
+	if (!d->memory) {
+		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
+		return;
+	}
+	d->r = 0;
+	if (load(d, key))
+		return;
+	d->r = pipe_domain(w->grid, &w->view, &d->region, &w->budget, d->memory, &d->domain, &d->need, &d->err);
+	if (d->r)
+		return;
+	d->held = pipe_domain_held(&d->domain, d->memory);
+	if (w->keep && !atomic_load(&t->cancel))
+		keep(d, key);
+}
+
+static void make_done(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+
+	w->tasks--;
+	if (t->ran && !d->memory)
+		sched_give(w->jobs->p.sched, t->name, t->bytes);
+	if (!t->ran || w->stopping) {
+		walk_domain_release(d);
+		return;
+	}
+	if (d->r == PIPE_E_SPLIT) {
+		walk_domain_unmap(d);
+		d->state = DOMAIN_SPLIT;
+	} else if (d->r) {
+		walk_fail(w, &d->err);
+		walk_domain_release(d);
+	} else {
+		memory_trim(d, d->held);
+		d->state = DOMAIN_READY;
+	}
+	walk_settle(w);
+}
+
+void walk_domain_restart(struct walk_domain *d, enum sched_priority priority)
+{
+	d->state = DOMAIN_MAKING;
+	d->stored = false;
+	submit(d, make_run, make_done, priority, page_round(d->walk->budget.domain_bytes));
+}
+
+struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_priority priority)
+{
+	struct walk_domain *d = domain_add(w, index);
+
+	if (!d)
+		return NULL;
+	d->region = w->plan.leaf[index].region;
+	walk_domain_restart(d, priority);
+	return d;
+}
+
+/* ---- splitting ---- */
+
+static void split_run(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+	struct grid_reader *reader = NULL;
+	size_t size = grid_reader_bytes(w->grid);
+	void *memory = aligned_alloc(64, (size + 63) & ~(size_t)63);
+
+	d->err = ERR_INIT;
+	if (!memory) {
+		d->r = err_set(&d->err, ERR_NOMEM, "no memory to read the grid");
+		return;
+	}
+	d->r = grid_reader_new(w->grid, memory, size, &reader, &d->err);
+	if (!d->r)
+		d->r = cut_plan_split(&w->plan, d->index, reader, d->need, w->budget.cap, &d->err);
+	grid_reader_free(reader);
+	free(memory);
+}
+
+static void split_done(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t), *other;
+	struct walk *w = d->walk;
+	size_t at = d->index;
+
+	w->tasks--;
+	w->splitting = NULL;
+	w->plan_n = w->plan.n;
+	if (t->ran)
+		sched_give(w->jobs->p.sched, t->name, t->bytes);
+	if (!t->ran || w->stopping || d->r) {
+		if (t->ran && d->r)
+			walk_fail(w, &d->err);
+		walk_domain_release(d);
+		walk_settle(w);
+		return;
+	}
+	for (other = w->domains; other; other = other->next)
+		if (other->index > at)
+			other->index++;
+	w->next_start++;
+	d->region = w->plan.leaf[at].region;
+	walk_domain_restart(d, SCHED_FIRST);
+	walk_domain_start(w, at + 1, SCHED_FIRST);
+	walk_settle(w);
+}
+
+void walk_domain_split(struct walk_domain *d)
+{
+	d->walk->splitting = d;
+	submit(d, split_run, split_done, SCHED_FIRST, grid_reader_bytes(d->walk->grid));
+}
+
+/* ---- storing ---- */
+
+static void store_run(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+
+	if (!d->stored)
+		keep(d, pipe_domain_key(w->grid, &w->view, &d->region));
+}
+
+static void store_done(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+
+	w->tasks--;
+	d->state = DOMAIN_READY;
+	if (d->stored || w->stopping)
+		walk_domain_release(d);
+	walk_settle(w);
+}
+
+void walk_domain_store(struct walk_domain *d)
+{
+	if (d->stored) {
+		walk_domain_release(d);
+		return;
+	}
+	d->state = DOMAIN_STORING;
+	submit(d, store_run, store_done, SCHED_FIRST, 0);
+}
+
+/* ---- emitting ---- */
+
+static int take_block(void *ctx, const struct mesh_block *block, struct err *err)
+{
+	struct walk *w = ctx;
+
+	w->emitting->state = DOMAIN_SENDING;
+	if (w->output)
+		w->output->calls->encode(w->output, block);
+	return 0;
+}
+
+static void emit_run(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+	struct mesh_sink sink = { .ctx = w, .block = take_block };
+
+	d->err = ERR_INIT;
+	d->r = pipe_emit(w->emitter, &d->domain, &d->region, &sink, &d->err);
+}
+
+static void emit_done(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+	bool block = d->state == DOMAIN_SENDING;
+
+	w->tasks--;
+	w->emitting = NULL;
+	w->output_working = false;
+	if (w->output_freed)
+		walk_output_drop(w);
+	if (!t->ran || d->r) {
+		if (t->ran)
+			walk_fail(w, &d->err);
+		walk_domain_release(d);
+		walk_settle(w);
+		return;
+	}
+	w->next_emit++;
+	w->points += d->domain.counts.points;
+	if (block && !w->first_ns)
+		w->first_ns = clock_mono_ns();
+	if (block && w->output) {
+		w->sending = d;
+		w->output_busy = true;
+		w->output->calls->send(w->output);
+	} else {
+		walk_domain_release(d);
+	}
+	if (w->calls->moved)
+		w->calls->moved(w->ctx);
+	walk_settle(w);
+}
+
+void walk_domain_emit(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+
+	if (!d->domain.ntriangle) {
+		/* Counted only: too little to ask a worker. */
+		struct err err = ERR_INIT;
+		int r = pipe_emit(w->emitter, &d->domain, &d->region, NULL, &err);
+
+		if (r)
+			walk_fail(w, &err);
+		w->next_emit++;
+		w->points += d->domain.counts.points;
+		walk_domain_release(d);
+		return;
+	}
+	d->state = DOMAIN_EMITTING;
+	w->emitting = d;
+	w->output_working = w->output != NULL;
+	submit(d, emit_run, emit_done, SCHED_FIRST, 0);
+}

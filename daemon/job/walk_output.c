@@ -1,0 +1,227 @@
+/*
+ * A walk and its output: when the head goes out, what happens when the reader is slow, and when it is gone.
+ *
+ * The model: output_busy from the moment a block was encoded until job_output_sent; output_working while a worker is
+ * inside one of the output's calls. A block whose reader has taken nothing for a while is spooled into a file without
+ * a name, so that its memory is free; it comes back through one small buffer.
+ */
+#include <string.h>
+
+#include "clock.h"
+#include "job_fetch.h"
+#include "job_priv.h"
+#include "log.h"
+#include "walk_priv.h"
+
+#define STALL_SECONDS 0.25
+#define SPOOL_AGAIN_SECONDS 5.0
+
+static struct walk *walk_of_output_task(struct sched_task *t)
+{
+	return (struct walk *)((char *)t - offsetof(struct walk, output_task));
+}
+
+bool walk_attach(struct walk *w, struct job_output *output)
+{
+	if (w->output || w->next_emit || w->emitting || w->stopping || w->state >= WALK_FINISHING)
+		return false;
+	w->output = output;
+	output->walk = w;
+	if (w->state == WALK_RUNNING)
+		walk_output_head(w);
+	walk_settle(w);
+	return true;
+}
+
+struct job_output *walk_detach(struct walk *w)
+{
+	struct job_output *output = w->output_freed ? NULL : w->output;
+
+	if (output)
+		output->walk = NULL;
+	w->output = NULL;
+	return output;
+}
+
+/* Same generation, view and regions, made by the same kernel: the same blocks in the same order. */
+static struct digest stream_id(const struct walk *w)
+{
+	struct digest id = digest_hash(w->view_text, strlen(w->view_text));
+	uint64_t n[2] = { w->generation, w->plan.n };
+	size_t i;
+
+	digest_add(&id, digest_hash(n, sizeof n));
+	for (i = 0; i < w->plan.n; i++) {
+		struct digest key = pipe_domain_key(w->grid, &w->view, &w->plan.leaf[i].region);
+
+		digest_add(&id, digest_hash(&key, sizeof key));
+		/* Enough to tell plans apart: the whole plan follows from the first regions and the load. */
+		if (i == 8)
+			break;
+	}
+	return id;
+}
+
+void walk_output_head(struct walk *w)
+{
+	struct job_stream_head head = {
+		.manifest = NULL,
+		.view = w->view_text,
+		.box = { 0, 0, 0, 0, 0, 0 },
+	};
+	int32_t box[4];
+
+	if (!w->output || w->output_head || w->stopping)
+		return;
+	w->output_head = true;
+	head.manifest = grid_manifest(w->grid);
+	head.id = stream_id(w);
+	if (grid_box(w->grid, box)) {
+		head.box[0] = box[0];
+		head.box[1] = box[1];
+		head.box[2] = INT32_MIN;
+		head.box[3] = box[2];
+		head.box[4] = box[3];
+		head.box[5] = INT32_MAX;
+	}
+	w->output->calls->head(w->output, &head);
+}
+
+static void buffer_give(struct walk *w)
+{
+	if (w->output_buffer)
+		sched_give(w->jobs->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
+	w->output_buffer = false;
+}
+
+static void sending_release(struct walk *w)
+{
+	if (w->sending)
+		walk_domain_release(w->sending);
+	w->sending = NULL;
+}
+
+/* ---- spooling ---- */
+
+static void spool_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_output_task(t);
+
+	w->err = ERR_INIT;
+	w->r = w->output->calls->spool(w->output, w->jobs->tempfd, &w->err);
+}
+
+static void refill_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_output_task(t);
+
+	w->err = ERR_INIT;
+	w->r = w->output->calls->refill(w->output, &w->err);
+}
+
+static void output_task_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_output_task(t);
+	bool refill = t->run == refill_run;
+
+	w->tasks--;
+	w->output_working = false;
+	if (refill && t->ran && t->bytes)
+		w->output_buffer = true;
+	if (w->output_freed) {
+		walk_output_drop(w);
+	} else if (t->ran && w->r && refill) {
+		walk_fail(w, &w->err);
+	} else if (t->ran && w->r) {
+		log_err(LOG_LEVEL_WARNING, "a block for a slow reader cannot be spooled", &w->err);
+		w->spool_failed_ns = clock_mono_ns();
+		w->output->calls->send(w->output);
+	} else if (t->ran) {
+		if (!refill)
+			sending_release(w);
+		w->output->calls->send(w->output);
+	}
+	walk_settle(w);
+}
+
+static void output_submit(struct walk *w, void (*run)(struct sched_task *), uint64_t bytes)
+{
+	w->output_task = (struct sched_task){
+		.run = run,
+		.done = output_task_done,
+		.priority = SCHED_FIRST,
+		.name = LEDGER_PIPE,
+		.bytes = bytes,
+	};
+	w->output_working = true;
+	w->tasks++;
+	sched_submit(w->jobs->p.sched, &w->output_task);
+}
+
+void walk_output_tick(struct walk *w)
+{
+	if (!w->output || !w->output_busy || w->output_working || !w->sending || w->stopping)
+		return;
+	if (w->output->calls->stalled(w->output) <= STALL_SECONDS)
+		return;
+	if (w->spool_failed_ns && clock_since(w->spool_failed_ns) < SPOOL_AGAIN_SECONDS)
+		return;
+	output_submit(w, spool_run, 0);
+}
+
+void job_output_dry(struct job_output *output)
+{
+	struct walk *w = output->walk;
+
+	if (!w || w->output_working)
+		return;
+	output_submit(w, refill_run, w->output_buffer ? 0 : JOB_OUTPUT_BUFFER);
+}
+
+/* ---- ends ---- */
+
+void job_output_sent(struct job_output *output)
+{
+	struct walk *w = output->walk;
+
+	if (!w || !w->output_busy)
+		return;
+	w->output_busy = false;
+	buffer_give(w);
+	sending_release(w);
+	walk_settle(w);
+}
+
+/* The output goes for good; a worker that was in it has left. */
+void walk_output_drop(struct walk *w)
+{
+	struct job_output *output = w->output;
+	void (*freed)(struct job_output *) = w->output_freed;
+
+	w->output = NULL;
+	w->output_freed = NULL;
+	w->output_busy = false;
+	buffer_give(w);
+	sending_release(w);
+	output->walk = NULL;
+	freed(output);
+}
+
+void job_output_gone(struct job_output *output, void (*freed)(struct job_output *))
+{
+	struct walk *w = output->walk;
+	struct err why = ERR_INIT;
+
+	if (!w) {
+		job_fetch_forget(output);
+		freed(output);
+		return;
+	}
+	w->output_freed = freed;
+	if (!w->output_working)
+		walk_output_drop(w);
+	err_set(&why, ERR_CANCELLED, "nobody reads the stream any more");
+	if (w->calls->unread)
+		w->calls->unread(w->ctx, &why);
+	walk_settle(w);
+}

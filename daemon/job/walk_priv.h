@@ -1,0 +1,95 @@
+/* The insides of a walk, shared by walk.c (the loop's side), walk_domain.c (tasks) and walk_output.c. */
+#ifndef WALK_PRIV_H
+#define WALK_PRIV_H
+
+#include "walk.h"
+
+enum walk_domain_state {
+	DOMAIN_MAKING,    /* a task makes or loads it */
+	DOMAIN_SPLIT,     /* waits to be split, or is */
+	DOMAIN_READY,     /* in memory, not emitted */
+	DOMAIN_STORING,   /* a task stores it, to free its memory */
+	DOMAIN_EMITTING,  /* a task emits it */
+	DOMAIN_SENDING,   /* its block is being written */
+};
+
+/* One domain between its start and its last byte. Those before walk.next_start that are neither emitted nor here
+ * are in the store (or lost, and then made again). */
+struct walk_domain {
+	struct sched_task task;
+	struct walk *walk;
+	struct walk_domain *next;  /* by index */
+	enum walk_domain_state state;
+	size_t index;
+	struct cut_region region;
+	struct mesh_domain domain;
+	void *memory;
+	size_t size;               /* mapped, and charged to LEDGER_DOMAIN */
+	size_t held;               /* of it, what the result needs */
+	bool stored, unstorable;
+	uint64_t need;
+	int r;
+	struct err err;
+};
+
+struct walk {
+	struct jobs *jobs;
+	struct dataset *dataset;
+	uint64_t generation;
+	struct view view;
+	char *view_text;
+	char manifest[64];
+	bool keep, plan_only;
+	double patience;
+	const struct walk_calls *calls;
+	void *ctx;
+
+	enum { WALK_NEW, WALK_OPENING, WALK_OPEN, WALK_PLANNING, WALK_RUNNING, WALK_FINISHING, WALK_OVER } state;
+	struct sched_task task;    /* of opening, planning, finishing */
+	bool task_busy;
+	int r;
+	struct err err;
+
+	struct grid *grid;
+	uint64_t emitter_bytes;    /* charged */
+	struct pipe_emitter *emitter;
+	struct pipe_budget budget;
+	struct cut_plan plan;      /* a worker's while `splitting` */
+	struct walk_domain *splitting;
+
+	struct walk_domain *domains;
+	unsigned ndomains, tasks;  /* tasks: of domains and output, not over */
+	size_t next_start, next_emit;
+	size_t plan_n;             /* plan.n, for whoever asks while a worker has the plan */
+	struct walk_domain *emitting, *sending;
+
+	struct job_output *output;
+	struct sched_task output_task;
+	bool output_head, output_busy, output_working; /* head sent; a block is not all written; a worker has it */
+	bool output_refilling, output_buffer;
+	bool output_spooling;
+	void (*output_freed)(struct job_output *);
+	uint64_t spool_failed_ns;
+
+	uint64_t started_ns, first_ns, stopped_ns;
+	uint64_t points, grid_total; /* emitted; in the generation */
+	bool stopping;
+	struct err why;
+	struct pipe_totals totals;
+};
+
+void walk_fail(struct walk *, const struct err *why);
+/* NULL: no memory, the walk fails. */
+struct walk_domain *walk_domain_start(struct walk *, size_t index, enum sched_priority);
+void walk_domain_restart(struct walk_domain *, enum sched_priority);
+void walk_domain_emit(struct walk_domain *);
+void walk_domain_store(struct walk_domain *);
+void walk_domain_split(struct walk_domain *);
+void walk_domain_release(struct walk_domain *); /* takes it out of the list and frees it */
+void walk_domain_unmap(struct walk_domain *);
+bool walk_backlog(const struct walk *);
+void walk_output_tick(struct walk *);
+void walk_output_head(struct walk *);
+void walk_output_drop(struct walk *);
+
+#endif
