@@ -88,7 +88,7 @@ static int user_version(struct catalogue *c, int *ret, struct err *err)
 
 static int open_db(struct catalogue *c, const char *path, struct err *err)
 {
-	int r, version;
+	int r, version = 0;
 
 	sqlite3_soft_heap_limit64(1 << 20);
 	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL) !=

@@ -268,14 +268,14 @@ struct dataset *dataset_find(struct jobs *j, const char *name, const struct job_
 	return NULL;
 }
 
-struct dataset *dataset_after(struct jobs *j, uint64_t id)
+struct dataset *dataset_after(struct jobs *j, const char *name)
 {
-	struct dataset *d;
+	struct dataset *d, *best = NULL;
 
-	for (d = j->datasets; d && !d->onestep; d = d->next)
-		if (d->id > id)
-			return d;
-	return NULL;
+	for (d = j->datasets; d; d = d->next)
+		if (!d->onestep && d->generation && strcmp(d->name, name) > 0 && (!best || strcmp(d->name, best->name) < 0))
+			best = d;
+	return best;
 }
 
 void dataset_info(const struct dataset *d, struct dataset_info *ret)

@@ -130,15 +130,6 @@ static void walk_moved(void *ctx)
 	((struct job *)ctx)->moved = true;
 }
 
-/* The client of a bound job closed its stream: it wants no mesh. An unbound job goes on without. */
-static void walk_unread(void *ctx, const struct err *why)
-{
-	struct job *job = ctx;
-
-	if (job->bound)
-		walk_stop(job->walk, why);
-}
-
 static void walk_ended(void *ctx, const struct err *why)
 {
 	struct job *job = ctx;
@@ -150,7 +141,8 @@ static void walk_ended(void *ctx, const struct err *why)
 	}
 }
 
-static const struct walk_calls calls = { walk_planned, walk_moved, walk_unread, walk_ended };
+/* A stream that ends early ends nothing else. */
+static const struct walk_calls calls = { .planned = walk_planned, .moved = walk_moved, .ended = walk_ended };
 
 /* ---- the states ---- */
 

@@ -71,8 +71,8 @@ struct dataset_info {
 };
 /* NULL: none. One-step datasets are seen by their owner only. */
 struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
-/* Named datasets by id, those after `id`; NULL at the end. */
-struct dataset *dataset_after(struct jobs *, uint64_t id);
+/* Named datasets that have a generation, by name: the first after `name`; NULL at the end. */
+struct dataset *dataset_after(struct jobs *, const char *name);
 void dataset_info(const struct dataset *, struct dataset_info *ret);
 /* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed. */
 struct dataset *dataset_hold(struct dataset *);
@@ -183,6 +183,7 @@ struct job_output_calls {
 	/* Loop. */
 	void (*head)(struct job_output *, const struct job_stream_head *);
 	void (*send)(struct job_output *);    /* what was encoded; job_output_sent when all of it is written */
+	void (*pause)(struct job_output *);   /* a worker gets it next; `send` comes when it is back */
 	double (*stalled)(struct job_output *); /* seconds since bytes last moved, 0 if none wait */
 	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
 	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *, const struct job_report *);

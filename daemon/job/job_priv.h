@@ -5,7 +5,7 @@
 #include "catalogue.h"
 #include "job.h"
 #include "ledger.h"
-#include "sched.h"
+#include "sched_pool.h"
 #include "walk.h"
 
 enum { DATASET_NAME_MAX = 64 };

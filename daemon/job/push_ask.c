@@ -266,6 +266,10 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 		err_set(err, ERR_USAGE, "the push has no lattice yet: PushPlan comes before File");
 		return err_add_file(err, a->name);
 	}
+	if (!push_find_probe(p, a->name)) {
+		err_set(err, ERR_USAGE, "the file was not probed: Probe comes before PushPlan and File");
+		return err_add_file(err, a->name);
+	}
 	if (!p->stage) {
 		if (!push_ask_new(p, PUSH_STAGE, NULL, true))
 			return err_set(err, ERR_NOMEM, "no memory for a request");
@@ -314,7 +318,7 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 
 	remember_info(a, in);
 	atomic_store(&p->claimed, a->info.claimed);
-	if (probe && !same_input(&probe->id, &a->id))
+	if (!same_input(&probe->id, &a->id))
 		return changed(a->name, "after its header was read", &a->err);
 	r = push_compatible(p, a->name, a->info.crs, a->info.unit_xy, a->info.unit_z, &a->err);
 	if (!r)

@@ -405,24 +405,9 @@ void walk_settle(struct walk *w)
 		settle_stopping(w);
 		return;
 	}
-	if (w->state == WALK_RUNNING) {
-		split_next(w);
-		while (emit_next(w))
-			;
-		if (walk_backlog(w))
-			store_backlog(w);
-		make_next(w);
-		if (!w->stopping && !w->splitting && !w->domains && !w->tasks && !w->output_busy &&
-		    w->next_emit == w->plan.n) {
-			w->state = WALK_FINISHING;
-			w->task = (struct sched_task){ .run = finish_run, .done = finish_done,
-						       .priority = SCHED_FIRST };
-			w->task_busy = true;
-			sched_submit(w->jobs->p.sched, &w->task);
-		}
-		return;
-	}
-	if (w->state == WALK_FINISHING && !w->task_busy)
+	if (w->state == WALK_RUNNING)
+		settle_running(w);
+	else if (w->state == WALK_FINISHING && !w->task_busy)
 		over(w);
 }
 

@@ -7,7 +7,7 @@
 #define WALK_H
 
 #include "job.h"
-#include "sched.h"
+#include "sched_pool.h"
 
 struct walk;
 

@@ -153,6 +153,7 @@ static void output_submit(struct walk *w, void (*run)(struct sched_task *), uint
 		.name = LEDGER_PIPE,
 		.bytes = bytes,
 	};
+	w->output->calls->pause(w->output);
 	w->output_working = true;
 	w->tasks++;
 	sched_submit(w->jobs->p.sched, &w->output_task);

@@ -1,5 +1,6 @@
 /*
  * Tasks on worker threads, admitted under the budget. Knows no geometry and no jobs.
+ * (Not called sched.h: that is a header of the C library.)
  *
  * A task says which ledger name it takes and how many bytes; they are taken when it starts and belong to
  * whoever submitted it from then on (given back with sched_give). Tasks start in the order of their
@@ -7,8 +8,8 @@
  * that needs memory overtakes it; tasks that need none do. All calls are for the loop thread, except those
  * said to be for workers.
  */
-#ifndef SCHED_H
-#define SCHED_H
+#ifndef SCHED_POOL_H
+#define SCHED_POOL_H
 
 #include <stdatomic.h>
 #include <stdbool.h>

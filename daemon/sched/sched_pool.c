@@ -6,7 +6,7 @@
  * so that the first in the queue cannot lose a race for bytes that were just given back. The loop hears of
  * ends and of starvation through an eventfd. Sched never waits for memory while holding some.
  */
-#include "sched.h"
+#include "sched_pool.h"
 
 #include <errno.h>
 #include <pthread.h>
