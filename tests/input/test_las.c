@@ -187,6 +187,77 @@ static void coordinate_systems(void **state)
 	}
 }
 
+/* Writes a record of WKT at `at`; returns the byte behind it. */
+static size_t put_record(struct bytes b, size_t at, const char *user, uint16_t size, const char *wkt)
+{
+	memset(b.at + at, 0, 54);
+	memcpy(b.at + at + 2, user, strlen(user));
+	b.at[at + 18] = 2112 & 255;
+	b.at[at + 19] = 2112 >> 8;
+	b.at[at + 20] = (uint8_t)size;
+	b.at[at + 21] = (uint8_t)(size >> 8);
+	memcpy(b.at + at + 54, wkt, strlen(wkt));
+	return at + 54 + strlen(wkt);
+}
+
+/* The standard's own record goes before libLAS' and others', the first before the second. */
+static void several_records(void **state)
+{
+	struct las_spec s = { .minor = 2, .n = 9, .gap = 2000, .vlrs_more = 4 };
+	struct bytes b = fixture_las(&s);
+	size_t at = 227;
+	struct outcome out;
+
+	at = put_record(b, at, "liblas", sizeof GEOCENTRIC - 1, GEOCENTRIC);
+	at = put_record(b, at, "somebody", sizeof GEOGRAPHIC - 1, GEOGRAPHIC);
+	at = put_record(b, at, "LASF_Projection", sizeof PROJECTED - 1, PROJECTED);
+	put_record(b, at, "LASF_Projection", sizeof GEOGRAPHIC - 1, GEOGRAPHIC);
+	out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
+	assert_int_equal(out.code, 0);
+	assert_string_equal(out.info.crs, "EPSG:32632");
+	assert_string_equal(out.info.warning, "");
+	free(b.at);
+}
+
+/* A record that does not fit before the points, or behind them, or is too large for any text: not read. */
+static void records_that_lie_of_their_size(void **state)
+{
+	struct las_spec s = { .minor = 2, .n = 9, .gap = 500, .vlrs_more = 1 };
+	struct bytes b = fixture_las(&s);
+	size_t size = 70000;
+	char *wkt = malloc(size + 1);
+	struct outcome out;
+
+	put_record(b, 227, "LASF_Projection", 447, PROJECTED);
+	out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
+	assert_int_equal(out.code, 0);
+	assert_string_equal(out.info.crs, "unknown");
+	assert_non_null(strstr(out.info.warning, "1 variable length records claimed, 0 read"));
+	put_record(b, 227, "LASF_Projection", 446, PROJECTED);
+	out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
+	assert_string_equal(out.info.crs, "EPSG:32632");
+	free(b.at);
+
+	memset(wkt, ' ', size);
+	memcpy(wkt, PROJECTED, sizeof PROJECTED - 1);
+	wkt[size] = 0;
+	for (int lie = 0; lie < 3; lie++) {
+		s = (struct las_spec){ .minor = 4, .format = 6, .n = 9, .wkt_behind = true };
+		s.wkt = lie < 2 ? wkt : PROJECTED;
+		wkt[lie ? 65536 : size] = 0;
+		b = fixture_las(&s);
+		if (lie == 2)
+			memset(b.at + 375 + 9 * 30 + 20, 0xff, 8); /* 2^64 - 1 bytes */
+		out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
+		assert_int_equal(out.code, 0);
+		assert_int_equal(out.points, 9);
+		assert_string_equal(out.info.crs, lie == 1 ? "EPSG:32632" : "unknown");
+		assert_true(lie == 1 || strstr(out.info.warning, lie ? "claimed, 0 read" : "70000 bytes was not read"));
+		free(b.at);
+	}
+	free(wkt);
+}
+
 struct lie {
 	unsigned minor, format;
 	size_t at;
@@ -395,6 +466,8 @@ int main(void)
 		cmocka_unit_test(coordinates),
 		cmocka_unit_test(harmless_quirks),
 		cmocka_unit_test(coordinate_systems),
+		cmocka_unit_test(several_records),
+		cmocka_unit_test(records_that_lie_of_their_size),
 		cmocka_unit_test(lies_that_matter),
 		cmocka_unit_test(lies_that_do_not_matter),
 		cmocka_unit_test(truncation_accepted),
