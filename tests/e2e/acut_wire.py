@@ -1,0 +1,429 @@
+"""A second implementation of acut's protocol, written from proto/PROTOCOL.md, proto/STREAM.md and acut.proto alone,
+with the official protobuf library. For tests; it checks everything that those pages promise and takes nothing on trust.
+"""
+import array
+import os
+import select
+import socket
+import stat
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+
+HEADER = struct.Struct("<HHIIB3s")
+MAGIC, VERSION, BODY_MAX = 0x4341, 1, 65536 - 16
+U64 = (1 << 64) - 1
+
+
+class Fault(AssertionError):
+    """What the tests' runner counts as a failure."""
+
+
+class Breach(Fault):
+    """The other side does not keep to the protocol."""
+
+
+class Gone(Fault):
+    """The other side closed the connection between two frames."""
+
+
+class Refused(Fault):
+    """An Error was the answer."""
+
+    def __init__(self, error):
+        super().__init__("%s: %s" % (error.code, error.message))
+        self.error, self.code = error, error.code
+
+
+def load_messages():
+    """The module that protoc makes of acut.proto."""
+    proto = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "proto")
+    with tempfile.TemporaryDirectory(prefix="acut-pb2-") as out:
+        subprocess.run(["protoc", "--python_out=" + out, "--proto_path=" + proto, "acut.proto"], check=True)
+        sys.path.insert(0, out)
+        try:
+            import acut_pb2
+        finally:
+            sys.path.remove(out)
+    return acut_pb2
+
+
+pb = load_messages()
+
+
+# ---- frames ----
+
+def pack(request_id, message, descriptors=0):
+    """A frame as bytes. `message`: a Message, or bytes for a broken one."""
+    body = message if isinstance(message, bytes) else message.SerializeToString()
+    return HEADER.pack(MAGIC, VERSION, len(body), request_id, descriptors, b"\0\0\0") + body
+
+
+class Wire:
+    """Frames over a socket, waiting."""
+
+    def __init__(self, path, timeout=20.0):
+        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.sock.settimeout(timeout)
+        self.sock.connect(path)
+        self.timeout = timeout
+
+    def fileno(self):
+        return self.sock.fileno()
+
+    def close(self):
+        self.sock.close()
+
+    def send_raw(self, data, fds=()):
+        """All bytes; the descriptors go with the first of them."""
+        control = [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array("i", fds))] if fds else []
+        sent = self.sock.sendmsg([data], control)
+        if sent < len(data):
+            self.sock.sendall(data[sent:])
+
+    def send(self, request_id, message, fd=-1):
+        self.send_raw(pack(request_id, message, fd >= 0), [fd] if fd >= 0 else [])
+
+    def _read(self, n, fds, at_start):
+        data = b""
+        while len(data) < n:
+            part, got, flags, _ = socket.recv_fds(self.sock, n - len(data), 8, socket.MSG_CMSG_CLOEXEC)
+            fds.extend(got)
+            if flags & socket.MSG_CTRUNC:
+                raise Breach("more descriptors than fit")
+            if not part:
+                if at_start and not data:
+                    raise Gone()
+                raise Breach("the connection ended inside a frame")
+            data += part
+        return data
+
+    def recv(self):
+        """(request id, Message, descriptor or -1)."""
+        fds = []
+        try:
+            head = self._read(HEADER.size, fds, True)
+            magic, version, length, request_id, descriptors, zero = HEADER.unpack(head)
+            if magic != MAGIC or version != VERSION or length > BODY_MAX or zero != b"\0\0\0" or descriptors > 1:
+                raise Breach("bad header %r" % head)
+            message = pb.Message()
+            message.ParseFromString(self._read(length, fds, False))
+            if len(fds) != descriptors:
+                raise Breach("%d descriptors announced, %d came" % (descriptors, len(fds)))
+        except BaseException:
+            for fd in fds:
+                os.close(fd)
+            raise
+        return request_id, message, fds[0] if fds else -1
+
+
+# ---- requests ----
+
+class Client:
+    """A well-behaved client. `body` names a member of Message.body."""
+
+    def __init__(self, path, greet=True, timeout=20.0):
+        self.wire = Wire(path, timeout)
+        self.last = 0
+        self.durable = {}      # request id of a PushBegin: files 1..n are safe
+        self.progress = []
+        self.waiting = {}      # answers that came before somebody asked
+        self.hello = None
+        if greet:
+            self.hello = self.ask("hello", pb.Hello(version_min=1, version_max=1, build="python", program="acut_wire"))
+
+    def close(self):
+        self.wire.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        self.close()
+
+    def send(self, body, value, fd=-1):
+        self.last += 1
+        message = pb.Message()
+        getattr(message, body).CopyFrom(value)
+        if message.WhichOneof("body") != body:
+            getattr(message, body).SetInParent()
+        self.wire.send(self.last, message, fd)
+        return self.last
+
+    def answer(self, request_id, *want):
+        """The next answer to the request that is not progress: (value, descriptor)."""
+        while True:
+            queue = self.waiting.get(request_id)
+            got, message, fd = (request_id,) + queue.pop(0) if queue else self.wire.recv()
+            kind = message.WhichOneof("body")
+            if kind == "progress":
+                self.progress.append(message.progress)
+            elif kind == "durable":
+                if message.durable.files < self.durable.get(got, 0):
+                    raise Breach("Durable went back")
+                self.durable[got] = message.durable.files
+            elif got == 0 and kind == "error":
+                raise Refused(message.error)
+            elif got != request_id:
+                self.waiting.setdefault(got, []).append((message, fd))
+            elif kind == "error":
+                raise Refused(message.error)
+            elif kind not in want:
+                raise Breach("%s came, %s was expected" % (kind, want))
+            else:
+                return getattr(message, kind), fd
+
+    ANSWERS = {
+        "hello": "hello", "ping": "done", "status_request": "status", "push_begin": "push_begun", "probe": "probed",
+        "push_plan": "push_planned", "file": "file_done", "push_commit": "push_committed", "push_abort": "done",
+        "submit": "job", "fetch": "fetching", "wait": "job", "cancel": "job", "remove": "done", "jobs_request": "jobs",
+        "datasets_request": "datasets", "plan_request": "plan", "info_request": "probed",
+    }
+
+    def ask(self, body, value, fd=-1):
+        value, got = self.answer(self.send(body, value, fd), self.ANSWERS[body])
+        if got >= 0 and body != "fetch":
+            os.close(got)
+            raise Breach("a descriptor came with the answer to " + body)
+        return (value, got) if body == "fetch" else value
+
+    def ping(self):
+        start = time.monotonic()
+        self.ask("ping", pb.Ping())
+        return time.monotonic() - start
+
+    def push(self, paths, dataset="", planar=False):
+        """All files into a dataset; the PushCommitted."""
+        begun = self.ask("push_begin", pb.PushBegin(dataset=dataset, planar=planar))
+        files = [(p, os.open(p, os.O_RDONLY | os.O_CLOEXEC)) for p in paths]
+        try:
+            for path, fd in files:
+                self.ask("probe", pb.Probe(push=begun.push, name=path), fd)
+            self.ask("push_plan", pb.PushPlan(push=begun.push))
+            for path, fd in files:
+                self.ask("file", pb.File(push=begun.push, name=path), fd)
+        finally:
+            for _, fd in files:
+                os.close(fd)
+        return self.ask("push_commit", pb.PushCommit(push=begun.push))
+
+    def wait(self, job):
+        """Until the job is final."""
+        request = self.send("wait", pb.Wait(job=job, watch=True))
+        while True:
+            value, _ = self.answer(request, "job")
+            if value.final:
+                return value
+
+    def fetch(self, job):
+        """The whole mesh of a job, checked."""
+        _, fd = self.ask("fetch", pb.Fetch(job=job))
+        try:
+            return Mesh(PipeReader(fd, self.wire.timeout))
+        finally:
+            os.close(fd)
+
+
+# ---- the mesh stream ----
+
+class PipeReader:
+    """Bytes from a descriptor that may be non-blocking."""
+
+    def __init__(self, fd, timeout):
+        if not stat.S_ISFIFO(os.fstat(fd).st_mode):
+            raise Breach("the mesh comes by something that is no pipe")
+        self.fd, self.timeout = fd, timeout
+
+    def read(self, n):
+        while True:
+            if not select.select([self.fd], [], [], self.timeout)[0]:
+                raise TimeoutError("the mesh stream stands still")
+            try:
+                return os.read(self.fd, n)
+            except BlockingIOError:
+                continue
+
+
+def read_all(source, n):
+    data = bytearray()
+    while len(data) < n:
+        part = source.read(n - len(data))
+        if not part:
+            break
+        data += part
+    return bytes(data)
+
+
+class Digest:
+    """Sums of XXH3-128, high and low halves apart."""
+
+    def __init__(self):
+        self.high = self.low = 0
+
+    def add(self, data):
+        import xxhash
+        value = xxhash.xxh3_128_intdigest(data)
+        self.high = (self.high + (value >> 64)) & U64
+        self.low = (self.low + value) & U64
+
+    def __str__(self):
+        return "%016x%016x" % (self.high, self.low)
+
+
+class Fields:
+    """A payload, read from its start."""
+
+    def __init__(self, data):
+        self.data, self.at = data, 0
+
+    def take(self, fmt):
+        values = struct.unpack_from("<" + fmt, self.data, self.at)
+        self.at += struct.calcsize("<" + fmt)
+        return values[0] if len(values) == 1 else values
+
+    def rows(self, fmt, count):
+        size = struct.calcsize("<" + fmt)
+        if self.at + size * count > len(self.data):
+            raise Breach("an array runs over the end of its frame")
+        rows = list(struct.iter_unpack("<" + fmt, self.data[self.at:self.at + size * count]))
+        self.at += size * count
+        return rows
+
+    def text(self):
+        n = self.take("H")
+        if self.at + n > len(self.data):
+            raise Breach("a text runs over the end of its frame")
+        self.at += n
+        return self.data[self.at - n:self.at].decode()
+
+    def end(self):
+        rest = self.data[self.at:]
+        if len(rest) >= 8 or any(rest):
+            raise Breach("%d bytes are left in a frame" % len(rest))
+
+
+class JobFailed(Fault):
+    def __init__(self, code, message):
+        super().__init__("%s: %s" % (code, message))
+        self.code = code
+
+
+class Mesh:
+    """Reads a stream to its end and checks it."""
+
+    def __init__(self, source):
+        self.source = source
+        self.positions, self.triangles, self.indexes = [], [], []
+        self.ended = set()     # vertices that were marked final
+        self.digest, self.vertex_digest = Digest(), Digest()
+        self.done = False
+        kind, payload = self.frame()
+        if kind != 1:
+            raise Breach("the stream starts with a frame of type %d" % kind)
+        self.read_head(Fields(payload))
+        while not self.done:
+            kind, payload = self.frame()
+            if kind == 2:
+                self.read_block(Fields(payload))
+            elif kind == 3:
+                self.read_tail(Fields(payload))
+            else:
+                raise Breach("a frame of type %d" % kind)
+        if read_all(source, 1):
+            raise Breach("the stream goes on after its tail")
+
+    def frame(self):
+        import xxhash
+        header = read_all(self.source, 32)
+        if len(header) < 32:
+            raise Breach("the stream ended before its tail")
+        magic, version, kind, length, checksum, own = struct.unpack("<IHHQQQ", header)
+        if magic != 0x53554341 or own != xxhash.xxh3_64_intdigest(header[:24]) or version != 1:
+            raise Breach("bad header %s" % header.hex())
+        if length % 8 or not 8 <= length <= 1 << 30:
+            raise Breach("a payload of %d bytes" % length)
+        payload = read_all(self.source, length)
+        if len(payload) < length:
+            raise Breach("the stream ended inside a frame")
+        if xxhash.xxh3_64_intdigest(payload) != checksum:
+            raise Breach("the checksum of a frame is wrong")
+        return kind, payload
+
+    def read_head(self, f):
+        self.kind, zero = f.take("B7s")
+        if any(zero) or self.kind not in (1, 2):
+            raise Breach("a stream of kind %d" % self.kind)
+        self.stream_id = "%016x%016x" % f.take("QQ")
+        self.box = f.take("6i")
+        self.lattice, self.crs, self.unit_xy, self.unit_z, self.view = (f.text() for _ in range(5))
+        f.end()
+        words = self.lattice.split(" ")
+        self.scales, self.k = words[:2], [int(w) for w in words[2:]]
+        if len(self.k) != 3:
+            raise Breach("the lattice is %r" % self.lattice)
+
+    def read_block(self, f):
+        index, *region = f.take("Q4q")
+        first, nforeign, nnew, ntriangle, flags = f.take("QIIII")
+        if self.indexes and index < self.indexes[-1]:
+            raise Breach("block %d after block %d" % (index, self.indexes[-1]))
+        if any(v % 2 == 0 for v in region if abs(v) < (1 << 63) - 1 and v != -(1 << 63)):
+            raise Breach("the region %s has an even border" % region)
+        if first != len(self.positions) or flags > 1:
+            raise Breach("block %d numbers from %d, flags %d" % (index, first, flags))
+        self.indexes.append(index)
+        foreign = [n for n, in f.rows("Q", nforeign)]
+        new = f.rows("3i", nnew)
+        triangles = f.rows("3I", ntriangle)
+        if flags & 1:
+            f.rows("B", ntriangle)
+        final = [b for b, in f.rows("B", (nforeign + nnew + 7) // 8)]
+        f.end()
+        numbers = foreign + list(range(first, first + nnew))
+        if any(n >= first or n in self.ended for n in foreign):
+            raise Breach("block %d uses vertices that are to come or were final" % index)
+        for p in new:
+            if not all(self.box[a] <= p[a] <= self.box[a + 3] for a in range(3)):
+                raise Breach("vertex %s is outside the head's box" % (p,))
+            self.positions.append(p)
+            self.vertex_digest.add(struct.pack("<3q", *(p[a] + self.k[a] for a in range(3))))
+        for t in triangles:
+            self.add_triangle([numbers[i] for i in t])
+        for i, byte in enumerate(final):
+            for bit in range(8):
+                if byte >> bit & 1:
+                    self.ended.add(numbers[8 * i + bit])
+
+    def add_triangle(self, t):
+        if len(set(t)) != 3:
+            raise Breach("triangle %s" % t)
+        corners = [(self.positions[n][0] + self.k[0], self.positions[n][1] + self.k[1]) for n in t]
+        first = corners.index(min(corners))
+        corners = corners[first:] + corners[:first]
+        (ax, ay), (bx, by), (cx, cy) = corners
+        if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) <= 0:
+            raise Breach("triangle %s is not counter-clockwise" % t)
+        self.digest.add(struct.pack("<6q", ax, ay, bx, by, cx, cy))
+        self.triangles.append(t)
+
+    def read_tail(self, f):
+        failed, zero = f.take("B7s")
+        blocks, vertices, triangles, self.hull = f.take("4Q")
+        box = f.take("6i")
+        digest, vertex_digest = "%016x%016x" % f.take("QQ"), "%016x%016x" % f.take("QQ")
+        code, message, hint, self.report = (f.text() for _ in range(4))
+        f.end()
+        if failed:
+            raise JobFailed(code, message)
+        said = (blocks, vertices, triangles, digest, vertex_digest)
+        came = (len(self.indexes), len(self.positions), len(self.triangles), str(self.digest), str(self.vertex_digest))
+        if said != came:
+            raise Breach("the tail says %s, but %s came" % (said, came))
+        if vertices and box != tuple(f(p[a] for p in self.positions) for f in (min, max) for a in range(3)):
+            raise Breach("the tail's box is %s" % (box,))
+        if self.kind == 1 and triangles and len(self.positions) - len(self.ended) != self.hull:
+            raise Breach("%d vertices never became final, the hull has %d" %
+                         (len(self.positions) - len(self.ended), self.hull))
+        self.done = True

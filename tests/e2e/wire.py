@@ -1,0 +1,63 @@
+"""The second implementation against the first, without a daemon: a stream that the C code wrote is read here, and every
+byte of it that is changed is missed by neither. STREAM_SAMPLE names the program."""
+import io
+import os
+import random
+import subprocess
+
+from e2e import Fault, expect, main, skip
+
+try:
+    import xxhash  # noqa: F401
+    import acut_wire
+except ImportError as e:
+    skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
+SAMPLE = os.environ["STREAM_SAMPLE"]
+
+
+def sample(*args):
+    return subprocess.run([SAMPLE] + list(args), stdout=subprocess.PIPE, check=True).stdout
+
+
+def reads_what_c_writes():
+    mesh = acut_wire.Mesh(io.BytesIO(sample()))
+    expect(len(mesh.triangles) == 4 and len(mesh.positions) == 5, "counts")
+    expect(mesh.k == [4000000000, -7, 0] and mesh.unit_z == "m" and mesh.view == "all", "head")
+    expect(mesh.ended == {2}, "final marks: %s" % mesh.ended)
+    expect(mesh.report == '{"points":5}', "report")
+
+
+def error_in_the_tail():
+    try:
+        acut_wire.Mesh(io.BytesIO(sample("no-space")))
+    except acut_wire.JobFailed as e:
+        expect(e.code == "no-space", e.code)
+        return
+    raise Fault("the error was not seen")
+
+
+def every_byte_counts():
+    whole = sample()
+    random.seed(7)
+    for at in range(len(whole)):
+        broken = bytearray(whole)
+        broken[at] ^= 1 << random.randrange(8)
+        try:
+            acut_wire.Mesh(io.BytesIO(bytes(broken)))
+        except (acut_wire.Breach, ValueError):
+            continue
+        raise Fault("byte %d was changed and nobody saw it" % at)
+
+
+def every_cut_counts():
+    whole = sample()
+    for n in range(len(whole)):
+        try:
+            acut_wire.Mesh(io.BytesIO(whole[:n]))
+        except acut_wire.Breach:
+            continue
+        raise Fault("cut after %d bytes and nobody saw it" % n)
+
+
+main(reads_what_c_writes, error_in_the_tail, every_byte_counts, every_cut_counts)
