@@ -343,7 +343,8 @@ static void drop_runs(struct grid_stage *s, size_t n)
 			log_err(LOG_LEVEL_DEBUG, "a sorted run stays behind", &err);
 	}
 	s->nruns -= n;
-	memmove(s->runs, s->runs + n, s->nruns * sizeof *s->runs);
+	if (s->nruns)
+		memmove(s->runs, s->runs + n, s->nruns * sizeof *s->runs);
 }
 
 /* The n oldest runs become one, the newest. */
