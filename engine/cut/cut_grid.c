@@ -25,6 +25,11 @@ static int grid_source_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_
 	return grid_count(ctx, lo, hi, ret_count, ret_exact, err);
 }
 
+static bool grid_source_box(void *ctx, int32_t ret_box[4])
+{
+	return grid_box(grid_reader_grid(ctx), ret_box);
+}
+
 static void source_grid(struct grid_reader *reader, struct cut_source *ret)
 {
 	ret->ctx = reader;
@@ -32,6 +37,7 @@ static void source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->read = grid_source_read;
 	ret->scan = grid_source_scan;
 	ret->count = grid_source_count;
+	ret->box = grid_source_box;
 }
 
 int cut_load(struct grid_reader *reader, const struct view *view, const struct cut_region *region,

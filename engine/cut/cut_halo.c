@@ -47,7 +47,6 @@ struct cut_halo {
 	unsigned nrange, nchain;
 	struct cut_chain chain[4];
 	int32_t box[4];         /* of all cells */
-	bool any;
 	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
 	unsigned columns;       /* in use */
 	unsigned rounds;        /* limit */
@@ -515,11 +514,7 @@ int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n,
 	bool more = h->nchain > 0;
 	int rc = 0;
 
-	if (more)
-		rc = cut_source_box(&h->src, h->box, &h->any, err);
-	if (rc)
-		return rc;
-	more = more && h->any;
+	more = more && h->src.box(h->src.ctx, h->box);
 	for (unsigned round = 0; more && !rc && round < h->rounds && h->nseen < h->seen_limit; round++)
 		rc = round_once(h, &more, err);
 	if (more && !rc)

@@ -198,21 +198,17 @@ int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_p
 	struct cut_plan plan = { 0 };
 	struct cut_region root;
 	int32_t box[4];
-	bool any;
-	int rc = cut_source_box(src, box, &any, err);
+	int rc = 0;
 
-	if (rc)
-		return rc;
-	if (any) {
+	if (src->box(src->ctx, box)) {
 		cut_region_root(box, &root);
 		rc = plan_root(src, &root, load ? load : 1, &plan, err);
-		if (rc) {
-			cut_plan_done(&plan);
-			return rc;
-		}
 	}
-	*ret = plan;
-	return 0;
+	if (rc)
+		cut_plan_done(&plan);
+	else
+		*ret = plan;
+	return rc;
 }
 
 static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap,

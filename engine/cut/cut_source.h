@@ -18,10 +18,9 @@ struct cut_source {
 	int (*read)(void *ctx, const struct grid_cell *, grid_points_fn, void *sink, struct err *);
 	int (*scan)(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn, void *sink, struct err *);
 	int (*count)(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
+	/* As grid_box: of all points of all sources. */
+	bool (*box)(void *ctx, int32_t ret_box[4]);
 };
-
-/* Box of all cells; false if there are none. */
-int cut_source_box(const struct cut_source *, int32_t ret_box[4], bool *ret_any, struct err *err);
 
 /* The functions of cut.h over any source. */
 int cut_load_from(const struct cut_source *, const struct view *, const struct cut_region *, struct cut_load *,

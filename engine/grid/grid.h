@@ -125,6 +125,7 @@ struct grid_reader_stats {
 	uint64_t pages, misses;         /* of the index: pages asked for; of these, read from disk */
 };
 struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
+const struct grid *grid_reader_grid(const struct grid_reader *);
 
 /* A visitor may call grid_cell_read (not grid_scan, grid_walk, grid_count, grid_sum) with the same reader, a sink
  * nothing; points handed to a sink stay valid until it returns. The source index in the tags of points that

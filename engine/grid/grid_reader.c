@@ -73,6 +73,11 @@ struct grid_reader_stats grid_reader_stats(const struct grid_reader *r)
 	return r->stats;
 }
 
+const struct grid *grid_reader_grid(const struct grid_reader *r)
+{
+	return r->grid;
+}
+
 /* ---- index pages ---- */
 
 int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_t place, uint64_t check,

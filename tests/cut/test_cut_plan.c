@@ -79,14 +79,13 @@ static void leaves_cover_once(void **state)
 		struct err err = ERR_INIT;
 		struct cut_region root;
 		int32_t box[4];
-		bool any;
 		uint64_t sum = 0;
 		double area = 0;
 		unsigned infinite[4] = { 0 };
 
 		make(&t, &src, shapes[s], 5000, 40);
 		assert_int_equal(cut_plan_make_from(&src, 300, &plan, &err), 0);
-		assert_int_equal(cut_source_box(&src, box, &any, &err), 0);
+		assert_true(src.box(src.ctx, box));
 		cut_region_root(box, &root);
 		for (size_t i = 0; i < plan.n; i++) {
 			const struct cut_region *r = &plan.leaf[i].region;

@@ -151,6 +151,24 @@ static int tiling_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count
 	return 0;
 }
 
+static bool tiling_box(void *ctx, int32_t ret_box[4])
+{
+	const struct tiling *t = ctx;
+	bool any = false;
+
+	for (unsigned s = 0; s < t->segments; s++)
+		for (size_t i = 0; i < t->n[s]; i++) {
+			const int32_t at[2] = { t->pts[s][i].x, t->pts[s][i].y };
+
+			for (unsigned k = 0; k < 2; k++) {
+				ret_box[k] = any && ret_box[k] < at[k] ? ret_box[k] : at[k];
+				ret_box[2 + k] = any && ret_box[2 + k] > at[k] ? ret_box[2 + k] : at[k];
+			}
+			any = true;
+		}
+	return any;
+}
+
 void tiling_source(struct tiling *t, struct cut_source *ret)
 {
 	ret->ctx = t;
@@ -158,4 +176,5 @@ void tiling_source(struct tiling *t, struct cut_source *ret)
 	ret->read = tiling_read;
 	ret->scan = tiling_scan;
 	ret->count = tiling_count;
+	ret->box = tiling_box;
 }
