@@ -52,7 +52,8 @@ struct cut_halo {
 	unsigned rounds;        /* limit */
 	struct seen *seen;
 	uint32_t seen_size, seen_limit, nseen;
-	struct point *pool;
+	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
+	size_t pool_size;
 	uint64_t cells, points;
 	/* sweep: the hits with the smallest keys past `after`, sorted */
 	struct grid_cell after;
@@ -103,12 +104,37 @@ static void add_chain(struct cut_halo *h, bool vertical, int64_t c2, int64_t t0,
 		cut_chain_init(&h->chain[h->nchain++], vertical, c2, t0, t1, NULL, 0, NULL, 0);
 }
 
+/* Deal the pool's free room out anew, half of it to chain `more` (none: equal shares). */
+static void share_pool(struct cut_halo *h, unsigned more)
+{
+	struct point *at = h->pool + h->pool_size;
+	size_t used = 0, room, share;
+
+	for (unsigned i = 0; i < h->nchain; i++) {
+		struct cut_chain *c = &h->chain[i];
+
+		memmove(h->pool + used, c->pt, c->n * sizeof(*c->pt));
+		c->pt = h->pool + used;
+		used += c->n;
+	}
+	room = h->pool_size - used;
+	share = more < h->nchain && h->nchain > 1 ? room / 2 / (h->nchain - 1) : room / h->nchain;
+	for (unsigned i = h->nchain; i-- > 0;) {
+		struct cut_chain *c = &h->chain[i];
+
+		c->cap = (uint32_t)(c->n + (i == more && h->nchain > 1 ? room / 2 : share));
+		at -= c->cap;
+		memmove(at, c->pt, c->n * sizeof(*c->pt));
+		c->pt = at;
+	}
+}
+
 struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_source *src, const struct view *view,
 			       const struct cut_region *region, bool own_known)
 {
 	size_t pad = round64((uintptr_t)scratch) - (uintptr_t)scratch, left;
 	struct cut_halo *h = (struct cut_halo *)((char *)scratch + pad);
-	uint32_t table = 2048, each;
+	uint32_t table = 2048;
 	int64_t box[4];
 	char *at;
 
@@ -141,16 +167,15 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	add_chain(h, false, box[3], box[0], box[2]);
 	if (h->nchain == 0)
 		return h;
-	left /= h->nchain * sizeof(struct point);
-	each = left > UINT32_MAX ? UINT32_MAX : (uint32_t)left;
+	h->pool_size = left / sizeof(struct point) - h->nchain * BATCH;
+	if (h->pool_size > UINT32_MAX)
+		h->pool_size = UINT32_MAX;
 	for (unsigned i = 0; i < h->nchain; i++) {
-		struct point *mine = h->pool + (size_t)i * each;
-
-		h->chain[i].pt = mine;
-		h->chain[i].cap = each - BATCH;
-		h->chain[i].batch = mine + each - BATCH;
+		h->chain[i].pt = h->pool;
+		h->chain[i].batch = h->pool + h->pool_size + i * BATCH;
 		h->chain[i].batch_cap = BATCH;
 	}
+	share_pool(h, h->nchain);
 	return h;
 }
 
@@ -167,22 +192,46 @@ void cut_halo_stats(const struct cut_halo *h, uint64_t *ret_cells, uint64_t *ret
 	*ret_points = h->points;
 }
 
+/* Into chain i; where it is full, with more of the pool. */
+static int add_point(struct cut_halo *h, unsigned i, const struct point *p)
+{
+	int rc = cut_chain_add(&h->chain[i], h->view, p);
+
+	if (rc == CUT_E_FULL) {
+		share_pool(h, i);
+		rc = cut_chain_add(&h->chain[i], h->view, p);
+	}
+	return rc;
+}
+
+static int flush_chain(struct cut_halo *h, unsigned i)
+{
+	int rc = cut_chain_flush(&h->chain[i], h->view);
+
+	if (rc == CUT_E_FULL) {
+		share_pool(h, i);
+		rc = cut_chain_flush(&h->chain[i], h->view);
+	}
+	return rc;
+}
+
 /* ---- own positions ---- */
 
-static int seed_add(struct cut_halo *h, struct cut_chain *c, const struct mesh_vertex *v)
+static int seed_add(struct cut_halo *h, unsigned chain, const struct mesh_vertex *v)
 {
 	/* Stands for its position only: never part of the result. */
 	const struct point p = { .x = v->x, .y = v->y, .z = v->z };
 
-	return cut_chain_add(c, h->view, &p);
+	return add_point(h, chain, &p);
 }
 
 /*
  * The nearest own position of each column first: they make a hull that is nearly the last one. Then all
  * others, against the column's bound of |X| (one comparison each) before the exact test.
  */
-static int seed_chain(struct cut_halo *h, struct cut_chain *c, const struct mesh_vertex *own, uint32_t n)
+static int seed_chain(struct cut_halo *h, unsigned chain, const struct mesh_vertex *own, uint32_t n)
 {
+	struct cut_chain *c = &h->chain[chain];
 	uint32_t base = c->vertical ? h->region.y : h->region.x;
 	unsigned w = c->vertical ? h->region.wy : h->region.wx, shift = w > 10 ? w - 10 : 0;
 	int rc = 0;
@@ -203,9 +252,9 @@ static int seed_chain(struct cut_halo *h, struct cut_chain *c, const struct mesh
 	}
 	for (unsigned i = 0; i < SEED_COLUMNS && !rc; i++)
 		if (h->seed.nearest[i] != NONE)
-			rc = seed_add(h, c, &own[h->seed.nearest[i]]);
+			rc = seed_add(h, chain, &own[h->seed.nearest[i]]);
 	if (!rc)
-		rc = cut_chain_flush(c, h->view);
+		rc = flush_chain(h, chain);
 	if (rc)
 		return rc;
 	for (unsigned i = 0; i < SEED_COLUMNS; i++) {
@@ -220,9 +269,9 @@ static int seed_chain(struct cut_halo *h, struct cut_chain *c, const struct mesh
 
 		x = x < 0 ? -x : x;
 		if (x <= h->seed.limit[along >> shift])
-			rc = seed_add(h, c, &own[i]);
+			rc = seed_add(h, chain, &own[i]);
 	}
-	return rc ? rc : cut_chain_flush(c, h->view);
+	return rc ? rc : flush_chain(h, chain);
 }
 
 int cut_halo_seed(struct cut_halo *h, const struct mesh_vertex *own, uint32_t n)
@@ -232,7 +281,7 @@ int cut_halo_seed(struct cut_halo *h, const struct mesh_vertex *own, uint32_t n)
 		return 0;
 	}
 	for (unsigned i = 0; i < h->nchain; i++) {
-		int rc = seed_chain(h, &h->chain[i], own, n);
+		int rc = seed_chain(h, i, own, n);
 
 		if (rc)
 			return rc;
@@ -289,7 +338,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 		if (view_judge(h->view, &pts[i]) != VIEW_KEPT)
 			continue;
 		for (unsigned k = 0; k < h->nchain; k++) {
-			int rc = cut_chain_add(&h->chain[k], h->view, &pts[i]);
+			int rc = add_point(h, k, &pts[i]);
 
 			if (rc)
 				return rc;
@@ -307,7 +356,7 @@ static int read_cell(struct cut_halo *h, const struct grid_cell *cell, struct er
 static int flush(struct cut_halo *h)
 {
 	for (unsigned i = 0; i < h->nchain; i++) {
-		int rc = cut_chain_flush(&h->chain[i], h->view);
+		int rc = flush_chain(h, i);
 
 		if (rc)
 			return rc;

@@ -22,7 +22,7 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 	return point_compare(a, b) < 0;
 }
 
-enum shape { UNIFORM, DIAGONAL, PARABOLA, CLUSTERS, ONE_POSITION };
+enum shape { UNIFORM, DIAGONAL, PARABOLA, CLUSTERS, ONE_POSITION, COLUMN };
 
 static void make(struct tiling *t, struct cut_source *src, enum shape shape, size_t n, size_t cell_records)
 {
@@ -51,6 +51,10 @@ static void make(struct tiling *t, struct cut_source *src, enum shape shape, siz
 		case CLUSTERS:
 			p[i].x = (r & 1023) + (i & 1 ? 1 << 30 : 0);
 			p[i].y = (s & 1023) + (i & 1 ? 1 << 29 : 0);
+			break;
+		case COLUMN:
+			p[i].x = 3;
+			p[i].y = k;
 			break;
 		case ONE_POSITION:
 			p[i].x = 77;
@@ -264,6 +268,48 @@ static void sweep_finds_what_rounds_find(void **state)
 	free(scratch[1]);
 }
 
+/* One border sees every site, the other a few: the chains share the scratch. */
+static void one_chain_takes_the_room(void **state)
+{
+	const struct view view = VIEW_INIT;
+	size_t size = cut_halo_bytes(0);
+	void *scratch = malloc(size);
+	struct cut_source src;
+	struct tiling t;
+	struct err err = ERR_INIT;
+	struct cut_region root, half[2], quarter[2];
+	const struct point *pts;
+	int32_t box[4];
+	uint64_t need = 0;
+	uint32_t m;
+
+	make(&t, &src, COLUMN, 13000, 40);
+	assert_true(src.box(src.ctx, box));
+	cut_region_root(box, &root);
+	assert_true(cut_region_split(&root, half));
+	assert_true(cut_region_split(&half[0], quarter));
+	/* The quarter holds the lower 8192 of the column; its upper border sees two sites, the right one those of
+	 * its side: the same chain is asked for all of them when own sites are not known. */
+	for (unsigned known = 0; known < 2; known++) {
+		struct cut_halo *h = cut_halo_init(scratch, size, &src, &view, &quarter[known], false);
+
+		assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
+		assert_int_equal(m, 1);
+	}
+	/* What cannot fit says so, with a number. */
+	make_done(&t);
+	make(&t, &src, DIAGONAL, 60000, 40);
+	assert_true(src.box(src.ctx, box));
+	cut_region_root(box, &root);
+	assert_true(cut_region_split(&root, half));
+	assert_int_equal(cut_halo_find(cut_halo_init(scratch, size, &src, &view, &half[0], false), &pts, &m, &need, &err),
+			 CUT_E_FULL);
+	assert_in_range(need, 16384 / 2, 60000);
+	assert_null(cut_halo_init(scratch, size - 1, &src, &view, &half[0], false));
+	make_done(&t);
+	free(scratch);
+}
+
 /* A region inside uniform data reads its neighbours, not the dataset. */
 static void halos_read_little(void **state)
 {
@@ -306,6 +352,7 @@ int main(void)
 		cmocka_unit_test(probe_refuses_convex_position),
 		cmocka_unit_test(splits_end),
 		cmocka_unit_test(sweep_finds_what_rounds_find),
+		cmocka_unit_test(one_chain_takes_the_room),
 		cmocka_unit_test(halos_read_little),
 	};
 

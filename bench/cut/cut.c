@@ -1,0 +1,173 @@
+/*
+ * What cutting costs: read amplification, halo share and CPU time of loading every domain of a plan, over
+ * real grids in a temporary folder. `bench-cut [POINTS]`.
+ */
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "cut.h"
+#include "err.h"
+#include "grid.h"
+#include "inputs.h"
+
+static const char *const names[] = { "bench.acut", "bench" };
+
+static double now(void)
+{
+	struct timespec t;
+
+	clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+	return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static void must(int rc, const struct err *err)
+{
+	char text[1200];
+
+	if (rc == 0)
+		return;
+	fprintf(stderr, "bench-cut: %s\n", rc < 0 ? err_format(err, text, sizeof(text)) : "a domain does not fit");
+	exit(1);
+}
+
+/* A strip along a diagonal, a thousandth as wide as long. */
+static struct mesh_vertex *corridor(uint32_t n, uint32_t *ret_n)
+{
+	struct mesh_vertex *v = malloc(n * sizeof(*v));
+	uint64_t seed = 3;
+
+	for (uint32_t i = 0; v && i < n; i++) {
+		int64_t along = (int64_t)(input_random(&seed) % 1000000000), across = (int64_t)(input_random(&seed) % 1000000);
+
+		v[i] = (struct mesh_vertex){ (int32_t)(along - across), (int32_t)(along / 2 + 2 * across), 0 };
+	}
+	*ret_n = v ? input_unique(v, n) : 0;
+	return v;
+}
+
+static struct grid *make(int dirfd, const struct mesh_vertex *v, uint32_t n)
+{
+	const struct grid_stage_params params = { .dirfd = dirfd, .name = names[1], .memory = (size_t)256 << 20 };
+	struct grid_source source = { .id = 1, .added = 1, .points = n, .name = "bench" };
+	struct grid_segment_info info;
+	struct grid_manifest m = { .lattice = { .scale_xy = { 1, -2 }, .scale_z = { 1, -2 } }, .unit_xy = "metre",
+				   .unit_z = "metre", .generation = 1, .segments = &info, .nsegments = 1,
+				   .sources = &source, .nsources = 1 };
+	struct err err = ERR_INIT;
+	struct grid_stage *stage;
+	struct grid *grid;
+
+	must(grid_stage_new(&params, &stage, &err), &err);
+	must(grid_stage_source(stage, 1, &err), &err);
+	for (uint32_t i = 0; i < n; i++) {
+		const struct point p = { .x = v[i].x, .y = v[i].y, .z = v[i].z, .cls = 1, .ret = 0x11 };
+
+		must(grid_stage_add(stage, &p, 1, &err), &err);
+	}
+	must(grid_stage_seal(stage, &info, &err), &err);
+	grid_stage_free(stage);
+	must(grid_manifest_write(dirfd, names[0], &m, &err), &err);
+	must(grid_open(dirfd, names[0], 1, NULL, 64 << 20, &grid, &err), &err);
+	return grid;
+}
+
+static int drop(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	(void)pts, (void)err;
+	*(uint64_t *)ctx += n;
+	return 0;
+}
+
+static void measure(const char *kind, const struct grid *grid, uint32_t load)
+{
+	const struct view view = VIEW_INIT;
+	uint32_t cap = 2 * load + 100000;
+	size_t reader_size = grid_reader_bytes(grid), scratch_size = cut_load_scratch_bytes(4 * cap);
+	void *reader_memory = malloc(reader_size), *scratch = malloc(scratch_size);
+	struct mesh_vertex *out = malloc(cap * sizeof(*out));
+	uint64_t own = 0, halo = 0, read = 0, cells = 0, scanned = 0, refused = 0;
+	double planned, probed, scan, loaded;
+	struct grid_reader *reader;
+	struct err err = ERR_INIT;
+	struct cut_plan plan;
+
+	if (!reader_memory || !scratch || !out)
+		exit(1);
+	must(grid_reader_new(grid, reader_memory, reader_size, &reader, &err), &err);
+	planned = now();
+	must(cut_plan_make(reader, load, &plan, &err), &err);
+	planned = now() - planned;
+	probed = now();
+	must(cut_plan_probe_rim(&plan, reader, &view, cap, scratch, scratch_size, &err), &err);
+	probed = now() - probed;
+	scan = now();
+	for (size_t i = 0; i < plan.n; i++) {
+		struct cut_range range[4];
+		unsigned n = cut_region_ranges(&plan.leaf[i].region, range);
+
+		for (unsigned k = 0; k < n; k++)
+			must(grid_scan(reader, range[k].lo, range[k].hi, drop, &scanned, &err), &err);
+	}
+	scan = now() - scan;
+	loaded = now();
+	for (size_t i = 0; i < plan.n; i++) {
+		struct cut_load l = { .out = out, .cap = cap, .scratch = scratch, .scratch_size = scratch_size };
+		uint64_t need;
+		int rc = cut_load(reader, &view, &plan.leaf[i].region, &l, &need, &err);
+
+		refused += rc == CUT_E_FULL;
+		must(rc < 0 ? rc : 0, &err);
+		own += l.own;
+		halo += l.counts.halo;
+		read += l.points_read;
+		cells += l.cells_read;
+	}
+	loaded = now() - loaded;
+	printf("| %s | %u | %zu | %.2f | %.2f | %.0f | %.3f | %.3f | %.2f | %.2f |%s\n", kind, load, plan.n,
+	       (double)read / (double)scanned, 100.0 * (double)halo / (double)own, (double)cells / (double)plan.n,
+	       1e6 * scan / (double)own, 1e6 * (loaded - scan) / (double)own, 1e3 * planned, 1e3 * probed,
+	       refused ? " (some do not fit)" : "");
+	fflush(stdout);
+	cut_plan_done(&plan);
+	grid_reader_free(reader);
+	free(out);
+	free(scratch);
+	free(reader_memory);
+}
+
+int main(int argc, char **argv)
+{
+	static const char *const kinds[] = { "uniform", "scan", "grid", "cluster", "two", "holes", "corridor" };
+	uint32_t want = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 1000000;
+	char path[] = "/tmp/acut-bench-cut-XXXXXX";
+	int dirfd = mkdtemp(path) ? open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
+
+	if (dirfd < 0)
+		return 1;
+	printf("| input, %u points | load | domains | points read / own | halo %% | halo cells a domain | own us/point | "
+	       "halo us/point | plan ms | probe ms |\n|---|---|---|---|---|---|---|---|---|---|\n", want);
+	for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
+		uint32_t n;
+		struct mesh_vertex *v = strcmp(kinds[i], "corridor") ? input_make(kinds[i], want, 1, &n) : corridor(want, &n);
+		struct grid *grid;
+		char file[64];
+
+		if (!v)
+			return 1;
+		grid = make(dirfd, v, n);
+		free(v);
+		for (uint32_t load = 1u << 15; load <= 1u << 19 && load < n; load <<= 2)
+			measure(kinds[i], grid, load);
+		snprintf(file, sizeof(file), "%s", grid_manifest(grid)->segments[0].file);
+		grid_close(grid);
+		unlinkat(dirfd, file, 0);
+		unlinkat(dirfd, names[0], 0);
+	}
+	close(dirfd);
+	rmdir(path);
+	return 0;
+}
