@@ -1,0 +1,65 @@
+// An oracle that acut did not write: CGAL's Delaunay triangulation of a LAS file's records, and the digest of its
+// triangles as STREAM.md defines it, written a second time.
+// usage: cgal_digest FILE.las -> "TRIANGLES DIGEST". The file's offsets must be zero and its x and y scales equal,
+// so that raw numbers are absolute lattice numbers.
+#include <CGAL/Delaunay_triangulation_2.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#include <utility>
+#include <vector>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+typedef CGAL::Exact_predicates_inexact_constructions_kernel K;
+typedef CGAL::Delaunay_triangulation_2<K> Triangulation;
+typedef std::pair<int64_t, int64_t> Position;
+
+int main(int argc, char **argv)
+{
+	unsigned char head[227];
+	FILE *f = argc == 2 ? fopen(argv[1], "rb") : nullptr;
+	double scale[6];
+
+	if (!f || fread(head, 1, sizeof head, f) != sizeof head || memcmp(head, "LASF", 4))
+		return fprintf(stderr, "usage: cgal_digest FILE.las\n"), 2;
+	memcpy(scale, head + 131, sizeof scale);
+	if (scale[0] != scale[1] || scale[3] != 0 || scale[4] != 0)
+		return fprintf(stderr, "cgal_digest: %s: scales differ or offsets are not zero\n", argv[1]), 2;
+	uint32_t offset, count;
+	uint16_t length;
+	memcpy(&offset, head + 96, 4);
+	memcpy(&length, head + 105, 2);
+	memcpy(&count, head + 107, 4);
+
+	std::vector<K::Point_2> points;
+	std::vector<unsigned char> record(length);
+	fseek(f, offset, SEEK_SET);
+	for (uint32_t i = 0; i < count; i++) {
+		int32_t xy[2];
+		if (fread(record.data(), 1, length, f) != length)
+			return fprintf(stderr, "cgal_digest: %s is short\n", argv[1]), 1;
+		memcpy(xy, record.data(), 8);
+		points.emplace_back(xy[0], xy[1]);
+	}
+	fclose(f);
+
+	Triangulation t(points.begin(), points.end());
+	uint64_t hi = 0, lo = 0, n = 0;
+	for (auto face = t.finite_faces_begin(); face != t.finite_faces_end(); ++face, n++) {
+		std::array<Position, 3> p;
+		for (int i = 0; i < 3; i++)
+			p[i] = Position((int64_t)face->vertex(i)->point().x(), (int64_t)face->vertex(i)->point().y());
+		std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
+		int64_t six[6] = { p[0].first, p[0].second, p[1].first, p[1].second, p[2].first, p[2].second };
+		XXH128_hash_t h = XXH3_128bits(six, sizeof six);
+		hi += h.high64;
+		lo += h.low64;
+	}
+	printf("%llu %016llx%016llx\n", (unsigned long long)n, (unsigned long long)hi, (unsigned long long)lo);
+}
