@@ -162,7 +162,8 @@ static void read_units(const struct crs_records *records, struct crs_info *info)
 	} else if (info->plane == CRS_PLANE_GEOGRAPHIC) {
 		xy = unit(records, KEY_ANGULAR_UNITS, KEY_ANGULAR_SIZE, true, 0);
 		/* EPSG defines these three (NAD83, ETRS89, WGS 84) in degrees. */
-		if (!code(records, KEY_ANGULAR_UNITS) && (geodetic == 4269 || geodetic == 4258 || geodetic == 4326))
+		if (!code(records, KEY_ANGULAR_UNITS) &&
+		    (geodetic == 4269 || geodetic == 4258 || geodetic == 4326))
 			xy = "degree";
 	} else {
 		xy = unit(records, KEY_GEODETIC_LINEAR_UNITS, KEY_GEODETIC_LINEAR_SIZE, false, 0);

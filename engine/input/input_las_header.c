@@ -176,7 +176,8 @@ static int check_numbers(struct input *in, const struct header *h, struct err *e
 	for (unsigned i = 0; i < 3; i++) {
 		if (isfinite(h->min[i]) && isfinite(h->max[i]) && h->min[i] <= h->max[i])
 			continue;
-		input_warn(in, "the header's box is not one (%c from %g to %g)", "xyz"[i], h->min[i], h->max[i]);
+		input_warn(in, "the header's box is not one (%c from %g to %g)", "xyz"[i], h->min[i],
+			   h->max[i]);
 		break;
 	}
 	return 0;
@@ -189,8 +190,8 @@ static void settle_count(struct input *in, struct header *h)
 		if (!h->count)
 			h->count = h->legacy_count;
 		else
-			input_warn(in, "the header's two point counts differ (%" PRIu64 " and %" PRIu32 ")", h->count,
-				   h->legacy_count);
+			input_warn(in, "the header's two point counts differ (%" PRIu64 " and %" PRIu32 ")",
+				   h->count, h->legacy_count);
 	}
 	in->info.claimed = h->count;
 }
@@ -240,11 +241,11 @@ static int check_plane(struct input *in, struct err *err)
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
 			   "its coordinates are degrees (%.200s), and projecting them is not in this version",
 			   in->info.crs);
-		return err_add_hint(err, "--planar triangulates the file's own plane, degrees taken as they are");
+		return err_add_hint(err, "--planar triangulates the file's own plane, degrees as they are");
 	}
 	if (in->info.plane == INPUT_PLANE_GEOCENTRIC) {
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
-			   "its coordinates are geocentric (%.200s): x and y span no plane that a terrain stands on",
+			   "its coordinates are geocentric (%.200s): no terrain stands on the plane of x and y",
 			   in->info.crs);
 		return err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
 	}

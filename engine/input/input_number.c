@@ -88,7 +88,8 @@ enum input_number_state input_number_read(const char **at, const char *end, stru
 		digits_read(&p, end, &d, true);
 	}
 	if (!d.any)
-		return word_is(p, end, "nan") || word_is(p, end, "inf") ? INPUT_NUMBER_NOT_FINITE : INPUT_NUMBER_BAD;
+		return word_is(p, end, "nan") || word_is(p, end, "inf") ? INPUT_NUMBER_NOT_FINITE
+									: INPUT_NUMBER_BAD;
 	if (p < end && (*p | 0x20) == 'e' && !exponent_read(&p, end, &exponent))
 		return INPUT_NUMBER_BAD;
 	place = exponent - (int)d.fraction;

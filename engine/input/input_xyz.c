@@ -42,7 +42,8 @@ static int bad_line(struct input *in, struct err *err, enum err_code code, const
 bool input_xyz_matches(const uint8_t *bytes, size_t n)
 {
 	for (size_t i = 0; i < n; i++)
-		if ((bytes[i] < 0x20 && bytes[i] != '\t' && bytes[i] != '\n' && bytes[i] != '\r') || bytes[i] == 0x7f)
+		if (bytes[i] == 0x7f ||
+		    (bytes[i] < 0x20 && bytes[i] != '\t' && bytes[i] != '\n' && bytes[i] != '\r'))
 			return false;
 	return true;
 }
@@ -126,7 +127,8 @@ static int no_number(struct input *in, struct err *err, enum input_number_state 
 		     const char *p, bool first)
 {
 	const struct line rest = { p, line.end };
-	bool header = first && p < line.end && (((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z') || *p == '"' || *p == '_') &&
+	bool word = p < line.end && (((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z') || *p == '"' || *p == '_');
+	bool header = first && word &&
 		      input_xyz_matches((const uint8_t *)line.at, (size_t)(line.end - line.at));
 
 	if (state == INPUT_NUMBER_NOT_FINITE)
@@ -147,7 +149,8 @@ static int no_number(struct input *in, struct err *err, enum input_number_state 
 }
 
 /* Three numbers. `first`: no point came before, so that words may be column names. */
-static int parse_line(struct input *in, struct line line, bool first, struct input_number ret[3], struct err *err)
+static int parse_line(struct input *in, struct line line, bool first, struct input_number ret[3],
+		      struct err *err)
 {
 	const char *p = skip_blanks(line.at, line.end);
 	char kind = 0;
@@ -162,7 +165,8 @@ static int parse_line(struct input *in, struct line line, bool first, struct inp
 			continue;
 		p = separator(p, line.end, i == 2, &kind);
 		if (!p) {
-			bad_line(in, err, ERR_INPUT, "numbers that run together, or two kinds of separators", line);
+			bad_line(in, err, ERR_INPUT, "numbers that run together, or two kinds of separators",
+				 line);
 			return err_add_hint(err, "one separator a line; decimal points, not decimal commas");
 		}
 	}
@@ -272,7 +276,8 @@ static bool comfortable(const struct probe *probe, int axis, int place)
 	       (!probe->points || (probe->axis[axis].max - probe->axis[axis].min) / pow(10, place) < 0x1p31);
 }
 
-static int choose_place(struct input *in, const struct probe *probe, int from, int to, int *ret, struct err *err)
+static int choose_place(struct input *in, const struct probe *probe, int from, int to, int *ret,
+			struct err *err)
 {
 	int written = 0, needed = 0, finest = from;
 	bool fits = true;

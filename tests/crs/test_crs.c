@@ -247,9 +247,11 @@ static void rubbish(void **state)
 
 			memcpy(bytes, head, 8);
 			for (size_t i = 8; i + 8 <= n; i += 8) {
-				static const uint16_t ids[] = { 1024, 1026, 2048, 2049, 3072, 3073, 3076, 3077, 4096, 4099 };
+				static const uint16_t ids[] = { 1024, 1026, 2048, 2049, 3072,
+								3073, 3076, 3077, 4096, 4099 };
 				static const uint16_t tags[] = { 0, 34736, 34737, 34735 };
-				uint16_t e[4] = { ids[rng() % 10], tags[rng() % 4], (uint16_t)rng(), (uint16_t)(rng() % 700) };
+				uint16_t e[4] = { ids[rng() % 10], tags[rng() % 4], (uint16_t)rng(),
+						  (uint16_t)(rng() % 700) };
 
 				memcpy(bytes + i, e, 8);
 			}

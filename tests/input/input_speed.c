@@ -59,8 +59,8 @@ static void measure_text(void)
 	int fd;
 
 	for (int i = 0; i < POINTS; i++)
-		size += (size_t)sprintf(text + size, "%d.%02d %d.%02d %d.%02d\n", 435000 + i % 1000, i % 100, 5400000 + i % 777,
-					i % 97, i % 300, i % 89);
+		size += (size_t)sprintf(text + size, "%d.%02d %d.%02d %d.%02d\n", 435000 + i % 1000, i % 100,
+					5400000 + i % 777, i % 97, i % 300, i % 89);
 	fd = fixture_fd(text, size);
 	measure(fd, "text, 28 bytes a line");
 	close(fd);

@@ -65,7 +65,8 @@ static void cut_at_every_byte(void **state)
 			if (out.code == 0)
 				assert_int_equal(out.points, 20);
 			else
-				assert_int_equal(out.code, n >= 227 && out.err.offset == 96 ? ERR_INPUT : ERR_TRUNCATED);
+				assert_int_equal(out.code, n >= 227 && out.err.offset == 96 ? ERR_INPUT
+											    : ERR_TRUNCATED);
 		}
 		free(b.at);
 	}
@@ -109,8 +110,10 @@ static void random_text(void **state)
 		struct outcome out;
 
 		for (size_t i = 0; i < n; i++)
-			text[i] = fixture_random(&seed) % 50 ? alphabet[fixture_random(&seed) % (round % 2 ? 15 : sizeof alphabet - 1)]
-							     : (char)fixture_random(&seed);
+			text[i] =
+			    fixture_random(&seed) % 50
+				? alphabet[fixture_random(&seed) % (round % 2 ? 15 : sizeof alphabet - 1)]
+				: (char)fixture_random(&seed);
 		account_begin();
 		out = fixture_read(text, n, "a.xyz", &defaults, BATCH);
 		assert_true(account_taken() <= input_bytes() + BATCH_BYTES);
@@ -129,7 +132,8 @@ static void four_gigabytes_of_records(void **state)
 	struct outcome out;
 
 	assert_int_equal(pwrite(fd, "\xff\xff\xff\xff", 4, 96), 4);
-	assert_int_equal(pwrite(fd, "\x77\x01\0\0\0\0\0\0\xff\xff\xff\xff", 12, 235), 12); /* records behind, too */
+	assert_int_equal(pwrite(fd, "\x77\x01\0\0\0\0\0\0\xff\xff\xff\xff", 12, 235),
+			 12); /* records behind, too */
 	assert_int_equal(ftruncate(fd, (off_t)5 << 30), 0);
 	account_begin();
 	out = fixture_read_fd(fd, "a.las", &defaults, BATCH);
@@ -192,7 +196,8 @@ static void file_calls_fail(void **state)
 		assert_true(faults.fail_at > 5);
 		faults.fail_at = 0;
 		for (faults.at_most = 1; faults.at_most < 60; faults.at_most += 7)
-			assert_int_equal(fixture_read(b.at, b.size, name, &defaults, BATCH).points, kind < KINDS ? 20 : 3);
+			assert_int_equal(fixture_read(b.at, b.size, name, &defaults, BATCH).points,
+					 kind < KINDS ? 20 : 3);
 		if (kind < KINDS)
 			free(b.at);
 	}

@@ -321,8 +321,13 @@ static void lies_that_matter(void **state)
 
 static void lies_that_do_not_matter(void **state)
 {
-	static const struct { unsigned minor, format; size_t at; unsigned char bytes[9]; size_t n; const char *warning; }
-	harmless[] = {
+	static const struct {
+		unsigned minor, format;
+		size_t at;
+		unsigned char bytes[9];
+		size_t n;
+		const char *warning;
+	} harmless[] = {
 		{ 2, 0, 179, "\0\0\0\0\0\0\xf8\x7f", 8, "box" },            /* max x NaN */
 		{ 2, 0, 187, "\0\0\0\0\0\0\xf0\x7f", 8, "box" },            /* min x infinite */
 		{ 2, 0, 100, "\xff\xff\xff\xff", 4, "variable length records claimed" },

@@ -189,8 +189,8 @@ static void across_the_buffer(void **state)
 	int fd;
 
 	for (size_t i = 0; i < n; i++)
-		size += (size_t)snprintf(text + size, cap - size, "%zu.%02zu -%zu.5 %zu%*s%s", i, i % 100, i, i * 7,
-					 (int)(i % 37), "", i % 3 ? "\n" : "\r\n");
+		size += (size_t)snprintf(text + size, cap - size, "%zu.%02zu -%zu.5 %zu%*s%s", i, i % 100, i,
+					 i * 7, (int)(i % 37), "", i % 3 ? "\n" : "\r\n");
 	fd = fixture_fd(text, size);
 	assert_int_equal(input_open(fd, "a.xyz", &defaults, &in, &err), 0);
 	assert_int_equal(input_info(in)->claimed, n);
