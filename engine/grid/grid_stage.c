@@ -27,6 +27,7 @@ enum { STEM_MAX = GRID_NAME_MAX - 16, WINDOW_MIN = 4096, WINDOW_MAX = 16384 };
 struct grid_stage {
 	int dirfd;
 	bool durable, failed, sealed;
+	bool litter;              /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
 	uint8_t *memory;
 	size_t buffer;            /* bytes of the file buffer, at the start of memory */
@@ -39,9 +40,7 @@ struct grid_stage {
 	bool unsynced;            /* run names that the folder's fsync has not covered */
 	uint32_t *all;            /* every source seen, ascending */
 	uint32_t nall, allcap;
-	struct run {
-		uint32_t number;
-	} *runs;
+	uint32_t *runs;           /* their numbers, oldest first */
 	size_t nruns, runcap;
 	uint32_t next_run;
 	struct grid_merge merge;
@@ -152,14 +151,14 @@ static int add_run(struct grid_stage *s, uint32_t number, struct err *err)
 {
 	if (s->nruns == s->runcap) {
 		size_t cap = s->runcap ? s->runcap * 2 : 64;
-		struct run *runs = realloc(s->runs, cap * sizeof *runs);
+		uint32_t *runs = realloc(s->runs, cap * sizeof *runs);
 
 		if (!runs)
 			return err_set(err, ERR_NOMEM, "no memory for a list of %zu runs", cap);
 		s->runs = runs;
 		s->runcap = cap;
 	}
-	s->runs[s->nruns++].number = number;
+	s->runs[s->nruns++] = number;
 	s->unsynced = true;
 	return 0;
 }
@@ -323,25 +322,31 @@ static int open_runs(struct grid_stage *s, size_t n, const struct bench *b, stru
 	int rc = 0;
 
 	for (size_t i = 0; rc == 0 && i < n; i++) {
-		run_name(s, s->runs[i].number, name);
+		run_name(s, s->runs[i], name);
 		rc = grid_merge_run(&s->merge, s->dirfd, name,
 				    b->blocks + i * ((DISK_RUN_BLOCK_MAX + 63) & ~(size_t)63), err);
 	}
 	return rc;
 }
 
-/* Runs that are not needed any more. Whether they go matters to the disk's space only, not to the result. */
-static void drop_runs(struct grid_stage *s, size_t n)
+static void remove_run(struct grid_stage *s, uint32_t number)
 {
+	struct err err = ERR_INIT;
 	char name[GRID_NAME_MAX];
 
-	for (size_t i = 0; i < n; i++) {
-		struct err err = ERR_INIT;
+	run_name(s, number, name);
+	if (io_remove(s->dirfd, name, &err) == 0)
+		return;
+	s->litter = true;
+	log_err(LOG_LEVEL_DEBUG, "a sorted run stays behind", &err);
+}
 
-		run_name(s, s->runs[i].number, name);
-		if (io_remove(s->dirfd, name, &err))
-			log_err(LOG_LEVEL_DEBUG, "a sorted run stays behind", &err);
-	}
+/* Runs that are not needed any more. Whether they go matters to the disk's space only, not to the result: what
+ * stays is tried again in the end. */
+static void drop_runs(struct grid_stage *s, size_t n)
+{
+	for (size_t i = 0; i < n; i++)
+		remove_run(s, s->runs[i]);
 	s->nruns -= n;
 	if (s->nruns)
 		memmove(s->runs, s->runs + n, s->nruns * sizeof *s->runs);
@@ -481,6 +486,8 @@ struct grid_stage *grid_stage_free(struct grid_stage *s)
 	if (!s)
 		return NULL;
 	drop_runs(s, s->nruns);
+	for (uint32_t i = 0; s->litter && i < s->next_run; i++)
+		remove_run(s, i);
 	free(s->runs);
 	free(s->all);
 	free(s->memory);

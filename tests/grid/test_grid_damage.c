@@ -1,0 +1,254 @@
+/*
+ * Damage: any changed byte of a segment, manifest or run is found when it is read, and so is a segment,
+ * page or block that is whole but not the one that is meant.
+ */
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "grid_fixture.h"
+
+struct bytes {
+	uint8_t *at;
+	size_t n;
+};
+
+static struct bytes load(const struct folder *f, const char *name)
+{
+	struct bytes b = {malloc(1 << 22), 0};
+	int fd = openat(f->fd, name, O_RDONLY);
+	ssize_t n = read(fd, b.at, 1 << 22);
+
+	assert_true(fd >= 0 && n >= 0);
+	b.n = (size_t)n;
+	close(fd);
+	return b;
+}
+
+static void store(const struct folder *f, const char *name, const void *bytes, size_t n)
+{
+	int fd = openat(f->fd, name, O_WRONLY | O_CREAT | O_TRUNC, 0644);
+
+	assert_true(fd >= 0 && write(fd, bytes, n) == (ssize_t)n);
+	close(fd);
+}
+
+static void poke(const struct folder *f, const char *name, size_t place, uint8_t byte)
+{
+	int fd = openat(f->fd, name, O_WRONLY);
+
+	assert_int_equal(pwrite(fd, &byte, 1, (off_t)place), 1);
+	close(fd);
+}
+
+static int nothing(void *ctx, const struct grid_cell *cell)
+{
+	return 0;
+}
+
+/* Open and read everything in every way; 0 if there was nothing to complain of. */
+static int read_all(const struct folder *f, struct gather *g, struct digest *ret_sum, struct err *err)
+{
+	struct grid_visitor v = {NULL, NULL, nothing};
+	struct grid_reader *r;
+	struct grid *grid;
+	uint64_t count;
+	bool exact;
+	int rc = grid_open(f->fd, "m", 1, NULL, 1 << 20, &grid, err);
+
+	if (rc)
+		return rc;
+	void *memory = malloc(grid_reader_bytes(grid));
+
+	rc = grid_reader_new(grid, memory, grid_reader_bytes(grid), &r, err);
+	if (rc == 0)
+		rc = grid_walk(r, 0, UINT64_MAX, &v, err);
+	if (rc == 0)
+		rc = grid_count(r, 0, UINT64_MAX, &count, &exact, err);
+	if (rc == 0)
+		rc = grid_sum(r, 0, UINT64_MAX, ret_sum, err);
+	if (rc == 0)
+		rc = grid_scan(r, 0, UINT64_MAX, gather_sink, g, err);
+	grid_close(grid);
+	free(memory);
+	return rc;
+}
+
+/* A dataset "m" of one segment with several sources, one of them removed, and cells of many kinds. */
+static struct grid_segment_info make(const struct folder *f, struct set *ret_sorted, uint64_t seed)
+{
+	struct set s = set_make(SHAPE_CLUSTERED, 5000, 5, seed);
+	struct grid_segment_info info;
+	struct err err = ERR_INIT;
+
+	for (size_t i = 0; i < 2500; i++)
+		s.pts[i].x = s.pts[i].y = 12345; /* three blocks */
+	CHECK(stage_set(f, seed == 1 ? "one" : "two", &s, 0, &info, &err));
+	struct grid_manifest m = manifest_of(&info, 1, 5);
+
+	m.sources[3].removed = 2;
+	m.generation = 2;
+	CHECK(grid_manifest_write(f->fd, "m", &m, &err));
+	free(m.sources);
+	set_sort(&s);
+	*ret_sorted = s;
+	return info;
+}
+
+static void must_be_found(const struct folder *f, const char *file, size_t place)
+{
+	struct gather g = {0};
+	struct digest sum;
+	struct err err = ERR_INIT;
+	int rc = read_all(f, &g, &sum, &err);
+
+	if (rc != -ERR_CORRUPT && rc != -ERR_VERSION)
+		print_error("byte %zu of %s: %d\n", place, file, rc);
+	assert_true(rc == -ERR_CORRUPT || rc == -ERR_VERSION);
+	assert_int_equal(err.code, -rc);
+	assert_string_equal(err.file, file);
+	free(g.pts);
+}
+
+static void flips(const char *file, bool all)
+{
+	struct folder f = folder_new();
+	struct set s;
+	struct grid_segment_info info = make(&f, &s, 1);
+	const char *name = strcmp(file, "seg") ? file : info.file;
+	struct bytes b = load(&f, name);
+	struct gather g = {0};
+	struct digest sum;
+	struct err err = ERR_INIT;
+	uint64_t rng = 77;
+	size_t tried = 0;
+
+	CHECK(read_all(&f, &g, &sum, &err));
+	assert_int_equal(g.n, s.n);
+	assert_true(digest_equal(sum, info.sum));
+	for (size_t i = 0; i < b.n; i += all ? 1 : 1 + rng_below(&rng, 40)) {
+		poke(&f, name, i, b.at[i] ^ (uint8_t)(1u << rng_below(&rng, 8)));
+		must_be_found(&f, name, i);
+		poke(&f, name, i, b.at[i]);
+		tried++;
+	}
+	for (int i = 0; i < 200; i++) { /* cut off, or longer */
+		size_t n = rng_below(&rng, b.n);
+
+		store(&f, name, b.at, n);
+		must_be_found(&f, name, n);
+	}
+	b.at[b.n] = 0;
+	store(&f, name, b.at, b.n + 1);
+	must_be_found(&f, name, b.n + 1);
+	store(&f, name, b.at, b.n);
+	g.n = 0;
+	CHECK(read_all(&f, &g, &sum, &err));
+	print_message("%s: %zu bytes changed\n", file, tried);
+	free(g.pts);
+	free(b.at);
+	set_free(&s);
+	folder_remove(&f);
+}
+
+static void test_segment_flips(void **state)
+{
+	flips("seg", false);
+}
+
+static void test_manifest_flips(void **state)
+{
+	flips("m", true);
+}
+
+/* Another segment under the name; stretches of it moved about. All checksums in them are right. */
+static void test_exchanged(void **state)
+{
+	struct folder f = folder_new();
+	struct set s, other;
+	struct grid_segment_info two = make(&f, &other, 2), one = make(&f, &s, 1);
+	struct bytes b = load(&f, one.file), o = load(&f, two.file);
+	uint64_t rng = 5;
+
+	store(&f, one.file, o.at, o.n);
+	must_be_found(&f, one.file, 0);
+	for (int i = 0; i < 300; i++) {
+		size_t n = 16 * (1 + rng_below(&rng, 1200)), from = 16 * rng_below(&rng, (b.n - n) / 16);
+		size_t to = i % 2 ? from : 4096 + 16 * rng_below(&rng, (b.n - n - 4096) / 16);
+		const uint8_t *source = i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
+
+		if (i % 2 && from + n > o.n)
+			continue;
+		if (!memcmp(b.at + to, source + from, n))
+			continue;
+		uint8_t *mixed = malloc(b.n);
+
+		memcpy(mixed, b.at, b.n);
+		memcpy(mixed + to, source + from, n);
+		store(&f, one.file, mixed, b.n);
+		must_be_found(&f, one.file, to);
+		free(mixed);
+	}
+	free(b.at);
+	free(o.at);
+	set_free(&s);
+	set_free(&other);
+	folder_remove(&f);
+}
+
+/* Runs are read once, when sealing. */
+static void test_run_flips(void **state)
+{
+	struct folder f = folder_new();
+	struct set s = set_make(SHAPE_DUPLICATES, 1500, 3, 8);
+	struct grid_stage_params params = {f.fd, "r", GRID_STAGE_MIN, true};
+	uint64_t rng = 6;
+	size_t size = 1, tried = 0;
+
+	for (size_t place = 0; place < size; place += 1 + rng_below(&rng, 30)) {
+		struct grid_segment_info info;
+		struct grid_stage *stage;
+		struct err err = ERR_INIT;
+
+		CHECK(grid_stage_new(&params, &stage, &err));
+		for (unsigned i = 0; i < 3; i++) {
+			CHECK(grid_stage_source(stage, 1 + i, &err));
+			CHECK(grid_stage_add(stage, s.pts + i * 500, 500, &err));
+		}
+		CHECK(grid_stage_sync(stage, &err));
+		struct bytes b = load(&f, "r.0.run");
+
+		size = b.n;
+		if (place % 7 == 3)
+			store(&f, "r.0.run", b.at, place);
+		else
+			poke(&f, "r.0.run", place, b.at[place] ^ (uint8_t)(1u << rng_below(&rng, 8)));
+		assert_int_equal(grid_stage_seal(stage, &info, &err), -ERR_CORRUPT);
+		assert_string_equal(err.file, "r.0.run");
+		grid_stage_free(stage);
+		assert_int_equal(folder_files(&f, ""), 0);
+		free(b.at);
+		tried++;
+	}
+	print_message("run: %zu bytes changed\n", tried);
+	set_free(&s);
+	folder_remove(&f);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_segment_flips),
+		cmocka_unit_test(test_manifest_flips),
+		cmocka_unit_test(test_exchanged),
+		cmocka_unit_test(test_run_flips),
+	};
+
+	return cmocka_run_group_tests_name("grid: damage", tests, NULL, NULL);
+}

@@ -1,0 +1,219 @@
+/* Manifests: what is written is read back, what breaks a rule is refused both ways, rubbish never crashes. */
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+#include <xxhash.h>
+
+#include "grid_fixture.h"
+#include "ledger.h"
+
+static struct grid_segment_info segment(const char *file, uint64_t points)
+{
+	struct grid_segment_info s = {
+		.points = points, .cells = 3, .bytes = 99999, .box = {-5, INT32_MIN, 7, INT32_MAX}, .sum = {1, ~0ull}};
+
+	snprintf(s.file, sizeof s.file, "%s", file);
+	s.classes[0] = 1;
+	s.classes[255] = points - 1;
+	return s;
+}
+
+static struct grid_manifest sample(struct grid_segment_info segments[2])
+{
+	segments[0] = segment("a.seg", 10);
+	segments[1] = segment("b.seg", (uint64_t)1 << 60);
+	struct grid_manifest m = manifest_of(segments, 2, 4);
+
+	m.generation = 9;
+	m.sources[1].added = 4;
+	m.sources[1].removed = 9;
+	m.sources[1].points = ~(uint64_t)0;
+	m.sources[2].hash = (struct digest){3, 4};
+	m.sources[3].id = UINT32_MAX;
+	memset(m.sources[3].name, 'n', sizeof m.sources[3].name - 1);
+	return m;
+}
+
+static void assert_same(const struct grid_manifest *a, const struct grid_manifest *b)
+{
+	assert_true(lattice_equal(&a->lattice, &b->lattice));
+	assert_string_equal(a->crs, b->crs);
+	assert_string_equal(a->unit_xy, b->unit_xy);
+	assert_string_equal(a->unit_z, b->unit_z);
+	assert_true(a->generation == b->generation && a->nsegments == b->nsegments && a->nsources == b->nsources);
+	for (size_t i = 0; i < a->nsegments; i++) {
+		const struct grid_segment_info *s = &a->segments[i], *t = &b->segments[i];
+
+		assert_string_equal(s->file, t->file);
+		assert_true(s->points == t->points && s->cells == t->cells && s->bytes == t->bytes);
+		assert_memory_equal(s->box, t->box, sizeof s->box);
+		assert_memory_equal(s->classes, t->classes, sizeof s->classes);
+		assert_true(digest_equal(s->sum, t->sum));
+	}
+	for (size_t i = 0; i < a->nsources; i++) {
+		const struct grid_source *s = &a->sources[i], *t = &b->sources[i];
+
+		assert_true(s->id == t->id && s->added == t->added && s->removed == t->removed);
+		assert_true(s->points == t->points && digest_equal(s->hash, t->hash));
+		assert_string_equal(s->name, t->name);
+	}
+}
+
+static void test_back(void **state)
+{
+	struct grid_segment_info segments[2];
+	struct grid_manifest m = sample(segments), *back;
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
+	assert_same(&m, back);
+	grid_manifest_free(back);
+	m.nsegments = m.nsources = 0;
+	m.crs[0] = 0;
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err)); /* over the old one */
+	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
+	assert_same(&m, back);
+	grid_manifest_free(back);
+	assert_int_equal(folder_files(&f, ""), 1);
+	assert_true(grid_manifest_read(f.fd, "absent", &back, &err) == -ERR_IO);
+	assert_null(grid_manifest_free(NULL));
+	free(m.sources);
+	folder_remove(&f);
+}
+
+typedef void (*breaker)(struct grid_manifest *);
+
+static void long_crs(struct grid_manifest *m) { memset(m->crs, 'x', sizeof m->crs); }
+static void twice(struct grid_manifest *m) { m->sources[3].id = m->sources[0].id; }
+static void zero(struct grid_manifest *m) { m->sources[1].id = 0; }
+static void future(struct grid_manifest *m) { m->sources[2].added = 10; }
+static void backwards(struct grid_manifest *m) { m->sources[1].removed = 4; }
+static void same_name(struct grid_manifest *m) { strcpy(m->segments[1].file, m->segments[0].file); }
+static void climbing(struct grid_manifest *m) { strcpy(m->segments[1].file, "../x"); }
+static void nameless(struct grid_manifest *m) { m->segments[1].file[0] = 0; }
+static void inside_out(struct grid_manifest *m) { m->segments[0].box[2] = -6; }
+static void no_sum(struct grid_manifest *m) { m->segments[0].classes[3] = 1; }
+static void no_cells(struct grid_manifest *m) { m->segments[0].cells = 0; }
+static void scaleless(struct grid_manifest *m) { m->lattice.scale_xy.mantissa = 0; }
+
+static void test_rules(void **state)
+{
+	static const breaker breakers[] = {long_crs, twice,    zero,       future, backwards, same_name,
+					   climbing, nameless, inside_out, no_sum, no_cells,  scaleless};
+	struct folder f = folder_new();
+
+	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {
+		struct grid_segment_info segments[2];
+		struct grid_manifest m = sample(segments);
+		struct err err = ERR_INIT;
+
+		breakers[i](&m);
+		assert_int_equal(grid_manifest_write(f.fd, "m", &m, &err), -ERR_INTERNAL);
+		assert_int_equal(folder_files(&f, ""), 0);
+		free(m.sources);
+	}
+	folder_remove(&f);
+}
+
+/* Bytes changed and the checksum put right: accepted only if it obeys every rule, which writing it shows. */
+static void test_rubbish(void **state)
+{
+	struct grid_segment_info segments[2];
+	struct grid_manifest m = sample(segments);
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	uint8_t bytes[8192], changed[8192];
+	uint64_t rng = 3;
+	size_t accepted = 0;
+	int fd;
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	fd = openat(f.fd, "m", O_RDWR);
+	size_t n = (size_t)pread(fd, bytes, sizeof bytes, 0);
+
+	for (int i = 0; i < 20000; i++) {
+		struct grid_manifest *got = NULL, *again;
+		uint64_t size = i % 3 ? n : n - rng_below(&rng, n - 48), check;
+
+		memcpy(changed, bytes, n);
+		for (uint64_t k = rng_below(&rng, 3) + (size == n); k-- > 0;)
+			changed[24 + rng_below(&rng, size - 32)] = (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
+		memcpy(changed + 16, &size, sizeof size);
+		check = XXH3_64bits(changed, size - 8);
+		memcpy(changed + size - 8, &check, sizeof check);
+		assert_int_equal(pwrite(fd, changed, size, 0), size);
+		assert_int_equal(ftruncate(fd, (off_t)size), 0);
+		err_clear(&err);
+		int rc = grid_manifest_read(f.fd, "m", &got, &err);
+
+		if (rc) {
+			assert_int_equal(rc, -ERR_CORRUPT);
+			assert_string_equal(err.file, "m");
+			continue;
+		}
+		if (accepted++ % 50 == 0) { /* it goes to the disk, which takes its time */
+			CHECK(grid_manifest_write(f.fd, "again", got, &err));
+			CHECK(grid_manifest_read(f.fd, "again", &again, &err));
+			assert_same(got, again);
+			grid_manifest_free(again);
+		}
+		grid_manifest_free(got);
+	}
+	assert_true(accepted > 100 && accepted < 20000);
+	close(fd);
+	free(m.sources);
+	folder_remove(&f);
+}
+
+/* The index is charged by name, refused while there is no room, and given back. */
+static void test_ledger(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 5000, 1, 2);
+	struct grid_segment_info info;
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	struct ledger *ledger = ledger_new(100000);
+	struct grid *g;
+
+	CHECK(stage_set(&f, "a", &s, 0, &info, &err));
+	struct grid_manifest m = manifest_of(&info, 1, 1);
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	CHECK(grid_open(f.fd, "m", 1, ledger, (size_t)1 << 30, &g, &err)); /* no more frames than pages */
+	assert_true(ledger_held(ledger, LEDGER_INDEX) > 16384 && ledger_held(ledger, LEDGER_INDEX) < 40000);
+	grid_close(g);
+	assert_true(ledger_left(ledger) == 100000);
+	assert_true(ledger_take(ledger, LEDGER_STAGE, 99000));
+	assert_int_equal(grid_open(f.fd, "m", 1, ledger, 1 << 20, &g, &err), -ERR_BUSY);
+	ledger_give(ledger, LEDGER_STAGE, 99000);
+	err_clear(&err);
+	assert_int_equal(grid_open(f.fd, "m", 2, ledger, 1 << 20, &g, &err), -ERR_NOTFOUND);
+	err_clear(&err);
+	m.nsources = 0; /* the segment's source is missing */
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	assert_int_equal(grid_open(f.fd, "m", 1, ledger, 1 << 20, &g, &err), -ERR_CORRUPT);
+	ledger_free(ledger);
+	free(m.sources);
+	set_free(&s);
+	folder_remove(&f);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_back),
+		cmocka_unit_test(test_rules),
+		cmocka_unit_test(test_rubbish),
+		cmocka_unit_test(test_ledger),
+	};
+
+	return cmocka_run_group_tests_name("grid: manifests", tests, NULL, NULL);
+}
