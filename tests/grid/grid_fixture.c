@@ -12,6 +12,8 @@
 
 #include <cmocka.h>
 
+#include "io.h"
+
 uint64_t rng_next(uint64_t *state)
 {
 	uint64_t z = *state += 0x9e3779b97f4a7c15u;
@@ -37,6 +39,20 @@ void check_ok(int rc, const struct err *err, const char *what, const char *file,
 }
 
 /* ---- folders ---- */
+
+static int no_fsync(int fd)
+{
+	return 0;
+}
+
+void skip_fsync(void)
+{
+	static struct io_table table;
+
+	table = io_system;
+	table.fsync = no_fsync;
+	io = &table;
+}
 
 struct folder folder_new(void)
 {

@@ -170,7 +170,7 @@ static void one_content(enum shape shape, size_t n, unsigned sources, uint64_t s
 	struct reader r = reader_open(&f, "m", 1, seed % 2 ? 1 << 20 : 0);
 
 	check_segment(&r, &sorted, &info[0]);
-	for (int i = 0; i < 100; i++) {
+	for (int i = 0; i < 40; i++) {
 		uint64_t lo, hi;
 
 		random_range(&sorted, &rng, &lo, &hi);
@@ -187,7 +187,7 @@ static void test_cells(void **state)
 {
 	for (int shape = 0; shape < SHAPES; shape++)
 		for (unsigned sources = 1; sources <= 7; sources += 6)
-			one_content(shape, 100000, sources, 11 + (unsigned)shape);
+			one_content(shape, 60000, sources, 11 + (unsigned)shape);
 }
 
 static void test_small(void **state)
@@ -251,7 +251,7 @@ static void generations(enum shape shape, uint64_t seed)
 		}
 		assert_true(grid_points(r.grid) == live.n);
 		check_range(&r, &live, 0, UINT64_MAX, !removed);
-		for (int i = 0; i < 60; i++) {
+		for (int i = 0; i < 25; i++) {
 			uint64_t lo, hi;
 
 			random_range(&all, &rng, &lo, &hi);
@@ -386,5 +386,6 @@ int main(void)
 		cmocka_unit_test(test_generations), cmocka_unit_test(test_prune), cmocka_unit_test(test_box),
 	};
 
+	skip_fsync();
 	return cmocka_run_group_tests_name("grid", tests, NULL, NULL);
 }

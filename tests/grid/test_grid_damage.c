@@ -250,5 +250,6 @@ int main(void)
 		cmocka_unit_test(test_run_flips),
 	};
 
+	skip_fsync();
 	return cmocka_run_group_tests_name("grid: damage", tests, NULL, NULL);
 }

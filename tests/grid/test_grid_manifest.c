@@ -215,5 +215,6 @@ int main(void)
 		cmocka_unit_test(test_ledger),
 	};
 
+	skip_fsync();
 	return cmocka_run_group_tests_name("grid: manifests", tests, NULL, NULL);
 }

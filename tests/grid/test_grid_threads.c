@@ -139,5 +139,6 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {cmocka_unit_test(test_threads), cmocka_unit_test(test_cache)};
 
+	skip_fsync();
 	return cmocka_run_group_tests_name("grid: threads", tests, NULL, NULL);
 }
