@@ -1,6 +1,6 @@
 /*
  * What cutting costs: read amplification, halo share and CPU time of loading every domain of a plan, over
- * real grids in a temporary folder. `bench-cut [POINTS]`.
+ * real grids in a temporary folder. `bench-cut [POINTS [INPUT]]`.
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -85,7 +85,7 @@ static int drop(void *ctx, const struct point *pts, size_t n, struct err *err)
 static void measure(const char *kind, const struct grid *grid, uint32_t load)
 {
 	const struct view view = VIEW_INIT;
-	uint32_t cap = 2 * load + 100000;
+	uint32_t cap = load + load / 4 + 8192;
 	size_t reader_size = grid_reader_bytes(grid), scratch_size = cut_load_scratch_bytes(4 * cap);
 	void *reader_memory = malloc(reader_size), *scratch = malloc(scratch_size);
 	struct mesh_vertex *out = malloc(cap * sizeof(*out));
@@ -142,6 +142,7 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 int main(int argc, char **argv)
 {
 	static const char *const kinds[] = { "uniform", "scan", "grid", "cluster", "two", "holes", "corridor" };
+	static const uint32_t loads[] = { 1 << 15, 1 << 17, 1 << 19, 1 << 20 }; /* the ladder */
 	uint32_t want = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 1000000;
 	char path[] = "/tmp/acut-bench-cut-XXXXXX";
 	int dirfd = mkdtemp(path) ? open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
@@ -152,6 +153,9 @@ int main(int argc, char **argv)
 	       "halo us/point | plan ms | probe ms |\n|---|---|---|---|---|---|---|---|---|---|\n", want);
 	for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
 		uint32_t n;
+
+		if (argc > 2 && strcmp(kinds[i], argv[2]))
+			continue;
 		struct mesh_vertex *v = strcmp(kinds[i], "corridor") ? input_make(kinds[i], want, 1, &n) : corridor(want, &n);
 		struct grid *grid;
 		char file[64];
@@ -160,8 +164,8 @@ int main(int argc, char **argv)
 			return 1;
 		grid = make(dirfd, v, n);
 		free(v);
-		for (uint32_t load = 1u << 15; load <= 1u << 19 && load < n; load <<= 2)
-			measure(kinds[i], grid, load);
+		for (unsigned k = 0; k < sizeof(loads) / sizeof(loads[0]) && loads[k] < n; k++)
+			measure(kinds[i], grid, loads[k]);
 		snprintf(file, sizeof(file), "%s", grid_manifest(grid)->segments[0].file);
 		grid_close(grid);
 		unlinkat(dirfd, file, 0);
