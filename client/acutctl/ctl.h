@@ -1,0 +1,271 @@
+/*
+ * acutctl: what its commands share. One file a command (ctl_NAME.c with ctl_NAME_run), bound by the table in
+ * ctl_command.c; options are rows of ctl_option.c. A command returns the exit status.
+ */
+#ifndef CTL_H
+#define CTL_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+
+#include "acut.h"
+#include "err.h"
+#include "format.h"
+
+struct ctl_daemon;
+
+#define CTL_OUTPUTS 16
+
+/* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
+struct ctl_args {
+	bool json, quiet, no_progress, help, own_private;
+	bool strict, planar, accept_truncated;
+	bool ground, surface, keep_withheld, keep_noise;
+	bool canonical, no_clobber, wait, fresh;
+	const char *socket, *timeout;
+	const char *memory, *threads, *cache;
+	const char *scale, *input_format;
+	const char *classes, *returns, *duplicates;
+	const char *format, *origin, *max_edge, *width, *color;
+	const char *generation;
+	const char *out[CTL_OUTPUTS];
+	unsigned nout;
+	char **word;               /* what is not an option, without the command */
+	unsigned nword;
+};
+
+struct ctl_command;
+
+struct ctl {
+	struct ctl_args args;
+	const struct ctl_command *command;
+	double timeout;            /* seconds, 0 = none */
+	uint64_t deadline_ns;
+	struct acut *acut;
+	struct ctl_daemon *daemon; /* of this command's own, or NULL */
+	FILE *report;              /* JSON and results: stdout, or stderr where OUT is "-" */
+	char **warning;
+	size_t nwarning;
+	bool progress_shown;       /* a progress line stands on the terminal */
+	bool out_closed;           /* the reader of standard output is gone */
+};
+
+/* Exit statuses that are no error's (DESIGN of the command line). */
+enum { CTL_DONE = 0, CTL_USAGE = 2, CTL_SOME_REFUSED = 3, CTL_PIPE = 141 };
+
+/* Which options a command takes: an option is allowed where its groups meet the command's. */
+enum ctl_group {
+	CTL_ALL = 1,               /* every command */
+	CTL_STAGE = 2,             /* what is stored: mesh, push */
+	CTL_VIEW = 4,              /* which points: mesh, submit, plan */
+	CTL_OUT = 8,               /* what is written: mesh, fetch */
+	CTL_OWN = 16,              /* a daemon of its own: mesh, info */
+	CTL_INPUT = 32,            /* reads inputs: mesh, push, info */
+	CTL_SUBMIT = 64,
+	CTL_GENERATION = 128,      /* submit, plan */
+	CTL_FETCH = 256,
+};
+
+struct ctl_command {
+	const char *name, *usage, *help;
+	unsigned groups;
+	unsigned least, most;      /* words */
+	bool starts;               /* starts a private daemon unasked */
+	int (*run)(struct ctl *);  /* NULL: not in this version */
+};
+
+/* ---- ctl_command.c ---- */
+
+const struct ctl_command *ctl_command_find(const char *name);
+const struct ctl_command *ctl_command_rows(size_t *ret_n); /* sorted by name */
+
+/* ---- ctl_option.c ---- */
+
+/* Reads the command line: args, and the command. -ERR_USAGE, -ERR_UNSUPPORTED. */
+int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err);
+/* Prints the options that the groups take. */
+void ctl_option_help(FILE *, unsigned groups);
+/* "INPUT FORMAT" of numbers: a whole number from `least` to `most`. */
+int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
+		      struct err *err);
+
+/* ---- ctl_error.c ---- */
+
+/* Prints the failure, for people or as JSON; returns the exit status. A caught signal or a passed
+ * deadline is told as that. */
+int ctl_error(struct ctl *, const struct err *);
+/* The same for the last failure of the connection. */
+int ctl_error_acut(struct ctl *);
+/* The connection's last failure as a struct err; file set if it has none and `file` is not NULL. */
+int ctl_error_from_acut(const struct acut *, const char *file, struct err *ret);
+void ctl_error_from_failure(const struct acut_failure *, struct err *ret);
+/* One line to stderr, unless --quiet; kept for the JSON report. */
+void ctl_warn(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+/* One line for people, unless --quiet or --json. */
+void ctl_note(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+/* ---- ctl_signal.c ---- */
+
+void ctl_signal_init(struct ctl *);
+/* Of acut_options: non-zero if a signal was caught or --timeout has passed. ctx is the struct ctl. */
+int ctl_signal_interrupted(void *ctx);
+int ctl_signal_caught(void); /* its number, or 0 */
+bool ctl_signal_late(const struct ctl *);
+
+/* ---- ctl_json.c ---- */
+
+struct ctl_json { FILE *out; bool comma; };
+/* Keys are NULL inside lists. NULL texts become null. */
+void ctl_json_open(struct ctl_json *, const char *key, char bracket);
+void ctl_json_close(struct ctl_json *, char bracket);
+void ctl_json_text(struct ctl_json *, const char *key, const char *text);
+void ctl_json_known(struct ctl_json *, const char *key, const char *text); /* "" and "unknown" are null too */
+void ctl_json_u64(struct ctl_json *, const char *key, uint64_t n);
+void ctl_json_i64(struct ctl_json *, const char *key, int64_t n);
+void ctl_json_number(struct ctl_json *, const char *key, double v); /* not finite: null */
+void ctl_json_literal(struct ctl_json *, const char *key, const char *text);
+void ctl_json_bool(struct ctl_json *, const char *key, bool v);
+void ctl_json_line(struct ctl_json *); /* ends the object's line */
+
+/* In ctl_error.c: the object {"code", "file", "offset", "field", "message", "hint"}. */
+void ctl_error_json(struct ctl_json *, const char *key, const struct err *);
+
+/* ---- ctl_view.c ---- */
+
+#define CTL_VIEW_SIZE 2048
+/* The canonical text of the view that the options ask for. */
+int ctl_view_text(const struct ctl_args *, char buf[CTL_VIEW_SIZE], struct err *err);
+
+/* ---- ctl_input.c ---- */
+
+struct ctl_input { char *name; int fd; bool refused; }; /* fd -1: opened when it is its turn */
+struct ctl_inputs { struct ctl_input *input; size_t n, room; };
+/* Files, folders (their survey files, sorted), lists (@FILE), "-". */
+int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
+/* *ret_fd is the caller's only if it is not the input's own. */
+int ctl_input_open(const struct ctl_input *, int *ret_fd, struct err *err);
+void ctl_input_close(const struct ctl_input *, int fd);
+void ctl_input_done(struct ctl_inputs *);
+/* -ERR_USAGE if an output is one of the inputs. */
+int ctl_input_not_output(const struct ctl_inputs *, const struct ctl_args *, struct err *err);
+
+/* ---- ctl_connect.c, ctl_private.c ---- */
+
+/* Finds or starts the daemon, sets ctl->acut. Prints its failure; returns the exit status. */
+int ctl_connect(struct ctl *);
+void ctl_disconnect(struct ctl *);
+
+/* A listening socket with an acutd behind it that this user shares; starts one if there is none. */
+int ctl_private_connect(struct ctl *, struct err *err);
+/* A daemon for this command alone, with its own folders. */
+int ctl_private_own(struct ctl *, struct err *err);
+/* Ends it and removes its folders. NULL is fine; returns NULL. */
+struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
+
+/* ---- ctl_spawn.c ---- */
+
+struct ctl_spawn {
+	const char *socket, *state, *cache, *memory, *threads, *log; /* NULL: not given */
+	int listen_fd;             /* handed over as the service manager does */
+	int lock_fd;               /* kept open by the daemon; -1: none */
+	bool bound;                /* ends with this process */
+};
+int ctl_spawn_daemon(const struct ctl_spawn *, int *ret_pid, struct err *err);
+/* Makes and binds a listening socket; long paths are bound through the folder's descriptor. */
+int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err);
+int ctl_spawn_connect(const char *path, int *ret_fd); /* negative errno */
+/* The last line of a log, for a daemon that did not come up. */
+void ctl_spawn_last_words(const char *log, char *buf, size_t size);
+
+/* ---- ctl_folder.c ---- */
+
+/* Folders of the user, made if absent (0700). "state", "cache": $XDG_STATE_HOME/acut, $XDG_CACHE_HOME/acut. */
+int ctl_folder_state(char *buf, size_t size, struct err *err);
+int ctl_folder_cache(char *buf, size_t size, struct err *err);
+int ctl_folder_runtime(char *buf, size_t size, struct err *err);
+int ctl_folder_make(const char *path, struct err *err); /* with its parents */
+void ctl_folder_remove(const char *path);               /* with all that is in it */
+
+/* ---- ctl_progress.c ---- */
+
+struct ctl_progress {
+	struct ctl *ctl;
+	char phase[16];
+	uint64_t start_ns, last_ns; /* of the phase; of the last line */
+	uint64_t base, total;      /* staging: points of files that are done, of all files */
+	bool on;
+};
+void ctl_progress_init(struct ctl_progress *, struct ctl *);
+/* An acut_progress_fn. */
+void ctl_progress_show(void *ctx, const struct acut_progress *);
+void ctl_progress_clear(struct ctl *);
+
+/* ---- ctl_stage.c: inputs into a dataset ---- */
+
+struct ctl_staged {
+	char dataset[256];
+	uint64_t generation, points;
+	unsigned good, refused;
+	struct ctl_staged_file { char *name; bool refused; uint64_t points, moved; double shift[3]; struct err err; } *file;
+	size_t nfile;
+	double seconds;
+};
+/* Pushes all inputs; refused ones are told. `dataset` NULL: one-step. Prints its failure; exit status, where
+ * CTL_SOME_REFUSED means that the push is done without them. */
+int ctl_stage(struct ctl *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
+void ctl_stage_done(struct ctl_staged *);
+
+/* ---- ctl_output.c: outputs from the options ---- */
+
+/* Checks them (what can be known without a daemon) and opens a run. */
+int ctl_output_open(struct ctl *, struct format_run **ret, struct err *err);
+/* Fetches the job into the run, publishes, reports; exit status. */
+int ctl_output_fetch(struct ctl *, uint64_t job, struct format_run *, const struct ctl_staged *);
+
+/* ---- ctl_job.c: jobs as text and JSON ---- */
+
+void ctl_job_print(struct ctl *, const struct acut_job *);
+void ctl_job_json(struct ctl *, const struct acut_job *);
+/* Exit status of a job that is over; prints why it failed. */
+int ctl_job_status(struct ctl *, const struct acut_job *);
+/* "12" or "job 12" as an id. */
+int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
+/* Calls `each` for the words, in order; the first status that is not 0. */
+int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
+char *ctl_job_count(uint64_t n, char buf[32]); /* 1,234,567 */
+/* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
+void ctl_job_report(struct ctl_json *, const struct acut_report *);
+/* lattice as a JSON object, null if the text is not one */
+void ctl_job_lattice(struct ctl_json *, const char *lattice);
+void ctl_job_units(struct ctl_json *, const char *crs, const char *unit_xy, const char *unit_z);
+void ctl_job_refused(struct ctl_json *, const struct ctl_staged_file *);
+void ctl_job_time(struct ctl_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
+char *ctl_job_time_text(int64_t us, char buf[32]);
+
+/* ---- commands ---- */
+
+#define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
+CTL_COMMAND(cancel)
+CTL_COMMAND(dataset)
+CTL_COMMAND(datasets)
+CTL_COMMAND(fetch)
+CTL_COMMAND(formats)
+CTL_COMMAND(help)
+CTL_COMMAND(info)
+CTL_COMMAND(jobs)
+CTL_COMMAND(mesh)
+CTL_COMMAND(ping)
+CTL_COMMAND(plan)
+CTL_COMMAND(push)
+CTL_COMMAND(rm)
+CTL_COMMAND(show)
+CTL_COMMAND(status)
+CTL_COMMAND(submit)
+CTL_COMMAND(version)
+CTL_COMMAND(wait)
+CTL_COMMAND(watch)
+#undef CTL_COMMAND
+
+#endif

@@ -1,0 +1,64 @@
+/*
+ * Which daemon a command speaks to: --socket, $ACUT_SOCKET, the system's socket, in this order; only where none of
+ * them is set, and only for the commands that need nothing kept, a private one that is started unasked.
+ */
+#include <stdlib.h>
+#include <sys/stat.h>
+
+#include "ctl.h"
+
+#define SYSTEM_SOCKET "/run/acut/acutd.sock"
+
+static const char *configured(const struct ctl_args *a)
+{
+	const char *env = getenv("ACUT_SOCKET");
+	struct stat st;
+
+	if (a->socket)
+		return a->socket;
+	if (env && *env)
+		return env;
+	return stat(SYSTEM_SOCKET, &st) ? NULL : SYSTEM_SOCKET;
+}
+
+static int connect_to(struct ctl *ctl, const char *path, struct err *err)
+{
+	const struct acut_options opt = { .program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl };
+	int fd, r = ctl_spawn_connect(path, &fd);
+
+	if (!r)
+		r = acut_attach(fd, &opt, &ctl->acut);
+	else
+		r = acut_connect(path, &opt, &ctl->acut); /* for its words */
+	if (!r)
+		return 0;
+	ctl_error_from_acut(ctl->acut, NULL, err);
+	ctl->acut = acut_close(ctl->acut);
+	return -(int)err->code;
+}
+
+int ctl_connect(struct ctl *ctl)
+{
+	const struct ctl_args *a = &ctl->args;
+	const char *path = a->own_private ? NULL : configured(a);
+	struct err err = ERR_INIT;
+	int r;
+
+	if (a->memory || a->threads || a->cache) {
+		r = ctl_private_own(ctl, &err);
+	} else if (path) {
+		r = connect_to(ctl, path, &err);
+	} else if (a->own_private || ctl->command->starts) {
+		r = ctl_private_connect(ctl, &err);
+	} else {
+		r = err_set(&err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s", SYSTEM_SOCKET);
+		err_add_hint(&err, "start acutd, or use the private daemon of acutctl mesh with --private");
+	}
+	return r ? ctl_error(ctl, &err) : 0;
+}
+
+void ctl_disconnect(struct ctl *ctl)
+{
+	ctl->acut = acut_close(ctl->acut);
+	ctl->daemon = ctl_private_end(ctl->daemon);
+}

@@ -1,0 +1,10 @@
+/* A dataset as JSON, for the two commands that print one. */
+#ifndef CTL_DATASET_H
+#define CTL_DATASET_H
+
+struct ctl;
+struct acut_dataset;
+
+void ctl_dataset_json(struct ctl *, const struct acut_dataset *);
+
+#endif

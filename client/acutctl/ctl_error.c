@@ -1,0 +1,141 @@
+/*
+ * How failures, warnings and notes are told. Read aloud, an error says which file, where in it, what is wrong,
+ * and what to do: "acutctl: survey.las: byte 104, header size: ...", then "hint: ...".
+ */
+#include <errno.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctl.h"
+
+void ctl_error_json(struct ctl_json *j, const char *key, const struct err *err)
+{
+	ctl_json_open(j, key, '{');
+	ctl_json_text(j, "code", err_wire_name(err->code));
+	ctl_json_text(j, "file", err->file[0] ? err->file : NULL);
+	if (err->offset == ERR_NO_OFFSET)
+		ctl_json_text(j, "offset", NULL);
+	else
+		ctl_json_u64(j, "offset", err->offset);
+	ctl_json_text(j, "field", err->field[0] ? err->field : NULL);
+	ctl_json_text(j, "message", err->message);
+	ctl_json_text(j, "hint", err->hint[0] ? err->hint : NULL);
+	ctl_json_close(j, '}');
+}
+
+static void print_json(struct ctl *ctl, const struct err *err)
+{
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_error_json(&j, "error", err);
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+/* The place is left out where the message names the line itself. */
+static void print_text(const struct err *err)
+{
+	bool line = !strcmp(err->field, "line");
+
+	fprintf(stderr, "acutctl: ");
+	if (err->file[0])
+		fprintf(stderr, "%s: ", err->file);
+	if (err->offset != ERR_NO_OFFSET && !line)
+		fprintf(stderr, "byte %llu%s", (unsigned long long)err->offset, err->field[0] ? ", " : ": ");
+	if (err->field[0] && !line)
+		fprintf(stderr, "%s: ", err->field);
+	fprintf(stderr, "%s\n", err->message[0] ? err->message : err_wire_name(err->code));
+	if (err->hint[0])
+		fprintf(stderr, "hint: %s\n", err->hint);
+}
+
+int ctl_error(struct ctl *ctl, const struct err *given)
+{
+	struct err err = *given;
+	int caught = ctl_signal_caught();
+
+	if (caught && err.code == ERR_CANCELLED) {
+		ctl_progress_clear(ctl);
+		if (!ctl->args.quiet && !ctl->args.json)
+			fprintf(stderr, "acutctl: interrupted\n");
+		return 128 + caught;
+	}
+	if (err.sys == EPIPE && ctl->args.nout) {
+		ctl->out_closed = true;
+		return CTL_PIPE;
+	}
+	if (err.code == ERR_CANCELLED && ctl_signal_late(ctl)) {
+		err = ERR_INIT;
+		err_set(&err, ERR_TIMEOUT, "not done within %s", ctl->args.timeout);
+	}
+	ctl_progress_clear(ctl);
+	if (ctl->args.json)
+		print_json(ctl, &err);
+	else
+		print_text(&err);
+	return err_exit_status(err.code);
+}
+
+void ctl_error_from_failure(const struct acut_failure *f, struct err *ret)
+{
+	*ret = ERR_INIT;
+	err_set(ret, f->code > 0 && f->code < ERR_COUNT ? (enum err_code)f->code : ERR_INTERNAL, "%s", f->message);
+	if (f->file[0])
+		err_add_file(ret, f->file);
+	err_add_place(ret, f->offset, f->field);
+	if (f->hint[0])
+		err_add_hint(ret, "%s", f->hint);
+}
+
+int ctl_error_from_acut(const struct acut *acut, const char *file, struct err *ret)
+{
+	ctl_error_from_failure(acut_error(acut), ret);
+	return file ? err_add_file(ret, file) : -(int)ret->code;
+}
+
+int ctl_error_acut(struct ctl *ctl)
+{
+	struct err err;
+
+	ctl_error_from_acut(ctl->acut, NULL, &err);
+	return ctl_error(ctl, &err);
+}
+
+void ctl_warn(struct ctl *ctl, const char *fmt, ...)
+{
+	va_list ap;
+	char *text, **grown;
+	int n;
+
+	va_start(ap, fmt);
+	n = vasprintf(&text, fmt, ap);
+	va_end(ap);
+	if (n < 0)
+		return;
+	if (!ctl->args.quiet && !ctl->args.json) {
+		ctl_progress_clear(ctl);
+		fprintf(stderr, "acutctl: warning: %s\n", text);
+	}
+	grown = realloc(ctl->warning, (ctl->nwarning + 1) * sizeof(*grown));
+	if (!grown) {
+		free(text);
+		return;
+	}
+	ctl->warning = grown;
+	ctl->warning[ctl->nwarning++] = text;
+}
+
+void ctl_note(struct ctl *ctl, const char *fmt, ...)
+{
+	va_list ap;
+
+	if (ctl->args.quiet || ctl->args.json)
+		return;
+	ctl_progress_clear(ctl);
+	va_start(ap, fmt);
+	vfprintf(ctl->report, fmt, ap);
+	va_end(ap);
+	fputc('\n', ctl->report);
+}

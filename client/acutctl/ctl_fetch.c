@@ -1,0 +1,32 @@
+/* fetch: the triangles of a job, made or being made, into files. */
+#include <string.h>
+
+#include "ctl.h"
+
+int ctl_fetch_run(struct ctl *ctl)
+{
+	struct format_run *run = NULL;
+	const struct acut_job *job;
+	struct err err = ERR_INIT;
+	uint64_t id;
+	int r = ctl_job_id(ctl->args.word[0], &id, &err), status;
+
+	if (r)
+		return ctl_error(ctl, &err);
+	if (!ctl->args.nout) { /* said before a daemon is looked for */
+		ctl_output_open(ctl, &run, &err);
+		return ctl_error(ctl, &err);
+	}
+	status = ctl_connect(ctl);
+	if (status)
+		return status;
+	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))
+		return ctl_error_acut(ctl);
+	/* the view says whether gaps are to be expected */
+	ctl->args.ground = strstr(job->view, " ground") != NULL;
+	ctl->args.surface = strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest");
+	r = ctl_output_open(ctl, &run, &err);
+	status = r ? ctl_error(ctl, &err) : ctl_output_fetch(ctl, id, run, NULL);
+	format_run_free(run);
+	return status;
+}

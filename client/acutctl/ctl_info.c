@@ -1,0 +1,102 @@
+/* info: what the headers of files say, as the daemon reads them. */
+#include "ctl.h"
+
+static void print(struct ctl *ctl, const struct acut_probe *p)
+{
+	FILE *out = ctl->report;
+	char a[32];
+
+	fprintf(out, "%s\n  format  %s\n  points  %s\n", p->name, p->variant[0] ? p->variant : p->format,
+		ctl_job_count(p->points, a));
+	fprintf(out, "  box     %.15g %.15g %.15g to %.15g %.15g %.15g\n", p->min[0], p->min[1], p->min[2], p->max[0], p->max[1],
+		p->max[2]);
+	fprintf(out, "  scale   %s %s %s\n  offset  %s %s %s\n", p->scale[0], p->scale[1], p->scale[2], p->offset[0], p->offset[1],
+		p->offset[2]);
+	fprintf(out, "  crs     %s (%s)\n  units   %s, heights %s\n", p->crs, p->plane, p->unit_xy, p->unit_z);
+	if (p->warning[0])
+		fprintf(out, "  note    %s\n", p->warning);
+}
+
+static void three_texts(struct ctl_json *j, const char *key, const char *const text[3])
+{
+	ctl_json_open(j, key, '[');
+	for (int i = 0; i < 3; i++) {
+		if (text[i][0])
+			ctl_json_literal(j, NULL, text[i]);
+		else
+			ctl_json_text(j, NULL, NULL);
+	}
+	ctl_json_close(j, ']');
+}
+
+static void three_numbers(struct ctl_json *j, const char *key, const double v[3])
+{
+	ctl_json_open(j, key, '[');
+	for (int i = 0; i < 3; i++)
+		ctl_json_number(j, NULL, v[i]);
+	ctl_json_close(j, ']');
+}
+
+static void print_json(struct ctl *ctl, const struct acut_probe *p)
+{
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_text(&j, "file", p->name);
+	ctl_json_text(&j, "format", p->format);
+	ctl_json_known(&j, "variant", p->variant);
+	ctl_json_u64(&j, "points", p->points);
+	three_numbers(&j, "min", p->min);
+	three_numbers(&j, "max", p->max);
+	three_texts(&j, "scale", p->scale);
+	three_texts(&j, "offset", p->offset);
+	ctl_job_units(&j, p->crs, p->unit_xy, p->unit_z);
+	ctl_json_known(&j, "plane", p->plane);
+	ctl_json_known(&j, "warning", p->warning);
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+static int info(struct ctl *ctl, const struct ctl_input *in)
+{
+	const struct acut_probe *p;
+	struct err err = ERR_INIT;
+	int fd, r = ctl_input_open(in, &fd, &err);
+
+	if (r)
+		return ctl_error(ctl, &err);
+	r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, &p);
+	ctl_input_close(in, fd);
+	if (r) {
+		ctl_error_from_acut(ctl->acut, in->name, &err);
+		return ctl_error(ctl, &err);
+	}
+	if (ctl->args.json)
+		print_json(ctl, p);
+	else
+		print(ctl, p);
+	return CTL_DONE;
+}
+
+/* Broken files among good ones: all are told, status 3, as with a push. */
+int ctl_info_run(struct ctl *ctl)
+{
+	struct ctl_inputs in = { 0 };
+	struct err err = ERR_INIT;
+	int status, first = 0;
+	size_t good = 0;
+
+	if (ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err))
+		return ctl_error(ctl, &err);
+	status = ctl_connect(ctl);
+	for (size_t i = 0; i < in.n && !status; i++) {
+		int one = info(ctl, &in.input[i]);
+
+		first = first ? first : one;
+		good += !one;
+		if (one && ctl_signal_interrupted(ctl))
+			status = one;
+	}
+	ctl_input_done(&in);
+	return status ? status : first && good ? CTL_SOME_REFUSED : first;
+}

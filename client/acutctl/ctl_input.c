@@ -1,0 +1,246 @@
+/*
+ * Words of the command line to inputs. A folder stands for the survey files in it and below, in byte order of
+ * their paths; "@FILE" for the names in it, one a line; "-" for standard input, which goes into a nameless file
+ * first, because the daemon takes only regular files. A file that is named is never judged by its extension.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "ctl.h"
+
+/* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the daemon
+ * refuses them by name, so that nothing is left out in silence. */
+static const char *const extension[] = { ".las", ".laz", ".xyz" };
+
+#define DEPTH 64
+
+static bool is_survey(const char *name)
+{
+	const char *dot = strrchr(name, '.');
+
+	for (size_t i = 0; dot && dot != name && i < sizeof(extension) / sizeof(*extension); i++)
+		if (!strcasecmp(dot, extension[i]))
+			return true;
+	return false;
+}
+
+static int add(struct ctl_inputs *in, const char *name, int fd, struct err *err)
+{
+	if (in->n == in->room) {
+		size_t room = in->room ? 2 * in->room : 16;
+		void *grown = realloc(in->input, room * sizeof(*in->input));
+		if (!grown)
+			return err_set(err, ERR_NOMEM, "no memory for a list of inputs");
+		in->input = grown;
+		in->room = room;
+	}
+	in->input[in->n] = (struct ctl_input){ strdup(name), fd, false };
+	if (!in->input[in->n].name)
+		return err_set(err, ERR_NOMEM, "no memory for a list of inputs");
+	in->n++;
+	return 0;
+}
+
+static int open_failed(const char *name, struct err *err)
+{
+	int sys = errno;
+
+	if (sys == ENOENT || sys == ENOTDIR || sys == ELOOP || sys == ENAMETOOLONG)
+		err_set(err, ERR_INPUT, "it cannot be opened: %s", strerror(sys));
+	else
+		err_sys(err, sys, "it cannot be opened");
+	return err_add_file(err, name);
+}
+
+static int by_name(const struct dirent **a, const struct dirent **b)
+{
+	return strcmp((*a)->d_name, (*b)->d_name);
+}
+
+static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, struct err *err)
+{
+	struct dirent **entry;
+	int n = scandir(path, &entry, NULL, by_name), r = 0;
+
+	if (n < 0)
+		return open_failed(path, err);
+	for (int i = 0; i < n; i++) {
+		char *name = NULL;
+		struct stat st;
+
+		if (!r && entry[i]->d_name[0] != '.') {
+			size_t len = strlen(path);
+			if (asprintf(&name, "%s%s%s", path, len && path[len - 1] == '/' ? "" : "/", entry[i]->d_name) < 0)
+				r = err_set(err, ERR_NOMEM, "no memory for a file name");
+		}
+		if (!r && name && !lstat(name, &st)) {
+			if (S_ISDIR(st.st_mode) && depth < DEPTH)
+				r = add_folder(in, name, depth + 1, err);
+			else if (is_survey(name) && !stat(name, &st) && S_ISREG(st.st_mode))
+				r = add(in, name, -1, err);
+		}
+		free(name);
+		free(entry[i]);
+	}
+	free(entry);
+	return r;
+}
+
+static int add_list(struct ctl *, struct ctl_inputs *, const char *path, struct err *);
+
+/* Standard input into a nameless file. */
+static int add_standard(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+{
+	const char *dir = getenv("TMPDIR");
+	char path[4096], *buf;
+	ssize_t n = 0;
+	int fd;
+
+	if (!ctl->args.input_format) {
+		err_set(err, ERR_USAGE, "what standard input holds is not known");
+		return err_add_hint(err, "say it with --input-format, as in --input-format xyz");
+	}
+	snprintf(path, sizeof(path), "%s/acut-input-XXXXXX", dir && *dir ? dir : "/var/tmp");
+	fd = mkostemp(path, O_CLOEXEC);
+	if (fd < 0)
+		return err_sys(err, errno, "standard input cannot be kept in %s", dir && *dir ? dir : "/var/tmp");
+	unlink(path);
+	buf = malloc(1 << 16);
+	while (buf && (n = read(STDIN_FILENO, buf, 1 << 16)) != 0) {
+		if (ctl_signal_interrupted(ctl))
+			err_set(err, ERR_CANCELLED, "interrupted");
+		else if (n < 0 && errno == EINTR)
+			continue;
+		else if (n < 0)
+			err_sys(err, errno, "standard input cannot be read");
+		else if (write(fd, buf, (size_t)n) != n)
+			err_sys(err, errno ? errno : ENOSPC, "standard input cannot be kept in %s",
+				dir && *dir ? dir : "/var/tmp");
+		if (err->code)
+			break;
+	}
+	if (!buf)
+		err_set(err, ERR_NOMEM, "no memory to read standard input");
+	free(buf);
+	if (!err->code && !add(in, "standard input", fd, err))
+		return 0;
+	close(fd);
+	return -(int)err->code;
+}
+
+static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bool listed, struct err *err)
+{
+	struct stat st;
+
+	if (!listed && !strcmp(word, "-"))
+		return add_standard(ctl, in, err);
+	if (!listed && word[0] == '@' && word[1])
+		return add_list(ctl, in, word + 1, err);
+	if (!stat(word, &st) && S_ISDIR(st.st_mode)) {
+		size_t before = in->n;
+		int r = add_folder(in, word, 0, err);
+		if (!r && in->n == before) {
+			err_set(err, ERR_INPUT, "the folder holds no survey files");
+			err_add_file(err, word);
+			return err_add_hint(err, "files ending in .las, .laz or .xyz are taken from folders; name others");
+		}
+		return r;
+	}
+	return add(in, word, -1, err);
+}
+
+static int add_list(struct ctl *ctl, struct ctl_inputs *in, const char *path, struct err *err)
+{
+	FILE *f = strcmp(path, "-") ? fopen(path, "re") : stdin;
+	char *line = NULL;
+	size_t room = 0;
+	ssize_t n;
+	int r = 0;
+
+	if (!f)
+		return open_failed(path, err);
+	while (!r && (n = getline(&line, &room, f)) >= 0) {
+		while (n && (line[n - 1] == '\n' || line[n - 1] == '\r'))
+			line[--n] = 0;
+		if (n)
+			r = add_word(ctl, in, line, true, err);
+	}
+	if (!r && ferror(f)) {
+		err_sys(err, errno, "the list cannot be read");
+		r = err_add_file(err, path);
+	}
+	free(line);
+	if (f != stdin)
+		fclose(f);
+	return r;
+}
+
+int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err)
+{
+	int r = 0;
+
+	*ret = (struct ctl_inputs){ 0 };
+	for (unsigned i = 0; i < nword && !r; i++)
+		r = add_word(ctl, ret, word[i], false, err);
+	if (!r && !ret->n)
+		r = err_set(err, ERR_USAGE, "no inputs: the lists are empty");
+	if (r)
+		ctl_input_done(ret);
+	return r;
+}
+
+int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
+{
+	int fd = in->fd;
+
+	if (fd < 0)
+		fd = open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+	if (fd < 0)
+		return open_failed(in->name, err);
+	*ret_fd = fd;
+	return 0;
+}
+
+void ctl_input_close(const struct ctl_input *in, int fd)
+{
+	if (fd >= 0 && fd != in->fd)
+		close(fd);
+}
+
+void ctl_input_done(struct ctl_inputs *in)
+{
+	for (size_t i = 0; i < in->n; i++) {
+		free(in->input[i].name);
+		if (in->input[i].fd >= 0)
+			close(in->input[i].fd);
+	}
+	free(in->input);
+	*in = (struct ctl_inputs){ 0 };
+}
+
+int ctl_input_not_output(const struct ctl_inputs *in, const struct ctl_args *a, struct err *err)
+{
+	for (unsigned o = 0; o < a->nout; o++) {
+		struct stat out, st;
+
+		if (!strcmp(a->out[o], "-") ? fstat(STDOUT_FILENO, &out) : stat(a->out[o], &out))
+			continue;
+		if (!S_ISREG(out.st_mode))
+			continue;
+		for (size_t i = 0; i < in->n; i++) {
+			if (in->input[i].fd >= 0 || stat(in->input[i].name, &st))
+				continue;
+			if (st.st_dev == out.st_dev && st.st_ino == out.st_ino) {
+				err_set(err, ERR_USAGE, "the output is one of the inputs");
+				return err_add_file(err, in->input[i].name);
+			}
+		}
+	}
+	return 0;
+}

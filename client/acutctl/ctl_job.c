@@ -1,0 +1,212 @@
+/*
+ * Jobs as people and as programs read them, and the exit status that a job stands for.
+ */
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "ctl.h"
+#include "parse.h"
+
+char *ctl_job_count(uint64_t n, char buf[32])
+{
+	char digits[24];
+	int len = snprintf(digits, sizeof(digits), "%llu", (unsigned long long)n), at = 0;
+
+	for (int i = 0; i < len; i++) {
+		if (i && (len - i) % 3 == 0)
+			buf[at++] = ',';
+		buf[at++] = digits[i];
+	}
+	buf[at] = 0;
+	return buf;
+}
+
+char *ctl_job_time_text(int64_t us, char buf[32])
+{
+	time_t s = (time_t)(us / 1000000);
+	struct tm tm;
+
+	if (!us || !gmtime_r(&s, &tm) || !strftime(buf, 32, "%Y-%m-%dT%H:%M:%SZ", &tm))
+		strcpy(buf, "-");
+	return buf;
+}
+
+void ctl_job_time(struct ctl_json *j, const char *key, int64_t us)
+{
+	char buf[32];
+
+	ctl_json_text(j, key, us ? ctl_job_time_text(us, buf) : NULL);
+}
+
+void ctl_job_lattice(struct ctl_json *j, const char *lattice)
+{
+	char part[5][DECIMAL_TEXT_SIZE], offset[DECIMAL_TEXT_SIZE];
+	struct decimal scale[2];
+	int64_t k[3];
+	bool ok = lattice && sscanf(lattice, "%47s %47s %47s %47s %47s", part[0], part[1], part[2], part[3], part[4]) == 5;
+
+	ok = ok && decimal_parse(part[0], &scale[0]) && decimal_parse(part[1], &scale[1]);
+	for (int i = 0; i < 3 && ok; i++)
+		ok = parse_i64(part[2 + i], &k[i]);
+	if (!ok) {
+		ctl_json_text(j, "lattice", NULL);
+		return;
+	}
+	ctl_json_open(j, "lattice", '{');
+	ctl_json_literal(j, "scale_xy", part[0]);
+	ctl_json_literal(j, "scale_z", part[1]);
+	ctl_json_open(j, "offset", '[');
+	for (int i = 0; i < 3; i++)
+		ctl_json_literal(j, NULL, decimal_scaled_text(scale[i == 2], k[i], offset));
+	ctl_json_close(j, ']');
+	ctl_json_close(j, '}');
+}
+
+void ctl_job_units(struct ctl_json *j, const char *crs, const char *unit_xy, const char *unit_z)
+{
+	ctl_json_known(j, "crs", crs);
+	ctl_json_open(j, "units", '{');
+	ctl_json_known(j, "xy", unit_xy);
+	ctl_json_known(j, "z", unit_z);
+	ctl_json_close(j, '}');
+}
+
+void ctl_job_refused(struct ctl_json *j, const struct ctl_staged_file *f)
+{
+	ctl_error_json(j, NULL, &f->err);
+}
+
+void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
+{
+	ctl_json_u64(j, "points", p->points);
+	ctl_json_u64(j, "used", p->used);
+	ctl_json_u64(j, "vertices", p->vertices);
+	ctl_json_u64(j, "triangles", p->triangles);
+	ctl_json_u64(j, "hull", p->hull);
+	ctl_json_u64(j, "domains", p->domains);
+	ctl_json_known(j, "digest", p->digest);
+	ctl_json_known(j, "vertex_digest", p->vertex_digest);
+	ctl_json_open(j, "removed", '{');
+	for (size_t i = 0; i < p->nremoved; i++)
+		ctl_json_u64(j, p->removed[i].rule, p->removed[i].count);
+	ctl_json_close(j, '}');
+	ctl_json_number(j, "seconds", p->seconds);
+	ctl_json_number(j, "stage_seconds", p->stage_seconds);
+	if (p->triangles)
+		ctl_json_number(j, "first_triangle_seconds", p->first_triangle_seconds);
+	else
+		ctl_json_text(j, "first_triangle_seconds", NULL);
+	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
+}
+
+void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
+{
+	struct ctl_json j = { .out = ctl->report };
+	struct err err;
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_u64(&j, "job", job->id);
+	ctl_json_known(&j, "dataset", job->dataset);
+	ctl_json_u64(&j, "generation", job->generation);
+	ctl_json_text(&j, "view", job->view);
+	ctl_json_text(&j, "state", job->state);
+	ctl_json_u64(&j, "uid", job->uid);
+	ctl_json_u64(&j, "pid", job->pid);
+	ctl_job_time(&j, "submitted", job->submitted_us);
+	ctl_job_time(&j, "finished", job->finished_us);
+	ctl_json_open(&j, "progress", '{');
+	ctl_json_known(&j, "phase", job->progress.phase);
+	ctl_json_u64(&j, "points", job->progress.points);
+	ctl_json_u64(&j, "points_total", job->progress.points_total);
+	ctl_json_u64(&j, "domains", job->progress.domains);
+	ctl_json_u64(&j, "domains_total", job->progress.domains_total);
+	ctl_json_close(&j, '}');
+	if (job->has_report) {
+		ctl_json_open(&j, "report", '{');
+		ctl_job_report(&j, &job->report);
+		ctl_json_close(&j, '}');
+	} else {
+		ctl_json_text(&j, "report", NULL);
+	}
+	if (job->has_error) {
+		ctl_error_from_failure(&job->error, &err);
+		ctl_error_json(&j, "error", &err);
+	} else {
+		ctl_json_text(&j, "error", NULL);
+	}
+	ctl_job_lattice(&j, job->lattice);
+	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
+{
+	char when[32], count[32];
+
+	ctl_progress_clear(ctl);
+	if (ctl->args.json) {
+		ctl_job_json(ctl, job);
+		return;
+	}
+	fprintf(ctl->report, "%6llu  %-10s  %s  %s", (unsigned long long)job->id, job->state,
+		ctl_job_time_text(job->submitted_us, when), job->dataset);
+	if (job->has_report)
+		fprintf(ctl->report, "  %s triangles", ctl_job_count(job->report.triangles, count));
+	else if (!job->final && job->progress.domains_total)
+		fprintf(ctl->report, "  %llu of %llu domains", (unsigned long long)job->progress.domains,
+			(unsigned long long)job->progress.domains_total);
+	if (job->has_error)
+		fprintf(ctl->report, "  %s", job->error.message);
+	fputc('\n', ctl->report);
+	fflush(ctl->report);
+}
+
+int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
+{
+	struct err err = ERR_INIT;
+
+	if (job->has_report && !job->has_error)
+		return CTL_DONE;
+	if (job->has_error)
+		ctl_error_from_failure(&job->error, &err);
+	else if (!strcmp(job->state, "cancelled"))
+		err_set(&err, ERR_CANCELLED, "job %llu was cancelled", (unsigned long long)job->id);
+	else
+		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason", (unsigned long long)job->id, job->state);
+	return ctl_error(ctl, &err);
+}
+
+int ctl_job_id(const char *text, uint64_t *ret, struct err *err)
+{
+	if (!parse_u64(text, ret) || !*ret)
+		return err_set(err, ERR_USAGE, "\"%s\" is not the number of a job", text);
+	return 0;
+}
+
+int ctl_job_each(struct ctl *ctl, int (*each)(struct ctl *, uint64_t id))
+{
+	int first = 0, status;
+
+	for (unsigned i = 0; i < ctl->args.nword; i++) {
+		struct err err = ERR_INIT;
+		uint64_t id;
+
+		if (ctl_job_id(ctl->args.word[i], &id, &err))
+			return ctl_error(ctl, &err);
+	}
+	status = ctl_connect(ctl);
+	if (status)
+		return status;
+	for (unsigned i = 0; i < ctl->args.nword; i++) {
+		uint64_t id = 0;
+
+		parse_u64(ctl->args.word[i], &id);
+		status = each(ctl, id);
+		first = first ? first : status;
+		if (ctl_signal_interrupted(ctl))
+			break;
+	}
+	return first;
+}

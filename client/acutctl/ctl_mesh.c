@@ -1,0 +1,45 @@
+/*
+ * mesh: the one step from files to files. What can be refused without a daemon is refused first; then a one-step
+ * dataset is staged, a job bound to this connection is submitted, and its triangles stream into the outputs while
+ * they are made. If this command ends, so does the job.
+ */
+#include "ctl.h"
+
+static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
+{
+	struct ctl_staged staged;
+	const struct acut_job *job;
+	int status = ctl_connect(ctl), staging;
+
+	if (status)
+		return status;
+	staging = ctl_stage(ctl, NULL, in, &staged);
+	if (staging == 0 || staging == CTL_SOME_REFUSED) {
+		if (acut_submit(ctl->acut, staged.dataset, staged.generation, view, true, true, &job))
+			status = ctl_error_acut(ctl);
+		else
+			status = ctl_output_fetch(ctl, job->id, run, &staged);
+	}
+	ctl_stage_done(&staged);
+	return status ? status : staging;
+}
+
+int ctl_mesh_run(struct ctl *ctl)
+{
+	struct ctl_inputs in = { 0 };
+	struct format_run *run = NULL;
+	char view[CTL_VIEW_SIZE];
+	struct err err = ERR_INIT;
+	int r = ctl_view_text(&ctl->args, view, &err), status;
+
+	if (!r)
+		r = ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err);
+	if (!r)
+		r = ctl_input_not_output(&in, &ctl->args, &err);
+	if (!r)
+		r = ctl_output_open(ctl, &run, &err);
+	status = r ? ctl_error(ctl, &err) : mesh(ctl, &in, view, run);
+	format_run_free(run);
+	ctl_input_done(&in);
+	return status;
+}

@@ -1,0 +1,267 @@
+/*
+ * Outputs: from options to a run of writers, the fetch into it, and the report at the end.
+ */
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "ctl.h"
+
+#define LONG_EDGE 50 /* times the median: worth a warning where gaps are likely */
+
+static int parse_origin(const char *text, struct format_options *opt, struct err *err)
+{
+	char part[3 * DECIMAL_TEXT_SIZE], *at = part, *rest;
+
+	if (!strcmp(text, "auto")) {
+		opt->origin_auto = true;
+		return 0;
+	}
+	opt->has_origin = strlen(text) < sizeof(part);
+	snprintf(part, sizeof(part), "%s", text);
+	for (int i = 0; i < 3 && opt->has_origin; i++) {
+		rest = strchr(at, ',');
+		if (!rest != (i == 2))
+			opt->has_origin = false;
+		if (rest)
+			*rest++ = 0;
+		if (opt->has_origin && !decimal_parse(at, &opt->origin[i]))
+			opt->has_origin = false;
+		at = rest;
+	}
+	if (!opt->has_origin)
+		return err_set(err, ERR_USAGE, "--origin is not X,Y,Z or auto: \"%s\"", text);
+	return 0;
+}
+
+/* Options of one output; what it cannot use is refused by the run, what none can use below. */
+static int options_of(const struct ctl_args *a, const struct format *f, struct format_options *opt, struct err *err)
+{
+	bool picture = f->positions && !f->canonical;
+	uint64_t n;
+	int r = 0;
+
+	*opt = (struct format_options){ .no_clobber = a->no_clobber };
+	if (picture) {
+		if (a->width) {
+			r = ctl_option_number("--width", a->width, 1, FORMAT_WIDTH_MAX, &n, err);
+			opt->width = r ? 0 : (uint32_t)n;
+		}
+		if (!r && a->color && !format_parse_color(a->color, &opt->color))
+			r = err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"", a->color);
+		return r;
+	}
+	opt->canonical = a->canonical;
+	return a->origin ? parse_origin(a->origin, opt, err) : 0;
+}
+
+static const struct format *format_of(const struct ctl_args *a, const char *path, struct err *err)
+{
+	const struct format *by_path = strcmp(path, "-") ? format_by_path(path) : NULL, *f = by_path;
+
+	if (a->format && (a->nout == 1 || !by_path)) {
+		f = format_find(a->format);
+		if (!f) {
+			err_set(err, ERR_USAGE, "there is no output format %s", a->format);
+			err_add_hint(err, "acutctl formats lists them");
+		}
+	} else if (!f) {
+		err_set(err, ERR_USAGE, "the name does not say in which format to write");
+		err_add_file(err, strcmp(path, "-") ? path : "standard output");
+		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
+	}
+	return f;
+}
+
+static int add_output(const struct ctl_args *a, const char *path, struct format_run *run, bool *ret_picture,
+		      bool *ret_mesh, struct err *err)
+{
+	const struct format *f = format_of(a, path, err);
+	struct format_options opt;
+	int r = f ? options_of(a, f, &opt, err) : -(int)err->code;
+
+	if (r)
+		return r;
+	if (!strcmp(path, "-") && isatty(STDOUT_FILENO)) {
+		err_set(err, ERR_USAGE, "standard output is a terminal");
+		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
+	}
+	*ret_picture |= f->positions && !f->canonical;
+	*ret_mesh |= f->canonical;
+	return format_run_add(run, path, f, &opt, err);
+}
+
+static int check_outputs(const struct ctl_args *a, struct err *err)
+{
+	unsigned standard = 0;
+
+	if (!a->nout) {
+		err_set(err, ERR_USAGE, "no output given");
+		return err_add_hint(err, "say where to write with -o OUT, as in -o mesh.ply");
+	}
+	for (unsigned i = 0; i < a->nout; i++) {
+		standard += !strcmp(a->out[i], "-");
+		for (unsigned j = 0; j < i; j++)
+			if (!strcmp(a->out[i], a->out[j]))
+				return err_set(err, ERR_USAGE, "the output %s is given twice", a->out[i]);
+	}
+	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
+}
+
+int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
+{
+	const struct ctl_args *a = &ctl->args;
+	struct format_run_options opt = { .edges = a->ground || a->surface };
+	struct format_run *run = NULL;
+	bool picture = false, mesh = false;
+	int r = check_outputs(a, err);
+
+	if (!r && a->max_edge) {
+		opt.has_max_edge = true;
+		if (!decimal_parse(a->max_edge, &opt.max_edge) || opt.max_edge.mantissa <= 0)
+			r = err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"", a->max_edge);
+	}
+	if (!r)
+		r = format_run_new(&opt, &run, err);
+	for (unsigned i = 0; i < a->nout && !r; i++)
+		r = add_output(a, a->out[i], run, &picture, &mesh, err);
+	if (!r && !picture && (a->width || a->color))
+		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one", a->width ? "width" : "color");
+	if (!r && !mesh && (a->canonical || a->origin))
+		r = err_set(err, ERR_USAGE, "--%s has no meaning for a picture", a->canonical ? "canonical" : "origin");
+	if (r)
+		format_run_free(run);
+	else
+		*ret = run;
+	return r;
+}
+
+static void report_json(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
+			const struct ctl_staged *staged)
+{
+	const struct acut_report *p = &job->report;
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_u64(&j, "job", job->id);
+	ctl_json_known(&j, "dataset", job->dataset);
+	ctl_json_u64(&j, "generation", job->generation);
+	ctl_job_report(&j, p);
+	ctl_job_lattice(&j, job->lattice);
+	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
+	ctl_json_u64(&j, "output_bytes", out->bytes);
+	if (ctl->args.max_edge) {
+		ctl_json_open(&j, "left_out", '{');
+		ctl_json_u64(&j, "triangles", out->left_out);
+		ctl_json_number(&j, "area", out->left_out_area);
+		ctl_json_close(&j, '}');
+	} else {
+		ctl_json_text(&j, "left_out", NULL);
+	}
+	ctl_json_open(&j, "refused", '[');
+	for (size_t i = 0; staged && i < staged->nfile; i++)
+		if (staged->file[i].refused)
+			ctl_job_refused(&j, &staged->file[i]);
+	ctl_json_close(&j, ']');
+	ctl_json_open(&j, "warnings", '[');
+	for (size_t i = 0; i < ctl->nwarning; i++)
+		ctl_json_text(&j, NULL, ctl->warning[i]);
+	ctl_json_close(&j, ']');
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+static void report_text(struct ctl *ctl, const struct acut_job *job, const struct format_report *out)
+{
+	const struct acut_report *p = &job->report;
+	char a[32], b[32], c[32];
+
+	for (unsigned i = 0; i < ctl->args.nout; i++)
+		if (strcmp(ctl->args.out[i], "-"))
+			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
+	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a), ctl_job_count(p->points, b),
+		 ctl_job_count(p->vertices, c));
+	for (size_t i = 0; i < p->nremoved; i++)
+		if (p->removed[i].count)
+			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, ctl_job_count(p->removed[i].count, a));
+	ctl_note(ctl, "%s triangles in %s domains, %.1f s; digest %s", ctl_job_count(p->triangles, a),
+		 ctl_job_count(p->domains, b), p->seconds, p->digest);
+	if (!p->triangles)
+		ctl_note(ctl, p->vertices < 3 ? "no triangles: there are fewer than three distinct positions"
+					      : "no triangles: all positions lie on one line");
+	if (ctl->args.max_edge)
+		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g",
+			 ctl_job_count(out->left_out, a), ctl->args.max_edge, out->left_out_area);
+}
+
+static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run, const struct ctl_staged *staged)
+{
+	struct format_report out;
+	struct err err = ERR_INIT;
+
+	if (format_run_publish(run, &err))
+		return ctl_error(ctl, &err);
+	format_run_report(run, &out);
+	ctl_progress_clear(ctl);
+	if (out.median_edge > 0 && out.longest_edge > LONG_EDGE * out.median_edge)
+		ctl_warn(ctl, "the longest edge is %.6g, %.0f times the median of %.3g: gaps are bridged; --max-edge LENGTH "
+			 "leaves such triangles out", out.longest_edge, out.longest_edge / out.median_edge, out.median_edge);
+	if (ctl->args.json)
+		report_json(ctl, job, &out, staged);
+	else
+		report_text(ctl, job, &out);
+	return 0;
+}
+
+/* The run's sink and the progress line share one context. */
+struct feed {
+	struct acut_mesh_sink run;
+	struct ctl_progress progress;
+};
+
+static int feed_head(void *ctx, const struct acut_mesh_head *head)
+{
+	struct feed *f = ctx;
+
+	return f->run.head(f->run.ctx, head);
+}
+
+static int feed_block(void *ctx, const struct acut_mesh_block *block)
+{
+	struct feed *f = ctx;
+
+	return f->run.block(f->run.ctx, block);
+}
+
+static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
+{
+	struct feed *f = ctx;
+
+	return f->run.tail(f->run.ctx, tail);
+}
+
+static void feed_progress(void *ctx, const struct acut_progress *now)
+{
+	struct feed *f = ctx;
+
+	ctl_progress_show(&f->progress, now);
+}
+
+int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const struct ctl_staged *staged)
+{
+	struct feed feed = { .run = format_run_sink(run) };
+	const struct acut_mesh_sink sink = { feed_head, feed_block, feed_tail, feed_progress, &feed };
+	const struct acut_job *job;
+
+	ctl_progress_init(&feed.progress, ctl);
+	if (acut_fetch(ctl->acut, id, &sink)) {
+		if (format_run_error(run)->code)
+			return ctl_error(ctl, format_run_error(run));
+		return ctl_error_acut(ctl);
+	}
+	if (acut_job_wait(ctl->acut, id, true, NULL, NULL, &job))
+		return ctl_error_acut(ctl);
+	if (!job->has_report)
+		return ctl_job_status(ctl, job);
+	return publish(ctl, job, run, staged);
+}

@@ -1,0 +1,63 @@
+/* plan: what a job would take; starts nothing. */
+#include "ctl.h"
+#include "parse.h"
+
+static void print(struct ctl *ctl, const struct acut_plan *p)
+{
+	char a[32], b[32], c[32];
+
+	fprintf(ctl->report, "points      %s%s\n", p->exact ? "" : "at most ", ctl_job_count(p->points, a));
+	fprintf(ctl->report, "domains     %s of at most %s points, %u at once\n", ctl_job_count(p->domains, a),
+		ctl_job_count(p->load, b), p->threads);
+	fprintf(ctl->report, "memory      %s\ndisk        %s\n", parse_size_text(p->memory_bytes, b),
+		parse_size_text(p->disk_bytes, c));
+	if (p->seconds > 0)
+		fprintf(ctl->report, "time        about %.0f s\n", p->seconds);
+	else
+		fprintf(ctl->report, "time        not known\n");
+}
+
+static void print_json(struct ctl *ctl, const struct acut_plan *p)
+{
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_text(&j, "dataset", ctl->args.word[0]);
+	ctl_json_u64(&j, "points", p->points);
+	ctl_json_bool(&j, "exact", p->exact);
+	ctl_json_u64(&j, "domains", p->domains);
+	ctl_json_u64(&j, "load", p->load);
+	ctl_json_u64(&j, "threads", p->threads);
+	ctl_json_u64(&j, "memory_bytes", p->memory_bytes);
+	ctl_json_u64(&j, "disk_bytes", p->disk_bytes);
+	if (p->seconds > 0)
+		ctl_json_number(&j, "seconds", p->seconds);
+	else
+		ctl_json_text(&j, "seconds", NULL);
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+int ctl_plan_run(struct ctl *ctl)
+{
+	const struct acut_plan *plan;
+	char view[CTL_VIEW_SIZE];
+	uint64_t generation = 0;
+	struct err err = ERR_INIT;
+	int status;
+
+	if (ctl_view_text(&ctl->args, view, &err))
+		return ctl_error(ctl, &err);
+	if (ctl->args.generation)
+		parse_u64(ctl->args.generation, &generation);
+	status = ctl_connect(ctl);
+	if (status)
+		return status;
+	if (acut_plan(ctl->acut, ctl->args.word[0], generation, view, &plan))
+		return ctl_error_acut(ctl);
+	if (ctl->args.json)
+		print_json(ctl, plan);
+	else
+		print(ctl, plan);
+	return CTL_DONE;
+}

@@ -1,0 +1,301 @@
+/*
+ * Private daemons: one that all commands of a user share, and one for a single command.
+ *
+ * The shared one: who wants it takes the lock beside the socket, tries to connect, and only if nobody answers binds,
+ * listens and starts acutd, so that two commands at once start one daemon. The lock is let go when the connection
+ * stands. An idle daemon ends under the same lock; should it still end between our connect and its answer, the
+ * whole is tried again.
+ *
+ * The one of a command's own has fresh folders below the user's cache, ends with the command, and its folders go
+ * with it. A lock in them, held by both, says that they are in use; folders without a holder are what a crash
+ * left, and are removed by the next command that comes by.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "ctl.h"
+
+#define FOLDER 3072
+#define END_SECONDS 20 /* for a daemon to park its work */
+
+struct ctl_daemon {
+	char folder[FOLDER], log[FOLDER + 16];
+	int pid, lock_fd;
+};
+
+static struct acut_options options_of(struct ctl *ctl)
+{
+	return (struct acut_options){ .program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl };
+}
+
+static int attach(struct ctl *ctl, int fd, struct err *err)
+{
+	const struct acut_options opt = options_of(ctl);
+	int r = acut_attach(fd, &opt, &ctl->acut);
+
+	if (!r)
+		return 0;
+	*err = ERR_INIT;
+	ctl_error_from_acut(ctl->acut, NULL, err);
+	ctl->acut = acut_close(ctl->acut);
+	return -(int)err->code;
+}
+
+static int take_lock(const char *path, struct ctl *ctl, int *ret_fd, struct err *err)
+{
+	int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+
+	if (fd < 0) {
+		err_sys(err, errno, "the lock of the private daemon cannot be opened");
+		return err_add_file(err, path);
+	}
+	while (flock(fd, LOCK_EX | LOCK_NB)) {
+		if (errno != EWOULDBLOCK && errno != EINTR) {
+			err_sys(err, errno, "the lock of the private daemon cannot be taken");
+			close(fd);
+			return err_add_file(err, path);
+		}
+		if (ctl_signal_interrupted(ctl)) {
+			close(fd);
+			return err_set(err, ERR_CANCELLED, "interrupted");
+		}
+		nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+	}
+	*ret_fd = fd;
+	return 0;
+}
+
+/* A daemon that did not come up: its last words say more than a closed connection. */
+static int explain(const char *log, int pid, struct err *err)
+{
+	char words[400];
+	int status = 0;
+
+	if (pid > 0 && waitpid(pid, &status, WNOHANG) == 0) /* it closes the connection a moment before it ends */
+		for (int i = 0; i < 100 && waitpid(pid, &status, WNOHANG) == 0; i++)
+			nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+	ctl_spawn_last_words(log, words, sizeof(words));
+	if (!words[0])
+		return -(int)err->code;
+	*err = ERR_INIT;
+	if (WIFEXITED(status) && WEXITSTATUS(status) == 2)
+		return err_set(err, ERR_USAGE, "the private daemon did not start: %s", words);
+	err_set(err, ERR_NODAEMON, "the private daemon did not start: %s", words);
+	return 0 - (int)err->code;
+}
+
+static int start_shared(const char *socket, const char *log, int *ret_pid, struct err *err)
+{
+	char state[FOLDER], cache[FOLDER];
+	struct ctl_spawn s = { .socket = socket, .state = state, .cache = cache, .log = log, .lock_fd = -1 };
+	int r = ctl_folder_state(state, sizeof(state), err);
+
+	if (!r)
+		r = ctl_folder_cache(cache, sizeof(cache), err);
+	if (!r)
+		r = ctl_spawn_listen(socket, &s.listen_fd, err);
+	if (r)
+		return r;
+	unlink(log);
+	r = ctl_spawn_daemon(&s, ret_pid, err);
+	close(s.listen_fd);
+	if (r)
+		unlink(socket);
+	return r;
+}
+
+/* One try, under the lock. *ret_pid: the daemon if it was started here. */
+static int shared_try(struct ctl *ctl, const char *socket, const char *log, int *ret_pid, struct err *err)
+{
+	char lock[FOLDER + 32];
+	int lock_fd = -1, fd = -1, r;
+
+	snprintf(lock, sizeof(lock), "%s.start", socket);
+	r = take_lock(lock, ctl, &lock_fd, err);
+	if (r)
+		return r;
+	r = ctl_spawn_connect(socket, &fd);
+	if (r == -ECONNREFUSED || r == -ENOENT) {
+		r = start_shared(socket, log, ret_pid, err);
+		if (!r)
+			r = ctl_spawn_connect(socket, &fd);
+	}
+	if (r && !err->code) {
+		err_sys(err, -r, "the private daemon cannot be reached");
+		err_add_file(err, socket);
+	}
+	close(lock_fd);
+	return r ? -(int)err->code : attach(ctl, fd, err);
+}
+
+/* A daemon of another build that has nothing to do is asked to end, so that a new one can start. */
+static bool replace_idle(struct ctl *ctl)
+{
+	const struct acut_status *s;
+	uint64_t start = clock_mono_ns();
+
+	if (!strcmp(acut_daemon_build(ctl->acut), ACUT_VERSION) || acut_status(ctl->acut, &s))
+		return false;
+	if (s->jobs_running || s->jobs_waiting || s->connections > 1 || kill((pid_t)s->pid, SIGTERM))
+		return false;
+	while (!kill((pid_t)s->pid, 0) && clock_since(start) < 5)
+		nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+	ctl->acut = acut_close(ctl->acut);
+	return true;
+}
+
+int ctl_private_connect(struct ctl *ctl, struct err *err)
+{
+	char folder[FOLDER], socket[FOLDER + 16], log[FOLDER + 16];
+	int r = ctl_folder_runtime(folder, sizeof(folder), err);
+
+	if (r)
+		return r;
+	snprintf(socket, sizeof(socket), "%s/acutd.sock", folder);
+	snprintf(log, sizeof(log), "%s/acutd.log", folder);
+	for (int i = 0; i < 3; i++) {
+		int pid = 0;
+
+		*err = ERR_INIT;
+		r = shared_try(ctl, socket, log, &pid, err);
+		if (!r && !(i < 2 && replace_idle(ctl)))
+			return 0;
+		if (r && (err->code == ERR_CANCELLED || err->code == ERR_VERSION || err->code == ERR_PERM))
+			return r;
+		if (r && pid)
+			return explain(log, pid, err);
+	}
+	return r;
+}
+
+/* Removes the folders of daemons that nobody holds any more. */
+static void sweep(const char *cache)
+{
+	DIR *d = opendir(cache);
+	struct dirent *e;
+
+	while (d && (e = readdir(d))) {
+		char path[FOLDER + 300];
+		int fd;
+
+		if (strncmp(e->d_name, "own-", 4))
+			continue;
+		snprintf(path, sizeof(path), "%s/%s/lock", cache, e->d_name);
+		fd = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW);
+		if (fd >= 0 && !flock(fd, LOCK_EX | LOCK_NB)) {
+			path[strlen(path) - 5] = 0;
+			ctl_folder_remove(path);
+		}
+		if (fd >= 0)
+			close(fd);
+	}
+	if (d)
+		closedir(d);
+}
+
+/* The folder is made under another name and gets its own when its lock is held: no sweep comes between. */
+static int own_folder(struct ctl_daemon *d, struct err *err)
+{
+	char cache[FOLDER - 64], fresh[FOLDER], lock[FOLDER + 16];
+	int r = ctl_folder_cache(cache, sizeof(cache), err);
+
+	if (r)
+		return r;
+	sweep(cache);
+	snprintf(fresh, sizeof(fresh), "%s/.new-XXXXXX", cache);
+	if (!mkdtemp(fresh)) {
+		err_sys(err, errno, "a folder for a daemon of its own cannot be made");
+		return err_add_file(err, cache);
+	}
+	snprintf(lock, sizeof(lock), "%s/lock", fresh);
+	snprintf(d->folder, sizeof(d->folder), "%s/own-%s", cache, fresh + strlen(fresh) - 6);
+	d->lock_fd = open(lock, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+	if (d->lock_fd < 0 || flock(d->lock_fd, LOCK_EX | LOCK_NB) || rename(fresh, d->folder)) {
+		err_sys(err, errno, "a folder for a daemon of its own cannot be made");
+		err_add_file(err, cache);
+		ctl_folder_remove(fresh);
+		d->folder[0] = 0;
+		return -(int)err->code;
+	}
+	return 0;
+}
+
+static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
+{
+	char socket[FOLDER + 16], state[FOLDER + 16], cache[FOLDER + 16], given[FOLDER];
+	struct ctl_spawn s = { .socket = socket, .state = state, .cache = cache, .memory = ctl->args.memory,
+			       .threads = ctl->args.threads, .log = d->log, .lock_fd = d->lock_fd, .bound = true };
+	int fd = -1, r;
+
+	snprintf(socket, sizeof(socket), "%s/acutd.sock", d->folder);
+	snprintf(state, sizeof(state), "%s/state", d->folder);
+	snprintf(cache, sizeof(cache), "%s/cache", d->folder);
+	snprintf(d->log, sizeof(d->log), "%s/log", d->folder);
+	r = ctl_folder_make(state, err);
+	if (!r)
+		r = ctl_folder_make(ctl->args.cache ? ctl->args.cache : cache, err);
+	if (!r && ctl->args.cache) {
+		if (!realpath(ctl->args.cache, given))
+			return err_sys(err, errno, "the folder of --cache cannot be used");
+		s.cache = given;
+	}
+	if (!r)
+		r = ctl_spawn_listen(socket, &s.listen_fd, err);
+	if (r)
+		return r;
+	r = ctl_spawn_daemon(&s, &d->pid, err);
+	close(s.listen_fd);
+	if (r)
+		return r;
+	r = ctl_spawn_connect(socket, &fd);
+	if (r) {
+		err_sys(err, -r, "the private daemon cannot be reached");
+		return explain(d->log, d->pid, err);
+	}
+	r = attach(ctl, fd, err);
+	return r && err->code != ERR_CANCELLED ? explain(d->log, d->pid, err) : r;
+}
+
+int ctl_private_own(struct ctl *ctl, struct err *err)
+{
+	struct ctl_daemon *d = calloc(1, sizeof(*d));
+	int r;
+
+	if (!d)
+		return err_set(err, ERR_NOMEM, "no memory for a daemon of its own");
+	d->lock_fd = -1;
+	ctl->daemon = d;
+	r = own_folder(d, err);
+	return r ? r : own_start(ctl, d, err);
+}
+
+struct ctl_daemon *ctl_private_end(struct ctl_daemon *d)
+{
+	uint64_t start = clock_mono_ns();
+
+	if (!d)
+		return NULL;
+	if (d->pid > 0 && !kill(d->pid, SIGTERM)) {
+		while (waitpid(d->pid, NULL, WNOHANG) == 0) {
+			if (clock_since(start) > END_SECONDS)
+				kill(d->pid, SIGKILL);
+			nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+		}
+	}
+	if (d->folder[0])
+		ctl_folder_remove(d->folder);
+	if (d->lock_fd >= 0)
+		close(d->lock_fd);
+	free(d);
+	return NULL;
+}

@@ -1,0 +1,100 @@
+/*
+ * The progress line: on a terminal only, on stderr, one line that is written over ten times a second: phase, points,
+ * domains, rate, time left. Gone before anything else is said.
+ */
+#include <stdio.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "ctl.h"
+
+#define EVERY_NS 100000000u
+
+void ctl_progress_init(struct ctl_progress *p, struct ctl *ctl)
+{
+	memset(p, 0, sizeof(*p));
+	p->ctl = ctl;
+	p->on = !ctl->args.quiet && !ctl->args.no_progress && !ctl->args.json && isatty(STDERR_FILENO);
+}
+
+/* "12.3 M" */
+static const char *short_count(double n, char buf[24])
+{
+	if (n >= 1e9)
+		snprintf(buf, 24, "%.2f G", n / 1e9);
+	else if (n >= 1e6)
+		snprintf(buf, 24, "%.1f M", n / 1e6);
+	else if (n >= 1e4)
+		snprintf(buf, 24, "%.0f k", n / 1e3);
+	else
+		snprintf(buf, 24, "%.0f", n);
+	return buf;
+}
+
+static const char *short_time(double s, char buf[24])
+{
+	unsigned long n = s < 0 ? 0 : s > 1e7 ? 10000000 : (unsigned long)(s + 0.5);
+
+	if (n >= 3600)
+		snprintf(buf, 24, "%lu:%02lu:%02lu", n / 3600, n / 60 % 60, n % 60);
+	else
+		snprintf(buf, 24, "%lu:%02lu", n / 60, n % 60);
+	return buf;
+}
+
+static void draw(struct ctl_progress *p, const struct acut_progress *now)
+{
+	uint64_t points = p->base + now->points, total = p->total ? p->total : now->points_total;
+	double seconds = clock_since(p->start_ns), share = 0;
+	char a[24], b[24], c[24], line[256];
+	struct winsize ws;
+	int n, width = 80;
+
+	if (now->domains_total)
+		share = (double)now->domains / (double)now->domains_total;
+	else if (total)
+		share = (double)points / (double)total;
+	share = share > 1 ? 1 : share;
+	n = snprintf(line, sizeof(line), "%-5s %3.0f %%  %s points", p->phase, 100 * share, short_count((double)points, a));
+	if (now->domains_total)
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",
+			      (unsigned long long)now->domains, (unsigned long long)now->domains_total);
+	if (seconds > 0.5 && points)
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s", short_count((double)points / seconds, b));
+	if (seconds > 1 && share > 0.01)
+		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", short_time(seconds / share * (1 - share), c));
+	if (!ioctl(STDERR_FILENO, TIOCGWINSZ, &ws) && ws.ws_col > 10)
+		width = ws.ws_col;
+	fprintf(stderr, "\r\033[K%.*s", width - 1, line);
+	fflush(stderr);
+	p->ctl->progress_shown = true;
+}
+
+void ctl_progress_show(void *ctx, const struct acut_progress *now)
+{
+	struct ctl_progress *p = ctx;
+	uint64_t t = clock_mono_ns();
+
+	if (!p->on)
+		return;
+	if (strncmp(p->phase, now->phase, sizeof(p->phase) - 1)) {
+		snprintf(p->phase, sizeof(p->phase), "%s", now->phase);
+		p->start_ns = t;
+		p->last_ns = 0;
+		if (strcmp(p->phase, "stage"))
+			p->base = p->total = 0;
+	}
+	if (p->last_ns && t - p->last_ns < EVERY_NS)
+		return;
+	p->last_ns = t;
+	draw(p, now);
+}
+
+void ctl_progress_clear(struct ctl *ctl)
+{
+	if (ctl->progress_shown)
+		fputs("\r\033[K", stderr);
+	ctl->progress_shown = false;
+}

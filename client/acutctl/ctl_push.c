@@ -1,0 +1,73 @@
+/* push: files into a named dataset, which comes to be with its first push. */
+#include <string.h>
+
+#include "ctl.h"
+
+static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f)
+{
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_text(&j, "file", f->name);
+	ctl_json_text(&j, "dataset", s->dataset);
+	if (f->refused) {
+		ctl_json_text(&j, "generation", NULL);
+		ctl_json_text(&j, "points", NULL);
+		ctl_json_text(&j, "moved", NULL);
+		ctl_json_text(&j, "max_shift", NULL);
+		ctl_error_json(&j, "error", &f->err);
+	} else {
+		ctl_json_u64(&j, "generation", s->generation);
+		ctl_json_u64(&j, "points", f->points);
+		ctl_json_u64(&j, "moved", f->moved);
+		ctl_json_open(&j, "max_shift", '[');
+		for (int i = 0; i < 3; i++)
+			ctl_json_number(&j, NULL, f->shift[i]);
+		ctl_json_close(&j, ']');
+		ctl_json_text(&j, "error", NULL);
+	}
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
+{
+	char a[32], b[32];
+
+	if (f->refused)
+		return;
+	if (f->moved)
+		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
+			 ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
+	else
+		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
+}
+
+int ctl_push_run(struct ctl *ctl)
+{
+	struct ctl_inputs in = { 0 };
+	struct ctl_staged staged = { .nfile = 0 };
+	struct err err = ERR_INIT;
+	char count[32];
+	int status;
+
+	if (ctl_input_gather(ctl, ctl->args.word + 1, ctl->args.nword - 1, &in, &err))
+		return ctl_error(ctl, &err);
+	status = ctl_connect(ctl);
+	if (!status) {
+		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
+		if (status == 0 || status == CTL_SOME_REFUSED) {
+			for (size_t i = 0; i < staged.nfile; i++) {
+				if (ctl->args.json)
+					file_json(ctl, &staged, &staged.file[i]);
+				else
+					file_text(ctl, &staged.file[i]);
+			}
+			ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", staged.dataset,
+				 (unsigned long long)staged.generation, ctl_job_count(staged.points, count), staged.seconds);
+		}
+	}
+	ctl_stage_done(&staged);
+	ctl_input_done(&in);
+	return status;
+}

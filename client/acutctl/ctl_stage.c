@@ -1,0 +1,173 @@
+/*
+ * Inputs into a dataset: all headers first (the lattice must not depend on their order), then the points, file by
+ * file, then the commit that makes them visible. A broken input among good ones is told, left out, and makes the
+ * exit status 3; with --strict it ends the push, and nothing is kept.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "ctl.h"
+
+/* A failure of the file itself, not of the way there. */
+static bool is_refusal(enum err_code code)
+{
+	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_CHANGED || code == ERR_UNSUPPORTED ||
+	       code == ERR_LIMIT;
+}
+
+struct staging {
+	struct ctl *ctl;
+	struct ctl_inputs *in;
+	struct ctl_staged *ret;
+	struct acut_push *push;
+	struct ctl_progress progress;
+};
+
+/* Exit status if the failure ends the push, 0 if only this input is left out. */
+static int refuse(struct staging *s, size_t i, const struct err *err, bool refusal)
+{
+	struct ctl *ctl = s->ctl;
+
+	if (ctl_signal_interrupted(ctl) || !refusal)
+		return ctl_error(ctl, err);
+	if (ctl->args.strict) {
+		ctl_error(ctl, err);
+		return 1;
+	}
+	s->in->input[i].refused = true;
+	s->ret->file[i].refused = true;
+	s->ret->file[i].err = *err;
+	s->ret->refused++;
+	if (!ctl->args.json)
+		ctl_error(ctl, err);
+	return 0;
+}
+
+/* One question about one file: opened, asked, closed. */
+static int with_file(struct staging *s, size_t i, bool probe)
+{
+	const struct ctl_input *in = &s->in->input[i];
+	const struct acut_probe *p = NULL;
+	const struct acut_file_result *f = NULL;
+	struct ctl_staged_file *to = &s->ret->file[i];
+	struct err err = ERR_INIT;
+	int fd, r = ctl_input_open(in, &fd, &err);
+
+	if (r)
+		return refuse(s, i, &err, is_refusal(err.code) || err.code == ERR_PERM);
+	r = probe ? acut_push_probe(s->push, fd, in->name, &p) : acut_push_file(s->push, fd, in->name, &f);
+	ctl_input_close(in, fd);
+	if (r) {
+		ctl_error_from_acut(s->ctl->acut, in->name, &err);
+		return refuse(s, i, &err, is_refusal(err.code));
+	}
+	if (probe) {
+		s->progress.total += p->points;
+		if (p->warning[0])
+			ctl_warn(s->ctl, "%s: %s", in->name, p->warning);
+		return 0;
+	}
+	to->points = f->points;
+	to->moved = f->moved;
+	memcpy(to->shift, f->max_shift, sizeof(to->shift));
+	s->progress.base += f->points;
+	s->ret->good++;
+	if (f->warning[0])
+		ctl_warn(s->ctl, "%s: %s", in->name, f->warning);
+	return 0;
+}
+
+static int each_file(struct staging *s, bool probe)
+{
+	int status = 0;
+	size_t left = 0;
+
+	for (size_t i = 0; i < s->in->n && !status; i++)
+		if (!s->in->input[i].refused)
+			status = with_file(s, i, probe);
+	for (size_t i = 0; i < s->in->n; i++)
+		left += !s->in->input[i].refused;
+	if (status || left)
+		return status;
+	/* nothing good: the first refusal is the command's failure */
+	if (s->ctl->args.json)
+		ctl_error(s->ctl, &s->ret->file[0].err);
+	return err_exit_status(s->ret->file[0].err.code);
+}
+
+static int begin(struct staging *s, const char *dataset)
+{
+	const struct ctl_args *a = &s->ctl->args;
+	char scale[2 * DECIMAL_TEXT_SIZE + 2], *comma;
+	struct acut_push_options opt = { .dataset = dataset, .format = a->input_format, .planar = a->planar,
+					 .accept_truncated = a->accept_truncated, .progress = ctl_progress_show,
+					 .ctx = &s->progress };
+	struct decimal d;
+	struct err err = ERR_INIT;
+
+	if (a->scale) {
+		snprintf(scale, sizeof(scale), "%s", a->scale);
+		comma = strchr(scale, ',');
+		if (comma)
+			*comma++ = 0;
+		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
+		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
+			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
+			return ctl_error(s->ctl, &err);
+		}
+		opt.scale_xy = scale;
+		opt.scale_z = comma;
+	}
+	return acut_push_begin(s->ctl->acut, &opt, &s->push) ? ctl_error_acut(s->ctl) : 0;
+}
+
+static int commit(struct staging *s)
+{
+	const struct acut_push_result *result;
+
+	if (acut_push_commit(s->push, &result))
+		return ctl_error_acut(s->ctl);
+	snprintf(s->ret->dataset, sizeof(s->ret->dataset), "%s", result->dataset);
+	s->ret->generation = result->generation;
+	s->ret->points = result->points;
+	return 0;
+}
+
+int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
+{
+	struct staging s = { .ctl = ctl, .in = in, .ret = ret };
+	uint64_t start = clock_mono_ns();
+	const char *lattice;
+	struct err err = ERR_INIT;
+	int status;
+
+	*ret = (struct ctl_staged){ .nfile = in->n };
+	ret->file = calloc(in->n, sizeof(*ret->file));
+	if (!ret->file) {
+		err_set(&err, ERR_NOMEM, "no memory for %zu inputs", in->n);
+		return ctl_error(ctl, &err);
+	}
+	for (size_t i = 0; i < in->n; i++)
+		ret->file[i].name = in->input[i].name;
+	ctl_progress_init(&s.progress, ctl);
+	status = begin(&s, dataset);
+	if (!status)
+		status = each_file(&s, true);
+	if (!status && acut_push_plan(s.push, &lattice))
+		status = ctl_error_acut(ctl);
+	if (!status)
+		status = each_file(&s, false);
+	if (!status)
+		status = commit(&s);
+	acut_push_end(s.push);
+	ctl_progress_clear(ctl);
+	ret->seconds = clock_since(start);
+	return status ? status : ret->refused ? CTL_SOME_REFUSED : 0;
+}
+
+void ctl_stage_done(struct ctl_staged *s)
+{
+	free(s->file);
+	*s = (struct ctl_staged){ 0 };
+}

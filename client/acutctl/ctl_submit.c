@@ -1,0 +1,47 @@
+/* submit: a job on a dataset; it outlives this command. */
+#include "ctl.h"
+#include "parse.h"
+
+static void changed(void *ctx, const struct acut_job *job)
+{
+	if (!job->final)
+		ctl_progress_show(ctx, &job->progress);
+}
+
+int ctl_submit_run(struct ctl *ctl)
+{
+	const struct ctl_args *a = &ctl->args;
+	const struct acut_job *job;
+	struct ctl_progress progress;
+	char view[CTL_VIEW_SIZE];
+	uint64_t generation = 0;
+	struct err err = ERR_INIT;
+	int status;
+
+	if (ctl_view_text(a, view, &err))
+		return ctl_error(ctl, &err);
+	if (a->generation)
+		parse_u64(a->generation, &generation);
+	status = ctl_connect(ctl);
+	if (status)
+		return status;
+	if (acut_submit(ctl->acut, a->word[0], generation, view, false, a->fresh, &job))
+		return ctl_error_acut(ctl);
+	if (!a->json || !a->wait) {
+		if (a->json)
+			ctl_job_json(ctl, job);
+		else
+			fprintf(ctl->report, "%llu\n", (unsigned long long)job->id);
+		fflush(ctl->report);
+	}
+	if (!a->wait)
+		return CTL_DONE;
+	ctl_progress_init(&progress, ctl);
+	if (acut_job_wait(ctl->acut, job->id, true, changed, &progress, &job))
+		return ctl_error_acut(ctl);
+	if (a->json) {
+		ctl_job_json(ctl, job);
+		return job->has_error ? job->error.exit_status : CTL_DONE;
+	}
+	return ctl_job_status(ctl, job);
+}

@@ -1,0 +1,51 @@
+/*
+ * acutctl: reads the command line, runs one command, and sees to it that whatever happened, the daemon of its own
+ * ends, standard output was taken, and the exit status tells the truth.
+ */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "ctl.h"
+
+/* Results that nobody could read are not done. */
+static int flush(struct ctl *ctl, int status)
+{
+	struct err err = ERR_INIT;
+
+	errno = 0;
+	if (fflush(stdout) || ferror(stdout)) {
+		if (errno == EPIPE)
+			return CTL_PIPE;
+		err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
+		ctl->report = stderr;
+		return status ? status : ctl_error(ctl, &err);
+	}
+	return ctl->out_closed ? CTL_PIPE : status;
+}
+
+int main(int argc, char **argv)
+{
+	struct ctl ctl = { .report = stdout };
+	struct err err = ERR_INIT;
+	int status;
+
+	ctl_signal_init(&ctl);
+	status = ctl_option_parse(argc, argv, &ctl, &err);
+	for (unsigned i = 0; i < ctl.args.nout; i++)
+		if (!strcmp(ctl.args.out[i], "-"))
+			ctl.report = stderr;
+	if (status)
+		status = ctl_error(&ctl, &err);
+	else if (ctl.args.help)
+		status = ctl_help_run(&ctl);
+	else
+		status = ctl.command->run(&ctl);
+	ctl_disconnect(&ctl);
+	status = flush(&ctl, status);
+	for (size_t i = 0; i < ctl.nwarning; i++)
+		free(ctl.warning[i]);
+	free(ctl.warning);
+	free(ctl.args.word);
+	return status;
+}
