@@ -8,7 +8,7 @@ import subprocess
 from e2e import Fault, expect, main, skip
 
 try:
-    import xxhash  # noqa: F401
+    import xxhash  # noqa: F401 (acut_wire needs it)
     import acut_wire
 except ImportError as e:
     skip("python3-xxhash and python3-protobuf are needed: %s" % e)

@@ -1,0 +1,247 @@
+"""The protocol driven by the second implementation (acut_wire.py) against a real acutd: every request, and a mesh that is
+checked here from its bytes up, with a Delaunay test by brute force. No acutctl, no libacut."""
+import os
+import random
+import struct
+import sys
+
+import e2e
+from e2e import Fault, Folder, expect, main, skip
+
+try:
+    import xxhash  # noqa: F401 (acut_wire needs it)
+    from acut_wire import Client, Refused, pb
+except ImportError as e:
+    skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
+
+def write_las(path, points, scale=0.01, offset=(500000.0, 5000000.0, 0.0)):
+    """LAS 1.2, record format 0. `points`: raw integers x, y, z."""
+    axes = list(zip(*points))
+    header = bytearray(227)
+    header[0:4] = b"LASF"
+    header[24:26] = bytes((1, 2))
+    struct.pack_into("<HHHIIBHI", header, 90, 1, 2026, 227, 227, 0, 0, 20, len(points))
+    struct.pack_into("<5I", header, 111, len(points), 0, 0, 0, 0)
+    struct.pack_into("<3d3d", header, 131, *([scale] * 3 + list(offset)))
+    struct.pack_into("<6d", header, 179, *(f(axes[a]) * scale + offset[a] for a in range(3) for f in (max, min)))
+    with open(path, "wb") as out:
+        out.write(header)
+        for x, y, z in points:
+            out.write(struct.pack("<iiiHBBbBH", x, y, z, 0, 0x09, 2, 0, 0, 0))
+
+
+def some_points(n, seed, step=1, size=100000):
+    """Distinct positions on a grid of `step`."""
+    rng = random.Random(seed)
+    xy = set()
+    while len(xy) < n:
+        xy.add((rng.randrange(size) // step * step, rng.randrange(size) // step * step))
+    return [(x, y, rng.randrange(3000)) for x, y in sorted(xy, key=lambda p: rng.random())]
+
+
+def expect_refused(code, call, *args):
+    try:
+        call(*args)
+    except Refused as e:
+        expect(e.code == code, "refused with %s, not %s: %s" % (e.code, code, e))
+        expect(e.error.message, "an error without a sentence")
+        return e.error
+    raise Fault("nothing was refused; %s was expected" % code)
+
+
+def in_circle(a, b, c, p):
+    """> 0: p lies inside the circle of a, b, c (counter-clockwise). Exact."""
+    rows = [(q[0] - p[0], q[1] - p[1]) for q in (a, b, c)]
+    (ax, ay), (bx, by), (cx, cy) = rows
+    a2, b2, c2 = (x * x + y * y for x, y in rows)
+    return ax * (by * c2 - b2 * cy) - ay * (bx * c2 - b2 * cx) + a2 * (bx * cy - by * cx)
+
+
+def check_delaunay(mesh, points, brute):
+    """`points`: absolute lattice numbers, distinct in xy."""
+    got = sorted(tuple(p[a] + mesh.k[a] for a in range(3)) for p in mesh.positions)
+    expect(got == sorted(points), "the vertices are not the points")
+    n, h, t = len(points), mesh.hull, len(mesh.triangles)
+    expect(t == 2 * n - 2 - h, "%d triangles of %d points with %d on the hull" % (t, n, h))
+    edges = {}
+    for a, b, c in mesh.triangles:
+        for e in ((a, b), (b, c), (c, a)):
+            expect(e not in edges, "edge %s twice" % (e,))
+            edges[e] = {a, b, c} - set(e)
+    border = sum((b, a) not in edges for a, b in edges)
+    expect(border == h, "%d border edges, hull %d" % (border, h))
+    xy = [p[:2] for p in mesh.positions]
+    for tri in mesh.triangles:
+        a, b, c = (xy[i] for i in tri)
+        if brute:
+            others = range(n)
+        else:
+            others = [next(iter(edges[e])) for e in ((tri[1], tri[0]), (tri[2], tri[1]), (tri[0], tri[2])) if e in edges]
+        expect(all(in_circle(a, b, c, xy[p]) <= 0 for p in others), "triangle %s is not Delaunay" % (tri,))
+
+
+BASE = None
+DAEMON = None
+
+
+def client(**kw):
+    return Client(DAEMON.socket, **kw)
+
+
+def small_requests():
+    with client() as c:
+        expect(c.hello.version_min <= 1 <= c.hello.version_max and c.hello.build, "Hello")
+        expect(c.ping() < 1, "ping")
+        status = c.ask("status_request", pb.StatusRequest())
+        expect(status.pid == DAEMON.process.pid, "Status.pid")
+        expect(status.memory == 256 << 20, "Status.memory")
+        expect(status.connections >= 1 and status.ledger, "Status: %s" % status)
+        expect_refused("not-found", c.ask, "wait", pb.Wait(job=1 << 40))
+        expect_refused("not-found", c.ask, "fetch", pb.Fetch(job=1 << 40))
+        expect_refused("not-found", c.ask, "cancel", pb.Cancel(job=1 << 40))
+        expect_refused("not-found", c.ask, "submit", pb.Submit(dataset="nobody"))
+        expect_refused("not-found", c.ask, "datasets_request", pb.DatasetsRequest(name="nobody"))
+        expect_refused("not-found", c.ask, "plan_request", pb.PlanRequest(dataset="nobody"))
+        expect(c.ping() < 1, "ping")
+
+
+def one_step():
+    """Push, submit, fetch; the mesh against brute force."""
+    path = os.path.join(BASE, "small.las")
+    points = some_points(400, 1)
+    write_las(path, points)
+    with client() as c:
+        committed = c.push([path])
+        expect(committed.points == 400 and committed.dataset, "PushCommitted: %s" % committed)
+        job = c.ask("submit", pb.Submit(dataset=committed.dataset, bound=True))
+        mesh = c.fetch(job.id)
+        job = c.wait(job.id)
+        expect(job.state == "done" and job.report.triangles == len(mesh.triangles), "Job: %s" % job)
+        expect(job.report.digest == str(mesh.digest), "the report's digest")
+        expect(job.report.vertex_digest == str(mesh.vertex_digest), "the report's vertex digest")
+        expect(mesh.scales == ["0.01", "0.01"], "scales %s" % mesh.scales)
+        shift = (50000000, 500000000, 0)
+        check_delaunay(mesh, [tuple(p[a] + shift[a] for a in range(3)) for p in points], True)
+
+
+def named_dataset():
+    """Two pushes, two generations; the second mesh has all points; jobs and datasets are listed."""
+    points = some_points(30000, 2, step=3)
+    paths = [os.path.join(BASE, n) for n in ("a.las", "b.las", "c.las")]
+    write_las(paths[0], points[:12000])
+    write_las(paths[1], points[12000:20000])
+    write_las(paths[2], points[20000:])
+    with client() as c:
+        first = c.push(paths[:2], dataset="survey")
+        expect((first.dataset, first.generation) == ("survey", 1), "PushCommitted: %s" % first)
+        expect(c.durable and max(c.durable.values()) <= 2, "Durable: %s" % c.durable)
+        second = c.push(paths[2:], dataset="survey")
+        expect(second.generation == 2, "generation %d" % second.generation)
+        plan = c.ask("plan_request", pb.PlanRequest(dataset="survey"))
+        expect(plan.points == 30000 and plan.domains >= 1 and plan.memory_bytes, "Plan: %s" % plan)
+        new = c.ask("submit", pb.Submit(dataset="survey"))
+        same = c.ask("submit", pb.Submit(dataset="survey"))
+        expect(new.id == same.id, "the same question gave another job")
+        old = c.ask("submit", pb.Submit(dataset="survey", generation=1))
+        expect(old.id != new.id, "another generation gave the same job")
+        mesh = c.fetch(new.id)
+        shift = (50000000, 500000000, 0)
+        check_delaunay(mesh, [tuple(p[a] + shift[a] for a in range(3)) for p in points], False)
+        expect(len(c.fetch(old.id).positions) == 20000, "points of generation 1")
+        again = c.fetch(new.id)
+        expect((again.stream_id, again.triangles) == (mesh.stream_id, mesh.triangles), "a second fetch differs")
+        jobs, after = [], 0
+        while True:
+            page = c.ask("jobs_request", pb.JobsRequest(after=after, limit=1))
+            jobs += [j.id for j in page.jobs]
+            if not page.more:
+                break
+            after = jobs[-1]
+        expect(jobs == sorted(jobs) and {new.id, old.id} <= set(jobs), "Jobs: %s" % jobs)
+        listed = c.ask("datasets_request", pb.DatasetsRequest())
+        expect([d.points for d in listed.datasets if d.name == "survey"] == [30000], "Datasets: %s" % listed)
+        c.ask("remove", pb.Remove(job=old.id))
+        expect_refused("not-found", c.ask, "wait", pb.Wait(job=old.id))
+
+
+def pipelined():
+    """Requests sent before earlier ones are answered."""
+    with client() as c:
+        ids = [c.send("ping", pb.Ping()) for _ in range(50)]
+        for request in reversed(ids):
+            c.answer(request, "done")
+        path = os.path.join(BASE, "pipe.las")
+        write_las(path, some_points(1000, 3))
+        begun = c.ask("push_begin", pb.PushBegin())
+        with open(path, "rb") as f:
+            probes = [c.send("probe", pb.Probe(push=begun.push, name="p%d" % i), f.fileno()) for i in range(8)]
+            for request in probes:
+                probed, _ = c.answer(request, "probed")
+                expect(probed.points == 1000 and probed.format == "las", "Probed: %s" % probed)
+        c.ask("push_abort", pb.PushAbort(push=begun.push))
+
+
+def bad_inputs():
+    """A broken file is an error of that file; the push goes on without it."""
+    good, bad, empty = (os.path.join(BASE, n) for n in ("good.las", "bad.las", "empty.las"))
+    write_las(good, some_points(100, 4))
+    with open(good, "rb") as f:
+        data = f.read()
+    with open(bad, "wb") as f:
+        f.write(data[:227 + 20 * 50 + 7])
+    open(empty, "wb").close()
+    with client() as c:
+        begun = c.ask("push_begin", pb.PushBegin())
+        with open(good, "rb") as g, open(bad, "rb") as b, open(empty, "rb") as e:
+            error = None
+            try:
+                c.ask("probe", pb.Probe(push=begun.push, name="bad.las"), b.fileno())
+            except Refused as refused:
+                error = refused.error
+            expect_refused("bad-input", c.ask, "probe", pb.Probe(push=begun.push, name="empty.las"), e.fileno())
+            c.ask("probe", pb.Probe(push=begun.push, name="good.las"), g.fileno())
+            c.ask("push_plan", pb.PushPlan(push=begun.push))
+            if error is None:
+                try:
+                    c.ask("file", pb.File(push=begun.push, name="bad.las"), b.fileno())
+                except Refused as refused:
+                    error = refused.error
+            expect(error is not None and error.code == "truncated", "the cut file: %s" % error)
+            expect("bad.las" in error.file, "the error does not name its file: %s" % error)
+            done = c.ask("file", pb.File(push=begun.push, name="good.las"), g.fileno())
+            expect(done.points == 100, "FileDone: %s" % done)
+        committed = c.ask("push_commit", pb.PushCommit(push=begun.push))
+        expect(committed.points == 100, "PushCommitted: %s" % committed)
+        info_name = "info.las"
+        with open(good, "rb") as g:
+            probed = c.ask("info_request", pb.InfoRequest(name=info_name), g.fileno())
+        expect(probed.name == info_name and list(probed.scale)[:1] == ["0.01"], "Probed: %s" % probed)
+        expect(abs(probed.min[0] - 500000) < 1000, "Probed.min: %s" % probed)
+
+
+def cancel():
+    """A cancelled job is final; its fetch is refused or ends with the error."""
+    path = os.path.join(BASE, "cancel.las")
+    write_las(path, some_points(50000, 5))
+    with client() as c:
+        c.push([path], dataset="cancelled")
+        job = c.ask("submit", pb.Submit(dataset="cancelled"))
+        job = c.ask("cancel", pb.Cancel(job=job.id))
+        job = c.wait(job.id)
+        expect(job.final and job.state in ("cancelled", "done"), "Job: %s" % job)
+
+
+def whole():
+    global BASE, DAEMON
+    with Folder() as base, e2e.Daemon(base, memory="256M") as daemon:
+        BASE, DAEMON = base, daemon
+        try:
+            main(small_requests, one_step, named_dataset, pipelined, bad_inputs, cancel)
+        except SystemExit as e:
+            status = e.code
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    whole()
