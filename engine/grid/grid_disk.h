@@ -48,7 +48,9 @@ struct disk_segment {
 	uint64_t classes[256];
 	uint8_t zero[DISK_HEADER - 2048 - 128];
 };
-_Static_assert(sizeof(struct disk_segment) == DISK_HEADER, "FORMAT.md");
+_Static_assert(sizeof(struct disk_segment) == DISK_HEADER && offsetof(struct disk_segment, box) == 56 &&
+	       offsetof(struct disk_segment, root) == 88 && offsetof(struct disk_segment, sources_place) == 112 &&
+	       offsetof(struct disk_segment, classes) == 128, "FORMAT.md");
 
 /* One source of a segment, in its table of sources; ascending by id. */
 struct disk_total {
@@ -111,13 +113,13 @@ struct disk_leaf {               /* a cell */
 	uint8_t bits;            /* the range has 2^bits keys, 0..64 */
 	uint8_t zero;
 };
-_Static_assert(sizeof(struct disk_leaf) == 88, "FORMAT.md");
+_Static_assert(sizeof(struct disk_leaf) == 88 && offsetof(struct disk_leaf, box) == 56, "FORMAT.md");
 
 struct disk_inner {              /* a page below */
 	uint64_t lo, hi, place, check, count, distinct, cells, sum_hi, sum_lo;
 	int32_t box[4];
 };
-_Static_assert(sizeof(struct disk_inner) == 88, "FORMAT.md");
+_Static_assert(sizeof(struct disk_inner) == 88 && offsetof(struct disk_inner, box) == 72, "FORMAT.md");
 
 enum { DISK_ENTRY = 88, DISK_ENTRIES = (DISK_PAGE - sizeof(struct disk_page)) / DISK_ENTRY };
 _Static_assert(DISK_ENTRIES == 185, "FORMAT.md");
