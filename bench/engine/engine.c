@@ -72,6 +72,7 @@ static int mesh(struct grid *grid, uint64_t memory, int dirfd, struct err *err)
 	struct cut_plan plan = { 0 };
 	struct pipe_budget budget;
 	struct pipe_totals totals;
+	struct mesh_counts flat;
 	struct mesh_domain domain;
 	void *block;
 	uint64_t need;
@@ -83,7 +84,9 @@ static int mesh(struct grid *grid, uint64_t memory, int dirfd, struct err *err)
 	block = aligned_alloc(64, (budget.domain_bytes + 63) & ~(size_t)63);
 	r = grid_reader_new(grid, malloc(reader_size), reader_size, &reader, err);
 	if (!r)
-		r = cut_plan_make(reader, budget.load, &plan, err);
+		r = pipe_plan(grid, &view, &budget, block, &plan, &flat, err);
+	if (r == PIPE_E_FLAT)
+		r = 0;
 	if (!r)
 		r = pipe_emitter_new(&grid_manifest(grid)->lattice, 8 << 20, dirfd, &emitter, err);
 	lap("plan", grid_points(grid));

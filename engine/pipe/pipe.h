@@ -55,6 +55,13 @@ struct pipe_budget {
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret,
 		struct err *err);
 
+/* The regions of a mesh, in `memory` of budget->domain_bytes. PIPE_E_FLAT: the view's positions are fewer than
+ * three or all collinear; there is nothing to triangulate, *ret_flat has the counts for pipe_emit_flat, and
+ * *ret is empty. -ERR_LIMIT: it cannot fit, with the number that would do. */
+enum { PIPE_E_FLAT = 2 };
+int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
+	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err);
+
 /* ---- domain: one region to a finished domain ---- */
 
 /* Everything in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do not
@@ -89,6 +96,8 @@ int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd
  * place: they stay valid as long as the domain's memory, also after this returns. */
 int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *,
 	      const struct mesh_sink *, struct err *err);
+/* Instead of any domain: the counts of a flat plan. */
+void pipe_emit_flat(struct pipe_emitter *, const struct mesh_counts *counts);
 /* After the last domain: totals. Vertices still open are the hull. -ERR_INTERNAL if the mesh is not whole
  * (a link that should have closed). */
 int pipe_emitter_finish(struct pipe_emitter *, struct pipe_totals *ret, struct err *err);

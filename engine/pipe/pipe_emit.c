@@ -214,6 +214,11 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	return sink->block(sink->ctx, &block, err);
 }
 
+void pipe_emit_flat(struct pipe_emitter *e, const struct mesh_counts *counts)
+{
+	counts_add(&e->totals.counts, counts);
+}
+
 int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct err *err)
 {
 	struct pipe_totals *t = &e->totals;
