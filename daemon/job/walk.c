@@ -149,20 +149,21 @@ static void open_start(struct walk *w)
 static void plan_run(struct sched_task *t)
 {
 	struct walk *w = walk_of_task(t);
-	struct grid_reader *reader = NULL;
-	size_t size = grid_reader_bytes(w->grid);
-	void *memory = aligned_alloc(64, (size + 63) & ~(size_t)63);
+	void *memory = aligned_alloc(64, (t->bytes + 63) & ~(size_t)63);
+	struct mesh_counts flat;
 
 	w->err = ERR_INIT;
 	if (!memory) {
-		w->r = err_set(&w->err, ERR_NOMEM, "no memory to read the grid");
+		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
 		return;
 	}
-	w->r = grid_reader_new(w->grid, memory, size, &reader, &w->err);
-	if (!w->r)
-		w->r = cut_plan_make(reader, w->budget.load, &w->plan, &w->err);
-	grid_reader_free(reader);
+	w->r = pipe_plan(w->grid, &w->view, &w->budget, memory, &w->plan, &flat, &w->err);
 	free(memory);
+	if (w->r == PIPE_E_FLAT) {
+		/* Nothing to triangulate: no domains, but the counts of what was read. */
+		pipe_emit_flat(w->emitter, &flat);
+		w->r = 0;
+	}
 }
 
 static void plan_done(struct sched_task *t)
@@ -207,7 +208,7 @@ static void plan_start(struct walk *w)
 		.done = plan_done,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_DOMAIN,
-		.bytes = grid_points(w->grid) ? grid_reader_bytes(w->grid) : 0,
+		.bytes = grid_points(w->grid) ? w->budget.domain_bytes : 0,
 	};
 	w->task_busy = true;
 	if (grid_points(w->grid)) {
