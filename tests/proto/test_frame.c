@@ -455,6 +455,42 @@ static void test_queue_cap(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
+/* A frame that the socket takes in parts: its descriptor goes once, with the first. */
+static void test_sent_in_parts(void **state)
+{
+	unsigned before = open_descriptors();
+	struct pair p = pair_new(NULL);
+	struct err err = ERR_INIT;
+	Acut__V1__Hello h = ACUT__V1__HELLO__INIT;
+	Acut__V1__Message *m = NULL;
+	char *text = malloc(60001);
+	struct frame_conn *b;
+	int small = 1, fd = -1, parts = 0, r;
+	uint32_t id;
+
+	memset(text, 'a', 60000);
+	text[60000] = '\0';
+	h.build = text;
+	assert_int_equal(setsockopt(frame_conn_fd(p.conn), SOL_SOCKET, SO_SNDBUF, &small, sizeof small), 0);
+	assert_int_equal(frame_conn_new(p.raw, NULL, &b, &err), 0);
+	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), dup(2), &err), 0);
+	do {
+		parts += frame_conn_flush(p.conn, &err) == FRAME_E_AGAIN;
+		r = frame_conn_recv(b, &id, &m, &fd, &err);
+	} while (r == FRAME_E_AGAIN);
+	assert_int_equal(r, 0);
+	assert_true(parts > 1);
+	assert_true(fd >= 0);
+	assert_string_equal(m->hello->build, text);
+	close(fd);
+	frame_message_free(m);
+	free(text);
+	frame_conn_free(b);
+	p.raw = -1;
+	pair_free(&p);
+	assert_int_equal(open_descriptors(), before);
+}
+
 static void test_too_large(void **state)
 {
 	struct pair p = pair_new(NULL);
