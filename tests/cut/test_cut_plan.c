@@ -240,8 +240,8 @@ static void sweep_finds_what_rounds_find(void **state)
 		struct cut_plan plan;
 		struct err err = ERR_INIT;
 
-		make(&t, &src, shapes[s], 5000, 8);
-		assert_int_equal(cut_plan_make_from(&src, 2000, &plan, &err), 0);
+		make(&t, &src, shapes[s], 10000, 8);
+		assert_int_equal(cut_plan_make_from(&src, 3000, &plan, &err), 0);
 		assert_true(plan.n > 1);
 		for (size_t i = 0; i < plan.n; i++) {
 			const struct point *pts[2];
