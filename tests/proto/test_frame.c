@@ -585,6 +585,7 @@ int main(void)
 	    cmocka_unit_test(test_caps),
 	    cmocka_unit_test(test_charged),
 	    cmocka_unit_test(test_queue_cap),
+	    cmocka_unit_test(test_sent_in_parts),
 	    cmocka_unit_test(test_too_large),
 	    cmocka_unit_test(test_text_not_utf8),
 	    cmocka_unit_test(test_errors_over_the_wire),
