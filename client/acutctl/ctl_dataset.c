@@ -10,7 +10,7 @@ void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 	struct ctl_json j = { .out = ctl->report };
 
 	ctl_json_open(&j, NULL, '{');
-	ctl_json_text(&j, "dataset", d->name);
+	ctl_json_text(&j, "name", d->name);
 	ctl_json_u64(&j, "generation", d->generation);
 	ctl_json_u64(&j, "points", d->points);
 	ctl_json_u64(&j, "bytes", d->bytes);

@@ -77,8 +77,23 @@ void ctl_job_refused(struct ctl_json *j, const struct ctl_staged_file *f)
 	ctl_error_json(j, NULL, &f->err);
 }
 
+/* All of it unknown. */
+static void no_report(struct ctl_json *j)
+{
+	static const char *const key[] = { "points", "used", "vertices", "triangles", "hull", "domains", "digest",
+					   "vertex_digest", "removed", "seconds", "stage_seconds",
+					   "first_triangle_seconds", "peak_rss_bytes" };
+
+	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
+		ctl_json_text(j, key[i], NULL);
+}
+
 void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 {
+	if (!p) {
+		no_report(j);
+		return;
+	}
 	ctl_json_u64(j, "points", p->points);
 	ctl_json_u64(j, "used", p->used);
 	ctl_json_u64(j, "vertices", p->vertices);
@@ -122,13 +137,7 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 	ctl_json_u64(&j, "domains", job->progress.domains);
 	ctl_json_u64(&j, "domains_total", job->progress.domains_total);
 	ctl_json_close(&j, '}');
-	if (job->has_report) {
-		ctl_json_open(&j, "report", '{');
-		ctl_job_report(&j, &job->report);
-		ctl_json_close(&j, '}');
-	} else {
-		ctl_json_text(&j, "report", NULL);
-	}
+	ctl_job_report(&j, job->has_report ? &job->report : NULL);
 	if (job->has_error) {
 		ctl_error_from_failure(&job->error, &err);
 		ctl_error_json(&j, "error", &err);

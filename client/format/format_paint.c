@@ -22,7 +22,7 @@ static double unit_metres(const char *unit)
 		{ "metre", 1 },		       { "meter", 1 },
 		{ "m", 1 },		       { "foot", 0.3048 },
 		{ "ft", 0.3048 },	       { "us-foot", 1200.0 / 3937 },
-		{ "us-ft", 1200.0 / 3937 },    { "ftUS", 1200.0 / 3937 },
+		{ "us-survey-foot", 1200.0 / 3937 }, { "ftUS", 1200.0 / 3937 },
 		{ "us survey foot", 1200.0 / 3937 }, { "degree", 111320 },
 		{ "deg", 111320 },
 	};

@@ -1,0 +1,213 @@
+"""acutctl without a daemon: what is understood, what is refused and how, exit statuses, JSON, help and man page."""
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+
+ACUTCTL = os.environ["ACUTCTL"]
+MAN = os.environ.get("ACUT_MAN")
+failed = passed = 0
+
+
+def run(*args, env=None, cwd=None, stdin=b"", out=subprocess.PIPE):
+    full = {k: v for k, v in os.environ.items() if not k.startswith(("ACUT_", "XDG_"))}
+    full["ACUT_SOCKET"] = "/nonexistent/acutd.sock"
+    full.update(env or {})
+    p = subprocess.run([ACUTCTL, *args], input=stdin, stdout=out, stderr=subprocess.PIPE, env=full, cwd=cwd, timeout=60)
+    return p.returncode, (p.stdout or b"").decode(), p.stderr.decode()
+
+
+def check(what, cond, detail=""):
+    global failed, passed
+    if cond:
+        passed += 1
+    else:
+        failed += 1
+        print("FAIL", what, detail)
+
+
+def expect(args, status, *texts, **kw):
+    got, out, err = run(*args, **kw)
+    check(" ".join(args), got == status and all(t in out + err for t in texts),
+          "\n  status %d, wanted %d %s\n  %s%s" % (got, status, texts, out, err))
+    return out, err
+
+
+def options_of(command):
+    out = run("help", command)[1]
+    return set(re.findall(r"--([a-z][a-z-]*)", "\n".join(l for l in out.splitlines() if l.startswith("  "))))
+
+
+COMMANDS = ("cancel dataset datasets fetch formats help info jobs mesh ping plan push rm show status submit version wait "
+            "watch").split()
+LATER = {
+    "mesh": "--bbox=1,2,3,4 --not-class=7 --drop-overlap --crop=1,2,3,4 --every=2 --thin=1 --assume-crs=EPSG:1 --assume-units=m "
+            "--utm --geoid=x --tile=100 --checksum --manifest=x".split(),
+    "push": ["--utm", "--geoid", "--assume-crs", "--assume-units"],
+    "fetch": ["--resume", "--bbox"],
+    "submit": ["--crop", "--thin", "--every", "--drop-overlap", "--not-class"],
+}
+
+
+def usage(base):
+    survey = os.path.join(base, "a.xyz")
+    with open(survey, "w") as f:
+        f.write("0 0 0\n1 0 0\n0 1 0\n")
+    out = os.path.join(base, "m.ply")
+    expect([], 2, "no command")
+    expect(["nonsense"], 2, "there is no command nonsense")
+    expect(["mesh"], 2, "needs more")
+    expect(["mesh", survey], 2, "no output", "-o OUT")
+    expect(["mesh", survey, "-o"], 2, "needs a value")
+    expect(["mesh", survey, "--rubbish"], 2, "no option --rubbish")
+    expect(["mesh", survey, "-o", out, "--quiet=1"], 2, "takes no value")
+    expect(["mesh", survey, "-o", out, "--class", "2", "--class", "3"], 2, "given twice")
+    expect(["mesh", survey, "-o", base + "/m.foo"], 2, "in which format", "--format")
+    expect(["mesh", survey, "-o", out, "--format", "stl"], 2, "no output format stl")
+    expect(["mesh", survey, "-o", out, "-o", out], 2, "given twice")
+    expect(["mesh", survey, "-o", "-"], 2, "in which format")
+    expect(["mesh", survey, "-o", survey], 2, "one of the inputs")
+    os.link(survey, base + "/same.ply")
+    expect(["mesh", survey, "-o", base + "/same.ply"], 2, "one of the inputs")
+    expect(["mesh", "-", "-o", out], 2, "--input-format")
+    expect(["mesh", survey, "-o", out, "--class", "300"], 2, "not a list of classes")
+    expect(["mesh", survey, "-o", out, "--returns", "third"], 2, "--returns")
+    expect(["mesh", survey, "-o", out, "--ground", "--surface"], 2, "at once")
+    expect(["mesh", survey, "-o", out, "--max-edge", "-3"], 2, "--max-edge")
+    expect(["mesh", survey, "-o", out, "--origin", "1,2"], 2, "--origin")
+    expect(["mesh", survey, "-o", out, "--origin", "1,2,3,4"], 2, "--origin")
+    expect(["mesh", survey, "-o", out, "--width", "100"], 2, "--width is for pictures")
+    expect(["mesh", survey, "-o", base + "/m.png", "--canonical"], 2, "--canonical has no meaning")
+    expect(["mesh", survey, "-o", base + "/m.png", "--width", "0"], 2, "--width")
+    expect(["mesh", survey, "-o", base + "/m.png", "--color", "red"], 2, "--color")
+    expect(["mesh", survey, "-o", out, "--timeout", "soon"], 2, "--timeout")
+    expect(["mesh", survey, "-o", out, "--memory", "23M"], 2, "24M")
+    expect(["mesh", survey, "-o", out, "--threads", "0"], 2, "--threads")
+    expect(["mesh", survey, "-o", out, "--memory", "64M", "--socket", "x"], 2, "own")
+    expect(["mesh", survey, "-o", base, "--format", "ply"], 2, "folder")
+    expect(["mesh", survey, "-o", base + "/none/m.ply"], 74, "none")
+    expect(["mesh", base + "/empty", "-o", out], 69)
+    os.mkdir(base + "/empty")
+    expect(["mesh", base + "/empty", "-o", out], 1, "no survey files")
+    open(out, "w").close()
+    expect(["mesh", survey, "-o", out, "--no-clobber"], 2, "exists", "--no-clobber")
+    os.unlink(out)
+    expect(["jobs", "--class", "2"], 2, "jobs takes no --class")
+    expect(["push", "x", survey, "-o", out], 2, "push takes no --output")
+    expect(["show", "first"], 2, "not the number of a job")
+    expect(["wait", "1", "two"], 2, "not the number of a job")
+    expect(["fetch", "1"], 2, "no output")
+    expect(["dataset", "show"], 2)
+    expect(["dataset", "hide", "x"], 2, "no command dataset hide")
+    check("nothing is left behind", sorted(os.listdir(base)) == ["a.xyz", "empty", "same.ply"], str(os.listdir(base)))
+
+
+def later(base):
+    for command, options in LATER.items():
+        for o in options:
+            value = [] if "=" in o or o in ("--utm", "--resume", "--drop-overlap", "--checksum") else ["1"]
+            expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
+            out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
+            check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)
+    for words in (["cache", "stat"], ["doctor"], ["dataset", "create", "x"], ["dataset", "rm", "x"], ["dataset", "pin", "x"],
+                  ["dataset", "log", "x"], ["dataset", "unpin", "x"], ["help", "cache"]):
+        expect(words, 2, "not in this version")
+
+
+def no_daemon(base):
+    survey = os.path.join(base, "a.xyz")
+    none = {"ACUT_SOCKET": "", "HOME": base, "PATH": "/nonexistent", "ACUT_ACUTD": ""}
+    for words in (["ping"], ["status"], ["jobs"], ["datasets"], ["show", "1"], ["submit", "x"], ["plan", "x"], ["push", "x", survey],
+                  ["fetch", "1", "-o", base + "/m.ply"], ["cancel", "1"], ["rm", "1"], ["wait", "1"], ["watch"]):
+        expect(words, 69, "no daemon")
+        expect(words, 69, "--private", env=none) if not os.path.exists("/run/acut/acutd.sock") else None
+    expect(["mesh", survey, "-o", base + "/m.ply"], 69)
+    expect(["mesh", survey, "-o", base + "/m.ply", "--private"], 69, env={"ACUT_ACUTD": "/nonexistent/acutd", "HOME": base,
+                                                                         "XDG_RUNTIME_DIR": base})
+    out, _ = expect(["ping", "--json"], 69)
+    error = json.loads(out)["error"]
+    check("JSON of an error", set(error) == {"code", "file", "offset", "field", "message", "hint"} and error["code"] == "no-daemon",
+          out)
+    expect(["mesh", survey, "-o", "-", "--format", "ply", "--json"], 69)
+    out, err = run("mesh", survey, "-o", "-", "--format", "ply", "--json")[1:]
+    check("JSON goes to stderr where OUT is -", out == "" and json.loads(err)["error"]["code"] == "no-daemon", out + err)
+    check("no output of a failure", not os.path.exists(base + "/m.ply"))
+
+
+def wrong_daemon(base):
+    """Something that is not acutd, or goes away at once: an error, never a hang."""
+    path = os.path.join(base, "s.sock")
+    server = socket.socket(socket.AF_UNIX)
+    server.bind(path)
+    server.listen(8)
+
+    def serve():
+        while True:
+            try:
+                c, _ = server.accept()
+            except OSError:
+                return
+            c.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n" if serve.talks else b"")
+            c.close()
+    serve.talks = False
+    t = threading.Thread(target=serve, daemon=True)
+    t.start()
+    got, _, err = run("ping", "--socket", path)
+    check("a daemon that goes away", got == 69, "%d %s" % (got, err))
+    serve.talks = True
+    got, _, err = run("ping", "--socket", path)
+    check("not a daemon", got in (69, 76), "%d %s" % (got, err))
+    server.close()
+    silent = socket.socket(socket.AF_UNIX)
+    silent.bind(path + "2")
+    silent.listen(8)
+    got, _, err = run("ping", "--socket", path + "2", "--timeout", "0.5")
+    check("a daemon that says nothing", got == 124 and "0.5" in err, "%d %s" % (got, err))
+    silent.close()
+
+
+def texts():
+    expect(["--version"], 0, "acutctl ")
+    expect(["version", "--json"], 0, '{"version":"')
+    out = expect(["help"], 0)[0]
+    for c in COMMANDS:
+        check("help lists " + c, re.search(r"^  acutctl %s\b" % c, out, re.M), out)
+        expect([c, "--help"], 0, "acutctl " + c)
+        if c != "help":
+            check("help of %s is the same twice" % c, run("help", c)[1] == run(c, "-h")[1])
+    expect(["formats"], 0, "ply", "obj", "png", "las", "xyz")
+    rows = [json.loads(line) for line in run("formats", "--json")[1].splitlines()]
+    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "png", "las", "xyz"})
+    with open("/dev/full", "w") as full:
+        check("a full standard output", run("formats", out=full)[0] == 74)
+    r, w = os.pipe()
+    os.close(r)
+    check("a closed standard output", run("formats", out=w)[0] == 141)
+    os.close(w)
+
+
+def man_page():
+    if not MAN:
+        print("skipped: the man page (ACUT_MAN is not set)")
+        return
+    with open(MAN) as f:
+        page = f.read()
+    for c in COMMANDS:
+        check("man page has " + c, re.search(r"^## .*\b%s\b|^\*%s\*" % (c, c), page, re.M), c)
+        for o in options_of(c):
+            check("man page has --%s of %s" % (o, c), re.search(r"\*--%s\*" % o.replace("-", "\\\\?-"), page), o)
+
+
+with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
+    usage(d)
+    later(d)
+    no_daemon(d)
+    wrong_daemon(d)
+texts()
+man_page()
+print("%d passed, %d failed" % (passed, failed))
+sys.exit(1 if failed else 0)
