@@ -133,27 +133,34 @@ static void session_close(struct session *s)
 	ledger_free(s->ledger);
 }
 
+static void *domain_memory(const struct session *s)
+{
+	return aligned_alloc(64, (s->budget.domain_bytes + 63) & ~(size_t)63);
+}
+
 static int print_plan(struct session *s, struct err *err)
 {
-	struct grid_reader *reader = NULL;
-	size_t size = grid_reader_bytes(s->grid), i;
 	char text[CUT_REGION_TEXT_SIZE];
 	struct cut_plan plan = { 0 };
-	void *memory = malloc(size);
+	struct mesh_counts flat;
+	void *memory = domain_memory(s);
 	int r;
 
 	if (!memory)
-		return err_set(err, ERR_NOMEM, "no memory for reading (%zu bytes)", size);
-	r = grid_reader_new(s->grid, memory, size, &reader, err);
-	if (!r)
-		r = cut_plan_make(reader, s->budget.load, &plan, err);
-	for (i = 0; !r && i < plan.n; i++)
+		return err_set(err, ERR_NOMEM, "no memory for planning (%zu bytes)", s->budget.domain_bytes);
+	r = pipe_plan(s->grid, &s->view, &s->budget, memory, &plan, &flat, err);
+	free(memory);
+	if (r == PIPE_E_FLAT) {
+		fputs("acut-domain: all positions lie on one line: there is nothing to triangulate\n", stderr);
+		return 0;
+	}
+	if (r)
+		return r;
+	for (size_t i = 0; i < plan.n; i++)
 		printf("%s %s %llu\n", cut_region_text(&plan.leaf[i].region, text),
 		       plan.leaf[i].exact ? "exact" : "at-most", (unsigned long long)plan.leaf[i].count);
 	cut_plan_done(&plan);
-	grid_reader_free(reader);
-	free(memory);
-	return r;
+	return 0;
 }
 
 static int make_domain(struct session *s, const struct options *o, struct err *err)
@@ -168,7 +175,7 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 
 	if (!cut_region_parse(o->region, &region))
 		return err_set(err, ERR_USAGE, "'%s' is not a region", o->region);
-	memory = aligned_alloc(64, (s->budget.domain_bytes + 63) & ~(size_t)63);
+	memory = domain_memory(s);
 	if (!memory)
 		return err_set(err, ERR_NOMEM, "no memory for a domain (%zu bytes)", s->budget.domain_bytes);
 	r = pipe_domain(s->grid, &s->view, &region, &s->budget, memory, &domain, &need, err);
