@@ -1,0 +1,385 @@
+/*
+ * acutd: start, the loop, stop.
+ *
+ * The order of a start: options, locks on the folders, the budget, workers, catalogue, jobs (which clean up after a
+ * crash), sockets, READY. A stop (SIGTERM, SIGINT, or idleness of a private daemon) ends connections and what is
+ * bound to them, waits for the workers, and leaves folders without temporary files; after nine seconds it removes
+ * those and goes, which is safe at any moment.
+ */
+#include <errno.h>
+#include <malloc.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <systemd/sd-daemon.h>
+#include <systemd/sd-event.h>
+#include <unistd.h>
+
+#include "catalogue.h"
+#include "clock.h"
+#include "config.h"
+#include "err.h"
+#include "io.h"
+#include "job.h"
+#include "ledger.h"
+#include "log.h"
+#include "parse.h"
+#include "place.h"
+#include "sched_pool.h"
+#include "server.h"
+
+#define TICK_USEC 100000
+#define PARK_USEC 9000000
+/* Of the catalogue: SQLite's page caches and statements. */
+#define CATALOGUE_BYTES (UINT64_C(1) << 20)
+#define HAND_OVER_MAX 16
+
+struct daemon {
+	struct config config;
+	int statefd, cachefd, state_lock, cache_lock, socket_lock;
+	int sockets[HAND_OVER_MAX];  /* that listen */
+	int nsockets;
+	bool bound;                  /* the socket is ours by --socket */
+	sd_event *event;
+	struct ledger *ledger;
+	struct sched *sched;
+	struct catalogue *catalogue;
+	struct jobs *jobs;
+	struct server *server;
+	sd_event_source *tick, *last;
+	bool ticking, stopping, over;
+	uint64_t idle_ns;            /* since when, 0: busy */
+};
+
+/* ---- the loop ---- */
+
+static void stop(struct daemon *d);
+
+static bool busy(struct daemon *d)
+{
+	return server_connections(d->server) || jobs_active(d->jobs);
+}
+
+/* Nobody can connect while the lock of the socket is held, so a last look is the last. */
+static void end_if_idle(struct daemon *d)
+{
+	int lock = -1;
+
+	if (d->nsockets && !d->bound && !place_lock_socket(d->sockets[0], &lock)) {
+		d->idle_ns = clock_mono_ns();
+		return;
+	}
+	if (server_accept_last(d->server)) {
+		io_close(lock);
+		return;
+	}
+	log_info("idle for %.0f seconds: the end", d->config.idle_exit);
+	for (int i = 0; i < d->nsockets; i++)
+		place_unbind(d->sockets[i]);
+	io_close(lock);
+	stop(d);
+}
+
+static void look_idle(struct daemon *d)
+{
+	/* Without a listening socket nobody can come any more. */
+	double wait = server_listens(d->server) ? d->config.idle_exit : 0;
+
+	if (d->stopping || (wait == 0 && server_listens(d->server)))
+		return;
+	if (busy(d)) {
+		d->idle_ns = 0;
+	} else if (!d->idle_ns) {
+		d->idle_ns = clock_mono_ns();
+	} else if (clock_since(d->idle_ns) >= wait) {
+		end_if_idle(d);
+	}
+}
+
+static void tick_wanted(struct daemon *d)
+{
+	bool want = d->stopping || jobs_active(d->jobs) || d->config.idle_exit > 0 || !server_listens(d->server);
+	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : 5 * TICK_USEC;
+
+	if (want == d->ticking)
+		return;
+	d->ticking = want;
+	sd_event_source_set_time_relative(d->tick, usec);
+	sd_event_source_set_enabled(d->tick, want ? SD_EVENT_ONESHOT : SD_EVENT_OFF);
+}
+
+static int on_tick(sd_event_source *source, uint64_t usec, void *ctx)
+{
+	struct daemon *d = ctx;
+
+	d->ticking = false;
+	jobs_tick(d->jobs);
+	look_idle(d);
+	return 0;
+}
+
+/* After each round: what was freed, finished or asked in it may let something else start. */
+static int on_round(sd_event_source *source, void *ctx)
+{
+	struct daemon *d = ctx;
+
+	jobs_settle(d->jobs);
+	server_settle(d->server);
+	if (d->stopping && jobs_parked(d->jobs) && !server_connections(d->server)) {
+		d->over = true;
+		sd_event_exit(d->event, 0);
+	}
+	tick_wanted(d);
+	return 0;
+}
+
+static int on_sched(sd_event_source *source, int fd, uint32_t events, void *ctx)
+{
+	sched_dispatch(((struct daemon *)ctx)->sched);
+	return 0;
+}
+
+static int on_catalogue(sd_event_source *source, int fd, uint32_t events, void *ctx)
+{
+	catalogue_dispatch(((struct daemon *)ctx)->catalogue);
+	return 0;
+}
+
+/* Work did not end in time. What is durable is so already; the rest is removed by name. */
+static int on_last(sd_event_source *source, uint64_t usec, void *ctx)
+{
+	struct daemon *d = ctx;
+
+	log_warning("work did not stop in time: it is cut off");
+	jobs_abandon(d->jobs);
+	_exit(0);
+}
+
+static void stop(struct daemon *d)
+{
+	if (d->stopping)
+		return;
+	d->stopping = true;
+	sd_notify(0, "STOPPING=1");
+	if (d->bound)
+		place_unbind(d->sockets[0]);
+	server_stop(d->server);
+	jobs_park(d->jobs);
+	if (sd_event_add_time_relative(d->event, &d->last, CLOCK_MONOTONIC, PARK_USEC, 0, on_last, d) < 0)
+		log_warning("no timer: the stop takes as long as the work");
+}
+
+static int on_signal(sd_event_source *source, const struct signalfd_siginfo *si, void *ctx)
+{
+	log_info("signal %u: the end", si->ssi_signo);
+	stop(ctx);
+	return 0;
+}
+
+/* ---- the start ---- */
+
+static int adopt(struct daemon *d, int fd, struct err *err)
+{
+	int r;
+
+	if (sd_is_socket(fd, AF_UNIX, SOCK_STREAM, 1) > 0) {
+		r = server_listen(d->server, fd, err);
+		if (!r)
+			d->sockets[d->nsockets++] = fd;
+		return r;
+	}
+	if (sd_is_socket(fd, AF_UNIX, SOCK_STREAM, 0) > 0)
+		return server_adopt(d->server, fd, err);
+	return err_set(err, ERR_USAGE, "descriptor %d that was handed over is not a Unix stream socket", fd);
+}
+
+static int take_sockets(struct daemon *d, struct err *err)
+{
+	int n = sd_listen_fds(1), r = 0;
+
+	if (n > HAND_OVER_MAX)
+		return err_set(err, ERR_USAGE, "more than %d sockets were handed over", HAND_OVER_MAX);
+	for (int i = 0; !r && i < n; i++) {
+		sd_is_socket(SD_LISTEN_FDS_START + i, AF_UNIX, SOCK_STREAM, -1);
+		r = adopt(d, SD_LISTEN_FDS_START + i, err);
+	}
+	if (!r && d->config.socket) {
+		int fd;
+
+		r = place_bind(d->config.socket, &fd, &d->socket_lock, err);
+		if (!r)
+			r = server_listen(d->server, fd, err);
+		if (!r) {
+			/* Ours first: it is the one whose name is removed. */
+			d->sockets[d->nsockets] = d->sockets[0];
+			d->sockets[0] = fd;
+			d->nsockets++;
+			d->bound = true;
+		}
+	}
+	if (!r && n <= 0 && !d->config.socket) {
+		err_set(err, ERR_USAGE, "there is nothing to listen on");
+		r = err_add_hint(err, "give --socket PATH, or start acutd by a socket unit");
+	}
+	return r;
+}
+
+static int watch(struct daemon *d, int fd, sd_event_io_handler_t handler, struct err *err)
+{
+	int r = sd_event_add_io(d->event, NULL, fd, EPOLLIN, handler, d);
+
+	return r < 0 ? err_sys(err, -r, "cannot watch a descriptor") : 0;
+}
+
+static int make_loop(struct daemon *d, struct err *err)
+{
+	static const int signals[] = { SIGTERM, SIGINT };
+	sigset_t set;
+	int r;
+
+	sigemptyset(&set);
+	for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++)
+		sigaddset(&set, signals[i]);
+	sigprocmask(SIG_BLOCK, &set, NULL);
+	signal(SIGPIPE, SIG_IGN);
+	r = sd_event_default(&d->event);
+	for (size_t i = 0; r >= 0 && i < sizeof signals / sizeof signals[0]; i++)
+		r = sd_event_add_signal(d->event, NULL, signals[i], on_signal, d);
+	if (r >= 0)
+		r = sd_event_add_time_relative(d->event, &d->tick, CLOCK_MONOTONIC, TICK_USEC, TICK_USEC / 10, on_tick,
+					       d);
+	if (r >= 0)
+		r = sd_event_add_post(d->event, NULL, on_round, d);
+	if (r >= 0)
+		r = sd_event_set_watchdog(d->event, true);
+	if (r < 0)
+		return err_sys(err, -r, "cannot make the event loop");
+	sd_event_source_set_enabled(d->tick, SD_EVENT_ONESHOT);
+	d->ticking = true;
+	return 0;
+}
+
+static int make_budget(struct daemon *d, struct err *err)
+{
+	d->ledger = ledger_new(d->config.memory);
+	if (!d->ledger || !ledger_take(d->ledger, LEDGER_CATALOGUE, CATALOGUE_BYTES))
+		return err_set(err, ERR_NOMEM, "no memory for the ledger");
+	return 0;
+}
+
+static int make_jobs(struct daemon *d, struct err *err)
+{
+	char path[600];
+	struct server_params server = {
+		.event = d->event,
+		.ledger = d->ledger,
+		.version = ACUT_VERSION,
+		.state_dir = d->config.state,
+		.cache_dir = d->config.cache,
+		.memory = d->config.memory,
+		.threads = d->config.threads,
+	};
+	struct jobs_params jobs = {
+		.ledger = d->ledger,
+		.statefd = d->statefd,
+		.cachefd = d->cachefd,
+		.threads = d->config.threads,
+		.changed = server_job_changed,
+	};
+	int r;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", d->config.state);
+	r = sched_new(d->ledger, d->config.threads, &d->sched, err);
+	if (!r)
+		r = catalogue_new(path, &d->catalogue, err);
+	if (!r)
+		r = server_new(&server, &d->server, err);
+	if (!r) {
+		jobs.sched = d->sched;
+		jobs.catalogue = d->catalogue;
+		jobs.ctx = d->server;
+		r = jobs_new(&jobs, &d->jobs, err);
+	}
+	if (!r)
+		r = watch(d, sched_fd(d->sched), on_sched, err);
+	if (!r)
+		r = watch(d, catalogue_fd(d->catalogue), on_catalogue, err);
+	if (!r)
+		server_set_jobs(d->server, d->jobs);
+	return r;
+}
+
+static int start(struct daemon *d, struct err *err)
+{
+	int r = place_folder(d->config.state, &d->statefd, &d->state_lock, err);
+
+	/* One folder for both is one lock. */
+	if (!r && strcmp(d->config.state, d->config.cache))
+		r = place_folder(d->config.cache, &d->cachefd, &d->cache_lock, err);
+	else if (!r)
+		d->cachefd = dup(d->statefd);
+	if (!r)
+		r = make_loop(d, err);
+	if (!r)
+		r = make_budget(d, err);
+	if (!r)
+		r = make_jobs(d, err);
+	if (!r)
+		r = take_sockets(d, err);
+	return r;
+}
+
+/* The heap gives back what is freed, and few arenas keep little: what the ledger counts is what the process has. */
+static void tame_malloc(void)
+{
+	mallopt(M_ARENA_MAX, 2);
+	mallopt(M_MMAP_THRESHOLD, 64 << 10);
+	mallopt(M_TRIM_THRESHOLD, 128 << 10);
+}
+
+static void finish(struct daemon *d)
+{
+	server_free(d->server);
+	sched_free(d->sched);
+	catalogue_free(d->catalogue);
+	jobs_free(d->jobs);
+	sd_event_unref(d->event);
+	io_close(d->statefd);
+	io_close(d->cachefd);
+	/* The locks last. */
+	io_close(d->socket_lock);
+	io_close(d->cache_lock);
+	io_close(d->state_lock);
+}
+
+int main(int argc, char **argv)
+{
+	struct daemon d = { .statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1 };
+	struct err err = ERR_INIT;
+	char size[32];
+	int what, r;
+
+	log_init("acutd", LOG_LEVEL_INFO);
+	tame_malloc();
+	r = config_parse(argc, argv, &d.config, &what, &err);
+	if (!r && what == CONFIG_EXIT)
+		return 0;
+	if (!r) {
+		log_init("acutd", d.config.level);
+		r = start(&d, &err);
+	}
+	if (r) {
+		log_err(LOG_LEVEL_ERROR, "acutd cannot start", &err);
+		return err_exit_status(err.code);
+	}
+	log_info("acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
+		 parse_size_text(d.config.memory, size), d.config.threads, d.config.state, d.config.cache);
+	sd_notify(0, "READY=1\nSTATUS=Serving");
+	r = sd_event_loop(d.event);
+	if (r < 0)
+		log_error("the event loop failed: %s", strerror(-r));
+	finish(&d);
+	return r < 0 ? 1 : 0;
+}

@@ -1,0 +1,256 @@
+/*
+ * A connection: frames in, answers out, and what ends with it.
+ *
+ * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs, one-step
+ * datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with keep the memory
+ * of the connection until they are answered (into nothing). A client that does not read is cut off when its answers
+ * reach the cap of its queue.
+ */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+
+#include "io.h"
+#include "log.h"
+#include "server_priv.h"
+
+static void watch(struct conn *c)
+{
+	if (c->io && c->frame)
+		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
+}
+
+static void flush(struct conn *c)
+{
+	struct err err = ERR_INIT;
+	int r = frame_conn_flush(c->frame, &err);
+
+	if (r == FRAME_E_EOF || r < 0)
+		conn_close(c);
+	else
+		watch(c);
+}
+
+static void sent(struct conn *c, int r, const struct err *err)
+{
+	if (r == FRAME_E_FULL) {
+		log_info("a client (pid %u) does not read its answers and is cut off", c->peer.pid);
+		conn_close(c);
+	} else if (r < 0) {
+		log_err(LOG_LEVEL_WARNING, "an answer cannot be sent", err);
+		conn_close(c);
+	} else {
+		flush(c);
+	}
+}
+
+void conn_send(struct conn *c, uint32_t id, const Acut__V1__Message *m, int fd)
+{
+	struct err err = ERR_INIT;
+
+	if (c->closed) {
+		io_close(fd);
+		return;
+	}
+	sent(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
+}
+
+void conn_send_error(struct conn *c, uint32_t id, const struct err *why)
+{
+	struct err err = ERR_INIT;
+
+	if (!c->closed)
+		sent(c, frame_conn_send_error(c->frame, id, why, &err), &err);
+}
+
+void conn_fail(struct conn *c, const struct err *why)
+{
+	log_err(LOG_LEVEL_INFO, "a client is cut off", why);
+	conn_send_error(c, 0, why);
+	conn_close(c);
+}
+
+/* ---- requests ---- */
+
+struct request *request_new(struct conn *c, uint32_t id)
+{
+	struct request *q = calloc(1, sizeof *q);
+
+	if (!q)
+		return NULL;
+	q->conn = c;
+	q->id = id;
+	q->next = c->requests;
+	c->requests = q;
+	c->nrequests++;
+	return q;
+}
+
+struct request *request_free(struct request *q)
+{
+	struct conn *c;
+	struct request **at;
+
+	if (!q)
+		return NULL;
+	c = q->conn;
+	for (at = &c->requests; *at != q; at = &(*at)->next)
+		;
+	*at = q->next;
+	c->nrequests--;
+	c->nfiles -= q->files;
+	if (c->closed)
+		c->server->reap = true;
+	free(q);
+	return NULL;
+}
+
+void request_answer(struct request *q, const Acut__V1__Message *m)
+{
+	struct conn *c = q->conn;
+	uint32_t id = q->id;
+
+	request_free(q);
+	conn_send(c, id, m, -1);
+}
+
+void request_refuse(struct request *q, const struct err *why)
+{
+	struct conn *c = q->conn;
+	uint32_t id = q->id;
+
+	request_free(q);
+	conn_send_error(c, id, why);
+}
+
+/* ---- reading ---- */
+
+static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
+{
+	struct conn *c = ctx;
+	int i;
+
+	if (c->closed)
+		return 0;
+	if (events & EPOLLOUT)
+		flush(c);
+	for (i = 0; i < 16 && !c->closed; i++) {
+		struct err err = ERR_INIT;
+		Acut__V1__Message *m = NULL;
+		uint32_t id = 0;
+		int got = -1, r = frame_conn_recv(c->frame, &id, &m, &got, &err);
+
+		if (r == FRAME_E_AGAIN)
+			break;
+		if (r == FRAME_E_EOF) {
+			conn_close(c);
+		} else if (r < 0) {
+			conn_fail(c, &err);
+		} else {
+			request_handle(c, id, m, got);
+			frame_message_free(m);
+		}
+	}
+	if (!c->closed)
+		watch(c);
+	return 0;
+}
+
+int conn_new(struct server *s, int fd, struct err *err)
+{
+	struct conn *c = calloc(1, sizeof *c);
+	struct frame_limits limits = { .ledger = s->p.ledger };
+	struct ucred cred;
+	socklen_t size = sizeof cred;
+	int r;
+
+	if (!c)
+		return err_set(err, ERR_NOMEM, "no memory for a client");
+	if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &cred, &size) != 0) {
+		free(c);
+		return err_sys(err, errno, "the client's user cannot be found out");
+	}
+	c->server = s;
+	c->peer = (struct job_peer){ .uid = cred.uid, .pid = (uint32_t)cred.pid };
+	r = frame_conn_new(fd, &limits, &c->frame, err);
+	if (r) {
+		free(c);
+		return r;
+	}
+	r = sd_event_add_io(s->p.event, &c->io, frame_conn_fd(c->frame), EPOLLIN, conn_ready, c);
+	if (r < 0) {
+		/* The descriptor went to the frame_conn, and goes with it. */
+		log_warning("cannot wait for a client: %s", strerror(-r));
+		frame_conn_free(c->frame);
+		free(c);
+		return 0;
+	}
+	c->next = s->conns;
+	s->conns = c;
+	s->nconns++;
+	log_debug("client: pid %u, uid %u", c->peer.pid, c->peer.uid);
+	return 0;
+}
+
+/* ---- the end ---- */
+
+static void leave_jobs(struct conn *c)
+{
+	struct conn_job *b;
+	struct conn_dataset *d;
+
+	while ((b = c->bound)) {
+		struct job *job = job_find(c->server->jobs, b->id, &c->peer);
+
+		c->bound = b->next;
+		if (job)
+			job_leave(job);
+		free(b);
+	}
+	while ((d = c->held)) {
+		c->held = d->next;
+		dataset_release(d->dataset);
+		free(d);
+	}
+}
+
+void conn_close(struct conn *c)
+{
+	struct push_ref *p;
+
+	if (c->closed)
+		return;
+	c->closed = true;
+	c->server->reap = true;
+	c->server->nconns--;
+	log_debug("client gone: pid %u", c->peer.pid);
+	c->io = sd_event_source_disable_unref(c->io);
+	c->frame = frame_conn_free(c->frame);
+	stream_out_leave(c);
+	for (p = c->pushes; p; p = p->next)
+		push_ref_leave(p);
+	leave_jobs(c);
+}
+
+bool conn_reap(struct conn *c)
+{
+	struct request *q, *next;
+	struct push_ref *p;
+
+	/* Waits are nobody's but ours. */
+	for (q = c->requests; q; q = next) {
+		next = q->next;
+		if (q->wait)
+			request_free(q);
+	}
+	if (c->requests || c->streams)
+		return false;
+	while ((p = c->pushes)) {
+		c->pushes = p->next;
+		free(p);
+	}
+	free(c);
+	return true;
+}

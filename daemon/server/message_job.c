@@ -1,0 +1,98 @@
+/*
+ * Jobs as messages, and their report as JSON. A message here points into the job, and is sent before the job can change.
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "server_priv.h"
+
+static void report_message(const struct job_report *r, struct message_job *m)
+{
+	int i;
+
+	acut__v1__report__init(&m->report);
+	m->report.points = r->points;
+	m->report.used = r->used;
+	m->report.vertices = r->vertices;
+	m->report.triangles = r->triangles;
+	m->report.hull = r->hull;
+	m->report.domains = r->domains;
+	m->report.halo = r->halo;
+	m->report.digest = (char *)r->digest;
+	m->report.vertex_digest = (char *)r->vertex_digest;
+	m->report.seconds = r->seconds;
+	m->report.stage_seconds = r->stage_seconds;
+	m->report.first_triangle_seconds = r->first_triangle_seconds;
+	m->report.peak_rss_bytes = r->peak_rss;
+	m->report.note = (char *)r->note;
+	for (i = VIEW_KEPT + 1; i < VIEW_RULES; i++) {
+		Acut__V1__Removed *removed = &m->removed[m->report.n_removed];
+
+		acut__v1__removed__init(removed);
+		removed->rule = (char *)view_rule_text((enum view_rule)i);
+		removed->count = r->removed[i];
+		m->removed_list[m->report.n_removed++] = removed;
+	}
+	m->report.removed = m->removed_list;
+	m->job.report = &m->report;
+}
+
+void message_job(const struct job *job, struct message_job *m)
+{
+	struct dataset_info d;
+	struct job_info info;
+
+	job_info(job, &info);
+	acut__v1__job__init(&m->job);
+	m->job.id = info.id;
+	m->job.dataset = (char *)info.dataset_name;
+	m->job.generation = info.generation;
+	m->job.view = (char *)info.view;
+	m->job.state = (char *)job_state_text(info.state);
+	m->job.uid = info.peer.uid;
+	m->job.pid = info.peer.pid;
+	m->job.submitted_us = info.submitted_us;
+	m->job.finished_us = info.finished_us;
+	m->job.final = job_state_final(info.state);
+	acut__v1__progress__init(&m->progress);
+	m->progress.phase = (char *)"mesh";
+	m->progress.points = info.points_done;
+	m->progress.points_total = info.points_total;
+	m->progress.domains = info.domains_done;
+	m->progress.domains_total = info.domains_total;
+	m->job.progress = &m->progress;
+	if (info.dataset) {
+		dataset_info(info.dataset, &d);
+		m->job.lattice = (char *)d.lattice;
+		m->job.crs = (char *)d.crs;
+		m->job.unit_xy = (char *)d.unit_xy;
+		m->job.unit_z = (char *)d.unit_z;
+	}
+	if (info.report)
+		report_message(info.report, m);
+	if (info.err) {
+		frame_error_from_err(info.err, &m->error);
+		m->job.error = &m->error.body;
+	}
+}
+
+/* Rule names and the note hold no character that JSON would escape. */
+char *message_report_json(const struct job_report *r, char *buf, size_t size)
+{
+	size_t at;
+	int i;
+
+	at = (size_t)snprintf(buf, size,
+			      "{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"seconds\":%.6f,"
+			      "\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%s\","
+			      "\"removed\":{",
+			      (unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
+			      (unsigned long long)r->halo, r->seconds, r->stage_seconds, r->first_triangle_seconds,
+			      (unsigned long long)r->peak_rss, r->note);
+	for (i = VIEW_KEPT + 1; i < VIEW_RULES && at < size; i++)
+		at += (size_t)snprintf(buf + at, size - at, "%s\"%s\":%llu", i > VIEW_KEPT + 1 ? "," : "",
+				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);
+	if (at < size)
+		snprintf(buf + at, size - at, "}}");
+	return buf;
+}

@@ -1,0 +1,164 @@
+/*
+ * The table of requests: what a message of a client sets off, and whether a descriptor goes with it.
+ */
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "io.h"
+#include "server_priv.h"
+
+static void request_hello(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	static char *features[] = { (char *)"push", (char *)"mesh" };
+	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
+	struct err err = ERR_INIT;
+
+	if (m->hello->version_min > FRAME_PROTOCOL_MAX || m->hello->version_max < FRAME_PROTOCOL_MIN) {
+		err_set(&err, ERR_VERSION, "acutd speaks versions %u to %u of the protocol, the client %u to %u",
+			FRAME_PROTOCOL_MIN, FRAME_PROTOCOL_MAX, m->hello->version_min, m->hello->version_max);
+		request_refuse(q, &err);
+		return;
+	}
+	c->hello = true;
+	hello.version_min = FRAME_PROTOCOL_MIN;
+	hello.version_max = FRAME_PROTOCOL_MAX;
+	hello.build = (char *)c->server->p.version;
+	hello.program = (char *)"acutd";
+	hello.n_features = sizeof features / sizeof features[0];
+	hello.features = features;
+	request_answer(q, FRAME_MESSAGE(HELLO, hello, &hello));
+}
+
+static void request_ping(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	Acut__V1__Done done = ACUT__V1__DONE__INIT;
+
+	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
+}
+
+static void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct server *s = c->server;
+	Acut__V1__Status status = ACUT__V1__STATUS__INIT;
+	Acut__V1__LedgerEntry entry[LEDGER_NAMES], *list[LEDGER_NAMES];
+	int i;
+
+	for (i = 0; i < LEDGER_NAMES; i++) {
+		acut__v1__ledger_entry__init(&entry[i]);
+		entry[i].name = (char *)ledger_name_text((enum ledger_name)i);
+		entry[i].bytes = ledger_held(s->p.ledger, (enum ledger_name)i);
+		list[i] = &entry[i];
+	}
+	status.version = (char *)s->p.version;
+	status.pid = (uint64_t)getpid();
+	status.memory = s->p.memory;
+	status.threads = s->p.threads;
+	status.uptime_seconds = clock_since(s->started_ns);
+	status.peak_rss_bytes = jobs_peak_rss();
+	status.n_ledger = LEDGER_NAMES;
+	status.ledger = list;
+	jobs_count(s->jobs, &status.jobs_running, &status.jobs_waiting);
+	status.connections = server_connections(s);
+	status.state_dir = (char *)s->p.state_dir;
+	status.cache_dir = (char *)s->p.cache_dir;
+	request_answer(q, FRAME_MESSAGE(STATUS, status, &status));
+}
+
+static const struct {
+	Acut__V1__Message__BodyCase body;
+	request_fn *handle;
+	bool file;   /* counts among the unanswered files, and takes a descriptor */
+} table[] = {
+#define ROW(CASE, fn, file) { ACUT__V1__MESSAGE__BODY_##CASE, fn, file }
+	ROW(HELLO, request_hello, false),
+	ROW(PING, request_ping, false),
+	ROW(STATUS_REQUEST, request_status, false),
+	ROW(PUSH_BEGIN, request_push_begin, false),
+	ROW(PROBE, request_probe, true),
+	ROW(PUSH_PLAN, request_push_plan, false),
+	ROW(FILE, request_file, true),
+	ROW(PUSH_COMMIT, request_push_commit, false),
+	ROW(PUSH_ABORT, request_push_abort, false),
+	ROW(INFO_REQUEST, request_info, true),
+	ROW(SUBMIT, request_submit, false),
+	ROW(FETCH, request_fetch, false),
+	ROW(WAIT, request_wait, false),
+	ROW(CANCEL, request_cancel, false),
+	ROW(REMOVE, request_remove, false),
+	ROW(JOBS_REQUEST, request_jobs, false),
+	ROW(DATASETS_REQUEST, request_datasets, false),
+	ROW(PLAN_REQUEST, request_plan, false),
+#undef ROW
+};
+
+/* A breach of the protocol that the frames cannot see. */
+static bool breach(struct conn *c, uint32_t id, const Acut__V1__Message *m, struct err *err)
+{
+	struct request *q;
+
+	if (!id) {
+		err_set(err, ERR_PROTO, "a request has number 0");
+		return true;
+	}
+	for (q = c->requests; q; q = q->next)
+		if (q->id == id) {
+			err_set(err, ERR_PROTO, "request %u is still being answered", id);
+			return true;
+		}
+	if (!c->hello && m->body_case != ACUT__V1__MESSAGE__BODY_HELLO) {
+		err_set(err, ERR_PROTO, "the first message is not Hello");
+		return true;
+	}
+	return false;
+}
+
+static bool too_many(const struct conn *c, bool file, struct err *err)
+{
+	if (c->nrequests >= CONN_REQUESTS_MAX)
+		err_set(err, ERR_BUSY, "more than %d requests are not answered yet", CONN_REQUESTS_MAX);
+	else if (file && c->nfiles >= CONN_FILES_MAX)
+		err_set(err, ERR_BUSY, "more than %d files are not answered yet", CONN_FILES_MAX);
+	else
+		return false;
+	return true;
+}
+
+/* Closes the descriptor unless the handler is one that takes it. */
+void request_handle(struct conn *c, uint32_t id, Acut__V1__Message *m, int fd)
+{
+	const size_t rows = sizeof table / sizeof table[0];
+	struct err err = ERR_INIT;
+	struct request *q;
+	size_t i;
+
+	for (i = 0; i < rows && table[i].body != m->body_case; i++)
+		;
+	if (breach(c, id, m, &err)) {
+		io_close(fd);
+		conn_fail(c, &err);
+		return;
+	}
+	if (i == rows)
+		err_set(&err, ERR_UNSUPPORTED, "this acutd does not know the request");
+	else if (too_many(c, table[i].file, &err))
+		;
+	else if (table[i].file && fd < 0)
+		err_set(&err, ERR_INPUT, "no descriptor came with the file");
+	q = err.code ? NULL : request_new(c, id);
+	if (!err.code && !q)
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+	if (err.code) {
+		io_close(fd);
+		conn_send_error(c, id, &err);
+		return;
+	}
+	if (table[i].file) {
+		q->files = 1;
+		c->nfiles++;
+	} else {
+		fd = io_close(fd);
+	}
+	table[i].handle(c, q, m, fd);
+}

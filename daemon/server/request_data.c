@@ -1,0 +1,141 @@
+/*
+ * Requests about datasets, and plans.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "lattice.h"
+#include "server_priv.h"
+
+enum { PAGE_MAX = 64 };
+
+struct message_dataset {
+	Acut__V1__Dataset dataset;
+	double min[2], max[2];
+};
+
+static void message_dataset(const struct dataset *d, struct message_dataset *m)
+{
+	struct dataset_info info;
+	struct lattice lattice;
+	int k;
+
+	dataset_info(d, &info);
+	acut__v1__dataset__init(&m->dataset);
+	m->dataset.name = (char *)info.name;
+	m->dataset.generation = info.generation;
+	m->dataset.points = info.points;
+	m->dataset.bytes = info.bytes;
+	m->dataset.files = info.files;
+	m->dataset.lattice = (char *)info.lattice;
+	m->dataset.crs = (char *)info.crs;
+	m->dataset.unit_xy = (char *)info.unit_xy;
+	m->dataset.unit_z = (char *)info.unit_z;
+	m->dataset.uid = info.uid;
+	m->dataset.created_us = info.created_us;
+	m->dataset.pushed_us = info.pushed_us;
+	if (info.pushes)
+		m->dataset.pending = (char *)"a push is open";
+	if (!info.points || !lattice_parse(info.lattice, &lattice))
+		return;
+	for (k = 0; k < 2; k++) {
+		m->min[k] = decimal_scaled_double(lattice.scale_xy, info.box[k] + lattice.k[k]);
+		m->max[k] = decimal_scaled_double(lattice.scale_xy, info.box[2 + k] + lattice.k[k]);
+	}
+	m->dataset.n_min = m->dataset.n_max = 2;
+	m->dataset.min = m->min;
+	m->dataset.max = m->max;
+}
+
+static void one_dataset(struct conn *c, struct request *q, const char *name)
+{
+	struct dataset *d = dataset_find(c->server->jobs, name, &c->peer);
+	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
+	struct message_dataset m;
+	Acut__V1__Dataset *one = &m.dataset;
+	struct err err = ERR_INIT;
+
+	if (!d) {
+		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
+		request_refuse(q, &err);
+		return;
+	}
+	message_dataset(d, &m);
+	list.n_datasets = 1;
+	list.datasets = &one;
+	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+}
+
+void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const char *after = m->datasets_request->after;
+	unsigned limit = m->datasets_request->limit, n = 0;
+	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
+	Acut__V1__Dataset *datasets[PAGE_MAX];
+	struct message_dataset *page;
+	struct err err = ERR_INIT;
+	struct dataset *d;
+
+	if (*m->datasets_request->name) {
+		one_dataset(c, q, m->datasets_request->name);
+		return;
+	}
+	page = calloc(PAGE_MAX, sizeof *page);
+	if (!page) {
+		err_set(&err, ERR_NOMEM, "no memory for a list");
+		request_refuse(q, &err);
+		return;
+	}
+	if (!limit || limit > PAGE_MAX)
+		limit = PAGE_MAX;
+	list.datasets = datasets;
+	while ((d = dataset_after(c->server->jobs, after))) {
+		if (n == limit) {
+			list.more = true;
+			break;
+		}
+		message_dataset(d, &page[n]);
+		datasets[n] = &page[n].dataset;
+		list.n_datasets = n + 1;
+		if (frame_message_size(FRAME_MESSAGE(DATASETS, datasets, &list)) > FRAME_MAX) {
+			list.n_datasets = n;
+			list.more = true;
+			break;
+		}
+		after = page[n].dataset.name;
+		n++;
+	}
+	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+	free(page);
+}
+
+static void planned(void *token, const struct err *why, const struct job_plan *p)
+{
+	Acut__V1__Plan m = ACUT__V1__PLAN__INIT;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	m.points = p->points;
+	m.exact = p->exact;
+	m.domains = p->domains;
+	m.memory_bytes = p->memory_bytes;
+	m.disk_bytes = p->disk_bytes;
+	m.load = p->load;
+	m.threads = p->threads;
+	request_answer(token, FRAME_MESSAGE(PLAN, plan, &m));
+}
+
+void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct dataset *d = dataset_find(c->server->jobs, m->plan_request->dataset, &c->peer);
+	struct err err = ERR_INIT;
+
+	if (!d) {
+		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->plan_request->dataset);
+		request_refuse(q, &err);
+		return;
+	}
+	job_plan(c->server->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned, q);
+}

@@ -1,0 +1,202 @@
+/*
+ * Requests about jobs.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "server_priv.h"
+
+static struct job *find(struct conn *c, struct request *q, uint64_t id)
+{
+	struct err err = ERR_INIT;
+	struct job *job = job_find(c->server->jobs, id, &c->peer);
+
+	if (!job) {
+		err_set(&err, ERR_NOTFOUND, "there is no job %llu", (unsigned long long)id);
+		request_refuse(q, &err);
+	}
+	return job;
+}
+
+static void answer_job(struct request *q, const struct job *job)
+{
+	struct message_job m;
+
+	message_job(job, &m);
+	request_answer(q, FRAME_MESSAGE(JOB, job, &m.job));
+}
+
+static void accepted(void *token, const struct err *why, struct job *job)
+{
+	struct request *q = token;
+	struct conn *c = q->conn;
+	struct job_info info;
+	struct conn_job *b;
+
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	job_info(job, &info);
+	if (info.bound) {
+		b = c->closed ? NULL : calloc(1, sizeof *b);
+		if (!b) {
+			job_leave(job);
+		} else {
+			b->id = info.id;
+			b->next = c->bound;
+			c->bound = b;
+		}
+	}
+	answer_job(q, job);
+}
+
+void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const Acut__V1__Submit *in = m->submit;
+	struct job_params p = {
+		.dataset = dataset_find(c->server->jobs, in->dataset, &c->peer),
+		.generation = in->generation,
+		.view = in->view,
+		.bound = in->bound,
+		.fresh = in->fresh,
+		.peer = c->peer,
+	};
+	struct err err = ERR_INIT;
+
+	if (!p.dataset) {
+		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", in->dataset);
+		request_refuse(q, &err);
+		return;
+	}
+	job_submit(c->server->jobs, &p, accepted, q);
+}
+
+void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct job *job = find(c, q, m->fetch->job);
+	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
+	struct err err = ERR_INIT;
+	struct stream_out *out;
+	uint32_t id = q->id;
+	int end = -1;
+
+	if (!job)
+		return;
+	if (m->fetch->from_block || *m->fetch->stream_id) {
+		err_set(&err, ERR_GONE, "a stream cannot be continued by this acutd");
+		err_add_hint(&err, "fetch it from its start");
+		request_refuse(q, &err);
+		return;
+	}
+	out = stream_out_new(c, m->fetch->job, id, &end, &err);
+	if (!out) {
+		request_refuse(q, &err);
+		return;
+	}
+	request_free(q);
+	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
+	if (!c->closed)
+		stream_out_start(out, job);
+}
+
+void request_wait(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct job *job = find(c, q, m->wait->job);
+	struct message_job out;
+	struct job_info info;
+
+	if (!job)
+		return;
+	job_info(job, &info);
+	if (!m->wait->watch || job_state_final(info.state)) {
+		answer_job(q, job);
+		return;
+	}
+	q->wait = q->watch = true;
+	q->job = info.id;
+	message_job(job, &out);
+	conn_send(c, q->id, FRAME_MESSAGE(JOB, job, &out.job), -1);
+}
+
+/* Those who watch it hear of it; the last answer ends their request. */
+void request_job_told(struct conn *c, struct job *job)
+{
+	struct message_job m;
+	struct request *q, *next;
+
+	message_job(job, &m);
+	for (q = c->requests; q && !c->closed; q = next) {
+		next = q->next;
+		if (!q->watch || q->job != m.job.id)
+			continue;
+		if (m.job.final)
+			request_answer(q, FRAME_MESSAGE(JOB, job, &m.job));
+		else
+			conn_send(c, q->id, FRAME_MESSAGE(JOB, job, &m.job), -1);
+	}
+}
+
+void request_cancel(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct job *job = find(c, q, m->cancel->job);
+
+	if (!job)
+		return;
+	job_cancel(job);
+	answer_job(q, job);
+}
+
+void request_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct job *job = find(c, q, m->remove->job);
+	Acut__V1__Done done = ACUT__V1__DONE__INIT;
+	struct err err = ERR_INIT;
+
+	if (!job)
+		return;
+	if (job_remove(job, &err))
+		request_refuse(q, &err);
+	else
+		request_answer(q, FRAME_MESSAGE(DONE, done, &done));
+}
+
+enum { PAGE_MAX = 64 };
+
+void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	uint64_t after = m->jobs_request->after;
+	unsigned limit = m->jobs_request->limit, n = 0;
+	struct message_job *page = calloc(PAGE_MAX, sizeof *page);
+	Acut__V1__Job *list[PAGE_MAX];
+	Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
+	struct err err = ERR_INIT;
+	struct job *job;
+
+	if (!page) {
+		err_set(&err, ERR_NOMEM, "no memory for a list");
+		request_refuse(q, &err);
+		return;
+	}
+	if (!limit || limit > PAGE_MAX)
+		limit = PAGE_MAX;
+	jobs.jobs = list;
+	while ((job = job_after(c->server->jobs, after, &c->peer))) {
+		message_job(job, &page[n]);
+		after = page[n].job.id;
+		list[n] = &page[n].job;
+		jobs.n_jobs = n + 1;
+		if (n == limit || frame_message_size(FRAME_MESSAGE(JOBS, jobs, &jobs)) > FRAME_MAX) {
+			jobs.n_jobs = n;
+			jobs.more = true;
+			break;
+		}
+		n++;
+		if (n == PAGE_MAX) {
+			jobs.more = job_after(c->server->jobs, after, &c->peer) != NULL;
+			break;
+		}
+	}
+	request_answer(q, FRAME_MESSAGE(JOBS, jobs, &jobs));
+	free(page);
+}

@@ -1,0 +1,311 @@
+/*
+ * Requests of a push. Each goes to daemon/job with its `struct request` as token, and comes back once.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "io.h"
+#include "log.h"
+#include "server_priv.h"
+
+/* ---- answers ---- */
+
+static void push_over(struct push_ref *ref)
+{
+	if (ref && ref->push) {
+		struct push *p = ref->push;
+
+		ref->push = NULL;
+		ref->request = 0;
+		push_leave(p);
+	}
+}
+
+static void begun(void *token, const struct err *why, const struct push_begun *b)
+{
+	struct request *q = token;
+	struct push_ref *ref = q->push;
+	Acut__V1__PushBegun begun_msg = ACUT__V1__PUSH_BEGUN__INIT;
+
+	if (why) {
+		ref->request = 0;
+		request_refuse(q, why);
+		return;
+	}
+	ref->push = b->push;
+	ref->id = b->id;
+	begun_msg.push = b->id;
+	begun_msg.lattice = (char *)b->lattice;
+	if (q->conn->closed)
+		push_over(ref);
+	request_answer(q, FRAME_MESSAGE(PUSH_BEGUN, push_begun, &begun_msg));
+}
+
+/* The texts of a Probed: numbers as they are in the header, scales and offsets as exact decimals. */
+struct message_probed {
+	Acut__V1__Probed probed;
+	char scale[3][DECIMAL_TEXT_SIZE], offset[3][DECIMAL_TEXT_SIZE], *scales[3], *offsets[3];
+	struct input_info info;
+	char name[256];
+};
+
+static void message_probed(const char *name, const struct input_info *info, struct message_probed *m)
+{
+	static const char *const planes[] = { "unknown", "projected", "geographic", "geocentric" };
+	int k;
+
+	acut__v1__probed__init(&m->probed);
+	m->info = *info;
+	strncpy(m->name, name, sizeof m->name - 1);
+	m->name[sizeof m->name - 1] = 0;
+	for (k = 0; k < 3; k++) {
+		m->scales[k] = decimal_text(info->coords.scale[k], m->scale[k]);
+		m->offsets[k] = decimal_text(info->coords.offset[k], m->offset[k]);
+	}
+	m->probed.name = frame_text_clean(m->name);
+	m->probed.format = (char *)info->format;
+	m->probed.variant = frame_text_clean(m->info.variant);
+	m->probed.points = info->claimed;
+	m->probed.n_min = m->probed.n_max = m->probed.n_scale = m->probed.n_offset = 3;
+	m->probed.min = m->info.coords.min;
+	m->probed.max = m->info.coords.max;
+	m->probed.scale = m->scales;
+	m->probed.offset = m->offsets;
+	m->probed.crs = frame_text_clean(m->info.crs);
+	m->probed.unit_xy = frame_text_clean(m->info.unit_xy);
+	m->probed.unit_z = frame_text_clean(m->info.unit_z);
+	m->probed.plane = (char *)planes[info->plane];
+	m->probed.warning = frame_text_clean(m->info.warning);
+}
+
+static void probed(void *token, const struct err *why, const char *name, const struct input_info *info)
+{
+	struct message_probed m;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	message_probed(name, info, &m);
+	request_answer(token, FRAME_MESSAGE(PROBED, probed, &m.probed));
+}
+
+static void planned(void *token, const struct err *why, const char *lattice)
+{
+	Acut__V1__PushPlanned m = ACUT__V1__PUSH_PLANNED__INIT;
+
+	m.lattice = (char *)lattice;
+	if (why)
+		request_refuse(token, why);
+	else
+		request_answer(token, FRAME_MESSAGE(PUSH_PLANNED, push_planned, &m));
+}
+
+static void staged(void *token, const struct err *why, const struct push_file *file)
+{
+	Acut__V1__FileDone m = ACUT__V1__FILE_DONE__INIT;
+	struct pipe_ingested in;
+	char name[256];
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	in = file->in;
+	strncpy(name, file->name, sizeof name - 1);
+	name[sizeof name - 1] = 0;
+	m.name = frame_text_clean(name);
+	m.points = in.points;
+	m.moved = in.moved;
+	m.n_max_shift = 3;
+	m.max_shift = in.max_shift;
+	m.warning = frame_text_clean(in.warning);
+	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
+}
+
+static void committed(void *token, const struct err *why, const struct push_committed *done)
+{
+	struct request *q = token;
+	struct conn *c = q->conn;
+	struct push_ref *ref = q->push;
+	Acut__V1__PushCommitted m = ACUT__V1__PUSH_COMMITTED__INIT;
+	struct conn_dataset *held;
+	struct dataset_info info;
+
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	dataset_info(done->dataset, &info);
+	/* A one-step dataset lives as long as the connection that pushed it. */
+	held = c->closed ? NULL : calloc(1, sizeof *held);
+	if (held) {
+		held->dataset = dataset_hold(done->dataset);
+		held->next = c->held;
+		c->held = held;
+	}
+	m.dataset = (char *)info.name;
+	m.generation = done->generation;
+	m.points = done->points;
+	request_answer(q, FRAME_MESSAGE(PUSH_COMMITTED, push_committed, &m));
+	push_over(ref);
+}
+
+static void aborted(void *token)
+{
+	struct request *q = token;
+	struct push_ref *ref = q->push;
+	Acut__V1__Done m = ACUT__V1__DONE__INIT;
+
+	request_answer(q, FRAME_MESSAGE(DONE, done, &m));
+	push_over(ref);
+}
+
+static void durable(void *ctx, uint64_t files)
+{
+	struct push_ref *ref = ctx;
+	Acut__V1__Durable m = ACUT__V1__DURABLE__INIT;
+
+	m.files = files;
+	if (ref->push)
+		conn_send(ref->conn, ref->request, FRAME_MESSAGE(DURABLE, durable, &m), -1);
+}
+
+static void progress(void *token, const char *phase, uint64_t points, uint64_t total)
+{
+	struct request *q = token;
+	Acut__V1__Progress m = ACUT__V1__PROGRESS__INIT;
+
+	m.phase = (char *)phase;
+	m.points = points;
+	m.points_total = total;
+	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &m), -1);
+}
+
+static const struct push_calls calls = {
+	.begun = begun,
+	.probed = probed,
+	.planned = planned,
+	.staged = staged,
+	.committed = committed,
+	.aborted = aborted,
+	.durable = durable,
+	.progress = progress,
+};
+
+/* ---- requests ---- */
+
+void push_ref_leave(struct push_ref *ref)
+{
+	push_over(ref);
+}
+
+/* A push that is over leaves its reference behind: the oldest of them is used again. */
+static struct push_ref *ref_new(struct conn *c)
+{
+	struct push_ref *ref;
+
+	for (ref = c->pushes; ref; ref = ref->next)
+		if (!ref->push && !ref->request)
+			break;
+	if (!ref) {
+		ref = calloc(1, sizeof *ref);
+		if (!ref)
+			return NULL;
+		ref->conn = c;
+		ref->next = c->pushes;
+		c->pushes = ref;
+	}
+	return ref;
+}
+
+void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const Acut__V1__PushBegin *in = m->push_begin;
+	struct push_params p = {
+		.dataset = in->dataset,
+		.scale_xy = in->scale_xy,
+		.scale_z = in->scale_z,
+		.format = in->format,
+		.planar = in->planar,
+		.accept_truncated = in->accept_truncated,
+		.peer = c->peer,
+		.calls = &calls,
+	};
+	struct err err = ERR_INIT;
+
+	q->push = ref_new(c);
+	if (!q->push) {
+		err_set(&err, ERR_NOMEM, "no memory for a push");
+		request_refuse(q, &err);
+		return;
+	}
+	q->push->request = q->id;
+	p.ctx = q->push;
+	push_begin(c->server->jobs, &p, q);
+}
+
+/* Answers if there is no such push. */
+static struct push *find(struct conn *c, struct request *q, uint64_t id)
+{
+	struct err err = ERR_INIT;
+	struct push_ref *ref;
+
+	for (ref = c->pushes; ref; ref = ref->next)
+		if (ref->push && ref->id == id) {
+			q->push = ref;
+			return ref->push;
+		}
+	err_set(&err, ERR_NOTFOUND, "this connection has no push %llu", (unsigned long long)id);
+	request_refuse(q, &err);
+	return NULL;
+}
+
+void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct push *p = find(c, q, m->probe->push);
+
+	if (p)
+		push_probe(p, fd, m->probe->name, m->probe->format, q);
+	else
+		io_close(fd);
+}
+
+void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct push *p = find(c, q, m->file->push);
+
+	if (p)
+		push_file(p, fd, m->file->name, m->file->format, q);
+	else
+		io_close(fd);
+}
+
+void request_push_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct push *p = find(c, q, m->push_plan->push);
+
+	if (p)
+		push_plan(p, q);
+}
+
+void request_push_commit(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct push *p = find(c, q, m->push_commit->push);
+
+	if (p)
+		push_commit(p, q);
+}
+
+void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct push *p = find(c, q, m->push_abort->push);
+
+	if (p)
+		push_abort(p, q);
+}
+
+void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, probed, q);
+}

@@ -1,0 +1,219 @@
+/*
+ * The listening sockets, and the list of connections.
+ *
+ * The model: a connection is closed at once for its peer, and its memory goes in server_settle, after the round of
+ * the loop in which nothing refers to it any more. When descriptors run out, accept is paused (the kernel's
+ * queue holds the clients) until one is closed here or a second has passed.
+ */
+#include "server.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <sys/epoll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "err.h"
+#include "io.h"
+#include "log.h"
+#include "server_priv.h"
+
+int server_new(const struct server_params *p, struct server **ret, struct err *err)
+{
+	struct server *s = calloc(1, sizeof *s);
+
+	if (!s)
+		return err_set(err, ERR_NOMEM, "no memory for the server");
+	s->p = *p;
+	s->started_ns = clock_mono_ns();
+	*ret = s;
+	return 0;
+}
+
+static void listeners_free(struct server *s)
+{
+	struct listener *l;
+
+	while ((l = s->listeners)) {
+		s->listeners = l->next;
+		sd_event_source_disable_unref(l->io);
+		io_close(l->fd);
+		free(l);
+	}
+	s->again = sd_event_source_disable_unref(s->again);
+}
+
+struct server *server_free(struct server *s)
+{
+	if (!s)
+		return NULL;
+	listeners_free(s);
+	server_stop(s);
+	server_settle(s);
+	free(s);
+	return NULL;
+}
+
+void server_set_jobs(struct server *s, struct jobs *jobs)
+{
+	s->jobs = jobs;
+}
+
+/* ---- accept ---- */
+
+static void accept_enable(struct server *s, bool on)
+{
+	struct listener *l;
+
+	for (l = s->listeners; l; l = l->next)
+		sd_event_source_set_enabled(l->io, on ? SD_EVENT_ON : SD_EVENT_OFF);
+}
+
+static int accept_again(sd_event_source *source, uint64_t usec, void *ctx)
+{
+	accept_enable(ctx, true);
+	return 0;
+}
+
+static void accept_pause(struct server *s, int why)
+{
+	static uint64_t told;
+
+	if (!told || clock_since(told) > 60) {
+		struct err err = ERR_INIT;
+
+		err_sys(&err, why, "new clients have to wait");
+		log_err(LOG_LEVEL_WARNING, "accept", &err);
+		told = clock_mono_ns();
+	}
+	accept_enable(s, false);
+	if (!s->again &&
+	    sd_event_add_time_relative(s->p.event, &s->again, CLOCK_MONOTONIC, 1000000, 100000, accept_again, s) < 0) {
+		accept_enable(s, true);
+		return;
+	}
+	sd_event_source_set_time_relative(s->again, 1000000);
+	sd_event_source_set_enabled(s->again, SD_EVENT_ONESHOT);
+}
+
+/* One client. False: none waits. */
+static bool accept_one(struct listener *l)
+{
+	struct err err = ERR_INIT;
+	int fd = accept4(l->fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
+
+	if (fd < 0) {
+		if (errno == EMFILE || errno == ENFILE || errno == ENOMEM || errno == ENOBUFS)
+			accept_pause(l->server, errno);
+		return false;
+	}
+	if (conn_new(l->server, fd, &err)) {
+		log_err(LOG_LEVEL_WARNING, "a client is turned away", &err);
+		io_close(fd);
+	}
+	return true;
+}
+
+static int accept_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
+{
+	int i;
+
+	/* Clients that are served already get their turn between rounds. */
+	for (i = 0; i < 16 && accept_one(ctx); i++)
+		;
+	return 0;
+}
+
+int server_listen(struct server *s, int fd, struct err *err)
+{
+	struct listener *l = calloc(1, sizeof *l);
+	int r;
+
+	if (!l)
+		return err_set(err, ERR_NOMEM, "no memory for a socket");
+	l->server = s;
+	l->fd = fd;
+	r = sd_event_add_io(s->p.event, &l->io, fd, EPOLLIN, accept_ready, l);
+	if (r < 0) {
+		free(l);
+		return err_sys(err, -r, "cannot wait for clients");
+	}
+	/* Answers first, new clients later. */
+	sd_event_source_set_priority(l->io, SD_EVENT_PRIORITY_NORMAL + 10);
+	l->next = s->listeners;
+	s->listeners = l;
+	return 0;
+}
+
+int server_adopt(struct server *s, int fd, struct err *err)
+{
+	return conn_new(s, fd, err);
+}
+
+bool server_accept_last(struct server *s)
+{
+	struct listener *l;
+	bool any = false;
+
+	for (l = s->listeners; l; l = l->next)
+		any |= accept_one(l);
+	return any;
+}
+
+bool server_listens(const struct server *s)
+{
+	return s->listeners != NULL;
+}
+
+unsigned server_connections(const struct server *s)
+{
+	return s->nconns;
+}
+
+/* ---- the list ---- */
+
+void server_settle(struct server *s)
+{
+	struct conn **at = &s->conns, *c;
+	bool freed = false;
+
+	if (!s->reap)
+		return;
+	s->reap = false;
+	while ((c = *at)) {
+		struct conn *next = c->next;
+
+		if (c->closed && conn_reap(c)) {
+			*at = next;
+			freed = true;
+		} else {
+			s->reap |= c->closed;
+			at = &c->next;
+		}
+	}
+	if (freed && !s->stopping)
+		accept_enable(s, true);
+}
+
+void server_stop(struct server *s)
+{
+	struct conn *c;
+
+	s->stopping = true;
+	listeners_free(s);
+	for (c = s->conns; c; c = c->next)
+		conn_close(c);
+}
+
+void server_job_changed(void *ctx, struct job *job)
+{
+	struct server *s = ctx;
+	struct conn *c;
+
+	for (c = s->conns; c; c = c->next)
+		if (!c->closed) {
+			request_job_told(c, job);
+			stream_out_progress(c, job);
+		}
+}

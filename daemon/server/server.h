@@ -1,0 +1,44 @@
+/*
+ * Connections, requests, rights: the wire side of the daemon. One thread, the loop (sd-event).
+ */
+#ifndef SERVER_H
+#define SERVER_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <systemd/sd-event.h>
+
+struct err;
+struct job;
+struct jobs;
+struct ledger;
+struct server;
+
+struct server_params {
+	sd_event *event;           /* borrowed */
+	struct ledger *ledger;
+	const char *version, *state_dir, *cache_dir;
+	uint64_t memory;
+	unsigned threads;
+};
+
+int server_new(const struct server_params *, struct server **ret, struct err *err);
+/* Closes what is open. NULL is fine; returns NULL. */
+struct server *server_free(struct server *);
+/* Before any connection. */
+void server_set_jobs(struct server *, struct jobs *);
+/* Takes over a listening or a connected stream socket. */
+int server_listen(struct server *, int fd, struct err *err);
+int server_adopt(struct server *, int fd, struct err *err);
+/* For jobs_params.changed (ctx is the server). */
+void server_job_changed(void *server, struct job *);
+/* After every round of the loop: what was closed goes. */
+void server_settle(struct server *);
+/* No new connections; those that are there end, their pushes and bound jobs with them. */
+void server_stop(struct server *);
+/* One round of accept on all listening sockets; true if somebody came. */
+bool server_accept_last(struct server *);
+unsigned server_connections(const struct server *);
+bool server_listens(const struct server *);
+
+#endif

@@ -1,0 +1,115 @@
+/* What the files of this room share. */
+#ifndef SERVER_PRIV_H
+#define SERVER_PRIV_H
+
+#include "frame.h"
+#include "job.h"
+#include "server.h"
+#include "stream.h"
+
+enum {
+	CONN_FILES_MAX = 8,         /* unanswered Probe and File, as PROTOCOL.md says */
+	CONN_REQUESTS_MAX = 64,     /* unanswered requests */
+};
+
+struct listener {
+	struct listener *next;
+	struct server *server;
+	int fd;
+	sd_event_source *io;
+};
+
+struct server {
+	struct server_params p;
+	struct jobs *jobs;
+	struct listener *listeners;
+	sd_event_source *again;     /* accept paused: no descriptors left */
+	struct conn *conns;
+	unsigned nconns;
+	uint64_t started_ns;
+	bool stopping, reap;
+};
+
+/* A request that is not answered for good. Holds its connection in memory. */
+struct request {
+	struct request *next;
+	struct conn *conn;
+	uint32_t id;
+	unsigned files;             /* 1: counts among the unanswered files */
+	struct push_ref *push;      /* of PushBegin to PushAbort */
+	uint64_t job;               /* of Wait and Fetch */
+	bool watch, wait;
+};
+
+/* A push of this connection. */
+struct push_ref {
+	struct push_ref *next;
+	struct conn *conn;
+	struct push *push;          /* NULL: over */
+	uint64_t id;
+	uint32_t request;           /* of its PushBegin, for Durable */
+};
+
+struct conn_job { struct conn_job *next; uint64_t id; };
+struct conn_dataset { struct conn_dataset *next; struct dataset *dataset; };
+
+struct conn {
+	struct conn *next;
+	struct server *server;
+	struct frame_conn *frame;   /* NULL: closed */
+	sd_event_source *io;
+	struct job_peer peer;
+	bool hello, closed;
+	unsigned nrequests, nfiles;
+	struct request *requests;
+	struct push_ref *pushes;
+	struct conn_job *bound;     /* jobs that end with it */
+	struct conn_dataset *held;  /* one-step datasets that it pushed */
+	struct stream_out *streams;
+};
+
+/* conn.c */
+int conn_new(struct server *, int fd, struct err *err);
+void conn_close(struct conn *);                   /* at once for the peer; the memory goes later */
+bool conn_reap(struct conn *);                    /* frees it if nothing refers to it */
+void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd);
+void conn_send_error(struct conn *, uint32_t id, const struct err *);
+void conn_fail(struct conn *, const struct err *); /* a breach: Error on id 0, then the end */
+struct request *request_new(struct conn *, uint32_t id);
+struct request *request_free(struct request *);
+void request_answer(struct request *, const Acut__V1__Message *); /* and free it */
+void request_refuse(struct request *, const struct err *);        /* likewise */
+
+/* request.c: the table */
+void request_handle(struct conn *, uint32_t id, Acut__V1__Message *, int fd);
+
+typedef void request_fn(struct conn *, struct request *, Acut__V1__Message *, int fd);
+/* request_push.c */
+request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit, request_push_abort,
+	request_info;
+void push_ref_leave(struct push_ref *);
+/* request_job.c */
+request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
+void request_job_told(struct conn *, struct job *);
+/* request_data.c */
+request_fn request_datasets, request_plan;
+
+/* message_job.c: a Job as a message, with the texts that it points to. Do not copy or move it. */
+struct message_job {
+	Acut__V1__Job job;
+	Acut__V1__Progress progress;
+	Acut__V1__Report report;
+	Acut__V1__Removed removed[VIEW_RULES], *removed_list[VIEW_RULES];
+	struct frame_error error;
+};
+void message_job(const struct job *, struct message_job *ret);
+/* The report as a JSON object, for the tail of a stream. */
+char *message_report_json(const struct job_report *, char *buf, size_t size);
+
+/* stream_out.c */
+struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end, struct err *err);
+void stream_out_start(struct stream_out *, struct job *);
+void stream_out_leave(struct conn *);             /* all streams of the connection end */
+void stream_out_progress(struct conn *, struct job *);
+
+#endif

@@ -1,0 +1,483 @@
+/*
+ * One mesh stream to one client: a pipe that the daemon made, written from the loop as the client reads.
+ *
+ * The model: three frames at most, in this order: head, the block that daemon/job handed over, tail; each is pieces
+ * with its own scratch, and a position. The pieces of a block point into the domain's memory. When the reader is too
+ * slow, daemon/job lets a worker spool what is left of the block (`paused` meanwhile: the loop keeps its hands off),
+ * and it is written from a small buffer that workers refill. The pipe is non-blocking; a reader who closes it ends
+ * the stream and nothing else. A stream whose block was cut off by an error has no tail: the reader sees it end early.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/epoll.h>
+#include <sys/uio.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "server_priv.h"
+
+enum { HEAD, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20, ROUND_BYTES = 8 << 20 };
+
+struct out_frame {
+	bool ready;
+	struct stream_piece piece[STREAM_PIECES];
+	unsigned n, at;             /* piece being written */
+	size_t done;                /* bytes of it */
+	uint8_t scratch[STREAM_SCRATCH];
+};
+
+struct stream_out {
+	struct job_output output;   /* first: stream_of */
+	struct stream_out *next;
+	struct conn *conn;          /* its connection, until the end */
+	uint64_t job;
+	uint32_t request;
+	int fd;
+	sd_event_source *io;
+	struct out_frame frame[FRAMES];
+	uint64_t blocks, blocked_ns; /* since when bytes wait; 0: none do */
+	bool paused, ended, gone;
+
+	int spool;                  /* -1: none */
+	uint64_t spool_size, spool_at;
+	uint8_t *buffer;            /* JOB_OUTPUT_BUFFER, of spooled bytes */
+	size_t buffered, written;
+};
+
+static struct stream_out *stream_of(struct job_output *o)
+{
+	return (struct stream_out *)o;
+}
+
+/* ---- the end ---- */
+
+static void spool_close(struct stream_out *o)
+{
+	o->spool = io_close(o->spool);
+	free(o->buffer);
+	o->buffer = NULL;
+	o->buffered = o->written = 0;
+	o->spool_at = o->spool_size = 0;
+}
+
+static void stream_free(struct stream_out *o)
+{
+	struct stream_out **at;
+
+	for (at = &o->conn->streams; *at != o; at = &(*at)->next)
+		;
+	*at = o->next;
+	if (o->conn->closed)
+		o->conn->server->reap = true;
+	sd_event_source_disable_unref(o->io);
+	io_close(o->fd);
+	spool_close(o);
+	free(o);
+}
+
+static void freed(struct job_output *output)
+{
+	stream_free(stream_of(output));
+}
+
+/* Nobody reads any more, or nobody may. */
+static void drop(struct stream_out *o)
+{
+	if (o->gone)
+		return;
+	o->gone = true;
+	o->io = sd_event_source_disable_unref(o->io);
+	o->fd = io_close(o->fd);
+	if (o->ended)
+		stream_free(o);
+	else
+		job_output_gone(&o->output, freed);
+}
+
+/* ---- writing ---- */
+
+static void wait_for_room(struct stream_out *o, bool wait)
+{
+	if (wait && !o->blocked_ns)
+		o->blocked_ns = clock_mono_ns();
+	sd_event_source_set_io_events(o->io, wait ? EPOLLOUT : 0);
+}
+
+/* 0: as much as there was; 1: the pipe is full; -1: nobody reads. */
+static int write_bytes(struct stream_out *o, const struct iovec *iov, int n, size_t *ret_done)
+{
+	ssize_t done = writev(o->fd, iov, n);
+
+	*ret_done = 0;
+	if (done < 0 && errno == EINTR)
+		return 0;
+	if (done < 0)
+		return errno == EAGAIN ? 1 : -1;
+	o->blocked_ns = 0;
+	*ret_done = (size_t)done;
+	return 0;
+}
+
+static int write_frame(struct stream_out *o, struct out_frame *f)
+{
+	while (f->at < f->n) {
+		struct iovec iov[STREAM_PIECES];
+		size_t done;
+		int n = 0, r;
+
+		for (unsigned i = f->at; i < f->n; i++) {
+			size_t skip = i == f->at ? f->done : 0;
+
+			iov[n++] = (struct iovec){ (uint8_t *)f->piece[i].bytes + skip, f->piece[i].size - skip };
+		}
+		r = write_bytes(o, iov, n, &done);
+		if (r)
+			return r;
+		for (; f->at < f->n && done >= f->piece[f->at].size - f->done; f->at++) {
+			done -= f->piece[f->at].size - f->done;
+			f->done = 0;
+		}
+		f->done += f->at < f->n ? done : 0;
+	}
+	return 0;
+}
+
+/* 2: a worker must refill the buffer. */
+static int write_spooled(struct stream_out *o)
+{
+	while (o->written < o->buffered) {
+		struct iovec iov = { o->buffer + o->written, o->buffered - o->written };
+		size_t done;
+		int r = write_bytes(o, &iov, 1, &done);
+
+		if (r)
+			return r;
+		o->written += done;
+	}
+	return o->spool_at < o->spool_size ? 2 : 0;
+}
+
+static void pump(struct stream_out *o)
+{
+	int i, r = 0;
+
+	if (o->gone || o->paused)
+		return;
+	for (i = 0; i < FRAMES; i++) {
+		struct out_frame *f = &o->frame[i];
+
+		if (!f->ready)
+			continue;
+		r = i == BLOCK && o->spool >= 0 ? write_spooled(o) : write_frame(o, f);
+		if (r)
+			break;
+		f->ready = false;
+		if (i == BLOCK) {
+			spool_close(o);
+			wait_for_room(o, false);
+			job_output_sent(&o->output);
+			/* The next block, or the end, comes from daemon/job. */
+			return;
+		}
+	}
+	if (r < 0) {
+		drop(o);
+	} else if (r == 2) {
+		wait_for_room(o, false);
+		job_output_dry(&o->output);
+	} else if (r == 1) {
+		wait_for_room(o, true);
+	} else if (o->ended) {
+		drop(o);
+	} else {
+		wait_for_room(o, false);
+	}
+}
+
+static int pipe_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
+{
+	struct stream_out *o = ctx;
+
+	if (events & (EPOLLERR | EPOLLHUP)) {
+		if (o->paused) {
+			/* A worker has it: when it is back. */
+			sd_event_source_set_enabled(o->io, SD_EVENT_OFF);
+			return 0;
+		}
+		drop(o);
+	} else {
+		pump(o);
+	}
+	return 0;
+}
+
+/* ---- what daemon/job calls ---- */
+
+static void text_copy(char *to, size_t size, const char *from)
+{
+	size_t n = strnlen(from, size - 1);
+
+	memcpy(to, from, n);
+	to[n] = 0;
+}
+
+static void out_head(struct job_output *output, const struct job_stream_head *in)
+{
+	struct stream_out *o = stream_of(output);
+	struct out_frame *f = &o->frame[HEAD];
+	struct stream_head head = { .kind = STREAM_WHOLE, .id = in->id };
+	char lattice[LATTICE_TEXT_SIZE];
+
+	text_copy(head.lattice, sizeof head.lattice, lattice_text(&in->manifest->lattice, lattice));
+	text_copy(head.crs, sizeof head.crs, in->manifest->crs);
+	text_copy(head.unit_xy, sizeof head.unit_xy, in->manifest->unit_xy);
+	text_copy(head.unit_z, sizeof head.unit_z, in->manifest->unit_z);
+	text_copy(head.view, sizeof head.view, in->view);
+	memcpy(head.box, in->box, sizeof head.box);
+	f->n = stream_put_head(&head, f->scratch, f->piece);
+	f->at = 0;
+	f->done = 0;
+	f->ready = true;
+	pump(o);
+}
+
+_Static_assert(sizeof(struct mesh_vertex) == sizeof(int32_t[3]), "vertices go out as they lie in memory");
+
+/* On a worker: the checksum costs time. */
+static void out_encode(struct job_output *output, const struct mesh_block *b)
+{
+	struct stream_out *o = stream_of(output);
+	struct out_frame *f = &o->frame[BLOCK];
+	struct stream_block block = {
+		.index = b->index,
+		.first = b->first,
+		.nforeign = b->nforeign,
+		.nnew = b->nnew,
+		.ntriangle = b->ntriangle,
+		.foreign = b->foreign,
+		.vertex = (const int32_t (*)[3])b->vertex,
+		.triangle = b->triangle,
+		.final = b->final,
+	};
+
+	memcpy(block.box, b->box, sizeof block.box);
+	f->n = stream_put_block(&block, f->scratch, f->piece);
+	f->at = 0;
+	f->done = 0;
+}
+
+static void out_send(struct job_output *output)
+{
+	struct stream_out *o = stream_of(output);
+
+	if (!o->paused) {
+		o->frame[BLOCK].ready = true;
+		o->blocks++;
+	}
+	o->paused = false;
+	if (o->io)
+		sd_event_source_set_enabled(o->io, SD_EVENT_ON);
+	pump(o);
+}
+
+static void out_pause(struct job_output *output)
+{
+	struct stream_out *o = stream_of(output);
+
+	o->paused = true;
+	wait_for_room(o, false);
+}
+
+static double out_stalled(struct job_output *output)
+{
+	struct stream_out *o = stream_of(output);
+
+	return o->blocked_ns && !o->paused ? clock_since(o->blocked_ns) : 0;
+}
+
+static int out_spool(struct job_output *output, int dirfd, struct err *err)
+{
+	struct stream_out *o = stream_of(output);
+	struct out_frame *f = &o->frame[BLOCK];
+	uint64_t at = 0;
+	int fd, r = io_open(dirfd, ".", O_TMPFILE | O_RDWR, 0600, &fd, err);
+
+	if (r)
+		return r;
+	o->buffer = malloc(JOB_OUTPUT_BUFFER);
+	if (!o->buffer) {
+		io_close(fd);
+		return err_set(err, ERR_NOMEM, "no memory for a buffer");
+	}
+	for (unsigned i = f->at; !r && i < f->n; i++) {
+		size_t skip = i == f->at ? f->done : 0, size = f->piece[i].size - skip;
+
+		r = io_write_at(fd, (const uint8_t *)f->piece[i].bytes + skip, size, at, "a spooled block", err);
+		at += size;
+	}
+	if (r) {
+		io_close(fd);
+		free(o->buffer);
+		o->buffer = NULL;
+		return r;
+	}
+	o->spool = fd;
+	o->spool_size = at;
+	o->spool_at = 0;
+	o->buffered = o->written = 0;
+	output->spooled = true;
+	return 0;
+}
+
+static int out_refill(struct job_output *output, struct err *err)
+{
+	struct stream_out *o = stream_of(output);
+	uint64_t left = o->spool_size - o->spool_at;
+	size_t n = left < JOB_OUTPUT_BUFFER ? (size_t)left : JOB_OUTPUT_BUFFER;
+	int r = io_read_at(o->spool, o->buffer, n, o->spool_at, "a spooled block", err);
+
+	if (r)
+		return r;
+	o->spool_at += n;
+	o->buffered = n;
+	o->written = 0;
+	return 0;
+}
+
+static void tail_error(struct stream_tail *tail, const struct err *why)
+{
+	tail->failed = true;
+	text_copy(tail->error_code, sizeof tail->error_code, err_wire_name(why->code));
+	text_copy(tail->error_message, sizeof tail->error_message, why->message);
+	text_copy(tail->error_hint, sizeof tail->error_hint, why->hint);
+}
+
+static void tail_totals(struct stream_tail *tail, const struct stream_out *o, const struct pipe_totals *t,
+			const struct job_report *report)
+{
+	tail->blocks = o->blocks;
+	tail->vertices = t->vertices;
+	tail->triangles = t->triangles;
+	tail->hull = t->hull;
+	memcpy(tail->box, t->box, sizeof tail->box);
+	tail->digest = t->digest;
+	tail->vertex_digest = t->vertex_digest;
+	message_report_json(report, tail->report, sizeof tail->report);
+}
+
+static void out_end(struct job_output *output, const struct err *why, const struct pipe_totals *totals,
+		    const struct job_report *report)
+{
+	struct stream_out *o = stream_of(output);
+	struct out_frame *f = &o->frame[TAIL];
+	struct stream_tail tail = { 0 };
+
+	o->ended = true;
+	o->paused = false;
+	if (o->frame[BLOCK].ready || o->gone) {
+		/* Half a block: its memory is gone, so no tail can follow. */
+		drop(o);
+		return;
+	}
+	if (why)
+		tail_error(&tail, why);
+	else
+		tail_totals(&tail, o, totals, report);
+	if (!o->frame[HEAD].ready && !o->blocks && why && !o->frame[HEAD].n) {
+		/* A stream starts with its head, also one that failed before there was a grid. */
+		struct stream_head head = { .kind = STREAM_WHOLE, .lattice = "1 1 0 0 0", .view = "" };
+
+		strcpy(head.crs, "unknown");
+		strcpy(head.unit_xy, "unknown");
+		strcpy(head.unit_z, "unknown");
+		o->frame[HEAD].n = stream_put_head(&head, o->frame[HEAD].scratch, o->frame[HEAD].piece);
+		o->frame[HEAD].ready = true;
+	}
+	f->n = stream_put_tail(&tail, f->scratch, f->piece);
+	f->ready = true;
+	pump(o);
+}
+
+static const struct job_output_calls output_calls = {
+	.head = out_head,
+	.send = out_send,
+	.pause = out_pause,
+	.stalled = out_stalled,
+	.end = out_end,
+	.encode = out_encode,
+	.spool = out_spool,
+	.refill = out_refill,
+};
+
+/* ---- what the server calls ---- */
+
+struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end, struct err *err)
+{
+	struct stream_out *o = calloc(1, sizeof *o);
+	int ends[2], r;
+
+	if (!o) {
+		err_set(err, ERR_NOMEM, "no memory for a stream");
+		return NULL;
+	}
+	if (pipe2(ends, O_CLOEXEC | O_NONBLOCK) != 0) {
+		err_sys(err, errno, "cannot make a pipe");
+		free(o);
+		return NULL;
+	}
+	/* A larger pipe saves wake-ups; users have a limit on such pipes, and then it stays small. */
+	fcntl(ends[1], F_SETPIPE_SZ, PIPE_SIZE);
+	r = sd_event_add_io(c->server->p.event, &o->io, ends[1], 0, pipe_ready, o);
+	if (r < 0) {
+		err_sys(err, -r, "cannot watch a pipe");
+		close(ends[0]);
+		close(ends[1]);
+		free(o);
+		return NULL;
+	}
+	/* Requests before bulk. */
+	sd_event_source_set_priority(o->io, SD_EVENT_PRIORITY_NORMAL + 5);
+	o->output.calls = &output_calls;
+	o->conn = c;
+	o->job = job;
+	o->request = request;
+	o->fd = ends[1];
+	o->spool = -1;
+	o->next = c->streams;
+	c->streams = o;
+	*ret_read_end = ends[0];
+	return o;
+}
+
+void stream_out_start(struct stream_out *o, struct job *job)
+{
+	job_fetch(job, &o->output);
+}
+
+void stream_out_leave(struct conn *c)
+{
+	struct stream_out *o, *next;
+
+	for (o = c->streams; o; o = next) {
+		next = o->next;
+		drop(o);
+	}
+}
+
+void stream_out_progress(struct conn *c, struct job *job)
+{
+	struct stream_out *o;
+	struct message_job m;
+
+	if (!c->streams)
+		return;
+	message_job(job, &m);
+	/* A client that is cut off takes its streams with it. */
+	for (o = c->streams; !c->closed && o; o = c->closed ? NULL : o->next)
+		if (!o->gone && !o->ended && m.job.id == o->job && !m.job.final)
+			conn_send(c, o->request, FRAME_MESSAGE(PROGRESS, progress, &m.progress), -1);
+}
