@@ -1,9 +1,11 @@
 /*
- * acut-grid-dump [--check] [--cells] [--records] FILE...: what a manifest, segment or sorted run says, in words.
+ * acut-grid-dump [--check] [--cells] [--records] FILE...: what a manifest, segment or sorted run says, in
+ * words.
  *
- * --check reads every byte and derives every number again from the records: checksums, sums, boxes, counts, the
- * order of records, and that every cell is as large as it may be. A manifest's segments are checked with it. It
- * reads the bytes by FORMAT.md, not through the room's reader. Exit status: 0, 1 damage, 2 usage, 74 I/O.
+ * --check reads every byte and derives every number again from the records: checksums, sums, boxes,
+ * counts, the order of records, and that every cell is as large as it may be. A manifest's segments are
+ * checked with it. It reads the bytes by FORMAT.md, not through the room's reader. Exit status: 0, 1
+ * damage, 2 usage, 74 I/O.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -33,7 +35,8 @@ static void worse(int to)
 	status = to > status ? to : status;
 }
 
-static void complain(const char *file, uint64_t place, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+static void complain(const char *file, uint64_t place, const char *fmt, ...)
+    __attribute__((format(printf, 3, 4)));
 
 static void complain(const char *file, uint64_t place, const char *fmt, ...)
 {
@@ -69,8 +72,8 @@ static void print_sum(uint64_t hi, uint64_t lo)
 
 static void print_record(const struct point *p, uint32_t source)
 {
-	printf("      %d %d %d class %u return %u/%u flags %x source %u\n", p->x, p->y, p->z, p->cls, point_return(p),
-	       point_returns(p), point_flags(p), source);
+	printf("      %d %d %d class %u return %u/%u flags %x source %u\n", p->x, p->y, p->z, p->cls,
+	       point_return(p), point_returns(p), point_flags(p), source);
 }
 
 /* ---- segments ---- */
@@ -84,14 +87,14 @@ struct segment {
 	int fd;
 	const char *name;
 	struct disk_segment head;
-	struct disk_total *totals;   /* as the file has them */
-	struct disk_total *derived;  /* from the records */
-	struct disk_inner sum;       /* of all cells */
+	struct disk_total *totals;  /* as the file has them */
+	struct disk_total *derived; /* from the records */
+	struct disk_inner sum;      /* of all cells */
 	uint64_t classes[256];
 	struct range *ranges;
 	size_t nranges, cap;
 	bool has_last;
-	struct point last;           /* the record before, without its source */
+	struct point last; /* the record before, without its source */
 	uint32_t last_source;
 };
 
@@ -170,7 +173,8 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 		}
 		struct digest h = grid_record_hash(p);
 
-		sum->distinct = (uint16_t)(sum->distinct + (!sum->count || p->x != s->last.x || p->y != s->last.y));
+		sum->distinct =
+		    (uint16_t)(sum->distinct + (!sum->count || p->x != s->last.x || p->y != s->last.y));
 		check_order(s, p, b.sources[k].id, place);
 		sum->count++;
 		sum->sum_hi += h.hi;
@@ -190,7 +194,8 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 			complain(s->name, place, "source %u of a block does not add up", b.sources[k].id);
 		add_total(s, &b.sources[k], place);
 		sum->source = b.head->sources > 1 || (sum->blocks && sum->source != b.sources[k].id)
-				      ? 0 : b.sources[k].id;
+				  ? 0
+				  : b.sources[k].id;
 	}
 	for (unsigned k = 0; k < b.head->classes; k++) {
 		if (classes[b.classes[k].cls] != b.classes[k].records)
@@ -249,7 +254,8 @@ static void dump_cell(struct segment *s, const struct disk_leaf *leaf)
 	}
 	if (memcmp(&sum, leaf, sizeof sum))
 		complain(s->name, leaf->place, "the cell is not what its index entry says");
-	if (point_morton(leaf->box[0], leaf->box[1]) < leaf->lo || point_morton(leaf->box[2], leaf->box[3]) > end ||
+	if (point_morton(leaf->box[0], leaf->box[1]) < leaf->lo ||
+	    point_morton(leaf->box[2], leaf->box[3]) > end ||
 	    (leaf->bits < 64 && leaf->lo & (((uint64_t)1 << leaf->bits) - 1)))
 		complain(s->name, leaf->place, "the cell's range is not aligned or not that of its records");
 }
@@ -274,16 +280,21 @@ static void add_inner(struct disk_inner *sum, const struct disk_inner *by)
 	widen(sum->box, by->box[2], by->box[3]);
 }
 
-static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check, struct disk_inner *ret);
+static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check,
+		      struct disk_inner *ret);
 
 static void dump_entry(struct segment *s, const uint8_t *entry, unsigned level, struct disk_inner *ret)
 {
 	if (!level) {
 		const struct disk_leaf *leaf = (const struct disk_leaf *)entry;
 
-		*ret = (struct disk_inner){
-			.lo = leaf->lo, .hi = disk_range_end(leaf->lo, leaf->bits), .count = leaf->count,
-			.distinct = leaf->distinct, .cells = 1, .sum_hi = leaf->sum_hi, .sum_lo = leaf->sum_lo};
+		*ret = (struct disk_inner){.lo = leaf->lo,
+					   .hi = disk_range_end(leaf->lo, leaf->bits),
+					   .count = leaf->count,
+					   .distinct = leaf->distinct,
+					   .cells = 1,
+					   .sum_hi = leaf->sum_hi,
+					   .sum_lo = leaf->sum_lo};
 		memcpy(ret->box, leaf->box, sizeof ret->box);
 		dump_cell(s, leaf);
 		return;
@@ -298,7 +309,8 @@ static void dump_entry(struct segment *s, const uint8_t *entry, unsigned level, 
 }
 
 /* *ret: what the page's entries come to. */
-static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check, struct disk_inner *ret)
+static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check,
+		      struct disk_inner *ret)
 {
 	uint8_t *page = aligned_alloc(64, DISK_PAGE);
 	const struct disk_page *head = (const struct disk_page *)page;
@@ -381,7 +393,8 @@ static void print_segment(const struct segment *s)
 			printf(" %u:%llu", c, (unsigned long long)h->classes[c]);
 	putchar('\n');
 	for (uint32_t i = 0; i < h->sources; i++) {
-		printf("  source %u: %llu points, sum ", s->totals[i].id, (unsigned long long)s->totals[i].points);
+		printf("  source %u: %llu points, sum ", s->totals[i].id,
+		       (unsigned long long)s->totals[i].points);
 		print_sum(s->totals[i].sum_hi, s->totals[i].sum_lo);
 		putchar('\n');
 	}
@@ -398,8 +411,7 @@ static void dump_segment(int fd, const char *name)
 		return;
 	if (h->check != grid_check((uint8_t *)h + 8, DISK_HEADER - 8, 0) || h->version != DISK_VERSION ||
 	    fstat(fd, &st) || (uint64_t)st.st_size != h->bytes || h->height > DISK_LEVELS ||
-	    h->sources_place > h->bytes ||
-	    h->sources > (h->bytes - h->sources_place) / sizeof *s.totals) {
+	    h->sources_place > h->bytes || h->sources > (h->bytes - h->sources_place) / sizeof *s.totals) {
 		complain(name, 0, "the header is damaged");
 		return;
 	}
@@ -437,12 +449,14 @@ static void dump_manifest(int dirfd, const char *name)
 		return;
 	}
 	printf("%s: manifest\n  lattice %s\n  crs %s, units %s and %s\n  generation %llu\n", name,
-	       lattice_text(&m->lattice, text), m->crs, m->unit_xy, m->unit_z, (unsigned long long)m->generation);
+	       lattice_text(&m->lattice, text), m->crs, m->unit_xy, m->unit_z,
+	       (unsigned long long)m->generation);
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
 
 		printf("  segment %s: %llu points in %llu cells, %llu bytes, ", s->file,
-		       (unsigned long long)s->points, (unsigned long long)s->cells, (unsigned long long)s->bytes);
+		       (unsigned long long)s->points, (unsigned long long)s->cells,
+		       (unsigned long long)s->bytes);
 		print_box(s->box);
 		printf(", sum %s\n", digest_hex(s->sum, hex));
 	}
@@ -543,7 +557,8 @@ static int usage(FILE *to, int rc)
 	      "Shows manifests, segments and sorted runs of the grid cache (FORMAT.md).\n"
 	      "  --check    read everything, and derive every number again from the records\n"
 	      "  --cells    one line for each cell\n"
-	      "  --records  one line for each record\n", to);
+	      "  --records  one line for each record\n",
+	      to);
 	return rc;
 }
 
@@ -570,7 +585,8 @@ int main(int argc, char **argv)
 		struct err err = ERR_INIT;
 		int dirfd = -1;
 
-		if (!folder || !base || io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, &err))
+		if (!folder || !base ||
+		    io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, &err))
 			print_err(&err);
 		else
 			dump_file(dirfd, basename(base), argv[i]);

@@ -81,8 +81,9 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *);
 
 struct grid;        /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
 
-/* Takes index_memory and its own tables from the ledger (may be NULL) until grid_close: -ERR_BUSY if they are
- * not free now. Any index_memory works; pages beyond it are read again. dirfd is borrowed until grid_close. */
+/* Takes index_memory and its own tables from the ledger (may be NULL) until grid_close: -ERR_BUSY if they
+ * are not free now. Any index_memory works; pages beyond it are read again. dirfd is borrowed until
+ * grid_close. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
 	      struct grid **ret, struct err *err);
 struct grid *grid_close(struct grid *);
@@ -102,7 +103,7 @@ struct grid_cell {
 	uint32_t blocks;
 	uint64_t place, check;  /* where the blocks are, and their checksum; opaque */
 	uint32_t head_bytes;    /* of the first block; opaque */
-	uint32_t source;        /* the one source of all its records, 0 if there are several; 0 for a subtree */
+	uint32_t source;        /* of all its records; 0: several, or a subtree */
 };
 
 struct grid_visitor {
@@ -127,9 +128,9 @@ struct grid_reader_stats {
 struct grid_reader_stats grid_reader_stats(const struct grid_reader *);
 const struct grid *grid_reader_grid(const struct grid_reader *);
 
-/* A visitor may call grid_cell_read (not grid_scan, grid_walk, grid_count, grid_sum) with the same reader, a sink
- * nothing; points handed to a sink stay valid until it returns. The source index in the tags of points that
- * are handed out is zero: what is read does not depend on how the records lie in segments. */
+/* A visitor may call grid_cell_read (not grid_scan, grid_walk, grid_count, grid_sum) with the same reader,
+ * a sink nothing; points handed to a sink stay valid until it returns. The source index in the tags of
+ * points that are handed out is zero: what is read does not depend on how the records lie in segments. */
 
 /* All cells of all segments whose Morton range meets [lo, hi], in order within each segment. Cells whose
  * records are known to be dead without reading them are left out. */

@@ -1,7 +1,8 @@
 /*
- * The pages of the index that are kept in memory, shared by all readers of a grid: a hash table over frames and
- * a list by last use, under one mutex. A page is copied out (16 KiB for some hundred cells) instead of
- * lent: no reader ever waits for another to give a page back, and a cache of any size works, even of none.
+ * The pages of the index that are kept in memory, shared by all readers of a grid: a hash table over
+ * frames and a list by last use, under one mutex. A page is copied out (16 KiB for some hundred cells)
+ * instead of lent: no reader ever waits for another to give a page back, and a cache of any size works,
+ * even of none.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -13,8 +14,8 @@ enum { NONE = UINT32_MAX };
 struct frame {
 	uint64_t place;
 	uint32_t segment;
-	uint32_t newer, older;    /* by last use */
-	uint32_t chain;           /* next in the hash chain */
+	uint32_t newer, older; /* by last use */
+	uint32_t chain;        /* next in the hash chain */
 };
 
 struct grid_cache {
@@ -22,7 +23,7 @@ struct grid_cache {
 	size_t nframes, used;
 	uint32_t newest, oldest;
 	struct frame *frames;
-	uint32_t *heads;          /* nframes of them */
+	uint32_t *heads; /* nframes of them */
 	uint8_t *pages;
 };
 

@@ -1,13 +1,13 @@
 /*
  * Cells of a segment (grid_cell.h).
  *
- * A cell is a maximal aligned Morton range with at most GRID_CELL_RECORDS records: what recursive halving of the
- * whole key space gives that stops at that count. In a sorted stream the cell of the first record that has
- * none yet, key k, follows from two keys alone. Let A(b) be the aligned range of 2^b keys around k.
- * A(b) may not hold the record before: its cell is maximal, so every aligned range that holds more than that
- * cell is too full. So b <= the highest bit in which the previous key differs from k. And A(b) may not hold the
- * record GRID_CELL_RECORDS places further on: b <= the highest bit in which that one's key differs from k. Both
- * conditions are sufficient too, so the cell is A(the smaller of the two).
+ * A cell is a maximal aligned Morton range with at most GRID_CELL_RECORDS records: what recursive halving
+ * of the whole key space gives that stops at that count. In a sorted stream the cell of the first record
+ * that has none yet, key k, follows from two keys alone. Let A(b) be the aligned range of 2^b keys around
+ * k. A(b) may not hold the record before: its cell is maximal, so every aligned range that holds more than
+ * that cell is too full. So b <= the highest bit in which the previous key differs from k. And A(b) may
+ * not hold the record GRID_CELL_RECORDS places further on: b <= the highest bit in which that one's key
+ * differs from k. Both conditions are sufficient too, so the cell is A(the smaller of the two).
  */
 #include "grid_cell.h"
 

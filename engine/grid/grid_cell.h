@@ -17,10 +17,10 @@ struct err;
 /* ---- where cells end ---- */
 
 /*
- * The cell that begins with pts[0]. `n` sorted records are in sight; either n > GRID_CELL_RECORDS, or they are
- * the last ones (`end`). `prev` is the key of the record before, if there is one. Returns how many records
- * the cell has and the size of its range, 2^*ret_bits keys; 0: the cell is one position with more than
- * GRID_CELL_RECORDS records.
+ * The cell that begins with pts[0]. `n` sorted records are in sight; either n > GRID_CELL_RECORDS, or they
+ * are the last ones (`end`). `prev` is the key of the record before, if there is one. Returns how many
+ * records the cell has and the size of its range, 2^*ret_bits keys; 0: the cell is one position with more
+ * than GRID_CELL_RECORDS records.
  */
 size_t grid_cell_extent(const struct point *pts, size_t n, bool has_prev, uint64_t prev, unsigned *ret_bits);
 
@@ -36,8 +36,9 @@ struct grid_block_info {
 };
 
 /*
- * The bytes of the block at `place` with these n (1..GRID_CELL_RECORDS) sorted records into `out` (DISK_BLOCK_MAX
- * bytes, aligned to 16). Their sources are ids[i], or if ids is NULL table[source index of record i].
+ * The bytes of the block at `place` with these n (1..GRID_CELL_RECORDS) sorted records into `out`
+ * (DISK_BLOCK_MAX bytes, aligned to 16). Their sources are ids[i], or if ids is NULL table[source index of
+ * record i].
  */
 void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table,
 		     uint64_t place, void *out, struct grid_block_info *ret);

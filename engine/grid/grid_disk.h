@@ -49,7 +49,8 @@ struct disk_segment {
 	uint8_t zero[DISK_HEADER - 2048 - 128];
 };
 _Static_assert(sizeof(struct disk_segment) == DISK_HEADER && offsetof(struct disk_segment, box) == 56 &&
-	       offsetof(struct disk_segment, root) == 88 && offsetof(struct disk_segment, sources_place) == 112 &&
+	       offsetof(struct disk_segment, root) == 88 &&
+	       offsetof(struct disk_segment, sources_place) == 112 &&
 	       offsetof(struct disk_segment, classes) == 128, "FORMAT.md");
 
 /* One source of a segment, in its table of sources; ascending by id. */
@@ -61,7 +62,7 @@ _Static_assert(sizeof(struct disk_total) == 32, "FORMAT.md");
 
 /* A block: this, disk_source[sources], disk_class[classes], zeros to a multiple of 16, records. */
 struct disk_block {
-	uint64_t check;          /* of the bytes from records_check up to the records; seed: place in the file */
+	uint64_t check;          /* of the head from here on; seed: place in the file */
 	uint64_t records_check;
 	uint32_t records;
 	uint16_t classes, sources;

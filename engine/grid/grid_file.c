@@ -106,8 +106,8 @@ int grid_file_publish(struct grid_file *f, bool durable, struct err *err)
 		rc = err_add_file(err, f->name);
 	}
 	if (rc) {
-		/* The rename may have been done and only the folder's fsync have failed: neither name may stay,
-		 * because whoever asked will be told that there is no such file. */
+		/* The rename may have been done and only the folder's fsync have failed: neither name may
+		 * stay, because whoever asked will be told that there is no such file. */
 		io->unlinkat(f->dirfd, f->temp, 0);
 		io->unlinkat(f->dirfd, f->name, 0);
 	}

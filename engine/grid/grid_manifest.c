@@ -1,6 +1,7 @@
 /*
- * Manifests (grid.h): one checksummed file that alone describes a dataset. Written whole, read whole, believed only
- * after the checksum and then every rule below hold; the same rules hold for what is written.
+ * Manifests (grid.h): one checksummed file that alone describes a dataset. Written whole, read whole,
+ * believed only after the checksum and then every rule below hold; the same rules hold for what is
+ * written.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -209,8 +210,8 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 			m->nsources * (uint64_t)SOURCE_MOST + CHECK_BYTES;
 
 	if (!len || len >= GRID_NAME_MAX || most > MANIFEST_MOST)
-		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'", m->nsources,
-			       name);
+		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'",
+			       m->nsources, name);
 	uint8_t *bytes = nomem ? NULL : malloc(2 * most);
 
 	if (!bytes)
@@ -291,7 +292,8 @@ static const char *unpack(struct cursor *c, struct grid_manifest *m, bool *ret_n
 	m->nsegments = cursor_u32(c);
 	m->nsources = cursor_u32(c);
 	/* Counts come from the file: believe them only as far as its size can bear. */
-	if (c->bad || m->nsegments > cursor_left(c) / SEGMENT_LEAST || m->nsources > cursor_left(c) / SOURCE_LEAST) {
+	if (c->bad || m->nsegments > cursor_left(c) / SEGMENT_LEAST ||
+	    m->nsources > cursor_left(c) / SOURCE_LEAST) {
 		m->nsegments = m->nsources = 0;
 		return "it says more than it holds";
 	}
@@ -323,7 +325,8 @@ static int damaged(const char *name, const char *what, struct err *err)
 	return err_add_hint(err, "check the disk, and restore the file or push the data again");
 }
 
-static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_manifest **ret, struct err *err)
+static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_manifest **ret,
+		 struct err *err)
 {
 	struct cursor c = cursor_of(bytes, n);
 	const uint8_t *magic = cursor_bytes(&c, 8);

@@ -49,7 +49,7 @@ void grid_merge_memory(struct grid_merge *m, const struct point *pts, size_t n, 
 
 	assert(m->n <= GRID_MERGE_INPUTS);
 	*in = (struct grid_merge_input){
-		.at = pts, .end = pts + n, .table = table, .done = n == 0, .run = GRID_RUN_READER_INIT};
+	    .at = pts, .end = pts + n, .table = table, .done = n == 0, .run = GRID_RUN_READER_INIT};
 	if (n)
 		in->key = point_morton(pts->x, pts->y);
 	m->n++;

@@ -1,7 +1,7 @@
 /*
- * Opening a manifest for reading in one generation (grid.h). A record is live if its source was added in that
- * generation or before and was not removed by then; sources are few, so this is decided here once. Nothing changes
- * afterwards except the cache of index pages.
+ * Opening a manifest for reading in one generation (grid.h). A record is live if its source was added in
+ * that generation or before and was not removed by then; sources are few, so this is decided here once.
+ * Nothing changes afterwards except the cache of index pages.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -95,7 +95,8 @@ static int check_header(const struct grid_part *p, const struct disk_segment *h,
 }
 
 /* Which sources a segment has: whether all, some or none of them are live. */
-static int read_sources(const struct grid *g, struct grid_part *p, const struct disk_segment *h, struct err *err)
+static int read_sources(const struct grid *g, struct grid_part *p, const struct disk_segment *h,
+			struct err *err)
 {
 	size_t bytes = h->sources * sizeof(struct disk_total);
 	struct disk_total *totals = malloc(bytes ? bytes : 1);
@@ -106,7 +107,8 @@ static int read_sources(const struct grid *g, struct grid_part *p, const struct 
 	int rc = grid_part_read(p, totals, bytes, h->sources_place, err);
 
 	if (rc == 0 && grid_check(totals, bytes, h->sources_place) != h->sources_check)
-		rc = grid_damaged(p, h->sources_place, "the checksum of its table of sources does not agree", err);
+		rc = grid_damaged(p, h->sources_place, "the checksum of its table of sources does not agree",
+				  err);
 	p->all_live = p->none_live = true;
 	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
 		bool live = grid_live(g, totals[i].id);
@@ -214,8 +216,8 @@ static int fill_lives(struct grid *g, uint64_t generation, struct err *err)
 	return 0;
 }
 
-int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger, size_t index_memory,
-	      struct grid **ret, struct err *err)
+int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger,
+	      size_t index_memory, struct grid **ret, struct err *err)
 {
 	struct grid *g = calloc(1, sizeof *g);
 	size_t frames = 0;

@@ -1,7 +1,7 @@
 /*
- * One thread's reading (grid.h): its memory, pages of the index, blocks of cells. Every byte is checked before
- * it is believed: pages and blocks against their own checksum and against the one that whoever points to
- * them carries, so that a stale or exchanged page or block does not pass either.
+ * One thread's reading (grid.h): its memory, pages of the index, blocks of cells. Every byte is checked
+ * before it is believed: pages and blocks against their own checksum and against the one that whoever
+ * points to them carries, so that a stale or exchanged page or block does not pass either.
  */
 #include <assert.h>
 #include <string.h>
@@ -27,9 +27,10 @@ size_t grid_reader_bytes(const struct grid *g)
 {
 	size_t each = lines(sizeof(struct grid_cursor)) + lines(sizeof(struct grid_cursor *));
 
-	return LINE + lines(sizeof(struct grid_reader)) + g->height * (size_t)DISK_PAGE + lines(DISK_BLOCK_MAX) +
-	       lines(GRID_CELL_RECORDS * sizeof(struct point)) + lines(GRID_CELL_RECORDS) +
-	       (g->active + 1) * each + buffers(g) * lines(GRID_CELL_RECORDS * sizeof(struct point));
+	return LINE + lines(sizeof(struct grid_reader)) + g->height * (size_t)DISK_PAGE +
+	       lines(DISK_BLOCK_MAX) + lines(GRID_CELL_RECORDS * sizeof(struct point)) +
+	       lines(GRID_CELL_RECORDS) + (g->active + 1) * each +
+	       buffers(g) * lines(GRID_CELL_RECORDS * sizeof(struct point));
 }
 
 static void *carve(uint8_t **at, size_t n)
@@ -40,13 +41,15 @@ static void *carve(uint8_t **at, size_t n)
 	return piece;
 }
 
-int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid_reader **ret, struct err *err)
+int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid_reader **ret,
+		    struct err *err)
 {
 	uint8_t *at = (uint8_t *)(((uintptr_t)memory + LINE - 1) & ~(uintptr_t)(LINE - 1));
 	struct grid_reader *r;
 
 	if (size < grid_reader_bytes(g))
-		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g), size);
+		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g),
+			       size);
 	r = carve(&at, sizeof *r);
 	*r = (struct grid_reader){.grid = g};
 	r->pages = carve(&at, g->height * (size_t)DISK_PAGE);
@@ -104,24 +107,24 @@ int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_
 	return 0;
 }
 
-int grid_cell_of(const struct grid_part *p, uint32_t part, const struct disk_leaf *leaf, struct grid_cell *ret,
-		 struct err *err)
+int grid_cell_of(const struct grid_part *p, uint32_t part, const struct disk_leaf *leaf,
+		 struct grid_cell *ret, struct err *err)
 {
 	if (leaf->bits > 64 || !leaf->blocks || !leaf->count || leaf->head_bytes > DISK_HEAD_MAX ||
 	    leaf->count > (uint64_t)leaf->blocks * GRID_CELL_RECORDS || leaf->place > p->bytes ||
 	    leaf->bytes > p->bytes - leaf->place)
 		return grid_damaged(p, leaf->place, "an index entry is not what it should be", err);
 	*ret = (struct grid_cell){
-		.lo = leaf->lo,
-		.hi = disk_range_end(leaf->lo, leaf->bits),
-		.count = leaf->count,
-		.distinct = leaf->distinct,
-		.segment = part,
-		.blocks = leaf->blocks,
-		.place = leaf->place,
-		.check = leaf->check,
-		.head_bytes = leaf->head_bytes,
-		.source = leaf->source,
+	    .lo = leaf->lo,
+	    .hi = disk_range_end(leaf->lo, leaf->bits),
+	    .count = leaf->count,
+	    .distinct = leaf->distinct,
+	    .segment = part,
+	    .blocks = leaf->blocks,
+	    .place = leaf->place,
+	    .check = leaf->check,
+	    .head_bytes = leaf->head_bytes,
+	    .source = leaf->source,
 	};
 	memcpy(ret->box, leaf->box, sizeof ret->box);
 	return 0;
@@ -148,8 +151,8 @@ void grid_cursor_cell(struct grid_cursor *c, const struct grid_cell *cell)
 }
 
 /* The next block's bytes: first `want`, then what its head says is missing. */
-static int fetch(struct grid_reader *r, struct grid_cursor *c, size_t want, bool whole, struct grid_block *ret,
-		 struct err *err)
+static int fetch(struct grid_reader *r, struct grid_cursor *c, size_t want, bool whole,
+		 struct grid_block *ret, struct err *err)
 {
 	const struct grid_part *p = &r->grid->parts[c->part];
 	size_t got = p->bytes - c->place < want ? (size_t)(p->bytes - c->place) : want, need;
@@ -185,13 +188,13 @@ static int advance(struct grid_reader *r, struct grid_cursor *c, const struct gr
 	r->stats.cells++;
 	if (c->check == c->cell.check)
 		return 0;
-	return grid_damaged(&r->grid->parts[c->part], c->cell.place, "a cell is not the one that the index means",
-			    err);
+	return grid_damaged(&r->grid->parts[c->part], c->cell.place,
+			    "a cell is not the one that the index means", err);
 }
 
 /* Keep what is live, in place, and clear the source index of all. */
-static int keep_live(struct grid_reader *r, const struct grid_part *p, const struct grid_block *b, size_t *ret_n,
-		     struct err *err)
+static int keep_live(struct grid_reader *r, const struct grid_part *p, const struct grid_block *b,
+		     size_t *ret_n, struct err *err)
 {
 	unsigned sources = b->head->sources, live = 0;
 	size_t n = 0;
@@ -241,8 +244,9 @@ int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point
 
 int grid_cursor_head(struct grid_reader *r, struct grid_cursor *c, struct grid_block *ret, struct err *err)
 {
-	int rc = fetch(r, c, c->cell.head_bytes < sizeof(struct disk_block) ? sizeof(struct disk_block)
-									     : c->cell.head_bytes,
+	int rc = fetch(r, c,
+		       c->cell.head_bytes < sizeof(struct disk_block) ? sizeof(struct disk_block)
+								      : c->cell.head_bytes,
 		       false, ret, err);
 
 	return rc ? rc : advance(r, c, ret, err);

@@ -67,7 +67,8 @@ static int put_block(struct grid_run_writer *w, const struct point *pts, const u
 		     const uint32_t *table, size_t n, struct err *err)
 {
 	uint32_t sources[DISK_RUN_RECORDS];
-	struct disk_run_block head = {.records = (uint32_t)n, .sources = collect(pts, ids, table, n, sources)};
+	struct disk_run_block head = {.records = (uint32_t)n,
+				      .sources = collect(pts, ids, table, n, sources)};
 	size_t head_bytes = disk_run_head_bytes(&head), used = sizeof head + head.sources * sizeof *sources;
 	size_t bytes = head_bytes + n * sizeof *pts;
 	uint64_t place;
@@ -87,8 +88,9 @@ static int put_block(struct grid_run_writer *w, const struct point *pts, const u
 			uint32_t id = ids ? ids[i] : table[point_source(&pts[i])];
 
 			if (sources[at] != id)
-				at = (size_t)((uint32_t *)bsearch(&id, sources, head.sources,
-								  sizeof *sources, by_id) - sources);
+				at = (size_t)((uint32_t *)bsearch(&id, sources, head.sources, sizeof *sources,
+								  by_id) -
+					      sources);
 		}
 		out[i].tag = (uint16_t)(point_flags(&pts[i]) | at << POINT_SOURCE_SHIFT);
 	}
@@ -101,8 +103,8 @@ static int put_block(struct grid_run_writer *w, const struct point *pts, const u
 	return 0;
 }
 
-int grid_run_add(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		 size_t n, struct err *err)
+int grid_run_add(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids,
+		 const uint32_t *table, size_t n, struct err *err)
 {
 	for (size_t at = 0; at < n;) {
 		size_t part = n - at < DISK_RUN_RECORDS ? n - at : DISK_RUN_RECORDS;
@@ -118,11 +120,11 @@ int grid_run_add(struct grid_run_writer *w, const struct point *pts, const uint3
 int grid_run_finish(struct grid_run_writer *w, bool durable, uint64_t *ret_records, struct err *err)
 {
 	struct disk_run head = {
-		.version = DISK_VERSION,
-		.block_records = DISK_RUN_RECORDS,
-		.records = w->records,
-		.blocks = w->blocks,
-		.bytes = grid_file_place(&w->file),
+	    .version = DISK_VERSION,
+	    .block_records = DISK_RUN_RECORDS,
+	    .records = w->records,
+	    .blocks = w->blocks,
+	    .bytes = grid_file_place(&w->file),
 	};
 
 	memcpy(head.magic, DISK_RUN_MAGIC, sizeof head.magic);
@@ -193,7 +195,8 @@ int grid_run_open(struct grid_run_reader *r, int dirfd, const char *name, void *
 }
 
 /* The bytes of the next block into the buffer: as many as the last one had, the rest if it is longer. */
-static int fetch(struct grid_run_reader *r, struct disk_run_block *ret_head, size_t *ret_bytes, struct err *err)
+static int fetch(struct grid_run_reader *r, struct disk_run_block *ret_head, size_t *ret_bytes,
+		 struct err *err)
 {
 	uint64_t left = r->bytes - r->at;
 	size_t got = left < r->hint ? (size_t)left : r->hint;

@@ -22,8 +22,8 @@ struct grid_run_writer {
 int grid_run_begin(struct grid_run_writer *, int dirfd, const char *name, void *buffer, size_t cap,
 		   struct err *err);
 /* n sorted records, as one or more blocks; sources as in grid_block_make. */
-int grid_run_add(struct grid_run_writer *, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		 size_t n, struct err *err);
+int grid_run_add(struct grid_run_writer *, const struct point *pts, const uint32_t *ids,
+		 const uint32_t *table, size_t n, struct err *err);
 int grid_run_finish(struct grid_run_writer *, bool durable, uint64_t *ret_records, struct err *err);
 void grid_run_abort(struct grid_run_writer *);
 

@@ -1,8 +1,8 @@
 /*
- * Scans: the live records of a Morton range over all segments in point order (grid.h). A segment gives its cells in
- * batches, each found by a fresh descent, so a scan holds no pages. If one segment has anything in the range
- * its blocks are handed out as they were read; otherwise blocks are copied to a buffer for each segment
- * and merged through a heap.
+ * Scans: the live records of a Morton range over all segments in point order (grid.h). A segment gives its
+ * cells in batches, each found by a fresh descent, so a scan holds no pages. If one segment has anything
+ * in the range its blocks are handed out as they were read; otherwise blocks are copied to a buffer for
+ * each segment and merged through a heap.
  */
 #include <string.h>
 
@@ -14,7 +14,7 @@ struct scan {
 	uint64_t lo, hi;
 	grid_points_fn sink;
 	void *ctx;
-	size_t npiece;            /* records in r->piece */
+	size_t npiece; /* records in r->piece */
 	size_t nheap;
 };
 
@@ -238,7 +238,8 @@ static int start(struct scan *s, struct err *err)
 	return 0;
 }
 
-int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn sink, void *ctx, struct err *err)
+int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn sink, void *ctx,
+	      struct err *err)
 {
 	struct scan s = {.r = r, .lo = lo, .hi = hi, .sink = sink, .ctx = ctx};
 	size_t kept = 0;

@@ -1,8 +1,8 @@
 /*
  * Writing a segment (grid_segment.h). Everything is appended: the blocks of cells, and a page of the index
- * as soon as it is full, so the pages of all levels lie between the blocks. In memory there is one page a level.
- * The header's place at the front is filled in last. What is written depends on the records and their sources
- * only, not on how they arrived.
+ * as soon as it is full, so the pages of all levels lie between the blocks. In memory there is one page a
+ * level. The header's place at the front is filled in last. What is written depends on the records and
+ * their sources only, not on how they arrived.
  */
 #include "grid_segment.h"
 
@@ -165,7 +165,8 @@ static int total_add(struct grid_segment *s, const struct disk_source *source, s
 			to = mid;
 	}
 	if (from == s->ntotals || s->totals[from].id != source->id)
-		return err_set(err, ERR_INTERNAL, "a record of source %u, which was never announced", source->id);
+		return err_set(err, ERR_INTERNAL, "a record of source %u, which was never announced",
+			       source->id);
 	s->totals[from].points += source->records;
 	s->totals[from].sum_hi += source->sum_hi;
 	s->totals[from].sum_lo += source->sum_lo;
@@ -173,8 +174,8 @@ static int total_add(struct grid_segment *s, const struct disk_source *source, s
 }
 
 /* One more block of the open cell. */
-static int block_put(struct grid_segment *s, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		     size_t n, struct err *err)
+static int block_put(struct grid_segment *s, const struct point *pts, const uint32_t *ids,
+		     const uint32_t *table, size_t n, struct err *err)
 {
 	struct grid_block_info info;
 	struct grid_block block;
@@ -228,13 +229,13 @@ static int cell_end(struct grid_segment *s, struct err *err)
 {
 	const struct disk_leaf *c = &s->cell;
 	struct disk_inner sum = {
-		.lo = c->lo,
-		.hi = disk_range_end(c->lo, c->bits),
-		.count = c->count,
-		.distinct = c->distinct,
-		.cells = 1,
-		.sum_hi = c->sum_hi,
-		.sum_lo = c->sum_lo,
+	    .lo = c->lo,
+	    .hi = disk_range_end(c->lo, c->bits),
+	    .count = c->count,
+	    .distinct = c->distinct,
+	    .cells = 1,
+	    .sum_hi = c->sum_hi,
+	    .sum_lo = c->sum_lo,
 	};
 
 	memcpy(sum.box, c->box, sizeof sum.box);
@@ -249,8 +250,8 @@ static int cell_end(struct grid_segment *s, struct err *err)
 }
 
 /* The next block of a cell that is one position, or its end. How many of pts were taken. */
-static int long_cell(struct grid_segment *s, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		     size_t n, size_t *ret_taken, struct err *err)
+static int long_cell(struct grid_segment *s, const struct point *pts, const uint32_t *ids,
+		     const uint32_t *table, size_t n, size_t *ret_taken, struct err *err)
 {
 	size_t most = n < GRID_CELL_RECORDS ? n : GRID_CELL_RECORDS, take = 0;
 	uint64_t key = s->cell.lo;
@@ -263,8 +264,8 @@ static int long_cell(struct grid_segment *s, const struct point *pts, const uint
 	return rc || take == GRID_CELL_RECORDS ? rc : cell_end(s, err);
 }
 
-int grid_segment_add(struct grid_segment *s, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		     size_t n, bool end, size_t *ret_taken, struct err *err)
+int grid_segment_add(struct grid_segment *s, const struct point *pts, const uint32_t *ids,
+		     const uint32_t *table, size_t n, bool end, size_t *ret_taken, struct err *err)
 {
 	size_t at = 0, take;
 	unsigned bits;
@@ -300,7 +301,7 @@ static void describe(const struct grid_segment *s, struct grid_segment_info *ret
 	const struct disk_segment *h = &s->head;
 
 	*ret = (struct grid_segment_info){
-		.points = h->points, .cells = h->cells, .bytes = h->bytes, .sum = {h->sum_hi, h->sum_lo}};
+	    .points = h->points, .cells = h->cells, .bytes = h->bytes, .sum = {h->sum_hi, h->sum_lo}};
 	memcpy(ret->file, s->file.name, sizeof s->file.name);
 	memcpy(ret->box, h->box, sizeof ret->box);
 	memcpy(ret->classes, h->classes, sizeof ret->classes);

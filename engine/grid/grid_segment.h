@@ -37,12 +37,12 @@ size_t grid_segment_bytes(size_t buffer);
 int grid_segment_begin(struct grid_segment *, int dirfd, const char *name, const uint32_t *ids, uint32_t n,
 		       void *memory, size_t buffer, struct err *err);
 /*
- * Sorted records that follow the ones taken so far; their sources as in grid_block_make. Takes as many as make
- * whole cells, all of them if it is the `end`; else it leaves at most GRID_CELL_RECORDS, to be offered again
- * with those that follow.
+ * Sorted records that follow the ones taken so far; their sources as in grid_block_make. Takes as many as
+ * make whole cells, all of them if it is the `end`; else it leaves at most GRID_CELL_RECORDS, to be
+ * offered again with those that follow.
  */
-int grid_segment_add(struct grid_segment *, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		     size_t n, bool end, size_t *ret_taken, struct err *err);
+int grid_segment_add(struct grid_segment *, const struct point *pts, const uint32_t *ids,
+		     const uint32_t *table, size_t n, bool end, size_t *ret_taken, struct err *err);
 int grid_segment_finish(struct grid_segment *, struct grid_segment_info *ret, struct err *err);
 void grid_segment_abort(struct grid_segment *); /* does nothing after finish */
 

@@ -1,11 +1,12 @@
 /*
  * Staging: points in any order become one segment (grid.h).
  *
- * One allocation of params.memory: a file buffer and the pages of the index in front, then two halves, records and
- * the sorter's scratch. When the records' half is full (or has as many sources as a tag can tell apart) it is
- * sorted and becomes a run. Sealing merges the runs, and what is still in memory, straight into the segment;
- * without runs nothing is merged. While merging, scratch holds a block of each run and the window in
- * which cells are found; if there are more runs than that carries, the oldest are merged into longer runs first.
+ * One allocation of params.memory: a file buffer and the pages of the index in front, then two halves,
+ * records and the sorter's scratch. When the records' half is full (or has as many sources as a tag can
+ * tell apart) it is sorted and becomes a run. Sealing merges the runs, and what is still in memory,
+ * straight into the segment; without runs nothing is merged. While merging, scratch holds a block of each
+ * run and the window in which cells are found; if there are more runs than that carries, the oldest are
+ * merged into longer runs first.
  *
  * The first failure is final: grid_stage_free then removes every file that the stage made.
  */
@@ -27,20 +28,20 @@ enum { STEM_MAX = GRID_NAME_MAX - 16, WINDOW_MIN = 4096, WINDOW_MAX = 16384 };
 struct grid_stage {
 	int dirfd;
 	bool durable, failed, sealed;
-	bool litter;              /* a run could not be removed when it was not needed any more */
+	bool litter; /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
 	uint8_t *memory;
-	size_t buffer;            /* bytes of the file buffer, at the start of memory */
-	uint8_t *halves;          /* both halves, one after the other */
-	size_t half;              /* bytes of each */
-	struct point *pts;        /* the first half */
+	size_t buffer;     /* bytes of the file buffer, at the start of memory */
+	uint8_t *halves;   /* both halves, one after the other */
+	size_t half;       /* bytes of each */
+	struct point *pts; /* the first half */
 	size_t n, cap;
 	uint32_t table[POINT_SOURCES]; /* sources of the records in memory */
-	uint32_t ntable, source;  /* source: index of the one that is being added */
-	bool unsynced;            /* run names that the folder's fsync has not covered */
-	uint32_t *all;            /* every source seen, ascending */
+	uint32_t ntable, source;       /* source: index of the one that is being added */
+	bool unsynced;                 /* run names that the folder's fsync has not covered */
+	uint32_t *all;                 /* every source seen, ascending */
 	uint32_t nall, allcap;
-	uint32_t *runs;           /* their numbers, oldest first */
+	uint32_t *runs; /* their numbers, oldest first */
 	size_t nruns, runcap;
 	uint32_t next_run;
 	struct grid_merge merge;
@@ -113,7 +114,8 @@ static int by_id(const void *a, const void *b)
 	return x < y ? -1 : x > y;
 }
 
-/* Make the order of the indices in the tags the order of the sources, so that sorting by tag sorts by source. */
+/* Make the order of the indices in the tags the order of the sources, so that sorting by tag sorts by
+ * source. */
 static void rank_sources(struct grid_stage *s)
 {
 	uint32_t sorted[POINT_SOURCES];
@@ -204,7 +206,8 @@ static int usable(const struct grid_stage *s, struct err *err)
 {
 	if (!s->failed && !s->sealed)
 		return 0;
-	return err_set(err, ERR_INTERNAL, "the stage was used after it %s", s->failed ? "failed" : "was sealed");
+	return err_set(err, ERR_INTERNAL, "the stage was used after it %s",
+		       s->failed ? "failed" : "was sealed");
 }
 
 int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
@@ -310,7 +313,8 @@ static struct bench bench_of(void *memory, size_t bytes)
 	b.records = b.records < WINDOW_MIN ? WINDOW_MIN : b.records > WINDOW_MAX ? WINDOW_MAX : b.records;
 	b.ids = (uint32_t *)(b.window + b.records);
 	b.blocks = (uint8_t *)memory + ((b.records * each + 63) & ~(size_t)63);
-	b.fan_in = (bytes - (size_t)(b.blocks - (uint8_t *)memory)) / ((DISK_RUN_BLOCK_MAX + 63) & ~(size_t)63);
+	b.fan_in =
+	    (bytes - (size_t)(b.blocks - (uint8_t *)memory)) / ((DISK_RUN_BLOCK_MAX + 63) & ~(size_t)63);
 	b.fan_in = b.fan_in < GRID_MERGE_INPUTS ? b.fan_in : GRID_MERGE_INPUTS;
 	assert(b.fan_in >= 2);
 	return b;
@@ -341,8 +345,8 @@ static void remove_run(struct grid_stage *s, uint32_t number)
 	log_err(LOG_LEVEL_DEBUG, "a sorted run stays behind", &err);
 }
 
-/* Runs that are not needed any more. Whether they go matters to the disk's space only, not to the result: what
- * stays is tried again in the end. */
+/* Runs that are not needed any more. Whether they go matters to the disk's space only, not to the result:
+ * what stays is tried again in the end. */
 static void drop_runs(struct grid_stage *s, size_t n)
 {
 	for (size_t i = 0; i < n; i++)
@@ -385,7 +389,8 @@ static int merge_runs(struct grid_stage *s, size_t n, const struct bench *b, str
 }
 
 /* The merged stream, through the window, into the segment. */
-static int merge_segment(struct grid_stage *s, struct grid_segment *seg, const struct bench *b, struct err *err)
+static int merge_segment(struct grid_stage *s, struct grid_segment *seg, const struct bench *b,
+			 struct err *err)
 {
 	uint32_t *ids = s->nall > 1 ? b->ids : NULL;
 	size_t held = 0, got = 0, taken = 0;

@@ -1,6 +1,7 @@
 /*
- * Walks over the index (grid.h): cells one by one, counts, content sums. All three are one descent that differs in
- * what it does with a subtree and with a cell. Pages are the reader's own copies, so a visitor may take its time.
+ * Walks over the index (grid.h): cells one by one, counts, content sums. All three are one descent that
+ * differs in what it does with a subtree and with a cell. Pages are the reader's own copies, so a visitor
+ * may take its time.
  */
 #include <string.h>
 
@@ -90,11 +91,11 @@ static bool walk_inner(struct descent *d, const struct disk_inner *e)
 {
 	const struct grid_visitor *v = d->ctx;
 	struct grid_cell cell = {
-		.lo = e->lo,
-		.hi = e->hi,
-		.count = e->count,
-		.distinct = e->distinct,
-		.segment = d->part,
+	    .lo = e->lo,
+	    .hi = e->hi,
+	    .count = e->count,
+	    .distinct = e->distinct,
+	    .segment = d->part,
 	};
 
 	memcpy(cell.box, e->box, sizeof cell.box);
@@ -113,7 +114,7 @@ int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid
 	      struct err *err)
 {
 	struct descent d = {
-		.r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .inner = walk_inner, .cell = walk_cell};
+	    .r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .inner = walk_inner, .cell = walk_cell};
 
 	return descend(&d, err);
 }

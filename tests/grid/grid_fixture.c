@@ -115,15 +115,20 @@ static int32_t coordinate(enum shape shape, uint64_t *rng)
 	case SHAPE_UNIFORM:
 		return (int32_t)rng_below(rng, 2000000) - 1000000;
 	case SHAPE_CLUSTERED:
-		return (int32_t)(rng_below(rng, 5) * 400000000u) + (int32_t)(rng_below(rng, 40) * rng_below(rng, 40));
+		return (int32_t)(rng_below(rng, 5) * 400000000u) +
+		       (int32_t)(rng_below(rng, 40) * rng_below(rng, 40));
 	case SHAPE_DUPLICATES:
 		return (int32_t)rng_below(rng, 12) - 6;
 	case SHAPE_EXTREME:
 		switch (rng_below(rng, 5)) {
-		case 0: return INT32_MIN;
-		case 1: return INT32_MAX;
-		case 2: return (int32_t)rng_below(rng, 3) - 1;
-		default: return (int32_t)rng_next(rng);
+		case 0:
+			return INT32_MIN;
+		case 1:
+			return INT32_MAX;
+		case 2:
+			return (int32_t)rng_below(rng, 3) - 1;
+		default:
+			return (int32_t)rng_next(rng);
 		}
 	default:
 		return -77;
@@ -230,11 +235,11 @@ static void halve(struct halving *h, size_t first, size_t n, uint64_t lo, unsign
 	struct ref_cell *c = &h->cells[h->n++];
 
 	*c = (struct ref_cell){
-		.lo = lo,
-		.hi = bits == 64 ? UINT64_MAX : lo + ((uint64_t)1 << bits) - 1,
-		.first = first,
-		.n = n,
-		.box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
+	    .lo = lo,
+	    .hi = bits == 64 ? UINT64_MAX : lo + ((uint64_t)1 << bits) - 1,
+	    .first = first,
+	    .n = n,
+	    .box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
 	};
 	for (size_t i = 0; i < n; i++) {
 		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source here */
@@ -263,7 +268,7 @@ int stage_set(const struct folder *f, const char *name, const struct set *s, siz
 	      struct grid_segment_info *ret, struct err *err)
 {
 	struct grid_stage_params params = {
-		.dirfd = f->fd, .name = name, .memory = memory ? memory : (size_t)64 << 20, .durable = false};
+	    .dirfd = f->fd, .name = name, .memory = memory ? memory : (size_t)64 << 20, .durable = false};
 	struct grid_stage *stage;
 	int rc = grid_stage_new(&params, &stage, err);
 
@@ -285,14 +290,14 @@ int stage_set(const struct folder *f, const char *name, const struct set *s, siz
 struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources)
 {
 	struct grid_manifest m = {
-		.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {5, -6, 7}},
-		.crs = "EPSG:26910",
-		.unit_xy = "metre",
-		.unit_z = "unknown",
-		.generation = 1,
-		.segments = segments,
-		.nsegments = n,
-		.nsources = sources,
+	    .lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {5, -6, 7}},
+	    .crs = "EPSG:26910",
+	    .unit_xy = "metre",
+	    .unit_z = "unknown",
+	    .generation = 1,
+	    .segments = segments,
+	    .nsegments = n,
+	    .nsources = sources,
 	};
 
 	m.sources = calloc(sources + 1, sizeof *m.sources);
@@ -303,7 +308,8 @@ struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, u
 	return m;
 }
 
-struct reader reader_open(const struct folder *f, const char *manifest, uint64_t generation, size_t index_memory)
+struct reader reader_open(const struct folder *f, const char *manifest, uint64_t generation,
+			  size_t index_memory)
 {
 	struct reader r = {0};
 	struct err err = ERR_INIT;

@@ -68,7 +68,8 @@ void check_ok(int rc, const struct err *err, const char *what, const char *file,
 /* Stage and seal, in pieces of odd sizes; memory 0: plenty. */
 int stage_set(const struct folder *, const char *name, const struct set *, size_t memory,
 	      struct grid_segment_info *ret, struct err *err);
-/* A manifest over segments whose sources are 1..sources, all added in generation 1. Caller frees m.sources. */
+/* A manifest over segments whose sources are 1..sources, all added in generation 1. Caller frees
+ * m.sources. */
 struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources);
 
 /* A reader with its memory. */
@@ -77,7 +78,8 @@ struct reader {
 	struct grid_reader *r;
 	void *memory;
 };
-struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation, size_t index_memory);
+struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation,
+			  size_t index_memory);
 void reader_close(struct reader *);
 
 /* Everything that a scan hands out. */

@@ -96,7 +96,8 @@ static void random_range(const struct set *s, uint64_t *rng, uint64_t *lo, uint6
 }
 
 /* Scan, count and sum of a range against the filter over a sorted set of what is live. */
-static void check_range(struct reader *r, const struct set *live, uint64_t lo, uint64_t hi, bool must_be_exact)
+static void check_range(struct reader *r, const struct set *live, uint64_t lo, uint64_t hi,
+			bool must_be_exact)
 {
 	struct gather g = {0};
 	struct err err = ERR_INIT;
@@ -382,8 +383,9 @@ static void test_box(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_small), cmocka_unit_test(test_cells), cmocka_unit_test(test_many_sources),
-		cmocka_unit_test(test_generations), cmocka_unit_test(test_prune), cmocka_unit_test(test_box),
+	    cmocka_unit_test(test_small),        cmocka_unit_test(test_cells),
+	    cmocka_unit_test(test_many_sources), cmocka_unit_test(test_generations),
+	    cmocka_unit_test(test_prune),        cmocka_unit_test(test_box),
 	};
 
 	skip_fsync();

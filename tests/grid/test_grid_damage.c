@@ -181,7 +181,8 @@ static void test_exchanged(void **state)
 	for (int i = 0; i < 300; i++) {
 		size_t n = 16 * (1 + rng_below(&rng, 1200)), from = 16 * rng_below(&rng, (b.n - n) / 16);
 		size_t to = i % 2 ? from : 4096 + 16 * rng_below(&rng, (b.n - n - 4096) / 16);
-		const uint8_t *source = i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
+		const uint8_t *source =
+		    i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
 
 		if (i % 2 && from + n > o.n)
 			continue;
@@ -197,6 +198,50 @@ static void test_exchanged(void **state)
 	}
 	free(b.at);
 	free(o.at);
+	set_free(&s);
+	set_free(&other);
+	folder_remove(&f);
+}
+
+/* Blocks and pages of another segment that differs in heights only: each is whole, and lies where it
+ * should. */
+static void test_stale(void **state)
+{
+	struct folder f = folder_new();
+	struct set s = set_make(SHAPE_CLUSTERED, 20000, 5, 1), other = set_make(SHAPE_CLUSTERED, 20000, 5, 1);
+	struct grid_segment_info one, two;
+	struct err err = ERR_INIT;
+	uint64_t root;
+
+	for (size_t i = 0; i < s.n; i++) {
+		s.pts[i].z = other.pts[i].z + 7;
+		if (i < 2500) /* a cell of several blocks */
+			s.pts[i].x = s.pts[i].y = other.pts[i].x = other.pts[i].y = 12345;
+	}
+	CHECK(stage_set(&f, "two", &other, 0, &two, &err));
+	CHECK(stage_set(&f, "one", &s, 0, &one, &err));
+	struct grid_manifest m = manifest_of(&one, 1, 5);
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	struct bytes b = load(&f, one.file), o = load(&f, two.file);
+
+	assert_int_equal(b.n, o.n);
+	memcpy(&root, b.at + 88, sizeof root);
+	const size_t cuts[] = {0, 4096, root, root + 16384, b.n};
+
+	for (unsigned mask = 1; mask < 15; mask++) { /* any mixture of header, blocks, index, sources */
+		uint8_t *mixed = malloc(b.n);
+
+		for (unsigned i = 0; i < 4; i++)
+			memcpy(mixed + cuts[i], (mask >> i & 1 ? o.at : b.at) + cuts[i],
+			       cuts[i + 1] - cuts[i]);
+		store(&f, one.file, mixed, b.n);
+		must_be_found(&f, one.file, mask);
+		free(mixed);
+	}
+	free(b.at);
+	free(o.at);
+	free(m.sources);
 	set_free(&s);
 	set_free(&other);
 	folder_remove(&f);
@@ -244,10 +289,9 @@ static void test_run_flips(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_segment_flips),
-		cmocka_unit_test(test_manifest_flips),
-		cmocka_unit_test(test_exchanged),
-		cmocka_unit_test(test_run_flips),
+	    cmocka_unit_test(test_segment_flips), cmocka_unit_test(test_manifest_flips),
+	    cmocka_unit_test(test_exchanged),     cmocka_unit_test(test_stale),
+	    cmocka_unit_test(test_run_flips),
 	};
 
 	skip_fsync();

@@ -15,8 +15,11 @@
 
 static struct grid_segment_info segment(const char *file, uint64_t points)
 {
-	struct grid_segment_info s = {
-		.points = points, .cells = 3, .bytes = 99999, .box = {-5, INT32_MIN, 7, INT32_MAX}, .sum = {1, ~0ull}};
+	struct grid_segment_info s = {.points = points,
+				      .cells = 3,
+				      .bytes = 99999,
+				      .box = {-5, INT32_MIN, 7, INT32_MAX},
+				      .sum = {1, ~0ull}};
 
 	snprintf(s.file, sizeof s.file, "%s", file);
 	s.classes[0] = 1;
@@ -46,7 +49,8 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 	assert_string_equal(a->crs, b->crs);
 	assert_string_equal(a->unit_xy, b->unit_xy);
 	assert_string_equal(a->unit_z, b->unit_z);
-	assert_true(a->generation == b->generation && a->nsegments == b->nsegments && a->nsources == b->nsources);
+	assert_true(a->generation == b->generation && a->nsegments == b->nsegments &&
+		    a->nsources == b->nsources);
 	for (size_t i = 0; i < a->nsegments; i++) {
 		const struct grid_segment_info *s = &a->segments[i], *t = &b->segments[i];
 
@@ -91,18 +95,54 @@ static void test_back(void **state)
 
 typedef void (*breaker)(struct grid_manifest *);
 
-static void long_crs(struct grid_manifest *m) { memset(m->crs, 'x', sizeof m->crs); }
-static void twice(struct grid_manifest *m) { m->sources[3].id = m->sources[0].id; }
-static void zero(struct grid_manifest *m) { m->sources[1].id = 0; }
-static void future(struct grid_manifest *m) { m->sources[2].added = 10; }
-static void backwards(struct grid_manifest *m) { m->sources[1].removed = 4; }
-static void same_name(struct grid_manifest *m) { strcpy(m->segments[1].file, m->segments[0].file); }
-static void climbing(struct grid_manifest *m) { strcpy(m->segments[1].file, "../x"); }
-static void nameless(struct grid_manifest *m) { m->segments[1].file[0] = 0; }
-static void inside_out(struct grid_manifest *m) { m->segments[0].box[2] = -6; }
-static void no_sum(struct grid_manifest *m) { m->segments[0].classes[3] = 1; }
-static void no_cells(struct grid_manifest *m) { m->segments[0].cells = 0; }
-static void scaleless(struct grid_manifest *m) { m->lattice.scale_xy.mantissa = 0; }
+static void long_crs(struct grid_manifest *m)
+{
+	memset(m->crs, 'x', sizeof m->crs);
+}
+static void twice(struct grid_manifest *m)
+{
+	m->sources[3].id = m->sources[0].id;
+}
+static void zero(struct grid_manifest *m)
+{
+	m->sources[1].id = 0;
+}
+static void future(struct grid_manifest *m)
+{
+	m->sources[2].added = 10;
+}
+static void backwards(struct grid_manifest *m)
+{
+	m->sources[1].removed = 4;
+}
+static void same_name(struct grid_manifest *m)
+{
+	strcpy(m->segments[1].file, m->segments[0].file);
+}
+static void climbing(struct grid_manifest *m)
+{
+	strcpy(m->segments[1].file, "../x");
+}
+static void nameless(struct grid_manifest *m)
+{
+	m->segments[1].file[0] = 0;
+}
+static void inside_out(struct grid_manifest *m)
+{
+	m->segments[0].box[2] = -6;
+}
+static void no_sum(struct grid_manifest *m)
+{
+	m->segments[0].classes[3] = 1;
+}
+static void no_cells(struct grid_manifest *m)
+{
+	m->segments[0].cells = 0;
+}
+static void scaleless(struct grid_manifest *m)
+{
+	m->lattice.scale_xy.mantissa = 0;
+}
 
 static void test_rules(void **state)
 {
@@ -145,7 +185,8 @@ static void test_rubbish(void **state)
 
 		memcpy(changed, bytes, n);
 		for (uint64_t k = rng_below(&rng, 3) + (size == n); k-- > 0;)
-			changed[24 + rng_below(&rng, size - 32)] = (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
+			changed[24 + rng_below(&rng, size - 32)] =
+			    (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
 		memcpy(changed + 16, &size, sizeof size);
 		check = XXH3_64bits(changed, size - 8);
 		memcpy(changed + size - 8, &check, sizeof check);
@@ -209,10 +250,10 @@ static void test_ledger(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_back),
-		cmocka_unit_test(test_rules),
-		cmocka_unit_test(test_rubbish),
-		cmocka_unit_test(test_ledger),
+	    cmocka_unit_test(test_back),
+	    cmocka_unit_test(test_rules),
+	    cmocka_unit_test(test_rubbish),
+	    cmocka_unit_test(test_ledger),
 	};
 
 	skip_fsync();
