@@ -24,7 +24,7 @@ static const char help[] =
 	"\n"
 	"What the mesh was made of, as for acutctl:\n"
 	"  --class LIST, --returns all|first|last, --ground, --surface, --keep-withheld, --keep-noise,\n"
-	"  --duplicates lowest|highest\n"
+	"  --duplicates lowest|highest; --planar is always meant\n"
 	"\n"
 	"  --json             one JSON object\n"
 	"  --quiet            say nothing of a good mesh\n"
@@ -46,14 +46,15 @@ struct verdict {
 	double seconds;
 };
 
-enum { OPT_CLASS = 256, OPT_RETURNS, OPT_GROUND, OPT_SURFACE, OPT_WITHHELD, OPT_NOISE, OPT_DUPLICATES, OPT_JSON,
+enum { OPT_CLASS = 256, OPT_RETURNS, OPT_GROUND, OPT_SURFACE, OPT_WITHHELD, OPT_NOISE, OPT_DUPLICATES, OPT_PLANAR, OPT_JSON,
        OPT_QUIET, OPT_HELP, OPT_VERSION };
 
 static const struct option long_options[] = {
 	{"class", 1, NULL, OPT_CLASS},           {"returns", 1, NULL, OPT_RETURNS},
 	{"ground", 0, NULL, OPT_GROUND},         {"surface", 0, NULL, OPT_SURFACE},
 	{"keep-withheld", 0, NULL, OPT_WITHHELD}, {"keep-noise", 0, NULL, OPT_NOISE},
-	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"json", 0, NULL, OPT_JSON},
+	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"planar", 0, NULL, OPT_PLANAR},
+	{"json", 0, NULL, OPT_JSON},
 	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
 	{"version", 0, NULL, OPT_VERSION},       {0},
 };
@@ -92,6 +93,8 @@ static int take_option(struct verdict *v, int option, const char *value, struct 
 		break;
 	case OPT_NOISE:
 		v->view.keep_noise = true;
+		break;
+	case OPT_PLANAR:
 		break;
 	case OPT_JSON:
 		v->json = true;

@@ -36,20 +36,26 @@ static struct synth_noise noise(uint64_t seed, unsigned which, double size)
 	return (struct synth_noise){.seed = synth_hash(seed, 1000 + which), .per_metre = 1 / size};
 }
 
+/* Sizes are those of a real landscape, but smaller where the area is small, so that it has all of it. */
+static double at_most(double size, double part)
+{
+	return size < part ? size : part;
+}
+
 void synth_land_init(struct synth_land *l, const struct synth_options *o)
 {
 	memset(l, 0, sizeof *l);
 	l->width = o->width;
 	l->height = o->height;
 	l->seed = synth_hash(o->seed, 77);
-	l->ridge = noise(o->seed, 0, 1700);
-	l->hill = noise(o->seed, 1, 430);
+	l->ridge = noise(o->seed, 0, at_most(1700, o->width));
+	l->hill = noise(o->seed, 1, at_most(430, o->width / 2));
 	l->bump = noise(o->seed, 2, 60);
 	l->rough = noise(o->seed, 3, 3);
-	l->forest = noise(o->seed, 4, 260);
+	l->forest = noise(o->seed, 4, at_most(260, o->width / 4));
 	l->tree = noise(o->seed, 5, 5);
-	l->town = noise(o->seed, 6, 600);
-	l->bend = noise(o->seed, 7, 500);
+	l->town = noise(o->seed, 6, at_most(600, o->width / 4));
+	l->bend = noise(o->seed, 7, at_most(500, o->height / 2));
 }
 
 static double distance(double a, double b)
@@ -126,7 +132,7 @@ double synth_land_at(struct synth_land *l, double x, double y, enum synth_cover 
 		*ret = SYNTH_WATER;
 		return z;
 	}
-	if (river > river_half(l) + 30 && synth_noise_at(&l->town, x, y) > 0.62) {
+	if (river > 2 * river_half(l) && synth_noise_at(&l->town, x, y) > 0.62) {
 		*ret = SYNTH_STREET;
 		if (roof_at(l, x, y, &roof) && roof > z) {
 			*ret = SYNTH_HOUSE;

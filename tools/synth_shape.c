@@ -19,6 +19,24 @@ static uint64_t side_of(uint64_t points)
 	return w ? w : 1;
 }
 
+/* How much longer a thin shape must be than a square to have room for as many positions. */
+static double lengthened(const struct synth_options *o, double steps)
+{
+	double room = 8 * (double)o->points / (steps < 1 ? 1 : steps);
+
+	switch (o->shape) {
+	case SYNTH_CORRIDOR:
+	case SYNTH_CORRIDOR_DIAGONAL:
+		return 32; /* a thousand times as long as wide */
+	case SYNTH_TWO_CLUSTERS:
+		return 8;
+	case SYNTH_CIRCLE:
+		return room < 1 ? 1 : room;
+	default:
+		return 1;
+	}
+}
+
 int synth_shape_fit(struct synth_options *o, struct err *err)
 {
 	double per_scale = 1 / decimal_double(o->scale);
@@ -38,6 +56,7 @@ int synth_shape_fit(struct synth_options *o, struct err *err)
 		return 0;
 	}
 	if (!o->range) {
+		widest *= lengthened(o, widest * per_scale);
 		if (widest * per_scale >= (double)range_most)
 			return err_set(err, ERR_USAGE, "%g metres at this scale do not fit into 32 bits; use --range", widest);
 		o->range = (uint64_t)(widest * per_scale) + 1;
@@ -112,8 +131,8 @@ static void place(const struct synth_options *o, uint64_t i, int64_t xy[2])
 		clustered(o, h, g, xy);
 		break;
 	case SYNTH_TWO_CLUSTERS:
-		xy[0] = (int64_t)(o->range / 2) * (h & 1 ? 1 : -1) + bell(o->range / 2000 + 2, h ^ h >> 5);
-		xy[1] = (int64_t)(o->range / 2) * (h & 1 ? 1 : -1) + bell(o->range / 2000 + 2, g);
+		xy[0] = (int64_t)(o->range / 20 * 9) * (h & 1 ? 1 : -1) + bell(o->range / 24 + 2, h ^ h >> 5);
+		xy[1] = (int64_t)(o->range / 20 * 9) * (h & 1 ? 1 : -1) + bell(o->range / 24 + 2, g);
 		break;
 	case SYNTH_CIRCLE:
 	case SYNTH_RING:

@@ -1,0 +1,166 @@
+"""acut-verify: good meshes pass, with what was checked; every way to spoil the file is named."""
+import json
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+
+VERIFY = os.environ["ACUT_VERIFY"]
+W = 6  # a grid of W x W vertices, steps of 0.5 m on a lattice of 0.01 m
+
+
+def expect(good, text):
+    if not good:
+        sys.exit("FAILED: %s" % text)
+
+
+def run(*args, **kw):
+    return subprocess.run([VERIFY, *map(str, args)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60, **kw)
+
+
+def numbers():
+    """Lattice numbers of the vertices, absolute."""
+    return [(50000000 + 50 * (i % W), -540000000 + 50 * (i // W), 12345 + 7 * i) for i in range(W * W)]
+
+
+def faces():
+    """Each cell from the upper left to the lower right, as the tie rule has it."""
+    for y in range(W - 1):
+        for x in range(W - 1):
+            a = y * W + x
+            yield a, a + 1, a + W
+            yield a + 1, a + W + 1, a + W
+
+
+K = (50000100, -540000000, 12000)
+ZERO = "0" * 32
+
+
+def ply(vertices=None, triangles=None, comments=(), lattice="0.01 0.01 %d %d %d" % K, digest=None, index="int",
+        declared=None, tail=b""):
+    vertices = [tuple(c / 100 for c in v) for v in numbers()] if vertices is None else vertices
+    triangles = list(faces()) if triangles is None else triangles
+    head = ["ply", "format binary_little_endian 1.0"]
+    head += ["comment acut-lattice " + lattice] if lattice else []
+    head += ["comment acut-crs EPSG:32633"] + ["comment " + c for c in comments]
+    head += ["comment acut-digest " + digest] if digest else []
+    head += ["element vertex %d" % len(vertices), "property double x", "property double y", "property double z",
+             "element face %d" % (len(triangles) if declared is None else declared),
+             "property list uchar %s vertex_indices" % index, "end_header", ""]
+    body = b"".join(struct.pack("<3d", *v) for v in vertices)
+    body += b"".join(struct.pack("<B%dI" % len(t), len(t), *t) for t in triangles)
+    return "\n".join(head).encode() + body + tail
+
+
+def verify(data, *args, status):
+    got = run(*args, "-", input=data)
+    expect(got.returncode == status, "status %d, not %d: %s%s" % (got.returncode, status, got.stdout, got.stderr))
+    return got
+
+
+def report(data, *args, status=0):
+    return json.loads(verify(data, "--json", *args, status=status).stdout)
+
+
+def good(folder):
+    got = report(ply())
+    expect(got["good"] and got["fault"] is None and got["vertices"] == W * W and got["digest_in_file"] is False, str(got))
+    expect(got["triangles"] == 2 * (W - 1) ** 2 and got["hull"] == 4 * (W - 1) and got["ties"] == (W - 1) ** 2, str(got))
+    expect(got["edges"] == got["inner_edges"] + got["hull"] and got["points"] is None, str(got))
+    digest = got["digest"] + " " + got["vertex_digest"]
+    expect(report(ply(digest=digest))["digest_in_file"], "the digest")
+    # Another K is another file of the same mesh; so is another order, and uint for int.
+    moved = report(ply(lattice="0.01 0.01 50000000 -540000050 0", digest=digest, triangles=list(faces())[::-1], index="uint"))
+    expect(moved["digest"] == got["digest"] and moved["good"], str(moved))
+    shifted = [tuple((c - o) / 1000 for c, o in zip((10 * v[0], 10 * v[1], 10 * v[2]), (500000005, -5400000000, 0)))
+               for v in numbers()]
+    expect(report(ply(shifted, comments=["acut-origin 500000.005 -5400000 0"], digest=digest))["good"], "acut-origin")
+    expect(report(ply([], [], digest=ZERO + " " + ZERO))["good"], "no triangles")
+    expect(verify(ply(), "--quiet", status=0).stdout == b"", "--quiet")
+    expect(b"good" in verify(ply(), status=0).stdout, "text")
+
+
+def wrong(folder):
+    got = report(ply())
+    digest, other = got["digest"], got["vertex_digest"]
+    expect(report(ply(digest=other + " " + other), status=1)["fault"] == "digest", "digest")
+    expect(report(ply(digest=digest + " " + digest), status=1)["fault"] == "vertex-digest", "vertex digest")
+    raised = [tuple(c / 100 for c in v) for v in numbers()]
+    raised[7] = raised[7][:2] + (raised[7][2] + 1,)
+    expect(report(ply(raised, digest=digest + " " + other), status=1)["fault"] == "vertex-digest", "a height")
+    t = list(faces())
+    expect(report(ply(triangles=[(0, 1, W * W)] + t[1:]), status=1)["fault"] == "index", "index")
+    expect(report(ply(triangles=[t[0][::-1]] + t[1:]), status=1)["fault"] == "orientation", "orientation")
+    expect(report(ply(triangles=t + [t[9]]), status=1)["fault"] == "edge", "edge")
+    got = report(ply(triangles=[(0, 1, W + 1), (0, W + 1, W)] + t[2:]), status=1)
+    expect(got["fault"] == "tie" and len(got["place"]) == 3, str(got))
+    expect(abs(got["place"][0] - 500000) < 1 and abs(got["place"][1] + 5400000) < 1, str(got))
+    text = verify(ply(triangles=t[1:]), status=1).stdout
+    expect(b"wrong (" in text, text)
+
+
+def broken(folder):
+    whole = ply()
+    off = [tuple(c / 100 for c in v) for v in numbers()]
+    off[3] = (off[3][0] + 1e-6,) + off[3][1:]
+    for what, data in (("empty", b""), ("no ply", b"plz\n"), ("cut", whole[:-1]), ("cut head", whole[:60]),
+                       ("tail", ply(tail=b"x")), ("more faces", ply(declared=60)), ("no lattice", ply(lattice=None)),
+                       ("bad lattice", ply(lattice="0.01 0.01 1 2")), ("off lattice", ply(off)),
+                       ("beyond 32 bits", ply(lattice="0.01 0.01 0 0 9999999999")),
+                       ("quad", ply(triangles=[(0, 1, 2, 3)])), ("bad digest", ply(digest="12 34")),
+                       ("ascii", whole.replace(b"binary_little_endian", b"ascii")),
+                       ("float", whole.replace(b"double y", b"float y")),
+                       ("too fine", ply(lattice="0.0000000000001 0.01 0 0 0")),
+                       ("nan", ply([(float("nan"), 0.0, 0.0)], [])),
+                       ("huge", whole.replace(b"vertex 36", b"vertex 99999999999"))):
+        got = run("-", input=data)
+        expect(got.returncode == 1 and got.stderr.startswith(b"acut-verify: "), "%s: %d %s" % (what, got.returncode, got.stderr))
+
+
+def points(folder):
+    mesh, path, second = (os.path.join(folder, n) for n in ("m.ply", "a.xyz", "b.xyz"))
+    with open(mesh, "wb") as f:
+        f.write(ply())
+
+    def write(to, rows):
+        with open(to, "w") as f:
+            f.writelines("%.2f %.2f %.2f\n" % tuple(c / 100 for c in r) for r in rows)
+
+    def fault(*args):
+        got = run("--json", *args)
+        return json.loads(got.stdout)["fault"]
+
+    rows = numbers()
+    write(path, rows)
+    expect(fault(mesh, path) is None, "the points")
+    write(path, rows[:20])
+    write(second, rows[20:] + rows[5:6])
+    got = json.loads(run("--json", mesh, path, second).stdout)
+    expect(got["good"] and got["points"] == W * W + 1 and got["positions"] == W * W, str(got))
+    expect(fault(mesh, path) == "extra", "a vertex that is no point")
+    write(second, rows[20:] + [(rows[0][0] + 1, rows[0][1], 0)])
+    expect(fault(mesh, path, second) == "missing", "a point that is no vertex")
+    write(second, rows[20:] + [(rows[0][0], rows[0][1], rows[0][2] + 5)])
+    expect(fault(mesh, path, second) is None, "a duplicate above")
+    expect(fault("--duplicates", "highest", mesh, path, second) == "height", "a height")
+    expect(fault("--class", "2", mesh, path, second) == "extra", "a class that text has not")
+    expect(run(mesh, os.path.join(folder, "none.xyz")).returncode == 74, "no such input")
+
+
+def usage(folder):
+    for bad in ([], ["--class", "x", "m"], ["--returns", "second", "m"], ["--ground", "--surface", "m"], ["--what"],
+                ["--duplicates", "both", "m"]):
+        got = run(*bad)
+        expect(got.returncode == 2 and got.stderr, "%s: %d" % (bad, got.returncode))
+    expect(run(os.path.join(folder, "none.ply")).returncode == 74, "no such mesh")
+    with open("/dev/full", "wb") as full:
+        got = subprocess.run([VERIFY, "-"], input=ply(), stdout=full, stderr=subprocess.PIPE)
+    expect(got.returncode == 74, "/dev/full")
+    expect(run("--help").returncode == 0 and run("--version").stdout.startswith(b"acut-verify "), "--help, --version")
+
+
+for test in (good, wrong, broken, points, usage):
+    with tempfile.TemporaryDirectory() as base:
+        test(base)
+    print("ok  ", test.__name__)
