@@ -120,7 +120,7 @@ static int session_open(struct session *s, const struct options *o, struct err *
 	if (!s->ledger)
 		r = err_set(err, ERR_NOMEM, "no memory");
 	else
-		r = grid_open(dirfd, basename(file), UINT64_MAX, s->ledger, INDEX_MEMORY, &s->grid, err);
+		r = grid_open(dirfd, basename(file), GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
 	io_close(dirfd);
 	if (!r)
 		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);

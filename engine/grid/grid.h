@@ -81,12 +81,14 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *);
 
 struct grid;        /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
 
+#define GRID_NEWEST UINT64_MAX /* the newest generation of the manifest */
 /* Takes index_memory and its own tables from the ledger (may be NULL) until grid_close: -ERR_BUSY if they
  * are not free now. Any index_memory works; pages beyond it are read again. dirfd is borrowed until
  * grid_close. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
 	      struct grid **ret, struct err *err);
 struct grid *grid_close(struct grid *);
+uint64_t grid_generation(const struct grid *); /* that was opened */
 const struct grid_manifest *grid_manifest(const struct grid *);
 uint64_t grid_points(const struct grid *);           /* live records */
 /* Box of all points of all sources (not only live ones); false if there are none. */

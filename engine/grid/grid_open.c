@@ -231,6 +231,9 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 		return rc;
 	}
 	g->ledger = ledger;
+	if (generation == GRID_NEWEST)
+		generation = g->manifest->generation;
+	g->generation = generation;
 	if (generation > g->manifest->generation) {
 		rc = err_set(err, ERR_NOTFOUND, "there is no generation %llu yet, the newest is %llu",
 			     (unsigned long long)generation, (unsigned long long)g->manifest->generation);
@@ -250,6 +253,11 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 	}
 	*ret = g;
 	return 0;
+}
+
+uint64_t grid_generation(const struct grid *g)
+{
+	return g->generation;
 }
 
 struct grid *grid_close(struct grid *g)

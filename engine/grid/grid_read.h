@@ -44,6 +44,7 @@ struct grid_life {                /* ascending by id */
 
 struct grid {
 	struct grid_manifest *manifest;
+	uint64_t generation;      /* that is read */
 	struct grid_part *parts;  /* as many as segments */
 	struct grid_life *lives;  /* as many as sources */
 	uint32_t height, active;  /* of the highest index; parts with anything live */

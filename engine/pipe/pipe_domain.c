@@ -257,6 +257,7 @@ struct digest pipe_domain_key(const struct grid *grid, const struct view *view, 
 	const struct grid_manifest *m = grid_manifest(grid);
 	char region_text[CUT_REGION_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
 	struct digest parts[4];
+	uint64_t generation = grid_generation(grid);
 	XXH3_state_t state;
 	size_t i;
 
@@ -267,7 +268,7 @@ struct digest pipe_domain_key(const struct grid *grid, const struct view *view, 
 	}
 	for (i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
-		uint64_t live = s->added <= m->generation && (!s->removed || s->removed > m->generation);
+		uint64_t live = s->added <= generation && (!s->removed || s->removed > generation);
 		uint64_t row[2] = { s->id, live };
 
 		XXH3_128bits_update(&state, row, sizeof row);
