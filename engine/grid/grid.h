@@ -57,7 +57,7 @@ struct grid_stage *grid_stage_free(struct grid_stage *);
 
 struct grid_source {
 	uint32_t id;            /* > 0, never used twice in a dataset */
-	uint64_t added, removed; /* generation that added it; that removed it, 0 = none */
+	uint64_t added, removed; /* added it; removed it, 0 = none; the same: never counted */
 	uint64_t points;
 	char name[256];         /* file name as pushed */
 	struct digest hash;     /* of the input's bytes, zero if unknown */
@@ -83,8 +83,8 @@ struct grid;        /* an open manifest: segments, shared index pages (charged t
 
 #define GRID_NEWEST UINT64_MAX /* the newest generation of the manifest */
 /* Takes index_memory and its own tables from the ledger (may be NULL) until grid_close: -ERR_BUSY if they
- * are not free now. Any index_memory works; pages beyond it are read again. dirfd is borrowed until
- * grid_close. */
+ * are not free now. Any index_memory works; pages beyond it are read again. dirfd is
+ * needed during the call only. */
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
 	      struct grid **ret, struct err *err);
 struct grid *grid_close(struct grid *);

@@ -73,7 +73,7 @@ static const char *source_fault(const struct grid_manifest *m, const struct grid
 		return "the name of a source is too long";
 	if (s->added > m->generation || s->removed > m->generation)
 		return "a source belongs to a generation that is not there yet";
-	if (s->removed && s->removed <= s->added)
+	if (s->removed && s->removed < s->added)
 		return "a source was removed before it was added";
 	return NULL;
 }

@@ -56,19 +56,20 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	if (params->memory < GRID_STAGE_MIN)
 		return err_set(err, ERR_LIMIT, "staging needs %d bytes of memory, not %zu", GRID_STAGE_MIN,
 			       params->memory);
+	size_t memory = (params->memory - sizeof(struct grid_stage)) & ~(size_t)63; /* both are what was charged */
 	struct grid_stage *s = calloc(1, sizeof *s);
 
-	if (!s || !(s->memory = aligned_alloc(64, params->memory & ~(size_t)63))) {
+	if (!s || !(s->memory = aligned_alloc(64, memory))) {
 		free(s);
 		return err_set(err, ERR_NOMEM, "no memory for a stage of %zu bytes", params->memory);
 	}
 	s->dirfd = params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
-	s->buffer = params->memory / 16 & ~(size_t)63;
+	s->buffer = memory / 16 & ~(size_t)63;
 	s->buffer = s->buffer > 1 << 20 ? 1 << 20 : s->buffer < 1 << 17 ? 1 << 17 : s->buffer;
 	s->halves = s->memory + grid_segment_bytes(s->buffer);
-	s->half = (params->memory - grid_segment_bytes(s->buffer)) / 2 & ~(size_t)63;
+	s->half = (memory - grid_segment_bytes(s->buffer)) / 2 & ~(size_t)63;
 	s->pts = (struct point *)s->halves;
 	s->cap = s->half / sizeof *s->pts;
 	grid_merge_init(&s->merge);

@@ -234,14 +234,14 @@ static void generations(enum shape shape, uint64_t seed)
 	m.generation = 8;
 	for (unsigned i = 0; i < PUSHES * EACH; i++) {
 		m.sources[i].added = 1 + i / EACH;
-		m.sources[i].removed = i % EACH == 0 ? 5 : i == 4 ? 7 : i / EACH == 2 ? 8 : 0;
+		m.sources[i].removed = i == 5 ? m.sources[i].added : i % EACH == 0 ? 5 : i == 4 ? 7 : i / EACH == 2 ? 8 : 0;
 	}
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	set_sort(&all);
 	for (uint64_t g = 0; g <= 8; g++) {
-		struct reader r = reader_open(&f, "m", g, 200000);
+		struct reader r = reader_open(&f, "m", g < 8 ? g : GRID_NEWEST, 200000);
 		struct set live = set_make(shape, all.n, 1, 0);
-		bool removed = g >= 5;
+		bool removed = g >= 2;
 
 		live.n = 0;
 		for (size_t i = 0; i < all.n; i++) {

@@ -113,7 +113,7 @@ static void future(struct grid_manifest *m)
 }
 static void backwards(struct grid_manifest *m)
 {
-	m->sources[1].removed = 4;
+	m->sources[1].removed = 3;
 }
 static void same_name(struct grid_manifest *m)
 {
