@@ -369,23 +369,33 @@ static struct job *job_add(struct jobs *j, uint64_t id)
 	return job;
 }
 
+/* The text of a view as it is kept: "" asks for the default one. */
+int job_view(const char *text, char ret[VIEW_TEXT_SIZE], struct err *err)
+{
+	struct view view = VIEW_INIT;
+	int r = *text ? view_parse(text, &view, err) : 0;
+
+	if (!r)
+		view_text(&view, ret);
+	return r;
+}
+
 /* The same generation and view: the same job, unless it came to nothing. */
-static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation)
+static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation, const char *view)
 {
 	struct job *job;
 
 	for (job = j->jobs; job; job = job->next)
 		if (job->dataset == p->dataset && job->generation == generation && !job->bound && !job->removed &&
 		    !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
-		    job->state != JOB_cancelled && !strcmp(job->view, p->view))
+		    job->state != JOB_cancelled && !strcmp(job->view, view))
 			return job;
 	return NULL;
 }
 
-static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, struct err *err)
+static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation,
+			char ret_view[VIEW_TEXT_SIZE], struct err *err)
 {
-	struct view view;
-
 	if (j->parking)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
 	if (!p->dataset->generation)
@@ -394,7 +404,7 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu",
 			       p->dataset->name, (unsigned long long)generation,
 			       (unsigned long long)p->dataset->generation);
-	return view_parse(p->view, &view, err);
+	return job_view(p->view, ret_view, err);
 }
 
 void job_submit(struct jobs *j, const struct job_params *p,
@@ -403,10 +413,11 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
 	struct err err = ERR_INIT;
 	struct job *job = NULL;
-	int r = check_submit(j, p, generation, &err);
+	char view[VIEW_TEXT_SIZE];
+	int r = check_submit(j, p, generation, view, &err);
 
 	if (!r && !p->bound && !p->fresh) {
-		job = find_same(j, p, generation);
+		job = find_same(j, p, generation, view);
 		/* One that is not in the catalogue yet is not promised yet. */
 		if (job && !job->waiting_row) {
 			accepted(token, NULL, job);
@@ -416,7 +427,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	if (!r) {
 		job = job_add(j, ++j->last_job);
 		if (job)
-			job->view = strdup(p->view);
+			job->view = strdup(view);
 		if (!job || !job->view)
 			r = err_set(&err, ERR_NOMEM, "no memory for a job");
 	}

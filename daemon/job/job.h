@@ -153,7 +153,7 @@ struct job_info {
 struct job_params {
 	struct dataset *dataset;
 	uint64_t generation;        /* 0 = the newest */
-	const char *view;
+	const char *view;           /* canonical text; "" = the default view */
 	bool bound, fresh;
 	struct job_peer peer;
 };

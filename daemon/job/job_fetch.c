@@ -255,20 +255,21 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		.jobs = j,
 		.dataset = d,
 		.generation = generation ? generation : d->generation,
-		.view_text = view,
 		.plan_only = true,
 		.calls = &plan_calls,
 		.ctx = p,
 	};
+	char text[VIEW_TEXT_SIZE];
 	struct err err = ERR_INIT;
 
+	params.view_text = text;
 	if (!p)
 		err_set(&err, ERR_NOMEM, "no memory for a plan");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (!d->generation || generation > d->generation)
 		err_set(&err, ERR_NOTFOUND, "the dataset %s has no such generation", d->name);
-	else
+	else if (!job_view(view, text, &err))
 		walk_new(&params, &p->walk, &err);
 	if (err.code) {
 		free(p);

@@ -119,6 +119,7 @@ int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
 void job_settle(struct job *);
 void job_plans_settle(struct jobs *);
+int job_view(const char *text, char ret[VIEW_TEXT_SIZE], struct err *err);
 
 /* report.c */
 char *report_text(const struct job_report *, char *buf, size_t size);

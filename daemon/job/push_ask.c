@@ -552,6 +552,10 @@ static void commit_answer(struct push *p, const struct err *why)
 		p->broken = true;
 		p->broken_err = *why;
 	}
+	if (!why && !d->onestep && p->durable < p->files) {
+		p->durable = p->files;
+		p->calls.durable(p->ctx, p->durable);
+	}
 	done.generation = d->generation;
 	done.points = d->points;
 	push_ask_over(p);
