@@ -296,7 +296,7 @@ def vanish(step):
             go("push_plan", pb.PushPlan(push=begun.push))
             go("file", pb.File(push=begun.push, name="x.las"), f.fileno())
         committed = go("push_commit", pb.PushCommit(push=begun.push))
-        job = go("submit", pb.Submit(dataset=committed.dataset, bound=step % 4 < 2, fresh=True))
+        job = go("submit", pb.Submit(view="view 1", dataset=committed.dataset, bound=step % 4 < 2, fresh=True))
         _, pipe = go("fetch", pb.Fetch(job=job.id))
         select.select([pipe], [], [], 5)
         os.read(pipe, 1 + 1000 * step)
@@ -339,7 +339,7 @@ def vanishing_at_each_step():
 def slow_reader():
     """A fetch that is never read delays nobody."""
     with Client(DAEMON.socket) as slow, Client(DAEMON.socket) as quick:
-        job = slow.ask("submit", pb.Submit(dataset=quick.push([LAS], dataset="slow").dataset))
+        job = slow.ask("submit", pb.Submit(view="view 1", dataset=quick.push([LAS], dataset="slow").dataset))
         _, pipe = slow.ask("fetch", pb.Fetch(job=job.id))
         flags = fcntl.fcntl(pipe, fcntl.F_GETFL)
         expect(flags & os.O_ACCMODE == os.O_RDONLY, "the pipe's end is not for reading")
@@ -351,7 +351,7 @@ def slow_reader():
 
 def the_whole_way_still_works():
     with Client(DAEMON.socket) as c:
-        job = c.ask("submit", pb.Submit(dataset=c.push([LAS]).dataset, bound=True))
+        job = c.ask("submit", pb.Submit(view="view 1", dataset=c.push([LAS]).dataset, bound=True))
         mesh = c.fetch(job.id)
         expect(len(mesh.positions) == 5000, "%d vertices" % len(mesh.positions))
 

@@ -4,6 +4,7 @@ import os
 import random
 import struct
 import sys
+import time
 
 import e2e
 from e2e import Fault, Folder, expect, main, skip
@@ -15,7 +16,7 @@ except ImportError as e:
     skip("python3-xxhash and python3-protobuf are needed: %s" % e)
 
 
-def write_las(path, points, scale=0.01, offset=(500000.0, 5000000.0, 0.0)):
+def write_las(path, points, scale=0.01, offset=(500000.0, 5000000.0, 0.0), classes=None):
     """LAS 1.2, record format 0. `points`: raw integers x, y, z."""
     axes = list(zip(*points))
     header = bytearray(227)
@@ -27,8 +28,8 @@ def write_las(path, points, scale=0.01, offset=(500000.0, 5000000.0, 0.0)):
     struct.pack_into("<6d", header, 179, *(f(axes[a]) * scale + offset[a] for a in range(3) for f in (max, min)))
     with open(path, "wb") as out:
         out.write(header)
-        for x, y, z in points:
-            out.write(struct.pack("<iiiHBBbBH", x, y, z, 0, 0x09, 2, 0, 0, 0))
+        for i, (x, y, z) in enumerate(points):
+            out.write(struct.pack("<iiiHBBbBH", x, y, z, 0, 0x09, classes[i] if classes else 2, 0, 0, 0))
 
 
 def some_points(n, seed, step=1, size=100000):
@@ -100,9 +101,9 @@ def small_requests():
         expect_refused("not-found", c.ask, "wait", pb.Wait(job=1 << 40))
         expect_refused("not-found", c.ask, "fetch", pb.Fetch(job=1 << 40))
         expect_refused("not-found", c.ask, "cancel", pb.Cancel(job=1 << 40))
-        expect_refused("not-found", c.ask, "submit", pb.Submit(dataset="nobody"))
+        expect_refused("not-found", c.ask, "submit", pb.Submit(view="view 1", dataset="nobody"))
         expect_refused("not-found", c.ask, "datasets_request", pb.DatasetsRequest(name="nobody"))
-        expect_refused("not-found", c.ask, "plan_request", pb.PlanRequest(dataset="nobody"))
+        expect_refused("not-found", c.ask, "plan_request", pb.PlanRequest(view="view 1", dataset="nobody"))
         expect(c.ping() < 1, "ping")
 
 
@@ -114,7 +115,7 @@ def one_step():
     with client() as c:
         committed = c.push([path])
         expect(committed.points == 400 and committed.dataset, "PushCommitted: %s" % committed)
-        job = c.ask("submit", pb.Submit(dataset=committed.dataset, bound=True))
+        job = c.ask("submit", pb.Submit(view="view 1", dataset=committed.dataset, bound=True))
         mesh = c.fetch(job.id)
         job = c.wait(job.id)
         expect(job.state == "done" and job.report.triangles == len(mesh.triangles), "Job: %s" % job)
@@ -135,15 +136,15 @@ def named_dataset():
     with client() as c:
         first = c.push(paths[:2], dataset="survey")
         expect((first.dataset, first.generation) == ("survey", 1), "PushCommitted: %s" % first)
-        expect(c.durable and max(c.durable.values()) <= 2, "Durable: %s" % c.durable)
+        expect(all(n <= 2 for n in c.durable.values()), "Durable: %s" % c.durable)
         second = c.push(paths[2:], dataset="survey")
         expect(second.generation == 2, "generation %d" % second.generation)
-        plan = c.ask("plan_request", pb.PlanRequest(dataset="survey"))
+        plan = c.ask("plan_request", pb.PlanRequest(view="view 1", dataset="survey"))
         expect(plan.points == 30000 and plan.domains >= 1 and plan.memory_bytes, "Plan: %s" % plan)
-        new = c.ask("submit", pb.Submit(dataset="survey"))
-        same = c.ask("submit", pb.Submit(dataset="survey"))
+        new = c.ask("submit", pb.Submit(view="view 1", dataset="survey"))
+        same = c.ask("submit", pb.Submit(view="view 1", dataset="survey"))
         expect(new.id == same.id, "the same question gave another job")
-        old = c.ask("submit", pb.Submit(dataset="survey", generation=1))
+        old = c.ask("submit", pb.Submit(view="view 1", dataset="survey", generation=1))
         expect(old.id != new.id, "another generation gave the same job")
         mesh = c.fetch(new.id)
         shift = (50000000, 500000000, 0)
@@ -199,7 +200,7 @@ def bad_inputs():
                 c.ask("probe", pb.Probe(push=begun.push, name="bad.las"), b.fileno())
             except Refused as refused:
                 error = refused.error
-            expect_refused("bad-input", c.ask, "probe", pb.Probe(push=begun.push, name="empty.las"), e.fileno())
+            expect_refused("truncated", c.ask, "probe", pb.Probe(push=begun.push, name="empty.las"), e.fileno())
             c.ask("probe", pb.Probe(push=begun.push, name="good.las"), g.fileno())
             c.ask("push_plan", pb.PushPlan(push=begun.push))
             if error is None:
@@ -220,13 +221,51 @@ def bad_inputs():
         expect(abs(probed.min[0] - 500000) < 1000, "Probed.min: %s" % probed)
 
 
+def durable():
+    """A push that stands still is told within seconds that its file is safe."""
+    path = os.path.join(BASE, "durable.las")
+    write_las(path, some_points(1000, 6))
+    with client() as c, open(path, "rb") as f:
+        begun = c.ask("push_begin", pb.PushBegin(dataset="durable"))
+        number = c.last
+        c.ask("probe", pb.Probe(push=begun.push, name="d"), f.fileno())
+        c.ask("push_plan", pb.PushPlan(push=begun.push))
+        c.ask("file", pb.File(push=begun.push, name="d"), f.fileno())
+        expect_refused("not-found", c.ask, "submit", pb.Submit(view="view 1", dataset="durable"))
+        deadline = time.monotonic() + 15
+        while c.durable.get(number, 0) < 1:
+            expect(time.monotonic() < deadline, "no Durable within 15 s")
+            time.sleep(0.2)
+            c.ping()
+        expect(c.ask("push_commit", pb.PushCommit(push=begun.push)).generation == 1, "PushCommitted")
+
+
+def views():
+    """What a view takes, and texts that are none."""
+    path = os.path.join(BASE, "classes.las")
+    points = some_points(600, 8)
+    write_las(path, points, classes=[2 if i % 3 else 7 for i in range(600)])
+    with client() as c:
+        name = c.push([path]).dataset
+        for view, want in (("view 1", 400), ("view 1 class=2", 400), ("view 1 keep-noise", 600), ("view 1 class=7", 200)):
+            mesh = c.fetch(c.ask("submit", pb.Submit(view=view, dataset=name)).id)
+            expect(len(mesh.positions) == want, "%s: %d vertices" % (view, len(mesh.positions)))
+            expect(mesh.view == view, "the stream says %s" % mesh.view)
+        for view in ("", "view 2", "view 1 ", "view 1 keep-noise keep-withheld", "view 1 class=3,2", "class=2"):
+            try:
+                c.ask("submit", pb.Submit(view=view, dataset=name))
+            except Refused:
+                continue
+            raise Fault("the view %r was taken" % view)
+
+
 def cancel():
     """A cancelled job is final; its fetch is refused or ends with the error."""
     path = os.path.join(BASE, "cancel.las")
     write_las(path, some_points(50000, 5))
     with client() as c:
         c.push([path], dataset="cancelled")
-        job = c.ask("submit", pb.Submit(dataset="cancelled"))
+        job = c.ask("submit", pb.Submit(view="view 1", dataset="cancelled"))
         job = c.ask("cancel", pb.Cancel(job=job.id))
         job = c.wait(job.id)
         expect(job.final and job.state in ("cancelled", "done"), "Job: %s" % job)
@@ -237,7 +276,7 @@ def whole():
     with Folder() as base, e2e.Daemon(base, memory="256M") as daemon:
         BASE, DAEMON = base, daemon
         try:
-            main(small_requests, one_step, named_dataset, pipelined, bad_inputs, cancel)
+            main(small_requests, one_step, named_dataset, pipelined, bad_inputs, durable, views, cancel)
         except SystemExit as e:
             status = e.code
     sys.exit(status)
