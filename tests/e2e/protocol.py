@@ -251,7 +251,8 @@ def views():
             mesh = c.fetch(c.ask("submit", pb.Submit(view=view, dataset=name)).id)
             expect(len(mesh.positions) == want, "%s: %d vertices" % (view, len(mesh.positions)))
             expect(mesh.view == view, "the stream says %s" % mesh.view)
-        for view in ("", "view 2", "view 1 ", "view 1 keep-noise keep-withheld", "view 1 class=3,2", "class=2"):
+        expect(c.ask("submit", pb.Submit(dataset=name)).view == "view 1", "the view of nothing asked for")
+        for view in ("view 2", "view 1 ", "view 1 keep-noise keep-withheld", "view 1 class=3,2", "class=2"):
             try:
                 c.ask("submit", pb.Submit(view=view, dataset=name))
             except Refused:
