@@ -120,7 +120,7 @@ int tri_run(struct tri *t, uint32_t n)
 		return TRI_E_FLAT;
 	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &extent);
 	return tri_build(t, (int64_t)extent.max[0] - extent.min[0] <= INT32_MAX &&
-				    (int64_t)extent.max[1] - extent.min[1] <= INT32_MAX);
+				(int64_t)extent.max[1] - extent.min[1] <= INT32_MAX);
 }
 
 void tri_result(const struct tri *t, struct tri_result *ret)

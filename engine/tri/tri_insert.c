@@ -60,12 +60,13 @@ static inline int64_t cross(const struct spoke *a, const struct spoke *b)
 	return a->x * b->y - a->y * b->x;
 }
 
-/* The tie order with the new position at the origin: keys are lexicographic. */
-static bool spoke_tie(const struct spoke *a, const struct spoke *b, const struct spoke *v, int64_t av,
-		      int64_t vb, int64_t ab)
+/* The tie order with the new position at the origin: keys are lexicographic. By value: whatever has its
+ * address taken would live in memory all through the sweep. */
+static inline bool spoke_tie(struct spoke a, struct spoke b, struct spoke v, int64_t av, int64_t vb,
+			     int64_t ab)
 {
-	int64_t ka = a->x * ((int64_t)1 << 32) + a->y, kb = b->x * ((int64_t)1 << 32) + b->y;
-	int64_t kv = v->x * ((int64_t)1 << 32) + v->y, most = ka > kb ? ka : kb;
+	int64_t ka = a.x * ((int64_t)1 << 32) + a.y, kb = b.x * ((int64_t)1 << 32) + b.y;
+	int64_t kv = v.x * ((int64_t)1 << 32) + v.y, most = ka > kb ? ka : kb;
 
 	if (kv > most)
 		return kv > 0 && ab < 0;
@@ -80,7 +81,7 @@ static inline bool spoke_conflict(const struct spoke *a, const struct spoke *b, 
 				    (geom_u128)((geom_i128)v->z * ab));
 
 	if (TRI_UNLIKELY(det == 0))
-		return spoke_tie(a, b, v, av, vb, ab);
+		return spoke_tie(*a, *b, *v, av, vb, ab);
 	return det > 0;
 }
 
@@ -137,30 +138,25 @@ static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)
 	}
 }
 
-/* The same in 64 bits: at each triangle leave by the side that p is farther beyond. */
-static uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2],
-			    uint32_t at)
+/*
+ * The same in 64 bits: leave each triangle by the side that p is farther beyond. The state is the side that
+ * was crossed, seen from the triangle behind it: p is not left of a, b. No branch depends on the way taken.
+ */
+static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2],
+				   uint32_t at)
 {
-	const struct tri_triangle *t = &tri[real_neighbour(tri, at)];
-	int64_t ax, ay, bx, by;
-	uint32_t link;
+	const int64_t px = p[0], py = p[1];
+	const struct tri_triangle *t = &tri[at = real_neighbour(tri, at)];
+	int64_t ax = xy[t->corner[1]][0] - px, ay = xy[t->corner[1]][1] - py;
+	int64_t bx = xy[t->corner[2]][0] - px, by = xy[t->corner[2]][1] - py;
+	bool out = ax * by - ay * bx < 0;
+	uint32_t link = out ? t->link[0] : at << 3;
 
-	{
-		struct spoke s[3];
-		int64_t beyond[3];
-		unsigned side;
+	if (!out) {
+		int64_t x = ax, y = ay;
 
-		for (unsigned i = 0; i < 3; i++)
-			s[i] = spoke_to(xy, t->corner[i], p);
-		for (unsigned i = 0; i < 3; i++)
-			beyond[i] = cross(&s[(i + 1) % 3], &s[(i + 2) % 3]);
-		side = beyond[1] < beyond[0];
-		side = beyond[2] < beyond[side] ? 2 : side;
-		if (beyond[side] >= 0)
-			return (uint32_t)(t - tri);
-		ax = s[(side + 1) % 3].x, ay = s[(side + 1) % 3].y;
-		bx = s[(side + 2) % 3].x, by = s[(side + 2) % 3].y;
-		link = t->link[side];
+		ax = bx, ay = by;
+		bx = x, by = y;
 	}
 	for (;;) {
 		uint32_t side2 = link & 6, v, left, right;
@@ -173,8 +169,8 @@ static uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[
 		right = link_of(t, side_prev(side2));
 		if (TRI_UNLIKELY(v == TRI_GHOST))
 			return link >> 3;
-		vx = (int64_t)xy[v][0] - p[0];
-		vy = (int64_t)xy[v][1] - p[1];
+		vx = xy[v][0] - px;
+		vy = xy[v][1] - py;
 		av = ax * vy - ay * vx;
 		vb = vx * by - vy * bx;
 		go = av < vb;
@@ -216,11 +212,11 @@ static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], ui
 			conflict = spoke_conflict(&a, &b, &v);
 		}
 		if (conflict) {
-			uint32_t first = side_next(side2);
+			uint32_t first = side_next(side2), here = link;
 
 			link = link_of(t, first);
 			t->link[first >> 1] = top;
-			top = (uint32_t)(t - tri) << 3 | first;
+			top = (here & ~7u) | first;
 			b = v;
 			continue;
 		}

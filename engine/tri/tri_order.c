@@ -22,8 +22,8 @@ enum {
 	DIGIT_BITS = 11, /* of the radix sort: 11 + 11 + 10 */
 	DIGITS = 1 << DIGIT_BITS,
 	PASSES = 3,
-	SORT_FEW = 48,       /* below, sorting by insertion is faster */
-	CELL_MANY = 12,      /* positions of a cell that are worth a curve of their own */
+	SORT_FEW = 48,  /* below, sorting by insertion is faster */
+	CELL_MANY = 12, /* positions of a cell that are worth a curve of their own */
 };
 
 struct curve {
