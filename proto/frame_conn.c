@@ -229,10 +229,13 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 		return err_set(err, ERR_PROTO, "the other side went away in the middle of a frame (%zu bytes of it had come)",
 			       conn->got);
 	count = conn_take_descriptors(conn, &msg);
-	if (msg.msg_flags & MSG_CTRUNC)
-		return err_set(err, ERR_PROTO, "a frame came with more descriptors than could be taken");
 	if (count + had > 1)
 		return err_set(err, ERR_PROTO, "a frame came with %u descriptors; at most 1 is allowed", count + had);
+	/* There was room for as many as can be sent: the process has no descriptor left. */
+	if (msg.msg_flags & MSG_CTRUNC) {
+		err_set(err, ERR_BUSY, "there is no room for one more descriptor");
+		return err_add_hint(err, "try again when other clients are done");
+	}
 	*ret_n = (size_t)r;
 	return 0;
 }

@@ -381,9 +381,52 @@ def nothing_leaks():
     expect(DAEMON.vmhwm() <= (256 << 20) + (32 << 20), "VmHWM %d" % DAEMON.vmhwm())
 
 
+def cpu_seconds(pid):
+    with open("/proc/%d/stat" % pid) as f:
+        fields = f.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def descriptors_run_out():
+    """A daemon with few descriptors: more clients than fit wait at the door, nobody spins, those inside are served."""
+    with Folder() as base, e2e.Daemon(base, memory="64M", threads=1,
+                                      prefix=("sh", "-c", 'ulimit -n 40; exec "$@"', "sh")) as few:
+        with Client(few.socket) as inside:
+            crowd = []
+            for _ in range(80):
+                s = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+                s.settimeout(5)
+                s.connect(few.socket)
+                crowd.append(s)
+            pid = few.process.pid
+            time.sleep(0.3)
+            expect(inside.ping() < 1, "the client inside waited")
+            start = cpu_seconds(pid)
+            time.sleep(2)
+            used = (cpu_seconds(pid) - start) / 2
+            expect(used < 0.05, "%.0f %% CPU while no descriptor is left" % (100 * used))
+            with open(LAS, "rb") as f:
+                try:
+                    inside.ask("info_request", pb.InfoRequest(name="x"), f.fileno())
+                except Refused as e:
+                    expect(e.code == "busy", "no room for a descriptor: %s" % e)
+            for s in crowd:
+                s.close()
+        deadline = time.monotonic() + 5
+        while True:
+            try:
+                with Client(few.socket, timeout=5) as fresh:
+                    fresh.ping()
+                break
+            except (Gone, Breach, OSError):
+                expect(time.monotonic() < deadline, "nobody is let in afterwards")
+                time.sleep(0.1)
+    others_are_served()
+
+
 CASES = [half_frames, wrong_lengths, bad_headers, bad_messages, descriptors_that_were_not_asked_for,
          wrong_kinds_of_descriptor, one_byte_at_a_time, never_reads, many_connections, vanishing_at_each_step,
-         slow_reader, the_whole_way_still_works, nothing_leaks]
+         slow_reader, descriptors_run_out, the_whole_way_still_works, nothing_leaks]
 
 
 def whole():

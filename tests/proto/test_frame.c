@@ -13,6 +13,7 @@
 #include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -335,6 +336,25 @@ static void test_descriptor_drip(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
+/* No descriptor is left to the process: that is nobody's breach. */
+static void test_no_room_for_a_descriptor(void **state)
+{
+	struct pair p = pair_new(NULL);
+	struct err err = ERR_INIT;
+	struct rlimit old, low;
+	uint8_t bytes[256];
+	size_t n = frame_bytes(hello(), 1, 1, bytes);
+
+	raw_send(p.raw, bytes, n, 1);
+	assert_int_equal(getrlimit(RLIMIT_NOFILE, &old), 0);
+	low = old;
+	low.rlim_cur = 3;
+	assert_int_equal(setrlimit(RLIMIT_NOFILE, &low), 0);
+	assert_int_equal(recv_result(p.conn, &err), -ERR_BUSY);
+	assert_int_equal(setrlimit(RLIMIT_NOFILE, &old), 0);
+	pair_free(&p);
+}
+
 static void test_malformed_message(void **state)
 {
 	struct pair p = pair_new(NULL);
@@ -580,6 +600,7 @@ int main(void)
 	    cmocka_unit_test(test_every_truncation),
 	    cmocka_unit_test(test_descriptors),
 	    cmocka_unit_test(test_descriptor_drip),
+	    cmocka_unit_test(test_no_room_for_a_descriptor),
 	    cmocka_unit_test(test_malformed_message),
 	    cmocka_unit_test(test_unknown_kind),
 	    cmocka_unit_test(test_caps),
