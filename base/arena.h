@@ -13,7 +13,7 @@
 struct arena {
 	uint8_t *start;
 	size_t size, used;
-	size_t peak;      /* largest `used` so far */
+	size_t peak; /* largest `used` so far */
 	bool overflow;
 };
 

@@ -189,7 +189,8 @@ int decimal_compare(struct decimal a, struct decimal b)
 	if (sign_a != sign_b || !sign_a)
 		return (sign_a > sign_b) - (sign_a < sign_b);
 	unsigned __int128 ma = magnitude(a.mantissa), mb = magnitude(b.mantissa);
-	int64_t top_a = (int64_t)digits_of(ma, digits) + a.exponent, top_b = (int64_t)digits_of(mb, digits) + b.exponent;
+	int64_t top_a = (int64_t)digits_of(ma, digits) + a.exponent,
+		top_b = (int64_t)digits_of(mb, digits) + b.exponent;
 
 	if (top_a != top_b)
 		return top_a > top_b ? sign_a : -sign_a;
@@ -218,7 +219,8 @@ double decimal_scaled_double(struct decimal scale, int64_t n)
 	int64_t product;
 
 	if (!__builtin_mul_overflow(scale.mantissa, n, &product) && product <= (INT64_C(1) << 53) &&
-	    product >= -(INT64_C(1) << 53) && scale.exponent >= -POWER_EXACT && scale.exponent <= POWER_EXACT) {
+	    product >= -(INT64_C(1) << 53) && scale.exponent >= -POWER_EXACT &&
+	    scale.exponent <= POWER_EXACT) {
 		if (scale.exponent < 0)
 			return (double)product / power_ten[-scale.exponent];
 		return (double)product * power_ten[scale.exponent];
@@ -240,7 +242,7 @@ char *decimal_scaled_text(struct decimal scale, int64_t n, char buf[DECIMAL_TEXT
 
 	if (plain_text(minus, v, scale.exponent, buf, DECIMAL_TEXT_SIZE))
 		return buf;
-	/* Not a scale of a lattice. Still exact, though no longer plain; 39 digits and a short exponent fit. */
+	/* Not a scale of a lattice. Exact all the same; 39 digits and a short exponent fit. */
 	int count = digits_of(v, digits);
 
 	snprintf(buf, DECIMAL_TEXT_SIZE, "%s%.*se%d", minus ? "-" : "", count, digits, (int)scale.exponent);

@@ -62,8 +62,8 @@ static int raise_list(struct err *err, enum err_code code, int sys, const char *
 	return -(int)code;
 }
 
-int err_raise(struct err *err, enum err_code code, int sys, const char *src_file, int src_line, const char *fmt,
-	      ...)
+int err_raise(struct err *err, enum err_code code, int sys, const char *src_file, int src_line,
+	      const char *fmt, ...)
 {
 	va_list ap;
 
@@ -166,7 +166,7 @@ char *err_format(const struct err *err, char *buf, unsigned long size)
 	if (err->offset != ERR_NO_OFFSET)
 		snprintf(place, sizeof place, "byte %llu", (unsigned long long)err->offset);
 	snprintf(buf, size, "%s%s%s%s%s%s%s%s%s%s", err->file, err->file[0] ? ": " : "", place,
-		 place[0] && err->field[0] ? ", " : "", err->field, place[0] || err->field[0] ? ": " : "", message,
-		 err->hint[0] ? " (" : "", err->hint, err->hint[0] ? ")" : "");
+		 place[0] && err->field[0] ? ", " : "", err->field, place[0] || err->field[0] ? ": " : "",
+		 message, err->hint[0] ? " (" : "", err->hint, err->hint[0] ? ")" : "");
 	return buf;
 }

@@ -155,6 +155,7 @@ int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err)
 int io_close(int fd)
 {
 	if (fd >= 0)
-		io->close(fd); /* the number is free afterwards, whatever it answers; what matters was synced */
+		io->close(
+			fd); /* the number is free afterwards, whatever it answers; what matters was synced */
 	return -1;
 }

@@ -84,8 +84,8 @@ uint64_t ledger_held(struct ledger *l, enum ledger_name name)
 const char *ledger_name_text(enum ledger_name name)
 {
 	static const char *const text[LEDGER_NAMES] = {
-		[LEDGER_STAGE] = "stage",     [LEDGER_INDEX] = "index", [LEDGER_DOMAIN] = "domain",
-		[LEDGER_EMITTER] = "emitter", [LEDGER_PIPE] = "pipe",   [LEDGER_INPUT] = "input",
+		[LEDGER_STAGE] = "stage",     [LEDGER_INDEX] = "index",         [LEDGER_DOMAIN] = "domain",
+		[LEDGER_EMITTER] = "emitter", [LEDGER_PIPE] = "pipe",           [LEDGER_INPUT] = "input",
 		[LEDGER_MESSAGE] = "message", [LEDGER_CATALOGUE] = "catalogue",
 	};
 

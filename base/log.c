@@ -18,7 +18,7 @@ static const struct {
 	const char *text;
 	char priority; /* of syslog */
 } levels[] = {
-	[LOG_LEVEL_ERROR] = {"error", '3'}, [LOG_LEVEL_WARNING] = {"warning", '4'},
+	[LOG_LEVEL_ERROR] = {"error", '3'},   [LOG_LEVEL_WARNING] = {"warning", '4'},
 	[LOG_LEVEL_NOTICE] = {"notice", '5'}, [LOG_LEVEL_INFO] = {"info", '6'},
 	[LOG_LEVEL_DEBUG] = {"debug", '7'},
 };
@@ -27,7 +27,8 @@ static const char *log_program = "acut";
 static enum log_level log_most = LOG_LEVEL_INFO;
 static bool log_journal;
 
-/* $JOURNAL_STREAM is "device:inode" of the stream that systemd made; stderr may have been redirected since. */
+/* $JOURNAL_STREAM is "device:inode" of the stream that systemd made; stderr may have been redirected since.
+ */
 static bool stderr_is_journal(void)
 {
 	const char *stream = getenv("JOURNAL_STREAM");

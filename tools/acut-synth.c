@@ -36,7 +36,8 @@ static const char help[] =
 	"  --seed N           another seed, another survey (1)\n"
 	"  --format 1|6       point format: LAS 1.2, or LAS 1.4 (1)\n"
 	"  --no-crs           say nothing of the coordinate system\n"
-	"  --distribution D   survey, uniform, grid, clustered, two-clusters, circle, ring, parabola, corridor,\n"
+	"  --distribution D   survey, uniform, grid, clustered, two-clusters, circle, ring, parabola, "
+	"corridor,\n"
 	"                     corridor-diagonal, collinear, duplicates (survey)\n"
 	"  --step N           of grid and collinear: steps from point to point\n"
 	"  --range N          of the other shapes: steps from end to end, up to 4294967296\n"
@@ -76,7 +77,8 @@ static bool parse_area(char *text, struct synth_options *o)
 	if (!x)
 		return false;
 	*x = '\0';
-	return parse_double(text, &o->width) && parse_double(x + 1, &o->height) && o->width > 0 && o->height > 0;
+	return parse_double(text, &o->width) && parse_double(x + 1, &o->height) && o->width > 0 &&
+	       o->height > 0;
 }
 
 static bool parse_origin(char *text, struct synth_options *o)
@@ -100,14 +102,29 @@ static bool parse_shape(const char *text, enum synth_shape *ret)
 	return false;
 }
 
-enum { OPT_POINTS = 256, OPT_DENSITY, OPT_AREA, OPT_SCALE, OPT_ORIGIN, OPT_SEED, OPT_FORMAT, OPT_SHAPE, OPT_STEP,
-       OPT_RANGE, OPT_NO_CRS, OPT_HELP, OPT_VERSION };
+enum {
+	OPT_POINTS = 256,
+	OPT_DENSITY,
+	OPT_AREA,
+	OPT_SCALE,
+	OPT_ORIGIN,
+	OPT_SEED,
+	OPT_FORMAT,
+	OPT_SHAPE,
+	OPT_STEP,
+	OPT_RANGE,
+	OPT_NO_CRS,
+	OPT_HELP,
+	OPT_VERSION
+};
 
 static const struct option long_options[] = {
-	{"points", 1, NULL, OPT_POINTS}, {"density", 1, NULL, OPT_DENSITY},    {"area", 1, NULL, OPT_AREA},
-	{"scale", 1, NULL, OPT_SCALE},   {"origin", 1, NULL, OPT_ORIGIN},      {"seed", 1, NULL, OPT_SEED},
-	{"format", 1, NULL, OPT_FORMAT}, {"distribution", 1, NULL, OPT_SHAPE}, {"step", 1, NULL, OPT_STEP},
-	{"range", 1, NULL, OPT_RANGE},   {"no-crs", 0, NULL, OPT_NO_CRS},      {"help", 0, NULL, OPT_HELP},
+	{"points", 1, NULL, OPT_POINTS},   {"density", 1, NULL, OPT_DENSITY},
+	{"area", 1, NULL, OPT_AREA},       {"scale", 1, NULL, OPT_SCALE},
+	{"origin", 1, NULL, OPT_ORIGIN},   {"seed", 1, NULL, OPT_SEED},
+	{"format", 1, NULL, OPT_FORMAT},   {"distribution", 1, NULL, OPT_SHAPE},
+	{"step", 1, NULL, OPT_STEP},       {"range", 1, NULL, OPT_RANGE},
+	{"no-crs", 0, NULL, OPT_NO_CRS},   {"help", 0, NULL, OPT_HELP},
 	{"version", 0, NULL, OPT_VERSION}, {0},
 };
 
@@ -161,8 +178,10 @@ static int fit(struct synth_options *o, double density, struct err *err)
 	}
 	if (o->shape != SYNTH_SURVEY)
 		return synth_shape_fit(o, err);
-	if (o->width * per_scale > 0x1p31 - 1 || o->height * per_scale > 0x1p31 - 1 || 1000 * per_scale > 0x1p31 - 1) {
-		err_set(err, ERR_USAGE, "%g x %g metres at this scale do not fit into 32 bits", o->width, o->height);
+	if (o->width * per_scale > 0x1p31 - 1 || o->height * per_scale > 0x1p31 - 1 ||
+	    1000 * per_scale > 0x1p31 - 1) {
+		err_set(err, ERR_USAGE, "%g x %g metres at this scale do not fit into 32 bits", o->width,
+			o->height);
 		return err_add_hint(err, "give a coarser --scale or a higher --density");
 	}
 	return 0;
@@ -173,7 +192,8 @@ static int make(const struct synth_options *o, struct synth_las *las, struct err
 {
 	struct synth_point ret[SYNTH_RETURNS];
 	struct synth_survey survey;
-	struct synth_noise height = {.seed = o->seed + 11, .per_metre = 1.0 / (o->range ? (double)o->range / 16 : 5000)};
+	struct synth_noise height = {.seed = o->seed + 11,
+				     .per_metre = 1.0 / (o->range ? (double)o->range / 16 : 5000)};
 	int rc = 0;
 
 	if (o->shape != SYNTH_SURVEY) {
@@ -286,7 +306,10 @@ static int finish(int rc, const struct err *err)
 
 int main(int argc, char **argv)
 {
-	struct synth_options o = {.points = 1000000, .seed = 1, .scale = {1, -2}, .format = 1,
+	struct synth_options o = {.points = 1000000,
+				  .seed = 1,
+				  .scale = {1, -2},
+				  .format = 1,
 				  .origin = {{5, 5}, {54, 5}, {0, 0}}};
 	struct err err = ERR_INIT;
 	double density = 0;
@@ -312,6 +335,7 @@ int main(int argc, char **argv)
 	}
 	rc = fit(&o, density, &err);
 	if (rc == 0)
-		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, STDOUT_FILENO, &err) : to_path(&o, argv[optind], &err);
+		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, STDOUT_FILENO, &err)
+						    : to_path(&o, argv[optind], &err);
 	return finish(rc, &err);
 }

@@ -19,8 +19,8 @@
 
 static const char help[] =
 	"Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
-	"Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule, digests;\n"
-	"and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
+	"Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
+	"digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
 	"\n"
 	"What the mesh was made of, as for acutctl:\n"
 	"  --class LIST, --returns all|first|last, --ground, --surface, --keep-withheld, --keep-noise,\n"
@@ -41,22 +41,40 @@ struct verdict {
 	bool with_points;
 	struct verify_report report;
 	struct digest digest, vertex_digest;
-	const char *fault;  /* NULL: good */
+	const char *fault; /* NULL: good */
 	char text[256];
 	double seconds;
 };
 
-enum { OPT_CLASS = 256, OPT_RETURNS, OPT_GROUND, OPT_SURFACE, OPT_WITHHELD, OPT_NOISE, OPT_DUPLICATES, OPT_PLANAR, OPT_JSON,
-       OPT_QUIET, OPT_HELP, OPT_VERSION };
+enum {
+	OPT_CLASS = 256,
+	OPT_RETURNS,
+	OPT_GROUND,
+	OPT_SURFACE,
+	OPT_WITHHELD,
+	OPT_NOISE,
+	OPT_DUPLICATES,
+	OPT_PLANAR,
+	OPT_JSON,
+	OPT_QUIET,
+	OPT_HELP,
+	OPT_VERSION
+};
 
 static const struct option long_options[] = {
-	{"class", 1, NULL, OPT_CLASS},           {"returns", 1, NULL, OPT_RETURNS},
-	{"ground", 0, NULL, OPT_GROUND},         {"surface", 0, NULL, OPT_SURFACE},
-	{"keep-withheld", 0, NULL, OPT_WITHHELD}, {"keep-noise", 0, NULL, OPT_NOISE},
-	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"planar", 0, NULL, OPT_PLANAR},
+	{"class", 1, NULL, OPT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},
+	{"ground", 0, NULL, OPT_GROUND},
+	{"surface", 0, NULL, OPT_SURFACE},
+	{"keep-withheld", 0, NULL, OPT_WITHHELD},
+	{"keep-noise", 0, NULL, OPT_NOISE},
+	{"duplicates", 1, NULL, OPT_DUPLICATES},
+	{"planar", 0, NULL, OPT_PLANAR},
 	{"json", 0, NULL, OPT_JSON},
-	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION},       {0},
+	{"quiet", 0, NULL, OPT_QUIET},
+	{"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},
+	{0},
 };
 
 /* The place of a word in a list, -1 if none. */
@@ -70,7 +88,8 @@ static int choice(const char *word, const char *const *words, int n)
 
 static int take_option(struct verdict *v, int option, const char *value, struct err *err)
 {
-	static const char *const returns[] = {"all", "first", "last"}, *const duplicates[] = {"lowest", "highest"};
+	static const char *const returns[] = {"all", "first", "last"};
+	static const char *const duplicates[] = {"lowest", "highest"};
 	int i = 0;
 
 	switch (option) {
@@ -205,13 +224,15 @@ static void print_json(const struct verdict *v)
 		printf(",\"place\":[%s,%s,%s]", place[0], place[1], place[2]);
 	else
 		printf(",\"place\":null");
-	printf(",\"vertices\":%zu,\"triangles\":%zu,\"edges\":%llu,\"inner_edges\":%llu,\"ties\":%llu,\"hull\":%llu",
+	printf(",\"vertices\":%zu,\"triangles\":%zu,\"edges\":%llu,\"inner_edges\":%llu,\"ties\":%llu,"
+	       "\"hull\":%llu",
 	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->inner,
 	       (unsigned long long)r->ties, (unsigned long long)r->hull);
 	printf(",\"lattice\":\"%s\",\"crs\":", lattice_text(&v->mesh.lattice, lattice));
 	print_string(stdout, v->mesh.crs[0] ? v->mesh.crs : "unknown");
-	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s", digest_hex(v->digest, hex[0]),
-	       digest_hex(v->vertex_digest, hex[1]), v->mesh.has_digest ? "true" : "false");
+	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s",
+	       digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
+	       v->mesh.has_digest ? "true" : "false");
 	if (v->with_points) {
 		printf(",\"points\":%llu,\"used\":%llu,\"positions\":%llu,\"rounded\":%llu,\"removed\":{",
 		       (unsigned long long)v->points.read, (unsigned long long)v->points.n,
@@ -234,20 +255,22 @@ static void print_text(const struct verdict *v)
 	if (v->fault) {
 		place_text(v, place);
 		if (r->has_place)
-			printf("%s: wrong (%s): %s, at %s %s %s\n", v->name, v->fault, v->text, place[0], place[1], place[2]);
+			printf("%s: wrong (%s): %s, at %s %s %s\n", v->name, v->fault, v->text, place[0],
+			       place[1], place[2]);
 		else
 			printf("%s: wrong (%s): %s\n", v->name, v->fault, v->text);
 		return;
 	}
 	printf("%s: good\n", v->name);
-	printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n", v->mesh.nvertex,
-	       v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+	printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n",
+	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
 	       (unsigned long long)r->inner, (unsigned long long)r->ties);
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
 	       v->mesh.has_digest ? "as the file says" : "not in the file");
 	if (v->with_points)
-		printf("  points    %llu read, %zu in the view, %llu positions: each a vertex with its height, and no other\n",
+		printf("  points    %llu read, %zu in the view, %llu positions: each a vertex with its "
+		       "height, and no other\n",
 		       (unsigned long long)v->points.read, v->points.n, (unsigned long long)r->positions);
 }
 

@@ -19,11 +19,11 @@ struct err;
 /* A mesh file in memory (check_ply.c). */
 struct check_mesh {
 	struct lattice lattice;
-	struct decimal origin[3];     /* taken off the coordinates of the file; zero if the file names none */
+	struct decimal origin[3]; /* taken off the coordinates of the file; zero if the file names none */
 	bool has_digest;
 	struct digest digest, vertex_digest; /* as the file says */
 	char crs[512];
-	int32_t (*vertex)[3];         /* lattice numbers */
+	int32_t (*vertex)[3]; /* lattice numbers */
 	uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;
 };

@@ -34,15 +34,16 @@ static int make_room(struct check_points *c, size_t n, struct err *err)
 	return 0;
 }
 
-static int keep(struct check_points *c, const struct batch *b, size_t n, const struct view *view, struct err *err)
+static int keep(struct check_points *c, const struct batch *b, size_t n, const struct view *view,
+		struct err *err)
 {
 	int rc = make_room(c, n, err);
 
 	if (rc)
 		return rc;
 	for (size_t i = 0; i < n; i++) {
-		struct point p = {b->at[i][0], b->at[i][1], b->at[i][2], b->cls[i], b->ret[i],
-				  (uint16_t)(b->flags[i] & POINT_FLAGS)};
+		struct point p = {b->at[i][0], b->at[i][1], b->at[i][2],
+				  b->cls[i],   b->ret[i],   (uint16_t)(b->flags[i] & POINT_FLAGS)};
 		enum view_rule rule = view_judge(view, &p);
 
 		c->removed[rule]++;
@@ -56,22 +57,24 @@ static int keep(struct check_points *c, const struct batch *b, size_t n, const s
 static int read_all(struct check_points *c, struct input *in, struct batch *b, const struct lattice *l,
 		    const struct view *view, struct err *err)
 {
-	struct input_points pts = {.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
+	struct input_points pts = {
+		.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
 	double shift[3] = {0, 0, 0};
 	struct lattice_map map;
 	size_t bad;
 	int rc = lattice_map_init(&map, l, &input_info(in)->coords, err);
 
 	while (rc == 0 && (rc = input_read(in, &pts, err)) == 0 && pts.n > 0) {
-		rc = lattice_map_apply(&map, (const int64_t(*)[3])b->raw, pts.n, b->at, &c->rounded, shift, &bad, err);
+		rc = lattice_map_apply(&map, (const int64_t(*)[3])b->raw, pts.n, b->at, &c->rounded, shift,
+				       &bad, err);
 		if (rc == 0)
 			rc = keep(c, b, pts.n, view, err);
 	}
 	return rc;
 }
 
-int check_points_read(struct check_points *c, const char *path, const struct lattice *l, const struct view *view,
-		      struct err *err)
+int check_points_read(struct check_points *c, const char *path, const struct lattice *l,
+		      const struct view *view, struct err *err)
 {
 	/* Degrees are a plane here: whether that was wise was judged when the mesh was made. */
 	const struct input_options options = {.planar = true};

@@ -35,22 +35,22 @@ enum synth_shape {
 struct synth_options {
 	enum synth_shape shape;
 	uint64_t points, seed;
-	double density;        /* points a square metre */
-	double width, height;  /* metres */
+	double density;       /* points a square metre */
+	double width, height; /* metres */
 	struct decimal scale;
 	struct decimal origin[3];
-	uint64_t step, range;  /* lattice units; 0: from density and area */
-	unsigned format;       /* 1 or 6 */
+	uint64_t step, range; /* lattice units; 0: from density and area */
+	unsigned format;      /* 1 or 6 */
 	bool no_crs;
 };
 
 struct synth_point {
-	int32_t x, y, z;       /* raw numbers of the file */
+	int32_t x, y, z; /* raw numbers of the file */
 	uint16_t intensity, source;
 	uint8_t cls, number, count;
-	uint8_t flags;         /* POINT_WITHHELD ... */
-	bool forward, edge;    /* direction of the scan, last pulse of its line */
-	float angle;           /* degrees */
+	uint8_t flags;      /* POINT_WITHHELD ... */
+	bool forward, edge; /* direction of the scan, last pulse of its line */
+	float angle;        /* degrees */
 	double time;
 };
 
@@ -95,7 +95,7 @@ struct synth_land {
 	struct synth_noise ridge, hill, bump, rough, forest, tree, town, bend;
 	double width, height;
 	uint64_t seed;
-	struct {               /* the block of houses asked for last */
+	struct { /* the block of houses asked for last */
 		int64_t bx, by;
 		bool known, built, gabled;
 		double x0, x1, y0, y1, eaves;
@@ -131,7 +131,7 @@ struct synth_las {
 	const struct synth_options *options;
 	int fd;
 	const char *name;
-	bool dry;               /* counts and measures, writes nothing */
+	bool dry; /* counts and measures, writes nothing */
 	uint64_t count, by_return[15];
 	int32_t min[3], max[3];
 	uint8_t *buffer;
@@ -143,7 +143,8 @@ struct synth_las {
 size_t synth_las_head_size(const struct synth_options *);
 /* The header with what `las` has counted; `bytes` of that size. */
 void synth_las_head(const struct synth_las *, uint8_t *bytes);
-int synth_las_open(struct synth_las *, const struct synth_options *, int fd, const char *name, struct err *err);
+int synth_las_open(struct synth_las *, const struct synth_options *, int fd, const char *name,
+		   struct err *err);
 int synth_las_put(struct synth_las *, const struct synth_point *, struct err *err);
 int synth_las_flush(struct synth_las *, struct err *err);
 /* All bytes, by write(2). A closed pipe is -ERR_IO with sys EPIPE. */

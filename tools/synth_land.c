@@ -13,7 +13,8 @@ double synth_noise_at(struct synth_noise *n, double x, double y)
 
 	if (!n->known || ix != n->ix || iy != n->iy) {
 		for (unsigned i = 0; i < 4; i++) {
-			uint64_t cell = (uint64_t)(ix + (i & 1)) * UINT64_C(0x1000000000000061) + (uint64_t)(iy + (i >> 1));
+			uint64_t cell = (uint64_t)(ix + (i & 1)) * UINT64_C(0x1000000000000061) +
+					(uint64_t)(iy + (i >> 1));
 
 			n->corner[i] = synth_fraction((uint32_t)(synth_hash(n->seed, cell) >> 32));
 		}
@@ -80,8 +81,8 @@ static double ground(struct synth_land *l, double x, double y, double river)
 {
 	double n = 2 * synth_noise_at(&l->ridge, x, y) - 1, ridge = 1 - (n < 0 ? -n : n);
 	double bank = river - river_half(l), level = 180 + 0.0015 * y;
-	double z = 140 * ridge * ridge + 45 * synth_noise_at(&l->hill, x, y) + 5 * synth_noise_at(&l->bump, x, y) +
-		   0.25 * synth_noise_at(&l->rough, x, y);
+	double z = 140 * ridge * ridge + 45 * synth_noise_at(&l->hill, x, y) +
+		   5 * synth_noise_at(&l->bump, x, y) + 0.25 * synth_noise_at(&l->rough, x, y);
 
 	return bank <= 0 ? level : level + 0.4 + z * (bank / (bank + 160));
 }

@@ -51,20 +51,24 @@ int synth_shape_fit(struct synth_options *o, struct err *err)
 		uint64_t many = o->shape == SYNTH_GRID ? side_of(o->points) : o->points;
 
 		if (o->step > span_most || many > span_most / o->step)
-			return err_set(err, ERR_USAGE, "a step of %llu with %llu points does not fit into 32 bits",
+			return err_set(err, ERR_USAGE,
+				       "a step of %llu with %llu points does not fit into 32 bits",
 				       (unsigned long long)o->step, (unsigned long long)o->points);
 		return 0;
 	}
 	if (!o->range) {
 		widest *= lengthened(o, widest * per_scale);
 		if (widest * per_scale >= (double)range_most)
-			return err_set(err, ERR_USAGE, "%g metres at this scale do not fit into 32 bits; use --range", widest);
+			return err_set(err, ERR_USAGE,
+				       "%g metres at this scale do not fit into 32 bits; use --range",
+				       widest);
 		o->range = (uint64_t)(widest * per_scale) + 1;
 	}
 	if (o->range > range_most)
 		return err_set(err, ERR_USAGE, "--range goes up to %llu", (unsigned long long)range_most);
 	if (o->shape == SYNTH_PARABOLA && o->points > span_most)
-		return err_set(err, ERR_USAGE, "a parabola has up to %llu points", (unsigned long long)span_most);
+		return err_set(err, ERR_USAGE, "a parabola has up to %llu points",
+			       (unsigned long long)span_most);
 	return 0;
 }
 
@@ -100,7 +104,8 @@ static void clustered(const struct synth_options *o, uint64_t h, uint64_t g, int
 		xy[1] = within(o->range, (uint32_t)(g >> 32));
 		return;
 	}
-	uint64_t middle = synth_hash(o->seed + 21, h / 10 % CLUSTERS), reach = o->range / (40 + (middle & 127)) + 2;
+	uint64_t middle = synth_hash(o->seed + 21, h / 10 % CLUSTERS),
+		 reach = o->range / (40 + (middle & 127)) + 2;
 
 	xy[0] = within(o->range, (uint32_t)middle) + bell(reach, h ^ h >> 7);
 	xy[1] = within(o->range, (uint32_t)(middle >> 32)) + bell(reach, g);
@@ -109,7 +114,8 @@ static void clustered(const struct synth_options *o, uint64_t h, uint64_t g, int
 static void parabola(const struct synth_options *o, uint64_t i, int64_t xy[2])
 {
 	/* y = x^2 exactly while that fits; beyond, the same curve with y in coarser units. */
-	int64_t x = (int64_t)(i - o->points / 2), most = (int64_t)(o->points / 2 + 1), coarse = most * most / (int64_t)(span_most / 2) + 1;
+	int64_t x = (int64_t)(i - o->points / 2), most = (int64_t)(o->points / 2 + 1),
+		coarse = most * most / (int64_t)(span_most / 2) + 1;
 
 	xy[0] = x;
 	xy[1] = x * x / coarse;
@@ -171,7 +177,8 @@ static int32_t clamped(int64_t v)
 	return (int32_t)(v < INT32_MIN ? INT32_MIN : v > INT32_MAX ? INT32_MAX : v);
 }
 
-void synth_shape_point(const struct synth_options *o, struct synth_noise *height, uint64_t i, struct synth_point *ret)
+void synth_shape_point(const struct synth_options *o, struct synth_noise *height, uint64_t i,
+		       struct synth_point *ret)
 {
 	int64_t xy[2];
 

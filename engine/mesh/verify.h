@@ -42,22 +42,22 @@ enum verify_fault {
 };
 
 struct verify_mesh {
-	const int32_t (*vertex)[3];   /* lattice numbers x, y, z */
+	const int32_t (*vertex)[3]; /* lattice numbers x, y, z */
 	const uint32_t (*triangle)[3];
 	size_t nvertex, ntriangle;
 };
 
 struct verify_report {
 	enum verify_fault fault;
-	char text[256];          /* what is wrong, in one sentence; "" if good */
+	char text[256]; /* what is wrong, in one sentence; "" if good */
 	bool has_place;
-	int32_t place[3];        /* lattice numbers, where the first fault is */
-	uint64_t edges;          /* undirected */
-	uint64_t inner;          /* of them tested for Delaunay */
-	uint64_t ties;           /* of those with four cocircular vertices, decided by the tie rule */
-	uint64_t hull;           /* vertices on the boundary, collinear ones included */
-	uint64_t points;         /* given for comparison */
-	uint64_t positions;      /* distinct ones among them */
+	int32_t place[3];   /* lattice numbers, where the first fault is */
+	uint64_t edges;     /* undirected */
+	uint64_t inner;     /* of them tested for Delaunay */
+	uint64_t ties;      /* of those with four cocircular vertices, decided by the tie rule */
+	uint64_t hull;      /* vertices on the boundary, collinear ones included */
+	uint64_t points;    /* given for comparison */
+	uint64_t positions; /* distinct ones among them */
 };
 
 /* 0 and the report; -ERR_NOMEM. No triangles is good if there are no vertices either: whether the points

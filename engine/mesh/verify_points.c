@@ -59,7 +59,8 @@ static void compare(const struct point *pts, size_t n, const struct point *verte
 
 	while (!r->fault && (i < n || v < nvertex)) {
 		const struct point *p = i < n ? &pts[i] : NULL, *q = v < nvertex ? &vertex[v] : NULL;
-		uint64_t kp = p ? point_morton(p->x, p->y) : UINT64_MAX, kq = q ? point_morton(q->x, q->y) : UINT64_MAX;
+		uint64_t kp = p ? point_morton(p->x, p->y) : UINT64_MAX,
+			 kq = q ? point_morton(q->x, q->y) : UINT64_MAX;
 
 		if (q && v > 0 && same_place(q, q - 1)) {
 			place_of(q, place);
@@ -72,8 +73,8 @@ static void compare(const struct point *pts, size_t n, const struct point *verte
 			verify_tell(r, VERIFY_EXTRA, place, "a vertex is none of the points");
 		} else if (p->z != q->z) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z,
-				    (int)p->z);
+			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d",
+				    (int)q->z, (int)p->z);
 		}
 		i++;
 		v++;

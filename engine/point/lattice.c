@@ -62,7 +62,8 @@ static int check_scales(const struct lattice_input *inputs, size_t n, struct err
 				continue;
 			err_set(err, ERR_INPUT, "the %c scale is %s, which is no scale", axis_name[a],
 				decimal_text(inputs[i].scale[a], text));
-			err_add_hint(err, "mend the header of the file: scales are positive, from 1e-40 to 1e8");
+			err_add_hint(err,
+				     "mend the header of the file: scales are positive, from 1e-40 to 1e8");
 			return err_add_file(err, inputs[i].name);
 		}
 	}
@@ -75,7 +76,8 @@ static int check_wanted(const struct decimal *scale, const char *what, struct er
 
 	if (!scale || scale_is_good(*scale))
 		return 0;
-	return err_set(err, ERR_USAGE, "%s is no %s scale: it must be positive, from 1e-40 to 1e8, of at most 17 digits",
+	return err_set(err, ERR_USAGE,
+		       "%s is no %s scale: it must be positive, from 1e-40 to 1e8, of at most 17 digits",
 		       decimal_text(*scale, text), what);
 }
 
@@ -137,8 +139,8 @@ static bool box_fits(double min, double max, double scale, int64_t k)
 
 /* Who is to blame that the boxes do not fit: one whose own box is too wide for the scale, else the one
  * of the finest scale if they differ, else the one that lies farthest out. */
-static const struct lattice_input *who_does_not_fit(const struct lattice_input *inputs, size_t n, unsigned axis,
-						    double scale, int64_t k)
+static const struct lattice_input *who_does_not_fit(const struct lattice_input *inputs, size_t n,
+						    unsigned axis, double scale, int64_t k)
 {
 	const struct lattice_input *fine = &inputs[0], *far = NULL;
 	bool differ = false;
@@ -155,7 +157,8 @@ static const struct lattice_input *who_does_not_fit(const struct lattice_input *
 			continue;
 		if ((in->max[axis] - in->min[axis]) / scale > 0x1p32)
 			return in;
-		double out = fmax(fabs(in->min[axis] / scale - (double)k), fabs(in->max[axis] / scale - (double)k));
+		double out = fmax(fabs(in->min[axis] / scale - (double)k),
+				  fabs(in->max[axis] / scale - (double)k));
 
 		if (out > most) {
 			most = out;
@@ -179,8 +182,8 @@ static int too_wide(const struct lattice_input *inputs, size_t n, unsigned axis,
 
 /* K of one axis. The offset of alike inputs serves if their own scale is kept (raw numbers are 32 bits), or
  * if the boxes fit around it; else the middle of the boxes; without boxes the smallest offset. */
-static int choose_k(const struct lattice_input *inputs, size_t n, unsigned axis, struct decimal scale, bool alike,
-		    int64_t *ret, struct err *err)
+static int choose_k(const struct lattice_input *inputs, size_t n, unsigned axis, struct decimal scale,
+		    bool alike, int64_t *ret, struct err *err)
 {
 	struct extent e = all_boxes(inputs, n, axis);
 	struct decimal middle = {0, 0};

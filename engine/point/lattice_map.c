@@ -34,7 +34,8 @@ static __int128 gcd(__int128 a, __int128 b)
 	return a;
 }
 
-/* coordinate = raw * fs + fo = (X + k) * ls, so X = (raw * fs + fo - k * ls) / ls; all over one power of ten. */
+/* coordinate = raw * fs + fo = (X + k) * ls, so X = (raw * fs + fo - k * ls) / ls; all over one power of ten.
+ */
 static bool axis_init(struct decimal fs, struct decimal fo, struct decimal ls, int64_t k, __int128 *ret_a,
 		      __int128 *ret_b, __int128 *ret_d)
 {
@@ -70,9 +71,10 @@ int lattice_map_init(struct lattice_map *map, const struct lattice *l, const str
 		struct decimal offset = in->has_offset ? in->offset[i] : (struct decimal){0, 0};
 
 		m.scale[i] = i < 2 ? l->scale_xy : l->scale_z;
-		if (in->scale[i].mantissa <= 0 ||
-		    !axis_init(in->scale[i], offset, m.scale[i], l->k[i], &m.axis[i].a, &m.axis[i].b, &m.axis[i].d)) {
-			err_set(err, ERR_INPUT, "%c scale %s and offset %s cannot be brought exactly to the scale %s",
+		if (in->scale[i].mantissa <= 0 || !axis_init(in->scale[i], offset, m.scale[i], l->k[i],
+							     &m.axis[i].a, &m.axis[i].b, &m.axis[i].d)) {
+			err_set(err, ERR_INPUT,
+				"%c scale %s and offset %s cannot be brought exactly to the scale %s",
 				"xyz"[i], decimal_text(in->scale[i], fs), decimal_text(offset, fo),
 				decimal_text(m.scale[i], ls));
 			err_add_hint(err, "mend the header of the file: its numbers have too many digits");
@@ -115,9 +117,12 @@ static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], si
 				continue;
 			*ret_bad = i;
 			err_set(err, ERR_LIMIT,
-				"%c of a point lies %.6g beyond the middle of the lattice, which reaches %.6g", "xyz"[a],
-				(double)v * decimal_double(m->scale[a]), 0x1p31 * decimal_double(m->scale[a]));
-			return err_add_hint(err, "use a coarser --scale, a dataset of its own, or mend the file");
+				"%c of a point lies %.6g beyond the middle of the lattice, which reaches "
+				"%.6g",
+				"xyz"[a], (double)v * decimal_double(m->scale[a]),
+				0x1p31 * decimal_double(m->scale[a]));
+			return err_add_hint(err,
+					    "use a coarser --scale, a dataset of its own, or mend the file");
 		}
 	}
 	return err_set(err, ERR_INTERNAL, "a point is out of range, but none was found");
@@ -140,7 +145,8 @@ static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], siz
 	*ret_narrow = true;
 	for (unsigned i = 0; i < 3; i++) {
 		__int128 a = m->axis[i].a, b = m->axis[i].b, d = m->axis[i].d;
-		__int128 low = 2 * (lo[i] * a + b) + d, high = 2 * (hi[i] * a + b) + d, limit = (__int128)1 << 62;
+		__int128 low = 2 * (lo[i] * a + b) + d, high = 2 * (hi[i] * a + b) + d,
+			 limit = (__int128)1 << 62;
 
 		if (!in_range(map_one(a, b, d, lo[i], &off)) || !in_range(map_one(a, b, d, hi[i], &off)))
 			return false;
@@ -208,7 +214,8 @@ static void apply_wide(const struct lattice_map *m, const int64_t (*raw)[3], siz
 		for (unsigned k = 0; k < 3; k++) {
 			__int128 off;
 
-			ret[i][k] = (int32_t)map_one(m->axis[k].a, m->axis[k].b, m->axis[k].d, raw[i][k], &off);
+			ret[i][k] =
+				(int32_t)map_one(m->axis[k].a, m->axis[k].b, m->axis[k].d, raw[i][k], &off);
 			rounded |= off != 0;
 			if (off > most[k])
 				most[k] = off;

@@ -33,7 +33,8 @@ static inline struct pair pair_of(const struct point *p)
 
 	return (struct pair){
 		point_morton(p->x, p->y),
-		(uint64_t)((uint32_t)p->z ^ 0x80000000u) << 32 | (uint64_t)p->cls << 24 | (uint64_t)p->ret << 16 | tag,
+		(uint64_t)((uint32_t)p->z ^ 0x80000000u) << 32 | (uint64_t)p->cls << 24 |
+			(uint64_t)p->ret << 16 | tag,
 	};
 }
 

@@ -55,7 +55,8 @@ static bool has_class(const struct view *v, const struct point *p)
 	return !v->ground || p->cls == CLASS_GROUND || p->cls == CLASS_KEY || (p->tag & POINT_KEY);
 }
 
-/* Number 0 (no returns known) is first, and last where the count is 0 or 1; a number beyond its count is last. */
+/* Number 0 (no returns known) is first, and last where the count is 0 or 1; a number beyond its count is
+ * last. */
 static bool has_return(unsigned returns, const struct point *p)
 {
 	switch (returns) {
@@ -98,8 +99,12 @@ bool view_prefers(const struct view *v, const struct point *a, const struct poin
 const char *view_rule_text(enum view_rule rule)
 {
 	static const char *const text[VIEW_RULES] = {
-		[VIEW_KEPT] = "kept",         [VIEW_BY_CLASS] = "class",       [VIEW_BY_NOISE] = "noise",
-		[VIEW_BY_RETURNS] = "returns", [VIEW_BY_WITHHELD] = "withheld", [VIEW_BY_DUPLICATE] = "duplicate",
+		[VIEW_KEPT] = "kept",
+		[VIEW_BY_CLASS] = "class",
+		[VIEW_BY_NOISE] = "noise",
+		[VIEW_BY_RETURNS] = "returns",
+		[VIEW_BY_WITHHELD] = "withheld",
+		[VIEW_BY_DUPLICATE] = "duplicate",
 	};
 
 	return (unsigned)rule < VIEW_RULES ? text[rule] : "unknown";

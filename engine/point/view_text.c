@@ -26,7 +26,8 @@ static size_t classes_text(const uint64_t classes[4], char *buf, size_t size)
 			continue;
 		while (last < 255 && class_bit(classes, last + 1))
 			last++;
-		n += (size_t)snprintf(buf + n, size - n, last > c ? "%s%u-%u" : "%s%u", n ? "," : "", c, last);
+		n += (size_t)snprintf(buf + n, size - n, last > c ? "%s%u-%u" : "%s%u", n ? "," : "", c,
+				      last);
 		c = last;
 	}
 	return n;

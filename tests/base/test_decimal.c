@@ -61,7 +61,8 @@ static struct fixed fixed_of_product(int64_t a, int64_t b, int e)
 
 	for (int i = 0; i < na; i++)
 		for (int j = 0; j < nb; j++)
-			product[i + j] += (unsigned long)(ta[na - 1 - i] - '0') * (unsigned long)(tb[nb - 1 - j] - '0');
+			product[i + j] +=
+				(unsigned long)(ta[na - 1 - i] - '0') * (unsigned long)(tb[nb - 1 - j] - '0');
 	for (int i = 0; i < 47; i++) {
 		product[i + 1] += product[i] / 10;
 		product[i] %= 10;
@@ -158,7 +159,8 @@ static void test_scaled_text(void **state)
 	char buf[DECIMAL_TEXT_SIZE];
 
 	for (int i = 0; i < 60000; i++) {
-		struct decimal d = {(int64_t)(rnd() % 100000000000000000u >> (rnd() % 56)) | 1, (int32_t)(rnd() % 49) - 40};
+		struct decimal d = {(int64_t)(rnd() % 100000000000000000u >> (rnd() % 56)) | 1,
+				    (int32_t)(rnd() % 49) - 40};
 		int64_t n = (int64_t)rnd() >> (rnd() % 64);
 		struct fixed want = fixed_of_product(d.mantissa, n, d.exponent), got = {0};
 		char *t = decimal_scaled_text(d, n, buf), *point = strchr(t, '.');
@@ -187,9 +189,18 @@ static void test_from_double(void **state)
 		double v;
 		const char *text;
 	} rows[] = {
-		{0, "0"}, {-0.0, "0"}, {0.01, "0.01"}, {0.001, "0.001"}, {1e-7, "0.0000001"}, {-2.5, "-2.5"},
-		{0.3048006096012192, "3048006096012192e-16"}, {100, "100"}, {1e22, "1e22"}, {5e-324, "5e-324"},
-		{0.1 + 0.2, "30000000000000004e-17"}, {1.7976931348623157e308, "17976931348623157e292"},
+		{0, "0"},
+		{-0.0, "0"},
+		{0.01, "0.01"},
+		{0.001, "0.001"},
+		{1e-7, "0.0000001"},
+		{-2.5, "-2.5"},
+		{0.3048006096012192, "3048006096012192e-16"},
+		{100, "100"},
+		{1e22, "1e22"},
+		{5e-324, "5e-324"},
+		{0.1 + 0.2, "30000000000000004e-17"},
+		{1.7976931348623157e308, "17976931348623157e292"},
 	};
 	char buf[DECIMAL_TEXT_SIZE];
 	struct decimal d = {7, 7};
@@ -223,14 +234,47 @@ static void test_parse(void **state)
 		int64_t mantissa;
 		int32_t exponent;
 	} good[] = {
-		{"0", 0, 0}, {"-0.000", 0, 0}, {"1", 1, 0}, {"+1.50", 15, -1}, {"100", 1, 2}, {"100.5", 1005, -1},
-		{"0.001", 1, -3}, {"1e-3", 1, -3}, {"1E+3", 1, 3}, {"-12.5e1", -125, 0}, {"0e99999999999", 0, 0},
-		{"9223372036854775807", INT64_MAX, 0}, {"0009.9000", 99, -1}, {"10000000000000000000000", 1, 22},
-		{"1.00000000000000000000000", 1, 0}, {"0.0000000000000000000000000001", 1, -28},
+		{"0", 0, 0},
+		{"-0.000", 0, 0},
+		{"1", 1, 0},
+		{"+1.50", 15, -1},
+		{"100", 1, 2},
+		{"100.5", 1005, -1},
+		{"0.001", 1, -3},
+		{"1e-3", 1, -3},
+		{"1E+3", 1, 3},
+		{"-12.5e1", -125, 0},
+		{"0e99999999999", 0, 0},
+		{"9223372036854775807", INT64_MAX, 0},
+		{"0009.9000", 99, -1},
+		{"10000000000000000000000", 1, 22},
+		{"1.00000000000000000000000", 1, 0},
+		{"0.0000000000000000000000000001", 1, -28},
 	};
 	static const char *const bad[] = {
-		"", "-", "+", ".", ".5", "5.", "1e", "1e+", "1e5 ", " 1", "1 ", "0x10", "inf", "nan", "1,5", "--1", "1.2.3",
-		"9223372036854775808", "12345678901234567891", "1e10000", "1e-10000", "1e99999999999999999999", "1_0",
+		"",
+		"-",
+		"+",
+		".",
+		".5",
+		"5.",
+		"1e",
+		"1e+",
+		"1e5 ",
+		" 1",
+		"1 ",
+		"0x10",
+		"inf",
+		"nan",
+		"1,5",
+		"--1",
+		"1.2.3",
+		"9223372036854775808",
+		"12345678901234567891",
+		"1e10000",
+		"1e-10000",
+		"1e99999999999999999999",
+		"1_0",
 	};
 	struct decimal d;
 
@@ -267,7 +311,8 @@ static void test_compare(void **state)
 {
 	for (int i = 0; i < 50000; i++) {
 		struct decimal a = {(int64_t)(rnd() >> (rnd() % 63 + 1)), (int32_t)(rnd() % 30) - 20};
-		struct decimal b = rnd() % 3 ? (struct decimal){(int64_t)(rnd() >> (rnd() % 63 + 1)), (int32_t)(rnd() % 30) - 20}
+		struct decimal b = rnd() % 3 ? (struct decimal){(int64_t)(rnd() >> (rnd() % 63 + 1)),
+								(int32_t)(rnd() % 30) - 20}
 					     : a;
 
 		if (rnd() % 4 == 0 && b.mantissa < INT64_MAX / 10) {
@@ -275,7 +320,8 @@ static void test_compare(void **state)
 			b.exponent--;
 			b.mantissa += (int64_t)(rnd() % 3) - 1;
 		}
-		struct fixed fa = fixed_of_product(a.mantissa, 1, a.exponent), fb = fixed_of_product(b.mantissa, 1, b.exponent);
+		struct fixed fa = fixed_of_product(a.mantissa, 1, a.exponent),
+			     fb = fixed_of_product(b.mantissa, 1, b.exponent);
 		int sa = rnd() % 2 ? 1 : -1, sb = rnd() % 4 ? sa : -sa, want;
 
 		a.mantissa *= sa;

@@ -20,7 +20,8 @@ static const uint8_t secret[64] = {
 	0xb8, 0x08, 0x46, 0x74, 0xf7, 0x43, 0x24, 0x8e, 0xe0, 0x35, 0x90, 0xe6, 0x81, 0x3a, 0x26, 0x4c,
 };
 
-static const uint64_t prime1 = 0x9e3779b185ebca87u, prime2 = 0xc2b2ae3d27d4eb4fu, prime4 = 0x85ebca77c2b2ae63u;
+static const uint64_t prime1 = 0x9e3779b185ebca87u, prime2 = 0xc2b2ae3d27d4eb4fu,
+		      prime4 = 0x85ebca77c2b2ae63u;
 
 static uint64_t read64(const uint8_t *b)
 {
@@ -33,7 +34,8 @@ static uint64_t read64(const uint8_t *b)
 
 static uint64_t mix16(const uint8_t *in, const uint8_t *key)
 {
-	unsigned __int128 p = (unsigned __int128)(read64(in) ^ read64(key)) * (read64(in + 8) ^ read64(key + 8));
+	unsigned __int128 p =
+		(unsigned __int128)(read64(in) ^ read64(key)) * (read64(in + 8) ^ read64(key + 8));
 
 	return (uint64_t)p ^ (uint64_t)(p >> 64);
 }
@@ -152,8 +154,12 @@ static void test_sums(void **state)
 static void test_hex(void **state)
 {
 	static const char *const bad[] = {
-		"", "0123456789abcdef0123456789abcde", "0123456789abcdef0123456789abcdef0",
-		"0123456789ABCDEF0123456789abcdef", "0123456789abcdefg123456789abcdef", " 123456789abcdef0123456789abcdef",
+		"",
+		"0123456789abcdef0123456789abcde",
+		"0123456789abcdef0123456789abcdef0",
+		"0123456789ABCDEF0123456789abcdef",
+		"0123456789abcdefg123456789abcdef",
+		" 123456789abcdef0123456789abcdef",
 	};
 	struct digest d = {0x0123456789abcdefu, 0xfu}, e = {7, 7};
 	char hex[DIGEST_HEX_SIZE];
@@ -170,8 +176,9 @@ static void test_hex(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_triangle), cmocka_unit_test(test_orientation_matters), cmocka_unit_test(test_vertex),
-		cmocka_unit_test(test_sums),     cmocka_unit_test(test_hex),
+		cmocka_unit_test(test_triangle), cmocka_unit_test(test_orientation_matters),
+		cmocka_unit_test(test_vertex),   cmocka_unit_test(test_sums),
+		cmocka_unit_test(test_hex),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -91,8 +91,17 @@ static int f_mkdirat(int d, const char *path, mode_t mode)
 }
 
 static const struct io_table faulty = {
-	.openat = f_openat, .close = close, .read = read, .pread = f_pread, .pwrite = f_pwrite, .fsync = f_fsync,
-	.renameat = f_renameat, .unlinkat = f_unlinkat, .ftruncate = ftruncate, .fstat = fstat, .mkdirat = f_mkdirat,
+	.openat = f_openat,
+	.close = close,
+	.read = read,
+	.pread = f_pread,
+	.pwrite = f_pwrite,
+	.fsync = f_fsync,
+	.renameat = f_renameat,
+	.unlinkat = f_unlinkat,
+	.ftruncate = ftruncate,
+	.fstat = fstat,
+	.mkdirat = f_mkdirat,
 };
 
 static void fault_set(int at, int error)
@@ -163,7 +172,8 @@ static void test_publish_each_fault(void **state)
 			assert_int_equal(err.sys, errors[e]);
 			assert_string_equal(err.file, at == 1 ? "a.tmp" : "a");
 			assert_false(there("a.tmp"));
-			assert_int_equal(there("a"), at == 5); /* only the last fsync may fail with the file in place */
+			assert_int_equal(there("a"),
+					 at == 5); /* only the last fsync may fail with the file in place */
 		}
 	}
 	io = &io_system;
@@ -242,8 +252,10 @@ static void test_remove_and_make_dir(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_publish_each_fault), cmocka_unit_test(test_short_and_interrupted),
-		cmocka_unit_test(test_read_fault), cmocka_unit_test(test_remove_and_make_dir),
+		cmocka_unit_test(test_publish_each_fault),
+		cmocka_unit_test(test_short_and_interrupted),
+		cmocka_unit_test(test_read_fault),
+		cmocka_unit_test(test_remove_and_make_dir),
 	};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);

@@ -28,7 +28,8 @@ static struct point point_with(unsigned cls, unsigned number, unsigned count, un
 
 static void test_matrix(void **state)
 {
-	struct view all = view_with(NULL), named = view_with("2,7"), ground = all, surface = all, last = all, loud = all;
+	struct view all = view_with(NULL), named = view_with("2,7"), ground = all, surface = all, last = all,
+		    loud = all;
 	struct view first = all, kept = all, ground7;
 
 	ground.ground = true;
@@ -89,7 +90,8 @@ static void test_matrix(void **state)
 		enum view_rule got = view_judge(rows[i].view, &p);
 
 		if (got != rows[i].want)
-			print_error("row %zu: %s, not %s\n", i, view_rule_text(got), view_rule_text(rows[i].want));
+			print_error("row %zu: %s, not %s\n", i, view_rule_text(got),
+				    view_rule_text(rows[i].want));
 		assert_int_equal(got, rows[i].want);
 	}
 	(void)state;
@@ -103,7 +105,11 @@ static void test_preference(void **state)
 
 	for (int z = 0; z < 3; z++)
 		for (unsigned m = 0; m < 16; m++)
-			all[n++] = (struct point){0, 0, z, (uint8_t)(m & 1), (uint8_t)(m >> 1 & 1),
+			all[n++] = (struct point){0,
+						  0,
+						  z,
+						  (uint8_t)(m & 1),
+						  (uint8_t)(m >> 1 & 1),
 						  (uint16_t)((m >> 2 & 1) | (m >> 3 & 1) << 4)};
 	for (unsigned mode = 0; mode < 4; mode++) {
 		struct view v = VIEW_INIT;
@@ -158,7 +164,8 @@ static void test_text_round_trip(void **state)
 		assert_true(digest_equal(view_hash(&v), view_hash(&w)));
 		assert_memory_equal(&v, &w, sizeof v);
 		for (size_t i = 0; i < nseen; i++)
-			assert_false(digest_equal(seen[i], view_hash(&v))); /* different views, different texts */
+			assert_false(
+				digest_equal(seen[i], view_hash(&v))); /* different views, different texts */
 		seen[nseen++] = view_hash(&v);
 	}
 	(void)state;
@@ -190,11 +197,28 @@ static void test_text(void **state)
 static void test_bad_texts(void **state)
 {
 	static const char *const bad[] = {
-		"", "view", "view 2", "view 1 ", "view  1", "view 1  ground", "view 1 class=", "view 1 class=2,", "view 1 class=02",
-		"view 1 class=3,2", "view 1 class=2,3", "view 1 class=256", "view 1 keep-noise keep-withheld", "view 1 surface",
-		"view 1 returns=all", "view 1 ground duplicates=highest", "view 1 ground ground", "view 1 Ground", "view 1ground",
+		"",
+		"view",
+		"view 2",
+		"view 1 ",
+		"view  1",
+		"view 1  ground",
+		"view 1 class=",
+		"view 1 class=2,",
+		"view 1 class=02",
+		"view 1 class=3,2",
+		"view 1 class=2,3",
+		"view 1 class=256",
+		"view 1 keep-noise keep-withheld",
+		"view 1 surface",
+		"view 1 returns=all",
+		"view 1 ground duplicates=highest",
+		"view 1 ground ground",
+		"view 1 Ground",
+		"view 1ground",
 	};
-	static const char *const lists[] = {"", ",", "2,", "-2", "2-", "5-2", "256", "2 ", " 2", "a", "2,,3", "1-2-3", "99999999999"};
+	static const char *const lists[] = {"",   ",",  "2,", "-2",   "2-",    "5-2",        "256",
+					    "2 ", " 2", "a",  "2,,3", "1-2-3", "99999999999"};
 	struct view v = VIEW_INIT, same = v;
 
 	for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
@@ -235,8 +259,9 @@ static void test_contradictions(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_matrix), cmocka_unit_test(test_preference), cmocka_unit_test(test_text_round_trip),
-		cmocka_unit_test(test_text),   cmocka_unit_test(test_bad_texts),  cmocka_unit_test(test_contradictions),
+		cmocka_unit_test(test_matrix),          cmocka_unit_test(test_preference),
+		cmocka_unit_test(test_text_round_trip), cmocka_unit_test(test_text),
+		cmocka_unit_test(test_bad_texts),       cmocka_unit_test(test_contradictions),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
