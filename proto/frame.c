@@ -24,9 +24,9 @@ int frame_header_get(const uint8_t bytes[FRAME_HEADER_SIZE], struct frame_header
 	unsigned magic = cursor_u16(&c);
 	unsigned version = cursor_u16(&c);
 	struct frame_header header = {
-		.length = cursor_u32(&c),
-		.request_id = cursor_u32(&c),
-		.descriptors = cursor_u8(&c),
+	    .length = cursor_u32(&c),
+	    .request_id = cursor_u32(&c),
+	    .descriptors = cursor_u8(&c),
 	};
 	unsigned padding = cursor_u8(&c) | (unsigned)cursor_u16(&c) << 8;
 

@@ -32,9 +32,9 @@ struct err;
 #define FRAME_PROTOCOL_MAX 1u
 
 struct frame_header {
-	uint32_t length;      /* bytes of the message after the header */
-	uint32_t request_id;  /* chosen by the client, 1 and up; an answer repeats it; 0: asked by nobody */
-	uint8_t descriptors;  /* that go with this frame: 0 or 1 */
+	uint32_t length;     /* bytes of the message after the header */
+	uint32_t request_id; /* chosen by the client, 1 and up; an answer repeats it; 0: asked by nobody */
+	uint8_t descriptors; /* that go with this frame: 0 or 1 */
 };
 
 /* Offsets: u16 magic, u16 version, u32 length, u32 request id, u8 descriptors, 3 bytes of zero. */
@@ -55,9 +55,10 @@ Acut__V1__Message *frame_message_free(Acut__V1__Message *);
 /* ---- a connection ---- */
 
 struct frame_limits {
-	size_t queue;          /* bytes of frames waiting to be sent; 0: 256 KiB */
-	size_t message;        /* bytes that one unpacked message may take; 0: 1 MiB */
-	struct ledger *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
+	size_t queue;   /* bytes of frames waiting to be sent; 0: 256 KiB */
+	size_t message; /* bytes that one unpacked message may take; 0: 1 MiB */
+	struct ledger
+	    *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
 };
 
 /* Positive results; the connection stays whole after AGAIN and FULL. */
@@ -82,9 +83,9 @@ bool frame_conn_wants_write(const struct frame_conn *);
 size_t frame_conn_queued(const struct frame_conn *); /* bytes not yet sent */
 
 /* The next whole frame. 0: *ret_message (frame_message_free it), *ret_id and *ret_fd (-1: none; else the
- * caller's, close-on-exec) are set. FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION, -ERR_IO,
- * -ERR_BUSY; after a negative result the connection is beyond use (each further call gives it again),
- * though an Error may still be sent. */
+ * caller's, close-on-exec) are set. FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION,
+ * -ERR_IO, -ERR_BUSY; after a negative result the connection is beyond use (each further call gives it
+ * again), though an Error may still be sent. */
 int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd,
 		    struct err *err);
 
@@ -114,8 +115,9 @@ int frame_error_to_err(const Acut__V1__Error *, struct err *err);
 char *frame_text_clean(char *text);
 
 /* A Message around one body: FRAME_MESSAGE(PROBED, probed, &p). */
-#define FRAME_MESSAGE(CASE, member, ptr) \
-	(&(Acut__V1__Message){ .base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor), \
-			       .body_case = ACUT__V1__MESSAGE__BODY_##CASE, .member = (ptr) })
+#define FRAME_MESSAGE(CASE, member, ptr)                                                                     \
+	(&(Acut__V1__Message){.base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor),               \
+			      .body_case = ACUT__V1__MESSAGE__BODY_##CASE,                                   \
+			      .member = (ptr)})
 
 #endif

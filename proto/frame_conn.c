@@ -40,15 +40,15 @@ struct frame_conn {
 
 	struct frame_header header; /* of the frame in hand, once `got` has passed it */
 	uint8_t head[FRAME_HEADER_SIZE];
-	uint8_t *body;              /* taken when the header is whole */
+	uint8_t *body; /* taken when the header is whole */
 	size_t body_size;
-	size_t got;                 /* bytes of the frame in hand, header included */
-	int in_fd;                  /* that came with it; -1 */
+	size_t got; /* bytes of the frame in hand, header included */
+	int in_fd;  /* that came with it; -1 */
 	bool broken;
-	struct err why;             /* if broken */
+	struct err why; /* if broken */
 
 	struct queued *first, **last;
-	size_t queued;              /* bytes not yet sent */
+	size_t queued; /* bytes not yet sent */
 };
 
 /* ---- memory ---- */
@@ -207,9 +207,9 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 		struct cmsghdr align;
 		char bytes[CMSG_SPACE(DESCRIPTORS_MAX * sizeof(int))];
 	} control;
-	struct iovec iov = { .iov_base = bytes, .iov_len = n };
-	struct msghdr msg = { .msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control,
-			      .msg_controllen = sizeof control };
+	struct iovec iov = {.iov_base = bytes, .iov_len = n};
+	struct msghdr msg = {
+	    .msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
 	bool had = conn->in_fd >= 0;
 	unsigned count;
 	ssize_t r;
@@ -226,11 +226,13 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 	if (r == 0 && conn->got == 0)
 		return FRAME_E_EOF;
 	if (r == 0)
-		return err_set(err, ERR_PROTO, "the other side went away in the middle of a frame (%zu bytes of it had come)",
+		return err_set(err, ERR_PROTO,
+			       "the other side went away in the middle of a frame (%zu bytes of it had come)",
 			       conn->got);
 	count = conn_take_descriptors(conn, &msg);
 	if (count + had > 1)
-		return err_set(err, ERR_PROTO, "a frame came with %u descriptors; at most 1 is allowed", count + had);
+		return err_set(err, ERR_PROTO, "a frame came with %u descriptors; at most 1 is allowed",
+			       count + had);
 	/* There was room for as many as can be sent: the process has no descriptor left. */
 	if (msg.msg_flags & MSG_CTRUNC) {
 		err_set(err, ERR_BUSY, "there is no room for one more descriptor");
@@ -307,8 +309,8 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 		return conn_break(conn, err);
 	if (r > 0)
 		return r;
-	r = frame_message_unpack(conn->body, conn->header.length, conn->limits.message, conn->limits.ledger, &message,
-				 err);
+	r = frame_message_unpack(conn->body, conn->header.length, conn->limits.message, conn->limits.ledger,
+				 &message, err);
 	if (r < 0)
 		return conn_break(conn, err);
 	*ret_id = conn->header.request_id;
@@ -321,14 +323,16 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 
 /* ---- out ---- */
 
-static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd, struct err *err)
+static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd,
+		      struct err *err)
 {
 	size_t length = acut__v1__message__get_packed_size(message);
-	struct frame_header header = { .request_id = id, .descriptors = fd >= 0 };
+	struct frame_header header = {.request_id = id, .descriptors = fd >= 0};
 	struct queued *q;
 
 	if (length > FRAME_BODY_MAX)
-		return err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u", length, FRAME_MAX);
+		return err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u",
+			       length, FRAME_MAX);
 	header.length = (uint32_t)length;
 	length += FRAME_HEADER_SIZE;
 	if (length > conn->limits.queue || conn->queued > conn->limits.queue - length)
@@ -336,7 +340,7 @@ static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Mess
 	q = conn_take(conn, sizeof *q + length);
 	if (!q)
 		return FRAME_E_FULL;
-	*q = (struct queued){ .size = length, .fd = fd };
+	*q = (struct queued){.size = length, .fd = fd};
 	frame_header_put(&header, q->bytes);
 	acut__v1__message__pack(message, q->bytes + FRAME_HEADER_SIZE);
 	*conn->last = q;
@@ -345,7 +349,8 @@ static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Mess
 	return 0;
 }
 
-int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd, struct err *err)
+int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd,
+		    struct err *err)
 {
 	int r = conn_queue(conn, id, message, fd, err);
 
@@ -367,9 +372,9 @@ static ssize_t conn_write(struct frame_conn *conn, struct queued *q)
 	union {
 		struct cmsghdr align;
 		char bytes[CMSG_SPACE(sizeof(int))];
-	} control = { 0 };
-	struct iovec iov = { .iov_base = q->bytes + q->sent, .iov_len = q->size - q->sent };
-	struct msghdr msg = { .msg_iov = &iov, .msg_iovlen = 1 };
+	} control = {0};
+	struct iovec iov = {.iov_base = q->bytes + q->sent, .iov_len = q->size - q->sent};
+	struct msghdr msg = {.msg_iov = &iov, .msg_iovlen = 1};
 	ssize_t r;
 
 	if (q->fd >= 0) {
@@ -378,8 +383,8 @@ static ssize_t conn_write(struct frame_conn *conn, struct queued *q)
 		msg.msg_control = &control;
 		msg.msg_controllen = sizeof control.bytes;
 		c = CMSG_FIRSTHDR(&msg);
-		*c = (struct cmsghdr){ .cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS,
-				       .cmsg_len = CMSG_LEN(sizeof(int)) };
+		*c = (struct cmsghdr){
+		    .cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS, .cmsg_len = CMSG_LEN(sizeof(int))};
 		memcpy(CMSG_DATA(c), &q->fd, sizeof q->fd);
 	}
 	do {

@@ -59,7 +59,7 @@ static struct chunk *arena_chunk(struct arena *a, size_t size)
 		return NULL;
 	}
 	a->taken += all;
-	*chunk = (struct chunk){ .next = a->chunks, .size = size };
+	*chunk = (struct chunk){.next = a->chunks, .size = size};
 	a->chunks = chunk;
 	return chunk;
 }
@@ -108,7 +108,12 @@ static void arena_drop(struct arena *a)
 /* Bytes of the UTF-8 sequence at s (its end is a zero byte), 0 if it is none. */
 static size_t utf8_length(const uint8_t *s)
 {
-	size_t n = s[0] < 0x80 ? 1 : s[0] < 0xc2 ? 0 : s[0] < 0xe0 ? 2 : s[0] < 0xf0 ? 3 : s[0] < 0xf5 ? 4 : 0;
+	size_t n = s[0] < 0x80   ? 1
+		   : s[0] < 0xc2 ? 0
+		   : s[0] < 0xe0 ? 2
+		   : s[0] < 0xf0 ? 3
+		   : s[0] < 0xf5 ? 4
+				 : 0;
 
 	for (size_t i = 1; i < n; i++)
 		if ((s[i] & 0xc0) != 0x80)
@@ -157,7 +162,8 @@ static int check_text(const ProtobufCFieldDescriptor *field, const char *text, s
 	return err_add_place(err, ERR_NO_OFFSET, field->name);
 }
 
-static int check_member(const ProtobufCFieldDescriptor *field, void *const *at, unsigned depth, struct err *err)
+static int check_member(const ProtobufCFieldDescriptor *field, void *const *at, unsigned depth,
+			struct err *err)
 {
 	if (field->type == PROTOBUF_C_TYPE_STRING)
 		return check_text(field, *at, err);
@@ -222,18 +228,19 @@ static int unpack_error(const struct arena *a, size_t size, struct err *err)
 		return err_add_hint(err, "try again when other clients are done, or set a larger --memory");
 	}
 	if (a->over_cap)
-		return err_set(err, ERR_PROTO, "a message of %zu bytes unpacks to more than %zu bytes", size, a->cap);
+		return err_set(err, ERR_PROTO, "a message of %zu bytes unpacks to more than %zu bytes", size,
+			       a->cap);
 	return err_set(err, ERR_PROTO, "a message of %zu bytes is malformed", size);
 }
 
 int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger,
 			 Acut__V1__Message **ret, struct err *err)
 {
-	struct arena a = { .cap = cap, .ledger = ledger };
+	struct arena a = {.cap = cap, .ledger = ledger};
 	size_t lead = (sizeof(struct arena_start) + sizeof(Acut__V1__Message) + 15) & ~(size_t)15;
 	struct chunk *chunk = arena_chunk(&a, lead + CHUNK_SIZE);
-	struct first first = { 0 };
-	ProtobufCAllocator allocator = { .alloc = first_alloc, .free = arena_keep, .allocator_data = &first };
+	struct first first = {0};
+	ProtobufCAllocator allocator = {.alloc = first_alloc, .free = arena_keep, .allocator_data = &first};
 	Acut__V1__Message *message;
 	int r;
 
@@ -305,7 +312,8 @@ int frame_error_to_err(const Acut__V1__Error *error, struct err *err)
 		error->message[0] ? error->message : "the daemon gave no reason");
 	if (error->file[0])
 		err_add_file(err, error->file);
-	err_add_place(err, error->has_offset ? error->offset : ERR_NO_OFFSET, error->field[0] ? error->field : NULL);
+	err_add_place(err, error->has_offset ? error->offset : ERR_NO_OFFSET,
+		      error->field[0] ? error->field : NULL);
 	if (error->hint[0])
 		err_add_hint(err, "%s", error->hint);
 	return -(int)err->code;

@@ -19,7 +19,7 @@ static unsigned add_piece(struct stream_piece *piece, unsigned n, const void *by
 {
 	if (size == 0)
 		return n;
-	piece[n] = (struct stream_piece){ bytes, size };
+	piece[n] = (struct stream_piece){bytes, size};
 	return n + 1;
 }
 
@@ -76,7 +76,8 @@ static unsigned put_small(enum stream_type type, struct packer *p, struct stream
 	return 1;
 }
 
-unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
+unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_SCRATCH],
+			 struct stream_piece *piece)
 {
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
 
@@ -93,7 +94,8 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 	return put_small(STREAM_TYPE_HEAD, &p, piece);
 }
 
-unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
+unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH],
+			  struct stream_piece *piece)
 {
 	static const uint8_t zeros[8];
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
@@ -122,7 +124,8 @@ unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_S
 	return n;
 }
 
-unsigned stream_put_tail(const struct stream_tail *tail, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
+unsigned stream_put_tail(const struct stream_tail *tail, uint8_t scratch[STREAM_SCRATCH],
+			 struct stream_piece *piece)
 {
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
 

@@ -10,14 +10,15 @@
 enum stream_type { STREAM_TYPE_HEAD = 1, STREAM_TYPE_BLOCK = 2, STREAM_TYPE_TAIL = 3 };
 
 enum {
-	STREAM_HEADER_SIZE = 32,       /* magic, version, type, length, payload checksum, header checksum */
-	STREAM_HEADER_CHECKED = 24,    /* bytes that the header checksum covers */
-	STREAM_BLOCK_SIZE = 64,        /* index, box, first, counts, flags; the arrays follow */
-	STREAM_BLOCK_FLAG_BYTES = 1,   /* the block has a flags byte for each triangle */
+	STREAM_HEADER_SIZE = 32,     /* magic, version, type, length, payload checksum, header checksum */
+	STREAM_HEADER_CHECKED = 24,  /* bytes that the header checksum covers */
+	STREAM_BLOCK_SIZE = 64,      /* index, box, first, counts, flags; the arrays follow */
+	STREAM_BLOCK_FLAG_BYTES = 1, /* the block has a flags byte for each triangle */
 };
 
 /* Bytes of a block's payload before padding. */
-static inline uint64_t stream_block_bytes(uint64_t nforeign, uint64_t nnew, uint64_t ntriangle, unsigned flags)
+static inline uint64_t stream_block_bytes(uint64_t nforeign, uint64_t nnew, uint64_t ntriangle,
+					  unsigned flags)
 {
 	return STREAM_BLOCK_SIZE + nforeign * 8 + nnew * 12 + ntriangle * 12 +
 	       (flags & STREAM_BLOCK_FLAG_BYTES ? ntriangle : 0) + (nforeign + nnew + 7) / 8;

@@ -1,7 +1,7 @@
 /*
- * Reading the mesh stream, bytes as they come. The bytes of a frame are collected in one buffer of the frame's
- * own size; when the last one is there, the frame is checked and handed out as views into that buffer.
- * What a frame announces is believed only after the checksum of its header agreed.
+ * Reading the mesh stream, bytes as they come. The bytes of a frame are collected in one buffer of the
+ * frame's own size; when the last one is there, the frame is checked and handed out as views into that
+ * buffer. What a frame announces is believed only after the checksum of its header agreed.
  *
  * Running totals over the stream (vertices, triangles, box) are kept to check numbering and the tail.
  */
@@ -18,22 +18,22 @@
 #include "stream_bytes.h"
 
 struct stream_reader {
-	uint64_t offset;        /* bytes fed */
+	uint64_t offset; /* bytes fed */
 	uint8_t header[STREAM_HEADER_SIZE];
 	uint8_t *payload;
-	size_t room;            /* bytes at payload */
-	size_t length;          /* of the payload, once the header is whole */
-	size_t got;             /* bytes of the frame in hand */
+	size_t room;   /* bytes at payload */
+	size_t length; /* of the payload, once the header is whole */
+	size_t got;    /* bytes of the frame in hand */
 	enum stream_type type;
 	uint64_t checksum;
 
 	bool has_head, done, failed;
-	struct err why;         /* if failed */
+	struct err why; /* if failed */
 	struct stream_head head;
 	struct stream_block block;
 	struct stream_tail tail;
 	uint64_t blocks, vertices, triangles, last_index;
-	int32_t box[6];         /* of the vertices so far */
+	int32_t box[6]; /* of the vertices so far */
 };
 
 struct stream_reader *stream_reader_new(void)
@@ -101,7 +101,9 @@ int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, s
 		r->room = 0;
 		r->payload = malloc(r->length);
 		if (!r->payload)
-			return err_set(err, ERR_NOMEM, "there is no memory for a frame of %zu bytes of the mesh stream", r->length);
+			return err_set(err, ERR_NOMEM,
+				       "there is no memory for a frame of %zu bytes of the mesh stream",
+				       r->length);
 		r->room = r->length;
 	}
 	*ret = r->payload + (r->got - STREAM_HEADER_SIZE);
@@ -119,17 +121,21 @@ static int read_header(struct stream_reader *r, struct err *err)
 
 	r->checksum = cursor_u64(&c);
 	if (magic != STREAM_MAGIC)
-		return err_set(err, ERR_PROTO, "what was received is no frame of a mesh stream (0x%08x)", magic);
+		return err_set(err, ERR_PROTO, "what was received is no frame of a mesh stream (0x%08x)",
+			       magic);
 	if (XXH3_64bits(r->header, STREAM_HEADER_CHECKED) != cursor_u64(&c))
-		return err_set(err, ERR_PROTO, "the header of a frame of the mesh stream does not agree with its checksum");
+		return err_set(err, ERR_PROTO,
+			       "the header of a frame of the mesh stream does not agree with its checksum");
 	if (version != STREAM_VERSION)
-		return err_set(err, ERR_VERSION, "the mesh stream has version %u; this build reads version %u", version,
+		return err_set(err, ERR_VERSION,
+			       "the mesh stream has version %u; this build reads version %u", version,
 			       STREAM_VERSION);
 	if (type < STREAM_TYPE_HEAD || type > STREAM_TYPE_TAIL)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream has the unknown type %u", type);
 	if ((type == STREAM_TYPE_HEAD) == r->has_head)
-		return err_set(err, ERR_PROTO, r->has_head ? "the mesh stream has a second head"
-							   : "the mesh stream does not start with its head");
+		return err_set(err, ERR_PROTO,
+			       r->has_head ? "the mesh stream has a second head"
+					   : "the mesh stream does not start with its head");
 	if (length == 0 || length % 8 != 0 || length > STREAM_FRAME_MAX)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream announces %llu bytes",
 			       (unsigned long long)length);
@@ -210,8 +216,8 @@ static int read_head(struct stream_reader *r, struct err *err)
 	if (e < 0)
 		return e;
 	if (head->kind != STREAM_WHOLE && head->kind != STREAM_AREA)
-		return err_set(err, ERR_UNSUPPORTED, "the mesh stream is of kind %u, which this version cannot read",
-			       head->kind);
+		return err_set(err, ERR_UNSUPPORTED,
+			       "the mesh stream is of kind %u, which this version cannot read", head->kind);
 	r->has_head = true;
 	return 0;
 }
@@ -219,18 +225,23 @@ static int read_head(struct stream_reader *r, struct err *err)
 /* What the tail of a whole stream says must be what came. */
 static int check_tail(const struct stream_reader *r, struct err *err)
 {
-	const struct { const char *what; uint64_t said, came; } row[] = {
-		{ "blocks", r->tail.blocks, r->blocks },
-		{ "vertices", r->tail.vertices, r->vertices },
-		{ "triangles", r->tail.triangles, r->triangles },
+	const struct {
+		const char *what;
+		uint64_t said, came;
+	} row[] = {
+	    {"blocks", r->tail.blocks, r->blocks},
+	    {"vertices", r->tail.vertices, r->vertices},
+	    {"triangles", r->tail.triangles, r->triangles},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++)
 		if (row[i].said != row[i].came)
-			return err_set(err, ERR_PROTO, "the tail of the mesh stream counts %llu %s, but %llu came",
-				       (unsigned long long)row[i].said, row[i].what, (unsigned long long)row[i].came);
+			return err_set(
+			    err, ERR_PROTO, "the tail of the mesh stream counts %llu %s, but %llu came",
+			    (unsigned long long)row[i].said, row[i].what, (unsigned long long)row[i].came);
 	if (r->vertices > 0 && memcmp(r->box, r->tail.box, sizeof r->box) != 0)
-		return err_set(err, ERR_PROTO, "the box in the tail of the mesh stream is not that of its vertices");
+		return err_set(err, ERR_PROTO,
+			       "the box in the tail of the mesh stream is not that of its vertices");
 	return 0;
 }
 
@@ -295,11 +306,12 @@ static int check_triangles(const struct stream_block *b, struct err *err)
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
 
-		bad |= (t[0] >= locals) | (t[1] >= locals) | (t[2] >= locals) | (t[0] == t[1]) | (t[1] == t[2]) |
-		       (t[2] == t[0]);
+		bad |= (t[0] >= locals) | (t[1] >= locals) | (t[2] >= locals) | (t[0] == t[1]) |
+		       (t[1] == t[2]) | (t[2] == t[0]);
 	}
 	if (bad)
-		return err_set(err, ERR_PROTO, "block %llu has a triangle whose corners are not three of its %u vertices",
+		return err_set(err, ERR_PROTO,
+			       "block %llu has a triangle whose corners are not three of its %u vertices",
 			       (unsigned long long)b->index, locals);
 	return 0;
 }
@@ -310,10 +322,11 @@ static int check_block(struct stream_reader *r, const struct stream_block *b, st
 	int e;
 
 	if (b->index < r->last_index) /* pieces of one domain have the same */
-		return err_set(err, ERR_PROTO, "block %llu comes after block %llu", (unsigned long long)b->index,
-			       (unsigned long long)r->last_index);
+		return err_set(err, ERR_PROTO, "block %llu comes after block %llu",
+			       (unsigned long long)b->index, (unsigned long long)r->last_index);
 	if (b->first != r->vertices)
-		return err_set(err, ERR_PROTO, "block %llu numbers its vertices from %llu, but %llu vertices came before",
+		return err_set(err, ERR_PROTO,
+			       "block %llu numbers its vertices from %llu, but %llu vertices came before",
 			       (unsigned long long)b->index, (unsigned long long)b->first,
 			       (unsigned long long)r->vertices);
 	for (uint32_t i = 0; i < b->nforeign; i++)
@@ -330,7 +343,7 @@ static int check_block(struct stream_reader *r, const struct stream_block *b, st
 static int read_block(struct stream_reader *r, struct err *err)
 {
 	struct cursor c = cursor_of(r->payload, r->length);
-	struct stream_block b = { .index = cursor_u64(&c) };
+	struct stream_block b = {.index = cursor_u64(&c)};
 	uint64_t bytes;
 	unsigned flags;
 	int e;
@@ -348,8 +361,9 @@ static int read_block(struct stream_reader *r, struct err *err)
 		return err_set(err, ERR_PROTO, "a block of the mesh stream is malformed");
 	/* The payload begins on 16 bytes, and wide arrays come first: all of them are aligned. */
 	b.foreign = (const uint64_t *)(const void *)cursor_bytes(&c, (size_t)b.nforeign * sizeof *b.foreign);
-	b.vertex = (const int32_t (*)[3])(const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.vertex);
-	b.triangle = (const uint32_t (*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);
+	b.vertex = (const int32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.vertex);
+	b.triangle =
+	    (const uint32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);
 	b.flags = flags ? cursor_bytes(&c, b.ntriangle) : NULL;
 	b.final = cursor_bytes(&c, ((size_t)b.nforeign + b.nnew + 7) / 8);
 	e = get_end(&c, "block", err);
@@ -367,13 +381,14 @@ static int read_block(struct stream_reader *r, struct err *err)
 
 static int read_payload(struct stream_reader *r, enum stream_event *ret_event, struct err *err)
 {
-	static const enum stream_event event[] = { 0, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL };
+	static const enum stream_event event[] = {0, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL};
 	int e;
 
 	if (XXH3_64bits(r->payload, r->length) != r->checksum)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream does not agree with its checksum");
-	e = r->type == STREAM_TYPE_HEAD ? read_head(r, err) : r->type == STREAM_TYPE_BLOCK ? read_block(r, err)
-											  : read_tail(r, err);
+	e = r->type == STREAM_TYPE_HEAD    ? read_head(r, err)
+	    : r->type == STREAM_TYPE_BLOCK ? read_block(r, err)
+					   : read_tail(r, err);
 	if (e < 0)
 		return e;
 	r->got = 0;

@@ -1,6 +1,6 @@
 /*
- * The connection: made, greeted, closed; its error; the small questions. HELLO goes first both ways and settles
- * the version of the messages.
+ * The connection: made, greeted, closed; its error; the small questions. HELLO goes first both ways and
+ * settles the version of the messages.
  */
 #include "call.h"
 
@@ -14,7 +14,7 @@
 
 #include "clock.h"
 
-#define ERR(name, wire, status, text) \
+#define ERR(name, wire, status, text)                                                                        \
 	_Static_assert((int)ACUT_E_##name == (int)ERR_##name, "acut.h and err.def disagree on " #name);
 #include "err.def"
 #undef ERR
@@ -39,8 +39,8 @@ static int check_hello(struct acut *a, const Acut__V1__Hello *hello)
 {
 	if (hello->version_min > FRAME_PROTOCOL_MAX || hello->version_max < FRAME_PROTOCOL_MIN) {
 		err_set(&a->err, ERR_VERSION,
-			"the daemon speaks protocol versions %u to %u, this program %u to %u", hello->version_min,
-			hello->version_max, FRAME_PROTOCOL_MIN, FRAME_PROTOCOL_MAX);
+			"the daemon speaks protocol versions %u to %u, this program %u to %u",
+			hello->version_min, hello->version_max, FRAME_PROTOCOL_MIN, FRAME_PROTOCOL_MAX);
 		return err_add_hint(&a->err, "use acutctl and acutd of the same release");
 	}
 	snprintf(a->build, sizeof a->build, "%s", hello->build);
@@ -62,7 +62,7 @@ static int greet(struct acut *a)
 
 static int attach(struct acut *a, int fd)
 {
-	static const struct frame_limits limits = { .message = 16 << 20 };
+	static const struct frame_limits limits = {.message = 16 << 20};
 	int r = frame_conn_new(fd, &limits, &a->conn, &a->err);
 
 	if (r < 0)
@@ -93,7 +93,8 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 		if (errno == EISCONN)
 			return 0;
 		if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR || errno == ENOTSOCK) {
-			err_set(&a->err, ERR_NODAEMON, "no daemon answers at %s: %s", address->sun_path, strerror(errno));
+			err_set(&a->err, ERR_NODAEMON, "no daemon answers at %s: %s", address->sun_path,
+				strerror(errno));
 			return err_add_hint(&a->err, "start acutd, or say with --socket where it listens");
 		}
 		if (errno != EAGAIN && errno != EINTR)
@@ -101,8 +102,9 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 		if (a->options.interrupted && a->options.interrupted(a->options.ctx))
 			return err_set(&a->err, ERR_CANCELLED, "interrupted");
 		if (a->options.timeout > 0 && clock_since(since) > a->options.timeout)
-			return err_set(&a->err, ERR_TIMEOUT, "the daemon at %s took no connection within %g s",
-				       address->sun_path, a->options.timeout);
+			return err_set(&a->err, ERR_TIMEOUT,
+				       "the daemon at %s took no connection within %g s", address->sun_path,
+				       a->options.timeout);
 		poll(NULL, 0, 20);
 	}
 	return 0;
@@ -110,7 +112,7 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 
 static int connect_path(struct acut *a, const char *path)
 {
-	struct sockaddr_un address = { .sun_family = AF_UNIX };
+	struct sockaddr_un address = {.sun_family = AF_UNIX};
 	int fd, r;
 
 	if (strlen(path) >= sizeof address.sun_path)
@@ -158,23 +160,28 @@ struct acut *acut_close(struct acut *a)
 void call_failure(const struct err *err, struct acut_failure *ret)
 {
 	*ret = (struct acut_failure){
-		.code = (int)err->code,
-		.name = err->code ? err_wire_name(err->code) : "",
-		.exit_status = err->code ? err_exit_status(err->code) : 0,
-		.message = err->message,
-		.file = err->file,
-		.field = err->field,
-		.hint = err->hint,
-		.offset = err->offset,
+	    .code = (int)err->code,
+	    .name = err->code ? err_wire_name(err->code) : "",
+	    .exit_status = err->code ? err_exit_status(err->code) : 0,
+	    .message = err->message,
+	    .file = err->file,
+	    .field = err->field,
+	    .hint = err->hint,
+	    .offset = err->offset,
 	};
 }
 
 const struct acut_failure *acut_error(const struct acut *a)
 {
 	static const struct acut_failure no_memory = {
-		.code = ACUT_E_NOMEM, .name = "out-of-memory", .exit_status = 75,
-		.message = "there is no memory for a connection", .file = "", .field = "", .hint = "",
-		.offset = UINT64_MAX,
+	    .code = ACUT_E_NOMEM,
+	    .name = "out-of-memory",
+	    .exit_status = 75,
+	    .message = "there is no memory for a connection",
+	    .file = "",
+	    .field = "",
+	    .hint = "",
+	    .offset = UINT64_MAX,
 	};
 
 	if (!a)
@@ -230,12 +237,21 @@ int acut_status(struct acut *a, const struct acut_status **ret)
 	if (!rows)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a status");
 	for (size_t i = 0; i < s->n_ledger; i++)
-		rows[i] = (struct acut_ledger_entry){ s->ledger[i]->name, s->ledger[i]->bytes };
+		rows[i] = (struct acut_ledger_entry){s->ledger[i]->name, s->ledger[i]->bytes};
 	a->status = (struct acut_status){
-		.version = s->version, .state_dir = s->state_dir, .cache_dir = s->cache_dir, .pid = s->pid,
-		.memory = s->memory, .peak_rss_bytes = s->peak_rss_bytes, .threads = s->threads,
-		.jobs_running = s->jobs_running, .jobs_waiting = s->jobs_waiting, .connections = s->connections,
-		.uptime_seconds = s->uptime_seconds, .ledger = rows, .nledger = s->n_ledger,
+	    .version = s->version,
+	    .state_dir = s->state_dir,
+	    .cache_dir = s->cache_dir,
+	    .pid = s->pid,
+	    .memory = s->memory,
+	    .peak_rss_bytes = s->peak_rss_bytes,
+	    .threads = s->threads,
+	    .jobs_running = s->jobs_running,
+	    .jobs_waiting = s->jobs_waiting,
+	    .connections = s->connections,
+	    .uptime_seconds = s->uptime_seconds,
+	    .ledger = rows,
+	    .nledger = s->n_ledger,
 	};
 	*ret = &a->status;
 	return 0;

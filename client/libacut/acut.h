@@ -3,9 +3,9 @@
  *
  * Every call returns 0, or a negative acut_code (its details by acut_error). Calls wait for the answer;
  * while they wait, progress and interruption go through the callbacks. A call that timed out or was
- * interrupted leaves the connection whole: its late answer is dropped. After the other side went away or broke
- * the protocol, every further call fails in the same way. One thread at a time may use a connection; different
- * connections do not know of each other. Callbacks must not call on their own connection.
+ * interrupted leaves the connection whole: its late answer is dropped. After the other side went away or
+ * broke the protocol, every further call fails in the same way. One thread at a time may use a connection;
+ * different connections do not know of each other. Callbacks must not call on their own connection.
  */
 #ifndef ACUT_H
 #define ACUT_H
@@ -46,16 +46,16 @@ enum acut_code {
 	ACUT_E_TIMEOUT,     /* it took longer than the time-out */
 };
 struct acut_failure {
-	int code;                  /* enum acut_code */
-	const char *name;          /* "bad-input", frozen */
-	int exit_status;           /* what acutctl ends with */
+	int code;                                  /* enum acut_code */
+	const char *name;                          /* "bad-input", frozen */
+	int exit_status;                           /* what acutctl ends with */
 	const char *message, *file, *field, *hint; /* "" if none */
-	uint64_t offset;           /* UINT64_MAX if unknown */
+	uint64_t offset;                           /* UINT64_MAX if unknown */
 };
 
 struct acut_options {
-	const char *program;       /* for the daemon's log; NULL: "libacut" */
-	double timeout;            /* seconds without a sign of life while a call waits; 0: for ever */
+	const char *program; /* for the daemon's log; NULL: "libacut" */
+	double timeout;      /* seconds without a sign of life while a call waits; 0: for ever */
 	/* Asked about ten times a second while a call waits; non-zero: the call ends with "cancelled". */
 	int (*interrupted)(void *ctx);
 	void *ctx;
@@ -76,7 +76,10 @@ const char *acut_daemon_build(const struct acut *); /* build id of the other sid
 
 int acut_ping(struct acut *, double *ret_seconds);
 
-struct acut_ledger_entry { const char *name; uint64_t bytes; };
+struct acut_ledger_entry {
+	const char *name;
+	uint64_t bytes;
+};
 struct acut_status {
 	const char *version, *state_dir, *cache_dir;
 	uint64_t pid, memory, peak_rss_bytes;
@@ -91,13 +94,13 @@ int acut_status(struct acut *, const struct acut_status **ret);
 /* ---- push ---- */
 
 struct acut_progress {
-	const char *phase;         /* "stage", "seal", "mesh" */
+	const char *phase; /* "stage", "seal", "mesh" */
 	uint64_t points, points_total, domains, domains_total;
 };
 typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 
 struct acut_push_options {
-	const char *dataset;       /* NULL: one-step */
+	const char *dataset;                     /* NULL: one-step */
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
 	bool planar, accept_truncated;
 	acut_progress_fn progress;
@@ -114,7 +117,10 @@ struct acut_file_result {
 	uint64_t points, moved;
 	double max_shift[3];
 };
-struct acut_push_result { const char *dataset; uint64_t generation, points; };
+struct acut_push_result {
+	const char *dataset;
+	uint64_t generation, points;
+};
 
 struct acut_push;
 /* The order: begin, probe each, plan, file each, commit. Probe and file take an open regular file (the
@@ -134,7 +140,10 @@ int acut_info(struct acut *, int fd, const char *name, const char *format, const
 
 /* ---- jobs ---- */
 
-struct acut_removed { const char *rule; uint64_t count; };
+struct acut_removed {
+	const char *rule;
+	uint64_t count;
+};
 struct acut_report {
 	uint64_t points, used, vertices, triangles, hull, domains, halo, peak_rss_bytes;
 	const char *digest, *vertex_digest;
@@ -156,7 +165,8 @@ int acut_submit(struct acut *, const char *dataset, uint64_t generation, const c
 		bool fresh, const struct acut_job **ret);
 /* Once (follow false), or until the job is final; `changed` (may be NULL) at each change. */
 int acut_job_wait(struct acut *, uint64_t id, bool follow,
-		  void (*changed)(void *ctx, const struct acut_job *), void *ctx, const struct acut_job **ret);
+		  void (*changed)(void *ctx, const struct acut_job *), void *ctx,
+		  const struct acut_job **ret);
 int acut_job_cancel(struct acut *, uint64_t id, const struct acut_job **ret);
 int acut_job_remove(struct acut *, uint64_t id);
 /* Calls `each` for every job, paging inside. */
@@ -192,13 +202,13 @@ struct acut_mesh_head {
 };
 struct acut_mesh_block {
 	uint64_t index, first;
-	int64_t box[4];            /* the domain's region, closed, doubled lattice numbers: min x y, max x y;
-				    * pieces of one domain have the same */
+	int64_t box[4]; /* the domain's region, closed, doubled lattice numbers: min x y, max x y;
+			 * pieces of one domain have the same */
 	const uint64_t *foreign;
 	const int32_t (*vertex)[3];
 	const uint32_t (*triangle)[3]; /* local numbers: foreign first, then new */
-	const uint8_t *final;      /* bit set over nforeign + nnew */
-	const uint8_t *flags;      /* one byte a triangle, or NULL */
+	const uint8_t *final;          /* bit set over nforeign + nnew */
+	const uint8_t *flags;          /* one byte a triangle, or NULL */
 	uint32_t nforeign, nnew, ntriangle;
 };
 struct acut_mesh_tail {
@@ -211,7 +221,7 @@ struct acut_mesh_sink {
 	int (*head)(void *ctx, const struct acut_mesh_head *);
 	int (*block)(void *ctx, const struct acut_mesh_block *);
 	int (*tail)(void *ctx, const struct acut_mesh_tail *); /* digests were computed here and agreed */
-	acut_progress_fn progress; /* may be NULL */
+	acut_progress_fn progress;                             /* may be NULL */
 	void *ctx;
 };
 /* Streams the mesh of a job from block 0; checks frames, numbering and both digests ("digest-mismatch"). A

@@ -4,8 +4,8 @@
  * of calls that gave up are dropped, their descriptors closed.
  *
  * Errors are of two kinds. Those of one call (the daemon refuses, time is up, somebody interrupts)
- * leave the connection whole. Those of the connection (the daemon is gone, the protocol is broken) are kept in
- * acut->dead and meet every later call.
+ * leave the connection whole. Those of the connection (the daemon is gone, the protocol is broken) are kept
+ * in acut->dead and meet every later call.
  */
 #include "call.h"
 
@@ -139,7 +139,7 @@ int call_pump(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 int call_pause(struct acut *a, uint64_t since, struct pollfd *other)
 {
 	double left = a->options.timeout - clock_since(since);
-	struct pollfd fds[2] = { { .fd = frame_conn_fd(a->conn), .events = frame_conn_events(a->conn) } };
+	struct pollfd fds[2] = {{.fd = frame_conn_fd(a->conn), .events = frame_conn_events(a->conn)}};
 	int wait = -1;
 
 	if (a->options.interrupted && a->options.interrupted(a->options.ctx))
@@ -191,7 +191,8 @@ int call_next(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 
 int call_unexpected(struct acut *a, const Acut__V1__Message *m)
 {
-	return err_set(&a->err, ERR_PROTO, "the daemon answered with a message of kind %d, which was not asked for",
+	return err_set(&a->err, ERR_PROTO,
+		       "the daemon answered with a message of kind %d, which was not asked for",
 		       (int)m->body_case);
 }
 

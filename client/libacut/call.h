@@ -10,18 +10,18 @@
 
 struct acut_push {
 	struct acut *acut;
-	struct acut_push *next;      /* on acut->pushes */
-	uint32_t request_id;         /* of PushBegin: Durable comes on it */
+	struct acut_push *next; /* on acut->pushes */
+	uint32_t request_id;    /* of PushBegin: Durable comes on it */
 	uint64_t push, durable;
 	char *format;
 	acut_progress_fn progress;
 	void *ctx;
 	bool committed;
-	struct err failed;           /* what came unasked; code 0: nothing */
+	struct err failed; /* what came unasked; code 0: nothing */
 };
 
 struct acut {
-	struct frame_conn *conn;     /* NULL: never connected */
+	struct frame_conn *conn; /* NULL: never connected */
 	struct acut_options options;
 	char program[64], build[128];
 	uint32_t last_id;
@@ -30,11 +30,11 @@ struct acut {
 	struct acut_failure failure; /* err, for acut_error */
 	struct acut_push *pushes;
 
-	acut_progress_fn progress;   /* of the call that waits; may be NULL */
+	acut_progress_fn progress; /* of the call that waits; may be NULL */
 	void *progress_ctx;
 
-	Acut__V1__Message *answer;   /* what the results below point into */
-	void *rows;                  /* an array that the result points to */
+	Acut__V1__Message *answer; /* what the results below point into */
+	void *rows;                /* an array that the result points to */
 	struct acut_status status;
 	struct acut_probe probe;
 	struct acut_file_result file;
@@ -48,13 +48,14 @@ int call_begin(struct acut *);
 /* Sends a question. `fd` (-1: none) stays the caller's. */
 int call_send(struct acut *, const Acut__V1__Message *, int fd, uint32_t *ret_id);
 /* Waits for the next answer to `id`, other than Progress, which goes to acut->progress. *ret is the
- * caller's (frame_message_free); an Error becomes the call's failure. ret_fd NULL: no descriptor is expected. */
+ * caller's (frame_message_free); an Error becomes the call's failure. ret_fd NULL: no descriptor is expected.
+ */
 int call_next(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
 /* begin, send, next; the answer must be `want` and is kept as acut->answer. */
 int call_ask(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want);
 /* Same without begin, for the second and later questions of one call. *ret is the caller's. */
-int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
-	       Acut__V1__Message **ret);
+int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want,
+	       uint32_t *ret_id, Acut__V1__Message **ret);
 /* The failure of a message that should not have come. */
 int call_unexpected(struct acut *, const Acut__V1__Message *);
 

@@ -102,7 +102,7 @@ static int insert(struct check *c, uint64_t number, const int32_t position[3], s
 		if (r < 0)
 			return r;
 	}
-	*find(c, number + 1) = (struct slot){ number + 1, { position[0], position[1] } };
+	*find(c, number + 1) = (struct slot){number + 1, {position[0], position[1]}};
 	c->open++;
 	return 0;
 }
@@ -139,7 +139,8 @@ static int look_up_foreign(struct check *c, const struct stream_block *b, struct
 		c->room = 0;
 		c->foreign = malloc(b->nforeign * sizeof *c->foreign);
 		if (!c->foreign)
-			return err_set(err, ERR_NOMEM, "there is no memory for a block's %u vertices", b->nforeign);
+			return err_set(err, ERR_NOMEM, "there is no memory for a block's %u vertices",
+				       b->nforeign);
 		c->room = b->nforeign;
 	}
 	for (uint32_t i = 0; i < b->nforeign; i++) {
@@ -211,7 +212,8 @@ static int compare(const char *what, struct digest came, struct digest said, str
 		return 0;
 	err_set(err, ERR_DIGEST, "the mesh that came has the %s %s, but the daemon says %s", what,
 		digest_hex(came, a), digest_hex(said, b));
-	return err_add_hint(err, "fetch it again; if it stays so, the daemon or its machine is at fault: please report it");
+	return err_add_hint(
+	    err, "fetch it again; if it stays so, the daemon or its machine is at fault: please report it");
 }
 
 int check_tail(const struct check *c, const struct stream_tail *tail, bool whole, struct err *err)

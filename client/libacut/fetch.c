@@ -1,7 +1,7 @@
 /*
  * Fetching a mesh: the daemon hands over the reading end of a pipe, the bytes go through the stream reader,
- * each block is checked and then given to the sink. The socket is watched meanwhile, since progress and errors
- * come there. Closing the pipe is all it takes to give up.
+ * each block is checked and then given to the sink. The socket is watched meanwhile, since progress and
+ * errors come there. Closing the pipe is all it takes to give up.
  */
 #include "call.h"
 
@@ -50,7 +50,8 @@ static int get_lattice(struct fetch *f, const char *text)
 		word[n++] = w;
 	ok = n == 5;
 	for (unsigned i = 0; ok && i < 2; i++)
-		ok = decimal_parse(word[i], &scale[i]) && scale[i].mantissa > 0 && strlen(word[i]) < DECIMAL_TEXT_SIZE;
+		ok = decimal_parse(word[i], &scale[i]) && scale[i].mantissa > 0 &&
+		     strlen(word[i]) < DECIMAL_TEXT_SIZE;
 	for (unsigned i = 0; ok && i < 3; i++)
 		ok = parse_i64(word[2 + i], &f->head.k[i]) && f->head.k[i] >= -INT64_MAX / 2 &&
 		     f->head.k[i] <= INT64_MAX / 2;
@@ -66,14 +67,14 @@ static int get_lattice(struct fetch *f, const char *text)
 
 double acut_coordinate(const struct acut_mesh_head *head, int axis, int32_t number)
 {
-	struct decimal scale = { head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2] };
+	struct decimal scale = {head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2]};
 
 	return decimal_scaled_double(scale, head->k[axis] + number);
 }
 
 char *acut_coordinate_text(const struct acut_mesh_head *head, int axis, int32_t number, char *buf)
 {
-	struct decimal scale = { head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2] };
+	struct decimal scale = {head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2]};
 
 	return decimal_scaled_text(scale, head->k[axis] + number, buf);
 }
@@ -106,9 +107,16 @@ static int on_block(struct fetch *f)
 {
 	const struct stream_block *b = stream_reader_block(f->reader);
 	struct acut_mesh_block out = {
-		.index = b->index, .first = b->first, .foreign = b->foreign, .vertex = b->vertex,
-		.triangle = b->triangle, .final = b->final, .flags = b->flags, .nforeign = b->nforeign,
-		.nnew = b->nnew, .ntriangle = b->ntriangle,
+	    .index = b->index,
+	    .first = b->first,
+	    .foreign = b->foreign,
+	    .vertex = b->vertex,
+	    .triangle = b->triangle,
+	    .final = b->final,
+	    .flags = b->flags,
+	    .nforeign = b->nforeign,
+	    .nnew = b->nnew,
+	    .ntriangle = b->ntriangle,
 	};
 	int r = check_block(f->check, b, &f->acut->err);
 
@@ -134,9 +142,13 @@ static int on_tail(struct fetch *f)
 	bool whole = stream_reader_head(f->reader)->kind == STREAM_WHOLE;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	struct acut_mesh_tail out = {
-		.blocks = tail->blocks, .vertices = tail->vertices, .triangles = tail->triangles,
-		.hull = tail->hull, .digest = digest_hex(tail->digest, digest),
-		.vertex_digest = digest_hex(tail->vertex_digest, vertex_digest), .report = tail->report,
+	    .blocks = tail->blocks,
+	    .vertices = tail->vertices,
+	    .triangles = tail->triangles,
+	    .hull = tail->hull,
+	    .digest = digest_hex(tail->digest, digest),
+	    .vertex_digest = digest_hex(tail->vertex_digest, vertex_digest),
+	    .report = tail->report,
 	};
 	int r;
 
@@ -230,7 +242,7 @@ static int read_some(struct fetch *f)
 /* The pipe is dry. 0: look again. */
 static int wait_for_bytes(struct fetch *f, uint64_t since)
 {
-	struct pollfd pipe = { .fd = f->fd, .events = POLLIN };
+	struct pollfd pipe = {.fd = f->fd, .events = POLLIN};
 	struct pollfd look = pipe;
 	int r;
 
@@ -262,7 +274,8 @@ static int stream(struct fetch *f)
 			if (looked < 0 && !f->acut->dead.code)
 				return looked;
 			err_clear(&f->acut->err);
-			if (f->acut->options.interrupted && f->acut->options.interrupted(f->acut->options.ctx))
+			if (f->acut->options.interrupted &&
+			    f->acut->options.interrupted(f->acut->options.ctx))
 				return err_set(&f->acut->err, ERR_CANCELLED, "interrupted");
 		}
 		if (r == FRAME_E_AGAIN)
@@ -292,7 +305,7 @@ static int open_stream(struct fetch *f, int fd)
 int acut_fetch(struct acut *a, uint64_t job, const struct acut_mesh_sink *sink)
 {
 	Acut__V1__Fetch question = ACUT__V1__FETCH__INIT;
-	struct fetch f = { .acut = a, .sink = sink, .fd = -1 };
+	struct fetch f = {.acut = a, .sink = sink, .fd = -1};
 	int fd = -1, r = call_begin(a);
 
 	if (r < 0)

@@ -15,9 +15,14 @@ static void wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
 	enum err_code code = err_from_wire_name(e->code);
 
 	*ret = (struct acut_failure){
-		.code = (int)code, .name = err_wire_name(code), .exit_status = err_exit_status(code),
-		.message = e->message, .file = e->file, .field = e->field, .hint = e->hint,
-		.offset = e->has_offset ? e->offset : UINT64_MAX,
+	    .code = (int)code,
+	    .name = err_wire_name(code),
+	    .exit_status = err_exit_status(code),
+	    .message = e->message,
+	    .file = e->file,
+	    .field = e->field,
+	    .hint = e->hint,
+	    .offset = e->has_offset ? e->offset : UINT64_MAX,
 	};
 }
 
@@ -28,13 +33,23 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	if (!rows)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a report");
 	for (size_t i = 0; i < p->n_removed; i++)
-		rows[i] = (struct acut_removed){ p->removed[i]->rule, p->removed[i]->count };
+		rows[i] = (struct acut_removed){p->removed[i]->rule, p->removed[i]->count};
 	*ret = (struct acut_report){
-		.points = p->points, .used = p->used, .vertices = p->vertices, .triangles = p->triangles,
-		.hull = p->hull, .domains = p->domains, .halo = p->halo, .peak_rss_bytes = p->peak_rss_bytes,
-		.digest = p->digest, .vertex_digest = p->vertex_digest, .removed = rows,
-		.nremoved = p->n_removed, .seconds = p->seconds, .stage_seconds = p->stage_seconds,
-		.first_triangle_seconds = p->first_triangle_seconds,
+	    .points = p->points,
+	    .used = p->used,
+	    .vertices = p->vertices,
+	    .triangles = p->triangles,
+	    .hull = p->hull,
+	    .domains = p->domains,
+	    .halo = p->halo,
+	    .peak_rss_bytes = p->peak_rss_bytes,
+	    .digest = p->digest,
+	    .vertex_digest = p->vertex_digest,
+	    .removed = rows,
+	    .nremoved = p->n_removed,
+	    .seconds = p->seconds,
+	    .stage_seconds = p->stage_seconds,
+	    .first_triangle_seconds = p->first_triangle_seconds,
 	};
 	*ret_rows = rows;
 	return 0;
@@ -47,11 +62,23 @@ int call_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void 
 
 	*ret_rows = NULL;
 	*ret = (struct acut_job){
-		.id = j->id, .generation = j->generation, .dataset = j->dataset, .view = j->view,
-		.state = j->state, .lattice = j->lattice, .crs = j->crs, .unit_xy = j->unit_xy,
-		.unit_z = j->unit_z, .uid = j->uid, .pid = j->pid, .submitted_us = j->submitted_us,
-		.finished_us = j->finished_us, .final = j->final, .has_report = j->report != NULL,
-		.has_error = j->error != NULL, .progress = { .phase = "" },
+	    .id = j->id,
+	    .generation = j->generation,
+	    .dataset = j->dataset,
+	    .view = j->view,
+	    .state = j->state,
+	    .lattice = j->lattice,
+	    .crs = j->crs,
+	    .unit_xy = j->unit_xy,
+	    .unit_z = j->unit_z,
+	    .uid = j->uid,
+	    .pid = j->pid,
+	    .submitted_us = j->submitted_us,
+	    .finished_us = j->finished_us,
+	    .final = j->final,
+	    .has_report = j->report != NULL,
+	    .has_error = j->error != NULL,
+	    .progress = {.phase = ""},
 	};
 	if (j->progress)
 		call_progress(j->progress, &ret->progress);
@@ -73,8 +100,8 @@ static int job_ask(struct acut *a, const Acut__V1__Message *question, const stru
 	return r;
 }
 
-int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound, bool fresh,
-		const struct acut_job **ret)
+int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound,
+		bool fresh, const struct acut_job **ret)
 {
 	Acut__V1__Submit question = ACUT__V1__SUBMIT__INIT;
 
@@ -102,8 +129,8 @@ int acut_job_remove(struct acut *a, uint64_t id)
 	return call_ask(a, FRAME_MESSAGE(REMOVE, remove, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
 }
 
-int acut_job_wait(struct acut *a, uint64_t id, bool follow, void (*changed)(void *ctx, const struct acut_job *),
-		  void *ctx, const struct acut_job **ret)
+int acut_job_wait(struct acut *a, uint64_t id, bool follow,
+		  void (*changed)(void *ctx, const struct acut_job *), void *ctx, const struct acut_job **ret)
 {
 	Acut__V1__Wait question = ACUT__V1__WAIT__INIT;
 	uint32_t request;
@@ -167,8 +194,8 @@ int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), 
 		Acut__V1__Message *page;
 		uint32_t id;
 
-		r = call_again(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1, ACUT__V1__MESSAGE__BODY_JOBS,
-			       &id, &page);
+		r = call_again(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1,
+			       ACUT__V1__MESSAGE__BODY_JOBS, &id, &page);
 		if (r < 0)
 			break;
 		more = page->jobs->more && page->jobs->n_jobs > 0;
@@ -181,10 +208,19 @@ int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), 
 static void get_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 {
 	*ret = (struct acut_dataset){
-		.name = d->name, .lattice = d->lattice, .crs = d->crs, .unit_xy = d->unit_xy,
-		.unit_z = d->unit_z, .pending = d->pending, .generation = d->generation, .points = d->points,
-		.bytes = d->bytes, .files = d->files, .uid = d->uid, .created_us = d->created_us,
-		.pushed_us = d->pushed_us,
+	    .name = d->name,
+	    .lattice = d->lattice,
+	    .crs = d->crs,
+	    .unit_xy = d->unit_xy,
+	    .unit_z = d->unit_z,
+	    .pending = d->pending,
+	    .generation = d->generation,
+	    .points = d->points,
+	    .bytes = d->bytes,
+	    .files = d->files,
+	    .uid = d->uid,
+	    .created_us = d->created_us,
+	    .pushed_us = d->pushed_us,
 	};
 	for (size_t i = 0; i < 3; i++) {
 		ret->min[i] = i < d->n_min ? d->min[i] : 0;
@@ -192,7 +228,8 @@ static void get_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 	}
 }
 
-int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
+int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *),
+		  void *ctx)
 {
 	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
 	Acut__V1__Message *last = NULL, *page; /* `last` holds the text that question.after points to */
@@ -213,7 +250,8 @@ int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, cons
 
 			get_dataset(page->datasets->datasets[i], &dataset);
 			if (strcmp(dataset.name, question.after) <= 0)
-				r = err_set(&a->err, ERR_PROTO, "the daemon's list of datasets does not rise");
+				r = err_set(&a->err, ERR_PROTO,
+					    "the daemon's list of datasets does not rise");
 			else
 				each(ctx, &dataset);
 			question.after = page->datasets->datasets[i]->name;
@@ -225,7 +263,8 @@ int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, cons
 	return r;
 }
 
-int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view, const struct acut_plan **ret)
+int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view,
+	      const struct acut_plan **ret)
 {
 	Acut__V1__PlanRequest question = ACUT__V1__PLAN_REQUEST__INIT;
 	const Acut__V1__Plan *p;
@@ -234,13 +273,19 @@ int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const ch
 	question.dataset = call_text(dataset);
 	question.generation = generation;
 	question.view = call_text(view);
-	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &question), -1, ACUT__V1__MESSAGE__BODY_PLAN);
+	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &question), -1,
+		     ACUT__V1__MESSAGE__BODY_PLAN);
 	if (r < 0)
 		return r;
 	p = a->answer->plan;
-	a->plan = (struct acut_plan){ .points = p->points, .domains = p->domains, .memory_bytes = p->memory_bytes,
-				      .disk_bytes = p->disk_bytes, .exact = p->exact, .seconds = p->seconds,
-				      .load = p->load, .threads = p->threads };
+	a->plan = (struct acut_plan){.points = p->points,
+				     .domains = p->domains,
+				     .memory_bytes = p->memory_bytes,
+				     .disk_bytes = p->disk_bytes,
+				     .exact = p->exact,
+				     .seconds = p->seconds,
+				     .load = p->load,
+				     .threads = p->threads};
 	*ret = &a->plan;
 	return 0;
 }

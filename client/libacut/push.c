@@ -56,17 +56,26 @@ static void get_double3(const double *from, size_t n, double to[3])
 void call_progress(const Acut__V1__Progress *p, struct acut_progress *ret)
 {
 	*ret = (struct acut_progress){
-		.phase = p->phase, .points = p->points, .points_total = p->points_total,
-		.domains = p->domains, .domains_total = p->domains_total,
+	    .phase = p->phase,
+	    .points = p->points,
+	    .points_total = p->points_total,
+	    .domains = p->domains,
+	    .domains_total = p->domains_total,
 	};
 }
 
 void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 {
 	*ret = (struct acut_probe){
-		.name = p->name, .format = p->format, .variant = p->variant, .crs = p->crs,
-		.unit_xy = p->unit_xy, .unit_z = p->unit_z, .plane = p->plane, .warning = p->warning,
-		.points = p->points,
+	    .name = p->name,
+	    .format = p->format,
+	    .variant = p->variant,
+	    .crs = p->crs,
+	    .unit_xy = p->unit_xy,
+	    .unit_z = p->unit_z,
+	    .plane = p->plane,
+	    .warning = p->warning,
+	    .points = p->points,
 	};
 	get_double3(p->min, p->n_min, ret->min);
 	get_double3(p->max, p->n_max, ret->max);
@@ -96,8 +105,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	question.planar = o->planar;
 	question.accept_truncated = o->accept_truncated;
 	question.format = push->format;
-	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_BEGUN,
-		       &push->request_id, &a->answer);
+	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &question), -1,
+		       ACUT__V1__MESSAGE__BODY_PUSH_BEGUN, &push->request_id, &a->answer);
 	if (r < 0) {
 		free(push->format);
 		free(push);
@@ -115,7 +124,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 }
 
 /* A question about the push: what went wrong unasked comes first. */
-static int push_ask(struct acut_push *push, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want)
+static int push_ask(struct acut_push *push, const Acut__V1__Message *question, int fd,
+		    Acut__V1__Message__BodyCase want)
 {
 	struct acut *a = push->acut;
 	uint32_t id;
@@ -164,7 +174,8 @@ int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 	int r;
 
 	question.push = push->push;
-	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
+	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &question), -1,
+		     ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
 	if (r == 0)
 		*ret_lattice = push->acut->answer->push_planned->lattice;
 	return r;
@@ -193,8 +204,8 @@ int acut_push_file(struct acut_push *push, int fd, const char *name, const struc
 	if (r < 0)
 		return r;
 	done = a->answer->file_done;
-	a->file = (struct acut_file_result){ .name = done->name, .warning = done->warning, .points = done->points,
-					     .moved = done->moved };
+	a->file = (struct acut_file_result){
+	    .name = done->name, .warning = done->warning, .points = done->points, .moved = done->moved};
 	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
 	*ret = &a->file;
 	return 0;
@@ -214,8 +225,8 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 		return r;
 	push->committed = true;
 	c = a->answer->push_committed;
-	a->pushed = (struct acut_push_result){ .dataset = c->dataset, .generation = c->generation,
-					       .points = c->points };
+	a->pushed = (struct acut_push_result){
+	    .dataset = c->dataset, .generation = c->generation, .points = c->points};
 	*ret = &a->pushed;
 	return 0;
 }
@@ -252,7 +263,8 @@ struct acut_push *acut_push_end(struct acut_push *push)
 		struct err why = a->err;
 
 		question.push = push->push;
-		call_ask(a, FRAME_MESSAGE(PUSH_ABORT, push_abort, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
+		call_ask(a, FRAME_MESSAGE(PUSH_ABORT, push_abort, &question), -1,
+			 ACUT__V1__MESSAGE__BODY_DONE);
 		if (why.code)
 			a->err = why;
 	}
@@ -275,8 +287,8 @@ int acut_info(struct acut *a, int fd, const char *name, const char *format, cons
 		return -(int)a->err.code;
 	question.name = copy;
 	question.format = call_text(format);
-	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd, ACUT__V1__MESSAGE__BODY_PROBED, &id,
-		       &a->answer);
+	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd,
+		       ACUT__V1__MESSAGE__BODY_PROBED, &id, &a->answer);
 	free(copy);
 	if (r < 0)
 		return r;

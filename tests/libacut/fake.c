@@ -16,7 +16,7 @@ bool fake_recv(struct fake *f, uint32_t *ret_id, Acut__V1__Message **ret, int *r
 	int r;
 
 	while ((r = frame_conn_recv(f->conn, ret_id, ret, ret_fd, &err)) == FRAME_E_AGAIN) {
-		struct pollfd p = { .fd = frame_conn_fd(f->conn), .events = POLLIN };
+		struct pollfd p = {.fd = frame_conn_fd(f->conn), .events = POLLIN};
 
 		poll(&p, 1, -1);
 	}
@@ -30,7 +30,7 @@ void fake_send(struct fake *f, uint32_t id, const Acut__V1__Message *m, int fd)
 
 	assert(r == 0);
 	while ((r = frame_conn_flush(f->conn, &err)) == FRAME_E_AGAIN) {
-		struct pollfd p = { .fd = frame_conn_fd(f->conn), .events = POLLOUT };
+		struct pollfd p = {.fd = frame_conn_fd(f->conn), .events = POLLOUT};
 
 		poll(&p, 1, -1);
 	}

@@ -1,5 +1,5 @@
-/* Any bytes as a mesh stream: read and checked as acut_fetch does. Checksums are made right first, since a fuzzer does
- * not guess them and the checks behind them are what is looked at. */
+/* Any bytes as a mesh stream: read and checked as acut_fetch does. Checksums are made right first, since a
+ * fuzzer does not guess them and the checks behind them are what is looked at. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,22 +25,28 @@ static size_t put(uint8_t *bytes, const struct stream_piece *piece, unsigned n)
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
-	struct stream_head head = { .kind = STREAM_WHOLE, .lattice = "0.01 0.01 5 -7 0",
-				    .box = { -99, -99, -99, 99, 99, 99 } };
-	struct stream_tail tail = { .box = { 0, 0, 0, 0, 1, 0 } };
+	struct stream_head head = {
+	    .kind = STREAM_WHOLE, .lattice = "0.01 0.01 5 -7 0", .box = {-99, -99, -99, 99, 99, 99}};
+	struct stream_tail tail = {.box = {0, 0, 0, 0, 1, 0}};
 	struct stream_piece piece[STREAM_PIECES];
 	size_t size = put(bytes, piece, stream_put_head(&head, scratch, piece));
 
 	for (unsigned b = 0; b < 1 + i % 5; b++) {
-		const uint64_t foreign[2] = { 2 * b, 2 * b + 1 };
-		const int32_t vertex[4][3] = { { (int32_t)b, 0, 0 }, { (int32_t)b, 1, 0 }, { (int32_t)b + 1, 0, 0 },
-					       { (int32_t)b + 1, 1, 0 } };
-		const uint32_t triangle[2][3] = { { 0, 2, 1 }, { 1, 2, 3 } };
-		const uint8_t final = b % 2 ? 3 : 0, flags[2] = { 1, 2 };
-		struct stream_block block = { .index = b, .first = b > 0 ? 2 + 2 * b : 0, .nforeign = b > 0 ? 2 : 0,
-					      .nnew = b > 0 ? 2 : 4, .ntriangle = 2, .foreign = foreign,
-					      .vertex = b > 0 ? vertex + 2 : vertex, .triangle = triangle,
-					      .final = &final, .flags = i % 2 ? flags : NULL };
+		const uint64_t foreign[2] = {2 * b, 2 * b + 1};
+		const int32_t vertex[4][3] = {
+		    {(int32_t)b, 0, 0}, {(int32_t)b, 1, 0}, {(int32_t)b + 1, 0, 0}, {(int32_t)b + 1, 1, 0}};
+		const uint32_t triangle[2][3] = {{0, 2, 1}, {1, 2, 3}};
+		const uint8_t final = b % 2 ? 3 : 0, flags[2] = {1, 2};
+		struct stream_block block = {.index = b,
+					     .first = b > 0 ? 2 + 2 * b : 0,
+					     .nforeign = b > 0 ? 2 : 0,
+					     .nnew = b > 0 ? 2 : 4,
+					     .ntriangle = 2,
+					     .foreign = foreign,
+					     .vertex = b > 0 ? vertex + 2 : vertex,
+					     .triangle = triangle,
+					     .final = &final,
+					     .flags = i % 2 ? flags : NULL};
 
 		size += put(bytes + size, piece, stream_put_block(&block, scratch, piece));
 		tail.blocks++;
@@ -69,7 +75,7 @@ static void fix_checksums(uint8_t *bytes, size_t size)
 
 static int on_event(struct stream_reader *r, struct check **check, enum stream_event event, struct err *err)
 {
-	static const int64_t k[3] = { 5, -7, 0 };
+	static const int64_t k[3] = {5, -7, 0};
 
 	if (event == STREAM_HEAD)
 		*check = check_new(k);
@@ -80,7 +86,8 @@ static int on_event(struct stream_reader *r, struct check **check, enum stream_e
 	return 0;
 }
 
-static int run(const uint8_t *bytes, size_t size, struct stream_reader *r, struct check **check, struct err *err)
+static int run(const uint8_t *bytes, size_t size, struct stream_reader *r, struct check **check,
+	       struct err *err)
 {
 	int e = 0;
 

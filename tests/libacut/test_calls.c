@@ -1,6 +1,7 @@
 /*
  * Every call of libacut against a daemon of a few lines: what is asked arrives, what is answered is handed
- * out; errors keep all their parts; time-out, interruption, late answers, a daemon that dies, lies or babbles.
+ * out; errors keep all their parts; time-out, interruption, late answers, a daemon that dies, lies or
+ * babbles.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -47,7 +48,7 @@ static void answer_job(struct fake *f, uint32_t id, uint64_t job, const char *st
 	Acut__V1__Job j = ACUT__V1__JOB__INIT;
 	Acut__V1__Report report = ACUT__V1__REPORT__INIT;
 	Acut__V1__Removed removed = ACUT__V1__REMOVED__INIT;
-	Acut__V1__Removed *rows[] = { &removed };
+	Acut__V1__Removed *rows[] = {&removed};
 
 	j.id = job;
 	j.state = (char *)state;
@@ -67,8 +68,8 @@ static void answer_job(struct fake *f, uint32_t id, uint64_t job, const char *st
 static void answer_jobs(struct fake *f, uint32_t id, const Acut__V1__JobsRequest *q)
 {
 	Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
-	Acut__V1__Job j[2] = { ACUT__V1__JOB__INIT, ACUT__V1__JOB__INIT };
-	Acut__V1__Job *rows[] = { &j[0], &j[1] };
+	Acut__V1__Job j[2] = {ACUT__V1__JOB__INIT, ACUT__V1__JOB__INIT};
+	Acut__V1__Job *rows[] = {&j[0], &j[1]};
 
 	j[0].id = q->after + 1;
 	j[1].id = q->after + 3;
@@ -82,8 +83,8 @@ static void answer_datasets(struct fake *f, uint32_t id, const Acut__V1__Dataset
 {
 	Acut__V1__Datasets datasets = ACUT__V1__DATASETS__INIT;
 	Acut__V1__Dataset d = ACUT__V1__DATASET__INIT;
-	Acut__V1__Dataset *rows[] = { &d };
-	double min[3] = { 1, 2, 3 };
+	Acut__V1__Dataset *rows[] = {&d};
+	double min[3] = {1, 2, 3};
 
 	d.name = strcmp(q->after, "") == 0 ? "alps" : "rhine";
 	d.points = 5;
@@ -98,8 +99,8 @@ static void answer_datasets(struct fake *f, uint32_t id, const Acut__V1__Dataset
 static void answer_probed(struct fake *f, uint32_t id, const char *name, const char *format)
 {
 	Acut__V1__Probed p = ACUT__V1__PROBED__INIT;
-	static char *scale[] = { "0.01", "0.01", "0.001" };
-	double max[3] = { 7, 8, 9 };
+	static char *scale[] = {"0.01", "0.01", "0.001"};
+	double max[3] = {7, 8, 9};
 
 	p.name = (char *)name;
 	p.format = (char *)(format[0] ? format : "las");
@@ -116,7 +117,7 @@ static void answer_file(struct fake *f, uint32_t id, const Acut__V1__File *q)
 	Acut__V1__Progress progress = ACUT__V1__PROGRESS__INIT;
 	Acut__V1__Durable durable = ACUT__V1__DURABLE__INIT;
 	Acut__V1__FileDone done = ACUT__V1__FILE_DONE__INIT;
-	double shift[3] = { 0.5, 0, 0 };
+	double shift[3] = {0.5, 0, 0};
 
 	if (strcmp(q->name, "bad.las") == 0) {
 		answer_error(f, id, "truncated", "it ends early");
@@ -137,7 +138,7 @@ static void answer_file(struct fake *f, uint32_t id, const Acut__V1__File *q)
 static void answer_rest(struct fake *f, uint32_t id, const Acut__V1__Message *m)
 {
 	Acut__V1__Status status = ACUT__V1__STATUS__INIT;
-	Acut__V1__LedgerEntry entry = ACUT__V1__LEDGER_ENTRY__INIT, *entries[] = { &entry };
+	Acut__V1__LedgerEntry entry = ACUT__V1__LEDGER_ENTRY__INIT, *entries[] = {&entry};
 	Acut__V1__PushBegun begun = ACUT__V1__PUSH_BEGUN__INIT;
 	Acut__V1__PushPlanned planned = ACUT__V1__PUSH_PLANNED__INIT;
 	Acut__V1__PushCommitted committed = ACUT__V1__PUSH_COMMITTED__INIT;
@@ -359,7 +360,7 @@ static void see_progress(void *ctx, const struct acut_progress *p)
 static void test_wait_and_lists(void **state)
 {
 	const struct acut_job *job;
-	struct seen seen = { 0 };
+	struct seen seen = {0};
 	struct fake *f;
 	struct acut *a = attach(&f, serve_all, NULL, NULL);
 
@@ -369,11 +370,11 @@ static void test_wait_and_lists(void **state)
 	assert_int_equal(seen.calls, 2);
 	assert_string_equal(job->state, "done");
 	assert_true(job->has_report);
-	seen = (struct seen){ 0 };
+	seen = (struct seen){0};
 	assert_int_equal(acut_jobs(a, see_job, &seen), 0);
 	assert_int_equal(seen.calls, 6); /* 1 3, 4 6, 7 9 */
 	assert_int_equal(seen.last, 9);
-	seen = (struct seen){ 0 };
+	seen = (struct seen){0};
 	assert_int_equal(acut_datasets(a, NULL, see_dataset, &seen), 0);
 	assert_int_equal(seen.calls, 2);
 	assert_string_equal(seen.text, "alpsrhine");
@@ -384,9 +385,9 @@ static void test_wait_and_lists(void **state)
 static void test_push(void **state)
 {
 	unsigned before = fake_open_descriptors();
-	struct seen seen = { 0 };
-	struct acut_push_options options = { .dataset = "alps", .format = "xyz", .progress = see_progress,
-					     .ctx = &seen };
+	struct seen seen = {0};
+	struct acut_push_options options = {
+	    .dataset = "alps", .format = "xyz", .progress = see_progress, .ctx = &seen};
 	const struct acut_probe *probe;
 	const struct acut_file_result *file;
 	const struct acut_push_result *done;
@@ -427,7 +428,7 @@ static void test_push(void **state)
 
 static void test_push_abort(void **state)
 {
-	struct acut_push_options options = { 0 };
+	struct acut_push_options options = {0};
 	const struct acut_file_result *file;
 	struct acut_push *push;
 	uint64_t aborted = 0;
@@ -493,7 +494,7 @@ static void serve_late(struct fake *f)
 static void test_timeout_and_late_answer(void **state)
 {
 	unsigned before = fake_open_descriptors();
-	struct acut_options options = { .timeout = 0.2 };
+	struct acut_options options = {.timeout = 0.2};
 	struct fake *f;
 	struct acut *a = attach(&f, serve_late, NULL, &options);
 	double seconds;
@@ -515,7 +516,7 @@ static int third_time(void *ctx)
 static void test_interrupted(void **state)
 {
 	int asked = -1; /* once while greeting, perhaps */
-	struct acut_options options = { .interrupted = third_time, .ctx = &asked };
+	struct acut_options options = {.interrupted = third_time, .ctx = &asked};
 	struct fake *f;
 	struct acut *a = attach(&f, serve_late, NULL, &options);
 	double seconds;
@@ -580,11 +581,16 @@ static void serve_noise(struct fake *f)
 
 static void test_daemon_at_fault(void **state)
 {
-	static const struct { void (*serve)(struct fake *); int code; bool dead; const char *text; } row[] = {
-		{ serve_death, ACUT_E_NODAEMON, true, "closed the connection" },
-		{ serve_last_words, ACUT_E_PROTO, true, "that was no good" },
-		{ serve_wrong_kind, ACUT_E_PROTO, false, "not asked for" },
-		{ serve_noise, ACUT_E_PROTO, true, "no frame" },
+	static const struct {
+		void (*serve)(struct fake *);
+		int code;
+		bool dead;
+		const char *text;
+	} row[] = {
+	    {serve_death, ACUT_E_NODAEMON, true, "closed the connection"},
+	    {serve_last_words, ACUT_E_PROTO, true, "that was no good"},
+	    {serve_wrong_kind, ACUT_E_PROTO, false, "not asked for"},
+	    {serve_noise, ACUT_E_PROTO, true, "no frame"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -619,9 +625,7 @@ static void serve_other_version(struct fake *f)
 	frame_message_free(m);
 }
 
-static void serve_nothing(struct fake *f)
-{
-}
+static void serve_nothing(struct fake *f) {}
 
 static void test_no_greeting(void **state)
 {
@@ -645,8 +649,8 @@ static void test_no_greeting(void **state)
 static void test_connect(void **state)
 {
 	char dir[] = "/tmp/acut-test-XXXXXX", path[64], lengthy[200];
-	struct sockaddr_un address = { .sun_family = AF_UNIX };
-	struct acut_options options = { .timeout = 0.1 };
+	struct sockaddr_un address = {.sun_family = AF_UNIX};
+	struct acut_options options = {.timeout = 0.1};
 	unsigned before = fake_open_descriptors();
 	struct acut *a;
 	double seconds;
@@ -698,17 +702,12 @@ static void test_two_connections(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_small_calls),
-		cmocka_unit_test(test_error_parts),
-		cmocka_unit_test(test_wait_and_lists),
-		cmocka_unit_test(test_push),
-		cmocka_unit_test(test_push_abort),
-		cmocka_unit_test(test_timeout_and_late_answer),
-		cmocka_unit_test(test_interrupted),
-		cmocka_unit_test(test_daemon_at_fault),
-		cmocka_unit_test(test_no_greeting),
-		cmocka_unit_test(test_connect),
-		cmocka_unit_test(test_two_connections),
+	    cmocka_unit_test(test_small_calls),     cmocka_unit_test(test_error_parts),
+	    cmocka_unit_test(test_wait_and_lists),  cmocka_unit_test(test_push),
+	    cmocka_unit_test(test_push_abort),      cmocka_unit_test(test_timeout_and_late_answer),
+	    cmocka_unit_test(test_interrupted),     cmocka_unit_test(test_daemon_at_fault),
+	    cmocka_unit_test(test_no_greeting),     cmocka_unit_test(test_connect),
+	    cmocka_unit_test(test_two_connections),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,7 @@
 /*
  * The checks of a stream: digests of a mesh cut into blocks are those of the mesh counted directly; one
- * moved vertex, one turned or missing triangle, one early final mark is found; the table holds only what is open.
+ * moved vertex, one turned or missing triangle, one early final mark is found; the table holds only what is
+ * open.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -17,7 +18,7 @@
 /* A strip of W columns and H rows of squares, two triangles each; one block a column. */
 enum { W = 300, H = 40 };
 
-static const int64_t offset[3] = { 1000000007, -5, 1LL << 40 };
+static const int64_t offset[3] = {1000000007, -5, 1LL << 40};
 
 struct strip {
 	struct stream_block block;
@@ -61,7 +62,7 @@ static void strip_make(struct strip *s, unsigned column)
 	}
 	for (unsigned row = 0; row < H; row++) {
 		uint32_t a = left + row, c = right + row;
-		uint32_t t[2][3] = { { a, c, a + 1 }, { c + 1, a + 1, c } };
+		uint32_t t[2][3] = {{a, c, a + 1}, {c + 1, a + 1, c}};
 
 		memcpy(s->triangle[b->ntriangle], t, sizeof t);
 		b->ntriangle += 2;
@@ -77,7 +78,8 @@ static void expect(struct stream_tail *tail)
 			int32_t p[3];
 
 			position(column, row, p);
-			digest_add_vertex(&tail->vertex_digest, p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]);
+			digest_add_vertex(&tail->vertex_digest, p[0] + offset[0], p[1] + offset[1],
+					  p[2] + offset[2]);
 		}
 	for (unsigned column = 0; column < W; column++)
 		for (unsigned row = 0; row < H; row++) {
@@ -90,10 +92,12 @@ static void expect(struct stream_tail *tail)
 				q[i][1] = p[i][1] + offset[1];
 			}
 			/* Corners in another order than the blocks have them. */
-			digest_add_triangle(&tail->digest, (const int64_t[3][2]){ { q[2][0], q[2][1] },
-				{ q[0][0], q[0][1] }, { q[1][0], q[1][1] } });
-			digest_add_triangle(&tail->digest, (const int64_t[3][2]){ { q[1][0], q[1][1] },
-				{ q[3][0], q[3][1] }, { q[2][0], q[2][1] } });
+			digest_add_triangle(&tail->digest, (const int64_t[3][2]){{q[2][0], q[2][1]},
+										 {q[0][0], q[0][1]},
+										 {q[1][0], q[1][1]}});
+			digest_add_triangle(&tail->digest, (const int64_t[3][2]){{q[1][0], q[1][1]},
+										 {q[3][0], q[3][1]},
+										 {q[2][0], q[2][1]}});
 		}
 	tail->triangles = 2 * W * H;
 	tail->hull = 2 * (W + H);
@@ -147,10 +151,17 @@ static void test_agrees(void **state)
 
 static void test_faults(void **state)
 {
-	static const struct { enum fault fault; enum err_code code; const char *text; } row[] = {
-		{ MOVED, ERR_DIGEST, "the digest" },	     { HEIGHT, ERR_DIGEST, "the vertex digest" },
-		{ TURNED, ERR_DIGEST, "the digest" },	     { MISSING, ERR_DIGEST, "the digest" },
-		{ EARLY_FINAL, ERR_PROTO, "said to be final" }, { LATE_FINAL, ERR_PROTO, "never became final" },
+	static const struct {
+		enum fault fault;
+		enum err_code code;
+		const char *text;
+	} row[] = {
+	    {MOVED, ERR_DIGEST, "the digest"},
+	    {HEIGHT, ERR_DIGEST, "the vertex digest"},
+	    {TURNED, ERR_DIGEST, "the digest"},
+	    {MISSING, ERR_DIGEST, "the digest"},
+	    {EARLY_FINAL, ERR_PROTO, "said to be final"},
+	    {LATE_FINAL, ERR_PROTO, "never became final"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -172,9 +183,9 @@ static void test_table(void **state)
 	uint64_t seed = 88172645463325252u, alive = 0;
 
 	for (uint64_t n = 0; n < N; n++) {
-		int32_t v[1][3] = { { (int32_t)n, (int32_t)(3 * n), 0 } };
+		int32_t v[1][3] = {{(int32_t)n, (int32_t)(3 * n), 0}};
 		uint8_t none = 0, all = 1;
-		struct stream_block b = { .first = n, .nnew = 1, .vertex = v, .final = &none };
+		struct stream_block b = {.first = n, .nnew = 1, .vertex = v, .final = &none};
 
 		assert_int_equal(check_block(c, &b, &err), 0);
 		open[n] = 1;
@@ -184,7 +195,8 @@ static void test_table(void **state)
 
 			seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
 			old = seed % n;
-			b = (struct stream_block){ .first = n + 1, .nforeign = 1, .foreign = &old, .final = &all };
+			b = (struct stream_block){
+			    .first = n + 1, .nforeign = 1, .foreign = &old, .final = &all};
 			assert_int_equal(check_block(c, &b, &err), open[old] ? 0 : -ERR_PROTO);
 			alive -= open[old];
 			open[old] = 0;
@@ -199,9 +211,9 @@ static void test_table(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_agrees),
-		cmocka_unit_test(test_faults),
-		cmocka_unit_test(test_table),
+	    cmocka_unit_test(test_agrees),
+	    cmocka_unit_test(test_faults),
+	    cmocka_unit_test(test_table),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -16,10 +16,22 @@
 #include "fake.h"
 
 /* Two blocks of one triangle each over four points; the second reuses two vertices of the first. */
-static const int32_t vertex[4][3] = { { 0, 0, 5 }, { 10, 0, 6 }, { 0, 10, 7 }, { 10, 10, -8 } };
-static const int64_t k[3] = { 50000000, -600, 3 };
+static const int32_t vertex[4][3] = {{0, 0, 5}, {10, 0, 6}, {0, 10, 7}, {10, 10, -8}};
+static const int64_t k[3] = {50000000, -600, 3};
 
-enum how { GOOD, BAD_DIGEST, BAD_VERTEX_DIGEST, ERROR_TAIL, ERROR_SOCKET, CUT, DEATH, STALL, NO_PIPE, REFUSED, LATE_MESH };
+enum how {
+	GOOD,
+	BAD_DIGEST,
+	BAD_VERTEX_DIGEST,
+	ERROR_TAIL,
+	ERROR_SOCKET,
+	CUT,
+	DEATH,
+	STALL,
+	NO_PIPE,
+	REFUSED,
+	LATE_MESH
+};
 
 struct server {
 	enum how how;
@@ -28,25 +40,37 @@ struct server {
 
 static void put_blocks(struct stream_block b[2])
 {
-	static const uint64_t foreign[2] = { 1, 2 };
-	static const uint32_t first[1][3] = { { 0, 1, 2 } }, second[1][3] = { { 0, 2, 1 } };
+	static const uint64_t foreign[2] = {1, 2};
+	static const uint32_t first[1][3] = {{0, 1, 2}}, second[1][3] = {{0, 2, 1}};
 	static const uint8_t none = 0;
 
-	b[0] = (struct stream_block){ .index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first,
-				      .final = &none };
-	b[1] = (struct stream_block){ .index = 4, .box = { 1, 3, 5, INT64_MAX }, .first = 3, .nforeign = 2, .nnew = 1,
-				      .ntriangle = 1, .foreign = foreign, .vertex = &vertex[3], .triangle = second,
-				      .final = &none };
+	b[0] = (struct stream_block){
+	    .index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first, .final = &none};
+	b[1] = (struct stream_block){.index = 4,
+				     .box = {1, 3, 5, INT64_MAX},
+				     .first = 3,
+				     .nforeign = 2,
+				     .nnew = 1,
+				     .ntriangle = 1,
+				     .foreign = foreign,
+				     .vertex = &vertex[3],
+				     .triangle = second,
+				     .final = &none};
 }
 
 static void put_tail(struct stream_tail *tail, enum how how)
 {
-	static const unsigned triangle[2][3] = { { 0, 1, 2 }, { 1, 3, 2 } };
+	static const unsigned triangle[2][3] = {{0, 1, 2}, {1, 3, 2}};
 
-	*tail = (struct stream_tail){ .blocks = 2, .vertices = 4, .triangles = 2, .hull = 4,
-				      .box = { 0, 0, -8, 10, 10, 7 }, .report = "{}" };
+	*tail = (struct stream_tail){.blocks = 2,
+				     .vertices = 4,
+				     .triangles = 2,
+				     .hull = 4,
+				     .box = {0, 0, -8, 10, 10, 7},
+				     .report = "{}"};
 	for (unsigned i = 0; i < 4; i++)
-		digest_add_vertex(&tail->vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]);
+		digest_add_vertex(&tail->vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1],
+				  vertex[i][2] + k[2]);
 	for (unsigned i = 0; i < 2; i++) {
 		int64_t corner[3][2];
 
@@ -68,8 +92,12 @@ static void put_tail(struct stream_tail *tail, enum how how)
 static void write_stream(int fd, struct server *s)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
-	struct stream_head head = { .kind = STREAM_WHOLE, .lattice = "0.01 0.001 50000000 -600 3", .crs = "EPSG:25832",
-				    .unit_xy = "m", .box = { -1, -1, -10, 10, 10, 10 }, .id = { 1, 2 } };
+	struct stream_head head = {.kind = STREAM_WHOLE,
+				   .lattice = "0.01 0.001 50000000 -600 3",
+				   .crs = "EPSG:25832",
+				   .unit_xy = "m",
+				   .box = {-1, -1, -10, 10, 10, 10},
+				   .id = {1, 2}};
 	struct stream_piece piece[STREAM_PIECES];
 	struct stream_block block[2];
 	struct stream_tail tail;
@@ -205,18 +233,18 @@ static void got_progress(void *ctx, const struct acut_progress *p)
 	got->progress += strcmp(p->phase, "mesh") == 0;
 }
 
-static int fetch(enum how how, const struct acut_options *options, unsigned stop_at, struct got *got, char *message,
-		 struct server *s)
+static int fetch(enum how how, const struct acut_options *options, unsigned stop_at, struct got *got,
+		 char *message, struct server *s)
 {
-	struct acut_mesh_sink sink = { got_head, got_block, got_tail, got_progress, got };
+	struct acut_mesh_sink sink = {got_head, got_block, got_tail, got_progress, got};
 	unsigned before = fake_open_descriptors();
 	struct fake *f;
 	struct acut *a;
 	double seconds;
 	int fd, r;
 
-	*got = (struct got){ .stop_at = stop_at };
-	*s = (struct server){ .how = how };
+	*got = (struct got){.stop_at = stop_at};
+	*s = (struct server){.how = how};
 	f = fake_start(serve, s, &fd);
 	assert_int_equal(acut_attach(fd, options, &a), 0);
 	r = acut_fetch(a, 3, &sink);
@@ -259,14 +287,19 @@ static void test_progress(void **state)
 
 static void test_failures(void **state)
 {
-	static const struct { enum how how; int code; unsigned blocks; const char *text; } row[] = {
-		{ BAD_DIGEST, ACUT_E_DIGEST, 2, "the digest" },
-		{ BAD_VERTEX_DIGEST, ACUT_E_DIGEST, 2, "vertex digest" },
-		{ ERROR_TAIL, ACUT_E_NOSPACE, 2, "disk is full" },
-		{ CUT, ACUT_E_IO, 1, "before its tail" },
-		{ DEATH, ACUT_E_NODAEMON, 1, "closed the connection" },
-		{ NO_PIPE, ACUT_E_PROTO, 0, "no pipe" },
-		{ REFUSED, ACUT_E_LIMIT, 0, "set memory" },
+	static const struct {
+		enum how how;
+		int code;
+		unsigned blocks;
+		const char *text;
+	} row[] = {
+	    {BAD_DIGEST, ACUT_E_DIGEST, 2, "the digest"},
+	    {BAD_VERTEX_DIGEST, ACUT_E_DIGEST, 2, "vertex digest"},
+	    {ERROR_TAIL, ACUT_E_NOSPACE, 2, "disk is full"},
+	    {CUT, ACUT_E_IO, 1, "before its tail"},
+	    {DEATH, ACUT_E_NODAEMON, 1, "closed the connection"},
+	    {NO_PIPE, ACUT_E_PROTO, 0, "no pipe"},
+	    {REFUSED, ACUT_E_LIMIT, 0, "set memory"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -295,10 +328,10 @@ static void test_error_on_the_socket(void **state)
 
 static void test_stalled(void **state)
 {
-	struct acut_options options = { .timeout = 0.1 };
-	struct server s = { .how = STALL };
-	struct got got = { 0 };
-	struct acut_mesh_sink sink = { got_head, got_block, got_tail, got_progress, &got };
+	struct acut_options options = {.timeout = 0.1};
+	struct server s = {.how = STALL};
+	struct got got = {0};
+	struct acut_mesh_sink sink = {got_head, got_block, got_tail, got_progress, &got};
 	struct fake *f;
 	struct acut *a;
 	int fd;
@@ -324,9 +357,9 @@ static int interrupt_head(void *ctx, const struct acut_mesh_head *head)
 static void test_interrupted(void **state)
 {
 	int stop = 0;
-	struct acut_options options = { .interrupted = always, .ctx = &stop };
-	struct acut_mesh_sink sink = { .head = interrupt_head, .ctx = &stop };
-	struct server s = { .how = STALL };
+	struct acut_options options = {.interrupted = always, .ctx = &stop};
+	struct acut_mesh_sink sink = {.head = interrupt_head, .ctx = &stop};
+	struct server s = {.how = STALL};
 	struct fake *f;
 	struct acut *a;
 	int fd;
@@ -353,13 +386,13 @@ static void test_receiver_gives_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_good),
-		cmocka_unit_test(test_progress),
-		cmocka_unit_test(test_failures),
-		cmocka_unit_test(test_error_on_the_socket),
-		cmocka_unit_test(test_stalled),
-		cmocka_unit_test(test_interrupted),
-		cmocka_unit_test(test_receiver_gives_up),
+	    cmocka_unit_test(test_good),
+	    cmocka_unit_test(test_progress),
+	    cmocka_unit_test(test_failures),
+	    cmocka_unit_test(test_error_on_the_socket),
+	    cmocka_unit_test(test_stalled),
+	    cmocka_unit_test(test_interrupted),
+	    cmocka_unit_test(test_receiver_gives_up),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -24,7 +24,7 @@ static uint32_t roll(size_t n)
 
 static size_t change(uint8_t *bytes, size_t n)
 {
-	static const uint8_t edge[] = { 0, 1, 0x7f, 0x80, 0xff };
+	static const uint8_t edge[] = {0, 1, 0x7f, 0x80, 0xff};
 	size_t at = roll(n), span = 1 + roll(8);
 
 	if (n == 0 || at + span > n)

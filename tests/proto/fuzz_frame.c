@@ -1,5 +1,5 @@
-/* Any bytes as what a client sends: frames are split, messages unpacked under the daemon's caps and charged to a
- * ledger that must be whole again at the end. */
+/* Any bytes as what a client sends: frames are split, messages unpacked under the daemon's caps and charged
+ * to a ledger that must be whole again at the end. */
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -11,7 +11,8 @@
 
 static size_t put(const Acut__V1__Message *m, uint32_t id, uint8_t *bytes)
 {
-	struct frame_header header = { .length = (uint32_t)acut__v1__message__get_packed_size(m), .request_id = id };
+	struct frame_header header = {.length = (uint32_t)acut__v1__message__get_packed_size(m),
+				      .request_id = id};
 
 	frame_header_put(&header, bytes);
 	return FRAME_HEADER_SIZE + acut__v1__message__pack(m, bytes + FRAME_HEADER_SIZE);
@@ -22,12 +23,12 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
 	Acut__V1__Submit submit = ACUT__V1__SUBMIT__INIT;
 	Acut__V1__Probed probed = ACUT__V1__PROBED__INIT;
-	Acut__V1__Job job = ACUT__V1__JOB__INIT, *rows[] = { &job, &job };
+	Acut__V1__Job job = ACUT__V1__JOB__INIT, *rows[] = {&job, &job};
 	Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
 	Acut__V1__Report report = ACUT__V1__REPORT__INIT;
 	Acut__V1__Error error = ACUT__V1__ERROR__INIT;
-	char *features[] = { "a", "b\xc3\xa4" };
-	double numbers[3] = { 1, 2, 3 };
+	char *features[] = {"a", "b\xc3\xa4"};
+	double numbers[3] = {1, 2, 3};
 	size_t n = 0;
 
 	hello.version_min = hello.version_max = 1;
@@ -76,7 +77,7 @@ static void drain(struct frame_conn *conn)
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	static struct ledger *ledger;
-	struct frame_limits limits = { 0 };
+	struct frame_limits limits = {0};
 	struct frame_conn *conn;
 	struct err err = ERR_INIT;
 	int sv[2];
