@@ -74,11 +74,11 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 
 void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
+	uint32_t id = q->id; /* find answers, and frees the request, where there is no such job */
 	struct job *job = find(c, q, m->fetch->job);
 	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
 	struct err err = ERR_INIT;
 	struct stream_out *out;
-	uint32_t id = q->id;
 	int end = -1;
 
 	if (!job)
