@@ -167,8 +167,8 @@ struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
 /* ---- ctl_spawn.c ---- */
 
 struct ctl_spawn {
-	const char *socket, *state, *cache, *memory, *threads, *log; /* NULL: not given */
-	int listen_fd;             /* handed over as the service manager does */
+	const char *state, *cache, *memory, *threads, *log; /* memory, threads: NULL if not given */
+	int socket_fd;             /* handed over as the service manager does */
 	int lock_fd;               /* kept open by the daemon; -1: none */
 	bool bound;                /* ends with this process */
 };

@@ -93,7 +93,8 @@ int ctl_folder_runtime(char *buf, size_t size, struct err *err)
 	const char *base = getenv("XDG_RUNTIME_DIR");
 	int n, r;
 
-	if (base && base[0] == '/' && !access(base, W_OK | X_OK))
+	/* a socket's name in it must fit into 107 bytes */
+	if (base && base[0] == '/' && strlen(base) < 80 && !access(base, W_OK | X_OK))
 		n = snprintf(buf, size, "%s/acut", base);
 	else
 		n = snprintf(buf, size, "/tmp/acut-%u", (unsigned)getuid());

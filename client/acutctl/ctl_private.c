@@ -3,20 +3,22 @@
  *
  * The shared one: who wants it takes the lock beside the socket, tries to connect, and only if nobody answers binds,
  * listens and starts acutd, so that two commands at once start one daemon. The lock is let go when the connection
- * stands. An idle daemon ends under the same lock; should it still end between our connect and its answer, the
- * whole is tried again.
+ * stands. An idle daemon takes the same lock for its last accept and takes its socket away, so nobody connects to
+ * one that ends; but it may still hold its folders for a moment, and then the start is tried again.
  *
- * The one of a command's own has fresh folders below the user's cache, ends with the command, and its folders go
- * with it. A lock in them, held by both, says that they are in use; folders without a holder are what a crash
- * left, and are removed by the next command that comes by.
+ * The one of a command's own speaks over a socket pair, has fresh folders below the user's cache, ends with the
+ * connection, and its folders go with it. A lock in them, held by both, says that they are in use; folders without
+ * a holder are what a crash left, and are removed by the next command that comes by.
  */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -27,6 +29,7 @@
 
 #define FOLDER 3072
 #define END_SECONDS 20 /* for a daemon to park its work */
+#define TRIES 50       /* a fifth of a second each, for the daemon before this one to let go of its folders */
 
 struct ctl_daemon {
 	char folder[FOLDER], log[FOLDER + 16];
@@ -80,35 +83,37 @@ static int explain(const char *log, int pid, struct err *err)
 {
 	char words[400];
 	int status = 0;
+	pid_t r = waitpid(pid, &status, WNOHANG);
 
-	if (pid > 0 && waitpid(pid, &status, WNOHANG) == 0) /* it closes the connection a moment before it ends */
-		for (int i = 0; i < 100 && waitpid(pid, &status, WNOHANG) == 0; i++)
-			nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+	/* it closes the connection a moment before it ends */
+	for (int i = 0; i < 200 && r == 0; i++) {
+		nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+		r = waitpid(pid, &status, WNOHANG);
+	}
 	ctl_spawn_last_words(log, words, sizeof(words));
-	if (!words[0])
+	if (r != pid || !words[0])
 		return -(int)err->code;
 	*err = ERR_INIT;
-	if (WIFEXITED(status) && WEXITSTATUS(status) == 2)
-		return err_set(err, ERR_USAGE, "the private daemon did not start: %s", words);
-	err_set(err, ERR_NODAEMON, "the private daemon did not start: %s", words);
-	return 0 - (int)err->code;
+	return err_set(err, WIFEXITED(status) && WEXITSTATUS(status) == 2 ? ERR_USAGE
+			    : WIFEXITED(status) && WEXITSTATUS(status) == 75 ? ERR_BUSY : ERR_NODAEMON,
+		       "the private daemon did not start: %s", words);
 }
 
 static int start_shared(const char *socket, const char *log, int *ret_pid, struct err *err)
 {
 	char state[FOLDER], cache[FOLDER];
-	struct ctl_spawn s = { .socket = socket, .state = state, .cache = cache, .log = log, .lock_fd = -1 };
+	struct ctl_spawn s = { .state = state, .cache = cache, .log = log, .lock_fd = -1 };
 	int r = ctl_folder_state(state, sizeof(state), err);
 
 	if (!r)
 		r = ctl_folder_cache(cache, sizeof(cache), err);
 	if (!r)
-		r = ctl_spawn_listen(socket, &s.listen_fd, err);
+		r = ctl_spawn_listen(socket, &s.socket_fd, err);
 	if (r)
 		return r;
 	unlink(log);
 	r = ctl_spawn_daemon(&s, ret_pid, err);
-	close(s.listen_fd);
+	close(s.socket_fd);
 	if (r)
 		unlink(socket);
 	return r;
@@ -120,7 +125,7 @@ static int shared_try(struct ctl *ctl, const char *socket, const char *log, int 
 	char lock[FOLDER + 32];
 	int lock_fd = -1, fd = -1, r;
 
-	snprintf(lock, sizeof(lock), "%s.start", socket);
+	snprintf(lock, sizeof(lock), "%s.lock", socket);
 	r = take_lock(lock, ctl, &lock_fd, err);
 	if (r)
 		return r;
@@ -163,19 +168,20 @@ int ctl_private_connect(struct ctl *ctl, struct err *err)
 		return r;
 	snprintf(socket, sizeof(socket), "%s/acutd.sock", folder);
 	snprintf(log, sizeof(log), "%s/acutd.log", folder);
-	for (int i = 0; i < 3; i++) {
+	for (int i = 0;; i++) {
 		int pid = 0;
 
 		*err = ERR_INIT;
 		r = shared_try(ctl, socket, log, &pid, err);
-		if (!r && !(i < 2 && replace_idle(ctl)))
+		if (!r && (i >= TRIES || !replace_idle(ctl)))
 			return 0;
-		if (r && (err->code == ERR_CANCELLED || err->code == ERR_VERSION || err->code == ERR_PERM))
-			return r;
 		if (r && pid)
-			return explain(log, pid, err);
+			r = explain(log, pid, err);
+		if (r && (err->code != ERR_BUSY || i >= TRIES || ctl_signal_interrupted(ctl)))
+			return r;
+		if (r)
+			nanosleep(&(struct timespec){ .tv_nsec = 200000000 }, NULL);
 	}
-	return r;
 }
 
 /* Removes the folders of daemons that nobody holds any more. */
@@ -232,12 +238,11 @@ static int own_folder(struct ctl_daemon *d, struct err *err)
 
 static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
 {
-	char socket[FOLDER + 16], state[FOLDER + 16], cache[FOLDER + 16], given[FOLDER];
-	struct ctl_spawn s = { .socket = socket, .state = state, .cache = cache, .memory = ctl->args.memory,
-			       .threads = ctl->args.threads, .log = d->log, .lock_fd = d->lock_fd, .bound = true };
-	int fd = -1, r;
+	char state[FOLDER + 16], cache[FOLDER + 16], given[PATH_MAX];
+	struct ctl_spawn s = { .state = state, .cache = cache, .memory = ctl->args.memory, .threads = ctl->args.threads,
+			       .log = d->log, .lock_fd = d->lock_fd, .bound = true };
+	int pair[2], r;
 
-	snprintf(socket, sizeof(socket), "%s/acutd.sock", d->folder);
 	snprintf(state, sizeof(state), "%s/state", d->folder);
 	snprintf(cache, sizeof(cache), "%s/cache", d->folder);
 	snprintf(d->log, sizeof(d->log), "%s/log", d->folder);
@@ -249,20 +254,18 @@ static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
 			return err_sys(err, errno, "the folder of --cache cannot be used");
 		s.cache = given;
 	}
-	if (!r)
-		r = ctl_spawn_listen(socket, &s.listen_fd, err);
+	if (!r && socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair))
+		r = err_sys(err, errno, "a pair of sockets cannot be made");
 	if (r)
 		return r;
+	s.socket_fd = pair[1];
 	r = ctl_spawn_daemon(&s, &d->pid, err);
-	close(s.listen_fd);
-	if (r)
-		return r;
-	r = ctl_spawn_connect(socket, &fd);
+	close(pair[1]);
 	if (r) {
-		err_sys(err, -r, "the private daemon cannot be reached");
-		return explain(d->log, d->pid, err);
+		close(pair[0]);
+		return r;
 	}
-	r = attach(ctl, fd, err);
+	r = attach(ctl, pair[0], err);
 	return r && err->code != ERR_CANCELLED ? explain(d->log, d->pid, err) : r;
 }
 

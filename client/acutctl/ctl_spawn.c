@@ -1,7 +1,7 @@
 /*
- * Starting acutd with a listening socket in its hands, as the service manager would: LISTEN_FDS=1, LISTEN_PID, the
- * socket as descriptor 3. The socket listens before the daemon runs, so clients can connect at once and nobody
- * has to wait for a file to appear.
+ * Starting acutd with a socket in its hands, as the service manager would: LISTEN_FDS=1, LISTEN_PID, the socket as
+ * descriptor 3. A listening socket listens before the daemon runs, so clients can connect at once and nobody has
+ * to wait for a file to appear; a connected one makes a daemon for one client, which ends with the connection.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -127,7 +127,7 @@ static int find_acutd(char *buf, size_t size, struct err *err)
 static void child(const struct ctl_spawn *s, const char *program, char **argv, pid_t parent)
 {
 	char pid[24];
-	int null = open("/dev/null", O_RDWR | O_CLOEXEC), log = -1, fd = s->listen_fd;
+	int null = open("/dev/null", O_RDWR | O_CLOEXEC), log = -1, fd = s->socket_fd;
 
 	if (s->log)
 		log = open(s->log, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0600);
@@ -177,8 +177,6 @@ int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
 	argv[n++] = program;
 	argv[n++] = "--idle-exit";
 	argv[n++] = "30";
-	argv[n++] = "--socket";
-	argv[n++] = (char *)s->socket;
 	argv[n++] = "--state";
 	argv[n++] = (char *)s->state;
 	argv[n++] = "--cache";
