@@ -254,7 +254,7 @@ static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
 			return err_sys(err, errno, "the folder of --cache cannot be used");
 		s.cache = given;
 	}
-	if (!r && socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, pair))
+	if (!r && socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0, pair))
 		r = err_sys(err, errno, "a pair of sockets cannot be made");
 	if (r)
 		return r;

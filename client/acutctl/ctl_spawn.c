@@ -74,7 +74,8 @@ int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err)
 
 	if (!r) {
 		unlink(path);
-		fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+		/* as systemd hands them over: nobody may wait in accept */
+		fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
 		if (fd < 0 || bind(fd, (const struct sockaddr *)&address, sizeof(address)) || listen(fd, 128))
 			r = -errno;
 	}
