@@ -7,6 +7,7 @@
  * those and goes, which is safe at any moment.
  */
 #include <errno.h>
+#include <fcntl.h>
 #include <malloc.h>
 #include <signal.h>
 #include <stdio.h>
@@ -202,7 +203,12 @@ static int take_sockets(struct daemon *d, struct err *err)
 	if (n > HAND_OVER_MAX)
 		return err_set(err, ERR_USAGE, "more than %d sockets were handed over", HAND_OVER_MAX);
 	for (int i = 0; !r && i < n; i++) {
-		sd_is_socket(SD_LISTEN_FDS_START + i, AF_UNIX, SOCK_STREAM, -1);
+		/* systemd and acutctl hand over blocking sockets: an accept with nobody waiting would stop the loop. */
+		int flags = fcntl(SD_LISTEN_FDS_START + i, F_GETFL);
+
+		if (flags < 0 || fcntl(SD_LISTEN_FDS_START + i, F_SETFL, flags | O_NONBLOCK) < 0)
+			return err_sys(err, errno, "cannot use descriptor %d that was handed over",
+				       SD_LISTEN_FDS_START + i);
 		r = adopt(d, SD_LISTEN_FDS_START + i, err);
 	}
 	if (!r && d->config.socket) {
