@@ -55,7 +55,7 @@ static int lock_file(int dirfd, const char *name, int *ret_lock, struct err *err
 		return r;
 	if (flock(fd, LOCK_EX | LOCK_NB) != 0) {
 		if (errno == EWOULDBLOCK)
-			r = err_set(err, ERR_BUSY, "another acutd (pid %ld) has it", holder_of(fd));
+			r = err_set(err, ERR_BUSY, "another acutd (pid %ld) runs here", holder_of(fd));
 		else
 			r = err_sys(err, errno, "cannot lock");
 		io_close(fd);
