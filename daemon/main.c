@@ -32,6 +32,7 @@
 #include "server.h"
 
 #define TICK_USEC 100000
+#define IDLE_TICK_USEC 1000000 /* to look whether a private daemon is idle */
 #define PARK_USEC 9000000
 /* Of the catalogue: SQLite's page caches and statements. */
 #define CATALOGUE_BYTES (UINT64_C(1) << 20)
@@ -102,7 +103,7 @@ static void look_idle(struct daemon *d)
 static void tick_wanted(struct daemon *d)
 {
 	bool want = d->stopping || jobs_active(d->jobs) || d->config.idle_exit > 0 || !server_listens(d->server);
-	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : 5 * TICK_USEC;
+	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : IDLE_TICK_USEC;
 
 	if (want == d->ticking)
 		return;
@@ -183,8 +184,11 @@ static int on_signal(sd_event_source *source, const struct signalfd_siginfo *si,
 
 static int adopt(struct daemon *d, int fd, struct err *err)
 {
-	int r;
+	int r, flags = fcntl(fd, F_GETFL);
 
+	/* The service manager hands over blocking ones. */
+	if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
+		return err_sys(err, errno, "descriptor %d that was handed over cannot be used", fd);
 	if (sd_is_socket(fd, AF_UNIX, SOCK_STREAM, 1) > 0) {
 		r = server_listen(d->server, fd, err);
 		if (!r)
@@ -211,6 +215,10 @@ static int take_sockets(struct daemon *d, struct err *err)
 				       SD_LISTEN_FDS_START + i);
 		r = adopt(d, SD_LISTEN_FDS_START + i, err);
 	}
+	if (!r && n > 0 && d->config.socket) {
+		err_set(err, ERR_USAGE, "--socket, but %d socket(s) were handed over", n);
+		return err_add_hint(err, "leave --socket out");
+	}
 	if (!r && d->config.socket) {
 		int fd;
 
@@ -218,10 +226,7 @@ static int take_sockets(struct daemon *d, struct err *err)
 		if (!r)
 			r = server_listen(d->server, fd, err);
 		if (!r) {
-			/* Ours first: it is the one whose name is removed. */
-			d->sockets[d->nsockets] = d->sockets[0];
-			d->sockets[0] = fd;
-			d->nsockets++;
+			d->sockets[d->nsockets++] = fd;
 			d->bound = true;
 		}
 	}

@@ -297,7 +297,8 @@ void jobs_tick(struct jobs *j)
 	struct job *job;
 
 	/* Index pages are given back without a word. */
-	sched_give(j->p.sched, LEDGER_INDEX, 0);
+	if (sched_starved(j->p.sched))
+		sched_give(j->p.sched, LEDGER_INDEX, 0);
 	for (job = j->jobs; job; job = job->next)
 		job_tick(job);
 	for (p = j->pushes; p; p = next) {
