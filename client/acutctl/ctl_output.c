@@ -184,8 +184,8 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
 			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, ctl_job_count(p->removed[i].count, a));
-	ctl_note(ctl, "%s triangles in %s domains, %.1f s; digest %s", ctl_job_count(p->triangles, a),
-		 ctl_job_count(p->domains, b), p->seconds, p->digest);
+	ctl_note(ctl, "%s triangles in %s domain%s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
+		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
 	if (!p->triangles)
 		ctl_note(ctl, p->vertices < 3 ? "no triangles: there are fewer than three distinct positions"
 					      : "no triangles: all positions lie on one line");
