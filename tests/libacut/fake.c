@@ -105,3 +105,15 @@ unsigned fake_open_descriptors(void)
 	closedir(dir);
 	return n;
 }
+
+struct acut *fake_attach(struct fake **ret_fake, void (*serve)(struct fake *), void *ctx,
+			 const struct acut_options *options)
+{
+	struct acut *a;
+	int fd, r;
+
+	*ret_fake = fake_start(serve, ctx, &fd);
+	r = acut_attach(fd, options, &a);
+	assert(r == 0);
+	return a;
+}

@@ -31,6 +31,17 @@ void fake_pipe(int fds[2]);
 /* All pieces. False: nobody reads. */
 bool fake_write(int fd, const struct stream_piece *, unsigned n);
 
+/* A connection to a fake that was greeted. */
+struct acut *fake_attach(struct fake **ret_fake, void (*serve)(struct fake *), void *ctx,
+			 const struct acut_options *options);
+
+/* Answers everything until the client is gone; ctx NULL, or a uint64_t that gets the number of an aborted
+ * push. */
+void fake_serve_all(struct fake *);
+void fake_answer_hello(struct fake *, uint32_t id);
+void fake_answer_error(struct fake *, uint32_t id, const char *code, const char *message);
+void fake_answer_job(struct fake *, uint32_t id, uint64_t job, const char *state, bool final);
+
 unsigned fake_open_descriptors(void);
 
 #endif

@@ -26,15 +26,17 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
 	struct stream_head head = {
-	    .kind = STREAM_WHOLE, .lattice = "0.01 0.01 5 -7 0", .box = {-99, -99, -99, 99, 99, 99}};
+		.kind = STREAM_WHOLE, .lattice = "0.01 0.01 5 -7 0", .box = {-99, -99, -99, 99, 99, 99}};
 	struct stream_tail tail = {.box = {0, 0, 0, 0, 1, 0}};
 	struct stream_piece piece[STREAM_PIECES];
 	size_t size = put(bytes, piece, stream_put_head(&head, scratch, piece));
 
 	for (unsigned b = 0; b < 1 + i % 5; b++) {
 		const uint64_t foreign[2] = {2 * b, 2 * b + 1};
-		const int32_t vertex[4][3] = {
-		    {(int32_t)b, 0, 0}, {(int32_t)b, 1, 0}, {(int32_t)b + 1, 0, 0}, {(int32_t)b + 1, 1, 0}};
+		const int32_t vertex[4][3] = {{(int32_t)b, 0, 0},
+					      {(int32_t)b, 1, 0},
+					      {(int32_t)b + 1, 0, 0},
+					      {(int32_t)b + 1, 1, 0}};
 		const uint32_t triangle[2][3] = {{0, 2, 1}, {1, 2, 3}};
 		const uint8_t final = b % 2 ? 3 : 0, flags[2] = {1, 2};
 		struct stream_block block = {.index = b,

@@ -156,12 +156,12 @@ static void test_faults(void **state)
 		enum err_code code;
 		const char *text;
 	} row[] = {
-	    {MOVED, ERR_DIGEST, "the digest"},
-	    {HEIGHT, ERR_DIGEST, "the vertex digest"},
-	    {TURNED, ERR_DIGEST, "the digest"},
-	    {MISSING, ERR_DIGEST, "the digest"},
-	    {EARLY_FINAL, ERR_PROTO, "said to be final"},
-	    {LATE_FINAL, ERR_PROTO, "never became final"},
+		{MOVED, ERR_DIGEST, "the digest"},
+		{HEIGHT, ERR_DIGEST, "the vertex digest"},
+		{TURNED, ERR_DIGEST, "the digest"},
+		{MISSING, ERR_DIGEST, "the digest"},
+		{EARLY_FINAL, ERR_PROTO, "said to be final"},
+		{LATE_FINAL, ERR_PROTO, "never became final"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -196,7 +196,7 @@ static void test_table(void **state)
 			seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
 			old = seed % n;
 			b = (struct stream_block){
-			    .first = n + 1, .nforeign = 1, .foreign = &old, .final = &all};
+				.first = n + 1, .nforeign = 1, .foreign = &old, .final = &all};
 			assert_int_equal(check_block(c, &b, &err), open[old] ? 0 : -ERR_PROTO);
 			alive -= open[old];
 			open[old] = 0;
@@ -211,9 +211,9 @@ static void test_table(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_agrees),
-	    cmocka_unit_test(test_faults),
-	    cmocka_unit_test(test_table),
+		cmocka_unit_test(test_agrees),
+		cmocka_unit_test(test_faults),
+		cmocka_unit_test(test_table),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

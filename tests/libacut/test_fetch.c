@@ -45,7 +45,7 @@ static void put_blocks(struct stream_block b[2])
 	static const uint8_t none = 0;
 
 	b[0] = (struct stream_block){
-	    .index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first, .final = &none};
+		.index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first, .final = &none};
 	b[1] = (struct stream_block){.index = 4,
 				     .box = {1, 3, 5, INT64_MAX},
 				     .first = 3,
@@ -293,13 +293,13 @@ static void test_failures(void **state)
 		unsigned blocks;
 		const char *text;
 	} row[] = {
-	    {BAD_DIGEST, ACUT_E_DIGEST, 2, "the digest"},
-	    {BAD_VERTEX_DIGEST, ACUT_E_DIGEST, 2, "vertex digest"},
-	    {ERROR_TAIL, ACUT_E_NOSPACE, 2, "disk is full"},
-	    {CUT, ACUT_E_IO, 1, "before its tail"},
-	    {DEATH, ACUT_E_NODAEMON, 1, "closed the connection"},
-	    {NO_PIPE, ACUT_E_PROTO, 0, "no pipe"},
-	    {REFUSED, ACUT_E_LIMIT, 0, "set memory"},
+		{BAD_DIGEST, ACUT_E_DIGEST, 2, "the digest"},
+		{BAD_VERTEX_DIGEST, ACUT_E_DIGEST, 2, "vertex digest"},
+		{ERROR_TAIL, ACUT_E_NOSPACE, 2, "disk is full"},
+		{CUT, ACUT_E_IO, 1, "before its tail"},
+		{DEATH, ACUT_E_NODAEMON, 1, "closed the connection"},
+		{NO_PIPE, ACUT_E_PROTO, 0, "no pipe"},
+		{REFUSED, ACUT_E_LIMIT, 0, "set memory"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -386,13 +386,13 @@ static void test_receiver_gives_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_good),
-	    cmocka_unit_test(test_progress),
-	    cmocka_unit_test(test_failures),
-	    cmocka_unit_test(test_error_on_the_socket),
-	    cmocka_unit_test(test_stalled),
-	    cmocka_unit_test(test_interrupted),
-	    cmocka_unit_test(test_receiver_gives_up),
+		cmocka_unit_test(test_good),
+		cmocka_unit_test(test_progress),
+		cmocka_unit_test(test_failures),
+		cmocka_unit_test(test_error_on_the_socket),
+		cmocka_unit_test(test_stalled),
+		cmocka_unit_test(test_interrupted),
+		cmocka_unit_test(test_receiver_gives_up),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
