@@ -1,0 +1,254 @@
+"""acutctl with a real acutd: outputs, views and reports of mesh, and its private daemons."""
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+
+ACUTCTL, ACUTD, SYNTH = (os.environ[k] for k in ("ACUTCTL", "ACUTD", "ACUT_SYNTH"))
+for program in (ACUTD, SYNTH):
+    if not os.access(program, os.X_OK):
+        print("skipped: %s is not built" % program)
+        sys.exit(77)
+if os.path.exists("/run/acut/acutd.sock"):
+    print("skipped: a system daemon runs, private ones are not tested")
+    sys.exit(77)
+failed = passed = 0
+
+
+def check(what, cond, detail=""):
+    global failed, passed
+    passed, failed = passed + bool(cond), failed + (not cond)
+    if not cond:
+        print("FAIL", what, detail, flush=True)
+
+
+class Place:
+    """A user of one's own: folders for everything that a private daemon keeps."""
+
+    def __init__(self, base):
+        self.base = base
+        self.run = os.path.join(base, "run")
+        os.mkdir(self.run, 0o700)
+        self.env = {k: v for k, v in os.environ.items() if not k.startswith(("ACUT", "XDG_"))}
+        self.env.update(HOME=base, XDG_RUNTIME_DIR=self.run, XDG_STATE_HOME=base + "/state", XDG_CACHE_HOME=base + "/cache",
+                        ACUT_ACUTD=ACUTD)
+        self.log = self.run + "/acut/acutd.log"
+
+    def path(self, name):
+        return os.path.join(self.base, name)
+
+    def start(self, *args, **kw):
+        return subprocess.Popen([ACUTCTL, *map(str, args)], env=dict(self.env, **kw.pop("env", {})), stdin=subprocess.DEVNULL,
+                                stdout=kw.pop("stdout", subprocess.PIPE), stderr=subprocess.PIPE, **kw)
+
+    def ctl(self, *args, **kw):
+        p = self.start(*args, **kw)
+        out, err = p.communicate(timeout=120)
+        return p.returncode, (out or b"").decode(errors="replace"), err.decode()
+
+    def json(self, *args, **kw):
+        got, out, err = self.ctl(*args, "--json", **kw)
+        check(" ".join(map(str, args)), got in (0, 3), "%d %s%s" % (got, out, err))
+        return json.loads(out.splitlines()[-1])
+
+    def daemons(self):
+        """Process ids of the daemons that keep their state below our folders."""
+        found = []
+        for pid in filter(str.isdigit, os.listdir("/proc")):
+            try:
+                with open("/proc/%s/cmdline" % pid, "rb") as f:
+                    words = f.read().split(b"\0")
+            except OSError:
+                continue
+            if any(w.startswith(self.base.encode()) for w in words) and words[0].endswith(b"acutd"):
+                found.append(int(pid))
+        return found
+
+    def end(self):
+        for pid in self.daemons():
+            os.kill(pid, signal.SIGTERM)
+        wait_for(lambda: not self.daemons(), 15)
+        for pid in self.daemons():
+            os.kill(pid, signal.SIGKILL)
+
+
+def wait_for(cond, seconds):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if cond():
+            return True
+        time.sleep(0.05)
+    return cond()
+
+
+def read_ply(path):
+    with open(path, "rb") as f:
+        data = f.read()
+    at = data.index(b"end_header\n") + 11
+    head = data[:at].decode()
+    nv, nf = (int(re.search(r"element %s (\d+)" % k, head).group(1)) for k in ("vertex", "face"))
+    check("PLY size of " + path, len(data) == at + 24 * nv + 13 * nf)
+    return head, nv, nf, data[at:]
+
+
+def outputs(p):
+    las, other = p.path("a.las"), p.path("b.las")
+    for path, seed in ((las, 1), (other, 2)):
+        subprocess.run([SYNTH, "--points", "60000", "--seed", str(seed), path], check=True)
+    ply, obj, png = p.path("m.ply"), p.path("m.obj"), p.path("m.png")
+    got = p.json("mesh", las, other, "-o", ply, "-o", obj, "-o", png, "--width", "300")
+    head, nv, nf, _ = read_ply(ply)
+    check("counts", (nv, nf) == (got["vertices"], got["triangles"]), str(got))
+    check("digests in the header", "comment acut-digest %s %s\n" % (got["digest"], got["vertex_digest"]) in head, head)
+    check("bytes", got["output_bytes"] == sum(os.path.getsize(x) for x in (ply, obj, png)))
+    with open(obj) as f:
+        kinds = [line[0] for line in f]
+    check("OBJ", (kinds.count("v"), kinds.count("f")) == (nv, nf))
+    with open(png, "rb") as f:
+        data = f.read()
+    check("PNG", data[:8] == b"\x89PNG\r\n\x1a\n" and 0 < struct.unpack(">I", data[16:20])[0] <= 300)
+    check("keys", not [k for k in ("job dataset generation points used vertices triangles hull domains digest vertex_digest "
+                                   "lattice crs units removed seconds stage_seconds first_triangle_seconds peak_rss_bytes "
+                                   "output_bytes left_out refused warnings").split() if k not in got], str(got))
+    # Canonical: the same bytes whatever the order; standard output too.
+    files = [p.path("c%d.ply" % i) for i in range(2)]
+    p.json("mesh", las, other, "-o", files[0], "--canonical")
+    p.json("mesh", other, las, "-o", files[1], "--canonical", "--memory", "24M", "--threads", "1")
+    first, second = (open(f, "rb").read() for f in files)
+    check("canonical is the same file", first == second)
+    with open(p.path("s.ply"), "wb") as f:
+        status, _, err = p.ctl("mesh", las, other, "-o", "-", "--format", "ply", "--canonical", "--quiet", stdout=f)
+    head, nv2, nf2, body = read_ply(p.path("s.ply"))
+    check("standard output", status == 0 and err == "" and body == read_ply(files[0])[3], "%d %s" % (status, err))
+    # Filters.
+    left = p.json("mesh", las, other, "-o", p.path("e.ply"), "--max-edge", "2.5")
+    check("--max-edge leaves the mesh whole", left["digest"] == got["digest"] and left["triangles"] == nf)
+    check("--max-edge counts", read_ply(p.path("e.ply"))[2] == nf - left["left_out"]["triangles"]
+          and left["left_out"]["triangles"] > 0 and left["left_out"]["area"] > 0, str(left["left_out"]))
+    ground = p.json("mesh", las, "-o", p.path("g.ply"), "--ground")
+    check("--ground", 0 < ground["used"] < ground["points"] and ground["removed"]["class"] > 0, str(ground))
+    # A broken file among good ones.
+    bad = p.path("bad.las")
+    with open(las, "rb") as f, open(bad, "wb") as g:
+        g.write(f.read()[:-7])
+    status, out, err = p.ctl("mesh", las, bad, p.path("none.las"), "-o", p.path("x.ply"), "--json")
+    got3 = json.loads(out)
+    check("refused inputs", status == 3 and [r["file"] for r in got3["refused"]] == [bad, p.path("none.las")], out + err)
+    status, out, err = p.ctl("mesh", las, bad, "-o", p.path("y.ply"), "--strict")
+    check("--strict", status == 1 and not os.path.exists(p.path("y.ply")) and bad in err, "%d %s" % (status, err))
+    status, _, err = p.ctl("mesh", bad, "-o", p.path("y.ply"))
+    check("nothing good", status == 1 and bad in err, err)
+    # Lists, folders, standard input.
+    os.mkdir(p.path("dir"))
+    shutil.copy(las, p.path("dir/1.LAS"))
+    os.mkdir(p.path("dir/sub"))
+    shutil.copy(other, p.path("dir/sub/2.las"))
+    with open(p.path("dir/readme.txt"), "w") as f:
+        f.write("not a survey\n")
+    with open(p.path("list"), "w") as f:
+        f.write("%s\n\n%s\n" % (las, other))
+    for words in (["dir"], ["@list"]):
+        words = [w if w[0] == "@" else p.path(w) for w in words]
+        same = p.json("mesh", *words, "-o", p.path("z.ply"), cwd=p.base)
+        check(" ".join(words), same["digest"] == got["digest"] and same["vertex_digest"] == got["vertex_digest"], str(same))
+    q = subprocess.run([ACUTCTL, "mesh", "-", "--input-format", "xyz", "-o", p.path("t.obj"), "--json"], input=b"0 0 1\n1 0 2\n0 1 3\n",
+                       stdout=subprocess.PIPE, env=p.env, timeout=60)
+    check("standard input", q.returncode == 0 and json.loads(q.stdout)["triangles"] == 1, q.stdout)
+    status, out, err = p.ctl("info", las, other, "--json")
+    check("info", status == 0 and [json.loads(line)["points"] for line in out.splitlines()] == [60000, 60000], out + err)
+    # The reader goes away; the disk is full.
+    r, w = os.pipe()
+    os.close(r)
+    check("a closed pipe", p.ctl("mesh", las, "-o", "-", "--format", "obj", "-q", stdout=w)[0] == 141)
+    os.close(w)
+    check("a full disk", p.ctl("mesh", las, "-o", "/dev/full", "--format", "ply")[0] == 74)
+    check("no temporary files", not [n for n in os.listdir(p.base) if n.endswith(".part")], str(os.listdir(p.base)))
+
+
+def interruption(p):
+    big = p.path("big.las")
+    subprocess.run([SYNTH, "--points", "3M", big], check=True)
+    for sig, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
+        for own in ([], ["--memory", "32M", "--threads", "1"]):
+            q = p.start("mesh", big, "-o", p.path("big.ply"), *own)
+            time.sleep(0.25)
+            q.send_signal(sig)
+            _, err = q.communicate(timeout=30)
+            check("signal %d %s" % (sig, own), q.returncode == status, "%d %s" % (q.returncode, err))
+            check("nothing is left", not [n for n in os.listdir(p.base) if "big.ply" in n], str(os.listdir(p.base)))
+    status, _, err = p.ctl("mesh", big, "-o", p.path("big.ply"), "--timeout", "0.2")
+    check("--timeout", status == 124 and "0.2" in err, "%d %s" % (status, err))
+    # The job of a client that is gone ends, bound as it is.
+    check("no job runs on", wait_for(lambda: p.json("status", "--private")["jobs_running"] == 0, 10))
+
+
+def private(p):
+    small = p.path("s.xyz")
+    with open(small, "w") as f:
+        f.write("0 0 1\n1 0 2\n0 1 3\n5 5 5\n")
+    p.end()
+    check("69 without --private", p.ctl("jobs")[0] == 69)
+    # Many at once start one daemon.
+    many = [p.start("mesh", small, "-o", p.path("m%d.obj" % i), "-q") for i in range(12)]
+    check("many at once", [q.wait(30) for q in many] == [0] * 12, str([q.stderr.read() for q in many]))
+    check("one daemon", len(p.daemons()) == 1, str(p.daemons()))
+    pid = p.daemons()
+    status, out, err = p.ctl("push", "d", small, "--private")
+    job = p.ctl("submit", "d", "--wait", "--private")[1].split()[0]
+    check("fetch", p.ctl("fetch", job, "-o", p.path("f.obj"), "--private")[0] == 0)
+    check("the same daemon", p.daemons() == pid)
+    check("a job that is not there", p.ctl("show", "99999", "--private")[0] == 4)
+    # One that was killed is replaced, and what was pushed is there.
+    os.kill(pid[0], signal.SIGKILL)
+    check("killed", wait_for(lambda: not p.daemons(), 5))
+    check("the dataset is there", p.json("dataset", "show", "d", "--private")["points"] == 4)
+    # Stopping and starting at once: the new one waits for the folders.
+    os.kill(p.daemons()[0], signal.SIGTERM)
+    check("after a stop", p.ctl("ping", "--private")[0] == 0)
+    # A daemon that cannot start says why.
+    state = p.path("state")
+    p.end()
+    os.rename(state, state + "2")
+    with open(state, "w"):
+        pass
+    status, _, err = p.ctl("mesh", small, "-o", p.path("n.obj"))
+    check("no state folder", status not in (0, 3) and "state" in err, "%d %s" % (status, err))
+    os.unlink(state)
+    os.rename(state + "2", state)
+    # Daemons of a command's own: folders come and go, also of one that was killed.
+    cache = p.path("cache/acut")
+    check("own", p.ctl("mesh", small, "-o", p.path("o.obj"), "--memory", "24M", "-q")[0] == 0)
+    check("own folders are gone", not [n for n in os.listdir(cache) if n.startswith("own-")], str(os.listdir(cache)))
+    q = p.start("mesh", p.path("big.las"), "-o", p.path("k.ply"), "--memory", "24M", "--threads", "1")
+    check("own daemon runs", wait_for(lambda: [n for n in os.listdir(cache) if n.startswith("own-")] and p.daemons(), 10))
+    q.kill()
+    q.communicate()
+    check("own daemon ends with its client", wait_for(lambda: not p.daemons(), 15), str(p.daemons()))
+    p.ctl("mesh", small, "-o", p.path("o.obj"), "--threads", "1")
+    check("left folders are swept", not [n for n in os.listdir(cache) if n.startswith("own-")], str(os.listdir(cache)))
+    keep = p.path("kept")
+    check("--cache", p.ctl("mesh", small, "-o", p.path("o.obj"), "--cache", keep)[0] == 0 and os.path.isdir(keep))
+    # A folder for sockets that is not ours alone is not used.
+    os.chmod(p.run + "/acut", 0o755)
+    status, _, err = p.ctl("mesh", small, "-o", p.path("o.obj"))
+    check("a folder that others can enter", status == 77 and "only you" in err, "%d %s" % (status, err))
+    os.chmod(p.run + "/acut", 0o700)
+
+
+with tempfile.TemporaryDirectory(prefix="acut-live-") as base:
+    place = Place(base)
+    try:
+        outputs(place)
+        interruption(place)
+        private(place)
+    finally:
+        place.end()
+print("%d passed, %d failed" % (passed, failed))
+sys.exit(1 if failed else 0)
