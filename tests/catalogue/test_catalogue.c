@@ -1,0 +1,213 @@
+/*
+ * The catalogue: what was put is there after it was opened again; ids are never given twice; newer and broken files are
+ * refused.
+ */
+#include <fcntl.h>
+#include <poll.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+#include <sqlite3.h>
+
+#include "catalogue.h"
+#include "err.h"
+
+static char folder[64], path[128];
+
+static int setup(void **state)
+{
+	snprintf(folder, sizeof folder, "/tmp/acut-catalogue-XXXXXX");
+	if (!mkdtemp(folder))
+		return -1;
+	snprintf(path, sizeof path, "%s/catalogue.db", folder);
+	return 0;
+}
+
+static int teardown(void **state)
+{
+	static const char *const more[] = { "", "-wal", "-shm" };
+	char name[160];
+
+	for (int i = 0; i < 3; i++) {
+		snprintf(name, sizeof name, "%s%s", path, more[i]);
+		unlink(name);
+	}
+	return rmdir(folder);
+}
+
+struct seen {
+	int datasets, jobs, pushes;
+	uint64_t dataset, job, generation;
+	char name[80], state[20], message[80];
+	int32_t box[4];
+};
+
+static int see_dataset(void *ctx, const struct catalogue_dataset *d, struct err *err)
+{
+	struct seen *s = ctx;
+
+	s->datasets++;
+	s->dataset = d->id;
+	s->generation = d->generation;
+	snprintf(s->name, sizeof s->name, "%s", d->name);
+	memcpy(s->box, d->box, sizeof s->box);
+	return 0;
+}
+
+static int see_job(void *ctx, const struct catalogue_job *j, struct err *err)
+{
+	struct seen *s = ctx;
+
+	s->jobs++;
+	s->job = j->id;
+	snprintf(s->state, sizeof s->state, "%s", j->state);
+	snprintf(s->message, sizeof s->message, "%s", j->error_message);
+	return 0;
+}
+
+static int see_push(void *ctx, const struct catalogue_push *p, struct err *err)
+{
+	((struct seen *)ctx)->pushes++;
+	return 0;
+}
+
+static struct catalogue *reopen(struct catalogue *c, struct seen *seen, uint64_t last[3])
+{
+	struct catalogue_reader reader = { seen, see_dataset, see_job, see_push };
+	struct err err = ERR_INIT;
+
+	catalogue_free(c);
+	memset(seen, 0, sizeof *seen);
+	assert_int_equal(catalogue_new(path, &c, &err), 0);
+	assert_int_equal(catalogue_load(c, &reader, last, &err), 0);
+	assert_int_equal(catalogue_start(c, &err), 0);
+	return c;
+}
+
+static int told, told_r;
+
+static void tell(void *ctx, int r, const struct err *why)
+{
+	told++;
+	told_r = r;
+}
+
+static void settle(struct catalogue *c)
+{
+	while (catalogue_busy(c)) {
+		struct pollfd p = { .fd = catalogue_fd(c), .events = POLLIN };
+
+		assert_int_equal(poll(&p, 1, 10000), 1);
+		catalogue_dispatch(c);
+	}
+}
+
+static const struct catalogue_dataset dataset = {
+	.id = 7, .name = "valley", .uid = 1000, .created_us = 1, .pushed_us = 2, .manifest = "manifest-1",
+	.generation = 1, .points = 10, .bytes = 160, .files = 1, .lattice = "0.01 0.01 1 2 3", .crs = "unknown",
+	.unit_xy = "metre", .unit_z = "metre", .box = { -5, INT32_MIN, INT32_MAX, 6 },
+};
+
+static void kept(void **state)
+{
+	struct catalogue_job job = {
+		.id = 3, .dataset = 7, .generation = 1, .view = "view 1", .state = "failed", .report = "",
+		.error_code = "bad-input", .error_message = "it is \"broken\"; DROP TABLE job", .error_file = "f",
+		.error_field = "", .error_hint = "", .error_offset = -1,
+	};
+	struct catalogue_push push = { .id = 4, .dataset = 7, .uid = 1000 };
+	struct err err = ERR_INIT;
+	struct seen seen;
+	uint64_t last[3];
+	struct catalogue *c = reopen(NULL, &seen, last);
+
+	assert_int_equal(last[0] + last[1] + last[2], 0);
+	told = 0;
+	assert_int_equal(catalogue_put_push(c, &push, tell, NULL, &err), 0);
+	assert_int_equal(catalogue_put_dataset(c, &dataset, 0, tell, NULL, &err), 0);
+	assert_int_equal(catalogue_put_job(c, &job, tell, NULL, &err), 0);
+	settle(c);
+	assert_int_equal(told, 3);
+	assert_int_equal(told_r, 0);
+	c = reopen(c, &seen, last);
+	assert_int_equal(seen.datasets + seen.jobs + seen.pushes, 3);
+	assert_int_equal(seen.dataset, 7);
+	assert_string_equal(seen.name, "valley");
+	assert_memory_equal(seen.box, dataset.box, sizeof seen.box);
+	assert_string_equal(seen.state, "failed");
+	assert_string_equal(seen.message, job.error_message);
+	/* The commit of a push takes its row away in the same transaction. */
+	assert_int_equal(catalogue_put_dataset(c, &dataset, 4, tell, NULL, &err), 0);
+	/* Ids of rows that are gone are not given again. */
+	assert_int_equal(catalogue_drop_job(c, 3, NULL, NULL, &err), 0);
+	c = reopen(c, &seen, last); /* free waits for what is queued */
+	assert_int_equal(seen.pushes, 0);
+	assert_int_equal(seen.jobs, 0);
+	assert_int_equal(last[0], 7);
+	assert_int_equal(last[1], 3);
+	assert_int_equal(last[2], 4);
+	catalogue_free(c);
+}
+
+/* A change that fails is told, with a reason, and leaves the others alone. */
+static void failure_is_told(void **state)
+{
+	struct catalogue_dataset same = dataset;
+	struct err err = ERR_INIT;
+	struct seen seen;
+	uint64_t last[3];
+	struct catalogue *c = reopen(NULL, &seen, last);
+	sqlite3 *other;
+
+	assert_int_equal(sqlite3_open(path, &other), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(other, "DROP TABLE job", NULL, NULL, NULL), SQLITE_OK);
+	sqlite3_close(other);
+	told = 0;
+	assert_int_equal(catalogue_drop_job(c, 1, tell, NULL, &err), 0);
+	settle(c);
+	assert_int_equal(told, 1);
+	assert_true(told_r < 0);
+	assert_int_equal(catalogue_put_dataset(c, &same, 1, tell, NULL, &err), 0);
+	settle(c);
+	assert_int_equal(told_r, 0);
+	catalogue_free(c);
+}
+
+static void newer_and_broken(void **state)
+{
+	struct err err = ERR_INIT;
+	struct catalogue *c;
+	sqlite3 *db;
+	int fd;
+
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db, "PRAGMA user_version = 999", NULL, NULL, NULL), SQLITE_OK);
+	sqlite3_close(db);
+	assert_int_equal(catalogue_new(path, &c, &err), -ERR_VERSION);
+	unlink(path);
+	fd = open(path, O_CREAT | O_WRONLY, 0600);
+	for (int i = 0; i < 100; i++)
+		assert_int_equal(write(fd, "this is not a database, not at all", 34), 34);
+	close(fd);
+	err_clear(&err);
+	assert_int_equal(catalogue_new(path, &c, &err), -ERR_CORRUPT);
+	assert_string_equal(err.file, path);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(kept, setup, teardown),
+		cmocka_unit_test_setup_teardown(failure_is_told, setup, teardown),
+		cmocka_unit_test_setup_teardown(newer_and_broken, setup, teardown),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,248 @@
+/*
+ * The scheduler: order, admission under the budget, cancelling, and that nothing is lost with many threads (run it
+ * under the thread sanitizer too).
+ */
+#include <poll.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "err.h"
+#include "ledger.h"
+#include "sched_pool.h"
+
+struct job {
+	struct sched_task task;
+	struct sched *sched;
+	int number;
+	_Atomic int *gate; /* run waits until it is not zero */
+	bool give;         /* done gives the memory back */
+};
+
+static int order[64];
+static atomic_int norder;
+static int ndone;
+
+static void run(struct sched_task *t)
+{
+	struct job *j = (struct job *)t;
+
+	order[atomic_fetch_add(&norder, 1)] = j->number;
+	while (j->gate && !*j->gate && !atomic_load(&t->cancel))
+		usleep(1000);
+}
+
+static void done(struct sched_task *t)
+{
+	struct job *j = (struct job *)t;
+
+	ndone++;
+	if (t->ran && t->bytes && j->give)
+		sched_give(j->sched, t->name, t->bytes);
+}
+
+static struct job make(struct sched *s, int number, uint64_t bytes, enum sched_priority priority)
+{
+	return (struct job){
+		.task = { .run = run, .done = done, .priority = priority, .name = LEDGER_DOMAIN, .bytes = bytes },
+		.sched = s,
+		.number = number,
+		.give = true,
+	};
+}
+
+/* Dispatches until n are done; fails after ten seconds. */
+static void wait_done(struct sched *s, int n)
+{
+	for (int i = 0; i < 1000 && ndone < n; i++) {
+		struct pollfd p = { .fd = sched_fd(s), .events = POLLIN };
+
+		poll(&p, 1, 10);
+		sched_dispatch(s);
+	}
+	assert_int_equal(ndone, n);
+}
+
+static void wait_started(int n)
+{
+	for (int i = 0; i < 10000 && atomic_load(&norder) < n; i++)
+		usleep(1000);
+	assert_int_equal(atomic_load(&norder), n);
+}
+
+static struct sched *start(struct ledger **ret_ledger, uint64_t total, unsigned threads)
+{
+	struct err err = ERR_INIT;
+	struct sched *s;
+
+	ndone = 0;
+	atomic_store(&norder, 0);
+	*ret_ledger = ledger_new(total);
+	assert_int_equal(sched_new(*ret_ledger, threads, &s, &err), 0);
+	return s;
+}
+
+static void by_priority_then_order(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 100, 1);
+	_Atomic int gate = 0;
+	struct job first = make(s, 0, 0, SCHED_NORMAL), rest[4] = {
+		make(s, 1, 0, SCHED_LAST), make(s, 2, 0, SCHED_NORMAL), make(s, 3, 0, SCHED_FIRST),
+		make(s, 4, 0, SCHED_NORMAL),
+	};
+	const int wanted[] = { 0, 3, 2, 4, 1 };
+
+	first.gate = &gate;
+	sched_submit(s, &first.task);
+	wait_started(1);
+	for (int i = 0; i < 4; i++)
+		sched_submit(s, &rest[i].task);
+	gate = 1;
+	wait_done(s, 5);
+	assert_memory_equal(order, wanted, sizeof wanted);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+/* The head that lacks memory is not overtaken by those that need memory too, but by those that need none. */
+static void head_waits_for_memory(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 100, 2);
+	_Atomic int gate = 0;
+	struct job big = make(s, 1, 80, SCHED_NORMAL), head = make(s, 2, 60, SCHED_NORMAL),
+		   small = make(s, 3, 10, SCHED_NORMAL), none = make(s, 4, 0, SCHED_NORMAL);
+
+	big.gate = &gate;
+	sched_submit(s, &big.task);
+	wait_started(1);
+	sched_submit(s, &head.task);
+	sched_submit(s, &small.task);
+	sched_submit(s, &none.task);
+	wait_started(2);
+	assert_int_equal(order[1], 4);
+	for (int i = 0; i < 1000 && !sched_starved(s); i++)
+		usleep(1000);
+	assert_int_equal(sched_starved(s), 60);
+	usleep(20000);
+	assert_int_equal(atomic_load(&norder), 2); /* small would fit, and does not overtake */
+	gate = 1;
+	wait_done(s, 4);
+	assert_int_equal(order[2], 2);
+	assert_int_equal(sched_starved(s), 0);
+	assert_int_equal(ledger_left(ledger), 100);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+/* Memory stays the submitter's after done, and giving it back starts the next. */
+static void memory_is_the_submitters(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 100, 1);
+	struct job a = make(s, 1, 80, SCHED_NORMAL), b = make(s, 2, 80, SCHED_NORMAL);
+
+	a.give = false;
+	sched_submit(s, &a.task);
+	sched_submit(s, &b.task);
+	wait_done(s, 1);
+	usleep(20000);
+	assert_int_equal(atomic_load(&norder), 1);
+	assert_int_equal(ledger_held(ledger, LEDGER_DOMAIN), 80);
+	sched_give(s, LEDGER_DOMAIN, 80);
+	wait_done(s, 2);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+static void cancelled(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 100, 1);
+	_Atomic int gate = 0;
+	struct job runs = make(s, 1, 50, SCHED_NORMAL), waits = make(s, 2, 50, SCHED_NORMAL),
+		   behind = make(s, 3, 0, SCHED_NORMAL);
+
+	runs.gate = &gate;
+	sched_submit(s, &runs.task);
+	wait_started(1);
+	sched_submit(s, &waits.task);
+	sched_submit(s, &behind.task);
+	sched_cancel(s, &waits.task);
+	wait_done(s, 1);
+	assert_false(waits.task.ran);
+	assert_int_equal(sched_busy(s), 2);
+	sched_cancel(s, &runs.task); /* a running one is told, and ends by itself */
+	wait_done(s, 3);
+	assert_true(runs.task.ran);
+	assert_int_equal(sched_busy(s), 0);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+static void freed_with_work_left(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 100, 2);
+	struct job jobs[16];
+	_Atomic int gate = 0;
+
+	for (int i = 0; i < 16; i++) {
+		jobs[i] = make(s, i, 40, SCHED_NORMAL);
+		jobs[i].gate = &gate;
+		sched_submit(s, &jobs[i].task);
+	}
+	wait_started(2);
+	sched_free(s);
+	assert_int_equal(ndone, 16);
+	assert_int_equal(ledger_left(ledger), 100);
+	ledger_free(ledger);
+}
+
+enum { MANY = 2000 };
+
+static void count(struct sched_task *t)
+{
+	atomic_fetch_add(&norder, 1);
+}
+
+static void many_threads(void **state)
+{
+	static struct job jobs[MANY];
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 1000, 8);
+
+	for (int i = 0; i < MANY; i++) {
+		jobs[i] = make(s, 0, (uint64_t)(i * 37 % 600), (enum sched_priority)(i % 3));
+		jobs[i].task.run = count;
+	}
+	for (int i = 0; i < MANY; i++) {
+		sched_submit(s, &jobs[i].task);
+		if (i % 7 == 0)
+			sched_cancel(s, &jobs[i].task);
+		if (i % 50 == 0)
+			sched_dispatch(s);
+	}
+	wait_done(s, MANY);
+	assert_true(atomic_load(&norder) >= MANY - MANY / 7 - 1);
+	assert_int_equal(ledger_left(ledger), 1000);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(by_priority_then_order), cmocka_unit_test(head_waits_for_memory),
+		cmocka_unit_test(memory_is_the_submitters), cmocka_unit_test(cancelled),
+		cmocka_unit_test(freed_with_work_left), cmocka_unit_test(many_threads),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
