@@ -181,7 +181,7 @@ void ctl_spawn_last_words(const char *log, char *buf, size_t size);
 
 /* ---- ctl_folder.c ---- */
 
-/* Folders of the user, made if absent (0700). "state", "cache": $XDG_STATE_HOME/acut, $XDG_CACHE_HOME/acut. */
+/* Folders of the user, made if absent (0700): $XDG_STATE_HOME/acut, $XDG_CACHE_HOME/acut, and for sockets. */
 int ctl_folder_state(char *buf, size_t size, struct err *err);
 int ctl_folder_cache(char *buf, size_t size, struct err *err);
 int ctl_folder_runtime(char *buf, size_t size, struct err *err);
@@ -208,7 +208,13 @@ struct ctl_staged {
 	char dataset[256];
 	uint64_t generation, points;
 	unsigned good, refused;
-	struct ctl_staged_file { char *name; bool refused; uint64_t points, moved; double shift[3]; struct err err; } *file;
+	struct ctl_staged_file {
+		char *name;
+		bool refused;
+		uint64_t points, moved;
+		double shift[3];
+		struct err err;
+	} *file;
 	size_t nfile;
 	double seconds;
 };

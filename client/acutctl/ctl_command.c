@@ -1,7 +1,7 @@
 /*
- * The table of commands, sorted by name. A new command is a file ctl_NAME.c and a row here; help text, man page
- * test and dispatch read this table. Rows without a function are names that a later version will know: they are
- * refused as such, so that nobody takes silence for consent.
+ * The table of commands, sorted by name. A new command is a file ctl_NAME.c and a row here; help text, man
+ * page test and dispatch read this table. Rows without a function are names that a later version will know:
+ * they are refused as such, so that nobody takes silence for consent.
  */
 #include <string.h>
 
@@ -10,33 +10,34 @@
 #define MANY 100000u
 
 static const struct ctl_command table[] = {
-	{ "cache", "cache stat|verify|gc", "what is kept of finished domains", CTL_ALL, 0, MANY, false, NULL },
-	{ "cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run },
-	{ "dataset", "dataset show NAME", "what is in one dataset", CTL_ALL, 1, MANY, false, ctl_dataset_run },
-	{ "datasets", "datasets", "list the datasets", CTL_ALL, 0, 0, false, ctl_datasets_run },
-	{ "doctor", "doctor", "look for what is wrong", CTL_ALL, 0, MANY, false, NULL },
-	{ "fetch", "fetch JOB -o OUT", "stream the triangles of a job into files", CTL_ALL | CTL_OUT | CTL_FETCH,
-	  1, 1, false, ctl_fetch_run },
-	{ "formats", "formats", "what can be read and written", CTL_ALL, 0, 0, false, ctl_formats_run },
-	{ "help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 1, false, ctl_help_run },
-	{ "info", "info FILE...", "what the headers of files say", CTL_ALL | CTL_OWN | CTL_INPUT, 1, MANY, true,
-	  ctl_info_run },
-	{ "jobs", "jobs", "list the jobs", CTL_ALL, 0, 0, false, ctl_jobs_run },
-	{ "mesh", "mesh INPUT... -o OUT", "one step: stage, triangulate, write",
-	  CTL_ALL | CTL_STAGE | CTL_VIEW | CTL_OUT | CTL_OWN | CTL_INPUT, 1, MANY, true, ctl_mesh_run },
-	{ "ping", "ping", "ask the daemon for a sign of life", CTL_ALL, 0, 0, false, ctl_ping_run },
-	{ "plan", "plan DATASET", "domains, memory, disk, time; starts nothing", CTL_ALL | CTL_VIEW | CTL_GENERATION,
-	  1, 1, false, ctl_plan_run },
-	{ "push", "push DATASET INPUT...", "stage files into a named dataset", CTL_ALL | CTL_STAGE | CTL_INPUT, 2,
-	  MANY, false, ctl_push_run },
-	{ "rm", "rm JOB...", "forget jobs that are over", CTL_ALL, 1, MANY, false, ctl_rm_run },
-	{ "show", "show JOB", "all that is known of a job", CTL_ALL, 1, 1, false, ctl_show_run },
-	{ "status", "status", "the daemon: memory, threads, jobs", CTL_ALL, 0, 0, false, ctl_status_run },
-	{ "submit", "submit DATASET", "queue a job and print its number",
-	  CTL_ALL | CTL_VIEW | CTL_GENERATION | CTL_SUBMIT, 1, 1, false, ctl_submit_run },
-	{ "version", "version", "the version of acutctl", CTL_ALL, 0, 0, false, ctl_version_run },
-	{ "wait", "wait JOB...", "wait until jobs are over", CTL_ALL, 1, MANY, false, ctl_wait_run },
-	{ "watch", "watch [JOB]", "print each change of a job, or of all", CTL_ALL, 0, 1, false, ctl_watch_run },
+	{"cache", "cache stat|verify|gc", "what is kept of finished domains", CTL_ALL, 0, MANY, false, NULL},
+	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
+	{"dataset", "dataset show NAME", "what is in one dataset", CTL_ALL, 1, MANY, false, ctl_dataset_run},
+	{"datasets", "datasets", "list the datasets", CTL_ALL, 0, 0, false, ctl_datasets_run},
+	{"doctor", "doctor", "look for what is wrong", CTL_ALL, 0, MANY, false, NULL},
+	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files",
+	 CTL_ALL | CTL_OUT | CTL_FETCH, 1, 1, false, ctl_fetch_run},
+	{"formats", "formats", "what can be read and written", CTL_ALL, 0, 0, false, ctl_formats_run},
+	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 1, false, ctl_help_run},
+	{"info", "info FILE...", "what the headers of files say", CTL_ALL | CTL_OWN | CTL_INPUT, 1, MANY,
+	 true, ctl_info_run},
+	{"jobs", "jobs", "list the jobs", CTL_ALL, 0, 0, false, ctl_jobs_run},
+	{"mesh", "mesh INPUT... -o OUT", "one step: stage, triangulate, write",
+	 CTL_ALL | CTL_STAGE | CTL_VIEW | CTL_OUT | CTL_OWN | CTL_INPUT, 1, MANY, true, ctl_mesh_run},
+	{"ping", "ping", "ask the daemon for a sign of life", CTL_ALL, 0, 0, false, ctl_ping_run},
+	{"plan", "plan DATASET", "domains, memory, disk, time; starts nothing",
+	 CTL_ALL | CTL_VIEW | CTL_GENERATION, 1, 1, false, ctl_plan_run},
+	{"push", "push DATASET INPUT...", "stage files into a named dataset", CTL_ALL | CTL_STAGE | CTL_INPUT,
+	 2, MANY, false, ctl_push_run},
+	{"rm", "rm JOB...", "forget jobs that are over", CTL_ALL, 1, MANY, false, ctl_rm_run},
+	{"show", "show JOB", "all that is known of a job", CTL_ALL, 1, 1, false, ctl_show_run},
+	{"status", "status", "the daemon: memory, threads, jobs", CTL_ALL, 0, 0, false, ctl_status_run},
+	{"submit", "submit DATASET", "queue a job and print its number",
+	 CTL_ALL | CTL_VIEW | CTL_GENERATION | CTL_SUBMIT, 1, 1, false, ctl_submit_run},
+	{"version", "version", "the version of acutctl", CTL_ALL, 0, 0, false, ctl_version_run},
+	{"wait", "wait JOB...", "wait until jobs are over", CTL_ALL, 1, MANY, false, ctl_wait_run},
+	{"watch", "watch [JOB]", "print each change of a job, or of all", CTL_ALL, 0, 1, false,
+	 ctl_watch_run},
 };
 
 const struct ctl_command *ctl_command_rows(size_t *ret_n)

@@ -1,6 +1,7 @@
 /*
- * Which daemon a command speaks to: --socket, $ACUT_SOCKET, the system's socket, in this order; only where none of
- * them is set, and only for the commands that need nothing kept, a private one that is started unasked.
+ * Which daemon a command speaks to: --socket, $ACUT_SOCKET, the system's socket, in this order; only where
+ * none of them is set, and only for the commands that need nothing kept, a private one that is started
+ * unasked.
  */
 #include <stdlib.h>
 #include <sys/stat.h>
@@ -23,7 +24,8 @@ static const char *configured(const struct ctl_args *a)
 
 static int connect_to(struct ctl *ctl, const char *path, struct err *err)
 {
-	const struct acut_options opt = { .program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl };
+	const struct acut_options opt = {
+		.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
 	int fd, r = ctl_spawn_connect(path, &fd);
 
 	if (!r)
@@ -51,7 +53,8 @@ int ctl_connect(struct ctl *ctl)
 	} else if (a->own_private || ctl->command->starts) {
 		r = ctl_private_connect(ctl, &err);
 	} else {
-		r = err_set(&err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s", SYSTEM_SOCKET);
+		r = err_set(&err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s",
+			    SYSTEM_SOCKET);
 		err_add_hint(&err, "start acutd, or use the private daemon of acutctl mesh with --private");
 	}
 	return r ? ctl_error(ctl, &err) : 0;

@@ -53,12 +53,14 @@ static void show(void *ctx, const struct acut_dataset *d)
 		return;
 	}
 	fprintf(out, "dataset     %s\ngeneration  %llu, of %u files\npoints      %s, %s\n", d->name,
-		(unsigned long long)d->generation, d->files, ctl_job_count(d->points, a), parse_size_text(d->bytes, b));
-	fprintf(out, "created     %s by user %u\npushed      %s\n", ctl_job_time_text(d->created_us, a), d->uid,
-		ctl_job_time_text(d->pushed_us, b));
-	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", d->lattice, d->crs, d->unit_xy, d->unit_z);
-	fprintf(out, "box         %.15g %.15g %.15g to %.15g %.15g %.15g\n", d->min[0], d->min[1], d->min[2], d->max[0],
-		d->max[1], d->max[2]);
+		(unsigned long long)d->generation, d->files, ctl_job_count(d->points, a),
+		parse_size_text(d->bytes, b));
+	fprintf(out, "created     %s by user %u\npushed      %s\n", ctl_job_time_text(d->created_us, a),
+		d->uid, ctl_job_time_text(d->pushed_us, b));
+	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", d->lattice, d->crs,
+		d->unit_xy, d->unit_z);
+	fprintf(out, "box         %.15g %.15g %.15g to %.15g %.15g %.15g\n", d->min[0], d->min[1], d->min[2],
+		d->max[0], d->max[1], d->max[2]);
 	if (d->pending[0])
 		fprintf(out, "pending     %s\n", d->pending);
 }
@@ -78,7 +80,9 @@ int ctl_dataset_run(struct ctl *ctl)
 		}
 	}
 	if (strcmp(word[0], "show") || ctl->args.nword != 2) {
-		err_set(&err, ERR_USAGE, strcmp(word[0], "show") ? "there is no command dataset %s" : "dataset %s takes one name",
+		err_set(&err, ERR_USAGE,
+			strcmp(word[0], "show") ? "there is no command dataset %s"
+						: "dataset %s takes one name",
 			word[0]);
 		err_add_hint(&err, "acutctl dataset show NAME");
 		return ctl_error(ctl, &err);

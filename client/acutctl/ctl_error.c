@@ -1,6 +1,6 @@
 /*
- * How failures, warnings and notes are told. Read aloud, an error says which file, where in it, what is wrong,
- * and what to do: "acutctl: survey.las: byte 104, header size: ...", then "hint: ...".
+ * How failures, warnings and notes are told. Read aloud, an error says which file, where in it, what is
+ * wrong, and what to do: "acutctl: survey.las: byte 104, header size: ...", then "hint: ...".
  */
 #include <errno.h>
 #include <stdarg.h>
@@ -81,7 +81,8 @@ int ctl_error(struct ctl *ctl, const struct err *given)
 void ctl_error_from_failure(const struct acut_failure *f, struct err *ret)
 {
 	*ret = ERR_INIT;
-	err_set(ret, f->code > 0 && f->code < ERR_COUNT ? (enum err_code)f->code : ERR_INTERNAL, "%s", f->message);
+	err_set(ret, f->code > 0 && f->code < ERR_COUNT ? (enum err_code)f->code : ERR_INTERNAL, "%s",
+		f->message);
 	if (f->file[0])
 		err_add_file(ret, f->file);
 	err_add_place(ret, f->offset, f->field);

@@ -6,7 +6,8 @@ static const struct { const char *name, *extensions, *help; } input[] = {
 	{ "xyz", ".xyz", "text, one point a line: x y z; space, tab, comma or semicolon" },
 };
 
-static void line(struct ctl *ctl, const char *direction, const char *name, const char *extensions, const char *help)
+static void line(struct ctl *ctl, const char *direction, const char *name, const char *extensions,
+		 const char *help)
 {
 	struct ctl_json j = { .out = ctl->report };
 

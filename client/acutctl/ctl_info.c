@@ -8,11 +8,12 @@ static void print(struct ctl *ctl, const struct acut_probe *p)
 
 	fprintf(out, "%s\n  format  %s\n  points  %s\n", p->name, p->variant[0] ? p->variant : p->format,
 		ctl_job_count(p->points, a));
-	fprintf(out, "  box     %.15g %.15g %.15g to %.15g %.15g %.15g\n", p->min[0], p->min[1], p->min[2], p->max[0], p->max[1],
-		p->max[2]);
-	fprintf(out, "  scale   %s %s %s\n  offset  %s %s %s\n", p->scale[0], p->scale[1], p->scale[2], p->offset[0], p->offset[1],
-		p->offset[2]);
-	fprintf(out, "  crs     %s (%s)\n  units   %s, heights %s\n", p->crs, p->plane, p->unit_xy, p->unit_z);
+	fprintf(out, "  box     %.15g %.15g %.15g to %.15g %.15g %.15g\n", p->min[0], p->min[1], p->min[2],
+		p->max[0], p->max[1], p->max[2]);
+	fprintf(out, "  scale   %s %s %s\n  offset  %s %s %s\n", p->scale[0], p->scale[1], p->scale[2],
+		p->offset[0], p->offset[1], p->offset[2]);
+	fprintf(out, "  crs     %s (%s)\n  units   %s, heights %s\n", p->crs, p->plane, p->unit_xy,
+		p->unit_z);
 	if (p->warning[0])
 		fprintf(out, "  note    %s\n", p->warning);
 }

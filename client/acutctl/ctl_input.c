@@ -1,11 +1,13 @@
 /*
  * Words of the command line to inputs. A folder stands for the survey files in it and below, in byte order of
- * their paths; "@FILE" for the names in it, one a line; "-" for standard input, which goes into a nameless file
- * first, because the daemon takes only regular files. A file that is named is never judged by its extension.
+ * their paths; "@FILE" for the names in it, one a line; "-" for standard input, which goes into a nameless
+ * file first, because the daemon takes only regular files. A file that is named is never judged by its
+ * extension.
  */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -14,8 +16,8 @@
 
 #include "ctl.h"
 
-/* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the daemon
- * refuses them by name, so that nothing is left out in silence. */
+/* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the
+ * daemon refuses them by name, so that nothing is left out in silence. */
 static const char *const extension[] = { ".las", ".laz", ".xyz" };
 
 #define DEPTH 64
@@ -76,7 +78,8 @@ static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, s
 
 		if (!r && entry[i]->d_name[0] != '.') {
 			size_t len = strlen(path);
-			if (asprintf(&name, "%s%s%s", path, len && path[len - 1] == '/' ? "" : "/", entry[i]->d_name) < 0)
+			if (asprintf(&name, "%s%s%s", path, len && path[len - 1] == '/' ? "" : "/",
+				     entry[i]->d_name) < 0)
 				r = err_set(err, ERR_NOMEM, "no memory for a file name");
 		}
 		if (!r && name && !lstat(name, &st)) {
@@ -94,41 +97,48 @@ static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, s
 
 static int add_list(struct ctl *, struct ctl_inputs *, const char *path, struct err *);
 
+/* Copies standard input; looks about ten times a second whether somebody wants it to end. */
+static int copy_standard(struct ctl *ctl, int fd, const char *dir, struct err *err)
+{
+	struct pollfd in = { .fd = STDIN_FILENO, .events = POLLIN };
+	char *buf = malloc(1 << 16);
+	ssize_t n = 1;
+
+	if (!buf)
+		err_set(err, ERR_NOMEM, "no memory to read standard input");
+	while (n && !err->code) {
+		if (ctl_signal_interrupted(ctl)) {
+			err_set(err, ERR_CANCELLED, "interrupted");
+		} else if (poll(&in, 1, 100) > 0) {
+			n = read(STDIN_FILENO, buf, 1 << 16);
+			if (n < 0 && errno != EINTR && errno != EAGAIN)
+				err_sys(err, errno, "standard input cannot be read");
+			else if (n > 0 && write(fd, buf, (size_t)n) != n)
+				err_sys(err, errno ? errno : ENOSPC, "standard input cannot be kept in %s", dir);
+		}
+	}
+	free(buf);
+	return -(int)err->code;
+}
+
 /* Standard input into a nameless file. */
 static int add_standard(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
 {
 	const char *dir = getenv("TMPDIR");
-	char path[4096], *buf;
-	ssize_t n = 0;
+	char path[4096];
 	int fd;
 
 	if (!ctl->args.input_format) {
 		err_set(err, ERR_USAGE, "what standard input holds is not known");
 		return err_add_hint(err, "say it with --input-format, as in --input-format xyz");
 	}
-	snprintf(path, sizeof(path), "%s/acut-input-XXXXXX", dir && *dir ? dir : "/var/tmp");
+	dir = dir && *dir ? dir : "/var/tmp";
+	snprintf(path, sizeof(path), "%s/acut-input-XXXXXX", dir);
 	fd = mkostemp(path, O_CLOEXEC);
 	if (fd < 0)
-		return err_sys(err, errno, "standard input cannot be kept in %s", dir && *dir ? dir : "/var/tmp");
+		return err_sys(err, errno, "standard input cannot be kept in %s", dir);
 	unlink(path);
-	buf = malloc(1 << 16);
-	while (buf && (n = read(STDIN_FILENO, buf, 1 << 16)) != 0) {
-		if (ctl_signal_interrupted(ctl))
-			err_set(err, ERR_CANCELLED, "interrupted");
-		else if (n < 0 && errno == EINTR)
-			continue;
-		else if (n < 0)
-			err_sys(err, errno, "standard input cannot be read");
-		else if (write(fd, buf, (size_t)n) != n)
-			err_sys(err, errno ? errno : ENOSPC, "standard input cannot be kept in %s",
-				dir && *dir ? dir : "/var/tmp");
-		if (err->code)
-			break;
-	}
-	if (!buf)
-		err_set(err, ERR_NOMEM, "no memory to read standard input");
-	free(buf);
-	if (!err->code && !add(in, "standard input", fd, err))
+	if (!copy_standard(ctl, fd, dir, err) && !add(in, "standard input", fd, err))
 		return 0;
 	close(fd);
 	return -(int)err->code;
@@ -148,7 +158,9 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 		if (!r && in->n == before) {
 			err_set(err, ERR_INPUT, "the folder holds no survey files");
 			err_add_file(err, word);
-			return err_add_hint(err, "files ending in .las, .laz or .xyz are taken from folders; name others");
+			return err_add_hint(
+				err,
+				"files ending in .las, .laz or .xyz are taken from folders; name others");
 		}
 		return r;
 	}

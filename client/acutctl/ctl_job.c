@@ -44,7 +44,8 @@ void ctl_job_lattice(struct ctl_json *j, const char *lattice)
 	char part[5][DECIMAL_TEXT_SIZE], offset[DECIMAL_TEXT_SIZE];
 	struct decimal scale[2];
 	int64_t k[3];
-	bool ok = lattice && sscanf(lattice, "%47s %47s %47s %47s %47s", part[0], part[1], part[2], part[3], part[4]) == 5;
+	bool ok = lattice && sscanf(lattice, "%47s %47s %47s %47s %47s", part[0], part[1], part[2], part[3],
+				    part[4]) == 5;
 
 	ok = ok && decimal_parse(part[0], &scale[0]) && decimal_parse(part[1], &scale[1]);
 	for (int i = 0; i < 3 && ok; i++)
@@ -80,9 +81,11 @@ void ctl_job_refused(struct ctl_json *j, const struct ctl_staged_file *f)
 /* All of it unknown. */
 static void no_report(struct ctl_json *j)
 {
-	static const char *const key[] = { "points", "used", "vertices", "triangles", "hull", "domains", "digest",
-					   "vertex_digest", "removed", "seconds", "stage_seconds",
-					   "first_triangle_seconds", "peak_rss_bytes" };
+	static const char *const key[] = {"points",        "used",          "vertices",
+					  "triangles",     "hull",          "domains",
+					  "digest",        "vertex_digest", "removed",
+					  "seconds",       "stage_seconds", "first_triangle_seconds",
+					  "peak_rss_bytes"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		ctl_json_text(j, key[i], NULL);
@@ -183,7 +186,8 @@ int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
 	else if (!strcmp(job->state, "cancelled"))
 		err_set(&err, ERR_CANCELLED, "job %llu was cancelled", (unsigned long long)job->id);
 	else
-		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason", (unsigned long long)job->id, job->state);
+		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason",
+			(unsigned long long)job->id, job->state);
 	return ctl_error(ctl, &err);
 }
 

@@ -1,7 +1,7 @@
 /*
- * mesh: the one step from files to files. What can be refused without a daemon is refused first; then a one-step
- * dataset is staged, a job bound to this connection is submitted, and its triangles stream into the outputs while
- * they are made. If this command ends, so does the job.
+ * mesh: the one step from files to files. What can be refused without a daemon is refused first; then a
+ * one-step dataset is staged, a job bound to this connection is submitted, and its triangles stream into the
+ * outputs while they are made. If this command ends, so does the job.
  */
 #include "ctl.h"
 

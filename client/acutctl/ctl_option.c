@@ -1,9 +1,9 @@
 /*
  * The table of options, and the reading of the command line by it.
  *
- * A row says the option's name, what follows it, where its value goes and which commands take it. Rows of kind
- * LATER belong to a version to come: they are refused by name, never ignored, since a script that asks for a
- * crop must not get the whole. Options may stand before and after the command; "--" ends them.
+ * A row says the option's name, what follows it, where its value goes and which commands take it. Rows of
+ * kind LATER belong to a version to come: they are refused by name, never ignored, since a script that asks
+ * for a crop must not get the whole. Options may stand before and after the command; "--" ends them.
  */
 #include <stddef.h>
 #include <stdlib.h>
@@ -28,64 +28,75 @@ struct option {
 #define AT(field) offsetof(struct ctl_args, field)
 
 static const struct option table[] = {
-	{ "output", 'o', "OUT", OUTPUT, 0, CTL_OUT, "write there; \"-\" is standard output; may be repeated" },
-	{ "format", 0, "FORMAT", TEXT, AT(format), CTL_OUT, "what to write, where the name of OUT does not say it" },
-	{ "max-edge", 0, "LENGTH", TEXT, AT(max_edge), CTL_OUT, "leave out triangles with a longer xy edge (file units)" },
-	{ "origin", 0, "X,Y,Z|auto", TEXT, AT(origin), CTL_OUT, "subtract this point from all coordinates" },
-	{ "canonical", 0, NULL, FLAG, AT(canonical), CTL_OUT, "one order of vertices and triangles: the same mesh is the same file" },
-	{ "no-clobber", 0, NULL, FLAG, AT(no_clobber), CTL_OUT, "an OUT that exists is an error" },
-	{ "width", 0, "PIXELS", TEXT, AT(width), CTL_OUT, "width of a picture (1600)" },
-	{ "color", 0, "KIND", TEXT, AT(color), CTL_OUT, "picture of hillshade, elevation or domain" },
-	{ "bbox", 0, "X1,Y1,X2,Y2", LATER, 0, CTL_OUT, NULL },
-	{ "resume", 0, NULL, LATER, 0, CTL_FETCH, NULL },
-	{ "tile", 0, "SIZE", LATER, 0, CTL_OUT, NULL },
-	{ "trim", 0, "LENGTH", LATER, 0, CTL_OUT, NULL },
-	{ "mask", 0, "FILE", LATER, 0, CTL_OUT, NULL },
-	{ "checksum", 0, NULL, LATER, 0, CTL_OUT, NULL },
-	{ "manifest", 0, "FILE", LATER, 0, CTL_OUT, NULL },
-	{ "changes", 0, NULL, LATER, 0, CTL_FETCH, NULL },
+	{"output", 'o', "OUT", OUTPUT, 0, CTL_OUT, "write there; \"-\" is standard output; may be repeated"},
+	{"format", 0, "FORMAT", TEXT, AT(format), CTL_OUT,
+	 "what to write, where the name of OUT does not say it"},
+	{"max-edge", 0, "LENGTH", TEXT, AT(max_edge), CTL_OUT,
+	 "leave out triangles with a longer xy edge (file units)"},
+	{"origin", 0, "X,Y,Z|auto", TEXT, AT(origin), CTL_OUT, "subtract this point from all coordinates"},
+	{"canonical", 0, NULL, FLAG, AT(canonical), CTL_OUT,
+	 "one order of vertices and triangles: the same mesh is the same file"},
+	{"no-clobber", 0, NULL, FLAG, AT(no_clobber), CTL_OUT, "an OUT that exists is an error"},
+	{"width", 0, "PIXELS", TEXT, AT(width), CTL_OUT, "width of a picture (1600)"},
+	{"color", 0, "KIND", TEXT, AT(color), CTL_OUT, "picture of hillshade, elevation or domain"},
+	{"bbox", 0, "X1,Y1,X2,Y2", LATER, 0, CTL_OUT, NULL},
+	{"resume", 0, NULL, LATER, 0, CTL_FETCH, NULL},
+	{"tile", 0, "SIZE", LATER, 0, CTL_OUT, NULL},
+	{"trim", 0, "LENGTH", LATER, 0, CTL_OUT, NULL},
+	{"mask", 0, "FILE", LATER, 0, CTL_OUT, NULL},
+	{"checksum", 0, NULL, LATER, 0, CTL_OUT, NULL},
+	{"manifest", 0, "FILE", LATER, 0, CTL_OUT, NULL},
+	{"changes", 0, NULL, LATER, 0, CTL_FETCH, NULL},
 
-	{ "class", 0, "LIST", TEXT, AT(classes), CTL_VIEW, "only points of these classes: 2,8 or 2-5" },
-	{ "returns", 0, "WHICH", TEXT, AT(returns), CTL_VIEW, "all, first or last returns" },
-	{ "ground", 0, NULL, FLAG, AT(ground), CTL_VIEW, "classes 2 and 8 and key-points, the lowest of a position" },
-	{ "surface", 0, NULL, FLAG, AT(surface), CTL_VIEW, "first returns, the highest of a position" },
-	{ "keep-withheld", 0, NULL, FLAG, AT(keep_withheld), CTL_VIEW, "take withheld points too" },
-	{ "keep-noise", 0, NULL, FLAG, AT(keep_noise), CTL_VIEW, "take classes 7 and 18 too" },
-	{ "duplicates", 0, "WHICH", TEXT, AT(duplicates), CTL_VIEW, "lowest or highest point of a position" },
-	{ "not-class", 0, "LIST", LATER, 0, CTL_VIEW, NULL },
-	{ "drop-overlap", 0, NULL, LATER, 0, CTL_VIEW, NULL },
-	{ "crop", 0, "AREA", LATER, 0, CTL_VIEW, NULL },
-	{ "every", 0, "N", LATER, 0, CTL_VIEW, NULL },
-	{ "thin", 0, "LENGTH", LATER, 0, CTL_VIEW, NULL },
-	{ "z-min", 0, "Z", LATER, 0, CTL_VIEW, NULL },
-	{ "z-max", 0, "Z", LATER, 0, CTL_VIEW, NULL },
-	{ "constraints", 0, "FILE", LATER, 0, CTL_VIEW, NULL },
+	{"class", 0, "LIST", TEXT, AT(classes), CTL_VIEW, "only points of these classes: 2,8 or 2-5"},
+	{"returns", 0, "WHICH", TEXT, AT(returns), CTL_VIEW, "all, first or last returns"},
+	{"ground", 0, NULL, FLAG, AT(ground), CTL_VIEW,
+	 "classes 2 and 8 and key-points, the lowest of a position"},
+	{"surface", 0, NULL, FLAG, AT(surface), CTL_VIEW, "first returns, the highest of a position"},
+	{"keep-withheld", 0, NULL, FLAG, AT(keep_withheld), CTL_VIEW, "take withheld points too"},
+	{"keep-noise", 0, NULL, FLAG, AT(keep_noise), CTL_VIEW, "take classes 7 and 18 too"},
+	{"duplicates", 0, "WHICH", TEXT, AT(duplicates), CTL_VIEW, "lowest or highest point of a position"},
+	{"not-class", 0, "LIST", LATER, 0, CTL_VIEW, NULL},
+	{"drop-overlap", 0, NULL, LATER, 0, CTL_VIEW, NULL},
+	{"crop", 0, "AREA", LATER, 0, CTL_VIEW, NULL},
+	{"every", 0, "N", LATER, 0, CTL_VIEW, NULL},
+	{"thin", 0, "LENGTH", LATER, 0, CTL_VIEW, NULL},
+	{"z-min", 0, "Z", LATER, 0, CTL_VIEW, NULL},
+	{"z-max", 0, "Z", LATER, 0, CTL_VIEW, NULL},
+	{"constraints", 0, "FILE", LATER, 0, CTL_VIEW, NULL},
 
-	{ "scale", 0, "XY[,Z]", TEXT, AT(scale), CTL_STAGE, "lattice scale of a new dataset, in place of the inputs' finest" },
-	{ "planar", 0, NULL, FLAG, AT(planar), CTL_STAGE, "triangulate the file's own plane, degrees included" },
-	{ "accept-truncated", 0, NULL, FLAG, AT(accept_truncated), CTL_STAGE, "take files that have fewer points than their header says" },
-	{ "strict", 0, NULL, FLAG, AT(strict), CTL_STAGE, "one refused input refuses all" },
-	{ "input-format", 0, "FORMAT", TEXT, AT(input_format), CTL_INPUT, "format of the inputs, in place of what their bytes say" },
-	{ "assume-crs", 0, "CRS", LATER, 0, CTL_STAGE, NULL },
-	{ "assume-units", 0, "UNITS", LATER, 0, CTL_STAGE, NULL },
-	{ "utm", 0, NULL, LATER, 0, CTL_STAGE, NULL },
-	{ "geoid", 0, "FILE", LATER, 0, CTL_STAGE, NULL },
+	{"scale", 0, "XY[,Z]", TEXT, AT(scale), CTL_STAGE,
+	 "lattice scale of a new dataset, in place of the inputs' finest"},
+	{"planar", 0, NULL, FLAG, AT(planar), CTL_STAGE,
+	 "triangulate the file's own plane, degrees included"},
+	{"accept-truncated", 0, NULL, FLAG, AT(accept_truncated), CTL_STAGE,
+	 "take files that have fewer points than their header says"},
+	{"strict", 0, NULL, FLAG, AT(strict), CTL_STAGE, "one refused input refuses all"},
+	{"input-format", 0, "FORMAT", TEXT, AT(input_format), CTL_INPUT,
+	 "format of the inputs, in place of what their bytes say"},
+	{"assume-crs", 0, "CRS", LATER, 0, CTL_STAGE, NULL},
+	{"assume-units", 0, "UNITS", LATER, 0, CTL_STAGE, NULL},
+	{"utm", 0, NULL, LATER, 0, CTL_STAGE, NULL},
+	{"geoid", 0, "FILE", LATER, 0, CTL_STAGE, NULL},
 
-	{ "wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status" },
-	{ "new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already" },
-	{ "generation", 0, "N", TEXT, AT(generation), CTL_GENERATION, "of this state of the dataset, not the newest" },
+	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
+	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
+	{"generation", 0, "N", TEXT, AT(generation), CTL_GENERATION,
+	 "of this state of the dataset, not the newest"},
 
-	{ "memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN, "a daemon of this command's own, with this much memory" },
-	{ "threads", 0, "N", TEXT, AT(threads), CTL_OWN, "the same, with this many threads" },
-	{ "cache", 0, "FOLDER", TEXT, AT(cache), CTL_OWN, "the same, with this cache" },
+	{"memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN,
+	 "a daemon of this command's own, with this much memory"},
+	{"threads", 0, "N", TEXT, AT(threads), CTL_OWN, "the same, with this many threads"},
+	{"cache", 0, "FOLDER", TEXT, AT(cache), CTL_OWN, "the same, with this cache"},
 
-	{ "socket", 0, "PATH", TEXT, AT(socket), CTL_ALL, "where the daemon listens" },
-	{ "private", 0, NULL, FLAG, AT(own_private), CTL_ALL, "use the user's private daemon, start it if need be" },
-	{ "timeout", 0, "TIME", TEXT, AT(timeout), CTL_ALL, "end with status 124 after 90, 90s, 5m, 2h" },
-	{ "json", 0, NULL, FLAG, AT(json), CTL_ALL, "results and errors as JSON" },
-	{ "quiet", 'q', NULL, FLAG, AT(quiet), CTL_ALL, "say nothing but errors and what was asked for" },
-	{ "no-progress", 0, NULL, FLAG, AT(no_progress), CTL_ALL, "no progress line" },
-	{ "help", 'h', NULL, FLAG, AT(help), CTL_ALL, "what the command does" },
+	{"socket", 0, "PATH", TEXT, AT(socket), CTL_ALL, "where the daemon listens"},
+	{"private", 0, NULL, FLAG, AT(own_private), CTL_ALL,
+	 "use the user's private daemon, start it if need be"},
+	{"timeout", 0, "TIME", TEXT, AT(timeout), CTL_ALL, "end with status 124 after 90, 90s, 5m, 2h"},
+	{"json", 0, NULL, FLAG, AT(json), CTL_ALL, "results and errors as JSON"},
+	{"quiet", 'q', NULL, FLAG, AT(quiet), CTL_ALL, "say nothing but errors and what was asked for"},
+	{"no-progress", 0, NULL, FLAG, AT(no_progress), CTL_ALL, "no progress line"},
+	{"help", 'h', NULL, FLAG, AT(help), CTL_ALL, "what the command does"},
 };
 
 #define ROWS (sizeof(table) / sizeof(table[0]))
@@ -97,9 +108,12 @@ void ctl_option_help(FILE *out, unsigned groups)
 
 		if (table[i].kind == LATER || !(table[i].groups & groups))
 			continue;
-		snprintf(left, sizeof(left), "%s--%s%s%s", table[i].letter == 'o' ? "-o, " : table[i].letter == 'q' ? "-q, "
-			 : table[i].letter == 'h' ? "-h, " : "", table[i].name, table[i].value ? " " : "",
-			 table[i].value ? table[i].value : "");
+		snprintf(left, sizeof(left), "%s--%s%s%s",
+			 table[i].letter == 'o'   ? "-o, "
+			 : table[i].letter == 'q' ? "-q, "
+			 : table[i].letter == 'h' ? "-h, "
+						  : "",
+			 table[i].name, table[i].value ? " " : "", table[i].value ? table[i].value : "");
 		fprintf(out, "  %-24s %s\n", left, table[i].help);
 	}
 }
@@ -217,13 +231,14 @@ static int check_words(const struct ctl *ctl, struct err *err)
 	return err_add_hint(err, "acutctl %s", c->usage);
 }
 
-int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret, struct err *err)
+int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
+		      struct err *err)
 {
 	uint64_t n;
 
 	if (!parse_u64(text, &n) || n < least || n > most)
-		return err_set(err, ERR_USAGE, "%s must be a whole number from %llu to %llu, not \"%s\"", name,
-			       (unsigned long long)least, (unsigned long long)most, text);
+		return err_set(err, ERR_USAGE, "%s must be a whole number from %llu to %llu, not \"%s\"",
+			       name, (unsigned long long)least, (unsigned long long)most, text);
 	*ret = n;
 	return 0;
 }
@@ -236,7 +251,8 @@ static int check_values(struct ctl *ctl, struct err *err)
 	int r = 0;
 
 	if (a->timeout && (!parse_seconds(a->timeout, &ctl->timeout) || ctl->timeout <= 0))
-		return err_set(err, ERR_USAGE, "--timeout is not a time: \"%s\" (90, 90s, 5m, 2h)", a->timeout);
+		return err_set(err, ERR_USAGE, "--timeout is not a time: \"%s\" (90, 90s, 5m, 2h)",
+			       a->timeout);
 	if (ctl->timeout > 0)
 		ctl->deadline_ns = clock_mono_ns() + (uint64_t)(ctl->timeout * 1e9);
 	if (a->memory && (!parse_size(a->memory, &n) || n < 24u << 20)) {

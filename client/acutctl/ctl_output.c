@@ -35,7 +35,8 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 }
 
 /* Options of one output; what it cannot use is refused by the run, what none can use below. */
-static int options_of(const struct ctl_args *a, const struct format *f, struct format_options *opt, struct err *err)
+static int options_of(const struct ctl_args *a, const struct format *f, struct format_options *opt,
+		      struct err *err)
 {
 	bool picture = f->positions && !f->canonical;
 	uint64_t n;
@@ -48,7 +49,8 @@ static int options_of(const struct ctl_args *a, const struct format *f, struct f
 			opt->width = r ? 0 : (uint32_t)n;
 		}
 		if (!r && a->color && !format_parse_color(a->color, &opt->color))
-			r = err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"", a->color);
+			r = err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"",
+				    a->color);
 		return r;
 	}
 	opt->canonical = a->canonical;
@@ -119,16 +121,19 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	if (!r && a->max_edge) {
 		opt.has_max_edge = true;
 		if (!decimal_parse(a->max_edge, &opt.max_edge) || opt.max_edge.mantissa <= 0)
-			r = err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"", a->max_edge);
+			r = err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"",
+				    a->max_edge);
 	}
 	if (!r)
 		r = format_run_new(&opt, &run, err);
 	for (unsigned i = 0; i < a->nout && !r; i++)
 		r = add_output(a, a->out[i], run, &picture, &mesh, err);
 	if (!r && !picture && (a->width || a->color))
-		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one", a->width ? "width" : "color");
+		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one",
+			    a->width ? "width" : "color");
 	if (!r && !mesh && (a->canonical || a->origin))
-		r = err_set(err, ERR_USAGE, "--%s has no meaning for a picture", a->canonical ? "canonical" : "origin");
+		r = err_set(err, ERR_USAGE, "--%s has no meaning for a picture",
+			    a->canonical ? "canonical" : "origin");
 	if (r)
 		format_run_free(run);
 	else
@@ -179,11 +184,12 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 	for (unsigned i = 0; i < ctl->args.nout; i++)
 		if (strcmp(ctl->args.out[i], "-"))
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
-	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a), ctl_job_count(p->points, b),
-		 ctl_job_count(p->vertices, c));
+	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
+		 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
-			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, ctl_job_count(p->removed[i].count, a));
+			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule,
+				 ctl_job_count(p->removed[i].count, a));
 	ctl_note(ctl, "%s triangles in %s domain%s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
 		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
 	if (!p->triangles)
@@ -194,7 +200,8 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 			 ctl_job_count(out->left_out, a), ctl->args.max_edge, out->left_out_area);
 }
 
-static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run, const struct ctl_staged *staged)
+static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run,
+		   const struct ctl_staged *staged)
 {
 	struct format_report out;
 	struct err err = ERR_INIT;
@@ -204,8 +211,11 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 	format_run_report(run, &out);
 	ctl_progress_clear(ctl);
 	if (out.median_edge > 0 && out.longest_edge > LONG_EDGE * out.median_edge)
-		ctl_warn(ctl, "the longest edge is %.6g, %.0f times the median of %.3g: gaps are bridged; --max-edge LENGTH "
-			 "leaves such triangles out", out.longest_edge, out.longest_edge / out.median_edge, out.median_edge);
+		ctl_warn(ctl,
+			 "the longest edge is %.6g, %.0f times the median of %.3g: gaps are bridged; "
+			 "--max-edge LENGTH "
+			 "leaves such triangles out",
+			 out.longest_edge, out.longest_edge / out.median_edge, out.median_edge);
 	if (ctl->args.json)
 		report_json(ctl, job, &out, staged);
 	else

@@ -7,8 +7,8 @@ static void print(struct ctl *ctl, const struct acut_plan *p)
 	char a[32], b[32], c[32];
 
 	fprintf(ctl->report, "points      %s%s\n", p->exact ? "" : "at most ", ctl_job_count(p->points, a));
-	fprintf(ctl->report, "domains     %s of at most %s points, %u at once\n", ctl_job_count(p->domains, a),
-		ctl_job_count(p->load, b), p->threads);
+	fprintf(ctl->report, "domains     %s of at most %s points, %u at once\n",
+		ctl_job_count(p->domains, a), ctl_job_count(p->load, b), p->threads);
 	fprintf(ctl->report, "memory      %s\ndisk        %s\n", parse_size_text(p->memory_bytes, b),
 		parse_size_text(p->disk_bytes, c));
 	if (p->seconds > 0)

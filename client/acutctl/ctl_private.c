@@ -1,14 +1,15 @@
 /*
  * Private daemons: one that all commands of a user share, and one for a single command.
  *
- * The shared one: who wants it takes the lock beside the socket, tries to connect, and only if nobody answers binds,
- * listens and starts acutd, so that two commands at once start one daemon. The lock is let go when the connection
- * stands. An idle daemon takes the same lock for its last accept and takes its socket away, so nobody connects to
- * one that ends; but it may still hold its folders for a moment, and then the start is tried again.
+ * The shared one: who wants it takes the lock beside the socket, tries to connect, and only if nobody answers
+ * binds, listens and starts acutd, so that two commands at once start one daemon. The lock is let go when the
+ * connection stands. An idle daemon takes the same lock for its last accept and takes its socket away, so
+ * nobody connects to one that ends; but it may still hold its folders for a moment, and then the start is
+ * tried again.
  *
- * The one of a command's own speaks over a socket pair, has fresh folders below the user's cache, ends with the
- * connection, and its folders go with it. A lock in them, held by both, says that they are in use; folders without
- * a holder are what a crash left, and are removed by the next command that comes by.
+ * The one of a command's own speaks over a socket pair, has fresh folders below the user's cache, ends with
+ * the connection, and its folders go with it. A lock in them, held by both, says that they are in use;
+ * folders without a holder are what a crash left, and are removed by the next command that comes by.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -38,7 +39,7 @@ struct ctl_daemon {
 
 static struct acut_options options_of(struct ctl *ctl)
 {
-	return (struct acut_options){ .program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl };
+	return (struct acut_options){.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
 }
 
 static int attach(struct ctl *ctl, int fd, struct err *err)
@@ -239,8 +240,13 @@ static int own_folder(struct ctl_daemon *d, struct err *err)
 static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
 {
 	char state[FOLDER + 16], cache[FOLDER + 16], given[PATH_MAX];
-	struct ctl_spawn s = { .state = state, .cache = cache, .memory = ctl->args.memory, .threads = ctl->args.threads,
-			       .log = d->log, .lock_fd = d->lock_fd, .bound = true };
+	struct ctl_spawn s = {.state = state,
+			      .cache = cache,
+			      .memory = ctl->args.memory,
+			      .threads = ctl->args.threads,
+			      .log = d->log,
+			      .lock_fd = d->lock_fd,
+			      .bound = true};
 	int pair[2], r;
 
 	snprintf(state, sizeof(state), "%s/state", d->folder);

@@ -1,6 +1,6 @@
 /*
- * The progress line: on a terminal only, on stderr, one line that is written over ten times a second: phase, points,
- * domains, rate, time left. Gone before anything else is said.
+ * The progress line: on a terminal only, on stderr, one line that is written over ten times a second: phase,
+ * points, domains, rate, time left. Gone before anything else is said.
  */
 #include <stdio.h>
 #include <string.h>
@@ -57,14 +57,17 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 	else if (total)
 		share = (double)points / (double)total;
 	share = share > 1 ? 1 : share;
-	n = snprintf(line, sizeof(line), "%-5s %3.0f %%  %s points", p->phase, 100 * share, short_count((double)points, a));
+	n = snprintf(line, sizeof(line), "%-5s %3.0f %%  %s points", p->phase, 100 * share,
+		     short_count((double)points, a));
 	if (now->domains_total)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",
 			      (unsigned long long)now->domains, (unsigned long long)now->domains_total);
 	if (seconds > 0.5 && points)
-		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s", short_count((double)points / seconds, b));
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s",
+			      short_count((double)points / seconds, b));
 	if (seconds > 1 && share > 0.01)
-		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", short_time(seconds / share * (1 - share), c));
+		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left",
+			 short_time(seconds / share * (1 - share), c));
 	if (!ioctl(STDERR_FILENO, TIOCGWINSZ, &ws) && ws.ws_col > 10)
 		width = ws.ws_col;
 	fprintf(stderr, "\r\033[K%.*s", width - 1, line);

@@ -37,8 +37,9 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 	if (f->refused)
 		return;
 	if (f->moved)
-		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
-			 ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
+		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g",
+			 f->name, ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0],
+			 f->shift[1], f->shift[2]);
 	else
 		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
 }
@@ -64,7 +65,8 @@ int ctl_push_run(struct ctl *ctl)
 					file_text(ctl, &staged.file[i]);
 			}
 			ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", staged.dataset,
-				 (unsigned long long)staged.generation, ctl_job_count(staged.points, count), staged.seconds);
+				 (unsigned long long)staged.generation, ctl_job_count(staged.points, count),
+				 staged.seconds);
 		}
 	}
 	ctl_stage_done(&staged);

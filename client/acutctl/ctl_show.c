@@ -9,18 +9,24 @@ static void show_text(struct ctl *ctl, const struct acut_job *job)
 	FILE *out = ctl->report;
 	char a[32], b[32], c[32];
 
-	fprintf(out, "job         %" PRIu64 "\nstate       %s\ndataset     %s, generation %" PRIu64 "\nview        %s\n",
+	fprintf(out,
+		"job         %" PRIu64 "\nstate       %s\ndataset     %s, generation %" PRIu64
+		"\nview        %s\n",
 		job->id, job->state, job->dataset, job->generation, job->view);
-	fprintf(out, "submitted   %s by user %u, process %u\nfinished    %s\n", ctl_job_time_text(job->submitted_us, a),
-		job->uid, job->pid, ctl_job_time_text(job->finished_us, b));
-	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", job->lattice, job->crs, job->unit_xy,
-		job->unit_z);
+	fprintf(out, "submitted   %s by user %u, process %u\nfinished    %s\n",
+		ctl_job_time_text(job->submitted_us, a), job->uid, job->pid,
+		ctl_job_time_text(job->finished_us, b));
+	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", job->lattice, job->crs,
+		job->unit_xy, job->unit_z);
 	if (job->has_report) {
-		fprintf(out, "points      %s, used %s\n", ctl_job_count(p->points, a), ctl_job_count(p->used, b));
+		fprintf(out, "points      %s, used %s\n", ctl_job_count(p->points, a),
+			ctl_job_count(p->used, b));
 		for (size_t i = 0; i < p->nremoved; i++)
-			fprintf(out, "left out    %s by %s\n", ctl_job_count(p->removed[i].count, a), p->removed[i].rule);
-		fprintf(out, "mesh        %s vertices, %s triangles, %s on the hull\n", ctl_job_count(p->vertices, a),
-			ctl_job_count(p->triangles, b), ctl_job_count(p->hull, c));
+			fprintf(out, "left out    %s by %s\n", ctl_job_count(p->removed[i].count, a),
+				p->removed[i].rule);
+		fprintf(out, "mesh        %s vertices, %s triangles, %s on the hull\n",
+			ctl_job_count(p->vertices, a), ctl_job_count(p->triangles, b),
+			ctl_job_count(p->hull, c));
 		fprintf(out, "domains     %s\nseconds     %.3f\ndigest      %s\n            %s\n",
 			ctl_job_count(p->domains, a), p->seconds, p->digest, p->vertex_digest);
 	} else if (!job->final) {

@@ -1,6 +1,6 @@
 /*
- * Signals and the deadline. A handler only notes the signal; whoever waits asks about ten times a second and ends
- * in good order, so that no temporary file and no job of ours stays behind.
+ * Signals and the deadline. A handler only notes the signal; whoever waits asks about ten times a second and
+ * ends in good order, so that no temporary file and no job of ours stays behind.
  */
 #include <signal.h>
 #include <string.h>

@@ -1,7 +1,8 @@
 /*
- * Starting acutd with a socket in its hands, as the service manager would: LISTEN_FDS=1, LISTEN_PID, the socket as
- * descriptor 3. A listening socket listens before the daemon runs, so clients can connect at once and nobody has
- * to wait for a file to appear; a connected one makes a daemon for one client, which ends with the connection.
+ * Starting acutd with a socket in its hands, as the service manager would: LISTEN_FDS=1, LISTEN_PID, the
+ * socket as descriptor 3. A listening socket listens before the daemon runs, so clients can connect at once
+ * and nobody has to wait for a file to appear; a connected one makes a daemon for one client, which ends with
+ * the connection.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -95,8 +96,8 @@ int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err)
 /* Beside this program (installed, or in a build folder), then by PATH. */
 static int find_acutd(char *buf, size_t size, struct err *err)
 {
-	static const char *const place[] = { "acutd", "../../daemon/acutd", "../libexec/acut/acutd", "../libexec/acutd",
-					     "../sbin/acutd" };
+	static const char *const place[] = {"acutd", "../../daemon/acutd", "../libexec/acut/acutd",
+					    "../libexec/acutd", "../sbin/acutd"};
 	const char *named = getenv("ACUT_ACUTD"), *path = getenv("PATH");
 	char self[PATH_MAX];
 	ssize_t n = readlink("/proc/self/exe", self, sizeof(self) - 1);
@@ -121,7 +122,8 @@ static int find_acutd(char *buf, size_t size, struct err *err)
 		path += len + (path[len] == ':');
 	}
 	err_set(err, ERR_NODAEMON, "acutd is not installed beside acutctl, nor in PATH");
-	return err_add_hint(err, "say with --socket where a daemon listens, or with ACUT_ACUTD where the program is");
+	return err_add_hint(
+		err, "say with --socket where a daemon listens, or with ACUT_ACUTD where the program is");
 }
 
 /* In the child: descriptors, environment, and off. Only calls that are safe after fork in one thread. */

@@ -1,7 +1,7 @@
 /*
- * Inputs into a dataset: all headers first (the lattice must not depend on their order), then the points, file by
- * file, then the commit that makes them visible. A broken input among good ones is told, left out, and makes the
- * exit status 3; with --strict it ends the push, and nothing is kept.
+ * Inputs into a dataset: all headers first (the lattice must not depend on their order), then the points,
+ * file by file, then the commit that makes them visible. A broken input among good ones is told, left out,
+ * and makes the exit status 3; with --strict it ends the push, and nothing is kept.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -100,9 +100,12 @@ static int begin(struct staging *s, const char *dataset)
 {
 	const struct ctl_args *a = &s->ctl->args;
 	char scale[2 * DECIMAL_TEXT_SIZE + 2], *comma;
-	struct acut_push_options opt = { .dataset = dataset, .format = a->input_format, .planar = a->planar,
-					 .accept_truncated = a->accept_truncated, .progress = ctl_progress_show,
-					 .ctx = &s->progress };
+	struct acut_push_options opt = {.dataset = dataset,
+					.format = a->input_format,
+					.planar = a->planar,
+					.accept_truncated = a->accept_truncated,
+					.progress = ctl_progress_show,
+					.ctx = &s->progress};
 	struct decimal d;
 	struct err err = ERR_INIT;
 
@@ -113,7 +116,8 @@ static int begin(struct staging *s, const char *dataset)
 			*comma++ = 0;
 		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
 		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
-			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
+			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"",
+				a->scale);
 			return ctl_error(s->ctl, &err);
 		}
 		opt.scale_xy = scale;

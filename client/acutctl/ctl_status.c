@@ -7,14 +7,16 @@ static void print(struct ctl *ctl, const struct acut_status *s)
 	FILE *out = ctl->report;
 	char a[32], b[32];
 
-	fprintf(out, "acutd %s, process %llu, up %.0f s\n", s->version, (unsigned long long)s->pid, s->uptime_seconds);
+	fprintf(out, "acutd %s, process %llu, up %.0f s\n", s->version, (unsigned long long)s->pid,
+		s->uptime_seconds);
 	fprintf(out, "memory      %s, most ever used %s\n", parse_size_text(s->memory, a),
 		parse_size_text(s->peak_rss_bytes, b));
 	for (size_t i = 0; i < s->nledger; i++)
 		if (s->ledger[i].bytes)
-			fprintf(out, "  %-10s %s\n", s->ledger[i].name, parse_size_text(s->ledger[i].bytes, a));
-	fprintf(out, "threads     %u\njobs        %u running, %u waiting\nconnections %u\n", s->threads, s->jobs_running,
-		s->jobs_waiting, s->connections);
+			fprintf(out, "  %-10s %s\n", s->ledger[i].name,
+				parse_size_text(s->ledger[i].bytes, a));
+	fprintf(out, "threads     %u\njobs        %u running, %u waiting\nconnections %u\n", s->threads,
+		s->jobs_running, s->jobs_waiting, s->connections);
 	fprintf(out, "state       %s\ncache       %s\n", s->state_dir, s->cache_dir);
 }
 

@@ -1,7 +1,7 @@
 /*
- * The view options as the canonical text that a daemon takes (PROTOCOL.md, "Views"): "view 1", then the words of
- * what differs from taking all but noise and withheld points, in one fixed order. The daemon's own writer and
- * this one are held together by a test over all combinations.
+ * The view options as the canonical text that a daemon takes (PROTOCOL.md, "Views"): "view 1", then the words
+ * of what differs from taking all but noise and withheld points, in one fixed order. The daemon's own writer
+ * and this one are held together by a test over all combinations.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -63,7 +63,8 @@ static int check(const struct ctl_args *a, struct err *err)
 	if (a->returns && strcmp(a->returns, "all") && strcmp(a->returns, "first") && !last)
 		return err_set(err, ERR_USAGE, "--returns is all, first or last, not \"%s\"", a->returns);
 	if (a->duplicates && strcmp(a->duplicates, "lowest") && !highest)
-		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"", a->duplicates);
+		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"",
+			       a->duplicates);
 	if (a->ground && a->surface) {
 		err_set(err, ERR_USAGE, "a mesh cannot be of the ground and of the surface at once");
 		return err_add_hint(err, "submit two jobs on one dataset: they share its points");

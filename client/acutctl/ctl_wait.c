@@ -1,4 +1,5 @@
-/* wait: until each of the jobs is over; ends with the first status, in the order of the arguments, that is not 0. */
+/* wait: until each of the jobs is over; ends with the first status, in the order of the arguments, that is
+ * not 0. */
 #include "ctl.h"
 
 static void changed(void *ctx, const struct acut_job *job)

@@ -1,6 +1,6 @@
 /*
- * acutctl: reads the command line, runs one command, and sees to it that whatever happened, the daemon of its own
- * ends, standard output was taken, and the exit status tells the truth.
+ * acutctl: reads the command line, runs one command, and sees to it that whatever happened, the daemon of its
+ * own ends, standard output was taken, and the exit status tells the truth.
  */
 #include <errno.h>
 #include <stdlib.h>

@@ -75,8 +75,8 @@ struct format_report {
 struct format_run;
 int format_run_new(const struct format_run_options *, struct format_run **ret, struct err *err);
 /* Opens the output: "-" is standard output. Wrong combinations are -ERR_USAGE. */
-int format_run_add(struct format_run *, const char *path, const struct format *, const struct format_options *,
-		   struct err *err);
+int format_run_add(struct format_run *, const char *path, const struct format *,
+		   const struct format_options *, struct err *err);
 /* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */
 struct acut_mesh_sink format_run_sink(struct format_run *);
 /* What a callback of the sink failed with; code ERR_NONE if none did. */

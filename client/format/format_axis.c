@@ -36,7 +36,8 @@ static bool axis_whole(struct format_axis *ax, const struct decimal *origin)
 	ax->e = ax->scale.exponent;
 	if (origin && origin->mantissa && origin->exponent < ax->e)
 		ax->e = origin->exponent;
-	if (ax->scale.exponent - ax->e > 18 || !times_ten(ax->scale.mantissa, ax->scale.exponent - ax->e, &ax->a))
+	if (ax->scale.exponent - ax->e > 18 ||
+	    !times_ten(ax->scale.mantissa, ax->scale.exponent - ax->e, &ax->a))
 		return false;
 	if (origin && origin->mantissa &&
 	    (origin->exponent - ax->e > 18 || !times_ten(origin->mantissa, origin->exponent - ax->e, &o)))
@@ -103,7 +104,8 @@ double format_axis_value(const struct format_axis *ax, int32_t x)
 
 void format_axis_values(const struct format_axis axis[3], const int32_t (*v)[3], size_t n, double *ret)
 {
-	if (axis[0].fast && axis[1].fast && axis[2].fast && axis[0].e <= 0 && axis[1].e <= 0 && axis[2].e <= 0) {
+	if (axis[0].fast && axis[1].fast && axis[2].fast && axis[0].e <= 0 && axis[1].e <= 0 &&
+	    axis[2].e <= 0) {
 		const double a[3] = { (double)axis[0].a, (double)axis[1].a, (double)axis[2].a };
 		const double b[3] = { (double)axis[0].b, (double)axis[1].b, (double)axis[2].b };
 		const double p[3] = { axis[0].power, axis[1].power, axis[2].power };

@@ -88,7 +88,8 @@ static int obj_block(void *writer, const struct format_block *block, struct err 
 		for (int j = 0; j < 3; j++) {
 			uint32_t l = b->triangle[i][j];
 			*at++ = ' ';
-			at = put_number(1 + (l >= b->nforeign ? b->first + (l - b->nforeign) : b->foreign[l]), at);
+			at = put_number(1 + (l >= b->nforeign ? b->first + (l - b->nforeign) : b->foreign[l]),
+					at);
 		}
 		*at++ = '\n';
 		format_output_used(o->out, (size_t)(at - start));

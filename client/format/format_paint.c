@@ -74,8 +74,8 @@ static void paint_range(struct format_paint *p)
 	p->high = percentile(bin, covered, 0.98, low, high);
 }
 
-void format_paint_init(struct format_paint *p, const struct format_raster *r, const struct acut_mesh_head *head,
-		       enum format_color color)
+void format_paint_init(struct format_paint *p, const struct format_raster *r,
+		       const struct acut_mesh_head *head, enum format_color color)
 {
 	struct decimal xy = { 1, 0 }, z = { 1, 0 };
 	double mxy = unit_metres(head->unit_xy), mz = unit_metres(head->unit_z);

@@ -4,7 +4,8 @@
  * The stream mixes both and says the counts at its end. Vertices go to their place at once, faces to a
  * nameless file that is appended at the end; the header is written first at its greatest possible size and
  * patched when the counts are known, a comment filling the rest. Where the output cannot seek, vertices are
- * kept aside too. Faces take 32-bit numbers: int up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused beyond.
+ * kept aside too. Faces take 32-bit numbers: int up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused
+ * beyond.
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -46,7 +47,8 @@ static int ply_header(const struct ply *p, const char *digest, const char *verte
 	const char *index = nvertex > (1u << 31) - 1 ? "uint" : "int";
 	int n = snprintf(buf, PLY_HEADER,
 			 "ply\nformat binary_little_endian 1.0\n%scomment acut-digest %s %s\n"
-			 "element vertex %" PRIu64 "\nproperty double x\nproperty double y\nproperty double z\n"
+			 "element vertex %" PRIu64
+			 "\nproperty double x\nproperty double y\nproperty double z\n"
 			 "element face %" PRIu64 "\nproperty list uchar %s vertex_indices\nend_header\n",
 			 p->comments, digest, vertex_digest, nvertex, nface, index);
 

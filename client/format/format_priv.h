@@ -55,7 +55,8 @@ void format_axis_values(const struct format_axis axis[3], const int32_t (*vertex
 /* Exact text at `at`, as many decimals as the lattice has; returns the end. */
 char *format_axis_text(const struct format_axis *, int32_t number, char *at);
 /* "acut-origin X Y Z" text if one was taken, else "". */
-char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf, size_t size);
+char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf,
+			 size_t size);
 
 /* ---- comments of text headers: format_comment.c ---- */
 

@@ -102,7 +102,7 @@ static struct plane plane_of(const struct corner p[3], const int32_t *a, const i
 	double bx = (double)(p[1].x - p[0].x), by = (double)(p[1].y - p[0].y);
 	double cx = (double)(p[2].x - p[0].x), cy = (double)(p[2].y - p[0].y);
 	double bz = (double)b[2] - a[2], cz = (double)c[2] - a[2];
-	struct plane f = { a[2], (bz * cy - cz * by) / (double)area, (cz * bx - bz * cx) / (double)area, 0, 0 };
+	struct plane f = {a[2], (bz * cy - cz * by) / (double)area, (cz * bx - bz * cx) / (double)area, 0, 0};
 	int32_t low = a[2] < b[2] ? a[2] : b[2], high = a[2] > b[2] ? a[2] : b[2];
 
 	f.low = (float)(low < c[2] ? low : c[2]);
@@ -130,7 +130,8 @@ void format_raster_triangle(struct format_raster *r, const int32_t *a, const int
 			    uint32_t domain)
 {
 	const struct corner p[3] = { snap(r, a), snap(r, b), snap(r, c) };
-	int64_t left = pixel_from(min3(p[0].x, p[1].x, p[2].x)), right = pixel_to(max3(p[0].x, p[1].x, p[2].x));
+	int64_t left = pixel_from(min3(p[0].x, p[1].x, p[2].x)),
+		right = pixel_to(max3(p[0].x, p[1].x, p[2].x));
 	int64_t low = pixel_from(min3(p[0].y, p[1].y, p[2].y)), high = pixel_to(max3(p[0].y, p[1].y, p[2].y));
 	int64_t area;
 	struct plane f;
@@ -152,7 +153,8 @@ void format_raster_triangle(struct format_raster *r, const int32_t *a, const int
 		for (int i = 0; i < 3; i++)
 			narrow(&p[i], &p[i == 2 ? 0 : i + 1], y, &from, &to);
 		for (int64_t px = from; px <= to; px++) {
-			double z = f.z + f.gx * (double)(px * S + S / 2 - p[0].x) + f.gy * (double)(y - p[0].y);
+			double z =
+				f.z + f.gx * (double)(px * S + S / 2 - p[0].x) + f.gy * (double)(y - p[0].y);
 			float fz = (float)z;
 			r->z[at + (size_t)px] = fz < f.low ? f.low : fz > f.high ? f.high : fz;
 			if (r->domain)

@@ -171,6 +171,23 @@ def wrong_daemon(base):
     silent.close()
 
 
+def slow_input(base):
+    """Standard input that never ends: --timeout and signals are heard."""
+    for how in ("timeout", "signal"):
+        r, w = os.pipe()
+        p = subprocess.Popen([ACUTCTL, "mesh", "-", "--input-format", "xyz", "-o", base + "/m.ply"]
+                             + (["--timeout", "0.3"] if how == "timeout" else []), stdin=r, stderr=subprocess.PIPE)
+        os.close(r)
+        if how == "signal":
+            try:
+                p.wait(0.4)
+            except subprocess.TimeoutExpired:
+                p.terminate()
+        p.communicate(timeout=10)
+        os.close(w)
+        check("input that never ends, " + how, p.returncode == (124 if how == "timeout" else 143), str(p.returncode))
+
+
 def texts():
     expect(["--version"], 0, "acutctl ")
     expect(["version", "--json"], 0, '{"version":"')
@@ -224,6 +241,7 @@ with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
     later(d)
     no_daemon(d)
     wrong_daemon(d)
+    slow_input(d)
 texts()
 man_page()
 print("%d passed, %d failed" % (passed, failed))

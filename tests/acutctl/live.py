@@ -1,6 +1,7 @@
 """acutctl with a real acutd: outputs, views and reports of mesh, and its private daemons."""
 import json
 import os
+import pty
 import re
 import shutil
 import signal
@@ -189,6 +190,29 @@ def interruption(p):
     check("no job runs on", wait_for(lambda: p.json("status", "--private")["jobs_running"] == 0, 10))
 
 
+def progress(p):
+    """A line on a terminal, none anywhere else."""
+    for options, wanted in (([], True), (["--no-progress"], False), (["--quiet"], False), (["--json"], False)):
+        main, side = pty.openpty()
+        q = subprocess.Popen([ACUTCTL, "mesh", p.path("big.las"), "-o", p.path("t.ply"), *options], env=p.env,
+                             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=side)
+        os.close(side)
+        seen = b""
+        while True:
+            try:
+                part = os.read(main, 4096)
+            except OSError:
+                break
+            if not part:
+                break
+            seen += part
+        os.close(main)
+        check("status", q.wait(60) == 0)
+        check("progress with %s" % options, (b"stage" in seen and b"mesh" in seen and b"% " in seen and b"/s" in seen
+                                             and seen.endswith(b"\r\x1b[K")) == wanted, repr(seen[-400:]))
+        check("nothing else with %s" % options, wanted or not seen, repr(seen))
+
+
 def private(p):
     small = p.path("s.xyz")
     with open(small, "w") as f:
@@ -247,6 +271,7 @@ with tempfile.TemporaryDirectory(prefix="acut-live-") as base:
     try:
         outputs(place)
         interruption(place)
+        progress(place)
         private(place)
     finally:
         place.end()

@@ -1,6 +1,6 @@
 /*
- * The view options against the engine's own writer: every combination gives the very text that view_text gives, and
- * what the engine calls a contradiction is one here. The one place where the two rooms meet.
+ * The view options against the engine's own writer: every combination gives the very text that view_text
+ * gives, and what the engine calls a contradiction is one here. The one place where the two rooms meet.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -12,7 +12,7 @@
 #include "ctl.h"
 #include "view.h"
 
-static const char *const classes[] = { NULL, "2", "2,8", "8,2", "2-5,9", "5,4,3", "0-255", "255", "0,2,4,6-8" };
+static const char *const classes[] = {NULL, "2", "2,8", "8,2", "2-5,9", "5,4,3", "0-255", "255", "0,2,4,6-8"};
 static const char *const returns[] = { NULL, "all", "first", "last" };
 static const char *const duplicates[] = { NULL, "lowest", "highest" };
 
@@ -53,8 +53,9 @@ static void test_all(void **state)
 
 static void test_rubbish(void **state)
 {
-	static const char *const bad[] = { "", ",", "2,", ",2", "256", "-1", "2-", "-2", "5-2", "2;8", " 2", "2 ", "two", "1-2-3",
-					   "99999999999999999999" };
+	static const char *const bad[] = {"",   ",",  "2,",  ",2",    "256",
+					  "-1", "2-", "-2",  "5-2",   "2;8",
+					  " 2", "2 ", "two", "1-2-3", "99999999999999999999"};
 
 	for (unsigned i = 0; i < sizeof(bad) / sizeof(*bad); i++) {
 		struct ctl_args a = { .classes = bad[i] };

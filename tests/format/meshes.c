@@ -61,8 +61,8 @@ void meshes_make(struct meshes *m, const struct meshes_spec *s)
 	memset(m, 0, sizeof(*m));
 	m->columns = s->columns;
 	m->rows = s->rows;
-	snprintf(lattice, sizeof(lattice), "%s %s %lld %lld %lld", s->scale_xy, s->scale_z, (long long)s->k[0],
-		 (long long)s->k[1], (long long)s->k[2]);
+	snprintf(lattice, sizeof(lattice), "%s %s %lld %lld %lld", s->scale_xy, s->scale_z,
+		 (long long)s->k[0], (long long)s->k[1], (long long)s->k[2]);
 	m->head = (struct acut_mesh_head){ .lattice = lattice, .scale_xy = s->scale_xy, .scale_z = s->scale_z,
 					   .crs = "EPSG:26910\nsecond line", .unit_xy = "metre",
 					   .unit_z = "metre", .view = "view 1", .stream_id = "00" };

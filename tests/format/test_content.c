@@ -274,7 +274,8 @@ static void test_max_edge(void **state)
 	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, all);
 	assert_true(fabs(report.left_out_area - (double)all * 4.5) < 1e-6);
-	assert_true(decimal_parse("1e300", &ropt.max_edge) == false || write_as("ply", &m, &opt, &ropt, &report, &err) == 0);
+	assert_true(decimal_parse("1e300", &ropt.max_edge) == false ||
+		    write_as("ply", &m, &opt, &ropt, &report, &err) == 0);
 	meshes_done(&m);
 	spec.step = 500; /* 5.00 and 7.0710678: rational limits */
 	meshes_make(&m, &spec);
@@ -352,8 +353,17 @@ static void test_origin(void **state)
 /* The fast conversion against the slow one, at many scales and ends of the range. */
 static void test_axis(void **state)
 {
-	static const char *const scale[] = { "1", "0.1", "0.01", "0.001", "1e-7", "0.00025", "0.0003048006096",
-					     "25", "1e-22", "1e5", "0.333333333333333" };
+	static const char *const scale[] = {"1",
+					    "0.1",
+					    "0.01",
+					    "0.001",
+					    "1e-7",
+					    "0.00025",
+					    "0.0003048006096",
+					    "25",
+					    "1e-22",
+					    "1e5",
+					    "0.333333333333333"};
 	static const int64_t k[] = { 0, 1, -1, 6000000000, -123456789012345, 4611686018427387904 };
 
 	for (unsigned i = 0; i < sizeof(scale) / sizeof(*scale); i++) {
@@ -368,7 +378,10 @@ static void test_axis(void **state)
 			assert_true(decimal_parse(scale[i], &s));
 			assert_int_equal(format_axis_init(axis, &head, &opt, &err), 0);
 			for (int n = 0; n < 200; n++) {
-				int32_t x = n == 0 ? INT32_MIN : n == 1 ? INT32_MAX : n == 2 ? 0 : (int32_t)(random() * 2 - RAND_MAX);
+				int32_t x = n == 0   ? INT32_MIN
+					    : n == 1 ? INT32_MAX
+					    : n == 2 ? 0
+						     : (int32_t)(random() * 2 - RAND_MAX);
 				int32_t v[1][3] = { { x, x, x } };
 				double want = decimal_scaled_double(s, x + k[j]), got[3];
 				char text[FORMAT_COORDINATE * 2], *end;

@@ -198,7 +198,8 @@ static void test_full_disk(void **state)
 	each_row(full_disk);
 }
 
-static void run_in_child(const struct format *f, const struct format_options *opt, const struct meshes *m, int out)
+static void run_in_child(const struct format *f, const struct format_options *opt, const struct meshes *m,
+			 int out)
 {
 	const struct format_run_options ropt = { 0 };
 	struct err err = ERR_INIT;
@@ -317,7 +318,8 @@ static void test_finished_vertex(void **state)
 
 	meshes_make(&m, &many);
 	memset((void *)m.block[0].final, 0xff, (m.block[0].nnew + 7) / 8);
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
+			 -ERR_PROTO);
 	assert_int_equal(files(), 0);
 	meshes_done(&m);
 }
@@ -330,13 +332,16 @@ static void test_wrong_options(void **state)
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &one);
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
+			 -ERR_USAGE);
 	opt = (struct format_options){ .origin_auto = true };
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
+			 -ERR_USAGE);
 	opt = (struct format_options){ .width = FORMAT_WIDTH_MAX + 1 };
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
+			 -ERR_USAGE);
 	assert_int_equal(files(), 0);
 	meshes_done(&m);
 }
