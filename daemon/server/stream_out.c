@@ -5,7 +5,8 @@
  * with its own scratch, and a position. The pieces of a block point into the domain's memory. When the reader is too
  * slow, daemon/job lets a worker spool what is left of the block (`paused` meanwhile: the loop keeps its hands off),
  * and it is written from a small buffer that workers refill. The pipe is non-blocking; a reader who closes it ends
- * the stream and nothing else. A stream whose block was cut off by an error has no tail: the reader sees it end early.
+ * the stream and nothing else. A stream whose block was cut off by an error has no tail: the error goes over the socket,
+ * on the request of the Fetch, and then the pipe ends.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -369,6 +370,20 @@ static void tail_totals(struct stream_tail *tail, const struct stream_out *o, co
 	message_report_json(report, tail->report, sizeof tail->report);
 }
 
+/* On the socket, and before the pipe ends. A client that is gone shows when the loop comes to it: nothing is closed
+ * here, since daemon/job is going through its outputs. */
+static void tell_why(struct stream_out *o, const struct err *why)
+{
+	struct conn *c = o->conn;
+	struct err err = ERR_INIT;
+
+	if (c->closed || frame_conn_send_error(c->frame, o->request, why, &err))
+		return;
+	frame_conn_flush(c->frame, &err);
+	if (c->io)
+		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
+}
+
 static void out_end(struct job_output *output, const struct err *why, const struct pipe_totals *totals,
 		    const struct job_report *report)
 {
@@ -380,6 +395,8 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 	o->paused = false;
 	if (o->frame[BLOCK].ready || o->gone) {
 		/* Half a block: its memory is gone, so no tail can follow. */
+		if (why && !o->gone)
+			tell_why(o, why);
 		drop(o);
 		return;
 	}

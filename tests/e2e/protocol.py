@@ -11,6 +11,7 @@ from e2e import Fault, Folder, expect, main, skip
 
 try:
     import xxhash  # noqa: F401 (acut_wire needs it)
+    import acut_wire
     from acut_wire import Client, Refused, pb
 except ImportError as e:
     skip("python3-xxhash and python3-protobuf are needed: %s" % e)
@@ -260,16 +261,38 @@ def views():
             raise Fault("the view %r was taken" % view)
 
 
-def cancel():
-    """A cancelled job is final; its fetch is refused or ends with the error."""
-    path = os.path.join(BASE, "cancel.las")
-    write_las(path, some_points(50000, 5))
-    with client() as c:
-        c.push([path], dataset="cancelled")
-        job = c.ask("submit", pb.Submit(view="view 1", dataset="cancelled"))
-        job = c.ask("cancel", pb.Cancel(job=job.id))
+def fetch_and_cancel(socket, delay):
+    """How a fetch ends whose job is cancelled before anything is read."""
+    with Client(socket) as c, Client(socket) as other:
+        job = c.ask("submit", pb.Submit(dataset="cancelled", fresh=True))
+        _, pipe = c.ask("fetch", pb.Fetch(job=job.id))
+        request = c.last
+        time.sleep(delay)
+        other.ask("cancel", pb.Cancel(job=job.id))
+        mesh = None
+        try:
+            mesh = acut_wire.Mesh(acut_wire.PipeReader(pipe, 10))
+            outcome = "whole, %d vertices" % len(mesh.positions)
+        except acut_wire.JobFailed as e:
+            outcome = e.code + " in the tail"
+        except acut_wire.Breach:
+            outcome = expect_refused("cancelled", c.answer, request).code + " on the socket"
+        os.close(pipe)
         job = c.wait(job.id)
-        expect(job.final and job.state in ("cancelled", "done"), "Job: %s" % job)
+        expect(job.final and job.state == ("done" if mesh else "cancelled"), "%s: %s" % (outcome, job))
+        return outcome
+
+
+def cancel():
+    """A cancelled job is final, and who is fetching it is told so, in the stream or beside it."""
+    path = os.path.join(BASE, "cancel.las")
+    e2e.run([e2e.SYNTH, "--points", "2M", "--distribution", "uniform", path]).ok()
+    with Folder() as base, e2e.Daemon(base, memory="32M") as small:
+        with Client(small.socket) as c:
+            c.push([path], dataset="cancelled")
+        outcomes = [fetch_and_cancel(small.socket, delay) for delay in (0, 0.05, 0.2)]
+    print("     " + ", ".join(outcomes))
+    expect(any(o.startswith("cancelled") for o in outcomes), "nothing was cancelled: %s" % outcomes)
 
 
 def whole():
