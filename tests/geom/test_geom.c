@@ -25,7 +25,7 @@ static uint32_t draw(void)
 static const int32_t extremes[] = {INT32_MIN, INT32_MIN + 1, -1, 0, 1, INT32_MAX - 1, INT32_MAX};
 
 /* Families of positions: how large the numbers are decides which path of geom.h answers. */
-enum { FAMILIES = 8 };
+enum { FAMILIES = 9 };
 
 static int32_t draw_in(unsigned family)
 {
@@ -51,6 +51,15 @@ static int32_t draw_in(unsigned family)
 
 static void draw_points(int32_t p[4][2], unsigned family)
 {
+	/* Corners and middles of squares around the size where 64 bits end. */
+	if (family == FAMILIES - 1) {
+		int32_t half = (int32_t)(20000 + draw() % 30000);
+
+		for (unsigned i = 0; i < 4; i++)
+			for (unsigned k = 0; k < 2; k++)
+				p[i][k] = half * (int32_t)(draw() % 3) + (int32_t)(draw() % 3);
+		return;
+	}
 	for (unsigned i = 0; i < 4; i++)
 		for (unsigned k = 0; k < 2; k++)
 			p[i][k] = draw_in(family);
@@ -243,6 +252,43 @@ static void cut_of_needles(void **unused)
 	}
 }
 
+/* Thin triangles as long as the range, with a circumcentre near the middle of the long side, and cuts next to
+ * it: the sign hangs on a difference far below what doubles resolve. */
+static void cut_below_double_precision(void **unused)
+{
+	unsigned done = 0;
+
+	for (unsigned i = 0; i < 200000; i++) {
+		bool vertical = draw() & 1;
+		int32_t a[2], b[2], c[2];
+		int64_t c2, bx, by, cx, cy;
+		geom_i128 area, twice;
+
+		a[0] = INT32_MIN + (int32_t)(draw() % 1000000);
+		b[0] = INT32_MAX - (int32_t)(draw() % 1000000);
+		a[1] = (int32_t)draw() / 2;
+		b[1] = (int32_t)draw() / 2;
+		c[0] = b[0] - (int32_t)(draw() % 3);
+		c[1] = b[1] + 1 + (int32_t)(draw() % 5);
+		bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1];
+		cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1];
+		area = geom_area(a, b, c);
+		if (area <= 0)
+			continue;
+		twice =
+		    geom_cut_value(vertical ? a[0] : a[1], vertical ? by : bx, (geom_i128)geom_lift(bx, by),
+				   vertical ? cy : cx, (geom_i128)geom_lift(cx, cy), area, 0, vertical) /
+		    area;
+		if (twice > INT64_C(1) << 33 || twice < -(INT64_C(1) << 33))
+			continue;
+		c2 = ((int64_t)twice | 1) + 2 * (int64_t)(draw() % 3) - 2;
+		assert_int_equal(geom_cut_side(a, b, c, c2, vertical),
+				 oracle_cut_side(a, b, c, c2, vertical, true));
+		done++;
+	}
+	assert_true(done > 50000);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -254,6 +300,7 @@ int main(void)
 	    cmocka_unit_test(cut_any),
 	    cmocka_unit_test(cut_through_cell_centres),
 	    cmocka_unit_test(cut_of_needles),
+	    cmocka_unit_test(cut_below_double_precision),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

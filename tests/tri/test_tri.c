@@ -233,6 +233,43 @@ static void all_kinds(void **unused)
 		}
 }
 
+/* CPU seconds a position, the best of three. */
+static double cost_of(const char *kind, uint32_t n)
+{
+	uint32_t have;
+	struct mesh_vertex *v = input_make(kind, n, 5, &have);
+	double best = 1e9;
+
+	assert_non_null(v);
+	for (unsigned i = 0; i < 3; i++) {
+		struct tri_result result;
+		double from = cpu_seconds(), took;
+		void *arena;
+
+		assert_int_equal(check_run(v, have, &arena, &result), 0);
+		took = (cpu_seconds() - from) / have;
+		best = took < best ? took : best;
+		free(arena);
+	}
+	free(v);
+	return best;
+}
+
+/* Without a curve of their own for tight clusters, `two` costs forty times as much as `uniform`. */
+static void no_shape_is_slow(void **unused)
+{
+	static const char *const kinds[] = {"scan", "grid", "cluster", "holes", "full",
+					    "ring", "two",  "fan",     "cross"};
+	double usual = cost_of("uniform", 400000);
+
+	for (unsigned k = 0; k < sizeof(kinds) / sizeof(kinds[0]); k++) {
+		double cost = cost_of(kinds[k], 400000);
+
+		if (cost > 8 * usual)
+			fail_msg("%s: %.3f us a position, uniform %.3f", kinds[k], 1e6 * cost, 1e6 * usual);
+	}
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -245,6 +282,7 @@ int main(void)
 	    cmocka_unit_test(arena_is_64_bytes_a_point),
 	    cmocka_unit_test(only_the_arena),
 	    cmocka_unit_test(all_kinds),
+	    cmocka_unit_test(no_shape_is_slow),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
