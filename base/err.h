@@ -26,6 +26,7 @@ enum err_code {
 struct err {
 	enum err_code code;
 	int sys;             /* errno, 0 if none */
+	uint64_t need;       /* of a LIMIT: how much would do, in the unit of whoever raised it; 0 unknown */
 	uint64_t offset;     /* byte offset (or line for text) in `file`; ERR_NO_OFFSET if unknown */
 	char file[256];      /* the file it is about, "" if none */
 	char field[64];      /* the field it is about, "" if none */

@@ -128,6 +128,8 @@ void report_make(const struct pipe_totals *, const struct view *, struct job_rep
 
 /* jobs.c */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
+/* The smallest `memory` whose domains carry that many positions; 0: none does. */
+uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
 uint64_t jobs_domain_largest(struct jobs *); /* of the walks that run */
 uint64_t jobs_staged(const struct jobs *);   /* held by stages */
 bool jobs_walk_room(struct jobs *);          /* one more walk may start */

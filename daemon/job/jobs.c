@@ -25,12 +25,22 @@ static uint64_t clamp(uint64_t v, uint64_t low, uint64_t high)
 	return v < low ? low : v > high ? high : v;
 }
 
+static uint64_t emitter_share(uint64_t total)
+{
+	return clamp(total / 64, 384 << 10, 32 << 20);
+}
+
+static uint64_t index_share(uint64_t total)
+{
+	return clamp(total / 64, 256 << 10, 32 << 20);
+}
+
 static void share_out(struct jobs *j)
 {
 	uint64_t total = ledger_total(j->p.ledger);
 
-	j->emitter_share = clamp(total / 64, 384 << 10, 32 << 20);
-	j->index_share = clamp(total / 64, 256 << 10, 32 << 20);
+	j->emitter_share = emitter_share(total);
+	j->index_share = index_share(total);
 	j->stage_share = total / 2;
 	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
 	j->reserve = ledger_held(j->p.ledger, LEDGER_CATALOGUE) + MESSAGE_SHARE + pipe_ingest_bytes();
@@ -98,6 +108,26 @@ uint64_t jobs_domain_memory(struct jobs *j)
 	uint64_t total = ledger_total(j->p.ledger);
 
 	return total > used ? total - used : 0;
+}
+
+uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t positions)
+{
+	uint64_t total = ledger_total(j->p.ledger);
+	const uint64_t most = UINT64_C(1) << 40, step = UINT64_C(1) << 20;
+	struct pipe_budget b = { 0 };
+
+	for (; total <= most; total += total < 256 * step ? step : 16 * step) {
+		struct err err = ERR_INIT;
+		uint64_t used = j->reserve + 2 * (emitter_share(total) + 2 * index_share(total));
+
+		if (total <= used || pipe_budget(total - used, j->p.threads, grid, &b, &err))
+			continue;
+		if (b.cap >= positions)
+			return total;
+		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == j->p.threads)
+			break;
+	}
+	return 0;
 }
 
 uint64_t jobs_domain_largest(struct jobs *j)

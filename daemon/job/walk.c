@@ -248,6 +248,18 @@ static void over(struct walk *w)
 	w->calls->ended(w->ctx, w->why.code ? &w->why : NULL);
 }
 
+/* What would do for a region that does not fit. */
+static void memory_hint(struct walk *w)
+{
+	uint64_t memory = jobs_memory_for(w->jobs, w->grid, w->why.need);
+
+	if (memory)
+		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
+	else
+		err_add_hint(&w->why, "a domain carries at most %u positions, whatever the memory: leave out points",
+			     w->budget.cap);
+}
+
 void walk_fail(struct walk *w, const struct err *why)
 {
 	struct walk_domain *d;
@@ -257,6 +269,8 @@ void walk_fail(struct walk *w, const struct err *why)
 	w->stopping = true;
 	w->stopped_ns = clock_mono_ns();
 	w->why = *why;
+	if (why->code == ERR_LIMIT && why->need && w->grid)
+		memory_hint(w);
 	if (w->task_busy)
 		sched_cancel(w->jobs->p.sched, &w->task);
 	for (d = w->domains; d; d = d->next)

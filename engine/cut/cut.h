@@ -76,8 +76,8 @@ struct cut_plan {
 	size_t n, cap;
 };
 
-/* What a refusal reckons: bytes a position of a domain, and what the daemon needs beside domains. */
-enum { CUT_BYTES_PER_POSITION = 80, CUT_BASE_MIB = 24 };
+/* What a refusal reckons: bytes a position of a domain. err.need has the positions. */
+enum { CUT_BYTES_PER_POSITION = 80 };
 
 /* Split the root until each leaf has at most `load` positions. No points: no leaves. */
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);

@@ -17,6 +17,8 @@ __extension__ typedef __int128 i128;
 #define SLACK_REL 1e-12
 #define SLACK_ABS 1e-3
 
+enum { RIPE_MIN = 1024 };
+
 static i128 height(const struct cut_chain *c, const struct point *p)
 {
 	i128 x = cut_chain_x(c, p), u = cut_chain_u(c, p);
@@ -24,11 +26,23 @@ static i128 height(const struct cut_chain *c, const struct point *p)
 	return x * x + u * u;
 }
 
+/*
+ * When the batch is merged in: soon while the chain is short, so that it sinks early and lets less in; of a long one
+ * (convex position) at a quarter of its length, so that n points cost O(n log n) and not one merge for every few.
+ */
+static void ripen(struct cut_chain *c)
+{
+	uint32_t ripe = c->n / 4 > RIPE_MIN ? c->n / 4 : RIPE_MIN;
+
+	c->ripe = ripe < c->batch_cap ? ripe : c->batch_cap;
+}
+
 void cut_chain_init(struct cut_chain *c, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt,
 		    uint32_t cap, struct point *batch, uint32_t batch_cap)
 {
 	*c = (struct cut_chain){ .vertical = vertical, .c2 = c2, .t0 = t0, .t1 = t1, .pt = pt, .cap = cap,
 				 .batch = batch, .batch_cap = batch_cap, .reach = INFINITY };
+	ripen(c);
 }
 
 /* How many entries have a U of at most u. */
@@ -82,11 +96,18 @@ static bool above(const struct cut_chain *c, const struct point *p)
 	return (h - ha) * (ub - ua) > (height(c, b) - ha) * (u - ua);
 }
 
+void cut_chain_batch(struct cut_chain *c, struct point *batch, uint32_t batch_cap)
+{
+	c->batch = batch;
+	c->batch_cap = batch_cap;
+	ripen(c);
+}
+
 int cut_chain_add(struct cut_chain *c, const struct view *view, const struct point *p)
 {
 	if (above(c, p))
 		return 0;
-	if (c->nbatch == c->batch_cap) {
+	if (c->nbatch >= c->ripe) {
 		int rc = cut_chain_flush(c, view);
 
 		if (rc)
@@ -246,6 +267,7 @@ int cut_chain_flush(struct cut_chain *c, const struct view *view)
 	}
 	c->n = k;
 	trim(c);
+	ripen(c);
 	c->reach = reach_of(c);
 	return 0;
 }

@@ -22,6 +22,7 @@ struct cut_chain {
 	uint32_t n, cap;
 	struct point *batch; /* not in the chain yet */
 	uint32_t nbatch, batch_cap;
+	uint32_t ripe;       /* the batch is merged in when it has as many: a quarter of the chain, at most batch_cap */
 	double reach;        /* no border point is farther from its site than this; INFINITY: unknown */
 };
 
@@ -40,6 +41,8 @@ static inline int64_t cut_chain_x(const struct cut_chain *c, const struct point 
 /* Start empty: E is +infinity everywhere. Memory: n + batch never exceeds cap. */
 void cut_chain_init(struct cut_chain *, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt,
 		    uint32_t cap, struct point *batch, uint32_t batch_cap);
+/* Hand the batch's memory in later; it is empty. */
+void cut_chain_batch(struct cut_chain *, struct point *batch, uint32_t batch_cap);
 /* A kept point: goes into the batch unless it lies above E. CUT_E_FULL: the chain overflows. */
 int cut_chain_add(struct cut_chain *, const struct view *, const struct point *);
 /* Take the batch into the chain; points of one position are reduced to the one the view prefers. */

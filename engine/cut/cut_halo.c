@@ -21,6 +21,7 @@
 enum {
 	COLUMNS = 256,
 	BATCH = 1024,
+	BATCH_SHARE = 32,       /* one batch, of the memory for points */
 	SWEEP = 256,
 	ROUNDS = 200,
 	SEED_COLUMNS = 1024,
@@ -134,7 +135,7 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 {
 	size_t pad = round64((uintptr_t)scratch) - (uintptr_t)scratch, left;
 	struct cut_halo *h = (struct cut_halo *)((char *)scratch + pad);
-	uint32_t table = 2048;
+	uint32_t table = 2048, batch;
 	int64_t box[4];
 	char *at;
 
@@ -167,13 +168,14 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	add_chain(h, false, box[3], box[0], box[2]);
 	if (h->nchain == 0)
 		return h;
-	h->pool_size = left / sizeof(struct point) - h->nchain * BATCH;
+	left /= sizeof(struct point);
+	batch = left / BATCH_SHARE > BATCH ? (uint32_t)(left / BATCH_SHARE) : BATCH;
+	h->pool_size = left - h->nchain * (size_t)batch;
 	if (h->pool_size > UINT32_MAX)
 		h->pool_size = UINT32_MAX;
 	for (unsigned i = 0; i < h->nchain; i++) {
 		h->chain[i].pt = h->pool;
-		h->chain[i].batch = h->pool + h->pool_size + i * BATCH;
-		h->chain[i].batch_cap = BATCH;
+		cut_chain_batch(&h->chain[i], h->pool + h->pool_size + i * (size_t)batch, batch);
 	}
 	share_pool(h, h->nchain);
 	return h;

@@ -225,7 +225,7 @@ static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uin
 		"of %" PRIu64 " points, %" PRIu64 " must be in memory at once (%" PRIu64 " bytes) for region %s; the "
 		"budget carries %" PRIu32 ": they lie in convex position, as on a circle or a line",
 		points, need, bytes, cut_region_text(&leaf->region, text), cap);
-	err_add_hint(err, "run with memory=%" PRIu64 "M or more", (bytes >> 20) + CUT_BASE_MIB);
+	err->need = need; /* what memory that takes is known where the budget is shared out */
 	return -ERR_LIMIT;
 }
 
