@@ -208,7 +208,7 @@ def progress(p):
             seen += part
         os.close(main)
         check("status", q.wait(60) == 0)
-        check("progress with %s" % options, (b"stage" in seen and b"mesh" in seen and b"% " in seen and b"/s" in seen
+        check("progress with %s" % options, (b"mesh" in seen and b"% " in seen and b"/s" in seen
                                              and seen.endswith(b"\r\x1b[K")) == wanted, repr(seen[-400:]))
         check("nothing else with %s" % options, wanted or not seen, repr(seen))
 
