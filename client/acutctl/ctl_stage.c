@@ -164,7 +164,11 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 		status = each_file(&s, false);
 	if (!status)
 		status = commit(&s);
-	acut_push_end(s.push);
+	/* interrupted on the way into a named dataset: what is durable may stay, for the next push */
+	if (dataset && ctl_signal_caught())
+		acut_push_leave(s.push);
+	else
+		acut_push_end(s.push);
 	ctl_progress_clear(ctl);
 	ret->seconds = clock_since(start);
 	return status ? status : ret->refused ? CTL_SOME_REFUSED : 0;
