@@ -313,7 +313,7 @@ static int take_block(void *ctx, const struct mesh_block *block, struct err *err
 {
 	struct walk *w = ctx;
 
-	w->emitting->state = DOMAIN_SENDING;
+	w->emitting->block = true;
 	if (w->output)
 		w->output->calls->encode(w->output, block);
 	return 0;
@@ -333,7 +333,7 @@ static void emit_done(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
-	bool block = d->state == DOMAIN_SENDING;
+	bool block = d->block;
 
 	w->tasks--;
 	w->emitting = NULL;
@@ -352,6 +352,7 @@ static void emit_done(struct sched_task *t)
 	if (block && !w->first_ns)
 		w->first_ns = clock_mono_ns();
 	if (block && w->output) {
+		d->state = DOMAIN_SENDING;
 		w->sending = d;
 		w->output_busy = true;
 		w->output->calls->send(w->output);

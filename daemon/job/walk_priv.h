@@ -27,6 +27,7 @@ struct walk_domain {
 	size_t size;               /* mapped, and charged to LEDGER_DOMAIN */
 	size_t held;               /* of it, what the result needs */
 	bool stored, unstorable;
+	bool block;                /* its emission gave one */
 	uint64_t need;
 	int r;
 	struct err err;

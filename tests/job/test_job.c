@@ -6,6 +6,7 @@
 #include <ftw.h>
 #include <poll.h>
 #include <setjmp.h>
+#include <stdatomic.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -277,7 +278,8 @@ static struct job_info info_of(const struct job *job)
 
 struct reader {
 	struct job_output output;
-	int heads, blocks, ends, spools;
+	int heads, ends;
+	atomic_int blocks, spools;
 	bool slow, sending, freed;
 	uint64_t sending_ns, triangles;
 	struct err why;

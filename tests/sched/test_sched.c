@@ -24,7 +24,7 @@ struct job {
 	bool give;         /* done gives the memory back */
 };
 
-static int order[64];
+static atomic_int order[64];
 static atomic_int norder;
 static int ndone;
 
