@@ -77,7 +77,10 @@ static void end_if_idle(struct daemon *d)
 		io_close(lock);
 		return;
 	}
-	log_info("idle for %.0f seconds: the end", d->config.idle_exit);
+	if (d->nsockets)
+		log_info("idle for %.0f seconds: the end", d->config.idle_exit);
+	else
+		log_info("the only client is gone: the end");
 	for (int i = 0; i < d->nsockets; i++)
 		place_unbind(d->sockets[i]);
 	io_close(lock);
