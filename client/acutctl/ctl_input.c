@@ -114,7 +114,8 @@ static int copy_standard(struct ctl *ctl, int fd, const char *dir, struct err *e
 			if (n < 0 && errno != EINTR && errno != EAGAIN)
 				err_sys(err, errno, "standard input cannot be read");
 			else if (n > 0 && write(fd, buf, (size_t)n) != n)
-				err_sys(err, errno ? errno : ENOSPC, "standard input cannot be kept in %s", dir);
+				err_sys(err, errno ? errno : ENOSPC, "standard input cannot be kept in %s",
+					dir);
 		}
 	}
 	free(buf);

@@ -193,7 +193,7 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_note(ctl, "%s triangles in %s domain%s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
 		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
 	if (!p->triangles)
-		ctl_note(ctl, p->vertices < 3 ? "no triangles: there are fewer than three distinct positions"
+		ctl_note(ctl, p->used < 3 ? "no triangles: there are fewer than three distinct positions"
 					      : "no triangles: all positions lie on one line");
 	if (ctl->args.max_edge)
 		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g",

@@ -1,10 +1,12 @@
 /*
  * Where a writer's bytes go: whole files or nothing.
  *
- * A regular output is written under a temporary name in the folder it will stand in and gets its name only
- * by format_output_publish; freed before that, it is removed. What cannot be renamed (standard output,
- * pipes, devices) is written straight through. A link is followed first, so that the file it points to is
- * replaced and the link stays. Writes are gathered into one buffer of FORMAT_BUFFER bytes.
+ * A regular output is a nameless file in the folder it will stand in and gets its name only by
+ * format_output_publish, so that however this process ends, nothing stays; where the file system has no
+ * nameless files, it has a temporary name, and is removed when it is freed unpublished. What cannot be
+ * renamed (standard output, pipes, devices) is written straight through. A link is followed first, so that
+ * the file it points to is replaced and the link stays. Writes are gathered into one buffer of FORMAT_BUFFER
+ * bytes.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -23,6 +25,7 @@ struct format_output {
 	int dirfd, fd;             /* dirfd -1: standard output or not a regular file */
 	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
 	bool seekable, no_clobber, own_fd;
+	bool nameless;             /* has no name yet, temp is NULL */
 	uint64_t at;               /* bytes handed to the system */
 	size_t used;
 	uint8_t *buf;
@@ -61,32 +64,67 @@ static int output_folder(struct format_output *o, const char *path, struct err *
 	return r;
 }
 
-static int output_temp(struct format_output *o, struct err *err)
+static char *proc_name(int fd, char buf[32])
+{
+	snprintf(buf, 32, "/proc/self/fd/%d", fd);
+	return buf;
+}
+
+/* Calls `make` with temporary names until one is free. */
+static int output_temp(struct format_output *o, int (*make)(struct format_output *, struct err *),
+		       struct err *err)
 {
 	for (unsigned i = 0; i < 1000; i++) {
 		struct err e = ERR_INIT;
 
-		free(o->temp);
 		if (asprintf(&o->temp, ".%.200s.%d-%u.part", o->name, (int)getpid(), i) < 0) {
 			o->temp = NULL;
 			return err_set(err, ERR_NOMEM, "no memory for a file name");
 		}
-		if (!io_open(o->dirfd, o->temp, O_RDWR | O_CREAT | O_EXCL, 0666, &o->fd, &e)) {
-			o->own_fd = o->seekable = true;
+		if (!make(o, &e))
 			return 0;
-		}
+		free(o->temp);
+		o->temp = NULL;
 		if (e.sys != EEXIST) {
-			free(o->temp);
-			o->temp = NULL;
 			*err = e;
 			err->file[0] = 0;
 			return err_add_file(err, o->label);
 		}
 	}
-	free(o->temp);
-	o->temp = NULL;
 	err_set(err, ERR_IO, "1000 temporary names in the folder are taken");
 	return err_add_file(err, o->label);
+}
+
+static int make_named(struct format_output *o, struct err *err)
+{
+	return io_open(o->dirfd, o->temp, O_RDWR | O_CREAT | O_EXCL, 0666, &o->fd, err);
+}
+
+/* Gives a nameless file its temporary name. */
+static int make_link(struct format_output *o, struct err *err)
+{
+	char from[32];
+
+	if (linkat(AT_FDCWD, proc_name(o->fd, from), o->dirfd, o->temp, AT_SYMLINK_FOLLOW))
+		return err_sys(err, errno, "the output cannot be given a name");
+	return 0;
+}
+
+static int output_make(struct format_output *o, struct err *err)
+{
+	struct err ignored = ERR_INIT;
+	char name[32];
+	int r = 0;
+
+	o->nameless = !io_open(o->dirfd, ".", O_TMPFILE | O_RDWR, 0666, &o->fd, &ignored);
+	if (o->nameless && access(proc_name(o->fd, name), F_OK)) {
+		o->fd = io_close(o->fd); /* no /proc: it could never get a name */
+		o->nameless = false;
+	}
+	if (!o->nameless)
+		r = output_temp(o, make_named, err);
+	o->own_fd = o->seekable = !r;
+	return r;
 }
 
 static int output_open_file(struct format_output *o, const char *path, struct err *err)
@@ -116,7 +154,7 @@ static int output_open_file(struct format_output *o, const char *path, struct er
 	if (!r && !o->name[0])
 		r = err_set(err, ERR_USAGE, "the output is a folder");
 	if (!r)
-		r = output_temp(o, err);
+		r = output_make(o, err);
 	return r ? err_add_file(err, o->label) : 0;
 }
 
@@ -141,35 +179,27 @@ int format_output_new(const char *path, bool no_clobber, struct format_output **
 	return 0;
 }
 
-/* A file without a name in `dirfd`, or in the folder for temporary files. */
+/* A file without a name in `dirfd`, or in the folder for temporary files if that is -1. */
 static int spool_open(int dirfd, int *ret_fd, struct err *err)
 {
 	const char *dir = getenv("TMPDIR");
-	char path[PATH_MAX];
-	int fd;
+	struct err ignored = ERR_INIT;
+	char name[64];
+	int own = -1, r = 0;
 
-	if (dirfd >= 0)
-		snprintf(path, sizeof(path), "/proc/self/fd/%d", dirfd);
-	else
-		snprintf(path, sizeof(path), "%s", dir && *dir ? dir : "/var/tmp");
-	fd = open(path, O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-	if (fd < 0 && (errno == EOPNOTSUPP || errno == EISDIR || errno == ENOENT)) {
-		/* a file system without O_TMPFILE, or no /proc */
-		char name[64];
-
-		snprintf(name, sizeof(name), ".acut-spool-%d-%u", (int)getpid(), (unsigned)random());
-		if (dirfd < 0)
-			snprintf(path, sizeof(path), "%s/%s", dir && *dir ? dir : "/var/tmp", name);
-		else
-			snprintf(path, sizeof(path), "%s", name);
-		fd = openat(dirfd < 0 ? AT_FDCWD : dirfd, path, O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-		if (fd >= 0)
-			unlinkat(dirfd < 0 ? AT_FDCWD : dirfd, path, 0);
+	if (dirfd < 0) {
+		r = io_open(AT_FDCWD, dir && *dir ? dir : "/var/tmp", O_RDONLY | O_DIRECTORY, 0, &own, err);
+		dirfd = own;
 	}
-	if (fd < 0)
-		return err_sys(err, errno, "a temporary file cannot be made");
-	*ret_fd = fd;
-	return 0;
+	if (!r && io_open(dirfd, ".", O_TMPFILE | O_RDWR, 0600, ret_fd, &ignored)) {
+		/* a file system without nameless files, or one that is full: the next call says which */
+		snprintf(name, sizeof(name), ".acut-spool-%d-%08lx", (int)getpid(), (unsigned long)random());
+		r = io_open(dirfd, name, O_RDWR | O_CREAT | O_EXCL, 0600, ret_fd, err);
+		if (!r)
+			unlinkat(dirfd, name, 0);
+	}
+	io_close(own);
+	return r;
 }
 
 int format_output_spool(const struct format_output *beside, struct format_output **ret, struct err *err)
@@ -356,6 +386,10 @@ int format_output_publish(struct format_output *o, struct err *err)
 {
 	int r = output_flush(o, err);
 
+	if (!r && o->nameless) {
+		r = output_temp(o, make_link, err);
+		o->nameless = r != 0;
+	}
 	if (r || !o->temp)
 		return r;
 	if (o->no_clobber) {

@@ -184,6 +184,12 @@ def interruption(p):
             _, err = q.communicate(timeout=30)
             check("signal %d %s" % (sig, own), q.returncode == status, "%d %s" % (q.returncode, err))
             check("nothing is left", not [n for n in os.listdir(p.base) if "big.ply" in n], str(os.listdir(p.base)))
+    q = p.start("mesh", big, "-o", p.path("big.ply"))
+    time.sleep(0.5)
+    q.kill()
+    q.communicate(timeout=30)
+    left = [n for n in os.listdir(p.base) if "big.ply" in n]
+    check("killed, nothing is left", q.returncode == -9 and not left, "%d %s" % (q.returncode, left))
     status, _, err = p.ctl("mesh", big, "-o", p.path("big.ply"), "--timeout", "0.2")
     check("--timeout", status == 124 and "0.2" in err, "%d %s" % (status, err))
     # The job of a client that is gone ends, bound as it is.

@@ -411,8 +411,8 @@ static void test_open(void **state)
 		uint64_t foreign[4], used[4];
 		int32_t v[2][3];
 		uint8_t final[1] = { 0 };
-		struct acut_mesh_block b = { .foreign = foreign, .vertex = (const int32_t (*)[3])v, .final = final,
-					     .nnew = 2 };
+		struct acut_mesh_block b = {
+			.foreign = foreign, .vertex = (const int32_t(*)[3])v, .final = final, .nnew = 2};
 		const int32_t (*position)[3];
 		struct err err = ERR_INIT;
 
@@ -594,12 +594,13 @@ static void test_png_domains(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_ply),	       cmocka_unit_test(test_obj),
-		cmocka_unit_test(test_canonical),      cmocka_unit_test(test_canonical_order),
-		cmocka_unit_test(test_max_edge),       cmocka_unit_test(test_max_edge_equal),
-		cmocka_unit_test(test_origin),	       cmocka_unit_test(test_axis), cmocka_unit_test(test_open),
-		cmocka_unit_test(test_png_cover),      cmocka_unit_test(test_png_light),
-		cmocka_unit_test(test_png_fan),	       cmocka_unit_test(test_png_domains),
+		cmocka_unit_test(test_ply),         cmocka_unit_test(test_obj),
+		cmocka_unit_test(test_canonical),   cmocka_unit_test(test_canonical_order),
+		cmocka_unit_test(test_max_edge),    cmocka_unit_test(test_max_edge_equal),
+		cmocka_unit_test(test_origin),      cmocka_unit_test(test_axis),
+		cmocka_unit_test(test_open),        cmocka_unit_test(test_png_cover),
+		cmocka_unit_test(test_png_light),   cmocka_unit_test(test_png_fan),
+		cmocka_unit_test(test_png_domains),
 	};
 	int failed;
 

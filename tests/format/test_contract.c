@@ -19,6 +19,7 @@
 
 #include "err.h"
 #include "format.h"
+#include "io.h"
 #include "meshes.h"
 
 static char dir[] = "/tmp/acut-format-XXXXXX";
@@ -360,6 +361,30 @@ static void test_table(void **state)
 	assert_false(format_parse_color("domains", &color));
 }
 
+/* The same on a file system without nameless files. */
+static int no_nameless(int dirfd, const char *path, int flags, mode_t mode)
+{
+	if ((flags & O_TMPFILE) == O_TMPFILE) {
+		errno = EOPNOTSUPP;
+		return -1;
+	}
+	return openat(dirfd, path, flags, mode);
+}
+
+static void test_named(void **state)
+{
+	struct io_table table = io_system;
+
+	table.openat = no_nameless;
+	io = &table;
+	each_row(meshes_whole);
+	each_row(stopped);
+	each_row(full_disk);
+	each_row(clobber);
+	each_row(to_pipe);
+	io = &io_system;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -368,6 +393,7 @@ int main(void)
 		cmocka_unit_test(test_device),	    cmocka_unit_test(test_clobber),
 		cmocka_unit_test(test_link),	    cmocka_unit_test(test_finished_vertex),
 		cmocka_unit_test(test_wrong_options), cmocka_unit_test(test_table),
+		cmocka_unit_test(test_named),
 	};
 	int failed;
 
