@@ -199,7 +199,7 @@ struct job_output {
 	struct job_fetch *fetch;
 	bool spooled;               /* set by spool: the block's memory is not needed any more */
 };
-enum { JOB_OUTPUT_BUFFER = 256 << 10 }; /* what refill may hold; charged by job/ */
+enum { JOB_OUTPUT_BUFFER = 64 << 10 }; /* what refill may hold; charged by job/ */
 /* Streams the mesh of `job` into `output`, at once if it is bound and has just begun, else when it is done. */
 void job_fetch(struct job *, struct job_output *output);
 void job_output_sent(struct job_output *);

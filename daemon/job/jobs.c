@@ -43,7 +43,7 @@ static void share_out(struct jobs *j)
 	j->index_share = index_share(total);
 	j->stage_share = total / 2;
 	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
-	j->reserve = ledger_held(j->p.ledger, LEDGER_CATALOGUE) + MESSAGE_SHARE + pipe_ingest_bytes();
+	j->reserve = ledger_held(j->p.ledger, LEDGER_CATALOGUE) + MESSAGE_SHARE + 2 * input_bytes();
 }
 
 /* ---- walks ---- */
@@ -101,10 +101,16 @@ uint64_t jobs_staged(const struct jobs *j)
 	return bytes;
 }
 
+/* Beside its domains: the table, index pages and what the index keeps of its own, the buffer of a slow reader. */
+static uint64_t walk_share(const struct jobs *j)
+{
+	return j->emitter_share + 2 * j->index_share + JOB_OUTPUT_BUFFER;
+}
+
 uint64_t jobs_domain_memory(struct jobs *j)
 {
 	unsigned walks = tally(j, NULL).walks;
-	uint64_t used = j->reserve + jobs_staged(j) + (walks + 1) * (j->emitter_share + 2 * j->index_share);
+	uint64_t used = j->reserve + jobs_staged(j) + (walks + 1) * walk_share(j);
 	uint64_t total = ledger_total(j->p.ledger);
 
 	return total > used ? total - used : 0;
@@ -142,8 +148,10 @@ bool jobs_opening(struct jobs *j, const struct dataset *d)
 
 bool jobs_walk_room(struct jobs *j)
 {
-	return tally(j, NULL).running < j->walks_max &&
-	       ledger_left(j->p.ledger) >= j->emitter_share + j->index_share;
+	struct tally t = tally(j, NULL);
+
+	/* One domain of the largest plan must fit beside the shares of all walks and the stages, always. */
+	return t.running < j->walks_max && jobs_domain_memory(j) >= t.largest + walk_share(j);
 }
 
 static void relieve(struct walk *w, void *ctx)

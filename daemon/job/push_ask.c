@@ -209,14 +209,15 @@ static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	struct jobs *j = p->jobs;
-	uint64_t left = jobs_domain_memory(j), head = jobs_domain_largest(j);
+	uint64_t left = jobs_domain_memory(j), head = 2 * jobs_domain_largest(j);
 	uint64_t size = j->stage_share;
 
 	/* A job that runs must be able to finish beside it, one domain at a time. */
-	left = left > 2 * head ? left - 2 * head : 0;
+	left = left > head ? left - head : 0;
 	if (size > left)
 		size = left;
-	if (size < GRID_STAGE_MIN)
+	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others from. */
+	if (size < GRID_STAGE_MIN + pipe_ingest_bytes())
 		return PUSH_WAIT;
 	p->task.priority = SCHED_FIRST;
 	task_bytes(p, LEDGER_STAGE, size);
@@ -231,7 +232,7 @@ static void stage_run(struct push *p, struct push_ask *a)
 	struct grid_stage_params params = {
 		.dirfd = p->dataset->dirfd,
 		.name = name,
-		.memory = p->task.bytes,
+		.memory = p->task.bytes - pipe_ingest_bytes(),
 		.durable = !p->dataset->onestep,
 	};
 
@@ -252,6 +253,13 @@ static bool stage_done(struct push *p, struct push_ask *a, const struct err *why
 		p->broken_err = *why;
 	}
 	return true;
+}
+
+void push_stage_give(struct push *p)
+{
+	if (p->stage_bytes)
+		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
+	p->stage_bytes = 0;
 }
 
 /* ---- file ---- */
@@ -286,7 +294,6 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 	a->source = p->dataset->next_source++;
 	atomic_store(&p->progress, 0);
 	atomic_store(&p->claimed, 0);
-	task_bytes(p, LEDGER_INPUT, pipe_ingest_bytes());
 	return 0;
 }
 
@@ -435,180 +442,6 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	return true;
 }
 
-/* ---- commit ---- */
-
-static uint64_t live_sources(const struct push *p)
-{
-	uint64_t n = 0;
-	size_t i;
-
-	for (i = 0; i < p->nsources; i++)
-		n += !p->sources[i].removed;
-	return n;
-}
-
-static int commit_start(struct push *p, struct push_ask *a, struct err *err)
-{
-	struct dataset *d = p->dataset;
-
-	if (!live_sources(p))
-		return d->generation ? PUSH_NOW
-				     : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
-	if (d->committer && d->committer != p)
-		return PUSH_WAIT;
-	d->committer = p;
-	memcpy(p->base_name, d->manifest, sizeof p->base_name);
-	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu", (unsigned long long)d->generation + 1);
-	return 0;
-}
-
-/* The newest manifest, one segment and this push's sources more. */
-static int commit_manifest(struct push *p, const struct grid_segment_info *segment, struct err *err)
-{
-	size_t nseg = p->base ? p->base->nsegments : 0, nsrc = p->base ? p->base->nsources : 0, i;
-	uint64_t generation = (p->base ? p->base->generation : 0) + 1;
-	struct grid_manifest m = {
-		.lattice = p->lattice,
-		.generation = generation,
-		.nsegments = nseg + 1,
-		.nsources = nsrc + p->nsources,
-	};
-	int r;
-
-	m.segments = calloc(m.nsegments, sizeof *m.segments);
-	m.sources = calloc(m.nsources, sizeof *m.sources);
-	if (!m.segments || !m.sources) {
-		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
-	} else {
-		if (nseg)
-			memcpy(m.segments, p->base->segments, nseg * sizeof *m.segments);
-		if (nsrc)
-			memcpy(m.sources, p->base->sources, nsrc * sizeof *m.sources);
-		m.segments[nseg] = *segment;
-		for (i = 0; i < p->nsources; i++) {
-			m.sources[nsrc + i] = p->sources[i];
-			m.sources[nsrc + i].added = generation;
-			m.sources[nsrc + i].removed = p->sources[i].removed ? generation : 0;
-		}
-		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
-		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
-		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
-		r = grid_manifest_write(p->dataset->dirfd, p->made_name, &m, err);
-		if (!r)
-			r = grid_manifest_read(p->dataset->dirfd, p->made_name, &p->made, err);
-	}
-	free(m.segments);
-	free(m.sources);
-	return r;
-}
-
-static void commit_run(struct push *p, struct push_ask *a)
-{
-	struct grid_segment_info segment = { 0 };
-
-	a->r = grid_stage_seal(p->stage, &segment, &a->err);
-	p->stage = grid_stage_free(p->stage);
-	if (a->r)
-		return;
-	/* Another push may have committed since this one began. */
-	p->base = grid_manifest_free(p->base);
-	if (*p->base_name)
-		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
-	if (!a->r)
-		a->r = commit_manifest(p, &segment, &a->err);
-	if (a->r)
-		io->unlinkat(p->dataset->dirfd, segment.file, 0);
-}
-
-static void stage_give(struct push *p)
-{
-	if (p->stage_bytes)
-		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
-	p->stage_bytes = 0;
-}
-
-/* The dataset shows the new generation from here on. */
-static void commit_answer(struct push *p, const struct err *why)
-{
-	struct dataset *d = p->dataset;
-	struct push_committed done = { .dataset = d };
-	struct err err = ERR_INIT;
-	void *token = p->asks->token;
-
-	if (!why && p->made) {
-		d->pushed_us = clock_real_us();
-		d->stage_seconds = clock_since(p->begun_ns);
-		if (dataset_set(d, p->made, p->made_name, &err))
-			why = &err;
-		p->row = false;
-		p->old_goes = !jobs_opening(p->jobs, d);
-	}
-	p->committed = !why;
-	if (d->committer == p)
-		d->committer = NULL;
-	if (d->planner == p)
-		d->planner = NULL;
-	if (why) {
-		p->broken = true;
-		p->broken_err = *why;
-	}
-	if (!why && !d->onestep && p->durable < p->files) {
-		p->durable = p->files;
-		p->calls.durable(p->ctx, p->durable);
-	}
-	done.generation = d->generation;
-	done.points = d->points;
-	push_ask_over(p);
-	p->calls.committed(token, why, why ? NULL : &done);
-}
-
-static void commit_row_done(void *ctx, int r, const struct err *why)
-{
-	struct push *p = ctx;
-
-	p->waiting_row = false;
-	commit_answer(p, r ? why : NULL);
-	push_pump(p);
-}
-
-static bool commit_done(struct push *p, struct push_ask *a, const struct err *why)
-{
-	struct err err = ERR_INIT;
-
-	if (!p->stage)
-		stage_give(p);
-	if (!why && p->made && !p->dataset->onestep) {
-		/* The row as it will be; the dataset itself changes when it is on disk. */
-		struct dataset shadow = *p->dataset;
-		struct catalogue_dataset row;
-		int r;
-
-		shadow.lattice = strdup("");
-		shadow.crs = strdup("");
-		shadow.unit_xy = strdup("");
-		shadow.unit_z = strdup("");
-		shadow.pushed_us = clock_real_us();
-		shadow.dirfd = -1;
-		r = dataset_set(&shadow, p->made, p->made_name, &err);
-		if (!r) {
-			dataset_row(&shadow, &row);
-			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, p->row ? p->id : 0, commit_row_done, p,
-						  &err);
-		}
-		free(shadow.lattice);
-		free(shadow.crs);
-		free(shadow.unit_xy);
-		free(shadow.unit_z);
-		if (!r) {
-			p->waiting_row = true;
-			return false;
-		}
-		why = &err;
-	}
-	commit_answer(p, why);
-	return false;
-}
-
 /* ---- abort, close ---- */
 
 static void close_run(struct push *p, struct push_ask *a)
@@ -626,7 +459,7 @@ static void close_run(struct push *p, struct push_ask *a)
 static bool abort_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	if (!p->stage)
-		stage_give(p);
+		push_stage_give(p);
 	atomic_store(&p->cancel, false);
 	if (!why && !p->committed) {
 		p->nsources = 0;
@@ -641,7 +474,7 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 	struct err err = ERR_INIT;
 
 	p->stage = grid_stage_free(p->stage); /* if no worker came to it */
-	stage_give(p);
+	push_stage_give(p);
 	if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	if (p->opened)
@@ -656,7 +489,7 @@ const struct push_row push_rows[PUSH_KINDS] = {
 	[PUSH_STAGE] = { stage_start, stage_run, stage_done },
 	[PUSH_FILE] = { file_start, file_run, file_done },
 	[PUSH_SYNC] = { sync_start, sync_run, sync_done },
-	[PUSH_COMMIT] = { commit_start, commit_run, commit_done },
+	[PUSH_COMMIT] = { push_commit_start, push_commit_run, push_commit_done },
 	[PUSH_ABORT] = { NULL, close_run, abort_done },
 	[PUSH_CLOSE] = { NULL, close_run, close_done },
 };

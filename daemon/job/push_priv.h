@@ -103,6 +103,12 @@ struct push_row {
 	bool (*done)(struct push *, struct push_ask *, const struct err *why);
 };
 extern const struct push_row push_rows[PUSH_KINDS];
+void push_stage_give(struct push *); /* the stage's memory; the stage is gone */
+
+/* push_commit.c: the row of PUSH_COMMIT */
+int push_commit_start(struct push *, struct push_ask *, struct err *err);
+void push_commit_run(struct push *, struct push_ask *);
+bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
 
 struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
 void push_ask_over(struct push *);  /* the first one */

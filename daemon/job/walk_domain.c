@@ -118,6 +118,12 @@ static void submit(struct walk_domain *d, void (*run)(struct sched_task *), void
 
 /* ---- making ---- */
 
+/* Domains of a one-step dataset go with it. */
+static int store_of(const struct walk *w)
+{
+	return w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd;
+}
+
 static bool load(struct walk_domain *d, struct digest key)
 {
 	struct walk *w = d->walk;
@@ -125,11 +131,11 @@ static bool load(struct walk_domain *d, struct digest key)
 	size_t size;
 	int r;
 
-	if (!store_has(w->jobs->domainsfd, key))
+	if (!store_has(store_of(w), key))
 		return false;
-	r = store_size(w->jobs->domainsfd, key, &size, &err);
+	r = store_size(store_of(w), key, &size, &err);
 	if (!r && size <= d->size)
-		r = store_get(w->jobs->domainsfd, key, d->memory, d->size, &d->domain, &err);
+		r = store_get(store_of(w), key, d->memory, d->size, &d->domain, &err);
 	else if (!r)
 		r = STORE_E_ABSENT;
 	if (r < 0)
@@ -143,7 +149,7 @@ static bool load(struct walk_domain *d, struct digest key)
 static void keep(struct walk_domain *d, struct digest key)
 {
 	struct err err = ERR_INIT;
-	int r = store_put(d->walk->jobs->domainsfd, key, &d->domain, &err);
+	int r = store_put(store_of(d->walk), key, &d->domain, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;

@@ -1,0 +1,176 @@
+/*
+ * The commit of a push: what was staged becomes a segment, a manifest that names it, and a row of the catalogue, in this
+ * order, each durable before the next. Commits into one dataset take turns; each builds on the newest manifest.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "push_priv.h"
+
+static uint64_t live_sources(const struct push *p)
+{
+	uint64_t n = 0;
+	size_t i;
+
+	for (i = 0; i < p->nsources; i++)
+		n += !p->sources[i].removed;
+	return n;
+}
+
+int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	struct dataset *d = p->dataset;
+
+	if (!live_sources(p))
+		return d->generation ? PUSH_NOW
+				     : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
+	if (d->committer && d->committer != p)
+		return PUSH_WAIT;
+	d->committer = p;
+	memcpy(p->base_name, d->manifest, sizeof p->base_name);
+	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu", (unsigned long long)d->generation + 1);
+	return 0;
+}
+
+/* The newest manifest, one segment and this push's sources more. */
+static int commit_manifest(struct push *p, const struct grid_segment_info *segment, struct err *err)
+{
+	size_t nseg = p->base ? p->base->nsegments : 0, nsrc = p->base ? p->base->nsources : 0, i;
+	uint64_t generation = (p->base ? p->base->generation : 0) + 1;
+	struct grid_manifest m = {
+		.lattice = p->lattice,
+		.generation = generation,
+		.nsegments = nseg + 1,
+		.nsources = nsrc + p->nsources,
+	};
+	int r;
+
+	m.segments = calloc(m.nsegments, sizeof *m.segments);
+	m.sources = calloc(m.nsources, sizeof *m.sources);
+	if (!m.segments || !m.sources) {
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
+	} else {
+		if (nseg)
+			memcpy(m.segments, p->base->segments, nseg * sizeof *m.segments);
+		if (nsrc)
+			memcpy(m.sources, p->base->sources, nsrc * sizeof *m.sources);
+		m.segments[nseg] = *segment;
+		for (i = 0; i < p->nsources; i++) {
+			m.sources[nsrc + i] = p->sources[i];
+			m.sources[nsrc + i].added = generation;
+			m.sources[nsrc + i].removed = p->sources[i].removed ? generation : 0;
+		}
+		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
+		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
+		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
+		r = grid_manifest_write(p->dataset->dirfd, p->made_name, &m, err);
+		if (!r)
+			r = grid_manifest_read(p->dataset->dirfd, p->made_name, &p->made, err);
+	}
+	free(m.segments);
+	free(m.sources);
+	return r;
+}
+
+void push_commit_run(struct push *p, struct push_ask *a)
+{
+	struct grid_segment_info segment = { 0 };
+
+	a->r = grid_stage_seal(p->stage, &segment, &a->err);
+	p->stage = grid_stage_free(p->stage);
+	if (a->r)
+		return;
+	/* Another push may have committed since this one began. */
+	p->base = grid_manifest_free(p->base);
+	if (*p->base_name)
+		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+	if (!a->r)
+		a->r = commit_manifest(p, &segment, &a->err);
+	if (a->r)
+		io->unlinkat(p->dataset->dirfd, segment.file, 0);
+}
+
+/* The dataset shows the new generation from here on. */
+static void commit_answer(struct push *p, const struct err *why)
+{
+	struct dataset *d = p->dataset;
+	struct push_committed done = { .dataset = d };
+	struct err err = ERR_INIT;
+	void *token = p->asks->token;
+
+	if (!why && p->made) {
+		d->pushed_us = clock_real_us();
+		d->stage_seconds = clock_since(p->begun_ns);
+		if (dataset_set(d, p->made, p->made_name, &err))
+			why = &err;
+		p->row = false;
+		p->old_goes = !jobs_opening(p->jobs, d);
+	}
+	p->committed = !why;
+	if (d->committer == p)
+		d->committer = NULL;
+	if (d->planner == p)
+		d->planner = NULL;
+	if (why) {
+		p->broken = true;
+		p->broken_err = *why;
+	}
+	if (!why && !d->onestep && p->durable < p->files) {
+		p->durable = p->files;
+		p->calls.durable(p->ctx, p->durable);
+	}
+	done.generation = d->generation;
+	done.points = d->points;
+	push_ask_over(p);
+	p->calls.committed(token, why, why ? NULL : &done);
+}
+
+static void commit_row_done(void *ctx, int r, const struct err *why)
+{
+	struct push *p = ctx;
+
+	p->waiting_row = false;
+	commit_answer(p, r ? why : NULL);
+	push_pump(p);
+}
+
+bool push_commit_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+
+	if (!p->stage)
+		push_stage_give(p);
+	if (!why && p->made && !p->dataset->onestep) {
+		/* The row as it will be; the dataset itself changes when it is on disk. */
+		struct dataset shadow = *p->dataset;
+		struct catalogue_dataset row;
+		int r;
+
+		shadow.lattice = strdup("");
+		shadow.crs = strdup("");
+		shadow.unit_xy = strdup("");
+		shadow.unit_z = strdup("");
+		shadow.pushed_us = clock_real_us();
+		shadow.dirfd = -1;
+		r = dataset_set(&shadow, p->made, p->made_name, &err);
+		if (!r) {
+			dataset_row(&shadow, &row);
+			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, p->row ? p->id : 0, commit_row_done, p,
+						  &err);
+		}
+		free(shadow.lattice);
+		free(shadow.crs);
+		free(shadow.unit_xy);
+		free(shadow.unit_z);
+		if (!r) {
+			p->waiting_row = true;
+			return false;
+		}
+		why = &err;
+	}
+	commit_answer(p, why);
+	return false;
+}
