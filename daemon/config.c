@@ -1,9 +1,9 @@
 /*
  * The command line of acutd, and the defaults of what it leaves out.
  *
- * The memory rule: told, it is what was told (24 MiB at least). Not told: the smallest limit of the own cgroup and its
- * ancestors, less 48 MiB; where there is none, or for a private daemon (--idle-exit), the lesser of that and a quarter
- * of the machine, at most 2 GiB.
+ * The memory rule: told, it is what was told (24 MiB at least). Not told: the smallest limit of the own
+ * cgroup and its ancestors, less 48 MiB; where there is none, or for a private daemon (--idle-exit), the
+ * lesser of that and a quarter of the machine, at most 2 GiB.
  */
 #include "config.h"
 
@@ -28,7 +28,8 @@ static const char help[] =
 	"usage: acutd [--socket PATH] [OPTION...]\n"
 	"\n"
 	"  --socket PATH        listen here (default: the sockets that systemd hands over)\n"
-	"  --state FOLDER       datasets and the catalogue (default: $STATE_DIRECTORY, as root /var/lib/acut,\n"
+	"  --state FOLDER       datasets and the catalogue (default: $STATE_DIRECTORY, as root "
+	"/var/lib/acut,\n"
 	"                       else $XDG_STATE_HOME/acut)\n"
 	"  --cache FOLDER       what can be made again (default: $CACHE_DIRECTORY, as root /var/cache/acut,\n"
 	"                       else $XDG_CACHE_HOME/acut)\n"
@@ -173,11 +174,11 @@ static int fill_in(struct config *c, struct err *err)
 	int r = 0;
 
 	if (!*c->state)
-		r = default_folder(c->state, sizeof c->state, "STATE_DIRECTORY", "/var/lib/acut", "XDG_STATE_HOME",
-				   ".local/state", err);
+		r = default_folder(c->state, sizeof c->state, "STATE_DIRECTORY", "/var/lib/acut",
+				   "XDG_STATE_HOME", ".local/state", err);
 	if (!r && !*c->cache)
-		r = default_folder(c->cache, sizeof c->cache, "CACHE_DIRECTORY", "/var/cache/acut", "XDG_CACHE_HOME",
-				   ".cache", err);
+		r = default_folder(c->cache, sizeof c->cache, "CACHE_DIRECTORY", "/var/cache/acut",
+				   "XDG_CACHE_HOME", ".cache", err);
 	if (r)
 		return r;
 	if (!c->threads)
@@ -197,16 +198,16 @@ static int fill_in(struct config *c, struct err *err)
 enum which { SOCKET = 1, STATE, CACHE, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, VERSION, HELP };
 
 static const struct option options[] = {
-	{ "socket", required_argument, NULL, SOCKET },
-	{ "state", required_argument, NULL, STATE },
-	{ "cache", required_argument, NULL, CACHE },
-	{ "memory", required_argument, NULL, MEMORY },
-	{ "threads", required_argument, NULL, THREADS },
-	{ "log-level", required_argument, NULL, LOG_LEVEL },
-	{ "idle-exit", required_argument, NULL, IDLE_EXIT },
-	{ "version", no_argument, NULL, VERSION },
-	{ "help", no_argument, NULL, HELP },
-	{ 0 },
+	{"socket", required_argument, NULL, SOCKET},
+	{"state", required_argument, NULL, STATE},
+	{"cache", required_argument, NULL, CACHE},
+	{"memory", required_argument, NULL, MEMORY},
+	{"threads", required_argument, NULL, THREADS},
+	{"log-level", required_argument, NULL, LOG_LEVEL},
+	{"idle-exit", required_argument, NULL, IDLE_EXIT},
+	{"version", no_argument, NULL, VERSION},
+	{"help", no_argument, NULL, HELP},
+	{0},
 };
 
 static int bad(const char *option, const char *value, const char *wanted, struct err *err)
@@ -235,7 +236,9 @@ static int set_option(struct config *c, int option, const char *value, struct er
 	case CACHE:
 		return set_folder(c->cache, sizeof c->cache, "cache", value, err);
 	case MEMORY:
-		return parse_size(value, &c->memory) && c->memory ? 0 : bad("memory", value, "a size as 256M", err);
+		return parse_size(value, &c->memory) && c->memory
+			       ? 0
+			       : bad("memory", value, "a size as 256M", err);
 	case THREADS:
 		if (!parse_u64(value, &n) || !n || n > THREADS_MAX)
 			return bad("threads", value, "a number from 1 to 256", err);
@@ -259,7 +262,7 @@ int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struc
 {
 	int option, r = 0;
 
-	*ret = (struct config){ .level = LOG_LEVEL_INFO };
+	*ret = (struct config){.level = LOG_LEVEL_INFO};
 	*ret_what = CONFIG_RUN;
 	while (!r && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
 		if (option == VERSION || option == HELP) {

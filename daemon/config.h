@@ -10,22 +10,22 @@
 struct err;
 
 struct config {
-	const char *socket;        /* NULL: handed over */
+	const char *socket; /* NULL: handed over */
 	char state[512], cache[512];
-	uint64_t memory;           /* resolved */
+	uint64_t memory; /* resolved */
 	unsigned threads;
 	enum log_level level;
-	double idle_exit;          /* seconds; 0: never */
+	double idle_exit; /* seconds; 0: never */
 };
 
 enum { CONFIG_RUN, CONFIG_EXIT }; /* CONFIG_EXIT: --help or --version was answered */
 int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struct err *err);
 
-/* The memory for a daemon that was not told (DESIGN of the command line): `limit` is the smallest cgroup limit
- * (UINT64_MAX: none), `machine` its bytes of RAM. */
+/* The memory for a daemon that was not told (DESIGN of the command line): `limit` is the smallest cgroup
+ * limit (UINT64_MAX: none), `machine` its bytes of RAM. */
 uint64_t config_memory(uint64_t limit, uint64_t machine, bool private);
-/* The smallest limit of this process's memory cgroup and its ancestors, version 1 and 2, under `root` ("" on a
- * real machine, a folder in tests). */
+/* The smallest limit of this process's memory cgroup and its ancestors, version 1 and 2, under `root` ("" on
+ * a real machine, a folder in tests). */
 uint64_t config_cgroup_limit(const char *root);
 
 #endif

@@ -1,10 +1,10 @@
 /*
  * acutd: start, the loop, stop.
  *
- * The order of a start: options, locks on the folders, the budget, workers, catalogue, jobs (which clean up after a
- * crash), sockets, READY. A stop (SIGTERM, SIGINT, or idleness of a private daemon) ends connections and what is
- * bound to them, waits for the workers, and leaves folders without temporary files; after nine seconds it removes
- * those and goes, which is safe at any moment.
+ * The order of a start: options, locks on the folders, the budget, workers, catalogue, jobs (which clean up
+ * after a crash), sockets, READY. A stop (SIGTERM, SIGINT, or idleness of a private daemon) ends connections
+ * and what is bound to them, waits for the workers, and leaves folders without temporary files; after nine
+ * seconds it removes those and goes, which is safe at any moment.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -41,9 +41,9 @@
 struct daemon {
 	struct config config;
 	int statefd, cachefd, state_lock, cache_lock, socket_lock;
-	int sockets[HAND_OVER_MAX];  /* that listen */
+	int sockets[HAND_OVER_MAX]; /* that listen */
 	int nsockets;
-	bool bound;                  /* the socket is ours by --socket */
+	bool bound; /* the socket is ours by --socket */
 	sd_event *event;
 	struct ledger *ledger;
 	struct sched *sched;
@@ -52,7 +52,7 @@ struct daemon {
 	struct server *server;
 	sd_event_source *tick, *last;
 	bool ticking, stopping, over;
-	uint64_t idle_ns;            /* since when, 0: busy */
+	uint64_t idle_ns; /* since when, 0: busy */
 };
 
 /* ---- the loop ---- */
@@ -105,7 +105,8 @@ static void look_idle(struct daemon *d)
 
 static void tick_wanted(struct daemon *d)
 {
-	bool want = d->stopping || jobs_active(d->jobs) || d->config.idle_exit > 0 || !server_listens(d->server);
+	bool want =
+		d->stopping || jobs_active(d->jobs) || d->config.idle_exit > 0 || !server_listens(d->server);
 	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : IDLE_TICK_USEC;
 
 	if (want == d->ticking)
@@ -210,7 +211,8 @@ static int take_sockets(struct daemon *d, struct err *err)
 	if (n > HAND_OVER_MAX)
 		return err_set(err, ERR_USAGE, "more than %d sockets were handed over", HAND_OVER_MAX);
 	for (int i = 0; !r && i < n; i++) {
-		/* systemd and acutctl hand over blocking sockets: an accept with nobody waiting would stop the loop. */
+		/* systemd and acutctl hand over blocking sockets: an accept with nobody waiting would stop
+		 * the loop. */
 		int flags = fcntl(SD_LISTEN_FDS_START + i, F_GETFL);
 
 		if (flags < 0 || fcntl(SD_LISTEN_FDS_START + i, F_SETFL, flags | O_NONBLOCK) < 0)
@@ -249,7 +251,7 @@ static int watch(struct daemon *d, int fd, sd_event_io_handler_t handler, struct
 
 static int make_loop(struct daemon *d, struct err *err)
 {
-	static const int signals[] = { SIGTERM, SIGINT };
+	static const int signals[] = {SIGTERM, SIGINT};
 	sigset_t set;
 	int r;
 
@@ -262,8 +264,8 @@ static int make_loop(struct daemon *d, struct err *err)
 	for (size_t i = 0; r >= 0 && i < sizeof signals / sizeof signals[0]; i++)
 		r = sd_event_add_signal(d->event, NULL, signals[i], on_signal, d);
 	if (r >= 0)
-		r = sd_event_add_time_relative(d->event, &d->tick, CLOCK_MONOTONIC, TICK_USEC, TICK_USEC / 10, on_tick,
-					       d);
+		r = sd_event_add_time_relative(d->event, &d->tick, CLOCK_MONOTONIC, TICK_USEC, TICK_USEC / 10,
+					       on_tick, d);
 	if (r >= 0)
 		r = sd_event_add_post(d->event, NULL, on_round, d);
 	if (r >= 0)
@@ -345,7 +347,8 @@ static int start(struct daemon *d, struct err *err)
 	return r;
 }
 
-/* The heap gives back what is freed, and few arenas keep little: what the ledger counts is what the process has. */
+/* The heap gives back what is freed, and few arenas keep little: what the ledger counts is what the process
+ * has. */
 static void tame_malloc(void)
 {
 	mallopt(M_ARENA_MAX, 2);
@@ -370,7 +373,8 @@ static void finish(struct daemon *d)
 
 int main(int argc, char **argv)
 {
-	struct daemon d = { .statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1 };
+	struct daemon d = {
+		.statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1};
 	struct err err = ERR_INIT;
 	char size[32];
 	int what, r;

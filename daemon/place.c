@@ -1,6 +1,6 @@
 /*
- * Locks on folders and sockets, by flock: they go with the process, however it ends. Lock files stay where they are,
- * since one that is removed could be locked twice.
+ * Locks on folders and sockets, by flock: they go with the process, however it ends. Lock files stay where
+ * they are, since one that is removed could be locked twice.
  */
 #include "place.h"
 
@@ -82,7 +82,8 @@ int place_folder(const char *path, int *ret_fd, int *ret_lock, struct err *err)
 	if (r) {
 		io_close(fd);
 		if (err->code == ERR_BUSY)
-			err_add_hint(err, "end that daemon, or give this one other folders (--state, --cache)");
+			err_add_hint(err,
+				     "end that daemon, or give this one other folders (--state, --cache)");
 		return err_add_file(err, path);
 	}
 	*ret_fd = fd;
@@ -94,7 +95,7 @@ int place_folder(const char *path, int *ret_fd, int *ret_lock, struct err *err)
 
 static int address_of(const char *path, struct sockaddr_un *ret, struct err *err)
 {
-	*ret = (struct sockaddr_un){ .sun_family = AF_UNIX };
+	*ret = (struct sockaddr_un){.sun_family = AF_UNIX};
 	if (strlen(path) >= sizeof ret->sun_path) {
 		err_set(err, ERR_USAGE, "a socket's path has at most %zu bytes", sizeof ret->sun_path - 1);
 		return err_add_file(err, path);
@@ -151,7 +152,7 @@ int place_bind(const char *path, int *ret_fd, int *ret_lock, struct err *err)
 
 static bool name_of(int fd, char *path, size_t size)
 {
-	struct sockaddr_un a = { 0 };
+	struct sockaddr_un a = {0};
 	socklen_t n = sizeof a;
 
 	if (getsockname(fd, (struct sockaddr *)&a, &n) != 0 || a.sun_family != AF_UNIX || !a.sun_path[0])

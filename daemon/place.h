@@ -6,8 +6,8 @@
 
 struct err;
 
-/* Opens the folder, made with its parents if it is not there, and locks it. -ERR_BUSY names the pid of who has it.
- * *ret_lock is held as long as it is open. */
+/* Opens the folder, made with its parents if it is not there, and locks it. -ERR_BUSY names the pid of who
+ * has it. *ret_lock is held as long as it is open. */
 int place_folder(const char *path, int *ret_fd, int *ret_lock, struct err *err);
 
 /* Binds and listens under PATH.lock: a socket that is there is taken over only if nobody holds its lock. */

@@ -2,9 +2,9 @@
  * The catalogue on SQLite.
  *
  * The model: before catalogue_start the calling thread owns the database, afterwards only the catalogue's
- * thread does. A change is a row of the statement table with its values copied, so that a caller's texts may go
- * at once. Changes are made in the order in which they were queued; each is a transaction and is on disk when
- * its `done` is called. The heap of SQLite is bounded; the catalogue never caches for readers.
+ * thread does. A change is a row of the statement table with its values copied, so that a caller's texts may
+ * go at once. Changes are made in the order in which they were queued; each is a transaction and is on disk
+ * when its `done` is called. The heap of SQLite is bounded; the catalogue never caches for readers.
  */
 #include "catalogue.h"
 
@@ -32,7 +32,7 @@ struct change {
 	enum catalogue_sql sql;
 	unsigned n;
 	struct value value[VALUES];
-	uint64_t drop_push;         /* of put_dataset */
+	uint64_t drop_push; /* of put_dataset */
 	catalogue_done_fn done;
 	void *ctx;
 	int r;
@@ -55,12 +55,12 @@ struct catalogue {
 static int failed(struct catalogue *c, struct err *err, const char *what)
 {
 	int code = sqlite3_extended_errcode(c->db) & 0xff;
-	enum err_code as = code == SQLITE_FULL			       ? ERR_NOSPACE
+	enum err_code as = code == SQLITE_FULL                               ? ERR_NOSPACE
 			   : code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT
-			   : code == SQLITE_NOMEM			       ? ERR_NOMEM
-			   : code == SQLITE_BUSY || code == SQLITE_LOCKED   ? ERR_BUSY
-			   : code == SQLITE_PERM || code == SQLITE_READONLY ? ERR_PERM
-									       : ERR_IO;
+			   : code == SQLITE_NOMEM                            ? ERR_NOMEM
+			   : code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY
+			   : code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM
+									     : ERR_IO;
 
 	return err_set(err, as, "%s: %s", what, sqlite3_errmsg(c->db));
 }
@@ -91,8 +91,8 @@ static int open_db(struct catalogue *c, const char *path, struct err *err)
 	int r, version = 0;
 
 	sqlite3_soft_heap_limit64(1 << 20);
-	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL) !=
-	    SQLITE_OK)
+	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
+			    NULL) != SQLITE_OK)
 		return c->db ? failed(c, err, "the catalogue cannot be opened")
 			     : err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	sqlite3_busy_timeout(c->db, 2000);
@@ -100,14 +100,14 @@ static int open_db(struct catalogue *c, const char *path, struct err *err)
 	if (r)
 		return r;
 	if (version > CATALOGUE_VERSION)
-		return err_set(err, ERR_VERSION, "the catalogue has version %d, this acutd knows up to %d", version,
-			       CATALOGUE_VERSION);
+		return err_set(err, ERR_VERSION, "the catalogue has version %d, this acutd knows up to %d",
+			       version, CATALOGUE_VERSION);
 	r = run_sql(c, catalogue_sql_setup, err);
 	if (!r)
 		r = run_sql(c, catalogue_sql_schema, err);
 	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)
-		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT, &c->stmt[i],
-				       NULL) != SQLITE_OK)
+		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT,
+				       &c->stmt[i], NULL) != SQLITE_OK)
 			r = failed(c, err, "the catalogue");
 	return r;
 }
@@ -186,8 +186,8 @@ static int read_dataset(sqlite3_stmt *s, const struct catalogue_reader *to, stru
 		.crs = text(s, 11),
 		.unit_xy = text(s, 12),
 		.unit_z = text(s, 13),
-		.box = { (int32_t)(sqlite3_column_int64(s, 14) >> 32), (int32_t)sqlite3_column_int64(s, 14),
-			 (int32_t)(sqlite3_column_int64(s, 15) >> 32), (int32_t)sqlite3_column_int64(s, 15) },
+		.box = {(int32_t)(sqlite3_column_int64(s, 14) >> 32), (int32_t)sqlite3_column_int64(s, 14),
+			(int32_t)(sqlite3_column_int64(s, 15) >> 32), (int32_t)sqlite3_column_int64(s, 15)},
 	};
 
 	return to->dataset(to->ctx, &d, err);
@@ -232,7 +232,7 @@ static int read_push(sqlite3_stmt *s, const struct catalogue_reader *to, struct 
 
 static int read_last(sqlite3_stmt *s, const struct catalogue_reader *to, struct err *err)
 {
-	static const char *const names[3] = { "dataset", "job", "push" };
+	static const char *const names[3] = {"dataset", "job", "push"};
 	uint64_t *last = to->ctx;
 
 	for (int i = 0; i < 3; i++)
@@ -256,9 +256,10 @@ static int read_all(struct catalogue *c, const char *sql,
 	return r;
 }
 
-int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint64_t ret_last[3], struct err *err)
+int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint64_t ret_last[3],
+		   struct err *err)
 {
-	struct catalogue_reader last = { .ctx = ret_last };
+	struct catalogue_reader last = {.ctx = ret_last};
 	int r;
 
 	ret_last[0] = ret_last[1] = ret_last[2] = 0;
@@ -274,7 +275,8 @@ int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint6
 
 /* ---- the thread ---- */
 
-static int bind_and_step(struct catalogue *c, sqlite3_stmt *s, const struct value *v, unsigned n, struct err *err)
+static int bind_and_step(struct catalogue *c, sqlite3_stmt *s, const struct value *v, unsigned n,
+			 struct err *err)
 {
 	int r = SQLITE_OK;
 
@@ -295,7 +297,7 @@ static int bind_and_step(struct catalogue *c, sqlite3_stmt *s, const struct valu
 
 static int make_change(struct catalogue *c, struct change *ch)
 {
-	struct value push = { .kind = VALUE_NUMBER, .number = (int64_t)ch->drop_push };
+	struct value push = {.kind = VALUE_NUMBER, .number = (int64_t)ch->drop_push};
 	int r;
 
 	if (!ch->drop_push)
@@ -428,14 +430,14 @@ static struct change *change_new(enum catalogue_sql sql, catalogue_done_fn done,
 static void add_number(struct change *ch, int64_t number)
 {
 	if (ch)
-		ch->value[ch->n++] = (struct value){ .kind = VALUE_NUMBER, .number = number };
+		ch->value[ch->n++] = (struct value){.kind = VALUE_NUMBER, .number = number};
 }
 
 /* A text without memory leaves the change unusable: change_queue looks for it. */
 static void add_text(struct change *ch, const char *t)
 {
 	if (ch)
-		ch->value[ch->n++] = (struct value){ .kind = VALUE_TEXT, .text = strdup(t ? t : "") };
+		ch->value[ch->n++] = (struct value){.kind = VALUE_TEXT, .text = strdup(t ? t : "")};
 }
 
 static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
@@ -528,7 +530,8 @@ static int drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalo
 	return change_queue(c, ch, err);
 }
 
-int catalogue_drop_dataset(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
+int catalogue_drop_dataset(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx,
+			   struct err *err)
 {
 	return drop(c, CATALOGUE_DROP_DATASET, id, done, ctx, err);
 }

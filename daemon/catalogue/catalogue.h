@@ -17,7 +17,7 @@ struct catalogue_dataset {
 	const char *name;
 	uint32_t uid;
 	int64_t created_us, pushed_us;
-	const char *manifest;        /* file name in the dataset's folder, "" if there is no generation */
+	const char *manifest; /* file name in the dataset's folder, "" if there is no generation */
 	uint64_t generation, points, bytes;
 	uint32_t files;
 	const char *lattice, *crs, *unit_xy, *unit_z;
@@ -26,17 +26,17 @@ struct catalogue_dataset {
 
 struct catalogue_job {
 	uint64_t id, dataset, generation;
-	const char *view, *state;    /* name of the state, daemon/job/job_state.def */
+	const char *view, *state; /* name of the state, daemon/job/job_state.def */
 	uint32_t uid, pid;
 	int64_t submitted_us, finished_us;
-	const char *report;          /* text of job_report_text, "" if none */
+	const char *report; /* text of job_report_text, "" if none */
 	const char *error_code, *error_message, *error_file, *error_field, *error_hint;
-	int64_t error_offset;        /* -1: none */
+	int64_t error_offset; /* -1: none */
 };
 
 struct catalogue_push {
 	uint64_t id, dataset;
-	uint32_t uid, files;         /* files: durable ones */
+	uint32_t uid, files; /* files: durable ones */
 	int64_t begun_us;
 };
 
@@ -52,7 +52,8 @@ struct catalogue_reader {
 	int (*push)(void *ctx, const struct catalogue_push *, struct err *err);
 };
 /* Everything, by id; before catalogue_start. ret_last: the largest id ever given: dataset, job, push. */
-int catalogue_load(struct catalogue *, const struct catalogue_reader *, uint64_t ret_last[3], struct err *err);
+int catalogue_load(struct catalogue *, const struct catalogue_reader *, uint64_t ret_last[3],
+		   struct err *err);
 int catalogue_start(struct catalogue *, struct err *err);
 
 /* Readable when catalogue_dispatch has something to call. */
@@ -70,7 +71,8 @@ int catalogue_put_job(struct catalogue *, const struct catalogue_job *, catalogu
 		      struct err *err);
 int catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn done, void *ctx,
 		       struct err *err);
-int catalogue_drop_dataset(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
+int catalogue_drop_dataset(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx,
+			   struct err *err);
 int catalogue_drop_job(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 int catalogue_drop_push(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 

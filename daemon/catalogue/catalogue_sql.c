@@ -17,7 +17,8 @@ const char catalogue_sql_schema[] =
 	"CREATE TABLE IF NOT EXISTS dataset ("
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE, uid INTEGER NOT NULL,"
 	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"
-	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT NULL,"
+	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT "
+	"NULL,"
 	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL,"
 	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL);"
 	"CREATE TABLE IF NOT EXISTS job ("
@@ -41,10 +42,11 @@ const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_DROP_PUSH] = "DELETE FROM push WHERE id = ?",
 };
 
-const char catalogue_sql_datasets[] =
-	"SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes, files, lattice, crs,"
-	" unit_xy, unit_z, box_min, box_max FROM dataset ORDER BY id";
+const char catalogue_sql_datasets[] = "SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
+				      "points, bytes, files, lattice, crs,"
+				      " unit_xy, unit_z, box_min, box_max FROM dataset ORDER BY id";
 const char catalogue_sql_jobs[] =
-	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, error_code,"
+	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
+	"error_code,"
 	" error_message, error_file, error_field, error_hint, error_offset FROM job ORDER BY id";
 const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us FROM push ORDER BY id";

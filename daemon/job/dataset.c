@@ -1,9 +1,10 @@
 /*
  * Datasets: their rows in memory, their folders on disk.
  *
- * The model: a dataset is in the list as long as it has a generation or a user. A one-step dataset, and a named one
- * that never got a generation, goes with its last user, folder and all. The folder is opened when first needed, by a
- * worker, and closed with the last who opened it (the only state here that workers touch, under its own lock).
+ * The model: a dataset is in the list as long as it has a generation or a user. A one-step dataset, and a
+ * named one that never got a generation, goes with its last user, folder and all. The folder is opened when
+ * first needed, by a worker, and closed with the last who opened it (the only state here that workers touch,
+ * under its own lock).
  */
 #include <dirent.h>
 #include <errno.h>
@@ -115,8 +116,8 @@ void dataset_close(struct dataset *d)
 }
 
 /* Calls `each` for every entry but "." and "..". */
-static int folder_each(int dirfd, int (*each)(int dirfd, const struct dirent *, void *ctx, struct err *), void *ctx,
-		       struct err *err)
+static int folder_each(int dirfd, int (*each)(int dirfd, const struct dirent *, void *ctx, struct err *),
+		       void *ctx, struct err *err)
 {
 	int fd = openat(dirfd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0;
 	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
@@ -161,7 +162,10 @@ int folder_empty(int dirfd, struct err *err)
 
 static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct err *err)
 {
-	const struct { const char *manifest; const struct grid_manifest *m; } *keep = ctx;
+	const struct {
+		const char *manifest;
+		const struct grid_manifest *m;
+	} *keep = ctx;
 	size_t i;
 
 	if (!strcmp(e->d_name, keep->manifest))
@@ -174,7 +178,10 @@ static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct e
 
 int dataset_sweep(struct dataset *d, struct err *err)
 {
-	struct { const char *manifest; const struct grid_manifest *m; } keep = { .manifest = d->manifest };
+	struct {
+		const char *manifest;
+		const struct grid_manifest *m;
+	} keep = {.manifest = d->manifest};
 	struct grid_manifest *m = NULL;
 	int r = dataset_open(d, err);
 
@@ -229,7 +236,7 @@ static void remove_folder(struct dataset *d)
 
 	if (!rm)
 		return;
-	rm->task = (struct sched_task){ .run = removal_run, .done = removal_done, .priority = SCHED_LAST };
+	rm->task = (struct sched_task){.run = removal_run, .done = removal_done, .priority = SCHED_LAST};
 	rm->jobs = d->jobs;
 	rm->parent = parent_of(d);
 	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);
@@ -273,7 +280,8 @@ struct dataset *dataset_after(struct jobs *j, const char *name)
 	struct dataset *d, *best = NULL;
 
 	for (d = j->datasets; d; d = d->next)
-		if (!d->onestep && d->generation && strcmp(d->name, name) > 0 && (!best || strcmp(d->name, best->name) < 0))
+		if (!d->onestep && d->generation && strcmp(d->name, name) > 0 &&
+		    (!best || strcmp(d->name, best->name) < 0))
 			best = d;
 	return best;
 }
@@ -337,8 +345,8 @@ int dataset_set(struct dataset *d, const struct grid_manifest *m, const char *ma
 	size_t i;
 
 	lattice_text(&m->lattice, lattice);
-	if (!replace(&d->lattice, lattice) || !replace(&d->crs, m->crs) || !replace(&d->unit_xy, m->unit_xy) ||
-	    !replace(&d->unit_z, m->unit_z))
+	if (!replace(&d->lattice, lattice) || !replace(&d->crs, m->crs) ||
+	    !replace(&d->unit_xy, m->unit_xy) || !replace(&d->unit_z, m->unit_z))
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
 	d->generation = m->generation;
 	snprintf(d->manifest, sizeof d->manifest, "%s", manifest);
@@ -394,8 +402,8 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	d->points = row->points;
 	d->bytes = row->bytes;
 	memcpy(d->box, row->box, sizeof d->box);
-	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) || !replace(&d->unit_xy, row->unit_xy) ||
-	    !replace(&d->unit_z, row->unit_z))
+	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) ||
+	    !replace(&d->unit_xy, row->unit_xy) || !replace(&d->unit_z, row->unit_z))
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
 	return 0;
 }

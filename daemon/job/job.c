@@ -1,10 +1,11 @@
 /*
  * Jobs: a table of states, each a function that says which comes next.
  *
- * The model: events (the walk planned, moved, ended; a cancel; the owner left) only set what the job knows and
- * then call job_step, which runs state functions until one waits. A job's mesh is made by its own walk; later streams
- * of it are walks of their own (job_fetch.c). Final states never change. Unbound jobs have a row in the catalogue
- * from their submission on, so that they go on after a restart; bound ones end with their owner.
+ * The model: events (the walk planned, moved, ended; a cancel; the owner left) only set what the job knows
+ * and then call job_step, which runs state functions until one waits. A job's mesh is made by its own walk;
+ * later streams of it are walks of their own (job_fetch.c). Final states never change. Unbound jobs have a
+ * row in the catalogue from their submission on, so that they go on after a restart; bound ones end with
+ * their owner.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -28,7 +29,7 @@ static const struct {
 	bool final;
 	job_state_fn *step;
 } states[JOB_STATES] = {
-#define JOB_STATE(name, wire, final) { wire, final, job_state_##name },
+#define JOB_STATE(name, wire, final) {wire, final, job_state_##name},
 #include "job_state.def"
 #undef JOB_STATE
 };
@@ -86,7 +87,8 @@ static int put_row(struct job *job, catalogue_done_fn done, struct err *err)
 		.error_file = job->has_error ? job->err.file : "",
 		.error_field = job->has_error ? job->err.field : "",
 		.error_hint = job->has_error ? job->err.hint : "",
-		.error_offset = job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
+		.error_offset =
+			job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
 	};
 
 	return catalogue_put_job(job->jobs->p.catalogue, &row, done, job, err);
@@ -142,7 +144,7 @@ static void walk_ended(void *ctx, const struct err *why)
 }
 
 /* A stream that ends early ends nothing else. */
-static const struct walk_calls calls = { .planned = walk_planned, .moved = walk_moved, .ended = walk_ended };
+static const struct walk_calls calls = {.planned = walk_planned, .moved = walk_moved, .ended = walk_ended};
 
 /* ---- the states ---- */
 
@@ -230,7 +232,8 @@ static void no_ground(struct job *job)
 	struct err err = ERR_INIT;
 
 	err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
-	err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf) or LAStools (lasground), "
+	err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf) or LAStools "
+			   "(lasground), "
 			   "or leave --ground out");
 	fail(job, &err);
 }
@@ -242,7 +245,8 @@ static void make_report(struct job *job)
 	struct view view;
 	struct err err = ERR_INIT;
 
-	if (view_parse(job->view, &view, &err) == 0 && view.ground && !totals->counts.used && totals->counts.points) {
+	if (view_parse(job->view, &view, &err) == 0 && view.ground && !totals->counts.used &&
+	    totals->counts.points) {
 		no_ground(job);
 		return;
 	}
@@ -262,7 +266,8 @@ static enum job_state end_of(struct job *job)
 		make_report(job);
 	output = walk_detach(job->walk);
 	if (output)
-		output->calls->end(output, job->has_error ? &job->err : NULL, walk_totals(job->walk), &job->report);
+		output->calls->end(output, job->has_error ? &job->err : NULL, walk_totals(job->walk),
+				   &job->report);
 	if (!job->has_error)
 		return JOB_done;
 	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
@@ -381,13 +386,14 @@ int job_view(const char *text, char ret[VIEW_TEXT_SIZE], struct err *err)
 }
 
 /* The same generation and view: the same job, unless it came to nothing. */
-static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation, const char *view)
+static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation,
+			     const char *view)
 {
 	struct job *job;
 
 	for (job = j->jobs; job; job = job->next)
-		if (job->dataset == p->dataset && job->generation == generation && !job->bound && !job->removed &&
-		    !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
+		if (job->dataset == p->dataset && job->generation == generation && !job->bound &&
+		    !job->removed && !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
 		    job->state != JOB_cancelled && !strcmp(job->view, view))
 			return job;
 	return NULL;
@@ -498,7 +504,8 @@ void job_info(const struct job *job, struct job_info *ret)
 		.err = states[job->state].final && job->has_error ? &job->err : NULL,
 	};
 	if (job->walk) {
-		walk_progress(job->walk, &ret->points_done, &ret->points_total, &ret->domains_done, &ret->domains_total);
+		walk_progress(job->walk, &ret->points_done, &ret->points_total, &ret->domains_done,
+			      &ret->domains_total);
 	} else if (job->has_report) {
 		ret->points_done = ret->points_total = job->report.points;
 		ret->domains_done = ret->domains_total = job->report.domains;
@@ -518,7 +525,8 @@ int job_remove(struct job *job, struct err *err)
 	struct err ignored = ERR_INIT;
 
 	if (!states[job->state].final) {
-		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id, states[job->state].wire);
+		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id,
+			states[job->state].wire);
 		return err_add_hint(err, "cancel it first");
 	}
 	job->removed = true;
@@ -549,7 +557,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	if (d)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
-	job->peer = (struct job_peer){ row->uid, row->pid };
+	job->peer = (struct job_peer){row->uid, row->pid};
 	job->submitted_us = row->submitted_us;
 	job->finished_us = row->finished_us;
 	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)

@@ -2,8 +2,8 @@
  * When each step of a mesh runs: datasets, pushes into them, jobs on them, and the mesh of a job as a stream.
  *
  * Everything here belongs to one thread, the loop: it calls these functions, and all callbacks come on it
- * (except job_output's `encode`, `spool` and `refill`, which workers call). Disks are read and written by workers and by
- * the catalogue's thread only. Who asks is a job_peer; how it was asked is not known here.
+ * (except job_output's `encode`, `spool` and `refill`, which workers call). Disks are read and written by
+ * workers and by the catalogue's thread only. Who asks is a job_peer; how it was asked is not known here.
  */
 #ifndef JOB_H
 #define JOB_H
@@ -19,7 +19,7 @@ struct catalogue;
 struct ledger;
 struct sched;
 
-struct jobs;    /* the house */
+struct jobs; /* the house */
 struct dataset;
 struct push;
 struct job;
@@ -49,14 +49,15 @@ struct jobs *jobs_free(struct jobs *);
 void jobs_settle(struct jobs *);
 /* About ten times a second while jobs_active. */
 void jobs_tick(struct jobs *);
-bool jobs_active(const struct jobs *);  /* a push is open, or a job or stream is not over */
+bool jobs_active(const struct jobs *); /* a push is open, or a job or stream is not over */
 /* Work stops as soon as it can: pushes end, bound jobs end, unbound jobs stay queued for the next start. */
 void jobs_park(struct jobs *);
 bool jobs_parked(const struct jobs *);
-/* The last resort of a stop that takes too long: removes temporary files at once. Workers still run: exit next. */
+/* The last resort of a stop that takes too long: removes temporary files at once. Workers still run: exit
+ * next. */
 void jobs_abandon(struct jobs *);
 void jobs_count(const struct jobs *, uint32_t *ret_running, uint32_t *ret_waiting);
-uint64_t jobs_peak_rss(void);           /* VmHWM of this process, bytes */
+uint64_t jobs_peak_rss(void); /* VmHWM of this process, bytes */
 
 /* ---- datasets ---- */
 
@@ -67,22 +68,33 @@ struct dataset_info {
 	const char *lattice, *crs, *unit_xy, *unit_z; /* "" while there is no generation */
 	int64_t created_us, pushed_us;
 	int32_t box[4];
-	unsigned pushes;            /* open now */
+	unsigned pushes; /* open now */
 };
 /* NULL: none. One-step datasets are seen by their owner only. */
 struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
 /* Named datasets that have a generation, by name: the first after `name`; NULL at the end. */
 struct dataset *dataset_after(struct jobs *, const char *name);
 void dataset_info(const struct dataset *, struct dataset_info *ret);
-/* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed. */
+/* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed.
+ */
 struct dataset *dataset_hold(struct dataset *);
 void dataset_release(struct dataset *);
 
 /* ---- pushes ---- */
 
-struct push_begun { struct push *push; uint64_t id; const char *lattice; };
-struct push_file { const char *name; struct pipe_ingested in; };
-struct push_committed { struct dataset *dataset; uint64_t generation, points; };
+struct push_begun {
+	struct push *push;
+	uint64_t id;
+	const char *lattice;
+};
+struct push_file {
+	const char *name;
+	struct pipe_ingested in;
+};
+struct push_committed {
+	struct dataset *dataset;
+	uint64_t generation, points;
+};
 
 /* Each request is answered once, with `why` (NULL: done) and its own token. */
 struct push_calls {
@@ -97,12 +109,12 @@ struct push_calls {
 	void (*progress)(void *token, const char *phase, uint64_t points, uint64_t total);
 };
 struct push_params {
-	const char *dataset;        /* "" = one-step */
+	const char *dataset; /* "" = one-step */
 	const char *scale_xy, *scale_z, *format;
 	bool planar, accept_truncated;
 	struct job_peer peer;
 	const struct push_calls *calls;
-	void *ctx;                  /* of calls->durable; until push_leave */
+	void *ctx; /* of calls->durable; until push_leave */
 };
 void push_begin(struct jobs *, const struct push_params *, void *token);
 /* `fd` becomes the push's in any case. */
@@ -111,12 +123,14 @@ void push_plan(struct push *, void *token);
 void push_file(struct push *, int fd, const char *name, const char *format, void *token);
 void push_commit(struct push *, void *token);
 void push_abort(struct push *, void *token);
-/* Nobody will call any more: aborts if not committed; what is unanswered is still answered. The push is void. */
+/* Nobody will call any more: aborts if not committed; what is unanswered is still answered. The push is void.
+ */
 void push_leave(struct push *);
 unsigned push_unanswered(const struct push *); /* files and probes */
 /* A probe of its own, for `acutctl info`. */
 void push_info(struct jobs *, int fd, const char *name, const char *format,
-	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *),
+	       void (*probed)(void *token, const struct err *why, const char *name,
+			      const struct input_info *),
 	       void *token);
 
 /* ---- jobs ---- */
@@ -136,11 +150,11 @@ struct job_report {
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
 	uint64_t peak_rss;
-	char note[160];             /* "" or a sentence, as for a mesh without triangles */
+	char note[160]; /* "" or a sentence, as for a mesh without triangles */
 };
 struct job_info {
 	uint64_t id, generation;
-	struct dataset *dataset;    /* NULL: it is gone */
+	struct dataset *dataset; /* NULL: it is gone */
 	const char *dataset_name, *view;
 	enum job_state state;
 	struct job_peer peer;
@@ -152,8 +166,8 @@ struct job_info {
 };
 struct job_params {
 	struct dataset *dataset;
-	uint64_t generation;        /* 0 = the newest */
-	const char *view;           /* canonical text; "" = the default view */
+	uint64_t generation; /* 0 = the newest */
+	const char *view;    /* canonical text; "" = the default view */
 	bool bound, fresh;
 	struct job_peer peer;
 };
@@ -175,37 +189,39 @@ void job_leave(struct job *);
 struct job_stream_head {
 	const struct grid_manifest *manifest;
 	const char *view;
-	struct digest id;           /* generation, view, plan, kernel version */
-	int32_t box[6];             /* holds all vertices; heights are not known yet: all of int32 */
+	struct digest id; /* generation, view, plan, kernel version */
+	int32_t box[6];   /* holds all vertices; heights are not known yet: all of int32 */
 };
 struct job_output;
 struct job_output_calls {
 	/* Loop. */
 	void (*head)(struct job_output *, const struct job_stream_head *);
-	void (*send)(struct job_output *);    /* what was encoded; job_output_sent when all of it is written */
-	void (*pause)(struct job_output *);   /* a worker gets it next; `send` comes when it is back */
+	void (*send)(struct job_output *);  /* what was encoded; job_output_sent when all of it is written */
+	void (*pause)(struct job_output *); /* a worker gets it next; `send` comes when it is back */
 	double (*stalled)(struct job_output *); /* seconds since bytes last moved, 0 if none wait */
 	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
-	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *, const struct job_report *);
-	/* Workers, never two at once, and the loop sends nothing meanwhile. The block's arrays stay until sent or
-	 * spooled. */
+	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *,
+		    const struct job_report *);
+	/* Workers, never two at once, and the loop sends nothing meanwhile. The block's arrays stay until
+	 * sent or spooled. */
 	void (*encode)(struct job_output *, const struct mesh_block *);
 	int (*spool)(struct job_output *, int dirfd, struct err *err); /* the rest of the block into a file */
 	int (*refill)(struct job_output *, struct err *err);           /* the next bytes of that file */
 };
 struct job_output {
 	const struct job_output_calls *calls;
-	struct walk *walk;          /* these two are of job/ only */
+	struct walk *walk; /* these two are of job/ only */
 	struct job_fetch *fetch;
-	bool spooled;               /* set by spool: the block's memory is not needed any more */
+	bool spooled; /* set by spool: the block's memory is not needed any more */
 };
 enum { JOB_OUTPUT_BUFFER = 64 << 10 }; /* what refill may hold; charged by job/ */
-/* Streams the mesh of `job` into `output`, at once if it is bound and has just begun, else when it is done. */
+/* Streams the mesh of `job` into `output`, at once if it is bound and has just begun, else when it is done.
+ */
 void job_fetch(struct job *, struct job_output *output);
 void job_output_sent(struct job_output *);
-void job_output_dry(struct job_output *);  /* the refilled bytes are written, and there are more */
-/* Nobody reads any more. No call comes for this output after this; a worker may still be in one, so `freed` is
- * called when none is. */
+void job_output_dry(struct job_output *); /* the refilled bytes are written, and there are more */
+/* Nobody reads any more. No call comes for this output after this; a worker may still be in one, so `freed`
+ * is called when none is. */
 void job_output_gone(struct job_output *, void (*freed)(struct job_output *));
 
 /* ---- plans ---- */

@@ -1,9 +1,10 @@
 /*
  * Streams of a job's mesh, and plans that only tell.
  *
- * The model: the first stream of a bound job is the output of the job's own walk, so that triangles leave as soon
- * as their domain is done. Every other stream waits until the job is done and then walks the same domains again,
- * most of them from the store; what is missing there is made again. Its digests must be those of the job.
+ * The model: the first stream of a bound job is the output of the job's own walk, so that triangles leave as
+ * soon as their domain is done. Every other stream waits until the job is done and then walks the same
+ * domains again, most of them from the store; what is missing there is made again. Its digests must be those
+ * of the job.
  */
 #include "job_fetch.h"
 
@@ -40,7 +41,7 @@ static void fetch_unread(void *ctx, const struct err *why)
 	walk_stop(f->walk, why);
 }
 
-static const struct walk_calls calls = { .unread = fetch_unread, .ended = fetch_ended };
+static const struct walk_calls calls = {.unread = fetch_unread, .ended = fetch_ended};
 
 void job_fetch(struct job *job, struct job_output *output)
 {
@@ -200,7 +201,7 @@ static void plan_ended(void *ctx, const struct err *why)
 		p->err = *why;
 }
 
-static const struct walk_calls plan_calls = { .ended = plan_ended };
+static const struct walk_calls plan_calls = {.ended = plan_ended};
 
 /* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links (measured 36 to 38). */
 enum { STORED_BYTES = 38 };
@@ -212,8 +213,8 @@ static void plan_answer(struct job_asked_plan *p)
 	struct job_plan out = {
 		.points = walk_grid_points(p->walk),
 		.domains = plan->n,
-		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) + p->jobs->emitter_share +
-				p->jobs->index_share,
+		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
+				p->jobs->emitter_share + p->jobs->index_share,
 		.disk_bytes = walk_grid_points(p->walk) * STORED_BYTES,
 		.exact = true,
 		.load = budget->load,
@@ -247,7 +248,8 @@ void job_plans_settle(struct jobs *j)
 	}
 }
 
-void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view, const struct job_peer *peer,
+void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view,
+	      const struct job_peer *peer,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
 {
 	struct job_asked_plan *p = calloc(1, sizeof *p);

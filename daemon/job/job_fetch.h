@@ -4,7 +4,7 @@
 
 #include "job.h"
 
-void job_fetch_attach(struct job *);  /* the job's new walk takes the first waiting stream of a bound job */
+void job_fetch_attach(struct job *); /* the job's new walk takes the first waiting stream of a bound job */
 void job_fetch_settle(struct job *);
 void job_fetch_tick(struct job *);
 void job_fetch_park(struct job *);

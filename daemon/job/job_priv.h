@@ -11,29 +11,29 @@
 enum { DATASET_NAME_MAX = 64 };
 
 struct dataset {
-	struct dataset *next;       /* named: by id; one-step ones follow in no order */
+	struct dataset *next; /* named: by id; one-step ones follow in no order */
 	struct jobs *jobs;
 	uint64_t id;
 	char name[DATASET_NAME_MAX + 1];
 	uint32_t uid, files;
 	int64_t created_us, pushed_us;
-	char manifest[64];          /* "": no generation yet */
+	char manifest[64]; /* "": no generation yet */
 	uint64_t generation, points, bytes;
 	char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
 	bool onestep;
-	unsigned users;             /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
-	unsigned opened;            /* users of dirfd */
+	unsigned users;  /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
+	unsigned opened; /* users of dirfd */
 	int dirfd;
 	unsigned pushes;
-	struct push *planner;       /* fixes the lattice */
+	struct push *planner; /* fixes the lattice */
 	struct push *committer;
 	uint32_t next_source;
-	double stage_seconds;       /* of the last push */
+	double stage_seconds; /* of the last push */
 };
 
 struct job {
-	struct job *next;           /* by id */
+	struct job *next; /* by id */
 	struct jobs *jobs;
 	uint64_t id, generation;
 	struct dataset *dataset;
@@ -42,13 +42,13 @@ struct job {
 	struct job_peer peer;
 	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
 	int64_t submitted_us, finished_us;
-	uint64_t begun_ns;          /* monotonic, of this run of the daemon */
+	uint64_t begun_ns; /* monotonic, of this run of the daemon */
 	struct walk *walk;
 	bool walk_ended;
 	struct job_report report;
 	struct err err;
 	struct job_fetch *fetches;
-	uint64_t told_ns;           /* when `changed` last told progress */
+	uint64_t told_ns; /* when `changed` last told progress */
 	bool moved;
 	void (*accepted)(void *token, const struct err *why, struct job *);
 	void *token;
@@ -78,7 +78,8 @@ struct job_asked_plan {
 
 struct jobs {
 	struct jobs_params p;
-	int datafd, onestepfd, domainsfd, tempfd; /* state/datasets, cache/one-step, cache/domains, cache/tmp */
+	int datafd, onestepfd, domainsfd,
+		tempfd; /* state/datasets, cache/one-step, cache/domains, cache/tmp */
 	struct dataset *datasets;
 	struct push *pushes;
 	struct job *jobs;
@@ -86,7 +87,7 @@ struct jobs {
 	uint64_t last_dataset, last_job, last_push, last_onestep;
 	uint64_t emitter_share, index_share, stage_share, reserve;
 	unsigned walks_max;
-	unsigned background;        /* tasks of the house itself: removal of folders, probes for info */
+	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking, settling;
 	uint64_t swept_ns;
 };
@@ -130,9 +131,9 @@ void report_make(const struct pipe_totals *, const struct view *, struct job_rep
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
 /* The smallest `memory` whose domains carry that many positions; 0: none does. */
 uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
-uint64_t jobs_domain_largest(struct jobs *); /* of the walks that run */
-uint64_t jobs_staged(const struct jobs *);   /* held by stages */
-bool jobs_walk_room(struct jobs *);          /* one more walk may start */
+uint64_t jobs_domain_largest(struct jobs *);              /* of the walks that run */
+uint64_t jobs_staged(const struct jobs *);                /* held by stages */
+bool jobs_walk_room(struct jobs *);                       /* one more walk may start */
 bool jobs_opening(struct jobs *, const struct dataset *); /* a walk is about to open its manifest */
 
 #endif

@@ -1,10 +1,11 @@
 /*
  * The house: loading, the shares of the memory, the tick, and stopping.
  *
- * The shares of `memory`: the catalogue and the messages have a fixed part; every walk has a share for its table of
- * unfinished vertices and one for index pages; stages take up to half; domains take what is left when their plan is
- * made. A plan counts on at most what is left beside the stages held then, of which one domain is less than half, and
- * a stage leaves room for two domains of the largest plan that runs: so the first in the queue can always run.
+ * The shares of `memory`: the catalogue and the messages have a fixed part; every walk has a share for its
+ * table of unfinished vertices and one for index pages; stages take up to half; domains take what is left
+ * when their plan is made. A plan counts on at most what is left beside the stages held then, of which one
+ * domain is less than half, and a stage leaves room for two domains of the largest plan that runs: so the
+ * first in the queue can always run.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -85,7 +86,7 @@ static void tally_walk(struct walk *w, void *ctx)
 
 static struct tally tally(struct jobs *j, const struct dataset *d)
 {
-	struct tally t = { .dataset = d };
+	struct tally t = {.dataset = d};
 
 	each_walk(j, tally_walk, &t);
 	return t;
@@ -101,7 +102,8 @@ uint64_t jobs_staged(const struct jobs *j)
 	return bytes;
 }
 
-/* Beside its domains: the table, index pages and what the index keeps of its own, the buffer of a slow reader. */
+/* Beside its domains: the table, index pages and what the index keeps of its own, the buffer of a slow
+ * reader. */
 static uint64_t walk_share(const struct jobs *j)
 {
 	return j->emitter_share + 2 * j->index_share + JOB_OUTPUT_BUFFER;
@@ -120,7 +122,7 @@ uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t posit
 {
 	uint64_t total = ledger_total(j->p.ledger);
 	const uint64_t most = UINT64_C(1) << 40, step = UINT64_C(1) << 20;
-	struct pipe_budget b = { 0 };
+	struct pipe_budget b = {0};
 
 	for (; total <= most; total += total < 256 * step ? step : 16 * step) {
 		struct err err = ERR_INIT;
@@ -205,9 +207,10 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 		if (row->dataset > j->last_dataset)
 			j->last_dataset = row->dataset;
 	}
-	log_notice("push %llu of user %u into %s was not committed before the daemon ended: its %u durable file(s) were "
-		   "removed, push them again", (unsigned long long)row->id, row->uid, d ? d->name : "a new dataset",
-		   row->files);
+	log_notice("push %llu of user %u into %s was not committed before the daemon ended: its %u durable "
+		   "file(s) were "
+		   "removed, push them again",
+		   (unsigned long long)row->id, row->uid, d ? d->name : "a new dataset", row->files);
 	if (!r)
 		r = catalogue_drop_push(j->p.catalogue, row->id, NULL, NULL, err);
 	return r;
@@ -233,7 +236,7 @@ static int open_folders(struct jobs *j, struct err *err)
 
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
-	struct catalogue_reader reader = { .dataset = load_dataset, .job = load_job, .push = load_push };
+	struct catalogue_reader reader = {.dataset = load_dataset, .job = load_job, .push = load_push};
 	struct jobs *j = calloc(1, sizeof *j);
 	uint64_t last[3];
 	int r;
@@ -299,8 +302,8 @@ static void forget_jobs(struct jobs *j)
 	while ((job = *at)) {
 		struct err err = ERR_INIT;
 
-		if (n > JOBS_KEPT && job_state_final(job->state) && !job->fetches && !job->removed && !job->bound &&
-		    !job_remove(job, &err))
+		if (n > JOBS_KEPT && job_state_final(job->state) && !job->fetches && !job->removed &&
+		    !job->bound && !job_remove(job, &err))
 			n--;
 		if (job->removed && !job->walk && !job->fetches && !job->waiting_row &&
 		    (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
@@ -350,7 +353,8 @@ static bool anything(const struct jobs *j, bool queued)
 {
 	struct job *job;
 
-	if (j->pushes || j->plans || j->background || sched_busy(j->p.sched) || catalogue_busy(j->p.catalogue))
+	if (j->pushes || j->plans || j->background || sched_busy(j->p.sched) ||
+	    catalogue_busy(j->p.catalogue))
 		return true;
 	for (job = j->jobs; job; job = job->next)
 		if (job->walk || job->fetches || (queued && !job_state_final(job->state)))

@@ -2,9 +2,10 @@
  * Pushes: what was asked, one after the other.
  *
  * The model: a push is a queue of asks, of which the first is being done, by a worker or by the loop; each is
- * answered exactly once, in order. What an ask does is a row of push_rows (push_ask.c). A push whose caller has left
- * answers what is queued with "cancelled" and closes itself; it is gone when its PUSH_CLOSE is done. Points are
- * visible only after a commit; everything else a push wrote is removed by its close, or by the next start.
+ * answered exactly once, in order. What an ask does is a row of push_rows (push_ask.c). A push whose caller
+ * has left answers what is queued with "cancelled" and closes itself; it is gone when its PUSH_CLOSE is done.
+ * Points are visible only after a commit; everything else a push wrote is removed by its close, or by the
+ * next start.
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -162,7 +163,7 @@ void push_pump(struct push *p)
 		int r = 0;
 
 		p->busy = true;
-		p->task = (struct sched_task){ .run = task_run, .done = task_done, .priority = SCHED_NORMAL };
+		p->task = (struct sched_task){.run = task_run, .done = task_done, .priority = SCHED_NORMAL};
 		if (!why && push_rows[a->kind].start)
 			r = push_rows[a->kind].start(p, a, &err);
 		if (r == PUSH_WAIT) {
@@ -198,7 +199,8 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 		return dataset_new(j, "", in->peer.uid, true, err);
 	if (!dataset_name_valid(in->dataset)) {
 		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", in->dataset);
-		err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+		err_add_hint(err,
+			     "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
 			     DATASET_NAME_MAX);
 		return NULL;
 	}
@@ -264,7 +266,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 }
 
 /* False: answered already. */
-static bool ask_file(struct push *p, enum push_kind kind, int fd, const char *name, const char *format, void *token)
+static bool ask_file(struct push *p, enum push_kind kind, int fd, const char *name, const char *format,
+		     void *token)
 {
 	struct push_ask *a = push_ask_new(p, kind, token, false);
 
@@ -386,7 +389,8 @@ void push_tick(struct push *p)
 	    clock_since(p->told_ns) >= PROGRESS_SECONDS) {
 		p->told_ns = clock_mono_ns();
 		if (a->kind == PUSH_FILE)
-			p->calls.progress(a->token, "stage", atomic_load(&p->progress), atomic_load(&p->claimed));
+			p->calls.progress(a->token, "stage", atomic_load(&p->progress),
+					  atomic_load(&p->claimed));
 		else
 			p->calls.progress(a->token, "seal", 0, 0);
 	}

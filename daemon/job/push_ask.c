@@ -1,8 +1,9 @@
 /*
  * What each ask of a push does: a row of start (loop), run (worker), done (loop).
  *
- * A file that fails half-way has left points in the stage: its source is written into the manifest as removed by the
- * generation that adds it, so that no generation shows them. A failure of the stage itself ends the push.
+ * A file that fails half-way has left points in the stage: its source is written into the manifest as removed
+ * by the generation that adds it, so that no generation shows them. A failure of the stage itself ends the
+ * push.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -40,7 +41,7 @@ static void begin_run(struct push *p, struct push_ask *a)
 
 static void begin_answer(struct push *p, const struct err *why)
 {
-	struct push_begun begun = { .push = p, .id = p->id, .lattice = "" };
+	struct push_begun begun = {.push = p, .id = p->id, .lattice = ""};
 	char lattice[LATTICE_TEXT_SIZE];
 	void *token = p->asks->token;
 
@@ -83,8 +84,10 @@ static int begin_with_base(struct push *p, struct err *err)
 	if (*p->scale_xy || *p->scale_z) {
 		struct decimal d;
 
-		if ((*p->scale_xy && (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
-		    (*p->scale_z && (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
+		if ((*p->scale_xy &&
+		     (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
+		    (*p->scale_z &&
+		     (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
 			err_set(err, ERR_USAGE, "the dataset %s has another scale", p->dataset->name);
 			return err_add_hint(err, "leave the scale out, or push into a new dataset");
 		}
@@ -174,8 +177,8 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 	int r = 0;
 
 	for (i = 0; !r && i < p->nprobes; i++)
-		r = push_compatible(p, p->probes[i].name, p->probes[i].crs, p->probes[i].unit_xy, p->probes[i].unit_z,
-				    err);
+		r = push_compatible(p, p->probes[i].name, p->probes[i].crs, p->probes[i].unit_xy,
+				    p->probes[i].unit_z, err);
 	if (r || p->has_lattice)
 		return r ? r : PUSH_NOW;
 	if (*p->dataset->manifest) {
@@ -216,7 +219,8 @@ static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 	left = left > head ? left - head : 0;
 	if (size > left)
 		size = left;
-	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others from. */
+	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others
+	 * from. */
 	if (size < GRID_STAGE_MIN + pipe_ingest_bytes())
 		return PUSH_WAIT;
 	p->task.priority = SCHED_FIRST;
@@ -355,8 +359,8 @@ static void file_run(struct push *p, struct push_ask *a)
 /* Of the stage, not of the input: nothing more can be staged. */
 static bool stage_broke(const struct err *why)
 {
-	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM || why->code == ERR_CORRUPT ||
-	       why->code == ERR_INTERNAL;
+	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM ||
+	       why->code == ERR_CORRUPT || why->code == ERR_INTERNAL;
 }
 
 static void source_add(struct push *p, const struct push_ask *a, bool live)
@@ -374,7 +378,7 @@ static void source_add(struct push *p, const struct push_ask *a, bool live)
 
 static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 {
-	struct push_file file = { .name = a->name, .in = a->in };
+	struct push_file file = {.name = a->name, .in = a->in};
 	bool tried = a->source != 0 && p->task.ran && !p->broken;
 
 	/* What was staged of a file that failed must be known as dead. */
@@ -483,13 +487,13 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 }
 
 const struct push_row push_rows[PUSH_KINDS] = {
-	[PUSH_BEGIN] = { begin_start, begin_run, begin_done },
-	[PUSH_PROBE] = { probe_start, probe_run, probe_done },
-	[PUSH_PLAN] = { plan_start, NULL, plan_done },
-	[PUSH_STAGE] = { stage_start, stage_run, stage_done },
-	[PUSH_FILE] = { file_start, file_run, file_done },
-	[PUSH_SYNC] = { sync_start, sync_run, sync_done },
-	[PUSH_COMMIT] = { push_commit_start, push_commit_run, push_commit_done },
-	[PUSH_ABORT] = { NULL, close_run, abort_done },
-	[PUSH_CLOSE] = { NULL, close_run, close_done },
+	[PUSH_BEGIN] = {begin_start, begin_run, begin_done},
+	[PUSH_PROBE] = {probe_start, probe_run, probe_done},
+	[PUSH_PLAN] = {plan_start, NULL, plan_done},
+	[PUSH_STAGE] = {stage_start, stage_run, stage_done},
+	[PUSH_FILE] = {file_start, file_run, file_done},
+	[PUSH_SYNC] = {sync_start, sync_run, sync_done},
+	[PUSH_COMMIT] = {push_commit_start, push_commit_run, push_commit_done},
+	[PUSH_ABORT] = {NULL, close_run, abort_done},
+	[PUSH_CLOSE] = {NULL, close_run, close_done},
 };

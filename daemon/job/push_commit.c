@@ -1,6 +1,7 @@
 /*
- * The commit of a push: what was staged becomes a segment, a manifest that names it, and a row of the catalogue, in this
- * order, each durable before the next. Commits into one dataset take turns; each builds on the newest manifest.
+ * The commit of a push: what was staged becomes a segment, a manifest that names it, and a row of the
+ * catalogue, in this order, each durable before the next. Commits into one dataset take turns; each builds on
+ * the newest manifest.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,8 +26,9 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 	struct dataset *d = p->dataset;
 
 	if (!live_sources(p))
-		return d->generation ? PUSH_NOW
-				     : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
+		return d->generation
+			       ? PUSH_NOW
+			       : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
 	if (d->committer && d->committer != p)
 		return PUSH_WAIT;
 	d->committer = p;
@@ -77,7 +79,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 
 void push_commit_run(struct push *p, struct push_ask *a)
 {
-	struct grid_segment_info segment = { 0 };
+	struct grid_segment_info segment = {0};
 
 	a->r = grid_stage_seal(p->stage, &segment, &a->err);
 	p->stage = grid_stage_free(p->stage);
@@ -97,7 +99,7 @@ void push_commit_run(struct push *p, struct push_ask *a)
 static void commit_answer(struct push *p, const struct err *why)
 {
 	struct dataset *d = p->dataset;
-	struct push_committed done = { .dataset = d };
+	struct push_committed done = {.dataset = d};
 	struct err err = ERR_INIT;
 	void *token = p->asks->token;
 
@@ -158,8 +160,8 @@ bool push_commit_done(struct push *p, struct push_ask *a, const struct err *why)
 		r = dataset_set(&shadow, p->made, p->made_name, &err);
 		if (!r) {
 			dataset_row(&shadow, &row);
-			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, p->row ? p->id : 0, commit_row_done, p,
-						  &err);
+			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, p->row ? p->id : 0,
+						  commit_row_done, p, &err);
 		}
 		free(shadow.lattice);
 		free(shadow.crs);

@@ -1,6 +1,6 @@
 /*
- * What a push knows of its inputs: which descriptors it takes, what their headers say of lattice, CRS and units, and
- * whether these go together.
+ * What a push knows of its inputs: which descriptors it takes, what their headers say of lattice, CRS and
+ * units, and whether these go together.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -12,7 +12,8 @@
 #include "io.h"
 #include "push_priv.h"
 
-/* A client's descriptor must not be able to make a worker wait, nor to change what it is: regular files only. */
+/* A client's descriptor must not be able to make a worker wait, nor to change what it is: regular files only.
+ */
 int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err)
 {
 	struct stat st;
@@ -56,8 +57,8 @@ static bool known(const char *text)
 }
 
 /* One property: the first input that knows it decides for the push; the others must agree or not know. */
-static int agree(const char *what, char *mine, size_t size, char *mine_of, const char *name, const char *theirs,
-		 struct err *err)
+static int agree(const char *what, char *mine, size_t size, char *mine_of, const char *name,
+		 const char *theirs, struct err *err)
 {
 	if (!known(theirs))
 		return 0;
@@ -73,13 +74,14 @@ static int agree(const char *what, char *mine, size_t size, char *mine_of, const
 	return err_add_file(err, name);
 }
 
-int push_compatible(struct push *p, const char *name, const char *crs, const char *unit_xy, const char *unit_z,
-		    struct err *err)
+int push_compatible(struct push *p, const char *name, const char *crs, const char *unit_xy,
+		    const char *unit_z, struct err *err)
 {
 	int r = agree("the coordinate system", p->crs, sizeof p->crs, p->crs_of, name, crs, err);
 
 	if (!r)
-		r = agree("the horizontal unit", p->unit_xy, sizeof p->unit_xy, p->unit_xy_of, name, unit_xy, err);
+		r = agree("the horizontal unit", p->unit_xy, sizeof p->unit_xy, p->unit_xy_of, name, unit_xy,
+			  err);
 	if (!r)
 		r = agree("the vertical unit", p->unit_z, sizeof p->unit_z, p->unit_z_of, name, unit_z, err);
 	return r;
@@ -148,13 +150,15 @@ int push_choose_lattice(struct push *p, struct err *err)
 	if (r)
 		return r;
 	if (!p->nprobes)
-		return err_set(err, ERR_USAGE, "no input was probed: there is nothing to choose a lattice from");
+		return err_set(err, ERR_USAGE,
+			       "no input was probed: there is nothing to choose a lattice from");
 	inputs = calloc(p->nprobes, sizeof *inputs);
 	if (!inputs)
 		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
 	for (i = 0; i < p->nprobes; i++)
 		inputs[i] = p->probes[i].coords;
-	r = lattice_choose(inputs, p->nprobes, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
+	r = lattice_choose(inputs, p->nprobes, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL,
+			   &p->lattice, err);
 	free(inputs);
 	return r;
 }
@@ -216,7 +220,8 @@ static void info_done(struct sched_task *t)
 }
 
 void push_info(struct jobs *j, int fd, const char *name, const char *format,
-	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *),
+	       void (*probed)(void *token, const struct err *why, const char *name,
+			      const struct input_info *),
 	       void *token)
 {
 	struct info_ask *a = calloc(1, sizeof *a);

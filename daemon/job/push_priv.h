@@ -8,12 +8,12 @@ enum push_kind {
 	PUSH_BEGIN,
 	PUSH_PROBE,
 	PUSH_PLAN,
-	PUSH_STAGE,   /* of our own: memory for the stage */
+	PUSH_STAGE, /* of our own: memory for the stage */
 	PUSH_FILE,
-	PUSH_SYNC,    /* of our own: what was staged becomes durable */
+	PUSH_SYNC, /* of our own: what was staged becomes durable */
 	PUSH_COMMIT,
 	PUSH_ABORT,
-	PUSH_CLOSE,   /* of our own, the last */
+	PUSH_CLOSE, /* of our own, the last */
 	PUSH_KINDS
 };
 
@@ -61,11 +61,11 @@ struct push {
 	struct sched_task task;
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
-	bool old_goes;               /* the manifest before this push's is used by nobody */
-	struct push_ask *last;       /* made beforehand, so that closing needs no memory */
+	bool old_goes;         /* the manifest before this push's is used by nobody */
+	struct push_ask *last; /* made beforehand, so that closing needs no memory */
 	unsigned unanswered;
 
-	struct grid_manifest *base;  /* as the push found it; NULL: none */
+	struct grid_manifest *base; /* as the push found it; NULL: none */
 	char base_name[64];
 	bool has_lattice;
 	struct lattice lattice;
@@ -75,17 +75,17 @@ struct push {
 	size_t nprobes;
 
 	struct grid_stage *stage;
-	uint64_t stage_bytes;        /* charged */
+	uint64_t stage_bytes; /* charged */
 	bool broken;
 	struct err broken_err;
 	struct grid_source *sources;
 	size_t nsources;
-	uint32_t files;              /* staged whole */
+	uint32_t files; /* staged whole */
 	uint32_t durable;
 	uint64_t unsynced_points;
 	uint64_t synced_ns, begun_ns;
 
-	struct grid_manifest *made;  /* by the commit */
+	struct grid_manifest *made; /* by the commit */
 	char made_name[64];
 
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
@@ -93,8 +93,8 @@ struct push {
 	atomic_bool cancel;
 };
 
-/* Each kind: `start` (loop) says 0: submit p->task (prepared there) for `run`; PUSH_NOW: nothing for a worker,
- * `done` at once; PUSH_WAIT: ask again later; negative: err says why, `done` at once with it. */
+/* Each kind: `start` (loop) says 0: submit p->task (prepared there) for `run`; PUSH_NOW: nothing for a
+ * worker, `done` at once; PUSH_WAIT: ask again later; negative: err says why, `done` at once with it. */
 enum { PUSH_NOW = 1, PUSH_WAIT = 2 };
 struct push_row {
 	int (*start)(struct push *, struct push_ask *, struct err *err);
@@ -111,7 +111,7 @@ void push_commit_run(struct push *, struct push_ask *);
 bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
 
 struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
-void push_ask_over(struct push *);  /* the first one */
+void push_ask_over(struct push *);                                                     /* the first one */
 void push_pump(struct push *);
 struct push *push_free(struct push *);
 

@@ -1,6 +1,6 @@
 /*
- * The report of a job: made from the totals of its walk, and kept in the catalogue as lines of "name value". Names
- * are only ever added; unknown ones are ignored, missing ones are zero.
+ * The report of a job: made from the totals of its walk, and kept in the catalogue as lines of "name value".
+ * Names are only ever added; unknown ones are ignored, missing ones are zero.
  */
 #include <stddef.h>
 #include <stdio.h>
@@ -17,21 +17,17 @@ static const struct {
 	enum kind kind;
 	size_t offset, size;
 } fields[] = {
-#define FIELD(name, kind) { #name, kind, offsetof(struct job_report, name), sizeof(((struct job_report *)0)->name) }
-	FIELD(points, NUMBER),
-	FIELD(used, NUMBER),
-	FIELD(vertices, NUMBER),
-	FIELD(triangles, NUMBER),
-	FIELD(hull, NUMBER),
-	FIELD(domains, NUMBER),
-	FIELD(halo, NUMBER),
-	FIELD(digest, TEXT),
-	FIELD(vertex_digest, TEXT),
-	FIELD(seconds, SECONDS),
-	FIELD(stage_seconds, SECONDS),
-	FIELD(first_triangle_seconds, SECONDS),
-	FIELD(peak_rss, NUMBER),
-	FIELD(note, TEXT),
+#define FIELD(name, kind)                                                                                    \
+	{                                                                                                    \
+#name, kind, offsetof(struct job_report, name), sizeof(((struct job_report *)0)->name)       \
+	}
+	FIELD(points, NUMBER),         FIELD(used, NUMBER),
+	FIELD(vertices, NUMBER),       FIELD(triangles, NUMBER),
+	FIELD(hull, NUMBER),           FIELD(domains, NUMBER),
+	FIELD(halo, NUMBER),           FIELD(digest, TEXT),
+	FIELD(vertex_digest, TEXT),    FIELD(seconds, SECONDS),
+	FIELD(stage_seconds, SECONDS), FIELD(first_triangle_seconds, SECONDS),
+	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
 #undef FIELD
 };
 
@@ -49,12 +45,14 @@ char *report_text(const struct job_report *r, char *buf, size_t size)
 			at += (size_t)snprintf(buf + at, size - at, "%s %llu\n", fields[i].name,
 					       (unsigned long long)*(const uint64_t *)place);
 		else if (fields[i].kind == SECONDS)
-			at += (size_t)snprintf(buf + at, size - at, "%s %.6f\n", fields[i].name, *(const double *)place);
+			at += (size_t)snprintf(buf + at, size - at, "%s %.6f\n", fields[i].name,
+					       *(const double *)place);
 		else
 			at += (size_t)snprintf(buf + at, size - at, "%s %s\n", fields[i].name, place);
 	}
 	for (i = 0; i < VIEW_RULES && at < size; i++)
-		at += (size_t)snprintf(buf + at, size - at, "removed%zu %llu\n", i, (unsigned long long)r->removed[i]);
+		at += (size_t)snprintf(buf + at, size - at, "removed%zu %llu\n", i,
+				       (unsigned long long)r->removed[i]);
 	return buf;
 }
 
@@ -120,10 +118,12 @@ void report_make(const struct pipe_totals *t, const struct view *view, struct jo
 	if (t->triangles)
 		return;
 	if (!t->counts.points)
-		snprintf(ret->note, sizeof ret->note, "the dataset has no points, so the mesh has no triangles");
+		snprintf(ret->note, sizeof ret->note,
+			 "the dataset has no points, so the mesh has no triangles");
 	else if (t->counts.used < 3)
 		snprintf(ret->note, sizeof ret->note,
-			 "the view leaves %llu distinct position(s), fewer than three, so the mesh has no triangles",
+			 "the view leaves %llu distinct position(s), fewer than three, so the mesh has no "
+			 "triangles",
 			 (unsigned long long)t->counts.used);
 	else
 		snprintf(ret->note, sizeof ret->note,

@@ -1,11 +1,13 @@
 /*
- * The loop's side of a walk: which domain is made next, which is emitted next, and what gives way when memory is short.
+ * The loop's side of a walk: which domain is made next, which is emitted next, and what gives way when memory
+ * is short.
  *
- * The model: domains [0, next_emit) are emitted; of [next_emit, next_start) those in the list are in memory or being
- * made, the others are in the store, or were lost and are made again when their turn comes. At most one emission,
- * one split and one output task run at a time. A walk never waits while it holds memory that others need: whatever is
- * finished and not next can go to the store at any moment (walk_relieve), and the block being written can be spooled.
- * A reader who is slow for a quarter of a second turns run-ahead in memory into run-ahead in the store.
+ * The model: domains [0, next_emit) are emitted; of [next_emit, next_start) those in the list are in memory
+ * or being made, the others are in the store, or were lost and are made again when their turn comes. At most
+ * one emission, one split and one output task run at a time. A walk never waits while it holds memory that
+ * others need: whatever is finished and not next can go to the store at any moment (walk_relieve), and the
+ * block being written can be spooled. A reader who is slow for a quarter of a second turns run-ahead in
+ * memory into run-ahead in the store.
  */
 #include "walk.h"
 
@@ -100,8 +102,8 @@ static void open_run(struct sched_task *t)
 	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->p.ledger, j->index_share, &w->grid,
 			 &w->err);
 	if (!w->r)
-		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter,
-					&w->err);
+		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd,
+					&w->emitter, &w->err);
 	if (w->r) {
 		w->grid = grid_close(w->grid);
 		dataset_close(w->dataset);
@@ -256,7 +258,8 @@ static void memory_hint(struct walk *w)
 	if (memory)
 		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
 	else
-		err_add_hint(&w->why, "a domain carries at most %u positions, whatever the memory: leave out points",
+		err_add_hint(&w->why,
+			     "a domain carries at most %u positions, whatever the memory: leave out points",
 			     w->budget.cap);
 }
 
@@ -401,7 +404,7 @@ static void settle_running(struct walk *w)
 	if (w->splitting || w->domains || w->tasks || w->output_busy || w->next_emit != w->plan_n)
 		return;
 	w->state = WALK_FINISHING;
-	w->task = (struct sched_task){ .run = finish_run, .done = finish_done, .priority = SCHED_FIRST };
+	w->task = (struct sched_task){.run = finish_run, .done = finish_done, .priority = SCHED_FIRST};
 	w->task_busy = true;
 	sched_submit(w->jobs->p.sched, &w->task);
 }
@@ -440,7 +443,8 @@ void walk_relieve(struct walk *w)
 	for (d = w->domains; d; d = next) {
 		next = d->next;
 		/* The next one to be emitted is on its way already, unless its reader is slow. */
-		if (d->state != DOMAIN_READY || (d->index == w->next_emit && !w->output_busy && !awaits_output(w)))
+		if (d->state != DOMAIN_READY ||
+		    (d->index == w->next_emit && !w->output_busy && !awaits_output(w)))
 			continue;
 		if (d->stored || d->unstorable)
 			walk_domain_release(d);

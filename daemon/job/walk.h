@@ -1,7 +1,7 @@
 /*
- * A walk over the plan of one mesh: opens the grid, plans, makes the domains (or takes them from the store), emits
- * them in plan order, and hands their blocks to an output if there is one. A job is such a walk, and so is
- * each later stream of its mesh. Loop only.
+ * A walk over the plan of one mesh: opens the grid, plans, makes the domains (or takes them from the store),
+ * emits them in plan order, and hands their blocks to an output if there is one. A job is such a walk, and so
+ * is each later stream of its mesh. Loop only.
  */
 #ifndef WALK_H
 #define WALK_H
@@ -13,9 +13,9 @@ struct walk;
 
 struct walk_calls {
 	void (*planned)(void *ctx);
-	void (*moved)(void *ctx);             /* progress */
+	void (*moved)(void *ctx);                         /* progress */
 	void (*unread)(void *ctx, const struct err *why); /* the output is gone; may call walk_stop */
-	void (*ended)(void *ctx, const struct err *why); /* once; then walk_free */
+	void (*ended)(void *ctx, const struct err *why);  /* once; then walk_free */
 };
 
 struct walk_params {
@@ -23,9 +23,9 @@ struct walk_params {
 	struct dataset *dataset;
 	uint64_t generation;
 	const char *view_text;
-	bool keep;              /* every finished domain goes to the store */
-	bool plan_only;         /* ends after the plan */
-	double patience;        /* seconds to wait for an output before the domains go to the store */
+	bool keep;       /* every finished domain goes to the store */
+	bool plan_only;  /* ends after the plan */
+	double patience; /* seconds to wait for an output before the domains go to the store */
 	const struct walk_calls *calls;
 	void *ctx;
 };
@@ -41,14 +41,14 @@ void walk_stop(struct walk *, const struct err *why);
 bool walk_attach(struct walk *, struct job_output *);
 /* The output is the caller's again. */
 struct job_output *walk_detach(struct walk *);
-void walk_settle(struct walk *);   /* start what can start */
-void walk_relieve(struct walk *);  /* somebody lacks memory: give what can be given */
+void walk_settle(struct walk *);  /* start what can start */
+void walk_relieve(struct walk *); /* somebody lacks memory: give what can be given */
 void walk_tick(struct walk *);
 
-bool walk_stalled(const struct walk *); /* waits for its reader only */
+bool walk_stalled(const struct walk *);                       /* waits for its reader only */
 bool walk_opens(const struct walk *, const struct dataset *); /* is about to open its manifest */
-size_t walk_domain_bytes(const struct walk *); /* 0: not planned */
-const struct pipe_totals *walk_totals(const struct walk *); /* after `ended` without why */
+size_t walk_domain_bytes(const struct walk *);                /* 0: not planned */
+const struct pipe_totals *walk_totals(const struct walk *);   /* after `ended` without why */
 const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);
 uint64_t walk_grid_points(const struct walk *);

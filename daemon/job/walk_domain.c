@@ -1,9 +1,9 @@
 /*
  * The domains of a walk: their memory, and the tasks that make, split, store and emit them.
  *
- * The model: a domain's memory is mapped by the worker that makes it, of the size that was charged; when it is done,
- * what its result does not need is unmapped and given back. A task owns its walk_domain from submit to done; the
- * plan belongs to the worker while `splitting` is set.
+ * The model: a domain's memory is mapped by the worker that makes it, of the size that was charged; when it
+ * is done, what its result does not need is unmapped and given back. A task owns its walk_domain from submit
+ * to done; the plan belongs to the worker while `splitting` is set.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -30,12 +30,13 @@ static size_t page_round(size_t n)
 	return (n + PAGE - 1) & ~(PAGE - 1);
 }
 
-/* Huge pages save the kernel of the triangulation most of its TLB misses; the mapping starts on one and ends with
- * the budget, so that no page beyond it can become resident. */
+/* Huge pages save the kernel of the triangulation most of its TLB misses; the mapping starts on one and ends
+ * with the budget, so that no page beyond it can become resident. */
 static void *memory_map(size_t size)
 {
 	size_t whole = page_round(size) + HUGE_PAGE, head;
-	uint8_t *base = mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+	uint8_t *base =
+		mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
 
 	if (base == MAP_FAILED)
 		return NULL;
@@ -173,7 +174,8 @@ static void make_run(struct sched_task *t)
 	d->r = 0;
 	if (load(d, key))
 		return;
-	d->r = pipe_domain(w->grid, &w->view, &d->region, &w->budget, d->memory, &d->domain, &d->need, &d->err);
+	d->r = pipe_domain(w->grid, &w->view, &d->region, &w->budget, d->memory, &d->domain, &d->need,
+			   &d->err);
 	if (d->r)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);
@@ -329,7 +331,7 @@ static void emit_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
-	struct mesh_sink sink = { .ctx = w, .block = take_block };
+	struct mesh_sink sink = {.ctx = w, .block = take_block};
 
 	d->err = ERR_INIT;
 	d->r = pipe_emit(w->emitter, &d->domain, &d->region, &sink, &d->err);

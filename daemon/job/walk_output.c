@@ -1,9 +1,9 @@
 /*
  * A walk and its output: when the head goes out, what happens when the reader is slow, and when it is gone.
  *
- * The model: output_busy from the moment a block was encoded until job_output_sent; output_working while a worker is
- * inside one of the output's calls. A block whose reader has taken nothing for a while is spooled into a file without
- * a name, so that its memory is free; it comes back through one small buffer.
+ * The model: output_busy from the moment a block was encoded until job_output_sent; output_working while a
+ * worker is inside one of the output's calls. A block whose reader has taken nothing for a while is spooled
+ * into a file without a name, so that its memory is free; it comes back through one small buffer.
  */
 #include <string.h>
 
@@ -47,7 +47,7 @@ struct job_output *walk_detach(struct walk *w)
 static struct digest stream_id(const struct walk *w)
 {
 	struct digest id = digest_hash(w->view_text, strlen(w->view_text));
-	uint64_t n[2] = { w->generation, w->plan.n };
+	uint64_t n[2] = {w->generation, w->plan.n};
 	size_t i;
 
 	digest_add(&id, digest_hash(n, sizeof n));
@@ -67,7 +67,7 @@ void walk_output_head(struct walk *w)
 	struct job_stream_head head = {
 		.manifest = NULL,
 		.view = w->view_text,
-		.box = { 0, 0, 0, 0, 0, 0 },
+		.box = {0, 0, 0, 0, 0, 0},
 	};
 	int32_t box[4];
 

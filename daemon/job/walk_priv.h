@@ -5,29 +5,29 @@
 #include "walk.h"
 
 enum walk_domain_state {
-	DOMAIN_MAKING,    /* a task makes or loads it */
-	DOMAIN_SPLIT,     /* waits to be split, or is */
-	DOMAIN_READY,     /* in memory, not emitted */
-	DOMAIN_STORING,   /* a task stores it, to free its memory */
-	DOMAIN_EMITTING,  /* a task emits it */
-	DOMAIN_SENDING,   /* its block is being written */
+	DOMAIN_MAKING,   /* a task makes or loads it */
+	DOMAIN_SPLIT,    /* waits to be split, or is */
+	DOMAIN_READY,    /* in memory, not emitted */
+	DOMAIN_STORING,  /* a task stores it, to free its memory */
+	DOMAIN_EMITTING, /* a task emits it */
+	DOMAIN_SENDING,  /* its block is being written */
 };
 
-/* One domain between its start and its last byte. Those before walk.next_start that are neither emitted nor here
- * are in the store (or lost, and then made again). */
+/* One domain between its start and its last byte. Those before walk.next_start that are neither emitted nor
+ * here are in the store (or lost, and then made again). */
 struct walk_domain {
 	struct sched_task task;
 	struct walk *walk;
-	struct walk_domain *next;  /* by index */
+	struct walk_domain *next; /* by index */
 	enum walk_domain_state state;
 	size_t index;
 	struct cut_region region;
 	struct mesh_domain domain;
 	void *memory;
-	size_t size;               /* mapped, and charged to LEDGER_DOMAIN */
-	size_t held;               /* of it, what the result needs */
+	size_t size; /* mapped, and charged to LEDGER_DOMAIN */
+	size_t held; /* of it, what the result needs */
 	bool stored, unstorable;
-	bool block;                /* its emission gave one */
+	bool block; /* its emission gave one */
 	uint64_t need;
 	int r;
 	struct err err;
@@ -45,28 +45,37 @@ struct walk {
 	const struct walk_calls *calls;
 	void *ctx;
 
-	enum { WALK_NEW, WALK_OPENING, WALK_OPEN, WALK_PLANNING, WALK_RUNNING, WALK_FINISHING, WALK_OVER } state;
-	struct sched_task task;    /* of opening, planning, finishing */
+	enum {
+		WALK_NEW,
+		WALK_OPENING,
+		WALK_OPEN,
+		WALK_PLANNING,
+		WALK_RUNNING,
+		WALK_FINISHING,
+		WALK_OVER
+	} state;
+	struct sched_task task; /* of opening, planning, finishing */
 	bool task_busy;
 	int r;
 	struct err err;
 
 	struct grid *grid;
-	uint64_t emitter_bytes;    /* charged */
+	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;
-	struct cut_plan plan;      /* a worker's while `splitting` */
+	struct cut_plan plan; /* a worker's while `splitting` */
 	struct walk_domain *splitting;
 
 	struct walk_domain *domains;
-	unsigned ndomains, tasks;  /* tasks: of domains and output, not over */
+	unsigned ndomains, tasks; /* tasks: of domains and output, not over */
 	size_t next_start, next_emit;
-	size_t plan_n;             /* plan.n, for whoever asks while a worker has the plan */
+	size_t plan_n; /* plan.n, for whoever asks while a worker has the plan */
 	struct walk_domain *emitting, *sending;
 
 	struct job_output *output;
 	struct sched_task output_task;
-	bool output_head, output_busy, output_working; /* head sent; a block is not all written; a worker has it */
+	bool output_head, output_busy,
+		output_working; /* head sent; a block is not all written; a worker has it */
 	bool output_refilling, output_buffer;
 	bool output_spooling;
 	void (*output_freed)(struct job_output *);

@@ -22,9 +22,9 @@ struct sched {
 	pthread_mutex_t lock;
 	pthread_cond_t wake;
 	struct ledger *ledger;
-	struct sched_task *queue;           /* by priority, then order */
+	struct sched_task *queue; /* by priority, then order */
 	struct sched_task *over, **over_end;
-	struct sched_task **running;        /* one place a thread, NULL: idle */
+	struct sched_task **running; /* one place a thread, NULL: idle */
 	pthread_t *thread;
 	unsigned threads, started;
 	unsigned busy;
@@ -127,7 +127,7 @@ static int start(struct sched *s, struct err *err)
 			r = ENOMEM;
 			break;
 		}
-		*w = (struct worker){ .sched = s, .place = s->started };
+		*w = (struct worker){.sched = s, .place = s->started};
 		r = pthread_create(&s->thread[s->started], NULL, work, w);
 		if (r) {
 			free(w);

@@ -24,13 +24,13 @@ struct sched;
 enum sched_priority { SCHED_FIRST, SCHED_NORMAL, SCHED_LAST };
 
 struct sched_task {
-	void (*run)(struct sched_task *);  /* on a worker; not called for a task cancelled before it started */
+	void (*run)(struct sched_task *); /* on a worker; not called for a task cancelled before it started */
 	void (*done)(struct sched_task *); /* on the loop, once, from sched_dispatch; may free the task */
 	enum sched_priority priority;
 	enum ledger_name name;
-	uint64_t bytes;                    /* taken before run; 0: none */
-	atomic_bool cancel;                /* workers look at it; set by sched_cancel */
-	bool ran;                          /* in done: run was called, and `bytes` are the submitter's */
+	uint64_t bytes;     /* taken before run; 0: none */
+	atomic_bool cancel; /* workers look at it; set by sched_cancel */
+	bool ran;           /* in done: run was called, and `bytes` are the submitter's */
 	/* of sched only */
 	uint64_t order;
 	struct sched_task *next;

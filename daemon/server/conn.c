@@ -1,10 +1,10 @@
 /*
  * A connection: frames in, answers out, and what ends with it.
  *
- * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs, one-step
- * datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with keep the memory
- * of the connection until they are answered (into nothing). A client that does not read is cut off when its answers
- * reach the cap of its queue.
+ * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs,
+ * one-step datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with
+ * keep the memory of the connection until they are answered (into nothing). A client that does not read is
+ * cut off when its answers reach the cap of its queue.
  */
 #include <errno.h>
 #include <stdlib.h>
@@ -161,7 +161,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 int conn_new(struct server *s, int fd, struct err *err)
 {
 	struct conn *c = calloc(1, sizeof *c);
-	struct frame_limits limits = { .ledger = s->p.ledger };
+	struct frame_limits limits = {.ledger = s->p.ledger};
 	struct ucred cred;
 	socklen_t size = sizeof cred;
 	int r;
@@ -173,7 +173,7 @@ int conn_new(struct server *s, int fd, struct err *err)
 		return err_sys(err, errno, "the client's user cannot be found out");
 	}
 	c->server = s;
-	c->peer = (struct job_peer){ .uid = cred.uid, .pid = (uint32_t)cred.pid };
+	c->peer = (struct job_peer){.uid = cred.uid, .pid = (uint32_t)cred.pid};
 	r = frame_conn_new(fd, &limits, &c->frame, err);
 	if (r) {
 		free(c);

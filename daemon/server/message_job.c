@@ -1,5 +1,6 @@
 /*
- * Jobs as messages, and their report as JSON. A message here points into the job, and is sent before the job can change.
+ * Jobs as messages, and their report as JSON. A message here points into the job, and is sent before the job
+ * can change.
  */
 #include <stdio.h>
 #include <string.h>
@@ -82,13 +83,15 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 	size_t at;
 	int i;
 
-	at = (size_t)snprintf(buf, size,
-			      "{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"seconds\":%.6f,"
-			      "\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%s\","
-			      "\"removed\":{",
-			      (unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
-			      (unsigned long long)r->halo, r->seconds, r->stage_seconds, r->first_triangle_seconds,
-			      (unsigned long long)r->peak_rss, r->note);
+	at = (size_t)snprintf(
+		buf, size,
+		"{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"seconds\":%.6f,"
+		"\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%"
+		"s\","
+		"\"removed\":{",
+		(unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
+		(unsigned long long)r->halo, r->seconds, r->stage_seconds, r->first_triangle_seconds,
+		(unsigned long long)r->peak_rss, r->note);
 	for (i = VIEW_KEPT + 1; i < VIEW_RULES && at < size; i++)
 		at += (size_t)snprintf(buf + at, size - at, "%s\"%s\":%llu", i > VIEW_KEPT + 1 ? "," : "",
 				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);

@@ -137,5 +137,6 @@ void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		request_refuse(q, &err);
 		return;
 	}
-	job_plan(c->server->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned, q);
+	job_plan(c->server->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned,
+		 q);
 }

@@ -51,7 +51,7 @@ struct message_probed {
 
 static void message_probed(const char *name, const struct input_info *info, struct message_probed *m)
 {
-	static const char *const planes[] = { "unknown", "projected", "geographic", "geocentric" };
+	static const char *const planes[] = {"unknown", "projected", "geographic", "geocentric"};
 	int k;
 
 	acut__v1__probed__init(&m->probed);

@@ -1,9 +1,9 @@
 /*
  * The listening sockets, and the list of connections.
  *
- * The model: a connection is closed at once for its peer, and its memory goes in server_settle, after the round of
- * the loop in which nothing refers to it any more. When descriptors run out, accept is paused (the kernel's
- * queue holds the clients) until one is closed here or a second has passed.
+ * The model: a connection is closed at once for its peer, and its memory goes in server_settle, after the
+ * round of the loop in which nothing refers to it any more. When descriptors run out, accept is paused (the
+ * kernel's queue holds the clients) until one is closed here or a second has passed.
  */
 #include "server.h"
 
@@ -88,8 +88,8 @@ static void accept_pause(struct server *s, int why)
 		told = clock_mono_ns();
 	}
 	accept_enable(s, false);
-	if (!s->again &&
-	    sd_event_add_time_relative(s->p.event, &s->again, CLOCK_MONOTONIC, 1000000, 100000, accept_again, s) < 0) {
+	if (!s->again && sd_event_add_time_relative(s->p.event, &s->again, CLOCK_MONOTONIC, 1000000, 100000,
+						    accept_again, s) < 0) {
 		accept_enable(s, true);
 		return;
 	}

@@ -15,7 +15,7 @@ struct ledger;
 struct server;
 
 struct server_params {
-	sd_event *event;           /* borrowed */
+	sd_event *event; /* borrowed */
 	struct ledger *ledger;
 	const char *version, *state_dir, *cache_dir;
 	uint64_t memory;

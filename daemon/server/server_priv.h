@@ -8,8 +8,8 @@
 #include "stream.h"
 
 enum {
-	CONN_FILES_MAX = 8,         /* unanswered Probe and File, as PROTOCOL.md says */
-	CONN_REQUESTS_MAX = 64,     /* unanswered requests */
+	CONN_FILES_MAX = 8,     /* unanswered Probe and File, as PROTOCOL.md says */
+	CONN_REQUESTS_MAX = 64, /* unanswered requests */
 };
 
 struct listener {
@@ -23,7 +23,7 @@ struct server {
 	struct server_params p;
 	struct jobs *jobs;
 	struct listener *listeners;
-	sd_event_source *again;     /* accept paused: no descriptors left */
+	sd_event_source *again; /* accept paused: no descriptors left */
 	struct conn *conns;
 	unsigned nconns;
 	uint64_t started_ns;
@@ -35,9 +35,9 @@ struct request {
 	struct request *next;
 	struct conn *conn;
 	uint32_t id;
-	unsigned files;             /* 1: counts among the unanswered files */
-	struct push_ref *push;      /* of PushBegin to PushAbort */
-	uint64_t job;               /* of Wait and Fetch */
+	unsigned files;        /* 1: counts among the unanswered files */
+	struct push_ref *push; /* of PushBegin to PushAbort */
+	uint64_t job;          /* of Wait and Fetch */
 	bool watch, wait;
 };
 
@@ -45,33 +45,39 @@ struct request {
 struct push_ref {
 	struct push_ref *next;
 	struct conn *conn;
-	struct push *push;          /* NULL: over */
+	struct push *push; /* NULL: over */
 	uint64_t id;
-	uint32_t request;           /* of its PushBegin, for Durable */
+	uint32_t request; /* of its PushBegin, for Durable */
 };
 
-struct conn_job { struct conn_job *next; uint64_t id; };
-struct conn_dataset { struct conn_dataset *next; struct dataset *dataset; };
+struct conn_job {
+	struct conn_job *next;
+	uint64_t id;
+};
+struct conn_dataset {
+	struct conn_dataset *next;
+	struct dataset *dataset;
+};
 
 struct conn {
 	struct conn *next;
 	struct server *server;
-	struct frame_conn *frame;   /* NULL: closed */
+	struct frame_conn *frame; /* NULL: closed */
 	sd_event_source *io;
 	struct job_peer peer;
 	bool hello, closed;
 	unsigned nrequests, nfiles;
 	struct request *requests;
 	struct push_ref *pushes;
-	struct conn_job *bound;     /* jobs that end with it */
-	struct conn_dataset *held;  /* one-step datasets that it pushed */
+	struct conn_job *bound;    /* jobs that end with it */
+	struct conn_dataset *held; /* one-step datasets that it pushed */
 	struct stream_out *streams;
 };
 
 /* conn.c */
 int conn_new(struct server *, int fd, struct err *err);
-void conn_close(struct conn *);                   /* at once for the peer; the memory goes later */
-bool conn_reap(struct conn *);                    /* frees it if nothing refers to it */
+void conn_close(struct conn *); /* at once for the peer; the memory goes later */
+bool conn_reap(struct conn *);  /* frees it if nothing refers to it */
 void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd);
 void conn_send_error(struct conn *, uint32_t id, const struct err *);
 void conn_fail(struct conn *, const struct err *); /* a breach: Error on id 0, then the end */
@@ -85,8 +91,8 @@ void request_handle(struct conn *, uint32_t id, Acut__V1__Message *, int fd);
 
 typedef void request_fn(struct conn *, struct request *, Acut__V1__Message *, int fd);
 /* request_push.c */
-request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit, request_push_abort,
-	request_info;
+request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit,
+	request_push_abort, request_info;
 void push_ref_leave(struct push_ref *);
 /* request_job.c */
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
@@ -107,9 +113,10 @@ void message_job(const struct job *, struct message_job *ret);
 char *message_report_json(const struct job_report *, char *buf, size_t size);
 
 /* stream_out.c */
-struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end, struct err *err);
+struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end,
+				  struct err *err);
 void stream_out_start(struct stream_out *, struct job *);
-void stream_out_leave(struct conn *);             /* all streams of the connection end */
+void stream_out_leave(struct conn *); /* all streams of the connection end */
 void stream_out_progress(struct conn *, struct job *);
 
 #endif

@@ -1,12 +1,12 @@
 /*
  * One mesh stream to one client: a pipe that the daemon made, written from the loop as the client reads.
  *
- * The model: three frames at most, in this order: head, the block that daemon/job handed over, tail; each is pieces
- * with its own scratch, and a position. The pieces of a block point into the domain's memory. When the reader is too
- * slow, daemon/job lets a worker spool what is left of the block (`paused` meanwhile: the loop keeps its hands off),
- * and it is written from a small buffer that workers refill. The pipe is non-blocking; a reader who closes it ends
- * the stream and nothing else. A stream whose block was cut off by an error has no tail: the error goes over the socket,
- * on the request of the Fetch, and then the pipe ends.
+ * The model: three frames at most, in this order: head, the block that daemon/job handed over, tail; each is
+ * pieces with its own scratch, and a position. The pieces of a block point into the domain's memory. When the
+ * reader is too slow, daemon/job lets a worker spool what is left of the block (`paused` meanwhile: the loop
+ * keeps its hands off), and it is written from a small buffer that workers refill. The pipe is non-blocking;
+ * a reader who closes it ends the stream and nothing else. A stream whose block was cut off by an error has
+ * no tail: the error goes over the socket, on the request of the Fetch, and then the pipe ends.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -26,15 +26,15 @@ enum { HEAD, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20, ROUND_BYTES = 8 << 20 };
 struct out_frame {
 	bool ready;
 	struct stream_piece piece[STREAM_PIECES];
-	unsigned n, at;             /* piece being written */
-	size_t done;                /* bytes of it */
+	unsigned n, at; /* piece being written */
+	size_t done;    /* bytes of it */
 	uint8_t scratch[STREAM_SCRATCH];
 };
 
 struct stream_out {
-	struct job_output output;   /* first: stream_of */
+	struct job_output output; /* first: stream_of */
 	struct stream_out *next;
-	struct conn *conn;          /* its connection, until the end */
+	struct conn *conn; /* its connection, until the end */
 	uint64_t job;
 	uint32_t request;
 	int fd;
@@ -43,9 +43,9 @@ struct stream_out {
 	uint64_t blocks, blocked_ns; /* since when bytes wait; 0: none do */
 	bool paused, ended, gone;
 
-	int spool;                  /* -1: none */
+	int spool; /* -1: none */
 	uint64_t spool_size, spool_at;
-	uint8_t *buffer;            /* JOB_OUTPUT_BUFFER, of spooled bytes */
+	uint8_t *buffer; /* JOB_OUTPUT_BUFFER, of spooled bytes */
 	size_t buffered, written;
 };
 
@@ -133,7 +133,8 @@ static int write_frame(struct stream_out *o, struct out_frame *f)
 		for (unsigned i = f->at; i < f->n; i++) {
 			size_t skip = i == f->at ? f->done : 0;
 
-			iov[n++] = (struct iovec){ (uint8_t *)f->piece[i].bytes + skip, f->piece[i].size - skip };
+			iov[n++] =
+				(struct iovec){(uint8_t *)f->piece[i].bytes + skip, f->piece[i].size - skip};
 		}
 		r = write_bytes(o, iov, n, &done);
 		if (r)
@@ -151,7 +152,7 @@ static int write_frame(struct stream_out *o, struct out_frame *f)
 static int write_spooled(struct stream_out *o)
 {
 	while (o->written < o->buffered) {
-		struct iovec iov = { o->buffer + o->written, o->buffered - o->written };
+		struct iovec iov = {o->buffer + o->written, o->buffered - o->written};
 		size_t done;
 		int r = write_bytes(o, &iov, 1, &done);
 
@@ -230,7 +231,7 @@ static void out_head(struct job_output *output, const struct job_stream_head *in
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[HEAD];
-	struct stream_head head = { .kind = STREAM_WHOLE, .id = in->id };
+	struct stream_head head = {.kind = STREAM_WHOLE, .id = in->id};
 	char lattice[LATTICE_TEXT_SIZE];
 
 	text_copy(head.lattice, sizeof head.lattice, lattice_text(&in->manifest->lattice, lattice));
@@ -260,7 +261,7 @@ static void out_encode(struct job_output *output, const struct mesh_block *b)
 		.nnew = b->nnew,
 		.ntriangle = b->ntriangle,
 		.foreign = b->foreign,
-		.vertex = (const int32_t (*)[3])b->vertex,
+		.vertex = (const int32_t(*)[3])b->vertex,
 		.triangle = b->triangle,
 		.final = b->final,
 	};
@@ -317,7 +318,8 @@ static int out_spool(struct job_output *output, int dirfd, struct err *err)
 	for (unsigned i = f->at; !r && i < f->n; i++) {
 		size_t skip = i == f->at ? f->done : 0, size = f->piece[i].size - skip;
 
-		r = io_write_at(fd, (const uint8_t *)f->piece[i].bytes + skip, size, at, "a spooled block", err);
+		r = io_write_at(fd, (const uint8_t *)f->piece[i].bytes + skip, size, at, "a spooled block",
+				err);
 		at += size;
 	}
 	if (r) {
@@ -370,8 +372,8 @@ static void tail_totals(struct stream_tail *tail, const struct stream_out *o, co
 	message_report_json(report, tail->report, sizeof tail->report);
 }
 
-/* On the socket, and before the pipe ends. A client that is gone shows when the loop comes to it: nothing is closed
- * here, since daemon/job is going through its outputs. */
+/* On the socket, and before the pipe ends. A client that is gone shows when the loop comes to it: nothing is
+ * closed here, since daemon/job is going through its outputs. */
 static void tell_why(struct stream_out *o, const struct err *why)
 {
 	struct conn *c = o->conn;
@@ -389,7 +391,7 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[TAIL];
-	struct stream_tail tail = { 0 };
+	struct stream_tail tail = {0};
 
 	o->ended = true;
 	o->paused = false;
@@ -406,7 +408,7 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 		tail_totals(&tail, o, totals, report);
 	if (!o->frame[HEAD].ready && !o->blocks && why && !o->frame[HEAD].n) {
 		/* A stream starts with its head, also one that failed before there was a grid. */
-		struct stream_head head = { .kind = STREAM_WHOLE, .lattice = "1 1 0 0 0", .view = "" };
+		struct stream_head head = {.kind = STREAM_WHOLE, .lattice = "1 1 0 0 0", .view = ""};
 
 		strcpy(head.crs, "unknown");
 		strcpy(head.unit_xy, "unknown");
@@ -432,7 +434,8 @@ static const struct job_output_calls output_calls = {
 
 /* ---- what the server calls ---- */
 
-struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end, struct err *err)
+struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end,
+				  struct err *err)
 {
 	struct stream_out *o = calloc(1, sizeof *o);
 	int ends[2], r;

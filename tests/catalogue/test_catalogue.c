@@ -1,6 +1,6 @@
 /*
- * The catalogue: what was put is there after it was opened again; ids are never given twice; newer and broken files are
- * refused.
+ * The catalogue: what was put is there after it was opened again; ids are never given twice; newer and broken
+ * files are refused.
  */
 #include <fcntl.h>
 #include <poll.h>
@@ -32,7 +32,7 @@ static int setup(void **state)
 
 static int teardown(void **state)
 {
-	static const char *const more[] = { "", "-wal", "-shm" };
+	static const char *const more[] = {"", "-wal", "-shm"};
 	char name[160];
 
 	for (int i = 0; i < 3; i++) {
@@ -80,7 +80,7 @@ static int see_push(void *ctx, const struct catalogue_push *p, struct err *err)
 
 static struct catalogue *reopen(struct catalogue *c, struct seen *seen, uint64_t last[3])
 {
-	struct catalogue_reader reader = { seen, see_dataset, see_job, see_push };
+	struct catalogue_reader reader = {seen, see_dataset, see_job, see_push};
 	struct err err = ERR_INIT;
 
 	catalogue_free(c);
@@ -102,7 +102,7 @@ static void tell(void *ctx, int r, const struct err *why)
 static void settle(struct catalogue *c)
 {
 	while (catalogue_busy(c)) {
-		struct pollfd p = { .fd = catalogue_fd(c), .events = POLLIN };
+		struct pollfd p = {.fd = catalogue_fd(c), .events = POLLIN};
 
 		assert_int_equal(poll(&p, 1, 10000), 1);
 		catalogue_dispatch(c);
@@ -110,19 +110,40 @@ static void settle(struct catalogue *c)
 }
 
 static const struct catalogue_dataset dataset = {
-	.id = 7, .name = "valley", .uid = 1000, .created_us = 1, .pushed_us = 2, .manifest = "manifest-1",
-	.generation = 1, .points = 10, .bytes = 160, .files = 1, .lattice = "0.01 0.01 1 2 3", .crs = "unknown",
-	.unit_xy = "metre", .unit_z = "metre", .box = { -5, INT32_MIN, INT32_MAX, 6 },
+	.id = 7,
+	.name = "valley",
+	.uid = 1000,
+	.created_us = 1,
+	.pushed_us = 2,
+	.manifest = "manifest-1",
+	.generation = 1,
+	.points = 10,
+	.bytes = 160,
+	.files = 1,
+	.lattice = "0.01 0.01 1 2 3",
+	.crs = "unknown",
+	.unit_xy = "metre",
+	.unit_z = "metre",
+	.box = {-5, INT32_MIN, INT32_MAX, 6},
 };
 
 static void kept(void **state)
 {
 	struct catalogue_job job = {
-		.id = 3, .dataset = 7, .generation = 1, .view = "view 1", .state = "failed", .report = "",
-		.error_code = "bad-input", .error_message = "it is \"broken\"; DROP TABLE job", .error_file = "f",
-		.error_field = "", .error_hint = "", .error_offset = -1,
+		.id = 3,
+		.dataset = 7,
+		.generation = 1,
+		.view = "view 1",
+		.state = "failed",
+		.report = "",
+		.error_code = "bad-input",
+		.error_message = "it is \"broken\"; DROP TABLE job",
+		.error_file = "f",
+		.error_field = "",
+		.error_hint = "",
+		.error_offset = -1,
 	};
-	struct catalogue_push push = { .id = 4, .dataset = 7, .uid = 1000 };
+	struct catalogue_push push = {.id = 4, .dataset = 7, .uid = 1000};
 	struct err err = ERR_INIT;
 	struct seen seen;
 	uint64_t last[3];

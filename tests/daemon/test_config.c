@@ -1,5 +1,6 @@
 /*
- * The memory that an untold daemon takes: cgroup limits of both versions in a made-up /proc and /sys, and the rule.
+ * The memory that an untold daemon takes: cgroup limits of both versions in a made-up /proc and /sys, and the
+ * rule.
  */
 #include <limits.h>
 #include <setjmp.h>

@@ -1,6 +1,6 @@
 /*
- * The room of jobs with the real engine, in one process: a dataset is pushed, meshed, streamed to a reader who is
- * slow or goes away, and started again over the same folders. The loop is `turn`.
+ * The room of jobs with the real engine, in one process: a dataset is pushed, meshed, streamed to a reader
+ * who is slow or goes away, and started again over the same folders. The loop is `turn`.
  */
 #include <fcntl.h>
 #include <ftw.h>
@@ -27,7 +27,7 @@
 
 #define VIEW "view 1"
 
-static const struct job_peer me = { .uid = 1000, .pid = 1 };
+static const struct job_peer me = {.uid = 1000, .pid = 1};
 
 static struct house {
 	char folder[64];
@@ -40,8 +40,8 @@ static struct house {
 
 static void turn(int ms)
 {
-	struct pollfd p[2] = { { .fd = sched_fd(h.sched), .events = POLLIN },
-			       { .fd = catalogue_fd(h.catalogue), .events = POLLIN } };
+	struct pollfd p[2] = {{.fd = sched_fd(h.sched), .events = POLLIN},
+			      {.fd = catalogue_fd(h.catalogue), .events = POLLIN}};
 
 	poll(p, 2, ms);
 	sched_dispatch(h.sched);
@@ -51,19 +51,19 @@ static void turn(int ms)
 }
 
 /* Turns until `what` is true; fails after twenty seconds. */
-#define turn_until(what)                                                                                             \
-	do {                                                                                                         \
-		uint64_t begun_at = clock_mono_ns();                                                                 \
-		while (!(what)) {                                                                                    \
-			if (clock_since(begun_at) > 20)                                                              \
-				fail_msg("waited too long for %s", #what);                                           \
-			turn(10);                                                                                    \
-		}                                                                                                    \
+#define turn_until(what)                                                                                     \
+	do {                                                                                                 \
+		uint64_t begun_at = clock_mono_ns();                                                         \
+		while (!(what)) {                                                                            \
+			if (clock_since(begun_at) > 20)                                                      \
+				fail_msg("waited too long for %s", #what);                                   \
+			turn(10);                                                                            \
+		}                                                                                            \
 	} while (0)
 
 static void open_house(uint64_t memory, unsigned threads)
 {
-	struct jobs_params p = { .threads = threads };
+	struct jobs_params p = {.threads = threads};
 	struct err err = ERR_INIT;
 	char path[128];
 
@@ -199,22 +199,21 @@ static void durable(void *ctx, uint64_t files)
 	got.durable = files;
 }
 
-static void progress(void *token, const char *phase, uint64_t points, uint64_t total)
-{
-}
+static void progress(void *token, const char *phase, uint64_t points, uint64_t total) {}
 
-static const struct push_calls calls = { begun, probed, planned, staged, committed, aborted, durable, progress };
+static const struct push_calls calls = {begun,     probed,  planned, staged,
+					committed, aborted, durable, progress};
 
-#define ask(call)                                                                                                    \
-	do {                                                                                                         \
-		int before = got.answers;                                                                            \
-		call;                                                                                                \
-		turn_until(got.answers > before);                                                                    \
+#define ask(call)                                                                                            \
+	do {                                                                                                 \
+		int before = got.answers;                                                                    \
+		call;                                                                                        \
+		turn_until(got.answers > before);                                                            \
 	} while (0)
 
 static void begin(const char *dataset)
 {
-	struct push_params p = { .dataset = dataset, .peer = me, .calls = &calls };
+	struct push_params p = {.dataset = dataset, .peer = me, .calls = &calls};
 
 	memset(&got, 0, sizeof got);
 	got.why = ERR_INIT;
@@ -256,7 +255,7 @@ static void accepted(void *token, const struct err *why, struct job *job)
 
 static struct job *submit(struct dataset *d, bool bound, const char *view)
 {
-	struct job_params p = { .dataset = d, .view = view, .bound = bound, .peer = me };
+	struct job_params p = {.dataset = d, .view = view, .bound = bound, .peer = me};
 	int before = accepts;
 
 	job_submit(h.jobs, &p, accepted, NULL);
@@ -306,9 +305,7 @@ static void r_send(struct job_output *o)
 	job_output_sent(o);
 }
 
-static void r_pause(struct job_output *o)
-{
-}
+static void r_pause(struct job_output *o) {}
 
 static double r_stalled(struct job_output *o)
 {
@@ -355,8 +352,8 @@ static void r_freed(struct job_output *o)
 	((struct reader *)o)->freed = true;
 }
 
-static const struct job_output_calls reader_calls = { r_head, r_send, r_pause, r_stalled, r_end, r_encode, r_spool,
-						      r_refill };
+static const struct job_output_calls reader_calls = {r_head, r_send,   r_pause, r_stalled,
+						     r_end,  r_encode, r_spool, r_refill};
 
 /* ---- tests ---- */
 
@@ -364,7 +361,7 @@ static void push_mesh_fetch(void **state)
 {
 	static struct reader r; /* outlives a failed test */
 
-	r = (struct reader){ .output.calls = &reader_calls };
+	r = (struct reader){.output.calls = &reader_calls};
 	struct dataset *d = push("valley", 120000, 1);
 	struct job *job = submit(d, false, "");
 	char hex[DIGEST_HEX_SIZE];
@@ -388,12 +385,13 @@ static void push_mesh_fetch(void **state)
 	dataset_release(d);
 }
 
-/* A reader who takes nothing for a second: the job makes all its domains, its memory goes back, the stream is whole. */
+/* A reader who takes nothing for a second: the job makes all its domains, its memory goes back, the stream is
+ * whole. */
 static void slow_reader_holds_nothing(void **state)
 {
 	static struct reader r; /* outlives a failed test */
 
-	r = (struct reader){ .output.calls = &reader_calls, .slow = true };
+	r = (struct reader){.output.calls = &reader_calls, .slow = true};
 	struct dataset *d = push("", 200000, 2);
 	struct job *job = submit(d, true, VIEW);
 
@@ -422,7 +420,7 @@ static void reader_gone(void **state)
 {
 	static struct reader r; /* outlives a failed test */
 
-	r = (struct reader){ .output.calls = &reader_calls, .slow = true };
+	r = (struct reader){.output.calls = &reader_calls, .slow = true};
 	struct dataset *d = push("", 100000, 3);
 	struct job *job = submit(d, true, VIEW);
 
@@ -441,7 +439,7 @@ static void cancel(void **state)
 {
 	static struct reader r; /* outlives a failed test */
 
-	r = (struct reader){ .output.calls = &reader_calls, .slow = true };
+	r = (struct reader){.output.calls = &reader_calls, .slow = true};
 	struct dataset *d = push("", 100000, 4);
 	struct job *job = submit(d, true, VIEW);
 	struct err err = ERR_INIT;
@@ -457,7 +455,7 @@ static void cancel(void **state)
 	assert_int_equal(r.ends, 1);
 	assert_int_equal(r.why.code, ERR_CANCELLED);
 	/* A later stream of it ends with the same. */
-	r = (struct reader){ .output.calls = &reader_calls };
+	r = (struct reader){.output.calls = &reader_calls};
 	job_fetch(job, &r.output);
 	turn_until(r.ends);
 	assert_int_equal(r.why.code, ERR_CANCELLED);
@@ -468,8 +466,8 @@ static void cancel(void **state)
 	/* Others do not see my jobs, root does. */
 	other = submit(d, true, VIEW);
 	id = info_of(other).id;
-	assert_null(job_find(h.jobs, id, &(struct job_peer){ .uid = 1001 }));
-	assert_ptr_equal(job_find(h.jobs, id, &(struct job_peer){ .uid = 0 }), other);
+	assert_null(job_find(h.jobs, id, &(struct job_peer){.uid = 1001}));
+	assert_ptr_equal(job_find(h.jobs, id, &(struct job_peer){.uid = 0}), other);
 	job_leave(other);
 	dataset_release(d);
 }
@@ -496,7 +494,7 @@ static void no_ground(void **state)
 static void generations(void **state)
 {
 	struct dataset *d = push("two", 5000, 6);
-	struct job_params p = { .dataset = d, .view = VIEW, .generation = 1, .peer = me };
+	struct job_params p = {.dataset = d, .view = VIEW, .generation = 1, .peer = me};
 	struct dataset_info info;
 	struct job *old, *new;
 	int before;
@@ -530,7 +528,7 @@ static void restart(void **state)
 	char text[VIEW_TEXT_SIZE], digest[DIGEST_HEX_SIZE];
 	static struct reader r; /* outlives a failed test */
 
-	r = (struct reader){ .output.calls = &reader_calls };
+	r = (struct reader){.output.calls = &reader_calls};
 	uint64_t ids[2];
 	int fd = text_file(1000, 9);
 
@@ -631,8 +629,11 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(push_mesh_fetch), TEST(slow_reader_holds_nothing), TEST(reader_gone), TEST(cancel), TEST(no_ground),
-		TEST(generations), TEST(restart), TEST(refused_descriptors), TEST(one_planner), TEST(changed_file),
+		TEST(push_mesh_fetch), TEST(slow_reader_holds_nothing),
+		TEST(reader_gone),     TEST(cancel),
+		TEST(no_ground),       TEST(generations),
+		TEST(restart),         TEST(refused_descriptors),
+		TEST(one_planner),     TEST(changed_file),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,6 @@
 /*
- * The scheduler: order, admission under the budget, cancelling, and that nothing is lost with many threads (run it
- * under the thread sanitizer too).
+ * The scheduler: order, admission under the budget, cancelling, and that nothing is lost with many threads
+ * (run it under the thread sanitizer too).
  */
 #include <poll.h>
 #include <setjmp.h>
@@ -49,7 +49,11 @@ static void done(struct sched_task *t)
 static struct job make(struct sched *s, int number, uint64_t bytes, enum sched_priority priority)
 {
 	return (struct job){
-		.task = { .run = run, .done = done, .priority = priority, .name = LEDGER_DOMAIN, .bytes = bytes },
+		.task = {.run = run,
+			 .done = done,
+			 .priority = priority,
+			 .name = LEDGER_DOMAIN,
+			 .bytes = bytes},
 		.sched = s,
 		.number = number,
 		.give = true,
@@ -60,7 +64,7 @@ static struct job make(struct sched *s, int number, uint64_t bytes, enum sched_p
 static void wait_done(struct sched *s, int n)
 {
 	for (int i = 0; i < 1000 && ndone < n; i++) {
-		struct pollfd p = { .fd = sched_fd(s), .events = POLLIN };
+		struct pollfd p = {.fd = sched_fd(s), .events = POLLIN};
 
 		poll(&p, 1, 10);
 		sched_dispatch(s);
@@ -93,10 +97,12 @@ static void by_priority_then_order(void **state)
 	struct sched *s = start(&ledger, 100, 1);
 	_Atomic int gate = 0;
 	struct job first = make(s, 0, 0, SCHED_NORMAL), rest[4] = {
-		make(s, 1, 0, SCHED_LAST), make(s, 2, 0, SCHED_NORMAL), make(s, 3, 0, SCHED_FIRST),
-		make(s, 4, 0, SCHED_NORMAL),
-	};
-	const int wanted[] = { 0, 3, 2, 4, 1 };
+								make(s, 1, 0, SCHED_LAST),
+								make(s, 2, 0, SCHED_NORMAL),
+								make(s, 3, 0, SCHED_FIRST),
+								make(s, 4, 0, SCHED_NORMAL),
+							};
+	const int wanted[] = {0, 3, 2, 4, 1};
 
 	first.gate = &gate;
 	sched_submit(s, &first.task);
@@ -239,9 +245,9 @@ static void many_threads(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(by_priority_then_order), cmocka_unit_test(head_waits_for_memory),
+		cmocka_unit_test(by_priority_then_order),   cmocka_unit_test(head_waits_for_memory),
 		cmocka_unit_test(memory_is_the_submitters), cmocka_unit_test(cancelled),
-		cmocka_unit_test(freed_with_work_left), cmocka_unit_test(many_threads),
+		cmocka_unit_test(freed_with_work_left),     cmocka_unit_test(many_threads),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
