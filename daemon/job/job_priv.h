@@ -88,8 +88,8 @@ struct jobs {
 	uint64_t emitter_share, index_share, stage_share, reserve;
 	unsigned walks_max;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
-	bool parking, settling;
-	uint64_t swept_ns;
+	bool parking;
+	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
 };
 
 /* dataset.c */

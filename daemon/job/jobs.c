@@ -19,6 +19,8 @@
 #include "job_priv.h"
 #include "log.h"
 
+#define STARVED_SECONDS 0.3
+
 enum { MESSAGE_SHARE = 1 << 20, JOBS_KEPT = 2048 };
 
 static uint64_t clamp(uint64_t v, uint64_t low, uint64_t high)
@@ -158,7 +160,23 @@ bool jobs_walk_room(struct jobs *j)
 
 static void relieve(struct walk *w, void *ctx)
 {
-	walk_relieve(w);
+	walk_relieve(w, *(const bool *)ctx);
+}
+
+/* The first in the queue lacks memory: walks that do not get on give theirs at once, the others when it has
+ * waited for a while. */
+static void look_starved(struct jobs *j)
+{
+	bool urgent;
+
+	if (!sched_starved(j->p.sched)) {
+		j->starved_ns = 0;
+		return;
+	}
+	if (!j->starved_ns)
+		j->starved_ns = clock_mono_ns();
+	urgent = clock_since(j->starved_ns) > STARVED_SECONDS;
+	each_walk(j, relieve, &urgent);
 }
 
 /* ---- starting ---- */
@@ -328,8 +346,7 @@ void jobs_settle(struct jobs *j)
 		push_retry(p);
 	}
 	forget_jobs(j);
-	if (sched_starved(j->p.sched))
-		each_walk(j, relieve, NULL);
+	look_starved(j);
 }
 
 void jobs_tick(struct jobs *j)

@@ -367,7 +367,8 @@ static bool emit_next(struct walk *w)
 
 static void make_next(struct walk *w)
 {
-	unsigned window = w->budget.threads + 1;
+	/* One being sent, and one ready for when that is done. */
+	unsigned window = w->budget.threads + 2;
 
 	while (!w->splitting && w->next_start < w->plan.n && w->ndomains < window) {
 		if (!walk_domain_start(w, w->next_start, SCHED_NORMAL))
@@ -434,11 +435,14 @@ void walk_start(struct walk *w)
 	open_start(w);
 }
 
-void walk_relieve(struct walk *w)
+void walk_relieve(struct walk *w, bool urgent)
 {
 	struct walk_domain *d, *next;
 
 	if (w->state != WALK_RUNNING || w->stopping)
+		return;
+	/* What it has will be given back soon. */
+	if (!urgent && (w->emitting || (w->output_busy && !walk_backlog(w))))
 		return;
 	for (d = w->domains; d; d = next) {
 		next = d->next;

@@ -42,7 +42,8 @@ bool walk_attach(struct walk *, struct job_output *);
 /* The output is the caller's again. */
 struct job_output *walk_detach(struct walk *);
 void walk_settle(struct walk *);  /* start what can start */
-void walk_relieve(struct walk *); /* somebody lacks memory: give what can be given */
+/* Somebody lacks memory: give what can be given. Not urgent: unless it comes back by itself soon. */
+void walk_relieve(struct walk *, bool urgent);
 void walk_tick(struct walk *);
 
 bool walk_stalled(const struct walk *);                       /* waits for its reader only */
