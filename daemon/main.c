@@ -363,6 +363,11 @@ static void finish(struct daemon *d)
 	catalogue_free(d->catalogue);
 	jobs_free(d->jobs);
 	sd_event_unref(d->event);
+	if (d->ledger) {
+		/* All of it must have come back: ledger_free asserts that. */
+		ledger_give(d->ledger, LEDGER_CATALOGUE, CATALOGUE_BYTES);
+		ledger_free(d->ledger);
+	}
 	io_close(d->statefd);
 	io_close(d->cachefd);
 	/* The locks last. */
@@ -390,6 +395,7 @@ int main(int argc, char **argv)
 	}
 	if (r) {
 		log_err(LOG_LEVEL_ERROR, "acutd cannot start", &err);
+		finish(&d);
 		return err_exit_status(err.code);
 	}
 	log_info("acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
