@@ -364,8 +364,9 @@ static void finish(struct daemon *d)
 	jobs_free(d->jobs);
 	sd_event_unref(d->event);
 	if (d->ledger) {
-		/* All of it must have come back: ledger_free asserts that. */
-		ledger_give(d->ledger, LEDGER_CATALOGUE, CATALOGUE_BYTES);
+		/* A start that failed early has not taken it. All the rest must have come back: ledger_free
+		 * asserts that. */
+		ledger_give(d->ledger, LEDGER_CATALOGUE, ledger_held(d->ledger, LEDGER_CATALOGUE));
 		ledger_free(d->ledger);
 	}
 	io_close(d->statefd);
@@ -402,8 +403,11 @@ int main(int argc, char **argv)
 		 parse_size_text(d.config.memory, size), d.config.threads, d.config.state, d.config.cache);
 	sd_notify(0, "READY=1\nSTATUS=Serving");
 	r = sd_event_loop(d.event);
-	if (r < 0)
+	if (r < 0) {
+		/* Workers are busy: as after a crash, the next start cleans up. */
 		log_error("the event loop failed: %s", strerror(-r));
+		_exit(1);
+	}
 	finish(&d);
-	return r < 0 ? 1 : 0;
+	return 0;
 }
