@@ -569,6 +569,7 @@ static void refused_descriptors(void **state)
 	ask(push_probe(got.push, ends[0], "pipe", "", NULL));
 	assert_int_equal(got.why.code, ERR_INPUT);
 	assert_string_equal(got.why.file, "pipe");
+	assert_non_null(strstr(got.why.message, "is a pipe, not a regular file"));
 	close(ends[1]);
 	ask(push_probe(got.push, open("/tmp", O_RDONLY), "folder", "", NULL));
 	assert_int_equal(got.why.code, ERR_INPUT);
