@@ -230,6 +230,7 @@ struct job_plan {
 	uint64_t points, domains, memory_bytes, disk_bytes;
 	bool exact;
 	uint32_t load, threads;
+	double seconds; /* at the pace of the newest finished job; 0: there is none to go by */
 };
 void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *view, const struct job_peer *,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token);

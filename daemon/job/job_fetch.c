@@ -206,6 +206,20 @@ static const struct walk_calls plan_calls = {.ended = plan_ended};
 /* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links (measured 36 to 38). */
 enum { STORED_BYTES = 38 };
 
+/* Seconds a point of the newest finished job that was large enough to tell; 0: none. */
+static double pace(const struct jobs *j)
+{
+	enum { TELLING = 100000 };
+	const struct job *job;
+	double seconds = 0;
+
+	/* The list is by number: the last one wins. */
+	for (job = j->jobs; job; job = job->next)
+		if (job->has_report && job->report.points >= TELLING && job->report.seconds > 0)
+			seconds = job->report.seconds / (double)job->report.points;
+	return seconds;
+}
+
 static void plan_answer(struct job_asked_plan *p)
 {
 	const struct cut_plan *plan = walk_plan(p->walk);
@@ -219,6 +233,7 @@ static void plan_answer(struct job_asked_plan *p)
 		.exact = true,
 		.load = budget->load,
 		.threads = budget->threads,
+		.seconds = pace(p->jobs) * (double)walk_grid_points(p->walk),
 	};
 	size_t i;
 

@@ -124,6 +124,7 @@ static void planned(void *token, const struct err *why, const struct job_plan *p
 	m.disk_bytes = p->disk_bytes;
 	m.load = p->load;
 	m.threads = p->threads;
+	m.seconds = p->seconds;
 	request_answer(token, FRAME_MESSAGE(PLAN, plan, &m));
 }
 
