@@ -199,7 +199,11 @@ def interruption(p):
 def progress(p):
     """A line on a terminal, none anywhere else."""
     for options, wanted in (([], True), (["--no-progress"], False), (["--quiet"], False), (["--json"], False)):
-        main, side = pty.openpty()
+        try:
+            main, side = pty.openpty()
+        except OSError as e:
+            print("progress: skipped, no terminal can be had:", e)
+            return
         q = subprocess.Popen([ACUTCTL, "mesh", p.path("big.las"), "-o", p.path("t.ply"), *options], env=p.env,
                              stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=side)
         os.close(side)

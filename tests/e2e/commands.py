@@ -204,7 +204,7 @@ def private_daemon():
         expect(e2e.sanitized() or own["peak_rss_bytes"] <= (24 + 32) << 20, "VmHWM %d" % own["peak_rss_bytes"])
         left = [n for n in os.listdir(base + "/c/acut") if n.startswith("own-")]
         expect(not left, "left: %s" % left)
-        e2e.run(["pkill", "-f", "acutd.*" + base])
+        e2e.end_daemons(base)
 
 
 e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, killed_daemon_resumes, sigterm_leaves_clean_folders, refusals,
