@@ -33,7 +33,9 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 		return PUSH_WAIT;
 	d->committer = p;
 	memcpy(p->base_name, d->manifest, sizeof p->base_name);
-	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu", (unsigned long long)d->generation + 1);
+	/* No other push ever has this name: who fails removes only what is its own. */
+	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu-%llu",
+		 (unsigned long long)d->generation + 1, (unsigned long long)p->id);
 	return 0;
 }
 

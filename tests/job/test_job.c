@@ -18,6 +18,7 @@
 #include <unistd.h>
 
 #include <cmocka.h>
+#include <sqlite3.h>
 
 #include "catalogue.h"
 #include "clock.h"
@@ -611,6 +612,49 @@ static void one_planner(void **state)
 	assert_null(dataset_find(h.jobs, "fresh", &me));
 }
 
+/* A push with one staged file, ready to be committed. */
+static struct push *staged_push(const char *dataset, unsigned n, unsigned seed)
+{
+	int fd = text_file(n, seed);
+
+	begin(dataset);
+	ask(push_probe(got.push, dup(fd), "a.xyz", "", NULL));
+	ask(push_plan(got.push, NULL));
+	ask(push_file(got.push, fd, "a.xyz", "", NULL));
+	assert_int_equal(got.why.code, 0);
+	return got.push;
+}
+
+/* A commit that the catalogue refused takes nothing with it that a later commit made. */
+static void failed_commit(void **state)
+{
+	struct dataset *d = push("two", 500, 12);
+	struct push *loses = staged_push("two", 300, 13), *wins = staged_push("two", 200, 14);
+	char path[128];
+	struct job *job;
+	sqlite3 *other;
+
+	turn_until(!catalogue_busy(h.catalogue));
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	assert_int_equal(sqlite3_open(path, &other), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL), SQLITE_OK);
+	ask(push_commit(loses, NULL));
+	assert_int_equal(got.why.code, ERR_BUSY);
+	assert_int_equal(sqlite3_close(other), SQLITE_OK);
+	ask(push_commit(wins, NULL));
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.committed.generation, 2);
+	push_leave(loses);
+	push_leave(wins);
+	turn_until(!jobs_active(h.jobs));
+	job = submit(d, false, VIEW);
+	turn_until_final(job);
+	assert_int_equal(info_of(job).state, JOB_done);
+	assert_int_equal(info_of(job).report->points, 700);
+	dataset_release(got.committed.dataset);
+	dataset_release(d);
+}
+
 static void changed_file(void **state)
 {
 	int fd = text_file(100, 11);
@@ -635,6 +679,7 @@ int main(void)
 		TEST(no_ground),       TEST(generations),
 		TEST(restart),         TEST(refused_descriptors),
 		TEST(one_planner),     TEST(changed_file),
+		TEST(failed_commit),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
