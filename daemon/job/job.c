@@ -402,8 +402,17 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
 static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation,
 			char ret_view[VIEW_TEXT_SIZE], struct err *err)
 {
+	const struct job *job;
+	unsigned open = 0;
+
 	if (j->parking)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
+	for (job = j->jobs; job; job = job->next)
+		open += !states[job->state].final;
+	if (open >= JOBS_OPEN_MAX) {
+		err_set(err, ERR_BUSY, "%u jobs wait or run already", open);
+		return err_add_hint(err, "submit it again when some of them are done");
+	}
 	if (!p->dataset->generation)
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", p->dataset->name);
 	if (generation > p->dataset->generation)

@@ -8,7 +8,8 @@
 #include "sched_pool.h"
 #include "walk.h"
 
-enum { DATASET_NAME_MAX = 64 };
+/* Memory beside the ledger is small because these are few: a job takes 2 KiB, a push 6. */
+enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
 
 struct dataset {
 	struct dataset *next; /* named: by id; one-step ones follow in no order */
@@ -89,6 +90,7 @@ struct jobs {
 	unsigned walks_max;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking;
+	bool full; /* no room for a walk, as this round of settling has found out */
 	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
 };
 

@@ -152,10 +152,15 @@ bool jobs_opening(struct jobs *j, const struct dataset *d)
 
 bool jobs_walk_room(struct jobs *j)
 {
-	struct tally t = tally(j, NULL);
+	struct tally t;
 
+	/* Found out once for all that wait: there may be thousands. */
+	if (j->full)
+		return false;
+	t = tally(j, NULL);
 	/* One domain of the largest plan must fit beside the shares of all walks and the stages, always. */
-	return t.running < j->walks_max && jobs_domain_memory(j) >= t.largest + walk_share(j);
+	j->full = t.running >= j->walks_max || jobs_domain_memory(j) < t.largest + walk_share(j);
+	return !j->full;
 }
 
 static void relieve(struct walk *w, void *ctx)
@@ -338,6 +343,7 @@ void jobs_settle(struct jobs *j)
 	struct push *p, *next;
 	struct job *job;
 
+	j->full = false;
 	for (job = j->jobs; job; job = job->next)
 		job_settle(job);
 	job_plans_settle(j);
@@ -357,6 +363,7 @@ void jobs_tick(struct jobs *j)
 	/* Index pages are given back without a word. */
 	if (sched_starved(j->p.sched))
 		sched_give(j->p.sched, LEDGER_INDEX, 0);
+	j->full = false;
 	for (job = j->jobs; job; job = job->next)
 		job_tick(job);
 	for (p = j->pushes; p; p = next) {

@@ -212,6 +212,16 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 	return d ? d : dataset_new(j, in->dataset, in->peer.uid, false, err);
 }
 
+static bool too_many(const struct jobs *j)
+{
+	const struct push *p;
+	unsigned n = 0;
+
+	for (p = j->pushes; p; p = p->next)
+		n++;
+	return n >= PUSHES_MAX;
+}
+
 void push_begin(struct jobs *j, const struct push_params *in, void *token)
 {
 	struct push *p = calloc(1, sizeof *p);
@@ -228,6 +238,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
+	else if (too_many(j))
+		err_set(&err, ERR_BUSY, "%d pushes are open already", PUSHES_MAX);
 	else
 		p->dataset = target(j, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))

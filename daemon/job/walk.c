@@ -247,6 +247,7 @@ static void over(struct walk *w)
 {
 	w->state = WALK_OVER;
 	shut(w);
+	w->jobs->full = false;
 	w->calls->ended(w->ctx, w->why.code ? &w->why : NULL);
 }
 

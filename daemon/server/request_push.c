@@ -201,17 +201,24 @@ void push_ref_leave(struct push_ref *ref)
 }
 
 /* A push that is over leaves its reference behind: the oldest of them is used again. */
-static struct push_ref *ref_new(struct conn *c)
+static struct push_ref *ref_new(struct conn *c, struct err *err)
 {
 	struct push_ref *ref;
+	unsigned n = 0;
 
-	for (ref = c->pushes; ref; ref = ref->next)
+	for (ref = c->pushes; ref; ref = ref->next, n++)
 		if (!ref->push && !ref->request)
 			break;
+	if (n >= CONN_PUSHES_MAX) {
+		err_set(err, ERR_BUSY, "%u pushes of this connection are open already", n);
+		return NULL;
+	}
 	if (!ref) {
 		ref = calloc(1, sizeof *ref);
-		if (!ref)
+		if (!ref) {
+			err_set(err, ERR_NOMEM, "no memory for a push");
 			return NULL;
+		}
 		ref->conn = c;
 		ref->next = c->pushes;
 		c->pushes = ref;
@@ -234,9 +241,8 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 	};
 	struct err err = ERR_INIT;
 
-	q->push = ref_new(c);
+	q->push = ref_new(c, &err);
 	if (!q->push) {
-		err_set(&err, ERR_NOMEM, "no memory for a push");
 		request_refuse(q, &err);
 		return;
 	}
