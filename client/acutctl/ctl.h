@@ -213,6 +213,7 @@ struct ctl_staged {
 		bool refused;
 		uint64_t points, moved;
 		double shift[3];
+		char *warning; /* NULL: none */
 		struct err err;
 	} *file;
 	size_t nfile;

@@ -1,4 +1,5 @@
 /* dataset show NAME: what is in one dataset. Its other verbs belong to a later version. */
+#include <math.h>
 #include <string.h>
 
 #include "ctl.h"
@@ -59,8 +60,8 @@ static void show(void *ctx, const struct acut_dataset *d)
 		d->uid, ctl_job_time_text(d->pushed_us, b));
 	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", d->lattice, d->crs,
 		d->unit_xy, d->unit_z);
-	fprintf(out, "box         %.15g %.15g %.15g to %.15g %.15g %.15g\n", d->min[0], d->min[1], d->min[2],
-		d->max[0], d->max[1], d->max[2]);
+	if (isfinite(d->min[0]) && isfinite(d->min[1]))
+		fprintf(out, "box         %.15g %.15g to %.15g %.15g\n", d->min[0], d->min[1], d->max[0], d->max[1]);
 	if (d->pending[0])
 		fprintf(out, "pending     %s\n", d->pending);
 }

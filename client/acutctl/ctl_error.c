@@ -68,7 +68,7 @@ int ctl_error(struct ctl *ctl, const struct err *given)
 	}
 	if (err.code == ERR_CANCELLED && ctl_signal_late(ctl)) {
 		err = ERR_INIT;
-		err_set(&err, ERR_TIMEOUT, "not done within %s", ctl->args.timeout);
+		err_set(&err, ERR_TIMEOUT, "not done within --timeout %s", ctl->args.timeout);
 	}
 	ctl_progress_clear(ctl);
 	if (ctl->args.json)
@@ -115,6 +115,12 @@ void ctl_warn(struct ctl *ctl, const char *fmt, ...)
 	va_end(ap);
 	if (n < 0)
 		return;
+	for (size_t i = 0; i < ctl->nwarning; i++) {
+		if (!strcmp(ctl->warning[i], text)) { /* of a file: said with its header and with its points */
+			free(text);
+			return;
+		}
+	}
 	if (!ctl->args.quiet && !ctl->args.json) {
 		ctl_progress_clear(ctl);
 		fprintf(stderr, "acutctl: warning: %s\n", text);

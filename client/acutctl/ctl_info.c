@@ -1,4 +1,6 @@
 /* info: what the headers of files say, as the daemon reads them. */
+#include <string.h>
+
 #include "ctl.h"
 
 static void print(struct ctl *ctl, const struct acut_probe *p)
@@ -12,8 +14,10 @@ static void print(struct ctl *ctl, const struct acut_probe *p)
 		p->max[0], p->max[1], p->max[2]);
 	fprintf(out, "  scale   %s %s %s\n  offset  %s %s %s\n", p->scale[0], p->scale[1], p->scale[2],
 		p->offset[0], p->offset[1], p->offset[2]);
-	fprintf(out, "  crs     %s (%s)\n  units   %s, heights %s\n", p->crs, p->plane, p->unit_xy,
-		p->unit_z);
+	fprintf(out, "  crs     %s", p->crs);
+	if (strcmp(p->plane, "unknown"))
+		fprintf(out, " (%s)", p->plane);
+	fprintf(out, "\n  units   %s, heights %s\n", p->unit_xy, p->unit_z);
 	if (p->warning[0])
 		fprintf(out, "  note    %s\n", p->warning);
 }

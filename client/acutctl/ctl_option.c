@@ -224,10 +224,15 @@ static int check_command(struct ctl *ctl, char *name, struct err *err)
 static int check_words(const struct ctl *ctl, struct err *err)
 {
 	const struct ctl_command *c = ctl->command;
+	unsigned n = ctl->args.nword;
 
 	if (ctl->args.nword >= c->least && ctl->args.nword <= c->most)
 		return 0;
-	err_set(err, ERR_USAGE, ctl->args.nword < c->least ? "%s needs more" : "%s takes less", c->name);
+	if (n < c->least)
+		err_set(err, ERR_USAGE, "%s needs at least %u word%s after it, %u given", c->name, c->least,
+			c->least == 1 ? "" : "s", n);
+	else
+		err_set(err, ERR_USAGE, "%s takes no word \"%s\"", c->name, ctl->args.word[c->most]);
 	return err_add_hint(err, "acutctl %s", c->usage);
 }
 

@@ -141,6 +141,40 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	return r;
 }
 
+/* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
+static uint64_t moved_points(const struct ctl_staged *staged, double ret_shift[3])
+{
+	uint64_t moved = 0;
+
+	memset(ret_shift, 0, 3 * sizeof(*ret_shift));
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		const struct ctl_staged_file *f = &staged->file[i];
+
+		moved += f->refused ? 0 : f->moved;
+		for (int k = 0; !f->refused && k < 3; k++)
+			ret_shift[k] = f->shift[k] > ret_shift[k] ? f->shift[k] : ret_shift[k];
+	}
+	return moved;
+}
+
+/* A fetched job does not say what its pushes moved: null. */
+static void moved_json(struct ctl_json *j, const struct ctl_staged *staged)
+{
+	double shift[3];
+	uint64_t moved = moved_points(staged, shift);
+
+	if (!staged) {
+		ctl_json_text(j, "moved", NULL);
+		ctl_json_text(j, "max_shift", NULL);
+		return;
+	}
+	ctl_json_u64(j, "moved", moved);
+	ctl_json_open(j, "max_shift", '[');
+	for (int k = 0; k < 3; k++)
+		ctl_json_number(j, NULL, shift[k]);
+	ctl_json_close(j, ']');
+}
+
 static void report_json(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
 			const struct ctl_staged *staged)
 {
@@ -154,6 +188,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_job_report(&j, p);
 	ctl_job_lattice(&j, job->lattice);
 	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
+	moved_json(&j, staged);
 	ctl_json_u64(&j, "output_bytes", out->bytes);
 	if (ctl->args.max_edge) {
 		ctl_json_open(&j, "left_out", '{');
@@ -176,16 +211,22 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_json_line(&j);
 }
 
-static void report_text(struct ctl *ctl, const struct acut_job *job, const struct format_report *out)
+static void report_text(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
+			const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
 	char a[32], b[32], c[32];
+	double shift[3];
+	uint64_t moved = moved_points(staged, shift);
 
 	for (unsigned i = 0; i < ctl->args.nout; i++)
 		if (strcmp(ctl->args.out[i], "-"))
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
 	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
 		 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
+	if (moved)
+		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a),
+			 shift[0], shift[1], shift[2]);
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
 			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule,
@@ -219,7 +260,7 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 	if (ctl->args.json)
 		report_json(ctl, job, &out, staged);
 	else
-		report_text(ctl, job, &out);
+		report_text(ctl, job, &out, staged);
 	return 0;
 }
 

@@ -15,6 +15,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "points", NULL);
 		ctl_json_text(&j, "moved", NULL);
 		ctl_json_text(&j, "max_shift", NULL);
+		ctl_json_text(&j, "warning", NULL);
 		ctl_error_json(&j, "error", &f->err);
 	} else {
 		ctl_json_u64(&j, "generation", s->generation);
@@ -24,6 +25,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		for (int i = 0; i < 3; i++)
 			ctl_json_number(&j, NULL, f->shift[i]);
 		ctl_json_close(&j, ']');
+		ctl_json_text(&j, "warning", f->warning);
 		ctl_json_text(&j, "error", NULL);
 	}
 	ctl_json_close(&j, '}');

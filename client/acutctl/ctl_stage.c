@@ -73,8 +73,10 @@ static int with_file(struct staging *s, size_t i, bool probe)
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
 	s->progress.base += f->points;
 	s->ret->good++;
-	if (f->warning[0])
+	if (f->warning[0]) {
+		to->warning = strdup(f->warning);
 		ctl_warn(s->ctl, "%s: %s", in->name, f->warning);
+	}
 	return 0;
 }
 
@@ -176,6 +178,8 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 
 void ctl_stage_done(struct ctl_staged *s)
 {
+	for (size_t i = 0; s->file && i < s->nfile; i++)
+		free(s->file[i].warning);
 	free(s->file);
 	*s = (struct ctl_staged){ 0 };
 }

@@ -177,7 +177,7 @@ struct acut_dataset {
 	uint64_t generation, points, bytes;
 	uint32_t files, uid;
 	int64_t created_us, pushed_us;
-	double min[3], max[3];
+	double min[3], max[3]; /* NAN where the daemon does not say */
 };
 int acut_datasets(struct acut *, const char *name /* NULL: all */,
 		  void (*each)(void *ctx, const struct acut_dataset *), void *ctx);

@@ -5,6 +5,7 @@
  */
 #include "call.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -223,8 +224,8 @@ static void get_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 	    .pushed_us = d->pushed_us,
 	};
 	for (size_t i = 0; i < 3; i++) {
-		ret->min[i] = i < d->n_min ? d->min[i] : 0;
-		ret->max[i] = i < d->n_max ? d->max[i] : 0;
+		ret->min[i] = i < d->n_min ? d->min[i] : NAN;
+		ret->max[i] = i < d->n_max ? d->max[i] : NAN;
 	}
 }
 

@@ -133,6 +133,16 @@ def outputs(p):
     check("--max-edge leaves the mesh whole", left["digest"] == got["digest"] and left["triangles"] == nf)
     check("--max-edge counts", read_ply(p.path("e.ply"))[2] == nf - left["left_out"]["triangles"]
           and left["left_out"]["triangles"] > 0 and left["left_out"]["area"] > 0, str(left["left_out"]))
+    # A coarser lattice moves points: counted, the largest shift told; a warning is told once.
+    coarse = p.json("mesh", las, "-o", p.path("e.ply"), "--scale", "1")
+    check("moved points", 0 < coarse["moved"] <= 60000 and 0 < max(coarse["max_shift"][:2]) <= 0.5, str(coarse))
+    said = p.ctl("mesh", las, "-o", p.path("e.ply"), "--scale", "1")
+    check("moved points as text", "rounded to the lattice: " in said[1], str(said))
+    check("nothing moved", got["moved"] == 0 and got["max_shift"] == [0, 0, 0], str(got))
+    with open(las, "rb") as f, open(p.path("short.las"), "wb") as g:
+        g.write(f.read()[:-7])
+    said = p.ctl("mesh", p.path("short.las"), "-o", p.path("e.ply"), "--accept-truncated")[2]
+    check("a warning once", said.count("59999 of 60000 points are there") == 1, said)
     ground = p.json("mesh", las, "-o", p.path("g.ply"), "--ground")
     check("--ground", 0 < ground["used"] < ground["points"] and ground["removed"]["class"] > 0, str(ground))
     # A broken file among good ones.

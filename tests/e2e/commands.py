@@ -74,6 +74,9 @@ def datasets_and_jobs():
         expect(got["digest"] == one["digest"] == show["digest"], "%s %s %s" % (got["digest"], one["digest"], show["digest"]))
         expect(got["vertex_digest"] == one["vertex_digest"], "vertex digests differ")
         e2e.run([e2e.VERIFY, out, a, b]).ok()
+        box = d.ctl("dataset", "show", "valley", "--json").ok().json()
+        expect(box["min"][0] < box["max"][0] and box["min"][2] is None and box["max"][2] is None, str(box))
+        expect(" 0 to " not in d.ctl("dataset", "show", "valley").ok().out, "a height range that nobody knows")
         names = [json.loads(line)["name"] for line in d.ctl("datasets", "--json").ok().out.splitlines()]
         expect(names == ["valley"], str(names))
         jobs = [json.loads(line)["job"] for line in d.ctl("jobs", "--json").ok().out.splitlines()]
