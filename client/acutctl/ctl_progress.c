@@ -62,7 +62,7 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 	if (now->domains_total)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",
 			      (unsigned long long)now->domains, (unsigned long long)now->domains_total);
-	if (seconds > 0.5 && points)
+	if (seconds > 0.2 && points)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s",
 			      short_count((double)points / seconds, b));
 	if (seconds > 1 && share > 0.01)

@@ -208,7 +208,9 @@ def interruption(p):
 
 def progress(p):
     """A line on a terminal, none anywhere else."""
-    for options, wanted in (([], True), (["--no-progress"], False), (["--quiet"], False), (["--json"], False)):
+    # One thread and many small domains: long enough for a rate on any machine.
+    slow = ["--memory", "24M", "--threads", "1"]
+    for options, wanted in ((slow, True), (["--no-progress"], False), (["--quiet"], False), (["--json"], False)):
         try:
             main, side = pty.openpty()
         except OSError as e:
