@@ -176,14 +176,14 @@ def streams_and_signals():
         os.unlink(out)
         p = subprocess.Popen([e2e.ACUTCTL, "mesh", "-o", out, path], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
                              env=dict(os.environ, ACUT_SOCKET=d.socket))
-        time.sleep(0.5)
+        time.sleep(0.15)
         p.send_signal(signal.SIGINT)
         p.communicate(timeout=20)
         expect(p.returncode in (130, -2), "SIGINT: %d" % p.returncode)
         expect([n for n in os.listdir(base) if n.startswith("m.ply") or n.startswith(".m.ply")] == [], str(os.listdir(base)))
         p = subprocess.Popen([e2e.ACUTCTL, "mesh", "-o", out, path], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
                              env=dict(os.environ, ACUT_SOCKET=d.socket))
-        time.sleep(0.5)
+        time.sleep(0.15)
         p.kill()
         p.communicate()
         d.ctl("mesh", "-o", out, path).ok()
