@@ -119,7 +119,7 @@ static void begin(struct job_fetch *f)
 		end(f, f->output, &err);
 		return;
 	}
-	if (!jobs_walk_room(job->jobs))
+	if (!jobs_fetch_room(job->jobs))
 		return;
 	if (walk_new(&p, &f->walk, &err)) {
 		end(f, f->output, &err);

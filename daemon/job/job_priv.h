@@ -136,6 +136,7 @@ uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions)
 uint64_t jobs_domain_largest(struct jobs *);              /* of the walks that run */
 uint64_t jobs_staged(const struct jobs *);                /* held by stages */
 bool jobs_walk_room(struct jobs *);                       /* one more walk may start */
+bool jobs_fetch_room(struct jobs *);                      /* one more stream may, with others to come */
 bool jobs_opening(struct jobs *, const struct dataset *); /* a walk is about to open its manifest */
 
 #endif

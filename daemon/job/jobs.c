@@ -163,6 +163,17 @@ bool jobs_walk_room(struct jobs *j)
 	return !j->full;
 }
 
+bool jobs_fetch_room(struct jobs *j)
+{
+	struct tally t = tally(j, NULL);
+	/* What a push and a job need must not be held by readers who do not read. */
+	uint64_t others = GRID_STAGE_MIN + pipe_ingest_bytes() + t.largest + walk_share(j);
+
+	if (!jobs_walk_room(j))
+		return false;
+	return t.walks == t.running || jobs_domain_memory(j) >= t.largest + walk_share(j) + others;
+}
+
 static void relieve(struct walk *w, void *ctx)
 {
 	walk_relieve(w, *(const bool *)ctx);

@@ -416,6 +416,33 @@ static void slow_reader_holds_nothing(void **state)
 	dataset_release(d);
 }
 
+/* However many readers take nothing: a push and a job go on. */
+static void many_slow_readers(void **state)
+{
+	enum { READERS = 40 };
+	static struct reader r[READERS]; /* outlive a failed test */
+	struct dataset *d = push("much", 200000, 15), *other;
+	struct job *job = submit(d, false, VIEW);
+	uint64_t since;
+
+	turn_until_final(job);
+	for (int i = 0; i < READERS; i++) {
+		r[i] = (struct reader){.output.calls = &reader_calls, .slow = true};
+		job_fetch(job, &r[i].output);
+	}
+	for (since = clock_mono_ns(); clock_since(since) < 3;)
+		turn(10);
+	other = push("other", 1000, 16);
+	job = submit(other, false, VIEW);
+	turn_until_final(job);
+	assert_int_equal(info_of(job).state, JOB_done);
+	for (int i = 0; i < READERS; i++)
+		job_output_gone(&r[i].output, r_freed);
+	turn_until(!jobs_active(h.jobs));
+	dataset_release(other);
+	dataset_release(d);
+}
+
 /* A reader who goes away ends the stream only. */
 static void reader_gone(void **state)
 {
@@ -679,7 +706,7 @@ int main(void)
 		TEST(no_ground),       TEST(generations),
 		TEST(restart),         TEST(refused_descriptors),
 		TEST(one_planner),     TEST(changed_file),
-		TEST(failed_commit),
+		TEST(failed_commit),   TEST(many_slow_readers),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
