@@ -269,9 +269,12 @@ struct digest pipe_domain_key(const struct grid *grid, const struct view *view, 
 	for (i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 		uint64_t live = s->added <= generation && (!s->removed || s->removed > generation);
-		uint64_t row[2] = { s->id, live };
+		uint64_t row[3] = { s->id, live, s->points };
 
+		/* The segments' sums hold dead records too: which of them live is told by their sources. */
 		XXH3_128bits_update(&state, row, sizeof row);
+		XXH3_128bits_update(&state, s->name, strlen(s->name) + 1);
+		XXH3_128bits_update(&state, &s->hash, sizeof s->hash);
 	}
 	XXH128_hash_t content = XXH3_128bits_digest(&state);
 
