@@ -49,7 +49,7 @@ struct pipe_budget {
 	size_t domain_bytes;  /* of one domain, all of it */
 	unsigned threads;     /* domains at once */
 };
-/* The highest rung that `memory` carries with `threads` (fewer threads before a lower rung).
+/* The highest rung that `memory` carries with `threads`; fewer threads only where not even the lowest does.
  * -ERR_LIMIT with the number if not even the lowest fits one thread. `grid` may be NULL (reader bytes
  * of one segment are assumed). */
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret,
