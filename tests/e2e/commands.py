@@ -93,6 +93,32 @@ def datasets_and_jobs():
         e2e.run([e2e.VERIFY, out, a, b]).ok()
 
 
+def domains_from_files_alone():
+    """acut-domain on every region of a dataset: together the triangles and the digest of the daemon's mesh."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "valley", survey(base)).ok()
+        job = d.ctl("submit", "valley", "--wait").ok().out.split()[0]
+        want = d.ctl("show", job, "--json").ok().json()
+        d.stop()
+        manifests = [os.path.join(top, n) for top, _, files in os.walk(d.state) for n in files
+                     if e2e.run([e2e.DOMAIN, "--plan", os.path.join(top, n), ""]).status == 0]
+        expect(len(manifests) == 1, "manifests: %s" % manifests)
+        out = os.path.join(base, "out")
+        os.mkdir(out)
+        halves, count = [0, 0], 0
+        plan = e2e.run([e2e.DOMAIN, "--memory", "16M", "--plan", manifests[0], ""]).ok().out.splitlines()
+        expect(len(plan) > 1, "one region only")
+        for line in plan:
+            words = e2e.run([e2e.DOMAIN, "--memory", "16M", manifests[0], "", line.split()[0], out]).ok().out.split()
+            expect(os.path.exists(os.path.join(out, "d-" + words[0])), "no domain under its key")
+            count += int(words[words.index("triangles") + 1])
+            digest = words[words.index("digest") + 1]
+            halves = [(h + int(part, 16)) % 2**64 for h, part in zip(halves, (digest[:16], digest[16:]))]
+        expect(count == want["triangles"], "%d triangles, not %d" % (count, want["triangles"]))
+        expect("%016x%016x" % tuple(halves) == want["digest"], "the digests do not add up")
+        status(e2e.run([e2e.DOMAIN, manifests[0], "", "rubbish", out]), 2, "rubbish")
+
+
 def killed_daemon_resumes():
     with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
         path = survey(base, points=1500000)
@@ -210,5 +236,5 @@ def private_daemon():
         e2e.end_daemons(base)
 
 
-e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, killed_daemon_resumes, sigterm_leaves_clean_folders, refusals,
+e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, domains_from_files_alone, killed_daemon_resumes, sigterm_leaves_clean_folders, refusals,
          streams_and_signals, private_daemon)
