@@ -50,9 +50,14 @@ static int ingest(int dirfd, const char *path, struct grid_segment_info *info, s
 		r = lattice_choose(&input_info(input)->coords, 1, NULL, NULL, lattice, err);
 	if (!r)
 		r = grid_stage_new(&params, &stage, err);
-	last = cpu();
 	if (!r)
-		r = pipe_ingest(input, lattice, stage, 1, NULL, NULL, &in, err);
+		r = grid_stage_source(stage, 1, err);
+	last = cpu();
+	if (!r) {
+		const struct pipe_ingest_params how = { .lattice = lattice, .stage = stage };
+
+		r = pipe_ingest(input, &how, &in, err);
+	}
 	lap("ingest", in.points);
 	if (!r)
 		r = grid_stage_seal(stage, info, err);

@@ -324,6 +324,12 @@ static int changed(const char *name, const char *when, struct err *err)
 static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 {
 	const struct push_probed *probe = push_find_probe(p, a->name);
+	const struct pipe_ingest_params params = {
+		.lattice = &p->lattice,
+		.stage = p->stage,
+		.progress = file_progress,
+		.ctx = p,
+	};
 	struct push_input_id after;
 	int r;
 
@@ -333,7 +339,9 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 		return changed(a->name, "after its header was read", &a->err);
 	r = push_compatible(p, a->name, a->info.crs, a->info.unit_xy, a->info.unit_z, &a->err);
 	if (!r)
-		r = pipe_ingest(in, &p->lattice, p->stage, a->source, file_progress, p, &a->in, &a->err);
+		r = grid_stage_source(p->stage, a->source, &a->err);
+	if (!r)
+		r = pipe_ingest(in, &params, &a->in, &a->err);
 	if (!r)
 		r = push_fd_check(a->fd, a->name, &after, &a->err);
 	if (!r && !same_input(&a->id, &after))

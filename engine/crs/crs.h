@@ -14,6 +14,27 @@ enum crs_plane { CRS_PLANE_UNKNOWN, CRS_PLANE_PROJECTED, CRS_PLANE_GEOGRAPHIC, C
 #define CRS_UNIT_SIZE 16
 #define CRS_TEXT_SIZE 512
 
+/* How a plane lies on the earth, where the record says it or EPSG defines it: what crs_geo.h computes with. */
+enum crs_method {
+	CRS_METHOD_UNKNOWN,
+	CRS_METHOD_GEOGRAPHIC,
+	CRS_METHOD_TRANSVERSE_MERCATOR,
+	CRS_METHOD_LAMBERT_CONIC,       /* one or two standard parallels */
+	CRS_METHOD_ALBERS,
+	CRS_METHOD_POLAR_STEREOGRAPHIC,
+};
+
+struct crs_system {
+	enum crs_method method;
+	unsigned epsg, epsg_z;          /* 0: none said */
+	char datum[64];                 /* "WGS 84", "NAD83", ...; "" if none is said */
+	double a, inverse_flattening;   /* metres; a 0: ellipsoid unknown */
+	double lat0, lon0, lat1, lat2;  /* degrees, east of Greenwich */
+	double k0, x0, y0;              /* scale; false origin in metres */
+	double unit;                    /* metres of one unit of x and y (degrees of a geographic one); 0: unknown */
+	double unit_z;                  /* metres of one unit of z; 0: unknown */
+};
+
 /* Unit names: "metre", "foot" (international), "us-survey-foot", "degree", "unknown". The text is
  * "EPSG:n", "EPSG:n + EPSG:m" with a vertical system, the name that the record gives, or "unknown";
  * printable ASCII. */
@@ -21,6 +42,7 @@ struct crs_info {
 	enum crs_plane plane;
 	char text[CRS_TEXT_SIZE];
 	char unit_xy[CRS_UNIT_SIZE], unit_z[CRS_UNIT_SIZE];
+	struct crs_system system;
 };
 
 /* The records of one file, as they lie in it; size 0 where there is none. */

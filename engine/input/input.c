@@ -134,6 +134,7 @@ static int open_input(struct input *in, const char *format, struct err *err)
 		return rc;
 	in->info.format = in->row->text->name;
 	in->info.coords.name = in->name;
+	in->info.parts = 1;
 	return in->row->open(in, err);
 }
 
@@ -157,6 +158,25 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 		input_close(in);
 		return rc;
 	}
+	*ret = in;
+	return 0;
+}
+
+int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret,
+		    struct err *err)
+{
+	struct input *in;
+
+	if (first >= last || last > whole->info.parts)
+		return err_set(err, ERR_INTERNAL, "parts %llu to %llu of %llu", (unsigned long long)first,
+			       (unsigned long long)last, (unsigned long long)whole->info.parts);
+	in = malloc(sizeof *in);
+	if (!in) {
+		err_set(err, ERR_NOMEM, "no memory to read a file");
+		return err_add_file(err, whole->name);
+	}
+	memcpy(in, whole, offsetof(struct input, buffer));
+	in->info.coords.name = in->name;
 	*ret = in;
 	return 0;
 }

@@ -34,6 +34,8 @@ struct input_info {
 	char crs[512];             /* short CRS text ("EPSG:26910", WKT name), "unknown" */
 	char unit_xy[16], unit_z[16]; /* "metre", "foot", "us-survey-foot", "degree", "unknown" */
 	char warning[256];         /* a header lie that does no harm, "" if none */
+	uint64_t parts;            /* it can be read in so many parts, in any order and at once; 1: only forwards */
+	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */
 };
 
 struct input_options {
@@ -42,7 +44,8 @@ struct input_options {
 	bool planar;               /* take degrees as a plane */
 };
 
-/* Upper bound of the memory that an input takes, whatever its bytes are. */
+/* Upper bound of the memory that opening an input takes, whatever its bytes are; what reading takes besides
+ * is its read_bytes. */
 size_t input_bytes(void);
 
 /* Take a descriptor (borrowed: the caller closes it after input_close), read the header (text: the
@@ -50,6 +53,10 @@ size_t input_bytes(void);
 int input_open(int fd, const char *name, const struct input_options *, struct input **ret,
 	       struct err *err);
 const struct input_info *input_info(const struct input *);
+/* A reader of parts [first, last) of `whole`, with buffers of its own and the same descriptor, which other
+ * threads may read at the same time. `whole` must stay open and is not read itself. */
+int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret,
+		    struct err *err);
 /* The next points, up to pts->cap; pts->n == 0 at the end. -ERR_TRUNCATED, -ERR_INPUT name the place. */
 int input_read(struct input *, struct input_points *pts, struct err *err);
 struct input *input_close(struct input *);

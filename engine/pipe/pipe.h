@@ -31,12 +31,23 @@ struct pipe_ingested {
 
 /* Memory that pipe_ingest takes besides the stage; charge it before. */
 size_t pipe_ingest_bytes(void);
-/* Read all of `input` into `stage` as source `source`. `progress` (may be NULL) is called now and then with
- * points so far; non-zero from it cancels (-ERR_CANCELLED). */
 typedef int (*pipe_progress_fn)(void *ctx, uint64_t points);
-int pipe_ingest(struct input *input, const struct lattice *lattice, struct grid_stage *stage,
-		uint32_t source, pipe_progress_fn progress, void *ctx, struct pipe_ingested *ret,
+struct pipe_ingest_params {
+	const struct lattice *lattice;
+	struct grid_stage *stage;
+	/* Around every use of the stage, where several parts of one input go into it at once; NULL: alone. */
+	void (*lock)(void *guard), (*unlock)(void *guard);
+	void *guard;
+	pipe_progress_fn progress;  /* may be NULL; called now and then with this call's points so far;
+				     * non-zero from it cancels (-ERR_CANCELLED) */
+	void *ctx;
+};
+/* Read all of `input` (or of the part that it is, input_open_part) into the stage, as the source that
+ * grid_stage_source named last. */
+int pipe_ingest(struct input *input, const struct pipe_ingest_params *, struct pipe_ingested *ret,
 		struct err *err);
+/* Adds what another part of the same input gave. */
+void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part);
 
 /* ---- plan ---- */
 

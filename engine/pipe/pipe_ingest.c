@@ -6,6 +6,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "err.h"
 
@@ -38,8 +39,20 @@ static void batch_points(struct batch *b, size_t n)
 		};
 }
 
-static int ingest_batches(struct input *input, const struct lattice_map *map, struct grid_stage *stage, struct batch *b,
-			  pipe_progress_fn progress, void *ctx, struct pipe_ingested *in, struct err *err)
+static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b, size_t n, struct err *err)
+{
+	int r;
+
+	if (p->lock)
+		p->lock(p->guard);
+	r = grid_stage_add(p->stage, b->point, n, err);
+	if (p->lock)
+		p->unlock(p->guard);
+	return r;
+}
+
+static int ingest_batches(struct input *input, const struct lattice_map *map, const struct pipe_ingest_params *p,
+			  struct batch *b, struct pipe_ingested *in, struct err *err)
 {
 	struct input_points pts = { .raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH };
 	size_t bad = 0;
@@ -58,17 +71,16 @@ static int ingest_batches(struct input *input, const struct lattice_map *map, st
 			return err_add_place(err, ERR_NO_OFFSET, field);
 		}
 		batch_points(b, pts.n);
-		r = grid_stage_add(stage, b->point, pts.n, err);
+		r = stage_batch(p, b, pts.n, err);
 		if (r)
 			return r;
 		in->points += pts.n;
-		if (progress && progress(ctx, in->points))
+		if (p->progress && p->progress(p->ctx, in->points))
 			return err_set(err, ERR_CANCELLED, "cancelled after %llu points", (unsigned long long)in->points);
 	}
 }
 
-int pipe_ingest(struct input *input, const struct lattice *lattice, struct grid_stage *stage, uint32_t source,
-		pipe_progress_fn progress, void *ctx, struct pipe_ingested *ret, struct err *err)
+int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct pipe_ingested *ret, struct err *err)
 {
 	const struct input_info *info = input_info(input);
 	struct pipe_ingested in = { 0 };
@@ -76,19 +88,28 @@ int pipe_ingest(struct input *input, const struct lattice *lattice, struct grid_
 	struct batch *b;
 	int r;
 
-	r = lattice_map_init(&map, lattice, &info->coords, err);
-	if (!r)
-		r = grid_stage_source(stage, source, err);
+	r = lattice_map_init(&map, p->lattice, &info->coords, err);
 	if (r)
 		return r;
 	b = malloc(sizeof *b);
 	if (!b)
 		return err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
-	r = ingest_batches(input, &map, stage, b, progress, ctx, &in, err);
+	r = ingest_batches(input, &map, p, b, &in, err);
 	free(b);
 	if (r)
 		return err_add_file(err, info->coords.name);
 	snprintf(in.warning, sizeof in.warning, "%s", info->warning);
 	*ret = in;
 	return 0;
+}
+
+void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part)
+{
+	sum->points += part->points;
+	sum->moved += part->moved;
+	for (int i = 0; i < 3; i++)
+		if (part->max_shift[i] > sum->max_shift[i])
+			sum->max_shift[i] = part->max_shift[i];
+	if (!*sum->warning)
+		memcpy(sum->warning, part->warning, sizeof sum->warning);
 }
