@@ -177,8 +177,7 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 	int r = 0;
 
 	for (i = 0; !r && i < p->nprobes; i++)
-		r = push_compatible(p, p->probes[i].name, p->probes[i].crs, p->probes[i].unit_xy,
-				    p->probes[i].unit_z, err);
+		r = push_compatible(p, p->probes[i].name, &p->probes[i].crs, err);
 	if (r || p->has_lattice)
 		return r ? r : PUSH_NOW;
 	if (*p->dataset->manifest) {
@@ -337,7 +336,7 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 	atomic_store(&p->claimed, a->info.claimed);
 	if (!same_input(&probe->id, &a->id))
 		return changed(a->name, "after its header was read", &a->err);
-	r = push_compatible(p, a->name, a->info.crs, a->info.unit_xy, a->info.unit_z, &a->err);
+	r = push_compatible(p, a->name, &a->info.crs, &a->err);
 	if (!r)
 		r = grid_stage_source(p->stage, a->source, &a->err);
 	if (!r)

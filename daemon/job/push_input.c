@@ -74,16 +74,16 @@ static int agree(const char *what, char *mine, size_t size, char *mine_of, const
 	return err_add_file(err, name);
 }
 
-int push_compatible(struct push *p, const char *name, const char *crs, const char *unit_xy,
-		    const char *unit_z, struct err *err)
+int push_compatible(struct push *p, const char *name, const struct crs_info *crs, struct err *err)
 {
-	int r = agree("the coordinate system", p->crs, sizeof p->crs, p->crs_of, name, crs, err);
+	int r = agree("the coordinate system", p->crs, sizeof p->crs, p->crs_of, name, crs->text, err);
 
 	if (!r)
-		r = agree("the horizontal unit", p->unit_xy, sizeof p->unit_xy, p->unit_xy_of, name, unit_xy,
-			  err);
+		r = agree("the horizontal unit", p->unit_xy, sizeof p->unit_xy, p->unit_xy_of, name,
+			  crs->unit_xy, err);
 	if (!r)
-		r = agree("the vertical unit", p->unit_z, sizeof p->unit_z, p->unit_z_of, name, unit_z, err);
+		r = agree("the vertical unit", p->unit_z, sizeof p->unit_z, p->unit_z_of, name, crs->unit_z,
+			  err);
 	return r;
 }
 
@@ -120,9 +120,7 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	at->id = ask->id;
 	at->coords = ask->info.coords;
 	at->coords.name = at->name;
-	memcpy(at->crs, ask->info.crs, sizeof at->crs);
-	memcpy(at->unit_xy, ask->info.unit_xy, sizeof at->unit_xy);
-	memcpy(at->unit_z, ask->info.unit_z, sizeof at->unit_z);
+	at->crs = ask->info.crs;
 	return 0;
 }
 

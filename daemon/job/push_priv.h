@@ -44,7 +44,7 @@ struct push_probed {
 	char *name;
 	struct push_input_id id;
 	struct lattice_input coords;
-	char crs[512], unit_xy[16], unit_z[16];
+	struct crs_info crs;
 };
 
 struct push {
@@ -117,8 +117,7 @@ struct push *push_free(struct push *);
 
 /* push_input.c: descriptors and what their inputs say */
 int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err);
-int push_compatible(struct push *, const char *name, const char *crs, const char *unit_xy, const char *unit_z,
-		    struct err *err);
+int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
 int push_choose_lattice(struct push *, struct err *err);
 int push_remember_probe(struct push *, const struct push_ask *, struct err *err);
 const struct push_probed *push_find_probe(const struct push *, const char *name);

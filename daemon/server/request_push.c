@@ -71,10 +71,10 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.max = m->info.coords.max;
 	m->probed.scale = m->scales;
 	m->probed.offset = m->offsets;
-	m->probed.crs = frame_text_clean(m->info.crs);
-	m->probed.unit_xy = frame_text_clean(m->info.unit_xy);
-	m->probed.unit_z = frame_text_clean(m->info.unit_z);
-	m->probed.plane = (char *)planes[info->plane];
+	m->probed.crs = frame_text_clean(m->info.crs.text);
+	m->probed.unit_xy = frame_text_clean(m->info.crs.unit_xy);
+	m->probed.unit_z = frame_text_clean(m->info.crs.unit_z);
+	m->probed.plane = (char *)planes[info->crs.plane];
 	m->probed.warning = frame_text_clean(m->info.warning);
 }
 

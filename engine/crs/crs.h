@@ -59,6 +59,9 @@ struct crs_records {
 	bool prefer_wkt;          /* LAS: global encoding bit 4 */
 };
 
+/* All unknown. */
+void crs_info_clear(struct crs_info *);
+
 /* All that the records say. Where both kinds are there, the preferred one decides and the other only
  * fills what it leaves open, and only if both name the same kind of plane. */
 void crs_read(const struct crs_records *records, struct crs_info *ret);

@@ -6,8 +6,6 @@
 
 extern const char crs_unknown[]; /* "unknown" */
 
-void crs_info_clear(struct crs_info *info);
-
 /* Name of the length unit of `factor` metres, or of the angle unit of `factor` radians. */
 const char *crs_unit_of_length(double factor);
 const char *crs_unit_of_angle(double factor);

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "crs.h"
 #include "lattice.h"
 
 struct err;
@@ -23,16 +24,12 @@ struct input_points {
 	size_t n, cap;
 };
 
-enum input_plane { INPUT_PLANE_UNKNOWN, INPUT_PLANE_PROJECTED, INPUT_PLANE_GEOGRAPHIC, INPUT_PLANE_GEOCENTRIC };
-
 struct input_info {
 	const char *format;        /* "las", "xyz" */
 	char variant[64];          /* "LAS 1.2, point format 3, 34 bytes" */
 	uint64_t claimed;          /* points the header claims; for text: counted by the probe */
 	struct lattice_input coords;
-	enum input_plane plane;
-	char crs[512];             /* short CRS text ("EPSG:26910", WKT name), "unknown" */
-	char unit_xy[16], unit_z[16]; /* "metre", "foot", "us-survey-foot", "degree", "unknown" */
+	struct crs_info crs;       /* what its records say; all unknown for text */
 	char warning[256];         /* a header lie that does no harm, "" if none */
 	uint64_t parts;            /* it can be read in so many parts, in any order and at once; 1: only forwards */
 	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */

@@ -237,16 +237,16 @@ static int check_plane(struct input *in, struct err *err)
 {
 	if (in->planar)
 		return 0;
-	if (in->info.plane == INPUT_PLANE_GEOGRAPHIC) {
+	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC) {
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
 			   "its coordinates are degrees (%.200s), and projecting them is not in this version",
-			   in->info.crs);
+			   in->info.crs.text);
 		return err_add_hint(err, "--planar triangulates the file's own plane, degrees as they are");
 	}
-	if (in->info.plane == INPUT_PLANE_GEOCENTRIC) {
+	if (in->info.crs.plane == CRS_PLANE_GEOCENTRIC) {
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
 			   "its coordinates are geocentric (%.200s): no terrain stands on the plane of x and y",
-			   in->info.crs);
+			   in->info.crs.text);
 		return err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
 	}
 	return 0;

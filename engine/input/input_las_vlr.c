@@ -127,8 +127,6 @@ static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, b
 
 static void settle_crs(struct walk *w)
 {
-	struct input_info *info = &w->in->info;
-	struct crs_info crs;
 	const struct crs_records records = {
 		.keys = { slot_bytes(w, SLOT_KEYS), w->size[SLOT_KEYS] },
 		.doubles = { slot_bytes(w, SLOT_DOUBLES), w->size[SLOT_DOUBLES] },
@@ -137,24 +135,7 @@ static void settle_crs(struct walk *w)
 		.prefer_wkt = w->in->as.las.encoding & 0x10,
 	};
 
-	crs_read(&records, &crs);
-	switch (crs.plane) {
-	case CRS_PLANE_UNKNOWN:
-		info->plane = INPUT_PLANE_UNKNOWN;
-		break;
-	case CRS_PLANE_PROJECTED:
-		info->plane = INPUT_PLANE_PROJECTED;
-		break;
-	case CRS_PLANE_GEOGRAPHIC:
-		info->plane = INPUT_PLANE_GEOGRAPHIC;
-		break;
-	case CRS_PLANE_GEOCENTRIC:
-		info->plane = INPUT_PLANE_GEOCENTRIC;
-		break;
-	}
-	snprintf(info->crs, sizeof info->crs, "%s", crs.text);
-	snprintf(info->unit_xy, sizeof info->unit_xy, "%s", crs.unit_xy);
-	snprintf(info->unit_z, sizeof info->unit_z, "%s", crs.unit_z);
+	crs_read(&records, &w->in->info.crs);
 }
 
 int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs,

@@ -325,10 +325,7 @@ int input_xyz_open(struct input *in, struct err *err)
 	if (rc)
 		return rc;
 	in->info.claimed = probe.points;
-	in->info.plane = INPUT_PLANE_UNKNOWN;
-	snprintf(in->info.crs, sizeof in->info.crs, "unknown");
-	snprintf(in->info.unit_xy, sizeof in->info.unit_xy, "unknown");
-	snprintf(in->info.unit_z, sizeof in->info.unit_z, "unknown");
+	crs_info_clear(&in->info.crs);
 	snprintf(in->info.variant, sizeof in->info.variant, "text, %d and %d decimals", -xyz->exponent_xy,
 		 -xyz->exponent_z);
 	coords->has_offset = false;

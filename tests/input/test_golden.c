@@ -34,17 +34,17 @@ static const struct row rows[] = {
 };
 
 /* What the files say of their coordinate systems; all others say nothing. */
-static const struct { const char *file; enum input_plane plane; const char *crs, *unit_xy, *unit_z; } systems[] = {
-	{ "las10_pdrf0_ft.las", INPUT_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown" },
-	{ "las10_pdrf1_tiny.las", INPUT_PLANE_PROJECTED, "EPSG:26917", "metre", "metre" },
-	{ "las12_pdrf0_lonlat_epsg4326.las", INPUT_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ "las12_pdrf0_utm10.las", INPUT_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "las12_pdrf2_utm10.las", INPUT_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "las12_pdrf3_autzen_ft.las", INPUT_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
-	{ "las12_pdrf3_epsg2903_ftus.las", INPUT_PLANE_PROJECTED, "EPSG:2903 + EPSG:5103", "us-survey-foot",
+static const struct { const char *file; enum crs_plane plane; const char *crs, *unit_xy, *unit_z; } systems[] = {
+	{ "las10_pdrf0_ft.las", CRS_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown" },
+	{ "las10_pdrf1_tiny.las", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "metre" },
+	{ "las12_pdrf0_lonlat_epsg4326.las", CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
+	{ "las12_pdrf0_utm10.las", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
+	{ "las12_pdrf2_utm10.las", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
+	{ "las12_pdrf3_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
+	{ "las12_pdrf3_epsg2903_ftus.las", CRS_PLANE_PROJECTED, "EPSG:2903 + EPSG:5103", "us-survey-foot",
 	  "us-survey-foot" },
-	{ "las12_pdrf3_lonlat_epsg4326.las", INPUT_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ "las14_pdrf7_autzen_ft.las", INPUT_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
+	{ "las12_pdrf3_lonlat_epsg4326.las", CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
+	{ "las14_pdrf7_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
 };
 
 static int failures;
@@ -118,13 +118,14 @@ static void check_system(const struct row *row, const struct input_info *info)
 	while (i < sizeof systems / sizeof *systems && strcmp(systems[i].file, row->file))
 		i++;
 	if (i == sizeof systems / sizeof *systems) {
-		CHECK(row, info->plane == INPUT_PLANE_UNKNOWN && !strcmp(info->crs, "unknown"), "is %s", info->crs);
+		CHECK(row, info->crs.plane == CRS_PLANE_UNKNOWN && !strcmp(info->crs.text, "unknown"), "is %s",
+		      info->crs.text);
 		return;
 	}
-	CHECK(row, info->plane == systems[i].plane, "plane %d", info->plane);
-	CHECK(row, !strcmp(info->crs, systems[i].crs), "is %s", info->crs);
-	CHECK(row, !strcmp(info->unit_xy, systems[i].unit_xy), "in %s", info->unit_xy);
-	CHECK(row, !strcmp(info->unit_z, systems[i].unit_z), "heights in %s", info->unit_z);
+	CHECK(row, info->crs.plane == systems[i].plane, "plane %d", info->crs.plane);
+	CHECK(row, !strcmp(info->crs.text, systems[i].crs), "is %s", info->crs.text);
+	CHECK(row, !strcmp(info->crs.unit_xy, systems[i].unit_xy), "in %s", info->crs.unit_xy);
+	CHECK(row, !strcmp(info->crs.unit_z, systems[i].unit_z), "heights in %s", info->crs.unit_z);
 }
 
 static void check_file(const char *folder, const struct row *row)

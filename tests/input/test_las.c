@@ -124,9 +124,9 @@ static void coordinates(void **state)
 	assert_int_equal(c->offset[0].mantissa, 5);
 	assert_int_equal(c->offset[0].exponent, 5);
 	assert_true(c->min[0] == -1000 && c->max[2] == 1000);
-	assert_int_equal(out.info.plane, INPUT_PLANE_UNKNOWN);
-	assert_string_equal(out.info.crs, "unknown");
-	assert_string_equal(out.info.unit_xy, "unknown");
+	assert_int_equal(out.info.crs.plane, CRS_PLANE_UNKNOWN);
+	assert_string_equal(out.info.crs.text, "unknown");
+	assert_string_equal(out.info.crs.unit_xy, "unknown");
 	assert_string_equal(out.info.warning, "");
 	free(b.at);
 }
@@ -160,10 +160,10 @@ static void coordinate_systems(void **state)
 		b = fixture_las(&s);
 		out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
 		assert_int_equal(out.code, 0);
-		assert_int_equal(out.info.plane, INPUT_PLANE_PROJECTED);
-		assert_string_equal(out.info.crs, "EPSG:32632");
-		assert_string_equal(out.info.unit_xy, "metre");
-		assert_string_equal(out.info.unit_z, "unknown");
+		assert_int_equal(out.info.crs.plane, CRS_PLANE_PROJECTED);
+		assert_string_equal(out.info.crs.text, "EPSG:32632");
+		assert_string_equal(out.info.crs.unit_xy, "metre");
+		assert_string_equal(out.info.crs.unit_z, "unknown");
 		free(b.at);
 
 		s.wkt = GEOGRAPHIC;
@@ -175,7 +175,7 @@ static void coordinate_systems(void **state)
 		out = fixture_read(b.at, b.size, "a.las", &planar, 10);
 		assert_int_equal(out.code, 0);
 		assert_int_equal(out.points, 9);
-		assert_string_equal(out.info.unit_xy, "degree");
+		assert_string_equal(out.info.crs.unit_xy, "degree");
 		free(b.at);
 
 		s.wkt = GEOCENTRIC;
@@ -214,7 +214,7 @@ static void several_records(void **state)
 	put_record(b, at, "LASF_Projection", sizeof GEOGRAPHIC - 1, GEOGRAPHIC);
 	out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
 	assert_int_equal(out.code, 0);
-	assert_string_equal(out.info.crs, "EPSG:32632");
+	assert_string_equal(out.info.crs.text, "EPSG:32632");
 	assert_string_equal(out.info.warning, "");
 	free(b.at);
 }
@@ -231,11 +231,11 @@ static void records_that_lie_of_their_size(void **state)
 	put_record(b, 227, "LASF_Projection", 447, PROJECTED);
 	out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
 	assert_int_equal(out.code, 0);
-	assert_string_equal(out.info.crs, "unknown");
+	assert_string_equal(out.info.crs.text, "unknown");
 	assert_non_null(strstr(out.info.warning, "1 variable length records claimed, 0 read"));
 	put_record(b, 227, "LASF_Projection", 446, PROJECTED);
 	out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
-	assert_string_equal(out.info.crs, "EPSG:32632");
+	assert_string_equal(out.info.crs.text, "EPSG:32632");
 	free(b.at);
 
 	memset(wkt, ' ', size);
@@ -251,7 +251,7 @@ static void records_that_lie_of_their_size(void **state)
 		out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
 		assert_int_equal(out.code, 0);
 		assert_int_equal(out.points, 9);
-		assert_string_equal(out.info.crs, lie == 1 ? "EPSG:32632" : "unknown");
+		assert_string_equal(out.info.crs.text, lie == 1 ? "EPSG:32632" : "unknown");
 		assert_true(lie == 1 || strstr(out.info.warning, lie ? "claimed, 0 read" : "70000 bytes was not read"));
 		free(b.at);
 	}

@@ -74,9 +74,9 @@ static void good_texts(void **state)
 		info = input_info(in);
 		assert_int_equal(info->claimed, g->points);
 		assert_string_equal(info->format, "xyz");
-		assert_string_equal(info->crs, "unknown");
-		assert_string_equal(info->unit_xy, "unknown");
-		assert_int_equal(info->plane, INPUT_PLANE_UNKNOWN);
+		assert_string_equal(info->crs.text, "unknown");
+		assert_string_equal(info->crs.unit_xy, "unknown");
+		assert_int_equal(info->crs.plane, CRS_PLANE_UNKNOWN);
 		assert_false(info->coords.has_offset);
 		assert_int_equal(info->coords.scale[0].mantissa, 1);
 		assert_int_equal(info->coords.scale[0].exponent, g->place_xy);
