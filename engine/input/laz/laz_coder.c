@@ -1,0 +1,109 @@
+/*
+ * The parts of the arithmetic decoder that run rarely: first states and updates of models.
+ *
+ * The arithmetic is LASzip's to the last bit (decoder and encoder must go through the same states); what is
+ * ours is the layout: borders and counts as 16-bit numbers, which hold them since a model's counts are halved
+ * when their sum exceeds 2^15 and at most 8 * (1024 + 6) symbols pass between updates.
+ */
+#include "laz_coder.h"
+
+#include "err.h"
+
+enum { COUNT_MAX = 1 << 15, BIT_COUNT_MAX = 1 << 13, BIT_CYCLE_MAX = 64 };
+
+_Static_assert(sizeof(struct laz_model) == 16 && sizeof(struct laz_bit_model) <= 16, "multiples of 16");
+
+int laz_coder_begin(struct laz_window *w, struct err *err)
+{
+	uint8_t b[4];
+	int rc = laz_window_take(w, b, sizeof b, err);
+
+	if (rc)
+		return rc;
+	w->coder.value = (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
+	w->coder.length = UINT32_MAX;
+	w->coder.bad = w->coder.value == UINT32_MAX; /* the value lies in [0, length) ever after */
+	return 0;
+}
+
+void laz_bit_init(struct laz_bit_model *m)
+{
+	*m = (struct laz_bit_model){ .p0 = 1u << 12, .zeros = 1, .bits = 2, .left = 4, .cycle = 4 };
+}
+
+void laz_bit_update(struct laz_bit_model *m)
+{
+	unsigned bits = m->bits + m->cycle, zeros = m->zeros, cycle = 5u * m->cycle >> 2;
+
+	if (bits > BIT_COUNT_MAX) {
+		bits = (bits + 1) >> 1;
+		zeros = (zeros + 1) >> 1;
+		bits += zeros == bits;
+	}
+	m->bits = (uint16_t)bits;
+	m->zeros = (uint16_t)zeros;
+	m->p0 = zeros * (UINT32_C(0x80000000) / bits) >> 18;
+	m->left = m->cycle = (uint16_t)(cycle < BIT_CYCLE_MAX ? cycle : BIT_CYCLE_MAX);
+}
+
+/* The borders from the counts, whose sum is m->total. */
+static void settle(struct laz_model *m, unsigned layout)
+{
+	int16_t *heads = (int16_t *)(m + 1), *border = heads + LAZ_BORDERS(layout);
+	const uint16_t *count = (const uint16_t *)heads + LAZ_COUNTS(layout);
+	uint32_t scale = UINT32_C(0x80000000) / m->total, sum = 0;
+	unsigned n = m->last + 1u;
+
+	for (unsigned i = 0; i < n; i++) {
+		border[i] = (int16_t)((int32_t)(sum >> 16) - 1);
+		sum += scale * count[i];
+	}
+	if (layout > 64)
+		for (unsigned i = 0; i < n; i += 16)
+			heads[i / 16] = border[i];
+}
+
+void laz_model_init(struct laz_model *m, unsigned layout, unsigned symbols)
+{
+	int16_t *heads = (int16_t *)(m + 1);
+	uint16_t *count = (uint16_t *)heads + LAZ_COUNTS(layout);
+
+	for (unsigned i = 0; i < LAZ_COUNTS(layout); i++)
+		heads[i] = INT16_MAX;
+	for (unsigned i = 0; i < symbols; i++)
+		count[i] = 1;
+	m->last = (uint16_t)(symbols - 1);
+	m->total = symbols;
+	m->left = m->cycle = (uint16_t)((symbols + 6) >> 1);
+	settle(m, layout);
+}
+
+void laz_model_update(struct laz_model *m, unsigned layout)
+{
+	uint16_t *count = (uint16_t *)(m + 1) + LAZ_COUNTS(layout);
+	unsigned n = m->last + 1u, cycle = 5u * m->cycle >> 2, max = (n + 6) << 3;
+
+	m->total += m->cycle;
+	if (m->total > COUNT_MAX) {
+		m->total = 0;
+		for (unsigned i = 0; i < n; i++)
+			m->total += count[i] = (uint16_t)((count[i] + 1) >> 1);
+	}
+	settle(m, layout);
+	m->left = m->cycle = (uint16_t)(cycle < max ? cycle : max);
+}
+
+void laz_models_reset(struct laz_model *m, unsigned n, unsigned count)
+{
+	for (unsigned i = 0; i < count; i++)
+		laz_model_reset(laz_model_at(m, n, i));
+}
+
+void laz_int_reset(struct laz_int *in, unsigned bits, unsigned contexts)
+{
+	uint8_t *zero = (uint8_t *)in + LAZ_INT_BITS_AT(contexts, bits);
+
+	laz_models_reset((struct laz_model *)in, bits + 1, contexts);
+	laz_bit_init((struct laz_bit_model *)zero);
+	laz_models_reset((struct laz_model *)(zero + 16), 256, bits);
+}

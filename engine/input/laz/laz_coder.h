@@ -1,0 +1,245 @@
+/*
+ * The arithmetic decoder of LASzip, its adaptive models and its coding of integers (A. Said, "Introduction to
+ * Arithmetic Coding", HPL-2004-76; M. Isenburg, "LASzip", PE&RS 79(2), 2013). Total: any bytes give symbols,
+ * at most 3 bytes are taken for each call of a laz_* function here (laz_int_read: 10, laz_u32: 4).
+ *
+ * Models lie in memory of the caller. Their size, and the way they are searched, follows from `n`, the number
+ * of symbols, which is given again with every call: where it is a constant, so is the layout. A model that was
+ * laz_model_reset gives itself its first state when laz_symbol_lazy meets it; laz_symbol needs laz_model_init.
+ *
+ * Use: `struct laz_coder c = w->coder;`, for each record laz_window_ready(w, &c, err) and then symbols from &c,
+ * at last `w->coder = c` and laz_window_check. All hot functions are inlined so that c stays in registers.
+ */
+#ifndef LAZ_CODER_H
+#define LAZ_CODER_H
+
+#include <string.h>
+
+#include "laz_window.h"
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
+
+#define LAZ_INLINE static inline __attribute__((always_inline))
+
+/* The first four bytes of an entropy-coded stream, after laz_window_begin or laz_window_take. */
+int laz_coder_begin(struct laz_window *, struct err *err);
+
+/* Back to a length of at least 2^24: 0 to 3 bytes of the stream. */
+LAZ_INLINE void laz_renorm(struct laz_coder *c)
+{
+	unsigned shift = (unsigned)__builtin_clz(c->length) & 24;
+	uint32_t next;
+
+	memcpy(&next, c->at, 4);
+#if __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
+	next = __builtin_bswap32(next);
+#endif
+	c->value = (uint32_t)((((uint64_t)c->value << 32 | next) << shift) >> 32);
+	c->length <<= shift;
+	c->at += shift >> 3;
+}
+
+/* 1 to 19 raw bits. */
+LAZ_INLINE uint32_t laz_bits19(struct laz_coder *c, unsigned n)
+{
+	uint32_t v;
+
+	c->length >>= n;
+	v = c->value / c->length;
+	c->value -= v * c->length;
+	c->bad |= v >> n;
+	laz_renorm(c);
+	return v & ((UINT32_C(1) << n) - 1);
+}
+
+LAZ_INLINE uint32_t laz_u16(struct laz_coder *c) { return laz_bits19(c, 16); }
+
+LAZ_INLINE uint32_t laz_u32(struct laz_coder *c)
+{
+	uint32_t low = laz_u16(c);
+
+	return low | laz_u16(c) << 16;
+}
+
+LAZ_INLINE uint64_t laz_u64(struct laz_coder *c)
+{
+	uint64_t low = laz_u32(c);
+
+	return low | (uint64_t)laz_u32(c) << 32;
+}
+
+/* 1 to 32 raw bits. */
+LAZ_INLINE uint32_t laz_bits(struct laz_coder *c, unsigned n)
+{
+	uint32_t low;
+
+	if (n <= 19)
+		return laz_bits19(c, n);
+	low = laz_u16(c);
+	return low | laz_bits19(c, n - 16) << 16;
+}
+
+/* A model of one bit. */
+struct laz_bit_model {
+	uint32_t p0;             /* probability of 0, times 2^13 */
+	uint16_t zeros, bits;    /* counts */
+	uint16_t left, cycle;    /* bits until the next update, between updates */
+};
+
+void laz_bit_init(struct laz_bit_model *);
+void laz_bit_update(struct laz_bit_model *);
+
+LAZ_INLINE unsigned laz_bit(struct laz_coder *c, struct laz_bit_model *m)
+{
+	uint32_t x = m->p0 * (c->length >> 13);
+	unsigned bit = c->value >= x;
+
+	m->zeros = (uint16_t)(m->zeros + !bit);
+	c->value -= bit ? x : 0;
+	c->length = bit ? c->length - x : x;
+	laz_renorm(c);
+	if (laz_unlikely(--m->left == 0))
+		laz_bit_update(m);
+	return bit;
+}
+
+/*
+ * A model of n symbols, 2 to 1024. Behind the head lie, as 16-bit numbers: of more than 64 symbols every 16th
+ * border; the borders, each less by one so that numbers that fill up (32767) are below nothing; the counts.
+ */
+struct laz_model {
+	uint16_t last;           /* the largest symbol */
+	uint16_t left;           /* symbols until the next update */
+	uint16_t cycle;          /* symbols between updates; 0: no state yet */
+	uint16_t pad;
+	uint32_t total;
+	uint32_t pad2;
+};
+
+#define LAZ_UP16(n) (((n) + 15u) & ~15u)
+/* Places in 16-bit numbers behind the head. */
+#define LAZ_BORDERS(n) ((n) > 64 ? LAZ_UP16(LAZ_UP16(n) / 16) : 0)
+#define LAZ_COUNTS(n) (LAZ_BORDERS(n) + LAZ_UP16(n))
+/* Bytes of a model of n symbols, as a constant; a multiple of 16. */
+#define LAZ_MODEL_BYTES(n) (sizeof(struct laz_model) + 2 * (LAZ_COUNTS(n) + LAZ_UP16(n)))
+
+/* `layout` is the n that is given to laz_symbol, and may be more than the number of symbols. */
+void laz_model_init(struct laz_model *, unsigned layout, unsigned symbols);
+void laz_model_update(struct laz_model *, unsigned layout);
+/* No state: see laz_symbol_lazy. */
+static inline void laz_model_reset(struct laz_model *m) { m->cycle = 0; }
+/* `count` models of n symbols, one behind the other. */
+void laz_models_reset(struct laz_model *, unsigned n, unsigned count);
+
+LAZ_INLINE struct laz_model *laz_model_at(struct laz_model *m, unsigned n, unsigned i)
+{
+	return (struct laz_model *)((uint8_t *)m + i * LAZ_MODEL_BYTES(n));
+}
+
+/* Bit i is set where at[i] < v, of 16 numbers that grow. */
+LAZ_INLINE uint32_t laz_below16(const int16_t *at, int16_t v)
+{
+#ifdef __SSE2__
+	__m128i x = _mm_set1_epi16(v);
+	__m128i a = _mm_cmpgt_epi16(x, _mm_loadu_si128((const __m128i *)at));
+	__m128i b = _mm_cmpgt_epi16(x, _mm_loadu_si128((const __m128i *)(at + 8)));
+
+	return (uint32_t)_mm_movemask_epi8(_mm_packs_epi16(a, b));
+#else
+	uint32_t bits = 0;
+
+	for (unsigned i = 0; i < 16; i++)
+		bits |= (uint32_t)(at[i] < v) << i;
+	return bits;
+#endif
+}
+
+/* How many of n (up to 64) numbers that grow are below v. */
+LAZ_INLINE unsigned laz_count_below(const int16_t *at, unsigned n, int16_t v)
+{
+	uint64_t bits = laz_below16(at, v);
+
+	if (n > 16)
+		bits |= (uint64_t)laz_below16(at + 16, v) << 16;
+	if (n > 32)
+		bits |= (uint64_t)laz_below16(at + 32, v) << 32;
+	if (n > 48)
+		bits |= (uint64_t)laz_below16(at + 48, v) << 48;
+	return n > 48 && bits == UINT64_MAX ? 64 : (unsigned)__builtin_ctzll(~bits);
+}
+
+/* A symbol of a model of layout n. */
+LAZ_INLINE unsigned laz_symbol(struct laz_coder *c, struct laz_model *m, unsigned n)
+{
+	int16_t *heads = (int16_t *)(m + 1), *border = heads + LAZ_BORDERS(n);
+	uint16_t *count = (uint16_t *)heads + LAZ_COUNTS(n);
+	uint32_t unit = c->length >> 15, v = c->value / unit, x, y;
+	unsigned sym, group = 0;
+	int16_t t = (int16_t)(v < 32767 ? v : 32767);
+
+	/* border[0] is -1, below everything: what is counted is at least 1 */
+	if (n > 64)
+		group = (laz_count_below(heads, LAZ_BORDERS(n), t) - 1) * 16;
+	sym = group + laz_count_below(border + group, n > 64 ? 16 : n, t) - 1;
+	x = (uint32_t)(border[sym] + 1) * unit;
+	y = (uint32_t)(border[sym + 1] + 1) * unit;
+	y = sym == m->last ? c->length : y;
+	c->value -= x;
+	c->length = y - x;
+	laz_renorm(c);
+	count[sym]++;
+	if (laz_unlikely(--m->left == 0))
+		laz_model_update(m, n);
+	return sym;
+}
+
+LAZ_INLINE unsigned laz_symbol_lazy(struct laz_coder *c, struct laz_model *m, unsigned n)
+{
+	if (laz_unlikely(!m->cycle))
+		laz_model_init(m, n, n);
+	return laz_symbol(c, m, n);
+}
+
+/*
+ * Integers of `bits` (8, 16 or 32) as corrections of a prediction, in `contexts` contexts. In memory: a model of
+ * bits + 1 symbols for each context (how many bits the correction has), the model of the correction of no bits,
+ * then one of layout 256 for each number of bits, of its upper 8 bits.
+ */
+struct laz_int;
+#define LAZ_INT_BITS_AT(contexts, bits) ((contexts) * LAZ_MODEL_BYTES((bits) + 1))
+#define LAZ_INT_BYTES(bits, contexts) \
+	(LAZ_INT_BITS_AT(contexts, bits) + 16 + (bits) * LAZ_MODEL_BYTES(256))
+
+/* At the beginning of every chunk. */
+void laz_int_reset(struct laz_int *, unsigned bits, unsigned contexts);
+
+/* *ret_k: how many bits the correction had, 0 to `bits`. */
+LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts,
+				int32_t predicted, unsigned context, unsigned *ret_k)
+{
+	uint8_t *memory = (uint8_t *)in, *zero = memory + LAZ_INT_BITS_AT(contexts, bits);
+	unsigned k = laz_symbol_lazy(c, laz_model_at((struct laz_model *)in, bits + 1, context), bits + 1);
+	struct laz_model *m;
+	uint32_t v;
+
+	*ret_k = k;
+	if (k == 0) {
+		v = laz_bit(c, (struct laz_bit_model *)zero);
+	} else if (k < 32) {
+		m = laz_model_at((struct laz_model *)(zero + 16), 256, k - 1);
+		if (laz_unlikely(!m->cycle))
+			laz_model_init(m, 256, k < 8 ? 1u << k : 256);
+		v = laz_symbol(c, m, 256);
+		if (k > 8)
+			v = v << (k - 8) | laz_bits(c, k - 8);
+		/* 0 to 2^k - 1, of which the lower half are -(2^k - 1) to -2^(k-1), the upper 2^(k-1) + 1 to 2^k */
+		v += v >> (k - 1) ? 1 : 1 - (UINT32_C(1) << k);
+	} else {
+		v = UINT32_C(1) << 31;
+	}
+	v += (uint32_t)predicted;
+	return (int32_t)(bits < 32 ? v & ((UINT32_C(1) << (bits & 31)) - 1) : v);
+}
+
+#endif
