@@ -23,7 +23,7 @@ struct mesh_link {
 	uint32_t edges;    /* triangles counted */
 };
 
-#define MESH_RULES 8 /* at least VIEW_RULES */
+#define MESH_RULES 12 /* at least VIEW_RULES */
 
 struct mesh_counts {
 	uint64_t points;               /* records read whose position lies in the region */

@@ -18,7 +18,7 @@
 #include "tri.h"
 
 /* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
-static const char KERNEL[] = "kernel 1";
+static const char KERNEL[] = "kernel 2";
 
 enum { USED = 1, OPEN = 2 };
 

@@ -1,18 +1,40 @@
 /*
  * Views as predicates (view.h). The model: a view is normalised before it is used or named (--surface is
- * first returns and highest, --ground is lowest), so that two ways to ask for the same are one view.
+ * first returns and highest, --ground is lowest), so that two ways to ask for the same are one view. Every
+ * number of the lattice is absolute, so that a dataset's offset changes neither text nor choice.
  */
 #include "view.h"
 
 #include <string.h>
 
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
 #include "err.h"
+#include "lattice.h"
+#include "view_area.h"
 
 enum { CLASS_GROUND = 2, CLASS_NOISE_LOW = 7, CLASS_KEY = 8, CLASS_NOISE_HIGH = 18 };
 
 static bool view_names_class(const struct view *v, unsigned cls)
 {
 	return v->has_classes && (v->classes[cls >> 6] >> (cls & 63) & 1);
+}
+
+static bool view_drops_class(const struct view *v, unsigned cls)
+{
+	return v->not_classes[cls >> 6] >> (cls & 63) & 1;
+}
+
+void view_done(struct view *v)
+{
+	view_area_free(v->area);
+	*v = VIEW_INIT;
+}
+
+void view_bind(struct view *v, const struct lattice *lattice)
+{
+	memcpy(v->k, lattice->k, sizeof v->k);
 }
 
 struct view view_normal(const struct view *v)
@@ -26,9 +48,28 @@ struct view view_normal(const struct view *v)
 	}
 	if (w.ground)
 		w.duplicates = VIEW_LOWEST;
-	if (!w.has_classes)
-		memset(w.classes, 0, sizeof w.classes);
+	for (unsigned i = 0; i < 4; i++)
+		w.classes[i] = w.has_classes ? w.classes[i] & ~w.not_classes[i] : 0;
+	if (w.has_classes)
+		memset(w.not_classes, 0, sizeof w.not_classes);
+	if (!w.has_zmin)
+		w.zmin = 0;
+	if (!w.has_zmax)
+		w.zmax = 0;
+	if (w.every <= 1)
+		w.every = 0;
+	if (!w.thin.cell)
+		w.thin.pick = VIEW_PICK_LOWEST;
 	return w;
+}
+
+/* True if no class is left. */
+static bool no_class(const struct view *v)
+{
+	for (unsigned i = 0; i < 4; i++)
+		if ((v->has_classes ? v->classes[i] : UINT64_MAX) & ~v->not_classes[i])
+			return false;
+	return true;
 }
 
 int view_check(const struct view *v, struct err *err)
@@ -45,12 +86,24 @@ int view_check(const struct view *v, struct err *err)
 		err_set(err, ERR_USAGE, "the ground is the lowest of several points of one position");
 		return err_add_hint(err, "use --class 2,8 --duplicates highest");
 	}
+	if (no_class(v)) {
+		err_set(err, ERR_USAGE, "no class is left: all that --class names are left out by --not-class");
+		return err_add_hint(err, "leave out one of them");
+	}
+	if (v->has_zmin && v->has_zmax && v->zmin > v->zmax) {
+		err_set(err, ERR_USAGE, "--zmin is above --zmax: no height is left");
+		return err_add_hint(err, "swap them");
+	}
+	if (v->crop != VIEW_CROP_NONE && (v->crop_box[0] > v->crop_box[2] || v->crop_box[1] > v->crop_box[3])) {
+		err_set(err, ERR_USAGE, "the box of --crop is empty");
+		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
+	}
 	return 0;
 }
 
 static bool has_class(const struct view *v, const struct point *p)
 {
-	if (v->has_classes && !view_names_class(v, p->cls))
+	if (view_drops_class(v, p->cls) || (v->has_classes && !view_names_class(v, p->cls)))
 		return false;
 	return !v->ground || p->cls == CLASS_GROUND || p->cls == CLASS_KEY || (p->tag & POINT_KEY);
 }
@@ -69,8 +122,28 @@ static bool has_return(unsigned returns, const struct point *p)
 	}
 }
 
+static bool in_crop(const struct view *v, int64_t x, int64_t y)
+{
+	const int64_t *b = v->crop_box;
+
+	if (v->crop == VIEW_CROP_AREA)
+		return view_area_has(v->area, x, y);
+	return x >= b[0] && y >= b[1] && x <= b[2] && y <= b[3];
+}
+
+/* DESIGN 5: XXH3-64, seed 0, over the 16 bytes of the absolute position, little-endian. */
+static bool in_every(const struct view *v, int64_t x, int64_t y)
+{
+	const int64_t at[2] = {x, y};
+
+	_Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "positions are hashed as they lie in memory");
+	return XXH3_64bits(at, sizeof at) % v->every == 0;
+}
+
 enum view_rule view_judge(const struct view *v, const struct point *p)
 {
+	int64_t x = p->x + v->k[0], y = p->y + v->k[1], z = p->z + v->k[2];
+
 	if (!has_class(v, p))
 		return VIEW_BY_CLASS;
 	if ((p->cls == CLASS_NOISE_LOW || p->cls == CLASS_NOISE_HIGH) && !v->keep_noise &&
@@ -80,7 +153,79 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 		return VIEW_BY_RETURNS;
 	if ((p->tag & POINT_WITHHELD) && !v->keep_withheld)
 		return VIEW_BY_WITHHELD;
+	if ((p->tag & POINT_OVERLAP) && v->drop_overlap)
+		return VIEW_BY_OVERLAP;
+	if ((v->has_zmin && z < v->zmin) || (v->has_zmax && z > v->zmax))
+		return VIEW_BY_Z;
+	if (v->crop && !in_crop(v, x, y))
+		return VIEW_BY_CROP;
+	if (v->every > 1 && !in_every(v, x, y))
+		return VIEW_BY_EVERY;
 	return VIEW_KEPT;
+}
+
+bool view_selects(const struct view *v)
+{
+	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell;
+}
+
+struct view view_rest(const struct view *v)
+{
+	struct view rest = VIEW_INIT, normal = view_normal(v);
+
+	rest.keep_withheld = rest.keep_noise = true;
+	rest.duplicates = normal.duplicates;
+	memcpy(rest.k, v->k, sizeof rest.k);
+	return rest;
+}
+
+bool view_may_hold(const struct view *v, const int32_t box[4])
+{
+	const int64_t at[4] = {box[0] + v->k[0], box[1] + v->k[1], box[2] + v->k[0], box[3] + v->k[1]};
+	const int64_t *b = v->crop_box;
+
+	switch (v->crop) {
+	case VIEW_CROP_AREA:
+		return view_area_meets(v->area, at);
+	case VIEW_CROP_BOX:
+		return at[0] <= b[2] && at[1] <= b[3] && at[2] >= b[0] && at[3] >= b[1];
+	default:
+		return true;
+	}
+}
+
+static int64_t cell_number(int64_t v, int64_t cell)
+{
+	return v / cell - (v % cell < 0);
+}
+
+void view_thin_cell(const struct view *v, const struct point *p, int64_t ret[2])
+{
+	ret[0] = cell_number(p->x + v->k[0], v->thin.cell);
+	ret[1] = cell_number(p->y + v->k[1], v->thin.cell);
+}
+
+/* By all of the record but height, position and source. */
+static int compare_kind(const struct point *a, const struct point *b)
+{
+	if (a->cls != b->cls)
+		return a->cls < b->cls ? -1 : 1;
+	if (a->ret != b->ret)
+		return a->ret < b->ret ? -1 : 1;
+	return (int)point_flags(a) - (int)point_flags(b);
+}
+
+int view_thin_compare(const struct view_thin *t, const struct point *a, const struct point *b)
+{
+	int r;
+
+	if (a->z != b->z)
+		return (a->z < b->z) == (t->pick != VIEW_PICK_HIGHEST) ? -1 : 1;
+	if ((r = compare_kind(a, b)))
+		return r;
+	if (a->x != b->x)
+		return a->x < b->x ? -1 : 1;
+	return (a->y > b->y) - (a->y < b->y);
 }
 
 bool view_prefers(const struct view *v, const struct point *a, const struct point *b)
@@ -89,11 +234,7 @@ bool view_prefers(const struct view *v, const struct point *a, const struct poin
 
 	if (a->z != b->z)
 		return highest ? a->z > b->z : a->z < b->z;
-	if (a->cls != b->cls)
-		return a->cls < b->cls;
-	if (a->ret != b->ret)
-		return a->ret < b->ret;
-	return point_flags(a) < point_flags(b);
+	return compare_kind(a, b) < 0;
 }
 
 const char *view_rule_text(enum view_rule rule)
@@ -104,6 +245,11 @@ const char *view_rule_text(enum view_rule rule)
 		[VIEW_BY_NOISE] = "noise",
 		[VIEW_BY_RETURNS] = "returns",
 		[VIEW_BY_WITHHELD] = "withheld",
+		[VIEW_BY_OVERLAP] = "overlap",
+		[VIEW_BY_Z] = "z",
+		[VIEW_BY_CROP] = "crop",
+		[VIEW_BY_EVERY] = "every",
+		[VIEW_BY_THIN] = "thin",
 		[VIEW_BY_DUPLICATE] = "duplicate",
 	};
 

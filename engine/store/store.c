@@ -27,7 +27,7 @@ _Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 1
 
 enum { HEADER = 256, NAME = 2 + 32 + 1, TEMP = NAME + 48 };
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
-static const uint32_t VERSION = 1;
+static const uint32_t VERSION = 2;
 
 struct layout {
 	size_t link, vertex, triangle, payload, final, total;

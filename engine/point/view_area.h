@@ -1,0 +1,41 @@
+/*
+ * The area of a crop: polygons with holes on whole lattice numbers (absolute), and the exact question whether a
+ * position lies in it. The area is closed: every corner and every point of an edge belongs to it, of holes too.
+ * A polygon is its first ring less the insides of its other rings; an area is all of its polygons together.
+ * Inside of a ring is what a ray leaves an odd number of times.
+ */
+#ifndef VIEW_AREA_H
+#define VIEW_AREA_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct err;
+struct view_area;
+
+/* Corners lie within this of zero, so that differences to any absolute lattice number fit 64 bits. */
+#define VIEW_AREA_MOST (INT64_C(1) << 60)
+
+/* Made corner by corner. Rings need not repeat their first corner. */
+struct view_area *view_area_new(void);                        /* NULL: no memory */
+int view_area_ring(struct view_area *, bool shell, struct err *err); /* shell: begins a polygon */
+int view_area_corner(struct view_area *, int64_t x, int64_t y, struct err *err);
+/* Brings the rings to their normal form (corners that repeat dropped, the smallest first, its smaller neighbour
+ * next; holes without inside dropped), indexes them. -ERR_USAGE: no corner at all. */
+int view_area_end(struct view_area *, struct err *err);
+void view_area_free(struct view_area *); /* NULL is fine */
+
+/* After view_area_end; read only. */
+bool view_area_has(const struct view_area *, int64_t x, int64_t y);
+/* False only if no position of the box (closed) lies in the area. */
+bool view_area_meets(const struct view_area *, const int64_t box[4]);
+void view_area_bounds(const struct view_area *, int64_t ret[4]);
+/* True if it is one rectangle along the axes: then its bounds say all. */
+bool view_area_is_box(const struct view_area *);
+
+size_t view_area_rings(const struct view_area *);
+/* Corners of ring i; ret_shell: it begins a polygon. */
+size_t view_area_ring_at(const struct view_area *, size_t i, bool *ret_shell, const int64_t (**ret)[2]);
+
+#endif
