@@ -49,6 +49,36 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *, struct p
 /* Adds what another part of the same input gave. */
 void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part);
 
+/* ---- select: the grid of the points that a view with crop, every or thin keeps ---- */
+
+/* What such a selection counted. points is the sum of all removed and kept. */
+struct pipe_selected {
+	uint64_t points;              /* of the generation */
+	uint64_t removed[VIEW_RULES]; /* never as duplicates: that rule applies to the selected grid */
+	uint64_t kept;                /* points of the selected grid */
+};
+
+struct pipe_select_params {
+	const struct grid *grid;
+	const struct view *view;      /* bound to the grid's lattice */
+	size_t memory;                /* all that it takes, at least pipe_select_min; the caller has charged it */
+	int dirfd;                    /* a folder of its own: segment, counts, and last the manifest */
+	pipe_progress_fn progress;    /* may be NULL; called now and then with the points judged so far;
+				       * non-zero from it cancels (-ERR_CANCELLED) */
+	void *ctx;
+};
+
+#define PIPE_SELECT_MANIFEST "manifest" /* in the folder, when all else is there */
+size_t pipe_select_min(const struct grid *grid);
+/* Makes a grid of exactly the points that all rules but that of duplicates keep, on the same lattice. Which
+ * points these are depends on the points of the generation only. After a failure the folder may hold files. */
+int pipe_select(const struct pipe_select_params *params, struct pipe_selected *ret, struct err *err);
+/* The counts that pipe_select left in its folder. -ERR_CORRUPT: they are damaged. */
+int pipe_selected_read(int dirfd, struct pipe_selected *ret, struct err *err);
+/* The identity of a selection: content of the generation, lattice, and the rules that select. Views that differ
+ * in the rule of duplicates only share it. */
+struct digest pipe_select_key(const struct grid *grid, const struct view *view);
+
 /* ---- plan ---- */
 
 enum { PIPE_RUNGS = 4 };

@@ -252,12 +252,11 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory)
 	return (size_t)(end - (const uint8_t *)memory) + pipe_round(((size_t)domain->nvertex + 7) / 8);
 }
 
-struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region)
+struct digest pipe_content(const struct grid *grid)
 {
 	const struct grid_manifest *m = grid_manifest(grid);
-	char region_text[CUT_REGION_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
-	struct digest parts[4];
 	uint64_t generation = grid_generation(grid);
+	XXH128_hash_t content;
 	XXH3_state_t state;
 	size_t i;
 
@@ -276,17 +275,26 @@ struct digest pipe_domain_key(const struct grid *grid, const struct view *view, 
 		XXH3_128bits_update(&state, s->name, strlen(s->name) + 1);
 		XXH3_128bits_update(&state, &s->hash, sizeof s->hash);
 	}
-	XXH128_hash_t content = XXH3_128bits_digest(&state);
+	content = XXH3_128bits_digest(&state);
+	return (struct digest){ content.high64, content.low64 };
+}
 
-	lattice_text(&m->lattice, lattice);
+struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region)
+{
+	char region_text[CUT_REGION_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
+	struct digest parts[4];
+	XXH128_hash_t key;
+	XXH3_state_t state;
+
+	lattice_text(&grid_manifest(grid)->lattice, lattice);
 	cut_region_text(region, region_text);
-	parts[0] = (struct digest){ content.high64, content.low64 };
+	parts[0] = pipe_content(grid);
 	parts[1] = digest_hash(lattice, strlen(lattice));
 	parts[2] = view_hash(view);
 	parts[3] = digest_hash(region_text, strlen(region_text));
 	XXH3_128bits_reset(&state);
 	XXH3_128bits_update(&state, KERNEL, sizeof KERNEL);
 	XXH3_128bits_update(&state, parts, sizeof parts);
-	content = XXH3_128bits_digest(&state);
-	return (struct digest){ content.high64, content.low64 };
+	key = XXH3_128bits_digest(&state);
+	return (struct digest){ key.high64, key.low64 };
 }

@@ -7,9 +7,11 @@
 void *__real_malloc(size_t);
 void *__real_calloc(size_t, size_t);
 void *__real_realloc(void *, size_t);
+void *__real_aligned_alloc(size_t, size_t);
 void *__wrap_malloc(size_t);
 void *__wrap_calloc(size_t, size_t);
 void *__wrap_realloc(void *, size_t);
+void *__wrap_aligned_alloc(size_t, size_t);
 
 static size_t taken;
 
@@ -29,6 +31,12 @@ void *__wrap_realloc(void *old, size_t n)
 {
 	taken += n;
 	return __real_realloc(old, n);
+}
+
+void *__wrap_aligned_alloc(size_t align, size_t n)
+{
+	taken += n;
+	return __real_aligned_alloc(align, n);
 }
 
 static uint64_t bytes_read;

@@ -1,0 +1,109 @@
+/*
+ * What a selection leaves beside its segment: its identity, and its counts as a small text file, so that a grid
+ * that is used again reports what the first use did.
+ *
+ * The file is lines of "name value" with a checksum as the last; it is written before the manifest, so a folder
+ * with a manifest has its counts. Nothing is fsynced: it can be made again.
+ */
+#include "pipe.h"
+
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "err.h"
+#include "io.h"
+#include "pipe_priv.h"
+
+/* Bump it when the same view selects other points: grids of the old rules are then not found. */
+static const char RULES[] = "selection 1";
+static const char COUNTS[] = "counts";
+static const char HEAD[] = "acut-selection 1\n";
+
+enum { TEXT_MAX = 1024 };
+
+struct digest pipe_select_key(const struct grid *grid, const struct view *view)
+{
+	char text[VIEW_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
+	struct view selecting = view_normal(view);
+	struct digest parts[4];
+
+	selecting.duplicates = VIEW_LOWEST;
+	view_text(&selecting, text);
+	lattice_text(&grid_manifest(grid)->lattice, lattice);
+	parts[0] = pipe_content(grid);
+	parts[1] = digest_hash(lattice, strlen(lattice));
+	parts[2] = digest_hash(text, strlen(text));
+	parts[3] = digest_hash(RULES, sizeof RULES);
+	return digest_hash(parts, sizeof parts);
+}
+
+static int counts_text(const struct pipe_selected *s, char text[TEXT_MAX])
+{
+	int at = snprintf(text, TEXT_MAX, "%spoints %" PRIu64 "\nkept %" PRIu64 "\n", HEAD, s->points, s->kept);
+	char hex[DIGEST_HEX_SIZE];
+
+	for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
+		at += snprintf(text + at, TEXT_MAX - (size_t)at, "%s %" PRIu64 "\n", view_rule_text((enum view_rule)i),
+			       s->removed[i]);
+	return at + snprintf(text + at, TEXT_MAX - (size_t)at, "check %s\n",
+			     digest_hex(digest_hash(text, (size_t)at), hex));
+}
+
+int pipe_selected_write(int dirfd, const struct pipe_selected *s, struct err *err)
+{
+	char text[TEXT_MAX];
+	int n = counts_text(s, text), fd, r;
+
+	r = io_open(dirfd, COUNTS, O_WRONLY | O_CREAT | O_TRUNC, 0640, &fd, err);
+	if (r)
+		return r;
+	r = io_write_at(fd, text, (size_t)n, 0, COUNTS, err);
+	io_close(fd);
+	return r;
+}
+
+/* The numbers of the lines, whatever they are worth: the text made of them again must be the one read. */
+static void counts_parse(const char *text, struct pipe_selected *ret)
+{
+	char name[32];
+	uint64_t n;
+
+	for (const char *line = strchr(text, '\n'); line && line[1]; line = strchr(line + 1, '\n')) {
+		if (sscanf(line + 1, "%31s %" SCNu64, name, &n) != 2)
+			continue;
+		if (!strcmp(name, "points"))
+			ret->points = n;
+		else if (!strcmp(name, "kept"))
+			ret->kept = n;
+		for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
+			if (!strcmp(name, view_rule_text((enum view_rule)i)))
+				ret->removed[i] = n;
+	}
+}
+
+int pipe_selected_read(int dirfd, struct pipe_selected *ret, struct err *err)
+{
+	char text[TEXT_MAX] = "", again[TEXT_MAX];
+	struct pipe_selected s = { 0 };
+	size_t n = 0;
+	int fd, r;
+
+	r = io_open(dirfd, COUNTS, O_RDONLY, 0, &fd, err);
+	if (r)
+		return r;
+	r = io_read_some(fd, text, sizeof text - 1, 0, COUNTS, &n, err);
+	io_close(fd);
+	if (r)
+		return r;
+	text[n] = 0;
+	counts_parse(text, &s);
+	counts_text(&s, again);
+	if (strcmp(text, again)) {
+		err_set(err, ERR_CORRUPT, "the counts of a selection are damaged");
+		return err_add_file(err, COUNTS);
+	}
+	*ret = s;
+	return 0;
+}
