@@ -2,14 +2,16 @@
  * Units and texts of coordinate systems, and the choice between the two kinds of record.
  *
  * Model: each kind of record is read alone (crs_geokeys.c, crs_wkt.c) into a crs_info that starts as all
- * unknown; here the two answers become one. Not here: any transformation, any list of systems.
+ * unknown; here the two answers become one. Not here: any transformation.
  */
 #include "crs.h"
 #include "crs_parts.h"
 
+#include <ctype.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <strings.h>
 
 const char crs_unknown[] = "unknown";
 
@@ -22,9 +24,39 @@ void crs_info_clear(struct crs_info *info)
 	snprintf(info->text, sizeof info->text, "%s", crs_unknown);
 }
 
+bool crs_is_unknown(const char *text)
+{
+	return !strcmp(text, crs_unknown);
+}
+
+/* ---- units ---- */
+
 void crs_set_unit(char unit[CRS_UNIT_SIZE], const char *name)
 {
 	snprintf(unit, CRS_UNIT_SIZE, "%s", name);
+}
+
+bool crs_unit_ratio(const char *name, int64_t *num, int64_t *den)
+{
+	static const struct { const char *name; int64_t num, den; } table[] = {
+		{ "metre", 1, 1 }, { "foot", 381, 1250 }, { "us-survey-foot", 1200, 3937 },
+	};
+
+	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
+		if (strcmp(name, table[i].name))
+			continue;
+		*num = table[i].num;
+		*den = table[i].den;
+		return true;
+	}
+	return false;
+}
+
+double crs_unit_metres(const char *name)
+{
+	int64_t num, den;
+
+	return crs_unit_ratio(name, &num, &den) ? (double)num / (double)den : 0;
 }
 
 /* Writers print the US survey foot (1200/3937 m, EPSG 9003) with 7 to 17 digits; it differs from the
@@ -62,55 +94,148 @@ const char *crs_unit_of_epsg(unsigned code)
 	}
 }
 
-/* EPSG defines these systems in metres (or in the unit said); that is a fact, not a guess. The list is
- * deliberately short: UTM of the common datums, and vertical systems seen in survey files. */
-const char *crs_unit_of_system(unsigned epsg)
+const char *crs_unit_of_remark(const char *text, size_t size)
 {
-	static const struct { unsigned first, last; const char *unit; } table[] = {
-		{ 2154, 2154, "metre" },    /* RGF93 / Lambert-93 */
-		{ 3857, 3857, "metre" },    /* Pseudo-Mercator */
-		{ 5703, 5703, "metre" },    /* NAVD88 height */
-		{ 5773, 5773, "metre" },    /* EGM96 height */
-		{ 6360, 6360, "us-survey-foot" }, /* NAVD88 height (ftUS) */
-		{ 8228, 8228, "foot" },     /* NAVD88 height (ft) */
-		{ 25828, 25838, "metre" },  /* ETRS89 / UTM */
-		{ 26901, 26923, "metre" },  /* NAD83 / UTM north */
-		{ 32601, 32660, "metre" },  /* WGS 84 / UTM north */
-		{ 32701, 32760, "metre" },  /* WGS 84 / UTM south */
+	/* EPSG ends the names of its systems so; "(ft)" is the international foot there. */
+	static const struct { const char *ending, *unit; } endings[] = {
+		{ "(m)", "metre" }, { "(ft)", "foot" }, { "(ftus)", "us-survey-foot" },
 	};
+	static const struct { const char *word, *unit; } words[] = {
+		{ "ussurveyf", "us-survey-foot" }, { "surveyfoot", "us-survey-foot" },
+		{ "surveyfeet", "us-survey-foot" }, { "footus", "us-survey-foot" },
+		{ "feetus", "us-survey-foot" },     { "ftus", "us-survey-foot" },
+		{ "usft", "us-survey-foot" },       { "usfeet", "us-survey-foot" },
+		{ "usfoot", "us-survey-foot" },     { "internationalf", "foot" },
+		{ "intlf", "foot" },                { "metre", "metre" },
+		{ "meter", "metre" },
+	};
+	char plain[CRS_TEXT_SIZE];
+	const char *found = NULL;
 
-	for (size_t i = 0; i < sizeof table / sizeof *table; i++)
-		if (epsg >= table[i].first && epsg <= table[i].last)
-			return table[i].unit;
-	return crs_unknown;
+	while (size && text[size - 1] == ' ')
+		size--;
+	for (size_t i = 0; i < sizeof endings / sizeof *endings; i++) {
+		size_t n = strlen(endings[i].ending);
+
+		if (size >= n && !strncasecmp(text + size - n, endings[i].ending, n))
+			return endings[i].unit;
+	}
+	crs_text_plain((struct crs_span){ text, size }, plain, sizeof plain);
+	for (size_t i = 0; i < sizeof words / sizeof *words; i++) {
+		if (!strstr(plain, words[i].word))
+			continue;
+		if (found && strcmp(found, words[i].unit))
+			return crs_unknown;
+		found = words[i].unit;
+	}
+	return found ? found : crs_unknown;
 }
 
-void crs_text_append(struct crs_info *info, const char *separator, const char *text, size_t size)
+/* ---- texts ---- */
+
+void crs_text_append(struct crs_info *info, const char *text, size_t size)
 {
 	size_t n;
 
 	if (!size)
 		return;
-	if (!strcmp(info->text, crs_unknown))
+	if (crs_is_unknown(info->text))
 		info->text[0] = 0;
 	n = strlen(info->text);
 	if (n)
-		n += (size_t)snprintf(info->text + n, sizeof info->text - n, "%s", separator);
-	for (size_t i = 0; i < size && n + 1 < sizeof info->text; i++)
-		info->text[n++] = text[i] >= 0x20 && text[i] < 0x7f ? text[i] : '?';
+		n += (size_t)snprintf(info->text + n, sizeof info->text - n, " + ");
+	for (size_t i = 0; i < size && n + 1 < sizeof info->text; i++) {
+		char c = text[i] >= 0x20 && text[i] < 0x7f ? text[i] : '?';
+
+		/* " + " tells the parts apart and must not stand in one of them */
+		if (c == '+' && i && text[i - 1] == ' ')
+			c = '&';
+		info->text[n++] = c;
+	}
 	info->text[n < sizeof info->text ? n : sizeof info->text - 1] = 0;
+}
+
+void crs_text_append_epsg(struct crs_info *info, unsigned code)
+{
+	char text[24];
+
+	crs_text_append(info, text, (size_t)snprintf(text, sizeof text, "EPSG:%u", code));
+}
+
+char *crs_text_plain(struct crs_span name, char *buf, size_t size)
+{
+	size_t n = 0;
+
+	for (size_t i = 0; i < name.size && n + 1 < size; i++) {
+		unsigned char c = (unsigned char)name.at[i];
+
+		if (c < 0x80 && isalnum(c))
+			buf[n++] = (char)tolower(c);
+	}
+	buf[n] = 0;
+	return buf;
+}
+
+/* ---- one answer ---- */
+
+void crs_info_settle(struct crs_info *info)
+{
+	struct crs_system *s = &info->system;
+
+	if (info->plane == CRS_PLANE_GEOGRAPHIC)
+		s->unit = strcmp(info->unit_xy, "degree") ? 0 : 1;
+	else
+		s->unit = crs_unit_metres(info->unit_xy);
+	s->unit_z = crs_unit_metres(info->unit_z);
+	if (s->a == 0 || (info->plane != CRS_PLANE_PROJECTED && info->plane != CRS_PLANE_GEOGRAPHIC))
+		s->method = CRS_METHOD_UNKNOWN;
+	if (s->method == CRS_METHOD_UNKNOWN) {
+		s->lat0 = s->lon0 = s->lat1 = s->lat2 = 0;
+		s->k0 = s->x0 = s->y0 = 0;
+	}
+}
+
+/* The vertical half of a text, with its " + ". */
+static const char *vertical_text(const struct crs_info *info)
+{
+	return strstr(info->text, " + ");
+}
+
+static void fill_system(struct crs_system *s, const struct crs_system *other, bool same_name)
+{
+	if (!s->epsg)
+		s->epsg = other->epsg;
+	if (!s->datum[0])
+		memcpy(s->datum, other->datum, sizeof s->datum);
+	/* Only of the same system, or what the other says would be mixed with what this one says. */
+	if (s->method == CRS_METHOD_UNKNOWN && (same_name || !s->a)) {
+		struct crs_system mine = *s;
+
+		*s = *other;
+		s->epsg = mine.epsg;
+		s->epsg_z = mine.epsg_z;
+		memcpy(s->datum, mine.datum, sizeof s->datum);
+	}
 }
 
 static void fill_open(struct crs_info *info, const struct crs_info *other)
 {
+	bool named = !crs_is_unknown(info->text), same_name = named && !strcmp(info->text, other->text);
+
 	if (info->plane != other->plane)
 		return;
-	if (!strcmp(info->unit_xy, crs_unknown))
+	if (crs_is_unknown(info->unit_xy))
 		crs_set_unit(info->unit_xy, other->unit_xy);
-	if (!strcmp(info->unit_z, crs_unknown))
+	if (crs_is_unknown(info->unit_z))
 		crs_set_unit(info->unit_z, other->unit_z);
-	if (!strcmp(info->text, crs_unknown))
+	if (!named || (!vertical_text(info) && vertical_text(other) && !strncmp(info->text, other->text, strlen(info->text)))) {
 		memcpy(info->text, other->text, sizeof info->text);
+		if (!info->system.epsg_z)
+			info->system.epsg_z = other->system.epsg_z;
+	}
+	if (!named || same_name)
+		fill_system(&info->system, &other->system, same_name);
+	crs_info_settle(info);
 }
 
 void crs_read(const struct crs_records *records, struct crs_info *ret)

@@ -8,18 +8,33 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 enum crs_plane { CRS_PLANE_UNKNOWN, CRS_PLANE_PROJECTED, CRS_PLANE_GEOGRAPHIC, CRS_PLANE_GEOCENTRIC };
 
 #define CRS_UNIT_SIZE 16
 #define CRS_TEXT_SIZE 512
 
-/* How a plane lies on the earth, where the record says it or EPSG defines it: what crs_geo.h computes with. */
+/*
+ * How a plane lies on the earth, where the record says it or EPSG defines it: what crs_geo.h computes with.
+ * A method is named only if everything that it needs is known: ellipsoid, prime meridian of Greenwich, every
+ * parameter. Which fields of crs_system a method uses:
+ *   geographic             none
+ *   transverse Mercator    lat0 lon0 (natural origin), k0, x0 y0
+ *   Lambert conic          lat0 lon0 (false or natural origin), lat1 lat2 (the same where there is one parallel),
+ *                          k0 (on them; 1 where there are two), x0 y0
+ *   Albers                 lat0 lon0, lat1 lat2, x0 y0
+ *   polar stereographic    lat0 90 or -90, lon0 (the meridian that points down or up), lat1 the latitude of true
+ *                          scale, or lat1 == lat0 and k0 the scale at the pole; x0 y0 of the pole
+ * Axis order: some systems are defined northing first or latitude first. LAS is not: there x is always the
+ * easting or longitude, y the northing or latitude, whatever the text of the system says of its axes; so the
+ * order of AXIS is not looked at, only the units.
+ */
 enum crs_method {
 	CRS_METHOD_UNKNOWN,
 	CRS_METHOD_GEOGRAPHIC,
 	CRS_METHOD_TRANSVERSE_MERCATOR,
-	CRS_METHOD_LAMBERT_CONIC,       /* one or two standard parallels */
+	CRS_METHOD_LAMBERT_CONIC,
 	CRS_METHOD_ALBERS,
 	CRS_METHOD_POLAR_STEREOGRAPHIC,
 };
@@ -27,17 +42,23 @@ enum crs_method {
 struct crs_system {
 	enum crs_method method;
 	unsigned epsg, epsg_z;          /* 0: none said */
-	char datum[64];                 /* "WGS 84", "NAD83", ...; "" if none is said */
-	double a, inverse_flattening;   /* metres; a 0: ellipsoid unknown */
+	char datum[64];                 /* "WGS 84", "NAD83", "ETRS89", ... or as the record has it; "": not said */
+	double a, inverse_flattening;   /* metres; a 0: ellipsoid unknown; inverse_flattening 0: a sphere */
 	double lat0, lon0, lat1, lat2;  /* degrees, east of Greenwich */
 	double k0, x0, y0;              /* scale; false origin in metres */
-	double unit;                    /* metres of one unit of x and y (degrees of a geographic one); 0: unknown */
+	double unit;                    /* metres of one unit of x and y, degrees of a geographic one; 0: unknown */
 	double unit_z;                  /* metres of one unit of z; 0: unknown */
 };
 
-/* Unit names: "metre", "foot" (international), "us-survey-foot", "degree", "unknown". The text is
- * "EPSG:n", "EPSG:n + EPSG:m" with a vertical system, the name that the record gives, or "unknown";
- * printable ASCII. */
+/*
+ * Unit names: "metre", "foot" (international, 0.3048 m), "us-survey-foot" (1200/3937 m), "degree", "unknown".
+ * Units that have none of these names (links, grads, Indian feet) are "unknown". The unit of z is that of the
+ * vertical system or of the third axis, or what the vertical unit key says: no specification lets it follow from
+ * the horizontal one, so where it is not said it is unknown. The text is "EPSG:n", "EPSG:n + EPSG:m" with a
+ * vertical system, the name that the record gives in place of a number, or "unknown"; printable ASCII, and
+ * " + " stands nowhere else in it. A system that is told by parameters, and is one that EPSG numbers and this
+ * room knows, gets that number.
+ */
 struct crs_info {
 	enum crs_plane plane;
 	char text[CRS_TEXT_SIZE];
@@ -69,5 +90,18 @@ void crs_read(const struct crs_records *records, struct crs_info *ret);
 /* One kind alone. True if the record said anything at all. */
 bool crs_read_geokeys(const struct crs_records *records, struct crs_info *ret);
 bool crs_read_wkt(const void *text, size_t size, struct crs_info *ret);
+
+struct err;
+
+/* What a person says of a file that says nothing: "EPSG:25832", "EPSG:25832 + EPSG:7837", a whole WKT (of `size`
+ * bytes), or a name as the records have it. Numbers that this room does not know are taken as they are, their
+ * units stay unknown. -ERR_USAGE: empty, a WKT that cannot be read, not printable. */
+int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct err *err);
+/* "m", "ft", "ftUS" (and the names above) to a unit name; NULL: no such unit. */
+const char *crs_assume_unit(const char *text);
+
+/* Metres of a length unit by its name; 0: it is none. Exact: *num / *den. */
+double crs_unit_metres(const char *name);
+bool crs_unit_ratio(const char *name, int64_t *num, int64_t *den);
 
 #endif

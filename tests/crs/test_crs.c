@@ -149,7 +149,7 @@ static const struct {
 	{ { { 1, 1, 0, 2, 3076, 0, 1, 9001, 4099, 0, 1, 9001 } }, CRS_PLANE_UNKNOWN, "unknown", "metre", "metre" },
 	{ { { 1, 1, 0, 2, 2048, 0, 1, 32767, 3076, 0, 1, 9001 } }, CRS_PLANE_UNKNOWN, "unknown", "metre", "unknown" },
 	/* a model that does not exist, entries that point outside */
-	{ { { 1, 1, 0, 2, 1024, 0, 1, 9, 3072, 0, 1, 26917 } }, CRS_PLANE_UNKNOWN, "unknown", "metre", "unknown" },
+	{ { { 1, 1, 0, 2, 1024, 0, 1, 9, 3072, 0, 1, 26917 } }, CRS_PLANE_UNKNOWN, "unknown", "unknown", "unknown" },
 	{ { { 1, 1, 0, 4, 1024, 0, 1, 1, 1026, 34737, 9, 500, 3076, 0, 1, 32767, 3077, 34736, 1, 60000 }, { 0 }, "x|" },
 	  CRS_PLANE_PROJECTED, "unknown", "unknown", "unknown" },
 	{ { { 2, 1, 0, 1, 1024, 0, 1, 1 } }, CRS_PLANE_UNKNOWN, "unknown", "unknown", "unknown" },
