@@ -32,7 +32,6 @@ struct crs_step {
 	struct lattice_map map;    /* of the axes that nothing changes; the others are zeros */
 	double scale[3], offset[3], to_scale[3];
 	struct crs_cells forward, place, height;
-	unsigned width;            /* of the geoid */
 	struct crs_shift shift;
 };
 
@@ -46,8 +45,10 @@ size_t crs_step_bytes(void)
 static int forward_fn(void *ctx, double dlon, double lat, double ret[2], struct err *err)
 {
 	struct crs_step *s = ctx;
+	double lon = s->to.lon0 + dlon;
 
-	return crs_geo_forward(s->plane, lat, s->to.lon0 + dlon, &ret[0], &ret[1], err);
+	lon = lon < -180 ? lon + 360 : lon;
+	return crs_geo_forward(s->plane, lat, lon, &ret[0], &ret[1], err);
 }
 
 static int place_fn(void *ctx, double x, double y, double ret[2], struct err *err)
@@ -57,12 +58,13 @@ static int place_fn(void *ctx, double x, double y, double ret[2], struct err *er
 	return crs_geo_reverse(s->plane, x, y, &ret[1], &ret[0], err);
 }
 
-static int height_fn(void *ctx, double lon, double lat, double ret[2], struct err *err)
+/* GeographicLib's cells count from the north: of two cells, a place on their border is in the southern one. */
+static int height_fn(void *ctx, double lon, double south, double ret[2], struct err *err)
 {
 	struct crs_step *s = ctx;
 
 	ret[1] = 0;
-	return crs_geoid_height(s->geoid, lat, lon, &ret[0], err);
+	return crs_geoid_height(s->geoid, -south, lon, &ret[0], err);
 }
 
 /* Latitudes near the poles, and a cell across 180 degrees, are no smooth function of the plane. */
@@ -255,7 +257,7 @@ static int shift_one(struct crs_step *s, double lat, double lon, double *ret, st
 	int r;
 
 	lon = lon > 180 ? lon - 360 : lon < -180 ? lon + 360 : lon;
-	r = crs_cells_at(&s->height, lon, lat, n, err);
+	r = crs_cells_at(&s->height, lon, -lat, n, err);
 	if (!r)
 		*ret = s->sign * n[0];
 	return r;
