@@ -59,9 +59,13 @@ struct grid_source {
 	uint32_t id;            /* > 0, never used twice in a dataset */
 	uint64_t added, removed; /* added it; removed it, 0 = none; the same: never counted */
 	uint64_t points;
-	char name[256];         /* file name as pushed */
-	struct digest hash;     /* of the input's bytes, zero if unknown */
+	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
+	const char *path;       /* absolute, as the client saw it, at most 4095 bytes; "": none (a pipe) */
+	uint64_t size;          /* of the input, in bytes, and when it was last changed (ns since 1970); */
+	int64_t mtime_ns;       /* both 0 if unknown */
+	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
 };
+enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096 }; /* with the zero at the end */
 
 struct grid_manifest {
 	struct lattice lattice;
@@ -71,6 +75,8 @@ struct grid_manifest {
 	size_t nsegments;
 	struct grid_source *sources;
 	size_t nsources;
+	char *texts;            /* of the sources, of a manifest that was read; else NULL */
+	size_t texts_bytes;
 };
 
 int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *, struct err *err);

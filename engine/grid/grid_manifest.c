@@ -20,10 +20,10 @@
 enum {
 	HEAD_BYTES = 8 + 4 + 4 + 8 + 8 + 4 + 4,
 	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
-	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2,
+	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
+	SOURCE_MORE = 2 * 8 + 2,              /* what version 2 adds */
 	TEXTS_MOST = 4 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16,
 	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
-	SOURCE_MOST = SOURCE_LEAST + 256,
 	CHECK_BYTES = 8,
 };
 #define MANIFEST_MOST ((uint64_t)1 << 32) /* bytes; ten million sources */
@@ -69,8 +69,10 @@ static const char *source_fault(const struct grid_manifest *m, const struct grid
 {
 	if (!s->id)
 		return "a source has the number 0";
-	if (!text_ok(s->name, sizeof s->name))
+	if (s->name && !text_ok(s->name, GRID_SOURCE_NAME))
 		return "the name of a source is too long";
+	if (s->path && !text_ok(s->path, GRID_SOURCE_PATH))
+		return "the path of a source is too long";
 	if (s->added > m->generation || s->removed > m->generation)
 		return "a source belongs to a generation that is not there yet";
 	if (s->removed && s->removed < s->added)
@@ -128,7 +130,7 @@ static const char *manifest_fault(const struct grid_manifest *m, bool *ret_nomem
 
 static void pack_text(struct packer *p, const char *text)
 {
-	size_t n = strlen(text);
+	size_t n = text ? strlen(text) : 0;
 
 	packer_u16(p, (uint16_t)n);
 	packer_bytes(p, text, n);
@@ -166,6 +168,9 @@ static void pack_source(struct packer *p, const struct grid_source *s)
 	packer_u64(p, s->hash.hi);
 	packer_u64(p, s->hash.lo);
 	pack_text(p, s->name);
+	packer_u64(p, s->size);
+	packer_u64(p, (uint64_t)s->mtime_ns);
+	pack_text(p, s->path);
 }
 
 /* The whole file into `out`; its size. */
@@ -176,7 +181,7 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 	uint64_t bytes, check;
 
 	packer_bytes(&p, DISK_MANIFEST_MAGIC, 8);
-	packer_u32(&p, DISK_VERSION);
+	packer_u32(&p, DISK_MANIFEST_VERSION);
 	packer_u32(&p, 0);
 	packer_u64(&p, 0); /* size, below */
 	packer_u64(&p, m->generation);
@@ -197,6 +202,20 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 	return p.bad ? 0 : bytes;
 }
 
+/* No file of it is larger. */
+static uint64_t bytes_most(const struct grid_manifest *m)
+{
+	uint64_t bytes = HEAD_BYTES + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
+
+	for (size_t i = 0; i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		bytes += SOURCE_LEAST + SOURCE_MORE + (s->name ? strlen(s->name) : 0) +
+			 (s->path ? strlen(s->path) : 0);
+	}
+	return bytes;
+}
+
 int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *m, struct err *err)
 {
 	struct grid_file f;
@@ -206,8 +225,7 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 	if (fault)
 		return err_set(err, ERR_INTERNAL, "not a manifest to write: %s", fault);
 	size_t len = strlen(name);
-	uint64_t most = HEAD_BYTES + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST +
-			m->nsources * (uint64_t)SOURCE_MOST + CHECK_BYTES;
+	uint64_t most = bytes_most(m);
 
 	if (!len || len >= GRID_NAME_MAX || most > MANIFEST_MOST)
 		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'",
@@ -271,7 +289,21 @@ static bool unpack_segment(struct cursor *c, struct grid_segment_info *ret)
 	return !c->bad;
 }
 
-static bool unpack_source(struct cursor *c, struct grid_source *ret)
+/* A text of a source, less than `size` bytes, behind those that were kept before. */
+static bool keep_text(struct cursor *c, struct grid_manifest *m, size_t room, size_t size, const char **ret)
+{
+	char *to = m->texts + m->texts_bytes;
+
+	room -= m->texts_bytes;
+	if (!room || !unpack_text(c, to, size < room ? size : room))
+		return false;
+	*ret = to;
+	m->texts_bytes += strlen(to) + 1;
+	return true;
+}
+
+static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room,
+			  struct grid_source *ret)
 {
 	ret->id = cursor_u32(c);
 	ret->added = cursor_u64(c);
@@ -279,13 +311,34 @@ static bool unpack_source(struct cursor *c, struct grid_source *ret)
 	ret->points = cursor_u64(c);
 	ret->hash.hi = cursor_u64(c);
 	ret->hash.lo = cursor_u64(c);
-	return unpack_text(c, ret->name, sizeof ret->name) && !c->bad;
+	if (!keep_text(c, m, room, GRID_SOURCE_NAME, &ret->name))
+		return false;
+	ret->path = "";
+	if (version < 2)
+		return !c->bad;
+	ret->size = cursor_u64(c);
+	ret->mtime_ns = (int64_t)cursor_u64(c);
+	return keep_text(c, m, room, GRID_SOURCE_PATH, &ret->path) && !c->bad;
+}
+
+/* Room for the texts of all sources, which are what is left: a zero in place of each two bytes of length. */
+static const char *take_texts(const struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_room)
+{
+	size_t each = version < 2 ? SOURCE_LEAST - 1 : SOURCE_LEAST + SOURCE_MORE - 2;
+
+	if (m->nsources > cursor_left(c) / each)
+		return "it says more than it holds";
+	*ret_room = cursor_left(c) - m->nsources * each;
+	m->texts = malloc(*ret_room + 1);
+	return NULL;
 }
 
 /* NULL, or what is wrong; *ret_nomem if it is only that memory is missing. */
-static const char *unpack(struct cursor *c, struct grid_manifest *m, bool *ret_nomem)
+static const char *unpack(struct cursor *c, uint32_t version, struct grid_manifest *m, bool *ret_nomem)
 {
 	char lattice[LATTICE_TEXT_SIZE], again[LATTICE_TEXT_SIZE];
+	const char *fault;
+	size_t room = 0;
 
 	*ret_nomem = false;
 	m->generation = cursor_u64(c);
@@ -310,8 +363,12 @@ static const char *unpack(struct cursor *c, struct grid_manifest *m, bool *ret_n
 	for (size_t i = 0; i < m->nsegments; i++)
 		if (!unpack_segment(c, &m->segments[i]))
 			return "a segment in it is malformed";
+	fault = take_texts(c, version, m, &room);
+	*ret_nomem = !fault && !m->texts;
+	if (fault || *ret_nomem)
+		return fault ? fault : "no memory";
 	for (size_t i = 0; i < m->nsources; i++)
-		if (!unpack_source(c, &m->sources[i]))
+		if (!unpack_source(c, m, version, room, &m->sources[i]))
 			return "a source in it is malformed";
 	if (cursor_left(c))
 		return "there is something behind its end";
@@ -339,14 +396,14 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_m
 	memcpy(&check, bytes + n - CHECK_BYTES, sizeof check);
 	if (size != n || check != grid_check(bytes, n - CHECK_BYTES, 0))
 		return damaged(name, "its checksum does not agree", err);
-	if (version != DISK_VERSION) {
-		err_set(err, ERR_VERSION, "a manifest of version %u; this acut reads version %u", version,
-			DISK_VERSION);
+	if (!version || version > DISK_MANIFEST_VERSION) {
+		err_set(err, ERR_VERSION, "a manifest of version %u; this acut reads versions up to %u", version,
+			DISK_MANIFEST_VERSION);
 		return err_add_file(err, name);
 	}
 	c.end -= CHECK_BYTES;
 	struct grid_manifest *m = calloc(1, sizeof *m);
-	const char *fault = m ? unpack(&c, m, &nomem) : "no memory";
+	const char *fault = m ? unpack(&c, version, m, &nomem) : "no memory";
 
 	if (!fault && !nomem) {
 		*ret = m;
@@ -391,6 +448,7 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
 		return NULL;
 	free(m->segments);
 	free(m->sources);
+	free(m->texts);
 	free(m);
 	return NULL;
 }

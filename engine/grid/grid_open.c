@@ -182,7 +182,7 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
 	uint64_t bytes = sizeof *g + sizeof *m + m->nsegments * (sizeof *g->parts + sizeof *m->segments) +
-			 m->nsources * (sizeof *g->lives + sizeof *m->sources) + grid_cache_bytes(frames);
+			 m->nsources * (sizeof *g->lives + sizeof *m->sources) + m->texts_bytes + grid_cache_bytes(frames);
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset",

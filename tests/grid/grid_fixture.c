@@ -289,6 +289,7 @@ int stage_set(const struct folder *f, const char *name, const struct set *s, siz
 
 struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources)
 {
+	static char names[8][32];
 	struct grid_manifest m = {
 	    .lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {5, -6, 7}},
 	    .crs = "EPSG:26910",
@@ -303,7 +304,8 @@ struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, u
 	m.sources = calloc(sources + 1, sizeof *m.sources);
 	for (uint32_t i = 0; i < sources; i++) {
 		m.sources[i] = (struct grid_source){.id = i + 1, .added = 1};
-		snprintf(m.sources[i].name, sizeof m.sources[i].name, "file %u\n\xff.las", i + 1);
+		snprintf(names[i % 8], sizeof names[i % 8], "file %u\n\xff.las", i % 8 + 1);
+		m.sources[i].name = names[i % 8];
 	}
 	return m;
 }

@@ -27,6 +27,8 @@ static struct grid_segment_info segment(const char *file, uint64_t points)
 	return s;
 }
 
+static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH];
+
 static struct grid_manifest sample(struct grid_segment_info segments[2])
 {
 	segments[0] = segment("a.seg", 10);
@@ -39,7 +41,13 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	m.sources[1].points = ~(uint64_t)0;
 	m.sources[2].hash = (struct digest){3, 4};
 	m.sources[3].id = UINT32_MAX;
-	memset(m.sources[3].name, 'n', sizeof m.sources[3].name - 1);
+	memset(longest, 'n', sizeof longest - 1);
+	memset(farthest, 'p', sizeof farthest - 1);
+	m.sources[3].name = longest;
+	m.sources[3].path = farthest;
+	m.sources[2].path = "/survey/b.las";
+	m.sources[2].size = ~(uint64_t)0;
+	m.sources[2].mtime_ns = INT64_MIN;
 	return m;
 }
 
@@ -66,6 +74,8 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 		assert_true(s->id == t->id && s->added == t->added && s->removed == t->removed);
 		assert_true(s->points == t->points && digest_equal(s->hash, t->hash));
 		assert_string_equal(s->name, t->name);
+		assert_string_equal(s->path ? s->path : "", t->path);
+		assert_true(s->size == t->size && s->mtime_ns == t->mtime_ns);
 	}
 }
 
@@ -89,6 +99,35 @@ static void test_back(void **state)
 	assert_int_equal(folder_files(&f, ""), 1);
 	assert_true(grid_manifest_read(f.fd, "absent", &back, &err) == -ERR_IO);
 	assert_null(grid_manifest_free(NULL));
+	free(m.sources);
+	folder_remove(&f);
+}
+
+/* Version 1 had no paths, sizes and times. */
+static void test_version_1(void **state)
+{
+	enum { MORE = 8 + 8 + 2 };
+	struct grid_manifest m = manifest_of(NULL, 0, 1), *back;
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	uint8_t bytes[1024];
+	uint32_t version = 1;
+	uint64_t n, check;
+	int fd;
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	fd = openat(f.fd, "m", O_RDWR);
+	n = (uint64_t)pread(fd, bytes, sizeof bytes, 0) - MORE;
+	memcpy(bytes + 8, &version, sizeof version);
+	memcpy(bytes + 16, &n, sizeof n);
+	check = XXH3_64bits(bytes, n - 8);
+	memcpy(bytes + n - 8, &check, sizeof check);
+	assert_int_equal(pwrite(fd, bytes, n, 0), n);
+	assert_int_equal(ftruncate(fd, (off_t)n), 0);
+	close(fd);
+	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
+	assert_same(&m, back);
+	grid_manifest_free(back);
 	free(m.sources);
 	folder_remove(&f);
 }
@@ -139,6 +178,20 @@ static void no_cells(struct grid_manifest *m)
 {
 	m->segments[0].cells = 0;
 }
+static void long_name(struct grid_manifest *m)
+{
+	static char name[GRID_SOURCE_NAME + 1];
+
+	memset(name, 'x', sizeof name - 1);
+	m->sources[0].name = name;
+}
+static void long_path(struct grid_manifest *m)
+{
+	static char path[GRID_SOURCE_PATH + 1];
+
+	memset(path, 'x', sizeof path - 1);
+	m->sources[0].path = path;
+}
 static void scaleless(struct grid_manifest *m)
 {
 	m->lattice.scale_xy.mantissa = 0;
@@ -147,7 +200,7 @@ static void scaleless(struct grid_manifest *m)
 static void test_rules(void **state)
 {
 	static const breaker breakers[] = {long_crs, twice,    zero,       future, backwards, same_name,
-					   climbing, nameless, inside_out, no_sum, no_cells,  scaleless};
+					   climbing, nameless, inside_out, no_sum, no_cells,  scaleless, long_name, long_path};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {
@@ -251,6 +304,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 	    cmocka_unit_test(test_back),
+	    cmocka_unit_test(test_version_1),
 	    cmocka_unit_test(test_rules),
 	    cmocka_unit_test(test_rubbish),
 	    cmocka_unit_test(test_ledger),
