@@ -5,6 +5,7 @@
 #include "digest.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define XXH_INLINE_ALL
@@ -17,6 +18,39 @@ struct digest digest_hash(const void *bytes, size_t size)
 	XXH128_hash_t h = XXH3_128bits(bytes, size);
 
 	return (struct digest){h.high64, h.low64};
+}
+
+struct digest_stream {
+	XXH3_state_t state;
+};
+
+struct digest_stream *digest_stream_new(void)
+{
+	struct digest_stream *s = aligned_alloc(64, (sizeof *s + 63) & ~(size_t)63);
+
+	if (s) {
+		XXH3_INITSTATE(&s->state);
+		XXH3_128bits_reset(&s->state);
+	}
+	return s;
+}
+
+void digest_stream_add(struct digest_stream *s, const void *bytes, size_t size)
+{
+	XXH3_128bits_update(&s->state, bytes, size);
+}
+
+struct digest digest_stream_end(const struct digest_stream *s)
+{
+	XXH128_hash_t h = XXH3_128bits_digest(&s->state);
+
+	return (struct digest){h.high64, h.low64};
+}
+
+struct digest_stream *digest_stream_free(struct digest_stream *s)
+{
+	free(s);
+	return NULL;
 }
 
 void digest_add(struct digest *sum, struct digest part)

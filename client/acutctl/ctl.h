@@ -21,7 +21,7 @@ struct ctl_daemon;
 /* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
 struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
-	bool strict, planar, accept_truncated;
+	bool strict, planar, accept_truncated, checksum, add;
 	bool ground, surface, keep_withheld, keep_noise;
 	bool canonical, no_clobber, wait, fresh;
 	const char *socket, *timeout;
@@ -66,6 +66,7 @@ enum ctl_group {
 	CTL_SUBMIT = 64,
 	CTL_GENERATION = 128,      /* submit, plan */
 	CTL_FETCH = 256,
+	CTL_PUSH = 512,
 };
 
 struct ctl_command {
@@ -144,9 +145,11 @@ struct ctl_input { char *name; int fd; bool refused; }; /* fd -1: opened when it
 struct ctl_inputs { struct ctl_input *input; size_t n, room; };
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
 int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
-/* *ret_fd is the caller's only if it is not the input's own. */
+/* *ret_fd is the caller's. */
 int ctl_input_open(const struct ctl_input *, int *ret_fd, struct err *err);
 void ctl_input_close(const struct ctl_input *, int fd);
+/* Its absolute path, links as they are; NULL if it has none. */
+const char *ctl_input_path(const struct ctl_input *, char *buf, size_t size);
 void ctl_input_done(struct ctl_inputs *);
 /* -ERR_USAGE if an output is one of the inputs. */
 int ctl_input_not_output(const struct ctl_inputs *, const struct ctl_args *, struct err *err);
@@ -207,10 +210,11 @@ void ctl_progress_clear(struct ctl *);
 struct ctl_staged {
 	char dataset[256];
 	uint64_t generation, points;
-	unsigned good, refused;
+	unsigned good, refused, known, adopted; /* adopted ones are known ones too */
 	struct ctl_staged_file {
 		char *name;
 		bool refused;
+		int known; /* of struct acut_probe */
 		uint64_t points, moved;
 		double shift[3];
 		char *warning; /* NULL: none */

@@ -27,7 +27,7 @@ static const struct ctl_command table[] = {
 	{"ping", "ping", "ask the daemon for a sign of life", CTL_ALL, 0, 0, false, ctl_ping_run},
 	{"plan", "plan DATASET", "domains, memory, disk, time; starts nothing",
 	 CTL_ALL | CTL_VIEW | CTL_GENERATION, 1, 1, false, ctl_plan_run},
-	{"push", "push DATASET INPUT...", "stage files into a named dataset", CTL_ALL | CTL_STAGE | CTL_INPUT,
+	{"push", "push DATASET INPUT...", "stage files into a named dataset", CTL_ALL | CTL_STAGE | CTL_INPUT | CTL_PUSH,
 	 2, MANY, false, ctl_push_run},
 	{"rm", "rm JOB...", "forget jobs that are over", CTL_ALL, 1, MANY, false, ctl_rm_run},
 	{"show", "show JOB", "all that is known of a job", CTL_ALL, 1, 1, false, ctl_show_run},

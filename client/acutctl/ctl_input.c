@@ -210,9 +210,11 @@ int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_in
 
 int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 {
-	int fd = in->fd;
+	int fd;
 
-	if (fd < 0)
+	if (in->fd >= 0)
+		fd = fcntl(in->fd, F_DUPFD_CLOEXEC, 3);
+	else
 		fd = open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 	if (fd < 0)
 		return open_failed(in->name, err);
@@ -222,8 +224,43 @@ int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 
 void ctl_input_close(const struct ctl_input *in, int fd)
 {
-	if (fd >= 0 && fd != in->fd)
+	if (fd >= 0)
 		close(fd);
+}
+
+/* "." and empty parts go; ".." may lead through a link, so it stays where it stands. */
+static void tidy(char *path)
+{
+	char *to = path, *from = path;
+
+	while (*from) {
+		size_t n;
+
+		while (*from == '/')
+			from++;
+		n = strcspn(from, "/");
+		if (n && !(n == 1 && *from == '.')) {
+			*to++ = '/';
+			memmove(to, from, n);
+			to += n;
+		}
+		from += n;
+	}
+	*to = 0;
+}
+
+const char *ctl_input_path(const struct ctl_input *in, char *buf, size_t size)
+{
+	char *here = in->name[0] == '/' ? NULL : get_current_dir_name();
+	int n = -1;
+
+	if (in->fd < 0 && (here || in->name[0] == '/'))
+		n = snprintf(buf, size, "%s/%s", here ? here : "", in->name);
+	free(here);
+	if (n < 0 || (size_t)n >= size)
+		return NULL;
+	tidy(buf);
+	return buf;
 }
 
 void ctl_input_done(struct ctl_inputs *in)

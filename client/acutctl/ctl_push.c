@@ -5,11 +5,13 @@
 
 static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f)
 {
+	static const char *const state[] = { "staged", "known", "adopted", "refused" };
 	struct ctl_json j = { .out = ctl->report };
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "file", f->name);
 	ctl_json_text(&j, "dataset", s->dataset);
+	ctl_json_text(&j, "state", state[f->refused ? 3 : f->known]);
 	if (f->refused) {
 		ctl_json_text(&j, "generation", NULL);
 		ctl_json_text(&j, "points", NULL);
@@ -38,7 +40,12 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 
 	if (f->refused)
 		return;
-	if (f->moved)
+	if (f->known == ACUT_KNOWN)
+		ctl_note(ctl, "%s: there already, skipped", f->name);
+	else if (f->known)
+		ctl_note(ctl, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
+			 ctl_job_count(f->points, a));
+	else if (f->moved)
 		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g",
 			 f->name, ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0],
 			 f->shift[1], f->shift[2]);

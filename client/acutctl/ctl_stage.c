@@ -22,6 +22,9 @@ struct staging {
 	struct ctl_staged *ret;
 	struct acut_push *push;
 	struct ctl_progress progress;
+	bool named;  /* a dataset that stays: it wants to know who the inputs are */
+	int status;  /* of what ended it, told already */
+	char path[4096];
 };
 
 /* Exit status if the failure ends the push, 0 if only this input is left out. */
@@ -44,30 +47,61 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 	return 0;
 }
 
-/* One question about one file: opened, asked, closed. */
-static int with_file(struct staging *s, size_t i, bool probe)
+/* What an input may be left out for; the rest ends the push. */
+static int told(struct staging *s, size_t i, const struct acut_failure *why)
 {
-	const struct ctl_input *in = &s->in->input[i];
-	const struct acut_probe *p = NULL;
-	const struct acut_file_result *f = NULL;
-	struct ctl_staged_file *to = &s->ret->file[i];
 	struct err err = ERR_INIT;
-	int fd, r = ctl_input_open(in, &fd, &err);
 
-	if (r)
-		return refuse(s, i, &err, is_refusal(err.code) || err.code == ERR_PERM);
-	r = probe ? acut_push_probe(s->push, fd, in->name, &p) : acut_push_file(s->push, fd, in->name, &f);
-	ctl_input_close(in, fd);
-	if (r) {
-		ctl_error_from_acut(s->ctl->acut, in->name, &err);
-		return refuse(s, i, &err, is_refusal(err.code));
+	ctl_error_from_failure(why, &err);
+	if (!*err.file)
+		err_add_file(&err, s->in->input[i].name);
+	return refuse(s, i, &err, is_refusal(err.code));
+}
+
+static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
+{
+	struct staging *s = ctx;
+	struct ctl_input *in = &s->in->input[i];
+	struct err err = ERR_INIT;
+
+	if (in->refused || s->ret->file[i].known)
+		return 1;
+	if (ctl_input_open(in, &ret->fd, &err)) {
+		s->status = refuse(s, i, &err, is_refusal(err.code) || err.code == ERR_PERM);
+		return s->status ? -1 : 1;
 	}
-	if (probe) {
-		s->progress.total += p->points;
-		if (p->warning[0])
-			ctl_warn(s->ctl, "%s: %s", in->name, p->warning);
+	ret->name = in->name;
+	ret->path = s->named ? ctl_input_path(in, s->path, sizeof(s->path)) : NULL;
+	return 0;
+}
+
+static int probed(void *ctx, size_t i, const struct acut_failure *why, const struct acut_probe *p)
+{
+	struct staging *s = ctx;
+	struct ctl_staged_file *to = &s->ret->file[i];
+
+	if (why)
+		return s->status = told(s, i, why);
+	to->known = p->known;
+	if (p->known) {
+		to->points = p->points;
+		s->ret->known++;
+		s->ret->adopted += p->known == ACUT_KNOWN_ADOPTED;
 		return 0;
 	}
+	s->progress.total += p->points;
+	if (p->warning[0])
+		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, p->warning);
+	return 0;
+}
+
+static int staged(void *ctx, size_t i, const struct acut_failure *why, const struct acut_file_result *f)
+{
+	struct staging *s = ctx;
+	struct ctl_staged_file *to = &s->ret->file[i];
+
+	if (why)
+		return s->status = told(s, i, why);
 	to->points = f->points;
 	to->moved = f->moved;
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
@@ -75,27 +109,32 @@ static int with_file(struct staging *s, size_t i, bool probe)
 	s->ret->good++;
 	if (f->warning[0]) {
 		to->warning = strdup(f->warning);
-		ctl_warn(s->ctl, "%s: %s", in->name, f->warning);
+		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, f->warning);
 	}
 	return 0;
 }
 
 static int each_file(struct staging *s, bool probe)
 {
-	int status = 0;
-	size_t left = 0;
+	const struct acut_push_each each = { open_input, probed, staged, s };
+	size_t left = 0, first = s->in->n;
+	int r = probe ? acut_push_probe_each(s->push, s->in->n, &each)
+		      : acut_push_file_each(s->push, s->in->n, &each);
 
-	for (size_t i = 0; i < s->in->n && !status; i++)
+	if (r && !s->status)
+		s->status = ctl_error_acut(s->ctl);
+	for (size_t i = 0; i < s->in->n; i++) {
 		if (!s->in->input[i].refused)
-			status = with_file(s, i, probe);
-	for (size_t i = 0; i < s->in->n; i++)
-		left += !s->in->input[i].refused;
-	if (status || left)
-		return status;
+			left++;
+		else if (first == s->in->n)
+			first = i;
+	}
+	if (s->status || left)
+		return s->status;
 	/* nothing good: the first refusal is the command's failure */
 	if (s->ctl->args.json)
-		ctl_error(s->ctl, &s->ret->file[0].err);
-	return err_exit_status(s->ret->file[0].err.code);
+		ctl_error(s->ctl, &s->ret->file[first].err);
+	return err_exit_status(s->ret->file[first].err.code);
 }
 
 static int begin(struct staging *s, const char *dataset)
@@ -106,6 +145,8 @@ static int begin(struct staging *s, const char *dataset)
 					.format = a->input_format,
 					.planar = a->planar,
 					.accept_truncated = a->accept_truncated,
+					.checksum = a->checksum,
+					.add = a->add,
 					.progress = ctl_progress_show,
 					.ctx = &s->progress};
 	struct decimal d;
@@ -142,7 +183,7 @@ static int commit(struct staging *s)
 
 int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
 {
-	struct staging s = { .ctl = ctl, .in = in, .ret = ret };
+	struct staging s = { .ctl = ctl, .in = in, .ret = ret, .named = dataset };
 	uint64_t start = clock_mono_ns();
 	const char *lattice;
 	struct err err = ERR_INIT;
@@ -160,10 +201,12 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 	status = begin(&s, dataset);
 	if (!status)
 		status = each_file(&s, true);
-	if (!status && acut_push_plan(s.push, &lattice))
-		status = ctl_error_acut(ctl);
-	if (!status)
-		status = each_file(&s, false);
+	if (!status && ret->known + ret->refused < in->n) {
+		if (acut_push_plan(s.push, &lattice))
+			status = ctl_error_acut(ctl);
+		else
+			status = each_file(&s, false);
+	}
 	if (!status)
 		status = commit(&s);
 	/* interrupted on the way into a named dataset: what is durable may stay, for the next push */

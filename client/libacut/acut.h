@@ -103,6 +103,8 @@ struct acut_push_options {
 	const char *dataset;                     /* NULL: one-step */
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
 	bool planar, accept_truncated;
+	bool checksum; /* the same file: by its content, not by path, size and time */
+	bool add;      /* a file of a path that is there already is taken beside the old one */
 	acut_progress_fn progress;
 	void *ctx;
 };
@@ -111,7 +113,10 @@ struct acut_probe {
 	uint64_t points;
 	double min[3], max[3];
 	const char *scale[3], *offset[3];
+	int known; /* not 0: the push needs no file for it, and nothing but its points is said here */
 };
+enum { ACUT_KNOWN = 1, /* the dataset has it, or this push has it twice */
+       ACUT_KNOWN_ADOPTED = 2 /* taken up from a push that was interrupted: it counts as staged */ };
 struct acut_file_result {
 	const char *name, *warning;
 	uint64_t points, moved;
@@ -130,6 +135,27 @@ int acut_push_probe(struct acut_push *, int fd, const char *name, const struct a
 int acut_push_plan(struct acut_push *, const char **ret_lattice);
 int acut_push_file(struct acut_push *, int fd, const char *name, const struct acut_file_result **ret);
 int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
+
+/* One of many inputs. */
+struct acut_push_input {
+	int fd;                 /* an open regular file; the library closes it */
+	const char *name;
+	const char *path;       /* absolute: who it is; NULL: unknown, always taken. Only read while sending. */
+};
+/* Callbacks for each of n inputs, in their order. They must not call on the connection. */
+struct acut_push_each {
+	/* Opens input i. 1: it is left out; negative: the call ends. */
+	int (*open)(void *ctx, size_t i, struct acut_push_input *ret);
+	/* What became of it: `why` NULL, or the failure, which concerns this input alone if it is one of the
+	 * input. Non-zero ends the call, with that failure. */
+	int (*probed)(void *ctx, size_t i, const struct acut_failure *why, const struct acut_probe *);
+	int (*staged)(void *ctx, size_t i, const struct acut_failure *why, const struct acut_file_result *);
+	void *ctx;
+};
+/* The same as a probe or file of each, but several at a time: thousands of small files do not wait for an
+ * answer each. */
+int acut_push_probe_each(struct acut_push *, size_t n, const struct acut_push_each *);
+int acut_push_file_each(struct acut_push *, size_t n, const struct acut_push_each *);
 /* Files 1..n lie safely on the daemon's disk and outlive this connection (counted as they were sent). */
 uint64_t acut_push_durable(const struct acut_push *);
 struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed; NULL is fine; gives NULL */

@@ -100,6 +100,30 @@ static int stray(struct acut *a, uint32_t id, const Acut__V1__Message *m)
 	return 0;
 }
 
+/* An answer to a question of the window, which takes it over; false: it is none. */
+static bool window_take(struct acut *a, uint32_t id, Acut__V1__Message *m)
+{
+	struct acut_progress progress;
+
+	for (unsigned i = 0; id && a->window && i < CALL_WINDOW; i++) {
+		struct call_slot *s = &a->window->slot[i];
+
+		if (s->id != id || s->answer)
+			continue;
+		if (m->body_case != ACUT__V1__MESSAGE__BODY_PROGRESS) {
+			s->answer = m;
+			return true;
+		}
+		if (a->progress) {
+			call_progress(m->progress, &progress);
+			a->progress(a->progress_ctx, &progress);
+		}
+		frame_message_free(m);
+		return true;
+	}
+	return false;
+}
+
 int call_pump(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 {
 	Acut__V1__Message *m;
@@ -122,6 +146,11 @@ int call_pump(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 	if (got == id && id != 0 && m->body_case != ACUT__V1__MESSAGE__BODY_PROGRESS) {
 		*ret = m;
 		*ret_fd = fd;
+		return 0;
+	}
+	if (window_take(a, got, m)) {
+		if (fd >= 0)
+			close(fd);
 		return 0;
 	}
 	if (got == id && id != 0 && a->progress) {
@@ -186,6 +215,25 @@ int call_next(struct acut *a, uint32_t id, Acut__V1__Message **ret, int *ret_fd)
 	if (!m)
 		return r;
 	*ret = m;
+	return 0;
+}
+
+int call_window_wait(struct acut *a)
+{
+	const struct call_window *w = a->window;
+	uint64_t since = clock_mono_ns();
+
+	while (!w->slot[w->first].answer) {
+		Acut__V1__Message *m;
+		int fd, r = call_pump(a, 0, &m, &fd);
+
+		if (r == FRAME_E_AGAIN)
+			r = call_pause(a, since, NULL);
+		else
+			since = clock_mono_ns();
+		if (r < 0)
+			return r;
+	}
 	return 0;
 }
 

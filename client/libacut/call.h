@@ -14,10 +14,22 @@ struct acut_push {
 	uint32_t request_id;    /* of PushBegin: Durable comes on it */
 	uint64_t push, durable;
 	char *format;
+	bool checksum, add;
 	acut_progress_fn progress;
 	void *ctx;
 	bool committed;
 	struct err failed; /* what came unasked; code 0: nothing */
+};
+
+/* Questions that went out together, as many as the daemon takes unanswered, and the answers that came. */
+enum { CALL_WINDOW = 8 };
+struct call_window {
+	struct call_slot {
+		uint32_t id; /* 0: free */
+		size_t i;    /* what it is about */
+		Acut__V1__Message *answer;
+	} slot[CALL_WINDOW];
+	unsigned first, n;
 };
 
 struct acut {
@@ -29,6 +41,7 @@ struct acut {
 	struct err dead;             /* why the connection is beyond use; code 0: it is not */
 	struct acut_failure failure; /* err, for acut_error */
 	struct acut_push *pushes;
+	struct call_window *window; /* of the call that waits; NULL: it waits for one answer */
 
 	acut_progress_fn progress; /* of the call that waits; may be NULL */
 	void *progress_ctx;
@@ -56,6 +69,8 @@ int call_ask(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message
 /* Same without begin, for the second and later questions of one call. *ret is the caller's. */
 int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want,
 	       uint32_t *ret_id, Acut__V1__Message **ret);
+/* Waits until the first slot of the window has its answer. */
+int call_window_wait(struct acut *);
 /* The failure of a message that should not have come. */
 int call_unexpected(struct acut *, const Acut__V1__Message *);
 

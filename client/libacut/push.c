@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 /* Names are for people: bytes that are not UTF-8 become '?', since messages carry only UTF-8. */
 static char *clean_copy(struct acut *a, const char *text)
@@ -76,6 +77,7 @@ void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 	    .plane = p->plane,
 	    .warning = p->warning,
 	    .points = p->points,
+	    .known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
 	};
 	get_double3(p->min, p->n_min, ret->min);
 	get_double3(p->max, p->n_max, ret->max);
@@ -115,6 +117,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	push->failed = ERR_INIT;
 	push->acut = a;
 	push->push = a->answer->push_begun->push;
+	push->checksum = o->checksum;
+	push->add = o->add;
 	push->progress = o->progress;
 	push->ctx = o->ctx;
 	push->next = a->pushes;
@@ -142,31 +146,199 @@ static int push_ask(struct acut_push *push, const Acut__V1__Message *question, i
 	return call_again(a, question, fd, want, &id, &a->answer);
 }
 
-int acut_push_probe(struct acut_push *push, int fd, const char *name, const struct acut_probe **ret)
+/* ---- files: Probe and File ---- */
+
+/* One question about an open file, sent. What went wrong unasked comes first. */
+static int file_send(struct acut_push *push, bool probe, const struct acut_push_input *in, uint32_t *ret_id)
 {
+	Acut__V1__Probe p = ACUT__V1__PROBE__INIT;
+	Acut__V1__File f = ACUT__V1__FILE__INIT;
 	struct acut *a = push->acut;
-	Acut__V1__Probe question = ACUT__V1__PROBE__INIT;
-	char *copy;
+	char *name;
+	int r;
+
+	if (push->failed.code) {
+		a->err = push->failed;
+		return -(int)a->err.code;
+	}
+	r = check_file(a, in->fd, in->name);
+	if (r < 0)
+		return r;
+	name = clean_copy(a, in->name);
+	if (!name)
+		return -(int)a->err.code;
+	p.push = f.push = push->push;
+	p.name = f.name = name;
+	p.format = f.format = push->format;
+	p.checksum = push->checksum;
+	p.add = push->add;
+	if (in->path) {
+		p.path.data = (uint8_t *)in->path;
+		p.path.len = strlen(in->path);
+	}
+	r = call_send(a, probe ? FRAME_MESSAGE(PROBE, probe, &p) : FRAME_MESSAGE(FILE, file, &f), in->fd, ret_id);
+	free(name);
+	return r;
+}
+
+/* What the daemon answered to it, taken over as acut->answer: a->probe or a->file, or the call's failure. */
+static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
+{
+	const Acut__V1__FileDone *done;
+
+	frame_message_free(a->answer);
+	a->answer = m;
+	if (m->body_case == ACUT__V1__MESSAGE__BODY_ERROR)
+		return frame_error_to_err(m->error, &a->err);
+	if (m->body_case != (probe ? ACUT__V1__MESSAGE__BODY_PROBED : ACUT__V1__MESSAGE__BODY_FILE_DONE))
+		return call_unexpected(a, m);
+	if (probe) {
+		call_probe(m->probed, &a->probe);
+		return 0;
+	}
+	done = m->file_done;
+	a->file = (struct acut_file_result){
+	    .name = done->name, .warning = done->warning, .points = done->points, .moved = done->moved};
+	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
+	return 0;
+}
+
+static int file_ask(struct acut_push *push, bool probe, int fd, const char *name)
+{
+	const struct acut_push_input in = {.fd = fd, .name = name};
+	struct acut *a = push->acut;
+	Acut__V1__Message *m;
+	uint32_t id;
 	int r = call_begin(a);
 
 	if (r == 0)
-		r = check_file(a, fd, name);
+		r = file_send(push, probe, &in, &id);
 	if (r < 0)
 		return r;
-	copy = clean_copy(a, name);
-	if (!copy)
-		return -(int)a->err.code;
-	question.push = push->push;
-	question.name = copy;
-	question.format = push->format;
-	r = push_ask(push, FRAME_MESSAGE(PROBE, probe, &question), fd, ACUT__V1__MESSAGE__BODY_PROBED);
-	free(copy);
+	a->progress = push->progress;
+	a->progress_ctx = push->ctx;
+	r = call_next(a, id, &m, NULL);
+	return r < 0 ? r : file_result(a, probe, m);
+}
+
+int acut_push_probe(struct acut_push *push, int fd, const char *name, const struct acut_probe **ret)
+{
+	int r = file_ask(push, true, fd, name);
+
+	if (r == 0)
+		*ret = &push->acut->probe;
+	return r;
+}
+
+int acut_push_file(struct acut_push *push, int fd, const char *name, const struct acut_file_result **ret)
+{
+	int r = file_ask(push, false, fd, name);
+
+	if (r == 0)
+		*ret = &push->acut->file;
+	return r;
+}
+
+/* ---- many files at once ---- */
+
+struct many {
+	struct acut_push *push;
+	const struct acut_push_each *each;
+	bool probe;
+};
+
+static int tell(const struct many *m, size_t i, bool failed)
+{
+	struct acut *a = m->push->acut;
+	struct acut_failure why;
+	int r;
+
+	call_failure(&a->err, &why);
+	if (m->probe)
+		r = m->each->probed(m->each->ctx, i, failed ? &why : NULL, failed ? NULL : &a->probe);
+	else
+		r = m->each->staged(m->each->ctx, i, failed ? &why : NULL, failed ? NULL : &a->file);
+	if (r == 0)
+		err_clear(&a->err);
+	else if (!a->err.code)
+		err_set(&a->err, ERR_CANCELLED, "the caller ended it");
+	return r ? -(int)a->err.code : 0;
+}
+
+/* The next input goes out, unless the caller leaves it out or there is no way to ask about it. */
+static int many_send(const struct many *m, size_t i)
+{
+	struct call_window *w = m->push->acut->window;
+	struct acut_push_input in = {.fd = -1, .name = ""};
+	struct acut *a = m->push->acut;
+	uint32_t id;
+	int r = m->each->open(m->each->ctx, i, &in);
+
+	if (r > 0)
+		return 0;
 	if (r < 0)
-		return r;
-	call_probe(a->answer->probed, &a->probe);
-	*ret = &a->probe;
+		return a->err.code ? -(int)a->err.code
+				   : err_set(&a->err, ERR_CANCELLED, "the caller ended it");
+	r = file_send(m->push, m->probe, &in, &id);
+	close(in.fd);
+	if (r < 0)
+		return a->dead.code || m->push->failed.code ? r : tell(m, i, true);
+	w->slot[(w->first + w->n++) % CALL_WINDOW] = (struct call_slot){.id = id, .i = i};
 	return 0;
 }
+
+/* The answer of the first in the window. */
+static int many_take(const struct many *m)
+{
+	struct acut *a = m->push->acut;
+	struct call_window *w = a->window;
+	struct call_slot slot;
+	int r = call_window_wait(a);
+
+	if (r < 0)
+		return r;
+	slot = w->slot[w->first];
+	w->slot[w->first] = (struct call_slot){0};
+	w->first = (w->first + 1) % CALL_WINDOW;
+	w->n--;
+	r = file_result(a, m->probe, slot.answer);
+	return tell(m, slot.i, r < 0);
+}
+
+static int push_many(struct acut_push *push, size_t n, const struct acut_push_each *each, bool probe)
+{
+	const struct many m = {.push = push, .each = each, .probe = probe};
+	struct call_window window = {0};
+	struct acut *a = push->acut;
+	size_t next = 0;
+	int r = call_begin(a);
+
+	a->window = &window;
+	a->progress = push->progress;
+	a->progress_ctx = push->ctx;
+	while (r == 0 && (next < n || window.n)) {
+		if (next < n && window.n < CALL_WINDOW)
+			r = many_send(&m, next++);
+		else
+			r = many_take(&m);
+	}
+	a->window = NULL;
+	for (unsigned i = 0; i < CALL_WINDOW; i++)
+		frame_message_free(window.slot[i].answer);
+	return r;
+}
+
+int acut_push_probe_each(struct acut_push *push, size_t n, const struct acut_push_each *each)
+{
+	return push_many(push, n, each, true);
+}
+
+int acut_push_file_each(struct acut_push *push, size_t n, const struct acut_push_each *each)
+{
+	return push_many(push, n, each, false);
+}
+
+/* ---- plan, commit, the end ---- */
 
 int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 {
@@ -179,36 +351,6 @@ int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 	if (r == 0)
 		*ret_lattice = push->acut->answer->push_planned->lattice;
 	return r;
-}
-
-int acut_push_file(struct acut_push *push, int fd, const char *name, const struct acut_file_result **ret)
-{
-	struct acut *a = push->acut;
-	Acut__V1__File question = ACUT__V1__FILE__INIT;
-	const Acut__V1__FileDone *done;
-	char *copy;
-	int r = call_begin(a);
-
-	if (r == 0)
-		r = check_file(a, fd, name);
-	if (r < 0)
-		return r;
-	copy = clean_copy(a, name);
-	if (!copy)
-		return -(int)a->err.code;
-	question.push = push->push;
-	question.name = copy;
-	question.format = push->format;
-	r = push_ask(push, FRAME_MESSAGE(FILE, file, &question), fd, ACUT__V1__MESSAGE__BODY_FILE_DONE);
-	free(copy);
-	if (r < 0)
-		return r;
-	done = a->answer->file_done;
-	a->file = (struct acut_file_result){
-	    .name = done->name, .warning = done->warning, .points = done->points, .moved = done->moved};
-	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
-	*ret = &a->file;
-	return 0;
 }
 
 int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret)

@@ -96,10 +96,28 @@ struct push_committed {
 	uint64_t generation, points;
 };
 
+enum push_known_as {
+	PUSH_NEW,
+	PUSH_KNOWN,   /* the dataset has it, or this push has it twice: no File for it */
+	PUSH_ADOPTED, /* of the interrupted push that this one takes up: no File for it, it counts as staged */
+};
+struct push_probe_result {
+	const char *name;
+	const struct input_info *info; /* NULL if it is known: it was not read */
+	enum push_known_as known;
+	uint64_t points;               /* of one that is known */
+};
+struct push_input {
+	const char *name, *format;
+	const char *path; /* absolute; "": it has none */
+	bool checksum;    /* judged by its content, not by path, size and time */
+	bool add;         /* taken beside another one of its path */
+};
+
 /* Each request is answered once, with `why` (NULL: done) and its own token. */
 struct push_calls {
 	void (*begun)(void *token, const struct err *why, const struct push_begun *);
-	void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *);
+	void (*probed)(void *token, const struct err *why, const struct push_probe_result *);
 	void (*planned)(void *token, const struct err *why, const char *lattice);
 	void (*staged)(void *token, const struct err *why, const struct push_file *);
 	void (*committed)(void *token, const struct err *why, const struct push_committed *);
@@ -118,7 +136,7 @@ struct push_params {
 };
 void push_begin(struct jobs *, const struct push_params *, void *token);
 /* `fd` becomes the push's in any case. */
-void push_probe(struct push *, int fd, const char *name, const char *format, void *token);
+void push_probe(struct push *, int fd, const struct push_input *, void *token);
 void push_plan(struct push *, void *token);
 void push_file(struct push *, int fd, const char *name, const char *format, void *token);
 void push_commit(struct push *, void *token);

@@ -22,13 +22,10 @@
 
 struct push *push_free(struct push *p)
 {
-	size_t i;
-
 	if (!p)
 		return NULL;
-	for (i = 0; i < p->nprobes; i++)
-		free(p->probes[i].name);
-	free(p->probes);
+	push_forget_probes(p);
+	names_free(&p->base_paths);
 	free(p->sources);
 	free(p->scale_xy);
 	free(p->scale_z);
@@ -45,6 +42,7 @@ static void ask_free(struct push_ask *a)
 	io_close(a->fd);
 	free(a->name);
 	free(a->format);
+	free(a->path);
 	free(a);
 }
 
@@ -278,8 +276,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 }
 
 /* False: answered already. */
-static bool ask_file(struct push *p, enum push_kind kind, int fd, const char *name, const char *format,
-		     void *token)
+static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct push_input *in, void *token)
 {
 	struct push_ask *a = push_ask_new(p, kind, token, false);
 
@@ -289,8 +286,12 @@ static bool ask_file(struct push *p, enum push_kind kind, int fd, const char *na
 	}
 	p->unanswered++;
 	a->fd = fd;
-	a->name = copy(name);
-	a->format = copy(format && *format ? format : p->format);
+	a->name = copy(in->name);
+	a->format = copy(in->format && *in->format ? in->format : p->format);
+	/* One that is too long to be kept is nobody's. */
+	a->path = copy(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
+	a->checksum = in->checksum;
+	a->add = in->add;
 	push_pump(p);
 	return true;
 }
@@ -302,19 +303,20 @@ static const struct err *no_memory(struct err *err)
 	return err;
 }
 
-void push_probe(struct push *p, int fd, const char *name, const char *format, void *token)
+void push_probe(struct push *p, int fd, const struct push_input *in, void *token)
 {
 	struct err err;
 
-	if (!ask_file(p, PUSH_PROBE, fd, name, format, token))
-		p->calls.probed(token, no_memory(&err), name, NULL);
+	if (!ask_file(p, PUSH_PROBE, fd, in, token))
+		p->calls.probed(token, no_memory(&err), NULL);
 }
 
 void push_file(struct push *p, int fd, const char *name, const char *format, void *token)
 {
+	const struct push_input in = {.name = name, .format = format};
 	struct err err;
 
-	if (!ask_file(p, PUSH_FILE, fd, name, format, token))
+	if (!ask_file(p, PUSH_FILE, fd, &in, token))
 		p->calls.staged(token, no_memory(&err), NULL);
 }
 
@@ -376,7 +378,7 @@ struct push *push_next(const struct push *p)
 
 uint64_t push_stage_bytes(const struct push *p)
 {
-	return p->stage_bytes;
+	return p->stage_bytes + p->table_bytes;
 }
 
 void push_retry(struct push *p)

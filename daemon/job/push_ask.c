@@ -37,6 +37,8 @@ static void begin_run(struct push *p, struct push_ask *a)
 	p->opened = !a->r;
 	if (!a->r && *p->base_name)
 		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+	if (!a->r && p->base)
+		a->r = push_known_index(p->base, &p->base_paths, &a->err);
 }
 
 static void begin_answer(struct push *p, const struct err *why)
@@ -95,6 +97,15 @@ static int begin_with_base(struct push *p, struct err *err)
 	return 0;
 }
 
+/* The manifest that the push found, and what the commit makes of it. */
+static uint64_t base_bytes(const struct push *p)
+{
+	const struct grid_manifest *m = p->base;
+
+	return names_bytes(&p->base_paths) + 3 * (m->nsources * sizeof *m->sources + m->texts_bytes) +
+	       3 * m->nsegments * sizeof *m->segments;
+}
+
 static bool begin_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	struct err err = ERR_INIT;
@@ -105,7 +116,7 @@ static bool begin_done(struct push *p, struct push_ask *a, const struct err *why
 		.begun_us = clock_real_us(),
 	};
 
-	if (!why && p->base && begin_with_base(p, &err))
+	if (!why && p->base && (begin_with_base(p, &err) || push_room(p, base_bytes(p), &err)))
 		why = &err;
 	if (!why && !p->dataset->onestep) {
 		p->waiting_row = true;
@@ -132,7 +143,7 @@ static struct input_options options_of(const struct push *p, const struct push_a
 static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	task_bytes(p, LEDGER_INPUT, input_bytes());
-	return a->name && a->format ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
+	return a->name && a->format && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 }
 
 static void remember_info(struct push_ask *a, const struct input *in)
@@ -150,22 +161,28 @@ static void probe_run(struct push *p, struct push_ask *a)
 
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
 	if (!a->r)
+		a->r = push_known(p, a);
+	if (!a->r && a->known == PUSH_NEW)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
-	if (a->r) {
+	if (a->r)
 		err_add_file(&a->err, a->name);
+	if (!in)
 		return;
-	}
 	remember_info(a, in);
 	input_close(in);
 }
 
 static bool probe_done(struct push *p, struct push_ask *a, const struct err *why)
 {
+	struct push_probe_result result = {.name = a->name, .known = a->known, .points = a->in.points};
 	struct err err = ERR_INIT;
 
-	if (!why && push_remember_probe(p, a, &err))
-		why = &err;
-	p->calls.probed(a->token, why, a->name ? a->name : "", why ? NULL : &a->info);
+	if (!why && a->known == PUSH_NEW) {
+		result.info = &a->info;
+		if (push_remember_probe(p, a, &err))
+			why = &err;
+	}
+	p->calls.probed(a->token, why, why ? NULL : &result);
 	return true;
 }
 
@@ -177,7 +194,7 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 	int r = 0;
 
 	for (i = 0; !r && i < p->nprobes; i++)
-		r = push_compatible(p, p->probes[i].name, &p->probes[i].crs, err);
+		r = push_compatible(p, p->probes[i].name, p->probes[i].crs, err);
 	if (r || p->has_lattice)
 		return r ? r : PUSH_NOW;
 	if (*p->dataset->manifest) {
@@ -188,20 +205,25 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 		err_set(err, ERR_BUSY, "another push is fixing the lattice of %s", p->dataset->name);
 		return err_add_hint(err, "push again when that one is committed");
 	}
-	r = push_choose_lattice(p, err);
-	if (r)
-		return r;
-	p->has_lattice = true;
 	p->dataset->planner = p;
-	return PUSH_NOW;
+	return 0;
+}
+
+static void plan_run(struct push *p, struct push_ask *a)
+{
+	a->r = push_choose_lattice(p, &a->err);
 }
 
 static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	char lattice[LATTICE_TEXT_SIZE] = "";
 
-	if (!why)
+	if (!why) {
+		p->has_lattice = true;
 		lattice_text(&p->lattice, lattice);
+	} else if (!p->has_lattice && p->dataset->planner == p) {
+		p->dataset->planner = NULL;
+	}
 	p->calls.planned(a->token, why, lattice);
 	return true;
 }
@@ -269,6 +291,7 @@ void push_stage_give(struct push *p)
 
 static int file_start(struct push *p, struct push_ask *a, struct err *err)
 {
+	const struct push_probed *probe;
 	struct grid_source *s;
 
 	if (!a->name || !a->format)
@@ -277,9 +300,14 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 		err_set(err, ERR_USAGE, "the push has no lattice yet: PushPlan comes before File");
 		return err_add_file(err, a->name);
 	}
-	if (!push_find_probe(p, a->name)) {
+	probe = push_find_probe(p, a->name);
+	if (!probe) {
 		err_set(err, ERR_USAGE, "the file was not probed: Probe comes before PushPlan and File");
 		return err_add_file(err, a->name);
+	}
+	if (probe->why) {
+		*err = *probe->why;
+		return -(int)err->code;
 	}
 	if (!p->stage) {
 		if (!push_ask_new(p, PUSH_STAGE, NULL, true))
@@ -343,6 +371,8 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 		r = pipe_ingest(in, &params, &a->in, &a->err);
 	if (!r)
 		r = push_fd_check(a->fd, a->name, &after, &a->err);
+	if (!r && !p->dataset->onestep)
+		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	if (!r && !same_input(&a->id, &after))
 		return changed(a->name, "while it was read", &a->err);
 	return r;
@@ -373,14 +403,21 @@ static bool stage_broke(const struct err *why)
 static void source_add(struct push *p, const struct push_ask *a, bool live)
 {
 	struct grid_source *s = &p->sources[p->nsources++];
-	const char *base = strrchr(a->name, '/');
+	const struct push_probed *probe = push_find_probe(p, a->name);
+	const char *base = strrchr(probe->name, '/');
 
+	base = base ? base + 1 : probe->name;
 	memset(s, 0, sizeof *s);
 	s->id = a->source;
 	s->points = live ? a->in.points : atomic_load(&p->progress);
 	/* Generations are put in by the commit; here only: lives or not. */
 	s->removed = !live;
-	snprintf(s->name, sizeof s->name, "%s", base ? base + 1 : a->name);
+	/* Of a name that is too long, its end; it stays as long as the push. */
+	s->name = strlen(base) < GRID_SOURCE_NAME ? base : base + strlen(base) - (GRID_SOURCE_NAME - 1);
+	s->path = probe->path;
+	s->size = a->id.size;
+	s->mtime_ns = a->id.mtime_ns;
+	s->hash = a->hash;
 }
 
 static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
@@ -486,6 +523,7 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 
 	p->stage = grid_stage_free(p->stage); /* if no worker came to it */
 	push_stage_give(p);
+	push_room_give(p);
 	if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	if (p->opened)
@@ -496,7 +534,7 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 const struct push_row push_rows[PUSH_KINDS] = {
 	[PUSH_BEGIN] = {begin_start, begin_run, begin_done},
 	[PUSH_PROBE] = {probe_start, probe_run, probe_done},
-	[PUSH_PLAN] = {plan_start, NULL, plan_done},
+	[PUSH_PLAN] = {plan_start, plan_run, plan_done},
 	[PUSH_STAGE] = {stage_start, stage_run, stage_done},
 	[PUSH_FILE] = {file_start, file_run, file_done},
 	[PUSH_SYNC] = {sync_start, sync_run, sync_done},

@@ -87,43 +87,6 @@ int push_compatible(struct push *p, const char *name, const struct crs_info *crs
 	return r;
 }
 
-const struct push_probed *push_find_probe(const struct push *p, const char *name)
-{
-	size_t i;
-
-	for (i = 0; i < p->nprobes; i++)
-		if (!strcmp(p->probes[i].name, name))
-			return &p->probes[i];
-	return NULL;
-}
-
-int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
-{
-	struct push_probed *at = (struct push_probed *)push_find_probe(p, ask->name);
-
-	if (!at) {
-		if ((p->nprobes & (p->nprobes - 1)) == 0) {
-			size_t cap = p->nprobes ? p->nprobes * 2 : 1;
-
-			at = realloc(p->probes, cap * sizeof *at);
-			if (!at)
-				return err_set(err, ERR_NOMEM, "no memory to remember a file");
-			p->probes = at;
-		}
-		at = &p->probes[p->nprobes];
-		memset(at, 0, sizeof *at);
-		at->name = strdup(ask->name);
-		if (!at->name)
-			return err_set(err, ERR_NOMEM, "no memory to remember a file");
-		p->nprobes++;
-	}
-	at->id = ask->id;
-	at->coords = ask->info.coords;
-	at->coords.name = at->name;
-	at->crs = ask->info.crs;
-	return 0;
-}
-
 static int scale_of(const char *text, const char *field, struct decimal *ret, struct err *err)
 {
 	if (!decimal_parse(text, ret) || ret->mantissa <= 0) {
@@ -133,12 +96,22 @@ static int scale_of(const char *text, const char *field, struct decimal *ret, st
 	return 0;
 }
 
-/* From all headers that were probed, so that it does not depend on their order. */
+/* The input that the error is about does not go on; true: the others may. It is answered with the error when
+ * its File comes. The last one's error is the push's. */
+static bool leave_out(struct push *p, size_t n, const struct err *err)
+{
+	struct push_probed *probe = err->code == ERR_INPUT && *err->file ? push_find_probe(p, err->file) : NULL;
+
+	return n > 1 && probe && !probe->why && !push_leave_out(probe, err);
+}
+
+/* From all headers that were probed, so that it does not depend on their order; those that cannot be on one
+ * lattice with the others are left out one by one. Worker. */
 int push_choose_lattice(struct push *p, struct err *err)
 {
 	struct decimal xy, z;
 	struct lattice_input *inputs;
-	size_t i;
+	size_t i, n;
 	int r = 0;
 
 	if (*p->scale_xy)
@@ -153,10 +126,13 @@ int push_choose_lattice(struct push *p, struct err *err)
 	inputs = calloc(p->nprobes, sizeof *inputs);
 	if (!inputs)
 		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
-	for (i = 0; i < p->nprobes; i++)
-		inputs[i] = p->probes[i].coords;
-	r = lattice_choose(inputs, p->nprobes, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL,
-			   &p->lattice, err);
+	do {
+		for (i = n = 0; i < p->nprobes; i++)
+			if (!p->probes[i].why)
+				inputs[n++] = p->probes[i].coords;
+		err_clear(err);
+		r = lattice_choose(inputs, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
+	} while (r && leave_out(p, n, err));
 	free(inputs);
 	return r;
 }

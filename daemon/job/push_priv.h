@@ -3,6 +3,7 @@
 #define PUSH_PRIV_H
 
 #include "job_priv.h"
+#include "names.h"
 
 enum push_kind {
 	PUSH_BEGIN,
@@ -29,7 +30,8 @@ struct push_ask {
 	enum push_kind kind;
 	void *token;
 	int fd;
-	char *name, *format;
+	char *name, *format, *path;
+	bool checksum, add;
 	/* of the worker */
 	int r;
 	struct err err;
@@ -38,13 +40,17 @@ struct push_ask {
 	struct push_input_id id;
 	uint32_t source;
 	struct pipe_ingested in;
+	struct digest hash;
+	enum push_known_as known;
 };
 
 struct push_probed {
 	char *name;
+	const char *path; /* behind the name */
 	struct push_input_id id;
 	struct lattice_input coords;
-	struct crs_info crs;
+	const struct crs_info *crs; /* one of push.crs_seen */
+	struct err *why;            /* it was left out of the plan; NULL: it was not */
 };
 
 struct push {
@@ -73,6 +79,11 @@ struct push {
 	char crs_of[256], unit_xy_of[256], unit_z_of[256]; /* the input that said so */
 	struct push_probed *probes;
 	size_t nprobes;
+	struct names probe_names, probe_paths;
+	struct crs_info **crs_seen; /* what the probes say, each once */
+	size_t ncrs;
+	struct names base_paths;    /* live sources of `base` */
+	uint64_t table_bytes, table_used; /* charged, and needed, for what is kept of each file */
 
 	struct grid_stage *stage;
 	uint64_t stage_bytes; /* charged */
@@ -119,7 +130,21 @@ struct push *push_free(struct push *);
 int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err);
 int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
 int push_choose_lattice(struct push *, struct err *err);
+
+/* push_probes.c: what is kept of each file */
 int push_remember_probe(struct push *, const struct push_ask *, struct err *err);
-const struct push_probed *push_find_probe(const struct push *, const char *name);
+struct push_probed *push_find_probe(const struct push *, const char *name); /* NULL: not probed */
+int push_leave_out(struct push_probed *, const struct err *why);
+void push_forget_probes(struct push *);
+/* Memory for that; -ERR_LIMIT, -ERR_BUSY. */
+int push_room(struct push *, uint64_t bytes, struct err *err);
+void push_room_give(struct push *);
+
+/* push_known.c: what the dataset has already */
+int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err);
+/* Sets a->known, and a->in.points of what is known; refuses another file of a name that is there. */
+int push_known(struct push *, struct push_ask *);
+/* XXH3-128 of the first `size` bytes. */
+int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
 
 #endif

@@ -78,7 +78,7 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.warning = frame_text_clean(m->info.warning);
 }
 
-static void probed(void *token, const struct err *why, const char *name, const struct input_info *info)
+static void described(void *token, const struct err *why, const char *name, const struct input_info *info)
 {
 	struct message_probed m;
 
@@ -88,6 +88,23 @@ static void probed(void *token, const struct err *why, const char *name, const s
 	}
 	message_probed(name, info, &m);
 	request_answer(token, FRAME_MESSAGE(PROBED, probed, &m.probed));
+}
+
+static void probed(void *token, const struct err *why, const struct push_probe_result *result)
+{
+	Acut__V1__Probed known = ACUT__V1__PROBED__INIT;
+	char name[256];
+
+	if (why || result->info) {
+		described(token, why, why ? NULL : result->name, why ? NULL : result->info);
+		return;
+	}
+	strncpy(name, result->name, sizeof name - 1);
+	name[sizeof name - 1] = 0;
+	known.name = frame_text_clean(name);
+	known.points = result->points;
+	known.known = (uint32_t)result->known;
+	request_answer(token, FRAME_MESSAGE(PROBED, probed, &known));
 }
 
 static void planned(void *token, const struct err *why, const char *lattice)
@@ -269,12 +286,22 @@ static struct push *find(struct conn *c, struct request *q, uint64_t id)
 
 void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct push *p = find(c, q, m->probe->push);
+	const Acut__V1__Probe *probe = m->probe;
+	struct push *p = find(c, q, probe->push);
+	struct push_input in = {
+		.name = probe->name,
+		.format = probe->format,
+		.checksum = probe->checksum,
+		.add = probe->add,
+	};
+	char *path = p && probe->path.len ? strndup((const char *)probe->path.data, probe->path.len) : NULL;
 
+	in.path = path;
 	if (p)
-		push_probe(p, fd, m->probe->name, m->probe->format, q);
+		push_probe(p, fd, &in, q);
 	else
 		io_close(fd);
+	free(path);
 }
 
 void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
@@ -313,5 +340,5 @@ void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m,
 
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, probed, q);
+	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, described, q);
 }

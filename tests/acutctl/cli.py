@@ -47,8 +47,8 @@ COMMANDS = ("cancel dataset datasets fetch formats help info jobs mesh ping plan
             "watch").split()
 LATER = {
     "mesh": "--bbox=1,2,3,4 --not-class=7 --drop-overlap --crop=1,2,3,4 --every=2 --thin=1 --assume-crs=EPSG:1 --assume-units=m "
-            "--utm --geoid=x --tile=100 --checksum --manifest=x".split(),
-    "push": ["--utm", "--geoid", "--assume-crs", "--assume-units"],
+            "--utm --geoid=x --tile=100 --manifest=x".split(),
+    "push": ["--replace", "--utm", "--geoid", "--assume-crs", "--assume-units"],
     "fetch": ["--resume", "--bbox"],
     "submit": ["--crop", "--thin", "--every", "--drop-overlap", "--not-class"],
 }
@@ -112,7 +112,7 @@ def usage(base):
 def later(base):
     for command, options in LATER.items():
         for o in options:
-            value = [] if "=" in o or o in ("--utm", "--resume", "--drop-overlap", "--checksum") else ["1"]
+            value = [] if "=" in o or o in ("--utm", "--resume", "--drop-overlap", "--replace") else ["1"]
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)

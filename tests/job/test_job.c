@@ -148,6 +148,7 @@ static struct {
 	struct push_committed committed;
 	uint64_t durable;
 	bool aborted;
+	enum push_known_as known;
 } got;
 
 static void answer(const struct err *why)
@@ -162,9 +163,10 @@ static void begun(void *token, const struct err *why, const struct push_begun *b
 	got.push = why ? NULL : b->push;
 }
 
-static void probed(void *token, const struct err *why, const char *name, const struct input_info *info)
+static void probed(void *token, const struct err *why, const struct push_probe_result *result)
 {
 	answer(why);
+	got.known = why ? PUSH_NEW : result->known;
 }
 
 static void planned(void *token, const struct err *why, const char *lattice)
@@ -227,7 +229,7 @@ static struct dataset *push(const char *dataset, unsigned n, unsigned seed)
 
 	begin(dataset);
 	assert_int_equal(got.why.code, 0);
-	ask(push_probe(got.push, dup(fd), "a.xyz", "", NULL));
+	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
 	assert_int_equal(got.why.code, 0);
 	ask(push_plan(got.push, NULL));
 	assert_int_equal(got.why.code, 0);
@@ -567,7 +569,7 @@ static void restart(void **state)
 	ids[0] = info_of(done).id;
 	ids[1] = info_of(waits).id;
 	begin("kept");
-	ask(push_probe(got.push, dup(fd), "b.xyz", "", NULL));
+	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "b.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
 	ask(push_file(got.push, fd, "b.xyz", "", NULL));
 	push_leave(got.push);
@@ -594,17 +596,17 @@ static void refused_descriptors(void **state)
 
 	begin("");
 	assert_int_equal(pipe(ends), 0);
-	ask(push_probe(got.push, ends[0], "pipe", "", NULL));
+	ask(push_probe(got.push, ends[0], &(const struct push_input){.name = "pipe"}, NULL));
 	assert_int_equal(got.why.code, ERR_INPUT);
 	assert_string_equal(got.why.file, "pipe");
 	assert_non_null(strstr(got.why.message, "is a pipe, not a regular file"));
 	close(ends[1]);
-	ask(push_probe(got.push, open("/tmp", O_RDONLY), "folder", "", NULL));
+	ask(push_probe(got.push, open("/tmp", O_RDONLY), &(const struct push_input){.name = "folder"}, NULL));
 	assert_int_equal(got.why.code, ERR_INPUT);
 	fd = open(h.folder, O_TMPFILE | O_WRONLY, 0600);
-	ask(push_probe(got.push, fd, "writer", "", NULL));
+	ask(push_probe(got.push, fd, &(const struct push_input){.name = "writer"}, NULL));
 	assert_int_equal(got.why.code, ERR_PERM);
-	ask(push_probe(got.push, open("/dev/zero", O_RDONLY), "device", "", NULL));
+	ask(push_probe(got.push, open("/dev/zero", O_RDONLY), &(const struct push_input){.name = "device"}, NULL));
 	assert_int_equal(got.why.code, ERR_INPUT);
 	/* The push goes on, but there is nothing to plan from. */
 	ask(push_plan(got.push, NULL));
@@ -626,11 +628,11 @@ static void one_planner(void **state)
 
 	begin("fresh");
 	first = got.push;
-	ask(push_probe(first, dup(fd), "a.xyz", "", NULL));
+	ask(push_probe(first, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
 	ask(push_plan(first, NULL));
 	assert_int_equal(got.why.code, 0);
 	begin("fresh");
-	ask(push_probe(got.push, fd, "a.xyz", "", NULL));
+	ask(push_probe(got.push, fd, &(const struct push_input){.name = "a.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
 	assert_int_equal(got.why.code, ERR_BUSY);
 	push_leave(got.push);
@@ -645,7 +647,7 @@ static struct push *staged_push(const char *dataset, unsigned n, unsigned seed)
 	int fd = text_file(n, seed);
 
 	begin(dataset);
-	ask(push_probe(got.push, dup(fd), "a.xyz", "", NULL));
+	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
 	ask(push_file(got.push, fd, "a.xyz", "", NULL));
 	assert_int_equal(got.why.code, 0);
@@ -687,7 +689,7 @@ static void changed_file(void **state)
 	int fd = text_file(100, 11);
 
 	begin("");
-	ask(push_probe(got.push, dup(fd), "a.xyz", "", NULL));
+	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
 	assert_int_equal(pwrite(fd, "1 2 3\n", 6, lseek(fd, 0, SEEK_END)), 6);
 	ask(push_file(got.push, fd, "a.xyz", "", NULL));

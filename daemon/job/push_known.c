@@ -1,0 +1,134 @@
+/*
+ * Which inputs the dataset has already.
+ *
+ * The model: a file is the same if its path, size and time of change are those of a live source, or, where the
+ * client asks for it, if its bytes have that source's hash, whatever its name. The same path with anything else
+ * is another file of that name, and taken only if the client says so. What has no path (a pipe) is always new.
+ * Workers call this between the asks of one push, so its tables stand still meanwhile.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "io.h"
+#include "push_priv.h"
+
+enum { HASH_BUFFER = 256 << 10 };
+
+int push_hash(struct push *p, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err)
+{
+	struct digest_stream *s = digest_stream_new();
+	uint8_t *buf = malloc(HASH_BUFFER);
+	uint64_t at = 0;
+	size_t n = 1;
+	int r = s && buf ? 0 : err_set(err, ERR_NOMEM, "no memory to read a file");
+
+	while (!r && at < size && n) {
+		n = size - at < HASH_BUFFER ? (size_t)(size - at) : HASH_BUFFER;
+		r = io_read_some(fd, buf, n, at, name, &n, err);
+		if (r)
+			break;
+		digest_stream_add(s, buf, n);
+		at += n;
+		if (atomic_load(&p->cancel))
+			r = err_set(err, ERR_CANCELLED, "the push was ended");
+	}
+	if (!r)
+		*ret = digest_stream_end(s);
+	free(buf);
+	digest_stream_free(s);
+	return r;
+}
+
+int push_known_index(const struct grid_manifest *m, struct names *ret, struct err *err)
+{
+	struct names paths = {0};
+	int r = 0;
+
+	for (size_t i = 0; !r && i < m->nsources; i++)
+		if (!m->sources[i].removed && *m->sources[i].path)
+			r = names_put(&paths, m->sources[i].path, (uint32_t)i, err);
+	if (r)
+		names_free(&paths);
+	else
+		*ret = paths;
+	return r;
+}
+
+static bool same_times(const struct grid_source *s, const struct push_input_id *id)
+{
+	return s->size == id->size && s->mtime_ns == id->mtime_ns;
+}
+
+/* By content where that was asked for and is known, else by size and time. */
+static bool same_file(const struct push_ask *a, const struct grid_source *s)
+{
+	if (a->checksum && !digest_is_zero(s->hash))
+		return s->size == a->id.size && digest_equal(s->hash, a->hash);
+	return same_times(s, &a->id);
+}
+
+/* A live source of `m` that is this file; *ret_path: there is one of its path at least. */
+static const struct grid_source *find(const struct grid_manifest *m, const struct names *paths,
+				      const struct push_ask *a, bool *ret_path)
+{
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	while (names_next(paths, a->path, &at, &i)) {
+		*ret_path = true;
+		if (same_file(a, &m->sources[i]))
+			return &m->sources[i];
+	}
+	for (size_t k = 0; a->checksum && k < m->nsources; k++) {
+		const struct grid_source *s = &m->sources[k];
+
+		if (!s->removed && !digest_is_zero(s->hash) && s->size == a->id.size &&
+		    digest_equal(s->hash, a->hash))
+			return s;
+	}
+	return NULL;
+}
+
+/* The same file twice in one push. */
+static bool given_before(const struct push *p, const struct push_ask *a)
+{
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	while (names_next(&p->probe_paths, a->path, &at, &i)) {
+		const struct push_probed *other = &p->probes[i];
+
+		if (!memcmp(&other->id, &a->id, sizeof a->id))
+			return true;
+	}
+	return false;
+}
+
+int push_known(struct push *p, struct push_ask *a)
+{
+	const struct grid_source *s = NULL;
+	bool path = false;
+	int r = 0;
+
+	a->known = PUSH_NEW;
+	if (p->dataset->onestep || !*a->path)
+		return 0;
+	if (a->checksum)
+		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
+	if (!r && p->base)
+		s = find(p->base, &p->base_paths, a, &path);
+	if (r)
+		return r;
+	if (s || given_before(p, a)) {
+		a->known = PUSH_KNOWN;
+		a->in.points = s ? s->points : 0;
+		return 0;
+	}
+	if (!path || a->add)
+		return 0;
+	err_set(&a->err, ERR_INPUT, "the dataset %s has a file of this name already, %s", p->dataset->name,
+		a->checksum ? "with other content" : "of another size or time of change");
+	return err_add_hint(&a->err, "%s--add takes it as another source beside the old one; --replace, which puts it "
+				     "in the old one's place, is not in this version",
+			    a->checksum ? "" : "--checksum finds out whether the content is the same; ");
+}

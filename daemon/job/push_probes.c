@@ -1,0 +1,156 @@
+/*
+ * What a push keeps of each of its files, between the probe and the commit.
+ *
+ * The model: a few hundred bytes a file, found by name and by path in tables; of a coordinate system, which
+ * most files of a survey share, each is kept once. All of it is charged to the ledger, in steps, beyond what a
+ * handful of files takes: a push of more files than the memory carries is refused before it costs the others
+ * anything.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "push_priv.h"
+
+enum { TABLE_FREE = 4096, TABLE_STEP = 64 << 10 };
+
+/* Loop. */
+int push_room(struct push *p, uint64_t bytes, struct err *err)
+{
+	struct jobs *j = p->jobs;
+	uint64_t left, head, step;
+
+	p->table_used += bytes;
+	if (p->table_used <= p->table_bytes + TABLE_FREE)
+		return 0;
+	step = (p->table_used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
+	left = jobs_domain_memory(j);
+	/* As for the stage: a job that runs must be able to finish beside it; and the stage itself must come. */
+	head = 2 * jobs_domain_largest(j) + (p->stage_bytes ? 0 : GRID_STAGE_MIN + pipe_ingest_bytes());
+	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_STAGE, step)) {
+		p->table_bytes += step;
+		return 0;
+	}
+	p->table_used -= bytes;
+	if (p->table_bytes + step > ledger_total(j->p.ledger) / 2) {
+		err_set(err, ERR_LIMIT, "a push of more than %zu files does not fit into this memory", p->nprobes);
+		return err_add_hint(err, "push them in several parts, or give acutd more memory");
+	}
+	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
+	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");
+}
+
+void push_room_give(struct push *p)
+{
+	if (p->table_bytes)
+		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->table_bytes);
+	p->table_bytes = p->table_used = 0;
+}
+
+struct push_probed *push_find_probe(const struct push *p, const char *name)
+{
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	return names_next(&p->probe_names, name, &at, &i) ? &p->probes[i] : NULL;
+}
+
+static const struct crs_info *keep_crs(struct push *p, const struct crs_info *crs)
+{
+	struct crs_info **more;
+	size_t i;
+
+	for (i = p->ncrs; i-- > 0;)
+		if (!memcmp(p->crs_seen[i], crs, sizeof *crs))
+			return p->crs_seen[i];
+	more = realloc(p->crs_seen, (p->ncrs + 1) * sizeof *more);
+	if (!more)
+		return NULL;
+	p->crs_seen = more;
+	more[p->ncrs] = malloc(sizeof *crs);
+	if (!more[p->ncrs])
+		return NULL;
+	memcpy(more[p->ncrs], crs, sizeof *crs);
+	return more[p->ncrs++];
+}
+
+static int no_memory(struct err *err)
+{
+	return err_set(err, ERR_NOMEM, "no memory to remember a file");
+}
+
+/* A new entry, with its name and path in one allocation. */
+static int add(struct push *p, const char *name, const char *path, struct push_probed **ret, struct err *err)
+{
+	size_t n = strlen(name) + 1, m = strlen(path) + 1;
+	struct push_probed *at;
+	int r = push_room(p, sizeof *at + 2 * sizeof(struct grid_source) + n + m + 8 * sizeof(struct name_slot), err);
+
+	if (r)
+		return r;
+	if ((p->nprobes & (p->nprobes - 1)) == 0) {
+		size_t cap = p->nprobes ? p->nprobes * 2 : 1;
+
+		at = realloc(p->probes, cap * sizeof *at);
+		if (!at)
+			return no_memory(err);
+		p->probes = at;
+	}
+	at = &p->probes[p->nprobes];
+	memset(at, 0, sizeof *at);
+	at->name = malloc(n + m);
+	if (!at->name)
+		return no_memory(err);
+	memcpy(at->name, name, n);
+	at->path = memcpy(at->name + n, path, m);
+	r = names_put(&p->probe_names, at->name, (uint32_t)p->nprobes, err);
+	if (!r && *path)
+		r = names_put(&p->probe_paths, at->path, (uint32_t)p->nprobes, err);
+	/* In the tables, so it stays, even if only half. */
+	p->nprobes++;
+	*ret = at;
+	return r;
+}
+
+int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
+{
+	struct push_probed *at = push_find_probe(p, ask->name);
+	const struct crs_info *crs = keep_crs(p, &ask->info.crs);
+	int r = at ? 0 : add(p, ask->name, ask->path, &at, err);
+
+	if (r)
+		return r;
+	if (!crs)
+		return no_memory(err);
+	at->id = ask->id;
+	at->coords = ask->info.coords;
+	at->coords.name = at->name;
+	at->crs = crs;
+	return 0;
+}
+
+int push_leave_out(struct push_probed *probe, const struct err *why)
+{
+	probe->why = malloc(sizeof *probe->why);
+	if (!probe->why)
+		return -ERR_NOMEM;
+	*probe->why = *why;
+	return 0;
+}
+
+void push_forget_probes(struct push *p)
+{
+	for (size_t i = 0; i < p->nprobes; i++) {
+		free(p->probes[i].name);
+		free(p->probes[i].why);
+	}
+	free(p->probes);
+	for (size_t i = 0; i < p->ncrs; i++)
+		free(p->crs_seen[i]);
+	free(p->crs_seen);
+	names_free(&p->probe_names);
+	names_free(&p->probe_paths);
+	p->probes = NULL;
+	p->crs_seen = NULL;
+	p->nprobes = p->ncrs = 0;
+}
