@@ -1,9 +1,51 @@
 /* push: files into a named dataset, which comes to be with its first push. */
+#include <math.h>
 #include <string.h>
 
 #include "ctl.h"
 
-static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f)
+/* How far data may still extend on each side before it does not fit on the lattice: west, south, east, north. */
+struct room {
+	bool known;
+	double scale, left[4];
+};
+
+static void measure_room(void *ctx, const struct acut_dataset *d)
+{
+	struct room *room = ctx;
+	long long k[2];
+
+	if (sscanf(d->lattice, "%lf %*s %lld %lld", &room->scale, &k[0], &k[1]) != 3 || !isfinite(d->min[0]) ||
+	    !isfinite(d->max[1]))
+		return;
+	for (int i = 0; i < 2; i++) {
+		room->left[i] = d->min[i] - ((double)k[i] - 0x1p31) * room->scale;
+		room->left[2 + i] = ((double)k[i] + 0x1p31 - 1) * room->scale - d->max[i];
+	}
+	room->known = true;
+}
+
+static void room_json(struct ctl_json *j, const struct room *room)
+{
+	if (!room->known) {
+		ctl_json_literal(j, "room_left", "null");
+		return;
+	}
+	ctl_json_open(j, "room_left", '[');
+	for (int i = 0; i < 4; i++)
+		ctl_json_number(j, NULL, room->left[i]);
+	ctl_json_close(j, ']');
+}
+
+static void room_text(struct ctl *ctl, const struct room *room)
+{
+	if (room->known)
+		ctl_note(ctl, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north",
+			 room->scale, room->left[0], room->left[1], room->left[2], room->left[3]);
+}
+
+static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f,
+		      const struct room *room)
 {
 	static const char *const state[] = { "staged", "known", "adopted", "refused" };
 	struct ctl_json j = { .out = ctl->report };
@@ -30,6 +72,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "warning", f->warning);
 		ctl_json_text(&j, "error", NULL);
 	}
+	room_json(&j, room);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }
@@ -57,6 +100,7 @@ int ctl_push_run(struct ctl *ctl)
 {
 	struct ctl_inputs in = { 0 };
 	struct ctl_staged staged = { .nfile = 0 };
+	struct room room = { 0 };
 	struct err err = ERR_INIT;
 	char count[32];
 	int status;
@@ -67,15 +111,18 @@ int ctl_push_run(struct ctl *ctl)
 	if (!status) {
 		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
 		if (status == 0 || status == CTL_SOME_REFUSED) {
+			if (acut_datasets(ctl->acut, staged.dataset, measure_room, &room))
+				status = ctl_error_acut(ctl);
 			for (size_t i = 0; i < staged.nfile; i++) {
 				if (ctl->args.json)
-					file_json(ctl, &staged, &staged.file[i]);
+					file_json(ctl, &staged, &staged.file[i], &room);
 				else
 					file_text(ctl, &staged.file[i]);
 			}
 			ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", staged.dataset,
 				 (unsigned long long)staged.generation, ctl_job_count(staged.points, count),
 				 staged.seconds);
+			room_text(ctl, &room);
 		}
 	}
 	ctl_stage_done(&staged);

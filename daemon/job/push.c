@@ -89,7 +89,6 @@ static void close_done(struct push *p)
 	for (at = &p->jobs->pushes; *at != p; at = &(*at)->next)
 		;
 	*at = p->next;
-	p->dataset->pushes--;
 	if (p->dataset->planner == p)
 		p->dataset->planner = NULL;
 	if (p->dataset->committer == p)
@@ -354,6 +353,7 @@ void push_leave(struct push *p)
 	if (p->left)
 		return;
 	p->left = true;
+	p->dataset->pushes--;
 	/* A commit that is under way is carried through. */
 	if (!p->busy || p->asks->kind != PUSH_COMMIT) {
 		atomic_store(&p->cancel, true);

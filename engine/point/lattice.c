@@ -137,35 +137,58 @@ static bool box_fits(double min, double max, double scale, int64_t k)
 	return min / scale - (double)k > -0x1p31 && max / scale - (double)k < 0x1p31 - 1;
 }
 
-/* Who is to blame that the boxes do not fit: one whose own box is too wide for the scale, else the one
- * of the finest scale if they differ, else the one that lies farthest out. */
+/* Two inputs that are as much to blame: the same one of them, whatever their order. */
+static int tie(const struct lattice_input *a, const struct lattice_input *b)
+{
+	int order = 0;
+
+	for (unsigned i = 0; !order && i < 3; i++) {
+		order = decimal_compare(a->scale[i], b->scale[i]);
+		if (!order)
+			order = decimal_compare(a->offset[i], b->offset[i]);
+	}
+	if (!order)
+		order = memcmp(a->min, b->min, sizeof a->min);
+	if (!order)
+		order = memcmp(a->max, b->max, sizeof a->max);
+	return order ? order : strcmp(a->name, b->name);
+}
+
+static const struct lattice_input *blame(const struct lattice_input *a, double much_a, const struct lattice_input *b,
+					 double much_b)
+{
+	return !a || much_b > much_a || (much_b == much_a && tie(b, a) < 0) ? b : a;
+}
+
+/* Who is to blame that the boxes do not fit: one whose own box is too wide for the scale, the widest; else the
+ * one of the finest scale if they differ; else the one that lies farthest out. Whoever leaves that one out and
+ * tries again comes to the same inputs from any order. */
 static const struct lattice_input *who_does_not_fit(const struct lattice_input *inputs, size_t n,
 						    unsigned axis, double scale, int64_t k)
 {
-	const struct lattice_input *fine = &inputs[0], *far = NULL;
+	const struct lattice_input *wide = NULL, *fine = NULL, *far = NULL;
+	double widest = 0, finest_scale = 0, farthest = 0;
 	bool differ = false;
-	double most = -1;
 
 	for (size_t i = 0; i < n; i++) {
 		const struct lattice_input *in = &inputs[i];
-		int order = decimal_compare(in->scale[axis], fine->scale[axis]);
+		double own = -decimal_double(in->scale[axis]), width, out;
 
-		differ |= order != 0;
-		if (order < 0)
-			fine = in;
+		differ |= !same_decimal(in->scale[axis], inputs[0].scale[axis]);
+		fine = blame(fine, finest_scale, in, own);
+		finest_scale = -decimal_double(fine->scale[axis]);
 		if (!box_is_good(in, axis))
 			continue;
-		if ((in->max[axis] - in->min[axis]) / scale > 0x1p32)
-			return in;
-		double out = fmax(fabs(in->min[axis] / scale - (double)k),
-				  fabs(in->max[axis] / scale - (double)k));
-
-		if (out > most) {
-			most = out;
-			far = in;
+		width = (in->max[axis] - in->min[axis]) / scale;
+		if (width > 0x1p32) {
+			wide = blame(wide, widest, in, width);
+			widest = wide == in ? width : widest;
 		}
+		out = fmax(fabs(in->min[axis] / scale - (double)k), fabs(in->max[axis] / scale - (double)k));
+		far = blame(far, farthest, in, out);
+		farthest = far == in ? out : farthest;
 	}
-	return differ || !far ? fine : far;
+	return wide ? wide : differ || !far ? fine : far;
 }
 
 static int too_wide(const struct lattice_input *inputs, size_t n, unsigned axis, struct decimal scale,
