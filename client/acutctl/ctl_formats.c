@@ -2,7 +2,7 @@
 #include "ctl.h"
 
 static const struct { const char *name, *extensions, *help; } input[] = {
-	{ "las", ".las", "ASPRS LAS 1.0 to 1.5, uncompressed, point formats 0 to 10" },
+	{ "las", ".las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10" },
 	{ "xyz", ".xyz", "text, one point a line: x y z; space, tab, comma or semicolon" },
 };
 

@@ -177,6 +177,8 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 	}
 	memcpy(in, whole, offsetof(struct input, buffer));
 	in->info.coords.name = in->name;
+	if (in->row->part)
+		in->row->part(in, first, last);
 	*ret = in;
 	return 0;
 }
@@ -194,6 +196,8 @@ int input_read(struct input *in, struct input_points *pts, struct err *err)
 
 struct input *input_close(struct input *in)
 {
+	if (in && in->row && in->row->close)
+		in->row->close(in);
 	free(in);
 	return NULL;
 }

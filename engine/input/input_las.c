@@ -6,7 +6,9 @@
  * waveform, extra bytes) is stepped over by the record length of the header.
  *
  * The class byte of formats 0 to 5 is taken as LAS 1.1 defines it (5 bits of class, 3 of flags) for LAS
- * 1.0 too, as every reader does. Class 12 ("overlap" there) stays class 12.
+ * 1.0 too, as every reader does. Class 12 ("overlap" there) stays class 12 and sets the overlap flag.
+ *
+ * Compressed points (input_laz.c) come into the same buffer, as records of the same bytes.
  */
 #include "input_parts.h"
 
@@ -52,7 +54,7 @@ static inline __attribute__((always_inline)) void decode(const uint8_t *restrict
 			/* bits: 5 synthetic, 6 key-point, 7 withheld */
 			cls[i] = c & 31;
 			ret[i] = (uint8_t)((r & 7) | (r >> 3 & 7) << 4);
-			flags[i] = (uint8_t)((c >> 4 & 6) | c >> 7);
+			flags[i] = (uint8_t)((c >> 4 & 6) | c >> 7 | ((c & 31) == 12) << 3);
 		}
 	}
 }
@@ -92,7 +94,7 @@ void input_las_decode(unsigned format, unsigned length, const uint8_t *records, 
 	pts->n += n;
 }
 
-/* The next whole records. A short read means that the file shrank: its size was checked at open. */
+/* The next whole records of a file that is not compressed. A short read means that the file shrank: its size was checked at open. */
 static int refill(struct input *in, struct err *err)
 {
 	struct input_las *las = &in->as.las;
@@ -127,9 +129,11 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 		size_t n;
 
 		if (las->i_buffered == las->n_buffered) {
-			rc = refill(in, err);
+			rc = las->compressed ? input_laz_refill(in, err) : refill(in, err);
 			if (rc)
 				return rc;
+			if (!las->left)
+				break;
 		}
 		n = las->n_buffered - las->i_buffered;
 		if (n > pts->cap - pts->n)

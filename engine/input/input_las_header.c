@@ -118,7 +118,8 @@ static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_l
 		h->count = cursor_u64(&c);
 	}
 	las->point_offset = h->point_offset;
-	las->format = h->format_byte & 0x3f;
+	las->compressed = h->format_byte & 0x80;
+	las->format = h->format_byte & 0x7f;
 }
 
 static int check_layout(struct input *in, const struct header *h, struct err *err)
@@ -130,12 +131,7 @@ static int check_layout(struct input *in, const struct header *h, struct err *er
 		return input_fail(in, err, ERR_INPUT, AT_HEADER_SIZE, "header size",
 				  "a header of %u bytes; LAS 1.%u has at least %u", las->header_size,
 				  las->minor, header_min);
-	if (h->format_byte & 0x80) {
-		input_fail(in, err, ERR_UNSUPPORTED, AT_FORMAT, "point format",
-			   "compressed LAS (LAZ) is not in this version");
-		return err_add_hint(err, "decompress it first, for example: laszip -i FILE.laz -o FILE.las");
-	}
-	if (h->format_byte > 10)
+	if (las->format > 10)
 		return input_fail(in, err, ERR_INPUT, AT_FORMAT, "point format",
 				  "point format %u does not exist", h->format_byte);
 	if (las->length < input_las_min_length(las->format))
@@ -273,10 +269,17 @@ int input_las_open(struct input *in, struct err *err)
 	settle_count(in, &h);
 	rc = input_las_read_vlrs(in, h.n_vlrs, h.evlr_offset, h.n_evlrs, err);
 	if (!rc)
-		rc = check_count(in, &h, err);
+		rc = las->compressed ? input_laz_open(in, h.count, end_of_points(in, &h), err) :
+				       check_count(in, &h, err);
 	if (!rc)
 		rc = check_plane(in, err);
-	snprintf(in->info.variant, sizeof in->info.variant, "LAS 1.%u, point format %u, %u bytes", las->minor,
-		 las->format, las->length);
+	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes",
+		 las->compressed ? 'Z' : 'S', las->minor, las->format, las->length);
+	if (las->compressed) {
+		size_t used = strlen(in->info.variant);
+
+		snprintf(in->info.variant + used, sizeof in->info.variant - used, ", compressor %u",
+			 las->laz.compressor);
+	}
 	return rc;
 }

@@ -67,20 +67,32 @@ static bool wanted(const uint8_t *user, unsigned id, enum slot *ret_slot, unsign
 	return true;
 }
 
+/* How the points are compressed; more items than fit are more than a record can have. */
+static int take_laszip(struct input *in, uint64_t at, uint64_t size, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	size_t n = size < sizeof las->laszip ? (size_t)size : sizeof las->laszip;
+
+	las->has_laszip = true;
+	las->laszip_at = at;
+	return io_read_some(in->fd, las->laszip, n, at, in->name, &las->laszip_size, err);
+}
+
 static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size, struct err *err)
 {
 	struct cursor c = cursor_of(head, VLR_HEAD);
 	const uint8_t *user;
 	enum slot slot;
-	unsigned rank;
+	unsigned rank, id;
 	size_t got;
 	int rc;
 
 	cursor_skip(&c, 2);
 	user = cursor_bytes(&c, 16);
-	if (user_is(user, "laszip encoded"))
-		w->in->as.las.has_laszip = true;
-	if (!wanted(user, cursor_u16(&c), &slot, &rank) || rank <= w->rank[slot] || !size)
+	id = cursor_u16(&c);
+	if (user_is(user, "laszip encoded") && id == 22204 && !w->in->as.las.has_laszip)
+		return take_laszip(w->in, at, size, err);
+	if (!wanted(user, id, &slot, &rank) || rank <= w->rank[slot] || !size)
 		return 0;
 	if (size > SLOT_SIZE) {
 		input_warn(w->in, "a coordinate system record of %" PRIu64 " bytes was not read", size);

@@ -5,6 +5,7 @@
 #ifndef INPUT_PARTS_H
 #define INPUT_PARTS_H
 
+#include <stdalign.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -13,11 +14,13 @@
 #include "crs.h"
 #include "err.h"
 #include "input.h"
+#include "laz.h"
 
 enum { INPUT_BUFFER = 256 * 1024 };
 
 /* One format. `matches` looks at the first bytes (up to INPUT_SNIFF); `open` reads header or text and
- * fills in->info; `read` goes on where it was. None keeps anything outside of struct input. */
+ * fills in->info; `read` goes on where it was. None keeps anything outside of struct input, but for what
+ * `close` (or NULL) frees. `part` (or NULL: only one) turns a copy of the whole input into a reader of parts. */
 enum { INPUT_SNIFF = 4096 };
 
 struct input_row {
@@ -25,6 +28,8 @@ struct input_row {
 	bool (*matches)(const uint8_t *bytes, size_t n);
 	int (*open)(struct input *in, struct err *err);
 	int (*read)(struct input *in, struct input_points *pts, struct err *err);
+	void (*part)(struct input *in, uint64_t first, uint64_t last);
+	void (*close)(struct input *in);
 };
 
 extern const struct input_row input_rows[];
@@ -39,7 +44,17 @@ struct input_las {
 	uint64_t left;             /* records still to be handed out */
 	uint64_t at;               /* file offset of the next record to be read into the buffer */
 	size_t n_buffered, i_buffered; /* records in the buffer; the next one to be handed out */
-	bool has_laszip;
+	bool has_laszip;           /* a record says how the points are compressed: its body and place */
+	uint8_t laszip[80];
+	size_t laszip_size;
+	uint64_t laszip_at;
+	bool compressed;
+	struct laz_format laz;
+	struct laz_place place;    /* `end` is where the points end, for the reader of points */
+	uint64_t chunks;           /* in the table; 0: there is none, or it cannot be used */
+	uint64_t part_first, part_last; /* chunks to be read */
+	void *memory;              /* from the first read on */
+	struct input_laz_reading *reading; /* in it */
 	input_watch_fn *watch;     /* tests: sees every record that is handed out, in order */
 	void *watch_arg;
 };
@@ -66,7 +81,7 @@ struct input {
 		struct input_las las;
 		struct input_xyz xyz;
 	} as;
-	uint8_t buffer[INPUT_BUFFER];
+	alignas(16) uint8_t buffer[INPUT_BUFFER];
 };
 
 /* -code, with place and file filled in. */
@@ -89,6 +104,12 @@ int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset,
 void input_las_decode(unsigned format, unsigned length, const uint8_t *records, size_t n,
 		      struct input_points *pts);
 unsigned input_las_min_length(unsigned format); /* 0: no such format */
+/* Compressed: `points` that the header claims, up to byte `end` of the file. Looks at the chunk table. */
+int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *err);
+/* The next records to the buffer; none are left when n_buffered is 0, and then `left` is. */
+int input_laz_refill(struct input *in, struct err *err);
+void input_laz_part(struct input *in, uint64_t first, uint64_t last);
+void input_laz_close(struct input *in);
 
 bool input_xyz_matches(const uint8_t *bytes, size_t n);
 int input_xyz_open(struct input *in, struct err *err);

@@ -4,14 +4,14 @@
 enum { LAS, XYZ, ROWS };
 
 static const struct input_format_row texts[ROWS] = {
-	[LAS] = { "las", "ASPRS LAS 1.0 to 1.5, uncompressed, point formats 0 to 10", ".las .laz" },
+	[LAS] = { "las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10", ".las .laz" },
 	[XYZ] = { "xyz", "text, one point a line: x y z; space, tab, comma or semicolon",
 		  ".xyz .txt .csv .asc .pts" },
 };
 
 const struct input_row input_rows[ROWS] = {
-	[LAS] = { &texts[LAS], input_las_matches, input_las_open, input_las_read },
-	[XYZ] = { &texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read },
+	[LAS] = { &texts[LAS], input_las_matches, input_las_open, input_las_read, input_laz_part, input_laz_close },
+	[XYZ] = { &texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read, NULL, NULL },
 };
 
 const size_t input_n_rows = ROWS;

@@ -39,6 +39,7 @@ static void assert_point(const struct input_points *pts, size_t i, unsigned form
 		flags |= record[15] & 0x20 ? POINT_SYNTHETIC : 0;
 		flags |= record[15] & 0x40 ? POINT_KEY : 0;
 		flags |= record[15] & 0x80 ? POINT_WITHHELD : 0;
+		flags |= cls == 12 ? POINT_OVERLAP : 0; /* the class of that name before there was a flag */
 	} else {
 		returns = (record[14] & 15) | (record[14] >> 4) << 4;
 		cls = record[16];
@@ -281,8 +282,8 @@ static const struct lie lies[] = {
 	{ 2, 0, 96, "\xff\xff\xff\x7f", 4, ERR_INPUT, 96, "point offset" },
 	{ 2, 0, 104, "\x0b", 1, ERR_INPUT, 104, "point format" },
 	{ 2, 0, 104, "\x40", 1, ERR_INPUT, 104, "point format" },
-	{ 2, 0, 104, "\x80", 1, ERR_UNSUPPORTED, 104, "point format" },
-	{ 4, 6, 104, "\x86", 1, ERR_UNSUPPORTED, 104, "point format" },
+	{ 2, 0, 104, "\x80", 1, ERR_INPUT, 104, "point format" },
+	{ 4, 6, 104, "\x86", 1, ERR_INPUT, 104, "point format" },
 	{ 2, 0, 105, "\0\0", 2, ERR_INPUT, 105, "record length" },
 	{ 2, 0, 105, "\x13\0", 2, ERR_INPUT, 105, "record length" },
 	{ 2, 0, 105, "\x15\0", 2, ERR_TRUNCATED, 227 + 47 * 21, "points" },

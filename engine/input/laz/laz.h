@@ -36,7 +36,8 @@ struct laz_item {
 /* What the VLR "laszip encoded"/22204 says, checked: the items make up a record of `length` bytes. */
 struct laz_format {
 	unsigned compressor;
-	uint32_t chunk_size;     /* points of a chunk; LAZ_VARIABLE: the chunk table says */
+	uint32_t chunk_size;     /* points of a chunk; LAZ_VARIABLE: the chunk table says; 0: the same, but where the
+				  * table cannot be used all points are one chunk */
 	unsigned nitems, length; /* bytes of a record */
 	struct laz_item item[LAZ_ITEMS];
 };
@@ -61,13 +62,16 @@ struct laz_place {               /* of the points in the file */
 	uint64_t begin, end;     /* the compressed points, from the place of the chunk table's address on; end: the
 				  * file's, or where the header says that something else begins */
 	uint64_t points;         /* that the header claims */
+	uint64_t size;           /* of the file: a writer that could not seek put the address into the last 8 bytes */
 };
 struct laz_table;
 size_t laz_table_bytes(void);
 /* *ret_chunks: how many there are; 0 of compressor 1, and where the table is missing or cannot be used: then
- * the points can only be read forwards from the first, and *ret_why (static text, or NULL) says why. */
+ * the points can only be read forwards, and *ret_why (static text, or NULL) says why. */
 int laz_table_open(void *memory, const struct laz_format *, const struct laz_source *, const struct laz_place *,
 		   struct laz_table **ret, uint64_t *ret_chunks, const char **ret_why, struct err *err);
+/* All points as one chunk of unknown size, for laz_reader_chunk where there are no chunks. */
+struct laz_chunk laz_table_whole(const struct laz_format *, const struct laz_place *);
 /* The next chunk; false at the end. Place, size and points are checked against the file's. */
 int laz_table_next(struct laz_table *, struct laz_chunk *ret, bool *ret_more, struct err *err);
 
@@ -85,6 +89,8 @@ int laz_reader_chunk(struct laz_reader *, const struct laz_chunk *, struct err *
 /* Up to `cap` records of format.length bytes; *ret_n is 0 at the end of the chunk. ERR_TRUNCATED, ERR_INPUT name
  * the byte. A chunk whose bytes do not end where its table says is an error as well. */
 int laz_reader_read(struct laz_reader *, uint8_t *records, size_t cap, size_t *ret_n, struct err *err);
+/* After a read that failed with ERR_TRUNCATED: how many of its records are good nevertheless. */
+size_t laz_reader_good(const struct laz_reader *);
 /* Bytes of the file that were read so far. */
 uint64_t laz_reader_bytes_read(const struct laz_reader *);
 

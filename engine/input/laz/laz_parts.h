@@ -28,6 +28,8 @@ struct laz_pointwise *laz_pointwise_new(void *memory, const struct laz_format *,
 					uint64_t *counter);
 int laz_pointwise_begin(struct laz_pointwise *, uint64_t at, uint64_t end, uint64_t points, struct err *err);
 int laz_pointwise_read(struct laz_pointwise *, uint8_t *records, size_t n, struct err *err);
+/* After laz_pointwise_read failed because the file ended: how many of its records are good. */
+size_t laz_pointwise_good(const struct laz_pointwise *);
 int laz_pointwise_end(struct laz_pointwise *, uint64_t *ret_end, struct err *err);
 
 struct laz_layered;

@@ -1,0 +1,203 @@
+/*
+ * The item GPSTIME11: 8 bytes, versions 1 and 2. The bits of the double are taken as a 64-bit integer.
+ *
+ * Model: a time is the one before plus a multiple of the last usual difference, corrected; the symbol tells the
+ * multiple, that nothing changed, or that the time stands in full. Version 2 keeps four sequences of times and
+ * can go over to another one.
+ */
+#include "laz_items.h"
+
+#include <stdalign.h>
+
+enum { MULTIPLE_MAX_V1 = 512 };
+enum { MULTIPLE = 500, MINUS = 10, UNCHANGED = MULTIPLE + MINUS + 1, FULL = UNCHANGED + 1, SYMBOLS = FULL + 4 };
+
+/* A multiple that is beyond the range becomes the usual difference when it comes this often. */
+enum { EXTREME_MAX = 3 };
+
+struct sequence {
+	uint64_t time;
+	int32_t diff, extremes;
+};
+
+struct gpstime {
+	struct sequence seq[4];
+	unsigned last, next;
+	alignas(16) uint8_t multiple[LAZ_MODEL_BYTES(SYMBOLS)];
+	alignas(16) uint8_t still[LAZ_MODEL_BYTES(6)]; /* instead, while the difference is 0 */
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 9)];
+};
+
+static size_t gpstime_bytes(unsigned size) { return sizeof(struct gpstime); }
+
+static void begin(struct gpstime *g, const uint8_t *first, unsigned contexts)
+{
+	memset(g->seq, 0, sizeof g->seq);
+	g->seq[0].time = laz_get64(first);
+	g->last = g->next = 0;
+	laz_model_reset((struct laz_model *)g->multiple);
+	laz_model_reset((struct laz_model *)g->still);
+	laz_int_reset((struct laz_int *)g->ints, 32, contexts);
+}
+
+/* An extreme multiple came. */
+LAZ_INLINE void extreme(struct sequence *s, int32_t diff)
+{
+	if (++s->extremes > EXTREME_MAX) {
+		s->diff = diff;
+		s->extremes = 0;
+	}
+}
+
+LAZ_INLINE int32_t times(int32_t diff, int32_t by) { return (int32_t)((uint32_t)diff * (uint32_t)by); }
+
+/* --- version 1 --- */
+
+static void begin_v1(void *state, const uint8_t *first, unsigned size) { begin(state, first, 6); }
+
+static int32_t read_int_v1(struct laz_coder *c, struct gpstime *g, int32_t predicted, unsigned context)
+{
+	unsigned k;
+
+	return laz_int_read(c, (struct laz_int *)g->ints, 32, 6, predicted, context, &k);
+}
+
+static void step_v1(struct laz_coder *c, struct gpstime *g, struct sequence *s, int32_t m)
+{
+	int32_t d;
+
+	if (m == 0) {
+		d = read_int_v1(c, g, s->diff / 4, 2);
+		extreme(s, d);
+	} else if (m == 1) {
+		d = read_int_v1(c, g, s->diff, 1);
+		s->diff = d;
+		s->extremes = 0;
+	} else {
+		d = read_int_v1(c, g, times(s->diff, m), m < 10 ? 3 : m < 50 ? 4 : 5);
+		if (m == MULTIPLE_MAX_V1 - 3)
+			extreme(s, d);
+	}
+	s->time += (uint64_t)(int64_t)d;
+}
+
+static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
+		   struct err *err)
+{
+	struct gpstime *g = state;
+	struct sequence *s = &g->seq[0];
+	struct laz_coder c = *coder;
+
+	if (s->diff == 0) {
+		unsigned m = laz_symbol_lazy(&c, (struct laz_model *)g->still, 3);
+
+		if (m == 1) {
+			s->diff = read_int_v1(&c, g, 0, 0);
+			s->time += (uint64_t)(int64_t)s->diff;
+		} else if (m == 2) {
+			s->time = laz_u64(&c);
+		}
+	} else {
+		unsigned m = laz_symbol_lazy(&c, (struct laz_model *)g->multiple, MULTIPLE_MAX_V1);
+
+		if (m < MULTIPLE_MAX_V1 - 2)
+			step_v1(&c, g, s, (int32_t)m);
+		else if (m == MULTIPLE_MAX_V1 - 2)
+			s->time = laz_u64(&c);
+	}
+	laz_put64(item, s->time);
+	*coder = c;
+	return 0;
+}
+
+/* --- version 2 --- */
+
+static void begin_v2(void *state, const uint8_t *first, unsigned size) { begin(state, first, 9); }
+
+LAZ_INLINE int32_t read_int(struct laz_coder *c, struct gpstime *g, int32_t predicted, unsigned context)
+{
+	unsigned k;
+
+	return laz_int_read(c, (struct laz_int *)g->ints, 32, 9, predicted, context, &k);
+}
+
+/* A time in full, in the next sequence. */
+static void read_full(struct laz_coder *coder, struct gpstime *g)
+{
+	struct laz_coder c = *coder;
+	uint64_t high = (uint32_t)read_int(&c, g, (int32_t)(g->seq[g->last].time >> 32), 8);
+
+	g->next = (g->next + 1) & 3;
+	g->last = g->next;
+	g->seq[g->last] = (struct sequence){ .time = high << 32 | laz_u32(&c) };
+	*coder = c;
+}
+
+/* The multiple m of the difference, 0 and 2 to 510. */
+LAZ_INLINE void step(struct laz_coder *c, struct gpstime *g, struct sequence *s, int32_t m)
+{
+	int32_t by = m <= MULTIPLE ? m : MULTIPLE - m, d;
+	unsigned context = m == 0 ? 7 : m < 10 ? 2 : m < MULTIPLE ? 3 : m == MULTIPLE ? 4 : by > -MINUS ? 5 : 6;
+
+	d = read_int(c, g, times(s->diff, by), context);
+	if (m == 0 || by == MULTIPLE || by == -MINUS)
+		extreme(s, d);
+	s->time += (uint64_t)(int64_t)d;
+}
+
+/* True: another sequence was chosen, and the time is still to come. */
+LAZ_INLINE bool read_time(struct laz_coder *c, struct gpstime *g)
+{
+	struct sequence *s = &g->seq[g->last];
+	unsigned m;
+
+	if (s->diff == 0) {
+		m = laz_symbol_lazy(c, (struct laz_model *)g->still, 6);
+		if (m == 1) {
+			s->diff = read_int(c, g, 0, 0);
+			s->time += (uint64_t)(int64_t)s->diff;
+			s->extremes = 0;
+		} else if (m == 2) {
+			read_full(c, g);
+		} else if (m > 2) {
+			g->last = (g->last + m - 2) & 3;
+			return true;
+		}
+		return false;
+	}
+	m = laz_symbol_lazy(c, (struct laz_model *)g->multiple, SYMBOLS);
+	if (m == 1) {
+		s->time += (uint64_t)(int64_t)read_int(c, g, s->diff, 1);
+		s->extremes = 0;
+	} else if (m < UNCHANGED) {
+		step(c, g, s, (int32_t)m);
+	} else if (m == FULL) {
+		read_full(c, g);
+	} else if (m > FULL) {
+		g->last = (g->last + m - FULL) & 3;
+		return true;
+	}
+	return false;
+}
+
+static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
+		   struct err *err)
+{
+	struct gpstime *g = state;
+	struct laz_coder c = *coder;
+	unsigned turns = 0;
+
+	/* an encoder goes over to another sequence once, since there it has what it wants */
+	while (read_time(&c, g)) {
+		if (++turns == 4) {
+			c.bad = 1;
+			break;
+		}
+	}
+	laz_put64(item, g->seq[g->last].time);
+	*coder = c;
+	return 0;
+}
+
+const struct laz_item_row laz_gpstime11_v1 = { LAZ_GPSTIME11, 1, gpstime_bytes, begin_v1, read_v1 };
+const struct laz_item_row laz_gpstime11_v2 = { LAZ_GPSTIME11, 2, gpstime_bytes, begin_v2, read_v2 };

@@ -1,0 +1,131 @@
+/*
+ * The reader: chunks one after the other, by compressor.
+ *
+ * Model: what it is given as one chunk is either one chunk of the file, held to end where the table says, or all
+ * points of a file without a table, which it goes through chunk by chunk. Records are given away when their
+ * chunk's decoder has checked them; the last ones of a chunk when its end is right as well.
+ */
+#include "laz.h"
+
+#include "err.h"
+#include "laz_parts.h"
+
+#include <string.h>
+
+#ifndef LAZ_HAS_LAYERED
+#define laz_layered_bytes(f, fields) ((size_t)0)
+#define laz_layered_new(rest, f, fields, source, counter) NULL
+#define laz_layered_begin(l, at, end, n, err) err_set(err, ERR_UNSUPPORTED, "compressor 3 is not in this version")
+#define laz_layered_read(l, records, n, err) 0
+#define laz_layered_end(l, ret, err) 0
+#endif
+
+struct laz_reader {
+	unsigned length;
+	uint32_t chunk_size;
+	uint64_t counter;        /* bytes read */
+	struct laz_pointwise *pointwise; /* one of these two */
+	struct laz_layered *layered;
+	uint64_t at, end;        /* of the next chunk of the file; LAZ_OPEN */
+	uint64_t left;           /* points to be read */
+	uint64_t inner;          /* of them in the chunk that was begun */
+	size_t good;
+};
+
+static size_t head_bytes(void) { return (sizeof(struct laz_reader) + 63) & ~(size_t)63; }
+
+size_t laz_reader_bytes(const struct laz_format *f, enum laz_fields fields)
+{
+	return head_bytes() + (f->compressor == LAZ_COMPRESSOR_LAYERED ? laz_layered_bytes(f, fields) :
+									 laz_pointwise_bytes(f));
+}
+
+int laz_reader_new(void *memory, const struct laz_format *f, enum laz_fields fields, const struct laz_source *source,
+		   struct laz_reader **ret, struct err *err)
+{
+	struct laz_reader *r = memory;
+	void *rest = (uint8_t *)memory + head_bytes();
+
+	memset(r, 0, sizeof *r);
+	r->length = f->length;
+	r->chunk_size = f->compressor == LAZ_COMPRESSOR_POINTWISE || f->chunk_size == LAZ_VARIABLE ? 0 : f->chunk_size;
+#ifndef LAZ_HAS_LAYERED
+	if (f->compressor == LAZ_COMPRESSOR_LAYERED)
+		return err_set(err, ERR_UNSUPPORTED, "compressor 3 is not in this version"),
+		       err_add_place(err, ERR_NO_OFFSET, "compressor");
+#endif
+	if (f->compressor == LAZ_COMPRESSOR_LAYERED)
+		r->layered = laz_layered_new(rest, f, fields, source, &r->counter);
+	else
+		r->pointwise = laz_pointwise_new(rest, f, source, &r->counter);
+	*ret = r;
+	return 0;
+}
+
+int laz_reader_chunk(struct laz_reader *r, const struct laz_chunk *chunk, struct err *err)
+{
+	r->at = chunk->at;
+	r->end = chunk->bytes ? chunk->at + chunk->bytes : LAZ_OPEN;
+	r->left = chunk->points;
+	r->inner = 0;
+	return 0;
+}
+
+static int begin(struct laz_reader *r, struct err *err)
+{
+	bool whole = r->end != LAZ_OPEN || !r->chunk_size || r->left < r->chunk_size;
+
+	r->inner = whole ? r->left : r->chunk_size;
+	return r->layered ? laz_layered_begin(r->layered, r->at, r->end, r->inner, err) :
+			    laz_pointwise_begin(r->pointwise, r->at, r->end, r->inner, err);
+}
+
+static int read_some(struct laz_reader *r, uint8_t *records, size_t n, struct err *err)
+{
+	int rc = r->layered ? laz_layered_read(r->layered, records, n, err) :
+			      laz_pointwise_read(r->pointwise, records, n, err);
+
+	if (rc) {
+		r->good += r->pointwise ? laz_pointwise_good(r->pointwise) : 0;
+		return rc;
+	}
+	r->inner -= n;
+	r->left -= n;
+	if (!r->inner)
+		rc = r->layered ? laz_layered_end(r->layered, &r->at, err) :
+				  laz_pointwise_end(r->pointwise, &r->at, err);
+	if (!rc)
+		r->good += n;
+	return rc;
+}
+
+int laz_reader_read(struct laz_reader *r, uint8_t *records, size_t cap, size_t *ret_n, struct err *err)
+{
+	size_t n = 0;
+
+	r->good = 0;
+	while (n < cap && r->left) {
+		int rc = r->inner ? 0 : begin(r, err);
+		size_t m = cap - n;
+
+		if (!rc) {
+			m = m < r->inner ? m : (size_t)r->inner;
+			rc = read_some(r, records + n * r->length, m, err);
+		}
+		if (rc)
+			return rc;
+		n += m;
+	}
+	*ret_n = n;
+	return 0;
+}
+
+size_t laz_reader_good(const struct laz_reader *r)
+{
+	return r->good;
+}
+
+uint64_t laz_reader_bytes_read(const struct laz_reader *r)
+{
+	return r->counter;
+}
