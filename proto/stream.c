@@ -79,7 +79,10 @@ static unsigned put_small(enum stream_type type, struct packer *p, struct stream
 unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_SCRATCH],
 			 struct stream_piece *piece)
 {
+	static const uint8_t zeros[8];
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
+	size_t view = head->view ? strnlen(head->view, AREA_TEXT_MAX) : 0;
+	unsigned n = 0;
 
 	packer_zero(&p, STREAM_HEADER_SIZE);
 	packer_u8(&p, head->kind);
@@ -90,8 +93,13 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 	PUT_TEXT(&p, head->crs);
 	PUT_TEXT(&p, head->unit_xy);
 	PUT_TEXT(&p, head->unit_z);
-	PUT_TEXT(&p, head->view);
-	return put_small(STREAM_TYPE_HEAD, &p, piece);
+	packer_u16(&p, (uint16_t)view);
+	/* The view may be long: it goes out from where it lies. */
+	n = add_piece(piece, n, scratch, packer_size(&p));
+	n = add_piece(piece, n, head->view, view);
+	n = add_piece(piece, n, zeros, stream_padded(packer_size(&p) + view) - packer_size(&p) - view);
+	put_header(STREAM_TYPE_HEAD, scratch, piece, n);
+	return n;
 }
 
 unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH],

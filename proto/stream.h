@@ -10,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "area_code.h"
 #include "digest.h"
 
 struct err;
@@ -20,7 +21,7 @@ struct stream_head {
 	uint8_t kind;
 	char lattice[192]; /* "SXY SZ KX KY KZ" */
 	char crs[512], unit_xy[16], unit_z[16];
-	char view[2048];  /* canonical text */
+	const char *view; /* canonical text; NULL: ""; at most AREA_TEXT_MAX bytes, which outlive the pieces */
 	struct digest id; /* generation, view, plan, kernel version */
 	int32_t box[6];   /* holds all vertices: min x y z, max x y z; lattice numbers */
 };

@@ -30,6 +30,7 @@ struct stream_reader {
 	bool has_head, done, failed;
 	struct err why; /* if failed */
 	struct stream_head head;
+	char *view; /* of the head */
 	struct stream_block block;
 	struct stream_tail tail;
 	uint64_t blocks, vertices, triangles, last_index;
@@ -52,6 +53,7 @@ struct stream_reader *stream_reader_free(struct stream_reader *r)
 {
 	if (r) {
 		free(r->payload);
+		free(r->view);
 		free(r);
 	}
 	return NULL;
@@ -197,6 +199,25 @@ static int get_end(struct cursor *c, const char *what, struct err *err)
 	return 0;
 }
 
+/* The one text that may be long. */
+static int get_view(struct stream_reader *r, struct cursor *c, struct err *err)
+{
+	size_t n = cursor_u16(c);
+	const uint8_t *bytes = cursor_bytes(c, n);
+
+	if (!bytes || n > AREA_TEXT_MAX || memchr(bytes, 0, n)) {
+		c->bad = true;
+		return 0;
+	}
+	r->view = malloc(n + 1);
+	if (!r->view)
+		return err_set(err, ERR_NOMEM, "there is no memory for the head of the mesh stream");
+	memcpy(r->view, bytes, n);
+	r->view[n] = '\0';
+	r->head.view = r->view;
+	return 0;
+}
+
 static int read_head(struct stream_reader *r, struct err *err)
 {
 	struct cursor c = cursor_of(r->payload, r->length);
@@ -211,7 +232,9 @@ static int read_head(struct stream_reader *r, struct err *err)
 	GET_TEXT(&c, head->crs);
 	GET_TEXT(&c, head->unit_xy);
 	GET_TEXT(&c, head->unit_z);
-	GET_TEXT(&c, head->view);
+	e = get_view(r, &c, err);
+	if (e < 0)
+		return e;
 	e = get_end(&c, "head", err);
 	if (e < 0)
 		return e;

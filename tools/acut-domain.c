@@ -112,6 +112,8 @@ static int session_open(struct session *s, const struct options *o, struct err *
 	strcpy(file, o->manifest);
 	s->view = VIEW_INIT;
 	r = *o->view ? view_parse(o->view, &s->view, err) : 0;
+	if (!r && view_selects(&s->view))
+		r = err_set(err, ERR_UNSUPPORTED, "crop, every and thin are not in this version of acut-domain");
 	if (!r)
 		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (r)
@@ -123,12 +125,15 @@ static int session_open(struct session *s, const struct options *o, struct err *
 		r = grid_open(dirfd, basename(file), GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
 	io_close(dirfd);
 	if (!r)
+		view_bind(&s->view, &grid_manifest(s->grid)->lattice);
+	if (!r)
 		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);
 	return r;
 }
 
 static void session_close(struct session *s)
 {
+	view_done(&s->view);
 	grid_close(s->grid);
 	ledger_free(s->ledger);
 }

@@ -22,12 +22,13 @@ struct ctl_daemon;
 struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
 	bool strict, planar, accept_truncated, checksum, add;
-	bool ground, surface, keep_withheld, keep_noise;
+	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool canonical, no_clobber, wait, fresh;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
 	const char *scale, *input_format;
-	const char *classes, *returns, *duplicates;
+	const char *classes, *not_classes, *returns, *duplicates;
+	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
 	const char *format, *origin, *max_edge, *width, *color;
 	const char *generation;
 	const char *out[CTL_OUTPUTS];
@@ -135,9 +136,8 @@ void ctl_error_json(struct ctl_json *, const char *key, const struct err *);
 
 /* ---- ctl_view.c ---- */
 
-#define CTL_VIEW_SIZE 2048
-/* The canonical text of the view that the options ask for. */
-int ctl_view_text(const struct ctl_args *, char buf[CTL_VIEW_SIZE], struct err *err);
+/* The request for the view that the options ask for, to be freed. Reads the file of --crop. */
+int ctl_view_text(const struct ctl_args *, char **ret, struct err *err);
 
 /* ---- ctl_input.c ---- */
 

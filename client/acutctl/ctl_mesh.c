@@ -3,6 +3,8 @@
  * one-step dataset is staged, a job bound to this connection is submitted, and its triangles stream into the
  * outputs while they are made. If this command ends, so does the job.
  */
+#include <stdlib.h>
+
 #include "ctl.h"
 
 static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
@@ -28,9 +30,9 @@ int ctl_mesh_run(struct ctl *ctl)
 {
 	struct ctl_inputs in = { 0 };
 	struct format_run *run = NULL;
-	char view[CTL_VIEW_SIZE];
+	char *view = NULL;
 	struct err err = ERR_INIT;
-	int r = ctl_view_text(&ctl->args, view, &err), status;
+	int r = ctl_view_text(&ctl->args, &view, &err), status;
 
 	if (!r)
 		r = ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err);
@@ -41,5 +43,6 @@ int ctl_mesh_run(struct ctl *ctl)
 	status = r ? ctl_error(ctl, &err) : mesh(ctl, &in, view, run);
 	format_run_free(run);
 	ctl_input_done(&in);
+	free(view);
 	return status;
 }

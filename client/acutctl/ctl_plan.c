@@ -1,4 +1,6 @@
 /* plan: what a job would take; starts nothing. */
+#include <stdlib.h>
+
 #include "ctl.h"
 #include "parse.h"
 
@@ -41,20 +43,21 @@ static void print_json(struct ctl *ctl, const struct acut_plan *p)
 int ctl_plan_run(struct ctl *ctl)
 {
 	const struct acut_plan *plan;
-	char view[CTL_VIEW_SIZE];
+	char *view;
 	uint64_t generation = 0;
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl_view_text(&ctl->args, view, &err))
+	if (ctl_view_text(&ctl->args, &view, &err))
 		return ctl_error(ctl, &err);
 	if (ctl->args.generation)
 		parse_u64(ctl->args.generation, &generation);
 	status = ctl_connect(ctl);
+	if (!status && acut_plan(ctl->acut, ctl->args.word[0], generation, view, &plan))
+		status = ctl_error_acut(ctl);
+	free(view);
 	if (status)
 		return status;
-	if (acut_plan(ctl->acut, ctl->args.word[0], generation, view, &plan))
-		return ctl_error_acut(ctl);
 	if (ctl->args.json)
 		print_json(ctl, plan);
 	else

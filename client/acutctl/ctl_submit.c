@@ -1,4 +1,6 @@
 /* submit: a job on a dataset; it outlives this command. */
+#include <stdlib.h>
+
 #include "ctl.h"
 #include "parse.h"
 
@@ -13,20 +15,21 @@ int ctl_submit_run(struct ctl *ctl)
 	const struct ctl_args *a = &ctl->args;
 	const struct acut_job *job;
 	struct ctl_progress progress;
-	char view[CTL_VIEW_SIZE];
+	char *view;
 	uint64_t generation = 0;
 	struct err err = ERR_INIT;
 	int status;
 
-	if (ctl_view_text(a, view, &err))
+	if (ctl_view_text(a, &view, &err))
 		return ctl_error(ctl, &err);
 	if (a->generation)
 		parse_u64(a->generation, &generation);
 	status = ctl_connect(ctl);
+	if (!status && acut_submit(ctl->acut, a->word[0], generation, view, false, a->fresh, &job))
+		status = ctl_error_acut(ctl);
+	free(view);
 	if (status)
 		return status;
-	if (acut_submit(ctl->acut, a->word[0], generation, view, false, a->fresh, &job))
-		return ctl_error_acut(ctl);
 	if (!a->json || !a->wait) {
 		if (a->json)
 			ctl_job_json(ctl, job);

@@ -1,15 +1,19 @@
 /*
- * The view options as the canonical text that a daemon takes (PROTOCOL.md, "Views"): "view 1", then the words
- * of what differs from taking all but noise and withheld points, in one fixed order. The daemon's own writer
- * and this one are held together by a test over all combinations.
+ * The view options as a request (PROTOCOL.md, "Views"): "ask 1", then a word for each. What can be known
+ * without the dataset is refused here, before a daemon is asked; what was typed goes as it stands, as an exact
+ * decimal, since only the daemon knows the lattice and the unit of the dataset.
  */
 #include <stdlib.h>
 #include <string.h>
 
+#include "area_code.h"
 #include "ctl.h"
+#include "ctl_area.h"
+#include "decimal.h"
+#include "parse.h"
 
-/* "2,8" or "2-5,9" into 256 flags; false for rubbish. */
-static bool read_classes(const char *text, bool has[256])
+/* "2,8" or "2-5,9": false for rubbish. */
+static bool good_classes(const char *text)
 {
 	for (;;) {
 		unsigned long first, last;
@@ -26,8 +30,6 @@ static bool read_classes(const char *text, bool has[256])
 		}
 		if (first > last || last > 255)
 			return false;
-		for (unsigned long c = first; c <= last; c++)
-			has[c] = true;
 		if (!*end)
 			return true;
 		if (*end != ',')
@@ -36,40 +38,47 @@ static bool read_classes(const char *text, bool has[256])
 	}
 }
 
-static void write_classes(const bool has[256], char *buf, size_t size)
+static int check_classes(const char *text, struct err *err)
 {
-	const char *between = " class=";
-	size_t n = strlen(buf);
+	if (!text || good_classes(text))
+		return 0;
+	err_set(err, ERR_USAGE, "\"%s\" is not a list of classes", text);
+	return err_add_hint(err, "give numbers from 0 to 255, as in 2,8 or 2-5,9");
+}
 
-	for (unsigned c = 0; c < 256; c++) {
-		unsigned last = c;
+static bool is(const char *text, const char *word)
+{
+	return text && !strcmp(text, word);
+}
 
-		if (!has[c])
-			continue;
-		while (last < 255 && has[last + 1])
-			last++;
-		n += (size_t)snprintf(buf + n, size - n, last > c ? "%s%u-%u" : "%s%u", between, c, last);
-		between = ",";
-		c = last;
+static int check_words(const struct ctl_args *a, struct err *err)
+{
+	if (a->returns && !is(a->returns, "all") && !is(a->returns, "first") && !is(a->returns, "last"))
+		return err_set(err, ERR_USAGE, "--returns is all, first or last, not \"%s\"", a->returns);
+	if (a->duplicates && !is(a->duplicates, "lowest") && !is(a->duplicates, "highest"))
+		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"",
+			       a->duplicates);
+	if (a->thin_pick && !is(a->thin_pick, "lowest") && !is(a->thin_pick, "highest") &&
+	    !is(a->thin_pick, "median"))
+		return err_set(err, ERR_USAGE, "--thin-pick is lowest, highest or median, not \"%s\"",
+			       a->thin_pick);
+	if (a->thin_pick && !a->thin) {
+		err_set(err, ERR_USAGE, "--thin-pick says which point of a cell is taken, and there are no cells");
+		return err_add_hint(err, "give --thin CELL too");
 	}
+	return 0;
 }
 
 /* What contradicts itself is a mistake of whoever typed it. */
-static int check(const struct ctl_args *a, struct err *err)
+static int check_sense(const struct ctl_args *a, struct err *err)
 {
-	bool last = a->returns && !strcmp(a->returns, "last");
-	bool highest = a->duplicates && !strcmp(a->duplicates, "highest");
+	bool highest = is(a->duplicates, "highest");
 
-	if (a->returns && strcmp(a->returns, "all") && strcmp(a->returns, "first") && !last)
-		return err_set(err, ERR_USAGE, "--returns is all, first or last, not \"%s\"", a->returns);
-	if (a->duplicates && strcmp(a->duplicates, "lowest") && !highest)
-		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"",
-			       a->duplicates);
 	if (a->ground && a->surface) {
 		err_set(err, ERR_USAGE, "a mesh cannot be of the ground and of the surface at once");
 		return err_add_hint(err, "submit two jobs on one dataset: they share its points");
 	}
-	if (a->surface && last) {
+	if (a->surface && is(a->returns, "last")) {
 		err_set(err, ERR_USAGE, "the surface is made of first returns, not of last ones");
 		return err_add_hint(err, "leave out one of --surface and --returns last");
 	}
@@ -84,28 +93,153 @@ static int check(const struct ctl_args *a, struct err *err)
 	return 0;
 }
 
-int ctl_view_text(const struct ctl_args *a, char buf[CTL_VIEW_SIZE], struct err *err)
+static int check_heights(const struct ctl_args *a, struct err *err)
 {
-	bool has[256] = { false };
-	bool first = a->surface || (a->returns && !strcmp(a->returns, "first"));
-	bool highest = a->surface || (a->duplicates && !strcmp(a->duplicates, "highest"));
+	struct decimal low, high;
+
+	if (a->zmin && !decimal_parse(a->zmin, &low))
+		err_set(err, ERR_USAGE, "--zmin is not a height: \"%s\"", a->zmin);
+	else if (a->zmax && !decimal_parse(a->zmax, &high))
+		err_set(err, ERR_USAGE, "--zmax is not a height: \"%s\"", a->zmax);
+	else if (a->zmin && a->zmax && decimal_compare(low, high) > 0) {
+		err_set(err, ERR_USAGE, "--zmin %s is above --zmax %s: no height is left", a->zmin, a->zmax);
+		return err_add_hint(err, "swap them");
+	}
+	return err->code ? err_add_hint(err, "give a decimal in the units of the files, as in 1250.75") : 0;
+}
+
+/* A number, alone or with the name of a unit of length. */
+static int check_thin(const struct ctl_args *a, struct err *err)
+{
+	static const char *const units[] = { "ftUS", "ft", "m" };
+	char number[DECIMAL_TEXT_SIZE];
+	struct decimal d;
+	size_t n = a->thin ? strlen(a->thin) : 0;
+
+	if (!a->thin)
+		return 0;
+	for (int i = 0; i < 3; i++) {
+		size_t m = strlen(units[i]);
+
+		if (n > m && !strcmp(a->thin + n - m, units[i])) {
+			n -= m;
+			break;
+		}
+	}
+	snprintf(number, sizeof(number), "%.*s", (int)n, a->thin);
+	if (n < sizeof(number) && decimal_parse(number, &d) && d.mantissa > 0)
+		return 0;
+	err_set(err, ERR_USAGE, "--thin is not a length: \"%s\"", a->thin);
+	return err_add_hint(err, "give a number in the units of the files, or with m, ft or ftUS, as in 10m");
+}
+
+static int check(const struct ctl_args *a, struct err *err)
+{
+	uint64_t n;
+	int r;
+
+	if ((r = check_words(a, err)) || (r = check_sense(a, err)) || (r = check_classes(a->classes, err)) ||
+	    (r = check_classes(a->not_classes, err)) || (r = check_heights(a, err)) || (r = check_thin(a, err)))
+		return r;
+	return a->every ? ctl_option_number("--every", a->every, 1, UINT64_MAX, &n, err) : 0;
+}
+
+/* Four decimals with commas between: 1. Something else: 0. */
+static int box_of(const char *text, struct decimal ret[4])
+{
+	char part[DECIMAL_TEXT_SIZE];
+
+	for (int i = 0; i < 4; i++) {
+		size_t n = strcspn(text, ",");
+
+		if (n >= sizeof(part) || (text[n] == ',') != (i < 3))
+			return 0;
+		memcpy(part, text, n);
+		part[n] = '\0';
+		if (!decimal_parse(part, &ret[i]))
+			return 0;
+		text += n + (i < 3);
+	}
+	return 1;
+}
+
+static int put_crop(const char *crop, FILE *out, struct err *err)
+{
+	struct ctl_area area;
+	struct decimal d[4];
+	int r;
+
+	if (box_of(crop, d)) {
+		fprintf(out, " crop=box:%s", crop);
+		if (decimal_compare(d[0], d[2]) <= 0 && decimal_compare(d[1], d[3]) <= 0)
+			return 0;
+		err_set(err, ERR_USAGE, "the box of --crop is empty: \"%s\"", crop);
+		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
+	}
+	if (!strcmp(crop, "") || (strspn(crop, "+-.,0123456789eE ") == strlen(crop) && strchr(crop, ','))) {
+		err_set(err, ERR_USAGE, "--crop is not X1,Y1,X2,Y2: \"%s\"", crop);
+		return err_add_hint(err, "give four decimals, or a file of GeoJSON or WKT");
+	}
+	r = ctl_area_read(crop, &area, err);
+	if (r)
+		return r;
+	fputs(" crop=", out);
+	r = ctl_area_print(&area, out, err);
+	ctl_area_done(&area);
+	return r ? err_add_file(err, crop) : 0;
+}
+
+static void put_words(const struct ctl_args *a, FILE *out)
+{
+	bool first = a->surface || is(a->returns, "first");
+
+	fputs("ask 1", out);
+	if (a->classes)
+		fprintf(out, " class=%s", a->classes);
+	if (a->not_classes)
+		fprintf(out, " not-class=%s", a->not_classes);
+	fprintf(out, "%s%s%s%s%s%s", a->ground ? " ground" : "", first ? " returns=first" : "",
+		is(a->returns, "last") ? " returns=last" : "", a->keep_withheld ? " keep-withheld" : "",
+		a->keep_noise ? " keep-noise" : "", a->drop_overlap ? " drop-overlap" : "");
+	if (a->zmin)
+		fprintf(out, " zmin=%s", a->zmin);
+	if (a->zmax)
+		fprintf(out, " zmax=%s", a->zmax);
+	if (a->every)
+		fprintf(out, " every=%s", a->every);
+	/* Which point of a cell is taken follows that of a position, unless it is said. */
+	if (a->thin)
+		fprintf(out, " thin=%s:%s", a->thin,
+			a->thin_pick			       ? a->thin_pick :
+			a->surface || is(a->duplicates, "highest") ? "highest" :
+								 "lowest");
+	if (a->surface || is(a->duplicates, "highest"))
+		fputs(" duplicates=highest", out);
+}
+
+int ctl_view_text(const struct ctl_args *a, char **ret, struct err *err)
+{
+	char *text = NULL;
+	size_t size = 0;
+	FILE *out;
 	int r = check(a, err);
-	size_t n;
 
 	if (r)
 		return r;
-	strcpy(buf, "view 1");
-	if (a->classes) {
-		if (!read_classes(a->classes, has)) {
-			err_set(err, ERR_USAGE, "\"%s\" is not a list of classes", a->classes);
-			return err_add_hint(err, "give numbers from 0 to 255, as in 2,8 or 2-5,9");
-		}
-		write_classes(has, buf, CTL_VIEW_SIZE);
-	}
-	n = strlen(buf);
-	snprintf(buf + n, CTL_VIEW_SIZE - n, "%s%s%s%s%s", a->ground ? " ground" : "",
-		 first ? " returns=first" : a->returns && !strcmp(a->returns, "last") ? " returns=last" : "",
-		 a->keep_withheld ? " keep-withheld" : "", a->keep_noise ? " keep-noise" : "",
-		 highest ? " duplicates=highest" : "");
-	return 0;
+	out = open_memstream(&text, &size);
+	if (!out)
+		return err_set(err, ERR_NOMEM, "no memory for a view");
+	put_words(a, out);
+	if (a->crop)
+		r = put_crop(a->crop, out, err);
+	if (fclose(out) && !r)
+		r = err_set(err, ERR_NOMEM, "no memory for a view");
+	if (!r && size > AREA_TEXT_MAX)
+		r = err_set(err, ERR_LIMIT, "the view takes %zu bytes, more than the %d that fit", size,
+			    AREA_TEXT_MAX);
+	if (r)
+		free(text);
+	else
+		*ret = text;
+	return r;
 }

@@ -7,6 +7,7 @@
  * row in the catalogue from their submission on, so that they go on after a restart; bound ones end with
  * their owner.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -227,30 +228,50 @@ static enum job_state job_state_cancelled(struct job *job)
 
 /* ---- the end of a job ---- */
 
-static void no_ground(struct job *job)
+/* Every point was left out, and --ground was asked for. */
+static void no_ground(struct job *job, const struct mesh_counts *counts)
 {
 	struct err err = ERR_INIT;
 
-	err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
-	err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf) or LAStools "
-			   "(lasground), "
-			   "or leave --ground out");
+	if (counts->removed[VIEW_BY_CLASS] == counts->points) {
+		err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
+		err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf), "
+				   "LAStools (lasground) or CloudCompare (CSF), or leave --ground out");
+	} else {
+		err_set(&err, ERR_INPUT, "what else the view asks for leaves no ground points");
+		err_add_hint(&err, "leave out --ground, or some of the other options that choose points");
+	}
 	fail(job, &err);
+}
+
+/* Vegetation in a terrain mesh is seldom meant. */
+static void note_classes(struct job *job, const struct view *view)
+{
+	uint64_t ground, other;
+
+	walk_classes(job->walk, &ground, &other);
+	if (*job->report.note || !ground || !other || view->ground || view->has_classes ||
+	    view->not_classes[0] | view->not_classes[1] | view->not_classes[2] | view->not_classes[3] ||
+	    view_normal(view).duplicates == VIEW_HIGHEST)
+		return;
+	snprintf(job->report.note, sizeof job->report.note,
+		 "points of all classes are meshed, %llu of the ground (class 2) and %llu others: "
+		 "--ground takes the ground alone",
+		 (unsigned long long)ground, (unsigned long long)other);
 }
 
 static void make_report(struct job *job)
 {
 	const struct pipe_totals *totals = walk_totals(job->walk);
 	uint64_t first = walk_first_ns(job->walk);
-	struct view view;
-	struct err err = ERR_INIT;
+	const struct view *view = walk_view(job->walk);
 
-	if (view_parse(job->view, &view, &err) == 0 && view.ground && !totals->counts.used &&
-	    totals->counts.points) {
-		no_ground(job);
+	if (view->ground && !totals->counts.used && totals->counts.points) {
+		no_ground(job, &totals->counts);
 		return;
 	}
-	report_make(totals, &view, &job->report);
+	report_make(totals, &job->report);
+	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
 	job->report.stage_seconds = job->dataset->stage_seconds;
 	job->report.first_triangle_seconds = first ? (double)(first - job->begun_ns) / 1e9 : 0;
@@ -374,15 +395,20 @@ static struct job *job_add(struct jobs *j, uint64_t id)
 	return job;
 }
 
-/* The text of a view as it is kept: "" asks for the default one. */
-int job_view(const char *text, char ret[VIEW_TEXT_SIZE], struct err *err)
+int job_view(const char *text, const struct dataset *d, char **ret, struct err *err)
 {
-	struct view view = VIEW_INIT;
-	int r = *text ? view_parse(text, &view, err) : 0;
+	struct lattice lattice;
+	struct view view;
+	int r;
 
-	if (!r)
-		view_text(&view, ret);
-	return r;
+	if (!lattice_parse(d->lattice, &lattice))
+		return err_set(err, ERR_INTERNAL, "the lattice of the dataset %s cannot be read", d->name);
+	r = view_resolve(text, &lattice, d->unit_xy, &view, err);
+	if (r)
+		return r;
+	*ret = view_text(&view);
+	view_done(&view);
+	return *ret ? 0 : err_set(err, ERR_NOMEM, "no memory for a view");
 }
 
 /* The same generation and view: the same job, unless it came to nothing. */
@@ -399,11 +425,26 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
 	return NULL;
 }
 
-static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation,
-			char ret_view[VIEW_TEXT_SIZE], struct err *err)
+/* Jobs that are done keep theirs, for later streams. */
+static int check_views(const struct jobs *j, const char *view, struct err *err)
+{
+	size_t bytes = strlen(view);
+
+	for (const struct job *job = j->jobs; job; job = job->next)
+		bytes += strlen(job->view);
+	if (bytes <= JOBS_VIEWS_MAX)
+		return 0;
+	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them",
+		JOBS_VIEWS_MAX >> 20);
+	return err_add_hint(err, "remove jobs that are over (acutctl rm), or crop to simpler areas");
+}
+
+static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, char **ret_view,
+			struct err *err)
 {
 	const struct job *job;
 	unsigned open = 0;
+	int r;
 
 	if (j->parking)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
@@ -419,7 +460,12 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu",
 			       p->dataset->name, (unsigned long long)generation,
 			       (unsigned long long)p->dataset->generation);
-	return job_view(p->view, ret_view, err);
+	r = job_view(p->view, p->dataset, ret_view, err);
+	if (!r && (r = check_views(j, *ret_view, err))) {
+		free(*ret_view);
+		*ret_view = NULL;
+	}
+	return r;
 }
 
 void job_submit(struct jobs *j, const struct job_params *p,
@@ -428,13 +474,14 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
 	struct err err = ERR_INIT;
 	struct job *job = NULL;
-	char view[VIEW_TEXT_SIZE];
-	int r = check_submit(j, p, generation, view, &err);
+	char *view = NULL;
+	int r = check_submit(j, p, generation, &view, &err);
 
 	if (!r && !p->bound && !p->fresh) {
 		job = find_same(j, p, generation, view);
 		/* One that is not in the catalogue yet is not promised yet. */
 		if (job && !job->waiting_row) {
+			free(view);
 			accepted(token, NULL, job);
 			return;
 		}
@@ -442,13 +489,12 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	if (!r) {
 		job = job_add(j, ++j->last_job);
 		if (job)
-			job->view = strdup(view);
-		if (!job || !job->view)
+			job->view = view;
+		else
 			r = err_set(&err, ERR_NOMEM, "no memory for a job");
 	}
 	if (r) {
-		if (job)
-			job->removed = true;
+		free(view);
 		accepted(token, &err, NULL);
 		return;
 	}

@@ -276,18 +276,20 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		.calls = &plan_calls,
 		.ctx = p,
 	};
-	char text[VIEW_TEXT_SIZE];
+	char *text = NULL;
 	struct err err = ERR_INIT;
 
-	params.view_text = text;
 	if (!p)
 		err_set(&err, ERR_NOMEM, "no memory for a plan");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (!d->generation || generation > d->generation)
 		err_set(&err, ERR_NOTFOUND, "the dataset %s has no such generation", d->name);
-	else if (!job_view(view, text, &err))
+	else if (!job_view(view, d, &text, &err)) {
+		params.view_text = text;
 		walk_new(&params, &p->walk, &err);
+		free(text);
+	}
 	if (err.code) {
 		free(p);
 		planned(token, &err, NULL);

@@ -10,6 +10,8 @@
 
 /* Memory beside the ledger is small because these are few: a job takes 2 KiB, a push 6. */
 enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
+/* But for the texts of views with large areas, which are counted. */
+enum { JOBS_VIEWS_MAX = 4 << 20 };
 
 struct dataset {
 	struct dataset *next; /* named: by id; one-step ones follow in no order */
@@ -122,12 +124,13 @@ int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
 void job_settle(struct job *);
 void job_plans_settle(struct jobs *);
-int job_view(const char *text, char ret[VIEW_TEXT_SIZE], struct err *err);
+/* The canonical text, to be freed, of a view asked of this dataset, which has a generation. */
+int job_view(const char *text, const struct dataset *, char **ret, struct err *err);
 
 /* report.c */
 char *report_text(const struct job_report *, char *buf, size_t size);
 bool report_parse(const char *text, struct job_report *ret);
-void report_make(const struct pipe_totals *, const struct view *, struct job_report *ret);
+void report_make(const struct pipe_totals *, struct job_report *ret);
 
 /* jobs.c */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */

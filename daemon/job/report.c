@@ -51,14 +51,13 @@ char *report_text(const struct job_report *r, char *buf, size_t size)
 			at += (size_t)snprintf(buf + at, size - at, "%s %s\n", fields[i].name, place);
 	}
 	for (i = 0; i < VIEW_RULES && at < size; i++)
-		at += (size_t)snprintf(buf + at, size - at, "removed%zu %llu\n", i,
-				       (unsigned long long)r->removed[i]);
+		at += (size_t)snprintf(buf + at, size - at, "removed-%s %llu\n",
+				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);
 	return buf;
 }
 
 static void parse_field(const char *name, const char *value, struct job_report *ret)
 {
-	unsigned rule;
 	uint64_t n;
 	size_t i;
 
@@ -75,8 +74,11 @@ static void parse_field(const char *name, const char *value, struct job_report *
 			snprintf(place, fields[i].size, "%s", value);
 		return;
 	}
-	if (sscanf(name, "removed%u", &rule) == 1 && rule < VIEW_RULES && parse_u64(value, &n))
-		ret->removed[rule] = n;
+	if (strncmp(name, "removed-", 8) || !parse_u64(value, &n))
+		return;
+	for (i = 0; i < VIEW_RULES; i++)
+		if (!strcmp(name + 8, view_rule_text((enum view_rule)i)))
+			ret->removed[i] = n;
 }
 
 bool report_parse(const char *text, struct job_report *ret)
@@ -98,7 +100,7 @@ bool report_parse(const char *text, struct job_report *ret)
 	return true;
 }
 
-void report_make(const struct pipe_totals *t, const struct view *view, struct job_report *ret)
+void report_make(const struct pipe_totals *t, struct job_report *ret)
 {
 	size_t i;
 

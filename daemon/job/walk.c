@@ -41,6 +41,10 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 		return err_set(err, ERR_NOMEM, "no memory for a job");
 	}
 	r = view_parse(p->view_text, &w->view, err);
+	if (!r && view_selects(&w->view)) {
+		r = err_set(err, ERR_UNSUPPORTED, "crop, every and thin are not in this version of acut");
+		view_done(&w->view);
+	}
 	if (r) {
 		free(w->view_text);
 		free(w);
@@ -66,6 +70,7 @@ struct walk *walk_free(struct walk *w)
 		return NULL;
 	cut_plan_done(&w->plan);
 	dataset_release(w->dataset);
+	view_done(&w->view);
 	free(w->view_text);
 	free(w);
 	return NULL;
@@ -90,6 +95,20 @@ static void shut(struct walk *w)
 
 /* ---- opening and planning ---- */
 
+static void count_classes(struct walk *w)
+{
+	const struct grid_manifest *m = grid_manifest(w->grid);
+
+	w->ground = w->other = 0;
+	for (size_t i = 0; i < m->nsegments; i++) {
+		const uint64_t *points = m->segments[i].classes;
+
+		w->ground += points[2];
+		for (unsigned c = 0; c < 256; c++)
+			w->other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
+	}
+}
+
 static void open_run(struct sched_task *t)
 {
 	struct walk *w = walk_of_task(t);
@@ -107,7 +126,10 @@ static void open_run(struct sched_task *t)
 	if (w->r) {
 		w->grid = grid_close(w->grid);
 		dataset_close(w->dataset);
+		return;
 	}
+	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
+	count_classes(w);
 }
 
 static void open_done(struct sched_task *t)
@@ -491,6 +513,17 @@ const struct cut_plan *walk_plan(const struct walk *w)
 const struct pipe_budget *walk_budget(const struct walk *w)
 {
 	return &w->budget;
+}
+
+const struct view *walk_view(const struct walk *w)
+{
+	return &w->view;
+}
+
+void walk_classes(const struct walk *w, uint64_t *ret_ground, uint64_t *ret_other)
+{
+	*ret_ground = w->ground;
+	*ret_other = w->other;
 }
 
 uint64_t walk_grid_points(const struct walk *w)

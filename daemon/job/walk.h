@@ -30,7 +30,7 @@ struct walk_params {
 	void *ctx;
 };
 
-/* `ended` comes in any case, later. -ERR_USAGE: the view. */
+/* `ended` comes in any case, later. -ERR_PROTO: the view. */
 int walk_new(const struct walk_params *, struct walk **ret, struct err *err);
 /* Only after `ended`, or before walk_start. NULL is fine; returns NULL. */
 struct walk *walk_free(struct walk *);
@@ -52,6 +52,10 @@ size_t walk_domain_bytes(const struct walk *);                /* 0: not planned 
 const struct pipe_totals *walk_totals(const struct walk *);   /* after `ended` without why */
 const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);
+const struct view *walk_view(const struct walk *);
+/* Points of the ground (class 2) and of other classes that are no noise to the view, in the segments of the
+ * generation, of removed sources too. After `ended` without why. */
+void walk_classes(const struct walk *, uint64_t *ret_ground, uint64_t *ret_other);
 uint64_t walk_grid_points(const struct walk *);
 void walk_progress(const struct walk *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total);

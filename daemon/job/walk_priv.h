@@ -60,6 +60,7 @@ struct walk {
 	struct err err;
 
 	struct grid *grid;
+	uint64_t ground, other; /* walk_classes */
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;

@@ -40,6 +40,7 @@ struct stream_out {
 	int fd;
 	sd_event_source *io;
 	struct out_frame frame[FRAMES];
+	char *view; /* that the head points to */
 	uint64_t blocks, blocked_ns; /* since when bytes wait; 0: none do */
 	bool paused, ended, gone;
 
@@ -77,6 +78,7 @@ static void stream_free(struct stream_out *o)
 	sd_event_source_disable_unref(o->io);
 	io_close(o->fd);
 	spool_close(o);
+	free(o->view);
 	free(o);
 }
 
@@ -227,18 +229,40 @@ static void text_copy(char *to, size_t size, const char *from)
 	to[n] = 0;
 }
 
+/* On the socket, and before the pipe ends. A client that is gone shows when the loop comes to it: nothing is
+ * closed here, since daemon/job is going through its outputs. */
+static void tell_why(struct stream_out *o, const struct err *why)
+{
+	struct conn *c = o->conn;
+	struct err err = ERR_INIT;
+
+	if (c->closed || frame_conn_send_error(c->frame, o->request, why, &err))
+		return;
+	frame_conn_flush(c->frame, &err);
+	if (c->io)
+		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
+}
+
 static void out_head(struct job_output *output, const struct job_stream_head *in)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[HEAD];
 	struct stream_head head = {.kind = STREAM_WHOLE, .id = in->id};
+	struct err err = ERR_INIT;
 	char lattice[LATTICE_TEXT_SIZE];
 
 	text_copy(head.lattice, sizeof head.lattice, lattice_text(&in->manifest->lattice, lattice));
 	text_copy(head.crs, sizeof head.crs, in->manifest->crs);
 	text_copy(head.unit_xy, sizeof head.unit_xy, in->manifest->unit_xy);
 	text_copy(head.unit_z, sizeof head.unit_z, in->manifest->unit_z);
-	text_copy(head.view, sizeof head.view, in->view);
+	o->view = strdup(in->view);
+	if (!o->view) {
+		err_set(&err, ERR_NOMEM, "no memory for the head of a stream");
+		tell_why(o, &err);
+		drop(o);
+		return;
+	}
+	head.view = o->view;
 	memcpy(head.box, in->box, sizeof head.box);
 	f->n = stream_put_head(&head, f->scratch, f->piece);
 	f->at = 0;
@@ -372,20 +396,6 @@ static void tail_totals(struct stream_tail *tail, const struct stream_out *o, co
 	message_report_json(report, tail->report, sizeof tail->report);
 }
 
-/* On the socket, and before the pipe ends. A client that is gone shows when the loop comes to it: nothing is
- * closed here, since daemon/job is going through its outputs. */
-static void tell_why(struct stream_out *o, const struct err *why)
-{
-	struct conn *c = o->conn;
-	struct err err = ERR_INIT;
-
-	if (c->closed || frame_conn_send_error(c->frame, o->request, why, &err))
-		return;
-	frame_conn_flush(c->frame, &err);
-	if (c->io)
-		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
-}
-
 static void out_end(struct job_output *output, const struct err *why, const struct pipe_totals *totals,
 		    const struct job_report *report)
 {
@@ -408,7 +418,7 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 		tail_totals(&tail, o, totals, report);
 	if (!o->frame[HEAD].ready && !o->blocks && why && !o->frame[HEAD].n) {
 		/* A stream starts with its head, also one that failed before there was a grid. */
-		struct stream_head head = {.kind = STREAM_WHOLE, .lattice = "1 1 0 0 0", .view = ""};
+		struct stream_head head = {.kind = STREAM_WHOLE, .lattice = "1 1 0 0 0"};
 
 		strcpy(head.crs, "unknown");
 		strcpy(head.unit_xy, "unknown");

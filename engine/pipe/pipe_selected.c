@@ -25,16 +25,15 @@ enum { TEXT_MAX = 1024 };
 
 struct digest pipe_select_key(const struct grid *grid, const struct view *view)
 {
-	char text[VIEW_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
+	char lattice[LATTICE_TEXT_SIZE];
 	struct view selecting = view_normal(view);
 	struct digest parts[4];
 
 	selecting.duplicates = VIEW_LOWEST;
-	view_text(&selecting, text);
 	lattice_text(&grid_manifest(grid)->lattice, lattice);
 	parts[0] = pipe_content(grid);
 	parts[1] = digest_hash(lattice, strlen(lattice));
-	parts[2] = digest_hash(text, strlen(text));
+	parts[2] = view_hash(&selecting);
 	parts[3] = digest_hash(RULES, sizeof RULES);
 	return digest_hash(parts, sizeof parts);
 }

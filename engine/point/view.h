@@ -12,6 +12,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "area_code.h"
 #include "digest.h"
 #include "point.h"
 
@@ -71,8 +72,6 @@ void view_done(struct view *);
 /* Before a point is judged. */
 void view_bind(struct view *, const struct lattice *);
 
-#define VIEW_TEXT_SIZE 2048
-
 /* The same view with --surface and --ground spelt out (surface: first returns, highest; ground: lowest), left
  * out classes taken out of those asked for, rules that remove nothing reset. Shares the area with the given one:
  * it is not to be done. */
@@ -80,13 +79,24 @@ struct view view_normal(const struct view *);
 /* -ERR_USAGE if what is asked for contradicts itself (ground and surface, surface of last returns ...). */
 int view_check(const struct view *, struct err *err);
 
-/* Canonical text of the normal view: the view's identity is its hash. view_parse accepts exactly what
- * view_text writes. */
-char *view_text(const struct view *, char buf[VIEW_TEXT_SIZE]);
+/* A view has two texts. The canonical one holds whole numbers of the lattice: the view's identity is its hash.
+ * A request holds what was typed, exact decimals and lengths, since who asks does not know the lattice.
+ * PROTOCOL.md has the grammar of both. Either is at most VIEW_TEXT_MAX bytes long. */
+#define VIEW_TEXT_MAX AREA_TEXT_MAX
+
+/* The canonical text of the normal view, to be freed; NULL: no memory. */
+char *view_text(const struct view *);
+/* Takes exactly what view_text writes. -ERR_PROTO, -ERR_NOMEM. */
 int view_parse(const char *text, struct view *ret, struct err *err);
 struct digest view_hash(const struct view *);
-/* "2,8" or "2-5,9": sets classes; -ERR_USAGE for rubbish. */
+/* A request as the view of a dataset with this lattice and this unit of x and y (crs.h): corners and heights
+ * rounded once as points are, lengths converted exactly. A canonical text is taken too, "" is the default view.
+ * The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: what it asks for cannot be; -ERR_INPUT: it cannot
+ * of this dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
+int view_resolve(const char *text, const struct lattice *, const char *unit_xy, struct view *ret, struct err *err);
+/* "2,8" or "2-5,9": sets classes, or those left out; -ERR_USAGE for rubbish. */
 int view_set_classes(struct view *, const char *list, struct err *err);
+int view_set_not_classes(struct view *, const char *list, struct err *err);
 
 /* The rule that removes this point, or VIEW_KEPT. Never VIEW_BY_THIN nor VIEW_BY_DUPLICATE, which need other
  * points. Return number 0 (none known) counts as a first return, and as a last one where the count is 0 or 1.

@@ -2,159 +2,320 @@
  * A view as its canonical text and back (view.h): "view 1", then the words of what differs from taking all
  * but noise and withheld points, in one fixed order. Parsing reads the words and then demands that the text
  * written for the result is the text read, so there is one text for each view.
+ *
+ * The writer hands its words to a sink that counts, copies, compares or hashes them, so that the text of a
+ * large area need not lie in memory to be looked at.
  */
+#include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
 
 #include "err.h"
 #include "view.h"
+#include "view_area.h"
+#include "view_word.h"
+
+struct sink {
+	size_t n;            /* bytes so far */
+	char *copy;          /* NULL: none */
+	const char *like;    /* NULL: none; must go on as the text does */
+	bool differs;
+	XXH3_state_t *hash;  /* NULL: none */
+};
+
+static void put(struct sink *s, const char *bytes, size_t n)
+{
+	if (s->copy)
+		memcpy(s->copy + s->n, bytes, n);
+	if (s->like && !s->differs)
+		s->differs = strncmp(s->like + s->n, bytes, n) != 0;
+	if (s->hash)
+		XXH3_128bits_update(s->hash, bytes, n);
+	s->n += n;
+}
+
+/* At most 200 bytes at once. */
+__attribute__((format(printf, 2, 3))) static void put_text(struct sink *s, const char *fmt, ...)
+{
+	char buf[208];
+	va_list ap;
+	int n;
+
+	va_start(ap, fmt);
+	n = vsnprintf(buf, sizeof buf, fmt, ap);
+	va_end(ap);
+	put(s, buf, (size_t)n);
+}
 
 static bool class_bit(const uint64_t classes[4], unsigned cls)
 {
 	return classes[cls >> 6] >> (cls & 63) & 1;
 }
 
-/* "2-5,9": at most 256 numbers of four bytes each. */
-static size_t classes_text(const uint64_t classes[4], char *buf, size_t size)
+/* " class=2-5,9" */
+static void put_classes(struct sink *s, const char *word, const uint64_t classes[4])
 {
-	size_t n = 0;
-
-	for (unsigned c = 0; c < 256; c++) {
+	put_text(s, " %s=", word);
+	for (unsigned c = 0, some = 0; c < 256; c++) {
 		unsigned last = c;
 
 		if (!class_bit(classes, c))
 			continue;
 		while (last < 255 && class_bit(classes, last + 1))
 			last++;
-		n += (size_t)snprintf(buf + n, size - n, last > c ? "%s%u-%u" : "%s%u", n ? "," : "", c,
-				      last);
+		put_text(s, last > c ? "%s%u-%u" : "%s%u", some++ ? "," : "", c, last);
 		c = last;
 	}
-	return n;
 }
 
-char *view_text(const struct view *view, char buf[VIEW_TEXT_SIZE])
+static void put_area(struct sink *s, const struct view_area *a)
+{
+	int64_t x = 0, y = 0;
+
+	put_text(s, " crop=area:");
+	for (size_t i = 0; i < view_area_rings(a); i++) {
+		const int64_t (*corner)[2];
+		bool shell;
+		size_t n = view_area_ring_at(a, i, &shell, &corner);
+
+		put(s, shell ? "+" : "-", 1);
+		for (size_t k = 0; k < n; k++) {
+			char code[2 * AREA_CODE_SIZE];
+			size_t len = area_code_put((__int128)corner[k][0] - x, code);
+
+			len += area_code_put((__int128)corner[k][1] - y, code + len);
+			put(s, code, len);
+			x = corner[k][0];
+			y = corner[k][1];
+		}
+	}
+}
+
+static void put_crop(struct sink *s, const struct view *v)
+{
+	const int64_t *b = v->crop_box;
+
+	if (v->crop == VIEW_CROP_BOX)
+		put_text(s, " crop=box:%lld,%lld,%lld,%lld", (long long)b[0], (long long)b[1], (long long)b[2],
+			 (long long)b[3]);
+	else if (v->crop == VIEW_CROP_AREA)
+		put_area(s, v->area);
+}
+
+static const char *const pick_text[] = {"lowest", "highest", "median"};
+
+static void put_view(struct sink *s, const struct view *view)
 {
 	struct view v = view_normal(view);
-	size_t n = (size_t)snprintf(buf, VIEW_TEXT_SIZE, "view 1");
 
-	if (v.has_classes) {
-		n += (size_t)snprintf(buf + n, VIEW_TEXT_SIZE - n, " class=");
-		n += classes_text(v.classes, buf + n, VIEW_TEXT_SIZE - n);
-	}
-	snprintf(buf + n, VIEW_TEXT_SIZE - n, "%s%s%s%s%s", v.ground ? " ground" : "",
+	put_text(s, "view 1");
+	if (v.has_classes)
+		put_classes(s, "class", v.classes);
+	if (v.not_classes[0] | v.not_classes[1] | v.not_classes[2] | v.not_classes[3])
+		put_classes(s, "not-class", v.not_classes);
+	put_text(s, "%s%s%s%s%s", v.ground ? " ground" : "",
 		 v.returns == VIEW_RETURNS_FIRST  ? " returns=first"
 		 : v.returns == VIEW_RETURNS_LAST ? " returns=last"
 						  : "",
 		 v.keep_withheld ? " keep-withheld" : "", v.keep_noise ? " keep-noise" : "",
-		 v.duplicates == VIEW_HIGHEST ? " duplicates=highest" : "");
-	return buf;
+		 v.drop_overlap ? " drop-overlap" : "");
+	if (v.has_zmin)
+		put_text(s, " zmin=%lld", (long long)v.zmin);
+	if (v.has_zmax)
+		put_text(s, " zmax=%lld", (long long)v.zmax);
+	put_crop(s, &v);
+	if (v.every)
+		put_text(s, " every=%llu", (unsigned long long)v.every);
+	if (v.thin.cell)
+		put_text(s, " thin=%lld:%s", (long long)v.thin.cell, pick_text[v.thin.pick]);
+	if (v.duplicates == VIEW_HIGHEST)
+		put_text(s, " duplicates=highest");
 }
 
-/* A class number at *text; what follows it, or NULL. */
-static const char *take_class(const char *text, unsigned *ret)
+size_t view_text_size(const struct view *view)
 {
-	unsigned v = 0;
-	const char *t = text;
+	struct sink s = {0};
 
-	for (; *t >= '0' && *t <= '9' && v < 256; t++)
-		v = v * 10 + (unsigned)(*t - '0');
-	if (t == text || v > 255)
+	put_view(&s, view);
+	return s.n;
+}
+
+char *view_text(const struct view *view)
+{
+	size_t n = view_text_size(view);
+	struct sink s = {.copy = malloc(n + 1)};
+
+	if (!s.copy)
 		return NULL;
-	*ret = v;
-	return t;
-}
-
-/* Classes at *text up to `end`; false for rubbish. */
-static bool take_classes(const char *text, const char *end, uint64_t classes[4])
-{
-	memset(classes, 0, 4 * sizeof *classes);
-	for (;;) {
-		unsigned first, last;
-
-		text = take_class(text, &first);
-		if (!text)
-			return false;
-		last = first;
-		if (*text == '-') {
-			text = take_class(text + 1, &last);
-			if (!text || last < first)
-				return false;
-		}
-		for (unsigned c = first; c <= last; c++)
-			classes[c >> 6] |= UINT64_C(1) << (c & 63);
-		if (text == end)
-			return true;
-		if (*text++ != ',')
-			return false;
-	}
-}
-
-int view_set_classes(struct view *view, const char *list, struct err *err)
-{
-	uint64_t classes[4];
-
-	if (!take_classes(list, list + strlen(list), classes)) {
-		err_set(err, ERR_USAGE, "\"%s\" is not a list of classes", list);
-		return err_add_hint(err, "give numbers from 0 to 255, as in 2,8 or 2-5,9");
-	}
-	memcpy(view->classes, classes, sizeof classes);
-	view->has_classes = true;
-	return 0;
-}
-
-static bool word_is(const char *word, size_t n, const char *text)
-{
-	return n == strlen(text) && memcmp(word, text, n) == 0;
-}
-
-static bool take_word(struct view *v, const char *word, size_t n)
-{
-	if (n > 6 && memcmp(word, "class=", 6) == 0) {
-		v->has_classes = true;
-		return take_classes(word + 6, word + n, v->classes);
-	}
-	if (word_is(word, n, "ground"))
-		v->ground = true;
-	else if (word_is(word, n, "returns=first"))
-		v->returns = VIEW_RETURNS_FIRST;
-	else if (word_is(word, n, "returns=last"))
-		v->returns = VIEW_RETURNS_LAST;
-	else if (word_is(word, n, "keep-withheld"))
-		v->keep_withheld = true;
-	else if (word_is(word, n, "keep-noise"))
-		v->keep_noise = true;
-	else if (word_is(word, n, "duplicates=highest"))
-		v->duplicates = VIEW_HIGHEST;
-	else
-		return false;
-	return true;
-}
-
-int view_parse(const char *text, struct view *ret, struct err *err)
-{
-	static const char head[] = "view 1";
-	struct view v = VIEW_INIT;
-	char again[VIEW_TEXT_SIZE];
-	bool good = strncmp(text, head, sizeof head - 1) == 0;
-	const char *t = text + (good ? sizeof head - 1 : 0);
-
-	while (good && *t == ' ') {
-		size_t n = strcspn(++t, " ");
-
-		good = take_word(&v, t, n);
-		t += n;
-	}
-	if (!good || *t || strcmp(view_text(&v, again), text) != 0)
-		return err_set(err, ERR_PROTO, "\"%.200s\" is not the text of a view of this version", text);
-	*ret = v;
-	return 0;
+	put_view(&s, view);
+	s.copy[n] = '\0';
+	return s.copy;
 }
 
 struct digest view_hash(const struct view *view)
 {
-	char text[VIEW_TEXT_SIZE];
+	XXH3_state_t state;
+	struct sink s = {.hash = &state};
+	XXH128_hash_t h;
 
-	view_text(view, text);
-	return digest_hash(text, strlen(text));
+	XXH3_128bits_reset(&state);
+	put_view(&s, view);
+	h = XXH3_128bits_digest(&state);
+	return (struct digest){h.high64, h.low64};
+}
+
+static int set_list(uint64_t classes[4], const char *list, struct err *err)
+{
+	uint64_t got[4];
+
+	if (!view_word_classes((struct view_word){list, strlen(list)}, got)) {
+		err_set(err, ERR_USAGE, "\"%.100s\" is not a list of classes", list);
+		return err_add_hint(err, "give numbers from 0 to 255, as in 2,8 or 2-5,9");
+	}
+	memcpy(classes, got, sizeof got);
+	return 0;
+}
+
+int view_set_classes(struct view *view, const char *list, struct err *err)
+{
+	int r = set_list(view->classes, list, err);
+
+	view->has_classes |= !r;
+	return r;
+}
+
+int view_set_not_classes(struct view *view, const char *list, struct err *err)
+{
+	return set_list(view->not_classes, list, err);
+}
+
+/* ---- reading ---- */
+
+struct area_ctx {
+	struct view_area *area;
+	struct err *err;
+};
+
+static int area_ring(void *ctx, bool shell)
+{
+	struct area_ctx *a = ctx;
+
+	return view_area_ring(a->area, shell, a->err);
+}
+
+static int area_corner(void *ctx, __int128 x, __int128 y)
+{
+	struct area_ctx *a = ctx;
+
+	if (x > VIEW_AREA_MOST || x < -VIEW_AREA_MOST || y > VIEW_AREA_MOST || y < -VIEW_AREA_MOST)
+		return 1;
+	return view_area_corner(a->area, (int64_t)x, (int64_t)y, a->err);
+}
+
+/* 0, negative, or 1: not an area. */
+static int take_area(struct view *v, struct view_word w, struct err *err)
+{
+	struct area_ctx ctx = {view_area_new(), err};
+	struct view_rings to = {area_ring, area_corner, &ctx};
+	int r = ctx.area ? view_word_rings(w, &to)
+			 : err_set(err, ERR_NOMEM, "no memory for the area of a view");
+
+	if (!r)
+		r = view_area_end(ctx.area, err);
+	if (r) {
+		view_area_free(ctx.area);
+		return r;
+	}
+	v->crop = VIEW_CROP_AREA;
+	v->area = ctx.area;
+	view_area_bounds(v->area, v->crop_box);
+	return 0;
+}
+
+static int take_crop(struct view *v, struct view_word w, struct err *err)
+{
+	struct view_word part;
+
+	if (view_word_after(&w, "area:"))
+		return take_area(v, w, err);
+	if (!view_word_after(&w, "box:"))
+		return 1;
+	v->crop = VIEW_CROP_BOX;
+	for (unsigned i = 0; i < 4; i++)
+		if (!view_word_part(&w, ',', &part) || !view_word_i64(part, &v->crop_box[i]))
+			return 1;
+	return w.n != 0;
+}
+
+static int take_thin(struct view *v, struct view_word w)
+{
+	struct view_word cell;
+
+	if (!view_word_part(&w, ':', &cell) || !view_word_i64(cell, &v->thin.cell) || v->thin.cell <= 0)
+		return 1;
+	for (unsigned i = 0; i < 3; i++) {
+		if (!view_word_is(w, pick_text[i]))
+			continue;
+		v->thin.pick = (uint8_t)i;
+		return 0;
+	}
+	return 1;
+}
+
+static int take_word(struct view *v, struct view_word w, struct err *err)
+{
+	if (view_word_after(&w, "crop="))
+		return v->crop ? 1 : take_crop(v, w, err);
+	if (view_word_after(&w, "thin="))
+		return take_thin(v, w);
+	if (view_word_after(&w, "zmin="))
+		return !(v->has_zmin = view_word_i64(w, &v->zmin));
+	if (view_word_after(&w, "zmax="))
+		return !(v->has_zmax = view_word_i64(w, &v->zmax));
+	return !view_word_plain(v, w);
+}
+
+/* 0, negative, or 1: not a text that view_text writes. */
+static int parse(const char *text, struct view *v, struct err *err)
+{
+	struct view_word all = {text, strlen(text)}, w;
+	struct sink same = {.like = text};
+
+	if (all.n > VIEW_TEXT_MAX || !view_word_after(&all, "view 1"))
+		return 1;
+	while (all.n) {
+		if (!view_word_after(&all, " ") || !all.n)
+			return 1;
+		w = (struct view_word){all.at, strcspn(all.at, " ")};
+		all.at += w.n;
+		all.n -= w.n;
+		int r = take_word(v, w, err);
+
+		if (r)
+			return r;
+	}
+	if (view_check(v, err))
+		return 1;
+	put_view(&same, v);
+	return same.differs || same.n != strlen(text) || (v->crop == VIEW_CROP_AREA && view_area_is_box(v->area));
+}
+
+int view_parse(const char *text, struct view *ret, struct err *err)
+{
+	struct view v = VIEW_INIT;
+	struct err ignored = ERR_INIT;
+	int r = parse(text, &v, &ignored);
+
+	if (r) {
+		view_done(&v);
+		if (r == -ERR_NOMEM)
+			return err_set(err, ERR_NOMEM, "no memory for a view");
+		return err_set(err, ERR_PROTO, "\"%.200s\" is not the text of a view of this version", text);
+	}
+	*ret = v;
+	return 0;
 }

@@ -46,11 +46,11 @@ def options_of(command):
 COMMANDS = ("cancel dataset datasets fetch formats help info jobs mesh ping plan push rm show status submit version wait "
             "watch").split()
 LATER = {
-    "mesh": "--bbox=1,2,3,4 --not-class=7 --drop-overlap --crop=1,2,3,4 --every=2 --thin=1 --assume-crs=EPSG:1 --assume-units=m "
+    "mesh": "--bbox=1,2,3,4 --assume-crs=EPSG:1 --assume-units=m "
             "--utm --geoid=x --tile=100 --manifest=x".split(),
     "push": ["--replace", "--utm", "--geoid", "--assume-crs", "--assume-units"],
     "fetch": ["--resume", "--bbox"],
-    "submit": ["--crop", "--thin", "--every", "--drop-overlap", "--not-class"],
+    "submit": ["--constraints"],
 }
 
 
@@ -80,6 +80,14 @@ def usage(base):
     expect(["mesh", survey, "-o", out, "--class", "300"], 2, "not a list of classes")
     expect(["mesh", survey, "-o", out, "--returns", "third"], 2, "--returns")
     expect(["mesh", survey, "-o", out, "--ground", "--surface"], 2, "at once")
+    for words, said in ((("--not-class", "7-"), "not a list of classes"), (("--zmin", "low"), "--zmin is not a height"),
+                        (("--zmin", "3.5", "--zmax", "3.49"), "no height is left"), (("--zmax", "1,5"), "--zmax"),
+                        (("--every", "0"), "--every"), (("--thin", "0"), "--thin is not a length"),
+                        (("--thin", "10km"), "--thin is not a length"), (("--thin", "-1m"), "--thin is not a length"),
+                        (("--thin", "5", "--thin-pick", "best"), "--thin-pick is"), (("--thin-pick", "lowest"), "--thin CELL"),
+                        (("--crop", "0,0,5"), "not X1,Y1,X2,Y2"), (("--crop", "0,0,5,x"), "X1,Y1,X2,Y2"),
+                        (("--crop", "5,0,0,5"), "is empty"), (("--crop", "0,0,5,-1e-3"), "is empty")):
+        expect(["mesh", survey, "-o", out, *words], 74 if words[1] == "0,0,5,x" else 2, said)
     expect(["mesh", survey, "-o", out, "--max-edge", "-3"], 2, "--max-edge")
     expect(["mesh", survey, "-o", out, "--origin", "1,2"], 2, "--origin")
     expect(["mesh", survey, "-o", out, "--origin", "1,2,3,4"], 2, "--origin")
@@ -106,7 +114,37 @@ def usage(base):
     expect(["fetch", "1"], 2, "no output")
     expect(["dataset", "show"], 2)
     expect(["dataset", "hide", "x"], 2, "no command dataset hide")
+    areas(base, survey, out)
     check("nothing is left behind", sorted(os.listdir(base)) == ["a.xyz", "empty", "same.ply"], str(os.listdir(base)))
+
+
+def areas(base, survey, out):
+    """What is no area is refused with its file and place, before any daemon is asked."""
+    path = base + "/area"
+    ring = "[[0,0],[9,0],[9,9],[0,0]]"
+    for text, *said in (
+            ("", "line 1", "text ends"), ("POINT (1 2)", "POLYGON or MULTIPOLYGON"), ("POLYGON ((0 0, 1 1, 2", "ends where a number"),
+            ("POLYGON ((0 0, 1 1,\n 2 x))", "line 2", '"x))" stands where a number', "byte 23"), ("POLYGON EMPTY", "no polygon"),
+            ("POLYGON ((0 0, 1 0, 1 1, 0 0)) x", "POLYGON"), ("SRID=1;POLYGON ((0 0))", "SRID"),
+            ("POLYGON ((0 0, 1 0, 1.2345678901234567891 1))", "18 digits"), ("POLYGON (0 0, 1 0, 1 1)", "start of a ring"),
+            ("POLYGON ((0 0, 1e-39 0, 1e9 1))", "common unit"), ("POLYGON ((1 2 3 4 5, 1 2))", '"," or ")"'),
+            ('{"type":"Polygon","coordinates":[' + ring, "not"), ('{"type":"Point","coordinates":[1,2]}', "Point is no area"),
+            ('{"a":1}', "no type"), ('{"type":"Polygon"}', "coordinates", "no coordinates"),
+            ('{"type":"Polygon","coordinates":[[[0,0],[1,"b"]]]}', "coordinates[0][1]", "not a number"),
+            ('{"type":"Polygon","coordinates":[[[0,0],[1]]]}', "coordinates[0][1]", "two numbers"),
+            ('{"type":"FeatureCollection","features":[{"type":"Feature","geometry":{"type":"LineString","coordinates":[]}}]}',
+             "features[0].geometry", "LineString is no area"),
+            ('{"type":"Polygon","coordinates":[[[0,0],[1,99999999999999999999]]]}', "exactly"),
+            ('{"type":"FeatureCollection","features":[]}', "no polygon")):
+        with open(path, "w") as f:
+            f.write(text)
+        expect(["mesh", survey, "-o", out, "--crop", path], 1, path, *said)
+    with open(path, "w") as f:
+        f.write("POLYGON ((" + ",".join("%d.%03d %d.5" % (i % 7, i % 1000, i) for i in range(30000)) + "))")
+    expect(["mesh", survey, "-o", out, "--crop", path], 1, "30000 corners", "simplify")
+    os.unlink(path)
+    expect(["mesh", survey, "-o", out, "--crop", path], 74, path, "GeoJSON or WKT")
+    expect(["mesh", survey, "-o", out, "--crop", base], 1, base, "not a file")
 
 
 def later(base):

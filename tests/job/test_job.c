@@ -506,11 +506,13 @@ static void no_ground(void **state)
 {
 	struct dataset *d = push("rock", 1000, 5);
 	struct view view = VIEW_INIT;
-	char text[VIEW_TEXT_SIZE];
+	char *text;
 	struct job *job;
 
 	view.ground = true;
-	job = submit(d, false, view_text(&view, text));
+	text = view_text(&view);
+	job = submit(d, false, text);
+	free(text);
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_failed);
 	assert_int_equal(info_of(job).err->code, ERR_INPUT);
@@ -555,7 +557,7 @@ static void restart(void **state)
 	struct dataset *d = push("kept", 50000, 8);
 	struct job *done = submit(d, false, VIEW), *waits;
 	struct view view = VIEW_INIT;
-	char text[VIEW_TEXT_SIZE], digest[DIGEST_HEX_SIZE];
+	char *text, digest[DIGEST_HEX_SIZE];
 	static struct reader r; /* outlives a failed test */
 
 	r = (struct reader){.output.calls = &reader_calls};
@@ -565,7 +567,9 @@ static void restart(void **state)
 	turn_until_final(done);
 	snprintf(digest, sizeof digest, "%s", info_of(done).report->digest);
 	view.surface = true;
-	waits = submit(d, false, view_text(&view, text));
+	text = view_text(&view);
+	waits = submit(d, false, text);
+	free(text);
 	ids[0] = info_of(done).id;
 	ids[1] = info_of(waits).id;
 	begin("kept");

@@ -124,6 +124,7 @@ static void model_totals(struct model *m)
 static void model_init(struct model *m, unsigned nblock)
 {
 	static const int32_t box[6] = {-1000, -1000, -1000, 1000, 1000, 1000};
+	static char view[AREA_TEXT_MAX + 1];
 	uint64_t first = 0;
 
 	memset(m, 0, sizeof *m);
@@ -134,7 +135,8 @@ static void model_init(struct model *m, unsigned nblock)
 	strcpy(m->head.lattice, "0.01 0.01 -500000 0 17");
 	strcpy(m->head.crs, "EPSG:25832");
 	strcpy(m->head.unit_xy, "m");
-	memset(m->head.view, 'v', sizeof m->head.view - 1);
+	memset(view, 'v', AREA_TEXT_MAX);
+	m->head.view = view;
 	for (unsigned i = 0; i < nblock; i++) {
 		model_block(m, i, 3 * i + roll(3), first);
 		first += m->block[i].nnew;

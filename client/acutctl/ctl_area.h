@@ -1,0 +1,37 @@
+/*
+ * The area of --crop as it is read from a file: polygons with holes, every number as the exact decimal that was
+ * written. The areas of a file, all of its polygons together, go into the view that is asked for.
+ */
+#ifndef CTL_AREA_H
+#define CTL_AREA_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+
+#include "decimal.h"
+
+struct err;
+
+struct ctl_area {
+	struct ctl_area_ring { size_t first; bool shell; } *ring;
+	struct decimal (*corner)[2];
+	size_t nring, ncorner, rings_room, corners_room;
+};
+
+/* Reads a file of GeoJSON or WKT. Errors name the file and the place in it. */
+int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err);
+void ctl_area_done(struct ctl_area *);
+
+/* For the readers. A shell begins a polygon; a ring is ended by the next or by ctl_area_end. */
+int ctl_area_ring(struct ctl_area *, bool shell, struct err *err);
+int ctl_area_corner(struct ctl_area *, struct decimal x, struct decimal y, struct err *err);
+
+/* "area@EXPONENT:" and the rings (PROTOCOL.md, "Views"). -ERR_LIMIT: too long for a view. */
+int ctl_area_print(const struct ctl_area *, FILE *out, struct err *err);
+
+/* `text` is what the file holds, ended by a zero byte. */
+int ctl_area_json(const char *text, size_t size, struct ctl_area *, struct err *err);
+int ctl_area_wkt(const char *text, size_t size, struct ctl_area *, struct err *err);
+
+#endif

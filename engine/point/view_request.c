@@ -1,0 +1,342 @@
+/*
+ * From what was asked for to a view of one dataset (view.h). A request is "ask 1" and words like those of the
+ * canonical text, in any order, but with exact decimals for what lies in the plane or has a height: they become
+ * numbers of the lattice here, rounded once, floor(v + 1/2), on rationals of 128 bits. That rounding is
+ * monotone, as that of points is: a point that lies in the typed area or range before both are rounded lies in
+ * the rounded one.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "decimal.h"
+#include "err.h"
+#include "lattice.h"
+#include "view.h"
+#include "view_area.h"
+#include "view_word.h"
+
+struct request {
+	const struct lattice *lattice;
+	const char *unit_xy;
+	struct view *view;
+	int32_t exponent; /* of the corners of an area */
+	struct err *err;
+};
+
+/* Numbers of the lattice are kept within this. */
+static const int64_t number_most = INT64_C(1) << 62;
+
+enum { DECIMAL_MOST = 64 }; /* characters of a typed number */
+
+static bool scaled(__int128 *v, int64_t tens)
+{
+	for (; tens > 0 && *v; tens--)
+		if (__builtin_mul_overflow(*v, (__int128)10, v))
+			return false;
+	return true;
+}
+
+/* floor(v * 10^exponent * up / (down * scale) + 1/2), kept within number_most. up and down are small. False: it
+ * was not within. */
+static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal scale,
+		       int64_t *ret)
+{
+	int64_t tens = exponent - scale.exponent;
+	__int128 num, den, q, rest;
+
+	*ret = v < 0 ? -number_most : number_most;
+	if (__builtin_mul_overflow(v, (__int128)up, &num) || !scaled(&num, tens))
+		return false; /* 10^38 over a mantissa of at most 10^17 and a small number */
+	den = (__int128)scale.mantissa * down;
+	if (!scaled(&den, -tens)) {
+		*ret = 0; /* 10^38 against a typed number below 10^36 */
+		return true;
+	}
+	q = num / den;
+	rest = num % den;
+	if (rest < 0) {
+		rest += den;
+		q--;
+	}
+	q += rest >= den - rest;
+	if (q > number_most || q < -number_most)
+		return false;
+	*ret = (int64_t)q;
+	return true;
+}
+
+static int not_a_number(struct view_word w, const char *what, struct err *err)
+{
+	err_set(err, ERR_USAGE, "%s: \"%.*s\" is not a number that can be kept exactly", what,
+		(int)(w.n < 60 ? w.n : 60), w.at);
+	return err_add_hint(err, "give a decimal of at most 18 digits, as in 1250.75");
+}
+
+static bool to_decimal(struct view_word w, struct decimal *ret)
+{
+	char text[DECIMAL_MOST + 1];
+
+	if (w.n > DECIMAL_MOST)
+		return false;
+	memcpy(text, w.at, w.n);
+	text[w.n] = '\0';
+	return decimal_parse(text, ret);
+}
+
+static int take_height(struct request *q, struct view_word w, const char *what, bool *has, int64_t *ret)
+{
+	struct decimal d;
+
+	if (!to_decimal(w, &d))
+		return not_a_number(w, what, q->err);
+	to_lattice(d.mantissa, d.exponent, 1, 1, q->lattice->scale_z, ret);
+	*has = true;
+	return 0;
+}
+
+/* ---- areas ---- */
+
+static int take_box(struct request *q, struct view_word w)
+{
+	struct decimal d[4];
+	struct view_word part;
+
+	for (unsigned i = 0; i < 4; i++) {
+		if (!view_word_part(&w, ',', &part))
+			return 1;
+		if (!to_decimal(part, &d[i]))
+			return not_a_number(part, "--crop", q->err);
+		to_lattice(d[i].mantissa, d[i].exponent, 1, 1, q->lattice->scale_xy, &q->view->crop_box[i]);
+	}
+	q->view->crop = VIEW_CROP_BOX;
+	return w.n != 0;
+}
+
+static int area_ring(void *ctx, bool shell)
+{
+	struct request *q = ctx;
+
+	return view_area_ring(q->view->area, shell, q->err);
+}
+
+static int area_corner(void *ctx, __int128 x, __int128 y)
+{
+	struct request *q = ctx;
+	struct decimal scale = q->lattice->scale_xy;
+	int64_t at[2];
+
+	/* What is out of reach fails in view_area_end. */
+	to_lattice(x, q->exponent, 1, 1, scale, &at[0]);
+	to_lattice(y, q->exponent, 1, 1, scale, &at[1]);
+	return view_area_corner(q->view->area, at[0], at[1], q->err);
+}
+
+static int take_area(struct request *q, struct view_word w)
+{
+	struct view_rings to = {area_ring, area_corner, q};
+	struct view *v = q->view;
+	struct view_word exponent;
+	int64_t e;
+	int r;
+
+	if (!view_word_part(&w, ':', &exponent) || !view_word_i64(exponent, &e) || e < -40 || e > 40)
+		return 1;
+	q->exponent = (int32_t)e;
+	v->area = view_area_new();
+	if (!v->area)
+		return err_set(q->err, ERR_NOMEM, "no memory for the area of a view");
+	if ((r = view_word_rings(w, &to)) || (r = view_area_end(v->area, q->err)))
+		return r;
+	v->crop = VIEW_CROP_AREA;
+	view_area_bounds(v->area, v->crop_box);
+	if (view_area_is_box(v->area)) {
+		view_area_free(v->area);
+		v->area = NULL;
+		v->crop = VIEW_CROP_BOX;
+	}
+	return 0;
+}
+
+static int take_crop(struct request *q, struct view_word w)
+{
+	if (view_word_after(&w, "area@"))
+		return take_area(q, w);
+	return view_word_after(&w, "box:") ? take_box(q, w) : 1;
+}
+
+/* ---- lengths ---- */
+
+/* Metres of one unit, as a fraction. The survey foot: 39.37 inches are a metre (US, 1893). */
+static const struct unit {
+	const char *suffix, *name;
+	int64_t up, down;
+} units[] = {
+	{"ftUS", "us-survey-foot", 1200, 3937},
+	{"ft", "foot", 3048, 10000},
+	{"m", "metre", 1, 1},
+};
+
+static int no_unit(struct request *q, struct view_word w, bool degrees)
+{
+	int n = (int)(w.n < 60 ? w.n : 60);
+
+	if (degrees) {
+		err_set(q->err, ERR_INPUT, "a length of %.*s has no meaning in a plane of degrees", n, w.at);
+		return err_add_hint(q->err, "project the points, or give --thin a bare number of degrees");
+	}
+	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be told: the unit of the dataset is unknown", n, w.at);
+	return err_add_hint(q->err,
+			    "give --thin a bare number in the units of the files, or push with --assume-units");
+}
+
+/* The factor from the length's unit to the dataset's, 1 without a suffix. */
+static int take_unit(struct request *q, struct view_word *w, int64_t *up, int64_t *down)
+{
+	struct view_word whole = *w;
+	const struct unit *of = NULL, *to = NULL;
+
+	*up = *down = 1;
+	for (unsigned i = 0; i < sizeof units / sizeof *units; i++) {
+		size_t n = strlen(units[i].suffix);
+
+		if (!of && w->n > n && !memcmp(w->at + w->n - n, units[i].suffix, n)) {
+			of = &units[i];
+			w->n -= n;
+		}
+		if (!strcmp(q->unit_xy, units[i].name))
+			to = &units[i];
+	}
+	if (!of)
+		return 0;
+	if (!to)
+		return no_unit(q, whole, !strcmp(q->unit_xy, "degree"));
+	if (of != to) {
+		*up = of->up * to->down;
+		*down = of->down * to->up;
+	}
+	return 0;
+}
+
+static int take_pick(struct view *v, struct view_word w)
+{
+	static const char *const pick[] = {"lowest", "highest", "median"};
+
+	for (unsigned i = 0; i < sizeof pick / sizeof *pick; i++) {
+		if (!view_word_is(w, pick[i]))
+			continue;
+		v->thin.pick = (uint8_t)i;
+		return 0;
+	}
+	return 1;
+}
+
+static int take_thin(struct request *q, struct view_word w)
+{
+	struct view_word length;
+	struct decimal d;
+	int64_t up, down;
+	char scale[DECIMAL_TEXT_SIZE];
+	int r;
+
+	if (!view_word_part(&w, ':', &length))
+		return 1;
+	struct view_word number = length;
+
+	if ((r = take_unit(q, &number, &up, &down)))
+		return r;
+	if (!to_decimal(number, &d) || d.mantissa <= 0) {
+		err_set(q->err, ERR_USAGE, "--thin: \"%.*s\" is not a length", (int)(length.n < 60 ? length.n : 60),
+			length.at);
+		return err_add_hint(q->err, "give a number in the units of the files, or with m, ft or ftUS");
+	}
+	if (!to_lattice(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, &q->view->thin.cell)) {
+		err_set(q->err, ERR_USAGE, "a cell of %.*s is larger than any dataset",
+			(int)(length.n < 60 ? length.n : 60), length.at);
+		return err_add_hint(q->err, "give --thin a smaller cell");
+	}
+	if (!q->view->thin.cell) {
+		err_set(q->err, ERR_USAGE, "a cell of %.*s is less than half a step of the lattice (%s)",
+			(int)(length.n < 60 ? length.n : 60), length.at,
+			decimal_text(q->lattice->scale_xy, scale));
+		return err_add_hint(q->err, "give --thin a larger cell, or leave it out");
+	}
+	return take_pick(q->view, w);
+}
+
+/* ---- the whole ---- */
+
+static int take_word(struct request *q, struct view_word w)
+{
+	struct view *v = q->view;
+
+	if (view_word_after(&w, "crop="))
+		return take_crop(q, w);
+	if (view_word_after(&w, "thin="))
+		return take_thin(q, w);
+	if (view_word_after(&w, "zmin="))
+		return take_height(q, w, "--zmin", &v->has_zmin, &v->zmin);
+	if (view_word_after(&w, "zmax="))
+		return take_height(q, w, "--zmax", &v->has_zmax, &v->zmax);
+	return !view_word_plain(v, w);
+}
+
+static int take_words(struct request *q, struct view_word all)
+{
+	struct view_seen seen = {0};
+
+	while (all.n) {
+		struct view_word w;
+		int r;
+
+		if (!view_word_after(&all, " ") || !all.n)
+			return 1;
+		w = (struct view_word){all.at, strcspn(all.at, " ")};
+		all.at += w.n;
+		all.n -= w.n;
+		if (!view_word_new(&seen, w))
+			return 1;
+		r = take_word(q, w);
+		if (r)
+			return r;
+	}
+	return 0;
+}
+
+static int too_long(const struct view *v, struct err *err)
+{
+	size_t corners = 0;
+
+	for (size_t i = 0; v->area && i < view_area_rings(v->area); i++) {
+		const int64_t (*corner)[2];
+		bool shell;
+
+		corners += view_area_ring_at(v->area, i, &shell, &corner);
+	}
+	err_set(err, ERR_LIMIT, "the area of --crop has %zu corners, more than fit into a view", corners);
+	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or crop to its box");
+}
+
+int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, struct view *ret,
+		 struct err *err)
+{
+	struct view v = VIEW_INIT;
+	struct request q = {.lattice = lattice, .unit_xy = unit_xy, .view = &v, .err = err};
+	struct view_word all = {text, strlen(text)};
+	int r = 0;
+
+	if (view_word_after(&all, "ask 1"))
+		r = all.n > VIEW_TEXT_MAX ? 1 : take_words(&q, all);
+	else if (all.n)
+		r = view_parse(text, &v, err);
+	if (r == 1)
+		r = err_set(err, ERR_PROTO, "\"%.200s\" is not a view that can be asked for", text);
+	if (!r)
+		r = view_check(&v, err);
+	if (!r && view_text_size(&v) > VIEW_TEXT_MAX)
+		r = too_long(&v, err);
+	if (r)
+		view_done(&v);
+	else
+		*ret = v;
+	return r;
+}
