@@ -1,0 +1,289 @@
+/*
+ * The layers of POINT14 that follow laz_xy14.c, but for the GPS time: z, class, flags, intensity, scan angle, user
+ * data, source. Each is the same loop over the records of a batch; they differ in what predicts the next value.
+ */
+#include "laz_layers.h"
+
+#include "err.h"
+
+#define MODEL(memory) ((struct laz_model *)(memory))
+#define INT(memory) ((struct laz_int *)(memory))
+
+/*
+ * The loop over n records: `s` is the state of the record's channel, `c` the coder in registers, `at` the field.
+ * A channel that opens does so by `open(state, state of the channel before)`.
+ */
+#define EACH_RECORD(layer, type, open, ...) \
+	struct layer *l = state; \
+	struct type *s = &l->channel[l->now]; \
+	struct laz_coder c = w->coder; \
+	for (size_t i = 0; i < n; i++, step++, item += length) { \
+		int rc = laz_window_ready(w, &c, err); \
+		if (rc) \
+			return rc; \
+		if (laz_unlikely(step->channel != l->now)) { \
+			if (step->changes & LAZ_OPENS) \
+				open(&l->channel[step->channel], s); \
+			l->now = step->channel; \
+			s = &l->channel[l->now]; \
+		} \
+		__VA_ARGS__ \
+	} \
+	w->coder = c; \
+	return 0
+
+/* ---- z: from the last z of as many returns left ---- */
+
+struct z {
+	int32_t last[8], now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 20)];
+};
+
+struct z_layer { unsigned now; struct z channel[LAZ_CHANNELS]; };
+
+static void z_open(struct z *s, const struct z *from)
+{
+	s->now = from->now;
+	for (unsigned i = 0; i < 8; i++)
+		s->last[i] = s->now;
+	laz_int_reset(INT(s->ints), 32, 20);
+}
+
+static void z_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct z_layer *l = state;
+	struct z *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = (int32_t)laz_get32(first + LAZ_AT_Z);
+	z_open(s, s);
+}
+
+static int z_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
+		  size_t n, struct err *err)
+{
+	EACH_RECORD(z_layer, z, z_open, {
+		unsigned k;
+
+		s->now = laz_int_read(&c, INT(s->ints), 32, 20, s->last[step->level], step->z_context, &k);
+		s->last[step->level] = s->now;
+		laz_put32(item + LAZ_AT_Z, (uint32_t)s->now);
+	});
+}
+
+const struct laz_layer_row laz_layer_z = { "z", sizeof(struct z_layer), true, z_begin, z_read };
+
+/* ---- class: from the last class, and whether the return is the only one ---- */
+
+struct class { unsigned now; alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)]; };
+struct class_layer { unsigned now; struct class channel[LAZ_CHANNELS]; };
+
+static void class_open(struct class *s, const struct class *from)
+{
+	s->now = from->now;
+	laz_models_reset(MODEL(s->models), 256, 64);
+}
+
+static void class_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct class_layer *l = state;
+	struct class *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = first[LAZ_AT_CLASS];
+	class_open(s, s);
+}
+
+static int class_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
+		      size_t n, struct err *err)
+{
+	EACH_RECORD(class_layer, class, class_open, {
+		unsigned which = (s->now & 31) * 2 + (step->place == 3);
+
+		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 256, which), 256);
+		item[LAZ_AT_CLASS] = (uint8_t)s->now;
+	});
+}
+
+const struct laz_layer_row laz_layer_class = { "class", sizeof(struct class_layer), true, class_begin, class_read };
+
+/* ---- flags: 4 bits of class flags, direction, edge; from the last ones ---- */
+
+struct flags { unsigned now; alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(64)]; };
+struct flags_layer { unsigned now; struct flags channel[LAZ_CHANNELS]; };
+
+static void flags_open(struct flags *s, const struct flags *from)
+{
+	s->now = from->now;
+	laz_models_reset(MODEL(s->models), 64, 64);
+}
+
+static void flags_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct flags_layer *l = state;
+	struct flags *s = &l->channel[channel];
+	unsigned byte = first[LAZ_AT_FLAGS];
+
+	l->now = channel;
+	s->now = (byte & 15) | (byte >> 6) << 4;
+	flags_open(s, s);
+}
+
+static int flags_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
+		      size_t n, struct err *err)
+{
+	EACH_RECORD(flags_layer, flags, flags_open, {
+		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 64, s->now), 64);
+		item[LAZ_AT_FLAGS] = (uint8_t)((s->now & 15) | step->channel << 4 | (s->now >> 4) << 6);
+	});
+}
+
+const struct laz_layer_row laz_layer_flags = { "flags", sizeof(struct flags_layer), true, flags_begin, flags_read };
+
+/* ---- intensity: from the last of the same place and newness of time ---- */
+
+struct intensity {
+	uint16_t last[8], now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 4)];
+};
+
+struct intensity_layer { unsigned now; struct intensity channel[LAZ_CHANNELS]; };
+
+static void intensity_open(struct intensity *s, const struct intensity *from)
+{
+	s->now = from->now;
+	for (unsigned i = 0; i < 8; i++)
+		s->last[i] = s->now;
+	laz_int_reset(INT(s->ints), 16, 4);
+}
+
+static void intensity_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct intensity_layer *l = state;
+	struct intensity *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = laz_get16(first + LAZ_AT_INTENSITY);
+	intensity_open(s, s);
+}
+
+static int intensity_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item,
+			  size_t length, size_t n, struct err *err)
+{
+	EACH_RECORD(intensity_layer, intensity, intensity_open, {
+		uint16_t *last = &s->last[step->place << 1 | (step->changes & LAZ_NEW_TIME) / LAZ_NEW_TIME];
+		unsigned k;
+
+		*last = s->now = (uint16_t)laz_int_read(&c, INT(s->ints), 16, 4, *last, step->place, &k);
+		laz_put16(item + LAZ_AT_INTENSITY, s->now);
+	});
+}
+
+const struct laz_layer_row laz_layer_intensity = {
+	"intensity", sizeof(struct intensity_layer), false, intensity_begin, intensity_read,
+};
+
+/* ---- scan angle and source: from the last, where they change ---- */
+
+struct angle { uint16_t now; alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 2)]; };
+struct angle_layer { unsigned now; struct angle channel[LAZ_CHANNELS]; };
+
+static void angle_open(struct angle *s, const struct angle *from)
+{
+	s->now = from->now;
+	laz_int_reset(INT(s->ints), 16, 2);
+}
+
+static void angle_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct angle_layer *l = state;
+	struct angle *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = laz_get16(first + LAZ_AT_ANGLE);
+	angle_open(s, s);
+}
+
+static int angle_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
+		      size_t n, struct err *err)
+{
+	EACH_RECORD(angle_layer, angle, angle_open, {
+		unsigned k;
+
+		if (step->changes & LAZ_NEW_ANGLE)
+			s->now = (uint16_t)laz_int_read(&c, INT(s->ints), 16, 2, s->now,
+							(step->changes & LAZ_NEW_TIME) / LAZ_NEW_TIME, &k);
+		laz_put16(item + LAZ_AT_ANGLE, s->now);
+	});
+}
+
+const struct laz_layer_row laz_layer_angle = {
+	"scan angle", sizeof(struct angle_layer), false, angle_begin, angle_read,
+};
+
+struct source { uint16_t now; alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 1)]; };
+struct source_layer { unsigned now; struct source channel[LAZ_CHANNELS]; };
+
+static void source_open(struct source *s, const struct source *from)
+{
+	s->now = from->now;
+	laz_int_reset(INT(s->ints), 16, 1);
+}
+
+static void source_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct source_layer *l = state;
+	struct source *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = laz_get16(first + LAZ_AT_SOURCE);
+	source_open(s, s);
+}
+
+static int source_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
+		       size_t n, struct err *err)
+{
+	EACH_RECORD(source_layer, source, source_open, {
+		unsigned k;
+
+		if (step->changes & LAZ_NEW_SOURCE)
+			s->now = (uint16_t)laz_int_read(&c, INT(s->ints), 16, 1, s->now, 0, &k);
+		laz_put16(item + LAZ_AT_SOURCE, s->now);
+	});
+}
+
+const struct laz_layer_row laz_layer_source = {
+	"point source", sizeof(struct source_layer), false, source_begin, source_read,
+};
+
+/* ---- user data: from the upper six bits of the last ---- */
+
+struct user { unsigned now; alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)]; };
+struct user_layer { unsigned now; struct user channel[LAZ_CHANNELS]; };
+
+static void user_open(struct user *s, const struct user *from)
+{
+	s->now = from->now;
+	laz_models_reset(MODEL(s->models), 256, 64);
+}
+
+static void user_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct user_layer *l = state;
+	struct user *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = first[LAZ_AT_USER];
+	user_open(s, s);
+}
+
+static int user_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
+		     size_t n, struct err *err)
+{
+	EACH_RECORD(user_layer, user, user_open, {
+		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 256, s->now / 4), 256);
+		item[LAZ_AT_USER] = (uint8_t)s->now;
+	});
+}
+
+const struct laz_layer_row laz_layer_user = { "user data", sizeof(struct user_layer), false, user_begin, user_read };

@@ -1,0 +1,196 @@
+/*
+ * The layer of POINT14 that all others hang on: scanner channel, returns, x and y, and which of scan angle, GPS
+ * time and source change.
+ *
+ * Model: a symbol says what changed since the channel's last record; x and y are corrections of the median of
+ * five recent steps, in twelve groups by kind of return and whether the time is new; y also goes by how many
+ * bits the correction of x had.
+ */
+#include "laz_layers.h"
+
+#include "err.h"
+
+enum { GROUPS = 12 };
+enum { CHANGED_CHANNEL = 64, CHANGED_COUNT = 4 };
+
+struct channel {
+	uint32_t x, y;
+	uint8_t number, count;   /* of returns */
+	bool new_time;
+	struct laz_median dx[GROUPS], dy[GROUPS];
+	alignas(16) uint8_t changed[8 * LAZ_MODEL_BYTES(128)];
+	alignas(16) uint8_t other[LAZ_MODEL_BYTES(3)]; /* channel */
+	alignas(16) uint8_t counts[16 * LAZ_MODEL_BYTES(16)];
+	alignas(16) uint8_t numbers[16 * LAZ_MODEL_BYTES(16)];
+	alignas(16) uint8_t skips[LAZ_MODEL_BYTES(13)];
+	alignas(16) uint8_t step_x[LAZ_INT_BYTES(32, 2)];
+	alignas(16) uint8_t step_y[LAZ_INT_BYTES(32, 22)];
+};
+
+struct xy_layer {
+	unsigned now, known;     /* channel; bit i: channel i is open */
+	bool fixed;
+	struct channel channel[LAZ_CHANNELS];
+};
+
+/* The group of a return, by count (row) and number; also for those that make no sense. */
+static const char group_of[16][17] = {
+	"0123453445555555", "1013333333333333", "2124444444433333", "3345444444444444",
+	"4344544444444444", "5344454444444444", "3344445444444444", "4344444544444444",
+	"4344444454444444", "5344444445444444", "5344444444544444", "5334444444455444",
+	"5334444444455544", "5334444444445554", "5334444444444555", "5334444444444455",
+};
+
+#define MODEL(memory) ((struct laz_model *)(memory))
+
+static void reset(struct channel *s)
+{
+	s->new_time = false;
+	for (unsigned i = 0; i < GROUPS; i++) {
+		laz_median_init(&s->dx[i]);
+		laz_median_init(&s->dy[i]);
+	}
+	laz_models_reset(MODEL(s->changed), 128, 8);
+	laz_model_reset(MODEL(s->other));
+	laz_models_reset(MODEL(s->counts), 16, 16);
+	laz_models_reset(MODEL(s->numbers), 16, 16);
+	laz_model_reset(MODEL(s->skips));
+	laz_int_reset((struct laz_int *)s->step_x, 32, 2);
+	laz_int_reset((struct laz_int *)s->step_y, 32, 22);
+}
+
+static void xy_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct xy_layer *l = state;
+	struct channel *s = &l->channel[channel];
+
+	l->now = channel;
+	l->known = 1u << channel;
+	l->fixed = fixed;
+	s->x = laz_get32(first + LAZ_AT_X);
+	s->y = laz_get32(first + LAZ_AT_Y);
+	s->number = first[LAZ_AT_RETURNS] & 15;
+	s->count = first[LAZ_AT_RETURNS] >> 4;
+	reset(s);
+}
+
+/* `c` is a copy, so that the caller's can stay in registers. */
+static __attribute__((noinline)) void change_channel(struct xy_layer *l, struct laz_coder *c, struct laz_step *step)
+{
+	struct channel *old = &l->channel[l->now], *s;
+
+	l->now = (l->now + 1 + laz_symbol_lazy(c, MODEL(old->other), 3)) & 3;
+	s = &l->channel[l->now];
+	if (!(l->known >> l->now & 1)) {
+		l->known |= 1u << l->now;
+		s->x = old->x;
+		s->y = old->y;
+		s->number = old->number;
+		s->count = old->count;
+		reset(s);
+		step->changes |= LAZ_OPENS;
+	}
+}
+
+/* The number of a return that is neither the last one's nor next to it. */
+static __attribute__((noinline)) unsigned other_number(struct channel *s, struct laz_coder *c)
+{
+	if (s->new_time)
+		return laz_symbol_lazy(c, laz_model_at(MODEL(s->numbers), 16, s->number), 16);
+	return (s->number + 2 + laz_symbol_lazy(c, MODEL(s->skips), 13)) & 15;
+}
+
+static __attribute__((noinline)) unsigned other_count(struct channel *s, struct laz_coder *c)
+{
+	return laz_symbol_lazy(c, laz_model_at(MODEL(s->counts), 16, s->count), 16);
+}
+
+LAZ_INLINE void read_returns(struct channel *s, struct laz_coder *coder, unsigned changed)
+{
+	struct laz_coder c;
+
+	if (changed & CHANGED_COUNT) {
+		c = *coder;
+		s->count = (uint8_t)other_count(s, &c);
+		*coder = c;
+	}
+	if ((changed & 3) == 3) {
+		c = *coder;
+		s->number = (uint8_t)other_number(s, &c);
+		*coder = c;
+	} else {
+		/* 1: one more, 2: one less */
+		s->number = (uint8_t)((s->number + (changed & 1) - (changed >> 1 & 1)) & 15);
+	}
+}
+
+/* Bits of a correction as a context: even, up to `most`. */
+LAZ_INLINE unsigned bits_context(unsigned bits, unsigned most)
+{
+	return bits < most ? bits & ~1u : most;
+}
+
+LAZ_INLINE void read_xy(struct channel *s, struct laz_coder *c, struct laz_step *step)
+{
+	unsigned group = (unsigned)(group_of[s->count][s->number] - '0') * 2 + s->new_time;
+	unsigned single = s->count == 1, kx, ky;
+	struct laz_median *m = &s->dx[group];
+	int32_t d = laz_int_read(c, (struct laz_int *)s->step_x, 32, 2, m->v[2], single, &kx);
+
+	s->x += (uint32_t)d;
+	laz_median_add(m, d);
+	m = &s->dy[group];
+	d = laz_int_read(c, (struct laz_int *)s->step_y, 32, 22, m->v[2], single + bits_context(kx, 20), &ky);
+	s->y += (uint32_t)d;
+	laz_median_add(m, d);
+	step->z_context = (uint8_t)(single + bits_context((kx + ky) / 2, 18));
+}
+
+LAZ_INLINE void put(const struct channel *s, struct laz_step *step, uint8_t *item)
+{
+	int later = (int)s->count - (int)s->number;
+
+	later = later < 0 ? -later : later;
+	step->place = (uint8_t)((s->number == 1) << 1 | (s->number >= s->count));
+	step->level = (uint8_t)(later < 7 ? later : 7);
+	laz_put32(item + LAZ_AT_X, s->x);
+	laz_put32(item + LAZ_AT_Y, s->y);
+	item[LAZ_AT_RETURNS] = (uint8_t)(s->number | s->count << 4);
+	item[LAZ_AT_FLAGS] = (uint8_t)((item[LAZ_AT_FLAGS] & 0xcf) | step->channel << 4);
+}
+
+static int xy_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		   struct err *err)
+{
+	struct xy_layer *l = state;
+	struct laz_coder c = w->coder;
+	struct channel *s = &l->channel[l->now];
+
+	for (size_t i = 0; i < n; i++, step++, item += length) {
+		int rc = laz_window_ready(w, &c, err);
+		unsigned before, changed;
+
+		if (rc)
+			return rc;
+		before = (s->number == 1) + (s->number >= s->count ? 2u : 0) + (s->new_time ? 4u : 0);
+		changed = laz_symbol_lazy(&c, laz_model_at(MODEL(s->changed), 128, before), 128);
+		step->changes = (uint8_t)(changed >> 3 & 7);
+		if (laz_unlikely(changed & CHANGED_CHANNEL)) {
+			struct laz_coder copy = c;
+
+			change_channel(l, &copy, step);
+			c = copy;
+			s = &l->channel[l->now];
+		}
+		step->channel = (uint8_t)l->now;
+		step->item_channel = l->fixed || changed & CHANGED_CHANNEL ? (uint8_t)l->now : 0;
+		s->new_time = step->changes & LAZ_NEW_TIME;
+		read_returns(s, &c, changed);
+		read_xy(s, &c, step);
+		put(s, step, item);
+	}
+	w->coder = c;
+	return 0;
+}
+
+const struct laz_layer_row laz_layer_xy = { "x and y", sizeof(struct xy_layer), true, xy_begin, xy_read };
