@@ -181,8 +181,7 @@ static int fail(struct input *in, int rc, struct err *err)
 	if (rc == -ERR_TRUNCATED && in->accept_truncated && in->info.parts == 1)
 		return settle_cut(in, laz_reader_good(las->reading->reader), err);
 	if (rc == -ERR_TRUNCATED)
-		err_add_hint(err, "copy it again%s", las->laz.compressor == LAZ_COMPRESSOR_LAYERED ? "" :
-			     ", or take what is there with --accept-truncated");
+		err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
 	return rc;
 }
 

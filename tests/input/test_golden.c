@@ -54,6 +54,16 @@ static const struct { const char *file; enum crs_plane plane; const char *crs, *
 	{ "las13_pdrf1_forest_217k.laz", CRS_PLANE_PROJECTED, "EPSG:32617", "metre", "metre" },
 	{ "las13_pdrf4_fullwave.laz", CRS_PLANE_PROJECTED, "unknown", "unknown", "metre" },
 	{ "las14_pdrf7_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
+	{ "las14_pdrf6_ign_289k.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "tiles_ign_pdrf8/770500_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "tiles_ign_pdrf8/770550_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "tiles_ign_pdrf8/770600_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "tiles_ign_pdrf8/770500_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "tiles_ign_pdrf8/770550_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "tiles_ign_pdrf8/770600_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
+	{ "las14_pdrf10_fullwave.laz", CRS_PLANE_PROJECTED, "EPSG:32723", "metre", "unknown" },
+	{ "las14_pdrf7_1065.copc.laz", CRS_PLANE_PROJECTED, "EPSG:2991 + EPSG:6360", "metre", "us-survey-foot" },
+	{ "las14_pdrf6_tiny_chunk0.copc.laz", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "unknown" },
 };
 
 static int failures;

@@ -68,7 +68,10 @@ static unsigned expected(unsigned point_format, uint16_t ret[LAZ_ITEMS])
 
 static bool known_version(unsigned type, unsigned version)
 {
-	return type >= LAZ_POINT14 ? version == 3 || version == 4 : laz_item_find(type, version) != NULL;
+	/* version 2 is LASzip's name for what its prototype wrote, the same as 3 */
+	if (type >= LAZ_POINT14)
+		return version == 3 || version == 4 || (version == 2 && type != LAZ_WAVEPACKET14);
+	return laz_item_find(type, version) != NULL;
 }
 
 static int check_kind(const struct laz_format *f, unsigned coder, unsigned point_format, struct err *err)

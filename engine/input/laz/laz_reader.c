@@ -12,14 +12,6 @@
 
 #include <string.h>
 
-#ifndef LAZ_HAS_LAYERED
-#define laz_layered_bytes(f, fields) ((size_t)0)
-#define laz_layered_new(rest, f, fields, source, counter) NULL
-#define laz_layered_begin(l, at, end, n, err) err_set(err, ERR_UNSUPPORTED, "compressor 3 is not in this version")
-#define laz_layered_read(l, records, n, err) 0
-#define laz_layered_end(l, ret, err) 0
-#endif
-
 struct laz_reader {
 	unsigned length;
 	uint32_t chunk_size;
@@ -49,11 +41,6 @@ int laz_reader_new(void *memory, const struct laz_format *f, enum laz_fields fie
 	memset(r, 0, sizeof *r);
 	r->length = f->length;
 	r->chunk_size = f->compressor == LAZ_COMPRESSOR_POINTWISE || f->chunk_size == LAZ_VARIABLE ? 0 : f->chunk_size;
-#ifndef LAZ_HAS_LAYERED
-	if (f->compressor == LAZ_COMPRESSOR_LAYERED)
-		return err_set(err, ERR_UNSUPPORTED, "compressor 3 is not in this version"),
-		       err_add_place(err, ERR_NO_OFFSET, "compressor");
-#endif
 	if (f->compressor == LAZ_COMPRESSOR_LAYERED)
 		r->layered = laz_layered_new(rest, f, fields, source, &r->counter);
 	else
