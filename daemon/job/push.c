@@ -115,6 +115,12 @@ static bool finish_first(struct push *p, const struct err *why)
 	return true;
 }
 
+void push_task_over(struct push *p)
+{
+	if (finish_first(p, p->asks->r ? &p->asks->err : NULL))
+		push_pump(p);
+}
+
 static void task_run(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
@@ -133,8 +139,7 @@ static void task_done(struct sched_task *t)
 		a->r = -ERR_CANCELLED;
 		err_set(&a->err, ERR_CANCELLED, "the push was ended");
 	}
-	if (finish_first(p, a->r ? &a->err : NULL))
-		push_pump(p);
+	push_task_over(p);
 }
 
 /* What is asked of a push that is closing, or whose stage broke, is answered with the reason. */

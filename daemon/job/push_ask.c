@@ -242,7 +242,8 @@ static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 		size = left;
 	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others
 	 * from. */
-	if (size < GRID_STAGE_MIN + pipe_ingest_bytes())
+	p->read_bytes = push_read_bytes(p);
+	if (size < GRID_STAGE_MIN + p->read_bytes)
 		return PUSH_WAIT;
 	p->task.priority = SCHED_FIRST;
 	task_bytes(p, LEDGER_STAGE, size);
@@ -257,7 +258,7 @@ static void stage_run(struct push *p, struct push_ask *a)
 	struct grid_stage_params params = {
 		.dirfd = p->dataset->dirfd,
 		.name = name,
-		.memory = p->task.bytes - pipe_ingest_bytes(),
+		.memory = p->task.bytes - p->read_bytes,
 		.durable = !p->dataset->onestep,
 	};
 
@@ -314,6 +315,9 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 			return err_set(err, ERR_NOMEM, "no memory for a request");
 		return 0;
 	}
+	/* Of a file that was probed after the stage had its memory, and takes more than was put aside. */
+	if (pipe_ingest_bytes() + input_bytes() + probe->read_bytes > p->read_bytes)
+		task_bytes(p, LEDGER_INPUT, pipe_ingest_bytes() + input_bytes() + probe->read_bytes - p->read_bytes);
 	if ((p->nsources & (p->nsources - 1)) == 0) {
 		size_t cap = p->nsources ? p->nsources * 2 : 1;
 
@@ -348,7 +352,20 @@ static int changed(const char *name, const char *when, struct err *err)
 	return err_add_file(err, name);
 }
 
-static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
+int push_file_finish(struct push *p, struct push_ask *a)
+{
+	struct push_input_id after;
+	int r = push_fd_check(a->fd, a->name, &after, &a->err);
+
+	if (!r && !p->dataset->onestep)
+		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
+	if (!r && !same_input(&a->id, &after))
+		return changed(a->name, "while it was read", &a->err);
+	return r;
+}
+
+/* What comes in parts is left to the crew, *ret_parts. */
+static int file_ingest(struct push *p, struct push_ask *a, struct input *in, bool *ret_parts)
 {
 	const struct push_probed *probe = push_find_probe(p, a->name);
 	const struct pipe_ingest_params params = {
@@ -357,7 +374,6 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 		.progress = file_progress,
 		.ctx = p,
 	};
-	struct push_input_id after;
 	int r;
 
 	remember_info(a, in);
@@ -367,30 +383,31 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in)
 	r = push_compatible(p, a->name, &a->info.crs, &a->err);
 	if (!r)
 		r = grid_stage_source(p->stage, a->source, &a->err);
+	*ret_parts = !r && a->info.parts > 1;
+	if (*ret_parts)
+		return 0;
 	if (!r)
 		r = pipe_ingest(in, &params, &a->in, &a->err);
-	if (!r)
-		r = push_fd_check(a->fd, a->name, &after, &a->err);
-	if (!r && !p->dataset->onestep)
-		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
-	if (!r && !same_input(&a->id, &after))
-		return changed(a->name, "while it was read", &a->err);
-	return r;
+	return r ? r : push_file_finish(p, a);
 }
 
 static void file_run(struct push *p, struct push_ask *a)
 {
 	struct input_options options = options_of(p, a);
 	struct input *in = NULL;
+	bool parts = false;
 
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
 	if (!a->r)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (!a->r)
-		a->r = file_ingest(p, a, in);
+		a->r = file_ingest(p, a, in, &parts);
 	if (a->r)
 		err_add_file(&a->err, a->name);
-	input_close(in);
+	if (parts)
+		a->whole = in;
+	else
+		input_close(in);
 }
 
 /* Of the stage, not of the input: nothing more can be staged. */
@@ -422,9 +439,18 @@ static void source_add(struct push *p, const struct push_ask *a, bool live)
 
 static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 {
-	struct push_file file = {.name = a->name, .in = a->in};
-	bool tried = a->source != 0 && p->task.ran && !p->broken;
+	struct push_file file = {.name = a->name};
+	bool tried = a->source != 0 && (p->task.ran || a->crew) && !p->broken;
+	struct err err = ERR_INIT;
 
+	if (!why && a->whole && !a->crew) {
+		if (!push_crew_start(p, a, &err))
+			return false;
+		why = &err;
+	}
+	file.in = a->in;
+	a->crew = push_crew_free(a->crew);
+	a->whole = input_close(a->whole);
 	/* What was staged of a file that failed must be known as dead. */
 	if (tried && (!why || atomic_load(&p->progress)))
 		source_add(p, a, !why);

@@ -42,6 +42,8 @@ struct push_ask {
 	struct pipe_ingested in;
 	struct digest hash;
 	enum push_known_as known;
+	struct input *whole;     /* a file that several workers read; closed by the loop */
+	struct push_crew *crew;
 };
 
 struct push_probed {
@@ -50,6 +52,7 @@ struct push_probed {
 	struct push_input_id id;
 	struct lattice_input coords;
 	const struct crs_info *crs; /* one of push.crs_seen */
+	size_t read_bytes;          /* what decoding it takes */
 	struct err *why;            /* it was left out of the plan; NULL: it was not */
 };
 
@@ -87,6 +90,7 @@ struct push {
 
 	struct grid_stage *stage;
 	uint64_t stage_bytes; /* charged */
+	size_t read_bytes;    /* in it, for decoding one file at a time */
 	bool broken;
 	struct err broken_err;
 	struct grid_source *sources;
@@ -126,6 +130,16 @@ void push_ask_over(struct push *);                                              
 void push_pump(struct push *);
 struct push *push_free(struct push *);
 
+/* Loop: the ask is over, as a->r and a->err say. */
+void push_task_over(struct push *);
+
+/* push_parts.c: a->whole by several workers; push_task_over when all are done */
+int push_crew_start(struct push *, struct push_ask *, struct err *err);
+struct push_crew *push_crew_free(struct push_crew *);
+uint64_t push_helper_bytes(const struct input_info *); /* memory of each but the first */
+/* push_ask.c: when all was read: hash it, and see that it is still the same file. */
+int push_file_finish(struct push *, struct push_ask *);
+
 /* push_input.c: descriptors and what their inputs say */
 int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err);
 int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
@@ -133,6 +147,8 @@ int push_choose_lattice(struct push *, struct err *err);
 
 /* push_probes.c: what is kept of each file */
 int push_remember_probe(struct push *, const struct push_ask *, struct err *err);
+/* Memory to read any of them, one at a time. */
+size_t push_read_bytes(const struct push *);
 struct push_probed *push_find_probe(const struct push *, const char *name); /* NULL: not probed */
 int push_leave_out(struct push_probed *, const struct err *why);
 void push_forget_probes(struct push *);

@@ -26,7 +26,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	step = (p->table_used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
 	left = jobs_domain_memory(j);
 	/* As for the stage: a job that runs must be able to finish beside it; and the stage itself must come. */
-	head = 2 * jobs_domain_largest(j) + (p->stage_bytes ? 0 : GRID_STAGE_MIN + pipe_ingest_bytes());
+	head = 2 * jobs_domain_largest(j) + (p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p));
 	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_STAGE, step)) {
 		p->table_bytes += step;
 		return 0;
@@ -45,6 +45,17 @@ void push_room_give(struct push *p)
 	if (p->table_bytes)
 		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->table_bytes);
 	p->table_bytes = p->table_used = 0;
+}
+
+size_t push_read_bytes(const struct push *p)
+{
+	size_t most = 0;
+
+	for (size_t i = 0; i < p->nprobes; i++)
+		if (p->probes[i].read_bytes > most)
+			most = p->probes[i].read_bytes;
+	/* a part is read by an input of its own beside the file's */
+	return pipe_ingest_bytes() + input_bytes() + most;
 }
 
 struct push_probed *push_find_probe(const struct push *p, const char *name)
@@ -126,6 +137,7 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	at->coords = ask->info.coords;
 	at->coords.name = at->name;
 	at->crs = crs;
+	at->read_bytes = ask->info.read_bytes;
 	return 0;
 }
 

@@ -32,6 +32,7 @@ struct input_info {
 	struct crs_info crs;       /* what its records say; all unknown for text */
 	char warning[256];         /* a header lie that does no harm, "" if none */
 	uint64_t parts;            /* it can be read in so many parts, in any order and at once; 1: only forwards */
+	uint64_t first_point;      /* of a part, once something was read: points of the file before it */
 	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */
 };
 

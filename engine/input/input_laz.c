@@ -144,8 +144,10 @@ static int next_chunk(struct input *in, bool *ret_more, struct err *err)
 
 		if (rc || !*ret_more)
 			return rc;
-		if (r->chunk < las->part_first)
+		if (r->chunk < las->part_first) {
+			in->info.first_point += chunk.points;
 			continue;
+		}
 		r->chunk++;
 		r->open = true;
 		return laz_reader_chunk(r->reader, &chunk, err);

@@ -55,6 +55,7 @@ static int ingest_batches(struct input *input, const struct lattice_map *map, co
 			  struct batch *b, struct pipe_ingested *in, struct err *err)
 {
 	struct input_points pts = { .raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH };
+	const struct input_info *info = input_info(input);
 	size_t bad = 0;
 	int r;
 
@@ -67,7 +68,7 @@ static int ingest_batches(struct input *input, const struct lattice_map *map, co
 		if (r) {
 			char field[64];
 
-			snprintf(field, sizeof field, "point %llu", (unsigned long long)(in->points + bad));
+			snprintf(field, sizeof field, "point %llu", (unsigned long long)(info->first_point + in->points + bad));
 			return err_add_place(err, ERR_NO_OFFSET, field);
 		}
 		batch_points(b, pts.n);

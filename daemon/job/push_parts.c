@@ -1,0 +1,240 @@
+/*
+ * One file that can be read in parts, staged by several workers at once.
+ *
+ * The model: parts are taken in order, some at a time, by whoever is free: the task of the push itself, whose
+ * memory is there already, and helpers that start only where a thread and memory are idle, take one helping
+ * each and queue up again behind everybody else. The stage is used under a lock. When a helping fails, later
+ * ones are given up and earlier ones finished; the error of the first part that fails is the file's, whoever
+ * came to it and when.
+ *
+ * Not here: what is done with a file that failed; opening and checking it.
+ */
+#include <pthread.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "push_priv.h"
+
+enum { MEMBERS_MAX = 64, STEP_MAX = 16, STEPS = 8 };
+
+struct member {
+	struct sched_task task;  /* of helpers; the first has the push's */
+	struct push_crew *crew;
+	uint64_t begin;          /* of its helping */
+	uint64_t told;           /* points of it */
+};
+
+struct push_crew {
+	struct push *push;
+	struct push_ask *ask;
+	const struct input *whole;
+	pthread_mutex_t stage, result;
+	uint64_t parts, step;
+	_Atomic uint64_t next;   /* part */
+	_Atomic uint64_t failed; /* first part of the lowest helping that failed; `parts`: none */
+	struct err err;          /* of it */
+	struct pipe_ingested sum;
+	unsigned members, running;
+	struct member member[];
+};
+
+uint64_t push_helper_bytes(const struct input_info *info)
+{
+	return pipe_ingest_bytes() + info->read_bytes;
+}
+
+static void lock(void *mutex)
+{
+	pthread_mutex_lock(mutex);
+}
+
+static void unlock(void *mutex)
+{
+	pthread_mutex_unlock(mutex);
+}
+
+static int progress(void *ctx, uint64_t points)
+{
+	struct member *m = ctx;
+	struct push *p = m->crew->push;
+
+	atomic_fetch_add(&p->progress, points - m->told);
+	m->told = points;
+	return atomic_load(&p->cancel) || atomic_load(&m->crew->failed) < m->begin;
+}
+
+static void helping_over(struct member *m, int r, const struct err *err, const struct pipe_ingested *in)
+{
+	struct push_crew *c = m->crew;
+
+	pthread_mutex_lock(&c->result);
+	if (!r) {
+		pipe_ingested_add(&c->sum, in);
+	} else if (m->begin < atomic_load(&c->failed)) {
+		atomic_store(&c->failed, m->begin);
+		c->err = *err;
+	}
+	pthread_mutex_unlock(&c->result);
+}
+
+/* Worker: the next helping; false: there is none. */
+static bool help(struct member *m)
+{
+	struct push_crew *c = m->crew;
+	const struct pipe_ingest_params params = {
+		.lattice = &c->push->lattice,
+		.stage = c->push->stage,
+		.lock = lock,
+		.unlock = unlock,
+		.guard = &c->stage,
+		.progress = progress,
+		.ctx = m,
+	};
+	struct pipe_ingested in = {0};
+	struct err err = ERR_INIT;
+	struct input *part = NULL;
+	uint64_t end;
+	int r;
+
+	m->begin = atomic_fetch_add(&c->next, c->step);
+	m->told = 0;
+	if (m->begin >= c->parts || m->begin >= atomic_load(&c->failed))
+		return false;
+	end = c->parts - m->begin < c->step ? c->parts : m->begin + c->step;
+	r = input_open_part(c->whole, m->begin, end, &part, &err);
+	if (!r)
+		r = pipe_ingest(part, &params, &in, &err);
+	input_close(part);
+	helping_over(m, r, &err, &in);
+	return true;
+}
+
+static bool over(struct push_crew *c)
+{
+	return atomic_load(&c->next) >= c->parts || atomic_load(&c->failed) < c->parts;
+}
+
+/* Loop: the last one gone answers. */
+static void leave(struct push_crew *c)
+{
+	struct push_ask *a = c->ask;
+
+	if (--c->running)
+		return;
+	a->in = c->sum;
+	if (atomic_load(&c->failed) < c->parts) {
+		a->r = -(int)c->err.code;
+		a->err = c->err;
+	}
+	push_task_over(c->push);
+}
+
+static void first_run(struct sched_task *t)
+{
+	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
+	struct push_ask *a = p->asks;
+
+	while (help(&a->crew->member[0]))
+		;
+	/* Others may still be at work; what they find comes first. */
+	if (atomic_load(&a->crew->failed) == a->crew->parts)
+		a->r = push_file_finish(p, a);
+}
+
+static void first_done(struct sched_task *t)
+{
+	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
+	struct push_crew *c = p->asks->crew;
+
+	if (t->ran && t->bytes)
+		sched_give(p->jobs->p.sched, t->name, t->bytes);
+	if (!t->ran) {
+		c->ask->r = -ERR_CANCELLED;
+		err_set(&c->ask->err, ERR_CANCELLED, "the push was ended");
+	}
+	for (unsigned i = 1; i < c->members; i++)
+		if (c->member[i].task.run)
+			sched_cancel(p->jobs->p.sched, &c->member[i].task);
+	leave(c);
+}
+
+static void helper_run(struct sched_task *t)
+{
+	help((struct member *)t);
+}
+
+static void helper_done(struct sched_task *t)
+{
+	struct member *m = (struct member *)t;
+	struct push_crew *c = m->crew;
+
+	if (t->ran)
+		sched_give(c->push->jobs->p.sched, t->name, t->bytes);
+	if (t->ran && !over(c) && !atomic_load(&t->cancel)) {
+		t->ran = false;
+		sched_submit(c->push->jobs->p.sched, t);
+		return;
+	}
+	t->run = NULL;
+	leave(c);
+}
+
+_Static_assert(offsetof(struct member, task) == 0, "a task is its member");
+
+/* Those that idle threads and memory allow: a job that runs must be able to finish beside them. */
+static unsigned count_members(struct push *p, const struct input_info *info)
+{
+	struct jobs *j = p->jobs;
+	uint64_t left = jobs_domain_memory(j), head = 2 * jobs_domain_largest(j), n;
+
+	n = left > head ? (left - head) / push_helper_bytes(info) : 0;
+	if (n > sched_threads(j->p.sched) - 1)
+		n = sched_threads(j->p.sched) - 1;
+	if (n > info->parts - 1)
+		n = info->parts - 1;
+	return 1 + (n < MEMBERS_MAX ? (unsigned)n : MEMBERS_MAX);
+}
+
+int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	const struct input_info *info = input_info(a->whole);
+	unsigned n = count_members(p, info);
+	struct push_crew *c = calloc(1, sizeof *c + n * sizeof *c->member);
+
+	if (!c)
+		return err_set(err, ERR_NOMEM, "no memory to read a file");
+	c->push = p;
+	c->ask = a;
+	c->whole = a->whole;
+	c->parts = info->parts;
+	c->step = c->parts / (n * STEPS);
+	c->step = c->step < 1 ? 1 : c->step > STEP_MAX ? STEP_MAX : c->step;
+	atomic_store(&c->failed, c->parts);
+	c->err = ERR_INIT;
+	pthread_mutex_init(&c->stage, NULL);
+	pthread_mutex_init(&c->result, NULL);
+	c->members = c->running = n;
+	a->crew = c;
+	p->task = (struct sched_task){.run = first_run, .done = first_done, .priority = SCHED_NORMAL,
+				      .name = p->task.name, .bytes = p->task.bytes};
+	for (unsigned i = 0; i < n; i++)
+		c->member[i].crew = c;
+	sched_submit(p->jobs->p.sched, &p->task);
+	for (unsigned i = 1; i < n; i++) {
+		c->member[i].task = (struct sched_task){.run = helper_run, .done = helper_done,
+							.priority = SCHED_LAST, .name = LEDGER_INPUT,
+							.bytes = push_helper_bytes(info)};
+		sched_submit(p->jobs->p.sched, &c->member[i].task);
+	}
+	return 0;
+}
+
+struct push_crew *push_crew_free(struct push_crew *c)
+{
+	if (c) {
+		pthread_mutex_destroy(&c->stage);
+		pthread_mutex_destroy(&c->result);
+	}
+	free(c);
+	return NULL;
+}
