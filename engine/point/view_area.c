@@ -138,8 +138,15 @@ static size_t normal_ring(int64_t (*c)[2], size_t n)
 	reverse(c, least);
 	reverse(c + least, kept - least);
 	reverse(c, kept);
-	if (kept > 2 && corner_compare(c[kept - 1], c[1]) < 0)
-		reverse(c + 1, kept - 1);
+	for (size_t i = 1; i < kept - (kept > 0); i++) {
+		int order = corner_compare(c[kept - i], c[i]);
+
+		if (!order)
+			continue; /* a spike: there and back */
+		if (order < 0)
+			reverse(c + 1, kept - 1);
+		break;
+	}
 	return kept;
 }
 

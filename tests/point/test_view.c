@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "lattice.h"
 #include "view.h"
 
 static struct view view_with(const char *classes)
@@ -94,6 +95,164 @@ static void test_matrix(void **state)
 			print_error("row %zu: %s, not %s\n", i, view_rule_text(got),
 				    view_rule_text(rows[i].want));
 		assert_int_equal(got, rows[i].want);
+	}
+	(void)state;
+}
+
+static struct view asked(const char *request, const struct lattice *lattice)
+{
+	struct view v;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(view_resolve(request, lattice, "metre", &v, &err), 0);
+	view_bind(&v, lattice);
+	return v;
+}
+
+/* Rules on place and height, in their order, on two lattices with the same absolute numbers. */
+static void test_places(void **state)
+{
+	static const struct lattice lattices[] = {{{1, 0}, {1, 0}, {0, 0, 0}}, {{1, 0}, {1, 0}, {1000, -2000, 77}}};
+	static const struct {
+		const char *request;
+		int32_t x, y, z;
+		unsigned cls, flags;
+		enum view_rule want;
+	} rows[] = {
+		{"ask 1 not-class=3-5", 0, 0, 0, 2, 0, VIEW_KEPT},
+		{"ask 1 not-class=3-5", 0, 0, 0, 3, 0, VIEW_BY_CLASS},
+		{"ask 1 not-class=3-5", 0, 0, 0, 7, 0, VIEW_BY_NOISE},
+		{"ask 1 not-class=7", 0, 0, 0, 7, 0, VIEW_BY_CLASS},
+		{"ask 1 ground not-class=5", 0, 0, 0, 5, POINT_KEY, VIEW_BY_CLASS},
+		{"ask 1 drop-overlap", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_OVERLAP},
+		{"ask 1 drop-overlap", 0, 0, 0, 12, 0, VIEW_KEPT}, /* the reader gives old ones the flag */
+		{"ask 1", 0, 0, 0, 2, POINT_OVERLAP, VIEW_KEPT},
+		{"ask 1 drop-overlap zmin=5", 0, 0, 0, 2, POINT_OVERLAP | POINT_WITHHELD, VIEW_BY_WITHHELD},
+		{"ask 1 drop-overlap zmin=5", 0, 0, 0, 2, POINT_OVERLAP, VIEW_BY_OVERLAP},
+		{"ask 1 zmin=5", 0, 0, 4, 2, 0, VIEW_BY_Z},
+		{"ask 1 zmin=5", 0, 0, 5, 2, 0, VIEW_KEPT},
+		{"ask 1 zmax=5", 0, 0, 5, 2, 0, VIEW_KEPT},
+		{"ask 1 zmax=5", 0, 0, 6, 2, 0, VIEW_BY_Z},
+		{"ask 1 zmin=-3 zmax=-3", 0, 0, -3, 2, 0, VIEW_KEPT},
+		{"ask 1 zmax=5 crop=box:1,2,3,4", 0, 0, 6, 2, 0, VIEW_BY_Z},
+		{"ask 1 crop=box:1,2,3,4", 1, 2, 0, 2, 0, VIEW_KEPT},
+		{"ask 1 crop=box:1,2,3,4", 3, 4, 0, 2, 0, VIEW_KEPT},
+		{"ask 1 crop=box:1,2,3,4", 0, 2, 0, 2, 0, VIEW_BY_CROP},
+		{"ask 1 crop=box:1,2,3,4", 1, 1, 0, 2, 0, VIEW_BY_CROP},
+		{"ask 1 crop=box:1,2,3,4", 4, 4, 0, 2, 0, VIEW_BY_CROP},
+		{"ask 1 crop=box:1,2,3,4", 3, 5, 0, 2, 0, VIEW_BY_CROP},
+		{"ask 1 crop=area@0:+AAIAAI", 0, 4, 0, 2, 0, VIEW_BY_CROP}, /* 0 0, 4 0, 4 4 */
+		{"ask 1 crop=area@0:+AAIAAI", 2, 2, 0, 2, 0, VIEW_KEPT},
+		{"ask 1 crop=area@0:+AAIAAI", 3, 1, 0, 2, 0, VIEW_KEPT},
+		{"ask 1 crop=area@0:+AAIAAI every=1000000", 0, 4, 0, 2, 0, VIEW_BY_CROP},
+	};
+
+	for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+		for (unsigned l = 0; l < 2; l++) {
+			const int64_t *k = lattices[l].k;
+			struct view v = asked(rows[i].request, &lattices[l]);
+			struct point p = {rows[i].x - (int32_t)k[0], rows[i].y - (int32_t)k[1], rows[i].z - (int32_t)k[2],
+					  (uint8_t)rows[i].cls, 0x11, (uint16_t)rows[i].flags};
+			int32_t box[4] = {p.x, p.y, p.x, p.y};
+			enum view_rule got = view_judge(&v, &p);
+
+			if (got != rows[i].want)
+				print_error("row %zu: %s\n", i, view_rule_text(got));
+			assert_int_equal(got, rows[i].want);
+			if (got == VIEW_KEPT)
+				assert_true(view_may_hold(&v, box));
+			assert_int_equal(view_selects(&v), strstr(rows[i].request, "crop") != NULL);
+			struct view rest = view_rest(&v);
+
+			p.cls = 18;
+			p.tag = POINT_WITHHELD | POINT_OVERLAP;
+			assert_int_equal(view_judge(&rest, &p), VIEW_KEPT);
+			assert_false(view_selects(&rest));
+			view_done(&v);
+		}
+	}
+	(void)state;
+}
+
+/* XXH3-64 of the positions, against python3-xxhash. */
+static void test_every(void **state)
+{
+	const struct lattice l = {{1, -2}, {1, -2}, {63500000, 685300000, 0}};
+	struct view v = VIEW_INIT;
+	unsigned kept = 0;
+
+	for (v.every = 2; v.every < 2000; v.every = v.every * 3 + 1) {
+		view_bind(&v, &l);
+		kept = 0;
+		for (int i = 0; i < 20000; i++) {
+			struct point p = {i % 200, i / 200, i, 2, 0x11, 0}, q = p;
+
+			q.z = -5;
+			q.cls = 3;
+			kept += view_judge(&v, &p) == VIEW_KEPT;
+			/* All points of a position are kept or none. */
+			assert_int_equal(view_judge(&v, &p), view_judge(&v, &q));
+		}
+		assert_true(kept > 20000 / v.every / 2 && kept < 20000 / v.every * 2);
+	}
+	/* xxhash.xxh3_64_intdigest(struct.pack("<qq", 63500000 + x, 685300000 + y)) % 7 == 0 for x in 0..15, y = 3 */
+	static const char want[16 + 1] = "...x.....x......";
+	char got[16 + 1] = "";
+
+	v.every = 7;
+	for (int x = 0; x < 16; x++) {
+		struct point p = {x, 3, 0, 2, 0x11, 0};
+
+		got[x] = view_judge(&v, &p) == VIEW_KEPT ? 'x' : '.';
+	}
+	assert_string_equal(got, want);
+	(void)state;
+}
+
+static void test_thin(void **state)
+{
+	const struct lattice l = {{1, 0}, {1, 0}, {-3, 10, 0}};
+	struct view v = asked("ask 1 thin=5:lowest", &l);
+	struct view_thin high = {5, VIEW_PICK_HIGHEST}, median = {5, VIEW_PICK_MEDIAN};
+	static const int32_t at[][4] = {/* x, y absolute, cell */
+					{0, 0, 0, 0},    {4, 5, 0, 1},     {-1, -5, -1, -1},
+					{-5, -6, -1, -2}, {-6, 14, -2, 2}};
+	struct point set[4 * 3 * 3 * 2 * 2];
+	size_t n = 0;
+
+	for (size_t i = 0; i < sizeof at / sizeof at[0]; i++) {
+		struct point p = {at[i][0] + 3, at[i][1] - 10, 0, 2, 0x11, 0};
+		int64_t cell[2];
+
+		view_thin_cell(&v, &p, cell);
+		assert_int_equal(cell[0], at[i][2]);
+		assert_int_equal(cell[1], at[i][3]);
+		assert_int_equal(view_judge(&v, &p), VIEW_KEPT);
+	}
+	assert_true(view_selects(&v));
+	for (int z = 0; z < 4; z++)
+		for (unsigned m = 0; m < 36; m++)
+			set[n++] = (struct point){(int32_t)(m % 3), (int32_t)(m / 3 % 3), z, (uint8_t)(m / 9 % 2), 0x11,
+						  (uint16_t)(m / 18)};
+	/* A total order, upwards and downwards alike in all but z; the source has no part in it. */
+	for (size_t i = 0; i < n; i++) {
+		for (size_t j = 0; j < n; j++) {
+			struct point b = set[j];
+			int low = view_thin_compare(&v.thin, &set[i], &b), up = view_thin_compare(&high, &set[i], &b);
+
+			b.tag |= 9 << POINT_SOURCE_SHIFT;
+			assert_int_equal(low, view_thin_compare(&median, &set[i], &b));
+			assert_int_equal(!low, i == j);
+			assert_int_equal(low < 0, view_thin_compare(&v.thin, &b, &set[i]) > 0);
+			if (set[i].z != b.z)
+				assert_int_equal(low < 0, set[i].z < b.z);
+			else if (set[i].cls != b.cls)
+				assert_int_equal(low < 0, set[i].cls < b.cls);
+			else if (point_flags(&set[i]) != point_flags(&b))
+				assert_int_equal(low < 0, point_flags(&set[i]) < point_flags(&b));
+			assert_int_equal(set[i].z == b.z ? low < 0 : low > 0, up < 0);
+			assert_int_equal(view_thin_prefers(&high, &set[i], &b), up < 0);
+		}
 	}
 	(void)state;
 }
@@ -277,6 +436,8 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_matrix),          cmocka_unit_test(test_preference),
+		cmocka_unit_test(test_places),          cmocka_unit_test(test_every),
+		cmocka_unit_test(test_thin),
 		cmocka_unit_test(test_text_round_trip), cmocka_unit_test(test_text),
 		cmocka_unit_test(test_bad_texts),       cmocka_unit_test(test_contradictions),
 	};
