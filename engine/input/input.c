@@ -135,6 +135,7 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	in->info.format = in->row->text->name;
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
+	in->info.bytes_all = in->info.bytes_selected = in->size;
 	return in->row->open(in, err);
 }
 
@@ -153,6 +154,8 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	snprintf(in->name, sizeof in->name, "%s", name);
 	in->accept_truncated = options->accept_truncated;
 	in->planar = options->planar;
+	in->has_crop = options->has_crop;
+	memcpy(in->crop, options->crop, sizeof in->crop);
 	rc = open_input(in, options->format, err);
 	if (rc) {
 		input_close(in);

@@ -27,12 +27,14 @@ struct input_points {
 struct input_info {
 	const char *format;        /* "las", "xyz" */
 	char variant[64];          /* "LAS 1.2, point format 3, 34 bytes" */
-	uint64_t claimed;          /* points the header claims; for text: counted by the probe */
+	uint64_t claimed;          /* points the header claims, or of them those selected; for text: counted by the probe */
 	struct lattice_input coords;
 	struct crs_info crs;       /* what its records say; all unknown for text */
 	char warning[256];         /* a header lie that does no harm, "" if none */
 	uint64_t parts;            /* it can be read in so many parts, in any order and at once; 1: only forwards */
 	uint64_t first_point;      /* of a part, once something was read: points of the file before it */
+	bool partial;              /* only parts that meet the crop box are read */
+	uint64_t bytes_all, bytes_selected; /* of the file; without the points that need not be read */
 	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */
 };
 
@@ -40,6 +42,10 @@ struct input_options {
 	const char *format;        /* forced format, or NULL: by content */
 	bool accept_truncated;
 	bool planar;               /* take degrees as a plane */
+	/* Points outside of this box (x and y from, to; in the file's coordinates) need not be given. Formats
+	 * that know where their points are read less (COPC); the others give all. */
+	bool has_crop;
+	double crop[4];
 };
 
 /* Upper bound of the memory that opening an input takes, whatever its bytes are; what reading takes besides

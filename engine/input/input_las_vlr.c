@@ -78,6 +78,18 @@ static int take_laszip(struct input *in, uint64_t at, uint64_t size, struct err 
 	return io_read_some(in->fd, las->laszip, n, at, in->name, &las->laszip_size, err);
 }
 
+static void take_copc(struct input_copc *copc, const uint8_t *user, unsigned id, uint64_t at, uint64_t size)
+{
+	if (!user_is(user, "copc"))
+		return;
+	if (id == 1 && size == 160 && !copc->info_at)
+		copc->info_at = at;
+	if (id == 1000 && !copc->at) {
+		copc->at = at;
+		copc->bytes = size;
+	}
+}
+
 static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size, struct err *err)
 {
 	struct cursor c = cursor_of(head, VLR_HEAD);
@@ -92,6 +104,7 @@ static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size,
 	id = cursor_u16(&c);
 	if (user_is(user, "laszip encoded") && id == 22204 && !w->in->as.las.has_laszip)
 		return take_laszip(w->in, at, size, err);
+	take_copc(&w->in->as.las.copc, user, id, at, size);
 	if (!wanted(user, id, &slot, &rank) || rank <= w->rank[slot] || !size)
 		return 0;
 	if (size > SLOT_SIZE) {

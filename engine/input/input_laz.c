@@ -25,7 +25,8 @@ struct input_laz_reading {
 	struct laz_source source;
 	struct laz_reader *reader;
 	struct laz_table *table; /* NULL: all is one chunk */
-	uint64_t chunk;          /* the next one of the table */
+	struct input_copc_walk *walk; /* NULL: chunks come from the table */
+	uint64_t chunk;          /* the next one of the table, or node of the walk */
 	bool open;               /* a chunk was begun */
 };
 
@@ -51,9 +52,15 @@ static enum laz_fields fields(const struct input_las *las)
 	return las->watch ? LAZ_ALL : LAZ_TERRAIN;
 }
 
+/* What says where the chunks are. */
+static size_t table_bytes(const struct input_las *las)
+{
+	return las->copc.selects ? sizeof(struct input_copc_walk) : laz_table_bytes();
+}
+
 static size_t read_bytes(const struct input_las *las)
 {
-	return up64(sizeof(struct input_laz_reading)) + up64(laz_table_bytes()) +
+	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes(las)) +
 	       up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
 }
 
@@ -83,11 +90,19 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 	rc = laz_table_open(in->buffer, &las->laz, &source, &las->place, &table, &chunks, &why, err);
 	if (rc)
 		return err_add_file(err, in->name);
-	las->place.end = end;
 	las->left = points;
 	las->chunks = chunks;
-	las->part_last = chunks ? chunks : 1;
-	in->info.parts = chunks ? chunks : 1;
+	if (chunks)
+		rc = input_copc_open(in, table, err);
+	if (rc)
+		return err_add_file(err, in->name);
+	las->place.end = end;
+	if (las->copc.selects) {
+		las->left = in->info.claimed;
+		las->chunks = las->copc.nodes;
+	}
+	las->part_last = las->chunks ? las->chunks : 1;
+	in->info.parts = las->part_last;
 	in->info.read_bytes = read_bytes(las);
 	if (why)
 		input_warn(in, "%s; the points are read without it", why);
@@ -113,7 +128,10 @@ static int start(struct input *in, struct err *err)
 	r = las->reading = (struct input_laz_reading *)at;
 	*r = (struct input_laz_reading){ .source = { in, read_source } };
 	at += up64(sizeof *r);
-	if (las->chunks) {
+	if (las->copc.selects) {
+		r->walk = (struct input_copc_walk *)at;
+		input_copc_walk_begin(r->walk, &las->copc, false);
+	} else if (las->chunks) {
 		las->place.end = in->size;
 		rc = laz_table_open(at, &las->laz, &r->source, &las->place, &r->table, &chunks, &why, err);
 		las->place.end = end;
@@ -123,7 +141,23 @@ static int start(struct input *in, struct err *err)
 		if (rc)
 			return err_add_file(err, in->name);
 	}
-	return laz_reader_new(at + up64(laz_table_bytes()), &las->laz, fields(las), &r->source, &r->reader, err);
+	return laz_reader_new(at + up64(table_bytes(las)), &las->laz, fields(las), &r->source, &r->reader, err);
+}
+
+static int next_place(struct input *in, struct laz_chunk *ret, bool *ret_more, struct err *err)
+{
+	struct input_laz_reading *r = in->as.las.reading;
+	const char *why = NULL;
+	bool meets;
+	int rc;
+
+	if (!r->walk)
+		return laz_table_next(r->table, ret, ret_more, err);
+	rc = input_copc_walk_next(in, r->walk, ret, &meets, ret_more, &why, err);
+	if (!rc && why)
+		return input_fail(in, err, ERR_CHANGED, in->as.las.copc.at, "COPC hierarchy",
+				  "the file changed while it was read");
+	return rc;
 }
 
 /* *ret_more: another chunk of the part was begun. */
@@ -133,14 +167,14 @@ static int next_chunk(struct input *in, bool *ret_more, struct err *err)
 	struct input_laz_reading *r = las->reading;
 	struct laz_chunk chunk;
 
-	if (!r->table) {
+	if (!r->table && !r->walk) {
 		*ret_more = !r->open;
 		r->open = true;
 		chunk = laz_table_whole(&las->laz, &las->place);
 		return *ret_more ? laz_reader_chunk(r->reader, &chunk, err) : 0;
 	}
 	for (; r->chunk < las->part_last; r->chunk++) {
-		int rc = laz_table_next(r->table, &chunk, ret_more, err);
+		int rc = next_place(in, &chunk, ret_more, err);
 
 		if (rc || !*ret_more)
 			return rc;

@@ -35,6 +35,34 @@ struct input_row {
 extern const struct input_row input_rows[];
 extern const size_t input_n_rows;
 
+/* Of a COPC file; see input_copc.c. */
+struct input_copc {
+	uint64_t info_at;          /* body of the record copc/1; 0: the file is no COPC file */
+	uint64_t at, bytes;        /* body of the record copc/1000, the hierarchy; 0: there is none */
+	bool selects;              /* only nodes that meet the crop box are read */
+	uint64_t nodes;            /* so many */
+	uint64_t root_at, root_bytes;
+	uint64_t data_at, data_end; /* where points may be */
+	double low[2], side;       /* the cube, in x and y */
+	double crop[4], margin;
+};
+
+struct input_copc_page {
+	uint64_t at, end;
+	int32_t key[4];            /* of the node that it belongs to: level, x, y, z */
+};
+
+struct input_copc_walk {
+	const struct input_copc *copc;
+	bool whole;                /* all nodes, not only those that meet the box */
+	unsigned depth;
+	uint64_t left;             /* entries, at most */
+	uint64_t block_at;         /* place in the file */
+	size_t block_n;
+	struct input_copc_page page[33];
+	uint8_t block[2048];
+};
+
 typedef void input_watch_fn(void *arg, const uint8_t *records, size_t n, size_t length);
 
 struct input_las {
@@ -52,6 +80,7 @@ struct input_las {
 	struct laz_format laz;
 	struct laz_place place;    /* `end` is where the points end, for the reader of points */
 	uint64_t chunks;           /* in the table; 0: there is none, or it cannot be used */
+	struct input_copc copc;
 	uint64_t part_first, part_last; /* chunks to be read */
 	void *memory;              /* from the first read on */
 	struct input_laz_reading *reading; /* in it */
@@ -71,7 +100,8 @@ struct input_xyz {
 struct input {
 	int fd;
 	char name[1024];
-	bool accept_truncated, planar;
+	bool accept_truncated, planar, has_crop;
+	double crop[4];
 	uint64_t size;
 	struct timespec mtime;
 	const struct input_row *row;
@@ -110,6 +140,13 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 int input_laz_refill(struct input *in, struct err *err);
 void input_laz_part(struct input *in, uint64_t first, uint64_t last);
 void input_laz_close(struct input *in);
+
+/* Of a COPC file, with a crop box: selects the nodes to be read (copc.selects). `table` is at its first chunk. */
+int input_copc_open(struct input *in, struct laz_table *table, struct err *err);
+void input_copc_walk_begin(struct input_copc_walk *, const struct input_copc *, bool whole);
+/* The next node with points. *ret_why: the hierarchy cannot be used, static text. */
+int input_copc_walk_next(struct input *in, struct input_copc_walk *, struct laz_chunk *ret, bool *ret_meets,
+			 bool *ret_more, const char **ret_why, struct err *err);
 
 bool input_xyz_matches(const uint8_t *bytes, size_t n);
 int input_xyz_open(struct input *in, struct err *err);
