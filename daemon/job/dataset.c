@@ -135,27 +135,39 @@ static int folder_each(int dirfd, int (*each)(int dirfd, const struct dirent *, 
 	return r;
 }
 
-static int remove_entry(int dirfd, const struct dirent *e, void *ctx, struct err *err)
+int folder_remove(int dirfd, const char *name, struct err *err)
 {
 	int sub, r;
 
-	if (io->unlinkat(dirfd, e->d_name, 0) == 0 || errno == ENOENT)
+	if (io->unlinkat(dirfd, name, 0) == 0 || errno == ENOENT)
 		return 0;
 	if (errno != EISDIR && errno != EPERM)
-		return err_sys(err, errno, "cannot remove %s", e->d_name);
-	r = io_open(dirfd, e->d_name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sub, err);
+		return err_sys(err, errno, "cannot remove %s", name);
+	r = io_open(dirfd, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sub, err);
 	if (r)
 		return r;
 	r = folder_empty(sub, err);
 	io_close(sub);
-	if (!r && io->unlinkat(dirfd, e->d_name, AT_REMOVEDIR) != 0)
-		r = err_sys(err, errno, "cannot remove the folder %s", e->d_name);
+	if (!r && io->unlinkat(dirfd, name, AT_REMOVEDIR) != 0)
+		r = err_sys(err, errno, "cannot remove the folder %s", name);
 	return r;
+}
+
+static int remove_entry(int dirfd, const struct dirent *e, void *ctx, struct err *err)
+{
+	const char *prefix = ctx;
+
+	return strncmp(e->d_name, prefix, strlen(prefix)) ? 0 : folder_remove(dirfd, e->d_name, err);
+}
+
+int folder_sweep(int dirfd, const char *prefix, struct err *err)
+{
+	return folder_each(dirfd, remove_entry, (void *)prefix, err);
 }
 
 int folder_empty(int dirfd, struct err *err)
 {
-	return folder_each(dirfd, remove_entry, NULL, err);
+	return folder_sweep(dirfd, "", err);
 }
 
 /* ---- leftovers ---- */

@@ -555,6 +555,7 @@ void job_info(const struct job *job, struct job_info *ret)
 		.bound = job->bound,
 		.submitted_us = job->submitted_us,
 		.finished_us = job->finished_us,
+		.phase = job->walk ? walk_phase(job->walk) : "mesh",
 		.report = job->has_report ? &job->report : NULL,
 		.err = states[job->state].final && job->has_error ? &job->err : NULL,
 	};

@@ -178,6 +178,7 @@ struct job_info {
 	struct job_peer peer;
 	bool bound;
 	int64_t submitted_us, finished_us;
+	const char *phase; /* "select" (of points, for a view that selects) or "mesh" */
 	uint64_t points_done, points_total, domains_done, domains_total;
 	const struct job_report *report; /* NULL unless done */
 	const struct err *err;           /* NULL unless failed or cancelled */

@@ -213,10 +213,15 @@ static double pace(const struct jobs *j)
 	const struct job *job;
 	double seconds = 0;
 
-	/* The list is by number: the last one wins. */
-	for (job = j->jobs; job; job = job->next)
-		if (job->has_report && job->report.points >= TELLING && job->report.seconds > 0)
-			seconds = job->report.seconds / (double)job->report.points;
+	/* The list is by number: the last one wins. What a selection left out was not meshed. */
+	for (job = j->jobs; job; job = job->next) {
+		const uint64_t *removed = job->report.removed;
+		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
+				  removed[VIEW_BY_THIN];
+
+		if (job->has_report && points >= TELLING && job->report.seconds > 0)
+			seconds = job->report.seconds / (double)points;
+	}
 	return seconds;
 }
 

@@ -87,7 +87,7 @@ struct jobs {
 	struct push *pushes;
 	struct job *jobs;
 	struct job_asked_plan *plans;
-	uint64_t last_dataset, last_job, last_push, last_onestep;
+	uint64_t last_dataset, last_job, last_push, last_onestep, last_select;
 	uint64_t emitter_share, index_share, stage_share, reserve;
 	unsigned walks_max;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
@@ -108,7 +108,10 @@ void dataset_row(const struct dataset *, struct catalogue_dataset *ret);
 int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
 /* Removes what no manifest of the dataset names. Reads the disk. */
 int dataset_sweep(struct dataset *, struct err *err);
-int folder_empty(int dirfd, struct err *err); /* removes everything in it, one level of folders down */
+int folder_empty(int dirfd, struct err *err); /* removes everything in it */
+int folder_remove(int dirfd, const char *name, struct err *err); /* with everything in it; absent is success */
+/* Removes the entries whose names begin so. */
+int folder_sweep(int dirfd, const char *prefix, struct err *err);
 
 /* push.c */
 void push_tick(struct push *);
@@ -134,6 +137,9 @@ void report_make(const struct pipe_totals *, struct job_report *ret);
 
 /* jobs.c */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
+bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */
+/* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */
+int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);
 /* The smallest `memory` whose domains carry that many positions; 0: none does. */
 uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
 uint64_t jobs_domain_largest(struct jobs *);              /* of the walks that run */

@@ -174,6 +174,26 @@ bool jobs_fetch_room(struct jobs *j)
 	return t.walks == t.running || jobs_domain_memory(j) >= t.largest + walk_share(j) + others;
 }
 
+struct same {
+	const struct walk *walk;
+	bool found;
+};
+
+static void look_same(struct walk *w, void *ctx)
+{
+	struct same *s = ctx;
+
+	s->found |= walk_selects_same(w, s->walk);
+}
+
+bool jobs_selecting(struct jobs *j, const struct walk *w)
+{
+	struct same s = {.walk = w};
+
+	each_walk(j, look_same, &s);
+	return s.found;
+}
+
 static void relieve(struct walk *w, void *ctx)
 {
 	walk_relieve(w, *(const bool *)ctx);
@@ -250,6 +270,23 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 	return r;
 }
 
+int jobs_selected_folder(struct jobs *j, int *ret_fd, struct err *err)
+{
+	return folder(j->p.cachefd, "selected", ret_fd, err);
+}
+
+/* Selections that a crash cut short. */
+static int sweep_selected(struct jobs *j, struct err *err)
+{
+	int fd, r = jobs_selected_folder(j, &fd, err);
+
+	if (r)
+		return r;
+	r = folder_sweep(fd, WALK_SELECT_TEMP, err);
+	io_close(fd);
+	return r;
+}
+
 static int open_folders(struct jobs *j, struct err *err)
 {
 	int r = folder(j->p.statefd, "datasets", &j->datafd, err);
@@ -265,6 +302,8 @@ static int open_folders(struct jobs *j, struct err *err)
 		r = folder_empty(j->onestepfd, err);
 	if (!r)
 		r = folder_empty(j->tempfd, err);
+	if (!r)
+		r = sweep_selected(j, err);
 	return r;
 }
 

@@ -41,10 +41,6 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 		return err_set(err, ERR_NOMEM, "no memory for a job");
 	}
 	r = view_parse(p->view_text, &w->view, err);
-	if (!r && view_selects(&w->view)) {
-		r = err_set(err, ERR_UNSUPPORTED, "crop, every and thin are not in this version of acut");
-		view_done(&w->view);
-	}
 	if (r) {
 		free(w->view_text);
 		free(w);
@@ -80,11 +76,10 @@ static void shut(struct walk *w)
 {
 	pipe_emitter_free(w->emitter);
 	w->emitter = NULL;
-	if (w->grid) {
-		grid_close(w->grid);
-		w->grid = NULL;
+	w->grid = grid_close(w->grid);
+	if (w->opened)
 		dataset_close(w->dataset);
-	}
+	w->opened = false;
 	if (w->emitter_bytes)
 		sched_give(w->jobs->p.sched, LEDGER_EMITTER, w->emitter_bytes);
 	if (w->output_buffer)
@@ -118,18 +113,37 @@ static void open_run(struct sched_task *t)
 	w->r = dataset_open(w->dataset, &w->err);
 	if (w->r)
 		return;
+	w->opened = true;
 	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->p.ledger, j->index_share, &w->grid,
 			 &w->err);
-	if (!w->r)
-		w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd,
-					&w->emitter, &w->err);
-	if (w->r) {
-		w->grid = grid_close(w->grid);
-		dataset_close(w->dataset);
+	if (w->r)
+		return;
+	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
+	w->rest = w->view;
+	count_classes(w);
+	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter,
+				&w->err);
+	if (!w->r && view_selects(&w->view))
+		w->r = walk_select_open(w, &w->err);
+}
+
+void walk_opened(struct walk *w)
+{
+	if (w->stopping || (w->r < 0 && w->r != -ERR_BUSY)) {
+		if (w->r < 0)
+			walk_fail(w, &w->err);
+		walk_settle(w);
 		return;
 	}
-	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
-	count_classes(w);
+	if (w->r == -ERR_BUSY) {
+		/* The index has no memory now, or a selection is to be made again: from the start, at the next
+		 * tick. */
+		shut(w);
+		w->state = WALK_NEW;
+		return;
+	}
+	w->state = w->r == WALK_E_ABSENT ? WALK_UNSELECTED : WALK_OPEN;
+	walk_settle(w);
 }
 
 static void open_done(struct sched_task *t)
@@ -137,22 +151,12 @@ static void open_done(struct sched_task *t)
 	struct walk *w = walk_of_task(t);
 
 	w->task_busy = false;
-	if (t->ran)
-		w->emitter_bytes = t->bytes;
-	if (!t->ran || w->stopping || (w->r && w->r != -ERR_BUSY)) {
-		if (t->ran && w->r)
-			walk_fail(w, &w->err);
+	if (!t->ran) {
 		walk_settle(w);
 		return;
 	}
-	if (w->r) {
-		/* The index has no memory now: from the start, at the next tick. */
-		shut(w);
-		w->state = WALK_NEW;
-		return;
-	}
-	w->state = WALK_OPEN;
-	walk_settle(w);
+	w->emitter_bytes = t->bytes;
+	walk_opened(w);
 }
 
 static void open_start(struct walk *w)
@@ -181,7 +185,7 @@ static void plan_run(struct sched_task *t)
 		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
 		return;
 	}
-	w->r = pipe_plan(w->grid, &w->view, &w->budget, memory, &w->plan, &flat, &w->err);
+	w->r = pipe_plan(w->grid, &w->rest, &w->budget, memory, &w->plan, &flat, &w->err);
 	free(memory);
 	if (w->r == PIPE_E_FLAT) {
 		/* Nothing to triangulate: no domains, but the counts of what was read. */
@@ -255,11 +259,31 @@ static void finish_run(struct sched_task *t)
 	w->r = pipe_emitter_finish(w->emitter, &w->totals, &w->err);
 }
 
+/* What the selection removed before any domain saw it. */
+static void add_selection(struct walk *w)
+{
+	struct mesh_counts *counts = &w->totals.counts;
+	const struct pipe_selected *selected = &w->select.counts;
+
+	if (!view_selects(&w->view))
+		return;
+	if (counts->points != selected->kept) {
+		w->r = err_set(&w->err, ERR_INTERNAL, "the selection kept %llu points, the mesh read %llu",
+			       (unsigned long long)selected->kept, (unsigned long long)counts->points);
+		return;
+	}
+	counts->points = selected->points;
+	for (int i = 0; i < VIEW_RULES; i++)
+		counts->removed[i] += selected->removed[i];
+}
+
 static void finish_done(struct sched_task *t)
 {
 	struct walk *w = walk_of_task(t);
 
 	w->task_busy = false;
+	if (t->ran && !w->r)
+		add_selection(w);
 	if (t->ran && w->r)
 		walk_fail(w, &w->err);
 	walk_settle(w);
@@ -441,7 +465,9 @@ void walk_settle(struct walk *w)
 		settle_stopping(w);
 		return;
 	}
-	if (w->state == WALK_OPEN)
+	if (w->state == WALK_UNSELECTED)
+		walk_select_start(w);
+	else if (w->state == WALK_OPEN)
 		plan_start(w);
 	if (w->stopping) {
 		settle_stopping(w);
@@ -489,6 +515,10 @@ void walk_tick(struct walk *w)
 			open_start(w);
 		return;
 	}
+	if (w->state == WALK_SELECTING && w->calls->moved && atomic_load(&w->select.judged) != w->select.told) {
+		w->select.told = atomic_load(&w->select.judged);
+		w->calls->moved(w->ctx);
+	}
 	walk_output_tick(w);
 	walk_settle(w);
 }
@@ -497,7 +527,25 @@ void walk_tick(struct walk *w)
 
 size_t walk_domain_bytes(const struct walk *w)
 {
+	if (w->state == WALK_SELECTING)
+		return w->select.bytes;
 	return w->state == WALK_PLANNING || w->state == WALK_RUNNING ? w->budget.domain_bytes : 0;
+}
+
+bool walk_selects_same(const struct walk *w, const struct walk *other)
+{
+	return w != other && w->state == WALK_SELECTING && digest_equal(w->select.key, other->select.key) &&
+	       (w->dataset == other->dataset || (!w->dataset->onestep && !other->dataset->onestep));
+}
+
+static bool selecting(const struct walk *w)
+{
+	return w->state == WALK_UNSELECTED || w->state == WALK_SELECTING;
+}
+
+const char *walk_phase(const struct walk *w)
+{
+	return selecting(w) ? "select" : "mesh";
 }
 
 const struct pipe_totals *walk_totals(const struct walk *w)
@@ -534,8 +582,8 @@ uint64_t walk_grid_points(const struct walk *w)
 void walk_progress(const struct walk *w, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total)
 {
-	*ret_points = w->points;
-	*ret_total = w->grid_total;
+	*ret_points = selecting(w) ? atomic_load(&w->select.judged) : w->points;
+	*ret_total = selecting(w) ? w->select.total : w->grid_total;
 	*ret_domains = w->next_emit;
 	*ret_domains_total = w->plan_n;
 }

@@ -11,6 +11,9 @@
 
 struct walk;
 
+/* Names of folders in which a selection is made begin so. */
+#define WALK_SELECT_TEMP "tmp-"
+
 struct walk_calls {
 	void (*planned)(void *ctx);
 	void (*moved)(void *ctx);                         /* progress */
@@ -48,7 +51,11 @@ void walk_tick(struct walk *);
 
 bool walk_stalled(const struct walk *);                       /* waits for its reader only */
 bool walk_opens(const struct walk *, const struct dataset *); /* is about to open its manifest */
-size_t walk_domain_bytes(const struct walk *);                /* 0: not planned */
+/* What one task of it takes: a domain, or the selection. 0: not known yet. */
+size_t walk_domain_bytes(const struct walk *);
+/* Makes the same selection as the other walk right now. */
+bool walk_selects_same(const struct walk *, const struct walk *other);
+const char *walk_phase(const struct walk *); /* "select" or "mesh" */
 const struct pipe_totals *walk_totals(const struct walk *);   /* after `ended` without why */
 const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);

@@ -162,7 +162,7 @@ static void make_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
-	struct digest key = pipe_domain_key(w->grid, &w->view, &d->region);
+	struct digest key = pipe_domain_key(w->grid, &w->rest, &d->region);
 
 	d->err = ERR_INIT;
 	d->size = page_round(t->bytes);
@@ -174,7 +174,7 @@ static void make_run(struct sched_task *t)
 	d->r = 0;
 	if (load(d, key))
 		return;
-	d->r = pipe_domain(w->grid, &w->view, &d->region, &w->budget, d->memory, &d->domain, &d->need,
+	d->r = pipe_domain(w->grid, &w->rest, &d->region, &w->budget, d->memory, &d->domain, &d->need,
 			   &d->err);
 	if (d->r)
 		return;
@@ -290,7 +290,7 @@ static void store_run(struct sched_task *t)
 	struct walk *w = d->walk;
 
 	if (!d->stored)
-		keep(d, pipe_domain_key(w->grid, &w->view, &d->region));
+		keep(d, pipe_domain_key(w->grid, &w->rest, &d->region));
 }
 
 static void store_done(struct sched_task *t)

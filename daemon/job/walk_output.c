@@ -52,7 +52,7 @@ static struct digest stream_id(const struct walk *w)
 
 	digest_add(&id, digest_hash(n, sizeof n));
 	for (i = 0; i < w->plan.n; i++) {
-		struct digest key = pipe_domain_key(w->grid, &w->view, &w->plan.leaf[i].region);
+		struct digest key = pipe_domain_key(w->grid, &w->rest, &w->plan.leaf[i].region);
 
 		digest_add(&id, digest_hash(&key, sizeof key));
 		/* Enough to tell plans apart: the whole plan follows from the first regions and the load. */

@@ -2,6 +2,8 @@
 #ifndef WALK_PRIV_H
 #define WALK_PRIV_H
 
+#include <stdatomic.h>
+
 #include "walk.h"
 
 enum walk_domain_state {
@@ -37,7 +39,8 @@ struct walk {
 	struct jobs *jobs;
 	struct dataset *dataset;
 	uint64_t generation;
-	struct view view;
+	struct view view; /* as asked for */
+	struct view rest; /* what of it applies to `grid`; shares its area */
 	char *view_text;
 	char manifest[64];
 	bool keep, plan_only;
@@ -48,18 +51,29 @@ struct walk {
 	enum {
 		WALK_NEW,
 		WALK_OPENING,
+		WALK_UNSELECTED,
+		WALK_SELECTING,
 		WALK_OPEN,
 		WALK_PLANNING,
 		WALK_RUNNING,
 		WALK_FINISHING,
 		WALK_OVER
 	} state;
-	struct sched_task task; /* of opening, planning, finishing */
+	struct sched_task task; /* of opening, selecting, planning, finishing */
 	bool task_busy;
 	int r;
 	struct err err;
 
-	struct grid *grid;
+	bool opened; /* the dataset's folder */
+	struct grid *grid; /* of the generation; of a view that selects, then of its selection */
+	struct walk_select {
+		struct digest key;
+		uint64_t number; /* of the temporary folder */
+		uint64_t bytes;  /* that the task takes */
+		atomic_uint_fast64_t judged;
+		uint64_t told, total; /* points of the generation */
+		struct pipe_selected counts;
+	} select;
 	uint64_t ground, other; /* walk_classes */
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
@@ -98,6 +112,13 @@ void walk_domain_store(struct walk_domain *);
 void walk_domain_split(struct walk_domain *);
 void walk_domain_release(struct walk_domain *); /* takes it out of the list and frees it */
 void walk_domain_unmap(struct walk_domain *);
+/* The selected grid of the walk's view takes the place of its generation's. WALK_E_ABSENT: it is not there.
+ * -ERR_BUSY: from the start, later (no memory for the index now, or it was damaged and is removed). Worker. */
+enum { WALK_E_ABSENT = 1 };
+int walk_select_open(struct walk *, struct err *err);
+/* Make it, if memory and others that make the same one allow it now. Loop. */
+void walk_select_start(struct walk *);
+void walk_opened(struct walk *); /* the task that opened `grid` is done */
 bool walk_backlog(const struct walk *);
 void walk_output_tick(struct walk *);
 void walk_output_head(struct walk *);

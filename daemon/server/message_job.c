@@ -56,7 +56,7 @@ void message_job(const struct job *job, struct message_job *m)
 	m->job.finished_us = info.finished_us;
 	m->job.final = job_state_final(info.state);
 	acut__v1__progress__init(&m->progress);
-	m->progress.phase = (char *)"mesh";
+	m->progress.phase = (char *)info.phase;
 	m->progress.points = info.points_done;
 	m->progress.points_total = info.points_total;
 	m->progress.domains = info.domains_done;

@@ -1,0 +1,201 @@
+/*
+ * The selection of a walk whose view crops, takes every so many, or thins: made once, kept in the cache, opened in
+ * place of the generation's grid.
+ *
+ * The model: a selection is a folder cache/selected/KEY (of a one-step dataset: in its own folder, so that it goes
+ * with it). KEY is of the generation's content and of the rules that select, so a later job with the same ones
+ * stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N and renamed when whole;
+ * what a crash left of those is swept at the next start. Whatever cannot be read there is removed and made again.
+ *
+ * Memory: a selection is to the others what a domain is: bytes that are taken at once before it starts, and come
+ * back without waiting for anybody. Of two walks that want the same one, the second waits for the first.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "io.h"
+#include "job_priv.h"
+#include "log.h"
+#include "walk_priv.h"
+
+/* More would make no pass faster, and keeps others waiting. */
+#define SELECT_MOST (UINT64_C(256) << 20)
+
+static struct walk *walk_of_task(struct sched_task *t)
+{
+	return (struct walk *)((char *)t - offsetof(struct walk, task));
+}
+
+/* Where the walk's selection lies. */
+static int parent_open(struct walk *w, int *ret_fd, struct err *err)
+{
+	if (w->dataset->onestep)
+		return io_open(w->dataset->dirfd, ".", O_RDONLY | O_DIRECTORY, 0, ret_fd, err);
+	return jobs_selected_folder(w->jobs, ret_fd, err);
+}
+
+/* ---- opening ---- */
+
+/* Its counts and its grid. The index of the generation is closed first: a walk has memory for one. */
+static int selected_open(struct walk *w, int dirfd, struct err *err)
+{
+	int r = pipe_selected_read(dirfd, &w->select.counts, err);
+
+	if (r)
+		return r;
+	w->grid = grid_close(w->grid);
+	return grid_open(dirfd, PIPE_SELECT_MANIFEST, GRID_NEWEST, w->jobs->p.ledger, w->jobs->index_share, &w->grid,
+			 err);
+}
+
+static int open_in(struct walk *w, int parent, const char *name, struct err *err)
+{
+	struct err why = ERR_INIT, absent = ERR_INIT;
+	int dirfd, r;
+
+	if (io_open(parent, name, O_RDONLY | O_DIRECTORY, 0, &dirfd, &absent))
+		return WALK_E_ABSENT;
+	r = selected_open(w, dirfd, &why);
+	io_close(dirfd);
+	if (!r) {
+		w->rest = view_rest(&w->view);
+		return 0;
+	}
+	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
+		*err = why;
+		return r;
+	}
+	log_err(LOG_LEVEL_WARNING, "a selection cannot be read, it is made again", &why);
+	r = folder_remove(parent, name, err);
+	return r ? r : err_set(err, ERR_BUSY, "a selection has to be made again");
+}
+
+int walk_select_open(struct walk *w, struct err *err)
+{
+	char name[DIGEST_HEX_SIZE];
+	int parent, r = parent_open(w, &parent, err);
+
+	if (r)
+		return r;
+	w->select.key = pipe_select_key(w->grid, &w->view);
+	w->select.total = grid_points(w->grid);
+	r = open_in(w, parent, digest_hex(w->select.key, name), err);
+	io_close(parent);
+	return r;
+}
+
+/* ---- making ---- */
+
+static int select_progress(void *ctx, uint64_t points)
+{
+	struct walk *w = ctx;
+
+	atomic_store(&w->select.judged, points);
+	return atomic_load(&w->task.cancel);
+}
+
+static int make_in(struct walk *w, int parent, const char *temp, const char *name, uint64_t bytes, struct err *err)
+{
+	struct pipe_select_params p = {
+		.grid = w->grid,
+		.view = &w->view,
+		.memory = bytes,
+		.progress = select_progress,
+		.ctx = w,
+	};
+	struct pipe_selected counts;
+	struct err ignored = ERR_INIT;
+	int r = io_make_dir(parent, temp, 0700, err);
+
+	if (!r)
+		r = io_open(parent, temp, O_RDONLY | O_DIRECTORY, 0, &p.dirfd, err);
+	if (r)
+		return r;
+	r = pipe_select(&p, &counts, err);
+	io_close(p.dirfd);
+	if (!r && io->renameat(parent, temp, parent, name) != 0)
+		r = err_sys(err, errno, "cannot rename a selection");
+	if (r && folder_remove(parent, temp, &ignored))
+		log_err(LOG_LEVEL_WARNING, "a part of a selection stays behind until the next start", &ignored);
+	return r;
+}
+
+static void select_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+	char name[DIGEST_HEX_SIZE], temp[32];
+	int parent;
+
+	digest_hex(w->select.key, name);
+	snprintf(temp, sizeof temp, WALK_SELECT_TEMP "%llu", (unsigned long long)w->select.number);
+	w->err = ERR_INIT;
+	w->r = parent_open(w, &parent, &w->err);
+	if (w->r)
+		return;
+	/* Whoever was faster has made it. */
+	w->r = open_in(w, parent, name, &w->err);
+	if (w->r == WALK_E_ABSENT) {
+		w->r = make_in(w, parent, temp, name, t->bytes, &w->err);
+		if (!w->r)
+			w->r = open_in(w, parent, name, &w->err);
+		if (w->r == WALK_E_ABSENT)
+			w->r = err_set(&w->err, ERR_IO, "a selection went away as soon as it was made");
+	}
+	io_close(parent);
+}
+
+static void select_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->task_busy = false;
+	if (!t->ran) {
+		walk_settle(w);
+		return;
+	}
+	sched_give(w->jobs->p.sched, t->name, t->bytes);
+	walk_opened(w);
+}
+
+/* Half of what is left beside the stages that are held now. False: later, or never (then the walk fails). */
+static bool memory_of(struct walk *w)
+{
+	uint64_t left = jobs_domain_memory(w->jobs), least = pipe_select_min(w->grid), bytes = left / 2;
+	struct err err = ERR_INIT;
+
+	bytes = bytes > w->jobs->stage_share ? w->jobs->stage_share : bytes;
+	bytes = bytes > SELECT_MOST ? SELECT_MOST : bytes;
+	bytes = bytes < least ? least : bytes;
+	if (bytes <= left) {
+		w->select.bytes = bytes;
+		return true;
+	}
+	if (!jobs_staged(w->jobs)) {
+		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
+			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
+		err_add_hint(&err, "start the daemon with more memory, or wait for other jobs to end");
+		walk_fail(w, &err);
+	}
+	return false;
+}
+
+void walk_select_start(struct walk *w)
+{
+	if (jobs_selecting(w->jobs, w) || !memory_of(w))
+		return;
+	w->state = WALK_SELECTING;
+	w->select.number = ++w->jobs->last_select;
+	atomic_store(&w->select.judged, 0);
+	w->select.told = 0;
+	w->task = (struct sched_task){
+		.run = select_run,
+		.done = select_done,
+		.priority = SCHED_NORMAL,
+		.name = LEDGER_STAGE,
+		.bytes = w->select.bytes,
+	};
+	w->task_busy = true;
+	sched_submit(w->jobs->p.sched, &w->task);
+}
