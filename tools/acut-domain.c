@@ -3,10 +3,12 @@
  * cluster's scheduler can run domains, and a person can look at one.
  *
  *   acut-domain --plan MANIFEST VIEW               the regions, a line each
+ *   acut-domain --select MANIFEST VIEW FOLDER      the points of a view with crop, every or thin, as a grid
  *   acut-domain MANIFEST VIEW REGION OUT           triangulate one, publish it in the folder OUT
  *
  * A finished domain appears under its content key, whole or not at all; the daemon finds it there when OUT is
- * its store.
+ * its store. Regions of a view that selects lie on the grid of its points: it is made in a temporary folder each
+ * time, or once with --select, for all who run regions from its manifest.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -32,12 +34,16 @@ enum { INDEX_MEMORY = 4 << 20 };
 static const char USAGE[] =
 	"usage: acut-domain [--memory SIZE] MANIFEST VIEW REGION OUT\n"
 	"       acut-domain [--memory SIZE] --plan MANIFEST VIEW\n"
+	"       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n"
 	"\n"
 	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
 	"folder OUT under its content key. With --plan: prints the regions that make up the mesh, in order.\n"
+	"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
+	"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n"
 	"\n"
 	"  --memory SIZE   bytes for one domain and the index (default 256M)\n"
 	"  --plan          print the regions, a line each: REGION at-most|exact POINTS\n"
+	"  --select        print FOLDER/manifest, a tab, VIEW\n"
 	"  --help, --version\n"
 	"\n"
 	"VIEW is a view's canonical text ('acutctl show JOB' prints it), '' is the default view.\n"
@@ -45,8 +51,8 @@ static const char USAGE[] =
 
 struct options {
 	uint64_t memory;
-	bool plan;
-	const char *manifest, *view, *region, *out;
+	bool plan, select;
+	const char *manifest, *view, *region, *out; /* out: the folder of --select too */
 };
 
 struct session {
@@ -67,6 +73,7 @@ static int parse_options(int argc, char **argv, struct options *o)
 {
 	static const struct option longs[] = {
 		{ "memory", required_argument, NULL, 'm' }, { "plan", no_argument, NULL, 'p' },
+		{ "select", no_argument, NULL, 's' },
 		{ "help", no_argument, NULL, 'h' },         { "version", no_argument, NULL, 'V' },
 		{ 0 },
 	};
@@ -81,6 +88,9 @@ static int parse_options(int argc, char **argv, struct options *o)
 		case 'p':
 			o->plan = true;
 			break;
+		case 's':
+			o->select = true;
+			break;
 		case 'h':
 			fputs(USAGE, stdout);
 			return 0;
@@ -92,14 +102,85 @@ static int parse_options(int argc, char **argv, struct options *o)
 			return 2;
 		}
 	}
-	if (argc - optind != (o->plan ? 2 : 4))
-		return usage_error(o->plan ? "--plan wants MANIFEST and VIEW" : "it wants MANIFEST, VIEW, REGION and OUT");
+	if (o->plan && o->select)
+		return usage_error("--plan and --select are two commands");
+	if (argc - optind != (o->plan ? 2 : o->select ? 3 : 4))
+		return usage_error(o->plan	? "--plan wants MANIFEST and VIEW"
+				   : o->select ? "--select wants MANIFEST, VIEW and FOLDER"
+					       : "it wants MANIFEST, VIEW, REGION and OUT");
 	o->manifest = argv[optind];
 	o->view = argv[optind + 1];
-	o->region = o->plan ? NULL : argv[optind + 2];
-	o->out = o->plan ? NULL : argv[optind + 3];
+	o->region = o->plan || o->select ? NULL : argv[optind + 2];
+	o->out = o->plan ? NULL : argv[optind + (o->select ? 2 : 3)];
 	return -1;
 }
+
+/* ---- a view that selects ---- */
+
+static int select_into(struct session *s, int dirfd, struct err *err)
+{
+	struct pipe_select_params p = {
+		.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
+	struct pipe_selected counts;
+
+	return pipe_select(&p, &counts, err);
+}
+
+/* The grid of the selected points in place of the dataset's, in files that have no names any more. */
+static int select_own(struct session *s, struct err *err)
+{
+	static const char *const files[] = {PIPE_SELECT_MANIFEST, "counts", "selection.seg"};
+	const char *top = getenv("TMPDIR");
+	struct err ignored = ERR_INIT;
+	char path[4096];
+	int dirfd, r;
+
+	snprintf(path, sizeof path, "%s/acut-domain-XXXXXX", top && *top ? top : "/tmp");
+	if (!mkdtemp(path)) {
+		err_sys(err, errno, "cannot make a folder for the selection");
+		return err_add_file(err, path);
+	}
+	r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (!r) {
+		struct view rest = view_rest(&s->view);
+
+		r = select_into(s, dirfd, err);
+		s->grid = grid_close(s->grid);
+		if (!r)
+			r = grid_open(dirfd, PIPE_SELECT_MANIFEST, GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
+		for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
+			io_remove(dirfd, files[i], &ignored);
+		io_close(dirfd);
+		view_done(&s->view);
+		s->view = rest;
+	}
+	rmdir(path);
+	return r;
+}
+
+static int select_folder(struct session *s, const struct options *o, struct err *err)
+{
+	struct view rest = view_rest(&s->view);
+	char *text;
+	int dirfd, r = io_make_dir(AT_FDCWD, o->out, 0777, err);
+
+	if (!r)
+		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
+	if (r)
+		return r;
+	r = select_into(s, dirfd, err);
+	io_close(dirfd);
+	if (r)
+		return r;
+	text = view_text(&rest);
+	if (!text)
+		return err_set(err, ERR_NOMEM, "no memory for a view");
+	printf("%s/%s\t%s\n", o->out, PIPE_SELECT_MANIFEST, text);
+	free(text);
+	return 0;
+}
+
+/* ---- a session ---- */
 
 static int session_open(struct session *s, const struct options *o, struct err *err)
 {
@@ -112,8 +193,6 @@ static int session_open(struct session *s, const struct options *o, struct err *
 	strcpy(file, o->manifest);
 	s->view = VIEW_INIT;
 	r = *o->view ? view_parse(o->view, &s->view, err) : 0;
-	if (!r && view_selects(&s->view))
-		r = err_set(err, ERR_UNSUPPORTED, "crop, every and thin are not in this version of acut-domain");
 	if (!r)
 		r = io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (r)
@@ -124,8 +203,11 @@ static int session_open(struct session *s, const struct options *o, struct err *
 	else
 		r = grid_open(dirfd, basename(file), GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
 	io_close(dirfd);
-	if (!r)
-		view_bind(&s->view, &grid_manifest(s->grid)->lattice);
+	if (r)
+		return r;
+	view_bind(&s->view, &grid_manifest(s->grid)->lattice);
+	if (view_selects(&s->view) && !o->select)
+		r = select_own(s, err);
 	if (!r)
 		r = pipe_budget(ledger_left(s->ledger), 1, s->grid, &s->budget, err);
 	return r;
@@ -216,7 +298,9 @@ int main(int argc, char **argv)
 		return status;
 	r = session_open(&s, &o, &err);
 	if (!r)
-		r = o.plan ? print_plan(&s, &err) : make_domain(&s, &o, &err);
+		r = o.plan     ? print_plan(&s, &err)
+		    : o.select ? select_folder(&s, &o, &err)
+			       : make_domain(&s, &o, &err);
 	session_close(&s);
 	if (!r && fflush(stdout) != 0)
 		r = err_sys(&err, errno, "cannot write to standard output");
