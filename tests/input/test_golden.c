@@ -256,7 +256,7 @@ static void check_folder(const char *folder)
 		const char *dot = strrchr(e->d_name, '.');
 		size_t i = 0;
 
-		if (!dot || strcmp(dot, ".las"))
+		if (!dot || (strcmp(dot, ".las") && strcmp(dot, ".laz")))
 			continue;
 		while (i < sizeof rows / sizeof *rows && strcmp(rows[i].file, e->d_name))
 			i++;
