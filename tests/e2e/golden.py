@@ -48,7 +48,7 @@ def golden_counts():
             mesh(daemon, base, path, [], points, distinct, triangles)
             mesh(daemon, base, path, ["--class", "2"], points, None, triangles2)
             n += 2
-    expect(n >= 80, "only %d cases were found in the table" % n)
+    expect(n >= 104, "only %d cases were found in the table" % n)
     print("%d meshes" % n)
 
 
