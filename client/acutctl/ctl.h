@@ -141,11 +141,16 @@ int ctl_view_text(const struct ctl_args *, char **ret, struct err *err);
 
 /* ---- ctl_input.c ---- */
 
-struct ctl_input { char *name; int fd; bool refused; }; /* fd -1: opened when it is its turn */
+struct ctl_input {
+	char *name;
+	int fd;      /* -1: opened when it is its turn; else a pipe's reading end */
+	bool refused;
+	int copier;  /* the process that empties the pipe; 0: none */
+};
 struct ctl_inputs { struct ctl_input *input; size_t n, room; };
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
 int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
-/* *ret_fd is the caller's. */
+/* *ret_fd is the caller's; -1 of a pipe. */
 int ctl_input_open(const struct ctl_input *, int *ret_fd, struct err *err);
 void ctl_input_close(const struct ctl_input *, int fd);
 /* Its absolute path, links as they are; NULL if it has none. */
@@ -153,6 +158,16 @@ const char *ctl_input_path(const struct ctl_input *, char *buf, size_t size);
 void ctl_input_done(struct ctl_inputs *);
 /* -ERR_USAGE if an output is one of the inputs. */
 int ctl_input_not_output(const struct ctl_inputs *, const struct ctl_args *, struct err *err);
+
+/* ---- ctl_pipe.c ---- */
+
+/* Lets the daemon make a pipe and starts a process that copies into it. Prints its failure; exit status. */
+int ctl_pipe_start(struct ctl_input *, struct acut_push *, struct ctl *);
+/* After the input was staged: whether all of it was copied. */
+int ctl_pipe_finish(struct ctl_input *, struct err *err);
+void ctl_pipe_stop(struct ctl_input *);
+/* All of it into a file without a name, for a command that looks at an input only. */
+int ctl_pipe_keep(struct ctl *, const struct ctl_input *, int *ret_fd, struct err *err);
 
 /* ---- ctl_connect.c, ctl_private.c ---- */
 

@@ -66,7 +66,7 @@ static int info(struct ctl *ctl, const struct ctl_input *in)
 {
 	const struct acut_probe *p;
 	struct err err = ERR_INIT;
-	int fd, r = ctl_input_open(in, &fd, &err);
+	int fd, r = in->fd < 0 ? ctl_input_open(in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
 
 	if (r)
 		return ctl_error(ctl, &err);

@@ -1,13 +1,11 @@
 /*
  * Words of the command line to inputs. A folder stands for the survey files in it and below, in byte order of
- * their paths; "@FILE" for the names in it, one a line; "-" for standard input, which goes into a nameless
- * file first, because the daemon takes only regular files. A file that is named is never judged by its
+ * their paths; "@FILE" for the names in it, one a line; "-" for standard input. A file that is named is never judged by its
  * extension.
  */
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
@@ -42,7 +40,7 @@ static int add(struct ctl_inputs *in, const char *name, int fd, struct err *err)
 		in->input = grown;
 		in->room = room;
 	}
-	in->input[in->n] = (struct ctl_input){ strdup(name), fd, false };
+	in->input[in->n] = (struct ctl_input){ .name = strdup(name), .fd = fd };
 	if (!in->input[in->n].name)
 		return err_set(err, ERR_NOMEM, "no memory for a list of inputs");
 	in->n++;
@@ -97,49 +95,17 @@ static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, s
 
 static int add_list(struct ctl *, struct ctl_inputs *, const char *path, struct err *);
 
-/* Copies standard input; looks about ten times a second whether somebody wants it to end. */
-static int copy_standard(struct ctl *ctl, int fd, const char *dir, struct err *err)
+/* Standard input, or a named pipe: read by the daemon through a pipe of its own (ctl_pipe.c). */
+static int add_pipe(struct ctl *ctl, struct ctl_inputs *in, const char *name, int fd, struct err *err)
 {
-	struct pollfd in = { .fd = STDIN_FILENO, .events = POLLIN };
-	char *buf = malloc(1 << 16);
-	ssize_t n = 1;
-
-	if (!buf)
-		err_set(err, ERR_NOMEM, "no memory to read standard input");
-	while (n && !err->code) {
-		if (ctl_signal_interrupted(ctl)) {
-			err_set(err, ERR_CANCELLED, "interrupted");
-		} else if (poll(&in, 1, 100) > 0) {
-			n = read(STDIN_FILENO, buf, 1 << 16);
-			if (n < 0 && errno != EINTR && errno != EAGAIN)
-				err_sys(err, errno, "standard input cannot be read");
-			else if (n > 0 && write(fd, buf, (size_t)n) != n)
-				err_sys(err, errno ? errno : ENOSPC, "standard input cannot be kept in %s",
-					dir);
-		}
-	}
-	free(buf);
-	return -(int)err->code;
-}
-
-/* Standard input into a nameless file. */
-static int add_standard(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
-{
-	const char *dir = getenv("TMPDIR");
-	char path[4096];
-	int fd;
-
+	if (fd < 0)
+		return open_failed(name, err);
 	if (!ctl->args.input_format) {
-		err_set(err, ERR_USAGE, "what standard input holds is not known");
+		close(fd);
+		err_set(err, ERR_USAGE, "what %s holds is not known", name);
 		return err_add_hint(err, "say it with --input-format, as in --input-format xyz");
 	}
-	dir = dir && *dir ? dir : "/var/tmp";
-	snprintf(path, sizeof(path), "%s/acut-input-XXXXXX", dir);
-	fd = mkostemp(path, O_CLOEXEC);
-	if (fd < 0)
-		return err_sys(err, errno, "standard input cannot be kept in %s", dir);
-	unlink(path);
-	if (!copy_standard(ctl, fd, dir, err) && !add(in, "standard input", fd, err))
+	if (!add(in, name, fd, err))
 		return 0;
 	close(fd);
 	return -(int)err->code;
@@ -150,7 +116,7 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 	struct stat st;
 
 	if (!listed && !strcmp(word, "-"))
-		return add_standard(ctl, in, err);
+		return add_pipe(ctl, in, "standard input", dup(STDIN_FILENO), err);
 	if (!listed && word[0] == '@' && word[1])
 		return add_list(ctl, in, word + 1, err);
 	if (!stat(word, &st) && S_ISDIR(st.st_mode)) {
@@ -165,6 +131,8 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 		}
 		return r;
 	}
+	if (!stat(word, &st) && S_ISFIFO(st.st_mode))
+		return add_pipe(ctl, in, word, open(word, O_RDONLY | O_CLOEXEC), err);
 	return add(in, word, -1, err);
 }
 
@@ -210,13 +178,10 @@ int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_in
 
 int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 {
-	int fd;
+	/* what comes through a pipe the daemon has already */
+	int fd = in->fd >= 0 ? -1 : open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 
-	if (in->fd >= 0)
-		fd = fcntl(in->fd, F_DUPFD_CLOEXEC, 3);
-	else
-		fd = open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
-	if (fd < 0)
+	if (fd < 0 && in->fd < 0)
 		return open_failed(in->name, err);
 	*ret_fd = fd;
 	return 0;
@@ -266,6 +231,7 @@ const char *ctl_input_path(const struct ctl_input *in, char *buf, size_t size)
 void ctl_input_done(struct ctl_inputs *in)
 {
 	for (size_t i = 0; i < in->n; i++) {
+		ctl_pipe_stop(&in->input[i]);
 		free(in->input[i].name);
 		if (in->input[i].fd >= 0)
 			close(in->input[i].fd);

@@ -99,9 +99,12 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 {
 	struct staging *s = ctx;
 	struct ctl_staged_file *to = &s->ret->file[i];
+	struct err err = ERR_INIT;
 
 	if (why)
 		return s->status = told(s, i, why);
+	if (ctl_pipe_finish(&s->in->input[i], &err))
+		return s->status = ctl_error(s->ctl, &err);
 	to->points = f->points;
 	to->moved = f->moved;
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
@@ -169,6 +172,16 @@ static int begin(struct staging *s, const char *dataset)
 	return acut_push_begin(s->ctl->acut, &opt, &s->push) ? ctl_error_acut(s->ctl) : 0;
 }
 
+static int start_pipes(struct staging *s)
+{
+	int status = 0;
+
+	for (size_t i = 0; i < s->in->n && !status; i++)
+		if (s->in->input[i].fd >= 0)
+			status = ctl_pipe_start(&s->in->input[i], s->push, s->ctl);
+	return status;
+}
+
 static int commit(struct staging *s)
 {
 	const struct acut_push_result *result;
@@ -199,6 +212,8 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 		ret->file[i].name = in->input[i].name;
 	ctl_progress_init(&s.progress, ctl);
 	status = begin(&s, dataset);
+	if (!status)
+		status = start_pipes(&s);
 	if (!status)
 		status = each_file(&s, true);
 	if (!status && ret->known + ret->refused < in->n) {

@@ -132,6 +132,10 @@ struct acut_push;
  * caller closes it). A failed probe or file names the input and does not end the push. */
 int acut_push_begin(struct acut *, const struct acut_push_options *, struct acut_push **ret);
 int acut_push_probe(struct acut_push *, int fd, const char *name, const struct acut_probe **ret);
+/* An input that comes through a pipe: probe and file of that name take fd -1 then. *ret_fd, the writing end, is
+ * the caller's, who must fill and close it while the calls for this input wait: from a thread or a process of
+ * its own. LAS is read forwards; everything else the daemon keeps in a file first. */
+int acut_push_stream(struct acut_push *, const char *name, int *ret_fd);
 int acut_push_plan(struct acut_push *, const char **ret_lattice);
 int acut_push_file(struct acut_push *, int fd, const char *name, const struct acut_file_result **ret);
 int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);

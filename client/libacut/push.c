@@ -161,7 +161,7 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 		a->err = push->failed;
 		return -(int)a->err.code;
 	}
-	r = check_file(a, in->fd, in->name);
+	r = in->fd < 0 ? 0 : check_file(a, in->fd, in->name);
 	if (r < 0)
 		return r;
 	name = clean_copy(a, in->name);
@@ -280,7 +280,8 @@ static int many_send(const struct many *m, size_t i)
 		return a->err.code ? -(int)a->err.code
 				   : err_set(&a->err, ERR_CANCELLED, "the caller ended it");
 	r = file_send(m->push, m->probe, &in, &id);
-	close(in.fd);
+	if (in.fd >= 0)
+		close(in.fd);
 	if (r < 0)
 		return a->dead.code || m->push->failed.code ? r : tell(m, i, true);
 	w->slot[(w->first + w->n++) % CALL_WINDOW] = (struct call_slot){.id = id, .i = i};
@@ -339,6 +340,38 @@ int acut_push_file_each(struct acut_push *push, size_t n, const struct acut_push
 }
 
 /* ---- plan, commit, the end ---- */
+
+int acut_push_stream(struct acut_push *push, const char *name, int *ret_fd)
+{
+	struct acut *a = push->acut;
+	Acut__V1__Stream question = ACUT__V1__STREAM__INIT;
+	int fd = -1, r = call_begin(a);
+	uint32_t id;
+	char *copy;
+
+	if (r < 0)
+		return r;
+	copy = clean_copy(a, name);
+	if (!copy)
+		return -(int)a->err.code;
+	question.push = push->push;
+	question.name = copy;
+	r = call_send(a, FRAME_MESSAGE(STREAM, stream, &question), -1, &id);
+	free(copy);
+	if (r == 0)
+		r = call_next(a, id, &a->answer, &fd);
+	if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_STREAMING)
+		r = call_unexpected(a, a->answer);
+	if (r == 0 && fd < 0)
+		r = err_set(&a->err, ERR_PROTO, "the daemon announced a pipe and sent none");
+	if (r < 0) {
+		if (fd >= 0)
+			close(fd);
+		return r;
+	}
+	*ret_fd = fd;
+	return 0;
+}
 
 int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 {

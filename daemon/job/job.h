@@ -22,6 +22,7 @@ struct sched;
 struct jobs; /* the house */
 struct dataset;
 struct push;
+struct push_stream;
 struct job;
 
 struct job_peer {
@@ -125,6 +126,10 @@ struct push_calls {
 	/* Unasked. `progress` comes with the token of the request that it is about. */
 	void (*durable)(void *ctx, uint64_t files);
 	void (*progress)(void *token, const char *phase, uint64_t points, uint64_t total);
+	/* Tell push_stream_ready once when `fd` has bytes or has ended. *watch (NULL at first) is for whoever
+	 * watches; `unwatch` ends it for good. */
+	int (*watch)(void *ctx, struct push_stream *, int fd, void **watch, struct err *err);
+	void (*unwatch)(void *watch);
 };
 struct push_params {
 	const char *dataset; /* "" = one-step */
@@ -137,6 +142,10 @@ struct push_params {
 void push_begin(struct jobs *, const struct push_params *, void *token);
 /* `fd` becomes the push's in any case. */
 void push_probe(struct push *, int fd, const struct push_input *, void *token);
+/* An input that comes through a pipe: `fd`, its non-blocking reading end, becomes the push's in any case. Probe
+ * and File of that name, with fd -1, mean it. LAS is read forwards; all else is kept in a file first. */
+int push_stream(struct push *, int fd, const char *name, struct err *err);
+void push_stream_ready(struct push_stream *);
 void push_plan(struct push *, void *token);
 void push_file(struct push *, int fd, const char *name, const char *format, void *token);
 void push_commit(struct push *, void *token);

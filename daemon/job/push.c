@@ -26,6 +26,7 @@ struct push *push_free(struct push *p)
 		return NULL;
 	push_forget_probes(p);
 	names_free(&p->base_paths);
+	push_streams_free(p);
 	free(p->sources);
 	free(p->scale_xy);
 	free(p->scale_z);
@@ -296,6 +297,7 @@ static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct p
 	a->path = copy(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
 	a->checksum = in->checksum;
 	a->add = in->add;
+	a->stream = fd < 0 ? push_stream_find(p, in->name) : NULL;
 	push_pump(p);
 	return true;
 }
@@ -347,6 +349,7 @@ void push_commit(struct push *p, void *token)
 void push_abort(struct push *p, void *token)
 {
 	atomic_store(&p->cancel, true);
+	push_streams_wake(p);
 	if (!push_ask_new(p, PUSH_ABORT, token, false))
 		p->calls.aborted(token);
 	else
@@ -362,6 +365,7 @@ void push_leave(struct push *p)
 	/* A commit that is under way is carried through. */
 	if (!p->busy || p->asks->kind != PUSH_COMMIT) {
 		atomic_store(&p->cancel, true);
+		push_streams_wake(p);
 		if (p->busy)
 			sched_cancel(p->jobs->p.sched, &p->task);
 	}

@@ -5,6 +5,8 @@
  * by the generation that adds it, so that no generation shows them. A failure of the stage itself ends the
  * push.
  */
+#include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -137,11 +139,27 @@ static struct input_options options_of(const struct push *p, const struct push_a
 		.format = a->format && *a->format ? a->format : NULL,
 		.accept_truncated = p->accept_truncated,
 		.planar = p->planar,
+		.has_pipe = a->stream && a->stream->forward,
+		.pipe = a->stream ? a->stream->fd : -1,
 	};
+}
+
+/* What came through the pipe so far takes the place of a descriptor. */
+static int from_stream(struct push_ask *a, struct err *err)
+{
+	if (a->stream->err.code)
+		return -(int)(*err = a->stream->err).code;
+	if (a->fd < 0)
+		a->fd = fcntl(a->stream->spool, F_DUPFD_CLOEXEC, 3);
+	return a->fd < 0 ? err_sys(err, errno, "no descriptor for an input from a pipe") : 0;
 }
 
 static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 {
+	if (a->stream && !a->stream->ready)
+		return PUSH_WAIT;
+	if (a->stream && from_stream(a, err))
+		return -(int)err->code;
 	task_bytes(p, LEDGER_INPUT, input_bytes());
 	return a->name && a->format && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 }
@@ -169,6 +187,8 @@ static void probe_run(struct push *p, struct push_ask *a)
 	if (!in)
 		return;
 	remember_info(a, in);
+	if (a->stream)
+		a->stream->claimed = a->info.claimed;
 	input_close(in);
 }
 
@@ -326,6 +346,8 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 			return err_set(err, ERR_NOMEM, "no memory for a source");
 		p->sources = s;
 	}
+	if (a->stream && from_stream(a, err))
+		return -(int)err->code;
 	a->source = p->dataset->next_source++;
 	atomic_store(&p->progress, 0);
 	atomic_store(&p->claimed, 0);
@@ -336,7 +358,7 @@ static int file_progress(void *ctx, uint64_t points)
 {
 	struct push *p = ctx;
 
-	atomic_store(&p->progress, points);
+	atomic_store(&p->progress, points + (p->asks->stream ? p->asks->stream->in.points : 0));
 	return atomic_load(&p->cancel);
 }
 
@@ -391,12 +413,42 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 	return r ? r : push_file_finish(p, a);
 }
 
+/* A piece of what comes through a pipe. */
+static void file_run_stream(struct push *p, struct push_ask *a)
+{
+	const struct pipe_ingest_params params = {
+		.lattice = &p->lattice,
+		.stage = p->stage,
+		.progress = file_progress,
+		.ctx = p,
+	};
+	struct input_options options = options_of(p, a);
+	struct push_stream *s = a->stream;
+
+	a->r = 0;
+	if (!s->input) {
+		a->r = grid_stage_source(p->stage, a->source, &a->err);
+		atomic_store(&p->claimed, s->claimed);
+	}
+	if (!a->r && atomic_load(&p->cancel))
+		a->r = err_set(&a->err, ERR_CANCELLED, "the push was ended");
+	if (!a->r)
+		a->r = push_stream_ingest(s, &options, &params, &a->dry, &a->err);
+	if (a->r)
+		err_add_file(&a->err, a->name);
+	a->in = s->in;
+}
+
 static void file_run(struct push *p, struct push_ask *a)
 {
 	struct input_options options = options_of(p, a);
 	struct input *in = NULL;
 	bool parts = false;
 
+	if (options.has_pipe) {
+		file_run_stream(p, a);
+		return;
+	}
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
 	if (!a->r)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
@@ -442,6 +494,14 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	struct push_file file = {.name = a->name};
 	bool tried = a->source != 0 && (p->task.ran || a->crew) && !p->broken;
 	struct err err = ERR_INIT;
+
+	if (a->dry && !why) {
+		a->dry = false;
+		push_stream_wait(a->stream);
+		return false;
+	}
+	if (a->stream)
+		a->stream->input = input_close(a->stream->input);
 
 	if (!why && a->whole && !a->crew) {
 		if (!push_crew_start(p, a, &err))
@@ -518,6 +578,11 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 
 /* ---- abort, close ---- */
 
+static int close_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	return push_streams_busy(p) ? PUSH_WAIT : 0;
+}
+
 static void close_run(struct push *p, struct push_ask *a)
 {
 	p->stage = grid_stage_free(p->stage);
@@ -539,6 +604,7 @@ static bool abort_done(struct push *p, struct push_ask *a, const struct err *why
 		p->nsources = 0;
 		p->files = p->durable = 0;
 	}
+	push_streams_free(p);
 	p->calls.aborted(a->token);
 	return true;
 }
@@ -565,6 +631,6 @@ const struct push_row push_rows[PUSH_KINDS] = {
 	[PUSH_FILE] = {file_start, file_run, file_done},
 	[PUSH_SYNC] = {sync_start, sync_run, sync_done},
 	[PUSH_COMMIT] = {push_commit_start, push_commit_run, push_commit_done},
-	[PUSH_ABORT] = {NULL, close_run, abort_done},
-	[PUSH_CLOSE] = {NULL, close_run, close_done},
+	[PUSH_ABORT] = {close_start, close_run, abort_done},
+	[PUSH_CLOSE] = {close_start, close_run, close_done},
 };

@@ -20,7 +20,7 @@ int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct er
 	int flags;
 
 	if (fd < 0) {
-		err_set(err, ERR_PROTO, "no descriptor came with the file");
+		err_set(err, ERR_INPUT, "no descriptor came with the file");
 		return err_add_file(err, name);
 	}
 	flags = fcntl(fd, F_GETFL);

@@ -18,6 +18,27 @@ enum push_kind {
 	PUSH_KINDS
 };
 
+/* An input that comes through a pipe (push_stream.c). */
+struct push_stream {
+	struct push_stream *next;
+	struct push *push;
+	char *name;
+	int fd, spool;       /* the pipe's reading end; the file of what is kept, -1: none yet */
+	void *watch;         /* of whoever watches the pipe */
+	struct sched_task task;
+	bool busy;           /* a worker keeps bytes */
+	bool ready;          /* all is kept that must be, or err says why not */
+	bool forward, ended; /* the rest is read from the pipe; the pipe has ended */
+	bool asks;           /* its File waits for the pipe */
+	uint8_t look[INPUT_FORWARD_LOOK];
+	size_t nlook;
+	uint64_t size; /* kept */
+	uint64_t claimed; /* points, as its header says */
+	struct err err;
+	struct input *input; /* of its File, while that goes on */
+	struct pipe_ingested in;
+};
+
 /* What identifies an input between its probe and its reading. */
 struct push_input_id {
 	uint64_t dev, ino, size;
@@ -32,7 +53,9 @@ struct push_ask {
 	int fd;
 	char *name, *format, *path;
 	bool checksum, add;
+	struct push_stream *stream; /* it comes from there */
 	/* of the worker */
+	bool dry; /* the stream's pipe is: the ask goes on later */
 	int r;
 	struct err err;
 	struct input_info info;
@@ -71,6 +94,7 @@ struct push {
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
 	bool old_goes;         /* the manifest before this push's is used by nobody */
+	struct push_stream *streams;
 	struct push_ask *last; /* made beforehand, so that closing needs no memory */
 	unsigned unanswered;
 
@@ -119,6 +143,17 @@ struct push_row {
 };
 extern const struct push_row push_rows[PUSH_KINDS];
 void push_stage_give(struct push *); /* the stage's memory; the stage is gone */
+
+/* push_stream.c */
+struct push_stream *push_stream_find(const struct push *, const char *name);
+/* The stream's points into the stage, as far as the pipe has them; s->in is what came so far. Worker. */
+int push_stream_ingest(struct push_stream *, const struct input_options *, const struct pipe_ingest_params *,
+		       bool *ret_dry, struct err *err);
+void push_stream_wait(struct push_stream *);   /* the push's task is submitted again when the pipe has bytes */
+void push_stream_resume(struct push_stream *); /* now */
+void push_streams_wake(struct push *);         /* cancelled: nobody waits any longer */
+bool push_streams_busy(const struct push *);
+void push_streams_free(struct push *);
 
 /* push_commit.c: the row of PUSH_COMMIT */
 int push_commit_start(struct push *, struct push_ask *, struct err *err);

@@ -83,6 +83,7 @@ static const struct {
 	ROW(PROBE, request_probe, true),
 	ROW(PUSH_PLAN, request_push_plan, false),
 	ROW(FILE, request_file, true),
+	ROW(STREAM, request_stream, false),
 	ROW(PUSH_COMMIT, request_push_commit, false),
 	ROW(PUSH_ABORT, request_push_abort, false),
 	ROW(INFO_REQUEST, request_info, true),
@@ -148,7 +149,7 @@ void request_handle(struct conn *c, uint32_t id, Acut__V1__Message *m, int fd)
 		err_set(&err, ERR_UNSUPPORTED, "this acutd does not know the request");
 	else if (too_many(c, table[i].file, &err))
 		;
-	else if (table[i].file && fd < 0)
+	else if (table[i].file && fd < 0 && m->body_case == ACUT__V1__MESSAGE__BODY_INFO_REQUEST)
 		err_set(&err, ERR_INPUT, "no descriptor came with the file");
 	q = err.code ? NULL : request_new(c, id);
 	if (!err.code && !q)

@@ -1,12 +1,18 @@
 /*
  * Requests of a push. Each goes to daemon/job with its `struct request` as token, and comes back once.
  */
+#include <errno.h>
+#include <fcntl.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/epoll.h>
+#include <unistd.h>
 
 #include "io.h"
 #include "log.h"
 #include "server_priv.h"
+
+enum { STREAM_PIPE = 1 << 20 };
 
 /* ---- answers ---- */
 
@@ -199,6 +205,39 @@ static void progress(void *token, const char *phase, uint64_t points, uint64_t t
 	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &m), -1);
 }
 
+/* ---- pipes of inputs ---- */
+
+static int pipe_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
+{
+	push_stream_ready(ctx);
+	return 0;
+}
+
+static int watch(void *ctx, struct push_stream *stream, int fd, void **slot, struct err *err)
+{
+	struct push_ref *ref = ctx;
+	sd_event_source *source = *slot;
+	int r;
+
+	if (source) {
+		r = sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
+	} else {
+		r = sd_event_add_io(ref->conn->server->p.event, &source, fd, EPOLLIN, pipe_ready, stream);
+		if (r >= 0) {
+			*slot = source;
+			/* Requests before bulk. */
+			sd_event_source_set_priority(source, SD_EVENT_PRIORITY_NORMAL + 5);
+			r = sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
+		}
+	}
+	return r < 0 ? err_sys(err, -r, "cannot watch a pipe") : 0;
+}
+
+static void unwatch(void *slot)
+{
+	sd_event_source_disable_unref(slot);
+}
+
 static const struct push_calls calls = {
 	.begun = begun,
 	.probed = probed,
@@ -208,6 +247,8 @@ static const struct push_calls calls = {
 	.aborted = aborted,
 	.durable = durable,
 	.progress = progress,
+	.watch = watch,
+	.unwatch = unwatch,
 };
 
 /* ---- requests ---- */
@@ -312,6 +353,34 @@ void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		push_file(p, fd, m->file->name, m->file->format, q);
 	else
 		io_close(fd);
+}
+
+void request_stream(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	Acut__V1__Streaming answer = ACUT__V1__STREAMING__INIT;
+	struct push *p = find(c, q, m->stream->push);
+	struct err err = ERR_INIT;
+	int ends[2];
+
+	if (!p)
+		return;
+	if (pipe2(ends, O_CLOEXEC) != 0) {
+		err_sys(&err, errno, "cannot make a pipe");
+		request_refuse(q, &err);
+		return;
+	}
+	/* Ours never waits; the client's does. A larger pipe saves wake-ups. */
+	fcntl(ends[0], F_SETFL, O_NONBLOCK);
+	fcntl(ends[1], F_SETPIPE_SZ, STREAM_PIPE);
+	if (push_stream(p, ends[0], m->stream->name, &err)) {
+		io_close(ends[1]);
+		request_refuse(q, &err);
+		return;
+	}
+	answer.name = m->stream->name;
+	conn_send(c, q->id, FRAME_MESSAGE(STREAMING, streaming, &answer), ends[1]);
+	io_close(ends[1]);
+	request_free(q);
 }
 
 void request_push_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)

@@ -47,9 +47,9 @@ static int stat_input(struct input *in, struct stat *st, struct err *err)
 int input_check_unchanged(struct input *in, struct err *err)
 {
 	struct stat st;
-	int rc = stat_input(in, &st, err);
+	int rc = in->has_pipe ? 0 : stat_input(in, &st, err);
 
-	if (rc)
+	if (rc || in->has_pipe)
 		return rc;
 	if ((uint64_t)st.st_size != in->size || st.st_mtim.tv_sec != in->mtime.tv_sec ||
 	    st.st_mtim.tv_nsec != in->mtime.tv_nsec) {
@@ -129,13 +129,19 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	}
 	in->size = (uint64_t)st.st_size;
 	in->mtime = st.st_mtim;
+	if (in->has_pipe) {
+		in->head = in->size;
+		in->size = UINT64_MAX / 2;
+	}
 	rc = choose_row(in, format, err);
 	if (rc)
 		return rc;
 	in->info.format = in->row->text->name;
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
-	in->info.bytes_all = in->info.bytes_selected = in->size;
+	in->info.bytes_all = in->info.bytes_selected = in->has_pipe ? 0 : in->size;
+	if (in->has_pipe && in->row->open != input_las_open)
+		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "only LAS can be read from a pipe");
 	return in->row->open(in, err);
 }
 
@@ -156,6 +162,8 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	in->planar = options->planar;
 	in->has_crop = options->has_crop;
 	memcpy(in->crop, options->crop, sizeof in->crop);
+	in->has_pipe = options->has_pipe;
+	in->pipe = options->has_pipe ? options->pipe : -1;
 	rc = open_input(in, options->format, err);
 	if (rc) {
 		input_close(in);

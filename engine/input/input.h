@@ -46,6 +46,10 @@ struct input_options {
 	 * that know where their points are read less (COPC); the others give all. */
 	bool has_crop;
 	double crop[4];
+	/* The descriptor holds the first bytes of an input, at least those before its points; what follows comes
+	 * from `pipe`, a non-blocking descriptor (borrowed). Formats that are read forwards only: LAS. */
+	bool has_pipe;
+	int pipe;
 };
 
 /* Upper bound of the memory that opening an input takes, whatever its bytes are; what reading takes besides
@@ -63,6 +67,13 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 		    struct err *err);
 /* The next points, up to pts->cap; pts->n == 0 at the end. -ERR_TRUNCATED, -ERR_INPUT name the place. */
 int input_read(struct input *, struct input_points *pts, struct err *err);
+/* The last read gave no points because the pipe has no bytes now; read again when it has. */
+bool input_dry(const struct input *);
+/* From its first bytes: how many bytes must be there before a LAS file can be read forwards. 0: it is not
+ * uncompressed LAS, and must be had whole. More than n: ask again when there are more (INPUT_FORWARD_LOOK is
+ * always enough to know). */
+enum { INPUT_FORWARD_LOOK = 227 };
+uint64_t input_forward_head(const uint8_t *bytes, size_t n);
 struct input *input_close(struct input *);
 
 /* The table, for `acutctl formats`. */

@@ -13,6 +13,7 @@
 #include "input_parts.h"
 
 #include <endian.h>
+#include <inttypes.h>
 #include <string.h>
 
 #include "io.h"
@@ -94,6 +95,58 @@ void input_las_decode(unsigned format, unsigned length, const uint8_t *records, 
 	pts->n += n;
 }
 
+/* The next whole records of a pipe, maybe none (in->dry). */
+static int refill_forward(struct input *in, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	size_t room = sizeof in->buffer / las->length * las->length, got;
+	uint8_t *rest = in->buffer + las->n_buffered * las->length;
+	int rc;
+
+	if (room > las->left * las->length)
+		room = (size_t)las->left * las->length;
+	memmove(in->buffer, rest, las->rest);
+	las->n_buffered = las->i_buffered = 0;
+	rc = input_forward_read(in, las->at, in->buffer + las->rest, room - las->rest, &got, err);
+	if (rc)
+		return rc;
+	las->at += got;
+	las->rest += got;
+	las->n_buffered = las->rest / las->length;
+	las->rest -= las->n_buffered * las->length;
+	if (got || in->dry)
+		return 0;
+	if (in->accept_truncated) {
+		input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", in->info.claimed - las->left,
+			   in->info.claimed);
+		las->left = 0;
+		return 0;
+	}
+	input_fail(in, err, ERR_TRUNCATED, las->at, "points",
+		   "the pipe ended after %" PRIu64 " whole points, but the header says %" PRIu64,
+		   in->info.claimed - las->left, in->info.claimed);
+	return err_add_hint(err, "look at what fills the pipe, or take what is there with --accept-truncated");
+}
+
+/* What follows the points, up to the end: whoever fills the pipe must not be cut off. */
+static int drain(struct input *in, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	size_t got;
+	int rc;
+
+	do {
+		rc = input_forward_read(in, las->at, in->buffer, sizeof in->buffer, &got, err);
+		las->at += got;
+		if (!rc && got && !in->info.claimed) {
+			input_fail(in, err, ERR_INPUT, las->point_offset, "number of points",
+				   "the header says that there are no points, but bytes follow it");
+			return err_add_hint(err, "a writer to a pipe cannot know the count: write a file first");
+		}
+	} while (!rc && got);
+	return rc;
+}
+
 /* The next whole records of a file that is not compressed. A short read means that the file shrank: its size was checked at open. */
 static int refill(struct input *in, struct err *err)
 {
@@ -129,11 +182,17 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 		size_t n;
 
 		if (las->i_buffered == las->n_buffered) {
-			rc = las->compressed ? input_laz_refill(in, err) : refill(in, err);
+			rc = las->compressed ? input_laz_refill(in, err)
+			     : in->has_pipe  ? refill_forward(in, err)
+					     : refill(in, err);
 			if (rc)
 				return rc;
 			if (!las->left)
 				break;
+			if (!las->n_buffered && in->dry)
+				return 0;
+			if (!las->n_buffered)
+				continue;
 		}
 		n = las->n_buffered - las->i_buffered;
 		if (n > pts->cap - pts->n)
@@ -146,7 +205,9 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 		las->left -= n;
 	}
 	if (!las->left && !in->checked) {
-		rc = input_check_unchanged(in, err);
+		rc = in->has_pipe ? drain(in, err) : input_check_unchanged(in, err);
+		if (!rc && input_dry(in))
+			return 0;
 		if (rc)
 			return rc;
 		in->checked = true;

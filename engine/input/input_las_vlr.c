@@ -175,7 +175,9 @@ int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset,
 		return rc;
 	if (seen < n_vlrs)
 		input_warn(in, "%" PRIu32 " variable length records claimed, %" PRIu64 " read", n_vlrs, seen);
-	if (n_evlrs) {
+	if (n_evlrs && in->has_pipe) {
+		input_warn(in, "records behind the points are not read from a pipe");
+	} else if (n_evlrs) {
 		rc = walk_records(&w, evlr_offset, in->size, n_evlrs, true, &seen, err);
 		if (rc)
 			return rc;

@@ -84,6 +84,7 @@ struct input_las {
 	uint64_t part_first, part_last; /* chunks to be read */
 	void *memory;              /* from the first read on */
 	struct input_laz_reading *reading; /* in it */
+	size_t rest;               /* of a pipe: bytes of a record begun, behind the records in the buffer */
 	input_watch_fn *watch;     /* tests: sees every record that is handed out, in order */
 	void *watch_arg;
 };
@@ -102,7 +103,10 @@ struct input {
 	char name[1024];
 	bool accept_truncated, planar, has_crop;
 	double crop[4];
-	uint64_t size;
+	bool has_pipe, dry;        /* dry: the pipe has no bytes now */
+	int pipe;
+	uint64_t head;             /* bytes of the descriptor, before those of the pipe */
+	uint64_t size;             /* of a pipe: more than any file has */
 	struct timespec mtime;
 	const struct input_row *row;
 	struct input_info info;
@@ -123,6 +127,9 @@ struct input {
 void input_warn(struct input *in, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 /* -ERR_CHANGED if size or time of the file are not those of input_open. */
 int input_check_unchanged(struct input *in, struct err *err);
+
+/* Up to n bytes of a pipe's input at place `at`, which only goes forwards. *ret_n 0: its end, or in->dry. */
+int input_forward_read(struct input *in, uint64_t at, void *buf, size_t n, size_t *ret_n, struct err *err);
 
 bool input_las_matches(const uint8_t *bytes, size_t n);
 int input_las_open(struct input *in, struct err *err);

@@ -43,7 +43,9 @@ struct pipe_ingest_params {
 	void *ctx;
 };
 /* Read all of `input` (or of the part that it is, input_open_part) into the stage, as the source that
- * grid_stage_source named last. */
+ * grid_stage_source named last. PIPE_E_DRY: all that the input's pipe had; *ret has what came by this call, and
+ * another call with the same input goes on. */
+enum { PIPE_E_DRY = 3 };
 int pipe_ingest(struct input *input, const struct pipe_ingest_params *, struct pipe_ingested *ret,
 		struct err *err);
 /* Adds what another part of the same input gave. */

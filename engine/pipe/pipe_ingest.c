@@ -62,7 +62,7 @@ static int ingest_batches(struct input *input, const struct lattice_map *map, co
 	for (;;) {
 		r = input_read(input, &pts, err);
 		if (r || !pts.n)
-			return r;
+			return r ? r : input_dry(input) ? PIPE_E_DRY : 0;
 		r = lattice_map_apply(map, (const int64_t (*)[3])b->raw, pts.n, b->at, &in->moved, in->max_shift, &bad,
 				      err);
 		if (r) {
@@ -97,11 +97,11 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 		return err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
 	r = ingest_batches(input, &map, p, b, &in, err);
 	free(b);
-	if (r)
+	if (r < 0)
 		return err_add_file(err, info->coords.name);
 	snprintf(in.warning, sizeof in.warning, "%s", info->warning);
 	*ret = in;
-	return 0;
+	return r;
 }
 
 void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part)

@@ -1,0 +1,148 @@
+/*
+ * Inputs that are pipes: standard input and named pipes. The daemon makes a pipe for each; a process of its own
+ * copies into it, so that the calls that wait for answers need not. If it cannot read its end of the way, the
+ * push must fail: what came so far could look whole.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "ctl.h"
+#include "io.h"
+
+enum { PIECE = 256 << 10 };
+
+/* Exit status: 0, or the errno of the reading. A daemon that closed its end has said why. */
+static int copy(int from, int to, void *piece)
+{
+	for (;;) {
+		ssize_t n = read(from, piece, PIECE), done = 0;
+
+		if (n < 0 && errno == EINTR)
+			continue;
+		if (n <= 0)
+			return n < 0 ? errno : 0;
+		while (done < n) {
+			ssize_t k = write(to, (char *)piece + done, (size_t)(n - done));
+
+			if (k < 0 && errno != EINTR)
+				return 0;
+			done += k > 0 ? k : 0;
+		}
+	}
+}
+
+static void child(int from, int to, pid_t parent)
+{
+	static const int list[] = { SIGINT, SIGTERM, SIGHUP, SIGPIPE };
+	void *piece = malloc(PIECE);
+
+	for (unsigned i = 0; i < 4; i++)
+		signal(list[i], SIG_DFL);
+	prctl(PR_SET_PDEATHSIG, SIGKILL);
+	if (getppid() != parent || !piece)
+		_exit(ENOMEM);
+	_exit(copy(from, to, piece) & 0xff);
+}
+
+int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct ctl *ctl)
+{
+	struct err err = ERR_INIT;
+	pid_t self = getpid();
+	int to;
+
+	if (acut_push_stream(push, in->name, &to))
+		return ctl_error_acut(ctl);
+	fflush(NULL);
+	in->copier = fork();
+	if (in->copier == 0)
+		child(in->fd, to, self);
+	close(to);
+	if (in->copier > 0)
+		return 0;
+	err_sys(&err, errno, "no process to copy %s", in->name);
+	return ctl_error(ctl, &err);
+}
+
+int ctl_pipe_finish(struct ctl_input *in, struct err *err)
+{
+	int status = 0;
+
+	if (in->copier <= 0)
+		return 0;
+	while (waitpid(in->copier, &status, 0) < 0 && errno == EINTR)
+		;
+	in->copier = 0;
+	if (WIFEXITED(status) && !WEXITSTATUS(status))
+		return 0;
+	/* The daemon has all that it wanted, and closed its end. */
+	if (WIFSIGNALED(status) && WTERMSIG(status) == SIGPIPE)
+		return 0;
+	if (WIFEXITED(status))
+		err_sys(err, WEXITSTATUS(status), "it cannot be read");
+	else
+		err_set(err, ERR_IO, "the process that read it was ended by signal %d", WTERMSIG(status));
+	return err_add_file(err, in->name);
+}
+
+/* ---- kept here: for what only looks at an input ---- */
+
+static int keep(struct ctl *ctl, const struct ctl_input *in, int to, struct err *err)
+{
+	struct pollfd from = { .fd = in->fd, .events = POLLIN };
+	char *piece = malloc(PIECE);
+	uint64_t at = 0;
+	ssize_t n = 1;
+
+	if (!piece)
+		err_set(err, ERR_NOMEM, "no memory to read a pipe");
+	while (n && !err->code) {
+		if (ctl_signal_interrupted(ctl)) {
+			err_set(err, ERR_CANCELLED, "interrupted");
+		} else if (poll(&from, 1, 100) > 0) {
+			n = read(in->fd, piece, PIECE);
+			if (n < 0 && errno != EINTR && errno != EAGAIN)
+				err_sys(err, errno, "it cannot be read");
+			else if (n > 0 && !io_write_at(to, piece, (size_t)n, at, "a temporary file", err))
+				at += (uint64_t)n;
+		}
+	}
+	free(piece);
+	return -(int)err->code;
+}
+
+int ctl_pipe_keep(struct ctl *ctl, const struct ctl_input *in, int *ret_fd, struct err *err)
+{
+	const char *dir = getenv("TMPDIR");
+	char path[4096];
+	int fd;
+
+	dir = dir && *dir ? dir : "/var/tmp";
+	snprintf(path, sizeof(path), "%s/acut-input-XXXXXX", dir);
+	fd = mkostemp(path, O_CLOEXEC);
+	if (fd < 0)
+		return err_sys(err, errno, "%s cannot be kept in %s", in->name, dir);
+	unlink(path);
+	if (keep(ctl, in, fd, err)) {
+		close(fd);
+		return err_add_file(err, in->name);
+	}
+	*ret_fd = fd;
+	return 0;
+}
+
+void ctl_pipe_stop(struct ctl_input *in)
+{
+	if (in->copier > 0) {
+		kill(in->copier, SIGKILL);
+		while (waitpid(in->copier, NULL, 0) < 0 && errno == EINTR)
+			;
+	}
+	in->copier = 0;
+}

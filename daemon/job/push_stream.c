@@ -1,0 +1,285 @@
+/*
+ * Inputs of a push that come through a pipe.
+ *
+ * The model: the loop watches the pipe's reading end; when it has bytes, a worker takes them, never waiting.
+ * First they go into a file without a name in the cache's folder: of LAS, which is read forwards, what lies
+ * before the points; of everything else all of it, because it must be read twice (text: digits and extent) or
+ * out of order (LAZ, COPC: the table of chunks is behind them). Probe and File of the stream's name then work
+ * on that file; the File of a LAS stream goes on with the pipe, and gives its worker back whenever the pipe is
+ * dry. So a slow client costs a watched descriptor.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
+
+#include "io.h"
+#include "push_priv.h"
+
+enum {
+	STREAMS_MAX = 8,
+	PIECE = 64 << 10,
+	ROUND = 64 << 20,    /* a worker's turn */
+	LOOK_SPACE = 16 << 20,
+	KEEP_FREE = 20,      /* a twentieth of the file system stays free */
+};
+
+static struct push_stream *stream_of(struct sched_task *t)
+{
+	return (struct push_stream *)((char *)t - offsetof(struct push_stream, task));
+}
+
+static struct push_stream *stream_free(struct push_stream *s)
+{
+	if (!s)
+		return NULL;
+	if (s->watch)
+		s->push->calls.unwatch(s->watch);
+	input_close(s->input);
+	io_close(s->fd);
+	io_close(s->spool);
+	free(s->name);
+	free(s);
+	return NULL;
+}
+
+static void watch(struct push_stream *s)
+{
+	struct err err = ERR_INIT;
+
+	if (s->push->calls.watch(s->push->ctx, s, s->fd, &s->watch, &err)) {
+		s->err = err;
+		s->ready = true;
+	}
+}
+
+/* ---- the first bytes, or all ---- */
+
+static int room_left(const struct push_stream *s, struct err *err)
+{
+	struct statvfs vfs;
+
+	if (fstatvfs(s->spool, &vfs) != 0)
+		return err_sys(err, errno, "the file system of the cache cannot be asked for its space");
+	if (vfs.f_bavail >= vfs.f_blocks / KEEP_FREE)
+		return 0;
+	err_set(err, ERR_NOSPACE, "no space is left to keep an input from a pipe: %llu bytes of it are kept already",
+		(unsigned long long)s->size);
+	return err_add_hint(err, "write it to a file and push that: files are read where they are");
+}
+
+/* True when what is kept is enough. */
+static bool enough(struct push_stream *s)
+{
+	uint64_t need = input_forward_head(s->look, s->nlook);
+
+	s->forward = need > 0 && s->nlook >= INPUT_FORWARD_LOOK;
+	return s->ended || (s->forward && s->size >= need);
+}
+
+static int keep_piece(struct push_stream *s, const uint8_t *piece, size_t n, struct err *err)
+{
+	int r;
+
+	if (s->nlook < sizeof s->look) {
+		size_t k = sizeof s->look - s->nlook < n ? sizeof s->look - s->nlook : n;
+
+		memcpy(s->look + s->nlook, piece, k);
+		s->nlook += k;
+	}
+	if (s->size / LOOK_SPACE != (s->size + n) / LOOK_SPACE || !s->size) {
+		r = room_left(s, err);
+		if (r)
+			return r;
+	}
+	r = io_write_at(s->spool, piece, n, s->size, "an input from a pipe", err);
+	if (!r)
+		s->size += n;
+	return r;
+}
+
+static int keep(struct push_stream *s, uint8_t *piece, struct err *err)
+{
+	for (uint64_t done = 0; done < ROUND && !enough(s);) {
+		ssize_t n = atomic_load(&s->push->cancel) ? 0 : read(s->fd, piece, PIECE);
+		int r;
+
+		if (atomic_load(&s->push->cancel))
+			return err_set(err, ERR_CANCELLED, "the push was ended");
+		if (n < 0 && errno == EINTR)
+			continue;
+		if (n < 0 && errno == EAGAIN)
+			return 0;
+		if (n < 0)
+			return err_sys(err, errno, "the pipe cannot be read");
+		s->ended = n == 0;
+		r = n ? keep_piece(s, piece, (size_t)n, err) : 0;
+		if (r)
+			return r;
+		done += (uint64_t)n;
+	}
+	s->ready = enough(s);
+	return 0;
+}
+
+static void keep_run(struct sched_task *t)
+{
+	struct push_stream *s = stream_of(t);
+	uint8_t *piece = malloc(PIECE);
+	int r = 0;
+
+	if (!piece)
+		r = err_set(&s->err, ERR_NOMEM, "no memory to read a pipe");
+	if (!r && s->spool < 0)
+		r = io_open(s->push->jobs->tempfd, ".", O_TMPFILE | O_RDWR, 0600, &s->spool, &s->err);
+	if (!r)
+		r = keep(s, piece, &s->err);
+	free(piece);
+	if (r) {
+		err_add_file(&s->err, s->name);
+		s->ready = true;
+	}
+}
+
+static void keep_done(struct sched_task *t)
+{
+	struct push_stream *s = stream_of(t);
+	struct push *p = s->push;
+
+	s->busy = false;
+	if (t->ran) {
+		sched_give(p->jobs->p.sched, t->name, t->bytes);
+	} else {
+		err_set(&s->err, ERR_CANCELLED, "the push was ended");
+		s->ready = true;
+	}
+	if (!s->ready)
+		watch(s);
+	push_pump(p);
+}
+
+static void keep_more(struct push_stream *s)
+{
+	s->task = (struct sched_task){
+		.run = keep_run,
+		.done = keep_done,
+		.priority = SCHED_NORMAL,
+		.name = LEDGER_INPUT,
+		.bytes = PIECE,
+	};
+	s->busy = true;
+	sched_submit(s->push->jobs->p.sched, &s->task);
+}
+
+void push_stream_ready(struct push_stream *s)
+{
+	if (s->asks)
+		push_stream_resume(s);
+	else if (!s->ready && !s->busy && !s->push->left && !atomic_load(&s->push->cancel))
+		/* A push that closes must find no worker here. */
+		keep_more(s);
+}
+
+/* ---- a File that waits for its pipe ---- */
+
+void push_stream_wait(struct push_stream *s)
+{
+	s->asks = true;
+	watch(s);
+	if (s->err.code)
+		push_stream_resume(s);
+}
+
+void push_stream_resume(struct push_stream *s)
+{
+	s->asks = false;
+	sched_submit(s->push->jobs->p.sched, &s->push->task);
+}
+
+void push_streams_wake(struct push *p)
+{
+	for (struct push_stream *s = p->streams; s; s = s->next) {
+		if (s->busy)
+			sched_cancel(p->jobs->p.sched, &s->task);
+		else if (s->asks)
+			push_stream_resume(s);
+	}
+}
+
+int push_stream_ingest(struct push_stream *s, const struct input_options *options,
+		       const struct pipe_ingest_params *params, bool *ret_dry, struct err *err)
+{
+	struct pipe_ingested part;
+	int r = s->err.code ? -(int)(*err = s->err).code : 0;
+
+	if (!r && !s->input)
+		r = input_open(s->spool, s->name, options, &s->input, err);
+	if (!r)
+		r = pipe_ingest(s->input, params, &part, err);
+	*ret_dry = r == PIPE_E_DRY;
+	if (r >= 0)
+		pipe_ingested_add(&s->in, &part);
+	return r < 0 ? r : 0;
+}
+
+/* ---- asked ---- */
+
+int push_stream(struct push *p, int fd, const char *name, struct err *err)
+{
+	struct push_stream *s;
+	unsigned n = 0;
+
+	for (s = p->streams; s; s = s->next, n++)
+		if (!strcmp(s->name, name))
+			err_set(err, ERR_USAGE, "the push has a stream of that name already");
+	if (n >= STREAMS_MAX)
+		err_set(err, ERR_BUSY, "a push takes at most %d pipes", STREAMS_MAX);
+	if (p->left || p->broken)
+		err_set(err, ERR_CANCELLED, "the push was ended");
+	s = err->code ? NULL : calloc(1, sizeof *s);
+	if (s)
+		s->name = strdup(name);
+	if (!s || !s->name) {
+		free(s);
+		io_close(fd);
+		return err->code ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a stream");
+	}
+	s->push = p;
+	s->fd = fd;
+	s->spool = -1;
+	s->err = ERR_INIT;
+	s->next = p->streams;
+	p->streams = s;
+	watch(s);
+	return 0;
+}
+
+struct push_stream *push_stream_find(const struct push *p, const char *name)
+{
+	struct push_stream *s;
+
+	for (s = p->streams; s && strcmp(s->name, name); s = s->next)
+		;
+	return s;
+}
+
+bool push_streams_busy(const struct push *p)
+{
+	const struct push_stream *s;
+
+	for (s = p->streams; s && !s->busy; s = s->next)
+		;
+	return s != NULL;
+}
+
+void push_streams_free(struct push *p)
+{
+	struct push_stream *next;
+
+	for (; p->streams; p->streams = next) {
+		next = p->streams->next;
+		stream_free(p->streams);
+	}
+}

@@ -1,0 +1,143 @@
+"""Inputs that come through pipes: the same mesh as from a file, never a part that looks whole, nobody kept waiting."""
+import os
+import signal
+import subprocess
+import time
+
+import e2e
+from e2e import expect
+
+
+def survey(base, points=120000, *options):
+    path = os.path.join(base, "s%d.las" % points)
+    e2e.run([e2e.SYNTH, "--points", points, *options, path]).ok()
+    return path
+
+
+def feed(d, pieces, *args, pause=0.0):
+    """acutctl with its standard input fed in pieces: exit status, output, errors."""
+    p = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, *args], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    for piece in pieces:
+        try:
+            p.stdin.write(piece)
+            p.stdin.flush()
+        except BrokenPipeError:
+            break
+        time.sleep(pause)
+    try:
+        p.stdin.close()
+    except BrokenPipeError:
+        pass
+    p.stdin = None
+    out, err = p.communicate(timeout=120)
+    return p.returncode, out.decode(), err.decode()
+
+
+def digest(d, *args):
+    got = d.ctl("mesh", "--json", *args).ok().json()
+    return got["digest"], got["vertex_digest"], got["points"]
+
+
+def las_forwards():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, out = survey(base), os.path.join(base, "m.ply")
+        want = digest(d, "-o", out, path)
+        data = open(path, "rb").read()
+        one, odd = [data], [data[:3], data[3:226], data[226:5000], data[5000:1000003], data[1000003:]]
+        for pieces in (one, odd, [data + b"\0" * 100000]):
+            code, text, err = feed(d, pieces, "mesh", "-", "--input-format", "las", "--json", "-o", out, pause=0.05)
+            expect(code == 0, err)
+            import json
+            got = json.loads(text)
+            expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
+        e2e.run([e2e.VERIFY, out, path]).ok()
+        expect(not any(os.scandir(os.path.join(d.cache, "tmp"))), "something stayed in the cache")
+
+
+def cut_is_no_mesh():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        data, out = open(survey(base), "rb").read(), os.path.join(base, "m.ply")
+        for n in (0, 3, 100, 227, 230, len(data) // 2, len(data) - 1):
+            code, _, err = feed(d, [data[:n]], "mesh", "-", "--input-format", "las", "-o", out)
+            expect(code == 1 and "standard input" in err, "%d bytes: %d %s" % (n, code, err))
+            expect(not os.path.exists(out), "an output of %d bytes" % n)
+        code, text, err = feed(d, [data[: len(data) // 2]], "mesh", "-", "--input-format", "las", "--accept-truncated", "-o", out)
+        expect(code == 0 and os.path.exists(out), err)
+        # A writer to a pipe that left the count open.
+        none = bytearray(data)
+        none[107:111] = bytes(4)
+        if none[25] >= 4:
+            none[247:255] = bytes(8)
+        code, _, err = feed(d, [bytes(none)], "mesh", "-", "--input-format", "las", "-o", os.path.join(base, "n.ply"))
+        expect(code == 1 and "no points, but bytes follow" in err, err)
+
+
+def text_and_fifo():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        out, fifo, txt = os.path.join(base, "m.obj"), os.path.join(base, "fifo"), os.path.join(base, "t.xyz")
+        lines = "".join("%d.%d %d 1\n" % (i % 97, i % 10, i // 97) for i in range(20000)).encode()
+        open(txt, "wb").write(lines)
+        want = digest(d, "-o", out, txt)
+        code, text, err = feed(d, [lines[:1000], lines[1000:]], "mesh", "-", "--input-format", "xyz", "-q", "-o", out, pause=0.1)
+        expect(code == 0, err)
+        os.mkfifo(fifo)
+        writer = subprocess.Popen(["sh", "-c", 'cat "$0" > "$1"', txt, fifo])
+        expect(digest(d, "-o", out, fifo, "--input-format", "xyz") == want, "by a named pipe")
+        writer.wait(10)
+
+
+def slow_client_costs_nobody():
+    """With one worker: while clients hold half-filled pipes open, others are served."""
+    with e2e.Folder() as base, e2e.Daemon(base, threads=1, memory="128M") as d:
+        path, out = survey(base), os.path.join(base, "m.ply")
+        data, slow = open(path, "rb").read(), []
+        for n in (0, 100, 300, len(data) // 2):
+            p = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "mesh", "-", "--input-format", "las", "-o", os.path.join(base, "slow%d.ply" % n)],
+                                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            p.stdin.write(data[:n])
+            p.stdin.flush()
+            slow.append((p, n))
+        time.sleep(0.5)
+        want = digest(d, "-o", out, path)
+        for p, n in slow[:2]:
+            p.send_signal(signal.SIGINT)
+            expect(p.wait(20) == 130, "an interrupted client ended with %s" % p.returncode)
+        for p, n in slow[2:]:
+            p.stdin.write(data[n:])
+            p.stdin.close()
+            p.stdin = None
+            p.communicate(timeout=60)
+            expect(p.returncode == 0, "a slow client ended with %d" % p.returncode)
+            got = e2e.run([e2e.VERIFY, os.path.join(base, "slow%d.ply" % n), path])
+            got.ok()
+        expect(digest(d, "-o", out, path) == want, "afterwards")
+        status = d.ctl("status", "--json").ok().json()
+        held = {k: v for k, v in status["ledger"].items() if v} if isinstance(status["ledger"], dict) else status["ledger"]
+        expect("stage" not in str(held) or not dict(held).get("stage"), "stage memory is held: %s" % held)
+
+
+def vanished_clients():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path = survey(base)
+        data = open(path, "rb").read()
+        before = len(os.listdir("/proc/%d/fd" % d.process.pid))
+        for n in (0, 50, 250, 200000, len(data)):
+            p = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "valley", "-", "--input-format", "las"],
+                                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            p.stdin.write(data[:n])
+            p.stdin.flush()
+            time.sleep(0.2)
+            p.kill()
+            p.wait(10)
+            p.stdin.close()
+        d.ctl("ping").ok()
+        deadline = time.monotonic() + 20
+        while len(os.listdir("/proc/%d/fd" % d.process.pid)) > before and time.monotonic() < deadline:
+            time.sleep(0.1)
+        after = len(os.listdir("/proc/%d/fd" % d.process.pid))
+        expect(after <= before, "%d descriptors, %d before" % (after, before))
+        code, _, err = feed(d, [data], "push", "valley", "-", "--input-format", "las")
+        expect(code == 0, err)
+
+
+e2e.main(las_forwards, cut_is_no_mesh, text_and_fifo, slow_client_costs_nobody, vanished_clients)
