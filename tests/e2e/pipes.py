@@ -1,4 +1,5 @@
 """Inputs that come through pipes: the same mesh as from a file, never a part that looks whole, nobody kept waiting."""
+import json
 import os
 import signal
 import subprocess
@@ -47,11 +48,26 @@ def las_forwards():
         for pieces in (one, odd, [data + b"\0" * 100000]):
             code, text, err = feed(d, pieces, "mesh", "-", "--input-format", "las", "--json", "-o", out, pause=0.05)
             expect(code == 0, err)
-            import json
             got = json.loads(text)
             expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
         e2e.run([e2e.VERIFY, out, path]).ok()
         expect(not any(os.scandir(os.path.join(d.cache, "tmp"))), "something stayed in the cache")
+
+
+def laz_is_kept():
+    """A real file, where there are any: compressed, so that it must be had whole."""
+    data = e2e.data_dir()
+    if not data:
+        print("without real files: no LAZ through a pipe")
+        return
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, out = os.path.join(data, "lidar/las12_pdrf3_autzen_ft.laz"), os.path.join(base, "m.ply")
+        want = digest(d, "-o", out, path)
+        bytes_ = open(path, "rb").read()
+        code, text, err = feed(d, [bytes_[:1000], bytes_[1000:]], "mesh", "-", "--input-format", "las", "--json", "-o", out, pause=0.1)
+        expect(code == 0, err)
+        got = json.loads(text)
+        expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
 
 
 def cut_is_no_mesh():
@@ -140,4 +156,4 @@ def vanished_clients():
         expect(code == 0, err)
 
 
-e2e.main(las_forwards, cut_is_no_mesh, text_and_fifo, slow_client_costs_nobody, vanished_clients)
+e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, slow_client_costs_nobody, vanished_clients)
