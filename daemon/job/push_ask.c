@@ -502,7 +502,6 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	}
 	if (a->stream)
 		a->stream->input = input_close(a->stream->input);
-
 	if (!why && a->whole && !a->crew) {
 		if (!push_crew_start(p, a, &err))
 			return false;
