@@ -26,7 +26,7 @@ struct ctl_args {
 	bool canonical, no_clobber, wait, fresh;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
-	const char *scale, *input_format;
+	const char *scale, *input_format, *assume_crs, *assume_units;
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
 	const char *format, *origin, *max_edge, *width, *color;
@@ -219,6 +219,18 @@ void ctl_progress_init(struct ctl_progress *, struct ctl *);
 /* An acut_progress_fn. */
 void ctl_progress_show(void *ctx, const struct acut_progress *);
 void ctl_progress_clear(struct ctl *);
+
+/* ---- ctl_assume.c: what is taken for inputs that say nothing ---- */
+
+struct ctl_assume {
+	char *crs, unit_xy[16], unit_z[16]; /* NULL, "": nothing */
+	bool no_crs, no_unit_xy, no_unit_z; /* of the inputs seen: still unknown */
+};
+int ctl_assume_read(const struct ctl_args *, struct ctl_assume *ret, struct err *err);
+void ctl_assume_options(const struct ctl_assume *, struct acut_push_options *); /* borrows the texts */
+void ctl_assume_seen(struct ctl_assume *, const struct acut_probe *);
+void ctl_assume_warn(struct ctl *, const struct ctl_assume *); /* once a push */
+void ctl_assume_done(struct ctl_assume *);
 
 /* ---- ctl_stage.c: inputs into a dataset ---- */
 

@@ -82,8 +82,10 @@ static const struct option table[] = {
 	{"replace", 0, NULL, LATER, 0, CTL_PUSH, NULL},
 	{"input-format", 0, "FORMAT", TEXT, AT(input_format), CTL_INPUT,
 	 "format of the inputs, in place of what their bytes say"},
-	{"assume-crs", 0, "CRS", LATER, 0, CTL_STAGE, NULL},
-	{"assume-units", 0, "UNITS", LATER, 0, CTL_STAGE, NULL},
+	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE,
+	 "EPSG:n, a WKT file, or a name, for inputs that say nothing"},
+	{"assume-units", 0, "XY[,Z]", TEXT, AT(assume_units), CTL_STAGE,
+	 "m, ft or ftUS, for inputs that do not say their units"},
 	{"utm", 0, NULL, LATER, 0, CTL_STAGE, NULL},
 	{"geoid", 0, "FILE", LATER, 0, CTL_STAGE, NULL},
 

@@ -21,6 +21,7 @@ struct staging {
 	struct ctl_inputs *in;
 	struct ctl_staged *ret;
 	struct acut_push *push;
+	struct ctl_assume assume;
 	struct ctl_progress progress;
 	bool named;  /* a dataset that stays: it wants to know who the inputs are */
 	int status;  /* of what ended it, told already */
@@ -90,6 +91,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 		return 0;
 	}
 	s->progress.total += p->points;
+	ctl_assume_seen(&s->assume, p);
 	if (p->warning[0])
 		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, p->warning);
 	return 0;
@@ -155,6 +157,9 @@ static int begin(struct staging *s, const char *dataset)
 	struct decimal d;
 	struct err err = ERR_INIT;
 
+	if (ctl_assume_read(a, &s->assume, &err))
+		return ctl_error(s->ctl, &err);
+	ctl_assume_options(&s->assume, &opt);
 	if (a->scale) {
 		snprintf(scale, sizeof(scale), "%s", a->scale);
 		comma = strchr(scale, ',');
@@ -220,6 +225,8 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 		if (acut_push_plan(s.push, &lattice))
 			status = ctl_error_acut(ctl);
 		else
+			ctl_assume_warn(ctl, &s.assume);
+		if (!status)
 			status = each_file(&s, false);
 	}
 	if (!status)
@@ -229,6 +236,7 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 		acut_push_leave(s.push);
 	else
 		acut_push_end(s.push);
+	ctl_assume_done(&s.assume);
 	ctl_progress_clear(ctl);
 	ret->seconds = clock_since(start);
 	return status ? status : ret->refused ? CTL_SOME_REFUSED : 0;

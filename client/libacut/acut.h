@@ -102,6 +102,8 @@ typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 struct acut_push_options {
 	const char *dataset;                     /* NULL: one-step */
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
+	const char *assume_crs;    /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
+	const char *assume_unit_xy, *assume_unit_z; /* "m", "ft", "ftUS"; NULL: nothing */
 	bool planar, accept_truncated;
 	bool checksum; /* the same file: by its content, not by path, size and time */
 	bool add;      /* a file of a path that is there already is taken beside the old one */
@@ -110,6 +112,8 @@ struct acut_push_options {
 };
 struct acut_probe {
 	const char *name, *format, *variant, *crs, *unit_xy, *unit_z, *plane, *warning;
+	const char *datum;     /* "": not said */
+	uint32_t epsg, epsg_z; /* numbers of the systems of x and y, and of z; 0: not said */
 	uint64_t points;
 	double min[3], max[3];
 	const char *scale[3], *offset[3];

@@ -76,6 +76,9 @@ void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 	    .unit_z = p->unit_z,
 	    .plane = p->plane,
 	    .warning = p->warning,
+	    .datum = p->datum,
+	    .epsg = p->epsg,
+	    .epsg_z = p->epsg_z,
 	    .points = p->points,
 	    .known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
 	};
@@ -104,6 +107,9 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	question.dataset = call_text(o->dataset);
 	question.scale_xy = call_text(o->scale_xy);
 	question.scale_z = call_text(o->scale_z);
+	question.assume_crs = call_text(o->assume_crs);
+	question.assume_unit_xy = call_text(o->assume_unit_xy);
+	question.assume_unit_z = call_text(o->assume_unit_z);
 	question.planar = o->planar;
 	question.accept_truncated = o->accept_truncated;
 	question.format = push->format;

@@ -134,6 +134,7 @@ struct push_calls {
 struct push_params {
 	const char *dataset; /* "" = one-step */
 	const char *scale_xy, *scale_z, *format;
+	const char *assume_crs, *assume_unit_xy, *assume_unit_z; /* for inputs that say nothing; NULL, "": nothing */
 	bool planar, accept_truncated;
 	struct job_peer peer;
 	const struct push_calls *calls;

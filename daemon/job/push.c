@@ -243,7 +243,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (too_many(j))
 		err_set(&err, ERR_BUSY, "%d pushes are open already", PUSHES_MAX);
-	else
+	else if (!push_assume_read(p, in, &err))
 		p->dataset = target(j, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
 		err_set(&err, ERR_NOMEM, "no memory for a push");

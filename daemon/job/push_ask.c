@@ -76,12 +76,7 @@ static int begin_with_base(struct push *p, struct err *err)
 
 	p->has_lattice = true;
 	p->lattice = m->lattice;
-	snprintf(p->crs, sizeof p->crs, "%s", m->crs);
-	snprintf(p->unit_xy, sizeof p->unit_xy, "%s", m->unit_xy);
-	snprintf(p->unit_z, sizeof p->unit_z, "%s", m->unit_z);
-	snprintf(p->crs_of, sizeof p->crs_of, "the dataset %s", p->dataset->name);
-	memcpy(p->unit_xy_of, p->crs_of, sizeof p->unit_xy_of);
-	memcpy(p->unit_z_of, p->crs_of, sizeof p->unit_z_of);
+	push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
 	for (i = 0; i < m->nsources; i++)
 		if (m->sources[i].id >= p->dataset->next_source)
 			p->dataset->next_source = m->sources[i].id + 1;
@@ -189,6 +184,7 @@ static void probe_run(struct push *p, struct push_ask *a)
 	remember_info(a, in);
 	if (a->stream)
 		a->stream->claimed = a->info.claimed;
+	a->r = push_assume(p, a->name, &a->info.crs, &a->err);
 	input_close(in);
 }
 
@@ -210,11 +206,8 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 
 static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 {
-	size_t i;
-	int r = 0;
+	int r = push_crs_agree(p, err);
 
-	for (i = 0; !r && i < p->nprobes; i++)
-		r = push_compatible(p, p->probes[i].name, p->probes[i].crs, err);
 	if (r || p->has_lattice)
 		return r ? r : PUSH_NOW;
 	if (*p->dataset->manifest) {
@@ -402,7 +395,9 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 	atomic_store(&p->claimed, a->info.claimed);
 	if (!same_input(&probe->id, &a->id))
 		return changed(a->name, "after its header was read", &a->err);
-	r = push_compatible(p, a->name, &a->info.crs, &a->err);
+	r = push_assume(p, a->name, &a->info.crs, &a->err);
+	if (!r)
+		r = push_compatible(p, a->name, &a->info.crs, &a->err);
 	if (!r)
 		r = grid_stage_source(p->stage, a->source, &a->err);
 	*ret_parts = !r && a->info.parts > 1;

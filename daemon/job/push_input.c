@@ -1,6 +1,5 @@
 /*
- * What a push knows of its inputs: which descriptors it takes, what their headers say of lattice, CRS and
- * units, and whether these go together.
+ * What a push knows of its inputs: which descriptors it takes, and what their headers say of the lattice.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -49,42 +48,6 @@ int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct er
 		.ctime_ns = (int64_t)st.st_ctim.tv_sec * 1000000000 + st.st_ctim.tv_nsec,
 	};
 	return 0;
-}
-
-static bool known(const char *text)
-{
-	return *text && strcmp(text, "unknown");
-}
-
-/* One property: the first input that knows it decides for the push; the others must agree or not know. */
-static int agree(const char *what, char *mine, size_t size, char *mine_of, const char *name,
-		 const char *theirs, struct err *err)
-{
-	if (!known(theirs))
-		return 0;
-	if (!known(mine)) {
-		snprintf(mine, size, "%s", theirs);
-		snprintf(mine_of, 256, "%s", name);
-		return 0;
-	}
-	if (!strcmp(mine, theirs))
-		return 0;
-	err_set(err, ERR_INPUT, "%s is %.100s, but %.100s of %.200s", what, theirs, mine, mine_of);
-	err_add_hint(err, "push files of one coordinate system into one dataset; convert this one first");
-	return err_add_file(err, name);
-}
-
-int push_compatible(struct push *p, const char *name, const struct crs_info *crs, struct err *err)
-{
-	int r = agree("the coordinate system", p->crs, sizeof p->crs, p->crs_of, name, crs->text, err);
-
-	if (!r)
-		r = agree("the horizontal unit", p->unit_xy, sizeof p->unit_xy, p->unit_xy_of, name,
-			  crs->unit_xy, err);
-	if (!r)
-		r = agree("the vertical unit", p->unit_z, sizeof p->unit_z, p->unit_z_of, name, crs->unit_z,
-			  err);
-	return r;
 }
 
 static int scale_of(const char *text, const char *field, struct decimal *ret, struct err *err)

@@ -103,7 +103,9 @@ struct push {
 	bool has_lattice;
 	struct lattice lattice;
 	char crs[512], unit_xy[16], unit_z[16];
-	char crs_of[256], unit_xy_of[256], unit_z_of[256]; /* the input that said so */
+	char crs_of[256];           /* who says so: the dataset, or an input */
+	bool has_crs, assumes;
+	struct crs_info assume;     /* for inputs that say nothing */
 	struct push_probed *probes;
 	size_t nprobes;
 	struct names probe_names, probe_paths;
@@ -177,7 +179,6 @@ int push_file_finish(struct push *, struct push_ask *);
 
 /* push_input.c: descriptors and what their inputs say */
 int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err);
-int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
 int push_choose_lattice(struct push *, struct err *err);
 
 /* push_probes.c: what is kept of each file */
@@ -197,5 +198,16 @@ int push_known_index(const struct grid_manifest *, struct names *ret_paths, stru
 int push_known(struct push *, struct push_ask *);
 /* XXH3-128 of the first `size` bytes. */
 int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
+
+
+/* push_crs.c: coordinate systems and units */
+int push_assume_read(struct push *, const struct push_params *, struct err *err);
+/* Fills what the input `name` leaves open. -ERR_INPUT: it says something else. */
+int push_assume(const struct push *, const char *name, struct crs_info *, struct err *err);
+/* What the dataset is in decides for every further input. */
+void push_crs_of_dataset(struct push *, const char *text, const char *unit_xy, const char *unit_z);
+/* All that were probed, and the dataset, must be one; the push's texts are decided. The error names two. */
+int push_crs_agree(struct push *, struct err *err);
+int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
 
 #endif

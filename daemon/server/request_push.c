@@ -80,6 +80,9 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.crs = frame_text_clean(m->info.crs.text);
 	m->probed.unit_xy = frame_text_clean(m->info.crs.unit_xy);
 	m->probed.unit_z = frame_text_clean(m->info.crs.unit_z);
+	m->probed.datum = frame_text_clean(m->info.crs.system.datum);
+	m->probed.epsg = info->crs.system.epsg;
+	m->probed.epsg_z = info->crs.system.epsg_z;
 	m->probed.plane = (char *)planes[info->crs.plane];
 	m->probed.warning = frame_text_clean(m->info.warning);
 }
@@ -292,6 +295,9 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 		.scale_xy = in->scale_xy,
 		.scale_z = in->scale_z,
 		.format = in->format,
+		.assume_crs = in->assume_crs,
+		.assume_unit_xy = in->assume_unit_xy,
+		.assume_unit_z = in->assume_unit_z,
 		.planar = in->planar,
 		.accept_truncated = in->accept_truncated,
 		.peer = c->peer,

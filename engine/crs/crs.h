@@ -82,6 +82,10 @@ struct crs_records {
 
 /* All unknown. */
 void crs_info_clear(struct crs_info *);
+/* After a change by hand: system.unit and unit_z by the names of the units; a method without ellipsoid is none. */
+void crs_info_settle(struct crs_info *);
+/* Method, parameters and ellipsoid, to 0.1 mm on the ground; names do not count. */
+bool crs_system_same(const struct crs_system *, const struct crs_system *);
 
 /* All that the records say. Where both kinds are there, the preferred one decides and the other only
  * fills what it leaves open, and only if both name the same kind of plane. */

@@ -91,13 +91,12 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 	if (!size)
 		return err_set(err, ERR_USAGE, "the coordinate system to assume is empty");
 	crs_info_clear(&made);
-	if (text[size - 1] == ']' || text[size - 1] == ')') {
-		if (crs_read_wkt(text, size, ret))
-			return 0;
-		if (memchr(text, '[', size)) {
-			err_set(err, ERR_USAGE, "the coordinate system to assume is no WKT that can be read");
-			return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
-		}
+	/* round brackets are WKT's too, but stand in names as well */
+	if ((memchr(text, '[', size) || text[size - 1] == ')') && crs_read_wkt(text, size, ret))
+		return 0;
+	if (memchr(text, '[', size)) {
+		err_set(err, ERR_USAGE, "the coordinate system to assume is no WKT that can be read");
+		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
 	}
 	for (size_t i = 0; i < size; i++)
 		if (text[i] < 0x20 || text[i] >= 0x7f)

@@ -73,7 +73,6 @@ enum crs_way { /* how a record names a method */
 void crs_param_set(struct crs_params *, enum crs_role, double value);
 /* Sets method and parameters if all are there and make sense; else the method stays unknown. */
 void crs_method_settle(struct crs_system *, enum crs_way, const struct crs_params *);
-bool crs_system_same(const struct crs_system *, const struct crs_system *); /* method, parameters, ellipsoid */
 
 /* ---- systems by number ---- */
 
@@ -87,8 +86,5 @@ bool crs_epsg_compound(unsigned code, unsigned *ret_horizontal, unsigned *ret_ve
 unsigned crs_epsg_of_name(const char *name, size_t size);
 /* Gives a projected system that is told by its parameters the number that it has. */
 unsigned crs_epsg_of_system(const struct crs_system *);
-
-/* Last step of every reader: system.unit and unit_z by the names; a method without its ellipsoid is none. */
-void crs_info_settle(struct crs_info *);
 
 #endif

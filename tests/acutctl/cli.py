@@ -46,9 +46,9 @@ def options_of(command):
 COMMANDS = ("cancel dataset datasets fetch formats help info jobs mesh ping plan push rm show status submit version wait "
             "watch").split()
 LATER = {
-    "mesh": "--bbox=1,2,3,4 --assume-crs=EPSG:1 --assume-units=m "
+    "mesh": "--bbox=1,2,3,4 "
             "--utm --geoid=x --tile=100 --manifest=x".split(),
-    "push": ["--replace", "--utm", "--geoid", "--assume-crs", "--assume-units"],
+    "push": ["--replace", "--utm", "--geoid"],
     "fetch": ["--resume", "--bbox"],
     "submit": ["--constraints"],
 }

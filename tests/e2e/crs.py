@@ -1,0 +1,222 @@
+"""Coordinate systems and units: what goes together, what is assumed, what is refused and with which words, and what
+every output says of what is unknown."""
+import itertools
+import os
+import struct
+import sys
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+import e2e
+from e2e import expect
+
+UTM32 = ('PROJCS["ETRS89 / UTM zone 32N",GEOGCS["ETRS89",DATUM["European_Terrestrial_Reference_System_1989",'
+         'SPHEROID["GRS 1980",6378137,298.257222101]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],'
+         'PROJECTION["Transverse_Mercator"],PARAMETER["latitude_of_origin",0],PARAMETER["central_meridian",9],'
+         'PARAMETER["scale_factor",0.9996],PARAMETER["false_easting",500000],PARAMETER["false_northing",0],'
+         'UNIT["metre",1],AUTHORITY["EPSG","25832"]]')
+HEIGHT = 'VERT_CS["DHHN2016 height",VERT_DATUM["DHHN2016",2005],UNIT["metre",1],AUTHORITY["EPSG","7837"]]'
+FEET = 'VERT_CS["NAVD88 height (ftUS)",VERT_DATUM["NAVD88",2005],UNIT["US survey foot",0.304800609601219],' \
+       'AUTHORITY["EPSG","6360"]]'
+DEGREES = ('GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],PRIMEM["Greenwich",0],'
+           'UNIT["degree",0.0174532925199433],AUTHORITY["EPSG","4326"]]')
+
+
+def compound(a, b):
+    return 'COMPD_CS["both",%s,%s]' % (a, b)
+
+
+def las(path, wkt=None, keys=None, x0=500000, z0=100):
+    """Nine points on a grid of 10, LAS 1.4, format 6 with WKT, 1.2 format 0 with GeoTIFF keys."""
+    records = b""
+    n = 0
+    if wkt:
+        text = wkt.encode() + b"\0"
+        records = struct.pack("<H16sHH32s", 0, b"LASF_Projection", 2112, len(text), b"") + text
+        n = 1
+    if keys:
+        body = struct.pack("<%dH" % (4 + 4 * len(keys)), 1, 1, 0, len(keys), *itertools.chain(*keys))
+        records = struct.pack("<H16sHH32s", 0, b"LASF_Projection", 34735, len(body), b"") + body
+        n = 1
+    points = b""
+    for i in range(9):
+        x, y, z = x0 * 100 + i % 3 * 1000, 500000000 + i // 3 * 1000, z0 * 100 + i * 10 + (i == 4)
+        points += struct.pack("<iiiHBBbBH", x, y, z, 0, 0x09, 2, 0, 0, 0)
+    box = [x0 + 20, x0, 5000020, 5000000, z0 + .81, z0]
+    head = struct.pack("<4sHH16sBB32s32sHHHIIBHI5I3d3d6d", b"LASF", 0, 0x10 if wkt else 0, b"", 1, 2, b"", b"", 1, 2026, 227,
+                       227 + len(records), n, 0, 20, 9, 9, 0, 0, 0, 0, .01, .01, .01, 0, 0, 0, *box)
+    with open(path, "wb") as f:
+        f.write(head + records + points)
+    return path
+
+
+def xyz(path, x0=500000):
+    with open(path, "w") as f:
+        for i in range(9):
+            f.write("%.2f %.2f %.2f\n" % (x0 + 100 + i % 3 * 10, 5000000 + i // 3 * 10, 100 + i / 10))
+    return path
+
+
+def said(r, *parts):
+    for p in parts:
+        expect(p in r.err, "%r is not in what %s said:\n%s" % (p, " ".join(r.args), r.err))
+
+
+def files(base):
+    f = {
+        "utm": las(base + "/utm.las", UTM32),
+        "utm2": las(base + "/utm2.las", UTM32, x0=500200),
+        "height": las(base + "/height.las", compound(UTM32, HEIGHT), x0=500400),
+        "feet": las(base + "/feet.las", compound(UTM32, FEET), x0=500600),
+        "n32": las(base + "/n32.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 32632)], x0=500800),
+        "ftus": las(base + "/ftus.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 25832), (3076, 0, 1, 9003)], x0=501000),
+        "none": las(base + "/none.las", x0=501200),
+        "text": xyz(base + "/text.xyz", 501400),
+        "lonlat": las(base + "/lonlat.las", DEGREES, x0=8),
+        # one name, two definitions
+        "site1": las(base + "/site1.las", UTM32.replace("ETRS89 / UTM zone 32N", "site").replace(
+            ',AUTHORITY["EPSG","25832"]', "").replace('"scale_factor",0.9996', '"scale_factor",1'), x0=501600),
+        "site2": las(base + "/site2.las", UTM32.replace("ETRS89 / UTM zone 32N", "site").replace(
+            ',AUTHORITY["EPSG","25832"]', "").replace('"scale_factor",0.9996', '"scale_factor",0.99999'), x0=501800),
+    }
+    return f
+
+
+MIXED = [
+    # a set, what its refusal says
+    (["utm", "n32"], ["its coordinate system is", "EPSG:25832", "EPSG:32632", "utm.las", "n32.las", "two datasets"]),
+    (["utm", "none"], ["its coordinate system is", "EPSG:25832", "unknown", "utm.las", "none.las", "--assume-crs"]),
+    (["utm", "text"], ["EPSG:25832", "unknown", "text.xyz", "--assume-crs"]),
+    (["utm", "height"], ["EPSG:25832 + EPSG:7837", "utm.las", "height.las"]),
+    (["height", "feet"], ["EPSG:7837", "EPSG:6360", "height.las", "feet.las"]),
+    (["utm", "ftus"], ["the unit of its x and y is", "metre", "us-survey-foot", "utm.las", "ftus.las"]),
+    (["site1", "site2"], ["the definition of its coordinate system", "site1.las", "site2.las", "one name"]),
+    (["none", "text", "utm"], ["unknown", "EPSG:25832"]),
+    (["utm", "utm2", "n32"], ["EPSG:32632"]),
+]
+
+
+def mixing():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        for names, parts in MIXED:
+            errors = set()
+            for order in itertools.permutations(names):
+                r = d.ctl("mesh", *[f[n] for n in order], "-o", base + "/m.ply")
+                expect(r.status == 1, "%s: %d\n%s" % (order, r.status, r.err))
+                said(r, *parts)
+                expect(not os.path.exists(base + "/m.ply"), "an output of a refused set")
+                errors.add(r.err)
+            if len(names) == 2:
+                expect(len(errors) == 1, "the order changes the words: %s" % errors)
+        for one in (["utm", "utm2"], ["none", "text"], ["height"]):
+            d.ctl("mesh", *[f[n] for n in one], "-o", base + "/m.ply").ok()
+
+
+def across_pushes():
+    """Refused in the second push whichever of the two was first; what is there stays as it was."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        pairs = [(a, b) for names, _ in MIXED for a, b in itertools.permutations(names[:2]) if "site1" not in names]
+        for i, (a, b) in enumerate(pairs):
+            name = "d%d" % i
+            first = d.ctl("push", name, f[a])
+            expect(first.status == 0, first.err)
+            if {a, b} == {"none", "text"} or {a, b} == {"utm", "utm2"}:
+                d.ctl("push", name, f[b]).ok()
+                continue
+            r = d.ctl("push", name, f[b])
+            expect(r.status == 1, "%s then %s: %d\n%s" % (a, b, r.status, r.err))
+            said(r, "the dataset " + name, os.path.basename(f[b]))
+            expect(d.ctl("dataset", "show", name, "--json").json()["points"] == 9, "what is there changed")
+
+
+def unknown():
+    """Taken, said once, null in JSON and `unknown` in the outputs."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        r = d.ctl("mesh", f["none"], f["text"], "-o", base + "/m.ply", "-o", base + "/m.obj", "--json").ok()
+        j = r.json()
+        expect(j["crs"] is None and j["units"] == {"xy": None, "z": None}, str(j))
+        warned = [w for w in j["warnings"] if "unknown" in w]
+        expect(len(warned) == 1, str(j["warnings"]))
+        expect("the coordinate system, the unit of x and y and the unit of z are unknown" in warned[0], warned[0])
+        expect(r.err.count("unknown") <= 1, r.err)
+        head = open(base + "/m.ply", "rb").read(2000).decode(errors="replace")
+        expect("comment acut-crs unknown\n" in head and "comment acut-units unknown unknown\n" in head, head)
+        head = open(base + "/m.obj").read(2000)
+        expect("# acut-crs unknown\n" in head and "# acut-units unknown unknown\n" in head, head)
+        # Of one that knows its plane, the heights alone.
+        j = d.ctl("mesh", f["utm"], "-o", base + "/m.ply", "--json").ok().json()
+        expect(j["crs"] == "EPSG:25832" and j["units"] == {"xy": "metre", "z": None}, str(j))
+        expect(any(w.startswith("the unit of z is unknown") for w in j["warnings"]), str(j["warnings"]))
+        j = d.ctl("mesh", f["height"], "-o", base + "/m.ply", "--json").ok().json()
+        expect(j["units"] == {"xy": "metre", "z": "metre"} and not j["warnings"], str(j))
+
+
+def assumed():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        out = base + "/m.ply"
+
+        def units(*words):
+            j = d.ctl("mesh", *words, "-o", out, "--json").ok().json()
+            return j["crs"], j["units"]["xy"], j["units"]["z"]
+
+        expect(units(f["none"], f["text"], "--assume-crs", "EPSG:25832") == ("EPSG:25832", "metre", None), "crs")
+        expect(units(f["utm"], f["text"], "--assume-crs", "epsg:25832") == ("EPSG:25832", "metre", None), "crs beside")
+        # An equal assumption does no harm; a name that EPSG has is its number.
+        expect(units(f["utm"], f["none"], "--assume-crs", "ETRS89 / UTM zone 32N")[0] == "EPSG:25832", "name")
+        expect(units(f["height"], f["text"], "--assume-crs", "EPSG:25832 + EPSG:7837") ==
+               ("EPSG:25832 + EPSG:7837", "metre", "metre"), "compound")
+        expect(units(f["utm"], f["height"], "--assume-crs", "EPSG:25832 + EPSG:7837")[2] == "metre", "heights only")
+        with open(base + "/crs.wkt", "w") as w:
+            w.write(compound(UTM32, FEET) + "\n")
+        expect(units(f["none"], f["feet"], "--assume-crs", base + "/crs.wkt") ==
+               ("EPSG:25832 + EPSG:6360", "metre", "us-survey-foot"), "WKT file")
+        expect(units(f["none"], "--assume-units", "ft") == (None, "foot", None), "ft")
+        expect(units(f["none"], "--assume-units", "m,ftUS") == (None, "metre", "us-survey-foot"), "both")
+        expect(units(f["utm"], "--assume-units", ",ft") == ("EPSG:25832", "metre", "foot"), "z alone")
+        expect(units(f["none"], "--assume-crs", "EPSG:2903", "--assume-units", "ftUS,ftUS") ==
+               ("EPSG:2903", "us-survey-foot", "us-survey-foot"), "a number not known here")
+        # The dataset remembers, and a push that says nothing must assume the same again.
+        d.ctl("push", "d", f["none"], "--assume-crs", "EPSG:25832", "--assume-units", "m,m").ok()
+        j = d.ctl("dataset", "show", "d", "--json").ok().json()
+        expect(j["crs"] == "EPSG:25832" and j["units"] == {"xy": "metre", "z": "metre"}, str(j))
+        r = d.ctl("push", "d", f["text"])
+        expect(r.status == 1, "unknown into known")
+        said(r, "unknown", "the dataset d", "--assume-crs")
+        d.ctl("push", "d", f["text"], "--assume-crs", "EPSG:25832", "--assume-units", "m,m").ok()
+
+
+def assumed_wrongly():
+    """What a file says is not overridden, and nonsense is refused before anything is read."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        out = base + "/m.ply"
+        cases = [
+            (1, ["utm"], ["--assume-crs", "EPSG:32632"], ["EPSG:25832", "EPSG:32632", "utm.las", "not overridden"]),
+            (1, ["utm"], ["--assume-units", "ft"], ["the unit of its x and y is metre", "assumes foot", "utm.las"]),
+            (1, ["feet"], ["--assume-units", "m,m"], ["the unit of its z is us-survey-foot", "metre", "feet.las"]),
+            (1, ["feet"], ["--assume-crs", "EPSG:25832 + EPSG:7837"], ["EPSG:6360", "EPSG:7837", "feet.las"]),
+            (1, ["lonlat"], ["--planar", "--assume-crs", "EPSG:25832"], ["EPSG:4326", "EPSG:25832", "lonlat.las"]),
+            (2, ["none"], ["--assume-crs", "EPSG:4978"], ["geocentric", "none.las"]),
+            (2, ["none"], ["--assume-crs", "EPSG:25832", "--assume-units", "ft"], ["foot", "metre"]),
+            (2, ["none"], ["--assume-crs", "PROJCS[\"p\"", ], ["no WKT", "PROJCS"]),
+            (2, ["none"], ["--assume-crs", "FOO[\"p\"]", ], ["no WKT"]),
+            (2, ["none"], ["--assume-crs", ""], ["empty"]),
+            (2, ["none"], ["--assume-units", "feet"], ["--assume-units", "m, ft and ftUS"]),
+            (2, ["none"], ["--assume-units", "m,"], ["--assume-units"]),
+            (2, ["none"], ["--assume-units", "m,m,m"], ["--assume-units"]),
+            (2, ["none"], ["--assume-units", ""], ["--assume-units"]),
+        ]
+        for status, names, options, parts in cases:
+            r = d.ctl("mesh", *[f[n] for n in names], "-o", out, *options)
+            expect(r.status == status, "%s: %d\n%s" % (options, r.status, r.err))
+            said(r, *parts)
+        # One of several: the others go on, as with any refused input.
+        r = d.ctl("mesh", f["utm"], f["none"], f["n32"], "-o", out, "--assume-crs", "EPSG:25832")
+        expect(r.status == 3, r.err)
+        said(r, "n32.las", "EPSG:32632")
+
+
+e2e.main(mixing, across_pushes, unknown, assumed, assumed_wrongly)
