@@ -57,7 +57,7 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 	else if (total)
 		share = (double)points / (double)total;
 	share = share > 1 ? 1 : share;
-	n = snprintf(line, sizeof(line), "%-5s %3.0f %%  %s points", p->phase, 100 * share,
+	n = snprintf(line, sizeof(line), "%-6s %3.0f %%  %s points", p->phase, 100 * share,
 		     short_count((double)points, a));
 	if (now->domains_total)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",

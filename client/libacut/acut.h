@@ -94,7 +94,7 @@ int acut_status(struct acut *, const struct acut_status **ret);
 /* ---- push ---- */
 
 struct acut_progress {
-	const char *phase; /* "stage", "seal", "mesh" */
+	const char *phase; /* "stage", "seal", "select", "mesh" */
 	uint64_t points, points_total, domains, domains_total;
 };
 typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);

@@ -259,31 +259,13 @@ static void finish_run(struct sched_task *t)
 	w->r = pipe_emitter_finish(w->emitter, &w->totals, &w->err);
 }
 
-/* What the selection removed before any domain saw it. */
-static void add_selection(struct walk *w)
-{
-	struct mesh_counts *counts = &w->totals.counts;
-	const struct pipe_selected *selected = &w->select.counts;
-
-	if (!view_selects(&w->view))
-		return;
-	if (counts->points != selected->kept) {
-		w->r = err_set(&w->err, ERR_INTERNAL, "the selection kept %llu points, the mesh read %llu",
-			       (unsigned long long)selected->kept, (unsigned long long)counts->points);
-		return;
-	}
-	counts->points = selected->points;
-	for (int i = 0; i < VIEW_RULES; i++)
-		counts->removed[i] += selected->removed[i];
-}
-
 static void finish_done(struct sched_task *t)
 {
 	struct walk *w = walk_of_task(t);
 
 	w->task_busy = false;
 	if (t->ran && !w->r)
-		add_selection(w);
+		w->r = walk_select_count(w, &w->err);
 	if (t->ran && w->r)
 		walk_fail(w, &w->err);
 	walk_settle(w);
@@ -293,6 +275,8 @@ static void over(struct walk *w)
 {
 	w->state = WALK_OVER;
 	shut(w);
+	if (w->why.code == ERR_CORRUPT)
+		walk_select_discard(w);
 	w->jobs->full = false;
 	w->calls->ended(w->ctx, w->why.code ? &w->why : NULL);
 }
@@ -532,22 +516,6 @@ size_t walk_domain_bytes(const struct walk *w)
 	return w->state == WALK_PLANNING || w->state == WALK_RUNNING ? w->budget.domain_bytes : 0;
 }
 
-bool walk_selects_same(const struct walk *w, const struct walk *other)
-{
-	return w != other && w->state == WALK_SELECTING && digest_equal(w->select.key, other->select.key) &&
-	       (w->dataset == other->dataset || (!w->dataset->onestep && !other->dataset->onestep));
-}
-
-static bool selecting(const struct walk *w)
-{
-	return w->state == WALK_UNSELECTED || w->state == WALK_SELECTING;
-}
-
-const char *walk_phase(const struct walk *w)
-{
-	return selecting(w) ? "select" : "mesh";
-}
-
 const struct pipe_totals *walk_totals(const struct walk *w)
 {
 	return &w->totals;
@@ -582,8 +550,8 @@ uint64_t walk_grid_points(const struct walk *w)
 void walk_progress(const struct walk *w, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total)
 {
-	*ret_points = selecting(w) ? atomic_load(&w->select.judged) : w->points;
-	*ret_total = selecting(w) ? w->select.total : w->grid_total;
+	*ret_points = walk_selecting(w) ? atomic_load(&w->select.judged) : w->points;
+	*ret_total = walk_selecting(w) ? w->select.total : w->grid_total;
 	*ret_domains = w->next_emit;
 	*ret_domains_total = w->plan_n;
 }

@@ -70,6 +70,7 @@ struct walk {
 		struct digest key;
 		uint64_t number; /* of the temporary folder */
 		uint64_t bytes;  /* that the task takes */
+		bool open;       /* `grid` is of the selection */
 		atomic_uint_fast64_t judged;
 		uint64_t told, total; /* points of the generation */
 		struct pipe_selected counts;
@@ -118,6 +119,11 @@ enum { WALK_E_ABSENT = 1 };
 int walk_select_open(struct walk *, struct err *err);
 /* Make it, if memory and others that make the same one allow it now. Loop. */
 void walk_select_start(struct walk *);
+bool walk_selecting(const struct walk *); /* it is about to be made, or is */
+/* What the selection removed before any domain saw it goes into the totals. */
+int walk_select_count(struct walk *, struct err *err);
+/* What was read is damaged: the selection, if it was that, is removed, and made again by whoever needs it next. */
+void walk_select_discard(struct walk *);
 void walk_opened(struct walk *); /* the task that opened `grid` is done */
 bool walk_backlog(const struct walk *);
 void walk_output_tick(struct walk *);

@@ -13,6 +13,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "io.h"
@@ -61,6 +62,7 @@ static int open_in(struct walk *w, int parent, const char *name, struct err *err
 	io_close(dirfd);
 	if (!r) {
 		w->rest = view_rest(&w->view);
+		w->select.open = true;
 		return 0;
 	}
 	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
@@ -198,4 +200,83 @@ void walk_select_start(struct walk *w)
 	};
 	w->task_busy = true;
 	sched_submit(w->jobs->p.sched, &w->task);
+}
+
+/* ---- what others ask ---- */
+
+bool walk_selecting(const struct walk *w)
+{
+	return w->state == WALK_UNSELECTED || w->state == WALK_SELECTING;
+}
+
+bool walk_selects_same(const struct walk *w, const struct walk *other)
+{
+	return w != other && w->state == WALK_SELECTING && digest_equal(w->select.key, other->select.key) &&
+	       (w->dataset == other->dataset || (!w->dataset->onestep && !other->dataset->onestep));
+}
+
+const char *walk_phase(const struct walk *w)
+{
+	return walk_selecting(w) ? "select" : "mesh";
+}
+
+int walk_select_count(struct walk *w, struct err *err)
+{
+	struct mesh_counts *counts = &w->totals.counts;
+	const struct pipe_selected *selected = &w->select.counts;
+
+	if (!w->select.open)
+		return 0;
+	if (counts->points != selected->kept)
+		return err_set(err, ERR_INTERNAL, "the selection kept %llu points, the mesh read %llu",
+			       (unsigned long long)selected->kept, (unsigned long long)counts->points);
+	counts->points = selected->points;
+	for (int i = 0; i < VIEW_RULES; i++)
+		counts->removed[i] += selected->removed[i];
+	return 0;
+}
+
+/* ---- damage ---- */
+
+struct discard {
+	struct sched_task task;
+	struct jobs *jobs;
+	char name[DIGEST_HEX_SIZE];
+};
+
+static void discard_run(struct sched_task *t)
+{
+	struct discard *d = (struct discard *)t;
+	struct err err = ERR_INIT;
+	int parent, r = jobs_selected_folder(d->jobs, &parent, &err);
+
+	if (!r) {
+		r = folder_remove(parent, d->name, &err);
+		io_close(parent);
+	}
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "a damaged selection stays behind", &err);
+}
+
+static void discard_done(struct sched_task *t)
+{
+	struct discard *d = (struct discard *)t;
+
+	d->jobs->background--;
+	free(d);
+}
+
+void walk_select_discard(struct walk *w)
+{
+	struct discard *d;
+
+	if (!w->select.open || w->dataset->onestep || !(d = calloc(1, sizeof *d)))
+		return;
+	w->why.hint[0] = 0; /* nothing is to be pushed again */
+	err_add_hint(&w->why, "the damaged selection is removed: the same again makes it new");
+	d->task = (struct sched_task){.run = discard_run, .done = discard_done, .priority = SCHED_FIRST};
+	d->jobs = w->jobs;
+	digest_hex(w->select.key, d->name);
+	w->jobs->background++;
+	sched_submit(w->jobs->p.sched, &d->task);
 }

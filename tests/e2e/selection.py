@@ -225,6 +225,17 @@ def kept_and_used_again():
                     f.write(b"\xee\xee\xee")
             d.ctl("fetch", first, "-o", out).ok()
             expect(selections(d) == made, "after %s: %s" % (harm, selections(d)))
+        # A block in the middle of it: said once, then made again.
+        shutil.rmtree(os.path.join(d.cache, "domains"))
+        os.mkdir(os.path.join(d.cache, "domains"))
+        with open(os.path.join(d.cache, "selected", made[0], "selection.seg"), "r+b") as f:
+            f.seek(os.path.getsize(f.name) // 3)
+            f.write(b"\xee" * 64)
+        said = d.ctl("fetch", first, "-o", out)
+        expect(said.status == 74 and "makes it new" in said.out + said.err, "%d %s%s" % (said.status, said.out, said.err))
+        deadline = time.monotonic() + 5
+        while selections(d) and time.monotonic() < deadline:
+            time.sleep(0.01)
         d.ctl("fetch", first, "-o", out).ok()
         chosen = os.path.join(base, "chosen.las")
         s.write(chosen, select(s, every=2, cell=250, pick="median"))

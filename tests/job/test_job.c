@@ -2,6 +2,7 @@
  * The room of jobs with the real engine, in one process: a dataset is pushed, meshed, streamed to a reader
  * who is slow or goes away, and started again over the same folders. The loop is `turn`.
  */
+#include <dirent.h>
 #include <fcntl.h>
 #include <ftw.h>
 #include <poll.h>
@@ -703,6 +704,79 @@ static void changed_file(void **state)
 	push_leave(got.push);
 }
 
+/* ---- views that select ---- */
+
+static unsigned selections(void)
+{
+	char path[128];
+	struct dirent *e;
+	unsigned n = 0;
+	DIR *dir;
+
+	snprintf(path, sizeof path, "%s/selected", h.folder);
+	dir = opendir(path);
+	assert_non_null(dir);
+	while ((e = readdir(dir)))
+		n += *e->d_name != '.';
+	closedir(dir);
+	return n;
+}
+
+/* Two jobs that want the same selection beside a push that holds its stage: it is made once, both are done, the
+ * memory is back. */
+static void selection_made_once(void **state)
+{
+	struct dataset *d = push("valley", 120000, 21);
+	struct push *holds = staged_push("other", 1000, 22);
+	struct job *a = submit(d, false, "view 1 every=3");
+	struct job *b = submit(d, false, "view 1 every=3 duplicates=highest");
+	struct job_info info;
+	uint64_t sum = 0;
+
+	assert_ptr_not_equal(a, b);
+	turn_until(job_state_final(info_of(a).state) && job_state_final(info_of(b).state));
+	info = info_of(a);
+	assert_int_equal(info.state, JOB_done);
+	assert_int_equal(info_of(b).state, JOB_done);
+	assert_string_equal(info.report->digest, info_of(b).report->digest);
+	assert_int_equal(selections(), 1);
+	assert_int_equal(info.report->points, 120000);
+	assert_in_range(info.report->used, 38000, 42000);
+	for (int i = 0; i < VIEW_RULES; i++)
+		sum += info.report->removed[i];
+	assert_int_equal(sum + info.report->used, 120000);
+	assert_int_equal(info.report->removed[VIEW_BY_EVERY], info_of(b).report->removed[VIEW_BY_EVERY]);
+	push_leave(holds);
+	turn_until(!jobs_active(h.jobs));
+	assert_int_equal(ledger_held(h.ledger, LEDGER_STAGE), 0);
+	dataset_release(d);
+}
+
+/* A job that is cancelled while it selects, or waits for another that does, leaves nothing. */
+static void selection_cancelled(void **state)
+{
+	struct dataset *d = push("valley", 400000, 23);
+	struct job *a = submit(d, false, "view 1 thin=5000:median");
+	struct job *b = submit(d, false, "view 1 thin=5000:median duplicates=highest");
+
+	turn_until(!strcmp(info_of(a).phase, "select") && info_of(a).points_total == 400000);
+	job_cancel(b);
+	job_cancel(a);
+	turn_until(job_state_final(info_of(a).state) && job_state_final(info_of(b).state));
+	assert_int_equal(info_of(a).state, JOB_cancelled);
+	assert_int_equal(info_of(b).state, JOB_cancelled);
+	assert_int_equal(selections(), 0);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_STAGE), 0);
+	/* Of a cropped survey nothing may be left: done, and said. */
+	a = submit(d, false, "view 1 crop=box:-9,-9,-8,-8");
+	turn_until_final(a);
+	assert_int_equal(info_of(a).state, JOB_done);
+	assert_int_equal(info_of(a).report->triangles, 0);
+	assert_int_equal(info_of(a).report->removed[VIEW_BY_CROP], 400000);
+	assert_non_null(strstr(info_of(a).report->note, "fewer than three"));
+	dataset_release(d);
+}
+
 int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
@@ -713,6 +787,7 @@ int main(void)
 		TEST(restart),         TEST(refused_descriptors),
 		TEST(one_planner),     TEST(changed_file),
 		TEST(failed_commit),   TEST(many_slow_readers),
+		TEST(selection_made_once), TEST(selection_cancelled),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
