@@ -1,8 +1,8 @@
 /*
  * Cubics in the cells of a raster (crs_cells.h).
  *
- * Model: a table with one place for each hash of a cell's numbers; a cell that finds another in its place
- * takes it. The nodes are Chebyshev's, where the cubic through them is nearly the best one. Nothing here knows
+ * Model: a table of 16 by 16 cells, each in the place of its numbers modulo 16, so that any window of that size
+ * fits whole; a cell that finds another in its place takes it. The nodes are Chebyshev's, where the cubic through them is nearly the best one. Nothing here knows
  * what the function means.
  */
 #include "crs_cells.h"
@@ -79,7 +79,7 @@ int crs_cells_at(struct crs_cells *c, double u, double v, double ret[2], struct 
 	struct crs_cell *cell;
 
 	j = j >= c->top ? c->top - 1 : j < -c->top ? -c->top : j;
-	cell = &c->table[((uint64_t)i * 5 + (uint64_t)j * 83) % CRS_CELLS];
+	cell = &c->table[(i & 15) << 4 | (j & 15)];
 	if (cell->state == CRS_CELL_EMPTY || cell->i != i || cell->j != j) {
 		cell->i = i;
 		cell->j = j;

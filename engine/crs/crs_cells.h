@@ -11,7 +11,7 @@
 
 struct err;
 
-enum { CRS_CELLS = 256, CRS_CELL_NODES = 16 };
+enum { CRS_CELLS = 16 * 16, CRS_CELL_NODES = 16 };
 
 typedef int crs_cells_fn(void *ctx, double u, double v, double ret[2], struct err *err);
 

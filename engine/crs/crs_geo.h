@@ -94,7 +94,7 @@ struct crs_step_params {
 };
 /* One of its own for each thread. What a point becomes depends on that point, the systems, the grid and the
  * lattice only: it is computed in the cell of a fixed raster that the point lies in, from a polynomial whose
- * distance from GeographicLib's own answer is below a micrometre. Lattice numbers are floor(v / scale - k + 1/2). */
+ * distance from GeographicLib's own answer is below two micrometres. Lattice numbers are floor(v / scale - k + 1/2). */
 struct crs_step;
 size_t crs_step_bytes(void); /* all that a step takes */
 /* -ERR_UNSUPPORTED: degrees to a plane that is not a UTM or UPS zone of their datum; a geoid, and the unit of

@@ -3,8 +3,8 @@
  * zone's metres, and heights above or below a geoid.
  *
  * Model: three functions of two variables, each in cells of a raster that is fixed once and for all
- * (crs_cells.h): zone metres of longitude and latitude (cells of 1/8 degree), place of plane coordinates (cells
- * of about 8 km), and geoid height (cells of the grid itself, in which GeographicLib's answer is a cubic). So
+ * (crs_cells.h): zone metres of longitude and latitude (cells of 1/4 degree), place of plane coordinates (cells
+ * of about 33 km), and geoid height (cells of the grid itself, in which GeographicLib's answer is a cubic). So
  * a point's result depends on that point alone. Axes that nothing changes go through lattice_map, exactly.
  */
 #include <math.h>
@@ -16,7 +16,7 @@
 #include "crs_geo_parts.h"
 #include "err.h"
 
-enum { LAT_CELLS = 8, PLANE_CELL = 8192 };
+enum { LAT_CELLS = 4, PLANE_CELL = 32768 };
 #define POLAR 80.0        /* beyond, meridians run together: places are not interpolated */
 #define SCALE_FINEST -4   /* of projected metres, power of ten */
 #define SCALE_HEIGHT -3
