@@ -27,6 +27,7 @@ struct ctl_args {
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
 	const char *scale, *input_format, *assume_crs, *assume_units;
+	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
 	const char *format, *origin, *max_edge, *width, *color;
@@ -68,6 +69,7 @@ enum ctl_group {
 	CTL_GENERATION = 128,      /* submit, plan */
 	CTL_FETCH = 256,
 	CTL_PUSH = 512,
+	CTL_GEOID = 1 << 16,
 };
 
 struct ctl_command {
@@ -245,15 +247,32 @@ struct ctl_staged {
 		uint64_t points, moved;
 		double shift[3];
 		char *warning; /* NULL: none */
+		char *projected_from; /* of its degrees; NULL: they were not projected */
+		uint64_t shifted; /* heights, by a geoid; by how many metres */
+		double height[3]; /* smallest, mean, largest */
 		struct err err;
 	} *file;
 	size_t nfile;
 	double seconds;
+	char zone[16], datum[64], geoid[160]; /* that degrees and heights went to; "": nothing did */
 };
 /* Pushes all inputs; refused ones are told. `dataset` NULL: one-step. Prints its failure; exit status, where
  * CTL_SOME_REFUSED means that the push is done without them. */
 int ctl_stage(struct ctl *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
 void ctl_stage_done(struct ctl_staged *);
+
+/* ---- ctl_geoid.c, ctl_height.c: what geoids do ---- */
+
+/* Adds the file to the daemon's grids; `name` NULL: named after it. Exit status, failures printed. */
+int ctl_geoid_file(struct ctl *, const char *path, const char *name, char ret_name[128],
+		   const struct acut_geoid **ret);
+/* --geoid names a kept grid, or a .pgm file, which is added then. */
+int ctl_height_geoid(struct ctl *, char ret_name[128]);
+/* What the plan says, taken over and told. */
+void ctl_height_planned(struct ctl *, const struct acut_push_planned *, struct ctl_staged *);
+/* Keys "projection" and "geoid" of one file, or (NULL) of all that were staged; NULL both: null. */
+void ctl_height_json(struct ctl_json *, const struct ctl_staged *, const struct ctl_staged_file *);
+void ctl_height_text(struct ctl *, const struct ctl_staged *);
 
 /* ---- ctl_output.c: outputs from the options ---- */
 
@@ -290,6 +309,7 @@ CTL_COMMAND(dataset)
 CTL_COMMAND(datasets)
 CTL_COMMAND(fetch)
 CTL_COMMAND(formats)
+CTL_COMMAND(geoid)
 CTL_COMMAND(help)
 CTL_COMMAND(info)
 CTL_COMMAND(jobs)

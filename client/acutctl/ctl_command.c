@@ -18,6 +18,8 @@ static const struct ctl_command table[] = {
 	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files",
 	 CTL_ALL | CTL_OUT | CTL_FETCH, 1, 1, false, ctl_fetch_run},
 	{"formats", "formats", "what can be read and written", CTL_ALL, 0, 0, false, ctl_formats_run},
+	{"geoid", "geoid add FILE | list | rm NAME", "the geoid grids that the daemon keeps", CTL_ALL | CTL_GEOID, 1,
+	 2, false, ctl_geoid_run},
 	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 1, false, ctl_help_run},
 	{"info", "info FILE...", "what the headers of files say", CTL_ALL | CTL_OWN | CTL_INPUT, 1, MANY,
 	 true, ctl_info_run},

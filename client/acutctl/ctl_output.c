@@ -189,6 +189,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_job_lattice(&j, job->lattice);
 	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
 	moved_json(&j, staged);
+	ctl_height_json(&j, staged, NULL);
 	ctl_json_u64(&j, "output_bytes", out->bytes);
 	if (ctl->args.max_edge) {
 		ctl_json_open(&j, "left_out", '{');
@@ -227,6 +228,8 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 	if (moved)
 		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a),
 			 shift[0], shift[1], shift[2]);
+	if (staged)
+		ctl_height_text(ctl, staged);
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
 			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule,

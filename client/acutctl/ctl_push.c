@@ -59,6 +59,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "points", NULL);
 		ctl_json_text(&j, "moved", NULL);
 		ctl_json_text(&j, "max_shift", NULL);
+		ctl_height_json(&j, NULL, NULL);
 		ctl_json_text(&j, "warning", NULL);
 		ctl_error_json(&j, "error", &f->err);
 	} else {
@@ -69,6 +70,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		for (int i = 0; i < 3; i++)
 			ctl_json_number(&j, NULL, f->shift[i]);
 		ctl_json_close(&j, ']');
+		ctl_height_json(&j, s, f);
 		ctl_json_text(&j, "warning", f->warning);
 		ctl_json_text(&j, "error", NULL);
 	}
@@ -119,6 +121,7 @@ int ctl_push_run(struct ctl *ctl)
 				else
 					file_text(ctl, &staged.file[i]);
 			}
+			ctl_height_text(ctl, &staged);
 			ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", staged.dataset,
 				 (unsigned long long)staged.generation, ctl_job_count(staged.points, count),
 				 staged.seconds);

@@ -110,6 +110,11 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 	to->points = f->points;
 	to->moved = f->moved;
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
+	to->projected_from = *f->projected_from ? strdup(f->projected_from) : NULL;
+	to->shifted = f->shifted;
+	to->height[0] = f->shift_min;
+	to->height[1] = f->shift_mean;
+	to->height[2] = f->shift_max;
 	s->progress.base += f->points;
 	s->ret->good++;
 	if (f->warning[0]) {
@@ -145,9 +150,11 @@ static int each_file(struct staging *s, bool probe)
 static int begin(struct staging *s, const char *dataset)
 {
 	const struct ctl_args *a = &s->ctl->args;
-	char scale[2 * DECIMAL_TEXT_SIZE + 2], *comma;
+	char scale[2 * DECIMAL_TEXT_SIZE + 2], *comma, geoid[128];
 	struct acut_push_options opt = {.dataset = dataset,
 					.format = a->input_format,
+					.utm = a->utm,
+					.geoid_way = a->geoid_way,
 					.planar = a->planar,
 					.accept_truncated = a->accept_truncated,
 					.checksum = a->checksum,
@@ -173,6 +180,13 @@ static int begin(struct staging *s, const char *dataset)
 		}
 		opt.scale_xy = scale;
 		opt.scale_z = comma;
+	}
+	if (a->geoid) {
+		int status = ctl_height_geoid(s->ctl, geoid);
+
+		if (status)
+			return status;
+		opt.geoid = geoid;
 	}
 	return acut_push_begin(s->ctl->acut, &opt, &s->push) ? ctl_error_acut(s->ctl) : 0;
 }
@@ -222,10 +236,12 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 	if (!status)
 		status = each_file(&s, true);
 	if (!status && ret->known + ret->refused < in->n) {
-		if (acut_push_plan(s.push, &lattice))
+		if (acut_push_plan(s.push, &lattice)) {
 			status = ctl_error_acut(ctl);
-		else
+		} else {
+			ctl_height_planned(ctl, acut_push_planned(s.push), ret);
 			ctl_assume_warn(ctl, &s.assume);
+		}
 		if (!status)
 			status = each_file(&s, false);
 	}
@@ -246,6 +262,8 @@ void ctl_stage_done(struct ctl_staged *s)
 {
 	for (size_t i = 0; s->file && i < s->nfile; i++)
 		free(s->file[i].warning);
+	for (size_t i = 0; s->file && i < s->nfile; i++)
+		free(s->file[i].projected_from);
 	free(s->file);
 	*s = (struct ctl_staged){ 0 };
 }

@@ -104,6 +104,9 @@ struct acut_push_options {
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
 	const char *assume_crs;    /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
 	const char *assume_unit_xy, *assume_unit_z; /* "m", "ft", "ftUS"; NULL: nothing */
+	const char *utm;       /* zone that degrees are projected to: "32N", "UPS-S"; NULL: of the middle of all */
+	const char *geoid;     /* a grid that the daemon keeps, to shift the heights; NULL: they stay */
+	const char *geoid_way; /* what they become: "orthometric" (also NULL) or "ellipsoidal" */
 	bool planar, accept_truncated;
 	bool checksum; /* the same file: by its content, not by path, size and time */
 	bool add;      /* a file of a path that is there already is taken beside the old one */
@@ -125,6 +128,16 @@ struct acut_file_result {
 	const char *name, *warning;
 	uint64_t points, moved;
 	double max_shift[3];
+	const char *projected_from; /* system of its degrees, if they were projected; else "" */
+	const char *geoid;          /* "WAY HASH NAME" that shifted its heights; "" */
+	uint64_t shifted;           /* heights that were, and by how many metres */
+	double shift_min, shift_mean, shift_max;
+};
+/* What acut_push_plan fixed beside the lattice. */
+struct acut_push_planned {
+	const char *lattice, *crs;
+	const char *zone, *datum; /* that degrees are projected to, and theirs; "": there are none */
+	const char *geoid;        /* "WAY HASH NAME"; "": heights stay */
 };
 struct acut_push_result {
 	const char *dataset;
@@ -141,6 +154,8 @@ int acut_push_probe(struct acut_push *, int fd, const char *name, const struct a
  * its own. LAS is read forwards; everything else the daemon keeps in a file first. */
 int acut_push_stream(struct acut_push *, const char *name, int *ret_fd);
 int acut_push_plan(struct acut_push *, const char **ret_lattice);
+/* Of the last acut_push_plan, until the next call. */
+const struct acut_push_planned *acut_push_planned(const struct acut_push *);
 int acut_push_file(struct acut_push *, int fd, const char *name, const struct acut_file_result **ret);
 int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
 
@@ -171,6 +186,20 @@ struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed;
 struct acut_push *acut_push_leave(struct acut_push *);
 
 int acut_info(struct acut *, int fd, const char *name, const char *format, const struct acut_probe **ret);
+
+/* ---- geoid grids that the daemon keeps ---- */
+
+struct acut_geoid {
+	const char *name, *hash, *description, *date;
+	uint32_t width, height, uid;
+	uint64_t bytes;
+	double min, max;             /* metres above the ellipsoid */
+	double rms_error, max_error; /* of the interpolation, as its author says; NAN: not said */
+};
+/* A checked copy of GeographicLib's PGM `file` (an open regular file, borrowed) under `name`. */
+int acut_geoid_add(struct acut *, int fd, const char *name, const char *file, const struct acut_geoid **ret);
+int acut_geoids(struct acut *, void (*each)(void *ctx, const struct acut_geoid *), void *ctx); /* by name */
+int acut_geoid_remove(struct acut *, const char *name);
 
 /* ---- jobs ---- */
 

@@ -52,6 +52,8 @@ struct acut {
 	struct acut_probe probe;
 	struct acut_file_result file;
 	struct acut_push_result pushed;
+	struct acut_push_planned planned;
+	struct acut_geoid geoid;
 	struct acut_job job;
 	struct acut_plan plan;
 };
@@ -88,6 +90,8 @@ char *call_text(const char *text);
 void call_failure(const struct err *err, struct acut_failure *ret);
 void call_progress(const Acut__V1__Progress *, struct acut_progress *ret);
 int call_job(struct acut *, const Acut__V1__Job *, struct acut_job *ret, void **ret_rows);
+/* The file must be one that the daemon takes. */
+int call_file(struct acut *, int fd, const char *name);
 void call_probe(const Acut__V1__Probed *, struct acut_probe *ret);
 
 #endif

@@ -27,7 +27,7 @@ char *call_text(const char *text)
 }
 
 /* The daemon takes regular files only; say so here, where the name is known, before it refuses. */
-static int check_file(struct acut *a, int fd, const char *name)
+int call_file(struct acut *a, int fd, const char *name)
 {
 	struct stat st;
 
@@ -110,6 +110,9 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	question.assume_crs = call_text(o->assume_crs);
 	question.assume_unit_xy = call_text(o->assume_unit_xy);
 	question.assume_unit_z = call_text(o->assume_unit_z);
+	question.utm = call_text(o->utm);
+	question.geoid = call_text(o->geoid);
+	question.geoid_way = call_text(o->geoid_way);
 	question.planar = o->planar;
 	question.accept_truncated = o->accept_truncated;
 	question.format = push->format;
@@ -167,7 +170,7 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 		a->err = push->failed;
 		return -(int)a->err.code;
 	}
-	r = in->fd < 0 ? 0 : check_file(a, in->fd, in->name);
+	r = in->fd < 0 ? 0 : call_file(a, in->fd, in->name);
 	if (r < 0)
 		return r;
 	name = clean_copy(a, in->name);
@@ -204,7 +207,17 @@ static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 	}
 	done = m->file_done;
 	a->file = (struct acut_file_result){
-	    .name = done->name, .warning = done->warning, .points = done->points, .moved = done->moved};
+	    .name = done->name,
+	    .warning = done->warning,
+	    .points = done->points,
+	    .moved = done->moved,
+	    .projected_from = done->projected_from,
+	    .geoid = done->geoid,
+	    .shifted = done->shifted,
+	    .shift_min = done->shift_min,
+	    .shift_mean = done->shift_mean,
+	    .shift_max = done->shift_max,
+	};
 	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
 	return 0;
 }
@@ -387,9 +400,19 @@ int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 	question.push = push->push;
 	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &question), -1,
 		     ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
-	if (r == 0)
-		*ret_lattice = push->acut->answer->push_planned->lattice;
+	if (r == 0) {
+		const Acut__V1__PushPlanned *p = push->acut->answer->push_planned;
+
+		push->acut->planned = (struct acut_push_planned){
+		    .lattice = p->lattice, .crs = p->crs, .zone = p->zone, .datum = p->datum, .geoid = p->geoid};
+		*ret_lattice = p->lattice;
+	}
 	return r;
+}
+
+const struct acut_push_planned *acut_push_planned(const struct acut_push *push)
+{
+	return &push->acut->planned;
 }
 
 int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret)
@@ -460,7 +483,7 @@ int acut_info(struct acut *a, int fd, const char *name, const char *format, cons
 	int r = call_begin(a);
 
 	if (r == 0)
-		r = check_file(a, fd, name);
+		r = call_file(a, fd, name);
 	if (r < 0)
 		return r;
 	copy = clean_copy(a, name);

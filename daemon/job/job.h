@@ -12,6 +12,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "crs_geo.h"
 #include "err.h"
 #include "pipe.h"
 
@@ -91,6 +92,13 @@ struct push_begun {
 struct push_file {
 	const char *name;
 	struct pipe_ingested in;
+	const char *geoid;  /* that shifted its heights: as in the manifest; "": none */
+	const char *crs_of; /* of the file itself, where it was projected; "": it was not */
+};
+struct push_planned {
+	const char *lattice, *crs;
+	const char *zone, *datum; /* that degrees go to, and theirs; "": none are projected */
+	const char *geoid;        /* "": heights stay */
 };
 struct push_committed {
 	struct dataset *dataset;
@@ -119,7 +127,7 @@ struct push_input {
 struct push_calls {
 	void (*begun)(void *token, const struct err *why, const struct push_begun *);
 	void (*probed)(void *token, const struct err *why, const struct push_probe_result *);
-	void (*planned)(void *token, const struct err *why, const char *lattice);
+	void (*planned)(void *token, const struct err *why, const struct push_planned *);
 	void (*staged)(void *token, const struct err *why, const struct push_file *);
 	void (*committed)(void *token, const struct err *why, const struct push_committed *);
 	void (*aborted)(void *token);
@@ -135,6 +143,9 @@ struct push_params {
 	const char *dataset; /* "" = one-step */
 	const char *scale_xy, *scale_z, *format;
 	const char *assume_crs, *assume_unit_xy, *assume_unit_z; /* for inputs that say nothing; NULL, "": nothing */
+	const char *utm;   /* zone that degrees go to; "": of the middle of all */
+	const char *geoid; /* grid that shifts the heights; "": none */
+	const char *geoid_way; /* "orthometric" or "ellipsoidal"; "": orthometric */
 	bool planar, accept_truncated;
 	struct job_peer peer;
 	const struct push_calls *calls;
@@ -160,6 +171,21 @@ void push_info(struct jobs *, int fd, const char *name, const char *format,
 	       void (*probed)(void *token, const struct err *why, const char *name,
 			      const struct input_info *),
 	       void *token);
+
+/* ---- geoid grids that the daemon keeps ---- */
+
+struct geoid_info {
+	char name[72], hash[DIGEST_HEX_SIZE];
+	uint32_t uid; /* who added it */
+	struct crs_geoid_info grid;
+};
+typedef void geoid_answer_fn(void *token, const struct err *why, const struct geoid_info *list, size_t n);
+/* A checked copy of the file under that name; answers with it alone. `fd` becomes the house's in any case;
+ * `file` is what messages call it. */
+void geoid_add(struct jobs *, int fd, const char *name, const char *file, const struct job_peer *,
+	       geoid_answer_fn *answer, void *token);
+void geoid_list(struct jobs *, const struct job_peer *, geoid_answer_fn *answer, void *token); /* by name */
+void geoid_remove(struct jobs *, const char *name, const struct job_peer *, geoid_answer_fn *answer, void *token);
 
 /* ---- jobs ---- */
 

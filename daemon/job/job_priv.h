@@ -82,7 +82,8 @@ struct job_asked_plan {
 struct jobs {
 	struct jobs_params p;
 	int datafd, onestepfd, domainsfd,
-		tempfd; /* state/datasets, cache/one-step, cache/domains, cache/tmp */
+		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
+		geoidsfd; /* state/geoids */
 	struct dataset *datasets;
 	struct push *pushes;
 	struct job *jobs;

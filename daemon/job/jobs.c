@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "clock.h"
+#include "geoids.h"
 #include "io.h"
 #include "job_fetch.h"
 #include "job_priv.h"
@@ -297,6 +298,8 @@ static int open_folders(struct jobs *j, struct err *err)
 		r = folder(j->p.cachefd, "domains", &j->domainsfd, err);
 	if (!r)
 		r = folder(j->p.cachefd, "tmp", &j->tempfd, err);
+	if (!r)
+		r = geoids_open(j->p.statefd, &j->geoidsfd, err);
 	/* Nothing in these outlives a daemon. */
 	if (!r)
 		r = folder_empty(j->onestepfd, err);
@@ -317,7 +320,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	if (!j)
 		return err_set(err, ERR_NOMEM, "no memory for jobs");
 	j->p = *p;
-	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = -1;
+	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = j->geoidsfd = -1;
 	share_out(j);
 	reader.ctx = j;
 	r = open_folders(j, err);
@@ -358,6 +361,7 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->onestepfd);
 	io_close(j->domainsfd);
 	io_close(j->tempfd);
+	io_close(j->geoidsfd);
 	free(j);
 	return NULL;
 }

@@ -31,6 +31,9 @@ struct push *push_free(struct push *p)
 	free(p->scale_xy);
 	free(p->scale_z);
 	free(p->format);
+	free(p->utm);
+	free(p->geoid);
+	free(p->geoid_way);
 	free(p->last);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
@@ -235,9 +238,13 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		p->scale_xy = copy(in->scale_xy);
 		p->scale_z = copy(in->scale_z);
 		p->format = copy(in->format);
+		p->utm = copy(in->utm);
+		p->geoid = copy(in->geoid);
+		p->geoid_way = copy(in->geoid_way);
 		p->last = calloc(1, sizeof *p->last);
 	}
-	if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->last)
+	if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way ||
+	    !p->last)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");

@@ -39,6 +39,8 @@ static void begin_run(struct push *p, struct push_ask *a)
 	p->opened = !a->r;
 	if (!a->r && *p->base_name)
 		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+	if (!a->r)
+		a->r = push_plane_begin(p, &a->err);
 	if (!a->r && p->base)
 		a->r = push_known_index(p->base, &p->base_paths, &a->err);
 }
@@ -134,6 +136,7 @@ static struct input_options options_of(const struct push *p, const struct push_a
 		.format = a->format && *a->format ? a->format : NULL,
 		.accept_truncated = p->accept_truncated,
 		.planar = p->planar,
+		.degrees = true,
 		.has_pipe = a->stream && a->stream->forward,
 		.pipe = a->stream ? a->stream->fd : -1,
 	};
@@ -206,8 +209,10 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 
 static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 {
-	int r = push_crs_agree(p, err);
+	int r = push_plane_choose(p, err);
 
+	if (!r)
+		r = push_crs_agree(p, err);
 	if (r || p->has_lattice)
 		return r ? r : PUSH_NOW;
 	if (*p->dataset->manifest) {
@@ -229,15 +234,21 @@ static void plan_run(struct push *p, struct push_ask *a)
 
 static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 {
-	char lattice[LATTICE_TEXT_SIZE] = "";
+	char lattice[LATTICE_TEXT_SIZE] = "", zone[8] = "";
+	struct push_planned planned = {.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "",
+				       .geoid = p->plane.geoid};
 
 	if (!why) {
 		p->has_lattice = true;
 		lattice_text(&p->lattice, lattice);
+		if (p->plane.projects) {
+			crs_zone_text(p->plane.zone, zone);
+			planned.datum = p->plane.datum;
+		}
 	} else if (!p->has_lattice && p->dataset->planner == p) {
 		p->dataset->planner = NULL;
 	}
-	p->calls.planned(a->token, why, lattice);
+	p->calls.planned(a->token, why, why ? NULL : &planned);
 	return true;
 }
 
@@ -383,12 +394,13 @@ int push_file_finish(struct push *p, struct push_ask *a)
 static int file_ingest(struct push *p, struct push_ask *a, struct input *in, bool *ret_parts)
 {
 	const struct push_probed *probe = push_find_probe(p, a->name);
-	const struct pipe_ingest_params params = {
+	struct pipe_ingest_params params = {
 		.lattice = &p->lattice,
 		.stage = p->stage,
 		.progress = file_progress,
 		.ctx = p,
 	};
+	struct push_plane_step step;
 	int r;
 
 	remember_info(a, in);
@@ -397,7 +409,11 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 		return changed(a->name, "after its header was read", &a->err);
 	r = push_assume(p, a->name, &a->info.crs, &a->err);
 	if (!r)
-		r = push_compatible(p, a->name, &a->info.crs, &a->err);
+		r = push_plane_of(p, &a->info.crs, &step, &a->err);
+	if (!r)
+		r = push_compatible(p, a->name, &step.plane, &a->err);
+	params.step = !r && step.needed ? &step.params : NULL;
+	a->projected = !r && step.projects;
 	if (!r)
 		r = grid_stage_source(p->stage, a->source, &a->err);
 	*ret_parts = !r && a->info.parts > 1;
@@ -411,7 +427,7 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 /* A piece of what comes through a pipe. */
 static void file_run_stream(struct push *p, struct push_ask *a)
 {
-	const struct pipe_ingest_params params = {
+	struct pipe_ingest_params params = {
 		.lattice = &p->lattice,
 		.stage = p->stage,
 		.progress = file_progress,
@@ -419,9 +435,13 @@ static void file_run_stream(struct push *p, struct push_ask *a)
 	};
 	struct input_options options = options_of(p, a);
 	struct push_stream *s = a->stream;
+	struct push_plane_step step;
 
-	a->r = 0;
-	if (!s->input) {
+	a->info.crs = *push_find_probe(p, a->name)->crs;
+	a->r = push_plane_of(p, &a->info.crs, &step, &a->err);
+	params.step = step.needed ? &step.params : NULL;
+	a->projected = step.projects;
+	if (!a->r && !s->input) {
 		a->r = grid_stage_source(p->stage, a->source, &a->err);
 		atomic_store(&p->claimed, s->claimed);
 	}
@@ -486,7 +506,7 @@ static void source_add(struct push *p, const struct push_ask *a, bool live)
 
 static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 {
-	struct push_file file = {.name = a->name};
+	struct push_file file = {.name = a->name, .geoid = p->plane.geoid};
 	bool tried = a->source != 0 && (p->task.ran || a->crew) && !p->broken;
 	struct err err = ERR_INIT;
 
@@ -503,6 +523,7 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		why = &err;
 	}
 	file.in = a->in;
+	file.crs_of = a->projected ? a->info.crs.text : "";
 	a->crew = push_crew_free(a->crew);
 	a->whole = input_close(a->whole);
 	/* What was staged of a file that failed must be known as dead. */

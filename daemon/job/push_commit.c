@@ -68,6 +68,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 			m.sources[nsrc + i].removed = p->sources[i].removed ? generation : 0;
 		}
 		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
+		memcpy(m.geoid, p->plane.geoid, sizeof m.geoid);
 		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
 		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
 		r = grid_manifest_write(p->dataset->dirfd, p->made_name, &m, err);

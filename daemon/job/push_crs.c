@@ -95,10 +95,6 @@ static int check_plane(const char *name, const struct crs_info *info, struct err
 		err_set(err, ERR_UNSUPPORTED, "its coordinates are geocentric (%.200s): no terrain stands on the plane of "
 			"x and y", info->text);
 		err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
-	} else if (info->plane == CRS_PLANE_GEOGRAPHIC) {
-		err_set(err, ERR_UNSUPPORTED,
-			"its coordinates are degrees (%.200s), and projecting them is not in this version", info->text);
-		err_add_hint(err, "--planar triangulates the file's own plane, degrees as they are");
 	} else {
 		return 0;
 	}
@@ -247,16 +243,16 @@ int push_crs_agree(struct push *p, struct err *err)
 		if (one->why)
 			continue;
 		if (p->has_crs) {
-			r = push_compatible(p, one->name, one->crs, err);
+			r = push_compatible(p, one->name, one->plane, err);
 			continue;
 		}
 		if (!first)
 			first = one;
-		if (texts_differ(one->crs, first->crs->text, first->crs->unit_xy, first->crs->unit_z, &d) ||
-		    definitions_differ(one->crs, first->crs))
-			r = refuse_pair(one->name, one->crs, first->name, first->crs, err);
+		if (texts_differ(one->plane, first->plane->text, first->plane->unit_xy, first->plane->unit_z, &d) ||
+		    definitions_differ(one->plane, first->plane))
+			r = refuse_pair(one->name, one->plane, first->name, first->plane, err);
 	}
 	if (!r && first)
-		decide(p, first->crs->text, first->crs->unit_xy, first->crs->unit_z, first->name);
+		decide(p, first->plane->text, first->plane->unit_xy, first->plane->unit_z, first->name);
 	return r;
 }

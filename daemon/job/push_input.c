@@ -89,6 +89,13 @@ int push_choose_lattice(struct push *p, struct err *err)
 	inputs = calloc(p->nprobes, sizeof *inputs);
 	if (!inputs)
 		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
+	for (i = 0; !r && i < p->nprobes; i++)
+		if (!p->probes[i].why)
+			r = push_plane_coords(p, &p->probes[i], err);
+	if (r) {
+		free(inputs);
+		return r;
+	}
 	do {
 		for (i = n = 0; i < p->nprobes; i++)
 			if (!p->probes[i].why)

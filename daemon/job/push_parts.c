@@ -28,6 +28,7 @@ struct push_crew {
 	struct push *push;
 	struct push_ask *ask;
 	const struct input *whole;
+	struct push_plane_step plane;
 	pthread_mutex_t stage, result;
 	uint64_t parts, step;
 	_Atomic uint64_t next;   /* part */
@@ -84,6 +85,7 @@ static bool help(struct member *m)
 	const struct pipe_ingest_params params = {
 		.lattice = &c->push->lattice,
 		.stage = c->push->stage,
+		.step = c->plane.needed ? &c->plane.params : NULL,
 		.lock = lock,
 		.unlock = unlock,
 		.guard = &c->stage,
@@ -201,8 +203,15 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	unsigned n = count_members(p, info);
 	struct push_crew *c = calloc(1, sizeof *c + n * sizeof *c->member);
 
+	int r;
+
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory to read a file");
+	r = push_plane_of(p, &a->info.crs, &c->plane, err);
+	if (r) {
+		free(c);
+		return r;
+	}
 	c->push = p;
 	c->ask = a;
 	c->whole = a->whole;

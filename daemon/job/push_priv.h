@@ -2,6 +2,7 @@
 #ifndef PUSH_PRIV_H
 #define PUSH_PRIV_H
 
+#include "geoids.h"
 #include "job_priv.h"
 #include "names.h"
 
@@ -52,7 +53,7 @@ struct push_ask {
 	void *token;
 	int fd;
 	char *name, *format, *path;
-	bool checksum, add;
+	bool checksum, add, projected;
 	struct push_stream *stream; /* it comes from there */
 	/* of the worker */
 	bool dry; /* the stream's pipe is: the ask goes on later */
@@ -74,9 +75,20 @@ struct push_probed {
 	const char *path; /* behind the name */
 	struct push_input_id id;
 	struct lattice_input coords;
-	const struct crs_info *crs; /* one of push.crs_seen */
+	const struct crs_info *crs; /* what it says; one of push.crs_seen, as the next */
+	const struct crs_info *plane; /* what it becomes in the dataset; NULL: not decided */
 	size_t read_bytes;          /* what decoding it takes */
 	struct err *why;            /* it was left out of the plan; NULL: it was not */
+	bool stepped;               /* `coords` are those on the dataset's plane */
+};
+
+/* push_plane.c: where degrees and heights go */
+struct push_plane {
+	bool projects; /* there are degrees, and they go to `zone` */
+	struct crs_zone zone, wanted;
+	char datum[64];                           /* of the degrees */
+	char geoid_path[64], geoid[GRID_GEOID];   /* as the manifest keeps it; "": heights stay */
+	enum crs_geoid_way way;
 };
 
 struct push {
@@ -87,7 +99,7 @@ struct push {
 	struct push_calls calls;
 	void *ctx;
 	struct job_peer peer;
-	char *scale_xy, *scale_z, *format;
+	char *scale_xy, *scale_z, *format, *utm, *geoid, *geoid_way;
 	bool planar, accept_truncated;
 
 	struct sched_task task;
@@ -102,6 +114,7 @@ struct push {
 	char base_name[64];
 	bool has_lattice;
 	struct lattice lattice;
+	struct push_plane plane;
 	char crs[512], unit_xy[16], unit_z[16];
 	char crs_of[256];           /* who says so: the dataset, or an input */
 	bool has_crs, assumes;
@@ -181,7 +194,21 @@ int push_file_finish(struct push *, struct push_ask *);
 int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct err *err);
 int push_choose_lattice(struct push *, struct err *err);
 
+/* push_plane.c */
+struct push_plane_step {
+	struct crs_info from, to;       /* params points to these: do not move it */
+	struct crs_info plane;          /* as the dataset has it: with what a geoid makes of the heights */
+	bool projects, needed;
+	struct crs_step_params params;
+};
+int push_plane_begin(struct push *, struct err *err);  /* worker: what was asked for, against the base */
+int push_plane_choose(struct push *, struct err *err); /* from all probes */
+/* What an input that says this of itself becomes. */
+int push_plane_of(const struct push *, const struct crs_info *, struct push_plane_step *ret, struct err *err);
+int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* worker */
+
 /* push_probes.c: what is kept of each file */
+const struct crs_info *push_keep_crs(struct push *, const struct crs_info *); /* NULL: no memory */
 int push_remember_probe(struct push *, const struct push_ask *, struct err *err);
 /* Memory to read any of them, one at a time. */
 size_t push_read_bytes(const struct push *);

@@ -66,7 +66,7 @@ struct push_probed *push_find_probe(const struct push *p, const char *name)
 	return names_next(&p->probe_names, name, &at, &i) ? &p->probes[i] : NULL;
 }
 
-static const struct crs_info *keep_crs(struct push *p, const struct crs_info *crs)
+const struct crs_info *push_keep_crs(struct push *p, const struct crs_info *crs)
 {
 	struct crs_info **more;
 	size_t i;
@@ -126,7 +126,7 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
 {
 	struct push_probed *at = push_find_probe(p, ask->name);
-	const struct crs_info *crs = keep_crs(p, &ask->info.crs);
+	const struct crs_info *crs = push_keep_crs(p, &ask->info.crs);
 	int r = at ? 0 : add(p, ask->name, ask->path, &at, err);
 
 	if (r)
@@ -137,6 +137,8 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	at->coords = ask->info.coords;
 	at->coords.name = at->name;
 	at->crs = crs;
+	at->plane = NULL;
+	at->stepped = false;
 	at->read_bytes = ask->info.read_bytes;
 	return 0;
 }

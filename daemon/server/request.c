@@ -95,6 +95,9 @@ static const struct {
 	ROW(JOBS_REQUEST, request_jobs, false),
 	ROW(DATASETS_REQUEST, request_datasets, false),
 	ROW(PLAN_REQUEST, request_plan, false),
+	ROW(GEOID_ADD, request_geoid_add, true),
+	ROW(GEOIDS_REQUEST, request_geoids, false),
+	ROW(GEOID_REMOVE, request_geoid_remove, false),
 #undef ROW
 };
 

@@ -116,15 +116,20 @@ static void probed(void *token, const struct err *why, const struct push_probe_r
 	request_answer(token, FRAME_MESSAGE(PROBED, probed, &known));
 }
 
-static void planned(void *token, const struct err *why, const char *lattice)
+static void planned(void *token, const struct err *why, const struct push_planned *p)
 {
 	Acut__V1__PushPlanned m = ACUT__V1__PUSH_PLANNED__INIT;
 
-	m.lattice = (char *)lattice;
-	if (why)
+	if (why) {
 		request_refuse(token, why);
-	else
-		request_answer(token, FRAME_MESSAGE(PUSH_PLANNED, push_planned, &m));
+		return;
+	}
+	m.lattice = (char *)p->lattice;
+	m.crs = (char *)p->crs;
+	m.zone = (char *)p->zone;
+	m.datum = (char *)p->datum;
+	m.geoid = (char *)p->geoid;
+	request_answer(token, FRAME_MESSAGE(PUSH_PLANNED, push_planned, &m));
 }
 
 static void staged(void *token, const struct err *why, const struct push_file *file)
@@ -146,6 +151,14 @@ static void staged(void *token, const struct err *why, const struct push_file *f
 	m.n_max_shift = 3;
 	m.max_shift = in.max_shift;
 	m.warning = frame_text_clean(in.warning);
+	m.projected_from = (char *)file->crs_of;
+	m.geoid = (char *)file->geoid;
+	m.shifted = in.shift.n;
+	if (in.shift.n) {
+		m.shift_min = in.shift.min;
+		m.shift_max = in.shift.max;
+		m.shift_mean = (double)in.shift.sum_um * 1e-6 / (double)in.shift.n;
+	}
 	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
 }
 
@@ -298,6 +311,9 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 		.assume_crs = in->assume_crs,
 		.assume_unit_xy = in->assume_unit_xy,
 		.assume_unit_z = in->assume_unit_z,
+		.utm = in->utm,
+		.geoid = in->geoid,
+		.geoid_way = in->geoid_way,
 		.planar = in->planar,
 		.accept_truncated = in->accept_truncated,
 		.peer = c->peer,

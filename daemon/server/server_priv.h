@@ -98,6 +98,8 @@ void push_ref_leave(struct push_ref *);
 /* request_job.c */
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
 void request_job_told(struct conn *, struct job *);
+/* request_geoid.c */
+request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_data.c */
 request_fn request_datasets, request_plan;
 

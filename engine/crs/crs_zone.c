@@ -138,7 +138,7 @@ static void zone_parameters(struct crs_zone z, struct crs_system *s)
 		s->y0 = z.north ? 0 : 10000000;
 	} else {
 		s->method = CRS_METHOD_POLAR_STEREOGRAPHIC;
-		s->lat0 = z.north ? 90 : -90;
+		s->lat0 = s->lat1 = z.north ? 90 : -90;
 		s->lon0 = 0;
 		s->k0 = 0.994;
 		s->x0 = s->y0 = 2000000;

@@ -67,9 +67,14 @@ struct grid_source {
 };
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096 }; /* with the zero at the end */
 
+enum { GRID_GEOID = 128 };
+
 struct grid_manifest {
 	struct lattice lattice;
 	char crs[512], unit_xy[16], unit_z[16];
+	/* What was done to the heights of its sources: "", or "orthometric HASH NAME" or "ellipsoidal HASH NAME" of
+	 * the geoid grid that made them so. */
+	char geoid[GRID_GEOID];
 	uint64_t generation;    /* the newest */
 	struct grid_segment_info *segments;
 	size_t nsegments;

@@ -162,6 +162,7 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	in->planar = options->planar;
 	in->has_crop = options->has_crop;
 	memcpy(in->crop, options->crop, sizeof in->crop);
+	in->degrees = options->degrees;
 	in->has_pipe = options->has_pipe;
 	in->pipe = options->has_pipe ? options->pipe : -1;
 	rc = open_input(in, options->format, err);

@@ -42,6 +42,7 @@ struct input_options {
 	const char *format;        /* forced format, or NULL: by content */
 	bool accept_truncated;
 	bool planar;               /* take degrees as a plane */
+	bool degrees;              /* take degrees: whoever reads them projects them */
 	/* Points outside of this box (x and y from, to; in the file's coordinates) need not be given. Formats
 	 * that know where their points are read less (COPC); the others give all. */
 	bool has_crop;

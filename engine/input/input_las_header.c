@@ -228,14 +228,14 @@ static int check_count(struct input *in, const struct header *h, struct err *err
 	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
 }
 
-/* What the plane of the file allows in this version. */
+/* Degrees and geocentric coordinates are no plane. */
 static int check_plane(struct input *in, struct err *err)
 {
 	if (in->planar)
 		return 0;
-	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC) {
+	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->degrees) {
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
-			   "its coordinates are degrees (%.200s), and projecting them is not in this version",
+			   "its coordinates are degrees (%.200s), which are no plane",
 			   in->info.crs.text);
 		return err_add_hint(err, "--planar triangulates the file's own plane, degrees as they are");
 	}

@@ -101,7 +101,7 @@ struct input_xyz {
 struct input {
 	int fd;
 	char name[1024];
-	bool accept_truncated, planar, has_crop;
+	bool accept_truncated, planar, degrees, has_crop;
 	double crop[4];
 	bool has_pipe, dry;        /* dry: the pipe has no bytes now */
 	int pipe;

@@ -9,6 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "crs_geo.h"
 #include "cut.h"
 #include "digest.h"
 #include "grid.h"
@@ -26,6 +27,7 @@ struct pipe_ingested {
 	uint64_t points;            /* read and staged */
 	uint64_t moved;             /* of these, rounded to the lattice */
 	double max_shift[3];        /* largest move, in coordinates */
+	struct crs_shift shift;     /* of the heights, by a geoid */
 	char warning[256];
 };
 
@@ -35,6 +37,7 @@ typedef int (*pipe_progress_fn)(void *ctx, uint64_t points);
 struct pipe_ingest_params {
 	const struct lattice *lattice;
 	struct grid_stage *stage;
+	const struct crs_step_params *step; /* where a point is more than scaled; lattice and coords are put in here */
 	/* Around every use of the stage, where several parts of one input go into it at once; NULL: alone. */
 	void (*lock)(void *guard), (*unlock)(void *guard);
 	void *guard;

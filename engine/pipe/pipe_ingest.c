@@ -21,7 +21,7 @@ struct batch {
 
 size_t pipe_ingest_bytes(void)
 {
-	return sizeof(struct batch) + input_bytes();
+	return sizeof(struct batch) + input_bytes() + crs_step_bytes();
 }
 
 static void batch_points(struct batch *b, size_t n)
@@ -51,7 +51,27 @@ static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b
 	return r;
 }
 
-static int ingest_batches(struct input *input, const struct lattice_map *map, const struct pipe_ingest_params *p,
+/* From the file's numbers to the lattice's: a map, or a step where that does not do. */
+struct way {
+	struct lattice_map map;
+	struct crs_step *step;
+};
+
+static int way_init(struct way *w, const struct input_info *info, const struct pipe_ingest_params *p,
+		    struct err *err)
+{
+	struct crs_step_params step;
+
+	w->step = NULL;
+	if (!p->step)
+		return lattice_map_init(&w->map, p->lattice, &info->coords, err);
+	step = *p->step;
+	step.lattice = p->lattice;
+	step.coords = &info->coords;
+	return crs_step_new(&step, &w->step, err);
+}
+
+static int ingest_batches(struct input *input, const struct way *w, const struct pipe_ingest_params *p,
 			  struct batch *b, struct pipe_ingested *in, struct err *err)
 {
 	struct input_points pts = { .raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH };
@@ -63,8 +83,9 @@ static int ingest_batches(struct input *input, const struct lattice_map *map, co
 		r = input_read(input, &pts, err);
 		if (r || !pts.n)
 			return r ? r : input_dry(input) ? PIPE_E_DRY : 0;
-		r = lattice_map_apply(map, (const int64_t (*)[3])b->raw, pts.n, b->at, &in->moved, in->max_shift, &bad,
-				      err);
+		r = w->step ? crs_step_apply(w->step, (const int64_t (*)[3])b->raw, pts.n, b->at, &bad, err)
+			    : lattice_map_apply(&w->map, (const int64_t (*)[3])b->raw, pts.n, b->at, &in->moved,
+						in->max_shift, &bad, err);
 		if (r) {
 			char field[64];
 
@@ -85,18 +106,20 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 {
 	const struct input_info *info = input_info(input);
 	struct pipe_ingested in = { 0 };
-	struct lattice_map map;
+	struct way w;
 	struct batch *b;
 	int r;
 
-	r = lattice_map_init(&map, p->lattice, &info->coords, err);
+	r = way_init(&w, info, p, err);
 	if (r)
-		return r;
+		return err_add_file(err, info->coords.name);
 	b = malloc(sizeof *b);
-	if (!b)
-		return err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
-	r = ingest_batches(input, &map, p, b, &in, err);
+	r = b ? ingest_batches(input, &w, p, b, &in, err)
+	      : err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
 	free(b);
+	if (w.step)
+		in.shift = crs_step_shift(w.step);
+	crs_step_free(w.step);
 	if (r < 0)
 		return err_add_file(err, info->coords.name);
 	snprintf(in.warning, sizeof in.warning, "%s", info->warning);
@@ -111,6 +134,7 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 	for (int i = 0; i < 3; i++)
 		if (part->max_shift[i] > sum->max_shift[i])
 			sum->max_shift[i] = part->max_shift[i];
+	crs_shift_add(&sum->shift, &part->shift);
 	if (!*sum->warning)
 		memcpy(sum->warning, part->warning, sizeof sum->warning);
 }

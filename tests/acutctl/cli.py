@@ -43,12 +43,11 @@ def options_of(command):
     return set(re.findall(r"--([a-z][a-z-]*)", "\n".join(l for l in out.splitlines() if l.startswith("  "))))
 
 
-COMMANDS = ("cancel dataset datasets fetch formats help info jobs mesh ping plan push rm show status submit version wait "
+COMMANDS = ("cancel dataset datasets fetch formats geoid help info jobs mesh ping plan push rm show status submit version wait "
             "watch").split()
 LATER = {
-    "mesh": "--bbox=1,2,3,4 "
-            "--utm --geoid=x --tile=100 --manifest=x".split(),
-    "push": ["--replace", "--utm", "--geoid"],
+    "mesh": "--bbox=1,2,3,4 --tile=100 --manifest=x".split(),
+    "push": ["--replace"],
     "fetch": ["--resume", "--bbox"],
     "submit": ["--constraints"],
 }
@@ -150,7 +149,7 @@ def areas(base, survey, out):
 def later(base):
     for command, options in LATER.items():
         for o in options:
-            value = [] if "=" in o or o in ("--utm", "--resume", "--drop-overlap", "--replace") else ["1"]
+            value = [] if "=" in o or o in ("--resume", "--drop-overlap", "--replace") else ["1"]
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)

@@ -57,6 +57,7 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 	assert_string_equal(a->crs, b->crs);
 	assert_string_equal(a->unit_xy, b->unit_xy);
 	assert_string_equal(a->unit_z, b->unit_z);
+	assert_string_equal(a->geoid, b->geoid);
 	assert_true(a->generation == b->generation && a->nsegments == b->nsegments &&
 		    a->nsources == b->nsources);
 	for (size_t i = 0; i < a->nsegments; i++) {
@@ -92,6 +93,7 @@ static void test_back(void **state)
 	grid_manifest_free(back);
 	m.nsegments = m.nsources = 0;
 	m.crs[0] = 0;
+	strcpy(m.geoid, "orthometric 0123456789abcdef0123456789abcdef egm96-5");
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err)); /* over the old one */
 	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
 	assert_same(&m, back);
@@ -103,21 +105,20 @@ static void test_back(void **state)
 	folder_remove(&f);
 }
 
-/* Version 1 had no paths, sizes and times. */
-static void test_version_1(void **state)
+/* Version 1 had no paths, sizes and times, version 2 no geoid. */
+static void old_version(uint32_t version)
 {
-	enum { MORE = 8 + 8 + 2 };
+	const uint64_t more = version < 2 ? 8 + 8 + 2 + 2 : 2;
 	struct grid_manifest m = manifest_of(NULL, 0, 1), *back;
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
 	uint8_t bytes[1024];
-	uint32_t version = 1;
 	uint64_t n, check;
 	int fd;
 
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	fd = openat(f.fd, "m", O_RDWR);
-	n = (uint64_t)pread(fd, bytes, sizeof bytes, 0) - MORE;
+	n = (uint64_t)pread(fd, bytes, sizeof bytes, 0) - more;
 	memcpy(bytes + 8, &version, sizeof version);
 	memcpy(bytes + 16, &n, sizeof n);
 	check = XXH3_64bits(bytes, n - 8);
@@ -130,6 +131,12 @@ static void test_version_1(void **state)
 	grid_manifest_free(back);
 	free(m.sources);
 	folder_remove(&f);
+}
+
+static void test_old_versions(void **state)
+{
+	old_version(1);
+	old_version(2);
 }
 
 typedef void (*breaker)(struct grid_manifest *);
@@ -304,7 +311,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 	    cmocka_unit_test(test_back),
-	    cmocka_unit_test(test_version_1),
+	    cmocka_unit_test(test_old_versions),
 	    cmocka_unit_test(test_rules),
 	    cmocka_unit_test(test_rubbish),
 	    cmocka_unit_test(test_ledger),

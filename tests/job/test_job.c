@@ -170,10 +170,10 @@ static void probed(void *token, const struct err *why, const struct push_probe_r
 	got.known = why ? PUSH_NEW : result->known;
 }
 
-static void planned(void *token, const struct err *why, const char *lattice)
+static void planned(void *token, const struct err *why, const struct push_planned *plan)
 {
 	answer(why);
-	snprintf(got.lattice, sizeof got.lattice, "%s", lattice);
+	snprintf(got.lattice, sizeof got.lattice, "%s", plan ? plan->lattice : "");
 }
 
 static void staged(void *token, const struct err *why, const struct push_file *file)
