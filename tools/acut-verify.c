@@ -23,8 +23,9 @@ static const char help[] =
 	"digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
 	"\n"
 	"What the mesh was made of, as for acutctl:\n"
-	"  --class LIST, --returns all|first|last, --ground, --surface, --keep-withheld, --keep-noise,\n"
-	"  --duplicates lowest|highest; --planar is always meant\n"
+	"  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface, --keep-withheld,\n"
+	"  --keep-noise, --drop-overlap, --duplicates lowest|highest; --planar is always meant\n"
+	"  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
 	"\n"
 	"  --json             one JSON object\n"
 	"  --quiet            say nothing of a good mesh\n"
@@ -36,6 +37,8 @@ struct verdict {
 	const char *name;
 	bool json, quiet;
 	struct view view;
+	const char *view_text; /* NULL: the options */
+	bool options;          /* one of them was given */
 	struct check_mesh mesh;
 	struct check_points points;
 	bool with_points;
@@ -48,12 +51,15 @@ struct verdict {
 
 enum {
 	OPT_CLASS = 256,
+	OPT_NOT_CLASS,
 	OPT_RETURNS,
 	OPT_GROUND,
 	OPT_SURFACE,
 	OPT_WITHHELD,
 	OPT_NOISE,
+	OPT_OVERLAP,
 	OPT_DUPLICATES,
+	OPT_VIEW,
 	OPT_PLANAR,
 	OPT_JSON,
 	OPT_QUIET,
@@ -63,12 +69,15 @@ enum {
 
 static const struct option long_options[] = {
 	{"class", 1, NULL, OPT_CLASS},
+	{"not-class", 1, NULL, OPT_NOT_CLASS},
 	{"returns", 1, NULL, OPT_RETURNS},
 	{"ground", 0, NULL, OPT_GROUND},
 	{"surface", 0, NULL, OPT_SURFACE},
 	{"keep-withheld", 0, NULL, OPT_WITHHELD},
 	{"keep-noise", 0, NULL, OPT_NOISE},
+	{"drop-overlap", 0, NULL, OPT_OVERLAP},
 	{"duplicates", 1, NULL, OPT_DUPLICATES},
+	{"view", 1, NULL, OPT_VIEW},
 	{"planar", 0, NULL, OPT_PLANAR},
 	{"json", 0, NULL, OPT_JSON},
 	{"quiet", 0, NULL, OPT_QUIET},
@@ -92,9 +101,15 @@ static int take_option(struct verdict *v, int option, const char *value, struct 
 	static const char *const duplicates[] = {"lowest", "highest"};
 	int i = 0;
 
+	v->options |= option < OPT_VIEW;
 	switch (option) {
 	case OPT_CLASS:
 		return view_set_classes(&v->view, value, err);
+	case OPT_NOT_CLASS:
+		return view_set_not_classes(&v->view, value, err);
+	case OPT_VIEW:
+		v->view_text = value;
+		break;
 	case OPT_RETURNS:
 		v->view.returns = (uint8_t)(i = choice(value, returns, 3));
 		break;
@@ -112,6 +127,9 @@ static int take_option(struct verdict *v, int option, const char *value, struct 
 		break;
 	case OPT_NOISE:
 		v->view.keep_noise = true;
+		break;
+	case OPT_OVERLAP:
+		v->view.drop_overlap = true;
 		break;
 	case OPT_PLANAR:
 		break;
@@ -167,6 +185,9 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 
 	if (rc)
 		return rc;
+	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
+		return rc;
+	view_bind(&v->view, &v->mesh.lattice);
 	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle,
 				 v->mesh.nvertex, v->mesh.ntriangle};
 	if ((rc = verify_mesh(&m, &v->report, err)))
@@ -180,6 +201,8 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 		if ((rc = check_points_read(&v->points, *inputs, &v->mesh.lattice, &v->view, err)))
 			return rc;
 	}
+	if (v->view.thin.cell && (rc = check_points_thin(&v->points, &v->view, err)))
+		return rc;
 	if (v->with_points && !v->report.fault && !v->fault)
 		rc = verify_points(&m, &v->view, v->points.pts, v->points.n, &v->report, err);
 	return rc;
@@ -302,6 +325,7 @@ static int judge(struct verdict *v, char **inputs)
 	}
 	check_mesh_clear(&v->mesh);
 	check_points_clear(&v->points);
+	view_done(&v->view);
 	if (fflush(stdout) || ferror(stdout)) {
 		fprintf(stderr, "acut-verify: cannot write to standard output: %s\n", strerror(errno));
 		return 74;
@@ -330,6 +354,10 @@ int main(int argc, char **argv)
 	}
 	if (optind >= argc) {
 		fputs("acut-verify: give a MESH (see --help)\n", stderr);
+		return 2;
+	}
+	if (v.view_text && v.options) {
+		fputs("acut-verify: --view stands in place of the other options of a view\n", stderr);
 		return 2;
 	}
 	if (view_check(&v.view, &err))

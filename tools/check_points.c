@@ -98,6 +98,65 @@ int check_points_read(struct check_points *c, const char *path, const struct lat
 	return rc;
 }
 
+/* What the rule of thinning looks at, in its order. */
+struct thin_key {
+	int64_t cell[2];
+	int64_t order[6]; /* z (its negative where the highest is taken), class, returns, flags, x, y */
+	size_t at;
+};
+
+static int key_compare(const void *a, const void *b)
+{
+	const struct thin_key *p = a, *q = b;
+
+	for (unsigned i = 0; i < 2; i++)
+		if (p->cell[i] != q->cell[i])
+			return p->cell[i] < q->cell[i] ? -1 : 1;
+	for (unsigned i = 0; i < 6; i++)
+		if (p->order[i] != q->order[i])
+			return p->order[i] < q->order[i] ? -1 : 1;
+	return 0;
+}
+
+static int64_t cell_of(int64_t number, int64_t cell)
+{
+	return number >= 0 ? number / cell : -((-number + cell - 1) / cell);
+}
+
+int check_points_thin(struct check_points *c, const struct view *view, struct err *err)
+{
+	struct thin_key *key = malloc((c->n ? c->n : 1) * sizeof *key);
+	struct point *kept = malloc((c->n ? c->n : 1) * sizeof *kept);
+	size_t n = 0;
+
+	if (!key || !kept) {
+		free(key);
+		free(kept);
+		return err_set(err, ERR_NOMEM, "no memory to thin %zu points", c->n);
+	}
+	for (size_t i = 0; i < c->n; i++) {
+		const struct point *p = &c->pts[i];
+
+		key[i] = (struct thin_key){
+			{cell_of(p->x + view->k[0], view->thin.cell), cell_of(p->y + view->k[1], view->thin.cell)},
+			{view->thin.pick == VIEW_PICK_HIGHEST ? -(int64_t)p->z : p->z, p->cls, p->ret,
+			 p->tag & POINT_FLAGS, p->x, p->y},
+			i};
+	}
+	qsort(key, c->n, sizeof *key, key_compare);
+	for (size_t i = 0, end; i < c->n; i = end) {
+		for (end = i; end < c->n && key[end].cell[0] == key[i].cell[0] && key[end].cell[1] == key[i].cell[1]; end++)
+			;
+		kept[n++] = c->pts[key[view->thin.pick == VIEW_PICK_MEDIAN ? i + (end - i - 1) / 2 : i].at];
+	}
+	c->removed[VIEW_BY_THIN] += c->n - n;
+	memcpy(c->pts, kept, n * sizeof *kept);
+	c->n = n;
+	free(key);
+	free(kept);
+	return 0;
+}
+
 void check_points_clear(struct check_points *c)
 {
 	free(c->pts);

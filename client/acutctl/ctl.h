@@ -294,6 +294,8 @@ int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
 char *ctl_job_count(uint64_t n, char buf[32]); /* 1,234,567 */
 /* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
 void ctl_job_report(struct ctl_json *, const struct acut_report * /* or NULL */);
+/* "notes": the sentences of a report, none without one. */
+void ctl_job_notes(struct ctl_json *, const struct acut_report * /* or NULL */);
 /* lattice as a JSON object, null if the text is not one */
 void ctl_job_lattice(struct ctl_json *, const char *lattice);
 void ctl_job_units(struct ctl_json *, const char *crs, const char *unit_xy, const char *unit_z);

@@ -118,6 +118,14 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
 }
 
+void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)
+{
+	ctl_json_open(j, "notes", '[');
+	if (p && *p->note)
+		ctl_json_text(j, NULL, p->note);
+	ctl_json_close(j, ']');
+}
+
 void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 {
 	struct ctl_json j = { .out = ctl->report };
@@ -149,6 +157,7 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 	}
 	ctl_job_lattice(&j, job->lattice);
 	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
+	ctl_job_notes(&j, job->has_report ? &job->report : NULL);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }
@@ -179,8 +188,11 @@ int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
 {
 	struct err err = ERR_INIT;
 
-	if (job->has_report && !job->has_error)
+	if (job->has_report && !job->has_error) {
+		if (*job->report.note)
+			ctl_note(ctl, "note: %s", job->report.note);
 		return CTL_DONE;
+	}
 	if (job->has_error)
 		ctl_error_from_failure(&job->error, &err);
 	else if (!strcmp(job->state, "cancelled"))

@@ -204,6 +204,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 		if (staged->file[i].refused)
 			ctl_job_refused(&j, &staged->file[i]);
 	ctl_json_close(&j, ']');
+	ctl_job_notes(&j, p);
 	ctl_json_open(&j, "warnings", '[');
 	for (size_t i = 0; i < ctl->nwarning; i++)
 		ctl_json_text(&j, NULL, ctl->warning[i]);
@@ -236,9 +237,8 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 				 ctl_job_count(p->removed[i].count, a));
 	ctl_note(ctl, "%s triangles in %s domain%s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
 		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
-	if (!p->triangles)
-		ctl_note(ctl, p->used < 3 ? "no triangles: there are fewer than three distinct positions"
-					      : "no triangles: all positions lie on one line");
+	if (*p->note)
+		ctl_note(ctl, "note: %s", p->note);
 	if (ctl->args.max_edge)
 		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g",
 			 ctl_job_count(out->left_out, a), ctl->args.max_edge, out->left_out_area);

@@ -213,6 +213,7 @@ struct acut_report {
 	const struct acut_removed *removed;
 	size_t nremoved;
 	double seconds, stage_seconds, first_triangle_seconds;
+	const char *note; /* "" or a sentence that whoever reads the mesh should know */
 };
 struct acut_job {
 	uint64_t id, generation;

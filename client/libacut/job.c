@@ -46,6 +46,7 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	    .peak_rss_bytes = p->peak_rss_bytes,
 	    .digest = p->digest,
 	    .vertex_digest = p->vertex_digest,
+	    .note = p->note,
 	    .removed = rows,
 	    .nremoved = p->n_removed,
 	    .seconds = p->seconds,
