@@ -107,6 +107,8 @@ int ctl_error_from_acut(const struct acut *, const char *file, struct err *ret);
 void ctl_error_from_failure(const struct acut_failure *, struct err *ret);
 /* One line to stderr, unless --quiet; kept for the JSON report. */
 void ctl_warn(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+/* A sentence of a report, if there is one: to stderr, unless --quiet or --json (it is among its notes). */
+void ctl_remark(struct ctl *, const char *text);
 /* One line for people, unless --quiet or --json. */
 void ctl_note(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 

@@ -134,6 +134,14 @@ void ctl_warn(struct ctl *ctl, const char *fmt, ...)
 	ctl->warning[ctl->nwarning++] = text;
 }
 
+void ctl_remark(struct ctl *ctl, const char *text)
+{
+	if (!*text || ctl->args.quiet || ctl->args.json)
+		return;
+	ctl_progress_clear(ctl);
+	fprintf(stderr, "acutctl: note: %s\n", text);
+}
+
 void ctl_note(struct ctl *ctl, const char *fmt, ...)
 {
 	va_list ap;

@@ -189,8 +189,7 @@ int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
 	struct err err = ERR_INIT;
 
 	if (job->has_report && !job->has_error) {
-		if (*job->report.note)
-			ctl_note(ctl, "note: %s", job->report.note);
+		ctl_remark(ctl, job->report.note);
 		return CTL_DONE;
 	}
 	if (job->has_error)

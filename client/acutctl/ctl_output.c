@@ -237,8 +237,7 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 				 ctl_job_count(p->removed[i].count, a));
 	ctl_note(ctl, "%s triangles in %s domain%s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
 		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
-	if (*p->note)
-		ctl_note(ctl, "note: %s", p->note);
+	ctl_remark(ctl, p->note);
 	if (ctl->args.max_edge)
 		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g",
 			 ctl_job_count(out->left_out, a), ctl->args.max_edge, out->left_out_area);

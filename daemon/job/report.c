@@ -124,8 +124,8 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 			 "the dataset has no points, so the mesh has no triangles");
 	else if (!t->counts.used && t->counts.removed[VIEW_BY_CROP])
 		snprintf(ret->note, sizeof ret->note,
-			 "no point that the view takes lies in the area of crop (is it in the coordinates of the "
-			 "dataset?), so the mesh has no triangles");
+			 "the area of crop holds no point that the view takes (is it in the dataset's coordinates?); "
+			 "fewer than three positions make no triangles");
 	else if (t->counts.used < 3)
 		snprintf(ret->note, sizeof ret->note,
 			 "the view leaves %llu distinct position(s), fewer than three, so the mesh has no "

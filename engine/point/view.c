@@ -144,6 +144,8 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 {
 	int64_t x = p->x + v->k[0], y = p->y + v->k[1], z = p->z + v->k[2];
 
+	if (v->crop && !in_crop(v, x, y))
+		return VIEW_BY_CROP;
 	if (!has_class(v, p))
 		return VIEW_BY_CLASS;
 	if ((p->cls == CLASS_NOISE_LOW || p->cls == CLASS_NOISE_HIGH) && !v->keep_noise &&
@@ -157,8 +159,6 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 		return VIEW_BY_OVERLAP;
 	if ((v->has_zmin && z < v->zmin) || (v->has_zmax && z > v->zmax))
 		return VIEW_BY_Z;
-	if (v->crop && !in_crop(v, x, y))
-		return VIEW_BY_CROP;
 	if (v->every > 1 && !in_every(v, x, y))
 		return VIEW_BY_EVERY;
 	return VIEW_KEPT;

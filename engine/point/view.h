@@ -25,16 +25,17 @@ enum view_duplicates { VIEW_LOWEST, VIEW_HIGHEST };
 enum view_pick { VIEW_PICK_LOWEST, VIEW_PICK_HIGHEST, VIEW_PICK_MEDIAN }; /* median: the lower one */
 enum view_crop { VIEW_CROP_NONE, VIEW_CROP_BOX, VIEW_CROP_AREA };
 
-/* Rules in the order in which they apply; the one that removed a point is counted. */
+/* Rules in the order in which they apply; the first that removes a point is counted. The crop is first, so that
+ * what lies outside need not be read to be counted. */
 enum view_rule {
 	VIEW_KEPT,
+	VIEW_BY_CROP,
 	VIEW_BY_CLASS,
 	VIEW_BY_NOISE,
 	VIEW_BY_RETURNS,
 	VIEW_BY_WITHHELD,
 	VIEW_BY_OVERLAP,
 	VIEW_BY_Z,
-	VIEW_BY_CROP,
 	VIEW_BY_EVERY,
 	VIEW_BY_THIN,      /* another point of the same thin cell was taken */
 	VIEW_BY_DUPLICATE, /* another point of the same position was taken */
