@@ -214,3 +214,19 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 	}
 	return 0;
 }
+
+void input_las_part(struct input *in, uint64_t first, uint64_t last)
+{
+	struct input_las *las = &in->as.las;
+	uint64_t from = first * INPUT_LAS_PART, to = last * INPUT_LAS_PART;
+
+	if (las->compressed) {
+		input_laz_part(in, first, last);
+		return;
+	}
+	if (to > las->left)
+		to = las->left;
+	in->info.first_point = from;
+	las->at += from * las->length;
+	las->left = to - from;
+}

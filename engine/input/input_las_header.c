@@ -273,6 +273,8 @@ int input_las_open(struct input *in, struct err *err)
 				       check_count(in, &h, err);
 	if (!rc)
 		rc = check_plane(in, err);
+	if (!las->compressed && !in->has_pipe && las->left > INPUT_LAS_PART)
+		in->info.parts = (las->left + INPUT_LAS_PART - 1) / INPUT_LAS_PART;
 	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes",
 		 las->compressed ? 'Z' : 'S', las->minor, las->format, las->length);
 	if (las->compressed) {

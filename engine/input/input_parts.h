@@ -146,6 +146,9 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 /* The next records to the buffer; none are left when n_buffered is 0, and then `left` is. */
 int input_laz_refill(struct input *in, struct err *err);
 void input_laz_part(struct input *in, uint64_t first, uint64_t last);
+/* Of LAS that is not compressed, so many records are a part; compressed, its chunks are. */
+enum { INPUT_LAS_PART = 1 << 18 };
+void input_las_part(struct input *in, uint64_t first, uint64_t last);
 void input_laz_close(struct input *in);
 
 /* Of a COPC file, with a crop box: selects the nodes to be read (copc.selects). `table` is at its first chunk. */

@@ -10,7 +10,7 @@ static const struct input_format_row texts[ROWS] = {
 };
 
 const struct input_row input_rows[ROWS] = {
-	[LAS] = { &texts[LAS], input_las_matches, input_las_open, input_las_read, input_laz_part, input_laz_close },
+	[LAS] = { &texts[LAS], input_las_matches, input_las_open, input_las_read, input_las_part, input_laz_close },
 	[XYZ] = { &texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read, NULL, NULL },
 };
 

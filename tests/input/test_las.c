@@ -13,6 +13,7 @@
 #include <cmocka.h>
 
 #include "fixture.h"
+#include "input_parts.h"
 #include "point.h"
 
 static const struct input_options defaults, truncated = { .accept_truncated = true }, planar = { .planar = true };
@@ -454,6 +455,41 @@ static void formats_by_content_and_name(void **state)
 	free(b.at);
 }
 
+/* Each part by a reader of its own, the last one first: the points of the whole, each once. */
+static void parts(void **state)
+{
+	struct las_spec s = { .minor = 4, .format = 6, .n = 2 * INPUT_LAS_PART + 77, .wkt_behind = true };
+	struct bytes b = fixture_las(&s);
+	int fd = fixture_fd(b.at, b.size);
+	struct err err = ERR_INIT;
+	struct input_points pts;
+	struct input *whole;
+
+	assert_int_equal(input_open(fd, "a.las", &defaults, &whole, &err), 0);
+	assert_int_equal(input_info(whole)->parts, 3);
+	fixture_points_new(&pts, 5000);
+	for (uint64_t last = 3; last > 0; last -= last == 3 ? 2 : 1) {
+		uint64_t first = last == 3 ? 1 : 0, i = first * INPUT_LAS_PART;
+		uint8_t record[64];
+		struct input *part;
+
+		assert_int_equal(input_open_part(whole, first, last, &part, &err), 0);
+		do {
+			assert_int_equal(input_read(part, &pts, &err), 0);
+			for (size_t k = 0; k < pts.n; k++, i++) {
+				fixture_record(6, fixture_length(6), i, record);
+				assert_point(&pts, k, 6, record);
+			}
+		} while (pts.n);
+		assert_int_equal(i, last == 3 ? s.n : INPUT_LAS_PART);
+		input_close(part);
+	}
+	fixture_points_free(&pts);
+	input_close(whole);
+	close(fd);
+	free(b.at);
+}
+
 static void only_regular_files(void **state)
 {
 	int fds[2];
@@ -481,6 +517,7 @@ int main(void)
 		cmocka_unit_test(legacy_count_alone),
 		cmocka_unit_test(changes_while_read),
 		cmocka_unit_test(formats_by_content_and_name),
+		cmocka_unit_test(parts),
 		cmocka_unit_test(only_regular_files),
 	};
 
