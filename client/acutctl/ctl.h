@@ -142,6 +142,8 @@ void ctl_error_json(struct ctl_json *, const char *key, const struct err *);
 
 /* The request for the view that the options ask for, to be freed. Reads the file of --crop. */
 int ctl_view_text(const struct ctl_args *, char **ret, struct err *err);
+/* The same, and the box of its area, x1, y1, x2, y2; *ret_cropped: it has one. */
+int ctl_view_box(const struct ctl_args *, char **ret, bool *ret_cropped, double ret_box[4], struct err *err);
 
 /* ---- ctl_input.c ---- */
 
@@ -151,7 +153,11 @@ struct ctl_input {
 	bool refused;
 	int copier;  /* the process that empties the pipe; 0: none */
 };
-struct ctl_inputs { struct ctl_input *input; size_t n, room; };
+struct ctl_inputs {
+	struct ctl_input *input;
+	size_t n, room;
+	const double *crop; /* NULL, or the box (x1, y1, x2, y2) that is all that will be asked for */
+};
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
 int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
 /* *ret_fd is the caller's; -1 of a pipe. */
@@ -246,7 +252,8 @@ struct ctl_staged {
 		char *name;
 		bool refused;
 		int known; /* of struct acut_probe */
-		uint64_t points, moved;
+		uint64_t points, moved, bytes_read, bytes;
+		bool partial;
 		double shift[3];
 		char *warning; /* NULL: none */
 		char *projected_from; /* of its degrees; NULL: they were not projected */

@@ -31,11 +31,14 @@ int ctl_mesh_run(struct ctl *ctl)
 	struct ctl_inputs in = { 0 };
 	struct format_run *run = NULL;
 	char *view = NULL;
+	double box[4];
+	bool cropped = false;
 	struct err err = ERR_INIT;
-	int r = ctl_view_text(&ctl->args, &view, &err), status;
+	int r = ctl_view_box(&ctl->args, &view, &cropped, box, &err), status;
 
 	if (!r)
 		r = ctl_input_gather(ctl, ctl->args.word, ctl->args.nword, &in, &err);
+	in.crop = cropped ? box : NULL;
 	if (!r)
 		r = ctl_input_not_output(&in, &ctl->args, &err);
 	if (!r)

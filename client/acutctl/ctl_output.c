@@ -175,6 +175,45 @@ static void moved_json(struct ctl_json *j, const struct ctl_staged *staged)
 	ctl_json_close(j, ']');
 }
 
+/* What was read of each input. */
+static void inputs_json(struct ctl_json *j, const struct ctl_staged *staged)
+{
+	ctl_json_open(j, "inputs", '[');
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		const struct ctl_staged_file *f = &staged->file[i];
+
+		if (f->refused)
+			continue;
+		ctl_json_open(j, NULL, '{');
+		ctl_json_text(j, "file", f->name);
+		ctl_json_u64(j, "points", f->points);
+		ctl_json_u64(j, "bytes_read", f->bytes_read);
+		ctl_json_u64(j, "bytes_total", f->bytes);
+		ctl_json_bool(j, "partial", f->partial);
+		ctl_json_close(j, '}');
+	}
+	ctl_json_close(j, ']');
+}
+
+/* One line for all that were not read whole. */
+static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
+{
+	uint64_t read = 0, bytes = 0;
+	unsigned n = 0;
+	char a[32], b[32];
+
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		if (staged->file[i].refused || !staged->file[i].partial)
+			continue;
+		read += staged->file[i].bytes_read;
+		bytes += staged->file[i].bytes;
+		n++;
+	}
+	if (n)
+		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s",
+			 ctl_job_count(read, a), ctl_job_count(bytes, b));
+}
+
 static void report_json(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
 			const struct ctl_staged *staged)
 {
@@ -190,6 +229,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
 	moved_json(&j, staged);
 	ctl_height_json(&j, staged, NULL);
+	inputs_json(&j, staged);
 	ctl_json_u64(&j, "output_bytes", out->bytes);
 	if (ctl->args.max_edge) {
 		ctl_json_open(&j, "left_out", '{');
@@ -226,6 +266,7 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
 	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
 		 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
+	inputs_text(ctl, staged);
 	if (moved)
 		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a),
 			 shift[0], shift[1], shift[2]);

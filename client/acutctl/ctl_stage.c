@@ -109,6 +109,9 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 		return s->status = ctl_error(s->ctl, &err);
 	to->points = f->points;
 	to->moved = f->moved;
+	to->bytes_read = f->bytes_read;
+	to->bytes = f->bytes;
+	to->partial = f->partial;
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
 	to->projected_from = *f->projected_from ? strdup(f->projected_from) : NULL;
 	to->shifted = f->shifted;
@@ -159,6 +162,7 @@ static int begin(struct staging *s, const char *dataset)
 					.accept_truncated = a->accept_truncated,
 					.checksum = a->checksum,
 					.add = a->add,
+					.crop = s->in->crop,
 					.progress = ctl_progress_show,
 					.ctx = &s->progress};
 	struct decimal d;

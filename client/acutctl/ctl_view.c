@@ -163,13 +163,27 @@ static int box_of(const char *text, struct decimal ret[4])
 	return 1;
 }
 
-static int put_crop(const char *crop, FILE *out, struct err *err)
+/* Bounds of n corners. */
+static void bounds(struct decimal (*corner)[2], size_t n, double ret[4])
+{
+	for (size_t i = 0; i < n; i++)
+		for (int k = 0; k < 2; k++) {
+			double v = decimal_double(corner[i][k]);
+
+			ret[k] = i && ret[k] < v ? ret[k] : v;
+			ret[2 + k] = i && ret[2 + k] > v ? ret[2 + k] : v;
+		}
+}
+
+static int put_crop(const char *crop, FILE *out, double ret_box[4], struct err *err)
 {
 	struct ctl_area area;
 	struct decimal d[4];
 	int r;
 
 	if (box_of(crop, d)) {
+		for (int i = 0; i < 4; i++)
+			ret_box[i] = decimal_double(d[i]);
 		fprintf(out, " crop=box:%s", crop);
 		if (decimal_compare(d[0], d[2]) <= 0 && decimal_compare(d[1], d[3]) <= 0)
 			return 0;
@@ -185,6 +199,7 @@ static int put_crop(const char *crop, FILE *out, struct err *err)
 		return r;
 	fputs(" crop=", out);
 	r = ctl_area_print(&area, out, err);
+	bounds(area.corner, area.ncorner, ret_box);
 	ctl_area_done(&area);
 	return r ? err_add_file(err, crop) : 0;
 }
@@ -219,6 +234,14 @@ static void put_words(const struct ctl_args *a, FILE *out)
 
 int ctl_view_text(const struct ctl_args *a, char **ret, struct err *err)
 {
+	bool cropped;
+	double box[4];
+
+	return ctl_view_box(a, ret, &cropped, box, err);
+}
+
+int ctl_view_box(const struct ctl_args *a, char **ret, bool *ret_cropped, double ret_box[4], struct err *err)
+{
 	char *text = NULL;
 	size_t size = 0;
 	FILE *out;
@@ -230,8 +253,9 @@ int ctl_view_text(const struct ctl_args *a, char **ret, struct err *err)
 	if (!out)
 		return err_set(err, ERR_NOMEM, "no memory for a view");
 	put_words(a, out);
+	*ret_cropped = a->crop;
 	if (a->crop)
-		r = put_crop(a->crop, out, err);
+		r = put_crop(a->crop, out, ret_box, err);
 	if (fclose(out) && !r)
 		r = err_set(err, ERR_NOMEM, "no memory for a view");
 	if (!r && size > AREA_TEXT_MAX)

@@ -109,6 +109,7 @@ struct acut_push_options {
 	const char *geoid_way; /* what they become: "orthometric" (also NULL) or "ellipsoidal" */
 	bool planar, accept_truncated;
 	bool checksum; /* the same file: by its content, not by path, size and time */
+	const double *crop; /* NULL, or x1, y1, x2, y2: no view will ask for points outside; one-step only */
 	bool add;      /* a file of a path that is there already is taken beside the old one */
 	acut_progress_fn progress;
 	void *ctx;
@@ -132,6 +133,8 @@ struct acut_file_result {
 	const char *geoid;          /* "WAY HASH NAME" that shifted its heights; "" */
 	uint64_t shifted;           /* heights that were, and by how many metres */
 	double shift_min, shift_mean, shift_max;
+	uint64_t bytes_read, bytes; /* for its points; of the file */
+	bool partial;               /* points outside of the push's crop were not read */
 };
 /* What acut_push_plan fixed beside the lattice. */
 struct acut_push_planned {

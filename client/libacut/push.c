@@ -116,6 +116,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	question.planar = o->planar;
 	question.accept_truncated = o->accept_truncated;
 	question.format = push->format;
+	question.crop = (double *)o->crop;
+	question.n_crop = o->crop ? 4 : 0;
 	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &question), -1,
 		       ACUT__V1__MESSAGE__BODY_PUSH_BEGUN, &push->request_id, &a->answer);
 	if (r < 0) {
@@ -217,6 +219,9 @@ static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 	    .shift_min = done->shift_min,
 	    .shift_mean = done->shift_mean,
 	    .shift_max = done->shift_max,
+	    .bytes_read = done->bytes_read,
+	    .bytes = done->bytes,
+	    .partial = done->partial,
 	};
 	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
 	return 0;

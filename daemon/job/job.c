@@ -395,6 +395,25 @@ static struct job *job_add(struct jobs *j, uint64_t id)
 	return job;
 }
 
+/* Of a dataset that was read in part, a view must lie in what was read. A unit more or less is what rounding
+ * makes of the corners, and reading took two more. */
+static int check_partial(const struct dataset *d, const struct lattice *l, const struct view *view, struct err *err)
+{
+	double unit = decimal_double(l->scale_xy);
+	bool inside = view->crop != VIEW_CROP_NONE;
+
+	for (int i = 0; d->partial && inside && i < 4; i++) {
+		double at = (double)view->crop_box[i] * unit;
+
+		inside = i < 2 ? at >= d->crop[i] - unit : at <= d->crop[i] + unit;
+	}
+	if (!d->partial || inside)
+		return 0;
+	err_set(err, ERR_USAGE, "of the inputs of the dataset %s only the points in the box %.15g,%.15g,%.15g,%.15g were read",
+		d->name, d->crop[0], d->crop[1], d->crop[2], d->crop[3]);
+	return err_add_hint(err, "push them into a named dataset: it takes them whole and serves any view");
+}
+
 int job_view(const char *text, const struct dataset *d, char **ret, struct err *err)
 {
 	struct lattice lattice;
@@ -406,8 +425,11 @@ int job_view(const char *text, const struct dataset *d, char **ret, struct err *
 	r = view_resolve(text, &lattice, d->unit_xy, &view, err);
 	if (r)
 		return r;
-	*ret = view_text(&view);
+	r = check_partial(d, &lattice, &view, err);
+	*ret = r ? NULL : view_text(&view);
 	view_done(&view);
+	if (r)
+		return r;
 	return *ret ? 0 : err_set(err, ERR_NOMEM, "no memory for a view");
 }
 

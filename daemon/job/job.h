@@ -147,6 +147,8 @@ struct push_params {
 	const char *geoid; /* grid that shifts the heights; "": none */
 	const char *geoid_way; /* "orthometric" or "ellipsoidal"; "": orthometric */
 	bool planar, accept_truncated;
+	const double *crop; /* x1, y1, x2, y2, in the dataset's coordinates, or ncrop is 0; of one-step ones only */
+	size_t ncrop;
 	struct job_peer peer;
 	const struct push_calls *calls;
 	void *ctx; /* of calls->durable; until push_leave */

@@ -25,6 +25,8 @@ struct dataset {
 	char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
 	bool onestep;
+	bool partial;    /* only views inside of this box can be served: more was not read */
+	double crop[4];
 	unsigned users;  /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
 	unsigned opened; /* users of dirfd */
 	int dirfd;

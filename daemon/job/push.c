@@ -8,6 +8,7 @@
  * next start.
  */
 #include <fcntl.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -228,6 +229,25 @@ static bool too_many(const struct jobs *j)
 	return n >= PUSHES_MAX;
 }
 
+static int check_crop(const struct push_params *in, struct err *err)
+{
+	const double *c = in->crop;
+
+	if (!in->ncrop)
+		return 0;
+	if (in->ncrop != 4 || !(c[0] <= c[2] && c[1] <= c[3]) || !isfinite(c[0]) || !isfinite(c[1]) ||
+	    !isfinite(c[2]) || !isfinite(c[3])) {
+		err_set(err, ERR_PROTO, "a crop that is not x1, y1, x2, y2, the smaller ones first");
+		return err_add_place(err, ERR_NO_OFFSET, "crop");
+	}
+	if (*in->dataset) {
+		err_set(err, ERR_USAGE, "a named dataset is pushed whole: its views are not known beforehand");
+		err_add_hint(err, "crop the view, not the push");
+		return err_add_place(err, ERR_NO_OFFSET, "crop");
+	}
+	return 0;
+}
+
 void push_begin(struct jobs *j, const struct push_params *in, void *token)
 {
 	struct push *p = calloc(1, sizeof *p);
@@ -250,7 +270,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (too_many(j))
 		err_set(&err, ERR_BUSY, "%d pushes are open already", PUSHES_MAX);
-	else if (!push_assume_read(p, in, &err))
+	else if (!push_assume_read(p, in, &err) && !check_crop(in, &err))
 		p->dataset = target(j, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
 		err_set(&err, ERR_NOMEM, "no memory for a push");
@@ -278,6 +298,9 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->peer = in->peer;
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
+	p->has_crop = in->ncrop > 0;
+	if (p->has_crop)
+		memcpy(p->crop, in->crop, sizeof p->crop);
 	p->begun_ns = p->synced_ns = clock_mono_ns();
 	snprintf(p->crs, sizeof p->crs, "unknown");
 	snprintf(p->unit_xy, sizeof p->unit_xy, "unknown");

@@ -130,16 +130,30 @@ static bool begin_done(struct push *p, struct push_ask *a, const struct err *why
 
 /* ---- probe ---- */
 
+/* Points that come into the crop by rounding lie half a unit outside of it at most. */
+static void widen(const struct push *p, double crop[4])
+{
+	double unit = p->has_lattice ? decimal_double(p->lattice.scale_xy) : 0;
+
+	for (int i = 0; i < 4; i++)
+		crop[i] = p->crop[i] + (i < 2 ? -unit : unit);
+}
+
 static struct input_options options_of(const struct push *p, const struct push_ask *a)
 {
-	return (struct input_options){
+	struct input_options options = {
 		.format = a->format && *a->format ? a->format : NULL,
 		.accept_truncated = p->accept_truncated,
 		.planar = p->planar,
 		.degrees = true,
 		.has_pipe = a->stream && a->stream->forward,
 		.pipe = a->stream ? a->stream->fd : -1,
+		/* the box is in the dataset's coordinates: no file's own, if some are projected */
+		.has_crop = p->has_crop && !p->plane.projects,
 	};
+
+	widen(p, options.crop);
+	return options;
 }
 
 /* What came through the pipe so far takes the place of a descriptor. */
@@ -529,6 +543,10 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	/* What was staged of a file that failed must be known as dead. */
 	if (tried && (!why || atomic_load(&p->progress)))
 		source_add(p, a, !why);
+	if (!why && file.in.partial && !p->dataset->partial) {
+		p->dataset->partial = true;
+		memcpy(p->dataset->crop, p->crop, sizeof p->crop);
+	}
 	if (!why) {
 		p->files++;
 		p->unsynced_points += a->in.points;

@@ -100,7 +100,8 @@ struct push {
 	void *ctx;
 	struct job_peer peer;
 	char *scale_xy, *scale_z, *format, *utm, *geoid, *geoid_way;
-	bool planar, accept_truncated;
+	bool planar, accept_truncated, has_crop;
+	double crop[4];
 
 	struct sched_task task;
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */

@@ -159,6 +159,9 @@ static void staged(void *token, const struct err *why, const struct push_file *f
 		m.shift_max = in.shift.max;
 		m.shift_mean = (double)in.shift.sum_um * 1e-6 / (double)in.shift.n;
 	}
+	m.bytes_read = in.bytes_read;
+	m.bytes = in.bytes;
+	m.partial = in.partial;
 	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
 }
 
@@ -316,6 +319,8 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 		.geoid_way = in->geoid_way,
 		.planar = in->planar,
 		.accept_truncated = in->accept_truncated,
+		.crop = in->crop,
+		.ncrop = in->n_crop,
 		.peer = c->peer,
 		.calls = &calls,
 	};

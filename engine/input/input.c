@@ -139,10 +139,12 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	in->info.format = in->row->text->name;
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
-	in->info.bytes_all = in->info.bytes_selected = in->has_pipe ? 0 : in->size;
+	in->info.bytes = in->info.bytes_selected = in->has_pipe ? 0 : in->size;
 	if (in->has_pipe && in->row->open != input_las_open)
 		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "only LAS can be read from a pipe");
-	return in->row->open(in, err);
+	rc = in->row->open(in, err);
+	in->bytes_read = 0;
+	return rc;
 }
 
 int input_open(int fd, const char *name, const struct input_options *options, struct input **ret,
@@ -198,6 +200,11 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 const struct input_info *input_info(const struct input *in)
 {
 	return &in->info;
+}
+
+uint64_t input_bytes_read(const struct input *in)
+{
+	return in->bytes_read;
 }
 
 int input_read(struct input *in, struct input_points *pts, struct err *err)

@@ -34,7 +34,7 @@ struct input_info {
 	uint64_t parts;            /* it can be read in so many parts, in any order and at once; 1: only forwards */
 	uint64_t first_point;      /* of a part, once something was read: points of the file before it */
 	bool partial;              /* only parts that meet the crop box are read */
-	uint64_t bytes_all, bytes_selected; /* of the file; without the points that need not be read */
+	uint64_t bytes, bytes_selected; /* of the file; without the points that need not be read */
 	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */
 };
 
@@ -76,6 +76,9 @@ bool input_dry(const struct input *);
 enum { INPUT_FORWARD_LOOK = 227 };
 uint64_t input_forward_head(const uint8_t *bytes, size_t n);
 struct input *input_close(struct input *);
+
+/* Bytes of the file that were read for points so far, by this reader. */
+uint64_t input_bytes_read(const struct input *);
 
 /* The table, for `acutctl formats`. */
 struct input_format_row { const char *name, *help, *extensions; };

@@ -269,7 +269,7 @@ static int select_nodes(struct input *in, struct laz_table *table, const char **
 	c->nodes = t.nodes;
 	in->info.partial = true;
 	in->info.claimed = t.points;
-	in->info.bytes_selected = in->info.bytes_all - (t.all_bytes - t.bytes);
+	in->info.bytes_selected = in->info.bytes - (t.all_bytes - t.bytes);
 	return 0;
 }
 
@@ -281,6 +281,9 @@ int input_copc_open(struct input *in, struct laz_table *table, struct err *err)
 	int rc;
 
 	if (!in->has_crop || !c->info_at || las->laz.compressor != LAZ_COMPRESSOR_LAYERED)
+		return 0;
+	/* degrees that are going to be projected: the box is not in them */
+	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->planar)
 		return 0;
 	c->data_at = las->point_offset;
 	c->data_end = in->size;

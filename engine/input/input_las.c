@@ -167,6 +167,7 @@ static int refill(struct input *in, struct err *err)
 				  "the file ends in the middle of its points");
 	}
 	las->at += got;
+	in->bytes_read += got;
 	las->n_buffered = n;
 	las->i_buffered = 0;
 	return 0;

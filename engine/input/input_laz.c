@@ -52,15 +52,16 @@ static enum laz_fields fields(const struct input_las *las)
 	return las->watch ? LAZ_ALL : LAZ_TERRAIN;
 }
 
-/* What says where the chunks are. */
-static size_t table_bytes(const struct input_las *las)
+/* What says where the chunks are; the same whether all of them are read. */
+static size_t table_bytes(void)
 {
-	return las->copc.selects ? sizeof(struct input_copc_walk) : laz_table_bytes();
+	return sizeof(struct input_copc_walk) > laz_table_bytes() ? sizeof(struct input_copc_walk) :
+								    laz_table_bytes();
 }
 
 static size_t read_bytes(const struct input_las *las)
 {
-	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes(las)) +
+	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes()) +
 	       up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
 }
 
@@ -141,7 +142,7 @@ static int start(struct input *in, struct err *err)
 		if (rc)
 			return err_add_file(err, in->name);
 	}
-	return laz_reader_new(at + up64(table_bytes(las)), &las->laz, fields(las), &r->source, &r->reader, err);
+	return laz_reader_new(at + up64(table_bytes()), &las->laz, fields(las), &r->source, &r->reader, err);
 }
 
 static int next_place(struct input *in, struct laz_chunk *ret, bool *ret_more, struct err *err)
@@ -238,6 +239,7 @@ int input_laz_refill(struct input *in, struct err *err)
 		if (!rc && !n)
 			rc = next_chunk(in, &more, err);
 	}
+	in->bytes_read = laz_reader_bytes_read(las->reading->reader);
 	if (rc)
 		return fail(in, rc, err);
 	las->n_buffered = n;

@@ -110,6 +110,7 @@ struct input {
 	struct timespec mtime;
 	const struct input_row *row;
 	struct input_info info;
+	uint64_t bytes_read;       /* since it was opened */
 	bool checked;              /* the end was reached, and the file is still the one that was opened */
 	union {
 		struct input_las las;

@@ -61,6 +61,7 @@ static int fill(struct input *in, struct err *err)
 		return rc;
 	xyz->ended = got < sizeof in->buffer - kept;
 	xyz->at += got;
+	in->bytes_read += got;
 	xyz->i_buffered = 0;
 	xyz->n_buffered = kept + got;
 	return 0;

@@ -28,6 +28,8 @@ struct pipe_ingested {
 	uint64_t moved;             /* of these, rounded to the lattice */
 	double max_shift[3];        /* largest move, in coordinates */
 	struct crs_shift shift;     /* of the heights, by a geoid */
+	uint64_t bytes_read, bytes; /* of the file: for its points; all */
+	bool partial;               /* not all points were read, see input_options.has_crop */
 	char warning[256];
 };
 

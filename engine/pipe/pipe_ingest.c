@@ -122,6 +122,9 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 	crs_step_free(w.step);
 	if (r < 0)
 		return err_add_file(err, info->coords.name);
+	in.bytes_read = input_bytes_read(input);
+	in.bytes = info->bytes;
+	in.partial = info->partial;
 	snprintf(in.warning, sizeof in.warning, "%s", info->warning);
 	*ret = in;
 	return r;
@@ -131,6 +134,9 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 {
 	sum->points += part->points;
 	sum->moved += part->moved;
+	sum->bytes_read += part->bytes_read;
+	sum->bytes = part->bytes;
+	sum->partial = part->partial;
 	for (int i = 0; i < 3; i++)
 		if (part->max_shift[i] > sum->max_shift[i])
 			sum->max_shift[i] = part->max_shift[i];

@@ -194,9 +194,9 @@ class Client:
         self.ask("ping", pb.Ping())
         return time.monotonic() - start
 
-    def push(self, paths, dataset="", planar=False):
+    def push(self, paths, dataset="", planar=False, crop=()):
         """All files into a dataset; the PushCommitted."""
-        begun = self.ask("push_begin", pb.PushBegin(dataset=dataset, planar=planar))
+        begun = self.ask("push_begin", pb.PushBegin(dataset=dataset, planar=planar, crop=crop))
         files = [(p, os.open(p, os.O_RDONLY | os.O_CLOEXEC)) for p in paths]
         try:
             for path, fd in files:

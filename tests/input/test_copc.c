@@ -125,9 +125,9 @@ static void boxes(const char *folder, const char *name, unsigned least)
 		CHECK(parts.points == some.points && parts.hash == some.hash, "box %d: other points in parts", round);
 		CHECK(!*info.warning && info.claimed == some.points, "box %d: %s", round, info.warning);
 		CHECK(info.partial == (some.points < all.points), "box %d: partial %d", round, info.partial);
-		CHECK(info.partial == (info.bytes_selected < info.bytes_all), "box %d: bytes", round);
-		CHECK(!all_info.partial && all_info.bytes_selected == all_info.bytes_all, "box %d: whole", round);
-		saved += info.bytes_selected < info.bytes_all / 2;
+		CHECK(info.partial == (info.bytes_selected < info.bytes), "box %d: bytes", round);
+		CHECK(!all_info.partial && all_info.bytes_selected == all_info.bytes, "box %d: whole", round);
+		saved += info.bytes_selected < info.bytes / 2;
 	}
 	CHECK(saved >= least, "only %u boxes saved half of the file", saved);
 	close(fd);
