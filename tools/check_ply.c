@@ -29,7 +29,7 @@ struct reader {
 struct ply_header {
 	uint64_t nvertex, nface;
 	unsigned doubles; /* properties x, y, z seen */
-	bool format, has_lattice, faces;
+	bool format, has_lattice, faces, converted;
 	enum { IN_NONE, IN_VERTEX, IN_FACE } element;
 };
 
@@ -120,6 +120,8 @@ static bool take_comment(const char *text, struct ply_header *h, struct check_me
 		return !m->has_digest && (m->has_digest = take_digests(value, m));
 	if ((value = after(text, "acut-origin ")))
 		return take_origin(value, m);
+	if (after(text, "acut-z-unit "))
+		h->converted = true;
 	if ((value = after(text, "acut-crs ")))
 		snprintf(m->crs, sizeof m->crs, "%.511s", value);
 	return true;
@@ -183,6 +185,9 @@ static int read_header(struct reader *r, struct ply_header *h, struct check_mesh
 	if (!h->has_lattice)
 		return fail(r, ERR_INPUT,
 			    "no comment acut-lattice: the coordinates cannot be taken back exactly", err);
+	if (h->converted)
+		return fail(r, ERR_INPUT, "its heights were converted (comment acut-z-unit): write it without --z-unit",
+			    err);
 	if (h->nvertex > UINT32_MAX || h->nface > UINT32_MAX)
 		return fail(r, ERR_INPUT, "more vertices or faces than 32 bits can number", err);
 	return 0;

@@ -30,7 +30,7 @@ struct ctl_args {
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
-	const char *format, *origin, *max_edge, *width, *color;
+	const char *format, *origin, *max_edge, *z_unit, *width, *color;
 	const char *generation;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;

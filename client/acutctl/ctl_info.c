@@ -3,6 +3,19 @@
 
 #include "ctl.h"
 
+static void print_system(FILE *out, const struct acut_probe *p)
+{
+	fprintf(out, "  plane   %s\n  crs     %s\n  epsg    ", p->plane, p->crs);
+	if (p->epsg)
+		fprintf(out, "%u", p->epsg);
+	else
+		fputs("unknown", out);
+	if (p->epsg_z)
+		fprintf(out, ", heights %u", p->epsg_z);
+	fprintf(out, "\n  datum   %s\n  units   %s, heights %s\n", p->datum[0] ? p->datum : "unknown", p->unit_xy,
+		p->unit_z);
+}
+
 static void print(struct ctl *ctl, const struct acut_probe *p)
 {
 	FILE *out = ctl->report;
@@ -14,10 +27,7 @@ static void print(struct ctl *ctl, const struct acut_probe *p)
 		p->max[0], p->max[1], p->max[2]);
 	fprintf(out, "  scale   %s %s %s\n  offset  %s %s %s\n", p->scale[0], p->scale[1], p->scale[2],
 		p->offset[0], p->offset[1], p->offset[2]);
-	fprintf(out, "  crs     %s", p->crs);
-	if (strcmp(p->plane, "unknown"))
-		fprintf(out, " (%s)", p->plane);
-	fprintf(out, "\n  units   %s, heights %s\n", p->unit_xy, p->unit_z);
+	print_system(out, p);
 	if (p->warning[0])
 		fprintf(out, "  note    %s\n", p->warning);
 }
@@ -42,6 +52,14 @@ static void three_numbers(struct ctl_json *j, const char *key, const double v[3]
 	ctl_json_close(j, ']');
 }
 
+static void number(struct ctl_json *j, const char *key, uint32_t n)
+{
+	if (n)
+		ctl_json_u64(j, key, n);
+	else
+		ctl_json_text(j, key, NULL);
+}
+
 static void print_json(struct ctl *ctl, const struct acut_probe *p)
 {
 	struct ctl_json j = { .out = ctl->report };
@@ -57,6 +75,9 @@ static void print_json(struct ctl *ctl, const struct acut_probe *p)
 	three_texts(&j, "offset", p->offset);
 	ctl_job_units(&j, p->crs, p->unit_xy, p->unit_z);
 	ctl_json_known(&j, "plane", p->plane);
+	ctl_json_known(&j, "datum", p->datum);
+	number(&j, "epsg", p->epsg);
+	number(&j, "epsg_z", p->epsg_z);
 	ctl_json_known(&j, "warning", p->warning);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);

@@ -1,6 +1,7 @@
 /*
  * Outputs: from options to a run of writers, the fetch into it, and the report at the end.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -54,6 +55,9 @@ static int options_of(const struct ctl_args *a, const struct format *f, struct f
 		return r;
 	}
 	opt->canonical = a->canonical;
+	opt->z_unit = a->z_unit ? format_unit_of_word(a->z_unit, strlen(a->z_unit)) : NULL;
+	if (a->z_unit && !opt->z_unit)
+		return err_set(err, ERR_USAGE, "--z-unit is m, ft or ftUS, not \"%s\"", a->z_unit);
 	return a->origin ? parse_origin(a->origin, opt, err) : 0;
 }
 
@@ -110,6 +114,24 @@ static int check_outputs(const struct ctl_args *a, struct err *err)
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
+/* A number, and the unit behind it, if there is one. */
+static int parse_length(const char *text, struct format_run_options *opt, struct err *err)
+{
+	char number[DECIMAL_TEXT_SIZE];
+	size_t n = strlen(text), m = n;
+
+	while (m && ((text[m - 1] | 32) >= 'a' && (text[m - 1] | 32) <= 'z'))
+		m--;
+	opt->has_max_edge = true;
+	opt->max_edge_unit = m < n ? format_unit_of_word(text + m, n - m) : NULL;
+	snprintf(number, sizeof(number), "%.*s", (int)m, text);
+	if (m < sizeof(number) && (m == n || opt->max_edge_unit) && decimal_parse(number, &opt->max_edge) &&
+	    opt->max_edge.mantissa > 0)
+		return 0;
+	err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"", text);
+	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
+}
+
 int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
@@ -118,12 +140,8 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	bool picture = false, mesh = false;
 	int r = check_outputs(a, err);
 
-	if (!r && a->max_edge) {
-		opt.has_max_edge = true;
-		if (!decimal_parse(a->max_edge, &opt.max_edge) || opt.max_edge.mantissa <= 0)
-			r = err_set(err, ERR_USAGE, "--max-edge is not a length above zero: \"%s\"",
-				    a->max_edge);
-	}
+	if (!r && a->max_edge)
+		r = parse_length(a->max_edge, &opt, err);
 	if (!r)
 		r = format_run_new(&opt, &run, err);
 	for (unsigned i = 0; i < a->nout && !r; i++)
@@ -131,9 +149,11 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	if (!r && !picture && (a->width || a->color))
 		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one",
 			    a->width ? "width" : "color");
-	if (!r && !mesh && (a->canonical || a->origin))
+	if (!r && !mesh && (a->canonical || a->origin || a->z_unit))
 		r = err_set(err, ERR_USAGE, "--%s has no meaning for a picture",
-			    a->canonical ? "canonical" : "origin");
+			    a->canonical ? "canonical"
+			    : a->origin  ? "origin"
+					 : "z-unit");
 	if (r)
 		format_run_free(run);
 	else
@@ -214,6 +234,13 @@ static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
 			 ctl_job_count(read, a), ctl_job_count(bytes, b));
 }
 
+static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
+{
+	const char *word = ctl->args.z_unit;
+
+	return word ? format_unit_of_word(word, strlen(word)) : job->unit_z;
+}
+
 static void report_json(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
 			const struct ctl_staged *staged)
 {
@@ -226,7 +253,8 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_json_u64(&j, "generation", job->generation);
 	ctl_job_report(&j, p);
 	ctl_job_lattice(&j, job->lattice);
-	ctl_job_units(&j, job->crs, job->unit_xy, job->unit_z);
+	/* of what was written */
+	ctl_job_units(&j, job->crs, job->unit_xy, z_unit_of(ctl, job));
 	moved_json(&j, staged);
 	ctl_height_json(&j, staged, NULL);
 	inputs_json(&j, staged);
@@ -251,6 +279,21 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_json_close(&j, ']');
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
+}
+
+static void left_out_text(struct ctl *ctl, const struct format_report *out)
+{
+	char count[32];
+
+	ctl_job_count(out->left_out, count);
+	if (isnan(out->left_out_area))
+		ctl_note(ctl, "%s triangles with edges longer than %s were left out", count, ctl->args.max_edge);
+	else
+		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g square %s", count,
+			 ctl->args.max_edge, out->left_out_area,
+			 !strcmp(out->unit_xy, "metre")  ? "metres"
+			 : !strcmp(out->unit_xy, "foot") ? "feet"
+							 : "US survey feet");
 }
 
 static void report_text(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
@@ -280,8 +323,7 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
 	ctl_remark(ctl, p->note);
 	if (ctl->args.max_edge)
-		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g",
-			 ctl_job_count(out->left_out, a), ctl->args.max_edge, out->left_out_area);
+		left_out_text(ctl, out);
 }
 
 static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run,

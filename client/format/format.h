@@ -23,7 +23,8 @@ struct format_options {
 	bool canonical;            /* vertices by (x, y), triangles by their numbers */
 	bool no_clobber;           /* an output that exists is an error */
 	bool origin_auto, has_origin;
-	struct decimal origin[3];  /* subtracted from the coordinates, exactly */
+	struct decimal origin[3];  /* subtracted from the coordinates, exactly; of z after its conversion */
+	const char *z_unit;        /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
 	uint32_t width;            /* pictures: pixels; 0 = FORMAT_WIDTH */
 	enum format_color color;
 };
@@ -59,16 +60,21 @@ bool format_parse_color(const char *text, enum format_color *ret);
 
 struct format_run_options {
 	bool has_max_edge;
-	struct decimal max_edge;   /* file units; triangles with a longer xy edge are left out */
+	struct decimal max_edge;   /* triangles with a longer xy edge are left out */
+	const char *max_edge_unit; /* name of its unit; NULL: that of the file */
 	bool edges;                /* gather edge statistics */
 	uint64_t sort_memory;      /* for canonical; 0 = 64 MiB */
 };
+
+/* "m", "ft", "ftUS" to the name of the unit; NULL: no such unit. */
+const char *format_unit_of_word(const char *word, size_t n);
 
 /* What a run has to say when the stream has ended. Lengths and areas are in file units. */
 struct format_report {
 	uint64_t bytes;            /* of all outputs */
 	uint64_t left_out;         /* triangles, by max_edge */
-	double left_out_area;
+	double left_out_area;      /* NAN where the unit of x and y is no known length */
+	char unit_xy[16];          /* of the file */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 };
 

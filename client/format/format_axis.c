@@ -60,6 +60,54 @@ static int64_t auto_number(const struct acut_mesh_head *head, int axis)
 	return head->k[axis] + (int64_t)(((int64_t)head->box[axis] + head->box[axis + 3]) >> 1);
 }
 
+/* Heights that are in z_unit already are not touched. */
+static bool same_unit(const struct acut_mesh_head *head, const struct format_options *opt)
+{
+	int64_t num, den;
+
+	return format_unit_ratio(head->unit_z, opt->z_unit, &num, &den) && num == den;
+}
+
+/* The origin that --origin auto takes off converted heights. */
+static struct decimal auto_height(const struct acut_mesh_head *head, const struct format_options *opt)
+{
+	struct decimal scale, ret = { 0, 0 };
+	int64_t num, den;
+	char text[32];
+
+	if (decimal_parse(head->scale_z, &scale) && format_unit_ratio(head->unit_z, opt->z_unit, &num, &den)) {
+		snprintf(text, sizeof(text), "%.0f",
+			 decimal_scaled_double(scale, auto_number(head, 2)) * (double)num / (double)den);
+		decimal_parse(text, &ret);
+	}
+	return ret;
+}
+
+/* The heights of z_unit. With --origin auto, the middle is taken off in whole units, since a converted one need
+ * not be a decimal. */
+static int axis_convert(struct format_axis *ax, const struct acut_mesh_head *head, const struct format_options *opt,
+			struct err *err)
+{
+	struct decimal origin = { 0, 0 };
+	int64_t num, den;
+
+	if (!format_unit_ratio(head->unit_z, opt->z_unit, &num, &den)) {
+		err_set(err, ERR_USAGE, "--z-unit cannot convert heights: the unit of z is %.30s",
+			head->unit_z && *head->unit_z ? head->unit_z : "unknown");
+		return err_add_hint(err, "stage the inputs with --assume-units ,m or ,ft or ,ftUS, where they do not say it");
+	}
+	ax->k = head->k[2];
+	ax->whole = axis_whole(ax, NULL);
+	if (opt->origin_auto)
+		origin = auto_height(head, opt);
+	else if (opt->has_origin)
+		origin = opt->origin[2];
+	if (!format_unit_axis(ax, num, den, origin))
+		return 0;
+	err_set(err, ERR_USAGE, "--z-unit: heights at the scale %s have too many digits to be converted", head->scale_z);
+	return err_add_hint(err, "stage with a --scale of fewer decimals, or leave --z-unit or --origin out");
+}
+
 int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *head,
 		     const struct format_options *opt, struct err *err)
 {
@@ -73,7 +121,12 @@ int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *he
 		if (!decimal_parse(i < 2 ? head->scale_xy : head->scale_z, &ax->scale))
 			return err_set(err, ERR_PROTO, "the stream's %s scale is not a number", name[i]);
 		ax->k = head->k[i];
-		if (opt->origin_auto) {
+		if (i == 2 && opt->z_unit && !same_unit(head, opt)) {
+			int r = axis_convert(ax, head, opt, err);
+
+			if (r)
+				return r;
+		} else if (opt->origin_auto) {
 			int64_t o = auto_number(head, i);
 			ax->k = head->k[i] - o;
 			ok = ax->whole = axis_whole(ax, NULL);
@@ -93,6 +146,8 @@ int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *he
 
 double format_axis_value(const struct format_axis *ax, int32_t x)
 {
+	if (ax->converted)
+		return format_unit_value(ax, x);
 	if (ax->fast) {
 		double n = (double)x * (double)ax->a + (double)ax->b;
 		return ax->e < 0 ? n / ax->power : n * ax->power;
@@ -127,6 +182,8 @@ char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 	int64_t v;
 	int len = 0, decimals;
 
+	if (ax->converted)
+		return format_unit_text(ax, x, at);
 	if (!ax->whole || ax->e < -20 || ax->e > 18) {
 		char buf[DECIMAL_TEXT_SIZE];
 		if (ax->whole)
@@ -168,7 +225,9 @@ char *format_axis_origin(const struct acut_mesh_head *head, const struct format_
 	for (int i = 0; i < 3; i++) {
 		struct decimal scale;
 
-		if (!opt->origin_auto)
+		if (opt->origin_auto && i == 2 && opt->z_unit && !same_unit(head, opt))
+			decimal_text(auto_height(head, opt), text[i]);
+		else if (!opt->origin_auto)
 			decimal_text(opt->origin[i], text[i]);
 		else if (decimal_parse(i < 2 ? head->scale_xy : head->scale_z, &scale))
 			decimal_scaled_text(scale, auto_number(head, i), text[i]);

@@ -32,10 +32,14 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 	if (!r) {
 		snprintf(text, sizeof(text), "acut-units %.64s %.64s",
 			 head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown",
-			 head->unit_z && *head->unit_z ? head->unit_z : "unknown");
+			 opt->z_unit ? opt->z_unit : head->unit_z && *head->unit_z ? head->unit_z : "unknown");
 		make_line(text);
 		r = line(ctx, text, err);
 	}
+	format_unit_comment(head, opt, text, sizeof(text));
+	make_line(text);
+	if (!r && text[0])
+		r = line(ctx, text, err);
 	format_axis_origin(head, opt, text, sizeof(text));
 	return r || !text[0] ? r : line(ctx, text, err);
 }

@@ -7,6 +7,7 @@
  * about two per cent. Each inner edge is seen from both sides; that moves no median of a large mesh.
  */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -25,10 +26,11 @@ static u128 gcd(u128 a, u128 b)
 	return a;
 }
 
-/* limit / scale as p / q; false if it does not fit 64 bits. */
-static bool edge_ratio(struct decimal limit, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q)
+/* limit * num / den / scale as p / q; false if it does not fit 64 bits. */
+static bool edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p,
+		       uint64_t *ret_q)
 {
-	u128 p = (u128)limit.mantissa, q = (u128)scale.mantissa, g;
+	u128 p = (u128)limit.mantissa * (u128)num, q = (u128)scale.mantissa * (u128)den, g;
 	int32_t e = limit.exponent - scale.exponent;
 
 	for (; e > 0 && p >> 96 == 0; e--)
@@ -51,22 +53,30 @@ int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head,
 		     const struct format_run_options *opt, struct err *err)
 {
 	struct decimal scale;
+	int64_t num = 1, den = 1;
 	uint64_t p, q;
 
 	memset(ed, 0, sizeof(*ed));
 	if (!decimal_parse(head->scale_xy, &scale) || scale.mantissa <= 0)
 		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
 	ed->scale = decimal_double(scale);
+	snprintf(ed->unit, sizeof(ed->unit), "%s", head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
 	ed->gather = opt->edges;
 	ed->limited = opt->has_max_edge;
 	if (!ed->limited)
 		return 0;
 	if (opt->max_edge.mantissa < 0)
 		return err_set(err, ERR_USAGE, "--max-edge is less than zero");
+	if (opt->max_edge_unit && !format_unit_ratio(opt->max_edge_unit, head->unit_xy, &num, &den)) {
+		err_set(err, ERR_USAGE, "--max-edge is in %s, but the unit of x and y is %.30s", opt->max_edge_unit,
+			head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
+		return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with "
+				    "--assume-units");
+	}
 	/* the longest edge of all is below 2^33 lattice units */
-	if (decimal_double(opt->max_edge) / ed->scale >= 0x1p34) {
+	if (decimal_double(opt->max_edge) * (double)num / (double)den / ed->scale >= 0x1p34) {
 		ed->none_longer = true;
-	} else if (edge_ratio(opt->max_edge, scale, &p, &q)) {
+	} else if (edge_ratio(opt->max_edge, num, den, scale, &p, &q)) {
 		ed->limit = (u128)p * p / ((u128)q * q);
 	} else {
 		err_set(err, ERR_USAGE, "--max-edge has too many digits beside the scale %s", head->scale_xy);
@@ -155,6 +165,11 @@ double format_edge_longest(const struct format_edge *ed)
 
 double format_edge_area(const struct format_edge *ed)
 {
+	int64_t num, den;
+
+	/* Square degrees are no area, and those of an unknown unit nobody knows. */
+	if (!format_unit_ratio(ed->unit, "metre", &num, &den))
+		return NAN;
 	return (double)ed->left_out_area2 / 2 * ed->scale * ed->scale;
 }
 

@@ -33,7 +33,12 @@ struct format_output *format_output_free(struct format_output *);
 
 /* ---- lattice numbers to coordinates: format_axis.c ---- */
 
-/* value = (X * a + b) * 10^e, all exact */
+/* (X * a + b) / q */
+struct format_fraction {
+	__int128 a, b, q;
+};
+
+/* value = (X * a + b) * 10^e, all exact; of a converted axis: format_unit.c */
 struct format_axis {
 	int64_t a, b;
 	int32_t e;
@@ -42,6 +47,9 @@ struct format_axis {
 	double power;              /* 10^|e| */
 	struct decimal scale;
 	int64_t k;
+	bool converted;
+	int decimals;              /* of the text */
+	struct format_fraction value, text;
 };
 
 #define FORMAT_COORDINATE 64 /* room for one coordinate as text */
@@ -57,6 +65,17 @@ char *format_axis_text(const struct format_axis *, int32_t number, char *at);
 /* "acut-origin X Y Z" text if one was taken, else "". */
 char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf,
 			 size_t size);
+
+/* ---- units of length: format_unit.c ---- */
+
+/* One `from` is num/den of `to`; false unless both are names of lengths ("metre", "foot", "us-survey-foot"). */
+bool format_unit_ratio(const char *from, const char *to, int64_t *num, int64_t *den);
+/* Multiplies an axis whose a, b, e hold, and takes the origin off then. Negative: too many digits. */
+int format_unit_axis(struct format_axis *, int64_t num, int64_t den, struct decimal origin);
+double format_unit_value(const struct format_axis *, int32_t number); /* nearest double */
+char *format_unit_text(const struct format_axis *, int32_t number, char *at);
+/* "acut-z-unit ..." if heights are converted, else "". */
+char *format_unit_comment(const struct acut_mesh_head *, const struct format_options *, char *buf, size_t size);
 
 /* ---- comments of text headers: format_comment.c ---- */
 
@@ -86,6 +105,7 @@ struct format_edge {
 	unsigned __int128 limit;   /* squared lattice length: longer edges are left out */
 	bool gather;
 	double scale;
+	char unit[16];             /* of x and y */
 	uint64_t left_out;
 	unsigned __int128 left_out_area2; /* twice the area, lattice units */
 	unsigned __int128 longest;

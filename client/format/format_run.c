@@ -68,6 +68,8 @@ static int target_check(const struct format *format, const struct format_options
 		return err_set(err, ERR_USAGE, "--canonical has no meaning for %s", format->name);
 	if ((opt->has_origin || opt->origin_auto) && !format->origin)
 		return err_set(err, ERR_USAGE, "--origin has no meaning for %s", format->name);
+	if (opt->z_unit && !format->origin)
+		return err_set(err, ERR_USAGE, "--z-unit has no meaning for %s", format->name);
 	return 0;
 }
 
@@ -181,6 +183,7 @@ void format_run_report(const struct format_run *run, struct format_report *ret)
 		.longest_edge = format_edge_longest(&run->edge),
 		.median_edge = format_edge_median(&run->edge),
 	};
+	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));
 }
 
 struct format_run *format_run_free(struct format_run *run)

@@ -1,6 +1,7 @@
 """Coordinate systems and units: what goes together, what is assumed, what is refused and with which words, and what
 every output says of what is unknown."""
 import itertools
+import re
 import os
 import struct
 import sys
@@ -8,6 +9,7 @@ import sys
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import e2e
 from e2e import expect
+from fractions import Fraction
 
 UTM32 = ('PROJCS["ETRS89 / UTM zone 32N",GEOGCS["ETRS89",DATUM["European_Terrestrial_Reference_System_1989",'
          'SPHEROID["GRS 1980",6378137,298.257222101]],PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],'
@@ -219,4 +221,150 @@ def assumed_wrongly():
         said(r, "n32.las", "EPSG:32632")
 
 
-e2e.main(mixing, across_pushes, unknown, assumed, assumed_wrongly)
+METRES = {"metre": Fraction(1), "foot": Fraction(3048, 10000), "us-survey-foot": Fraction(1200, 3937)}
+WORD = {"metre": "m", "foot": "ft", "us-survey-foot": "ftUS"}
+
+
+def read_obj(path):
+    head, vertices = [], []
+    with open(path) as f:
+        for line in f:
+            if line.startswith("#"):
+                head.append(line[2:-1])
+            elif line.startswith("v "):
+                vertices.append(line.split()[1:])
+    return head, vertices
+
+
+def read_ply(path):
+    with open(path, "rb") as f:
+        data = f.read()
+    head, body = data.split(b"end_header\n", 1)
+    n = int(re.search(rb"element vertex (\d+)", head).group(1))
+    return head.decode(), [struct.unpack_from("<3d", body, 24 * i) for i in range(n)]
+
+
+def z_unit():
+    """Every pair of units, against fractions: doubles are the nearest, decimals exact or rounded at the last digit."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        low = las(base + "/low.las", z0=-12345)
+        for (a, fa), (b, fb) in itertools.product(METRES.items(), METRES.items()):
+            out, obj = base + "/m.ply", base + "/m.obj"
+            words = ["--assume-units", "m," + WORD[a], "--z-unit", WORD[b], "--canonical"]
+            plain = d.ctl("mesh", low, "-o", base + "/p.obj", "--assume-units", "m," + WORD[a], "--canonical").ok()
+            j = d.ctl("mesh", low, "-o", out, "-o", obj, "--json", *words).ok().json()
+            expect(j["units"] == {"xy": "metre", "z": b}, str(j["units"]))
+            want = [Fraction(v[2]) * fa / fb for v in read_obj(base + "/p.obj")[1]]
+            head, doubles = read_ply(out)
+            expect("comment acut-units metre %s\n" % b in head, head)
+            expect([v[2] for v in doubles] == [float(w) for w in want], "%s to %s: doubles" % (a, b))
+            head, texts = read_obj(obj)
+            exact = (fa / fb).denominator in (1, 1250, 500000)
+            for text, w in zip(texts, want):
+                digits = len(text[2].split(".")[1])
+                error = abs(Fraction(text[2]) - w)
+                expect(error == 0 if exact else error <= Fraction(1, 2 * 10 ** digits) and digits == 11,
+                       "%s to %s: %s is not %s" % (a, b, text[2], w))
+                expect(round(Fraction(text[2]) * fb / fa * 100) == w * fb / fa * 100, "the lattice number is lost")
+            note = [h for h in head if h.startswith("acut-z-unit")]
+            if a == b:
+                expect(not note, str(note))
+            else:
+                ratio = fa / fb
+                expect(note == ["acut-z-unit %s: z is the lattice's z in %s times %d/%d" %
+                                (b, a, ratio.numerator, ratio.denominator)], str(note))
+                v = e2e.run([e2e.VERIFY, out, "--planar", low])
+                expect(v.status != 0 and "acut-z-unit" in v.err + v.out, v.err + v.out)
+            del plain
+        # The origin is taken off after the conversion; that of auto is whole.
+        for origin in ("1,2,-40000.125", "auto"):
+            d.ctl("mesh", low, "-o", obj, "--assume-units", "m,m", "--z-unit", "ftUS", "--origin", origin).ok()
+            head, vertices = read_obj(obj)
+            taken = [h for h in head if h.startswith("acut-origin")][0].split()[3]
+            expect("." not in taken or origin != "auto", taken)
+            for v in vertices:
+                metres = (Fraction(v[2]) + Fraction(taken)) * METRES["us-survey-foot"]
+                expect(abs(metres - Fraction(round(metres * 100), 100)) < Fraction(1, 10 ** 8), "origin " + origin)
+                expect(abs(metres + 12345) < 2, str(metres))
+        for status, words, parts in [
+            (2, ["--z-unit", "ft"], ["the unit of z is unknown", "--assume-units ,m"]),
+            (2, ["--z-unit", "yard"], ["--z-unit is m, ft or ftUS", "yard"]),
+            (2, ["--z-unit", "m", "--assume-units", "m"], ["the unit of z is unknown"]),
+        ]:
+            r = d.ctl("mesh", low, "-o", base + "/x.ply", *words)
+            expect(r.status == status and not os.path.exists(base + "/x.ply"), "%s: %d %s" % (words, r.status, r.err))
+            said(r, *parts)
+        r = d.ctl("mesh", low, "-o", base + "/x.png", "--z-unit", "m", "--assume-units", "m,m")
+        expect(r.status == 2, r.err)
+        said(r, "--z-unit has no meaning for a picture")
+
+
+def lengths():
+    """Nine points 10 apart: the diagonals are 14.14 long, every triangle has one."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        nine = las(base + "/nine.las")
+
+        def left(length, *words):
+            j = d.ctl("mesh", nine, "-o", base + "/m.ply", "--json", "--max-edge", length, *words).ok().json()
+            return j["left_out"]["triangles"], j["left_out"]["area"]
+
+        expect(left("15") == (0, None) and left("14") == (8, None), "file units, unknown: no area")
+        expect(left("14", "--assume-units", "m") == (8, 400), "area in square metres")
+        expect(left("14m", "--assume-units", "m") == (8, 400) and left("15m", "--assume-units", "m") == (0, 0), "m in m")
+        expect(left("46ft", "--assume-units", "m")[0] == 8 and left("47ft", "--assume-units", "m")[0] == 0, "ft in m")
+        expect(left("4.3m", "--assume-units", "ft")[0] == 8 and left("4.32m", "--assume-units", "ft")[0] == 0, "m in ft")
+        # The two feet: 10 us survey feet are 10.00002 feet. A line of three and one beside: edges of 10 exactly.
+        with open(base + "/edge.xyz", "w") as f:
+            f.write("0 0 0\n1000000 0 0\n0 1 0\n")
+        edge = base + "/edge.xyz"
+        for unit, length, count in (("ftUS", "1000001ft", 1), ("ft", "1000001ft", 0), ("ft", "999999ftUS", 0),
+                                    ("ftUS", "999999ftUS", 1), ("ft", "304801m", 0), ("ftUS", "304800m", 1)):
+            j = d.ctl("mesh", edge, "-o", base + "/e.ply", "--json", "--max-edge", length, "--assume-units", unit).ok().json()
+            expect(j["left_out"]["triangles"] == count, "%s of %s: %s" % (length, unit, j["left_out"]))
+        r = d.ctl("mesh", nine, "-o", base + "/m.ply", "--max-edge", "14", "--assume-units", "ftUS").ok()
+        expect("an area of 400 square US survey feet" in r.out + r.err, r.out + r.err)
+        r = d.ctl("mesh", nine, "-o", base + "/m.ply", "--max-edge", "14").ok()
+        expect("were left out" in r.out + r.err and "area" not in r.out + r.err, r.out + r.err)
+        for length, words, parts in [
+            ("14m", [], ["--max-edge is in metre, but the unit of x and y is unknown", "--assume-units"]),
+            ("14yd", [], ["--max-edge is not a length", "14yd", "ftUS"]),
+            ("m", [], ["--max-edge is not a length"]),
+            ("0m", [], ["--max-edge is not a length"]),
+            ("1e-30m", ["--assume-units", "ftUS"], ["--max-edge has too many digits"]),
+        ]:
+            r = d.ctl("mesh", nine, "-o", base + "/x.ply", "--max-edge", length, *words)
+            expect(r.status == 2 and not os.path.exists(base + "/x.ply"), "%s: %d %s" % (length, r.status, r.err))
+            said(r, *parts)
+        lonlat = las(base + "/lonlat.las", DEGREES, x0=8)
+        r = d.ctl("mesh", lonlat, "--planar", "-o", base + "/x.ply", "--max-edge", "14m")
+        expect(r.status == 2, r.err)
+        said(r, "the unit of x and y is degree")
+        j = d.ctl("mesh", lonlat, "--planar", "-o", base + "/x.ply", "--max-edge", "14", "--json").ok().json()
+        expect(j["left_out"]["area"] is None, "an area of degrees")
+        # --thin takes the same lengths.
+        j = d.ctl("mesh", nine, "-o", base + "/m.ply", "--thin", "1000m", "--assume-units", "m", "--json").ok().json()
+        expect(j["used"] <= 4, str(j["used"]))
+        r = d.ctl("mesh", nine, "-o", base + "/m.ply", "--thin", "15m")
+        expect(r.status != 0, "a metric cell on unknown units")
+        said(r, "--thin", "--assume-units")
+
+
+def info():
+    """One line each for plane, CRS, units, number and datum; null where nothing is said."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        text = d.ctl("info", f["feet"]).ok().out
+        for line in ("  plane   projected", "  crs     EPSG:25832 + EPSG:6360", "  epsg    25832, heights 6360",
+                     "  datum   ETRS89", "  units   metre, heights us-survey-foot"):
+            expect(line + "\n" in text, "%r is not in\n%s" % (line, text))
+        text = d.ctl("info", f["none"]).ok().out
+        for line in ("  plane   unknown", "  crs     unknown", "  epsg    unknown", "  datum   unknown",
+                     "  units   unknown, heights unknown"):
+            expect(line + "\n" in text, "%r is not in\n%s" % (line, text))
+        j = d.ctl("info", f["feet"], "--json").ok().json()
+        expect((j["plane"], j["epsg"], j["epsg_z"], j["datum"]) == ("projected", 25832, 6360, "ETRS89"), str(j))
+        j = d.ctl("info", f["text"], "--json").ok().json()
+        expect((j["plane"], j["epsg"], j["epsg_z"], j["datum"]) == (None, None, None, None), str(j))
+
+
+e2e.main(info, z_unit, lengths, mixing, across_pushes, unknown, assumed, assumed_wrongly)
