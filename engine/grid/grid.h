@@ -48,10 +48,26 @@ struct grid_segment_info {
 	struct digest sum;      /* content sum of all its records, without their sources */
 };
 
-/* Merge the runs (and what is still in memory) into a segment, published durably; runs are removed. */
+/* Merge the runs (and what is still in memory) into a segment, published durably. Runs are removed, unless the
+ * stage was left: then they stay until grid_stage_free or grid_stage_discard. */
 int grid_stage_seal(struct grid_stage *, struct grid_segment_info *ret, struct err *err);
-/* After a failure nothing but grid_stage_free works. Frees; what was not sealed is removed from disk. */
+/* After a failure nothing but grid_stage_free and grid_stage_part works. Frees; what was not sealed is removed
+ * from disk, also what was left. */
 struct grid_stage *grid_stage_free(struct grid_stage *);
+/* What was added of source `id` goes: it will not be in the segment, nor the source in its table. */
+int grid_stage_drop(struct grid_stage *, uint32_t id, struct err *err);
+
+/* Leaves everything added so far in runs, and beside them a state file, NAME.stage, that says so (both fsynced
+ * if durable): from then on another stage of that name can go on from here, whatever becomes of this one. */
+int grid_stage_leave(struct grid_stage *, struct err *err);
+/* Frees; what the last grid_stage_leave said stays on disk, the rest is removed. */
+struct grid_stage *grid_stage_part(struct grid_stage *);
+/* Goes on where a stage of params->name in that folder was left. -ERR_CORRUPT, -ERR_IO: it cannot. */
+int grid_stage_resume(const struct grid_stage_params *, struct grid_stage **ret, struct err *err);
+/* The sources that have points in it, ascending. */
+const uint32_t *grid_stage_sources(const struct grid_stage *, size_t *ret_n);
+/* Removes what a stage left; success if there is nothing. */
+int grid_stage_discard(int dirfd, const char *name, struct err *err);
 
 /* ---- manifests: a text or binary file that alone describes a dataset ---- */
 

@@ -15,6 +15,7 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs are written a
 #define DISK_SEGMENT_MAGIC "ACUTSEG1"
 #define DISK_RUN_MAGIC "ACUTRUN1"
 #define DISK_MANIFEST_MAGIC "ACUTMAN1"
+#define DISK_LEFT_MAGIC "ACUTSTG1"
 #define DISK_PAGE_MAGIC 0x58444941u /* "AIDX" */
 
 enum {

@@ -8,7 +8,10 @@
  * run and the window in which cells are found; if there are more runs than that carries, the oldest are
  * merged into longer runs first.
  *
- * The first failure is final: grid_stage_free then removes every file that the stage made.
+ * Dropping sources, leaving and going on: grid_stage_leave.c.
+ *
+ * The first failure is final: grid_stage_free then removes every file that the stage made, grid_stage_part all
+ * but what was left.
  */
 #include <assert.h>
 #include <stdio.h>
@@ -16,36 +19,13 @@
 #include <string.h>
 
 #include "err.h"
-#include "grid.h"
-#include "grid_merge.h"
-#include "grid_run.h"
+#include "grid_left.h"
 #include "grid_segment.h"
+#include "grid_stage_priv.h"
 #include "io.h"
 #include "log.h"
 
-enum { STEM_MAX = GRID_NAME_MAX - 16, WINDOW_MIN = 4096, WINDOW_MAX = 16384 };
-
-struct grid_stage {
-	int dirfd;
-	bool durable, failed, sealed;
-	bool litter; /* a run could not be removed when it was not needed any more */
-	char stem[STEM_MAX];
-	uint8_t *memory;
-	size_t buffer;     /* bytes of the file buffer, at the start of memory */
-	uint8_t *halves;   /* both halves, one after the other */
-	size_t half;       /* bytes of each */
-	struct point *pts; /* the first half */
-	size_t n, cap;
-	uint32_t table[POINT_SOURCES]; /* sources of the records in memory */
-	uint32_t ntable, source;       /* source: index of the one that is being added */
-	bool unsynced;                 /* run names that the folder's fsync has not covered */
-	uint32_t *all;                 /* every source seen, ascending */
-	uint32_t nall, allcap;
-	uint32_t *runs; /* their numbers, oldest first */
-	size_t nruns, runcap;
-	uint32_t next_run;
-	struct grid_merge merge;
-};
+enum { WINDOW_MIN = 4096, WINDOW_MAX = 16384 };
 
 int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **ret, struct err *err)
 {
@@ -79,33 +59,38 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 
 static void run_name(const struct grid_stage *s, uint32_t number, char name[GRID_NAME_MAX])
 {
-	snprintf(name, GRID_NAME_MAX, "%s.%u.run", s->stem, number);
+	grid_left_run_name(s->stem, number, name);
 }
 
 /* ---- sources ---- */
 
-/* Keep the list of all sources ascending: they nearly always come so. */
+/* Into an ascending list, once: they nearly always come so. */
+int grid_stage_insert(uint32_t **list, uint32_t *n, uint32_t *room, uint32_t id, struct err *err)
+{
+	uint32_t at = *n;
+
+	while (at && (*list)[at - 1] > id)
+		at--;
+	if (at && (*list)[at - 1] == id)
+		return 0;
+	if (*n == *room) {
+		uint32_t cap = *room ? *room * 2 : 16;
+		uint32_t *more = realloc(*list, cap * sizeof *more);
+
+		if (!more)
+			return err_set(err, ERR_NOMEM, "no memory for a list of %u sources", cap);
+		*list = more;
+		*room = cap;
+	}
+	memmove(*list + at + 1, *list + at, (*n - at) * sizeof **list);
+	(*list)[at] = id;
+	++*n;
+	return 0;
+}
+
 static int remember(struct grid_stage *s, uint32_t id, struct err *err)
 {
-	uint32_t at = s->nall;
-
-	while (at && s->all[at - 1] > id)
-		at--;
-	if (at && s->all[at - 1] == id)
-		return 0;
-	if (s->nall == s->allcap) {
-		uint32_t cap = s->allcap ? s->allcap * 2 : 16;
-		uint32_t *all = realloc(s->all, cap * sizeof *all);
-
-		if (!all)
-			return err_set(err, ERR_NOMEM, "no memory for a list of %u sources", cap);
-		s->all = all;
-		s->allcap = cap;
-	}
-	memmove(s->all + at + 1, s->all + at, (s->nall - at) * sizeof *s->all);
-	s->all[at] = id;
-	s->nall++;
-	return 0;
+	return grid_stage_insert(&s->all, &s->nall, &s->allcap, id, err);
 }
 
 static int by_id(const void *a, const void *b)
@@ -196,14 +181,14 @@ static int spill(struct grid_stage *s, struct err *err)
 
 /* ---- adding ---- */
 
-static int fail(struct grid_stage *s, int rc)
+int grid_stage_fail(struct grid_stage *s, int rc)
 {
 	if (rc)
 		s->failed = true;
 	return rc;
 }
 
-static int usable(const struct grid_stage *s, struct err *err)
+int grid_stage_usable(const struct grid_stage *s, struct err *err)
 {
 	if (!s->failed && !s->sealed)
 		return 0;
@@ -213,7 +198,7 @@ static int usable(const struct grid_stage *s, struct err *err)
 
 int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 {
-	int rc = usable(s, err);
+	int rc = grid_stage_usable(s, err);
 
 	if (rc)
 		return rc;
@@ -221,7 +206,7 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 		return err_set(err, ERR_INTERNAL, "0 is no source");
 	rc = remember(s, id, err);
 	if (rc)
-		return fail(s, rc);
+		return grid_stage_fail(s, rc);
 	for (uint32_t i = 0; i < s->ntable; i++) {
 		if (s->table[i] == id) {
 			s->source = i;
@@ -231,7 +216,7 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 	if (s->ntable == GRID_RUN_SOURCES)
 		rc = spill(s, err);
 	if (rc)
-		return fail(s, rc);
+		return grid_stage_fail(s, rc);
 	s->source = s->ntable;
 	s->table[s->ntable++] = id;
 	return 0;
@@ -239,7 +224,7 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 
 int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, struct err *err)
 {
-	int rc = usable(s, err);
+	int rc = grid_stage_usable(s, err);
 
 	if (rc)
 		return rc;
@@ -253,7 +238,7 @@ int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, stru
 
 			rc = spill(s, err);
 			if (rc)
-				return fail(s, rc);
+				return grid_stage_fail(s, rc);
 			s->table[0] = id;
 			s->ntable = 1;
 			s->source = 0;
@@ -272,26 +257,33 @@ int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, stru
 	return 0;
 }
 
-int grid_stage_sync(struct grid_stage *s, struct err *err)
+/* What is in memory becomes a run, and the source that is being added stays. */
+int grid_stage_spill(struct grid_stage *s, struct err *err)
 {
-	int rc = usable(s, err);
-
-	if (rc || !s->durable)
-		return rc;
 	uint32_t id = s->ntable ? s->table[s->source] : 0;
+	int rc = spill(s, err);
 
-	rc = spill(s, err);
-	if (rc)
-		return fail(s, rc);
-	if (id) {
+	if (rc == 0 && id) {
 		s->table[0] = id;
 		s->ntable = 1;
 		s->source = 0;
 	}
+	return rc;
+}
+
+int grid_stage_sync(struct grid_stage *s, struct err *err)
+{
+	int rc = grid_stage_usable(s, err);
+
+	if (rc || !s->durable)
+		return rc;
+	rc = grid_stage_spill(s, err);
+	if (rc)
+		return grid_stage_fail(s, rc);
 	if (s->unsynced)
 		rc = io_sync(s->dirfd, s->stem, err);
 	s->unsynced = rc != 0;
-	return fail(s, rc);
+	return grid_stage_fail(s, rc);
 }
 
 /* ---- sealing ---- */
@@ -334,7 +326,7 @@ static int open_runs(struct grid_stage *s, size_t n, const struct bench *b, stru
 	return rc;
 }
 
-static void remove_run(struct grid_stage *s, uint32_t number)
+void grid_stage_remove_run(struct grid_stage *s, uint32_t number)
 {
 	struct err err = ERR_INIT;
 	char name[GRID_NAME_MAX];
@@ -351,7 +343,7 @@ static void remove_run(struct grid_stage *s, uint32_t number)
 static void drop_runs(struct grid_stage *s, size_t n)
 {
 	for (size_t i = 0; i < n; i++)
-		remove_run(s, s->runs[i]);
+		grid_stage_remove_run(s, s->runs[i]);
 	s->nruns -= n;
 	if (s->nruns)
 		memmove(s->runs, s->runs + n, s->nruns * sizeof *s->runs);
@@ -384,6 +376,8 @@ static int merge_runs(struct grid_stage *s, size_t n, const struct bench *b, str
 		rc = grid_run_finish(&w, s->durable, &records, err); /* before the runs that it replaces go */
 	grid_run_abort(&w);
 	grid_merge_close(&s->merge);
+	if (rc == 0 && s->left)
+		rc = grid_stage_write_left(s, n, err); /* likewise */
 	if (rc == 0)
 		drop_runs(s, n);
 	return rc;
@@ -393,7 +387,7 @@ static int merge_runs(struct grid_stage *s, size_t n, const struct bench *b, str
 static int merge_segment(struct grid_stage *s, struct grid_segment *seg, const struct bench *b,
 			 struct err *err)
 {
-	uint32_t *ids = s->nall > 1 ? b->ids : NULL;
+	uint32_t *ids = s->nall > 1 || s->ndead ? b->ids : NULL;
 	size_t held = 0, got = 0, taken = 0;
 	bool end = false;
 	int rc = 0;
@@ -406,6 +400,7 @@ static int merge_segment(struct grid_stage *s, struct grid_segment *seg, const s
 		if (rc)
 			break;
 		end = got < want;
+		got = grid_stage_leave_out(s, b->window + held, ids ? ids + held : NULL, got);
 		held += got;
 		if (!ids)
 			for (size_t i = held - got; i < held; i++)
@@ -474,29 +469,44 @@ static int seal(struct grid_stage *s, struct grid_segment_info *ret, struct err 
 
 int grid_stage_seal(struct grid_stage *s, struct grid_segment_info *ret, struct err *err)
 {
-	int rc = usable(s, err);
+	int rc = grid_stage_usable(s, err);
 
 	if (rc)
 		return rc;
 	rc = seal(s, ret, err);
 	if (rc)
-		return fail(s, rc);
-	drop_runs(s, s->nruns);
+		return grid_stage_fail(s, rc);
+	if (!s->left)
+		drop_runs(s, s->nruns);
 	s->sealed = true;
 	s->n = 0;
 	return 0;
 }
 
-struct grid_stage *grid_stage_free(struct grid_stage *s)
+struct grid_stage *grid_stage_release(struct grid_stage *s)
 {
-	if (!s)
-		return NULL;
-	drop_runs(s, s->nruns);
-	for (uint32_t i = 0; s->litter && i < s->next_run; i++)
-		remove_run(s, i);
 	free(s->runs);
 	free(s->all);
+	free(s->dead);
 	free(s->memory);
 	free(s);
 	return NULL;
 }
+
+struct grid_stage *grid_stage_free(struct grid_stage *s)
+{
+	struct err err = ERR_INIT;
+	char name[GRID_NAME_MAX];
+
+	if (!s)
+		return NULL;
+	grid_left_name(s->stem, name);
+	/* First what names the runs. */
+	if (s->left && io_remove(s->dirfd, name, &err))
+		log_err(LOG_LEVEL_DEBUG, "the state of a stage stays behind", &err);
+	drop_runs(s, s->nruns);
+	for (uint32_t i = 0; s->litter && i < s->next_run; i++)
+		grid_stage_remove_run(s, i);
+	return grid_stage_release(s);
+}
+
