@@ -192,7 +192,11 @@ static int begin(struct staging *s, const char *dataset)
 			return status;
 		opt.geoid = geoid;
 	}
-	return acut_push_begin(s->ctl->acut, &opt, &s->push) ? ctl_error_acut(s->ctl) : 0;
+	if (acut_push_begin(s->ctl->acut, &opt, &s->push))
+		return ctl_error_acut(s->ctl);
+	if (*acut_push_note(s->push))
+		ctl_note(s->ctl, "%s: %s", dataset, acut_push_note(s->push));
+	return 0;
 }
 
 static int start_pipes(struct staging *s)
@@ -251,8 +255,8 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 	}
 	if (!status)
 		status = commit(&s);
-	/* interrupted on the way into a named dataset: what is durable may stay, for the next push */
-	if (dataset && ctl_signal_caught())
+	/* on the way into a named dataset what is there whole stays, for the same push again; --strict keeps nothing */
+	if (dataset && (ctl_signal_caught() || !ctl->args.strict))
 		acut_push_leave(s.push);
 	else
 		acut_push_end(s.push);

@@ -182,6 +182,8 @@ struct acut_push_each {
  * answer each. */
 int acut_push_probe_each(struct acut_push *, size_t n, const struct acut_push_each *);
 int acut_push_file_each(struct acut_push *, size_t n, const struct acut_push_each *);
+/* What became of an interrupted push of this user into this dataset, in words; "" if there was none. */
+const char *acut_push_note(const struct acut_push *);
 /* Files 1..n lie safely on the daemon's disk and outlive this connection (counted as they were sent). */
 uint64_t acut_push_durable(const struct acut_push *);
 struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed; NULL is fine; gives NULL */

@@ -128,6 +128,7 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	push->failed = ERR_INIT;
 	push->acut = a;
 	push->push = a->answer->push_begun->push;
+	push->note = strdup(a->answer->push_begun->note);
 	push->checksum = o->checksum;
 	push->add = o->add;
 	push->progress = o->progress;
@@ -440,6 +441,11 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 	return 0;
 }
 
+const char *acut_push_note(const struct acut_push *push)
+{
+	return push->note ? push->note : "";
+}
+
 uint64_t acut_push_durable(const struct acut_push *push)
 {
 	return push->durable;
@@ -455,6 +461,7 @@ struct acut_push *acut_push_leave(struct acut_push *push)
 		;
 	*at = push->next;
 	free(push->format);
+	free(push->note);
 	free(push);
 	return NULL;
 }

@@ -68,9 +68,15 @@ struct dataset *dataset_new(struct jobs *j, const char *name, uint32_t uid, bool
 
 struct dataset *dataset_free(struct dataset *d)
 {
+	struct pending *q;
+
 	if (!d)
 		return NULL;
 	io_close(d->dirfd);
+	while ((q = d->pending)) {
+		d->pending = q->next;
+		free(q);
+	}
 	free(d->lattice);
 	free(d->crs);
 	free(d->unit_xy);
@@ -172,12 +178,17 @@ int folder_empty(int dirfd, struct err *err)
 
 /* ---- leftovers ---- */
 
+struct keep {
+	const char *manifest;
+	const struct grid_manifest *m;
+	const struct pending *pending;
+};
+
 static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct err *err)
 {
-	const struct {
-		const char *manifest;
-		const struct grid_manifest *m;
-	} *keep = ctx;
+	const struct keep *keep = ctx;
+	const struct pending *q;
+	char stem[32];
 	size_t i;
 
 	if (!strcmp(e->d_name, keep->manifest))
@@ -185,15 +196,17 @@ static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct e
 	for (i = 0; keep->m && i < keep->m->nsegments; i++)
 		if (!strcmp(e->d_name, keep->m->segments[i].file))
 			return 0;
+	for (q = keep->pending; q; q = q->next) {
+		snprintf(stem, sizeof stem, "push-%llu.", (unsigned long long)q->id);
+		if (!strncmp(e->d_name, stem, strlen(stem)) && strcmp(e->d_name + strlen(stem), "seg"))
+			return 0;
+	}
 	return io_remove(dirfd, e->d_name, err);
 }
 
 int dataset_sweep(struct dataset *d, struct err *err)
 {
-	struct {
-		const char *manifest;
-		const struct grid_manifest *m;
-	} keep = {.manifest = d->manifest};
+	struct keep keep = {.manifest = d->manifest, .pending = d->pending};
 	struct grid_manifest *m = NULL;
 	int r = dataset_open(d, err);
 
@@ -266,6 +279,7 @@ struct dataset *dataset_hold(struct dataset *d)
 
 void dataset_release(struct dataset *d)
 {
+	struct err err = ERR_INIT;
 	struct dataset **at;
 
 	if (--d->users || (!d->onestep && d->generation))
@@ -274,6 +288,8 @@ void dataset_release(struct dataset *d)
 		;
 	*at = d->next;
 	remove_folder(d);
+	if (d->row && catalogue_drop_dataset(d->jobs->p.catalogue, d->id, NULL, NULL, &err))
+		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	dataset_free(d);
 }
 
@@ -292,7 +308,7 @@ struct dataset *dataset_after(struct jobs *j, const char *name)
 	struct dataset *d, *best = NULL;
 
 	for (d = j->datasets; d; d = d->next)
-		if (!d->onestep && d->generation && strcmp(d->name, name) > 0 &&
+		if (!d->onestep && (d->generation || d->pending) && strcmp(d->name, name) > 0 &&
 		    (!best || strcmp(d->name, best->name) < 0))
 			best = d;
 	return best;
@@ -300,6 +316,8 @@ struct dataset *dataset_after(struct jobs *j, const char *name)
 
 void dataset_info(const struct dataset *d, struct dataset_info *ret)
 {
+	const struct pending *q;
+
 	*ret = (struct dataset_info){
 		.name = d->name,
 		.id = d->id,
@@ -317,6 +335,15 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.pushes = d->pushes,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);
+	for (q = d->pending; q; q = q->next)
+		ret->pending++;
+	q = d->pending;
+	if (q) {
+		ret->pending_files = q->files;
+		ret->pending_uid = q->uid;
+		ret->pending_points = q->points;
+		ret->pending_until_us = pending_until_us(q);
+	}
 }
 
 static bool replace(char **to, const char *with)
@@ -399,6 +426,19 @@ void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
 	memcpy(ret->box, d->box, sizeof ret->box);
 }
 
+int dataset_put_row(struct dataset *d, struct err *err)
+{
+	struct catalogue_dataset row;
+	int r;
+
+	if (d->row || d->generation)
+		return 0;
+	dataset_row(d, &row);
+	r = catalogue_put_dataset(d->jobs->p.catalogue, &row, 0, NULL, NULL, err);
+	d->row = !r;
+	return r;
+}
+
 int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err *err)
 {
 	struct dataset *d = dataset_new(j, row->name, row->uid, false, err);
@@ -406,6 +446,7 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	if (!d)
 		return -ERR_NOMEM;
 	d->id = row->id;
+	d->row = true;
 	d->files = row->files;
 	d->created_us = row->created_us;
 	d->pushed_us = row->pushed_us;

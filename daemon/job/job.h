@@ -71,6 +71,10 @@ struct dataset_info {
 	int64_t created_us, pushed_us;
 	int32_t box[4];
 	unsigned pushes; /* open now */
+	unsigned pending; /* interrupted; the next five are of the newest */
+	uint32_t pending_files, pending_uid;
+	uint64_t pending_points;
+	int64_t pending_until_us;
 };
 /* NULL: none. One-step datasets are seen by their owner only. */
 struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
@@ -88,6 +92,7 @@ struct push_begun {
 	struct push *push;
 	uint64_t id;
 	const char *lattice;
+	const char *note; /* "", or what became of an interrupted push */
 };
 struct push_file {
 	const char *name;
@@ -164,8 +169,8 @@ void push_plan(struct push *, void *token);
 void push_file(struct push *, int fd, const char *name, const char *format, void *token);
 void push_commit(struct push *, void *token);
 void push_abort(struct push *, void *token);
-/* Nobody will call any more: aborts if not committed; what is unanswered is still answered. The push is void.
- */
+/* Nobody will call any more: what is unanswered is still answered. What was staged whole into a named dataset and
+ * neither committed nor aborted stays as a pending push. The push is void. */
 void push_leave(struct push *);
 unsigned push_unanswered(const struct push *); /* files and probes */
 /* A probe of its own, for `acutctl info`. */

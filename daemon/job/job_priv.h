@@ -13,6 +13,14 @@ enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
 /* But for the texts of views with large areas, which are counted. */
 enum { JOBS_VIEWS_MAX = 4 << 20 };
 
+/* A push that was interrupted, until somebody takes it up. Holds its dataset. */
+struct pending {
+	struct pending *next;
+	uint64_t id, points;
+	uint32_t uid, files;
+	int64_t left_us;
+};
+
 struct dataset {
 	struct dataset *next; /* named: by id; one-step ones follow in no order */
 	struct jobs *jobs;
@@ -34,6 +42,9 @@ struct dataset {
 	struct push *planner; /* fixes the lattice */
 	struct push *committer;
 	uint32_t next_source;
+	struct pending *pending;
+	bool row; /* the catalogue has one */
+	bool sweep; /* at the start: pushes left something */
 	double stage_seconds; /* of the last push */
 };
 
@@ -108,6 +119,8 @@ int dataset_open(struct dataset *, struct err *err);
 void dataset_close(struct dataset *);
 int dataset_set(struct dataset *, const struct grid_manifest *, const char *manifest, struct err *err);
 void dataset_row(const struct dataset *, struct catalogue_dataset *ret);
+/* A dataset that has nothing yet is in the catalogue before its first push promises anything. */
+int dataset_put_row(struct dataset *, struct err *err);
 int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
 /* Removes what no manifest of the dataset names. Reads the disk. */
 int dataset_sweep(struct dataset *, struct err *err);
@@ -115,6 +128,11 @@ int folder_empty(int dirfd, struct err *err); /* removes everything in it */
 int folder_remove(int dirfd, const char *name, struct err *err); /* with everything in it; absent is success */
 /* Removes the entries whose names begin so. */
 int folder_sweep(int dirfd, const char *prefix, struct err *err);
+
+/* push_pending.c */
+int pending_load(struct dataset *, const struct catalogue_push *, bool *ret_stays, struct err *err);
+void pending_expire(struct dataset *);
+int64_t pending_until_us(const struct pending *);
 
 /* push.c */
 void push_tick(struct push *);

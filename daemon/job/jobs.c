@@ -235,38 +235,23 @@ static int load_job(void *ctx, const struct catalogue_job *row, struct err *err)
 	return job_load(ctx, row, err);
 }
 
-/* A push that a crash ended: what it left is removed, and it must be pushed again. Said aloud, once. */
+/* A push that a crash ended: what was durable of it waits to be taken up, the rest is removed (sweep_all). */
 static int load_push(void *ctx, const struct catalogue_push *row, struct err *err)
 {
 	struct jobs *j = ctx;
 	struct dataset *d;
-	char name[32];
-	int fd, r;
+	bool stays = false;
+	int r = 0;
 
 	for (d = j->datasets; d && d->id != row->dataset; d = d->next)
 		;
 	if (d) {
-		r = dataset_sweep(d, err);
-	} else {
-		/* Its dataset never got a generation. */
-		struct err absent = ERR_INIT;
-
-		snprintf(name, sizeof name, "%llu", (unsigned long long)row->dataset);
-		r = 0;
-		if (!io_open(j->datafd, name, O_RDONLY | O_DIRECTORY, 0, &fd, &absent)) {
-			r = folder_empty(fd, err);
-			io_close(fd);
-			if (!r && io->unlinkat(j->datafd, name, AT_REMOVEDIR) != 0)
-				r = err_sys(err, errno, "cannot remove the folder of a dataset");
-		}
-		if (row->dataset > j->last_dataset)
-			j->last_dataset = row->dataset;
+		d->sweep = true;
+		r = pending_load(d, row, &stays, err);
 	}
-	log_notice("push %llu of user %u into %s was not committed before the daemon ended: its %u durable "
-		   "file(s) were "
-		   "removed, push them again",
-		   (unsigned long long)row->id, row->uid, d ? d->name : "a new dataset", row->files);
-	if (!r)
+	if (row->dataset > j->last_dataset)
+		j->last_dataset = row->dataset;
+	if (!r && !stays)
 		r = catalogue_drop_push(j->p.catalogue, row->id, NULL, NULL, err);
 	return r;
 }
@@ -285,6 +270,33 @@ static int sweep_selected(struct jobs *j, struct err *err)
 		return r;
 	r = folder_sweep(fd, WALK_SELECT_TEMP, err);
 	io_close(fd);
+	return r;
+}
+
+/* Folders that a push left something in. A dataset without a generation and without a pending push never was. */
+static int sweep_all(struct jobs *j, struct err *err)
+{
+	struct dataset **at = &j->datasets, *d;
+	char name[32];
+	int r = 0;
+
+	while (!r && (d = *at)) {
+		bool goes = !d->generation && !d->pending;
+
+		if (d->sweep || goes)
+			r = dataset_sweep(d, err);
+		if (r || !goes) {
+			at = &d->next;
+			continue;
+		}
+		snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
+		if (io->unlinkat(j->datafd, name, AT_REMOVEDIR) != 0)
+			r = err_sys(err, errno, "cannot remove the folder of a dataset");
+		else
+			r = catalogue_drop_dataset(j->p.catalogue, d->id, NULL, NULL, err);
+		*at = d->next;
+		dataset_free(d);
+	}
 	return r;
 }
 
@@ -326,6 +338,8 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	r = open_folders(j, err);
 	if (!r)
 		r = catalogue_load(p->catalogue, &reader, last, err);
+	if (!r)
+		r = sweep_all(j, err);
 	if (!r)
 		r = catalogue_start(p->catalogue, err);
 	if (r) {

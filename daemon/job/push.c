@@ -4,8 +4,8 @@
  * The model: a push is a queue of asks, of which the first is being done, by a worker or by the loop; each is
  * answered exactly once, in order. What an ask does is a row of push_rows (push_ask.c). A push whose caller
  * has left answers what is queued with "cancelled" and closes itself; it is gone when its PUSH_CLOSE is done.
- * Points are visible only after a commit; everything else a push wrote is removed by its close, or by the
- * next start.
+ * Points are visible only after a commit. What a push wrote without one is removed by its close, or by the
+ * next start, or stays as a pending push (push_pending.c).
  */
 #include <fcntl.h>
 #include <math.h>
@@ -20,6 +20,7 @@
 
 #define PROGRESS_SECONDS 0.2
 #define DURABLE_SECONDS 5.0
+#define IDLE_SECONDS 5.0 /* without a question: others may have the stage's memory */
 
 struct push *push_free(struct push *p)
 {
@@ -28,6 +29,10 @@ struct push *push_free(struct push *p)
 	push_forget_probes(p);
 	names_free(&p->base_paths);
 	push_streams_free(p);
+	names_free(&p->adopt_paths);
+	grid_manifest_free(p->adopt);
+	free(p->adopt_taken);
+	free(p->pending);
 	free(p->sources);
 	free(p->scale_xy);
 	free(p->scale_z);
@@ -85,6 +90,7 @@ void push_ask_over(struct push *p)
 		p->unanswered--;
 	ask_free(a);
 	p->busy = false;
+	p->asked_ns = clock_mono_ns();
 }
 
 static void close_done(struct push *p)
@@ -262,9 +268,10 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		p->geoid = copy(in->geoid);
 		p->geoid_way = copy(in->geoid_way);
 		p->last = calloc(1, sizeof *p->last);
+		p->pending = calloc(1, sizeof *p->pending);
 	}
 	if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way ||
-	    !p->last)
+	    !p->last || !p->pending)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
@@ -301,7 +308,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->has_crop = in->ncrop > 0;
 	if (p->has_crop)
 		memcpy(p->crop, in->crop, sizeof p->crop);
-	p->begun_ns = p->synced_ns = clock_mono_ns();
+	p->begun_ns = p->synced_ns = p->asked_ns = clock_mono_ns();
 	snprintf(p->crs, sizeof p->crs, "unknown");
 	snprintf(p->unit_xy, sizeof p->unit_xy, "unknown");
 	snprintf(p->unit_z, sizeof p->unit_z, "unknown");
@@ -430,7 +437,9 @@ void push_remove_files(struct push *p)
 {
 	struct err err = ERR_INIT;
 
-	if (!p->committed && (!p->busy || p->asks->kind != PUSH_COMMIT) && dataset_sweep(p->dataset, &err))
+	/* What the next start can go on with stays. */
+	if (!p->committed && !p->on_disk && (!p->busy || p->asks->kind != PUSH_COMMIT) &&
+	    dataset_sweep(p->dataset, &err))
 		log_err(LOG_LEVEL_WARNING, "what a push left cannot be removed", &err);
 }
 
@@ -450,5 +459,7 @@ void push_tick(struct push *p)
 	if (!a && p->stage && !p->dataset->onestep && p->durable < p->files && !p->broken &&
 	    clock_since(p->synced_ns) >= DURABLE_SECONDS)
 		push_ask_new(p, PUSH_SYNC, NULL, false);
+	else if (!a && p->stage && !p->broken && clock_since(p->asked_ns) >= IDLE_SECONDS)
+		push_ask_new(p, PUSH_PARK, NULL, false);
 	push_pump(p);
 }

@@ -1,9 +1,8 @@
 /*
  * What each ask of a push does: a row of start (loop), run (worker), done (loop).
  *
- * A file that fails half-way has left points in the stage: its source is written into the manifest as removed
- * by the generation that adds it, so that no generation shows them. A failure of the stage itself ends the
- * push.
+ * A file that fails half-way has left points in the stage, which the commit drops. A failure of the stage
+ * itself ends the push.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -29,7 +28,14 @@ static void task_bytes(struct push *p, enum ledger_name name, uint64_t bytes)
 
 static int begin_start(struct push *p, struct push_ask *a, struct err *err)
 {
+	const struct push *other;
+
+	/* One that was just interrupted is taken up when it lies there. */
+	for (other = p->jobs->pushes; other; other = other->next)
+		if (other != p && other->dataset == p->dataset && other->left && other->peer.uid == p->peer.uid)
+			return PUSH_WAIT;
 	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
+	push_claim(p);
 	return 0;
 }
 
@@ -43,11 +49,13 @@ static void begin_run(struct push *p, struct push_ask *a)
 		a->r = push_plane_begin(p, &a->err);
 	if (!a->r && p->base)
 		a->r = push_known_index(p->base, &p->base_paths, &a->err);
+	if (!a->r)
+		a->r = push_adopt(p, &a->err);
 }
 
 static void begin_answer(struct push *p, const struct err *why)
 {
-	struct push_begun begun = {.push = p, .id = p->id, .lattice = ""};
+	struct push_begun begun = {.push = p, .id = p->id, .lattice = "", .note = p->note};
 	char lattice[LATTICE_TEXT_SIZE];
 	void *token = p->asks->token;
 
@@ -96,13 +104,17 @@ static int begin_with_base(struct push *p, struct err *err)
 	return 0;
 }
 
-/* The manifest that the push found, and what the commit makes of it. */
-static uint64_t base_bytes(const struct push *p)
+/* The manifests that the push found, and what the commit makes of them. */
+static uint64_t manifest_bytes(const struct push *p)
 {
-	const struct grid_manifest *m = p->base;
+	const struct grid_manifest *all[] = {p->base, p->adopt};
+	uint64_t bytes = names_bytes(&p->base_paths) + names_bytes(&p->adopt_paths);
 
-	return names_bytes(&p->base_paths) + 3 * (m->nsources * sizeof *m->sources + m->texts_bytes) +
-	       3 * m->nsegments * sizeof *m->segments;
+	for (int i = 0; i < 2; i++)
+		if (all[i])
+			bytes += 3 * (all[i]->nsources * sizeof *all[i]->sources + all[i]->texts_bytes +
+				      all[i]->nsegments * sizeof *all[i]->segments);
+	return bytes;
 }
 
 static bool begin_done(struct push *p, struct push_ask *a, const struct err *why)
@@ -115,11 +127,16 @@ static bool begin_done(struct push *p, struct push_ask *a, const struct err *why
 		.begun_us = clock_real_us(),
 	};
 
-	if (!why && p->base && (begin_with_base(p, &err) || push_room(p, base_bytes(p), &err)))
+	if (!why) {
+		push_adopted(p);
+		row.id = p->id;
+	}
+	push_unclaim(p);
+	if (!why && ((p->base && begin_with_base(p, &err)) || push_room(p, manifest_bytes(p), &err)))
 		why = &err;
 	if (!why && !p->dataset->onestep) {
 		p->waiting_row = true;
-		if (!catalogue_put_push(p->jobs->p.catalogue, &row, begin_row_done, p, &err))
+		if (!dataset_put_row(p->dataset, &err) && !catalogue_put_push(p->jobs->p.catalogue, &row, begin_row_done, p, &err))
 			return false;
 		p->waiting_row = false;
 		why = &err;
@@ -210,6 +227,10 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 	struct push_probe_result result = {.name = a->name, .known = a->known, .points = a->in.points};
 	struct err err = ERR_INIT;
 
+	if (!why && a->known == PUSH_ADOPTED) {
+		p->adopt_taken[a->adopted] = true;
+		p->ntaken++;
+	}
 	if (!why && a->known == PUSH_NEW) {
 		result.info = &a->info;
 		if (push_remember_probe(p, a, &err))
@@ -223,8 +244,10 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 
 static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 {
-	int r = push_plane_choose(p, err);
+	int r;
 
+	push_adopt_nothing(p);
+	r = push_plane_choose(p, err);
 	if (!r)
 		r = push_crs_agree(p, err);
 	if (r || p->has_lattice)
@@ -300,8 +323,11 @@ static void stage_run(struct push *p, struct push_ask *a)
 		.durable = !p->dataset->onestep,
 	};
 
-	snprintf(name, sizeof name, "push-%llu", (unsigned long long)p->id);
-	a->r = grid_stage_new(&params, &p->stage, &a->err);
+	push_stage_name(p->id, name);
+	if (p->on_disk)
+		a->r = grid_stage_resume(&params, &p->stage, &a->err);
+	else
+		a->r = grid_stage_new(&params, &p->stage, &a->err);
 }
 
 static bool stage_done(struct push *p, struct push_ask *a, const struct err *why)
@@ -491,14 +517,7 @@ static void file_run(struct push *p, struct push_ask *a)
 		input_close(in);
 }
 
-/* Of the stage, not of the input: nothing more can be staged. */
-static bool stage_broke(const struct err *why)
-{
-	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM ||
-	       why->code == ERR_CORRUPT || why->code == ERR_INTERNAL;
-}
-
-static void source_add(struct push *p, const struct push_ask *a, bool live)
+static void source_add(struct push *p, const struct push_ask *a)
 {
 	struct grid_source *s = &p->sources[p->nsources++];
 	const struct push_probed *probe = push_find_probe(p, a->name);
@@ -507,15 +526,20 @@ static void source_add(struct push *p, const struct push_ask *a, bool live)
 	base = base ? base + 1 : probe->name;
 	memset(s, 0, sizeof *s);
 	s->id = a->source;
-	s->points = live ? a->in.points : atomic_load(&p->progress);
-	/* Generations are put in by the commit; here only: lives or not. */
-	s->removed = !live;
+	s->points = a->in.points;
 	/* Of a name that is too long, its end; it stays as long as the push. */
 	s->name = strlen(base) < GRID_SOURCE_NAME ? base : base + strlen(base) - (GRID_SOURCE_NAME - 1);
 	s->path = probe->path;
 	s->size = a->id.size;
 	s->mtime_ns = a->id.mtime_ns;
 	s->hash = a->hash;
+}
+
+/* Of the stage, not of the input: nothing more can be staged. */
+static bool stage_broke(const struct err *why)
+{
+	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM ||
+	       why->code == ERR_CORRUPT || why->code == ERR_INTERNAL;
 }
 
 static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
@@ -540,14 +564,12 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	file.crs_of = a->projected ? a->info.crs.text : "";
 	a->crew = push_crew_free(a->crew);
 	a->whole = input_close(a->whole);
-	/* What was staged of a file that failed must be known as dead. */
-	if (tried && (!why || atomic_load(&p->progress)))
-		source_add(p, a, !why);
 	if (!why && file.in.partial && !p->dataset->partial) {
 		p->dataset->partial = true;
 		memcpy(p->dataset->crop, p->crop, sizeof p->crop);
 	}
 	if (!why) {
+		source_add(p, a);
 		p->files++;
 		p->unsynced_points += a->in.points;
 	} else if (tried && stage_broke(why)) {
@@ -580,7 +602,7 @@ static int sync_start(struct push *p, struct push_ask *a, struct err *err)
 
 static void sync_run(struct push *p, struct push_ask *a)
 {
-	a->r = grid_stage_sync(p->stage, &a->err);
+	a->r = push_leave_pending(p, &a->err);
 }
 
 static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
@@ -595,8 +617,11 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	};
 
 	if (why) {
-		p->broken = true;
-		p->broken_err = *why;
+		/* One that has left tries once more, at its end. */
+		if (!p->left) {
+			p->broken = true;
+			p->broken_err = *why;
+		}
 		return true;
 	}
 	p->durable = p->files;
@@ -609,6 +634,31 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	return true;
 }
 
+/* ---- park ---- */
+
+static int park_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	return p->stage ? 0 : PUSH_NOW;
+}
+
+static void park_run(struct push *p, struct push_ask *a)
+{
+	a->r = push_leave_pending(p, &a->err);
+	if (!a->r)
+		p->stage = grid_stage_part(p->stage);
+}
+
+static bool park_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	if (!p->stage)
+		push_stage_give(p);
+	if (why && !p->left) {
+		p->broken = true;
+		p->broken_err = *why;
+	}
+	return true;
+}
+
 /* ---- abort, close ---- */
 
 static int close_start(struct push *p, struct push_ask *a, struct err *err)
@@ -616,9 +666,17 @@ static int close_start(struct push *p, struct push_ask *a, struct err *err)
 	return push_streams_busy(p) ? PUSH_WAIT : 0;
 }
 
+static int abort_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	int r = close_start(p, a, err);
+
+	p->aborted |= r != PUSH_WAIT && !p->committed;
+	return r;
+}
+
 static void close_run(struct push *p, struct push_ask *a)
 {
-	p->stage = grid_stage_free(p->stage);
+	push_end_run(p);
 	if (p->made && !p->committed) {
 		/* The catalogue does not name them. */
 		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
@@ -646,10 +704,13 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 {
 	struct err err = ERR_INIT;
 
-	p->stage = grid_stage_free(p->stage); /* if no worker came to it */
+	if (!p->task.ran)
+		push_end_run(p); /* no worker came to it: the daemon ends */
 	push_stage_give(p);
 	push_room_give(p);
-	if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
+	if (p->kept)
+		push_becomes_pending(p);
+	else if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	if (p->opened)
 		dataset_close(p->dataset);
@@ -663,7 +724,8 @@ const struct push_row push_rows[PUSH_KINDS] = {
 	[PUSH_STAGE] = {stage_start, stage_run, stage_done},
 	[PUSH_FILE] = {file_start, file_run, file_done},
 	[PUSH_SYNC] = {sync_start, sync_run, sync_done},
+	[PUSH_PARK] = {park_start, park_run, park_done},
 	[PUSH_COMMIT] = {push_commit_start, push_commit_run, push_commit_done},
-	[PUSH_ABORT] = {close_start, close_run, abort_done},
+	[PUSH_ABORT] = {abort_start, close_run, abort_done},
 	[PUSH_CLOSE] = {close_start, close_run, close_done},
 };

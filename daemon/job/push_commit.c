@@ -11,26 +11,58 @@
 #include "io.h"
 #include "push_priv.h"
 
-static uint64_t live_sources(const struct push *p)
+static int by_id(const void *a, const void *b)
 {
-	uint64_t n = 0;
-	size_t i;
+	uint32_t x = ((const struct grid_source *)a)->id, y = ((const struct grid_source *)b)->id;
 
-	for (i = 0; i < p->nsources; i++)
-		n += !p->sources[i].removed;
-	return n;
+	return x < y ? -1 : x > y;
+}
+
+/* Numbers are given upwards, so both lists are in their order. */
+static bool is_live(const struct push *p, uint32_t id)
+{
+	const struct grid_source key = {.id = id}, *hit = NULL;
+
+	if (p->nsources && bsearch(&key, p->sources, p->nsources, sizeof key, by_id))
+		return true;
+	if (p->adopt && p->adopt->nsources)
+		hit = bsearch(&key, p->adopt->sources, p->adopt->nsources, sizeof key, by_id);
+	return hit && p->adopt_taken[hit - p->adopt->sources];
+}
+
+/* What the stage holds of files of the interrupted push that nobody asked for again, or that it had not read
+ * whole, goes. */
+static int drop_others(struct push *p, struct err *err)
+{
+	size_t n, i = 0;
+	const uint32_t *ids = grid_stage_sources(p->stage, &n);
+	int r = 0;
+
+	while (!r && i < n) {
+		if (is_live(p, ids[i])) {
+			i++;
+			continue;
+		}
+		r = grid_stage_drop(p->stage, ids[i], err);
+		ids = grid_stage_sources(p->stage, &n);
+	}
+	return r;
 }
 
 int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	struct dataset *d = p->dataset;
 
-	if (!live_sources(p))
+	if (!p->nsources && !p->ntaken)
 		return d->generation
 			       ? PUSH_NOW
 			       : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
 	if (d->committer && d->committer != p)
 		return PUSH_WAIT;
+	if (!p->stage)
+		return push_ask_new(p, PUSH_STAGE, NULL, true)
+			       ? 0
+			       : err_set(err, ERR_NOMEM, "no memory for a request");
 	d->committer = p;
 	memcpy(p->base_name, d->manifest, sizeof p->base_name);
 	/* No other push ever has this name: who fails removes only what is its own. */
@@ -42,13 +74,13 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 /* The newest manifest, one segment and this push's sources more. */
 static int commit_manifest(struct push *p, const struct grid_segment_info *segment, struct err *err)
 {
-	size_t nseg = p->base ? p->base->nsegments : 0, nsrc = p->base ? p->base->nsources : 0, i;
+	size_t nseg = p->base ? p->base->nsegments : 0, nsrc = p->base ? p->base->nsources : 0, i, at = nsrc;
 	uint64_t generation = (p->base ? p->base->generation : 0) + 1;
 	struct grid_manifest m = {
 		.lattice = p->lattice,
 		.generation = generation,
 		.nsegments = nseg + 1,
-		.nsources = nsrc + p->nsources,
+		.nsources = nsrc + p->nsources + p->ntaken,
 	};
 	int r;
 
@@ -62,11 +94,13 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 		if (nsrc)
 			memcpy(m.sources, p->base->sources, nsrc * sizeof *m.sources);
 		m.segments[nseg] = *segment;
-		for (i = 0; i < p->nsources; i++) {
-			m.sources[nsrc + i] = p->sources[i];
-			m.sources[nsrc + i].added = generation;
-			m.sources[nsrc + i].removed = p->sources[i].removed ? generation : 0;
-		}
+		for (i = 0; p->adopt && i < p->adopt->nsources; i++)
+			if (p->adopt_taken[i])
+				m.sources[at++] = p->adopt->sources[i];
+		for (i = 0; i < p->nsources; i++)
+			m.sources[at++] = p->sources[i];
+		for (i = nsrc; i < at; i++)
+			m.sources[i].added = generation;
 		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
 		memcpy(m.geoid, p->plane.geoid, sizeof m.geoid);
 		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
@@ -84,8 +118,11 @@ void push_commit_run(struct push *p, struct push_ask *a)
 {
 	struct grid_segment_info segment = {0};
 
-	a->r = grid_stage_seal(p->stage, &segment, &a->err);
-	p->stage = grid_stage_free(p->stage);
+	a->r = drop_others(p, &a->err);
+	if (!a->r)
+		a->r = grid_stage_seal(p->stage, &segment, &a->err);
+	/* What was promised lies there until the catalogue has the commit. */
+	p->stage = grid_stage_part(p->stage);
 	if (a->r)
 		return;
 	/* Another push may have committed since this one began. */
@@ -111,7 +148,6 @@ static void commit_answer(struct push *p, const struct err *why)
 		d->stage_seconds = clock_since(p->begun_ns);
 		if (dataset_set(d, p->made, p->made_name, &err))
 			why = &err;
-		p->row = false;
 		p->old_goes = !jobs_opening(p->jobs, d);
 	}
 	p->committed = !why;
@@ -163,7 +199,7 @@ bool push_commit_done(struct push *p, struct push_ask *a, const struct err *why)
 		r = dataset_set(&shadow, p->made, p->made_name, &err);
 		if (!r) {
 			dataset_row(&shadow, &row);
-			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, p->row ? p->id : 0,
+			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, 0,
 						  commit_row_done, p, &err);
 		}
 		free(shadow.lattice);

@@ -106,8 +106,8 @@ static bool given_before(const struct push *p, const struct push_ask *a)
 
 int push_known(struct push *p, struct push_ask *a)
 {
-	const struct grid_source *s = NULL;
-	bool path = false;
+	const struct grid_source *s = NULL, *t = NULL;
+	bool path = false, ignored;
 	int r = 0;
 
 	a->known = PUSH_NEW;
@@ -122,6 +122,14 @@ int push_known(struct push *p, struct push_ask *a)
 	if (s || given_before(p, a)) {
 		a->known = PUSH_KNOWN;
 		a->in.points = s ? s->points : 0;
+		return 0;
+	}
+	if (p->adopt)
+		t = find(p->adopt, &p->adopt_paths, a, &ignored);
+	if (t) {
+		a->adopted = (size_t)(t - p->adopt->sources);
+		a->known = p->adopt_taken[a->adopted] ? PUSH_KNOWN : PUSH_ADOPTED;
+		a->in.points = t->points;
 		return 0;
 	}
 	if (!path || a->add)

@@ -111,8 +111,8 @@ static bool to_project(const struct push *p, const struct crs_info *crs)
 		return false;
 	memcpy(own, crs->text, sizeof own);
 	without_heights(p, own);
-	if (p->base)
-		memcpy(base, p->base->crs, sizeof base);
+	if (push_settled(p))
+		memcpy(base, push_settled(p)->crs, sizeof base);
 	without_heights(p, base);
 	return strcmp(base, own);
 }
@@ -163,11 +163,11 @@ static int zone_of_base(struct push *p, const struct crs_info *degrees, struct e
 {
 	char want[8], have[8], base[CRS_TEXT_SIZE];
 
-	memcpy(base, p->base->crs, sizeof base);
+	memcpy(base, push_settled(p)->crs, sizeof base);
 	without_heights(p, base);
 	if (!crs_zone_of_text(degrees, base, &p->plane.zone)) {
 		err_set(err, ERR_UNSUPPORTED, "degrees of %.100s cannot be brought to the plane of the dataset %s, %.100s",
-			degrees->text, p->dataset->name, p->base->crs);
+			degrees->text, p->dataset->name, push_settled(p)->crs);
 		return err_add_hint(err, "it would have to be a UTM or UPS zone of their datum; project the file first, or "
 					 "push it into a dataset of its own");
 	}
@@ -184,7 +184,7 @@ static int choose(struct push *p, struct err *err)
 
 	p->plane.projects = degrees != NULL;
 	if (!degrees) {
-		if (!*p->utm || p->base)
+		if (!*p->utm || push_settled(p))
 			return 0;
 		err_set(err, ERR_USAGE, "--utm projects degrees, and no input says that it has any");
 		return err_add_hint(err, "leave it out, or say what the coordinates are with --assume-crs");
@@ -195,7 +195,7 @@ static int choose(struct push *p, struct err *err)
 	if (r)
 		return err_add_file(err, degrees->name);
 	snprintf(p->plane.datum, sizeof p->plane.datum, "%.63s", *from.system.datum ? from.system.datum : from.text);
-	if (p->base) {
+	if (push_settled(p)) {
 		r = zone_of_base(p, &from, err);
 		return r ? err_add_file(err, degrees->name) : 0;
 	}

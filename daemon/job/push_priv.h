@@ -13,6 +13,7 @@ enum push_kind {
 	PUSH_STAGE, /* of our own: memory for the stage */
 	PUSH_FILE,
 	PUSH_SYNC, /* of our own: what was staged becomes durable */
+	PUSH_PARK, /* of our own: the stage goes to disk and gives its memory back */
 	PUSH_COMMIT,
 	PUSH_ABORT,
 	PUSH_CLOSE, /* of our own, the last */
@@ -68,6 +69,7 @@ struct push_ask {
 	enum push_known_as known;
 	struct input *whole;     /* a file that several workers read; closed by the loop */
 	struct push_crew *crew;
+	size_t adopted; /* which source of push.adopt it is */
 };
 
 struct push_probed {
@@ -126,6 +128,16 @@ struct push {
 	struct crs_info **crs_seen; /* what the probes say, each once */
 	size_t ncrs;
 	struct names base_paths;    /* live sources of `base` */
+	struct grid_manifest *adopt; /* of the interrupted push that this one goes on with; NULL: none */
+	struct names adopt_paths;
+	bool *adopt_taken;          /* the client named that source again */
+	size_t ntaken;
+	struct pending *pending;    /* what it claims, or becomes */
+	bool claims;                /* pending was taken out of the dataset's list */
+	uint64_t drops;             /* the number of an interrupted push that did not fit; 0: none */
+	char note[160];
+	bool on_disk;               /* its files say that it can be gone on with */
+	bool aborted, kept;
 	uint64_t table_bytes, table_used; /* charged, and needed, for what is kept of each file */
 
 	struct grid_stage *stage;
@@ -138,7 +150,7 @@ struct push {
 	uint32_t files; /* staged whole */
 	uint32_t durable;
 	uint64_t unsynced_points;
-	uint64_t synced_ns, begun_ns;
+	uint64_t synced_ns, begun_ns, asked_ns;
 
 	struct grid_manifest *made; /* by the commit */
 	char made_name[64];
@@ -219,6 +231,23 @@ void push_forget_probes(struct push *);
 /* Memory for that; -ERR_LIMIT, -ERR_BUSY. */
 int push_room(struct push *, uint64_t bytes, struct err *err);
 void push_room_give(struct push *);
+
+/* What decided about plane and lattice before this push's files: the dataset, an interrupted push; NULL: nothing. */
+static inline const struct grid_manifest *push_settled(const struct push *p)
+{
+	return p->base ? p->base : p->adopt;
+}
+
+/* push_pending.c: pushes that were interrupted */
+void push_stage_name(uint64_t id, char name[48]);
+int push_leave_pending(struct push *, struct err *err);
+void push_end_run(struct push *);
+void push_becomes_pending(struct push *);
+void push_claim(struct push *);
+int push_adopt(struct push *, struct err *err);
+void push_adopted(struct push *);
+void push_adopt_nothing(struct push *);
+void push_unclaim(struct push *);
 
 /* push_known.c: what the dataset has already */
 int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err);

@@ -1,8 +1,10 @@
 /*
  * Requests about datasets, and plans.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "lattice.h"
 #include "server_priv.h"
@@ -12,7 +14,27 @@ enum { PAGE_MAX = 64 };
 struct message_dataset {
 	Acut__V1__Dataset dataset;
 	double min[2], max[2];
+	char pending[160];
 };
+
+/* In words: an open push, an interrupted one. */
+static void message_pending(const struct dataset_info *info, struct message_dataset *m)
+{
+	time_t until = (time_t)(info->pending_until_us / 1000000);
+	struct tm tm;
+	char day[32] = "";
+
+	if (info->pending && gmtime_r(&until, &tm))
+		strftime(day, sizeof day, "%Y-%m-%dT%H:%M:%SZ", &tm);
+	if (info->pending)
+		snprintf(m->pending, sizeof m->pending,
+			 "%s%u interrupted push%s, the newest of user %u: %u files, %llu points, kept until %s",
+			 info->pushes ? "a push is open; " : "", info->pending, info->pending == 1 ? "" : "es",
+			 info->pending_uid, info->pending_files, (unsigned long long)info->pending_points, day);
+	else if (info->pushes)
+		snprintf(m->pending, sizeof m->pending, "a push is open");
+	m->dataset.pending = m->pending;
+}
 
 static void message_dataset(const struct dataset *d, struct message_dataset *m)
 {
@@ -20,6 +42,7 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	struct lattice lattice;
 	int k;
 
+	m->pending[0] = 0;
 	dataset_info(d, &info);
 	acut__v1__dataset__init(&m->dataset);
 	m->dataset.name = (char *)info.name;
@@ -34,8 +57,7 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.uid = info.uid;
 	m->dataset.created_us = info.created_us;
 	m->dataset.pushed_us = info.pushed_us;
-	if (info.pushes)
-		m->dataset.pending = (char *)"a push is open";
+	message_pending(&info, m);
 	if (!info.points || !lattice_parse(info.lattice, &lattice))
 		return;
 	for (k = 0; k < 2; k++) {

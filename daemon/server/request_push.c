@@ -42,6 +42,7 @@ static void begun(void *token, const struct err *why, const struct push_begun *b
 	ref->id = b->id;
 	begun_msg.push = b->id;
 	begun_msg.lattice = (char *)b->lattice;
+	begun_msg.note = (char *)b->note;
 	if (q->conn->closed)
 		push_over(ref);
 	request_answer(q, FRAME_MESSAGE(PUSH_BEGUN, push_begun, &begun_msg));

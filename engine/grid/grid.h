@@ -91,6 +91,7 @@ struct grid_manifest {
 	/* What was done to the heights of its sources: "", or "orthometric HASH NAME" or "ellipsoidal HASH NAME" of
 	 * the geoid grid that made them so. */
 	char geoid[GRID_GEOID];
+	char choices[256];      /* of a push that is not committed: how its files were read; else "" */
 	uint64_t generation;    /* the newest */
 	struct grid_segment_info *segments;
 	size_t nsegments;

@@ -22,7 +22,7 @@ enum {
 	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
 	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
 	SOURCE_MORE = 2 * 8 + 2,              /* what version 2 adds */
-	TEXTS_MOST = 5 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID,
+	TEXTS_MOST = 6 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
 	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
 	CHECK_BYTES = 8,
 };
@@ -115,7 +115,8 @@ static const char *manifest_fault(const struct grid_manifest *m, bool *ret_nomem
 
 	*ret_nomem = false;
 	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) ||
-	    !text_ok(m->unit_z, sizeof m->unit_z) || !text_ok(m->geoid, sizeof m->geoid))
+	    !text_ok(m->unit_z, sizeof m->unit_z) || !text_ok(m->geoid, sizeof m->geoid) ||
+	    !text_ok(m->choices, sizeof m->choices))
 		return "a text is too long";
 	if (!lattice_parse(lattice_text(&m->lattice, text), &back))
 		return "the lattice is not one";
@@ -196,6 +197,7 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 	for (size_t i = 0; i < m->nsources; i++)
 		pack_source(&p, &m->sources[i]);
 	pack_text(&p, m->geoid);
+	pack_text(&p, m->choices);
 	bytes = packer_size(&p) + CHECK_BYTES;
 	memcpy((uint8_t *)out + 16, &bytes, sizeof bytes);
 	check = grid_check(out, packer_size(&p), 0);
@@ -371,7 +373,8 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 	for (size_t i = 0; i < m->nsources; i++)
 		if (!unpack_source(c, m, version, room, &m->sources[i]))
 			return "a source in it is malformed";
-	if (version >= 3 && !unpack_text(c, m->geoid, sizeof m->geoid))
+	if (version >= 3 &&
+	    (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
 		return "a text in it is malformed";
 	if (cursor_left(c))
 		return "there is something behind its end";

@@ -48,6 +48,7 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	m.sources[2].path = "/survey/b.las";
 	m.sources[2].size = ~(uint64_t)0;
 	m.sources[2].mtime_ns = INT64_MIN;
+	strcpy(m.choices, "planar=1");
 	return m;
 }
 
@@ -58,6 +59,7 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 	assert_string_equal(a->unit_xy, b->unit_xy);
 	assert_string_equal(a->unit_z, b->unit_z);
 	assert_string_equal(a->geoid, b->geoid);
+	assert_string_equal(a->choices, b->choices);
 	assert_true(a->generation == b->generation && a->nsegments == b->nsegments &&
 		    a->nsources == b->nsources);
 	for (size_t i = 0; i < a->nsegments; i++) {
@@ -108,7 +110,7 @@ static void test_back(void **state)
 /* Version 1 had no paths, sizes and times, version 2 no geoid. */
 static void old_version(uint32_t version)
 {
-	const uint64_t more = version < 2 ? 8 + 8 + 2 + 2 : 2;
+	const uint64_t more = version < 2 ? 8 + 8 + 2 + 4 : 4;
 	struct grid_manifest m = manifest_of(NULL, 0, 1), *back;
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;

@@ -1,0 +1,437 @@
+/*
+ * Pushes that were interrupted, and are taken up again.
+ *
+ * The model: at each durable point a push leaves its stage (grid_stage_leave) and beside it a manifest without
+ * segments, push-ID.pending, that says which of its files lie there whole, on which lattice, and how they were
+ * read. These two files are all: a crash at any moment leaves a push with them, or one that never promised
+ * anything. When its connection ends or its daemon dies it is pending: in memory an entry of its dataset, in the
+ * catalogue its row. A later push of the same user into the same dataset becomes that push, number and all; of
+ * its files those count that the client names again, the rest is dropped by the commit. After a commit the
+ * sources are in the dataset's manifest, which is how a start knows one whose row is there still.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "push_priv.h"
+
+#define PENDING_DAYS 7
+#define PENDING_US (PENDING_DAYS * INT64_C(86400) * 1000000)
+
+static void manifest_name(uint64_t id, char name[64])
+{
+	snprintf(name, 64, "push-%llu.pending", (unsigned long long)id);
+}
+
+void push_stage_name(uint64_t id, char name[48])
+{
+	snprintf(name, 48, "push-%llu", (unsigned long long)id);
+}
+
+/* How the files were read: what is not the same does not go together. */
+static void choices_text(const struct push *p, char *buf, size_t size)
+{
+	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s assume=%s,%s,%.90s", p->planar,
+		 p->accept_truncated, p->utm, p->plane.geoid, p->assume.unit_xy, p->assume.unit_z, p->assume.text);
+}
+
+/* ---- leaving ---- */
+
+/* What was adopted, asked for again or not, and what was added. */
+static int write_manifest(struct push *p, struct err *err)
+{
+	size_t old = p->adopt ? p->adopt->nsources : 0, added = p->aborted ? 0 : p->nsources;
+	struct grid_manifest m = {.lattice = p->lattice, .nsources = old + added};
+	char name[64];
+	int r;
+
+	m.sources = calloc(m.nsources + 1, sizeof *m.sources);
+	if (!m.sources)
+		return err_set(err, ERR_NOMEM, "no memory for a manifest");
+	if (old)
+		memcpy(m.sources, p->adopt->sources, old * sizeof *m.sources);
+	if (added)
+		memcpy(m.sources + old, p->sources, added * sizeof *m.sources);
+	snprintf(m.crs, sizeof m.crs, "%s", p->crs);
+	snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
+	snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
+	choices_text(p, m.choices, sizeof m.choices);
+	manifest_name(p->id, name);
+	r = grid_manifest_write(p->dataset->dirfd, name, &m, err);
+	free(m.sources);
+	return r;
+}
+
+/* Worker. Whatever becomes of the push, all files that were staged until now can be taken up. */
+int push_leave_pending(struct push *p, struct err *err)
+{
+	int r = grid_stage_leave(p->stage, err);
+
+	if (!r && !p->dataset->onestep)
+		r = write_manifest(p, err);
+	if (!r)
+		p->on_disk = true;
+	return r;
+}
+
+/* Worker. What the push left goes, first what says that it is there. */
+static int discard(struct dataset *d, uint64_t id, struct err *err)
+{
+	char manifest[64], stage[48];
+	int r;
+
+	manifest_name(id, manifest);
+	push_stage_name(id, stage);
+	r = io_remove(d->dirfd, manifest, err);
+	return r ? r : grid_stage_discard(d->dirfd, stage, err);
+}
+
+/* Worker: the end of a push. p->kept: it stays as a pending one. */
+void push_end_run(struct push *p)
+{
+	struct err err = ERR_INIT;
+	bool named = !p->dataset->onestep;
+
+	if (p->committed || !named || !p->opened) {
+		p->stage = grid_stage_free(p->stage);
+	} else if (p->aborted && p->adopt) {
+		/* What was there before stays. */
+		if (p->on_disk && write_manifest(p, &err))
+			log_err(LOG_LEVEL_WARNING, "an interrupted push", &err);
+	} else if (!p->aborted && p->stage && !p->broken && (p->files > p->durable) &&
+		   push_leave_pending(p, &err)) {
+		log_err(LOG_LEVEL_WARNING, "what a push staged last cannot be kept", &err);
+	}
+	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) &&
+		  (p->files || p->adopt || p->durable);
+	if (p->kept) {
+		p->stage = grid_stage_part(p->stage);
+		return;
+	}
+	p->stage = grid_stage_free(p->stage);
+	err_clear(&err);
+	if (p->on_disk && p->opened && discard(p->dataset, p->id, &err))
+		log_err(LOG_LEVEL_WARNING, "what a push left cannot be removed", &err);
+	p->on_disk = false;
+}
+
+static uint64_t points_of(const struct grid_manifest *m)
+{
+	uint64_t points = 0;
+
+	for (size_t i = 0; m && i < m->nsources; i++)
+		points += m->sources[i].points;
+	return points;
+}
+
+/* Loop: the push is over, and stays as a pending one. */
+void push_becomes_pending(struct push *p)
+{
+	struct pending *q = p->pending;
+
+	p->pending = NULL;
+	q->id = p->id;
+	q->uid = p->peer.uid;
+	q->files = (uint32_t)(p->adopt ? p->adopt->nsources : 0);
+	q->points = points_of(p->adopt);
+	for (size_t i = 0; !p->aborted && i < p->nsources; i++) {
+		q->files++;
+		q->points += p->sources[i].points;
+	}
+	q->left_us = clock_real_us();
+	q->next = p->dataset->pending;
+	p->dataset->pending = q;
+	dataset_hold(p->dataset);
+	log_notice("push %llu of user %u into %s is pending: %u files", (unsigned long long)q->id, q->uid,
+		   p->dataset->name, q->files);
+}
+
+/* ---- dropping ---- */
+
+struct dropping {
+	struct sched_task task;
+	struct dataset *dataset;
+	struct pending *pending;
+};
+
+static void drop_run(struct sched_task *t)
+{
+	struct dropping *x = (struct dropping *)t;
+	struct err err = ERR_INIT;
+	int r = dataset_open(x->dataset, &err);
+
+	if (!r) {
+		r = discard(x->dataset, x->pending->id, &err);
+		dataset_close(x->dataset);
+	}
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "what an interrupted push left cannot be removed", &err);
+}
+
+static void drop_done(struct sched_task *t)
+{
+	struct dropping *x = (struct dropping *)t;
+	struct jobs *j = x->dataset->jobs;
+	struct err err = ERR_INIT;
+
+	j->background--;
+	if (t->ran && catalogue_drop_push(j->p.catalogue, x->pending->id, NULL, NULL, &err))
+		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	dataset_release(x->dataset);
+	free(x->pending);
+	free(x);
+}
+
+/* Loop. `q` is not in the list any more; goes in the background, or without memory for that at the next start. */
+static void drop(struct dataset *d, struct pending *q, const char *why)
+{
+	struct dropping *x = calloc(1, sizeof *x);
+
+	log_notice("the interrupted push %llu of user %u into %s is dropped with its %u files: %s",
+		   (unsigned long long)q->id, q->uid, d->name, q->files, why);
+	if (!x) {
+		dataset_release(d);
+		free(q);
+		return;
+	}
+	x->task = (struct sched_task){.run = drop_run, .done = drop_done, .priority = SCHED_LAST};
+	x->dataset = d;
+	x->pending = q;
+	d->jobs->background++;
+	sched_submit(d->jobs->p.sched, &x->task);
+}
+
+static bool too_old(const struct pending *q)
+{
+	return clock_real_us() - q->left_us > PENDING_US;
+}
+
+void pending_expire(struct dataset *d)
+{
+	struct pending **at = &d->pending, *q;
+
+	while ((q = *at)) {
+		if (!too_old(q)) {
+			at = &q->next;
+			continue;
+		}
+		*at = q->next;
+		drop(d, q, "it is older than 7 days");
+	}
+}
+
+int64_t pending_until_us(const struct pending *q)
+{
+	return q->left_us + PENDING_US;
+}
+
+/* ---- taking up ---- */
+
+/* Loop: the newest one of this user becomes p's. */
+void push_claim(struct push *p)
+{
+	struct pending **at, *q;
+
+	if (p->dataset->onestep)
+		return;
+	pending_expire(p->dataset);
+	for (at = &p->dataset->pending; *at && (*at)->uid != p->peer.uid; at = &(*at)->next)
+		;
+	q = *at;
+	if (!q)
+		return;
+	*at = q->next;
+	free(p->pending);
+	p->pending = q;
+	p->claims = true;
+}
+
+static bool other_scale(const char *text, struct decimal scale)
+{
+	struct decimal d;
+
+	return *text && (!decimal_parse(text, &d) || decimal_compare(d, scale));
+}
+
+/* NULL, or why what lies there cannot be gone on with. */
+static const char *misfit(const struct push *p, const struct grid_manifest *m)
+{
+	char choices[sizeof m->choices];
+
+	choices_text(p, choices, sizeof choices);
+	if (p->base && !lattice_equal(&p->base->lattice, &m->lattice))
+		return "the dataset has got another lattice meanwhile";
+	if (other_scale(p->scale_xy, m->lattice.scale_xy) || other_scale(p->scale_z, m->lattice.scale_z))
+		return "another --scale is wanted now";
+	if (strcmp(choices, m->choices))
+		return "its files were read with other options";
+	return NULL;
+}
+
+static void take_up(struct push *p, struct grid_manifest *m)
+{
+	p->adopt = m;
+	p->id = p->pending->id;
+	p->on_disk = true;
+	snprintf(p->note, sizeof p->note, "the push that was interrupted is taken up: %u files are there already",
+		 p->pending->files);
+}
+
+/* Worker, with the dataset open and its manifest read. */
+int push_adopt(struct push *p, struct err *err)
+{
+	struct grid_manifest *m = NULL;
+	struct err ignored = ERR_INIT;
+	const char *why = NULL;
+	char name[64];
+	int r = 0;
+
+	if (!p->claims)
+		return 0;
+	manifest_name(p->pending->id, name);
+	if (grid_manifest_read(p->dataset->dirfd, name, &m, &ignored)) {
+		log_err(LOG_LEVEL_WARNING, "an interrupted push", &ignored);
+		why = "what it left is damaged";
+	} else {
+		why = misfit(p, m);
+	}
+	if (!why) {
+		r = push_known_index(m, &p->adopt_paths, err);
+		p->adopt_taken = calloc(m->nsources + 1, sizeof *p->adopt_taken);
+		if (!r && !p->adopt_taken)
+			r = err_set(err, ERR_NOMEM, "no memory for a push");
+		if (!r) {
+			take_up(p, m);
+			return 0;
+		}
+	} else {
+		snprintf(p->note, sizeof p->note, "the push that was interrupted is dropped with its %u files: %s",
+			 p->pending->files, why);
+		p->claims = false;
+		p->drops = p->pending->id;
+		if (discard(p->dataset, p->pending->id, &ignored))
+			log_err(LOG_LEVEL_WARNING, "what it left cannot be removed", &ignored);
+	}
+	grid_manifest_free(m);
+	return r;
+}
+
+/* Loop, after push_adopt. */
+void push_adopted(struct push *p)
+{
+	const struct grid_manifest *m = p->adopt;
+	struct err err = ERR_INIT;
+
+	if (p->drops) {
+		log_notice("%s: %s", p->dataset->name, p->note);
+		if (catalogue_drop_push(p->jobs->p.catalogue, p->drops, NULL, NULL, &err))
+			log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	}
+	if (p->drops || m)
+		dataset_release(p->dataset); /* what held it is p's now, which holds it too */
+	if (!m)
+		return;
+	p->has_lattice = true;
+	p->lattice = m->lattice;
+	if (!*p->dataset->manifest)
+		p->dataset->planner = p;
+	if (!p->has_crs)
+		push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
+	for (size_t i = 0; i < m->nsources; i++)
+		if (m->sources[i].id >= p->dataset->next_source)
+			p->dataset->next_source = m->sources[i].id + 1;
+	p->claims = false;
+}
+
+/* Loop, when all is probed: of an interrupted push none of whose files were named, neither the lattice nor the
+ * coordinate system counts. What the stage holds of it is dropped by the commit. */
+void push_adopt_nothing(struct push *p)
+{
+	if (!p->adopt || p->ntaken || p->base)
+		return;
+	log_notice("%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
+		   (unsigned long long)p->id, p->adopt->nsources);
+	names_free(&p->adopt_paths);
+	p->adopt = grid_manifest_free(p->adopt);
+	p->has_lattice = p->has_crs = false;
+}
+
+/* Loop: the push ends before it could take it up. */
+void push_unclaim(struct push *p)
+{
+	if (!p->claims)
+		return;
+	p->claims = false;
+	p->pending->next = p->dataset->pending;
+	p->dataset->pending = p->pending;
+	p->pending = NULL;
+}
+
+/* ---- at the start ---- */
+
+static bool was_committed(const struct dataset *d, const struct grid_manifest *base, const struct grid_manifest *m,
+			  uint64_t id)
+{
+	char end[32];
+	size_t n = strlen(d->manifest), k;
+
+	snprintf(end, sizeof end, "-%llu", (unsigned long long)id);
+	k = strlen(end);
+	if (n > k && !strcmp(d->manifest + n - k, end))
+		return true;
+	for (size_t i = 0; base && m && i < base->nsources; i++)
+		if (m->nsources && base->sources[i].id == m->sources[0].id)
+			return true;
+	return false;
+}
+
+/* A row of the catalogue; before the loop runs. *ret_stays: it is pending, or else its row goes. */
+int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_stays, struct err *err)
+{
+	struct grid_manifest *m = NULL, *base = NULL;
+	struct pending *q = calloc(1, sizeof *q);
+	struct err absent = ERR_INIT;
+	bool committed;
+	char name[64];
+	int r = q ? dataset_open(d, err) : err_set(err, ERR_NOMEM, "no memory for a push");
+
+	*ret_stays = false;
+	if (r) {
+		free(q);
+		return r;
+	}
+	if (*d->manifest)
+		r = grid_manifest_read(d->dirfd, d->manifest, &base, err);
+	manifest_name(row->id, name);
+	if (!r && grid_manifest_read(d->dirfd, name, &m, &absent))
+		m = NULL;
+	dataset_close(d);
+	committed = !r && was_committed(d, base, m, row->id);
+	if (!r && m && !committed) {
+		*q = (struct pending){.id = row->id, .uid = row->uid, .left_us = row->begun_us};
+		q->files = (uint32_t)m->nsources;
+		q->points = points_of(m);
+		for (size_t i = 0; i < m->nsources; i++)
+			if (m->sources[i].id >= d->next_source)
+				d->next_source = m->sources[i].id + 1;
+	}
+	if (!r && m && !committed && !too_old(q)) {
+		*ret_stays = true;
+		q->next = d->pending;
+		d->pending = q;
+		dataset_hold(d);
+		log_notice("push %llu of user %u into %s is pending: %u files", (unsigned long long)q->id, q->uid,
+			   d->name, q->files);
+		q = NULL;
+	} else if (!r && !committed) {
+		log_notice("push %llu of user %u into %s was interrupted: %s", (unsigned long long)row->id, row->uid,
+			   d->name, m ? "older than 7 days, its files are dropped" : "nothing of it was durable yet");
+	}
+	free(q);
+	grid_manifest_free(m);
+	grid_manifest_free(base);
+	return r;
+}
