@@ -286,13 +286,15 @@ int push_adopt(struct push *p, struct err *err)
 	struct grid_manifest *m = NULL;
 	struct err ignored = ERR_INIT;
 	const char *why = NULL;
-	char name[64];
+	char name[64], stage[48];
 	int r = 0;
 
 	if (!p->claims)
 		return 0;
 	manifest_name(p->pending->id, name);
-	if (grid_manifest_read(p->dataset->dirfd, name, &m, &ignored)) {
+	push_stage_name(p->pending->id, stage);
+	if (grid_manifest_read(p->dataset->dirfd, name, &m, &ignored) ||
+	    grid_stage_check(p->dataset->dirfd, stage, &ignored)) {
 		log_err(LOG_LEVEL_WARNING, "an interrupted push", &ignored);
 		why = "what it left is damaged";
 	} else {

@@ -64,6 +64,8 @@ int grid_stage_leave(struct grid_stage *, struct err *err);
 struct grid_stage *grid_stage_part(struct grid_stage *);
 /* Goes on where a stage of params->name in that folder was left. -ERR_CORRUPT, -ERR_IO: it cannot. */
 int grid_stage_resume(const struct grid_stage_params *, struct grid_stage **ret, struct err *err);
+/* 0: what a stage of that name left looks as if it could be gone on with. */
+int grid_stage_check(int dirfd, const char *name, struct err *err);
 /* The sources that have points in it, ascending. */
 const uint32_t *grid_stage_sources(const struct grid_stage *, size_t *ret_n);
 /* Removes what a stage left; success if there is nothing. */

@@ -142,6 +142,16 @@ int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage 
 	return rc;
 }
 
+int grid_stage_check(int dirfd, const char *name, struct err *err)
+{
+	struct grid_left left;
+	int rc = grid_left_read(dirfd, name, &left, err);
+
+	if (rc == 0)
+		grid_left_free(&left);
+	return rc;
+}
+
 const uint32_t *grid_stage_sources(const struct grid_stage *s, size_t *ret_n)
 {
 	*ret_n = s->nall;

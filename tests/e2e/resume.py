@@ -1,0 +1,308 @@
+"""The same push again after an interruption goes on where that one ended: the daemon killed, the client killed or
+interrupted, in the middle of files and of the commit; on the same lattice, with the digests of a push that nothing
+interrupted. By another user, with other options, or too late: not."""
+import json
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import time
+
+import e2e
+from e2e import expect
+from survey import las, says, show, states
+
+try:
+    import acut_wire
+    from acut_wire import Client, pb
+except ImportError as e:
+    e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
+
+def tiles(base, count, n=3000):
+    """Tiles that do not start at one offset: the lattice depends on which of them are known."""
+    paths = []
+    for i in range(count):
+        rng = random.Random(i)
+        points = [(rng.randrange(10000), rng.randrange(10000), rng.randrange(500)) for _ in range(n)]
+        paths.append(las(os.path.join(base, "t%03d.las" % i), points, scale=(.01, .01, .01), offset=(100. * i, 13.37, 0)))
+    return paths
+
+
+def ask(c, body, path, push):
+    with open(path, "rb") as f:
+        if body == "probe":
+            return c.ask("probe", pb.Probe(push=push, name=path, path=os.path.abspath(path).encode()), f.fileno())
+        return c.ask("file", pb.File(push=push, name=path), f.fileno())
+
+
+class Half:
+    """A push by hand that stops when all are probed and the first `n` are safe."""
+
+    def __init__(self, d, dataset, paths, n, wait=True):
+        self.c = Client(d.socket)
+        begun = self.c.ask("push_begin", pb.PushBegin(dataset=dataset))
+        self.number, self.id = self.c.last, begun.push
+        self.known = [ask(self.c, "probe", p, self.id).known for p in paths]
+        self.lattice = self.c.ask("push_plan", pb.PushPlan(push=self.id)).lattice
+        for p, known in list(zip(paths, self.known))[:n]:
+            if not known:
+                ask(self.c, "file", p, self.id)
+        deadline = time.monotonic() + 20
+        while wait and self.c.durable.get(self.number, 0) < n - sum(map(bool, self.known[:n])):
+            expect(time.monotonic() < deadline, "no Durable within 20 s")
+            time.sleep(0.1)
+            self.c.ping()
+
+    def vanish(self):
+        self.c.close()
+
+
+def digests(d, dataset):
+    job = d.ctl("submit", dataset, "--wait").ok().out.split()[0]
+    got = d.ctl("show", job, "--json").ok().json()
+    return got["digest"], got["vertex_digest"], got["points"]
+
+
+def pending(d, dataset):
+    return show(d, dataset)["pending"]
+
+
+def wait_for(cond, text, seconds=20):
+    deadline = time.monotonic() + seconds
+    while not cond():
+        expect(time.monotonic() < deadline, text)
+        time.sleep(0.05)
+
+
+def leftovers(d):
+    return sorted(n for _, _, files in os.walk(os.path.join(d.state, "datasets")) for n in files
+                  if not n.startswith(("manifest-",)) and not n.endswith(".seg"))
+
+
+def killed_daemon():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 6)
+        d.ctl("push", "want", *paths).ok()
+        want, lattice = digests(d, "want"), show(d, "want")["lattice"]
+        half = Half(d, "s", paths, 3)
+        d.stop(signal.SIGKILL)
+        half.vanish()
+        d.start()
+        expect("3 files, 9000 points" in pending(d, "s"), str(pending(d, "s")))
+        expect("s" in [json.loads(line)["name"] for line in d.ctl("datasets", "--json").ok().out.splitlines()], "datasets")
+        says(d.ctl("submit", "s"), 4, "no generation yet")
+        # A restart changes nothing; nor does a push that fails before it has anything.
+        d.stop()
+        d.start()
+        says(d.ctl("push", "s", os.path.join(base, "absent.las")), 1)
+        wait_for(lambda: "3 files" in (pending(d, "s") or ""), "a failed push took the pending one with it")
+        # Fewer files, other order: the lattice is the interrupted push's all the same.
+        got = says(d.ctl("push", "s", *reversed(paths)), 0, "is taken up", "not read again")
+        expect(got.out.count("not read again") + got.err.count("not read again") == 3, got.out + got.err)
+        expect(digests(d, "s") == want and show(d, "s")["lattice"] == lattice, "another mesh")
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+        expect(pending(d, "s") is None and show(d, "s")["generation"] == 1, str(show(d, "s")))
+        expect(states(d.ctl("push", "s", *paths, "--json").ok()) == ["known"] * 6, "taken up files are not known")
+        d.stop()
+        d.start()
+        expect(digests(d, "s") == want and not leftovers(d), "after a restart")
+
+
+def killed_again_and_again():
+    """Into a dataset that has something, killed three times; the client sees each file staged once."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 8)
+        d.ctl("push", "want", *paths[:2]).ok()
+        d.ctl("push", "want", *paths[2:]).ok()
+        d.ctl("push", "s", *paths[:2]).ok()
+        want = digests(d, "want")
+        for n in (3, 5, 6):
+            half = Half(d, "s", paths[2:], n - 2)
+            d.stop(signal.SIGKILL)
+            half.vanish()
+            d.start()
+            expect("%d files" % (n - 2) in pending(d, "s"), "%d: %s" % (n, pending(d, "s")))
+            expect(show(d, "s")["points"] == 6000 and show(d, "s")["generation"] == 1, "visible before the commit")
+        got = d.ctl("push", "s", *paths, "--json").ok()
+        expect(states(got) == ["known"] * 2 + ["adopted"] * 4 + ["staged"] * 2, str(states(got)))
+        expect(digests(d, "s") == want, "another mesh")
+
+
+def vanished_client():
+    """The connection ends: what was staged whole stays, also without a durable point yet; a broken file does not."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 4)
+        d.ctl("push", "want", *paths).ok()
+        want = digests(d, "want")
+        Half(d, "s", paths, 2, wait=False).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "s").status == 0 and "2 files" in (pending(d, "s") or ""), "not pending")
+        # A file that is another one now is read again, under the name that it has.
+        os.utime(paths[0], ns=(5, 5))
+        got = d.ctl("push", "s", *paths, "--json").ok()
+        expect(states(got) == ["staged", "adopted", "staged", "staged"], str(states(got)))
+        expect(digests(d, "s") == want, "another mesh")
+        # Its content is enough, if asked.
+        Half(d, "t", paths, 2, wait=False).vanish()
+        os.utime(paths[0], ns=(6, 6))
+        got = d.ctl("push", "t", *paths, "--checksum", "--json").ok()
+        expect(states(got) == ["adopted", "adopted", "staged", "staged"], str(states(got)))
+        expect(digests(d, "t") == want, "another mesh")
+        # Only what is named again counts.
+        Half(d, "u", paths, 3, wait=False).vanish()
+        got = d.ctl("push", "u", paths[1], "--json").ok()
+        expect(states(got) == ["adopted"], str(states(got)))
+        expect(show(d, "u")["points"] == 3000 and digests(d, "u")[2] == 3000, str(show(d, "u")))
+        # Nothing staged: nothing pending, and no dataset.
+        Half(d, "v", paths, 0, wait=False).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "v").status == 4, "a dataset of nothing")
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+
+
+def interrupted_client():
+    """acutctl itself, by Ctrl-C and by kill -9, at any moment."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        big = [os.path.join(base, "b%d.las" % i) for i in range(5)]
+        for i, p in enumerate(big):
+            e2e.run([e2e.SYNTH, "--points", 400000, "--seed", i, p]).ok()
+        d.ctl("push", "want", *big).ok()
+        want = digests(d, "want")
+        kept = 0
+        for i, sig in enumerate((signal.SIGINT, signal.SIGKILL, signal.SIGINT, signal.SIGTERM)):
+            name = "s%d" % i
+            p = subprocess.Popen([e2e.ACUTCTL, "push", name] + big, env=dict(os.environ, ACUT_SOCKET=d.socket),
+                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            time.sleep(0.03 + 0.08 * i)
+            p.send_signal(sig)
+            p.communicate(timeout=60)
+            got = d.ctl("push", name, *big, "--json").ok()
+            kept += sum(s in ("adopted", "known") for s in states(got))
+            expect(digests(d, name) == want, "%s after signal %d: another mesh" % (name, sig))
+        print("     %d of 20 files were there already" % kept)
+
+
+def killed_in_the_commit():
+    """Wherever the daemon dies: the push is either done or pending, and nothing that was promised is lost."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        paths = tiles(base, 3, n=150000)
+        d.ctl("push", "want", *paths).ok()
+        want = digests(d, "want")
+        done = 0
+        for i in range(5):
+            name = "s%d" % i
+            half = Half(d, name, paths, 3)
+            half.c.send("push_commit", pb.PushCommit(push=half.id))
+            time.sleep(0.05 * i)
+            d.stop(signal.SIGKILL)
+            half.vanish()
+            d.start()
+            if show(d, name)["generation"]:
+                done += 1
+                expect(pending(d, name) is None, "done, and pending: %s" % pending(d, name))
+            else:
+                expect("3 files" in pending(d, name), str(pending(d, name)))
+            got = states(d.ctl("push", name, *paths, "--json").ok())
+            expect(got in (["adopted"] * 3, ["known"] * 3), str(got))
+            expect(digests(d, name) == want, "another mesh")
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+        print("     %d of 5 commits were done" % done)
+
+
+def what_does_not_fit():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 3)
+        # Other options: it is dropped, and said.
+        Half(d, "a", paths, 2, wait=False).vanish()
+        got = says(d.ctl("push", "a", *paths, "--planar"), 0, "is dropped with its 2 files", "other options")
+        expect("not read again" not in got.out + got.err and show(d, "a")["points"] == 9000, got.out)
+        Half(d, "b", paths, 2, wait=False).vanish()
+        says(d.ctl("push", "b", *paths, "--scale", "0.5"), 0, "another --scale")
+        # Too late.
+        Half(d, "c", paths, 2, wait=False).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")
+        d.stop()
+        db = sqlite3.connect(os.path.join(d.state, "catalogue.db"))
+        db.execute("UPDATE push SET begun_us = begun_us - 7 * 86400 * 1000000 - 1")
+        db.commit()
+        db.close()
+        d.start()
+        says(d.ctl("dataset", "show", "c"), 4)
+        expect("older than 7 days" in d.log_text(), "it is not said")
+        expect(not leftovers(d), "left behind: %s" % leftovers(d))
+        # Damaged: it is dropped, and said; the push begins anew.
+        for what in ("pending", "stage", "run"):
+            name = "d-" + what
+            Half(d, name, paths, 2, wait=False).vanish()
+            wait_for(lambda: d.ctl("dataset", "show", name).status == 0 and "2 files" in (pending(d, name) or ""), "not pending")
+            hit = [os.path.join(top, n) for top, _, files in os.walk(d.state) for n in files if n.endswith("." + what)]
+            expect(len(hit) == 1, str(hit))
+            with open(hit[0], "r+b") as f:
+                f.seek(20)
+                f.write(b"\xff\xff")
+            says(d.ctl("push", name, *paths), 0, "is dropped with its 2 files", "damaged")
+            expect(show(d, name)["points"] == 9000, str(show(d, name)))
+        # --strict keeps nothing of its own.
+        bad = os.path.join(base, "bad.las")
+        with open(bad, "wb") as f:
+            f.write(b"LASF")
+        says(d.ctl("push", "e", *paths, bad, "--strict"), 1)
+        wait_for(lambda: d.ctl("dataset", "show", "e").status == 4, "--strict left something")
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+
+
+def another_user():
+    if os.getuid():
+        print("     skipped: needs root, to be another user")
+        return
+    other = 65534
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        os.chmod(base, 0o755)
+        os.chmod(d.socket, 0o777)
+        paths = tiles(base, 3)
+        Half(d, "s", paths, 2, wait=False).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "s").status == 0 and "2 files" in (pending(d, "s") or ""), "not pending")
+        p = subprocess.run([e2e.ACUTCTL, "push", "s"] + paths, env=dict(os.environ, ACUT_SOCKET=d.socket), user=other,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+        expect(p.returncode == 77 and b"belongs to the user" in p.stderr, "%d %s" % (p.returncode, p.stderr))
+        expect("2 files" in pending(d, "s"), "another user took it: %s" % pending(d, "s"))
+        # Even who may push into it does not take up what another one staged.
+        p = subprocess.run([e2e.ACUTCTL, "push", "t"] + paths[:1], env=dict(os.environ, ACUT_SOCKET=d.socket), user=other,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+        expect(p.returncode == 0, p.stderr.decode())
+
+        class AsOther(Half):
+            pass
+        pid = os.fork()
+        if not pid:
+            os.setuid(other)
+            try:
+                AsOther(d, "t", paths, 3, wait=False).vanish()
+            finally:
+                os._exit(0)
+        os.waitpid(pid, 0)
+        wait_for(lambda: "2 files" in (pending(d, "t") or ""), "not pending: %s" % pending(d, "t"))
+        got = d.ctl("push", "t", *paths, "--json").ok()
+        expect(states(got) == ["known", "staged", "staged"], str(states(got)))
+
+
+def idle_push_gives_memory():
+    """A push that stands still does not keep its stage, and goes on when it is asked to."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 3)
+        for dataset in ("s", ""):
+            half = Half(d, dataset, paths, 2, wait=False)
+
+            def staged():
+                return d.ctl("status", "--json").ok().json()["ledger"]["stage"]
+            expect(staged() > 1 << 20, "no stage: %d" % staged())
+            wait_for(lambda: staged() < 1 << 20, "an idle push keeps %d bytes" % staged(), 30)
+            ask(half.c, "file", paths[2], half.id)
+            done = half.c.ask("push_commit", pb.PushCommit(push=half.id))
+            expect(done.points == 9000, str(done))
+            half.vanish()
+
+
+if __name__ == "__main__":
+    e2e.main(killed_daemon, killed_again_and_again, vanished_client, interrupted_client, killed_in_the_commit, what_does_not_fit,
+             another_user, idle_push_gives_memory)
