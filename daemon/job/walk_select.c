@@ -161,10 +161,11 @@ static void select_done(struct sched_task *t)
 	walk_opened(w);
 }
 
-/* Half of what is left beside the stages that are held now. False: later, or never (then the walk fails). */
+/* A quarter of what is left beside the stages that are held now: a push that comes meanwhile gets its stage, since that
+ * leaves room for two more of these. False: later, or never (then the walk fails). */
 static bool memory_of(struct walk *w)
 {
-	uint64_t left = jobs_domain_memory(w->jobs), least = pipe_select_min(w->grid), bytes = left / 2;
+	uint64_t left = jobs_domain_memory(w->jobs), least = pipe_select_min(w->grid), bytes = left / 4;
 	struct err err = ERR_INIT;
 
 	bytes = bytes > w->jobs->stage_share ? w->jobs->stage_share : bytes;
