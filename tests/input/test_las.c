@@ -458,7 +458,7 @@ static void formats_by_content_and_name(void **state)
 /* Each part by a reader of its own, the last one first: the points of the whole, each once. */
 static void parts(void **state)
 {
-	struct las_spec s = { .minor = 4, .format = 6, .n = 2 * INPUT_LAS_PART + 77, .wkt_behind = true };
+	struct las_spec s = { .minor = 4, .format = 6, .n = 2 * INPUT_LAS_PART + 77 };
 	struct bytes b = fixture_las(&s);
 	int fd = fixture_fd(b.at, b.size);
 	struct err err = ERR_INIT;
