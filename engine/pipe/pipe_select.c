@@ -7,8 +7,8 @@
  * it. With a thin rule the walk is cut into pieces of whole thin cells (pipe_thin.c). Memory is one number:
  * [this struct | buffers of the reader | table of thin cells] and the stage, which takes its part itself.
  *
- * The counts are exact without reading what the crop leaves out: what lies outside the crop is counted as cropped,
- * whichever other rule would have removed it too. So "cropped" is the number of live records of the generation,
+ * The counts are exact without reading what the crop leaves out: the crop is the first rule (view.h), whichever other
+ * rule would have removed a point too. So "cropped" is the number of live records of the generation,
  * which the grid knows, less those that were read, plus those of them that lie outside; it depends on the points
  * alone, not on how cells lie. Without a crop every live record is read, and the sum is checked.
  *
@@ -40,15 +40,6 @@ size_t pipe_select_min(const struct grid *grid)
 }
 
 /* ---- a point ---- */
-
-enum view_rule select_judge(const struct select *s, const struct point *p)
-{
-	enum view_rule rule = view_judge(s->p->view, p);
-
-	if (rule != VIEW_KEPT && s->crops && view_judge(&s->crop, p) != VIEW_KEPT)
-		return VIEW_BY_CROP;
-	return rule;
-}
 
 static int flush(struct select *s)
 {
@@ -91,7 +82,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 	(void)err;
 	for (size_t i = 0; !r && i < n; i++) {
-		enum view_rule rule = select_judge(s, &pts[i]);
+		enum view_rule rule = view_judge(s->p->view, &pts[i]);
 
 		if (rule == VIEW_KEPT)
 			r = select_keep(s, &pts[i]);
@@ -140,7 +131,7 @@ static int count_rest(struct select *s)
 {
 	uint64_t points = grid_points(s->p->grid), sum = s->out.kept;
 
-	if (s->judged > points || (s->judged < points && !s->crops))
+	if (s->judged > points || (s->judged < points && !s->p->view->crop))
 		return err_set(s->err, ERR_INTERNAL, "the generation has %llu points, %llu were read",
 			       (unsigned long long)points, (unsigned long long)s->judged);
 	s->out.points = points;
@@ -174,20 +165,6 @@ static int run(struct select *s)
 	return r ? r : publish(s, &info);
 }
 
-/* The crop as a view of its own: it keeps what lies inside. */
-static void crop_alone(struct select *s)
-{
-	const struct view *view = s->p->view;
-
-	s->crops = view->crop != VIEW_CROP_NONE;
-	s->crop = VIEW_INIT;
-	s->crop.keep_withheld = s->crop.keep_noise = true;
-	s->crop.crop = view->crop;
-	s->crop.area = view->area;
-	memcpy(s->crop.crop_box, view->crop_box, sizeof s->crop.crop_box);
-	memcpy(s->crop.k, view->k, sizeof s->crop.k);
-}
-
 int pipe_select(const struct pipe_select_params *params, struct pipe_selected *ret, struct err *err)
 {
 	size_t fixed = fixed_bytes(params->grid), reader_bytes = grid_reader_bytes(params->grid), rest, table = 0;
@@ -213,7 +190,6 @@ int pipe_select(const struct pipe_select_params *params, struct pipe_selected *r
 	s->err = err;
 	s->table = memory + fixed;
 	s->table_bytes = table;
-	crop_alone(s);
 	r = grid_reader_new(params->grid, memory + pipe_round(sizeof *s), reader_bytes, &s->reader, err);
 	if (!r)
 		r = grid_stage_new(&stage, &s->stage, err);

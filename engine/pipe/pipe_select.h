@@ -15,8 +15,6 @@ enum { SELECT_BATCH = 512, SELECT_TABLE_MIN = 16 << 10 };
 
 struct select {
 	const struct pipe_select_params *p;
-	struct view crop;            /* the crop alone, if crops */
-	bool crops;
 	struct grid_reader *reader;
 	struct grid_stage *stage;
 	void *table;                 /* of the thin rule: table_bytes */
@@ -29,8 +27,6 @@ struct select {
 	size_t nbatch;
 };
 
-/* The rule that removes the point, counted as the report counts it. */
-enum view_rule select_judge(const struct select *, const struct point *);
 /* Progress, and whether to go on: -ERR_CANCELLED. */
 int select_tell(struct select *);
 int select_keep(struct select *, const struct point *);

@@ -146,7 +146,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 		if (!inside(t->box, &pts[i]))
 			continue;
-		rule = select_judge(s, &pts[i]);
+		rule = view_judge(s->p->view, &pts[i]);
 		if (t->count) {
 			s->judged++;
 			t->kept += rule == VIEW_KEPT;
