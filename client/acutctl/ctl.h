@@ -9,6 +9,8 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
+#include <sys/types.h>
+#include <time.h>
 
 #include "acut.h"
 #include "err.h"
@@ -26,7 +28,7 @@ struct ctl_args {
 	bool canonical, no_clobber, wait, fresh;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
-	const char *scale, *input_format, *assume_crs, *assume_units;
+	const char *scale, *input_format, *manifest, *assume_crs, *assume_units;
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
@@ -151,6 +153,11 @@ struct ctl_input {
 	char *name;
 	int fd;      /* -1: opened when it is its turn; else a pipe's reading end */
 	bool refused;
+	bool verified; /* by --manifest, as this file: */
+	dev_t dev;
+	ino_t ino;
+	off_t size;
+	struct timespec mtime;
 	int copier;  /* the process that empties the pipe; 0: none */
 };
 struct ctl_inputs {
@@ -168,6 +175,11 @@ const char *ctl_input_path(const struct ctl_input *, char *buf, size_t size);
 void ctl_input_done(struct ctl_inputs *);
 /* -ERR_USAGE if an output is one of the inputs. */
 int ctl_input_not_output(const struct ctl_inputs *, const struct ctl_args *, struct err *err);
+
+/* ---- ctl_manifest.c ---- */
+
+/* Every input against args.manifest; the error names the first that does not agree, its hint the others. */
+int ctl_manifest_check(struct ctl *, struct ctl_inputs *, struct err *err);
 
 /* ---- ctl_pipe.c ---- */
 

@@ -171,9 +171,19 @@ int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_in
 		r = add_word(ctl, ret, word[i], false, err);
 	if (!r && !ret->n)
 		r = err_set(err, ERR_USAGE, "no inputs: the lists are empty");
+	if (!r && ctl->args.manifest)
+		r = ctl_manifest_check(ctl, ret, err);
 	if (r)
 		ctl_input_done(ret);
 	return r;
+}
+
+static bool still_verified(const struct ctl_input *in, int fd)
+{
+	struct stat st;
+
+	return !fstat(fd, &st) && st.st_dev == in->dev && st.st_ino == in->ino && st.st_size == in->size &&
+	       st.st_mtim.tv_sec == in->mtime.tv_sec && st.st_mtim.tv_nsec == in->mtime.tv_nsec;
 }
 
 int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
@@ -183,6 +193,12 @@ int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 
 	if (fd < 0 && in->fd < 0)
 		return open_failed(in->name, err);
+	if (in->verified && !still_verified(in, fd)) {
+		close(fd);
+		err_set(err, ERR_CHANGED, "it is another file than the one that was verified");
+		err_add_hint(err, "push it again when nobody writes to it");
+		return err_add_file(err, in->name);
+	}
 	*ret_fd = fd;
 	return 0;
 }

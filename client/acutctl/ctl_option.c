@@ -45,7 +45,6 @@ static const struct option table[] = {
 	{"tile", 0, "SIZE", LATER, 0, CTL_OUT, NULL},
 	{"trim", 0, "LENGTH", LATER, 0, CTL_OUT, NULL},
 	{"mask", 0, "FILE", LATER, 0, CTL_OUT, NULL},
-	{"manifest", 0, "FILE", LATER, 0, CTL_OUT, NULL},
 	{"changes", 0, NULL, LATER, 0, CTL_FETCH, NULL},
 
 	{"class", 0, "LIST", TEXT, AT(classes), CTL_VIEW, "only points of these classes: 2,8 or 2-5"},
@@ -81,6 +80,8 @@ static const struct option table[] = {
 	{"add", 0, NULL, FLAG, AT(add), CTL_PUSH,
 	 "take a file whose name is there with other content beside the old one"},
 	{"replace", 0, NULL, LATER, 0, CTL_PUSH, NULL},
+	{"manifest", 0, "FILE", TEXT, AT(manifest), CTL_STAGE,
+	 "all inputs must have the SHA-256 sums that FILE (of sha256sum) lists"},
 	{"input-format", 0, "FORMAT", TEXT, AT(input_format), CTL_INPUT,
 	 "format of the inputs, in place of what their bytes say"},
 	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE,

@@ -68,7 +68,8 @@ static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
 	if (in->refused || s->ret->file[i].known)
 		return 1;
 	if (ctl_input_open(in, &ret->fd, &err)) {
-		s->status = refuse(s, i, &err, is_refusal(err.code) || err.code == ERR_PERM);
+		/* A manifest is about all inputs: one that is not what was verified ends the push. */
+		s->status = refuse(s, i, &err, !in->verified && (is_refusal(err.code) || err.code == ERR_PERM));
 		return s->status ? -1 : 1;
 	}
 	ret->name = in->name;
@@ -255,8 +256,9 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 	}
 	if (!status)
 		status = commit(&s);
-	/* on the way into a named dataset what is there whole stays, for the same push again; --strict keeps nothing */
-	if (dataset && (ctl_signal_caught() || !ctl->args.strict))
+	/* on the way into a named dataset what is there whole stays, for the same push again; --strict and a manifest
+	 * keep nothing */
+	if (dataset && (ctl_signal_caught() || !(ctl->args.strict || ctl->args.manifest)))
 		acut_push_leave(s.push);
 	else
 		acut_push_end(s.push);

@@ -5,6 +5,7 @@ import os
 import random
 import shutil
 import struct
+import subprocess
 
 import e2e
 from e2e import expect
@@ -92,6 +93,63 @@ def the_same_file_again():
         d.stop()
         d.start()
         expect(states(d.ctl("push", "s", b, "c.las", "--checksum", "--json").ok()) == ["known", "known"], "after a restart")
+
+
+def sums(base, name, *paths, binary=False):
+    """A list by sha256sum, beside the files."""
+    out = subprocess.run(["sha256sum"] + (["-b"] if binary else []) + list(paths), cwd=base, check=True, stdout=subprocess.PIPE).stdout
+    with open(os.path.join(base, name), "wb") as f:
+        f.write(out)
+    return os.path.join(base, name)
+
+
+def manifest_of_sums():
+    """--manifest: all or nothing, before the daemon hears of it."""
+    if not shutil.which("sha256sum"):
+        print("     skipped: there is no sha256sum")
+        return
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        os.mkdir(os.path.join(base, "sub"))
+        a, b, c = tile(base, 1), tile(os.path.join(base, "sub"), 2), tile(base, 3)
+        odd = os.path.join(base, "back\\slash\nline.las")
+        shutil.copy(tile(base, 4), odd)
+        out = os.path.join(base, "m.ply")
+        text = sums(base, "SHA256SUMS", "t00001.las", "sub/t00002.las", os.path.basename(odd))
+        binary = sums(base, "BINARY", "t00001.las", "sub/t00002.las", "t00003.las", binary=True)
+        with open(binary) as f:
+            expect(" *t00001.las" in f.read(), "no binary marker")
+        os.chdir("/")
+        says(d.ctl("mesh", a, b, odd, "-o", out, "--manifest", text), 0)
+        says(d.ctl("push", "s", a, b, "--manifest", binary), 0)
+        # By any name of the file; a link to it is it.
+        os.symlink(a, os.path.join(base, "link.las"))
+        os.chdir(os.path.join(base, "sub"))
+        says(d.ctl("mesh", "../link.las", "./t00002.las", "-o", out, "--manifest", "../SHA256SUMS"), 0)
+        says(d.ctl("mesh", "t00002.las", "-o", out, "--manifest", sums(base, "sub/here", "sub/t00002.las")), 1, "does not list it")
+        # Not listed; a mismatch among good ones; a list that is none.
+        before = show(d, "s")
+        says(d.ctl("push", "s", a, b, c, "--manifest", text), 1, "t00003.las", "SHA256SUMS does not list it")
+        with open(c, "r+b") as f:
+            f.seek(-1, 2)
+            f.write(b"\x01")
+        got = says(d.ctl("push", "s", a, c, b, "--manifest", binary), 1, "t00003.las: its SHA-256 is", "BINARY says")
+        expect("t00001" not in got.err, got.err)
+        says(d.ctl("push", "new", a, c, b, "--manifest", binary), 1, "t00003.las")
+        says(d.ctl("dataset", "show", "new"), 4)
+        expect(show(d, "s") == before, "something was kept")
+        got = says(d.ctl("push", "s", c, odd, "--manifest", binary, "--json"), 1)
+        error = json.loads(got.out.splitlines()[0])["error"]
+        expect(error["file"].endswith("t00003.las") and "line.las" in error["hint"], str(error))
+        with open(os.path.join(base, "none"), "w") as f:
+            f.write("# a comment\n\nnot a sum\n")
+        says(d.ctl("push", "s", a, "--manifest", os.path.join(base, "none")), 1, "line", "64 hexadecimal digits")
+        says(d.ctl("push", "s", a, "--manifest", os.path.join(base, "absent")), 1, "absent: it cannot be opened")
+        with open(os.path.join(base, "bsd"), "w") as f:
+            for p in (a, b):
+                f.write("SHA256 (%s) = %s\n" % (p, subprocess.run(["sha256sum", p], stdout=subprocess.PIPE).stdout.decode()[:64].upper()))
+        says(d.ctl("mesh", a, b, "-o", out, "--manifest", os.path.join(base, "bsd")), 0)
+        # Without a daemon it says the same.
+        says(e2e.run([e2e.ACUTCTL, "push", "s", a, c, "--manifest", binary, "--socket", base + "/none.sock"]), 1, "t00003.las")
 
 
 def thousands_of_tiles():
@@ -206,4 +264,4 @@ def who_does_not_fit():
 
 
 if __name__ == "__main__":
-    e2e.main(the_same_file_again, thousands_of_tiles, too_many_for_the_memory, broken_among_good, who_does_not_fit)
+    e2e.main(manifest_of_sums, the_same_file_again, thousands_of_tiles, too_many_for_the_memory, broken_among_good, who_does_not_fit)

@@ -1,0 +1,309 @@
+/*
+ * --manifest: every input against a list of SHA-256 sums, as sha256sum writes and reads it, before anything goes
+ * to the daemon.
+ *
+ * The model: the list's names are relative to the list's folder; which input a line is about is decided by the
+ * file behind the name, not by its spelling. All inputs are read and all that do not agree are named; one is
+ * enough to end the command. What was verified is known by device, number, size and time, and an input that is
+ * another file when its turn comes is not taken.
+ */
+#include <errno.h>
+#include <openssl/evp.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "ctl.h"
+
+enum { SUM = 32, PIECE = 1 << 20, NAMED_MOST = 20 };
+
+struct line {
+	dev_t dev;
+	ino_t ino;
+	unsigned char sum[SUM];
+};
+
+struct manifest {
+	const char *path;
+	char *folder; /* with the slash at its end; "" for the current one */
+	struct line *line;
+	size_t n, room;
+};
+
+/* ---- the list ---- */
+
+static int nibble(char c)
+{
+	return c >= '0' && c <= '9' ? c - '0' : c >= 'a' && c <= 'f' ? c - 'a' + 10 : c >= 'A' && c <= 'F' ? c - 'A' + 10 : -1;
+}
+
+static bool read_sum(const char *text, unsigned char sum[SUM])
+{
+	for (int i = 0; i < SUM; i++) {
+		int high = nibble(text[2 * i]), low = high < 0 ? -1 : nibble(text[2 * i + 1]);
+
+		if (low < 0)
+			return false;
+		sum[i] = (unsigned char)(high << 4 | low);
+	}
+	return true;
+}
+
+/* A line that begins with a backslash has \\, \n and \r in its name for these. */
+static bool unescape(char *name)
+{
+	char *to = name;
+
+	for (; *name; name++) {
+		if (*name != '\\') {
+			*to++ = *name;
+			continue;
+		}
+		name++;
+		if (*name != '\\' && *name != 'n' && *name != 'r')
+			return false;
+		*to++ = *name == 'n' ? '\n' : *name == 'r' ? '\r' : '\\';
+	}
+	*to = 0;
+	return true;
+}
+
+/* "SUM  NAME", "SUM *NAME" (binary), or "SHA256 (NAME) = SUM". */
+static bool split(char *text, unsigned char sum[SUM], char **ret_name)
+{
+	bool escaped = *text == '\\';
+	char *end;
+
+	text += escaped;
+	if (!strncmp(text, "SHA256 (", 8)) {
+		end = strstr(text, ") = ");
+		for (char *next = end; next && (next = strstr(next + 1, ") = "));)
+			end = next;
+		if (!end || strlen(end + 4) != 2 * SUM || !read_sum(end + 4, sum))
+			return false;
+		*end = 0;
+		*ret_name = text + 8;
+	} else {
+		if (strlen(text) < 2 * SUM + 3 || !read_sum(text, sum) || text[2 * SUM] != ' ' ||
+		    (text[2 * SUM + 1] != ' ' && text[2 * SUM + 1] != '*'))
+			return false;
+		*ret_name = text + 2 * SUM + 2;
+	}
+	return **ret_name && (!escaped || unescape(*ret_name));
+}
+
+static int add(struct manifest *m, char *text, uint64_t number, struct err *err)
+{
+	struct line line = { 0 };
+	struct stat st;
+	char *name, *path;
+	int there;
+
+	if (!split(text, line.sum, &name)) {
+		err_set(err, ERR_INPUT, "no line of a list of SHA-256 sums: a sum of 64 hexadecimal digits and a name are wanted");
+		err_add_place(err, number, "line");
+		err_add_hint(err, "sha256sum writes such lists");
+		return err_add_file(err, m->path);
+	}
+	if (asprintf(&path, "%s%s", *name == '/' ? "" : m->folder, name) < 0)
+		return err_set(err, ERR_NOMEM, "no memory for a name");
+	there = stat(path, &st);
+	free(path);
+	/* What is not there can be no input. */
+	if (there)
+		return 0;
+	if (m->n == m->room) {
+		size_t room = m->room ? 2 * m->room : 64;
+		void *grown = realloc(m->line, room * sizeof(*m->line));
+
+		if (!grown)
+			return err_set(err, ERR_NOMEM, "no memory for a list of sums");
+		m->line = grown;
+		m->room = room;
+	}
+	line.dev = st.st_dev;
+	line.ino = st.st_ino;
+	m->line[m->n++] = line;
+	return 0;
+}
+
+static int by_file(const void *a, const void *b)
+{
+	const struct line *x = a, *y = b;
+
+	if (x->dev != y->dev)
+		return x->dev < y->dev ? -1 : 1;
+	return x->ino < y->ino ? -1 : x->ino > y->ino;
+}
+
+static int read_list(struct manifest *m, struct err *err)
+{
+	FILE *f = fopen(m->path, "re");
+	uint64_t number = 0;
+	char *text = NULL;
+	size_t room = 0;
+	ssize_t n;
+	int r = 0;
+
+	if (!f) {
+		err_set(err, errno == EACCES ? ERR_PERM : ERR_INPUT, "it cannot be opened: %s", strerror(errno));
+		return err_add_file(err, m->path);
+	}
+	while (!r && (n = getline(&text, &room, f)) >= 0) {
+		number++;
+		while (n && (text[n - 1] == '\n' || text[n - 1] == '\r'))
+			text[--n] = 0;
+		if (n && text[0] != '#')
+			r = add(m, text, number, err);
+	}
+	if (!r && ferror(f)) {
+		err_sys(err, errno, "it cannot be read");
+		r = err_add_file(err, m->path);
+	}
+	free(text);
+	fclose(f);
+	if (m->n)
+		qsort(m->line, m->n, sizeof(*m->line), by_file);
+	return r;
+}
+
+/* ---- the inputs ---- */
+
+/* The sum of all bytes. */
+static int sum_of(struct ctl *ctl, int fd, unsigned char sum[SUM], struct err *err)
+{
+	EVP_MD_CTX *md = EVP_MD_CTX_new();
+	void *piece = malloc(PIECE);
+	ssize_t n = 1;
+
+	if (!md || !piece || EVP_DigestInit_ex(md, EVP_sha256(), NULL) != 1)
+		err_set(err, ERR_NOMEM, "no memory to add up a file");
+	while (n && !err->code) {
+		n = read(fd, piece, PIECE);
+		if (n < 0 && errno == EINTR)
+			continue;
+		if (n < 0)
+			err_sys(err, errno, "it cannot be read");
+		else if (EVP_DigestUpdate(md, piece, (size_t)n) != 1)
+			err_set(err, ERR_INTERNAL, "SHA-256 failed");
+		else if (ctl_signal_interrupted(ctl))
+			err_set(err, ERR_CANCELLED, "interrupted");
+	}
+	if (!err->code && EVP_DigestFinal_ex(md, sum, NULL) != 1)
+		err_set(err, ERR_INTERNAL, "SHA-256 failed");
+	EVP_MD_CTX_free(md);
+	free(piece);
+	return -(int)err->code;
+}
+
+static void hex(const unsigned char sum[SUM], char text[2 * SUM + 1])
+{
+	for (int i = 0; i < SUM; i++)
+		snprintf(text + 2 * i, 3, "%02x", sum[i]);
+}
+
+/* Every line about this file must agree. */
+static int compare(const struct manifest *m, const struct stat *st, const unsigned char sum[SUM], struct err *err)
+{
+	struct line key = { .dev = st->st_dev, .ino = st->st_ino };
+	const struct line *at = m->n ? bsearch(&key, m->line, m->n, sizeof(key), by_file) : NULL;
+	char is[2 * SUM + 1], want[2 * SUM + 1];
+
+	while (at && at > m->line && !by_file(at - 1, &key))
+		at--;
+	for (; at && at < m->line + m->n && !by_file(at, &key); at++) {
+		if (!memcmp(at->sum, sum, SUM))
+			continue;
+		hex(sum, is);
+		hex(at->sum, want);
+		err_set(err, ERR_INPUT, "its SHA-256 is %s, but %.200s says %s", is, m->path, want);
+		return err_add_hint(err, "copy it again from where it comes from");
+	}
+	return 0;
+}
+
+static bool listed(const struct manifest *m, const struct stat *st)
+{
+	struct line key = { .dev = st->st_dev, .ino = st->st_ino };
+
+	return m->n && bsearch(&key, m->line, m->n, sizeof(key), by_file);
+}
+
+static int check_input(struct ctl *ctl, const struct manifest *m, struct ctl_input *in, struct err *err)
+{
+	unsigned char sum[SUM];
+	struct stat st, after;
+	int fd = -1, r;
+
+	if (in->fd >= 0) {
+		err_set(err, ERR_USAGE, "what comes through a pipe cannot be held against a list of sums");
+		return err_add_file(err, in->name);
+	}
+	r = ctl_input_open(in, &fd, err);
+	if (!r && fstat(fd, &st))
+		r = err_sys(err, errno, "it cannot be looked at");
+	if (!r && !listed(m, &st)) {
+		err_set(err, ERR_INPUT, "%.200s does not list it", m->path);
+		r = err_add_hint(err, "names in it are relative to its folder");
+	}
+	if (!r)
+		r = sum_of(ctl, fd, sum, err);
+	if (!r)
+		r = compare(m, &st, sum, err);
+	if (!r && (fstat(fd, &after) || after.st_size != st.st_size || after.st_mtim.tv_sec != st.st_mtim.tv_sec ||
+		   after.st_mtim.tv_nsec != st.st_mtim.tv_nsec))
+		r = err_set(err, ERR_CHANGED, "the file changed while it was read");
+	ctl_input_close(in, fd);
+	if (r)
+		return err_add_file(err, in->name);
+	in->verified = true;
+	in->dev = st.st_dev;
+	in->ino = st.st_ino;
+	in->size = st.st_size;
+	in->mtime = st.st_mtim;
+	return 0;
+}
+
+/* The first one is the error; it names the others. */
+static void also(struct err *first, const char *name, size_t n)
+{
+	char hint[sizeof(first->hint)];
+
+	if (n == 1)
+		snprintf(hint, sizeof(hint), "these do not agree either: %s", name);
+	else if (n <= NAMED_MOST)
+		snprintf(hint, sizeof(hint), "%.*s, %s", (int)sizeof(hint) - 100, first->hint, name);
+	else
+		return;
+	first->hint[0] = 0;
+	err_add_hint(first, "%s", hint);
+}
+
+int ctl_manifest_check(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+{
+	struct manifest m = { .path = ctl->args.manifest };
+	const char *slash = strrchr(m.path, '/');
+	size_t bad = 0;
+	int r;
+
+	m.folder = strndup(m.path, slash ? (size_t)(slash - m.path) + 1 : 0);
+	if (!m.folder)
+		return err_set(err, ERR_NOMEM, "no memory for a name");
+	r = read_list(&m, err);
+	for (size_t i = 0; !r && i < in->n; i++) {
+		struct err one = ERR_INIT;
+
+		if (!check_input(ctl, &m, &in->input[i], &one))
+			continue;
+		if (!bad++)
+			*err = one;
+		else
+			also(err, in->input[i].name, bad - 1);
+		/* That is none of the file's. */
+		r = one.code == ERR_INPUT || one.code == ERR_CHANGED ? 0 : -(int)one.code;
+	}
+	free(m.line);
+	free(m.folder);
+	return bad ? -(int)err->code : r;
+}
