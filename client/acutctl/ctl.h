@@ -23,7 +23,7 @@ struct ctl_daemon;
 /* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
 struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
-	bool strict, planar, accept_truncated, checksum, add;
+	bool header, strict, planar, accept_truncated, checksum, add;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool canonical, no_clobber, wait, fresh;
 	const char *socket, *timeout;
@@ -72,6 +72,7 @@ enum ctl_group {
 	CTL_FETCH = 256,
 	CTL_PUSH = 512,
 	CTL_GEOID = 1 << 16,
+	CTL_INFO = 1 << 17,
 };
 
 struct ctl_command {
@@ -281,6 +282,12 @@ struct ctl_staged {
  * CTL_SOME_REFUSED means that the push is done without them. */
 int ctl_stage(struct ctl *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
 void ctl_stage_done(struct ctl_staged *);
+
+/* ---- ctl_inspect.c: what is in the records of a file ---- */
+
+void ctl_inspect_text(struct ctl *, const struct acut_inspected *);
+/* Its keys; NULL: the records were not read, so all are null. */
+void ctl_inspect_json(struct ctl_json *, const struct acut_inspected *);
 
 /* ---- ctl_geoid.c, ctl_height.c: what geoids do ---- */
 

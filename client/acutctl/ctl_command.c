@@ -21,7 +21,7 @@ static const struct ctl_command table[] = {
 	{"geoid", "geoid add FILE | list | rm NAME", "the geoid grids that the daemon keeps", CTL_ALL | CTL_GEOID, 1,
 	 2, false, ctl_geoid_run},
 	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 1, false, ctl_help_run},
-	{"info", "info FILE...", "what the headers of files say", CTL_ALL | CTL_OWN | CTL_INPUT, 1, MANY,
+	{"info", "info FILE...", "what is in files", CTL_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY,
 	 true, ctl_info_run},
 	{"jobs", "jobs", "list the jobs", CTL_ALL, 0, 0, false, ctl_jobs_run},
 	{"mesh", "mesh INPUT... -o OUT", "one step: stage, triangulate, write",

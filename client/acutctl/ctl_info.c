@@ -1,4 +1,4 @@
-/* info: what the headers of files say, as the daemon reads them. */
+/* info: what the headers of files say, as the daemon reads them, and (without --header) what their records are. */
 #include <string.h>
 
 #include "ctl.h"
@@ -60,7 +60,7 @@ static void number(struct ctl_json *j, const char *key, uint32_t n)
 		ctl_json_text(j, key, NULL);
 }
 
-static void print_json(struct ctl *ctl, const struct acut_probe *p)
+static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct acut_inspected *in)
 {
 	struct ctl_json j = { .out = ctl->report };
 
@@ -79,28 +79,37 @@ static void print_json(struct ctl *ctl, const struct acut_probe *p)
 	number(&j, "epsg", p->epsg);
 	number(&j, "epsg_z", p->epsg_z);
 	ctl_json_known(&j, "warning", p->warning);
+	ctl_inspect_json(&j, in);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }
 
 static int info(struct ctl *ctl, const struct ctl_input *in)
 {
-	const struct acut_probe *p;
+	const struct acut_inspected *records = NULL;
+	const struct acut_probe *p = NULL;
 	struct err err = ERR_INIT;
 	int fd, r = in->fd < 0 ? ctl_input_open(in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
 
 	if (r)
 		return ctl_error(ctl, &err);
-	r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, &p);
+	if (ctl->args.header) {
+		r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, &p);
+	} else {
+		r = acut_inspect(ctl->acut, fd, in->name, ctl->args.input_format, &records);
+		p = r ? NULL : &records->header;
+	}
 	ctl_input_close(in, fd);
 	if (r) {
 		ctl_error_from_acut(ctl->acut, in->name, &err);
 		return ctl_error(ctl, &err);
 	}
 	if (ctl->args.json)
-		print_json(ctl, p);
+		print_json(ctl, p, records);
 	else
 		print(ctl, p);
+	if (records && !ctl->args.json)
+		ctl_inspect_text(ctl, records);
 	return CTL_DONE;
 }
 

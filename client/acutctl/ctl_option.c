@@ -94,6 +94,7 @@ static const struct option table[] = {
 	 "shift the heights by a kept geoid grid, or by a .pgm file"},
 	{"geoid-way", 0, "WAY", TEXT, AT(geoid_way), CTL_STAGE,
 	 "what they become: orthometric (unless said) or ellipsoidal"},
+	{"header", 0, NULL, FLAG, AT(header), CTL_INFO, "read the headers only"},
 	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID, "under this name, not that of the file"},
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},

@@ -192,6 +192,27 @@ struct acut_push *acut_push_leave(struct acut_push *);
 
 int acut_info(struct acut *, int fd, const char *name, const char *format, const struct acut_probe **ret);
 
+/* What is in the records of a file: all of it is read. */
+struct acut_inspected {
+	struct acut_probe header;
+	uint64_t points, distinct;       /* read; distinct xy positions */
+	double min[3], max[3];           /* of the records; NAN without points */
+	uint64_t classes[256], returns[16], return_counts[16];
+	uint64_t flags[4];               /* withheld, synthetic, key-point, overlap */
+	uint32_t hull_corners;           /* of the convex hull of the positions */
+	bool hull_thinned;               /* it has more */
+	double hull_area;                /* in squares of the file's unit */
+	const char *lattice;
+	bool has_place;                  /* it is known where on the earth this is: */
+	const char *no_place;            /* or why not */
+	double area, perimeter;          /* of the hull by geodesics: square metres, metres */
+	double south, west, north, east; /* of the hull, degrees */
+	const char *mgrs;                /* of the middle, a square of 1 km; "": none */
+	char *const *difference;         /* between header and records, in words */
+	size_t ndifference;
+};
+int acut_inspect(struct acut *, int fd, const char *name, const char *format, const struct acut_inspected **ret);
+
 /* ---- geoid grids that the daemon keeps ---- */
 
 struct acut_geoid {

@@ -54,6 +54,7 @@ struct acut {
 	struct acut_push_result pushed;
 	struct acut_push_planned planned;
 	struct acut_geoid geoid;
+	struct acut_inspected inspected;
 	struct acut_job job;
 	struct acut_plan plan;
 };

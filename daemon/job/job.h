@@ -179,6 +179,26 @@ void push_info(struct jobs *, int fd, const char *name, const char *format,
 			      const struct input_info *),
 	       void *token);
 
+/* ---- inspection: what is in the records of one file ---- */
+
+enum { INSPECT_DIFFERENCES = 8 };
+struct inspect_result {
+	const char *name;
+	struct input_info info;
+	struct lattice lattice;
+	struct pipe_inspected in;
+	bool has_place;      /* on the earth: */
+	char no_place[256];  /* why not */
+	double area, perimeter;            /* of the hull, by geodesics: square metres, metres */
+	double south, west, north, east;   /* of the hull, degrees */
+	char mgrs[16];       /* of the middle of the box, a square of 1 km; "": none there */
+	char difference[INSPECT_DIFFERENCES][192]; /* between header and records, in words */
+	unsigned ndifferences;
+};
+typedef void inspect_answer_fn(void *token, const struct err *why, const struct inspect_result *);
+/* Reads all of the file. `fd` becomes the house's in any case. */
+void inspect_file(struct jobs *, int fd, const char *name, const char *format, inspect_answer_fn *answer, void *token);
+
 /* ---- geoid grids that the daemon keeps ---- */
 
 struct geoid_info {

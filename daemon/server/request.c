@@ -87,6 +87,7 @@ static const struct {
 	ROW(PUSH_COMMIT, request_push_commit, false),
 	ROW(PUSH_ABORT, request_push_abort, false),
 	ROW(INFO_REQUEST, request_info, true),
+	ROW(INSPECT, request_inspect, true),
 	ROW(SUBMIT, request_submit, false),
 	ROW(FETCH, request_fetch, false),
 	ROW(WAIT, request_wait, false),

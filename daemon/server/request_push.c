@@ -100,6 +100,53 @@ static void described(void *token, const struct err *why, const char *name, cons
 	request_answer(token, FRAME_MESSAGE(PROBED, probed, &m.probed));
 }
 
+static void inspected(void *token, const struct err *why, const struct inspect_result *res)
+{
+	Acut__V1__Inspected m = ACUT__V1__INSPECTED__INIT;
+	char lattice[LATTICE_TEXT_SIZE], difference[INSPECT_DIFFERENCES][sizeof res->difference[0]];
+	char *differences[INSPECT_DIFFERENCES];
+	struct message_probed header;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	message_probed(res->name, &res->info, &header);
+	m.header = &header.probed;
+	m.points = res->in.points;
+	m.distinct = res->in.distinct;
+	m.n_min = m.n_max = res->in.points ? 3 : 0;
+	m.min = (double *)res->in.min;
+	m.max = (double *)res->in.max;
+	m.n_classes = 256;
+	m.classes = (uint64_t *)res->in.classes;
+	m.n_returns = m.n_return_counts = 16;
+	m.returns = (uint64_t *)res->in.returns;
+	m.return_counts = (uint64_t *)res->in.return_counts;
+	m.n_flags = 4;
+	m.flags = (uint64_t *)res->in.flags;
+	m.hull_corners = (uint32_t)res->in.nhull;
+	m.hull_thinned = res->in.hull_thinned;
+	m.hull_area = res->in.hull_area;
+	m.lattice = lattice_text(&res->lattice, lattice);
+	m.has_place = res->has_place;
+	m.no_place = (char *)res->no_place;
+	m.area = res->area;
+	m.perimeter = res->perimeter;
+	m.south = res->south;
+	m.west = res->west;
+	m.north = res->north;
+	m.east = res->east;
+	m.mgrs = (char *)res->mgrs;
+	m.n_differences = res->ndifferences;
+	m.differences = differences;
+	for (unsigned i = 0; i < res->ndifferences; i++) {
+		memcpy(difference[i], res->difference[i], sizeof difference[i]);
+		differences[i] = frame_text_clean(difference[i]);
+	}
+	request_answer(token, FRAME_MESSAGE(INSPECTED, inspected, &m));
+}
+
 static void probed(void *token, const struct err *why, const struct push_probe_result *result)
 {
 	Acut__V1__Probed known = ACUT__V1__PROBED__INIT;
@@ -438,4 +485,9 @@ void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m,
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, described, q);
+}
+
+void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, inspected, q);
 }

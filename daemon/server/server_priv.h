@@ -93,7 +93,7 @@ void request_handle(struct conn *, uint32_t id, Acut__V1__Message *, int fd);
 typedef void request_fn(struct conn *, struct request *, Acut__V1__Message *, int fd);
 /* request_push.c */
 request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit,
-	request_push_abort, request_stream, request_info;
+	request_push_abort, request_stream, request_info, request_inspect;
 void push_ref_leave(struct push_ref *);
 /* request_job.c */
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;

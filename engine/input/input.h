@@ -35,6 +35,10 @@ struct input_info {
 	uint64_t first_point;      /* of a part, once something was read: points of the file before it */
 	bool partial;              /* only parts that meet the crop box are read */
 	uint64_t bytes, bytes_selected; /* of the file; without the points that need not be read */
+	bool has_returns;          /* the header counts points by return: */
+	uint64_t returns[16];      /* of return numbers 1 to 15 */
+	bool has_trailing;         /* it is known where the records end: */
+	uint64_t trailing;         /* bytes behind them that belong to nothing */
 	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */
 };
 

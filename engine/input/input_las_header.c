@@ -39,6 +39,7 @@ struct header {
 	unsigned encoding, format_byte;
 	uint32_t point_offset, n_vlrs, n_evlrs, legacy_count;
 	uint64_t count, evlr_offset, waveform;
+	uint64_t returns[16];
 	double scale[3], offset[3], min[3], max[3];
 };
 
@@ -86,6 +87,17 @@ static int check_kind(struct input *in, size_t n, struct err *err)
 	return 0;
 }
 
+/* LAS 1.4 counts fifteen returns; the five of before hold where a writer filled only those. */
+static void parse_returns(struct cursor *c, struct header *h)
+{
+	uint64_t many[16] = { 0 }, all = 0;
+
+	for (int i = 1; i <= 15; i++)
+		all |= many[i] = cursor_u64(c);
+	if (all)
+		memcpy(h->returns, many, sizeof h->returns);
+}
+
 static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_las *las, struct header *h)
 {
 	struct cursor c = cursor_of(bytes, n);
@@ -100,7 +112,8 @@ static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_l
 	h->format_byte = cursor_u8(&c);
 	las->length = cursor_u16(&c);
 	h->legacy_count = cursor_u32(&c);
-	cursor_skip(&c, 20); /* counts by return */
+	for (int i = 1; i <= 5; i++)
+		h->returns[i] = cursor_u32(&c);
 	for (int i = 0; i < 3; i++)
 		h->scale[i] = cursor_f64(&c);
 	for (int i = 0; i < 3; i++)
@@ -116,6 +129,7 @@ static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_l
 		h->evlr_offset = cursor_u64(&c);
 		h->n_evlrs = cursor_u32(&c);
 		h->count = cursor_u64(&c);
+		parse_returns(&c, h);
 	}
 	las->point_offset = h->point_offset;
 	las->compressed = h->format_byte & 0x80;
@@ -248,6 +262,17 @@ static int check_plane(struct input *in, struct err *err)
 	return 0;
 }
 
+/* Only of plain files: what follows other records is not looked for. */
+static void settle_trailing(struct input *in, const struct header *h)
+{
+	const struct input_las *las = &in->as.las;
+	uint64_t left = in->size >= las->point_offset ? in->size - las->point_offset : 0;
+
+	in->info.has_trailing = !las->compressed && !h->n_evlrs && !h->waveform && !in->has_pipe &&
+				las->length && h->count <= left / las->length;
+	in->info.trailing = in->info.has_trailing ? left - h->count * las->length : 0;
+}
+
 int input_las_open(struct input *in, struct err *err)
 {
 	struct input_las *las = &in->as.las;
@@ -275,6 +300,9 @@ int input_las_open(struct input *in, struct err *err)
 		rc = check_plane(in, err);
 	if (!las->compressed && !in->has_pipe && las->left > INPUT_LAS_PART)
 		in->info.parts = (las->left + INPUT_LAS_PART - 1) / INPUT_LAS_PART;
+	in->info.has_returns = true;
+	memcpy(in->info.returns, h.returns, sizeof in->info.returns);
+	settle_trailing(in, &h);
 	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes",
 		 las->compressed ? 'Z' : 'S', las->minor, las->format, las->length);
 	if (las->compressed) {

@@ -86,6 +86,33 @@ int pipe_selected_read(int dirfd, struct pipe_selected *ret, struct err *err);
  * in the rule of duplicates only share it. */
 struct digest pipe_select_key(const struct grid *grid, const struct view *view);
 
+/* ---- inspect: what is in the records of one input ---- */
+
+enum { PIPE_HULL_MOST = 4096 };
+struct pipe_inspected {
+	uint64_t points, distinct;       /* read; distinct xy positions of these */
+	double min[3], max[3];           /* of the records, in coordinates; without points zeros */
+	uint64_t classes[256];
+	uint64_t returns[16], return_counts[16]; /* by return number, by number of returns */
+	uint64_t flags[4];               /* withheld, synthetic, key-point, overlap */
+	double hull[PIPE_HULL_MOST][2];  /* convex hull of the positions, counter-clockwise, in coordinates */
+	size_t nhull;
+	bool hull_thinned;               /* it has more corners: those here are some of them */
+	double hull_area;                /* in squares of the unit of coordinates */
+};
+struct pipe_inspect_params {
+	const struct lattice *lattice;   /* of this input alone */
+	struct grid_stage *stage;        /* empty; sealed by this */
+	int dirfd;                       /* the stage's folder and name: what it leaves there is removed */
+	const char *name;
+	pipe_progress_fn progress;       /* as of pipe_ingest */
+	void *ctx;
+};
+/* Memory besides the stage, what reading takes, and *ret. */
+size_t pipe_inspect_bytes(void);
+/* Reads all of the input. */
+int pipe_inspect(struct input *, const struct pipe_inspect_params *, struct pipe_inspected *ret, struct err *err);
+
 /* ---- plan ---- */
 
 enum { PIPE_RUNGS = 4 };

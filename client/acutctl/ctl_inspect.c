@@ -1,0 +1,152 @@
+/* What is in the records of a file, for people and as JSON. What is not known is said so, or null. */
+#include <math.h>
+#include <string.h>
+
+#include "ctl.h"
+
+static const char *const flag_name[4] = { "withheld", "synthetic", "key_point", "overlap" };
+
+/* ---- for people ---- */
+
+static void counts_text(FILE *out, const char *what, const uint64_t *counts, unsigned n)
+{
+	const char *between = "";
+	char a[32];
+
+	fprintf(out, "  %s", what);
+	for (unsigned i = 0; i < n; i++) {
+		if (!counts[i])
+			continue;
+		fprintf(out, "%s%u: %s", between, i, ctl_job_count(counts[i], a));
+		between = ", ";
+	}
+	fputc('\n', out);
+}
+
+static void place_text(FILE *out, const struct acut_inspected *in)
+{
+	if (!in->has_place) {
+		fprintf(out, "  place   unknown: %s\n", in->no_place);
+		return;
+	}
+	fprintf(out, "  place   %.7f %.7f to %.7f %.7f (south west to north east)\n", in->south, in->west, in->north,
+		in->east);
+	fprintf(out, "  mgrs    %s\n", *in->mgrs ? in->mgrs : "none");
+	fprintf(out, "  area    %.6g m2 of the convex hull by geodesics, %.6g m around it\n", in->area, in->perimeter);
+	if (in->area > 0)
+		fprintf(out, "  density %.4g points a square metre, %.4g positions\n", (double)in->points / in->area,
+			(double)in->distinct / in->area);
+}
+
+void ctl_inspect_text(struct ctl *ctl, const struct acut_inspected *in)
+{
+	FILE *out = ctl->report;
+	char a[32], b[32], c[32];
+
+	fprintf(out, "  records %s, at %s positions: %s more than one there\n", ctl_job_count(in->points, a),
+		ctl_job_count(in->distinct, b), ctl_job_count(in->points - in->distinct, c));
+	if (in->points) {
+		fprintf(out, "  from    %.15g %.15g %.15g to %.15g %.15g %.15g\n", in->min[0], in->min[1], in->min[2],
+			in->max[0], in->max[1], in->max[2]);
+		counts_text(out, "class   ", in->classes, 256);
+		counts_text(out, "return  ", in->returns, 16);
+		counts_text(out, "of      ", in->return_counts, 16);
+	}
+	for (int i = 0; i < 4; i++)
+		if (in->flags[i])
+			fprintf(out, "  flag    %s: %s\n", flag_name[i], ctl_job_count(in->flags[i], a));
+	fprintf(out, "  lattice %s\n", in->lattice);
+	place_text(out, in);
+	if (!in->has_place && in->hull_area > 0)
+		fprintf(out, "  hull    %.6g squares of the unit, %.4g points each\n", in->hull_area,
+			(double)in->points / in->hull_area);
+	for (size_t i = 0; i < in->ndifference; i++)
+		fprintf(out, "  differs %s\n", in->difference[i]);
+}
+
+/* ---- JSON ---- */
+
+static void counts_json(struct ctl_json *j, const char *key, const uint64_t *counts, unsigned n)
+{
+	char name[8];
+
+	ctl_json_open(j, key, '{');
+	for (unsigned i = 0; i < n; i++) {
+		if (!counts[i])
+			continue;
+		snprintf(name, sizeof(name), "%u", i);
+		ctl_json_u64(j, name, counts[i]);
+	}
+	ctl_json_close(j, '}');
+}
+
+static void three(struct ctl_json *j, const char *key, const double v[3])
+{
+	ctl_json_open(j, key, '[');
+	for (int i = 0; i < 3; i++)
+		ctl_json_number(j, NULL, v[i]);
+	ctl_json_close(j, ']');
+}
+
+static double per(uint64_t n, double area, bool known)
+{
+	return known && area > 0 ? (double)n / area : NAN;
+}
+
+static void place_json(struct ctl_json *j, const struct acut_inspected *in)
+{
+	ctl_json_open(j, "hull", '{');
+	ctl_json_u64(j, "corners", in->hull_corners);
+	ctl_json_bool(j, "thinned", in->hull_thinned);
+	ctl_json_number(j, "area_units", in->hull_area);
+	ctl_json_number(j, "area_m2", in->has_place ? in->area : NAN);
+	ctl_json_number(j, "perimeter_m", in->has_place ? in->perimeter : NAN);
+	ctl_json_close(j, '}');
+	ctl_json_open(j, "density", '{');
+	ctl_json_number(j, "points_unit", per(in->points, in->hull_area, true));
+	ctl_json_number(j, "points_m2", per(in->points, in->area, in->has_place));
+	ctl_json_number(j, "positions_m2", per(in->distinct, in->area, in->has_place));
+	ctl_json_close(j, '}');
+	if (in->has_place) {
+		ctl_json_open(j, "place", '{');
+		ctl_json_number(j, "south", in->south);
+		ctl_json_number(j, "west", in->west);
+		ctl_json_number(j, "north", in->north);
+		ctl_json_number(j, "east", in->east);
+		ctl_json_known(j, "mgrs", in->mgrs);
+		ctl_json_close(j, '}');
+	} else {
+		ctl_json_text(j, "place", NULL);
+	}
+}
+
+void ctl_inspect_json(struct ctl_json *j, const struct acut_inspected *in)
+{
+	static const char *const keys[] = { "records", "distinct", "duplicates", "record_min", "record_max",
+					    "classes", "returns", "return_counts", "flags", "lattice", "hull",
+					    "density", "place", "differences" };
+
+	if (!in) {
+		for (size_t i = 0; i < sizeof(keys) / sizeof(*keys); i++)
+			ctl_json_text(j, keys[i], NULL);
+		return;
+	}
+	ctl_json_u64(j, "records", in->points);
+	ctl_json_u64(j, "distinct", in->distinct);
+	ctl_json_u64(j, "duplicates", in->points - in->distinct);
+	three(j, "record_min", in->min);
+	three(j, "record_max", in->max);
+	counts_json(j, "classes", in->classes, 256);
+	counts_json(j, "returns", in->returns, 16);
+	counts_json(j, "return_counts", in->return_counts, 16);
+	ctl_json_open(j, "flags", '{');
+	for (int i = 0; i < 4; i++)
+		ctl_json_u64(j, flag_name[i], in->flags[i]);
+	ctl_json_close(j, '}');
+	ctl_job_lattice(j, in->lattice);
+	place_json(j, in);
+	ctl_json_open(j, "differences", '[');
+	for (size_t i = 0; i < in->ndifference; i++)
+		ctl_json_text(j, NULL, in->difference[i]);
+	ctl_json_close(j, ']');
+}
