@@ -160,6 +160,9 @@ LAZ_INLINE unsigned laz_count_below(const int16_t *at, unsigned n, int16_t v)
 {
 	uint64_t bits = laz_below16(at, v);
 
+	/* the first ones are the most frequent, and fewer steps let more symbols be under way at once */
+	if (n > 16 && laz_likely(bits != 0xffff))
+		return (unsigned)__builtin_ctz(~(uint32_t)bits);
 	if (n > 16)
 		bits |= (uint64_t)laz_below16(at + 16, v) << 16;
 	if (n > 32)

@@ -1,6 +1,6 @@
 /*
- * The layers of POINT14 that follow laz_xy14.c, but for the GPS time: z, class, flags, intensity, scan angle, user
- * data, source. Each is the same loop over the records of a batch; they differ in what predicts the next value.
+ * The layers of POINT14 that follow laz_xyz14.c, but for the GPS time: class, flags, intensity, scan angle, user data,
+ * source. Each is the same loop over the records of a batch; they differ in what predicts the next value.
  */
 #include "laz_layers.h"
 
@@ -31,47 +31,6 @@
 	} \
 	w->coder = c; \
 	return 0
-
-/* ---- z: from the last z of as many returns left ---- */
-
-struct z {
-	int32_t last[8], now;
-	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 20)];
-};
-
-struct z_layer { unsigned now; struct z channel[LAZ_CHANNELS]; };
-
-static void z_open(struct z *s, const struct z *from)
-{
-	s->now = from->now;
-	for (unsigned i = 0; i < 8; i++)
-		s->last[i] = s->now;
-	laz_int_reset(INT(s->ints), 32, 20);
-}
-
-static void z_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
-{
-	struct z_layer *l = state;
-	struct z *s = &l->channel[channel];
-
-	l->now = channel;
-	s->now = (int32_t)laz_get32(first + LAZ_AT_Z);
-	z_open(s, s);
-}
-
-static int z_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		  size_t n, struct err *err)
-{
-	EACH_RECORD(z_layer, z, z_open, {
-		unsigned k;
-
-		s->now = laz_int_read(&c, INT(s->ints), 32, 20, s->last[step->level], step->z_context, &k);
-		s->last[step->level] = s->now;
-		laz_put32(item + LAZ_AT_Z, (uint32_t)s->now);
-	});
-}
-
-const struct laz_layer_row laz_layer_z = { "z", sizeof(struct z_layer), true, z_begin, z_read };
 
 /* ---- class: from the last class, and whether the return is the only one ---- */
 

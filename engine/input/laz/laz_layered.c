@@ -257,12 +257,16 @@ static int read_batch(struct laz_layered *l, uint8_t *records, size_t n, struct 
 	for (size_t i = 0; i < n; i++)
 		memcpy(records + i * length, l->record, length);
 	for (unsigned i = 0; i < l->nlayers; i++) {
-		struct layer *layer = &l->layer[i];
-		int rc;
+		struct layer *layer = &l->layer[i], *z = layer + 1;
+		int rc = 0;
 
 		if (!layer->bytes)
 			continue;
-		rc = layer->row->read(layer->state, &layer->window, l->steps, records + layer->at, length, n, err);
+		if (i == 0 && z->bytes)
+			rc = laz_xyz_read(layer->state, &layer->window, z->state, &z->window, l->steps, records, length, n,
+					  err);
+		else if (i != 1)
+			rc = layer->row->read(layer->state, &layer->window, l->steps, records + layer->at, length, n, err);
 		if (!rc)
 			rc = laz_window_check(&layer->window, err);
 		if (rc)

@@ -47,6 +47,10 @@ struct laz_layer_row {
 		    struct err *err);
 };
 
+/* The first two layers at once, which is faster; the row of z has no `read` of its own. */
+int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window,
+		 struct laz_step *, uint8_t *item, size_t length, size_t n, struct err *err);
+
 extern const struct laz_layer_row laz_layer_xy, laz_layer_z, laz_layer_class, laz_layer_flags, laz_layer_intensity,
 	laz_layer_angle, laz_layer_user, laz_layer_source, laz_layer_time, laz_layer_rgb, laz_layer_nir,
 	laz_layer_wavepacket, laz_layer_byte;

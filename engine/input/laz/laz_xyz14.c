@@ -1,10 +1,12 @@
 /*
  * The layer of POINT14 that all others hang on: scanner channel, returns, x and y, and which of scan angle, GPS
- * time and source change.
+ * time and source change; and the layer of z.
  *
  * Model: a symbol says what changed since the channel's last record; x and y are corrections of the median of
  * five recent steps, in twelve groups by kind of return and whether the time is new; y also goes by how many
- * bits the correction of x had.
+ * bits the correction of x had. z is a correction of the last z of as many returns left.
+ *
+ * Both are decoded in one loop where both are there: two streams that do not wait for each other.
  */
 #include "laz_layers.h"
 
@@ -159,6 +161,32 @@ LAZ_INLINE void put(const struct channel *s, struct laz_step *step, uint8_t *ite
 	item[LAZ_AT_FLAGS] = (uint8_t)((item[LAZ_AT_FLAGS] & 0xcf) | step->channel << 4);
 }
 
+/* One record; `s` is the state of its channel, which may become another. */
+LAZ_INLINE struct channel *read_one(struct xy_layer *l, struct channel *s, struct laz_coder *coder, struct laz_step *step,
+				    uint8_t *item)
+{
+	struct laz_coder c = *coder;
+	unsigned before = (s->number == 1) + (s->number >= s->count ? 2u : 0) + (s->new_time ? 4u : 0);
+	unsigned changed = laz_symbol_lazy(&c, laz_model_at(MODEL(s->changed), 128, before), 128);
+
+	step->changes = (uint8_t)(changed >> 3 & 7);
+	if (laz_unlikely(changed & CHANGED_CHANNEL)) {
+		struct laz_coder copy = c;
+
+		change_channel(l, &copy, step);
+		c = copy;
+		s = &l->channel[l->now];
+	}
+	step->channel = (uint8_t)l->now;
+	step->item_channel = l->fixed || changed & CHANGED_CHANNEL ? (uint8_t)l->now : 0;
+	s->new_time = step->changes & LAZ_NEW_TIME;
+	read_returns(s, &c, changed);
+	read_xy(s, &c, step);
+	put(s, step, item);
+	*coder = c;
+	return s;
+}
+
 static int xy_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
 		   struct err *err)
 {
@@ -168,29 +196,87 @@ static int xy_read(void *state, struct laz_window *w, struct laz_step *step, uin
 
 	for (size_t i = 0; i < n; i++, step++, item += length) {
 		int rc = laz_window_ready(w, &c, err);
-		unsigned before, changed;
 
 		if (rc)
 			return rc;
-		before = (s->number == 1) + (s->number >= s->count ? 2u : 0) + (s->new_time ? 4u : 0);
-		changed = laz_symbol_lazy(&c, laz_model_at(MODEL(s->changed), 128, before), 128);
-		step->changes = (uint8_t)(changed >> 3 & 7);
-		if (laz_unlikely(changed & CHANGED_CHANNEL)) {
-			struct laz_coder copy = c;
-
-			change_channel(l, &copy, step);
-			c = copy;
-			s = &l->channel[l->now];
-		}
-		step->channel = (uint8_t)l->now;
-		step->item_channel = l->fixed || changed & CHANGED_CHANNEL ? (uint8_t)l->now : 0;
-		s->new_time = step->changes & LAZ_NEW_TIME;
-		read_returns(s, &c, changed);
-		read_xy(s, &c, step);
-		put(s, step, item);
+		s = read_one(l, s, &c, step, item);
 	}
 	w->coder = c;
 	return 0;
 }
 
 const struct laz_layer_row laz_layer_xy = { "x and y", sizeof(struct xy_layer), true, xy_begin, xy_read };
+
+/* ---- z ---- */
+
+struct z {
+	int32_t last[8], now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 20)];
+};
+
+struct z_layer { unsigned now; struct z channel[LAZ_CHANNELS]; };
+
+static void z_open(struct z *s, const struct z *from)
+{
+	s->now = from->now;
+	for (unsigned i = 0; i < 8; i++)
+		s->last[i] = s->now;
+	laz_int_reset((struct laz_int *)s->ints, 32, 20);
+}
+
+static void z_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
+{
+	struct z_layer *l = state;
+	struct z *s = &l->channel[channel];
+
+	l->now = channel;
+	s->now = (int32_t)laz_get32(first + LAZ_AT_Z);
+	z_open(s, s);
+}
+
+/* The state of the record's channel. */
+LAZ_INLINE struct z *z_turn(struct z_layer *l, struct z *s, const struct laz_step *step)
+{
+	if (laz_likely(step->channel == l->now))
+		return s;
+	if (step->changes & LAZ_OPENS)
+		z_open(&l->channel[step->channel], s);
+	l->now = step->channel;
+	return &l->channel[l->now];
+}
+
+LAZ_INLINE void z_one(struct z *s, struct laz_coder *c, const struct laz_step *step, uint8_t *item)
+{
+	unsigned k;
+
+	s->now = laz_int_read(c, (struct laz_int *)s->ints, 32, 20, s->last[step->level], step->z_context, &k);
+	s->last[step->level] = s->now;
+	laz_put32(item + LAZ_AT_Z, (uint32_t)s->now);
+}
+
+const struct laz_layer_row laz_layer_z = { "z", sizeof(struct z_layer), true, z_begin, NULL };
+
+int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window,
+		 struct laz_step *step, uint8_t *item, size_t length, size_t n, struct err *err)
+{
+	struct xy_layer *xy = xy_state;
+	struct z_layer *z = z_state;
+	struct laz_coder c = xy_window->coder, zc = z_window->coder;
+	struct channel *s = &xy->channel[xy->now];
+	struct z *zs = &z->channel[z->now];
+
+	for (size_t i = 0; i < n; i++, step++, item += length) {
+		int rc = laz_window_ready(xy_window, &c, err);
+
+		if (!rc)
+			rc = laz_window_ready(z_window, &zc, err);
+		if (rc)
+			return rc;
+		s = read_one(xy, s, &c, step, item);
+		zs = z_turn(z, zs, step);
+		z_one(zs, &zc, step, item);
+	}
+	xy_window->coder = c;
+	z_window->coder = zc;
+	return 0;
+}
