@@ -167,7 +167,11 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	in->degrees = options->degrees;
 	in->has_pipe = options->has_pipe;
 	in->pipe = options->has_pipe ? options->pipe : -1;
-	rc = open_input(in, options->format, err);
+	in->columns = options->columns;
+	rc = input_columns_check(in->columns, err);
+	if (!rc)
+		rc = open_input(in, options->format, err);
+	in->columns = NULL;
 	if (rc) {
 		input_close(in);
 		return rc;

@@ -55,6 +55,9 @@ struct input_options {
 	 * from `pipe`, a non-blocking descriptor (borrowed). Formats that are read forwards only: LAS. */
 	bool has_pipe;
 	int pipe;
+	/* Text: what the columns are, a letter each: x y z, c class, r return, n number of returns, and to be
+	 * skipped s _ - i t a u p R G B. NULL: as a line of names says, else the first three. */
+	const char *columns;
 };
 
 /* Upper bound of the memory that opening an input takes, whatever its bytes are; what reading takes besides

@@ -73,6 +73,43 @@ static bool word_is(const char *p, const char *end, const char *word)
 	return true;
 }
 
+/* Most numbers: sign, at most 18 digits, a point among them, at most 15 behind it. False: read it the long
+ * way, from the start. */
+static inline bool read_plain(const char **at, const char *end, struct input_number *ret)
+{
+	const char *p = *at, *first, *point = NULL;
+	bool negative = p < end && *p == '-';
+	uint64_t m = 0;
+	int places;
+
+	p += negative;
+	first = p;
+	if (end - p > DIGITS_MAX + 1)
+		end = p + DIGITS_MAX + 1; /* what goes on there is not plain */
+	for (; p < end; p++) {
+		unsigned digit = (unsigned char)(*p - '0');
+
+		if (digit < 10)
+			m = m * 10 + digit;
+		else if (*p == '.' && !point)
+			point = p;
+		else
+			break;
+	}
+	places = point ? (int)(p - point) - 1 : 0;
+	if (p - first - (point != NULL) < 1 || p - first > DIGITS_MAX || places > -PLACE_MIN ||
+	    (p < end && (*p | 0x20) == 'e'))
+		return false;
+	ret->written = ret->exponent = -places;
+	if (!m)
+		ret->exponent = 0;
+	for (; m && m % 10 == 0; m /= 10)
+		ret->exponent++;
+	ret->mantissa = negative ? -(int64_t)m : (int64_t)m;
+	*at = p;
+	return true;
+}
+
 enum input_number_state input_number_read(const char **at, const char *end, struct input_number *ret)
 {
 	const char *p = *at;
@@ -80,6 +117,8 @@ enum input_number_state input_number_read(const char **at, const char *end, stru
 	bool negative = false;
 	int exponent = 0, place;
 
+	if (read_plain(at, end, ret))
+		return INPUT_NUMBER_OK;
 	if (p < end && (*p == '+' || *p == '-'))
 		negative = *p++ == '-';
 	digits_read(&p, end, &d, false);

@@ -89,13 +89,28 @@ struct input_las {
 	void *watch_arg;
 };
 
+/* What a column of a text is; roles up to INPUT_ROLES are read. */
+enum input_role { INPUT_X, INPUT_Y, INPUT_Z, INPUT_CLASS, INPUT_RETURN, INPUT_RETURNS, INPUT_ROLES,
+		  INPUT_SKIPPED = INPUT_ROLES };
+enum { INPUT_COLUMNS = 64 };
+
+struct input_columns {
+	uint8_t role[INPUT_COLUMNS];
+	unsigned n;                /* up to the last one that is read */
+	bool cls, returns;         /* there are columns of them */
+};
+
 struct input_xyz {
+	struct input_columns columns;
 	int exponent_xy, exponent_z; /* raw numbers are multiples of 10 to this power */
 	uint64_t at;               /* file offset of the next byte to be read into the buffer */
 	uint64_t line;             /* of the line handed out last, from 1 */
+	uint64_t head;             /* lines before the points: up to this one they are not read again */
 	size_t i_buffered, n_buffered;
 	uint64_t points;           /* handed out so far */
 	bool ended;
+	bool counts;               /* .pts: a line of one number says how many points follow */
+	unsigned commas;           /* columns of the first point, if commas separate them; else 0 */
 };
 
 struct input {
@@ -107,6 +122,7 @@ struct input {
 	int pipe;
 	uint64_t head;             /* bytes of the descriptor, before those of the pipe */
 	uint64_t size;             /* of a pipe: more than any file has */
+	const char *columns;       /* of input_options, while opening */
 	struct timespec mtime;
 	const struct input_row *row;
 	struct input_info info;
@@ -159,6 +175,9 @@ void input_copc_walk_begin(struct input_copc_walk *, const struct input_copc *, 
 int input_copc_walk_next(struct input *in, struct input_copc_walk *, struct laz_chunk *ret, bool *ret_meets,
 			 bool *ret_more, const char **ret_why, struct err *err);
 
+/* NULL is fine. -ERR_USAGE. */
+int input_columns_check(const char *text, struct err *err);
+bool input_pts_matches(const uint8_t *bytes, size_t n);
 bool input_xyz_matches(const uint8_t *bytes, size_t n);
 int input_xyz_open(struct input *in, struct err *err);
 int input_xyz_read(struct input *in, struct input_points *pts, struct err *err);

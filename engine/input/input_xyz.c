@@ -1,43 +1,24 @@
 /*
- * Points as text: one a line, x y z in the first three columns.
+ * Points as text: one a line, x y z in the first three columns or where --columns or a line of names says.
  *
  * Model: the file is read twice. Opening reads all of it once, for the digits, the extent and the number
  * of points, and finds every bad line before a point is handed out; reading then turns each number into
- * a multiple of the unit that all numbers share. Both passes see lines through one window of the buffer.
+ * a multiple of the unit that all numbers share.
  *
  * The unit is a power of ten, one for x and y, one for z: the last place written anywhere, zeros
  * included ("77.890" says millimetres); where that does not leave the extent within 2^31 units, the last
- * place that is not zero. A line has one kind of separator: spaces and tabs, or commas, or semicolons,
- * so that decimal commas are noticed. No units and no coordinate system are known.
+ * place that is not zero. No units and no coordinate system are known.
+ *
+ * .pts is the same with lines of one whole number, each saying how many points follow it.
  */
-#include "input_parts.h"
+#include "input_text.h"
 
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "io.h"
-
-enum { LINE_MAX_BYTES = 4096, EXCERPT = 40 };
-
-struct line {
-	const char *at, *end; /* without its line end */
-};
-
-static int bad_line(struct input *in, struct err *err, enum err_code code, const char *what, struct line text)
-{
-	char excerpt[EXCERPT + 1];
-	size_t n = 0;
-
-	for (const char *p = text.at; p < text.end && n < EXCERPT; p++)
-		excerpt[n++] = *p >= 0x20 && *p < 0x7f && *p != '"' ? *p : '?';
-	excerpt[n] = 0;
-	err_set(err, code, "line %" PRIu64 ": %s: \"%s\"%s", in->as.xyz.line, what, excerpt,
-		text.at + n < text.end ? " ..." : "");
-	err_add_place(err, in->as.xyz.line, "line");
-	return err_add_file(err, in->name);
-}
+enum { RETURNS_MAX = 15, CLASS_MAX = 255 };
 
 bool input_xyz_matches(const uint8_t *bytes, size_t n)
 {
@@ -48,156 +29,65 @@ bool input_xyz_matches(const uint8_t *bytes, size_t n)
 	return true;
 }
 
-/* Moves what is left of the window to its front and reads on behind it. */
-static int fill(struct input *in, struct err *err)
+/* The first line that is neither blank nor comment nor words is one whole number. */
+bool input_pts_matches(const uint8_t *bytes, size_t n)
 {
-	struct input_xyz *xyz = &in->as.xyz;
-	size_t kept = xyz->n_buffered - xyz->i_buffered, got;
-	int rc;
+	const char *at = (const char *)bytes, *end = at + n, *stop;
+	uint64_t count;
 
-	memmove(in->buffer, in->buffer + xyz->i_buffered, kept);
-	rc = io_read_some(in->fd, in->buffer + kept, sizeof in->buffer - kept, xyz->at, in->name, &got, err);
-	if (rc)
-		return rc;
-	xyz->ended = got < sizeof in->buffer - kept;
-	xyz->at += got;
-	in->bytes_read += got;
-	xyz->i_buffered = 0;
-	xyz->n_buffered = kept + got;
+	if (!input_xyz_matches(bytes, n))
+		return false;
+	if (n >= 3 && !memcmp(at, "\xef\xbb\xbf", 3))
+		at += 3;
+	for (; at < end && (stop = memchr(at, '\n', (size_t)(end - at))); at = stop + 1) {
+		struct input_line line = { at, stop > at && stop[-1] == '\r' ? stop - 1 : stop };
+
+		if (!input_line_is_comment(line))
+			return input_line_is_count(line, &count);
+	}
+	return false;
+}
+
+/* One small whole number of a column. */
+static int small(struct input *in, struct input_line line, const char *what, struct input_number n, int most,
+		 uint8_t *ret, struct err *err)
+{
+	int64_t v = n.mantissa;
+	char text[64];
+
+	for (int i = 0; i < n.exponent && v <= most; i++)
+		v *= 10;
+	if (n.exponent < 0 || v < 0 || v > most) {
+		snprintf(text, sizeof text, "a %s that is no whole number from 0 to %d", what, most);
+		return input_bad_line(in, err, ERR_INPUT, text, line);
+	}
+	*ret = (uint8_t)v;
 	return 0;
 }
 
-/* The next line; ret->at NULL at the end of the file. */
-static int next_line(struct input *in, struct line *ret, struct err *err)
+/* Class and returns, where there are columns of them; else never classified, the only return. */
+static int attributes(struct input *in, struct input_line line, const struct input_number n[INPUT_ROLES],
+		      uint8_t *ret_class, uint8_t *ret_return, struct err *err)
 {
-	struct input_xyz *xyz = &in->as.xyz;
+	const struct input_columns *c = &in->as.xyz.columns;
+	uint8_t r = 1, count = 1;
+	int rc = 0;
 
-	for (;;) {
-		char *at = (char *)in->buffer + xyz->i_buffered;
-		size_t left = xyz->n_buffered - xyz->i_buffered;
-		char *end = left ? memchr(at, '\n', left) : NULL;
-
-		if (!end && !xyz->ended && left <= LINE_MAX_BYTES) {
-			int rc = fill(in, err);
-
-			if (rc)
-				return rc;
-			continue;
-		}
-		if (!end && !left) {
-			ret->at = NULL;
-			return 0;
-		}
-		xyz->line++;
-		xyz->i_buffered += end ? (size_t)(end - at) + 1 : left;
-		ret->at = at;
-		ret->end = end ? end : at + left;
-		if (ret->end - at > LINE_MAX_BYTES)
-			return bad_line(in, err, ERR_INPUT, "longer than 4096 bytes", *ret);
-		if (ret->end > at && ret->end[-1] == '\r')
-			ret->end--;
-		if (xyz->line == 1 && ret->end - at >= 3 && !memcmp(at, "\xef\xbb\xbf", 3))
-			ret->at += 3; /* byte order mark */
-		return 0;
-	}
-}
-
-static inline const char *skip_blanks(const char *p, const char *end)
-{
-	while (p < end && (*p == ' ' || *p == '\t'))
-		p++;
-	return p;
-}
-
-/* Steps over one separator; *kind is that of the line, 0 before the first. NULL if it is another one.
- * Behind the third number a blank is enough in any line. */
-static const char *separator(const char *p, const char *end, bool third, char *kind)
-{
-	const char *after = skip_blanks(p, end);
-	char found = after < end && (*after == ',' || *after == ';') ? *after : ' ';
-
-	if (after == end || (third && found == ' ' && after > p))
-		return after;
-	if ((found == ' ' && after == p) || (*kind && *kind != found))
-		return NULL;
-	*kind = found;
-	return found == ' ' ? after : skip_blanks(after + 1, end);
-}
-
-static int no_number(struct input *in, struct err *err, enum input_number_state state, struct line line,
-		     const char *p, bool first)
-{
-	const struct line rest = { p, line.end };
-	bool word = p < line.end && (((*p | 0x20) >= 'a' && (*p | 0x20) <= 'z') || *p == '"' || *p == '_');
-	bool header = first && word &&
-		      input_xyz_matches((const uint8_t *)line.at, (size_t)(line.end - line.at));
-
-	if (state == INPUT_NUMBER_NOT_FINITE)
-		return bad_line(in, err, ERR_INPUT, "not a finite number", rest);
-	if (state == INPUT_NUMBER_TOO_LONG) {
-		bad_line(in, err, ERR_INPUT, "more digits than can be kept exactly (18, down to 1e-15)", rest);
-		return err_add_hint(err, "write the coordinates with the digits that were measured");
-	}
-	if (header) {
-		bad_line(in, err, ERR_UNSUPPORTED, "a line of column names is not in this version", line);
-		return err_add_hint(err, "put # before it, or take it out");
-	}
-	if (p == line.end) {
-		bad_line(in, err, ERR_INPUT, "fewer than three columns", line);
-		return err_add_hint(err, "every line needs x y z; comments begin with #, // or %%");
-	}
-	return bad_line(in, err, ERR_INPUT, "not a number", rest);
-}
-
-/* Three numbers. `first`: no point came before, so that words may be column names. */
-static int parse_line(struct input *in, struct line line, bool first, struct input_number ret[3],
-		      struct err *err)
-{
-	const char *p = skip_blanks(line.at, line.end);
-	char kind = 0;
-
-	for (int i = 0; i < 3; i++) {
-		const char *number = p;
-		enum input_number_state state = input_number_read(&p, line.end, &ret[i]);
-
-		if (state != INPUT_NUMBER_OK)
-			return no_number(in, err, state, line, number, first && i == 0);
-		if (p == line.end)
-			continue;
-		p = separator(p, line.end, i == 2, &kind);
-		if (!p) {
-			bad_line(in, err, ERR_INPUT, "numbers that run together, or two kinds of separators",
-				 line);
-			return err_add_hint(err, "one separator a line; decimal points, not decimal commas");
-		}
-	}
-	return 0;
-}
-
-static bool is_comment(struct line line)
-{
-	const char *p = skip_blanks(line.at, line.end);
-
-	return p == line.end || *p == '#' || *p == '%' || (*p == '/' && p + 1 < line.end && p[1] == '/');
-}
-
-/* The next line with a point; ret->at NULL at the end of the file. */
-static int next_point_line(struct input *in, struct line *ret, struct err *err)
-{
-	do {
-		int rc = next_line(in, ret, err);
-
-		if (rc)
-			return rc;
-		/* a line end of old Macs would hide every point but the first */
-		if (ret->at && memchr(ret->at, '\r', (size_t)(ret->end - ret->at)))
-			return bad_line(in, err, ERR_INPUT, "a carriage return inside of a line", *ret);
-	} while (ret->at && is_comment(*ret));
-	return 0;
+	*ret_class = 0;
+	if (c->cls)
+		rc = small(in, line, "class", n[INPUT_CLASS], CLASS_MAX, ret_class, err);
+	if (!rc && c->returns)
+		rc = small(in, line, "return", n[INPUT_RETURN], RETURNS_MAX, &r, err);
+	if (!rc && c->returns)
+		rc = small(in, line, "number of returns", n[INPUT_RETURNS], RETURNS_MAX, &count, err);
+	*ret_return = (uint8_t)(r | count << 4);
+	return rc;
 }
 
 struct probe {
 	uint64_t points;
+	uint64_t count, count_line;    /* .pts: points that the last such line says, and are yet to come */
+	uint64_t more;                 /* points that none says */
 	struct {
 		int written, needed;     /* places */
 		uint64_t line;           /* of the first number that needs that place */
@@ -225,10 +115,59 @@ static double coordinate(struct input_number n)
 	return number_double(n);
 }
 
+static void probe_point(struct input *in, struct probe *probe, const struct input_number *n)
+{
+	for (int i = 0; i < 3; i++) {
+		double v = coordinate(n[i]);
+
+		if (n[i].written < probe->axis[i].written)
+			probe->axis[i].written = n[i].written;
+		if (n[i].exponent < probe->axis[i].needed) {
+			probe->axis[i].needed = n[i].exponent;
+			probe->axis[i].line = in->as.xyz.line;
+		}
+		if (v < probe->axis[i].min)
+			probe->axis[i].min = v;
+		if (v > probe->axis[i].max)
+			probe->axis[i].max = v;
+	}
+	probe->points++;
+}
+
+/* Points that a .pts file promised and that are not there. */
+static int check_count(struct input *in, const struct probe *probe, struct err *err)
+{
+	if (!probe->count)
+		return 0;
+	if (in->accept_truncated) {
+		input_warn(in, "%" PRIu64 " points fewer than line %" PRIu64 " says", probe->count,
+			   probe->count_line);
+		return 0;
+	}
+	input_fail(in, err, ERR_TRUNCATED, probe->count_line, "line",
+		   "line %" PRIu64 " says how many points follow, but %" PRIu64 " of them are missing",
+		   probe->count_line, probe->count);
+	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
+}
+
+/* A line of .pts with one number; false: it is none. */
+static bool take_count(struct input *in, struct input_line line, struct probe *probe, int *rc, struct err *err)
+{
+	uint64_t count;
+
+	if (!in->as.xyz.counts || !input_line_is_count(line, &count))
+		return false;
+	*rc = check_count(in, probe, err);
+	probe->count = count;
+	probe->count_line = in->as.xyz.line;
+	return true;
+}
+
 static int probe_text(struct input *in, struct probe *probe, struct err *err)
 {
-	struct input_number n[3];
-	struct line line;
+	struct input_number n[INPUT_ROLES];
+	uint8_t cls, ret;
+	struct input_line line;
 	int rc;
 
 	for (int i = 0; i < 3; i++) {
@@ -236,27 +175,26 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 		probe->axis[i].max = -INFINITY;
 	}
 	for (;;) {
-		rc = next_point_line(in, &line, err);
-		if (rc || !line.at)
-			return rc;
-		rc = parse_line(in, line, !probe->points, n, err);
+		rc = input_line_next_point(in, &line, err);
 		if (rc)
 			return rc;
-		for (int i = 0; i < 3; i++) {
-			double v = coordinate(n[i]);
-
-			if (n[i].written < probe->axis[i].written)
-				probe->axis[i].written = n[i].written;
-			if (n[i].exponent < probe->axis[i].needed) {
-				probe->axis[i].needed = n[i].exponent;
-				probe->axis[i].line = in->as.xyz.line;
-			}
-			if (v < probe->axis[i].min)
-				probe->axis[i].min = v;
-			if (v > probe->axis[i].max)
-				probe->axis[i].max = v;
+		if (!line.at)
+			return check_count(in, probe, err);
+		if (take_count(in, line, probe, &rc, err)) {
+			if (rc)
+				return rc;
+			continue;
 		}
-		probe->points++;
+		rc = input_line_parse(in, line, n, err);
+		if (!rc)
+			rc = attributes(in, line, n, &cls, &ret, err);
+		if (rc)
+			return rc;
+		probe_point(in, probe, n);
+		if (probe->count)
+			probe->count--;
+		else
+			probe->more++;
 	}
 }
 
@@ -303,13 +241,24 @@ static int choose_place(struct input *in, const struct probe *probe, int from, i
 	return 0;
 }
 
-static void rewind_text(struct input *in)
+static void describe(struct input *in, const struct probe *probe)
 {
 	struct input_xyz *xyz = &in->as.xyz;
+	char columns[INPUT_COLUMNS + 1];
+	size_t n = 0;
 
-	xyz->at = xyz->line = xyz->points = 0;
-	xyz->i_buffered = xyz->n_buffered = 0;
-	xyz->ended = false;
+	for (; n < xyz->columns.n; n++)
+		columns[n] = "xyzcrn_"[xyz->columns.role[n]];
+	columns[n] = 0;
+	snprintf(in->info.variant, sizeof in->info.variant, "text%s%.16s, %u and %u decimals",
+		 strcmp(columns, "xyz") ? ", columns " : "", strcmp(columns, "xyz") ? columns : "",
+		 (uint8_t)-xyz->exponent_xy, (uint8_t)-xyz->exponent_z);
+	if (xyz->counts && probe->more)
+		input_warn(in, "%" PRIu64 " points more than its lines of numbers say", probe->more);
+	if (xyz->commas >= 6 && !probe->axis[0].written && !probe->axis[1].written && !probe->axis[2].written &&
+	    !strcmp(columns, "xyz"))
+		input_warn(in, "whole numbers between commas, %u columns: with decimal commas it would be read wrongly",
+			   xyz->commas);
 }
 
 int input_xyz_open(struct input *in, struct err *err)
@@ -317,8 +266,12 @@ int input_xyz_open(struct input *in, struct err *err)
 	struct input_xyz *xyz = &in->as.xyz;
 	struct lattice_input *coords = &in->info.coords;
 	struct probe probe = { 0 };
-	int rc = probe_text(in, &probe, err);
+	int rc;
 
+	xyz->counts = in->row->matches == input_pts_matches;
+	rc = input_columns_look(in, err);
+	if (!rc)
+		rc = probe_text(in, &probe, err);
 	if (!rc)
 		rc = choose_place(in, &probe, 0, 1, &xyz->exponent_xy, err);
 	if (!rc)
@@ -327,8 +280,6 @@ int input_xyz_open(struct input *in, struct err *err)
 		return rc;
 	in->info.claimed = probe.points;
 	crs_info_clear(&in->info.crs);
-	snprintf(in->info.variant, sizeof in->info.variant, "text, %d and %d decimals", -xyz->exponent_xy,
-		 -xyz->exponent_z);
 	coords->has_offset = false;
 	for (int i = 0; i < 3; i++) {
 		coords->scale[i] = (struct decimal){ 1, i < 2 ? xyz->exponent_xy : xyz->exponent_z };
@@ -336,7 +287,8 @@ int input_xyz_open(struct input *in, struct err *err)
 		coords->min[i] = probe.axis[i].min;
 		coords->max[i] = probe.axis[i].max;
 	}
-	rewind_text(in);
+	describe(in, &probe);
+	input_line_rewind(in);
 	return 0;
 }
 
@@ -364,32 +316,48 @@ static int changed(struct input *in, struct err *err)
 	return err_add_hint(err, "wait until whoever writes it is done, then push it again");
 }
 
+/* One point; *ret_counted: it was no point but a line of .pts with their number. */
+static int read_point(struct input *in, struct input_points *pts, bool *ret_counted, struct err *err)
+{
+	struct input_xyz *xyz = &in->as.xyz;
+	struct input_number n[INPUT_ROLES];
+	struct input_line line = { .at = "" };
+	uint64_t count;
+	int rc = input_line_next_point(in, &line, err);
+
+	if (!rc && !line.at)
+		return changed(in, err);
+	*ret_counted = !rc && xyz->counts && input_line_is_count(line, &count);
+	if (rc || *ret_counted)
+		return rc;
+	rc = input_line_parse(in, line, n, err);
+	if (!rc)
+		rc = attributes(in, line, n, &pts->cls[pts->n], &pts->ret[pts->n], err);
+	if (rc)
+		return rc;
+	for (int i = 0; i < 3; i++)
+		if (!raw_of(n[i], i < 2 ? xyz->exponent_xy : xyz->exponent_z, &pts->raw[pts->n][i]))
+			return changed(in, err);
+	pts->flags[pts->n] = 0;
+	return 0;
+}
+
 int input_xyz_read(struct input *in, struct input_points *pts, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	struct input_number n[3];
-	struct line line = { .at = "" };
-	int rc;
+	bool counted = false;
 
 	while (pts->n < pts->cap && xyz->points < in->info.claimed) {
-		rc = next_point_line(in, &line, err);
-		if (!rc && !line.at)
-			return changed(in, err);
-		if (!rc)
-			rc = parse_line(in, line, false, n, err);
+		int rc = read_point(in, pts, &counted, err);
+
 		if (rc)
 			return rc;
-		for (int i = 0; i < 3; i++)
-			if (!raw_of(n[i], i < 2 ? xyz->exponent_xy : xyz->exponent_z, &pts->raw[pts->n][i]))
-				return changed(in, err);
-		pts->cls[pts->n] = 0;
-		pts->ret[pts->n] = 1 | 1 << 4; /* the only return */
-		pts->flags[pts->n] = 0;
-		pts->n++;
-		xyz->points++;
+		pts->n += !counted;
+		xyz->points += !counted;
 	}
 	if (xyz->points == in->info.claimed && !in->checked) {
-		rc = input_check_unchanged(in, err);
+		int rc = input_check_unchanged(in, err);
+
 		if (rc)
 			return rc;
 		in->checked = true;

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "fixture.h"
+#include "input_parts.h"
 
 static const struct input_options defaults;
 
@@ -105,9 +106,10 @@ static const struct { const char *text; enum err_code code; uint64_t line; const
 	{ "1 2 3\n\n# c\n1 2\n", ERR_INPUT, 4, "fewer than three" },
 	{ "1 2 3\r\n4 5\r\n", ERR_INPUT, 2, "fewer than three" },
 	{ "1 2 3\nx y z\n", ERR_INPUT, 2, "not a number" },
-	{ "x y z\n1 2 3\n", ERR_UNSUPPORTED, 1, "column names" },
-	{ "\"x\",\"y\",\"z\"\n1,2,3\n", ERR_UNSUPPORTED, 1, "column names" },
-	{ "# ok\nEasting;Northing;Height\n", ERR_UNSUPPORTED, 2, "column names" },
+	{ "nothing but words here\n", ERR_INPUT, 1, "not a number" },
+	{ "x y z\nEasting Northing Height\n1 2 3\n", ERR_INPUT, 2, "not a number" },
+	{ "x y 1\n1 2 3\n", ERR_INPUT, 1, "not a number" },
+	{ "id;x;y;z\n1;2;3\n", ERR_INPUT, 2, "fewer than 4" },
 	{ "1 nan 3\n", ERR_INPUT, 1, "finite" },
 	{ "nan 2 3\n", ERR_INPUT, 1, "finite" },
 	{ "1 2 3\n1 2 -Inf\n", ERR_INPUT, 2, "finite" },
@@ -117,9 +119,16 @@ static const struct { const char *text; enum err_code code; uint64_t line; const
 	{ "1-2 3 4\n", ERR_INPUT, 1, "run together" },
 	{ "1,,2,3\n", ERR_INPUT, 1, "not a number" },
 	{ ",1,2,3\n", ERR_INPUT, 1, "not a number" },
-	{ "1,5 2,5 3,5\n", ERR_INPUT, 1, "separators" },
-	{ "1,5;2,5;3,5\n", ERR_INPUT, 1, "separators" },
-	{ "1 2 3,5\n", ERR_INPUT, 1, "separators" },
+	{ "1,5 2,5 3,5\n", ERR_INPUT, 1, "decimal commas" },
+	{ "123,45 67,8 9,1\n", ERR_INPUT, 1, "decimal commas" },
+	{ "1 2 3\n123,45;67,8;9,1\n", ERR_INPUT, 2, "decimal commas" },
+	{ "1,5\t2,5\t3,5\n", ERR_INPUT, 1, "decimal commas" },
+	{ "1,5, 2,5, 3,5\n", ERR_INPUT, 1, "decimal commas" },
+	{ "100;200;30,5\n", ERR_INPUT, 1, "decimal commas" },
+	{ "100,5;200;30\n", ERR_INPUT, 1, "decimal commas" },
+	{ "1 2 3,5\n", ERR_INPUT, 1, "decimal commas" },
+	{ "1,5 2\n", ERR_INPUT, 1, "decimal commas" },
+	{ "1, 2; 3\n", ERR_INPUT, 1, "separators" },
 	{ "1 2 3\r4 5 6\r", ERR_INPUT, 1, "carriage return" },
 	{ "1e 2 3\n", ERR_INPUT, 1, "not a number" },
 	{ "1e+ 2 3\n", ERR_INPUT, 1, "not a number" },
@@ -149,6 +158,162 @@ static void bad_lines(void **state)
 		assert_non_null(strstr(out.err.message, bad[i].says));
 		snprintf(line, sizeof line, "line %d", (int)bad[i].line);
 		assert_non_null(strstr(out.err.message, line));
+	}
+}
+
+struct columned {
+	const char *columns, *text;
+	uint64_t points;
+	int64_t last[3];
+	uint8_t cls, ret;
+	const char *says; /* in the warning or the variant; NULL: no warning */
+};
+
+static const struct columned columned[] = {
+	{ "xyz", "1 2 3 4\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
+	{ "_zyx", "9 1 2 3\n", 1, { 3, 2, 1 }, 0, 0x11, "columns _zyx" },
+	{ "s-yxizc", "a b 2 1 77 3 18 rest\n", 1, { 1, 2, 3 }, 18, 0x11, "columns __yx_zc" },
+	{ "xyzrn", "1,2,3,2,5\n", 1, { 1, 2, 3 }, 0, 0x52, "xyzrn" },
+	{ "xyzc", "1 2 3 2.0\n", 1, { 1, 2, 3 }, 2, 0x11, "xyzc" },
+	{ "x_yz", "1;;2;3\n", 1, { 1, 2, 3 }, 0, 0x11, "x_yz" },
+	{ "_xyz", "\"a, b\",1,2,3\n", 1, { 1, 2, 3 }, 0, 0x11, "_xyz" },
+	{ "x_yz", "1,two words,2,3\n", 1, { 1, 2, 3 }, 0, 0x11, "x_yz" },
+	{ "xyz", "y x z\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL }, /* the option wins */
+	{ NULL, "X,Y,Z\n1,2,3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
+	{ NULL, "x y z\n", 0, { 0 }, 0, 0x11, NULL },
+	{ NULL, "\xef\xbb\xbf\"X\"; \"Y\"; \"Z\"\r\n1;2;3\r\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
+	{ NULL, "//X Y Z\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
+	{ NULL, "//Z Y X\n1 2 3\n", 1, { 3, 2, 1 }, 0, 0x11, "zyx" },
+	{ NULL, "# z y x in metres\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL }, /* prose */
+	{ NULL, "\nid;Northing [m];Easting [m];Height;Classification\n7;2;1;3;9\n", 1, { 1, 2, 3 }, 9, 0x11, "_yxzc" },
+	{ NULL, "X,Y,Z,Return Number,Number of Returns,R\n1,2,3,1,2,255\n", 1, { 1, 2, 3 }, 0, 0x21, "xyzrn" },
+	{ NULL, "X,Y,Z,return\n1,2,3,1\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
+	{ NULL, "E N H\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, "does not say for sure" },
+	{ NULL, "x y z x\n1 2 3 4\n", 1, { 1, 2, 3 }, 0, 0x11, "does not say for sure" },
+	{ NULL, "y x z\n1 2 3 4\n", 1, { 1, 2, 3 }, 0, 0x11, "does not say for sure" },
+	{ NULL, "1,5,2,5,3,5\n", 1, { 1, 5, 2 }, 0, 0x11, "decimal commas" },
+	{ NULL, "1.0,5,2,5,3,5\n", 1, { 10, 50, 2 }, 0, 0x11, NULL },
+};
+
+static void columns_and_names(void **state)
+{
+	for (size_t i = 0; i < sizeof columned / sizeof *columned; i++) {
+		const struct columned *c = &columned[i];
+		const struct input_options options = { .columns = c->columns };
+		int fd = fixture_fd(c->text, strlen(c->text));
+		struct err err = ERR_INIT;
+		struct input_points pts;
+		struct input *in = NULL;
+
+		if (input_open(fd, "a.xyz", &options, &in, &err))
+			fail_msg("%s: %s", c->text, err.message);
+		fixture_points_new(&pts, 4);
+		assert_int_equal(input_read(in, &pts, &err), 0);
+		if (pts.n != c->points || (pts.n && memcmp(pts.raw[pts.n - 1], c->last, sizeof c->last)))
+			fail_msg("%s: %zu points, %lld ...", c->text, pts.n, pts.n ? (long long)pts.raw[0][0] : 0);
+		if (pts.n)
+			assert_int_equal(pts.cls[0], c->cls);
+		if (pts.n)
+			assert_int_equal(pts.ret[0], c->ret);
+		if (!c->says ? *input_info(in)->warning != 0 :
+		    !strstr(input_info(in)->warning, c->says) && !strstr(input_info(in)->variant, c->says))
+			fail_msg("%s: %s; %s", c->text, input_info(in)->variant, input_info(in)->warning);
+		fixture_points_free(&pts);
+		input_close(in);
+		close(fd);
+	}
+}
+
+static void bad_columns(void **state)
+{
+	static const struct { const char *columns, *text, *says; enum err_code code; uint64_t line; } cases[] = {
+		{ "xy", "", "are needed", ERR_USAGE, ERR_NO_OFFSET },
+		{ "xyzz", "", "twice", ERR_USAGE, ERR_NO_OFFSET },
+		{ "xyzq", "", "letter", ERR_USAGE, ERR_NO_OFFSET },
+		{ "", "", "are needed", ERR_USAGE, ERR_NO_OFFSET },
+		{ "xyzr", "", "together", ERR_USAGE, ERR_NO_OFFSET },
+		{ "xyz_________1_________2_________3_________4_________5_________6_________7", "", "letter",
+		  ERR_USAGE, ERR_NO_OFFSET },
+		{ "xyz______________________________________________________________", "", "64", ERR_USAGE, ERR_NO_OFFSET },
+		{ "xyzc", "1 2 3 256\n", "class", ERR_INPUT, 1 },
+		{ "xyzc", "1 2 3 4\n1 2 3 -1\n", "class", ERR_INPUT, 2 },
+		{ "xyzc", "1 2 3 0.5\n", "class", ERR_INPUT, 1 },
+		{ "xyzrn", "1 2 3 16 2\n", "return", ERR_INPUT, 1 },
+		{ "xyzrn", "1 2 3 1 1e3\n", "number of returns", ERR_INPUT, 1 },
+		{ "xyzc", "1 2 3\n", "fewer than 4", ERR_INPUT, 1 },
+		{ "_xyz", "7,5 1,5 2,5 3,5\n", "decimal commas", ERR_INPUT, 1 },
+	};
+
+	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+		const struct input_options options = { .columns = cases[i].columns };
+		struct outcome out = fixture_read(cases[i].text, strlen(cases[i].text), "a.xyz", &options, 10);
+
+		if (out.code != cases[i].code || !strstr(out.err.message, cases[i].says))
+			fail_msg("%s %s: %d %s", cases[i].columns, cases[i].text, out.code, out.err.message);
+		assert_true(out.err.offset == cases[i].line && out.err.hint[0] | (out.code == ERR_INPUT));
+	}
+}
+
+static void counted_points(void **state)
+{
+	static const struct { const char *text; bool lenient; enum err_code code; uint64_t points, line; const char *says; }
+	cases[] = {
+		{ "2\n1 2 3 -100 255 0 0\n4 5 6 7 8 9 10\n", false, 0, 2, 0, NULL },
+		{ "\xef\xbb\xbf\r\n# scan\r\n  2 \r\n1 2 3\r\n\r\n4 5 6\r\n", false, 0, 2, 0, NULL },
+		{ "0\n", false, 0, 0, 0, NULL },
+		{ "1\n1 2 3\n2\n4 5 6\n7 8 9\n", false, 0, 3, 0, NULL }, /* two scans */
+		{ "3\n1 2 3\n4 5 6\n", false, ERR_TRUNCATED, 0, 1, "1 of them" },
+		{ "3\n1 2 3\n4 5 6\n", true, 0, 2, 0, "fewer" },
+		{ "\n2\n1 2 3\n1\n4 5 6\n", false, ERR_TRUNCATED, 0, 2, "missing" },
+		{ "1\n1 2 3\n4 5 6\n", false, 0, 2, 0, "1 points more" },
+		{ "18446744073709551616\n1 2 3\n", false, ERR_INPUT, 0, 1, "digits" },
+		{ "1000000000000\n1 2 3\n", false, ERR_TRUNCATED, 0, 1, "999999999999" },
+		{ "1\n1 2\n", false, ERR_INPUT, 0, 2, "fewer than three" },
+	};
+
+	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+		for (int name = 0; name < 2; name++) {
+			const struct input_options options = { .accept_truncated = cases[i].lenient };
+			struct outcome out = fixture_read(cases[i].text, strlen(cases[i].text), name ? "a.pts" : "a.txt",
+							  &options, 10);
+			const char *text = out.code ? out.err.message : out.info.warning;
+
+			if (out.code != cases[i].code || (cases[i].says ? !strstr(text, cases[i].says) : *text))
+				fail_msg("%s: %d %s", cases[i].text, out.code, text);
+			assert_int_equal(out.points, cases[i].points);
+			if (out.code)
+				assert_int_equal(out.err.offset, cases[i].line);
+		}
+}
+
+/* The quick way of the number reader is the long one's, number for number. */
+static void numbers(void **state)
+{
+	uint32_t roll = 1;
+
+	for (int i = 0; i < 200000; i++) {
+		struct input_number quick, slow;
+		char text[64], longer[80];
+		const char *at = text, *also = longer;
+		int n = 0, digits;
+
+		roll = roll * 1664525 + 1013904223;
+		digits = roll >> 28;
+		if (roll >> 9 & 1)
+			text[n++] = '-';
+		for (int k = 0, point = (int)(roll >> 20 & 15); k <= digits; k++) {
+			if (k == point)
+				text[n++] = '.';
+			text[n++] = (char)('0' + (roll >> (k + 2) & 7) * (roll >> (k + 5) & 1));
+		}
+		text[n] = 0;
+		snprintf(longer, sizeof longer, "%se0", text);
+		assert_int_equal(input_number_read(&at, text + n, &quick), INPUT_NUMBER_OK);
+		assert_int_equal(input_number_read(&also, longer + n + 2, &slow), INPUT_NUMBER_OK);
+		if (quick.mantissa != slow.mantissa || quick.exponent != slow.exponent ||
+		    quick.written != slow.written || at != text + n)
+			fail_msg("%s: %lld %d %d, %lld %d %d", text, (long long)quick.mantissa, quick.exponent,
+				 quick.written, (long long)slow.mantissa, slow.exponent, slow.written);
 	}
 }
 
@@ -246,6 +411,10 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(good_texts),
 		cmocka_unit_test(bad_lines),
+		cmocka_unit_test(columns_and_names),
+		cmocka_unit_test(bad_columns),
+		cmocka_unit_test(counted_points),
+		cmocka_unit_test(numbers),
 		cmocka_unit_test(long_lines),
 		cmocka_unit_test(across_the_buffer),
 		cmocka_unit_test(changes_between_the_passes),
