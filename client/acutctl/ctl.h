@@ -29,6 +29,7 @@ struct ctl_args {
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
 	const char *scale, *input_format, *manifest, *assume_crs, *assume_units;
+	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;

@@ -94,9 +94,9 @@ static int info(struct ctl *ctl, const struct ctl_input *in)
 	if (r)
 		return ctl_error(ctl, &err);
 	if (ctl->args.header) {
-		r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, &p);
+		r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &p);
 	} else {
-		r = acut_inspect(ctl->acut, fd, in->name, ctl->args.input_format, &records);
+		r = acut_inspect(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &records);
 		p = r ? NULL : &records->header;
 	}
 	ctl_input_close(in, fd);

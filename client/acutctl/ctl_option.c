@@ -82,6 +82,8 @@ static const struct option table[] = {
 	{"replace", 0, NULL, LATER, 0, CTL_PUSH, NULL},
 	{"manifest", 0, "FILE", TEXT, AT(manifest), CTL_STAGE,
 	 "all inputs must have the SHA-256 sums that FILE (of sha256sum) lists"},
+	{"columns", 0, "LETTERS", TEXT, AT(columns), CTL_INPUT,
+	 "columns of texts: x y z, c class, r return, n number of returns, _ to skip one (xyz)"},
 	{"input-format", 0, "FORMAT", TEXT, AT(input_format), CTL_INPUT,
 	 "format of the inputs, in place of what their bytes say"},
 	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE,

@@ -159,6 +159,7 @@ static int begin(struct staging *s, const char *dataset)
 					.format = a->input_format,
 					.utm = a->utm,
 					.geoid_way = a->geoid_way,
+					.columns = a->columns,
 					.planar = a->planar,
 					.accept_truncated = a->accept_truncated,
 					.checksum = a->checksum,

@@ -102,6 +102,7 @@ typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 struct acut_push_options {
 	const char *dataset;                     /* NULL: one-step */
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
+	const char *columns; /* of texts, a letter each ("xyzc", "_" skips one); NULL: as they say themselves */
 	const char *assume_crs;    /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
 	const char *assume_unit_xy, *assume_unit_z; /* "m", "ft", "ftUS"; NULL: nothing */
 	const char *utm;       /* zone that degrees are projected to: "32N", "UPS-S"; NULL: of the middle of all */
@@ -190,7 +191,9 @@ struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed;
 /* Forgets a push without aborting it: what is durable stays pending with the daemon. */
 struct acut_push *acut_push_leave(struct acut_push *);
 
-int acut_info(struct acut *, int fd, const char *name, const char *format, const struct acut_probe **ret);
+/* `columns`: of a text, a letter each; NULL: as it says itself. */
+int acut_info(struct acut *, int fd, const char *name, const char *format, const char *columns,
+	      const struct acut_probe **ret);
 
 /* What is in the records of a file: all of it is read. */
 struct acut_inspected {
@@ -211,7 +214,8 @@ struct acut_inspected {
 	char *const *difference;         /* between header and records, in words */
 	size_t ndifference;
 };
-int acut_inspect(struct acut *, int fd, const char *name, const char *format, const struct acut_inspected **ret);
+int acut_inspect(struct acut *, int fd, const char *name, const char *format, const char *columns,
+		 const struct acut_inspected **ret);
 
 /* ---- geoid grids that the daemon keeps ---- */
 

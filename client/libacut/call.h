@@ -13,7 +13,7 @@ struct acut_push {
 	struct acut_push *next; /* on acut->pushes */
 	uint32_t request_id;    /* of PushBegin: Durable comes on it */
 	uint64_t push, durable;
-	char *format, *note;
+	char *format, *columns, *note;
 	bool checksum, add;
 	acut_progress_fn progress;
 	void *ctx;

@@ -43,7 +43,8 @@ static void get_inspected(const Acut__V1__Inspected *m, struct acut_inspected *r
 	get_counts(m->flags, m->n_flags, ret->flags, 4);
 }
 
-int acut_inspect(struct acut *a, int fd, const char *name, const char *format, const struct acut_inspected **ret)
+int acut_inspect(struct acut *a, int fd, const char *name, const char *format, const char *columns,
+		 const struct acut_inspected **ret)
 {
 	Acut__V1__Inspect question = ACUT__V1__INSPECT__INIT;
 	char *named, *formed;
@@ -63,6 +64,7 @@ int acut_inspect(struct acut *a, int fd, const char *name, const char *format, c
 	}
 	question.name = frame_text_clean(named);
 	question.format = frame_text_clean(formed);
+	question.columns = call_text(columns);
 	r = call_again(a, FRAME_MESSAGE(INSPECT, inspect, &question), fd, ACUT__V1__MESSAGE__BODY_INSPECTED, &id,
 		       &a->answer);
 	free(named);

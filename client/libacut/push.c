@@ -100,7 +100,10 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	if (!push)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a push");
 	push->format = clean_copy(a, o->format);
-	if (!push->format) {
+	push->columns = clean_copy(a, o->columns);
+	if (!push->format || !push->columns) {
+		free(push->format);
+		free(push->columns);
 		free(push);
 		return -(int)a->err.code;
 	}
@@ -122,6 +125,7 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 		       ACUT__V1__MESSAGE__BODY_PUSH_BEGUN, &push->request_id, &a->answer);
 	if (r < 0) {
 		free(push->format);
+		free(push->columns);
 		free(push);
 		return r;
 	}
@@ -182,6 +186,7 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 	p.push = f.push = push->push;
 	p.name = f.name = name;
 	p.format = f.format = push->format;
+	p.columns = f.columns = push->columns;
 	p.checksum = push->checksum;
 	p.add = push->add;
 	if (in->path) {
@@ -462,6 +467,7 @@ struct acut_push *acut_push_leave(struct acut_push *push)
 	*at = push->next;
 	free(push->format);
 	free(push->note);
+	free(push->columns);
 	free(push);
 	return NULL;
 }
@@ -487,7 +493,8 @@ struct acut_push *acut_push_end(struct acut_push *push)
 	return acut_push_leave(push);
 }
 
-int acut_info(struct acut *a, int fd, const char *name, const char *format, const struct acut_probe **ret)
+int acut_info(struct acut *a, int fd, const char *name, const char *format, const char *columns,
+	      const struct acut_probe **ret)
 {
 	Acut__V1__InfoRequest question = ACUT__V1__INFO_REQUEST__INIT;
 	char *copy;
@@ -503,6 +510,7 @@ int acut_info(struct acut *a, int fd, const char *name, const char *format, cons
 		return -(int)a->err.code;
 	question.name = copy;
 	question.format = call_text(format);
+	question.columns = call_text(columns);
 	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd,
 		       ACUT__V1__MESSAGE__BODY_PROBED, &id, &a->answer);
 	free(copy);

@@ -19,7 +19,7 @@ struct inspect {
 	struct sched_task task;
 	struct jobs *jobs;
 	int fd, r;
-	char *name, *format, info_format[16];
+	char *name, *format, *columns, info_format[16];
 	bool read;   /* the header is: now the records */
 	struct push_input_id id;
 	struct inspect_result *result;
@@ -33,6 +33,7 @@ static struct input_options options_of(const struct inspect *a)
 	/* It is described only, so its plane does not matter, nor that it ends early. */
 	return (struct input_options){
 		.format = *a->format ? a->format : NULL,
+		.columns = *a->columns ? a->columns : NULL,
 		.accept_truncated = true,
 		.planar = true,
 	};
@@ -256,6 +257,7 @@ static void inspect_free(struct inspect *a)
 	io_close(a->fd);
 	free(a->name);
 	free(a->format);
+	free(a->columns);
 	free(a->result);
 	free(a);
 }
@@ -286,7 +288,8 @@ static void inspect_done(struct sched_task *t)
 	inspect_free(a);
 }
 
-void inspect_file(struct jobs *j, int fd, const char *name, const char *format, inspect_answer_fn *answer, void *token)
+void inspect_file(struct jobs *j, int fd, const char *name, const char *format, const char *columns,
+		  inspect_answer_fn *answer, void *token)
 {
 	struct inspect *a = calloc(1, sizeof *a);
 	struct err err = ERR_INIT;
@@ -295,9 +298,10 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 		a->fd = fd;
 		a->name = strdup(name);
 		a->format = strdup(format);
+		a->columns = strdup(columns);
 		a->result = calloc(1, sizeof *a->result);
 	}
-	if (!a || !a->name || !a->format || !a->result) {
+	if (!a || !a->name || !a->format || !a->columns || !a->result) {
 		if (a)
 			inspect_free(a);
 		else

@@ -123,6 +123,7 @@ struct push_probe_result {
 };
 struct push_input {
 	const char *name, *format;
+	const char *columns; /* of a text, as input_options; "": as it says itself */
 	const char *path; /* absolute; "": it has none */
 	bool checksum;    /* judged by its content, not by path, size and time */
 	bool add;         /* taken beside another one of its path */
@@ -166,7 +167,7 @@ void push_probe(struct push *, int fd, const struct push_input *, void *token);
 int push_stream(struct push *, int fd, const char *name, struct err *err);
 void push_stream_ready(struct push_stream *);
 void push_plan(struct push *, void *token);
-void push_file(struct push *, int fd, const char *name, const char *format, void *token);
+void push_file(struct push *, int fd, const struct push_input *, void *token);
 void push_commit(struct push *, void *token);
 void push_abort(struct push *, void *token);
 /* Nobody will call any more: what is unanswered is still answered. What was staged whole into a named dataset and
@@ -174,7 +175,7 @@ void push_abort(struct push *, void *token);
 void push_leave(struct push *);
 unsigned push_unanswered(const struct push *); /* files and probes */
 /* A probe of its own, for `acutctl info`. */
-void push_info(struct jobs *, int fd, const char *name, const char *format,
+void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns,
 	       void (*probed)(void *token, const struct err *why, const char *name,
 			      const struct input_info *),
 	       void *token);
@@ -197,7 +198,8 @@ struct inspect_result {
 };
 typedef void inspect_answer_fn(void *token, const struct err *why, const struct inspect_result *);
 /* Reads all of the file. `fd` becomes the house's in any case. */
-void inspect_file(struct jobs *, int fd, const char *name, const char *format, inspect_answer_fn *answer, void *token);
+void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns,
+		  inspect_answer_fn *answer, void *token);
 
 /* ---- geoid grids that the daemon keeps ---- */
 

@@ -52,6 +52,7 @@ static void ask_free(struct push_ask *a)
 	io_close(a->fd);
 	free(a->name);
 	free(a->format);
+	free(a->columns);
 	free(a->path);
 	free(a);
 }
@@ -330,6 +331,7 @@ static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct p
 	a->fd = fd;
 	a->name = copy(in->name);
 	a->format = copy(in->format && *in->format ? in->format : p->format);
+	a->columns = copy(in->columns);
 	/* One that is too long to be kept is nobody's. */
 	a->path = copy(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
 	a->checksum = in->checksum;
@@ -354,12 +356,11 @@ void push_probe(struct push *p, int fd, const struct push_input *in, void *token
 		p->calls.probed(token, no_memory(&err), NULL);
 }
 
-void push_file(struct push *p, int fd, const char *name, const char *format, void *token)
+void push_file(struct push *p, int fd, const struct push_input *in, void *token)
 {
-	const struct push_input in = {.name = name, .format = format};
 	struct err err;
 
-	if (!ask_file(p, PUSH_FILE, fd, &in, token))
+	if (!ask_file(p, PUSH_FILE, fd, in, token))
 		p->calls.staged(token, no_memory(&err), NULL);
 }
 

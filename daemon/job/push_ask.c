@@ -160,6 +160,7 @@ static struct input_options options_of(const struct push *p, const struct push_a
 {
 	struct input_options options = {
 		.format = a->format && *a->format ? a->format : NULL,
+		.columns = *a->columns ? a->columns : NULL,
 		.accept_truncated = p->accept_truncated,
 		.planar = p->planar,
 		.degrees = true,
@@ -190,7 +191,7 @@ static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 	if (a->stream && from_stream(a, err))
 		return -(int)err->code;
 	task_bytes(p, LEDGER_INPUT, input_bytes());
-	return a->name && a->format && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
+	return a->name && a->format && a->columns && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 }
 
 static void remember_info(struct push_ask *a, const struct input *in)
@@ -359,7 +360,7 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 	const struct push_probed *probe;
 	struct grid_source *s;
 
-	if (!a->name || !a->format)
+	if (!a->name || !a->format || !a->columns)
 		return err_set(err, ERR_NOMEM, "no memory for a request");
 	if (!p->has_lattice) {
 		err_set(err, ERR_USAGE, "the push has no lattice yet: PushPlan comes before File");

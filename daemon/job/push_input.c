@@ -113,7 +113,7 @@ struct info_ask {
 	struct sched_task task;
 	struct jobs *jobs;
 	int fd, r;
-	char *name, *format;
+	char *name, *format, *columns;
 	struct input_info info;
 	char info_format[16];
 	struct err err;
@@ -127,6 +127,7 @@ static void info_run(struct sched_task *t)
 	/* It is described only, so its plane does not matter, nor that it ends early. */
 	struct input_options options = {
 		.format = *a->format ? a->format : NULL,
+		.columns = *a->columns ? a->columns : NULL,
 		.accept_truncated = true,
 		.planar = true,
 	};
@@ -160,10 +161,11 @@ static void info_done(struct sched_task *t)
 	io_close(a->fd);
 	free(a->name);
 	free(a->format);
+	free(a->columns);
 	free(a);
 }
 
-void push_info(struct jobs *j, int fd, const char *name, const char *format,
+void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns,
 	       void (*probed)(void *token, const struct err *why, const char *name,
 			      const struct input_info *),
 	       void *token)
@@ -174,12 +176,14 @@ void push_info(struct jobs *j, int fd, const char *name, const char *format,
 	if (a) {
 		a->name = strdup(name);
 		a->format = strdup(format);
+		a->columns = strdup(columns);
 	}
-	if (!a || !a->name || !a->format) {
+	if (!a || !a->name || !a->format || !a->columns) {
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 		if (a) {
 			free(a->name);
 			free(a->format);
+			free(a->columns);
 			free(a);
 		}
 		io_close(fd);

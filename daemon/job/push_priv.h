@@ -53,7 +53,7 @@ struct push_ask {
 	enum push_kind kind;
 	void *token;
 	int fd;
-	char *name, *format, *path;
+	char *name, *format, *columns, *path;
 	bool checksum, add, projected;
 	struct push_stream *stream; /* it comes from there */
 	/* of the worker */

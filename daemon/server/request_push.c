@@ -407,6 +407,7 @@ void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	struct push_input in = {
 		.name = probe->name,
 		.format = probe->format,
+		.columns = probe->columns,
 		.checksum = probe->checksum,
 		.add = probe->add,
 	};
@@ -422,10 +423,15 @@ void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 
 void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
+	const struct push_input in = {
+		.name = m->file->name,
+		.format = m->file->format,
+		.columns = m->file->columns,
+	};
 	struct push *p = find(c, q, m->file->push);
 
 	if (p)
-		push_file(p, fd, m->file->name, m->file->format, q);
+		push_file(p, fd, &in, q);
 	else
 		io_close(fd);
 }
@@ -484,10 +490,12 @@ void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m,
 
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, described, q);
+	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
+		  described, q);
 }
 
 void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, inspected, q);
+	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns,
+		     inspected, q);
 }

@@ -451,7 +451,10 @@ static void formats_by_content_and_name(void **state)
 	assert_int_equal(fixture_read("", 0, "a.las", &defaults, 9).code, ERR_TRUNCATED);
 	assert_int_equal(fixture_read("", 0, "a.xyz", &defaults, 9).code, 0);
 	assert_string_equal(input_formats(&n)[0].name, "las");
-	assert_int_equal(n, 2);
+	assert_int_equal(n, 3);
+	assert_string_equal(fixture_read("1\n1 2 3\n", 8, "a.txt", &defaults, 9).info.format, "pts");
+	assert_string_equal(fixture_read("1 2 3\n", 6, "a.pts", &defaults, 9).info.format, "xyz");
+	assert_string_equal(fixture_read("", 0, "a.pts", &defaults, 9).info.format, "pts");
 	free(b.at);
 }
 

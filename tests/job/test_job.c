@@ -234,7 +234,7 @@ static struct dataset *push(const char *dataset, unsigned n, unsigned seed)
 	assert_int_equal(got.why.code, 0);
 	ask(push_plan(got.push, NULL));
 	assert_int_equal(got.why.code, 0);
-	ask(push_file(got.push, fd, "a.xyz", "", NULL));
+	ask(push_file(got.push, fd, &(const struct push_input){.name = "a.xyz"}, NULL));
 	assert_int_equal(got.why.code, 0);
 	assert_int_equal(got.file.in.points, n);
 	ask(push_commit(got.push, NULL));
@@ -576,7 +576,7 @@ static void restart(void **state)
 	begin("kept");
 	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "b.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
-	ask(push_file(got.push, fd, "b.xyz", "", NULL));
+	ask(push_file(got.push, fd, &(const struct push_input){.name = "b.xyz"}, NULL));
 	push_leave(got.push);
 	dataset_release(d);
 	close_house();
@@ -654,7 +654,7 @@ static struct push *staged_push(const char *dataset, unsigned n, unsigned seed)
 	begin(dataset);
 	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
-	ask(push_file(got.push, fd, "a.xyz", "", NULL));
+	ask(push_file(got.push, fd, &(const struct push_input){.name = "a.xyz"}, NULL));
 	assert_int_equal(got.why.code, 0);
 	return got.push;
 }
@@ -697,9 +697,9 @@ static void changed_file(void **state)
 	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
 	ask(push_plan(got.push, NULL));
 	assert_int_equal(pwrite(fd, "1 2 3\n", 6, lseek(fd, 0, SEEK_END)), 6);
-	ask(push_file(got.push, fd, "a.xyz", "", NULL));
+	ask(push_file(got.push, fd, &(const struct push_input){.name = "a.xyz"}, NULL));
 	assert_int_equal(got.why.code, ERR_CHANGED);
-	ask(push_file(got.push, text_file(5, 1), "never-probed.xyz", "", NULL));
+	ask(push_file(got.push, text_file(5, 1), &(const struct push_input){.name = "never-probed.xyz"}, NULL));
 	assert_int_equal(got.why.code, ERR_USAGE);
 	push_leave(got.push);
 }

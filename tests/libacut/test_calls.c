@@ -181,7 +181,7 @@ static void test_push(void **state)
 	assert_int_equal(done->points, 55); /* the fake answers with the push's number */
 	assert_int_equal(done->generation, 3);
 	assert_null(acut_push_end(push));
-	assert_int_equal(acut_info(a, fd, "b.las", NULL, &probe), 0);
+	assert_int_equal(acut_info(a, fd, "b.las", NULL, NULL, &probe), 0);
 	assert_string_equal(probe->format, "las");
 	close(fd);
 	acut_close(a);
