@@ -57,6 +57,8 @@ static void begin_answer(struct push *p, const struct err *why)
 {
 	struct push_begun begun = {.push = p, .id = p->id, .lattice = "", .note = p->note};
 	char lattice[LATTICE_TEXT_SIZE];
+	const struct push_calls calls = p->calls;
+	const struct err copy = why ? *why : ERR_INIT; /* it may be of the ask, which goes first */
 	void *token = p->asks->token;
 
 	if (p->has_lattice)
@@ -64,7 +66,7 @@ static void begin_answer(struct push *p, const struct err *why)
 	push_ask_over(p);
 	if (why)
 		push_leave(p);
-	p->calls.begun(token, why, why ? NULL : &begun);
+	calls.begun(token, why ? &copy : NULL, why ? NULL : &begun);
 }
 
 static void begin_row_done(void *ctx, int r, const struct err *why)

@@ -165,8 +165,11 @@ static void commit_answer(struct push *p, const struct err *why)
 	}
 	done.generation = d->generation;
 	done.points = d->points;
+	/* The reason may be of the ask, which goes first. */
+	if (why)
+		err = *why;
 	push_ask_over(p);
-	p->calls.committed(token, why, why ? NULL : &done);
+	p->calls.committed(token, why ? &err : NULL, why ? NULL : &done);
 }
 
 static void commit_row_done(void *ctx, int r, const struct err *why)

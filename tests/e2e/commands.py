@@ -171,7 +171,7 @@ def refusals():
         status(d.ctl("mesh", "--strict", "-o", out, path, bad), 1, "bad.las")
         expect(not os.path.exists(out), "--strict kept an output")
         status(d.ctl("mesh", "--accept-truncated", "-o", out, bad), 0)
-        status(d.ctl("mesh", "-o", out, path, "--geoid", "egm96"), 2, "not in this version")
+        status(d.ctl("mesh", "-o", out, path, "--geoid", "egm96"), 4, "no geoid grid", "acutctl geoid add")
         status(d.ctl("mesh", "-o", out, path, "--rubbish"), 2)
         status(d.ctl("mesh", "-o", path, path), 2)
         status(d.ctl("mesh", "-o", out), 2)
