@@ -46,36 +46,57 @@ void laz_bit_update(struct laz_bit_model *m)
 	m->left = m->cycle = (uint16_t)(cycle < BIT_CYCLE_MAX ? cycle : BIT_CYCLE_MAX);
 }
 
-/* The borders from the counts, whose sum is m->total. */
+/* Borders, table and guess from the counts, whose sum is m->total. */
 static void settle(struct laz_model *m, unsigned layout)
 {
-	int16_t *heads = (int16_t *)(m + 1), *border = heads + LAZ_BORDERS(layout);
-	const uint16_t *count = (const uint16_t *)heads + LAZ_COUNTS(layout);
+	uint16_t *words = (uint16_t *)(m + 1), *border = words + LAZ_BORDERS(layout);
+	const uint16_t *count = words + LAZ_COUNTS(layout);
 	uint32_t scale = UINT32_C(0x80000000) / m->total, sum = 0;
-	unsigned n = m->last + 1u;
+	unsigned n = m->last + 1u, guess = 0, shift = LAZ_SHIFT(layout), entries = (1u << (15 - shift)) + 1, t = 0;
 
 	for (unsigned i = 0; i < n; i++) {
-		border[i] = (int16_t)((int32_t)(sum >> 16) - 1);
+		border[i] = (uint16_t)(sum >> 16);
 		sum += scale * count[i];
+		guess = count[i] > count[guess] ? i : guess;
 	}
-	if (layout > 64)
-		for (unsigned i = 0; i < n; i += 16)
-			heads[i / 16] = border[i];
+	m->guess = (uint16_t)guess;
+	for (unsigned i = 0; i < n; i++) {
+		unsigned end = i + 1 < n ? (border[i + 1] + (1u << shift) - 1) >> shift : entries;
+
+		for (; t < end; t++) {
+			if (LAZ_WIDE(layout))
+				words[t] = (uint16_t)i;
+			else
+				((uint8_t *)words)[t] = (uint8_t)i;
+		}
+	}
 }
 
 void laz_model_init(struct laz_model *m, unsigned layout, unsigned symbols)
 {
-	int16_t *heads = (int16_t *)(m + 1);
-	uint16_t *count = (uint16_t *)heads + LAZ_COUNTS(layout);
+	uint16_t *words = (uint16_t *)(m + 1), *border = words + LAZ_BORDERS(layout), *count = words + LAZ_COUNTS(layout);
 
-	for (unsigned i = 0; i < LAZ_COUNTS(layout); i++)
-		heads[i] = INT16_MAX;
+	for (unsigned i = symbols; i < LAZ_UP16(layout + LAZ_STEPS); i++)
+		border[i] = LAZ_BEYOND;
 	for (unsigned i = 0; i < symbols; i++)
 		count[i] = 1;
 	m->last = (uint16_t)(symbols - 1);
 	m->total = symbols;
 	m->left = m->cycle = (uint16_t)((symbols + 6) >> 1);
 	settle(m, layout);
+}
+
+unsigned laz_search_far(uint32_t v, const uint16_t *border, unsigned sym, unsigned last)
+{
+	while (sym < last) {
+		unsigned middle = (sym + last + 1) / 2;
+
+		if (v >= border[middle])
+			sym = middle;
+		else
+			last = middle - 1;
+	}
+	return sym;
 }
 
 void laz_model_update(struct laz_model *m, unsigned layout)

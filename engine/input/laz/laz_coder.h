@@ -16,9 +16,6 @@
 #include <string.h>
 
 #include "laz_window.h"
-#ifdef __SSE2__
-#include <emmintrin.h>
-#endif
 
 #define LAZ_INLINE static inline __attribute__((always_inline))
 
@@ -105,30 +102,38 @@ LAZ_INLINE unsigned laz_bit(struct laz_coder *c, struct laz_bit_model *m)
 }
 
 /*
- * A model of n symbols, 2 to 1024. Behind the head lie, as 16-bit numbers: of more than 64 symbols every 16th
- * border; the borders, each less by one so that numbers that fill up (32767) are below nothing; the counts.
+ * A model of n symbols, 2 to 1024. Behind the head lie a table, the borders of the symbols in an interval of 2^15,
+ * and their counts. Where the value lies in that interval, its upper bits choose an entry of the table: the symbol
+ * in which the part of the interval with these bits begins. From there it is mostly one of the next few.
  */
 struct laz_model {
 	uint16_t last;           /* the largest symbol */
 	uint16_t left;           /* symbols until the next update */
 	uint16_t cycle;          /* symbols between updates; 0: no state yet */
-	uint16_t pad;
+	uint16_t guess;          /* the most frequent symbol at the last update */
 	uint32_t total;
 	uint32_t pad2;
 };
 
 #define LAZ_UP16(n) (((n) + 15u) & ~15u)
+/* Entries of the table are one for each 2^LAZ_SHIFT of the interval, of one byte or two. */
+#define LAZ_SHIFT(n) ((n) > 64 ? 7 : 9)
+#define LAZ_WIDE(n) ((n) > 256)
 /* Places in 16-bit numbers behind the head. */
-#define LAZ_BORDERS(n) ((n) > 64 ? LAZ_UP16(LAZ_UP16(n) / 16) : 0)
-#define LAZ_COUNTS(n) (LAZ_BORDERS(n) + LAZ_UP16(n))
+#define LAZ_BORDERS(n) (((n) > 64 ? 136u : 40u) * (1 + LAZ_WIDE(n)))
+#define LAZ_COUNTS(n) (LAZ_BORDERS(n) + LAZ_UP16((n) + LAZ_STEPS))
 /* Bytes of a model of n symbols, as a constant; a multiple of 16. */
 #define LAZ_MODEL_BYTES(n) (sizeof(struct laz_model) + 2 * (LAZ_COUNTS(n) + LAZ_UP16(n)))
+
+enum { LAZ_STEPS = 4, LAZ_BEYOND = UINT16_MAX }; /* symbols looked at; border of what is no symbol */
 
 /* `layout` is the n that is given to laz_symbol, and may be more than the number of symbols. */
 void laz_model_init(struct laz_model *, unsigned layout, unsigned symbols);
 void laz_model_update(struct laz_model *, unsigned layout);
 /* No state: see laz_symbol_lazy. */
 static inline void laz_model_reset(struct laz_model *m) { m->cycle = 0; }
+/* The symbol of v, from `sym` up to `last`. */
+unsigned laz_search_far(uint32_t v, const uint16_t *border, unsigned sym, unsigned last);
 /* `count` models of n symbols, one behind the other. */
 void laz_models_reset(struct laz_model *, unsigned n, unsigned count);
 
@@ -137,57 +142,36 @@ LAZ_INLINE struct laz_model *laz_model_at(struct laz_model *m, unsigned n, unsig
 	return (struct laz_model *)((uint8_t *)m + i * LAZ_MODEL_BYTES(n));
 }
 
-/* Bit i is set where at[i] < v, of 16 numbers that grow. */
-LAZ_INLINE uint32_t laz_below16(const int16_t *at, int16_t v)
+/* The symbol in whose part of the interval the value lies. */
+LAZ_INLINE unsigned laz_search(uint32_t v, const uint16_t *words, unsigned n)
 {
-#ifdef __SSE2__
-	__m128i x = _mm_set1_epi16(v);
-	__m128i a = _mm_cmpgt_epi16(x, _mm_loadu_si128((const __m128i *)at));
-	__m128i b = _mm_cmpgt_epi16(x, _mm_loadu_si128((const __m128i *)(at + 8)));
+	const uint16_t *border = words + LAZ_BORDERS(n), *at;
+	unsigned t = v >> LAZ_SHIFT(n), sym = LAZ_WIDE(n) ? words[t] : ((const uint8_t *)words)[t];
 
-	return (uint32_t)_mm_movemask_epi8(_mm_packs_epi16(a, b));
-#else
-	uint32_t bits = 0;
-
-	for (unsigned i = 0; i < 16; i++)
-		bits |= (uint32_t)(at[i] < v) << i;
-	return bits;
-#endif
+	at = border + sym;
+	if (laz_unlikely(v >= at[LAZ_STEPS]))
+		return laz_search_far(v, border, sym + LAZ_STEPS,
+				      LAZ_WIDE(n) ? words[t + 1] : ((const uint8_t *)words)[t + 1]);
+	return sym + (v >= at[1]) + (v >= at[2]) + (v >= at[3]);
 }
 
-/* How many of n (up to 64) numbers that grow are below v. */
-LAZ_INLINE unsigned laz_count_below(const int16_t *at, unsigned n, int16_t v)
+/* A symbol of a model of layout n. `guess`: it is worth looking at the most frequent symbol first, which needs
+ * no division and, guessed well, lets the processor go ahead. */
+LAZ_INLINE unsigned laz_symbol_of(struct laz_coder *c, struct laz_model *m, unsigned n, bool guess)
 {
-	uint64_t bits = laz_below16(at, v);
+	uint16_t *words = (uint16_t *)(m + 1), *border = words + LAZ_BORDERS(n), *count = words + LAZ_COUNTS(n);
+	uint32_t unit = c->length >> 15, x, y;
+	unsigned sym = m->guess;
 
-	/* the first ones are the most frequent, and fewer steps let more symbols be under way at once */
-	if (n > 16 && laz_likely(bits != 0xffff))
-		return (unsigned)__builtin_ctz(~(uint32_t)bits);
-	if (n > 16)
-		bits |= (uint64_t)laz_below16(at + 16, v) << 16;
-	if (n > 32)
-		bits |= (uint64_t)laz_below16(at + 32, v) << 32;
-	if (n > 48)
-		bits |= (uint64_t)laz_below16(at + 48, v) << 48;
-	return n > 48 && bits == UINT64_MAX ? 64 : (unsigned)__builtin_ctzll(~bits);
-}
-
-/* A symbol of a model of layout n. */
-LAZ_INLINE unsigned laz_symbol(struct laz_coder *c, struct laz_model *m, unsigned n)
-{
-	int16_t *heads = (int16_t *)(m + 1), *border = heads + LAZ_BORDERS(n);
-	uint16_t *count = (uint16_t *)heads + LAZ_COUNTS(n);
-	uint32_t unit = c->length >> 15, v = c->value / unit, x, y;
-	unsigned sym, group = 0;
-	int16_t t = (int16_t)(v < 32767 ? v : 32767);
-
-	/* border[0] is -1, below everything: what is counted is at least 1 */
-	if (n > 64)
-		group = (laz_count_below(heads, LAZ_BORDERS(n), t) - 1) * 16;
-	sym = group + laz_count_below(border + group, n > 64 ? 16 : n, t) - 1;
-	x = (uint32_t)(border[sym] + 1) * unit;
-	y = (uint32_t)(border[sym + 1] + 1) * unit;
-	y = sym == m->last ? c->length : y;
+	for (int turn = guess ? 0 : 1; turn < 2; turn++) {
+		if (turn == 1)
+			sym = laz_search(c->value / unit, words, n);
+		x = border[sym] * unit;
+		y = border[sym + 1] * unit;
+		y = sym == m->last ? c->length : y;
+		if (turn == 1 || c->value - x < y - x)
+			break;
+	}
 	c->value -= x;
 	c->length = y - x;
 	laz_renorm(c);
@@ -197,11 +181,16 @@ LAZ_INLINE unsigned laz_symbol(struct laz_coder *c, struct laz_model *m, unsigne
 	return sym;
 }
 
+LAZ_INLINE unsigned laz_symbol(struct laz_coder *c, struct laz_model *m, unsigned n)
+{
+	return laz_symbol_of(c, m, n, false);
+}
+
 LAZ_INLINE unsigned laz_symbol_lazy(struct laz_coder *c, struct laz_model *m, unsigned n)
 {
 	if (laz_unlikely(!m->cycle))
 		laz_model_init(m, n, n);
-	return laz_symbol(c, m, n);
+	return laz_symbol_of(c, m, n, true);
 }
 
 /*
