@@ -279,6 +279,7 @@ static void tell(const char *folder, const struct lie *lie)
 	static const double crop[4] = { 635700, 849000, 636000, 849500 };
 	const char *what = lie->name;
 	size_t more = lie->tell == in_pages ? 20 * ENTRY : 0;
+	struct entry entries[NODES + 20];
 	struct input_info info;
 	struct sums all, some;
 	int fd = open_file(folder, "las14_pdrf7_1065.copc.laz"), changed;
@@ -286,7 +287,9 @@ static void tell(const char *folder, const struct lie *lie)
 	uint64_t length = (uint64_t)(NODES * ENTRY) + more;
 
 	memcpy(b.at + LENGTH_AT, &length, 8);
-	lie->tell(&b, (struct entry *)(b.at + HIERARCHY));
+	memcpy(entries, b.at + HIERARCHY, (size_t)length);
+	lie->tell(&b, entries);
+	memcpy(b.at + HIERARCHY, entries, (size_t)length);
 	changed = fixture_fd(b.at, b.size);
 	all = read_fd(what, fd, crop, false, false, &info);
 	some = read_fd(what, changed, crop, true, false, &info);
