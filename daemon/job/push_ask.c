@@ -24,129 +24,6 @@ static void task_bytes(struct push *p, enum ledger_name name, uint64_t bytes)
 	p->task.bytes = bytes;
 }
 
-/* ---- begin ---- */
-
-static int begin_start(struct push *p, struct push_ask *a, struct err *err)
-{
-	const struct push *other;
-
-	/* One that was just interrupted is taken up when it lies there. */
-	for (other = p->jobs->pushes; other; other = other->next)
-		if (other != p && other->dataset == p->dataset && other->left && other->peer.uid == p->peer.uid)
-			return PUSH_WAIT;
-	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
-	push_claim(p);
-	return 0;
-}
-
-static void begin_run(struct push *p, struct push_ask *a)
-{
-	a->r = dataset_open(p->dataset, &a->err);
-	p->opened = !a->r;
-	if (!a->r && *p->base_name)
-		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
-	if (!a->r)
-		a->r = push_plane_begin(p, &a->err);
-	if (!a->r && p->base)
-		a->r = push_known_index(p->base, &p->base_paths, &a->err);
-	if (!a->r)
-		a->r = push_adopt(p, &a->err);
-}
-
-static void begin_answer(struct push *p, const struct err *why)
-{
-	struct push_begun begun = {.push = p, .id = p->id, .lattice = "", .note = p->note};
-	char lattice[LATTICE_TEXT_SIZE];
-	const struct push_calls calls = p->calls;
-	const struct err copy = why ? *why : ERR_INIT; /* it may be of the ask, which goes first */
-	void *token = p->asks->token;
-
-	if (p->has_lattice)
-		begun.lattice = lattice_text(&p->lattice, lattice);
-	push_ask_over(p);
-	if (why)
-		push_leave(p);
-	calls.begun(token, why ? &copy : NULL, why ? NULL : &begun);
-}
-
-static void begin_row_done(void *ctx, int r, const struct err *why)
-{
-	struct push *p = ctx;
-	bool left = p->left;
-
-	p->waiting_row = false;
-	p->row = !r;
-	begin_answer(p, r ? why : NULL);
-	if (!left || !r)
-		push_pump(p);
-}
-
-static int begin_with_base(struct push *p, struct err *err)
-{
-	const struct grid_manifest *m = p->base;
-	size_t i;
-
-	p->has_lattice = true;
-	p->lattice = m->lattice;
-	push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
-	for (i = 0; i < m->nsources; i++)
-		if (m->sources[i].id >= p->dataset->next_source)
-			p->dataset->next_source = m->sources[i].id + 1;
-	if (*p->scale_xy || *p->scale_z) {
-		struct decimal d;
-
-		if ((*p->scale_xy &&
-		     (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
-		    (*p->scale_z &&
-		     (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
-			err_set(err, ERR_USAGE, "the dataset %s has another scale", p->dataset->name);
-			return err_add_hint(err, "leave the scale out, or push into a new dataset");
-		}
-	}
-	return 0;
-}
-
-/* The manifests that the push found, and what the commit makes of them. */
-static uint64_t manifest_bytes(const struct push *p)
-{
-	const struct grid_manifest *all[] = {p->base, p->adopt};
-	uint64_t bytes = names_bytes(&p->base_paths) + names_bytes(&p->adopt_paths);
-
-	for (int i = 0; i < 2; i++)
-		if (all[i])
-			bytes += 3 * (all[i]->nsources * sizeof *all[i]->sources + all[i]->texts_bytes +
-				      all[i]->nsegments * sizeof *all[i]->segments);
-	return bytes;
-}
-
-static bool begin_done(struct push *p, struct push_ask *a, const struct err *why)
-{
-	struct err err = ERR_INIT;
-	struct catalogue_push row = {
-		.id = p->id,
-		.dataset = p->dataset->id,
-		.uid = p->peer.uid,
-		.begun_us = clock_real_us(),
-	};
-
-	if (!why) {
-		push_adopted(p);
-		row.id = p->id;
-	}
-	push_unclaim(p);
-	if (!why && ((p->base && begin_with_base(p, &err)) || push_room(p, manifest_bytes(p), &err)))
-		why = &err;
-	if (!why && !p->dataset->onestep) {
-		p->waiting_row = true;
-		if (!dataset_put_row(p->dataset, &err) && !catalogue_put_push(p->jobs->p.catalogue, &row, begin_row_done, p, &err))
-			return false;
-		p->waiting_row = false;
-		why = &err;
-	}
-	begin_answer(p, why);
-	return false;
-}
-
 /* ---- probe ---- */
 
 /* Points that come into the crop by rounding lie half a unit outside of it at most. */
@@ -536,6 +413,7 @@ static void source_add(struct push *p, const struct push_ask *a)
 	s->size = a->id.size;
 	s->mtime_ns = a->id.mtime_ns;
 	s->hash = a->hash;
+	push_note_reading(p, a);
 }
 
 /* Of the stage, not of the input: nothing more can be staged. */
@@ -721,7 +599,7 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 }
 
 const struct push_row push_rows[PUSH_KINDS] = {
-	[PUSH_BEGIN] = {begin_start, begin_run, begin_done},
+	[PUSH_BEGIN] = {push_begin_start, push_begin_run, push_begin_done},
 	[PUSH_PROBE] = {probe_start, probe_run, probe_done},
 	[PUSH_PLAN] = {plan_start, plan_run, plan_done},
 	[PUSH_STAGE] = {stage_start, stage_run, stage_done},

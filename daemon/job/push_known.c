@@ -124,7 +124,7 @@ int push_known(struct push *p, struct push_ask *a)
 		a->in.points = s ? s->points : 0;
 		return 0;
 	}
-	if (p->adopt)
+	if (p->adopt && push_same_reading(p, a))
 		t = find(p->adopt, &p->adopt_paths, a, &ignored);
 	if (t) {
 		a->adopted = (size_t)(t - p->adopt->sources);

@@ -31,11 +31,38 @@ void push_stage_name(uint64_t id, char name[48])
 	snprintf(name, 48, "push-%llu", (unsigned long long)id);
 }
 
-/* How the files were read: what is not the same does not go together. */
+/* How one file is to be read, where that is said for each. */
+static void reading_text(const struct push_ask *a, char ret[PUSH_READING_SIZE])
+{
+	snprintf(ret, PUSH_READING_SIZE, "%.16s:%.40s", a->format, a->columns);
+}
+
+void push_note_reading(struct push *p, const struct push_ask *a)
+{
+	char text[PUSH_READING_SIZE];
+
+	reading_text(a, text);
+	if (!*p->reading)
+		memcpy(p->reading, text, sizeof text);
+	else if (strcmp(p->reading, text))
+		snprintf(p->reading, sizeof p->reading, "several"); /* no file's */
+}
+
+bool push_same_reading(const struct push *p, const struct push_ask *a)
+{
+	char text[PUSH_READING_SIZE];
+
+	reading_text(a, text);
+	return !strcmp(p->reading, text);
+}
+
+/* How the files were read: what is not the same does not go together. The reading of each file comes last, since
+ * a push does not know it at its beginning. */
 static void choices_text(const struct push *p, char *buf, size_t size)
 {
-	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s assume=%s,%s,%.90s", p->planar,
-		 p->accept_truncated, p->utm, p->plane.geoid, p->assume.unit_xy, p->assume.unit_z, p->assume.text);
+	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s assume=%s,%s,%.40s reading=%s", p->planar,
+		 p->accept_truncated, p->utm, p->plane.geoid, p->assume.unit_xy, p->assume.unit_z, p->assume.text,
+		 p->reading);
 }
 
 /* ---- leaving ---- */
@@ -259,6 +286,7 @@ static bool other_scale(const char *text, struct decimal scale)
 /* NULL, or why what lies there cannot be gone on with. */
 static const char *misfit(const struct push *p, const struct grid_manifest *m)
 {
+	const char *reading = strstr(m->choices, " reading=");
 	char choices[sizeof m->choices];
 
 	choices_text(p, choices, sizeof choices);
@@ -266,7 +294,7 @@ static const char *misfit(const struct push *p, const struct grid_manifest *m)
 		return "the dataset has got another lattice meanwhile";
 	if (other_scale(p->scale_xy, m->lattice.scale_xy) || other_scale(p->scale_z, m->lattice.scale_z))
 		return "another --scale is wanted now";
-	if (strcmp(choices, m->choices))
+	if (!reading || strncmp(choices, m->choices, (size_t)(reading - m->choices) + strlen(" reading=")))
 		return "its files were read with other options";
 	return NULL;
 }
@@ -276,6 +304,7 @@ static void take_up(struct push *p, struct grid_manifest *m)
 	p->adopt = m;
 	p->id = p->pending->id;
 	p->on_disk = true;
+	snprintf(p->reading, sizeof p->reading, "%s", strstr(m->choices, " reading=") + strlen(" reading="));
 	snprintf(p->note, sizeof p->note, "the push that was interrupted is taken up: %u files are there already",
 		 p->pending->files);
 }
@@ -359,6 +388,7 @@ void push_adopt_nothing(struct push *p)
 	names_free(&p->adopt_paths);
 	p->adopt = grid_manifest_free(p->adopt);
 	p->has_lattice = p->has_crs = false;
+	p->reading[0] = 0;
 }
 
 /* Loop: the push ends before it could take it up. */

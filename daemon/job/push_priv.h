@@ -41,6 +41,8 @@ struct push_stream {
 	struct pipe_ingested in;
 };
 
+enum { PUSH_READING_SIZE = 64 };
+
 /* What identifies an input between its probe and its reading. */
 struct push_input_id {
 	uint64_t dev, ino, size;
@@ -136,6 +138,7 @@ struct push {
 	bool claims;                /* pending was taken out of the dataset's list */
 	uint64_t drops;             /* the number of an interrupted push that did not fit; 0: none */
 	char note[160];
+	char reading[PUSH_READING_SIZE]; /* of all its files; "": there is none yet */
 	bool on_disk;               /* its files say that it can be gone on with */
 	bool aborted, kept;
 	uint64_t table_bytes, table_used; /* charged, and needed, for what is kept of each file */
@@ -182,6 +185,11 @@ void push_stream_resume(struct push_stream *); /* now */
 void push_streams_wake(struct push *);         /* cancelled: nobody waits any longer */
 bool push_streams_busy(const struct push *);
 void push_streams_free(struct push *);
+
+/* push_begin.c: the row of PUSH_BEGIN */
+int push_begin_start(struct push *, struct push_ask *, struct err *err);
+void push_begin_run(struct push *, struct push_ask *);
+bool push_begin_done(struct push *, struct push_ask *, const struct err *why);
 
 /* push_commit.c: the row of PUSH_COMMIT */
 int push_commit_start(struct push *, struct push_ask *, struct err *err);
@@ -248,6 +256,9 @@ int push_adopt(struct push *, struct err *err);
 void push_adopted(struct push *);
 void push_adopt_nothing(struct push *);
 void push_unclaim(struct push *);
+/* Format and columns that were asked for a file: that of all staged ones is kept; is this one's the same? */
+void push_note_reading(struct push *, const struct push_ask *);
+bool push_same_reading(const struct push *, const struct push_ask *);
 
 /* push_known.c: what the dataset has already */
 int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err);

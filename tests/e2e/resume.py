@@ -218,6 +218,15 @@ def what_does_not_fit():
         expect("not read again" not in got.out + got.err and show(d, "a")["points"] == 9000, got.out)
         Half(d, "b", paths, 2, wait=False).vanish()
         says(d.ctl("push", "b", *paths, "--scale", "0.5"), 0, "another --scale")
+        # Read in another way: those files are new ones.
+        Half(d, "f", paths, 2, wait=False).vanish()
+        got = d.ctl("push", "f", *paths, "--input-format", "las", "--json").ok()
+        expect(states(got) == ["staged"] * 3 and show(d, "f")["points"] == 9000, str(states(got)))
+        # None of its files is named again: its lattice does not count either.
+        Half(d, "g", paths, 2, wait=False).vanish()
+        coarse = las(os.path.join(base, "coarse.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(2., 2., 2.))
+        says(d.ctl("push", "g", coarse), 0)
+        expect(show(d, "g")["points"] == 3 and show(d, "g")["lattice"]["scale_xy"] in (2, "2", 2.0), str(show(d, "g")))
         # Too late.
         Half(d, "c", paths, 2, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")

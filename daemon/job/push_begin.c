@@ -1,0 +1,129 @@
+/*
+ * The beginning of a push: what the dataset is already, and what an interrupted push of the same user has left of
+ * it; then its row in the catalogue, so that whatever it writes is known to the next start.
+ */
+#include <string.h>
+
+#include "clock.h"
+#include "push_priv.h"
+
+int push_begin_start(struct push *p, struct push_ask *a, struct err *err)
+{
+	const struct push *other;
+
+	/* One that was just interrupted is taken up when it lies there. */
+	for (other = p->jobs->pushes; other; other = other->next)
+		if (other != p && other->dataset == p->dataset && other->left && other->peer.uid == p->peer.uid)
+			return PUSH_WAIT;
+	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
+	push_claim(p);
+	return 0;
+}
+
+void push_begin_run(struct push *p, struct push_ask *a)
+{
+	a->r = dataset_open(p->dataset, &a->err);
+	p->opened = !a->r;
+	if (!a->r && *p->base_name)
+		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+	if (!a->r)
+		a->r = push_plane_begin(p, &a->err);
+	if (!a->r && p->base)
+		a->r = push_known_index(p->base, &p->base_paths, &a->err);
+	if (!a->r)
+		a->r = push_adopt(p, &a->err);
+}
+
+static void answer(struct push *p, const struct err *why)
+{
+	struct push_begun begun = {.push = p, .id = p->id, .lattice = "", .note = p->note};
+	char lattice[LATTICE_TEXT_SIZE];
+	const struct push_calls calls = p->calls;
+	const struct err copy = why ? *why : ERR_INIT; /* it may be of the ask, which goes first */
+	void *token = p->asks->token;
+
+	if (p->has_lattice)
+		begun.lattice = lattice_text(&p->lattice, lattice);
+	push_ask_over(p);
+	if (why)
+		push_leave(p);
+	calls.begun(token, why ? &copy : NULL, why ? NULL : &begun);
+}
+
+static void row_done(void *ctx, int r, const struct err *why)
+{
+	struct push *p = ctx;
+	bool left = p->left;
+
+	p->waiting_row = false;
+	p->row = !r;
+	answer(p, r ? why : NULL);
+	if (!left || !r)
+		push_pump(p);
+}
+
+static int settle_base(struct push *p, struct err *err)
+{
+	const struct grid_manifest *m = p->base;
+	size_t i;
+
+	p->has_lattice = true;
+	p->lattice = m->lattice;
+	push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
+	for (i = 0; i < m->nsources; i++)
+		if (m->sources[i].id >= p->dataset->next_source)
+			p->dataset->next_source = m->sources[i].id + 1;
+	if (*p->scale_xy || *p->scale_z) {
+		struct decimal d;
+
+		if ((*p->scale_xy &&
+		     (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
+		    (*p->scale_z &&
+		     (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
+			err_set(err, ERR_USAGE, "the dataset %s has another scale", p->dataset->name);
+			return err_add_hint(err, "leave the scale out, or push into a new dataset");
+		}
+	}
+	return 0;
+}
+
+/* The manifests that the push found, and what the commit makes of them. */
+static uint64_t manifest_bytes(const struct push *p)
+{
+	const struct grid_manifest *all[] = {p->base, p->adopt};
+	uint64_t bytes = names_bytes(&p->base_paths) + names_bytes(&p->adopt_paths);
+
+	for (int i = 0; i < 2; i++)
+		if (all[i])
+			bytes += 3 * (all[i]->nsources * sizeof *all[i]->sources + all[i]->texts_bytes +
+				      all[i]->nsegments * sizeof *all[i]->segments);
+	return bytes;
+}
+
+bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
+{
+	struct err err = ERR_INIT;
+	struct catalogue_push row = {
+		.id = p->id,
+		.dataset = p->dataset->id,
+		.uid = p->peer.uid,
+		.begun_us = clock_real_us(),
+	};
+
+	if (!why) {
+		push_adopted(p);
+		row.id = p->id;
+	}
+	push_unclaim(p);
+	if (!why && ((p->base && settle_base(p, &err)) || push_room(p, manifest_bytes(p), &err)))
+		why = &err;
+	if (!why && !p->dataset->onestep) {
+		p->waiting_row = true;
+		if (!dataset_put_row(p->dataset, &err) && !catalogue_put_push(p->jobs->p.catalogue, &row, row_done, p, &err))
+			return false;
+		p->waiting_row = false;
+		why = &err;
+	}
+	answer(p, why);
+	return false;
+}
