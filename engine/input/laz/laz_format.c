@@ -97,7 +97,7 @@ static int check_item(const struct laz_format *f, unsigned i, unsigned type, uin
 			    item_name(item->type), item->type, item_name(type), type);
 	if (size ? item->size != size : !item->size)
 		return fail(err, ERR_INPUT, at + 2, "item size", "item %s of %u bytes", item_name(type), item->size);
-	if (!size && item->size > LAZ_EXTRA_MAX)
+	if (type == LAZ_BYTE && item->size > LAZ_EXTRA_MAX)
 		return fail(err, ERR_UNSUPPORTED, at + 2, "item size",
 			    "%u extra bytes in a record: this version reads %d compressed ones at most", item->size,
 			    LAZ_EXTRA_MAX);

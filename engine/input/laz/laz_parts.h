@@ -19,7 +19,8 @@
 
 /* Windows of one stream in a pointwise chunk, of each layer in a layered chunk. */
 enum { LAZ_STREAM_WINDOW = 16384, LAZ_LAYER_WINDOW = 4096 };
-/* Extra bytes of a record that the items BYTE and BYTE14 may have. */
+/* Extra bytes of a record that are decoded at most. BYTE has them in the stream of all others, so that a file with
+ * more cannot be read; layers of BYTE14 are stepped over unless LAZ_ALL asks for them. */
 enum { LAZ_EXTRA_MAX = 1024 };
 
 struct laz_pointwise;

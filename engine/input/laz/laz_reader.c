@@ -38,6 +38,13 @@ int laz_reader_new(void *memory, const struct laz_format *f, enum laz_fields fie
 	struct laz_reader *r = memory;
 	void *rest = (uint8_t *)memory + head_bytes();
 
+	for (unsigned i = 0; i < f->nitems; i++) {
+		if (fields != LAZ_ALL || f->item[i].type != LAZ_BYTE14 || f->item[i].size <= LAZ_EXTRA_MAX)
+			continue;
+		err_set(err, ERR_UNSUPPORTED, "%u extra bytes in a record: this version decodes %d at most",
+			f->item[i].size, LAZ_EXTRA_MAX);
+		return err_add_place(err, ERR_NO_OFFSET, "item size");
+	}
 	memset(r, 0, sizeof *r);
 	r->length = f->length;
 	r->chunk_size = f->compressor == LAZ_COMPRESSOR_POINTWISE || f->chunk_size == LAZ_VARIABLE ? 0 : f->chunk_size;
