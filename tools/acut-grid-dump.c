@@ -448,8 +448,8 @@ static void dump_manifest(int dirfd, const char *name)
 		print_err(&err);
 		return;
 	}
-	printf("%s: manifest\n  lattice %s\n  crs %s, units %s and %s\n  generation %llu\n", name,
-	       lattice_text(&m->lattice, text), m->crs, m->unit_xy, m->unit_z,
+	printf("%s: manifest\n  lattice %s\n  crs %s, units %s and %s\n  geoid %s\n  generation %llu\n", name,
+	       lattice_text(&m->lattice, text), m->crs, m->unit_xy, m->unit_z, *m->geoid ? m->geoid : "none",
 	       (unsigned long long)m->generation);
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
