@@ -28,7 +28,7 @@ struct ctl_args {
 	bool canonical, no_clobber, wait, fresh;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
-	const char *scale, *input_format, *manifest, *assume_crs, *assume_units;
+	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
@@ -72,6 +72,7 @@ enum ctl_group {
 	CTL_GENERATION = 128,      /* submit, plan */
 	CTL_FETCH = 256,
 	CTL_PUSH = 512,
+	CTL_CREATE = 1024,           /* dataset create */
 	CTL_GEOID = 1 << 16,
 	CTL_INFO = 1 << 17,
 };
@@ -250,6 +251,8 @@ struct ctl_assume {
 	char *crs, unit_xy[16], unit_z[16]; /* NULL, "": nothing */
 	bool no_crs, no_unit_xy, no_unit_z; /* of the inputs seen: still unknown */
 };
+/* The text of a CRS: the word, or what is in the file of that name. `*ret` is the caller's. */
+int ctl_assume_crs(const char *word, const char *option, char **ret, struct err *err);
 int ctl_assume_read(const struct ctl_args *, struct ctl_assume *ret, struct err *err);
 void ctl_assume_options(const struct ctl_assume *, struct acut_push_options *); /* borrows the texts */
 void ctl_assume_seen(struct ctl_assume *, const struct acut_probe *);

@@ -44,12 +44,12 @@ static int read_wkt(const char *path, char **ret, struct err *err)
 	return 0;
 }
 
-static int read_crs(const char *word, char **ret, struct err *err)
+int ctl_assume_crs(const char *word, const char *option, char **ret, struct err *err)
 {
 	struct stat st;
 
 	if (!*word)
-		return err_set(err, ERR_USAGE, "--assume-crs is empty");
+		return err_set(err, ERR_USAGE, "%s is empty", option);
 	if (strncasecmp(word, "EPSG:", 5) && !strchr(word, '[') && !stat(word, &st) && S_ISREG(st.st_mode))
 		return read_wkt(word, ret, err);
 	*ret = strdup(word);
@@ -84,7 +84,7 @@ int ctl_assume_read(const struct ctl_args *a, struct ctl_assume *ret, struct err
 			return err_add_hint(err, "the first is of x and y, the second of z; ,ft says z alone");
 		}
 	}
-	return a->assume_crs ? read_crs(a->assume_crs, &ret->crs, err) : 0;
+	return a->assume_crs ? ctl_assume_crs(a->assume_crs, "--assume-crs", &ret->crs, err) : 0;
 }
 
 void ctl_assume_options(const struct ctl_assume *a, struct acut_push_options *opt)

@@ -68,7 +68,7 @@ static void show(void *ctx, const struct acut_dataset *d)
 
 int ctl_dataset_run(struct ctl *ctl)
 {
-	static const char *const later[] = { "create", "log", "rm", "pin", "unpin" };
+	static const char *const later[] = { "log", "rm", "pin", "unpin" };
 	char **word = ctl->args.word;
 	struct found f = { .ctl = ctl, .name = word[1] };
 	struct err err = ERR_INIT;
@@ -80,12 +80,18 @@ int ctl_dataset_run(struct ctl *ctl)
 			return ctl_error(ctl, &err);
 		}
 	}
+	if (!strcmp(word[0], "create") && ctl->args.nword == 2)
+		return ctl_dataset_create(ctl, word[1]);
+	if (ctl->args.scale || ctl->args.crs) {
+		err_set(&err, ERR_USAGE, "dataset %s takes no --%s", word[0], ctl->args.crs ? "crs" : "scale");
+		return ctl_error(ctl, &err);
+	}
 	if (strcmp(word[0], "show") || ctl->args.nword != 2) {
 		err_set(&err, ERR_USAGE,
-			strcmp(word[0], "show") ? "there is no command dataset %s"
+			strcmp(word[0], "show") && strcmp(word[0], "create") ? "there is no command dataset %s"
 						: "dataset %s takes one name",
 			word[0]);
-		err_add_hint(&err, "acutctl dataset show NAME");
+		err_add_hint(&err, "acutctl dataset show NAME, or create NAME");
 		return ctl_error(ctl, &err);
 	}
 	status = ctl_connect(ctl);

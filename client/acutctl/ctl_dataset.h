@@ -7,4 +7,6 @@ struct acut_dataset;
 
 void ctl_dataset_json(struct ctl *, const struct acut_dataset *);
 
+int ctl_dataset_create(struct ctl *, const char *name);
+
 #endif

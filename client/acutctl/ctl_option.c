@@ -68,8 +68,9 @@ static const struct option table[] = {
 	{"thin-pick", 0, "WHICH", TEXT, AT(thin_pick), CTL_VIEW, "lowest, highest or median point of a cell"},
 	{"constraints", 0, "FILE", LATER, 0, CTL_VIEW, NULL},
 
-	{"scale", 0, "XY[,Z]", TEXT, AT(scale), CTL_STAGE,
+	{"scale", 0, "XY[,Z]", TEXT, AT(scale), CTL_STAGE | CTL_CREATE,
 	 "lattice scale of a new dataset, in place of the inputs' finest"},
+	{"crs", 0, "CRS", TEXT, AT(crs), CTL_CREATE, "EPSG:n, a WKT file, or a name that all inputs must be in"},
 	{"planar", 0, NULL, FLAG, AT(planar), CTL_STAGE,
 	 "triangulate the file's own plane, degrees included"},
 	{"accept-truncated", 0, NULL, FLAG, AT(accept_truncated), CTL_STAGE,

@@ -273,6 +273,8 @@ struct acut_dataset {
 	int64_t created_us, pushed_us;
 	double min[3], max[3]; /* NAN where the daemon does not say */
 };
+/* A dataset before its first push. NULL, "": as the inputs of that push have it. */
+int acut_dataset_create(struct acut *, const char *name, const char *scale_xy, const char *scale_z, const char *crs);
 int acut_datasets(struct acut *, const char *name /* NULL: all */,
 		  void (*each)(void *ctx, const struct acut_dataset *), void *ctx);
 

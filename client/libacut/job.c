@@ -230,6 +230,22 @@ static void get_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 	}
 }
 
+int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, const char *scale_z, const char *crs)
+{
+	Acut__V1__DatasetCreate question = ACUT__V1__DATASET_CREATE__INIT;
+	uint32_t id;
+	int r = call_begin(a);
+
+	if (r < 0)
+		return r;
+	question.name = call_text(name);
+	question.scale_xy = call_text(scale_xy);
+	question.scale_z = call_text(scale_z);
+	question.crs = call_text(crs);
+	return call_again(a, FRAME_MESSAGE(DATASET_CREATE, dataset_create, &question), -1, ACUT__V1__MESSAGE__BODY_DONE, &id,
+			  &a->answer);
+}
+
 int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *),
 		  void *ctx)
 {

@@ -282,7 +282,7 @@ void dataset_release(struct dataset *d)
 	struct err err = ERR_INIT;
 	struct dataset **at;
 
-	if (--d->users || (!d->onestep && d->generation))
+	if (--d->users || (!d->onestep && (d->generation || dataset_created(d))))
 		return;
 	for (at = &d->jobs->datasets; *at != d; at = &(*at)->next)
 		;
@@ -308,7 +308,7 @@ struct dataset *dataset_after(struct jobs *j, const char *name)
 	struct dataset *d, *best = NULL;
 
 	for (d = j->datasets; d; d = d->next)
-		if (!d->onestep && (d->generation || d->pending) && strcmp(d->name, name) > 0 &&
+		if (!d->onestep && (d->generation || d->pending || dataset_created(d)) && strcmp(d->name, name) > 0 &&
 		    (!best || strcmp(d->name, best->name) < 0))
 			best = d;
 	return best;

@@ -86,6 +86,16 @@ void dataset_info(const struct dataset *, struct dataset_info *ret);
 struct dataset *dataset_hold(struct dataset *);
 void dataset_release(struct dataset *);
 
+/* A dataset before its first push. Texts are "" where the inputs choose. */
+struct dataset_wish {
+	const char *name, *scale_xy, *scale_z;
+	const char *crs; /* as push_params.assume_crs */
+	struct job_peer peer;
+};
+/* Answered when the catalogue has it. -ERR_USAGE: there is one of that name. */
+void dataset_create(struct jobs *, const struct dataset_wish *,
+		    void (*created)(void *token, const struct err *why), void *token);
+
 /* ---- pushes ---- */
 
 struct push_begun {

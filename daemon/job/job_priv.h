@@ -121,6 +121,7 @@ int dataset_set(struct dataset *, const struct grid_manifest *, const char *mani
 void dataset_row(const struct dataset *, struct catalogue_dataset *ret);
 /* A dataset that has nothing yet is in the catalogue before its first push promises anything. */
 int dataset_put_row(struct dataset *, struct err *err);
+bool dataset_created(const struct dataset *); /* before its first push, by dataset_create */
 int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
 /* Removes what no manifest of the dataset names. Reads the disk. */
 int dataset_sweep(struct dataset *, struct err *err);

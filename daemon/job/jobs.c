@@ -273,7 +273,8 @@ static int sweep_selected(struct jobs *j, struct err *err)
 	return r;
 }
 
-/* Folders that a push left something in. A dataset without a generation and without a pending push never was. */
+/* Folders that a push left something in. A dataset without a generation and without a pending push never
+ * was, unless it was created so. */
 static int sweep_all(struct jobs *j, struct err *err)
 {
 	struct dataset **at = &j->datasets, *d;
@@ -281,7 +282,7 @@ static int sweep_all(struct jobs *j, struct err *err)
 	int r = 0;
 
 	while (!r && (d = *at)) {
-		bool goes = !d->generation && !d->pending;
+		bool goes = !d->generation && !d->pending && !dataset_created(d);
 
 		if (d->sweep || goes)
 			r = dataset_sweep(d, err);

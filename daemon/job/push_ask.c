@@ -130,6 +130,8 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 	r = push_plane_choose(p, err);
 	if (!r)
 		r = push_crs_agree(p, err);
+	if (!r)
+		r = push_created_crs(p, err);
 	if (r || p->has_lattice)
 		return r ? r : PUSH_NOW;
 	if (*p->dataset->manifest) {

@@ -115,7 +115,8 @@ bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 		row.id = p->id;
 	}
 	push_unclaim(p);
-	if (!why && ((p->base && settle_base(p, &err)) || push_room(p, manifest_bytes(p), &err)))
+	if (!why && ((p->base && settle_base(p, &err)) || push_created_scale(p, &err) ||
+		     push_room(p, manifest_bytes(p), &err)))
 		why = &err;
 	if (!why && !p->dataset->onestep) {
 		p->waiting_row = true;

@@ -276,6 +276,9 @@ int push_assume(const struct push *, const char *name, struct crs_info *, struct
 void push_crs_of_dataset(struct push *, const char *text, const char *unit_xy, const char *unit_z);
 /* All that were probed, and the dataset, must be one; the push's texts are decided. The error names two. */
 int push_crs_agree(struct push *, struct err *err);
+/* dataset_create.c: what a dataset that was created beforehand asks of its first push */
+int push_created_scale(struct push *, struct err *err);
+int push_created_crs(const struct push *, struct err *err);
 int push_compatible(struct push *, const char *name, const struct crs_info *, struct err *err);
 
 #endif

@@ -95,6 +95,7 @@ static const struct {
 	ROW(REMOVE, request_remove, false),
 	ROW(JOBS_REQUEST, request_jobs, false),
 	ROW(DATASETS_REQUEST, request_datasets, false),
+	ROW(DATASET_CREATE, request_dataset_create, false),
 	ROW(PLAN_REQUEST, request_plan, false),
 	ROW(GEOID_ADD, request_geoid_add, true),
 	ROW(GEOIDS_REQUEST, request_geoids, false),

@@ -131,6 +131,30 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 	free(page);
 }
 
+static void created(void *token, const struct err *why)
+{
+	Acut__V1__Done m = ACUT__V1__DONE__INIT;
+
+	if (why)
+		request_refuse(token, why);
+	else
+		request_answer(token, FRAME_MESSAGE(DONE, done, &m));
+}
+
+void request_dataset_create(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const Acut__V1__DatasetCreate *in = m->dataset_create;
+	const struct dataset_wish wish = {
+		.name = in->name,
+		.scale_xy = in->scale_xy,
+		.scale_z = in->scale_z,
+		.crs = in->crs,
+		.peer = c->peer,
+	};
+
+	dataset_create(c->server->jobs, &wish, created, q);
+}
+
 static void planned(void *token, const struct err *why, const struct job_plan *p)
 {
 	Acut__V1__Plan m = ACUT__V1__PLAN__INIT;

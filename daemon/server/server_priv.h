@@ -101,7 +101,7 @@ void request_job_told(struct conn *, struct job *);
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_data.c */
-request_fn request_datasets, request_plan;
+request_fn request_datasets, request_dataset_create, request_plan;
 
 /* message_job.c: a Job as a message, with the texts that it points to. Do not copy or move it. */
 struct message_job {

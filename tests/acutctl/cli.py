@@ -153,7 +153,7 @@ def later(base):
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)
-    for words in (["cache", "stat"], ["doctor"], ["dataset", "create", "x"], ["dataset", "rm", "x"], ["dataset", "pin", "x"],
+    for words in (["cache", "stat"], ["doctor"], ["dataset", "rm", "x"], ["dataset", "pin", "x"],
                   ["dataset", "log", "x"], ["dataset", "unpin", "x"], ["help", "cache"]):
         expect(words, 2, "not in this version")
 

@@ -367,4 +367,48 @@ def info():
         expect((j["plane"], j["epsg"], j["epsg_z"], j["datum"]) == (None, None, None, None), str(j))
 
 
-e2e.main(info, z_unit, lengths, mixing, across_pushes, unknown, assumed, assumed_wrongly)
+def created():
+    """A dataset before its first push: it stays over a restart, and the push keeps to it."""
+    with e2e.Folder() as base:
+        with e2e.Daemon(base) as d:
+            f = files(base)
+            d.ctl("dataset", "create", "d", "--scale", "0.001,0.01", "--crs", "EPSG:25832").ok()
+            d.ctl("dataset", "create", "heights", "--crs", "EPSG:25832 + EPSG:6360").ok()
+            d.ctl("dataset", "create", "plain").ok()
+            for status, words, parts in [
+                (2, ["d"], ["there is a dataset d already"]),
+                (2, ["e", "--scale", "0"], ["--scale"]),
+                (2, ["e", "--crs", "PROJCS[\"p\""], ["no WKT"]),
+                (2, ["-e"], ["-e"]),
+                (2, [".e"], ["cannot name a dataset"]),
+            ]:
+                r = d.ctl("dataset", "create", *words)
+                expect(r.status == status, "%s: %d %s" % (words, r.status, r.err))
+                said(r, *parts)
+            expect(d.stop() == 0, "stop")
+        with e2e.Daemon(base) as d:
+            j = d.ctl("dataset", "show", "d", "--json").ok().json()
+            expect((j["crs"], j["points"], j["generation"]) == ("EPSG:25832", 0, 0), str(j))
+            expect(len(d.ctl("datasets", "--json").ok().out.splitlines()) == 3, "three are listed")
+            r = d.ctl("submit", "d", "--wait")
+            expect(r.status != 0, "a mesh of nothing")
+            for name, file, parts in [("d", "n32", ["EPSG:32632", "the dataset d was created with EPSG:25832", "n32.las"]),
+                                      ("d", "none", ["unknown", "EPSG:25832", "--assume-crs"]),
+                                      ("d", "ftus", ["us-survey-foot", "metre"]),
+                                      ("heights", "height", ["EPSG:7837", "EPSG:6360"])]:
+                r = d.ctl("push", name, f[file])
+                expect(r.status == 1, "%s into %s: %d %s" % (file, name, r.status, r.err))
+                said(r, *parts)
+            r = d.ctl("push", "d", f["utm"], "--scale", "0.01")
+            expect(r.status == 2, r.err)
+            said(r, "created with the scale 0.001")
+            expect(d.ctl("dataset", "show", "d", "--json").ok().json()["generation"] == 0, "still empty")
+            d.ctl("push", "d", f["height"]).ok()
+            j = d.ctl("dataset", "show", "d", "--json").ok().json()
+            expect((j["crs"], j["points"], j["generation"]) == ("EPSG:25832 + EPSG:7837", 9, 1), str(j))
+            expect(j["lattice"]["scale_xy"] == 0.001 or j["lattice"]["scale_xy"] == "0.001", str(j["lattice"]))
+            d.ctl("push", "heights", f["feet"]).ok()
+            d.ctl("push", "plain", f["none"]).ok()
+
+
+e2e.main(created, info, z_unit, lengths, mixing, across_pushes, unknown, assumed, assumed_wrongly)

@@ -1,0 +1,183 @@
+/*
+ * Datasets that come to be before their first push, with what that push has to keep to: a scale, a coordinate
+ * system.
+ *
+ * The model: such a dataset is a row without a generation whose lattice says "scale XY Z", "-" for what the inputs
+ * choose. It stays until its first push makes it like all others. What it does not say (heights, often) is
+ * open until then.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "crs.h"
+#include "decimal.h"
+#include "push_priv.h"
+
+struct creation {
+	struct dataset *dataset;
+	void (*created)(void *token, const struct err *why);
+	void *token;
+};
+
+bool dataset_created(const struct dataset *d)
+{
+	return !d->generation && !strncmp(d->lattice, "scale ", 6);
+}
+
+static int check_scale(const char *text, const char *field, struct err *err)
+{
+	struct decimal d;
+
+	if (!*text || (decimal_parse(text, &d) && d.mantissa > 0 && strlen(text) < DECIMAL_TEXT_SIZE))
+		return 0;
+	err_set(err, ERR_USAGE, "\"%.40s\" is not a scale: a decimal above zero is wanted", text);
+	return err_add_place(err, ERR_NO_OFFSET, field);
+}
+
+static bool set(char **to, const char *text)
+{
+	char *copy = strdup(text);
+
+	if (!copy)
+		return false;
+	free(*to);
+	*to = copy;
+	return true;
+}
+
+static int make(struct jobs *j, const struct dataset_wish *w, struct dataset **ret, struct err *err)
+{
+	char lattice[2 * DECIMAL_TEXT_SIZE + 16];
+	struct crs_info crs;
+	struct dataset *d;
+	int r = 0;
+
+	if (!dataset_name_valid(w->name)) {
+		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", w->name);
+		return err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+				    DATASET_NAME_MAX);
+	}
+	if (dataset_find(j, w->name, &w->peer))
+		return err_set(err, ERR_USAGE, "there is a dataset %s already", w->name);
+	crs_info_clear(&crs);
+	if (*w->crs)
+		r = crs_assume_text(w->crs, strlen(w->crs), &crs, err);
+	if (!r)
+		r = check_scale(w->scale_xy, "scale_xy", err);
+	if (!r)
+		r = check_scale(w->scale_z, "scale_z", err);
+	if (r)
+		return r;
+	d = dataset_new(j, w->name, w->peer.uid, false, err);
+	if (!d)
+		return -(int)err->code;
+	dataset_hold(d);
+	snprintf(lattice, sizeof lattice, "scale %s %s", *w->scale_xy ? w->scale_xy : "-", *w->scale_z ? w->scale_z : "-");
+	if (!set(&d->crs, crs.text) || !set(&d->unit_xy, crs.unit_xy) || !set(&d->unit_z, crs.unit_z) ||
+	    !set(&d->lattice, lattice)) {
+		set(&d->lattice, "");
+		dataset_release(d);
+		return err_set(err, ERR_NOMEM, "no memory for a dataset");
+	}
+	*ret = d;
+	return 0;
+}
+
+static void finish(struct creation *c, const struct err *why)
+{
+	/* What is not on disk never was. */
+	if (why)
+		c->dataset->lattice[0] = 0;
+	else
+		c->dataset->row = true;
+	dataset_release(c->dataset);
+	c->created(c->token, why);
+	free(c);
+}
+
+static void row_done(void *ctx, int r, const struct err *why)
+{
+	finish(ctx, r ? why : NULL);
+}
+
+void dataset_create(struct jobs *j, const struct dataset_wish *w,
+		    void (*created)(void *token, const struct err *why), void *token)
+{
+	struct creation *c = calloc(1, sizeof *c);
+	struct catalogue_dataset row;
+	struct err err = ERR_INIT;
+
+	if (!c)
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+	else if (j->parking)
+		err_set(&err, ERR_BUSY, "the daemon is stopping");
+	if (err.code || make(j, w, &c->dataset, &err)) {
+		free(c);
+		created(token, &err);
+		return;
+	}
+	c->created = created;
+	c->token = token;
+	dataset_row(c->dataset, &row);
+	if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, c, &err))
+		finish(c, &err);
+}
+
+/* ---- the first push ---- */
+
+static int take_scale(struct push *p, char **mine, const char *wanted, struct err *err)
+{
+	struct decimal a, b;
+
+	if (!strcmp(wanted, "-"))
+		return 0;
+	if (!**mine)
+		return set(mine, wanted) ? 0 : err_set(err, ERR_NOMEM, "no memory for a push");
+	if (decimal_parse(*mine, &a) && decimal_parse(wanted, &b) && !decimal_compare(a, b))
+		return 0;
+	err_set(err, ERR_USAGE, "the dataset %s was created with the scale %s", p->dataset->name, wanted);
+	return err_add_hint(err, "leave the scale out, or push into a new dataset");
+}
+
+int push_created_scale(struct push *p, struct err *err)
+{
+	char xy[DECIMAL_TEXT_SIZE], z[DECIMAL_TEXT_SIZE];
+	int r;
+
+	if (!dataset_created(p->dataset))
+		return 0;
+	if (sscanf(p->dataset->lattice, "scale %47s %47s", xy, z) != 2)
+		return err_set(err, ERR_CORRUPT, "the catalogue has \"%.60s\" as a lattice", p->dataset->lattice);
+	r = take_scale(p, &p->scale_xy, xy, err);
+	return r ? r : take_scale(p, &p->scale_z, z, err);
+}
+
+static int keep_to(const struct push *p, const char *what, const char *wanted, const char *got, struct err *err)
+{
+	if (!*wanted || !strcmp(wanted, "unknown") || !strcmp(wanted, got))
+		return 0;
+	err_set(err, ERR_INPUT, "%s is %.100s, but the dataset %s was created with %.100s", what, got, p->dataset->name,
+		wanted);
+	err_add_hint(err, strcmp(got, "unknown") ? "push into a dataset of that coordinate system"
+						  : "say with --assume-crs that it is that, where no record says so");
+	return err_add_file(err, p->crs_of);
+}
+
+int push_created_crs(const struct push *p, struct err *err)
+{
+	const struct dataset *d = p->dataset;
+	const char *plus = strstr(p->crs, " + ");
+	char plane[sizeof p->crs];
+	int r;
+
+	if (!dataset_created(d) || !p->has_crs)
+		return 0;
+	/* One that was created without heights takes any. */
+	snprintf(plane, sizeof plane, "%.*s", plus && !strstr(d->crs, " + ") ? (int)(plus - p->crs) : (int)strlen(p->crs),
+		 p->crs);
+	r = keep_to(p, "its coordinate system", d->crs, plane, err);
+	if (!r)
+		r = keep_to(p, "the unit of its x and y", d->unit_xy, p->unit_xy, err);
+	return r ? r : keep_to(p, "the unit of its z", d->unit_z, p->unit_z, err);
+}
