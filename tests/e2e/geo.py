@@ -460,6 +460,24 @@ def what_files_are():
         expect(i["records"] == 0 and i["record_min"] == [None] * 3 and i["place"] is None, i)
         i = d.ctl("info", las(base + "/deg.las", cloud(-17, 179.9995), geographic()), "--json").ok().json()
         expect(i["place"]["west"] > 179.9 and i["place"]["mgrs"][:2] in ("60", "01"), i["place"])
+        # Hulls that are none, and one with more corners than are kept.
+        line = las(base + "/line.las", [(x + k, y + k, 1) for k in (2, 0, 1, 2)], projected(32632), scale=(0.01,) * 3)
+        i = d.ctl("info", line, "--json").ok().json()
+        expect(i["hull"]["corners"] == 2 and i["hull"]["area_m2"] == 0 and i["density"]["points_m2"] is None and
+               i["distinct"] == 3, i)
+        i = d.ctl("info", las(base + "/one.las", [(x, y, k) for k in range(9)], projected(32632), scale=(0.01,) * 3), "--json")
+        expect(i.ok().json()["distinct"] == 1 and i.json()["hull"]["corners"] == 1, i.out)
+        circle = [(x + 1e5 * math.cos(k * math.pi / 1e4), y + 1e5 * math.sin(k * math.pi / 1e4), 1) for k in range(20000)]
+        i = d.ctl("info", las(base + "/circle.las", circle, projected(32632), scale=(0.01,) * 3), "--json").ok().json()
+        expect(i["hull"]["thinned"] and i["hull"]["corners"] <= 4096 and
+               abs(i["hull"]["area_units"] / (math.pi * 1e10) - 1) < 1e-5, i["hull"])
+        # Files that are none of this: each is told about, and the daemon is still there.
+        if DATA:
+            bad = os.path.join(DATA, "malformed")
+            files = sorted(os.path.join(bad, f) for f in os.listdir(bad) if f.endswith((".las", ".laz")))
+            r = d.ctl("info", "--json", *files)
+            expect(r.status == 3 and len(r.out.splitlines()) == len(files), r.out + r.err)
+            d.ctl("ping").ok()
         # Nothing stays behind.
         expect(os.listdir(d.cache + "/tmp") == [], os.listdir(d.cache + "/tmp"))
         if DATA:
