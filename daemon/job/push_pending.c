@@ -323,7 +323,7 @@ int push_adopt(struct push *p, struct err *err)
 	manifest_name(p->pending->id, name);
 	push_stage_name(p->pending->id, stage);
 	if (grid_manifest_read(p->dataset->dirfd, name, &m, &ignored) ||
-	    grid_stage_check(p->dataset->dirfd, stage, &ignored)) {
+	    grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored)) {
 		log_err(LOG_LEVEL_WARNING, "an interrupted push", &ignored);
 		why = "what it left is damaged";
 	} else {
@@ -371,9 +371,9 @@ void push_adopted(struct push *p)
 		p->dataset->planner = p;
 	if (!p->has_crs)
 		push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
-	for (size_t i = 0; i < m->nsources; i++)
-		if (m->sources[i].id >= p->dataset->next_source)
-			p->dataset->next_source = m->sources[i].id + 1;
+	/* The stage may also hold points of files that were not read whole: nobody gets their numbers. */
+	if (p->adopt_last >= p->dataset->next_source)
+		p->dataset->next_source = p->adopt_last + 1;
 	p->claims = false;
 }
 

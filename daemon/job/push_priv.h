@@ -134,6 +134,7 @@ struct push {
 	struct names adopt_paths;
 	bool *adopt_taken;          /* the client named that source again */
 	size_t ntaken;
+	uint32_t adopt_last;        /* the largest number of a source in its stage */
 	struct pending *pending;    /* what it claims, or becomes */
 	bool claims;                /* pending was taken out of the dataset's list */
 	uint64_t drops;             /* the number of an interrupted push that did not fit; 0: none */

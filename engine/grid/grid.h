@@ -54,7 +54,8 @@ int grid_stage_seal(struct grid_stage *, struct grid_segment_info *ret, struct e
 /* After a failure nothing but grid_stage_free and grid_stage_part works. Frees; what was not sealed is removed
  * from disk, also what was left. */
 struct grid_stage *grid_stage_free(struct grid_stage *);
-/* What was added of source `id` goes: it will not be in the segment, nor the source in its table. */
+/* What was added of source `id` goes: it will not be in the segment, nor the source in its table. The number is
+ * used up: nothing can be added under it any more. */
 int grid_stage_drop(struct grid_stage *, uint32_t id, struct err *err);
 
 /* Leaves everything added so far in runs, and beside them a state file, NAME.stage, that says so (both fsynced
@@ -64,8 +65,9 @@ int grid_stage_leave(struct grid_stage *, struct err *err);
 struct grid_stage *grid_stage_part(struct grid_stage *);
 /* Goes on where a stage of params->name in that folder was left. -ERR_CORRUPT, -ERR_IO: it cannot. */
 int grid_stage_resume(const struct grid_stage_params *, struct grid_stage **ret, struct err *err);
-/* 0: what a stage of that name left looks as if it could be gone on with. */
-int grid_stage_check(int dirfd, const char *name, struct err *err);
+/* 0: what a stage of that name left looks as if it could be gone on with. *ret_last: the largest number of a source
+ * that has points in it, 0: there are none. */
+int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, struct err *err);
 /* The sources that have points in it, ascending. */
 const uint32_t *grid_stage_sources(const struct grid_stage *, size_t *ret_n);
 /* Removes what a stage left; success if there is nothing. */

@@ -165,11 +165,33 @@ void grid_left_free(struct grid_left *left)
 	*left = (struct grid_left){0};
 }
 
-int grid_left_trim(int dirfd, const char *stem, uint32_t number, struct err *err)
+/* Runs below next_run that are not in it. */
+static int trim_old(int dirfd, const char *stem, const struct grid_left *left, struct err *err)
+{
+	bool *named = calloc((size_t)left->next_run + 1, sizeof *named);
+	char name[GRID_NAME_MAX];
+	int rc = 0;
+
+	if (!named)
+		return err_set(err, ERR_NOMEM, "no memory for the state of a stage");
+	for (size_t i = 0; i < left->nruns; i++)
+		named[left->runs[i]] = true;
+	for (uint32_t i = 0; rc == 0 && i < left->next_run; i++) {
+		if (named[i])
+			continue;
+		grid_left_run_name(stem, i, name);
+		rc = io_remove(dirfd, name, err);
+	}
+	free(named);
+	return rc;
+}
+
+int grid_left_trim(int dirfd, const char *stem, const struct grid_left *left, struct err *err)
 {
 	char name[GRID_NAME_MAX], temp[GRID_NAME_MAX + 8];
+	uint32_t number = left->next_run;
+	int rc = trim_old(dirfd, stem, left, err);
 	bool there = true;
-	int rc = 0;
 
 	for (; rc == 0 && there; number++) {
 		grid_left_run_name(stem, number, name);

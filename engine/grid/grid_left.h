@@ -25,7 +25,7 @@ int grid_left_write(int dirfd, const char *stem, const struct grid_left *, bool 
 /* -ERR_CORRUPT: it is not one, or a run that it names is not. */
 int grid_left_read(int dirfd, const char *stem, struct grid_left *ret, struct err *err);
 void grid_left_free(struct grid_left *);
-/* Removes the runs from `number` on that a stage wrote after it was left, whole or not. */
-int grid_left_trim(int dirfd, const char *stem, uint32_t number, struct err *err);
+/* Removes the runs that the state does not name: merged into others before, or written after it, whole or not. */
+int grid_left_trim(int dirfd, const char *stem, const struct grid_left *, struct err *err);
 
 #endif

@@ -127,7 +127,7 @@ int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage 
 		if (!s->all || !s->runs)
 			rc = err_set(err, ERR_NOMEM, "no memory for the state of a stage");
 		else
-			rc = grid_left_trim(s->dirfd, s->stem, s->next_run, err);
+			rc = grid_left_trim(s->dirfd, s->stem, &left, err);
 		if (rc)
 			grid_stage_part(s);
 	}
@@ -142,14 +142,16 @@ int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage 
 	return rc;
 }
 
-int grid_stage_check(int dirfd, const char *name, struct err *err)
+int grid_stage_check(int dirfd, const char *name, uint32_t *ret_last, struct err *err)
 {
 	struct grid_left left;
 	int rc = grid_left_read(dirfd, name, &left, err);
 
-	if (rc == 0)
-		grid_left_free(&left);
-	return rc;
+	if (rc)
+		return rc;
+	*ret_last = left.nsources ? left.sources[left.nsources - 1] : 0;
+	grid_left_free(&left);
+	return 0;
 }
 
 const uint32_t *grid_stage_sources(const struct grid_stage *s, size_t *ret_n)
@@ -178,16 +180,11 @@ int grid_stage_discard(int dirfd, const char *name, struct err *err)
 	grid_left_name(name, file);
 	/* Where it is damaged its runs are not known: counting finds most of them, a sweep of the folder the rest. */
 	if (grid_left_read(dirfd, name, &left, &ignored))
-		left.next_run = 0;
+		left = (struct grid_left){0};
 	rc = io_remove(dirfd, file, err);
-	for (size_t i = 0; rc == 0 && i < left.nruns; i++) {
-		char run[GRID_NAME_MAX];
-
-		grid_left_run_name(name, left.runs[i], run);
-		rc = io_remove(dirfd, run, err);
-	}
+	left.nruns = 0;
 	if (rc == 0)
-		rc = grid_left_trim(dirfd, name, left.next_run, err);
+		rc = grid_left_trim(dirfd, name, &left, err);
 	grid_left_free(&left);
 	return rc;
 }

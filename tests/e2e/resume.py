@@ -160,6 +160,33 @@ def vanished_client():
         wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
 
 
+def cut_off_in_a_file():
+    """A file that was half read leaves nothing, also where the daemon starts anew and numbers its files again."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        paths = tiles(base, 3)
+        big = os.path.join(base, "big.las")
+        rng = random.Random(9)
+        las(big, [(rng.randrange(30000), rng.randrange(30000), 0) for _ in range(600000)], offset=(0, 200, 0))
+        paths.insert(2, big)
+        d.ctl("push", "want", *paths).ok()
+        want, cut = digests(d, "want"), 0
+        for delay in (0.01, 0.02, 0.03):
+            name = "s%d" % (delay * 100)
+            half = Half(d, name, paths, 2, wait=False)
+            with open(big, "rb") as f:
+                half.c.send("file", pb.File(push=half.id, name=big), f.fileno())
+            time.sleep(delay)
+            half.vanish()
+            wait_for(lambda: d.ctl("dataset", "show", name).status == 0 and "interrupted" in (pending(d, name) or ""), "not pending")
+            d.stop()
+            d.start()
+            got = d.ctl("push", name, *paths[:2], paths[3], big, "--json").ok()
+            expect(states(got)[:3] == ["adopted", "adopted", "staged"], str(states(got)))
+            cut += states(got)[3] == "staged"
+            expect(digests(d, name) == want, "another mesh")
+        print("     %d of 3 were cut off" % cut)
+
+
 def interrupted_client():
     """acutctl itself, by Ctrl-C and by kill -9, at any moment."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -313,5 +340,5 @@ def idle_push_gives_memory():
 
 
 if __name__ == "__main__":
-    e2e.main(killed_daemon, killed_again_and_again, vanished_client, interrupted_client, killed_in_the_commit, what_does_not_fit,
+    e2e.main(killed_daemon, killed_again_and_again, vanished_client, cut_off_in_a_file, interrupted_client, killed_in_the_commit, what_does_not_fit,
              another_user, idle_push_gives_memory)

@@ -16,7 +16,9 @@
 #include "grid_fixture.h"
 #include "io.h"
 
-enum { SOURCES = 5, EACH = 30000 }; /* each more than a stage of this size holds: several runs */
+/* WHOLE sources are left, a run each: more than a stage of this size can merge at once. Then some more come, of
+ * which the last is cut off; that one is not to be in what comes out. */
+enum { SOURCES = 20, EACH = 4000, WHOLE = 12, CUT = 16, AGAIN = 100 };
 static const size_t memory = GRID_STAGE_MIN;
 
 /* ---- a process that dies at its nth call ---- */
@@ -65,17 +67,18 @@ static struct io_table dying;
 
 /* ---- stages ---- */
 
-static void add(struct grid_stage *stage, const struct set *s, uint32_t id, struct err *err)
+/* The points of source `id`, as source `as`. */
+static void add(struct grid_stage *stage, const struct set *s, uint32_t id, uint32_t as, struct err *err)
 {
 	size_t at;
 
-	check_ok(grid_stage_source(stage, id, err), err, "stage", __FILE__, __LINE__);
+	check_ok(grid_stage_source(stage, as, err), err, "stage", __FILE__, __LINE__);
 	for (at = 0; at < s->n; at++)
 		if (s->ids[at] == id)
 			check_ok(grid_stage_add(stage, s->pts + at, 1, err), err, "stage", __FILE__, __LINE__);
 }
 
-/* Sources 1 and 2, left; then 3, and half of 4, and then the segment. */
+/* The whole ones, each left; then the others until the one that is cut off; and then the segment. */
 static int interrupted(const struct folder *f, const struct set *s)
 {
 	struct grid_stage_params params = {f->fd, "p", memory, true};
@@ -85,17 +88,17 @@ static int interrupted(const struct folder *f, const struct set *s)
 
 	if (grid_stage_new(&params, &stage, &err))
 		return 1;
-	for (uint32_t id = 1; id <= 4; id++) {
+	for (uint32_t id = 1; id <= CUT; id++) {
 		if (grid_stage_source(stage, id, &err))
 			return 2;
-		for (size_t at = 0, n = 0; at < s->n && (id < 4 || n < EACH / 2); at++) {
+		for (size_t at = 0, n = 0; at < s->n && (id < CUT || n < EACH / 2); at++) {
 			if (s->ids[at] != id)
 				continue;
 			n++;
 			if (grid_stage_add(stage, s->pts + at, 1, &err))
 				return 3;
 		}
-		if (id <= 2 && grid_stage_leave(stage, &err))
+		if (id <= WHOLE && grid_stage_leave(stage, &err))
 			return 4;
 	}
 	if (grid_stage_seal(stage, &info, &err))
@@ -127,16 +130,16 @@ static bool run_until(const struct folder *f, const struct set *s, unsigned long
 	return WEXITSTATUS(status) == 0;
 }
 
-/* What is to come out of 1 to 3 and 5. */
+/* What is to come out. */
 static struct set wanted(const struct set *s)
 {
 	struct set w = {.pts = malloc(s->n * sizeof *w.pts), .ids = malloc(s->n * sizeof *w.ids)};
 
 	for (size_t i = 0; i < s->n; i++) {
-		if (s->ids[i] == 4)
+		if (s->ids[i] == CUT)
 			continue;
 		w.pts[w.n] = s->pts[i];
-		w.ids[w.n++] = s->ids[i];
+		w.ids[w.n++] = s->ids[i] + (s->ids[i] > WHOLE && s->ids[i] < CUT ? AGAIN : 0);
 	}
 	return w;
 }
@@ -182,16 +185,17 @@ static void go_on(const struct folder *f, const struct set *s, const struct grid
 	CHECK(grid_stage_resume(&params, &stage, &err));
 	ids = grid_stage_sources(stage, &n);
 	assert_true(n >= 1 && ids[0] == 1);
-	/* Only what the caller knows to be whole counts: here 1 and 2. */
-	bool second = has(ids, n, 2);
+	/* Only what the caller knows to be whole counts. */
+	bool there[SOURCES + 1];
 
-	CHECK(grid_stage_drop(stage, 3, &err));
-	CHECK(grid_stage_drop(stage, 4, &err));
+	for (uint32_t id = 1; id <= SOURCES; id++)
+		there[id] = id <= WHOLE && has(ids, n, id);
+	for (uint32_t id = WHOLE + 1; id <= CUT; id++)
+		CHECK(grid_stage_drop(stage, id, &err));
 	CHECK(grid_stage_drop(stage, 99, &err));
-	if (!second)
-		add(stage, s, 2, &err);
-	add(stage, s, 5, &err);
-	add(stage, s, 3, &err);
+	for (uint32_t id = SOURCES; id; id--)
+		if (!there[id] && id != CUT)
+			add(stage, s, id, id + (id > WHOLE && id < CUT ? AGAIN : 0), &err);
 	CHECK(grid_stage_seal(stage, &info, &err));
 	assert_int_equal(info.points, want->points);
 	assert_true(digest_equal(info.sum, want->sum) && info.cells == want->cells);
@@ -247,9 +251,9 @@ static void test_drop(void **state)
 		CHECK(stage_set(&f, "want", &w, 0, &want, &err));
 		CHECK(grid_stage_new(&params, &stage, &err));
 		for (uint32_t id = 1; id <= SOURCES; id++) {
-			add(stage, &s, id, &err);
-			if (id == 4)
-				CHECK(grid_stage_drop(stage, 4, &err));
+			add(stage, &s, id, id + (id > WHOLE && id < CUT ? AGAIN : 0), &err);
+			if (id == CUT)
+				CHECK(grid_stage_drop(stage, CUT, &err));
 		}
 		CHECK(grid_stage_seal(stage, &info, &err));
 		assert_true(digest_equal(info.sum, want.sum) && info.points == want.points);
@@ -272,13 +276,14 @@ static void test_damage(void **state)
 	struct grid_stage *stage;
 	struct err err = ERR_INIT;
 	uint8_t bytes[256];
+	uint32_t last;
 	ssize_t n;
 	int fd;
 
 	CHECK(grid_stage_new(&params, &stage, &err));
-	add(stage, &s, 1, &err);
+	add(stage, &s, 1, 1, &err);
 	CHECK(grid_stage_leave(stage, &err));
-	add(stage, &s, 2, &err);
+	add(stage, &s, 2, 2, &err);
 	CHECK(grid_stage_leave(stage, &err));
 	grid_stage_part(stage);
 	fd = openat(f.fd, "d.stage", O_RDWR);
@@ -296,6 +301,8 @@ static void test_damage(void **state)
 	err_clear(&err);
 	CHECK(grid_stage_resume(&params, &stage, &err));
 	grid_stage_part(stage);
+	CHECK(grid_stage_check(f.fd, "d", &last, &err));
+	assert_int_equal(last, 2);
 	fd = openat(f.fd, "d.1.run", O_RDWR);
 	assert_int_equal(ftruncate(fd, 100), 0);
 	close(fd);
