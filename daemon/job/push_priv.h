@@ -29,6 +29,7 @@ struct push_stream {
 	void *watch;         /* of whoever watches the pipe */
 	struct sched_task task;
 	bool busy;           /* a worker keeps bytes */
+	bool text;           /* that can be read forwards */
 	bool ready;          /* all is kept that must be, or err says why not */
 	bool forward, ended; /* the rest is read from the pipe; the pipe has ended */
 	bool asks;           /* its File waits for the pipe */

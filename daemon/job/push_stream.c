@@ -3,7 +3,7 @@
  *
  * The model: the loop watches the pipe's reading end; when it has bytes, a worker takes them, never waiting.
  * First they go into a file without a name in the cache's folder: of LAS, which is read forwards, what lies
- * before the points; of everything else all of it, because it must be read twice (text: digits and extent) or
+ * before the points; of a text whose lattice is known, its beginning; of everything else all of it, because it must be read twice (text: digits and extent) or
  * out of order (LAZ, COPC: the table of chunks is behind them). Probe and File of the stream's name then work
  * on that file; the File of a LAS stream goes on with the pipe, and gives its worker back whenever the pipe is
  * dry. So a slow client costs a watched descriptor.
@@ -75,6 +75,9 @@ static bool enough(struct push_stream *s)
 {
 	uint64_t need = input_forward_head(s->look, s->nlook);
 
+	/* A text whose lattice is known otherwise need not be read twice; a short one may be, all the same. */
+	if (!need && s->text && !s->ended)
+		need = INPUT_FORWARD_TEXT;
 	s->forward = need > 0 && s->nlook >= INPUT_FORWARD_LOOK;
 	return s->ended || (s->forward && s->size >= need);
 }
@@ -247,6 +250,7 @@ int push_stream(struct push *p, int fd, const char *name, struct err *err)
 		return err->code ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a stream");
 	}
 	s->push = p;
+	s->text = !strcmp(p->format, "xyz") && (p->has_lattice || *p->scale_xy);
 	s->fd = fd;
 	s->spool = -1;
 	s->err = ERR_INIT;

@@ -140,8 +140,8 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
 	in->info.bytes = in->info.bytes_selected = in->has_pipe ? 0 : in->size;
-	if (in->has_pipe && in->row->open != input_las_open)
-		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "only LAS can be read from a pipe");
+	if (in->has_pipe && in->row->matches == input_pts_matches)
+		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, ".pts cannot be read from a pipe");
 	rc = in->row->open(in, err);
 	in->bytes_read = 0;
 	return rc;

@@ -52,7 +52,8 @@ struct input_options {
 	bool has_crop;
 	double crop[4];
 	/* The descriptor holds the first bytes of an input, at least those before its points; what follows comes
-	 * from `pipe`, a non-blocking descriptor (borrowed). Formats that are read forwards only: LAS. */
+	 * from `pipe`, a non-blocking descriptor (borrowed). Formats that can be read forwards: LAS, and xyz where the
+	 * lattice does not come from it (its digits and its box are not known then). */
 	bool has_pipe;
 	int pipe;
 	/* Text: what the columns are, a letter each: x y z, c class, r return, n number of returns, and to be
@@ -80,7 +81,7 @@ bool input_dry(const struct input *);
 /* From its first bytes: how many bytes must be there before a LAS file can be read forwards. 0: it is not
  * uncompressed LAS, and must be had whole. More than n: ask again when there are more (INPUT_FORWARD_LOOK is
  * always enough to know). */
-enum { INPUT_FORWARD_LOOK = 227 };
+enum { INPUT_FORWARD_LOOK = 227, INPUT_FORWARD_TEXT = 256 << 10 /* of a text, if it is longer */ };
 uint64_t input_forward_head(const uint8_t *bytes, size_t n);
 struct input *input_close(struct input *);
 

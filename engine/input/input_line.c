@@ -49,10 +49,17 @@ static int fill(struct input *in, struct err *err)
 	int rc;
 
 	memmove(in->buffer, in->buffer + xyz->i_buffered, kept);
-	rc = io_read_some(in->fd, in->buffer + kept, sizeof in->buffer - kept, xyz->at, in->name, &got, err);
+	if (in->has_pipe && xyz->head_only && xyz->at >= in->head) {
+		got = 0;
+		rc = 0;
+	} else if (in->has_pipe) {
+		rc = input_forward_read(in, xyz->at, in->buffer + kept, sizeof in->buffer - kept, &got, err);
+	} else {
+		rc = io_read_some(in->fd, in->buffer + kept, sizeof in->buffer - kept, xyz->at, in->name, &got, err);
+	}
 	if (rc)
 		return rc;
-	xyz->ended = got < sizeof in->buffer - kept;
+	xyz->ended = in->has_pipe ? !got && !in->dry : got < sizeof in->buffer - kept;
 	xyz->at += got;
 	in->bytes_read += got;
 	xyz->i_buffered = 0;
@@ -74,7 +81,10 @@ int input_line_next(struct input *in, struct input_line *ret, struct err *err)
 
 			if (rc)
 				return rc;
-			continue;
+			if (!input_dry(in))
+				continue;
+			ret->at = NULL;
+			return 0;
 		}
 		if (!end && !left) {
 			ret->at = NULL;

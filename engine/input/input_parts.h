@@ -109,6 +109,7 @@ struct input_xyz {
 	size_t i_buffered, n_buffered;
 	uint64_t points;           /* handed out so far */
 	bool ended;
+	bool head_only;            /* of a pipe: while opening, what is there already is all */
 	bool counts;               /* .pts: a line of one number says how many points follow */
 	unsigned commas;           /* columns of the first point, if commas separate them; else 0 */
 };

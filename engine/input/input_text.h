@@ -14,7 +14,7 @@ int input_bad_line(struct input *in, struct err *err, enum err_code code, const 
 		   struct input_line text);
 /* From the first byte again. */
 void input_line_rewind(struct input *in);
-/* The next line; ret->at NULL at the end of the file. */
+/* The next line; ret->at NULL at the end of the file, or when its pipe is dry. */
 int input_line_next(struct input *in, struct input_line *ret, struct err *err);
 /* The same, but neither blank lines nor comments nor what stands before the points. */
 int input_line_next_point(struct input *in, struct input_line *ret, struct err *err);

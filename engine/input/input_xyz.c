@@ -18,7 +18,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { RETURNS_MAX = 15, CLASS_MAX = 255 };
+enum { RETURNS_MAX = 15, CLASS_MAX = 255, FORWARD_PLACE = -9 };
 
 bool input_xyz_matches(const uint8_t *bytes, size_t n)
 {
@@ -261,6 +261,60 @@ static void describe(struct input *in, const struct probe *probe)
 			   xyz->commas);
 }
 
+/* The first points of a pipe, for the box: what is not known of the rest can only lead to a refusal. The last
+ * line may be cut, so it does not count. */
+static int probe_head(struct input *in, struct probe *probe, struct err *err)
+{
+	struct input_xyz *xyz = &in->as.xyz;
+	struct input_number n[INPUT_ROLES];
+	struct input_line line;
+	int rc;
+
+	for (int i = 0; i < 3; i++) {
+		probe->axis[i].min = INFINITY;
+		probe->axis[i].max = -INFINITY;
+	}
+	for (;;) {
+		rc = input_line_next_point(in, &line, err);
+		if (rc || !line.at || line.end == (const char *)in->buffer + xyz->n_buffered)
+			return rc;
+		rc = input_line_parse(in, line, n, err);
+		if (rc)
+			return rc;
+		probe_point(in, probe, n);
+	}
+}
+
+/* A text that comes through a pipe is read once, so its digits are not known: nine decimals, for all. The
+ * lattice must be known otherwise. */
+static int open_forward(struct input *in, struct err *err)
+{
+	struct input_xyz *xyz = &in->as.xyz;
+	struct lattice_input *coords = &in->info.coords;
+	struct probe probe = { 0 };
+	int rc;
+
+	xyz->head_only = true;
+	rc = input_columns_look(in, err);
+	if (!rc)
+		rc = probe_head(in, &probe, err);
+	xyz->head_only = false;
+	if (rc)
+		return rc;
+	xyz->exponent_xy = xyz->exponent_z = FORWARD_PLACE;
+	crs_info_clear(&in->info.crs);
+	for (int i = 0; i < 3; i++) {
+		coords->scale[i] = (struct decimal){ 1, FORWARD_PLACE };
+		coords->offset[i] = (struct decimal){ 0, 0 };
+		coords->min[i] = probe.axis[i].min;
+		coords->max[i] = probe.axis[i].max;
+	}
+	describe(in, &probe);
+	snprintf(in->info.variant, sizeof in->info.variant, "text, from a pipe");
+	input_line_rewind(in);
+	return 0;
+}
+
 int input_xyz_open(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
@@ -269,6 +323,8 @@ int input_xyz_open(struct input *in, struct err *err)
 	int rc;
 
 	xyz->counts = in->row->matches == input_pts_matches;
+	if (in->has_pipe)
+		return open_forward(in, err);
 	rc = input_columns_look(in, err);
 	if (!rc)
 		rc = probe_text(in, &probe, err);
@@ -310,13 +366,21 @@ static bool raw_of(struct input_number n, int exponent, int64_t *ret)
 	return true;
 }
 
+/* Of a file: it is not the one that was probed. */
 static int changed(struct input *in, struct err *err)
 {
+	if (in->has_pipe) {
+		input_fail(in, err, ERR_INPUT, in->as.xyz.line, "line",
+			   "line %" PRIu64 " has more than nine decimals, or a number too large for them",
+			   in->as.xyz.line);
+		return err_add_hint(err, "write it to a file first: its digits are looked at before it is read");
+	}
 	input_fail(in, err, ERR_CHANGED, in->as.xyz.line, "line", "the file changed while it was read");
 	return err_add_hint(err, "wait until whoever writes it is done, then push it again");
 }
 
-/* One point; *ret_counted: it was no point but a line of .pts with their number. */
+/* One point; *ret_counted: it was no point but a line of .pts with their number, or of a pipe its end, or there
+ * is nothing now. */
 static int read_point(struct input *in, struct input_points *pts, bool *ret_counted, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
@@ -325,6 +389,11 @@ static int read_point(struct input *in, struct input_points *pts, bool *ret_coun
 	uint64_t count;
 	int rc = input_line_next_point(in, &line, err);
 
+	if (!rc && !line.at && in->has_pipe) {
+		*ret_counted = true;
+		in->checked = !in->dry;
+		return 0;
+	}
 	if (!rc && !line.at)
 		return changed(in, err);
 	*ret_counted = !rc && xyz->counts && input_line_is_count(line, &count);
@@ -342,10 +411,27 @@ static int read_point(struct input *in, struct input_points *pts, bool *ret_coun
 	return 0;
 }
 
+static int read_forward(struct input *in, struct input_points *pts, struct err *err)
+{
+	bool none = false;
+
+	while (pts->n < pts->cap && !in->checked && !none) {
+		int rc = read_point(in, pts, &none, err);
+
+		if (rc)
+			return rc;
+		pts->n += !none;
+	}
+	return 0;
+}
+
 int input_xyz_read(struct input *in, struct input_points *pts, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
 	bool counted = false;
+
+	if (in->has_pipe)
+		return read_forward(in, pts, err);
 
 	while (pts->n < pts->cap && xyz->points < in->info.claimed) {
 		int rc = read_point(in, pts, &counted, err);

@@ -102,6 +102,29 @@ def text_and_fifo():
         writer.wait(10)
 
 
+def text_forwards():
+    """Where the lattice is known, a text is read as it comes: nothing of it is kept but its beginning."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M", threads=1) as d:
+        out, txt = os.path.join(base, "m.ply"), os.path.join(base, "t.xyz")
+        lines = "".join("%d.%03d %d.5 %d\n" % (500000 + i % 997, i % 1000, 4000000 + i // 997, i % 77) for i in range(150000)).encode()
+        expect(len(lines) > 1 << 21, "a text of several buffers")
+        open(txt, "wb").write(lines)
+        want = digest(d, "-o", out, "--scale", "0.001,1", txt)
+        for pieces in ([lines], [lines[:100], lines[100:300000], lines[300000:1000001], lines[1000001:]], [lines[:-1]]):
+            code, text, err = feed(d, pieces, "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "--json", "-o", out, pause=0.2)
+            expect(code == 0, err)
+            got = json.loads(text)
+            expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
+        for late, what in ((b"1.0000000001 2 3\n", "more than nine decimals"), (b"1,5 2,5 3,5\n", "decimal commas"), (b"1 2\n", "fewer than three")):
+            code, _, err = feed(d, [lines + late], "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "-o", os.path.join(base, "n.ply"))
+            expect(code == 1 and what in err and "150001" in err, err)
+        d.ctl("push", "valley", txt, "--scale", "0.001,1").ok()
+        code, _, err = feed(d, [lines], "push", "valley", "-", "--input-format", "xyz")
+        expect(code == 0, err)
+        job = d.ctl("submit", "valley", "--wait", "--json").ok().json()
+        expect(job["report"]["digest"] == want[0] if "report" in job else job["digest"] == want[0], str(job))
+
+
 def slow_client_costs_nobody():
     """With one worker: while clients hold half-filled pipes open, others are served."""
     with e2e.Folder() as base, e2e.Daemon(base, threads=1, memory="128M") as d:
@@ -156,4 +179,4 @@ def vanished_clients():
         expect(code == 0, err)
 
 
-e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, slow_client_costs_nobody, vanished_clients)
+e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, text_forwards, slow_client_costs_nobody, vanished_clients)
