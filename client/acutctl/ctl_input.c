@@ -16,7 +16,7 @@
 
 /* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the
  * daemon refuses them by name, so that nothing is left out in silence. */
-static const char *const extension[] = { ".las", ".laz", ".xyz" };
+static const char *const extension[] = { ".las", ".laz", ".xyz", ".pts" };
 
 #define DEPTH 64
 
@@ -127,7 +127,7 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 			err_add_file(err, word);
 			return err_add_hint(
 				err,
-				"files ending in .las, .laz or .xyz are taken from folders; name others");
+				"files ending in .las, .laz, .xyz or .pts are taken from folders; name others");
 		}
 		return r;
 	}

@@ -173,12 +173,35 @@ static void test_hex(void **state)
 	(void)state;
 }
 
+/* Piece by piece is the same as at once. */
+static void test_stream(void **state)
+{
+	uint8_t bytes[5000];
+
+	for (size_t i = 0; i < sizeof bytes; i++)
+		bytes[i] = (uint8_t)(i * 31 + (i >> 8));
+	for (size_t piece = 1; piece < sizeof bytes; piece = piece * 3 + 1) {
+		struct digest_stream *s = digest_stream_new();
+
+		assert_true(digest_equal(digest_stream_end(s), digest_hash(bytes, 0)));
+		for (size_t at = 0; at < sizeof bytes; at += piece) {
+			digest_stream_add(s, bytes + at, sizeof bytes - at < piece ? sizeof bytes - at : piece);
+			if (at == 0)
+				assert_true(digest_equal(digest_stream_end(s), digest_hash(bytes, piece)));
+		}
+		assert_true(digest_equal(digest_stream_end(s), digest_hash(bytes, sizeof bytes)));
+		assert_null(digest_stream_free(s));
+	}
+	assert_null(digest_stream_free(NULL));
+	(void)state;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_triangle), cmocka_unit_test(test_orientation_matters),
 		cmocka_unit_test(test_vertex),   cmocka_unit_test(test_sums),
-		cmocka_unit_test(test_hex),
+		cmocka_unit_test(test_hex),      cmocka_unit_test(test_stream),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
