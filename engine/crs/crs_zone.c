@@ -160,6 +160,9 @@ int crs_zone_system(const struct crs_info *geographic, struct crs_zone zone, str
 	to.plane = CRS_PLANE_PROJECTED;
 	to.system.epsg = number;
 	zone_parameters(zone, &to.system);
+	/* the number that a file in that zone gives itself */
+	if (!number)
+		number = to.system.epsg = crs_epsg_of_system(&to.system);
 	snprintf(to.unit_xy, sizeof to.unit_xy, "metre");
 	if (number) {
 		snprintf(name, sizeof name, "EPSG:%u", number);

@@ -14,6 +14,7 @@
 #include <cmocka.h>
 
 #include "crs.h"
+#include "crs_geo.h"
 #include "err.h"
 
 #define DEGREE "UNIT[\"degree\",0.0174532925199433]"
@@ -352,6 +353,27 @@ static void all_numbers(void **state)
 	assert_true(known > 300 && known < 800);
 }
 
+/* Degrees that are projected and files that are in that zone already must meet under one text. */
+static void zones(void **state)
+{
+	static const struct { const char *from, *to; struct crs_zone zone; } cases[] = {
+		{ "EPSG:4152", "EPSG:3740", { 10, true } }, { "EPSG:4617", "EPSG:2958", { 17, true } },
+		{ "EPSG:4326", "EPSG:32723", { 23, false } }, { "EPSG:4326 + EPSG:6360", "EPSG:32632 + EPSG:6360", { 32, true } },
+	};
+
+	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+		struct crs_info from, to, again;
+		struct err err = ERR_INIT;
+
+		assert_int_equal(crs_assume_text(cases[i].from, strlen(cases[i].from), &from, &err), 0);
+		assert_int_equal(crs_zone_system(&from, cases[i].zone, &to, &err), 0);
+		assert_string_equal(to.text, cases[i].to);
+		assert_int_equal(crs_assume_text(to.text, strlen(to.text), &again, &err), 0);
+		assert_true(crs_system_same(&to.system, &again.system));
+		assert_int_equal(to.system.epsg, again.system.epsg);
+	}
+}
+
 /* ---- damage ---- */
 
 static uint64_t rng_state = 0x9e3779b97f4a7c15u;
@@ -442,6 +464,7 @@ int main(void)
 		cmocka_unit_test(keys),
 		cmocka_unit_test(assumptions),
 		cmocka_unit_test(all_numbers),
+		cmocka_unit_test(zones),
 		cmocka_unit_test(damaged),
 	};
 
