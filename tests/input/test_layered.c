@@ -95,6 +95,56 @@ static void versions(void **state)
 	}
 }
 
+struct memory_file {
+	const uint8_t *at;
+	size_t size;
+};
+
+static int read_memory(void *ctx, uint64_t at, void *buf, size_t n, size_t *ret_n, struct err *err)
+{
+	const struct memory_file *f = ctx;
+	size_t left = at < f->size ? f->size - (size_t)at : 0;
+
+	(void)err;
+	*ret_n = n < left ? n : left;
+	memcpy(buf, f->at + (at < f->size ? at : 0), *ret_n);
+	return 0;
+}
+
+/* No encoder writes four bytes of 255 first: the value is not below the length, and would leave it ever further
+ * behind, out of the models. Refused before a symbol is decoded. */
+static void stream_of_ones(void **state)
+{
+	enum { HEAD = 30 + 4 + 9 * 4, LAYER = 64 };
+	struct laz_format f;
+	struct err err = ERR_INIT;
+	uint8_t chunk[HEAD + 2 * LAYER], *records = malloc(2000 * 30);
+	struct memory_file file = { chunk, sizeof chunk };
+	struct laz_source source = { &file, read_memory };
+	struct laz_chunk place = { .at = 0, .bytes = sizeof chunk, .points = 2000 };
+	struct packer p = packer_of(chunk, sizeof chunk);
+	struct laz_reader *reader;
+	size_t n, bytes;
+	void *memory;
+
+	memset(chunk, 0xff, sizeof chunk);
+	packer_zero(&p, 30);
+	packer_u32(&p, 2000);
+	packer_u32(&p, LAYER);
+	packer_u32(&p, LAYER);
+	packer_zero(&p, 7 * 4);
+	assert_int_equal(parse(0, 3, &f, &err), 0);
+	bytes = (laz_reader_bytes(&f, LAZ_ALL) + 63) & ~(size_t)63;
+	memory = aligned_alloc(64, bytes);
+	assert_int_equal(laz_reader_new(memory, &f, LAZ_ALL, &source, &reader, &err), 0);
+	assert_int_equal(laz_reader_chunk(reader, &place, &err), 0);
+	assert_int_equal(laz_reader_read(reader, records, 2000, &n, &err), -ERR_INPUT);
+	assert_int_equal(err.offset, HEAD + 4);
+	assert_string_equal(err.field, "x and y");
+	free(memory);
+	free(records);
+}
+
 /* The real file of version 3, told to be of version 2. */
 static void version_2_is_3(void **state)
 {
@@ -146,6 +196,7 @@ int main(void)
 		cmocka_unit_test(memory_follows_from_the_items),
 		cmocka_unit_test(too_many_extra_bytes),
 		cmocka_unit_test(versions),
+		cmocka_unit_test(stream_of_ones),
 		cmocka_unit_test(version_2_is_3),
 	};
 

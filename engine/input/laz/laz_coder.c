@@ -22,8 +22,10 @@ int laz_coder_begin(struct laz_window *w, struct err *err)
 		return rc;
 	w->coder.value = (uint32_t)b[0] << 24 | (uint32_t)b[1] << 16 | (uint32_t)b[2] << 8 | b[3];
 	w->coder.length = UINT32_MAX;
-	w->coder.bad = w->coder.value == UINT32_MAX; /* the value lies in [0, length) ever after */
-	return 0;
+	w->coder.bad = w->coder.value == UINT32_MAX;
+	/* The value lies in [0, length) from the first symbol on. Once it does not, it runs ever further ahead of the
+	 * length, and symbols are looked for outside of the models: nothing may be decoded from such a stream. */
+	return laz_window_check(w, err);
 }
 
 void laz_bit_init(struct laz_bit_model *m)
