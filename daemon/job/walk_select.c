@@ -3,8 +3,8 @@
  * place of the generation's grid.
  *
  * The model: a selection is a folder cache/selected/KEY (of a one-step dataset: in its own folder, so that it goes
- * with it). KEY is of the generation's content and of the rules that select, so a later job with the same ones
- * stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N and renamed when whole;
+ * with it). KEY is of the generation's content, what it says of its coordinates, and the rules that select,
+ * so a later job with the same ones stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N and renamed when whole;
  * what a crash left of those is swept at the next start. Whatever cannot be read there is removed and made again.
  *
  * Memory: a selection is to the others what a domain is: bytes that are taken at once before it starts, and come

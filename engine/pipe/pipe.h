@@ -82,8 +82,8 @@ size_t pipe_select_min(const struct grid *grid);
 int pipe_select(const struct pipe_select_params *params, struct pipe_selected *ret, struct err *err);
 /* The counts that pipe_select left in its folder. -ERR_CORRUPT: they are damaged. */
 int pipe_selected_read(int dirfd, struct pipe_selected *ret, struct err *err);
-/* The identity of a selection: content of the generation, lattice, and the rules that select. Views that differ
- * in the rule of duplicates only share it. */
+/* The identity of a selection: content, lattice, coordinate system and units of the generation, and the rules that
+ * select. Views that differ in the rule of duplicates only share it. */
 struct digest pipe_select_key(const struct grid *grid, const struct view *view);
 
 /* ---- inspect: what is in the records of one input ---- */

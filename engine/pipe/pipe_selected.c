@@ -25,16 +25,21 @@ enum { TEXT_MAX = 1024 };
 
 struct digest pipe_select_key(const struct grid *grid, const struct view *view)
 {
+	const struct grid_manifest *m = grid_manifest(grid);
 	char lattice[LATTICE_TEXT_SIZE];
 	struct view selecting = view_normal(view);
-	struct digest parts[4];
+	struct digest parts[7];
 
 	selecting.duplicates = VIEW_LOWEST;
-	lattice_text(&grid_manifest(grid)->lattice, lattice);
+	lattice_text(&m->lattice, lattice);
 	parts[0] = pipe_content(grid);
 	parts[1] = digest_hash(lattice, strlen(lattice));
 	parts[2] = view_hash(&selecting);
 	parts[3] = digest_hash(RULES, sizeof RULES);
+	/* The same files pushed under another system are the same content. */
+	parts[4] = digest_hash(m->crs, strlen(m->crs));
+	parts[5] = digest_hash(m->unit_xy, strlen(m->unit_xy));
+	parts[6] = digest_hash(m->unit_z, strlen(m->unit_z));
 	return digest_hash(parts, sizeof parts);
 }
 

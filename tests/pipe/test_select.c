@@ -613,11 +613,12 @@ static void test_damaged_counts(void **state)
 	set_free(&set);
 }
 
-/* The key: of the generation's content and of what selects, not of how duplicates are reduced. */
+/* The key: of the generation's content and of what selects, not of how duplicates are reduced. What a mesh says of
+ * its coordinates comes from the selection, so the key is of that too. */
 static void test_key(void **state)
 {
-	struct set set = (rng = 4, survey(100, 50, 3)), other = survey(100, 50, 3);
-	struct dataset d = dataset_of(&set, 1, 1, false), e = dataset_of(&other, 1, 1, false);
+	struct set set = (rng = 4, survey(100, 50, 3)), others = survey(100, 50, 3);
+	struct dataset d = dataset_of(&set, 1, 1, false), e = dataset_of(&others, 1, 1, false);
 	struct view v = VIEW_INIT, w, x;
 
 	v.every = 2;
@@ -629,10 +630,27 @@ static void test_key(void **state)
 	assert_true(digest_equal(pipe_select_key(d.reader.grid, &v), pipe_select_key(d.reader.grid, &w)));
 	assert_false(digest_equal(pipe_select_key(d.reader.grid, &v), pipe_select_key(d.reader.grid, &x)));
 	assert_false(digest_equal(pipe_select_key(d.reader.grid, &v), pipe_select_key(e.reader.grid, &v)));
+	for (unsigned i = 0; i < 4; i++) {
+		struct grid_manifest m = d.m;
+		struct reader other;
+		struct err err = ERR_INIT;
+
+		m.segments = d.info;
+		if (i == 1)
+			snprintf(m.crs, sizeof m.crs, "EPSG:25833");
+		if (i == 2)
+			snprintf(m.unit_xy, sizeof m.unit_xy, "foot");
+		if (i == 3)
+			snprintf(m.unit_z, sizeof m.unit_z, "foot");
+		CHECK(grid_manifest_write(d.folder.fd, "n", &m, &err));
+		other = reader_open(&d.folder, "n", GRID_NEWEST, 1 << 20);
+		assert_int_equal(digest_equal(pipe_select_key(d.reader.grid, &v), pipe_select_key(other.grid, &v)), i == 0);
+		reader_close(&other);
+	}
 	dataset_end(&d);
 	dataset_end(&e);
 	set_free(&set);
-	set_free(&other);
+	set_free(&others);
 }
 
 int main(void)
