@@ -451,6 +451,8 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		p->dataset->partial = true;
 		memcpy(p->dataset->crop, p->crop, sizeof p->crop);
 	}
+	if (!why)
+		pipe_ingested_compare(&file.in, &a->info);
 	if (!why) {
 		source_add(p, a);
 		p->files++;

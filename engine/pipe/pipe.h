@@ -31,6 +31,8 @@ struct pipe_ingested {
 	uint64_t bytes_read, bytes; /* of the file: for its points; all */
 	bool partial;               /* not all points were read, see input_options.has_crop */
 	char warning[256];
+	uint64_t returns[16];       /* by return number */
+	int64_t low[3], high[3];    /* box of the raw numbers; where there are points */
 };
 
 /* Memory that pipe_ingest takes besides the stage; charge it before. */
@@ -55,6 +57,8 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *, struct p
 		struct err *err);
 /* Adds what another part of the same input gave. */
 void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part);
+/* When all of the input was read: adds to the warning what its header says otherwise than its points. */
+void pipe_ingested_compare(struct pipe_ingested *, const struct input_info *);
 
 /* ---- select: the grid of the points that a view with crop, every or thin keeps ---- */
 

@@ -4,6 +4,8 @@
  */
 #include "pipe.h"
 
+#include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,6 +39,23 @@ static void batch_points(struct batch *b, size_t n)
 			.ret = b->ret[i],
 			.tag = b->flags[i] & POINT_FLAGS,
 		};
+}
+
+/* What headers lie about. */
+static void tally(const struct batch *b, size_t n, struct pipe_ingested *in)
+{
+	for (size_t i = 0; i < n; i++)
+		in->returns[b->ret[i] & 15]++;
+	for (int k = 0; k < 3; k++) {
+		int64_t low = in->points ? in->low[k] : b->raw[0][k], high = in->points ? in->high[k] : b->raw[0][k];
+
+		for (size_t i = 0; i < n; i++) {
+			low = b->raw[i][k] < low ? b->raw[i][k] : low;
+			high = b->raw[i][k] > high ? b->raw[i][k] : high;
+		}
+		in->low[k] = low;
+		in->high[k] = high;
+	}
 }
 
 static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b, size_t n, struct err *err)
@@ -96,6 +115,7 @@ static int ingest_batches(struct input *input, const struct way *w, const struct
 		r = stage_batch(p, b, pts.n, err);
 		if (r)
 			return r;
+		tally(b, pts.n, in);
 		in->points += pts.n;
 		if (p->progress && p->progress(p->ctx, in->points))
 			return err_set(err, ERR_CANCELLED, "cancelled after %llu points", (unsigned long long)in->points);
@@ -132,6 +152,14 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 
 void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part)
 {
+	for (int k = 0; k < 3 && part->points; k++) {
+		if (!sum->points || part->low[k] < sum->low[k])
+			sum->low[k] = part->low[k];
+		if (!sum->points || part->high[k] > sum->high[k])
+			sum->high[k] = part->high[k];
+	}
+	for (int i = 0; i < 16; i++)
+		sum->returns[i] += part->returns[i];
 	sum->points += part->points;
 	sum->moved += part->moved;
 	sum->bytes_read += part->bytes_read;
@@ -143,4 +171,69 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 	crs_shift_add(&sum->shift, &part->shift);
 	if (!*sum->warning)
 		memcpy(sum->warning, part->warning, sizeof sum->warning);
+}
+
+__attribute__((format(printf, 2, 3))) static void warn(struct pipe_ingested *in, const char *fmt, ...)
+{
+	size_t n = strlen(in->warning);
+	va_list ap;
+
+	if (n && n + 3 < sizeof in->warning)
+		n += (size_t)snprintf(in->warning + n, sizeof in->warning - n, "; ");
+	va_start(ap, fmt);
+	vsnprintf(in->warning + n, sizeof in->warning - n, fmt, ap);
+	va_end(ap);
+}
+
+static long double exact(struct decimal d)
+{
+	long double power = 1;
+
+	for (int e = d.exponent < 0 ? -d.exponent : d.exponent; e > 0; e--)
+		power *= 10;
+	return d.exponent < 0 ? (long double)d.mantissa / power : (long double)d.mantissa * power;
+}
+
+/* A header's bound in units of the scale, the number of the offset taken as the decimal that it is. */
+static long double raw_of(const struct lattice_input *c, int k, double bound)
+{
+	struct decimal d;
+
+	return !isfinite(bound) || !decimal_from_double(bound, &d)
+		       ? NAN
+		       : (exact(d) - (c->has_offset ? exact(c->offset[k]) : 0)) / exact(c->scale[k]);
+}
+
+/* Half a unit is how far a header may round; NaN differs. Text has no header: its box is that of its points. */
+static void compare_box(struct pipe_ingested *in, const struct lattice_input *c)
+{
+	static const long double half = 0.5L + 1e-6L;
+
+	for (int k = 0; k < 3; k++) {
+		long double low = raw_of(c, k, c->min[k]) - in->low[k], high = raw_of(c, k, c->max[k]) - in->high[k];
+
+		if (fabsl(low) <= half && fabsl(high) <= half)
+			continue;
+		warn(in, "the header's box is wrong: %c %.10g to %.10g, its points %.10g to %.10g", "xyz"[k], c->min[k],
+		     c->max[k], (double)(in->low[k] * exact(c->scale[k]) + exact(c->offset[k])),
+		     (double)(in->high[k] * exact(c->scale[k]) + exact(c->offset[k])));
+		return;
+	}
+}
+
+void pipe_ingested_compare(struct pipe_ingested *in, const struct input_info *info)
+{
+	if (info->has_trailing && info->trailing)
+		warn(in, "%llu bytes behind the last point belong to nothing", (unsigned long long)info->trailing);
+	/* Of points that were left out nothing is known. */
+	if (!in->points || info->partial || !info->coords.has_offset || in->points != info->claimed)
+		return;
+	compare_box(in, &info->coords);
+	for (int i = 1; info->has_returns && i < 16; i++) {
+		if (info->returns[i] == in->returns[i])
+			continue;
+		warn(in, "the header counts %llu points of return %d, there are %llu", (unsigned long long)info->returns[i], i,
+		     (unsigned long long)in->returns[i]);
+		return;
+	}
 }

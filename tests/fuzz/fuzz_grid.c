@@ -1,0 +1,146 @@
+/* Any bytes as what the cache has on disk: a manifest (FUZZ_MANIFEST), or a block of a cell. Checksums are made
+ * right first: a fuzzer does not guess them, and what is behind them is looked at. */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "fuzz_input.h"
+#include "grid.h"
+#include "grid_cell.h"
+#include "io.h"
+
+#if FUZZ_MANIFEST
+static struct io_table quick;
+
+static int no_sync(int fd)
+{
+	return 0;
+}
+
+static int folder(void)
+{
+	static int fd = -1;
+	char path[] = "/dev/shm/acut-fuzz-XXXXXX";
+
+	if (fd >= 0)
+		return fd;
+	quick = *io;
+	quick.fsync = no_sync;
+	io = &quick;
+	if (!mkdtemp(path))
+		abort();
+	fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	if (fd < 0)
+		abort();
+	rmdir(path); /* usable no more */
+	fd = open("/dev/shm", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	return fd;
+}
+
+static const char *name(void)
+{
+	static char text[64];
+
+	snprintf(text, sizeof text, "acut-fuzz-%d", (int)getpid());
+	return text;
+}
+
+size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
+{
+	struct grid_segment_info segment = { .points = 7, .bytes = 8192, .file = "a.segment" };
+	struct grid_source source[2] = { { .id = 1, .added = 1, .points = 3, .name = "a.las", .path = "/a.las", .size = 9 },
+					 { .id = 2, .added = 1, .removed = 2, .points = 4, .name = "b", .path = "" } };
+	struct grid_manifest m = { .lattice = { .scale_xy = { 1, -2 }, .scale_z = { 1, -2 } }, .crs = "unknown",
+				   .unit_xy = "unknown", .unit_z = "metre", .generation = 2, .segments = &segment,
+				   .nsegments = i & 1, .sources = source, .nsources = i & 1 ? 2 : 0 };
+	struct err err = ERR_INIT;
+	ssize_t n;
+	int fd;
+
+	if (i >= 2 || grid_manifest_write(folder(), name(), &m, &err))
+		return 0;
+	fd = openat(folder(), name(), O_RDONLY | O_CLOEXEC);
+	n = fd < 0 ? 0 : read(fd, bytes, room);
+	close(fd);
+	unlinkat(folder(), name(), 0);
+	return n < 0 ? 0 : (size_t)n;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+	uint8_t *copy = malloc(size + 1);
+	struct grid_manifest *m = NULL;
+	struct err err = ERR_INIT;
+	uint64_t check, length = size;
+	int fd = openat(folder(), name(), O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), rc;
+
+	if (!copy || fd < 0)
+		abort();
+	memcpy(copy, bytes, size);
+	if (size > 40) {
+		memcpy(copy, DISK_MANIFEST_MAGIC, 8);
+		memcpy(copy + 16, &length, 8);
+		check = grid_check(copy, size - 8, 0);
+		memcpy(copy + size - 8, &check, 8);
+	}
+	if (write(fd, copy, size) != (ssize_t)size)
+		abort();
+	close(fd);
+	rc = grid_manifest_read(folder(), name(), &m, &err);
+	fuzz_input_check(rc, &err);
+	if (!rc)
+		grid_manifest_free(m);
+	unlinkat(folder(), name(), 0);
+	free(copy);
+	return 0;
+}
+#else
+enum { PLACE = 4096 };
+
+size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
+{
+	static _Alignas(16) uint8_t block[DISK_BLOCK_MAX];
+	struct point pts[8];
+	uint32_t ids[8] = { 1, 2, 2, 1, 3, 3, 3, 9 };
+	struct grid_block_info info;
+
+	if (i >= 8)
+		return 0;
+	for (int k = 0; k < 8; k++)
+		pts[k] = (struct point){ .x = 5, .y = 7, .z = k, .cls = (uint8_t)(k / 3), .ret = 0x11 };
+	grid_block_make(pts, i + 1, ids, NULL, PLACE, block, &info);
+	memcpy(bytes, block, info.bytes);
+	return info.bytes;
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
+{
+	uint8_t *copy = aligned_alloc(16, (size + 16) & ~(size_t)15);
+	struct disk_block head;
+	struct grid_block block;
+	size_t n;
+
+	if (!copy)
+		abort();
+	memcpy(copy, bytes, size);
+	if (size >= sizeof head) {
+		n = grid_block_head_bytes(copy);
+		memcpy(&head, copy, sizeof head);
+		if (n && n <= size && head.records <= (size - n) / sizeof(struct point)) {
+			head.records_check = grid_check(copy + n, head.records * sizeof(struct point), PLACE);
+			memcpy(copy, &head, sizeof head);
+		}
+		if (n && n <= size) {
+			head.check = grid_check(copy + 8, n - 8, PLACE);
+			memcpy(copy, &head, 8);
+		}
+		for (int whole = 0; whole < 2; whole++)
+			if (grid_block_open(copy, size, PLACE, whole, &block) && block.bytes > size && whole)
+				abort();
+	}
+	free(copy);
+	return 0;
+}
+#endif
