@@ -145,6 +145,8 @@ void push_remove_files(struct push *);
 /* job.c */
 void job_step(struct job *);
 void job_tick(struct job *);
+struct job *job_add(struct jobs *, uint64_t id); /* NULL: no memory */
+int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
 void job_settle(struct job *);

@@ -35,7 +35,7 @@ static void widen(const struct push *p, double crop[4])
 		crop[i] = p->crop[i] + (i < 2 ? -unit : unit);
 }
 
-static struct input_options options_of(const struct push *p, const struct push_ask *a)
+struct input_options push_options(const struct push *p, const struct push_ask *a)
 {
 	struct input_options options = {
 		.format = a->format && *a->format ? a->format : NULL,
@@ -53,21 +53,11 @@ static struct input_options options_of(const struct push *p, const struct push_a
 	return options;
 }
 
-/* What came through the pipe so far takes the place of a descriptor. */
-static int from_stream(struct push_ask *a, struct err *err)
-{
-	if (a->stream->err.code)
-		return -(int)(*err = a->stream->err).code;
-	if (a->fd < 0)
-		a->fd = fcntl(a->stream->spool, F_DUPFD_CLOEXEC, 3);
-	return a->fd < 0 ? err_sys(err, errno, "no descriptor for an input from a pipe") : 0;
-}
-
 static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	if (a->stream && !a->stream->ready)
 		return PUSH_WAIT;
-	if (a->stream && from_stream(a, err))
+	if (a->stream && push_stream_open(a, err))
 		return -(int)err->code;
 	task_bytes(p, LEDGER_INPUT, input_bytes());
 	return a->name && a->format && a->columns && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
@@ -83,7 +73,7 @@ static void remember_info(struct push_ask *a, const struct input *in)
 
 static void probe_run(struct push *p, struct push_ask *a)
 {
-	struct input_options options = options_of(p, a);
+	struct input_options options = push_options(p, a);
 	struct input *in = NULL;
 
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
@@ -272,7 +262,7 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 			return err_set(err, ERR_NOMEM, "no memory for a source");
 		p->sources = s;
 	}
-	if (a->stream && from_stream(a, err))
+	if (a->stream && push_stream_open(a, err))
 		return -(int)err->code;
 	a->source = p->dataset->next_source++;
 	atomic_store(&p->progress, 0);
@@ -284,7 +274,7 @@ static int file_progress(void *ctx, uint64_t points)
 {
 	struct push *p = ctx;
 
-	atomic_store(&p->progress, points + (p->asks->stream ? p->asks->stream->in.points : 0));
+	atomic_store(&p->progress, points);
 	return atomic_load(&p->cancel);
 }
 
@@ -346,44 +336,14 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 	return r ? r : push_file_finish(p, a);
 }
 
-/* A piece of what comes through a pipe. */
-static void file_run_stream(struct push *p, struct push_ask *a)
-{
-	struct pipe_ingest_params params = {
-		.lattice = &p->lattice,
-		.stage = p->stage,
-		.progress = file_progress,
-		.ctx = p,
-	};
-	struct input_options options = options_of(p, a);
-	struct push_stream *s = a->stream;
-	struct push_plane_step step;
-
-	a->info.crs = *push_find_probe(p, a->name)->crs;
-	a->r = push_plane_of(p, &a->info.crs, &step, &a->err);
-	params.step = step.needed ? &step.params : NULL;
-	a->projected = step.projects;
-	if (!a->r && !s->input) {
-		a->r = grid_stage_source(p->stage, a->source, &a->err);
-		atomic_store(&p->claimed, s->claimed);
-	}
-	if (!a->r && atomic_load(&p->cancel))
-		a->r = err_set(&a->err, ERR_CANCELLED, "the push was ended");
-	if (!a->r)
-		a->r = push_stream_ingest(s, &options, &params, &a->dry, &a->err);
-	if (a->r)
-		err_add_file(&a->err, a->name);
-	a->in = s->in;
-}
-
 static void file_run(struct push *p, struct push_ask *a)
 {
-	struct input_options options = options_of(p, a);
+	struct input_options options = push_options(p, a);
 	struct input *in = NULL;
 	bool parts = false;
 
 	if (options.has_pipe) {
-		file_run_stream(p, a);
+		push_stream_run(p, a);
 		return;
 	}
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);

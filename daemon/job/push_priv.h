@@ -177,11 +177,14 @@ struct push_row {
 extern const struct push_row push_rows[PUSH_KINDS];
 void push_stage_give(struct push *); /* the stage's memory; the stage is gone */
 
+struct input_options push_options(const struct push *, const struct push_ask *); /* push_ask.c */
+
 /* push_stream.c */
 struct push_stream *push_stream_find(const struct push *, const char *name);
-/* The stream's points into the stage, as far as the pipe has them; s->in is what came so far. Worker. */
-int push_stream_ingest(struct push_stream *, const struct input_options *, const struct pipe_ingest_params *,
-		       bool *ret_dry, struct err *err);
+/* What came through the pipe so far takes the place of a descriptor. Loop. */
+int push_stream_open(struct push_ask *, struct err *err);
+/* The next piece of its points into the stage: a->in is what came so far, a->dry that there is more to come. */
+void push_stream_run(struct push *, struct push_ask *);
 void push_stream_wait(struct push_stream *);   /* the push's task is submitted again when the pipe has bytes */
 void push_stream_resume(struct push_stream *); /* now */
 void push_streams_wake(struct push *);         /* cancelled: nobody waits any longer */

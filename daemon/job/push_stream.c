@@ -211,7 +211,7 @@ void push_streams_wake(struct push *p)
 	}
 }
 
-int push_stream_ingest(struct push_stream *s, const struct input_options *options,
+static int stage_piece(struct push_stream *s, const struct input_options *options,
 		       const struct pipe_ingest_params *params, bool *ret_dry, struct err *err)
 {
 	struct pipe_ingested part;
@@ -225,6 +225,52 @@ int push_stream_ingest(struct push_stream *s, const struct input_options *option
 	if (r >= 0)
 		pipe_ingested_add(&s->in, &part);
 	return r < 0 ? r : 0;
+}
+
+static int progress(void *ctx, uint64_t points)
+{
+	struct push_stream *s = ctx;
+
+	atomic_store(&s->push->progress, s->in.points + points);
+	return atomic_load(&s->push->cancel);
+}
+
+int push_stream_open(struct push_ask *a, struct err *err)
+{
+	if (a->stream->err.code)
+		return -(int)(*err = a->stream->err).code;
+	if (a->fd < 0)
+		a->fd = fcntl(a->stream->spool, F_DUPFD_CLOEXEC, 3);
+	return a->fd < 0 ? err_sys(err, errno, "no descriptor for an input from a pipe") : 0;
+}
+
+void push_stream_run(struct push *p, struct push_ask *a)
+{
+	struct push_stream *s = a->stream;
+	struct pipe_ingest_params params = {
+		.lattice = &p->lattice,
+		.stage = p->stage,
+		.progress = progress,
+		.ctx = s,
+	};
+	struct input_options options = push_options(p, a);
+	struct push_plane_step step;
+
+	a->info.crs = *push_find_probe(p, a->name)->crs;
+	a->r = push_plane_of(p, &a->info.crs, &step, &a->err);
+	params.step = step.needed ? &step.params : NULL;
+	a->projected = step.projects;
+	if (!a->r && !s->input) {
+		a->r = grid_stage_source(p->stage, a->source, &a->err);
+		atomic_store(&p->claimed, s->claimed);
+	}
+	if (!a->r && atomic_load(&p->cancel))
+		a->r = err_set(&a->err, ERR_CANCELLED, "the push was ended");
+	if (!a->r)
+		a->r = stage_piece(s, &options, &params, &a->dry, &a->err);
+	if (a->r)
+		err_add_file(&a->err, a->name);
+	a->in = s->in;
 }
 
 /* ---- asked ---- */

@@ -1,0 +1,180 @@
+/*
+ * Jobs that are asked for: the view as it was asked, the limits, whether there is such a job already, and the
+ * row that makes an unbound one outlive the daemon.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "job_priv.h"
+#include "log.h"
+
+static void accept(struct job *job, const struct err *why)
+{
+	void (*accepted)(void *token, const struct err *why, struct job *) = job->accepted;
+
+	job->waiting_row = false;
+	job->accepted = NULL;
+	if (accepted)
+		accepted(job->token, why, why ? NULL : job);
+}
+
+static void submit_row_done(void *ctx, int r, const struct err *why)
+{
+	struct job *job = ctx;
+
+	if (r) {
+		accept(job, why);
+		job->removed = true;
+		return;
+	}
+	accept(job, NULL);
+	job_step(job);
+}
+
+/* ---- the walk's calls ---- */
+
+/* Of a dataset that was read in part, a view must lie in what was read. A unit more or less is what rounding
+ * makes of the corners, and reading took two more. */
+static int check_partial(const struct dataset *d, const struct lattice *l, const struct view *view, struct err *err)
+{
+	double unit = decimal_double(l->scale_xy);
+	bool inside = view->crop != VIEW_CROP_NONE;
+
+	for (int i = 0; d->partial && inside && i < 4; i++) {
+		double at = (double)view->crop_box[i] * unit;
+
+		inside = i < 2 ? at >= d->crop[i] - unit : at <= d->crop[i] + unit;
+	}
+	if (!d->partial || inside)
+		return 0;
+	err_set(err, ERR_USAGE, "of the inputs of the dataset %s only the points in the box %.15g,%.15g,%.15g,%.15g were read",
+		d->name, d->crop[0], d->crop[1], d->crop[2], d->crop[3]);
+	return err_add_hint(err, "push them into a named dataset: it takes them whole and serves any view");
+}
+
+int job_view(const char *text, const struct dataset *d, char **ret, struct err *err)
+{
+	struct lattice lattice;
+	struct view view;
+	int r;
+
+	if (!lattice_parse(d->lattice, &lattice))
+		return err_set(err, ERR_INTERNAL, "the lattice of the dataset %s cannot be read", d->name);
+	r = view_resolve(text, &lattice, d->unit_xy, &view, err);
+	if (r)
+		return r;
+	r = check_partial(d, &lattice, &view, err);
+	*ret = r ? NULL : view_text(&view);
+	view_done(&view);
+	if (r)
+		return r;
+	return *ret ? 0 : err_set(err, ERR_NOMEM, "no memory for a view");
+}
+
+/* The same generation and view: the same job, unless it came to nothing. */
+static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation,
+			     const char *view)
+{
+	struct job *job;
+
+	for (job = j->jobs; job; job = job->next)
+		if (job->dataset == p->dataset && job->generation == generation && !job->bound &&
+		    !job->removed && !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
+		    job->state != JOB_cancelled && !strcmp(job->view, view))
+			return job;
+	return NULL;
+}
+
+/* Jobs that are done keep theirs, for later streams. */
+static int check_views(const struct jobs *j, const char *view, struct err *err)
+{
+	size_t bytes = strlen(view);
+
+	for (const struct job *job = j->jobs; job; job = job->next)
+		bytes += strlen(job->view);
+	if (bytes <= JOBS_VIEWS_MAX)
+		return 0;
+	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them",
+		JOBS_VIEWS_MAX >> 20);
+	return err_add_hint(err, "remove jobs that are over (acutctl rm), or crop to simpler areas");
+}
+
+static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, char **ret_view,
+			struct err *err)
+{
+	const struct job *job;
+	unsigned open = 0;
+	int r;
+
+	if (j->parking)
+		return err_set(err, ERR_BUSY, "the daemon is stopping");
+	for (job = j->jobs; job; job = job->next)
+		open += !job_state_final(job->state);
+	if (open >= JOBS_OPEN_MAX) {
+		err_set(err, ERR_BUSY, "%u jobs wait or run already", open);
+		return err_add_hint(err, "submit it again when some of them are done");
+	}
+	if (!p->dataset->generation)
+		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", p->dataset->name);
+	if (generation > p->dataset->generation)
+		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu",
+			       p->dataset->name, (unsigned long long)generation,
+			       (unsigned long long)p->dataset->generation);
+	r = job_view(p->view, p->dataset, ret_view, err);
+	if (!r && (r = check_views(j, *ret_view, err))) {
+		free(*ret_view);
+		*ret_view = NULL;
+	}
+	return r;
+}
+
+void job_submit(struct jobs *j, const struct job_params *p,
+		void (*accepted)(void *token, const struct err *why, struct job *), void *token)
+{
+	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
+	struct err err = ERR_INIT;
+	struct job *job = NULL;
+	char *view = NULL;
+	int r = check_submit(j, p, generation, &view, &err);
+
+	if (!r && !p->bound && !p->fresh) {
+		job = find_same(j, p, generation, view);
+		/* One that is not in the catalogue yet is not promised yet. */
+		if (job && !job->waiting_row) {
+			free(view);
+			accepted(token, NULL, job);
+			return;
+		}
+	}
+	if (!r) {
+		job = job_add(j, ++j->last_job);
+		if (job)
+			job->view = view;
+		else
+			r = err_set(&err, ERR_NOMEM, "no memory for a job");
+	}
+	if (r) {
+		free(view);
+		accepted(token, &err, NULL);
+		return;
+	}
+	job->dataset = dataset_hold(p->dataset);
+	job->generation = generation;
+	job->peer = p->peer;
+	job->bound = p->bound;
+	job->submitted_us = clock_real_us();
+	job->begun_ns = clock_mono_ns();
+	job->accepted = accepted;
+	job->token = token;
+	if (job->bound) {
+		accept(job, NULL);
+		job_step(job);
+		return;
+	}
+	job->waiting_row = true;
+	if (job_put_row(job, submit_row_done, &err)) {
+		accept(job, &err);
+		job->removed = true;
+	}
+}
