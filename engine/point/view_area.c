@@ -158,7 +158,8 @@ static void normal_form(struct view_area *a)
 	for (size_t i = 0; i < a->nring; i++) {
 		struct ring r = a->ring[i];
 
-		r.n = normal_ring(a->corner + r.first, r.n);
+		if (r.n) /* an area without corners has no room for them either */
+			r.n = normal_ring(a->corner + r.first, r.n);
 		if (r.shell)
 			dropped = !r.n;
 		if (dropped || (!r.shell && r.n < 3))

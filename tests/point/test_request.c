@@ -174,6 +174,7 @@ static void test_refused(void **state)
 	refused("ask 1 crop=area@0:+", "metre", ERR_USAGE, "no corners");
 	refused("ask 1 class=2 not-class=2", "metre", ERR_USAGE, "no class");
 	refused("ask 1 not-class=0-255", "metre", ERR_USAGE, "no class");
+	refused("ask 1 crop=area@0:+", "metre", ERR_USAGE, "no corners");
 	(void)state;
 }
 
