@@ -15,7 +15,7 @@
 
 #include "push_priv.h"
 
-enum { MEMBERS_MAX = 64, STEP_MAX = 16, STEPS = 8 };
+enum { MEMBERS_MAX = 64, STEP_MAX = 16, STEPS = 8, HELPINGS_MAX = 128 };
 
 struct member {
 	struct sched_task task;  /* of helpers; the first has the push's */
@@ -197,6 +197,16 @@ static unsigned count_members(struct push *p, const struct input_info *info)
 	return 1 + (n < MEMBERS_MAX ? (unsigned)n : MEMBERS_MAX);
 }
 
+/* Small ones, so that nobody waits long for the last; but each goes through the list of all parts to find its own,
+ * so of many parts there are not more than HELPINGS_MAX, unless so many members want theirs. */
+uint64_t push_crew_step(uint64_t parts, unsigned members)
+{
+	uint64_t step = parts / (members * STEPS), most = parts / HELPINGS_MAX;
+
+	most = most < STEP_MAX ? STEP_MAX : most;
+	return step < 1 ? 1 : step > most ? most : step;
+}
+
 int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	const struct input_info *info = input_info(a->whole);
@@ -216,8 +226,7 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	c->ask = a;
 	c->whole = a->whole;
 	c->parts = info->parts;
-	c->step = c->parts / (n * STEPS);
-	c->step = c->step < 1 ? 1 : c->step > STEP_MAX ? STEP_MAX : c->step;
+	c->step = push_crew_step(c->parts, n);
 	atomic_store(&c->failed, c->parts);
 	c->err = ERR_INIT;
 	pthread_mutex_init(&c->stage, NULL);

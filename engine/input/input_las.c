@@ -128,14 +128,22 @@ static int refill_forward(struct input *in, struct err *err)
 	return err_add_hint(err, "look at what fills the pipe, or take what is there with --accept-truncated");
 }
 
-/* What follows the points, up to the end: whoever fills the pipe must not be cut off. */
+enum { DRAIN_BUFFERS = 64 };
+
+/* What follows the points, up to the end: whoever fills the pipe must not be cut off. Now and then it is as if the pipe
+ * were dry, so that one who never stops can be ended. */
 static int drain(struct input *in, struct err *err)
 {
 	struct input_las *las = &in->as.las;
+	unsigned buffers = 0;
 	size_t got;
 	int rc;
 
 	do {
+		if (buffers++ == DRAIN_BUFFERS) {
+			in->dry = true;
+			return 0;
+		}
 		rc = input_forward_read(in, las->at, in->buffer, sizeof in->buffer, &got, err);
 		las->at += got;
 		if (!rc && got && !in->info.claimed) {

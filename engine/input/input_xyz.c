@@ -55,7 +55,7 @@ static int small(struct input *in, struct input_line line, const char *what, str
 	int64_t v = n.mantissa;
 	char text[64];
 
-	for (int i = 0; i < n.exponent && v <= most; i++)
+	for (int i = 0; i < n.exponent && v >= 0 && v <= most; i++)
 		v *= 10;
 	if (n.exponent < 0 || v < 0 || v > most) {
 		snprintf(text, sizeof text, "a %s that is no whole number from 0 to %d", what, most);

@@ -1,6 +1,7 @@
 /*
  * LAS files made here: every point format, the quirks of headers that do no harm, and the lies that do.
  */
+#include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -493,6 +494,36 @@ static void parts(void **state)
 	free(b.at);
 }
 
+/* What fills the pipe never stops: the reader comes back now and then, so that it can be told to. */
+static void endless_pipe(void **state)
+{
+	struct las_spec s = { .minor = 2, .format = 1, .n = 100 };
+	struct bytes b = fixture_las(&s);
+	int fd = fixture_fd(b.at, b.size), zero = open("/dev/zero", O_RDONLY | O_CLOEXEC);
+	struct input_options options = { .has_pipe = true, .pipe = zero };
+	struct err err = ERR_INIT;
+	struct input_points pts;
+	struct input *in;
+
+	assert_true(zero >= 0);
+	alarm(20); /* or for ever */
+	assert_int_equal(input_open(fd, "a.las", &options, &in, &err), 0);
+	fixture_points_new(&pts, 1000);
+	assert_int_equal(input_read(in, &pts, &err), 0);
+	assert_int_equal(pts.n, 100);
+	for (int i = 0; i < 3; i++) {
+		assert_int_equal(input_read(in, &pts, &err), 0);
+		assert_int_equal(pts.n, 0);
+		assert_true(input_dry(in));
+	}
+	alarm(0);
+	fixture_points_free(&pts);
+	input_close(in);
+	close(zero);
+	close(fd);
+	free(b.at);
+}
+
 static void only_regular_files(void **state)
 {
 	int fds[2];
@@ -521,6 +552,7 @@ int main(void)
 		cmocka_unit_test(changes_while_read),
 		cmocka_unit_test(formats_by_content_and_name),
 		cmocka_unit_test(parts),
+		cmocka_unit_test(endless_pipe),
 		cmocka_unit_test(only_regular_files),
 	};
 

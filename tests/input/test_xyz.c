@@ -238,6 +238,7 @@ static void bad_columns(void **state)
 		{ "xyzc", "1 2 3 256\n", "class", ERR_INPUT, 1 },
 		{ "xyzc", "1 2 3 4\n1 2 3 -1\n", "class", ERR_INPUT, 2 },
 		{ "xyzc", "1 2 3 0.5\n", "class", ERR_INPUT, 1 },
+		{ "xyzc", "1 2 3 -99e17\n", "class", ERR_INPUT, 1 },
 		{ "xyzrn", "1 2 3 16 2\n", "return", ERR_INPUT, 1 },
 		{ "xyzrn", "1 2 3 1 1e3\n", "number of returns", ERR_INPUT, 1 },
 		{ "xyzc", "1 2 3\n", "fewer than 4", ERR_INPUT, 1 },

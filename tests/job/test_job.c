@@ -25,6 +25,7 @@
 #include "clock.h"
 #include "job.h"
 #include "ledger.h"
+#include "push_priv.h"
 #include "sched_pool.h"
 
 #define VIEW "view 1"
@@ -779,6 +780,21 @@ static void selection_cancelled(void **state)
 	dataset_release(d);
 }
 
+/* Whoever reads some parts looks through the list of all: their number times that of readings stays near to one. */
+static void many_parts_in_few_readings(void **state)
+{
+	for (uint64_t parts = 2; parts < UINT64_C(1) << 40; parts = parts * 7 / 4 + 1) {
+		for (unsigned members = 1; members <= 65; members += members < 4 ? 1 : 61) {
+			uint64_t step = push_crew_step(parts, members), readings = parts / step;
+
+			assert_in_range(step, 1, parts);
+			assert_true(readings <= parts / 16 || readings <= 65 * 16);
+			assert_true(readings >= members || readings >= parts / 16 || step == 1);
+			assert_true(readings <= 1100);
+		}
+	}
+}
+
 int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
@@ -790,6 +806,7 @@ int main(void)
 		TEST(one_planner),     TEST(changed_file),
 		TEST(failed_commit),   TEST(many_slow_readers),
 		TEST(selection_made_once), TEST(selection_cancelled),
+		cmocka_unit_test(many_parts_in_few_readings),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
