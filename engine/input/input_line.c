@@ -15,7 +15,7 @@
 
 #include "io.h"
 
-enum { LINE_MAX_BYTES = 4096, EXCERPT = 40 };
+enum { LINE_MAX_BYTES = 4096, EXCERPT = 40, LINES_A_TURN = 1 << 16 };
 
 int input_bad_line(struct input *in, struct err *err, enum err_code code, const char *what,
 		   struct input_line text)
@@ -118,10 +118,21 @@ bool input_line_is_comment(struct input_line line)
 	return p == line.end || *p == '#' || *p == '%' || (*p == '/' && p + 1 < line.end && p[1] == '/');
 }
 
+/* Of a pipe, a turn is over after so many lines without a point, as if the pipe were dry: one that sends nothing else, for
+ * ever, can be ended. */
 int input_line_next_point(struct input *in, struct input_line *ret, struct err *err)
 {
+	unsigned lines = 0;
+
 	do {
-		int rc = input_line_next(in, ret, err);
+		int rc;
+
+		if (in->has_pipe && !in->as.xyz.head_only && lines++ == LINES_A_TURN) {
+			in->dry = true;
+			ret->at = NULL;
+			return 0;
+		}
+		rc = input_line_next(in, ret, err);
 
 		if (rc)
 			return rc;

@@ -407,6 +407,40 @@ static void changes_between_the_passes(void **state)
 	}
 }
 
+/* A pipe that sends blank lines for ever: the reader comes back now and then, so that it can be told to stop; and
+ * many of them between two points lose neither. */
+static void endless_blank_lines(void **state)
+{
+	enum { BLANK = 1 << 20 };
+	static char text[BLANK + 16], head[300];
+	struct input_options options = { .format = "xyz", .has_pipe = true };
+	struct err err = ERR_INIT;
+	struct input_points pts;
+	struct input *in;
+	unsigned turns = 0, points = 0;
+	int fd;
+
+	memset(head, '\n', sizeof head);
+	memcpy(head, "1 2 3", 5);
+	memset(text, '\n', sizeof text);
+	memcpy(text + BLANK, "\n4 5 6\n", 7);
+	fd = fixture_fd(head, sizeof head);
+	options.pipe = fixture_fd(text, sizeof text);
+	assert_int_equal(input_open(fd, "a.txt", &options, &in, &err), 0);
+	fixture_points_new(&pts, 1000);
+	do {
+		assert_int_equal(input_read(in, &pts, &err), 0);
+		points += (unsigned)pts.n;
+		turns++;
+	} while (pts.n || input_dry(in));
+	assert_int_equal(points, 2);
+	assert_in_range(turns, 16, 40);
+	fixture_points_free(&pts);
+	input_close(in);
+	close(options.pipe);
+	close(fd);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -418,6 +452,7 @@ int main(void)
 		cmocka_unit_test(numbers),
 		cmocka_unit_test(long_lines),
 		cmocka_unit_test(across_the_buffer),
+		cmocka_unit_test(endless_blank_lines),
 		cmocka_unit_test(changes_between_the_passes),
 	};
 
