@@ -242,6 +242,23 @@ def kept_and_used_again():
         e2e.run([e2e.VERIFY, out, chosen]).ok()
 
 
+def of_another_system():
+    """The same file pushed under two systems: what a mesh says of its coordinates is its own dataset's, whoever made the
+    selection first."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, out = os.path.join(base, "points.xyz"), os.path.join(base, "m.ply")
+        with open(path, "w") as f:
+            f.writelines("%d.%02d %d.5 %d\n" % (500000 + i % 50, i % 100, 5400000 + i // 50, i % 7) for i in range(2000))
+        for name in ("EPSG:25832", "EPSG:25833"):
+            d.ctl("push", name[5:], "--assume-crs", name, path).ok()
+            job = d.ctl("submit", name[5:], "--wait", "--every", "2").ok().out.split()[0]
+            d.ctl("fetch", job, "-o", out).ok()
+            with open(out, "rb") as f:
+                said = [line for line in f.read(4096).split(b"\n") if line.startswith(b"comment acut-crs")]
+            expect(len(said) == 1 and name.encode() in said[0], "%s: %s" % (name, said))
+        expect(len(selections(d)) == 2, str(selections(d)))
+
+
 def nothing_and_everything():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         s = Survey(os.path.join(base, "survey.las"), 20000)
@@ -331,5 +348,5 @@ def domains_from_files_alone():
         expect(len(os.listdir(out)) == len(plan), "the two ways gave domains of different keys")
 
 
-e2e.main(same_as_a_selection_of_our_own, one_digest, kept_and_used_again, nothing_and_everything, killed_and_cancelled,
+e2e.main(same_as_a_selection_of_our_own, one_digest, kept_and_used_again, of_another_system, nothing_and_everything, killed_and_cancelled,
          domains_from_files_alone)
