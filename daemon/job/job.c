@@ -208,7 +208,9 @@ static void no_ground(struct job *job, const struct mesh_counts *counts)
 {
 	struct err err = ERR_INIT;
 
-	if (counts->removed[VIEW_BY_CLASS] == counts->points) {
+	/* What lies outside a crop is not judged by its class. */
+	if (counts->removed[VIEW_BY_CLASS] == counts->points ||
+	    (counts->removed[VIEW_BY_CLASS] && walk_unclassified(job->walk))) {
 		err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
 		err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf), "
 				   "LAStools (lasground) or CloudCompare (CSF), or leave --ground out");

@@ -95,10 +95,12 @@ static void count_classes(struct walk *w)
 	const struct grid_manifest *m = grid_manifest(w->grid);
 
 	w->ground = w->other = 0;
+	w->unclassified = true;
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t *points = m->segments[i].classes;
 
 		w->ground += points[2];
+		w->unclassified &= !points[2] && !points[8];
 		for (unsigned c = 0; c < 256; c++)
 			w->other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
 	}
@@ -540,6 +542,11 @@ void walk_classes(const struct walk *w, uint64_t *ret_ground, uint64_t *ret_othe
 {
 	*ret_ground = w->ground;
 	*ret_other = w->other;
+}
+
+bool walk_unclassified(const struct walk *w)
+{
+	return w->unclassified;
 }
 
 uint64_t walk_grid_points(const struct walk *w)

@@ -63,6 +63,8 @@ const struct view *walk_view(const struct walk *);
 /* Points of the ground (class 2) and of other classes that are no noise to the view, in the segments of the
  * generation, of removed sources too. After `ended` without why. */
 void walk_classes(const struct walk *, uint64_t *ret_ground, uint64_t *ret_other);
+/* None of them is of class 2 or 8. */
+bool walk_unclassified(const struct walk *);
 uint64_t walk_grid_points(const struct walk *);
 void walk_progress(const struct walk *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total);

@@ -76,6 +76,7 @@ struct walk {
 		struct pipe_selected counts;
 	} select;
 	uint64_t ground, other; /* walk_classes */
+	bool unclassified;      /* no point of the generation is of a class of the ground */
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;
