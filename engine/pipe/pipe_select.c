@@ -58,9 +58,9 @@ int select_keep(struct select *s, const struct point *p)
 
 int select_tell(struct select *s)
 {
-	if (!s->p->progress || s->judged - s->told < TELL_POINTS)
+	if (!s->p->progress || s->seen - s->told < TELL_POINTS)
 		return 0;
-	s->told = s->judged;
+	s->told = s->seen;
 	if (s->p->progress(s->p->ctx, s->judged))
 		return err_set(s->err, ERR_CANCELLED, "the selection was cancelled");
 	return 0;
@@ -90,6 +90,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 			s->out.removed[rule]++;
 	}
 	s->judged += n;
+	s->seen += n;
 	return r ? r : select_tell(s);
 }
 

@@ -21,7 +21,7 @@ struct select {
 	size_t table_bytes;
 	struct pipe_selected out;
 	uint64_t judged;             /* records that were read and judged, each once */
-	uint64_t told;               /* of these, when progress was last told */
+	uint64_t seen, told;         /* records that were read, some more than once; when progress was last told */
 	struct err *err;
 	struct point batch[SELECT_BATCH];
 	size_t nbatch;

@@ -141,6 +141,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	int r = 0;
 
 	(void)err;
+	s->seen += n;
 	for (size_t i = 0; !r && i < n; i++) {
 		enum view_rule rule;
 

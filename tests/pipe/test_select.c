@@ -544,6 +544,46 @@ static void test_cancel(void **state)
 	set_free(&set);
 }
 
+struct stop_after {
+	uint64_t points;
+	unsigned full; /* calls when all are judged */
+};
+
+static int stop_in_a_later_pass(void *ctx, uint64_t points)
+{
+	struct stop_after *s = ctx;
+
+	s->full += points == s->points;
+	return s->full == 3;
+}
+
+/* One thin cell of very many points is read several times: each time it can be stopped. */
+static void test_cancel_large_cell(void **state)
+{
+	struct set set = (rng = 4, survey(600000, 5000, 3));
+	struct dataset d = dataset_of(&set, 1, 1, false);
+	struct folder to = folder_new();
+	struct view v = VIEW_INIT;
+	struct stop_after stop = {.points = set.n};
+	struct pipe_select_params p = {.grid = d.reader.grid,
+				       .view = &v,
+				       .memory = pipe_select_min(d.reader.grid),
+				       .dirfd = to.fd,
+				       .progress = stop_in_a_later_pass,
+				       .ctx = &stop};
+	struct pipe_selected got;
+	struct err err = ERR_INIT;
+
+	v.keep_withheld = v.keep_noise = true;
+	v.thin = (struct view_thin){INT64_C(1) << 62, VIEW_PICK_MEDIAN};
+	view_bind(&v, &(struct lattice){.k = {1 << 30, 1 << 30, 0}}); /* all in one cell */
+	assert_int_equal(pipe_select(&p, &got, &err), -ERR_CANCELLED);
+	assert_int_equal(stop.full, 3);
+	folder_remove(&to);
+	dataset_end(&d);
+	set_free(&set);
+}
+
 static struct io_table failing;
 static int left;
 
@@ -658,7 +698,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_random),    cmocka_unit_test(test_large),
 		cmocka_unit_test(test_all_equal), cmocka_unit_test(test_bounds),
-		cmocka_unit_test(test_cancel),    cmocka_unit_test(test_full_disk),
+		cmocka_unit_test(test_cancel),    cmocka_unit_test(test_cancel_large_cell), cmocka_unit_test(test_full_disk),
 		cmocka_unit_test(test_damaged_counts), cmocka_unit_test(test_key),
 	};
 
