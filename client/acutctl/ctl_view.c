@@ -221,7 +221,7 @@ static void put_words(const struct ctl_args *a, FILE *out)
 	if (a->zmax)
 		fprintf(out, " zmax=%s", a->zmax);
 	if (a->every)
-		fprintf(out, " every=%s", a->every);
+		fprintf(out, " every=%llu", strtoull(a->every, NULL, 10)); /* not 007 */
 	/* Which point of a cell is taken follows that of a position, unless it is said. */
 	if (a->thin)
 		fprintf(out, " thin=%s:%s", a->thin,
