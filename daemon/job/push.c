@@ -165,6 +165,11 @@ static const struct err *refusal(const struct push *p, const struct push_ask *a,
 	}
 	if (p->broken && a->kind != PUSH_BEGIN)
 		return &p->broken_err;
+	/* Aborted: what waits for a pipe or for memory before the abort would keep it waiting too. */
+	if (atomic_load(&p->cancel)) {
+		err_set(err, ERR_CANCELLED, "the push was ended");
+		return err;
+	}
 	return NULL;
 }
 

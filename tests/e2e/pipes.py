@@ -179,4 +179,22 @@ def vanished_clients():
         expect(code == 0, err)
 
 
-e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, text_forwards, slow_client_costs_nobody, vanished_clients)
+def aborted_beside_a_quiet_pipe():
+    """A push that is given up ends although another of its inputs has not said a word yet."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        bad = os.path.join(base, "bad.las")
+        open(bad, "wb").write(b"no points at all" * 30)
+        for args in (("push", "valley", bad, "-", "--strict"), ("mesh", bad, "-", "--strict", "-o", os.path.join(base, "m.ply"))):
+            p = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, *args, "--input-format", "las"],
+                                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+            try:
+                p.wait(15)
+            except subprocess.TimeoutExpired:
+                p.kill()
+            expect(p.returncode == 1, "ended with %s" % p.returncode)
+            expect("bad.las" in p.stderr.read().decode(), "it does not say why")
+            p.stdin.close()
+
+
+e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, text_forwards, slow_client_costs_nobody, vanished_clients,
+         aborted_beside_a_quiet_pipe)
