@@ -69,6 +69,7 @@ static int settle_base(struct push *p, struct err *err)
 
 	p->has_lattice = true;
 	p->lattice = m->lattice;
+	p->base_generation = m->generation;
 	push_crs_of_dataset(p, m->crs, m->unit_xy, m->unit_z);
 	for (i = 0; i < m->nsources; i++)
 		if (m->sources[i].id >= p->dataset->next_source)

@@ -71,6 +71,64 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 	return 0;
 }
 
+/* ---- what another push has committed since this one began ---- */
+
+static int meanwhile(struct push *p, const char *what, struct err *err)
+{
+	err_set(err, ERR_BUSY, "another push has meanwhile given the dataset %s %s", p->dataset->name, what);
+	return err_add_hint(err, "push again: what is there already is then skipped");
+}
+
+/* Sources of its commits. */
+static int newer_paths(const struct push *p, struct names *ret, struct err *err)
+{
+	const struct grid_manifest *m = p->base;
+	int r = 0;
+
+	for (size_t i = 0; !r && i < m->nsources; i++)
+		if (m->sources[i].added > p->base_generation && !m->sources[i].removed && *m->sources[i].path)
+			r = names_put(ret, m->sources[i].path, (uint32_t)i, err);
+	return r;
+}
+
+static bool is_there(const struct names *paths, const struct grid_source *s)
+{
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	return *s->path && names_next(paths, s->path, &at, &i);
+}
+
+/* All that was asked of the base at the beginning is asked again: a file that is there, the lattice, and what
+ * coordinates and heights are. */
+static int check_newer(struct push *p, struct err *err)
+{
+	const struct grid_manifest *m = p->base;
+	struct names paths = {0};
+	const struct grid_source *twice = NULL;
+	struct err ignored = ERR_INIT;
+	int r;
+
+	if (!m || m->generation == p->base_generation)
+		return 0;
+	if (!lattice_equal(&m->lattice, &p->lattice))
+		return meanwhile(p, "another lattice", err);
+	if (strcmp(m->crs, p->crs) || strcmp(m->unit_xy, p->unit_xy) || strcmp(m->unit_z, p->unit_z))
+		return meanwhile(p, "another coordinate system", err);
+	if (push_plane_heights(p, &ignored))
+		return meanwhile(p, "heights of another geoid", err);
+	r = newer_paths(p, &paths, err);
+	for (size_t i = 0; !r && !twice && i < p->nsources; i++)
+		twice = is_there(&paths, &p->sources[i]) ? &p->sources[i] : NULL;
+	for (size_t i = 0; !r && !twice && p->adopt && i < p->adopt->nsources; i++)
+		twice = p->adopt_taken[i] && is_there(&paths, &p->adopt->sources[i]) ? &p->adopt->sources[i] : NULL;
+	names_free(&paths);
+	if (!twice)
+		return r;
+	meanwhile(p, "this file", err);
+	return err_add_file(err, twice->path);
+}
+
 /* The newest manifest, one segment and this push's sources more. */
 static int commit_manifest(struct push *p, const struct grid_segment_info *segment, struct err *err)
 {
@@ -118,6 +176,14 @@ void push_commit_run(struct push *p, struct push_ask *a)
 {
 	struct grid_segment_info segment = {0};
 
+	/* Another push may have committed since this one began. */
+	p->base = grid_manifest_free(p->base);
+	if (*p->base_name)
+		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+	if (!a->r)
+		a->r = check_newer(p, &a->err);
+	if (a->r)
+		return;
 	a->r = drop_others(p, &a->err);
 	if (!a->r)
 		a->r = grid_stage_seal(p->stage, &segment, &a->err);
@@ -125,12 +191,7 @@ void push_commit_run(struct push *p, struct push_ask *a)
 	p->stage = grid_stage_part(p->stage);
 	if (a->r)
 		return;
-	/* Another push may have committed since this one began. */
-	p->base = grid_manifest_free(p->base);
-	if (*p->base_name)
-		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
-	if (!a->r)
-		a->r = commit_manifest(p, &segment, &a->err);
+	a->r = commit_manifest(p, &segment, &a->err);
 	if (a->r)
 		io->unlinkat(p->dataset->dirfd, segment.file, 0);
 }

@@ -38,7 +38,7 @@ static bool same_heights(const char *a, const char *b)
 	return !strcmp(kind[0], kind[1]) && !strcmp(hash[0], hash[1]);
 }
 
-static int check_base(struct push *p, struct err *err)
+int push_plane_heights(const struct push *p, struct err *err)
 {
 	const char *base = p->base->geoid;
 
@@ -73,7 +73,7 @@ int push_plane_begin(struct push *p, struct err *err)
 		snprintf(p->plane.geoid, sizeof p->plane.geoid, "%s %s %.64s",
 			 p->plane.way == CRS_TO_ORTHOMETRIC ? "orthometric" : "ellipsoidal", found.hash, p->geoid);
 	}
-	return !r && p->base ? check_base(p, err) : r;
+	return !r && p->base ? push_plane_heights(p, err) : r;
 }
 
 /* ---- the zone ---- */

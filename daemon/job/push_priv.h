@@ -117,6 +117,7 @@ struct push {
 	unsigned unanswered;
 
 	struct grid_manifest *base; /* as the push found it; NULL: none */
+	uint64_t base_generation; /* of that */
 	char base_name[64];
 	bool has_lattice;
 	struct lattice lattice;
@@ -230,6 +231,8 @@ struct push_plane_step {
 };
 int push_plane_begin(struct push *, struct err *err);  /* worker: what was asked for, against the base */
 int push_plane_choose(struct push *, struct err *err); /* from all probes */
+/* The heights of the base are those that the push makes. -ERR_USAGE. */
+int push_plane_heights(const struct push *, struct err *err);
 /* What an input that says this of itself becomes. */
 int push_plane_of(const struct push *, const struct crs_info *, struct push_plane_step *ret, struct err *err);
 int push_plane_coords(struct push *, struct push_probed *, struct err *err); /* worker */

@@ -15,7 +15,7 @@ from survey import las, says, show, states
 
 try:
     import acut_wire
-    from acut_wire import Client, pb
+    from acut_wire import Client, Refused, pb
 except ImportError as e:
     e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
 
@@ -339,6 +339,49 @@ def idle_push_gives_memory():
             half.vanish()
 
 
+def two_at_once():
+    """Of two pushes that run beside each other the second to commit is held against what the first has committed."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        def late(half, reason):
+            try:
+                half.c.ask("push_commit", pb.PushCommit(push=half.id))
+                expect(False, "it was committed")
+            except Refused as e:
+                expect(e.code == "busy" and reason in str(e), str(e))
+            half.vanish()
+
+        paths = tiles(base, 3)
+        d.ctl("push", "a", paths[0]).ok()
+        half = Half(d, "a", paths, 3, wait=False)
+        d.ctl("push", "a", *paths[:2]).ok()
+        late(half, "this file")
+        expect(show(d, "a")["points"] == 6000, str(show(d, "a")))
+        got = states(d.ctl("push", "a", *paths, "--json").ok())
+        expect(got[:2] == ["known"] * 2 and show(d, "a")["points"] == 9000, str(got))
+        # Files that the other one has not: both go in.
+        d.ctl("push", "c", paths[0]).ok()
+        half = Half(d, "c", paths[:2], 2, wait=False)
+        d.ctl("push", "c", paths[2]).ok()
+        half.c.ask("push_commit", pb.PushCommit(push=half.id))
+        expect(show(d, "c")["points"] == 9000, str(show(d, "c")))
+        # A lattice that was planned while an interrupted push had another one.
+        coarse = las(os.path.join(base, "coarse.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(2., 2., 2.))
+        first = Half(d, "b", paths, 2)
+        second = Client(d.socket)
+        begun = second.ask("push_begin", pb.PushBegin(dataset="b")).push
+        first.vanish()
+        wait_for(lambda: "2 files" in (pending(d, "b") or ""), "not pending")
+        ask(second, "probe", coarse, begun)
+        second.ask("push_plan", pb.PushPlan(push=begun))
+        ask(second, "file", coarse, begun)
+        d.ctl("push", "b", *paths).ok()
+        half.vanish()
+        half.c, half.id = second, begun
+        late(half, "another lattice")
+        expect(show(d, "b")["points"] == 9000, str(show(d, "b")))
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+
+
 if __name__ == "__main__":
     e2e.main(killed_daemon, killed_again_and_again, vanished_client, cut_off_in_a_file, interrupted_client, killed_in_the_commit, what_does_not_fit,
-             another_user, idle_push_gives_memory)
+             another_user, idle_push_gives_memory, two_at_once)
