@@ -250,6 +250,7 @@ void push_stream_run(struct push *p, struct push_ask *a)
 	struct pipe_ingest_params params = {
 		.lattice = &p->lattice,
 		.stage = p->stage,
+		.before = s->in.points,
 		.progress = progress,
 		.ctx = s,
 	};

@@ -45,6 +45,7 @@ struct pipe_ingest_params {
 	/* Around every use of the stage, where several parts of one input go into it at once; NULL: alone. */
 	void (*lock)(void *guard), (*unlock)(void *guard);
 	void *guard;
+	uint64_t before;            /* points that calls for the same input took before; for messages */
 	pipe_progress_fn progress;  /* may be NULL; called now and then with this call's points so far;
 				     * non-zero from it cancels (-ERR_CANCELLED) */
 	void *ctx;

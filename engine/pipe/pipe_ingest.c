@@ -108,7 +108,7 @@ static int ingest_batches(struct input *input, const struct way *w, const struct
 		if (r) {
 			char field[64];
 
-			snprintf(field, sizeof field, "point %llu", (unsigned long long)(info->first_point + in->points + bad));
+			snprintf(field, sizeof field, "point %llu", (unsigned long long)(p->before + info->first_point + in->points + bad));
 			return err_add_place(err, ERR_NO_OFFSET, field);
 		}
 		batch_points(b, pts.n);

@@ -118,6 +118,10 @@ def text_forwards():
         for late, what in ((b"1.0000000001 2 3\n", "more than nine decimals"), (b"1,5 2,5 3,5\n", "decimal commas"), (b"1 2\n", "fewer than three")):
             code, _, err = feed(d, [lines + late], "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "-o", os.path.join(base, "n.ply"))
             expect(code == 1 and what in err and "150001" in err, err)
+        # Which point it was, counted from the first, though they came in pieces.
+        code, _, err = feed(d, [lines, b"1 2 3\n" * 10], "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "-o",
+                            os.path.join(base, "n.ply"), pause=0.5)
+        expect(code == 1 and "point 150000" in err, err)
         d.ctl("push", "valley", txt, "--scale", "0.001,1").ok()
         code, _, err = feed(d, [lines], "push", "valley", "-", "--input-format", "xyz")
         expect(code == 0, err)
