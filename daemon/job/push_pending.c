@@ -56,13 +56,27 @@ bool push_same_reading(const struct push *p, const struct push_ask *a)
 	return !strcmp(p->reading, text);
 }
 
+/* What was assumed, all of it: two systems may differ in the last word of a long name, or have one name. */
+static void assume_text(const struct crs_info *a, char ret[DIGEST_HEX_SIZE])
+{
+	const struct crs_system *s = &a->system;
+	char all[CRS_TEXT_SIZE + 512];
+
+	snprintf(all, sizeof all, "%s\n%s %d %d %u %u %a %a %a %a %a %a %a %a %a %a %a", a->text, s->datum, (int)a->plane,
+		 (int)s->method, s->epsg, s->epsg_z, s->a, s->inverse_flattening, s->lat0, s->lon0, s->lat1, s->lat2, s->k0,
+		 s->x0, s->y0, s->unit, s->unit_z);
+	digest_hex(digest_hash(all, strlen(all)), ret);
+}
+
 /* How the files were read: what is not the same does not go together. The reading of each file comes last, since
  * a push does not know it at its beginning. */
 static void choices_text(const struct push *p, char *buf, size_t size)
 {
-	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s assume=%s,%s,%.40s reading=%s", p->planar,
-		 p->accept_truncated, p->utm, p->plane.geoid, p->assume.unit_xy, p->assume.unit_z, p->assume.text,
-		 p->reading);
+	char assume[DIGEST_HEX_SIZE];
+
+	assume_text(&p->assume, assume);
+	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s assume=%s,%s,%s reading=%s", p->planar,
+		 p->accept_truncated, p->utm, p->plane.geoid, p->assume.unit_xy, p->assume.unit_z, assume, p->reading);
 }
 
 /* ---- leaving ---- */

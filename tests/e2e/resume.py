@@ -40,9 +40,9 @@ def ask(c, body, path, push):
 class Half:
     """A push by hand that stops when all are probed and the first `n` are safe."""
 
-    def __init__(self, d, dataset, paths, n, wait=True):
+    def __init__(self, d, dataset, paths, n, wait=True, **options):
         self.c = Client(d.socket)
-        begun = self.c.ask("push_begin", pb.PushBegin(dataset=dataset))
+        begun = self.c.ask("push_begin", pb.PushBegin(dataset=dataset, **options))
         self.number, self.id = self.c.last, begun.push
         self.known = [ask(self.c, "probe", p, self.id).known for p in paths]
         self.lattice = self.c.ask("push_plan", pb.PushPlan(push=self.id)).lattice
@@ -245,6 +245,11 @@ def what_does_not_fit():
         expect("not read again" not in got.out + got.err and show(d, "a")["points"] == 9000, got.out)
         Half(d, "b", paths, 2, wait=False).vanish()
         says(d.ctl("push", "b", *paths, "--scale", "0.5"), 0, "another --scale")
+        # Systems that differ late in their names.
+        system = "County grid of the northern valleys, revised edition of "
+        Half(d, "h", paths, 2, wait=False, assume_crs=system + "1998").vanish()
+        says(d.ctl("push", "h", *paths, "--assume-crs", system + "2017"), 0, "other options")
+        expect(show(d, "h")["crs"] == system + "2017" and show(d, "h")["points"] == 9000, str(show(d, "h")))
         # Read in another way: those files are new ones.
         Half(d, "f", paths, 2, wait=False).vanish()
         got = d.ctl("push", "f", *paths, "--input-format", "las", "--json").ok()
