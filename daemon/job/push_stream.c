@@ -259,6 +259,8 @@ void push_stream_run(struct push *p, struct push_ask *a)
 
 	a->info.crs = *push_find_probe(p, a->name)->crs;
 	a->r = push_plane_of(p, &a->info.crs, &step, &a->err);
+	if (!a->r)
+		a->r = push_compatible(p, a->name, &step.plane, &a->err);
 	params.step = step.needed ? &step.params : NULL;
 	a->projected = step.projects;
 	if (!a->r && !s->input) {

@@ -7,6 +7,7 @@ import time
 
 import e2e
 from e2e import expect
+from survey import las
 
 
 def survey(base, points=120000, *options):
@@ -200,5 +201,32 @@ def aborted_beside_a_quiet_pipe():
             p.stdin.close()
 
 
+def one_that_comes_late():
+    """A pipe that is probed when all was planned is held against the dataset like a file."""
+    try:
+        from acut_wire import Client, Refused, pb
+    except ImportError as e:
+        print("not tried: %s" % e)
+        return
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path = survey(base, 1000)
+        other = las(os.path.join(base, "other.las"), [(x % 30, x // 30, 5) for x in range(1000)], scale=(.01, .01, .01))
+        d.ctl("push", "valley", path).ok()
+        for late, good in ((path, True), (other, False)):
+            with Client(d.socket) as c:
+                p = c.ask("push_begin", pb.PushBegin(dataset="valley")).push
+                c.ask("push_plan", pb.PushPlan(push=p))
+                _, fd = c.answer(c.send("stream", pb.Stream(push=p, name="late")), "streaming")
+                with os.fdopen(fd, "wb") as f:
+                    f.write(open(late, "rb").read())
+                c.ask("probe", pb.Probe(push=p, name="late", format="las"))
+                try:
+                    c.ask("file", pb.File(push=p, name="late", format="las"))
+                    expect(good, "it was staged")
+                except Refused as e:
+                    expect(not good and "coordinate system" in str(e), str(e))
+
+
 e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, text_forwards, slow_client_costs_nobody, vanished_clients,
-         aborted_beside_a_quiet_pipe)
+         aborted_beside_a_quiet_pipe,
+         one_that_comes_late)
