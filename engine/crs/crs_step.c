@@ -112,7 +112,7 @@ static int geoid_init(struct crs_step *s, const struct crs_step_params *p, struc
 
 	if (!(s->from.unit_z > 0)) {
 		err_set(err, ERR_UNSUPPORTED, "a geoid needs the unit of the heights, and that is not known");
-		return err_add_hint(err, "say it with --assume-units, as in --assume-units m");
+		return err_add_hint(err, "say it with --assume-units, as in --assume-units ,m which is of z alone");
 	}
 	if (!s->project && (r = crs_geo_new(&s->from, &s->plane, err))) {
 		err_add_hint(err, "a geoid needs the place on the earth: say the system with --assume-crs");

@@ -387,7 +387,7 @@ def heights_refused():
         refused(d.ctl("mesh", f, "--geoid", "flat", "--geoid-way", "up", *out), 2, "up")
         refused(d.ctl("mesh", f, "--geoid-way", "orthometric", *out), 2, "--geoid")
         unit = las(base + "/unit.las", cloud(47, 8), geographic(metres=False))
-        refused(d.ctl("mesh", unit, "--geoid", "flat", *out), 2, "unit of the heights", "--assume-units")
+        refused(d.ctl("mesh", unit, "--geoid", "flat", *out), 2, "unit of the heights", "--assume-units ,m ")
         meshed(d, base, unit, "--geoid", "flat", "--assume-units", ",m")
         place = las(base + "/place.las", [(i % 3, i // 3, 1) for i in range(9)], scale=(0.01,) * 3)
         refused(d.ctl("mesh", place, "--geoid", "flat", "--assume-units", "m,m", *out), 2, "on the earth", "--assume-crs")
