@@ -263,5 +263,17 @@ def who_does_not_fit():
         expect(list(seen)[0][2] == ("far.las", "fine.las", "wide.las"), str(seen))
 
 
+def names_that_are_no_text():
+    """Two names that differ only in bytes that are not UTF-8: the second one is refused for that, not for a change."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        os.mkdir(base + "/in")
+        for i, name in enumerate((b"caf\xe8.las", b"caf\xe9.las")):
+            path = las(os.path.join(base, "one.las"), [(x % 30, x // 30, i) for x in range(900 + i)], scale=(.01, .01, .01))
+            os.rename(path, os.path.join(os.fsencode(base), b"in", name))
+        says(d.ctl("push", "valley", base + "/in"), 3, "has the same name", "UTF-8")
+        expect(show(d, "valley")["points"] == 900, str(show(d, "valley")))
+
+
 if __name__ == "__main__":
-    e2e.main(manifest_of_sums, the_same_file_again, thousands_of_tiles, too_many_for_the_memory, broken_among_good, who_does_not_fit)
+    e2e.main(manifest_of_sums, the_same_file_again, thousands_of_tiles, too_many_for_the_memory, broken_among_good, who_does_not_fit,
+             names_that_are_no_text)
