@@ -2,6 +2,7 @@
  * The beginning of a push: what the dataset is already, and what an interrupted push of the same user has left of
  * it; then its row in the catalogue, so that whatever it writes is known to the next start.
  */
+#include <stdio.h>
 #include <string.h>
 
 #include "clock.h"
@@ -116,6 +117,8 @@ bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 		row.id = p->id;
 	}
 	push_unclaim(p);
+	if (dataset_created(p->dataset))
+		snprintf(p->plane.created, sizeof p->plane.created, "%s", p->dataset->crs);
 	if (!why && ((p->base && settle_base(p, &err)) || push_created_scale(p, &err) ||
 		     push_room(p, manifest_bytes(p), &err)))
 		why = &err;

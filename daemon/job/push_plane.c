@@ -83,12 +83,29 @@ static bool known(const char *text)
 	return *text && strcmp(text, "unknown");
 }
 
+/* The plane that the dataset has, or was created to have; NULL: the files decide. */
+static const char *own_plane(const struct push *p)
+{
+	if (push_settled(p))
+		return push_settled(p)->crs;
+	return known(p->plane.created) ? p->plane.created : NULL;
+}
+
 /* A text as a step has it: what a geoid makes of heights is no longer what the file's vertical system says. */
 static void without_heights(const struct push *p, char *text)
 {
 	char *heights = strstr(text, " + ");
 
 	if (*p->plane.geoid && heights)
+		*heights = 0;
+}
+
+/* A dataset that was created without heights takes any. */
+static void any_heights(const struct push *p, const char *base, char *text)
+{
+	char *heights = strstr(text, " + ");
+
+	if (!push_settled(p) && heights && !strstr(base, " + "))
 		*heights = 0;
 }
 
@@ -111,9 +128,11 @@ static bool to_project(const struct push *p, const struct crs_info *crs)
 		return false;
 	memcpy(own, crs->text, sizeof own);
 	without_heights(p, own);
-	if (push_settled(p))
-		memcpy(base, push_settled(p)->crs, sizeof base);
+	if (own_plane(p))
+		snprintf(base, sizeof base, "%s", own_plane(p));
 	without_heights(p, base);
+	if (*base)
+		any_heights(p, base, own);
 	return strcmp(base, own);
 }
 
@@ -162,12 +181,15 @@ static int zone_of_boxes(struct push *p, struct err *err)
 static int zone_of_base(struct push *p, const struct crs_info *degrees, struct err *err)
 {
 	char want[8], have[8], base[CRS_TEXT_SIZE];
+	struct crs_info from;
 
-	memcpy(base, push_settled(p)->crs, sizeof base);
+	snprintf(base, sizeof base, "%s", own_plane(p));
 	without_heights(p, base);
-	if (!crs_zone_of_text(degrees, base, &p->plane.zone)) {
+	from = *degrees;
+	any_heights(p, base, from.text);
+	if (!crs_zone_of_text(&from, base, &p->plane.zone)) {
 		err_set(err, ERR_UNSUPPORTED, "degrees of %.100s cannot be brought to the plane of the dataset %s, %.100s",
-			degrees->text, p->dataset->name, push_settled(p)->crs);
+			degrees->text, p->dataset->name, own_plane(p));
 		return err_add_hint(err, "it would have to be a UTM or UPS zone of their datum; project the file first, or "
 					 "push it into a dataset of its own");
 	}
@@ -184,7 +206,7 @@ static int choose(struct push *p, struct err *err)
 
 	p->plane.projects = degrees != NULL;
 	if (!degrees) {
-		if (!*p->utm || push_settled(p))
+		if (!*p->utm || own_plane(p))
 			return 0;
 		err_set(err, ERR_USAGE, "--utm projects degrees, and no input says that it has any");
 		return err_add_hint(err, "leave it out, or say what the coordinates are with --assume-crs");
@@ -195,7 +217,7 @@ static int choose(struct push *p, struct err *err)
 	if (r)
 		return err_add_file(err, degrees->name);
 	snprintf(p->plane.datum, sizeof p->plane.datum, "%.63s", *from.system.datum ? from.system.datum : from.text);
-	if (push_settled(p)) {
+	if (own_plane(p)) {
 		r = zone_of_base(p, &from, err);
 		return r ? err_add_file(err, degrees->name) : 0;
 	}

@@ -92,6 +92,7 @@ struct push_plane {
 	bool projects; /* there are degrees, and they go to `zone` */
 	struct crs_zone zone, wanted;
 	char datum[64];                           /* of the degrees */
+	char created[512];                        /* plane that the dataset was created with; "": it was not */
 	char geoid_path[64], geoid[GRID_GEOID];   /* as the manifest keeps it; "": heights stay */
 	enum crs_geoid_way way;
 };

@@ -245,6 +245,20 @@ def one_zone_a_dataset():
         expect(len(digests) == 1, digests)
 
 
+def zone_of_a_created_dataset():
+    """Degrees go to the plane that the dataset was created with, and stay degrees if it is that."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        tile = las(base + "/t.las", cloud(50, 5.9), geographic())
+        for name, crs in (("next", "EPSG:32632"), ("degrees", "EPSG:4326")):
+            d.ctl("dataset", "create", name, "--crs", crs).ok()
+            d.ctl("push", name, tile).ok()
+            shown = json.loads(d.ctl("dataset", "show", name, "--json").ok().out)
+            expect(shown["crs"] == crs and shown["points"] == 400, shown)
+        refused(d.ctl("push", "next", las(base + "/u.las", cloud(50, 5.91), geographic()), "--utm", "31N"), 2, "zone 32N")
+        d.ctl("dataset", "create", "other", "--crs", "EPSG:2154").ok()
+        refused(d.ctl("push", "other", tile), 2, "cannot be brought to the plane", "EPSG:2154")
+
+
 def zones_asked_for():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         points = cloud(47, 8)
@@ -487,5 +501,5 @@ def what_files_are():
 
 
 if __name__ == "__main__":
-    e2e.main(real_files_projected, places_of_the_earth, one_zone_a_dataset, zones_asked_for, degrees_refused, store_of_grids,
+    e2e.main(real_files_projected, places_of_the_earth, one_zone_a_dataset, zone_of_a_created_dataset, zones_asked_for, degrees_refused, store_of_grids,
              heights_shifted, heights_refused, heights_of_a_real_grid, what_files_are)
