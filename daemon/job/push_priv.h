@@ -30,7 +30,8 @@ struct push_stream {
 	struct sched_task task;
 	bool busy;           /* a worker keeps bytes */
 	bool text;           /* that can be read forwards */
-	bool ready;          /* all is kept that must be, or err says why not */
+	bool kept;           /* the worker has kept all that it must, or err says why not; the loop: ready */
+	bool ready;
 	bool forward, ended; /* the rest is read from the pipe; the pipe has ended */
 	bool asks;           /* its File waits for the pipe */
 	uint8_t look[INPUT_FORWARD_LOOK];

@@ -123,7 +123,7 @@ static int keep(struct push_stream *s, uint8_t *piece, struct err *err)
 			return r;
 		done += (uint64_t)n;
 	}
-	s->ready = enough(s);
+	s->kept = enough(s);
 	return 0;
 }
 
@@ -142,7 +142,7 @@ static void keep_run(struct sched_task *t)
 	free(piece);
 	if (r) {
 		err_add_file(&s->err, s->name);
-		s->ready = true;
+		s->kept = true;
 	}
 }
 
@@ -152,6 +152,7 @@ static void keep_done(struct sched_task *t)
 	struct push *p = s->push;
 
 	s->busy = false;
+	s->ready = s->kept;
 	if (t->ran) {
 		sched_give(p->jobs->p.sched, t->name, t->bytes);
 	} else {
