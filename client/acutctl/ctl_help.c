@@ -26,7 +26,7 @@ static int help_one(struct ctl *ctl, const struct ctl_command *c)
 	fprintf(stdout, "acutctl %s: %s\n\n", c->usage, c->help);
 	if (c->groups & CTL_INPUT)
 		fputs("INPUT is a file, a folder (its survey files), @LIST (names, one a line) or - "
-		      "(standard input).\n\n",
+		      "(standard input), or a named pipe.\n\n",
 		      stdout);
 	ctl_option_help(stdout, c->groups);
 	return CTL_DONE;

@@ -132,7 +132,8 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 		return r;
 	}
 	if (!stat(word, &st) && S_ISFIFO(st.st_mode))
-		return add_pipe(ctl, in, word, open(word, O_RDONLY | O_CLOEXEC), err);
+		/* not waiting for a writer: whoever waits for the daemon can be interrupted */
+		return add_pipe(ctl, in, word, open(word, O_RDONLY | O_CLOEXEC | O_NONBLOCK), err);
 	return add(in, word, -1, err);
 }
 

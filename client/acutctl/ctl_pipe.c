@@ -21,10 +21,15 @@ enum { PIECE = 256 << 10 };
 /* Exit status: 0, or the errno of the reading. A daemon that closed its end has said why. */
 static int copy(int from, int to, void *piece)
 {
-	for (;;) {
-		ssize_t n = read(from, piece, PIECE), done = 0;
+	struct pollfd wait = { .fd = from, .events = POLLIN };
 
-		if (n < 0 && errno == EINTR)
+	for (;;) {
+		ssize_t n, done = 0;
+
+		/* a named pipe that nobody writes to yet looks ended to a read, not to a poll */
+		poll(&wait, 1, -1);
+		n = read(from, piece, PIECE);
+		if (n < 0 && (errno == EINTR || errno == EAGAIN))
 			continue;
 		if (n <= 0)
 			return n < 0 ? errno : 0;

@@ -98,6 +98,8 @@ def text_and_fifo():
         code, text, err = feed(d, [lines[:1000], lines[1000:]], "mesh", "-", "--input-format", "xyz", "-q", "-o", out, pause=0.1)
         expect(code == 0, err)
         os.mkfifo(fifo)
+        run = d.ctl("mesh", "-o", out, fifo, "--input-format", "xyz", "--timeout", "1")
+        expect(run.status == 124, "a named pipe without a writer: %d %s" % (run.status, run.err))
         writer = subprocess.Popen(["sh", "-c", 'cat "$0" > "$1"', txt, fifo])
         expect(digest(d, "-o", out, fifo, "--input-format", "xyz") == want, "by a named pipe")
         writer.wait(10)
