@@ -2,8 +2,8 @@
  * acut-synth: a deterministic generator of surveys as LAS files, of any size in constant memory.
  *
  * A file is written once, and its header again at the end, when counts and box are known. A pipe cannot go
- * back, so the points are made twice for it: once to count and measure, once to write. The bytes are the
- * same. A file appears under its name only when it is whole.
+ * back, so the points are made twice for it: once to count and measure, once to write; or once, with the header
+ * of an earlier run (synth_head.c). The bytes are the same. A file appears under its name only when it is whole.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -18,6 +18,8 @@
 #include "err.h"
 #include "parse.h"
 #include "synth.h"
+
+enum { PIPE_BYTES = 1 << 20 };
 
 static const char *const shape_names[SYNTH_SHAPES] = {
 	"survey", "uniform",  "grid",     "clustered",         "two-clusters", "circle",
@@ -41,9 +43,12 @@ static const char help[] =
 	"                     corridor-diagonal, collinear, duplicates (survey)\n"
 	"  --step N           of grid and collinear: steps from point to point\n"
 	"  --range N          of the other shapes: steps from end to end, up to 4294967296\n"
+	"  --head FILE        to a pipe: keep the header in FILE, or take it from there; points are then made "
+	"once,\n"
+	"                     not twice\n"
 	"  --help, --version\n"
 	"\n"
-	"Exit status: 0 written, 2 usage, 74 writing failed, 141 the pipe was closed.\n";
+	"Exit status: 0 written, 1 FILE is of other options, 2 usage, 74 writing failed, 141 the pipe was closed.\n";
 
 /* 12, 12k, 12M, 1.5G in powers of a thousand. */
 static bool parse_count(const char *text, uint64_t *ret)
@@ -114,6 +119,7 @@ enum {
 	OPT_STEP,
 	OPT_RANGE,
 	OPT_NO_CRS,
+	OPT_HEAD,
 	OPT_HELP,
 	OPT_VERSION
 };
@@ -124,8 +130,9 @@ static const struct option long_options[] = {
 	{"origin", 1, NULL, OPT_ORIGIN},   {"seed", 1, NULL, OPT_SEED},
 	{"format", 1, NULL, OPT_FORMAT},   {"distribution", 1, NULL, OPT_SHAPE},
 	{"step", 1, NULL, OPT_STEP},       {"range", 1, NULL, OPT_RANGE},
-	{"no-crs", 0, NULL, OPT_NO_CRS},   {"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION}, {0},
+	{"no-crs", 0, NULL, OPT_NO_CRS},   {"head", 1, NULL, OPT_HEAD},
+	{"help", 0, NULL, OPT_HELP},       {"version", 0, NULL, OPT_VERSION},
+	{0},
 };
 
 static bool take_option(struct synth_options *o, int option, char *value, double *density)
@@ -192,22 +199,22 @@ static int make(const struct synth_options *o, struct synth_las *las, struct err
 {
 	struct synth_point ret[SYNTH_RETURNS];
 	struct synth_survey survey;
-	struct synth_noise height = {.seed = o->seed + 11,
-				     .per_metre = 1.0 / (o->range ? (double)o->range / 16 : 5000)};
+	struct synth_noise height = synth_noise_of(o->seed + 11, 1.0 / (o->range ? (double)o->range / 16 : 5000));
 	int rc = 0;
 
 	if (o->shape != SYNTH_SURVEY) {
 		for (uint64_t i = 0; i < o->points && rc == 0; i++) {
 			synth_shape_point(o, &height, i, ret);
-			rc = synth_las_put(las, ret, err);
+			rc = synth_las_put(las, ret, 1, err);
 		}
 	} else {
 		synth_survey_init(&survey, o);
 		for (uint64_t left = o->points; left && rc == 0;) {
 			unsigned n = synth_survey_next(&survey, ret);
 
-			for (unsigned i = 0; i < n && left && rc == 0; i++, left--)
-				rc = synth_las_put(las, &ret[i], err);
+			n = n < left ? n : (unsigned)left;
+			rc = synth_las_put(las, ret, n, err);
+			left -= n;
 		}
 	}
 	return rc ? rc : synth_las_flush(las, err);
@@ -215,31 +222,52 @@ static int make(const struct synth_options *o, struct synth_las *las, struct err
 
 static int write_head(const struct synth_las *las, struct err *err)
 {
-	uint8_t head[4096];
-	size_t n = synth_las_head_size(las->options);
+	uint8_t head[SYNTH_KEPT_MAX];
 
 	synth_las_head(las, head);
-	return synth_write(las->fd, head, n, las->name, err);
+	return synth_write(las->fd, head, synth_las_head_size(las->options), las->name, err);
+}
+
+static const char stdout_name[] = "standard output";
+
+/* The header before the points: from `kept` (NULL: none), or by going through them. */
+static int measure(const struct synth_options *o, const char *kept, uint8_t *head, struct err *err)
+{
+	struct synth_las las;
+	int rc = kept ? synth_head_load(o, kept, head, err) : SYNTH_E_NONE;
+
+	if (rc != SYNTH_E_NONE)
+		return rc;
+	rc = synth_las_open(&las, o, -1, stdout_name, err);
+	if (rc)
+		return rc;
+	las.dry = true;
+	rc = make(o, &las, err);
+	synth_las_head(&las, head);
+	free(las.buffer);
+	return rc || !kept ? rc : synth_head_save(o, kept, head, err);
 }
 
 /* To a descriptor that cannot seek: measure first. */
-static int to_pipe(const struct synth_options *o, int fd, struct err *err)
+static int to_pipe(const struct synth_options *o, const char *kept, int fd, struct err *err)
 {
-	struct synth_las las, measured;
-	int rc = synth_las_open(&measured, o, fd, "standard output", err);
+	uint8_t head[SYNTH_KEPT_MAX], made[SYNTH_KEPT_MAX];
+	size_t size = synth_las_head_size(o);
+	struct synth_las las;
+	int rc = measure(o, kept, head, err);
 
-	if (rc)
-		return rc;
-	measured.dry = true;
-	rc = make(o, &measured, err);
+	fcntl(fd, F_SETPIPE_SZ, PIPE_BYTES); /* fewer turns for both sides; not a pipe, or not allowed: as it is */
 	if (rc == 0)
-		rc = write_head(&measured, err);
-	free(measured.buffer);
-	if (rc || (rc = synth_las_open(&las, o, fd, "standard output", err)))
+		rc = synth_write(fd, head, size, stdout_name, err);
+	if (rc || (rc = synth_las_open(&las, o, fd, stdout_name, err)))
 		return rc;
 	rc = make(o, &las, err);
+	synth_las_head(&las, made);
 	free(las.buffer);
-	return rc;
+	if (rc || memcmp(head, made, size) == 0)
+		return rc;
+	err_set(err, ERR_INPUT, "is not the header of the points that were written");
+	return err_add_file(err, kept ? kept : stdout_name);
 }
 
 static int to_file(const struct synth_options *o, int fd, const char *name, struct err *err)
@@ -262,7 +290,7 @@ static int to_file(const struct synth_options *o, int fd, const char *name, stru
 	return rc;
 }
 
-static int to_path(const struct synth_options *o, const char *path, struct err *err)
+static int to_path(const struct synth_options *o, const char *kept, const char *path, struct err *err)
 {
 	char part[4096];
 	struct stat st;
@@ -277,7 +305,7 @@ static int to_path(const struct synth_options *o, const char *path, struct err *
 		err_sys(err, errno, "cannot open");
 		return err_add_file(err, part);
 	}
-	int rc = whole ? to_file(o, fd, path, err) : to_pipe(o, fd, err);
+	int rc = whole ? to_file(o, fd, path, err) : to_pipe(o, kept, fd, err);
 
 	if (close(fd) != 0 && rc == 0) {
 		err_sys(err, errno, "cannot write");
@@ -312,6 +340,7 @@ int main(int argc, char **argv)
 				  .format = 1,
 				  .origin = {{5, 5}, {54, 5}, {0, 0}}};
 	struct err err = ERR_INIT;
+	const char *kept = NULL;
 	double density = 0;
 	int option, rc;
 
@@ -323,6 +352,10 @@ int main(int argc, char **argv)
 			return printf("acut-synth %s\n", ACUT_VERSION) < 0 || fflush(stdout) ? 74 : 0;
 		if (option == '?')
 			return 2; /* getopt has told */
+		if (option == OPT_HEAD) {
+			kept = optarg;
+			continue;
+		}
 		if (!take_option(&o, option, optarg, &density)) {
 			fprintf(stderr, "acut-synth: %s: not a value for --%s (see --help)\n", optarg,
 				long_options[option - OPT_POINTS].name);
@@ -335,7 +368,7 @@ int main(int argc, char **argv)
 	}
 	rc = fit(&o, density, &err);
 	if (rc == 0)
-		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, STDOUT_FILENO, &err)
-						    : to_path(&o, argv[optind], &err);
+		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, kept, STDOUT_FILENO, &err)
+						    : to_path(&o, kept, argv[optind], &err);
 	return finish(rc, &err);
 }

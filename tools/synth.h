@@ -79,16 +79,34 @@ static inline int64_t synth_floor(double v)
 	return i - ((double)i > v);
 }
 
-/* Value noise over cells of one size, 0 to 1; the last cell is kept, as neighbours ask for it again. */
+/* Value noise over cells of one size, 0 to 1; the last cell is kept, as neighbours ask for it again. The pair of a
+ * vector is x and y, or low and high: IEEE 754 numbers lane by lane, the same as one after the other. */
+typedef double synth_pair __attribute__((vector_size(16)));
+
 struct synth_noise {
+	synth_pair cell;         /* its lower corner, in cells; not a number: none yet */
+	synth_pair corner, rise; /* at the left edge, low and high; from there to the right one */
 	uint64_t seed;
 	double per_metre;
-	int64_t ix, iy;
-	double corner[4];
-	bool known;
 };
 
-double synth_noise_at(struct synth_noise *, double x, double y);
+struct synth_noise synth_noise_of(uint64_t seed, double per_metre);
+void synth_noise_find(struct synth_noise *, double u, double v);
+
+static inline double synth_noise_at(struct synth_noise *n, double x, double y)
+{
+	const synth_pair at = (synth_pair){x, y} * n->per_metre;
+	synth_pair in = at - n->cell;
+
+	if (!((in[0] >= 0) & (in[0] < 1) & (in[1] >= 0) & (in[1] < 1))) {
+		synth_noise_find(n, at[0], at[1]);
+		in = at - n->cell;
+	}
+	in = in * in * (3 - 2 * in);
+	const synth_pair edge = n->corner + n->rise * in[0];
+
+	return edge[0] + (edge[1] - edge[0]) * in[1];
+}
 
 /* The landscape (synth_land.c). */
 struct synth_land {
@@ -145,9 +163,15 @@ size_t synth_las_head_size(const struct synth_options *);
 void synth_las_head(const struct synth_las *, uint8_t *bytes);
 int synth_las_open(struct synth_las *, const struct synth_options *, int fd, const char *name,
 		   struct err *err);
-int synth_las_put(struct synth_las *, const struct synth_point *, struct err *err);
+int synth_las_put(struct synth_las *, const struct synth_point *, unsigned n, struct err *err);
 int synth_las_flush(struct synth_las *, struct err *err);
 /* All bytes, by write(2). A closed pipe is -ERR_IO with sys EPIPE. */
 int synth_write(int fd, const void *bytes, size_t n, const char *name, struct err *err);
+
+/* A kept header (synth_head.c): `head` has the size of the header. Load: SYNTH_E_NONE if there is no file. */
+enum { SYNTH_KEPT_MAX = 4096, SYNTH_E_NONE = 1 };
+
+int synth_head_load(const struct synth_options *, const char *path, uint8_t *head, struct err *err);
+int synth_head_save(const struct synth_options *, const char *path, const uint8_t *head, struct err *err);
 
 #endif

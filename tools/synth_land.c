@@ -6,35 +6,31 @@
 
 #include "synth.h"
 
-double synth_noise_at(struct synth_noise *n, double x, double y)
+struct synth_noise synth_noise_of(uint64_t seed, double per_metre)
 {
-	double u = x * n->per_metre, v = y * n->per_metre;
+	const double none = __builtin_nan("");
+
+	return (struct synth_noise){.cell = {none, none}, .seed = seed, .per_metre = per_metre};
+}
+
+void synth_noise_find(struct synth_noise *n, double u, double v)
+{
 	int64_t ix = synth_floor(u), iy = synth_floor(v);
+	double corner[4];
 
-	if (!n->known || ix != n->ix || iy != n->iy) {
-		for (unsigned i = 0; i < 4; i++) {
-			uint64_t cell = (uint64_t)(ix + (i & 1)) * UINT64_C(0x1000000000000061) +
-					(uint64_t)(iy + (i >> 1));
+	for (unsigned i = 0; i < 4; i++) {
+		uint64_t cell = (uint64_t)(ix + (i & 1)) * UINT64_C(0x1000000000000061) + (uint64_t)(iy + (i >> 1));
 
-			n->corner[i] = synth_fraction((uint32_t)(synth_hash(n->seed, cell) >> 32));
-		}
-		n->ix = ix;
-		n->iy = iy;
-		n->known = true;
+		corner[i] = synth_fraction((uint32_t)(synth_hash(n->seed, cell) >> 32));
 	}
-	u -= (double)ix;
-	v -= (double)iy;
-	u = u * u * (3 - 2 * u);
-	v = v * v * (3 - 2 * v);
-	double low = n->corner[0] + (n->corner[1] - n->corner[0]) * u;
-	double high = n->corner[2] + (n->corner[3] - n->corner[2]) * u;
-
-	return low + (high - low) * v;
+	n->cell = (synth_pair){(double)ix, (double)iy};
+	n->corner = (synth_pair){corner[0], corner[2]};
+	n->rise = (synth_pair){corner[1] - corner[0], corner[3] - corner[2]};
 }
 
 static struct synth_noise noise(uint64_t seed, unsigned which, double size)
 {
-	return (struct synth_noise){.seed = synth_hash(seed, 1000 + which), .per_metre = 1 / size};
+	return synth_noise_of(synth_hash(seed, 1000 + which), 1 / size);
 }
 
 /* Sizes are those of a real landscape, but smaller where the area is small, so that it has all of it. */

@@ -3,6 +3,7 @@
  * points, which 1.2 cannot count). Coordinates are raw numbers; the offset is the origin. The header is made
  * from exact counts and boxes, so the points are known before it is written (acut-synth.c).
  */
+#include <assert.h>
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -168,27 +169,68 @@ int synth_las_flush(struct synth_las *las, struct err *err)
 	return las->dry ? 0 : synth_write(las->fd, las->buffer, n, las->name, err);
 }
 
-static void put_format_1(struct packer *p, const struct synth_point *q)
+/* Records as LAS has them; this machine's byte order is the file's. */
+struct place {
+	int32_t x, y, z;
+	uint16_t intensity;
+} __attribute__((packed));
+
+struct record_1 {
+	struct place place;
+	uint8_t returns, cls;
+	int8_t angle;
+	uint8_t user;
+	uint16_t source;
+	double time;
+} __attribute__((packed));
+
+struct record_6 {
+	struct place place;
+	uint8_t returns, flags, cls, user;
+	int16_t angle;
+	uint16_t source;
+	double time;
+} __attribute__((packed));
+
+static_assert(sizeof(struct record_1) == 28 && sizeof(struct record_6) == 30, "records of LAS");
+static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "LAS is little-endian");
+
+static struct place place_of(const struct synth_point *q)
+{
+	return (struct place){q->x, q->y, q->z, q->intensity};
+}
+
+static void put_format_1(uint8_t *at, const struct synth_point *q)
 {
 	unsigned bits = (q->flags & POINT_SYNTHETIC ? 32u : 0) | (q->flags & POINT_KEY ? 64u : 0) |
 			(q->flags & POINT_WITHHELD ? 128u : 0);
+	const struct record_1 r = {
+		.place = place_of(q),
+		.returns = (uint8_t)(q->number | q->count << 3 | (q->forward ? 64 : 0) | (q->edge ? 128 : 0)),
+		.cls = (uint8_t)(q->cls | bits),
+		.angle = (int8_t)q->angle,
+		.source = q->source,
+		.time = q->time,
+	};
 
-	packer_u8(p, (uint8_t)(q->number | q->count << 3 | (q->forward ? 64 : 0) | (q->edge ? 128 : 0)));
-	packer_u8(p, (uint8_t)(q->cls | bits));
-	packer_u8(p, (uint8_t)(int8_t)q->angle);
-	packer_u8(p, 0);
+	memcpy(at, &r, sizeof r);
 }
 
-static void put_format_6(struct packer *p, const struct synth_point *q)
+static void put_format_6(uint8_t *at, const struct synth_point *q)
 {
 	unsigned bits = (q->flags & POINT_SYNTHETIC ? 1u : 0) | (q->flags & POINT_KEY ? 2u : 0) |
 			(q->flags & POINT_WITHHELD ? 4u : 0) | (q->flags & POINT_OVERLAP ? 8u : 0);
+	const struct record_6 r = {
+		.place = place_of(q),
+		.returns = (uint8_t)(q->number | q->count << 4),
+		.flags = (uint8_t)(bits | (q->forward ? 64 : 0) | (q->edge ? 128 : 0)),
+		.cls = q->cls,
+		.angle = (int16_t)(q->angle / 0.006f),
+		.source = q->source,
+		.time = q->time,
+	};
 
-	packer_u8(p, (uint8_t)(q->number | q->count << 4));
-	packer_u8(p, (uint8_t)(bits | (q->forward ? 64 : 0) | (q->edge ? 128 : 0)));
-	packer_u8(p, q->cls);
-	packer_u8(p, 0);
-	packer_u16(p, (uint16_t)(int16_t)(q->angle / 0.006f));
+	memcpy(at, &r, sizeof r);
 }
 
 static void measure(struct synth_las *las, const struct synth_point *q)
@@ -199,31 +241,25 @@ static void measure(struct synth_las *las, const struct synth_point *q)
 		las->min[i] = v[i] < las->min[i] ? v[i] : las->min[i];
 		las->max[i] = v[i] > las->max[i] ? v[i] : las->max[i];
 	}
-	las->count++;
 	las->by_return[q->number - 1]++;
 }
 
-int synth_las_put(struct synth_las *las, const struct synth_point *q, struct err *err)
+int synth_las_put(struct synth_las *las, const struct synth_point *q, unsigned n, struct err *err)
 {
 	int rc;
 
-	measure(las, q);
+	for (unsigned i = 0; i < n; i++)
+		measure(las, &q[i]);
+	las->count += n;
 	if (las->dry)
 		return 0;
-	if (las->cap - las->used < las->record && (rc = synth_las_flush(las, err)))
+	if (las->cap - las->used < n * las->record && (rc = synth_las_flush(las, err)))
 		return rc;
-	struct packer p = packer_of(las->buffer + las->used, las->record);
-
-	packer_i32(&p, q->x);
-	packer_i32(&p, q->y);
-	packer_i32(&p, q->z);
-	packer_u16(&p, q->intensity);
-	if (las->options->format == 6)
-		put_format_6(&p, q);
-	else
-		put_format_1(&p, q);
-	packer_u16(&p, q->source);
-	packer_f64(&p, q->time);
-	las->used += las->record;
+	for (unsigned i = 0; i < n; i++, las->used += las->record) {
+		if (las->options->format == 6)
+			put_format_6(las->buffer + las->used, &q[i]);
+		else
+			put_format_1(las->buffer + las->used, &q[i]);
+	}
 	return 0;
 }

@@ -59,7 +59,7 @@ void synth_survey_init(struct synth_survey *s, const struct synth_options *o)
 	s->options = o;
 	s->per_scale = 1 / decimal_double(o->scale);
 	synth_land_init(&s->land, o);
-	s->sway = (struct synth_noise){.seed = synth_hash(o->seed, 2000), .per_metre = 1.0 / 130};
+	s->sway = synth_noise_of(synth_hash(o->seed, 2000), 1.0 / 130);
 	s->swath = o->width * 0.45 < 640 ? o->width * 0.45 : 640;
 	double step = s->swath * 0.8, pulses = (double)o->points / mean_returns(s) * 1.01;
 

@@ -128,6 +128,24 @@ def options(folder):
     expect(29000 < max(p[0] for p in las.points()) <= 30000 and max(p[1] for p in las.points()) <= 5000, "area")
 
 
+def kept_head(folder):
+    head, options = os.path.join(folder, "head"), ["--points", 5000, "--seed", 3]
+    want = run(*options, "-").stdout
+    for what in ("made", "taken"):
+        got = run(*options, "--head", head, "-")
+        expect(got.returncode == 0 and got.stdout == want, "a header that is %s: %s" % (what, got.stderr))
+    expect(os.listdir(folder) == ["head"], "left behind: %s" % os.listdir(folder))
+    for other in (["--points", 5001, "--seed", 3], ["--points", 5000, "--seed", 4], [*options, "--format", 6],
+                  [*options, "--density", 9], [*options, "--scale", "0.001"], [*options, "--distribution", "uniform"]):
+        got = run(*other, "--head", head, "-")
+        expect((got.returncode, got.stdout) == (1, b"") and b"these options" in got.stderr, "%s: %s" % (other, got.stderr))
+    with open(head, "r+b") as f:  # the box of other points
+        f.seek(180)
+        f.write(b"\0\0")
+    got = run(*options, "--head", head, "-")
+    expect(got.returncode == 1 and b"points that were written" in got.stderr, "a wrong box: %s" % got.stderr)
+
+
 def refused(folder):
     path = os.path.join(folder, "none.las")
     for bad in ([], [path, path], ["--points", "-1", path], ["--points", "1.5", path], ["--points", "x", path],
@@ -152,7 +170,7 @@ def refused(folder):
     expect(run("--help").returncode == 0 and run("--version").stdout.startswith(b"acut-synth "), "--help, --version")
 
 
-for test in (shapes, survey, same_bytes, options, refused):
+for test in (shapes, survey, same_bytes, options, kept_head, refused):
     with tempfile.TemporaryDirectory() as base:
         test(base)
     print("ok  ", test.__name__)
