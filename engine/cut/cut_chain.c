@@ -361,12 +361,17 @@ bool cut_chain_hit(const struct cut_chain *c, const int32_t box[4])
 	return most(c, u0, u1, need) >= need;
 }
 
-double cut_chain_limit(const struct cut_chain *c, int64_t u0, int64_t u1)
+void cut_chain_limits(const struct cut_chain *c, int64_t u0, unsigned shift, unsigned n, int64_t *ret)
 {
-	double w = (double)(u1 - u0);
-	double m = fmax(most(c, u0, u0, INFINITY), most(c, u1, u1, INFINITY));
+	double w = (double)((int64_t)1 << shift), last = most(c, u0, u0, INFINITY);
 
-	/* E is convex: it lies below its chord, and the chord's gap to U^2 adds at most w^2 / 4. */
-	m += w * w / 4;
-	return m < 0 ? -1 : sqrt(m) * (1 + SLACK_REL) + 1;
+	for (unsigned i = 0; i < n; i++) {
+		int64_t u = u0 + ((int64_t)(i + 1) << shift);
+		double next = most(c, u, u, INFINITY);
+		/* E is convex: it lies below its chord, and the chord's gap to U^2 adds at most w^2 / 4. */
+		double m = fmax(last, next) + w * w / 4, limit = m < 0 ? -1 : sqrt(m) * (1 + SLACK_REL) + 1;
+
+		ret[i] = limit < 0x1p40 ? (int64_t)ceil(limit) : INT64_MAX;
+		last = next;
+	}
 }

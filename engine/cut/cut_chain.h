@@ -49,8 +49,9 @@ int cut_chain_add(struct cut_chain *, const struct view *, const struct point *)
 int cut_chain_flush(struct cut_chain *, const struct view *);
 /* Whether E(U) - U^2 reaches x^2 anywhere in the box: false only if no point in it has h <= E(U). */
 bool cut_chain_hit(const struct cut_chain *, const int32_t box[4]);
-/* An upper bound of |X| of the points with h <= E(U) and U in [u0, u1]; INFINITY where E is. */
-double cut_chain_limit(const struct cut_chain *, int64_t u0, int64_t u1);
+/* Upper bounds of |X| of the points with h <= E(U), for U in n columns of 2^shift from u0 on; INT64_MAX where E is
+ * infinite, -1 where there can be none. */
+void cut_chain_limits(const struct cut_chain *, int64_t u0, unsigned shift, unsigned n, int64_t *ret);
 /* Extents of a box along the border, and its least distance from the line; doubled. */
 void cut_chain_span(const struct cut_chain *, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1,
 		    int64_t *ret_x);

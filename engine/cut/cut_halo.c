@@ -11,7 +11,6 @@
  */
 #include "cut_halo.h"
 
-#include <math.h>
 #include <string.h>
 
 #include "cut_chain.h"
@@ -25,12 +24,20 @@ enum {
 	SWEEP = 256,
 	ROUNDS = 200,
 	SEED_COLUMNS = 1024,
+	TAKE_COLUMNS = 16,
 	NONE = UINT32_MAX,
 };
 
 struct noted {
 	int64_t x;              /* distance of the cell's box from the line; INT64_MAX: nothing noted */
 	struct grid_cell cell;
+};
+
+/* What of the cell that is being read a chain asks for: by columns along it, no point farther from it than this. */
+struct take {
+	unsigned chain, shift;
+	int64_t u0;
+	int64_t limit[TAKE_COLUMNS];
 };
 
 struct seen {
@@ -56,6 +63,8 @@ struct cut_halo {
 	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
 	size_t pool_size;
 	uint64_t cells, points;
+	struct take take[4];
+	unsigned ntake;
 	/* sweep: the hits with the smallest keys past `after`, sorted */
 	struct grid_cell after;
 	bool has_after;
@@ -259,12 +268,7 @@ static int seed_chain(struct cut_halo *h, unsigned chain, const struct mesh_vert
 		rc = flush_chain(h, chain);
 	if (rc)
 		return rc;
-	for (unsigned i = 0; i < SEED_COLUMNS; i++) {
-		int64_t u0 = 2 * ((int64_t)base + ((int64_t)i << shift) - ((int64_t)1 << 31));
-		double limit = cut_chain_limit(c, u0, u0 + ((int64_t)2 << shift));
-
-		h->seed.limit[i] = limit < 0x1p40 ? (int64_t)ceil(limit) : INT64_MAX;
-	}
+	cut_chain_limits(c, 2 * ((int64_t)base - ((int64_t)1 << 31)), shift + 1, SEED_COLUMNS, h->seed.limit);
 	for (uint32_t i = 0; i < n && !rc; i++) {
 		uint32_t along = (uint32_t)(c->vertical ? own[i].y : own[i].x) + 0x80000000u - base;
 		int64_t x = 2 * (int64_t)(c->vertical ? own[i].x : own[i].y) - c->c2;
@@ -328,6 +332,21 @@ static bool halo_enter(void *ctx, const struct grid_cell *subtree)
 	return matters(ctx, subtree);
 }
 
+/* The chains that the point may belong to, as bits: one comparison each, and few points pass. */
+static inline unsigned asked_for(const struct cut_halo *h, const struct point *p)
+{
+	unsigned bits = 0;
+
+	for (unsigned i = 0; i < h->ntake; i++) {
+		const struct take *t = &h->take[i];
+		const struct cut_chain *c = &h->chain[t->chain];
+
+		if (cut_chain_x(c, p) <= t->limit[(uint64_t)(cut_chain_u(c, p) - t->u0) >> t->shift])
+			bits |= 1u << t->chain;
+	}
+	return bits;
+}
+
 static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct cut_halo *h = ctx;
@@ -335,12 +354,13 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	h->points += n;
 	for (size_t i = 0; i < n; i++) {
-		if (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y))
+		unsigned bits = asked_for(h, &pts[i]);
+
+		if (!bits || (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y)) ||
+		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
 			continue;
-		if (view_judge(h->view, &pts[i]) != VIEW_KEPT)
-			continue;
-		for (unsigned k = 0; k < h->nchain; k++) {
-			int rc = add_point(h, k, &pts[i]);
+		for (unsigned k = 0; bits; k++, bits >>= 1) {
+			int rc = bits & 1 ? add_point(h, k, &pts[i]) : 0;
 
 			if (rc)
 				return rc;
@@ -349,9 +369,30 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 	return 0;
 }
 
+/* Hulls only sink, so what a chain does not ask for before the cell is read it will not want later. */
+static void ask(struct cut_halo *h, const struct grid_cell *cell)
+{
+	h->ntake = 0;
+	for (unsigned i = 0; i < h->nchain; i++) {
+		const struct cut_chain *c = &h->chain[i];
+		struct take *t = &h->take[h->ntake];
+		int64_t u1, x;
+
+		if (!cut_chain_hit(c, cell->box))
+			continue;
+		*t = (struct take){ .chain = i };
+		cut_chain_span(c, cell->box, &t->u0, &u1, &x);
+		while ((u1 - t->u0) >> t->shift >= TAKE_COLUMNS)
+			t->shift++;
+		cut_chain_limits(c, t->u0, t->shift, (unsigned)((u1 - t->u0) >> t->shift) + 1, t->limit);
+		h->ntake++;
+	}
+}
+
 static int read_cell(struct cut_halo *h, const struct grid_cell *cell, struct err *err)
 {
 	h->cells++;
+	ask(h, cell);
 	return h->src.read(h->src.ctx, cell, take_points, h, err);
 }
 
