@@ -85,7 +85,8 @@ static void no_report(struct ctl_json *j)
 					  "triangles",     "hull",          "domains",
 					  "digest",        "vertex_digest", "removed",
 					  "seconds",       "stage_seconds", "first_triangle_seconds",
-					  "peak_rss_bytes"};
+					  "peak_rss_bytes", "halo", "seal_seconds",
+					  "plan_seconds", "domains_seconds"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		ctl_json_text(j, key[i], NULL);
@@ -116,6 +117,10 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 	else
 		ctl_json_text(j, "first_triangle_seconds", NULL);
 	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
+	ctl_json_u64(j, "halo", p->halo);
+	ctl_json_number(j, "seal_seconds", p->seal_seconds);
+	ctl_json_number(j, "plan_seconds", p->plan_seconds);
+	ctl_json_number(j, "domains_seconds", p->domains_seconds);
 }
 
 void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)

@@ -243,6 +243,7 @@ struct acut_report {
 	const struct acut_removed *removed;
 	size_t nremoved;
 	double seconds, stage_seconds, first_triangle_seconds;
+	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	const char *note; /* "" or a sentence that whoever reads the mesh should know */
 };
 struct acut_job {

@@ -52,6 +52,9 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	    .seconds = p->seconds,
 	    .stage_seconds = p->stage_seconds,
 	    .first_triangle_seconds = p->first_triangle_seconds,
+	    .seal_seconds = p->seal_seconds,
+	    .plan_seconds = p->plan_seconds,
+	    .domains_seconds = p->domains_seconds,
 	};
 	*ret_rows = rows;
 	return 0;

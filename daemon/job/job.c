@@ -251,6 +251,8 @@ static void make_report(struct job *job)
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
 	job->report.stage_seconds = job->dataset->stage_seconds;
+	job->report.seal_seconds = job->dataset->seal_seconds;
+	walk_seconds(job->walk, &job->report.plan_seconds, &job->report.domains_seconds);
 	job->report.first_triangle_seconds = first ? (double)(first - job->begun_ns) / 1e9 : 0;
 	job->has_report = true;
 }

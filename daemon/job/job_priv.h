@@ -45,7 +45,7 @@ struct dataset {
 	struct pending *pending;
 	bool row; /* the catalogue has one */
 	bool sweep; /* at the start: pushes left something */
-	double stage_seconds; /* of the last push */
+	double stage_seconds, seal_seconds; /* of the last push; the second is a part of the first */
 };
 
 struct job {

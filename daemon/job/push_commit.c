@@ -53,6 +53,8 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	struct dataset *d = p->dataset;
 
+	if (!p->commit_ns)
+		p->commit_ns = clock_mono_ns();
 	if (!p->nsources && !p->ntaken)
 		return d->generation
 			       ? PUSH_NOW
@@ -207,6 +209,7 @@ static void commit_answer(struct push *p, const struct err *why)
 	if (!why && p->made) {
 		d->pushed_us = clock_real_us();
 		d->stage_seconds = clock_since(p->begun_ns);
+		d->seal_seconds = p->commit_ns ? clock_since(p->commit_ns) : 0;
 		if (dataset_set(d, p->made, p->made_name, &err))
 			why = &err;
 		p->old_goes = !jobs_opening(p->jobs, d);

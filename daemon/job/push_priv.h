@@ -158,7 +158,7 @@ struct push {
 	uint32_t files; /* staged whole */
 	uint32_t durable;
 	uint64_t unsynced_points;
-	uint64_t synced_ns, begun_ns, asked_ns;
+	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* the last: when the commit was asked for first */
 
 	struct grid_manifest *made; /* by the commit */
 	char made_name[64];

@@ -27,6 +27,8 @@ static const struct {
 	FIELD(halo, NUMBER),           FIELD(digest, TEXT),
 	FIELD(vertex_digest, TEXT),    FIELD(seconds, SECONDS),
 	FIELD(stage_seconds, SECONDS), FIELD(first_triangle_seconds, SECONDS),
+	FIELD(seal_seconds, SECONDS),  FIELD(plan_seconds, SECONDS),
+	FIELD(domains_seconds, SECONDS),
 	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
 #undef FIELD
 };

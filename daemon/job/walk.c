@@ -164,6 +164,7 @@ static void open_done(struct sched_task *t)
 static void open_start(struct walk *w)
 {
 	w->state = WALK_OPENING;
+	w->opened_ns = w->opened_ns ? w->opened_ns : clock_mono_ns();
 	memcpy(w->manifest, w->dataset->manifest, sizeof w->manifest);
 	w->task = (struct sched_task){
 		.run = open_run,
@@ -561,6 +562,12 @@ void walk_progress(const struct walk *w, uint64_t *ret_points, uint64_t *ret_tot
 	*ret_total = walk_selecting(w) ? w->select.total : w->grid_total;
 	*ret_domains = w->next_emit;
 	*ret_domains_total = w->plan_n;
+}
+
+void walk_seconds(const struct walk *w, double *ret_plan, double *ret_domains)
+{
+	*ret_plan = w->started_ns ? (double)(w->started_ns - w->opened_ns) / 1e9 : 0;
+	*ret_domains = w->started_ns ? clock_since(w->started_ns) : 0;
 }
 
 uint64_t walk_first_ns(const struct walk *w)

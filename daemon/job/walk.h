@@ -68,6 +68,8 @@ bool walk_unclassified(const struct walk *);
 uint64_t walk_grid_points(const struct walk *);
 void walk_progress(const struct walk *, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total);
+/* Up to the plan, and from there on. */
+void walk_seconds(const struct walk *, double *ret_plan, double *ret_domains);
 uint64_t walk_first_ns(const struct walk *); /* when the first triangles were there, 0: not yet */
 
 #endif

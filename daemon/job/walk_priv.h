@@ -98,7 +98,7 @@ struct walk {
 	void (*output_freed)(struct job_output *);
 	uint64_t spool_failed_ns;
 
-	uint64_t started_ns, first_ns, stopped_ns;
+	uint64_t opened_ns, started_ns, first_ns, stopped_ns;
 	uint64_t points, grid_total; /* emitted; in the generation */
 	bool stopping;
 	struct err why;

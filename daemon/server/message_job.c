@@ -24,6 +24,9 @@ static void report_message(const struct job_report *r, struct message_job *m)
 	m->report.seconds = r->seconds;
 	m->report.stage_seconds = r->stage_seconds;
 	m->report.first_triangle_seconds = r->first_triangle_seconds;
+	m->report.seal_seconds = r->seal_seconds;
+	m->report.plan_seconds = r->plan_seconds;
+	m->report.domains_seconds = r->domains_seconds;
 	m->report.peak_rss_bytes = r->peak_rss;
 	m->report.note = (char *)r->note;
 	for (i = VIEW_KEPT + 1; i < VIEW_RULES; i++) {
@@ -86,11 +89,12 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 	at = (size_t)snprintf(
 		buf, size,
 		"{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"seconds\":%.6f,"
-		"\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%"
-		"s\","
+		"\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"seal_seconds\":%.6f,"
+		"\"plan_seconds\":%.6f,\"domains_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%s\","
 		"\"removed\":{",
 		(unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
 		(unsigned long long)r->halo, r->seconds, r->stage_seconds, r->first_triangle_seconds,
+		r->seal_seconds, r->plan_seconds, r->domains_seconds,
 		(unsigned long long)r->peak_rss, r->note);
 	for (i = VIEW_KEPT + 1; i < VIEW_RULES && at < size; i++)
 		at += (size_t)snprintf(buf + at, size - at, "%s\"%s\":%llu", i > VIEW_KEPT + 1 ? "," : "",
