@@ -309,6 +309,8 @@ void ctl_height_text(struct ctl *, const struct ctl_staged *);
 /* ---- ctl_output.c: outputs from the options ---- */
 
 /* Checks them (what can be known without a daemon) and opens a run. */
+/* --format names one that writes nothing, and no OUT is given: that is complete. */
+bool ctl_output_nothing(const struct ctl_args *);
 int ctl_output_open(struct ctl *, struct format_run **ret, struct err *err);
 /* Fetches the job into the run, publishes, reports; exit status. */
 int ctl_output_fetch(struct ctl *, uint64_t job, struct format_run *, const struct ctl_staged *);

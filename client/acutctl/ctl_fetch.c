@@ -13,7 +13,7 @@ int ctl_fetch_run(struct ctl *ctl)
 
 	if (r)
 		return ctl_error(ctl, &err);
-	if (!ctl->args.nout) { /* said before a daemon is looked for */
+	if (!ctl->args.nout && !ctl_output_nothing(&ctl->args)) { /* said before a daemon is looked for */
 		ctl_output_open(ctl, &run, &err);
 		return ctl_error(ctl, &err);
 	}

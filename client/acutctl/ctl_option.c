@@ -30,7 +30,7 @@ struct option {
 static const struct option table[] = {
 	{"output", 'o', "OUT", OUTPUT, 0, CTL_OUT, "write there; \"-\" is standard output; may be repeated"},
 	{"format", 0, "FORMAT", TEXT, AT(format), CTL_OUT,
-	 "what to write, where the name of OUT does not say it"},
+	 "what to write, where the name of OUT does not say it; null: nothing, without OUT"},
 	{"max-edge", 0, "LENGTH", TEXT, AT(max_edge), CTL_OUT,
 	 "leave out triangles with a longer xy edge: 12 in file units, or 12m, 40ft, 40ftUS"},
 	{"z-unit", 0, "UNIT", TEXT, AT(z_unit), CTL_OUT, "convert heights to m, ft or ftUS"},

@@ -82,13 +82,13 @@ static const struct format *format_of(const struct ctl_args *a, const char *path
 static int add_output(const struct ctl_args *a, const char *path, struct format_run *run, bool *ret_picture,
 		      bool *ret_mesh, struct err *err)
 {
-	const struct format *f = format_of(a, path, err);
+	const struct format *f = path ? format_of(a, path, err) : format_find(a->format);
 	struct format_options opt;
 	int r = f ? options_of(a, f, &opt, err) : -(int)err->code;
 
 	if (r)
 		return r;
-	if (!strcmp(path, "-") && isatty(STDOUT_FILENO)) {
+	if (path && !f->nothing && !strcmp(path, "-") && isatty(STDOUT_FILENO)) {
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
@@ -97,11 +97,18 @@ static int add_output(const struct ctl_args *a, const char *path, struct format_
 	return format_run_add(run, path, f, &opt, err);
 }
 
+bool ctl_output_nothing(const struct ctl_args *a)
+{
+	const struct format *f = a->format ? format_find(a->format) : NULL;
+
+	return !a->nout && f && f->nothing;
+}
+
 static int check_outputs(const struct ctl_args *a, struct err *err)
 {
 	unsigned standard = 0;
 
-	if (!a->nout) {
+	if (!a->nout && !ctl_output_nothing(a)) {
 		err_set(err, ERR_USAGE, "no output given");
 		return err_add_hint(err, "say where to write with -o OUT, as in -o mesh.ply");
 	}
@@ -144,6 +151,8 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 		r = parse_length(a->max_edge, &opt, err);
 	if (!r)
 		r = format_run_new(&opt, &run, err);
+	if (!r && ctl_output_nothing(a))
+		r = add_output(a, NULL, run, &picture, &mesh, err);
 	for (unsigned i = 0; i < a->nout && !r; i++)
 		r = add_output(a, a->out[i], run, &picture, &mesh, err);
 	if (!r && !picture && (a->width || a->color))

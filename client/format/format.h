@@ -46,6 +46,7 @@ struct format {
 	bool canonical;            /* --canonical makes sense */
 	bool origin;               /* so does --origin */
 	bool positions;            /* blocks come with positions */
+	bool nothing;              /* writes nothing: added without a path, opened without an output */
 	int (*open)(struct format_output *, const struct format_options *, void **ret, struct err *);
 	int (*head)(void *writer, const struct acut_mesh_head *, struct err *);
 	int (*block)(void *writer, const struct format_block *, struct err *);
@@ -80,7 +81,7 @@ struct format_report {
 
 struct format_run;
 int format_run_new(const struct format_run_options *, struct format_run **ret, struct err *err);
-/* Opens the output: "-" is standard output. Wrong combinations are -ERR_USAGE. */
+/* Opens the output: "-" is standard output; NULL for a format that writes nothing. Wrong combinations are -ERR_USAGE. */
 int format_run_add(struct format_run *, const char *path, const struct format *,
 		   const struct format_options *, struct err *err);
 /* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */

@@ -175,6 +175,6 @@ void format_paint_init(struct format_paint *, const struct format_raster *, cons
 /* RGBA of the pixels x0 <= x < x1 of one row. */
 void format_paint_row(const struct format_paint *, uint32_t y, uint32_t x0, uint32_t x1, uint8_t *ret);
 
-extern const struct format format_ply, format_obj, format_png;
+extern const struct format format_ply, format_obj, format_png, format_null;
 
 #endif

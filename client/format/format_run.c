@@ -62,7 +62,8 @@ static struct target *target_free(struct target *t)
 	return NULL;
 }
 
-static int target_check(const struct format *format, const struct format_options *opt, struct err *err)
+static int target_check(const char *path, const struct format *format, const struct format_options *opt,
+			struct err *err)
 {
 	if (opt->canonical && !format->canonical)
 		return err_set(err, ERR_USAGE, "--canonical has no meaning for %s", format->name);
@@ -70,28 +71,36 @@ static int target_check(const struct format *format, const struct format_options
 		return err_set(err, ERR_USAGE, "--origin has no meaning for %s", format->name);
 	if (opt->z_unit && !format->origin)
 		return err_set(err, ERR_USAGE, "--z-unit has no meaning for %s", format->name);
+	if (format->nothing && path) {
+		err_set(err, ERR_USAGE, "%s writes nothing, and an output is given", format->name);
+		return err_add_hint(err, "leave out -o, or give another --format");
+	}
+	if (!format->nothing && !path)
+		return err_set(err, ERR_USAGE, "%s needs an output", format->name);
 	return 0;
 }
 
 int format_run_add(struct format_run *run, const char *path, const struct format *format,
 		   const struct format_options *opt, struct err *err)
 {
-	int r = target_check(format, opt, err);
+	int r = target_check(path, format, opt, err);
 	struct target *t = r ? NULL : calloc(1, sizeof(*t));
 
 	if (r)
-		return err_add_file(err, path);
+		return path ? err_add_file(err, path) : r;
 	if (!t)
 		return err_set(err, ERR_NOMEM, "no memory for an output");
 	t->format = format;
 	t->opt = *opt;
-	r = format_output_new(path, opt->no_clobber, &t->out, err);
+	if (path)
+		r = format_output_new(path, opt->no_clobber, &t->out, err);
 	if (!r)
 		r = format->open(t->out, opt, &t->writer, err);
 	if (!r && opt->canonical)
 		r = format_canonical_new(format, t->writer, t->out, run->opt.sort_memory, &t->canonical, err);
 	if (r) {
-		err_add_file(err, path);
+		if (path)
+			err_add_file(err, path);
 		target_free(t);
 		return r;
 	}
@@ -166,10 +175,10 @@ int format_run_publish(struct format_run *run, struct err *err)
 	if (!run->finished)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
 	for (struct target *t = run->target; t; t = t->next) {
-		int r = format_output_publish(t->out, err);
+		int r = t->out ? format_output_publish(t->out, err) : 0;
 		if (r)
 			return r;
-		run->bytes += format_output_size(t->out);
+		run->bytes += t->out ? format_output_size(t->out) : 0;
 	}
 	return 0;
 }

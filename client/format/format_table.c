@@ -7,7 +7,7 @@
 
 #include "format_priv.h"
 
-static const struct format *const row[] = { &format_ply, &format_obj, &format_png };
+static const struct format *const row[] = { &format_ply, &format_obj, &format_png, &format_null };
 
 const struct format *const *format_rows(size_t *ret_n)
 {

@@ -99,6 +99,12 @@ def usage(base):
     expect(["mesh", survey, "-o", out, "--threads", "0"], 2, "--threads")
     expect(["mesh", survey, "-o", out, "--memory", "64M", "--socket", "x"], 2, "own")
     expect(["mesh", survey, "-o", base, "--format", "ply"], 2, "folder")
+    expect(["mesh", survey, "-o", out, "--format", "null"], 2, "null writes nothing")
+    expect(["mesh", survey, "-o", "-", "--format", "null"], 2, "null writes nothing")
+    expect(["mesh", survey, "--format", "null", "--canonical"], 2, "--canonical has no meaning for null")
+    expect(["mesh", survey, "--format", "ply"], 2, "no output given")
+    expect(["fetch", "1", "--format", "ply"], 2, "no output given")
+    expect(["fetch", "1", "--format", "null"], 69)
     expect(["mesh", survey, "-o", base + "/none/m.ply"], 74, "none")
     expect(["mesh", base + "/empty", "-o", out], 69)
     os.mkdir(base + "/empty")
@@ -238,7 +244,7 @@ def texts():
             check("help of %s is the same twice" % c, run("help", c)[1] == run(c, "-h")[1])
     expect(["formats"], 0, "ply", "obj", "png", "las", "xyz")
     rows = [json.loads(line) for line in run("formats", "--json")[1].splitlines()]
-    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "png", "las", "xyz"})
+    check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "png", "null", "las", "xyz"})
     with open("/dev/full", "w") as full:
         check("a full standard output", run("formats", out=full)[0] == 74)
     r, w = os.pipe()

@@ -158,6 +158,11 @@ def outputs(p):
     check("--strict", status == 1 and not os.path.exists(p.path("y.ply")) and bad in err, "%d %s" % (status, err))
     status, _, err = p.ctl("mesh", bad, "-o", p.path("y.ply"))
     check("nothing good", status == 1 and bad in err, err)
+    # Counted and digested, not written.
+    before = set(os.listdir(p.base))
+    same = p.json("mesh", las, other, "--format", "null", cwd=p.base)
+    check("--format null", set(os.listdir(p.base)) == before and same["output_bytes"] == 0 and all(
+        same[k] == got[k] for k in ("digest", "vertex_digest", "vertices", "triangles", "hull")), str(same))
     # Lists, folders, standard input.
     os.mkdir(p.path("dir"))
     shutil.copy(las, p.path("dir/1.LAS"))

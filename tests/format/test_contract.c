@@ -102,6 +102,9 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 	assert_true(n >= 3);
 	for (size_t i = 0; i < n; i++) {
 		struct format_options opt = { .width = 200 };
+
+		if (row[i]->nothing)
+			continue;
 		test(row[i], &opt);
 		sweep();
 		if (row[i]->canonical) {
@@ -361,6 +364,59 @@ static void test_table(void **state)
 	assert_false(format_parse_color("domains", &color));
 }
 
+/* Rows that write nothing take no output; all others need one. */
+static void test_nothing(void **state)
+{
+	const struct format_options opt = { 0 };
+	const struct format_run_options ropt = { .has_max_edge = true, .max_edge = { 26, -2 }, .edges = true };
+	struct meshes m;
+	size_t n, nothing = 0;
+	const struct format *const *row = format_rows(&n);
+
+	meshes_make(&m, &many);
+	for (size_t i = 0; i < n; i++) {
+		struct format_run *run;
+		struct format_report report;
+		struct acut_mesh_sink sink;
+		struct err err = ERR_INIT;
+
+		assert_int_equal(format_run_new(&ropt, &run, &err), 0);
+		if (row[i]->nothing) {
+			assert_int_equal(format_run_add(run, path_of("out"), row[i], &opt, &err), -ERR_USAGE);
+			assert_int_equal(format_run_add(run, NULL, row[i], &opt, &err), 0);
+			sink = format_run_sink(run);
+			assert_int_equal(meshes_send(&m, &sink, SIZE_MAX), 0);
+			assert_int_equal(format_run_publish(run, &err), 0);
+			format_run_report(run, &report);
+			assert_int_equal(report.bytes, 0);
+			assert_int_equal(report.left_out, m.tail.triangles); /* the diagonals are longer */
+			nothing++;
+		} else {
+			assert_int_equal(format_run_add(run, NULL, row[i], &opt, &err), -ERR_USAGE);
+		}
+		format_run_free(run);
+	}
+	assert_true(nothing > 0);
+	assert_int_equal(files(), 0);
+	/* a tail that counts what did not come */
+	m.tail.vertices++;
+	for (size_t i = 0; i < n; i++) {
+		struct format_run *run;
+		struct acut_mesh_sink sink;
+		struct err err = ERR_INIT;
+
+		if (!row[i]->nothing)
+			continue;
+		assert_int_equal(format_run_new(&ropt, &run, &err), 0);
+		assert_int_equal(format_run_add(run, NULL, row[i], &opt, &err), 0);
+		sink = format_run_sink(run);
+		assert_true(meshes_send(&m, &sink, SIZE_MAX) != 0);
+		assert_int_equal(format_run_error(run)->code, ERR_PROTO);
+		format_run_free(run);
+	}
+	meshes_done(&m);
+}
+
 /* The same on a file system without nameless files. */
 static int no_nameless(int dirfd, const char *path, int flags, mode_t mode)
 {
@@ -393,6 +449,7 @@ int main(void)
 		cmocka_unit_test(test_device),	    cmocka_unit_test(test_clobber),
 		cmocka_unit_test(test_link),	    cmocka_unit_test(test_finished_vertex),
 		cmocka_unit_test(test_wrong_options), cmocka_unit_test(test_table),
+		cmocka_unit_test(test_nothing),
 		cmocka_unit_test(test_named),
 	};
 	int failed;
