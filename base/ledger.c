@@ -1,5 +1,5 @@
 /*
- * The budget (ledger.h): one total, held by name. Taking never waits: who cannot have it now gives way
+ * The budget (ledger.h): one total, held by name, with a part set aside for some. Taking never waits: who cannot have it now gives way
  * or comes back later. A name that gives back more than it holds is a fault in the program and ends it.
  */
 #include "ledger.h"
@@ -10,8 +10,9 @@
 
 struct ledger {
 	pthread_mutex_t lock;
-	uint64_t total, left;
-	uint64_t held[LEDGER_NAMES];
+	uint64_t total, left; /* left: beside what is held and what is set aside */
+	uint64_t sum, peak_sum;
+	uint64_t held[LEDGER_NAMES], peak[LEDGER_NAMES], aside[LEDGER_NAMES], most[LEDGER_NAMES];
 };
 
 struct ledger *ledger_new(uint64_t total)
@@ -29,20 +30,49 @@ struct ledger *ledger_free(struct ledger *l)
 {
 	if (!l)
 		return NULL;
-	assert(l->left == l->total);
+	assert(l->sum == 0);
 	pthread_mutex_destroy(&l->lock);
 	free(l);
 	return NULL;
 }
 
+/* What a name that holds so much takes from all: at least what is set aside for it. */
+static uint64_t claim(const struct ledger *l, enum ledger_name name, uint64_t held)
+{
+	return held > l->aside[name] ? held : l->aside[name];
+}
+
+bool ledger_share(struct ledger *l, enum ledger_name name, uint64_t aside, uint64_t most)
+{
+	pthread_mutex_lock(&l->lock);
+	bool fits = aside <= l->left && !l->held[name] && !l->aside[name];
+
+	if (fits) {
+		l->aside[name] = aside;
+		l->most[name] = most;
+		l->left -= aside;
+	}
+	pthread_mutex_unlock(&l->lock);
+	return fits;
+}
+
 bool ledger_take(struct ledger *l, enum ledger_name name, uint64_t bytes)
 {
 	pthread_mutex_lock(&l->lock);
-	bool fits = bytes <= l->left;
+	/* No sum of what is held can overflow, but what is asked for may be any number. */
+	bool fits = bytes <= l->total && (!l->most[name] || l->held[name] + bytes <= l->most[name]);
 
 	if (fits) {
-		l->left -= bytes;
-		l->held[name] += bytes;
+		uint64_t held = l->held[name] + bytes, more = claim(l, name, held) - claim(l, name, l->held[name]);
+
+		fits = more <= l->left;
+		if (fits) {
+			l->left -= more;
+			l->held[name] = held;
+			l->sum += bytes;
+			l->peak[name] = held > l->peak[name] ? held : l->peak[name];
+			l->peak_sum = l->sum > l->peak_sum ? l->sum : l->peak_sum;
+		}
 	}
 	pthread_mutex_unlock(&l->lock);
 	return fits;
@@ -53,8 +83,9 @@ void ledger_give(struct ledger *l, enum ledger_name name, uint64_t bytes)
 	pthread_mutex_lock(&l->lock);
 	if (bytes > l->held[name])
 		abort(); /* not assert: a wrong budget must not go on in a release either */
+	l->left += claim(l, name, l->held[name]) - claim(l, name, l->held[name] - bytes);
 	l->held[name] -= bytes;
-	l->left += bytes;
+	l->sum -= bytes;
 	pthread_mutex_unlock(&l->lock);
 }
 
@@ -63,22 +94,44 @@ uint64_t ledger_total(const struct ledger *l)
 	return l->total;
 }
 
-uint64_t ledger_left(struct ledger *l)
+static uint64_t read_number(struct ledger *l, const uint64_t *number)
 {
 	pthread_mutex_lock(&l->lock);
-	uint64_t left = l->left;
+	uint64_t n = *number;
 
 	pthread_mutex_unlock(&l->lock);
-	return left;
+	return n;
+}
+
+uint64_t ledger_left(struct ledger *l)
+{
+	return read_number(l, &l->left);
 }
 
 uint64_t ledger_held(struct ledger *l, enum ledger_name name)
 {
-	pthread_mutex_lock(&l->lock);
-	uint64_t held = l->held[name];
+	return read_number(l, &l->held[name]);
+}
 
+uint64_t ledger_peak(struct ledger *l, enum ledger_name name)
+{
+	return read_number(l, &l->peak[name]);
+}
+
+uint64_t ledger_peak_all(struct ledger *l)
+{
+	return read_number(l, &l->peak_sum);
+}
+
+uint64_t ledger_claimed(struct ledger *l, unsigned mask)
+{
+	uint64_t sum = 0;
+
+	pthread_mutex_lock(&l->lock);
+	for (unsigned i = 0; i < LEDGER_NAMES; i++)
+		sum += mask >> i & 1 ? claim(l, (enum ledger_name)i, l->held[i]) : 0;
 	pthread_mutex_unlock(&l->lock);
-	return held;
+	return sum;
 }
 
 const char *ledger_name_text(enum ledger_name name)
@@ -86,7 +139,9 @@ const char *ledger_name_text(enum ledger_name name)
 	static const char *const text[LEDGER_NAMES] = {
 		[LEDGER_STAGE] = "stage",     [LEDGER_INDEX] = "index",         [LEDGER_DOMAIN] = "domain",
 		[LEDGER_EMITTER] = "emitter", [LEDGER_PIPE] = "pipe",           [LEDGER_INPUT] = "input",
-		[LEDGER_MESSAGE] = "message", [LEDGER_CATALOGUE] = "catalogue",
+		[LEDGER_MESSAGE] = "message", [LEDGER_CATALOGUE] = "catalogue", [LEDGER_PLAN] = "plan",
+		[LEDGER_MANIFEST] = "manifest", [LEDGER_FILES] = "files",       [LEDGER_JOBS] = "jobs",
+		[LEDGER_THREAD] = "thread",
 	};
 
 	return (unsigned)name < LEDGER_NAMES ? text[name] : "unknown";

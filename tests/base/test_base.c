@@ -138,6 +138,42 @@ static void *ledger_churn(void *arg)
 	return NULL;
 }
 
+/* What is set aside for a name is there for it whatever the others take, and no name gets more than its most. */
+static void test_ledger_shares(void **state)
+{
+	struct ledger *l = ledger_new(1000);
+
+	assert_true(ledger_share(l, LEDGER_MESSAGE, 100, 300));
+	assert_false(ledger_share(l, LEDGER_MESSAGE, 100, 0));
+	assert_false(ledger_share(l, LEDGER_JOBS, 901, 0));
+	assert_true(ledger_share(l, LEDGER_JOBS, 200, 0));
+	assert_int_equal(ledger_left(l), 700);
+	assert_false(ledger_take(l, LEDGER_DOMAIN, 701));
+	assert_true(ledger_take(l, LEDGER_DOMAIN, 700));
+	assert_true(ledger_take(l, LEDGER_MESSAGE, 60));
+	assert_true(ledger_take(l, LEDGER_MESSAGE, 40));
+	assert_false(ledger_take(l, LEDGER_MESSAGE, 1));
+	assert_false(ledger_take(l, LEDGER_JOBS, UINT64_MAX));
+	assert_true(ledger_take(l, LEDGER_JOBS, 200));
+	assert_int_equal(ledger_peak_all(l), 1000);
+	ledger_give(l, LEDGER_DOMAIN, 700);
+	assert_int_equal(ledger_left(l), 700);
+	/* Beyond what is kept, out of what the others leave, up to the most. */
+	assert_false(ledger_take(l, LEDGER_MESSAGE, 201));
+	assert_true(ledger_take(l, LEDGER_MESSAGE, 200));
+	assert_int_equal(ledger_left(l), 500);
+	assert_int_equal(ledger_claimed(l, 1u << LEDGER_MESSAGE | 1u << LEDGER_DOMAIN), 300);
+	ledger_give(l, LEDGER_MESSAGE, 290);
+	assert_int_equal(ledger_left(l), 700);
+	assert_int_equal(ledger_claimed(l, 1u << LEDGER_MESSAGE), 100);
+	assert_int_equal(ledger_peak(l, LEDGER_MESSAGE), 300);
+	ledger_give(l, LEDGER_MESSAGE, 10);
+	ledger_give(l, LEDGER_JOBS, 200);
+	assert_int_equal(ledger_left(l), 700);
+	assert_null(ledger_free(l));
+	(void)state;
+}
+
 static void test_ledger(void **state)
 {
 	struct ledger *l = ledger_new(1000);
@@ -156,6 +192,9 @@ static void test_ledger(void **state)
 		pthread_join(thread[i], NULL);
 	ledger_give(l, LEDGER_PIPE, 400);
 	assert_int_equal(ledger_left(l), ledger_total(l));
+	assert_int_equal(ledger_peak(l, LEDGER_PIPE), 400);
+	assert_int_equal(ledger_peak(l, LEDGER_STAGE), 600);
+	assert_int_equal(ledger_peak_all(l), 1000);
 	for (int i = 0; i < LEDGER_NAMES; i++)
 		assert_true(strcmp(ledger_name_text((enum ledger_name)i), "unknown") != 0);
 	assert_null(ledger_free(l));
@@ -280,6 +319,7 @@ int main(void)
 		cmocka_unit_test(test_log),
 		cmocka_unit_test(test_arena),
 		cmocka_unit_test(test_ledger),
+		cmocka_unit_test(test_ledger_shares),
 		cmocka_unit_test(test_cursor),
 		cmocka_unit_test(test_clock),
 		cmocka_unit_test(test_parse_integers),
