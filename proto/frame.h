@@ -81,6 +81,7 @@ int frame_conn_fd(const struct frame_conn *);
 short frame_conn_events(const struct frame_conn *);
 bool frame_conn_wants_write(const struct frame_conn *);
 size_t frame_conn_queued(const struct frame_conn *); /* bytes not yet sent */
+size_t frame_conn_held(const struct frame_conn *);   /* bytes that it takes, the queue and half a frame included */
 
 /* The next whole frame. 0: *ret_message (frame_message_free it), *ret_id and *ret_fd (-1: none; else the
  * caller's, close-on-exec) are set. FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION,

@@ -49,6 +49,7 @@ struct frame_conn {
 
 	struct queued *first, **last;
 	size_t queued; /* bytes not yet sent */
+	size_t held;   /* charged */
 };
 
 /* ---- memory ---- */
@@ -62,6 +63,7 @@ static void *conn_take(struct frame_conn *conn, size_t size)
 	bytes = malloc(size);
 	if (!bytes && conn->limits.ledger)
 		ledger_give(conn->limits.ledger, LEDGER_MESSAGE, size);
+	conn->held += bytes ? size : 0;
 	return bytes;
 }
 
@@ -70,6 +72,7 @@ static void conn_give(struct frame_conn *conn, void *bytes, size_t size)
 	if (!bytes)
 		return;
 	free(bytes);
+	conn->held -= size;
 	if (conn->limits.ledger)
 		ledger_give(conn->limits.ledger, LEDGER_MESSAGE, size);
 }
@@ -97,8 +100,14 @@ int frame_conn_new(int fd, const struct frame_limits *limits, struct frame_conn 
 		free(conn);
 		return err_set(err, ERR_BUSY, "there is no memory left for a connection");
 	}
+	conn->held = sizeof *conn;
 	*ret = conn;
 	return 0;
+}
+
+size_t frame_conn_held(const struct frame_conn *conn)
+{
+	return conn->held;
 }
 
 static void conn_close_fd(int *fd)

@@ -222,10 +222,39 @@ int acut_ping(struct acut *a, double *ret_seconds)
 	return r;
 }
 
+/* Everything in one allocation: the holders, then the entries of all. */
+static int status_rows(struct acut *a, const Acut__V1__Status *s)
+{
+	size_t n = s->n_ledger;
+	struct acut_holder *holders;
+	struct acut_ledger_entry *rows;
+
+	for (size_t i = 0; i < s->n_holders; i++)
+		n += s->holders[i]->n_held;
+	a->rows = calloc(1, (s->n_holders + 1) * sizeof *holders + (n + 1) * sizeof *rows);
+	if (!a->rows)
+		return err_set(&a->err, ERR_NOMEM, "there is no memory for a status");
+	holders = a->rows;
+	rows = (struct acut_ledger_entry *)(holders + s->n_holders + 1);
+	a->status.ledger = rows;
+	a->status.nledger = s->n_ledger;
+	for (size_t i = 0; i < s->n_ledger; i++)
+		*rows++ = (struct acut_ledger_entry){s->ledger[i]->name, s->ledger[i]->bytes, s->ledger[i]->peak};
+	for (size_t i = 0; i < s->n_holders; i++) {
+		const Acut__V1__LedgerHolder *h = s->holders[i];
+
+		holders[i] = (struct acut_holder){h->kind, h->what, h->id, h->uid, h->pid, rows, h->n_held};
+		for (size_t k = 0; k < h->n_held; k++)
+			*rows++ = (struct acut_ledger_entry){h->held[k]->name, h->held[k]->bytes, 0};
+	}
+	a->status.holders = holders;
+	a->status.nholders = s->n_holders;
+	return 0;
+}
+
 int acut_status(struct acut *a, const struct acut_status **ret)
 {
 	Acut__V1__StatusRequest question = ACUT__V1__STATUS_REQUEST__INIT;
-	struct acut_ledger_entry *rows;
 	const Acut__V1__Status *s;
 	int r = call_ask(a, FRAME_MESSAGE(STATUS_REQUEST, status_request, &question), -1,
 			 ACUT__V1__MESSAGE__BODY_STATUS);
@@ -233,11 +262,6 @@ int acut_status(struct acut *a, const struct acut_status **ret)
 	if (r < 0)
 		return r;
 	s = a->answer->status;
-	rows = a->rows = calloc(s->n_ledger + 1, sizeof *rows);
-	if (!rows)
-		return err_set(&a->err, ERR_NOMEM, "there is no memory for a status");
-	for (size_t i = 0; i < s->n_ledger; i++)
-		rows[i] = (struct acut_ledger_entry){s->ledger[i]->name, s->ledger[i]->bytes};
 	a->status = (struct acut_status){
 	    .version = s->version,
 	    .state_dir = s->state_dir,
@@ -250,9 +274,13 @@ int acut_status(struct acut *a, const struct acut_status **ret)
 	    .jobs_waiting = s->jobs_waiting,
 	    .connections = s->connections,
 	    .uptime_seconds = s->uptime_seconds,
-	    .ledger = rows,
-	    .nledger = s->n_ledger,
+	    .holders_more = s->holders_more,
+	    .pipe_capacity = s->pipe_capacity,
+	    .ledger_peak = s->ledger_peak,
+	    .rss_bytes = s->rss_bytes,
 	};
-	*ret = &a->status;
-	return 0;
+	r = status_rows(a, s);
+	if (r == 0)
+		*ret = &a->status;
+	return r;
 }

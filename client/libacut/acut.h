@@ -78,7 +78,16 @@ int acut_ping(struct acut *, double *ret_seconds);
 
 struct acut_ledger_entry {
 	const char *name;
-	uint64_t bytes;
+	uint64_t bytes; /* held now */
+	uint64_t peak;  /* the most since the start; 0 in a holder's list */
+};
+/* A job, a later stream of one ("fetch"), a plan, a push, a reading of a file ("info") or a connection. */
+struct acut_holder {
+	const char *kind, *what; /* what: the dataset, "" if there is none */
+	uint64_t id;             /* of the job or push; of a connection a running number */
+	uint32_t uid, pid;       /* pid 0: not known */
+	const struct acut_ledger_entry *held; /* names of which it holds something */
+	size_t nheld;
 };
 struct acut_status {
 	const char *version, *state_dir, *cache_dir;
@@ -87,6 +96,11 @@ struct acut_status {
 	double uptime_seconds;
 	const struct acut_ledger_entry *ledger;
 	size_t nledger;
+	const struct acut_holder *holders; /* those that hold the most; what nobody holds is the daemon's own */
+	size_t nholders, holders_more;     /* that were left out */
+	uint64_t pipe_capacity; /* of the kernel's pipes of open streams: beside `memory` */
+	uint64_t ledger_peak;   /* the most that all names together held */
+	uint64_t rss_bytes;     /* resident now */
 };
 /* Results stay valid until the next call on this connection. */
 int acut_status(struct acut *, const struct acut_status **ret);

@@ -14,10 +14,10 @@
 
 #include "crs_geo.h"
 #include "err.h"
+#include "ledger.h"
 #include "pipe.h"
 
 struct catalogue;
-struct ledger;
 struct sched;
 
 struct jobs; /* the house */
@@ -28,6 +28,15 @@ struct job;
 
 struct job_peer {
 	uint32_t uid, pid;
+};
+
+/* Who holds how much of the budget, by name. */
+struct job_holder {
+	const char *kind;    /* "job", "fetch", "plan", "push" */
+	uint64_t id;         /* of the job or push; 0: none */
+	struct job_peer peer;
+	const char *dataset; /* "": none */
+	uint64_t held[LEDGER_NAMES];
 };
 
 /* ---- the house ---- */
@@ -59,7 +68,10 @@ bool jobs_parked(const struct jobs *);
  * next. */
 void jobs_abandon(struct jobs *);
 void jobs_count(const struct jobs *, uint32_t *ret_running, uint32_t *ret_waiting);
+/* All that hold something. What is held beside them is of the house, or of tasks that look at a single file. */
+void jobs_holders(struct jobs *, void (*each)(void *ctx, const struct job_holder *), void *ctx);
 uint64_t jobs_peak_rss(void); /* VmHWM of this process, bytes */
+uint64_t jobs_rss(void);      /* VmRSS */
 
 /* ---- datasets ---- */
 

@@ -301,6 +301,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		return;
 	}
 	p->jobs = j;
+	p->peer = *peer;
 	p->err = ERR_INIT;
 	p->planned = planned;
 	p->token = token;

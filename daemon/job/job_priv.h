@@ -85,6 +85,7 @@ struct job_asked_plan {
 	struct job_asked_plan *next;
 	struct jobs *jobs;
 	struct walk *walk;
+	struct job_peer peer;
 	bool walk_ended;
 	struct err err;
 	bool failed;

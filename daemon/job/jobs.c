@@ -504,8 +504,10 @@ void jobs_count(const struct jobs *j, uint32_t *ret_running, uint32_t *ret_waiti
 	*ret_waiting = waiting;
 }
 
-uint64_t jobs_peak_rss(void)
+/* A line of the process's status, in bytes; 0: there is none. */
+static uint64_t status_bytes(const char *key)
 {
+	size_t n = strlen(key);
 	char line[256];
 	unsigned long long kib = 0;
 	FILE *f = fopen("/proc/self/status", "re");
@@ -513,8 +515,18 @@ uint64_t jobs_peak_rss(void)
 	if (!f)
 		return 0;
 	while (fgets(line, sizeof line, f))
-		if (sscanf(line, "VmHWM: %llu", &kib) == 1)
+		if (!strncmp(line, key, n) && sscanf(line + n, ": %llu", &kib) == 1)
 			break;
 	fclose(f);
 	return (uint64_t)kib << 10;
+}
+
+uint64_t jobs_peak_rss(void)
+{
+	return status_bytes("VmHWM");
+}
+
+uint64_t jobs_rss(void)
+{
+	return status_bytes("VmRSS");
 }

@@ -247,6 +247,15 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	return 0;
 }
 
+uint64_t push_crew_held(const struct push_crew *c)
+{
+	uint64_t bytes = 0;
+
+	for (unsigned i = 1; c && i < c->members; i++)
+		bytes += sched_taken(c->push->jobs->p.sched, &c->member[i].task);
+	return bytes;
+}
+
 struct push_crew *push_crew_free(struct push_crew *c)
 {
 	if (c) {

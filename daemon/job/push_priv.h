@@ -215,6 +215,7 @@ void push_task_over(struct push *);
 /* push_parts.c: a->whole by several workers; push_task_over when all are done */
 int push_crew_start(struct push *, struct push_ask *, struct err *err);
 struct push_crew *push_crew_free(struct push_crew *);
+uint64_t push_crew_held(const struct push_crew *); /* of LEDGER_INPUT, by those who help; NULL: none */
 uint64_t push_crew_step(uint64_t parts, unsigned members); /* parts that are read at a time */
 uint64_t push_helper_bytes(const struct input_info *); /* memory of each but the first */
 /* push_ask.c: when all was read: hash it, and see that it is still the same file. */

@@ -74,6 +74,7 @@ static struct sched_task *take(struct sched *s)
 			}
 		}
 		*at = t->next;
+		t->took = true;
 		if (!starved)
 			s->starved = 0;
 		return t;
@@ -198,7 +199,7 @@ void sched_submit(struct sched *s, struct sched_task *t)
 	struct sched_task **at;
 
 	pthread_mutex_lock(&s->lock);
-	t->ran = false;
+	t->ran = t->took = false;
 	t->order = s->order++;
 	s->busy++;
 	if (s->stop || atomic_load(&t->cancel)) {
@@ -274,9 +275,20 @@ unsigned sched_dispatch(struct sched *s)
 		pthread_mutex_unlock(&s->lock);
 		if (!t)
 			return n;
+		t->took = false;
 		t->done(t);
 		n++;
 	}
+}
+
+uint64_t sched_taken(struct sched *s, const struct sched_task *t)
+{
+	uint64_t bytes;
+
+	pthread_mutex_lock(&s->lock);
+	bytes = t->took ? t->bytes : 0;
+	pthread_mutex_unlock(&s->lock);
+	return bytes;
 }
 
 void sched_give(struct sched *s, enum ledger_name name, uint64_t bytes)

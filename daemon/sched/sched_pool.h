@@ -32,6 +32,7 @@ struct sched_task {
 	atomic_bool cancel; /* workers look at it; set by sched_cancel */
 	bool ran;           /* in done: run was called, and `bytes` are the submitter's */
 	/* of sched only */
+	bool took; /* its bytes, and done was not called */
 	uint64_t order;
 	struct sched_task *next;
 };
@@ -51,6 +52,8 @@ int sched_fd(const struct sched *);
 /* Calls the done of every task that is over; returns how many. */
 unsigned sched_dispatch(struct sched *);
 
+/* Bytes that the task has taken and that its `done` has not heard of yet. */
+uint64_t sched_taken(struct sched *, const struct sched_task *);
 /* Gives bytes back to the ledger and starts what fits now. Any thread. */
 void sched_give(struct sched *, enum ledger_name, uint64_t bytes);
 /* The bytes that the first waiting task lacks memory for; 0 if none waits for memory. Any change of the

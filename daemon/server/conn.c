@@ -125,6 +125,11 @@ void request_refuse(struct request *q, const struct err *why)
 	conn_send_error(c, id, why);
 }
 
+uint64_t conn_held(const struct conn *c)
+{
+	return c->frame ? frame_conn_held(c->frame) : 0;
+}
+
 /* ---- reading ---- */
 
 static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
@@ -187,6 +192,7 @@ int conn_new(struct server *s, int fd, struct err *err)
 		free(c);
 		return 0;
 	}
+	c->number = ++s->last_conn;
 	c->next = s->conns;
 	s->conns = c;
 	s->nconns++;

@@ -1,11 +1,6 @@
 /*
  * The table of requests: what a message of a client sets off, and whether a descriptor goes with it.
  */
-#include <stdio.h>
-#include <string.h>
-#include <unistd.h>
-
-#include "clock.h"
 #include "io.h"
 #include "server_priv.h"
 
@@ -37,34 +32,6 @@ static void request_ping(struct conn *c, struct request *q, Acut__V1__Message *m
 	Acut__V1__Done done = ACUT__V1__DONE__INIT;
 
 	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
-}
-
-static void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
-{
-	struct server *s = c->server;
-	Acut__V1__Status status = ACUT__V1__STATUS__INIT;
-	Acut__V1__LedgerEntry entry[LEDGER_NAMES], *list[LEDGER_NAMES];
-	int i;
-
-	for (i = 0; i < LEDGER_NAMES; i++) {
-		acut__v1__ledger_entry__init(&entry[i]);
-		entry[i].name = (char *)ledger_name_text((enum ledger_name)i);
-		entry[i].bytes = ledger_held(s->p.ledger, (enum ledger_name)i);
-		list[i] = &entry[i];
-	}
-	status.version = (char *)s->p.version;
-	status.pid = (uint64_t)getpid();
-	status.memory = s->p.memory;
-	status.threads = s->p.threads;
-	status.uptime_seconds = clock_since(s->started_ns);
-	status.peak_rss_bytes = jobs_peak_rss();
-	status.n_ledger = LEDGER_NAMES;
-	status.ledger = list;
-	jobs_count(s->jobs, &status.jobs_running, &status.jobs_waiting);
-	status.connections = server_connections(s);
-	status.state_dir = (char *)s->p.state_dir;
-	status.cache_dir = (char *)s->p.cache_dir;
-	request_answer(q, FRAME_MESSAGE(STATUS, status, &status));
 }
 
 static const struct {

@@ -27,6 +27,7 @@ struct server {
 	sd_event_source *again; /* accept paused: no descriptors left */
 	struct conn *conns;
 	unsigned nconns;
+	uint64_t last_conn;
 	uint64_t started_ns;
 	bool stopping, reap;
 };
@@ -66,6 +67,7 @@ struct conn {
 	struct frame_conn *frame; /* NULL: closed */
 	sd_event_source *io;
 	struct job_peer peer;
+	uint64_t number; /* of all that ever came */
 	bool hello, closed;
 	unsigned nrequests, nfiles;
 	struct request *requests;
@@ -87,10 +89,14 @@ struct request *request_free(struct request *);
 void request_answer(struct request *, const Acut__V1__Message *); /* and free it */
 void request_refuse(struct request *, const struct err *);        /* likewise */
 
+uint64_t conn_held(const struct conn *); /* taken of LEDGER_MESSAGE */
+
 /* request.c: the table */
 void request_handle(struct conn *, uint32_t id, Acut__V1__Message *, int fd);
 
 typedef void request_fn(struct conn *, struct request *, Acut__V1__Message *, int fd);
+/* request_status.c */
+request_fn request_status;
 /* request_push.c */
 request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit,
 	request_push_abort, request_stream, request_info, request_inspect;
@@ -120,6 +126,7 @@ struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request,
 				  struct err *err);
 void stream_out_start(struct stream_out *, struct job *);
 void stream_out_leave(struct conn *); /* all streams of the connection end */
+uint64_t stream_out_pipes(const struct conn *); /* the kernel's capacity for its pipes that are open */
 void stream_out_progress(struct conn *, struct job *);
 
 #endif

@@ -498,6 +498,19 @@ void stream_out_leave(struct conn *c)
 	}
 }
 
+uint64_t stream_out_pipes(const struct conn *c)
+{
+	const struct stream_out *o;
+	uint64_t bytes = 0;
+
+	for (o = c->streams; o; o = o->next) {
+		int size = o->fd < 0 ? 0 : fcntl(o->fd, F_GETPIPE_SZ);
+
+		bytes += size > 0 ? (uint64_t)size : 0;
+	}
+	return bytes;
+}
+
 void stream_out_progress(struct conn *c, struct job *job)
 {
 	struct stream_out *o;

@@ -255,6 +255,11 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 	return 0;
 }
 
+uint64_t grid_charged(const struct grid *g)
+{
+	return g->charged;
+}
+
 uint64_t grid_generation(const struct grid *g)
 {
 	return g->generation;
