@@ -99,6 +99,38 @@ void digest_add_triangle(struct digest *sum, const int64_t corner[3][2])
 	sum->lo += h.low64;
 }
 
+/* a and b change places where `mask` is all ones: which corner is the smallest cannot be foretold. */
+static inline uint64_t either(uint64_t a, uint64_t b, uint64_t mask)
+{
+	return a ^ ((a ^ b) & mask);
+}
+
+static inline void place_take(uint64_t place, const int64_t k[2], int64_t ret[2])
+{
+	ret[0] = (int32_t)((uint32_t)(place >> 32) ^ 0x80000000u) + k[0];
+	ret[1] = (int32_t)((uint32_t)place ^ 0x80000000u) + k[1];
+}
+
+void digest_add_triangles(struct digest *sum, const uint64_t (*place)[3], size_t n, const int64_t k[2])
+{
+	struct digest s = *sum;
+
+	for (size_t i = 0; i < n; i++) {
+		uint64_t p = place[i][0], q = place[i][1], r = place[i][2];
+		uint64_t second = 0 - (uint64_t)(q < p), third = 0 - (uint64_t)(r < either(p, q, second));
+		int64_t bytes[3][2];
+		XXH128_hash_t h;
+
+		place_take(either(either(p, q, second), r, third), k, bytes[0]);
+		place_take(either(either(q, r, second), p, third), k, bytes[1]);
+		place_take(either(either(r, p, second), q, third), k, bytes[2]);
+		h = XXH3_128bits(bytes, sizeof bytes);
+		s.hi += h.high64;
+		s.lo += h.low64;
+	}
+	*sum = s;
+}
+
 void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z)
 {
 	int64_t bytes[3] = {x, y, z};

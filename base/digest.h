@@ -32,6 +32,14 @@ bool digest_is_zero(struct digest a);
  * so that the lexicographically smallest corner (x, then y) comes first; hashed are the 48 bytes of the
  * six int64 x, y, x, y, x, y, little-endian. Heights are in the vertex digest. */
 void digest_add_triangle(struct digest *sum, const int64_t corner[3][2]);
+/* n triangles of lattice numbers X, Y with the offset k, each corner as digest_place: the same sum as by
+ * digest_add_triangle, in a third of its time. */
+void digest_add_triangles(struct digest *sum, const uint64_t (*place)[3], size_t n, const int64_t k[2]);
+/* A position as one number whose order is that of x, then y. */
+static inline uint64_t digest_place(int32_t x, int32_t y)
+{
+	return ((uint64_t)(uint32_t)x << 32 | (uint32_t)y) ^ UINT64_C(0x8000000080000000);
+}
 /* One vertex: 24 bytes x, y, z, little-endian int64, absolute. */
 void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z);
 

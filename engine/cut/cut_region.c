@@ -7,7 +7,7 @@
  * lattice numbers (doubled: odd), so no point is ever on one. Infinite sides are flags, never large
  * numbers: circumcentres of lattice triangles lie as far out as 2^97.
  */
-#include "cut.h"
+#include "cut_owner.h"
 
 #include <inttypes.h>
 #include <math.h>
@@ -220,4 +220,18 @@ bool cut_region_owns(const struct cut_region *r, const int32_t a[2], const int32
 			return false;
 	}
 	return true;
+}
+
+void cut_owner_init(struct cut_owner *o, const struct cut_region *r)
+{
+	/* Farther than any border of the lattice (2^32 doubled) is from any point of it. */
+	const double far = 0x1p36;
+	int64_t box[4];
+
+	cut_region_box(r, box);
+	o->region = r;
+	for (unsigned i = 0; i < 2; i++) {
+		o->low[i] = box[i] == INT64_MIN ? -far : (double)box[i];
+		o->high[i] = box[2 + i] == INT64_MAX ? far : (double)box[2 + i];
+	}
 }

@@ -1,0 +1,32 @@
+/* From the kernel's triangles to a finished domain, in place. The steps of pipe_domain, apart for bench/engine. */
+#ifndef PIPE_FINISH_H
+#define PIPE_FINISH_H
+
+#include "cut.h"
+#include "grid.h"
+#include "tri.h"
+#include "view.h"
+
+struct pipe_budget;
+
+/* Where a domain's memory begins to be the kernel's arena. */
+void *pipe_domain_arena(const struct grid *grid, void *memory);
+/* Loads the region's points as the kernel's input. PIPE_E_SPLIT as of pipe_domain. */
+int pipe_domain_load(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		     const struct pipe_budget *budget, void *memory, struct tri *tri, struct cut_load *load,
+		     uint64_t *ret_need, struct err *err);
+
+struct pipe_finish {
+	const struct cut_region *region;
+	int64_t k[3];
+	struct tri_result tri;
+	struct mesh_domain out;
+};
+
+/* tri_run was done. After each step `out` holds more: */
+void pipe_finish_init(struct pipe_finish *, const struct cut_region *, const int64_t k[3], const struct tri *);
+void pipe_finish_owned(struct pipe_finish *);    /* triangles owned, and their digest; marks of their vertices */
+bool pipe_finish_vertices(struct pipe_finish *); /* vertices, box, digest of the closed ones. False: no room */
+void pipe_finish_numbers(struct pipe_finish *);  /* local numbers in the triangles, links of open vertices */
+
+#endif
