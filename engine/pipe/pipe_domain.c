@@ -19,43 +19,41 @@
 /* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
 static const char KERNEL[] = "kernel 2";
 
-/* What of the arena is not the kernel's input: scratch while loading. */
-static void spare_of(struct tri *tri, uint8_t *arena, size_t size, uint32_t cap, struct cut_load *load)
-{
-	uint8_t *input = (uint8_t *)tri_input(tri);
-	uint8_t *behind = arena + pipe_round((size_t)(input - arena) + (size_t)cap * sizeof(struct mesh_vertex));
-	size_t front_size = (size_t)(input - arena) & ~(size_t)(PIPE_ALIGN - 1);
-	size_t behind_size = (size_t)(arena + size - behind);
-	/* The head of the arena is the kernel's own. */
-	size_t head = 4096;
-
-	if (behind_size >= front_size) {
-		load->scratch = behind;
-		load->scratch_size = behind_size;
-	} else {
-		load->scratch = arena + head;
-		load->scratch_size = front_size - head;
-	}
-}
-
 void *pipe_domain_arena(const struct grid *grid, void *memory)
 {
 	return (uint8_t *)memory + pipe_round(grid_reader_bytes(grid));
 }
 
-int pipe_domain_load(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		     const struct pipe_budget *budget, void *memory, struct tri *tri, struct cut_load *load,
-		     uint64_t *ret_need, struct err *err)
+/* What of the arena is not the kernel's input is scratch while loading. */
+void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, void *memory, struct tri *tri,
+		      struct cut_load *ret)
+{
+	uint8_t *arena = pipe_domain_arena(grid, memory), *input = (uint8_t *)tri_input(tri);
+	size_t input_size = (size_t)budget->cap * sizeof(struct mesh_vertex);
+	uint8_t *behind = arena + pipe_round((size_t)(input - arena) + input_size);
+	size_t front_size = (size_t)(input - arena) & ~(size_t)(PIPE_ALIGN - 1);
+	size_t behind_size = (size_t)(arena + tri_bytes(budget->cap) - behind);
+	/* The head of the arena is the kernel's own. */
+	size_t head = 4096;
+
+	*ret = (struct cut_load){ .out = tri_input(tri), .cap = budget->cap };
+	if (behind_size >= front_size) {
+		ret->scratch = behind;
+		ret->scratch_size = behind_size;
+	} else {
+		ret->scratch = arena + head;
+		ret->scratch_size = front_size - head;
+	}
+}
+
+static int load_points(const struct grid *grid, const struct view *view, const struct cut_region *region,
+		       void *memory, struct cut_load *load, uint64_t *ret_need, struct err *err)
 {
 	struct grid_reader *reader = NULL;
-	int r;
+	int r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
 
-	r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
 	if (r)
 		return r;
-	load->out = tri_input(tri);
-	load->cap = budget->cap;
-	spare_of(tri, pipe_domain_arena(grid, memory), tri_bytes(budget->cap), budget->cap, load);
 	r = cut_load(reader, view, region, load, ret_need, err);
 	grid_reader_free(reader);
 	return r == CUT_E_FULL ? PIPE_E_SPLIT : r;
@@ -67,10 +65,11 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 {
 	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), budget->cap);
 	struct pipe_finish f = { 0 };
-	struct cut_load load = { 0 };
+	struct cut_load load;
 	int r;
 
-	r = pipe_domain_load(grid, view, region, budget, memory, tri, &load, ret_need, err);
+	pipe_domain_room(grid, budget, memory, tri, &load);
+	r = load_points(grid, view, region, memory, &load, ret_need, err);
 	if (r)
 		return r;
 	f.out.counts = load.counts;

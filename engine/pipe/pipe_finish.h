@@ -11,10 +11,9 @@ struct pipe_budget;
 
 /* Where a domain's memory begins to be the kernel's arena. */
 void *pipe_domain_arena(const struct grid *grid, void *memory);
-/* Loads the region's points as the kernel's input. PIPE_E_SPLIT as of pipe_domain. */
-int pipe_domain_load(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		     const struct pipe_budget *budget, void *memory, struct tri *tri, struct cut_load *load,
-		     uint64_t *ret_need, struct err *err);
+/* Where cut_load writes to, and its scratch. `memory` is the domain's, tri_init was done with budget->cap. */
+void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, void *memory, struct tri *tri,
+		      struct cut_load *ret);
 
 struct pipe_finish {
 	const struct cut_region *region;

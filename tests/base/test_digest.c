@@ -111,6 +111,37 @@ static void test_triangle(void **state)
 	(void)state;
 }
 
+/* Many at once are the sum of each alone, whichever corner is the smallest. */
+static void test_many(void **state)
+{
+	for (int round = 0; round < 500; round++) {
+		enum { MOST = 70 };
+		const int64_t k[2] = {rnd() >> 24, rnd() >> 24};
+		struct digest sum = {7, 8}, again = {7, 8};
+		uint64_t place[MOST][3];
+		size_t n = (size_t)(round % (MOST + 1));
+
+		for (size_t i = 0; i < n; i++) {
+			int64_t corner[3][2];
+
+			for (int c = 0; c < 3; c++) {
+				/* Equal x now and then, and both ends of the lattice. */
+				int32_t x = round % 3 ? (int32_t)rnd() : (int32_t)(rnd() % 3) - 1, y = (int32_t)rnd();
+
+				if (rnd() % 8 == 0)
+					x = rnd() % 2 ? INT32_MIN : INT32_MAX;
+				place[i][c] = digest_place(x, y);
+				corner[c][0] = x + k[0];
+				corner[c][1] = y + k[1];
+			}
+			digest_add_triangle(&again, (const int64_t(*)[2])corner);
+		}
+		digest_add_triangles(&sum, (const uint64_t(*)[3])place, n, k);
+		assert_true(digest_equal(sum, again));
+	}
+	(void)state;
+}
+
 static void test_orientation_matters(void **state)
 {
 	int64_t ccw[3][2] = {{0, 0}, {1, 0}, {0, 1}}, cw[3][2] = {{0, 0}, {0, 1}, {1, 0}};
@@ -199,7 +230,7 @@ static void test_stream(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_triangle), cmocka_unit_test(test_orientation_matters),
+		cmocka_unit_test(test_triangle), cmocka_unit_test(test_many), cmocka_unit_test(test_orientation_matters),
 		cmocka_unit_test(test_vertex),   cmocka_unit_test(test_sums),
 		cmocka_unit_test(test_hex),      cmocka_unit_test(test_stream),
 	};

@@ -9,7 +9,7 @@
 #include <string.h>
 #include <cmocka.h>
 
-#include "cut.h"
+#include "cut_owner.h"
 #include "geom.h"
 #include "point.h"
 #include "tiling.h"
@@ -128,6 +128,14 @@ static void rubbish_is_no_region(void **state)
 	assert_true(cut_region_parse("1:0:1:1:15", &r));
 }
 
+static void same_owner(const struct cut_region *r, const int32_t a[2], const int32_t b[2], const int32_t c[2])
+{
+	struct cut_owner owner;
+
+	cut_owner_init(&owner, r);
+	assert_int_equal(cut_owner_has(&owner, a, b, c), cut_region_owns(r, a, b, c));
+}
+
 /* Half the triangles of a unit grid have their centre on a possible cut: exactly one side owns each. */
 static void ties_have_one_owner(void **state)
 {
@@ -147,11 +155,48 @@ static void ties_have_one_owner(void **state)
 					if (!cut_region_split(&root, half))
 						break;
 					owners = cut_region_owns(&half[0], a, b, c) + cut_region_owns(&half[1], a, b, c);
+					same_owner(&half[0], a, b, c);
+					same_owner(&half[1], a, b, c);
 					assert_int_equal(owners, 1);
 					root = half[cut_region_owns(&half[1], a, b, c)];
 				}
 				assert_int_equal(owners, 1);
 			}
+}
+
+/* The quick answer is the exact one: triangles of all sizes and shapes around a region of side 2^w, so that their
+ * circles touch its borders from inside and outside. */
+static void quick_owner_is_exact(void **state)
+{
+	uint64_t seed = 5;
+	unsigned owned = 0;
+
+	for (unsigned i = 0; i < 400000; i++) {
+		uint8_t w = (uint8_t)(tiling_random(&seed) % 31), inf = (uint8_t)(tiling_random(&seed) % 16);
+		uint32_t size = (uint32_t)1 << (tiling_random(&seed) % (w + 2u)), side = (uint32_t)1 << w;
+		struct cut_region r = { side, side, w, w, i % 4 ? 0 : inf };
+		struct cut_owner owner;
+		int32_t p[3][2];
+		bool has;
+
+		for (unsigned k = 0; k < 3; k++)
+			for (unsigned axis = 0; axis < 2; axis++) {
+				uint64_t at = tiling_random(&seed) % (2 * (uint64_t)size + 1);
+
+				/* Near a corner of the region, or flat. */
+				at += side - size + (i & 1 ? side / 2 : 0);
+				if (axis && i % 8 == 2)
+					at = side + (uint32_t)(p[k][0] + (INT64_C(1) << 31)) % 3;
+				p[k][axis] = (int32_t)((int64_t)at - (INT64_C(1) << 31));
+			}
+		if (geom_orient(p[0], p[1], p[2]) <= 0)
+			continue;
+		cut_owner_init(&owner, &r);
+		has = cut_owner_has(&owner, p[0], p[1], p[2]);
+		assert_int_equal(has, cut_region_owns(&r, p[0], p[1], p[2]));
+		owned += has;
+	}
+	assert_true(owned > 1000 && owned < 300000);
 }
 
 /* Slivers of the full square have centres out to 2^97: infinite sides hold them, large numbers would not. */
@@ -183,6 +228,8 @@ static void far_centres_have_one_owner(void **state)
 			int64_t box[4];
 
 			assert_int_equal(low + cut_region_owns(&half[1], p[0], p[1], p[2]), 1);
+			same_owner(&half[0], p[0], p[1], p[2]);
+			same_owner(&half[1], p[0], p[1], p[2]);
 			r = half[!low];
 			/* The filter in doubles agrees with the exact sign on every finite border. */
 			cut_region_box(&r, box);
@@ -201,6 +248,7 @@ int main(void)
 		cmocka_unit_test(ranges_are_the_box),
 		cmocka_unit_test(rubbish_is_no_region),
 		cmocka_unit_test(ties_have_one_owner),
+		cmocka_unit_test(quick_owner_is_exact),
 		cmocka_unit_test(far_centres_have_one_owner),
 	};
 
