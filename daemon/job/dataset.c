@@ -261,7 +261,8 @@ static void remove_folder(struct dataset *d)
 
 	if (!rm)
 		return;
-	rm->task = (struct sched_task){.run = removal_run, .done = removal_done, .priority = SCHED_LAST};
+	rm->task = (struct sched_task){.run = removal_run, .done = removal_done, .owner = {.uid = d->uid},
+					.priority = SCHED_LAST};
 	rm->jobs = d->jobs;
 	rm->parent = parent_of(d);
 	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);

@@ -450,6 +450,7 @@ static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, co
 	a->task = (struct sched_task){
 		.run = ask_run,
 		.done = ask_done,
+		.owner = {.uid = peer->uid, .flow = ++j->last_flow},
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
 		.bytes = COPY_BUFFER + GEOIDS_MAX * sizeof(struct geoid_info),

@@ -276,6 +276,9 @@ static void inspect_done(struct sched_task *t)
 		a->task = (struct sched_task){
 			.run = records_run,
 			.done = inspect_done,
+			.owner = a->task.owner,
+			.lengthy = true,
+			.reads = true,
 			.priority = SCHED_NORMAL,
 			.name = LEDGER_STAGE,
 			.bytes = STAGE_BYTES + pipe_inspect_bytes() + input_bytes() + a->result->info.read_bytes,
@@ -289,7 +292,7 @@ static void inspect_done(struct sched_task *t)
 }
 
 void inspect_file(struct jobs *j, int fd, const char *name, const char *format, const char *columns,
-		  inspect_answer_fn *answer, void *token)
+		  const struct job_peer *peer, inspect_answer_fn *answer, void *token)
 {
 	struct inspect *a = calloc(1, sizeof *a);
 	struct err err = ERR_INIT;
@@ -314,6 +317,8 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 	a->task = (struct sched_task){
 		.run = header_run,
 		.done = inspect_done,
+		.owner = {.uid = peer->uid, .flow = ++j->last_flow},
+		.reads = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
 		.bytes = input_bytes() + sizeof *a->result,

@@ -198,6 +198,7 @@ void push_leave(struct push *);
 unsigned push_unanswered(const struct push *); /* files and probes */
 /* A probe of its own, for `acutctl info`. */
 void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns,
+	       const struct job_peer *,
 	       void (*probed)(void *token, const struct err *why, const char *name,
 			      const struct input_info *),
 	       void *token);
@@ -221,7 +222,7 @@ struct inspect_result {
 typedef void inspect_answer_fn(void *token, const struct err *why, const struct inspect_result *);
 /* Reads all of the file. `fd` becomes the house's in any case. */
 void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns,
-		  inspect_answer_fn *answer, void *token);
+		  const struct job_peer *, inspect_answer_fn *answer, void *token);
 
 /* ---- geoid grids that the daemon keeps ---- */
 

@@ -102,7 +102,7 @@ struct jobs {
 	struct push *pushes;
 	struct job *jobs;
 	struct job_asked_plan *plans;
-	uint64_t last_dataset, last_job, last_push, last_onestep, last_select;
+	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve;
 	unsigned walks_max;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */

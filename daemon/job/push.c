@@ -182,7 +182,8 @@ void push_pump(struct push *p)
 		int r = 0;
 
 		p->busy = true;
-		p->task = (struct sched_task){.run = task_run, .done = task_done, .priority = SCHED_NORMAL};
+		p->task = (struct sched_task){.run = task_run, .done = task_done, .owner = p->owner,
+					      .priority = SCHED_NORMAL, .lengthy = true};
 		if (!why && push_rows[a->kind].start)
 			r = push_rows[a->kind].start(p, a, &err);
 		if (r == PUSH_WAIT) {
@@ -306,6 +307,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	dataset_hold(p->dataset);
 	p->dataset->pushes++;
 	p->id = ++j->last_push;
+	p->owner = (struct sched_owner){.uid = in->peer.uid, .flow = ++j->last_flow};
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
 	p->peer = in->peer;

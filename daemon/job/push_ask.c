@@ -59,6 +59,7 @@ static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 		return PUSH_WAIT;
 	if (a->stream && push_stream_open(a, err))
 		return -(int)err->code;
+	p->task.reads = true;
 	task_bytes(p, LEDGER_INPUT, input_bytes());
 	return a->name && a->format && a->columns && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 }
@@ -264,6 +265,7 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 	}
 	if (a->stream && push_stream_open(a, err))
 		return -(int)err->code;
+	p->task.reads = true;
 	a->source = p->dataset->next_source++;
 	atomic_store(&p->progress, 0);
 	atomic_store(&p->claimed, 0);

@@ -166,6 +166,7 @@ static void info_done(struct sched_task *t)
 }
 
 void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns,
+	       const struct job_peer *peer,
 	       void (*probed)(void *token, const struct err *why, const char *name,
 			      const struct input_info *),
 	       void *token)
@@ -193,6 +194,8 @@ void push_info(struct jobs *j, int fd, const char *name, const char *format, con
 	a->task = (struct sched_task){
 		.run = info_run,
 		.done = info_done,
+		.owner = {.uid = peer->uid, .flow = ++j->last_flow},
+		.reads = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
 		.bytes = input_bytes(),

@@ -233,13 +233,15 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	pthread_mutex_init(&c->result, NULL);
 	c->members = c->running = n;
 	a->crew = c;
-	p->task = (struct sched_task){.run = first_run, .done = first_done, .priority = SCHED_NORMAL,
+	p->task = (struct sched_task){.run = first_run, .done = first_done, .owner = p->owner,
+				      .priority = SCHED_NORMAL, .lengthy = true, .reads = true,
 				      .name = p->task.name, .bytes = p->task.bytes};
 	for (unsigned i = 0; i < n; i++)
 		c->member[i].crew = c;
 	sched_submit(p->jobs->p.sched, &p->task);
 	for (unsigned i = 1; i < n; i++) {
 		c->member[i].task = (struct sched_task){.run = helper_run, .done = helper_done,
+							.owner = p->owner, .reads = true,
 							.priority = SCHED_LAST, .name = LEDGER_INPUT,
 							.bytes = push_helper_bytes(info)};
 		sched_submit(p->jobs->p.sched, &c->member[i].task);

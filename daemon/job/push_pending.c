@@ -238,7 +238,7 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 		free(q);
 		return;
 	}
-	x->task = (struct sched_task){.run = drop_run, .done = drop_done, .priority = SCHED_LAST};
+	x->task = (struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
 	x->dataset = d;
 	x->pending = q;
 	d->jobs->background++;

@@ -111,6 +111,7 @@ struct push {
 	double crop[4];
 
 	struct sched_task task;
+	struct sched_owner owner; /* of all its tasks */
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
 	bool old_goes;         /* the manifest before this push's is used by nobody */

@@ -169,6 +169,7 @@ static void keep_more(struct push_stream *s)
 	s->task = (struct sched_task){
 		.run = keep_run,
 		.done = keep_done,
+		.owner = s->push->owner,
 		.priority = SCHED_NORMAL,
 		.name = LEDGER_INPUT,
 		.bytes = PIECE,

@@ -51,6 +51,8 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 	w->generation = p->generation;
 	w->keep = p->keep;
 	w->plan_only = p->plan_only;
+	w->owner = p->owner;
+	w->owner.flow = ++p->jobs->last_flow;
 	w->patience = p->patience;
 	w->calls = p->calls;
 	w->ctx = p->ctx;
@@ -169,6 +171,7 @@ static void open_start(struct walk *w)
 	w->task = (struct sched_task){
 		.run = open_run,
 		.done = open_done,
+		.owner = w->owner,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_EMITTER,
 		.bytes = w->jobs->emitter_share,
@@ -237,6 +240,8 @@ static void plan_start(struct walk *w)
 	w->task = (struct sched_task){
 		.run = plan_run,
 		.done = plan_done,
+		.owner = w->owner,
+		.lengthy = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_DOMAIN,
 		.bytes = grid_points(w->grid) ? w->budget.domain_bytes : 0,
@@ -439,7 +444,7 @@ static void settle_running(struct walk *w)
 	if (w->splitting || w->domains || w->tasks || w->output_busy || w->next_emit != w->plan_n)
 		return;
 	w->state = WALK_FINISHING;
-	w->task = (struct sched_task){.run = finish_run, .done = finish_done, .priority = SCHED_FIRST};
+	w->task = (struct sched_task){.run = finish_run, .done = finish_done, .owner = w->owner, .priority = SCHED_FIRST};
 	w->task_busy = true;
 	sched_submit(w->jobs->p.sched, &w->task);
 }

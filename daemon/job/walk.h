@@ -28,6 +28,7 @@ struct walk_params {
 	const char *view_text;
 	bool keep;       /* every finished domain goes to the store */
 	bool plan_only;  /* ends after the plan */
+	struct sched_owner owner; /* for whom it runs; its flow is the walk's own */
 	double patience; /* seconds to wait for an output before the domains go to the store */
 	const struct walk_calls *calls;
 	void *ctx;

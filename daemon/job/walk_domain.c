@@ -109,6 +109,7 @@ static void submit(struct walk_domain *d, void (*run)(struct sched_task *), void
 	d->task = (struct sched_task){
 		.run = run,
 		.done = done,
+		.owner = d->walk->owner,
 		.priority = priority,
 		.name = LEDGER_DOMAIN,
 		.bytes = bytes,

@@ -149,6 +149,7 @@ static void output_submit(struct walk *w, void (*run)(struct sched_task *), uint
 	w->output_task = (struct sched_task){
 		.run = run,
 		.done = output_task_done,
+		.owner = w->owner,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_PIPE,
 		.bytes = bytes,

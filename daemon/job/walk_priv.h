@@ -44,6 +44,7 @@ struct walk {
 	char *view_text;
 	char manifest[64];
 	bool keep, plan_only;
+	struct sched_owner owner; /* of all its tasks */
 	double patience;
 	const struct walk_calls *calls;
 	void *ctx;

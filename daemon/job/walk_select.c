@@ -195,6 +195,8 @@ void walk_select_start(struct walk *w)
 	w->task = (struct sched_task){
 		.run = select_run,
 		.done = select_done,
+		.owner = w->owner,
+		.lengthy = true,
 		.priority = SCHED_NORMAL,
 		.name = LEDGER_STAGE,
 		.bytes = w->select.bytes,
@@ -275,7 +277,7 @@ void walk_select_discard(struct walk *w)
 		return;
 	w->why.hint[0] = 0; /* nothing is to be pushed again */
 	err_add_hint(&w->why, "the damaged selection is removed: the same again makes it new");
-	d->task = (struct sched_task){.run = discard_run, .done = discard_done, .priority = SCHED_FIRST};
+	d->task = (struct sched_task){.run = discard_run, .done = discard_done, .owner = w->owner, .priority = SCHED_FIRST};
 	d->jobs = w->jobs;
 	digest_hex(w->select.key, d->name);
 	w->jobs->background++;

@@ -1,10 +1,14 @@
 /*
- * The scheduler: one sorted queue, worker threads, one list of tasks that are over.
+ * The scheduler: worker threads on one queue (sched_queue.c), and one list of tasks that are over.
  *
- * The model: a task is in the queue, or runs, or is over, or is its submitter's. The mutex guards the three
- * lists. A worker takes the first task that may start; memory is taken from the ledger under the same mutex,
- * so that the first in the queue cannot lose a race for bytes that were just given back. The loop hears of
- * ends and of starvation through an eventfd. Sched never waits for memory while holding some.
+ * The model: a task waits, or runs, or is over, or is its submitter's. The mutex guards all of it. A worker takes
+ * the task that the queue says is next; memory is taken from the ledger under the same mutex, so that the first in
+ * the queue cannot lose a race for bytes that were just given back. The loop hears of ends and of starvation
+ * through an eventfd. Sched never waits for memory while holding some.
+ *
+ * Tasks are not interrupted. Where all workers are busy with lengthy ones (a file that is read, a segment that is
+ * sealed), a few spare threads take what is short, and one task of each user who has no worker: the machine shares
+ * its cores between them then, which is better than waiting for hours.
  */
 #include "sched_pool.h"
 
@@ -15,20 +19,23 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "err.h"
 #include "ledger.h"
+#include "sched_queue.h"
+
+enum { SPARES = 4 };
 
 struct sched {
 	pthread_mutex_t lock;
-	pthread_cond_t wake;
+	pthread_cond_t wake, wake_spare;
 	struct ledger *ledger;
-	struct sched_task *queue; /* by priority, then order */
+	struct sched_queue *queue;
 	struct sched_task *over, **over_end;
-	struct sched_task **running; /* one place a thread, NULL: idle */
 	pthread_t *thread;
-	unsigned threads, started;
+	unsigned threads, started; /* started: with spares, which come after the others */
+	unsigned lengthy;          /* workers that are not spare and have such a task */
 	unsigned busy;
-	uint64_t order;
 	uint64_t starved;
 	int event;
 	bool stop;
@@ -36,7 +43,7 @@ struct sched {
 
 struct worker {
 	struct sched *sched;
-	unsigned place;
+	bool spare;
 };
 
 static void notify(struct sched *s)
@@ -56,33 +63,45 @@ static void over_add(struct sched *s, struct sched_task *t)
 	notify(s);
 }
 
-/* The first task that may start, taken out of the queue with its memory; NULL if there is none. */
-static struct sched_task *take(struct sched *s)
+/* Both kinds of threads look again. */
+static void wake_all(struct sched *s)
 {
-	struct sched_task **at;
-	uint64_t starved = 0;
+	pthread_cond_broadcast(&s->wake);
+	if (s->lengthy == s->threads)
+		pthread_cond_broadcast(&s->wake_spare);
+}
 
-	for (at = &s->queue; *at; at = &(*at)->next) {
-		struct sched_task *t = *at;
+static struct sched_task *take(struct sched *s, bool spare)
+{
+	struct sched_task *t;
+	uint64_t starved;
 
-		if (t->bytes) {
-			if (starved)
-				continue;
-			if (!ledger_take(s->ledger, t->name, t->bytes)) {
-				starved = t->bytes;
-				continue;
-			}
-		}
-		*at = t->next;
-		t->took = true;
-		if (!starved)
-			s->starved = 0;
-		return t;
-	}
+	if (spare && s->lengthy < s->threads && !s->stop)
+		return NULL;
+	t = sched_queue_take(s->queue, spare && !s->stop);
+	starved = sched_queue_starved(s->queue);
 	if (starved && s->starved != starved)
 		notify(s);
 	s->starved = starved;
-	return NULL;
+	return t;
+}
+
+static void run(struct sched *s, struct sched_task *t, bool spare)
+{
+	bool lengthy = t->lengthy && !spare;
+	uint64_t begun;
+
+	s->lengthy += lengthy;
+	if (lengthy && s->lengthy == s->threads)
+		pthread_cond_broadcast(&s->wake_spare);
+	pthread_mutex_unlock(&s->lock);
+	begun = clock_mono_ns();
+	t->ran = true;
+	t->run(t);
+	pthread_mutex_lock(&s->lock);
+	s->lengthy -= lengthy;
+	sched_queue_over(s->queue, t, clock_mono_ns() - begun);
+	over_add(s, t);
 }
 
 static void *work(void *arg)
@@ -93,21 +112,14 @@ static void *work(void *arg)
 	free(arg);
 	pthread_mutex_lock(&s->lock);
 	for (;;) {
-		struct sched_task *t = take(s);
+		struct sched_task *t = take(s, w.spare);
 
-		if (!t) {
-			if (s->stop && !s->queue)
-				break;
-			pthread_cond_wait(&s->wake, &s->lock);
-			continue;
-		}
-		s->running[w.place] = t;
-		pthread_mutex_unlock(&s->lock);
-		t->ran = true;
-		t->run(t);
-		pthread_mutex_lock(&s->lock);
-		s->running[w.place] = NULL;
-		over_add(s, t);
+		if (t)
+			run(s, t, w.spare);
+		else if (s->stop && sched_queue_empty(s->queue))
+			break;
+		else
+			pthread_cond_wait(w.spare ? &s->wake_spare : &s->wake, &s->lock);
 	}
 	pthread_mutex_unlock(&s->lock);
 	return NULL;
@@ -121,14 +133,14 @@ static int start(struct sched *s, struct err *err)
 
 	sigfillset(&all);
 	pthread_sigmask(SIG_SETMASK, &all, &old);
-	while (s->started < s->threads) {
+	while (s->started < s->threads + SPARES) {
 		struct worker *w = malloc(sizeof *w);
 
 		if (!w) {
 			r = ENOMEM;
 			break;
 		}
-		*w = (struct worker){.sched = s, .place = s->started};
+		*w = (struct worker){.sched = s, .spare = s->started >= s->threads};
 		r = pthread_create(&s->thread[s->started], NULL, work, w);
 		if (r) {
 			free(w);
@@ -149,13 +161,14 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 		return err_set(err, ERR_NOMEM, "no memory for the scheduler");
 	pthread_mutex_init(&s->lock, NULL);
 	pthread_cond_init(&s->wake, NULL);
+	pthread_cond_init(&s->wake_spare, NULL);
 	s->ledger = ledger;
 	s->over_end = &s->over;
 	s->threads = threads;
-	s->thread = calloc(threads, sizeof *s->thread);
-	s->running = calloc(threads, sizeof *s->running);
+	s->thread = calloc(threads + SPARES, sizeof *s->thread);
+	s->queue = sched_queue_new(ledger);
 	s->event = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-	if (!s->thread || !s->running)
+	if (!s->thread || !s->queue)
 		r = err_set(err, ERR_NOMEM, "no memory for %u threads", threads);
 	else if (s->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
@@ -175,10 +188,12 @@ struct sched *sched_free(struct sched *s)
 
 	if (!s)
 		return NULL;
-	sched_cancel_all(s);
+	if (s->queue)
+		sched_cancel_all(s);
 	pthread_mutex_lock(&s->lock);
 	s->stop = true;
 	pthread_cond_broadcast(&s->wake);
+	pthread_cond_broadcast(&s->wake_spare);
 	pthread_mutex_unlock(&s->lock);
 	for (i = 0; i < s->started; i++)
 		pthread_join(s->thread[i], NULL);
@@ -187,65 +202,54 @@ struct sched *sched_free(struct sched *s)
 		close(s->event);
 	}
 	pthread_cond_destroy(&s->wake);
+	pthread_cond_destroy(&s->wake_spare);
 	pthread_mutex_destroy(&s->lock);
 	free(s->thread);
-	free(s->running);
+	sched_queue_free(s->queue);
 	free(s);
 	return NULL;
 }
 
 void sched_submit(struct sched *s, struct sched_task *t)
 {
-	struct sched_task **at;
-
 	pthread_mutex_lock(&s->lock);
 	t->ran = t->took = false;
-	t->order = s->order++;
 	s->busy++;
 	if (s->stop || atomic_load(&t->cancel)) {
 		over_add(s, t);
 	} else {
-		for (at = &s->queue; *at && (*at)->priority <= t->priority; at = &(*at)->next)
-			;
-		t->next = *at;
-		*at = t;
+		sched_queue_add(s->queue, t);
 		pthread_cond_signal(&s->wake);
+		if (s->lengthy == s->threads)
+			pthread_cond_signal(&s->wake_spare);
 	}
 	pthread_mutex_unlock(&s->lock);
 }
 
 void sched_cancel(struct sched *s, struct sched_task *t)
 {
-	struct sched_task **at;
-
 	pthread_mutex_lock(&s->lock);
 	atomic_store(&t->cancel, true);
-	for (at = &s->queue; *at; at = &(*at)->next)
-		if (*at == t) {
-			*at = t->next;
-			over_add(s, t);
-			/* Others may have waited behind it. */
-			pthread_cond_broadcast(&s->wake);
-			break;
-		}
+	if (sched_queue_remove(s->queue, t)) {
+		over_add(s, t);
+		/* Others may have waited behind it. */
+		wake_all(s);
+	}
 	pthread_mutex_unlock(&s->lock);
 }
 
 void sched_cancel_all(struct sched *s)
 {
-	unsigned i;
+	struct sched_task *t;
 
 	pthread_mutex_lock(&s->lock);
-	while (s->queue) {
-		struct sched_task *t = s->queue;
-
-		s->queue = t->next;
+	while ((t = sched_queue_first(s->queue))) {
+		sched_queue_remove(s->queue, t);
 		atomic_store(&t->cancel, true);
 		over_add(s, t);
 	}
-	for (i = 0; i < s->threads && s->running; i++)
-		if (s->running[i])
-			atomic_store(&s->running[i]->cancel, true);
+	for (t = sched_queue_running(s->queue); t; t = t->next)
+		atomic_store(&t->cancel, true);
 	pthread_mutex_unlock(&s->lock);
 }
 
@@ -296,7 +300,7 @@ void sched_give(struct sched *s, enum ledger_name name, uint64_t bytes)
 	pthread_mutex_lock(&s->lock);
 	if (bytes)
 		ledger_give(s->ledger, name, bytes);
-	pthread_cond_broadcast(&s->wake);
+	wake_all(s);
 	pthread_mutex_unlock(&s->lock);
 }
 
@@ -308,6 +312,23 @@ uint64_t sched_starved(struct sched *s)
 	starved = s->starved;
 	pthread_mutex_unlock(&s->lock);
 	return starved;
+}
+
+int64_t sched_service(struct sched *s, uint32_t uid)
+{
+	int64_t service;
+
+	pthread_mutex_lock(&s->lock);
+	service = sched_queue_service(s->queue, uid);
+	pthread_mutex_unlock(&s->lock);
+	return service;
+}
+
+void sched_flow(struct sched *s, uint64_t flow, struct sched_flow *ret)
+{
+	pthread_mutex_lock(&s->lock);
+	sched_queue_flow(s->queue, flow, ret);
+	pthread_mutex_unlock(&s->lock);
 }
 
 unsigned sched_threads(const struct sched *s)

@@ -3,10 +3,10 @@
  * (Not called sched.h: that is a header of the C library.)
  *
  * A task says which ledger name it takes and how many bytes; they are taken when it starts and belong to
- * whoever submitted it from then on (given back with sched_give). Tasks start in the order of their
- * priority, then of their submission. Where the first task that needs memory cannot have it, no later one
- * that needs memory overtakes it; tasks that need none do. All calls are for the loop thread, except those
- * said to be for workers.
+ * whoever submitted it from then on (given back with sched_give). Workers are shared by rank, then fairly by
+ * users, then by the flows of a user; in a flow by priority, then in the order of submission (sched_queue.c).
+ * Where the first task that needs memory cannot have it, no later one that needs memory overtakes it; tasks
+ * that need none do. All calls are for the loop thread, except those said to be for workers.
  */
 #ifndef SCHED_POOL_H
 #define SCHED_POOL_H
@@ -20,13 +20,30 @@
 struct err;
 struct sched;
 
-/* Small numbers first. */
+/* In a flow: small numbers first. SCHED_LAST: after everything of everybody, on what is left over. */
 enum sched_priority { SCHED_FIRST, SCHED_NORMAL, SCHED_LAST };
+enum sched_rank { SCHED_RANK_NORMAL, SCHED_RANK_LOW, SCHED_RANK_HIGH };
+
+/* For whom a task runs. */
+struct sched_owner {
+	uint32_t uid;
+	enum sched_rank rank;
+	uint64_t flow; /* one job, stream or push */
+};
+
+/* What a flow does now. */
+struct sched_flow {
+	unsigned running, waiting; /* tasks */
+	uint64_t bytes;            /* that one of them waits for; 0: not for memory */
+};
 
 struct sched_task {
 	void (*run)(struct sched_task *); /* on a worker; not called for a task cancelled before it started */
 	void (*done)(struct sched_task *); /* on the loop, once, from sched_dispatch; may free the task */
+	struct sched_owner owner;
 	enum sched_priority priority;
+	bool lengthy; /* may take longer than a domain: while only such run, others get a thread beside them */
+	bool reads;   /* a client's file: one worker a user while others wait */
 	enum ledger_name name;
 	uint64_t bytes;     /* taken before run; 0: none */
 	atomic_bool cancel; /* workers look at it; set by sched_cancel */
@@ -34,6 +51,8 @@ struct sched_task {
 	/* of sched only */
 	bool took; /* its bytes, and done was not called */
 	uint64_t order;
+	int64_t charged;
+	struct sched_account *account;
 	struct sched_task *next;
 };
 
@@ -59,6 +78,9 @@ void sched_give(struct sched *, enum ledger_name, uint64_t bytes);
 /* The bytes that the first waiting task lacks memory for; 0 if none waits for memory. Any change of the
  * answer to non-zero makes sched_fd readable. */
 uint64_t sched_starved(struct sched *);
+/* What the user was served beyond who was served least, in nanoseconds of workers. */
+int64_t sched_service(struct sched *, uint32_t uid);
+void sched_flow(struct sched *, uint64_t flow, struct sched_flow *ret);
 unsigned sched_threads(const struct sched *);
 /* Tasks submitted whose done has not been called. */
 unsigned sched_busy(struct sched *);

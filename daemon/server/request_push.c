@@ -490,12 +490,12 @@ void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m,
 
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
+	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, m->info_request->columns, &c->peer,
 		  described, q);
 }
 
 void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns,
+	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns, &c->peer,
 		     inspected, q);
 }

@@ -212,6 +212,34 @@ static void freed_with_work_left(void **state)
 	ledger_free(ledger);
 }
 
+/* A lengthy task of one user keeps the only worker: another user's tasks run beside it all the same. */
+static void spare_for_others(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = start(&ledger, 100, 1);
+	_Atomic int gate = 0;
+	struct job reads = make(s, 1, 0, SCHED_NORMAL), more = make(s, 2, 0, SCHED_NORMAL),
+		   other[3] = {make(s, 3, 30, SCHED_NORMAL), make(s, 4, 30, SCHED_NORMAL), make(s, 5, 30, SCHED_NORMAL)};
+
+	reads.gate = more.gate = &gate;
+	reads.task.lengthy = more.task.lengthy = true;
+	sched_submit(s, &reads.task);
+	wait_started(1);
+	sched_submit(s, &more.task);
+	for (int i = 0; i < 3; i++) {
+		other[i].task.owner.uid = 7;
+		sched_submit(s, &other[i].task);
+	}
+	wait_done(s, 3);
+	/* What is lengthy itself, and whose user has a worker, waits. */
+	assert_int_equal(atomic_load(&norder), 4);
+	assert_false(more.task.ran);
+	gate = 1;
+	wait_done(s, 5);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
 enum { MANY = 2000 };
 
 static void count(struct sched_task *t)
@@ -228,6 +256,8 @@ static void many_threads(void **state)
 	for (int i = 0; i < MANY; i++) {
 		jobs[i] = make(s, 0, (uint64_t)(i * 37 % 600), (enum sched_priority)(i % 3));
 		jobs[i].task.run = count;
+		jobs[i].task.owner = (struct sched_owner){.uid = (uint32_t)i % 5, .flow = (uint64_t)i % 11};
+		jobs[i].task.lengthy = i % 4 == 0;
 	}
 	for (int i = 0; i < MANY; i++) {
 		sched_submit(s, &jobs[i].task);
@@ -249,6 +279,7 @@ int main(void)
 		cmocka_unit_test(by_priority_then_order),   cmocka_unit_test(head_waits_for_memory),
 		cmocka_unit_test(memory_is_the_submitters), cmocka_unit_test(cancelled),
 		cmocka_unit_test(freed_with_work_left),     cmocka_unit_test(many_threads),
+		cmocka_unit_test(spare_for_others),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

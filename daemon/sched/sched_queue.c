@@ -1,0 +1,413 @@
+/*
+ * The order of the scheduler: fair between users, then between the flows (jobs, streams, pushes) of a user.
+ *
+ * The model: start-time fair queueing on two floors (Goyal, Vin, Cheng 1996). Each user has a tag, the time that
+ * workers gave to the user's tasks; the next task is of the user with the smallest tag, in it of the flow with the
+ * smallest tag, in that the most urgent, then the oldest. Who comes (back) begins at the smallest tag of those that
+ * have tasks, so that being away earns nothing and being new costs nothing. A task is charged what its flow's tasks took on
+ * average when it starts, and the difference when it is over: so several at a time count at once.
+ *
+ * Ranks are strict but for one start in sixteen, which goes to a lower one: what is put off still ends.
+ * SCHED_LAST is below all of them. Tags are kept for each rank: what came from one is not held against another.
+ *
+ * Memory: the first task that lacks it has a claim on all that comes free: no task that needs memory starts before
+ * it, whoever comes and with whatever rank. So a large one gets its memory after at most what is out now has come
+ * back, and the order above decides only who has the next claim. Tasks that need none, which are those that give
+ * memory back (a domain is emitted, stored, spooled), pass by. SCHED_LAST never has a claim: its tasks use what is
+ * left over.
+ *
+ * Not here: threads, clocks, what a task does.
+ */
+#include "sched_queue.h"
+
+#include <stdlib.h>
+
+#include "ledger.h"
+
+/* Nanoseconds that a task takes until better is known. */
+enum { MEAN_FIRST = 1000000 };
+enum { CLASSES = 4, CLASS_LAST = 3, LOWER_TURN = 16, MEAN_PARTS = 4, ACCOUNTS_KEPT = 64 };
+
+/* What a user, or a flow of one, was served. */
+struct sched_account {
+	struct sched_account *next, *user; /* user: of a flow; NULL: this is a user's */
+	uint32_t uid;
+	unsigned class;
+	uint64_t flow, number; /* number: in order of making, to break ties */
+	int64_t tag, mean;
+	bool known;  /* mean is its own */
+	int64_t now; /* of a user: where flows that come begin */
+	unsigned tasks; /* that wait or run */
+};
+
+struct sched_queue {
+	struct ledger *ledger;
+	struct sched_task *waiting, **waiting_end, *running;
+	struct sched_task *claim; /* one of `waiting`: has the next memory */
+	struct sched_account *accounts, common;
+	unsigned naccounts, sweep_at;
+	int64_t now[CLASSES]; /* where users that come begin */
+	uint64_t order, number, starts;
+	int64_t mean; /* of all tasks, for users whose own is not known */
+};
+
+struct sched_queue *sched_queue_new(struct ledger *ledger)
+{
+	struct sched_queue *q = calloc(1, sizeof *q);
+
+	if (!q)
+		return NULL;
+	q->ledger = ledger;
+	q->waiting_end = &q->waiting;
+	q->mean = MEAN_FIRST;
+	return q;
+}
+
+struct sched_queue *sched_queue_free(struct sched_queue *q)
+{
+	struct sched_account *a;
+
+	if (!q)
+		return NULL;
+	while ((a = q->accounts)) {
+		q->accounts = a->next;
+		free(a);
+	}
+	free(q);
+	return NULL;
+}
+
+/* ---- accounts ---- */
+
+static unsigned class_of(const struct sched_task *t)
+{
+	static const unsigned of_rank[] = {[SCHED_RANK_HIGH] = 0, [SCHED_RANK_NORMAL] = 1, [SCHED_RANK_LOW] = 2};
+
+	return t->priority == SCHED_LAST ? CLASS_LAST : of_rank[t->owner.rank];
+}
+
+static int64_t later(int64_t a, int64_t b)
+{
+	return a > b ? a : b;
+}
+
+/* NULL user: the user's own. Without memory for a new one it is everybody's, which is fair to nobody, but works. */
+static struct sched_account *account_of(struct sched_queue *q, const struct sched_task *t, struct sched_account *user)
+{
+	unsigned class = class_of(t);
+	struct sched_account *a;
+
+	for (a = q->accounts; a; a = a->next)
+		if (a->user == user && a->uid == t->owner.uid && a->class == class && (!user || a->flow == t->owner.flow))
+			return a;
+	a = user == &q->common ? NULL : calloc(1, sizeof *a);
+	if (!a)
+		return &q->common;
+	*a = (struct sched_account){
+		.next = q->accounts,
+		.user = user,
+		.uid = t->owner.uid,
+		.class = class,
+		.flow = user ? t->owner.flow : 0,
+		.number = q->number++,
+		.mean = user ? user->mean : q->mean,
+	};
+	q->accounts = a;
+	q->naccounts++;
+	return a;
+}
+
+static void charge(struct sched_account *flow, int64_t ns)
+{
+	flow->tag += ns;
+	if (flow->user)
+		flow->user->tag += ns;
+}
+
+/* Of those that have tasks, the least that one was served; where none has, as it was. */
+static int64_t least(const struct sched_queue *q, const struct sched_account *user, unsigned class, int64_t was)
+{
+	const struct sched_account *a;
+	bool any = false;
+
+	for (a = q->accounts; a; a = a->next) {
+		if (!a->tasks || a->user != user || a->class != class)
+			continue;
+		was = any && was < a->tag ? was : a->tag;
+		any = true;
+	}
+	return was;
+}
+
+/* Idle accounts say nothing once others were served as much. A user's go after all of its flows. */
+static void accounts_sweep(struct sched_queue *q)
+{
+	for (int users = 0; users < 2; users++) {
+		struct sched_account **at = &q->accounts, *a;
+
+		while ((a = *at)) {
+			int64_t now = least(q, a->user, a->class, a->user ? a->user->now : q->now[a->class]);
+			bool used = a->tasks > 0 || a->tag > now || (a->user == NULL) != (users > 0);
+
+			for (struct sched_account *f = q->accounts; users && !used && f; f = f->next)
+				used = f->user == a;
+			if (used) {
+				at = &a->next;
+				continue;
+			}
+			*at = a->next;
+			free(a);
+			q->naccounts--;
+		}
+	}
+	q->sweep_at = 2 * q->naccounts + ACCOUNTS_KEPT;
+}
+
+/* Nothing waits and nothing runs: nobody owes anything. */
+static void accounts_clear(struct sched_queue *q)
+{
+	struct sched_account *a;
+
+	while ((a = q->accounts)) {
+		q->accounts = a->next;
+		free(a);
+	}
+	q->naccounts = 0;
+	q->common = (struct sched_account){0};
+	for (int c = 0; c < CLASSES; c++)
+		q->now[c] = 0;
+}
+
+/* ---- the lists ---- */
+
+static void account_leave(struct sched_queue *q, struct sched_task *t)
+{
+	t->account->tasks--;
+	if (t->account->user)
+		t->account->user->tasks--;
+	t->account = NULL;
+	if (!q->waiting && !q->running)
+		accounts_clear(q);
+	else if (q->naccounts > q->sweep_at)
+		accounts_sweep(q);
+}
+
+void sched_queue_add(struct sched_queue *q, struct sched_task *t)
+{
+	struct sched_account *user = account_of(q, t, NULL), *flow = account_of(q, t, user);
+
+	if (!user->tasks) {
+		q->now[user->class] = least(q, NULL, user->class, q->now[user->class]);
+		user->tag = later(user->tag, q->now[user->class]);
+	}
+	if (!flow->tasks && flow->user) {
+		user->now = least(q, user, user->class, user->now);
+		flow->tag = later(flow->tag, user->now);
+	}
+	flow->tasks++;
+	if (flow->user)
+		user->tasks++;
+	t->account = flow;
+	t->order = q->order++;
+	t->next = NULL;
+	*q->waiting_end = t;
+	q->waiting_end = &t->next;
+}
+
+static bool unlink_task(struct sched_task **list, struct sched_task ***end, struct sched_task *t)
+{
+	struct sched_task **at;
+
+	for (at = list; *at && *at != t; at = &(*at)->next)
+		;
+	if (!*at)
+		return false;
+	*at = t->next;
+	if (end && !t->next)
+		*end = at;
+	t->next = NULL;
+	return true;
+}
+
+bool sched_queue_remove(struct sched_queue *q, struct sched_task *t)
+{
+	if (!unlink_task(&q->waiting, &q->waiting_end, t))
+		return false;
+	if (q->claim == t)
+		q->claim = NULL;
+	account_leave(q, t);
+	return true;
+}
+
+static struct sched_task *start(struct sched_queue *q, struct sched_task *t)
+{
+	struct sched_account *flow = t->account;
+
+	unlink_task(&q->waiting, &q->waiting_end, t);
+	if (q->claim == t)
+		q->claim = NULL;
+	t->took = true;
+	t->next = q->running;
+	q->running = t;
+	q->starts++;
+	t->charged = flow->mean;
+	charge(flow, t->charged);
+	return t;
+}
+
+void sched_queue_over(struct sched_queue *q, struct sched_task *t, uint64_t ns)
+{
+	struct sched_account *flow = t->account;
+
+	if (!unlink_task(&q->running, NULL, t))
+		return;
+	charge(flow, (int64_t)ns - t->charged);
+	flow->mean = flow->known ? flow->mean + ((int64_t)ns - flow->mean) / MEAN_PARTS : (int64_t)ns;
+	flow->known = true;
+	q->mean = flow->mean;
+	if (flow->user)
+		flow->user->mean = flow->mean;
+	account_leave(q, t);
+}
+
+/* ---- the next ---- */
+
+/* What may start now, besides having its memory. */
+struct rules {
+	bool spare, no_memory, one_reader;
+	unsigned first; /* this class goes before all others */
+};
+
+static bool runs(const struct sched_queue *q, uint32_t uid, bool reads)
+{
+	for (const struct sched_task *t = q->running; t; t = t->next)
+		if (t->owner.uid == uid && (t->reads || !reads))
+			return true;
+	return false;
+}
+
+static bool eligible(const struct sched_queue *q, const struct sched_task *t, const struct rules *r)
+{
+	if (t->bytes && r->no_memory)
+		return false;
+	if (t->bytes && t->priority == SCHED_LAST && t->bytes > ledger_left(q->ledger))
+		return false;
+	if (r->spare && t->lengthy && runs(q, t->owner.uid, false))
+		return false;
+	return !r->one_reader || !t->reads || !runs(q, t->owner.uid, true);
+}
+
+static bool before(const struct sched_task *a, const struct sched_task *b, const struct rules *r)
+{
+	const struct sched_account *f = a->account, *g = b->account;
+	const struct sched_account *u = f->user ? f->user : f, *v = g->user ? g->user : g;
+
+	if (u->class != v->class)
+		return u->class == r->first || (v->class != r->first && u->class < v->class);
+	if (u != v)
+		return u->tag != v->tag ? u->tag < v->tag : u->number < v->number;
+	if (f != g)
+		return f->tag != g->tag ? f->tag < g->tag : f->number < g->number;
+	return a->priority != b->priority ? a->priority < b->priority : a->order < b->order;
+}
+
+static struct sched_task *best(const struct sched_queue *q, const struct rules *r)
+{
+	struct sched_task *t, *found = NULL;
+
+	for (t = q->waiting; t; t = t->next)
+		if (eligible(q, t, r) && (!found || before(t, found, r)))
+			found = t;
+	return found;
+}
+
+/* Tasks of more than one user wait, or of another one than those that run. */
+static bool others_wait(const struct sched_queue *q)
+{
+	for (const struct sched_task *t = q->waiting; t; t = t->next)
+		for (const struct sched_task *o = q->running; o; o = o->next)
+			if (o->reads && o->owner.uid != t->owner.uid)
+				return true;
+	return false;
+}
+
+static bool memory_for(struct sched_queue *q, const struct sched_task *t)
+{
+	return !t->bytes || ledger_take(q->ledger, t->name, t->bytes);
+}
+
+struct sched_task *sched_queue_take(struct sched_queue *q, bool spare)
+{
+	struct rules r = {
+		.spare = spare,
+		.no_memory = q->claim != NULL,
+		.one_reader = others_wait(q),
+		.first = q->starts % LOWER_TURN < LOWER_TURN - 1 ? 0 : 1 + q->starts / LOWER_TURN % (CLASSES - 1),
+	};
+	struct sched_task *t = q->claim;
+
+	if (t && eligible(q, t, &(struct rules){.spare = spare}) && memory_for(q, t))
+		return start(q, t);
+	for (;;) {
+		t = best(q, &r);
+		if (!t && r.one_reader) {
+			/* Nobody else can use the worker. */
+			r.one_reader = false;
+			continue;
+		}
+		if (!t || memory_for(q, t))
+			return t ? start(q, t) : NULL;
+		if (t->priority != SCHED_LAST)
+			q->claim = t;
+		r.no_memory = true;
+	}
+}
+
+/* ---- what others ask ---- */
+
+bool sched_queue_empty(const struct sched_queue *q)
+{
+	return !q->waiting;
+}
+
+struct sched_task *sched_queue_first(const struct sched_queue *q)
+{
+	return q->waiting;
+}
+
+struct sched_task *sched_queue_running(const struct sched_queue *q)
+{
+	return q->running;
+}
+
+uint64_t sched_queue_starved(const struct sched_queue *q)
+{
+	return q->claim ? q->claim->bytes : 0;
+}
+
+int64_t sched_queue_service(const struct sched_queue *q, uint32_t uid)
+{
+	const struct sched_account *a;
+	int64_t most = 0;
+
+	for (a = q->accounts; a; a = a->next)
+		if (!a->user && a->uid == uid && a->class != CLASS_LAST)
+			most = later(most, a->tag - least(q, NULL, a->class, q->now[a->class]));
+	return most;
+}
+
+void sched_queue_flow(const struct sched_queue *q, uint64_t flow, struct sched_flow *ret)
+{
+	const struct sched_task *t;
+
+	*ret = (struct sched_flow){.running = 0};
+	for (t = q->running; t; t = t->next)
+		ret->running += t->owner.flow == flow;
+	for (t = q->waiting; t; t = t->next) {
+		if (t->owner.flow != flow)
+			continue;
+		ret->waiting++;
+		if (t == q->claim || (t->bytes > ret->bytes && q->claim))
+			ret->bytes = t->bytes;
+	}
+}
