@@ -1,6 +1,6 @@
 // The peer of the whole way: CGAL's Delaunay triangulation of a LAS file's points, in memory, one thread.
 // Timed is the bare triangulation (range insertion with its own spatial sort): reading the file is not.
-// usage: cgal_las FILE.las -> one line: points, vertices, faces, CPU seconds, wall seconds, peak bytes
+// usage: bench-whole-cgal FILE.las -> one line: points, vertices, faces, CPU seconds, wall seconds, peak bytes
 #include <CGAL/Delaunay_triangulation_2.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 
@@ -28,7 +28,7 @@ int main(int argc, char **argv)
 	FILE *f = argc == 2 ? fopen(argv[1], "rb") : nullptr;
 
 	if (!f || fread(head, 1, sizeof head, f) != sizeof head || memcmp(head, "LASF", 4)) {
-		fprintf(stderr, "usage: cgal_las FILE.las\n");
+		fprintf(stderr, "usage: bench-whole-cgal FILE.las\n");
 		return 2;
 	}
 	uint32_t offset, legacy;
@@ -48,7 +48,7 @@ int main(int argc, char **argv)
 	while (points.size() < count) {
 		size_t want = count - points.size() < 65536 ? count - points.size() : 65536;
 		if (fread(batch.data(), length, want, f) != want) {
-			fprintf(stderr, "cgal_las: %s is short\n", argv[1]);
+			fprintf(stderr, "bench-whole-cgal: %s is short\n", argv[1]);
 			return 1;
 		}
 		for (size_t i = 0; i < want; i++) {
