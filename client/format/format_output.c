@@ -5,8 +5,7 @@
  * format_output_publish, so that however this process ends, nothing stays; where the file system has no
  * nameless files, it has a temporary name, and is removed when it is freed unpublished. What cannot be
  * renamed (standard output, pipes, devices) is written straight through. A link is followed first, so that
- * the file it points to is replaced and the link stays. Writes are gathered into one buffer of FORMAT_BUFFER
- * bytes.
+ * the file it points to is replaced and the link stays. What happens to the bytes is in format_bytes.c.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -18,27 +17,17 @@
 #include <unistd.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_output.h"
 #include "io.h"
 
-struct format_output {
-	int dirfd, fd;             /* dirfd -1: standard output or not a regular file */
-	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
-	bool seekable, no_clobber, own_fd;
-	bool nameless;             /* has no name yet, temp is NULL */
-	uint64_t at;               /* bytes handed to the system */
-	size_t used;
-	uint8_t *buf;
-};
-
-static struct format_output *output_alloc(const char *label, struct err *err)
+struct format_output *format_output_alloc(const char *label, struct err *err)
 {
 	struct format_output *o = calloc(1, sizeof(*o));
 
 	if (o) {
 		o->dirfd = o->fd = -1;
 		o->label = strdup(label);
-		o->buf = malloc(FORMAT_BUFFER);
+		o->buf = aligned_alloc(FORMAT_BLOCK, FORMAT_BUFFER + FORMAT_BLOCK);
 	}
 	if (!o || !o->label || !o->buf) {
 		err_set(err, ERR_NOMEM, "no memory for an output buffer");
@@ -123,7 +112,7 @@ static int output_make(struct format_output *o, struct err *err)
 	}
 	if (!o->nameless)
 		r = output_temp(o, make_named, err);
-	o->own_fd = o->seekable = !r;
+	o->own_fd = o->seekable = o->may_direct = !r;
 	return r;
 }
 
@@ -161,7 +150,7 @@ static int output_open_file(struct format_output *o, const char *path, struct er
 int format_output_new(const char *path, bool no_clobber, struct format_output **ret, struct err *err)
 {
 	bool standard = !strcmp(path, "-");
-	struct format_output *o = output_alloc(standard ? "standard output" : path, err);
+	struct format_output *o = format_output_alloc(standard ? "standard output" : path, err);
 	int r = 0;
 
 	if (!o)
@@ -179,8 +168,7 @@ int format_output_new(const char *path, bool no_clobber, struct format_output **
 	return 0;
 }
 
-/* A file without a name in `dirfd`, or in the folder for temporary files if that is -1. */
-static int spool_open(int dirfd, int *ret_fd, struct err *err)
+int format_output_nameless(int dirfd, int *ret_fd, struct err *err)
 {
 	const char *dir = getenv("TMPDIR");
 	struct err ignored = ERR_INIT;
@@ -204,12 +192,12 @@ static int spool_open(int dirfd, int *ret_fd, struct err *err)
 
 int format_output_spool(const struct format_output *beside, struct format_output **ret, struct err *err)
 {
-	struct format_output *o = output_alloc(beside->label, err);
+	struct format_output *o = format_output_alloc(beside->label, err);
 	int r;
 
 	if (!o)
 		return -err->code;
-	r = spool_open(beside->dirfd, &o->fd, err);
+	r = format_output_nameless(beside->dirfd, &o->fd, err);
 	if (r) {
 		err_add_file(err, beside->label);
 		format_output_free(o);
@@ -218,144 +206,6 @@ int format_output_spool(const struct format_output *beside, struct format_output
 	o->own_fd = o->seekable = true;
 	*ret = o;
 	return 0;
-}
-
-/* Straight to the descriptor: at the offset where it can seek, else in order. */
-static int output_put(struct format_output *o, const uint8_t *p, size_t n, struct err *err)
-{
-	if (o->seekable) {
-		int r = io_write_at(o->fd, p, n, o->at, o->label, err);
-		if (!r)
-			o->at += n;
-		return r;
-	}
-	while (n) {
-		ssize_t k = write(o->fd, p, n);
-		if (k < 0 && errno == EINTR)
-			continue;
-		if (k < 0) {
-			err_sys(err, errno, "writing failed");
-			return err_add_file(err, o->label);
-		}
-		p += k;
-		n -= (size_t)k;
-		o->at += (uint64_t)k;
-	}
-	return 0;
-}
-
-static int output_flush(struct format_output *o, struct err *err)
-{
-	int r = o->used ? output_put(o, o->buf, o->used, err) : 0;
-
-	if (!r)
-		o->used = 0;
-	return r;
-}
-
-void *format_output_room(struct format_output *o, size_t n, struct err *err)
-{
-	if (o->used + n > FORMAT_BUFFER && output_flush(o, err))
-		return NULL;
-	return o->buf + o->used;
-}
-
-void format_output_used(struct format_output *o, size_t n)
-{
-	o->used += n;
-}
-
-int format_output_write(struct format_output *o, const void *bytes, size_t n, struct err *err)
-{
-	const uint8_t *p = bytes;
-
-	while (n) {
-		size_t k = n < FORMAT_BUFFER ? n : FORMAT_BUFFER;
-		void *to = format_output_room(o, k, err);
-		if (!to)
-			return -err->code;
-		memcpy(to, p, k);
-		o->used += k;
-		p += k;
-		n -= k;
-	}
-	return 0;
-}
-
-int format_output_patch(struct format_output *o, uint64_t at, const void *bytes, size_t n, struct err *err)
-{
-	int r = output_flush(o, err);
-
-	return r ? r : io_write_at(o->fd, bytes, n, at, o->label, err);
-}
-
-/* Inside the kernel where the file systems can; 0 done, 1 not possible here (nothing was copied). */
-static int join_inside(struct format_output *o, struct format_output *spool, struct err *err)
-{
-	off_t from = 0, to = (off_t)o->at;
-	uint64_t left = spool->at;
-
-	while (left) {
-		size_t part = left > (1u << 30) ? (1u << 30) : (size_t)left;
-		ssize_t k = copy_file_range(spool->fd, &from, o->fd, o->seekable ? &to : NULL, part, 0);
-		if (k < 0 && errno == EINTR)
-			continue;
-		if (k <= 0 && left == spool->at && (k == 0 || (errno != ENOSPC && errno != EDQUOT)))
-			return 1;
-		if (k <= 0) {
-			err_sys(err, k ? errno : EIO, "copying a temporary file failed");
-			return err_add_file(err, o->label);
-		}
-		left -= (uint64_t)k;
-		o->at += (uint64_t)k;
-	}
-	return 0;
-}
-
-int format_output_join(struct format_output *o, struct format_output *spool, struct err *err)
-{
-	int r = output_flush(o, err);
-
-	if (!r)
-		r = output_flush(spool, err);
-	if (!r && o->seekable)
-		r = join_inside(o, spool, err);
-	else if (!r)
-		r = 1;
-	if (r <= 0)
-		return r;
-	for (uint64_t from = 0; from < spool->at;) {
-		size_t n = spool->at - from < FORMAT_BUFFER ? (size_t)(spool->at - from) : FORMAT_BUFFER;
-		r = io_read_at(spool->fd, o->buf, n, from, o->label, err);
-		if (!r)
-			r = output_put(o, o->buf, n, err);
-		if (r)
-			return r;
-		from += n;
-	}
-	return 0;
-}
-
-int format_output_read(struct format_output *o, uint64_t at, void *bytes, size_t n, struct err *err)
-{
-	int r = output_flush(o, err);
-
-	return r ? r : io_read_at(o->fd, bytes, n, at, o->label, err);
-}
-
-bool format_output_seekable(const struct format_output *o)
-{
-	return o->seekable;
-}
-
-uint64_t format_output_size(const struct format_output *o)
-{
-	return o->at + o->used;
-}
-
-const char *format_output_name(const struct format_output *o)
-{
-	return o->label;
 }
 
 /* rename that never replaces: in one step where the system has it, else by a second link. */
@@ -384,7 +234,7 @@ static int publish_no_clobber(struct format_output *o, struct err *err)
 
 int format_output_publish(struct format_output *o, struct err *err)
 {
-	int r = output_flush(o, err);
+	int r = format_output_flush(o, err);
 
 	if (!r && o->nameless) {
 		r = output_temp(o, make_link, err);

@@ -1,10 +1,11 @@
 /*
  * PLY, binary little-endian: all vertices (double x, y, z), then all faces (list uchar int).
  *
- * The stream mixes both and says the counts at its end. Vertices go to their place at once, faces to a
- * nameless file that is appended at the end; the header is written first at its greatest possible size and
- * patched when the counts are known, a comment filling the rest. Where the output cannot seek, vertices are
- * kept aside too. Faces take 32-bit numbers: int up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused
+ * The stream mixes both and says the counts at its end. Vertices go to their place at once, faces to an
+ * annex that is joined at the end; the header is written first at its greatest possible size and
+ * patched when the counts are known, a comment filling the rest. Faces are in the order of the stream, but for
+ * those that joining moves to the front (fewer than 4096). In canonical order all vertices come before all faces,
+ * so that both go to their place. Where the output cannot seek, both are kept aside. Faces take 32-bit numbers: int up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused
  * beyond.
  */
 #include <inttypes.h>
@@ -17,8 +18,11 @@
 
 #define PLY_HEADER 8192
 #define PLY_FILL "comment "
+#define PLY_VERTEX 24 /* bytes */
+#define PLY_FACE 13
 
 _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "records are written as they lie in memory");
+_Static_assert(((uint64_t)UINT32_MAX + 1) * PLY_VERTEX + PLY_HEADER < FORMAT_ANNEX_AT, "all vertices fit before it");
 
 struct ply {
 	struct format_output *out, *vertices, *faces; /* vertices: the output, or a spool */
@@ -94,12 +98,14 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 
 	if (!r)
 		r = format_comment_head(head, &p->opt, ply_comment, p, err);
-	if (!r)
-		r = format_output_spool(p->out, &p->faces, err);
-	if (r)
+	if (!r && !format_output_seekable(p->out))
+		r = format_output_spool(p->out, &p->vertices, err);
+	if (!r && (p->vertices || !p->opt.canonical))
+		r = format_output_annex(p->out, &p->faces, err);
+	if (r || p->vertices)
 		return r;
-	if (!format_output_seekable(p->out))
-		return format_output_spool(p->out, &p->vertices, err);
+	if (!p->faces)
+		p->faces = p->out;
 	r = ply_header(p, widest, widest, UINT64_MAX, UINT64_MAX, buf, err);
 	if (r < 0)
 		return r;
@@ -111,11 +117,9 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 
 static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct err *err)
 {
-	uint32_t most = FORMAT_BUFFER / 24;
-
 	while (n) {
-		uint32_t k = n < most ? n : most;
-		double *to = format_output_room(p->vertices, k * 24u, err);
+		uint32_t left = (uint32_t)(format_output_left(p->vertices) / PLY_VERTEX), k = n < left ? n : left ? left : 1;
+		double *to = format_output_room(p->vertices, k * (size_t)PLY_VERTEX, err);
 		double aligned[3 * 512];
 
 		if (!to)
@@ -125,9 +129,9 @@ static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct
 		} else {
 			k = k < 512 ? k : 512;
 			format_axis_values(p->axis, v, k, aligned);
-			memcpy(to, aligned, k * 24u);
+			memcpy(to, aligned, k * (size_t)PLY_VERTEX);
 		}
-		format_output_used(p->vertices, k * 24u);
+		format_output_used(p->vertices, k * (size_t)PLY_VERTEX);
 		v += k;
 		n -= k;
 	}
@@ -136,15 +140,16 @@ static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct
 
 static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err *err)
 {
-	const uint32_t most = FORMAT_BUFFER / 13, nf = b->nforeign, base = (uint32_t)(b->first - nf);
+	const uint32_t nf = b->nforeign, base = (uint32_t)(b->first - nf);
 
 	for (uint32_t i = 0; i < b->ntriangle;) {
-		uint32_t k = b->ntriangle - i < most ? b->ntriangle - i : most;
-		uint8_t *to = format_output_room(p->faces, k * 13u, err);
+		uint32_t left = (uint32_t)(format_output_left(p->faces) / PLY_FACE), n = b->ntriangle - i;
+		uint32_t k = n < left ? n : left ? left : 1;
+		uint8_t *to = format_output_room(p->faces, k * (size_t)PLY_FACE, err);
 
 		if (!to)
 			return -err->code;
-		for (uint32_t end = i + k; i < end; i++, to += 13) {
+		for (uint32_t end = i + k; i < end; i++, to += PLY_FACE) {
 			uint32_t g[3];
 			for (int j = 0; j < 3; j++) {
 				uint32_t l = b->triangle[i][j];
@@ -153,7 +158,7 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 			to[0] = 3;
 			memcpy(to + 1, g, 12);
 		}
-		format_output_used(p->faces, k * 13u);
+		format_output_used(p->faces, k * (size_t)PLY_FACE);
 	}
 	return 0;
 }
@@ -168,6 +173,8 @@ static int ply_block(void *writer, const struct format_block *block, struct err 
 		err_set(err, ERR_LIMIT, "PLY cannot number more than 4294967295 vertices");
 		return err_add_hint(err, "write OBJ: -o NAME.obj");
 	}
+	if (p->faces == p->out && p->nface && b->nnew)
+		return err_set(err, ERR_INTERNAL, "a vertex comes after the faces");
 	r = ply_vertices(p, b->vertex, b->nnew, err);
 	if (!r)
 		r = ply_faces(p, b, err);
@@ -191,9 +198,9 @@ static int ply_finish(void *writer, const struct acut_mesh_tail *tail, struct er
 	} else {
 		r = format_output_write(p->out, buf, (size_t)n, err);
 		if (!r)
-			r = format_output_join(p->out, p->vertices, err);
+			r = format_output_join(p->out, p->vertices, PLY_VERTEX, err);
 	}
-	return r ? r : format_output_join(p->out, p->faces, err);
+	return r || p->faces == p->out ? r : format_output_join(p->out, p->faces, PLY_FACE, err);
 }
 
 static void *ply_free(void *writer)
@@ -204,7 +211,8 @@ static void *ply_free(void *writer)
 		return NULL;
 	if (p->vertices != p->out)
 		format_output_free(p->vertices);
-	format_output_free(p->faces);
+	if (p->faces != p->out)
+		format_output_free(p->faces);
 	free(p->comments);
 	free(p);
 	return NULL;

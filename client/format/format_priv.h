@@ -11,14 +11,20 @@
 int format_output_new(const char *path, bool no_clobber, struct format_output **ret, struct err *err);
 /* A nameless file on the same file system (for standard output: in $TMPDIR, else /var/tmp). */
 int format_output_spool(const struct format_output *, struct format_output **ret, struct err *err);
-/* Room for n bytes at the end of the buffer (n <= FORMAT_BUFFER), NULL on failure; then say how many. */
+/* A second place to append, for what comes after all of the output but is written meanwhile. */
+int format_output_annex(struct format_output *, struct format_output **ret, struct err *err);
+/* Room for n bytes at the end of the buffer (n <= FORMAT_BUFFER - FORMAT_BUFFER_KEPT), NULL on failure; then say
+ * how many. */
 void *format_output_room(struct format_output *, size_t n, struct err *err);
 void format_output_used(struct format_output *, size_t n);
+/* Bytes that are free in the buffer: no more than these are taken without writing it. */
+size_t format_output_left(const struct format_output *);
 int format_output_write(struct format_output *, const void *bytes, size_t n, struct err *err);
 /* Overwrite bytes written before; only if the output can seek. */
 int format_output_patch(struct format_output *, uint64_t at, const void *bytes, size_t n, struct err *err);
-/* Appends all of a spool. */
-int format_output_join(struct format_output *, struct format_output *spool, struct err *err);
+/* Appends all of a spool or annex. Of an annex larger than FORMAT_BUFFER to an output that can seek, up to 4095
+ * records of `record` bytes (an odd number) come from its end to its front. */
+int format_output_join(struct format_output *, struct format_output *from, size_t record, struct err *err);
 /* Reads back from a spool: n bytes at `at`. */
 int format_output_read(struct format_output *, uint64_t at, void *bytes, size_t n, struct err *err);
 bool format_output_seekable(const struct format_output *);
@@ -30,6 +36,8 @@ int format_output_publish(struct format_output *, struct err *err);
 struct format_output *format_output_free(struct format_output *);
 
 #define FORMAT_BUFFER (1u << 20)
+#define FORMAT_BUFFER_KEPT 4096      /* what may stay in it when it was written */
+#define FORMAT_ANNEX_AT (1ull << 37) /* an output with an annex stays below this size until they are joined */
 
 /* ---- lattice numbers to coordinates: format_axis.c ---- */
 
