@@ -72,7 +72,7 @@ def datasets_and_jobs():
         show = d.ctl("show", str(second), "--json").ok().json()
         got = d.ctl("fetch", str(second), "-o", out, "--json").ok().json()
         counted = d.ctl("fetch", str(second), "--format", "null", "--json").ok().json()
-        expect(counted["digest"] == got["digest"] and counted["output_bytes"] == 0, "--format null", counted)
+        expect(counted["digest"] == got["digest"] and counted["output_bytes"] == 0, "--format null: %s" % counted)
         one = d.ctl("mesh", "--json", "-o", os.path.join(base, "w.ply"), b, a).ok().json()
         expect(got["digest"] == one["digest"] == show["digest"], "%s %s %s" % (got["digest"], one["digest"], show["digest"]))
         expect(got["vertex_digest"] == one["vertex_digest"], "vertex digests differ")
