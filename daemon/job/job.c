@@ -50,6 +50,7 @@ struct job *job_free(struct job *job)
 	if (!job)
 		return NULL;
 	walk_free(job->walk);
+	plan_file_free(job->plan);
 	if (job->dataset)
 		dataset_release(job->dataset);
 	free(job->view);
@@ -139,6 +140,7 @@ static enum job_state job_state_queued(struct job *job)
 		.view_text = job->view,
 		.keep = !job->bound,
 		.patience = job->bound ? PATIENCE_SECONDS : 0,
+		.plan = job->plan,
 		.calls = &calls,
 		.ctx = job,
 	};
@@ -475,6 +477,9 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)
 		;
 	job->state = s < JOB_STATES ? (enum job_state)s : JOB_failed;
+	s = job_plan_new(job, err);
+	if (s)
+		return s;
 	if (*row->report)
 		job->has_report = report_parse(row->report, &job->report);
 	if (*row->error_code) {

@@ -320,11 +320,15 @@ struct job_output {
 	const struct job_output_calls *calls;
 	struct walk *walk; /* these two are of job/ only */
 	struct job_fetch *fetch;
-	bool spooled; /* set by spool: the block's memory is not needed any more */
+	bool spooled; /* set by spool: the block's memory is not needed any more; encode takes it back */
+	/* Set before job_fetch: go on at this block, of the stream `want`. What cannot be is -ERR_GONE. */
+	uint64_t from;
+	bool wants;
+	struct digest want;
 };
 enum { JOB_OUTPUT_BUFFER = 64 << 10 }; /* what refill may hold; charged by job/ */
-/* Streams the mesh of `job` into `output`, at once if it is bound and has just begun, else when it is done.
- */
+/* Streams the mesh of `job` into `output`: a bound one that has just begun as it is made; one that runs as far as
+ * it is stored, and on as it gets there; else when the job has begun or is done. */
 void job_fetch(struct job *, struct job_output *output);
 void job_output_sent(struct job_output *);
 void job_output_dry(struct job_output *); /* the refilled bytes are written, and there are more */

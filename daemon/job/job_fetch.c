@@ -1,10 +1,10 @@
 /*
- * Streams of a job's mesh, and plans that only tell.
+ * Streams of a job's mesh.
  *
  * The model: the first stream of a bound job is the output of the job's own walk, so that triangles leave as
- * soon as their domain is done. Every other stream waits until the job is done and then walks the same
- * domains again, most of them from the store; what is missing there is made again. Its digests must be those
- * of the job.
+ * soon as their domain is done. Every other stream is a walk of its own over the job's plan: of a job that is done
+ * at once; of an unbound one that runs as far as the job has come, since its domains are in the store when they are
+ * emitted, and on as it gets on. What is missing in the store is made again. The digests must be those of the job.
  */
 #include "job_fetch.h"
 
@@ -41,7 +41,23 @@ static void fetch_unread(void *ctx, const struct err *why)
 	walk_stop(f->walk, why);
 }
 
-static const struct walk_calls calls = {.unread = fetch_unread, .ended = fetch_ended};
+/* Domains that the job has emitted are in the store. */
+static size_t fetch_reach(void *ctx)
+{
+	const struct job *job = ((struct job_fetch *)ctx)->job;
+
+	if (job->state == JOB_done)
+		return SIZE_MAX;
+	return job->walk && !job_state_final(job->state) ? walk_emitted(job->walk) : 0;
+}
+
+static const struct walk_calls calls = {.unread = fetch_unread, .ended = fetch_ended, .reach = fetch_reach};
+
+/* From the start. */
+static bool fresh(const struct job_output *output)
+{
+	return !output->from && !output->wants;
+}
 
 void job_fetch(struct job *job, struct job_output *output)
 {
@@ -50,7 +66,7 @@ void job_fetch(struct job *job, struct job_output *output)
 
 	output->walk = NULL;
 	output->fetch = NULL;
-	if (job->bound && job->walk && !job->walk_ended && walk_attach(job->walk, output))
+	if (job->bound && fresh(output) && job->walk && !job->walk_ended && walk_attach(job->walk, output))
 		return;
 	f = calloc(1, sizeof *f);
 	if (!f) {
@@ -73,7 +89,7 @@ void job_fetch_attach(struct job *job)
 {
 	struct job_fetch *f = job->fetches;
 
-	if (!job->bound || !f || !f->output || !walk_attach(job->walk, f->output))
+	if (!job->bound || !f || !f->output || !fresh(f->output) || !walk_attach(job->walk, f->output))
 		return;
 	f->output->fetch = NULL;
 	fetch_free(f);
@@ -105,12 +121,15 @@ static void begin(struct job_fetch *f)
 		.generation = job->generation,
 		.view_text = job->view,
 		.keep = !job->bound,
+		.lazy = true,
+		.owner = {.uid = job->peer.uid},
+		.plan = job->plan,
 		.calls = &calls,
 		.ctx = f,
 	};
 	struct err err = ERR_INIT;
 
-	if (job->state != JOB_done) {
+	if (job_state_final(job->state) && job->state != JOB_done) {
 		end(f, f->output, &job->err);
 		return;
 	}
@@ -141,25 +160,40 @@ static void finish(struct job_fetch *f)
 	struct job_output *output = walk_detach(f->walk);
 	char hex[DIGEST_HEX_SIZE];
 
+	if (!f->why.code && f->job->state != JOB_done)
+		f->why = f->job->err;
 	if (!f->why.code && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
 		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex,
 			f->job->report.digest);
 	end(f, output, f->why.code ? &f->why : NULL);
 }
 
+/* It is over, or has a plan and puts its domains into the store. */
+static bool can_begin(const struct job *job)
+{
+	return job_state_final(job->state) ||
+	       (job->state == JOB_meshing && !job->bound && job->planned && !job->walk_ended);
+}
+
 void job_fetch_settle(struct job *job)
 {
+	bool failed = job_state_final(job->state) && job->state != JOB_done;
 	struct job_fetch *f, *next;
 
 	for (f = job->fetches; f; f = next) {
 		next = f->next;
+		if (f->walk && !f->walk_ended && failed)
+			walk_stop(f->walk, &job->err);
 		if (f->walk && !f->walk_ended)
 			walk_settle(f->walk);
+		/* Whole, but the job has not said so yet. */
+		if (f->walk && f->walk_ended && !f->why.code && !job_state_final(job->state))
+			continue;
 		if (f->walk && f->walk_ended)
 			finish(f);
 		else if (!f->walk && !f->output)
 			fetch_free(f);
-		else if (!f->walk && job_state_final(job->state))
+		else if (!f->walk && can_begin(job))
 			begin(f);
 	}
 }
@@ -187,125 +221,4 @@ void job_fetch_park(struct job *job)
 		else if (!f->walk_ended)
 			walk_stop(f->walk, &err);
 	}
-}
-
-/* ---- plans ---- */
-
-static void plan_ended(void *ctx, const struct err *why)
-{
-	struct job_asked_plan *p = ctx;
-
-	p->walk_ended = true;
-	p->failed = why != NULL;
-	if (why)
-		p->err = *why;
-}
-
-static const struct walk_calls plan_calls = {.ended = plan_ended};
-
-/* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links (measured 36 to 38). */
-enum { STORED_BYTES = 38 };
-
-/* Seconds a point of the newest finished job that was large enough to tell; 0: none. */
-static double pace(const struct jobs *j)
-{
-	enum { TELLING = 100000 };
-	const struct job *job;
-	double seconds = 0;
-
-	/* The list is by number: the last one wins. What a selection left out was not meshed. */
-	for (job = j->jobs; job; job = job->next) {
-		const uint64_t *removed = job->report.removed;
-		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
-				  removed[VIEW_BY_THIN];
-
-		if (job->has_report && points >= TELLING && job->report.seconds > 0)
-			seconds = job->report.seconds / (double)points;
-	}
-	return seconds;
-}
-
-static void plan_answer(struct job_asked_plan *p)
-{
-	const struct cut_plan *plan = walk_plan(p->walk);
-	const struct pipe_budget *budget = walk_budget(p->walk);
-	struct job_plan out = {
-		.points = walk_grid_points(p->walk),
-		.domains = plan->n,
-		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
-				p->jobs->emitter_share + p->jobs->index_share,
-		.disk_bytes = walk_grid_points(p->walk) * STORED_BYTES,
-		.exact = true,
-		.load = budget->load,
-		.threads = budget->threads,
-		.seconds = pace(p->jobs) * (double)walk_grid_points(p->walk),
-	};
-	size_t i;
-
-	for (i = 0; i < plan->n; i++)
-		out.exact &= plan->leaf[i].exact;
-	p->planned(p->token, NULL, &out);
-}
-
-void job_plans_settle(struct jobs *j)
-{
-	struct job_asked_plan **at = &j->plans, *p;
-
-	while ((p = *at)) {
-		if (p->walk && !p->walk_ended)
-			walk_tick(p->walk);
-		if (!p->walk_ended) {
-			at = &p->next;
-			continue;
-		}
-		*at = p->next;
-		if (p->failed)
-			p->planned(p->token, &p->err, NULL);
-		else
-			plan_answer(p);
-		walk_free(p->walk);
-		free(p);
-	}
-}
-
-void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view,
-	      const struct job_peer *peer,
-	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
-{
-	struct job_asked_plan *p = calloc(1, sizeof *p);
-	struct walk_params params = {
-		.jobs = j,
-		.dataset = d,
-		.generation = generation ? generation : d->generation,
-		.plan_only = true,
-		.calls = &plan_calls,
-		.ctx = p,
-	};
-	char *text = NULL;
-	struct err err = ERR_INIT;
-
-	if (!p)
-		err_set(&err, ERR_NOMEM, "no memory for a plan");
-	else if (j->parking)
-		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (!d->generation || generation > d->generation)
-		err_set(&err, ERR_NOTFOUND, "the dataset %s has no such generation", d->name);
-	else if (!job_view(view, d, &text, &err)) {
-		params.view_text = text;
-		walk_new(&params, &p->walk, &err);
-		free(text);
-	}
-	if (err.code) {
-		free(p);
-		planned(token, &err, NULL);
-		return;
-	}
-	p->jobs = j;
-	p->peer = *peer;
-	p->err = ERR_INIT;
-	p->planned = planned;
-	p->token = token;
-	p->next = j->plans;
-	j->plans = p;
-	walk_start(p->walk);
 }

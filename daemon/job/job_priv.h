@@ -5,6 +5,7 @@
 #include "catalogue.h"
 #include "job.h"
 #include "ledger.h"
+#include "plan_file.h"
 #include "sched_pool.h"
 #include "walk.h"
 
@@ -61,6 +62,7 @@ struct job {
 	uint64_t begun_ns; /* monotonic, of this run of the daemon */
 	struct walk *walk;
 	bool walk_ended;
+	struct plan_file *plan;
 	struct job_report report;
 	struct err err;
 	struct job_fetch *fetches;
@@ -97,7 +99,7 @@ struct jobs {
 	struct jobs_params p;
 	int datafd, onestepfd, domainsfd,
 		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
-		geoidsfd; /* state/geoids */
+		plansfd, geoidsfd; /* state/plans, state/geoids */
 	struct dataset *datasets;
 	struct push *pushes;
 	struct job *jobs;
@@ -150,6 +152,12 @@ struct job *job_add(struct jobs *, uint64_t id); /* NULL: no memory */
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
+/* Where its plan is kept. */
+int job_plan_new(struct job *, struct err *err);
+/* Its plan's file goes, later. */
+void job_plan_drop(struct job *);
+/* Plans of jobs that are not there any more. Reads the disk. */
+int job_plan_sweep(struct jobs *, struct err *err);
 void job_settle(struct job *);
 void job_plans_settle(struct jobs *);
 /* The canonical text, to be freed, of a view asked of this dataset, which has a generation. */
@@ -162,6 +170,7 @@ void report_make(const struct pipe_totals *, struct job_report *ret);
 
 /* jobs.c */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
+uint64_t jobs_memory_alone(const struct jobs *); /* the same if there were nothing else */
 bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */
 /* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */
 int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);

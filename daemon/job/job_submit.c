@@ -163,6 +163,12 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	job->generation = generation;
 	job->peer = p->peer;
 	job->bound = p->bound;
+	if (job_plan_new(job, &err)) {
+		accepted(token, &err, NULL);
+		job->state = JOB_failed;
+		job->removed = true;
+		return;
+	}
 	job->submitted_us = clock_real_us();
 	job->begun_ns = clock_mono_ns();
 	job->accepted = accepted;

@@ -121,6 +121,13 @@ uint64_t jobs_domain_memory(struct jobs *j)
 	return total > used ? total - used : 0;
 }
 
+uint64_t jobs_memory_alone(const struct jobs *j)
+{
+	uint64_t used = j->reserve + 2 * walk_share(j), total = ledger_total(j->p.ledger);
+
+	return total > used ? total - used : 0;
+}
+
 uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t positions)
 {
 	uint64_t total = ledger_total(j->p.ledger);
@@ -312,6 +319,8 @@ static int open_folders(struct jobs *j, struct err *err)
 	if (!r)
 		r = folder(j->p.cachefd, "tmp", &j->tempfd, err);
 	if (!r)
+		r = folder(j->p.statefd, "plans", &j->plansfd, err);
+	if (!r)
 		r = geoids_open(j->p.statefd, &j->geoidsfd, err);
 	/* Nothing in these outlives a daemon. */
 	if (!r)
@@ -333,12 +342,14 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	if (!j)
 		return err_set(err, ERR_NOMEM, "no memory for jobs");
 	j->p = *p;
-	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = j->geoidsfd = -1;
+	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = j->plansfd = j->geoidsfd = -1;
 	share_out(j);
 	reader.ctx = j;
 	r = open_folders(j, err);
 	if (!r)
 		r = catalogue_load(p->catalogue, &reader, last, err);
+	if (!r)
+		r = job_plan_sweep(j, err);
 	if (!r)
 		r = sweep_all(j, err);
 	if (!r)
@@ -376,6 +387,7 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->onestepfd);
 	io_close(j->domainsfd);
 	io_close(j->tempfd);
+	io_close(j->plansfd);
 	io_close(j->geoidsfd);
 	free(j);
 	return NULL;
@@ -400,6 +412,7 @@ static void forget_jobs(struct jobs *j)
 		if (job->removed && !job->walk && !job->fetches && !job->waiting_row &&
 		    (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
 			*at = job->next;
+			job_plan_drop(job);
 			job_free(job);
 		} else {
 			at = &job->next;

@@ -54,6 +54,8 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 	w->owner = p->owner;
 	w->owner.flow = ++p->jobs->last_flow;
 	w->patience = p->patience;
+	w->file = p->plan;
+	w->lazy = p->lazy;
 	w->calls = p->calls;
 	w->ctx = p->ctx;
 	w->why = ERR_INIT;
@@ -90,7 +92,7 @@ static void shut(struct walk *w)
 	w->output_buffer = false;
 }
 
-/* ---- opening and planning ---- */
+/* ---- opening ---- */
 
 static void count_classes(struct walk *w)
 {
@@ -127,6 +129,8 @@ static void open_run(struct sched_task *t)
 	count_classes(w);
 	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter,
 				&w->err);
+	if (!w->r)
+		w->r = walk_plan_read(w, &w->err);
 	if (!w->r && view_selects(&w->view))
 		w->r = walk_select_open(w, &w->err);
 }
@@ -178,83 +182,6 @@ static void open_start(struct walk *w)
 	};
 	w->task_busy = true;
 	sched_submit(w->jobs->p.sched, &w->task);
-}
-
-static void plan_run(struct sched_task *t)
-{
-	struct walk *w = walk_of_task(t);
-	void *memory = aligned_alloc(64, (t->bytes + 63) & ~(size_t)63);
-	struct mesh_counts flat;
-
-	w->err = ERR_INIT;
-	if (!memory) {
-		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
-		return;
-	}
-	w->r = pipe_plan(w->grid, &w->rest, &w->budget, memory, &w->plan, &flat, &w->err);
-	free(memory);
-	if (w->r == PIPE_E_FLAT) {
-		/* Nothing to triangulate: no domains, but the counts of what was read. */
-		pipe_emit_flat(w->emitter, &flat);
-		w->r = 0;
-	}
-}
-
-static void plan_done(struct sched_task *t)
-{
-	struct walk *w = walk_of_task(t);
-
-	w->task_busy = false;
-	if (t->ran) {
-		sched_give(w->jobs->p.sched, t->name, t->bytes);
-		if (w->r)
-			walk_fail(w, &w->err);
-	}
-	if (!w->stopping) {
-		w->plan_n = w->plan.n;
-		w->grid_total = grid_points(w->grid);
-		w->state = WALK_RUNNING;
-		w->started_ns = clock_mono_ns();
-		if (w->calls->planned)
-			w->calls->planned(w->ctx);
-		if (w->plan_only)
-			w->state = WALK_FINISHING;
-		else
-			walk_output_head(w);
-	}
-	walk_settle(w);
-}
-
-/* With what is left beside stages that are held now; where that is too little, later. */
-static void plan_start(struct walk *w)
-{
-	struct err err = ERR_INIT;
-	int r = pipe_budget(jobs_domain_memory(w->jobs), w->jobs->p.threads, w->grid, &w->budget, &err);
-
-	if (r) {
-		if (!jobs_staged(w->jobs))
-			walk_fail(w, &err);
-		return;
-	}
-	w->state = WALK_PLANNING;
-	w->task = (struct sched_task){
-		.run = plan_run,
-		.done = plan_done,
-		.owner = w->owner,
-		.lengthy = true,
-		.priority = SCHED_FIRST,
-		.name = LEDGER_DOMAIN,
-		.bytes = grid_points(w->grid) ? w->budget.domain_bytes : 0,
-	};
-	w->task_busy = true;
-	if (grid_points(w->grid)) {
-		sched_submit(w->jobs->p.sched, &w->task);
-	} else {
-		/* No points, no domains. */
-		w->task_busy = false;
-		w->r = 0;
-		plan_done(&w->task);
-	}
 }
 
 /* ---- the end ---- */
@@ -357,9 +284,8 @@ static struct walk_domain *find(struct walk *w, size_t index)
 /* Its reader is slow, or has not come yet: domains go to the store. */
 bool walk_backlog(const struct walk *w)
 {
-	if (w->output)
-		return w->output_busy && w->output->calls->stalled(w->output) > STALL_SECONDS;
-	return false;
+	return w->output && w->output_busy &&
+	       (w->output->spooled || w->output->calls->stalled(w->output) > STALL_SECONDS);
 }
 
 /* A bound job's first block waits a while for its reader. */
@@ -370,7 +296,8 @@ static bool awaits_output(const struct walk *w)
 
 bool walk_stalled(const struct walk *w)
 {
-	return w->state == WALK_RUNNING && walk_backlog(w) && !w->ndomains && w->next_start == w->plan_n;
+	return w->state == WALK_RUNNING && walk_backlog(w) && !w->ndomains &&
+	       (w->lazy || w->next_start == w->plan_n);
 }
 
 static void split_next(struct walk *w)
@@ -409,7 +336,7 @@ static void make_next(struct walk *w)
 	/* One being sent, and one ready for when that is done. */
 	unsigned window = w->budget.threads + 2;
 
-	while (!w->splitting && w->next_start < w->plan.n && w->ndomains < window) {
+	while (!w->splitting && w->next_start < walk_reach(w) && w->ndomains < window) {
 		if (!walk_domain_start(w, w->next_start, SCHED_NORMAL))
 			return;
 		w->next_start++;
@@ -430,6 +357,7 @@ static void store_backlog(struct walk *w)
 
 static void settle_running(struct walk *w)
 {
+	walk_plan_follow(w);
 	split_next(w);
 	while (emit_next(w))
 		;
@@ -443,6 +371,10 @@ static void settle_running(struct walk *w)
 	}
 	if (w->splitting || w->domains || w->tasks || w->output_busy || w->next_emit != w->plan_n)
 		return;
+	if (!walk_output_enough(w)) {
+		settle_stopping(w);
+		return;
+	}
 	w->state = WALK_FINISHING;
 	w->task = (struct sched_task){.run = finish_run, .done = finish_done, .owner = w->owner, .priority = SCHED_FIRST};
 	w->task_busy = true;
@@ -460,7 +392,7 @@ void walk_settle(struct walk *w)
 	if (w->state == WALK_UNSELECTED)
 		walk_select_start(w);
 	else if (w->state == WALK_OPEN)
-		plan_start(w);
+		walk_plan_start(w);
 	if (w->stopping) {
 		settle_stopping(w);
 		return;
@@ -482,6 +414,8 @@ void walk_relieve(struct walk *w, bool urgent)
 
 	if (w->state != WALK_RUNNING || w->stopping)
 		return;
+	if (urgent)
+		walk_output_relieve(w);
 	/* What it has will be given back soon. */
 	if (!urgent && (w->emitting || (w->output_busy && !walk_backlog(w))))
 		return;
@@ -527,6 +461,11 @@ size_t walk_domain_bytes(const struct walk *w)
 const struct pipe_totals *walk_totals(const struct walk *w)
 {
 	return &w->totals;
+}
+
+size_t walk_emitted(const struct walk *w)
+{
+	return w->next_emit;
 }
 
 const struct cut_plan *walk_plan(const struct walk *w)

@@ -9,6 +9,7 @@
 #include "job.h"
 #include "sched_pool.h"
 
+struct plan_file;
 struct walk;
 
 /* Names of folders in which a selection is made begin so. */
@@ -19,6 +20,8 @@ struct walk_calls {
 	void (*moved)(void *ctx);                         /* progress */
 	void (*unread)(void *ctx, const struct err *why); /* the output is gone; may call walk_stop */
 	void (*ended)(void *ctx, const struct err *why);  /* once; then walk_free */
+	/* It follows another walk of the same plan: only domains before this one may be taken; NULL: all. */
+	size_t (*reach)(void *ctx);
 };
 
 struct walk_params {
@@ -29,6 +32,8 @@ struct walk_params {
 	bool keep;       /* every finished domain goes to the store */
 	bool plan_only;  /* ends after the plan */
 	struct sched_owner owner; /* for whom it runs; its flow is the walk's own */
+	bool lazy;       /* takes no domain as long as its reader is slow: they are in the store */
+	struct plan_file *plan; /* that it goes by, and keeps; borrowed; NULL: its own, of now */
 	double patience; /* seconds to wait for an output before the domains go to the store */
 	const struct walk_calls *calls;
 	void *ctx;
@@ -58,6 +63,7 @@ size_t walk_domain_bytes(const struct walk *);
 bool walk_selects_same(const struct walk *, const struct walk *other);
 const char *walk_phase(const struct walk *); /* "select" or "mesh" */
 const struct pipe_totals *walk_totals(const struct walk *);   /* after `ended` without why */
+size_t walk_emitted(const struct walk *); /* domains, from the first */
 const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);
 const struct view *walk_view(const struct walk *);

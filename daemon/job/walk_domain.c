@@ -245,6 +245,9 @@ static void split_run(struct sched_task *t)
 	d->r = grid_reader_new(w->grid, memory, size, &reader, &d->err);
 	if (!d->r)
 		d->r = cut_plan_split(&w->plan, d->index, reader, d->need, w->budget.cap, &d->err);
+	/* Before a half of it is made, for good. */
+	if (!d->r && w->file)
+		d->r = plan_file_split(w->file, &d->region, &w->plan.leaf[d->index], &d->err);
 	grid_reader_free(reader);
 	free(memory);
 }
@@ -322,6 +325,10 @@ static int take_block(void *ctx, const struct mesh_block *block, struct err *err
 {
 	struct walk *w = ctx;
 
+	w->blocks = block->index + 1;
+	/* Blocks that its reader has already are passed only. */
+	if (w->output && block->index < w->output->from)
+		return 0;
 	w->emitting->block = true;
 	if (w->output)
 		w->output->calls->encode(w->output, block);
@@ -364,6 +371,7 @@ static void emit_done(struct sched_task *t)
 		d->state = DOMAIN_SENDING;
 		w->sending = d;
 		w->output_busy = true;
+		w->sending_ns = clock_mono_ns();
 		w->output->calls->send(w->output);
 	} else {
 		walk_domain_release(d);

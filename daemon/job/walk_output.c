@@ -15,6 +15,9 @@
 
 #define STALL_SECONDS 0.25
 #define SPOOL_AGAIN_SECONDS 5.0
+/* A block whose reader takes it, but slowly, is spooled when others lack memory, or at last. */
+#define SLOW_SECONDS 0.5
+#define SLOWEST_SECONDS 5.0
 
 static struct walk *walk_of_output_task(struct sched_task *t)
 {
@@ -43,23 +46,49 @@ struct job_output *walk_detach(struct walk *w)
 	return output;
 }
 
-/* Same generation, view and regions, made by the same kernel: the same blocks in the same order. */
+/* Same generation, view and plan, made by the same kernel: the same blocks in the same order. Splits follow from
+ * the plan and its cap, so they need not be in it. */
 static struct digest stream_id(const struct walk *w)
 {
-	struct digest id = digest_hash(w->view_text, strlen(w->view_text));
-	uint64_t n[2] = {w->generation, w->plan.n};
-	size_t i;
+	struct digest id = digest_hash(w->view_text, strlen(w->view_text)), key;
+	int32_t box[4] = {0, 0, 0, 0};
+	struct cut_region root;
 
-	digest_add(&id, digest_hash(n, sizeof n));
-	for (i = 0; i < w->plan.n; i++) {
-		struct digest key = pipe_domain_key(w->grid, &w->rest, &w->plan.leaf[i].region);
+	grid_box(w->grid, box);
+	cut_region_root(box, &root);
+	key = pipe_domain_key(w->grid, &w->rest, &root);
+	digest_add(&id, digest_hash(&w->generation, sizeof w->generation));
+	digest_add(&id, digest_hash(&key, sizeof key));
+	digest_add(&id, digest_hash(&w->kept.base, sizeof w->kept.base));
+	return digest_hash(&id, sizeof id);
+}
 
-		digest_add(&id, digest_hash(&key, sizeof key));
-		/* Enough to tell plans apart: the whole plan follows from the first regions and the load. */
-		if (i == 8)
-			break;
-	}
-	return id;
+/* False: another stream was to go on; the walk fails. */
+static bool is_wanted(struct walk *w, struct digest id)
+{
+	char have[DIGEST_HEX_SIZE], want[DIGEST_HEX_SIZE];
+	struct err err = ERR_INIT;
+
+	if (!w->output->wants || digest_equal(id, w->output->want))
+		return true;
+	err_set(&err, ERR_GONE, "the stream %s cannot be continued, the job's is %s now",
+		digest_hex(w->output->want, want), digest_hex(id, have));
+	err_add_hint(&err, "fetch it from its start");
+	walk_fail(w, &err);
+	return false;
+}
+
+bool walk_output_enough(struct walk *w)
+{
+	struct err err = ERR_INIT;
+
+	if (!w->output || w->output->from <= w->blocks)
+		return true;
+	err_set(&err, ERR_GONE, "the stream cannot go on at block %llu, it has %llu",
+		(unsigned long long)w->output->from, (unsigned long long)w->blocks);
+	err_add_hint(&err, "fetch it from its start");
+	walk_fail(w, &err);
+	return false;
 }
 
 void walk_output_head(struct walk *w)
@@ -73,9 +102,11 @@ void walk_output_head(struct walk *w)
 
 	if (!w->output || w->output_head || w->stopping)
 		return;
+	head.id = stream_id(w);
+	if (!is_wanted(w, head.id))
+		return;
 	w->output_head = true;
 	head.manifest = grid_manifest(w->grid);
-	head.id = stream_id(w);
 	if (grid_box(w->grid, box)) {
 		head.box[0] = box[0];
 		head.box[1] = box[1];
@@ -160,15 +191,24 @@ static void output_submit(struct walk *w, void (*run)(struct sched_task *), uint
 	sched_submit(w->jobs->p.sched, &w->output_task);
 }
 
-void walk_output_tick(struct walk *w)
+static bool can_spool(const struct walk *w)
 {
 	if (!w->output || !w->output_busy || w->output_working || !w->sending || w->stopping)
-		return;
-	if (w->output->calls->stalled(w->output) <= STALL_SECONDS)
-		return;
-	if (w->spool_failed_ns && clock_since(w->spool_failed_ns) < SPOOL_AGAIN_SECONDS)
-		return;
-	output_submit(w, spool_run, 0);
+		return false;
+	return !w->spool_failed_ns || clock_since(w->spool_failed_ns) >= SPOOL_AGAIN_SECONDS;
+}
+
+void walk_output_tick(struct walk *w)
+{
+	if (can_spool(w) && (w->output->calls->stalled(w->output) > STALL_SECONDS ||
+			     clock_since(w->sending_ns) > SLOWEST_SECONDS))
+		output_submit(w, spool_run, 0);
+}
+
+void walk_output_relieve(struct walk *w)
+{
+	if (can_spool(w) && clock_since(w->sending_ns) > SLOW_SECONDS)
+		output_submit(w, spool_run, 0);
 }
 
 void job_output_dry(struct job_output *output)

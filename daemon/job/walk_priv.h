@@ -4,6 +4,7 @@
 
 #include <stdatomic.h>
 
+#include "plan_file.h"
 #include "walk.h"
 
 enum walk_domain_state {
@@ -43,7 +44,7 @@ struct walk {
 	struct view rest; /* what of it applies to `grid`; shares its area */
 	char *view_text;
 	char manifest[64];
-	bool keep, plan_only;
+	bool keep, plan_only, lazy;
 	struct sched_owner owner; /* of all its tasks */
 	double patience;
 	const struct walk_calls *calls;
@@ -82,6 +83,10 @@ struct walk {
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;
 	struct cut_plan plan; /* a worker's while `splitting` */
+	struct plan_file *file; /* where it is kept; NULL: nowhere */
+	struct plan_kept kept;
+	bool planned; /* it was read from there */
+	size_t splits_seen;
 	struct walk_domain *splitting;
 
 	struct walk_domain *domains;
@@ -98,6 +103,8 @@ struct walk {
 	bool output_spooling;
 	void (*output_freed)(struct job_output *);
 	uint64_t spool_failed_ns;
+	uint64_t sending_ns; /* since when the block is sent */
+	uint64_t blocks; /* emitted */
 
 	uint64_t opened_ns, started_ns, first_ns, stopped_ns;
 	uint64_t points, grid_total; /* emitted; in the generation */
@@ -107,6 +114,14 @@ struct walk {
 };
 
 void walk_fail(struct walk *, const struct err *why);
+
+/* walk_plan.c */
+int walk_plan_read(struct walk *, struct err *err); /* worker */
+void walk_plan_start(struct walk *);
+void walk_plan_follow(struct walk *); /* what the walk that it follows has split */
+size_t walk_reach(const struct walk *); /* domains before this one may be started now */
+
+/* walk_domain.c */
 /* NULL: no memory, the walk fails. */
 struct walk_domain *walk_domain_start(struct walk *, size_t index, enum sched_priority);
 void walk_domain_restart(struct walk_domain *, enum sched_priority);
@@ -128,6 +143,11 @@ int walk_select_count(struct walk *, struct err *err);
 void walk_select_discard(struct walk *);
 void walk_opened(struct walk *); /* the task that opened `grid` is done */
 bool walk_backlog(const struct walk *);
+
+/* walk_output.c */
+/* All blocks are emitted. False: the output was to go on behind the last one; the walk fails. */
+bool walk_output_enough(struct walk *);
+void walk_output_relieve(struct walk *); /* a block that takes long is spooled */
 void walk_output_tick(struct walk *);
 void walk_output_head(struct walk *);
 void walk_output_drop(struct walk *);

@@ -75,17 +75,24 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	uint32_t id = q->id; /* find answers, and frees the request, where there is no such job */
+	uint64_t from = m->fetch->from_block;
+	bool wants = *m->fetch->stream_id != 0;
 	struct job *job = find(c, q, m->fetch->job);
 	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
 	struct err err = ERR_INIT;
 	struct stream_out *out;
+	struct digest want;
 	int end = -1;
 
 	if (!job)
 		return;
-	if (m->fetch->from_block || *m->fetch->stream_id) {
-		err_set(&err, ERR_GONE, "a stream cannot be continued by this acutd");
-		err_add_hint(&err, "fetch it from its start");
+	if (*m->fetch->stream_id && !digest_parse(m->fetch->stream_id, &want)) {
+		err_set(&err, ERR_USAGE, "\"%.40s\" is no stream id", m->fetch->stream_id);
+		request_refuse(q, &err);
+		return;
+	}
+	if (m->fetch->from_block && !*m->fetch->stream_id) {
+		err_set(&err, ERR_USAGE, "a fetch that goes on names its stream");
 		request_refuse(q, &err);
 		return;
 	}
@@ -96,6 +103,7 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	}
 	request_free(q);
 	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
+	stream_out_from(out, from, wants ? &want : NULL);
 	if (!c->closed)
 		stream_out_start(out, job);
 }

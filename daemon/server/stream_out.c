@@ -41,7 +41,8 @@ struct stream_out {
 	sd_event_source *io;
 	struct out_frame frame[FRAMES];
 	char *view; /* that the head points to */
-	uint64_t blocks, blocked_ns; /* since when bytes wait; 0: none do */
+	uint64_t blocks; /* before `from`, and sent */
+	uint64_t blocked_ns; /* since when bytes wait; 0: none do */
 	bool paused, ended, gone;
 
 	int spool; /* -1: none */
@@ -290,6 +291,7 @@ static void out_encode(struct job_output *output, const struct mesh_block *b)
 		.final = b->final,
 	};
 
+	output->spooled = false;
 	memcpy(block.box, b->box, sizeof block.box);
 	f->n = stream_put_block(&block, f->scratch, f->piece);
 	f->at = 0;
@@ -416,7 +418,7 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 		tail_error(&tail, why);
 	else
 		tail_totals(&tail, o, totals, report);
-	if (!o->frame[HEAD].ready && !o->blocks && why && !o->frame[HEAD].n) {
+	if (why && !o->frame[HEAD].n) {
 		/* A stream starts with its head, also one that failed before there was a grid. */
 		struct stream_head head = {.kind = STREAM_WHOLE, .lattice = "1 1 0 0 0"};
 
@@ -481,6 +483,14 @@ struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request
 	c->streams = o;
 	*ret_read_end = ends[0];
 	return o;
+}
+
+void stream_out_from(struct stream_out *o, uint64_t from, const struct digest *want)
+{
+	o->blocks = o->output.from = from;
+	o->output.wants = want != NULL;
+	if (want)
+		o->output.want = *want;
 }
 
 void stream_out_start(struct stream_out *o, struct job *job)

@@ -28,6 +28,10 @@ struct cut_range { uint64_t lo, hi; };
 #define CUT_REGION_TEXT_SIZE 64
 char *cut_region_text(const struct cut_region *, char buf[CUT_REGION_TEXT_SIZE]);
 bool cut_region_parse(const char *text, struct cut_region *ret);
+static inline bool cut_region_same(const struct cut_region *a, const struct cut_region *b)
+{
+	return a->x == b->x && a->y == b->y && a->wx == b->wx && a->wy == b->wy && a->inf == b->inf;
+}
 /* The borders as doubled lattice numbers (odd), INT64_MIN/MAX on infinite sides: x0, y0, x1, y1. */
 void cut_region_box(const struct cut_region *, int64_t ret[4]);
 

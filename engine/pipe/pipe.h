@@ -135,6 +135,11 @@ struct pipe_budget {
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret,
 		struct err *err);
 
+/* The same for a plan that was made before: exactly its load and cap, with as many threads as `memory` carries.
+ * -ERR_LIMIT if not even one domain fits. */
+int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid, uint32_t load, uint32_t cap,
+		     struct pipe_budget *ret, struct err *err);
+
 /* The regions of a mesh, in `memory` of budget->domain_bytes. PIPE_E_FLAT: the view's positions are fewer than
  * three or all collinear; there is nothing to triangulate, *ret_flat has the counts for pipe_emit_flat, and
  * *ret is empty. -ERR_LIMIT: it cannot fit, with the number that would do. */

@@ -59,3 +59,22 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 		parse_size_text(bytes, need), parse_size_text(memory, have));
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
+
+int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid, uint32_t load, uint32_t cap,
+		     struct pipe_budget *ret, struct err *err)
+{
+	size_t bytes = pipe_domain_bytes(cap, reader_bytes_of(grid));
+	uint64_t carried = memory / bytes;
+	char need[32], have[32];
+
+	if (!carried)
+		return err_set(err, ERR_LIMIT, "a domain of the plan that was kept needs %s, %s are left of the memory",
+			       parse_size_text(bytes, need), parse_size_text(memory, have));
+	if (!threads)
+		threads = 1;
+	/* As above: one more than there are threads, but one alone does too. */
+	if (carried <= threads)
+		threads = carried > 1 ? (unsigned)carried - 1 : 1;
+	*ret = (struct pipe_budget){.load = load, .cap = cap, .domain_bytes = bytes, .threads = threads};
+	return 0;
+}

@@ -1,0 +1,214 @@
+/*
+ * Plans: those that are asked for, which only tell, and the files that jobs keep theirs in.
+ *
+ * The plan of an unbound job lies in the state folder and goes with the job. That of a bound one, for later streams
+ * of its connection, need not outlive the daemon and lies among the temporary files.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "io.h"
+#include "job_priv.h"
+#include "log.h"
+
+/* ---- plans that are asked for ---- */
+
+static void plan_ended(void *ctx, const struct err *why)
+{
+	struct job_asked_plan *p = ctx;
+
+	p->walk_ended = true;
+	p->failed = why != NULL;
+	if (why)
+		p->err = *why;
+}
+
+static const struct walk_calls plan_calls = {.ended = plan_ended};
+
+/* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links (measured 36 to 38). */
+enum { STORED_BYTES = 38 };
+
+/* Seconds a point of the newest finished job that was large enough to tell; 0: none. */
+static double pace(const struct jobs *j)
+{
+	enum { TELLING = 100000 };
+	const struct job *job;
+	double seconds = 0;
+
+	/* The list is by number: the last one wins. What a selection left out was not meshed. */
+	for (job = j->jobs; job; job = job->next) {
+		const uint64_t *removed = job->report.removed;
+		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
+				  removed[VIEW_BY_THIN];
+
+		if (job->has_report && points >= TELLING && job->report.seconds > 0)
+			seconds = job->report.seconds / (double)points;
+	}
+	return seconds;
+}
+
+static void plan_answer(struct job_asked_plan *p)
+{
+	const struct cut_plan *plan = walk_plan(p->walk);
+	const struct pipe_budget *budget = walk_budget(p->walk);
+	struct job_plan out = {
+		.points = walk_grid_points(p->walk),
+		.domains = plan->n,
+		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
+				p->jobs->emitter_share + p->jobs->index_share,
+		.disk_bytes = walk_grid_points(p->walk) * STORED_BYTES,
+		.exact = true,
+		.load = budget->load,
+		.threads = budget->threads,
+		.seconds = pace(p->jobs) * (double)walk_grid_points(p->walk),
+	};
+	size_t i;
+
+	for (i = 0; i < plan->n; i++)
+		out.exact &= plan->leaf[i].exact;
+	p->planned(p->token, NULL, &out);
+}
+
+void job_plans_settle(struct jobs *j)
+{
+	struct job_asked_plan **at = &j->plans, *p;
+
+	while ((p = *at)) {
+		if (p->walk && !p->walk_ended)
+			walk_tick(p->walk);
+		if (!p->walk_ended) {
+			at = &p->next;
+			continue;
+		}
+		*at = p->next;
+		if (p->failed)
+			p->planned(p->token, &p->err, NULL);
+		else
+			plan_answer(p);
+		walk_free(p->walk);
+		free(p);
+	}
+}
+
+void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view,
+	      const struct job_peer *peer,
+	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
+{
+	struct job_asked_plan *p = calloc(1, sizeof *p);
+	struct walk_params params = {
+		.jobs = j,
+		.dataset = d,
+		.generation = generation ? generation : d->generation,
+		.plan_only = true,
+		.calls = &plan_calls,
+		.ctx = p,
+	};
+	char *text = NULL;
+	struct err err = ERR_INIT;
+
+	if (!p)
+		err_set(&err, ERR_NOMEM, "no memory for a plan");
+	else if (j->parking)
+		err_set(&err, ERR_BUSY, "the daemon is stopping");
+	else if (!d->generation || generation > d->generation)
+		err_set(&err, ERR_NOTFOUND, "the dataset %s has no such generation", d->name);
+	else if (!job_view(view, d, &text, &err)) {
+		params.view_text = text;
+		walk_new(&params, &p->walk, &err);
+		free(text);
+	}
+	if (err.code) {
+		free(p);
+		planned(token, &err, NULL);
+		return;
+	}
+	p->jobs = j;
+	p->peer = *peer;
+	p->err = ERR_INIT;
+	p->planned = planned;
+	p->token = token;
+	p->next = j->plans;
+	j->plans = p;
+	walk_start(p->walk);
+}
+
+/* ---- plans that are kept ---- */
+
+int job_plan_new(struct job *job, struct err *err)
+{
+	const struct jobs *j = job->jobs;
+
+	job->plan = plan_file_new(job->bound ? j->tempfd : j->plansfd, job->id, job->generation, !job->bound);
+	return job->plan ? 0 : err_set(err, ERR_NOMEM, "no memory for a job");
+}
+
+struct drop {
+	struct sched_task task;
+	struct jobs *jobs;
+	struct plan_file *plan;
+};
+
+static void drop_run(struct sched_task *t)
+{
+	struct err err = ERR_INIT;
+
+	if (plan_file_remove(((struct drop *)t)->plan, &err))
+		log_err(LOG_LEVEL_WARNING, "the plan of a job that is gone stays until the next start", &err);
+}
+
+static void drop_done(struct sched_task *t)
+{
+	struct drop *d = (struct drop *)t;
+
+	d->jobs->background--;
+	plan_file_free(d->plan);
+	free(d);
+}
+
+void job_plan_drop(struct job *job)
+{
+	struct drop *d = job->plan ? calloc(1, sizeof *d) : NULL;
+
+	if (!d)
+		return;
+	d->task = (struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = job->peer.uid},
+				      .priority = SCHED_LAST};
+	d->jobs = job->jobs;
+	d->plan = job->plan;
+	job->plan = NULL;
+	d->jobs->background++;
+	sched_submit(d->jobs->p.sched, &d->task);
+}
+
+static bool has_job(const struct jobs *j, uint64_t id)
+{
+	const struct job *job;
+
+	for (job = j->jobs; job && job->id != id; job = job->next)
+		;
+	return job != NULL;
+}
+
+int job_plan_sweep(struct jobs *j, struct err *err)
+{
+	int fd = dup(j->plansfd), r = 0;
+	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
+	struct dirent *e;
+
+	if (!dir) {
+		io_close(fd);
+		return err_sys(err, errno, "cannot read the folder of plans");
+	}
+	rewinddir(dir);
+	while (!r && (e = readdir(dir))) {
+		uint64_t id = plan_file_job(e->d_name);
+
+		/* Also what a write left that a crash cut short. */
+		if (e->d_name[0] != '.' && !(id && has_job(j, id)))
+			r = io_remove(j->plansfd, e->d_name, err);
+	}
+	closedir(dir);
+	return r;
+}

@@ -1,0 +1,477 @@
+/*
+ * Plans in files.
+ *
+ * A file is records of RECORD bytes: a header, the leaves of the plan as it was made, then three records for each
+ * split: the region that was split and its halves. Each record ends with its own checksum, and the header has a
+ * digest of all leaves. The file appears whole (temporary name, fsync, rename); splits are appended, and durable
+ * before a half of them is made. What a crash left of a split at the end is not there: no block of its halves has
+ * left. The same split may be there twice, of two walks at once; the second finds nothing to split.
+ */
+#include "plan_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <xxhash.h>
+
+#include "cursor.h"
+#include "err.h"
+#include "io.h"
+#include "log.h"
+#include "parse.h"
+
+enum { RECORD = 104, TEXT_AT = 32, CHUNK = 512, NAME = 32 };
+enum { KIND_HEAD = 1, KIND_LEAF, KIND_WHOLE, KIND_HALF };
+static const uint32_t MAGIC = 0x4e504341; /* "ACPN" */
+static const uint16_t VERSION = 1;
+_Static_assert(TEXT_AT + CUT_REGION_TEXT_SIZE + 8 == RECORD, "FORMAT.md, \"Plans\"");
+
+struct split {
+	struct cut_region whole;
+	struct cut_leaf half[2];
+};
+
+struct plan_file {
+	int dirfd;
+	uint64_t job, generation;
+	bool durable;
+	char name[NAME];
+	pthread_mutex_t lock;
+	uint64_t size; /* of what is whole in the file */
+	struct split *split; /* of this run */
+	size_t n, room;
+};
+
+struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable)
+{
+	struct plan_file *f = calloc(1, sizeof *f);
+
+	if (!f)
+		return NULL;
+	f->dirfd = dirfd;
+	f->job = job;
+	f->generation = generation;
+	f->durable = durable;
+	snprintf(f->name, sizeof f->name, "plan-%llu", (unsigned long long)job);
+	pthread_mutex_init(&f->lock, NULL);
+	return f;
+}
+
+struct plan_file *plan_file_free(struct plan_file *f)
+{
+	if (!f)
+		return NULL;
+	pthread_mutex_destroy(&f->lock);
+	free(f->split);
+	free(f);
+	return NULL;
+}
+
+uint64_t plan_file_job(const char *name)
+{
+	uint64_t job;
+
+	return !strncmp(name, "plan-", 5) && parse_u64(name + 5, &job) ? job : 0;
+}
+
+/* ---- records ---- */
+
+static void seal(uint8_t record[RECORD])
+{
+	struct packer p = packer_of(record + RECORD - 8, 8);
+
+	packer_u64(&p, XXH3_64bits(record, RECORD - 8));
+}
+
+static bool sealed(const uint8_t record[RECORD])
+{
+	struct cursor c = cursor_of(record + RECORD - 8, 8);
+
+	return cursor_u64(&c) == XXH3_64bits(record, RECORD - 8);
+}
+
+static void leaf_pack(unsigned kind, const struct cut_leaf *leaf, uint8_t record[RECORD])
+{
+	struct packer p = packer_of(record, RECORD);
+
+	memset(record, 0, RECORD);
+	packer_u32(&p, MAGIC);
+	packer_u16(&p, VERSION);
+	packer_u8(&p, (uint8_t)kind);
+	packer_u8(&p, leaf->exact);
+	packer_u8(&p, leaf->stuck);
+	packer_zero(&p, 7);
+	packer_u64(&p, leaf->count);
+	packer_u64(&p, leaf->above);
+	cut_region_text(&leaf->region, (char *)record + TEXT_AT);
+	/* Behind the text: zeros, whatever the function left there. */
+	memset(record + TEXT_AT + strlen((char *)record + TEXT_AT), 0,
+	       CUT_REGION_TEXT_SIZE - strlen((char *)record + TEXT_AT));
+	seal(record);
+}
+
+static bool leaf_unpack(unsigned kind, const uint8_t record[RECORD], struct cut_leaf *ret)
+{
+	struct cursor c = cursor_of(record, RECORD);
+	struct cut_leaf leaf = {0};
+
+	if (!sealed(record) || cursor_u32(&c) != MAGIC || cursor_u16(&c) != VERSION || cursor_u8(&c) != kind)
+		return false;
+	leaf.exact = cursor_u8(&c) != 0;
+	leaf.stuck = cursor_u8(&c);
+	cursor_skip(&c, 7);
+	leaf.count = cursor_u64(&c);
+	leaf.above = cursor_u64(&c);
+	if (!memchr(record + TEXT_AT, 0, CUT_REGION_TEXT_SIZE) ||
+	    !cut_region_parse((const char *)record + TEXT_AT, &leaf.region))
+		return false;
+	*ret = leaf;
+	return true;
+}
+
+struct head {
+	uint64_t job, generation, n;
+	struct plan_kept kept;
+	struct digest leaves;
+};
+
+static void head_pack(const struct head *h, uint8_t record[RECORD])
+{
+	struct packer p = packer_of(record, RECORD);
+
+	memset(record, 0, RECORD);
+	packer_u32(&p, MAGIC);
+	packer_u16(&p, VERSION);
+	packer_u8(&p, KIND_HEAD);
+	packer_zero(&p, 1);
+	packer_u64(&p, h->job);
+	packer_u64(&p, h->generation);
+	packer_u64(&p, h->n);
+	packer_u32(&p, h->kept.load);
+	packer_u32(&p, h->kept.cap);
+	packer_u64(&p, h->kept.base.hi);
+	packer_u64(&p, h->kept.base.lo);
+	packer_u64(&p, h->leaves.hi);
+	packer_u64(&p, h->leaves.lo);
+	seal(record);
+}
+
+static bool head_unpack(const uint8_t record[RECORD], struct head *ret)
+{
+	struct cursor c = cursor_of(record, RECORD);
+
+	if (!sealed(record) || cursor_u32(&c) != MAGIC || cursor_u16(&c) != VERSION || cursor_u8(&c) != KIND_HEAD)
+		return false;
+	cursor_skip(&c, 1);
+	ret->job = cursor_u64(&c);
+	ret->generation = cursor_u64(&c);
+	ret->n = cursor_u64(&c);
+	ret->kept.load = cursor_u32(&c);
+	ret->kept.cap = cursor_u32(&c);
+	ret->kept.base.hi = cursor_u64(&c);
+	ret->kept.base.lo = cursor_u64(&c);
+	ret->leaves.hi = cursor_u64(&c);
+	ret->leaves.lo = cursor_u64(&c);
+	return true;
+}
+
+/* ---- plans in memory ---- */
+
+static int plan_room(struct cut_plan *plan, size_t n, struct err *err)
+{
+	size_t cap = plan->cap ? plan->cap : 64;
+	struct cut_leaf *leaf;
+
+	if (n <= plan->cap)
+		return 0;
+	while (cap < n)
+		cap *= 2;
+	leaf = realloc(plan->leaf, cap * sizeof *leaf);
+	if (!leaf)
+		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu regions", n);
+	plan->leaf = leaf;
+	plan->cap = cap;
+	return 0;
+}
+
+/* A region that is not in the plan from `least` on was split before. */
+static int plan_apply(struct cut_plan *plan, size_t least, const struct split *s, struct err *err)
+{
+	size_t i;
+	int r;
+
+	for (i = least; i < plan->n && !cut_region_same(&plan->leaf[i].region, &s->whole); i++)
+		;
+	if (i >= plan->n)
+		return 0;
+	r = plan_room(plan, plan->n + 1, err);
+	if (r)
+		return r;
+	memmove(plan->leaf + i + 2, plan->leaf + i + 1, (plan->n - i - 1) * sizeof *plan->leaf);
+	plan->leaf[i] = s->half[0];
+	plan->leaf[i + 1] = s->half[1];
+	plan->n++;
+	return 0;
+}
+
+/* ---- writing ---- */
+
+static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan *plan, struct digest *ret,
+			struct err *err)
+{
+	struct digest_stream *sum = digest_stream_new();
+	uint8_t *chunk = malloc(CHUNK * RECORD);
+	int r = 0;
+
+	if (!sum || !chunk)
+		r = err_set(err, ERR_NOMEM, "no memory to keep a plan");
+	for (size_t i = 0; !r && i < plan->n;) {
+		size_t n = plan->n - i < CHUNK ? plan->n - i : CHUNK;
+
+		for (size_t k = 0; k < n; k++)
+			leaf_pack(KIND_LEAF, &plan->leaf[i + k], chunk + k * RECORD);
+		digest_stream_add(sum, chunk, n * RECORD);
+		r = io_write_at(fd, chunk, n * RECORD, (i + 1) * RECORD, f->name, err);
+		i += n;
+	}
+	if (!r)
+		*ret = digest_stream_end(sum);
+	digest_stream_free(sum);
+	free(chunk);
+	return r;
+}
+
+static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+{
+	struct head head = {.job = f->job, .generation = f->generation, .n = plan->n, .kept = *kept};
+	uint8_t record[RECORD];
+	char temp[NAME + 8];
+	uint64_t cap = kept->cap;
+	int fd, r;
+
+	snprintf(temp, sizeof temp, "%s.tmp", f->name);
+	r = io_open(f->dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, &fd, err);
+	if (r)
+		return r;
+	r = write_leaves(f, fd, plan, &head.leaves, err);
+	head.kept.base = digest_hash(&cap, sizeof cap);
+	digest_add(&head.kept.base, head.leaves);
+	head_pack(&head, record);
+	if (!r)
+		r = io_write_at(fd, record, RECORD, 0, f->name, err);
+	if (!r && f->durable) {
+		r = io_publish(f->dirfd, fd, temp, f->name, err);
+	} else {
+		if (!r && io->renameat(f->dirfd, temp, f->dirfd, f->name) < 0)
+			r = err_sys(err, errno, "cannot publish %s", f->name);
+		if (r)
+			io->unlinkat(f->dirfd, temp, 0);
+	}
+	io_close(fd);
+	if (r)
+		return r;
+	f->size = (plan->n + 1) * RECORD;
+	kept->base = head.kept.base;
+	return 0;
+}
+
+/* One that need not last is a help only: without it a later stream of the job is another one. */
+static int forgive(const struct plan_file *f, int r, struct err *err)
+{
+	if (!r || f->durable || r == -ERR_NOMEM)
+		return r;
+	log_err(LOG_LEVEL_DEBUG, "a plan is not kept", err);
+	err_clear(err);
+	return 0;
+}
+
+int plan_file_write(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+{
+	int r;
+
+	pthread_mutex_lock(&f->lock);
+	r = forgive(f, write_plan(f, plan, kept, err), err);
+	pthread_mutex_unlock(&f->lock);
+	return r;
+}
+
+/* ---- splits ---- */
+
+static bool split_known(const struct plan_file *f, const struct cut_region *whole)
+{
+	for (size_t i = 0; i < f->n; i++)
+		if (cut_region_same(&f->split[i].whole, whole))
+			return true;
+	return false;
+}
+
+static int append_split(struct plan_file *f, const struct split *s, struct err *err)
+{
+	const struct cut_leaf whole = {.region = s->whole};
+	uint8_t record[3 * RECORD];
+	int fd, r;
+
+	leaf_pack(KIND_WHOLE, &whole, record);
+	leaf_pack(KIND_HALF, &s->half[0], record + RECORD);
+	leaf_pack(KIND_HALF, &s->half[1], record + 2 * RECORD);
+	r = io_open(f->dirfd, f->name, O_WRONLY, 0, &fd, err);
+	if (r)
+		return r;
+	r = io_write_at(fd, record, sizeof record, f->size, f->name, err);
+	if (!r && f->durable)
+		r = io_sync(fd, f->name, err);
+	io_close(fd);
+	if (!r)
+		f->size += sizeof record;
+	return r;
+}
+
+int plan_file_split(struct plan_file *f, const struct cut_region *whole, const struct cut_leaf half[2],
+		    struct err *err)
+{
+	const struct split s = {*whole, {half[0], half[1]}};
+	int r = 0;
+
+	pthread_mutex_lock(&f->lock);
+	if (!split_known(f, whole)) {
+		if (f->n == f->room) {
+			size_t room = f->room ? 2 * f->room : 16;
+			struct split *grown = realloc(f->split, room * sizeof *grown);
+
+			if (grown) {
+				f->split = grown;
+				f->room = room;
+			} else {
+				r = err_set(err, ERR_NOMEM, "no memory for the splits of a plan");
+			}
+		}
+		if (!r)
+			r = forgive(f, append_split(f, &s, err), err);
+		if (!r)
+			f->split[f->n++] = s;
+	}
+	pthread_mutex_unlock(&f->lock);
+	return r;
+}
+
+int plan_file_follow(struct plan_file *f, size_t *seen, size_t least, struct cut_plan *plan, struct err *err)
+{
+	int r = 0;
+
+	pthread_mutex_lock(&f->lock);
+	while (!r && *seen < f->n) {
+		r = plan_apply(plan, least, &f->split[*seen], err);
+		*seen += !r;
+	}
+	pthread_mutex_unlock(&f->lock);
+	return r;
+}
+
+/* ---- reading ---- */
+
+/* PLAN_FILE_ABSENT: damaged. */
+static int read_leaves(const struct plan_file *f, int fd, const struct head *head, struct cut_plan *plan,
+		       struct err *err)
+{
+	struct digest_stream *sum = digest_stream_new();
+	uint8_t *chunk = malloc(CHUNK * RECORD);
+	int r = plan_room(plan, head->n, err);
+
+	if (!r && (!sum || !chunk))
+		r = err_set(err, ERR_NOMEM, "no memory to read a plan");
+	while (!r && plan->n < head->n) {
+		size_t n = head->n - plan->n < CHUNK ? head->n - plan->n : CHUNK, got = 0;
+
+		r = io_read_some(fd, chunk, n * RECORD, (plan->n + 1) * RECORD, f->name, &got, err);
+		if (!r && got < n * RECORD)
+			r = PLAN_FILE_ABSENT;
+		for (size_t k = 0; !r && k < n; k++)
+			if (!leaf_unpack(KIND_LEAF, chunk + k * RECORD, &plan->leaf[plan->n++]))
+				r = PLAN_FILE_ABSENT;
+		if (!r)
+			digest_stream_add(sum, chunk, n * RECORD);
+	}
+	if (!r && !digest_equal(digest_stream_end(sum), head->leaves))
+		r = PLAN_FILE_ABSENT;
+	digest_stream_free(sum);
+	free(chunk);
+	return r;
+}
+
+/* As far as they are whole. */
+static int read_splits(struct plan_file *f, int fd, struct cut_plan *plan, struct err *err)
+{
+	uint8_t record[3 * RECORD];
+	int r = 0;
+
+	f->size = (plan->n + 1) * RECORD;
+	while (!r) {
+		struct cut_leaf whole;
+		struct split s;
+		size_t got = 0;
+
+		r = io_read_some(fd, record, sizeof record, f->size, f->name, &got, err);
+		if (r || got < sizeof record || !leaf_unpack(KIND_WHOLE, record, &whole) ||
+		    !leaf_unpack(KIND_HALF, record + RECORD, &s.half[0]) ||
+		    !leaf_unpack(KIND_HALF, record + 2 * RECORD, &s.half[1]))
+			break;
+		s.whole = whole.region;
+		r = plan_apply(plan, 0, &s, err);
+		f->size += sizeof record;
+	}
+	return r;
+}
+
+static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+{
+	uint8_t record[RECORD];
+	struct head head;
+	struct stat st;
+	size_t got = 0;
+	int fd = io->openat(f->dirfd, f->name, O_RDONLY | O_CLOEXEC, 0), r;
+
+	if (fd < 0)
+		return errno == ENOENT ? PLAN_FILE_ABSENT : err_sys(err, errno, "cannot open %s", f->name);
+	r = io_read_some(fd, record, RECORD, 0, f->name, &got, err);
+	if (!r && (got < RECORD || !head_unpack(record, &head) || head.job != f->job ||
+		   head.generation != f->generation || io->fstat(fd, &st) < 0 ||
+		   head.n >= (uint64_t)st.st_size / RECORD))
+		r = PLAN_FILE_ABSENT;
+	if (!r)
+		r = read_leaves(f, fd, &head, plan, err);
+	if (!r)
+		r = read_splits(f, fd, plan, err);
+	if (r == PLAN_FILE_ABSENT)
+		log_warning("the plan of job %llu is damaged: it is made again, streams of it cannot go on",
+			    (unsigned long long)f->job);
+	io_close(fd);
+	if (!r)
+		*kept = head.kept;
+	return r;
+}
+
+int plan_file_read(struct plan_file *f, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen,
+		   struct err *err)
+{
+	struct cut_plan plan = {0};
+	int r;
+
+	pthread_mutex_lock(&f->lock);
+	r = read_plan(f, &plan, ret_kept, err);
+	*ret_seen = f->n;
+	pthread_mutex_unlock(&f->lock);
+	if (r)
+		cut_plan_done(&plan);
+	else
+		*ret = plan;
+	return r;
+}
+
+int plan_file_remove(struct plan_file *f, struct err *err)
+{
+	return io_remove(f->dirfd, f->name, err);
+}

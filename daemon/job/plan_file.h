@@ -1,0 +1,47 @@
+/*
+ * The plan of a job, kept in a file (FORMAT.md, "Plans"): which regions its mesh is made of, in which order, and
+ * the cap that decides whether a region is split. With the same plan and cap every walk of the job gives the same
+ * blocks. Also a list, in memory, of the splits of this run, for walks that follow another one.
+ */
+#ifndef PLAN_FILE_H
+#define PLAN_FILE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "cut.h"
+#include "digest.h"
+
+struct err;
+struct plan_file;
+
+struct plan_kept {
+	uint32_t load, cap;  /* of the budget that it was made for */
+	struct digest base;  /* stands for the plan before any split, and the cap */
+};
+
+/* In `dirfd` (borrowed), under the job's number. `durable`: a write returns when it outlives a crash. No file is
+ * touched. NULL: no memory. */
+struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable);
+struct plan_file *plan_file_free(struct plan_file *); /* the file stays; NULL is fine, gives NULL */
+
+/* These four may be called by any thread. */
+/* The plan with all its splits, and how many of this run's splits are in it. PLAN_FILE_ABSENT: there is none, or it
+ * is damaged (then it is told in the log, and a new one will be written). */
+enum { PLAN_FILE_ABSENT = 1 };
+int plan_file_read(struct plan_file *, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen,
+		   struct err *err);
+/* Takes the place of what was kept. Sets kept->base. */
+int plan_file_write(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
+/* `whole` became the two halves. One that is there already changes nothing. */
+int plan_file_split(struct plan_file *, const struct cut_region *whole, const struct cut_leaf half[2],
+		    struct err *err);
+/* Splits of this run from *seen on go into the plan, those of leaf `least` or later. */
+int plan_file_follow(struct plan_file *, size_t *seen, size_t least, struct cut_plan *, struct err *err);
+
+/* Removes the file. Worker. */
+int plan_file_remove(struct plan_file *, struct err *err);
+/* Whose plan a file of that name is; 0: it is none. */
+uint64_t plan_file_job(const char *name);
+
+#endif

@@ -1,0 +1,167 @@
+/*
+ * The plan of a walk: read from the job's file, or made and kept there before the first domain is.
+ *
+ * The model: the same plan and cap give the same blocks, whatever the memory and the threads, since they decide
+ * every split. So a walk of a plan that was kept takes its cap, and the memory decides only how many domains run at
+ * once. Where not even one of them would fit if nothing else ran, the plan gets a smaller cap, in the file first:
+ * then it stands for another stream, and what was promised of the old one is gone. A walk that follows another
+ * takes over the splits of that one.
+ */
+#include <stdlib.h>
+
+#include "clock.h"
+#include "job_priv.h"
+#include "log.h"
+#include "walk_priv.h"
+
+static struct walk *walk_of_task(struct sched_task *t)
+{
+	return (struct walk *)((char *)t - offsetof(struct walk, task));
+}
+
+int walk_plan_read(struct walk *w, struct err *err)
+{
+	int r;
+
+	cut_plan_done(&w->plan);
+	w->plan = (struct cut_plan){0};
+	w->planned = false;
+	if (!w->file)
+		return 0;
+	r = plan_file_read(w->file, &w->plan, &w->kept, &w->splits_seen, err);
+	w->planned = r == 0;
+	return r == PLAN_FILE_ABSENT ? 0 : r;
+}
+
+static int keep(struct walk *w)
+{
+	w->kept = (struct plan_kept){.load = w->budget.load, .cap = w->budget.cap};
+	return w->file ? plan_file_write(w->file, &w->plan, &w->kept, &w->err) : 0;
+}
+
+static void plan_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+	void *memory = aligned_alloc(64, (t->bytes + 63) & ~(size_t)63);
+	struct mesh_counts flat;
+
+	w->err = ERR_INIT;
+	if (!memory) {
+		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
+		return;
+	}
+	w->r = pipe_plan(w->grid, &w->rest, &w->budget, memory, &w->plan, &flat, &w->err);
+	free(memory);
+	if (!w->r)
+		w->r = keep(w);
+	if (w->r == PIPE_E_FLAT) {
+		/* Nothing to triangulate: no domains, but the counts of what was read. */
+		pipe_emit_flat(w->emitter, &flat);
+		w->r = 0;
+	}
+}
+
+/* The memory is less than that of the plan: the regions stay, the cap does not. */
+static void narrow_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->err = ERR_INIT;
+	w->r = keep(w);
+}
+
+static void run(struct walk *w)
+{
+	w->plan_n = w->plan.n;
+	w->grid_total = grid_points(w->grid);
+	w->state = WALK_RUNNING;
+	w->started_ns = clock_mono_ns();
+	if (w->calls->planned)
+		w->calls->planned(w->ctx);
+	if (w->plan_only)
+		w->state = WALK_FINISHING;
+	else
+		walk_output_head(w);
+}
+
+static void plan_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	w->task_busy = false;
+	if (t->ran) {
+		sched_give(w->jobs->p.sched, t->name, t->bytes);
+		if (w->r)
+			walk_fail(w, &w->err);
+	}
+	if (!w->stopping)
+		run(w);
+	walk_settle(w);
+}
+
+static void start(struct walk *w, void (*task)(struct sched_task *), uint64_t bytes)
+{
+	w->state = WALK_PLANNING;
+	w->task = (struct sched_task){
+		.run = task,
+		.done = plan_done,
+		.owner = w->owner,
+		.lengthy = true,
+		.priority = SCHED_FIRST,
+		.name = LEDGER_DOMAIN,
+		.bytes = bytes,
+	};
+	w->task_busy = true;
+	sched_submit(w->jobs->p.sched, &w->task);
+}
+
+/* With what is left beside stages that are held now; where that is too little, later. Called by walk_settle, which
+ * goes on with what came of it. */
+void walk_plan_start(struct walk *w)
+{
+	struct jobs *j = w->jobs;
+	struct err err = ERR_INIT;
+
+	if (w->planned) {
+		if (!pipe_budget_kept(jobs_domain_memory(j), j->p.threads, w->grid, w->kept.load, w->kept.cap,
+				      &w->budget, &err)) {
+			run(w);
+			return;
+		}
+		if (!pipe_budget_kept(jobs_memory_alone(j), 1, w->grid, w->kept.load, w->kept.cap, &w->budget,
+				      &err))
+			return;
+	}
+	if (pipe_budget(jobs_domain_memory(j), j->p.threads, w->grid, &w->budget, &err)) {
+		if (!jobs_staged(j))
+			walk_fail(w, &err);
+	} else if (w->planned) {
+		start(w, narrow_run, 0);
+	} else if (grid_points(w->grid)) {
+		start(w, plan_run, w->budget.domain_bytes);
+	} else {
+		/* No points, no domains. */
+		run(w);
+	}
+}
+
+void walk_plan_follow(struct walk *w)
+{
+	struct err err = ERR_INIT;
+
+	if (!w->calls->reach || !w->file || w->splitting)
+		return;
+	if (plan_file_follow(w->file, &w->splits_seen, w->next_start, &w->plan, &err))
+		walk_fail(w, &err);
+	else
+		w->plan_n = w->plan.n;
+}
+
+size_t walk_reach(const struct walk *w)
+{
+	size_t reach = w->calls->reach ? w->calls->reach(w->ctx) : SIZE_MAX;
+
+	if (w->lazy && walk_backlog(w))
+		return 0;
+	return reach < w->plan.n ? reach : w->plan.n;
+}
