@@ -86,10 +86,10 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 {
 	const struct view view = VIEW_INIT;
 	uint32_t cap = load + load / 4 + 8192;
-	size_t reader_size = grid_reader_bytes(grid), scratch_size = cut_load_scratch_bytes(4 * cap);
+	size_t reader_size = grid_reader_bytes(grid), scratch_size = (size_t)64 * cap;
 	void *reader_memory = malloc(reader_size), *scratch = malloc(scratch_size);
 	struct mesh_vertex *out = malloc(cap * sizeof(*out));
-	uint64_t own = 0, halo = 0, read = 0, cells = 0, scanned = 0, refused = 0;
+	uint64_t own = 0, halo = 0, read = 0, cells = 0, scanned = 0, refused = 0, known = 0;
 	double planned, probed, scan, loaded;
 	struct grid_reader *reader;
 	struct err err = ERR_INIT;
@@ -115,7 +115,8 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 	scan = now() - scan;
 	loaded = now();
 	for (size_t i = 0; i < plan.n; i++) {
-		struct cut_load l = { .out = out, .cap = cap, .scratch = scratch, .scratch_size = scratch_size };
+		struct cut_load l = { .out = out, .cap = cap, .scratch = scratch, .scratch_size = scratch_size,
+				      .sites = plan.leaf[i].known ? plan.sites : NULL };
 		uint64_t need;
 		int rc = cut_load(reader, &view, &plan.leaf[i].region, &l, &need, &err);
 
@@ -127,8 +128,11 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 		cells += l.cells_read;
 	}
 	loaded = now() - loaded;
-	printf("| %s | %u | %zu | %.2f | %.2f | %.0f | %.3f | %.3f | %.2f | %.2f |%s\n", kind, load, plan.n,
-	       (double)read / (double)scanned, 100.0 * (double)halo / (double)own, (double)cells / (double)plan.n,
+	for (size_t i = 0; i < plan.n; i++)
+		known += plan.leaf[i].known;
+	printf("| %s | %u | %zu | %llu | %.1f | %.2f | %.2f | %.2f | %.0f | %.3f | %.3f | %.2f | %.2f |%s\n", kind, load, plan.n,
+	       (unsigned long long)known, (double)cut_sites_bytes(plan.sites) / 1024,
+	       (double)plan.points_read / (double)scanned, (double)read / (double)scanned, 100.0 * (double)halo / (double)own, (double)cells / (double)plan.n,
 	       1e6 * scan / (double)own, 1e6 * (loaded - scan) / (double)own, 1e3 * planned, 1e3 * probed,
 	       refused ? " (some do not fit)" : "");
 	fflush(stdout);
@@ -149,8 +153,8 @@ int main(int argc, char **argv)
 
 	if (dirfd < 0)
 		return 1;
-	printf("| input, %u points | load | domains | points read / own | halo %% | halo cells a domain | own us/point | "
-	       "halo us/point | plan ms | probe ms |\n|---|---|---|---|---|---|---|---|---|---|\n", want);
+	printf("| input, %u points | load | domains | known | sites KiB | read by the plan / own | by domains / own | halo %% | halo cells a domain | own us/point | "
+	       "halo us/point | plan ms | probe ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n", want);
 	for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
 		uint32_t n;
 

@@ -52,9 +52,11 @@ bool cut_region_owns(const struct cut_region *, const int32_t a[2], const int32_
  * caller splits the region. *ret_need > cap is the number of positions where it is known, else an estimate from
  * the index (known sites and the records of cells that may still matter). */
 enum { CUT_E_FULL = 1 };
+struct cut_sites;
 struct cut_load {
 	struct mesh_vertex *out;
 	uint32_t cap;
+	const struct cut_sites *sites; /* of the plan, for a leaf that is `known`: its halo is not read; else NULL */
 	void *scratch;
 	size_t scratch_size;
 	/* results */
@@ -72,13 +74,21 @@ struct cut_leaf {
 	struct cut_region region;
 	uint64_t count;      /* own positions at most, before the view (their number if `exact`) */
 	bool exact;
+	bool known;          /* its halo is in the plan's sites */
 	uint8_t stuck;       /* consecutive levels without progress above it */
 	uint64_t above;      /* own + halo of the region it was cut out of because they did not fit; else 0 */
 };
 struct cut_plan {
 	struct cut_leaf *leaf;
 	size_t n, cap;
+	/* By the probe: sites of the halos of leaves that have few points and would read many; NULL: none. The same
+	 * as long as the plan lives, also when leaves split. */
+	struct cut_sites *sites;
+	uint64_t cells_read, points_read; /* by the probe */
 };
+
+size_t cut_sites_bytes(const struct cut_sites *);
+struct cut_sites *cut_sites_free(struct cut_sites *);
 
 /* What a refusal reckons: bytes a position of a domain. err.need has the positions. */
 enum { CUT_BYTES_PER_POSITION = 80 };
@@ -89,8 +99,14 @@ int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, str
  * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
 int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap,
 		   struct err *err);
-/* Before the first triangle: count own + halo of the leaves at the rim and of those that are nearly empty,
- * and split what does not fit `cap`; -ERR_LIMIT as cut_plan_split. `scratch` as for cut_load. */
+/*
+ * Before the first triangle: see to it that own + halo fit `cap` of the leaves at the rim and of those that are nearly
+ * empty, and split what does not; -ERR_LIMIT as cut_plan_split. Where the index alone shows that a halo fits nothing
+ * is read. The halos of nearly empty leaves that would read many cells are found together, each cell read once, and
+ * stay with the plan (`sites`; at most CUT_SITES_BYTES for a position of cap). `scratch` as for cut_load; with twice
+ * as much or more of it halos can be found together.
+ */
+enum { CUT_SITES_BYTES = 8 };
 int cut_plan_probe_rim(struct cut_plan *, struct grid_reader *, const struct view *, uint32_t cap, void *scratch,
 		       size_t scratch_size, struct err *err);
 void cut_plan_done(struct cut_plan *);

@@ -9,6 +9,7 @@
 
 #include "cut_halo.h"
 #include "cut_order.h"
+#include "cut_sites.h"
 #include "err.h"
 
 _Static_assert(MESH_RULES >= VIEW_RULES, "counts by rule");
@@ -103,12 +104,16 @@ size_t cut_load_scratch_bytes(uint32_t cap)
 int cut_load_from(const struct cut_source *src, const struct view *view, const struct cut_region *region,
 		  struct cut_load *load, uint64_t *ret_need, struct err *err)
 {
-	struct cut_halo *h = cut_halo_init(load->scratch, load->scratch_size, src, view, region, true);
+	struct cut_source near = *src;
 	const struct point *halo;
+	struct cut_halo *h;
 	uint64_t need = 0;
 	uint32_t m;
 	int rc;
 
+	if (load->sites)
+		cut_sites_source(load->sites, &near);
+	h = cut_halo_init(load->scratch, load->scratch_size, &near, view, region, true);
 	load->n = load->own = 0;
 	load->cells_read = load->points_read = 0;
 	memset(&load->counts, 0, sizeof(load->counts));
@@ -133,7 +138,8 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 	}
 	if (rc)
 		return rc;
-	cut_halo_stats(h, &load->cells_read, &load->points_read);
+	if (!load->sites)
+		cut_halo_stats(h, &load->cells_read, &load->points_read);
 	load->points_read += load->counts.points;
 	if ((uint64_t)load->own + m > load->cap) {
 		*ret_need = (uint64_t)load->own + m;

@@ -15,7 +15,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cut_halo.h"
 #include "err.h"
 
 enum {
@@ -165,6 +164,7 @@ static int plan_insert(struct cut_plan *plan, size_t i, const struct cut_leaf *l
 void cut_plan_done(struct cut_plan *plan)
 {
 	free(plan->leaf);
+	cut_sites_free(plan->sites);
 	*plan = (struct cut_plan){ 0 };
 }
 
@@ -250,49 +250,5 @@ int cut_plan_split_from(const struct cut_source *src, struct cut_plan *plan, siz
 	if (plan_insert(plan, i + 1, &child[1], err))
 		return -ERR_NOMEM;
 	plan->leaf[i] = child[0];
-	return 0;
-}
-
-/* Leaves whose halo can be large while their own points are few: at the rim (a hull), or nearly empty (the
- * middle of a circle), or cut out of such a one. Everywhere else neighbours of equal load keep a halo small. */
-static bool suspicious(const struct cut_leaf *leaf, uint32_t cap)
-{
-	return leaf->region.inf || leaf->above || leaf->count < cap / 8;
-}
-
-int cut_plan_probe_from(const struct cut_source *src, const struct view *view, struct cut_plan *plan, uint32_t cap,
-			void *scratch, size_t scratch_size, struct err *err)
-{
-	size_t i = 0;
-
-	while (i < plan->n) {
-		const struct cut_leaf *leaf = &plan->leaf[i];
-		const struct point *pts;
-		struct cut_halo *h;
-		uint64_t need = 0;
-		uint32_t n = 0;
-		int rc;
-
-		if (!suspicious(leaf, cap)) {
-			i++;
-			continue;
-		}
-		h = cut_halo_init(scratch, scratch_size, src, view, &leaf->region, false);
-		if (!h)
-			return err_set(err, ERR_INTERNAL, "%zu bytes of scratch are too few to plan", scratch_size);
-		rc = cut_halo_find(h, &pts, &n, &need, err);
-		if (rc == 0 && leaf->count + n <= cap) {
-			i++;
-			continue;
-		}
-		if (rc == 0)
-			need = n;
-		else if (rc != CUT_E_FULL)
-			return rc;
-		need += leaf->count;
-		rc = cut_plan_split_from(src, plan, i, need > cap ? need : (uint64_t)cap + 1, cap, err);
-		if (rc)
-			return rc;
-	}
 	return 0;
 }

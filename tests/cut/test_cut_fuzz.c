@@ -13,8 +13,11 @@
 #include <cmocka.h>
 
 #include "brute.h"
+#include "cut_bound.h"
 #include "cut_halo.h"
+#include "cut_keep.h"
 #include "cut_order.h"
+#include "cut_sites.h"
 #include "err.h"
 #include "tiling.h"
 
@@ -33,7 +36,8 @@ static struct view view;
 static int32_t whole[MAX_TRIANGLES][6], parts[2 * MAX_TRIANGLES][6], extra[2 * MAX_TRIANGLES][6];
 static void *scratch;
 static size_t scratch_size;
-static uint64_t cases, regions, triangles, halos, empty_owners;
+static uint64_t cases, regions, triangles, halos, empty_owners, together, bounds;
+static bool all_kept; /* the view takes nothing away */
 
 static unsigned below(uint64_t *seed, unsigned n)
 {
@@ -118,6 +122,10 @@ static void reduce(void)
 			if (view_judge(&view, &set.record[s][i]) == VIEW_KEPT)
 				kept[n++] = set.record[s][i];
 	set.n = 0;
+	all_kept = true;
+	for (unsigned s = 0; s < set.segments; s++)
+		for (size_t i = 0; i < set.nrecord[s]; i++)
+			all_kept = all_kept && view_judge(&view, &set.record[s][i]) == VIEW_KEPT;
 	for (size_t i = 0; i < n; i++) {
 		bool best = true;
 
@@ -204,8 +212,10 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 
 		if (!cut_region_split(&ret[i], half))
 			continue;
+		memmove(&ret[i + 2], &ret[i + 1], (n - i - 1) * sizeof(*ret)); /* in the order of a plan */
 		ret[i] = half[0];
-		ret[n++] = half[1];
+		ret[i + 1] = half[1];
+		n++;
 	}
 	return n;
 }
@@ -263,11 +273,114 @@ static void check_halo(uint64_t *seed, const struct cut_source *src, const struc
 	assert_int_equal(k, m);
 }
 
-static void check_load(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
-		       const struct mesh_vertex *pb, unsigned n, unsigned own)
+/* Halos found together: each of the group through one source that keeps what it has read, in whatever memory. */
+struct group {
+	struct cut_region region[MAX_LEAVES];
+	bool member[MAX_LEAVES];
+	unsigned n;
+	void *memory;
+	struct cut_keep *keep;
+	struct cut_sites *sites;
+};
+
+static unsigned halo_of(const struct cut_region *region, struct mesh_vertex *ret)
+{
+	int64_t box[4];
+	unsigned n = 0;
+
+	cut_region_box(region, box);
+	for (unsigned i = 0; i < set.n; i++)
+		if (!cut_region_holds(region, set.pos[i].x, set.pos[i].y) && brute_meets(set.pos, set.n, i, box))
+			ret[n++] = set.pos[i];
+	return n;
+}
+
+/* Some of the leaves; their halos by definition, and other positions besides, as sites. */
+static void make_group(uint64_t *seed, const struct cut_source *src, const struct cut_region *leaf, unsigned n,
+		       struct group *g)
+{
+	size_t size = 300000;
+	struct point sites[MAX_N];
+	bool wanted[MAX_N] = { false };
+	struct cut_region root;
+	int32_t box[4];
+	uint32_t m = 0;
+
+	memset(g, 0, sizeof(*g));
+	for (unsigned i = 0; i < n; i++) {
+		struct mesh_vertex halo[MAX_N];
+		unsigned k;
+
+		if (below(seed, 2))
+			continue;
+		g->member[i] = true;
+		g->region[g->n++] = leaf[i];
+		k = halo_of(&leaf[i], halo);
+		for (unsigned j = 0; j < set.n; j++)
+			for (unsigned l = 0; l < k; l++)
+				wanted[j] = wanted[j] || !memcmp(&set.pos[j], &halo[l], sizeof(halo[l]));
+	}
+	for (unsigned j = 0; j < set.n; j++)
+		if (wanted[j] || below(seed, 4) == 0)
+			sites[m++] = (struct point){ .x = set.pos[j].x, .y = set.pos[j].y, .z = set.pos[j].z, .ret = 0x11 };
+	g->sites = cut_sites_new(sites, m);
+	assert_non_null(g->sites);
+	if (g->n == 0 || !src->box(src->ctx, box))
+		return;
+	cut_region_root(box, &root);
+	g->memory = malloc(size);
+	assert_non_null(g->memory);
+	g->keep = cut_keep_init(g->memory, size, src, &view, &root, g->region, g->n);
+	assert_non_null(g->keep);
+	if (below(seed, 3) == 0)
+		cut_keep_limit(g->keep, below(seed, 40));
+}
+
+static void check_kept(uint64_t *seed, struct group *g, const struct cut_region *region, const struct mesh_vertex *pb,
+		       unsigned n)
+{
+	struct err err = ERR_INIT;
+	const struct point *pts;
+	struct cut_source src;
+	struct cut_halo *h;
+	uint64_t need;
+	uint32_t m, k = 0;
+
+	cut_keep_source(g->keep, &src);
+	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
+	cut_halo_limit(h, below(seed, 8), 1000);
+	assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
+	for (unsigned i = 0; i < n; i++) {
+		if (cut_region_holds(region, pb[i].x, pb[i].y))
+			continue;
+		assert_true(k < m && pts[k].x == pb[i].x && pts[k].y == pb[i].y && pts[k].z == pb[i].z);
+		k++;
+	}
+	assert_int_equal(k, m);
+	together++;
+}
+
+/* Nothing is read for a bound, and it is one. */
+static void check_bound(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned halo)
+{
+	struct tiling *t = src->ctx;
+	struct err err = ERR_INIT;
+	uint64_t bound, reads = t->reads;
+
+	assert_int_equal(cut_bound_halo(src, &view, region, below(seed, 2) * below(seed, 50), scratch, &bound, &err), 0);
+	assert_true(t->reads == reads);
+	if (all_kept) {
+		assert_true(bound >= halo);
+		bounds++;
+	}
+}
+
+static void check_load(uint64_t *seed, const struct cut_source *src, const struct cut_sites *sites,
+		       const struct cut_region *region, const struct mesh_vertex *pb, unsigned n, unsigned own)
 {
 	struct mesh_vertex out[MAX_N];
-	struct cut_load load = { .out = out, .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size };
+	struct cut_load load = { .out = out, .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size,
+				 .sites = sites };
 	struct err err = ERR_INIT;
 	uint64_t need = 0, removed = 0;
 
@@ -288,8 +401,8 @@ static void check_load(uint64_t *seed, const struct cut_source *src, const struc
 	assert_true(need > load.cap && need <= n);
 }
 
-static unsigned check_region(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
-			     unsigned nparts)
+static unsigned check_region(uint64_t *seed, const struct cut_source *src, struct group *g, bool member,
+			     const struct cut_region *region, unsigned nparts)
 {
 	struct mesh_vertex pb[MAX_N], super[MAX_N];
 	unsigned n = 0, own = 0, nsuper = 0, k, m;
@@ -306,7 +419,12 @@ static unsigned check_region(uint64_t *seed, const struct cut_source *src, const
 		if (in || below(seed, 3) == 0)
 			super[nsuper++] = set.pos[i];
 	}
-	check_load(seed, src, region, pb, n, own);
+	check_load(seed, src, NULL, region, pb, n, own);
+	if (member) {
+		check_kept(seed, g, region, pb, n);
+		check_load(seed, src, g->sites, region, pb, n, own);
+	}
+	check_bound(seed, src, region, n - own);
 	check_halo(seed, src, region, pb, n);
 	k = owned(region, pb, n, parts + nparts);
 	m = owned(region, super, nsuper, extra);
@@ -326,6 +444,7 @@ static void one_case(uint64_t seed)
 	struct cut_region leaf[MAX_LEAVES];
 	struct cut_source src;
 	struct tiling t;
+	struct group g;
 	unsigned n, m, k = 0;
 
 	make_set(&seed);
@@ -333,8 +452,11 @@ static void one_case(uint64_t seed)
 	tiling_source(&t, &src);
 	n = make_leaves(&seed, &src, leaf);
 	m = brute_triangles(set.pos, set.n, whole);
+	make_group(&seed, &src, leaf, n, &g);
 	for (unsigned i = 0; i < n; i++)
-		k += check_region(&seed, &src, &leaf[i], k);
+		k += check_region(&seed, &src, &g, g.member[i], &leaf[i], k);
+	cut_sites_free(g.sites);
+	free(g.memory);
 	assert_int_equal(k, m);
 	qsort(whole, m, sizeof(whole[0]), triangle_compare);
 	qsort(parts, m, sizeof(parts[0]), triangle_compare);
@@ -350,6 +472,7 @@ static void fuzz(void **state)
 	uint64_t n = want ? strtoull(want, NULL, 10) : 20000, from = first ? strtoull(first, NULL, 10) : 1;
 
 	scratch_size = cut_load_scratch_bytes(MAX_N);
+	assert_true(cut_bound_bytes() <= scratch_size);
 	scratch = malloc(scratch_size);
 	assert_non_null(scratch);
 	for (uint64_t i = 0; i < n; i++) {
@@ -358,11 +481,13 @@ static void fuzz(void **state)
 		one_case((from + i) * UINT64_C(0x2545f4914f6cdd1d));
 	}
 	free(scratch);
-	print_message("%llu cases, %llu regions, %llu triangles, %llu halo sites, %llu empty regions with triangles\n",
+	print_message("%llu cases, %llu regions, %llu triangles, %llu halo sites, %llu empty regions with triangles, "
+		      "%llu halos found together, %llu bounds\n",
 		      (unsigned long long)cases, (unsigned long long)regions, (unsigned long long)triangles,
-		      (unsigned long long)halos, (unsigned long long)empty_owners);
+		      (unsigned long long)halos, (unsigned long long)empty_owners,
+		      (unsigned long long)together, (unsigned long long)bounds);
 	if (n >= 1000)
-		assert_true(empty_owners > 0 && halos > 0);
+		assert_true(empty_owners > 0 && halos > 0 && together > 0 && bounds > 0);
 }
 
 int main(void)

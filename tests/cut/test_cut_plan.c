@@ -22,7 +22,7 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 	return point_compare(a, b) < 0;
 }
 
-enum shape { UNIFORM, DIAGONAL, PARABOLA, CLUSTERS, ONE_POSITION, COLUMN };
+enum shape { UNIFORM, DIAGONAL, PARABOLA, CLUSTERS, ONE_POSITION, COLUMN, CORRIDOR };
 
 static void make(struct tiling *t, struct cut_source *src, enum shape shape, size_t n, size_t cell_records)
 {
@@ -51,6 +51,10 @@ static void make(struct tiling *t, struct cut_source *src, enum shape shape, siz
 		case CLUSTERS:
 			p[i].x = (r & 1023) + (i & 1 ? 1 << 30 : 0);
 			p[i].y = (s & 1023) + (i & 1 ? 1 << 29 : 0);
+			break;
+		case CORRIDOR: /* along a slope of one half, a thousandth as wide as long */
+			p[i].x = 1000 * r - s;
+			p[i].y = 500 * r + 2 * s;
 			break;
 		case COLUMN:
 			p[i].x = 3;
@@ -343,6 +347,81 @@ static void halos_read_little(void **state)
 	free(scratch);
 }
 
+/* A thin strip along a diagonal: what the leaves beside it see is read once, and what they load is the same. */
+static void corridors_read_little(void **state)
+{
+	const struct view view = VIEW_INIT;
+	const uint32_t loads[] = { 24000, 40000 };
+
+	for (unsigned k = 0; k < 2; k++) {
+		uint32_t cap = loads[k] + loads[k] / 8 + 4096;
+		size_t size = (size_t)64 * cap < 2 * cut_load_scratch_bytes(cap) ? 2 * cut_load_scratch_bytes(cap) : (size_t)64 * cap;
+		struct mesh_vertex *out[2] = { malloc(cap * sizeof(*out[0])), malloc(cap * sizeof(*out[1])) };
+		uint64_t need, points = 0, own = 0, known = 0, apart = 0;
+		void *scratch = malloc(size);
+		struct err err = ERR_INIT;
+		struct cut_source src;
+		struct cut_plan plan;
+		struct tiling t;
+
+		make(&t, &src, CORRIDOR, 200000, 100);
+		assert_int_equal(cut_plan_make_from(&src, loads[k], &plan, &err), 0);
+		assert_int_equal(cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, &err), 0);
+		assert_non_null(plan.sites);
+		assert_true(cut_sites_bytes(plan.sites) < (size_t)CUT_SITES_BYTES * cap * 5 / 4);
+		points = plan.points_read;
+		for (size_t i = 0; i < plan.n; i++) {
+			struct cut_load l[2];
+
+			for (unsigned how = 0; how < 2; how++) {
+				l[how] = (struct cut_load){ .out = out[how], .cap = cap, .scratch = scratch, .scratch_size = size };
+				l[how].sites = how && plan.leaf[i].known ? plan.sites : NULL;
+				assert_int_equal(cut_load_from(&src, &view, &plan.leaf[i].region, &l[how], &need, &err), 0);
+			}
+			assert_int_equal(l[0].n, l[1].n);
+			assert_memory_equal(out[0], out[1], l[0].n * sizeof(*out[0]));
+			apart += l[0].points_read;
+			points += l[1].points_read;
+			own += l[1].own;
+			known += plan.leaf[i].known;
+		}
+		print_message("%zu leaves, %llu of them known, %.2f x read, %.2f x apart\n", plan.n, (unsigned long long)known,
+			      (double)points / (double)own, (double)apart / (double)own);
+		assert_true(known > 3);
+		assert_true(points < 3 * own);
+		assert_true(apart > points);
+		cut_plan_done(&plan);
+		make_done(&t);
+		free(scratch);
+		free(out[0]);
+		free(out[1]);
+	}
+}
+
+/* Whole leaves at the rim of ordinary data are told by the index alone. */
+static void probe_reads_nothing_it_need_not(void **state)
+{
+	const struct view view = VIEW_INIT;
+	uint32_t load = 16000, cap = load + load / 8 + 4096;
+	size_t size = (size_t)64 * cap;
+	void *scratch = malloc(size);
+	struct err err = ERR_INIT;
+	struct cut_source src;
+	struct cut_plan plan;
+	struct tiling t;
+
+	make(&t, &src, UNIFORM, 100000, 40);
+	assert_int_equal(cut_plan_make_from(&src, load, &plan, &err), 0);
+	t.reads = 0;
+	assert_int_equal(cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, &err), 0);
+	assert_true(plan.n > 7);
+	assert_int_equal(t.reads, 0);
+	assert_int_equal(plan.cells_read, 0);
+	cut_plan_done(&plan);
+	make_done(&t);
+	free(scratch);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -354,6 +433,8 @@ int main(void)
 		cmocka_unit_test(sweep_finds_what_rounds_find),
 		cmocka_unit_test(one_chain_takes_the_room),
 		cmocka_unit_test(halos_read_little),
+		cmocka_unit_test(corridors_read_little),
+		cmocka_unit_test(probe_reads_nothing_it_need_not),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,362 @@
+/*
+ * Let D be the least distance, the larger of the two axes, from a cell's tight box to a border of any of the regions.
+ * All borders lie on or outside W, the box widened by D. A site whose Voronoi cell meets such a border at b has,
+ * among the points of its own cell alone, a Voronoi cell that holds the way from it to b (convex), and so meets W
+ * where that way leaves it. So the sites of the four chains of W over the cell's points are all that any of the
+ * regions can ask of it, ties included. Of a cell that a border crosses all points may be asked for; it is read again
+ * each time.
+ *
+ * Where the memory ends, cells are read again: slower, never wrong.
+ */
+#include "cut_keep.h"
+
+#include <string.h>
+
+#include "cut_chain.h"
+#include "cut_order.h"
+
+enum {
+	CELL = 2 * GRID_CELL_RECORDS, /* positions of a cell that can be kept */
+	COLUMNS = 16,
+	SLOTS_LEAST = 256,
+	POINTS_SLOT = 8,              /* kept points that a slot comes with */
+};
+
+struct slot {
+	uint64_t lo, place;
+	uint32_t segment, from, n, used;
+};
+
+struct cut_keep {
+	struct cut_source below;
+	const struct view *view;
+	struct cut_region root;
+	const struct cut_region *region;
+	uint32_t nregion;
+	struct slot *slot;
+	uint32_t nslot, used;      /* a power of two; how many are in use */
+	struct point *pool;
+	uint32_t npool, cap;
+	uint64_t cells, points;
+	/* the cell that is being read */
+	uint32_t n;
+	bool overflow;
+	struct point cell[CELL], chain[4][CELL], batch[CELL];
+	/* a read of a cell that cannot be kept goes straight through */
+	grid_points_fn fn;
+	void *sink;
+};
+
+struct cut_keep *cut_keep_init(void *memory, size_t size, const struct cut_source *below, const struct view *view,
+			       const struct cut_region *root, const struct cut_region *regions, uint32_t n)
+{
+	size_t pad = -(uintptr_t)memory & 63, head = (sizeof(struct cut_keep) + 63) & ~(size_t)63, room;
+	struct cut_keep *k = (struct cut_keep *)((char *)memory + pad);
+	uint32_t slots = SLOTS_LEAST;
+
+	if (size < pad + head + SLOTS_LEAST * (sizeof(struct slot) + POINTS_SLOT * sizeof(struct point)))
+		return NULL;
+	room = size - pad - head;
+	while (slots < 1u << 30 && 2 * (size_t)slots * (sizeof(struct slot) + POINTS_SLOT * sizeof(struct point)) <= room)
+		slots *= 2;
+	memset(k, 0, offsetof(struct cut_keep, cell));
+	k->below = *below;
+	k->view = view;
+	k->root = *root;
+	k->region = regions;
+	k->nregion = n;
+	k->slot = (struct slot *)((char *)k + head);
+	k->nslot = slots;
+	memset(k->slot, 0, slots * sizeof(struct slot));
+	k->pool = (struct point *)(k->slot + slots);
+	room = (room - slots * sizeof(struct slot)) / sizeof(struct point);
+	k->cap = room > UINT32_MAX ? UINT32_MAX : (uint32_t)room;
+	return k;
+}
+
+void cut_keep_stats(const struct cut_keep *k, uint64_t *ret_cells, uint64_t *ret_points)
+{
+	*ret_cells = k->cells;
+	*ret_points = k->points;
+}
+
+void cut_keep_limit(struct cut_keep *k, uint32_t points)
+{
+	k->cap = points < k->cap ? points : k->cap;
+}
+
+static struct slot *slot_find(const struct cut_keep *k, const struct grid_cell *cell)
+{
+	uint64_t key = (cell->lo + cell->segment) * UINT64_C(0x9e3779b97f4a7c15) ^ cell->place;
+	uint32_t i = (uint32_t)((key * UINT64_C(0xd6e8feb86659fd93)) >> 32) & (k->nslot - 1);
+
+	while (k->slot[i].used && (k->slot[i].lo != cell->lo || k->slot[i].place != cell->place ||
+				   k->slot[i].segment != cell->segment))
+		i = (i + 1) & (k->nslot - 1);
+	return &k->slot[i];
+}
+
+/* ---- how far the borders are ---- */
+
+static int64_t gap(int64_t lo, int64_t hi, int64_t from, int64_t to)
+{
+	return lo > to ? lo - to : from > hi ? from - hi : 0;
+}
+
+static int64_t larger(int64_t a, int64_t b)
+{
+	return a > b ? a : b;
+}
+
+/* Doubled, from a doubled box to the region's borders; a box that one crosses has 0. */
+static int64_t border_gap(const struct cut_region *r, const int64_t box[4])
+{
+	int64_t b[4], least = INT64_MAX;
+
+	cut_region_box(r, b);
+	for (unsigned side = 0; side < 4; side++) {
+		unsigned across = side & 1, along = 1 - across;
+		int64_t d;
+
+		if (b[side] == INT64_MIN || b[side] == INT64_MAX)
+			continue;
+		d = larger(gap(box[across], box[across + 2], b[side], b[side]),
+			   gap(box[along], box[along + 2], b[along], b[along + 2]));
+		least = d < least ? d : least;
+	}
+	return least;
+}
+
+/* From the box to the node's finite square: no border of a region in it is nearer, outside it its infinite sides are
+ * farther than where they leave it, as all cells lie in the root. */
+static int64_t node_gap(const struct cut_region *node, const int64_t box[4])
+{
+	int64_t x = 2 * ((int64_t)node->x - ((int64_t)1 << 31)) - 1, y = 2 * ((int64_t)node->y - ((int64_t)1 << 31)) - 1;
+
+	return larger(gap(box[0], box[2], x, x + ((int64_t)2 << node->wx)),
+		      gap(box[1], box[3], y, y + ((int64_t)2 << node->wy)));
+}
+
+/* Whether a region of the node lies in its upper half. */
+static bool is_upper(const struct cut_region half[2], const struct cut_region *r)
+{
+	return half[0].x != half[1].x ? r->x >= half[1].x : r->y >= half[1].y;
+}
+
+/* The least border_gap of the n regions, all in `node`, if it is below `best`. */
+static int64_t nearest(const struct cut_region *node, const struct cut_region *region, uint32_t n, const int64_t box[4],
+		       int64_t best)
+{
+	struct cut_region half[2];
+	uint32_t lo = 0, hi = n;
+	unsigned near;
+	int64_t d;
+
+	if (n == 0 || node_gap(node, box) >= best)
+		return best;
+	if (n == 1) {
+		d = border_gap(region, box);
+		return d < best ? d : best;
+	}
+	cut_region_split(node, half); /* it holds two regions, so it can */
+	while (lo < hi) {
+		uint32_t mid = lo + (hi - lo) / 2;
+
+		if (is_upper(half, &region[mid]))
+			hi = mid;
+		else
+			lo = mid + 1;
+	}
+	near = node_gap(&half[1], box) < node_gap(&half[0], box);
+	best = nearest(&half[near], region + (near ? lo : 0), near ? n - lo : lo, box, best);
+	return nearest(&half[!near], region + (near ? 0 : lo), near ? lo : n - lo, box, best);
+}
+
+/* ---- what is kept ---- */
+
+static int64_t along(const struct cut_chain *c, const struct point *p, int64_t u0, unsigned shift)
+{
+	return (cut_chain_u(c, p) - u0) >> shift;
+}
+
+/* The cell's points against one side of W: the nearest of each column first, then what these leave. */
+static int see(struct cut_keep *k, struct cut_chain *c, const int32_t box[4])
+{
+	int64_t u0, u1, x, limit[COLUMNS];
+	uint32_t first[COLUMNS];
+	unsigned shift = 0, n;
+
+	cut_chain_span(c, box, &u0, &u1, &x);
+	while ((u1 - u0) >> shift >= COLUMNS)
+		shift++;
+	n = (unsigned)((u1 - u0) >> shift) + 1;
+	for (unsigned i = 0; i < n; i++)
+		limit[i] = INT64_MAX;
+	for (uint32_t i = 0; i < k->n; i++) {
+		int64_t at = along(c, &k->cell[i], u0, shift), d = cut_chain_x(c, &k->cell[i]);
+
+		if (d < limit[at]) {
+			limit[at] = d;
+			first[at] = i;
+		}
+	}
+	for (unsigned i = 0; i < n; i++)
+		if (limit[i] < INT64_MAX && cut_chain_add(c, k->view, &k->cell[first[i]]))
+			return CUT_E_FULL;
+	if (cut_chain_flush(c, k->view))
+		return CUT_E_FULL;
+	cut_chain_limits(c, u0, shift, n, limit);
+	for (uint32_t i = 0; i < k->n; i++)
+		if (cut_chain_x(c, &k->cell[i]) <= limit[along(c, &k->cell[i], u0, shift)] &&
+		    cut_chain_add(c, k->view, &k->cell[i]))
+			return CUT_E_FULL;
+	return cut_chain_flush(c, k->view);
+}
+
+static bool morton_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	(void)ctx;
+	return cut_order_before(a->x, a->y, b->x, b->y);
+}
+
+/* The points in k->cell reduced to those of the four chains. CUT_E_FULL: they are as they were. */
+static int reduce(struct cut_keep *k, const int32_t box[4], int64_t wide)
+{
+	int64_t w[4] = { 2 * (int64_t)box[0] - wide, 2 * (int64_t)box[1] - wide, 2 * (int64_t)box[2] + wide,
+			 2 * (int64_t)box[3] + wide };
+	struct cut_chain c[4];
+	uint32_t n = 0, m = 0;
+
+	for (unsigned i = 0; i < 4; i++) {
+		unsigned across = i & 1, beside = 1 - across;
+
+		cut_chain_init(&c[i], !across, w[i], w[beside], w[beside + 2], k->chain[i], CELL, k->batch,
+			       CELL);
+		if (see(k, &c[i], box))
+			return CUT_E_FULL;
+	}
+	for (unsigned i = 0; i < 4; i++)
+		n += c[i].n;
+	if (n > CELL)
+		return CUT_E_FULL;
+	for (unsigned i = 0, at = 0; i < 4; at += c[i++].n)
+		memcpy(k->cell + at, c[i].pt, c[i].n * sizeof(struct point));
+	cut_order_sort(k->cell, n, morton_less, NULL);
+	for (uint32_t i = 0; i < n; i++) {
+		if (m > 0 && k->cell[m - 1].x == k->cell[i].x && k->cell[m - 1].y == k->cell[i].y) {
+			if (view_prefers(k->view, &k->cell[i], &k->cell[m - 1]))
+				k->cell[m - 1] = k->cell[i];
+			continue;
+		}
+		k->cell[m++] = k->cell[i];
+	}
+	k->n = m;
+	return 0;
+}
+
+/* Collects what the view keeps of a cell, one record a position where they come together. */
+static int collect(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct cut_keep *k = ctx;
+
+	(void)err;
+	k->points += n;
+	for (size_t i = 0; i < n && !k->overflow; i++) {
+		struct point *last = &k->cell[k->n - (k->n > 0)];
+
+		if (view_judge(k->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		if (k->n > 0 && last->x == pts[i].x && last->y == pts[i].y) {
+			if (view_prefers(k->view, &pts[i], last))
+				*last = pts[i];
+			continue;
+		}
+		if (k->n == CELL)
+			k->overflow = true;
+		else
+			k->cell[k->n++] = pts[i];
+	}
+	return 0;
+}
+
+static int pass(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct cut_keep *k = ctx;
+
+	k->points += n;
+	return k->fn(k->sink, pts, n, err);
+}
+
+/* All of a cell, straight to the sink. */
+static int read_through(struct cut_keep *k, const struct grid_cell *cell, grid_points_fn fn, void *sink, struct err *err)
+{
+	k->fn = fn;
+	k->sink = sink;
+	return k->below.read(k->below.ctx, cell, pass, k, err);
+}
+
+static int keep_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn, void *sink, struct err *err)
+{
+	struct cut_keep *k = ctx;
+	struct slot *slot = slot_find(k, cell);
+	int64_t box[4], wide;
+	int rc;
+
+	if (slot->used)
+		return slot->n ? fn(sink, k->pool + slot->from, slot->n, err) : 0;
+	for (unsigned i = 0; i < 4; i++)
+		box[i] = 2 * (int64_t)cell->box[i];
+	k->cells++;
+	wide = nearest(&k->root, k->region, k->nregion, box, (int64_t)1 << 32 | 1);
+	if (wide == 0 || k->used >= k->nslot - k->nslot / 8)
+		return read_through(k, cell, fn, sink, err);
+	k->n = 0;
+	k->overflow = false;
+	rc = k->below.read(k->below.ctx, cell, collect, k, err);
+	if (rc)
+		return rc;
+	if (k->overflow)
+		return read_through(k, cell, fn, sink, err);
+	rc = k->n ? reduce(k, cell->box, wide) : 0;
+	if (!rc && k->n <= k->cap - k->npool) {
+		*slot = (struct slot){ cell->lo, cell->place, cell->segment, k->npool, k->n, 1 };
+		memcpy(k->pool + k->npool, k->cell, k->n * sizeof(struct point));
+		k->npool += k->n;
+		k->used++;
+	}
+	return k->n ? fn(sink, k->cell, k->n, err) : 0;
+}
+
+static int keep_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
+{
+	struct cut_keep *k = ctx;
+
+	return k->below.walk(k->below.ctx, lo, hi, v, err);
+}
+
+static int keep_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn fn, void *sink, struct err *err)
+{
+	struct cut_keep *k = ctx;
+
+	return k->below.scan(k->below.ctx, lo, hi, fn, sink, err);
+}
+
+static int keep_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
+{
+	struct cut_keep *k = ctx;
+
+	return k->below.count(k->below.ctx, lo, hi, ret_count, ret_exact, err);
+}
+
+static bool keep_box(void *ctx, int32_t ret_box[4])
+{
+	struct cut_keep *k = ctx;
+
+	return k->below.box(k->below.ctx, ret_box);
+}
+
+void cut_keep_source(struct cut_keep *k, struct cut_source *ret)
+{
+	*ret = (struct cut_source){ .ctx = k, .walk = keep_walk, .read = keep_read, .scan = keep_scan,
+				    .count = keep_count, .box = keep_box };
+}

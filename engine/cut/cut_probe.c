@@ -1,0 +1,286 @@
+/*
+ * Looking ahead: whether the halos of a plan fit, before the first triangle, and the sites of those halos that many
+ * leaves would read the same cells for.
+ *
+ * Suspicious are leaves at the rim (a hull), nearly empty ones (the middle of a circle, the sides of a corridor) and
+ * those cut out of one that did not fit; everywhere else neighbours of equal load keep a halo small. The index's
+ * bound lets most of them pass. The halos of the others are found, all through one source that keeps what they can see
+ * of each cell, and are the plan's sites. A strip of land along a diagonal has as many empty leaves beside it as leaves on
+ * it, of every size, and each sees a long stretch of its edge. A halo that does not fit is counted once more by itself,
+ * and its leaf split.
+ */
+#include "cut_source.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cut_bound.h"
+#include "cut_halo.h"
+#include "cut_keep.h"
+#include "cut_order.h"
+#include "cut_sites.h"
+#include "err.h"
+
+enum {
+	FEW = 8,     /* nearly empty: an eighth of cap */
+	SPARE = 2,   /* the bound must leave half the room: the view may take away what it rests on */
+};
+
+enum how { PASSED, ALONE, TOGETHER };
+
+struct probe {
+	const struct cut_source *src;
+	const struct view *view;
+	struct cut_plan *plan;
+	uint32_t cap;
+	void *scratch;
+	size_t size;
+	/* of it, to find halos together: for the halo, from its start; for what is kept of cells; for sites */
+	void *keep;
+	size_t halo_size, keep_size;
+	struct point *site;
+	uint32_t nsite, site_cap;
+	bool sites_full;
+	uint8_t *how;           /* by leaf */
+	struct cut_region *region;
+	uint32_t nregion;
+};
+
+static bool nearly_empty(const struct probe *p, const struct cut_leaf *leaf)
+{
+	return leaf->count < p->cap / FEW;
+}
+
+static bool suspicious(const struct probe *p, const struct cut_leaf *leaf)
+{
+	return leaf->region.inf || leaf->above || nearly_empty(p, leaf);
+}
+
+/* Own + halo of the leaf into *ret_need; with CUT_E_FULL an estimate. */
+static int count_halo(const struct probe *p, const struct cut_source *src, const struct cut_leaf *leaf,
+		      const struct point **ret_pts, uint32_t *ret_n, uint64_t *ret_need, struct err *err)
+{
+	size_t size = src == p->src ? p->size : p->halo_size;
+	struct cut_halo *h = cut_halo_init(p->scratch, size, src, p->view, &leaf->region, false);
+	uint64_t need = 0;
+	int rc;
+
+	if (!h)
+		return err_set(err, ERR_INTERNAL, "%zu bytes of scratch are too few to plan", size);
+	*ret_n = 0;
+	rc = cut_halo_find(h, ret_pts, ret_n, &need, err);
+	if (rc < 0)
+		return rc;
+	if (src == p->src) {
+		uint64_t cells, points;
+
+		cut_halo_stats(h, &cells, &points);
+		p->plan->cells_read += cells;
+		p->plan->points_read += points;
+	}
+	*ret_need = (rc ? need : *ret_n) + leaf->count;
+	if (rc == 0 && *ret_need <= p->cap)
+		return 0;
+	*ret_need = *ret_need > p->cap ? *ret_need : (uint64_t)p->cap + 1;
+	return CUT_E_FULL;
+}
+
+/* ---- by the index ---- */
+
+static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, struct err *err)
+{
+	uint64_t room = leaf->count < p->cap ? (p->cap - leaf->count) / SPARE : 0, many = p->cap / FEW, bound;
+	bool few = nearly_empty(p, leaf);
+	int rc;
+
+	*ret = leaf->above ? ALONE : PASSED;
+	if (leaf->above || !suspicious(p, leaf))
+		return 0;
+	/* What has few points is not to read many for itself, even if they fit. */
+	many = few && many < room ? many : room;
+	rc = cut_bound_halo(p->src, p->view, &leaf->region, many, p->scratch, &bound, err);
+	if (rc == 0 && bound > many)
+		*ret = p->keep ? TOGETHER : bound > room ? ALONE : PASSED;
+	return rc;
+}
+
+static int judge_all(struct probe *p, struct err *err)
+{
+	for (size_t i = 0; i < p->plan->n; i++) {
+		int rc = judge(p, &p->plan->leaf[i], &p->how[i], err);
+
+		if (rc)
+			return rc;
+		if (p->how[i] == TOGETHER)
+			p->region[p->nregion++] = p->plan->leaf[i].region;
+	}
+	return 0;
+}
+
+/* ---- together ---- */
+
+static bool site_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	(void)ctx;
+	return cut_order_before(a->x, a->y, b->x, b->y);
+}
+
+/* Morton order, each position once: that of several halos is the same record in each. */
+static void reduce_sites(struct probe *p)
+{
+	uint32_t k = 0;
+
+	cut_order_sort(p->site, p->nsite, site_less, NULL);
+	for (uint32_t i = 0; i < p->nsite; i++)
+		if (k == 0 || p->site[k - 1].x != p->site[i].x || p->site[k - 1].y != p->site[i].y)
+			p->site[k++] = p->site[i];
+	p->nsite = k;
+}
+
+/* False: there is no room for them. */
+static bool add_sites(struct probe *p, const struct point *pts, uint32_t n)
+{
+	if (n > p->site_cap - p->nsite && !p->sites_full) {
+		reduce_sites(p);
+		/* Not again for every few: half the room must have been won. */
+		p->sites_full = p->nsite > p->site_cap / 2;
+	}
+	if (n > p->site_cap - p->nsite)
+		return false;
+	memcpy(p->site + p->nsite, pts, n * sizeof(*pts));
+	p->nsite += n;
+	return true;
+}
+
+/* Leaves that do not fit, or whose sites find no room, are left to be probed alone. */
+static int probe_together(struct probe *p, struct err *err)
+{
+	struct cut_source src;
+	struct cut_region root;
+	struct cut_keep *keep;
+	uint64_t cells, points;
+	int32_t box[4];
+	int rc = 0;
+
+	if (p->nregion == 0 || !p->src->box(p->src->ctx, box))
+		return 0;
+	cut_region_root(box, &root);
+	keep = cut_keep_init(p->keep, p->keep_size, p->src, p->view, &root, p->region, p->nregion);
+	if (!keep) {
+		/* Nothing can be kept: all that were to go together go alone. */
+		for (size_t i = 0; i < p->plan->n; i++)
+			p->how[i] = p->how[i] == TOGETHER ? ALONE : p->how[i];
+		return 0;
+	}
+	cut_keep_source(keep, &src);
+	for (size_t i = 0; i < p->plan->n && !rc; i++) {
+		const struct point *pts;
+		uint64_t need;
+		uint32_t n;
+
+		if (p->how[i] != TOGETHER)
+			continue;
+		p->how[i] = ALONE;
+		rc = count_halo(p, &src, &p->plan->leaf[i], &pts, &n, &need, err);
+		if (rc == 0) {
+			p->how[i] = PASSED;
+			p->plan->leaf[i].known = add_sites(p, pts, n);
+		}
+		rc = rc == CUT_E_FULL ? 0 : rc;
+	}
+	cut_keep_stats(keep, &cells, &points);
+	p->plan->cells_read += cells;
+	p->plan->points_read += points;
+	if (rc)
+		return rc;
+	reduce_sites(p);
+	p->plan->sites = cut_sites_new(p->site, p->nsite);
+	return p->plan->sites ? 0 : err_set(err, ERR_NOMEM, "no memory for %u sites of a plan", p->nsite);
+}
+
+/* ---- alone ---- */
+
+/* The leaf at *i and what it is split into; *i is then behind them. */
+static int probe_leaf(struct probe *p, size_t *i, struct err *err)
+{
+	size_t end = *i + 1;
+
+	while (*i < end) {
+		const struct point *pts;
+		uint64_t need = 0;
+		uint32_t n;
+		int rc = count_halo(p, p->src, &p->plan->leaf[*i], &pts, &n, &need, err);
+
+		if (rc == 0) {
+			++*i;
+			continue;
+		}
+		if (rc == CUT_E_FULL)
+			rc = cut_plan_split_from(p->src, p->plan, *i, need, p->cap, err);
+		if (rc)
+			return rc;
+		end++;
+	}
+	return 0;
+}
+
+static int probe_alone(struct probe *p, struct err *err)
+{
+	size_t leaves = p->plan->n;
+
+	for (size_t k = 0, i = 0; k < leaves; k++) {
+		int rc;
+
+		if (p->how[k] == PASSED) {
+			i++;
+			continue;
+		}
+		rc = probe_leaf(p, &i, err);
+		if (rc)
+			return rc;
+	}
+	return 0;
+}
+
+/* ---- all ---- */
+
+/* The scratch for finding halos together; alone, each has all of it. */
+static void deal(struct probe *p)
+{
+	size_t sites = (size_t)p->cap * CUT_SITES_BYTES & ~(size_t)63, halo = cut_halo_bytes(p->cap);
+
+	halo = (halo > p->size / 4 ? halo : p->size / 4) & ~(size_t)63;
+	if (p->size < 2 * cut_halo_bytes(p->cap) || p->size < 2 * (halo + sites))
+		return;
+	p->halo_size = halo;
+	p->keep = (char *)p->scratch + halo;
+	p->keep_size = p->size - halo - sites - 64;
+	p->site = (struct point *)((char *)p->keep + (p->keep_size & ~(size_t)63));
+	p->site_cap = (uint32_t)(sites / sizeof(*p->site));
+}
+
+int cut_plan_probe_from(const struct cut_source *src, const struct view *view, struct cut_plan *plan, uint32_t cap,
+			void *scratch, size_t scratch_size, struct err *err)
+{
+	struct probe p = { .src = src, .view = view, .plan = plan, .cap = cap, .scratch = scratch, .size = scratch_size };
+	int rc;
+
+	if (plan->n == 0)
+		return 0;
+	if (scratch_size < cut_halo_bytes(0) || scratch_size < cut_bound_bytes())
+		return err_set(err, ERR_INTERNAL, "%zu bytes of scratch are too few to plan", scratch_size);
+	deal(&p);
+	p.how = malloc(plan->n);
+	p.region = malloc(plan->n * sizeof(*p.region));
+	if (!p.how || !p.region)
+		rc = err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", plan->n);
+	else
+		rc = judge_all(&p, err);
+	if (!rc)
+		rc = probe_together(&p, err);
+	if (!rc)
+		rc = probe_alone(&p, err);
+	free(p.how);
+	free(p.region);
+	return rc;
+}
