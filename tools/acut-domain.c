@@ -265,7 +265,7 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 	memory = domain_memory(s);
 	if (!memory)
 		return err_set(err, ERR_NOMEM, "no memory for a domain (%zu bytes)", s->budget.domain_bytes);
-	r = pipe_domain(s->grid, &s->view, &region, &s->budget, memory, &domain, &need, err);
+	r = pipe_domain(s->grid, &s->view, &region, NULL, &s->budget, memory, &domain, &need, err);
 	if (r == PIPE_E_SPLIT) {
 		err_set(err, ERR_LIMIT, "the region and its halo have at least %llu positions, the memory carries %u",
 			(unsigned long long)need, s->budget.cap);

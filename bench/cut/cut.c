@@ -124,8 +124,8 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 		must(rc < 0 ? rc : 0, &err);
 		own += l.own;
 		halo += l.counts.halo;
-		read += l.points_read;
-		cells += l.cells_read;
+		read += l.counts.points_read;
+		cells += l.counts.cells_read;
 	}
 	loaded = now() - loaded;
 	for (size_t i = 0; i < plan.n; i++)

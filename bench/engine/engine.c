@@ -113,7 +113,8 @@ static int each(struct bench *b, size_t i, struct err *err)
 	uint64_t need;
 	int r;
 
-	while ((r = phase_domain(b->grid, &b->view, &b->plan.leaf[i].region, &b->budget, b->memory, b->twice, &b->sum,
+	while ((r = phase_domain(b->grid, &b->view, &b->plan.leaf[i].region,
+				 b->plan.leaf[i].known ? b->plan.sites : NULL, &b->budget, b->memory, b->twice, &b->sum,
 				 &domain, &need, err)) == PIPE_E_SPLIT)
 		if ((r = cut_plan_split(&b->plan, i, b->reader, need, b->budget.cap, err)))
 			break;

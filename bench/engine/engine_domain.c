@@ -101,8 +101,8 @@ static int load(const struct grid *grid, const struct view *view, const struct c
 	r = cut_load_from(&source, view, region, load, ret_need, err);
 	lap(sum, PHASE_HALO, &from);
 	sum->bytes_read += grid_reader_stats(t.reader).bytes;
-	sum->records_read += load->points_read;
-	sum->cells_read += load->cells_read;
+	sum->records_read += load->counts.points_read;
+	sum->cells_read += load->counts.cells_read;
 	return r == CUT_E_FULL ? PIPE_E_SPLIT : r;
 }
 
@@ -125,7 +125,7 @@ static bool triangulate(struct tri *tri, uint32_t n, struct phases *sum)
 }
 
 int phase_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		 const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum,
+		 const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum,
 		 struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), budget->cap);
@@ -136,6 +136,7 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 	int r;
 
 	pipe_domain_room(grid, budget, memory, tri, &room);
+	room.sites = sites;
 	r = load(grid, view, region, memory, twice, &room, sum, ret_need, err);
 	if (r)
 		return r;

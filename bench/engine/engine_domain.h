@@ -32,7 +32,7 @@ extern const char *const phase_text[PHASES];
 double phase_cpu(void);
 /* As pipe_domain. `twice`: room to read the region once more, of grid_reader_bytes. */
 int phase_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		 const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum,
+		 const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum,
 		 struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 /* Into the store and back, before it is emitted; `memory` has room for what is read. */
 int phase_store(int dirfd, const struct mesh_domain *d, void *memory, size_t size, struct phases *sum, struct err *err);

@@ -85,7 +85,7 @@ static void no_report(struct ctl_json *j)
 					  "triangles",     "hull",          "domains",
 					  "digest",        "vertex_digest", "removed",
 					  "seconds",       "stage_seconds", "first_triangle_seconds",
-					  "peak_rss_bytes", "halo", "seal_seconds",
+					  "peak_rss_bytes", "halo", "points_read", "cells_read", "seal_seconds",
 					  "plan_seconds", "domains_seconds"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
@@ -118,6 +118,8 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 		ctl_json_text(j, "first_triangle_seconds", NULL);
 	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
 	ctl_json_u64(j, "halo", p->halo);
+	ctl_json_u64(j, "points_read", p->points_read);
+	ctl_json_u64(j, "cells_read", p->cells_read);
 	ctl_json_number(j, "seal_seconds", p->seal_seconds);
 	ctl_json_number(j, "plan_seconds", p->plan_seconds);
 	ctl_json_number(j, "domains_seconds", p->domains_seconds);

@@ -257,6 +257,7 @@ struct acut_report {
 	const struct acut_removed *removed;
 	size_t nremoved;
 	double seconds, stage_seconds, first_triangle_seconds;
+	uint64_t points_read, cells_read; /* records, from the cache; cells, for halos */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	const char *note; /* "" or a sentence that whoever reads the mesh should know */
 };

@@ -43,6 +43,8 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	    .hull = p->hull,
 	    .domains = p->domains,
 	    .halo = p->halo,
+	    .points_read = p->points_read,
+	    .cells_read = p->cells_read,
 	    .peak_rss_bytes = p->peak_rss_bytes,
 	    .digest = p->digest,
 	    .vertex_digest = p->vertex_digest,

@@ -250,6 +250,8 @@ static void make_report(struct job *job)
 		return;
 	}
 	report_make(totals, &job->report);
+	job->report.points_read += walk_plan(job->walk)->points_read;
+	job->report.cells_read += walk_plan(job->walk)->cells_read;
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
 	job->report.stage_seconds = job->dataset->stage_seconds;

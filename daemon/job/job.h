@@ -255,6 +255,7 @@ struct job_report {
 	uint64_t removed[VIEW_RULES];
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
+	uint64_t points_read, cells_read; /* records, by the plan and by domains; cells, for halos */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	uint64_t peak_rss;
 	char note[160]; /* "" or a sentence, as for a mesh without triangles */

@@ -27,6 +27,7 @@ static const struct {
 	FIELD(halo, NUMBER),           FIELD(digest, TEXT),
 	FIELD(vertex_digest, TEXT),    FIELD(seconds, SECONDS),
 	FIELD(stage_seconds, SECONDS), FIELD(first_triangle_seconds, SECONDS),
+	FIELD(points_read, NUMBER),    FIELD(cells_read, NUMBER),
 	FIELD(seal_seconds, SECONDS),  FIELD(plan_seconds, SECONDS),
 	FIELD(domains_seconds, SECONDS),
 	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
@@ -110,6 +111,8 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 	ret->points = t->counts.points;
 	ret->used = t->counts.used;
 	ret->halo = t->counts.halo;
+	ret->points_read = t->counts.points_read;
+	ret->cells_read = t->counts.cells_read;
 	ret->vertices = t->vertices;
 	ret->triangles = t->triangles;
 	ret->hull = t->hull;

@@ -175,7 +175,7 @@ static void make_run(struct sched_task *t)
 	d->r = 0;
 	if (load(d, key))
 		return;
-	d->r = pipe_domain(w->grid, &w->rest, &d->region, &w->budget, d->memory, &d->domain, &d->need,
+	d->r = pipe_domain(w->grid, &w->rest, &d->region, d->sites, &w->budget, d->memory, &d->domain, &d->need,
 			   &d->err);
 	if (d->r)
 		return;
@@ -223,6 +223,7 @@ struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_p
 	if (!d)
 		return NULL;
 	d->region = w->plan.leaf[index].region;
+	d->sites = w->plan.leaf[index].known ? w->plan.sites : NULL;
 	walk_domain_restart(d, priority);
 	return d;
 }
@@ -275,6 +276,7 @@ static void split_done(struct sched_task *t)
 			other->index++;
 	w->next_start++;
 	d->region = w->plan.leaf[at].region;
+	d->sites = NULL;
 	walk_domain_restart(d, SCHED_FIRST);
 	walk_domain_start(w, at + 1, SCHED_FIRST);
 	walk_settle(w);

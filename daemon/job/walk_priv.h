@@ -25,6 +25,7 @@ struct walk_domain {
 	enum walk_domain_state state;
 	size_t index;
 	struct cut_region region;
+	const struct cut_sites *sites; /* of the plan, if its halo is in them */
 	struct mesh_domain domain;
 	void *memory;
 	size_t size; /* mapped, and charged to LEDGER_DOMAIN */

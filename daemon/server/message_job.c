@@ -19,6 +19,8 @@ static void report_message(const struct job_report *r, struct message_job *m)
 	m->report.hull = r->hull;
 	m->report.domains = r->domains;
 	m->report.halo = r->halo;
+	m->report.points_read = r->points_read;
+	m->report.cells_read = r->cells_read;
 	m->report.digest = (char *)r->digest;
 	m->report.vertex_digest = (char *)r->vertex_digest;
 	m->report.seconds = r->seconds;
@@ -88,12 +90,14 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 
 	at = (size_t)snprintf(
 		buf, size,
-		"{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"seconds\":%.6f,"
+		"{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"points_read\":%llu,"
+		"\"cells_read\":%llu,\"seconds\":%.6f,"
 		"\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"seal_seconds\":%.6f,"
 		"\"plan_seconds\":%.6f,\"domains_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%s\","
 		"\"removed\":{",
 		(unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
-		(unsigned long long)r->halo, r->seconds, r->stage_seconds, r->first_triangle_seconds,
+		(unsigned long long)r->halo, (unsigned long long)r->points_read,
+		(unsigned long long)r->cells_read, r->seconds, r->stage_seconds, r->first_triangle_seconds,
 		r->seal_seconds, r->plan_seconds, r->domains_seconds,
 		(unsigned long long)r->peak_rss, r->note);
 	for (i = VIEW_KEPT + 1; i < VIEW_RULES && at < size; i++)

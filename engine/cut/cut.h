@@ -62,8 +62,6 @@ struct cut_load {
 	/* results */
 	uint32_t n, own;
 	struct mesh_counts counts;
-	uint64_t cells_read;  /* for the halo */
-	uint64_t points_read; /* records: the region's own and those of the cells read for the halo */
 };
 int cut_load(struct grid_reader *, const struct view *, const struct cut_region *, struct cut_load *,
 	     uint64_t *ret_need, struct err *err);

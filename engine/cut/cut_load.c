@@ -115,7 +115,6 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 		cut_sites_source(load->sites, &near);
 	h = cut_halo_init(load->scratch, load->scratch_size, &near, view, region, true);
 	load->n = load->own = 0;
-	load->cells_read = load->points_read = 0;
 	memset(&load->counts, 0, sizeof(load->counts));
 	if (!h)
 		return err_set(err, ERR_INTERNAL, "%zu bytes of scratch are too few to load a region", load->scratch_size);
@@ -139,8 +138,8 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 	if (rc)
 		return rc;
 	if (!load->sites)
-		cut_halo_stats(h, &load->cells_read, &load->points_read);
-	load->points_read += load->counts.points;
+		cut_halo_stats(h, &load->counts.cells_read, &load->counts.points_read);
+	load->counts.points_read += load->counts.points;
 	if ((uint64_t)load->own + m > load->cap) {
 		*ret_need = (uint64_t)load->own + m;
 		return CUT_E_FULL;

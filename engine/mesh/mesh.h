@@ -30,6 +30,8 @@ struct mesh_counts {
 	uint64_t removed[MESH_RULES];  /* by rule, enum view_rule */
 	uint64_t used;                 /* positions of the region that are in the mesh's point set */
 	uint64_t halo;                 /* positions loaded from outside */
+	uint64_t cells_read;           /* for the halo */
+	uint64_t points_read;          /* records: `points`, and those of the cells read for the halo */
 };
 
 /* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. The arrays lie in

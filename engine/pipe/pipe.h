@@ -149,11 +149,12 @@ int pipe_plan(const struct grid *grid, const struct view *view, const struct pip
 
 /* ---- domain: one region to a finished domain ---- */
 
-/* Everything in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do not
- * fit; *ret_need positions would. */
+/* Everything in `memory` of budget->domain_bytes; *ret points into it. `sites`: of the plan, if the leaf is
+ * `known`; else NULL. The domain is the same with and without. PIPE_E_SPLIT: own + halo do not fit; *ret_need
+ * positions would. */
 enum { PIPE_E_SPLIT = 1 };
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
+		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err);
 /* Bytes of `memory` from its start that *domain needs to stay valid. */
 size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);

@@ -60,7 +60,7 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 }
 
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
+		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err)
 {
 	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), budget->cap);
@@ -69,6 +69,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	int r;
 
 	pipe_domain_room(grid, budget, memory, tri, &load);
+	load.sites = sites;
 	r = load_points(grid, view, region, memory, &load, ret_need, err);
 	if (r)
 		return r;

@@ -58,6 +58,8 @@ static void counts_add(struct mesh_counts *sum, const struct mesh_counts *c)
 	sum->points += c->points;
 	sum->used += c->used;
 	sum->halo += c->halo;
+	sum->cells_read += c->cells_read;
+	sum->points_read += c->points_read;
 	for (i = 0; i < MESH_RULES; i++)
 		sum->removed[i] += c->removed[i];
 }

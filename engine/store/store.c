@@ -82,6 +82,8 @@ static void header_pack(const struct mesh_domain *d, struct digest key, uint64_t
 	for (i = 0; i < MESH_RULES; i++)
 		packer_u64(&p, d->counts.removed[i]);
 	packer_u64(&p, sum);
+	packer_u64(&p, d->counts.cells_read);
+	packer_u64(&p, d->counts.points_read);
 	packer_zero(&p, HEADER - 8 - packer_size(&p));
 	packer_u64(&p, XXH3_64bits(header, HEADER - 8));
 }
@@ -115,6 +117,9 @@ static bool header_unpack(const uint8_t header[HEADER], struct digest key, struc
 	for (i = 0; i < MESH_RULES; i++)
 		d->counts.removed[i] = cursor_u64(&c);
 	*ret_sum = cursor_u64(&c);
+	/* Zeros of a domain that was stored before these were counted. */
+	d->counts.cells_read = cursor_u64(&c);
+	d->counts.points_read = cursor_u64(&c);
 	return !c.bad && d->nopen <= d->nvertex;
 }
 

@@ -117,7 +117,7 @@ def outputs(p):
     check("PNG", data[:8] == b"\x89PNG\r\n\x1a\n" and 0 < struct.unpack(">I", data[16:20])[0] <= 300)
     check("keys", not [k for k in ("job dataset generation points used vertices triangles hull domains digest vertex_digest "
                                    "lattice crs units removed seconds stage_seconds first_triangle_seconds peak_rss_bytes "
-                                   "output_bytes halo seal_seconds plan_seconds domains_seconds left_out refused warnings").split() if k not in got], str(got))
+                                   "output_bytes halo points_read cells_read seal_seconds plan_seconds domains_seconds left_out refused warnings").split() if k not in got], str(got))
     check("phases", 0 < got["seal_seconds"] <= got["stage_seconds"] and 0 < got["plan_seconds"] and 0 < got["domains_seconds"]
           and got["plan_seconds"] + got["domains_seconds"] <= got["seconds"] + 0.001, str(got))
     # Canonical: the same bytes whatever the order; standard output too.

@@ -10,7 +10,7 @@ from e2e import expect
 
 KEYS = ("job dataset generation points used vertices triangles hull domains digest vertex_digest lattice crs units "
         "removed seconds stage_seconds first_triangle_seconds peak_rss_bytes output_bytes "
-        "halo seal_seconds plan_seconds domains_seconds").split()
+        "halo points_read cells_read seal_seconds plan_seconds domains_seconds").split()
 
 
 def survey(base, name="survey.las", points=200000, *options):
