@@ -19,11 +19,12 @@
 #include "parse.h"
 #include "synth.h"
 
-enum { PIPE_BYTES = 1 << 20 };
+enum { PIPE_BYTES = 1 << 20, SWATH = 640 /* metres */ };
 
 static const char *const shape_names[SYNTH_SHAPES] = {
 	"survey", "uniform",  "grid",     "clustered",         "two-clusters", "circle",
 	"ring",   "parabola", "corridor", "corridor-diagonal", "collinear",    "duplicates",
+	"swath",  "gaussians", "pipeline", "pipeline-diagonal", "pipeline-slanted", "few",
 };
 
 static const char help[] =
@@ -40,7 +41,10 @@ static const char help[] =
 	"  --no-crs           say nothing of the coordinate system\n"
 	"  --distribution D   survey, uniform, grid, clustered, two-clusters, circle, ring, parabola, "
 	"corridor,\n"
-	"                     corridor-diagonal, collinear, duplicates (survey)\n"
+	"                     corridor-diagonal, collinear, duplicates, swath (one flight line), gaussians (1,000\n"
+	"                     over six orders of magnitude of spread), pipeline, pipeline-diagonal, pipeline-slanted\n"
+	"                     (--area is LENGTHxWIDTH, 300000x500), few (--positions) (survey)\n"
+	"  --positions N      of few: how many positions all points lie on (1000)\n"
 	"  --step N           of grid and collinear: steps from point to point\n"
 	"  --range N          of the other shapes: steps from end to end, up to 4294967296\n"
 	"  --head FILE        to a pipe: keep the header in FILE, or take it from there; points are then made "
@@ -118,6 +122,7 @@ enum {
 	OPT_SHAPE,
 	OPT_STEP,
 	OPT_RANGE,
+	OPT_POSITIONS,
 	OPT_NO_CRS,
 	OPT_HEAD,
 	OPT_HELP,
@@ -130,6 +135,7 @@ static const struct option long_options[] = {
 	{"origin", 1, NULL, OPT_ORIGIN},   {"seed", 1, NULL, OPT_SEED},
 	{"format", 1, NULL, OPT_FORMAT},   {"distribution", 1, NULL, OPT_SHAPE},
 	{"step", 1, NULL, OPT_STEP},       {"range", 1, NULL, OPT_RANGE},
+	{"positions", 1, NULL, OPT_POSITIONS},
 	{"no-crs", 0, NULL, OPT_NO_CRS},   {"head", 1, NULL, OPT_HEAD},
 	{"help", 0, NULL, OPT_HELP},       {"version", 0, NULL, OPT_VERSION},
 	{0},
@@ -162,6 +168,8 @@ static bool take_option(struct synth_options *o, int option, char *value, double
 		return parse_shape(value, &o->shape);
 	case OPT_STEP:
 		return parse_count(value, &o->step) && o->step > 0;
+	case OPT_POSITIONS:
+		return parse_count(value, &o->step) && o->step > 0;
 	case OPT_RANGE:
 		return parse_count(value, &o->range) && o->range > 0;
 	default:
@@ -175,15 +183,23 @@ static int fit(struct synth_options *o, double density, struct err *err)
 {
 	double per_scale = 1 / decimal_double(o->scale), many = (double)(o->points ? o->points : 1);
 
-	if (o->width > 0) {
+	if (!(o->width > 0) && synth_shape_length(o->shape) > 0) {
+		o->width = synth_shape_length(o->shape);
+		o->height = density > 0 ? many / density / o->width : 500;
+		o->density = many / (o->width * o->height);
+	} else if (o->width > 0) {
 		if (density > 0)
 			return err_set(err, ERR_USAGE, "--area and --density: give one, the other follows");
 		o->density = many / (o->width * o->height);
 	} else {
 		o->density = density > 0 ? density : 8;
 		o->width = o->height = __builtin_sqrt(many / o->density);
+		if (o->shape == SYNTH_SWATH) {
+			o->width = o->width < SWATH ? o->width : SWATH;
+			o->height = many / o->density / o->width;
+		}
 	}
-	if (o->shape != SYNTH_SURVEY)
+	if (!synth_flown(o->shape))
 		return synth_shape_fit(o, err);
 	if (o->width * per_scale > 0x1p31 - 1 || o->height * per_scale > 0x1p31 - 1 ||
 	    1000 * per_scale > 0x1p31 - 1) {
@@ -202,7 +218,7 @@ static int make(const struct synth_options *o, struct synth_las *las, struct err
 	struct synth_noise height = synth_noise_of(o->seed + 11, 1.0 / (o->range ? (double)o->range / 16 : 5000));
 	int rc = 0;
 
-	if (o->shape != SYNTH_SURVEY) {
+	if (!synth_flown(o->shape)) {
 		for (uint64_t i = 0; i < o->points && rc == 0; i++) {
 			synth_shape_point(o, &height, i, ret);
 			rc = synth_las_put(las, ret, 1, err);

@@ -29,6 +29,12 @@ enum synth_shape {
 	SYNTH_CORRIDOR_DIAGONAL,
 	SYNTH_COLLINEAR,
 	SYNTH_DUPLICATES,
+	SYNTH_SWATH,
+	SYNTH_GAUSSIANS,
+	SYNTH_PIPELINE,
+	SYNTH_PIPELINE_DIAGONAL,
+	SYNTH_PIPELINE_SLANTED,
+	SYNTH_FEW,
 	SYNTH_SHAPES
 };
 
@@ -39,7 +45,7 @@ struct synth_options {
 	double width, height; /* metres */
 	struct decimal scale;
 	struct decimal origin[3];
-	uint64_t step, range; /* lattice units; 0: from density and area */
+	uint64_t step, range; /* lattice units; 0: from density and area. step of SYNTH_FEW: positions */
 	unsigned format;      /* 1 or 6 */
 	bool no_crs;
 };
@@ -139,7 +145,15 @@ struct synth_survey {
 void synth_survey_init(struct synth_survey *, const struct synth_options *);
 unsigned synth_survey_next(struct synth_survey *, struct synth_point ret[SYNTH_RETURNS]);
 
+/* Whether it is flown; else it is a shape. */
+static inline bool synth_flown(enum synth_shape shape)
+{
+	return shape == SYNTH_SURVEY || shape == SYNTH_SWATH;
+}
+
 /* Shapes (synth_shape.c): point number i. Range and step must be set (synth_shape_fit). */
+/* Metres of a shape whose --area is length x width and has a length of its own; else 0. */
+double synth_shape_length(enum synth_shape);
 int synth_shape_fit(struct synth_options *, struct err *err);
 void synth_shape_point(const struct synth_options *, struct synth_noise *height, uint64_t i,
 		       struct synth_point *ret);

@@ -7,7 +7,7 @@
 #include "err.h"
 #include "synth.h"
 
-enum { CLUSTERS = 64 };
+enum { CLUSTERS = 64, GAUSSIANS = 1000, SPREADS = 20, FEW = 1000 };
 static const uint64_t span_most = UINT64_C(1) << 31, range_most = UINT64_C(1) << 32;
 
 static uint64_t side_of(uint64_t points)
@@ -37,12 +37,19 @@ static double lengthened(const struct synth_options *o, double steps)
 	}
 }
 
+double synth_shape_length(enum synth_shape shape)
+{
+	bool pipeline = shape == SYNTH_PIPELINE || shape == SYNTH_PIPELINE_DIAGONAL || shape == SYNTH_PIPELINE_SLANTED;
+
+	return pipeline ? 300000 : 0;
+}
+
 int synth_shape_fit(struct synth_options *o, struct err *err)
 {
 	double per_scale = 1 / decimal_double(o->scale);
 	double widest = o->width > o->height ? o->width : o->height;
 
-	if (!o->step) {
+	if (!o->step && o->shape != SYNTH_FEW) {
 		double step = __builtin_sqrt(1 / o->density) * per_scale;
 
 		o->step = step < 1 ? 1 : (uint64_t)step;
@@ -56,6 +63,10 @@ int synth_shape_fit(struct synth_options *o, struct err *err)
 				       (unsigned long long)o->step, (unsigned long long)o->points);
 		return 0;
 	}
+	if (o->shape == SYNTH_FEW && !o->step)
+		o->step = FEW;
+	if (o->shape == SYNTH_GAUSSIANS && !o->range)
+		o->range = UINT64_C(1) << 30;
 	if (!o->range) {
 		widest *= lengthened(o, widest * per_scale);
 		if (widest * per_scale >= (double)range_most)
@@ -111,6 +122,28 @@ static void clustered(const struct synth_options *o, uint64_t h, uint64_t g, int
 	xy[1] = within(o->range, (uint32_t)(middle >> 32)) + bell(reach, g);
 }
 
+/* The widest is 2^20 times as wide as the narrowest; as many of each spread. */
+static void gaussians(const struct synth_options *o, uint64_t h, uint64_t g, int64_t xy[2])
+{
+	uint64_t middle = synth_hash(o->seed + 22, h % GAUSSIANS), spread = synth_hash(middle, 1),
+		 unit = o->range >> 26 ? o->range >> 26 : 1, reach = unit << spread % (SPREADS + 1);
+
+	reach += reach * (spread >> 32 & 0xff) >> 8;
+	xy[0] = within(o->range, (uint32_t)middle) + bell(reach, g);
+	xy[1] = within(o->range, (uint32_t)(middle >> 32)) + bell(reach, synth_hash(g, 4));
+}
+
+/* Along the x axis, turned by the rational direction `x, y`. */
+static void pipeline(const struct synth_options *o, uint64_t h, double x, double y, int64_t xy[2])
+{
+	double per_scale = 1 / decimal_double(o->scale),
+	       along = (synth_fraction((uint32_t)h) - 0.5) * o->width * per_scale,
+	       across = (synth_fraction((uint32_t)(h >> 32)) - 0.5) * o->height * per_scale;
+
+	xy[0] = synth_floor(along * x - across * y + 0.5);
+	xy[1] = synth_floor(along * y + across * x + 0.5);
+}
+
 static void parabola(const struct synth_options *o, uint64_t i, int64_t xy[2])
 {
 	/* y = x^2 exactly while that fits; beyond, the same curve with y in coarser units. */
@@ -159,6 +192,23 @@ static void place(const struct synth_options *o, uint64_t i, int64_t xy[2])
 		xy[0] = within(o->range, (uint32_t)h);
 		xy[1] = xy[0] + within(o->range / 1000 + 2, (uint32_t)(h >> 32));
 		break;
+	case SYNTH_GAUSSIANS:
+		gaussians(o, h, g, xy);
+		break;
+	case SYNTH_PIPELINE:
+		pipeline(o, h, 1, 0, xy);
+		break;
+	case SYNTH_PIPELINE_DIAGONAL:
+		pipeline(o, h, __builtin_sqrt(0.5), __builtin_sqrt(0.5), xy);
+		break;
+	case SYNTH_PIPELINE_SLANTED:
+		pipeline(o, h, 0.8, 0.6, xy);
+		break;
+	case SYNTH_FEW:
+		h = synth_hash(o->seed, h % o->step);
+		xy[0] = within(o->range, (uint32_t)h);
+		xy[1] = within(o->range, (uint32_t)(h >> 32));
+		break;
 	case SYNTH_COLLINEAR:
 		xy[0] = xy[1] = ((int64_t)i - (int64_t)(o->points / 2)) * (int64_t)o->step;
 		break;
@@ -187,7 +237,7 @@ void synth_shape_point(const struct synth_options *o, struct synth_noise *height
 	ret->x = clamped(xy[0]);
 	ret->y = clamped(xy[1]);
 	ret->z = (int32_t)synth_floor(synth_noise_at(height, (double)xy[0], (double)xy[1]) * 10000);
-	if (o->shape == SYNTH_DUPLICATES)
+	if (o->shape == SYNTH_DUPLICATES || o->shape == SYNTH_FEW)
 		ret->z += (int32_t)(synth_hash(o->seed + 1, i) % 1000);
 	ret->intensity = (uint16_t)(i % 4096);
 	ret->source = 1;

@@ -60,7 +60,7 @@ void synth_survey_init(struct synth_survey *s, const struct synth_options *o)
 	s->per_scale = 1 / decimal_double(o->scale);
 	synth_land_init(&s->land, o);
 	s->sway = synth_noise_of(synth_hash(o->seed, 2000), 1.0 / 130);
-	s->swath = o->width * 0.45 < 640 ? o->width * 0.45 : 640;
+	s->swath = o->shape == SYNTH_SWATH ? o->width : o->width * 0.45 < 640 ? o->width * 0.45 : 640;
 	double step = s->swath * 0.8, pulses = (double)o->points / mean_returns(s) * 1.01;
 
 	s->swaths = o->width <= s->swath ? 1 : (uint64_t)((o->width - s->swath) / step) + 2;

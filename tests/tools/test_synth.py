@@ -8,7 +8,8 @@ import tempfile
 
 SYNTH = os.environ["ACUT_SYNTH"]
 SHAPES = ["survey", "uniform", "grid", "clustered", "two-clusters", "circle", "ring", "parabola", "corridor",
-          "corridor-diagonal", "collinear", "duplicates"]
+          "corridor-diagonal", "collinear", "duplicates", "swath", "gaussians", "pipeline", "pipeline-diagonal",
+          "pipeline-slanted", "few"]
 
 # SHA-256 of the point records of 20000 points, seed 7: a change here changes every survey made from a seed.
 KNOWN = {
@@ -16,6 +17,11 @@ KNOWN = {
     ("survey", 6): "6267ee5a5d1640f4c30c09fcd4ac1dd6ccad554736c8caaa1c841d771630a703",
     ("clustered", 1): "278b58b38d89153b01475e8a11059cb2c89b74531b7eeecaaeb0ba94ad23b515",
     ("ring", 1): "6ca5cbddbc161b178bf04c64ee0c68579f2993df2b90fca0c7f7fcb0cf8af278",
+    ("swath", 1): "178bb14a8c135e0011c3f14e9cfe557ffaa16b48855e28dd679f56edd63cfe15",
+    ("gaussians", 1): "db5ad1e194ed7089948c3cbf7ace10ed5a5c1c05bfcd1abb842c15dab1f2bcee",
+    ("pipeline-slanted", 1): "842e1ca5260551f0b10176d064d2d23754777c06a7bcf1dd7d387ce0c08ddcc4",
+    ("pipeline-diagonal", 1): "2039fe3fead88f6a3402c9e00aeda7036283d37c9774b2a01cbb54cead1191b8",
+    ("few", 1): "39f71bf6940c221d176b5484ab199abbdea013b3214035f0e9dce6b4d999c301",
 }
 
 
