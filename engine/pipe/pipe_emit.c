@@ -141,6 +141,37 @@ static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_
 	return 0;
 }
 
+/* Bits [from, to). */
+static void set_bits(uint8_t *bits, uint32_t from, uint32_t to)
+{
+	for (; from < to && from % 8; from++)
+		set_bit(bits, from);
+	for (; to > from && to % 8; to--)
+		set_bit(bits, to - 1);
+	if (from < to)
+		memset(bits + from / 8, 0xff, (to - from) / 8);
+}
+
+/* Few triangles touch open vertices: a piece of them is looked over at once, without a branch. Local numbers
+ * are far below 2^31. */
+static void renumber_corners(uint32_t *corner, size_t n, const struct found *found, uint32_t nopen)
+{
+	enum { PIECE = 48 };
+
+	for (size_t at = 0; at < n; at += PIECE) {
+		size_t end = n - at < PIECE ? n : at + PIECE;
+		int32_t any = 0;
+
+		for (size_t k = at; k < end; k++)
+			any |= (int32_t)corner[k] - (int32_t)nopen;
+		if (any >= 0)
+			continue;
+		for (size_t k = at; k < end; k++)
+			if (corner[k] < nopen)
+				corner[k] = found[corner[k]].where;
+	}
+}
+
 /* Triangles first: they need `where`. Foreign vertices come first, so new ones move up by their count. */
 static void renumber(struct mesh_domain *d, uint32_t nforeign)
 {
@@ -154,9 +185,7 @@ static void renumber(struct mesh_domain *d, uint32_t nforeign)
 		if (found[i].closed)
 			set_bit(d->final, found[i].where);
 	}
-	for (size_t k = 0; k < (size_t)d->ntriangle * 3; k++)
-		if (corner[k] < nopen)
-			corner[k] = found[corner[k]].where;
+	renumber_corners(corner, (size_t)d->ntriangle * 3, found, nopen);
 }
 
 /* New open vertices to the end of the open ones, in order: from behind, each moves up or stays. Foreign
@@ -182,7 +211,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	      const struct mesh_sink *sink, struct err *err)
 {
 	struct mesh_block block = { .index = e->blocks, .first = e->totals.vertices };
-	uint32_t i, nforeign = 0;
+	uint32_t nforeign = 0;
 	int r;
 
 	counts_add(&e->totals.counts, &d->counts);
@@ -195,8 +224,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 		return r;
 	renumber(d, nforeign);
 	settle(d, nforeign);
-	for (i = d->nopen; i < d->nvertex; i++)
-		set_bit(d->final, i);
+	set_bits(d->final, d->nopen, d->nvertex);
 	digest_add(&e->totals.digest, d->digest);
 	digest_add(&e->totals.vertex_digest, d->closed_digest);
 	box_add(e, d);
