@@ -17,7 +17,7 @@
 #include "pipe_priv.h"
 
 /* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
-static const char KERNEL[] = "kernel 2";
+static const char KERNEL[] = "kernel 3";
 
 void *pipe_domain_arena(const struct grid *grid, void *memory)
 {

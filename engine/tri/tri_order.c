@@ -4,8 +4,9 @@
  *
  * A position goes down a round with probability 1/4, by a fixed hash of its coordinates; the smallest round
  * comes first; every other round runs along the curve backwards, so that one ends where the next begins.
- * The curve has 2^16 steps an axis over the bounding square. Where many positions of a round share a cell
- * (tight clusters far apart), they are put along a curve of their own, whose steps are single lattice units.
+ * The curve has 2^12 steps an axis over the bounding square: as many as two passes of a radix sort can use, and
+ * far more cells than a round has positions. Where many positions of a round share a cell all the same (tight
+ * clusters far apart), they are put along a curve of their own, and so on until its steps are single lattice units.
  * Nothing random: the same input gives the same order.
  *
  * The scratch holds two arrays of curve place << 32 | index in the input.
@@ -19,9 +20,9 @@ enum {
 	CURVE_STEP_BITS = 4, /* bits an axis that one table look-up takes */
 	CURVE_STATES = 4,    /* bit 0: axes swapped, bit 1: both axes inverted */
 	CURVE_CELLS = 1 << (2 * CURVE_STEP_BITS),
-	DIGIT_BITS = 11, /* of the radix sort: 11 + 11 + 10 */
+	CURVE_BITS = 12,     /* an axis */
+	DIGIT_BITS = CURVE_BITS, /* of the radix sort: two passes */
 	DIGITS = 1 << DIGIT_BITS,
-	PASSES = 3,
 	SORT_FEW = 48,  /* below, sorting by insertion is faster */
 	CELL_MANY = 12, /* positions of a cell that are worth a curve of their own */
 };
@@ -65,17 +66,17 @@ static void curve_over(struct curve *c, const struct tri_extent *extent)
 	uint64_t height = (uint64_t)((int64_t)extent->max[1] - extent->min[1]);
 
 	memcpy(c->min, extent->min, sizeof(c->min));
-	c->mul = (UINT64_C(1) << 48) / ((width > height ? width : height) + 1);
+	c->mul = (UINT64_C(1) << (32 + CURVE_BITS)) / ((width > height ? width : height) + 1);
 }
 
-/* The place on the curve, 32 bits. */
+/* The place on the curve, 24 bits. */
 static inline uint32_t curve_place(const struct curve *c, const struct mesh_vertex *v)
 {
 	uint32_t x = (uint32_t)(((uint32_t)v->x - (uint32_t)c->min[0]) * c->mul >> 32);
 	uint32_t y = (uint32_t)(((uint32_t)v->y - (uint32_t)c->min[1]) * c->mul >> 32);
 	uint32_t place = 0, state = 0;
 
-	for (int shift = 16 - CURVE_STEP_BITS; shift >= 0; shift -= CURVE_STEP_BITS) {
+	for (int shift = CURVE_BITS - CURVE_STEP_BITS; shift >= 0; shift -= CURVE_STEP_BITS) {
 		uint32_t cell = (x >> shift & 15) << CURVE_STEP_BITS | (y >> shift & 15);
 		uint32_t step = c->step[state][cell];
 
@@ -116,15 +117,15 @@ static void extent_and_rounds(const struct mesh_vertex *in, uint32_t n, struct t
 	*ret = e;
 }
 
-static void sort_few(uint64_t *from, uint64_t *to, uint32_t n)
+static void sort_few(uint64_t *key, uint32_t n)
 {
-	for (uint32_t i = 0; i < n; i++) {
-		uint64_t v = from[i];
+	for (uint32_t i = 1; i < n; i++) {
+		uint64_t v = key[i];
 		uint32_t at = i;
 
-		for (; at > 0 && to[at - 1] > v; at--)
-			to[at] = to[at - 1];
-		to[at] = v;
+		for (; at > 0 && key[at - 1] > v; at--)
+			key[at] = key[at - 1];
+		key[at] = v;
 	}
 }
 
@@ -142,51 +143,50 @@ static void sort_pass(const uint64_t *from, uint64_t *to, uint32_t n, uint32_t p
 		to[place[from[i] >> shift & (DIGITS - 1)]++] = from[i];
 }
 
-/* By the high 32 bits, stable; the result is in `to`, `from` is overwritten. */
-static void sort_round(uint64_t *from, uint64_t *to, uint32_t n)
+/* By the place on the curve, stable. `other`: room for as many. */
+static void sort_round(uint64_t *key, uint64_t *other, uint32_t n)
 {
-	uint32_t count[PASSES][DIGITS];
+	uint32_t count[2][DIGITS];
 
 	if (n < SORT_FEW) {
-		sort_few(from, to, n);
+		sort_few(key, n);
 		return;
 	}
 	memset(count, 0, sizeof(count));
 	for (uint32_t i = 0; i < n; i++) {
-		uint64_t v = from[i] >> 32;
+		uint64_t v = key[i] >> 32;
 
 		count[0][v & (DIGITS - 1)]++;
 		count[1][v >> DIGIT_BITS & (DIGITS - 1)]++;
-		count[2][v >> (2 * DIGIT_BITS)]++;
 	}
-	sort_pass(from, to, n, count[0], 32);
-	sort_pass(to, from, n, count[1], 32 + DIGIT_BITS);
-	sort_pass(from, to, n, count[2], 32 + 2 * DIGIT_BITS);
+	sort_pass(key, other, n, count[0], 32);
+	sort_pass(other, key, n, count[1], 32 + DIGIT_BITS);
 }
 
 /*
  * Where many of a sorted round share a cell of the curve, sort these along a curve over their own box. A
- * cell is at most 2^16 units wide, so that the second curve tells all of them apart.
+ * cell is at most 2^20 units wide, one of the second curve 2^8, one of the third is a unit: so often this goes down.
  */
-static void sort_cells(struct curve *curve, const struct mesh_vertex *in, uint64_t *from, uint64_t *to,
+static void sort_cells(struct curve *curve, const struct mesh_vertex *in, uint64_t *key, uint64_t *other,
 		       uint32_t n, uint32_t backwards)
 {
 	for (uint32_t first = 0, end; first < n; first = end) {
 		struct tri_extent box = nowhere;
 
-		for (end = first + 1; end < n && to[end] >> 32 == to[first] >> 32;)
+		for (end = first + 1; end < n && key[end] >> 32 == key[first] >> 32;)
 			end++;
 		if (end - first < CELL_MANY)
 			continue;
 		for (uint32_t i = first; i < end; i++)
-			extent_add(&box, &in[(uint32_t)to[i]]);
+			extent_add(&box, &in[(uint32_t)key[i]]);
 		curve_over(curve, &box);
 		for (uint32_t i = first; i < end; i++) {
-			uint32_t at = (uint32_t)to[i];
+			uint32_t at = (uint32_t)key[i];
 
-			from[i] = (uint64_t)(curve_place(curve, &in[at]) ^ backwards) << 32 | at;
+			key[i] = (uint64_t)(curve_place(curve, &in[at]) ^ backwards) << 32 | at;
 		}
-		sort_round(from + first, to + first, end - first);
+		sort_round(key + first, other + first, end - first);
+		sort_cells(curve, in, key + first, other + first, end - first, backwards);
 	}
 }
 
@@ -215,7 +215,7 @@ void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, u
 	       struct tri_extent *ret)
 {
 	uint32_t count[ROUND_MAX + 1] = {0}, place[ROUND_MAX + 1], sum = 0;
-	uint64_t *from = scratch, *to = scratch + n;
+	uint64_t *key = scratch, *other = scratch + n;
 	struct curve curve;
 
 	extent_and_rounds(in, n, ret, count);
@@ -228,13 +228,13 @@ void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, u
 	for (uint32_t i = 0; i < n; i++) {
 		unsigned r = round_of(&in[i]);
 
-		from[place[r]++] = (uint64_t)(curve_place(&curve, &in[i]) ^ round_direction(r)) << 32 | i;
+		key[place[r]++] = (uint64_t)(curve_place(&curve, &in[i]) ^ round_direction(r)) << 32 | i;
 	}
 	for (unsigned r = 0; r <= ROUND_MAX; r++) {
 		uint32_t first = place[r] - count[r];
 
-		sort_round(from + first, to + first, count[r]);
-		sort_cells(&curve, in, from + first, to + first, count[r], round_direction(r));
+		sort_round(key + first, other + first, count[r]);
+		sort_cells(&curve, in, key + first, other + first, count[r], round_direction(r));
 	}
-	vertices_place(t, in, to, n);
+	vertices_place(t, in, key, n);
 }
