@@ -151,6 +151,8 @@ void walk_opened(struct walk *w)
 		return;
 	}
 	w->state = w->r == WALK_E_ABSENT ? WALK_UNSELECTED : WALK_OPEN;
+	if (w->state == WALK_OPEN)
+		pipe_key_init(&w->key, w->grid, &w->rest);
 	walk_settle(w);
 }
 
@@ -331,12 +333,33 @@ static bool emit_next(struct walk *w)
 	return !w->emitting;
 }
 
+/*
+ * Whether one more domain may be started before those that are there. One being sent and one ready for when that is
+ * done: so many always. More than these, so that a large domain holds nobody up whose own are small, as long as all
+ * that is made and kept fits the memory that the plan counts on.
+ */
+bool walk_window(const struct walk *w)
+{
+	enum { MOST = 64 };
+	uint64_t each = w->budget.domain_bytes, taken = 0;
+	const struct walk_domain *d;
+	unsigned making = 0;
+
+	if (w->ndomains < w->budget.threads + 2)
+		return true;
+	for (d = w->domains; d; d = d->next) {
+		bool whole = d->state == DOMAIN_MAKING || d->state == DOMAIN_SPLIT;
+
+		/* What is mapped of one that is being made is its worker's to know. */
+		taken += whole ? each : d->size;
+		making += whole;
+	}
+	return w->ndomains < MOST && making < w->budget.threads && taken + each <= (w->budget.threads + 1) * each;
+}
+
 static void make_next(struct walk *w)
 {
-	/* One being sent, and one ready for when that is done. */
-	unsigned window = w->budget.threads + 2;
-
-	while (!w->splitting && w->next_start < walk_reach(w) && w->ndomains < window) {
+	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w)) {
 		if (!walk_domain_start(w, w->next_start, SCHED_NORMAL))
 			return;
 		w->next_start++;

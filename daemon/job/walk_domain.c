@@ -17,6 +17,8 @@
 
 #define HUGE_PAGE ((size_t)2 << 20)
 #define PAGE ((size_t)4096)
+/* Positions from which on an arena fills its huge pages. */
+#define HUGE_COUNT ((uint64_t)1 << 17)
 
 static struct walk_domain *domain_of(struct sched_task *t)
 {
@@ -31,8 +33,9 @@ static size_t page_round(size_t n)
 }
 
 /* Huge pages save the kernel of the triangulation most of its TLB misses; the mapping starts on one and ends
- * with the budget, so that no page beyond it can become resident. */
-static void *memory_map(size_t size)
+ * with the budget, so that no page beyond it can become resident. Of a small domain they would clear far more
+ * memory than it uses: each of the arena's arrays begins on pages of its own. */
+static void *memory_map(size_t size, bool huge)
 {
 	size_t whole = page_round(size) + HUGE_PAGE, head;
 	uint8_t *base =
@@ -44,7 +47,7 @@ static void *memory_map(size_t size)
 	if (head)
 		munmap(base, head);
 	munmap(base + head + page_round(size), HUGE_PAGE - head);
-	madvise(base + head, page_round(size), MADV_HUGEPAGE);
+	madvise(base + head, page_round(size), huge ? MADV_HUGEPAGE : MADV_NOHUGEPAGE);
 	return base + head;
 }
 
@@ -163,11 +166,11 @@ static void make_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
-	struct digest key = pipe_domain_key(w->grid, &w->rest, &d->region);
+	struct digest key = pipe_key_of(&w->key, &d->region);
 
 	d->err = ERR_INIT;
 	d->size = page_round(t->bytes);
-	d->memory = memory_map(d->size);
+	d->memory = memory_map(d->size, d->count >= HUGE_COUNT);
 	if (!d->memory) {
 		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
 		return;
@@ -224,6 +227,7 @@ struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_p
 		return NULL;
 	d->region = w->plan.leaf[index].region;
 	d->sites = w->plan.leaf[index].known ? w->plan.sites : NULL;
+	d->count = w->plan.leaf[index].count;
 	walk_domain_restart(d, priority);
 	return d;
 }
@@ -277,6 +281,7 @@ static void split_done(struct sched_task *t)
 	w->next_start++;
 	d->region = w->plan.leaf[at].region;
 	d->sites = NULL;
+	d->count = w->plan.leaf[at].count;
 	walk_domain_restart(d, SCHED_FIRST);
 	walk_domain_start(w, at + 1, SCHED_FIRST);
 	walk_settle(w);
@@ -296,7 +301,7 @@ static void store_run(struct sched_task *t)
 	struct walk *w = d->walk;
 
 	if (!d->stored)
-		keep(d, pipe_domain_key(w->grid, &w->rest, &d->region));
+		keep(d, pipe_key_of(&w->key, &d->region));
 }
 
 static void store_done(struct sched_task *t)

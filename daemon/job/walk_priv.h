@@ -26,6 +26,7 @@ struct walk_domain {
 	size_t index;
 	struct cut_region region;
 	const struct cut_sites *sites; /* of the plan, if its halo is in them */
+	uint64_t count; /* positions that it owns at most, as the plan knows */
 	struct mesh_domain domain;
 	void *memory;
 	size_t size; /* mapped, and charged to LEDGER_DOMAIN */
@@ -83,6 +84,7 @@ struct walk {
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;
+	struct pipe_key key; /* of its domains; known with `grid` */
 	struct cut_plan plan; /* a worker's while `splitting` */
 	struct plan_file *file; /* where it is kept; NULL: nowhere */
 	struct plan_kept kept;
@@ -144,6 +146,7 @@ int walk_select_count(struct walk *, struct err *err);
 void walk_select_discard(struct walk *);
 void walk_opened(struct walk *); /* the task that opened `grid` is done */
 bool walk_backlog(const struct walk *);
+bool walk_window(const struct walk *); /* room for one more domain */
 
 /* walk_output.c */
 /* All blocks are emitted. False: the output was to go on behind the last one; the walk fails. */

@@ -161,6 +161,12 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
 
 /* Content key of a domain (engine/store). */
 struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region);
+/* The same for the many regions of a mesh: what does not depend on the region (with all its sources) once. */
+struct pipe_key {
+	struct digest part[3];
+};
+void pipe_key_init(struct pipe_key *, const struct grid *grid, const struct view *view);
+struct digest pipe_key_of(const struct pipe_key *, const struct cut_region *region);
 
 /* ---- emit: finished domains, in plan order, to numbered blocks ---- */
 

@@ -126,22 +126,37 @@ struct digest pipe_content(const struct grid *grid)
 	return (struct digest){ content.high64, content.low64 };
 }
 
-struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region)
+void pipe_key_init(struct pipe_key *key, const struct grid *grid, const struct view *view)
 {
-	char region_text[CUT_REGION_TEXT_SIZE], lattice[LATTICE_TEXT_SIZE];
+	char lattice[LATTICE_TEXT_SIZE];
+
+	lattice_text(&grid_manifest(grid)->lattice, lattice);
+	key->part[0] = pipe_content(grid);
+	key->part[1] = digest_hash(lattice, strlen(lattice));
+	key->part[2] = view_hash(view);
+}
+
+struct digest pipe_key_of(const struct pipe_key *whole, const struct cut_region *region)
+{
+	char region_text[CUT_REGION_TEXT_SIZE];
 	struct digest parts[4];
 	XXH128_hash_t key;
 	XXH3_state_t state;
 
-	lattice_text(&grid_manifest(grid)->lattice, lattice);
+	memcpy(parts, whole->part, sizeof whole->part);
 	cut_region_text(region, region_text);
-	parts[0] = pipe_content(grid);
-	parts[1] = digest_hash(lattice, strlen(lattice));
-	parts[2] = view_hash(view);
 	parts[3] = digest_hash(region_text, strlen(region_text));
 	XXH3_128bits_reset(&state);
 	XXH3_128bits_update(&state, KERNEL, sizeof KERNEL);
 	XXH3_128bits_update(&state, parts, sizeof parts);
 	key = XXH3_128bits_digest(&state);
 	return (struct digest){ key.high64, key.low64 };
+}
+
+struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region)
+{
+	struct pipe_key key;
+
+	pipe_key_init(&key, grid, view);
+	return pipe_key_of(&key, region);
 }
