@@ -357,6 +357,11 @@ bool walk_window(const struct walk *w)
 	return w->ndomains < MOST && making < w->budget.threads && taken + each <= (w->budget.threads + 1) * each;
 }
 
+bool walk_crowded(const struct walk *w)
+{
+	return w->keep || (w->next_start < walk_reach(w) && !walk_window(w));
+}
+
 static void make_next(struct walk *w)
 {
 	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w)) {
@@ -384,7 +389,7 @@ static void settle_running(struct walk *w)
 	split_next(w);
 	while (emit_next(w))
 		;
-	if (!w->stopping && walk_backlog(w))
+	if (!w->stopping && walk_backlog(w) && walk_crowded(w))
 		store_backlog(w);
 	if (!w->stopping)
 		make_next(w);

@@ -200,7 +200,7 @@ static bool can_spool(const struct walk *w)
 
 void walk_output_tick(struct walk *w)
 {
-	if (can_spool(w) && (w->output->calls->stalled(w->output) > STALL_SECONDS ||
+	if (can_spool(w) && walk_crowded(w) && (w->output->calls->stalled(w->output) > STALL_SECONDS ||
 			     clock_since(w->sending_ns) > SLOWEST_SECONDS))
 		output_submit(w, spool_run, 0);
 }

@@ -147,6 +147,9 @@ void walk_select_discard(struct walk *);
 void walk_opened(struct walk *); /* the task that opened `grid` is done */
 bool walk_backlog(const struct walk *);
 bool walk_window(const struct walk *); /* room for one more domain */
+/* What waits for a slow reader is to be written to a file. The mesh of one step needs that only where nothing more can
+ * be made otherwise (or where others lack memory, walk_relieve): nobody will ask for its domains again. */
+bool walk_crowded(const struct walk *);
 
 /* walk_output.c */
 /* All blocks are emitted. False: the output was to go on behind the last one; the walk fails. */
