@@ -18,6 +18,11 @@ static int system_openat(int dirfd, const char *path, int flags, mode_t mode)
 	return openat(dirfd, path, flags, mode);
 }
 
+static int system_punch(int fd, off_t from, off_t n)
+{
+	return fallocate(fd, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, from, n);
+}
+
 const struct io_table io_system = {
 	.openat = system_openat,
 	.close = close,
@@ -30,6 +35,7 @@ const struct io_table io_system = {
 	.ftruncate = ftruncate,
 	.fstat = fstat,
 	.mkdirat = mkdirat,
+	.punch = system_punch,
 };
 
 const struct io_table *io = &io_system;

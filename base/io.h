@@ -25,6 +25,7 @@ struct io_table {
 	int (*ftruncate)(int fd, off_t size);
 	int (*fstat)(int fd, struct stat *st);
 	int (*mkdirat)(int dirfd, const char *path, mode_t mode);
+	int (*punch)(int fd, off_t from, off_t n); /* these bytes need no space any more; NULL: they keep it */
 };
 
 extern const struct io_table io_system;

@@ -487,8 +487,9 @@ static void dump_manifest(int dirfd, const char *name)
 
 static void dump_run(int dirfd, const char *name)
 {
-	static _Alignas(16) uint8_t buf[DISK_RUN_BLOCK_MAX];
+	static _Alignas(16) uint8_t buf[DISK_RUN_BLOCK];
 	struct grid_run_reader r;
+	struct grid_run run;
 	struct err err = ERR_INIT;
 	const struct point *pts;
 	const uint32_t *ids;
@@ -496,16 +497,17 @@ static void dump_run(int dirfd, const char *name)
 	uint32_t last_source = 0;
 	bool any = false;
 	size_t n = 1;
-	int rc = grid_run_open(&r, dirfd, name, buf, &err);
+	int rc = grid_run_open(&run, dirfd, name, false, &err);
 
 	if (rc) {
 		print_err(&err);
 		return;
 	}
-	printf("%s: sorted run, %llu records, %llu bytes\n", name, (unsigned long long)r.records,
-	       (unsigned long long)r.bytes);
+	printf("%s: sorted run, %llu records, %llu bytes\n", name, (unsigned long long)run.records,
+	       (unsigned long long)(run.blocks + 1) * DISK_RUN_BLOCK);
+	grid_run_read(&r, &run, 0, run.blocks, buf, 1);
 	while (n && (options.check || options.records)) {
-		uint64_t place = r.at;
+		uint64_t place = (r.next + 1) * DISK_RUN_BLOCK;
 
 		rc = grid_run_next(&r, &pts, &n, &ids, &err);
 		if (rc) {
@@ -528,7 +530,7 @@ static void dump_run(int dirfd, const char *name)
 				print_record(&pts[i], source);
 		}
 	}
-	grid_run_close(&r);
+	grid_run_close(&run);
 }
 
 static void dump_file(int dirfd, const char *name, const char *shown)

@@ -20,6 +20,14 @@ enum { GRID_CELL_RECORDS = 1024, GRID_RUN_SOURCES = 4096 };
 
 /* ---- writing: stage -> sorted runs -> one segment ---- */
 
+/* How several threads that work on one stage keep out of each other's way; all members NULL: there is one. */
+struct grid_guard {
+	void (*lock)(void *ctx), (*unlock)(void *ctx);
+	void (*wait)(void *ctx); /* unlocks until somebody wakes; may return for no reason */
+	void (*wake)(void *ctx); /* all who wait; under the lock */
+	void *ctx;
+};
+
 struct grid_stage;
 
 struct grid_stage_params {
@@ -27,6 +35,7 @@ struct grid_stage_params {
 	const char *name;       /* file name stem of the segment, unique in the folder */
 	size_t memory;          /* bytes the stage may use for its buffers; the caller has charged them */
 	bool durable;           /* runs are fsynced; if not, grid_stage_sync does nothing */
+	bool passing;           /* nor need the segment outlive a crash: it is not fsynced */
 };
 
 /* The least `memory` that does. */
@@ -37,6 +46,16 @@ int grid_stage_new(const struct grid_stage_params *, struct grid_stage **ret, st
 int grid_stage_source(struct grid_stage *, uint32_t id, struct err *err);
 /* Points with lattice coordinates; the tag carries flags only. Sorts and spills when full. */
 int grid_stage_add(struct grid_stage *, const struct point *pts, size_t n, struct err *err);
+
+/*
+ * Points of one source by several threads: after the split each adds to a lane of its own, sorts it and writes
+ * it out when it is full; until grid_stage_join nothing else may be done with the stage. `guard` is copied.
+ */
+enum { GRID_LANES = 16 };
+unsigned grid_stage_lanes(const struct grid_stage *); /* that its memory carries, at least 1 */
+int grid_stage_split(struct grid_stage *, unsigned lanes, const struct grid_guard *guard, struct err *err);
+int grid_stage_lane_add(struct grid_stage *, unsigned lane, const struct point *pts, size_t n, struct err *err);
+void grid_stage_join(struct grid_stage *);
 /* Everything added so far lies in fsynced runs when this returns (durable stages). */
 int grid_stage_sync(struct grid_stage *, struct err *err);
 
@@ -51,6 +70,24 @@ struct grid_segment_info {
 /* Merge the runs (and what is still in memory) into a segment, published durably. Runs are removed, unless the
  * stage was left: then they stay until grid_stage_free or grid_stage_discard. */
 int grid_stage_seal(struct grid_stage *, struct grid_segment_info *ret, struct err *err);
+
+/*
+ * The same in steps, by several threads: the segment does not depend on how many there are, nor on who does what.
+ * Between begin and finish nothing else may be done with the stage.
+ */
+struct grid_seal;
+enum { GRID_SEAL_OVER = 1 };
+/* `workers`: as many as will be there, at most. */
+int grid_seal_begin(struct grid_stage *, unsigned workers, const struct grid_guard *guard, struct grid_seal **ret,
+		    struct err *err);
+unsigned grid_seal_workers(const struct grid_seal *); /* that its memory keeps busy, at least 1 */
+/* Any thread: a piece of the work. GRID_SEAL_OVER: nobody need begin another. Whatever fails fails for all. */
+int grid_seal_step(struct grid_seal *, struct err *err);
+/* Any thread: the records that are in the segment so far, and that will be. */
+void grid_seal_progress(struct grid_seal *, uint64_t *ret_done, uint64_t *ret_all);
+/* When all who took steps are back: what grid_stage_seal returns. Frees the seal. */
+int grid_seal_finish(struct grid_seal *, struct grid_segment_info *ret, struct err *err);
+
 /* After a failure nothing but grid_stage_free and grid_stage_part works. Frees; what was not sealed is removed
  * from disk, also what was left. */
 struct grid_stage *grid_stage_free(struct grid_stage *);

@@ -7,7 +7,9 @@
  * k. A(b) may not hold the record before: its cell is maximal, so every aligned range that holds more than
  * that cell is too full. So b <= the highest bit in which the previous key differs from k. And A(b) may
  * not hold the record GRID_CELL_RECORDS places further on: b <= the highest bit in which that one's key
- * differs from k. Both conditions are sufficient too, so the cell is A(the smaller of the two).
+ * differs from k. Both conditions are sufficient too, so the cell is A(the smaller of the two). Instead of the
+ * previous record's key any key between it and the cell does, if it is known to be in no cell with k: A(b) holds
+ * it wherever A(b) holds the record.
  */
 #include "grid_cell.h"
 
@@ -22,14 +24,18 @@ static inline unsigned highest_bit(uint64_t v)
 	return 63u - (unsigned)__builtin_clzll(v);
 }
 
-size_t grid_cell_extent(const struct point *pts, size_t n, bool has_prev, uint64_t prev, unsigned *ret_bits)
+size_t grid_cell_extent(const struct point *pts, size_t n, const uint64_t *prev, const uint64_t *next,
+			unsigned *ret_bits)
 {
 	uint64_t key = point_morton(pts[0].x, pts[0].y);
-	unsigned bits = has_prev ? highest_bit(prev ^ key) : 64;
+	unsigned bits = prev ? highest_bit(*prev ^ key) : 64;
+
+	if (next && highest_bit(*next ^ key) < bits)
+		bits = highest_bit(*next ^ key);
 
 	if (n > GRID_CELL_RECORDS) {
-		const struct point *next = &pts[GRID_CELL_RECORDS];
-		uint64_t differ = point_morton(next->x, next->y) ^ key;
+		const struct point *beyond = &pts[GRID_CELL_RECORDS];
+		uint64_t differ = point_morton(beyond->x, beyond->y) ^ key;
 
 		if (!differ) {
 			*ret_bits = 0;
@@ -71,9 +77,17 @@ uint64_t grid_check(const void *bytes, size_t n, uint64_t seed)
 
 /* ---- making blocks ---- */
 
-/* Records without sources to `out`; box, distinct positions, sum and classes of them. */
-static void survey(const struct point *pts, size_t n, struct point *out, struct grid_block_info *info,
-		   uint32_t classes[256])
+static unsigned count_classes(const struct point *pts, size_t n, uint32_t counts[256])
+{
+	unsigned classes = 0;
+
+	for (size_t i = 0; i < n; i++)
+		classes += counts[pts[i].cls]++ == 0;
+	return classes;
+}
+
+/* Records without sources to `out`; box, distinct positions and sum of them. */
+static void survey(const struct point *pts, size_t n, struct point *out, struct grid_block_info *info)
 {
 	int32_t x0 = pts[0].x, x1 = x0, y0 = pts[0].y, y1 = y0;
 	uint32_t distinct = 1;
@@ -86,7 +100,6 @@ static void survey(const struct point *pts, size_t n, struct point *out, struct 
 
 		sum.hi += h.high64;
 		sum.lo += h.low64;
-		classes[pts[i].cls]++;
 	}
 	for (size_t i = 1; i < n; i++) {
 		x0 = pts[i].x < x0 ? pts[i].x : x0;
@@ -127,8 +140,8 @@ static int by_id(const void *a, const void *b)
 	return x < y ? -1 : x > y;
 }
 
-/* Tables of several sources: which there are, ascending, their counts and sums; index into every tag. */
-static unsigned tabulate(struct point *records, size_t n, const uint32_t *ids, struct disk_source *out)
+/* Which sources there are, ascending. */
+static unsigned tabulate_ids(const uint32_t *ids, size_t n, struct disk_source *out)
 {
 	uint32_t sorted[GRID_CELL_RECORDS];
 	unsigned count = 0, at = 0;
@@ -144,35 +157,52 @@ static unsigned tabulate(struct point *records, size_t n, const uint32_t *ids, s
 	count = at + 1;
 	for (unsigned i = 0; i < count; i++)
 		out[i] = (struct disk_source){.id = sorted[i]};
-	at = 0;
-	for (size_t i = 0; i < n; i++) {
-		if (sorted[at] != ids[i]) {
-			const uint32_t *hit = bsearch(&ids[i], sorted, count, sizeof *sorted, by_id);
-
-			at = (unsigned)(hit - sorted);
-		}
-		struct digest h = grid_record_hash(&records[i]);
-
-		out[at].records++;
-		out[at].sum_hi += h.hi;
-		out[at].sum_lo += h.lo;
-		records[i].tag = (uint16_t)(point_flags(&records[i]) | at << POINT_SOURCE_SHIFT);
-	}
 	return count;
 }
 
+static int by_source(const void *key, const void *source)
+{
+	return by_id(key, &((const struct disk_source *)source)->id);
+}
+
+/* Their counts and sums, and the index into every tag. */
+static void tabulate(struct point *records, size_t n, const uint32_t *ids, struct disk_source *out, unsigned count)
+{
+	struct disk_source *at = out;
+
+	for (size_t i = 0; i < n; i++) {
+		if (at->id != ids[i])
+			at = bsearch(&ids[i], out, count, sizeof *out, by_source);
+		struct digest h = grid_record_hash(&records[i]);
+
+		at->records++;
+		at->sum_hi += h.hi;
+		at->sum_lo += h.lo;
+		records[i].tag =
+		    (uint16_t)(point_flags(&records[i]) | (unsigned)(at - out) << POINT_SOURCE_SHIFT);
+	}
+}
+
 void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table,
-		     uint64_t place, void *out, struct grid_block_info *ret)
+		     void *out, struct grid_block_info *ret)
 {
 	uint32_t counts[256] = {0}, space[GRID_CELL_RECORDS], only;
 	struct disk_source sources[GRID_CELL_RECORDS];
-	struct point records[GRID_CELL_RECORDS];
 	struct disk_block head = {.records = (uint32_t)n, .sources = 1};
 
-	survey(pts, n, records, ret, counts);
 	ids = resolve(pts, n, ids, table, space, &only);
+	/* Its head's size depends on sources and classes, which are few, or found without the records' place. */
+	head.classes = (uint16_t)count_classes(pts, n, counts);
 	if (ids)
-		head.sources = (uint16_t)tabulate(records, n, ids, sources);
+		head.sources = (uint16_t)tabulate_ids(ids, n, sources);
+	ret->head_bytes = disk_head_bytes(&head);
+	ret->bytes = ret->head_bytes + n * sizeof(struct point);
+
+	struct point *records = (struct point *)((uint8_t *)out + ret->head_bytes);
+
+	survey(pts, n, records, ret);
+	if (ids)
+		tabulate(records, n, ids, sources, head.sources);
 	else
 		sources[0] = (struct disk_source){only, (uint32_t)n, ret->sum.hi, ret->sum.lo};
 	ret->source = ids ? 0 : only;
@@ -181,24 +211,31 @@ void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, con
 
 	memcpy(at, sources, head.sources * sizeof *sources);
 	at += head.sources * sizeof *sources;
-	for (unsigned c = 0; c < 256; c++) {
+	for (unsigned c = 0, left = head.classes; left; c++) {
 		if (!counts[c])
 			continue;
 		struct disk_class entry = {.cls = (uint8_t)c, .records = (uint16_t)counts[c]};
 
 		memcpy(at, &entry, sizeof entry);
 		at += sizeof entry;
-		head.classes++;
+		left--;
 	}
-	ret->head_bytes = disk_head_bytes(&head);
-	ret->bytes = ret->head_bytes + n * sizeof *records;
 	memset(at, 0, (size_t)((uint8_t *)out + ret->head_bytes - at));
-	memcpy((uint8_t *)out + ret->head_bytes, records, n * sizeof *records);
-	head.records_check = grid_check(records, n * sizeof *records, place);
 	memcpy(out, &head, sizeof head);
-	head.check = grid_check((uint8_t *)out + 8, ret->head_bytes - 8, place);
-	memcpy(out, &head, sizeof head);
-	ret->check = head.check;
+}
+
+uint64_t grid_block_place(void *block, uint64_t place)
+{
+	struct disk_block head;
+
+	memcpy(&head, block, sizeof head);
+	size_t bytes = disk_head_bytes(&head);
+
+	head.records_check = grid_check((uint8_t *)block + bytes, head.records * sizeof(struct point), place);
+	memcpy(block, &head, sizeof head);
+	head.check = grid_check((uint8_t *)block + 8, bytes - 8, place);
+	memcpy(block, &head, sizeof head);
+	return head.check;
 }
 
 /* ---- reading blocks ---- */

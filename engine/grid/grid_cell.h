@@ -18,17 +18,18 @@ struct err;
 
 /*
  * The cell that begins with pts[0]. `n` sorted records are in sight; either n > GRID_CELL_RECORDS, or they
- * are the last ones (`end`). `prev` is the key of the record before, if there is one. Returns how many
- * records the cell has and the size of its range, 2^*ret_bits keys; 0: the cell is one position with more
- * than GRID_CELL_RECORDS records.
+ * are the last ones. `prev` is a key that is not in the cell: that of the record before, or any between it and
+ * the cell; NULL: there is no record before. `next`, if not NULL: a key behind the last record that is
+ * not in its cell. Returns how many records the cell has and the size of its range, 2^*ret_bits keys; 0: the
+ * cell is one position with more than GRID_CELL_RECORDS records.
  */
-size_t grid_cell_extent(const struct point *pts, size_t n, bool has_prev, uint64_t prev, unsigned *ret_bits);
+size_t grid_cell_extent(const struct point *pts, size_t n, const uint64_t *prev, const uint64_t *next,
+			unsigned *ret_bits);
 
 /* ---- blocks ---- */
 
 struct grid_block_info {
 	size_t head_bytes, bytes;
-	uint64_t check;
 	uint32_t distinct;
 	uint32_t source;          /* of all records, or 0 */
 	int32_t box[4];
@@ -36,12 +37,14 @@ struct grid_block_info {
 };
 
 /*
- * The bytes of the block at `place` with these n (1..GRID_CELL_RECORDS) sorted records into `out`
- * (DISK_BLOCK_MAX bytes, aligned to 16). Their sources are ids[i], or if ids is NULL table[source index of
- * record i].
+ * The bytes of a block with these n (1..GRID_CELL_RECORDS) sorted records into `out`
+ * (DISK_BLOCK_MAX bytes, aligned to 16), all but its checksums. Their sources are ids[i], or if ids is NULL
+ * table[source index of record i].
  */
 void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table,
-		     uint64_t place, void *out, struct grid_block_info *ret);
+		     void *out, struct grid_block_info *ret);
+/* The checksums, when its place is known; returns that of the head. */
+uint64_t grid_block_place(void *block, uint64_t place);
 
 /* What a block's bytes say, checked. All pointers into the block. */
 struct grid_block {

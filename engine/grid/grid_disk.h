@@ -23,8 +23,10 @@ enum {
 	DISK_MANIFEST_VERSION = 3, /* 1 had no paths, sizes and times of sources, 2 no geoid; both are read */
 	DISK_ALIGN = 16,
 	DISK_HEADER = 4096,      /* of a segment */
-	DISK_RUN_HEADER = 64,
-	DISK_RUN_RECORDS = 4096, /* at most, a block of a run */
+	DISK_RUN_VERSION = 2,    /* 1 had blocks of any size */
+	DISK_RUN_BLOCK = 8192,   /* bytes; the header of a run is one, too */
+	DISK_RUN_RECORDS = 510,  /* at most, a block of a run */
+	DISK_RUN_LEAST = 408,    /* in every block but the last, if each record has a source of its own */
 	DISK_PAGE = 16384,       /* of the index */
 	DISK_LEVELS = 9,         /* 185^9 > 2^64: no index is higher */
 };
@@ -135,25 +137,24 @@ static inline uint64_t disk_range_end(uint64_t lo, unsigned bits)
 /* ---- runs ---- */
 
 struct disk_run {
-	uint64_t check;          /* of the other bytes of the header */
+	uint64_t check;          /* of the other bytes of the header, DISK_RUN_BLOCK in all */
 	char magic[8];
-	uint32_t version, block_records;
+	uint32_t version, block_bytes;
 	uint64_t records, blocks, bytes, zero[2];
 };
-_Static_assert(sizeof(struct disk_run) == DISK_RUN_HEADER, "FORMAT.md");
+_Static_assert(sizeof(struct disk_run) == 64, "FORMAT.md");
 
-/* This, uint32 ids[sources] ascending, zeros to a multiple of 16, records. */
+/* Block i lies at (i + 1) * DISK_RUN_BLOCK: this, records, uint32 ids[sources] ascending, zeros. */
 struct disk_run_block {
 	uint64_t check;          /* of the other bytes of the block; seed: place in the file */
-	uint32_t records, sources;
+	uint16_t records, sources;
+	uint32_t zero;
 };
 _Static_assert(sizeof(struct disk_run_block) == 16, "FORMAT.md");
 
-#define DISK_RUN_BLOCK_MAX (sizeof(struct disk_run_block) + DISK_RUN_RECORDS * (4 + sizeof(struct point)))
-
-static inline size_t disk_run_head_bytes(const struct disk_run_block *b)
+static inline size_t disk_run_used(unsigned records, unsigned sources)
 {
-	return disk_align(sizeof *b + b->sources * (size_t)4);
+	return sizeof(struct disk_run_block) + records * sizeof(struct point) + sources * (size_t)4;
 }
 
 #endif

@@ -30,7 +30,7 @@ int grid_file_create(struct grid_file *f, int dirfd, const char *name, void *buf
 
 static int flush(struct grid_file *f, struct err *err)
 {
-	int rc = io_write_at(f->fd, f->buf, f->used, f->at, f->temp, err);
+	int rc = f->used ? io_write_at(f->fd, f->buf, f->used, f->at, f->temp, err) : 0;
 
 	if (rc)
 		return rc;

@@ -111,13 +111,13 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_l
 
 static int check_runs(int dirfd, const char *stem, const struct grid_left *left, struct err *err)
 {
-	struct grid_run_reader r;
+	struct grid_run r;
 	char name[GRID_NAME_MAX];
 	int rc = 0;
 
 	for (size_t i = 0; rc == 0 && i < left->nruns; i++) {
 		grid_left_run_name(stem, left->runs[i], name);
-		rc = grid_run_open(&r, dirfd, name, NULL, err);
+		rc = grid_run_open(&r, dirfd, name, false, err);
 		if (rc == 0)
 			grid_run_close(&r);
 	}

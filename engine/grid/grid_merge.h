@@ -1,4 +1,4 @@
-/* Merging sorted inputs, runs and memory, into one sorted stream. Internal. */
+/* Merging sorted inputs, parts of runs and of memory, into one sorted stream. Internal. */
 #ifndef GRID_MERGE_H
 #define GRID_MERGE_H
 
@@ -11,30 +11,41 @@
 
 struct err;
 
-enum { GRID_MERGE_INPUTS = 256 };
+enum { GRID_MERGE_INPUTS = 512 };
 
+/* Records from key `lo` to key `hi`, both included. */
 struct grid_merge_input {
 	const struct point *at, *end;
 	const uint32_t *table;    /* source index of a record -> source */
-	uint64_t key;             /* of *at */
+	uint64_t lo, hi;
 	bool done;
-	struct grid_run_reader run; /* fd -1: from memory */
+	struct grid_run_reader run; /* run NULL: from memory */
+	uint64_t *seen;           /* if not NULL: counts the records taken from the run */
+};
+
+struct grid_merge_seat {
+	uint64_t key;             /* of the record that is next, the largest when there is none */
+	int who;
 };
 
 struct grid_merge {
-	unsigned n;
-	int tree[GRID_MERGE_INPUTS + 1]; /* 0: the winner; else the loser of that match */
-	struct grid_merge_input input[GRID_MERGE_INPUTS + 1];
+	unsigned n, room;
+	unsigned wins;            /* how often the winner has won in a row */
+	struct grid_merge_seat *tree; /* 0: the winner; else the loser of that match */
+	struct grid_merge_input *input;
 };
 
-void grid_merge_init(struct grid_merge *);
-/* Inputs, at most GRID_MERGE_INPUTS runs and one from memory. `buffer`: DISK_RUN_BLOCK_MAX bytes. */
-int grid_merge_run(struct grid_merge *, int dirfd, const char *name, void *buffer, struct err *err);
-void grid_merge_memory(struct grid_merge *, const struct point *pts, size_t n, const uint32_t *table);
+/* Bytes of memory, aligned to 16, for so many inputs. */
+size_t grid_merge_bytes(unsigned inputs);
+void grid_merge_init(struct grid_merge *, unsigned inputs, void *memory);
+/* Inputs. Those without records in lo..hi are left out. */
+int grid_merge_run(struct grid_merge *, const struct grid_run_reader *, uint64_t lo, uint64_t hi, uint64_t *seen,
+		   struct err *err);
+void grid_merge_memory(struct grid_merge *, const struct point *pts, size_t n, const uint32_t *table, uint64_t lo,
+		       uint64_t hi);
 void grid_merge_start(struct grid_merge *);
 /* The next records, up to max, and their sources (ids may be NULL); *ret_n < max only at the end. */
 int grid_merge_take(struct grid_merge *, struct point *pts, uint32_t *ids, size_t max, size_t *ret_n,
 		    struct err *err);
-void grid_merge_close(struct grid_merge *);
 
 #endif

@@ -1,6 +1,7 @@
 /*
  * Sorted runs (grid_run.h). A block carries the table of its own sources, so runs can be merged into longer
- * runs without a limit on the number of sources.
+ * runs without a limit on the number of sources. All blocks have one size in bytes and their records in front:
+ * where a key lies is found by looking at the first records of few blocks, and needs no index.
  */
 #include "grid_run.h"
 
@@ -20,17 +21,17 @@ int grid_run_begin(struct grid_run_writer *w, int dirfd, const char *name, void 
 {
 	uint8_t *room;
 
-	assert(cap >= DISK_RUN_BLOCK_MAX);
+	assert(cap >= DISK_RUN_BLOCK);
 	*w = (struct grid_run_writer){.file = GRID_FILE_INIT};
-	int rc = grid_file_create(&w->file, dirfd, name, buffer, cap, err);
+	int rc = grid_file_create(&w->file, dirfd, name, buffer, cap - cap % DISK_RUN_BLOCK, err);
 
 	if (rc)
 		return rc;
-	rc = grid_file_reserve(&w->file, DISK_RUN_HEADER, &room, err);
+	rc = grid_file_reserve(&w->file, DISK_RUN_BLOCK, &room, err);
 	if (rc)
 		return rc;
-	memset(room, 0, DISK_RUN_HEADER);
-	grid_file_commit(&w->file, DISK_RUN_HEADER);
+	memset(room, 0, DISK_RUN_BLOCK);
+	grid_file_commit(&w->file, DISK_RUN_BLOCK);
 	return 0;
 }
 
@@ -62,74 +63,91 @@ static uint32_t collect(const struct point *pts, const uint32_t *ids, const uint
 	return at + 1;
 }
 
-/* One block of n <= DISK_RUN_RECORDS. */
-static int put_block(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids,
-		     const uint32_t *table, size_t n, struct err *err)
+static void put_records(struct point *out, const struct point *pts, const uint32_t *ids, const uint32_t *table,
+			size_t n, const uint32_t *sources, unsigned nsources)
 {
-	uint32_t sources[DISK_RUN_RECORDS];
-	struct disk_run_block head = {.records = (uint32_t)n,
-				      .sources = collect(pts, ids, table, n, sources)};
-	size_t head_bytes = disk_run_head_bytes(&head), used = sizeof head + head.sources * sizeof *sources;
-	size_t bytes = head_bytes + n * sizeof *pts;
-	uint64_t place;
-	uint8_t *room;
-	int rc = grid_file_reserve(&w->file, bytes, &room, err);
-
-	if (rc)
-		return rc;
-	place = grid_file_place(&w->file);
-	memcpy(room + sizeof head, sources, head.sources * sizeof *sources);
-	memset(room + used, 0, head_bytes - used);
-	struct point *out = (struct point *)(room + head_bytes);
-
 	for (size_t i = 0, at = 0; i < n; i++) {
 		out[i] = pts[i];
-		if (head.sources > 1) {
+		if (nsources > 1) {
 			uint32_t id = ids ? ids[i] : table[point_source(&pts[i])];
 
-			if (sources[at] != id)
-				at = (size_t)((uint32_t *)bsearch(&id, sources, head.sources, sizeof *sources,
-								  by_id) -
-					      sources);
+			if (sources[at] != id) {
+				const uint32_t *hit = bsearch(&id, sources, nsources, sizeof *sources, by_id);
+
+				at = (size_t)(hit - sources);
+			}
 		}
 		out[i].tag = (uint16_t)(point_flags(&pts[i]) | at << POINT_SOURCE_SHIFT);
 	}
+}
+
+/* One block of the first of n records; *ret_n: how many. */
+static int put_block(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids,
+		     const uint32_t *table, size_t n, size_t *ret_n, struct err *err)
+{
+	uint32_t sources[DISK_RUN_RECORDS];
+	struct disk_run_block head = {0};
+	uint8_t *room;
+	int rc = grid_file_reserve(&w->file, DISK_RUN_BLOCK, &room, err);
+
+	if (rc)
+		return rc;
+	n = n < DISK_RUN_RECORDS ? n : DISK_RUN_RECORDS;
+	head.sources = (uint16_t)collect(pts, ids, table, n, sources);
+	if (disk_run_used((unsigned)n, head.sources) > DISK_RUN_BLOCK) { /* fewer have no more sources */
+		n = (DISK_RUN_BLOCK - disk_run_used(0, head.sources)) / sizeof *pts;
+		n = n > DISK_RUN_LEAST ? n : DISK_RUN_LEAST;
+		head.sources = (uint16_t)collect(pts, ids, table, n, sources);
+	}
+	head.records = (uint16_t)n;
+	size_t used = disk_run_used((unsigned)n, head.sources);
+	uint64_t place = grid_file_place(&w->file);
+
+	put_records((struct point *)(room + sizeof head), pts, ids, table, n, sources, head.sources);
+	memcpy(room + used - head.sources * sizeof *sources, sources, head.sources * sizeof *sources);
+	memset(room + used, 0, DISK_RUN_BLOCK - used);
 	memcpy(room, &head, sizeof head);
-	head.check = grid_check(room + 8, bytes - 8, place);
+	head.check = grid_check(room + 8, DISK_RUN_BLOCK - 8, place);
 	memcpy(room, &head, sizeof head);
-	grid_file_commit(&w->file, bytes);
+	grid_file_commit(&w->file, DISK_RUN_BLOCK);
 	w->records += n;
 	w->blocks++;
+	*ret_n = n;
 	return 0;
 }
 
 int grid_run_add(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids,
-		 const uint32_t *table, size_t n, struct err *err)
+		 const uint32_t *table, size_t n, bool end, size_t *ret_taken, struct err *err)
 {
-	for (size_t at = 0; at < n;) {
-		size_t part = n - at < DISK_RUN_RECORDS ? n - at : DISK_RUN_RECORDS;
-		int rc = put_block(w, pts + at, ids ? ids + at : NULL, table, part, err);
+	size_t at = 0, part;
+
+	for (; n - at >= DISK_RUN_RECORDS || (end && at < n); at += part) {
+		int rc = put_block(w, pts + at, ids ? ids + at : NULL, table, n - at, &part, err);
 
 		if (rc)
 			return rc;
-		at += part;
 	}
+	*ret_taken = at;
 	return 0;
 }
 
 int grid_run_finish(struct grid_run_writer *w, bool durable, uint64_t *ret_records, struct err *err)
 {
-	struct disk_run head = {
-	    .version = DISK_VERSION,
-	    .block_records = DISK_RUN_RECORDS,
+	union {
+		struct disk_run head;
+		uint8_t bytes[DISK_RUN_BLOCK];
+	} u = {.bytes = {0}};
+
+	u.head = (struct disk_run){
+	    .version = DISK_RUN_VERSION,
+	    .block_bytes = DISK_RUN_BLOCK,
 	    .records = w->records,
 	    .blocks = w->blocks,
 	    .bytes = grid_file_place(&w->file),
 	};
-
-	memcpy(head.magic, DISK_RUN_MAGIC, sizeof head.magic);
-	head.check = grid_check((uint8_t *)&head + 8, sizeof head - 8, 0);
-	int rc = grid_file_patch(&w->file, 0, &head, sizeof head, err);
+	memcpy(u.head.magic, DISK_RUN_MAGIC, sizeof u.head.magic);
+	u.head.check = grid_check(u.bytes + 8, sizeof u - 8, 0);
+	int rc = grid_file_patch(&w->file, 0, &u, sizeof u, err);
 
 	if (rc == 0)
 		rc = grid_file_publish(&w->file, durable, err);
@@ -143,9 +161,9 @@ void grid_run_abort(struct grid_run_writer *w)
 	grid_file_abort(&w->file);
 }
 
-/* ---- reading ---- */
+/* ---- an open run ---- */
 
-static int damaged(const struct grid_run_reader *r, uint64_t place, const char *what, struct err *err)
+int grid_run_damaged(const struct grid_run *r, uint64_t place, const char *what, struct err *err)
 {
 	err_set(err, ERR_CORRUPT, "the sorted run is damaged: %s", what);
 	err_add_place(err, place, NULL);
@@ -153,39 +171,48 @@ static int damaged(const struct grid_run_reader *r, uint64_t place, const char *
 	return err_add_hint(err, "push the files again, and check the disk");
 }
 
-static int read_header(struct grid_run_reader *r, struct err *err)
+/* n bytes of the file; its end before that is damage. */
+static int fetch(const struct grid_run *r, void *to, size_t n, uint64_t place, struct err *err)
 {
-	struct disk_run head;
-	struct stat st;
-	int rc = io_read_at(r->fd, &head, sizeof head, 0, r->name, err);
+	int rc = io_read_at(r->fd, to, n, place, r->name, err);
 
-	if (rc == -ERR_TRUNCATED) {
-		err_clear(err);
-		return damaged(r, 0, "it has no header", err);
-	}
+	if (rc != -ERR_TRUNCATED)
+		return rc;
+	err_clear(err);
+	return grid_run_damaged(r, place, "it is cut off", err);
+}
+
+static int read_header(struct grid_run *r, struct err *err)
+{
+	union {
+		struct disk_run head;
+		uint8_t bytes[DISK_RUN_BLOCK];
+	} u;
+	const struct disk_run *h = &u.head;
+	struct stat st;
+	int rc = fetch(r, &u, sizeof u, 0, err);
+
 	if (rc)
 		return rc;
-	if (head.check != grid_check((uint8_t *)&head + 8, sizeof head - 8, 0) ||
-	    memcmp(head.magic, DISK_RUN_MAGIC, sizeof head.magic) || head.version != DISK_VERSION ||
-	    head.block_records != DISK_RUN_RECORDS)
-		return damaged(r, 0, "its header is not one", err);
+	if (h->check != grid_check(u.bytes + 8, sizeof u - 8, 0) || memcmp(h->magic, DISK_RUN_MAGIC, sizeof h->magic) ||
+	    h->version != DISK_RUN_VERSION || h->block_bytes != DISK_RUN_BLOCK)
+		return grid_run_damaged(r, 0, "its header is not one", err);
 	if (io->fstat(r->fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		return err_add_file(err, r->name);
 	}
-	if ((uint64_t)st.st_size != head.bytes)
-		return damaged(r, 0, "its size is not what its header says", err);
-	r->bytes = head.bytes;
-	r->records = head.records;
-	r->at = sizeof head;
+	if ((uint64_t)st.st_size != h->bytes || h->blocks != h->bytes / DISK_RUN_BLOCK - 1)
+		return grid_run_damaged(r, 0, "its size is not what its header says", err);
+	r->records = h->records;
+	r->blocks = h->blocks;
 	return 0;
 }
 
-int grid_run_open(struct grid_run_reader *r, int dirfd, const char *name, void *buffer, struct err *err)
+int grid_run_open(struct grid_run *r, int dirfd, const char *name, bool consumed, struct err *err)
 {
-	*r = (struct grid_run_reader){.fd = -1, .buf = buffer, .hint = DISK_RUN_BLOCK_MAX};
+	*r = GRID_RUN_INIT;
 	snprintf(r->name, sizeof r->name, "%s", name);
-	int rc = io_open(dirfd, name, O_RDONLY, 0, &r->fd, err);
+	int rc = io_open(dirfd, name, consumed ? O_RDWR : O_RDONLY, 0, &r->fd, err);
 
 	if (rc == 0)
 		rc = read_header(r, err);
@@ -194,62 +221,98 @@ int grid_run_open(struct grid_run_reader *r, int dirfd, const char *name, void *
 	return rc;
 }
 
-/* The bytes of the next block into the buffer: as many as the last one had, the rest if it is longer. */
-static int fetch(struct grid_run_reader *r, struct disk_run_block *ret_head, size_t *ret_bytes,
-		 struct err *err)
+void grid_run_close(struct grid_run *r)
 {
-	uint64_t left = r->bytes - r->at;
-	size_t got = left < r->hint ? (size_t)left : r->hint;
+	r->fd = io_close(r->fd);
+}
 
-	if (got < sizeof *ret_head)
-		return damaged(r, r->at, "a block is cut off", err);
-	int rc = io_read_at(r->fd, r->buf, got, r->at, r->name, err);
+static uint64_t place_of(uint64_t block)
+{
+	return (block + 1) * DISK_RUN_BLOCK;
+}
 
-	if (rc)
-		return rc;
-	memcpy(ret_head, r->buf, sizeof *ret_head);
-	if (!ret_head->records || ret_head->records > DISK_RUN_RECORDS || !ret_head->sources ||
-	    ret_head->sources > DISK_RUN_RECORDS)
-		return damaged(r, r->at, "a block has an impossible size", err);
-	*ret_bytes = disk_run_head_bytes(ret_head) + ret_head->records * sizeof(struct point);
-	if (*ret_bytes > left)
-		return damaged(r, r->at, "a block reaches beyond the end", err);
-	if (*ret_bytes > got)
-		rc = io_read_at(r->fd, r->buf + got, *ret_bytes - got, r->at + got, r->name, err);
+int grid_run_key(const struct grid_run *r, uint64_t block, uint64_t *ret_key, struct err *err)
+{
+	struct point first;
+	int rc = fetch(r, &first, sizeof first, place_of(block) + sizeof(struct disk_run_block), err);
+
+	if (rc == 0)
+		*ret_key = point_morton(first.x, first.y);
 	return rc;
+}
+
+int grid_run_find(const struct grid_run *r, uint64_t from, uint64_t key, uint64_t *ret_block, struct err *err)
+{
+	uint64_t to = from, step = 1, at = 0;
+	int rc = 0;
+
+	/* By steps that double, then by halving: what is looked at is read soon. All before `from` is less. */
+	while (rc == 0 && to < r->blocks) {
+		rc = grid_run_key(r, to, &at, err);
+		if (rc || at >= key)
+			break;
+		from = to + 1;
+		to += step;
+		step *= 2;
+	}
+	to = to < r->blocks ? to : r->blocks;
+	while (rc == 0 && from < to) {
+		uint64_t mid = from + (to - from) / 2;
+
+		rc = grid_run_key(r, mid, &at, err);
+		if (at < key)
+			from = mid + 1;
+		else
+			to = mid;
+	}
+	if (rc == 0)
+		*ret_block = from;
+	return rc;
+}
+
+/* ---- reading blocks ---- */
+
+void grid_run_read(struct grid_run_reader *r, const struct grid_run *run, uint64_t first, uint64_t end, void *buffer,
+		   unsigned cap)
+{
+	*r = (struct grid_run_reader){.run = run, .next = first, .end = end, .buf = buffer, .cap = cap};
 }
 
 int grid_run_next(struct grid_run_reader *r, const struct point **ret_pts, size_t *ret_n,
 		  const uint32_t **ret_ids, struct err *err)
 {
-	struct disk_run_block head;
-	size_t bytes = 0;
+	*ret_n = 0;
+	if (r->at == r->have) {
+		uint64_t left = r->end - r->next;
+		unsigned n = left < r->cap ? (unsigned)left : r->cap;
 
-	if (r->at == r->bytes) {
-		if (r->seen != r->records)
-			return damaged(r, r->at, "it has not as many records as its header says", err);
-		*ret_n = 0;
-		return 0;
+		if (!n)
+			return 0;
+		int rc = fetch(r->run, r->buf, n * (size_t)DISK_RUN_BLOCK, place_of(r->next), err);
+
+		if (rc)
+			return rc;
+		r->next += n;
+		r->have = n;
+		r->at = 0;
 	}
-	int rc = fetch(r, &head, &bytes, err);
+	const uint8_t *block = r->buf + r->at * (size_t)DISK_RUN_BLOCK;
+	uint64_t place = place_of(r->next - r->have + r->at);
+	struct disk_run_block head;
 
-	if (rc)
-		return rc;
-	if (head.check != grid_check(r->buf + 8, bytes - 8, r->at))
-		return damaged(r, r->at, "the checksum of a block does not agree", err);
-	*ret_pts = (const struct point *)(r->buf + disk_run_head_bytes(&head));
-	*ret_n = head.records;
-	*ret_ids = (const uint32_t *)(r->buf + sizeof head);
+	memcpy(&head, block, sizeof head);
+	if (head.check != grid_check(block + 8, DISK_RUN_BLOCK - 8, place))
+		return grid_run_damaged(r->run, place, "the checksum of a block does not agree", err);
+	if (!head.records || !head.sources || disk_run_used(head.records, head.sources) > DISK_RUN_BLOCK)
+		return grid_run_damaged(r->run, place, "a block has an impossible size", err);
+	const struct point *pts = (const struct point *)(block + sizeof head);
+
 	for (size_t i = 0; i < head.records; i++)
-		if (point_source(&(*ret_pts)[i]) >= head.sources)
-			return damaged(r, r->at, "a record has no source", err);
-	r->at += bytes;
-	r->hint = bytes;
-	r->seen += head.records;
+		if (point_source(&pts[i]) >= head.sources)
+			return grid_run_damaged(r->run, place, "a record has no source", err);
+	*ret_pts = pts;
+	*ret_n = head.records;
+	*ret_ids = (const uint32_t *)(pts + head.records);
+	r->at++;
 	return 0;
-}
-
-void grid_run_close(struct grid_run_reader *r)
-{
-	r->fd = io_close(r->fd);
 }

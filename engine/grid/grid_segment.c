@@ -1,30 +1,27 @@
 /*
- * Writing a segment (grid_segment.h). Everything is appended: the blocks of cells, and a page of the index
- * as soon as it is full, so the pages of all levels lie between the blocks. In memory there is one page a
- * level. The header's place at the front is filled in last. What is written depends on the records and
- * their sources only, not on how they arrived.
+ * Writing a segment (grid_segment.h). What comes gets its place at the end of the file: the blocks of cells, and a
+ * page of the index as soon as it is full, so the pages of all levels lie between the blocks. In memory there is one
+ * page a level. The header's place at the front is filled in last. What is written depends on the records and
+ * their sources only, not on how they arrived, nor on who made them into cells.
  */
 #include "grid_segment.h"
 
-#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
 #include "grid_cell.h"
+#include "io.h"
 
-size_t grid_segment_bytes(size_t buffer)
+size_t grid_segment_bytes(void)
 {
-	return buffer + GRID_SEGMENT_LEVELS * (size_t)DISK_PAGE;
+	return GRID_SEGMENT_LEVELS * (size_t)DISK_PAGE;
 }
 
 int grid_segment_begin(struct grid_segment *s, int dirfd, const char *name, const uint32_t *ids, uint32_t n,
-		       void *memory, size_t buffer, struct err *err)
+		       void *memory, struct err *err)
 {
-	uint8_t *at = memory, *room;
-
-	assert(buffer >= DISK_BLOCK_MAX && buffer >= DISK_PAGE);
-	*s = (struct grid_segment){.file = GRID_FILE_INIT};
+	*s = (struct grid_segment){.file = GRID_FILE_INIT, .at = DISK_HEADER};
 	s->totals = calloc(n ? n : 1, sizeof *s->totals);
 	if (!s->totals)
 		return err_set(err, ERR_NOMEM, "no memory for the totals of %u sources", n);
@@ -32,18 +29,12 @@ int grid_segment_begin(struct grid_segment *s, int dirfd, const char *name, cons
 	for (uint32_t i = 0; i < n; i++)
 		s->totals[i].id = ids[i];
 	for (unsigned i = 0; i < GRID_SEGMENT_LEVELS; i++)
-		s->level[i].page = at + buffer + i * (size_t)DISK_PAGE;
-	int rc = grid_file_create(&s->file, dirfd, name, at, buffer, err);
+		s->level[i].page = (uint8_t *)memory + i * (size_t)DISK_PAGE;
+	int rc = grid_file_create(&s->file, dirfd, name, NULL, 0, err);
 
-	if (rc == 0)
-		rc = grid_file_reserve(&s->file, DISK_HEADER, &room, err);
-	if (rc) {
+	if (rc)
 		grid_segment_abort(s);
-		return rc;
-	}
-	memset(room, 0, DISK_HEADER);
-	grid_file_commit(&s->file, DISK_HEADER);
-	return 0;
+	return rc;
 }
 
 void grid_segment_abort(struct grid_segment *s)
@@ -86,14 +77,15 @@ static int level_write(struct grid_segment *s, unsigned i, struct disk_inner *re
 	struct grid_segment_level *l = &s->level[i];
 	struct disk_page head = {.magic = DISK_PAGE_MAGIC, .level = (uint16_t)i, .entries = l->entries};
 	size_t used = sizeof head + l->entries * (size_t)DISK_ENTRY;
-	uint64_t place = grid_file_place(&s->file);
+	uint64_t place = s->at;
 
 	memset(l->page + used, 0, DISK_PAGE - used);
 	memcpy(l->page, &head, sizeof head);
 	head.check = grid_check(l->page + 8, DISK_PAGE - 8, place);
 	memcpy(l->page, &head, sizeof head);
-	int rc = grid_file_append(&s->file, l->page, DISK_PAGE, err);
+	int rc = io_write_at(s->file.fd, l->page, DISK_PAGE, place, s->file.temp, err);
 
+	s->at += DISK_PAGE;
 	*ret = l->sum;
 	ret->place = place;
 	ret->check = head.check;
@@ -156,6 +148,8 @@ static int total_add(struct grid_segment *s, const struct disk_source *source, s
 {
 	uint32_t from = 0, to = s->ntotals;
 
+	if (s->total < to && s->totals[s->total].id == source->id)
+		from = to = s->total;
 	while (from < to) {
 		uint32_t mid = from + (to - from) / 2;
 
@@ -167,62 +161,50 @@ static int total_add(struct grid_segment *s, const struct disk_source *source, s
 	if (from == s->ntotals || s->totals[from].id != source->id)
 		return err_set(err, ERR_INTERNAL, "a record of source %u, which was never announced",
 			       source->id);
+	s->total = from;
 	s->totals[from].points += source->records;
 	s->totals[from].sum_hi += source->sum_hi;
 	s->totals[from].sum_lo += source->sum_lo;
 	return 0;
 }
 
-/* One more block of the open cell. */
-static int block_put(struct grid_segment *s, const struct point *pts, const uint32_t *ids,
-		     const uint32_t *table, size_t n, struct err *err)
+/* What the tables of a block say, for the header and the table of sources. */
+static int count_block(struct grid_segment *s, const uint8_t *bytes, struct err *err)
 {
-	struct grid_block_info info;
-	struct grid_block block;
-	struct disk_leaf *c = &s->cell;
-	uint64_t place;
-	uint8_t *room;
-	int rc = grid_file_reserve(&s->file, DISK_BLOCK_MAX, &room, err);
+	const struct disk_block *head = (const struct disk_block *)bytes;
+	const struct disk_source *sources = (const struct disk_source *)(head + 1);
+	const struct disk_class *classes = (const struct disk_class *)(sources + head->sources);
+	int rc = 0;
 
-	if (rc)
-		return rc;
-	place = grid_file_place(&s->file);
-	grid_block_make(pts, n, ids, table, place, room, &info);
-	grid_file_commit(&s->file, info.bytes);
-	block.head = (const struct disk_block *)room;
-	block.sources = (const struct disk_source *)(room + sizeof *block.head);
-	block.classes = (const struct disk_class *)(block.sources + block.head->sources);
-	for (unsigned i = 0; i < block.head->classes; i++)
-		s->head.classes[block.classes[i].cls] += block.classes[i].records;
-	for (unsigned i = 0; rc == 0 && i < block.head->sources; i++)
-		rc = total_add(s, &block.sources[i], err);
-
-	if (!c->blocks) {
-		c->place = place;
-		c->head_bytes = (uint32_t)info.head_bytes;
-		c->source = info.source;
-		memcpy(c->box, info.box, sizeof c->box);
-		c->distinct = (uint16_t)info.distinct; /* further blocks are of the same position */
-	} else if (c->source != info.source) {
-		c->source = 0;
-	}
-	c->blocks++;
-	c->bytes += info.bytes;
-	c->count += n;
-	c->check += info.check;
-	c->sum_hi += info.sum.hi;
-	c->sum_lo += info.sum.lo;
-	s->has_prev = true;
-	s->prev = point_morton(pts[n - 1].x, pts[n - 1].y);
+	for (unsigned i = 0; i < head->classes; i++)
+		s->head.classes[classes[i].cls] += classes[i].records;
+	for (unsigned i = 0; rc == 0 && i < head->sources; i++)
+		rc = total_add(s, &sources[i], err);
 	return rc;
 }
 
-static void cell_begin(struct grid_segment *s, const struct point *first, unsigned bits)
+/* One more block of the cell. */
+static int block_put(struct grid_segment *s, struct grid_made *b, uint8_t *bytes, struct err *err)
 {
-	uint64_t key = point_morton(first->x, first->y);
+	struct disk_leaf *c = &s->cell;
 
-	s->cell = (struct disk_leaf){.lo = bits >= 64 ? 0 : key >> bits << bits, .bits = (uint8_t)bits};
-	s->cell_open = true;
+	if (b->first) {
+		*c = (struct disk_leaf){.lo = b->lo, .bits = b->bits, .place = s->at,
+					.head_bytes = (uint32_t)b->info.head_bytes, .source = b->info.source,
+					.distinct = (uint16_t)b->info.distinct};
+		memcpy(c->box, b->info.box, sizeof c->box); /* further blocks are of the same position */
+	} else if (c->source != b->info.source) {
+		c->source = 0;
+	}
+	b->place = s->at;
+	s->at += b->info.bytes;
+	c->blocks++;
+	c->bytes += b->info.bytes;
+	c->count += b->records;
+	c->check += grid_block_place(bytes, b->place);
+	c->sum_hi += b->info.sum.hi;
+	c->sum_lo += b->info.sum.lo;
+	return count_block(s, bytes, err);
 }
 
 static int cell_end(struct grid_segment *s, struct err *err)
@@ -239,7 +221,6 @@ static int cell_end(struct grid_segment *s, struct err *err)
 	};
 
 	memcpy(sum.box, c->box, sizeof sum.box);
-	s->cell_open = false;
 	if (s->head.cells++ == 0)
 		memcpy(s->head.box, c->box, sizeof s->head.box);
 	widen(s->head.box, c->box);
@@ -249,48 +230,17 @@ static int cell_end(struct grid_segment *s, struct err *err)
 	return index_put(s, 0, c, &sum, err);
 }
 
-/* The next block of a cell that is one position, or its end. How many of pts were taken. */
-static int long_cell(struct grid_segment *s, const struct point *pts, const uint32_t *ids,
-		     const uint32_t *table, size_t n, size_t *ret_taken, struct err *err)
+int grid_segment_put(struct grid_segment *s, struct grid_cells *cells, struct err *err)
 {
-	size_t most = n < GRID_CELL_RECORDS ? n : GRID_CELL_RECORDS, take = 0;
-	uint64_t key = s->cell.lo;
-
-	while (take < most && point_morton(pts[take].x, pts[take].y) == key)
-		take++;
-	*ret_taken = take;
-	int rc = take ? block_put(s, pts, ids, table, take, err) : 0;
-
-	return rc || take == GRID_CELL_RECORDS ? rc : cell_end(s, err);
-}
-
-int grid_segment_add(struct grid_segment *s, const struct point *pts, const uint32_t *ids,
-		     const uint32_t *table, size_t n, bool end, size_t *ret_taken, struct err *err)
-{
-	size_t at = 0, take;
-	unsigned bits;
 	int rc = 0;
 
-	while (rc == 0 && (n - at > GRID_CELL_RECORDS || (end && at < n))) {
-		const uint32_t *at_ids = ids ? ids + at : NULL;
+	for (size_t i = 0; rc == 0 && i < cells->n; i++) {
+		struct grid_made *b = grid_cells_block(cells, i);
 
-		if (s->cell_open) {
-			rc = long_cell(s, pts + at, at_ids, table, n - at, &take, err);
-			at += take;
-			continue;
-		}
-		take = grid_cell_extent(pts + at, n - at, s->has_prev, s->prev, &bits);
-		cell_begin(s, pts + at, bits);
-		if (!take)
-			continue;
-		rc = block_put(s, pts + at, at_ids, table, take, err);
-		if (rc == 0)
+		rc = block_put(s, b, cells->memory + b->offset, err);
+		if (rc == 0 && b->last)
 			rc = cell_end(s, err);
-		at += take;
 	}
-	if (rc == 0 && end && s->cell_open)
-		rc = cell_end(s, err);
-	*ret_taken = at;
 	return rc;
 }
 
@@ -307,7 +257,7 @@ static void describe(const struct grid_segment *s, struct grid_segment_info *ret
 	memcpy(ret->classes, h->classes, sizeof ret->classes);
 }
 
-int grid_segment_finish(struct grid_segment *s, struct grid_segment_info *ret, struct err *err)
+int grid_segment_finish(struct grid_segment *s, bool durable, struct grid_segment_info *ret, struct err *err)
 {
 	struct disk_segment *h = &s->head;
 	uint32_t sources = 0;
@@ -319,9 +269,9 @@ int grid_segment_finish(struct grid_segment *s, struct grid_segment_info *ret, s
 		if (s->totals[i].points)
 			s->totals[sources++] = s->totals[i];
 	h->sources = sources;
-	h->sources_place = grid_file_place(&s->file);
+	h->sources_place = s->at;
 	h->sources_check = grid_check(s->totals, sources * sizeof *s->totals, h->sources_place);
-	rc = grid_file_append(&s->file, s->totals, sources * sizeof *s->totals, err);
+	rc = io_write_at(s->file.fd, s->totals, sources * sizeof *s->totals, s->at, s->file.temp, err);
 	if (rc)
 		return rc;
 	memcpy(h->magic, DISK_SEGMENT_MAGIC, sizeof h->magic);
@@ -329,11 +279,11 @@ int grid_segment_finish(struct grid_segment *s, struct grid_segment_info *ret, s
 	h->header_bytes = DISK_HEADER;
 	h->page_bytes = DISK_PAGE;
 	h->cell_records = GRID_CELL_RECORDS;
-	h->bytes = grid_file_place(&s->file);
+	h->bytes = s->at + sources * sizeof *s->totals;
 	h->check = grid_check((uint8_t *)h + 8, DISK_HEADER - 8, 0);
 	rc = grid_file_patch(&s->file, 0, h, DISK_HEADER, err);
 	if (rc == 0)
-		rc = grid_file_publish(&s->file, true, err);
+		rc = grid_file_publish(&s->file, durable, err);
 	if (rc)
 		return rc;
 	describe(s, ret);

@@ -1,14 +1,12 @@
 /*
  * Staging: points in any order become one segment (grid.h).
  *
- * One allocation of params.memory: a file buffer and the pages of the index in front, then two halves,
- * records and the sorter's scratch. When the records' half is full (or has as many sources as a tag can
- * tell apart) it is sorted and becomes a run. Sealing merges the runs, and what is still in memory,
- * straight into the segment; without runs nothing is merged. While merging, scratch holds a block of each
- * run and the window in which cells are found; if there are more runs than that carries, the oldest are
- * merged into longer runs first.
+ * One allocation of params.memory: the pages of the index in front, then two halves, records and scratch. When the
+ * records' half is full (or has as many sources as a tag can tell apart) it is sorted and becomes a run, written
+ * through the scratch. Where several threads add, the half is split into lanes, each with its part of the scratch: who
+ * fills one sorts it and writes it out while the others go on. Afterwards what is left in them closes up.
  *
- * Dropping sources, leaving and going on: grid_stage_leave.c.
+ * Sealing: grid_seal.c. Dropping sources, leaving and going on: grid_stage_leave.c.
  *
  * The first failure is final: grid_stage_free then removes every file that the stage made, grid_stage_part all
  * but what was left.
@@ -25,7 +23,7 @@
 #include "io.h"
 #include "log.h"
 
-enum { WINDOW_MIN = 4096, WINDOW_MAX = 16384 };
+enum { LANE_LEAST = 1 << 14, WRITE_MOST = 1 << 20 }; /* records, bytes */
 
 int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **ret, struct err *err)
 {
@@ -39,25 +37,24 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	size_t memory = (params->memory - sizeof(struct grid_stage)) & ~(size_t)63; /* both are what was charged */
 	struct grid_stage *s = calloc(1, sizeof *s);
 
-	if (!s || !(s->memory = aligned_alloc(64, memory))) {
+	if (!s || !(s->pages = aligned_alloc(64, memory))) {
 		free(s);
 		return err_set(err, ERR_NOMEM, "no memory for a stage of %zu bytes", params->memory);
 	}
 	s->dirfd = params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
-	s->buffer = memory / 16 & ~(size_t)63;
-	s->buffer = s->buffer > 1 << 20 ? 1 << 20 : s->buffer < 1 << 17 ? 1 << 17 : s->buffer;
-	s->halves = s->memory + grid_segment_bytes(s->buffer);
-	s->half = (memory - grid_segment_bytes(s->buffer)) / 2 & ~(size_t)63;
-	s->pts = (struct point *)s->halves;
-	s->cap = s->half / sizeof *s->pts;
-	grid_merge_init(&s->merge);
+	s->passing = params->passing;
+	s->cap = (memory - grid_segment_bytes()) / 2 / 64 * 64 / sizeof *s->pts;
+	s->pts = (struct point *)(s->pages + grid_segment_bytes());
+	s->scratch = s->pts + s->cap;
+	s->lanes = 1;
+	s->lane[0].cap = s->cap;
 	*ret = s;
 	return 0;
 }
 
-static void run_name(const struct grid_stage *s, uint32_t number, char name[GRID_NAME_MAX])
+void grid_stage_run_name(const struct grid_stage *s, uint32_t number, char name[GRID_NAME_MAX])
 {
 	grid_left_run_name(s->stem, number, name);
 }
@@ -100,9 +97,8 @@ static int by_id(const void *a, const void *b)
 	return x < y ? -1 : x > y;
 }
 
-/* Make the order of the indices in the tags the order of the sources, so that sorting by tag sorts by
- * source. */
-static void rank_sources(struct grid_stage *s)
+/* Where the table is in order nothing is touched: then threads may do this side by side. */
+void grid_stage_rank(struct grid_stage *s)
 {
 	uint32_t sorted[POINT_SOURCES];
 	uint16_t rank[POINT_SOURCES];
@@ -119,23 +115,18 @@ static void rank_sources(struct grid_stage *s)
 
 		rank[i] = (uint16_t)(hit - sorted);
 	}
-	for (size_t i = 0; i < s->n; i++) {
+	for (size_t i = 0; i < s->lane[0].n; i++) {
 		unsigned index = rank[point_source(&s->pts[i])];
 
 		s->pts[i].tag = (uint16_t)(point_flags(&s->pts[i]) | index << POINT_SOURCE_SHIFT);
 	}
+	s->source = rank[s->source];
 	memcpy(s->table, sorted, s->ntable * sizeof *sorted);
-}
-
-static void sort_memory(struct grid_stage *s)
-{
-	rank_sources(s);
-	point_sort(s->pts, (struct point *)(s->halves + s->half), s->n);
 }
 
 /* ---- runs ---- */
 
-static int add_run(struct grid_stage *s, uint32_t number, struct err *err)
+int grid_stage_add_run(struct grid_stage *s, char ret_name[GRID_NAME_MAX], struct err *err)
 {
 	if (s->nruns == s->runcap) {
 		size_t cap = s->runcap ? s->runcap * 2 : 64;
@@ -146,35 +137,57 @@ static int add_run(struct grid_stage *s, uint32_t number, struct err *err)
 		s->runs = runs;
 		s->runcap = cap;
 	}
-	s->runs[s->nruns++] = number;
+	grid_stage_run_name(s, s->next_run, ret_name);
+	s->runs[s->nruns++] = s->next_run++; /* first: a file that exists is in the list */
 	s->unsynced = true;
 	return 0;
 }
 
-/* What is in memory becomes a run. `source` is void afterwards. */
-static int spill(struct grid_stage *s, struct err *err)
+static void lock(const struct grid_stage *s)
 {
-	struct grid_run_writer w;
+	if (s->lanes > 1)
+		s->guard.lock(s->guard.ctx);
+}
+
+static void unlock(const struct grid_stage *s)
+{
+	if (s->lanes > 1)
+		s->guard.unlock(s->guard.ctx);
+}
+
+/* What is in a lane becomes a run. */
+static int spill_lane(struct grid_stage *s, struct grid_lane *l, struct err *err)
+{
+	struct point *pts = s->pts + l->first, *scratch = s->scratch + l->first;
+	size_t room = l->cap * sizeof *scratch, taken;
+	struct grid_run_writer w = {.file = GRID_FILE_INIT};
 	char name[GRID_NAME_MAX];
 	uint64_t records;
 	int rc;
 
-	if (!s->n) {
-		s->ntable = 0;
+	if (!l->n)
 		return 0;
-	}
-	sort_memory(s);
-	rc = add_run(s, s->next_run, err); /* first: a file that exists is in the list */
-	if (rc)
-		return rc;
-	run_name(s, s->next_run++, name);
-	rc = grid_run_begin(&w, s->dirfd, name, s->memory, s->buffer, err);
+	point_sort(pts, scratch, l->n);
+	lock(s);
+	rc = grid_stage_add_run(s, name, err);
+	unlock(s);
 	if (rc == 0)
-		rc = grid_run_add(&w, s->pts, NULL, s->table, s->n, err);
+		rc = grid_run_begin(&w, s->dirfd, name, scratch, room < WRITE_MOST ? room : WRITE_MOST, err);
+	if (rc == 0)
+		rc = grid_run_add(&w, pts, NULL, s->table, l->n, true, &taken, err);
 	if (rc == 0)
 		rc = grid_run_finish(&w, s->durable, &records, err);
 	grid_run_abort(&w);
-	s->n = 0;
+	l->n = 0;
+	return rc;
+}
+
+/* All that is in memory becomes a run. `source` is void afterwards. */
+static int spill(struct grid_stage *s, struct err *err)
+{
+	grid_stage_rank(s);
+	int rc = spill_lane(s, &s->lane[0], err);
+
 	s->ntable = 0;
 	return rc;
 }
@@ -222,8 +235,21 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 	return 0;
 }
 
+static void put(const struct grid_stage *s, struct grid_lane *l, const struct point *pts, size_t n)
+{
+	struct point *to = s->pts + l->first + l->n;
+	uint16_t source = (uint16_t)(s->source << POINT_SOURCE_SHIFT);
+
+	for (size_t i = 0; i < n; i++) {
+		to[i] = pts[i];
+		to[i].tag = (uint16_t)((pts[i].tag & POINT_FLAGS) | source);
+	}
+	l->n += n;
+}
+
 int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, struct err *err)
 {
+	struct grid_lane *l = &s->lane[0];
 	int rc = grid_stage_usable(s, err);
 
 	if (rc)
@@ -231,26 +257,15 @@ int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, stru
 	if (!s->ntable)
 		return err_set(err, ERR_INTERNAL, "points without a source");
 	while (n) {
-		size_t part = s->cap - s->n < n ? s->cap - s->n : n;
+		size_t part = l->cap - l->n < n ? l->cap - l->n : n;
 
 		if (!part) {
-			uint32_t id = s->table[s->source];
-
-			rc = spill(s, err);
+			rc = grid_stage_spill(s, err);
 			if (rc)
 				return grid_stage_fail(s, rc);
-			s->table[0] = id;
-			s->ntable = 1;
-			s->source = 0;
 			continue;
 		}
-		for (size_t i = 0; i < part; i++) {
-			struct point *p = &s->pts[s->n + i];
-
-			*p = pts[i];
-			p->tag = (uint16_t)((p->tag & POINT_FLAGS) | s->source << POINT_SOURCE_SHIFT);
-		}
-		s->n += part;
+		put(s, l, pts, part);
 		pts += part;
 		n -= part;
 	}
@@ -286,52 +301,94 @@ int grid_stage_sync(struct grid_stage *s, struct err *err)
 	return grid_stage_fail(s, rc);
 }
 
-/* ---- sealing ---- */
+/* ---- lanes ---- */
 
-/* Memory for merging: a window, and behind it a block for each run. */
-struct bench {
-	struct point *window;
-	uint32_t *ids;
-	size_t records;
-	uint8_t *blocks;
-	size_t fan_in;
-};
-
-static struct bench bench_of(void *memory, size_t bytes)
+unsigned grid_stage_lanes(const struct grid_stage *s)
 {
-	struct bench b = {.window = memory};
-	size_t each = sizeof *b.window + sizeof *b.ids;
+	size_t n = s->cap / LANE_LEAST;
 
-	b.records = bytes / 8 / each;
-	b.records = b.records < WINDOW_MIN ? WINDOW_MIN : b.records > WINDOW_MAX ? WINDOW_MAX : b.records;
-	b.ids = (uint32_t *)(b.window + b.records);
-	b.blocks = (uint8_t *)memory + ((b.records * each + 63) & ~(size_t)63);
-	b.fan_in =
-	    (bytes - (size_t)(b.blocks - (uint8_t *)memory)) / ((DISK_RUN_BLOCK_MAX + 63) & ~(size_t)63);
-	b.fan_in = b.fan_in < GRID_MERGE_INPUTS ? b.fan_in : GRID_MERGE_INPUTS;
-	assert(b.fan_in >= 2);
-	return b;
+	return n < 1 ? 1 : n < GRID_LANES ? (unsigned)n : GRID_LANES;
 }
 
-static int open_runs(struct grid_stage *s, size_t n, const struct bench *b, struct err *err)
+int grid_stage_split(struct grid_stage *s, unsigned lanes, const struct grid_guard *guard, struct err *err)
 {
-	char name[GRID_NAME_MAX];
+	int rc = grid_stage_usable(s, err);
+
+	if (rc)
+		return rc;
+	if (!s->ntable || s->lanes > 1 || !lanes || lanes > grid_stage_lanes(s))
+		return err_set(err, ERR_INTERNAL, "a stage cannot be split so");
+	/* The order of the table is not changed while it is split. Nor is there much use in small lanes. */
+	if (s->cap - s->lane[0].n < s->cap / 8)
+		rc = grid_stage_spill(s, err);
+	if (rc)
+		return grid_stage_fail(s, rc);
+	grid_stage_rank(s);
+
+	size_t each = s->cap / lanes;
+
+	if (s->lane[0].n > each) /* it has more than its share already */
+		each = (s->cap - s->lane[0].n) / lanes;
+	s->guard = *guard;
+	s->lane[0].cap = s->cap - each * (lanes - 1);
+	for (unsigned i = 1; i < lanes; i++)
+		s->lane[i] = (struct grid_lane){.first = s->lane[0].cap + (i - 1) * each, .cap = each};
+	s->lanes = lanes;
+	return 0;
+}
+
+int grid_stage_lane_add(struct grid_stage *s, unsigned lane, const struct point *pts, size_t n, struct err *err)
+{
+	struct grid_lane *l = &s->lane[lane];
+	bool failed;
 	int rc = 0;
 
-	for (size_t i = 0; rc == 0 && i < n; i++) {
-		run_name(s, s->runs[i], name);
-		rc = grid_merge_run(&s->merge, s->dirfd, name,
-				    b->blocks + i * ((DISK_RUN_BLOCK_MAX + 63) & ~(size_t)63), err);
+	assert(lane < s->lanes);
+	while (n) {
+		size_t part = l->cap - l->n < n ? l->cap - l->n : n;
+
+		if (part) {
+			put(s, l, pts, part);
+			pts += part;
+			n -= part;
+			continue;
+		}
+		lock(s);
+		failed = s->failed;
+		unlock(s);
+		if (failed)
+			return err_set(err, ERR_INTERNAL, "the stage was used after it failed");
+		rc = spill_lane(s, l, err);
+		if (rc) {
+			lock(s);
+			s->failed = true;
+			unlock(s);
+			return rc;
+		}
 	}
-	return rc;
+	return 0;
 }
+
+void grid_stage_join(struct grid_stage *s)
+{
+	struct grid_lane *first = &s->lane[0];
+
+	for (unsigned i = 1; i < s->lanes; i++) {
+		memmove(s->pts + first->n, s->pts + s->lane[i].first, s->lane[i].n * sizeof *s->pts);
+		first->n += s->lane[i].n;
+	}
+	first->cap = s->cap;
+	s->lanes = 1;
+}
+
+/* ---- the end ---- */
 
 void grid_stage_remove_run(struct grid_stage *s, uint32_t number)
 {
 	struct err err = ERR_INIT;
 	char name[GRID_NAME_MAX];
 
-	run_name(s, number, name);
+	grid_stage_run_name(s, number, name);
 	if (io_remove(s->dirfd, name, &err) == 0)
 		return;
 	s->litter = true;
@@ -340,7 +397,7 @@ void grid_stage_remove_run(struct grid_stage *s, uint32_t number)
 
 /* Runs that are not needed any more. Whether they go matters to the disk's space only, not to the result:
  * what stays is tried again in the end. */
-static void drop_runs(struct grid_stage *s, size_t n)
+void grid_stage_drop_runs(struct grid_stage *s, size_t n)
 {
 	for (size_t i = 0; i < n; i++)
 		grid_stage_remove_run(s, s->runs[i]);
@@ -349,146 +406,12 @@ static void drop_runs(struct grid_stage *s, size_t n)
 		memmove(s->runs, s->runs + n, s->nruns * sizeof *s->runs);
 }
 
-/* The n oldest runs become one, the newest. */
-static int merge_runs(struct grid_stage *s, size_t n, const struct bench *b, struct err *err)
-{
-	struct grid_run_writer w = {.file = GRID_FILE_INIT};
-	char name[GRID_NAME_MAX];
-	uint64_t records;
-	size_t got = 0;
-	int rc = open_runs(s, n, b, err);
-
-	if (rc == 0)
-		rc = add_run(s, s->next_run, err);
-	if (rc == 0) {
-		run_name(s, s->next_run++, name);
-		rc = grid_run_begin(&w, s->dirfd, name, s->memory, s->buffer, err);
-	}
-	if (rc == 0)
-		grid_merge_start(&s->merge);
-	do {
-		if (rc == 0)
-			rc = grid_merge_take(&s->merge, b->window, b->ids, b->records, &got, err);
-		if (rc == 0)
-			rc = grid_run_add(&w, b->window, b->ids, NULL, got, err);
-	} while (rc == 0 && got == b->records);
-	if (rc == 0)
-		rc = grid_run_finish(&w, s->durable, &records, err); /* before the runs that it replaces go */
-	grid_run_abort(&w);
-	grid_merge_close(&s->merge);
-	if (rc == 0 && s->left)
-		rc = grid_stage_write_left(s, n, err); /* likewise */
-	if (rc == 0)
-		drop_runs(s, n);
-	return rc;
-}
-
-/* The merged stream, through the window, into the segment. */
-static int merge_segment(struct grid_stage *s, struct grid_segment *seg, const struct bench *b,
-			 struct err *err)
-{
-	uint32_t *ids = s->nall > 1 || s->ndead ? b->ids : NULL;
-	size_t held = 0, got = 0, taken = 0;
-	bool end = false;
-	int rc = 0;
-
-	grid_merge_start(&s->merge);
-	while (rc == 0 && !end) {
-		size_t want = b->records - held;
-
-		rc = grid_merge_take(&s->merge, b->window + held, ids ? ids + held : NULL, want, &got, err);
-		if (rc)
-			break;
-		end = got < want;
-		got = grid_stage_leave_out(s, b->window + held, ids ? ids + held : NULL, got);
-		held += got;
-		if (!ids)
-			for (size_t i = held - got; i < held; i++)
-				b->window[i].tag &= POINT_FLAGS; /* index 0 of `all` */
-		rc = grid_segment_add(seg, b->window, ids, s->all, held, end, &taken, err);
-		if (rc)
-			break;
-		held -= taken;
-		memmove(b->window, b->window + taken, held * sizeof *b->window);
-		if (ids)
-			memmove(ids, ids + taken, held * sizeof *ids);
-	}
-	return rc;
-}
-
-/* Fewer runs than can be merged at once, and a bench for them. */
-static int prepare_runs(struct grid_stage *s, struct bench *ret, struct err *err)
-{
-	struct bench b = bench_of(s->halves + s->half, s->half);
-	int rc = 0;
-
-	if (s->nruns > b.fan_in) {
-		rc = spill(s, err); /* then both halves are free */
-		b = bench_of(s->halves, 2 * s->half);
-	}
-	while (rc == 0 && s->nruns > b.fan_in) {
-		size_t over = s->nruns - b.fan_in + 1;
-
-		rc = merge_runs(s, over < b.fan_in ? over : b.fan_in, &b, err);
-	}
-	*ret = b;
-	return rc;
-}
-
-static int seal(struct grid_stage *s, struct grid_segment_info *ret, struct err *err)
-{
-	struct grid_segment seg;
-	struct bench b = {0};
-	char name[GRID_NAME_MAX];
-	size_t taken;
-	int rc = s->nruns ? prepare_runs(s, &b, err) : 0;
-
-	if (rc)
-		return rc;
-	if (s->n)
-		sort_memory(s);
-	snprintf(name, sizeof name, "%s.seg", s->stem);
-	rc = grid_segment_begin(&seg, s->dirfd, name, s->all, s->nall, s->memory, s->buffer, err);
-	if (rc)
-		return rc;
-	if (!s->nruns) {
-		rc = grid_segment_add(&seg, s->pts, NULL, s->table, s->n, true, &taken, err);
-	} else {
-		rc = open_runs(s, s->nruns, &b, err);
-		if (s->n)
-			grid_merge_memory(&s->merge, s->pts, s->n, s->table);
-		if (rc == 0)
-			rc = merge_segment(s, &seg, &b, err);
-		grid_merge_close(&s->merge);
-	}
-	if (rc == 0)
-		rc = grid_segment_finish(&seg, ret, err);
-	grid_segment_abort(&seg);
-	return rc;
-}
-
-int grid_stage_seal(struct grid_stage *s, struct grid_segment_info *ret, struct err *err)
-{
-	int rc = grid_stage_usable(s, err);
-
-	if (rc)
-		return rc;
-	rc = seal(s, ret, err);
-	if (rc)
-		return grid_stage_fail(s, rc);
-	if (!s->left)
-		drop_runs(s, s->nruns);
-	s->sealed = true;
-	s->n = 0;
-	return 0;
-}
-
 struct grid_stage *grid_stage_release(struct grid_stage *s)
 {
 	free(s->runs);
 	free(s->all);
 	free(s->dead);
-	free(s->memory);
+	free(s->pages);
 	free(s);
 	return NULL;
 }
@@ -504,7 +427,7 @@ struct grid_stage *grid_stage_free(struct grid_stage *s)
 	/* First what names the runs. */
 	if (s->left && io_remove(s->dirfd, name, &err))
 		log_err(LOG_LEVEL_DEBUG, "the state of a stage stays behind", &err);
-	drop_runs(s, s->nruns);
+	grid_stage_drop_runs(s, s->nruns);
 	for (uint32_t i = 0; s->litter && i < s->next_run; i++)
 		grid_stage_remove_run(s, i);
 	return grid_stage_release(s);

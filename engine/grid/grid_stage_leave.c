@@ -27,10 +27,10 @@ static void forget(struct grid_stage *s, uint32_t index)
 {
 	size_t kept = 0;
 
-	for (size_t i = 0; i < s->n; i++)
+	for (size_t i = 0; i < s->lane[0].n; i++)
 		if (point_source(&s->pts[i]) != index)
 			s->pts[kept++] = s->pts[i];
-	s->n = kept;
+	s->lane[0].n = kept;
 }
 
 int grid_stage_drop(struct grid_stage *s, uint32_t id, struct err *err)

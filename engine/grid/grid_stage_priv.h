@@ -1,4 +1,4 @@
-/* The insides of a stage, shared by grid_stage.c and grid_stage_leave.c. */
+/* The insides of a stage, shared by grid_stage*.c and grid_seal*.c. */
 #ifndef GRID_STAGE_PRIV_H
 #define GRID_STAGE_PRIV_H
 
@@ -8,17 +8,22 @@
 
 enum { STEM_MAX = GRID_NAME_MAX - 16 };
 
+/* Where one thread puts records: a part of the records' half, and the same part of the scratch. */
+struct grid_lane {
+	size_t first, n, cap;
+};
+
 struct grid_stage {
 	int dirfd;
-	bool durable, failed, sealed;
+	bool durable, passing, failed, sealed;
 	bool litter; /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
-	uint8_t *memory;
-	size_t buffer;     /* bytes of the file buffer, at the start of memory */
-	uint8_t *halves;   /* both halves, one after the other */
-	size_t half;       /* bytes of each */
-	struct point *pts; /* the first half */
-	size_t n, cap;
+	uint8_t *pages;     /* of the segment's index; the start of all memory */
+	struct point *pts, *scratch; /* the halves, one after the other */
+	size_t cap;                  /* records of each */
+	struct grid_lane lane[GRID_LANES];
+	unsigned lanes;                /* 1: not split */
+	struct grid_guard guard;       /* while it is split */
 	uint32_t table[POINT_SOURCES]; /* sources of the records in memory */
 	uint32_t ntable, source;       /* source: index of the one that is being added */
 	bool unsynced;                 /* run names that the folder's fsync has not covered */
@@ -31,7 +36,6 @@ struct grid_stage {
 	uint32_t left_next; /* runs from this number on are not in it */
 	uint32_t *dead;     /* dropped sources that may have points in runs, ascending */
 	uint32_t ndead, deadcap;
-	struct grid_merge merge;
 };
 
 /* grid_stage.c */
@@ -41,8 +45,18 @@ int grid_stage_fail(struct grid_stage *, int rc); /* rc; if it is not 0 the stag
 int grid_stage_insert(uint32_t **list, uint32_t *n, uint32_t *room, uint32_t id, struct err *err);
 /* What is in memory becomes a run; the source that is being added stays. */
 int grid_stage_spill(struct grid_stage *, struct err *err);
+/* A name for another run, which is in the list from now on. */
+int grid_stage_add_run(struct grid_stage *, char ret_name[GRID_NAME_MAX], struct err *err);
+void grid_stage_run_name(const struct grid_stage *, uint32_t number, char name[GRID_NAME_MAX]);
 void grid_stage_remove_run(struct grid_stage *, uint32_t number);
+/* The n oldest runs are not needed any more. */
+void grid_stage_drop_runs(struct grid_stage *, size_t n);
+/* The indices in the tags are in the order of the sources from here on, so that sorting by tag sorts by source. */
+void grid_stage_rank(struct grid_stage *);
 struct grid_stage *grid_stage_release(struct grid_stage *); /* the memory alone */
+
+/* grid_seal_runs.c: so few runs that a seal in `slots` at once, at best, can merge them. *ret: free memory. */
+int grid_seal_prepare(struct grid_stage *, uint8_t **ret, size_t *ret_bytes, struct err *err);
 
 /* grid_stage_leave.c */
 /* The state without the `gone` oldest runs. */

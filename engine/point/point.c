@@ -4,18 +4,6 @@
  */
 #include "point.h"
 
-/* Bit i to bit 2i: halves are moved apart, five times. */
-static inline uint64_t spread(uint32_t v)
-{
-	uint64_t s = v;
-
-	s = (s | s << 16) & UINT64_C(0x0000ffff0000ffff);
-	s = (s | s << 8) & UINT64_C(0x00ff00ff00ff00ff);
-	s = (s | s << 4) & UINT64_C(0x0f0f0f0f0f0f0f0f);
-	s = (s | s << 2) & UINT64_C(0x3333333333333333);
-	return (s | s << 1) & UINT64_C(0x5555555555555555);
-}
-
 static inline uint32_t gather(uint64_t s)
 {
 	s &= UINT64_C(0x5555555555555555);
@@ -24,11 +12,6 @@ static inline uint32_t gather(uint64_t s)
 	s = (s | s >> 4) & UINT64_C(0x00ff00ff00ff00ff);
 	s = (s | s >> 8) & UINT64_C(0x0000ffff0000ffff);
 	return (uint32_t)(s | s >> 16);
-}
-
-uint64_t point_morton(int32_t x, int32_t y)
-{
-	return spread((uint32_t)x ^ 0x80000000u) << 1 | spread((uint32_t)y ^ 0x80000000u);
 }
 
 void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y)

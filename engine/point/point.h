@@ -32,7 +32,7 @@ static inline unsigned point_flags(const struct point *p) { return p->tag & POIN
 static inline unsigned point_source(const struct point *p) { return p->tag >> POINT_SOURCE_SHIFT; }
 
 /* Morton key: x + 2^31 and y + 2^31; bit i of x at 2i + 1, of y at 2i (DESIGN of regions and cells). */
-uint64_t point_morton(int32_t x, int32_t y);
+static inline uint64_t point_morton(int32_t x, int32_t y);
 void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y);
 
 /* The sort order of runs and segments: Morton key, z, class, returns, flags; source last. <0, 0, >0. */
@@ -40,5 +40,22 @@ int point_compare(const struct point *a, const struct point *b);
 
 /* Sort by point_compare, radix on the key; `scratch` has room for n records. Result in `pts`. */
 void point_sort(struct point *pts, struct point *scratch, size_t n);
+
+/* Bit i to bit 2i: halves are moved apart, five times. */
+static inline uint64_t point_spread(uint32_t v)
+{
+	uint64_t s = v;
+
+	s = (s | s << 16) & UINT64_C(0x0000ffff0000ffff);
+	s = (s | s << 8) & UINT64_C(0x00ff00ff00ff00ff);
+	s = (s | s << 4) & UINT64_C(0x0f0f0f0f0f0f0f0f);
+	s = (s | s << 2) & UINT64_C(0x3333333333333333);
+	return (s | s << 1) & UINT64_C(0x5555555555555555);
+}
+
+static inline uint64_t point_morton(int32_t x, int32_t y)
+{
+	return point_spread((uint32_t)x ^ 0x80000000u) << 1 | point_spread((uint32_t)y ^ 0x80000000u);
+}
 
 #endif

@@ -110,7 +110,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 		return 0;
 	for (int k = 0; k < 8; k++)
 		pts[k] = (struct point){ .x = 5, .y = 7, .z = k, .cls = (uint8_t)(k / 3), .ret = 0x11 };
-	grid_block_make(pts, i + 1, ids, NULL, PLACE, block, &info);
+	grid_block_make(pts, i + 1, ids, NULL, block, &info);
+	grid_block_place(block, PLACE);
 	memcpy(bytes, block, info.bytes);
 	return info.bytes;
 }

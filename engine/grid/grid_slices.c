@@ -1,0 +1,130 @@
+/*
+ * Where sealing can be cut (grid_slices.h).
+ *
+ * Let k1 < k2 be two keys with more than GRID_CELL_RECORDS records from k1 to k2, and h the highest bit in which
+ * they differ. b = k2 with the bits below h cleared has k1 < b <= k2, and the smallest aligned range that holds b - 1
+ * and b holds both keys, so more records than a cell may have: b is a border of cells, whatever else is there.
+ * Such pairs come from the first keys of blocks of a run, far enough apart, and from sorted memory. Where a source
+ * was dropped records will be missing, and nothing is known: then all is one slice.
+ */
+#include "grid_slices.h"
+
+#include <stdlib.h>
+
+#include "err.h"
+#include "grid.h"
+
+enum {
+	SAMPLES = 24,             /* a slice, about */
+	SAMPLES_MAX = 1 << 16,
+	BLOCKS_APART = GRID_CELL_RECORDS / DISK_RUN_LEAST + 1,
+};
+
+struct samples {
+	uint64_t *key;
+	size_t n, cap;
+};
+
+static void sample(struct samples *s, uint64_t k1, uint64_t k2)
+{
+	if (k1 >= k2 || s->n == s->cap)
+		return;
+	unsigned h = 63u - (unsigned)__builtin_clzll(k1 ^ k2);
+
+	s->key[s->n++] = k2 >> h << h;
+}
+
+static int sample_run(struct samples *s, const struct grid_run *run, uint64_t stride, struct err *err)
+{
+	uint64_t step = stride / DISK_RUN_RECORDS, k1, k2;
+	int rc = 0;
+
+	step = step < 1 ? 1 : step;
+	for (uint64_t i = 0; rc == 0 && i + BLOCKS_APART < run->blocks; i += step) {
+		rc = grid_run_key(run, i, &k1, err);
+		if (rc == 0)
+			rc = grid_run_key(run, i + BLOCKS_APART, &k2, err);
+		if (rc == 0)
+			sample(s, k1, k2);
+	}
+	return rc;
+}
+
+static void sample_piece(struct samples *s, const struct grid_piece *p, uint64_t stride)
+{
+	for (size_t i = 0; i + GRID_CELL_RECORDS < p->n; i += stride) {
+		const struct point *a = &p->pts[i], *b = a + GRID_CELL_RECORDS;
+
+		sample(s, point_morton(a->x, a->y), point_morton(b->x, b->y));
+	}
+}
+
+static int by_key(const void *a, const void *b)
+{
+	uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+	return x < y ? -1 : x > y;
+}
+
+/* Of the samples, one every `each`, and no key twice. */
+static void thin(struct grid_slices *s, struct samples *from, size_t each)
+{
+	qsort(from->key, from->n, sizeof *from->key, by_key);
+	s->border = from->key;
+	for (size_t i = each; i < from->n; i += each)
+		if (s->n == 1 || s->border[s->n - 2] < from->key[i])
+			s->border[s->n++ - 1] = from->key[i];
+}
+
+int grid_slices_plan(struct grid_slices *s, size_t target, bool whole, struct err *err)
+{
+	uint64_t stride = target / SAMPLES;
+	struct samples found;
+	int rc = 0;
+
+	s->n = 1;
+	s->next = 0;
+	if (whole || s->records <= target)
+		return 0;
+	stride = stride < GRID_CELL_RECORDS ? GRID_CELL_RECORDS : stride;
+	if (s->records / stride > SAMPLES_MAX)
+		stride = s->records / SAMPLES_MAX;
+	/* a run begins at a sample, whatever its length, and not every stride is a whole number of blocks */
+	found = (struct samples){.cap = 2 * (s->records / stride) + s->nruns + s->npieces};
+	found.key = malloc(found.cap * sizeof *found.key);
+	if (!found.key)
+		return err_set(err, ERR_NOMEM, "no memory to divide %llu points", (unsigned long long)s->records);
+	for (size_t i = 0; rc == 0 && i < s->nruns; i++)
+		rc = sample_run(&found, &s->run[i], stride, err);
+	for (unsigned i = 0; rc == 0 && i < s->npieces; i++)
+		sample_piece(&found, &s->piece[i], stride);
+	if (rc) {
+		free(found.key);
+		return rc;
+	}
+	size_t slices = (size_t)(s->records / target + 1);
+
+	thin(s, &found, found.n / slices ? found.n / slices : 1);
+	return 0;
+}
+
+int grid_slices_next(struct grid_slices *s, struct grid_slice *ret, struct err *err)
+{
+	bool last = s->next + 1 == s->n;
+	int rc = 0;
+
+	ret->number = s->next;
+	ret->lo = s->next ? s->border[s->next - 1] : 0;
+	ret->hi = last ? UINT64_MAX : s->border[s->next] - 1;
+	for (size_t i = 0; rc == 0 && i < s->nruns; i++) {
+		ret->first[i] = s->from[i];
+		ret->end[i] = s->run[i].blocks;
+		if (!last)
+			rc = grid_run_find(&s->run[i], s->from[i], s->border[s->next], &ret->end[i], err);
+		/* The last block of this slice may reach into the next. */
+		if (rc == 0 && ret->end[i] > s->from[i])
+			s->from[i] = ret->end[i] - 1;
+	}
+	s->next += rc == 0;
+	return rc;
+}
