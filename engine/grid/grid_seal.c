@@ -25,7 +25,7 @@
 enum {
 	WINDOW_MIN = 4096,
 	WINDOW_MAX = 16384,
-	SLOTS = 64,
+	SLOTS = GRID_LANES + 1,
 	READ_BLOCKS = 16,        /* of a run, at a time, where there is room */
 	PIECE_LEAST = 1 << 15,   /* records: less is not worth a sort of its own */
 	PUNCH_LEAST = 1 << 20,   /* bytes */
@@ -115,7 +115,7 @@ static size_t fixed_bytes(size_t n, unsigned pieces)
 	return align(grid_merge_bytes((unsigned)n + pieces)) + align(3 * n * sizeof(uint64_t));
 }
 
-size_t grid_seal_slot_least(size_t n, unsigned pieces)
+static size_t slot_least(size_t n, unsigned pieces)
 {
 	return fixed_bytes(n, pieces) + window_bytes(WINDOW_MIN) + n * DISK_RUN_BLOCK + align(grid_cells_least());
 }
@@ -145,7 +145,7 @@ static void slot_init(struct slot *s, uint8_t *memory, size_t bytes, size_t n, u
 /* One more slot than workers, so that who is done early can go on; as many as there is memory for. */
 static void slots_init(struct grid_seal *z, unsigned workers)
 {
-	size_t n = z->slices.nruns, least = grid_seal_slot_least(n, z->slices.npieces);
+	size_t n = z->slices.nruns, least = slot_least(n, z->slices.npieces);
 	unsigned want = workers > 1 ? workers + 1 : 1;
 
 	want = want < SLOTS ? want : SLOTS;
@@ -165,19 +165,34 @@ unsigned grid_seal_workers(const struct grid_seal *z)
 
 /* ---- beginning ---- */
 
+size_t grid_seal_bytes(void)
+{
+	return sizeof(struct grid_seal);
+}
+
+
+size_t grid_seal_runs_bytes(size_t n)
+{
+	return align(n * (sizeof(struct grid_run) + 4 * sizeof(uint64_t)));
+}
+
+size_t grid_seal_least(size_t n)
+{
+	return slot_least(n, 1);
+}
+
 static int open_runs(struct grid_seal *z, struct err *err)
 {
 	struct grid_stage *s = z->stage;
 	char name[GRID_NAME_MAX];
 	int rc = 0;
 
-	z->slices.run = calloc(s->nruns + 1, sizeof *z->slices.run);
-	z->slices.from = calloc(4 * (s->nruns + 1), sizeof *z->slices.from);
-	if (!z->slices.run || !z->slices.from)
-		return err_set(err, ERR_NOMEM, "no memory for a list of %zu runs", s->nruns);
-	z->seen = z->slices.from + s->nruns + 1;
-	z->dead = z->seen + s->nruns + 1;
-	z->punched = z->dead + s->nruns + 1;
+	z->slices.run = (struct grid_run *)s->lists; /* sorting needs all of the scratch */
+	z->slices.from = (uint64_t *)(z->slices.run + s->nruns);
+	z->seen = z->slices.from + s->nruns;
+	z->dead = z->seen + s->nruns;
+	z->punched = z->dead + s->nruns;
+	memset(z->slices.from, 0, 4 * s->nruns * sizeof *z->seen);
 	for (size_t i = 0; rc == 0 && i < s->nruns; i++) {
 		grid_stage_run_name(s, s->runs[i], name);
 		rc = grid_run_open(&z->slices.run[i], s->dirfd, name, !s->durable, err);
@@ -193,7 +208,7 @@ static void cut_pieces(struct grid_seal *z, unsigned workers)
 {
 	const struct grid_stage *s = z->stage;
 	size_t n = s->lane[0].n, most = n / PIECE_LEAST;
-	unsigned pieces = workers < SLOTS ? workers : SLOTS;
+	unsigned pieces = workers < GRID_LANES ? workers : GRID_LANES;
 
 	pieces = pieces > most ? (unsigned)most : pieces;
 	pieces = pieces ? pieces : n > 0;
@@ -210,9 +225,6 @@ static struct grid_seal *seal_free(struct grid_seal *z)
 {
 	for (size_t i = 0; i < z->slices.nruns; i++)
 		grid_run_close(&z->slices.run[i]);
-	free(z->slices.run);
-	free(z->slices.from);
-	free(z->slices.border);
 	free(z);
 	return NULL;
 }
@@ -464,7 +476,7 @@ static int plan(struct grid_seal *z, struct err *err)
 	size_t target = (z->slot[0].size - grid_cells_least()) / 20; /* a record, with heads, and some to spare */
 
 	z->planned = true;
-	return grid_slices_plan(&z->slices, target, z->stage->ndead > 0, err);
+	return grid_slices_plan(&z->slices, target, z->stage->ndead > 0, z->slot[0].memory, z->slot[0].size, err);
 }
 
 /* One thing that can be done now; *ret_rc says how it went. False: there is nothing, for now or for good. */

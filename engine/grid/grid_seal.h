@@ -4,7 +4,11 @@
 
 #include <stddef.h>
 
-/* The least memory of a slot: that in which one worker merges a slice of n runs and `pieces` of memory. */
-size_t grid_seal_slot_least(size_t n, unsigned pieces);
+/* What a seal takes besides the stage's memory. */
+size_t grid_seal_bytes(void);
+/* Of the stage's lists, for n runs. */
+size_t grid_seal_runs_bytes(size_t n);
+/* The least of the stage's halves with which n runs and what else there is can be merged into a segment. */
+size_t grid_seal_least(size_t n);
 
 #endif

@@ -16,7 +16,6 @@
 
 enum {
 	SAMPLES = 24,             /* a slice, about */
-	SAMPLES_MAX = 1 << 16,
 	BLOCKS_APART = GRID_CELL_RECORDS / DISK_RUN_LEAST + 1,
 };
 
@@ -67,45 +66,40 @@ static int by_key(const void *a, const void *b)
 }
 
 /* Of the samples, one every `each`, and no key twice. */
-static void thin(struct grid_slices *s, struct samples *from, size_t each)
+static void thin(struct grid_slices *s, const struct samples *from, size_t each)
 {
 	qsort(from->key, from->n, sizeof *from->key, by_key);
-	s->border = from->key;
-	for (size_t i = each; i < from->n; i += each)
+	for (size_t i = each; i < from->n && s->n < GRID_SLICES; i += each)
 		if (s->n == 1 || s->border[s->n - 2] < from->key[i])
 			s->border[s->n++ - 1] = from->key[i];
 }
 
-int grid_slices_plan(struct grid_slices *s, size_t target, bool whole, struct err *err)
+int grid_slices_plan(struct grid_slices *s, size_t target, bool whole, void *memory, size_t bytes, struct err *err)
 {
-	uint64_t stride = target / SAMPLES;
-	struct samples found;
+	struct samples found = {.key = memory, .cap = bytes / sizeof *found.key};
+	uint64_t stride;
+	size_t slices;
 	int rc = 0;
 
 	s->n = 1;
 	s->next = 0;
 	if (whole || s->records <= target)
 		return 0;
+	if (target < s->records / (GRID_SLICES / 2))
+		target = (size_t)(s->records / (GRID_SLICES / 2));
+	slices = (size_t)(s->records / target + 1);
+	stride = target / SAMPLES;
 	stride = stride < GRID_CELL_RECORDS ? GRID_CELL_RECORDS : stride;
-	if (s->records / stride > SAMPLES_MAX)
-		stride = s->records / SAMPLES_MAX;
-	/* a run begins at a sample, whatever its length, and not every stride is a whole number of blocks */
-	found = (struct samples){.cap = 2 * (s->records / stride) + s->nruns + s->npieces};
-	found.key = malloc(found.cap * sizeof *found.key);
-	if (!found.key)
-		return err_set(err, ERR_NOMEM, "no memory to divide %llu points", (unsigned long long)s->records);
+	/* A run begins with a sample, whatever its length, and not every stride is a whole number of blocks. */
+	if (found.cap < 2 * (s->records / stride) + s->nruns + s->npieces)
+		stride = 2 * s->records / (found.cap / 2);
 	for (size_t i = 0; rc == 0 && i < s->nruns; i++)
 		rc = sample_run(&found, &s->run[i], stride, err);
 	for (unsigned i = 0; rc == 0 && i < s->npieces; i++)
 		sample_piece(&found, &s->piece[i], stride);
-	if (rc) {
-		free(found.key);
-		return rc;
-	}
-	size_t slices = (size_t)(s->records / target + 1);
-
-	thin(s, &found, found.n / slices ? found.n / slices : 1);
-	return 0;
+	if (rc == 0)
+		thin(s, &found, found.n / slices ? found.n / slices : 1);
+	return rc;
 }
 
 int grid_slices_next(struct grid_slices *s, struct grid_slice *ret, struct err *err)

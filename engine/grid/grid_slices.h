@@ -6,6 +6,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "grid.h"
 #include "grid_run.h"
 #include "point.h"
 
@@ -16,19 +17,22 @@ struct grid_piece {               /* sorted records in memory */
 	size_t n;
 };
 
+enum { GRID_SLICES = 1024 };
+
 struct grid_slices {
 	struct grid_run *run;
 	uint64_t *from;           /* of each run: the first block of the next slice */
 	size_t nruns;
-	struct grid_piece piece[64];
+	struct grid_piece piece[GRID_LANES];
 	unsigned npieces;
-	uint64_t *border;         /* first keys of all slices but the first */
+	uint64_t border[GRID_SLICES]; /* first keys of all slices but the first */
 	size_t n, next;           /* slices; the next one */
 	uint64_t records;
 };
 
-/* Decides where slices of about `target` records each begin. whole: there is only one. */
-int grid_slices_plan(struct grid_slices *, size_t target, bool whole, struct err *err);
+/* Decides where slices of about `target` records each begin; whole: there is only one. `memory` is used while it
+ * does: the more, the more even are they. */
+int grid_slices_plan(struct grid_slices *, size_t target, bool whole, void *memory, size_t bytes, struct err *err);
 
 struct grid_slice {
 	size_t number;

@@ -18,12 +18,13 @@
 
 #include "err.h"
 #include "grid_left.h"
+#include "grid_seal.h"
 #include "grid_segment.h"
 #include "grid_stage_priv.h"
 #include "io.h"
 #include "log.h"
 
-enum { LANE_LEAST = 1 << 14, WRITE_MOST = 1 << 20 }; /* records, bytes */
+enum { LANE_LEAST = 1 << 14, WRITE_MOST = 1 << 20, LISTS_MOST = 1 << 16 }; /* records, bytes, bytes */
 
 int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **ret, struct err *err)
 {
@@ -34,7 +35,8 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	if (params->memory < GRID_STAGE_MIN)
 		return err_set(err, ERR_LIMIT, "staging needs %d bytes of memory, not %zu", GRID_STAGE_MIN,
 			       params->memory);
-	size_t memory = (params->memory - sizeof(struct grid_stage)) & ~(size_t)63; /* both are what was charged */
+	/* All of these are what was charged. */
+	size_t memory = (params->memory - sizeof(struct grid_stage) - grid_seal_bytes()) & ~(size_t)63;
 	struct grid_stage *s = calloc(1, sizeof *s);
 
 	if (!s || !(s->pages = aligned_alloc(64, memory))) {
@@ -45,8 +47,10 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
 	s->passing = params->passing;
-	s->cap = (memory - grid_segment_bytes()) / 2 / 64 * 64 / sizeof *s->pts;
-	s->pts = (struct point *)(s->pages + grid_segment_bytes());
+	s->lists = s->pages + grid_segment_bytes();
+	s->lists_bytes = memory / 64 < LISTS_MOST ? memory / 64 & ~(size_t)63 : LISTS_MOST;
+	s->cap = (memory - grid_segment_bytes() - s->lists_bytes) / 2 / 64 * 64 / sizeof *s->pts;
+	s->pts = (struct point *)(s->lists + s->lists_bytes);
 	s->scratch = s->pts + s->cap;
 	s->lanes = 1;
 	s->lane[0].cap = s->cap;

@@ -19,6 +19,8 @@ struct grid_stage {
 	bool litter; /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
 	uint8_t *pages;     /* of the segment's index; the start of all memory */
+	uint8_t *lists;     /* behind them: of runs, while sealing */
+	size_t lists_bytes;
 	struct point *pts, *scratch; /* the halves, one after the other */
 	size_t cap;                  /* records of each */
 	struct grid_lane lane[GRID_LANES];
