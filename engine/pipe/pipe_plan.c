@@ -31,6 +31,7 @@ static int flat_points(void *ctx, const struct point *pts, size_t n, struct err 
 
 	(void)err;
 	f->counts.points += n;
+	f->counts.points_read += n;
 	for (i = 0; i < n; i++) {
 		enum view_rule rule = view_judge(f->view, &pts[i]);
 		int32_t at[2] = { pts[i].x, pts[i].y };
