@@ -34,8 +34,6 @@
 #define TICK_USEC 100000
 #define IDLE_TICK_USEC 1000000 /* to look whether a private daemon is idle */
 #define PARK_USEC 9000000
-/* Of the catalogue: SQLite's page caches and statements. */
-#define CATALOGUE_BYTES (UINT64_C(1) << 20)
 #define HAND_OVER_MAX 16
 
 struct daemon {
@@ -277,11 +275,34 @@ static int make_loop(struct daemon *d, struct err *err)
 	return 0;
 }
 
+static uint64_t part(uint64_t total, unsigned of, uint64_t least, uint64_t most)
+{
+	uint64_t bytes = total / of;
+
+	return bytes < least ? least : bytes > most ? most : bytes;
+}
+
+/* What is small and cannot wait has its part whatever domains and stages take, and what clients can make grow has a
+ * bound. Stacks are there as long as the threads. */
 static int make_budget(struct daemon *d, struct err *err)
 {
-	d->ledger = ledger_new(d->config.memory);
-	if (!d->ledger || !ledger_take(d->ledger, LEDGER_CATALOGUE, CATALOGUE_BYTES))
+	const uint64_t kib = 1 << 10, mib = 1 << 20, total = d->config.memory;
+	uint64_t stacks = sched_thread_bytes(d->config.threads + 1); /* and the catalogue's */
+	struct ledger *l = d->ledger = ledger_new(total);
+	char need[32], have[32];
+
+	if (!l)
 		return err_set(err, ERR_NOMEM, "no memory for the ledger");
+	if (!ledger_share(l, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, CATALOGUE_HEAP + 4 * CATALOGUE_QUEUE) ||
+	    !ledger_share(l, LEDGER_MESSAGE, part(total, 32, 768 * kib, 16 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
+	    !ledger_share(l, LEDGER_JOBS, part(total, 64, 384 * kib, 32 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
+	    !ledger_share(l, LEDGER_PLAN, part(total, 128, 192 * kib, 32 * mib), 0))
+		return err_set(err, ERR_LIMIT, "the memory is too little for a daemon");
+	if (stacks > total / 4 || !ledger_take(l, LEDGER_THREAD, stacks)) {
+		err_set(err, ERR_LIMIT, "%u threads take %s of stacks, more than a quarter of the memory, %s", d->config.threads,
+			parse_size_text(stacks, need), parse_size_text(total, have));
+		return err_add_hint(err, "give fewer --threads, or --memory %s", parse_size_text(4 * stacks, need));
+	}
 	return 0;
 }
 
@@ -309,7 +330,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 	snprintf(path, sizeof path, "%s/catalogue.db", d->config.state);
 	r = sched_new(d->ledger, d->config.threads, &d->sched, err);
 	if (!r)
-		r = catalogue_new(path, &d->catalogue, err);
+		r = catalogue_new(path, d->ledger, &d->catalogue, err);
 	if (!r)
 		r = server_new(&server, &d->server, err);
 	if (!r) {
@@ -366,7 +387,7 @@ static void finish(struct daemon *d)
 	if (d->ledger) {
 		/* A start that failed early has not taken it. All the rest must have come back: ledger_free
 		 * asserts that. */
-		ledger_give(d->ledger, LEDGER_CATALOGUE, ledger_held(d->ledger, LEDGER_CATALOGUE));
+		ledger_give(d->ledger, LEDGER_THREAD, ledger_held(d->ledger, LEDGER_THREAD));
 		ledger_free(d->ledger);
 	}
 	io_close(d->statefd);

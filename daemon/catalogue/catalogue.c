@@ -4,7 +4,8 @@
  * The model: before catalogue_start the calling thread owns the database, afterwards only the catalogue's
  * thread does. A change is a row of the statement table with its values copied, so that a caller's texts may
  * go at once. Changes are made in the order in which they were queued; each is a transaction and is on disk
- * when its `done` is called. The heap of SQLite is bounded; the catalogue never caches for readers.
+ * when its `done` is called. The heap of SQLite is bounded, and charged whole; the catalogue never caches for
+ * readers. Changes that wait are charged too: who queues more than there is room for waits for the disk.
  */
 #include "catalogue.h"
 
@@ -19,8 +20,9 @@
 
 #include "catalogue_sql.h"
 #include "err.h"
+#include "ledger.h"
 
-enum { VALUES = 16 };
+enum { VALUES = 16, MALLOC_OVERHEAD = 24 };
 
 struct value {
 	enum { VALUE_NUMBER, VALUE_TEXT } kind;
@@ -31,22 +33,25 @@ struct value {
 struct change {
 	enum catalogue_sql sql;
 	unsigned n;
-	struct value value[VALUES];
 	uint64_t drop_push; /* of put_dataset */
 	catalogue_done_fn done;
 	void *ctx;
 	int r;
-	struct err err;
+	struct err *err; /* if r; NULL: not even memory for that */
+	size_t charged;
 	struct change *next;
+	struct value value[VALUES];
 };
 
 struct catalogue {
 	sqlite3 *db;
 	sqlite3_stmt *stmt[CATALOGUE_SQLS];
 	pthread_mutex_t lock;
-	pthread_cond_t wake;
+	pthread_cond_t wake, room; /* for the thread; for who waits to queue */
 	pthread_t thread;
-	bool started, stop;
+	struct ledger *ledger;
+	bool heap; /* charged */
+	bool started, stop, writing;
 	struct change *todo, **todo_end, *over, **over_end;
 	unsigned busy;
 	int event;
@@ -90,7 +95,9 @@ static int open_db(struct catalogue *c, const char *path, struct err *err)
 {
 	int r, version = 0;
 
-	sqlite3_soft_heap_limit64(1 << 20);
+	/* Cached pages go before the heap is full; statements and texts of one change need far less than the rest. */
+	sqlite3_soft_heap_limit64(CATALOGUE_HEAP - (CATALOGUE_HEAP >> 2));
+	sqlite3_hard_heap_limit64(CATALOGUE_HEAP);
 	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
 			    NULL) != SQLITE_OK)
 		return c->db ? failed(c, err, "the catalogue cannot be opened")
@@ -112,7 +119,13 @@ static int open_db(struct catalogue *c, const char *path, struct err *err)
 	return r;
 }
 
-int catalogue_new(const char *path, struct catalogue **ret, struct err *err)
+static int take_heap(struct catalogue *c, struct err *err)
+{
+	c->heap = c->ledger && ledger_take(c->ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP);
+	return !c->ledger || c->heap ? 0 : err_set(err, ERR_LIMIT, "the memory has no room for the catalogue");
+}
+
+int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **ret, struct err *err)
 {
 	struct catalogue *c = calloc(1, sizeof *c);
 	int r;
@@ -121,12 +134,16 @@ int catalogue_new(const char *path, struct catalogue **ret, struct err *err)
 		return err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	pthread_mutex_init(&c->lock, NULL);
 	pthread_cond_init(&c->wake, NULL);
+	pthread_cond_init(&c->room, NULL);
+	c->ledger = ledger;
 	c->todo_end = &c->todo;
 	c->over_end = &c->over;
 	c->event = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
 	if (c->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
 	else
+		r = take_heap(c, err);
+	if (!r)
 		r = open_db(c, path, err);
 	if (r) {
 		err_add_file(err, path);
@@ -154,7 +171,10 @@ struct catalogue *catalogue_free(struct catalogue *c)
 	sqlite3_close(c->db);
 	if (c->event >= 0)
 		close(c->event);
+	if (c->heap)
+		ledger_give(c->ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP);
 	pthread_cond_destroy(&c->wake);
+	pthread_cond_destroy(&c->room);
 	pthread_mutex_destroy(&c->lock);
 	free(c);
 	return NULL;
@@ -295,24 +315,36 @@ static int bind_and_step(struct catalogue *c, sqlite3_stmt *s, const struct valu
 	return r;
 }
 
-static int make_change(struct catalogue *c, struct change *ch)
+static int make_change(struct catalogue *c, struct change *ch, struct err *err)
 {
 	struct value push = {.kind = VALUE_NUMBER, .number = (int64_t)ch->drop_push};
 	int r;
 
 	if (!ch->drop_push)
-		return bind_and_step(c, c->stmt[ch->sql], ch->value, ch->n, &ch->err);
-	r = run_sql(c, "BEGIN IMMEDIATE", &ch->err);
+		return bind_and_step(c, c->stmt[ch->sql], ch->value, ch->n, err);
+	r = run_sql(c, "BEGIN IMMEDIATE", err);
 	if (r)
 		return r;
-	r = bind_and_step(c, c->stmt[ch->sql], ch->value, ch->n, &ch->err);
+	r = bind_and_step(c, c->stmt[ch->sql], ch->value, ch->n, err);
 	if (!r)
-		r = bind_and_step(c, c->stmt[CATALOGUE_DROP_PUSH], &push, 1, &ch->err);
+		r = bind_and_step(c, c->stmt[CATALOGUE_DROP_PUSH], &push, 1, err);
 	if (!r)
-		r = run_sql(c, "COMMIT", &ch->err);
+		r = run_sql(c, "COMMIT", err);
 	if (r)
 		sqlite3_exec(c->db, "ROLLBACK", NULL, NULL, NULL);
 	return r;
+}
+
+/* What was written needs its texts no more: only the answer waits for the loop. */
+static void written(struct catalogue *c, struct change *ch, const struct err *why)
+{
+	for (unsigned i = 0; i < ch->n; i++)
+		free(ch->value[i].text);
+	ch->n = 0;
+	if (ch->r && (ch->err = malloc(sizeof *ch->err)))
+		*ch->err = *why;
+	if (ch->charged)
+		ledger_give(c->ledger, LEDGER_CATALOGUE, ch->charged);
 }
 
 static void *work(void *arg)
@@ -333,9 +365,15 @@ static void *work(void *arg)
 		c->todo = ch->next;
 		if (!c->todo)
 			c->todo_end = &c->todo;
+		c->writing = true;
 		pthread_mutex_unlock(&c->lock);
-		ch->r = make_change(c, ch);
+		struct err why = ERR_INIT;
+
+		ch->r = make_change(c, ch, &why);
+		written(c, ch, &why);
 		pthread_mutex_lock(&c->lock);
+		c->writing = false;
+		pthread_cond_signal(&c->room);
 		ch->next = NULL;
 		*c->over_end = ch;
 		c->over_end = &ch->next;
@@ -371,14 +409,17 @@ static void change_free(struct change *ch)
 {
 	for (unsigned i = 0; i < ch->n; i++)
 		free(ch->value[i].text);
+	free(ch->err);
 	free(ch);
 }
 
 unsigned catalogue_dispatch(struct catalogue *c)
 {
+	struct err nomem = ERR_INIT;
 	unsigned n = 0;
 	uint64_t count;
 
+	err_set(&nomem, ERR_NOMEM, "the catalogue cannot be written, and there is no memory to say why");
 	if (read(c->event, &count, sizeof count) < 0)
 		count = 0;
 	for (;;) {
@@ -396,7 +437,7 @@ unsigned catalogue_dispatch(struct catalogue *c)
 		if (!ch)
 			return n;
 		if (ch->done)
-			ch->done(ch->ctx, ch->r, &ch->err);
+			ch->done(ch->ctx, ch->r, ch->err ? ch->err : &nomem);
 		change_free(ch);
 		n++;
 	}
@@ -422,7 +463,6 @@ static struct change *change_new(enum catalogue_sql sql, catalogue_done_fn done,
 		ch->sql = sql;
 		ch->done = done;
 		ch->ctx = ctx;
-		ch->err = ERR_INIT;
 	}
 	return ch;
 }
@@ -440,6 +480,25 @@ static void add_text(struct change *ch, const char *t)
 		ch->value[ch->n++] = (struct value){.kind = VALUE_TEXT, .text = strdup(t ? t : "")};
 }
 
+/* Room among those that wait for the disk; locked. It comes when some are written: a slow disk slows down who asks
+ * for more than it carries. */
+static bool take_room(struct catalogue *c, struct change *ch)
+{
+	size_t bytes = sizeof *ch;
+
+	if (!c->ledger)
+		return true;
+	for (unsigned i = 0; i < ch->n; i++)
+		bytes += ch->value[i].kind == VALUE_TEXT ? strlen(ch->value[i].text) + MALLOC_OVERHEAD : 0;
+	while (!ledger_take(c->ledger, LEDGER_CATALOGUE, bytes)) {
+		if (!c->started || (!c->todo && !c->writing))
+			return false;
+		pthread_cond_wait(&c->room, &c->lock);
+	}
+	ch->charged = bytes;
+	return true;
+}
+
 static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
 {
 	if (!ch)
@@ -450,6 +509,11 @@ static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
 			return err_set(err, ERR_NOMEM, "no memory for a change of the catalogue");
 		}
 	pthread_mutex_lock(&c->lock);
+	if (!take_room(c, ch)) {
+		pthread_mutex_unlock(&c->lock);
+		change_free(ch);
+		return err_set(err, ERR_BUSY, "the memory has no room for a change of the catalogue");
+	}
 	*c->todo_end = ch;
 	c->todo_end = &ch->next;
 	c->busy++;

@@ -10,6 +10,11 @@
 
 struct err;
 struct catalogue;
+struct ledger;
+
+/* What it takes of the ledger (LEDGER_CATALOGUE): all that SQLite may ever have, and changes that wait for the disk.
+ * Set that much aside; who queues more waits until some of it is written. */
+enum { CATALOGUE_HEAP = 1 << 20, CATALOGUE_QUEUE = 512 << 10 };
 
 /* Texts are copied by whoever receives such a struct. Times: microseconds since 1970. */
 struct catalogue_dataset {
@@ -40,8 +45,9 @@ struct catalogue_push {
 	int64_t begun_us;
 };
 
-/* Opens or makes `path`. -ERR_VERSION: made by a newer acutd; -ERR_CORRUPT: not a catalogue, damaged. */
-int catalogue_new(const char *path, struct catalogue **ret, struct err *err);
+/* Opens or makes `path`. `ledger` is borrowed (NULL: not charged). -ERR_VERSION: made by a newer acutd;
+ * -ERR_CORRUPT: not a catalogue, damaged; -ERR_LIMIT: the ledger has no room. */
+int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **ret, struct err *err);
 /* Ends the thread after everything queued is on disk. NULL is fine; returns NULL. */
 struct catalogue *catalogue_free(struct catalogue *);
 

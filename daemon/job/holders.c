@@ -44,7 +44,7 @@ static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 	/* A stage that is about to be made is known to plans, but taken only by its task. */
 	if (p->stage_bytes && !(p->busy && p->asks && p->asks->kind == PUSH_STAGE))
 		held[LEDGER_STAGE] += p->stage_bytes;
-	held[LEDGER_STAGE] += p->table_bytes;
+	held[LEDGER_FILES] += p->table_bytes;
 	if (p->asks && p->asks->crew)
 		held[LEDGER_INPUT] += push_crew_held(p->asks->crew);
 	for (s = p->streams; s; s = s->next)

@@ -21,6 +21,7 @@ struct inspect {
 	int fd, r;
 	char *name, *format, *columns, info_format[16];
 	bool read;   /* the header is: now the records */
+	size_t read_bytes;
 	struct push_input_id id;
 	struct inspect_result *result;
 	struct err err;
@@ -43,6 +44,7 @@ static void take_info(struct inspect *a, const struct input *in)
 {
 	struct input_info *info = &a->result->info;
 
+	a->result->name = a->name;
 	*info = *input_info(in);
 	snprintf(a->info_format, sizeof a->info_format, "%s", info->format);
 	info->format = a->info_format;
@@ -59,7 +61,7 @@ static void header_run(struct sched_task *t)
 	if (!a->r)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (!a->r)
-		take_info(a, in);
+		a->read_bytes = input_info(in)->read_bytes;
 	input_close(in);
 	if (a->r)
 		err_add_file(&a->err, a->name);
@@ -238,9 +240,16 @@ static void records_run(struct sched_task *t)
 	struct push_input_id id;
 	struct input *in = NULL;
 
-	a->r = input_open(a->fd, a->name, &options, &in, &a->err);
-	if (!a->r)
+	/* Large, so it is there only while its memory is. */
+	a->result = calloc(1, sizeof *a->result);
+	if (!a->result)
+		a->r = err_set(&a->err, ERR_NOMEM, "no memory to look at a file");
+	else
+		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
+	if (!a->r) {
+		take_info(a, in);
 		a->r = records(a, in);
+	}
 	if (!a->r)
 		a->r = push_fd_check(a->fd, a->name, &id, &a->err);
 	if (!a->r && (id.size != a->id.size || id.mtime_ns != a->id.mtime_ns))
@@ -281,7 +290,7 @@ static void inspect_done(struct sched_task *t)
 			.reads = true,
 			.priority = SCHED_NORMAL,
 			.name = LEDGER_STAGE,
-			.bytes = STAGE_BYTES + pipe_inspect_bytes() + input_bytes() + a->result->info.read_bytes,
+			.bytes = STAGE_BYTES + sizeof *a->result + pipe_inspect_bytes() + input_bytes() + a->read_bytes,
 		};
 		sched_submit(j->p.sched, &a->task);
 		return;
@@ -302,9 +311,8 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 		a->name = strdup(name);
 		a->format = strdup(format);
 		a->columns = strdup(columns);
-		a->result = calloc(1, sizeof *a->result);
 	}
-	if (!a || !a->name || !a->format || !a->columns || !a->result) {
+	if (!a || !a->name || !a->format || !a->columns) {
 		if (a)
 			inspect_free(a);
 		else
@@ -313,7 +321,6 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 		answer(token, &err, NULL);
 		return;
 	}
-	a->result->name = a->name;
 	a->task = (struct sched_task){
 		.run = header_run,
 		.done = inspect_done,
@@ -321,7 +328,7 @@ void inspect_file(struct jobs *j, int fd, const char *name, const char *format, 
 		.reads = true,
 		.priority = SCHED_FIRST,
 		.name = LEDGER_INPUT,
-		.bytes = input_bytes() + sizeof *a->result,
+		.bytes = input_bytes(),
 	};
 	a->jobs = j;
 	a->err = ERR_INIT;

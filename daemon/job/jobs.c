@@ -1,7 +1,7 @@
 /*
  * The house: loading, the shares of the memory, the tick, and stopping.
  *
- * The shares of `memory`: the catalogue and the messages have a fixed part; every walk has a share for its
+ * The shares of `memory`: what is small has its part whatever else is held (house_bytes); every walk has a share for its
  * table of unfinished vertices and one for index pages; stages take up to half; domains take what is left
  * when their plan is made. A plan counts on at most what is left beside the stages held then, of which one
  * domain is less than half, and a stage leaves room for two domains of the largest plan that runs: so the
@@ -22,7 +22,7 @@
 
 #define STARVED_SECONDS 0.3
 
-enum { MESSAGE_SHARE = 1 << 20, JOBS_KEPT = 2048 };
+enum { JOBS_KEPT = 2048 };
 
 static uint64_t clamp(uint64_t v, uint64_t low, uint64_t high)
 {
@@ -39,6 +39,15 @@ static uint64_t index_share(uint64_t total)
 	return clamp(total / 64, 256 << 10, 32 << 20);
 }
 
+/* What is not for domains and stages: stacks, the catalogue, messages, and what grows with jobs, files and sources. */
+static uint64_t house_bytes(const struct jobs *j)
+{
+	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
+			       1u << LEDGER_FILES | 1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN;
+
+	return ledger_claimed(j->p.ledger, names) + 2 * input_bytes();
+}
+
 static void share_out(struct jobs *j)
 {
 	uint64_t total = ledger_total(j->p.ledger);
@@ -47,7 +56,7 @@ static void share_out(struct jobs *j)
 	j->index_share = index_share(total);
 	j->stage_share = total / 2;
 	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
-	j->reserve = ledger_held(j->p.ledger, LEDGER_CATALOGUE) + MESSAGE_SHARE + 2 * input_bytes();
+	j->reserve = house_bytes(j);
 }
 
 /* ---- walks ---- */
@@ -115,7 +124,7 @@ static uint64_t walk_share(const struct jobs *j)
 uint64_t jobs_domain_memory(struct jobs *j)
 {
 	unsigned walks = tally(j, NULL).walks;
-	uint64_t used = j->reserve + jobs_staged(j) + (walks + 1) * walk_share(j);
+	uint64_t used = house_bytes(j) + jobs_staged(j) + (walks + 1) * walk_share(j);
 	uint64_t total = ledger_total(j->p.ledger);
 
 	return total > used ? total - used : 0;

@@ -97,7 +97,7 @@ static uint64_t manifest_bytes(const struct push *p)
 
 	for (int i = 0; i < 2; i++)
 		if (all[i])
-			bytes += 3 * (all[i]->nsources * sizeof *all[i]->sources + all[i]->texts_bytes +
+			bytes += 4 * (all[i]->nsources * sizeof *all[i]->sources + all[i]->texts_bytes +
 				      all[i]->nsegments * sizeof *all[i]->segments);
 	return bytes;
 }

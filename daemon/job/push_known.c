@@ -12,7 +12,7 @@
 #include "io.h"
 #include "push_priv.h"
 
-enum { HASH_BUFFER = 256 << 10 };
+enum { HASH_BUFFER = 64 << 10 };
 
 int push_hash(struct push *p, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err)
 {

@@ -12,7 +12,7 @@
 
 #include "push_priv.h"
 
-enum { TABLE_FREE = 4096, TABLE_STEP = 64 << 10 };
+enum { TABLE_FREE = 4096, TABLE_STEP = 64 << 10, SOURCE_FILE_BYTES = 80 };
 
 /* Loop. */
 int push_room(struct push *p, uint64_t bytes, struct err *err)
@@ -27,7 +27,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	left = jobs_domain_memory(j);
 	/* As for the stage: a job that runs must be able to finish beside it; and the stage itself must come. */
 	head = 2 * jobs_domain_largest(j) + (p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p));
-	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_STAGE, step)) {
+	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_FILES, step)) {
 		p->table_bytes += step;
 		return 0;
 	}
@@ -43,7 +43,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 void push_room_give(struct push *p)
 {
 	if (p->table_bytes)
-		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->table_bytes);
+		sched_give(p->jobs->p.sched, LEDGER_FILES, p->table_bytes);
 	p->table_bytes = p->table_used = 0;
 }
 
@@ -95,7 +95,10 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 {
 	size_t n = strlen(name) + 1, m = strlen(path) + 1;
 	struct push_probed *at;
-	int r = push_room(p, sizeof *at + 2 * sizeof(struct grid_source) + n + m + 8 * sizeof(struct name_slot), err);
+	/* Itself, what the commit makes of it (tables, and a manifest written and read), its places in tables of names. */
+	uint64_t bytes = sizeof *at + 3 * sizeof(struct grid_source) + 3 * (SOURCE_FILE_BYTES + n + m) +
+			 8 * sizeof(struct name_slot);
+	int r = push_room(p, bytes, err);
 
 	if (r)
 		return r;

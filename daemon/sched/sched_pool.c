@@ -26,6 +26,15 @@
 
 enum { SPARES = 4 };
 
+/* Tasks do not recurse: what of a stack is ever touched is less than half of it (the largest frames are some tens of
+ * kilobytes). A sanitizer's are many times that, and not the product's. */
+#if defined __SANITIZE_ADDRESS__ || defined __SANITIZE_THREAD__
+enum { STACK_BYTES = 8 << 20 };
+#else
+enum { STACK_BYTES = 256 << 10 };
+#endif
+enum { STACK_TOUCHED = 128 << 10, BUFFER_BYTES = 64 << 10 };
+
 struct sched {
 	pthread_mutex_t lock;
 	pthread_cond_t wake, wake_spare;
@@ -125,12 +134,20 @@ static void *work(void *arg)
 	return NULL;
 }
 
+uint64_t sched_thread_bytes(unsigned threads)
+{
+	return (uint64_t)(threads + SPARES) * (STACK_TOUCHED + BUFFER_BYTES);
+}
+
 /* Signals are the loop's: workers are started with all of them blocked. */
 static int start(struct sched *s, struct err *err)
 {
+	pthread_attr_t attr;
 	sigset_t all, old;
 	int r = 0;
 
+	pthread_attr_init(&attr);
+	pthread_attr_setstacksize(&attr, STACK_BYTES);
 	sigfillset(&all);
 	pthread_sigmask(SIG_SETMASK, &all, &old);
 	while (s->started < s->threads + SPARES) {
@@ -141,7 +158,7 @@ static int start(struct sched *s, struct err *err)
 			break;
 		}
 		*w = (struct worker){.sched = s, .spare = s->started >= s->threads};
-		r = pthread_create(&s->thread[s->started], NULL, work, w);
+		r = pthread_create(&s->thread[s->started], &attr, work, w);
 		if (r) {
 			free(w);
 			break;
@@ -149,6 +166,7 @@ static int start(struct sched *s, struct err *err)
 		s->started++;
 	}
 	pthread_sigmask(SIG_SETMASK, &old, NULL);
+	pthread_attr_destroy(&attr);
 	return r ? err_sys(err, r, "cannot start a worker thread") : 0;
 }
 

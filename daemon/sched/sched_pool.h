@@ -56,6 +56,9 @@ struct sched_task {
 	struct sched_task *next;
 };
 
+/* What so many threads have beside what their tasks take: stacks, and small buffers of a task (64 KiB to read through).
+ * For whoever makes the ledger to charge. */
+uint64_t sched_thread_bytes(unsigned threads);
 /* `ledger` is borrowed. Starts `threads` threads. */
 int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struct err *err);
 /* Cancels what has not started, waits for what runs, calls every done. NULL is fine; returns NULL. */

@@ -85,7 +85,7 @@ static struct catalogue *reopen(struct catalogue *c, struct seen *seen, uint64_t
 
 	catalogue_free(c);
 	memset(seen, 0, sizeof *seen);
-	assert_int_equal(catalogue_new(path, &c, &err), 0);
+	assert_int_equal(catalogue_new(path, NULL, &c, &err), 0);
 	assert_int_equal(catalogue_load(c, &reader, last, &err), 0);
 	assert_int_equal(catalogue_start(c, &err), 0);
 	return c;
@@ -211,14 +211,14 @@ static void newer_and_broken(void **state)
 	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
 	assert_int_equal(sqlite3_exec(db, "PRAGMA user_version = 999", NULL, NULL, NULL), SQLITE_OK);
 	sqlite3_close(db);
-	assert_int_equal(catalogue_new(path, &c, &err), -ERR_VERSION);
+	assert_int_equal(catalogue_new(path, NULL, &c, &err), -ERR_VERSION);
 	unlink(path);
 	fd = open(path, O_CREAT | O_WRONLY, 0600);
 	for (int i = 0; i < 100; i++)
 		assert_int_equal(write(fd, "this is not a database, not at all", 34), 34);
 	close(fd);
 	err_clear(&err);
-	assert_int_equal(catalogue_new(path, &c, &err), -ERR_CORRUPT);
+	assert_int_equal(catalogue_new(path, NULL, &c, &err), -ERR_CORRUPT);
 	assert_string_equal(err.file, path);
 }
 

@@ -74,8 +74,10 @@ static void open_house(uint64_t memory, unsigned threads)
 	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	h.cachefd = dup(h.statefd);
 	h.ledger = ledger_new(memory);
+	assert_true(ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0));
+	assert_true(ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0));
 	assert_int_equal(sched_new(h.ledger, threads, &h.sched, &err), 0);
-	assert_int_equal(catalogue_new(path, &h.catalogue, &err), 0);
+	assert_int_equal(catalogue_new(path, h.ledger, &h.catalogue, &err), 0);
 	p.ledger = h.ledger;
 	p.sched = h.sched;
 	p.catalogue = h.catalogue;
