@@ -108,6 +108,17 @@ uint64_t ledger_left(struct ledger *l)
 	return read_number(l, &l->left);
 }
 
+uint64_t ledger_room(struct ledger *l, enum ledger_name name)
+{
+	pthread_mutex_lock(&l->lock);
+	uint64_t held = l->held[name], room = l->left + claim(l, name, held) - held;
+
+	if (l->most[name] && room > l->most[name] - held)
+		room = l->most[name] - held;
+	pthread_mutex_unlock(&l->lock);
+	return room;
+}
+
 uint64_t ledger_held(struct ledger *l, enum ledger_name name)
 {
 	return read_number(l, &l->held[name]);

@@ -75,6 +75,9 @@ struct frame_conn;
 int frame_conn_new(int fd, const struct frame_limits *limits, struct frame_conn **ret, struct err *err);
 /* Closes the socket and every descriptor still queued. NULL is fine; returns NULL. */
 struct frame_conn *frame_conn_free(struct frame_conn *);
+/* Gives its memory back at once: what was queued and half a frame go, and the other side finds the connection
+ * ended. What is called next fails as after a breach, with *why. For any moment. */
+void frame_conn_cut(struct frame_conn *, const struct err *why);
 int frame_conn_fd(const struct frame_conn *);
 /* What to poll for: POLLIN, and POLLOUT while frames are queued. The values are those of EPOLLIN and
  * EPOLLOUT as well. */

@@ -137,6 +137,17 @@ static void conn_pop(struct frame_conn *conn)
 	conn_give(conn, q, sizeof *q + q->size);
 }
 
+void frame_conn_cut(struct frame_conn *conn, const struct err *why)
+{
+	conn_reset(conn);
+	while (conn->first)
+		conn_pop(conn);
+	conn->queued = 0;
+	conn->broken = true;
+	conn->why = *why;
+	shutdown(conn->fd, SHUT_RDWR);
+}
+
 struct frame_conn *frame_conn_free(struct frame_conn *conn)
 {
 	struct ledger *ledger;

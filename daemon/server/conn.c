@@ -4,7 +4,8 @@
  * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs,
  * one-step datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with
  * keep the memory of the connection until they are answered (into nothing). A client that does not read is
- * cut off when its answers reach the cap of its queue.
+ * cut off when its answers reach the cap of its queue, or when others lack the memory that it has. All of it is
+ * charged: frames as they come and wait, requests with what is kept until they are answered.
  */
 #include <errno.h>
 #include <stdlib.h>
@@ -13,8 +14,43 @@
 #include <sys/socket.h>
 
 #include "io.h"
+#include "ledger.h"
 #include "log.h"
 #include "server_priv.h"
+
+enum {
+	CONN_BYTES = 2 << 10,    /* of a connection, beside its frames: itself, its event source */
+	REQUEST_BYTES = 4 << 10, /* of a request, beside its texts: what is kept until it is answered */
+	FAT = 32 << 10,          /* nobody who reads his answers has as much for long */
+	COMFORT = 2 * FRAME_MAX, /* room for a frame that comes and its message */
+};
+
+/* Messages have run out of memory: whoever holds the most, and more than an honest client does, is cut off. It is
+ * closed when the loop comes to it: what calls here may be going through lists of what closing changes. */
+static bool relieve(struct server *s, const struct conn *but)
+{
+	struct conn *c, *most = NULL;
+	struct err err = ERR_INIT;
+
+	for (c = s->conns; c; c = c->next)
+		if (c != but && c->frame && frame_conn_held(c->frame) > FAT &&
+		    (!most || frame_conn_held(c->frame) > frame_conn_held(most->frame)))
+			most = c;
+	if (!most)
+		return false;
+	log_info("a client (pid %u) is cut off: it keeps %zu KiB of messages, and others have no memory for theirs",
+		 most->peer.pid, frame_conn_held(most->frame) >> 10);
+	err_set(&err, ERR_BUSY, "the client keeps too many messages");
+	frame_conn_cut(most->frame, &err);
+	return true;
+}
+
+/* As far as that is possible. */
+static void make_room(struct server *s, size_t bytes, const struct conn *but)
+{
+	while (ledger_room(s->p.ledger, LEDGER_MESSAGE) < bytes && relieve(s, but))
+		;
+}
 
 static void watch(struct conn *c)
 {
@@ -54,6 +90,7 @@ void conn_send(struct conn *c, uint32_t id, const Acut__V1__Message *m, int fd)
 		io_close(fd);
 		return;
 	}
+	make_room(c->server, frame_message_size(m) + COMFORT / 16, c);
 	sent(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
 }
 
@@ -61,8 +98,10 @@ void conn_send_error(struct conn *c, uint32_t id, const struct err *why)
 {
 	struct err err = ERR_INIT;
 
-	if (!c->closed)
-		sent(c, frame_conn_send_error(c->frame, id, why, &err), &err);
+	if (c->closed)
+		return;
+	make_room(c->server, COMFORT / 16, c);
+	sent(c, frame_conn_send_error(c->frame, id, why, &err), &err);
 }
 
 void conn_fail(struct conn *c, const struct err *why)
@@ -74,12 +113,26 @@ void conn_fail(struct conn *c, const struct err *why)
 
 /* ---- requests ---- */
 
-struct request *request_new(struct conn *c, uint32_t id)
+struct request *request_new(struct conn *c, uint32_t id, size_t bytes, struct err *err)
 {
-	struct request *q = calloc(1, sizeof *q);
+	struct ledger *ledger = c->server->p.ledger;
+	struct request *q;
 
-	if (!q)
+	bytes += REQUEST_BYTES;
+	make_room(c->server, bytes, c);
+	if (!ledger_take(ledger, LEDGER_MESSAGE, bytes)) {
+		err_set(err, ERR_BUSY, "there is no memory left for a request");
+		err_add_hint(err, "try again when other clients are done, or give acutd more memory");
 		return NULL;
+	}
+	q = calloc(1, sizeof *q);
+	if (!q) {
+		ledger_give(ledger, LEDGER_MESSAGE, bytes);
+		err_set(err, ERR_NOMEM, "no memory for a request");
+		return NULL;
+	}
+	q->charged = bytes;
+	c->charged += bytes;
 	q->conn = c;
 	q->id = id;
 	q->next = c->requests;
@@ -101,6 +154,8 @@ struct request *request_free(struct request *q)
 	*at = q->next;
 	c->nrequests--;
 	c->nfiles -= q->files;
+	c->charged -= q->charged;
+	ledger_give(c->server->p.ledger, LEDGER_MESSAGE, q->charged);
 	if (c->closed)
 		c->server->reap = true;
 	free(q);
@@ -127,7 +182,7 @@ void request_refuse(struct request *q, const struct err *why)
 
 uint64_t conn_held(const struct conn *c)
 {
-	return c->frame ? frame_conn_held(c->frame) : 0;
+	return c->charged + (c->frame ? frame_conn_held(c->frame) : 0);
 }
 
 /* ---- reading ---- */
@@ -145,7 +200,10 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 		struct err err = ERR_INIT;
 		Acut__V1__Message *m = NULL;
 		uint32_t id = 0;
-		int got = -1, r = frame_conn_recv(c->frame, &id, &m, &got, &err);
+		int got = -1, r;
+
+		make_room(c->server, COMFORT, c);
+		r = frame_conn_recv(c->frame, &id, &m, &got, &err);
 
 		if (r == FRAME_E_AGAIN)
 			break;
@@ -163,7 +221,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 	return 0;
 }
 
-int conn_new(struct server *s, int fd, struct err *err)
+static int conn_make(struct server *s, int fd, struct err *err)
 {
 	struct conn *c = calloc(1, sizeof *c);
 	struct frame_limits limits = {.ledger = s->p.ledger};
@@ -178,6 +236,7 @@ int conn_new(struct server *s, int fd, struct err *err)
 		return err_sys(err, errno, "the client's user cannot be found out");
 	}
 	c->server = s;
+	c->charged = CONN_BYTES;
 	c->peer = (struct job_peer){.uid = cred.uid, .pid = (uint32_t)cred.pid};
 	r = frame_conn_new(fd, &limits, &c->frame, err);
 	if (r) {
@@ -190,6 +249,7 @@ int conn_new(struct server *s, int fd, struct err *err)
 		log_warning("cannot wait for a client: %s", strerror(-r));
 		frame_conn_free(c->frame);
 		free(c);
+		ledger_give(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
 		return 0;
 	}
 	c->number = ++s->last_conn;
@@ -198,6 +258,19 @@ int conn_new(struct server *s, int fd, struct err *err)
 	s->nconns++;
 	log_debug("client: pid %u, uid %u", c->peer.pid, c->peer.uid);
 	return 0;
+}
+
+int conn_new(struct server *s, int fd, struct err *err)
+{
+	int r;
+
+	make_room(s, CONN_BYTES + COMFORT, NULL);
+	if (!ledger_take(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES))
+		return err_set(err, ERR_BUSY, "there is no memory left for a client");
+	r = conn_make(s, fd, err);
+	if (r)
+		ledger_give(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
+	return r;
 }
 
 /* ---- the end ---- */
@@ -257,6 +330,7 @@ bool conn_reap(struct conn *c)
 		c->pushes = p->next;
 		free(p);
 	}
+	ledger_give(c->server->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
 	free(c);
 	return true;
 }

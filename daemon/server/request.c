@@ -123,9 +123,7 @@ void request_handle(struct conn *c, uint32_t id, Acut__V1__Message *m, int fd)
 		;
 	else if (table[i].file && fd < 0 && m->body_case == ACUT__V1__MESSAGE__BODY_INFO_REQUEST)
 		err_set(&err, ERR_INPUT, "no descriptor came with the file");
-	q = err.code ? NULL : request_new(c, id);
-	if (!err.code && !q)
-		err_set(&err, ERR_NOMEM, "no memory for a request");
+	q = err.code ? NULL : request_new(c, id, 2 * frame_message_size(m), &err);
 	if (err.code) {
 		io_close(fd);
 		conn_send_error(c, id, &err);

@@ -79,6 +79,7 @@ static void add_conns(struct answer *a, const struct server *s)
 		struct job_holder h = {.kind = "connection", .id = c->number, .peer = c->peer, .dataset = ""};
 
 		h.held[LEDGER_MESSAGE] = conn_held(c);
+		h.held[LEDGER_PIPE] = stream_out_held(c);
 		add(a, &h);
 		a->pipes += stream_out_pipes(c);
 	}

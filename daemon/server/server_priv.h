@@ -38,6 +38,7 @@ struct request {
 	struct conn *conn;
 	uint32_t id;
 	unsigned files;        /* 1: counts among the unanswered files */
+	size_t charged;
 	struct push_ref *push; /* of PushBegin to PushAbort */
 	uint64_t job;          /* of Wait and Fetch */
 	bool watch, wait;
@@ -70,6 +71,7 @@ struct conn {
 	uint64_t number; /* of all that ever came */
 	bool hello, closed;
 	unsigned nrequests, nfiles;
+	size_t charged; /* itself and its requests */
 	struct request *requests;
 	struct push_ref *pushes;
 	struct conn_job *bound;    /* jobs that end with it */
@@ -84,7 +86,8 @@ bool conn_reap(struct conn *);  /* frees it if nothing refers to it */
 void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd);
 void conn_send_error(struct conn *, uint32_t id, const struct err *);
 void conn_fail(struct conn *, const struct err *); /* a breach: Error on id 0, then the end */
-struct request *request_new(struct conn *, uint32_t id);
+/* `bytes`: of its message. NULL: no memory; err says so. */
+struct request *request_new(struct conn *, uint32_t id, size_t bytes, struct err *err);
 struct request *request_free(struct request *);
 void request_answer(struct request *, const Acut__V1__Message *); /* and free it */
 void request_refuse(struct request *, const struct err *);        /* likewise */
@@ -129,6 +132,7 @@ struct digest;
 void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want);
 void stream_out_start(struct stream_out *, struct job *);
 void stream_out_leave(struct conn *); /* all streams of the connection end */
+uint64_t stream_out_held(const struct conn *);  /* taken of LEDGER_PIPE */
 uint64_t stream_out_pipes(const struct conn *); /* the kernel's capacity for its pipes that are open */
 void stream_out_progress(struct conn *, struct job *);
 

@@ -18,6 +18,7 @@
 
 #include "clock.h"
 #include "io.h"
+#include "ledger.h"
 #include "log.h"
 #include "server_priv.h"
 
@@ -41,6 +42,7 @@ struct stream_out {
 	sd_event_source *io;
 	struct out_frame frame[FRAMES];
 	char *view; /* that the head points to */
+	size_t view_bytes; /* charged for it */
 	uint64_t blocks; /* before `from`, and sent */
 	uint64_t blocked_ns; /* since when bytes wait; 0: none do */
 	bool paused, ended, gone;
@@ -80,6 +82,7 @@ static void stream_free(struct stream_out *o)
 	io_close(o->fd);
 	spool_close(o);
 	free(o->view);
+	ledger_give(o->conn->server->p.ledger, LEDGER_PIPE, sizeof *o + o->view_bytes);
 	free(o);
 }
 
@@ -256,7 +259,9 @@ static void out_head(struct job_output *output, const struct job_stream_head *in
 	text_copy(head.crs, sizeof head.crs, in->manifest->crs);
 	text_copy(head.unit_xy, sizeof head.unit_xy, in->manifest->unit_xy);
 	text_copy(head.unit_z, sizeof head.unit_z, in->manifest->unit_z);
-	o->view = strdup(in->view);
+	if (ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, strlen(in->view) + 1))
+		o->view_bytes = strlen(in->view) + 1;
+	o->view = o->view_bytes ? strdup(in->view) : NULL;
 	if (!o->view) {
 		err_set(&err, ERR_NOMEM, "no memory for the head of a stream");
 		tell_why(o, &err);
@@ -446,11 +451,10 @@ static const struct job_output_calls output_calls = {
 
 /* ---- what the server calls ---- */
 
-struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end,
-				  struct err *err)
+static struct stream_out *stream_make(struct conn *c, uint64_t job, uint32_t request, int ends[2], struct err *err)
 {
 	struct stream_out *o = calloc(1, sizeof *o);
-	int ends[2], r;
+	int r;
 
 	if (!o) {
 		err_set(err, ERR_NOMEM, "no memory for a stream");
@@ -481,7 +485,25 @@ struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request
 	o->spool = -1;
 	o->next = c->streams;
 	c->streams = o;
-	*ret_read_end = ends[0];
+	return o;
+}
+
+struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end,
+				  struct err *err)
+{
+	struct stream_out *o;
+	int ends[2];
+
+	if (!ledger_take(c->server->p.ledger, LEDGER_PIPE, sizeof *o)) {
+		err_set(err, ERR_BUSY, "there is no memory left for a stream");
+		err_add_hint(err, "try again when other streams are over, or give acutd more memory");
+		return NULL;
+	}
+	o = stream_make(c, job, request, ends, err);
+	if (o)
+		*ret_read_end = ends[0];
+	else
+		ledger_give(c->server->p.ledger, LEDGER_PIPE, sizeof *o);
 	return o;
 }
 
@@ -506,6 +528,16 @@ void stream_out_leave(struct conn *c)
 		next = o->next;
 		drop(o);
 	}
+}
+
+uint64_t stream_out_held(const struct conn *c)
+{
+	const struct stream_out *o;
+	uint64_t bytes = 0;
+
+	for (o = c->streams; o; o = o->next)
+		bytes += sizeof *o + o->view_bytes;
+	return bytes;
 }
 
 uint64_t stream_out_pipes(const struct conn *c)
