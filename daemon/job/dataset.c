@@ -20,6 +20,9 @@
 #include "job_priv.h"
 #include "log.h"
 
+/* Itself, and the longest texts that a manifest may give it. */
+enum { DATASET_BYTES = sizeof(struct dataset) + LATTICE_TEXT_SIZE + 512 + 2 * 16 + 5 * 24 };
+
 static pthread_mutex_t folder_lock = PTHREAD_MUTEX_INITIALIZER;
 
 bool dataset_name_valid(const char *name)
@@ -32,9 +35,16 @@ bool dataset_name_valid(const char *name)
 
 struct dataset *dataset_new(struct jobs *j, const char *name, uint32_t uid, bool onestep, struct err *err)
 {
-	struct dataset *d = calloc(1, sizeof *d), **at;
+	struct dataset *d, **at;
 
+	if (house_take(j, DATASET_BYTES, "another dataset", err))
+		return NULL;
+	d = calloc(1, sizeof *d);
+	if (!d)
+		house_give(j, DATASET_BYTES);
 	if (d) {
+		d->jobs = j;
+		d->charged = DATASET_BYTES;
 		d->dirfd = -1;
 		d->lattice = strdup("");
 		d->crs = strdup("");
@@ -46,7 +56,6 @@ struct dataset *dataset_new(struct jobs *j, const char *name, uint32_t uid, bool
 		err_set(err, ERR_NOMEM, "no memory for a dataset");
 		return NULL;
 	}
-	d->jobs = j;
 	d->onestep = onestep;
 	d->id = onestep ? ++j->last_onestep : ++j->last_dataset;
 	if (onestep)
@@ -75,8 +84,9 @@ struct dataset *dataset_free(struct dataset *d)
 	io_close(d->dirfd);
 	while ((q = d->pending)) {
 		d->pending = q->next;
-		free(q);
+		pending_free(d->jobs, q);
 	}
+	house_give(d->jobs, d->charged);
 	free(d->lattice);
 	free(d->crs);
 	free(d->unit_xy);
@@ -440,12 +450,33 @@ int dataset_put_row(struct dataset *d, struct err *err)
 	return r;
 }
 
+/* At the start waiting helps nobody. */
+static int house_full(struct err *err)
+{
+	err->code = ERR_LIMIT;
+	return -ERR_LIMIT;
+}
+
+/* Of the room for texts, what they do not take. */
+static void charge_texts(struct dataset *d)
+{
+	const char *const texts[] = {d->lattice, d->crs, d->unit_xy, d->unit_z};
+	size_t bytes = sizeof *d + 64;
+
+	for (size_t i = 0; i < 4; i++)
+		bytes += strlen(texts[i]) + 24;
+	if (bytes >= d->charged)
+		return;
+	house_give(d->jobs, d->charged - bytes);
+	d->charged = bytes;
+}
+
 int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err *err)
 {
 	struct dataset *d = dataset_new(j, row->name, row->uid, false, err);
 
 	if (!d)
-		return -ERR_NOMEM;
+		return err->code == ERR_BUSY ? house_full(err) : -(int)err->code;
 	d->id = row->id;
 	d->row = true;
 	d->files = row->files;
@@ -459,5 +490,6 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) ||
 	    !replace(&d->unit_xy, row->unit_xy) || !replace(&d->unit_z, row->unit_z))
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
+	charge_texts(d);
 	return 0;
 }

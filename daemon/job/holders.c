@@ -31,6 +31,10 @@ static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
 
 		held[LEDGER_DOMAIN] += taken ? taken : d->size;
 	}
+	/* Workers have it in these states. */
+	if (!w->splitting && w->state >= WALK_RUNNING)
+		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf;
+	held[LEDGER_JOBS] += w->charged;
 	/* Workers open and close it in these states. */
 	if (w->grid && w->state != WALK_OPENING && w->state != WALK_SELECTING)
 		held[LEDGER_INDEX] += grid_charged(w->grid);
@@ -40,6 +44,7 @@ static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 {
 	const struct push_stream *s;
 
+	held[LEDGER_JOBS] += PUSH_BYTES;
 	task_held(p->jobs->p.sched, &p->task, held);
 	/* A stage that is about to be made is known to plans, but taken only by its task. */
 	if (p->stage_bytes && !(p->busy && p->asks && p->asks->kind == PUSH_STAGE))

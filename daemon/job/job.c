@@ -53,6 +53,7 @@ struct job *job_free(struct job *job)
 	plan_file_free(job->plan);
 	if (job->dataset)
 		dataset_release(job->dataset);
+	house_give(job->jobs, job->charged);
 	free(job->view);
 	free(job);
 	return NULL;
@@ -150,7 +151,12 @@ static enum job_state job_state_queued(struct job *job)
 		return JOB_cancelled;
 	if (job->waiting_row || job->jobs->parking || !jobs_walk_room(job->jobs))
 		return JOB_queued;
-	if (walk_new(&p, &job->walk, &err)) {
+	switch (walk_new(&p, &job->walk, &err)) {
+	case 0:
+		break;
+	case -ERR_BUSY:
+		return JOB_queued; /* no memory for its view now */
+	default:
 		fail(job, &err);
 		return JOB_failed;
 	}
@@ -362,12 +368,22 @@ void job_tick(struct job *job)
 
 /* ---- what is asked ---- */
 
-struct job *job_add(struct jobs *j, uint64_t id)
+struct job *job_add(struct jobs *j, uint64_t id, char *view, struct err *err)
 {
-	struct job *job = calloc(1, sizeof *job), **at;
+	/* With what its connection, its plan's file and its dataset keep of it. */
+	size_t bytes = sizeof(struct job) + strlen(view) + 512;
+	struct job *job, **at;
 
-	if (!job)
+	if (house_take_job(j, bytes, err))
 		return NULL;
+	job = calloc(1, sizeof *job);
+	if (!job) {
+		house_give(j, bytes);
+		err_set(err, ERR_NOMEM, "no memory for a job");
+		return NULL;
+	}
+	job->charged = bytes;
+	job->view = view;
 	job->jobs = j;
 	job->id = id;
 	job->err = ERR_INIT;
@@ -460,14 +476,16 @@ void job_leave(struct job *job)
 
 int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 {
-	struct job *job = job_add(j, row->id);
+	char *view = strdup(row->view);
+	struct job *job = view ? job_add(j, row->id, view, err) : NULL;
 	struct dataset *d;
 	int s;
 
-	if (job)
-		job->view = strdup(row->view);
-	if (!job || !job->view)
-		return err_set(err, ERR_NOMEM, "no memory for a job");
+	if (!job) {
+		s = view ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a job");
+		free(view);
+		return s;
+	}
 	for (d = j->datasets; d && d->id != row->dataset; d = d->next)
 		;
 	if (d)

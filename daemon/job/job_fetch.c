@@ -140,7 +140,12 @@ static void begin(struct job_fetch *f)
 	}
 	if (!jobs_fetch_room(job->jobs))
 		return;
-	if (walk_new(&p, &f->walk, &err)) {
+	switch (walk_new(&p, &f->walk, &err)) {
+	case 0:
+		break;
+	case -ERR_BUSY:
+		return; /* no memory for its view now */
+	default:
 		end(f, f->output, &err);
 		return;
 	}

@@ -140,7 +140,8 @@ int job_plan_new(struct job *job, struct err *err)
 {
 	const struct jobs *j = job->jobs;
 
-	job->plan = plan_file_new(job->bound ? j->tempfd : j->plansfd, job->id, job->generation, !job->bound);
+	job->plan = plan_file_new(job->bound ? j->tempfd : j->plansfd, job->id, job->generation, !job->bound,
+				  j->p.ledger);
 	return job->plan ? 0 : err_set(err, ERR_NOMEM, "no memory for a job");
 }
 

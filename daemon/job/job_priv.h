@@ -9,7 +9,6 @@
 #include "sched_pool.h"
 #include "walk.h"
 
-/* Memory beside the ledger is small because these are few: a job takes 2 KiB, a push 6. */
 enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
 /* But for the texts of views with large areas, which are counted. */
 enum { JOBS_VIEWS_MAX = 4 << 20 };
@@ -21,6 +20,7 @@ struct pending {
 	uint32_t uid, files;
 	int64_t left_us;
 };
+enum { PENDING_BYTES = 64 }; /* charged; with its place in the heap */
 
 struct dataset {
 	struct dataset *next; /* named: by id; one-step ones follow in no order */
@@ -47,6 +47,7 @@ struct dataset {
 	bool row; /* the catalogue has one */
 	bool sweep; /* at the start: pushes left something */
 	double stage_seconds, seal_seconds; /* of the last push; the second is a part of the first */
+	size_t charged; /* of LEDGER_JOBS */
 };
 
 struct job {
@@ -55,6 +56,7 @@ struct job {
 	uint64_t id, generation;
 	struct dataset *dataset;
 	char *view;
+	size_t charged; /* of LEDGER_JOBS */
 	enum job_state state;
 	struct job_peer peer;
 	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
@@ -113,6 +115,15 @@ struct jobs {
 	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
 };
 
+/* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
+int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err);
+void house_give(struct jobs *, uint64_t bytes);
+/* Old jobs that are over give way to new ones. */
+int house_take_job(struct jobs *, uint64_t bytes, struct err *err);
+uint64_t house_view_bytes(const char *text, bool area); /* what a view of that text takes where points are judged by it */
+struct pending *pending_new(struct jobs *, struct err *err); /* NULL: err says why */
+struct pending *pending_free(struct jobs *, struct pending *);
+
 /* dataset.c */
 struct dataset *dataset_new(struct jobs *, const char *name, uint32_t uid, bool onestep, struct err *err);
 struct dataset *dataset_free(struct dataset *);
@@ -148,7 +159,8 @@ void push_remove_files(struct push *);
 /* job.c */
 void job_step(struct job *);
 void job_tick(struct job *);
-struct job *job_add(struct jobs *, uint64_t id); /* NULL: no memory */
+/* `view` becomes the job's, unless there is no memory: then NULL. */
+struct job *job_add(struct jobs *, uint64_t id, char *view, struct err *err);
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
@@ -169,6 +181,7 @@ bool report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
 
 /* jobs.c */
+bool jobs_forget_oldest(struct jobs *); /* of those that are over and that nobody looks at; false: there is none */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
 uint64_t jobs_memory_alone(const struct jobs *); /* the same if there were nothing else */
 bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */

@@ -148,11 +148,8 @@ void job_submit(struct jobs *j, const struct job_params *p,
 		}
 	}
 	if (!r) {
-		job = job_add(j, ++j->last_job);
-		if (job)
-			job->view = view;
-		else
-			r = err_set(&err, ERR_NOMEM, "no memory for a job");
+		job = job_add(j, ++j->last_job, view, &err);
+		r = job ? 0 : -(int)err.code;
 	}
 	if (r) {
 		free(view);

@@ -404,6 +404,23 @@ struct jobs *jobs_free(struct jobs *j)
 
 /* ---- running ---- */
 
+bool jobs_forget_oldest(struct jobs *j)
+{
+	struct job **at, *job;
+	struct err err = ERR_INIT;
+
+	for (at = &j->jobs; (job = *at); at = &job->next)
+		if (job_state_final(job->state) && !job->fetches && !job->walk && !job->waiting_row && !job->bound &&
+		    (job->removed || !job_remove(job, &err)))
+			break;
+	if (!job)
+		return false;
+	*at = job->next;
+	job_plan_drop(job);
+	job_free(job);
+	return true;
+}
+
 /* Removed jobs go when nothing of theirs is left; of the finished ones the newest are kept. */
 static void forget_jobs(struct jobs *j)
 {

@@ -21,6 +21,7 @@
 #include "cursor.h"
 #include "err.h"
 #include "io.h"
+#include "ledger.h"
 #include "log.h"
 #include "parse.h"
 
@@ -39,6 +40,7 @@ struct plan_file {
 	int dirfd;
 	uint64_t job, generation;
 	bool durable;
+	struct ledger *ledger; /* borrowed; NULL: none */
 	char name[NAME];
 	pthread_mutex_t lock;
 	uint64_t size; /* of what is whole in the file */
@@ -46,7 +48,7 @@ struct plan_file {
 	size_t n, room;
 };
 
-struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable)
+struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable, struct ledger *ledger)
 {
 	struct plan_file *f = calloc(1, sizeof *f);
 
@@ -56,6 +58,7 @@ struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bo
 	f->job = job;
 	f->generation = generation;
 	f->durable = durable;
+	f->ledger = ledger;
 	snprintf(f->name, sizeof f->name, "plan-%llu", (unsigned long long)job);
 	pthread_mutex_init(&f->lock, NULL);
 	return f;
@@ -67,6 +70,8 @@ struct plan_file *plan_file_free(struct plan_file *f)
 		return NULL;
 	pthread_mutex_destroy(&f->lock);
 	free(f->split);
+	if (f->ledger && f->room)
+		ledger_give(f->ledger, LEDGER_PLAN, f->room * sizeof *f->split);
 	free(f);
 	return NULL;
 }
@@ -181,23 +186,6 @@ static bool head_unpack(const uint8_t record[RECORD], struct head *ret)
 
 /* ---- plans in memory ---- */
 
-static int plan_room(struct cut_plan *plan, size_t n, struct err *err)
-{
-	size_t cap = plan->cap ? plan->cap : 64;
-	struct cut_leaf *leaf;
-
-	if (n <= plan->cap)
-		return 0;
-	while (cap < n)
-		cap *= 2;
-	leaf = realloc(plan->leaf, cap * sizeof *leaf);
-	if (!leaf)
-		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu regions", n);
-	plan->leaf = leaf;
-	plan->cap = cap;
-	return 0;
-}
-
 /* A region that is not in the plan from `least` on was split before. */
 static int plan_apply(struct cut_plan *plan, size_t least, const struct split *s, struct err *err)
 {
@@ -208,7 +196,7 @@ static int plan_apply(struct cut_plan *plan, size_t least, const struct split *s
 		;
 	if (i >= plan->n)
 		return 0;
-	r = plan_room(plan, plan->n + 1, err);
+	r = cut_plan_room(plan, plan->n + 1, err);
 	if (r)
 		return r;
 	memmove(plan->leaf + i + 2, plan->leaf + i + 1, (plan->n - i - 1) * sizeof *plan->leaf);
@@ -330,6 +318,24 @@ static int append_split(struct plan_file *f, const struct split *s, struct err *
 	return r;
 }
 
+static int split_room(struct plan_file *f, size_t room, struct err *err)
+{
+	uint64_t bytes = (room - f->room) * sizeof *f->split;
+	struct split *grown;
+
+	if (f->ledger && !ledger_take(f->ledger, LEDGER_PLAN, bytes))
+		return err_set(err, ERR_BUSY, "the memory has no room for the splits of a plan");
+	grown = realloc(f->split, room * sizeof *grown);
+	if (!grown) {
+		if (f->ledger)
+			ledger_give(f->ledger, LEDGER_PLAN, bytes);
+		return err_set(err, ERR_NOMEM, "no memory for the splits of a plan");
+	}
+	f->split = grown;
+	f->room = room;
+	return 0;
+}
+
 int plan_file_split(struct plan_file *f, const struct cut_region *whole, const struct cut_leaf half[2],
 		    struct err *err)
 {
@@ -340,14 +346,7 @@ int plan_file_split(struct plan_file *f, const struct cut_region *whole, const s
 	if (!split_known(f, whole)) {
 		if (f->n == f->room) {
 			size_t room = f->room ? 2 * f->room : 16;
-			struct split *grown = realloc(f->split, room * sizeof *grown);
-
-			if (grown) {
-				f->split = grown;
-				f->room = room;
-			} else {
-				r = err_set(err, ERR_NOMEM, "no memory for the splits of a plan");
-			}
+			r = split_room(f, room, err);
 		}
 		if (!r)
 			r = forgive(f, append_split(f, &s, err), err);
@@ -379,7 +378,7 @@ static int read_leaves(const struct plan_file *f, int fd, const struct head *hea
 {
 	struct digest_stream *sum = digest_stream_new();
 	uint8_t *chunk = malloc(CHUNK * RECORD);
-	int r = plan_room(plan, head->n, err);
+	int r = cut_plan_room(plan, head->n, err);
 
 	if (!r && (!sum || !chunk))
 		r = err_set(err, ERR_NOMEM, "no memory to read a plan");
@@ -457,7 +456,7 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 int plan_file_read(struct plan_file *f, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen,
 		   struct err *err)
 {
-	struct cut_plan plan = {0};
+	struct cut_plan plan = {.ledger = f->ledger};
 	int r;
 
 	pthread_mutex_lock(&f->lock);

@@ -13,6 +13,7 @@
 #include "digest.h"
 
 struct err;
+struct ledger;
 struct plan_file;
 
 struct plan_kept {
@@ -21,8 +22,8 @@ struct plan_kept {
 };
 
 /* In `dirfd` (borrowed), under the job's number. `durable`: a write returns when it outlives a crash. No file is
- * touched. NULL: no memory. */
-struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable);
+ * touched. What it keeps in memory is taken from the ledger (borrowed; LEDGER_PLAN). NULL: no memory. */
+struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable, struct ledger *);
 struct plan_file *plan_file_free(struct plan_file *); /* the file stays; NULL is fine, gives NULL */
 
 /* These four may be called by any thread. */

@@ -32,7 +32,10 @@ struct push *push_free(struct push *p)
 	names_free(&p->adopt_paths);
 	grid_manifest_free(p->adopt);
 	free(p->adopt_taken);
-	free(p->pending);
+	if (p->jobs) {
+		pending_free(p->jobs, p->pending);
+		house_give(p->jobs, p->charged);
+	}
 	free(p->sources);
 	free(p->scale_xy);
 	free(p->scale_z);
@@ -275,10 +278,15 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		p->geoid = copy(in->geoid);
 		p->geoid_way = copy(in->geoid_way);
 		p->last = calloc(1, sizeof *p->last);
-		p->pending = calloc(1, sizeof *p->pending);
+		p->jobs = j;
+		if (!house_take(j, PUSH_BYTES, "another push", &err)) {
+			p->charged = PUSH_BYTES;
+			p->pending = pending_new(j, &err);
+		}
 	}
-	if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way ||
-	    !p->last || !p->pending)
+	if (err.code)
+		;
+	else if (!p || !p->scale_xy || !p->scale_z || !p->format || !p->utm || !p->geoid || !p->geoid_way || !p->last)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
@@ -299,7 +307,6 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		in->calls->begun(token, &err, NULL);
 		return;
 	}
-	p->jobs = j;
 	p->last->push = p;
 	p->last->kind = PUSH_CLOSE;
 	p->last->fd = -1;

@@ -221,8 +221,8 @@ static void drop_done(struct sched_task *t)
 	j->background--;
 	if (t->ran && catalogue_drop_push(j->p.catalogue, x->pending->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	pending_free(j, x->pending);
 	dataset_release(x->dataset);
-	free(x->pending);
 	free(x);
 }
 
@@ -234,8 +234,8 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 	log_notice("the interrupted push %llu of user %u into %s is dropped with its %u files: %s",
 		   (unsigned long long)q->id, q->uid, d->name, q->files, why);
 	if (!x) {
+		pending_free(d->jobs, q);
 		dataset_release(d);
-		free(q);
 		return;
 	}
 	x->task = (struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
@@ -285,7 +285,7 @@ void push_claim(struct push *p)
 	if (!q)
 		return;
 	*at = q->next;
-	free(p->pending);
+	pending_free(p->jobs, p->pending);
 	p->pending = q;
 	p->claims = true;
 }
@@ -438,15 +438,15 @@ static bool was_committed(const struct dataset *d, const struct grid_manifest *b
 int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_stays, struct err *err)
 {
 	struct grid_manifest *m = NULL, *base = NULL;
-	struct pending *q = calloc(1, sizeof *q);
+	struct pending *q = pending_new(d->jobs, err);
 	struct err absent = ERR_INIT;
 	bool committed;
 	char name[64];
-	int r = q ? dataset_open(d, err) : err_set(err, ERR_NOMEM, "no memory for a push");
+	int r = q ? dataset_open(d, err) : -(int)err->code;
 
 	*ret_stays = false;
 	if (r) {
-		free(q);
+		pending_free(d->jobs, q);
 		return r;
 	}
 	if (*d->manifest)
@@ -476,7 +476,7 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		log_notice("push %llu of user %u into %s was interrupted: %s", (unsigned long long)row->id, row->uid,
 			   d->name, m ? "older than 7 days, its files are dropped" : "nothing of it was durable yet");
 	}
-	free(q);
+	pending_free(d->jobs, q);
 	grid_manifest_free(m);
 	grid_manifest_free(base);
 	return r;

@@ -101,6 +101,7 @@ struct push_plane {
 struct push {
 	struct push *next;
 	struct jobs *jobs;
+	size_t charged; /* of LEDGER_JOBS */
 	struct dataset *dataset;
 	uint64_t id;
 	struct push_calls calls;
@@ -168,6 +169,9 @@ struct push {
 	uint64_t told_ns;
 	atomic_bool cancel;
 };
+
+/* Charged for an open push: itself, its last ask, its texts. */
+enum { PUSH_BYTES = sizeof(struct push) + sizeof(struct push_ask) + 512 };
 
 /* Each kind: `start` (loop) says 0: submit p->task (prepared there) for `run`; PUSH_NOW: nothing for a
  * worker, `done` at once; PUSH_WAIT: ask again later; negative: err says why, `done` at once with it. */

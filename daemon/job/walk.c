@@ -46,7 +46,18 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 		free(w);
 		return r;
 	}
+	/* With the domains that it has in its window. */
+	w->charged = sizeof *w + house_view_bytes(p->view_text, w->view.area != NULL) +
+		     (p->jobs->p.threads + 4) * sizeof(struct walk_domain);
+	r = house_take(p->jobs, w->charged, "the view of a job", err);
+	if (r) {
+		view_done(&w->view);
+		free(w->view_text);
+		free(w);
+		return r;
+	}
 	w->jobs = p->jobs;
+	w->plan.ledger = p->jobs->p.ledger;
 	w->dataset = dataset_hold(p->dataset);
 	w->generation = p->generation;
 	w->keep = p->keep;
@@ -71,6 +82,7 @@ struct walk *walk_free(struct walk *w)
 	cut_plan_done(&w->plan);
 	dataset_release(w->dataset);
 	view_done(&w->view);
+	house_give(w->jobs, w->charged);
 	free(w->view_text);
 	free(w);
 	return NULL;

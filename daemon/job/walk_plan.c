@@ -24,7 +24,6 @@ int walk_plan_read(struct walk *w, struct err *err)
 	int r;
 
 	cut_plan_done(&w->plan);
-	w->plan = (struct cut_plan){0};
 	w->planned = false;
 	if (!w->file)
 		return 0;

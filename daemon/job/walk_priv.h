@@ -45,6 +45,7 @@ struct walk {
 	struct view view; /* as asked for */
 	struct view rest; /* what of it applies to `grid`; shares its area */
 	char *view_text;
+	size_t charged; /* of LEDGER_JOBS */
 	char manifest[64];
 	bool keep, plan_only, lazy;
 	struct sched_owner owner; /* of all its tasks */

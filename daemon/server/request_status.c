@@ -141,9 +141,10 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_refuse(q, &err);
 		return;
 	}
-	ledger_message(a, s->p.ledger, &status);
+	/* Workers take and the loop gives back: who holds is asked before how much is held, so it is never more. */
 	jobs_holders(s->jobs, add, a);
 	add_conns(a, s);
+	ledger_message(a, s->p.ledger, &status);
 	qsort(a->heap, a->n, sizeof *a->heap, most_first);
 	for (size_t i = 0; i < a->n; i++) {
 		holder_message(a->heap[i]);

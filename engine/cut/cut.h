@@ -13,6 +13,7 @@
 #include "view.h"
 
 struct err;
+struct ledger;
 struct grid_reader;
 
 enum { CUT_INF_X0 = 1, CUT_INF_X1 = 2, CUT_INF_Y0 = 4, CUT_INF_Y1 = 8 };
@@ -79,11 +80,14 @@ struct cut_leaf {
 struct cut_plan {
 	struct cut_leaf *leaf;
 	size_t n, cap;
+	struct ledger *ledger; /* that `cap` leaves are taken from (LEDGER_PLAN); NULL: none */
 	/* By the probe: sites of the halos of leaves that have few points and would read many; NULL: none. The same
 	 * as long as the plan lives, also when leaves split. */
 	struct cut_sites *sites;
 	uint64_t cells_read, points_read; /* by the probe */
 };
+/* Room for n leaves. -ERR_BUSY: the ledger has none. */
+int cut_plan_room(struct cut_plan *, size_t n, struct err *err);
 
 size_t cut_sites_bytes(const struct cut_sites *);
 struct cut_sites *cut_sites_free(struct cut_sites *);
@@ -91,7 +95,7 @@ struct cut_sites *cut_sites_free(struct cut_sites *);
 /* What a refusal reckons: bytes a position of a domain. err.need has the positions. */
 enum { CUT_BYTES_PER_POSITION = 80 };
 
-/* Split the root until each leaf has at most `load` positions. No points: no leaves. */
+/* Split the root until each leaf has at most `load` positions. No points: no leaves. Its ledger is the grid's. */
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);
 /* Replace leaf i by its two halves (in order). `need` as cut_load said, for the error's text:
  * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
@@ -107,6 +111,6 @@ int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t n
 enum { CUT_SITES_BYTES = 8 };
 int cut_plan_probe_rim(struct cut_plan *, struct grid_reader *, const struct view *, uint32_t cap, void *scratch,
 		       size_t scratch_size, struct err *err);
-void cut_plan_done(struct cut_plan *);
+void cut_plan_done(struct cut_plan *); /* empty again, the ledger stays */
 
 #endif

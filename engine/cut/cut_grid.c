@@ -38,6 +38,7 @@ static void source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->scan = grid_source_scan;
 	ret->count = grid_source_count;
 	ret->box = grid_source_box;
+	ret->ledger = grid_ledger(grid_reader_grid(reader));
 }
 
 int cut_load(struct grid_reader *reader, const struct view *view, const struct cut_region *region,

@@ -16,6 +16,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "ledger.h"
 
 enum {
 	STRADDLERS = 64,
@@ -143,18 +144,40 @@ static int region_bound(const struct cut_source *src, const struct cut_region *r
 	return 0;
 }
 
+int cut_plan_room(struct cut_plan *plan, size_t n, struct err *err)
+{
+	size_t cap = plan->cap ? plan->cap : 64;
+	struct cut_leaf *more;
+	uint64_t bytes;
+
+	if (n <= plan->cap)
+		return 0;
+	while (cap < n)
+		cap *= 2;
+	bytes = (cap - plan->cap) * sizeof(*more);
+	if (plan->ledger && !ledger_take(plan->ledger, LEDGER_PLAN, bytes)) {
+		err_set(err, ERR_BUSY, "a plan of %zu domains takes %" PRIu64 " KiB, more than are left of the memory", n,
+			(uint64_t)cap * sizeof(*more) >> 10);
+		return err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
+	}
+	more = realloc(plan->leaf, cap * sizeof(*more));
+	if (!more) {
+		if (plan->ledger)
+			ledger_give(plan->ledger, LEDGER_PLAN, bytes);
+		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", cap);
+	}
+	plan->leaf = more;
+	plan->cap = cap;
+	return 0;
+}
+
 /* Room for one more leaf at place i; those behind it move up. */
 static int plan_insert(struct cut_plan *plan, size_t i, const struct cut_leaf *leaf, struct err *err)
 {
-	if (plan->n == plan->cap) {
-		size_t cap = plan->cap ? 2 * plan->cap : 64;
-		struct cut_leaf *more = realloc(plan->leaf, cap * sizeof(*more));
+	int rc = cut_plan_room(plan, plan->n + 1, err);
 
-		if (!more)
-			return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", cap);
-		plan->leaf = more;
-		plan->cap = cap;
-	}
+	if (rc)
+		return rc;
 	memmove(plan->leaf + i + 1, plan->leaf + i, (plan->n - i) * sizeof(*leaf));
 	plan->leaf[i] = *leaf;
 	plan->n++;
@@ -165,7 +188,9 @@ void cut_plan_done(struct cut_plan *plan)
 {
 	free(plan->leaf);
 	cut_sites_free(plan->sites);
-	*plan = (struct cut_plan){ 0 };
+	if (plan->ledger && plan->cap)
+		ledger_give(plan->ledger, LEDGER_PLAN, plan->cap * sizeof(*plan->leaf));
+	*plan = (struct cut_plan){ .ledger = plan->ledger };
 }
 
 static int plan_root(const struct cut_source *src, const struct cut_region *root, uint32_t load,
@@ -195,7 +220,7 @@ static int plan_root(const struct cut_source *src, const struct cut_region *root
 
 int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_plan *ret, struct err *err)
 {
-	struct cut_plan plan = { 0 };
+	struct cut_plan plan = { .ledger = src->ledger };
 	struct cut_region root;
 	int32_t box[4];
 	int rc = 0;
@@ -247,8 +272,10 @@ int cut_plan_split_from(const struct cut_source *src, struct cut_plan *plan, siz
 		if (rc)
 			return rc;
 	}
-	if (plan_insert(plan, i + 1, &child[1], err))
-		return -ERR_NOMEM;
+	int rc = plan_insert(plan, i + 1, &child[1], err);
+
+	if (rc)
+		return rc;
 	plan->leaf[i] = child[0];
 	return 0;
 }

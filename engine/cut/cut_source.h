@@ -20,6 +20,7 @@ struct cut_source {
 	int (*count)(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
 	/* As grid_box: of all points of all sources. */
 	bool (*box)(void *ctx, int32_t ret_box[4]);
+	struct ledger *ledger; /* of plans; NULL: none */
 };
 
 /* The functions of cut.h over any source. */

@@ -157,6 +157,7 @@ struct grid;        /* an open manifest: segments, shared index pages (charged t
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
 	      struct grid **ret, struct err *err);
 struct grid *grid_close(struct grid *);
+struct ledger *grid_ledger(const struct grid *); /* that it was opened with */
 uint64_t grid_charged(const struct grid *);    /* taken of LEDGER_INDEX */
 uint64_t grid_generation(const struct grid *); /* that was opened */
 const struct grid_manifest *grid_manifest(const struct grid *);

@@ -255,6 +255,11 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 	return 0;
 }
 
+struct ledger *grid_ledger(const struct grid *g)
+{
+	return g->ledger;
+}
+
 uint64_t grid_charged(const struct grid *g)
 {
 	return g->charged;

@@ -177,4 +177,5 @@ void tiling_source(struct tiling *t, struct cut_source *ret)
 	ret->scan = tiling_scan;
 	ret->count = tiling_count;
 	ret->box = tiling_box;
+	ret->ledger = NULL;
 }

@@ -179,7 +179,7 @@ class Client:
         "hello": "hello", "ping": "done", "status_request": "status", "push_begin": "push_begun", "probe": "probed",
         "push_plan": "push_planned", "file": "file_done", "push_commit": "push_committed", "push_abort": "done",
         "submit": "job", "fetch": "fetching", "wait": "job", "cancel": "job", "remove": "done", "jobs_request": "jobs",
-        "datasets_request": "datasets", "plan_request": "plan", "info_request": "probed",
+        "datasets_request": "datasets", "plan_request": "plan", "info_request": "probed", "dataset_create": "done",
     }
 
     def ask(self, body, value, fd=-1):

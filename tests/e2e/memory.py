@@ -25,7 +25,7 @@ from acut_wire import Client, HEADER, Refused, Wire, pack, pb
 MIB = 1 << 20
 SPARE = 32 * MIB
 # Of the resident size at rest and what is not charged because its bound is small (ARCHITECTURE.md, Memory).
-UNCHARGED = 24 * MIB
+UNCHARGED = 14 * MIB
 LONG = bool(os.environ.get("ACUT_MEMORY_LONG"))
 BASE = None
 
@@ -471,7 +471,7 @@ def least_memory():
     with Box("24M", pipes=9) as b:
         b.load("mesh", mesh, survey)
         b.load("LAZ, several at once", laz)
-        b.load("tiny files", tiny, 20000 if LONG else 5000)
+        b.load("tiny files", tiny, 6000 if LONG else 5000)
         b.load("views", views, survey)
         b.load("large areas", areas)
         b.load("eight jobs at once", eight, synth("eight.las", "2M" if LONG else "250k"))
