@@ -33,7 +33,7 @@ static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
 	}
 	/* Workers have it in these states. */
 	if (!w->splitting && w->state >= WALK_RUNNING)
-		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf;
+		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf + cut_sites_bytes(w->plan.sites);
 	held[LEDGER_JOBS] += w->charged;
 	/* Workers open and close it in these states. */
 	if (w->grid && w->state != WALK_OPENING && w->state != WALK_SELECTING)

@@ -194,8 +194,11 @@ static int probe_together(struct probe *p, struct err *err)
 	if (rc)
 		return rc;
 	reduce_sites(p);
-	p->plan->sites = cut_sites_new(p->site, p->nsite);
-	return p->plan->sites ? 0 : err_set(err, ERR_NOMEM, "no memory for %u sites of a plan", p->nsite);
+	p->plan->sites = cut_sites_new(p->site, p->nsite, p->plan->ledger);
+	/* They only save reading. */
+	for (size_t i = 0; i < p->plan->n && !p->plan->sites; i++)
+		p->plan->leaf[i].known = false;
+	return 0;
 }
 
 /* ---- alone ---- */

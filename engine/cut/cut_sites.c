@@ -7,10 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "ledger.h"
+
 enum { CELL = 64, TREE = 32 };
 
 struct cut_sites {
 	size_t bytes;
+	struct ledger *ledger;
 	uint32_t n, ncell, ntree;
 	int32_t (*cell)[4], (*tree)[4]; /* boxes */
 	struct point *pt;
@@ -24,15 +27,21 @@ static void widen(int32_t box[4], const int32_t other[4], bool first)
 	}
 }
 
-struct cut_sites *cut_sites_new(const struct point *pts, uint32_t n)
+struct cut_sites *cut_sites_new(const struct point *pts, uint32_t n, struct ledger *ledger)
 {
 	uint32_t ncell = n / CELL + 1, ntree = ncell / TREE + 1;
 	size_t boxes = (ncell + (size_t)ntree) * sizeof(int32_t[4]), bytes = sizeof(struct cut_sites) + boxes + n * sizeof(*pts);
-	struct cut_sites *s = malloc(bytes);
+	struct cut_sites *s;
 
-	if (!s)
+	if (ledger && !ledger_take(ledger, LEDGER_PLAN, bytes))
 		return NULL;
-	*s = (struct cut_sites){ .bytes = bytes, .n = n, .ncell = (n + CELL - 1) / CELL };
+	s = malloc(bytes);
+	if (!s) {
+		if (ledger)
+			ledger_give(ledger, LEDGER_PLAN, bytes);
+		return NULL;
+	}
+	*s = (struct cut_sites){ .bytes = bytes, .ledger = ledger, .n = n, .ncell = (n + CELL - 1) / CELL };
 	s->ntree = (s->ncell + TREE - 1) / TREE;
 	s->pt = (struct point *)(s + 1);
 	s->cell = (int32_t (*)[4])(s->pt + n);
@@ -47,6 +56,8 @@ struct cut_sites *cut_sites_new(const struct point *pts, uint32_t n)
 
 struct cut_sites *cut_sites_free(struct cut_sites *s)
 {
+	if (s && s->ledger)
+		ledger_give(s->ledger, LEDGER_PLAN, s->bytes);
 	free(s);
 	return NULL;
 }

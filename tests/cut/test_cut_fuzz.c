@@ -323,7 +323,7 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 	for (unsigned j = 0; j < set.n; j++)
 		if (wanted[j] || below(seed, 4) == 0)
 			sites[m++] = (struct point){ .x = set.pos[j].x, .y = set.pos[j].y, .z = set.pos[j].z, .ret = 0x11 };
-	g->sites = cut_sites_new(sites, m);
+	g->sites = cut_sites_new(sites, m, NULL);
 	assert_non_null(g->sites);
 	if (g->n == 0 || !src->box(src->ctx, box))
 		return;

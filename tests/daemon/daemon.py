@@ -286,10 +286,10 @@ def memory_is_kept():
         expect(len(digests) == 1, "digests: %s" % digests)
         expect(d.vmhwm() <= (24 + 32) * MIB, "VmHWM %.1f MiB" % (d.vmhwm() / MIB))
         print("     VmHWM %.1f MiB with five jobs in 24 MiB" % (d.vmhwm() / MIB))
-        # Everything was given back: only the catalogue and this connection are left.
+        # Everything was given back: only the catalogue, the threads and this connection are left.
         with Client(d.socket) as c:
             held = {e.name: e.bytes for e in c.ask("status_request", pb.StatusRequest()).ledger if e.bytes}
-            expect(set(held) <= {"catalogue", "message"}, "held: %s" % held)
+            expect(set(held) <= {"catalogue", "message", "thread"}, "held: %s" % held)
         expect_clean(d)
 
 
