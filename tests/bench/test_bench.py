@@ -72,6 +72,8 @@ def quick(folder):
     names = [row.split()[0] for row in out.splitlines() if row and row[0] != "#" and not row.startswith("kept")]
     for name in WANTED:
         expect(name in names, "%s is missing:\n%s" % (name, out))
+    # The right column is read: a phase that sorts 50,000 points takes a nanosecond a point at least.
+    expect(re.search(r"^engine/50k/all +(0\.[0-9]+|[1-9]\S*) us/point", out, re.M)[1] > "0.05", out)
     expect(re.search(r"^# CPU .*memory \d+ GiB", out, re.M) and "# whole/50k: 1 domains, 99310 triangles" in out, out)
     status, out, err = run("compare", kept[1], kept[1])
     expect(status == 0 and "0 worse" in out, "a result with itself: %s%s" % (out, err))
