@@ -140,6 +140,20 @@ void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z)
 	sum->lo += h.low64;
 }
 
+void digest_add_vertices(struct digest *sum, const int64_t k[3], const int32_t (*vertex)[3], size_t n)
+{
+	struct digest s = *sum;
+
+	for (size_t i = 0; i < n; i++) {
+		const int64_t bytes[3] = {vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]};
+		XXH128_hash_t h = XXH3_128bits(bytes, sizeof bytes);
+
+		s.hi += h.high64;
+		s.lo += h.low64;
+	}
+	*sum = s;
+}
+
 char *digest_hex(struct digest d, char hex[DIGEST_HEX_SIZE])
 {
 	snprintf(hex, DIGEST_HEX_SIZE, "%016llx%016llx", (unsigned long long)d.hi, (unsigned long long)d.lo);

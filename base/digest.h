@@ -42,6 +42,8 @@ static inline uint64_t digest_place(int32_t x, int32_t y)
 }
 /* One vertex: 24 bytes x, y, z, little-endian int64, absolute. */
 void digest_add_vertex(struct digest *sum, int64_t x, int64_t y, int64_t z);
+/* n vertices of lattice numbers with the offset k: the same sum. */
+void digest_add_vertices(struct digest *sum, const int64_t k[3], const int32_t (*vertex)[3], size_t n);
 
 char *digest_hex(struct digest d, char hex[DIGEST_HEX_SIZE]);
 bool digest_parse(const char *hex, struct digest *ret);

@@ -9,6 +9,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #define XXH_INLINE_ALL
 #include <xxhash.h>
@@ -16,6 +17,8 @@
 #include "cursor.h"
 #include "err.h"
 #include "stream_bytes.h"
+
+enum { LARGE_PAGE = 2 << 20 };
 
 struct stream_reader {
 	uint64_t offset; /* bytes fed */
@@ -91,6 +94,31 @@ static int refuse(struct stream_reader *r, uint64_t back, struct err *err)
 	return -(int)err->code;
 }
 
+/* Large frames go to large pages where the system has them to spare: corners of triangles are read all over the
+ * frame. A little more is taken, since frames of one mesh are nearly as large as each other. */
+static int make_room(struct stream_reader *r)
+{
+	size_t room = r->length;
+
+	free(r->payload);
+	r->payload = NULL;
+	r->room = 0;
+	if (room >= LARGE_PAGE) {
+		room = (room + room / 8 + LARGE_PAGE - 1) & ~(size_t)(LARGE_PAGE - 1);
+		r->payload = aligned_alloc(LARGE_PAGE, room);
+		if (r->payload)
+			madvise(r->payload, room, MADV_HUGEPAGE);
+	}
+	if (!r->payload) {
+		room = r->length;
+		r->payload = malloc(room);
+	}
+	if (!r->payload)
+		return -1;
+	r->room = room;
+	return 0;
+}
+
 int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, struct err *err)
 {
 	if (r->got < STREAM_HEADER_SIZE) {
@@ -98,16 +126,9 @@ int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, s
 		*ret_size = STREAM_HEADER_SIZE - r->got;
 		return 0;
 	}
-	if (r->length > r->room) {
-		free(r->payload);
-		r->room = 0;
-		r->payload = malloc(r->length);
-		if (!r->payload)
-			return err_set(err, ERR_NOMEM,
-				       "there is no memory for a frame of %zu bytes of the mesh stream",
-				       r->length);
-		r->room = r->length;
-	}
+	if (r->length > r->room && make_room(r) < 0)
+		return err_set(err, ERR_NOMEM, "there is no memory for a frame of %zu bytes of the mesh stream",
+			       r->length);
 	*ret = r->payload + (r->got - STREAM_HEADER_SIZE);
 	*ret_size = r->length - (r->got - STREAM_HEADER_SIZE);
 	return 0;

@@ -19,7 +19,7 @@ struct format_output {
 	uint64_t base;
 	uint64_t at;               /* bytes handed to the system */
 	size_t used;
-	uint8_t *buf;              /* FORMAT_BUFFER and one block, on a block's bounds */
+	uint8_t *buf;              /* FORMAT_BUFFER and FORMAT_BUFFER_BEHIND at least, on a block's bounds */
 };
 
 struct format_output *format_output_alloc(const char *label, struct err *err);

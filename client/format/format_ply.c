@@ -150,13 +150,16 @@ static int ply_faces(struct ply *p, const struct acut_mesh_block *b, struct err 
 		if (!to)
 			return -err->code;
 		for (uint32_t end = i + k; i < end; i++, to += PLY_FACE) {
-			uint32_t g[3];
+			uint64_t g[3], head, rest;
 			for (int j = 0; j < 3; j++) {
 				uint32_t l = b->triangle[i][j];
 				g[j] = l >= nf ? l + base : (uint32_t)b->foreign[l];
 			}
-			to[0] = 3;
-			memcpy(to + 1, g, 12);
+			/* two stores; the second one's last three bytes are the next face's, or nobody's */
+			head = 3 | g[0] << 8 | g[1] << 40;
+			rest = g[1] >> 24 | g[2] << 8;
+			memcpy(to, &head, 8);
+			memcpy(to + 8, &rest, 8);
 		}
 		format_output_used(p->faces, k * (size_t)PLY_FACE);
 	}

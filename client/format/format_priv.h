@@ -14,7 +14,7 @@ int format_output_spool(const struct format_output *, struct format_output **ret
 /* A second place to append, for what comes after all of the output but is written meanwhile. */
 int format_output_annex(struct format_output *, struct format_output **ret, struct err *err);
 /* Room for n bytes at the end of the buffer (n <= FORMAT_BUFFER - FORMAT_BUFFER_KEPT), NULL on failure; then say
- * how many. */
+ * how many. FORMAT_BUFFER_BEHIND bytes behind them may be overwritten too. */
 void *format_output_room(struct format_output *, size_t n, struct err *err);
 void format_output_used(struct format_output *, size_t n);
 /* Bytes that are free in the buffer: no more than these are taken without writing it. */
@@ -37,6 +37,7 @@ struct format_output *format_output_free(struct format_output *);
 
 #define FORMAT_BUFFER (1u << 20)
 #define FORMAT_BUFFER_KEPT 4096      /* what may stay in it when it was written */
+#define FORMAT_BUFFER_BEHIND 16
 #define FORMAT_ANNEX_AT (1ull << 37) /* an output with an annex stays below this size until they are joined */
 
 /* ---- lattice numbers to coordinates: format_axis.c ---- */

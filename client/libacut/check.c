@@ -28,7 +28,7 @@ struct check {
 	size_t room;
 };
 
-enum { BITS_FIRST = 10 };
+enum { BITS_FIRST = 10, BATCH = 256 /* triangles: 6 KiB of corners */ };
 
 static uint64_t home(const struct check *c, uint64_t key)
 {
@@ -159,38 +159,40 @@ static int look_up_foreign(struct check *c, const struct stream_block *b, struct
 
 static int take_new(struct check *c, const struct stream_block *b, struct err *err)
 {
-	for (uint32_t i = 0; i < b->nnew; i++) {
-		const int32_t *v = b->vertex[i];
-		int r;
+	digest_add_vertices(&c->vertex_digest, c->k, b->vertex, b->nnew);
+	for (uint32_t i = 0, local = b->nforeign; i < b->nnew; i++, local++) {
+		/* most vertices are final in the block that brings them */
+		if (local % 8 == 0 && b->final[local / 8] == 0xff) {
+			i += 7;
+			local += 7;
+		} else if (!is_final(b, local)) {
+			int r = insert(c, b->first + i, b->vertex[i], err);
 
-		digest_add_vertex(&c->vertex_digest, v[0] + c->k[0], v[1] + c->k[1], v[2] + c->k[2]);
-		if (is_final(b, b->nforeign + i))
-			continue;
-		r = insert(c, b->first + i, v, err);
-		if (r < 0)
-			return r;
+			if (r < 0)
+				return r;
+		}
 	}
 	return 0;
 }
 
 static void add_triangles(struct check *c, const struct stream_block *b)
 {
-	uint32_t nforeign = b->nforeign;
-	struct digest sum = c->digest;
+	const uint32_t nforeign = b->nforeign, n = b->ntriangle;
+	uint64_t corner[BATCH][3];
 
-	for (uint32_t i = 0; i < b->ntriangle; i++) {
-		int64_t corner[3][2];
+	for (uint32_t i = 0; i < n;) {
+		uint32_t m = n - i < BATCH ? n - i : BATCH;
 
-		for (unsigned k = 0; k < 3; k++) {
-			uint32_t local = b->triangle[i][k];
-			const int32_t *p = local < nforeign ? c->foreign[local] : b->vertex[local - nforeign];
+		for (uint32_t j = 0; j < m; j++, i++)
+			for (unsigned k = 0; k < 3; k++) {
+				uint32_t local = b->triangle[i][k];
+				const int32_t *p =
+				    local < nforeign ? c->foreign[local] : b->vertex[local - nforeign];
 
-			corner[k][0] = p[0] + c->k[0];
-			corner[k][1] = p[1] + c->k[1];
-		}
-		digest_add_triangle(&sum, corner);
+				corner[j][k] = digest_place(p[0], p[1]);
+			}
+		digest_add_triangles(&c->digest, (const uint64_t(*)[3])corner, m, c->k);
 	}
-	c->digest = sum;
 }
 
 int check_block(struct check *c, const struct stream_block *b, struct err *err)

@@ -142,6 +142,26 @@ static void test_many(void **state)
 	(void)state;
 }
 
+static void test_many_vertices(void **state)
+{
+	for (int round = 0; round < 200; round++) {
+		enum { MOST = 70 };
+		const int64_t k[3] = {rnd() >> 24, rnd() >> 24, rnd() >> 24};
+		struct digest sum = {7, 8}, again = {7, 8};
+		int32_t vertex[MOST][3];
+		size_t n = (size_t)(round % (MOST + 1));
+
+		for (size_t i = 0; i < n; i++) {
+			for (int c = 0; c < 3; c++)
+				vertex[i][c] = rnd() % 8 ? (int32_t)rnd() : c ? INT32_MIN : INT32_MAX;
+			digest_add_vertex(&again, vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]);
+		}
+		digest_add_vertices(&sum, k, (const int32_t(*)[3])vertex, n);
+		assert_true(digest_equal(sum, again));
+	}
+	(void)state;
+}
+
 static void test_orientation_matters(void **state)
 {
 	int64_t ccw[3][2] = {{0, 0}, {1, 0}, {0, 1}}, cw[3][2] = {{0, 0}, {0, 1}, {1, 0}};
@@ -230,7 +250,8 @@ static void test_stream(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_triangle), cmocka_unit_test(test_many), cmocka_unit_test(test_orientation_matters),
+		cmocka_unit_test(test_triangle), cmocka_unit_test(test_many), cmocka_unit_test(test_many_vertices),
+		cmocka_unit_test(test_orientation_matters),
 		cmocka_unit_test(test_vertex),   cmocka_unit_test(test_sums),
 		cmocka_unit_test(test_hex),      cmocka_unit_test(test_stream),
 	};

@@ -208,9 +208,45 @@ static void test_table(void **state)
 	free(open);
 }
 
+/* Which vertices stay open, whatever the bits and wherever in a byte they begin. */
+static void test_bits(void **state)
+{
+	for (unsigned round = 0; round < 300; round++) {
+		enum { MOST = 90 };
+		const unsigned nforeign = round % 9, nnew = round % MOST, total = nforeign + nnew;
+		uint8_t final[(MOST + 9 + 7) / 8] = {0};
+		int32_t vertex[MOST + 9][3] = {{0}};
+		uint64_t foreign[9];
+		struct stream_block b = {.nnew = nforeign, .vertex = (const int32_t(*)[3])vertex, .final = final};
+		struct check *c = check_new(offset);
+		struct err err = ERR_INIT;
+		uint64_t open = 0;
+
+		assert_non_null(c);
+		assert_int_equal(check_block(c, &b, &err), 0);
+		assert_int_equal(check_open(c), nforeign);
+		for (unsigned i = 0; i < nforeign; i++)
+			foreign[i] = i;
+		for (unsigned i = 0; i < total; i++) {
+			/* whole bytes of ones, bytes with one hole, and noise */
+			bool is = round % 3 == 0 || (round % 3 == 1 ? i % 19 != round % 19 : rand() % 2);
+
+			final[i / 8] |= (uint8_t)(is << i % 8);
+			open += !is;
+		}
+		b = (struct stream_block){.first = nforeign, .nforeign = nforeign, .nnew = nnew, .foreign = foreign,
+					  .vertex = (const int32_t(*)[3])vertex, .final = final};
+		assert_int_equal(check_block(c, &b, &err), 0);
+		assert_int_equal(check_open(c), open);
+		check_free(c);
+	}
+	(void)state;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_bits),
 		cmocka_unit_test(test_agrees),
 		cmocka_unit_test(test_faults),
 		cmocka_unit_test(test_table),
