@@ -5,7 +5,7 @@ digest that its input has under a daemon with much memory.
 
 usage: soak.py [SECONDS [SEED]]     else the environment: ACUT_SOAK_SECONDS (300), ACUT_SOAK_SEED (chosen and printed)
 
-Kept by design, and counted apart: datasets (state/datasets), parts of pushes that were interrupted (they are taken up
+Kept by design, and counted apart: datasets (state/datasets), plans of jobs until rm (state/plans), parts of pushes that were interrupted (they are taken up
 again at the end, and must then be gone), finished domains and selections (cache/domains, cache/selected).
 """
 import collections
@@ -296,7 +296,8 @@ def files_below(folder):
 def held(d):
     """What must be the same at the end as at the beginning."""
     status = d.ctl("status", "--json").ok().json()
-    cache = files_below(d.cache)
+    cache, state = files_below(d.cache), files_below(d.state)
+    jobs = {"plans/plan-%d" % j["job"] for j in rows(d, "jobs")}
     return {
         "descriptors": descriptors(d.process.pid),
         "threads": status_number(d.process.pid, "Threads"),
@@ -305,8 +306,9 @@ def held(d):
         "connections": status["connections"],
         "files of the cache that are not kept by design":
             sorted(f for f in cache if not re.match(r"domains/d-[0-9a-f]{32}$|selected/[0-9a-f]{32}/[a-z.]+$", f)),
-        "unknown files of the state": sorted(f for f in files_below(d.state)
-                                             if not re.match(r"catalogue\.db(-wal|-shm)?$|lock$|datasets/\d+/|geoids/", f)),
+        "plans of jobs that are not there": sorted(f for f in state if f.startswith("plans/") and f not in jobs),
+        "unknown files of the state": sorted(f for f in state if not re.match(
+            r"catalogue\.db(-wal|-shm)?$|lock$|datasets/\d+/|geoids/|plans/", f)),
     }
 
 
