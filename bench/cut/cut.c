@@ -34,16 +34,27 @@ static void must(int rc, const struct err *err)
 	exit(1);
 }
 
-/* A strip along a diagonal, a thousandth as wide as long. */
-static struct mesh_vertex *corridor(uint32_t n, uint32_t *ret_n)
+/* Thin strips, along an axis and not. */
+static struct mesh_vertex *corridor(const char *kind, uint32_t n, uint32_t *ret_n)
 {
+	/* Directions of the lattice; pipelines are 300 km by 500 m in centimetres. */
+	static const struct { const char *kind; int64_t x, y, norm, length, width; } strips[] = {
+		{ "corridor", 2, 1, 2, 1000000000, 1000000 },    { "pipeline", 1, 0, 1, 30000000, 50000 },
+		{ "pipeline-diagonal", 7, 7, 10, 30000000, 50000 }, { "pipeline-slanted", 4, 3, 5, 30000000, 50000 },
+	};
+	unsigned k = 3;
+
 	struct mesh_vertex *v = malloc(n * sizeof(*v));
 	uint64_t seed = 3;
 
+	while (strcmp(strips[k].kind, kind))
+		k--;
 	for (uint32_t i = 0; v && i < n; i++) {
-		int64_t along = (int64_t)(input_random(&seed) % 1000000000), across = (int64_t)(input_random(&seed) % 1000000);
+		int64_t along = (int64_t)(input_random(&seed) % (uint64_t)strips[k].length) - strips[k].length / 2,
+			across = (int64_t)(input_random(&seed) % (uint64_t)strips[k].width) - strips[k].width / 2;
 
-		v[i] = (struct mesh_vertex){ (int32_t)(along - across), (int32_t)(along / 2 + 2 * across), 0 };
+		v[i] = (struct mesh_vertex){ (int32_t)((strips[k].x * along - strips[k].y * across) / strips[k].norm),
+					     (int32_t)((strips[k].y * along + strips[k].x * across) / strips[k].norm), 0 };
 	}
 	*ret_n = v ? input_unique(v, n) : 0;
 	return v;
@@ -85,7 +96,7 @@ static int drop(void *ctx, const struct point *pts, size_t n, struct err *err)
 static void measure(const char *kind, const struct grid *grid, uint32_t load)
 {
 	const struct view view = VIEW_INIT;
-	uint32_t cap = load + load / 4 + 8192;
+	uint32_t cap = load + load / 8 + 4096; /* as pipe_budget */
 	size_t reader_size = grid_reader_bytes(grid), scratch_size = (size_t)64 * cap;
 	void *reader_memory = malloc(reader_size), *scratch = malloc(scratch_size);
 	struct mesh_vertex *out = malloc(cap * sizeof(*out));
@@ -145,7 +156,8 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 
 int main(int argc, char **argv)
 {
-	static const char *const kinds[] = { "uniform", "scan", "grid", "cluster", "two", "holes", "corridor" };
+	static const char *const kinds[] = { "uniform", "scan", "grid", "cluster", "two", "holes", "corridor", "pipeline",
+					    "pipeline-diagonal", "pipeline-slanted" };
 	static const uint32_t loads[] = { 1 << 15, 1 << 17, 1 << 19, 1 << 20 }; /* the ladder */
 	uint32_t want = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 1000000;
 	char path[] = "/tmp/acut-bench-cut-XXXXXX";
@@ -160,7 +172,8 @@ int main(int argc, char **argv)
 
 		if (argc > 2 && strcmp(kinds[i], argv[2]))
 			continue;
-		struct mesh_vertex *v = strcmp(kinds[i], "corridor") ? input_make(kinds[i], want, 1, &n) : corridor(want, &n);
+		struct mesh_vertex *v = strstr(kinds[i], "corridor") || strstr(kinds[i], "pipeline")
+						? corridor(kinds[i], want, &n) : input_make(kinds[i], want, 1, &n);
 		struct grid *grid;
 		char file[64];
 

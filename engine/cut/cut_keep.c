@@ -1,6 +1,6 @@
 /*
  * Let D be the least distance, the larger of the two axes, from a cell's tight box to a border of any of the regions.
- * All borders lie on or outside W, the box widened by D. A site whose Voronoi cell meets such a border at b has,
+ * All borders lie on or outside W, the box widened by D (and on sides where there is none, by more). A site whose Voronoi cell meets such a border at b has,
  * among the points of its own cell alone, a Voronoi cell that holds the way from it to b (convex), and so meets W
  * where that way leaves it. So the sites of the four chains of W over the cell's points are all that any of the
  * regions can ask of it, ties included. Of a cell that a border crosses all points may be asked for; it is read again
@@ -18,8 +18,8 @@
 enum {
 	CELL = 2 * GRID_CELL_RECORDS, /* positions of a cell that can be kept */
 	COLUMNS = 16,
-	SLOTS_LEAST = 256,
-	POINTS_SLOT = 8,              /* kept points that a slot comes with */
+	SLOTS_LEAST = 128,
+	POINTS_SLOT = 24,             /* kept points that a slot comes with */
 };
 
 struct slot {
@@ -37,6 +37,7 @@ struct cut_keep {
 	uint32_t nslot, used;      /* a power of two; how many are in use */
 	struct point *pool;
 	uint32_t npool, cap;
+	bool full;                 /* something was not kept */
 	uint64_t cells, points;
 	/* the cell that is being read */
 	uint32_t n;
@@ -78,6 +79,11 @@ void cut_keep_stats(const struct cut_keep *k, uint64_t *ret_cells, uint64_t *ret
 {
 	*ret_cells = k->cells;
 	*ret_points = k->points;
+}
+
+bool cut_keep_full(const struct cut_keep *k)
+{
+	return k->full;
 }
 
 void cut_keep_limit(struct cut_keep *k, uint32_t points)
@@ -172,6 +178,25 @@ static int64_t nearest(const struct cut_region *node, const struct cut_region *r
 	return nearest(&half[!near], region + (near ? 0 : lo), near ? lo : n - lo, box, best);
 }
 
+/* W, doubled: the box widened by the gap; and where that is little, on each side by the box's size, if no border
+ * comes inside. Of a cell beside one border that makes a quarter of what is kept. */
+static void widen(const struct cut_keep *k, const int64_t box[4], int64_t wide, int64_t w[4])
+{
+	int64_t size = larger(box[2] - box[0], box[3] - box[1]);
+
+	for (unsigned i = 0; i < 4; i++)
+		w[i] = i < 2 ? box[i] - wide : box[i] + wide;
+	for (unsigned i = 0; i < 4 && wide < size; i++) {
+		int64_t was = w[i], inner[4];
+
+		w[i] += i < 2 ? -size : size;
+		for (unsigned j = 0; j < 4; j++)
+			inner[j] = j < 2 ? w[j] + 1 : w[j] - 1;
+		if (nearest(&k->root, k->region, k->nregion, inner, 1) == 0)
+			w[i] = was;
+	}
+}
+
 /* ---- what is kept ---- */
 
 static int64_t along(const struct cut_chain *c, const struct point *p, int64_t u0, unsigned shift)
@@ -220,10 +245,8 @@ static bool morton_less(const void *ctx, const struct point *a, const struct poi
 }
 
 /* The points in k->cell reduced to those of the four chains. CUT_E_FULL: they are as they were. */
-static int reduce(struct cut_keep *k, const int32_t box[4], int64_t wide)
+static int reduce(struct cut_keep *k, const int32_t box[4], const int64_t w[4])
 {
-	int64_t w[4] = { 2 * (int64_t)box[0] - wide, 2 * (int64_t)box[1] - wide, 2 * (int64_t)box[2] + wide,
-			 2 * (int64_t)box[3] + wide };
 	struct cut_chain c[4];
 	uint32_t n = 0, m = 0;
 
@@ -299,7 +322,7 @@ static int keep_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn,
 {
 	struct cut_keep *k = ctx;
 	struct slot *slot = slot_find(k, cell);
-	int64_t box[4], wide;
+	int64_t box[4], w[4], wide;
 	int rc;
 
 	if (slot->used)
@@ -308,6 +331,7 @@ static int keep_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn,
 		box[i] = 2 * (int64_t)cell->box[i];
 	k->cells++;
 	wide = nearest(&k->root, k->region, k->nregion, box, (int64_t)1 << 32 | 1);
+	k->full = k->full || k->used >= k->nslot - k->nslot / 8;
 	if (wide == 0 || k->used >= k->nslot - k->nslot / 8)
 		return read_through(k, cell, fn, sink, err);
 	k->n = 0;
@@ -317,7 +341,9 @@ static int keep_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn,
 		return rc;
 	if (k->overflow)
 		return read_through(k, cell, fn, sink, err);
-	rc = k->n ? reduce(k, cell->box, wide) : 0;
+	widen(k, box, wide, w);
+	rc = k->n ? reduce(k, cell->box, w) : 0;
+	k->full = k->full || k->n > k->cap - k->npool;
 	if (!rc && k->n <= k->cap - k->npool) {
 		*slot = (struct slot){ cell->lo, cell->place, cell->segment, k->npool, k->n, 1 };
 		memcpy(k->pool + k->npool, k->cell, k->n * sizeof(struct point));

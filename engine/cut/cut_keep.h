@@ -22,6 +22,8 @@ struct cut_keep *cut_keep_init(void *memory, size_t size, const struct cut_sourc
 void cut_keep_source(struct cut_keep *, struct cut_source *ret);
 /* What was read below. */
 void cut_keep_stats(const struct cut_keep *, uint64_t *ret_cells, uint64_t *ret_points);
+/* Whether cells are read again because there was no room to keep them. */
+bool cut_keep_full(const struct cut_keep *);
 /* For tests: room for no more than so many points. */
 void cut_keep_limit(struct cut_keep *, uint32_t points);
 

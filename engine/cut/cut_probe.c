@@ -23,10 +23,12 @@
 
 enum {
 	FEW = 8,     /* nearly empty: an eighth of cap */
+	GAIN = 4,
 	SPARE = 2,   /* the bound must leave half the room: the view may take away what it rests on */
 };
 
-enum how { PASSED, ALONE, TOGETHER };
+/* TOO: fits, but would read much of what is read together anyway. */
+enum how { PASSED, ALONE, TOGETHER, TOO };
 
 struct probe {
 	const struct cut_source *src;
@@ -42,6 +44,7 @@ struct probe {
 	uint32_t nsite, site_cap;
 	bool sites_full;
 	uint8_t *how;           /* by leaf */
+	uint64_t together;      /* what the bounds of those that are TOGETHER come to */
 	struct cut_region *region;
 	uint32_t nregion;
 };
@@ -89,7 +92,7 @@ static int count_halo(const struct probe *p, const struct cut_source *src, const
 
 static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, struct err *err)
 {
-	uint64_t room = leaf->count < p->cap ? (p->cap - leaf->count) / SPARE : 0, many = p->cap / FEW, bound;
+	uint64_t room = leaf->count < p->cap ? (p->cap - leaf->count) / SPARE : 0, many = p->cap / FEW, bound = 0;
 	bool few = nearly_empty(p, leaf);
 	int rc;
 
@@ -99,22 +102,53 @@ static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, str
 	/* What has few points is not to read many for itself, even if they fit. */
 	many = few && many < room ? many : room;
 	rc = cut_bound_halo(p->src, p->view, &leaf->region, many, p->scratch, &bound, err);
-	if (rc == 0 && bound > many)
+	if (rc == 0 && bound > many) {
 		*ret = p->keep ? TOGETHER : bound > room ? ALONE : PASSED;
+		p->together += bound;
+	}
+	return rc;
+}
+
+/*
+ * Where the leaves of above see more than there is, the data are thin, and nearly all of them will be read. Then the
+ * leaves on them gain too: those that would read a good part of what they own once more.
+ */
+static int judge_thin(struct probe *p, struct err *err)
+{
+	uint64_t all = 0;
+	int rc = 0;
+
+	for (size_t i = 0; i < p->plan->n; i++)
+		all += p->plan->leaf[i].count;
+	if (!p->keep || p->together < all)
+		return 0;
+	for (size_t i = 0; i < p->plan->n && !rc; i++) {
+		const struct cut_leaf *leaf = &p->plan->leaf[i];
+		uint64_t bound = 0;
+
+		if (p->how[i] != PASSED)
+			continue;
+		rc = cut_bound_halo(p->src, p->view, &leaf->region, leaf->count / GAIN, p->scratch, &bound, err);
+		if (bound > leaf->count / GAIN)
+			p->how[i] = TOO;
+	}
 	return rc;
 }
 
 static int judge_all(struct probe *p, struct err *err)
 {
-	for (size_t i = 0; i < p->plan->n; i++) {
-		int rc = judge(p, &p->plan->leaf[i], &p->how[i], err);
+	int rc;
 
+	for (size_t i = 0; i < p->plan->n; i++) {
+		rc = judge(p, &p->plan->leaf[i], &p->how[i], err);
 		if (rc)
 			return rc;
-		if (p->how[i] == TOGETHER)
-			p->region[p->nregion++] = p->plan->leaf[i].region;
 	}
-	return 0;
+	rc = judge_thin(p, err);
+	for (size_t i = 0; i < p->plan->n; i++)
+		if (p->how[i] == TOGETHER || p->how[i] == TOO)
+			p->region[p->nregion++] = p->plan->leaf[i].region;
+	return rc;
 }
 
 /* ---- together ---- */
@@ -152,7 +186,27 @@ static bool add_sites(struct probe *p, const struct point *pts, uint32_t n)
 	return true;
 }
 
-/* Leaves that do not fit, or whose sites find no room, are left to be probed alone. */
+/* Of the leaves that are `how`. Those that do not fit, or whose sites find no room, are left to be probed alone. */
+static int find_together(struct probe *p, const struct cut_source *src, enum how how, struct err *err)
+{
+	for (size_t i = 0; i < p->plan->n; i++) {
+		struct cut_leaf *leaf = &p->plan->leaf[i];
+		const struct point *pts;
+		uint64_t need;
+		uint32_t n;
+		int rc;
+
+		if (p->how[i] != how || (how == TOO && (p->sites_full || cut_keep_full(src->ctx))))
+			continue;
+		rc = count_halo(p, src, leaf, &pts, &n, &need, err);
+		if (rc && rc != CUT_E_FULL)
+			return rc;
+		p->how[i] = rc ? ALONE : PASSED;
+		leaf->known = rc == 0 && add_sites(p, pts, n);
+	}
+	return 0;
+}
+
 static int probe_together(struct probe *p, struct err *err)
 {
 	struct cut_source src;
@@ -160,34 +214,22 @@ static int probe_together(struct probe *p, struct err *err)
 	struct cut_keep *keep;
 	uint64_t cells, points;
 	int32_t box[4];
-	int rc = 0;
+	int rc;
 
 	if (p->nregion == 0 || !p->src->box(p->src->ctx, box))
 		return 0;
 	cut_region_root(box, &root);
 	keep = cut_keep_init(p->keep, p->keep_size, p->src, p->view, &root, p->region, p->nregion);
 	if (!keep) {
-		/* Nothing can be kept: all that were to go together go alone. */
+		/* Nothing can be kept: what was to go together goes alone. */
 		for (size_t i = 0; i < p->plan->n; i++)
 			p->how[i] = p->how[i] == TOGETHER ? ALONE : p->how[i];
 		return 0;
 	}
 	cut_keep_source(keep, &src);
-	for (size_t i = 0; i < p->plan->n && !rc; i++) {
-		const struct point *pts;
-		uint64_t need;
-		uint32_t n;
-
-		if (p->how[i] != TOGETHER)
-			continue;
-		p->how[i] = ALONE;
-		rc = count_halo(p, &src, &p->plan->leaf[i], &pts, &n, &need, err);
-		if (rc == 0) {
-			p->how[i] = PASSED;
-			p->plan->leaf[i].known = add_sites(p, pts, n);
-		}
-		rc = rc == CUT_E_FULL ? 0 : rc;
-	}
+	rc = find_together(p, &src, TOGETHER, err);
+	if (!rc)
+		rc = find_together(p, &src, TOO, err);
 	cut_keep_stats(keep, &cells, &points);
 	p->plan->cells_read += cells;
 	p->plan->points_read += points;
@@ -234,7 +276,7 @@ static int probe_alone(struct probe *p, struct err *err)
 	for (size_t k = 0, i = 0; k < leaves; k++) {
 		int rc;
 
-		if (p->how[k] == PASSED) {
+		if (p->how[k] != ALONE) {
 			i++;
 			continue;
 		}
