@@ -69,6 +69,14 @@ unsigned stream_put_tail(const struct stream_tail *, uint8_t scratch[STREAM_SCRA
 struct stream_reader;
 enum stream_event { STREAM_MORE, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL };
 struct stream_reader *stream_reader_new(void);
+/* What came before the next block, for a reader that goes on where another one was. */
+struct stream_reader_state {
+	uint64_t blocks, vertices, triangles, last_index;
+	int32_t box[6]; /* of the vertices */
+};
+void stream_reader_state(const struct stream_reader *, struct stream_reader_state *ret);
+/* Right after new: after the head comes the block behind these. */
+void stream_reader_start(struct stream_reader *, const struct stream_reader_state *);
 struct stream_reader *stream_reader_free(struct stream_reader *);
 /* Where to put the next bytes, and how many at most (never 0). -ERR_NOMEM. */
 int stream_reader_space(struct stream_reader *, void **ret, size_t *ret_size, struct err *err);

@@ -52,6 +52,26 @@ struct stream_reader *stream_reader_new(void)
 	return r;
 }
 
+void stream_reader_state(const struct stream_reader *r, struct stream_reader_state *ret)
+{
+	*ret = (struct stream_reader_state){
+		.blocks = r->blocks,
+		.vertices = r->vertices,
+		.triangles = r->triangles,
+		.last_index = r->last_index,
+	};
+	memcpy(ret->box, r->box, sizeof ret->box);
+}
+
+void stream_reader_start(struct stream_reader *r, const struct stream_reader_state *from)
+{
+	r->blocks = from->blocks;
+	r->vertices = from->vertices;
+	r->triangles = from->triangles;
+	r->last_index = from->last_index;
+	memcpy(r->box, from->box, sizeof r->box);
+}
+
 struct stream_reader *stream_reader_free(struct stream_reader *r)
 {
 	if (r) {

@@ -25,7 +25,7 @@ struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
 	bool header, strict, planar, accept_truncated, checksum, add;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
-	bool canonical, no_clobber, wait, fresh;
+	bool canonical, no_clobber, wait, fresh, resume;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
@@ -312,7 +312,7 @@ void ctl_height_text(struct ctl *, const struct ctl_staged *);
 /* --format names one that writes nothing, and no OUT is given: that is complete. */
 bool ctl_output_nothing(const struct ctl_args *);
 int ctl_output_open(struct ctl *, struct format_run **ret, struct err *err);
-/* Fetches the job into the run, publishes, reports; exit status. */
+/* Fetches the job into the run, going on with what it has kept (format_run_keep), publishes, reports; exit status. */
 int ctl_output_fetch(struct ctl *, uint64_t job, struct format_run *, const struct ctl_staged *);
 
 /* ---- ctl_job.c: jobs as text and JSON ---- */

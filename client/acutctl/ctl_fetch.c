@@ -26,6 +26,8 @@ int ctl_fetch_run(struct ctl *ctl)
 	ctl->args.ground = strstr(job->view, " ground") != NULL;
 	ctl->args.surface = strstr(job->view, " returns=first") && strstr(job->view, " duplicates=highest");
 	r = ctl_output_open(ctl, &run, &err);
+	if (!r)
+		r = format_run_keep(run, id, ctl->args.resume, &err);
 	status = r ? ctl_error(ctl, &err) : ctl_output_fetch(ctl, id, run, NULL);
 	format_run_free(run);
 	return status;

@@ -41,7 +41,7 @@ static const struct option table[] = {
 	{"width", 0, "PIXELS", TEXT, AT(width), CTL_OUT, "width of a picture (1600)"},
 	{"color", 0, "KIND", TEXT, AT(color), CTL_OUT, "picture of hillshade, elevation or domain"},
 	{"bbox", 0, "X1,Y1,X2,Y2", LATER, 0, CTL_OUT, NULL},
-	{"resume", 0, NULL, LATER, 0, CTL_FETCH, NULL},
+	{"resume", 0, NULL, FLAG, AT(resume), CTL_FETCH, "go on with what an earlier fetch has kept in OUT.part"},
 	{"tile", 0, "SIZE", LATER, 0, CTL_OUT, NULL},
 	{"trim", 0, "LENGTH", LATER, 0, CTL_OUT, NULL},
 	{"mask", 0, "FILE", LATER, 0, CTL_OUT, NULL},

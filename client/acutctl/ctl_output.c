@@ -360,29 +360,47 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 
 /* The run's sink and the progress line share one context. */
 struct feed {
-	struct acut_mesh_sink run;
+	struct acut_mesh_sink sink;
+	struct format_run *run;
 	struct ctl_progress progress;
+	struct ctl *ctl;
+	struct err err; /* of saving */
 };
 
 static int feed_head(void *ctx, const struct acut_mesh_head *head)
 {
 	struct feed *f = ctx;
 
-	return f->run.head(f->run.ctx, head);
+	return f->sink.head(f->sink.ctx, head);
+}
+
+/* What the run has, with the state of the fetch, as of the last block. */
+static int feed_save(struct feed *f)
+{
+	void *state;
+	size_t size;
+	int r;
+
+	if (acut_fetch_state(f->ctl->acut, &state, &size))
+		return ctl_error_from_acut(f->ctl->acut, NULL, &f->err);
+	r = format_run_save(f->run, state, size, &f->err);
+	free(state);
+	return r;
 }
 
 static int feed_block(void *ctx, const struct acut_mesh_block *block)
 {
 	struct feed *f = ctx;
+	int r = f->sink.block(f->sink.ctx, block);
 
-	return f->run.block(f->run.ctx, block);
+	return r || !format_run_due(f->run) ? r : feed_save(f);
 }
 
 static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct feed *f = ctx;
 
-	return f->run.tail(f->run.ctx, tail);
+	return f->sink.tail(f->sink.ctx, tail);
 }
 
 static void feed_progress(void *ctx, const struct acut_progress *now)
@@ -392,18 +410,53 @@ static void feed_progress(void *ctx, const struct acut_progress *now)
 	ctl_progress_show(&f->progress, now);
 }
 
+/* These are of what came, or of what is there: going on would not mend them. */
+static bool can_go_on(const struct feed *f, const struct err *err)
+{
+	return format_run_saved(f->run) && err->code != ERR_GONE && err->code != ERR_DIGEST && err->code != ERR_PROTO &&
+	       err->code != ERR_CORRUPT;
+}
+
+/* A fetch that failed keeps what came; says how to go on. */
+static int feed_failed(struct feed *f, uint64_t id)
+{
+	static const char way[] = "acutctl fetch %llu --resume, with the same outputs and options, goes on with what came";
+	struct ctl *ctl = f->ctl;
+	struct err err;
+	int status;
+
+	ctl_error_from_acut(ctl->acut, NULL, &err);
+	if (format_run_error(f->run)->code)
+		err = *format_run_error(f->run);
+	else if (f->err.code)
+		err = f->err;
+	else if (can_go_on(f, &err))
+		feed_save(f);
+	if (can_go_on(f, &err) && !err.hint[0] && ctl->args.json)
+		err_add_hint(&err, way, (unsigned long long)id);
+	status = ctl_error(ctl, &err);
+	if (can_go_on(f, &err) && !ctl->args.quiet && !ctl->args.json) {
+		fprintf(stderr, "acutctl: ");
+		fprintf(stderr, way, (unsigned long long)id);
+		fputc('\n', stderr);
+	}
+	return status;
+}
+
 int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const struct ctl_staged *staged)
 {
-	struct feed feed = { .run = format_run_sink(run) };
+	struct feed feed = { .sink = format_run_sink(run), .run = run, .ctl = ctl, .err = ERR_INIT };
 	const struct acut_mesh_sink sink = { feed_head, feed_block, feed_tail, feed_progress, &feed };
 	const struct acut_job *job;
+	const void *kept;
+	size_t size = 0;
+	int r;
 
 	ctl_progress_init(&feed.progress, ctl);
-	if (acut_fetch(ctl->acut, id, &sink)) {
-		if (format_run_error(run)->code)
-			return ctl_error(ctl, format_run_error(run));
-		return ctl_error_acut(ctl);
-	}
+	kept = format_run_kept(run, &size);
+	r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
+	if (r)
+		return feed_failed(&feed, id);
 	if (acut_job_wait(ctl->acut, id, true, NULL, NULL, &job))
 		return ctl_error_acut(ctl);
 	if (!job->has_report)

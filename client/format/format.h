@@ -14,8 +14,10 @@
 #include "acut.h"
 #include "decimal.h"
 
+struct cursor;
 struct err;
 struct format_output;
+struct packer;
 
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
 
@@ -52,7 +54,12 @@ struct format {
 	int (*block)(void *writer, const struct format_block *, struct err *);
 	int (*finish)(void *writer, const struct acut_mesh_tail *, struct err *);
 	void *(*free)(void *writer);
+	/* To go on later; NULL: it cannot. `save` gives FORMAT_SAVED bytes at most; `resume` comes in place of head, its
+	 * output stands behind the last byte then. */
+	void (*save)(const void *writer, struct packer *);
+	int (*resume)(void *writer, const struct acut_mesh_head *, struct cursor *, struct err *);
 };
+#define FORMAT_SAVED 64
 
 const struct format *const *format_rows(size_t *ret_n);
 const struct format *format_find(const char *name);    /* NULL: no such format */
@@ -88,6 +95,21 @@ int format_run_add(struct format_run *, const char *path, const struct format *,
 struct acut_mesh_sink format_run_sink(struct format_run *);
 /* What a callback of the sink failed with; code ERR_NONE if none did. */
 const struct err *format_run_error(const struct format_run *);
+/* Keeps what has come of the job's mesh in files beside the outputs (NAME.part, NAME.part.faces, and NAME.part.state
+ * beside the first), so that a later run with the same outputs and options goes on with it. After the adds, before
+ * the sink is used. `on`: this run goes on with what an earlier one has kept, or fails: -ERR_GONE nothing is kept,
+ * -ERR_USAGE it is of another job or of other outputs or options, or one of them cannot be kept, -ERR_CORRUPT it is
+ * damaged, -ERR_BUSY another process is at it. Else what is there is replaced, and nothing is kept where one output
+ * cannot be. */
+int format_run_keep(struct format_run *, uint64_t job, bool on, struct err *err);
+/* The state of the fetch that this run goes on with; NULL: it starts. */
+const void *format_run_kept(const struct format_run *, size_t *ret_size);
+/* It is time to save: after the first block, every 64 MiB ($ACUT_FETCH_SYNC) or 5 seconds. */
+bool format_run_due(const struct format_run *);
+/* Makes durable what the run has, with the state of the fetch (acut_fetch_state) as of the last block. Does nothing
+ * where nothing is kept. */
+int format_run_save(struct format_run *, const void *state, size_t size, struct err *err);
+bool format_run_saved(const struct format_run *); /* a later run can go on */
 /* After the tail: makes all outputs durable and gives them their names. */
 int format_run_publish(struct format_run *, struct err *err);
 void format_run_report(const struct format_run *, struct format_report *ret);

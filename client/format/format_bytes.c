@@ -85,6 +85,8 @@ static int put_at(struct format_output *o, const uint8_t *p, size_t n, struct er
 	}
 	if (!r)
 		o->at += n;
+	if (!r && o->part)
+		format_part_add(o->part, p, n);
 	return r;
 }
 
@@ -219,6 +221,10 @@ int format_output_annex(struct format_output *host, struct format_output **ret, 
 		return -err->code;
 	o->host = host;
 	o->seekable = true;
+	if (host->part && format_part_annex(host, o, err)) {
+		format_output_free(o);
+		return -err->code;
+	}
 	*ret = o;
 	return 0;
 }

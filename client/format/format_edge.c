@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cursor.h"
 #include "err.h"
 #include "format_priv.h"
 
@@ -177,4 +178,37 @@ void format_edge_done(struct format_edge *ed)
 {
 	free(ed->triangle);
 	memset(ed, 0, sizeof(*ed));
+}
+
+static void save128(struct packer *p, u128 n)
+{
+	packer_u64(p, (uint64_t)(n >> 64));
+	packer_u64(p, (uint64_t)n);
+}
+
+static u128 load128(struct cursor *c)
+{
+	u128 high = cursor_u64(c);
+
+	return high << 64 | cursor_u64(c);
+}
+
+void format_edge_save(const struct format_edge *ed, struct packer *p)
+{
+	packer_u64(p, ed->left_out);
+	save128(p, ed->left_out_area2);
+	save128(p, ed->longest);
+	packer_u64(p, ed->count);
+	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+		packer_u64(p, ed->bucket[i]);
+}
+
+void format_edge_load(struct format_edge *ed, struct cursor *c)
+{
+	ed->left_out = cursor_u64(c);
+	ed->left_out_area2 = load128(c);
+	ed->longest = load128(c);
+	ed->count = cursor_u64(c);
+	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+		ed->bucket[i] = cursor_u64(c);
 }

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "cursor.h"
 #include "err.h"
 #include "format_priv.h"
 
@@ -45,6 +46,23 @@ static int obj_head(void *writer, const struct acut_mesh_head *head, struct err 
 	int r = format_axis_init(o->axis, head, &o->opt, err);
 
 	return r ? r : format_comment_head(head, &o->opt, obj_comment, o, err);
+}
+
+static void obj_save(const void *writer, struct packer *to)
+{
+	const struct obj *o = writer;
+
+	packer_u64(to, o->nvertex);
+	packer_u64(to, o->nface);
+}
+
+static int obj_resume(void *writer, const struct acut_mesh_head *head, struct cursor *from, struct err *err)
+{
+	struct obj *o = writer;
+
+	o->nvertex = cursor_u64(from);
+	o->nface = cursor_u64(from);
+	return format_axis_init(o->axis, head, &o->opt, err);
 }
 
 static char *put_number(uint64_t n, char *at)
@@ -128,4 +146,6 @@ const struct format format_obj = {
 	.block = obj_block,
 	.finish = obj_finish,
 	.free = obj_free,
+	.save = obj_save,
+	.resume = obj_resume,
 };

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cursor.h"
 #include "err.h"
 #include "format_priv.h"
 
@@ -117,4 +118,37 @@ void format_open_done(struct format_open *t)
 	free(t->slot);
 	free(t->position);
 	memset(t, 0, sizeof(*t));
+}
+
+void format_open_save(const struct format_open *t, struct packer *p)
+{
+	packer_u64(p, t->used);
+	for (size_t i = 0; i < t->size; i++) {
+		const struct format_open_slot *s = &t->slot[i];
+
+		if (!s->used)
+			continue;
+		packer_u64(p, s->number);
+		for (int k = 0; k < 3; k++)
+			packer_i32(p, s->at[k]);
+	}
+}
+
+int format_open_load(struct format_open *t, struct cursor *c, struct err *err)
+{
+	uint64_t n = cursor_u64(c);
+
+	if (n > cursor_left(c) / FORMAT_OPEN_SAVED)
+		c->bad = true;
+	while (n-- && !c->bad) {
+		uint64_t number = cursor_u64(c);
+		int32_t at[3];
+
+		for (int k = 0; k < 3; k++)
+			at[k] = cursor_i32(c);
+		if (2 * (t->used + 1) > t->size && open_grow(t, err))
+			return -err->code;
+		open_put(t, number, at);
+	}
+	return 0;
 }

@@ -240,6 +240,9 @@ int format_output_publish(struct format_output *o, struct err *err)
 		r = output_temp(o, make_link, err);
 		o->nameless = r != 0;
 	}
+	/* A failure of io_publish removes the file; what is kept must not go because the disk is full. */
+	if (!r && o->part)
+		r = io_sync(o->fd, o->label, err);
 	if (r || !o->temp)
 		return r;
 	if (o->no_clobber) {
@@ -260,8 +263,11 @@ struct format_output *format_output_free(struct format_output *o)
 {
 	if (!o)
 		return NULL;
-	if (o->temp && o->dirfd >= 0)
+	if (o->temp && o->dirfd >= 0 && !o->part)
 		unlinkat(o->dirfd, o->temp, 0);
+	if (o->host && o->host->annex == o)
+		o->host->annex = NULL;
+	format_part_free(o->part);
 	if (o->own_fd)
 		io_close(o->fd);
 	io_close(o->dirfd);

@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cursor.h"
 #include "err.h"
 #include "format_priv.h"
 
@@ -112,7 +113,33 @@ static int ply_head(void *writer, const struct acut_mesh_head *head, struct err 
 	p->header = ((size_t)r + 2 * sizeof(PLY_FILL) + 7) & ~(size_t)7; /* keeps the doubles aligned */
 	memset(buf, 0, sizeof(buf));
 	p->vertices = p->out;
-	return format_output_write(p->out, buf, p->header, err);
+	r = format_output_write(p->out, buf, p->header, err);
+	return r ? r : format_part_from_here(p->out, err);
+}
+
+static void ply_save(const void *writer, struct packer *to)
+{
+	const struct ply *p = writer;
+
+	packer_u64(to, p->nvertex);
+	packer_u64(to, p->nface);
+	packer_u64(to, p->header);
+}
+
+static int ply_resume(void *writer, const struct acut_mesh_head *head, struct cursor *from, struct err *err)
+{
+	struct ply *p = writer;
+	int r = format_axis_init(p->axis, head, &p->opt, err);
+
+	if (!r)
+		r = format_comment_head(head, &p->opt, ply_comment, p, err);
+	if (!r)
+		r = format_output_annex(p->out, &p->faces, err);
+	p->vertices = p->out;
+	p->nvertex = cursor_u64(from);
+	p->nface = cursor_u64(from);
+	p->header = cursor_u64(from);
+	return r;
 }
 
 static int ply_vertices(struct ply *p, const int32_t (*v)[3], uint32_t n, struct err *err)
@@ -232,4 +259,6 @@ const struct format format_ply = {
 	.block = ply_block,
 	.finish = ply_finish,
 	.free = ply_free,
+	.save = ply_save,
+	.resume = ply_resume,
 };

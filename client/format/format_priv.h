@@ -27,6 +27,8 @@ int format_output_patch(struct format_output *, uint64_t at, const void *bytes, 
 int format_output_join(struct format_output *, struct format_output *from, size_t record, struct err *err);
 /* Reads back from a spool: n bytes at `at`. */
 int format_output_read(struct format_output *, uint64_t at, void *bytes, size_t n, struct err *err);
+/* What is written up to here may be patched later: it is not compared when a kept output goes on. */
+int format_part_from_here(struct format_output *, struct err *err);
 bool format_output_seekable(const struct format_output *);
 uint64_t format_output_size(const struct format_output *);
 const char *format_output_name(const struct format_output *);
@@ -105,6 +107,10 @@ struct format_open {
 int format_open_block(struct format_open *, const struct acut_mesh_block *, const int32_t (**ret)[3],
 		      struct err *err);
 void format_open_done(struct format_open *);
+enum { FORMAT_OPEN_SAVED = 20 }; /* bytes a vertex, and 8 */
+void format_open_save(const struct format_open *, struct packer *);
+/* Into an empty one. -ERR_NOMEM; the cursor is bad where it is damaged. */
+int format_open_load(struct format_open *, struct cursor *, struct err *err);
 
 /* ---- --max-edge and edge statistics: format_edge.c ---- */
 
@@ -131,6 +137,8 @@ double format_edge_median(const struct format_edge *);
 double format_edge_longest(const struct format_edge *);
 double format_edge_area(const struct format_edge *);
 void format_edge_done(struct format_edge *);
+void format_edge_save(const struct format_edge *, struct packer *); /* what was counted */
+void format_edge_load(struct format_edge *, struct cursor *);
 
 /* ---- external sort of small records of 64-bit words: format_sort.c ---- */
 

@@ -10,29 +10,9 @@
 #include <string.h>
 
 #include "err.h"
-#include "format_priv.h"
+#include "format_run.h"
 
 #define SORT_MEMORY (64ull << 20)
-
-struct target {
-	const struct format *format;
-	struct format_options opt;
-	struct format_output *out;
-	void *writer;
-	struct format_canonical *canonical;
-	struct target *next;
-};
-
-struct format_run {
-	struct format_run_options opt;
-	struct target *target, **end;
-	bool positions;            /* somebody needs them */
-	bool finished;
-	struct format_open open;
-	struct format_edge edge;
-	struct err err;
-	uint64_t bytes;
-};
 
 int format_run_new(const struct format_run_options *opt, struct format_run **ret, struct err *err)
 {
@@ -50,7 +30,7 @@ int format_run_new(const struct format_run_options *opt, struct format_run **ret
 	return 0;
 }
 
-static struct target *target_free(struct target *t)
+static struct format_target *target_free(struct format_target *t)
 {
 	if (!t)
 		return NULL;
@@ -84,7 +64,7 @@ int format_run_add(struct format_run *run, const char *path, const struct format
 		   const struct format_options *opt, struct err *err)
 {
 	int r = target_check(path, format, opt, err);
-	struct target *t = r ? NULL : calloc(1, sizeof(*t));
+	struct format_target *t = r ? NULL : calloc(1, sizeof(*t));
 
 	if (r)
 		return path ? err_add_file(err, path) : r;
@@ -115,7 +95,9 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 	struct format_run *run = ctx;
 	int r = format_edge_init(&run->edge, head, &run->opt, &run->err);
 
-	for (struct target *t = run->target; t && !r; t = t->next)
+	if (!r && format_keep_goes_on(run))
+		return format_keep_head(run, head, &run->err);
+	for (struct format_target *t = run->target; t && !r; t = t->next)
 		r = t->format->head(t->writer, head, &run->err);
 	return r;
 }
@@ -133,7 +115,7 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 		r = format_edge_block(&run->edge, b, block.position, &kept, &run->err);
 		block.mesh = &kept;
 	}
-	for (struct target *t = run->target; t && !r; t = t->next)
+	for (struct format_target *t = run->target; t && !r; t = t->next)
 		r = t->canonical ? format_canonical_block(t->canonical, &block, &run->err)
 				 : t->format->block(t->writer, &block, &run->err);
 	return r;
@@ -145,7 +127,7 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 	int r = 0;
 
 	format_open_done(&run->open);
-	for (struct target *t = run->target; t && !r; t = t->next) {
+	for (struct format_target *t = run->target; t && !r; t = t->next) {
 		if (t->canonical)
 			r = format_canonical_finish(t->canonical, &run->err);
 		t->canonical = format_canonical_free(t->canonical);
@@ -174,12 +156,13 @@ int format_run_publish(struct format_run *run, struct err *err)
 	}
 	if (!run->finished)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
-	for (struct target *t = run->target; t; t = t->next) {
+	for (struct format_target *t = run->target; t; t = t->next) {
 		int r = t->out ? format_output_publish(t->out, err) : 0;
 		if (r)
 			return r;
 		run->bytes += t->out ? format_output_size(t->out) : 0;
 	}
+	format_keep_done(run);
 	return 0;
 }
 
@@ -199,12 +182,13 @@ struct format_run *format_run_free(struct format_run *run)
 {
 	if (!run)
 		return NULL;
-	for (struct target *t = run->target, *next; t; t = next) {
+	for (struct format_target *t = run->target, *next; t; t = next) {
 		next = t->next;
 		target_free(t);
 	}
 	format_open_done(&run->open);
 	format_edge_done(&run->edge);
+	format_keep_free(run->kept);
 	free(run);
 	return NULL;
 }

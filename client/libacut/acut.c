@@ -150,6 +150,7 @@ struct acut *acut_close(struct acut *a)
 		return NULL;
 	while (a->pushes)
 		acut_push_leave(a->pushes);
+	fetch_free(a->fetch);
 	frame_message_free(a->answer);
 	free(a->rows);
 	frame_conn_free(a->conn);

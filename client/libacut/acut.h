@@ -340,6 +340,14 @@ struct acut_mesh_sink {
  * stream that ends without its tail, or with an error in it, is an error. What the sink gets is valid
  * during the callback; until the tail came, it is not yet known to be whole. */
 int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
+/* What it takes to go on with a fetch later, on this connection or another one: bytes of a size that grows with the
+ * vertices that are not final yet. Inside of the sink's `block` it is as of that block, which the callback must then
+ * take; after a failed fetch, until the next call, as of the last block that was taken (ACUT_E_USAGE where there is
+ * none). *ret goes to free(). */
+int acut_fetch_state(struct acut *, void **ret, size_t *ret_size);
+/* Goes on with that: `head` comes again, then the block behind those of the state; `tail` is of the whole mesh,
+ * digests included. "stream-gone": the job's mesh does not come in these blocks any more; fetch it from the start. */
+int acut_fetch_from(struct acut *, const void *state, size_t size, const struct acut_mesh_sink *);
 
 /* Coordinates from lattice numbers: nearest double; exact decimal text into buf (48 bytes).
  * axis: 0 x, 1 y, 2 z. */

@@ -36,6 +36,7 @@ static int die_gone(struct acut *a)
 
 int call_begin(struct acut *a)
 {
+	a->fetch = fetch_free(a->fetch);
 	a->answer = frame_message_free(a->answer);
 	free(a->rows);
 	a->rows = NULL;

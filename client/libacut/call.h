@@ -46,6 +46,8 @@ struct acut {
 	acut_progress_fn progress; /* of the call that waits; may be NULL */
 	void *progress_ctx;
 
+	struct fetch *fetch; /* the one that runs, or the last one until the next call; NULL: none */
+
 	Acut__V1__Message *answer; /* what the results below point into */
 	void *rows;                /* an array that the result points to */
 	struct acut_status status;
@@ -83,6 +85,9 @@ int call_pump(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
 /* Waits for the connection or for `other` (NULL: none), at most a tenth of a second at a time if somebody
  * wants to be asked. `since`: clock_mono_ns of the last sign of life. */
 int call_pause(struct acut *, uint64_t since, struct pollfd *other);
+
+/* fetch.c. NULL is fine; gives NULL. */
+struct fetch *fetch_free(struct fetch *);
 
 /* ---- messages to results ---- */
 

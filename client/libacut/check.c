@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cursor.h"
 #include "err.h"
 
 struct slot {
@@ -227,5 +228,58 @@ int check_tail(const struct check *c, const struct stream_tail *tail, bool whole
 	if (r == 0 && whole && tail->triangles > 0 && c->open != tail->hull)
 		r = err_set(err, ERR_PROTO, "%llu vertices never became final, but the hull has %llu",
 			    (unsigned long long)c->open, (unsigned long long)tail->hull);
+	return r;
+}
+
+/* ---- as bytes ---- */
+
+enum { PACKED_HEAD = 40, PACKED_SLOT = 16 };
+
+size_t check_packed_size(const struct check *c)
+{
+	return PACKED_HEAD + c->open * PACKED_SLOT;
+}
+
+void check_pack(const struct check *c, struct packer *p)
+{
+	packer_u64(p, c->digest.hi);
+	packer_u64(p, c->digest.lo);
+	packer_u64(p, c->vertex_digest.hi);
+	packer_u64(p, c->vertex_digest.lo);
+	packer_u64(p, c->open);
+	for (uint64_t i = 0; i < (uint64_t)1 << c->bits; i++) {
+		const struct slot *s = &c->slot[i];
+
+		if (s->key == 0)
+			continue;
+		packer_u64(p, s->key - 1);
+		packer_i32(p, s->xy[0]);
+		packer_i32(p, s->xy[1]);
+	}
+}
+
+int check_unpack(struct check *c, struct cursor *in, struct err *err)
+{
+	uint64_t open;
+	int r = 0;
+
+	c->digest.hi = cursor_u64(in);
+	c->digest.lo = cursor_u64(in);
+	c->vertex_digest.hi = cursor_u64(in);
+	c->vertex_digest.lo = cursor_u64(in);
+	open = cursor_u64(in);
+	if (in->bad || open > cursor_left(in) / PACKED_SLOT)
+		return err_set(err, ERR_CORRUPT, "the state of a fetch is damaged");
+	for (uint64_t i = 0; r == 0 && i < open; i++) {
+		uint64_t number = cursor_u64(in);
+		int32_t at[3] = {0};
+
+		at[0] = cursor_i32(in);
+		at[1] = cursor_i32(in);
+		if (number == UINT64_MAX || find(c, number + 1)->key != 0)
+			r = err_set(err, ERR_CORRUPT, "the state of a fetch is damaged");
+		else
+			r = insert(c, number, at, err);
+	}
 	return r;
 }

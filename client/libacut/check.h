@@ -5,7 +5,9 @@
 #include "digest.h"
 #include "stream.h"
 
+struct cursor;
 struct err;
+struct packer;
 struct check;
 
 /* k: the lattice's offsets; absolute number = number + k. NULL: no memory. */
@@ -17,5 +19,10 @@ int check_block(struct check *, const struct stream_block *, struct err *err);
  * never became final are not as many as the hull's (whole meshes only). */
 int check_tail(const struct check *, const struct stream_tail *, bool whole, struct err *err);
 uint64_t check_open(const struct check *); /* vertices in the table now */
+
+/* What is known after the last block, as bytes, and a new check that goes on with it. -ERR_CORRUPT, -ERR_NOMEM. */
+size_t check_packed_size(const struct check *);
+void check_pack(const struct check *, struct packer *);
+int check_unpack(struct check *, struct cursor *, struct err *err);
 
 #endif

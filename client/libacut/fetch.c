@@ -2,6 +2,9 @@
  * Fetching a mesh: the daemon hands over the reading end of a pipe, the bytes go through the stream reader,
  * each block is checked and then given to the sink. The socket is watched meanwhile, since progress and
  * errors come there. Closing the pipe is all it takes to give up.
+ *
+ * What reader and check know between two blocks can be had as bytes, and a later fetch goes on with it. A block that
+ * was checked but not taken, or half of it, spoils that (`torn`). FORMAT.md has the bytes, "State of a fetch".
  */
 #include "call.h"
 
@@ -14,14 +17,26 @@
 
 #include "check.h"
 #include "clock.h"
+#include "cursor.h"
 #include "decimal.h"
 #include "parse.h"
 #include "stream.h"
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
 
 enum { READS_A_LOOK = 32 }; /* reads from the pipe between two looks at the socket */
 
 struct fetch {
 	struct acut *acut;
+	uint64_t job;
+	bool torn;     /* check is not between two blocks */
+	bool continued;
+	bool other;    /* the head is not of the stream that is to go on */
+	struct stream_reader_state from;
+	struct digest id;        /* of the stream; when continued, that of the state */
+	int64_t k[3];            /* of the state */
+	struct cursor state;     /* the rest of it: check's */
 	const struct acut_mesh_sink *sink;
 	uint32_t request;
 	int fd;
@@ -81,6 +96,26 @@ char *acut_coordinate_text(const struct acut_mesh_head *head, int axis, int32_t 
 
 /* ---- frames ---- */
 
+/* Another head is good only before a tail that says why. */
+static bool is_same(const struct fetch *f, const struct stream_head *head)
+{
+	return digest_equal(head->id, f->id) && memcmp(f->head.k, f->k, sizeof f->k) == 0;
+}
+
+static int other_stream(struct fetch *f)
+{
+	return err_set(&f->acut->err, ERR_PROTO, "the daemon went on with another stream");
+}
+
+static int go_on(struct fetch *f)
+{
+	f->torn = true;
+	if (check_unpack(f->check, &f->state, &f->acut->err) < 0)
+		return -(int)f->acut->err.code;
+	f->torn = false;
+	return 0;
+}
+
 static int on_head(struct fetch *f)
 {
 	const struct stream_head *head = stream_reader_head(f->reader);
@@ -91,6 +126,15 @@ static int on_head(struct fetch *f)
 	f->check = check_new(f->head.k);
 	if (!f->check)
 		return err_set(&f->acut->err, ERR_NOMEM, "there is no memory to check a mesh");
+	f->other = f->continued && !is_same(f, head);
+	if (f->other) {
+		f->torn = true;
+		return 0;
+	}
+	r = f->continued ? go_on(f) : 0;
+	if (r < 0)
+		return r;
+	f->id = head->id;
 	f->head.lattice = head->lattice;
 	f->head.scale_xy = f->scale[0];
 	f->head.scale_z = f->scale[1];
@@ -118,12 +162,15 @@ static int on_block(struct fetch *f)
 	    .nnew = b->nnew,
 	    .ntriangle = b->ntriangle,
 	};
-	int r = check_block(f->check, b, &f->acut->err);
+	int r = f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
 
+	f->torn = r < 0;
 	if (r < 0 || !f->sink->block)
 		return r;
 	memcpy(out.box, b->box, sizeof out.box);
-	return from_sink(f, f->sink->block(f->sink->ctx, &out));
+	r = from_sink(f, f->sink->block(f->sink->ctx, &out));
+	f->torn = r < 0;
+	return r;
 }
 
 static int failed_tail(struct fetch *f, const struct stream_tail *tail)
@@ -154,6 +201,8 @@ static int on_tail(struct fetch *f)
 
 	if (tail->failed)
 		return failed_tail(f, tail);
+	if (f->other)
+		return other_stream(f);
 	r = check_tail(f->check, tail, whole, &f->acut->err);
 	if (r < 0 || !f->sink->tail)
 		return r;
@@ -299,36 +348,158 @@ static int open_stream(struct fetch *f, int fd)
 	if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
 		return err_sys(&a->err, errno, "cannot set up the pipe of a mesh stream");
 	f->reader = stream_reader_new();
+	if (f->reader && f->continued)
+		stream_reader_start(f->reader, &f->from);
 	return f->reader ? 0 : err_set(&a->err, ERR_NOMEM, "there is no memory to read a mesh stream");
+}
+
+struct fetch *fetch_free(struct fetch *f)
+{
+	if (f) {
+		if (f->fd >= 0)
+			close(f->fd);
+		stream_reader_free(f->reader);
+		check_free(f->check);
+		free(f);
+	}
+	return NULL;
+}
+
+static struct fetch *fetch_new(struct acut *a, const struct acut_mesh_sink *sink)
+{
+	struct fetch *f = calloc(1, sizeof *f);
+
+	if (!f) {
+		err_set(&a->err, ERR_NOMEM, "there is no memory for a fetch");
+		return NULL;
+	}
+	f->acut = a;
+	f->sink = sink;
+	f->fd = -1;
+	a->fetch = f;
+	a->progress = sink->progress;
+	a->progress_ctx = sink->ctx;
+	return f;
+}
+
+static int fetch(struct fetch *f)
+{
+	Acut__V1__Fetch question = ACUT__V1__FETCH__INIT;
+	struct acut *a = f->acut;
+	char id[DIGEST_HEX_SIZE];
+	int fd = -1, r;
+
+	question.job = f->job;
+	if (f->continued) {
+		question.from_block = f->from.blocks;
+		question.stream_id = digest_hex(f->id, id);
+	}
+	r = call_send(a, FRAME_MESSAGE(FETCH, fetch, &question), -1, &f->request);
+	if (r == 0)
+		r = call_next(a, f->request, &a->answer, &fd);
+	if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_FETCHING)
+		r = call_unexpected(a, a->answer);
+	if (r == 0) {
+		r = open_stream(f, fd);
+		fd = -1;
+	}
+	if (r == 0)
+		r = stream(f);
+	if (fd >= 0)
+		close(fd);
+	if (f->fd >= 0)
+		close(f->fd);
+	f->fd = -1;
+	return r;
 }
 
 int acut_fetch(struct acut *a, uint64_t job, const struct acut_mesh_sink *sink)
 {
-	Acut__V1__Fetch question = ACUT__V1__FETCH__INIT;
-	struct fetch f = {.acut = a, .sink = sink, .fd = -1};
-	int fd = -1, r = call_begin(a);
+	int r = call_begin(a);
+	struct fetch *f = r < 0 ? NULL : fetch_new(a, sink);
 
-	if (r < 0)
-		return r;
-	question.job = job;
-	a->progress = sink->progress;
-	a->progress_ctx = sink->ctx;
-	r = call_send(a, FRAME_MESSAGE(FETCH, fetch, &question), -1, &f.request);
-	if (r == 0)
-		r = call_next(a, f.request, &a->answer, &fd);
-	if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_FETCHING)
-		r = call_unexpected(a, a->answer);
-	if (r == 0) {
-		r = open_stream(&f, fd);
-		fd = -1;
-	}
-	if (r == 0)
-		r = stream(&f);
-	if (fd >= 0)
-		close(fd);
-	if (f.fd >= 0)
-		close(f.fd);
-	stream_reader_free(f.reader);
-	check_free(f.check);
-	return r;
+	if (!f)
+		return -(int)a->err.code;
+	f->job = job;
+	return fetch(f);
+}
+
+/* ---- going on ---- */
+
+enum { STATE_HEAD = 8 + 8 + 16 + 3 * 8 + 4 * 8 + 6 * 4, STATE_SUM = 8 };
+static const uint32_t STATE_MAGIC = 0x53464341; /* "ACFS" */
+static const uint32_t STATE_VERSION = 1;
+
+int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
+{
+	const struct fetch *f = a->fetch;
+	struct stream_reader_state at;
+	struct packer p;
+	uint8_t *bytes;
+	size_t size;
+
+	if (!f || !f->check || f->torn)
+		return err_set(&a->err, ERR_USAGE, "there is no fetch to go on with");
+	stream_reader_state(f->reader, &at);
+	size = STATE_HEAD + check_packed_size(f->check) + STATE_SUM;
+	bytes = malloc(size);
+	if (!bytes)
+		return err_set(&a->err, ERR_NOMEM, "there is no memory for the state of a fetch");
+	p = packer_of(bytes, size);
+	packer_u32(&p, STATE_MAGIC);
+	packer_u32(&p, STATE_VERSION);
+	packer_u64(&p, f->job);
+	packer_u64(&p, f->id.hi);
+	packer_u64(&p, f->id.lo);
+	for (unsigned i = 0; i < 3; i++)
+		packer_i64(&p, f->head.k[i]);
+	packer_u64(&p, at.blocks);
+	packer_u64(&p, at.vertices);
+	packer_u64(&p, at.triangles);
+	packer_u64(&p, at.last_index);
+	for (unsigned i = 0; i < 6; i++)
+		packer_i32(&p, at.box[i]);
+	check_pack(f->check, &p);
+	packer_u64(&p, XXH3_64bits(bytes, size - STATE_SUM));
+	*ret = bytes;
+	*ret_size = size;
+	return 0;
+}
+
+static bool read_state(struct fetch *f, const uint8_t *bytes, size_t size)
+{
+	struct cursor c = cursor_of(bytes, size), sum;
+
+	if (size < STATE_HEAD + STATE_SUM)
+		return false;
+	sum = cursor_of(bytes + size - STATE_SUM, STATE_SUM);
+	if (cursor_u64(&sum) != XXH3_64bits(bytes, size - STATE_SUM) || cursor_u32(&c) != STATE_MAGIC ||
+	    cursor_u32(&c) != STATE_VERSION)
+		return false;
+	f->job = cursor_u64(&c);
+	f->id.hi = cursor_u64(&c);
+	f->id.lo = cursor_u64(&c);
+	for (unsigned i = 0; i < 3; i++)
+		f->k[i] = cursor_i64(&c);
+	f->from.blocks = cursor_u64(&c);
+	f->from.vertices = cursor_u64(&c);
+	f->from.triangles = cursor_u64(&c);
+	f->from.last_index = cursor_u64(&c);
+	for (unsigned i = 0; i < 6; i++)
+		f->from.box[i] = cursor_i32(&c);
+	f->state = c;
+	f->continued = true;
+	return !c.bad;
+}
+
+int acut_fetch_from(struct acut *a, const void *state, size_t size, const struct acut_mesh_sink *sink)
+{
+	int r = call_begin(a);
+	struct fetch *f = r < 0 ? NULL : fetch_new(a, sink);
+
+	if (!f)
+		return -(int)a->err.code;
+	if (!read_state(f, state, size))
+		return err_set(&a->err, ERR_CORRUPT, "the state of a fetch is damaged, or of another version");
+	return fetch(f);
 }

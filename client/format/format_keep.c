@@ -1,0 +1,403 @@
+/*
+ * What a run keeps so that a later one can go on: NAME.part.state beside its first output.
+ *
+ * The state is written between two blocks, when all that it speaks of is on the disk: the options and the job, how
+ * far each output's file goes and what it hashes to (format_part.c), what writers, edges and open vertices have
+ * counted, and the state of the fetch. It takes the place of the last one whole, so that whatever ends the process,
+ * there is a state and files that have at least what it says. FORMAT.md, "State of a fetch", has the bytes.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define XXH_INLINE_ALL
+#include <xxhash.h>
+
+#include "clock.h"
+#include "cursor.h"
+#include "err.h"
+#include "format_output.h"
+#include "format_run.h"
+#include "io.h"
+#include "parse.h"
+
+#define SYNC_SECONDS 5.0
+#define SYNC_BYTES (64ull << 20)
+#define STATE_MOST (1ull << 32)
+
+enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
+static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
+static const uint32_t VERSION = 1;
+
+struct format_kept {
+	char *options;
+	uint64_t sync_bytes;
+	uint64_t saved_ns, saved_size;
+	bool saved;
+	uint8_t *state; /* that this run goes on with */
+	struct cursor rest; /* of it, behind the state of the fetch */
+	const uint8_t *fetch;
+	size_t fetch_size;
+};
+
+struct format_kept *format_keep_free(struct format_kept *k)
+{
+	if (k) {
+		free(k->options);
+		free(k->state);
+		free(k);
+	}
+	return NULL;
+}
+
+/* ---- options: the same run ---- */
+
+static void put_decimal(FILE *f, const char *name, struct decimal d)
+{
+	fprintf(f, " %s=%lld:%d", name, (long long)d.mantissa, (int)d.exponent);
+}
+
+static char *options_text(const struct format_run *run, uint64_t job, struct err *err)
+{
+	char *text = NULL;
+	size_t size;
+	FILE *f = open_memstream(&text, &size);
+
+	if (f) {
+		fprintf(f, "job %llu", (unsigned long long)job);
+		if (run->opt.has_max_edge)
+			put_decimal(f, "max-edge", run->opt.max_edge);
+		if (run->opt.has_max_edge && run->opt.max_edge_unit)
+			fprintf(f, " %s", run->opt.max_edge_unit);
+		for (const struct format_target *t = run->target; t; t = t->next) {
+			fprintf(f, "\n%s%s", t->format->name, t->opt.origin_auto ? " origin=auto" : "");
+			for (int i = 0; i < 3 && t->opt.has_origin; i++)
+				put_decimal(f, "origin", t->opt.origin[i]);
+			if (t->opt.z_unit)
+				fprintf(f, " z-unit=%s", t->opt.z_unit);
+			fprintf(f, " %s", t->out->name);
+		}
+	}
+	if (!f || fclose(f) || size >= OPTIONS) {
+		free(text);
+		err_set(err, ERR_LIMIT, "the names of the outputs are too long to go on with them later");
+		return NULL;
+	}
+	return text;
+}
+
+/* NULL: all can be kept. */
+static const struct format_target *who_cannot(const struct format_run *run)
+{
+	for (const struct format_target *t = run->target; t; t = t->next)
+		if (!t->out || t->canonical || !t->format->save || !format_part_can(t->out))
+			return t;
+	return NULL;
+}
+
+static int cannot(const struct format_target *t, struct err *err)
+{
+	if (!t)
+		return err_set(err, ERR_USAGE, "there is no output to go on with");
+	if (t->canonical)
+		err_set(err, ERR_USAGE, "--canonical sorts at the end: a fetch cannot be resumed with it");
+	else if (!t->format->save)
+		err_set(err, ERR_USAGE, "a fetch into %s cannot be resumed", t->format->name);
+	else
+		err_set(err, ERR_USAGE, "only a fetch into a regular file can be resumed");
+	if (t->out)
+		err_add_file(err, format_output_name(t->out));
+	return err_add_hint(err, "fetch it again, without --resume");
+}
+
+/* ---- reading ---- */
+
+static int damaged(const char *name, struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "what an earlier fetch has kept is damaged, or of another version");
+	err_add_file(err, name);
+	return err_add_hint(err, "fetch it without --resume: it is replaced then");
+}
+
+static int read_state(struct format_run *run, const char *name, size_t *ret_size, struct err *err)
+{
+	struct format_kept *k = run->kept;
+	struct stat st;
+	int fd, r = io_open(run->target->out->dirfd, name, O_RDONLY | O_NOFOLLOW, 0, &fd, err);
+
+	if (r && err->sys == ENOENT) {
+		*err = ERR_INIT;
+		err_set(err, ERR_GONE, "nothing is kept of an earlier fetch");
+		err_add_file(err, name);
+		return err_add_hint(err, "fetch it without --resume");
+	}
+	if (r)
+		return r;
+	if (io->fstat(fd, &st) < 0)
+		r = err_sys(err, errno, "cannot look at %s", name);
+	else if (!S_ISREG(st.st_mode) || st.st_size < 64 || (uint64_t)st.st_size > STATE_MOST)
+		r = damaged(name, err);
+	if (!r) {
+		*ret_size = (size_t)st.st_size;
+		k->state = malloc(*ret_size);
+		r = k->state ? io_read_at(fd, k->state, *ret_size, 0, name, err)
+			     : err_set(err, ERR_NOMEM, "no memory for %s", name);
+	}
+	io_close(fd);
+	return r;
+}
+
+/* Its frame, its sum, and whether it is of this run. */
+static int parse_state(struct format_run *run, const char *name, size_t size, struct err *err)
+{
+	struct format_kept *k = run->kept;
+	struct cursor c = cursor_of(k->state, size), sum = cursor_of(k->state + size - 8, 8);
+	const uint8_t *options;
+	uint32_t n;
+
+	if (cursor_u64(&sum) != XXH3_64bits(k->state, size - 8) || cursor_u32(&c) != MAGIC || cursor_u32(&c) != VERSION)
+		return damaged(name, err);
+	n = cursor_u32(&c);
+	options = cursor_bytes(&c, n);
+	k->fetch_size = cursor_u64(&c);
+	k->fetch = cursor_bytes(&c, k->fetch_size);
+	k->rest = c;
+	if (c.bad || !options)
+		return damaged(name, err);
+	if (n == strlen(k->options) && !memcmp(options, k->options, n))
+		return 0;
+	err_set(err, ERR_USAGE, "what is kept is of another job, or of other outputs or options");
+	err_add_file(err, name);
+	return err_add_hint(err, "resume with the outputs and options of the earlier fetch, or fetch without --resume");
+}
+
+static struct format_sum get_sum(struct cursor *c)
+{
+	struct format_sum s;
+
+	s.from = cursor_u64(c);
+	s.size = cursor_u64(c);
+	s.chain = cursor_u64(c);
+	s.part = cursor_u64(c);
+	return s;
+}
+
+/* The files of the outputs, in their order. */
+static int go_on(struct format_run *run, const char *name, struct err *err)
+{
+	struct cursor *c = &run->kept->rest;
+	int r = 0;
+
+	for (struct format_target *t = run->target; t && !r; t = t->next) {
+		struct format_sum sum = get_sum(c), annex = get_sum(c);
+
+		r = c->bad ? damaged(name, err) : format_part_go_on(t->out, &sum, &annex, err);
+	}
+	return r;
+}
+
+static int begin(struct format_run *run, bool on, struct err *err)
+{
+	char name[FORMAT_PART_NAME];
+	size_t size = 0;
+	int r = 0;
+
+	format_part_state_name(run->target->out, name);
+	if (on)
+		r = read_state(run, name, &size, err);
+	if (on && !r)
+		r = parse_state(run, name, size, err);
+	for (struct format_target *t = run->target; t && !r; t = t->next)
+		r = format_part_begin(t->out, on, err);
+	return on && !r ? go_on(run, name, err) : r;
+}
+
+int format_run_keep(struct format_run *run, uint64_t job, bool on, struct err *err)
+{
+	const struct format_target *not = who_cannot(run);
+	const char *sync = getenv("ACUT_FETCH_SYNC");
+	struct format_kept *k;
+	int r;
+
+	if (not || !run->target)
+		return on ? cannot(not, err) : 0;
+	k = calloc(1, sizeof(*k));
+	if (!k)
+		return err_set(err, ERR_NOMEM, "no memory for outputs");
+	run->kept = k;
+	k->sync_bytes = SYNC_BYTES;
+	if (sync && *sync && !parse_size(sync, &k->sync_bytes))
+		return err_set(err, ERR_USAGE, "ACUT_FETCH_SYNC is not a size: \"%s\"", sync);
+	k->options = options_text(run, job, err);
+	r = k->options ? begin(run, on, err) : -(int)err->code;
+	k->saved = on && !r;
+	k->saved_ns = clock_mono_ns();
+	return r;
+}
+
+bool format_keep_goes_on(const struct format_run *run)
+{
+	return run->kept && run->kept->state;
+}
+
+const void *format_run_kept(const struct format_run *run, size_t *ret_size)
+{
+	if (!format_keep_goes_on(run))
+		return NULL;
+	*ret_size = run->kept->fetch_size;
+	return run->kept->fetch;
+}
+
+int format_keep_head(struct format_run *run, const struct acut_mesh_head *head, struct err *err)
+{
+	struct cursor c = run->kept->rest;
+	char name[FORMAT_PART_NAME];
+	int r = 0;
+
+	for (struct format_target *t = run->target; t && !r; t = t->next) {
+		struct cursor saved;
+		const uint8_t *bytes;
+
+		cursor_u64(&c); /* room for more */
+		bytes = cursor_bytes(&c, FORMAT_SAVED);
+		if (!bytes)
+			break;
+		saved = cursor_of(bytes, FORMAT_SAVED);
+		r = t->format->resume(t->writer, head, &saved, err);
+	}
+	if (!r) {
+		format_edge_load(&run->edge, &c);
+		r = format_open_load(&run->open, &c, err);
+	}
+	if (!r && (c.bad || cursor_left(&c) != 8))
+		r = damaged(format_part_state_name(run->target->out, name), err);
+	return r;
+}
+
+/* ---- writing ---- */
+
+static uint64_t size_of(const struct format_run *run)
+{
+	uint64_t size = 0;
+
+	for (const struct format_target *t = run->target; t; t = t->next)
+		size += format_output_size(t->out) + (t->out->annex ? format_output_size(t->out->annex) : 0);
+	return size;
+}
+
+bool format_run_due(const struct format_run *run)
+{
+	const struct format_kept *k = run->kept;
+
+	if (!k || run->err.code)
+		return false;
+	return !k->saved || size_of(run) - k->saved_size >= k->sync_bytes || clock_since(k->saved_ns) >= SYNC_SECONDS;
+}
+
+bool format_run_saved(const struct format_run *run)
+{
+	return run->kept && run->kept->saved;
+}
+
+static void put_sum(struct packer *p, const struct format_output *o)
+{
+	struct format_sum s = {0};
+
+	if (o)
+		s = format_part_sum(o);
+	packer_u64(p, s.from);
+	packer_u64(p, s.size);
+	packer_u64(p, s.chain);
+	packer_u64(p, s.part);
+}
+
+static void pack(const struct format_run *run, const void *state, size_t size, struct packer *p)
+{
+	const char *options = run->kept->options;
+
+	packer_u32(p, MAGIC);
+	packer_u32(p, VERSION);
+	packer_u32(p, (uint32_t)strlen(options));
+	packer_bytes(p, options, strlen(options));
+	packer_u64(p, size);
+	packer_bytes(p, state, size);
+	for (const struct format_target *t = run->target; t; t = t->next) {
+		put_sum(p, t->out);
+		put_sum(p, t->out->annex);
+	}
+	for (const struct format_target *t = run->target; t; t = t->next) {
+		uint8_t bytes[FORMAT_SAVED] = {0};
+		struct packer saved = packer_of(bytes, sizeof(bytes));
+
+		t->format->save(t->writer, &saved);
+		packer_u64(p, 0);
+		packer_bytes(p, bytes, sizeof(bytes));
+	}
+	format_edge_save(&run->edge, p);
+	format_open_save(&run->open, p);
+	packer_u64(p, XXH3_64bits(p->start, packer_size(p)));
+}
+
+static int write_state(const struct format_run *run, const uint8_t *bytes, size_t size, struct err *err)
+{
+	int dirfd = run->target->out->dirfd, fd, r;
+	char name[FORMAT_PART_NAME], temp[FORMAT_PART_NAME + 8];
+
+	format_part_state_name(run->target->out, name);
+	snprintf(temp, sizeof(temp), "%s.new", name);
+	unlinkat(dirfd, temp, 0);
+	r = io_open(dirfd, temp, O_WRONLY | O_CREAT | O_EXCL, 0666, &fd, err);
+	if (r)
+		return r;
+	r = io_write_at(fd, bytes, size, 0, name, err);
+	if (r)
+		unlinkat(dirfd, temp, 0);
+	else
+		r = io_publish(dirfd, fd, temp, name, err);
+	io_close(fd);
+	return r;
+}
+
+int format_run_save(struct format_run *run, const void *state, size_t size, struct err *err)
+{
+	size_t room = 64 + OPTIONS + size + sizeof(run->edge) + run->open.used * FORMAT_OPEN_SAVED;
+	struct packer p;
+	uint8_t *bytes;
+	int r = 0;
+
+	if (!run->kept)
+		return 0;
+	for (struct format_target *t = run->target; t && !r; t = t->next) {
+		r = format_part_sync(t->out, err);
+		room += TARGET_SAVED;
+	}
+	if (r)
+		return r;
+	bytes = malloc(room);
+	if (!bytes)
+		return err_set(err, ERR_NOMEM, "no memory to keep the state of a fetch");
+	p = packer_of(bytes, room);
+	pack(run, state, size, &p);
+	r = p.bad ? err_set(err, ERR_INTERNAL, "the state of a fetch does not fit its place")
+		  : write_state(run, bytes, packer_size(&p), err);
+	free(bytes);
+	if (r)
+		return r;
+	run->kept->saved = true;
+	run->kept->saved_ns = clock_mono_ns();
+	run->kept->saved_size = size_of(run);
+	return 0;
+}
+
+void format_keep_done(struct format_run *run)
+{
+	for (const struct format_target *t = run->target; t && run->kept; t = t->next)
+		format_part_clean(t->out);
+	if (run->kept)
+		run->kept->saved = false;
+}

@@ -1,0 +1,254 @@
+"""fetch --resume: the client killed at random instants, interrupted, or left by its daemon, which comes back with other
+memory, without its cache; the file is that of a fetch that nothing interrupted. What was kept and is damaged, of another
+job or of other options is refused."""
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import time
+
+import e2e
+from e2e import Daemon, Folder, expect
+
+SMALL = {"memory": "24M", "threads": 2}
+POINTS = 200000 if e2e.sanitized() else 500000
+OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
+
+
+def survey(base, points=POINTS, name="survey.las", seed=1):
+    path = os.path.join(base, name)
+    e2e.run([e2e.SYNTH, "--points", str(points), "--seed", str(seed), path]).ok()
+    return path
+
+
+def begin(d, *args, env=OFTEN):
+    return subprocess.Popen([e2e.ACUTCTL] + list(args), env=dict(os.environ, ACUT_SOCKET=d.socket, **env),
+                            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def parts(folder):
+    return sorted(n for n in os.listdir(folder) if ".part" in n)
+
+
+def read(path):
+    with open(path, "rb") as f:
+        return f.read()
+
+
+def wait_kept(p, out, least=1):
+    """Until the state says more than nothing, or the fetch is over."""
+    deadline = time.monotonic() + 60
+    while p.poll() is None:
+        expect(time.monotonic() < deadline, "no state within a minute")
+        try:
+            if os.path.exists(out + ".part.state") and os.path.getsize(out + ".part") >= least:
+                return True
+        except FileNotFoundError:
+            pass
+        time.sleep(0.002)
+    return False
+
+
+def killed_client():
+    rng = random.Random(7)
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        d.ctl("push", "s", survey(base)).ok()
+        d.ctl("submit", "s", "--wait").ok()
+        for n, options in enumerate((["ply"], ["obj"], ["ply", "obj", "--max-edge", "4"], ["ply", "--origin", "auto"])):
+            want = os.path.join(base, "want%d." % n)
+            got = os.path.join(base, "got%d." % n)
+            kinds, rest = [o for o in options if o in ("ply", "obj")], [o for o in options if o not in ("ply", "obj")]
+            outs = lambda stem: [w for k in kinds for w in ("-o", stem + k)]
+            full = d.ctl("fetch", "1", "--json", *outs(want), *rest).ok().json()
+            resume, kills = [], 0
+            while True:
+                p = begin(d, "fetch", "1", "--json", *outs(got), *rest, *resume)
+                if wait_kept(p, got + kinds[0], 1 << 16):
+                    time.sleep(rng.random() * 0.05)
+                p.kill()
+                out, err = p.communicate()
+                if p.returncode == 0:
+                    break
+                expect(p.returncode == -signal.SIGKILL, "%d %s" % (p.returncode, err))
+                # The last instants: all outputs have their names, and only the report was lost.
+                if all(os.path.exists(got + k) for k in kinds):
+                    out = json.dumps(full)
+                    break
+                kills += 1
+                resume = ["--resume"] if os.path.exists(got + kinds[0] + ".part.state") else []
+                if kills > 12:
+                    p = d.ctl("fetch", "1", "--json", *outs(got), *rest, *resume).ok()
+                    out = p.out
+                    break
+            expect(kills > 2, "%s: killed %d times only" % (options, kills))
+            result = json.loads(out)
+            for key in ("digest", "vertex_digest", "triangles", "vertices", "output_bytes", "left_out"):
+                expect(result[key] == full[key], "%s: %s, not %s" % (key, result[key], full[key]))
+            for k in kinds:
+                expect(read(got + k) == read(want + k), "%s differs" % (got + k))
+        d.ctl("fetch", "1", "-o", os.path.join(base, "last.ply")).ok()
+        expect(not [n for n in parts(base) if not n.startswith("got")], "left behind: %s" % parts(base))
+
+
+def killed_daemon():
+    with Folder() as base:
+        d = Daemon(base, **SMALL).start()
+        path = survey(base)
+        d.ctl("push", "s", path).ok()
+        # A fetch of a job that runs, too.
+        d.ctl("submit", "s").ok()
+        out, step = os.path.join(base, "m.ply"), 0
+        for memory, threads, lose in (("96M", 1, False), ("24M", 2, True), ("200M", 2, True)):
+            p = begin(d, "fetch", "1", "-o", out, *(["--resume"] if step else []))
+            wait_kept(p, out, os.path.getsize(out + ".part") + (1 << 18) if step else 1 << 16)
+            if p.poll() is None:
+                d.stop(signal.SIGKILL)
+                _, err = p.communicate()
+                expect(p.returncode in (69, 74) and "acutctl fetch 1 --resume" in err, "%d %s" % (p.returncode, err))
+                expect(os.path.exists(out + ".part.state") and not os.path.exists(out), "what is kept")
+            else:
+                _, err = p.communicate()
+                expect(False, "it was too fast to be killed (%d): %s" % (p.returncode, err))
+            if lose:
+                shutil.rmtree(d.cache)
+            d = Daemon(base, memory=memory, threads=threads).start()
+            step += 1
+        got = d.ctl("fetch", "1", "-o", out, "--resume", "--json").ok().json()
+        d.ctl("fetch", "1", "-o", out + "2.ply").ok()
+        expect(read(out) == read(out + "2.ply"), "the file differs")
+        shown = d.ctl("show", "1", "--json").ok().json()
+        expect(got["digest"] == shown["digest"] and not parts(base), "%s %s" % (got, parts(base)))
+        e2e.run([e2e.VERIFY, out, path]).ok()
+        d.stop(signal.SIGKILL)
+
+
+def says(run, status, *texts):
+    expect(run.status == status, "status %d, not %d: %s%s" % (run.status, status, run.out, run.err))
+    for t in texts:
+        expect(t in run.err + run.out, "%r is not in %s%s" % (t, run.out, run.err))
+
+
+def interrupted(d, out, *args):
+    """A fetch that ends by Ctrl-C, with something kept."""
+    for _ in range(20):
+        p = begin(d, "fetch", "1", "-o", out, *args)
+        if wait_kept(p, out, 1 << 18):
+            p.send_signal(signal.SIGINT)
+        _, err = p.communicate(timeout=60)
+        if p.returncode == 130:
+            expect("acutctl fetch 1 --resume" in err, err)
+            return
+        expect(p.returncode == 0, "%d %s" % (p.returncode, err))
+    raise e2e.Fault("twenty fetches were all too fast to be interrupted")
+
+
+def flip(path, at):
+    with open(path, "r+b") as f:
+        f.seek(at, os.SEEK_SET if at >= 0 else os.SEEK_END)
+        byte = f.read(1)[0]
+        f.seek(at, os.SEEK_SET if at >= 0 else os.SEEK_END)
+        f.write(bytes([byte ^ 4]))
+
+
+def refused():
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        d.ctl("push", "s", survey(base)).ok()
+        d.ctl("submit", "s", "--wait").ok()
+        d.ctl("submit", "s", "--wait", "--every", "2").ok()
+        want, out = os.path.join(base, "want.ply"), os.path.join(base, "m.ply")
+        d.ctl("fetch", "1", "-o", want).ok()
+        says(d.ctl("fetch", "1", "-o", out, "--resume"), 1, "nothing is kept")
+        for more, text in ((["-o", base + "/m.png"], "png cannot be resumed"), (["-o", out, "--canonical"], "--canonical"),
+                           (["-o", "/dev/null", "--format", "ply"], "regular file"), (["--format", "null"], "resume")):
+            says(d.ctl("fetch", "1", "--resume", *more), 2, text)
+        interrupted(d, out)
+        kept = {n: read(os.path.join(base, n)) for n in parts(base)}
+        expect(sorted(kept) == ["m.ply.part", "m.ply.part.faces", "m.ply.part.state"], str(sorted(kept)))
+
+        def restore():
+            for n, data in kept.items():
+                with open(os.path.join(base, n), "wb") as f:
+                    f.write(data)
+
+        says(d.ctl("fetch", "2", "-o", out, "--resume"), 2, "another job")
+        says(d.ctl("fetch", "1", "-o", out, "--resume", "--origin", "auto"), 2, "options")
+        says(d.ctl("fetch", "1", "-o", out, "-o", base + "/m.obj", "--resume"), 2, "outputs")
+        expect({n: read(os.path.join(base, n)) for n in parts(base)} == kept, "a refusal has changed what was kept")
+        size = os.path.getsize(out + ".part")
+        for name, harm, text in ((".part", lambda p: flip(p, size // 2), "not what an earlier fetch has kept"),
+                                 (".part", lambda p: os.truncate(p, 10000), "shorter"),
+                                 (".part", os.unlink, "not there any more"),
+                                 (".part.faces", lambda p: flip(p, 100), "not what an earlier fetch has kept"),
+                                 (".part.faces", lambda p: os.truncate(p, 100), "shorter"),
+                                 (".part.faces", os.unlink, "not there any more"),
+                                 (".part.state", lambda p: flip(p, -30), "damaged"),
+                                 (".part.state", lambda p: flip(p, 5), "damaged"),
+                                 (".part.state", lambda p: os.truncate(p, 40), "damaged")):
+            restore()
+            harm(out + name)
+            says(d.ctl("fetch", "1", "-o", out, "--resume"), 74, text, name)
+            expect(not os.path.exists(out), "an output of a refused fetch")
+        restore()
+        # Not the header, which is written at the end, and nothing behind what the state says.
+        with open(out + ".part", "ab") as f:
+            f.write(b"rubbish" * 1000)
+        flip(out + ".part", 0)
+        d.ctl("fetch", "1", "-o", out, "--resume").ok()
+        expect(read(out) == read(want) and not parts(base), "it went on with rubbish")
+        # Two at a time into one file.
+        interrupted(d, out)
+        p = begin(d, "fetch", "1", "-o", out, "--resume")
+        p.send_signal(signal.SIGSTOP)
+        for _ in range(200):
+            got = d.ctl("fetch", "1", "-o", out)
+            if got.status == 75:
+                break
+            os.kill(p.pid, signal.SIGCONT)
+            p.communicate()
+            interrupted(d, out)
+            p = begin(d, "fetch", "1", "-o", out, "--resume")
+            time.sleep(0.02)
+            p.send_signal(signal.SIGSTOP)
+        says(got, 75, "another fetch writes it")
+        os.kill(p.pid, signal.SIGCONT)
+        p.communicate()
+        # A leftover is replaced by a fetch that does not go on.
+        interrupted(d, out)
+        d.ctl("fetch", "1", "-o", out).ok()
+        expect(read(out) == read(want) and not parts(base), "a leftover")
+        # What the daemon cannot go on with: said, and nothing is lost by it.
+        interrupted(d, out)
+        before = parts(base)
+        d.stop()
+        os.unlink(os.path.join(d.state, "plans", "plan-1"))
+        with Daemon(base, memory="256M", threads=2) as other:
+            got = other.ctl("fetch", "1", "-o", out, "--resume", "--json")
+            expect(got.status == 1 and got.json()["error"]["code"] == "stream-gone", "%d %s %s" % (got.status, got.out, got.err))
+            expect(parts(base) == before, "%s, not %s" % (parts(base), before))
+            other.ctl("fetch", "1", "-o", out).ok()
+            expect(not parts(base), "left behind: %s" % parts(base))
+
+
+def full_disk():
+    """No room for more: what came is kept, and it goes on when there is."""
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        d.ctl("push", "s", survey(base)).ok()
+        d.ctl("submit", "s", "--wait").ok()
+        out, want = os.path.join(base, "m.ply"), os.path.join(base, "want.ply")
+        d.ctl("fetch", "1", "-o", want).ok()
+        # Too little for the vertices; enough for them, and not for all.
+        for limit in (os.path.getsize(want) // 4, os.path.getsize(want) // 4 * 3):
+            for resume in ([], ["--resume"]):
+                p = subprocess.run(["prlimit", "--fsize=%d" % limit, e2e.ACUTCTL, "fetch", "1", "-o", out] + resume,
+                                   env=dict(os.environ, ACUT_SOCKET=d.socket, **OFTEN), capture_output=True, text=True)
+                expect(p.returncode == 74 and "acutctl fetch 1 --resume" in p.stderr, "%d %s" % (p.returncode, p.stderr))
+                expect(not os.path.exists(out), "an output that is not whole")
+            d.ctl("fetch", "1", "-o", out, "--resume").ok()
+            expect(read(out) == read(want) and not parts(base), "after the disk was full")
+            os.unlink(out)
+
+
+if __name__ == "__main__":
+    e2e.main(killed_client, killed_daemon, refused, full_disk)
