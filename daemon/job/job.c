@@ -49,6 +49,7 @@ struct job *job_free(struct job *job)
 {
 	if (!job)
 		return NULL;
+	place_leave(job->jobs, &job->place);
 	walk_free(job->walk);
 	plan_file_free(job->plan);
 	if (job->dataset)
@@ -132,8 +133,27 @@ static void fail(struct job *job, const struct err *why)
 	job->err = *why;
 }
 
+static void granted(struct place *place)
+{
+	struct job *job = (struct job *)((char *)place - offsetof(struct job, place));
+
+	if (job->walk) {
+		walk_begin(job->walk);
+		return;
+	}
+	job->placed = true;
+	job_step(job);
+}
+
+void job_place_init(struct job *job)
+{
+	job->place.owner = (struct sched_owner){.uid = job->peer.uid, .rank = job->priority};
+	job->place.granted = granted;
+}
+
 static enum job_state job_state_queued(struct job *job)
 {
+	bool placed = job->placed;
 	struct walk_params p = {
 		.jobs = job->jobs,
 		.dataset = job->dataset,
@@ -141,16 +161,23 @@ static enum job_state job_state_queued(struct job *job)
 		.view_text = job->view,
 		.keep = !job->bound,
 		.patience = job->bound ? PATIENCE_SECONDS : 0,
+		.owner = job->place.owner,
+		.place = &job->place,
 		.plan = job->plan,
 		.calls = &calls,
 		.ctx = job,
 	};
 	struct err err = ERR_INIT;
 
-	if (job->stop)
-		return JOB_cancelled;
-	if (job->waiting_row || job->jobs->parking || !jobs_walk_room(job->jobs))
+	job->placed = false;
+	if (job->stop || job->waiting_row || job->jobs->parking) {
+		place_leave(job->jobs, &job->place);
+		return job->stop ? JOB_cancelled : JOB_queued;
+	}
+	if (!placed) {
+		place_seek(job->jobs, &job->place, 0);
 		return JOB_queued;
+	}
 	switch (walk_new(&p, &job->walk, &err)) {
 	case 0:
 		break;
@@ -164,7 +191,7 @@ static enum job_state job_state_queued(struct job *job)
 	if (!job->begun_ns)
 		job->begun_ns = clock_mono_ns();
 	job_fetch_attach(job);
-	walk_start(job->walk);
+	walk_begin(job->walk);
 	return JOB_planning;
 }
 
@@ -492,6 +519,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
 	job->peer = (struct job_peer){row->uid, row->pid};
+	job_place_init(job);
 	job->submitted_us = row->submitted_us;
 	job->finished_us = row->finished_us;
 	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)

@@ -21,6 +21,7 @@ static void fetch_free(struct job_fetch *f)
 	for (at = &f->job->fetches; *at != f; at = &(*at)->next)
 		;
 	*at = f->next;
+	place_leave(f->job->jobs, &f->place);
 	walk_free(f->walk);
 	free(f);
 }
@@ -59,6 +60,21 @@ static bool fresh(const struct job_output *output)
 	return !output->from && !output->wants;
 }
 
+static void begin(struct job_fetch *f);
+
+static void granted(struct place *place)
+{
+	struct job_fetch *f = (struct job_fetch *)((char *)place - offsetof(struct job_fetch, place));
+
+	if (f->walk) {
+		walk_begin(f->walk);
+		return;
+	}
+	/* At once: whoever asks next for a place must find this one taken. */
+	f->placed = true;
+	begin(f);
+}
+
 void job_fetch(struct job *job, struct job_output *output)
 {
 	struct job_fetch *f, **at;
@@ -78,6 +94,9 @@ void job_fetch(struct job *job, struct job_output *output)
 	f->output = output;
 	f->why = ERR_INIT;
 	f->begun_ns = clock_mono_ns();
+	f->place.owner = job->place.owner;
+	f->place.granted = granted;
+	f->place.reader = true;
 	output->fetch = f;
 	for (at = &job->fetches; *at; at = &(*at)->next)
 		;
@@ -122,7 +141,8 @@ static void begin(struct job_fetch *f)
 		.view_text = job->view,
 		.keep = !job->bound,
 		.lazy = true,
-		.owner = {.uid = job->peer.uid},
+		.owner = f->place.owner,
+		.place = &f->place,
 		.plan = job->plan,
 		.calls = &calls,
 		.ctx = f,
@@ -138,8 +158,11 @@ static void begin(struct job_fetch *f)
 		end(f, f->output, &err);
 		return;
 	}
-	if (!jobs_fetch_room(job->jobs))
+	if (!f->placed) {
+		place_seek(job->jobs, &f->place, 0);
 		return;
+	}
+	f->placed = false;
 	switch (walk_new(&p, &f->walk, &err)) {
 	case 0:
 		break;
@@ -156,7 +179,7 @@ static void begin(struct job_fetch *f)
 		return;
 	}
 	f->output = NULL;
-	walk_start(f->walk);
+	walk_begin(f->walk);
 }
 
 /* Same job, same mesh: anything else is a fault, and the client must not keep it. */

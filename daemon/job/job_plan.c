@@ -92,6 +92,25 @@ void job_plans_settle(struct jobs *j)
 	}
 }
 
+static void plan_granted(struct place *place)
+{
+	struct job_asked_plan *p = (struct job_asked_plan *)((char *)place - offsetof(struct job_asked_plan, place));
+
+	walk_begin(p->walk);
+}
+
+/* Those that have not begun would never. */
+void job_plans_park(struct jobs *j)
+{
+	struct job_asked_plan *p;
+	struct err err = ERR_INIT;
+
+	err_set(&err, ERR_BUSY, "the daemon is stopping");
+	for (p = j->plans; p; p = p->next)
+		if (p->walk && !p->walk_ended)
+			walk_stop(p->walk, &err);
+}
+
 void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view,
 	      const struct job_peer *peer,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
@@ -102,6 +121,8 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		.dataset = d,
 		.generation = generation ? generation : d->generation,
 		.plan_only = true,
+		.owner = {.uid = peer->uid},
+		.place = p ? &p->place : NULL,
 		.calls = &plan_calls,
 		.ctx = p,
 	};
@@ -126,12 +147,15 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	}
 	p->jobs = j;
 	p->peer = *peer;
+	p->place.owner = params.owner;
+	p->place.granted = plan_granted;
 	p->err = ERR_INIT;
 	p->planned = planned;
 	p->token = token;
 	p->next = j->plans;
 	j->plans = p;
-	walk_start(p->walk);
+	place_seek(j, &p->place, 0);
+	places_settle(j);
 }
 
 /* ---- plans that are kept ---- */

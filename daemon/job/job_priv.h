@@ -22,6 +22,21 @@ struct pending {
 };
 enum { PENDING_BYTES = 64 }; /* charged; with its place in the heap */
 
+/* places.c: the turn of a job, stream or plan to be at work */
+enum place_wait { PLACE_READY, PLACE_TURN, PLACE_USER, PLACE_FULL, PLACE_MEMORY };
+struct place {
+	struct place *next; /* of those that seek, by number */
+	struct sched_owner owner;
+	bool reader; /* its walk waits for whoever reads its output */
+	void (*granted)(struct place *); /* no longer among those that seek: walk_begin now */
+	/* of places.c */
+	bool seeks, skip, seen, keeps;
+	enum place_wait wait;
+	uint64_t number, need, lacks, free;
+	unsigned passed, held;
+	int64_t service;
+};
+
 struct dataset {
 	struct dataset *next; /* named: by id; one-step ones follow in no order */
 	struct jobs *jobs;
@@ -59,9 +74,12 @@ struct job {
 	size_t charged; /* of LEDGER_JOBS */
 	enum job_state state;
 	struct job_peer peer;
+	enum sched_rank priority;
 	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
 	int64_t submitted_us, finished_us;
 	uint64_t begun_ns; /* monotonic, of this run of the daemon */
+	struct place place;
+	bool placed; /* granted, and not begun */
 	struct walk *walk;
 	bool walk_ended;
 	struct plan_file *plan;
@@ -79,6 +97,8 @@ struct job_fetch {
 	struct job_fetch *next;
 	struct job *job;
 	struct job_output *output;
+	struct place place;
+	bool placed;
 	struct walk *walk;
 	bool walk_ended;
 	struct err why;
@@ -88,6 +108,7 @@ struct job_fetch {
 struct job_asked_plan {
 	struct job_asked_plan *next;
 	struct jobs *jobs;
+	struct place place;
 	struct walk *walk;
 	struct job_peer peer;
 	bool walk_ended;
@@ -111,7 +132,10 @@ struct jobs {
 	unsigned walks_max;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking;
-	bool full; /* no room for a walk, as this round of settling has found out */
+	struct place *places; /* that are sought */
+	bool placing;
+	uint64_t last_place, grants;
+	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
 	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
 };
 
@@ -152,6 +176,9 @@ int64_t pending_until_us(const struct pending *);
 /* push.c */
 void push_tick(struct push *);
 uint64_t push_stage_bytes(const struct push *);
+uint32_t push_uid(const struct push *);
+bool push_has_stage(const struct push *);
+bool push_wants_stage(const struct push *); /* and waits for it */
 struct push *push_next(const struct push *);
 void push_retry(struct push *);
 void push_remove_files(struct push *);
@@ -171,7 +198,9 @@ void job_plan_drop(struct job *);
 /* Plans of jobs that are not there any more. Reads the disk. */
 int job_plan_sweep(struct jobs *, struct err *err);
 void job_settle(struct job *);
+void job_place_init(struct job *); /* when its peer and priority are known */
 void job_plans_settle(struct jobs *);
+void job_plans_park(struct jobs *);
 /* The canonical text, to be freed, of a view asked of this dataset, which has a generation. */
 int job_view(const char *text, const struct dataset *, char **ret, struct err *err);
 
@@ -180,10 +209,9 @@ char *report_text(const struct job_report *, char *buf, size_t size);
 bool report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
 
-/* jobs.c */
+/* jobs.c, admit.c */
 bool jobs_forget_oldest(struct jobs *); /* of those that are over and that nobody looks at; false: there is none */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
-uint64_t jobs_memory_alone(const struct jobs *); /* the same if there were nothing else */
 bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */
 /* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */
 int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);
@@ -191,8 +219,31 @@ int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);
 uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
 uint64_t jobs_domain_largest(struct jobs *);              /* of the walks that run */
 uint64_t jobs_staged(const struct jobs *);                /* held by stages */
-bool jobs_walk_room(struct jobs *);                       /* one more walk may start */
-bool jobs_fetch_room(struct jobs *);                      /* one more stream may, with others to come */
 bool jobs_opening(struct jobs *, const struct dataset *); /* a walk is about to open its manifest */
+void jobs_each_walk(struct jobs *, void (*fn)(struct walk *, void *), void *ctx); /* that has not ended */
+
+struct admit_tally {
+	unsigned walks, running, opening; /* that have places; of these not stalled; of one dataset */
+	unsigned own, own_running;        /* of one user */
+	uint64_t largest;                 /* task of any of them */
+};
+void admit_init(struct jobs *);
+struct admit_tally admit_tally(struct jobs *, uint32_t uid);
+uint64_t admit_share(const struct jobs *); /* what each walk at work holds */
+uint64_t admit_alone(const struct jobs *); /* what the tasks of the only walk can have */
+uint64_t admit_least(void);                /* what the smallest plan needs */
+/* -ERR_LIMIT if a task of so many bytes could never start, with the memory that would do. */
+int admit_never(struct jobs *, uint64_t bytes, const char *what, struct err *err);
+uint64_t admit_stage(struct jobs *, uint64_t least); /* what a stage may have now; 0: less than `least` */
+void admit_stages(struct jobs *);
+bool admit_stage_awaited(const struct jobs *, uint32_t uid); /* by another user who has none */
+void admit_relieve(struct jobs *);
+
+/* Seeks a place whose walk needs so many bytes for a task; 0: not known. Nothing if it seeks already. */
+void place_seek(struct jobs *, struct place *, uint64_t need);
+void place_leave(struct jobs *, struct place *); /* seeks no longer */
+void places_settle(struct jobs *);
+unsigned place_position(const struct jobs *, const struct place *); /* 1: next; 0: it does not seek */
+char *place_text(const struct jobs *, const struct place *, char *buf, size_t size);
 
 #endif

@@ -159,6 +159,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	job->dataset = dataset_hold(p->dataset);
 	job->generation = generation;
 	job->peer = p->peer;
+	job_place_init(job);
 	job->bound = p->bound;
 	if (job_plan_new(job, &err)) {
 		accepted(token, &err, NULL);
@@ -173,6 +174,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	if (job->bound) {
 		accept(job, NULL);
 		job_step(job);
+		places_settle(j);
 		return;
 	}
 	job->waiting_row = true;

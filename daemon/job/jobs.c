@@ -1,11 +1,5 @@
 /*
- * The house: loading, the shares of the memory, the tick, and stopping.
- *
- * The shares of `memory`: what is small has its part whatever else is held (house_bytes); every walk has a share for its
- * table of unfinished vertices and one for index pages; stages take up to half; domains take what is left
- * when their plan is made. A plan counts on at most what is left beside the stages held then, of which one
- * domain is less than half, and a stage leaves room for two domains of the largest plan that runs: so the
- * first in the queue can always run.
+ * The house: loading, the tick, and stopping. Who may have what of the memory, and when, is in admit.c.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -20,217 +14,7 @@
 #include "job_priv.h"
 #include "log.h"
 
-#define STARVED_SECONDS 0.3
-
 enum { JOBS_KEPT = 2048 };
-
-static uint64_t clamp(uint64_t v, uint64_t low, uint64_t high)
-{
-	return v < low ? low : v > high ? high : v;
-}
-
-static uint64_t emitter_share(uint64_t total)
-{
-	return clamp(total / 64, 384 << 10, 32 << 20);
-}
-
-static uint64_t index_share(uint64_t total)
-{
-	return clamp(total / 64, 256 << 10, 32 << 20);
-}
-
-/* What is not for domains and stages: stacks, the catalogue, messages, and what grows with jobs, files and sources. */
-static uint64_t house_bytes(const struct jobs *j)
-{
-	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
-			       1u << LEDGER_FILES | 1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN;
-
-	return ledger_claimed(j->p.ledger, names) + 2 * input_bytes();
-}
-
-static void share_out(struct jobs *j)
-{
-	uint64_t total = ledger_total(j->p.ledger);
-
-	j->emitter_share = emitter_share(total);
-	j->index_share = index_share(total);
-	j->stage_share = total / 2;
-	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
-	j->reserve = house_bytes(j);
-}
-
-/* ---- walks ---- */
-
-static void each_walk(struct jobs *j, void (*fn)(struct walk *, void *), void *ctx)
-{
-	struct job_asked_plan *p;
-	struct job_fetch *f;
-	struct job *job;
-
-	for (job = j->jobs; job; job = job->next) {
-		if (job->walk && !job->walk_ended)
-			fn(job->walk, ctx);
-		for (f = job->fetches; f; f = f->next)
-			if (f->walk && !f->walk_ended)
-				fn(f->walk, ctx);
-	}
-	for (p = j->plans; p; p = p->next)
-		if (p->walk && !p->walk_ended)
-			fn(p->walk, ctx);
-}
-
-struct tally {
-	unsigned walks, running, opening;
-	uint64_t largest;
-	const struct dataset *dataset;
-};
-
-static void tally_walk(struct walk *w, void *ctx)
-{
-	struct tally *t = ctx;
-
-	t->walks++;
-	t->running += !walk_stalled(w);
-	if (walk_domain_bytes(w) > t->largest)
-		t->largest = walk_domain_bytes(w);
-	t->opening += walk_opens(w, t->dataset);
-}
-
-static struct tally tally(struct jobs *j, const struct dataset *d)
-{
-	struct tally t = {.dataset = d};
-
-	each_walk(j, tally_walk, &t);
-	return t;
-}
-
-uint64_t jobs_staged(const struct jobs *j)
-{
-	struct push *p;
-	uint64_t bytes = 0;
-
-	for (p = j->pushes; p; p = push_next(p))
-		bytes += push_stage_bytes(p);
-	return bytes;
-}
-
-/* Beside its domains: the table, index pages and what the index keeps of its own, the buffer of a slow
- * reader. */
-static uint64_t walk_share(const struct jobs *j)
-{
-	return j->emitter_share + 2 * j->index_share + JOB_OUTPUT_BUFFER;
-}
-
-uint64_t jobs_domain_memory(struct jobs *j)
-{
-	unsigned walks = tally(j, NULL).walks;
-	uint64_t used = house_bytes(j) + jobs_staged(j) + (walks + 1) * walk_share(j);
-	uint64_t total = ledger_total(j->p.ledger);
-
-	return total > used ? total - used : 0;
-}
-
-uint64_t jobs_memory_alone(const struct jobs *j)
-{
-	uint64_t used = j->reserve + 2 * walk_share(j), total = ledger_total(j->p.ledger);
-
-	return total > used ? total - used : 0;
-}
-
-uint64_t jobs_memory_for(struct jobs *j, const struct grid *grid, uint64_t positions)
-{
-	uint64_t total = ledger_total(j->p.ledger);
-	const uint64_t most = UINT64_C(1) << 40, step = UINT64_C(1) << 20;
-	struct pipe_budget b = {0};
-
-	for (; total <= most; total += total < 256 * step ? step : 16 * step) {
-		struct err err = ERR_INIT;
-		uint64_t used = j->reserve + 2 * (emitter_share(total) + 2 * index_share(total));
-
-		if (total <= used || pipe_budget(total - used, j->p.threads, grid, &b, &err))
-			continue;
-		if (b.cap >= positions)
-			return total;
-		if (b.load == pipe_rung[PIPE_RUNGS - 1] && b.threads == j->p.threads)
-			break;
-	}
-	return 0;
-}
-
-uint64_t jobs_domain_largest(struct jobs *j)
-{
-	return tally(j, NULL).largest;
-}
-
-bool jobs_opening(struct jobs *j, const struct dataset *d)
-{
-	return tally(j, d).opening > 0;
-}
-
-bool jobs_walk_room(struct jobs *j)
-{
-	struct tally t;
-
-	/* Found out once for all that wait: there may be thousands. */
-	if (j->full)
-		return false;
-	t = tally(j, NULL);
-	/* One domain of the largest plan must fit beside the shares of all walks and the stages, always. */
-	j->full = t.running >= j->walks_max || jobs_domain_memory(j) < t.largest + walk_share(j);
-	return !j->full;
-}
-
-bool jobs_fetch_room(struct jobs *j)
-{
-	struct tally t = tally(j, NULL);
-	/* What a push and a job need must not be held by readers who do not read. */
-	uint64_t others = GRID_STAGE_MIN + pipe_ingest_bytes() + t.largest + walk_share(j);
-
-	if (!jobs_walk_room(j))
-		return false;
-	return t.walks == t.running || jobs_domain_memory(j) >= t.largest + walk_share(j) + others;
-}
-
-struct same {
-	const struct walk *walk;
-	bool found;
-};
-
-static void look_same(struct walk *w, void *ctx)
-{
-	struct same *s = ctx;
-
-	s->found |= walk_selects_same(w, s->walk);
-}
-
-bool jobs_selecting(struct jobs *j, const struct walk *w)
-{
-	struct same s = {.walk = w};
-
-	each_walk(j, look_same, &s);
-	return s.found;
-}
-
-static void relieve(struct walk *w, void *ctx)
-{
-	walk_relieve(w, *(const bool *)ctx);
-}
-
-/* The first in the queue lacks memory: walks that do not get on give theirs at once, the others when it has
- * waited for a while. */
-static void look_starved(struct jobs *j)
-{
-	bool urgent;
-
-	if (!sched_starved(j->p.sched)) {
-		j->starved_ns = 0;
-		return;
-	}
-	if (!j->starved_ns)
-		j->starved_ns = clock_mono_ns();
-	urgent = clock_since(j->starved_ns) > STARVED_SECONDS;
-	each_walk(j, relieve, &urgent);
-}
 
 /* ---- starting ---- */
 
@@ -352,7 +136,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 		return err_set(err, ERR_NOMEM, "no memory for jobs");
 	j->p = *p;
 	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = j->plansfd = j->geoidsfd = -1;
-	share_out(j);
+	admit_init(j);
 	reader.ctx = j;
 	r = open_folders(j, err);
 	if (!r)
@@ -451,16 +235,17 @@ void jobs_settle(struct jobs *j)
 	struct push *p, *next;
 	struct job *job;
 
-	j->full = false;
 	for (job = j->jobs; job; job = job->next)
 		job_settle(job);
 	job_plans_settle(j);
+	admit_stages(j);
 	for (p = j->pushes; p; p = next) {
 		next = push_next(p);
 		push_retry(p);
 	}
+	places_settle(j);
 	forget_jobs(j);
-	look_starved(j);
+	admit_relieve(j);
 }
 
 void jobs_tick(struct jobs *j)
@@ -471,7 +256,6 @@ void jobs_tick(struct jobs *j)
 	/* Index pages are given back without a word. */
 	if (sched_starved(j->p.sched))
 		sched_give(j->p.sched, LEDGER_INDEX, 0);
-	j->full = false;
 	for (job = j->jobs; job; job = job->next)
 		job_tick(job);
 	for (p = j->pushes; p; p = next) {
@@ -504,6 +288,7 @@ void jobs_park(struct jobs *j)
 	struct job *job;
 
 	j->parking = true;
+	job_plans_park(j);
 	for (job = j->jobs; job; job = job->next) {
 		if (job->bound)
 			job_cancel(job);

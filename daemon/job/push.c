@@ -104,6 +104,8 @@ static void close_done(struct push *p)
 	for (at = &p->jobs->pushes; *at != p; at = &(*at)->next)
 		;
 	*at = p->next;
+	if (p->jobs->stage_turn == p)
+		p->jobs->stage_turn = NULL;
 	if (p->dataset->planner == p)
 		p->dataset->planner = NULL;
 	if (p->dataset->committer == p)
@@ -440,6 +442,21 @@ struct push *push_next(const struct push *p)
 uint64_t push_stage_bytes(const struct push *p)
 {
 	return p->stage_bytes + p->table_bytes;
+}
+
+uint32_t push_uid(const struct push *p)
+{
+	return p->peer.uid;
+}
+
+bool push_has_stage(const struct push *p)
+{
+	return p->stage_bytes > 0;
+}
+
+bool push_wants_stage(const struct push *p)
+{
+	return p->asks && p->asks->kind == PUSH_STAGE && !p->busy && !p->left && !p->waiting_row;
 }
 
 void push_retry(struct push *p)

@@ -16,6 +16,7 @@
 #include "push_priv.h"
 
 #define DURABLE_SECONDS 5.0
+#define TURN_SECONDS 5.0
 #define DURABLE_POINTS ((UINT64_C(1) << 30) / sizeof(struct point))
 
 static void task_bytes(struct push *p, enum ledger_name name, uint64_t bytes)
@@ -167,18 +168,19 @@ static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	struct jobs *j = p->jobs;
-	uint64_t left = jobs_domain_memory(j), head = 2 * jobs_domain_largest(j);
-	uint64_t size = j->stage_share;
+	uint64_t size;
 
-	/* A job that runs must be able to finish beside it, one domain at a time. */
-	left = left > head ? left - head : 0;
-	if (size > left)
-		size = left;
 	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others
 	 * from. */
 	p->read_bytes = push_read_bytes(p);
-	if (size < GRID_STAGE_MIN + p->read_bytes)
+	if (admit_never(j, GRID_STAGE_MIN + p->read_bytes + admit_least(), "staging, beside a mesh,", err))
+		return -(int)err->code;
+	if (j->stage_turn && j->stage_turn != p)
 		return PUSH_WAIT;
+	size = admit_stage(j, GRID_STAGE_MIN + p->read_bytes);
+	if (!size)
+		return PUSH_WAIT;
+	p->stage_ns = clock_mono_ns();
 	p->task.priority = SCHED_FIRST;
 	task_bytes(p, LEDGER_STAGE, size);
 	/* Known to plans that are made from now on. */
@@ -252,6 +254,9 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 			return err_set(err, ERR_NOMEM, "no memory for a request");
 		return 0;
 	}
+	/* A user who has no stage at all gets a turn between two files. */
+	if (clock_since(p->stage_ns) > TURN_SECONDS && admit_stage_awaited(p->jobs, p->peer.uid))
+		return push_ask_new(p, PUSH_PARK, NULL, true) ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 	/* Of a file that was probed after the stage had its memory, and takes more than was put aside. */
 	if (pipe_ingest_bytes() + input_bytes() + probe->read_bytes > p->read_bytes)
 		task_bytes(p, LEDGER_INPUT, pipe_ingest_bytes() + input_bytes() + probe->read_bytes - p->read_bytes);

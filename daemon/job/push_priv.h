@@ -152,6 +152,7 @@ struct push {
 
 	struct grid_stage *stage;
 	uint64_t stage_bytes; /* charged */
+	uint64_t stage_ns;    /* since when */
 	size_t read_bytes;    /* in it, for decoding one file at a time */
 	bool broken;
 	struct err broken_err;

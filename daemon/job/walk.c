@@ -63,6 +63,7 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 	w->keep = p->keep;
 	w->plan_only = p->plan_only;
 	w->owner = p->owner;
+	w->place = p->place;
 	w->owner.flow = ++p->jobs->last_flow;
 	w->patience = p->patience;
 	w->file = p->plan;
@@ -88,7 +89,7 @@ struct walk *walk_free(struct walk *w)
 	return NULL;
 }
 
-static void shut(struct walk *w)
+void walk_shut(struct walk *w)
 {
 	pipe_emitter_free(w->emitter);
 	w->emitter = NULL;
@@ -158,7 +159,7 @@ void walk_opened(struct walk *w)
 	if (w->r == -ERR_BUSY) {
 		/* The index has no memory now, or a selection is to be made again: from the start, at the next
 		 * tick. */
-		shut(w);
+		walk_shut(w);
 		w->state = WALK_NEW;
 		return;
 	}
@@ -223,10 +224,10 @@ static void finish_done(struct sched_task *t)
 static void over(struct walk *w)
 {
 	w->state = WALK_OVER;
-	shut(w);
+	place_leave(w->jobs, w->place);
+	walk_shut(w);
 	if (w->why.code == ERR_CORRUPT)
 		walk_select_discard(w);
-	w->jobs->full = false;
 	w->calls->ended(w->ctx, w->why.code ? &w->why : NULL);
 }
 
@@ -247,6 +248,12 @@ void walk_fail(struct walk *w, const struct err *why)
 {
 	struct walk_domain *d;
 
+	if (w->giving) {
+		/* It ends for good now. */
+		w->giving = false;
+		w->why = *why;
+		return;
+	}
 	if (w->stopping || w->state == WALK_OVER)
 		return;
 	w->stopping = true;
@@ -281,7 +288,8 @@ static void settle_stopping(struct walk *w)
 	while (w->domains)
 		walk_domain_release(w->domains);
 	w->sending = w->emitting = NULL;
-	over(w);
+	if (!walk_gave_way(w))
+		over(w);
 }
 
 /* ---- running ---- */
@@ -477,7 +485,7 @@ void walk_tick(struct walk *w)
 	if (w->state == WALK_NEW) {
 		if (w->stopping)
 			over(w);
-		else
+		else if (w->placed)
 			open_start(w);
 		return;
 	}
@@ -542,7 +550,8 @@ uint64_t walk_grid_points(const struct walk *w)
 void walk_progress(const struct walk *w, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total)
 {
-	*ret_points = walk_selecting(w) ? atomic_load(&w->select.judged) : w->points;
+	*ret_points = walk_selecting(w) ? atomic_load(&w->select.judged) :
+		      w->points > w->points_before ? w->points : w->points_before;
 	*ret_total = walk_selecting(w) ? w->select.total : w->grid_total;
 	*ret_domains = w->next_emit;
 	*ret_domains_total = w->plan_n;

@@ -32,6 +32,7 @@ struct walk_params {
 	bool keep;       /* every finished domain goes to the store */
 	bool plan_only;  /* ends after the plan */
 	struct sched_owner owner; /* for whom it runs; its flow is the walk's own */
+	struct place *place;      /* of its caller, who calls walk_begin when it is granted */
 	bool lazy;       /* takes no domain as long as its reader is slow: they are in the store */
 	struct plan_file *plan; /* that it goes by, and keeps; borrowed; NULL: its own, of now */
 	double patience; /* seconds to wait for an output before the domains go to the store */
@@ -41,9 +42,10 @@ struct walk_params {
 
 /* `ended` comes in any case, later. -ERR_PROTO: the view. */
 int walk_new(const struct walk_params *, struct walk **ret, struct err *err);
-/* Only after `ended`, or before walk_start. NULL is fine; returns NULL. */
+/* Only after `ended`, or before walk_begin. NULL is fine; returns NULL. */
 struct walk *walk_free(struct walk *);
-void walk_start(struct walk *);
+/* It has its place. May come again: a walk that gives its place back seeks it by itself. */
+void walk_begin(struct walk *);
 /* `ended` comes with `why` as soon as no worker is busy with it. */
 void walk_stop(struct walk *, const struct err *why);
 /* True if the walk has emitted nothing and has no output: it is its output then. */
@@ -54,6 +56,8 @@ void walk_settle(struct walk *);  /* start what can start */
 /* Somebody lacks memory: give what can be given. Not urgent: unless it comes back by itself soon. */
 void walk_relieve(struct walk *, bool urgent);
 void walk_tick(struct walk *);
+/* Why it does not get on: "" or words such as "for memory: needs 134M, 20M are free". */
+char *walk_waiting(const struct walk *, char *buf, size_t size);
 
 bool walk_stalled(const struct walk *);                       /* waits for its reader only */
 bool walk_opens(const struct walk *, const struct dataset *); /* is about to open its manifest */

@@ -114,7 +114,7 @@ static void start(struct walk *w, void (*task)(struct sched_task *), uint64_t by
 	sched_submit(w->jobs->p.sched, &w->task);
 }
 
-/* With what is left beside stages that are held now; where that is too little, later. Called by walk_settle, which
+/* With what is left beside stages that are held now; where that is too little, later, and its place goes back. Called by walk_settle, which
  * goes on with what came of it. */
 void walk_plan_start(struct walk *w)
 {
@@ -127,21 +127,22 @@ void walk_plan_start(struct walk *w)
 			run(w);
 			return;
 		}
-		if (!pipe_budget_kept(jobs_memory_alone(j), 1, w->grid, w->kept.load, w->kept.cap, &w->budget,
-				      &err))
+		if (!pipe_budget_kept(admit_alone(j), 1, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
+			walk_retreat(w, 2 * w->budget.domain_bytes);
 			return;
+		}
 	}
-	if (pipe_budget(jobs_domain_memory(j), j->p.threads, w->grid, &w->budget, &err)) {
-		if (!jobs_staged(j))
-			walk_fail(w, &err);
-	} else if (w->planned) {
+	if (admit_never(j, pipe_budget_least(w->grid), "meshing", &err))
+		walk_fail(w, &err);
+	else if (pipe_budget(jobs_domain_memory(j), j->p.threads, w->grid, &w->budget, &err))
+		walk_retreat(w, pipe_budget_least(w->grid));
+	else if (w->planned)
 		start(w, narrow_run, 0);
-	} else if (grid_points(w->grid)) {
+	else if (grid_points(w->grid))
 		start(w, plan_run, w->budget.domain_bytes);
-	} else {
+	else
 		/* No points, no domains. */
 		run(w);
-	}
 }
 
 void walk_plan_follow(struct walk *w)

@@ -49,6 +49,10 @@ struct walk {
 	char manifest[64];
 	bool keep, plan_only, lazy;
 	struct sched_owner owner; /* of all its tasks */
+	struct place *place;
+	bool placed; /* has its place, which is its share of the memory */
+	bool giving; /* stops to begin again later */
+	uint64_t points_before; /* emitted before it gave way */
 	double patience;
 	const struct walk_calls *calls;
 	void *ctx;
@@ -118,6 +122,13 @@ struct walk {
 };
 
 void walk_fail(struct walk *, const struct err *why);
+void walk_start(struct walk *);
+void walk_shut(struct walk *); /* all that it holds for long goes back */
+/* walk_place.c: its place goes back until `need` is there for its plan; no task of it may be busy. */
+void walk_retreat(struct walk *, uint64_t need);
+bool walk_can_give_way(const struct walk *);
+void walk_give_way(struct walk *);
+bool walk_gave_way(struct walk *); /* it stopped for that: it seeks a place again, and is not over */
 
 /* walk_plan.c */
 int walk_plan_read(struct walk *, struct err *err); /* worker */

@@ -175,12 +175,10 @@ static bool memory_of(struct walk *w)
 		w->select.bytes = bytes;
 		return true;
 	}
-	if (!jobs_staged(w->jobs)) {
-		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
-			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
-		err_add_hint(&err, "start the daemon with more memory, or wait for other jobs to end");
+	if (admit_never(w->jobs, least, "the selection of points", &err))
 		walk_fail(w, &err);
-	}
+	else
+		walk_retreat(w, least);
 	return false;
 }
 

@@ -120,6 +120,8 @@ int pipe_inspect(struct input *, const struct pipe_inspect_params *, struct pipe
 
 /* ---- plan ---- */
 
+/* The memory that the lowest rung needs; NULL: of a grid of one segment. */
+size_t pipe_budget_least(const struct grid *);
 enum { PIPE_RUNGS = 4 };
 extern const uint32_t pipe_rung[PIPE_RUNGS]; /* 2^15, 2^17, 2^19, 2^20 positions */
 

@@ -28,6 +28,11 @@ static size_t reader_bytes_of(const struct grid *grid)
 	return grid ? grid_reader_bytes(grid) : (size_t)1 << 18;
 }
 
+size_t pipe_budget_least(const struct grid *grid)
+{
+	return 2 * pipe_domain_bytes(cap_of(pipe_rung[0]), reader_bytes_of(grid));
+}
+
 int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err)
 {
 	size_t reader = reader_bytes_of(grid), bytes = 0;
@@ -54,9 +59,8 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 			return 0;
 		}
 	}
-	bytes = pipe_domain_bytes(cap_of(pipe_rung[0]), reader) * 2;
 	err_set(err, ERR_LIMIT, "meshing needs %s for its domains, %s are left of the memory",
-		parse_size_text(bytes, need), parse_size_text(memory, have));
+		parse_size_text(pipe_budget_least(grid), need), parse_size_text(memory, have));
 	return err_add_hint(err, "start the daemon with more memory, or wait for other jobs to end");
 }
 
