@@ -4,8 +4,8 @@
  * The model: who wants to walk over a mesh seeks a place, and is told when it has one (granted). Next is who has the
  * highest priority; of those, whose user has the fewest walks at work; then whose user was served least; then who
  * came first. One user has at most half of the places, and may only have a further one where the memory left carries
- * as many walks of others: so there is always a place for somebody else. Where there is none all the same, a walk of
- * the user who has most of them gives way: a job, whose finished domains are in the store, begins again later.
+ * two walks of others: so there is a place for somebody else. Where there is none all the same, a walk of the user
+ * who has most of them gives way: a job, whose finished domains are in the store, begins again later.
  *
  * What does not fit now waits. A seeker whose grid needs more than most is passed by those that fit, but only
  * PASSES times; then nobody gets a place before it. One grant in sixteen goes by priority from the lowest, so that
@@ -20,7 +20,7 @@
 #include "parse.h"
 #include "walk_priv.h"
 
-enum { PASSES = 8, LOWER_TURN = 16 };
+enum { PASSES = 8, LOWER_TURN = 16, OTHERS = 2 };
 
 /* ---- the list ---- */
 
@@ -126,7 +126,7 @@ static enum place_wait room_for(struct jobs *j, struct place *p)
 	must = must > admit_least() ? must : admit_least();
 	/* What a push and a job need must not be held by readers who do not read. */
 	if (p->reader && t.walks != t.running)
-		keep = GRID_STAGE_MIN + pipe_ingest_bytes() + must + share;
+		keep = GRID_STAGE_MIN + pipe_ingest_bytes() + share;
 	p->keeps = keep > 0;
 	p->lacks = must + share + keep;
 	p->free = free;
@@ -135,7 +135,7 @@ static enum place_wait room_for(struct jobs *j, struct place *p)
 	if (own) {
 		if (t.own_running >= j->walks_max / 2 || t.running >= j->walks_max)
 			return PLACE_USER;
-		if (free < must + (own + 2) * share + keep)
+		if (free < must + (1 + OTHERS) * share + keep)
 			return PLACE_USER;
 	} else if (t.running >= 2 * j->walks_max) {
 		return PLACE_FULL;

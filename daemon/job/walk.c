@@ -318,8 +318,11 @@ static bool awaits_output(const struct walk *w)
 
 bool walk_stalled(const struct walk *w)
 {
-	return w->state == WALK_RUNNING && walk_backlog(w) && !w->ndomains &&
-	       (w->lazy || w->next_start == w->plan_n);
+	if (w->state != WALK_RUNNING || w->ndomains)
+		return false;
+	/* For its reader, or for the walk that it follows. */
+	return walk_backlog(w) ? w->lazy || w->next_start == w->plan_n :
+	       w->next_start < w->plan_n && w->next_start >= walk_reach(w);
 }
 
 static void split_next(struct walk *w)
