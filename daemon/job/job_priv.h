@@ -231,6 +231,7 @@ void admit_init(struct jobs *);
 struct admit_tally admit_tally(struct jobs *, uint32_t uid);
 uint64_t admit_share(const struct jobs *); /* what each walk at work holds */
 uint64_t admit_alone(const struct jobs *); /* what the tasks of the only walk can have */
+bool admit_only(struct jobs *);             /* no more than one walk is at work, and no push */
 uint64_t admit_least(void);                /* what the smallest plan needs */
 /* -ERR_LIMIT if a task of so many bytes could never start, with the memory that would do. */
 int admit_never(struct jobs *, uint64_t bytes, const char *what, struct err *err);

@@ -140,7 +140,8 @@ static enum place_wait room_for(struct jobs *j, struct place *p)
 	} else if (t.running >= 2 * j->walks_max) {
 		return PLACE_FULL;
 	}
-	return free < must + share + keep ? PLACE_MEMORY : PLACE_READY;
+	/* The only one finds out itself whether it fits. */
+	return free < must + share + keep && (t.walks || jobs_staged(j)) ? PLACE_MEMORY : PLACE_READY;
 }
 
 /* All that cannot have what this one cannot: of its user, or all streams, for which more is kept free. */

@@ -12,7 +12,6 @@ void walk_retreat(struct walk *w, uint64_t need)
 {
 	walk_shut(w);
 	cut_plan_done(&w->plan);
-	w->plan = (struct cut_plan){0};
 	w->next_start = w->next_emit = w->plan_n = 0;
 	w->points = w->grid_total = 0;
 	w->ndomains = 0;

@@ -114,6 +114,18 @@ static void start(struct walk *w, void (*task)(struct sched_task *), uint64_t by
 	sched_submit(w->jobs->p.sched, &w->task);
 }
 
+/* Within its budget. */
+static void begin(struct walk *w)
+{
+	if (w->planned)
+		start(w, narrow_run, 0);
+	else if (grid_points(w->grid))
+		start(w, plan_run, w->budget.domain_bytes);
+	else
+		/* No points, no domains. */
+		run(w);
+}
+
 /* With what is left beside stages that are held now; where that is too little, later, and its place goes back. Called by walk_settle, which
  * goes on with what came of it. */
 void walk_plan_start(struct walk *w)
@@ -134,15 +146,13 @@ void walk_plan_start(struct walk *w)
 	}
 	if (admit_never(j, pipe_budget_least(w->grid), "meshing", &err))
 		walk_fail(w, &err);
-	else if (pipe_budget(jobs_domain_memory(j), j->p.threads, w->grid, &w->budget, &err))
-		walk_retreat(w, pipe_budget_least(w->grid));
-	else if (w->planned)
-		start(w, narrow_run, 0);
-	else if (grid_points(w->grid))
-		start(w, plan_run, w->budget.domain_bytes);
+	else if (!pipe_budget(jobs_domain_memory(j), j->p.threads, w->grid, &w->budget, &err))
+		begin(w);
+	else if (admit_only(j))
+		/* What the house keeps in mind takes the rest: waiting would not mend it. */
+		walk_fail(w, &err);
 	else
-		/* No points, no domains. */
-		run(w);
+		walk_retreat(w, pipe_budget_least(w->grid));
 }
 
 void walk_plan_follow(struct walk *w)

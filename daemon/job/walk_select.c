@@ -175,10 +175,16 @@ static bool memory_of(struct walk *w)
 		w->select.bytes = bytes;
 		return true;
 	}
-	if (admit_never(w->jobs, least, "the selection of points", &err))
+	if (admit_never(w->jobs, least, "the selection of points", &err)) {
 		walk_fail(w, &err);
-	else
+	} else if (admit_only(w->jobs)) {
+		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",
+			(unsigned long long)(least >> 10), (unsigned long long)(left >> 10));
+		err_add_hint(&err, "remove datasets and jobs that nobody needs (acutctl rm), or give acutd more memory");
+		walk_fail(w, &err);
+	} else {
 		walk_retreat(w, least);
+	}
 	return false;
 }
 

@@ -24,7 +24,7 @@
 #include "ledger.h"
 #include "sched_queue.h"
 
-enum { SPARES = 4 };
+enum { SPARES = 2 };
 
 /* Tasks do not recurse: what of a stack is ever touched is less than half of it (the largest frames are some tens of
  * kilobytes). A sanitizer's are many times that, and not the product's. */
