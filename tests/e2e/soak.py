@@ -117,7 +117,7 @@ class Client:
         for status, words in RACES:
             if r.status == status and words in said:
                 with self.world.lock:
-                    self.world.races["%d %s" % (status, words)] += 1
+                    self.world.races["%s: %d %s" % (args[0], status, words)] += 1
                 return None
         raise Fault("%s ended with %d\n%s" % (" ".join(r.args), r.status, said))
 
