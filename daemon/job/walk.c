@@ -306,8 +306,9 @@ static struct walk_domain *find(struct walk *w, size_t index)
 /* Its reader is slow, or has not come yet: domains go to the store. */
 bool walk_backlog(const struct walk *w)
 {
+	/* While a worker has the output, its block is being spooled or comes back from there. */
 	return w->output && w->output_busy &&
-	       (w->output->spooled || w->output->calls->stalled(w->output) > STALL_SECONDS);
+	       (w->output_working || w->output->spooled || w->output->calls->stalled(w->output) > STALL_SECONDS);
 }
 
 /* A bound job's first block waits a while for its reader. */

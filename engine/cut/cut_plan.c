@@ -8,6 +8,9 @@
  * share, removed sources and the view's rules make the bound higher than the truth, never lower.
  *
  * Empty leaves stay: they can own triangles.
+ *
+ * Where there are several leaves, the first ones are small, whatever the load: the first triangle leaves with the
+ * first domain. Behind them the loads grow by themselves, for the halves that they were cut from follow.
  */
 #include "cut_source.h"
 
@@ -22,6 +25,7 @@ enum {
 	STRADDLERS = 64,
 	STUCK_LEVELS = 8,
 	STACK = 80, /* a split adds one region; 64 levels at most */
+	FIRST = 1 << 17, /* positions of a leaf at most, until the leaves own half as many */
 };
 
 struct bound {
@@ -197,16 +201,20 @@ static int plan_root(const struct cut_source *src, const struct cut_region *root
 		     struct cut_plan *plan, struct err *err)
 {
 	struct cut_region stack[STACK], half[2];
+	uint64_t before = 0; /* positions of the leaves so far */
+	bool several = false;
 	unsigned n = 0;
 
 	stack[n++] = *root;
 	while (n > 0) {
 		struct cut_leaf leaf = { .region = stack[--n] };
+		uint64_t most = several && before < FIRST / 2 && load > FIRST ? FIRST : load;
 		int rc = region_bound(src, &leaf.region, &leaf.count, &leaf.exact, err);
 
 		if (rc)
 			return rc;
-		if (leaf.count > load && cut_region_split(&leaf.region, half)) {
+		several = several || leaf.count > load;
+		if (leaf.count > most && cut_region_split(&leaf.region, half)) {
 			stack[n++] = half[1];
 			stack[n++] = half[0];
 			continue;
@@ -214,6 +222,7 @@ static int plan_root(const struct cut_source *src, const struct cut_region *root
 		rc = plan_insert(plan, plan->n, &leaf, err);
 		if (rc)
 			return rc;
+		before += leaf.count;
 	}
 	return 0;
 }

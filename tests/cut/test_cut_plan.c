@@ -118,6 +118,38 @@ static void leaves_cover_once(void **state)
 	}
 }
 
+/* Of several leaves the first are small, so that something leaves early; the others are as large as they may be. */
+static void first_leaves_are_small(void **state)
+{
+	static const enum shape shapes[] = { UNIFORM, CLUSTERS, CORRIDOR };
+	const uint64_t first = 1 << 17;
+
+	for (unsigned s = 0; s < 3; s++) {
+		struct cut_source src;
+		struct cut_plan plan;
+		struct err err = ERR_INIT;
+		struct tiling t;
+		uint64_t before = 0;
+		bool large = false;
+
+		make(&t, &src, shapes[s], 900000, 1000);
+		assert_int_equal(cut_plan_make_from(&src, 1 << 19, &plan, &err), 0);
+		assert_true(plan.n > 1 && plan.n < 70); /* one way down to a small leaf */
+		for (size_t i = 0; i < plan.n; i++) {
+			assert_true(plan.leaf[i].count <= (before < first / 2 ? first : 1 << 19));
+			before += plan.leaf[i].count;
+			large = large || plan.leaf[i].count > first;
+		}
+		assert_true(large);
+		cut_plan_done(&plan);
+		/* What fits one leaf is one. */
+		assert_int_equal(cut_plan_make_from(&src, 1 << 20, &plan, &err), 0);
+		assert_int_equal(plan.n, 1);
+		cut_plan_done(&plan);
+		make_done(&t);
+	}
+}
+
 static void many_records_are_one_position(void **state)
 {
 	struct cut_source src;
@@ -426,6 +458,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(leaves_cover_once),
+		cmocka_unit_test(first_leaves_are_small),
 		cmocka_unit_test(many_records_are_one_position),
 		cmocka_unit_test(probe_lets_real_data_pass),
 		cmocka_unit_test(probe_refuses_convex_position),
