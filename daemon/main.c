@@ -35,6 +35,7 @@
 #define IDLE_TICK_USEC 1000000 /* to look whether a private daemon is idle */
 #define PARK_USEC 9000000
 #define HAND_OVER_MAX 16
+#define HEAP_SLACK (UINT64_C(1) << 20)
 
 struct daemon {
 	struct config config;
@@ -51,6 +52,7 @@ struct daemon {
 	sd_event_source *tick, *last;
 	bool ticking, stopping, over;
 	uint64_t idle_ns; /* since when, 0: busy */
+	uint64_t heaped;  /* the most that heap_trim has seen since it trimmed */
 };
 
 /* ---- the loop ---- */
@@ -124,6 +126,22 @@ static int on_tick(sd_event_source *source, uint64_t usec, void *ctx)
 	return 0;
 }
 
+/* Small things are freed in any order, and the heap gives back its end only: what lies free between goes back to the
+ * kernel here, so that nobody has what the ledger gives to others. */
+static void heap_trim(struct daemon *d)
+{
+	const unsigned small = 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_FILES | 1u << LEDGER_MANIFEST |
+			       1u << LEDGER_PLAN | 1u << LEDGER_INDEX;
+	uint64_t held = ledger_claimed(d->ledger, small);
+
+	if (held + HEAP_SLACK < d->heaped) {
+		malloc_trim(0);
+		d->heaped = held;
+	} else if (held > d->heaped) {
+		d->heaped = held;
+	}
+}
+
 /* After each round: what was freed, finished or asked in it may let something else start. */
 static int on_round(sd_event_source *source, void *ctx)
 {
@@ -131,6 +149,7 @@ static int on_round(sd_event_source *source, void *ctx)
 
 	jobs_settle(d->jobs);
 	server_settle(d->server);
+	heap_trim(d);
 	if (d->stopping && jobs_parked(d->jobs) && !server_connections(d->server)) {
 		d->over = true;
 		sd_event_exit(d->event, 0);

@@ -223,7 +223,7 @@ int dataset_sweep(struct dataset *d, struct err *err)
 	if (r)
 		return r;
 	if (*d->manifest)
-		r = grid_manifest_read(d->dirfd, d->manifest, &m, err);
+		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->p.ledger, &m, err);
 	keep.m = m;
 	if (!r)
 		r = folder_each(d->dirfd, remove_unnamed, &keep, err);

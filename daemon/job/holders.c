@@ -36,20 +36,27 @@ static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
 		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf + cut_sites_bytes(w->plan.sites);
 	held[LEDGER_JOBS] += w->charged;
 	/* Workers open and close it in these states. */
-	if (w->grid && w->state != WALK_OPENING && w->state != WALK_SELECTING)
+	if (w->grid && w->state != WALK_OPENING && w->state != WALK_SELECTING) {
 		held[LEDGER_INDEX] += grid_charged(w->grid);
+		held[LEDGER_MANIFEST] += grid_manifest(w->grid)->charged;
+	}
 }
 
 static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 {
 	const struct push_stream *s;
 
-	held[LEDGER_JOBS] += PUSH_BYTES;
+	held[LEDGER_JOBS] += p->charged;
 	task_held(p->jobs->p.sched, &p->task, held);
 	/* A stage that is about to be made is known to plans, but taken only by its task. */
 	if (p->stage_bytes && !(p->busy && p->asks && p->asks->kind == PUSH_STAGE))
 		held[LEDGER_STAGE] += p->stage_bytes;
 	held[LEDGER_FILES] += p->table_bytes;
+	/* Workers read and free these in some asks. */
+	if (!p->busy) {
+		held[LEDGER_MANIFEST] += p->base ? p->base->charged : 0;
+		held[LEDGER_MANIFEST] += p->adopt ? p->adopt->charged : 0;
+	}
 	if (p->asks && p->asks->crew)
 		held[LEDGER_INPUT] += push_crew_held(p->asks->crew);
 	for (s = p->streams; s; s = s->next)

@@ -26,7 +26,7 @@ void push_begin_run(struct push *p, struct push_ask *a)
 	a->r = dataset_open(p->dataset, &a->err);
 	p->opened = !a->r;
 	if (!a->r && *p->base_name)
-		a->r = grid_manifest_read(p->dataset->dirfd, p->base_name, &p->base, &a->err);
+		a->r = grid_manifest_load(p->dataset->dirfd, p->base_name, p->jobs->p.ledger, &p->base, &a->err);
 	if (!a->r)
 		a->r = push_plane_begin(p, &a->err);
 	if (!a->r && p->base)

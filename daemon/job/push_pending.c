@@ -323,6 +323,12 @@ static void take_up(struct push *p, struct grid_manifest *m)
 		 p->pending->files);
 }
 
+/* Which says nothing of what lies there. */
+static bool no_memory(int r)
+{
+	return r == -ERR_BUSY || r == -ERR_LIMIT || r == -ERR_NOMEM;
+}
+
 /* Worker, with the dataset open and its manifest read. */
 int push_adopt(struct push *p, struct err *err)
 {
@@ -336,10 +342,16 @@ int push_adopt(struct push *p, struct err *err)
 		return 0;
 	manifest_name(p->pending->id, name);
 	push_stage_name(p->pending->id, stage);
-	if (grid_manifest_read(p->dataset->dirfd, name, &m, &ignored) ||
-	    grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored)) {
+	r = grid_manifest_load(p->dataset->dirfd, name, p->jobs->p.ledger, &m, &ignored);
+	if (no_memory(r)) {
+		/* It stays for later. */
+		*err = ignored;
+		return r;
+	}
+	if (r || grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored)) {
 		log_err(LOG_LEVEL_WARNING, "an interrupted push", &ignored);
 		why = "what it left is damaged";
+		r = 0;
 	} else {
 		why = misfit(p, m);
 	}
@@ -450,10 +462,15 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		return r;
 	}
 	if (*d->manifest)
-		r = grid_manifest_read(d->dirfd, d->manifest, &base, err);
+		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->p.ledger, &base, err);
 	manifest_name(row->id, name);
-	if (!r && grid_manifest_read(d->dirfd, name, &m, &absent))
-		m = NULL;
+	if (!r) {
+		r = grid_manifest_load(d->dirfd, name, d->jobs->p.ledger, &m, &absent);
+		if (no_memory(r))
+			*err = absent;
+		else
+			r = 0;
+	}
 	dataset_close(d);
 	committed = !r && was_committed(d, base, m, row->id);
 	if (!r && m && !committed) {

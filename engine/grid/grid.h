@@ -140,10 +140,15 @@ struct grid_manifest {
 	size_t nsources;
 	char *texts;            /* of the sources, of a manifest that was read; else NULL */
 	size_t texts_bytes;
+	struct ledger *ledger;  /* of a manifest that was read: what it was charged to (LEDGER_MANIFEST), and how much */
+	uint64_t charged;
 };
 
 int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest *, struct err *err);
 int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err);
+/* Likewise; what it takes is taken from `ledger` before it is read (LEDGER_MANIFEST; NULL: none), until it is freed.
+ * -ERR_BUSY: there is no room now; -ERR_LIMIT: it takes more than half of all. */
+int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
 
 /* ---- reading one generation; thread-safe, all state in the caller's reader ---- */

@@ -16,6 +16,7 @@
 #include "grid_disk.h"
 #include "grid_file.h"
 #include "io.h"
+#include "ledger.h"
 
 enum {
 	HEAD_BYTES = 8 + 4 + 4 + 8 + 8 + 4 + 4,
@@ -423,8 +424,55 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_m
 	return -(int)err->code;
 }
 
-int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err)
+/* What reading it takes at most: the file, texts as long, a table of names to look for repeats (sorting doubles it),
+ * and the tables. Counts come from the file, so they are believed as far as its size can bear. */
+static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret, struct err *err)
 {
+	uint8_t head[HEAD_BYTES];
+	int rc = io_read_at(fd, head, sizeof head, 0, name, err);
+	struct cursor c = cursor_of(head, sizeof head);
+	uint64_t nsegments, nsources;
+
+	if (rc)
+		return rc;
+	cursor_bytes(&c, HEAD_BYTES - 8);
+	nsegments = cursor_u32(&c);
+	nsources = cursor_u32(&c);
+	if (nsegments > size / SEGMENT_LEAST || nsources > size / SOURCE_LEAST)
+		return damaged(name, "it says more than it holds", err);
+	*ret = sizeof(struct grid_manifest) + 2 * size + nsegments * sizeof(struct grid_segment_info) +
+	       nsources * sizeof(struct grid_source) + 2 * (nsegments + nsources + 1) * sizeof(char *);
+	return 0;
+}
+
+static int charge(struct ledger *ledger, uint64_t bytes, const char *name, struct err *err)
+{
+	if (ledger_take(ledger, LEDGER_MANIFEST, bytes))
+		return 0;
+	if (bytes > ledger_total(ledger) / 2) {
+		err_set(err, ERR_LIMIT, "the manifest takes %llu MiB to read, of a memory of %llu MiB",
+			(unsigned long long)(bytes >> 20), (unsigned long long)(ledger_total(ledger) >> 20));
+		err_add_hint(err, "give acutd --memory %lluM or more", (unsigned long long)(bytes >> 18));
+	} else {
+		err_set(err, ERR_BUSY, "no %llu KiB are free for the manifest of the dataset",
+			(unsigned long long)(bytes >> 10));
+		err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
+	}
+	return err_add_file(err, name);
+}
+
+/* What stays of it. */
+static void settle_charge(struct grid_manifest *m, struct ledger *ledger, uint64_t bytes, uint64_t size)
+{
+	m->ledger = ledger;
+	m->charged = sizeof *m + size + m->nsegments * sizeof *m->segments + m->nsources * sizeof *m->sources;
+	ledger_give(ledger, LEDGER_MANIFEST, bytes - m->charged);
+}
+
+int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struct grid_manifest **ret, struct err *err)
+{
+	struct grid_manifest *m = NULL;
+	uint64_t charged = 0;
 	uint8_t *bytes = NULL;
 	struct stat st;
 	int fd = -1, rc = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
@@ -436,16 +484,30 @@ int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, 
 		rc = err_add_file(err, name);
 	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES || (uint64_t)st.st_size > MANIFEST_MOST) {
 		rc = damaged(name, "no manifest has this size", err);
+	} else if (ledger && ((rc = bytes_to_read(fd, name, (uint64_t)st.st_size, &charged, err)) ||
+			      (rc = charge(ledger, charged, name, err)))) {
+		charged = 0;
 	} else if (!(bytes = malloc((size_t)st.st_size))) {
 		rc = err_set(err, ERR_NOMEM, "no memory for a manifest of %lld bytes", (long long)st.st_size);
 	}
 	if (rc == 0)
 		rc = io_read_at(fd, bytes, (size_t)st.st_size, 0, name, err);
 	if (rc == 0)
-		rc = parse(bytes, (size_t)st.st_size, name, ret, err);
+		rc = parse(bytes, (size_t)st.st_size, name, &m, err);
 	free(bytes);
 	io_close(fd);
+	if (charged && rc)
+		ledger_give(ledger, LEDGER_MANIFEST, charged);
+	else if (charged)
+		settle_charge(m, ledger, charged, (uint64_t)st.st_size);
+	if (rc == 0)
+		*ret = m;
 	return rc;
+}
+
+int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, struct err *err)
+{
+	return grid_manifest_load(dirfd, name, NULL, ret, err);
 }
 
 struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
@@ -455,6 +517,8 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
 	free(m->segments);
 	free(m->sources);
 	free(m->texts);
+	if (m->charged)
+		ledger_give(m->ledger, LEDGER_MANIFEST, m->charged);
 	free(m);
 	return NULL;
 }

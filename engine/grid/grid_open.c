@@ -99,11 +99,17 @@ static int read_sources(const struct grid *g, struct grid_part *p, const struct 
 			struct err *err)
 {
 	size_t bytes = h->sources * sizeof(struct disk_total);
-	struct disk_total *totals = malloc(bytes ? bytes : 1);
+	struct disk_total *totals;
 	uint64_t points = 0;
 
-	if (!totals)
+	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes))
+		return err_set(err, ERR_BUSY, "no %zu bytes are free for a table of %u sources", bytes, h->sources);
+	totals = malloc(bytes ? bytes : 1);
+	if (!totals) {
+		if (g->ledger)
+			ledger_give(g->ledger, LEDGER_INDEX, bytes);
 		return err_set(err, ERR_NOMEM, "no memory for a table of %u sources", h->sources);
+	}
 	int rc = grid_part_read(p, totals, bytes, h->sources_place, err);
 
 	if (rc == 0 && grid_check(totals, bytes, h->sources_place) != h->sources_check)
@@ -123,6 +129,8 @@ static int read_sources(const struct grid *g, struct grid_part *p, const struct 
 	if (rc == 0 && points != h->points)
 		rc = grid_damaged(p, h->sources_place, "its table of sources does not add up", err);
 	free(totals);
+	if (g->ledger)
+		ledger_give(g->ledger, LEDGER_INDEX, bytes);
 	return rc;
 }
 
@@ -181,8 +189,9 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 	for (size_t i = 0; i < m->nsegments; i++)
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
-	uint64_t bytes = sizeof *g + sizeof *m + m->nsegments * (sizeof *g->parts + sizeof *m->segments) +
-			 m->nsources * (sizeof *g->lives + sizeof *m->sources) + m->texts_bytes + grid_cache_bytes(frames);
+	/* Sorting the lives doubles them for a while. */
+	uint64_t bytes = sizeof *g + m->nsegments * sizeof *g->parts + 2 * m->nsources * sizeof *g->lives +
+			 grid_cache_bytes(frames);
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
 		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset",
@@ -224,7 +233,7 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 
 	if (!g)
 		return err_set(err, ERR_NOMEM, "no memory to open %s", manifest);
-	int rc = grid_manifest_read(dirfd, manifest, &g->manifest, err);
+	int rc = grid_manifest_load(dirfd, manifest, ledger, &g->manifest, err);
 
 	if (rc) {
 		free(g);

@@ -273,7 +273,7 @@ def tiny(b, n):
     ctl_ok(b, "push", "tiny", tiny_files(n))
     again = b.ctl("push", "tiny", tiny_files(n), "--json", timeout=900)
     expect(again.status == 0, again.err[:500])
-    b.ctl("mesh", tiny_files(n), "--format", "null", "--quiet", timeout=900).ok()
+    mesh(b, tiny_files(n // 4))
 
 
 def views(b, survey):
