@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "format_digits.h"
 #include "format_priv.h"
 
 static const double ten[] = { 1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
@@ -175,6 +176,30 @@ void format_axis_values(const struct format_axis axis[3], const int32_t (*v)[3],
 			ret[3 * i + (size_t)j] = format_axis_value(&axis[j], v[i][j]);
 }
 
+/* n / 10^decimals, decimals <= 8. Divisions by constants are multiplications. */
+static char *put_decimal(uint64_t n, int decimals, char *at)
+{
+	uint64_t whole = n, rest = 0;
+
+	switch (decimals) {
+#define SPLIT(d, power) case d: whole = n / power; rest = n % power; break
+	SPLIT(1, 10u);
+	SPLIT(2, 100u);
+	SPLIT(3, 1000u);
+	SPLIT(4, 10000u);
+	SPLIT(5, 100000u);
+	SPLIT(6, 1000000u);
+	SPLIT(7, 10000000u);
+	SPLIT(8, 100000000u);
+#undef SPLIT
+	}
+	at = format_digits_put(whole, at);
+	if (!decimals)
+		return at;
+	*at++ = '.';
+	return format_digits_last((uint32_t)rest, decimals, at);
+}
+
 char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 {
 	char digits[24];
@@ -197,6 +222,11 @@ char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 	if (v < 0)
 		*at++ = '-';
 	decimals = ax->e < 0 ? -ax->e : 0;
+	if (ax->e <= 0 && decimals <= 8) {
+		at = put_decimal(n, decimals, at);
+		*at = 0;
+		return at;
+	}
 	do {
 		digits[len++] = (char)('0' + n % 10);
 		n /= 10;

@@ -10,7 +10,10 @@
 
 #include "cursor.h"
 #include "err.h"
+#include "format_digits.h"
 #include "format_priv.h"
+
+enum { LINES = 64, VERTEX_LINE = 3 * FORMAT_COORDINATE + 8, FACE_LINE = 72 }; /* at once; bytes at most */
 
 struct obj {
 	struct format_output *out;
@@ -65,51 +68,41 @@ static int obj_resume(void *writer, const struct acut_mesh_head *head, struct cu
 	return format_axis_init(o->axis, head, &o->opt, err);
 }
 
-static char *put_number(uint64_t n, char *at)
-{
-	char digits[20];
-	int len = 0;
-
-	do {
-		digits[len++] = (char)('0' + n % 10);
-		n /= 10;
-	} while (n);
-	while (len)
-		*at++ = digits[--len];
-	return at;
-}
-
 static int obj_block(void *writer, const struct format_block *block, struct err *err)
 {
 	struct obj *o = writer;
 	const struct acut_mesh_block *b = block->mesh;
 
-	for (uint32_t i = 0; i < b->nnew; i++) {
-		char *start = format_output_room(o->out, 3 * FORMAT_COORDINATE + 8, err), *at = start;
+	for (uint32_t i = 0, end; i < b->nnew; i = end) {
+		char *start = format_output_room(o->out, LINES * VERTEX_LINE, err), *at = start;
 
 		if (!start)
 			return -err->code;
-		*at++ = 'v';
-		for (int j = 0; j < 3; j++) {
-			*at++ = ' ';
-			at = format_axis_text(&o->axis[j], b->vertex[i][j], at);
+		for (end = b->nnew - i < LINES ? b->nnew : i + LINES; i < end; i++) {
+			*at++ = 'v';
+			for (int j = 0; j < 3; j++) {
+				*at++ = ' ';
+				at = format_axis_text(&o->axis[j], b->vertex[i][j], at);
+			}
+			*at++ = '\n';
 		}
-		*at++ = '\n';
 		format_output_used(o->out, (size_t)(at - start));
 	}
-	for (uint32_t i = 0; i < b->ntriangle; i++) {
-		char *start = format_output_room(o->out, 72, err), *at = start;
+	for (uint32_t i = 0, end; i < b->ntriangle; i = end) {
+		char *start = format_output_room(o->out, LINES * FACE_LINE, err), *at = start;
 
 		if (!start)
 			return -err->code;
-		*at++ = 'f';
-		for (int j = 0; j < 3; j++) {
-			uint32_t l = b->triangle[i][j];
-			*at++ = ' ';
-			at = put_number(1 + (l >= b->nforeign ? b->first + (l - b->nforeign) : b->foreign[l]),
-					at);
+		for (end = b->ntriangle - i < LINES ? b->ntriangle : i + LINES; i < end; i++) {
+			*at++ = 'f';
+			for (int j = 0; j < 3; j++) {
+				uint32_t l = b->triangle[i][j];
+				uint64_t n = l >= b->nforeign ? b->first + (l - b->nforeign) : b->foreign[l];
+				*at++ = ' ';
+				at = format_digits_put(n + 1, at);
+			}
+			*at++ = '\n';
 		}
-		*at++ = '\n';
 		format_output_used(o->out, (size_t)(at - start));
 	}
 	o->nvertex += b->nnew;

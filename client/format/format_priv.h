@@ -71,7 +71,7 @@ int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *, 
 double format_axis_value(const struct format_axis *, int32_t number);
 /* n vertices to n * 3 doubles. */
 void format_axis_values(const struct format_axis axis[3], const int32_t (*vertex)[3], size_t n, double *ret);
-/* Exact text at `at`, as many decimals as the lattice has; returns the end. */
+/* Exact text at `at`, as many decimals as the lattice has; returns the end. 8 bytes more may be overwritten. */
 char *format_axis_text(const struct format_axis *, int32_t number, char *at);
 /* "acut-origin X Y Z" text if one was taken, else "". */
 char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf,

@@ -16,6 +16,7 @@
 
 #include "err.h"
 #include "format.h"
+#include "format_digits.h"
 #include "format_priv.h"
 #include "meshes.h"
 
@@ -351,6 +352,38 @@ static void test_origin(void **state)
 }
 
 /* The fast conversion against the slow one, at many scales and ends of the range. */
+static void expect_digits(uint64_t n)
+{
+	char want[32], got[40];
+
+	snprintf(want, sizeof(want), "%" PRIu64, n);
+	*format_digits_put(n, got) = 0;
+	assert_string_equal(got, want);
+	for (int i = 1; i <= 8; i++) {
+		snprintf(want, sizeof(want), "%08" PRIu64, n % 100000000);
+		*format_digits_last((uint32_t)(n % 100000000), i, got) = 0;
+		assert_string_equal(got, want + 8 - i);
+	}
+}
+
+static void test_digits(void **state)
+{
+	uint64_t n = 1;
+
+	for (uint64_t i = 0; i < 100000; i++)
+		expect_digits(i);
+	for (uint64_t power = 1, i = 0; i < 20; i++, power *= 10) {
+		expect_digits(power - 1);
+		expect_digits(power);
+		expect_digits(power + 1);
+	}
+	expect_digits(UINT64_MAX);
+	for (int i = 0; i < 200000; i++) {
+		n = n * 6364136223846793005u + 1442695040888963407u;
+		expect_digits(n >> n % 64);
+	}
+}
+
 static void test_axis(void **state)
 {
 	static const char *const scale[] = {"1",
@@ -594,7 +627,7 @@ static void test_png_domains(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_ply),         cmocka_unit_test(test_obj),
+		cmocka_unit_test(test_digits), cmocka_unit_test(test_ply),         cmocka_unit_test(test_obj),
 		cmocka_unit_test(test_canonical),   cmocka_unit_test(test_canonical_order),
 		cmocka_unit_test(test_max_edge),    cmocka_unit_test(test_max_edge_equal),
 		cmocka_unit_test(test_origin),      cmocka_unit_test(test_axis),
