@@ -20,11 +20,11 @@
 #include "cut_order.h"
 #include "cut_sites.h"
 #include "err.h"
+#include "ledger.h"
 
 enum {
 	FEW = 8,     /* nearly empty: an eighth of cap */
 	GAIN = 4,
-	SPARE = 2,   /* the bound must leave half the room: the view may take away what it rests on */
 };
 
 /* TOO: fits, but would read much of what is read together anyway. */
@@ -92,7 +92,7 @@ static int count_halo(const struct probe *p, const struct cut_source *src, const
 
 static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, struct err *err)
 {
-	uint64_t room = leaf->count < p->cap ? (p->cap - leaf->count) / SPARE : 0, many = p->cap / FEW, bound = 0;
+	uint64_t room = leaf->count < p->cap ? p->cap - leaf->count : 0, many = p->cap / FEW, bound = 0;
 	bool few = nearly_empty(p, leaf);
 	int rc;
 
@@ -293,6 +293,7 @@ static int probe_alone(struct probe *p, struct err *err)
 static void deal(struct probe *p)
 {
 	size_t sites = (size_t)p->cap * CUT_SITES_BYTES & ~(size_t)63, halo = cut_halo_bytes(p->cap);
+	uint64_t room = p->plan->ledger ? ledger_room(p->plan->ledger, LEDGER_PLAN) / 2 : sites;
 
 	halo = (halo > p->size / 4 ? halo : p->size / 4) & ~(size_t)63;
 	if (p->size < 2 * cut_halo_bytes(p->cap) || p->size < 2 * (halo + sites))
@@ -301,7 +302,9 @@ static void deal(struct probe *p)
 	p->keep = (char *)p->scratch + halo;
 	p->keep_size = p->size - halo - sites - 64;
 	p->site = (struct point *)((char *)p->keep + (p->keep_size & ~(size_t)63));
-	p->site_cap = (uint32_t)(sites / sizeof(*p->site));
+	/* Half of what is left for plans: this one may grow, and there may be others. A site takes little more than 16. */
+	room = room / 9 * 8;
+	p->site_cap = (uint32_t)((sites < room ? sites : room) / sizeof(*p->site));
 }
 
 int cut_plan_probe_from(const struct cut_source *src, const struct view *view, struct cut_plan *plan, uint32_t cap,
