@@ -31,17 +31,20 @@ def mesh(daemon, base, path, may_refuse=False, oracle=True):
     if oracle and ORACLE:
         count, digest = subprocess.run([ORACLE, path], stdout=subprocess.PIPE, check=True).stdout.decode().split()
         expect(got["triangles"] == int(count) and got["digest"] == digest, "%s, CGAL has %s %s" % (got, count, digest))
-    print("     %(points)d points, %(triangles)d triangles, %(hull)d hull, %(domains)d domains" % got,
+    print("     %(points)d points, %(triangles)d triangles, %(hull)d hull, %(domains)d domains, %(points_read)d read" % got,
           "VmHWM %.1f MiB" % (peak / 2**20))
     return got
 
 
-def case(distribution, points, *options, may_refuse=False, oracle=True, triangles=None):
+def case(distribution, points, *options, may_refuse=False, oracle=True, triangles=None, reads=None):
     def run():
         with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
             got = mesh(d, base, synth(base, distribution, points, *options), may_refuse, oracle)
             if triangles is not None:
                 expect(got["triangles"] == triangles, "%d triangles" % got["triangles"])
+            if reads is not None:
+                expect(got["domains"] > 8, "%d domains" % got["domains"])
+                expect(got["points"] <= got["points_read"] < reads * points, "%d records read" % got["points_read"])
     run.__name__ = "_".join([distribution.replace("-", "_"), str(points)] + [str(o).strip("-") for o in options])
     return run
 
@@ -70,8 +73,10 @@ e2e.main(
     case("uniform", 300000),
     case("grid", 300000, "--step", 1), case("grid", 300000, "--step", 16777),
     case("survey", 300000), case("clustered", 300000), case("two-clusters", 300000), case("duplicates", 300000),
-    case("ring", 100000, may_refuse=True), case("corridor", 300000, may_refuse=True),
-    case("corridor-diagonal", 300000, may_refuse=True),
+    case("swath", 300000), case("gaussians", 300000), case("few", 300000), case("few", 30000, "--positions", 3, triangles=1),
+    case("ring", 100000, may_refuse=True), case("corridor", 300000), case("corridor-diagonal", 300000),
+    # Thin strips are normal surveys: what lies beside them is not read again for every domain.
+    case("pipeline", 300000), case("pipeline-diagonal", 300000, reads=3), case("pipeline-slanted", 300000, reads=3),
     case("circle", 20000, may_refuse=True), case("circle", 300000, may_refuse=True),
     case("parabola", 20000, may_refuse=True), case("parabola", 200000, may_refuse=True, oracle=False),
     case("collinear", 1000, triangles=0), case("collinear", 300000, oracle=False, triangles=0))
