@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -30,12 +31,15 @@ enum how {
 	STALL,
 	NO_PIPE,
 	REFUSED,
-	LATE_MESH
+	LATE_MESH,
+	OTHER_STREAM
 };
 
 struct server {
 	enum how how;
 	bool reader_gone;
+	uint64_t from; /* of the last Fetch */
+	char wanted[40];
 };
 
 static void put_blocks(struct stream_block b[2])
@@ -97,7 +101,7 @@ static void write_stream(int fd, struct server *s)
 				   .crs = "EPSG:25832",
 				   .unit_xy = "m",
 				   .box = {-1, -1, -10, 10, 10, 10},
-				   .id = {1, 2}};
+				   .id = {1, s->how == OTHER_STREAM ? 3 : 2}};
 	struct stream_piece piece[STREAM_PIECES];
 	struct stream_block block[2];
 	struct stream_tail tail;
@@ -106,13 +110,13 @@ static void write_stream(int fd, struct server *s)
 	put_blocks(block);
 	put_tail(&tail, s->how);
 	ok = fake_write(fd, piece, stream_put_head(&head, scratch, piece)) &&
-	     fake_write(fd, piece, stream_put_block(&block[0], scratch, piece));
+	     (s->from > 0 || fake_write(fd, piece, stream_put_block(&block[0], scratch, piece)));
 	if (s->how == CUT || s->how == DEATH || s->how == STALL || s->how == ERROR_SOCKET)
 		return;
 	/* So that a receiver that gave up is seen. */
 	if (s->how == LATE_MESH)
 		usleep(200000);
-	ok = ok && fake_write(fd, piece, stream_put_block(&block[1], scratch, piece)) &&
+	ok = ok && (s->from > 1 || fake_write(fd, piece, stream_put_block(&block[1], scratch, piece))) &&
 	     fake_write(fd, piece, stream_put_tail(&tail, scratch, piece));
 	s->reader_gone = !ok;
 }
@@ -166,9 +170,13 @@ static void serve(struct fake *f)
 
 	hello.version_min = hello.version_max = 1;
 	while (f->conn && fake_recv(f, &id, &m, &fd)) {
-		if (m->body_case == ACUT__V1__MESSAGE__BODY_FETCH)
+		if (m->body_case == ACUT__V1__MESSAGE__BODY_FETCH) {
+			struct server *s = f->ctx;
+
+			s->from = m->fetch->from_block;
+			snprintf(s->wanted, sizeof s->wanted, "%s", m->fetch->stream_id);
 			serve_fetch(f, id);
-		else if (m->body_case == ACUT__V1__MESSAGE__BODY_HELLO)
+		} else if (m->body_case == ACUT__V1__MESSAGE__BODY_HELLO)
 			fake_send(f, id, FRAME_MESSAGE(HELLO, hello, &hello), -1);
 		else
 			fake_send(f, id, FRAME_MESSAGE(DONE, done, &done), -1);
@@ -383,9 +391,125 @@ static void test_receiver_gives_up(void **state)
 	assert_true(s.reader_gone);
 }
 
+/* ---- going on ---- */
+
+struct keeper {
+	struct got got;
+	struct acut *a;
+	unsigned keep_at; /* block in whose callback the state is taken */
+	void *state;
+	size_t size;
+};
+
+static int keep_head(void *ctx, const struct acut_mesh_head *head)
+{
+	return got_head(&((struct keeper *)ctx)->got, head);
+}
+
+static int keep_block(void *ctx, const struct acut_mesh_block *b)
+{
+	struct keeper *keep = ctx;
+
+	/* blocks go on counting: the second one is checked whoever brings it */
+	if (++keep->got.blocks == keep->keep_at)
+		assert_int_equal(acut_fetch_state(keep->a, &keep->state, &keep->size), 0);
+	return keep->got.stop_at == keep->got.blocks;
+}
+
+static int keep_tail(void *ctx, const struct acut_mesh_tail *tail)
+{
+	return got_tail(&((struct keeper *)ctx)->got, tail);
+}
+
+static int fetch_kept(struct keeper *keep, struct server *s, const void *state, size_t size)
+{
+	struct acut_mesh_sink sink = {keep_head, keep_block, keep_tail, NULL, keep};
+	struct fake *f;
+	void *after = NULL;
+	size_t after_size;
+	int fd, r;
+
+	f = fake_start(serve, s, &fd);
+	assert_int_equal(acut_attach(fd, NULL, &keep->a), 0);
+	r = state ? acut_fetch_from(keep->a, state, size, &sink) : acut_fetch(keep->a, 3, &sink);
+	if (!keep->keep_at && acut_fetch_state(keep->a, &after, &after_size) == 0) {
+		keep->state = after;
+		keep->size = after_size;
+	}
+	acut_close(keep->a);
+	fake_stop(f);
+	return r;
+}
+
+static void goes_on(unsigned keep_at, enum how how, uint64_t from)
+{
+	struct keeper first = {.keep_at = keep_at}, second = {0};
+	struct server s = {.how = how};
+
+	fetch_kept(&first, &s, NULL, 0);
+	assert_non_null(first.state);
+	s = (struct server){.how = GOOD};
+	assert_int_equal(fetch_kept(&second, &s, first.state, first.size), 0);
+	assert_int_equal(s.from, from);
+	assert_string_equal(s.wanted, from ? "00000000000000010000000000000002" : s.wanted);
+	assert_int_equal(second.got.blocks, 2 - from);
+	assert_int_equal(second.got.heads, 1);
+	assert_int_equal(second.got.tails, 1);
+	free(first.state);
+	free(second.state);
+}
+
+/* With the state as of any block, in the callback or after a failure; digests are of the whole mesh. */
+static void test_goes_on(void **state)
+{
+	goes_on(1, GOOD, 1);
+	goes_on(2, GOOD, 2);
+	goes_on(0, CUT, 1);
+	goes_on(0, DEATH, 1);
+	goes_on(0, ERROR_TAIL, 2);
+	goes_on(0, BAD_DIGEST, 2);
+}
+
+static void test_does_not_go_on(void **state)
+{
+	struct keeper first = {.keep_at = 1}, other = {0};
+	struct server s = {.how = GOOD};
+	uint8_t *bytes;
+
+	/* A block that the receiver did not take is in no state. */
+	other.got.stop_at = 1;
+	assert_int_equal(fetch_kept(&other, &s, NULL, 0), -ACUT_E_CANCELLED);
+	assert_null(other.state);
+	assert_int_equal(fetch_kept(&first, &s, NULL, 0), 0);
+
+	s = (struct server){.how = OTHER_STREAM};
+	other = (struct keeper){0};
+	assert_int_equal(fetch_kept(&other, &s, first.state, first.size), -ACUT_E_PROTO);
+	assert_int_equal(other.got.heads + other.got.blocks, 0);
+	/* A daemon that begins at another block. */
+	s = (struct server){.how = BAD_DIGEST};
+	assert_int_equal(fetch_kept(&other, &s, first.state, first.size), -ACUT_E_DIGEST);
+	free(other.state);
+
+	bytes = malloc(first.size);
+	for (size_t i = 0; i < first.size; i++) {
+		memcpy(bytes, first.state, first.size);
+		bytes[i] ^= 1;
+		other = (struct keeper){0};
+		s = (struct server){.how = GOOD};
+		assert_int_equal(fetch_kept(&other, &s, bytes, first.size), -ACUT_E_CORRUPT);
+		assert_int_equal(fetch_kept(&other, &s, first.state, i), -ACUT_E_CORRUPT);
+		i += i > 16 ? 16 : 0;
+	}
+	free(bytes);
+	free(first.state);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_goes_on),
+		cmocka_unit_test(test_does_not_go_on),
 		cmocka_unit_test(test_good),
 		cmocka_unit_test(test_progress),
 		cmocka_unit_test(test_failures),
