@@ -17,6 +17,7 @@
 
 #include "err.h"
 #include "parse.h"
+#include "sched_pool.h"
 
 static const uint64_t MEMORY_LEAST = UINT64_C(24) << 20, MEMORY_SPARE = UINT64_C(48) << 20,
 		      MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
@@ -181,8 +182,6 @@ static int fill_in(struct config *c, struct err *err)
 				   "XDG_CACHE_HOME", ".cache", err);
 	if (r)
 		return r;
-	if (!c->threads)
-		c->threads = processors();
 	if (!c->memory)
 		c->memory = config_memory(config_cgroup_limit(""), machine_memory(), c->idle_exit > 0);
 	if (c->memory < MEMORY_LEAST) {
@@ -190,6 +189,10 @@ static int fill_in(struct config *c, struct err *err)
 			parse_size_text(c->memory, text));
 		return err_add_hint(err, "give --memory, or the service a higher limit");
 	}
+	/* Not told: no more than an eighth of the memory for their stacks. */
+	if (!c->threads)
+		for (c->threads = processors(); c->threads > 1 && sched_thread_bytes(c->threads) > c->memory / 8;)
+			c->threads--;
 	return 0;
 }
 

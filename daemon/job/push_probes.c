@@ -34,7 +34,8 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	p->table_used -= bytes;
 	if (p->table_bytes + step > ledger_total(j->p.ledger) / 2) {
 		err_set(err, ERR_LIMIT, "a push of more than %zu files does not fit into this memory", p->nprobes);
-		return err_add_hint(err, "push them in several parts, or give acutd more memory");
+		return err_add_hint(err, "push them in several parts, or give acutd --memory %lluM for twice as many",
+				    (unsigned long long)(ledger_total(j->p.ledger) >> 19));
 	}
 	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");

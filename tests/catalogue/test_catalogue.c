@@ -18,6 +18,7 @@
 
 #include "catalogue.h"
 #include "err.h"
+#include "ledger.h"
 
 static char folder[64], path[128];
 
@@ -222,11 +223,57 @@ static void newer_and_broken(void **state)
 	assert_string_equal(err.file, path);
 }
 
+/* Whoever queues more than there is room for waits for the disk; all of it gets there, and all memory comes back. */
+static void queue_is_charged(void **state)
+{
+	enum { ROOM = 8 << 10, ROWS = 200 };
+	struct ledger *ledger = ledger_new(CATALOGUE_HEAP + ROOM);
+	struct catalogue_reader reader = {.dataset = see_dataset, .job = see_job, .push = see_push};
+	struct catalogue_push push = {.dataset = 7, .uid = 1000};
+	struct err err = ERR_INIT;
+	struct catalogue *c;
+	struct seen seen = {0};
+	char name[40];
+	uint64_t last[3];
+
+	reader.ctx = &seen;
+	assert_int_equal(catalogue_new(path, ledger, &c, &err), 0);
+	assert_int_equal(ledger_held(ledger, LEDGER_CATALOGUE), CATALOGUE_HEAP);
+	assert_int_equal(catalogue_load(c, &reader, last, &err), 0);
+	assert_int_equal(catalogue_start(c, &err), 0);
+	told = told_r = 0;
+	for (int i = 0; i < ROWS; i++) {
+		struct catalogue_dataset d = dataset;
+
+		snprintf(name, sizeof name, "valley-%d", i);
+		d.name = name;
+		push.id = d.id = (uint64_t)i + 1;
+		assert_int_equal(catalogue_put_dataset(c, &d, 0, tell, NULL, &err), 0);
+		assert_int_equal(catalogue_put_push(c, &push, tell, NULL, &err), 0);
+	}
+	settle(c);
+	assert_int_equal(told, 2 * ROWS);
+	assert_int_equal(told_r, 0);
+	assert_true(ledger_peak(ledger, LEDGER_CATALOGUE) > CATALOGUE_HEAP + ROOM / 2);
+	assert_int_equal(ledger_held(ledger, LEDGER_CATALOGUE), CATALOGUE_HEAP);
+	catalogue_free(c);
+	assert_int_equal(ledger_held(ledger, LEDGER_CATALOGUE), 0);
+	ledger_free(ledger);
+	catalogue_free(reopen(NULL, &seen, last));
+	assert_int_equal(seen.datasets, ROWS);
+	assert_int_equal(seen.pushes, ROWS);
+	/* No room for the heap: said. */
+	ledger = ledger_new(CATALOGUE_HEAP - 1);
+	assert_int_equal(catalogue_new(path, ledger, &c, &err), -ERR_LIMIT);
+	ledger_free(ledger);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(kept, setup, teardown),
 		cmocka_unit_test_setup_teardown(failure_is_told, setup, teardown),
+		cmocka_unit_test_setup_teardown(queue_is_charged, setup, teardown),
 		cmocka_unit_test_setup_teardown(newer_and_broken, setup, teardown),
 	};
 

@@ -309,6 +309,47 @@ static void test_ledger(void **state)
 	folder_remove(&f);
 }
 
+/* Charged before it is read and until it is freed; no room now and never are told apart from damage. */
+static void test_load_charges(void **state)
+{
+	enum { N = 2000 };
+	struct grid_source *sources = calloc(N, sizeof *sources);
+	struct grid_manifest *back, *m = calloc(1, sizeof *m);
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	struct ledger *ledger = ledger_new(4 << 20);
+
+	assert_true(lattice_parse("0.01 0.01 0 0 0", &m->lattice));
+	strcpy(m->crs, "unknown");
+	strcpy(m->unit_xy, "metre");
+	strcpy(m->unit_z, "metre");
+	m->generation = 1;
+	m->sources = sources;
+	m->nsources = N;
+	for (uint32_t i = 0; i < N; i++)
+		sources[i] = (struct grid_source){.id = i + 1, .added = 1, .name = "a name", .path = "/a path/of some length"};
+	CHECK(grid_manifest_write(f.fd, "m", m, &err));
+	CHECK(grid_manifest_load(f.fd, "m", ledger, &back, &err));
+	assert_true(ledger_held(ledger, LEDGER_MANIFEST) >= N * (sizeof *sources + strlen(sources[0].path)));
+	assert_int_equal(ledger_held(ledger, LEDGER_MANIFEST), back->charged);
+	assert_true(ledger_peak(ledger, LEDGER_MANIFEST) > back->charged);
+	grid_manifest_free(back);
+	assert_int_equal(ledger_held(ledger, LEDGER_MANIFEST), 0);
+	assert_true(ledger_take(ledger, LEDGER_STAGE, (4 << 20) - 4096));
+	assert_int_equal(grid_manifest_load(f.fd, "m", ledger, &back, &err), -ERR_BUSY);
+	ledger_give(ledger, LEDGER_STAGE, (4 << 20) - 4096);
+	assert_true(ledger_left(ledger) == 4 << 20);
+	ledger_free(ledger);
+	err_clear(&err);
+	ledger = ledger_new(100 << 10);
+	assert_int_equal(grid_manifest_load(f.fd, "m", ledger, &back, &err), -ERR_LIMIT);
+	assert_non_null(strstr(err.hint, "--memory"));
+	ledger_free(ledger);
+	free(sources);
+	free(m);
+	folder_remove(&f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -317,6 +358,7 @@ int main(void)
 	    cmocka_unit_test(test_rules),
 	    cmocka_unit_test(test_rubbish),
 	    cmocka_unit_test(test_ledger),
+	    cmocka_unit_test(test_load_charges),
 	};
 
 	skip_fsync();

@@ -442,6 +442,34 @@ static void test_charged(void **state)
 	ledger_free(ledger);
 }
 
+/* Cut off: what it had is given back at once, and the other side finds the end. */
+static void test_cut(void **state)
+{
+	struct ledger *ledger = ledger_new(1 << 20);
+	struct frame_limits limits = {.ledger = ledger};
+	struct pair p = pair_new(&limits);
+	struct err err = ERR_INIT, why = ERR_INIT;
+	uint8_t bytes[256];
+	size_t n = frame_bytes(hello(), 9, 1, bytes);
+	uint64_t idle = ledger_held(ledger, LEDGER_MESSAGE);
+
+	assert_int_equal(frame_conn_held(p.conn), idle);
+	raw_send(p.raw, bytes, n / 2, 1);
+	assert_int_equal(recv_result(p.conn, &err), FRAME_E_AGAIN);
+	assert_int_equal(frame_conn_send(p.conn, 1, hello(), dup(2), &err), 0);
+	assert_int_equal(frame_conn_held(p.conn), ledger_held(ledger, LEDGER_MESSAGE));
+	assert_true(frame_conn_held(p.conn) > idle);
+	err_set(&why, ERR_BUSY, "too much");
+	frame_conn_cut(p.conn, &why);
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), idle);
+	assert_int_equal(frame_conn_queued(p.conn), 0);
+	assert_int_equal(recv_result(p.conn, &err), -ERR_BUSY);
+	assert_int_equal(recv(p.raw, bytes, sizeof bytes, 0), 0);
+	pair_free(&p);
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), 0);
+	ledger_free(ledger);
+}
+
 /* A peer that never reads: the queue fills to its cap and not a byte further; all that was queued arrives. */
 static void test_queue_cap(void **state)
 {
@@ -604,7 +632,7 @@ int main(void)
 	    cmocka_unit_test(test_malformed_message),
 	    cmocka_unit_test(test_unknown_kind),
 	    cmocka_unit_test(test_caps),
-	    cmocka_unit_test(test_charged),
+	    cmocka_unit_test(test_charged), cmocka_unit_test(test_cut),
 	    cmocka_unit_test(test_queue_cap),
 	    cmocka_unit_test(test_sent_in_parts),
 	    cmocka_unit_test(test_too_large),
