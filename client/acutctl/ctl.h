@@ -34,7 +34,7 @@ struct ctl_args {
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
 	const char *format, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation;
+	const char *generation, *priority;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
 	char **word;               /* what is not an option, without the command */
@@ -75,6 +75,7 @@ enum ctl_group {
 	CTL_CREATE = 1024,           /* dataset create */
 	CTL_GEOID = 1 << 16,
 	CTL_INFO = 1 << 17,
+	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
 };
 
 struct ctl_command {
@@ -244,6 +245,7 @@ void ctl_progress_init(struct ctl_progress *, struct ctl *);
 /* An acut_progress_fn. */
 void ctl_progress_show(void *ctx, const struct acut_progress *);
 void ctl_progress_clear(struct ctl *);
+const char *ctl_progress_time(double seconds, char buf[24]); /* 1:02:03 */
 
 /* ---- ctl_assume.c: what is taken for inputs that say nothing ---- */
 

@@ -144,6 +144,12 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 	ctl_json_u64(&j, "generation", job->generation);
 	ctl_json_text(&j, "view", job->view);
 	ctl_json_text(&j, "state", job->state);
+	ctl_json_known(&j, "priority", job->priority);
+	ctl_json_known(&j, "waiting", job->waiting);
+	if (job->position)
+		ctl_json_u64(&j, "position", job->position);
+	else
+		ctl_json_text(&j, "position", NULL);
 	ctl_json_u64(&j, "uid", job->uid);
 	ctl_json_u64(&j, "pid", job->pid);
 	ctl_job_time(&j, "submitted", job->submitted_us);
@@ -154,6 +160,10 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 	ctl_json_u64(&j, "points_total", job->progress.points_total);
 	ctl_json_u64(&j, "domains", job->progress.domains);
 	ctl_json_u64(&j, "domains_total", job->progress.domains_total);
+	if (job->progress.seconds_left > 0)
+		ctl_json_number(&j, "seconds_left", job->progress.seconds_left);
+	else
+		ctl_json_text(&j, "seconds_left", NULL);
 	ctl_json_close(&j, '}');
 	ctl_job_report(&j, job->has_report ? &job->report : NULL);
 	if (job->has_error) {
@@ -171,7 +181,7 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 
 void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 {
-	char when[32], count[32];
+	char when[32], count[32], left[24];
 
 	ctl_progress_clear(ctl);
 	if (ctl->args.json) {
@@ -185,6 +195,12 @@ void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 	else if (!job->final && job->progress.domains_total)
 		fprintf(ctl->report, "  %llu of %llu domains", (unsigned long long)job->progress.domains,
 			(unsigned long long)job->progress.domains_total);
+	if (job->priority && *job->priority && strcmp(job->priority, "normal"))
+		fprintf(ctl->report, "  %s priority", job->priority);
+	if (!job->final && job->waiting && *job->waiting)
+		fprintf(ctl->report, "  waits for %s", job->waiting);
+	else if (!job->final && job->progress.seconds_left > 0)
+		fprintf(ctl->report, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
 	if (job->has_error)
 		fprintf(ctl->report, "  %s", job->error.message);
 	fputc('\n', ctl->report);

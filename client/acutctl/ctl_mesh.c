@@ -10,6 +10,7 @@
 static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct format_run *run)
 {
 	struct ctl_staged staged;
+	struct acut_submission what = {.view = view, .priority = ctl->args.priority, .bound = true, .fresh = true};
 	const struct acut_job *job;
 	int status = ctl_connect(ctl), staging;
 
@@ -17,7 +18,9 @@ static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct
 		return status;
 	staging = ctl_stage(ctl, NULL, in, &staged);
 	if (staging == 0 || staging == CTL_SOME_REFUSED) {
-		if (acut_submit(ctl->acut, staged.dataset, staged.generation, view, true, true, &job))
+		what.dataset = staged.dataset;
+		what.generation = staged.generation;
+		if (acut_submit_job(ctl->acut, &what, &job))
 			status = ctl_error_acut(ctl);
 		else
 			status = ctl_output_fetch(ctl, job->id, run, &staged);

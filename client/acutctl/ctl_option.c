@@ -102,6 +102,8 @@ static const struct option table[] = {
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
+	{"priority", 0, "WHICH", TEXT, AT(priority), CTL_JOB,
+	 "low, normal or high: before or after the jobs of others (high: root and the user of acutd)"},
 	{"generation", 0, "N", TEXT, AT(generation), CTL_GENERATION,
 	 "of this state of the dataset, not the newest"},
 
@@ -289,6 +291,9 @@ static int check_values(struct ctl *ctl, struct err *err)
 		r = ctl_option_number("--threads", a->threads, 1, 1024, &n, err);
 	if (!r && a->generation)
 		r = ctl_option_number("--generation", a->generation, 1, UINT64_MAX, &n, err);
+	if (!r && a->priority && strcmp(a->priority, "low") && strcmp(a->priority, "normal") &&
+	    strcmp(a->priority, "high"))
+		r = err_set(err, ERR_USAGE, "--priority is low, normal or high, not \"%s\"", a->priority);
 	if (!r && (a->memory || a->threads || a->cache) && (a->socket || a->own_private)) {
 		err_set(err, ERR_USAGE, "--memory, --threads and --cache mean a daemon of the command's own");
 		err_add_hint(err, "leave out --%s", a->socket ? "socket" : "private");

@@ -33,7 +33,7 @@ static const char *short_count(double n, char buf[24])
 	return buf;
 }
 
-static const char *short_time(double s, char buf[24])
+const char *ctl_progress_time(double s, char buf[24])
 {
 	unsigned long n = s < 0 ? 0 : s > 1e7 ? 10000000 : (unsigned long)(s + 0.5);
 
@@ -56,18 +56,24 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 		share = (double)now->domains / (double)now->domains_total;
 	else if (total)
 		share = (double)points / (double)total;
-	share = share > 1 ? 1 : share;
-	n = snprintf(line, sizeof(line), "%-6s %3.0f %%  %s points", p->phase, 100 * share,
+	/* The end is told when it is there. */
+	share = share > 0.99 ? 0.99 : share;
+	n = snprintf(line, sizeof(line), "%-6s %3d %%  %s points", p->phase, (int)(100 * share + 1e-9),
 		     short_count((double)points, a));
 	if (now->domains_total)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",
 			      (unsigned long long)now->domains, (unsigned long long)now->domains_total);
-	if (seconds > 0.2 && points)
+	if (now->waiting && *now->waiting)
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  waits for %s", now->waiting);
+	else if (seconds > 0.2 && points)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s",
 			      short_count((double)points / seconds, b));
-	if (seconds > 1 && share > 0.01)
+	/* The daemon knows what was work and what was waiting. */
+	if (now->seconds_left > 0)
+		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(now->seconds_left, c));
+	else if (seconds > 1 && share > 0.01 && !now->domains_total)
 		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left",
-			 short_time(seconds / share * (1 - share), c));
+			 ctl_progress_time(seconds / share * (1 - share), c));
 	if (!ioctl(STDERR_FILENO, TIOCGWINSZ, &ws) && ws.ws_col > 10)
 		width = ws.ws_col;
 	fprintf(stderr, "\r\033[K%.*s", width - 1, line);

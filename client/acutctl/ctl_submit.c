@@ -13,6 +13,7 @@ static void changed(void *ctx, const struct acut_job *job)
 int ctl_submit_run(struct ctl *ctl)
 {
 	const struct ctl_args *a = &ctl->args;
+	struct acut_submission what = {.dataset = a->word[0], .priority = a->priority, .fresh = a->fresh};
 	const struct acut_job *job;
 	struct ctl_progress progress;
 	char *view;
@@ -24,8 +25,10 @@ int ctl_submit_run(struct ctl *ctl)
 		return ctl_error(ctl, &err);
 	if (a->generation)
 		parse_u64(a->generation, &generation);
+	what.generation = generation;
+	what.view = view;
 	status = ctl_connect(ctl);
-	if (!status && acut_submit(ctl->acut, a->word[0], generation, view, false, a->fresh, &job))
+	if (!status && acut_submit_job(ctl->acut, &what, &job))
 		status = ctl_error_acut(ctl);
 	free(view);
 	if (status)

@@ -24,7 +24,7 @@ static int watch_one(struct ctl *ctl, uint64_t id)
 /* What was printed of each unfinished job, so that only changes are. */
 struct watched {
 	struct ctl *ctl;
-	struct seen { uint64_t id, domains; char state[16]; } *seen;
+	struct seen { uint64_t id, domains; char state[16], waiting[96]; } *seen;
 	size_t n;
 	bool first;
 	unsigned open;
@@ -48,11 +48,13 @@ static void look(void *ctx, const struct acut_job *job)
 		w->seen = grown;
 		s = &grown[w->n++];
 		*s = (struct seen){ .id = job->id };
-	} else if (s->domains == job->progress.domains && !strcmp(s->state, job->state)) {
+	} else if (s->domains == job->progress.domains && !strcmp(s->state, job->state) &&
+		   !strncmp(s->waiting, job->waiting, sizeof(s->waiting) - 1)) {
 		return;
 	}
 	s->domains = job->progress.domains;
 	snprintf(s->state, sizeof(s->state), "%s", job->state);
+	snprintf(s->waiting, sizeof(s->waiting), "%s", job->waiting);
 	ctl_job_print(w->ctl, job);
 }
 

@@ -110,6 +110,8 @@ int acut_status(struct acut *, const struct acut_status **ret);
 struct acut_progress {
 	const char *phase; /* "stage", "seal", "select", "mesh" */
 	uint64_t points, points_total, domains, domains_total;
+	double seconds_left; /* of a job, at the pace of late, without waiting; 0: not known */
+	const char *waiting; /* what a job waits for, in words; "": nothing */
 };
 typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 
@@ -267,12 +269,23 @@ struct acut_job {
 	uint32_t uid, pid;
 	int64_t submitted_us, finished_us;
 	struct acut_progress progress;
+	const char *priority; /* "low", "normal", "high" */
+	const char *waiting;  /* for what, in words: "memory: needs 134M, 20M are free"; "": it does not */
+	uint32_t position;    /* among those that wait for their turn, from 1; 0: it has had it */
 	bool final, has_report, has_error;
 	struct acut_report report;
 	struct acut_failure error;
 };
 int acut_submit(struct acut *, const char *dataset, uint64_t generation, const char *view, bool bound,
 		bool fresh, const struct acut_job **ret);
+struct acut_submission {
+	const char *dataset;
+	uint64_t generation;  /* 0: the newest */
+	const char *view;     /* NULL: the default view */
+	const char *priority; /* "low", "normal", "high"; NULL: normal, or as the earlier job has it */
+	bool bound, fresh;    /* ends with the connection; never an earlier job */
+};
+int acut_submit_job(struct acut *, const struct acut_submission *, const struct acut_job **ret);
 /* Once (follow false), or until the job is final; `changed` (may be NULL) at each change. */
 int acut_job_wait(struct acut *, uint64_t id, bool follow,
 		  void (*changed)(void *ctx, const struct acut_job *), void *ctx,

@@ -82,13 +82,17 @@ int call_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void 
 	    .pid = j->pid,
 	    .submitted_us = j->submitted_us,
 	    .finished_us = j->finished_us,
+	    .priority = j->priority,
+	    .waiting = j->waiting,
+	    .position = j->position,
 	    .final = j->final,
 	    .has_report = j->report != NULL,
 	    .has_error = j->error != NULL,
-	    .progress = {.phase = ""},
+	    .progress = {.phase = "", .waiting = ""},
 	};
 	if (j->progress)
 		call_progress(j->progress, &ret->progress);
+	ret->progress.waiting = j->waiting;
 	if (j->error)
 		wire_failure(j->error, &ret->error);
 	if (j->report)
@@ -107,17 +111,25 @@ static int job_ask(struct acut *a, const Acut__V1__Message *question, const stru
 	return r;
 }
 
-int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound,
-		bool fresh, const struct acut_job **ret)
+int acut_submit_job(struct acut *a, const struct acut_submission *what, const struct acut_job **ret)
 {
 	Acut__V1__Submit question = ACUT__V1__SUBMIT__INIT;
 
-	question.dataset = call_text(dataset);
-	question.generation = generation;
-	question.view = call_text(view);
-	question.bound = bound;
-	question.fresh = fresh;
+	question.dataset = call_text(what->dataset);
+	question.generation = what->generation;
+	question.view = call_text(what->view);
+	question.bound = what->bound;
+	question.fresh = what->fresh;
+	question.priority = call_text(what->priority);
 	return job_ask(a, FRAME_MESSAGE(SUBMIT, submit, &question), ret);
+}
+
+int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound,
+		bool fresh, const struct acut_job **ret)
+{
+	const struct acut_submission what = {dataset, generation, view, NULL, bound, fresh};
+
+	return acut_submit_job(a, &what, ret);
 }
 
 int acut_job_cancel(struct acut *a, uint64_t id, const struct acut_job **ret)

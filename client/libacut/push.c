@@ -62,6 +62,8 @@ void call_progress(const Acut__V1__Progress *p, struct acut_progress *ret)
 	    .points_total = p->points_total,
 	    .domains = p->domains,
 	    .domains_total = p->domains_total,
+	    .seconds_left = p->seconds_left,
+	    .waiting = p->waiting,
 	};
 }
 

@@ -22,7 +22,7 @@
 #include "err.h"
 #include "ledger.h"
 
-enum { VALUES = 16, MALLOC_OVERHEAD = 24 };
+enum { VALUES = 17, MALLOC_OVERHEAD = 24 };
 
 struct value {
 	enum { VALUE_NUMBER, VALUE_TEXT } kind;
@@ -110,6 +110,8 @@ static int open_db(struct catalogue *c, const char *path, struct err *err)
 		return err_set(err, ERR_VERSION, "the catalogue has version %d, this acutd knows up to %d",
 			       version, CATALOGUE_VERSION);
 	r = run_sql(c, catalogue_sql_setup, err);
+	if (!r && version == 1)
+		r = run_sql(c, catalogue_sql_to_2, err);
 	if (!r)
 		r = run_sql(c, catalogue_sql_schema, err);
 	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)
@@ -232,6 +234,7 @@ static int read_job(sqlite3_stmt *s, const struct catalogue_reader *to, struct e
 		.error_field = text(s, 13),
 		.error_hint = text(s, 14),
 		.error_offset = sqlite3_column_int64(s, 15),
+		.priority = (uint32_t)sqlite3_column_int64(s, 16),
 	};
 
 	return to->job(to->ctx, &j, err);
@@ -569,6 +572,7 @@ int catalogue_put_job(struct catalogue *c, const struct catalogue_job *j, catalo
 	add_text(ch, j->error_field);
 	add_text(ch, j->error_hint);
 	add_number(ch, j->error_offset);
+	add_number(ch, j->priority);
 	return change_queue(c, ch, err);
 }
 

@@ -37,6 +37,7 @@ struct catalogue_job {
 	const char *report; /* text of job_report_text, "" if none */
 	const char *error_code, *error_message, *error_file, *error_field, *error_hint;
 	int64_t error_offset; /* -1: none */
+	uint32_t priority;
 };
 
 struct catalogue_push {

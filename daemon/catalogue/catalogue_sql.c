@@ -26,16 +26,22 @@ const char catalogue_sql_schema[] =
 	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL,"
 	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL,"
 	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL,"
-	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL);"
+	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL,"
+	" priority INTEGER NOT NULL DEFAULT 0);"
 	"CREATE TABLE IF NOT EXISTS push ("
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"
 	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL);"
-	"PRAGMA user_version = 1;"
+	"PRAGMA user_version = 2;"
 	"COMMIT;";
+
+const char catalogue_sql_to_2[] = "BEGIN;"
+				  "ALTER TABLE job ADD COLUMN priority INTEGER NOT NULL DEFAULT 0;"
+				  "PRAGMA user_version = 2;"
+				  "COMMIT;";
 
 const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_PUT_DATASET] = "INSERT OR REPLACE INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
-	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
 	[CATALOGUE_PUT_PUSH] = "INSERT OR REPLACE INTO push VALUES (?,?,?,?,?)",
 	[CATALOGUE_DROP_DATASET] = "DELETE FROM dataset WHERE id = ?",
 	[CATALOGUE_DROP_JOB] = "DELETE FROM job WHERE id = ?",
@@ -48,5 +54,5 @@ const char catalogue_sql_datasets[] = "SELECT id, name, uid, created_us, pushed_
 const char catalogue_sql_jobs[] =
 	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
 	"error_code,"
-	" error_message, error_file, error_field, error_hint, error_offset FROM job ORDER BY id";
+	" error_message, error_file, error_field, error_hint, error_offset, priority FROM job ORDER BY id";
 const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us FROM push ORDER BY id";

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-enum { CATALOGUE_VERSION = 1 };
+enum { CATALOGUE_VERSION = 2 };
 
 enum catalogue_sql {
 	CATALOGUE_PUT_DATASET,
@@ -18,6 +18,7 @@ enum catalogue_sql {
 
 extern const char *const catalogue_sql_text[CATALOGUE_SQLS];
 extern const char catalogue_sql_setup[], catalogue_sql_schema[];
+extern const char catalogue_sql_to_2[]; /* from version 1 */
 /* Columns as catalogue.c reads them. */
 extern const char catalogue_sql_datasets[], catalogue_sql_jobs[], catalogue_sql_pushes[];
 

@@ -17,6 +17,7 @@
 #include "log.h"
 
 #define TELL_SECONDS 0.2
+#define LOOK_SECONDS 0.5
 /* A bound job's first block waits so long for its owner to fetch it. */
 #define PATIENCE_SECONDS 2.0
 
@@ -91,6 +92,7 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 		.error_file = job->has_error ? job->err.file : "",
 		.error_field = job->has_error ? job->err.field : "",
 		.error_hint = job->has_error ? job->err.hint : "",
+		.priority = (uint32_t)job->priority,
 		.error_offset =
 			job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
 	};
@@ -147,7 +149,7 @@ static void granted(struct place *place)
 
 void job_place_init(struct job *job)
 {
-	job->place.owner = (struct sched_owner){.uid = job->peer.uid, .rank = job->priority};
+	job->place.owner = (struct sched_owner){.uid = job->peer.uid, .rank = (enum sched_rank)job->priority};
 	job->place.granted = granted;
 }
 
@@ -287,6 +289,7 @@ static void make_report(struct job *job)
 	job->report.cells_read += walk_plan(job->walk)->cells_read;
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
+	job->report.worked_seconds = walk_worked(job->walk);
 	job->report.stage_seconds = job->dataset->stage_seconds;
 	job->report.seal_seconds = job->dataset->seal_seconds;
 	walk_seconds(job->walk, &job->report.plan_seconds, &job->report.domains_seconds);
@@ -383,11 +386,29 @@ void job_settle(struct job *job)
 	job_fetch_settle(job);
 }
 
+/* Whoever watches it hears why it stands still. Of very many that wait, only when they get on. */
+static void look_waiting(struct job *job)
+{
+	enum { MANY = 256 };
+	struct job_info info = {.waiting = ""};
+
+	job->looked_ns = clock_mono_ns();
+	if (job->place.seeks && job->jobs->nplaces > MANY)
+		return;
+	job_waiting(job, &info);
+	if (!strcmp(info.waiting, job->waited))
+		return;
+	memcpy(job->waited, info.waiting, sizeof job->waited);
+	job->moved = true;
+}
+
 void job_tick(struct job *job)
 {
 	if (job->walk && !job->walk_ended)
 		walk_tick(job->walk);
 	job_step(job);
+	if (clock_since(job->looked_ns) >= LOOK_SECONDS && !states[job->state].final)
+		look_waiting(job);
 	if (job->moved && clock_since(job->told_ns) >= TELL_SECONDS)
 		tell(job);
 	job_fetch_tick(job);
@@ -469,6 +490,7 @@ void job_info(const struct job *job, struct job_info *ret)
 		ret->points_done = ret->points_total = job->report.points;
 		ret->domains_done = ret->domains_total = job->report.domains;
 	}
+	job_waiting(job, ret);
 }
 
 void job_cancel(struct job *job)
@@ -519,6 +541,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
 	job->peer = (struct job_peer){row->uid, row->pid};
+	job->priority = row->priority < JOB_PRIORITIES ? (enum job_priority)row->priority : JOB_PRIORITY_NORMAL;
 	job_place_init(job);
 	job->submitted_us = row->submitted_us;
 	job->finished_us = row->finished_us;

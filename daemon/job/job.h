@@ -250,12 +250,16 @@ enum job_state {
 const char *job_state_text(enum job_state);
 bool job_state_final(enum job_state);
 
+enum job_priority { JOB_PRIORITY_NORMAL, JOB_PRIORITY_LOW, JOB_PRIORITY_HIGH, JOB_PRIORITIES };
+const char *job_priority_text(enum job_priority);
+
 struct job_report {
 	uint64_t points, used, vertices, triangles, hull, domains, halo;
 	uint64_t removed[VIEW_RULES];
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
 	uint64_t points_read, cells_read; /* records, by the plan and by domains; cells, for halos */
+	double worked_seconds; /* in which a worker or the disk was at it */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	uint64_t peak_rss;
 	char note[160]; /* "" or a sentence, as for a mesh without triangles */
@@ -268,6 +272,10 @@ struct job_info {
 	struct job_peer peer;
 	bool bound;
 	int64_t submitted_us, finished_us;
+	enum job_priority priority;
+	char waiting[96];   /* for what, in words; "": it does not */
+	unsigned position;  /* among those that wait for their turn, from 1; 0: it has had it */
+	double seconds_left; /* at the pace of late, without waiting; 0: not known */
 	const char *phase; /* "select" (of points, for a view that selects) or "mesh" */
 	uint64_t points_done, points_total, domains_done, domains_total;
 	const struct job_report *report; /* NULL unless done */
@@ -277,6 +285,8 @@ struct job_params {
 	struct dataset *dataset;
 	uint64_t generation; /* 0 = the newest */
 	const char *view;    /* canonical text; "" = the default view */
+	const char *priority; /* its text; NULL, "": normal, or that of the earlier job. Above normal: -ERR_PERM, but
+			       * for root and the daemon's own user */
 	bool bound, fresh;
 	struct job_peer peer;
 };

@@ -43,8 +43,11 @@ static double pace(const struct jobs *j)
 		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
 				  removed[VIEW_BY_THIN];
 
-		if (job->has_report && points >= TELLING && job->report.seconds > 0)
-			seconds = job->report.seconds / (double)points;
+		/* Waiting is not work; reports of older versions do not tell them apart. */
+		double took = job->report.worked_seconds > 0 ? job->report.worked_seconds : job->report.seconds;
+
+		if (job->has_report && points >= TELLING && took > 0)
+			seconds = took / (double)points;
 	}
 	return seconds;
 }

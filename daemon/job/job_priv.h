@@ -74,7 +74,7 @@ struct job {
 	size_t charged; /* of LEDGER_JOBS */
 	enum job_state state;
 	struct job_peer peer;
-	enum sched_rank priority;
+	enum job_priority priority;
 	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
 	int64_t submitted_us, finished_us;
 	uint64_t begun_ns; /* monotonic, of this run of the daemon */
@@ -87,6 +87,8 @@ struct job {
 	struct err err;
 	struct job_fetch *fetches;
 	uint64_t told_ns; /* when `changed` last told progress */
+	uint64_t looked_ns; /* when it was last seen what it waits for */
+	char waited[96];    /* as told */
 	bool moved;
 	void (*accepted)(void *token, const struct err *why, struct job *);
 	void *token;
@@ -133,6 +135,7 @@ struct jobs {
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking;
 	struct place *places; /* that are sought */
+	unsigned nplaces;
 	bool placing;
 	uint64_t last_place, grants;
 	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
@@ -203,6 +206,12 @@ void job_plans_settle(struct jobs *);
 void job_plans_park(struct jobs *);
 /* The canonical text, to be freed, of a view asked of this dataset, which has a generation. */
 int job_view(const char *text, const struct dataset *, char **ret, struct err *err);
+
+/* job_waiting.c: what a job waits for, and what it asks to go before */
+/* -ERR_USAGE: no such word; -ERR_PERM. "" leaves *ret. */
+int job_priority_read(const char *text, const struct job_peer *, enum job_priority *ret, struct err *err);
+void job_set_priority(struct job *, enum job_priority);
+void job_waiting(const struct job *, struct job_info *ret); /* its fields about that */
 
 /* report.c */
 char *report_text(const struct job_report *, char *buf, size_t size);

@@ -104,15 +104,21 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 			struct err *err)
 {
 	const struct job *job;
-	unsigned open = 0;
+	unsigned open = 0, own = 0;
 	int r;
 
 	if (j->parking)
 		return err_set(err, ERR_BUSY, "the daemon is stopping");
-	for (job = j->jobs; job; job = job->next)
+	for (job = j->jobs; job; job = job->next) {
 		open += !job_state_final(job->state);
+		own += !job_state_final(job->state) && job->peer.uid == p->peer.uid;
+	}
 	if (open >= JOBS_OPEN_MAX) {
 		err_set(err, ERR_BUSY, "%u jobs wait or run already", open);
+		return err_add_hint(err, "submit it again when some of them are done");
+	}
+	if (own >= JOBS_OPEN_MAX / 2) {
+		err_set(err, ERR_BUSY, "%u jobs of this user wait or run already", own);
 		return err_add_hint(err, "submit it again when some of them are done");
 	}
 	if (!p->dataset->generation)
@@ -129,20 +135,37 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 	return r;
 }
 
+/* Asked for again, with another priority: that is how it is changed. */
+static void change_priority(struct job *job, const struct job_params *p, enum job_priority priority)
+{
+	struct err err = ERR_INIT;
+
+	if (!p->priority || !*p->priority || priority == job->priority || job_state_final(job->state))
+		return;
+	job_set_priority(job, priority);
+	if (job_put_row(job, NULL, &err))
+		log_err(LOG_LEVEL_WARNING, "a priority is forgotten at the next start", &err);
+}
+
 void job_submit(struct jobs *j, const struct job_params *p,
 		void (*accepted)(void *token, const struct err *why, struct job *), void *token)
 {
 	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
 	struct err err = ERR_INIT;
 	struct job *job = NULL;
+	enum job_priority priority = JOB_PRIORITY_NORMAL;
 	char *view = NULL;
-	int r = check_submit(j, p, generation, &view, &err);
+	int r = job_priority_read(p->priority, &p->peer, &priority, &err);
+
+	if (!r)
+		r = check_submit(j, p, generation, &view, &err);
 
 	if (!r && !p->bound && !p->fresh) {
 		job = find_same(j, p, generation, view);
 		/* One that is not in the catalogue yet is not promised yet. */
 		if (job && !job->waiting_row) {
 			free(view);
+			change_priority(job, p, priority);
 			accepted(token, NULL, job);
 			return;
 		}
@@ -159,6 +182,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	job->dataset = dataset_hold(p->dataset);
 	job->generation = generation;
 	job->peer = p->peer;
+	job->priority = priority;
 	job_place_init(job);
 	job->bound = p->bound;
 	if (job_plan_new(job, &err)) {

@@ -42,6 +42,7 @@ void place_seek(struct jobs *j, struct place *p, uint64_t need)
 		;
 	p->next = *at;
 	*at = p;
+	j->nplaces++;
 }
 
 void place_leave(struct jobs *j, struct place *p)
@@ -54,6 +55,7 @@ void place_leave(struct jobs *j, struct place *p)
 		;
 	*at = p->next;
 	p->seeks = false;
+	j->nplaces--;
 }
 
 /* ---- the order ---- */
@@ -244,13 +246,13 @@ char *place_text(const struct jobs *j, const struct place *p, char *buf, size_t 
 	char lacks[32], free[32];
 
 	if (p->wait == PLACE_MEMORY)
-		snprintf(buf, size, "for memory: needs %s, %s are free", parse_size_text(p->lacks, lacks),
+		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(p->lacks, lacks),
 			 parse_size_text(p->free, free));
 	else if (n > 1)
-		snprintf(buf, size, "for its turn: %u before it", n - 1);
+		snprintf(buf, size, "its turn: %u before it", n - 1);
 	else if (p->wait == PLACE_USER)
-		snprintf(buf, size, "for its turn: as many of this user's are at work as one user may have");
+		snprintf(buf, size, "its turn: as many of this user's are at work as one user may have");
 	else
-		snprintf(buf, size, "for its turn: it is next");
+		snprintf(buf, size, "its turn: it is next");
 	return buf;
 }

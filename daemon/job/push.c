@@ -237,14 +237,17 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 	return d ? d : dataset_new(j, in->dataset, in->peer.uid, false, err);
 }
 
-static bool too_many(const struct jobs *j)
+/* One user may have half of them. */
+static bool too_many(const struct jobs *j, uint32_t uid)
 {
 	const struct push *p;
-	unsigned n = 0;
+	unsigned n = 0, own = 0;
 
-	for (p = j->pushes; p; p = p->next)
+	for (p = j->pushes; p; p = p->next) {
 		n++;
-	return n >= PUSHES_MAX;
+		own += p->peer.uid == uid;
+	}
+	return n >= PUSHES_MAX || own >= PUSHES_MAX / 2;
 }
 
 static int check_crop(const struct push_params *in, struct err *err)
@@ -292,8 +295,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (too_many(j))
-		err_set(&err, ERR_BUSY, "%d pushes are open already", PUSHES_MAX);
+	else if (too_many(j, in->peer.uid))
+		err_set(&err, ERR_BUSY, "%d pushes are open already, or %d of this user", PUSHES_MAX, PUSHES_MAX / 2);
 	else if (!push_assume_read(p, in, &err) && !check_crop(in, &err))
 		p->dataset = target(j, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))

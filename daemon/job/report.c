@@ -29,7 +29,7 @@ static const struct {
 	FIELD(stage_seconds, SECONDS), FIELD(first_triangle_seconds, SECONDS),
 	FIELD(points_read, NUMBER),    FIELD(cells_read, NUMBER),
 	FIELD(seal_seconds, SECONDS),  FIELD(plan_seconds, SECONDS),
-	FIELD(domains_seconds, SECONDS),
+	FIELD(domains_seconds, SECONDS), FIELD(worked_seconds, SECONDS),
 	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
 #undef FIELD
 };

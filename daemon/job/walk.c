@@ -497,6 +497,7 @@ void walk_tick(struct walk *w)
 		w->select.told = atomic_load(&w->select.judged);
 		w->calls->moved(w->ctx);
 	}
+	walk_pace_tick(w);
 	walk_output_tick(w);
 	walk_settle(w);
 }

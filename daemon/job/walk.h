@@ -56,8 +56,11 @@ void walk_settle(struct walk *);  /* start what can start */
 /* Somebody lacks memory: give what can be given. Not urgent: unless it comes back by itself soon. */
 void walk_relieve(struct walk *, bool urgent);
 void walk_tick(struct walk *);
-/* Why it does not get on: "" or words such as "for memory: needs 134M, 20M are free". */
+/* What keeps it from getting on, in words: "memory: needs 134M, 20M are free"; "": nothing. */
 char *walk_waiting(const struct walk *, char *buf, size_t size);
+double walk_seconds_left(const struct walk *); /* at the pace of late, without waiting; 0: not known */
+double walk_worked(const struct walk *);       /* seconds in which a task of it ran */
+void walk_set_rank(struct walk *, enum sched_rank); /* of its tasks from now on */
 
 bool walk_stalled(const struct walk *);                       /* waits for its reader only */
 bool walk_opens(const struct walk *, const struct dataset *); /* is about to open its manifest */

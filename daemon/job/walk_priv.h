@@ -114,6 +114,11 @@ struct walk {
 	uint64_t sending_ns; /* since when the block is sent */
 	uint64_t blocks; /* emitted */
 
+	struct walk_pace {
+		uint64_t looked_ns, seen; /* when last, and points then */
+		double worked;            /* seconds */
+		double points, seconds;   /* of late: what is long ago counts little */
+	} pace;
 	uint64_t opened_ns, started_ns, first_ns, stopped_ns;
 	uint64_t points, grid_total; /* emitted; in the generation */
 	bool stopping;
@@ -162,6 +167,9 @@ bool walk_window(const struct walk *); /* room for one more domain */
 /* What waits for a slow reader is to be written to a file. The mesh of one step needs that only where nothing more can
  * be made otherwise (or where others lack memory, walk_relieve): nobody will ask for its domains again. */
 bool walk_crowded(const struct walk *);
+
+/* walk_pace.c */
+void walk_pace_tick(struct walk *);
 
 /* walk_output.c */
 /* All blocks are emitted. False: the output was to go on behind the last one; the walk fails. */

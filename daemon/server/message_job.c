@@ -66,7 +66,12 @@ void message_job(const struct job *job, struct message_job *m)
 	m->progress.points_total = info.points_total;
 	m->progress.domains = info.domains_done;
 	m->progress.domains_total = info.domains_total;
+	m->progress.seconds_left = info.seconds_left;
 	m->job.progress = &m->progress;
+	m->job.priority = (char *)job_priority_text(info.priority);
+	memcpy(m->waiting, info.waiting, sizeof m->waiting);
+	m->job.waiting = m->waiting;
+	m->job.position = info.position;
 	if (info.dataset) {
 		dataset_info(info.dataset, &d);
 		m->job.lattice = (char *)d.lattice;

@@ -60,6 +60,7 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		.view = in->view,
 		.bound = in->bound,
 		.fresh = in->fresh,
+		.priority = in->priority,
 		.peer = c->peer,
 	};
 	struct err err = ERR_INIT;

@@ -119,6 +119,7 @@ struct message_job {
 	Acut__V1__Report report;
 	Acut__V1__Removed removed[VIEW_RULES], *removed_list[VIEW_RULES];
 	struct frame_error error;
+	char waiting[96];
 };
 void message_job(const struct job *, struct message_job *ret);
 /* The report as a JSON object, for the tail of a stream. */

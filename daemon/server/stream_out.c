@@ -561,6 +561,7 @@ void stream_out_progress(struct conn *c, struct job *job)
 	if (!c->streams)
 		return;
 	message_job(job, &m);
+	m.progress.waiting = m.job.waiting;
 	/* A client that is cut off takes its streams with it. */
 	for (o = c->streams; !c->closed && o; o = c->closed ? NULL : o->next)
 		if (!o->gone && !o->ended && m.job.id == o->job && !m.job.final)

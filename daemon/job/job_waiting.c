@@ -1,0 +1,64 @@
+/*
+ * What a job waits for, in words, and its priority: as of nice, anybody may lower it, only root and the daemon's own
+ * user may raise it above normal.
+ */
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "job_priv.h"
+
+static const char *const priorities[JOB_PRIORITIES] = {
+	[JOB_PRIORITY_NORMAL] = "normal",
+	[JOB_PRIORITY_LOW] = "low",
+	[JOB_PRIORITY_HIGH] = "high",
+};
+
+_Static_assert((int)JOB_PRIORITY_NORMAL == (int)SCHED_RANK_NORMAL && (int)JOB_PRIORITY_LOW == (int)SCHED_RANK_LOW &&
+		       (int)JOB_PRIORITY_HIGH == (int)SCHED_RANK_HIGH,
+	       "a priority is the rank of its tasks");
+
+const char *job_priority_text(enum job_priority priority)
+{
+	return priorities[priority];
+}
+
+int job_priority_read(const char *text, const struct job_peer *peer, enum job_priority *ret, struct err *err)
+{
+	int p;
+
+	if (!text || !*text)
+		return 0;
+	for (p = 0; p < JOB_PRIORITIES && strcmp(priorities[p], text); p++)
+		;
+	if (p == JOB_PRIORITIES) {
+		err_set(err, ERR_USAGE, "\"%.40s\" is not a priority: low, normal or high", text);
+		return err_add_place(err, ERR_NO_OFFSET, "priority");
+	}
+	if (p == JOB_PRIORITY_HIGH && peer->uid && peer->uid != geteuid()) {
+		err_set(err, ERR_PERM, "only root and the user of acutd may give a job a high priority");
+		return err_add_hint(err, "normal and low are for everybody");
+	}
+	*ret = (enum job_priority)p;
+	return 0;
+}
+
+void job_set_priority(struct job *job, enum job_priority priority)
+{
+	job->priority = priority;
+	job->place.owner.rank = (enum sched_rank)priority;
+	if (job->walk)
+		walk_set_rank(job->walk, job->place.owner.rank);
+}
+
+void job_waiting(const struct job *job, struct job_info *ret)
+{
+	ret->priority = job->priority;
+	ret->position = place_position(job->jobs, &job->place);
+	if (job->place.seeks)
+		place_text(job->jobs, &job->place, ret->waiting, sizeof ret->waiting);
+	else if (job->walk && !job->walk_ended)
+		walk_waiting(job->walk, ret->waiting, sizeof ret->waiting);
+	if (job->walk)
+		ret->seconds_left = walk_seconds_left(job->walk);
+}

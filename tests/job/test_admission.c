@@ -1,0 +1,340 @@
+/*
+ * Who is next: users, priorities, large and small jobs beside each other, and memory that is short. What is counted is
+ * jobs and domains, never time.
+ */
+#include "house.h"
+
+#include "job_priv.h"
+#include "walk_priv.h"
+
+enum { HUNDRED = 100 };
+
+static struct job *submit_as(uint32_t uid, struct dataset *d, const char *view, const char *priority)
+{
+	struct job_params p = {
+		.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = {.uid = uid, .pid = 1}};
+	int before = accepts;
+
+	job_submit(h.jobs, &p, accepted, NULL);
+	turn_until(accepts > before);
+	return accepted_job;
+}
+
+static void collect(void *token, const struct err *why, struct job *job)
+{
+	assert_null(why);
+	*(struct job **)token = job;
+}
+
+/* All at once, each with a view of its own, so that none finds its domains in the store. */
+static void submit_many(uint32_t uid, struct dataset *d, struct job **jobs, unsigned n, const char *priority)
+{
+	for (unsigned i = 0; i < n; i++) {
+		char view[64];
+		struct job_params p = {.dataset = d, .view = view, .priority = priority, .peer = {.uid = uid, .pid = 1}};
+
+		snprintf(view, sizeof view, "view 1 zmin=%u", 1 + i);
+		jobs[i] = NULL;
+		job_submit(h.jobs, &p, collect, &jobs[i]);
+	}
+	for (unsigned i = 0; i < n; i++)
+		turn_until(jobs[i]);
+}
+
+/* A job of one step, as `acutctl mesh` has: it is there at once, without a row. */
+static struct job *one_step(uint32_t uid, struct dataset *d, const char *priority, struct reader *r)
+{
+	struct job_params p = {
+		.dataset = d, .view = "view 1 zmin=777", .bound = true, .priority = priority, .peer = {.uid = uid, .pid = 1}};
+	struct job *job = NULL;
+
+	*r = (struct reader){.output.calls = &reader_calls};
+	job_submit(h.jobs, &p, collect, &job);
+	assert_non_null(job);
+	job_fetch(job, &r->output);
+	return job;
+}
+
+static unsigned count_over(struct job **jobs, unsigned n)
+{
+	unsigned over = 0;
+
+	for (unsigned i = 0; i < n; i++)
+		over += job_state_final(info_of(jobs[i]).state);
+	return over;
+}
+
+static void all_done(struct job **jobs, unsigned n)
+{
+	for (unsigned i = 0; i < n; i++) {
+		turn_until_final(jobs[i]);
+		assert_int_equal(info_of(jobs[i]).state, JOB_done);
+	}
+}
+
+/* ---- users ---- */
+
+/* One user's hundred jobs, then one of another: it is done before more than a few of them are. */
+static void hundred_against_one(void **state)
+{
+	struct dataset *d = push("shared", 20000, 1);
+	struct job *hundred[HUNDRED], *one;
+	static struct reader r; /* outlives a failed test */
+	unsigned before, since;
+
+	submit_many(1000, d, hundred, HUNDRED, NULL);
+	turn_until(count_over(hundred, HUNDRED) >= 3);
+	one = one_step(1001, d, NULL, &r);
+	before = count_over(hundred, HUNDRED);
+	assert_true(before < HUNDRED * 3 / 4);
+	turn_until_final(one);
+	since = count_over(hundred, HUNDRED) - before;
+	if (since > 8)
+		fail_msg("%u of the hundred came before the one", since);
+	job_leave(one);
+	all_done(hundred, HUNDRED);
+	dataset_release(d);
+}
+
+/* A job of another user, and one of the same, end while the huge one before them is at a fraction. */
+static void small_behind_huge(void **state)
+{
+	struct dataset *huge = push("huge", 900000, 2), *small = push("small", 1000, 3);
+	struct job *job = submit_as(1000, huge, "", NULL), *other;
+	static struct reader r; /* outlives a failed test */
+
+	turn_until(info_of(job).domains_done > 0);
+	for (uint32_t uid = 1000; uid < 1002; uid++) {
+		uint64_t at;
+
+		other = one_step(uid, small, NULL, &r);
+		at = info_of(job).domains_done;
+		turn_until(info_of(other).state != JOB_queued && info_of(other).state != JOB_planning);
+		assert_true(info_of(job).domains_done - at <= 6);
+		turn_until_final(other);
+		assert_int_equal(info_of(other).state, JOB_done);
+		/* It is a handful of tasks, one after the other, each of which waits for a worker to end a domain. */
+		assert_true(info_of(job).domains_done - at <= 14);
+		job_leave(other);
+	}
+	assert_true(info_of(job).domains_total >= 32);
+	assert_true(info_of(job).domains_done * 4 < info_of(job).domains_total * 3);
+	all_done(&job, 1);
+	dataset_release(huge);
+	dataset_release(small);
+}
+
+/* A walk that gives way begins again, ends with the same mesh, and never seems to go back. */
+static void gives_way(void **state)
+{
+	struct dataset *d = push("valley", 300000, 4);
+	struct job *first = submit_as(1000, d, "", NULL), *job;
+	uint64_t points = 0;
+	unsigned ways = 0;
+
+	all_done(&first, 1);
+	/* Nothing of it in the store. */
+	job = submit_as(1000, d, "view 1 zmin=1", NULL);
+	while (!job_state_final(info_of(job).state)) {
+		struct job_info info;
+
+		turn(10);
+		info = info_of(job);
+		if (info.state == JOB_meshing && info.domains_done >= 2 + 2 * ways && ways < 3 &&
+		    walk_can_give_way(job->walk)) {
+			walk_give_way(job->walk);
+			ways++;
+		}
+		info = info_of(job);
+		assert_true(info.points_done >= points);
+		assert_true(job_state_final(info.state) || !info.points_done || info.points_done <= info.points_total ||
+			    !info.points_total);
+		points = info.points_done;
+	}
+	assert_true(ways > 0);
+	assert_int_equal(info_of(job).state, JOB_done);
+	assert_int_equal(info_of(job).report->points, 300000);
+	first = submit_as(1000, d, "view 1 zmin=1", NULL);
+	all_done(&first, 1);
+	assert_string_equal(info_of(first).report->digest, info_of(job).report->digest);
+	dataset_release(d);
+}
+
+/* Where a user has the places, and another has none: one is given back. */
+static void way_is_made(void **state)
+{
+	struct dataset *d = push("valley", 600000, 5), *small = push("small", 1000, 6);
+	struct job *jobs[3] = {submit_as(1000, d, "", NULL), submit_as(1000, d, "view 1 zmin=1", NULL)};
+	unsigned without = 0;
+
+	turn_until(info_of(jobs[0]).state == JOB_meshing && info_of(jobs[1]).state == JOB_meshing);
+	/* As if the memory carried these two and no more. */
+	h.jobs->walks_max = 1;
+	jobs[2] = submit_as(1001, small, "", NULL);
+	turn_until_final(jobs[2]);
+	assert_int_equal(info_of(jobs[2]).state, JOB_done);
+	/* One of the two has none now, and waits for it. */
+	for (int i = 0; i < 2; i++)
+		without += jobs[i]->walk && !jobs[i]->walk->placed && jobs[i]->place.seeks;
+	assert_int_equal(without, 1);
+	h.jobs->walks_max = 4;
+	all_done(jobs, 3);
+	dataset_release(d);
+	dataset_release(small);
+}
+
+/* ---- priorities ---- */
+
+static void priorities(void **state)
+{
+	struct dataset *d = push("shared", 20000, 7);
+	struct job *low[20], *normal, *high;
+	static struct reader r[2]; /* outlive a failed test */
+	unsigned before;
+	uint64_t id;
+
+	assert_null(submit_as(1000, d, "", "urgent"));
+	assert_int_equal(accepted_err.code, ERR_USAGE);
+	/* As of nice: anybody may go behind others, not before them. */
+	if (geteuid() != 1000) {
+		assert_null(submit_as(1000, d, "", "high"));
+		assert_int_equal(accepted_err.code, ERR_PERM);
+	}
+	submit_many(1000, d, low, 20, "low");
+	normal = one_step(1000, d, NULL, &r[0]);
+	high = one_step(geteuid(), d, "high", &r[1]);
+	before = count_over(low, 20);
+	assert_int_equal(info_of(high).priority, JOB_PRIORITY_HIGH);
+	turn_until_final(normal);
+	turn_until_final(high);
+	/* Those that had begun, and a start in sixteen. */
+	assert_true(count_over(low, 20) - before <= 6);
+	job_leave(normal);
+	job_leave(high);
+	/* The row keeps it. */
+	id = info_of(low[19]).id;
+	dataset_release(d);
+	close_house();
+	open_house(UINT64_C(32) << 20, 2);
+	low[19] = job_find(h.jobs, id, &(struct job_peer){.uid = 1000});
+	assert_non_null(low[19]);
+	assert_int_equal(info_of(low[19]).priority, JOB_PRIORITY_LOW);
+	turn_until_final(low[19]);
+	assert_int_equal(info_of(low[19]).state, JOB_done);
+}
+
+/* Those that wait say for what, and who is before them. */
+static void says_why(void **state)
+{
+	struct dataset *huge = push("huge", 300000, 8);
+	struct job *jobs[6];
+	unsigned waits = 0;
+
+	for (int i = 0; i < 6; i++)
+		jobs[i] = submit_as(1000, huge, i % 2 ? "view 1 zmin=1" : "", NULL);
+	turn(10);
+	for (unsigned i = 0; i < 6; i++) {
+		struct job_info info = info_of(jobs[i]);
+
+		if (info.state != JOB_queued)
+			continue;
+		waits++;
+		assert_int_equal(info.position, waits);
+		assert_non_null(strstr(info.waiting, "its turn"));
+	}
+	assert_true(waits >= 3);
+	for (unsigned i = 0; i < 6; i++)
+		job_cancel(jobs[i]);
+	turn_until(count_over(jobs, 6) == 6);
+	assert_int_equal(info_of(jobs[5]).position, 0);
+	assert_string_equal(info_of(jobs[5]).waiting, "");
+	dataset_release(huge);
+}
+
+/* ---- memory ---- */
+
+/* What can never fit is refused with the number that does. */
+static void never_and_the_number(void **state)
+{
+	const uint64_t bytes = UINT64_C(100) << 20;
+	struct err err = ERR_INIT;
+	unsigned long long mega = 0;
+	const char *number;
+
+	assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), -ERR_LIMIT);
+	number = strstr(err.hint, "memory=");
+	assert_non_null(number);
+	assert_int_equal(sscanf(number, "memory=%lluM", &mega), 1);
+	assert_in_range(mega, 101, 160);
+	for (unsigned long long m = mega - 1; m <= mega; m++) {
+		close_house();
+		open_house(m << 20, 2);
+		assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), m == mega ? 0 : -ERR_LIMIT);
+	}
+}
+
+static int planned_n, inspected_n;
+
+static void plan_told(void *token, const struct err *why, const struct job_plan *plan)
+{
+	planned_n++;
+	assert_null(why);
+	assert_true(plan->points > 0);
+}
+
+static void inspect_told(void *token, const struct err *why, const struct inspect_result *result)
+{
+	inspected_n++;
+	assert_null(why);
+}
+
+/* Twenty jobs of all kinds, plans, inspections, streams and a push at once, of three users, with the least memory. */
+static void all_kinds_in_little(void **state)
+{
+	static const char *const view[] = {"", "view 1 zmin=2", "view 1 every=3", "view 1 duplicates=highest",
+					   "view 1 crop=box:0,0,9000000,9000000"};
+	static struct reader r[4]; /* outlive a failed test */
+	struct dataset *d[2], *late;
+	struct job *jobs[20];
+
+	close_house();
+	open_house(UINT64_C(24) << 20, 2);
+	planned_n = inspected_n = 0;
+	d[0] = push("large", 120000, 9);
+	d[1] = push("small", 5000, 10);
+	for (unsigned i = 0; i < 20; i++) {
+		struct job_peer peer = {.uid = 1000 + i % 3, .pid = 1};
+
+		jobs[i] = submit_as(peer.uid, d[i % 4 == 3], view[i % 5], i % 7 ? NULL : "low");
+		if (i % 5 == 0) {
+			job_plan(h.jobs, d[0], 0, view[i % 4], &peer, plan_told, NULL);
+			inspect_file(h.jobs, text_file(2000, i), "a.xyz", "", "", &peer, inspect_told, NULL);
+			r[i / 5] = (struct reader){.output.calls = &reader_calls, .slow = i == 0};
+			job_fetch(jobs[i], &r[i / 5].output);
+		}
+	}
+	late = push("late", 20000, 11);
+	all_done(jobs, 20);
+	turn_until(planned_n == 4 && inspected_n == 4 && r[1].ends && r[2].ends && r[3].ends);
+	for (int i = 1; i < 4; i++)
+		assert_false(r[i].failed);
+	job_output_gone(&r[0].output, r_freed);
+	turn_until(!jobs_active(h.jobs));
+	assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_EMITTER), 0);
+	dataset_release(late);
+	dataset_release(d[0]);
+	dataset_release(d[1]);
+}
+
+int main(void)
+{
+#define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
+	const struct CMUnitTest tests[] = {
+		TEST(hundred_against_one), TEST(small_behind_huge),    TEST(gives_way),
+		TEST(way_is_made),         TEST(priorities),           TEST(says_why),
+		TEST(never_and_the_number), TEST(all_kinds_in_little),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
