@@ -24,6 +24,7 @@ enum {
 	SWEEP = 256,
 	ROUNDS = 200,
 	SEED_COLUMNS = 1024,
+	SEED_MANY = 1 << 16,
 	TAKE_COLUMNS = 16,
 	NONE = UINT32_MAX,
 };
@@ -237,21 +238,23 @@ static int seed_add(struct cut_halo *h, unsigned chain, const struct mesh_vertex
 }
 
 /*
- * The nearest own position of each column first: they make a hull that is nearly the last one. Then all
- * others, against the column's bound of |X| (one comparison each) before the exact test.
+ * The nearest own position of each column first (of many positions, of every eighth: they lie in Morton order, so
+ * these are everywhere): they make a hull that is nearly the last one. Then all others, against the column's bound
+ * of |X| (one comparison each) before the exact test.
  */
 static int seed_chain(struct cut_halo *h, unsigned chain, const struct mesh_vertex *own, uint32_t n)
 {
 	struct cut_chain *c = &h->chain[chain];
 	uint32_t base = c->vertical ? h->region.y : h->region.x;
 	unsigned w = c->vertical ? h->region.wy : h->region.wx, shift = w > 10 ? w - 10 : 0;
+	uint32_t stride = n > SEED_MANY ? 8 : 1;
 	int rc = 0;
 
 	for (unsigned i = 0; i < SEED_COLUMNS; i++) {
 		h->seed.nearest[i] = NONE;
 		h->seed.limit[i] = INT64_MAX;
 	}
-	for (uint32_t i = 0; i < n; i++) {
+	for (uint32_t i = 0; i < n; i += stride) {
 		uint32_t along = (uint32_t)(c->vertical ? own[i].y : own[i].x) + 0x80000000u - base;
 		int64_t x = 2 * (int64_t)(c->vertical ? own[i].x : own[i].y) - c->c2;
 
