@@ -105,25 +105,27 @@ static inline uint64_t either(uint64_t a, uint64_t b, uint64_t mask)
 	return a ^ ((a ^ b) & mask);
 }
 
-static inline void place_take(uint64_t place, const int64_t k[2], int64_t ret[2])
+/* `origin`: the offset less the 2^31 that a place has more than a lattice number. */
+static inline void place_take(uint64_t place, const uint64_t origin[2], uint64_t ret[2])
 {
-	ret[0] = (int32_t)((uint32_t)(place >> 32) ^ 0x80000000u) + k[0];
-	ret[1] = (int32_t)((uint32_t)place ^ 0x80000000u) + k[1];
+	ret[0] = (place >> 32) + origin[0];
+	ret[1] = (uint32_t)place + origin[1];
 }
 
 void digest_add_triangles(struct digest *sum, const uint64_t (*place)[3], size_t n, const int64_t k[2])
 {
+	const uint64_t bias = UINT64_C(1) << 31, origin[2] = {(uint64_t)k[0] - bias, (uint64_t)k[1] - bias};
 	struct digest s = *sum;
 
 	for (size_t i = 0; i < n; i++) {
 		uint64_t p = place[i][0], q = place[i][1], r = place[i][2];
 		uint64_t second = 0 - (uint64_t)(q < p), third = 0 - (uint64_t)(r < either(p, q, second));
-		int64_t bytes[3][2];
+		uint64_t bytes[3][2];
 		XXH128_hash_t h;
 
-		place_take(either(either(p, q, second), r, third), k, bytes[0]);
-		place_take(either(either(q, r, second), p, third), k, bytes[1]);
-		place_take(either(either(r, p, second), q, third), k, bytes[2]);
+		place_take(either(either(p, q, second), r, third), origin, bytes[0]);
+		place_take(either(either(q, r, second), p, third), origin, bytes[1]);
+		place_take(either(either(r, p, second), q, third), origin, bytes[2]);
 		h = XXH3_128bits(bytes, sizeof bytes);
 		s.hi += h.high64;
 		s.lo += h.low64;
