@@ -247,7 +247,8 @@ def live():
             expect(before == "meshing", "the job is %s when its first blocks are here" % before)
             rest = s.frames()
             v = t.frames()
-            expect(s.c.progress or t.c.progress or True, "")
+            t.c.ping()
+            expect([p.phase for p in t.c.progress if p.phase in ("select", "mesh")], "no progress of a job that waited")
         same(fetch(d, job), first + rest, "the live stream")
         same(fetch(d, second), v, "the stream of the queued job")
         # The job is cancelled under its reader.
@@ -320,23 +321,49 @@ def select_ready(fd):
     return bool(select.select([fd], [], [], 5)[0])
 
 
-def splits_stay():
-    """Regions that turn out too large while the mesh is made: split for good, whoever walks."""
-    with Folder() as base, Daemon(base, **SMALL) as d:
-        d.ctl("push", "s", survey(base, 200000, "c.las", 1, "--distribution", "clustered")).ok()
+def splits(d, job):
+    """How many the plan's file has, and its size."""
+    path = os.path.join(d.state, "plans", "plan-%d" % job)
+    with open(path, "rb") as f:
+        data = f.read()
+    n = struct.unpack_from("<Q", data, 24)[0]
+    expect(len(data) % 104 == 0 and (len(data) // 104 - 1 - n) % 3 == 0, "%d bytes of a plan of %d regions" % (len(data), n))
+    return (len(data) // 104 - 1 - n) // 3, len(data)
+
+
+def splits_while_it_runs():
+    """A plan of much memory, gone on with little: regions are split while the job runs and while a reader follows it;
+    for good, whoever walks then."""
+    with Folder() as base:
+        d = Daemon(base, memory="256M", threads=1).start()
+        d.ctl("push", "s", survey(base, 4 * POINTS)).ok()
         job = submit(d, "s")
+        deadline = time.monotonic() + 60
+        while not os.path.exists(os.path.join(d.state, "plans", "plan-%d" % job)):
+            expect(time.monotonic() < deadline, "no plan")
+            time.sleep(0.001)
+        d.stop(signal.SIGKILL)
+        shutil.rmtree(d.cache)
+        # What no job has goes at the start.
+        stray = os.path.join(d.state, "plans", "plan-77")
+        shutil.copy(os.path.join(d.state, "plans", "plan-%d" % job), stray)
+        d = Daemon(base, **SMALL).start()
+        expect(not os.path.exists(stray), "the plan of no job stays")
         with Stream(d, job) as s:
             w = s.frames()
         done(d, job)
-        size = os.path.getsize(os.path.join(d.state, "plans", "plan-%d" % job))
+        n, size = splits(d, job)
+        expect(n > 4, "only %d splits" % n)
+        shown = d.ctl("show", str(job), "--json").ok().json()
+        expect(digests(w) == (shown["digest"], shown["vertex_digest"]), "digests")
         same(fetch(d, job), w, "again")
         d.stop(signal.SIGKILL)
         shutil.rmtree(d.cache)
-        with Daemon(base, memory="64M", threads=2) as other:
-            n = len(w) - 2
-            goes_on(other, job, w, [0, n // 2, n], "after a restart")
-            expect(os.path.getsize(os.path.join(d.state, "plans", "plan-%d" % job)) == size, "the plan has grown")
+        with Daemon(base, memory="256M", threads=2) as other:
+            blocks = len(w) - 2
+            goes_on(other, job, w, [0, blocks // 2, blocks], "after a restart")
+            expect(splits(other, job) == (n, size), "the plan has changed")
 
 
 if __name__ == "__main__":
-    e2e.main(from_every_block, what_cannot_go_on, killed_while_it_streams, live, slow_readers, splits_stay)
+    e2e.main(from_every_block, what_cannot_go_on, killed_while_it_streams, live, slow_readers, splits_while_it_runs)
