@@ -91,7 +91,7 @@ static void test_triangle(void **state)
 
 		for (int i = 0; i < 3; i++) {
 			p[i][0] = round & 1 ? rnd() : i / 2; /* equal x too */
-			p[i][1] = round & 1 ? rnd() : rnd() * 4 + i;
+			p[i][1] = round & 1 ? rnd() : rnd() / 4 * 4 + i;
 		}
 		for (int i = 1; i < 3; i++)
 			if (p[i][0] < p[first][0] || (p[i][0] == p[first][0] && p[i][1] < p[first][1]))
