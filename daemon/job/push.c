@@ -489,7 +489,8 @@ void push_tick(struct push *p)
 			p->calls.progress(a->token, "stage", atomic_load(&p->progress),
 					  atomic_load(&p->claimed));
 		else
-			p->calls.progress(a->token, "seal", 0, 0);
+			p->calls.progress(a->token, "seal", a->sealing ? atomic_load(&p->progress) : 0,
+					  a->sealing ? atomic_load(&p->claimed) : 0);
 	}
 	if (!a && p->stage && !p->dataset->onestep && p->durable < p->files && !p->broken &&
 	    clock_since(p->synced_ns) >= DURABLE_SECONDS)

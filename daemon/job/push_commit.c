@@ -174,10 +174,9 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 	return r;
 }
 
-void push_commit_run(struct push *p, struct push_ask *a)
+/* First what is there to be sealed. */
+static void seal_begin(struct push *p, struct push_ask *a)
 {
-	struct grid_segment_info segment = {0};
-
 	/* Another push may have committed since this one began. */
 	p->base = grid_manifest_free(p->base);
 	if (*p->base_name)
@@ -187,8 +186,20 @@ void push_commit_run(struct push *p, struct push_ask *a)
 	if (a->r)
 		return;
 	a->r = drop_others(p, &a->err);
-	if (!a->r)
-		a->r = grid_stage_seal(p->stage, &segment, &a->err);
+	if (!a->r) {
+		p->sealing = push_sealing_new(p, &a->err);
+		a->r = -(int)a->err.code;
+	}
+	if (a->r)
+		p->stage = grid_stage_part(p->stage);
+}
+
+/* Then, with helpers, the rest. */
+static void seal_finish(struct push *p, struct push_ask *a)
+{
+	struct grid_segment_info segment = {0};
+
+	a->r = push_sealing_finish(p->sealing, &segment, &a->err);
 	/* What was promised lies there until the catalogue has the commit. */
 	p->stage = grid_stage_part(p->stage);
 	if (a->r)
@@ -196,6 +207,36 @@ void push_commit_run(struct push *p, struct push_ask *a)
 	a->r = commit_manifest(p, &segment, &a->err);
 	if (a->r)
 		io->unlinkat(p->dataset->dirfd, segment.file, 0);
+}
+
+void push_commit_run(struct push *p, struct push_ask *a)
+{
+	seal_begin(p, a);
+}
+
+static void rest_run(struct sched_task *t)
+{
+	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
+
+	seal_finish(p, p->asks);
+}
+
+static void rest_done(struct sched_task *t)
+{
+	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
+
+	if (!t->ran)
+		p->asks->r = err_set(&p->asks->err, ERR_CANCELLED, "the push was ended");
+	push_sealing_end(p->sealing);
+}
+
+/* Loop: what the commit's task began goes on by as many as there are. */
+static void seal_rest(struct push *p)
+{
+	p->task = (struct sched_task){.run = rest_run, .done = rest_done, .owner = p->owner,
+				      .priority = SCHED_NORMAL, .lengthy = true};
+	sched_submit(p->jobs->p.sched, &p->task);
+	push_sealing_start(p->sealing);
 }
 
 /* The dataset shows the new generation from here on. */
@@ -249,6 +290,12 @@ bool push_commit_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	struct err err = ERR_INIT;
 
+	if (p->sealing && !a->sealing) {
+		a->sealing = true;
+		seal_rest(p);
+		return false;
+	}
+	p->sealing = push_sealing_free(p->sealing);
 	if (!p->stage)
 		push_stage_give(p);
 	if (!why && p->made && !p->dataset->onestep) {

@@ -3,19 +3,19 @@
  *
  * The model: parts are taken in order, some at a time, by whoever is free: the task of the push itself, whose
  * memory is there already, and helpers that start only where a thread and memory are idle, take one helping
- * each and queue up again behind everybody else. The stage is used under a lock. When a helping fails, later
+ * each and queue up again behind everybody else. Each puts points into a lane of the stage of its own, sorts
+ * it and writes it out when it is full. When a helping fails, later
  * ones are given up and earlier ones finished; the error of the first part that fails is the file's, whoever
  * came to it and when.
  *
  * Not here: what is done with a file that failed; opening and checking it.
  */
-#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "push_priv.h"
 
-enum { MEMBERS_MAX = 64, STEP_MAX = 16, STEPS = 8, HELPINGS_MAX = 128 };
+enum { MEMBERS_MAX = GRID_LANES - 1, STEP_MAX = 16, STEPS = 8, HELPINGS_MAX = 128 };
 
 struct member {
 	struct sched_task task;  /* of helpers; the first has the push's */
@@ -29,7 +29,8 @@ struct push_crew {
 	struct push_ask *ask;
 	const struct input *whole;
 	struct push_plane_step plane;
-	pthread_mutex_t stage, result;
+	struct push_guard guard;
+	enum { WHOLE, SPLIT, GONE } state; /* of the stage */
 	uint64_t parts, step;
 	_Atomic uint64_t next;   /* part */
 	_Atomic uint64_t failed; /* first part of the lowest helping that failed; `parts`: none */
@@ -42,16 +43,6 @@ struct push_crew {
 uint64_t push_helper_bytes(const struct input_info *info)
 {
 	return pipe_ingest_bytes() + info->read_bytes;
-}
-
-static void lock(void *mutex)
-{
-	pthread_mutex_lock(mutex);
-}
-
-static void unlock(void *mutex)
-{
-	pthread_mutex_unlock(mutex);
 }
 
 static int progress(void *ctx, uint64_t points)
@@ -68,14 +59,14 @@ static void helping_over(struct member *m, int r, const struct err *err, const s
 {
 	struct push_crew *c = m->crew;
 
-	pthread_mutex_lock(&c->result);
+	push_guard_lock(&c->guard);
 	if (!r) {
 		pipe_ingested_add(&c->sum, in);
 	} else if (m->begin < atomic_load(&c->failed)) {
 		atomic_store(&c->failed, m->begin);
 		c->err = *err;
 	}
-	pthread_mutex_unlock(&c->result);
+	push_guard_unlock(&c->guard);
 }
 
 /* Worker: the next helping; false: there is none. */
@@ -86,9 +77,8 @@ static bool help(struct member *m)
 		.lattice = &c->push->lattice,
 		.stage = c->push->stage,
 		.step = c->plane.needed ? &c->plane.params : NULL,
-		.lock = lock,
-		.unlock = unlock,
-		.guard = &c->stage,
+		.split = c->members > 1,
+		.lane = (unsigned)(m - c->member),
 		.progress = progress,
 		.ctx = m,
 	};
@@ -131,11 +121,34 @@ static void leave(struct push_crew *c)
 	push_task_over(c->push);
 }
 
+static void set_state(struct push_crew *c, int state)
+{
+	push_guard_lock(&c->guard);
+	c->state = state;
+	push_guard_wake(&c->guard);
+	push_guard_unlock(&c->guard);
+}
+
+/* Worker: a lane for each. */
+static void split(struct push_crew *c)
+{
+	const struct grid_guard guard = push_guard_of(&c->guard);
+	struct err err = ERR_INIT;
+
+	if (grid_stage_split(c->push->stage, c->members, &guard, &err)) {
+		c->err = err;
+		atomic_store(&c->failed, 0);
+	}
+	set_state(c, SPLIT);
+}
+
 static void first_run(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
 	struct push_ask *a = p->asks;
 
+	if (a->crew->members > 1)
+		split(a->crew);
 	while (help(&a->crew->member[0]))
 		;
 	/* Others may still be at work; what they find comes first. */
@@ -154,6 +167,7 @@ static void first_done(struct sched_task *t)
 		c->ask->r = -ERR_CANCELLED;
 		err_set(&c->ask->err, ERR_CANCELLED, "the push was ended");
 	}
+	set_state(c, GONE);
 	for (unsigned i = 1; i < c->members; i++)
 		if (c->member[i].task.run)
 			sched_cancel(p->jobs->p.sched, &c->member[i].task);
@@ -162,7 +176,14 @@ static void first_done(struct sched_task *t)
 
 static void helper_run(struct sched_task *t)
 {
-	help((struct member *)t);
+	struct push_crew *c = ((struct member *)t)->crew;
+
+	push_guard_lock(&c->guard);
+	while (c->state == WHOLE)
+		push_guard_wait(&c->guard);
+	push_guard_unlock(&c->guard);
+	if (c->state == SPLIT)
+		help((struct member *)t);
 }
 
 static void helper_done(struct sched_task *t)
@@ -194,6 +215,8 @@ static unsigned count_members(struct push *p, const struct input_info *info)
 		n = sched_threads(j->p.sched) - 1;
 	if (n > info->parts - 1)
 		n = info->parts - 1;
+	if (n > grid_stage_lanes(p->stage) - 1)
+		n = grid_stage_lanes(p->stage) - 1;
 	return 1 + (n < MEMBERS_MAX ? (unsigned)n : MEMBERS_MAX);
 }
 
@@ -229,8 +252,7 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	c->step = push_crew_step(c->parts, n);
 	atomic_store(&c->failed, c->parts);
 	c->err = ERR_INIT;
-	pthread_mutex_init(&c->stage, NULL);
-	pthread_mutex_init(&c->result, NULL);
+	push_guard_init(&c->guard);
 	c->members = c->running = n;
 	a->crew = c;
 	p->task = (struct sched_task){.run = first_run, .done = first_done, .owner = p->owner,
@@ -260,10 +282,8 @@ uint64_t push_crew_held(const struct push_crew *c)
 
 struct push_crew *push_crew_free(struct push_crew *c)
 {
-	if (c) {
-		pthread_mutex_destroy(&c->stage);
-		pthread_mutex_destroy(&c->result);
-	}
+	if (c)
+		push_guard_free(&c->guard);
 	free(c);
 	return NULL;
 }

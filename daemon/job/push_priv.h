@@ -5,6 +5,7 @@
 #include "geoids.h"
 #include "job_priv.h"
 #include "names.h"
+#include "push_guard.h"
 
 enum push_kind {
 	PUSH_BEGIN,
@@ -59,6 +60,7 @@ struct push_ask {
 	int fd;
 	char *name, *format, *columns, *path;
 	bool checksum, add, projected;
+	bool sealing;               /* a commit, by several workers now */
 	struct push_stream *stream; /* it comes from there */
 	/* of the worker */
 	bool dry; /* the stream's pipe is: the ask goes on later */
@@ -153,6 +155,7 @@ struct push {
 	struct grid_stage *stage;
 	uint64_t stage_bytes; /* charged */
 	uint64_t stage_ns;    /* since when */
+	struct push_sealing *sealing; /* of the commit, while it goes on */
 	size_t read_bytes;    /* in it, for decoding one file at a time */
 	bool broken;
 	struct err broken_err;
@@ -209,6 +212,13 @@ bool push_begin_done(struct push *, struct push_ask *, const struct err *why);
 int push_commit_start(struct push *, struct push_ask *, struct err *err);
 void push_commit_run(struct push *, struct push_ask *);
 bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
+
+/* push_seal.c: the stage becomes a segment */
+struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker; NULL: err says why */
+struct push_sealing *push_sealing_free(struct push_sealing *);
+void push_sealing_start(struct push_sealing *); /* loop: helpers, for a task that finishes ... */
+int push_sealing_finish(struct push_sealing *, struct grid_segment_info *ret, struct err *err); /* worker */
+void push_sealing_end(struct push_sealing *);   /* loop: that is over; push_task_over when all are */
 
 struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
 void push_ask_over(struct push *);                                                     /* the first one */

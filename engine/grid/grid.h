@@ -49,13 +49,12 @@ int grid_stage_add(struct grid_stage *, const struct point *pts, size_t n, struc
 
 /*
  * Points of one source by several threads: after the split each adds to a lane of its own, sorts it and writes
- * it out when it is full; until grid_stage_join nothing else may be done with the stage. `guard` is copied.
+ * it out when it is full. When all are back, whatever is called next joins what they left. `guard` is copied.
  */
 enum { GRID_LANES = 16 };
 unsigned grid_stage_lanes(const struct grid_stage *); /* that its memory carries, at least 1 */
 int grid_stage_split(struct grid_stage *, unsigned lanes, const struct grid_guard *guard, struct err *err);
 int grid_stage_lane_add(struct grid_stage *, unsigned lane, const struct point *pts, size_t n, struct err *err);
-void grid_stage_join(struct grid_stage *);
 /* Everything added so far lies in fsynced runs when this returns (durable stages). */
 int grid_stage_sync(struct grid_stage *, struct err *err);
 
@@ -87,6 +86,7 @@ int grid_seal_step(struct grid_seal *, struct err *err);
 void grid_seal_progress(struct grid_seal *, uint64_t *ret_done, uint64_t *ret_all);
 /* When all who took steps are back: what grid_stage_seal returns. Frees the seal. */
 int grid_seal_finish(struct grid_seal *, struct grid_segment_info *ret, struct err *err);
+struct grid_seal *grid_seal_free(struct grid_seal *); /* instead: the stage has failed */
 
 /* After a failure nothing but grid_stage_free and grid_stage_part works. Frees; what was not sealed is removed
  * from disk, also what was left. */

@@ -541,6 +541,15 @@ static int check_all(struct grid_seal *z, struct err *err)
 		       (unsigned long long)z->seg.head.points);
 }
 
+struct grid_seal *grid_seal_free(struct grid_seal *z)
+{
+	if (!z)
+		return NULL;
+	z->stage->failed = true;
+	grid_segment_abort(&z->seg);
+	return seal_free(z);
+}
+
 int grid_seal_finish(struct grid_seal *z, struct grid_segment_info *ret, struct err *err)
 {
 	struct grid_stage *s = z->stage;

@@ -205,8 +205,22 @@ int grid_stage_fail(struct grid_stage *s, int rc)
 	return rc;
 }
 
-int grid_stage_usable(const struct grid_stage *s, struct err *err)
+/* What is in the other lanes closes up behind the first. */
+static void join(struct grid_stage *s)
 {
+	struct grid_lane *first = &s->lane[0];
+
+	for (unsigned i = 1; i < s->lanes; i++) {
+		memmove(s->pts + first->n, s->pts + s->lane[i].first, s->lane[i].n * sizeof *s->pts);
+		first->n += s->lane[i].n;
+	}
+	first->cap = s->cap;
+	s->lanes = 1;
+}
+
+int grid_stage_usable(struct grid_stage *s, struct err *err)
+{
+	join(s);
 	if (!s->failed && !s->sealed)
 		return 0;
 	return err_set(err, ERR_INTERNAL, "the stage was used after it %s",
@@ -320,7 +334,7 @@ int grid_stage_split(struct grid_stage *s, unsigned lanes, const struct grid_gua
 
 	if (rc)
 		return rc;
-	if (!s->ntable || s->lanes > 1 || !lanes || lanes > grid_stage_lanes(s))
+	if (!s->ntable || !lanes || lanes > grid_stage_lanes(s))
 		return err_set(err, ERR_INTERNAL, "a stage cannot be split so");
 	/* The order of the table is not changed while it is split. Nor is there much use in small lanes. */
 	if (s->cap - s->lane[0].n < s->cap / 8)
@@ -371,18 +385,6 @@ int grid_stage_lane_add(struct grid_stage *s, unsigned lane, const struct point 
 		}
 	}
 	return 0;
-}
-
-void grid_stage_join(struct grid_stage *s)
-{
-	struct grid_lane *first = &s->lane[0];
-
-	for (unsigned i = 1; i < s->lanes; i++) {
-		memmove(s->pts + first->n, s->pts + s->lane[i].first, s->lane[i].n * sizeof *s->pts);
-		first->n += s->lane[i].n;
-	}
-	first->cap = s->cap;
-	s->lanes = 1;
 }
 
 /* ---- the end ---- */

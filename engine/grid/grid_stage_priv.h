@@ -41,7 +41,7 @@ struct grid_stage {
 };
 
 /* grid_stage.c */
-int grid_stage_usable(const struct grid_stage *, struct err *err);
+int grid_stage_usable(struct grid_stage *, struct err *err); /* and what was split is one again */
 int grid_stage_fail(struct grid_stage *, int rc); /* rc; if it is not 0 the stage is done for */
 /* `id` into an ascending list of *n of *room entries, once. */
 int grid_stage_insert(uint32_t **list, uint32_t *n, uint32_t *room, uint32_t id, struct err *err);

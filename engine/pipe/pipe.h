@@ -42,9 +42,8 @@ struct pipe_ingest_params {
 	const struct lattice *lattice;
 	struct grid_stage *stage;
 	const struct crs_step_params *step; /* where a point is more than scaled; lattice and coords are put in here */
-	/* Around every use of the stage, where several parts of one input go into it at once; NULL: alone. */
-	void (*lock)(void *guard), (*unlock)(void *guard);
-	void *guard;
+	bool split;                 /* the stage is: several parts of one input go into it at once, this one ... */
+	unsigned lane;              /* ... into this lane */
 	uint64_t before;            /* points that calls for the same input took before; for messages */
 	pipe_progress_fn progress;  /* may be NULL; called now and then with this call's points so far;
 				     * non-zero from it cancels (-ERR_CANCELLED) */

@@ -60,14 +60,8 @@ static void tally(const struct batch *b, size_t n, struct pipe_ingested *in)
 
 static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b, size_t n, struct err *err)
 {
-	int r;
-
-	if (p->lock)
-		p->lock(p->guard);
-	r = grid_stage_add(p->stage, b->point, n, err);
-	if (p->lock)
-		p->unlock(p->guard);
-	return r;
+	return p->split ? grid_stage_lane_add(p->stage, p->lane, b->point, n, err)
+			: grid_stage_add(p->stage, b->point, n, err);
 }
 
 /* From the file's numbers to the lattice's: a map, or a step where that does not do. */

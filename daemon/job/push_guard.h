@@ -1,0 +1,39 @@
+/* Several workers at one stage: a lock, and waiting for the others. */
+#ifndef PUSH_GUARD_H
+#define PUSH_GUARD_H
+
+#include <pthread.h>
+
+#include "grid.h"
+
+struct push_guard {
+	pthread_mutex_t mutex;
+	pthread_cond_t woken;
+};
+
+void push_guard_init(struct push_guard *);
+void push_guard_free(struct push_guard *); /* what it holds */
+/* What the engine is told to do; valid as long as the guard. */
+struct grid_guard push_guard_of(struct push_guard *);
+
+static inline void push_guard_lock(struct push_guard *g)
+{
+	pthread_mutex_lock(&g->mutex);
+}
+
+static inline void push_guard_unlock(struct push_guard *g)
+{
+	pthread_mutex_unlock(&g->mutex);
+}
+
+static inline void push_guard_wait(struct push_guard *g)
+{
+	pthread_cond_wait(&g->woken, &g->mutex);
+}
+
+static inline void push_guard_wake(struct push_guard *g)
+{
+	pthread_cond_broadcast(&g->woken);
+}
+
+#endif
