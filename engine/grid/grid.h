@@ -48,13 +48,14 @@ int grid_stage_source(struct grid_stage *, uint32_t id, struct err *err);
 int grid_stage_add(struct grid_stage *, const struct point *pts, size_t n, struct err *err);
 
 /*
- * Points of one source by several threads: after the split each adds to a lane of its own, sorts it and writes
- * it out when it is full. When all are back, whatever is called next joins what they left. `guard` is copied.
+ * Points of one source by several threads: after the split as many as there are lanes may add at once; who finds all
+ * lanes full sorts one and writes it out. When all are back, whatever is called next joins what they left.
+ * `guard` is copied.
  */
 enum { GRID_LANES = 16 };
 unsigned grid_stage_lanes(const struct grid_stage *); /* that its memory carries, at least 1 */
 int grid_stage_split(struct grid_stage *, unsigned lanes, const struct grid_guard *guard, struct err *err);
-int grid_stage_lane_add(struct grid_stage *, unsigned lane, const struct point *pts, size_t n, struct err *err);
+int grid_stage_share(struct grid_stage *, const struct point *pts, size_t n, struct err *err);
 /* Everything added so far lies in fsynced runs when this returns (durable stages). */
 int grid_stage_sync(struct grid_stage *, struct err *err);
 

@@ -149,13 +149,13 @@ int grid_stage_add_run(struct grid_stage *s, char ret_name[GRID_NAME_MAX], struc
 
 static void lock(const struct grid_stage *s)
 {
-	if (s->lanes > 1)
+	if (s->guard.lock)
 		s->guard.lock(s->guard.ctx);
 }
 
 static void unlock(const struct grid_stage *s)
 {
-	if (s->lanes > 1)
+	if (s->guard.lock)
 		s->guard.unlock(s->guard.ctx);
 }
 
@@ -182,7 +182,6 @@ static int spill_lane(struct grid_stage *s, struct grid_lane *l, struct err *err
 	if (rc == 0)
 		rc = grid_run_finish(&w, s->durable, &records, err);
 	grid_run_abort(&w);
-	l->n = 0;
 	return rc;
 }
 
@@ -192,6 +191,7 @@ static int spill(struct grid_stage *s, struct err *err)
 	grid_stage_rank(s);
 	int rc = spill_lane(s, &s->lane[0], err);
 
+	s->lane[0].n = 0;
 	s->ntable = 0;
 	return rc;
 }
@@ -216,6 +216,7 @@ static void join(struct grid_stage *s)
 	}
 	first->cap = s->cap;
 	s->lanes = 1;
+	s->guard = (struct grid_guard){0};
 }
 
 int grid_stage_usable(struct grid_stage *s, struct err *err)
@@ -253,16 +254,14 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 	return 0;
 }
 
-static void put(const struct grid_stage *s, struct grid_lane *l, const struct point *pts, size_t n)
+static void put(const struct grid_stage *s, struct point *to, const struct point *pts, size_t n)
 {
-	struct point *to = s->pts + l->first + l->n;
 	uint16_t source = (uint16_t)(s->source << POINT_SOURCE_SHIFT);
 
 	for (size_t i = 0; i < n; i++) {
 		to[i] = pts[i];
 		to[i].tag = (uint16_t)((pts[i].tag & POINT_FLAGS) | source);
 	}
-	l->n += n;
 }
 
 int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, struct err *err)
@@ -283,7 +282,8 @@ int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, stru
 				return grid_stage_fail(s, rc);
 			continue;
 		}
-		put(s, l, pts, part);
+		put(s, s->pts + l->n, pts, part);
+		l->n += part;
 		pts += part;
 		n -= part;
 	}
@@ -355,36 +355,58 @@ int grid_stage_split(struct grid_stage *s, unsigned lanes, const struct grid_gua
 	return 0;
 }
 
-int grid_stage_lane_add(struct grid_stage *s, unsigned lane, const struct point *pts, size_t n, struct err *err)
+/* Of the lanes that nobody is at, that with the most room. All are full before one is written out: while one that
+ * has room is added to, it is waited for. Under the lock. */
+static struct grid_lane *choose(struct grid_stage *s)
 {
-	struct grid_lane *l = &s->lane[lane];
-	bool failed;
+	for (;;) {
+		struct grid_lane *best = NULL;
+		bool room = false;
+
+		for (unsigned i = 0; i < s->lanes; i++) {
+			struct grid_lane *l = &s->lane[i];
+
+			room |= l->n < l->cap;
+			if (!l->busy && (!best || l->cap - l->n > best->cap - best->n))
+				best = l;
+		}
+		if (best && (!room || best->n < best->cap))
+			return best;
+		s->guard.wait(s->guard.ctx);
+	}
+}
+
+int grid_stage_share(struct grid_stage *s, const struct point *pts, size_t n, struct err *err)
+{
 	int rc = 0;
 
-	assert(lane < s->lanes);
-	while (n) {
+	lock(s);
+	while (rc == 0 && n && !s->failed) {
+		struct grid_lane *l = choose(s);
 		size_t part = l->cap - l->n < n ? l->cap - l->n : n;
 
-		if (part) {
-			put(s, l, pts, part);
-			pts += part;
-			n -= part;
-			continue;
-		}
-		lock(s);
-		failed = s->failed;
+		struct point *to = s->pts + l->first + l->n;
+
+		l->busy = true;
+		l->n += part;
 		unlock(s);
-		if (failed)
-			return err_set(err, ERR_INTERNAL, "the stage was used after it failed");
-		rc = spill_lane(s, l, err);
-		if (rc) {
-			lock(s);
-			s->failed = true;
-			unlock(s);
-			return rc;
-		}
+		if (part)
+			put(s, to, pts, part);
+		else
+			rc = spill_lane(s, l, err);
+		lock(s);
+		l->busy = false;
+		l->n = part ? l->n : 0;
+		s->guard.wake(s->guard.ctx);
+		pts += part;
+		n -= part;
 	}
-	return 0;
+	if (rc)
+		s->failed = true;
+	else if (n)
+		rc = err_set(err, ERR_INTERNAL, "the stage was used after it failed");
+	unlock(s);
+	return rc;
 }
 
 /* ---- the end ---- */

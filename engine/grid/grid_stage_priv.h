@@ -8,9 +8,10 @@
 
 enum { STEM_MAX = GRID_NAME_MAX - 16 };
 
-/* Where one thread puts records: a part of the records' half, and the same part of the scratch. */
+/* Where one thread at a time puts records: a part of the records' half, and the same part of the scratch. */
 struct grid_lane {
 	size_t first, n, cap;
+	bool busy;
 };
 
 struct grid_stage {

@@ -42,8 +42,7 @@ struct pipe_ingest_params {
 	const struct lattice *lattice;
 	struct grid_stage *stage;
 	const struct crs_step_params *step; /* where a point is more than scaled; lattice and coords are put in here */
-	bool split;                 /* the stage is: several parts of one input go into it at once, this one ... */
-	unsigned lane;              /* ... into this lane */
+	bool split;                 /* the stage is, for several parts of one input that go into it at once */
 	uint64_t before;            /* points that calls for the same input took before; for messages */
 	pipe_progress_fn progress;  /* may be NULL; called now and then with this call's points so far;
 				     * non-zero from it cancels (-ERR_CANCELLED) */

@@ -60,7 +60,7 @@ static void tally(const struct batch *b, size_t n, struct pipe_ingested *in)
 
 static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b, size_t n, struct err *err)
 {
-	return p->split ? grid_stage_lane_add(p->stage, p->lane, b->point, n, err)
+	return p->split ? grid_stage_share(p->stage, b->point, n, err)
 			: grid_stage_add(p->stage, b->point, n, err);
 }
 

@@ -60,12 +60,10 @@ struct work {
 	struct grid_seal *seal;
 	const struct set *set;
 	atomic_size_t next;
-	unsigned lanes;
 };
 
 struct worker {
 	struct work *work;
-	unsigned lane;
 	pthread_t thread;
 	int rc;
 };
@@ -83,7 +81,7 @@ static void *add_pieces(void *arg)
 		if (at >= s->n || w->rc)
 			return NULL;
 		n = s->n - at < n ? s->n - at : n;
-		w->rc = grid_stage_lane_add(w->work->stage, w->lane, s->pts + at, n, &err);
+		w->rc = grid_stage_share(w->work->stage, s->pts + at, n, &err);
 	}
 }
 
@@ -104,7 +102,6 @@ static int in_parallel(struct work *work, unsigned n, void *(*run)(void *))
 
 	for (unsigned i = 0; i < n; i++) {
 		w[i].work = work;
-		w[i].lane = i;
 		assert_int_equal(pthread_create(&w[i].thread, NULL, run, &w[i]), 0);
 	}
 	for (unsigned i = 0; i < n; i++) {
@@ -317,7 +314,7 @@ static void in_lanes(const struct folder *f, const struct set *s, unsigned lanes
 		     const char *name, struct grid_segment_info *ret)
 {
 	struct grid_stage_params params = {.dirfd = f->fd, .name = name, .memory = memory};
-	struct work work = {.set = s, .lanes = lanes};
+	struct work work = {.set = s};
 	struct err err = ERR_INIT;
 
 	CHECK(grid_stage_new(&params, &work.stage, &err));
@@ -368,7 +365,7 @@ static void test_written_once(void **state)
 	io = &counting;
 	for (unsigned lanes = 1; lanes <= 4; lanes++) {
 		written = given_back = 0;
-		in_lanes(&f, &s, lanes, 48 * MIB, 0, "fits", &info);
+		in_lanes(&f, &s, lanes, 33 * MIB, 0, "fits", &info);
 		bytes = (double)written / (double)s.n;
 		print_message("%u lanes, fits: %.2f bytes written a point\n", lanes, bytes);
 		assert_true(bytes < 16.7 && given_back == 0);
