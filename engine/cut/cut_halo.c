@@ -13,73 +13,8 @@
 
 #include <string.h>
 
-#include "cut_chain.h"
+#include "cut_halo_priv.h"
 #include "cut_order.h"
-#include "point.h"
-
-enum {
-	COLUMNS = 256,
-	BATCH = 1024,
-	BATCH_SHARE = 32,       /* one batch, of the memory for points */
-	SWEEP = 256,
-	ROUNDS = 200,
-	SEED_COLUMNS = 1024,
-	SEED_MANY = 1 << 16,
-	TAKE_COLUMNS = 16,
-	NONE = UINT32_MAX,
-};
-
-struct noted {
-	int64_t x;              /* distance of the cell's box from the line; INT64_MAX: nothing noted */
-	struct grid_cell cell;
-};
-
-/* What of the cell that is being read a chain asks for: by columns along it, no point farther from it than this. */
-struct take {
-	unsigned chain, shift;
-	int64_t u0;
-	int64_t limit[TAKE_COLUMNS];
-};
-
-struct seen {
-	uint64_t lo, place;
-	uint32_t segment;
-	uint32_t used;
-};
-
-struct cut_halo {
-	struct cut_source src;
-	const struct view *view;
-	struct cut_region region;
-	bool own_known;
-	struct cut_range range[4];
-	unsigned nrange, nchain;
-	struct cut_chain chain[4];
-	int32_t box[4];         /* of all cells */
-	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
-	unsigned columns;       /* in use */
-	unsigned rounds;        /* limit */
-	struct seen *seen;
-	uint32_t seen_size, seen_limit, nseen;
-	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
-	size_t pool_size;
-	uint64_t cells, points;
-	struct take take[4];
-	unsigned ntake;
-	/* sweep: the hits with the smallest keys past `after`, sorted */
-	struct grid_cell after;
-	bool has_after;
-	uint32_t nsweep;
-	uint64_t waiting;       /* estimate: records of hits not read */
-	union {
-		struct noted noted[4][COLUMNS];
-		struct grid_cell sweep[SWEEP];
-		struct {
-			uint32_t nearest[SEED_COLUMNS];
-			int64_t limit[SEED_COLUMNS];
-		} seed;
-	};
-};
 
 /* ---- memory ---- */
 
@@ -204,8 +139,7 @@ void cut_halo_stats(const struct cut_halo *h, uint64_t *ret_cells, uint64_t *ret
 	*ret_points = h->points;
 }
 
-/* Into chain i; where it is full, with more of the pool. */
-static int add_point(struct cut_halo *h, unsigned i, const struct point *p)
+int cut_halo_add(struct cut_halo *h, unsigned i, const struct point *p)
 {
 	int rc = cut_chain_add(&h->chain[i], h->view, p);
 
@@ -216,7 +150,7 @@ static int add_point(struct cut_halo *h, unsigned i, const struct point *p)
 	return rc;
 }
 
-static int flush_chain(struct cut_halo *h, unsigned i)
+int cut_halo_flush(struct cut_halo *h, unsigned i)
 {
 	int rc = cut_chain_flush(&h->chain[i], h->view);
 
@@ -225,77 +159,6 @@ static int flush_chain(struct cut_halo *h, unsigned i)
 		rc = cut_chain_flush(&h->chain[i], h->view);
 	}
 	return rc;
-}
-
-/* ---- own positions ---- */
-
-static int seed_add(struct cut_halo *h, unsigned chain, const struct mesh_vertex *v)
-{
-	/* Stands for its position only: never part of the result. */
-	const struct point p = { .x = v->x, .y = v->y, .z = v->z };
-
-	return add_point(h, chain, &p);
-}
-
-/*
- * The nearest own position of each column first (of many positions, of every eighth: they lie in Morton order, so
- * these are everywhere): they make a hull that is nearly the last one. Then all others, against the column's bound
- * of |X| (one comparison each) before the exact test.
- */
-static int seed_chain(struct cut_halo *h, unsigned chain, const struct mesh_vertex *own, uint32_t n)
-{
-	struct cut_chain *c = &h->chain[chain];
-	uint32_t base = c->vertical ? h->region.y : h->region.x;
-	unsigned w = c->vertical ? h->region.wy : h->region.wx, shift = w > 10 ? w - 10 : 0;
-	uint32_t stride = n > SEED_MANY ? 8 : 1;
-	int rc = 0;
-
-	for (unsigned i = 0; i < SEED_COLUMNS; i++) {
-		h->seed.nearest[i] = NONE;
-		h->seed.limit[i] = INT64_MAX;
-	}
-	for (uint32_t i = 0; i < n; i += stride) {
-		uint32_t along = (uint32_t)(c->vertical ? own[i].y : own[i].x) + 0x80000000u - base;
-		int64_t x = 2 * (int64_t)(c->vertical ? own[i].x : own[i].y) - c->c2;
-
-		x = x < 0 ? -x : x;
-		if (x < h->seed.limit[along >> shift]) {
-			h->seed.limit[along >> shift] = x;
-			h->seed.nearest[along >> shift] = i;
-		}
-	}
-	for (unsigned i = 0; i < SEED_COLUMNS && !rc; i++)
-		if (h->seed.nearest[i] != NONE)
-			rc = seed_add(h, chain, &own[h->seed.nearest[i]]);
-	if (!rc)
-		rc = flush_chain(h, chain);
-	if (rc)
-		return rc;
-	cut_chain_limits(c, 2 * ((int64_t)base - ((int64_t)1 << 31)), shift + 1, SEED_COLUMNS, h->seed.limit);
-	for (uint32_t i = 0; i < n && !rc; i++) {
-		uint32_t along = (uint32_t)(c->vertical ? own[i].y : own[i].x) + 0x80000000u - base;
-		int64_t x = 2 * (int64_t)(c->vertical ? own[i].x : own[i].y) - c->c2;
-
-		x = x < 0 ? -x : x;
-		if (x <= h->seed.limit[along >> shift])
-			rc = seed_add(h, chain, &own[i]);
-	}
-	return rc ? rc : flush_chain(h, chain);
-}
-
-int cut_halo_seed(struct cut_halo *h, const struct mesh_vertex *own, uint32_t n)
-{
-	if (n == 0) {
-		h->columns = 16;
-		return 0;
-	}
-	for (unsigned i = 0; i < h->nchain; i++) {
-		int rc = seed_chain(h, i, own, n);
-
-		if (rc)
-			return rc;
-	}
-	return 0;
 }
 
 /* ---- cells ---- */
@@ -363,7 +226,7 @@ static int take_points(void *ctx, const struct point *pts, size_t n, struct err 
 		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
 			continue;
 		for (unsigned k = 0; bits; k++, bits >>= 1) {
-			int rc = bits & 1 ? add_point(h, k, &pts[i]) : 0;
+			int rc = bits & 1 ? cut_halo_add(h, k, &pts[i]) : 0;
 
 			if (rc)
 				return rc;
@@ -402,7 +265,7 @@ static int read_cell(struct cut_halo *h, const struct grid_cell *cell, struct er
 static int flush(struct cut_halo *h)
 {
 	for (unsigned i = 0; i < h->nchain; i++) {
-		int rc = flush_chain(h, i);
+		int rc = cut_halo_flush(h, i);
 
 		if (rc)
 			return rc;

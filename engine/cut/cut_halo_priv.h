@@ -1,0 +1,77 @@
+/* The insides of a halo that is being found, shared by cut_halo.c and cut_halo_seed.c. */
+#ifndef CUT_HALO_PRIV_H
+#define CUT_HALO_PRIV_H
+
+#include "cut_chain.h"
+#include "cut_halo.h"
+#include "point.h"
+
+enum {
+	COLUMNS = 256,
+	BATCH = 1024,
+	BATCH_SHARE = 32,       /* one batch, of the memory for points */
+	SWEEP = 256,
+	ROUNDS = 200,
+	SEED_COLUMNS = 1024,
+	SEED_MANY = 1 << 16,
+	TAKE_COLUMNS = 16,
+	NONE = UINT32_MAX,
+};
+
+struct noted {
+	int64_t x;              /* distance of the cell's box from the line; INT64_MAX: nothing noted */
+	struct grid_cell cell;
+};
+
+/* What of the cell that is being read a chain asks for: by columns along it, no point farther from it than this. */
+struct take {
+	unsigned chain, shift;
+	int64_t u0;
+	int64_t limit[TAKE_COLUMNS];
+};
+
+struct seen {
+	uint64_t lo, place;
+	uint32_t segment;
+	uint32_t used;
+};
+
+struct cut_halo {
+	struct cut_source src;
+	const struct view *view;
+	struct cut_region region;
+	bool own_known;
+	struct cut_range range[4];
+	unsigned nrange, nchain;
+	struct cut_chain chain[4];
+	int32_t box[4];         /* of all cells */
+	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
+	unsigned columns;       /* in use */
+	unsigned rounds;        /* limit */
+	struct seen *seen;
+	uint32_t seen_size, seen_limit, nseen;
+	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
+	size_t pool_size;
+	uint64_t cells, points;
+	struct take take[4];
+	unsigned ntake;
+	/* sweep: the hits with the smallest keys past `after`, sorted */
+	struct grid_cell after;
+	bool has_after;
+	uint32_t nsweep;
+	uint64_t waiting;       /* estimate: records of hits not read */
+	union {
+		struct noted noted[4][COLUMNS];
+		struct grid_cell sweep[SWEEP];
+		struct {
+			uint32_t nearest[SEED_COLUMNS];
+			int64_t limit[SEED_COLUMNS];
+		} seed;
+	};
+};
+
+/* A kept point into chain i, and its batch into the chain; where it is full, with more of the pool. */
+int cut_halo_add(struct cut_halo *, unsigned i, const struct point *);
+int cut_halo_flush(struct cut_halo *, unsigned i);
+
+#endif
