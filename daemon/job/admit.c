@@ -59,6 +59,7 @@ void admit_init(struct jobs *j)
 	j->stage_share = total / 2;
 	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
 	j->reserve = house_bytes(j);
+	j->reserve_part = ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN);
 }
 
 /* ---- what is held ---- */
@@ -161,7 +162,9 @@ uint64_t jobs_domain_memory(struct jobs *j)
 /* With that memory, what domains of the only walk have. */
 static uint64_t alone(const struct jobs *j, uint64_t total)
 {
-	uint64_t used = j->reserve + 2 * share_of(total);
+	/* The parts that are set aside are in proportion to the memory. */
+	double part = (double)j->reserve_part * ((double)total / (double)ledger_total(j->p.ledger));
+	uint64_t used = j->reserve - j->reserve_part + (uint64_t)part + 2 * share_of(total);
 
 	return total > used ? total - used : 0;
 }

@@ -130,7 +130,7 @@ struct jobs {
 	struct job *jobs;
 	struct job_asked_plan *plans;
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
-	uint64_t emitter_share, index_share, stage_share, reserve;
+	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned walks_max;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking;

@@ -266,10 +266,11 @@ static void never_and_the_number(void **state)
 	assert_non_null(number);
 	assert_int_equal(sscanf(number, "memory=%lluM", &mega), 1);
 	assert_in_range(mega, 101, 160);
-	for (unsigned long long m = mega - 1; m <= mega; m++) {
+	/* It may be a little more than what would just do, never less. */
+	for (int i = 0; i < 2; i++) {
 		close_house();
-		open_house(m << 20, 2);
-		assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), m == mega ? 0 : -ERR_LIMIT);
+		open_house((i ? mega : mega - mega / 16) << 20, 2);
+		assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), i ? 0 : -ERR_LIMIT);
 	}
 }
 
