@@ -41,11 +41,12 @@ static uint64_t index_share(uint64_t total)
 	return clamp(total / 64, 256 << 10, 32 << 20);
 }
 
-/* What is not for domains and stages: stacks, the catalogue, messages, and what grows with jobs, files and sources. */
+/* What is not for domains and stages: stacks, the catalogue, messages, and what grows with jobs and sources. What pushes
+ * keep of their files is in jobs_staged. */
 static uint64_t house_bytes(const struct jobs *j)
 {
 	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
-			       1u << LEDGER_FILES | 1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN;
+			       1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN;
 
 	return ledger_claimed(j->p.ledger, names) + 2 * input_bytes();
 }

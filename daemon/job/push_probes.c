@@ -25,8 +25,11 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 		return 0;
 	step = (p->table_used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
 	left = jobs_domain_memory(j);
-	/* As for the stage: a job that runs must be able to finish beside it; and the stage itself must come. */
-	head = 2 * jobs_domain_largest(j) + (p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p));
+	/* As for the stage (admit_stage): a job that runs must be able to finish beside it; and the stage itself must
+	 * come. */
+	head = 2 * jobs_domain_largest(j);
+	head = head > admit_least() ? head : admit_least();
+	head += p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p);
 	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_FILES, step)) {
 		p->table_bytes += step;
 		return 0;
