@@ -164,13 +164,18 @@ static void gives_way(void **state)
 static void way_is_made(void **state)
 {
 	struct dataset *d = push("valley", 600000, 5), *small = push("small", 1000, 6);
-	struct job *jobs[3] = {submit_as(1000, d, "", NULL), submit_as(1000, d, "view 1 zmin=1", NULL)};
+	static struct reader r; /* outlives a failed test */
+	struct job *jobs[4] = {submit_as(1000, d, "", NULL), submit_as(1000, d, "view 1 zmin=1", NULL)};
 	unsigned without = 0;
 
 	turn_until(info_of(jobs[0]).state == JOB_meshing && info_of(jobs[1]).state == JOB_meshing);
 	/* As if the memory carried these two and no more. */
 	h.jobs->walks_max = 1;
-	jobs[2] = submit_as(1001, small, "", NULL);
+	jobs[3] = submit_as(1000, small, "", NULL);
+	jobs[2] = one_step(1001, small, NULL, &r);
+	/* Whose user has nothing at work is next, whoever came first. */
+	assert_int_equal(info_of(jobs[2]).position, 1);
+	assert_int_equal(info_of(jobs[3]).position, 2);
 	turn_until_final(jobs[2]);
 	assert_int_equal(info_of(jobs[2]).state, JOB_done);
 	/* One of the two has none now, and waits for it. */
@@ -178,7 +183,8 @@ static void way_is_made(void **state)
 		without += jobs[i]->walk && !jobs[i]->walk->placed && jobs[i]->place.seeks;
 	assert_int_equal(without, 1);
 	h.jobs->walks_max = 4;
-	all_done(jobs, 3);
+	all_done(jobs, 4);
+	job_leave(jobs[2]);
 	dataset_release(d);
 	dataset_release(small);
 }
