@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
+#include <sys/resource.h>
 #include <systemd/sd-daemon.h>
 #include <systemd/sd-event.h>
 #include <unistd.h>
@@ -388,6 +389,8 @@ static int start(struct daemon *d, struct err *err)
 	return r;
 }
 
+enum { FILES_WANTED = 16384 };
+
 /* The heap gives back what is freed, and few arenas keep little: what the ledger counts is what the process
  * has. */
 static void tame_malloc(void)
@@ -395,6 +398,17 @@ static void tame_malloc(void)
 	mallopt(M_ARENA_MAX, 2);
 	mallopt(M_MMAP_THRESHOLD, 64 << 10);
 	mallopt(M_TRIM_THRESHOLD, 128 << 10);
+}
+
+/* Sealing opens as many runs as it merges, several pushes at once. To no avail: those that do not fit fail. */
+static void raise_files(void)
+{
+	struct rlimit files;
+
+	if (getrlimit(RLIMIT_NOFILE, &files) != 0)
+		return;
+	files.rlim_cur = files.rlim_max < FILES_WANTED ? files.rlim_max : FILES_WANTED;
+	setrlimit(RLIMIT_NOFILE, &files);
 }
 
 static void finish(struct daemon *d)
@@ -428,6 +442,7 @@ int main(int argc, char **argv)
 
 	log_init("acutd", LOG_LEVEL_INFO);
 	tame_malloc();
+	raise_files();
 	r = config_parse(argc, argv, &d.config, &what, &err);
 	if (!r && what == CONFIG_EXIT)
 		return 0;

@@ -16,7 +16,27 @@
 #include "ctl.h"
 #include "io.h"
 
-enum { PIECE = 256 << 10 };
+enum { PIECE = 256 << 10, PIPE = 1 << 20 };
+
+/* From pipe to pipe the kernel moves pages. 0: the end, or the daemon has closed its; ENOSYS: not from here. */
+static int move(int from, int to)
+{
+	struct pollfd wait = { .fd = from, .events = POLLIN };
+
+	fcntl(from, F_SETPIPE_SZ, PIPE); /* to no avail: smaller pieces */
+	for (bool any = false;;) {
+		ssize_t n;
+
+		poll(&wait, 1, -1);
+		n = splice(from, NULL, to, NULL, PIPE, 0);
+		if (n > 0)
+			any = true;
+		else if (n == 0 || errno == EPIPE)
+			return any || n < 0 ? 0 : ENOSYS;
+		else if (errno != EINTR && errno != EAGAIN)
+			return any ? errno : ENOSYS;
+	}
+}
 
 /* Exit status: 0, or the errno of the reading. A daemon that closed its end has said why. */
 static int copy(int from, int to, void *piece)
@@ -53,7 +73,9 @@ static void child(int from, int to, pid_t parent)
 	prctl(PR_SET_PDEATHSIG, SIGKILL);
 	if (getppid() != parent || !piece)
 		_exit(ENOMEM);
-	_exit(copy(from, to, piece) & 0xff);
+	int r = move(from, to);
+
+	_exit((r == ENOSYS ? copy(from, to, piece) : r) & 0xff);
 }
 
 int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct ctl *ctl)

@@ -196,6 +196,7 @@ static void stage_run(struct push *p, struct push_ask *a)
 		.name = name,
 		.memory = p->task.bytes - p->read_bytes,
 		.durable = !p->dataset->onestep,
+		.passing = p->dataset->onestep, /* nobody finds it after a crash */
 	};
 
 	push_stage_name(p->id, name);

@@ -15,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "err.h"
 #include "grid_left.h"
@@ -24,7 +25,12 @@
 #include "io.h"
 #include "log.h"
 
-enum { LANE_LEAST = 1 << 14, WRITE_MOST = 1 << 20, LISTS_MOST = 1 << 16 }; /* records, bytes, bytes */
+enum {
+	LANE_LEAST = 1 << 14, /* records */
+	WRITE_MOST = 1 << 20,
+	LISTS_MOST = 1 << 16,
+	HUGE_PAGE = 2 << 20,
+};
 
 int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **ret, struct err *err)
 {
@@ -39,10 +45,13 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	size_t memory = (params->memory - sizeof(struct grid_stage) - grid_seal_bytes()) & ~(size_t)63;
 	struct grid_stage *s = calloc(1, sizeof *s);
 
-	if (!s || !(s->pages = aligned_alloc(64, memory))) {
+	if (!s || !(s->pages = aligned_alloc(memory < HUGE_PAGE ? 64 : HUGE_PAGE, memory))) {
 		free(s);
 		return err_set(err, ERR_NOMEM, "no memory for a stage of %zu bytes", params->memory);
 	}
+	/* Sorting goes to and fro in all of it. To no avail: it is slower. */
+	if (memory >= HUGE_PAGE)
+		madvise(s->pages, memory, MADV_HUGEPAGE);
 	s->dirfd = params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
