@@ -455,10 +455,8 @@ int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const
 	ctl_progress_init(&feed.progress, ctl);
 	kept = format_run_kept(run, &size);
 	r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
-	if (r)
+	if (r || acut_job_wait(ctl->acut, id, true, NULL, NULL, &job))
 		return feed_failed(&feed, id);
-	if (acut_job_wait(ctl->acut, id, true, NULL, NULL, &job))
-		return ctl_error_acut(ctl);
 	if (!job->has_report)
 		return ctl_job_status(ctl, job);
 	return publish(ctl, job, run, staged);

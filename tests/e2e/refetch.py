@@ -133,6 +133,8 @@ def says(run, status, *texts):
 def interrupted(d, out, *args):
     """A fetch that ends by Ctrl-C, with something kept."""
     for _ in range(20):
+        for n in parts(os.path.dirname(out)):
+            os.unlink(os.path.join(os.path.dirname(out), n))
         p = begin(d, "fetch", "1", "-o", out, *args)
         if wait_kept(p, out, 1 << 18):
             p.send_signal(signal.SIGINT)
@@ -141,6 +143,7 @@ def interrupted(d, out, *args):
             expect("acutctl fetch 1 --resume" in err, err)
             return
         expect(p.returncode == 0, "%d %s" % (p.returncode, err))
+        os.unlink(out)
     raise e2e.Fault("twenty fetches were all too fast to be interrupted")
 
 
