@@ -45,10 +45,13 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	size_t memory = (params->memory - sizeof(struct grid_stage) - grid_seal_bytes()) & ~(size_t)63;
 	struct grid_stage *s = calloc(1, sizeof *s);
 
-	if (!s || !(s->pages = aligned_alloc(memory < HUGE_PAGE ? 64 : HUGE_PAGE, memory))) {
+	void *room = NULL;
+
+	if (!s || posix_memalign(&room, memory < HUGE_PAGE ? 64 : HUGE_PAGE, memory)) {
 		free(s);
 		return err_set(err, ERR_NOMEM, "no memory for a stage of %zu bytes", params->memory);
 	}
+	s->pages = room;
 	/* Sorting goes to and fro in all of it. To no avail: it is slower. */
 	if (memory >= HUGE_PAGE)
 		madvise(s->pages, memory, MADV_HUGEPAGE);
