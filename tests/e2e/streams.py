@@ -235,32 +235,42 @@ def state_of(d, job):
 
 def live():
     """The first blocks of a job that runs come before it is done; all of them are those of a later fetch. A fetch of
-    a queued job waits, and hears of its progress."""
-    with Folder() as base, Daemon(base, **SMALL) as d:
-        d.ctl("push", "s", survey(base, 5 * POINTS)).ok()
-        job = submit(d, "s")
-        second = submit(d, "s", "--every", "2")
-        with Stream(d, job) as s, Stream(d, second) as t:
-            first = s.frames(3)
-            before = state_of(d, job)
-            expect([k for k, _ in first] == [1, 2, 2], "%s" % [k for k, _ in first])
-            expect(before == "meshing", "the job is %s when its first blocks are here" % before)
-            rest = s.frames()
-            v = t.frames()
-            t.c.ping()
-            expect([p.phase for p in t.c.progress if p.phase in ("select", "mesh")], "no progress of a job that waited")
+    a job that was just submitted waits, and hears of its progress."""
+    with Folder() as base, Daemon(base, memory="64M", threads=2) as d:
+        d.ctl("push", "s", survey(base, 6 * POINTS)).ok()
+        seen = []
+        for i in range(10):
+            # A view that no domain was made for. The job may be quicker than its reader, but not ten times.
+            job = submit(d, "s", "--zmax", str(1000000 + i))
+            with Stream(d, job) as s:
+                first = s.frames(2)
+                expect([k for k, _ in first] == [1, 2], "%s" % [k for k, _ in first])
+                seen.append(s.c.ask("wait", pb.Wait(job=job)).state)
+                rest = s.frames()
+                s.c.ping()
+                heard = [p.phase for p in s.c.progress if p.phase in ("select", "mesh")]
+            if seen[-1] != "done" and heard:
+                break
+        expect(seen[-1] == "meshing", "the jobs are %s when their first blocks are here" % seen)
+        expect(heard, "no progress of a job that runs")
         same(fetch(d, job), first + rest, "the live stream")
-        same(fetch(d, second), v, "the stream of the queued job")
-        # The job is cancelled under its reader.
-        third = submit(d, "s", "--every", "1", "--new")
+        # The job is cancelled under its reader; unless it was quicker.
+        third = submit(d, "s", "--zmax", "3000000")
         with Stream(d, third) as s:
             s.frames(2)
             d.ctl("cancel", str(third)).ok()
+            was = done_state(d, third)
+            expect(was in ("cancelled", "done"), was)
             try:
                 tail = s.frames()
-                expect(tail and tail[-1][0] == 3 and tail[-1][1][32] == 1, "no failed tail after a cancel")
+                expect(tail and tail[-1][0] == 3 and tail[-1][1][32] == (was != "done"), "%s, and its tail" % was)
             except Breach:
-                pass  # a block was under way: the reason comes on the socket
+                expect(was == "cancelled", "a stream without a tail")  # a block was under way: the reason is on the socket
+
+
+def done_state(d, job):
+    d.ctl("wait", str(job), timeout=600)
+    return state_of(d, job)
 
 
 def temporary(d):
