@@ -383,7 +383,8 @@ bool walk_window(const struct walk *w)
 
 bool walk_crowded(const struct walk *w)
 {
-	return w->keep || (w->next_start < walk_reach(w) && !walk_window(w));
+	/* Who waits for a place gets none as long as a reader who has stopped keeps domains in memory. */
+	return w->keep || w->jobs->places || (w->next_start < walk_reach(w) && !walk_window(w));
 }
 
 static void make_next(struct walk *w)

@@ -285,14 +285,14 @@ def views(b, survey):
 
 
 def areas(b):
-    """Jobs with texts of views that are as long as they may be, plans of them, all waiting at once."""
+    """Plans and jobs with texts of views that are as long as they may be, waiting at once."""
     area = star(2600)
+    at_once(6, lambda i: b.ctl("plan", "views", "--crop", area, "--zmax", str(1000 + i)))
     refused = 0
     for i in range(60):
         got = b.ctl("submit", "views", "--crop", area, "--zmin", str(-i), "--quiet")
         expect(got.status in (0, 75), "%d %s" % (got.status, got.err))
         refused += got.status != 0
-    at_once(6, lambda i: b.ctl("plan", "views", "--crop", area, "--zmax", str(1000 + i)))
     for job in b.ctl("jobs", "--json").out.splitlines():
         j = json.loads(job)
         if j["state"] not in ("done", "failed", "cancelled"):
