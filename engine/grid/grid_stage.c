@@ -55,6 +55,7 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	/* Sorting goes to and fro in all of it. To no avail: it is slower. */
 	if (memory >= HUGE_PAGE)
 		madvise(s->pages, memory, MADV_HUGEPAGE);
+	s->why = ERR_INIT;
 	s->dirfd = params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
@@ -413,10 +414,14 @@ int grid_stage_share(struct grid_stage *s, const struct point *pts, size_t n, st
 		pts += part;
 		n -= part;
 	}
-	if (rc)
+	/* The first failure is everybody's: of several only one may be told, whoever it is. */
+	if (rc && !s->failed) {
+		s->why = *err;
 		s->failed = true;
-	else if (n)
-		rc = err_set(err, ERR_INTERNAL, "the stage was used after it failed");
+	} else if (n) {
+		err_set(&s->why, ERR_INTERNAL, "the stage was used after it failed");
+		rc = -(int)(*err = s->why).code;
+	}
 	unlock(s);
 	return rc;
 }

@@ -2,6 +2,7 @@
 #ifndef GRID_STAGE_PRIV_H
 #define GRID_STAGE_PRIV_H
 
+#include "err.h"
 #include "grid.h"
 #include "grid_merge.h"
 #include "grid_run.h"
@@ -27,6 +28,7 @@ struct grid_stage {
 	struct grid_lane lane[GRID_LANES];
 	unsigned lanes;                /* 1: not split */
 	struct grid_guard guard;       /* while it is split */
+	struct err why;                /* failed while it was split: of who failed first */
 	uint32_t table[POINT_SOURCES]; /* sources of the records in memory */
 	uint32_t ntable, source;       /* source: index of the one that is being added */
 	bool unsynced;                 /* run names that the folder's fsync has not covered */

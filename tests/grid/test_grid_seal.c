@@ -435,6 +435,40 @@ static void test_failures(void **state)
 	folder_remove(&f);
 }
 
+/* Of several who add, one meets the failure of a write: all are told the same, whoever is asked. */
+static void test_failing_lanes(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 400000, 1, 9);
+	const struct io_table *before = io;
+	struct io_table table = *io;
+	struct folder f = folder_new();
+
+	table.pwrite = failing_pwrite;
+	for (long n = 0; n < 8; n++) {
+		struct grid_stage_params params = {.dirfd = f.fd, .name = "x", .memory = 2 * MIB};
+		struct work work = {.set = &s};
+		struct worker w[2] = {{.work = &work}, {.work = &work}};
+		struct err err = ERR_INIT;
+
+		CHECK(grid_stage_new(&params, &work.stage, &err));
+		CHECK(grid_stage_source(work.stage, 4, &err));
+		CHECK(grid_stage_split(work.stage, 2, &how, &err));
+		left = n;
+		io = &table;
+		for (unsigned i = 0; i < 2; i++)
+			assert_int_equal(pthread_create(&w[i].thread, NULL, add_pieces, &w[i]), 0);
+		for (unsigned i = 0; i < 2; i++)
+			pthread_join(w[i].thread, NULL);
+		io = before;
+		for (unsigned i = 0; i < 2; i++)
+			assert_int_equal(w[i].rc, -ERR_NOSPACE);
+		grid_stage_free(work.stage);
+		assert_int_equal(folder_files(&f, ""), 0);
+	}
+	set_free(&s);
+	folder_remove(&f);
+}
+
 /* A seal that nobody finishes. */
 static void test_given_up(void **state)
 {
@@ -460,7 +494,8 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 	    cmocka_unit_test(test_every_way),    cmocka_unit_test(test_made_up),  cmocka_unit_test(test_dropped),
 	    cmocka_unit_test(test_lanes),        cmocka_unit_test(test_written_once),
-	    cmocka_unit_test(test_failures),     cmocka_unit_test(test_given_up),
+	    cmocka_unit_test(test_failures),     cmocka_unit_test(test_failing_lanes),
+	    cmocka_unit_test(test_given_up),
 	};
 
 	skip_fsync();
