@@ -141,7 +141,13 @@ static int shared_try(struct ctl *ctl, const char *socket, const char *log, int 
 		err_add_file(err, socket);
 	}
 	close(lock_fd);
-	return r ? -(int)err->code : attach(ctl, fd, err);
+	if (r)
+		return -(int)err->code;
+	r = attach(ctl, fd, err);
+	/* One that was told to end has still let us in: it is as if it were gone already. */
+	if (r == -ERR_NODAEMON && !*ret_pid)
+		err->code = ERR_BUSY;
+	return r ? -(int)err->code : 0;
 }
 
 /* A daemon of another build that has nothing to do is asked to end, so that a new one can start. */

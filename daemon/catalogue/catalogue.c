@@ -106,9 +106,11 @@ static int open_db(struct catalogue *c, const char *path, struct err *err)
 	r = user_version(c, &version, err);
 	if (r)
 		return r;
-	if (version > CATALOGUE_VERSION)
-		return err_set(err, ERR_VERSION, "the catalogue has version %d, this acutd knows up to %d",
-			       version, CATALOGUE_VERSION);
+	if (version > CATALOGUE_VERSION) {
+		err_set(err, ERR_VERSION, "the catalogue was written by a newer acutd: it has version %d, this one (%s) knows up to %d",
+			version, ACUT_VERSION, CATALOGUE_VERSION);
+		return err_add_hint(err, "use that acutd, or another state folder (--state; of private daemons XDG_STATE_HOME)");
+	}
 	r = run_sql(c, catalogue_sql_setup, err);
 	if (!r && version == 1)
 		r = run_sql(c, catalogue_sql_to_2, err);

@@ -217,11 +217,15 @@ def wrong_daemon(base):
 
 
 def slow_input(base):
-    """Standard input that never ends: --timeout and signals are heard."""
+    """Standard input that never ends: --timeout and signals are heard. With a daemon and folders of its own."""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("ACUT_")}
+    for what in ("STATE_HOME", "CACHE_HOME", "RUNTIME_DIR"):
+        env["XDG_" + what] = os.path.join(base, what)
+        os.mkdir(env["XDG_" + what], 0o700)
     for how in ("timeout", "signal"):
         r, w = os.pipe()
-        p = subprocess.Popen([ACUTCTL, "mesh", "-", "--input-format", "xyz", "-o", base + "/m.ply"]
-                             + (["--timeout", "0.3"] if how == "timeout" else []), stdin=r, stderr=subprocess.PIPE)
+        p = subprocess.Popen([ACUTCTL, "mesh", "-", "--input-format", "xyz", "-o", base + "/m.ply", "--threads", "1"]
+                             + (["--timeout", "0.3"] if how == "timeout" else []), stdin=r, stderr=subprocess.PIPE, env=env)
         os.close(r)
         if how == "signal":
             try:

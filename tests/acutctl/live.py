@@ -1,4 +1,5 @@
 """acutctl with a real acutd: outputs, views and reports of mesh, and its private daemons."""
+import contextlib
 import json
 import os
 import pty
@@ -6,6 +7,7 @@ import re
 import shutil
 import signal
 import socket
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -265,8 +267,19 @@ def private(p):
     check("killed", wait_for(lambda: not p.daemons(), 5))
     check("the dataset is there", p.json("dataset", "show", "d", "--private")["points"] == 4)
     # Stopping and starting at once: the new one waits for the folders.
-    os.kill(p.daemons()[0], signal.SIGTERM)
-    check("after a stop", p.ctl("ping", "--private")[0] == 0)
+    for _ in range(5):
+        os.kill(p.daemons()[0], signal.SIGTERM)
+        got = p.ctl("ping", "--private")
+        check("after a stop", got[0] == 0, str(got))
+    # It has been told to end, and still lets somebody in.
+    pid = p.daemons()[0]
+    os.kill(pid, signal.SIGSTOP)
+    os.kill(pid, signal.SIGTERM)
+    q = p.start("ping", "--private")
+    time.sleep(0.5)
+    os.kill(pid, signal.SIGCONT)
+    _, err = q.communicate(timeout=60)
+    check("at a stop", q.returncode == 0, "%d %s" % (q.returncode, err))
     # A daemon that cannot start says why.
     state = p.path("state")
     p.end()
@@ -277,6 +290,13 @@ def private(p):
     check("no state folder", status not in (0, 3) and "state" in err, "%d %s" % (status, err))
     os.unlink(state)
     os.rename(state + "2", state)
+    with contextlib.closing(sqlite3.connect(state + "/acut/catalogue.db")) as db:
+        version = db.execute("PRAGMA user_version").fetchone()[0]
+        db.execute("PRAGMA user_version = 99")
+    status, _, err = p.ctl("mesh", small, "-o", p.path("n.obj"))
+    check("a newer catalogue", status not in (0, 3) and "a newer acutd" in err and "version 99" in err, "%d %s" % (status, err))
+    with contextlib.closing(sqlite3.connect(state + "/acut/catalogue.db")) as db:
+        db.execute("PRAGMA user_version = %d" % version)
     # Daemons of a command's own: folders come and go, also of one that was killed.
     cache = p.path("cache/acut")
     check("own", p.ctl("mesh", small, "-o", p.path("o.obj"), "--memory", "24M", "-q")[0] == 0)

@@ -213,6 +213,10 @@ static void newer_and_broken(void **state)
 	assert_int_equal(sqlite3_exec(db, "PRAGMA user_version = 999", NULL, NULL, NULL), SQLITE_OK);
 	sqlite3_close(db);
 	assert_int_equal(catalogue_new(path, NULL, &c, &err), -ERR_VERSION);
+	assert_non_null(strstr(err.message, "a newer acutd"));
+	assert_non_null(strstr(err.message, "version 999"));
+	assert_non_null(strstr(err.hint, "--state"));
+	assert_string_equal(err.file, path);
 	unlink(path);
 	fd = open(path, O_CREAT | O_WRONLY, 0600);
 	for (int i = 0; i < 100; i++)
