@@ -464,6 +464,13 @@ bool push_wants_stage(const struct push *p)
 
 void push_retry(struct push *p)
 {
+	struct err err = ERR_INIT;
+
+	if (p->lacks && !p->again) {
+		p->lacks = false;
+		if (!finish_first(p, refusal(p, p->asks, &err)))
+			return;
+	}
 	push_pump(p);
 }
 
@@ -482,6 +489,9 @@ void push_tick(struct push *p)
 {
 	struct push_ask *a = p->asks;
 
+	/* Once a tick: a worker is asked each time. */
+	if (p->again)
+		p->again = p->lacks = p->busy = false;
 	if (a && p->busy && (a->kind == PUSH_FILE || a->kind == PUSH_COMMIT) && !p->left &&
 	    clock_since(p->told_ns) >= PROGRESS_SECONDS) {
 		p->told_ns = clock_mono_ns();

@@ -98,6 +98,7 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 {
 	struct push_probe_result result = {.name = a->name, .known = a->known, .points = a->in.points};
 	struct err err = ERR_INIT;
+	int r;
 
 	if (!why && a->known == PUSH_ADOPTED) {
 		p->adopt_taken[a->adopted] = true;
@@ -105,7 +106,11 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 	}
 	if (!why && a->known == PUSH_NEW) {
 		result.info = &a->info;
-		if (push_remember_probe(p, a, &err))
+		r = push_remember_probe(p, a, &err);
+		p->lacks = r == PUSH_WAIT;
+		if (p->lacks)
+			return false;
+		if (r)
 			why = &err;
 	}
 	p->calls.probed(a->token, why, why ? NULL : &result);

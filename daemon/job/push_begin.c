@@ -17,12 +17,24 @@ int push_begin_start(struct push *p, struct push_ask *a, struct err *err)
 		if (other != p && other->dataset == p->dataset && other->left && other->peer.uid == p->peer.uid)
 			return PUSH_WAIT;
 	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
-	push_claim(p);
+	if (!p->claims)
+		push_claim(p);
 	return 0;
+}
+
+/* No memory for a manifest now: from the start, later. */
+static void undo(struct push *p)
+{
+	names_free(&p->base_paths);
+	p->base = grid_manifest_free(p->base);
+	if (p->opened)
+		dataset_close(p->dataset);
+	p->opened = false;
 }
 
 void push_begin_run(struct push *p, struct push_ask *a)
 {
+	a->err = ERR_INIT;
 	a->r = dataset_open(p->dataset, &a->err);
 	p->opened = !a->r;
 	if (!a->r && *p->base_name)
@@ -33,6 +45,8 @@ void push_begin_run(struct push *p, struct push_ask *a)
 		a->r = push_known_index(p->base, &p->base_paths, &a->err);
 	if (!a->r)
 		a->r = push_adopt(p, &a->err);
+	if (a->r == -ERR_BUSY)
+		undo(p);
 }
 
 static void answer(struct push *p, const struct err *why)
@@ -102,27 +116,45 @@ static uint64_t manifest_bytes(const struct push *p)
 	return bytes;
 }
 
+/* Once: what was there is the push's own from here on. */
+static int settle(struct push *p, const struct err *why, struct err *err)
+{
+	if (!why)
+		push_adopted(p);
+	push_unclaim(p);
+	if (dataset_created(p->dataset))
+		snprintf(p->plane.created, sizeof p->plane.created, "%s", p->dataset->crs);
+	p->settled = true;
+	if (!why && p->base && settle_base(p, err))
+		return -(int)err->code;
+	return why ? 0 : push_created_scale(p, err);
+}
+
 bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	struct err err = ERR_INIT;
 	struct catalogue_push row = {
-		.id = p->id,
 		.dataset = p->dataset->id,
 		.uid = p->peer.uid,
 		.begun_us = clock_real_us(),
 	};
+	int r = 0;
 
-	if (!why) {
-		push_adopted(p);
-		row.id = p->id;
+	if (why && why->code == ERR_BUSY && p->task.ran && !p->left && !push_waits_in_vain(p)) {
+		p->lacks = p->again = true;
+		return false;
 	}
-	push_unclaim(p);
-	if (dataset_created(p->dataset))
-		snprintf(p->plane.created, sizeof p->plane.created, "%s", p->dataset->crs);
-	if (!why && ((p->base && settle_base(p, &err)) || push_created_scale(p, &err) ||
-		     push_room(p, manifest_bytes(p), &err)))
+	if (!p->settled)
+		r = settle(p, why, &err);
+	if (!why && !r)
+		r = push_room(p, manifest_bytes(p), &err);
+	p->lacks = r == PUSH_WAIT;
+	if (p->lacks)
+		return false;
+	if (!why && r)
 		why = &err;
 	if (!why && !p->dataset->onestep) {
+		row.id = p->id;
 		p->waiting_row = true;
 		if (!dataset_put_row(p->dataset, &err) && !catalogue_put_push(p->jobs->p.catalogue, &row, row_done, p, &err))
 			return false;

@@ -117,6 +117,9 @@ struct push {
 	struct sched_owner owner; /* of all its tasks */
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
+	bool settled; /* what was there is known, and the push's own (push_begin_done) */
+	/* The first ask waits for memory: its worker is done and `done` is asked again, or all of it is (again). */
+	bool lacks, again;
 	bool old_goes;         /* the manifest before this push's is used by nobody */
 	struct push_stream *streams;
 	struct push_ask *last; /* made beforehand, so that closing needs no memory */
@@ -183,7 +186,7 @@ enum { PUSH_NOW = 1, PUSH_WAIT = 2 };
 struct push_row {
 	int (*start)(struct push *, struct push_ask *, struct err *err);
 	void (*run)(struct push *, struct push_ask *);
-	/* Answers and tidies up. True: the ask is over; false: it is answered later (push_ask_over). */
+	/* Answers and tidies up. True: the ask is over; false: it is answered later (push_ask_over), or asked again. */
 	bool (*done)(struct push *, struct push_ask *, const struct err *why);
 };
 extern const struct push_row push_rows[PUSH_KINDS];
@@ -264,9 +267,10 @@ size_t push_read_bytes(const struct push *);
 struct push_probed *push_find_probe(const struct push *, const char *name); /* NULL: not probed */
 int push_leave_out(struct push_probed *, const struct err *why);
 void push_forget_probes(struct push *);
-/* Memory for that; -ERR_LIMIT, -ERR_BUSY. */
+/* Memory for that; PUSH_WAIT: there is none now (whoever asked sets `lacks`); -ERR_LIMIT, -ERR_BUSY. */
 int push_room(struct push *, uint64_t bytes, struct err *err);
 void push_room_give(struct push *);
+bool push_waits_in_vain(const struct push *);
 
 /* What decided about plane and lattice before this push's files: the dataset, an interrupted push; NULL: nothing. */
 static inline const struct grid_manifest *push_settled(const struct push *p)

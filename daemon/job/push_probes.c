@@ -4,7 +4,7 @@
  * The model: a few hundred bytes a file, found by name and by path in tables; of a coordinate system, which
  * most files of a survey share, each is kept once. All of it is charged to the ledger, in steps, beyond what a
  * handful of files takes: a push of more files than the memory carries is refused before it costs the others
- * anything.
+ * anything; one for which there is none now waits, as for its stage.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,32 +14,59 @@
 
 enum { TABLE_FREE = 4096, TABLE_STEP = 64 << 10, SOURCE_FILE_BYTES = 80 };
 
+/* Nobody is at work who would leave memory: of those who wait for some, the youngest is refused, and what it holds helps
+ * the others. */
+bool push_waits_in_vain(const struct push *p)
+{
+	bool younger = true; /* the list is by age, the youngest first */
+
+	if (admit_tally(p->jobs, 0).walks)
+		return false;
+	for (const struct push *q = p->jobs->pushes; q; q = q->next) {
+		if (q == p)
+			younger = false;
+		else if (q->lacks ? younger : q->stage_bytes || (q->table_bytes && !push_wants_stage(q)))
+			return false;
+	}
+	return true;
+}
+
+static int too_many(const struct push *p, struct err *err)
+{
+	err_set(err, ERR_LIMIT, "a push of more than %zu files does not fit into this memory", p->nprobes);
+	return err_add_hint(err, "push them in several parts, or give acutd --memory %lluM for twice as many",
+			    (unsigned long long)(ledger_total(p->jobs->p.ledger) >> 19));
+}
+
 /* Loop. */
 int push_room(struct push *p, uint64_t bytes, struct err *err)
 {
 	struct jobs *j = p->jobs;
-	uint64_t left, head, step;
+	uint64_t used = p->table_used + bytes, left, head, step;
 
-	p->table_used += bytes;
-	if (p->table_used <= p->table_bytes + TABLE_FREE)
+	if (used <= p->table_bytes + TABLE_FREE) {
+		p->table_used = used;
 		return 0;
-	step = (p->table_used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
+	}
+	step = (used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
 	left = jobs_domain_memory(j);
-	/* As for the stage (admit_stage): a job that runs must be able to finish beside it; and the stage itself must
-	 * come. */
-	head = 2 * jobs_domain_largest(j);
+	/* A job that runs, or comes, must be able to finish beside it, one domain at a time; and the stage itself must
+	 * come. So those who wait for a stage holding tables never wait for each other alone. */
+	head = jobs_domain_largest(j);
 	head = head > admit_least() ? head : admit_least();
 	head += p->stage_bytes ? 0 : GRID_STAGE_MIN + push_read_bytes(p);
 	if (left >= head + step && ledger_take(j->p.ledger, LEDGER_FILES, step)) {
 		p->table_bytes += step;
+		p->table_used = used;
 		return 0;
 	}
-	p->table_used -= bytes;
-	if (p->table_bytes + step > ledger_total(j->p.ledger) / 2) {
-		err_set(err, ERR_LIMIT, "a push of more than %zu files does not fit into this memory", p->nprobes);
-		return err_add_hint(err, "push them in several parts, or give acutd --memory %lluM for twice as many",
-				    (unsigned long long)(ledger_total(j->p.ledger) >> 19));
-	}
+	if (p->table_bytes + step > ledger_total(j->p.ledger) / 2)
+		return too_many(p, err);
+	/* With a stage in hand nobody waits: others may wait for that. */
+	if (!p->stage_bytes && !push_waits_in_vain(p))
+		return PUSH_WAIT;
+	if (!admit_tally(j, 0).walks && jobs_staged(j) == push_stage_bytes(p))
+		return too_many(p, err);
 	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");
 }

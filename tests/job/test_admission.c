@@ -334,6 +334,57 @@ static void all_kinds_in_little(void **state)
 	dataset_release(d[1]);
 }
 
+/* As if domains held all that there is, and all that comes free, but what a push is itself. */
+static void take_all(uint64_t *held)
+{
+	uint64_t room = ledger_room(h.ledger, LEDGER_INPUT), least = *held ? 0 : PUSH_BYTES + PENDING_BYTES;
+
+	if (room > least && ledger_take(h.ledger, LEDGER_INPUT, room - least))
+		*held += room - least;
+}
+
+/* A push for which there is no memory now, not even to read the manifest or to keep it in mind, waits for jobs. */
+static void push_waits(void **state)
+{
+	struct push_params p = {.dataset = "valley", .peer = me, .calls = &calls};
+	struct dataset *d;
+	struct job *job;
+
+	close_house();
+	open_house(UINT64_C(24) << 20, 2);
+	d = push("valley", 600000, 12);
+	job = submit_as(1001, d, "", NULL);
+	turn_until(info_of(job).state == JOB_meshing);
+	/* The first leaves while it waits. */
+	for (int leaves = 1; leaves >= 0; leaves--) {
+		uint64_t held = 0;
+
+		assert_int_equal(info_of(job).state, JOB_meshing);
+		memset(&got, 0, sizeof got);
+		take_all(&held);
+		push_begin(h.jobs, &p, NULL);
+		for (int i = 0; i < 20; i++) {
+			take_all(&held);
+			turn(5);
+		}
+		assert_int_equal(got.answers, 0);
+		if (leaves)
+			push_leave(h.jobs->pushes);
+		else
+			sched_give(h.sched, LEDGER_INPUT, held);
+		turn_until(got.answers);
+		assert_true(leaves ? got.why.code != 0 : got.why.code == 0);
+		if (leaves)
+			sched_give(h.sched, LEDGER_INPUT, held);
+	}
+	push_leave(got.push);
+	all_done(&job, 1);
+	turn_until(!jobs_active(h.jobs));
+	assert_int_equal(ledger_held(h.ledger, LEDGER_FILES), 0);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_MANIFEST), 0);
+	dataset_release(d);
+}
+
 int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
@@ -341,6 +392,7 @@ int main(void)
 		TEST(hundred_against_one), TEST(small_behind_huge),    TEST(gives_way),
 		TEST(way_is_made),         TEST(priorities),           TEST(says_why),
 		TEST(never_and_the_number), TEST(all_kinds_in_little),
+		TEST(push_waits),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
