@@ -447,7 +447,7 @@ def names(b, n):
         charged = sum(after["ledger"].values()) - sum(before["ledger"].values())
         print("     %d of %d names: resident grew by %.1f MiB, the ledger by %.1f" % (kept, n, grown / MIB, charged / MIB))
         expect(kept > 2000, "only %d names fit" % kept)
-        expect(grown - charged <= 2 * MIB, "%d bytes are charged for %d" % (charged, grown))
+        expect(e2e.sanitized() or grown - charged <= 2 * MIB, "%d bytes are charged for %d" % (charged, grown))
         holder = [h for h in after["holders"] if h["kind"] == "push"]
         expect(len(holder) == 1 and holder[0]["held"].get("files", 0) > 100 * kept, str(after["holders"]))
         c.ask("push_abort", pb.PushAbort(push=begun.push))
