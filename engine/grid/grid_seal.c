@@ -120,13 +120,16 @@ static size_t slot_least(size_t n, unsigned pieces)
 	return fixed_bytes(n, pieces) + window_bytes(WINDOW_MIN) + n * DISK_RUN_BLOCK + align(grid_cells_least());
 }
 
+/* Windows, and what is read ahead, only where the least leaves room for them. */
 static void slot_init(struct slot *s, uint8_t *memory, size_t bytes, size_t n, unsigned pieces)
 {
 	uint8_t *end = memory + bytes;
-	size_t ahead = n ? bytes / 4 / (n * DISK_RUN_BLOCK) : 1;
+	size_t spare = bytes - slot_least(n, pieces), more = window_bytes(WINDOW_MAX) - window_bytes(WINDOW_MIN), ahead = 0;
 
-	*s = (struct slot){.room = bytes >= 4 << 20 ? WINDOW_MAX : WINDOW_MIN};
-	s->ahead = ahead < 1 ? 1 : ahead > READ_BLOCKS ? READ_BLOCKS : (unsigned)ahead;
+	*s = (struct slot){.room = spare / 4 >= more ? WINDOW_MAX : WINDOW_MIN};
+	if (n)
+		ahead = spare / 4 / (n * DISK_RUN_BLOCK);
+	s->ahead = ahead + 1 > READ_BLOCKS ? READ_BLOCKS : (unsigned)ahead + 1;
 	s->merging = memory;
 	memory += align(grid_merge_bytes((unsigned)n + pieces));
 	s->seen = (uint64_t *)memory;

@@ -294,6 +294,26 @@ static void test_dropped(void **state)
 	folder_remove(&f);
 }
 
+/* As many runs as can be merged at once and more, in memory that is just enough for them. */
+static void test_many_runs(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 150000, 300, 5);
+	struct folder f = folder_new();
+	struct grid_segment_info want, got;
+	struct err err = ERR_INIT;
+
+	CHECK(stage_set(&f, "want", &s, 0, &want, &err));
+	for (size_t memory = 4400000; memory < 5000000; memory += 100000) {
+		struct grid_stage *stage = staged(&f, "got", &s, memory, 230);
+
+		CHECK(seal(stage, 2, &got, &err));
+		grid_stage_free(stage);
+		same(&f, want.file, got.file);
+	}
+	set_free(&s);
+	folder_remove(&f);
+}
+
 static atomic_size_t written, given_back;
 
 static ssize_t counting_pwrite(int fd, const void *buf, size_t n, off_t off)
@@ -495,7 +515,7 @@ int main(void)
 	    cmocka_unit_test(test_every_way),    cmocka_unit_test(test_made_up),  cmocka_unit_test(test_dropped),
 	    cmocka_unit_test(test_lanes),        cmocka_unit_test(test_written_once),
 	    cmocka_unit_test(test_failures),     cmocka_unit_test(test_failing_lanes),
-	    cmocka_unit_test(test_given_up),
+	    cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
 	};
 
 	skip_fsync();
