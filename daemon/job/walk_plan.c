@@ -83,6 +83,26 @@ static void run(struct walk *w)
 		walk_output_head(w);
 }
 
+/* Other plans hold what this one needs: from the start, at the next tick. Where none does, waiting would not mend it. */
+static bool waits_for_plans(struct walk *w)
+{
+	struct jobs *j = w->jobs;
+
+	if (w->r != -ERR_BUSY || w->stopping)
+		return false;
+	cut_plan_done(&w->plan);
+	if (!ledger_held(j->p.ledger, LEDGER_PLAN)) {
+		w->err.code = ERR_LIMIT;
+		w->err.hint[0] = 0; /* which speaks of other jobs */
+		err_add_hint(&w->err, "start the daemon with more memory");
+		return false;
+	}
+	walk_shut(w);
+	w->select.open = false;
+	w->state = WALK_NEW;
+	return true;
+}
+
 static void plan_done(struct sched_task *t)
 {
 	struct walk *w = walk_of_task(t);
@@ -90,6 +110,8 @@ static void plan_done(struct sched_task *t)
 	w->task_busy = false;
 	if (t->ran) {
 		sched_give(w->jobs->p.sched, t->name, t->bytes);
+		if (waits_for_plans(w))
+			return;
 		if (w->r)
 			walk_fail(w, &w->err);
 	}
@@ -126,8 +148,8 @@ static void begin(struct walk *w)
 		run(w);
 }
 
-/* With what is left beside stages that are held now; where that is too little, later, and its place goes back. Called by walk_settle, which
- * goes on with what came of it. */
+/* With what is left beside stages that are held now; where that is too little, later, and its place goes back.
+ * Called by walk_settle, which goes on with what came of it. */
 void walk_plan_start(struct walk *w)
 {
 	struct jobs *j = w->jobs;

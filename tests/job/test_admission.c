@@ -385,6 +385,38 @@ static void push_waits(void **state)
 	dataset_release(d);
 }
 
+/* A plan that has no room beside those of others waits for them; alone, it is refused. */
+static void plan_waits(void **state)
+{
+	const uint64_t most = 64 << 10;
+	struct dataset *d = push("valley", 20000, 13);
+	struct job *job;
+
+	assert_true(ledger_share(h.ledger, LEDGER_PLAN, 0, most));
+	assert_true(ledger_take(h.ledger, LEDGER_PLAN, most));
+	job = submit_as(1001, d, "", NULL);
+	for (int i = 0; i < 40; i++) {
+		turn(5);
+		assert_false(job_state_final(info_of(job).state));
+	}
+	sched_give(h.sched, LEDGER_PLAN, most);
+	all_done(&job, 1);
+	dataset_release(d);
+}
+
+static void plan_never(void **state)
+{
+	struct dataset *d = push("valley", 20000, 14);
+	struct job *job;
+
+	assert_true(ledger_share(h.ledger, LEDGER_PLAN, 0, 64));
+	job = submit_as(1001, d, "", NULL);
+	turn_until_final(job);
+	assert_int_equal(info_of(job).state, JOB_failed);
+	assert_int_equal(info_of(job).err->code, ERR_LIMIT);
+	dataset_release(d);
+}
+
 int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
@@ -392,7 +424,7 @@ int main(void)
 		TEST(hundred_against_one), TEST(small_behind_huge),    TEST(gives_way),
 		TEST(way_is_made),         TEST(priorities),           TEST(says_why),
 		TEST(never_and_the_number), TEST(all_kinds_in_little),
-		TEST(push_waits),
+		TEST(push_waits),          TEST(plan_waits),           TEST(plan_never),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
