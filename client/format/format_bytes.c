@@ -11,8 +11,8 @@
  * bytes go into the same file, so far behind that the two never meet, and joining takes the hole between them out
  * of the file (FALLOC_FL_COLLAPSE_RANGE), which moves no bytes. The hole must be whole blocks: so many records
  * from the end of the annex are put before its first that the rest starts on a block's bound. Where the file
- * system cannot do this the annex is a file of its own and is copied, into the same order. An annex that fits
- * its buffer is no file at all, and keeps its order.
+ * system is not known to do this the annex is a file of its own and is copied, into the same order. An annex that
+ * fits its buffer is no file at all, and keeps its order.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -30,6 +30,12 @@
 
 #ifndef XFS_SUPER_MAGIC
 #define XFS_SUPER_MAGIC 0x58465342
+#endif
+#ifndef F2FS_SUPER_MAGIC
+#define F2FS_SUPER_MAGIC 0xF2F52010
+#endif
+#ifndef OVERLAYFS_SUPER_MAGIC
+#define OVERLAYFS_SUPER_MAGIC 0x794c7630
 #endif
 
 _Static_assert(FORMAT_BUFFER % FORMAT_BLOCK == 0, "a full buffer is whole blocks");
@@ -229,6 +235,17 @@ int format_output_annex(struct format_output *host, struct format_output **ret, 
 	return 0;
 }
 
+/* Others (memory sticks, shares) may fill the hole with zeros. */
+static bool has_holes(int fd)
+{
+	struct statfs fs;
+
+	if (fstatfs(fd, &fs))
+		return false;
+	return fs.f_type == EXT4_SUPER_MAGIC || fs.f_type == XFS_SUPER_MAGIC || fs.f_type == F2FS_SUPER_MAGIC ||
+	       fs.f_type == OVERLAYFS_SUPER_MAGIC;
+}
+
 /* Whether the file system takes blocks out of this file, tried on the file itself while it ends before `base`.
  * A limit on the size of files would be met far too early. */
 static bool can_collapse(const struct format_output *host)
@@ -238,7 +255,7 @@ static bool can_collapse(const struct format_output *host)
 	struct stat st;
 	bool ok;
 
-	if (!host->seekable || getrlimit(RLIMIT_FSIZE, &most) || most.rlim_cur != RLIM_INFINITY)
+	if (!host->seekable || !has_holes(host->fd) || getrlimit(RLIMIT_FSIZE, &most) || most.rlim_cur != RLIM_INFINITY)
 		return false;
 	if (io->fstat(host->fd, &st) || st.st_blksize <= 0 || FORMAT_BLOCK % st.st_blksize ||
 	    io->ftruncate(host->fd, end))

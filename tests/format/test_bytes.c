@@ -27,6 +27,7 @@
 static char dir[] = "/tmp/acut-bytes-XXXXXX";
 static char path[64];
 static struct io_table table;
+static unsigned far_sizes;
 static unsigned direct_writes, writes, fail_at;
 static off_t furthest;
 
@@ -72,6 +73,13 @@ static void record(uint8_t *to, size_t size, uint64_t number)
 }
 
 /* Records of both kinds in turns, as a mesh brings them. */
+
+static int count_far_ftruncate(int fd, off_t size)
+{
+	far_sizes += size > 1ll << 36;
+	return ftruncate(fd, size);
+}
+
 static int write_both(uint64_t nfront, uint64_t nback, struct err *err)
 {
 	struct format_output *o = NULL, *annex = NULL;
@@ -208,6 +216,30 @@ static void test_apart(void **state)
 	io = &io_system;
 }
 
+/* Where a hole may not be one (a memory stick, a share) no file is ever made so large. */
+static void test_elsewhere(void **state)
+{
+	char here[sizeof(path)], there[] = "/dev/shm/acut-bytes-XXXXXX";
+	struct statfs fs;
+
+	if (!mkdtemp(there))
+		skip();
+	if (statfs(there, &fs) || fs.f_type != TMPFS_MAGIC) {
+		rmdir(there);
+		skip();
+	}
+	memcpy(here, path, sizeof(here));
+	snprintf(path, sizeof(path), "%s/out", there);
+	start();
+	table.ftruncate = count_far_ftruncate;
+	far_sizes = 0;
+	each_size();
+	assert_int_equal(far_sizes, 0);
+	rmdir(there);
+	memcpy(path, here, sizeof(here));
+	io = &io_system;
+}
+
 /* Each write in its turn is the one that finds the disk full. */
 static void test_full(void **state)
 {
@@ -243,6 +275,7 @@ int main(void)
 		cmocka_unit_test(test_inside),
 		cmocka_unit_test(test_through_cache),
 		cmocka_unit_test(test_apart),
+		cmocka_unit_test(test_elsewhere),
 		cmocka_unit_test(test_full),
 	};
 	int failed;
