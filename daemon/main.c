@@ -316,7 +316,7 @@ static int make_budget(struct daemon *d, struct err *err)
 	if (!ledger_share(l, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, CATALOGUE_HEAP + 4 * CATALOGUE_QUEUE) ||
 	    !ledger_share(l, LEDGER_MESSAGE, part(total, 32, 768 * kib, 16 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
 	    !ledger_share(l, LEDGER_JOBS, part(total, 64, 384 * kib, 32 * mib), part(total, 8, 2 * mib, 256 * mib)) ||
-	    !ledger_share(l, LEDGER_PIPE, 0, part(total, 4, 0, UINT64_MAX)) ||
+	    !ledger_share(l, LEDGER_PIPE, part(total, 64, 256 * kib, 16 * mib), total / 8) ||
 	    !ledger_share(l, LEDGER_PLAN, part(total, 128, 192 * kib, 32 * mib), 0))
 		return err_set(err, ERR_LIMIT, "the memory is too little for a daemon");
 	if (stacks > total / 4 || !ledger_take(l, LEDGER_THREAD, stacks)) {

@@ -183,6 +183,7 @@ static void drop_own(struct format_output *o)
 int format_part_begin(struct format_output *o, bool on, struct err *err)
 {
 	char name[FORMAT_PART_NAME];
+	struct stat own, named;
 	int r;
 
 	drop_own(o);
@@ -195,6 +196,12 @@ int format_part_begin(struct format_output *o, bool on, struct err *err)
 		err_set(err, ERR_BUSY, "another fetch writes it");
 		return err_add_file(err, part_name(o, "", name));
 	}
+	/* One that has just ended may have given the file its name. */
+	if (fstat(o->fd, &own) || fstatat(o->dirfd, part_name(o, "", name), &named, AT_SYMLINK_NOFOLLOW) ||
+	    own.st_dev != named.st_dev || own.st_ino != named.st_ino) {
+		err_set(err, ERR_BUSY, "another fetch has just written it");
+		return err_add_file(err, part_name(o, "", name));
+	}
 	o->part = part_new();
 	o->temp = o->part ? strdup(part_name(o, "", name)) : NULL;
 	if (!o->temp)
@@ -203,8 +210,7 @@ int format_part_begin(struct format_output *o, bool on, struct err *err)
 	if (on)
 		return 0;
 	/* The annex and the state first: they mean nothing without it. */
-	unlinkat(o->dirfd, part_name(o, ".state", name), 0);
-	unlinkat(o->dirfd, part_name(o, ".faces", name), 0);
+	format_part_clean(o);
 	if (io->ftruncate(o->fd, 0) < 0) {
 		err_sys(err, errno, "what an earlier fetch has kept cannot be replaced");
 		return err_add_file(err, o->label);
@@ -261,5 +267,6 @@ void format_part_clean(const struct format_output *o)
 	char name[FORMAT_PART_NAME];
 
 	unlinkat(o->dirfd, part_name(o, ".state", name), 0);
+	unlinkat(o->dirfd, part_name(o, ".state.new", name), 0);
 	unlinkat(o->dirfd, part_name(o, ".faces", name), 0);
 }

@@ -41,12 +41,12 @@ static uint64_t index_share(uint64_t total)
 	return clamp(total / 64, 256 << 10, 32 << 20);
 }
 
-/* What is not for domains and stages: stacks, the catalogue, messages, and what grows with jobs and sources. What pushes
+/* What is not for domains and stages: stacks, the catalogue, messages, streams, and what grows with jobs and sources. What pushes
  * keep of their files is in jobs_staged. */
 static uint64_t house_bytes(const struct jobs *j)
 {
 	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
-			       1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN;
+			       1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE;
 
 	return ledger_claimed(j->p.ledger, names) + 2 * input_bytes();
 }
@@ -60,7 +60,8 @@ void admit_init(struct jobs *j)
 	j->stage_share = total / 2;
 	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
 	j->reserve = house_bytes(j);
-	j->reserve_part = ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN);
+	j->reserve_part = ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN |
+						    1u << LEDGER_PIPE);
 }
 
 /* ---- what is held ---- */

@@ -149,6 +149,11 @@ static void begin(struct job_fetch *f)
 	};
 	struct err err = ERR_INIT;
 
+	if (!f->output) {
+		/* Its client has left since it sought a place: it goes when the job is settled. */
+		f->placed = false;
+		return;
+	}
 	if (job_state_final(job->state) && job->state != JOB_done) {
 		end(f, f->output, &job->err);
 		return;

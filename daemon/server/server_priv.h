@@ -11,6 +11,7 @@ enum {
 	CONN_FILES_MAX = 8,     /* unanswered Probe and File, as PROTOCOL.md says */
 	CONN_REQUESTS_MAX = 64, /* unanswered requests */
 	CONN_PUSHES_MAX = 64,   /* open at once */
+	CONN_STREAMS_MAX = 64,
 };
 
 struct listener {

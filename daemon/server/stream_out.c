@@ -22,7 +22,7 @@
 #include "log.h"
 #include "server_priv.h"
 
-enum { HEAD, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20, ROUND_BYTES = 8 << 20 };
+enum { HEAD, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20 };
 
 struct out_frame {
 	bool ready;
@@ -491,10 +491,19 @@ static struct stream_out *stream_make(struct conn *c, uint64_t job, uint32_t req
 struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end,
 				  struct err *err)
 {
+	struct ledger *l = c->server->p.ledger;
 	struct stream_out *o;
+	unsigned n = 0;
 	int ends[2];
 
-	if (!ledger_take(c->server->p.ledger, LEDGER_PIPE, sizeof *o)) {
+	for (const struct stream_out *other = c->streams; other; other = other->next)
+		n++;
+	if (n >= CONN_STREAMS_MAX) {
+		err_set(err, ERR_BUSY, "%d streams of this connection are open already", CONN_STREAMS_MAX);
+		return NULL;
+	}
+	/* A quarter of what streams may have is for those that come back through a buffer: they must never wait for it. */
+	if (ledger_held(l, LEDGER_PIPE) + sizeof *o > ledger_total(l) / 32 * 3 || !ledger_take(l, LEDGER_PIPE, sizeof *o)) {
 		err_set(err, ERR_BUSY, "there is no memory left for a stream");
 		err_add_hint(err, "try again when other streams are over, or give acutd more memory");
 		return NULL;

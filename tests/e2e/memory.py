@@ -440,7 +440,7 @@ def names(b, n):
                 c.ask("probe", pb.Probe(push=begun.push, name=name, path=("/data/" + name).encode(), add=True), f.fileno())
                 kept += 1
             except Refused as e:
-                expect(e.code in ("limit", "busy") and "files" in str(e), str(e))
+                expect(e.code in ("does-not-fit", "busy") and "files" in str(e), str(e))
                 break
         after = b.ctl("status", "--json").ok().json()
         grown = after["rss_bytes"] - before["rss_bytes"]

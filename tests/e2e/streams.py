@@ -326,6 +326,24 @@ def slow_readers():
             time.sleep(0.1)
 
 
+def many():
+    """A connection has at most 64 streams; whoever opens more is told so, and the others go on."""
+    with Folder() as base, Daemon(base, memory="96M", threads=2) as d:
+        d.ctl("push", "s", survey(base)).ok()
+        job = submit(d, "s")
+        done(d, job)
+        with Client(d.socket, timeout=60) as c:
+            ends = [c.ask("fetch", pb.Fetch(job=job))[1] for _ in range(64)]
+            try:
+                c.ask("fetch", pb.Fetch(job=job))
+                raise Fault("a 65th stream")
+            except Refused as e:
+                expect(e.code == "busy" and "64 streams" in str(e), str(e))
+            for fd in ends:
+                os.close(fd)
+        whole(fetch(d, job))
+
+
 def select_ready(fd):
     import select
     return bool(select.select([fd], [], [], 5)[0])
@@ -376,4 +394,4 @@ def splits_while_it_runs():
 
 
 if __name__ == "__main__":
-    e2e.main(from_every_block, what_cannot_go_on, killed_while_it_streams, live, slow_readers, splits_while_it_runs)
+    e2e.main(from_every_block, what_cannot_go_on, killed_while_it_streams, live, slow_readers, many, splits_while_it_runs)

@@ -334,6 +334,25 @@ static void all_kinds_in_little(void **state)
 	dataset_release(d[1]);
 }
 
+/* A stream whose client leaves while it seeks a place gets none. */
+static void leaves_before_its_place(void **state)
+{
+	struct dataset *d = push("valley", 20000, 13);
+	struct job *job = submit_as(1000, d, "", NULL);
+	static struct reader r; /* outlives a failed test */
+
+	turn_until_final(job);
+	r = (struct reader){.output.calls = &reader_calls};
+	job_fetch(job, &r.output);
+	job_output_gone(&r.output, r_freed);
+	assert_true(r.freed);
+	/* Another request, before the round of the loop ends. */
+	places_settle(h.jobs);
+	turn_until(!jobs_active(h.jobs));
+	assert_int_equal(r.heads + r.ends, 0);
+	dataset_release(d);
+}
+
 /* As if domains held all that there is, and all that comes free, but what a push is itself. */
 static void take_all(uint64_t *held)
 {
@@ -425,6 +444,7 @@ int main(void)
 		TEST(way_is_made),         TEST(priorities),           TEST(says_why),
 		TEST(never_and_the_number), TEST(all_kinds_in_little),
 		TEST(push_waits),          TEST(plan_waits),           TEST(plan_never),
+		TEST(leaves_before_its_place),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
