@@ -389,12 +389,13 @@ static int fill(struct grid_seal *z, struct slot *s, uint64_t *ret_left_out, str
 	return merge_slice(z, s, ret_left_out, err);
 }
 
-/* Blocks of runs that are in the segment go back to the disk, where no promise needs them. Under the lock. */
+/* Blocks of runs that are in the segment go back to the disk, where no promise needs them: it is asked for runs of a
+ * stage that is not durable and was not left. Under the lock. */
 static void punch(struct grid_seal *z)
 {
 	const struct grid_slices *all = &z->slices;
 
-	if (z->stage->durable || z->punching || !io->punch)
+	if (z->stage->durable || z->stage->left || z->punching || !io->punch)
 		return;
 	z->punching = true;
 	for (size_t i = 0; i < all->nruns; i++) {

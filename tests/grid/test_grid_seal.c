@@ -455,6 +455,41 @@ static void test_failures(void **state)
 	folder_remove(&f);
 }
 
+/* What was left stays whole, also where nothing is durable: a seal that fails late takes nothing of it. */
+static void test_left(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 600000, 1, 9);
+	const struct io_table *before = io;
+	struct io_table table = *io;
+	struct folder f = folder_new();
+	struct grid_stage_params params = {.dirfd = f.fd, .name = "got", .memory = 6 * MIB};
+	struct grid_stage *stage = staged(&f, "got", &s, params.memory, 0);
+	struct grid_segment_info want, got;
+	struct err err = ERR_INIT;
+	int rc = -1;
+
+	CHECK(stage_set(&f, "want", &s, 0, &want, &err));
+	CHECK(grid_stage_leave(stage, &err));
+	table.pwrite = failing_pwrite;
+	for (long n = 1; rc; n++) {
+		err = ERR_INIT;
+		left = n;
+		io = &table;
+		rc = seal(stage, 1, &got, &err);
+		io = before;
+		assert_true(!rc || rc == -ERR_NOSPACE);
+		if (!rc)
+			break;
+		grid_stage_part(stage);
+		err = ERR_INIT;
+		CHECK(grid_stage_resume(&params, &stage, &err));
+	}
+	grid_stage_free(stage);
+	same(&f, want.file, got.file);
+	set_free(&s);
+	folder_remove(&f);
+}
+
 /* Of several who add, one meets the failure of a write: all are told the same, whoever is asked. */
 static void test_failing_lanes(void **state)
 {
@@ -516,6 +551,7 @@ int main(void)
 	    cmocka_unit_test(test_lanes),        cmocka_unit_test(test_written_once),
 	    cmocka_unit_test(test_failures),     cmocka_unit_test(test_failing_lanes),
 	    cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
+	    cmocka_unit_test(test_left),
 	};
 
 	skip_fsync();
