@@ -278,6 +278,7 @@ static int make_loop(struct daemon *d, struct err *err)
 		sigaddset(&set, signals[i]);
 	sigprocmask(SIG_BLOCK, &set, NULL);
 	signal(SIGPIPE, SIG_IGN);
+	signal(SIGXFSZ, SIG_IGN); /* a limit of file sizes is an error of who meets it */
 	r = sd_event_default(&d->event);
 	for (size_t i = 0; r >= 0 && i < sizeof signals / sizeof signals[0]; i++)
 		r = sd_event_add_signal(d->event, NULL, signals[i], on_signal, d);

@@ -84,4 +84,16 @@ def many_sizes():
                 expect(SANITIZED or peak <= (int(memory[:-1]) + 32) * MIB, "VmHWM %d with %s" % (peak, memory))
 
 
-e2e.main(one_step_writes_no_domains, a_reader_who_stands_still_costs_no_disk, many_sizes)
+def a_limit_of_file_sizes():
+    """What a limit of file sizes stops is an error of that push, which says so; nobody else notices."""
+    limit = 2 * MIB
+    with Folder() as base, Daemon(base, prefix=("prlimit", "--fsize=%d" % limit)) as d:
+        large = synth(base, "large.las", 300000)
+        small = synth(base, "small.las", 2000)
+        got = d.ctl("push", "large", large)
+        expect(got.status == 74 and "File too large" in got.err, "status %d: %s" % (got.status, got.err))
+        expect(d.process.poll() is None, "acutd has ended\n" + d.log_text())
+        d.ctl("mesh", "--format", "null", small).ok()
+
+
+e2e.main(one_step_writes_no_domains, a_reader_who_stands_still_costs_no_disk, many_sizes, a_limit_of_file_sizes)
