@@ -114,8 +114,10 @@ int dataset_open(struct dataset *d, struct err *err)
 		if (!r)
 			r = io_open(parent_of(d), name, O_RDONLY | O_DIRECTORY, 0, &d->dirfd, err);
 		/* The folder's own name must outlive a power cut as its files do. */
-		if (!r && !d->onestep)
+		if (!r && !d->onestep && !d->named) {
 			r = io_sync(parent_of(d), "the folder of datasets", err);
+			d->named = !r;
+		}
 	}
 	if (!r)
 		d->opened++;
@@ -484,6 +486,7 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	d->pushed_us = row->pushed_us;
 	snprintf(d->manifest, sizeof d->manifest, "%s", row->manifest);
 	d->generation = row->generation;
+	d->named = row->generation > 0;
 	d->points = row->points;
 	d->bytes = row->bytes;
 	memcpy(d->box, row->box, sizeof d->box);

@@ -54,6 +54,7 @@ struct dataset {
 	unsigned users;  /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
 	unsigned opened; /* users of dirfd */
 	int dirfd;
+	bool named;      /* its folder's name is on the disk */
 	unsigned pushes;
 	struct push *planner; /* fixes the lattice */
 	struct push *committer;

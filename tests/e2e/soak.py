@@ -33,7 +33,7 @@ VIEWS = ((), ("--ground",), ("--surface",), ("--every", "7"), ("--thin", "3"), (
          ("--crop", "500010,5400010,500060,5400070"), ("--duplicates", "highest"))
 # Endings that a race between clients may have: no memory for a push at this moment, a file that another push has put
 # there meanwhile, a job that another client has cancelled or removed. (exit status, part of the message)
-RACES = ((75, "there is no memory now"), (75, "another push"), (1, "interrupted push"), (75, "interrupted push"), (4, "there is no job"), (1, "was cancelled"),
+RACES = ((75, "another push"), (1, "interrupted push"), (75, "interrupted push"), (4, "there is no job"), (1, "was cancelled"),
          (130, ""), (1, "is not over"), (1, "not done"))
 
 
