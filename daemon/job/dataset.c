@@ -117,6 +117,8 @@ int dataset_open(struct dataset *d, struct err *err)
 		if (!r && !d->onestep && !d->named) {
 			r = io_sync(parent_of(d), "the folder of datasets", err);
 			d->named = !r;
+			if (r)
+				d->dirfd = io_close(d->dirfd);
 		}
 	}
 	if (!r)

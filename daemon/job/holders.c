@@ -53,7 +53,7 @@ static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 		held[LEDGER_STAGE] += p->stage_bytes;
 	held[LEDGER_FILES] += p->table_bytes;
 	/* Workers read and free these in some asks. */
-	if (!p->busy) {
+	if (!p->busy || p->lacks) {
 		held[LEDGER_MANIFEST] += p->base ? p->base->charged : 0;
 		held[LEDGER_MANIFEST] += p->adopt ? p->adopt->charged : 0;
 	}

@@ -175,12 +175,14 @@ static void first_done(struct sched_task *t)
 static void helper_run(struct sched_task *t)
 {
 	struct push_crew *c = ((struct member *)t)->crew;
+	bool ready;
 
 	push_guard_lock(&c->guard);
 	while (c->state == WHOLE)
 		push_guard_wait(&c->guard);
+	ready = c->state == SPLIT;
 	push_guard_unlock(&c->guard);
-	if (c->state == SPLIT)
+	if (ready)
 		help((struct member *)t);
 }
 
