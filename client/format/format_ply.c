@@ -5,8 +5,8 @@
  * annex that is joined at the end; the header is written first at its greatest possible size and
  * patched when the counts are known, a comment filling the rest. Faces are in the order of the stream, but for
  * those that joining moves to the front (fewer than 4096). In canonical order all vertices come before all faces,
- * so that both go to their place. Where the output cannot seek, both are kept aside. Faces take 32-bit numbers: int up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused
- * beyond.
+ * so that both go to their place. Where the output cannot seek, both are kept aside. Faces take 32-bit numbers: int
+ * up to 2^31 - 1 vertices, uint up to 2^32 - 1, refused beyond.
  */
 #include <inttypes.h>
 #include <stdio.h>

@@ -4,8 +4,8 @@
  * The model: parts are taken in order, some at a time, by whoever is free: the task of the push itself, whose
  * memory is there already, and helpers that start only where a thread and memory are idle, take one helping
  * each and queue up again behind everybody else. All put points into the stage at once, which is split; who
- * finds it full sorts a part and writes it out. When a helping fails, later ones are given up and earlier ones finished; the error of the first part that fails is the file's, whoever
- * came to it and when.
+ * finds it full sorts a part and writes it out. When a helping fails, later ones are given up and earlier ones
+ * finished; the error of the first part that fails is the file's, whoever came to it and when.
  *
  * Not here: what is done with a file that failed; opening and checking it.
  */

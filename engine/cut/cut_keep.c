@@ -1,10 +1,10 @@
 /*
  * Let D be the least distance, the larger of the two axes, from a cell's tight box to a border of any of the regions.
- * All borders lie on or outside W, the box widened by D (and on sides where there is none, by more). A site whose Voronoi cell meets such a border at b has,
- * among the points of its own cell alone, a Voronoi cell that holds the way from it to b (convex), and so meets W
- * where that way leaves it. So the sites of the four chains of W over the cell's points are all that any of the
- * regions can ask of it, ties included. Of a cell that a border crosses all points may be asked for; it is read again
- * each time.
+ * All borders lie on or outside W, the box widened by D (and on sides where there is none, by more). A site whose
+ * Voronoi cell meets such a border at b has, among the points of its own cell alone, a Voronoi cell that holds the
+ * way from it to b (convex), and so meets W where that way leaves it. So the sites of the four chains of W over the
+ * cell's points are all that any of the regions can ask of it, ties included. Of a cell that a border crosses all
+ * points may be asked for; it is read again each time.
  *
  * Where the memory ends, cells are read again: slower, never wrong.
  */

@@ -13,11 +13,6 @@ size_t grid_cells_least(void)
 	return 2 * (DISK_BLOCK_MAX + sizeof(struct grid_made));
 }
 
-size_t grid_cells_bytes(size_t n)
-{
-	return grid_cells_least() + n * sizeof(struct point) + n / 8 * sizeof(uint64_t);
-}
-
 void grid_cells_begin(struct grid_cells *c, void *memory, size_t size, uint64_t lo, uint64_t hi)
 {
 	*c = (struct grid_cells){.memory = memory, .size = size & ~(size_t)(DISK_ALIGN - 1)};

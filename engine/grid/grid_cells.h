@@ -28,9 +28,8 @@ struct grid_cells {
 	bool open;                /* a cell of one position that may go on */
 };
 
-/* The least `size` that does, and what n records take, about. */
+/* The least `size` that does. */
 size_t grid_cells_least(void);
-size_t grid_cells_bytes(size_t n);
 /* `memory`: aligned to 16. For the records from key lo to key hi, where lo, and the key behind hi, are known to
  * be borders of cells; 0 and UINT64_MAX always are. */
 void grid_cells_begin(struct grid_cells *, void *memory, size_t size, uint64_t lo, uint64_t hi);
