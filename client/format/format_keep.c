@@ -394,6 +394,13 @@ int format_run_save(struct format_run *run, const void *state, size_t size, stru
 	return 0;
 }
 
+void format_keep_discard(struct format_run *run)
+{
+	for (const struct format_target *t = run->target; t && run->kept && !run->kept->saved; t = t->next)
+		if (t->out)
+			format_part_discard(t->out);
+}
+
 void format_keep_done(struct format_run *run)
 {
 	for (const struct format_target *t = run->target; t && run->kept; t = t->next)

@@ -47,6 +47,7 @@ int format_part_annex(struct format_output *host, struct format_output *annex, s
 void format_part_add(struct format_part *, const uint8_t *bytes, size_t n);
 struct format_sum format_part_sum(const struct format_output *); /* of what was flushed */
 int format_part_sync(struct format_output *, struct err *err);   /* flushed and durable, its annex too */
+void format_part_discard(const struct format_output *);          /* removes it, if it was begun and nothing refers to it */
 void format_part_clean(const struct format_output *);            /* removes what lies beside NAME.part */
 const char *format_part_state_name(const struct format_output *, char buf[FORMAT_PART_NAME]);
 struct format_part *format_part_free(struct format_part *);

@@ -262,6 +262,15 @@ int format_part_sync(struct format_output *o, struct err *err)
 	return r || !o->annex ? r : format_part_sync(o->annex, err);
 }
 
+void format_part_discard(const struct format_output *o)
+{
+	/* What is there of an earlier fetch is not ours to remove; what has its name needs nothing. */
+	if (!o->part || o->part->on || !o->temp)
+		return;
+	unlinkat(o->dirfd, o->temp, 0);
+	format_part_clean(o);
+}
+
 void format_part_clean(const struct format_output *o)
 {
 	char name[FORMAT_PART_NAME];

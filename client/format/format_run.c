@@ -182,6 +182,7 @@ struct format_run *format_run_free(struct format_run *run)
 {
 	if (!run)
 		return NULL;
+	format_keep_discard(run);
 	for (struct format_target *t = run->target, *next; t; t = next) {
 		next = t->next;
 		target_free(t);

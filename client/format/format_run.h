@@ -30,6 +30,7 @@ bool format_keep_goes_on(const struct format_run *);
 int format_keep_head(struct format_run *, const struct acut_mesh_head *, struct err *err);
 /* All outputs have their names. */
 void format_keep_done(struct format_run *);
+void format_keep_discard(struct format_run *); /* a run that ends with nothing to go on with leaves nothing */
 struct format_kept *format_keep_free(struct format_kept *);
 
 #endif

@@ -241,6 +241,11 @@ def full_disk():
         d.ctl("submit", "s", "--wait").ok()
         out, want = os.path.join(base, "m.ply"), os.path.join(base, "want.ply")
         d.ctl("fetch", "1", "-o", want).ok()
+        # Too little for anything to go on with: nothing stays.
+        p = subprocess.run(["prlimit", "--fsize=4096", e2e.ACUTCTL, "fetch", "1", "-o", out],
+                           env=dict(os.environ, ACUT_SOCKET=d.socket), capture_output=True, text=True)
+        expect(p.returncode == 74 and "--resume" not in p.stderr, "%d %s" % (p.returncode, p.stderr))
+        expect(not parts(base) and not os.path.exists(out), "left behind: %s" % parts(base))
         # Too little for the vertices; enough for them, and not for all.
         for limit in (os.path.getsize(want) // 4, os.path.getsize(want) // 4 * 3):
             for resume in ([], ["--resume"]):
