@@ -8,8 +8,9 @@
  * Why the first in the queue can always run. What is held falls into two kinds:
  *   - for long: the fixed part, the shares of the walks at work, the stages of pushes. Nothing of it is waited for
  *     while holding other memory: a walk gets its place, that is all of its share, at once (places.c), and gives it
- *     back before it waits for more than its plan can have (walk_retreat); a push waits for its stage holding no
- *     more than the names of its files.
+ *     back before it waits for more than its plan can have (walk_retreat); a push waits for its stage, and for
+ *     room for more names, holding no more than the names of its files; where only such pushes are left the youngest is
+ *     refused (push_room).
  *   - for a while: what a task takes when it starts (a domain, a plan, a selection, buffers to read a file). It ends
  *     without asking for more; what it leaves in memory (a finished domain) goes to the store when others lack
  *     memory (walk_relieve), by tasks that need none and so are never behind one that waits.
