@@ -13,6 +13,9 @@ void walk_retreat(struct walk *w, uint64_t need)
 	walk_shut(w);
 	cut_plan_done(&w->plan);
 	w->next_start = w->next_emit = w->plan_n = 0;
+	/* Here, not when it was asked to give way: a domain may have been emitted since. */
+	if (w->points > w->points_before)
+		w->points_before = w->points;
 	w->points = w->grid_total = 0;
 	w->ndomains = 0;
 	w->select.open = false;
@@ -32,8 +35,6 @@ void walk_give_way(struct walk *w)
 {
 	struct err why = ERR_INIT;
 
-	if (w->points > w->points_before)
-		w->points_before = w->points;
 	err_set(&why, ERR_BUSY, "it gives way to others");
 	walk_fail(w, &why);
 	w->giving = true;
