@@ -401,6 +401,8 @@ static void push_waits(void **state)
 			sched_give(h.sched, LEDGER_INPUT, held);
 	}
 	push_leave(got.push);
+	/* No worker is in its block: it may be spooled at any moment. */
+	turn_until(sched_busy(h.sched) == 0);
 	r.slow = r.sending = false;
 	job_output_sent(&r.output);
 	all_done(&job, 1);
