@@ -362,6 +362,19 @@ static void take_all(uint64_t *held)
 		*held += room - least;
 }
 
+/* Until no worker has anything to do, nor will have: whatever comes free from then on is given by the test. */
+static void turn_quiet(void)
+{
+	uint64_t begun_at = clock_mono_ns();
+
+	for (int still = 0; still < 20;) {
+		turn(5);
+		still = sched_busy(h.sched) || catalogue_busy(h.catalogue) ? 0 : still + 1;
+		if (clock_since(begun_at) > 100)
+			fail_msg("the workers never rest");
+	}
+}
+
 /* A push for which there is no memory now, not even to read the manifest or to keep it in mind, waits for jobs. */
 static void push_waits(void **state)
 {
@@ -378,6 +391,7 @@ static void push_waits(void **state)
 	job = submit(d, true, VIEW);
 	job_fetch(job, &r.output);
 	turn_until(r.sending);
+	turn_quiet();
 	/* The first leaves while it waits. */
 	for (int leaves = 1; leaves >= 0; leaves--) {
 		uint64_t held = 0;
@@ -402,7 +416,7 @@ static void push_waits(void **state)
 	}
 	push_leave(got.push);
 	/* No worker is in its block: it may be spooled at any moment. */
-	turn_until(sched_busy(h.sched) == 0);
+	turn_quiet();
 	r.slow = r.sending = false;
 	job_output_sent(&r.output);
 	all_done(&job, 1);
