@@ -5,10 +5,13 @@
  */
 #include "io.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
 #include <stdio.h>
+#include <string.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include "err.h"
@@ -16,6 +19,16 @@
 static int system_openat(int dirfd, const char *path, int flags, mode_t mode)
 {
 	return openat(dirfd, path, flags, mode);
+}
+
+static int system_fstatat(int dirfd, const char *path, struct stat *st, int flags)
+{
+	return fstatat(dirfd, path, st, flags);
+}
+
+static struct dirent *system_readdir(void *dir)
+{
+	return readdir(dir);
 }
 
 static int system_punch(int fd, off_t from, off_t n)
@@ -36,6 +49,15 @@ const struct io_table io_system = {
 	.fstat = fstat,
 	.mkdirat = mkdirat,
 	.punch = system_punch,
+	.fstatat = system_fstatat,
+	.faccessat = faccessat,
+	.linkat = linkat,
+	.utimensat = utimensat,
+	.futimens = futimens,
+	.fstatvfs = fstatvfs,
+	.readdir = system_readdir,
+	.copy_file_range = copy_file_range,
+	.flock = flock,
 };
 
 const struct io_table *io = &io_system;
@@ -156,6 +178,32 @@ int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err)
 		return 0;
 	err_sys(err, errno, "cannot make the folder");
 	return err_add_file(err, path);
+}
+
+int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dirent *, struct err *err), void *ctx,
+	    struct err *err)
+{
+	const struct dirent *e;
+	int fd, r = io_open(dirfd, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
+	DIR *dir;
+
+	if (r)
+		return r;
+	dir = fdopendir(fd);
+	if (!dir) {
+		r = err_sys(err, errno, "cannot list a folder");
+		io_close(fd);
+		return err_add_file(err, path);
+	}
+	while (!r && (errno = 0, e = io->readdir(dir)))
+		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
+			r = each(ctx, e, err);
+	if (!r && errno) {
+		r = err_sys(err, errno, "cannot list a folder");
+		err_add_file(err, path);
+	}
+	closedir(dir);
+	return r;
 }
 
 int io_close(int fd)

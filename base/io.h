@@ -1,6 +1,7 @@
 /*
  * The one table of file calls. All file I/O of daemon and engine goes through `io`, so that tests can
- * make any call fail. Helpers above it loop over short transfers and EINTR and fill in struct err;
+ * make any call fail. Helpers above it loop over short transfers and EINTR and fill in struct dirent;
+struct err;
  * `name` is what messages call the file.
  */
 #ifndef IO_H
@@ -9,6 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <sys/types.h>
 
 struct err;
@@ -26,6 +28,15 @@ struct io_table {
 	int (*fstat)(int fd, struct stat *st);
 	int (*mkdirat)(int dirfd, const char *path, mode_t mode);
 	int (*punch)(int fd, off_t from, off_t n); /* these bytes need no space any more; NULL: they keep it */
+	int (*fstatat)(int dirfd, const char *path, struct stat *st, int flags);
+	int (*faccessat)(int dirfd, const char *path, int mode, int flags);
+	int (*linkat)(int olddir, const char *old, int newdir, const char *name, int flags);
+	int (*utimensat)(int dirfd, const char *path, const struct timespec times[2], int flags);
+	int (*futimens)(int fd, const struct timespec times[2]);
+	int (*fstatvfs)(int fd, struct statvfs *vfs);
+	struct dirent *(*readdir)(void *dir); /* a DIR; NULL and errno as before: the end */
+	ssize_t (*copy_file_range)(int in, off_t *in_off, int out, off_t *out_off, size_t n, unsigned flags);
+	int (*flock)(int fd, int operation);
 };
 
 extern const struct io_table io_system;
@@ -43,6 +54,10 @@ int io_sync(int fd, const char *name, struct err *err);
 int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err);
 int io_remove(int dirfd, const char *path, struct err *err); /* absent is success */
 int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err); /* present is success */
+/* Calls `each` for every entry but "." and "..", until it returns non-zero, which is returned. What `each` removes is
+ * not met again. A folder that cannot be read to its end is an error. */
+int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dirent *, struct err *err), void *ctx,
+	    struct err *err);
 /* Closes if fd >= 0; returns -1, so that `fd = io_close(fd)`. */
 int io_close(int fd);
 

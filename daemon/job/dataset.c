@@ -135,26 +135,6 @@ void dataset_close(struct dataset *d)
 	pthread_mutex_unlock(&folder_lock);
 }
 
-/* Calls `each` for every entry but "." and "..". */
-static int folder_each(int dirfd, int (*each)(int dirfd, const struct dirent *, void *ctx, struct err *),
-		       void *ctx, struct err *err)
-{
-	int fd = openat(dirfd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0;
-	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
-	struct dirent *e;
-
-	if (!dir) {
-		r = err_sys(err, errno, "cannot list a folder");
-		io_close(fd);
-		return r;
-	}
-	while (!r && (e = readdir(dir)))
-		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
-			r = each(dirfd, e, ctx, err);
-	closedir(dir);
-	return r;
-}
-
 int folder_remove(int dirfd, const char *name, struct err *err)
 {
 	int sub, r;
@@ -173,16 +153,23 @@ int folder_remove(int dirfd, const char *name, struct err *err)
 	return r;
 }
 
-static int remove_entry(int dirfd, const struct dirent *e, void *ctx, struct err *err)
-{
-	const char *prefix = ctx;
+struct sweep {
+	int dirfd;
+	const char *prefix;
+};
 
-	return strncmp(e->d_name, prefix, strlen(prefix)) ? 0 : folder_remove(dirfd, e->d_name, err);
+static int remove_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct sweep *s = ctx;
+
+	return strncmp(e->d_name, s->prefix, strlen(s->prefix)) ? 0 : folder_remove(s->dirfd, e->d_name, err);
 }
 
 int folder_sweep(int dirfd, const char *prefix, struct err *err)
 {
-	return folder_each(dirfd, remove_entry, (void *)prefix, err);
+	struct sweep s = {dirfd, prefix};
+
+	return io_list(dirfd, ".", remove_entry, &s, err);
 }
 
 int folder_empty(int dirfd, struct err *err)
@@ -193,12 +180,13 @@ int folder_empty(int dirfd, struct err *err)
 /* ---- leftovers ---- */
 
 struct keep {
+	int dirfd;
 	const char *manifest;
 	const struct grid_manifest *m;
 	const struct pending *pending;
 };
 
-static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct err *err)
+static int remove_unnamed(void *ctx, const struct dirent *e, struct err *err)
 {
 	const struct keep *keep = ctx;
 	const struct pending *q;
@@ -215,7 +203,7 @@ static int remove_unnamed(int dirfd, const struct dirent *e, void *ctx, struct e
 		if (!strncmp(e->d_name, stem, strlen(stem)) && strcmp(e->d_name + strlen(stem), "seg"))
 			return 0;
 	}
-	return io_remove(dirfd, e->d_name, err);
+	return io_remove(keep->dirfd, e->d_name, err);
 }
 
 int dataset_sweep(struct dataset *d, struct err *err)
@@ -229,8 +217,9 @@ int dataset_sweep(struct dataset *d, struct err *err)
 	if (*d->manifest)
 		r = grid_manifest_load(d->dirfd, d->manifest, d->jobs->p.ledger, &m, err);
 	keep.m = m;
+	keep.dirfd = d->dirfd;
 	if (!r)
-		r = folder_each(d->dirfd, remove_unnamed, &keep, err);
+		r = io_list(d->dirfd, ".", remove_unnamed, &keep, err);
 	grid_manifest_free(m);
 	dataset_close(d);
 	return r;

@@ -82,7 +82,7 @@ static int read_name(int dirfd, const char *name, struct geoid_info *ret, struct
 	int fd, r = 0;
 
 	text_name(name, file);
-	if (faccessat(dirfd, file, F_OK, 0) && errno == ENOENT) {
+	if (io->faccessat(dirfd, file, F_OK, 0) && errno == ENOENT) {
 		err_set(err, ERR_NOTFOUND, "there is no geoid grid %s", name);
 		return err_add_hint(err, "acutctl geoid add FILE --name %s keeps one; acutctl geoid list shows them", name);
 	}
@@ -102,29 +102,29 @@ static int read_name(int dirfd, const char *name, struct geoid_info *ret, struct
 	return err_add_file(err, file);
 }
 
+struct each_name {
+	int (*each)(const char *name, void *ctx, struct err *err);
+	void *ctx;
+};
+
+static int entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct each_name *names = ctx;
+	size_t n = strlen(e->d_name), end = sizeof ending - 1;
+	char name[DATASET_NAME_MAX + 1];
+
+	if (n <= end || n - end > DATASET_NAME_MAX || strcmp(e->d_name + n - end, ending))
+		return 0;
+	snprintf(name, sizeof name, "%.*s", (int)(n - end), e->d_name);
+	return names->each(name, names->ctx, err);
+}
+
 /* Calls `each` for every name, until it returns non-zero. */
 static int each_name(int dirfd, int (*each)(const char *name, void *ctx, struct err *err), void *ctx, struct err *err)
 {
-	int fd = openat(dirfd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0;
-	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
-	struct dirent *e;
+	struct each_name names = {each, ctx};
 
-	if (!dir) {
-		r = err_sys(err, errno, "cannot list the geoid grids");
-		io_close(fd);
-		return r;
-	}
-	while (!r && (e = readdir(dir))) {
-		size_t n = strlen(e->d_name), end = sizeof ending - 1;
-		char name[DATASET_NAME_MAX + 1];
-
-		if (n <= end || n - end > DATASET_NAME_MAX || strcmp(e->d_name + n - end, ending))
-			continue;
-		snprintf(name, sizeof name, "%.*s", (int)(n - end), e->d_name);
-		r = each(name, ctx, err);
-	}
-	closedir(dir);
-	return r;
+	return io_list(dirfd, ".", entry, &names, err);
 }
 
 /* ---- what a grid is used by ---- */
@@ -179,28 +179,20 @@ static bool is_grid(const char *name, char hash[DIGEST_HEX_SIZE])
 	return digest_parse(hash, &d);
 }
 
-static void sweep(int dirfd)
+static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
 {
-	int fd = openat(dirfd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
-	struct dirent *e;
+	int dirfd = *(int *)ctx;
+	size_t n = strlen(e->d_name);
+	char hash[DIGEST_HEX_SIZE];
+	struct users users;
+	struct err ignored = ERR_INIT; /* it stays until the next start */
+	bool goes = n > 4 && !strcmp(e->d_name + n - 4, ".tmp");
 
-	while (dir && (e = readdir(dir))) {
-		size_t n = strlen(e->d_name);
-		char hash[DIGEST_HEX_SIZE];
-		struct users users;
-		struct err err = ERR_INIT;
-		bool goes = n > 4 && !strcmp(e->d_name + n - 4, ".tmp");
-
-		if (!goes && is_grid(e->d_name, hash))
-			goes = !users_of(dirfd, hash, &users, &err) && !users.n;
-		if (goes)
-			io->unlinkat(dirfd, e->d_name, 0);
-	}
-	if (dir)
-		closedir(dir);
-	else
-		io_close(fd);
+	if (!goes && is_grid(e->d_name, hash))
+		goes = !users_of(dirfd, hash, &users, &ignored) && !users.n;
+	if (goes)
+		io->unlinkat(dirfd, e->d_name, 0);
+	return 0;
 }
 
 int geoids_open(int statefd, int *ret_fd, struct err *err)
@@ -210,7 +202,7 @@ int geoids_open(int statefd, int *ret_fd, struct err *err)
 	if (!r)
 		r = io_open(statefd, "geoids", O_RDONLY | O_DIRECTORY, 0, ret_fd, err);
 	if (!r)
-		sweep(*ret_fd);
+		r = io_list(*ret_fd, ".", sweep_one, ret_fd, err);
 	return r;
 }
 

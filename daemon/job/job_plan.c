@@ -219,24 +219,16 @@ static bool has_job(const struct jobs *j, uint64_t id)
 	return job != NULL;
 }
 
+/* Also what a write left that a crash cut short. */
+static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct jobs *j = ctx;
+	uint64_t id = plan_file_job(e->d_name);
+
+	return id && has_job(j, id) ? 0 : io_remove(j->plansfd, e->d_name, err);
+}
+
 int job_plan_sweep(struct jobs *j, struct err *err)
 {
-	int fd = dup(j->plansfd), r = 0;
-	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
-	struct dirent *e;
-
-	if (!dir) {
-		io_close(fd);
-		return err_sys(err, errno, "cannot read the folder of plans");
-	}
-	rewinddir(dir);
-	while (!r && (e = readdir(dir))) {
-		uint64_t id = plan_file_job(e->d_name);
-
-		/* Also what a write left that a crash cut short. */
-		if (e->d_name[0] != '.' && !(id && has_job(j, id)))
-			r = io_remove(j->plansfd, e->d_name, err);
-	}
-	closedir(dir);
-	return r;
+	return io_list(j->plansfd, ".", sweep_one, j, err);
 }

@@ -23,7 +23,7 @@ int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct er
 		return err_add_file(err, name);
 	}
 	flags = fcntl(fd, F_GETFL);
-	if (flags < 0 || fstat(fd, &st) != 0) {
+	if (flags < 0 || io->fstat(fd, &st) != 0) {
 		err_sys(err, errno, "the descriptor cannot be used");
 		return err_add_file(err, name);
 	}

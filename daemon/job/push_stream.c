@@ -61,7 +61,7 @@ static int room_left(const struct push_stream *s, struct err *err)
 {
 	struct statvfs vfs;
 
-	if (fstatvfs(s->spool, &vfs) != 0)
+	if (io->fstatvfs(s->spool, &vfs) != 0)
 		return err_sys(err, errno, "the file system of the cache cannot be asked for its space");
 	if (vfs.f_bavail >= vfs.f_blocks / KEEP_FREE)
 		return 0;
@@ -106,7 +106,7 @@ static int keep_piece(struct push_stream *s, const uint8_t *piece, size_t n, str
 static int keep(struct push_stream *s, uint8_t *piece, struct err *err)
 {
 	for (uint64_t done = 0; done < ROUND && !enough(s);) {
-		ssize_t n = atomic_load(&s->push->cancel) ? 0 : read(s->fd, piece, PIECE);
+		ssize_t n = atomic_load(&s->push->cancel) ? 0 : io->read(s->fd, piece, PIECE);
 		int r;
 
 		if (atomic_load(&s->push->cancel))

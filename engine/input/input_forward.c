@@ -44,7 +44,7 @@ int input_forward_read(struct input *in, uint64_t at, void *buf, size_t n, size_
 		return io_read_some(in->fd, buf, n < in->head - at ? n : (size_t)(in->head - at), at, in->name, ret_n,
 				    err);
 	do {
-		got = read(in->pipe, buf, n);
+		got = io->read(in->pipe, buf, n);
 	} while (got < 0 && errno == EINTR);
 	*ret_n = got > 0 ? (size_t)got : 0;
 	if (got < 0 && errno == EAGAIN) {

@@ -180,7 +180,7 @@ bool store_has(int dirfd, struct digest key)
 	char name[NAME];
 
 	name_of(key, name);
-	return faccessat(dirfd, name, R_OK, 0) == 0;
+	return io->faccessat(dirfd, name, R_OK, 0) == 0;
 }
 
 static int damaged(int dirfd, struct digest key)
