@@ -17,6 +17,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "dump_manifest.h"
 #include "err.h"
 #include "grid.h"
 #include "grid_cell.h"
@@ -441,6 +442,7 @@ static void dump_file(int dirfd, const char *name, const char *shown);
 static void dump_manifest(int dirfd, const char *name)
 {
 	struct grid_manifest *m;
+	const char *fault;
 	struct err err = ERR_INIT;
 	char text[LATTICE_TEXT_SIZE], hex[DIGEST_HEX_SIZE];
 
@@ -448,9 +450,12 @@ static void dump_manifest(int dirfd, const char *name)
 		print_err(&err);
 		return;
 	}
-	printf("%s: manifest\n  lattice %s\n  crs %s, units %s and %s\n  geoid %s\n  generation %llu\n", name,
+	printf("%s: manifest\n  lattice %s\n  crs %s, units %s and %s\n  geoid %s\n  generation %llu", name,
 	       lattice_text(&m->lattice, text), m->crs, m->unit_xy, m->unit_z, *m->geoid ? m->geoid : "none",
 	       (unsigned long long)m->generation);
+	if (grid_manifest_oldest(m) > 1)
+		printf(", oldest %llu", (unsigned long long)m->oldest);
+	putchar('\n');
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
 
@@ -460,18 +465,9 @@ static void dump_manifest(int dirfd, const char *name)
 		print_box(s->box);
 		printf(", sum %s\n", digest_hex(s->sum, hex));
 	}
-	for (size_t i = 0; i < m->nsources; i++) {
-		const struct grid_source *s = &m->sources[i];
-
-		printf("  source %u: generation %llu", s->id, (unsigned long long)s->added);
-		if (s->removed)
-			printf(" until %llu", (unsigned long long)s->removed);
-		printf(", %llu points, hash %s, \"", (unsigned long long)s->points, digest_hex(s->hash, hex));
-		for (const char *c = s->name; *c; c++)
-			printf((unsigned char)*c < 32 || *c == '"' || *c == '\\' ? "\\x%02x" : "%c",
-			       (unsigned char)*c);
-		puts("\"");
-	}
+	dump_manifest_lists(m);
+	if (options.check && (fault = dump_manifest_fault(m)))
+		complain(name, 0, "%s", fault);
 	for (size_t i = 0; options.check && i < m->nsegments; i++)
 		dump_file(dirfd, m->segments[i].file, m->segments[i].file);
 	if (options.check) { /* does each segment belong to this manifest? */

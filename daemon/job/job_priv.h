@@ -172,6 +172,12 @@ int folder_remove(int dirfd, const char *name, struct err *err); /* with everyth
 /* Removes the entries whose names begin so. */
 int folder_sweep(int dirfd, const char *prefix, struct err *err);
 
+/* dataset_generation.c */
+/* m->generations becomes the base's (NULL: there is none) and m->generation, as its sources have it; to be freed.
+ * Workers. */
+int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct job_peer *,
+		    enum grid_generation_kind, uint64_t undoes, struct err *err);
+
 /* push_pending.c */
 int pending_load(struct dataset *, const struct catalogue_push *, bool *ret_stays, struct err *err);
 void pending_expire(struct dataset *);

@@ -113,9 +113,17 @@ int grid_stage_discard(int dirfd, const char *name, struct err *err);
 
 /* ---- manifests: a text or binary file that alone describes a dataset ---- */
 
+/* From a generation to before another. */
+struct grid_span {
+	uint64_t added, removed;
+};
+
 struct grid_source {
 	uint32_t id;            /* > 0, never used twice in a dataset */
 	uint64_t added, removed; /* added it; removed it, 0 = none; the same: never counted */
+	/* It was there before, removed, and is brought back by `added`: when, ascending, all over before that. */
+	const struct grid_span *earlier;
+	size_t nearlier;
 	uint64_t points;
 	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
 	const char *path;       /* absolute, as the client saw it, at most 4095 bytes; "": none (a pipe) */
@@ -124,6 +132,33 @@ struct grid_source {
 	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
 };
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096 }; /* with the zero at the end */
+
+/* Whether its points count in that generation. */
+bool grid_source_live(const struct grid_source *, uint64_t generation);
+
+enum grid_generation_kind {
+	GRID_PUSH = 1,
+	GRID_REVERT,  /* of generation `undoes` */
+	GRID_REPLACE, /* a push that removes what it replaces */
+	GRID_PRUNE,   /* of what came before generation `undoes` */
+	GRID_IMPORT,
+	GRID_KINDS
+};
+const char *grid_generation_kind_text(enum grid_generation_kind); /* "push" ... */
+
+enum { GRID_USER = 64 };
+struct grid_generation {
+	uint64_t number;
+	int64_t time_us;        /* since 1970; 0 if unknown */
+	uint32_t uid;
+	const char *user;       /* that had this number then, at most 63 bytes; NULL is "": unknown */
+	enum grid_generation_kind kind;
+	uint64_t undoes;        /* 0: none */
+	/* By the sources: those that it added (a source that is brought back is added, too), and that it removed. */
+	uint32_t files, files_removed;
+	uint64_t points_added, points_removed;
+	struct digest content;  /* of what it added: the hashes of the files, summed up */
+};
 
 enum { GRID_GEOID = 128 };
 
@@ -135,12 +170,19 @@ struct grid_manifest {
 	char geoid[GRID_GEOID];
 	char choices[256];      /* of a push that is not committed: how its files were read; else "" */
 	uint64_t generation;    /* the newest */
+	uint64_t oldest;        /* that can still be read; 0 is 1 */
 	struct grid_segment_info *segments;
 	size_t nsegments;
 	struct grid_source *sources;
 	size_t nsources;
-	char *texts;            /* of the sources, of a manifest that was read; else NULL */
+	/* Ascending by number. Some may be missing: what is derived from another dataset (a selection) has none. Of a
+	 * manifest before version 4 they are made of its sources: pushes of unknown times and users. */
+	struct grid_generation *generations;
+	size_t ngenerations;
+	char *texts;            /* of sources and generations, of a manifest that was read; else NULL */
 	size_t texts_bytes;
+	struct grid_span *spans; /* likewise, of the sources */
+	size_t nspans;
 	struct ledger *ledger;  /* of a manifest that was read: what it was charged to (LEDGER_MANIFEST), and how much */
 	uint64_t charged;
 };
@@ -151,6 +193,10 @@ int grid_manifest_read(int dirfd, const char *name, struct grid_manifest **ret, 
  * -ERR_BUSY: there is no room now; -ERR_LIMIT: it takes more than half of all. */
 int grid_manifest_load(int dirfd, const char *name, struct ledger *, struct grid_manifest **ret, struct err *err);
 struct grid_manifest *grid_manifest_free(struct grid_manifest *);
+uint64_t grid_manifest_oldest(const struct grid_manifest *); /* 1 where it does not say more; 0: nothing can be read */
+/* What the sources say of these generations, ascending by number: files, points and content. They say it of all after
+ * the oldest, and of that if it is 1; what was pruned is not among them any more. */
+void grid_generations_tally(const struct grid_manifest *, struct grid_generation *, size_t n);
 
 /* ---- reading one generation; thread-safe, all state in the caller's reader ---- */
 

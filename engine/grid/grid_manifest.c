@@ -1,7 +1,7 @@
 /*
  * Manifests (grid.h): one checksummed file that alone describes a dataset. Written whole, read whole,
- * believed only after the checksum and then every rule below hold; the same rules hold for what is
- * written.
+ * believed only after the checksum and then every rule (grid_manifest_fault.c) hold; the same rules hold for
+ * what is written.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -15,118 +15,24 @@
 #include "grid_cell.h"
 #include "grid_disk.h"
 #include "grid_file.h"
+#include "grid_manifest.h"
 #include "io.h"
 #include "ledger.h"
 
 enum {
 	HEAD_BYTES = 8 + 4 + 4 + 8 + 8 + 4 + 4,
+	HEAD_MORE = 8 + 4 + 4, /* what version 4 adds; no file is smaller than both */
 	SEGMENT_LEAST = 2 + 3 * 8 + 4 * 4 + 2 * 8 + 2,
 	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
 	SOURCE_MORE = 2 * 8 + 2,              /* what version 2 adds */
+	SOURCE_SPANS = 2,                     /* what version 4 adds */
+	SPAN_BYTES = 2 * 8,
+	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,
 	TEXTS_MOST = 6 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
 	SEGMENT_MOST = SEGMENT_LEAST + 64 + 256 * 9,
 	CHECK_BYTES = 8,
 };
 #define MANIFEST_MOST ((uint64_t)1 << 32) /* bytes; ten million sources */
-
-/* ---- rules ---- */
-
-static bool text_ok(const char *text, size_t size)
-{
-	return strnlen(text, size) < size;
-}
-
-static int compare_ids(const void *a, const void *b)
-{
-	uint32_t x = *(const uint32_t *)a, y = *(const uint32_t *)b;
-
-	return x < y ? -1 : x > y;
-}
-
-static int compare_names(const void *a, const void *b)
-{
-	return strcmp(*(char *const *)a, *(char *const *)b);
-}
-
-static const char *segment_fault(const struct grid_segment_info *s)
-{
-	uint64_t classes = 0;
-
-	if (!text_ok(s->file, sizeof s->file) || !s->file[0] || strchr(s->file, '/') || s->file[0] == '.')
-		return "a segment has no proper file name";
-	for (unsigned i = 0; i < 256; i++) {
-		if (s->classes[i] > s->points)
-			return "a segment has more points of a class than points";
-		classes += s->classes[i];
-	}
-	if (classes != s->points || !s->points != !s->cells || s->cells > s->points || s->bytes < DISK_HEADER)
-		return "the numbers of a segment contradict each other";
-	if (s->points && (s->box[0] > s->box[2] || s->box[1] > s->box[3]))
-		return "the box of a segment is inside out";
-	return NULL;
-}
-
-static const char *source_fault(const struct grid_manifest *m, const struct grid_source *s)
-{
-	if (!s->id)
-		return "a source has the number 0";
-	if (s->name && !text_ok(s->name, GRID_SOURCE_NAME))
-		return "the name of a source is too long";
-	if (s->path && !text_ok(s->path, GRID_SOURCE_PATH))
-		return "the path of a source is too long";
-	if (s->added > m->generation || s->removed > m->generation)
-		return "a source belongs to a generation that is not there yet";
-	if (s->removed && s->removed < s->added)
-		return "a source was removed before it was added";
-	return NULL;
-}
-
-static const char *repeats(const struct grid_manifest *m, bool *ret_nomem)
-{
-	size_t most = m->nsegments > m->nsources ? m->nsegments : m->nsources;
-	const char **names = malloc((most + 1) * sizeof *names);
-	uint32_t *ids = (uint32_t *)names;
-	const char *fault = NULL;
-
-	*ret_nomem = !names;
-	if (!names)
-		return NULL;
-	for (size_t i = 0; i < m->nsegments; i++)
-		names[i] = m->segments[i].file;
-	qsort(names, m->nsegments, sizeof *names, compare_names);
-	for (size_t i = 1; i < m->nsegments; i++)
-		if (!strcmp(names[i], names[i - 1]))
-			fault = "a segment is named twice";
-	for (size_t i = 0; i < m->nsources; i++)
-		ids[i] = m->sources[i].id;
-	qsort(ids, m->nsources, sizeof *ids, compare_ids);
-	for (size_t i = 1; i < m->nsources; i++)
-		if (ids[i] == ids[i - 1])
-			fault = "two sources have one number";
-	free(names);
-	return fault;
-}
-
-/* What is wrong with a manifest, or NULL. */
-static const char *manifest_fault(const struct grid_manifest *m, bool *ret_nomem)
-{
-	struct lattice back;
-	char text[LATTICE_TEXT_SIZE];
-	const char *fault = NULL;
-
-	*ret_nomem = false;
-	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) ||
-	    !text_ok(m->unit_z, sizeof m->unit_z) || !text_ok(m->geoid, sizeof m->geoid) ||
-	    !text_ok(m->choices, sizeof m->choices))
-		return "a text is too long";
-	if (!lattice_parse(lattice_text(&m->lattice, text), &back))
-		return "the lattice is not one";
-	for (size_t i = 0; !fault && i < m->nsegments; i++)
-		fault = segment_fault(&m->segments[i]);
-	for (size_t i = 0; !fault && i < m->nsources; i++)
-		fault = source_fault(m, &m->sources[i]);
-	return fault ? fault : repeats(m, ret_nomem);
-}
 
 /* ---- writing ---- */
 
@@ -173,6 +79,36 @@ static void pack_source(struct packer *p, const struct grid_source *s)
 	packer_u64(p, s->size);
 	packer_u64(p, (uint64_t)s->mtime_ns);
 	pack_text(p, s->path);
+	packer_u16(p, (uint16_t)s->nearlier);
+	for (size_t i = 0; i < s->nearlier; i++) {
+		packer_u64(p, s->earlier[i].added);
+		packer_u64(p, s->earlier[i].removed);
+	}
+}
+
+static void pack_generation(struct packer *p, const struct grid_generation *g)
+{
+	packer_u64(p, g->number);
+	packer_u64(p, (uint64_t)g->time_us);
+	packer_u32(p, g->uid);
+	packer_u8(p, (uint8_t)g->kind);
+	packer_u64(p, g->undoes);
+	packer_u32(p, g->files);
+	packer_u32(p, g->files_removed);
+	packer_u64(p, g->points_added);
+	packer_u64(p, g->points_removed);
+	packer_u64(p, g->content.hi);
+	packer_u64(p, g->content.lo);
+	pack_text(p, g->user);
+}
+
+static uint64_t count_spans(const struct grid_manifest *m)
+{
+	uint64_t spans = 0;
+
+	for (size_t i = 0; i < m->nsources; i++)
+		spans += m->sources[i].nearlier;
+	return spans;
 }
 
 /* The whole file into `out`; its size. */
@@ -189,6 +125,9 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 	packer_u64(&p, m->generation);
 	packer_u32(&p, (uint32_t)m->nsegments);
 	packer_u32(&p, (uint32_t)m->nsources);
+	packer_u64(&p, grid_manifest_oldest(m));
+	packer_u32(&p, (uint32_t)m->ngenerations);
+	packer_u32(&p, (uint32_t)count_spans(m));
 	pack_text(&p, lattice_text(&m->lattice, text));
 	pack_text(&p, m->crs);
 	pack_text(&p, m->unit_xy);
@@ -199,6 +138,8 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 		pack_source(&p, &m->sources[i]);
 	pack_text(&p, m->geoid);
 	pack_text(&p, m->choices);
+	for (size_t i = 0; i < m->ngenerations; i++)
+		pack_generation(&p, &m->generations[i]);
 	bytes = packer_size(&p) + CHECK_BYTES;
 	memcpy((uint8_t *)out + 16, &bytes, sizeof bytes);
 	check = grid_check(out, packer_size(&p), 0);
@@ -209,14 +150,16 @@ static size_t pack(const struct grid_manifest *m, void *out, size_t size)
 /* No file of it is larger. */
 static uint64_t bytes_most(const struct grid_manifest *m)
 {
-	uint64_t bytes = HEAD_BYTES + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
+	uint64_t bytes = HEAD_BYTES + HEAD_MORE + TEXTS_MOST + m->nsegments * (uint64_t)SEGMENT_MOST + CHECK_BYTES;
 
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		bytes += SOURCE_LEAST + SOURCE_MORE + (s->name ? strlen(s->name) : 0) +
+		bytes += SOURCE_LEAST + SOURCE_MORE + SOURCE_SPANS + s->nearlier * SPAN_BYTES + (s->name ? strlen(s->name) : 0) +
 			 (s->path ? strlen(s->path) : 0);
 	}
+	for (size_t i = 0; i < m->ngenerations; i++)
+		bytes += GENERATION_LEAST + (m->generations[i].user ? strlen(m->generations[i].user) : 0);
 	return bytes;
 }
 
@@ -224,7 +167,7 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 {
 	struct grid_file f;
 	bool nomem;
-	const char *fault = manifest_fault(m, &nomem);
+	const char *fault = grid_manifest_fault(m, &nomem);
 
 	if (fault)
 		return err_set(err, ERR_INTERNAL, "not a manifest to write: %s", fault);
@@ -306,8 +249,24 @@ static bool keep_text(struct cursor *c, struct grid_manifest *m, size_t room, si
 	return true;
 }
 
+static bool unpack_spans(struct cursor *c, struct grid_manifest *m, size_t most, struct grid_source *ret)
+{
+	ret->nearlier = cursor_u16(c);
+	if (ret->nearlier > most - m->nspans)
+		return false;
+	ret->earlier = m->spans + m->nspans;
+	for (size_t i = 0; i < ret->nearlier; i++) {
+		struct grid_span *span = &m->spans[m->nspans++];
+
+		span->added = cursor_u64(c);
+		span->removed = cursor_u64(c);
+	}
+	return !c->bad;
+}
+
+/* spans_most: earlier lives of all sources. */
 static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room,
-			  struct grid_source *ret)
+			  size_t spans_most, struct grid_source *ret)
 {
 	ret->id = cursor_u32(c);
 	ret->added = cursor_u64(c);
@@ -322,13 +281,31 @@ static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t ve
 		return !c->bad;
 	ret->size = cursor_u64(c);
 	ret->mtime_ns = (int64_t)cursor_u64(c);
-	return keep_text(c, m, room, GRID_SOURCE_PATH, &ret->path) && !c->bad;
+	if (!keep_text(c, m, room, GRID_SOURCE_PATH, &ret->path))
+		return false;
+	return version < 4 ? !c->bad : unpack_spans(c, m, spans_most, ret);
 }
 
-/* Room for the texts of all sources, which are what is left: a zero in place of each two bytes of length. */
+static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t room, struct grid_generation *ret)
+{
+	ret->number = cursor_u64(c);
+	ret->time_us = (int64_t)cursor_u64(c);
+	ret->uid = cursor_u32(c);
+	ret->kind = cursor_u8(c);
+	ret->undoes = cursor_u64(c);
+	ret->files = cursor_u32(c);
+	ret->files_removed = cursor_u32(c);
+	ret->points_added = cursor_u64(c);
+	ret->points_removed = cursor_u64(c);
+	ret->content.hi = cursor_u64(c);
+	ret->content.lo = cursor_u64(c);
+	return keep_text(c, m, room, GRID_USER, &ret->user) && !c->bad;
+}
+
+/* Room for all texts, which are what is left: a zero in place of each two bytes of length. */
 static const char *take_texts(const struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_room)
 {
-	size_t each = version < 2 ? SOURCE_LEAST - 1 : SOURCE_LEAST + SOURCE_MORE - 2;
+	size_t each = version < 2 ? SOURCE_LEAST - 1 : SOURCE_LEAST + SOURCE_MORE - 2 + (version < 4 ? 0 : SOURCE_SPANS);
 
 	if (m->nsources > cursor_left(c) / each)
 		return "it says more than it holds";
@@ -337,23 +314,54 @@ static const char *take_texts(const struct cursor *c, uint32_t version, struct g
 	return NULL;
 }
 
+/* Counts come from the file: believe them only as far as its size can bear. */
+static bool unpack_counts(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_spans)
+{
+	size_t nsegments, nsources, ngenerations = 0;
+
+	*ret_spans = 0;
+	m->generation = cursor_u64(c);
+	nsegments = cursor_u32(c);
+	nsources = cursor_u32(c);
+	if (version >= 4) {
+		m->oldest = cursor_u64(c);
+		ngenerations = cursor_u32(c);
+		*ret_spans = cursor_u32(c);
+	}
+	if (c->bad || nsegments > cursor_left(c) / SEGMENT_LEAST || nsources > cursor_left(c) / SOURCE_LEAST ||
+	    ngenerations > cursor_left(c) / GENERATION_LEAST || *ret_spans > cursor_left(c) / SPAN_BYTES)
+		return false;
+	m->nsegments = nsegments;
+	m->nsources = nsources;
+	m->ngenerations = ngenerations;
+	return true;
+}
+
+static const char *unpack_generations(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t room,
+				      bool *ret_nomem)
+{
+	if (version < 4) {
+		*ret_nomem = !grid_manifest_derive(m);
+		return NULL;
+	}
+	m->generations = calloc(m->ngenerations + 1, sizeof *m->generations);
+	*ret_nomem = !m->generations;
+	for (size_t i = 0; m->generations && i < m->ngenerations; i++)
+		if (!unpack_generation(c, m, room, &m->generations[i]))
+			return "a generation in it is malformed";
+	return NULL;
+}
+
 /* NULL, or what is wrong; *ret_nomem if it is only that memory is missing. */
 static const char *unpack(struct cursor *c, uint32_t version, struct grid_manifest *m, bool *ret_nomem)
 {
 	char lattice[LATTICE_TEXT_SIZE], again[LATTICE_TEXT_SIZE];
 	const char *fault;
-	size_t room = 0;
+	size_t room = 0, spans;
 
 	*ret_nomem = false;
-	m->generation = cursor_u64(c);
-	m->nsegments = cursor_u32(c);
-	m->nsources = cursor_u32(c);
-	/* Counts come from the file: believe them only as far as its size can bear. */
-	if (c->bad || m->nsegments > cursor_left(c) / SEGMENT_LEAST ||
-	    m->nsources > cursor_left(c) / SOURCE_LEAST) {
-		m->nsegments = m->nsources = 0;
+	if (!unpack_counts(c, version, m, &spans))
 		return "it says more than it holds";
-	}
 	if (!unpack_text(c, lattice, sizeof lattice) || !unpack_text(c, m->crs, sizeof m->crs) ||
 	    !unpack_text(c, m->unit_xy, sizeof m->unit_xy) || !unpack_text(c, m->unit_z, sizeof m->unit_z))
 		return "a text in it is malformed";
@@ -361,7 +369,8 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 		return "its lattice is malformed";
 	m->segments = calloc(m->nsegments + 1, sizeof *m->segments);
 	m->sources = calloc(m->nsources + 1, sizeof *m->sources);
-	*ret_nomem = !m->segments || !m->sources;
+	m->spans = calloc(spans + 1, sizeof *m->spans);
+	*ret_nomem = !m->segments || !m->sources || !m->spans;
 	if (*ret_nomem)
 		return "no memory";
 	for (size_t i = 0; i < m->nsegments; i++)
@@ -372,14 +381,19 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 	if (fault || *ret_nomem)
 		return fault ? fault : "no memory";
 	for (size_t i = 0; i < m->nsources; i++)
-		if (!unpack_source(c, m, version, room, &m->sources[i]))
+		if (!unpack_source(c, m, version, room, spans, &m->sources[i]))
 			return "a source in it is malformed";
+	if (m->nspans != spans)
+		return "its sources have fewer lives than it says";
 	if (version >= 3 &&
 	    (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
 		return "a text in it is malformed";
+	fault = unpack_generations(c, version, m, room, ret_nomem);
+	if (fault || *ret_nomem)
+		return fault ? fault : "no memory";
 	if (cursor_left(c))
 		return "there is something behind its end";
-	return manifest_fault(m, ret_nomem);
+	return grid_manifest_fault(m, ret_nomem);
 }
 
 static int damaged(const char *name, const char *what, struct err *err)
@@ -428,20 +442,33 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_m
  * and the tables. Counts come from the file, so they are believed as far as its size can bear. */
 static int bytes_to_read(int fd, const char *name, uint64_t size, uint64_t *ret, struct err *err)
 {
-	uint8_t head[HEAD_BYTES];
+	uint8_t head[HEAD_BYTES + HEAD_MORE];
 	int rc = io_read_at(fd, head, sizeof head, 0, name, err);
 	struct cursor c = cursor_of(head, sizeof head);
-	uint64_t nsegments, nsources;
+	uint64_t nsegments, nsources, generation, ngenerations, nspans = 0;
+	uint32_t version;
 
 	if (rc)
 		return rc;
-	cursor_bytes(&c, HEAD_BYTES - 8);
+	cursor_bytes(&c, 8);
+	version = cursor_u32(&c);
+	cursor_bytes(&c, 4 + 8);
+	generation = cursor_u64(&c);
 	nsegments = cursor_u32(&c);
 	nsources = cursor_u32(&c);
-	if (nsegments > size / SEGMENT_LEAST || nsources > size / SOURCE_LEAST)
+	/* Those that are derived are such in which a source came or went. */
+	ngenerations = generation < 2 * nsources ? generation : 2 * nsources;
+	if (version >= 4) {
+		cursor_u64(&c);
+		ngenerations = cursor_u32(&c);
+		nspans = cursor_u32(&c);
+	}
+	if (nsegments > size / SEGMENT_LEAST || nsources > size / SOURCE_LEAST || nspans > size / SPAN_BYTES ||
+	    (version >= 4 && ngenerations > size / GENERATION_LEAST))
 		return damaged(name, "it says more than it holds", err);
 	*ret = sizeof(struct grid_manifest) + 2 * size + nsegments * sizeof(struct grid_segment_info) +
-	       nsources * sizeof(struct grid_source) + 2 * (nsegments + nsources + 1) * sizeof(char *);
+	       nsources * sizeof(struct grid_source) + 2 * (nsegments + nsources + 1) * sizeof(char *) +
+	       ngenerations * sizeof(struct grid_generation) + nspans * sizeof(struct grid_span);
 	return 0;
 }
 
@@ -465,7 +492,8 @@ static int charge(struct ledger *ledger, uint64_t bytes, const char *name, struc
 static void settle_charge(struct grid_manifest *m, struct ledger *ledger, uint64_t bytes, uint64_t size)
 {
 	m->ledger = ledger;
-	m->charged = sizeof *m + size + m->nsegments * sizeof *m->segments + m->nsources * sizeof *m->sources;
+	m->charged = sizeof *m + size + m->nsegments * sizeof *m->segments + m->nsources * sizeof *m->sources +
+		     m->ngenerations * sizeof *m->generations + m->nspans * sizeof *m->spans;
 	ledger_give(ledger, LEDGER_MANIFEST, bytes - m->charged);
 }
 
@@ -482,7 +510,7 @@ int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struc
 	if (io->fstat(fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		rc = err_add_file(err, name);
-	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES || (uint64_t)st.st_size > MANIFEST_MOST) {
+	} else if (!S_ISREG(st.st_mode) || st.st_size < HEAD_BYTES + HEAD_MORE || (uint64_t)st.st_size > MANIFEST_MOST) {
 		rc = damaged(name, "no manifest has this size", err);
 	} else if (ledger && ((rc = bytes_to_read(fd, name, (uint64_t)st.st_size, &charged, err)) ||
 			      (rc = charge(ledger, charged, name, err)))) {
@@ -516,6 +544,8 @@ struct grid_manifest *grid_manifest_free(struct grid_manifest *m)
 		return NULL;
 	free(m->segments);
 	free(m->sources);
+	free(m->generations);
+	free(m->spans);
 	free(m->texts);
 	if (m->charged)
 		ledger_give(m->ledger, LEDGER_MANIFEST, m->charged);

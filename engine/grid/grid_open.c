@@ -218,11 +218,26 @@ static int fill_lives(struct grid *g, uint64_t generation, struct err *err)
 		const struct grid_source *s = &m->sources[i];
 
 		g->lives[i].id = s->id;
-		g->lives[i].live = s->added <= generation && (!s->removed || s->removed > generation);
+		g->lives[i].live = grid_source_live(s, generation);
 	}
 	if (m->nsources)
 		qsort(g->lives, m->nsources, sizeof *g->lives, by_id);
 	return 0;
+}
+
+static int check_generation(const struct grid *g, const char *manifest, struct err *err)
+{
+	uint64_t oldest = grid_manifest_oldest(g->manifest), newest = g->manifest->generation;
+
+	if (g->generation > newest)
+		err_set(err, ERR_NOTFOUND, "there is no generation %llu yet, the newest is %llu",
+			(unsigned long long)g->generation, (unsigned long long)newest);
+	else if (g->generation && g->generation < oldest)
+		err_set(err, ERR_NOTFOUND, "generation %llu was pruned: %llu to %llu can be read",
+			(unsigned long long)g->generation, (unsigned long long)oldest, (unsigned long long)newest);
+	else
+		return 0;
+	return err_add_file(err, manifest);
 }
 
 int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger,
@@ -243,11 +258,7 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 	if (generation == GRID_NEWEST)
 		generation = g->manifest->generation;
 	g->generation = generation;
-	if (generation > g->manifest->generation) {
-		rc = err_set(err, ERR_NOTFOUND, "there is no generation %llu yet, the newest is %llu",
-			     (unsigned long long)generation, (unsigned long long)g->manifest->generation);
-		err_add_file(err, manifest);
-	}
+	rc = check_generation(g, manifest, err);
 	if (rc == 0)
 		rc = charge(g, index_memory, &frames, err);
 	if (rc == 0)

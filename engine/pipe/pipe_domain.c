@@ -114,7 +114,7 @@ struct digest pipe_content(const struct grid *grid)
 	}
 	for (i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
-		uint64_t live = s->added <= generation && (!s->removed || s->removed > generation);
+		uint64_t live = grid_source_live(s, generation);
 		uint64_t row[3] = { s->id, live, s->points };
 
 		/* The segments' sums hold dead records too: which of them live is told by their sources. */

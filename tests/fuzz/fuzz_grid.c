@@ -50,11 +50,16 @@ static const char *name(void)
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	struct grid_segment_info segment = { .points = 7, .bytes = 8192, .file = "a.segment" };
+	struct grid_span life = { .added = 1, .removed = 2 };
 	struct grid_source source[2] = { { .id = 1, .added = 1, .points = 3, .name = "a.las", .path = "/a.las", .size = 9 },
-					 { .id = 2, .added = 1, .removed = 2, .points = 4, .name = "b", .path = "" } };
+					 { .id = 2, .added = 4, .points = 4, .name = "b", .path = "", .earlier = &life, .nearlier = 1 } };
+	struct grid_generation all[3] = { { .number = 1, .time_us = 5, .uid = 1000, .user = "ann", .kind = GRID_PUSH, .files = 2, .points_added = 7 },
+					  { .number = 2, .kind = GRID_REVERT, .undoes = 1, .files_removed = 1, .points_removed = 4 },
+					  { .number = 4, .kind = GRID_REVERT, .undoes = 2, .files = 1, .points_added = 4 } };
 	struct grid_manifest m = { .lattice = { .scale_xy = { 1, -2 }, .scale_z = { 1, -2 } }, .crs = "unknown",
-				   .unit_xy = "unknown", .unit_z = "metre", .generation = 2, .segments = &segment,
-				   .nsegments = i & 1, .sources = source, .nsources = i & 1 ? 2 : 0 };
+				   .unit_xy = "unknown", .unit_z = "metre", .generation = 4, .oldest = i & 1, .segments = &segment,
+				   .nsegments = i & 1, .sources = source, .nsources = i & 1 ? 2 : 0,
+				   .generations = all, .ngenerations = i & 1 ? 3 : 0 };
 	struct err err = ERR_INIT;
 	ssize_t n;
 	int fd;

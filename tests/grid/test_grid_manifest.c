@@ -27,10 +27,20 @@ static struct grid_segment_info segment(const char *file, uint64_t points)
 	return s;
 }
 
-static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH];
+static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH], whoever[GRID_USER];
+static const struct grid_span first_lives[] = {{1, 2}, {4, 6}};
+static struct grid_span lives[2];
+static const struct grid_generation first_history[] = {
+    {.number = 1, .time_us = INT64_MIN, .uid = UINT32_MAX, .kind = GRID_PUSH, .files = 3, .points_added = ~0ull},
+    {.number = 4, .time_us = 7, .kind = GRID_REPLACE, .user = whoever, .files_removed = UINT32_MAX, .content = {5, 6}},
+    {.number = 9, .kind = GRID_REVERT, .undoes = 4, .points_removed = 8, .user = ""},
+};
+static struct grid_generation history[3];
 
 static struct grid_manifest sample(struct grid_segment_info segments[2])
 {
+	memcpy(lives, first_lives, sizeof lives);
+	memcpy(history, first_history, sizeof history);
 	segments[0] = segment("a.seg", 10);
 	segments[1] = segment("b.seg", (uint64_t)1 << 60);
 	struct grid_manifest m = manifest_of(segments, 2, 4);
@@ -48,7 +58,14 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	m.sources[2].path = "/survey/b.las";
 	m.sources[2].size = ~(uint64_t)0;
 	m.sources[2].mtime_ns = INT64_MIN;
+	m.sources[0].earlier = lives;
+	m.sources[0].nearlier = 2;
+	m.sources[0].added = 7;
 	strcpy(m.choices, "planar=1");
+	m.oldest = 2;
+	memset(whoever, 'u', sizeof whoever - 1);
+	m.generations = history;
+	m.ngenerations = 3;
 	return m;
 }
 
@@ -79,6 +96,19 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 		assert_string_equal(s->name, t->name);
 		assert_string_equal(s->path ? s->path : "", t->path);
 		assert_true(s->size == t->size && s->mtime_ns == t->mtime_ns);
+		assert_true(s->nearlier == t->nearlier);
+		for (size_t k = 0; k < s->nearlier; k++)
+			assert_memory_equal(&s->earlier[k], &t->earlier[k], sizeof *s->earlier);
+	}
+	assert_true(grid_manifest_oldest(a) == grid_manifest_oldest(b) && a->ngenerations == b->ngenerations);
+	for (size_t i = 0; i < a->ngenerations; i++) {
+		const struct grid_generation *g = &a->generations[i], *h = &b->generations[i];
+
+		assert_true(g->number == h->number && g->time_us == h->time_us && g->uid == h->uid && g->kind == h->kind);
+		assert_true(g->undoes == h->undoes && g->files == h->files && g->files_removed == h->files_removed);
+		assert_true(g->points_added == h->points_added && g->points_removed == h->points_removed);
+		assert_true(digest_equal(g->content, h->content));
+		assert_string_equal(g->user ? g->user : "", h->user);
 	}
 }
 
@@ -93,7 +123,7 @@ static void test_back(void **state)
 	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
 	assert_same(&m, back);
 	grid_manifest_free(back);
-	m.nsegments = m.nsources = 0;
+	m.nsegments = m.nsources = m.ngenerations = 0;
 	m.crs[0] = 0;
 	strcpy(m.geoid, "orthometric 0123456789abcdef0123456789abcdef egm96-5");
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err)); /* over the old one */
@@ -107,30 +137,55 @@ static void test_back(void **state)
 	folder_remove(&f);
 }
 
-/* Version 1 had no paths, sizes and times, version 2 no geoid. */
+/* The file as an older version had it: 1 had no paths, sizes and times of sources, 2 no geoid, 3 no oldest
+ * generation, earlier lives and list of generations. Without segments, one source, no list. */
+static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, uint8_t *ret)
+{
+	const size_t head = 40, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
+	const size_t spans = 2, choices = 4, check = 8, from = head + 16;
+	size_t at = n - check - choices - spans; /* end of the source's path */
+	uint64_t size, sum;
+
+	memcpy(ret, bytes, head);
+	memcpy(ret + head, bytes + from, at - from);
+	at -= 16;
+	memcpy(ret + at, bytes + n - check - choices, choices);
+	size = at + choices - tail + check;
+	memcpy(ret + 8, &version, sizeof version);
+	memcpy(ret + 16, &size, sizeof size);
+	sum = XXH3_64bits(ret, size - 8);
+	memcpy(ret + size - 8, &sum, sizeof sum);
+	return size;
+}
+
 static void old_version(uint32_t version)
 {
-	const uint64_t more = version < 2 ? 8 + 8 + 2 + 4 : 4;
 	struct grid_manifest m = manifest_of(NULL, 0, 1), *back;
+	struct grid_generation derived = {.number = 1, .kind = GRID_PUSH, .files = 1, .points_added = 5, .content = {1, 2}};
+	struct ledger *ledger = ledger_new(1 << 20);
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
-	uint8_t bytes[1024];
-	uint64_t n, check;
+	uint8_t bytes[1024], old[1024];
+	size_t n;
 	int fd;
 
+	m.sources[0].points = 5;
+	m.sources[0].hash = (struct digest){1, 2};
 	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
 	fd = openat(f.fd, "m", O_RDWR);
-	n = (uint64_t)pread(fd, bytes, sizeof bytes, 0) - more;
-	memcpy(bytes + 8, &version, sizeof version);
-	memcpy(bytes + 16, &n, sizeof n);
-	check = XXH3_64bits(bytes, n - 8);
-	memcpy(bytes + n - 8, &check, sizeof check);
-	assert_int_equal(pwrite(fd, bytes, n, 0), n);
+	n = (size_t)pread(fd, bytes, sizeof bytes, 0);
+	n = make_old(version, bytes, n, old);
+	assert_int_equal(pwrite(fd, old, n, 0), n);
 	assert_int_equal(ftruncate(fd, (off_t)n), 0);
 	close(fd);
-	CHECK(grid_manifest_read(f.fd, "m", &back, &err));
+	CHECK(grid_manifest_load(f.fd, "m", ledger, &back, &err));
+	assert_int_equal(ledger_held(ledger, LEDGER_MANIFEST), back->charged);
+	m.generations = &derived;
+	m.ngenerations = 1;
 	assert_same(&m, back);
 	grid_manifest_free(back);
+	assert_int_equal(ledger_left(ledger), 1 << 20);
+	ledger_free(ledger);
 	free(m.sources);
 	folder_remove(&f);
 }
@@ -139,6 +194,33 @@ static void test_old_versions(void **state)
 {
 	old_version(1);
 	old_version(2);
+	old_version(3);
+}
+
+/* One of a version that is not there yet is refused by name, whatever else it holds. */
+static void test_newer_version(void **state)
+{
+	struct grid_manifest m = manifest_of(NULL, 0, 1), *back;
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	uint8_t bytes[1024];
+	uint32_t version = 5;
+	uint64_t check;
+	ssize_t n;
+	int fd;
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	fd = openat(f.fd, "m", O_RDWR);
+	n = pread(fd, bytes, sizeof bytes, 0);
+	memcpy(bytes + 8, &version, sizeof version);
+	check = XXH3_64bits(bytes, (size_t)n - 8);
+	memcpy(bytes + n - 8, &check, sizeof check);
+	assert_int_equal(pwrite(fd, bytes, (size_t)n, 0), n);
+	close(fd);
+	assert_int_equal(grid_manifest_read(f.fd, "m", &back, &err), -ERR_VERSION);
+	assert_non_null(strstr(err.message, "version 5"));
+	free(m.sources);
+	folder_remove(&f);
 }
 
 typedef void (*breaker)(struct grid_manifest *);
@@ -201,6 +283,49 @@ static void long_path(struct grid_manifest *m)
 	memset(path, 'x', sizeof path - 1);
 	m->sources[0].path = path;
 }
+static void overlapping(struct grid_manifest *m)
+{
+	lives[1].added = 2;
+}
+static void unending(struct grid_manifest *m)
+{
+	lives[1].removed = 7;
+}
+static void stillborn(struct grid_manifest *m)
+{
+	lives[0].removed = 1;
+}
+static void unordered(struct grid_manifest *m)
+{
+	history[1].number = 1;
+}
+static void unnumbered(struct grid_manifest *m)
+{
+	history[0].number = 0;
+}
+static void not_yet(struct grid_manifest *m)
+{
+	history[2].number = 10;
+}
+static void kindless(struct grid_manifest *m)
+{
+	history[1].kind = GRID_KINDS;
+}
+static void prophetic(struct grid_manifest *m)
+{
+	history[1].undoes = 5;
+}
+static void long_user(struct grid_manifest *m)
+{
+	static char user[GRID_USER + 1];
+
+	memset(user, 'x', sizeof user - 1);
+	history[0].user = user;
+}
+static void pruned_all(struct grid_manifest *m)
+{
+	m->oldest = 10;
+}
 static void scaleless(struct grid_manifest *m)
 {
 	m->lattice.scale_xy.mantissa = 0;
@@ -209,7 +334,9 @@ static void scaleless(struct grid_manifest *m)
 static void test_rules(void **state)
 {
 	static const breaker breakers[] = {long_crs, twice,    zero,       future, backwards, same_name,
-					   climbing, nameless, inside_out, no_sum, no_cells,  scaleless, long_name, long_path};
+					   climbing, nameless, inside_out, no_sum, no_cells,  scaleless, long_name, long_path,
+					   overlapping, unending, stillborn, unordered, unnumbered, not_yet, kindless, prophetic,
+					   long_user, pruned_all};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {
@@ -355,6 +482,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 	    cmocka_unit_test(test_back),
 	    cmocka_unit_test(test_old_versions),
+	    cmocka_unit_test(test_newer_version),
 	    cmocka_unit_test(test_rules),
 	    cmocka_unit_test(test_rubbish),
 	    cmocka_unit_test(test_ledger),
