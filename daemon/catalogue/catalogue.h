@@ -6,6 +6,7 @@
 #ifndef CATALOGUE_H
 #define CATALOGUE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct err;
@@ -27,6 +28,8 @@ struct catalogue_dataset {
 	uint32_t files;
 	const char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
+	int64_t removed_us; /* 0: it is there; names differ among those that are */
+	bool pinned;
 };
 
 struct catalogue_job {
@@ -38,6 +41,7 @@ struct catalogue_job {
 	const char *error_code, *error_message, *error_file, *error_field, *error_hint;
 	int64_t error_offset; /* -1: none */
 	uint32_t priority;
+	const char *area; /* "": all */
 };
 
 struct catalogue_push {

@@ -12,36 +12,62 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 				   "PRAGMA cache_size = -256;"
 				   "PRAGMA wal_autocheckpoint = 256;";
 
+/* A dataset that was removed keeps its row for a while, and its name is free: names differ among the others. */
+#define DATASET_COLUMNS \
+	"(id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, uid INTEGER NOT NULL," \
+	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL," \
+	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT NULL," \
+	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL," \
+	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL, removed_us INTEGER NOT NULL DEFAULT 0," \
+	" pinned INTEGER NOT NULL DEFAULT 0);"
+#define DATASET_NAMES "CREATE UNIQUE INDEX dataset_name ON dataset (name) WHERE removed_us = 0;"
+
 const char catalogue_sql_schema[] =
-	"BEGIN;"
-	"CREATE TABLE IF NOT EXISTS dataset ("
-	" id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE, uid INTEGER NOT NULL,"
-	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"
-	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT "
-	"NULL,"
-	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL,"
-	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL);"
-	"CREATE TABLE IF NOT EXISTS job ("
+	"BEGIN IMMEDIATE;"
+	"CREATE TABLE dataset " DATASET_COLUMNS DATASET_NAMES
+	"CREATE TABLE job ("
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, generation INTEGER NOT NULL,"
 	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL,"
 	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL,"
 	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL,"
 	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL,"
-	" priority INTEGER NOT NULL DEFAULT 0);"
-	"CREATE TABLE IF NOT EXISTS push ("
+	" priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT '');"
+	"CREATE TABLE push ("
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"
 	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL);"
-	"PRAGMA user_version = 2;"
+	"PRAGMA user_version = 3;"
 	"COMMIT;";
 
-const char catalogue_sql_to_2[] = "BEGIN;"
-				  "ALTER TABLE job ADD COLUMN priority INTEGER NOT NULL DEFAULT 0;"
-				  "PRAGMA user_version = 2;"
-				  "COMMIT;";
+const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
+	[1] = "BEGIN IMMEDIATE;"
+	      "ALTER TABLE job ADD COLUMN priority INTEGER NOT NULL DEFAULT 0;"
+	      "PRAGMA user_version = 2;"
+	      "COMMIT;",
+	/* A column cannot lose its UNIQUE: the table is made again, and keeps its place in sqlite_sequence. */
+	[2] = "BEGIN IMMEDIATE;"
+	      "CREATE TABLE dataset_3 " DATASET_COLUMNS
+	      "INSERT INTO dataset_3 SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes,"
+	      " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0 FROM dataset;"
+	      "DELETE FROM sqlite_sequence WHERE name = 'dataset_3';"
+	      "UPDATE sqlite_sequence SET name = 'dataset_3' WHERE name = 'dataset';"
+	      "DROP TABLE dataset;"
+	      "ALTER TABLE dataset_3 RENAME TO dataset;" DATASET_NAMES
+	      "ALTER TABLE job ADD COLUMN area TEXT NOT NULL DEFAULT '';"
+	      "PRAGMA user_version = 3;"
+	      "COMMIT;",
+};
 
+/* Of a name that another dataset has nothing is put: REPLACE would remove that one. */
 const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
-	[CATALOGUE_PUT_DATASET] = "INSERT OR REPLACE INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
-	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+	[CATALOGUE_PUT_DATASET] = 
+		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"
+		" ON CONFLICT (id) DO UPDATE SET name = excluded.name, uid = excluded.uid,"
+		" created_us = excluded.created_us, pushed_us = excluded.pushed_us, manifest = excluded.manifest,"
+		" generation = excluded.generation, points = excluded.points, bytes = excluded.bytes,"
+		" files = excluded.files, lattice = excluded.lattice, crs = excluded.crs,"
+		" unit_xy = excluded.unit_xy, unit_z = excluded.unit_z, box_min = excluded.box_min,"
+		" box_max = excluded.box_max, removed_us = excluded.removed_us, pinned = excluded.pinned",
+	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
 	[CATALOGUE_PUT_PUSH] = "INSERT OR REPLACE INTO push VALUES (?,?,?,?,?)",
 	[CATALOGUE_DROP_DATASET] = "DELETE FROM dataset WHERE id = ?",
 	[CATALOGUE_DROP_JOB] = "DELETE FROM job WHERE id = ?",
@@ -50,9 +76,9 @@ const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 
 const char catalogue_sql_datasets[] = "SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
 				      "points, bytes, files, lattice, crs,"
-				      " unit_xy, unit_z, box_min, box_max FROM dataset ORDER BY id";
+				      " unit_xy, unit_z, box_min, box_max, removed_us, pinned FROM dataset ORDER BY id";
 const char catalogue_sql_jobs[] =
 	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
 	"error_code,"
-	" error_message, error_file, error_field, error_hint, error_offset, priority FROM job ORDER BY id";
+	" error_message, error_file, error_field, error_hint, error_offset, priority, area FROM job ORDER BY id";
 const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us FROM push ORDER BY id";

@@ -1,10 +1,10 @@
-/* The statements of the catalogue, apart from the code that runs them. Only catalogue.c includes this. */
+/* The statements of the catalogue, apart from the code that runs them. Only this room includes it. */
 #ifndef CATALOGUE_SQL_H
 #define CATALOGUE_SQL_H
 
 #include <stdbool.h>
 
-enum { CATALOGUE_VERSION = 2 };
+enum { CATALOGUE_VERSION = 3 };
 
 enum catalogue_sql {
 	CATALOGUE_PUT_DATASET,
@@ -18,8 +18,8 @@ enum catalogue_sql {
 
 extern const char *const catalogue_sql_text[CATALOGUE_SQLS];
 extern const char catalogue_sql_setup[], catalogue_sql_schema[];
-extern const char catalogue_sql_to_2[]; /* from version 1 */
-/* Columns as catalogue.c reads them. */
+extern const char *const catalogue_sql_step[CATALOGUE_VERSION]; /* [n]: from version n to the next */
+/* Columns as catalogue_load.c reads them. */
 extern const char catalogue_sql_datasets[], catalogue_sql_jobs[], catalogue_sql_pushes[];
 
 #endif

@@ -1,0 +1,92 @@
+/*
+ * The database of the catalogue: opening, older versions, errors.
+ *
+ * An older version is brought to this one step by step, each step a transaction: what is cut short is as it was. A
+ * newer one is refused before anything is written to it. The heap of SQLite is bounded.
+ */
+#include "catalogue_priv.h"
+
+#include "err.h"
+
+int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
+{
+	int code = sqlite3_extended_errcode(c->db) & 0xff;
+	enum err_code as = code == SQLITE_FULL                               ? ERR_NOSPACE
+			   : code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT
+			   : code == SQLITE_NOMEM                            ? ERR_NOMEM
+			   : code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY
+			   : code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM
+									     : ERR_IO;
+
+	return err_set(err, as, "%s: %s", what, sqlite3_errmsg(c->db));
+}
+
+int catalogue_run(struct catalogue *c, const char *sql, struct err *err)
+{
+	if (sqlite3_exec(c->db, sql, NULL, NULL, NULL) != SQLITE_OK)
+		return catalogue_failed(c, err, "the catalogue");
+	return 0;
+}
+
+static int user_version(struct catalogue *c, int *ret, struct err *err)
+{
+	sqlite3_stmt *s;
+	int r = sqlite3_prepare_v2(c->db, "PRAGMA user_version", -1, &s, NULL);
+
+	if (r != SQLITE_OK || sqlite3_step(s) != SQLITE_ROW) {
+		sqlite3_finalize(s);
+		return catalogue_failed(c, err, "the catalogue cannot be read");
+	}
+	*ret = sqlite3_column_int(s, 0);
+	sqlite3_finalize(s);
+	return 0;
+}
+
+static int bring_up(struct catalogue *c, int version, struct err *err)
+{
+	int r = 0;
+
+	if (!version)
+		return catalogue_run(c, catalogue_sql_schema, err);
+	for (; !r && version < CATALOGUE_VERSION; version++)
+		r = catalogue_run(c, catalogue_sql_step[version], err);
+	return r;
+}
+
+int catalogue_open(struct catalogue *c, const char *path, struct err *err)
+{
+	int r, version = 0;
+
+	/* Cached pages go before the heap is full; statements and texts of one change need far less than the rest. */
+	sqlite3_soft_heap_limit64(CATALOGUE_HEAP - (CATALOGUE_HEAP >> 2));
+	sqlite3_hard_heap_limit64(CATALOGUE_HEAP);
+	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
+			    NULL) != SQLITE_OK)
+		return c->db ? catalogue_failed(c, err, "the catalogue cannot be opened")
+			     : err_set(err, ERR_NOMEM, "no memory for the catalogue");
+	sqlite3_busy_timeout(c->db, 2000);
+	r = user_version(c, &version, err);
+	if (r)
+		return r;
+	if (version > CATALOGUE_VERSION) {
+		err_set(err, ERR_VERSION, "the catalogue was written by a newer acutd: it has version %d, this one (%s) knows up to %d",
+			version, ACUT_VERSION, CATALOGUE_VERSION);
+		return err_add_hint(err, "use that acutd, or another state folder (--state; of private daemons XDG_STATE_HOME)");
+	}
+	r = catalogue_run(c, catalogue_sql_setup, err);
+	if (!r)
+		r = bring_up(c, version, err);
+	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)
+		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT,
+				       &c->stmt[i], NULL) != SQLITE_OK)
+			r = catalogue_failed(c, err, "the catalogue");
+	return r;
+}
+
+void catalogue_close(struct catalogue *c)
+{
+	for (int i = 0; i < CATALOGUE_SQLS; i++)
+		c->stmt[i] = (sqlite3_finalize(c->stmt[i]), NULL);
+	sqlite3_close(c->db);
+	c->db = NULL;
+}

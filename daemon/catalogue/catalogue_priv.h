@@ -1,0 +1,58 @@
+/* What the files of this room share. */
+#ifndef CATALOGUE_PRIV_H
+#define CATALOGUE_PRIV_H
+
+#include <pthread.h>
+#include <sqlite3.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "catalogue.h"
+#include "catalogue_sql.h"
+
+/* values of one change, at most: columns of the widest table */
+enum { VALUES = 18 };
+
+struct value {
+	enum { VALUE_NUMBER, VALUE_TEXT } kind;
+	int64_t number;
+	char *text;
+};
+
+struct change {
+	enum catalogue_sql sql;
+	unsigned n;
+	uint64_t drop_push; /* of put_dataset */
+	catalogue_done_fn done;
+	void *ctx;
+	int r;
+	struct err *err; /* if r; NULL: not even memory for that */
+	size_t charged;
+	struct change *next;
+	struct value value[VALUES];
+};
+
+struct catalogue {
+	sqlite3 *db;
+	sqlite3_stmt *stmt[CATALOGUE_SQLS];
+	pthread_mutex_t lock;
+	pthread_cond_t wake, room; /* for the thread; for who waits to queue */
+	pthread_t thread;
+	struct ledger *ledger;
+	bool heap; /* charged */
+	bool started, stop, writing;
+	struct change *todo, **todo_end, *over, **over_end;
+	unsigned busy;
+	int event;
+};
+
+/* catalogue_open.c: the database. */
+int catalogue_open(struct catalogue *, const char *path, struct err *err);
+void catalogue_close(struct catalogue *);
+/* Raises what SQLite said last. */
+int catalogue_failed(struct catalogue *, struct err *err, const char *what);
+int catalogue_run(struct catalogue *, const char *sql, struct err *err);
+
+void catalogue_change_free(struct change *);
+
+#endif
