@@ -1,11 +1,13 @@
 /*
  * Plans in files.
  *
- * A file is records of RECORD bytes: a header, the leaves of the plan as it was made, then three records for each
+ * A file is records of PLAN_RECORD bytes: a header, the leaves of the plan as it was made, then three records for each
  * split: the region that was split and its halves. Each record ends with its own checksum, and the header has a
  * digest of all leaves. The file appears whole (temporary name, fsync, rename); splits are appended, and durable
  * before a half of them is made. What a crash left of a split at the end is not there: no block of its halves has
- * left. The same split may be there twice, of two walks at once; the second finds nothing to split.
+ * left. The same split may be there twice, of two walks at once; the second finds nothing to split. Between splits there
+ * are records of finished domains, which nothing waits for: a split that is durable makes those before it so, and the
+ * first that is torn ends the file.
  */
 #include "plan_file.h"
 
@@ -24,12 +26,10 @@
 #include "ledger.h"
 #include "log.h"
 #include "parse.h"
+#include "plan_file_priv.h"
 
-enum { RECORD = 104, TEXT_AT = 32, CHUNK = 512, NAME = 32 };
-enum { KIND_HEAD = 1, KIND_LEAF, KIND_WHOLE, KIND_HALF };
-static const uint32_t MAGIC = 0x4e504341; /* "ACPN" */
-static const uint16_t VERSION = 1;
-_Static_assert(TEXT_AT + CUT_REGION_TEXT_SIZE + 8 == RECORD, "FORMAT.md, \"Plans\"");
+enum { TEXT_AT = 32, CHUNK = 512 };
+_Static_assert(TEXT_AT + CUT_REGION_TEXT_SIZE + 8 == PLAN_RECORD, "FORMAT.md, \"Plans\"");
 
 struct split {
 	struct cut_region whole;
@@ -41,7 +41,7 @@ struct plan_file {
 	uint64_t job, generation;
 	bool durable;
 	struct ledger *ledger; /* borrowed; NULL: none */
-	char name[NAME];
+	char name[PLAN_NAME];
 	pthread_mutex_t lock;
 	uint64_t size; /* of what is whole in the file */
 	struct split *split; /* of this run */
@@ -85,27 +85,13 @@ uint64_t plan_file_job(const char *name)
 
 /* ---- records ---- */
 
-static void seal(uint8_t record[RECORD])
+static void leaf_pack(unsigned kind, const struct cut_leaf *leaf, uint8_t record[PLAN_RECORD])
 {
-	struct packer p = packer_of(record + RECORD - 8, 8);
+	struct packer p = packer_of(record, PLAN_RECORD);
 
-	packer_u64(&p, XXH3_64bits(record, RECORD - 8));
-}
-
-static bool sealed(const uint8_t record[RECORD])
-{
-	struct cursor c = cursor_of(record + RECORD - 8, 8);
-
-	return cursor_u64(&c) == XXH3_64bits(record, RECORD - 8);
-}
-
-static void leaf_pack(unsigned kind, const struct cut_leaf *leaf, uint8_t record[RECORD])
-{
-	struct packer p = packer_of(record, RECORD);
-
-	memset(record, 0, RECORD);
-	packer_u32(&p, MAGIC);
-	packer_u16(&p, VERSION);
+	memset(record, 0, PLAN_RECORD);
+	packer_u32(&p, PLAN_MAGIC);
+	packer_u16(&p, PLAN_VERSION);
 	packer_u8(&p, (uint8_t)kind);
 	packer_u8(&p, leaf->exact);
 	packer_u8(&p, leaf->stuck);
@@ -116,15 +102,15 @@ static void leaf_pack(unsigned kind, const struct cut_leaf *leaf, uint8_t record
 	/* Behind the text: zeros, whatever the function left there. */
 	memset(record + TEXT_AT + strlen((char *)record + TEXT_AT), 0,
 	       CUT_REGION_TEXT_SIZE - strlen((char *)record + TEXT_AT));
-	seal(record);
+	plan_record_seal(record);
 }
 
-static bool leaf_unpack(unsigned kind, const uint8_t record[RECORD], struct cut_leaf *ret)
+static bool leaf_unpack(unsigned kind, const uint8_t record[PLAN_RECORD], struct cut_leaf *ret)
 {
-	struct cursor c = cursor_of(record, RECORD);
+	struct cursor c = cursor_of(record, PLAN_RECORD);
 	struct cut_leaf leaf = {0};
 
-	if (!sealed(record) || cursor_u32(&c) != MAGIC || cursor_u16(&c) != VERSION || cursor_u8(&c) != kind)
+	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION || cursor_u8(&c) != kind)
 		return false;
 	leaf.exact = cursor_u8(&c) != 0;
 	leaf.stuck = cursor_u8(&c);
@@ -138,20 +124,14 @@ static bool leaf_unpack(unsigned kind, const uint8_t record[RECORD], struct cut_
 	return true;
 }
 
-struct head {
-	uint64_t job, generation, n;
-	struct plan_kept kept;
-	struct digest leaves;
-};
-
-static void head_pack(const struct head *h, uint8_t record[RECORD])
+static void plan_head_pack(const struct plan_head *h, uint8_t record[PLAN_RECORD])
 {
-	struct packer p = packer_of(record, RECORD);
+	struct packer p = packer_of(record, PLAN_RECORD);
 
-	memset(record, 0, RECORD);
-	packer_u32(&p, MAGIC);
-	packer_u16(&p, VERSION);
-	packer_u8(&p, KIND_HEAD);
+	memset(record, 0, PLAN_RECORD);
+	packer_u32(&p, PLAN_MAGIC);
+	packer_u16(&p, PLAN_VERSION);
+	packer_u8(&p, PLAN_HEAD);
 	packer_zero(&p, 1);
 	packer_u64(&p, h->job);
 	packer_u64(&p, h->generation);
@@ -162,14 +142,14 @@ static void head_pack(const struct head *h, uint8_t record[RECORD])
 	packer_u64(&p, h->kept.base.lo);
 	packer_u64(&p, h->leaves.hi);
 	packer_u64(&p, h->leaves.lo);
-	seal(record);
+	plan_record_seal(record);
 }
 
-static bool head_unpack(const uint8_t record[RECORD], struct head *ret)
+bool plan_head_unpack(const uint8_t record[PLAN_RECORD], struct plan_head *ret)
 {
-	struct cursor c = cursor_of(record, RECORD);
+	struct cursor c = cursor_of(record, PLAN_RECORD);
 
-	if (!sealed(record) || cursor_u32(&c) != MAGIC || cursor_u16(&c) != VERSION || cursor_u8(&c) != KIND_HEAD)
+	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION || cursor_u8(&c) != PLAN_HEAD)
 		return false;
 	cursor_skip(&c, 1);
 	ret->job = cursor_u64(&c);
@@ -212,7 +192,7 @@ static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan
 			struct err *err)
 {
 	struct digest_stream *sum = digest_stream_new();
-	uint8_t *chunk = malloc(CHUNK * RECORD);
+	uint8_t *chunk = malloc(CHUNK * PLAN_RECORD);
 	int r = 0;
 
 	if (!sum || !chunk)
@@ -221,9 +201,9 @@ static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan
 		size_t n = plan->n - i < CHUNK ? plan->n - i : CHUNK;
 
 		for (size_t k = 0; k < n; k++)
-			leaf_pack(KIND_LEAF, &plan->leaf[i + k], chunk + k * RECORD);
-		digest_stream_add(sum, chunk, n * RECORD);
-		r = io_write_at(fd, chunk, n * RECORD, (i + 1) * RECORD, f->name, err);
+			leaf_pack(PLAN_LEAF, &plan->leaf[i + k], chunk + k * PLAN_RECORD);
+		digest_stream_add(sum, chunk, n * PLAN_RECORD);
+		r = io_write_at(fd, chunk, n * PLAN_RECORD, (i + 1) * PLAN_RECORD, f->name, err);
 		i += n;
 	}
 	if (!r)
@@ -235,9 +215,9 @@ static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan
 
 static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
 {
-	struct head head = {.job = f->job, .generation = f->generation, .n = plan->n, .kept = *kept};
-	uint8_t record[RECORD];
-	char temp[NAME + 8];
+	struct plan_head head = {.job = f->job, .generation = f->generation, .n = plan->n, .kept = *kept};
+	uint8_t record[PLAN_RECORD];
+	char temp[PLAN_NAME + 8];
 	uint64_t cap = kept->cap;
 	int fd, r;
 
@@ -248,9 +228,9 @@ static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct p
 	r = write_leaves(f, fd, plan, &head.leaves, err);
 	head.kept.base = digest_hash(&cap, sizeof cap);
 	digest_add(&head.kept.base, head.leaves);
-	head_pack(&head, record);
+	plan_head_pack(&head, record);
 	if (!r)
-		r = io_write_at(fd, record, RECORD, 0, f->name, err);
+		r = io_write_at(fd, record, PLAN_RECORD, 0, f->name, err);
 	if (!r && f->durable) {
 		r = io_publish(f->dirfd, fd, temp, f->name, err);
 	} else {
@@ -262,7 +242,7 @@ static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct p
 	io_close(fd);
 	if (r)
 		return r;
-	f->size = (plan->n + 1) * RECORD;
+	f->size = (plan->n + 1) * PLAN_RECORD;
 	kept->base = head.kept.base;
 	return 0;
 }
@@ -297,25 +277,30 @@ static bool split_known(const struct plan_file *f, const struct cut_region *whol
 	return false;
 }
 
-static int append_split(struct plan_file *f, const struct split *s, struct err *err)
+static int append(struct plan_file *f, const uint8_t *records, size_t size, bool durable, struct err *err)
 {
-	const struct cut_leaf whole = {.region = s->whole};
-	uint8_t record[3 * RECORD];
-	int fd, r;
+	int fd, r = io_open(f->dirfd, f->name, O_WRONLY, 0, &fd, err);
 
-	leaf_pack(KIND_WHOLE, &whole, record);
-	leaf_pack(KIND_HALF, &s->half[0], record + RECORD);
-	leaf_pack(KIND_HALF, &s->half[1], record + 2 * RECORD);
-	r = io_open(f->dirfd, f->name, O_WRONLY, 0, &fd, err);
 	if (r)
 		return r;
-	r = io_write_at(fd, record, sizeof record, f->size, f->name, err);
-	if (!r && f->durable)
+	r = io_write_at(fd, records, size, f->size, f->name, err);
+	if (!r && durable)
 		r = io_sync(fd, f->name, err);
 	io_close(fd);
 	if (!r)
-		f->size += sizeof record;
+		f->size += size;
 	return r;
+}
+
+static int append_split(struct plan_file *f, const struct split *s, struct err *err)
+{
+	const struct cut_leaf whole = {.region = s->whole};
+	uint8_t record[3 * PLAN_RECORD];
+
+	leaf_pack(PLAN_WHOLE, &whole, record);
+	leaf_pack(PLAN_HALF, &s->half[0], record + PLAN_RECORD);
+	leaf_pack(PLAN_HALF, &s->half[1], record + 2 * PLAN_RECORD);
+	return append(f, record, sizeof record, f->durable, err);
 }
 
 static int split_room(struct plan_file *f, size_t room, struct err *err)
@@ -357,6 +342,20 @@ int plan_file_split(struct plan_file *f, const struct cut_region *whole, const s
 	return r;
 }
 
+int plan_file_done(struct plan_file *f, const struct plan_done *done, struct err *err)
+{
+	uint8_t record[PLAN_RECORD];
+	int r = 0;
+
+	plan_done_pack(done, record);
+	pthread_mutex_lock(&f->lock);
+	/* Without a header there is nothing to add to. */
+	if (f->size)
+		r = append(f, record, sizeof record, false, err);
+	pthread_mutex_unlock(&f->lock);
+	return r;
+}
+
 int plan_file_follow(struct plan_file *f, size_t *seen, size_t least, struct cut_plan *plan, struct err *err)
 {
 	int r = 0;
@@ -373,11 +372,11 @@ int plan_file_follow(struct plan_file *f, size_t *seen, size_t least, struct cut
 /* ---- reading ---- */
 
 /* PLAN_FILE_ABSENT: damaged. */
-static int read_leaves(const struct plan_file *f, int fd, const struct head *head, struct cut_plan *plan,
+static int read_leaves(const struct plan_file *f, int fd, const struct plan_head *head, struct cut_plan *plan,
 		       struct err *err)
 {
 	struct digest_stream *sum = digest_stream_new();
-	uint8_t *chunk = malloc(CHUNK * RECORD);
+	uint8_t *chunk = malloc(CHUNK * PLAN_RECORD);
 	int r = cut_plan_room(plan, head->n, err);
 
 	if (!r && (!sum || !chunk))
@@ -385,14 +384,14 @@ static int read_leaves(const struct plan_file *f, int fd, const struct head *hea
 	while (!r && plan->n < head->n) {
 		size_t n = head->n - plan->n < CHUNK ? head->n - plan->n : CHUNK, got = 0;
 
-		r = io_read_some(fd, chunk, n * RECORD, (plan->n + 1) * RECORD, f->name, &got, err);
-		if (!r && got < n * RECORD)
+		r = io_read_some(fd, chunk, n * PLAN_RECORD, (plan->n + 1) * PLAN_RECORD, f->name, &got, err);
+		if (!r && got < n * PLAN_RECORD)
 			r = PLAN_FILE_ABSENT;
 		for (size_t k = 0; !r && k < n; k++)
-			if (!leaf_unpack(KIND_LEAF, chunk + k * RECORD, &plan->leaf[plan->n++]))
+			if (!leaf_unpack(PLAN_LEAF, chunk + k * PLAN_RECORD, &plan->leaf[plan->n++]))
 				r = PLAN_FILE_ABSENT;
 		if (!r)
-			digest_stream_add(sum, chunk, n * RECORD);
+			digest_stream_add(sum, chunk, n * PLAN_RECORD);
 	}
 	if (!r && !digest_equal(digest_stream_end(sum), head->leaves))
 		r = PLAN_FILE_ABSENT;
@@ -404,41 +403,45 @@ static int read_leaves(const struct plan_file *f, int fd, const struct head *hea
 /* As far as they are whole. */
 static int read_splits(struct plan_file *f, int fd, struct cut_plan *plan, struct err *err)
 {
-	uint8_t record[3 * RECORD];
-	int r = 0;
+	uint8_t record[3 * PLAN_RECORD];
 
-	f->size = (plan->n + 1) * RECORD;
-	while (!r) {
+	f->size = (plan->n + 1) * PLAN_RECORD;
+	for (;;) {
 		struct cut_leaf whole;
 		struct split s;
-		size_t got = 0;
+		size_t size;
+		int r = plan_record_next(f->name, fd, f->size, record, &size, err);
 
-		r = io_read_some(fd, record, sizeof record, f->size, f->name, &got, err);
-		if (r || got < sizeof record || !leaf_unpack(KIND_WHOLE, record, &whole) ||
-		    !leaf_unpack(KIND_HALF, record + RECORD, &s.half[0]) ||
-		    !leaf_unpack(KIND_HALF, record + 2 * RECORD, &s.half[1]))
-			break;
-		s.whole = whole.region;
-		r = plan_apply(plan, 0, &s, err);
-		f->size += sizeof record;
+		if (r || !size)
+			return r;
+		if (size > PLAN_RECORD) {
+			if (!leaf_unpack(PLAN_WHOLE, record, &whole) ||
+			    !leaf_unpack(PLAN_HALF, record + PLAN_RECORD, &s.half[0]) ||
+			    !leaf_unpack(PLAN_HALF, record + 2 * PLAN_RECORD, &s.half[1]))
+				return 0;
+			s.whole = whole.region;
+			r = plan_apply(plan, 0, &s, err);
+			if (r)
+				return r;
+		}
+		f->size += size;
 	}
-	return r;
 }
 
 static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kept *kept, struct err *err)
 {
-	uint8_t record[RECORD];
-	struct head head;
+	uint8_t record[PLAN_RECORD];
+	struct plan_head head;
 	struct stat st;
 	size_t got = 0;
 	int fd = io->openat(f->dirfd, f->name, O_RDONLY | O_CLOEXEC, 0), r;
 
 	if (fd < 0)
 		return errno == ENOENT ? PLAN_FILE_ABSENT : err_sys(err, errno, "cannot open %s", f->name);
-	r = io_read_some(fd, record, RECORD, 0, f->name, &got, err);
-	if (!r && (got < RECORD || !head_unpack(record, &head) || head.job != f->job ||
+	r = io_read_some(fd, record, PLAN_RECORD, 0, f->name, &got, err);
+	if (!r && (got < PLAN_RECORD || !plan_head_unpack(record, &head) || head.job != f->job ||
 		   head.generation != f->generation || io->fstat(fd, &st) < 0 ||
-		   head.n >= (uint64_t)st.st_size / RECORD))
+		   head.n >= (uint64_t)st.st_size / PLAN_RECORD))
 		r = PLAN_FILE_ABSENT;
 	if (!r)
 		r = read_leaves(f, fd, &head, plan, err);

@@ -40,6 +40,24 @@ int plan_file_split(struct plan_file *, const struct cut_region *whole, const st
 /* Splits of this run from *seen on go into the plan, those of leaf `least` or later. */
 int plan_file_follow(struct plan_file *, size_t *seen, size_t least, struct cut_plan *, struct err *err);
 
+/*
+ * Finished domains of the job: which files of the store its blocks are, and what they sum up to. Told as domains get
+ * there, in any order, the same region again where it was made again (the last one counts). A help, never needed to go
+ * on: what a crash left of the last ones is not there.
+ */
+struct plan_done {
+	struct cut_region region;
+	struct digest base, list;     /* the name of the stored file (store.h) */
+	struct digest digest;         /* of its triangles */
+	uint64_t payload;             /* checksum of all that the domain is: counts and arrays (store.h) */
+	uint64_t triangles, bytes;    /* bytes of the file */
+};
+int plan_file_done(struct plan_file *, const struct plan_done *, struct err *err);
+/* Of any job whose plan is in that folder; `fn` in the order in which they were told; non-zero from it ends the call
+ * and is returned. A plan that is absent or damaged has none. */
+int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *),
+			void *ctx, struct err *err);
+
 /* Removes the file. Worker. */
 int plan_file_remove(struct plan_file *, struct err *err);
 /* Whose plan a file of that name is; 0: it is none. */

@@ -222,6 +222,81 @@ static void test_torn_split(void **state)
 	cut_plan_done(&p);
 }
 
+static struct plan_done done_of(const struct cut_leaf *leaf, uint64_t salt)
+{
+	return (struct plan_done){.region = leaf->region, .base = {1, salt}, .list = {2, salt}, .digest = {3, salt},
+				  .payload = 4 * salt, .triangles = 5 + salt, .bytes = 6 + salt};
+}
+
+struct told {
+	struct plan_done done[16];
+	size_t n;
+};
+
+static int tell(void *ctx, const struct plan_done *d, struct err *err)
+{
+	struct told *t = ctx;
+
+	t->done[t->n++] = *d;
+	return t->n == 16 ? 77 : 0;
+}
+
+static size_t told_now(struct told *t)
+{
+	struct err err = ERR_INIT;
+
+	t->n = 0;
+	assert_int_equal(plan_file_each_done(dirfd, 7, tell, t, &err), 0);
+	return t->n;
+}
+
+/* Finished domains between splits: both are read, what is torn at the end is not there. */
+static void test_done(void **state)
+{
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+	struct cut_plan p = plan_of(4);
+	struct cut_leaf half[2];
+	struct err err = ERR_INIT;
+	struct told t;
+
+	unlinkat(dirfd, "plan-7", 0);
+	assert_int_equal(told_now(&t), 0);
+	write_plan(f, &p, 600);
+	for (uint64_t i = 0; i < 4; i++) {
+		struct plan_done d = done_of(&p.leaf[i], i);
+
+		assert_int_equal(plan_file_done(f, &d, &err), 0);
+		if (i == 1)
+			split_leaf(f, &p.leaf[0].region, half);
+	}
+	split_leaf(f, &p.leaf[1].region, half);
+	assert_int_equal(leaves_now(), 6);
+	assert_int_equal(told_now(&t), 4);
+	for (uint64_t i = 0; i < 4; i++) {
+		struct plan_done d = done_of(&p.leaf[i], i);
+
+		assert_true(cut_region_same(&t.done[i].region, &d.region));
+		assert_true(digest_equal(t.done[i].base, d.base) && digest_equal(t.done[i].list, d.list) &&
+			    digest_equal(t.done[i].digest, d.digest));
+		assert_true(t.done[i].payload == d.payload && t.done[i].triangles == d.triangles &&
+			    t.done[i].bytes == d.bytes);
+	}
+	{
+		struct plan_done d = done_of(&p.leaf[2], 9);
+		int fd = openat(dirfd, "plan-7", O_RDWR);
+		off_t end = lseek(fd, 0, SEEK_END);
+
+		assert_int_equal(plan_file_done(f, &d, &err), 0);
+		assert_int_equal(told_now(&t), 5);
+		assert_int_equal(ftruncate(fd, end + RECORD - 1), 0);
+		assert_int_equal(told_now(&t), 4);
+		assert_int_equal(leaves_now(), 6);
+		close(fd);
+	}
+	cut_plan_done(&p);
+	plan_file_free(f);
+}
+
 static void test_damage(void **state)
 {
 	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
@@ -322,6 +397,7 @@ int main(void)
 		cmocka_unit_test(test_written_is_read),
 		cmocka_unit_test(test_splits),
 		cmocka_unit_test(test_torn_split),
+		cmocka_unit_test(test_done),
 		cmocka_unit_test(test_damage),
 		cmocka_unit_test(test_failing_disk),
 	};
