@@ -57,7 +57,8 @@ struct dataset {
 	bool named;      /* its folder's name is on the disk */
 	unsigned pushes;
 	struct push *planner; /* fixes the lattice */
-	struct push *committer;
+	const void *committer; /* publishes the next manifest: a push, or a rewriting (merge, prune) */
+	unsigned readers; /* of its newest manifest by name: dataset_read_begin */
 	uint32_t next_source;
 	struct pending *pending;
 	bool row; /* the catalogue has one */
@@ -151,6 +152,12 @@ int house_take_job(struct jobs *, uint64_t bytes, struct err *err);
 uint64_t house_view_bytes(const char *text, bool area); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
+
+/* dataset_old.c: what a newer manifest does not name any more */
+/* Loop: from taking d->manifest until a worker has opened what it names, or has given up; walks that open count
+ * without it. No file of the newest manifest of that time goes meanwhile. */
+void dataset_read_begin(struct dataset *);
+void dataset_read_end(struct dataset *);
 
 /* dataset.c */
 struct dataset *dataset_new(struct jobs *, const char *name, uint32_t uid, bool onestep, struct err *err);
