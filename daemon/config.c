@@ -21,7 +21,7 @@
 
 static const uint64_t MEMORY_LEAST = UINT64_C(24) << 20, MEMORY_SPARE = UINT64_C(48) << 20,
 		      MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
-enum { THREADS_MAX = 256 };
+enum { THREADS_MAX = 256, DISK_PERCENT = 80, KEEP_FREE_PERCENT = 5, SPACE_WAIT = 60 };
 
 static const char help[] =
 	"acutd: terrain meshes from points, out of core\n"
@@ -36,6 +36,10 @@ static const char help[] =
 	"                       else $XDG_CACHE_HOME/acut)\n"
 	"  --memory SIZE        budget, as 256M or 4G, at least 24M (default: by cgroup and machine)\n"
 	"  --threads N          workers (default: one a processor)\n"
+	"  --disk SIZE|N%       what state and cache may hold together, as 200G or 80% of the file system\n"
+	"                       (default: 80%)\n"
+	"  --keep-free SIZE|N%  of the file system stays free (default: 5%)\n"
+	"  --space-wait SECONDS what a client waits for ends when it has lacked disk space for so long (default: 60)\n"
 	"  --log-level LEVEL    error, warning, notice, info, debug (default: info)\n"
 	"  --idle-exit SECONDS  end when nobody is connected and nothing is to be done for so long\n"
 	"  --version, --help\n";
@@ -189,6 +193,10 @@ static int fill_in(struct config *c, struct err *err)
 			parse_size_text(c->memory, text));
 		return err_add_hint(err, "give --memory, or the service a higher limit");
 	}
+	if (!c->disk.unit)
+		c->disk = (struct space_limit){SPACE_PERCENT, DISK_PERCENT};
+	if (!c->keep_free.unit)
+		c->keep_free = (struct space_limit){SPACE_PERCENT, KEEP_FREE_PERCENT};
 	/* Not told: no more than an eighth of the memory for their stacks. */
 	if (!c->threads)
 		for (c->threads = processors(); c->threads > 1 && sched_thread_bytes(c->threads) > c->memory / 8;)
@@ -198,7 +206,7 @@ static int fill_in(struct config *c, struct err *err)
 
 /* ---- options ---- */
 
-enum which { SOCKET = 1, STATE, CACHE, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, VERSION, HELP };
+enum which { SOCKET = 1, STATE, CACHE, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, VERSION, HELP };
 
 static const struct option options[] = {
 	{"socket", required_argument, NULL, SOCKET},
@@ -208,6 +216,9 @@ static const struct option options[] = {
 	{"threads", required_argument, NULL, THREADS},
 	{"log-level", required_argument, NULL, LOG_LEVEL},
 	{"idle-exit", required_argument, NULL, IDLE_EXIT},
+	{"disk", required_argument, NULL, DISK},
+	{"keep-free", required_argument, NULL, KEEP_FREE},
+	{"space-wait", required_argument, NULL, SPACE_PATIENCE},
 	{"version", no_argument, NULL, VERSION},
 	{"help", no_argument, NULL, HELP},
 	{0},
@@ -255,6 +266,16 @@ static int set_option(struct config *c, int option, const char *value, struct er
 		return parse_seconds(value, &c->idle_exit) && c->idle_exit > 0
 			       ? 0
 			       : bad("idle-exit", value, "a time in seconds", err);
+	case DISK:
+		return space_limit_parse(value, 100, &c->disk) && c->disk.n
+			       ? 0
+			       : bad("disk", value, "a size as 200G, or a percentage from 1% to 100%,", err);
+	case KEEP_FREE:
+		return space_limit_parse(value, 99, &c->keep_free)
+			       ? 0
+			       : bad("keep-free", value, "a size as 10G, or a percentage from 0% to 99%,", err);
+	case SPACE_PATIENCE:
+		return parse_seconds(value, &c->space_wait) ? 0 : bad("space-wait", value, "a time in seconds", err);
 	default:
 		err_set(err, ERR_USAGE, "the command line is not understood");
 		return err_add_hint(err, "acutd --help lists the options");
@@ -265,7 +286,7 @@ int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struc
 {
 	int option, r = 0;
 
-	*ret = (struct config){.level = LOG_LEVEL_INFO};
+	*ret = (struct config){.level = LOG_LEVEL_INFO, .space_wait = SPACE_WAIT};
 	*ret_what = CONFIG_RUN;
 	while (!r && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
 		if (option == VERSION || option == HELP) {

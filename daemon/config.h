@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "log.h"
+#include "space.h"
 
 struct err;
 
@@ -16,6 +17,8 @@ struct config {
 	unsigned threads;
 	enum log_level level;
 	double idle_exit; /* seconds; 0: never */
+	struct space_limit disk, keep_free;
+	double space_wait; /* seconds that what a client waits for waits for room on the disk */
 };
 
 enum { CONFIG_RUN, CONFIG_EXIT }; /* CONFIG_EXIT: --help or --version was answered */

@@ -345,6 +345,9 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.statefd = d->statefd,
 		.cachefd = d->cachefd,
 		.threads = d->config.threads,
+		.disk = d->config.disk,
+		.keep_free = d->config.keep_free,
+		.space_wait = d->config.space_wait,
 		.changed = server_job_changed,
 	};
 	int r;

@@ -16,6 +16,7 @@
 #include "err.h"
 #include "ledger.h"
 #include "pipe.h"
+#include "space.h"
 
 struct catalogue;
 struct sched;
@@ -47,6 +48,8 @@ struct jobs_params {
 	struct catalogue *catalogue; /* not started: jobs_new loads it and starts it */
 	int statefd, cachefd;        /* folders, borrowed */
 	unsigned threads;            /* domains at once, at most */
+	struct space_limit disk, keep_free; /* as space_params */
+	double space_wait;           /* seconds that what a client waits for may lack space */
 	/* A job came to be, went on, or ended. */
 	void (*changed)(void *ctx, struct job *);
 	void *ctx;

@@ -124,6 +124,7 @@ struct job_asked_plan {
 
 struct jobs {
 	struct jobs_params p;
+	struct space *space; /* accounts of the disk; any thread */
 	int datafd, onestepfd, domainsfd,
 		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
 		plansfd, geoidsfd; /* state/plans, state/geoids */
