@@ -111,6 +111,38 @@ const uint32_t *grid_stage_sources(const struct grid_stage *, size_t *ret_n);
 /* Removes what a stage left; success if there is nothing. */
 int grid_stage_discard(int dirfd, const char *name, struct err *err);
 
+/* ---- rewriting: several segments become one ---- */
+
+/*
+ * All records of some segments of one folder, with their sources, in a new segment: byte for byte the one that a seal
+ * of the same records gives. The old ones stay as they are. One thread at a time.
+ */
+struct grid_rewrite;
+struct grid_rewrite_params {
+	int dirfd;              /* borrowed during grid_rewrite_new only, but for the new segment, where it is until the end */
+	const struct grid_segment_info *segments; /* borrowed during grid_rewrite_new only */
+	size_t nsegments;       /* at most 512 */
+	size_t nsources;        /* that they can have, all together */
+	const char *name;       /* file name stem of the new one */
+	const uint32_t *drop;   /* sources whose records are left out, ascending; borrowed until the end */
+	size_t ndrop;
+	size_t memory;          /* bytes it may use; the caller has charged them */
+	bool passing;           /* it need not outlive a crash */
+};
+/* The least `memory` that does. */
+size_t grid_rewrite_least(const struct grid_segment_info *segments, size_t n, size_t nsources);
+int grid_rewrite_new(const struct grid_rewrite_params *, struct grid_rewrite **ret, struct err *err);
+/* Some of it, about 100 KiB; GRID_REWRITE_OVER: only grid_rewrite_finish is left. */
+enum { GRID_REWRITE_OVER = 1 };
+int grid_rewrite_step(struct grid_rewrite *, struct err *err);
+void grid_rewrite_progress(const struct grid_rewrite *, uint64_t *ret_done, uint64_t *ret_all); /* records */
+/* Publishes the segment; frees in any case. */
+int grid_rewrite_finish(struct grid_rewrite *, struct grid_segment_info *ret, struct err *err);
+struct grid_rewrite *grid_rewrite_free(struct grid_rewrite *); /* nothing of it stays on the disk */
+/* How many records of these sources (ascending) a segment has. Takes 32 bytes a source of it meanwhile. */
+int grid_segment_holds(int dirfd, const struct grid_segment_info *, const uint32_t *ids, size_t n,
+		       uint64_t *ret_points, struct err *err);
+
 /* ---- manifests: a text or binary file that alone describes a dataset ---- */
 
 /* From a generation to before another. */

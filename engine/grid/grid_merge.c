@@ -43,12 +43,26 @@ static size_t find(const struct point *pts, size_t n, uint64_t key)
 	return from;
 }
 
+static int refill_other(struct grid_merge_input *in, struct err *err)
+{
+	size_t n = 0;
+	int rc = in->next(in->ctx, &in->at, &n, &in->table, err);
+
+	if (rc)
+		return rc;
+	in->end = in->at + n;
+	in->done = !n;
+	return 0;
+}
+
 /* Blocks until one has records in lo..hi. */
 static int refill(struct grid_merge_input *in, struct err *err)
 {
 	size_t n = 0;
 
 	in->done = true;
+	if (in->next)
+		return refill_other(in, err);
 	while (in->run.run) {
 		int rc = grid_run_next(&in->run, &in->at, &n, &in->table, err);
 
@@ -76,6 +90,22 @@ int grid_merge_run(struct grid_merge *m, const struct grid_run_reader *run, uint
 
 	assert(m->n < m->room);
 	*in = (struct grid_merge_input){.run = *run, .lo = lo, .hi = hi, .seen = seen};
+	int rc = refill(in, err);
+
+	if (rc == 0 && !in->done)
+		m->n++;
+	return rc;
+}
+
+int grid_merge_other(struct grid_merge *m,
+		     int (*next)(void *ctx, const struct point **ret_pts, size_t *ret_n, const uint32_t **ret_table,
+				 struct err *err),
+		     void *ctx, struct err *err)
+{
+	struct grid_merge_input *in = &m->input[m->n];
+
+	assert(m->n < m->room);
+	*in = (struct grid_merge_input){.next = next, .ctx = ctx, .hi = UINT64_MAX};
 	int rc = refill(in, err);
 
 	if (rc == 0 && !in->done)

@@ -1,0 +1,297 @@
+/*
+ * Rewriting segments: the file is the one that a seal of the same records writes; nothing damaged goes through; nothing
+ * stays behind. Then, against a model that is a list of records: pushes, removals, merges and prunes in any order leave
+ * every generation that can be read as it was.
+ */
+#include <fcntl.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <cmocka.h>
+
+#include "grid_cell.h"
+#include "grid_fixture.h"
+
+enum { PLENTY = 8 << 20 };
+
+static struct set set_part(const struct set *all, bool (*wanted)(uint32_t id, void *ctx), void *ctx)
+{
+	struct set s = {malloc((all->n + 1) * sizeof *s.pts), malloc((all->n + 1) * sizeof *s.ids), 0};
+
+	for (size_t i = 0; i < all->n; i++) {
+		if (!wanted(all->ids[i], ctx))
+			continue;
+		s.pts[s.n] = all->pts[i];
+		s.ids[s.n++] = all->ids[i];
+	}
+	return s;
+}
+
+static int rewrite(const struct folder *f, const char *name, const struct grid_segment_info *segments, size_t n,
+		   const uint32_t *drop, size_t ndrop, size_t memory, struct grid_segment_info *ret, struct err *err)
+{
+	struct grid_rewrite_params p = {.dirfd = f->fd, .segments = segments, .nsegments = n, .nsources = 100,
+					.name = name, .drop = drop, .ndrop = ndrop, .memory = memory};
+	struct grid_rewrite *w;
+	int rc;
+
+	if (!memory)
+		p.memory = grid_rewrite_least(segments, n, p.nsources);
+	rc = grid_rewrite_new(&p, &w, err);
+	if (rc)
+		return rc;
+	while (!(rc = grid_rewrite_step(w, err)))
+		;
+	if (rc < 0) {
+		grid_rewrite_free(w);
+		return rc;
+	}
+	return grid_rewrite_finish(w, ret, err);
+}
+
+static char *slurp(const struct folder *f, const char *name, size_t *ret_n)
+{
+	int fd = openat(f->fd, name, O_RDONLY | O_CLOEXEC);
+	off_t n = lseek(fd, 0, SEEK_END);
+	char *bytes = malloc((size_t)n + 1);
+
+	assert_true(fd >= 0 && n >= 0);
+	assert_int_equal(pread(fd, bytes, (size_t)n, 0), n);
+	close(fd);
+	*ret_n = (size_t)n;
+	return bytes;
+}
+
+static void same_file(const struct folder *f, const char *a, const char *b)
+{
+	size_t n, m;
+	char *p = slurp(f, a, &n), *q = slurp(f, b, &m);
+
+	assert_int_equal(n, m);
+	assert_memory_equal(p, q, n);
+	free(p);
+	free(q);
+}
+
+static void same_info(struct grid_segment_info a, struct grid_segment_info b)
+{
+	memset(a.file, 0, sizeof a.file);
+	memset(b.file, 0, sizeof b.file);
+	assert_memory_equal(&a, &b, sizeof a);
+}
+
+struct split {
+	unsigned parts, part;
+};
+
+static bool in_split(uint32_t id, void *ctx)
+{
+	const struct split *s = ctx;
+
+	return id % s->parts == s->part;
+}
+
+static bool stays(uint32_t id, void *ctx)
+{
+	return id % 3 != 1;
+}
+
+/* Segments by source, each a split of `all`. */
+static void seal_parts(const struct folder *f, const struct set *all, unsigned parts, struct grid_segment_info *ret)
+{
+	struct err err = ERR_INIT;
+
+	for (unsigned i = 0; i < parts; i++) {
+		struct split split = {parts, i};
+		struct set s = set_part(all, in_split, &split);
+		char name[16];
+
+		snprintf(name, sizeof name, "part%u", i);
+		CHECK(stage_set(f, name, &s, 0, &ret[i], &err));
+		set_free(&s);
+	}
+}
+
+static void try_same(enum shape shape, size_t n, unsigned sources, unsigned parts, size_t memory)
+{
+	struct folder f = folder_new();
+	struct set all = set_make(shape, n, sources, 7 * n + parts), some = set_part(&all, stays, NULL);
+	struct grid_segment_info part[16], whole, left, made;
+	struct err err = ERR_INIT;
+	uint32_t drop[64];
+	size_t ndrop = 0;
+
+	for (uint32_t id = 1; id <= sources; id++)
+		if (!stays(id, NULL))
+			drop[ndrop++] = id;
+	seal_parts(&f, &all, parts, part);
+	CHECK(stage_set(&f, "whole", &all, 0, &whole, &err));
+	CHECK(stage_set(&f, "left", &some, 0, &left, &err));
+	CHECK(rewrite(&f, "made", part, parts, NULL, 0, memory, &made, &err));
+	same_file(&f, whole.file, made.file);
+	same_info(whole, made);
+	CHECK(rewrite(&f, "some", part, parts, drop, ndrop, memory, &made, &err));
+	same_file(&f, left.file, made.file);
+	same_info(left, made);
+	/* And what was merged, once more without some. */
+	CHECK(rewrite(&f, "again", &whole, 1, drop, ndrop, memory, &made, &err));
+	same_file(&f, left.file, made.file);
+	set_free(&all);
+	set_free(&some);
+	folder_remove(&f);
+}
+
+static void test_same(void **state)
+{
+	int before = (int)open_descriptors();
+
+	for (enum shape s = 0; s < SHAPES; s++) {
+		try_same(s, 20000, 12, 4, 0);
+		try_same(s, 20000, 60, 7, PLENTY);
+		try_same(s, 3000, 1, 1, 0);
+		try_same(s, 1, 1, 2, 0);
+	}
+	try_same(SHAPE_UNIFORM, 400000, 5, 3, 0); /* an index of two levels */
+	assert_int_equal(open_descriptors(), before);
+}
+
+static void test_nothing(void **state)
+{
+	struct folder f = folder_new();
+	struct set none = set_make(SHAPE_UNIFORM, 0, 1, 1), one = set_make(SHAPE_UNIFORM, 100, 1, 1);
+	struct grid_segment_info whole, part[2], made;
+	struct err err = ERR_INIT;
+	const uint32_t drop = 1;
+
+	CHECK(stage_set(&f, "none", &none, 0, &whole, &err));
+	CHECK(stage_set(&f, "one", &one, 0, &part[0], &err));
+	part[1] = whole;
+	CHECK(rewrite(&f, "made", part, 2, &drop, 1, 0, &made, &err));
+	same_file(&f, whole.file, made.file);
+	CHECK(rewrite(&f, "none2", NULL, 0, NULL, 0, 0, &made, &err));
+	same_file(&f, whole.file, made.file);
+	set_free(&none);
+	set_free(&one);
+	folder_remove(&f);
+}
+
+static void test_too_little(void **state)
+{
+	struct folder f = folder_new();
+	struct set all = set_make(SHAPE_UNIFORM, 5000, 4, 1);
+	struct grid_segment_info part[2], made;
+	struct err err = ERR_INIT;
+
+	seal_parts(&f, &all, 2, part);
+	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_least(part, 2, 100) - 1, &made, &err),
+			 -ERR_LIMIT);
+	assert_int_equal(folder_files(&f, ""), 2);
+	set_free(&all);
+	folder_remove(&f);
+}
+
+/* Given up half way: nothing stays. */
+static void test_given_up(void **state)
+{
+	struct folder f = folder_new();
+	struct set all = set_make(SHAPE_UNIFORM, 50000, 4, 1);
+	struct grid_segment_info part[2];
+	struct grid_rewrite_params p = {.dirfd = f.fd, .segments = part, .nsegments = 2, .nsources = 4, .name = "made",
+					.memory = PLENTY};
+	struct grid_rewrite *w;
+	struct err err = ERR_INIT;
+	uint64_t done, total;
+	size_t before = open_descriptors();
+
+	seal_parts(&f, &all, 2, part);
+	CHECK(grid_rewrite_new(&p, &w, &err));
+	for (int i = 0; i < 3; i++)
+		assert_int_equal(grid_rewrite_step(w, &err), 0);
+	grid_rewrite_progress(w, &done, &total);
+	assert_true(done > 0 && done < total && total == all.n);
+	grid_rewrite_free(w);
+	assert_int_equal(folder_files(&f, ""), 2);
+	assert_int_equal(open_descriptors(), before);
+	set_free(&all);
+	folder_remove(&f);
+}
+
+/* Any bit of any byte. */
+static void test_damage(void **state)
+{
+	struct folder f = folder_new();
+	struct set all = set_make(SHAPE_CLUSTERED, 6000, 9, 3);
+	struct grid_segment_info part[3], made;
+	uint64_t rng = 5;
+
+	seal_parts(&f, &all, 3, part);
+	for (int i = 0; i < 400; i++) {
+		const struct grid_segment_info *s = &part[rng_below(&rng, 3)];
+		uint64_t at = rng_below(&rng, i % 4 ? s->bytes : 4096);
+		struct err err = ERR_INIT;
+		int fd = openat(f.fd, s->file, O_RDWR | O_CLOEXEC);
+		uint8_t byte, bad;
+
+		assert_int_equal(pread(fd, &byte, 1, (off_t)at), 1);
+		bad = byte ^ (uint8_t)(1 << rng_below(&rng, 8));
+		assert_int_equal(pwrite(fd, &bad, 1, (off_t)at), 1);
+		assert_int_equal(rewrite(&f, "made", part, 3, NULL, 0, 0, &made, &err), -ERR_CORRUPT);
+		assert_string_equal(err.file, s->file);
+		assert_int_equal(folder_files(&f, ""), 3);
+		assert_int_equal(pwrite(fd, &byte, 1, (off_t)at), 1);
+		close(fd);
+	}
+	/* Cut off. */
+	for (int i = 0; i < 20; i++) {
+		struct err err = ERR_INIT;
+		uint64_t at = rng_below(&rng, part[0].bytes);
+		size_t n;
+		char *bytes = slurp(&f, part[0].file, &n);
+		int fd = openat(f.fd, part[0].file, O_RDWR | O_CLOEXEC);
+
+		assert_int_equal(ftruncate(fd, (off_t)at), 0);
+		assert_int_equal(rewrite(&f, "made", part, 3, NULL, 0, 0, &made, &err), -ERR_CORRUPT);
+		assert_int_equal(pwrite(fd, bytes, n, 0), (ssize_t)n);
+		close(fd);
+		free(bytes);
+	}
+	set_free(&all);
+	folder_remove(&f);
+}
+
+static void test_holds(void **state)
+{
+	struct folder f = folder_new();
+	struct set all = set_make(SHAPE_UNIFORM, 5000, 6, 1);
+	struct grid_segment_info part[2];
+	struct err err = ERR_INIT;
+	const uint32_t ids[] = {2, 3, 99};
+	uint64_t points, want = 0;
+
+	seal_parts(&f, &all, 2, part);
+	for (size_t i = 0; i < all.n; i++)
+		want += all.ids[i] == 2;
+	CHECK(grid_segment_holds(f.fd, &part[0], ids, 3, &points, &err));
+	assert_int_equal(points, want);
+	CHECK(grid_segment_holds(f.fd, &part[0], ids + 1, 2, &points, &err));
+	assert_int_equal(points, 0);
+	set_free(&all);
+	folder_remove(&f);
+}
+
+int main(void)
+{
+	skip_fsync();
+	const struct CMUnitTest tests[] = {
+	    cmocka_unit_test(test_same),  cmocka_unit_test(test_nothing), cmocka_unit_test(test_too_little),
+	    cmocka_unit_test(test_given_up),  cmocka_unit_test(test_damage),  cmocka_unit_test(test_holds),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
