@@ -1,0 +1,326 @@
+/*
+ * What happens in the tests of faults: a house (tests/job/house.h) into which three files are pushed, one at a time and
+ * with an interruption, and jobs of each generation, with a mark in the log for each thing that was acknowledged; and what
+ * must be there when a house is opened over what a fault left.
+ */
+#ifndef SCENE_H
+#define SCENE_H
+
+#include "house.h"
+#include "log.h"
+
+#include <sys/wait.h>
+#include <time.h>
+
+#include "fault_io.h"
+
+#define SCENE_MEMORY (UINT64_C(24) << 20)
+#define OTHER_VIEW "view 1 every=3"
+
+enum { FILES = 3, POINTS = 3000 };
+
+/* Acknowledged, in this order. */
+enum mark {
+	MARK_GENERATION_1 = 1, /* a: file 1 */
+	MARK_JOB,              /* of generation 1 */
+	MARK_JOB_DONE,
+	MARK_PENDING,      /* a: file 2, of an interrupted push */
+	MARK_GENERATION_2, /* a: files 2 and 3 */
+	MARK_SELECTED,     /* a job with a selection, of generation 2 */
+	MARK_SELECTED_DONE,
+	MARK_OTHER, /* another dataset with file 1 */
+	MARKS
+};
+
+/* What the meshes are, whatever happens. */
+struct scene_digests {
+	char one[DIGEST_HEX_SIZE], all[DIGEST_HEX_SIZE], selected[DIGEST_HEX_SIZE];
+	uint64_t job, selected_job;
+};
+
+/* ---- steps that may fail ---- */
+
+/* 0 or the code of the error, which is in got.why. The push stays open in any case if there is one. */
+static enum err_code push_some(const char *dataset, const unsigned *seeds, unsigned n, unsigned staged, bool commit,
+			       enum push_known_as *ret_known)
+{
+	struct push_input input[FILES] = {{.checksum = true}, {.checksum = true}, {.checksum = true}};
+	enum push_known_as known[FILES];
+	char name[FILES][16];
+	int fd[FILES];
+
+	begin(dataset);
+	for (unsigned i = 0; i < n; i++) {
+		snprintf(name[i], sizeof name[i], "%u.xyz", seeds[i]);
+		input[i].name = input[i].path = name[i];
+		fd[i] = text_file(POINTS, seeds[i]);
+	}
+	for (unsigned i = 0; i < n && !got.why.code; i++) {
+		ask(push_probe(got.push, dup(fd[i]), &input[i], NULL));
+		known[i] = got.known;
+	}
+	if (!got.why.code)
+		ask(push_plan(got.push, NULL));
+	for (unsigned i = 0; i < staged && !got.why.code; i++)
+		if (known[i] == PUSH_NEW)
+			ask(push_file(got.push, dup(fd[i]), &input[i], NULL));
+	if (!got.why.code && commit)
+		ask(push_commit(got.push, NULL));
+	for (unsigned i = 0; i < n; i++)
+		close(fd[i]);
+	if (!got.why.code && ret_known)
+		memcpy(ret_known, known, n * sizeof *known);
+	return got.why.code;
+}
+
+static void push_end(void)
+{
+	if (got.push)
+		push_leave(got.push);
+	if (got.committed.dataset)
+		dataset_release(got.committed.dataset);
+	got.push = NULL;
+	got.committed.dataset = NULL;
+}
+
+static struct job *submit_at(struct dataset *d, uint64_t generation, const char *view)
+{
+	struct job_params p = {.dataset = d, .generation = generation, .view = view, .peer = me};
+	int before = accepts;
+
+	job_submit(h.jobs, &p, accepted, NULL);
+	turn_until(accepts > before);
+	return accepted_job;
+}
+
+/* ---- the play, which must go well ---- */
+
+#define must(what)                                                                                                     \
+	do {                                                                                                           \
+		if (!(what)) {                                                                                         \
+			printf("%s:%d: %s; %s: %s %s\n", __FILE__, __LINE__, #what, got.why.file, got.why.message,     \
+			       accepted_err.message);                                                                  \
+			fflush(stdout);                                                                                \
+			_exit(1);                                                                                      \
+		}                                                                                                      \
+	} while (0)
+
+static void mesh_to(struct job *job, char digest[DIGEST_HEX_SIZE])
+{
+	turn_until_final(job);
+	if (info_of(job).state != JOB_done) {
+		printf("job %llu: %s %s %s\n", (unsigned long long)info_of(job).id, job_state_text(info_of(job).state),
+		       info_of(job).err ? info_of(job).err->file : "", info_of(job).err ? info_of(job).err->message : "");
+		fflush(stdout);
+		_exit(1);
+	}
+	snprintf(digest, DIGEST_HEX_SIZE, "%s", info_of(job).report->digest);
+}
+
+static void play(struct scene_digests *ret)
+{
+	static const unsigned seed[FILES] = {1, 2, 3};
+	struct dataset *a;
+	struct dataset_info info;
+	struct job *job;
+
+	must(!push_some("a", seed, 1, 1, true, NULL));
+	fault_mark(MARK_GENERATION_1);
+	push_end();
+	a = dataset_find(h.jobs, "a", &me);
+	must(a && (job = submit_at(a, 0, VIEW)));
+	fault_mark(MARK_JOB);
+	ret->job = info_of(job).id;
+	mesh_to(job, ret->one);
+	turn_until(!catalogue_busy(h.catalogue));
+	fault_mark(MARK_JOB_DONE);
+	must(!push_some("a", seed + 1, 1, 1, false, NULL));
+	push_end();
+	turn_until((dataset_info(a, &info), info.pending == 1));
+	must(info.pending_files == 1);
+	fault_mark(MARK_PENDING);
+	must(!push_some("a", seed + 1, 2, 2, true, NULL));
+	fault_mark(MARK_GENERATION_2);
+	push_end();
+	must((job = submit_at(a, 0, OTHER_VIEW)));
+	fault_mark(MARK_SELECTED);
+	ret->selected_job = info_of(job).id;
+	mesh_to(job, ret->selected);
+	turn_until(!catalogue_busy(h.catalogue));
+	fault_mark(MARK_SELECTED_DONE);
+	must(!push_some("b", seed, 1, 1, true, NULL));
+	fault_mark(MARK_OTHER);
+	push_end();
+	must((job = submit_at(a, 0, VIEW)));
+	mesh_to(job, ret->all);
+	turn_until(!jobs_active(h.jobs));
+}
+
+/* ---- after a fault ---- */
+
+/* All that was acknowledged is there and right; then the rest is done, and the whole is right too. */
+static void check_all(uint64_t marks, const struct scene_digests *want)
+{
+	static const unsigned seed[FILES] = {1, 2, 3};
+	struct dataset *a = dataset_find(h.jobs, "a", &me);
+	enum push_known_as known[FILES];
+	char digest[DIGEST_HEX_SIZE];
+	struct job *job;
+
+#define has(m) (marks >= (m))
+	if (has(MARK_GENERATION_1)) {
+		must(a && (job = submit_at(a, 1, VIEW)));
+		mesh_to(job, digest);
+		must(!strcmp(digest, want->one));
+	}
+	if (has(MARK_JOB)) {
+		must((job = job_find(h.jobs, want->job, &me)));
+		must(!has(MARK_JOB_DONE) || info_of(job).state == JOB_done);
+		mesh_to(job, digest);
+		must(!strcmp(digest, want->one));
+	}
+	if (has(MARK_SELECTED)) {
+		must((job = job_find(h.jobs, want->selected_job, &me)));
+		must(!has(MARK_SELECTED_DONE) || info_of(job).state == JOB_done);
+		mesh_to(job, digest);
+		must(!strcmp(digest, want->selected));
+	}
+	if (has(MARK_OTHER))
+		must(dataset_find(h.jobs, "b", &me));
+	must(!push_some("a", seed, FILES, FILES, true, known));
+	must(!has(MARK_GENERATION_1) || known[0] == PUSH_KNOWN);
+	must(!has(MARK_PENDING) || known[1] != PUSH_NEW);
+	must(!has(MARK_GENERATION_2) || (known[1] == PUSH_KNOWN && known[2] == PUSH_KNOWN));
+	push_end();
+	must((job = submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW)));
+	mesh_to(job, digest);
+	must(!strcmp(digest, want->all));
+	turn_until(!jobs_active(h.jobs));
+#undef has
+}
+
+static int bad_names;
+
+static int look(const char *path, const struct stat *st, int kind, struct FTW *ftw)
+{
+	const char *name = path + ftw->base, *dot = strrchr(name, '.');
+	static const char *const ends[] = {".tmp", ".run", ".pending", ".part", ".stage", ".new"};
+	bool bad = !strncmp(name, "tmp-", 4);
+
+	if (kind != FTW_F)
+		return 0;
+	for (unsigned i = 0; dot && i < sizeof ends / sizeof *ends; i++)
+		bad |= !strcmp(dot, ends[i]);
+	bad |= strstr(path, "/tmp/") && strstr(strstr(path, h.folder) + strlen(h.folder), "/tmp/");
+	bad |= strstr(path, "/one-step/") != NULL;
+	if (bad)
+		printf("left behind: %s\n", path);
+	bad_names += bad;
+	return 0;
+}
+
+/* No half file, no temporary one. */
+static bool clean(void)
+{
+	bad_names = 0;
+	nftw(h.folder, look, 16, FTW_PHYS);
+	return !bad_names;
+}
+
+static unsigned open_files(void)
+{
+	DIR *dir = opendir("/proc/self/fd");
+	unsigned n = 0;
+
+	while (readdir(dir))
+		n++;
+	closedir(dir);
+	return n;
+}
+
+/* ---- many of them ---- */
+
+static char base[36];
+
+/* All that a test makes is below one folder, in memory if there is such a place. */
+static void scene_begin(void)
+{
+	setvbuf(stdout, NULL, _IOLBF, 0);
+	snprintf(base, sizeof base, "%s/acut-fault-XXXXXX", access("/dev/shm", W_OK) ? "/tmp" : "/dev/shm");
+	if (!mkdtemp(base))
+		abort();
+}
+
+static void scene_end(void)
+{
+	nftw(base, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static void new_folder(unsigned long i)
+{
+	snprintf(h.folder, sizeof h.folder, "%.35s/%lu", base, i);
+	if (mkdir(h.folder, 0700))
+		abort();
+}
+
+static void drop_folder(void)
+{
+	nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+}
+
+static long setting(const char *name, long otherwise)
+{
+	const char *text = getenv(name);
+
+	return text && *text ? atol(text) : otherwise;
+}
+
+static double seconds(void)
+{
+	struct timespec t;
+
+	clock_gettime(CLOCK_MONOTONIC, &t);
+	return (double)t.tv_sec + (double)t.tv_nsec / 1e9;
+}
+
+/* run(i) for i below n, each in a process of its own, two at a time; how many did not end with 0, or in time. */
+static unsigned long each_apart(unsigned long n, void (*run)(unsigned long i), void (*failed)(unsigned long i, int status))
+{
+	unsigned long bad = 0, begun = 0, ended = 0, index[2] = {0};
+	pid_t child[2] = {0};
+
+	fflush(stdout);
+	while (ended < n) {
+		int status;
+		pid_t pid;
+
+		for (int k = 0; k < 2; k++) {
+			if (child[k] || begun == n)
+				continue;
+			index[k] = begun++;
+			child[k] = fork();
+			if (child[k] == 0) {
+				alarm(60);
+				run(index[k]);
+				_exit(0);
+			}
+		}
+		pid = wait(&status);
+		for (int k = 0; k < 2; k++) {
+			if (child[k] != pid)
+				continue;
+			child[k] = 0;
+			ended++;
+			if (status) {
+				bad++;
+				snprintf(h.folder, sizeof h.folder, "%.35s/%lu", base, index[k]);
+				drop_folder();
+				if (failed)
+					failed(index[k], status);
+			}
+		}
+	}
+	return bad;
+}
+
+#endif
