@@ -220,6 +220,9 @@ int dataset_sweep(struct dataset *d, struct err *err)
 	keep.dirfd = d->dirfd;
 	if (!r)
 		r = io_list(d->dirfd, ".", remove_unnamed, &keep, err);
+	/* Nobody looks again: what was removed must not come back. */
+	if (!r)
+		r = io_sync(d->dirfd, d->name, err);
 	grid_manifest_free(m);
 	dataset_close(d);
 	return r;

@@ -78,6 +78,7 @@ static int sweep_selected(struct jobs *j, struct err *err)
 static int sweep_all(struct jobs *j, struct err *err)
 {
 	struct dataset **at = &j->datasets, *d;
+	bool gone = false;
 	char name[32];
 	int r = 0;
 
@@ -95,10 +96,12 @@ static int sweep_all(struct jobs *j, struct err *err)
 			r = err_sys(err, errno, "cannot remove the folder of a dataset");
 		else
 			r = catalogue_drop_dataset(j->p.catalogue, d->id, NULL, NULL, err);
+		gone = true;
 		*at = d->next;
 		dataset_free(d);
 	}
-	return r;
+	/* Rows go when the catalogue starts, by which time folders cannot come back. */
+	return !r && gone ? io_sync(j->datafd, "the folder of datasets", err) : r;
 }
 
 static int open_folders(struct jobs *j, struct err *err)
@@ -115,6 +118,9 @@ static int open_folders(struct jobs *j, struct err *err)
 		r = folder(j->p.statefd, "plans", &j->plansfd, err);
 	if (!r)
 		r = geoids_open(j->p.statefd, &j->geoidsfd, err);
+	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
+	if (!r)
+		r = io_sync(j->p.statefd, "the state folder", err);
 	/* Nothing in these outlives a daemon. */
 	if (!r)
 		r = folder_empty(j->onestepfd, err);

@@ -534,6 +534,8 @@ static int abort_start(struct push *p, struct push_ask *a, struct err *err)
 
 static void close_run(struct push *p, struct push_ask *a)
 {
+	struct err err = ERR_INIT;
+
 	push_end_run(p);
 	if (p->made && !p->committed) {
 		/* The catalogue does not name them. */
@@ -542,6 +544,11 @@ static void close_run(struct push *p, struct push_ask *a)
 	}
 	if (p->old_goes && *p->base_name)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
+	/* Its row, by which the next start would know of them, goes only when they cannot come back. */
+	if (p->opened && !p->kept && p->row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
+		log_err(LOG_LEVEL_WARNING, "what a push left is removed again at the next start", &err);
+		p->row = false;
+	}
 }
 
 static bool abort_done(struct push *p, struct push_ask *a, const struct err *why)

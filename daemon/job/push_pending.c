@@ -127,7 +127,10 @@ static int discard(struct dataset *d, uint64_t id, struct err *err)
 	manifest_name(id, manifest);
 	push_stage_name(id, stage);
 	r = io_remove(d->dirfd, manifest, err);
-	return r ? r : grid_stage_discard(d->dirfd, stage, err);
+	if (!r)
+		r = grid_stage_discard(d->dirfd, stage, err);
+	/* Before the row goes that says that they are there. */
+	return r ? r : io_sync(d->dirfd, "the folder of a dataset", err);
 }
 
 /* Worker: the end of a push. p->kept: it stays as a pending one. */
@@ -194,6 +197,7 @@ void push_becomes_pending(struct push *p)
 
 struct dropping {
 	struct sched_task task;
+	int r;
 	struct dataset *dataset;
 	struct pending *pending;
 };
@@ -202,13 +206,13 @@ static void drop_run(struct sched_task *t)
 {
 	struct dropping *x = (struct dropping *)t;
 	struct err err = ERR_INIT;
-	int r = dataset_open(x->dataset, &err);
 
-	if (!r) {
-		r = discard(x->dataset, x->pending->id, &err);
+	x->r = dataset_open(x->dataset, &err);
+	if (!x->r) {
+		x->r = discard(x->dataset, x->pending->id, &err);
 		dataset_close(x->dataset);
 	}
-	if (r)
+	if (x->r)
 		log_err(LOG_LEVEL_WARNING, "what an interrupted push left cannot be removed", &err);
 }
 
@@ -219,7 +223,8 @@ static void drop_done(struct sched_task *t)
 	struct err err = ERR_INIT;
 
 	j->background--;
-	if (t->ran && catalogue_drop_push(j->p.catalogue, x->pending->id, NULL, NULL, &err))
+	/* Else its row tells the next start. */
+	if (t->ran && !x->r && catalogue_drop_push(j->p.catalogue, x->pending->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	pending_free(j, x->pending);
 	dataset_release(x->dataset);
@@ -369,7 +374,8 @@ int push_adopt(struct push *p, struct err *err)
 			 p->pending->files, why);
 		p->claims = false;
 		p->drops = p->pending->id;
-		if (discard(p->dataset, p->pending->id, &ignored))
+		p->drops_row = !discard(p->dataset, p->pending->id, &ignored);
+		if (!p->drops_row)
 			log_err(LOG_LEVEL_WARNING, "what it left cannot be removed", &ignored);
 	}
 	grid_manifest_free(m);
@@ -384,7 +390,7 @@ void push_adopted(struct push *p)
 
 	if (p->drops) {
 		log_notice("%s: %s", p->dataset->name, p->note);
-		if (catalogue_drop_push(p->jobs->p.catalogue, p->drops, NULL, NULL, &err))
+		if (p->drops_row && catalogue_drop_push(p->jobs->p.catalogue, p->drops, NULL, NULL, &err))
 			log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	}
 	if (p->drops || m)

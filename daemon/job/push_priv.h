@@ -149,6 +149,7 @@ struct push {
 	struct pending *pending;    /* what it claims, or becomes */
 	bool claims;                /* pending was taken out of the dataset's list */
 	uint64_t drops;             /* the number of an interrupted push that did not fit; 0: none */
+	bool drops_row; /* ... and its row may go: nothing of it is left */
 	char note[160];
 	char reading[PUSH_READING_SIZE]; /* of all its files; "": there is none yet */
 	bool on_disk;               /* its files say that it can be gone on with */

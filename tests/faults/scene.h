@@ -200,6 +200,7 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 }
 
 static int bad_names;
+static bool after_crash;
 
 static int look(const char *path, const struct stat *st, int kind, struct FTW *ftw)
 {
@@ -207,7 +208,8 @@ static int look(const char *path, const struct stat *st, int kind, struct FTW *f
 	static const char *const ends[] = {".tmp", ".run", ".pending", ".part", ".stage", ".new"};
 	bool bad = !strncmp(name, "tmp-", 4);
 
-	if (kind != FTW_F)
+	/* What a crash leaves in the store of domains is evicted like all that is there. */
+	if (kind != FTW_F || (after_crash && strstr(path, "/domains/")))
 		return 0;
 	for (unsigned i = 0; dot && i < sizeof ends / sizeof *ends; i++)
 		bad |= !strcmp(dot, ends[i]);
@@ -219,11 +221,59 @@ static int look(const char *path, const struct stat *st, int kind, struct FTW *f
 	return 0;
 }
 
-/* No half file, no temporary one. */
+/* A folder of a dataset: one manifest, and what it names. */
+static void look_dataset(const char *path)
+{
+	int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC), manifests = 0;
+	struct grid_manifest *m = NULL;
+	struct err err = ERR_INIT;
+	DIR *dir = opendir(path);
+	struct dirent *e;
+
+	while ((e = readdir(dir))) {
+		if (strncmp(e->d_name, "manifest-", 9))
+			continue;
+		if (manifests++ == 0 && grid_manifest_read(fd, e->d_name, &m, &err)) {
+			printf("%s/%s: %s\n", path, e->d_name, err.message);
+			bad_names++;
+		}
+	}
+	rewinddir(dir);
+	while ((e = readdir(dir))) {
+		bool named = *e->d_name == '.' || !strncmp(e->d_name, "manifest-", 9);
+
+		for (size_t i = 0; m && i < m->nsegments; i++)
+			named |= !strcmp(e->d_name, m->segments[i].file);
+		if (named && (manifests == 1 || *e->d_name == '.'))
+			continue;
+		printf("left behind: %s/%s\n", path, e->d_name);
+		bad_names++;
+	}
+	grid_manifest_free(m);
+	closedir(dir);
+	close(fd);
+}
+
+/* No half file, no temporary one, nothing that nobody names. */
 static bool clean(void)
 {
+	char path[sizeof h.folder + 16];
+	DIR *dir;
+	struct dirent *e;
+
 	bad_names = 0;
 	nftw(h.folder, look, 16, FTW_PHYS);
+	snprintf(path, sizeof path, "%s/datasets", h.folder);
+	dir = opendir(path);
+	while (dir && (e = readdir(dir))) {
+		char sub[sizeof path + sizeof e->d_name];
+
+		snprintf(sub, sizeof sub, "%s/%s", path, e->d_name);
+		if (*e->d_name != '.')
+			look_dataset(sub);
+	}
+	if (dir)
+		closedir(dir);
 	return !bad_names;
 }
 
