@@ -10,6 +10,7 @@
 #include <fcntl.h>
 #include <limits.h>
 #include <stdio.h>
+#include <sys/vfs.h>
 #include <string.h>
 #include <sys/file.h>
 #include <unistd.h>
@@ -47,6 +48,7 @@ const struct io_table io_system = {
 	.unlinkat = unlinkat,
 	.ftruncate = ftruncate,
 	.fstat = fstat,
+	.fstatfs = fstatfs,
 	.mkdirat = mkdirat,
 	.punch = system_punch,
 	.fstatat = system_fstatat,

@@ -1,7 +1,6 @@
 /*
  * The one table of file calls. All file I/O of daemon and engine goes through `io`, so that tests can
- * make any call fail. Helpers above it loop over short transfers and EINTR and fill in struct dirent;
-struct err;
+ * make any call fail. Helpers above it loop over short transfers and EINTR and fill in struct err;
  * `name` is what messages call the file.
  */
 #ifndef IO_H
@@ -14,6 +13,7 @@ struct err;
 #include <sys/types.h>
 
 struct err;
+struct statfs;
 
 struct io_table {
 	int (*openat)(int dirfd, const char *path, int flags, mode_t mode);
@@ -26,6 +26,7 @@ struct io_table {
 	int (*unlinkat)(int dirfd, const char *path, int flags);
 	int (*ftruncate)(int fd, off_t size);
 	int (*fstat)(int fd, struct stat *st);
+	int (*fstatfs)(int fd, struct statfs *fs);
 	int (*mkdirat)(int dirfd, const char *path, mode_t mode);
 	int (*punch)(int fd, off_t from, off_t n); /* these bytes need no space any more; NULL: they keep it */
 	int (*fstatat)(int dirfd, const char *path, struct stat *st, int flags);

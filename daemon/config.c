@@ -34,6 +34,7 @@ static const char help[] =
 	"                       else $XDG_STATE_HOME/acut)\n"
 	"  --cache FOLDER       what can be made again (default: $CACHE_DIRECTORY, as root /var/cache/acut,\n"
 	"                       else $XDG_CACHE_HOME/acut)\n"
+	"  --init               make a new store where the state folder is empty or absent\n"
 	"  --memory SIZE        budget, as 256M or 4G, at least 24M (default: by cgroup and machine)\n"
 	"  --threads N          workers (default: one a processor)\n"
 	"  --disk SIZE|N%       what state and cache may hold together, as 200G or 80% of the file system\n"
@@ -173,11 +174,21 @@ static int default_folder(char *to, size_t size, const char *by_systemd, const c
 	return 0;
 }
 
+/* A folder that nobody configured is the user's own: it is made when it is needed. */
+static bool own_folder(void)
+{
+	const char *dir = getenv("STATE_DIRECTORY");
+
+	return geteuid() != 0 && !(dir && *dir);
+}
+
 static int fill_in(struct config *c, struct err *err)
 {
 	char text[32];
 	int r = 0;
 
+	if (!*c->state && own_folder())
+		c->init = true;
 	if (!*c->state)
 		r = default_folder(c->state, sizeof c->state, "STATE_DIRECTORY", "/var/lib/acut",
 				   "XDG_STATE_HOME", ".local/state", err);
@@ -206,12 +217,13 @@ static int fill_in(struct config *c, struct err *err)
 
 /* ---- options ---- */
 
-enum which { SOCKET = 1, STATE, CACHE, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, VERSION, HELP };
+enum which { SOCKET = 1, STATE, CACHE, INIT, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, VERSION, HELP };
 
 static const struct option options[] = {
 	{"socket", required_argument, NULL, SOCKET},
 	{"state", required_argument, NULL, STATE},
 	{"cache", required_argument, NULL, CACHE},
+	{"init", no_argument, NULL, INIT},
 	{"memory", required_argument, NULL, MEMORY},
 	{"threads", required_argument, NULL, THREADS},
 	{"log-level", required_argument, NULL, LOG_LEVEL},
@@ -249,6 +261,9 @@ static int set_option(struct config *c, int option, const char *value, struct er
 		return set_folder(c->state, sizeof c->state, "state", value, err);
 	case CACHE:
 		return set_folder(c->cache, sizeof c->cache, "cache", value, err);
+	case INIT:
+		c->init = true;
+		return 0;
 	case MEMORY:
 		return parse_size(value, &c->memory) && c->memory
 			       ? 0

@@ -13,6 +13,7 @@ struct err;
 struct config {
 	const char *socket; /* NULL: handed over */
 	char state[512], cache[512];
+	bool init;       /* a new store may be made */
 	uint64_t memory; /* resolved */
 	unsigned threads;
 	enum log_level level;

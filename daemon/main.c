@@ -27,6 +27,7 @@
 #include "job.h"
 #include "ledger.h"
 #include "log.h"
+#include "marker.h"
 #include "parse.h"
 #include "place.h"
 #include "sched_pool.h"
@@ -375,13 +376,16 @@ static int make_jobs(struct daemon *d, struct err *err)
 
 static int start(struct daemon *d, struct err *err)
 {
-	int r = place_folder(d->config.state, &d->statefd, &d->state_lock, err);
+	struct marker store;
+	int r = place_state(d->config.state, d->config.init, &d->statefd, &d->state_lock, &store, err);
 
 	/* One folder for both is one lock. */
 	if (!r && strcmp(d->config.state, d->config.cache))
-		r = place_folder(d->config.cache, &d->cachefd, &d->cache_lock, err);
+		r = place_cache(d->config.cache, &d->cachefd, &d->cache_lock, err);
 	else if (!r)
 		d->cachefd = dup(d->statefd);
+	if (!r && place_cache_serves(d->cachefd, &store, err))
+		r = err_add_file(err, d->config.cache);
 	if (!r)
 		r = make_loop(d, err);
 	if (!r)

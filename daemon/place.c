@@ -4,6 +4,7 @@
  */
 #include "place.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -17,24 +18,53 @@
 
 #include "err.h"
 #include "io.h"
+#include "log.h"
+#include "marker.h"
+#include "place_fs.h"
+
+/* A name is on the disk when its folder is. Above what acut made, as far as it may look. */
+static int sync_dir(const char *path, struct err *err)
+{
+	struct err ignored = ERR_INIT;
+	int fd, r;
+
+	if (io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, &ignored))
+		return 0;
+	r = io_sync(fd, path, err);
+	io_close(fd);
+	return r;
+}
+
+static int make_dir(const char *path, char *parent, mode_t mode, struct err *err)
+{
+	int r;
+
+	if (io->mkdirat(AT_FDCWD, path, mode) != 0)
+		return errno == EEXIST ? 0 : err_sys(err, errno, "cannot make the folder");
+	r = *parent ? sync_dir(parent, err) : 0;
+	return r;
+}
 
 static int make_dirs(const char *path, struct err *err)
 {
-	char part[512];
+	char part[512], parent[512] = "/";
 	char *at;
 	int r;
 
 	if (strlen(path) >= sizeof part)
 		return err_set(err, ERR_USAGE, "the path is longer than %zu bytes", sizeof part - 1);
+	if (*path != '/')
+		strcpy(parent, ".");
 	strcpy(part, path);
 	for (at = part + 1; (at = strchr(at, '/')); at++) {
 		*at = 0;
-		r = io_make_dir(AT_FDCWD, part, 0755, err);
+		r = make_dir(part, parent, 0755, err);
+		strcpy(parent, part);
 		*at = '/';
 		if (r)
 			return r;
 	}
-	return io_make_dir(AT_FDCWD, part, 0700, err);
+	return make_dir(part, parent, 0700, err);
 }
 
 static long holder_of(int fd)
@@ -71,24 +101,169 @@ static int lock_file(int dirfd, const char *name, int *ret_lock, struct err *err
 	return 0;
 }
 
-int place_folder(const char *path, int *ret_fd, int *ret_lock, struct err *err)
+static int open_locked(const char *path, int *ret_fd, int *ret_lock, struct err *err)
 {
-	int fd = -1, lock, r = make_dirs(path, err);
+	int fd = -1, r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
 
 	if (!r)
-		r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
-	if (!r)
-		r = lock_file(fd, "lock", &lock, err);
+		r = lock_file(fd, "lock", ret_lock, err);
 	if (r) {
 		io_close(fd);
 		if (err->code == ERR_BUSY)
 			err_add_hint(err,
 				     "end that daemon, or give this one other folders (--state, --cache)");
+		return r;
+	}
+	*ret_fd = fd;
+	return 0;
+}
+
+/* ---- the state ---- */
+
+static int not_a_store(const char *what, struct err *err)
+{
+	err_set(err, ERR_IO, "%s", what);
+	return err_add_hint(err, "mount the disk that holds the store; to make a new one here, start acutd once with --init");
+}
+
+/* What is beside a store before it is one: the lock of an attempt, and what mkfs leaves. */
+static int is_stranger(void *ctx, const struct dirent *e, struct err *err)
+{
+	const char *name = e->d_name;
+	char *first = ctx;
+
+	if (strcmp(name, "lock") != 0 && strcmp(name, "lost+found") != 0 && !*first)
+		snprintf(first, 256, "%s", name);
+	return 0;
+}
+
+/* Older versions made no marker: their catalogue tells that it is a store. */
+static int is_store(int fd, bool *ret, struct err *err)
+{
+	struct stat st;
+
+	*ret = true;
+	if (io->fstatat(fd, "acut-state", &st, AT_SYMLINK_NOFOLLOW) == 0 || io->fstatat(fd, "catalogue.db", &st, 0) == 0)
+		return 0;
+	*ret = false;
+	return errno == ENOENT ? 0 : err_sys(err, errno, "cannot look into the folder");
+}
+
+/* Nothing is written to a folder before this. */
+static int may_begin(const char *path, bool init, struct err *err)
+{
+	char first[256] = "";
+	bool store;
+	int fd = -1, r;
+
+	if (!init) {
+		struct err why = ERR_INIT;
+
+		r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, &why);
+		if (r && why.sys == ENOENT)
+			return not_a_store("the state folder is not there: an unmounted disk is not an empty store", err);
+		if (r) {
+			*err = why;
+			return r;
+		}
+	} else {
+		r = make_dirs(path, err);
+		if (!r)
+			r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
+	}
+	if (!r)
+		r = place_fs_check(fd, err);
+	if (!r)
+		r = is_store(fd, &store, err);
+	if (!r && !store && !init)
+		r = not_a_store("the state folder has no marker (acut-state): an unmounted disk is not an empty store", err);
+	if (!r && !store)
+		r = io_list(fd, ".", is_stranger, first, err);
+	if (!r && *first) {
+		err_set(err, ERR_IO, "a store is made in an empty folder, and this one has other things (%.100s)", first);
+		r = err_add_hint(err, "give --state an empty folder, or one that is not there yet");
+	}
+	io_close(fd);
+	return r;
+}
+
+/* A store whose catalogue is gone is no new one. */
+static int catalogue_gone(int fd, struct err *err)
+{
+	struct stat st;
+	char first[256] = "";
+	int r;
+
+	if (io->fstatat(fd, "catalogue.db", &st, 0) == 0 || io->fstatat(fd, "datasets", &st, 0) != 0)
+		return 0;
+	r = io_list(fd, "datasets", is_stranger, first, err);
+	if (r || !*first)
+		return r;
+	err_set(err, ERR_CORRUPT, "the catalogue is gone (catalogue.db), and there are datasets");
+	return err_add_hint(err, "bring it back from a backup");
+}
+
+static int take_marker(int fd, const char *path, struct marker *ret, struct err *err)
+{
+	struct stat st;
+	int r = marker_read(fd, MARKER_STATE, ret, err);
+
+	if (r != MARKER_E_ABSENT)
+		return r ? r : catalogue_gone(fd, err);
+	if (io->fstatat(fd, "catalogue.db", &st, 0) == 0)
+		log_notice("the state folder is of an older acutd: it gets a marker (acut-state)");
+	else
+		log_notice("a new store is made in %s", path);
+	r = marker_new(ret, err);
+	if (!r)
+		r = marker_write(fd, MARKER_STATE, ret, err);
+	return r;
+}
+
+int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err)
+{
+	int fd = -1, lock = -1, r = may_begin(path, init, err);
+
+	if (!r)
+		r = open_locked(path, &fd, &lock, err);
+	if (!r)
+		r = take_marker(fd, path, ret, err);
+	if (r) {
+		io_close(fd);
+		io_close(lock);
 		return err_add_file(err, path);
 	}
 	*ret_fd = fd;
 	*ret_lock = lock;
 	return 0;
+}
+
+/* ---- the cache ---- */
+
+int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err)
+{
+	int r = make_dirs(path, err);
+
+	if (!r)
+		r = open_locked(path, ret_fd, ret_lock, err);
+	return r ? err_add_file(err, path) : 0;
+}
+
+int place_cache_serves(int fd, const struct marker *state, struct err *err)
+{
+	struct marker m;
+	struct err why = ERR_INIT;
+	int r = marker_read(fd, MARKER_CACHE, &m, &why);
+
+	if (!r && !memcmp(m.id, state->id, sizeof m.id))
+		return 0;
+	if (r < 0 && r != -ERR_CORRUPT) {
+		*err = why;
+		return r;
+	}
+	if (!r)
+		log_notice("the cache served another store: what is in it goes by content, and stays");
+	return marker_write(fd, MARKER_CACHE, state, err);
 }
 
 /* ---- sockets ---- */

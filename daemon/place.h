@@ -5,10 +5,18 @@
 #include <stdbool.h>
 
 struct err;
+struct marker;
 
-/* Opens the folder, made with its parents if it is not there, and locks it. -ERR_BUSY names the pid of who
- * has it. *ret_lock is held as long as it is open. */
-int place_folder(const char *path, int *ret_fd, int *ret_lock, struct err *err);
+/* Opens and locks the folder of the store, and gives its marker; nothing is written to a folder that is no store.
+ * `init`: one that is absent or empty becomes a new store. -ERR_BUSY names the pid of who has it; -ERR_IO: it is no
+ * store; -ERR_UNSUPPORTED: on a network file system; -ERR_VERSION, -ERR_CORRUPT: its marker, or a catalogue that is
+ * gone. *ret_lock is held as long as it is open. Messages name the folder. */
+int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err);
+/* The cache's, made with its parents if it is not there. */
+int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err);
+/* Notes in the cache whom it serves. What lies there is named by content, so another store's may stay; what is not
+ * (one-step datasets, temporary files) goes at every start. */
+int place_cache_serves(int fd, const struct marker *state, struct err *err);
 
 /* Binds and listens under PATH.lock: a socket that is there is taken over only if nobody holds its lock. */
 int place_bind(const char *path, int *ret_fd, int *ret_lock, struct err *err);

@@ -182,6 +182,7 @@ int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
 	argv[n++] = "30";
 	argv[n++] = "--state";
 	argv[n++] = (char *)s->state;
+	argv[n++] = "--init"; /* nobody mounts a disk there */
 	argv[n++] = "--cache";
 	argv[n++] = (char *)s->cache;
 	if (s->memory) {

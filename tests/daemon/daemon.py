@@ -55,11 +55,42 @@ def folders_are_locked():
     with Folder() as base, Daemon(base) as d:
         other = run([e2e.ACUTD, "--socket", base + "/other.sock", "--state", d.state, "--cache", base + "/c2"], timeout=10)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same state: %d %s" % (other.status, other.err))
-        other = run([e2e.ACUTD, "--socket", base + "/other.sock", "--state", base + "/s2", "--cache", d.cache], timeout=10)
+        other = run([e2e.ACUTD, "--socket", base + "/other.sock", "--init", "--state", base + "/s2", "--cache", d.cache], timeout=10)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same cache: %d %s" % (other.status, other.err))
-        other = run([e2e.ACUTD, "--socket", d.socket, "--state", base + "/s3", "--cache", base + "/c3"], timeout=10)
+        other = run([e2e.ACUTD, "--socket", d.socket, "--init", "--state", base + "/s3", "--cache", base + "/c3"], timeout=10)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same socket: %d %s" % (other.status, other.err))
         d.ctl("ping").ok()
+
+
+def unmounted_disk_is_no_store():
+    """A folder that was configured and is not there, or has no marker, is refused, and left as it is."""
+    with Folder() as base:
+        command = [e2e.ACUTD, "--socket", base + "/d.sock", "--state", base + "/mnt", "--cache", base + "/c"]
+        for made in (False, True):
+            if made:
+                os.mkdir(base + "/mnt")
+            got = run(command, timeout=10)
+            expect(got.status == 74 and "unmounted disk" in got.err and "--init" in got.err and base + "/mnt" in got.err,
+                   "%d %s" % (got.status, got.err))
+            expect(os.path.exists(base + "/mnt") == made and not (made and os.listdir(base + "/mnt")), "it was written to")
+        env = {"STATE_DIRECTORY": base + "/mnt"}
+        got = run(command[:3] + command[5:], env=env, timeout=10)
+        expect(got.status == 74 and "unmounted disk" in got.err, "$STATE_DIRECTORY: %d %s" % (got.status, got.err))
+        # With --init it becomes a store, and is one from then on.
+        d = Daemon(base, name="1")
+        d.state = base + "/mnt"
+        d.command = command[:1] + ["--init"] + command[1:]
+        d.socket = base + "/d.sock"
+        with d:
+            d.ctl("ping").ok()
+        d.command = command
+        with d:
+            d.ctl("ping").ok()
+        with open(base + "/mnt/acut-state", "r+b") as f:
+            f.seek(8)
+            f.write(b"\x63")
+        got = run(command, timeout=10)
+        expect(got.status == 76 and "a newer acutd" in got.err and "version 99" in got.err, "%d %s" % (got.status, got.err))
 
 
 def stale_socket_is_taken_over():
@@ -82,7 +113,7 @@ def stale_socket_is_taken_over():
 
 def usage():
     with Folder() as base:
-        common = ["--state", base + "/s", "--cache", base + "/c"]
+        common = ["--init", "--state", base + "/s", "--cache", base + "/c"]
         for args, word in ((["--memory", "23M"], "24"), (["--memory", "lots"], "size"), (["--threads", "0"], "threads"),
                            (["--log-level", "loud"], "level"), (["stray"], "stray"), ([], "listen")):
             more = [] if args == [] else ["--socket", base + "/x.sock"]
@@ -102,7 +133,7 @@ def hand_over(base, sock, *args):
         os.set_inheritable(3, True)
         os.environ["LISTEN_PID"] = str(os.getpid())
         os.environ["LISTEN_FDS"] = "1"
-        os.execv(e2e.ACUTD, [e2e.ACUTD, "--state", base + "/state", "--cache", base + "/cache", "--memory", "64M"] + list(args))
+        os.execv(e2e.ACUTD, [e2e.ACUTD, "--init", "--state", base + "/state", "--cache", base + "/cache", "--memory", "64M"] + list(args))
 
     pid = os.fork()
     if pid == 0:
@@ -310,6 +341,6 @@ def mixed_units_are_refused():
         expect(got.status == 1 and "a.las" in got.err and "b.las" in got.err, "%d %s" % (got.status, got.err))
 
 
-main(folders_are_locked, stale_socket_is_taken_over, usage, socket_is_handed_over, socket_pair_is_handed_over,
+main(folders_are_locked, unmounted_disk_is_no_store, stale_socket_is_taken_over, usage, socket_is_handed_over, socket_pair_is_handed_over,
      out_of_descriptors, killed_at_any_moment, stopped_while_busy, never_read_stream, memory_is_kept,
      mixed_units_are_refused)
