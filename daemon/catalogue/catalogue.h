@@ -30,6 +30,8 @@ struct catalogue_dataset {
 	int32_t box[4];
 	int64_t removed_us; /* 0: it is there; names differ among those that are */
 	bool pinned;
+	uint64_t oldest;   /* generation that can be read; 0: 1 */
+	uint32_t segments; /* 0: not known */
 };
 
 struct catalogue_job {

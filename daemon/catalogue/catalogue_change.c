@@ -110,6 +110,8 @@ int catalogue_put_dataset(struct catalogue *c, const struct catalogue_dataset *d
 	add_number(ch, (int64_t)((uint64_t)(uint32_t)d->box[2] << 32 | (uint32_t)d->box[3]));
 	add_number(ch, d->removed_us);
 	add_number(ch, d->pinned);
+	add_number(ch, (int64_t)d->oldest);
+	add_number(ch, d->segments);
 	if (ch)
 		ch->drop_push = push;
 	return change_queue(c, ch, err);

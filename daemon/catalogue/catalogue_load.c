@@ -33,6 +33,8 @@ static int read_dataset(sqlite3_stmt *s, const struct catalogue_reader *to, stru
 			(int32_t)(sqlite3_column_int64(s, 15) >> 32), (int32_t)sqlite3_column_int64(s, 15)},
 		.removed_us = sqlite3_column_int64(s, 16),
 		.pinned = sqlite3_column_int64(s, 17) != 0,
+		.oldest = (uint64_t)sqlite3_column_int64(s, 18),
+		.segments = (uint32_t)sqlite3_column_int64(s, 19),
 	};
 
 	return to->dataset(to->ctx, &d, err);

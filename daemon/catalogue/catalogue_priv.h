@@ -11,7 +11,7 @@
 #include "catalogue_sql.h"
 
 /* values of one change, at most: columns of the widest table */
-enum { VALUES = 18 };
+enum { VALUES = 20 };
 
 struct value {
 	enum { VALUE_NUMBER, VALUE_TEXT } kind;

@@ -19,7 +19,8 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT NULL," \
 	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL," \
 	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL, removed_us INTEGER NOT NULL DEFAULT 0," \
-	" pinned INTEGER NOT NULL DEFAULT 0);"
+	" pinned INTEGER NOT NULL DEFAULT 0, oldest INTEGER NOT NULL DEFAULT 0," \
+	" segments INTEGER NOT NULL DEFAULT 0);"
 #define DATASET_NAMES "CREATE UNIQUE INDEX dataset_name ON dataset (name) WHERE removed_us = 0;"
 
 const char catalogue_sql_schema[] =
@@ -47,7 +48,7 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 	[2] = "BEGIN IMMEDIATE;"
 	      "CREATE TABLE dataset_3 " DATASET_COLUMNS
 	      "INSERT INTO dataset_3 SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes,"
-	      " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0 FROM dataset;"
+	      " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0, 0, 0 FROM dataset;"
 	      "DELETE FROM sqlite_sequence WHERE name = 'dataset_3';"
 	      "UPDATE sqlite_sequence SET name = 'dataset_3' WHERE name = 'dataset';"
 	      "DROP TABLE dataset;"
@@ -60,13 +61,14 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 /* Of a name that another dataset has nothing is put: REPLACE would remove that one. */
 const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_PUT_DATASET] = 
-		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"
+		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"
 		" ON CONFLICT (id) DO UPDATE SET name = excluded.name, uid = excluded.uid,"
 		" created_us = excluded.created_us, pushed_us = excluded.pushed_us, manifest = excluded.manifest,"
 		" generation = excluded.generation, points = excluded.points, bytes = excluded.bytes,"
 		" files = excluded.files, lattice = excluded.lattice, crs = excluded.crs,"
 		" unit_xy = excluded.unit_xy, unit_z = excluded.unit_z, box_min = excluded.box_min,"
-		" box_max = excluded.box_max, removed_us = excluded.removed_us, pinned = excluded.pinned",
+		" box_max = excluded.box_max, removed_us = excluded.removed_us, pinned = excluded.pinned,"
+		" oldest = excluded.oldest, segments = excluded.segments",
 	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
 	[CATALOGUE_PUT_PUSH] = "INSERT OR REPLACE INTO push VALUES (?,?,?,?,?)",
 	[CATALOGUE_DROP_DATASET] = "DELETE FROM dataset WHERE id = ?",
@@ -76,7 +78,7 @@ const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 
 const char catalogue_sql_datasets[] = "SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
 				      "points, bytes, files, lattice, crs,"
-				      " unit_xy, unit_z, box_min, box_max, removed_us, pinned FROM dataset ORDER BY id";
+				      " unit_xy, unit_z, box_min, box_max, removed_us, pinned, oldest, segments FROM dataset ORDER BY id";
 const char catalogue_sql_jobs[] =
 	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
 	"error_code,"

@@ -340,6 +340,8 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.created_us = d->created_us,
 		.pushed_us = d->pushed_us,
 		.pushes = d->pushes,
+		.oldest = d->oldest,
+		.segments = d->segments,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);
 	for (q = d->pending; q; q = q->next)
@@ -395,6 +397,8 @@ int dataset_set(struct dataset *d, const struct grid_manifest *m, const char *ma
 	    !replace(&d->unit_xy, m->unit_xy) || !replace(&d->unit_z, m->unit_z))
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
 	d->generation = m->generation;
+	d->oldest = grid_manifest_oldest(m);
+	d->segments = (uint32_t)m->nsegments;
 	snprintf(d->manifest, sizeof d->manifest, "%s", manifest);
 	d->points = 0;
 	d->files = 0;
@@ -429,6 +433,8 @@ void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
 		.crs = d->crs,
 		.unit_xy = d->unit_xy,
 		.unit_z = d->unit_z,
+		.oldest = d->oldest,
+		.segments = d->segments,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);
 }
@@ -483,6 +489,8 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	d->named = row->generation > 0;
 	d->points = row->points;
 	d->bytes = row->bytes;
+	d->oldest = row->oldest || !row->generation ? row->oldest : 1;
+	d->segments = row->segments;
 	memcpy(d->box, row->box, sizeof d->box);
 	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) ||
 	    !replace(&d->unit_xy, row->unit_xy) || !replace(&d->unit_z, row->unit_z))

@@ -85,6 +85,8 @@ struct dataset_info {
 	const char *lattice, *crs, *unit_xy, *unit_z; /* "" while there is no generation */
 	int64_t created_us, pushed_us;
 	int32_t box[4];
+	uint64_t oldest;   /* generation that can be read */
+	uint32_t segments; /* 0: not known */
 	unsigned pushes; /* open now */
 	unsigned pending; /* interrupted; the next five are of the newest */
 	uint32_t pending_files, pending_uid;

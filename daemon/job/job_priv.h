@@ -46,6 +46,8 @@ struct dataset {
 	int64_t created_us, pushed_us;
 	char manifest[64]; /* "": no generation yet */
 	uint64_t generation, points, bytes;
+	uint64_t oldest;   /* generation that can be read; 0: there is none */
+	uint32_t segments; /* of the newest manifest; 0: not known yet */
 	char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
 	bool onestep;

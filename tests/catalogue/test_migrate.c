@@ -109,6 +109,8 @@ static int see_dataset(void *ctx, const struct catalogue_dataset *d, struct err 
 	((struct seen *)ctx)->datasets++;
 	assert_int_equal(d->removed_us, 0);
 	assert_false(d->pinned);
+	assert_int_equal(d->oldest, 0);
+	assert_int_equal(d->segments, 0);
 	if (d->id == 3) {
 		assert_string_equal(d->name, "ridge");
 		assert_string_equal(d->manifest, "manifest-9");
@@ -199,7 +201,7 @@ static void cut_short(void **state)
 static void names(void **state)
 {
 	struct catalogue_dataset d = {.id = 1, .name = "valley", .manifest = "", .lattice = "", .crs = "",
-				      .unit_xy = "", .unit_z = "", .removed_us = 5, .pinned = true};
+				      .unit_xy = "", .unit_z = "", .removed_us = 5, .pinned = true, .oldest = 3, .segments = 4};
 	struct err err = ERR_INIT;
 	struct catalogue *c;
 
@@ -215,6 +217,7 @@ static void names(void **state)
 	assert_int_equal(number("SELECT count(*) FROM dataset"), 2);
 	assert_int_equal(number("SELECT removed_us FROM dataset WHERE id = 1"), 5);
 	assert_int_equal(number("SELECT pinned FROM dataset WHERE id = 1"), 1);
+	assert_int_equal(number("SELECT oldest * 10 + segments FROM dataset WHERE id = 1"), 34);
 	assert_int_equal(number("SELECT count(*) FROM dataset WHERE id = 2"), 1);
 }
 
