@@ -33,7 +33,7 @@ struct ctl_args {
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
-	const char *format, *origin, *max_edge, *z_unit, *width, *color;
+	const char *format, *tile, *origin, *max_edge, *z_unit, *width, *color;
 	const char *generation, *priority;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;

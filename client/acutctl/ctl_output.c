@@ -63,12 +63,13 @@ static int options_of(const struct ctl_args *a, const struct format *f, struct f
 
 static const struct format *format_of(const struct ctl_args *a, const char *path, struct err *err)
 {
+	const char *tile = a->format ? a->format : "ply";
 	const struct format *by_path = strcmp(path, "-") ? format_by_path(path) : NULL, *f = by_path;
 
-	if (a->format && (a->nout == 1 || !by_path)) {
-		f = format_find(a->format);
+	if (a->tile || (a->format && (a->nout == 1 || !by_path))) {
+		f = format_find(a->tile ? tile : a->format);
 		if (!f) {
-			err_set(err, ERR_USAGE, "there is no output format %s", a->format);
+			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : a->format);
 			err_add_hint(err, "acutctl formats lists them");
 		}
 	} else if (!f) {
@@ -88,7 +89,7 @@ static int add_output(const struct ctl_args *a, const char *path, struct format_
 
 	if (r)
 		return r;
-	if (path && !f->nothing && !strcmp(path, "-") && isatty(STDOUT_FILENO)) {
+	if (path && !a->tile && !f->nothing && !strcmp(path, "-") && isatty(STDOUT_FILENO)) {
 		err_set(err, ERR_USAGE, "standard output is a terminal");
 		return err_add_hint(err, "give a file, as in -o mesh.%s, or a pipe", f->name);
 	}
@@ -118,6 +119,11 @@ static int check_outputs(const struct ctl_args *a, struct err *err)
 			if (!strcmp(a->out[i], a->out[j]))
 				return err_set(err, ERR_USAGE, "the output %s is given twice", a->out[i]);
 	}
+	if (a->tile && a->nout != 1) {
+		err_set(err, ERR_USAGE, a->nout ? "tiles go into one folder, and --output is given %u times"
+						: "tiles need a folder", a->nout);
+		return err_add_hint(err, "say where to write with one -o DIR/, as in -o tiles/");
+	}
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
 }
 
@@ -139,6 +145,17 @@ static int parse_length(const char *text, struct format_run_options *opt, struct
 	return err_add_hint(err, "give a number in the units of the files, or one with m, ft or ftUS, as in 30m");
 }
 
+static int parse_tile(struct ctl *ctl, struct format_run_options *opt, struct err *err)
+{
+	opt->tiled = true;
+	opt->interrupted = ctl_signal_interrupted;
+	opt->ctx = ctl;
+	if (decimal_parse(ctl->args.tile, &opt->tile) && opt->tile.mantissa > 0)
+		return 0;
+	err_set(err, ERR_USAGE, "--tile is not a number above zero: \"%s\"", ctl->args.tile);
+	return err_add_hint(err, "give the side of a tile in the units of the dataset, as in --tile 500");
+}
+
 int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
@@ -149,6 +166,8 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 
 	if (!r && a->max_edge)
 		r = parse_length(a->max_edge, &opt, err);
+	if (!r && a->tile)
+		r = parse_tile(ctl, &opt, err);
 	if (!r)
 		r = format_run_new(&opt, &run, err);
 	if (!r && ctl_output_nothing(a))
@@ -250,6 +269,27 @@ static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
 	return word ? format_unit_of_word(word, strlen(word)) : job->unit_z;
 }
 
+static void tiles_json(struct ctl *ctl, struct ctl_json *j, const struct format_report *out)
+{
+	const char *dir = ctl->args.out[0];
+	size_t n = ctl->args.tile ? strlen(dir) : 0;
+	char *index;
+
+	if (!ctl->args.tile) {
+		ctl_json_text(j, "tiles", NULL);
+		return;
+	}
+	if (asprintf(&index, "%s%s" FORMAT_TILES_INDEX, dir, n && dir[n - 1] == '/' ? "" : "/") < 0)
+		index = NULL;
+	ctl_json_open(j, "tiles", '{');
+	ctl_json_u64(j, "files", out->tiles);
+	ctl_json_text(j, "size", ctl->args.tile);
+	ctl_json_text(j, "folder", dir);
+	ctl_json_text(j, "index", index);
+	ctl_json_close(j, '}');
+	free(index);
+}
+
 static void report_json(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
 			const struct ctl_staged *staged)
 {
@@ -276,6 +316,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	} else {
 		ctl_json_text(&j, "left_out", NULL);
 	}
+	tiles_json(ctl, &j, out);
 	ctl_json_open(&j, "refused", '[');
 	for (size_t i = 0; staged && i < staged->nfile; i++)
 		if (staged->file[i].refused)
@@ -314,7 +355,10 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 	uint64_t moved = moved_points(staged, shift);
 
 	for (unsigned i = 0; i < ctl->args.nout; i++)
-		if (strcmp(ctl->args.out[i], "-"))
+		if (ctl->args.tile)
+			ctl_note(ctl, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s", ctl_job_count(out->tiles, a),
+				 out->tiles == 1 ? "" : "s", ctl->args.out[i]);
+		else if (strcmp(ctl->args.out[i], "-"))
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
 	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
 		 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
@@ -341,6 +385,7 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 	struct format_report out;
 	struct err err = ERR_INIT;
 
+	format_run_about(run, job->id, job->dataset, job->generation);
 	if (format_run_publish(run, &err))
 		return ctl_error(ctl, &err);
 	format_run_report(run, &out);

@@ -71,8 +71,16 @@ struct format_run_options {
 	struct decimal max_edge;   /* triangles with a longer xy edge are left out */
 	const char *max_edge_unit; /* name of its unit; NULL: that of the file */
 	bool edges;                /* gather edge statistics */
-	uint64_t sort_memory;      /* for canonical; 0 = 64 MiB */
+	uint64_t sort_memory;      /* for canonical and tiles; 0 = 64 MiB */
+	bool tiled;                /* the one output is a folder of tiles */
+	struct decimal tile;       /* their side, in file units: above zero */
+	int (*interrupted)(void *ctx); /* not 0: give up; asked while tiles are made; NULL: nobody is */
+	void *ctx;
 };
+
+/* The most tiles that the box of a mesh may have. */
+#define FORMAT_TILES 100000u
+#define FORMAT_TILES_INDEX "index.geojson"
 
 /* "m", "ft", "ftUS" to the name of the unit; NULL: no such unit. */
 const char *format_unit_of_word(const char *word, size_t n);
@@ -83,12 +91,13 @@ struct format_report {
 	uint64_t left_out;         /* triangles, by max_edge */
 	double left_out_area;      /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];          /* of the file */
+	uint64_t tiles;            /* files of tiles; 0 without tiles */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 };
 
 struct format_run;
 int format_run_new(const struct format_run_options *, struct format_run **ret, struct err *err);
-/* Opens the output: "-" is standard output; NULL for a format that writes nothing. Wrong combinations are -ERR_USAGE. */
+/* Opens the output: "-" is standard output; of tiles, the folder they will stand in, which is made; NULL for a format that writes nothing. Wrong combinations are -ERR_USAGE. */
 int format_run_add(struct format_run *, const char *path, const struct format *,
 		   const struct format_options *, struct err *err);
 /* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */
@@ -110,6 +119,8 @@ bool format_run_due(const struct format_run *);
  * where nothing is kept. */
 int format_run_save(struct format_run *, const void *state, size_t size, struct err *err);
 bool format_run_saved(const struct format_run *); /* a later run can go on */
+/* What the index of tiles says of where the mesh comes from; before publishing. `dataset` is only read then. */
+void format_run_about(struct format_run *, uint64_t job, const char *dataset, uint64_t generation);
 /* After the tail: makes all outputs durable and gives them their names. */
 int format_run_publish(struct format_run *, struct err *err);
 void format_run_report(const struct format_run *, struct format_report *ret);

@@ -28,6 +28,7 @@ struct format_canonical {
 	void *writer;
 	struct format_sort *vertices, *triangles;
 	struct format_output *keys;
+	bool merge;                /* the same vertex comes more than once */
 	uint64_t nvertex, *first;  /* first key of each page */
 	size_t npage, first_room;
 	struct page *page;
@@ -71,6 +72,11 @@ int format_canonical_new(const struct format *format, void *writer, const struct
 	}
 	*ret = c;
 	return 0;
+}
+
+void format_canonical_merge(struct format_canonical *c)
+{
+	c->merge = true;
 }
 
 int format_canonical_block(struct format_canonical *c, const struct format_block *block, struct err *err)
@@ -122,10 +128,16 @@ static int send(struct format_canonical *c, const struct acut_mesh_block *b, str
 static int send_vertices(struct format_canonical *c, struct err *err)
 {
 	const uint64_t *rec;
+	uint64_t last[2] = { 0 };
 	uint32_t n = 0;
 	int r = format_sort_start(c->vertices, err);
 
 	while (!r && !(r = format_sort_next(c->vertices, &rec, err))) {
+		if (c->merge && rec && c->nvertex && rec[0] == last[0]) {
+			if (rec[1] != last[1])
+				r = err_set(err, ERR_PROTO, "the stream has two heights for one vertex");
+			continue;
+		}
 		if (n == PIECE || (!rec && n)) {
 			struct acut_mesh_block b = { .first = c->nvertex - n, .nnew = n,
 						     .vertex = (const int32_t (*)[3])c->position };
@@ -134,6 +146,7 @@ static int send_vertices(struct format_canonical *c, struct err *err)
 		}
 		if (r || !rec)
 			break;
+		memcpy(last, rec, sizeof(last));
 		c->position[n][0] = (int32_t)((uint32_t)(rec[0] >> 32) ^ 1u << 31);
 		c->position[n][1] = (int32_t)((uint32_t)rec[0] ^ 1u << 31);
 		c->position[n++][2] = (int32_t)(uint32_t)rec[1];

@@ -27,8 +27,7 @@ static u128 gcd(u128 a, u128 b)
 	return a;
 }
 
-/* limit * num / den / scale as p / q; false if it does not fit 64 bits. */
-static bool edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p,
+bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p,
 		       uint64_t *ret_q)
 {
 	u128 p = (u128)limit.mantissa * (u128)num, q = (u128)scale.mantissa * (u128)den, g;
@@ -77,7 +76,7 @@ int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head,
 	/* the longest edge of all is below 2^33 lattice units */
 	if (decimal_double(opt->max_edge) * (double)num / (double)den / ed->scale >= 0x1p34) {
 		ed->none_longer = true;
-	} else if (edge_ratio(opt->max_edge, num, den, scale, &p, &q)) {
+	} else if (format_edge_ratio(opt->max_edge, num, den, scale, &p, &q)) {
 		ed->limit = (u128)p * p / ((u128)q * q);
 	} else {
 		err_set(err, ERR_USAGE, "--max-edge has too many digits beside the scale %s", head->scale_xy);

@@ -100,8 +100,12 @@ static const struct format_target *who_cannot(const struct format_run *run)
 	return NULL;
 }
 
-static int cannot(const struct format_target *t, struct err *err)
+static int cannot(const struct format_run *run, const struct format_target *t, struct err *err)
 {
+	if (run->tiles) {
+		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
 	if (!t)
 		return err_set(err, ERR_USAGE, "there is no output to go on with");
 	if (t->canonical)
@@ -225,7 +229,7 @@ int format_run_keep(struct format_run *run, uint64_t job, bool on, struct err *e
 	int r;
 
 	if (not || !run->target)
-		return on ? cannot(not, err) : 0;
+		return on ? cannot(run, not, err) : 0;
 	k = calloc(1, sizeof(*k));
 	if (!k)
 		return err_set(err, ERR_NOMEM, "no memory for outputs");

@@ -247,6 +247,12 @@ int format_output_publish(struct format_output *o, struct err *err)
 		return r;
 	if (o->no_clobber) {
 		r = publish_no_clobber(o, err);
+	} else if (o->passing) {
+		r = io_sync(o->fd, o->label, err);
+		if (!r && renameat(o->dirfd, o->temp, o->dirfd, o->name)) {
+			err_sys(err, errno, "the output cannot be given its name");
+			r = err_add_file(err, o->label);
+		}
 	} else {
 		r = io_publish(o->dirfd, o->fd, o->temp, o->name, err);
 		if (r)

@@ -12,6 +12,7 @@ struct format_output {
 	int dirfd, fd;             /* dirfd -1: standard output or not a regular file; fd -1: an annex without bytes */
 	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
 	bool seekable, no_clobber, own_fd;
+	bool passing;              /* its name is not the last one: the folder need not be durable */
 	bool nameless;             /* has no name yet, temp is NULL */
 	bool may_direct;           /* past the page cache, once it is worth it */
 	bool direct;               /* fd is in that state */

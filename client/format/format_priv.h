@@ -128,6 +128,9 @@ struct format_edge {
 	uint32_t (*triangle)[3];
 	size_t room;
 };
+/* limit * num / den / scale as p / q in lowest terms; false if it does not fit 64 bits. */
+bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p,
+		       uint64_t *ret_q);
 int format_edge_init(struct format_edge *, const struct acut_mesh_head *, const struct format_run_options *,
 		     struct err *err);
 /* *ret is the block without the triangles left out; it points into the filter and the block. */
@@ -157,6 +160,8 @@ struct format_sort *format_sort_free(struct format_sort *);
 struct format_canonical;
 int format_canonical_new(const struct format *, void *writer, const struct format_output *beside,
 			 uint64_t memory, struct format_canonical **ret, struct err *err);
+/* Vertices come once for each triangle that has them, and are written once. */
+void format_canonical_merge(struct format_canonical *);
 int format_canonical_block(struct format_canonical *, const struct format_block *, struct err *err);
 /* Sends everything to the writer, in order, as blocks; the caller finishes the writer. */
 int format_canonical_finish(struct format_canonical *, struct err *err);

@@ -66,8 +66,14 @@ int format_run_add(struct format_run *run, const char *path, const struct format
 	int r = target_check(path, format, opt, err);
 	struct format_target *t = r ? NULL : calloc(1, sizeof(*t));
 
-	if (r)
-		return path ? err_add_file(err, path) : r;
+	if (!r && run->opt.tiled)
+		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given")
+			       : format_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
+	run->positions |= run->opt.tiled;
+	if (r || run->opt.tiled) {
+		free(t);
+		return r && path ? err_add_file(err, path) : r;
+	}
 	if (!t)
 		return err_set(err, ERR_NOMEM, "no memory for an output");
 	t->format = format;
@@ -99,7 +105,7 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 		return format_keep_head(run, head, &run->err);
 	for (struct format_target *t = run->target; t && !r; t = t->next)
 		r = t->format->head(t->writer, head, &run->err);
-	return r;
+	return r || !run->tiles ? r : format_tiles_head(run->tiles, head, &run->err);
 }
 
 static int run_block(void *ctx, const struct acut_mesh_block *b)
@@ -118,7 +124,7 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 	for (struct format_target *t = run->target; t && !r; t = t->next)
 		r = t->canonical ? format_canonical_block(t->canonical, &block, &run->err)
 				 : t->format->block(t->writer, &block, &run->err);
-	return r;
+	return r || !run->tiles ? r : format_tiles_block(run->tiles, &block, &run->err);
 }
 
 static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
@@ -134,6 +140,8 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 		if (!r)
 			r = t->format->finish(t->writer, tail, &run->err);
 	}
+	if (!r && run->tiles)
+		r = format_tiles_tail(run->tiles, tail, &run->err);
 	run->finished = !r;
 	return r;
 }
@@ -163,7 +171,13 @@ int format_run_publish(struct format_run *run, struct err *err)
 		run->bytes += t->out ? format_output_size(t->out) : 0;
 	}
 	format_keep_done(run);
-	return 0;
+	return run->tiles ? format_tiles_publish(run->tiles, run->edge.left_out, &run->bytes, err) : 0;
+}
+
+void format_run_about(struct format_run *run, uint64_t job, const char *dataset, uint64_t generation)
+{
+	if (run->tiles)
+		format_tiles_about(run->tiles, job, dataset, generation);
 }
 
 void format_run_report(const struct format_run *run, struct format_report *ret)
@@ -172,6 +186,7 @@ void format_run_report(const struct format_run *run, struct format_report *ret)
 		.bytes = run->bytes,
 		.left_out = run->edge.left_out,
 		.left_out_area = format_edge_area(&run->edge),
+		.tiles = run->tiles ? format_tiles_count(run->tiles) : 0,
 		.longest_edge = format_edge_longest(&run->edge),
 		.median_edge = format_edge_median(&run->edge),
 	};
@@ -187,6 +202,7 @@ struct format_run *format_run_free(struct format_run *run)
 		next = t->next;
 		target_free(t);
 	}
+	format_tiles_free(run->tiles);
 	format_open_done(&run->open);
 	format_edge_done(&run->edge);
 	format_keep_free(run->kept);

@@ -3,6 +3,7 @@
 #define FORMAT_RUN_H
 
 #include "format_priv.h"
+#include "format_tile.h"
 
 struct format_target {
 	const struct format *format;
@@ -17,6 +18,7 @@ struct format_run {
 	struct format_run_options opt;
 	struct format_target *target, **end;
 	bool positions;            /* somebody needs them */
+	struct format_tiles *tiles; /* NULL: one file an output */
 	bool finished;
 	struct format_open open;
 	struct format_edge edge;

@@ -11,7 +11,7 @@
 #include "err.h"
 #include "format_priv.h"
 
-#define SORT_WORDS 4
+#define SORT_WORDS 6
 #define SORT_RUN_LEAST 4096 /* bytes a run's buffer has at least */
 
 struct run {

@@ -46,7 +46,7 @@ def options_of(command):
 COMMANDS = ("cancel dataset datasets fetch formats geoid help info jobs mesh ping plan push rm show status submit version wait "
             "watch").split()
 LATER = {
-    "mesh": "--bbox=1,2,3,4 --tile=100".split(),
+    "mesh": "--bbox=1,2,3,4".split(),
     "push": ["--replace"],
     "fetch": ["--changes", "--bbox"],
     "submit": ["--constraints"],

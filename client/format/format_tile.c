@@ -1,0 +1,304 @@
+/*
+ * --tile: the triangles of a mesh into the tiles of a grid, each into exactly one.
+ *
+ * A tile is the square [i * SIZE, (i + 1) * SIZE) of each axis, in absolute coordinates, and has the triangles whose
+ * centroid is in it. The rule is exact: the sum of three absolute lattice numbers, times the scale, against 3 * i *
+ * SIZE, in whole numbers. It depends on the triangle alone, so that two meshes with a tile's triangles in common have
+ * the same tile.
+ *
+ * Every triangle goes into one external sort, by tile and then by its corners; the files are made from that when the
+ * whole stream has come and was checked (format_tile_make.c). Memory is that of the sort and 96 bytes a tile of
+ * the mesh's box, whatever the number of triangles and tiles; one nameless file holds the rest.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "format_tile.h"
+
+#define SHARE 2 /* the sort of all has one of these of the memory, that of one tile the other */
+
+typedef __int128 i128;
+
+static int tiles_check(const char *dir, const struct format *format, const struct format_options *opt,
+		       struct decimal size, struct err *err)
+{
+	if (!dir || format->nothing)
+		return err_set(err, ERR_USAGE, "%s writes nothing: there are no tiles to write", format->name);
+	if (!strcmp(dir, "-")) {
+		err_set(err, ERR_USAGE, "tiles are files in a folder and cannot go to standard output");
+		return err_add_hint(err, "give a folder, as in -o tiles/");
+	}
+	if (format->positions && opt->color == FORMAT_DOMAIN)
+		return err_set(err, ERR_USAGE, "--color domain has no meaning for tiles: they do not keep the domains");
+	if (size.mantissa <= 0)
+		return err_set(err, ERR_USAGE, "--tile is not a length above zero");
+	return 0;
+}
+
+int format_tiles_new(const char *dir, const struct format *format, const struct format_options *opt,
+		     const struct format_run_options *run, struct format_tiles **ret, struct err *err)
+{
+	int r = tiles_check(dir, format, opt, run->tile, err);
+	struct format_tiles *t = r ? NULL : calloc(1, sizeof(*t));
+
+	if (r)
+		return r;
+	if (!t)
+		return err_set(err, ERR_NOMEM, "no memory for tiles");
+	t->format = format;
+	t->opt = *opt;
+	t->opt.canonical = format->canonical; /* they come sorted, vertices first */
+	t->run = *run;
+	for (t->size = run->tile; t->size.exponent > 0 && t->size.mantissa < INT64_MAX / 10; t->size.exponent--)
+		t->size.mantissa *= 10;
+	if (t->size.exponent > 0 || t->size.exponent < -40)
+		r = err_set(err, ERR_USAGE, "--tile is no length that a mesh can have");
+	if (!r)
+		r = format_place_new(dir, opt->no_clobber, &t->place, err);
+	if (!r)
+		r = format_place_file(t->place, FORMAT_TILES_INDEX, &t->index, err);
+	if (!r)
+		r = format_sort_new(FORMAT_TILE_WORDS, 4, run->sort_memory / SHARE, t->index, &t->sort, err);
+	if (r) {
+		format_tiles_free(t);
+		return r;
+	}
+	*ret = t;
+	return 0;
+}
+
+struct format_tiles *format_tiles_free(struct format_tiles *t)
+{
+	if (!t)
+		return NULL;
+	format_sort_free(t->sort);
+	format_output_free(t->index);
+	format_place_free(t->place);
+	for (unsigned i = 0; i < t->ntext; i++)
+		free(t->text[i]);
+	free(t->tile);
+	free(t->dataset);
+	free(t);
+	return NULL;
+}
+
+void format_tiles_about(struct format_tiles *t, uint64_t job, const char *dataset, uint64_t generation)
+{
+	free(t->dataset);
+	t->dataset = dataset ? strdup(dataset) : NULL;
+	t->job = job;
+	t->generation = generation;
+}
+
+/* ---- the grid ---- */
+
+static i128 floor_div(i128 a, i128 b)
+{
+	i128 d = a / b;
+
+	return d * b > a ? d - 1 : d;
+}
+
+/* The tile of an axis by the sum of three absolute lattice numbers: below 2^64 * 2^60. */
+static i128 tile_of(const struct format_tiles *t, i128 sum)
+{
+	return floor_div(sum * (i128)t->q, (i128)t->p * 3);
+}
+
+static int too_many(const struct format_tiles *t, double n, struct err *err)
+{
+	char size[DECIMAL_TEXT_SIZE];
+
+	err_set(err, ERR_USAGE, "the box of the mesh has %.6g tiles of %s, more than %u", n,
+		decimal_text(t->run.tile, size), FORMAT_TILES);
+	return err_add_hint(err, "give a larger --tile");
+}
+
+static int lay_out(struct format_tiles *t, struct err *err)
+{
+	const struct acut_mesh_head *h = &t->head;
+	uint64_t n[2] = { 0 };
+	double all = 1;
+
+	for (int i = 0; i < 2 && h->box[0] <= h->box[3] && h->box[1] <= h->box[4]; i++) {
+		i128 first = tile_of(t, 3 * ((i128)h->box[i] + h->k[i])),
+		     last = tile_of(t, 3 * ((i128)h->box[i + 3] + h->k[i]));
+
+		all *= (double)(last - first + 1);
+		n[i] = last - first < FORMAT_TILES ? (uint64_t)(last - first + 1) : FORMAT_TILES + 1;
+		if (first < INT64_MIN / 2 || last > INT64_MAX / 2)
+			return err_set(err, ERR_USAGE, "--tile is too small: the numbers of the tiles have more than 62 bits");
+		t->first[i] = (int64_t)first;
+	}
+	if (n[0] * n[1] > FORMAT_TILES)
+		return too_many(t, all, err);
+	t->columns = n[0];
+	t->rows = n[1];
+	t->tile = calloc(n[0] * n[1] + 1, sizeof(*t->tile));
+	return t->tile ? 0 : err_set(err, ERR_NOMEM, "no memory for %llu tiles", (unsigned long long)(n[0] * n[1]));
+}
+
+static int keep_text(struct format_tiles *t, const char **text, struct err *err)
+{
+	char *copy = strdup(*text ? *text : "");
+
+	if (!copy)
+		return err_set(err, ERR_NOMEM, "no memory for tiles");
+	t->text[t->ntext++] = copy;
+	*text = copy;
+	return 0;
+}
+
+int format_tiles_head(struct format_tiles *t, const struct acut_mesh_head *head, struct err *err)
+{
+	struct acut_mesh_head *h = &t->head;
+	const char **text[] = { &h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view,
+				&h->stream_id };
+	struct decimal scale;
+	int r = 0;
+
+	*h = *head;
+	for (unsigned i = 0; i < sizeof(text) / sizeof(text[0]) && !r; i++)
+		r = keep_text(t, text[i], err);
+	if (r)
+		return r;
+	if (!decimal_parse(h->scale_xy, &scale) || scale.mantissa <= 0)
+		return err_set(err, ERR_PROTO, "the stream's xy scale is not a number above zero");
+	if (!format_edge_ratio(t->run.tile, 1, 1, scale, &t->p, &t->q) || t->q >> 60) {
+		err_set(err, ERR_USAGE, "--tile has too many digits beside the scale %s", h->scale_xy);
+		return err_add_hint(err, "give --tile with fewer decimals");
+	}
+	return lay_out(t, err);
+}
+
+void format_tiles_number(const struct format_tiles *t, size_t i, int64_t ret[2])
+{
+	ret[0] = t->first[0] + (int64_t)(i % t->columns);
+	ret[1] = t->first[1] + (int64_t)(i / t->columns);
+}
+
+const char *format_tiles_name(void *tiles, size_t i, char buf[FORMAT_PLACE_NAME])
+{
+	const struct format_tiles *t = tiles;
+	int n = (int)strcspn(t->format->extensions, " ");
+	int64_t at[2];
+
+	if (!t->tile[i].triangles)
+		return NULL;
+	format_tiles_number(t, i, at);
+	snprintf(buf, FORMAT_PLACE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n,
+		 t->format->extensions);
+	return buf;
+}
+
+uint64_t format_tiles_count(const struct format_tiles *t)
+{
+	uint64_t n = 0;
+
+	for (uint64_t i = 0; i < t->columns * t->rows; i++)
+		n += t->tile[i].triangles != 0;
+	return n;
+}
+
+/* ---- triangles ---- */
+
+static void grow_box(int32_t box[6], const int32_t *p, bool first)
+{
+	for (int k = 0; k < 3; k++) {
+		box[k] = first || p[k] < box[k] ? p[k] : box[k];
+		box[k + 3] = first || p[k] > box[k + 3] ? p[k] : box[k + 3];
+	}
+}
+
+static int add_triangle(struct format_tiles *t, const int32_t *const corner[3], struct err *err)
+{
+	uint64_t place[3], rec[FORMAT_TILE_WORDS], at[2];
+	struct format_tile *tile;
+	int low = 0;
+
+	for (int k = 0; k < 2; k++) {
+		i128 sum = 3 * (i128)t->head.k[k] + corner[0][k] + corner[1][k] + corner[2][k];
+
+		at[k] = (uint64_t)(tile_of(t, sum) - t->first[k]);
+	}
+	if (at[0] >= t->columns || at[1] >= t->rows)
+		return err_set(err, ERR_PROTO, "a triangle is outside of the box that the stream announced");
+	for (int j = 0; j < 3; j++) {
+		place[j] = digest_place(corner[j][0], corner[j][1]);
+		low = place[j] < place[low] ? j : low;
+	}
+	rec[0] = at[1] * t->columns + at[0];
+	tile = &t->tile[rec[0]];
+	for (int j = 0; j < 3; j++) {
+		rec[1 + j] = place[(low + j) % 3];
+		grow_box(tile->box, corner[j], !tile->triangles && !j);
+	}
+	rec[4] = (uint64_t)(uint32_t)corner[low][2] << 32 | (uint32_t)corner[(low + 1) % 3][2];
+	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
+	digest_add_triangles(&tile->digest, (const uint64_t (*)[3]) & place, 1, t->head.k);
+	tile->triangles++;
+	return format_sort_add(t->sort, rec, err);
+}
+
+int format_tiles_block(struct format_tiles *t, const struct format_block *block, struct err *err)
+{
+	const struct acut_mesh_block *b = block->mesh;
+	int r = 0;
+
+	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
+		const int32_t *corner[3];
+
+		for (int j = 0; j < 3; j++)
+			corner[j] = block->position[b->triangle[i][j]];
+		r = add_triangle(t, corner, err);
+	}
+	return r;
+}
+
+int format_tiles_tail(struct format_tiles *t, const struct acut_mesh_tail *tail, struct err *err)
+{
+	t->tail = *tail;
+	snprintf(t->digest, sizeof(t->digest), "%s", tail->digest);
+	snprintf(t->vertex_digest, sizeof(t->vertex_digest), "%s", tail->vertex_digest);
+	t->tail.digest = t->digest;
+	t->tail.vertex_digest = t->vertex_digest;
+	t->tail.report = "{}";
+	return 0;
+}
+
+static int move_all(struct format_tiles *t, struct err *err)
+{
+	uint64_t n = t->columns * t->rows;
+	char name[FORMAT_PLACE_NAME];
+	int r = format_place_clear(t->place, n, format_tiles_name, t, err);
+
+	for (uint64_t i = 0; i < n && !r; i++)
+		if (format_tiles_name(t, i, name))
+			r = format_place_move(t->place, name, err);
+	if (!r)
+		r = format_place_sync(t->place, err);
+	if (!r)
+		r = format_place_move(t->place, FORMAT_TILES_INDEX, err);
+	return r ? r : format_place_sync(t->place, err);
+}
+
+int format_tiles_publish(struct format_tiles *t, uint64_t left_out, uint64_t *bytes, struct err *err)
+{
+	int r = format_tiles_make(t, err);
+
+	if (!r)
+		r = format_tiles_index(t, left_out, err);
+	if (!r)
+		r = format_output_publish(t->index, err);
+	if (!r)
+		r = move_all(t, err);
+	if (r)
+		return r;
+	*bytes += format_output_size(t->index);
+	for (uint64_t i = 0; i < t->columns * t->rows; i++)
+		*bytes += t->tile[i].bytes;
+	format_place_keep(t->place);
+	return 0;
+}
