@@ -35,6 +35,7 @@
 
 #define TICK_USEC 100000
 #define IDLE_TICK_USEC 1000000 /* to look whether a private daemon is idle */
+#define QUIET_TICK_USEC 30000000 /* whether others have filled the disk */
 #define PARK_USEC 9000000
 #define HAND_OVER_MAX 16
 #define HEAP_SLACK (UINT64_C(1) << 20)
@@ -53,6 +54,7 @@ struct daemon {
 	struct server *server;
 	sd_event_source *tick, *last;
 	bool ticking, stopping, over;
+	uint64_t tick_usec; /* that the tick was set to */
 	uint64_t idle_ns; /* since when, 0: busy */
 	uint64_t heaped;  /* the most that heap_trim has seen since it trimmed */
 };
@@ -107,15 +109,17 @@ static void look_idle(struct daemon *d)
 
 static void tick_wanted(struct daemon *d)
 {
-	bool want =
-		d->stopping || jobs_active(d->jobs) || d->config.idle_exit > 0 || !server_listens(d->server);
-	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : IDLE_TICK_USEC;
+	bool active = jobs_active(d->jobs) || d->stopping;
+	uint64_t usec = active ? TICK_USEC : QUIET_TICK_USEC;
 
-	if (want == d->ticking)
+	if (!active && (d->config.idle_exit > 0 || !server_listens(d->server)))
+		usec = IDLE_TICK_USEC;
+	if (d->ticking && usec >= d->tick_usec)
 		return;
-	d->ticking = want;
+	d->ticking = true;
+	d->tick_usec = usec;
 	sd_event_source_set_time_relative(d->tick, usec);
-	sd_event_source_set_enabled(d->tick, want ? SD_EVENT_ONESHOT : SD_EVENT_OFF);
+	sd_event_source_set_enabled(d->tick, SD_EVENT_ONESHOT);
 }
 
 static int on_tick(sd_event_source *source, uint64_t usec, void *ctx)
@@ -297,6 +301,19 @@ static int make_loop(struct daemon *d, struct err *err)
 	return 0;
 }
 
+/* Somebody has removed the cache's folder: again, with its lock. */
+static int cache_again(void *ctx, int *ret_fd, struct err *err)
+{
+	struct daemon *d = ctx;
+	int lock, r = place_folder(d->config.cache, ret_fd, &lock, err);
+
+	if (r)
+		return r;
+	io_close(d->cache_lock);
+	d->cache_lock = lock;
+	return 0;
+}
+
 static uint64_t part(uint64_t total, unsigned of, uint64_t least, uint64_t most)
 {
 	uint64_t bytes = total / of;
@@ -349,6 +366,8 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.disk = d->config.disk,
 		.keep_free = d->config.keep_free,
 		.space_wait = d->config.space_wait,
+		.cache_again = cache_again,
+		.cache_ctx = d,
 		.changed = server_job_changed,
 	};
 	int r;

@@ -297,6 +297,8 @@ void dataset_release(struct dataset *d)
 	remove_folder(d);
 	if (d->row && catalogue_drop_dataset(d->jobs->p.catalogue, d->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	if (atomic_load(&d->derived))
+		space_give(d->jobs->space, SPACE_ONESTEP, atomic_load(&d->derived));
 	dataset_free(d);
 }
 

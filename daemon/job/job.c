@@ -162,6 +162,7 @@ static enum job_state job_state_queued(struct job *job)
 		.generation = job->generation,
 		.view_text = job->view,
 		.keep = !job->bound,
+		.client = job->bound,
 		.patience = job->bound ? PATIENCE_SECONDS : 0,
 		.owner = job->place.owner,
 		.place = &job->place,

@@ -52,7 +52,9 @@ struct jobs_params {
 	double space_wait;           /* seconds that what a client waits for may lack space */
 	/* A job came to be, went on, or ended. */
 	void (*changed)(void *ctx, struct job *);
-	void *ctx;
+	/* The cache's folder is gone: makes it again, and gives a descriptor of it. NULL: it stays gone. */
+	int (*cache_again)(void *ctx, int *ret_fd, struct err *err);
+	void *ctx, *cache_ctx;
 };
 /* Loads the catalogue, removes what uncommitted pushes and dead one-step datasets left, queues the jobs that
  * were not done. Reads the disk: call it before the loop runs. */
@@ -279,6 +281,7 @@ struct job_info {
 	int64_t submitted_us, finished_us;
 	enum job_priority priority;
 	char waiting[96];   /* for what, in words; "": it does not */
+	uint64_t lacks_space; /* bytes of disk that it waits for; 0: it does not */
 	unsigned position;  /* among those that wait for their turn, from 1; 0: it has had it */
 	double seconds_left; /* at the pace of late, without waiting; 0: not known */
 	const char *phase; /* "select" (of points, for a view that selects) or "mesh" */

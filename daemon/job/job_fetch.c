@@ -141,6 +141,7 @@ static void begin(struct job_fetch *f)
 		.view_text = job->view,
 		.keep = !job->bound,
 		.lazy = true,
+		.client = true,
 		.owner = f->place.owner,
 		.place = &f->place,
 		.plan = job->plan,

@@ -124,6 +124,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		.dataset = d,
 		.generation = generation ? generation : d->generation,
 		.plan_only = true,
+		.client = true,
 		.owner = {.uid = peer->uid},
 		.place = p ? &p->place : NULL,
 		.calls = &plan_calls,

@@ -2,6 +2,8 @@
 #ifndef JOB_PRIV_H
 #define JOB_PRIV_H
 
+#include <stdatomic.h>
+
 #include "catalogue.h"
 #include "job.h"
 #include "ledger.h"
@@ -67,6 +69,7 @@ struct dataset {
 	bool sweep; /* at the start: pushes left something */
 	double stage_seconds, seal_seconds; /* of the last push; the second is a part of the first */
 	size_t charged; /* of LEDGER_JOBS */
+	atomic_uint_fast64_t derived; /* of a one-step one: domains and selections in its folder, bytes */
 };
 
 struct job {
@@ -137,6 +140,10 @@ struct jobs {
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned walks_max;
+	struct disk {
+		uint64_t counted_ns, looked_ns;
+		bool begun, busy;
+	} disk;
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking;
 	struct place *places; /* that are sought */
@@ -146,6 +153,11 @@ struct jobs {
 	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
 	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
 };
+
+/* disk.c: the house's side of the disk */
+void disk_tick(struct jobs *);
+void disk_count(struct jobs *); /* what the lists of datasets and pushes say */
+uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
 
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
 int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err);

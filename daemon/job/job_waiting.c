@@ -59,6 +59,7 @@ void job_waiting(const struct job *job, struct job_info *ret)
 		place_text(job->jobs, &job->place, ret->waiting, sizeof ret->waiting);
 	else if (job->walk && !job->walk_ended)
 		walk_waiting(job->walk, ret->waiting, sizeof ret->waiting);
+	ret->lacks_space = job->walk ? walk_space_lacks(job->walk) : 0;
 	if (job->walk)
 		ret->seconds_left = walk_seconds_left(job->walk);
 }

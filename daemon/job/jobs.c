@@ -271,6 +271,7 @@ void jobs_tick(struct jobs *j)
 		next = push_next(p);
 		push_tick(p);
 	}
+	disk_tick(j);
 	jobs_settle(j);
 }
 

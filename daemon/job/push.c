@@ -44,6 +44,7 @@ struct push *push_free(struct push *p)
 	free(p->geoid);
 	free(p->geoid_way);
 	free(p->last);
+	pthread_mutex_destroy(&p->space.lock);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
 	free(p);
@@ -275,6 +276,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	struct err err = ERR_INIT;
 
 	if (p) {
+		pthread_mutex_init(&p->space.lock, NULL);
+		p->space.why = ERR_INIT;
 		p->asks_end = &p->asks;
 		p->scale_xy = copy(in->scale_xy);
 		p->scale_z = copy(in->scale_z);
@@ -489,6 +492,7 @@ void push_tick(struct push *p)
 {
 	struct push_ask *a = p->asks;
 
+	push_space_tick(p);
 	/* Once a tick: a worker is asked each time. */
 	if (p->again)
 		p->again = p->lacks = p->busy = false;

@@ -130,7 +130,7 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 	if (!r)
 		r = push_created_crs(p, err);
 	if (r || p->has_lattice)
-		return r ? r : PUSH_NOW;
+		return r;
 	if (*p->dataset->manifest) {
 		err_set(err, ERR_BUSY, "another push has just fixed the lattice of %s", p->dataset->name);
 		return err_add_hint(err, "push again");
@@ -145,7 +145,10 @@ static int plan_start(struct push *p, struct push_ask *a, struct err *err)
 
 static void plan_run(struct push *p, struct push_ask *a)
 {
-	a->r = push_choose_lattice(p, &a->err);
+	if (!p->has_lattice)
+		a->r = push_choose_lattice(p, &a->err);
+	if (!a->r)
+		a->r = push_space_plan(p, &a->err);
 }
 
 static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
@@ -288,7 +291,7 @@ static int file_progress(void *ctx, uint64_t points)
 	struct push *p = ctx;
 
 	atomic_store(&p->progress, points);
-	return atomic_load(&p->cancel);
+	return atomic_load(&p->cancel) || !push_space_staged(p, points);
 }
 
 static bool same_input(const struct push_input_id *a, const struct push_input_id *b)
@@ -411,6 +414,8 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	}
 	if (a->stream)
 		a->stream->input = input_close(a->stream->input);
+	if (why && push_space_full(p))
+		why = push_space_full(p);
 	if (!why && a->whole && !a->crew) {
 		if (!push_crew_start(p, a, &err))
 			return false;
@@ -428,6 +433,8 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		pipe_ingested_compare(&file.in, &a->info);
 	if (!why) {
 		source_add(p, a);
+		atomic_fetch_add(&p->space.staged, a->in.points);
+		atomic_store(&p->progress, 0);
 		p->files++;
 		p->unsynced_points += a->in.points;
 	} else if (tried && stage_broke(why)) {
@@ -573,6 +580,7 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 		push_end_run(p); /* no worker came to it: the daemon ends */
 	push_stage_give(p);
 	push_room_give(p);
+	push_space_end(p);
 	if (p->kept)
 		push_becomes_pending(p);
 	else if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))

@@ -260,6 +260,8 @@ static void commit_answer(struct push *p, const struct err *why)
 		p->old_goes = !jobs_opening(p->jobs, d);
 	}
 	p->committed = !why;
+	if (!why)
+		push_space_end(p); /* the dataset's bytes count now */
 	if (d->committer == p)
 		d->committer = NULL;
 	if (d->planner == p)

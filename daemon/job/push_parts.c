@@ -51,7 +51,7 @@ static int progress(void *ctx, uint64_t points)
 
 	atomic_fetch_add(&p->progress, points - m->told);
 	m->told = points;
-	return atomic_load(&p->cancel) || atomic_load(&m->crew->failed) < m->begin;
+	return atomic_load(&p->cancel) || !push_space_staged(p, atomic_load(&p->progress)) || atomic_load(&m->crew->failed) < m->begin;
 }
 
 static void helping_over(struct member *m, int r, const struct err *err, const struct pipe_ingested *in)

@@ -397,6 +397,7 @@ void push_adopted(struct push *p)
 		dataset_release(p->dataset); /* what held it is p's now, which holds it too */
 	if (!m)
 		return;
+	push_space_adopted(p);
 	p->has_lattice = true;
 	p->lattice = m->lattice;
 	if (!*p->dataset->manifest)

@@ -37,7 +37,7 @@ struct push_stream {
 	bool asks;           /* its File waits for the pipe */
 	uint8_t look[INPUT_FORWARD_LOOK];
 	size_t nlook;
-	uint64_t size; /* kept */
+	uint64_t size, room; /* kept; bytes of the disk taken for that */
 	uint64_t claimed; /* points, as its header says */
 	struct err err;
 	struct input *input; /* of its File, while that goes on */
@@ -86,6 +86,7 @@ struct push_probed {
 	const struct crs_info *crs; /* what it says; one of push.crs_seen, as the next */
 	const struct crs_info *plane; /* what it becomes in the dataset; NULL: not decided */
 	size_t read_bytes;          /* what decoding it takes */
+	uint64_t claimed;           /* points, as it says; 0: it does not */
 	struct err *why;            /* it was left out of the plan; NULL: it was not */
 	bool stepped;               /* `coords` are those on the dataset's plane */
 };
@@ -173,6 +174,12 @@ struct push {
 	struct grid_manifest *made; /* by the commit */
 	char made_name[64];
 
+	struct push_space {
+		pthread_mutex_t lock;  /* of what is not atomic */
+		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
+		uint64_t promised;     /* of `taken`, not written yet */
+		struct err why;        /* there is no room for more */
+	} space;
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
 	uint64_t told_ns;
 	atomic_bool cancel;
@@ -278,6 +285,14 @@ static inline const struct grid_manifest *push_settled(const struct push *p)
 {
 	return p->base ? p->base : p->adopt;
 }
+
+/* push_space.c: room on the disk */
+int push_space_plan(struct push *, struct err *err);         /* worker: for all that was probed */
+bool push_space_staged(struct push *, uint64_t points);      /* worker: so many of a file more; false: there is no room */
+void push_space_adopted(struct push *);
+const struct err *push_space_full(const struct push *);      /* NULL: there was room so far */
+void push_space_tick(struct push *);
+void push_space_end(struct push *);                          /* loop */
 
 /* push_pending.c: pushes that were interrupted */
 void push_stage_name(uint64_t id, char name[48]);

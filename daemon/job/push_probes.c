@@ -179,6 +179,7 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	at->plane = NULL;
 	at->stepped = false;
 	at->read_bytes = ask->info.read_bytes;
+	at->claimed = ask->info.claimed;
 	return 0;
 }
 

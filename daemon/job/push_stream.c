@@ -10,9 +10,9 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include "io.h"
@@ -22,8 +22,7 @@ enum {
 	STREAMS_MAX = 8,
 	PIECE = 64 << 10,
 	ROUND = 64 << 20,    /* a worker's turn */
-	LOOK_SPACE = 16 << 20,
-	KEEP_FREE = 20,      /* a twentieth of the file system stays free */
+	STEP_LEAST = 1 << 20, STEP_MOST = 64 << 20, /* of room on the disk that is taken at once */
 };
 
 static struct push_stream *stream_of(struct sched_task *t)
@@ -40,6 +39,8 @@ static struct push_stream *stream_free(struct push_stream *s)
 	input_close(s->input);
 	io_close(s->fd);
 	io_close(s->spool);
+	if (s->room)
+		space_give(s->push->jobs->space, SPACE_TEMPORARY, s->room);
 	free(s->name);
 	free(s);
 	return NULL;
@@ -57,16 +58,23 @@ static void watch(struct push_stream *s)
 
 /* ---- the first bytes, or all ---- */
 
-static int room_left(const struct push_stream *s, struct err *err)
+/* For n bytes more. In steps, the larger the more there is. */
+static int room_for(struct push_stream *s, size_t n, struct err *err)
 {
-	struct statvfs vfs;
+	uint64_t step = s->size < STEP_LEAST ? STEP_LEAST : s->size < STEP_MOST ? s->size : STEP_MOST;
+	struct space *space = s->push->jobs->space;
+	struct err why = ERR_INIT;
+	char what[96];
 
-	if (io->fstatvfs(s->spool, &vfs) != 0)
-		return err_sys(err, errno, "the file system of the cache cannot be asked for its space");
-	if (vfs.f_bavail >= vfs.f_blocks / KEEP_FREE)
+	if (s->size + n <= s->room)
 		return 0;
-	err_set(err, ERR_NOSPACE, "no space is left to keep an input from a pipe: %llu bytes of it are kept already",
-		(unsigned long long)s->size);
+	snprintf(what, sizeof what, "an input from a pipe, of which %llu bytes are kept already,", (unsigned long long)s->size);
+	if (!space_take(space, SPACE_TEMPORARY, step, SPACE_MUST, what, &why)) {
+		s->room += step;
+		return 0;
+	}
+	*err = why;
+	err->hint[0] = 0;
 	return err_add_hint(err, "write it to a file and push that: files are read where they are");
 }
 
@@ -92,11 +100,9 @@ static int keep_piece(struct push_stream *s, const uint8_t *piece, size_t n, str
 		memcpy(s->look + s->nlook, piece, k);
 		s->nlook += k;
 	}
-	if (s->size / LOOK_SPACE != (s->size + n) / LOOK_SPACE || !s->size) {
-		r = room_left(s, err);
-		if (r)
-			return r;
-	}
+	r = room_for(s, n, err);
+	if (r)
+		return r;
 	r = io_write_at(s->spool, piece, n, s->size, "an input from a pipe", err);
 	if (!r)
 		s->size += n;
@@ -234,7 +240,7 @@ static int progress(void *ctx, uint64_t points)
 	struct push_stream *s = ctx;
 
 	atomic_store(&s->push->progress, s->in.points + points);
-	return atomic_load(&s->push->cancel);
+	return atomic_load(&s->push->cancel) || !push_space_staged(s->push, s->in.points + points);
 }
 
 int push_stream_open(struct push_ask *a, struct err *err)

@@ -19,6 +19,7 @@
 
 #include "clock.h"
 #include "err.h"
+#include "io.h"
 #include "parse.h"
 #include "space_priv.h"
 
@@ -57,7 +58,7 @@ int space_new(const struct space_params *p, struct space **ret, struct err *err)
 	struct stat state, cache;
 	struct space *s;
 
-	if (fstat(p->statefd, &state) != 0 || fstat(p->cachefd, &cache) != 0)
+	if (io->fstat(p->statefd, &state) != 0 || io->fstat(p->cachefd, &cache) != 0)
 		return err_sys(err, errno, "the folders of the daemon cannot be looked at");
 	s = calloc(1, sizeof *s);
 	if (!s)
@@ -99,7 +100,7 @@ static struct fs fs_of(const struct space *s, int side)
 	struct fs fs = {UINT64_MAX / 128, UINT64_MAX / 128};
 	struct statvfs v;
 
-	if (fstatvfs(side == SPACE_ON_STATE ? s->p.statefd : s->p.cachefd, &v) != 0 || !v.f_blocks)
+	if (io->fstatvfs(side == SPACE_ON_STATE ? s->p.statefd : s->p.cachefd, &v) != 0 || !v.f_blocks)
 		return fs;
 	fs.total = (uint64_t)v.f_blocks * v.f_frsize;
 	fs.free = (uint64_t)v.f_bavail * v.f_frsize;
@@ -217,10 +218,8 @@ int space_take(struct space *s, enum space_kind kind, uint64_t bytes, enum space
 
 		pthread_mutex_lock(&s->lock);
 		l = space_lack_of(s, side, bytes);
-		if (!l.bytes) {
+		if (!l.bytes)
 			s->taken[kind] += bytes;
-			s->entries[kind]++;
-		}
 		evicts = l.bytes && !tried && helps(s, side, &l, need, false);
 		pthread_mutex_unlock(&s->lock);
 		if (!l.bytes)
@@ -237,7 +236,14 @@ void space_give(struct space *s, enum space_kind kind, uint64_t bytes)
 {
 	pthread_mutex_lock(&s->lock);
 	s->taken[kind] = less(s->taken[kind], bytes);
-	s->entries[kind] = less(s->entries[kind], 1);
+	pthread_mutex_unlock(&s->lock);
+}
+
+void space_count(struct space *s, enum space_kind kind, int entries)
+{
+	pthread_mutex_lock(&s->lock);
+	s->entries[kind] = entries < 0 ? less(s->entries[kind], (uint64_t)-(int64_t)entries) :
+					 s->entries[kind] + (uint64_t)entries;
 	pthread_mutex_unlock(&s->lock);
 }
 

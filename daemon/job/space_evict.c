@@ -97,36 +97,77 @@ static int64_t used_of(const struct stat *st)
 
 typedef void found_fn(struct pass *, int dirfd, const char *name, const char *path, const struct stat *);
 
-/* Every entry below, folders first; what goes away meanwhile is not there. */
+struct reading {
+	struct pass *pass;
+	int fd;
+	const char *path; /* of that folder, below the one that was read first */
+	unsigned depth;   /* of folders that are read too */
+	found_fn *found;
+};
+
+static int folder_read(struct pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
+		       struct err *err);
+
+/* What goes away meanwhile is not there. */
+static int entry_read(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct reading *r = ctx;
+	char below[2 * PATH_SIZE];
+	struct stat st;
+
+	if (io->fstatat(r->fd, e->d_name, &st, AT_SYMLINK_NOFOLLOW) != 0)
+		return 0;
+	snprintf(below, sizeof below, "%s%s%.170s", r->path, *r->path ? "/" : "", e->d_name);
+	if (S_ISDIR(st.st_mode) && r->depth)
+		return folder_read(r->pass, r->fd, e->d_name, below, r->depth - 1, r->found, err);
+	r->found(r->pass, r->fd, e->d_name, below, &st);
+	return 0;
+}
+
+/* Every entry below. */
 static int folder_read(struct pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
 		       struct err *err)
 {
-	int fd = openat(parent, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW), r = 0;
-	char below[2 * PATH_SIZE];
-	struct dirent *e;
-	struct stat st;
-	DIR *dir;
+	struct reading reading = {.pass = p, .path = path, .depth = depth, .found = found};
+	struct err why = ERR_INIT;
+	int r = io_open(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &reading.fd, &why);
 
-	if (fd < 0)
-		return errno == ENOENT ? 0 : err_sys(err, errno, "the folder %s of the cache cannot be read", name);
-	dir = fdopendir(fd);
-	if (!dir) {
-		close(fd);
-		return err_sys(err, ENOMEM, "the folder %s of the cache cannot be read", name);
+	if (r && why.sys == ENOENT)
+		return 0;
+	if (r) {
+		*err = why;
+		return r;
 	}
-	while (!r && (e = readdir(dir))) {
-		if (!strcmp(e->d_name, ".") || !strcmp(e->d_name, ".."))
-			continue;
-		if (fstatat(fd, e->d_name, &st, AT_SYMLINK_NOFOLLOW) != 0)
-			continue;
-		snprintf(below, sizeof below, "%s%s%.170s", path, *path ? "/" : "", e->d_name);
-		if (S_ISDIR(st.st_mode) && depth)
-			r = folder_read(p, fd, e->d_name, below, depth - 1, found, err);
-		else
-			found(p, fd, e->d_name, below, &st);
-	}
-	closedir(dir);
+	r = io_list(reading.fd, ".", entry_read, &reading, err);
+	io_close(reading.fd);
 	return r;
+}
+
+struct sum {
+	int fd;
+	uint64_t bytes;
+};
+
+static int sum_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct sum *sum = ctx;
+	struct stat st;
+
+	if (io->fstatat(sum->fd, e->d_name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode))
+		sum->bytes += (uint64_t)st.st_size;
+	return 0;
+}
+
+uint64_t space_folder_bytes(int parent, const char *name)
+{
+	struct err ignored = ERR_INIT;
+	struct sum sum = {0};
+
+	if (io_open(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sum.fd, &ignored))
+		return 0;
+	io_list(sum.fd, ".", sum_entry, &sum, &ignored);
+	io_close(sum.fd);
+	return sum.bytes;
 }
 
 static void domain_found(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
@@ -139,25 +180,6 @@ static void domain_found(struct pass *p, int dirfd, const char *name, const char
 		remember(p, path, false, used_of(st), (uint64_t)st->st_size);
 }
 
-uint64_t space_folder_bytes(int parent, const char *name)
-{
-	int fd = openat(parent, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC | O_NOFOLLOW);
-	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
-	uint64_t bytes = 0;
-	struct dirent *e;
-	struct stat st;
-
-	if (!dir) {
-		io_close(fd);
-		return 0;
-	}
-	while ((e = readdir(dir)))
-		if (fstatat(fd, e->d_name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode))
-			bytes += (uint64_t)st.st_size;
-	closedir(dir);
-	return bytes;
-}
-
 static void selection_found(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
 	char manifest[PATH_SIZE + 16];
@@ -168,7 +190,7 @@ static void selection_found(struct pass *p, int dirfd, const char *name, const c
 	if (!S_ISDIR(st->st_mode) || !strncmp(name, WALK_SELECT_TEMP, strlen(WALK_SELECT_TEMP)))
 		return;
 	snprintf(manifest, sizeof manifest, "%.170s/manifest", name);
-	if (fstatat(dirfd, manifest, &last, AT_SYMLINK_NOFOLLOW) != 0)
+	if (io->fstatat(dirfd, manifest, &last, AT_SYMLINK_NOFOLLOW) != 0)
 		last = *st;
 	bytes = space_folder_bytes(dirfd, name);
 	p->bytes[1] += bytes;
@@ -247,6 +269,7 @@ static int remove_old(struct space *s, const struct old *o, struct err *err)
 	if (r)
 		return r;
 	space_give(s, kind, o->bytes);
+	space_count(s, kind, -1);
 	pthread_mutex_lock(&s->lock);
 	s->evicted_bytes += o->bytes;
 	s->evicted_files++;

@@ -61,6 +61,7 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 	w->dataset = dataset_hold(p->dataset);
 	w->generation = p->generation;
 	w->keep = p->keep;
+	w->client = p->client;
 	w->plan_only = p->plan_only;
 	w->owner = p->owner;
 	w->place = p->place;
@@ -93,6 +94,7 @@ void walk_shut(struct walk *w)
 {
 	pipe_emitter_free(w->emitter);
 	w->emitter = NULL;
+	walk_space_shut(w);
 	w->grid = grid_close(w->grid);
 	if (w->opened)
 		dataset_close(w->dataset);
@@ -248,6 +250,8 @@ void walk_fail(struct walk *w, const struct err *why)
 {
 	struct walk_domain *d;
 
+	if (w->giving && walk_space_waits(w))
+		return; /* what its tasks meet on their way out is nothing new */
 	if (w->giving) {
 		/* It ends for good now. */
 		w->giving = false;
@@ -256,6 +260,7 @@ void walk_fail(struct walk *w, const struct err *why)
 	}
 	if (w->stopping || w->state == WALK_OVER)
 		return;
+	w->giving = walk_space_met(w, why);
 	w->stopping = true;
 	w->stopped_ns = clock_mono_ns();
 	w->why = *why;
@@ -270,6 +275,7 @@ void walk_fail(struct walk *w, const struct err *why)
 
 void walk_stop(struct walk *w, const struct err *why)
 {
+	walk_space_forget(w);
 	walk_fail(w, why);
 }
 
@@ -277,6 +283,9 @@ static void settle_stopping(struct walk *w)
 {
 	struct walk_domain *d, *next;
 	bool farewell = w->sending && w->output && clock_since(w->stopped_ns) < FAREWELL_SECONDS;
+
+	/* It goes on behind this block. */
+	farewell |= w->output && w->output_busy && w->giving && walk_space_waits(w);
 
 	for (d = w->domains; d; d = next) {
 		next = d->next;
@@ -492,6 +501,8 @@ void walk_tick(struct walk *w)
 			over(w);
 		else if (w->placed)
 			open_start(w);
+		else
+			walk_space_tick(w);
 		return;
 	}
 	if (w->state == WALK_SELECTING && w->calls->moved && atomic_load(&w->select.judged) != w->select.told) {

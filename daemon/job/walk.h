@@ -29,6 +29,7 @@ struct walk_params {
 	struct dataset *dataset;
 	uint64_t generation;
 	const char *view_text;
+	bool client;     /* who asked waits for it: it does not lack disk space for ever */
 	bool keep;       /* every finished domain goes to the store */
 	bool plan_only;  /* ends after the plan */
 	struct sched_owner owner; /* for whom it runs; its flow is the walk's own */
@@ -58,6 +59,7 @@ void walk_relieve(struct walk *, bool urgent);
 void walk_tick(struct walk *);
 /* What keeps it from getting on, in words: "memory: needs 134M, 20M are free"; "": nothing. */
 char *walk_waiting(const struct walk *, char *buf, size_t size);
+uint64_t walk_space_lacks(const struct walk *); /* bytes of disk that it waits for; 0: it does not */
 double walk_seconds_left(const struct walk *); /* at the pace of late, without waiting; 0: not known */
 double walk_worked(const struct walk *);       /* seconds in which a task of it ran */
 void walk_set_rank(struct walk *, enum sched_rank); /* of its tasks from now on */

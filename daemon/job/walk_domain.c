@@ -154,12 +154,19 @@ static bool load(struct walk_domain *d, struct digest key)
 static void keep(struct walk_domain *d, struct digest key)
 {
 	struct err err = ERR_INIT;
-	int r = store_put(store_of(d->walk), key, &d->domain, &err);
+	int r;
+
+	d->unstorable = !walk_space_domain(d->walk, d->held);
+	if (d->unstorable)
+		return;
+	r = store_put(store_of(d->walk), key, &d->domain, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;
-	if (r)
-		log_err(LOG_LEVEL_WARNING, "a finished domain cannot be stored", &err);
+	if (!r)
+		return;
+	walk_space_undomain(d->walk, d->held);
+	log_err(LOG_LEVEL_WARNING, "a finished domain cannot be stored", &err);
 }
 
 static void make_run(struct sched_task *t)
@@ -349,7 +356,9 @@ static void emit_run(struct sched_task *t)
 	struct mesh_sink sink = {.ctx = w, .block = take_block};
 
 	d->err = ERR_INIT;
-	d->r = pipe_emit(w->emitter, &d->domain, &d->region, &sink, &d->err);
+	d->r = walk_space_spill(w, &d->err);
+	if (!d->r)
+		d->r = pipe_emit(w->emitter, &d->domain, &d->region, &sink, &d->err);
 }
 
 static void emit_done(struct sched_task *t)

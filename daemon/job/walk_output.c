@@ -100,12 +100,24 @@ void walk_output_head(struct walk *w)
 	};
 	int32_t box[4];
 
-	if (!w->output || w->output_head || w->stopping)
+	if (!w->output || w->stopping)
 		return;
 	head.id = stream_id(w);
+	if (w->output_head) {
+		/* It has begun again: what follows must be of the same stream. */
+		if (!digest_equal(head.id, w->head_id)) {
+			struct err err = ERR_INIT;
+
+			err_set(&err, ERR_GONE, "the mesh had to be begun again, and is made of other regions now");
+			err_add_hint(&err, "ask for it again");
+			walk_fail(w, &err);
+		}
+		return;
+	}
 	if (!is_wanted(w, head.id))
 		return;
 	w->output_head = true;
+	w->head_id = head.id;
 	head.manifest = grid_manifest(w->grid);
 	if (grid_box(w->grid, box)) {
 		head.box[0] = box[0];
@@ -123,6 +135,7 @@ static void buffer_give(struct walk *w)
 	if (w->output_buffer)
 		sched_give(w->jobs->p.sched, LEDGER_PIPE, JOB_OUTPUT_BUFFER);
 	w->output_buffer = false;
+	walk_space_unspool(w);
 }
 
 static void sending_release(struct walk *w)
@@ -139,7 +152,9 @@ static void spool_run(struct sched_task *t)
 	struct walk *w = walk_of_output_task(t);
 
 	w->err = ERR_INIT;
-	w->r = w->output->calls->spool(w->output, w->jobs->tempfd, &w->err);
+	w->r = walk_space_spool(w, w->sending->held, &w->err);
+	if (!w->r)
+		w->r = w->output->calls->spool(w->output, w->jobs->tempfd, &w->err);
 }
 
 static void refill_run(struct sched_task *t)
@@ -165,6 +180,7 @@ static void output_task_done(struct sched_task *t)
 		walk_fail(w, &w->err);
 	} else if (t->ran && w->r) {
 		log_err(LOG_LEVEL_WARNING, "a block for a slow reader cannot be spooled", &w->err);
+		walk_space_unspool(w);
 		w->spool_failed_ns = clock_mono_ns();
 		w->output->calls->send(w->output);
 	} else if (t->ran) {

@@ -80,6 +80,8 @@ char *walk_waiting(const struct walk *w, char *buf, size_t size)
 	*buf = 0;
 	if (flow.running || w->stopping)
 		return buf;
+	if (walk_space_waits(w))
+		return walk_space_text(w, buf, size);
 	if (walk_backlog(w))
 		snprintf(buf, size, "its reader");
 	else if (w->state == WALK_UNSELECTED && jobs_selecting(w->jobs, w))

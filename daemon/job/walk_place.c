@@ -8,7 +8,16 @@
 #include "job_priv.h"
 #include "walk_priv.h"
 
-void walk_retreat(struct walk *w, uint64_t need)
+/* A walk with an output gives way only when each block that it emitted is sent: behind these it goes on. */
+static void pass_sent(struct walk *w)
+{
+	if (w->output && w->blocks > w->output->from)
+		w->output->from = w->blocks;
+	w->blocks = 0;
+}
+
+/* As it was before it began. */
+static void reset(struct walk *w)
 {
 	walk_shut(w);
 	cut_plan_done(&w->plan);
@@ -22,6 +31,12 @@ void walk_retreat(struct walk *w, uint64_t need)
 	w->r = 0;
 	w->state = WALK_NEW;
 	w->placed = false;
+	pass_sent(w);
+}
+
+void walk_retreat(struct walk *w, uint64_t need)
+{
+	reset(w);
 	place_seek(w->jobs, w->place, need);
 }
 
@@ -47,6 +62,10 @@ bool walk_gave_way(struct walk *w)
 		return false;
 	w->giving = w->stopping = false;
 	w->why = ERR_INIT;
+	if (walk_space_waits(w)) {
+		reset(w); /* walk_space_tick seeks */
+		return true;
+	}
 	walk_retreat(w, 2 * w->budget.domain_bytes);
 	return true;
 }

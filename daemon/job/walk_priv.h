@@ -47,7 +47,7 @@ struct walk {
 	char *view_text;
 	size_t charged; /* of LEDGER_JOBS */
 	char manifest[64];
-	bool keep, plan_only, lazy;
+	bool keep, plan_only, lazy, client;
 	struct sched_owner owner; /* of all its tasks */
 	struct place *place;
 	bool placed; /* has its place, which is its share of the memory */
@@ -119,6 +119,19 @@ struct walk {
 		double worked;            /* seconds */
 		double points, seconds;   /* of late: what is long ago counts little */
 	} pace;
+	struct walk_space { /* walk_space.c */
+		bool waits, over;  /* gave its place back for want of space; will not again */
+		bool holds;        /* its selection */
+		atomic_bool told;  /* that domains are not stored */
+		unsigned vanished;
+		uint64_t need, lacks; /* bytes that it asked for; of these, what is lacking: 0, it waits for the cache */
+		double wait;          /* seconds to the next look */
+		uint64_t since_ns, looked_ns, resumed_ns;
+		atomic_uint_fast64_t asked;
+		uint64_t spilled, spooled, selecting; /* taken */
+		struct err why;
+	} space;
+	struct digest head_id; /* of the stream that its output was told */
 	uint64_t opened_ns, started_ns, first_ns, stopped_ns;
 	uint64_t points, grid_total; /* emitted; in the generation */
 	bool stopping;
@@ -167,6 +180,25 @@ bool walk_window(const struct walk *); /* room for one more domain */
 /* What waits for a slow reader is to be written to a file. The mesh of one step needs that only where nothing more can
  * be made otherwise (or where others lack memory, walk_relieve): nobody will ask for its domains again. */
 bool walk_crowded(const struct walk *);
+
+/* walk_space.c */
+bool walk_space_met(struct walk *, const struct err *why); /* it does not fail for that, but begins again later */
+bool walk_space_waits(const struct walk *);
+void walk_space_forget(struct walk *); /* it will not: whatever comes next ends it */
+void walk_space_tick(struct walk *);
+char *walk_space_text(const struct walk *, char *buf, size_t size); /* unchanged if it does not wait */
+/* Workers. What the emitter has spilled, before it emits more. */
+int walk_space_spill(struct walk *, struct err *err);
+int walk_space_spool(struct walk *, uint64_t bytes, struct err *err);
+void walk_space_unspool(struct walk *);
+/* False: there is no room to store a finished domain. */
+bool walk_space_domain(struct walk *, uint64_t bytes);
+void walk_space_undomain(struct walk *, uint64_t bytes);
+int walk_space_select_begin(struct walk *, uint64_t memory, struct err *err);
+int walk_space_select_grow(struct walk *, int parent, const char *name, bool sealed, struct err *err);
+void walk_space_select_end(struct walk *, uint64_t bytes);
+void walk_space_select_hold(struct walk *); /* until walk_shut */
+void walk_space_shut(struct walk *);
 
 /* walk_pace.c */
 void walk_pace_tick(struct walk *);

@@ -63,6 +63,7 @@ static int open_in(struct walk *w, int parent, const char *name, struct err *err
 	if (!r) {
 		w->rest = view_rest(&w->view);
 		w->select.open = true;
+		walk_space_select_hold(w);
 		return 0;
 	}
 	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
@@ -90,35 +91,60 @@ int walk_select_open(struct walk *w, struct err *err)
 
 /* ---- making ---- */
 
+struct making {
+	struct walk *walk;
+	int parent;
+	const char *temp;
+	struct err full; /* the disk has no room for it */
+};
+
 static int select_progress(void *ctx, uint64_t points)
 {
-	struct walk *w = ctx;
+	struct making *m = ctx;
 
-	atomic_store(&w->select.judged, points);
-	return atomic_load(&w->task.cancel);
+	atomic_store(&m->walk->select.judged, points);
+	return atomic_load(&m->walk->task.cancel) ||
+	       walk_space_select_grow(m->walk, m->parent, m->temp, false, &m->full);
 }
 
-static int make_in(struct walk *w, int parent, const char *temp, const char *name, uint64_t bytes, struct err *err)
+/* The points into the folder `temp`; what it holds then is taken of the disk. */
+static int fill(struct making *m, uint64_t bytes, struct err *err)
 {
 	struct pipe_select_params p = {
-		.grid = w->grid,
-		.view = &w->view,
+		.grid = m->walk->grid,
+		.view = &m->walk->view,
 		.memory = bytes,
 		.progress = select_progress,
-		.ctx = w,
+		.ctx = m,
 	};
 	struct pipe_selected counts;
-	struct err ignored = ERR_INIT;
-	int r = io_make_dir(parent, temp, 0700, err);
+	int r = io_make_dir(m->parent, m->temp, 0700, err);
 
 	if (!r)
-		r = io_open(parent, temp, O_RDONLY | O_DIRECTORY, 0, &p.dirfd, err);
+		r = io_open(m->parent, m->temp, O_RDONLY | O_DIRECTORY, 0, &p.dirfd, err);
 	if (r)
 		return r;
 	r = pipe_select(&p, &counts, err);
 	io_close(p.dirfd);
+	if (r && m->full.code) {
+		*err = m->full;
+		return -(int)err->code;
+	}
+	return r ? r : walk_space_select_grow(m->walk, m->parent, m->temp, true, err);
+}
+
+static int make_in(struct walk *w, int parent, const char *temp, const char *name, uint64_t bytes, struct err *err)
+{
+	struct making m = {.walk = w, .parent = parent, .temp = temp, .full = ERR_INIT};
+	struct err ignored = ERR_INIT;
+	int r = walk_space_select_begin(w, bytes, err);
+
+	if (r)
+		return r;
+	r = fill(&m, bytes, err);
 	if (!r && io->renameat(parent, temp, parent, name) != 0)
 		r = err_sys(err, errno, "cannot rename a selection");
+	walk_space_select_end(w, r ? 0 : space_folder_bytes(parent, name));
 	if (r && folder_remove(parent, temp, &ignored))
 		log_err(LOG_LEVEL_WARNING, "a part of a selection stays behind until the next start", &ignored);
 	return r;
@@ -143,7 +169,7 @@ static void select_run(struct sched_task *t)
 		if (!w->r)
 			w->r = open_in(w, parent, name, &w->err);
 		if (w->r == WALK_E_ABSENT)
-			w->r = err_set(&w->err, ERR_IO, "a selection went away as soon as it was made");
+			w->r = err_sys(&w->err, ENOENT, "a selection went away as soon as it was made");
 	}
 	io_close(parent);
 }

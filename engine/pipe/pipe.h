@@ -194,5 +194,7 @@ void pipe_emit_flat(struct pipe_emitter *, const struct mesh_counts *counts);
  * (a link that should have closed). */
 int pipe_emitter_finish(struct pipe_emitter *, struct pipe_totals *ret, struct err *err);
 struct pipe_emitter *pipe_emitter_free(struct pipe_emitter *);
+/* Bytes of its file: the part of its table that does not fit its memory. */
+uint64_t pipe_emitter_spilled(const struct pipe_emitter *);
 
 #endif

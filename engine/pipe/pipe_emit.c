@@ -51,6 +51,11 @@ struct pipe_emitter *pipe_emitter_free(struct pipe_emitter *e)
 	return NULL;
 }
 
+uint64_t pipe_emitter_spilled(const struct pipe_emitter *e)
+{
+	return pipe_table_spilled_pages(e->table) * PIPE_TABLE_PAGE;
+}
+
 static void counts_add(struct mesh_counts *sum, const struct mesh_counts *c)
 {
 	size_t i;

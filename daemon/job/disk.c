@@ -1,0 +1,180 @@
+/*
+ * The house's side of the disk (space.h): what its lists say of what lies there, the task in the background that
+ * measures and evicts, and the cache's folders when somebody has removed them.
+ *
+ * The model: each half second the sums of datasets and pending pushes go to the accounts. A task reads what is derived
+ * once after the start, and evicts whenever quota or keep-free do not hold, also when it is other programs that have
+ * filled the disk. A folder of the cache that is gone is made again under the descriptor that everybody has of it, so
+ * whoever comes next finds it; what was in it is derived, and made again by whoever needs it.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "io.h"
+#include "job_priv.h"
+#include "log.h"
+
+#define COUNT_SECONDS 0.5
+#define LOOK_SECONDS 2.0
+
+uint64_t disk_points_bytes(uint64_t points)
+{
+	/* 16 bytes a point, and a twelfth for tables and index; of few points pages that are not full. */
+	const uint64_t most = UINT64_MAX / 64;
+
+	points = points < most ? points : most;
+	return points * 16 + points * 16 / 12 + (64 << 10);
+}
+
+/* ---- counting ---- */
+
+void disk_count(struct jobs *j)
+{
+	uint64_t bytes[SPACE_KINDS] = {0};
+	const struct dataset *d;
+	const struct pending *q;
+
+	for (d = j->datasets; d; d = d->next) {
+		bytes[d->onestep ? SPACE_ONESTEP : SPACE_DATASETS] += d->bytes;
+		for (q = d->pending; q; q = q->next)
+			bytes[SPACE_PENDING] += disk_points_bytes(q->points);
+	}
+	space_set(j->space, SPACE_DATASETS, bytes[SPACE_DATASETS]);
+	space_set(j->space, SPACE_ONESTEP, bytes[SPACE_ONESTEP]);
+	space_set(j->space, SPACE_PENDING, bytes[SPACE_PENDING]);
+}
+
+/* Domains that were used since then are those of jobs that run. */
+static void count_running(struct jobs *j)
+{
+	double longest = -1;
+	const struct job *job;
+
+	for (job = j->jobs; job; job = job->next)
+		if (job->walk && job->begun_ns && clock_since(job->begun_ns) > longest)
+			longest = clock_since(job->begun_ns);
+	space_running_since(j->space, longest < 0 ? INT64_MAX : clock_real_us() - (int64_t)(longest * 1e6));
+}
+
+/* ---- in the background ---- */
+
+struct tidy {
+	struct sched_task task;
+	struct jobs *jobs;
+	bool measures;
+};
+
+static void tidy_run(struct sched_task *t)
+{
+	struct tidy *x = (struct tidy *)t;
+	struct err err = ERR_INIT;
+	uint64_t bytes, entries;
+	int r = x->measures ? space_measure(x->jobs->space, &err) : 0;
+
+	if (!r && space_over(x->jobs->space))
+		r = space_evict(x->jobs->space, false, &bytes, &entries, &err);
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "the cache cannot be looked through", &err);
+}
+
+static void tidy_done(struct sched_task *t)
+{
+	struct tidy *x = (struct tidy *)t;
+
+	x->jobs->background--;
+	x->jobs->disk.busy = false;
+	free(x);
+}
+
+static void tidy(struct jobs *j, bool measures)
+{
+	struct tidy *x = calloc(1, sizeof *x);
+
+	if (!x)
+		return;
+	x->task = (struct sched_task){.run = tidy_run, .done = tidy_done, .owner = {.uid = geteuid()},
+				      .priority = SCHED_LAST, .lengthy = true};
+	x->jobs = j;
+	x->measures = measures;
+	j->disk.busy = true;
+	j->background++;
+	sched_submit(j->p.sched, &x->task);
+}
+
+/* ---- folders ---- */
+
+static bool is_gone(int fd)
+{
+	struct stat st;
+
+	return fd >= 0 && io->fstat(fd, &st) == 0 && !st.st_nlink;
+}
+
+/* The new one takes the descriptor of the old. */
+static int exchange(int fd, int with, struct err *err)
+{
+	int r = dup3(with, fd, O_CLOEXEC) < 0 ? err_sys(err, errno, "a folder of the cache cannot be exchanged") : 0;
+
+	io_close(with);
+	return r;
+}
+
+static int make_again(struct jobs *j, const char *name, int fd, struct err *err)
+{
+	int with, r;
+
+	if (!is_gone(fd))
+		return 0;
+	log_notice("the folder %s of the cache was removed: it is made again", name);
+	r = io_make_dir(j->p.cachefd, name, 0700, err);
+	if (!r)
+		r = io_open(j->p.cachefd, name, O_RDONLY | O_DIRECTORY, 0, &with, err);
+	return r ? r : exchange(fd, with, err);
+}
+
+static void mend_folders(struct jobs *j)
+{
+	struct err err = ERR_INIT;
+	int with, r = 0;
+
+	if (is_gone(j->p.cachefd) && j->p.cache_again) {
+		log_notice("the folder of the cache was removed: it is made again");
+		r = j->p.cache_again(j->p.cache_ctx, &with, &err);
+		if (!r)
+			r = exchange(j->p.cachefd, with, &err);
+	}
+	if (!r)
+		r = make_again(j, "one-step", j->onestepfd, &err);
+	if (!r)
+		r = make_again(j, "domains", j->domainsfd, &err);
+	if (!r)
+		r = make_again(j, "tmp", j->tempfd, &err);
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "the cache", &err);
+}
+
+void disk_tick(struct jobs *j)
+{
+	struct disk *d = &j->disk;
+
+	mend_folders(j);
+	if (clock_since(d->counted_ns) >= COUNT_SECONDS) {
+		d->counted_ns = clock_mono_ns();
+		disk_count(j);
+		count_running(j);
+	}
+	if (j->parking || d->busy)
+		return;
+	if (!d->begun) {
+		d->begun = true;
+		tidy(j, true);
+	} else if (clock_since(d->looked_ns) >= LOOK_SECONDS) {
+		d->looked_ns = clock_mono_ns();
+		if (space_over(j->space))
+			tidy(j, false);
+	}
+}

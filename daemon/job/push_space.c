@@ -1,0 +1,131 @@
+/*
+ * What a push takes of the disk.
+ *
+ * The model: before its first point is staged, a push is held against what its probes claim: its runs and its segment,
+ * both of which lie there until the commit (of a one-step dataset the runs give way as the segment grows). Headers
+ * may lie and pipes do not tell, so what was really staged is held against it too, and more is taken in steps. What is
+ * taken and not written yet is promised, so that two pushes do not count on the same free bytes. A crop of a one-step
+ * mesh reads an unknown part: of such only what was staged counts.
+ */
+#include <stdio.h>
+
+#include "push_priv.h"
+
+enum { TEXT_POINT_BYTES = 24, STEP_LEAST = 1 << 20 };
+
+/* Of so many points in all, while runs and segment lie there. */
+static uint64_t bytes_of(const struct push *p, uint64_t points)
+{
+	uint64_t bytes = disk_points_bytes(points);
+
+	return p->dataset->onestep ? bytes + (points * 16) / 32 : 2 * bytes;
+}
+
+static enum space_kind kind_of(const struct push *p)
+{
+	return p->dataset->onestep ? SPACE_ONESTEP : SPACE_PENDING;
+}
+
+static uint64_t adopted(const struct push *p)
+{
+	uint64_t points = 0;
+
+	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
+		points += p->adopt->sources[i].points;
+	return points;
+}
+
+static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err)
+{
+	char what[64];
+	int r;
+
+	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
+	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
+	if (r)
+		return r;
+	space_promise(p->jobs->space, kind_of(p), (int64_t)bytes);
+	p->space.promised += bytes;
+	atomic_fetch_add(&p->space.taken, bytes);
+	return 0;
+}
+
+int push_space_plan(struct push *p, struct err *err)
+{
+	uint64_t points = adopted(p), need;
+	int r = 0;
+
+	if (p->has_crop)
+		return 0;
+	for (size_t i = 0; i < p->nprobes; i++) {
+		const struct push_probed *probe = &p->probes[i];
+		uint64_t claimed = probe->claimed ? probe->claimed : probe->id.size / TEXT_POINT_BYTES;
+
+		if (!probe->why && __builtin_add_overflow(points, claimed, &points))
+			points = UINT64_MAX / 64;
+	}
+	need = bytes_of(p, points);
+	pthread_mutex_lock(&p->space.lock);
+	if (need > atomic_load(&p->space.taken))
+		r = take(p, need - atomic_load(&p->space.taken), points, err);
+	pthread_mutex_unlock(&p->space.lock);
+	return r;
+}
+
+bool push_space_staged(struct push *p, uint64_t points)
+{
+	uint64_t all = atomic_load(&p->space.staged) + points, need = bytes_of(p, all), taken;
+	struct err err = ERR_INIT;
+
+	if (need <= atomic_load(&p->space.taken))
+		return true;
+	pthread_mutex_lock(&p->space.lock);
+	taken = atomic_load(&p->space.taken);
+	if (need > taken && !p->space.why.code) {
+		uint64_t step = taken / 16 > STEP_LEAST ? taken / 16 : STEP_LEAST;
+
+		/* In steps, unless only what is needed is left. */
+		if (take(p, need - taken + step, all, &err))
+			take(p, need - taken, all, &p->space.why);
+	}
+	pthread_mutex_unlock(&p->space.lock);
+	return !p->space.why.code;
+}
+
+void push_space_adopted(struct push *p)
+{
+	atomic_fetch_add(&p->space.staged, adopted(p));
+}
+
+const struct err *push_space_full(const struct push *p)
+{
+	return p->space.why.code ? &p->space.why : NULL;
+}
+
+void push_space_tick(struct push *p)
+{
+	uint64_t points = atomic_load(&p->space.staged) + atomic_load(&p->progress), written = points * 16, open;
+	struct push_space *s = &p->space;
+
+	/* What is in memory is not written. */
+	written = written > p->stage_bytes ? written - p->stage_bytes : 0;
+	pthread_mutex_lock(&s->lock);
+	open = atomic_load(&s->taken);
+	open = open > written ? open - written : 0;
+	if (open < s->promised) {
+		space_promise(p->jobs->space, kind_of(p), -(int64_t)(s->promised - open));
+		s->promised = open;
+	}
+	pthread_mutex_unlock(&s->lock);
+}
+
+void push_space_end(struct push *p)
+{
+	struct push_space *s = &p->space;
+
+	space_promise(p->jobs->space, kind_of(p), -(int64_t)s->promised);
+	space_give(p->jobs->space, kind_of(p), atomic_load(&s->taken));
+	s->promised = 0;
+	atomic_store(&s->taken, 0);
+	disk_count(p->jobs);
+}
