@@ -6,17 +6,21 @@
  * go at once. Changes are made in the order in which they were queued; each is a transaction and is on disk
  * when its `done` is called. The heap of SQLite is bounded, and charged whole; the catalogue never caches for
  * readers.
+ * A row that could not be removed, and nobody waits to hear of it, is removed before the next change: it may keep a
+ * name from others. What is still owed at the end the next start finds without anything that belongs to it.
  */
 #include "catalogue_priv.h"
 
 #include <errno.h>
 #include <signal.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/eventfd.h>
 #include <unistd.h>
 
 #include "err.h"
 #include "ledger.h"
+#include "log.h"
 
 static int take_heap(struct catalogue *c, struct err *err)
 {
@@ -119,6 +123,36 @@ static int make_change(struct catalogue *c, struct change *ch, struct err *err)
 	return r;
 }
 
+static bool drops(const struct change *ch)
+{
+	return ch->sql == CATALOGUE_DROP_DATASET || ch->sql == CATALOGUE_DROP_PUSH || ch->sql == CATALOGUE_DROP_JOB;
+}
+
+static void owe(struct catalogue *c, const struct change *ch, const struct err *why)
+{
+	if (!c->nowed)
+		log_err(LOG_LEVEL_WARNING, "a row that is not wanted any more stays for now", why);
+	if (c->nowed < OWED)
+		c->owed[c->nowed++] = (struct owed){ch->sql, ch->value[0].number};
+}
+
+/* In their order, until one fails again. */
+static void pay(struct catalogue *c)
+{
+	struct err ignored = ERR_INIT; /* it was told once, and stays owed */
+	unsigned n = 0;
+
+	while (n < c->nowed) {
+		const struct value id = {.kind = VALUE_NUMBER, .number = c->owed[n].id};
+
+		if (bind_and_step(c, c->stmt[c->owed[n].sql], &id, 1, &ignored))
+			break;
+		n++;
+	}
+	c->nowed -= n;
+	memmove(c->owed, c->owed + n, c->nowed * sizeof *c->owed);
+}
+
 /* What was written needs its texts no more: only the answer waits for the loop. */
 static void written(struct catalogue *c, struct change *ch, const struct err *why)
 {
@@ -153,7 +187,10 @@ static void *work(void *arg)
 		pthread_mutex_unlock(&c->lock);
 		struct err why = ERR_INIT;
 
+		pay(c);
 		ch->r = make_change(c, ch, &why);
+		if (ch->r && !ch->done && drops(ch))
+			owe(c, ch, &why);
 		written(c, ch, &why);
 		pthread_mutex_lock(&c->lock);
 		c->writing = false;

@@ -12,6 +12,8 @@
 
 /* values of one change, at most: columns of the widest table */
 enum { VALUES = 20 };
+/* Rows that could not be removed, which are remembered. */
+enum { OWED = 256 };
 
 struct value {
 	enum { VALUE_NUMBER, VALUE_TEXT } kind;
@@ -44,6 +46,11 @@ struct catalogue {
 	struct change *todo, **todo_end, *over, **over_end;
 	unsigned busy;
 	int event;
+	struct owed {
+		enum catalogue_sql sql;
+		int64_t id;
+	} owed[OWED]; /* the thread's */
+	unsigned nowed;
 };
 
 /* catalogue_open.c: the database. */

@@ -1,6 +1,7 @@
 /*
  * The house: loading, the tick, and stopping. Who may have what of the memory, and when, is in admit.c.
  */
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -131,6 +132,34 @@ static int open_folders(struct jobs *j, struct err *err)
 	return r;
 }
 
+struct orphans {
+	struct jobs *jobs;
+	uint64_t last;
+};
+
+/* Of a dataset that was removed when its folder could not be. Numbers that this catalogue has not given are not its own:
+ * whoever lost the catalogue has not lost the points. */
+static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct orphans *o = ctx;
+	struct err why = ERR_INIT;
+	const struct dataset *d;
+	uint64_t id;
+	char *end;
+
+	id = strtoull(e->d_name, &end, 10);
+	if (*end || !id || id > o->last)
+		return 0;
+	for (d = o->jobs->datasets; d && d->id != id; d = d->next)
+		;
+	if (d)
+		return 0;
+	log_notice("the folder of dataset number %llu, which was removed, goes", (unsigned long long)id);
+	if (folder_remove(o->jobs->datafd, e->d_name, &why))
+		log_err(LOG_LEVEL_WARNING, "a dataset's folder stays behind", &why);
+	return 0;
+}
+
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
 	struct catalogue_reader reader = {.dataset = load_dataset, .job = load_job, .push = load_push};
@@ -149,6 +178,8 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 		r = open_folders(j, err);
 	if (!r)
 		r = catalogue_load(p->catalogue, &reader, last, err);
+	if (!r)
+		r = io_list(j->datafd, ".", sweep_orphan, &(struct orphans){j, last[0]}, err);
 	if (!r)
 		r = job_plan_sweep(j, err);
 	if (!r)

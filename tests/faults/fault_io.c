@@ -27,11 +27,12 @@ struct name {
 struct inode {
 	dev_t dev;
 	ino_t ino;
+	bool lost; /* its fsync failed */
 };
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static struct fault_plan plan;
-static unsigned long calls, failed;
+static unsigned long calls, failed, distrusted;
 static enum fault_call first;
 
 static char root[512];
@@ -49,7 +50,7 @@ void fault_plan(const struct fault_plan *p)
 {
 	pthread_mutex_lock(&lock);
 	plan = p ? *p : (struct fault_plan){0};
-	calls = failed = 0;
+	calls = failed = distrusted = 0;
 	pthread_mutex_unlock(&lock);
 }
 
@@ -61,6 +62,11 @@ unsigned long fault_calls(void)
 unsigned long fault_failed(void)
 {
 	return failed;
+}
+
+unsigned long fault_distrusted(void)
+{
+	return distrusted;
 }
 
 enum fault_call fault_first(void)
@@ -139,7 +145,7 @@ static unsigned node_new(int dirfd, const char *path)
 	inodes = more(inodes, nodes, &have, sizeof *inodes);
 	nodes_room = (unsigned)have;
 	fstatat(dirfd, path, &st, AT_SYMLINK_NOFOLLOW);
-	inodes[nodes] = (struct inode){st.st_dev, st.st_ino};
+	inodes[nodes] = (struct inode){st.st_dev, st.st_ino, false};
 	return nodes++;
 }
 
@@ -304,6 +310,7 @@ static void did_rename(int olddir, const char *old, int newdir, const char *new)
 	if (!hit || dir2 == NONE)
 		return;
 	node = hit->node;
+	distrusted += inodes[node].lost;
 	e = add(DISK_RENAME, node);
 	e->dir = dir;
 	e->dir2 = dir2;
@@ -499,9 +506,25 @@ static ssize_t f_pwrite(int fd, const void *buf, size_t n, off_t off)
 	return rc;
 }
 
+/* Folders are synced again for other entries of theirs. */
 static int f_fsync(int fd)
 {
-	GUARDED(int, FAULT_SYNC, 0, fault_did_sync_node(node_of(fd)));
+	struct stat st;
+	unsigned node;
+	bool file, fails;
+
+	pthread_mutex_lock(&lock);
+	node = node_of(fd);
+	file = node != NONE && fstat(fd, &st) == 0 && S_ISREG(st.st_mode);
+	if (file)
+		distrusted += inodes[node].lost;
+	fails = fault_fails(FAULT_SYNC);
+	if (!fails)
+		fault_did_sync_node(node);
+	else if (file)
+		inodes[node].lost = true;
+	pthread_mutex_unlock(&lock);
+	return fails ? -1 : 0;
 }
 
 static int f_renameat(int olddir, const char *old, int newdir, const char *name)

@@ -56,6 +56,8 @@ void fault_plan(const struct fault_plan *); /* counting begins anew; NULL: nothi
 unsigned long fault_calls(void);            /* of the plan's kinds, since then */
 unsigned long fault_failed(void);           /* how many of them failed */
 enum fault_call fault_first(void);          /* which kind failed first */
+/* Files whose fsync failed and that were synced again or got their final name all the same; while the log is on. */
+unsigned long fault_distrusted(void);
 const char *fault_call_text(enum fault_call);
 
 /* ---- the log ---- */

@@ -1,0 +1,263 @@
+/*
+ * Every N-th file call fails, N = 1, 2, ... until there are not so many: once, and for ever, with an error, or a transfer
+ * by half; ours, and SQLite's. A house is opened, two files are pushed, a job is done and its mesh is streamed. What must
+ * hold: whoever asked gets an answer, right or a typed error that says something; when the fault is gone the same can be
+ * done again, with the right mesh; nothing is left, neither descriptors nor files; a file whose fsync failed is not trusted.
+ *
+ * ACUT_FAULT_EVERY: how many calls apart the points are that are tried (3).
+ */
+#include "scene.h"
+
+#include <errno.h>
+
+static char want[DIGEST_HEX_SIZE];
+static unsigned long first_call, every, step, reached;
+static struct fault_plan plan;
+static const char *plan_text;
+
+static unsigned long at_of(unsigned long i)
+{
+	return first_call + i * step;
+}
+
+static void typed(const char *what, const struct err *err)
+{
+	static const enum err_code fine[] = {ERR_IO, ERR_NOSPACE, ERR_BUSY, ERR_LIMIT, ERR_PERM, ERR_CORRUPT, ERR_CANCELLED};
+
+	for (unsigned i = 0; i < sizeof fine / sizeof *fine; i++)
+		if (err->code == fine[i] && *err->message)
+			return;
+	printf("%s: no good error: %d \"%s\"\n", what, (int)err->code, err->message);
+	_exit(1);
+}
+
+/* As open_house, but it may fail. */
+static int try_open(struct err *err)
+{
+	struct jobs_params p = {.threads = 2};
+	char path[128];
+	int r;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	memset(&h.ledger, 0, sizeof h - offsetof(struct house, ledger));
+	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	h.cachefd = dup(h.statefd);
+	h.ledger = ledger_new(SCENE_MEMORY);
+	ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0);
+	ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0);
+	r = sched_new(h.ledger, 2, &h.sched, err);
+	if (!r)
+		r = catalogue_new(path, h.ledger, &h.catalogue, err);
+	p.ledger = h.ledger;
+	p.sched = h.sched;
+	p.catalogue = h.catalogue;
+	p.statefd = h.statefd;
+	p.cachefd = h.cachefd;
+	if (!r)
+		r = jobs_new(&p, &h.jobs, err);
+	if (!r)
+		return 0;
+	sched_free(h.sched);
+	catalogue_free(h.catalogue);
+	close(h.statefd);
+	close(h.cachefd);
+	ledger_free(h.ledger);
+	return r;
+}
+
+static void lift(void)
+{
+	unsigned long lost = fault_distrusted();
+
+	reached += fault_failed();
+	must(!lost);
+	fault_plan(NULL);
+}
+
+/* Turns until it is so; what waits for a fault to go is shown that it went. */
+#define turn_or_lift(what)                                                                                             \
+	do {                                                                                                           \
+		double since_ = seconds();                                                                             \
+		while (!(what) && seconds() - since_ < 2)                                                              \
+			turn(10);                                                                                      \
+		if (!(what))                                                                                           \
+			lift();                                                                                        \
+		turn_until(what);                                                                                      \
+	} while (0)
+
+static void try_push(void)
+{
+	static const unsigned seed[2] = {1, 2};
+
+	for (int tries = 0;; tries++) {
+		int r = push_some("a", seed, 2, 2, true, NULL);
+
+		if (r)
+			typed("push", &got.why);
+		push_end();
+		if (!r)
+			return;
+		turn_until(!jobs_active(h.jobs));
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+}
+
+static struct job *try_job(void)
+{
+	for (int tries = 0;; tries++) {
+		struct job *job = submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW);
+
+		if (!job) {
+			typed("submit", &accepted_err);
+		} else {
+			turn_or_lift(job_state_final(info_of(job).state));
+			if (info_of(job).state == JOB_done)
+				return job;
+			typed("job", info_of(job).err);
+		}
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+}
+
+static void try_fetch(struct job *job)
+{
+	static struct reader r; /* outlives it */
+
+	for (int tries = 0;; tries++) {
+		r = (struct reader){.output.calls = &reader_calls};
+		job_fetch(job, &r.output);
+		turn_or_lift(r.ends);
+		if (!r.failed) {
+			char hex[DIGEST_HEX_SIZE];
+
+			must(!strcmp(digest_hex(r.totals.digest, hex), want));
+			must(r.triangles == r.totals.triangles);
+			return;
+		}
+		typed("fetch", &r.why);
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+}
+
+static void all_of_it(void)
+{
+	char digest[DIGEST_HEX_SIZE];
+	struct err err = ERR_INIT;
+	struct job *job;
+	int r;
+
+	for (int tries = 0; (r = try_open(&err)); tries++) {
+		typed("start", &err);
+		err = ERR_INIT;
+		if (tries)
+			lift();
+		must(tries < 4);
+	}
+	try_push();
+	job = try_job();
+	snprintf(digest, sizeof digest, "%s", info_of(job).report->digest);
+	if (!*want)
+		snprintf(want, sizeof want, "%s", digest);
+	must(!strcmp(digest, want));
+	try_fetch(job);
+	turn_until(!jobs_active(h.jobs));
+}
+
+static void one_point(unsigned long i)
+{
+	static const unsigned seed[2] = {1, 2};
+	unsigned fds = open_files();
+	enum push_known_as known[2];
+	char digest[DIGEST_HEX_SIZE];
+
+	/* Where removing fails too, for ever, something stays in the store until it is evicted. */
+	after_crash = plan.for_ever && (plan.kinds & 1u << FAULT_UNLINK);
+	new_folder(i);
+	fault_log_start(h.folder);
+	plan.at = at_of(i);
+	fault_plan(&plan);
+	all_of_it();
+	lift();
+	close_house();
+	/* As good as new. */
+	open_house(SCENE_MEMORY, 2);
+	must(!push_some("a", seed, 2, 2, true, known));
+	must(known[0] == PUSH_KNOWN && known[1] == PUSH_KNOWN);
+	push_end();
+	mesh_to(submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW), digest);
+	must(!strcmp(digest, want));
+	turn_until(!jobs_active(h.jobs));
+	close_house();
+	must(open_files() == fds);
+	must(clean());
+	drop_folder();
+}
+
+static void tell(unsigned long i, int status)
+{
+	printf("%s, call %lu: status %x\n", plan_text, at_of(i), status);
+}
+
+/* How many calls there are when none fails. */
+static unsigned long count(void)
+{
+	unsigned long n;
+
+	new_folder(0);
+	plan.at = 0;
+	fault_plan(&plan);
+	all_of_it();
+	close_house();
+	n = fault_calls();
+	drop_folder();
+	return n;
+}
+
+static unsigned long points, findings;
+
+static void series(const char *text, unsigned kinds, int error, bool for_ever, bool half)
+{
+	unsigned long all, n, bad;
+
+	plan = (struct fault_plan){.kinds = kinds, .error = error, .for_ever = for_ever, .half = half};
+	plan_text = text;
+	all = count();
+	first_call = 1 + (unsigned long)setting("ACUT_FAULT_FIRST", 0);
+	step = all > 100 ? every : 1;
+	n = all / step;
+	bad = each_apart(n, one_point, tell);
+	printf("%-34s %4lu calls, %4lu points, %lu findings\n", text, all, n, bad);
+	points += n;
+	findings += bad;
+}
+
+int main(void)
+{
+	const unsigned writing = 1u << FAULT_WRITE | 1u << FAULT_TRUNCATE | 1u << FAULT_OPEN | 1u << FAULT_MKDIR | 1u << FAULT_RENAME;
+	double begun = seconds();
+
+	log_init("errors", setting("ACUT_FAULT_LOG", 0) ? LOG_LEVEL_INFO : LOG_LEVEL_ERROR);
+	every = (unsigned long)setting("ACUT_FAULT_EVERY", 3);
+	fault_io_start();
+	scene_begin();
+	series("EIO once", FAULT_OURS, EIO, false, false);
+	series("EIO for ever", FAULT_OURS, EIO, true, false);
+	series("ENOSPC once", writing, ENOSPC, false, true);
+	series("ENOSPC for ever", writing, ENOSPC, true, true);
+	series("EDQUOT for ever", writing, EDQUOT, true, false);
+	series("EROFS for ever", writing, EROFS, true, false);
+	series("EMFILE once", 1u << FAULT_OPEN, EMFILE, false, false);
+	series("fsync, EIO once", 1u << FAULT_SYNC, EIO, false, false);
+	series("catalogue, EIO once", FAULT_SQL, EIO, false, false);
+	series("catalogue, EIO for ever", FAULT_SQL, EIO, true, false);
+	series("catalogue, ENOSPC for ever", 1u << FAULT_SQL_WRITE, ENOSPC, true, true);
+	printf("%lu error points: %lu findings, %.1f s\n", points, findings, seconds() - begun);
+	scene_end();
+	return findings != 0;
+}
