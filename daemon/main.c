@@ -305,7 +305,7 @@ static int make_loop(struct daemon *d, struct err *err)
 static int cache_again(void *ctx, int *ret_fd, struct err *err)
 {
 	struct daemon *d = ctx;
-	int lock, r = place_folder(d->config.cache, ret_fd, &lock, err);
+	int lock, r = place_cache(d->config.cache, ret_fd, &lock, err);
 
 	if (r)
 		return r;
