@@ -303,4 +303,21 @@ int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_cou
 /* Content sum (FORMAT.md) of the live records in the range, over all segments: exact always. */
 int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
 
+/* ---- reading everything, to tell what is damaged ---- */
+
+enum { GRID_VERIFY_BYTES = 256 << 10 };
+struct grid_verify_params {
+	int dirfd;
+	void *memory; /* GRID_VERIFY_BYTES */
+	/* Each damaged thing: its file, place and what is wrong. */
+	void (*damaged)(void *ctx, const struct err *);
+	/* Bytes that were read since the last call; non-zero ends it all (-ERR_CANCELLED). NULL is fine. */
+	int (*progress)(void *ctx, uint64_t bytes);
+	void *ctx;
+};
+/* Every page and block, whichever records are live. Damage is no error here. */
+int grid_verify_segment(const struct grid_verify_params *, const struct grid_segment_info *, struct err *err);
+/* Every block of the runs that a stage of that name left. */
+int grid_verify_stage(const struct grid_verify_params *, const char *name, struct err *err);
+
 #endif
