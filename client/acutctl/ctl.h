@@ -25,7 +25,7 @@ struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
 	bool header, strict, planar, accept_truncated, checksum, add;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
-	bool canonical, no_clobber, wait, fresh, resume;
+	bool canonical, no_clobber, wait, fresh, resume, files;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
@@ -69,10 +69,11 @@ enum ctl_group {
 	CTL_OWN = 16,              /* a daemon of its own: mesh, info */
 	CTL_INPUT = 32,            /* reads inputs: mesh, push, info */
 	CTL_SUBMIT = 64,
-	CTL_GENERATION = 128,      /* submit, plan */
+	CTL_GENERATION = 128,      /* of a dataset: submit, plan, dataset show */
 	CTL_FETCH = 256,
 	CTL_PUSH = 512,
 	CTL_CREATE = 1024,           /* dataset create */
+	CTL_DATASET = 1 << 24,       /* dataset log, restore */
 	CTL_GEOID = 1 << 16,
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */

@@ -1,4 +1,4 @@
-/* dataset show NAME: what is in one dataset. Its other verbs belong to a later version. */
+/* dataset show NAME: what is in one dataset; and the table of the verbs of dataset. */
 #include <math.h>
 #include <string.h>
 
@@ -30,78 +30,120 @@ void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 		ctl_json_number(&j, NULL, d->max[i]);
 	ctl_json_close(&j, ']');
 	ctl_json_known(&j, "pending", d->pending);
+	ctl_json_u64(&j, "oldest", d->oldest ? d->oldest : d->generation ? 1 : 0);
+	ctl_json_bool(&j, "pinned", d->pinned);
+	ctl_json_u64(&j, "id", d->id);
+	ctl_job_time(&j, "removed", d->removed_us);
+	ctl_job_time(&j, "restorable_until", d->until_us);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }
 
-struct found {
-	struct ctl *ctl;
-	const char *name;
-	bool any;
-};
-
-static void show(void *ctx, const struct acut_dataset *d)
+static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 {
-	struct found *f = ctx;
-	FILE *out = f->ctl->report;
+	FILE *out = ctl->report;
 	char a[32], b[32];
 
-	if (strcmp(d->name, f->name))
-		return;
-	f->any = true;
-	if (f->ctl->args.json) {
-		ctl_dataset_json(f->ctl, d);
-		return;
-	}
 	fprintf(out, "dataset     %s\ngeneration  %llu, of %u files\npoints      %s, %s\n", d->name,
 		(unsigned long long)d->generation, d->files, ctl_job_count(d->points, a),
 		parse_size_text(d->bytes, b));
+	if (d->oldest > 1)
+		fprintf(out, "oldest      generation %llu\n", (unsigned long long)d->oldest);
 	fprintf(out, "created     %s by user %u\npushed      %s\n", ctl_job_time_text(d->created_us, a),
 		d->uid, ctl_job_time_text(d->pushed_us, b));
 	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", d->lattice, d->crs,
 		d->unit_xy, d->unit_z);
 	if (isfinite(d->min[0]) && isfinite(d->min[1]))
 		fprintf(out, "box         %.15g %.15g to %.15g %.15g\n", d->min[0], d->min[1], d->max[0], d->max[1]);
+	if (d->pinned)
+		fprintf(out, "pinned      it is neither removed nor pruned\n");
 	if (d->pending[0])
 		fprintf(out, "pending     %s\n", d->pending);
 }
 
-int ctl_dataset_run(struct ctl *ctl)
+static int show(struct ctl *ctl)
 {
-	static const char *const later[] = { "log", "rm", "pin", "unpin" };
-	char **word = ctl->args.word;
-	struct found f = { .ctl = ctl, .name = word[1] };
-	struct err err = ERR_INIT;
+	struct acut_dataset d;
+	uint64_t generation = 0;
 	int status;
 
-	for (unsigned i = 0; i < sizeof(later) / sizeof(*later); i++) {
-		if (!strcmp(word[0], later[i])) {
-			err_set(&err, ERR_UNSUPPORTED, "dataset %s is not in this version of acut", later[i]);
-			return ctl_error(ctl, &err);
-		}
-	}
-	if (!strcmp(word[0], "create") && ctl->args.nword == 2)
-		return ctl_dataset_create(ctl, word[1]);
-	if (ctl->args.scale || ctl->args.crs) {
-		err_set(&err, ERR_USAGE, "dataset %s takes no --%s", word[0], ctl->args.crs ? "crs" : "scale");
-		return ctl_error(ctl, &err);
-	}
-	if (strcmp(word[0], "show") || ctl->args.nword != 2) {
-		err_set(&err, ERR_USAGE,
-			strcmp(word[0], "show") && strcmp(word[0], "create") ? "there is no command dataset %s"
-						: "dataset %s takes one name",
-			word[0]);
-		err_add_hint(&err, "acutctl dataset show NAME, or create NAME");
-		return ctl_error(ctl, &err);
-	}
+	if (ctl->args.generation)
+		parse_u64(ctl->args.generation, &generation);
 	status = ctl_connect(ctl);
 	if (status)
 		return status;
-	if (acut_datasets(ctl->acut, f.name, show, &f))
+	if (acut_dataset_at(ctl->acut, ctl->args.word[1], generation, &d))
 		return ctl_error_acut(ctl);
-	if (!f.any) {
-		err_set(&err, ERR_NOTFOUND, "there is no dataset %s", f.name);
-		return ctl_error(ctl, &err);
-	}
+	if (ctl->args.json)
+		ctl_dataset_json(ctl, &d);
+	else
+		show_text(ctl, &d);
 	return CTL_DONE;
+}
+
+static int create(struct ctl *ctl)
+{
+	return ctl_dataset_create(ctl, ctl->args.word[1]);
+}
+
+static int log_run(struct ctl *ctl)
+{
+	return ctl_dataset_log(ctl, ctl->args.word[1]);
+}
+
+static int revert(struct ctl *ctl)
+{
+	return ctl_dataset_revert(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
+}
+
+/* Options that not all of the verbs take. */
+enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8 };
+
+static const struct verb {
+	const char *name;
+	unsigned words, most; /* with the verb itself */
+	unsigned takes;
+	int (*run)(struct ctl *);
+} verbs[] = {
+	{ "create", 2, 2, TAKES_SCALE, create },
+	{ "log", 2, 2, TAKES_FILES, log_run },
+	{ "revert", 2, 3, 0, revert },
+	{ "show", 2, 2, TAKES_AT, show },
+};
+
+static int check_options(const struct ctl_args *a, const struct verb *v, struct err *err)
+{
+	const char *const given[] = {
+		a->scale && !(v->takes & TAKES_SCALE) ? "scale" : NULL,
+		a->crs && !(v->takes & TAKES_SCALE) ? "crs" : NULL,
+		a->generation && !(v->takes & TAKES_AT) ? "at" : NULL,
+		a->files && !(v->takes & TAKES_FILES) ? "files" : NULL,
+	};
+
+	for (size_t i = 0; i < sizeof(given) / sizeof(*given); i++)
+		if (given[i])
+			return err_set(err, ERR_USAGE, "dataset %s takes no --%s", v->name, given[i]);
+	return 0;
+}
+
+int ctl_dataset_run(struct ctl *ctl)
+{
+	const char *name = ctl->args.word[0];
+	unsigned n = ctl->args.nword;
+	const struct verb *v = NULL;
+	struct err err = ERR_INIT;
+
+	for (size_t i = 0; i < sizeof(verbs) / sizeof(*verbs); i++)
+		if (!strcmp(verbs[i].name, name))
+			v = &verbs[i];
+	if (!v)
+		err_set(&err, ERR_USAGE, "there is no command dataset %s", name);
+	else if (n < v->words || n > v->most)
+		err_set(&err, ERR_USAGE, "dataset %s takes one name%s", name,
+			v->most > 2 ? ", and at most one more word" : "");
+	if (err.code)
+		err_add_hint(&err, "acutctl dataset %s", ctl->command->usage + strlen("dataset "));
+	else
+		check_options(&ctl->args, v, &err);
+	return err.code ? ctl_error(ctl, &err) : v->run(ctl);
 }

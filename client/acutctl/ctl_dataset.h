@@ -8,5 +8,7 @@ struct acut_dataset;
 void ctl_dataset_json(struct ctl *, const struct acut_dataset *);
 
 int ctl_dataset_create(struct ctl *, const char *name);
+int ctl_dataset_log(struct ctl *, const char *name);
+int ctl_dataset_revert(struct ctl *, const char *name, const char *generation /* NULL: the newest */);
 
 #endif

@@ -105,8 +105,10 @@ static const struct option table[] = {
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
 	{"priority", 0, "WHICH", TEXT, AT(priority), CTL_JOB,
 	 "low, normal or high: before or after the jobs of others (high: root and the user of acutd)"},
-	{"generation", 0, "N", TEXT, AT(generation), CTL_GENERATION,
+	{"at", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION,
 	 "of this state of the dataset, not the newest"},
+	{"generation", 0, "N", TEXT, AT(generation), CTL_GENERATION, "the same as --at"},
+	{"files", 0, NULL, FLAG, AT(files), CTL_DATASET, "with each file"},
 
 	{"memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN,
 	 "a daemon of this command's own, with this much memory"},
@@ -291,7 +293,7 @@ static int check_values(struct ctl *ctl, struct err *err)
 	if (a->threads)
 		r = ctl_option_number("--threads", a->threads, 1, 1024, &n, err);
 	if (!r && a->generation)
-		r = ctl_option_number("--generation", a->generation, 1, UINT64_MAX, &n, err);
+		r = ctl_option_number("--at", a->generation, 1, UINT64_MAX, &n, err);
 	if (!r && a->priority && strcmp(a->priority, "low") && strcmp(a->priority, "normal") &&
 	    strcmp(a->priority, "high"))
 		r = err_set(err, ERR_USAGE, "--priority is low, normal or high, not \"%s\"", a->priority);

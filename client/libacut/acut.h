@@ -301,11 +301,52 @@ struct acut_dataset {
 	uint32_t files, uid;
 	int64_t created_us, pushed_us;
 	double min[3], max[3]; /* NAN where the daemon does not say */
+	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
+	bool pinned;
+	uint64_t id;
+	uint64_t oldest; /* generation that can be read; 0: not said */
 };
 /* A dataset before its first push. NULL, "": as the inputs of that push have it. */
 int acut_dataset_create(struct acut *, const char *name, const char *scale_xy, const char *scale_z, const char *crs);
 int acut_datasets(struct acut *, const char *name /* NULL: all */,
 		  void (*each)(void *ctx, const struct acut_dataset *), void *ctx);
+
+/* As it was in that generation: points and files; the call's texts until the next one. */
+int acut_dataset_at(struct acut *, const char *dataset, uint64_t generation, struct acut_dataset *ret);
+
+struct acut_generation {
+	uint64_t number, undoes;     /* the generation that it undoes, or up to which was pruned; 0: none */
+	int64_t time_us;             /* 0: not known */
+	const char *user, *kind;     /* "": not known; push, revert, replace, prune, import */
+	const char *content;         /* sum of the hashes of the files that it added */
+	uint64_t points_added, points_removed;
+	uint32_t uid, files, files_removed; /* files that it added (or brought back), and removed */
+	bool readable;               /* it was not pruned */
+};
+struct acut_log_file {
+	const char *name, *hash;     /* XXH3-128 of its bytes; "": not known */
+	const char *path;            /* as the client saw it; "": a pipe, or not for this user */
+	uint64_t points, size;
+	uint32_t source;
+	bool removed;                /* by the generation, not added */
+};
+/* Calls that must not call on the connection. */
+struct acut_log_sink {
+	void (*generation)(void *ctx, const struct acut_generation *);
+	void (*file)(void *ctx, const struct acut_log_file *);      /* of it; NULL: files are not asked for */
+	void (*end)(void *ctx, const struct acut_generation *);     /* of its files; may be NULL */
+	void *ctx;
+};
+/* Ascending by number, paging inside. */
+int acut_dataset_log(struct acut *, const char *dataset, const struct acut_log_sink *);
+
+struct acut_reverted {
+	uint64_t generation, undone, points; /* the new one; that it undoes; of the dataset now */
+	uint32_t files, files_removed;       /* brought back; taken away */
+	uint64_t points_added, points_removed;
+};
+/* generation 0: the newest. */
+int acut_dataset_revert(struct acut *, const char *dataset, uint64_t generation, struct acut_reverted *ret);
 
 struct acut_plan {
 	uint64_t points, domains, memory_bytes, disk_bytes;

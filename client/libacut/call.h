@@ -96,6 +96,7 @@ char *call_text(const char *text);
 void call_failure(const struct err *err, struct acut_failure *ret);
 void call_progress(const Acut__V1__Progress *, struct acut_progress *ret);
 int call_job(struct acut *, const Acut__V1__Job *, struct acut_job *ret, void **ret_rows);
+void call_dataset(const Acut__V1__Dataset *, struct acut_dataset *ret);
 /* The file must be one that the daemon takes. */
 int call_file(struct acut *, int fd, const char *name);
 void call_probe(const Acut__V1__Probed *, struct acut_probe *ret);

@@ -5,7 +5,6 @@
  */
 #include "call.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -224,29 +223,6 @@ int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), 
 	return r;
 }
 
-static void get_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
-{
-	*ret = (struct acut_dataset){
-	    .name = d->name,
-	    .lattice = d->lattice,
-	    .crs = d->crs,
-	    .unit_xy = d->unit_xy,
-	    .unit_z = d->unit_z,
-	    .pending = d->pending,
-	    .generation = d->generation,
-	    .points = d->points,
-	    .bytes = d->bytes,
-	    .files = d->files,
-	    .uid = d->uid,
-	    .created_us = d->created_us,
-	    .pushed_us = d->pushed_us,
-	};
-	for (size_t i = 0; i < 3; i++) {
-		ret->min[i] = i < d->n_min ? d->min[i] : NAN;
-		ret->max[i] = i < d->n_max ? d->max[i] : NAN;
-	}
-}
-
 int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, const char *scale_z, const char *crs)
 {
 	Acut__V1__DatasetCreate question = ACUT__V1__DATASET_CREATE__INIT;
@@ -283,7 +259,7 @@ int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, cons
 		for (size_t i = 0; i < page->datasets->n_datasets && r == 0; i++) {
 			struct acut_dataset dataset;
 
-			get_dataset(page->datasets->datasets[i], &dataset);
+			call_dataset(page->datasets->datasets[i], &dataset);
 			if (strcmp(dataset.name, question.after) <= 0)
 				r = err_set(&a->err, ERR_PROTO,
 					    "the daemon's list of datasets does not rise");

@@ -344,6 +344,8 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.pushes = d->pushes,
 		.oldest = d->oldest,
 		.segments = d->segments,
+		.removed_us = d->removed_us,
+		.pinned = d->pinned,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);
 	for (q = d->pending; q; q = q->next)
@@ -357,10 +359,14 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 	}
 }
 
+/* What stays as it is needs no memory: a commit that is in the catalogue does not fail here. */
 static bool replace(char **to, const char *with)
 {
-	char *copy = strdup(with);
+	char *copy;
 
+	if (*to && !strcmp(*to, with))
+		return true;
+	copy = strdup(with);
 	if (!copy)
 		return false;
 	free(*to);
@@ -437,8 +443,28 @@ void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
 		.unit_z = d->unit_z,
 		.oldest = d->oldest,
 		.segments = d->segments,
+		.removed_us = d->removed_us,
+		.pinned = d->pinned,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);
+}
+
+int dataset_check_generation(const struct dataset *d, uint64_t generation, struct err *err)
+{
+	uint64_t oldest = d->oldest ? d->oldest : 1;
+
+	if (!d->generation)
+		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
+	if (!generation || (generation >= oldest && generation <= d->generation))
+		return 0;
+	if (generation < oldest)
+		err_set(err, ERR_NOTFOUND, "generation %llu of the dataset %s was pruned", (unsigned long long)generation,
+			d->name);
+	else
+		err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu", d->name,
+			(unsigned long long)generation);
+	return err_add_hint(err, "it has generations %llu to %llu", (unsigned long long)oldest,
+			    (unsigned long long)d->generation);
 }
 
 int dataset_put_row(struct dataset *d, struct err *err)
@@ -488,6 +514,8 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	d->pushed_us = row->pushed_us;
 	snprintf(d->manifest, sizeof d->manifest, "%s", row->manifest);
 	d->generation = row->generation;
+	d->removed_us = row->removed_us;
+	d->pinned = row->pinned;
 	d->named = row->generation > 0;
 	d->points = row->points;
 	d->bytes = row->bytes;

@@ -89,6 +89,8 @@ struct dataset_info {
 	int32_t box[4];
 	uint64_t oldest;   /* generation that can be read */
 	uint32_t segments; /* 0: not known */
+	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
+	bool pinned;
 	unsigned pushes; /* open now */
 	unsigned pending; /* interrupted; the next five are of the newest */
 	uint32_t pending_files, pending_uid;
@@ -114,6 +116,26 @@ struct dataset_wish {
 /* Answered when the catalogue has it. -ERR_USAGE: there is one of that name. */
 void dataset_create(struct jobs *, const struct dataset_wish *,
 		    void (*created)(void *token, const struct err *why), void *token);
+
+/* -ERR_NOTFOUND, with the range that there is; 0 is the newest. */
+int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
+/* Owner and root; else -ERR_PERM. */
+int dataset_owned(const struct dataset *, const struct job_peer *, struct err *err);
+
+struct reverted {
+	struct dataset *dataset;
+	uint64_t generation, undone, points; /* the new one; the one that it undoes; of the dataset now */
+	const struct grid_generation *did;   /* without the user */
+};
+typedef void revert_answer_fn(void *token, const struct err *why, const struct reverted *);
+/* A new generation that undoes another one; 0: the newest. -ERR_USAGE: what it did was changed since. */
+void dataset_revert(struct dataset *, uint64_t generation, const struct job_peer *, revert_answer_fn *answer,
+		    void *token);
+
+/* The newest manifest of a dataset (NULL: there is none yet), which is the house's, and the callback's while it is
+ * called. */
+typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
+void dataset_read(struct dataset *, const struct job_peer *, dataset_read_fn *answer, void *token);
 
 /* ---- pushes ---- */
 

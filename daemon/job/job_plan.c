@@ -137,9 +137,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		err_set(&err, ERR_NOMEM, "no memory for a plan");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (!d->generation || generation > d->generation)
-		err_set(&err, ERR_NOTFOUND, "the dataset %s has no such generation", d->name);
-	else if (!job_view(view, d, &text, &err)) {
+	else if (!dataset_check_generation(d, generation, &err) && !job_view(view, d, &text, &err)) {
 		params.view_text = text;
 		walk_new(&params, &p->walk, &err);
 		free(text);

@@ -50,6 +50,8 @@ struct dataset {
 	uint64_t generation, points, bytes;
 	uint64_t oldest;   /* generation that can be read; 0: there is none */
 	uint32_t segments; /* of the newest manifest; 0: not known yet */
+	int64_t removed_us; /* 0: it is there */
+	bool pinned;
 	char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
 	bool onestep;
@@ -137,6 +139,7 @@ struct jobs {
 	struct push *pushes;
 	struct job *jobs;
 	struct job_asked_plan *plans;
+	struct dataset_change *changes; /* that wait for their turn */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned walks_max;
@@ -193,6 +196,12 @@ int folder_empty(int dirfd, struct err *err); /* removes everything in it */
 int folder_remove(int dirfd, const char *name, struct err *err); /* with everything in it; absent is success */
 /* Removes the entries whose names begin so. */
 int folder_sweep(int dirfd, const char *prefix, struct err *err);
+
+/* dataset_change.c (dataset_change.h): what is no push */
+void dataset_changes_settle(struct jobs *);
+/* The dataset's row as it will be with that manifest; the dataset itself is changed (dataset_set) when `done` says so. */
+int dataset_commit_row(struct dataset *, const struct grid_manifest *made, const char *name, int64_t pushed_us,
+		       catalogue_done_fn done, void *ctx, struct err *err);
 
 /* dataset_generation.c */
 /* m->generations becomes the base's (NULL: there is none) and m->generation, as its sources have it; to be freed.

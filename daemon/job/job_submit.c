@@ -121,12 +121,9 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 		err_set(err, ERR_BUSY, "%u jobs of this user wait or run already", own);
 		return err_add_hint(err, "submit it again when some of them are done");
 	}
-	if (!p->dataset->generation)
-		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", p->dataset->name);
-	if (generation > p->dataset->generation)
-		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu",
-			       p->dataset->name, (unsigned long long)generation,
-			       (unsigned long long)p->dataset->generation);
+	r = dataset_check_generation(p->dataset, generation, err);
+	if (r)
+		return r;
 	r = job_view(p->view, p->dataset, ret_view, err);
 	if (!r && (r = check_views(j, *ret_view, err))) {
 		free(*ret_view);

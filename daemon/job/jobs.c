@@ -279,6 +279,7 @@ void jobs_settle(struct jobs *j)
 		job_settle(job);
 	job_plans_settle(j);
 	admit_stages(j);
+	dataset_changes_settle(j);
 	for (p = j->pushes; p; p = next) {
 		next = push_next(p);
 		push_retry(p);

@@ -17,6 +17,9 @@ int push_begin_start(struct push *p, struct push_ask *a, struct err *err)
 		if (other != p && other->dataset == p->dataset && other->left && other->peer.uid == p->peer.uid)
 			return PUSH_WAIT;
 	memcpy(p->base_name, p->dataset->manifest, sizeof p->base_name);
+	if (!p->reads)
+		dataset_read_begin(p->dataset);
+	p->reads = true;
 	if (!p->claims)
 		push_claim(p);
 	return 0;
@@ -140,6 +143,9 @@ bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 	};
 	int r = 0;
 
+	if (p->reads)
+		dataset_read_end(p->dataset);
+	p->reads = false;
 	if (why && why->code == ERR_BUSY && p->task.ran && !p->left && !push_waits_in_vain(p)) {
 		p->lacks = p->again = true;
 		return false;

@@ -257,7 +257,7 @@ static void commit_answer(struct push *p, const struct err *why)
 		d->seal_seconds = p->commit_ns ? clock_since(p->commit_ns) : 0;
 		if (dataset_set(d, p->made, p->made_name, &err))
 			why = &err;
-		p->old_goes = !jobs_opening(p->jobs, d);
+		p->old_goes = !jobs_opening(p->jobs, d) && !d->readers;
 	}
 	p->committed = !why;
 	if (!why)
@@ -305,27 +305,8 @@ bool push_commit_done(struct push *p, struct push_ask *a, const struct err *why)
 	if (!p->stage)
 		push_stage_give(p);
 	if (!why && p->made && !p->dataset->onestep) {
-		/* The row as it will be; the dataset itself changes when it is on disk. */
-		struct dataset shadow = *p->dataset;
-		struct catalogue_dataset row;
-		int r;
+		int r = dataset_commit_row(p->dataset, p->made, p->made_name, clock_real_us(), commit_row_done, p, &err);
 
-		shadow.lattice = strdup("");
-		shadow.crs = strdup("");
-		shadow.unit_xy = strdup("");
-		shadow.unit_z = strdup("");
-		shadow.pushed_us = clock_real_us();
-		shadow.dirfd = -1;
-		r = dataset_set(&shadow, p->made, p->made_name, &err);
-		if (!r) {
-			dataset_row(&shadow, &row);
-			r = catalogue_put_dataset(p->jobs->p.catalogue, &row, 0,
-						  commit_row_done, p, &err);
-		}
-		free(shadow.lattice);
-		free(shadow.crs);
-		free(shadow.unit_xy);
-		free(shadow.unit_z);
 		if (!r) {
 			p->waiting_row = true;
 			return false;

@@ -118,6 +118,7 @@ struct push {
 	struct sched_owner owner; /* of all its tasks */
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
+	bool reads;   /* the dataset's newest manifest, by name */
 	bool settled; /* what was there is known, and the push's own (push_begin_done) */
 	/* The first ask waits for memory: its worker is done and `done` is asked again, or all of it is (again). */
 	bool lacks, again;

@@ -57,6 +57,11 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.uid = info.uid;
 	m->dataset.created_us = info.created_us;
 	m->dataset.pushed_us = info.pushed_us;
+	m->dataset.removed_us = info.removed_us;
+	m->dataset.until_us = info.until_us;
+	m->dataset.pinned = info.pinned;
+	m->dataset.id = info.id;
+	m->dataset.oldest = info.oldest;
 	message_pending(&info, m);
 	if (!info.points || !lattice_parse(info.lattice, &lattice))
 		return;
@@ -69,12 +74,40 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.max = m->max;
 }
 
+/* One, as a list. */
+static void answer_one(struct request *q, struct message_dataset *m)
+{
+	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
+	Acut__V1__Dataset *one = &m->dataset;
+
+	list.n_datasets = 1;
+	list.datasets = &one;
+	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+}
+
+void request_dataset_state(struct request *q, const struct dataset *d, const struct grid_manifest *then,
+			   uint64_t generation)
+{
+	struct message_dataset m;
+
+	message_dataset(d, &m);
+	m.dataset.generation = generation;
+	m.dataset.points = m.dataset.files = 0;
+	for (size_t i = 0; then && i < then->nsources; i++)
+		if (grid_source_live(&then->sources[i], generation)) {
+			m.dataset.points += then->sources[i].points;
+			m.dataset.files++;
+		}
+	for (size_t i = 0; then && i < then->ngenerations; i++)
+		if (then->generations[i].number <= generation && then->generations[i].time_us)
+			m.dataset.pushed_us = then->generations[i].time_us;
+	answer_one(q, &m);
+}
+
 static void one_dataset(struct conn *c, struct request *q, const char *name)
 {
 	struct dataset *d = dataset_find(c->server->jobs, name, &c->peer);
-	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
 	struct message_dataset m;
-	Acut__V1__Dataset *one = &m.dataset;
 	struct err err = ERR_INIT;
 
 	if (!d) {
@@ -83,9 +116,7 @@ static void one_dataset(struct conn *c, struct request *q, const char *name)
 		return;
 	}
 	message_dataset(d, &m);
-	list.n_datasets = 1;
-	list.datasets = &one;
-	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+	answer_one(q, &m);
 }
 
 void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
@@ -98,6 +129,10 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
+	if (*m->datasets_request->name && m->datasets_request->generation) {
+		request_dataset_at(c, q, m->datasets_request->name, m->datasets_request->generation);
+		return;
+	}
 	if (*m->datasets_request->name) {
 		one_dataset(c, q, m->datasets_request->name);
 		return;

@@ -112,6 +112,11 @@ void request_job_told(struct conn *, struct job *);
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_data.c */
 request_fn request_datasets, request_dataset_create, request_plan;
+/* Points and files as its manifest (NULL: none) says of that generation. */
+void request_dataset_state(struct request *, const struct dataset *, const struct grid_manifest *, uint64_t generation);
+/* request_generation.c */
+request_fn request_log, request_files, request_revert;
+void request_dataset_at(struct conn *, struct request *, const char *name, uint64_t generation);
 
 /* message_job.c: a Job as a message, with the texts that it points to. Do not copy or move it. */
 struct message_job {

@@ -159,8 +159,7 @@ def later(base):
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)
-    for words in (["cache", "stat"], ["doctor"], ["dataset", "rm", "x"], ["dataset", "pin", "x"],
-                  ["dataset", "log", "x"], ["dataset", "unpin", "x"], ["help", "cache"]):
+    for words in (["cache", "stat"], ["doctor"], ["help", "cache"]):
         expect(words, 2, "not in this version")
 
 
@@ -168,6 +167,7 @@ def no_daemon(base):
     survey = os.path.join(base, "a.xyz")
     none = {"ACUT_SOCKET": "", "HOME": base, "PATH": "/nonexistent", "ACUT_ACUTD": ""}
     for words in (["ping"], ["status"], ["jobs"], ["datasets"], ["show", "1"], ["submit", "x"], ["plan", "x"], ["push", "x", survey],
+                  ["dataset", "log", "x"], ["dataset", "revert", "x", "2"], ["dataset", "show", "x", "--at", "2"],
                   ["fetch", "1", "-o", base + "/m.ply"], ["cancel", "1"], ["rm", "1"], ["wait", "1"], ["watch"]):
         expect(words, 69, "no daemon")
         expect(words, 69, "--private", env=none) if not os.path.exists("/run/acut/acutd.sock") else None

@@ -1,0 +1,259 @@
+/*
+ * Requests about the generations of a dataset: a worker reads the manifest, and a page of it is the answer.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "server_priv.h"
+
+enum { PAGE_MAX = 64 };
+
+struct page_ask {
+	struct request *request;
+	uint64_t generation, after;
+	unsigned limit;
+};
+
+static void ask_page(struct conn *c, struct request *q, const char *name, const struct page_ask *what, dataset_read_fn *answer)
+{
+	struct dataset *d = dataset_find(c->server->jobs, name, &c->peer);
+	struct page_ask *ask = d ? malloc(sizeof *ask) : NULL;
+	struct err err = ERR_INIT;
+
+	if (!ask) {
+		if (d)
+			err_set(&err, ERR_NOMEM, "no memory for a list");
+		else
+			err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
+		request_refuse(q, &err);
+		return;
+	}
+	*ask = *what;
+	ask->request = q;
+	if (!ask->limit || ask->limit > PAGE_MAX)
+		ask->limit = PAGE_MAX;
+	dataset_read(d, &c->peer, answer, ask);
+}
+
+/* ---- the log ---- */
+
+static void message_generation(const struct grid_generation *g, Acut__V1__Generation *m, char hex[DIGEST_HEX_SIZE],
+			       char user[GRID_USER])
+{
+	acut__v1__generation__init(m);
+	strncpy(user, g->user, GRID_USER - 1);
+	user[GRID_USER - 1] = 0;
+	m->number = g->number;
+	m->time_us = g->time_us;
+	m->uid = g->uid;
+	m->user = frame_text_clean(user);
+	m->kind = (char *)grid_generation_kind_text(g->kind);
+	m->undoes = g->undoes;
+	m->files = g->files;
+	m->files_removed = g->files_removed;
+	m->points_added = g->points_added;
+	m->points_removed = g->points_removed;
+	m->content = digest_hex(g->content, hex);
+}
+
+static void answer_log(const struct page_ask *ask, const struct grid_manifest *m)
+{
+	Acut__V1__Log log = ACUT__V1__LOG__INIT;
+	Acut__V1__Generation row[PAGE_MAX], *rows[PAGE_MAX];
+	char hex[PAGE_MAX][DIGEST_HEX_SIZE], user[PAGE_MAX][GRID_USER];
+	unsigned n = 0;
+
+	log.oldest = m ? grid_manifest_oldest(m) : 0;
+	log.newest = m ? m->generation : 0;
+	for (size_t i = 0; m && i < m->ngenerations && !log.more; i++) {
+		if (m->generations[i].number <= ask->after)
+			continue;
+		log.more = n == ask->limit;
+		if (log.more)
+			break;
+		message_generation(&m->generations[i], &row[n], hex[n], user[n]);
+		rows[n] = &row[n];
+		n++;
+	}
+	log.generations = rows;
+	log.n_generations = n;
+	request_answer(ask->request, FRAME_MESSAGE(LOG, log, &log));
+}
+
+static void log_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+{
+	struct page_ask *ask = token;
+
+	if (why)
+		request_refuse(ask->request, why);
+	else
+		answer_log(ask, m);
+	free(ask);
+}
+
+void request_log(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const struct page_ask what = {.after = m->log_request->after, .limit = m->log_request->limit};
+
+	ask_page(c, q, m->log_request->dataset, &what, log_read);
+}
+
+/* ---- the files of a generation ---- */
+
+/* 1: the generation added it, -1: it removed it, 0: neither. */
+static int done_to(const struct grid_source *s, uint64_t g)
+{
+	for (size_t i = 0; i < s->nearlier; i++)
+		if (s->earlier[i].added == g || s->earlier[i].removed == g)
+			return s->earlier[i].added == g ? 1 : -1;
+	if (s->added == s->removed || (s->added != g && s->removed != g))
+		return 0;
+	return s->added == g ? 1 : -1;
+}
+
+/* The source of the lowest number after `after`. */
+static const struct grid_source *next_file(const struct grid_manifest *m, uint64_t g, uint64_t after)
+{
+	const struct grid_source *best = NULL;
+
+	for (size_t i = 0; i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		if (s->id > after && (!best || s->id < best->id) && done_to(s, g))
+			best = s;
+	}
+	return best;
+}
+
+struct message_file {
+	Acut__V1__DatasetFile file;
+	char name[GRID_SOURCE_NAME], hash[DIGEST_HEX_SIZE];
+};
+
+static void message_file(const struct grid_source *s, uint64_t g, bool owner, struct message_file *m)
+{
+	acut__v1__dataset_file__init(&m->file);
+	strncpy(m->name, s->name, sizeof m->name - 1);
+	m->name[sizeof m->name - 1] = 0;
+	m->file.source = s->id;
+	m->file.name = frame_text_clean(m->name);
+	m->file.path.data = owner ? (uint8_t *)s->path : NULL;
+	m->file.path.len = owner ? strlen(s->path) : 0;
+	m->file.points = s->points;
+	m->file.size = s->size;
+	if (!digest_is_zero(s->hash))
+		m->file.hash = digest_hex(s->hash, m->hash);
+	m->file.removed = done_to(s, g) < 0;
+}
+
+static void answer_files(const struct page_ask *ask, bool owner, const struct grid_manifest *m)
+{
+	struct message_file *page = calloc(PAGE_MAX, sizeof *page);
+	Acut__V1__DatasetFile *rows[PAGE_MAX];
+	Acut__V1__Files files = ACUT__V1__FILES__INIT;
+	const struct grid_source *s;
+	uint64_t after = ask->after;
+	struct err err = ERR_INIT;
+	unsigned n = 0;
+
+	if (!page) {
+		err_set(&err, ERR_NOMEM, "no memory for a list");
+		request_refuse(ask->request, &err);
+		return;
+	}
+	files.files = rows;
+	while (m && (s = next_file(m, ask->generation, after))) {
+		files.more = n == ask->limit;
+		if (files.more)
+			break;
+		message_file(s, ask->generation, owner, &page[n]);
+		rows[n] = &page[n].file;
+		files.n_files = n + 1;
+		if (frame_message_size(FRAME_MESSAGE(FILES, files, &files)) > FRAME_MAX) {
+			files.n_files = n;
+			files.more = true;
+			break;
+		}
+		after = s->id;
+		n++;
+	}
+	request_answer(ask->request, FRAME_MESSAGE(FILES, files, &files));
+	free(page);
+}
+
+static void files_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+{
+	struct page_ask *ask = token;
+	struct err err = ERR_INIT;
+	bool owner = !dataset_owned(d, &ask->request->conn->peer, &err);
+
+	if (why)
+		request_refuse(ask->request, why);
+	else
+		answer_files(ask, owner, m);
+	free(ask);
+}
+
+void request_files(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const Acut__V1__FilesRequest *in = m->files_request;
+	const struct page_ask what = {.generation = in->generation, .after = in->after, .limit = in->limit};
+
+	ask_page(c, q, in->dataset, &what, files_read);
+}
+
+/* ---- a dataset as it was ---- */
+
+static void state_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
+{
+	struct page_ask *ask = token;
+	struct err err = ERR_INIT;
+
+	if (!why && dataset_check_generation(d, ask->generation, &err))
+		why = &err;
+	if (why)
+		request_refuse(ask->request, why);
+	else
+		request_dataset_state(ask->request, d, m, ask->generation);
+	free(ask);
+}
+
+void request_dataset_at(struct conn *c, struct request *q, const char *name, uint64_t generation)
+{
+	const struct page_ask what = {.generation = generation};
+
+	ask_page(c, q, name, &what, state_read);
+}
+
+/* ---- reverts ---- */
+
+static void reverted(void *token, const struct err *why, const struct reverted *r)
+{
+	Acut__V1__Reverted m = ACUT__V1__REVERTED__INIT;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	m.generation = r->generation;
+	m.undone = r->undone;
+	m.points = r->points;
+	m.files = r->did->files;
+	m.files_removed = r->did->files_removed;
+	m.points_added = r->did->points_added;
+	m.points_removed = r->did->points_removed;
+	request_answer(token, FRAME_MESSAGE(REVERTED, reverted, &m));
+}
+
+void request_revert(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct dataset *d = dataset_find(c->server->jobs, m->revert->dataset, &c->peer);
+	struct err err = ERR_INIT;
+
+	if (d) {
+		dataset_revert(d, m->revert->generation, &c->peer, reverted, q);
+		return;
+	}
+	err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->revert->dataset);
+	request_refuse(q, &err);
+}

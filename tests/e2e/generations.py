@@ -1,0 +1,169 @@
+"""Generations: what a dataset was at any time is what a dataset is that never got the later pushes; a revert and a
+replaced file leave nothing behind but their line in the log. Everything is compared, both digests, with a build from
+nothing of the files that are then live."""
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import threading
+import time
+
+import e2e
+from e2e import expect
+from survey import las, says, show
+
+KEYS = ("digest", "vertex_digest", "vertices", "triangles", "points", "used")
+
+
+def cloud(base, name, seed, x, y, n, side=3000, thick=3000, ties=0):
+    """Points in a square; `ties` of them at positions that all clouds of one place share, each with its own height."""
+    rng = random.Random(seed)
+    points = [(x + rng.randrange(side), y + rng.randrange(side), rng.randrange(thick)) for _ in range(n)]
+    shared = random.Random(1)
+    points += [(shared.randrange(9000), shared.randrange(9000), rng.randrange(-thick, thick)) for _ in range(ties)]
+    return las(os.path.join(base, name), points, scale=(.01, .01, .01))
+
+
+def mesh(d, name, *options):
+    job = d.ctl("submit", name, "--wait", *options).ok().out.split()[0]
+    got = d.ctl("show", job, "--json").ok().json()
+    return {k: got[k] for k in KEYS}
+
+
+class Fresh:
+    """What a build from nothing gives of some files: on the lattice of the first push."""
+
+    def __init__(self, d, options=((),)):
+        self.d, self.n, self.options, self.known = d, 0, options, {}
+
+    def of(self, files):
+        key = tuple(sorted(files))
+        if key not in self.known:
+            self.n += 1
+            name = "fresh%d" % self.n
+            self.d.ctl("push", name, "--scale", "0.01,0.01", *key).ok()
+            self.known[key] = [mesh(self.d, name, *o) for o in self.options]
+        return self.known[key]
+
+
+def log(d, name, *more):
+    return [json.loads(line) for line in d.ctl("dataset", "log", name, "--json", *more).ok().out.splitlines()]
+
+
+VIEWS = ((), ("--surface",), ("--thin", "50"), ("--duplicates", "highest", "--zmin", "-5"))
+
+
+def state(d, name, options=VIEWS, at=None):
+    more = ("--at", str(at)) if at else ()
+    return [mesh(d, name, *more, *o) for o in options]
+
+
+def revert_and_at():
+    """Pushes, reverts, reverts of reverts: every state at every time, in one daemon and after a restart."""
+    with e2e.Folder() as base:
+        a = cloud(base, "a.las", 1, 0, 0, 4000, ties=300)
+        b = cloud(base, "b.las", 2, 2000, 1000, 3000, ties=300)
+        c = cloud(base, "c.las", 3, 9000, 9000, 500, side=60000, ties=300)  # the rim: the root of the plan is larger with it
+        d = e2e.Daemon(base, memory="32M")
+        with d:
+            fresh = Fresh(d, VIEWS)
+            then = {}
+            for n, (what, live) in enumerate([(("push", "s", a), [a]), (("push", "s", b, c), [a, b, c]),
+                                              (("dataset", "revert", "s"), [a]), (("dataset", "revert", "s", "1"), []),
+                                              (("dataset", "revert", "s", "3"), [b, c]), (("push", "s", a), [a, b, c]),
+                                              (("dataset", "revert", "s", "5"), [a])], 1):
+                if what[0] == "push":
+                    d.ctl(*what[:2], "--scale", "0.01,0.01", *what[2:]).ok() if n == 1 else d.ctl(*what).ok()
+                else:
+                    d.ctl(*what).ok()
+                expect(show(d, "s")["generation"] == n, "generation %d is %s" % (n, show(d, "s")))
+                expect(show(d, "s")["files"] == len(live), "generation %d has %s" % (n, show(d, "s")))
+                if live:
+                    then[n] = fresh.of(live)
+                    expect(state(d, "s") == then[n], "generation %d is not %s" % (n, live))
+            for n in then:
+                expect(state(d, "s", VIEWS[:2], n) == then[n][:2], "--at %d is not what it was" % n)
+            expect(mesh(d, "s", "--at", "4")["triangles"] == 0, "an empty generation has triangles")
+            told = d.ctl("dataset", "show", "s", "--at", "2", "--json").ok().json()
+            expect((told["generation"], told["files"], told["points"]) == (2, 3, 4000 + 3000 + 500 + 900), "show --at: %s" % told)
+            says(d.ctl("submit", "s", "--at", "8"), 4, "no generation 8", "1 to 7")
+            says(d.ctl("plan", "s", "--at", "8"), 4, "no generation 8", "1 to 7")
+            says(d.ctl("dataset", "show", "s", "--at", "8"), 4, "no generation 8", "1 to 7")
+            says(d.ctl("plan", "s", "--at", "4"), 0)
+        with e2e.Daemon(base, memory="32M") as d:
+            for n in then:
+                expect(state(d, "s", VIEWS[:1], n) == then[n][:1], "after a restart --at %d is not what it was" % n)
+            expect([(g["kind"], g["undoes"]) for g in log(d, "s")] == [
+                ("push", None), ("push", None), ("revert", 2), ("revert", 1), ("revert", 3), ("push", None), ("revert", 5)],
+                "the log: %s" % log(d, "s"))
+
+
+def conflicts():
+    """What cannot be undone without taking something else along says so, and changes nothing."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a, b = cloud(base, "a.las", 1, 0, 0, 50), cloud(base, "b.las", 2, 0, 0, 60)
+        says(d.ctl("dataset", "revert", "s"), 4, "there is no dataset")
+        d.ctl("push", "s", a).ok()
+        d.ctl("push", "s", b).ok()
+        d.ctl("dataset", "revert", "s", "1").ok()
+        says(d.ctl("dataset", "revert", "s", "1"), 2, "removed in generation 3", "a.las", "revert generation 3 first")
+        d.ctl("push", "s", a).ok()
+        says(d.ctl("dataset", "revert", "s", "3"), 2, "pushed again in generation 4", "a.las")
+        says(d.ctl("dataset", "revert", "s", "9"), 4, "no generation 9")
+        says(d.ctl("dataset", "revert", "s", "0"), 2)
+        says(d.ctl("dataset", "revert", "s", "x"), 2)
+        expect(show(d, "s")["generation"] == 4 and show(d, "s")["files"] == 2, "a refused revert did something")
+        d.ctl("dataset", "revert", "s", "4").ok()
+        d.ctl("dataset", "revert", "s", "3").ok()
+        says(d.ctl("dataset", "revert", "s", "3"), 2, "brought back in generation 6")
+        expect(show(d, "s")["points"] == 110, "%s" % show(d, "s"))
+        # Not at all, and not on the disk either.
+        expect(len(log(d, "s")) == 6, "the log: %s" % log(d, "s"))
+
+
+def what_the_log_says():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a, b, c = (cloud(base, n, i, 0, 0, 50 + i) for i, n in enumerate(("a.las", "b.las", "c.las")))
+        d.ctl("push", "s", a, b).ok()
+        d.ctl("push", "s", c).ok()
+        d.ctl("dataset", "revert", "s", "1").ok()
+        rows = log(d, "s", "--files")
+        expect([(r["generation"], r["kind"], r["files_added"], r["files_removed"], r["points_added"], r["points_removed"])
+                for r in rows] == [(1, "push", 2, 0, 101, 0), (2, "push", 1, 0, 52, 0), (3, "revert", 0, 2, 0, 101)], "%s" % rows)
+        expect(all(r["uid"] == os.getuid() and r["time"] and r["readable"] for r in rows), "%s" % rows)
+        expect([[(f["path"], f["points"], f["removed"]) for f in r["files"]] for r in rows] == [
+            [(a, 50, False), (b, 51, False)], [(c, 52, False)], [(a, 50, True), (b, 51, True)]], "%s" % rows)
+        # The content of a generation is that of its files, whatever the order in which they came.
+        d.ctl("push", "t", b).ok()
+        d.ctl("push", "u", b, a).ok()
+        expect(log(d, "u")[0]["content"] == rows[0]["content"] != log(d, "t")[0]["content"], "content hashes")
+        expect(rows[2]["content"] == "0" * 32, "a generation that adds nothing has content")
+        expect(all(f["hash"] and len(f["hash"]) == 32 for r in rows for f in r["files"]), "%s" % rows)
+        text = d.ctl("dataset", "log", "s", "--files").ok().out
+        expect(a in text and "revert of 1" in text and "-101 points in 2 files" in text, text)
+        expect(log(d, "s")[0]["files"] is None, "files without --files")
+        says(d.ctl("dataset", "log", "nothing"), 4, "there is no dataset")
+
+
+def long_lists():
+    """A generation with more files than fit into one message, and more generations than that."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
+        deep = os.path.join(base, *["x" * 200] * 15)
+        os.makedirs(deep)
+        one = cloud(base, "one.las", 1, 0, 0, 9)
+        for i in range(150):
+            shutil.copyfile(one, os.path.join(deep, "f%03d.las" % i))
+        d.ctl("push", "s", deep, timeout=120).ok()
+        rows = log(d, "s", "--files")
+        expect([os.path.basename(f["path"]) for f in rows[0]["files"]] == ["f%03d.las" % i for i in range(150)], "files are missing")
+        for i in range(70):
+            d.ctl("dataset", "revert", "s").ok()
+        rows = log(d, "s")
+        expect([r["generation"] for r in rows] == list(range(1, 72)), "generations are missing: %d" % len(rows))
+        expect(show(d, "s")["files"] == 150 and show(d, "s")["points"] == 1350, "%s" % show(d, "s"))
+
+
+if __name__ == "__main__":
+    e2e.main(revert_and_at, conflicts, what_the_log_says, long_lists)
