@@ -30,7 +30,7 @@ static bool grid_source_box(void *ctx, int32_t ret_box[4])
 	return grid_box(grid_reader_grid(ctx), ret_box);
 }
 
-static void source_grid(struct grid_reader *reader, struct cut_source *ret)
+void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 {
 	ret->ctx = reader;
 	ret->walk = grid_source_walk;
@@ -46,7 +46,7 @@ int cut_load(struct grid_reader *reader, const struct view *view, const struct c
 {
 	struct cut_source src;
 
-	source_grid(reader, &src);
+	cut_source_grid(reader, &src);
 	return cut_load_from(&src, view, region, load, ret_need, err);
 }
 
@@ -54,7 +54,7 @@ int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *re
 {
 	struct cut_source src;
 
-	source_grid(reader, &src);
+	cut_source_grid(reader, &src);
 	return cut_plan_make_from(&src, load, ret, err);
 }
 
@@ -63,7 +63,7 @@ int cut_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, 
 {
 	struct cut_source src;
 
-	source_grid(reader, &src);
+	cut_source_grid(reader, &src);
 	return cut_plan_split_from(&src, plan, i, need, cap, err);
 }
 
@@ -72,6 +72,6 @@ int cut_plan_probe_rim(struct cut_plan *plan, struct grid_reader *reader, const 
 {
 	struct cut_source src;
 
-	source_grid(reader, &src);
+	cut_source_grid(reader, &src);
 	return cut_plan_probe_from(&src, view, plan, cap, scratch, scratch_size, err);
 }

@@ -23,6 +23,9 @@ struct cut_source {
 	struct ledger *ledger; /* of plans; NULL: none */
 };
 
+/* The grid of a reader, as long as that lives. */
+void cut_source_grid(struct grid_reader *, struct cut_source *ret);
+
 /* The functions of cut.h over any source. */
 int cut_load_from(const struct cut_source *, const struct view *, const struct cut_region *, struct cut_load *,
 		  uint64_t *ret_need, struct err *err);

@@ -144,8 +144,13 @@ int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid,
  * three or all collinear; there is nothing to triangulate, *ret_flat has the counts for pipe_emit_flat, and
  * *ret is empty. -ERR_LIMIT: it cannot fit, with the number that would do. */
 enum { PIPE_E_FLAT = 2 };
+/* Of a view with a window the leaves are the pieces of the window, and `domains` are the triangles that meet them. */
 int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
 	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err);
+
+/* cut_plan_split for a plan of pipe_plan, whatever its view. */
+int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, const struct view *view, uint64_t need,
+		    uint32_t cap, struct err *err);
 
 /* ---- domain: one region to a finished domain ---- */
 
@@ -188,6 +193,9 @@ int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd
  * place: they stay valid as long as the domain's memory, also after this returns. */
 int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *,
 	      const struct mesh_sink *, struct err *err);
+/* Before the first domain: they are those of a window. The mesh has a border that is not the hull's, so it is not held
+ * against Euler's count; totals.hull is 0. */
+void pipe_emitter_part(struct pipe_emitter *);
 /* Instead of any domain: the counts of a flat plan. */
 void pipe_emit_flat(struct pipe_emitter *, const struct mesh_counts *counts);
 /* After the last domain: totals. Vertices still open are the hull. -ERR_INTERNAL if the mesh is not whole

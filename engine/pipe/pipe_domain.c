@@ -68,6 +68,8 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	struct cut_load load;
 	int r;
 
+	if (view->window)
+		return pipe_area(grid, view, region, budget, memory, ret, ret_need, err);
 	pipe_domain_room(grid, budget, memory, tri, &load);
 	load.sites = sites;
 	r = load_points(grid, view, region, memory, &load, ret_need, err);

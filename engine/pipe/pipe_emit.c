@@ -21,7 +21,7 @@ struct pipe_emitter {
 	struct pipe_table *table;
 	struct pipe_totals totals;
 	uint64_t domains, blocks;
-	bool any_box;
+	bool any_box, part;
 };
 
 int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
@@ -254,10 +254,19 @@ void pipe_emit_flat(struct pipe_emitter *e, const struct mesh_counts *counts)
 	counts_add(&e->totals.counts, counts);
 }
 
+void pipe_emitter_part(struct pipe_emitter *e)
+{
+	e->part = true;
+}
+
 int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct err *err)
 {
 	struct pipe_totals *t = &e->totals;
 
+	if (e->part) {
+		*ret = *t;
+		return 0;
+	}
 	t->hull = pipe_table_count(e->table);
 	/* Euler's count and the point set: a mesh with a hole, a lost or a doubled triangle fails here, and a job
 	 * must not end as done with one. */

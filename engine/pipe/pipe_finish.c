@@ -15,7 +15,7 @@
 #include "cut_owner.h"
 #include "pipe_priv.h"
 
-enum { USED = 1, OPEN = 2 };
+enum { USED = PIPE_USED, OPEN = PIPE_OPEN };
 /* Triangles whose digest is taken at once; and those whose corners are fetched ahead. */
 enum { BATCH = 64, AHEAD = 12 };
 

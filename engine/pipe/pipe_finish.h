@@ -15,6 +15,9 @@ void *pipe_domain_arena(const struct grid *grid, void *memory);
 void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, void *memory, struct tri *tri,
 		      struct cut_load *ret);
 
+/* A vertex, while triangles are picked: a byte each, in the place of the kernel's ids. */
+enum { PIPE_USED = 1, PIPE_OPEN = 2 }; /* by a picked triangle, by another one (or a ghost) */
+
 struct pipe_finish {
 	const struct cut_region *region;
 	int64_t k[3];

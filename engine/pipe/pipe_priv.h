@@ -19,6 +19,18 @@ static inline size_t pipe_round(size_t n)
 }
 
 size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes);
+/* Windows (pipe_area.c, pipe_area_plan.c): what pipe_domain and pipe_plan do where a view has one. `cap`: of a
+ * budget; of what that takes tables need a part, and the rest carries pipe_area_cap positions. */
+struct cut_plan;
+struct cut_region;
+struct grid_reader;
+struct mesh_domain;
+struct pipe_budget;
+struct view;
+uint32_t pipe_area_cap(uint32_t cap);
+int pipe_area(const struct grid *, const struct view *, const struct cut_region *, const struct pipe_budget *, void *memory,
+	      struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int pipe_area_plan(struct grid_reader *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
 /* What tells the points of two generations apart, whatever dataset they are of. */
 struct digest pipe_content(const struct grid *grid);
 int pipe_selected_write(int dirfd, const struct pipe_selected *, struct err *err);

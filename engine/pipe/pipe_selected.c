@@ -31,6 +31,8 @@ struct digest pipe_select_key(const struct grid *grid, const struct view *view)
 	struct digest parts[7];
 
 	selecting.duplicates = VIEW_LOWEST;
+	selecting.window = VIEW_CROP_NONE;
+	selecting.window_area = NULL;
 	lattice_text(&m->lattice, lattice);
 	parts[0] = pipe_content(grid);
 	parts[1] = digest_hash(lattice, strlen(lattice));

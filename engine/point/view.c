@@ -29,6 +29,7 @@ static bool view_drops_class(const struct view *v, unsigned cls)
 void view_done(struct view *v)
 {
 	view_area_free(v->area);
+	view_area_free(v->window_area);
 	*v = VIEW_INIT;
 }
 
@@ -96,6 +97,10 @@ int view_check(const struct view *v, struct err *err)
 	}
 	if (v->crop != VIEW_CROP_NONE && (v->crop_box[0] > v->crop_box[2] || v->crop_box[1] > v->crop_box[3])) {
 		err_set(err, ERR_USAGE, "the box of --crop is empty");
+		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
+	}
+	if (v->window && (v->window_box[0] > v->window_box[2] || v->window_box[1] > v->window_box[3])) {
+		err_set(err, ERR_USAGE, "the box of --bbox is empty");
 		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
 	}
 	return 0;
@@ -176,6 +181,9 @@ struct view view_rest(const struct view *v)
 	rest.keep_withheld = rest.keep_noise = true;
 	rest.duplicates = normal.duplicates;
 	memcpy(rest.k, v->k, sizeof rest.k);
+	rest.window = v->window;
+	memcpy(rest.window_box, v->window_box, sizeof rest.window_box);
+	rest.window_area = v->window_area;
 	return rest;
 }
 

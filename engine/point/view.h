@@ -64,11 +64,16 @@ struct view {
 	uint64_t every;        /* keeps positions whose hash is 0 modulo this; 0, 1: all */
 	struct view_thin thin;
 	struct view_area *area; /* of VIEW_CROP_AREA; owned: view_done */
+	/* Not which points, but which triangles of their mesh: those that meet this closed area. Kind, box and area
+	 * as of the crop. */
+	uint8_t window;
+	int64_t window_box[4];
+	struct view_area *window_area;
 	int64_t k[3];          /* view_bind; no part of the text */
 };
 
 #define VIEW_INIT ((struct view){ .returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST })
-/* Frees the area. The view may be filled again. */
+/* Frees the areas. The view may be filled again. */
 void view_done(struct view *);
 /* Before a point is judged. */
 void view_bind(struct view *, const struct lattice *);
@@ -95,6 +100,9 @@ struct digest view_hash(const struct view *);
  * The view is checked. -ERR_PROTO: not a request; -ERR_USAGE: what it asks for cannot be; -ERR_INPUT: it cannot
  * of this dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
 int view_resolve(const char *text, const struct lattice *, const char *unit_xy, struct view *ret, struct err *err);
+/* The same with a window, "box:..." or "area@E:..." as a request has it, in place of the view's own; "": without one. */
+int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy,
+			struct view *ret, struct err *err);
 /* "2,8" or "2-5,9": sets classes, or those left out; -ERR_USAGE for rubbish. */
 int view_set_classes(struct view *, const char *list, struct err *err);
 int view_set_not_classes(struct view *, const char *list, struct err *err);
@@ -111,10 +119,24 @@ const char *view_rule_text(enum view_rule);
 /* True where crop, every or thin is set: such a view is meshed from a grid of its selected points, under what
  * view_rest gives. */
 bool view_selects(const struct view *);
-/* What is left to apply to points that view_judge and the thin rule have kept: the rule of duplicates. */
+/* What is left to apply to points that view_judge and the thin rule have kept: the rule of duplicates. And the
+ * window, whose area is shared. */
 struct view view_rest(const struct view *);
 /* False only if no point of this box (lattice numbers, x1 y1 x2 y2, closed) can be kept. View bound. */
 bool view_may_hold(const struct view *, const int32_t box[4]);
+
+/*
+ * Windows, exact: whether the closed triangle a, b, c (lattice numbers, not all on one line) meets the closed
+ * area. True without a window. View bound.
+ */
+bool view_window_meets(const struct view *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
+/* False only if no point of the plane in this box (lattice numbers, closed) lies in the window. View bound. */
+bool view_window_near(const struct view *, const int64_t box[4]);
+/* The window's bounds in lattice numbers, cut back to +-2^40. View bound, with a window. */
+void view_window_bounds(const struct view *, int64_t ret[4]);
+
+/* Whether a closed triangle, not all on one line, meets a closed box; numbers within 2^61. */
+bool view_box_meets(const int64_t box[4], const int64_t corner[3][2]);
 
 /* The thin cell of a point: floor(x / cell), floor(y / cell) of absolute numbers. View bound, thin.cell > 0.
  * All points of one cell that view_judge keeps are one set, of which one is taken: the first, or for the median

@@ -1,5 +1,5 @@
 /*
- * Areas of a crop (view_area.h). The model: edges lie in two indexes, both over the bounds of the area and in
+ * Areas of a crop or a window (view_area.h). The model: edges lie in two indexes, both over the bounds of the area and in
  * steps of a power of two. Strips across y list the edges that reach into them, in the order of their rings, so
  * that one pass over a strip's list settles ring after ring. A table of cells says of most places at once that
  * they are inside or outside: cells that no edge touches. Only the rest look at their strip.
@@ -450,6 +450,65 @@ bool view_area_meets(const struct view_area *a, const int64_t box[4])
 		for (int64_t c = c1; c <= c2; c++)
 			if (a->cell[row][c] != CELL_OUT)
 				return true;
+	return false;
+}
+
+/* Which side of the line from a to b the point p is on: > 0 left, 0 on it. */
+static __int128 side_of(const int64_t a[2], const int64_t b[2], const int64_t p[2])
+{
+	return (__int128)(b[0] - a[0]) * (p[1] - a[1]) - (__int128)(b[1] - a[1]) * (p[0] - a[0]);
+}
+
+/* Closed edge and closed triangle are apart iff a line along one of the triangle's sides, or along the edge, has them
+ * on different sides. The triangle is counter-clockwise. */
+static bool edge_meets(const struct edge *e, const int64_t t[3][2])
+{
+	const int64_t p[2] = {e->ax, e->ay}, q[2] = {e->bx, e->by};
+	unsigned left = 0, right = 0;
+
+	for (unsigned i = 0; i < 3; i++) {
+		const int64_t *a = t[i], *b = t[(i + 1) % 3];
+		__int128 side = side_of(p, q, a);
+
+		if (side_of(a, b, p) < 0 && side_of(a, b, q) < 0)
+			return false;
+		left += side > 0;
+		right += side < 0;
+	}
+	return left < 3 && right < 3;
+}
+
+bool view_area_meets_triangle(const struct view_area *a, const int64_t corner[3][2])
+{
+	int64_t t[3][2], box[4];
+	int64_t first, last;
+
+	memcpy(t, corner, sizeof t);
+	for (unsigned k = 0; k < 2; k++) {
+		box[k] = box[2 + k] = t[0][k];
+		for (unsigned i = 1; i < 3; i++) {
+			box[k] = t[i][k] < box[k] ? t[i][k] : box[k];
+			box[2 + k] = t[i][k] > box[2 + k] ? t[i][k] : box[2 + k];
+		}
+	}
+	if (!view_area_meets(a, box))
+		return false;
+	for (unsigned i = 0; i < 3; i++)
+		if (view_area_has(a, t[i][0], t[i][1]))
+			return true;
+	if (side_of(t[0], t[1], t[2]) < 0) {
+		memcpy(t[1], corner[2], sizeof t[1]);
+		memcpy(t[2], corner[1], sizeof t[2]);
+	}
+	/* No corner is in the area: what it has of the triangle ends at an edge. */
+	first = strip_of(a, box[1] > a->bounds[1] ? box[1] : a->bounds[1]);
+	last = strip_of(a, box[3] < a->bounds[3] ? box[3] : a->bounds[3]);
+	for (uint32_t i = a->strip[first]; i < a->strip[last + 1]; i++) {
+		const struct edge *e = &a->edge[a->list[i]];
+
+		if (e->by >= box[1] && e->ay <= box[3] && edge_meets(e, (const int64_t (*)[2])t))
+			return true;
+	}
 	return false;
 }
 

@@ -1,5 +1,5 @@
 /*
- * The area of a crop: polygons with holes on whole lattice numbers (absolute), and the exact question whether a
+ * The area of a crop or a window: polygons with holes on whole lattice numbers (absolute), and the exact question whether a
  * position lies in it. The area is closed: every corner and every point of an edge belongs to it, of holes too.
  * A polygon is its first ring less the insides of its other rings; an area is all of its polygons together.
  * Inside of a ring is what a ray leaves an odd number of times.
@@ -28,8 +28,10 @@ void view_area_free(struct view_area *); /* NULL is fine */
 
 /* After view_area_end; read only. */
 bool view_area_has(const struct view_area *, int64_t x, int64_t y);
-/* False only if no position of the box (closed) lies in the area. */
+/* False only if no point of the box (closed), between lattice numbers or not, lies in the area. */
 bool view_area_meets(const struct view_area *, const int64_t box[4]);
+/* Whether the closed triangle has a point in the area, exactly. Its corners are not all on one line. */
+bool view_area_meets_triangle(const struct view_area *, const int64_t corner[3][2]);
 void view_area_bounds(const struct view_area *, int64_t ret[4]);
 /* True if it is one rectangle along the axes: then its bounds say all. */
 bool view_area_is_box(const struct view_area *);

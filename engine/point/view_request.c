@@ -20,6 +20,8 @@ struct request {
 	const char *unit_xy;
 	struct view *view;
 	int32_t exponent; /* of the corners of an area */
+	struct view_area *area; /* that is being read */
+	const char *option;
 	struct err *err;
 };
 
@@ -96,7 +98,7 @@ static int take_height(struct request *q, struct view_word w, const char *what, 
 
 /* ---- areas ---- */
 
-static int take_box(struct request *q, struct view_word w)
+static int take_box(struct request *q, struct view_word w, int64_t box[4])
 {
 	struct decimal d[4];
 	struct view_word part;
@@ -105,10 +107,9 @@ static int take_box(struct request *q, struct view_word w)
 		if (!view_word_part(&w, ',', &part))
 			return 1;
 		if (!to_decimal(part, &d[i]))
-			return not_a_number(part, "--crop", q->err);
-		to_lattice(d[i].mantissa, d[i].exponent, 1, 1, q->lattice->scale_xy, &q->view->crop_box[i]);
+			return not_a_number(part, q->option, q->err);
+		to_lattice(d[i].mantissa, d[i].exponent, 1, 1, q->lattice->scale_xy, &box[i]);
 	}
-	q->view->crop = VIEW_CROP_BOX;
 	return w.n != 0;
 }
 
@@ -116,7 +117,7 @@ static int area_ring(void *ctx, bool shell)
 {
 	struct request *q = ctx;
 
-	return view_area_ring(q->view->area, shell, q->err);
+	return view_area_ring(q->area, shell, q->err);
 }
 
 static int area_corner(void *ctx, __int128 x, __int128 y)
@@ -128,13 +129,13 @@ static int area_corner(void *ctx, __int128 x, __int128 y)
 	/* What is out of reach fails in view_area_end. */
 	to_lattice(x, q->exponent, 1, 1, scale, &at[0]);
 	to_lattice(y, q->exponent, 1, 1, scale, &at[1]);
-	return view_area_corner(q->view->area, at[0], at[1], q->err);
+	return view_area_corner(q->area, at[0], at[1], q->err);
 }
 
-static int take_area(struct request *q, struct view_word w)
+/* *area is the view's from the start, which frees it if this fails. */
+static int take_area(struct request *q, struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area)
 {
 	struct view_rings to = {area_ring, area_corner, q};
-	struct view *v = q->view;
 	struct view_word exponent;
 	int64_t e;
 	int r;
@@ -142,26 +143,34 @@ static int take_area(struct request *q, struct view_word w)
 	if (!view_word_part(&w, ':', &exponent) || !view_word_i64(exponent, &e) || e < -40 || e > 40)
 		return 1;
 	q->exponent = (int32_t)e;
-	v->area = view_area_new();
-	if (!v->area)
+	*area = q->area = view_area_new();
+	if (!*area)
 		return err_set(q->err, ERR_NOMEM, "no memory for the area of a view");
-	if ((r = view_word_rings(w, &to)) || (r = view_area_end(v->area, q->err)))
+	if ((r = view_word_rings(w, &to)) || (r = view_area_end(*area, q->err)))
 		return r;
-	v->crop = VIEW_CROP_AREA;
-	view_area_bounds(v->area, v->crop_box);
-	if (view_area_is_box(v->area)) {
-		view_area_free(v->area);
-		v->area = NULL;
-		v->crop = VIEW_CROP_BOX;
+	view_area_bounds(*area, box);
+	if (view_area_is_box(*area)) {
+		view_area_free(*area);
+		*area = NULL;
+		*kind = VIEW_CROP_BOX;
 	}
 	return 0;
 }
 
-static int take_crop(struct request *q, struct view_word w)
+/* Of a crop or a window. */
+static int take_place(struct request *q, struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area)
 {
+	*kind = VIEW_CROP_AREA;
 	if (view_word_after(&w, "area@"))
-		return take_area(q, w);
-	return view_word_after(&w, "box:") ? take_box(q, w) : 1;
+		return take_area(q, w, kind, box, area);
+	*kind = VIEW_CROP_BOX;
+	return view_word_after(&w, "box:") ? take_box(q, w, box) : 1;
+}
+
+static int take_window(struct request *q, struct view_word w)
+{
+	q->option = "--bbox";
+	return take_place(q, w, &q->view->window, q->view->window_box, &q->view->window_area);
 }
 
 /* ---- lengths ---- */
@@ -269,8 +278,12 @@ static int take_word(struct request *q, struct view_word w)
 {
 	struct view *v = q->view;
 
-	if (view_word_after(&w, "crop="))
-		return take_crop(q, w);
+	if (view_word_after(&w, "crop=")) {
+		q->option = "--crop";
+		return take_place(q, w, &v->crop, v->crop_box, &v->area);
+	}
+	if (view_word_after(&w, "window="))
+		return take_window(q, w);
 	if (view_word_after(&w, "thin="))
 		return take_thin(q, w);
 	if (view_word_after(&w, "zmin="))
@@ -302,25 +315,37 @@ static int take_words(struct request *q, struct view_word all)
 	return 0;
 }
 
-static int too_long(const struct view *v, struct err *err)
+static size_t corners_of(const struct view_area *a)
 {
 	size_t corners = 0;
 
-	for (size_t i = 0; v->area && i < view_area_rings(v->area); i++) {
+	for (size_t i = 0; a && i < view_area_rings(a); i++) {
 		const int64_t (*corner)[2];
 		bool shell;
 
-		corners += view_area_ring_at(v->area, i, &shell, &corner);
+		corners += view_area_ring_at(a, i, &shell, &corner);
 	}
-	err_set(err, ERR_LIMIT, "the area of --crop has %zu corners, more than fit into a view", corners);
-	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or crop to its box");
+	return corners;
+}
+
+static int too_long(const struct view *v, struct err *err)
+{
+	err_set(err, ERR_LIMIT, "the area of --crop or --polygon has %zu corners, more than fit into a view",
+		corners_of(v->area) + corners_of(v->window_area));
+	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or give its box");
 }
 
 int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, struct view *ret,
 		 struct err *err)
 {
+	return view_resolve_window(text, "", lattice, unit_xy, ret, err);
+}
+
+int view_resolve_window(const char *text, const char *window, const struct lattice *lattice, const char *unit_xy,
+			struct view *ret, struct err *err)
+{
 	struct view v = VIEW_INIT;
-	struct request q = {.lattice = lattice, .unit_xy = unit_xy, .view = &v, .err = err};
+	struct request q = {.lattice = lattice, .unit_xy = unit_xy, .view = &v, .err = err, .option = "--crop"};
 	struct view_word all = {text, strlen(text)};
 	int r = 0;
 
@@ -328,6 +353,12 @@ int view_resolve(const char *text, const struct lattice *lattice, const char *un
 		r = all.n > VIEW_TEXT_MAX ? 1 : take_words(&q, all);
 	else if (all.n)
 		r = view_parse(text, &v, err);
+	if (!r && *window) {
+		view_area_free(v.window_area);
+		v.window_area = NULL;
+		r = strlen(window) > VIEW_TEXT_MAX ? 1 : take_window(&q, (struct view_word){window, strlen(window)});
+		text = window;
+	}
 	if (r == 1)
 		r = err_set(err, ERR_PROTO, "\"%.200s\" is not a view that can be asked for", text);
 	if (!r)

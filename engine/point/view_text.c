@@ -72,11 +72,11 @@ static void put_classes(struct sink *s, const char *word, const uint64_t classes
 	}
 }
 
-static void put_area(struct sink *s, const struct view_area *a)
+static void put_area(struct sink *s, const char *word, const struct view_area *a)
 {
 	int64_t x = 0, y = 0;
 
-	put_text(s, " crop=area:");
+	put_text(s, " %s=area:", word);
 	for (size_t i = 0; i < view_area_rings(a); i++) {
 		const int64_t (*corner)[2];
 		bool shell;
@@ -95,15 +95,13 @@ static void put_area(struct sink *s, const struct view_area *a)
 	}
 }
 
-static void put_crop(struct sink *s, const struct view *v)
+static void put_place(struct sink *s, const char *word, unsigned kind, const int64_t b[4], const struct view_area *a)
 {
-	const int64_t *b = v->crop_box;
-
-	if (v->crop == VIEW_CROP_BOX)
-		put_text(s, " crop=box:%lld,%lld,%lld,%lld", (long long)b[0], (long long)b[1], (long long)b[2],
+	if (kind == VIEW_CROP_BOX)
+		put_text(s, " %s=box:%lld,%lld,%lld,%lld", word, (long long)b[0], (long long)b[1], (long long)b[2],
 			 (long long)b[3]);
-	else if (v->crop == VIEW_CROP_AREA)
-		put_area(s, v->area);
+	else if (kind == VIEW_CROP_AREA)
+		put_area(s, word, a);
 }
 
 static const char *const pick_text[] = {"lowest", "highest", "median"};
@@ -127,13 +125,14 @@ static void put_view(struct sink *s, const struct view *view)
 		put_text(s, " zmin=%lld", (long long)v.zmin);
 	if (v.has_zmax)
 		put_text(s, " zmax=%lld", (long long)v.zmax);
-	put_crop(s, &v);
+	put_place(s, "crop", v.crop, v.crop_box, v.area);
 	if (v.every)
 		put_text(s, " every=%llu", (unsigned long long)v.every);
 	if (v.thin.cell)
 		put_text(s, " thin=%lld:%s", (long long)v.thin.cell, pick_text[v.thin.pick]);
 	if (v.duplicates == VIEW_HIGHEST)
 		put_text(s, " duplicates=highest");
+	put_place(s, "window", v.window, v.window_box, v.window_area);
 }
 
 size_t view_text_size(const struct view *view)
@@ -217,7 +216,7 @@ static int area_corner(void *ctx, __int128 x, __int128 y)
 }
 
 /* 0, negative, or 1: not an area. */
-static int take_area(struct view *v, struct view_word w, struct err *err)
+static int take_area(struct view_word w, struct view_area **ret, int64_t ret_box[4], struct err *err)
 {
 	struct area_ctx ctx = {view_area_new(), err};
 	struct view_rings to = {area_ring, area_corner, &ctx};
@@ -230,23 +229,26 @@ static int take_area(struct view *v, struct view_word w, struct err *err)
 		view_area_free(ctx.area);
 		return r;
 	}
-	v->crop = VIEW_CROP_AREA;
-	v->area = ctx.area;
-	view_area_bounds(v->area, v->crop_box);
+	*ret = ctx.area;
+	view_area_bounds(ctx.area, ret_box);
 	return 0;
 }
 
-static int take_crop(struct view *v, struct view_word w, struct err *err)
+/* Of a crop or a window; there is none yet. */
+static int take_place(struct view_word w, uint8_t *kind, int64_t box[4], struct view_area **area, struct err *err)
 {
 	struct view_word part;
 
+	if (*kind)
+		return 1;
+	*kind = VIEW_CROP_AREA;
 	if (view_word_after(&w, "area:"))
-		return take_area(v, w, err);
+		return take_area(w, area, box, err);
+	*kind = VIEW_CROP_BOX;
 	if (!view_word_after(&w, "box:"))
 		return 1;
-	v->crop = VIEW_CROP_BOX;
 	for (unsigned i = 0; i < 4; i++)
-		if (!view_word_part(&w, ',', &part) || !view_word_i64(part, &v->crop_box[i]))
+		if (!view_word_part(&w, ',', &part) || !view_word_i64(part, &box[i]))
 			return 1;
 	return w.n != 0;
 }
@@ -269,7 +271,9 @@ static int take_thin(struct view *v, struct view_word w)
 static int take_word(struct view *v, struct view_word w, struct err *err)
 {
 	if (view_word_after(&w, "crop="))
-		return v->crop ? 1 : take_crop(v, w, err);
+		return take_place(w, &v->crop, v->crop_box, &v->area, err);
+	if (view_word_after(&w, "window="))
+		return take_place(w, &v->window, v->window_box, &v->window_area, err);
 	if (view_word_after(&w, "thin="))
 		return take_thin(v, w);
 	if (view_word_after(&w, "zmin="))
@@ -301,7 +305,8 @@ static int parse(const char *text, struct view *v, struct err *err)
 	if (view_check(v, err))
 		return 1;
 	put_view(&same, v);
-	return same.differs || same.n != strlen(text) || (v->crop == VIEW_CROP_AREA && view_area_is_box(v->area));
+	return same.differs || same.n != strlen(text) || (v->crop == VIEW_CROP_AREA && view_area_is_box(v->area)) ||
+	       (v->window == VIEW_CROP_AREA && view_area_is_box(v->window_area));
 }
 
 int view_parse(const char *text, struct view *ret, struct err *err)

@@ -160,7 +160,7 @@ bool view_word_new(struct view_seen *seen, struct view_word w)
 {
 	static const char *const kind[] = {"class=",        "not-class=",   "ground", "returns=", "keep-withheld",
 					   "keep-noise",    "drop-overlap", "zmin=",  "zmax=",    "crop=",
-					   "every=",        "thin=",        "duplicates="};
+					   "every=",        "thin=",        "duplicates=", "window="};
 
 	for (unsigned i = 0; i < sizeof kind / sizeof *kind; i++) {
 		if (!view_word_after(&w, kind[i]))

@@ -112,15 +112,42 @@ int tri_build(struct tri *t, bool narrow)
 
 int tri_run(struct tri *t, uint32_t n)
 {
-	struct tri_extent extent;
-
 	t->nvertex = n;
 	t->ntriangle = 0;
 	if (n == 0)
 		return TRI_E_FLAT;
-	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &extent);
-	return tri_build(t, (int64_t)extent.max[0] - extent.min[0] <= INT32_MAX &&
-				(int64_t)extent.max[1] - extent.min[1] <= INT32_MAX);
+	tri_order(t, tri_input(t), (uint64_t *)t->triangle, n, &t->extent);
+	return tri_build(t, tri_narrow(&t->extent));
+}
+
+int tri_add(struct tri *t, const struct mesh_vertex *v, uint32_t n, bool highest)
+{
+	for (uint32_t i = 0; i < n; i++) {
+		const int32_t at[2] = {v[i].x, v[i].y};
+		uint32_t p = t->nvertex, same;
+
+		for (unsigned k = 0; k < 2; k++) {
+			t->extent.min[k] = at[k] < t->extent.min[k] ? at[k] : t->extent.min[k];
+			t->extent.max[k] = at[k] > t->extent.max[k] ? at[k] : t->extent.max[k];
+		}
+		if (p == t->cap)
+			return TRI_E_FULL;
+		memcpy(t->xy[p], at, sizeof at);
+		t->z[p] = v[i].z;
+		t->id[p] = p;
+		t->nvertex = p + 1;
+		if (tri_insert_one(t, tri_narrow(&t->extent), &same))
+			continue;
+		t->nvertex = p;
+		if (highest ? v[i].z > t->z[same] : v[i].z < t->z[same])
+			t->z[same] = v[i].z;
+	}
+	return 0;
+}
+
+uint32_t tri_count(const struct tri *t)
+{
+	return t->nvertex;
 }
 
 void tri_result(const struct tri *t, struct tri_result *ret)

@@ -6,6 +6,7 @@
 #ifndef TRI_H
 #define TRI_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -27,6 +28,16 @@ struct mesh_vertex *tri_input(struct tri *);
 /* Triangulate the first n. 0, or TRI_E_FLAT: fewer than three, or all collinear: no triangles. */
 enum { TRI_E_FLAT = 1 };
 int tri_run(struct tri *, uint32_t n);
+
+/*
+ * More positions into what tri_run gave (0), up to the capacity, inserted as they come: fastest where each is near
+ * the one before. One that is there already becomes no second vertex; of the two heights the lower stays, with
+ * `highest` the higher. TRI_E_FULL: those before the one that did not fit are in. Added vertices have their own
+ * number as id.
+ */
+enum { TRI_E_FULL = 2 };
+int tri_add(struct tri *, const struct mesh_vertex *, uint32_t n, bool highest);
+uint32_t tri_count(const struct tri *); /* vertices, also of a run that was flat */
 
 /* The result. Vertices are renumbered (curve order); id is the place in the input. Triangles
  * [0, ntriangle) include ghosts: corner[i] == TRI_GHOST marks the infinite vertex. Links are

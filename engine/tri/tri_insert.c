@@ -271,3 +271,24 @@ void tri_insert_all(struct tri *t, bool narrow)
 	}
 	t->ntriangle = n;
 }
+
+bool tri_insert_one(struct tri *t, bool narrow, uint32_t *ret_same)
+{
+	struct tri_triangle *tri = t->triangle;
+	const int32_t(*xy)[2] = (const int32_t(*)[2])t->xy;
+	uint32_t p = t->nvertex - 1, n = t->ntriangle, at;
+
+	/* What was made last is near what comes next. */
+	at = narrow ? narrow_walk(tri, xy, xy[p], n - 1) : careful_walk(tri, xy, xy[p], n - 1);
+	for (unsigned i = 0; i < 3; i++) {
+		uint32_t corner = tri[at].corner[i];
+
+		if (corner == TRI_GHOST || xy[corner][0] != xy[p][0] || xy[corner][1] != xy[p][1])
+			continue;
+		*ret_same = corner;
+		return false;
+	}
+	cavity_fill(tri, xy, p, at, n, !narrow);
+	t->ntriangle = n + 2;
+	return true;
+}

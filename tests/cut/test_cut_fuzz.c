@@ -19,172 +19,16 @@
 #include "cut_order.h"
 #include "cut_sites.h"
 #include "err.h"
-#include "tiling.h"
+#include "sets.h"
 
-enum { MAX_N = 60, MAX_RECORDS = 4 * MAX_N, MAX_LEAVES = 64, MAX_TRIANGLES = 4 * BRUTE_POINTS };
+enum { MAX_N = SETS_MAX_N, MAX_RECORDS = SETS_MAX_RECORDS, MAX_LEAVES = 64, MAX_TRIANGLES = 4 * BRUTE_POINTS };
 
-struct set {
-	struct point record[TILING_SEGMENTS][MAX_RECORDS];
-	size_t nrecord[TILING_SEGMENTS];
-	unsigned segments;
-	struct mesh_vertex pos[MAX_N];  /* after the view, Morton order */
-	unsigned n;
-};
-
-static struct set set;
+static struct sets set;
 static struct view view;
 static int32_t whole[MAX_TRIANGLES][6], parts[2 * MAX_TRIANGLES][6], extra[2 * MAX_TRIANGLES][6];
 static void *scratch;
 static size_t scratch_size;
 static uint64_t cases, regions, triangles, halos, empty_owners, together, bounds;
-static bool all_kept; /* the view takes nothing away */
-
-static unsigned below(uint64_t *seed, unsigned n)
-{
-	return (unsigned)(tiling_random(seed) % n);
-}
-
-/* ---- point sets ---- */
-
-static int32_t corner(uint64_t *seed)
-{
-	static const int32_t at[5] = { INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX };
-
-	return at[below(seed, 5)];
-}
-
-static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, const int32_t base[2], int32_t ret[2])
-{
-	static const int32_t circle[12][2] = { { 5, 0 }, { 4, 3 }, { 3, 4 }, { 0, 5 }, { -3, 4 }, { -4, 3 },
-					       { -5, 0 }, { -4, -3 }, { -3, -4 }, { 0, -5 }, { 3, -4 }, { 4, -3 } };
-	int32_t r = (int32_t)below(seed, (unsigned)range + 1), s = (int32_t)below(seed, (unsigned)range + 1);
-
-	switch (family) {
-	case 0: /* full range */
-		ret[0] = (int32_t)tiling_random(seed);
-		ret[1] = (int32_t)tiling_random(seed);
-		return;
-	case 1:
-		ret[0] = corner(seed);
-		ret[1] = corner(seed);
-		return;
-	case 2: /* on a line, now and then one beside it */
-		ret[0] = base[0] + 7 * r;
-		ret[1] = base[1] + (base[0] & 1 ? 7 : base[0] & 2 ? -3 : 0) * r + (below(seed, 40) == 0);
-		return;
-	case 3: /* two clusters */
-		ret[0] = base[0] + r + (i & 1 ? 1000000 : 0);
-		ret[1] = base[1] + s + (i & 1 ? 700000 : 0);
-		return;
-	case 4: /* cocircular */
-		ret[0] = base[0] + circle[i % 12][0] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
-		ret[1] = base[1] + circle[i % 12][1] * (1 + (base[1] & 1023)) * (i < 24 ? 1 : 3);
-		return;
-	case 5: /* a grid of odd step: circumcentres on possible cuts */
-		ret[0] = base[0] + 3 * (int32_t)(i % 7);
-		ret[1] = base[1] + 3 * (int32_t)(i / 7);
-		return;
-	case 6: /* the far ends of the lattice */
-		ret[0] = (i & 1) ? INT32_MAX - r : INT32_MIN + r;
-		ret[1] = (i & 2) ? INT32_MAX - s : INT32_MIN + s;
-		return;
-	default:
-		ret[0] = base[0] + r;
-		ret[1] = base[1] + s;
-	}
-}
-
-static struct point record_at(uint64_t *seed, const int32_t at[2])
-{
-	struct point p = { .x = at[0], .y = at[1], .z = (int32_t)below(seed, 4), .cls = (uint8_t)(1 + below(seed, 2)),
-			   .ret = 0x11 };
-
-	if (below(seed, 12) == 0)
-		p.cls = 7;
-	if (below(seed, 12) == 0)
-		p.tag = POINT_WITHHELD;
-	return p;
-}
-
-static bool point_less(const void *ctx, const struct point *a, const struct point *b)
-{
-	return point_compare(a, b) < 0;
-}
-
-/* The positions that the view leaves, each with the record it prefers. */
-static void reduce(void)
-{
-	struct point kept[TILING_SEGMENTS * MAX_RECORDS];
-	size_t n = 0;
-
-	for (unsigned s = 0; s < set.segments; s++)
-		for (size_t i = 0; i < set.nrecord[s]; i++)
-			if (view_judge(&view, &set.record[s][i]) == VIEW_KEPT)
-				kept[n++] = set.record[s][i];
-	set.n = 0;
-	all_kept = true;
-	for (unsigned s = 0; s < set.segments; s++)
-		for (size_t i = 0; i < set.nrecord[s]; i++)
-			all_kept = all_kept && view_judge(&view, &set.record[s][i]) == VIEW_KEPT;
-	for (size_t i = 0; i < n; i++) {
-		bool best = true;
-
-		for (size_t k = 0; k < n && best; k++)
-			if (k != i && kept[k].x == kept[i].x && kept[k].y == kept[i].y &&
-			    (view_prefers(&view, &kept[k], &kept[i]) ||
-			     (k < i && !view_prefers(&view, &kept[i], &kept[k]))))
-				best = false;
-		if (best)
-			set.pos[set.n++] = (struct mesh_vertex){ kept[i].x, kept[i].y, kept[i].z };
-	}
-	for (unsigned i = 1; i < set.n; i++)
-		for (unsigned j = i; j > 0 && point_morton(set.pos[j].x, set.pos[j].y) <
-						      point_morton(set.pos[j - 1].x, set.pos[j - 1].y); j--) {
-			struct mesh_vertex t = set.pos[j];
-
-			set.pos[j] = set.pos[j - 1];
-			set.pos[j - 1] = t;
-		}
-}
-
-static void make_set(uint64_t *seed)
-{
-	unsigned family = below(seed, 16), n = 3 + below(seed, below(seed, 4) ? 20 : MAX_N - 2);
-	int32_t range = below(seed, 3) ? (int32_t)below(seed, 6) : (int32_t)below(seed, 200);
-	int32_t base[2] = { (int32_t)below(seed, 100000) - 50000, (int32_t)below(seed, 100000) - 50000 };
-
-	if (below(seed, 3) == 0)
-		base[0] = base[1] = -(int32_t)below(seed, 4); /* across the highest cut */
-	view = VIEW_INIT;
-	view.duplicates = below(seed, 2) ? VIEW_LOWEST : VIEW_HIGHEST;
-	view.keep_withheld = below(seed, 2);
-	view.keep_noise = below(seed, 2);
-	set.segments = 1 + below(seed, 2) * below(seed, TILING_SEGMENTS);
-	memset(set.nrecord, 0, sizeof(set.nrecord));
-	for (unsigned i = 0; i < n; i++) {
-		int32_t at[2];
-
-		place(seed, family, i, range, base, at);
-		for (unsigned k = below(seed, 6) ? 1 : 1 + below(seed, 4); k > 0; k--) {
-			unsigned s = below(seed, set.segments);
-
-			set.record[s][set.nrecord[s]++] = record_at(seed, at);
-		}
-	}
-	for (unsigned s = 0; s < set.segments; s++)
-		cut_order_sort(set.record[s], set.nrecord[s], point_less, NULL);
-	reduce();
-}
-
-static void make_tiling(uint64_t *seed, struct tiling *t)
-{
-	*t = (struct tiling){ .segments = set.segments, .salt = tiling_random(seed) };
-	t->cell_records = below(seed, 4) ? 1 + below(seed, 6) : 1000;
-	for (unsigned s = 0; s < set.segments; s++) {
-		t->pts[s] = set.record[s];
-		t->n[s] = set.nrecord[s];
-	}
-}
 
 /* ---- partitions ---- */
 
@@ -192,9 +36,9 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 {
 	struct err err = ERR_INIT;
 	struct cut_plan plan;
-	unsigned want = 1 + below(seed, below(seed, 4) ? 12 : MAX_LEAVES), n = 0;
+	unsigned want = 1 + sets_below(seed, sets_below(seed, 4) ? 12 : MAX_LEAVES), n = 0;
 
-	assert_int_equal(cut_plan_make_from(src, 1 + below(seed, 8) + (uint32_t)(2 * MAX_RECORDS / want), &plan, &err), 0);
+	assert_int_equal(cut_plan_make_from(src, 1 + sets_below(seed, 8) + (uint32_t)(2 * MAX_RECORDS / want), &plan, &err), 0);
 	for (size_t i = 0; i < plan.n && n < MAX_LEAVES; i++)
 		ret[n++] = plan.leaf[i].region;
 	if (plan.n > MAX_LEAVES) {
@@ -207,7 +51,7 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 	}
 	cut_plan_done(&plan);
 	for (unsigned tries = 0; n < want && n > 0 && tries < 200; tries++) {
-		unsigned i = below(seed, n);
+		unsigned i = sets_below(seed, n);
 		struct cut_region half[2];
 
 		if (!cut_region_split(&ret[i], half))
@@ -242,7 +86,7 @@ static unsigned owned(const struct cut_region *region, const struct mesh_vertex 
 static void check_halo(uint64_t *seed, const struct cut_source *src, const struct cut_region *region,
 		       const struct mesh_vertex *pb, unsigned n)
 {
-	bool known = below(seed, 2);
+	bool known = sets_below(seed, 2);
 	struct cut_halo *h = cut_halo_init(scratch, scratch_size, src, &view, region, known);
 	struct err err = ERR_INIT;
 	const struct point *pts;
@@ -250,7 +94,7 @@ static void check_halo(uint64_t *seed, const struct cut_source *src, const struc
 	uint32_t m, k = 0;
 
 	assert_non_null(h);
-	cut_halo_limit(h, below(seed, 4), below(seed, 2) ? below(seed, 4) : 1000);
+	cut_halo_limit(h, sets_below(seed, 4), sets_below(seed, 2) ? sets_below(seed, 4) : 1000);
 	if (known) {
 		struct mesh_vertex own[MAX_N];
 		uint32_t nown = 0;
@@ -311,7 +155,7 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 		struct mesh_vertex halo[MAX_N];
 		unsigned k;
 
-		if (below(seed, 2))
+		if (sets_below(seed, 2))
 			continue;
 		g->member[i] = true;
 		g->region[g->n++] = leaf[i];
@@ -321,7 +165,7 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 				wanted[j] = wanted[j] || !memcmp(&set.pos[j], &halo[l], sizeof(halo[l]));
 	}
 	for (unsigned j = 0; j < set.n; j++)
-		if (wanted[j] || below(seed, 4) == 0)
+		if (wanted[j] || sets_below(seed, 4) == 0)
 			sites[m++] = (struct point){ .x = set.pos[j].x, .y = set.pos[j].y, .z = set.pos[j].z, .ret = 0x11 };
 	g->sites = cut_sites_new(sites, m, NULL);
 	assert_non_null(g->sites);
@@ -332,8 +176,8 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 	assert_non_null(g->memory);
 	g->keep = cut_keep_init(g->memory, size, src, &view, &root, g->region, g->n);
 	assert_non_null(g->keep);
-	if (below(seed, 3) == 0)
-		cut_keep_limit(g->keep, below(seed, 40));
+	if (sets_below(seed, 3) == 0)
+		cut_keep_limit(g->keep, sets_below(seed, 40));
 }
 
 static void check_kept(uint64_t *seed, struct group *g, const struct cut_region *region, const struct mesh_vertex *pb,
@@ -348,7 +192,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 
 	cut_keep_source(g->keep, &src);
 	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
-	cut_halo_limit(h, below(seed, 8), 1000);
+	cut_halo_limit(h, sets_below(seed, 8), 1000);
 	assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
 	for (unsigned i = 0; i < n; i++) {
 		if (cut_region_holds(region, pb[i].x, pb[i].y))
@@ -367,9 +211,9 @@ static void check_bound(uint64_t *seed, const struct cut_source *src, const stru
 	struct err err = ERR_INIT;
 	uint64_t bound, reads = t->reads;
 
-	assert_int_equal(cut_bound_halo(src, &view, region, below(seed, 2) * below(seed, 50), scratch, &bound, &err), 0);
+	assert_int_equal(cut_bound_halo(src, &view, region, sets_below(seed, 2) * sets_below(seed, 50), scratch, &bound, &err), 0);
 	assert_true(t->reads == reads);
-	if (all_kept) {
+	if (set.all_kept) {
 		assert_true(bound >= halo);
 		bounds++;
 	}
@@ -396,7 +240,7 @@ static void check_load(uint64_t *seed, const struct cut_source *src, const struc
 	assert_int_equal(load.counts.halo, n - own);
 	if (n == 0)
 		return;
-	load.cap = below(seed, n);
+	load.cap = sets_below(seed, n);
 	assert_int_equal(cut_load_from(src, &view, region, &load, &need, &err), CUT_E_FULL);
 	assert_true(need > load.cap && need <= n);
 }
@@ -416,7 +260,7 @@ static unsigned check_region(uint64_t *seed, const struct cut_source *src, struc
 			pb[n++] = set.pos[i];
 			own += cut_region_holds(region, set.pos[i].x, set.pos[i].y);
 		}
-		if (in || below(seed, 3) == 0)
+		if (in || sets_below(seed, 3) == 0)
 			super[nsuper++] = set.pos[i];
 	}
 	check_load(seed, src, NULL, region, pb, n, own);
@@ -447,8 +291,8 @@ static void one_case(uint64_t seed)
 	struct group g;
 	unsigned n, m, k = 0;
 
-	make_set(&seed);
-	make_tiling(&seed, &t);
+	sets_make(&seed, &set, &view);
+	sets_tiling(&seed, &set, &t);
 	tiling_source(&t, &src);
 	n = make_leaves(&seed, &src, leaf);
 	m = brute_triangles(set.pos, set.n, whole);

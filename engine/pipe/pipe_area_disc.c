@@ -1,0 +1,274 @@
+/*
+ * The test of an area query: which triangles may be wrong, because a cell that was not read may hold points in their
+ * circle.
+ *
+ * Most are told by a raster of the surroundings, in which every square is marked that such a cell's box touches: of a
+ * triangle first with a square around a that holds any circle through a of its radius, then with that around its circle.
+ * What is left is gathered, and all of it held against the index in one walk.
+ *
+ * In doubles, and to the side of reading. Relative to a the centre u is N / 2D with N and D exact before they are
+ * converted: each number of it is off by less than 2^-51 of itself. A point p (relative to a) is in the closed disc
+ * iff p^2 - 2 u p <= 0; a box meets it iff the least value over the box, taken axis by axis where p is nearest to u,
+ * is. |px| and |py| are exact, so px (px - 2 ux) is off by less than 2^-49 |px| (|px| + 2 |ux|); taking the
+ * nearest p by a rounded u adds the square of what u is off by. SLACK is 2^-46. So circles of any size are
+ * judged to a hair's breadth near a, which is where triangles are thin. Half planes of ghosts are exact.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "geom.h"
+#include "pipe_area.h"
+
+#define SLACK 0x1p-46
+
+/* ---- the raster ---- */
+
+static int64_t larger(int64_t a, int64_t b)
+{
+	return a > b ? a : b;
+}
+
+/* The piece and its size around it on every side. */
+static void set_zone(struct pipe_area *a)
+{
+	const int64_t *b = a->window.box;
+	int64_t size = larger(b[2] - b[0], b[3] - b[1]) / 2 + 64;
+
+	a->shift = 0;
+	for (unsigned k = 0; k < 2; k++) {
+		a->zone[k] = b[k] / 2 - size;
+		a->zone[2 + k] = b[2 + k] / 2 + size;
+	}
+	while (larger(a->zone[2] - a->zone[0], a->zone[3] - a->zone[1]) >> a->shift >= AREA_RASTER)
+		a->shift++;
+}
+
+/* Bits from..to of a row, both included. */
+static uint64_t row_mask(unsigned word, int64_t from, int64_t to)
+{
+	int64_t first = (int64_t)word * 64, lo = from > first ? from - first : 0, hi = to < first + 63 ? to - first : 63;
+
+	return lo > hi ? 0 : (UINT64_MAX >> (63 - (hi - lo))) << lo;
+}
+
+static bool zone_enter(void *ctx, const struct grid_cell *subtree)
+{
+	const struct pipe_area *a = ctx;
+	const int32_t *b = subtree->box;
+
+	return subtree->count > 0 && b[0] <= a->zone[2] && b[1] <= a->zone[3] && b[2] >= a->zone[0] && b[3] >= a->zone[1];
+}
+
+static int zone_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct pipe_area *a = ctx;
+	int64_t at[4];
+
+	if (!zone_enter(a, cell) || pipe_area_read(a, cell))
+		return 0;
+	for (unsigned i = 0; i < 4; i++) {
+		int64_t v = cell->box[i], low = a->zone[i & 1], high = a->zone[2 + (i & 1)];
+
+		at[i] = ((v < low ? low : v > high ? high : v) - low) >> a->shift;
+	}
+	for (int64_t y = at[1]; y <= at[3]; y++)
+		for (int64_t word = at[0] / 64; word <= at[2] / 64; word++)
+			a->dirty[y][word] |= row_mask((unsigned)word, at[0], at[2]);
+	return 0;
+}
+
+static int make_raster(struct pipe_area *a, struct err *err)
+{
+	const struct grid_visitor v = { .ctx = a, .enter = zone_enter, .cell = zone_cell };
+
+	set_zone(a);
+	memset(a->dirty, 0, sizeof(a->dirty));
+	return a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+}
+
+/* No cell that was not read has a point within `size` of the centre, along either axis. */
+static bool clean(const struct pipe_area *a, double x, double y, double size)
+{
+	double from[2] = { x - size, y - size }, to[2] = { x + size, y + size };
+	int64_t lo[2], hi[2];
+
+	for (unsigned k = 0; k < 2; k++) {
+		if (!(from[k] >= (double)a->zone[k] && to[k] <= (double)a->zone[2 + k]))
+			return false;
+		lo[k] = ((int64_t)floor(from[k]) - a->zone[k]) >> a->shift;
+		hi[k] = ((int64_t)ceil(to[k]) - a->zone[k]) >> a->shift;
+	}
+	for (int64_t row = lo[1]; row <= hi[1]; row++)
+		for (int64_t word = lo[0] / 64; word <= hi[0] / 64; word++)
+			if (a->dirty[row][word] & row_mask((unsigned)word, lo[0], hi[0]))
+				return false;
+	return true;
+}
+
+/* ---- discs ---- */
+
+/* Where cells are looked for first: at the middle of what is given, but not outside of the piece. */
+static void look_at(const struct pipe_area *a, struct area_disc *d, double x, double y)
+{
+	const double at[2] = { x, y };
+
+	for (unsigned k = 0; k < 2; k++) {
+		double low = (double)a->window.box[k] / 2, high = (double)a->window.box[2 + k] / 2;
+
+		d->at[k] = at[k] < low ? low : at[k] > high ? high : at[k];
+	}
+	d->best = INFINITY;
+}
+
+/* The corner of a box that is farthest to the left of a, b. */
+static void leftmost(const int32_t a[2], const int32_t b[2], const int64_t box[4], int64_t ret[2])
+{
+	ret[0] = b[1] > a[1] ? box[0] : box[2];
+	ret[1] = b[0] > a[0] ? box[3] : box[1];
+}
+
+static bool ghost_disc(struct pipe_area *a, const int32_t p[2], const int32_t q[2], struct area_disc *ret)
+{
+	int64_t far[2];
+	geom_i128 turn;
+
+	leftmost(p, q, a->window.box, far);
+	turn = (geom_i128)((int64_t)q[0] - p[0]) * (far[1] - 2 * (int64_t)p[1]) -
+	       (geom_i128)((int64_t)q[1] - p[1]) * (far[0] - 2 * (int64_t)p[0]);
+	if (turn < 0)
+		return false;
+	ret->a = p;
+	ret->b = q;
+	ret->ghost = true;
+	look_at(a, ret, ((double)p[0] + q[0]) / 2, ((double)p[1] + q[1]) / 2);
+	return true;
+}
+
+static bool true_disc(struct pipe_area *area, const int32_t a[2], const int32_t b[2], const int32_t c[2],
+		      struct area_disc *ret)
+{
+	int64_t bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1], cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1];
+	double ex = (double)(cx - bx), ey = (double)(cy - by), twice = 2 * (double)geom_area(a, b, c), radius;
+	double sides = ((double)bx * (double)bx + (double)by * (double)by) * ((double)cx * (double)cx + (double)cy * (double)cy) *
+		       (ex * ex + ey * ey);
+	geom_i128 bz, cz;
+
+	/* The radius is l1 l2 l3 / 2D; a point of the circle is within two of them of a. */
+	radius = sqrt(sides) / twice * (1 + SLACK);
+	if (clean(area, a[0], a[1], 2 * radius + 1))
+		return false;
+	bz = (geom_i128)bx * bx + (geom_i128)by * by;
+	cz = (geom_i128)cx * cx + (geom_i128)cy * cy;
+	ret->ux = (double)(bz * cy - cz * by) / twice;
+	ret->uy = (double)(cz * bx - bz * cx) / twice;
+	if (clean(area, a[0] + ret->ux, a[1] + ret->uy, radius + SLACK * (fabs(ret->ux) + fabs(ret->uy)) + 1))
+		return false;
+	ret->a = a;
+	ret->b = b;
+	ret->ghost = false;
+	look_at(area, ret, ((double)a[0] + b[0] + c[0]) / 3, ((double)a[1] + b[1] + c[1]) / 3);
+	return true;
+}
+
+static bool make_disc(struct pipe_area *a, const struct tri_result *t, uint32_t i, struct area_disc *ret)
+{
+	const uint32_t *corner = t->triangle[i].corner;
+
+	for (unsigned k = 0; k < 3; k++)
+		if (corner[k] == TRI_GHOST)
+			return ghost_disc(a, t->xy[corner[(k + 1) % 3]], t->xy[corner[(k + 2) % 3]], ret);
+	if (!pipe_window_has(&a->window, t->xy[corner[0]], t->xy[corner[1]], t->xy[corner[2]]))
+		return false;
+	return true_disc(a, t->xy[corner[0]], t->xy[corner[1]], t->xy[corner[2]], ret);
+}
+
+/* px (px - 2 ux) for the p of [low, high] that is nearest to u, and what it may be off by. */
+static double along(double u, double low, double high, double *slack)
+{
+	double p = u < low ? low : u > high ? high : u;
+
+	*slack += fabs(p) * (fabs(p) + 2 * fabs(u));
+	return p * (p - 2 * u);
+}
+
+static bool meets(const struct area_disc *d, const int32_t box[4])
+{
+	double slack = 0, value;
+
+	if (d->ghost) {
+		const int64_t wide[4] = { box[0], box[1], box[2], box[3] };
+		int64_t at[2];
+		int32_t far[2];
+
+		leftmost(d->a, d->b, wide, at);
+		far[0] = (int32_t)at[0];
+		far[1] = (int32_t)at[1];
+		return geom_orient(d->a, d->b, far) >= 0;
+	}
+	value = along(d->ux, (double)box[0] - d->a[0], (double)box[2] - d->a[0], &slack);
+	value += along(d->uy, (double)box[1] - d->a[1], (double)box[3] - d->a[1], &slack);
+	return value <= SLACK * slack;
+}
+
+/* ---- the walk ---- */
+
+static bool batch_enter(void *ctx, const struct grid_cell *subtree)
+{
+	const struct pipe_area *a = ctx;
+
+	for (uint32_t i = 0; i < a->ndisc && subtree->count; i++)
+		if (meets(&a->disc[i], subtree->box))
+			return true;
+	return false;
+}
+
+static int batch_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct pipe_area *a = ctx;
+
+	if (pipe_area_read(a, cell))
+		return 0;
+	for (uint32_t i = 0; i < a->ndisc; i++) {
+		struct area_disc *d = &a->disc[i];
+		double far;
+
+		if (!meets(d, cell->box))
+			continue;
+		far = pipe_area_far(cell->box, d->at);
+		if (a->thorough) {
+			pipe_area_pick(a, a->round, far, cell);
+		} else if (far < d->best) {
+			d->best = far;
+			d->cell = *cell;
+		}
+	}
+	return 0;
+}
+
+/* Of each disc the nearest hit, of these the nearest; after cells that gave few points, of all hits. */
+static int batch(struct pipe_area *a, struct err *err)
+{
+	const struct grid_visitor v = { .ctx = a, .enter = batch_enter, .cell = batch_cell };
+	int r = a->ndisc ? a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err) : 0;
+
+	for (uint32_t i = 0; i < a->ndisc && !r; i++)
+		if (a->disc[i].best < INFINITY)
+			pipe_area_pick(a, a->round, a->disc[i].best, &a->disc[i].cell);
+	a->ndisc = 0;
+	return r ? r : a->npick > 0;
+}
+
+int pipe_area_test(struct pipe_area *a, struct err *err)
+{
+	struct tri_result t;
+	int r = make_raster(a, err);
+
+	tri_result(a->tri, &t);
+	a->npick = a->ndisc = 0;
+	for (uint32_t i = 0; i < t.ntriangle && !r; i++) {
+		a->ndisc += make_disc(a, &t, i, &a->disc[a->ndisc]);
+		if (a->ndisc == a->disc_room)
+			r = batch(a, err);
+	}
+	return r ? r : batch(a, err);
+}

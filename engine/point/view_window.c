@@ -1,0 +1,86 @@
+/*
+ * Windows: which triangles of the mesh of a view's points are asked for (view.h). The window is closed, so a triangle
+ * that touches it at a corner belongs to it. Boxes are judged here, polygons by view_area.c; either exactly, in
+ * integers, on absolute numbers.
+ */
+#include <string.h>
+
+#include "view.h"
+#include "view_area.h"
+
+/* Twice the signed area of a, b, p for differences within 2^63. */
+static __int128 side_of(const int64_t a[2], const int64_t b[2], int64_t x, int64_t y)
+{
+	return (__int128)(b[0] - a[0]) * (y - a[1]) - (__int128)(b[1] - a[1]) * (x - a[0]);
+}
+
+bool view_box_meets(const int64_t box[4], const int64_t t[3][2])
+{
+	int turn;
+
+	for (unsigned k = 0; k < 2; k++)
+		if ((t[0][k] < box[k] && t[1][k] < box[k] && t[2][k] < box[k]) ||
+		    (t[0][k] > box[2 + k] && t[1][k] > box[2 + k] && t[2][k] > box[2 + k]))
+			return false;
+	turn = side_of(t[0], t[1], t[2][0], t[2][1]) > 0 ? 1 : -1;
+	for (unsigned i = 0; i < 3; i++) {
+		const int64_t *a = t[i], *b = t[(i + 1) % 3];
+		int64_t dx = turn * (b[0] - a[0]), dy = turn * (b[1] - a[1]);
+
+		/* The corner of the box that is farthest to the inner side of this side. */
+		if (side_of(a, b, dy > 0 ? box[0] : box[2], dx > 0 ? box[3] : box[1]) * turn < 0)
+			return false;
+	}
+	return true;
+}
+
+/* Windows reach as far as numbers do, triangles do not: what is farther out than this is as far as this. */
+static const int64_t far = INT64_C(1) << 40;
+
+void view_window_bounds(const struct view *v, int64_t ret[4])
+{
+	for (unsigned i = 0; i < 4; i++) {
+		__int128 at = (__int128)v->window_box[i] - v->k[i & 1];
+
+		ret[i] = at < -far ? -far : at > far ? far : (int64_t)at;
+	}
+}
+
+bool view_window_near(const struct view *v, const int64_t box[4])
+{
+	int64_t bounds[4], at[4];
+
+	if (!v->window)
+		return true;
+	view_window_bounds(v, bounds);
+	if (box[0] > bounds[2] || box[1] > bounds[3] || box[2] < bounds[0] || box[3] < bounds[1])
+		return false;
+	if (!v->window_area)
+		return true;
+	for (unsigned i = 0; i < 4; i++) {
+		/* Within the bounds, so that absolute numbers fit. */
+		int64_t b = box[i] < bounds[i & 1] ? bounds[i & 1] : box[i] > bounds[2 + (i & 1)] ? bounds[2 + (i & 1)] : box[i];
+
+		at[i] = b + v->k[i & 1];
+	}
+	return view_area_meets(v->window_area, at);
+}
+
+bool view_window_meets(const struct view *v, const int32_t a[2], const int32_t b[2], const int32_t c[2])
+{
+	const int32_t *from[3] = {a, b, c};
+	int64_t t[3][2], bounds[4];
+
+	if (!v->window)
+		return true;
+	for (unsigned i = 0; i < 3; i++)
+		for (unsigned k = 0; k < 2; k++)
+			t[i][k] = from[i][k];
+	view_window_bounds(v, bounds);
+	if (!view_box_meets(bounds, (const int64_t (*)[2])t))
+		return false;
+	for (unsigned i = 0; i < 3 && v->window_area; i++)
+		for (unsigned k = 0; k < 2; k++)
+			t[i][k] += v->k[k];
+	return !v->window_area || view_area_meets_triangle(v->window_area, (const int64_t (*)[2])t);
+}

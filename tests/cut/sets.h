@@ -1,0 +1,30 @@
+/*
+ * Small sets of points for fuzzing: on few places, on lines, circles and grids, in clusters, at the ends of the lattice;
+ * in several segments, with duplicates and records that a view leaves out.
+ */
+#ifndef SETS_H
+#define SETS_H
+
+#include "tiling.h"
+#include "view.h"
+
+enum { SETS_MAX_N = 60, SETS_MAX_RECORDS = 4 * SETS_MAX_N };
+
+struct sets {
+	struct point record[TILING_SEGMENTS][SETS_MAX_RECORDS];
+	size_t nrecord[TILING_SEGMENTS];
+	unsigned segments;
+	struct mesh_vertex pos[SETS_MAX_N]; /* after the view, Morton order */
+	unsigned n;
+	bool all_kept;                      /* the view takes nothing away */
+};
+
+unsigned sets_below(uint64_t *seed, unsigned n);
+/* A set and a view of it. */
+void sets_make(uint64_t *seed, struct sets *, struct view *ret_view);
+/* The positions that the view leaves, each with the record it prefers, anew. */
+void sets_reduce(struct sets *, const struct view *);
+/* The set's records, as long as it lives. */
+void sets_tiling(uint64_t *seed, struct sets *, struct tiling *ret);
+
+#endif
