@@ -23,7 +23,7 @@ struct ctl_daemon;
 /* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
 struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
-	bool header, strict, planar, accept_truncated, checksum, add;
+	bool header, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool canonical, no_clobber, wait, fresh, resume, files;
 	const char *socket, *timeout;
@@ -34,7 +34,7 @@ struct ctl_args {
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
 	const char *format, *tile, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation, *priority;
+	const char *generation, *priority, *replaces;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
 	char **word;               /* what is not an option, without the command */
@@ -274,6 +274,7 @@ struct ctl_staged {
 		int known; /* of struct acut_probe */
 		uint64_t points, moved, bytes_read, bytes;
 		bool partial;
+		uint32_t replaced; /* files of the dataset */
 		double shift[3];
 		char *warning; /* NULL: none */
 		char *projected_from; /* of its degrees; NULL: they were not projected */

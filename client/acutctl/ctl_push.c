@@ -59,6 +59,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "points", NULL);
 		ctl_json_text(&j, "moved", NULL);
 		ctl_json_text(&j, "max_shift", NULL);
+		ctl_json_text(&j, "replaced", NULL);
 		ctl_height_json(&j, NULL, NULL);
 		ctl_json_text(&j, "warning", NULL);
 		ctl_error_json(&j, "error", &f->err);
@@ -70,6 +71,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		for (int i = 0; i < 3; i++)
 			ctl_json_number(&j, NULL, f->shift[i]);
 		ctl_json_close(&j, ']');
+		ctl_json_u64(&j, "replaced", f->replaced);
 		ctl_height_json(&j, s, f);
 		ctl_json_text(&j, "warning", f->warning);
 		ctl_json_text(&j, "error", NULL);
@@ -96,6 +98,17 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 			 f->shift[1], f->shift[2]);
 	else
 		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
+	if (f->replaced)
+		ctl_note(ctl, "%s: in place of %u file%s of the dataset", f->name, f->replaced, f->replaced == 1 ? "" : "s");
+}
+
+static int check_replaces(const struct ctl *ctl, struct err *err)
+{
+	const struct ctl_args *a = &ctl->args;
+
+	if (a->add && (a->replace || a->replaces))
+		return err_set(err, ERR_USAGE, "--add takes a file beside the old one, --replace in its place: both at once are nothing");
+	return 0;
 }
 
 int ctl_push_run(struct ctl *ctl)
@@ -107,8 +120,15 @@ int ctl_push_run(struct ctl *ctl)
 	char count[32];
 	int status;
 
+	if (check_replaces(ctl, &err))
+		return ctl_error(ctl, &err);
 	if (ctl_input_gather(ctl, ctl->args.word + 1, ctl->args.nword - 1, &in, &err))
 		return ctl_error(ctl, &err);
+	if (ctl->args.replaces && in.n != 1) {
+		err_set(&err, ERR_USAGE, "--replaces is about one input, there are %zu", in.n);
+		ctl_input_done(&in);
+		return ctl_error(ctl, &err);
+	}
 	status = ctl_connect(ctl);
 	if (!status) {
 		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);

@@ -87,6 +87,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 	to->known = p->known;
 	if (p->known) {
 		to->points = p->points;
+		to->replaced = p->replaced;
 		s->ret->known++;
 		s->ret->adopted += p->known == ACUT_KNOWN_ADOPTED;
 		return 0;
@@ -113,6 +114,7 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 	to->bytes_read = f->bytes_read;
 	to->bytes = f->bytes;
 	to->partial = f->partial;
+	to->replaced = f->replaced;
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
 	to->projected_from = *f->projected_from ? strdup(f->projected_from) : NULL;
 	to->shifted = f->shifted;
@@ -164,6 +166,8 @@ static int begin(struct staging *s, const char *dataset)
 					.accept_truncated = a->accept_truncated,
 					.checksum = a->checksum,
 					.add = a->add,
+					.replace = a->replace,
+					.replaces = a->replaces,
 					.crop = s->in->crop,
 					.progress = ctl_progress_show,
 					.ctx = &s->progress};

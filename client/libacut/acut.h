@@ -127,7 +127,9 @@ struct acut_push_options {
 	bool planar, accept_truncated;
 	bool checksum; /* the same file: by its content, not by path, size and time */
 	const double *crop; /* NULL, or x1, y1, x2, y2: no view will ask for points outside; one-step only */
-	bool add;      /* a file of a path that is there already is taken beside the old one */
+	bool add;      /* a file of a path that is there already is taken beside the old one, */
+	bool replace;  /* or in its place */
+	const char *replaces; /* files are taken in place of this one, by path or name; NULL: none */
 	acut_progress_fn progress;
 	void *ctx;
 };
@@ -138,6 +140,7 @@ struct acut_probe {
 	uint64_t points;
 	double min[3], max[3];
 	const char *scale[3], *offset[3];
+	uint32_t replaced; /* files of the dataset, in the place of which one comes that is taken up */
 	int known; /* not 0: the push needs no file for it, and nothing but its points is said here */
 };
 enum { ACUT_KNOWN = 1, /* the dataset has it, or this push has it twice */
@@ -152,6 +155,7 @@ struct acut_file_result {
 	double shift_min, shift_mean, shift_max;
 	uint64_t bytes_read, bytes; /* for its points; of the file */
 	bool partial;               /* points outside of the push's crop were not read */
+	uint32_t replaced;          /* files of the dataset, in the place of which it comes */
 };
 /* What acut_push_plan fixed beside the lattice. */
 struct acut_push_planned {

@@ -14,7 +14,8 @@ struct acut_push {
 	uint32_t request_id;    /* of PushBegin: Durable comes on it */
 	uint64_t push, durable;
 	char *format, *columns, *note;
-	bool checksum, add;
+	bool checksum, add, replace;
+	char *replaces;
 	acut_progress_fn progress;
 	void *ctx;
 	bool committed;

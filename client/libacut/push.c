@@ -81,6 +81,7 @@ void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 	    .datum = p->datum,
 	    .epsg = p->epsg,
 	    .epsg_z = p->epsg_z,
+	    .replaced = p->replaced,
 	    .points = p->points,
 	    .known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
 	};
@@ -103,9 +104,11 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a push");
 	push->format = clean_copy(a, o->format);
 	push->columns = clean_copy(a, o->columns);
-	if (!push->format || !push->columns) {
+	push->replaces = clean_copy(a, o->replaces);
+	if (!push->format || !push->columns || !push->replaces) {
 		free(push->format);
 		free(push->columns);
+		free(push->replaces);
 		free(push);
 		return -(int)a->err.code;
 	}
@@ -128,6 +131,7 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	if (r < 0) {
 		free(push->format);
 		free(push->columns);
+		free(push->replaces);
 		free(push);
 		return r;
 	}
@@ -137,6 +141,7 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	push->note = strdup(a->answer->push_begun->note);
 	push->checksum = o->checksum;
 	push->add = o->add;
+	push->replace = o->replace;
 	push->progress = o->progress;
 	push->ctx = o->ctx;
 	push->next = a->pushes;
@@ -191,6 +196,8 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 	p.columns = f.columns = push->columns;
 	p.checksum = push->checksum;
 	p.add = push->add;
+	p.replace = push->replace;
+	p.replaces = push->replaces;
 	if (in->path) {
 		p.path.data = (uint8_t *)in->path;
 		p.path.len = strlen(in->path);
@@ -230,6 +237,7 @@ static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 	    .bytes_read = done->bytes_read,
 	    .bytes = done->bytes,
 	    .partial = done->partial,
+	    .replaced = done->replaced,
 	};
 	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
 	return 0;
@@ -470,6 +478,7 @@ struct acut_push *acut_push_leave(struct acut_push *push)
 	free(push->format);
 	free(push->note);
 	free(push->columns);
+	free(push->replaces);
 	free(push);
 	return NULL;
 }

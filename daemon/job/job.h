@@ -149,6 +149,7 @@ struct push_file {
 	const char *name;
 	struct pipe_ingested in;
 	const char *geoid;  /* that shifted its heights: as in the manifest; "": none */
+	uint32_t replaced;  /* files of the dataset, by this one */
 	const char *crs_of; /* of the file itself, where it was projected; "": it was not */
 };
 struct push_planned {
@@ -171,6 +172,7 @@ struct push_probe_result {
 	const struct input_info *info; /* NULL if it is known: it was not read */
 	enum push_known_as known;
 	uint64_t points;               /* of one that is known */
+	uint32_t replaced;             /* files of the dataset, by one that is taken up */
 };
 struct push_input {
 	const char *name, *format;
@@ -178,6 +180,8 @@ struct push_input {
 	const char *path; /* absolute; "": it has none */
 	bool checksum;    /* judged by its content, not by path, size and time */
 	bool add;         /* taken beside another one of its path */
+	bool replace;     /* taken in place of those of its path */
+	const char *replaces; /* and of this one, by path or name; "": none */
 };
 
 /* Each request is answered once, with `why` (NULL: done) and its own token. */

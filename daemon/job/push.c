@@ -32,6 +32,7 @@ struct push *push_free(struct push *p)
 	names_free(&p->adopt_paths);
 	grid_manifest_free(p->adopt);
 	free(p->adopt_taken);
+	push_replace_free(p);
 	if (p->jobs) {
 		pending_free(p->jobs, p->pending);
 		house_give(p->jobs, p->charged);
@@ -58,6 +59,7 @@ static void ask_free(struct push_ask *a)
 	free(a->format);
 	free(a->columns);
 	free(a->path);
+	free(a->replaces);
 	free(a);
 }
 
@@ -358,6 +360,8 @@ static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct p
 	a->path = copy(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
 	a->checksum = in->checksum;
 	a->add = in->add;
+	a->replace = in->replace;
+	a->replaces = copy(in->replaces);
 	a->stream = fd < 0 ? push_stream_find(p, in->name) : NULL;
 	push_pump(p);
 	return true;

@@ -62,7 +62,7 @@ static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 		return -(int)err->code;
 	p->task.reads = true;
 	task_bytes(p, LEDGER_INPUT, input_bytes());
-	return a->name && a->format && a->columns && a->path ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
+	return a->name && a->format && a->columns && a->path && a->replaces ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 }
 
 static void remember_info(struct push_ask *a, const struct input *in)
@@ -100,9 +100,12 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 	struct err err = ERR_INIT;
 	int r;
 
+	if (!why && push_replace_room(p, a, &err))
+		why = &err;
 	if (!why && a->known == PUSH_ADOPTED) {
 		p->adopt_taken[a->adopted] = true;
 		p->ntaken++;
+		result.replaced = push_replace_note(p, a->path, a->replace, a->target);
 	}
 	if (!why && a->known == PUSH_NEW) {
 		result.info = &a->info;
@@ -375,7 +378,7 @@ static void file_run(struct push *p, struct push_ask *a)
 		input_close(in);
 }
 
-static void source_add(struct push *p, const struct push_ask *a)
+static void source_add(struct push *p, const struct push_ask *a, uint32_t *ret_replaced)
 {
 	struct grid_source *s = &p->sources[p->nsources++];
 	const struct push_probed *probe = push_find_probe(p, a->name);
@@ -392,6 +395,7 @@ static void source_add(struct push *p, const struct push_ask *a)
 	s->mtime_ns = a->id.mtime_ns;
 	s->hash = a->hash;
 	push_note_reading(p, a);
+	*ret_replaced = push_replace_note(p, probe->path, probe->replace, probe->target);
 }
 
 /* Of the stage, not of the input: nothing more can be staged. */
@@ -432,7 +436,7 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	if (!why)
 		pipe_ingested_compare(&file.in, &a->info);
 	if (!why) {
-		source_add(p, a);
+		source_add(p, a, &file.replaced);
 		atomic_fetch_add(&p->space.staged, a->in.points);
 		atomic_store(&p->progress, 0);
 		p->files++;
@@ -565,6 +569,7 @@ static bool abort_done(struct push *p, struct push_ask *a, const struct err *why
 	atomic_store(&p->cancel, false);
 	if (!why && !p->committed) {
 		p->nsources = 0;
+		push_replace_nothing(p);
 		p->files = p->durable = 0;
 	}
 	push_streams_free(p);

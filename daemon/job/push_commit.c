@@ -161,12 +161,14 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 			m.sources[at++] = p->sources[i];
 		for (i = nsrc; i < at; i++)
 			m.sources[i].added = generation;
+		r = push_replace_apply(p, &m, err);
 		m.oldest = p->base ? p->base->oldest : 0;
 		snprintf(m.crs, sizeof m.crs, "%s", p->crs);
 		memcpy(m.geoid, p->plane.geoid, sizeof m.geoid);
 		snprintf(m.unit_xy, sizeof m.unit_xy, "%s", p->unit_xy);
 		snprintf(m.unit_z, sizeof m.unit_z, "%s", p->unit_z);
-		r = generation_note(&m, p->base, &p->peer, GRID_PUSH, 0, err);
+		if (!r)
+			r = generation_note(&m, p->base, &p->peer, p->ngone ? GRID_REPLACE : GRID_PUSH, 0, err);
 		if (!r)
 			r = grid_manifest_write(p->dataset->dirfd, p->made_name, &m, err);
 		if (!r)

@@ -3,7 +3,7 @@
  *
  * The model: a file is the same if its path, size and time of change are those of a live source, or, where the
  * client asks for it, if its bytes have that source's hash, whatever its name. The same path with anything else
- * is another file of that name, and taken only if the client says so. What has no path (a pipe) is always new.
+ * is another file of that name, and taken only if the client says so: beside the old one, or in its place. What has no path (a pipe) is always new.
  * Workers call this between the asks of one push, so its tables stand still meanwhile.
  */
 #include <stdlib.h>
@@ -104,19 +104,48 @@ static bool given_before(const struct push *p, const struct push_ask *a)
 	return false;
 }
 
+static int other_content(const struct push *p, struct push_ask *a)
+{
+	err_set(&a->err, ERR_INPUT, "the dataset %s has a file of this name already, %s", p->dataset->name,
+		a->checksum ? "with other content" : "of another size or time of change");
+	return err_add_hint(&a->err, "%s--add takes it as another source beside the old one, --replace in its place",
+			    a->checksum ? "" : "--checksum finds out whether the content is the same; ");
+}
+
+/* What a file would replace, if it is that file already, whatever its times say: then nothing changes. */
+static int find_unchanged(struct push *p, struct push_ask *a, const struct grid_source **ret)
+{
+	const struct grid_source *all = p->base->sources;
+	size_t at = NAMES_START;
+	uint32_t i;
+	int r = 0;
+
+	if (!a->checksum)
+		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
+	while (!r && names_next(&p->base_paths, a->path, &at, &i))
+		if (all[i].size == a->id.size && digest_equal(all[i].hash, a->hash))
+			*ret = &all[i];
+	if (!r && a->target && all[a->target - 1].size == a->id.size && digest_equal(all[a->target - 1].hash, a->hash))
+		*ret = &all[a->target - 1];
+	return r;
+}
+
 int push_known(struct push *p, struct push_ask *a)
 {
 	const struct grid_source *s = NULL, *t = NULL;
-	bool path = false, ignored;
+	bool path = false, ignored, targeted = *a->replaces;
 	int r = 0;
 
 	a->known = PUSH_NEW;
-	if (p->dataset->onestep || !*a->path)
-		return 0;
+	r = push_replace_target(p, a);
+	if (r || p->dataset->onestep || !*a->path)
+		return r;
 	if (a->checksum)
 		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	if (!r && p->base)
 		s = find(p->base, &p->base_paths, a, &path);
+	if (!r && !s && (targeted || (path && a->replace)))
+		r = find_unchanged(p, a, &s);
 	if (r)
 		return r;
 	if (s || given_before(p, a)) {
@@ -124,6 +153,8 @@ int push_known(struct push *p, struct push_ask *a)
 		a->in.points = s ? s->points : 0;
 		return 0;
 	}
+	if (path && !a->add && !a->replace && !targeted)
+		return other_content(p, a);
 	if (p->adopt && push_same_reading(p, a))
 		t = find(p->adopt, &p->adopt_paths, a, &ignored);
 	if (t) {
@@ -132,11 +163,5 @@ int push_known(struct push *p, struct push_ask *a)
 		a->in.points = t->points;
 		return 0;
 	}
-	if (!path || a->add)
-		return 0;
-	err_set(&a->err, ERR_INPUT, "the dataset %s has a file of this name already, %s", p->dataset->name,
-		a->checksum ? "with other content" : "of another size or time of change");
-	return err_add_hint(&a->err, "%s--add takes it as another source beside the old one; --replace, which puts it "
-				     "in the old one's place, is not in this version",
-			    a->checksum ? "" : "--checksum finds out whether the content is the same; ");
+	return 0;
 }

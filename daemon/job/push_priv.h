@@ -59,7 +59,8 @@ struct push_ask {
 	void *token;
 	int fd;
 	char *name, *format, *columns, *path;
-	bool checksum, add, projected;
+	char *replaces;             /* file of the dataset, by path or name; "": none */
+	bool checksum, add, replace, projected;
 	bool sealing;               /* a commit, by several workers now */
 	struct push_stream *stream; /* it comes from there */
 	/* of the worker */
@@ -73,6 +74,7 @@ struct push_ask {
 	struct pipe_ingested in;
 	struct digest hash;
 	enum push_known_as known;
+	size_t target;           /* 1 + which source of push.base `replaces` means; 0: none */
 	struct input *whole;     /* a file that several workers read; closed by the loop */
 	struct push_crew *crew;
 	size_t adopted; /* which source of push.adopt it is */
@@ -88,6 +90,8 @@ struct push_probed {
 	size_t read_bytes;          /* what decoding it takes */
 	uint64_t claimed;           /* points, as it says; 0: it does not */
 	struct err *why;            /* it was left out of the plan; NULL: it was not */
+	bool replace;               /* what the dataset has of its path goes, */
+	size_t target;              /* and this one, as push_ask.target */
 	bool stepped;               /* `coords` are those on the dataset's plane */
 };
 
@@ -143,6 +147,10 @@ struct push {
 	struct crs_info **crs_seen; /* what the probes say, each once */
 	size_t ncrs;
 	struct names base_paths;    /* live sources of `base` */
+	/* Sources of `base` that go with the commit: which, and their numbers; NULL: nothing is replaced. */
+	bool *goes;
+	uint32_t *gone;
+	size_t ngone;
 	struct grid_manifest *adopt; /* of the interrupted push that this one goes on with; NULL: none */
 	struct names adopt_paths;
 	bool *adopt_taken;          /* the client named that source again */
@@ -316,6 +324,14 @@ int push_known(struct push *, struct push_ask *);
 /* XXH3-128 of the first `size` bytes. */
 int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
 
+
+/* push_replace.c: what it puts others in the place of */
+int push_replace_target(struct push *, struct push_ask *);
+int push_replace_room(struct push *, const struct push_ask *, struct err *err);
+uint32_t push_replace_note(struct push *, const char *path, bool replace, size_t target);
+int push_replace_apply(struct push *, struct grid_manifest *, struct err *err);
+void push_replace_nothing(struct push *);
+void push_replace_free(struct push *);
 
 /* push_crs.c: coordinate systems and units */
 int push_assume_read(struct push *, const struct push_params *, struct err *err);

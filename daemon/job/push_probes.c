@@ -179,6 +179,8 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	at->plane = NULL;
 	at->stepped = false;
 	at->read_bytes = ask->info.read_bytes;
+	at->replace = ask->replace;
+	at->target = ask->target;
 	at->claimed = ask->info.claimed;
 	return 0;
 }

@@ -160,6 +160,7 @@ static void probed(void *token, const struct err *why, const struct push_probe_r
 	name[sizeof name - 1] = 0;
 	known.name = frame_text_clean(name);
 	known.points = result->points;
+	known.replaced = result->replaced;
 	known.known = (uint32_t)result->known;
 	request_answer(token, FRAME_MESSAGE(PROBED, probed, &known));
 }
@@ -210,6 +211,7 @@ static void staged(void *token, const struct err *why, const struct push_file *f
 	m.bytes_read = in.bytes_read;
 	m.bytes = in.bytes;
 	m.partial = in.partial;
+	m.replaced = file->replaced;
 	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
 }
 
@@ -410,6 +412,8 @@ void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 		.columns = probe->columns,
 		.checksum = probe->checksum,
 		.add = probe->add,
+		.replace = probe->replace,
+		.replaces = probe->replaces,
 	};
 	char *path = p && probe->path.len ? strndup((const char *)probe->path.data, probe->path.len) : NULL;
 

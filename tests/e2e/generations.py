@@ -14,6 +14,11 @@ import e2e
 from e2e import expect
 from survey import las, says, show
 
+try:
+    from acut_wire import Client, pb
+except ImportError as e:
+    e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
 KEYS = ("digest", "vertex_digest", "vertices", "triangles", "points", "used")
 
 
@@ -100,6 +105,91 @@ def revert_and_at():
                 "the log: %s" % log(d, "s"))
 
 
+def replaced():
+    """A corrected delivery in place of the old one: a file, a folder, another name; what is unchanged is skipped."""
+    with e2e.Folder() as base:
+        new = os.path.join(base, "new")
+        os.mkdir(new)
+        # The old a.las has the lowest points of many positions, and the rim: all of that must go.
+        a = cloud(base, "a.las", 1, -40000, -40000, 3000, side=90000, ties=400)
+        b, c = cloud(base, "b.las", 2, 0, 0, 3000, ties=400), cloud(base, "c.las", 3, 4000, 0, 3000, ties=400)
+        old = {p: shutil.copy2(p, os.path.join(new, os.path.basename(p))) for p in (a, b, c)}
+        with e2e.Daemon(base, memory="32M") as d:
+            fresh = Fresh(d, VIEWS)
+            d.ctl("push", "s", "--scale", "0.01,0.01", a, b, c).ok()
+            cloud(base, "a.las", 11, 0, 0, 3500, ties=350)
+            says(d.ctl("push", "s", a), 1, "--replace in its place")
+            expect(show(d, "s")["generation"] == 1, "a refused file made a generation")
+            got = json.loads(d.ctl("push", "s", "--replace", a, "--json").ok().out)
+            expect((got["generation"], got["replaced"], got["points"]) == (2, 1, 3850), "%s" % got)
+            expect(state(d, "s") == fresh.of([a, b, c]), "replaced is not what a build from nothing is")
+            expect(state(d, "s", VIEWS[:2], 1) == fresh.of(old.values())[:2], "what was there before is gone")
+            # All of it again, with new times: nothing is new.
+            for p in (a, b, c):
+                os.utime(p)
+            says(d.ctl("push", "s", "--replace", a, b, c), 0, "there already")
+            expect(show(d, "s")["generation"] == 2, "the same content made a generation")
+            # Two of three, and one that is new; by the folder.
+            cloud(base, "b.las", 12, 9000, 9000, 1000, ties=300)
+            cloud(base, "c.las", 13, 100, 100, 2000, ties=100)
+            e = cloud(base, "e.las", 14, 500, 500, 600, ties=100)
+            os.rename(new, base + ".keep")
+            try:
+                says(d.ctl("push", "s", "--replace", a, b, c, e), 0, "a.las: there already", "b.las: in place of 1 file")
+            finally:
+                os.rename(base + ".keep", new)
+            expect(state(d, "s") == fresh.of([a, b, c, e]), "two replaced are not what a build from nothing is")
+            # Under another name; what there is none of, and two of.
+            f = cloud(base, "f.las", 15, 0, 0, 700, ties=100)
+            says(d.ctl("push", "s", f, "--replaces", "nothing.las"), 1, "no file nothing.las")
+            says(d.ctl("push", "s", f, e, "--replaces", "b.las"), 2, "one input")
+            says(d.ctl("push", "s", f, "--replaces", "b.las", "--add"), 2, "--add")
+            d.ctl("push", "s", f, "--replaces", "b.las").ok()
+            expect(state(d, "s") == fresh.of([a, f, c, e]), "replaced by name")
+            d.ctl("push", "s", old[a], "--replaces", a).ok()
+            expect(state(d, "s") == fresh.of([old[a], f, c, e]), "replaced by path")
+            rows = log(d, "s", "--files")
+            expect([(r["kind"], r["files_added"], r["files_removed"]) for r in rows] == [
+                ("push", 3, 0), ("replace", 1, 1), ("replace", 3, 2), ("replace", 1, 1), ("replace", 1, 1)], "%s" % rows)
+            # Undone one after the other, the last first.
+            says(d.ctl("dataset", "revert", "s", "2"), 2, "cannot be undone")
+            for live in ([a, f, c, e], [a, b, c, e]):
+                d.ctl("dataset", "revert", "s", str(show(d, "s")["generation"] if live[1] == f else 4)).ok()
+                expect(state(d, "s", VIEWS[:2]) == fresh.of(live)[:2], "an undone replacement")
+        for folder, _, files in os.walk(os.path.join(base, "state", "datasets", "1")):
+            manifests = [f for f in files if f.startswith("manifest-")]
+            expect(len(manifests) == 1, "old manifests stay: %s" % manifests)
+            dump = e2e.run([os.environ.get("ACUT_GRID_DUMP", "acut-grid-dump"), "--check", os.path.join(folder, manifests[0])])
+            expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
+
+
+def an_interrupted_replacement():
+    """A push that is cut off replaces nothing; the same again does, with what it had read."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a, b = cloud(base, "a.las", 1, 0, 0, 500, ties=50), cloud(base, "b.las", 2, 0, 0, 400, ties=50)
+        fresh = Fresh(d)
+        d.ctl("push", "s", "--scale", "0.01,0.01", a, b).ok()
+        before = mesh(d, "s")
+        cloud(base, "a.las", 11, 0, 0, 450, ties=50)
+        cloud(base, "b.las", 12, 0, 0, 470, ties=50)
+        with Client(d.socket) as c:
+            push = c.ask("push_begin", pb.PushBegin(dataset="s")).push
+            for body, m in (("probe", pb.Probe(push=push, name=a, path=a.encode(), replace=True)), ("push_plan", pb.PushPlan(push=push)),
+                            ("file", pb.File(push=push, name=a))):
+                with open(a, "rb") as f:
+                    answer = c.ask(body, m, *([f.fileno()] if body != "push_plan" else []))
+            expect(answer.replaced == 1, "%s" % answer)
+        deadline = time.monotonic() + 10
+        while not (show(d, "s")["pending"] or "").startswith("1 interrupted"):
+            expect(time.monotonic() < deadline, "no pending push: %s" % show(d, "s")["pending"])
+            time.sleep(0.05)
+        expect(mesh(d, "s", "--new") == before and show(d, "s")["generation"] == 1, "an interrupted push changed something")
+        says(d.ctl("push", "s", a), 1, "--replace in its place")
+        got = [json.loads(l) for l in d.ctl("push", "s", a, b, "--replace", "--json").ok().out.splitlines()]
+        expect([(g["state"], g["replaced"]) for g in got] == [("adopted", 1), ("staged", 1)], "%s" % got)
+        expect([mesh(d, "s")] == fresh.of([a, b]), "after an interruption")
+
+
 def conflicts():
     """What cannot be undone without taking something else along says so, and changes nothing."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -166,4 +256,4 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, conflicts, what_the_log_says, long_lists)
+    e2e.main(revert_and_at, replaced, an_interrupted_replacement, conflicts, what_the_log_says, long_lists)
