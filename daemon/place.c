@@ -70,7 +70,7 @@ static int make_dirs(const char *path, struct err *err)
 static long holder_of(int fd)
 {
 	char text[32] = "";
-	ssize_t n = pread(fd, text, sizeof text - 1, 0);
+	ssize_t n = io->pread(fd, text, sizeof text - 1, 0);
 
 	return n > 0 ? strtol(text, NULL, 10) : 0;
 }
@@ -83,7 +83,7 @@ static int lock_file(int dirfd, const char *name, int *ret_lock, struct err *err
 	r = io_open(dirfd, name, O_RDWR | O_CREAT | O_NOFOLLOW, 0600, &fd, err);
 	if (r)
 		return r;
-	if (flock(fd, LOCK_EX | LOCK_NB) != 0) {
+	if (io->flock(fd, LOCK_EX | LOCK_NB) != 0) {
 		if (errno == EWOULDBLOCK)
 			r = err_set(err, ERR_BUSY, "another acutd (pid %ld) runs here", holder_of(fd));
 		else
@@ -91,12 +91,10 @@ static int lock_file(int dirfd, const char *name, int *ret_lock, struct err *err
 		io_close(fd);
 		return r;
 	}
+	/* Whose it is, is for messages only: a full disk keeps nobody from starting. */
 	n = snprintf(text, sizeof text, "%ld\n", (long)getpid());
-	if (ftruncate(fd, 0) != 0 || pwrite(fd, text, (size_t)n, 0) != n) {
-		r = err_sys(err, errno, "cannot write the lock");
-		io_close(fd);
-		return r;
-	}
+	if (io->ftruncate(fd, 0) != 0 || io->pwrite(fd, text, (size_t)n, 0) != n)
+		log_warning("the number of this process cannot be written into %s: %s", name, strerror(errno));
 	*ret_lock = fd;
 	return 0;
 }
@@ -126,13 +124,13 @@ static int not_a_store(const char *what, struct err *err)
 	return err_add_hint(err, "mount the disk that holds the store; to make a new one here, start acutd once with --init");
 }
 
-/* What is beside a store before it is one: the lock of an attempt, and what mkfs leaves. */
+/* What is beside a store before it is one: what an attempt that was cut short left, and what mkfs leaves. */
 static int is_stranger(void *ctx, const struct dirent *e, struct err *err)
 {
 	const char *name = e->d_name;
 	char *first = ctx;
 
-	if (strcmp(name, "lock") != 0 && strcmp(name, "lost+found") != 0 && !*first)
+	if (strcmp(name, "lock") && strcmp(name, "acut-state.tmp") && strcmp(name, "lost+found") && !*first)
 		snprintf(first, 256, "%s", name);
 	return 0;
 }

@@ -1,0 +1,250 @@
+"""What the tests of faults on a real acutd share: a daemon that is started many times and timed, work for it whose
+acknowledgements are remembered, and what must be there after whatever happened. The rest is in ../e2e/e2e.py."""
+import json
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
+import e2e  # noqa: E402
+from e2e import Fault, expect  # noqa: E402,F401
+
+POINTS = (6000, 9000)
+
+
+def unavailable(reason):
+    """What this machine lacks: a skipped test, but where it must be there (.ci/run) a failed one."""
+    if os.environ.get("ACUT_FAULTS_REQUIRED"):
+        print("FAIL not skipped where it must run:", reason)
+        sys.exit(1)
+    e2e.skip(reason)
+
+
+def need_tools(*names):
+    for name in names:
+        if not shutil.which(name):
+            unavailable("%s is not installed" % name)
+
+
+def need_mounts(base):
+    """Root, mounts, loop devices."""
+    if os.geteuid() != 0:
+        unavailable("mounts need root")
+    there = os.path.join(base, "try")
+    os.mkdir(there)
+    image = os.path.join(base, "try.img")
+    with open(image, "wb") as f:
+        f.truncate(1 << 20)
+    if e2e.run(["mkfs.ext4", "-q", image]).status or e2e.run(["mount", "-o", "loop", image, there]).status:
+        unavailable("no mounts of loop devices here")
+    e2e.run(["umount", there]).ok()
+    os.unlink(image)
+
+
+def setting(name, otherwise):
+    return int(os.environ.get(name) or otherwise)
+
+
+class Killed(Exception):
+    """The daemon is gone, as it was meant to be."""
+
+
+class Store:
+    """State and cache below `base`, and daemons on them, one after the other."""
+
+    def __init__(self, base, memory="24M", args=(), state=None, cache=None):
+        self.base, self.args, self.memory = base, list(args), memory
+        self.state, self.cache = state or os.path.join(base, "state"), cache or os.path.join(base, "cache")
+        self.socket, self.log = os.path.join(base, "d.sock"), os.path.join(base, "log")
+        self.process, self.starts = None, []
+
+    def start(self, prefix=(), env=None, within=20):
+        """Waits for READY=1; remembers how long that took when nothing goes before acutd."""
+        notify = os.path.join(self.base, "notify")
+        if os.path.exists(notify):
+            os.unlink(notify)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as s, open(self.log, "ab") as log:
+            s.bind(notify)
+            s.settimeout(0.05)
+            begun = time.monotonic()
+            self.process = subprocess.Popen(
+                [*prefix, e2e.ACUTD, "--init", "--socket", self.socket, "--state", self.state, "--cache", self.cache, "--memory",
+                 self.memory, "--threads", "2", *self.args],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=dict(os.environ, NOTIFY_SOCKET=notify, **(env or {})))
+            while time.monotonic() - begun < within:
+                try:
+                    if b"READY=1" in s.recv(4096):
+                        break
+                except socket.timeout:
+                    if self.process.poll() is not None:
+                        self.ended()
+            else:
+                raise Fault("acutd is not ready within %d s\n%s" % (within, self.log_text()))
+            if not prefix and not env:
+                self.starts.append(time.monotonic() - begun)
+        return self
+
+    def ended(self):
+        if self.process.returncode == -signal.SIGKILL:
+            raise Killed()
+        raise Fault("acutd ended with %s\n%s" % (self.process.returncode, self.log_text()))
+
+    def log_text(self):
+        with open(self.log, errors="replace") as f:
+            return f.read()[-3000:]
+
+    def alive(self):
+        return self.process.poll() is None
+
+    def pid(self):
+        """Of acutd itself, also behind a prefix."""
+        try:
+            with open("/proc/%d/task/%d/children" % (self.process.pid, self.process.pid)) as f:
+                inner = f.read().split()
+        except OSError:
+            return self.process.pid
+        return int(inner[0]) if inner else self.process.pid
+
+    def kill(self):
+        if self.process and self.alive():
+            self.kill_inner()
+        if self.process:
+            self.process.wait()
+
+    def kill_inner(self):
+        """acutd itself, behind a prefix that follows it."""
+        os.kill(self.pid(), signal.SIGKILL)
+
+    def stop(self):
+        if self.alive():
+            self.process.send_signal(signal.SIGTERM)
+        self.process.wait(20)
+        return self.process.returncode
+
+    def ctl(self, *args, **kw):
+        return e2e.run([e2e.ACUTCTL, *args], env={"ACUT_SOCKET": self.socket}, timeout=kw.pop("timeout", 60), **kw)
+
+    def rows(self, what):
+        return [json.loads(line) for line in self.ctl(what, "--json").ok().out.splitlines() if line]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exc):
+        if exc[0] is not None and os.path.exists(self.log):
+            print(self.log_text())
+        self.kill()
+
+
+class Inputs:
+    """Two files, and what their meshes are."""
+
+    def __init__(self, base):
+        self.files = []
+        for i, n in enumerate(POINTS):
+            self.files.append(os.path.join(base, "f%d.las" % i))
+            e2e.run([e2e.SYNTH, "--points", n, "--seed", i + 1, self.files[-1]]).ok()
+        where = os.path.join(base, "want")
+        os.mkdir(where)
+        self.want = {}
+        with Store(where) as s:
+            s.start()
+            for n in (1, 2):
+                s.ctl("push", "w", self.files[n - 1]).ok()
+                for view in VIEWS:
+                    self.want[n, view] = digests(s.ctl("submit", "w", *view, "--wait", "--json").ok().json())
+            s.stop()
+        shutil.rmtree(where)
+
+
+VIEWS = ((), ("--every", "3"))
+
+
+def digests(job):
+    return job["digest"], job["vertex_digest"]
+
+
+class Acks:
+    """What the daemon has said is safe."""
+
+    def __init__(self):
+        self.generation, self.jobs, self.lock = {}, {}, threading.Lock()
+        self.checked = 0
+
+    def check(self, store):
+        """All of it is there."""
+        with self.lock:
+            generation, jobs = dict(self.generation), dict(self.jobs)
+        have = {d["name"]: d["generation"] for d in store.rows("datasets")}
+        for name, g in generation.items():
+            expect(have.get(name, 0) >= g, "dataset %s had generation %d, has %s" % (name, g, have.get(name)))
+        found = {j["job"]: j for j in store.rows("jobs")}
+        for number, want in jobs.items():
+            expect(number in found, "job %d is gone" % number)
+            expect(found[number]["state"] == "done", "job %d was done, is %s" % (number, found[number]["state"]))
+            got = store.ctl("show", str(number), "--json").ok().json()
+            expect(digests(got) == want, "job %d has another mesh" % number)
+        self.checked += len(generation) + len(jobs)
+        with self.lock:
+            for number in list(jobs)[:-4]:  # the older ones were seen often enough
+                self.jobs.pop(number, None)
+
+
+def work(store, inputs, acks, name):
+    """Two pushes, with a job of each view after each, and the mesh of the last one. Killed: the daemon went. It may be
+    done again after that, and what was acknowledged is not done again then."""
+    def ctl(*args):
+        r = store.ctl(*args)
+        if r.status and not store.alive():
+            raise Killed()
+        if r.status in (69, 74) and "closed" in r.out + r.err:
+            raise Killed()
+        if r.status:
+            time.sleep(0.05)
+            if not store.alive():
+                raise Killed()
+        return r.ok()
+
+    for n in (1, 2):
+        known = acks.generation.get(name, 0) >= n
+        r = ctl("push", name, *inputs.files[:n], "--json")
+        got = [json.loads(line) for line in r.out.splitlines()]
+        expect(not known or all(g["state"] == "known" for g in got), "was pushed, is pushed again: %s" % r.out)
+        with acks.lock:
+            acks.generation[name] = max(acks.generation.get(name, 0), got[-1]["generation"])
+        generation = got[-1]["generation"]
+        if n == 1 and generation > 1:
+            continue  # of an earlier time
+        for view in VIEWS:
+            job = ctl("submit", name, *view, "--wait", "--json").json()
+            whole = 2 if sum(POINTS) == job["points"] else 1
+            expect(digests(job) == inputs.want[whole, view], "%s %s: another mesh" % (name, view))
+            with acks.lock:
+                acks.jobs[job["job"]] = digests(job)
+    out = os.path.join(store.base, "out.ply")
+    ctl("fetch", str(job["job"]), "-o", out)  # checks its digests
+    os.unlink(out)
+
+
+def leftovers(store):
+    """Files of a store at rest that should not be there."""
+    bad = []
+    for top, _, names in os.walk(store.state):
+        for name in names:
+            if name.endswith((".tmp", ".run", ".pending", ".stage", ".part")):
+                bad.append(os.path.relpath(os.path.join(top, name), store.state))
+        where = os.path.relpath(top, store.state)
+        if where.startswith("datasets" + os.sep) and sum(n.startswith("manifest-") for n in names) > 1:
+            bad.append(where + ": several manifests")
+    return bad
+
+
+def percentile(values, p):
+    values = sorted(values)
+    return values[min(len(values) - 1, int(p * len(values)))] if values else 0
