@@ -54,12 +54,14 @@ bool cut_region_owns(const struct cut_region *, const int32_t a[2], const int32_
  * the index (known sites and the records of cells that may still matter). */
 enum { CUT_E_FULL = 1 };
 struct cut_sites;
+struct cut_trace;
 struct cut_load {
 	struct mesh_vertex *out;
 	uint32_t cap;
 	const struct cut_sites *sites; /* of the plan, for a leaf that is `known`: its halo is not read; else NULL */
 	void *scratch;
 	size_t scratch_size;
+	struct cut_trace *trace; /* NULL; or after cut_trace_init: what was loaded goes in here (cut_valid.h) */
 	/* results */
 	uint32_t n, own;
 	struct mesh_counts counts;

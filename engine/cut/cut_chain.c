@@ -69,7 +69,7 @@ static bool above_ray(const struct cut_chain *c, const struct point *end, int64_
 	return h - height(c, end) > (i128)(2 * t) * (u - cut_chain_u(c, end));
 }
 
-static bool above(const struct cut_chain *c, const struct point *p)
+bool cut_chain_above(const struct cut_chain *c, const struct point *p)
 {
 	int64_t u = cut_chain_u(c, p), x = cut_chain_x(c, p), ua, ub;
 	const struct point *a, *b;
@@ -105,14 +105,14 @@ void cut_chain_batch(struct cut_chain *c, struct point *batch, uint32_t batch_ca
 
 int cut_chain_add(struct cut_chain *c, const struct view *view, const struct point *p)
 {
-	if (above(c, p))
+	if (cut_chain_above(c, p))
 		return 0;
 	if (c->nbatch >= c->ripe) {
 		int rc = cut_chain_flush(c, view);
 
 		if (rc)
 			return rc;
-		if (above(c, p))
+		if (cut_chain_above(c, p))
 			return 0;
 	}
 	c->batch[c->nbatch++] = *p;
@@ -230,6 +230,13 @@ static double reach_of(const struct cut_chain *c)
 		far = fmax(far, hypot(x, u - t));
 	}
 	return far * (1 + SLACK_REL) + 1;
+}
+
+void cut_chain_of(struct cut_chain *c, struct point *pt, uint32_t n)
+{
+	c->pt = pt;
+	c->n = c->cap = n;
+	c->reach = reach_of(c);
 }
 
 int cut_chain_flush(struct cut_chain *c, const struct view *view)

@@ -43,6 +43,11 @@ void cut_chain_init(struct cut_chain *, bool vertical, int64_t c2, int64_t t0, i
 		    uint32_t cap, struct point *batch, uint32_t batch_cap);
 /* Hand the batch's memory in later; it is empty. */
 void cut_chain_batch(struct cut_chain *, struct point *batch, uint32_t batch_cap);
+/* n sites of a chain that was whole, in its order, the first and the last among them: E of these is nowhere below that
+ * of all. They stay in pt, which is the caller's. */
+void cut_chain_of(struct cut_chain *, struct point *pt, uint32_t n);
+/* Whether the point lies strictly above E, so that its cell does not meet the border. Exact. */
+bool cut_chain_above(const struct cut_chain *, const struct point *);
 /* A kept point: goes into the batch unless it lies above E. CUT_E_FULL: the chain overflows. */
 int cut_chain_add(struct cut_chain *, const struct view *, const struct point *);
 /* Take the batch into the chain; points of one position are reduced to the one the view prefers. */

@@ -2,6 +2,7 @@
  * The grid as a source of cells, and the public functions over it: the only place that calls engine/grid.
  */
 #include "cut_source.h"
+#include "cut_valid.h"
 
 static int grid_source_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_visitor *v, struct err *err)
 {
@@ -25,6 +26,11 @@ static int grid_source_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_
 	return grid_count(ctx, lo, hi, ret_count, ret_exact, err);
 }
 
+static int grid_source_sums(void *ctx, struct grid_sum *range, size_t n, struct err *err)
+{
+	return grid_sums(ctx, range, n, err);
+}
+
 static bool grid_source_box(void *ctx, int32_t ret_box[4])
 {
 	return grid_box(grid_reader_grid(ctx), ret_box);
@@ -37,6 +43,7 @@ void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->read = grid_source_read;
 	ret->scan = grid_source_scan;
 	ret->count = grid_source_count;
+	ret->sums = grid_source_sums;
 	ret->box = grid_source_box;
 	ret->ledger = grid_ledger(grid_reader_grid(reader));
 }
@@ -48,6 +55,15 @@ int cut_load(struct grid_reader *reader, const struct view *view, const struct c
 
 	cut_source_grid(reader, &src);
 	return cut_load_from(&src, view, region, load, ret_need, err);
+}
+
+int cut_valid(struct grid_reader *reader, const struct view *view, const struct cut_region *region,
+	      const struct cut_trace *trace, bool *ret, struct err *err)
+{
+	struct cut_source src;
+
+	source_grid(reader, &src);
+	return cut_valid_from(&src, view, region, trace, ret, err);
 }
 
 int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *ret, struct err *err)

@@ -15,6 +15,7 @@
 
 #include "cut_halo_priv.h"
 #include "cut_order.h"
+#include "cut_valid.h"
 
 /* ---- memory ---- */
 
@@ -466,6 +467,11 @@ static uint32_t collect(struct cut_halo *h)
 	return k;
 }
 
+void cut_halo_trace(struct cut_halo *h, struct cut_trace *trace)
+{
+	h->trace = trace;
+}
+
 int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n, uint64_t *ret_need,
 		  struct err *err)
 {
@@ -481,6 +487,8 @@ int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n,
 		return estimate(h, ret_need, err);
 	if (rc)
 		return rc;
+	if (h->trace)
+		cut_trace_sites(h->trace, h->chain, h->nchain);
 	*ret_n = collect(h);
 	*ret = h->pool;
 	return 0;

@@ -12,6 +12,7 @@
 #include "cut_source.h"
 
 struct cut_halo;
+struct cut_trace;
 
 /* Scratch for halos of about cap / 2 positions. */
 size_t cut_halo_bytes(uint32_t cap);
@@ -25,6 +26,8 @@ int cut_halo_seed(struct cut_halo *, const struct mesh_vertex *own, uint32_t n);
  * of the cells that may still matter. Else *ret is inside scratch, in Morton order. */
 int cut_halo_find(struct cut_halo *, const struct point **ret, uint32_t *ret_n, uint64_t *ret_need,
 		  struct err *err);
+/* cut_halo_find puts the sites of the chains into it (cut_valid.h). */
+void cut_halo_trace(struct cut_halo *, struct cut_trace *);
 void cut_halo_stats(const struct cut_halo *, uint64_t *ret_cells, uint64_t *ret_points);
 /* For tests: at most this many rounds of nearest cells before the sweep, this many remembered cells. */
 void cut_halo_limit(struct cut_halo *, unsigned rounds, uint32_t seen);

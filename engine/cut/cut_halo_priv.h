@@ -53,6 +53,7 @@ struct cut_halo {
 	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
 	size_t pool_size;
 	uint64_t cells, points;
+	struct cut_trace *trace; /* NULL: not asked for */
 	struct take take[4];
 	unsigned ntake;
 	/* sweep: the hits with the smallest keys past `after`, sorted */

@@ -10,6 +10,7 @@
 #include "cut_halo.h"
 #include "cut_order.h"
 #include "cut_sites.h"
+#include "cut_valid.h"
 #include "err.h"
 
 _Static_assert(MESH_RULES >= VIEW_RULES, "counts by rule");
@@ -126,6 +127,8 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 	if (rc)
 		return rc;
 	load->counts.used = load->own;
+	if (load->trace)
+		cut_halo_trace(h, load->trace);
 	rc = cut_halo_seed(h, load->out, load->own);
 	if (!rc)
 		rc = cut_halo_find(h, &halo, &m, &need, err);
@@ -146,5 +149,5 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 	}
 	load->counts.halo = m;
 	merge(load, halo, m);
-	return 0;
+	return load->trace ? cut_trace_ranges(load->trace, src, region, err) : 0;
 }

@@ -18,6 +18,8 @@ struct cut_source {
 	int (*read)(void *ctx, const struct grid_cell *, grid_points_fn, void *sink, struct err *);
 	int (*scan)(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn, void *sink, struct err *);
 	int (*count)(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
+	/* As grid_sums. */
+	int (*sums)(void *ctx, struct grid_sum *range, size_t n, struct err *);
 	/* As grid_box: of all points of all sources. */
 	bool (*box)(void *ctx, int32_t ret_box[4]);
 	struct ledger *ledger; /* of plans; NULL: none */
@@ -29,6 +31,8 @@ void cut_source_grid(struct grid_reader *, struct cut_source *ret);
 /* The functions of cut.h over any source. */
 int cut_load_from(const struct cut_source *, const struct view *, const struct cut_region *, struct cut_load *,
 		  uint64_t *ret_need, struct err *err);
+int cut_valid_from(const struct cut_source *, const struct view *, const struct cut_region *, const struct cut_trace *,
+		   bool *ret, struct err *err);
 int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
 int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap,
 			struct err *err);

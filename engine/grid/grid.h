@@ -302,6 +302,12 @@ int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_cou
 	       struct err *);
 /* Content sum (FORMAT.md) of the live records in the range, over all segments: exact always. */
 int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
+/* The same of many ranges, ascending and disjoint, in one descent: *range[i].sum is set. */
+struct grid_sum {
+	uint64_t lo, hi;
+	struct digest sum;
+};
+int grid_sums(struct grid_reader *, struct grid_sum *range, size_t n, struct err *);
 
 /* ---- reading everything, to tell what is damaged ---- */
 

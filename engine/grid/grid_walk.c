@@ -228,6 +228,114 @@ static int sum_cell(struct descent *d, const struct grid_cell *cell, const struc
 	return 0;
 }
 
+/*
+ * Of many ranges. What a cell or subtree holds lies between the keys of its box's corners, which is often less than
+ * its own range: so ranges that were drawn round boxes find cells inside them.
+ */
+struct sums {
+	struct grid_sum *range;
+	size_t n;
+};
+
+/* The first range that ends at `key` or later; n: none. */
+static size_t sums_find(const struct sums *s, uint64_t key)
+{
+	size_t lo = 0, hi = s->n;
+
+	while (lo < hi) {
+		size_t mid = lo + (hi - lo) / 2;
+
+		if (s->range[mid].hi < key)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo;
+}
+
+enum where { OUTSIDE, ACROSS, INSIDE };
+
+static enum where sums_where(const struct sums *s, const int32_t box[4], struct digest **ret)
+{
+	uint64_t lo = point_morton(box[0], box[1]), hi = point_morton(box[2], box[3]);
+	size_t i = sums_find(s, lo);
+
+	if (i == s->n || s->range[i].lo > hi)
+		return OUTSIDE;
+	*ret = &s->range[i].sum;
+	return s->range[i].lo <= lo && hi <= s->range[i].hi ? INSIDE : ACROSS;
+}
+
+static bool sums_inner(struct descent *d, const struct disk_inner *e)
+{
+	struct digest *sum;
+	enum where where = sums_where(d->ctx, e->box, &sum);
+
+	if (where != INSIDE || !d->r->grid->parts[d->part].all_live)
+		return where != OUTSIDE;
+	digest_add(sum, (struct digest){e->sum_hi, e->sum_lo});
+	return false;
+}
+
+static int sums_records(struct descent *d, const struct grid_cell *cell, struct err *err)
+{
+	struct sums *s = d->ctx;
+	struct grid_cursor cursor;
+	struct point *pts;
+	size_t n;
+
+	for (grid_cursor_cell(&cursor, cell); cursor.block < cell->blocks;) {
+		int rc = grid_cursor_block(d->r, &cursor, &pts, &n, err);
+
+		if (rc)
+			return rc;
+		for (size_t i = 0; i < n; i++) {
+			uint64_t key = point_morton(pts[i].x, pts[i].y);
+			size_t k = sums_find(s, key);
+
+			if (k < s->n && s->range[k].lo <= key)
+				digest_add(&s->range[k].sum, grid_record_hash(&pts[i]));
+		}
+	}
+	return 0;
+}
+
+static int sums_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf, struct err *err)
+{
+	struct digest *sum = NULL;
+
+	switch (sums_where(d->ctx, cell->box, &sum)) {
+	case OUTSIDE:
+		return 0;
+	case ACROSS:
+		return sums_records(d, cell, err);
+	default:
+		break;
+	}
+	if (!cell->source && !d->r->grid->parts[d->part].all_live) {
+		struct descent heads = *d;
+
+		heads.ctx = sum;
+		return sum_heads(&heads, cell, err);
+	}
+	digest_add(sum, (struct digest){leaf->sum_hi, leaf->sum_lo});
+	return 0;
+}
+
+int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct err *err)
+{
+	struct sums sums = {range, n};
+	struct descent d = {.r = r, .ctx = &sums, .inner = sums_inner, .cell = sums_cell};
+
+	for (size_t i = 0; i < n; i++)
+		range[i].sum = (struct digest){0, 0};
+	if (!n)
+		return 0;
+	d.lo = range[0].lo;
+	d.hi = range[n - 1].hi;
+	return descend(&d, err);
+}
+
 int grid_sum(struct grid_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)
 {
 	struct digest sum = {0, 0};

@@ -87,13 +87,26 @@ static int tiling_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_vi
 	return 0;
 }
 
-static int hand_out(const struct point *p, size_t n, grid_points_fn fn, void *sink, struct err *err)
+static bool live(const struct tiling *t, unsigned segment, size_t i)
 {
-	for (size_t i = 0; i < n; i += 7) {
-		int rc = fn(sink, p + i, n - i < 7 ? n - i : 7, err);
+	return !t->dead[segment] || !t->dead[segment][i];
+}
 
+static int hand_out(const struct tiling *t, unsigned segment, size_t from, size_t n, grid_points_fn fn, void *sink,
+		    struct err *err)
+{
+	const struct point *p = t->pts[segment];
+
+	for (size_t i = from, end = from + n; i < end;) {
+		size_t k = i;
+		int rc;
+
+		while (k < end && k < i + 7 && live(t, segment, k))
+			k++;
+		rc = k > i ? fn(sink, p + i, k - i, err) : 0;
 		if (rc)
 			return rc;
+		i = k < end && !live(t, segment, k) ? k + 1 : k;
 	}
 	return 0;
 }
@@ -104,7 +117,7 @@ static int tiling_read(void *ctx, const struct grid_cell *cell, grid_points_fn f
 
 	t->reads++;
 	t->read_points += cell->count;
-	return hand_out(t->pts[cell->segment] + cell->place, cell->count, fn, sink, err);
+	return hand_out(t, cell->segment, cell->place, cell->count, fn, sink, err);
 }
 
 static int tiling_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn fn, void *sink, struct err *err)
@@ -120,8 +133,11 @@ static int tiling_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn fn, v
 		int rc;
 
 		for (unsigned s = 0; s < t->segments; s++) {
-			const struct point *p = t->pts[s] + at[s];
+			const struct point *p;
 
+			while (at[s] < t->n[s] && !live(t, s, at[s]))
+				at[s]++;
+			p = t->pts[s] + at[s];
 			if (at[s] < t->n[s] && point_morton(p->x, p->y) <= hi &&
 			    (!best || point_compare(p, best) < 0)) {
 				best = p;
@@ -142,12 +158,30 @@ static int tiling_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count
 	const struct tiling *t = ctx;
 
 	*ret_count = 0;
+	*ret_exact = true;
 	for (unsigned s = 0; s < t->segments; s++) {
 		size_t end = hi == UINT64_MAX ? t->n[s] : lower(t->pts[s], t->n[s], hi + 1);
 
 		*ret_count += end - lower(t->pts[s], t->n[s], lo);
+		*ret_exact = *ret_exact && !t->dead[s];
 	}
-	*ret_exact = true;
+	return 0;
+}
+
+static int tiling_sums(void *ctx, struct grid_sum *range, size_t n, struct err *err)
+{
+	const struct tiling *t = ctx;
+
+	for (size_t k = 0; k < n; k++) {
+		range[k].sum = (struct digest){0, 0};
+		for (unsigned s = 0; s < t->segments; s++)
+			for (size_t i = lower(t->pts[s], t->n[s], range[k].lo); i < t->n[s]; i++) {
+				if (point_morton(t->pts[s][i].x, t->pts[s][i].y) > range[k].hi)
+					break;
+				if (live(t, s, i))
+					digest_add(&range[k].sum, digest_hash(&t->pts[s][i], sizeof(struct point)));
+			}
+	}
 	return 0;
 }
 
@@ -176,6 +210,7 @@ void tiling_source(struct tiling *t, struct cut_source *ret)
 	ret->read = tiling_read;
 	ret->scan = tiling_scan;
 	ret->count = tiling_count;
+	ret->sums = tiling_sums;
 	ret->box = tiling_box;
 	ret->ledger = NULL;
 }

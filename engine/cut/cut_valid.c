@@ -1,0 +1,363 @@
+/*
+ * Whether a region would load the same points in another generation, without loading them.
+ *
+ * The model. A trace holds C, sites of the region's border chains (all, or every so many of them), and R, ranges of
+ * Morton keys with the content sums of the live records in them. Let E' be the lower hull of C: as C is a part of the
+ * sites, E' is nowhere below the hull E of all. When the trace is made R gets the region's own ranges, and those of
+ * every cell whose box is a closed hit against E' (h <= E' somewhere in it).
+ *
+ * Valid: (1) the content sums of R are the same; (2) no kept point outside R lies in the region, widened to infinity on
+ * its infinite sides, or has h <= E' on any border. Cells and subtrees are judged by their boxes; where a box does not
+ * settle it the cell is read and judged by its live points, after the view.
+ *
+ * Then P_B is unchanged, and so is the record that stands for each position:
+ * - Positions with a key in R have the same live records, of all segments together, so the same representative or
+ *   none; the sum leaves sources out, and so do views. In particular the region's own positions and counts are the
+ *   same. (That unequal records have equal sums is as likely as for any 128-bit hash.)
+ * - All of C have keys in R: those of the region by its ranges, those outside because the cell they were in is a hit,
+ *   having a point on E. So they are sites now, and the hull E2 of all sites now is nowhere above E'.
+ * - Outside the region a site is of P_B if and only if h = E2 on a border. Then h <= E', so by (2) its key is in R. The
+ *   same holds for the old sites, E and R by how R was made. Sites with keys outside R have h > E' >= E, E2: they are on
+ *   neither hull. So E and E2 are the hulls of the same sites, those with keys in R, and the sites on them are the same.
+ * A border without any site has no E', which counts as infinite: everything is a hit.
+ *
+ * Merged segments, removed and restored sources, copies of a point in other files change no live content, so they
+ * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers are of one lattice with its
+ * K; whoever compares generations of different ones is wrong before this is asked.
+ */
+#include "cut_valid.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "cut_chain.h"
+#include "cut_source.h"
+
+enum { FOUND = 1 };
+
+void cut_trace_init(struct cut_trace *t, void *memory)
+{
+	*t = (struct cut_trace){.range = memory};
+	t->site = (struct point *)(t->range + CUT_TRACE_RANGES + CUT_TRACE_OWN);
+}
+
+void cut_trace_sites(struct cut_trace *t, const struct cut_chain *chain, unsigned n)
+{
+	struct point *at = t->site;
+
+	memset(t->nsite, 0, sizeof t->nsite);
+	for (unsigned i = 0; i < n; i++) {
+		uint32_t all = chain[i].n, some = all < CUT_TRACE_SITES ? all : CUT_TRACE_SITES;
+
+		/* The first and the last too: beyond them E is a ray, or infinite. */
+		for (uint32_t k = 0; k < some; k++)
+			*at++ = chain[i].pt[some < all ? (uint64_t)k * (all - 1) / (some - 1) : k];
+		t->nsite[i] = some;
+	}
+}
+
+/* The region's finite borders with their E'; returns how many. */
+static unsigned chains_of(const struct cut_trace *t, const struct cut_region *region, struct cut_chain ret[4])
+{
+	static const unsigned order[4] = {0, 2, 1, 3};
+	struct point *at = t->site;
+	unsigned n = 0;
+	int64_t box[4];
+
+	cut_region_box(region, box);
+	for (unsigned k = 0; k < 4; k++) {
+		unsigned side = order[k], beside = 1 - (side & 1);
+
+		if (box[side] == INT64_MIN || box[side] == INT64_MAX)
+			continue;
+		cut_chain_init(&ret[n], !(side & 1), box[side], box[beside], box[beside + 2], NULL, 0, NULL, 0);
+		cut_chain_of(&ret[n], at, t->nsite[n]);
+		at += t->nsite[n];
+		n++;
+	}
+	return n;
+}
+
+static bool hit(const struct cut_chain *chain, unsigned n, const int32_t box[4])
+{
+	for (unsigned i = 0; i < n; i++)
+		if (cut_chain_hit(&chain[i], box))
+			return true;
+	return false;
+}
+
+/* ---- ranges ---- */
+
+/* The keys of the box's corners: whatever lies in it has one between. */
+static void keys_of(const int32_t box[4], uint64_t *ret_lo, uint64_t *ret_hi)
+{
+	*ret_lo = point_morton(box[0], box[1]);
+	*ret_hi = point_morton(box[2], box[3]);
+}
+
+static bool in_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
+{
+	uint32_t lo = 0, hi = t->nrange;
+
+	while (lo < hi) {
+		uint32_t mid = lo + (hi - lo) / 2;
+
+		if (t->range[mid].hi < from)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo < t->nrange && t->range[lo].lo <= from && to <= t->range[lo].hi;
+}
+
+static int range_order(const void *a, const void *b)
+{
+	const struct grid_sum *x = a, *y = b;
+
+	return x->lo < y->lo ? -1 : x->lo > y->lo;
+}
+
+/* Ascending, disjoint, not adjacent. */
+static void unite(struct cut_trace *t)
+{
+	uint32_t k = 0;
+
+	qsort(t->range, t->nrange, sizeof *t->range, range_order);
+	for (uint32_t i = 0; i < t->nrange; i++) {
+		const struct grid_sum r = t->range[i];
+
+		if (k > 0 && (t->range[k - 1].hi == UINT64_MAX || r.lo <= t->range[k - 1].hi + 1)) {
+			if (r.hi > t->range[k - 1].hi)
+				t->range[k - 1].hi = r.hi;
+		} else {
+			t->range[k++] = r;
+		}
+	}
+	t->nrange = k;
+}
+
+struct listing {
+	struct cut_trace *trace;
+	struct cut_range own[4];
+	unsigned nown, nchain;
+	struct cut_chain chain[4];
+	uint64_t mask;           /* low bits that are not told apart any more */
+};
+
+static void widen(struct grid_sum *r, uint64_t mask)
+{
+	r->lo &= ~mask;
+	r->hi |= mask;
+}
+
+static void make_room(struct listing *l)
+{
+	struct cut_trace *t = l->trace;
+
+	unite(t);
+	/* A quarter, or it would be full again at once: four neighbours become one. */
+	while (t->nrange > CUT_TRACE_RANGES / 4 * 3) {
+		l->mask = l->mask << 2 | 3;
+		for (uint32_t i = 0; i < t->nrange; i++)
+			widen(&t->range[i], l->mask);
+		unite(t);
+	}
+}
+
+static void list(struct listing *l, uint64_t lo, uint64_t hi)
+{
+	struct cut_trace *t = l->trace;
+	struct grid_sum r = {.lo = lo, .hi = hi};
+
+	if (t->nrange == CUT_TRACE_RANGES)
+		make_room(l);
+	widen(&r, l->mask);
+	t->range[t->nrange++] = r;
+}
+
+static bool is_own(const struct listing *l, uint64_t lo, uint64_t hi)
+{
+	for (unsigned i = 0; i < l->nown; i++)
+		if (l->own[i].lo <= lo && hi <= l->own[i].hi)
+			return true;
+	return false;
+}
+
+static bool list_wants(const struct listing *l, const struct grid_cell *cell, uint64_t *ret_lo, uint64_t *ret_hi)
+{
+	keys_of(cell->box, ret_lo, ret_hi);
+	return cell->count && !is_own(l, *ret_lo, *ret_hi) && hit(l->chain, l->nchain, cell->box);
+}
+
+static bool list_enter(void *ctx, const struct grid_cell *subtree)
+{
+	uint64_t lo, hi;
+
+	return list_wants(ctx, subtree, &lo, &hi);
+}
+
+static int list_cell(void *ctx, const struct grid_cell *cell)
+{
+	uint64_t lo, hi, mask = 0;
+
+	if (!list_wants(ctx, cell, &lo, &hi))
+		return 0;
+	/* The smallest aligned range around: those of neighbours are adjacent. */
+	while ((lo ^ hi) & ~mask)
+		mask = mask << 2 | 3;
+	list(ctx, lo & ~mask, hi | mask);
+	return 0;
+}
+
+int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const struct cut_region *region, struct err *err)
+{
+	struct listing l = {.trace = t};
+	const struct grid_visitor v = {.ctx = &l, .enter = list_enter, .cell = list_cell};
+	int rc;
+
+	l.nown = cut_region_ranges(region, l.own);
+	l.nchain = chains_of(t, region, l.chain);
+	t->nrange = 0;
+	rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
+	if (rc)
+		return rc;
+	unite(t);
+	for (unsigned i = 0; i < l.nown; i++)
+		t->range[t->nrange++] = (struct grid_sum){.lo = l.own[i].lo, .hi = l.own[i].hi};
+	unite(t);
+	return src->sums(src->ctx, t->range, t->nrange, err);
+}
+
+bool cut_trace_fits(const struct cut_trace *t, const struct cut_region *region)
+{
+	struct cut_range own[4];
+	unsigned nown = cut_region_ranges(region, own), nchain = 0;
+	struct cut_chain chain[4];
+	int64_t box[4];
+
+	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN)
+		return false;
+	for (uint32_t i = 0; i < t->nrange; i++)
+		if (t->range[i].hi < t->range[i].lo || (i > 0 && t->range[i].lo <= t->range[i - 1].hi))
+			return false;
+	for (unsigned i = 0; i < nown; i++)
+		if (!in_ranges(t, own[i].lo, own[i].hi))
+			return false;
+	cut_region_box(region, box);
+	for (unsigned i = 0; i < 4; i++)
+		nchain += box[i] != INT64_MIN && box[i] != INT64_MAX;
+	for (unsigned i = 0; i < 4; i++)
+		if (t->nsite[i] > (i < nchain ? CUT_TRACE_SITES : 0))
+			return false;
+	chains_of(t, region, chain);
+	for (unsigned i = 0; i < nchain; i++)
+		for (uint32_t k = 1; k < chain[i].n; k++)
+			if (cut_chain_u(&chain[i], &chain[i].pt[k]) < cut_chain_u(&chain[i], &chain[i].pt[k - 1]))
+				return false;
+	return true;
+}
+
+/* ---- judging ---- */
+
+struct judge {
+	const struct cut_source *src;
+	const struct view *view;
+	const struct cut_trace *trace;
+	int64_t box[4];
+	struct cut_chain chain[4];
+	unsigned nchain;
+	struct err *err;
+};
+
+static bool meets(const struct judge *j, const int32_t box[4])
+{
+	return 2 * (int64_t)box[0] <= j->box[2] && 2 * (int64_t)box[2] >= j->box[0] &&
+	       2 * (int64_t)box[1] <= j->box[3] && 2 * (int64_t)box[3] >= j->box[1];
+}
+
+static bool judge_wants(const struct judge *j, const struct grid_cell *cell)
+{
+	uint64_t lo, hi;
+
+	keys_of(cell->box, &lo, &hi);
+	return cell->count && !in_ranges(j->trace, lo, hi) &&
+	       (meets(j, cell->box) || hit(j->chain, j->nchain, cell->box));
+}
+
+static bool judge_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return judge_wants(ctx, subtree);
+}
+
+static int judge_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	const struct judge *j = ctx;
+
+	(void)err;
+	for (size_t i = 0; i < n; i++) {
+		const struct point *p = &pts[i];
+		uint64_t key = point_morton(p->x, p->y);
+
+		if (in_ranges(j->trace, key, key) || view_judge(j->view, p) != VIEW_KEPT)
+			continue;
+		if (meets(j, (const int32_t[4]){p->x, p->y, p->x, p->y}))
+			return FOUND;
+		for (unsigned k = 0; k < j->nchain; k++)
+			if (!cut_chain_above(&j->chain[k], p))
+				return FOUND;
+	}
+	return 0;
+}
+
+static int judge_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct judge *j = ctx;
+
+	return judge_wants(j, cell) ? j->src->read(j->src->ctx, cell, judge_points, j, j->err) : 0;
+}
+
+/* (1). A few at a time: where something has changed it is seldom the last. */
+static int same_sums(const struct cut_source *src, const struct cut_trace *t, bool *ret, struct err *err)
+{
+	enum { PIECE = 64 };
+	struct grid_sum now[PIECE];
+
+	for (uint32_t at = 0; at < t->nrange;) {
+		uint32_t n = t->nrange - at < PIECE ? t->nrange - at : PIECE;
+		int rc;
+
+		memcpy(now, t->range + at, n * sizeof *now);
+		rc = src->sums(src->ctx, now, n, err);
+		if (rc)
+			return rc;
+		for (uint32_t i = 0; i < n; i++, at++)
+			if (!digest_equal(now[i].sum, t->range[at].sum)) {
+				*ret = false;
+				return 0;
+			}
+	}
+	*ret = true;
+	return 0;
+}
+
+int cut_valid_from(const struct cut_source *src, const struct view *view, const struct cut_region *region,
+		   const struct cut_trace *trace, bool *ret, struct err *err)
+{
+	struct judge j = {.src = src, .view = view, .trace = trace, .err = err};
+	const struct grid_visitor v = {.ctx = &j, .enter = judge_enter, .cell = judge_cell};
+	bool same = false;
+	int rc;
+
+	rc = same_sums(src, trace, &same, err);
+	if (rc)
+		return rc;
+	if (same) {
+		cut_region_box(region, j.box);
+		j.nchain = chains_of(trace, region, j.chain);
+		rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
+		if (rc && rc != FOUND)
+			return rc;
+	}
+	*ret = same && rc != FOUND;
+	return 0;
+}

@@ -1,0 +1,48 @@
+/*
+ * What a region's points depend on, and whether they are the same in another generation (cut_valid.c has the proof).
+ */
+#ifndef CUT_VALID_H
+#define CUT_VALID_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "cut.h"
+#include "grid.h"
+
+struct cut_chain;
+struct cut_source;
+
+/* Sites kept of a border's chain, and ranges, at most: what is more is thinned, or made coarser. */
+enum { CUT_TRACE_SITES = 512, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4 };
+
+/*
+ * The trace of a load. `range`: of Morton keys, ascending, disjoint and not adjacent, with the content sums of the live
+ * records in them; the region's own ranges are inside. `site`: the border chains (ALGORITHM 4.3), those of the finite
+ * borders in the order left, right, lower, upper; of these sites x and y count.
+ */
+struct cut_trace {
+	struct grid_sum *range;
+	struct point *site;
+	uint32_t nrange, nsite[4];
+};
+
+/* `memory` (8-byte aligned) of this size is what the trace points to. */
+#define CUT_TRACE_BYTES ((CUT_TRACE_RANGES + CUT_TRACE_OWN) * sizeof(struct grid_sum) + \
+			 4 * CUT_TRACE_SITES * sizeof(struct point))
+void cut_trace_init(struct cut_trace *, void *memory);
+
+/* The steps of a load: the chains, thinned; then all that they can see, and its sums. */
+void cut_trace_sites(struct cut_trace *, const struct cut_chain *chain, unsigned n);
+int cut_trace_ranges(struct cut_trace *, const struct cut_source *, const struct cut_region *, struct err *err);
+/* Whether a trace, of whatever origin, is one of that region by its form. */
+bool cut_trace_fits(const struct cut_trace *, const struct cut_region *);
+
+/* *ret: cut_load gives the same points and counts of the region here as where the trace was made, under the same view
+ * (reading aside: cells_read, points_read). The same lattice is the caller's to see to. False may be said of some that
+ * would be the same. */
+int cut_valid(struct grid_reader *, const struct view *, const struct cut_region *, const struct cut_trace *, bool *ret,
+	      struct err *err);
+
+#endif

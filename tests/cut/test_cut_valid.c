@@ -1,0 +1,328 @@
+/*
+ * Validity by the ten thousand: a small dataset, what every region of a plan loads of it, and the trace of that; then
+ * another generation of it (points more and less, other segments, other cells). Where the trace is said to be valid the
+ * region must load the very same; and of the regions that do load the same nearly all must be found.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "cut_order.h"
+#include "cut_valid.h"
+#include "err.h"
+#include "tiling.h"
+
+enum { MOST = 400, LEAVES = 48, SOURCES = 6 };
+
+struct record {
+	struct point p;
+	unsigned source;
+};
+
+/* What was pushed, ever. */
+struct history {
+	struct record record[MOST];
+	size_t n;
+};
+
+/* A generation as it lies in segments. */
+struct state {
+	struct point pts[TILING_SEGMENTS][MOST];
+	bool dead[TILING_SEGMENTS][MOST];
+	struct tiling tiling;
+	struct cut_source src;
+};
+
+static struct history history;
+static struct state old, new;
+static struct view view;
+static void *scratch;
+static size_t scratch_size;
+static uint64_t judged, same, found, changed;
+static uint64_t traces[CUT_TRACE_BYTES / 8 + 1];
+
+static unsigned below(uint64_t *seed, unsigned n)
+{
+	return (unsigned)(tiling_random(seed) % n);
+}
+
+static void place(uint64_t *seed, unsigned family, unsigned range, const int32_t base[2], int32_t ret[2])
+{
+	static const int32_t ends[5] = {INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX};
+	bool far = below(seed, 2);
+
+	ret[0] = base[0] + (int32_t)below(seed, range);
+	ret[1] = base[1] + (int32_t)below(seed, range);
+	if (family == 0) {
+		ret[0] = ends[below(seed, 5)];
+		ret[1] = ends[below(seed, 5)];
+	} else if (family == 1) {
+		ret[0] += far ? 1000000 : 0;
+		ret[1] += far ? 700000 : 0;
+	} else if (family == 2) {
+		ret[1] = base[1] + 2 * (ret[0] - base[0]);
+	}
+}
+
+static void add(uint64_t *seed, const int32_t at[2], unsigned source)
+{
+	struct record *r = &history.record[history.n];
+
+	if (history.n == MOST)
+		return;
+	history.n++;
+	*r = (struct record){.source = source};
+	r->p = (struct point){.x = at[0], .y = at[1], .z = (int32_t)below(seed, 3), .cls = (uint8_t)(1 + below(seed, 2)),
+			      .ret = 0x11};
+	if (below(seed, 10) == 0)
+		r->p.cls = 7;
+	if (below(seed, 10) == 0)
+		r->p.tag = POINT_WITHHELD;
+}
+
+static bool point_less(const void *ctx, const struct point *a, const struct point *b)
+{
+	(void)ctx;
+	return point_compare(a, b) < 0;
+}
+
+/* The live sources in segments anyhow; some of what is not live lies there too. */
+static void lay_out(uint64_t *seed, struct state *s, unsigned live)
+{
+	unsigned segments = 1 + below(seed, TILING_SEGMENTS);
+	bool prune = below(seed, 3) == 0;
+
+	memset(s, 0, sizeof *s);
+	s->tiling = (struct tiling){.segments = segments, .salt = tiling_random(seed)};
+	s->tiling.cell_records = below(seed, 4) ? 1 + below(seed, 5) : 1000;
+	for (size_t i = 0; i < history.n; i++) {
+		unsigned at = below(seed, segments);
+		struct point p = history.record[i].p;
+
+		if (!(live >> history.record[i].source & 1)) {
+			if (prune)
+				continue;
+			p.tag |= 0x8000; /* told apart below: no other point has it */
+		}
+		s->pts[at][s->tiling.n[at]++] = p;
+	}
+	for (unsigned k = 0; k < segments; k++) {
+		cut_order_sort(s->pts[k], s->tiling.n[k], point_less, NULL);
+		for (size_t i = 0; i < s->tiling.n[k]; i++) {
+			s->dead[k][i] = s->pts[k][i].tag >> 15;
+			s->pts[k][i].tag &= 0x7fff;
+		}
+		s->tiling.pts[k] = s->pts[k];
+		s->tiling.dead[k] = s->dead[k];
+	}
+	tiling_source(&s->tiling, &s->src);
+}
+
+static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret,
+			    struct cut_region *ret_root)
+{
+	unsigned want = 1 + below(seed, LEAVES - 1), n = 1;
+	int32_t box[4];
+
+	if (!src->box(src->ctx, box))
+		return 0;
+	cut_region_root(box, &ret[0]);
+	*ret_root = ret[0];
+	for (unsigned tries = 0; n < want && tries < 150; tries++) {
+		unsigned i = below(seed, n);
+		struct cut_region half[2];
+
+		if (!cut_region_split(&ret[i], half))
+			continue;
+		ret[i] = half[0];
+		ret[n++] = half[1];
+	}
+	return n;
+}
+
+static void load(const struct state *s, const struct cut_region *region, struct mesh_vertex *out, struct cut_trace *trace,
+		 struct cut_load *ret)
+{
+	struct err err = ERR_INIT;
+	uint64_t need = 0;
+
+	*ret = (struct cut_load){.out = out, .cap = MOST, .scratch = scratch, .scratch_size = scratch_size, .trace = trace};
+	assert_int_equal(cut_load_from(&s->src, &view, region, ret, &need, &err), 0);
+	ret->counts.cells_read = ret->counts.points_read = 0;
+}
+
+static bool loads_same(const struct cut_load *a, const struct cut_load *b)
+{
+	return a->n == b->n && a->own == b->own && !memcmp(a->out, b->out, a->n * sizeof *a->out) &&
+	       !memcmp(&a->counts, &b->counts, sizeof a->counts);
+}
+
+/* No plan of this generation has such regions: there are points beyond their infinite sides. */
+static bool outgrown(const struct state *s, const struct cut_region *root)
+{
+	int32_t box[4];
+
+	if (!s->src.box(s->src.ctx, box))
+		return false;
+	return !cut_region_holds(root, box[0], box[1]) || !cut_region_holds(root, box[2], box[3]);
+}
+
+static void check_region(const struct cut_region *region)
+{
+	struct mesh_vertex before[MOST], after[MOST];
+	struct cut_trace trace;
+	struct cut_load a, b;
+	struct err err = ERR_INIT;
+	bool valid = false, equal;
+
+	cut_trace_init(&trace, traces);
+	load(&old, region, before, &trace, &a);
+	assert_true(cut_trace_fits(&trace, region));
+	assert_int_equal(cut_valid_from(&old.src, &view, region, &trace, &valid, &err), 0);
+	assert_true(valid);
+	assert_int_equal(cut_valid_from(&new.src, &view, region, &trace, &valid, &err), 0);
+	load(&new, region, after, NULL, &b);
+	equal = loads_same(&a, &b);
+	if (valid && !equal) {
+		char text[CUT_REGION_TEXT_SIZE];
+
+		fail_msg("region %s is said to be unchanged: %u of %u, now %u of %u", cut_region_text(region, text), a.own, a.n,
+			 b.own, b.n);
+	}
+	judged++;
+	same += equal;
+	changed += !equal;
+	found += valid;
+}
+
+static void one_case(uint64_t seed)
+{
+	unsigned family = below(&seed, 12), n = below(&seed, 60), live, then, more;
+	unsigned range = below(&seed, 3) ? 1 + below(&seed, 6) : 1 + below(&seed, 300);
+	int32_t base[2] = {(int32_t)below(&seed, 1000) - 500, (int32_t)below(&seed, 1000) - 500};
+	struct cut_region leaf[LEAVES], root = {0};
+	unsigned nleaf;
+
+	if (below(&seed, 3) == 0)
+		base[0] = base[1] = -(int32_t)below(&seed, 4);
+	view = VIEW_INIT;
+	view.duplicates = below(&seed, 2) ? VIEW_LOWEST : VIEW_HIGHEST;
+	view.keep_withheld = below(&seed, 2);
+	view.keep_noise = below(&seed, 2);
+	history.n = 0;
+	for (unsigned i = 0; i < n; i++) {
+		int32_t at[2];
+
+		place(&seed, family, range, base, at);
+		add(&seed, at, below(&seed, SOURCES));
+	}
+	/* Most of the sources live; the new ones are SOURCES. */
+	live = (1u << SOURCES) - 1;
+	if (below(&seed, 2))
+		live &= ~(1u << below(&seed, SOURCES));
+	lay_out(&seed, &old, live);
+	then = live | 1u << SOURCES;
+	if (below(&seed, 3) == 0)
+		then &= ~(1u << below(&seed, SOURCES));
+	if (below(&seed, 6) == 0)
+		then |= 1u << below(&seed, SOURCES);
+	more = below(&seed, 4);
+	for (unsigned i = 0; i < more; i++) {
+		int32_t at[2];
+
+		place(&seed, family, range + below(&seed, 2) * 2, base, at);
+		/* Now and then just where there is a point, or the same record once more. */
+		if (history.n && below(&seed, 3) == 0) {
+			const struct point *p = &history.record[below(&seed, (unsigned)history.n)].p;
+
+			at[0] = p->x;
+			at[1] = p->y;
+		}
+		add(&seed, at, SOURCES);
+	}
+	lay_out(&seed, &new, then);
+	nleaf = make_leaves(&seed, below(&seed, 2) ? &new.src : &old.src, leaf, &root);
+	if (nleaf && outgrown(&old, &root))
+		return;
+	for (unsigned i = 0; i < nleaf; i++)
+		check_region(&leaf[i]);
+}
+
+/* Many points in small cells, and a push, a removal, or both in one corner: what is away from there is found. */
+static void local_case(uint64_t seed)
+{
+	const int32_t zero[2] = {-100, -90};
+	struct cut_region leaf[LEAVES], root;
+	unsigned nleaf, live = 3;
+	int32_t at[2];
+
+	view = VIEW_INIT;
+	history.n = 0;
+	for (unsigned i = 0; i < 300; i++) {
+		place(&seed, 9, 256, zero, at);
+		add(&seed, at, 0);
+	}
+	for (unsigned i = 0; i < 20; i++) {
+		place(&seed, 9, 32, zero, at);
+		add(&seed, at, 1 + below(&seed, 2));
+	}
+	lay_out(&seed, &old, live);
+	lay_out(&seed, &new, 1 + below(&seed, 4) * 2);
+	old.tiling.cell_records = new.tiling.cell_records = 1 + below(&seed, 4);
+	nleaf = make_leaves(&seed, &new.src, leaf, &root);
+	for (unsigned i = 0; i < nleaf && !outgrown(&old, &root); i++)
+		check_region(&leaf[i]);
+}
+
+struct fuzz {
+	const char *name;
+	uint64_t cases, least; /* of those that load the same found: percent */
+	void (*one)(uint64_t seed);
+};
+
+static void run(const struct fuzz *f)
+{
+	const char *cases = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
+	uint64_t n = (cases ? strtoull(cases, NULL, 10) : 2000) / f->cases, at = first ? strtoull(first, NULL, 10) : 1;
+
+	judged = same = found = changed = 0;
+	scratch_size = cut_load_scratch_bytes(MOST);
+	scratch = malloc(scratch_size);
+	assert_non_null(scratch);
+	for (uint64_t i = 0; i < n; i++)
+		f->one(at + i * 7919);
+	free(scratch);
+	printf("%s: %llu regions: %llu load the same, %llu of these found; %llu changed\n", f->name,
+	       (unsigned long long)judged, (unsigned long long)same, (unsigned long long)found, (unsigned long long)changed);
+	assert_true(changed > judged / 50);
+	assert_true(found >= same * f->least / 100);
+}
+
+/* Most cells are about as large as the data here, and a change in one is a change of all who see it. */
+static void test_random(void **state)
+{
+	const struct fuzz f = {"random", 1, 30, one_case};
+
+	(void)state;
+	run(&f);
+}
+
+static void test_local(void **state)
+{
+	const struct fuzz f = {"local", 20, 80, local_case};
+
+	(void)state;
+	run(&f);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_random), cmocka_unit_test(test_local)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
