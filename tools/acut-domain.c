@@ -6,8 +6,8 @@
  *   acut-domain --select MANIFEST VIEW FOLDER      the points of a view with crop, every or thin, as a grid
  *   acut-domain MANIFEST VIEW REGION OUT           triangulate one, publish it in the folder OUT
  *
- * A finished domain appears under its content key, whole or not at all; the daemon finds it there when OUT is
- * its store. Regions of a view that selects lie on the grid of its points: it is made in a temporary folder each
+ * A finished domain appears under a name of what it was made of, whole or not at all; the daemon finds it there when OUT
+ * is its store. Regions of a view that selects lie on the grid of its points: it is made in a temporary folder each
  * time, or once with --select, for all who run regions from its manifest.
  */
 #include <errno.h>
@@ -37,7 +37,7 @@ static const char USAGE[] =
 	"       acut-domain [--memory SIZE] --select MANIFEST VIEW FOLDER\n"
 	"\n"
 	"Triangulates one region of a dataset from its manifest, and publishes the finished domain in the\n"
-	"folder OUT under its content key. With --plan: prints the regions that make up the mesh, in order.\n"
+	"folder OUT under a name of what it was made of, which it prints. With --plan: prints the regions that make up the mesh, in order.\n"
 	"With --select: makes the grid of the points that a view with crop, every or thin keeps in FOLDER, and\n"
 	"prints its manifest and the view to run it with; otherwise each run makes that grid for itself.\n"
 	"\n"
@@ -252,10 +252,11 @@ static int print_plan(struct session *s, struct err *err)
 
 static int make_domain(struct session *s, const struct options *o, struct err *err)
 {
-	char digest[DIGEST_HEX_SIZE], key_text[DIGEST_HEX_SIZE];
+	char digest[DIGEST_HEX_SIZE], base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
 	struct mesh_domain domain = { 0 };
+	struct pipe_stored stored;
 	struct cut_region region;
-	struct digest key;
+	struct pipe_key key;
 	uint64_t need = 0;
 	void *memory;
 	int dirfd = -1, r;
@@ -274,13 +275,14 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 	if (!r)
 		r = io_open(AT_FDCWD, o->out, O_RDONLY | O_DIRECTORY, 0, &dirfd, err);
 	if (!r) {
-		key = pipe_domain_key(s->grid, &s->view, &region);
-		r = store_put(dirfd, key, &domain, err);
+		pipe_key_init(&key, s->grid, &s->view);
+		r = pipe_keep(dirfd, &key, &region, &domain, memory, &stored, err);
 	}
 	if (!r)
-		printf("%s points %llu halo %llu triangles %u digest %s\n", digest_hex(key, key_text),
-		       (unsigned long long)domain.counts.used, (unsigned long long)domain.counts.halo,
-		       domain.ntriangle, digest_hex(domain.digest, digest));
+		printf("%.2s/d-%s-%s points %llu halo %llu triangles %u digest %s\n",
+		       digest_hex(stored.id.base, base), base,
+		       digest_hex(stored.id.list, list), (unsigned long long)domain.counts.used,
+		       (unsigned long long)domain.counts.halo, domain.ntriangle, digest_hex(domain.digest, digest));
 	io_close(dirfd);
 	free(memory);
 	return r;

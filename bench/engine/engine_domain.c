@@ -163,16 +163,18 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 
 int phase_store(int dirfd, const struct mesh_domain *d, void *memory, size_t size, struct phases *sum, struct err *err)
 {
-	const struct digest key = { 1, 2 };
+	const struct store_id id = { { 1, 2 }, { 3, 4 } };
+	const struct store_beside beside = { .proof = "" };
+	struct store_front front;
 	struct mesh_domain back;
 	double from = phase_cpu();
-	int r = store_put(dirfd, key, d, err);
+	int r = store_put(dirfd, &id, &beside, d, &front, err);
 
 	lap(sum, PHASE_STORE, &from);
 	if (!r)
-		r = store_get(dirfd, key, memory, size, &back, err);
+		r = store_get(dirfd, &id, memory, size, &back, err);
 	lap(sum, PHASE_LOAD, &from);
-	return r ? r : store_remove(dirfd, key, err);
+	return r ? r : store_remove(dirfd, &id, err);
 }
 
 /* ---- emission ---- */

@@ -14,6 +14,7 @@
 #include "job_fetch.h"
 #include "job_priv.h"
 #include "log.h"
+#include "store.h"
 
 enum { JOBS_KEPT = 2048 };
 
@@ -122,6 +123,9 @@ static int open_folders(struct jobs *j, struct err *err)
 	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
 	if (!r)
 		r = io_sync(j->p.statefd, "the state folder", err);
+	/* Of versions that nobody reads any more. */
+	if (!r)
+		r = store_sweep(j->domainsfd, err);
 	/* Nothing in these outlives a daemon. */
 	if (!r)
 		r = folder_empty(j->onestepfd, err);

@@ -17,6 +17,8 @@
 
 #define HUGE_PAGE ((size_t)2 << 20)
 #define PAGE ((size_t)4096)
+/* The time of a file is its last use, to the hour. */
+#define TOUCH_NS (INT64_C(3600) * 1000000000)
 /* Positions from which on an arena fills its huge pages. */
 #define HUGE_COUNT ((uint64_t)1 << 17)
 
@@ -129,37 +131,45 @@ static int store_of(const struct walk *w)
 	return w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd;
 }
 
-static bool load(struct walk_domain *d, struct digest key)
+/* Of the job's own walk: later streams give the same domains. */
+static void tell(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
+	struct plan_done done = {.region = d->region, .base = d->as.id.base, .list = d->as.id.list, .digest = d->as.digest,
+				 .payload = d->as.payload, .triangles = d->as.triangles, .bytes = d->as.bytes};
 	struct err err = ERR_INIT;
-	size_t size;
-	int r;
 
-	if (!store_has(store_of(w), key))
-		return false;
-	r = store_size(store_of(w), key, &size, &err);
-	if (!r && size <= d->size)
-		r = store_get(store_of(w), key, d->memory, d->size, &d->domain, &err);
-	else if (!r)
-		r = STORE_E_ABSENT;
+	if (w->file && w->keep && !w->lazy && plan_file_done(w->file, &done, &err))
+		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
+}
+
+static bool load(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+	const struct pipe_reuse_params p = {.storefd = store_of(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
+					    .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
+					    .size = d->size, .light = d->front};
+	struct err err = ERR_INIT;
+	int r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
+
 	if (r < 0)
 		log_err(LOG_LEVEL_WARNING, "a stored domain cannot be read, it is made again", &err);
 	d->stored = !r;
 	if (!r)
-		d->held = size;
+		store_touch(store_of(w), &d->as.id, 1000 * clock_real_us() - TOUCH_NS);
 	return !r;
 }
 
-static void keep(struct walk_domain *d, struct digest key)
+static void keep(struct walk_domain *d)
 {
+	struct walk *w = d->walk;
 	struct err err = ERR_INIT;
 	int r;
 
-	d->unstorable = !walk_space_domain(d->walk, d->held);
+	d->unstorable = !walk_space_domain(w, d->held);
 	if (d->unstorable)
 		return;
-	r = store_put(store_of(d->walk), key, &d->domain, &err);
+	r = pipe_keep(store_of(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;
@@ -173,7 +183,6 @@ static void make_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
-	struct digest key = pipe_key_of(&w->key, &d->region);
 
 	d->err = ERR_INIT;
 	d->size = page_round(t->bytes);
@@ -183,15 +192,21 @@ static void make_run(struct sched_task *t)
 		return;
 	}
 	d->r = 0;
-	if (load(d, key))
+	d->made = false;
+	if (load(d)) {
+		tell(d);
 		return;
+	}
+	d->made = true;
 	d->r = pipe_domain(w->grid, &w->rest, &d->region, d->sites, &w->budget, d->memory, &d->domain, &d->need,
 			   &d->err);
 	if (d->r)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);
 	if (w->keep && !atomic_load(&t->cancel))
-		keep(d, key);
+		keep(d);
+	if (d->stored)
+		tell(d);
 }
 
 static void make_done(struct sched_task *t)
@@ -214,15 +229,27 @@ static void make_done(struct sched_task *t)
 		walk_domain_release(d);
 	} else {
 		memory_trim(d, d->held);
+		w->made += d->made;
 		d->state = DOMAIN_READY;
 	}
 	walk_settle(w);
 }
 
+/* Whether its block will not be asked for. */
+static bool passes(const struct walk_domain *d)
+{
+	const struct walk *w = d->walk;
+
+	/* A block has no higher number than its domain has in the plan. */
+	return w->output ? d->index < w->output->from : w->keep;
+}
+
 void walk_domain_restart(struct walk_domain *d, enum sched_priority priority)
 {
+	walk_domain_unmap(d);
 	d->state = DOMAIN_MAKING;
 	d->stored = false;
+	d->front = passes(d);
 	submit(d, make_run, make_done, priority, page_round(d->walk->budget.domain_bytes));
 }
 
@@ -305,10 +332,9 @@ void walk_domain_split(struct walk_domain *d)
 static void store_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
-	struct walk *w = d->walk;
 
 	if (!d->stored)
-		keep(d, pipe_key_of(&w->key, &d->region));
+		keep(d);
 }
 
 static void store_done(struct sched_task *t)
@@ -358,7 +384,11 @@ static void emit_run(struct sched_task *t)
 	d->err = ERR_INIT;
 	d->r = walk_space_spill(w, &d->err);
 	if (!d->r)
-		d->r = pipe_emit(w->emitter, &d->domain, &d->region, &sink, &d->err);
+		d->r = pipe_emit(w->emitter, &d->domain, &d->region, d->domain.triangle ? &sink : NULL, &d->err);
+	if (!d->domain.triangle) {
+		w->blocks++;
+		d->block = !w->output;
+	}
 }
 
 static void emit_done(struct sched_task *t)
@@ -411,6 +441,11 @@ void walk_domain_emit(struct walk_domain *d)
 		w->next_emit++;
 		w->points += d->domain.counts.points;
 		walk_domain_release(d);
+		return;
+	}
+	if (!d->domain.triangle && w->output && w->blocks >= w->output->from) {
+		/* Its reader came, or the plan was split before it: the rest is needed too. */
+		walk_domain_restart(d, SCHED_FIRST);
 		return;
 	}
 	d->state = DOMAIN_EMITTING;

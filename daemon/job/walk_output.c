@@ -56,7 +56,7 @@ static struct digest stream_id(const struct walk *w)
 
 	grid_box(w->grid, box);
 	cut_region_root(box, &root);
-	key = pipe_domain_key(w->grid, &w->rest, &root);
+	key = pipe_key_mesh(&w->key, &root);
 	digest_add(&id, digest_hash(&w->generation, sizeof w->generation));
 	digest_add(&id, digest_hash(&key, sizeof key));
 	digest_add(&id, digest_hash(&w->kept.base, sizeof w->kept.base));

@@ -32,6 +32,9 @@ struct walk_domain {
 	size_t size; /* mapped, and charged to LEDGER_DOMAIN */
 	size_t held; /* of it, what the result needs */
 	bool stored, unstorable;
+	bool front; /* only what totals need is asked for: `domain.triangle` is NULL if it came from the store */
+	bool made;  /* not from the store */
+	struct pipe_stored as; /* if `stored` */
 	bool block; /* its emission gave one */
 	uint64_t need;
 	int r;
@@ -100,6 +103,7 @@ struct walk {
 	struct walk_domain *domains;
 	unsigned ndomains, tasks; /* tasks: of domains and output, not over */
 	size_t next_start, next_emit;
+	size_t made; /* domains that were triangulated, some perhaps more than once */
 	size_t plan_n; /* plan.n, for whoever asks while a worker has the plan */
 	struct walk_domain *emitting, *sending;
 

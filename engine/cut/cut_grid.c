@@ -62,7 +62,7 @@ int cut_valid(struct grid_reader *reader, const struct view *view, const struct 
 {
 	struct cut_source src;
 
-	source_grid(reader, &src);
+	cut_source_grid(reader, &src);
 	return cut_valid_from(&src, view, region, trace, ret, err);
 }
 

@@ -57,6 +57,8 @@ static int read_sources(const struct grid *g, struct grid_part *p, const struct 
 		if (!grid_known(g, totals[i].id))
 			rc = grid_damaged(p, h->sources_place, "the manifest lacks one of its sources", err);
 		p->live_points += live ? totals[i].points : 0;
+		if (live)
+			digest_add(&p->live_sum, (struct digest){totals[i].sum_hi, totals[i].sum_lo});
 		p->all_live = p->all_live && live;
 		p->none_live = p->none_live && !live;
 	}
@@ -237,6 +239,15 @@ uint64_t grid_points(const struct grid *g)
 	for (size_t i = 0; i < g->manifest->nsegments; i++)
 		points += g->parts[i].live_points;
 	return points;
+}
+
+struct digest grid_content(const struct grid *g)
+{
+	struct digest sum = {0, 0};
+
+	for (size_t i = 0; i < g->manifest->nsegments; i++)
+		digest_add(&sum, g->parts[i].live_sum);
+	return sum;
 }
 
 bool grid_box(const struct grid *g, int32_t ret_box[4])

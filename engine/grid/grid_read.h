@@ -34,6 +34,7 @@ struct grid_part {                /* a segment */
 	uint64_t bytes, cells, live_points;
 	uint64_t root, root_check;
 	uint32_t height;
+	struct digest live_sum;   /* content of what is live */
 	bool all_live, none_live;
 };
 

@@ -16,6 +16,7 @@
 #include "input.h"
 #include "lattice.h"
 #include "mesh.h"
+#include "store.h"
 #include "view.h"
 
 struct err;
@@ -161,17 +162,49 @@ enum { PIPE_E_SPLIT = 1 };
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err);
-/* Bytes of `memory` from its start that *domain needs to stay valid. */
+/* Bytes of `memory` from its start that *domain and its trace need to stay valid. */
 size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
 
-/* Content key of a domain (engine/store). */
-struct digest pipe_domain_key(const struct grid *grid, const struct view *view, const struct cut_region *region);
-/* The same for the many regions of a mesh: what does not depend on the region (with all its sources) once. */
+/* ---- reuse: finished domains kept in a store, and found again in any generation that has the same points ---- */
+
+/* What does not depend on the region, for the many regions of a mesh. */
 struct pipe_key {
-	struct digest part[3];
+	struct digest content; /* of the generation */
+	struct digest part[2]; /* lattice, view */
 };
 void pipe_key_init(struct pipe_key *, const struct grid *grid, const struct view *view);
+/* Of a region under lattice, view and kernel, whatever the generation. */
 struct digest pipe_key_of(const struct pipe_key *, const struct cut_region *region);
+/* All that the blocks of a mesh depend on but for its plan; `root`: any region. */
+struct digest pipe_key_mesh(const struct pipe_key *, const struct cut_region *root);
+
+/* A domain in the store. */
+struct pipe_stored {
+	struct store_id id;
+	struct digest digest;  /* of its triangles */
+	uint64_t payload, triangles, bytes; /* as store.h has them */
+};
+/* Keep what pipe_domain made in `memory`, as long as nothing else was done there. */
+int pipe_keep(int storefd, const struct pipe_key *, const struct cut_region *region, const struct mesh_domain *,
+	      const void *memory, struct pipe_stored *ret, struct err *err);
+
+struct pipe_reuse_params {
+	int storefd;
+	const struct grid *grid;
+	const struct view *view;
+	const struct pipe_key *key;
+	const struct cut_region *region;
+	uint32_t cap;                 /* of the budget */
+	void *memory;
+	size_t size;                  /* of a domain's budget */
+	bool light;                   /* the front is enough: what pipe_emit needs without a sink */
+};
+/* A domain of the store that is what pipe_domain would make: of this generation's content, or of another's that is the
+ * same for this region. Of several the one used last. *ret lies in *ret_held bytes at the start of `memory`.
+ * PIPE_E_ABSENT: there is none, none that fits `memory`, or what there is cannot be told to be the same. */
+enum { PIPE_E_ABSENT = 4 };
+int pipe_reuse(const struct pipe_reuse_params *, struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held,
+	       struct err *err);
 
 /* ---- emit: finished domains, in plan order, to numbered blocks ---- */
 
@@ -188,6 +221,7 @@ struct pipe_totals {
  * into an unlinked file in `tempdirfd`. */
 int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
 		     struct err *err);
+/* Of a domain that pipe_reuse gave `light` (`triangle` is NULL) only the totals are made: no sink may be there. */
 /* The next domain of the plan. Calls sink->block once (sink may be NULL: counted and digested only).
  * Domains without triangles give no block. The arrays of the block are those of the domain, renumbered in
  * place: they stay valid as long as the domain's memory, also after this returns. */

@@ -19,7 +19,7 @@ static uint32_t cap_of(uint32_t load)
 
 size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes)
 {
-	return pipe_round(reader_bytes) + pipe_round(tri_bytes(cap)) + PIPE_ALIGN;
+	return PIPE_TRACE + pipe_round(reader_bytes) + pipe_round(tri_bytes(cap)) + PIPE_ALIGN;
 }
 
 static size_t reader_bytes_of(const struct grid *grid)

@@ -212,6 +212,14 @@ static void settle(struct mesh_domain *d, uint32_t nforeign)
 	}
 }
 
+static void number_block(struct mesh_domain *d, uint32_t nforeign)
+{
+	memset(d->final, 0, ((size_t)d->nvertex + 7) / 8);
+	renumber(d, nforeign);
+	settle(d, nforeign);
+	set_bits(d->final, d->nopen, d->nvertex);
+}
+
 int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *region,
 	      const struct mesh_sink *sink, struct err *err)
 {
@@ -223,13 +231,13 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	e->totals.domains++;
 	if (!d->ntriangle)
 		return 0;
-	memset(d->final, 0, ((size_t)d->nvertex + 7) / 8);
+	if (sink && !d->triangle)
+		return err_set(err, ERR_INTERNAL, "a domain of which only the front was read has no block");
 	r = look_up(e, d, &nforeign, err);
 	if (r)
 		return r;
-	renumber(d, nforeign);
-	settle(d, nforeign);
-	set_bits(d->final, d->nopen, d->nvertex);
+	if (d->triangle)
+		number_block(d, nforeign);
 	digest_add(&e->totals.digest, d->digest);
 	digest_add(&e->totals.vertex_digest, d->closed_digest);
 	box_add(e, d);

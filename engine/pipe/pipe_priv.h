@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "cut_valid.h"
 #include "digest.h"
 
 struct err;
@@ -17,6 +18,12 @@ static inline size_t pipe_round(size_t n)
 {
 	return (n + PIPE_ALIGN - 1) & ~(size_t)(PIPE_ALIGN - 1);
 }
+
+/* At the start of a domain's memory, and what it points to behind it: what was loaded (pipe_reuse.c). */
+struct pipe_trace {
+	struct cut_trace trace;
+};
+#define PIPE_TRACE pipe_round(sizeof(struct pipe_trace) + CUT_TRACE_BYTES)
 
 size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes);
 /* Windows (pipe_area.c, pipe_area_plan.c): what pipe_domain and pipe_plan do where a view has one. `cap`: of a
@@ -31,7 +38,7 @@ uint32_t pipe_area_cap(uint32_t cap);
 int pipe_area(const struct grid *, const struct view *, const struct cut_region *, const struct pipe_budget *, void *memory,
 	      struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 int pipe_area_plan(struct grid_reader *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
-/* What tells the points of two generations apart, whatever dataset they are of. */
+/* What tells the points of two generations apart, whatever dataset they are of, and however they lie there. */
 struct digest pipe_content(const struct grid *grid);
 int pipe_selected_write(int dirfd, const struct pipe_selected *, struct err *err);
 

@@ -1,13 +1,16 @@
 /*
  * The store of finished domains.
  *
- * A file is a header of HEADER bytes and a payload: links, vertices, triangles, each as they lie in
- * memory (little-endian, FORMAT.md), padded to 8 bytes. The header carries the XXH3-64 of the payload and
- * of itself. A file appears under its name only whole (rename); what does not check is removed and
- * reported as absent, because it can always be made again.
+ * A file is a header of HEADER bytes, the proof (what it was made of, in the words of whoever asks for it), and the
+ * domain: links, vertices, triangles, each as they lie in memory (little-endian, FORMAT.md), padded to 8 bytes. Open
+ * vertices come first, so that all that goes on without the mesh itself is one read from the start: the front. Header,
+ * proof, front and rest have a checksum each. A file appears under its name only whole (rename), in one of 256 folders
+ * by the first byte of its base; what does not check is removed and reported as absent, because it can always be made
+ * again.
  */
 #include "store.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -25,12 +28,14 @@
 #endif
 _Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 12, "FORMAT.md");
 
-enum { HEADER = 256, NAME = 2 + 32 + 1, TEMP = NAME + 48 };
+/* NAME: "ab/d-BASE-LIST" */
+enum { HEADER = 384, FOLDER = 3, NAME = FOLDER + 2 + 32 + 1 + 32 + 1, TEMP = NAME + 48 };
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
-static const uint32_t VERSION = 2;
+static const uint32_t VERSION = 3;
 
+/* Offsets in the domain's bytes, as they lie in the file and in memory. */
 struct layout {
-	size_t link, vertex, triangle, payload, final, total;
+	size_t vertex, open_end, triangle, payload, final, total;
 };
 
 static size_t padded(size_t n)
@@ -38,42 +43,88 @@ static size_t padded(size_t n)
 	return (n + 7) & ~(size_t)7;
 }
 
-static struct layout layout_of(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle)
+static struct layout layout_of(const struct mesh_domain *d)
 {
 	struct layout l = { 0 };
 
-	l.vertex = l.link + (size_t)nopen * sizeof(struct mesh_link);
-	l.triangle = l.vertex + padded((size_t)nvertex * sizeof(struct mesh_vertex));
-	l.payload = l.triangle + padded((size_t)ntriangle * sizeof(uint32_t[3]));
+	l.vertex = (size_t)d->nopen * sizeof(struct mesh_link);
+	l.open_end = l.vertex + (size_t)d->nopen * sizeof(struct mesh_vertex);
+	l.triangle = l.vertex + padded((size_t)d->nvertex * sizeof(struct mesh_vertex));
+	l.payload = l.triangle + padded((size_t)d->ntriangle * sizeof(uint32_t[3]));
 	l.final = l.payload;
-	l.total = l.final + padded(((size_t)nvertex + 7) / 8);
+	l.total = l.final + padded(((size_t)d->nvertex + 7) / 8);
 	return l;
 }
 
-static void name_of(struct digest key, char name[NAME])
+static void name_of(const struct store_id *id, char name[NAME])
 {
-	char hex[DIGEST_HEX_SIZE];
+	char base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
 
-	snprintf(name, NAME, "d-%s", digest_hex(key, hex));
+	digest_hex(id->base, base);
+	snprintf(name, NAME, "%.2s/d-%s-%s", base, base, digest_hex(id->list, list));
 }
 
-static void header_pack(const struct mesh_domain *d, struct digest key, uint64_t sum, uint8_t header[HEADER])
+/* ---- checksums ---- */
+
+struct sums {
+	uint64_t proof, open, rest;
+};
+
+/* Links and open vertices; closed vertices and triangles. */
+static uint64_t open_sum(const struct mesh_domain *d)
+{
+	XXH3_state_t state;
+
+	XXH3_64bits_reset(&state);
+	XXH3_64bits_update(&state, d->link, (size_t)d->nopen * sizeof(struct mesh_link));
+	XXH3_64bits_update(&state, d->vertex, (size_t)d->nopen * sizeof(struct mesh_vertex));
+	return XXH3_64bits_digest(&state);
+}
+
+static uint64_t rest_sum(const struct mesh_domain *d)
+{
+	XXH3_state_t state;
+
+	XXH3_64bits_reset(&state);
+	XXH3_64bits_update(&state, d->vertex + d->nopen, (size_t)(d->nvertex - d->nopen) * sizeof(struct mesh_vertex));
+	XXH3_64bits_update(&state, d->triangle, (size_t)d->ntriangle * sizeof(uint32_t[3]));
+	return XXH3_64bits_digest(&state);
+}
+
+/* ---- the header ---- */
+
+static void digest_pack(struct packer *p, struct digest d)
+{
+	packer_u64(p, d.hi);
+	packer_u64(p, d.lo);
+}
+
+static struct digest digest_unpack(struct cursor *c)
+{
+	struct digest d;
+
+	d.hi = cursor_u64(c);
+	d.lo = cursor_u64(c);
+	return d;
+}
+
+static void header_pack(const struct mesh_domain *d, const struct store_id *id, const struct store_beside *b,
+			const struct sums *sums, uint8_t header[HEADER])
 {
 	struct packer p = packer_of(header, HEADER);
 	size_t i;
 
 	packer_u32(&p, MAGIC);
 	packer_u32(&p, VERSION);
-	packer_u64(&p, key.hi);
-	packer_u64(&p, key.lo);
+	digest_pack(&p, id->base);
+	digest_pack(&p, id->list);
+	digest_pack(&p, b->content);
 	packer_u32(&p, d->nvertex);
 	packer_u32(&p, d->nopen);
 	packer_u32(&p, d->ntriangle);
-	packer_u32(&p, 0);
-	packer_u64(&p, d->digest.hi);
-	packer_u64(&p, d->digest.lo);
-	packer_u64(&p, d->closed_digest.hi);
-	packer_u64(&p, d->closed_digest.lo);
+	packer_u32(&p, (uint32_t)b->proof_size);
+	digest_pack(&p, d->digest);
+	digest_pack(&p, d->closed_digest);
 	for (i = 0; i < 6; i++)
 		packer_i32(&p, d->box[i]);
 	packer_u64(&p, d->counts.points);
@@ -81,34 +132,36 @@ static void header_pack(const struct mesh_domain *d, struct digest key, uint64_t
 	packer_u64(&p, d->counts.halo);
 	for (i = 0; i < MESH_RULES; i++)
 		packer_u64(&p, d->counts.removed[i]);
-	packer_u64(&p, sum);
 	packer_u64(&p, d->counts.cells_read);
 	packer_u64(&p, d->counts.points_read);
+	packer_u64(&p, sums->proof);
+	packer_u64(&p, sums->open);
+	packer_u64(&p, sums->rest);
 	packer_zero(&p, HEADER - 8 - packer_size(&p));
 	packer_u64(&p, XXH3_64bits(header, HEADER - 8));
 }
 
-/* False: not a header of this version, or damaged. */
-static bool header_unpack(const uint8_t header[HEADER], struct digest key, struct mesh_domain *d, uint64_t *ret_sum)
+/* False: not a header of this version and name, or damaged. */
+static bool header_unpack(const uint8_t header[HEADER], const struct store_id *id, struct store_front *f,
+			  struct sums *ret_sums)
 {
-	struct cursor c = cursor_of(header, HEADER);
-	struct cursor last = cursor_of(header + HEADER - 8, 8);
+	struct cursor c = cursor_of(header, HEADER), last = cursor_of(header + HEADER - 8, 8);
+	struct mesh_domain *d = &f->domain;
 	size_t i;
 
 	if (cursor_u64(&last) != XXH3_64bits(header, HEADER - 8))
 		return false;
 	if (cursor_u32(&c) != MAGIC || cursor_u32(&c) != VERSION)
 		return false;
-	if (cursor_u64(&c) != key.hi || cursor_u64(&c) != key.lo)
+	if (!digest_equal(digest_unpack(&c), id->base) || !digest_equal(digest_unpack(&c), id->list))
 		return false;
+	f->beside.content = digest_unpack(&c);
 	d->nvertex = cursor_u32(&c);
 	d->nopen = cursor_u32(&c);
 	d->ntriangle = cursor_u32(&c);
-	cursor_u32(&c);
-	d->digest.hi = cursor_u64(&c);
-	d->digest.lo = cursor_u64(&c);
-	d->closed_digest.hi = cursor_u64(&c);
-	d->closed_digest.lo = cursor_u64(&c);
+	f->beside.proof_size = cursor_u32(&c);
+	d->digest = digest_unpack(&c);
+	d->closed_digest = digest_unpack(&c);
 	for (i = 0; i < 6; i++)
 		d->box[i] = cursor_i32(&c);
 	d->counts.points = cursor_u64(&c);
@@ -116,108 +169,181 @@ static bool header_unpack(const uint8_t header[HEADER], struct digest key, struc
 	d->counts.halo = cursor_u64(&c);
 	for (i = 0; i < MESH_RULES; i++)
 		d->counts.removed[i] = cursor_u64(&c);
-	*ret_sum = cursor_u64(&c);
-	/* Zeros of a domain that was stored before these were counted. */
 	d->counts.cells_read = cursor_u64(&c);
 	d->counts.points_read = cursor_u64(&c);
-	return !c.bad && d->nopen <= d->nvertex;
+	ret_sums->proof = cursor_u64(&c);
+	ret_sums->open = cursor_u64(&c);
+	ret_sums->rest = cursor_u64(&c);
+	return !c.bad && d->nopen <= d->nvertex && f->beside.proof_size <= STORE_PROOF_MOST;
 }
 
-static uint64_t payload_sum(const struct mesh_domain *d)
+/* What follows from the header's numbers. */
+static void sizes_fill(struct store_front *f, const struct sums *sums)
 {
-	XXH3_state_t state;
+	struct layout l = layout_of(&f->domain);
+	size_t proof = padded(f->beside.proof_size);
 
-	XXH3_64bits_reset(&state);
-	XXH3_64bits_update(&state, d->link, (size_t)d->nopen * sizeof(struct mesh_link));
-	XXH3_64bits_update(&state, d->vertex, (size_t)d->nvertex * sizeof(struct mesh_vertex));
-	XXH3_64bits_update(&state, d->triangle, (size_t)d->ntriangle * sizeof(uint32_t[3]));
-	return XXH3_64bits_digest(&state);
+	f->payload = XXH3_64bits_withSeed(&sums->rest, sizeof sums->rest, sums->open);
+	f->bytes = HEADER + proof + l.payload;
+	f->front = proof + padded(l.open_end);
+	f->whole = l.total;
 }
 
-static int write_all(int fd, const char *name, struct digest key, const struct mesh_domain *d, struct err *err)
+/* ---- writing ---- */
+
+static int write_all(int fd, const char *name, const struct store_id *id, const struct store_beside *b,
+		     const struct mesh_domain *d, const struct sums *sums, struct err *err)
 {
-	struct layout l = layout_of(d->nvertex, d->nopen, d->ntriangle);
+	size_t at = HEADER + padded(b->proof_size);
+	struct layout l = layout_of(d);
 	uint8_t header[HEADER];
 	int r;
 
-	header_pack(d, key, payload_sum(d), header);
+	header_pack(d, id, b, sums, header);
 	r = io_write_at(fd, header, HEADER, 0, name, err);
 	if (!r)
-		r = io_write_at(fd, d->link, l.vertex - l.link, HEADER + l.link, name, err);
+		r = io_write_at(fd, b->proof, b->proof_size, HEADER, name, err);
 	if (!r)
-		r = io_write_at(fd, d->vertex, (size_t)d->nvertex * sizeof(struct mesh_vertex), HEADER + l.vertex,
-				name, err);
+		r = io_write_at(fd, d->link, l.vertex, at, name, err);
 	if (!r)
-		r = io_write_at(fd, d->triangle, (size_t)d->ntriangle * sizeof(uint32_t[3]),
-				HEADER + l.triangle, name, err);
-	if (!r && io->ftruncate(fd, (off_t)(HEADER + l.payload)) < 0)
+		r = io_write_at(fd, d->vertex, (size_t)d->nvertex * sizeof(struct mesh_vertex), at + l.vertex, name, err);
+	if (!r)
+		r = io_write_at(fd, d->triangle, (size_t)d->ntriangle * sizeof(uint32_t[3]), at + l.triangle, name, err);
+	if (!r && io->ftruncate(fd, (off_t)(at + l.payload)) < 0)
 		r = err_sys(err, errno, "cannot set the length of %s", name);
 	return r;
 }
 
-int store_put(int dirfd, struct digest key, const struct mesh_domain *d, struct err *err)
+/* A temporary file beside `name`, in a folder that is made when it is first needed. */
+static int temp_open(int dirfd, const char *name, const char *temp, int *ret_fd, struct err *err)
+{
+	char folder[FOLDER] = { name[0], name[1] };
+	int fd = io->openat(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), r;
+
+	if (fd >= 0 || errno != ENOENT) {
+		*ret_fd = fd;
+		return fd >= 0 ? 0 : err_sys(err, errno, "cannot create %s", temp);
+	}
+	r = io_make_dir(dirfd, folder, 0700, err);
+	return r ? r : io_open(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, ret_fd, err);
+}
+
+int store_put(int dirfd, const struct store_id *id, const struct store_beside *beside, const struct mesh_domain *d,
+	      struct store_front *ret, struct err *err)
 {
 	char name[NAME], temp[TEMP];
+	struct sums sums;
 	int fd = -1, r;
 
-	name_of(key, name);
+	if (beside->proof_size > STORE_PROOF_MOST)
+		return err_set(err, ERR_INTERNAL, "a proof of %zu bytes is too long to be stored", beside->proof_size);
+	name_of(id, name);
 	/* Two jobs may finish the same domain at once: each has a temp name of its own. */
 	snprintf(temp, sizeof temp, "%s.%ld.%lx.tmp", name, (long)getpid(), (unsigned long)(uintptr_t)d);
-	r = io_open(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, &fd, err);
+	r = temp_open(dirfd, name, temp, &fd, err);
 	if (r)
 		return r;
-	r = write_all(fd, temp, key, d, err);
+	sums = (struct sums){ XXH3_64bits(beside->proof, beside->proof_size), open_sum(d), rest_sum(d) };
+	r = write_all(fd, temp, id, beside, d, &sums, err);
 	if (!r && io->renameat(dirfd, temp, dirfd, name) < 0)
 		r = err_sys(err, errno, "cannot publish %s", name);
 	if (r)
 		io->unlinkat(dirfd, temp, 0);
 	io_close(fd);
+	if (!r) {
+		*ret = (struct store_front){ .domain = *d, .beside = *beside };
+		sizes_fill(ret, &sums);
+	}
 	return r;
 }
 
-bool store_has(int dirfd, struct digest key)
-{
-	char name[NAME];
+/* ---- looking ---- */
 
-	name_of(key, name);
-	return io->faccessat(dirfd, name, R_OK, 0) == 0;
+struct looking {
+	int dirfd;
+	char folder[FOLDER], prefix[2 + 32 + 2];
+	struct store_version *version;
+	size_t n, most;
+};
+
+static int look_at(void *ctx, const struct dirent *e, struct err *err)
+{
+	struct looking *l = ctx;
+	struct store_version v;
+	char name[NAME];
+	struct stat st;
+	size_t at;
+
+	(void)err;
+	if (strncmp(e->d_name, l->prefix, sizeof l->prefix - 1) || strlen(e->d_name) != NAME - FOLDER - 1 ||
+	    !digest_parse(e->d_name + sizeof l->prefix - 1, &v.list))
+		return 0;
+	snprintf(name, sizeof name, "%s/%.*s", l->folder, NAME - FOLDER - 1, e->d_name);
+	if (io->fstatat(l->dirfd, name, &st, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISREG(st.st_mode))
+		return 0; /* it may have been evicted just now */
+	v.mtime_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec;
+	if (l->n < l->most)
+		at = l->n++;
+	else if (l->version[at = l->most - 1].mtime_ns >= v.mtime_ns)
+		return 0;
+	for (; at > 0 && l->version[at - 1].mtime_ns < v.mtime_ns; at--)
+		l->version[at] = l->version[at - 1];
+	l->version[at] = v;
+	return 0;
 }
 
-static int damaged(int dirfd, struct digest key)
+int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err)
 {
-	char name[NAME];
+	struct looking l = { .dirfd = dirfd, .version = ret, .most = most };
+	char hex[DIGEST_HEX_SIZE];
+	struct stat st;
+	int r;
 
-	name_of(key, name);
+	*ret_n = 0;
+	digest_hex(base, hex);
+	snprintf(l.folder, sizeof l.folder, "%.2s", hex);
+	snprintf(l.prefix, sizeof l.prefix, "d-%s-", hex);
+	memset(ret, 0, most * sizeof *ret);
+	if (!most || (io->fstatat(dirfd, l.folder, &st, 0) != 0 && errno == ENOENT))
+		return 0;
+	r = io_list(dirfd, l.folder, look_at, &l, err);
+	if (!r)
+		*ret_n = l.n;
+	return r;
+}
+
+static int damaged(int dirfd, const char *name)
+{
 	io->unlinkat(dirfd, name, 0);
 	return STORE_E_ABSENT;
 }
 
 /* Opens and checks the header. STORE_E_ABSENT as in store.h. */
-static int open_checked(int dirfd, struct digest key, int *ret_fd, struct mesh_domain *d, uint64_t *ret_sum,
-			struct err *err)
+static int open_checked(int dirfd, const struct store_id *id, char name[NAME], int *ret_fd, struct store_front *ret,
+			struct sums *ret_sums, struct err *err)
 {
 	uint8_t header[HEADER];
-	char name[NAME];
 	struct stat st;
 	int fd, r;
 
-	name_of(key, name);
+	memset(ret, 0, sizeof *ret);
+	name_of(id, name);
 	fd = io->openat(dirfd, name, O_RDONLY | O_CLOEXEC, 0);
 	if (fd < 0)
 		return errno == ENOENT ? STORE_E_ABSENT : err_sys(err, errno, "cannot open %s", name);
 	if (io->fstat(fd, &st) < 0) {
 		r = err_sys(err, errno, "cannot look at %s", name);
-		io_close(fd);
-		return r;
+	} else if (st.st_size < HEADER) {
+		r = damaged(dirfd, name);
+	} else {
+		r = io_read_at(fd, header, HEADER, 0, name, err);
+		if (!r && !header_unpack(header, id, ret, ret_sums))
+			r = damaged(dirfd, name);
+		if (!r)
+			sizes_fill(ret, ret_sums);
+		if (!r && (uint64_t)st.st_size != ret->bytes)
+			r = damaged(dirfd, name);
 	}
-	if (st.st_size < HEADER) {
-		io_close(fd);
-		return damaged(dirfd, key);
-	}
-	r = io_read_at(fd, header, HEADER, 0, name, err);
-	if (!r && (!header_unpack(header, key, d, ret_sum) ||
-		   (uint64_t)st.st_size != HEADER + layout_of(d->nvertex, d->nopen, d->ntriangle).payload))
-		r = damaged(dirfd, key);
 	if (r)
 		io_close(fd);
 	else
@@ -225,56 +351,104 @@ static int open_checked(int dirfd, struct digest key, int *ret_fd, struct mesh_d
 	return r;
 }
 
-int store_size(int dirfd, struct digest key, size_t *ret, struct err *err)
+int store_head(int dirfd, const struct store_id *id, struct store_front *ret, struct err *err)
 {
-	struct mesh_domain d = { 0 };
-	uint64_t sum;
+	struct sums sums;
+	char name[NAME];
 	int fd, r;
 
-	r = open_checked(dirfd, key, &fd, &d, &sum, err);
-	if (r)
-		return r;
-	io_close(fd);
-	*ret = layout_of(d.nvertex, d.nopen, d.ntriangle).total;
-	return 0;
+	r = open_checked(dirfd, id, name, &fd, ret, &sums, err);
+	if (!r)
+		io_close(fd);
+	return r;
 }
 
-int store_get(int dirfd, struct digest key, void *memory, size_t size, struct mesh_domain *ret, struct err *err)
+int store_front(int dirfd, const struct store_id *id, void *memory, size_t size, struct store_front *ret, struct err *err)
 {
-	struct mesh_domain d = { 0 };
-	uint8_t *at = memory;
+	struct store_front f;
+	struct sums sums;
 	struct layout l;
 	char name[NAME];
-	uint64_t sum;
+	size_t proof;
 	int fd, r;
 
-	name_of(key, name);
-	r = open_checked(dirfd, key, &fd, &d, &sum, err);
+	r = open_checked(dirfd, id, name, &fd, &f, &sums, err);
 	if (r)
 		return r;
-	l = layout_of(d.nvertex, d.nopen, d.ntriangle);
-	if (l.total > size) {
-		io_close(fd);
-		return err_set(err, ERR_INTERNAL, "%s needs %zu bytes, %zu were given", name, l.total, size);
-	}
-	r = io_read_at(fd, at, l.payload, HEADER, name, err);
+	l = layout_of(&f.domain);
+	proof = padded(f.beside.proof_size);
+	r = f.front > size ? STORE_E_ABSENT : io_read_at(fd, memory, proof + l.open_end, HEADER, name, err);
 	io_close(fd);
 	if (r)
 		return r;
-	d.link = (void *)(at + l.link);
-	d.vertex = (void *)(at + l.vertex);
-	d.triangle = (void *)(at + l.triangle);
-	d.final = at + l.final;
-	if (payload_sum(&d) != sum)
-		return damaged(dirfd, key);
-	*ret = d;
+	f.beside.proof = memory;
+	f.domain.link = (void *)((uint8_t *)memory + proof);
+	f.domain.vertex = (void *)((uint8_t *)memory + proof + l.vertex);
+	if (XXH3_64bits(memory, f.beside.proof_size) != sums.proof || open_sum(&f.domain) != sums.open)
+		return damaged(dirfd, name);
+	*ret = f;
 	return 0;
 }
 
-int store_remove(int dirfd, struct digest key, struct err *err)
+int store_get(int dirfd, const struct store_id *id, void *memory, size_t size, struct mesh_domain *ret, struct err *err)
+{
+	struct mesh_domain *d;
+	struct store_front f;
+	uint8_t *at = memory;
+	struct sums sums;
+	struct layout l;
+	char name[NAME];
+	int fd, r;
+
+	r = open_checked(dirfd, id, name, &fd, &f, &sums, err);
+	if (r)
+		return r;
+	d = &f.domain;
+	l = layout_of(d);
+	r = l.total > size ? STORE_E_ABSENT :
+			     io_read_at(fd, at, l.payload, HEADER + padded(f.beside.proof_size), name, err);
+	io_close(fd);
+	if (r)
+		return r;
+	d->link = (void *)at;
+	d->vertex = (void *)(at + l.vertex);
+	d->triangle = (void *)(at + l.triangle);
+	d->final = at + l.final;
+	if (open_sum(d) != sums.open || rest_sum(d) != sums.rest)
+		return damaged(dirfd, name);
+	*ret = *d;
+	return 0;
+}
+
+/* ---- the rest ---- */
+
+void store_touch(int dirfd, const struct store_id *id, int64_t before_ns)
+{
+	char name[NAME];
+	struct stat st;
+
+	name_of(id, name);
+	if (io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) == 0 &&
+	    (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec < before_ns)
+		io->utimensat(dirfd, name, NULL, AT_SYMLINK_NOFOLLOW);
+}
+
+int store_remove(int dirfd, const struct store_id *id, struct err *err)
 {
 	char name[NAME];
 
-	name_of(key, name);
+	name_of(id, name);
 	return io_remove(dirfd, name, err);
+}
+
+static int sweep_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	const int *dirfd = ctx;
+
+	return strncmp(e->d_name, "d-", 2) ? 0 : io_remove(*dirfd, e->d_name, err);
+}
+
+int store_sweep(int dirfd, struct err *err)
+{
+	return io_list(dirfd, ".", sweep_entry, &dirfd, err);
 }

@@ -1,5 +1,5 @@
 /*
- * Finished domains kept by content key: one file a domain, checksummed, published by temp + rename.
+ * Finished domains kept by what they were made of: one file a domain, checksummed, published by temp + rename.
  * Derived data: losing it loses time only, so nothing is fsynced; a file that a power cut tore fails its
  * checksum and is taken for absent. FORMAT.md, "Finished domains", has the bytes.
  */
@@ -8,22 +8,58 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "mesh.h"
 
 struct err;
 
-/* The key is a digest over lattice, generation, view, region and kernel version (pipe_domain_key). */
-int store_put(int dirfd, struct digest key, const struct mesh_domain *, struct err *err);
-/* It is there, as far as its name says. */
-bool store_has(int dirfd, struct digest key);
+/* `base` tells the region apart, under a lattice, a view and a kernel; `list` what was read for it (pipe_reuse.c). Of a
+ * base there may be several, of different generations. */
+struct store_id {
+	struct digest base, list;
+};
 
-/* Bytes of memory that a load of it takes. STORE_E_ABSENT: not there, or damaged (then it is removed). */
+/* What is kept beside a domain. `proof`: opaque here. */
+struct store_beside {
+	struct digest content; /* of the generation that it was made of */
+	const void *proof;
+	size_t proof_size;
+};
+enum { STORE_PROOF_MOST = 1 << 20 };
+
+/* What is there under a base: at most `most`, those written or used last, latest first. */
+struct store_version {
+	struct digest list;
+	int64_t mtime_ns;
+};
+int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err);
+
+/* STORE_E_ABSENT: not there, or damaged or of another format (then it is removed). */
 enum { STORE_E_ABSENT = 1 };
-int store_size(int dirfd, struct digest key, size_t *ret, struct err *err);
-/* Load into `memory` (8-byte aligned); the arrays of *ret lie in it. STORE_E_ABSENT as above. */
-int store_get(int dirfd, struct digest key, void *memory, size_t size, struct mesh_domain *ret,
-	      struct err *err);
-int store_remove(int dirfd, struct digest key, struct err *err); /* absent is success */
+
+/* The front of a file: all but closed vertices and triangles. */
+struct store_front {
+	struct mesh_domain domain;   /* `triangle` and `final` are NULL; of `vertex` the open ones are there */
+	struct store_beside beside;
+	uint64_t payload;            /* checksum of links, vertices and triangles */
+	uint64_t bytes;              /* of the file */
+	size_t front, whole;         /* bytes of memory that store_front and store_get take */
+};
+/* *ret: the numbers of what was written. */
+int store_put(int dirfd, const struct store_id *, const struct store_beside *, const struct mesh_domain *,
+	      struct store_front *ret, struct err *err);
+/* The numbers alone; no pointer of *ret is valid. */
+int store_head(int dirfd, const struct store_id *, struct store_front *ret, struct err *err);
+/* Into `memory` (8-byte aligned): proof, links, open vertices. STORE_E_ABSENT also where `size` is too small. */
+int store_front(int dirfd, const struct store_id *, void *memory, size_t size, struct store_front *ret, struct err *err);
+/* The domain alone, whole. */
+int store_get(int dirfd, const struct store_id *, void *memory, size_t size, struct mesh_domain *ret, struct err *err);
+
+/* It is in use: what is used last is evicted last. Touches no file whose time is later than `before_ns`. */
+void store_touch(int dirfd, const struct store_id *, int64_t before_ns);
+int store_remove(int dirfd, const struct store_id *, struct err *err); /* absent is success */
+/* Removes files of the versions before 3, which lay in the folder itself. */
+int store_sweep(int dirfd, struct err *err);
 
 #endif

@@ -79,8 +79,15 @@ static size_t folder_each(const struct folder *f, const char *suffix, bool erase
 		if (e->d_name[0] == '.' || len < tail || strcmp(e->d_name + len - tail, suffix))
 			continue;
 		n++;
-		if (erase)
-			assert_int_equal(unlinkat(f->fd, e->d_name, 0), 0);
+		if (erase && unlinkat(f->fd, e->d_name, 0) != 0) {
+			struct folder sub = {.fd = openat(f->fd, e->d_name, O_RDONLY | O_DIRECTORY | O_CLOEXEC)};
+
+			assert_true(sub.fd >= 0);
+			snprintf(sub.path, sizeof sub.path, "%.50s/%.12s", f->path, e->d_name);
+			folder_each(&sub, "", true);
+			close(sub.fd);
+			assert_int_equal(unlinkat(f->fd, e->d_name, AT_REMOVEDIR), 0);
+		}
 	}
 	closedir(d);
 	return n;

@@ -21,6 +21,7 @@
 #include "err.h"
 #include "ledger.h"
 #include "pipe.h"
+#include "pipe_priv.h"
 #include "tri.h"
 #include "verify.h"
 
@@ -126,7 +127,7 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 {
 	size_t reader_size = grid_reader_bytes(grid);
 	struct pipe_budget budget = { .load = load, .cap = cap, .threads = 1,
-				      .domain_bytes = reader_size + tri_bytes(cap) + 4096 };
+				      .domain_bytes = pipe_domain_bytes(cap, reader_size) };
 	struct pipe_emitter *emitter = NULL;
 	struct grid_reader *reader = NULL;
 	struct cut_plan plan = { 0 };

@@ -1,0 +1,252 @@
+/*
+ * Finished domains that are used again.
+ *
+ * A domain is stored under two digests: its base (kernel, lattice with its offset, view, region), by which it is looked
+ * for, and its list (the ranges of keys that it stands on, with their content sums), so that those of several
+ * generations lie beside each other. In front of it lies its proof: that list, and its border chains. Whoever looks for
+ * a region takes what was made of the same content at once; else he asks cut_valid of each version, which costs
+ * some pages of the index and seldom a cell, where making it anew costs all of its points.
+ *
+ * Of what is taken without a reader only the front is read: its counts and digests, the open vertices and their links
+ * are all that totals are made of, since closed vertices are met nowhere else.
+ */
+#include <string.h>
+#define XXH_STATIC_LINKING_ONLY /* the state on the stack */
+#include <xxhash.h>
+
+#include "cursor.h"
+#include "err.h"
+#include "pipe.h"
+#include "pipe_finish.h"
+#include "pipe_priv.h"
+
+/* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
+static const char KERNEL[] = "kernel 3";
+
+enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8 };
+#define PROOF_MOST (PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE)
+_Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "FORMAT.md");
+_Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
+
+/* ---- keys ---- */
+
+struct digest pipe_content(const struct grid *grid)
+{
+	struct digest parts = grid_content(grid);
+	uint64_t points = grid_points(grid);
+
+	digest_add(&parts, digest_hash(&points, sizeof points));
+	return digest_hash(&parts, sizeof parts);
+}
+
+void pipe_key_init(struct pipe_key *key, const struct grid *grid, const struct view *view)
+{
+	char lattice[LATTICE_TEXT_SIZE];
+
+	lattice_text(&grid_manifest(grid)->lattice, lattice);
+	key->content = pipe_content(grid);
+	key->part[0] = digest_hash(lattice, strlen(lattice));
+	key->part[1] = view_hash(view);
+}
+
+static struct digest key_of(const struct digest parts[3], const struct cut_region *region)
+{
+	char text[CUT_REGION_TEXT_SIZE];
+	XXH128_hash_t key;
+	XXH3_state_t state;
+
+	cut_region_text(region, text);
+	XXH3_128bits_reset(&state);
+	XXH3_128bits_update(&state, KERNEL, sizeof KERNEL);
+	XXH3_128bits_update(&state, parts, 3 * sizeof *parts);
+	XXH3_128bits_update(&state, text, strlen(text));
+	key = XXH3_128bits_digest(&state);
+	return (struct digest){key.high64, key.low64};
+}
+
+struct digest pipe_key_of(const struct pipe_key *key, const struct cut_region *region)
+{
+	const struct digest parts[3] = {{0, 0}, key->part[0], key->part[1]};
+
+	return key_of(parts, region);
+}
+
+struct digest pipe_key_mesh(const struct pipe_key *key, const struct cut_region *root)
+{
+	const struct digest parts[3] = {key->content, key->part[0], key->part[1]};
+
+	return key_of(parts, root);
+}
+
+/* ---- proofs ---- */
+
+static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
+{
+	uint32_t sites = t->nsite[0] + t->nsite[1] + t->nsite[2] + t->nsite[3];
+	size_t size = PROOF_HEAD + (size_t)t->nrange * PROOF_RANGE + (size_t)sites * PROOF_SITE;
+	struct packer p = packer_of(out, size);
+
+	packer_u32(&p, t->nrange);
+	for (unsigned i = 0; i < 4; i++)
+		packer_u32(&p, t->nsite[i]);
+	packer_u32(&p, 0);
+	for (uint32_t i = 0; i < t->nrange; i++) {
+		packer_u64(&p, t->range[i].lo);
+		packer_u64(&p, t->range[i].hi);
+		packer_u64(&p, t->range[i].sum.hi);
+		packer_u64(&p, t->range[i].sum.lo);
+	}
+	for (uint32_t i = 0; i < sites; i++) {
+		packer_i32(&p, t->site[i].x);
+		packer_i32(&p, t->site[i].y);
+	}
+	return size;
+}
+
+/* False: it is no proof for that region. `trace` was initialised. */
+static bool proof_unpack(const struct store_beside *b, const struct cut_region *region, struct cut_trace *t)
+{
+	struct cursor c = cursor_of(b->proof, b->proof_size);
+	uint32_t sites = 0;
+
+	t->nrange = cursor_u32(&c);
+	for (unsigned i = 0; i < 4; i++) {
+		t->nsite[i] = cursor_u32(&c);
+		if (t->nsite[i] > CUT_TRACE_SITES)
+			return false;
+		sites += t->nsite[i];
+	}
+	cursor_u32(&c);
+	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN ||
+	    b->proof_size != PROOF_HEAD + (size_t)t->nrange * PROOF_RANGE + (size_t)sites * PROOF_SITE)
+		return false;
+	for (uint32_t i = 0; i < t->nrange; i++) {
+		t->range[i].lo = cursor_u64(&c);
+		t->range[i].hi = cursor_u64(&c);
+		t->range[i].sum.hi = cursor_u64(&c);
+		t->range[i].sum.lo = cursor_u64(&c);
+	}
+	for (uint32_t i = 0; i < sites; i++) {
+		t->site[i].x = cursor_i32(&c);
+		t->site[i].y = cursor_i32(&c);
+	}
+	return !c.bad && cut_trace_fits(t, region);
+}
+
+/* ---- keeping ---- */
+
+static void stored_of(const struct store_front *f, const struct store_id *id, struct pipe_stored *ret)
+{
+	*ret = (struct pipe_stored){.id = *id, .digest = f->domain.digest, .payload = f->payload,
+				    .triangles = f->domain.ntriangle, .bytes = f->bytes};
+}
+
+int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+	      const void *memory, struct pipe_stored *ret, struct err *err)
+{
+	const struct cut_trace *trace = &((const struct pipe_trace *)memory)->trace;
+	uint8_t proof[PROOF_MOST];
+	struct store_beside beside = {.content = key->content, .proof = proof};
+	struct store_id id = {.base = pipe_key_of(key, region)};
+	struct store_front front;
+	int r;
+
+	beside.proof_size = proof_pack(trace, proof);
+	/* A domain without a trace stands on all there is. */
+	id.list = trace->nrange ? digest_hash(proof + PROOF_HEAD, (size_t)trace->nrange * PROOF_RANGE) : key->content;
+	r = store_put(storefd, &id, &beside, domain, &front, err);
+	if (!r)
+		stored_of(&front, &id, ret);
+	return r;
+}
+
+/* ---- using again ---- */
+
+static uint8_t *front_of(const struct pipe_reuse_params *p)
+{
+	return pipe_domain_arena(p->grid, p->memory);
+}
+
+static size_t front_room(const struct pipe_reuse_params *p)
+{
+	size_t before = (size_t)(front_of(p) - (uint8_t *)p->memory);
+
+	return p->size > before ? p->size - before : 0;
+}
+
+static int judge(const struct pipe_reuse_params *p, const struct store_front *front, struct err *err)
+{
+	struct pipe_trace *trace = p->memory;
+	struct grid_reader *reader = NULL;
+	bool valid = false;
+	int r;
+
+	if (digest_equal(front->beside.content, p->key->content))
+		return 0;
+	cut_trace_init(&trace->trace, trace + 1);
+	if (!proof_unpack(&front->beside, p->region, &trace->trace))
+		return PIPE_E_ABSENT;
+	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
+	if (r)
+		return r;
+	r = cut_valid(reader, p->view, p->region, &trace->trace, &valid, err);
+	grid_reader_free(reader);
+	return r ? r : valid ? 0 : PIPE_E_ABSENT;
+}
+
+/* Its front, if it may stand for the region here. */
+static int look(const struct pipe_reuse_params *p, const struct store_id *id, struct store_front *ret, struct err *err)
+{
+	int r = store_front(p->storefd, id, front_of(p), front_room(p), ret, err);
+
+	if (r)
+		return r == STORE_E_ABSENT ? PIPE_E_ABSENT : r;
+	/* What was made with more memory would be split with this one: the plan's cap decides alone. */
+	if (ret->domain.counts.used + ret->domain.counts.halo > p->cap)
+		return PIPE_E_ABSENT;
+	return judge(p, ret, err);
+}
+
+static int take(const struct pipe_reuse_params *p, const struct store_id *id, const struct store_front *front,
+		struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held, struct err *err)
+{
+	struct mesh_domain d = front->domain;
+	size_t held = front->whole;
+	int r = 0;
+
+	if (p->light) {
+		/* To the start: links, then the open vertices behind them. */
+		uint8_t *at = memmove(p->memory, d.link, (size_t)d.nopen * (sizeof *d.link + sizeof *d.vertex));
+
+		d.link = (void *)at;
+		d.vertex = (void *)(at + (size_t)d.nopen * sizeof *d.link);
+		held = (size_t)d.nopen * (sizeof *d.link + sizeof *d.vertex);
+	} else {
+		r = store_get(p->storefd, id, p->memory, p->size, &d, err);
+	}
+	if (r)
+		return r == STORE_E_ABSENT ? PIPE_E_ABSENT : r;
+	stored_of(front, id, ret_stored);
+	*ret = d;
+	*ret_held = held;
+	return 0;
+}
+
+int pipe_reuse(const struct pipe_reuse_params *p, struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held,
+	       struct err *err)
+{
+	struct store_id id = {.base = pipe_key_of(p->key, p->region)};
+	struct store_version version[VERSIONS];
+	struct store_front front;
+	int r = PIPE_E_ABSENT, found;
+	size_t n = 0;
+
+	found = store_versions(p->storefd, id.base, version, VERSIONS, &n, err);
+	if (found)
+		return found;
+	for (size_t i = 0; r == PIPE_E_ABSENT && i < n; i++) {
+		id.list = version[i].list;
+		r = look(p, &id, &front, err);
+	}
+	return r ? r : take(p, &id, &front, ret, ret_stored, ret_held, err);
+}

@@ -1,0 +1,415 @@
+/*
+ * Finished domains in the store, over real caches: what is made of one generation is found in another exactly where it
+ * would be made the same, byte for byte; a reader-less emission from the fronts alone gives the same totals; whatever is
+ * damaged is made again.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <fcntl.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "grid_fixture.h"
+#include "io.h"
+#include "pipe.h"
+#include "pipe_priv.h"
+
+enum { LOAD = 400, CAP = 40000, SOURCES = 6 };
+
+static uint64_t rng;
+
+static uint64_t rnd(uint64_t n)
+{
+	return rng_below(&rng, n);
+}
+
+/* ---- a generation on disk ---- */
+
+struct generation {
+	struct folder folder;
+	struct grid_segment_info info[4];
+	struct grid_manifest m;
+	struct reader reader;
+	struct pipe_budget budget;
+	struct pipe_key key;
+	void *memory;
+};
+
+static const struct view view = VIEW_INIT;
+
+/* `dead`: by source; they lie in the segments all the same. */
+static struct generation generation_of(const struct set *s, unsigned segments, unsigned dead)
+{
+	struct generation g = {.folder = folder_new()};
+	struct err err = ERR_INIT;
+	size_t reader_size;
+
+	for (unsigned i = 0; i < segments; i++) {
+		struct set part = {calloc(s->n + 1, sizeof *s->pts), calloc(s->n + 1, sizeof *s->ids), 0};
+		char name[16];
+
+		for (size_t k = 0; k < s->n; k++)
+			if (s->ids[k] % segments == i) {
+				part.pts[part.n] = s->pts[k];
+				part.ids[part.n++] = s->ids[k];
+			}
+		snprintf(name, sizeof name, "s%u", i);
+		CHECK(stage_set(&g.folder, name, &part, GRID_STAGE_MIN, &g.info[i], &err));
+		set_free(&part);
+	}
+	g.m = manifest_of(g.info, segments, SOURCES);
+	g.m.generation = 2;
+	for (unsigned i = 0; i < SOURCES; i++) {
+		for (size_t k = 0; k < s->n; k++)
+			g.m.sources[i].points += s->ids[k] == i + 1;
+		if (dead >> i & 1)
+			g.m.sources[i].removed = 2;
+	}
+	CHECK(grid_manifest_write(g.folder.fd, "m", &g.m, &err));
+	g.reader = reader_open(&g.folder, "m", GRID_NEWEST, 1 << 20);
+	reader_size = grid_reader_bytes(g.reader.grid);
+	g.budget = (struct pipe_budget){.load = LOAD, .cap = CAP, .threads = 1, .domain_bytes = pipe_domain_bytes(CAP, reader_size)};
+	g.memory = aligned_alloc(64, (g.budget.domain_bytes + 63) & ~(size_t)63);
+	pipe_key_init(&g.key, g.reader.grid, &view);
+	return g;
+}
+
+static void generation_end(struct generation *g)
+{
+	free(g->memory);
+	reader_close(&g->reader);
+	free(g->m.sources);
+	folder_remove(&g->folder);
+}
+
+/* `all` points of side `side`, and some of source 4 in a corner of it; more of source 5 elsewhere in the corner. */
+static struct set points_of(size_t all, uint32_t side)
+{
+	size_t some = 30, n = all + 2 * some;
+	struct set s = {calloc(n, sizeof *s.pts), calloc(n, sizeof *s.ids), n};
+
+	for (size_t i = 0; i < n; i++) {
+		uint32_t within = i < all ? side : side / 6;
+
+		s.pts[i] = (struct point){.x = (int32_t)rnd(within) - (int32_t)(side / 2), .y = (int32_t)rnd(within) - 77,
+					  .z = (int32_t)rnd(50), .cls = rnd(20) ? 2 : 7, .ret = 0x11};
+		s.ids[i] = i < all ? 1 + (uint32_t)rnd(3) : i < all + some ? 4 : 5;
+	}
+	return s;
+}
+
+/* ---- domains ---- */
+
+static int make(struct generation *g, const struct cut_region *r, struct mesh_domain *ret)
+{
+	struct err err = ERR_INIT;
+	uint64_t need;
+	int rc = pipe_domain(g->reader.grid, &view, r, NULL, &g->budget, g->memory, ret, &need, &err);
+
+	assert_int_equal(rc, 0);
+	return rc;
+}
+
+static void keep(struct generation *g, int store, const struct cut_region *r, struct pipe_stored *ret)
+{
+	struct mesh_domain d;
+	struct err err = ERR_INIT;
+
+	make(g, r, &d);
+	CHECK(pipe_keep(store, &g->key, r, &d, g->memory, ret, &err));
+	assert_true(digest_equal(ret->digest, d.digest));
+	assert_int_equal(ret->triangles, d.ntriangle);
+}
+
+static int reuse(struct generation *g, int store, const struct cut_region *r, void *memory, bool light,
+		 struct mesh_domain *ret, struct pipe_stored *ret_stored)
+{
+	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
+					    .region = r, .cap = CAP, .memory = memory, .size = g->budget.domain_bytes,
+					    .light = light};
+	struct err err = ERR_INIT;
+	size_t held = 0;
+	int rc = pipe_reuse(&p, ret, ret_stored, &held, &err);
+
+	if (rc < 0)
+		fail_msg("%s", err.message);
+	assert_true(rc || held <= g->budget.domain_bytes);
+	return rc;
+}
+
+static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
+{
+	assert_int_equal(a->nvertex, b->nvertex);
+	assert_int_equal(a->nopen, b->nopen);
+	assert_int_equal(a->ntriangle, b->ntriangle);
+	assert_true(digest_equal(a->digest, b->digest) && digest_equal(a->closed_digest, b->closed_digest));
+	assert_int_equal(a->counts.points, b->counts.points);
+	assert_int_equal(a->counts.used, b->counts.used);
+	assert_int_equal(a->counts.halo, b->counts.halo);
+	assert_memory_equal(a->counts.removed, b->counts.removed, sizeof a->counts.removed);
+	if (!a->ntriangle)
+		return;
+	assert_memory_equal(a->box, b->box, sizeof a->box);
+	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof *a->vertex);
+	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof *a->triangle);
+	for (uint32_t i = 0; i < a->nopen; i++)
+		assert_true(a->link[i].hi == b->link[i].hi && a->link[i].lo == b->link[i].lo &&
+			    a->link[i].edges == b->link[i].edges);
+}
+
+static struct cut_plan plan_of(struct generation *g)
+{
+	struct cut_plan plan = {0};
+	struct err err = ERR_INIT;
+
+	CHECK(cut_plan_make(g->reader.r, LOAD, &plan, &err));
+	return plan;
+}
+
+/* ---- one generation after another ---- */
+
+static uint64_t judged, found;
+
+static void compare_generations(struct generation *old, struct generation *new, int store)
+{
+	struct cut_plan plan = plan_of(new);
+	void *memory = aligned_alloc(64, (new->budget.domain_bytes + 63) & ~(size_t)63);
+
+	for (size_t i = 0; i < plan.n; i++) {
+		const struct cut_region *r = &plan.leaf[i].region;
+		struct pipe_stored as, got;
+		struct mesh_domain a, b;
+
+		keep(old, store, r, &as);
+		assert_int_equal(reuse(old, store, r, memory, false, &b, &got), 0);
+		make(old, r, &a);
+		check_same(&a, &b);
+		assert_memory_equal(&as.id, &got.id, sizeof as.id);
+		assert_int_equal(as.payload, got.payload);
+		assert_int_equal(as.bytes, got.bytes);
+		judged++;
+		if (reuse(new, store, r, memory, false, &b, &got))
+			continue;
+		found++;
+		make(new, r, &a);
+		check_same(&a, &b);
+	}
+	free(memory);
+	cut_plan_done(&plan);
+}
+
+static void test_generations(void **state)
+{
+	const unsigned cases = getenv("ACUT_SLOW") ? 200 : 25;
+
+	(void)state;
+	skip_fsync();
+	for (unsigned c = 1; c < cases; c++) {
+		struct set s;
+		struct generation old, new;
+		struct folder store = folder_new();
+
+		rng = 1000 + c;
+		s = points_of(c % 5 ? 2000 + rnd(3000) : 60000, 300 + (uint32_t)rnd(100000));
+		old = generation_of(&s, 1 + (unsigned)rnd(3), 0x30 | (rnd(2) ? 8 : 0));
+		new = generation_of(&s, 1 + (unsigned)rnd(4), 0x20 | (rnd(3) ? 8 : 0));
+		compare_generations(&old, &new, store.fd);
+		generation_end(&old);
+		generation_end(&new);
+		folder_remove(&store);
+		set_free(&s);
+	}
+	printf("%llu of %llu domains found in the next generation\n", (unsigned long long)found, (unsigned long long)judged);
+	assert_true(found > judged / 10 * 5 && found < judged);
+}
+
+/* ---- emission from the fronts ---- */
+
+static struct pipe_totals emit_all(struct generation *g, int store, bool light)
+{
+	struct cut_plan plan = plan_of(g);
+	struct pipe_emitter *emitter = NULL;
+	struct pipe_totals totals;
+	struct err err = ERR_INIT;
+
+	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 17, g->folder.fd, &emitter, &err));
+	for (size_t i = 0; i < plan.n; i++) {
+		const struct cut_region *r = &plan.leaf[i].region;
+		struct pipe_stored as;
+		struct mesh_domain d;
+
+		if (!store || (light && i % 5 == 4))
+			make(g, r, &d);
+		else
+			assert_int_equal(reuse(g, store, r, g->memory, light, &d, &as), 0);
+		assert_true(!store || !light || i % 5 == 4 || !d.triangle);
+		CHECK(pipe_emit(emitter, &d, r, NULL, &err));
+	}
+	CHECK(pipe_emitter_finish(emitter, &totals, &err));
+	pipe_emitter_free(emitter);
+	cut_plan_done(&plan);
+	return totals;
+}
+
+static void test_fronts(void **state)
+{
+	struct folder store = folder_new();
+	struct generation g;
+	struct pipe_totals made, whole, light;
+	struct cut_plan plan;
+	struct pipe_stored as;
+	struct set s;
+
+	(void)state;
+	rng = 7;
+	s = points_of(6000, 5000);
+	g = generation_of(&s, 2, 0x10);
+	plan = plan_of(&g);
+	for (size_t i = 0; i < plan.n; i++)
+		keep(&g, store.fd, &plan.leaf[i].region, &as);
+	cut_plan_done(&plan);
+	made = emit_all(&g, 0, false);
+	whole = emit_all(&g, store.fd, false);
+	light = emit_all(&g, store.fd, true);
+	assert_true(made.triangles > 8000);
+	made.counts.cells_read = whole.counts.cells_read = light.counts.cells_read = 0;
+	made.counts.points_read = whole.counts.points_read = light.counts.points_read = 0;
+	assert_memory_equal(&made, &whole, sizeof made);
+	assert_memory_equal(&made, &light, sizeof made);
+	generation_end(&g);
+	folder_remove(&store);
+	set_free(&s);
+}
+
+/* ---- damage ---- */
+
+static void flip(const struct folder *f, const char *name, off_t at)
+{
+	int fd = openat(f->fd, name, O_RDWR);
+	uint8_t byte;
+
+	assert_true(fd >= 0);
+	assert_int_equal(pread(fd, &byte, 1, at), 1);
+	byte ^= 4;
+	assert_int_equal(pwrite(fd, &byte, 1, at), 1);
+	close(fd);
+}
+
+/* Any byte of the file wrong, or missing at its end: absent, and gone. Of the rest the front knows nothing. */
+static void test_damage(void **state)
+{
+	struct folder store = folder_new();
+	struct generation g;
+	struct pipe_stored as, got;
+	struct mesh_domain d;
+	struct cut_plan plan;
+	struct set s;
+	char name[128], base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
+	const struct cut_region *r;
+
+	(void)state;
+	rng = 9;
+	s = points_of(3000, 5000);
+	g = generation_of(&s, 1, 0);
+	plan = plan_of(&g);
+	r = &plan.leaf[plan.n / 2].region;
+	keep(&g, store.fd, r, &as);
+	digest_hex(as.id.base, base);
+	snprintf(name, sizeof name, "%.2s/d-%s-%s", base, base, digest_hex(as.id.list, list));
+	assert_true(as.triangles > 20);
+	for (uint64_t at = 0; at < as.bytes; at += at < 600 ? 7 : 61) {
+		int light;
+
+		assert_int_equal(reuse(&g, store.fd, r, g.memory, true, &d, &got), 0);
+		assert_int_equal(reuse(&g, store.fd, r, g.memory, false, &d, &got), 0);
+		flip(&store, name, (off_t)at);
+		light = reuse(&g, store.fd, r, g.memory, true, &d, &got);
+		/* Padding after vertices and triangles is nobody's. */
+		if (reuse(&g, store.fd, r, g.memory, false, &d, &got) == 0) {
+			flip(&store, name, (off_t)at);
+			continue;
+		}
+		assert_true(light == 0 || light == PIPE_E_ABSENT);
+		assert_true(at > 384 || light == PIPE_E_ABSENT);
+		assert_int_equal(faccessat(store.fd, name, F_OK, 0), -1);
+		keep(&g, store.fd, r, &got);
+		assert_memory_equal(&as, &got, sizeof as);
+	}
+	for (uint64_t cut = 1; cut < as.bytes; cut += 97) {
+		int fd = openat(store.fd, name, O_RDWR);
+
+		assert_int_equal(ftruncate(fd, (off_t)(as.bytes - cut)), 0);
+		close(fd);
+		assert_int_equal(reuse(&g, store.fd, r, g.memory, cut & 1, &d, &got), PIPE_E_ABSENT);
+		assert_int_equal(faccessat(store.fd, name, F_OK, 0), -1);
+		keep(&g, store.fd, r, &got);
+	}
+	cut_plan_done(&plan);
+	generation_end(&g);
+	folder_remove(&store);
+	set_free(&s);
+}
+
+/* Of many generations each finds its own; what lay in the folder before version 3 goes. */
+static void test_versions(void **state)
+{
+	struct folder store = folder_new();
+	struct err err = ERR_INIT;
+	struct pipe_stored as[6];
+	struct set s;
+	int fd;
+
+	(void)state;
+	rng = 11;
+	s = points_of(1500, 3000);
+	for (unsigned i = 0; i < 6; i++) {
+		struct cut_region root = {0};
+		struct generation g = generation_of(&s, 1, 1u << i);
+		int32_t box[4];
+
+		assert_true(grid_box(g.reader.grid, box));
+		cut_region_root(box, &root);
+		keep(&g, store.fd, &root, &as[i]);
+		generation_end(&g);
+	}
+	for (unsigned i = 0; i < 6; i++) {
+		struct cut_region root = {0};
+		struct generation g = generation_of(&s, 2, 1u << i);
+		struct pipe_stored got;
+		struct mesh_domain d;
+		int32_t box[4];
+
+		assert_true(grid_box(g.reader.grid, box));
+		cut_region_root(box, &root);
+		assert_int_equal(reuse(&g, store.fd, &root, g.memory, i & 1, &d, &got), 0);
+		assert_int_equal(got.payload, as[i].payload);
+		assert_true(digest_equal(got.digest, as[i].digest));
+		generation_end(&g);
+	}
+	fd = openat(store.fd, "d-0123456789abcdef0123456789abcdef", O_WRONLY | O_CREAT, 0600);
+	assert_true(fd >= 0);
+	close(fd);
+	CHECK(store_sweep(store.fd, &err));
+	assert_int_equal(faccessat(store.fd, "d-0123456789abcdef0123456789abcdef", F_OK, 0), -1);
+	folder_remove(&store);
+	set_free(&s);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_generations),
+		cmocka_unit_test(test_fronts),
+		cmocka_unit_test(test_damage),
+		cmocka_unit_test(test_versions),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
