@@ -125,6 +125,8 @@ bool parse_seconds(const char *text, double *ret)
 			unit = 60;
 		else if (*rest == 'h')
 			unit = 3600;
+		else if (*rest == 'd')
+			unit = 86400;
 		else if (*rest != 's')
 			return false;
 	}

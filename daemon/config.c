@@ -21,7 +21,7 @@
 
 static const uint64_t MEMORY_LEAST = UINT64_C(24) << 20, MEMORY_SPARE = UINT64_C(48) << 20,
 		      MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
-enum { THREADS_MAX = 256, DISK_PERCENT = 80, KEEP_FREE_PERCENT = 5, SPACE_WAIT = 60 };
+enum { THREADS_MAX = 256, DISK_PERCENT = 80, KEEP_FREE_PERCENT = 5, SPACE_WAIT = 60, KEEP_REMOVED_SECONDS = 7 * 86400 };
 
 static const char help[] =
 	"acutd: terrain meshes from points, out of core\n"
@@ -40,6 +40,7 @@ static const char help[] =
 	"  --disk SIZE|N%       what state and cache may hold together, as 200G or 80% of the file system\n"
 	"                       (default: 80%)\n"
 	"  --keep-free SIZE|N%  of the file system stays free (default: 5%)\n"
+	"  --keep-removed TIME  a dataset that was removed can be restored for so long (default: 7d)\n"
 	"  --space-wait SECONDS what a client waits for ends when it has lacked disk space for so long (default: 60)\n"
 	"  --log-level LEVEL    error, warning, notice, info, debug (default: info)\n"
 	"  --idle-exit SECONDS  end when nobody is connected and nothing is to be done for so long\n"
@@ -217,7 +218,7 @@ static int fill_in(struct config *c, struct err *err)
 
 /* ---- options ---- */
 
-enum which { SOCKET = 1, STATE, CACHE, INIT, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, VERSION, HELP };
+enum which { SOCKET = 1, STATE, CACHE, INIT, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, KEEP_REMOVED, VERSION, HELP };
 
 static const struct option options[] = {
 	{"socket", required_argument, NULL, SOCKET},
@@ -231,6 +232,7 @@ static const struct option options[] = {
 	{"disk", required_argument, NULL, DISK},
 	{"keep-free", required_argument, NULL, KEEP_FREE},
 	{"space-wait", required_argument, NULL, SPACE_PATIENCE},
+	{"keep-removed", required_argument, NULL, KEEP_REMOVED},
 	{"version", no_argument, NULL, VERSION},
 	{"help", no_argument, NULL, HELP},
 	{0},
@@ -291,6 +293,10 @@ static int set_option(struct config *c, int option, const char *value, struct er
 			       : bad("keep-free", value, "a size as 10G, or a percentage from 0% to 99%,", err);
 	case SPACE_PATIENCE:
 		return parse_seconds(value, &c->space_wait) ? 0 : bad("space-wait", value, "a time in seconds", err);
+	case KEEP_REMOVED:
+		return parse_seconds(value, &c->keep_removed) && c->keep_removed > 0
+			       ? 0
+			       : bad("keep-removed", value, "a time as 7d", err);
 	default:
 		err_set(err, ERR_USAGE, "the command line is not understood");
 		return err_add_hint(err, "acutd --help lists the options");
@@ -301,7 +307,7 @@ int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struc
 {
 	int option, r = 0;
 
-	*ret = (struct config){.level = LOG_LEVEL_INFO, .space_wait = SPACE_WAIT};
+	*ret = (struct config){.level = LOG_LEVEL_INFO, .space_wait = SPACE_WAIT, .keep_removed = KEEP_REMOVED_SECONDS};
 	*ret_what = CONFIG_RUN;
 	while (!r && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
 		if (option == VERSION || option == HELP) {

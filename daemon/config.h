@@ -19,6 +19,7 @@ struct config {
 	enum log_level level;
 	double idle_exit; /* seconds; 0: never */
 	struct space_limit disk, keep_free;
+	double keep_removed; /* seconds that a removed dataset can be restored */
 	double space_wait; /* seconds that what a client waits for waits for room on the disk */
 };
 

@@ -366,6 +366,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.disk = d->config.disk,
 		.keep_free = d->config.keep_free,
 		.space_wait = d->config.space_wait,
+		.keep_removed = d->config.keep_removed,
 		.cache_again = cache_again,
 		.cache_ctx = d,
 		.changed = server_job_changed,

@@ -25,7 +25,7 @@ struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
 	bool header, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
-	bool canonical, no_clobber, wait, fresh, resume, files;
+	bool canonical, no_clobber, wait, fresh, resume, files, removed;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
@@ -34,7 +34,7 @@ struct ctl_args {
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
 	const char *format, *tile, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation, *priority, *replaces;
+	const char *generation, *priority, *replaces, *as;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
 	char **word;               /* what is not an option, without the command */
@@ -74,6 +74,7 @@ enum ctl_group {
 	CTL_PUSH = 512,
 	CTL_CREATE = 1024,           /* dataset create */
 	CTL_DATASET = 1 << 24,       /* dataset log, restore */
+	CTL_REMOVED = 1 << 25,       /* datasets */
 	CTL_GEOID = 1 << 16,
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */

@@ -12,9 +12,10 @@
 static const struct ctl_command table[] = {
 	{"cache", "cache stat|verify|gc", "what is kept of finished domains", CTL_ALL, 0, MANY, false, NULL},
 	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
-	{"dataset", "dataset show|create|log|revert NAME", "what is in one dataset, and what becomes of it",
+	{"dataset", "dataset VERB NAME",
+	 "what is in one dataset, and what becomes of it: show, create, log, revert, rm, restore, pin, unpin",
 	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET, 1, MANY, false, ctl_dataset_run},
-	{"datasets", "datasets", "list the datasets", CTL_ALL, 0, 0, false, ctl_datasets_run},
+	{"datasets", "datasets", "list the datasets", CTL_ALL | CTL_REMOVED, 0, 0, false, ctl_datasets_run},
 	{"doctor", "doctor", "look for what is wrong", CTL_ALL, 0, MANY, false, NULL},
 	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files",
 	 CTL_ALL | CTL_OUT | CTL_FETCH, 1, 1, false, ctl_fetch_run},

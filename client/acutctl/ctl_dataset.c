@@ -96,6 +96,51 @@ static int revert(struct ctl *ctl)
 	return ctl_dataset_revert(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
 }
 
+/* rm, restore, pin, unpin: the daemon's word for it, and what came of it. */
+static int change(struct ctl *ctl, const char *verb)
+{
+	const char *name = ctl->args.word[1];
+	struct acut_dataset d;
+	char until[32];
+	uint64_t id = 0;
+	int status = ctl_connect(ctl);
+
+	if (!parse_u64(name, &id))
+		id = 0;
+	if (!status && acut_dataset_change(ctl->acut, verb, name, id, ctl->args.as, &d))
+		status = ctl_error_acut(ctl);
+	if (status)
+		return status;
+	if (ctl->args.json)
+		ctl_dataset_json(ctl, &d);
+	else if (d.removed_us)
+		ctl_note(ctl, "%s is removed; acutctl dataset restore %s brings it back until %s", d.name, d.name,
+			 ctl_job_time_text(d.until_us, until));
+	else if (!strcmp(verb, "restore"))
+		ctl_note(ctl, "%s is there again", d.name);
+	return CTL_DONE;
+}
+
+static int rm(struct ctl *ctl)
+{
+	return change(ctl, "remove");
+}
+
+static int restore(struct ctl *ctl)
+{
+	return change(ctl, "restore");
+}
+
+static int pin(struct ctl *ctl)
+{
+	return change(ctl, "pin");
+}
+
+static int unpin(struct ctl *ctl)
+{
+	return change(ctl, "unpin");
+}
+
 /* Options that not all of the verbs take. */
 enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8 };
 
@@ -107,8 +152,12 @@ static const struct verb {
 } verbs[] = {
 	{ "create", 2, 2, TAKES_SCALE, create },
 	{ "log", 2, 2, TAKES_FILES, log_run },
+	{ "pin", 2, 2, 0, pin },
+	{ "restore", 2, 2, TAKES_AS, restore },
 	{ "revert", 2, 3, 0, revert },
+	{ "rm", 2, 2, 0, rm },
 	{ "show", 2, 2, TAKES_AT, show },
+	{ "unpin", 2, 2, 0, unpin },
 };
 
 static int check_options(const struct ctl_args *a, const struct verb *v, struct err *err)
@@ -118,6 +167,7 @@ static int check_options(const struct ctl_args *a, const struct verb *v, struct 
 		a->crs && !(v->takes & TAKES_SCALE) ? "crs" : NULL,
 		a->generation && !(v->takes & TAKES_AT) ? "at" : NULL,
 		a->files && !(v->takes & TAKES_FILES) ? "files" : NULL,
+		a->as && !(v->takes & TAKES_AS) ? "as" : NULL,
 	};
 
 	for (size_t i = 0; i < sizeof(given) / sizeof(*given); i++)
@@ -142,7 +192,7 @@ int ctl_dataset_run(struct ctl *ctl)
 		err_set(&err, ERR_USAGE, "dataset %s takes one name%s", name,
 			v->most > 2 ? ", and at most one more word" : "");
 	if (err.code)
-		err_add_hint(&err, "acutctl dataset %s", ctl->command->usage + strlen("dataset "));
+		err_add_hint(&err, "acutctl dataset show, log, revert, create, rm, restore, pin or unpin NAME");
 	else
 		check_options(&ctl->args, v, &err);
 	return err.code ? ctl_error(ctl, &err) : v->run(ctl);

@@ -111,7 +111,9 @@ static const struct option table[] = {
 	{"at", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION,
 	 "of this state of the dataset, not the newest"},
 	{"generation", 0, "N", TEXT, AT(generation), CTL_GENERATION, "the same as --at"},
-	{"files", 0, NULL, FLAG, AT(files), CTL_DATASET, "with each file"},
+	{"files", 0, NULL, FLAG, AT(files), CTL_DATASET, "log: with each file"},
+	{"as", 0, "NAME", TEXT, AT(as), CTL_DATASET, "restore: under another name"},
+	{"removed", 0, NULL, FLAG, AT(removed), CTL_REMOVED, "those that were removed and can be restored"},
 
 	{"memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN,
 	 "a daemon of this command's own, with this much memory"},

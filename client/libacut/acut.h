@@ -344,6 +344,14 @@ struct acut_log_sink {
 /* Ascending by number, paging inside. */
 int acut_dataset_log(struct acut *, const char *dataset, const struct acut_log_sink *);
 
+/* "remove" hides a dataset and keeps it for a while (until_us); "restore", by name or (id, where no removed one has
+ * that name) by number, brings it back, under another name if `as` is not NULL; "pin": it can be neither removed nor
+ * pruned; "unpin". What it is then, until the next call. */
+int acut_dataset_change(struct acut *, const char *verb, const char *name, uint64_t id, const char *as,
+			struct acut_dataset *ret);
+/* What can be restored, by number. */
+int acut_datasets_removed(struct acut *, void (*each)(void *ctx, const struct acut_dataset *), void *ctx);
+
 struct acut_reverted {
 	uint64_t generation, undone, points; /* the new one; that it undoes; of the dataset now */
 	uint32_t files, files_removed;       /* brought back; taken away */

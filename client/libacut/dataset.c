@@ -163,6 +163,55 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 
 /* ---- changes ---- */
 
+int acut_dataset_change(struct acut *a, const char *verb, const char *name, uint64_t id, const char *as,
+			struct acut_dataset *ret)
+{
+	Acut__V1__DatasetChange question = ACUT__V1__DATASET_CHANGE__INIT;
+	int r;
+
+	question.verb = call_text(verb);
+	question.name = call_text(name);
+	question.id = id;
+	question.as = call_text(as);
+	r = call_ask(a, FRAME_MESSAGE(DATASET_CHANGE, dataset_change, &question), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
+	if (r == 0 && a->answer->datasets->n_datasets != 1)
+		r = err_set(&a->err, ERR_PROTO, "the daemon did not say what the dataset is");
+	if (r == 0)
+		call_dataset(a->answer->datasets->datasets[0], ret);
+	return r;
+}
+
+int acut_datasets_removed(struct acut *a, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
+{
+	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
+	Acut__V1__Message *page;
+	bool more = true;
+	uint32_t id;
+	int r = call_begin(a);
+
+	question.removed = true;
+	question.limit = PAGE;
+	while (r == 0 && more) {
+		r = call_again(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1,
+			       ACUT__V1__MESSAGE__BODY_DATASETS, &id, &page);
+		if (r < 0)
+			break;
+		more = page->datasets->more && page->datasets->n_datasets > 0;
+		for (size_t i = 0; i < page->datasets->n_datasets && r == 0; i++) {
+			struct acut_dataset dataset;
+
+			call_dataset(page->datasets->datasets[i], &dataset);
+			if (dataset.id <= question.after_id)
+				r = err_set(&a->err, ERR_PROTO, "the daemon's list of datasets does not rise");
+			else
+				each(ctx, &dataset);
+			question.after_id = dataset.id;
+		}
+		frame_message_free(page);
+	}
+	return r;
+}
+
 int acut_dataset_revert(struct acut *a, const char *dataset, uint64_t generation, struct acut_reverted *ret)
 {
 	Acut__V1__Revert question = ACUT__V1__REVERT__INIT;

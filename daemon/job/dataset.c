@@ -286,11 +286,15 @@ struct dataset *dataset_hold(struct dataset *d)
 
 void dataset_release(struct dataset *d)
 {
+	if (!--d->users && (d->onestep || (!d->generation && !dataset_created(d))))
+		dataset_drop(d);
+}
+
+void dataset_drop(struct dataset *d)
+{
 	struct err err = ERR_INIT;
 	struct dataset **at;
 
-	if (--d->users || (!d->onestep && (d->generation || dataset_created(d))))
-		return;
 	for (at = &d->jobs->datasets; *at != d; at = &(*at)->next)
 		;
 	*at = d->next;
@@ -307,7 +311,7 @@ struct dataset *dataset_find(struct jobs *j, const char *name, const struct job_
 	struct dataset *d;
 
 	for (d = j->datasets; d; d = d->next)
-		if (!strcmp(d->name, name))
+		if (!d->removed_us && !strcmp(d->name, name))
 			return !d->onestep || !peer->uid || peer->uid == d->uid ? d : NULL;
 	return NULL;
 }
@@ -317,7 +321,7 @@ struct dataset *dataset_after(struct jobs *j, const char *name)
 	struct dataset *d, *best = NULL;
 
 	for (d = j->datasets; d; d = d->next)
-		if (!d->onestep && (d->generation || d->pending || dataset_created(d)) && strcmp(d->name, name) > 0 &&
+		if (!d->onestep && !d->removed_us && (d->generation || d->pending || dataset_created(d)) && strcmp(d->name, name) > 0 &&
 		    (!best || strcmp(d->name, best->name) < 0))
 			best = d;
 	return best;
@@ -345,6 +349,7 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.oldest = d->oldest,
 		.segments = d->segments,
 		.removed_us = d->removed_us,
+		.until_us = dataset_until_us(d),
 		.pinned = d->pinned,
 	};
 	memcpy(ret->box, d->box, sizeof ret->box);

@@ -49,6 +49,7 @@ struct jobs_params {
 	int statefd, cachefd;        /* folders, borrowed */
 	unsigned threads;            /* domains at once, at most */
 	struct space_limit disk, keep_free; /* as space_params */
+	double keep_removed;         /* seconds that a removed dataset can be restored; 0: 7 days */
 	double space_wait;           /* seconds that what a client waits for may lack space */
 	/* A job came to be, went on, or ended. */
 	void (*changed)(void *ctx, struct job *);
@@ -121,6 +122,20 @@ void dataset_create(struct jobs *, const struct dataset_wish *,
 int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
 /* Owner and root; else -ERR_PERM. */
 int dataset_owned(const struct dataset *, const struct job_peer *, struct err *err);
+
+enum dataset_verb { DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN };
+struct dataset_wanted {
+	enum dataset_verb verb;
+	const char *name, *as; /* to restore under another name; "": its own */
+	uint64_t id;           /* to restore, where no removed dataset has the name; 0: none */
+	struct job_peer peer;
+};
+typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset *);
+/* Owner and root. A removed dataset is hidden, its name free, and kept for jobs_params.keep_removed; what is pinned can
+ * be neither removed nor pruned. -ERR_USAGE, -ERR_BUSY (a push is open), -ERR_NOTFOUND. */
+void dataset_verb(struct jobs *, const struct dataset_wanted *, dataset_verb_fn *answer, void *token);
+/* Removed ones that this peer can restore, by number: the first after `id`; NULL at the end. */
+struct dataset *dataset_removed_after(struct jobs *, uint64_t id, const struct job_peer *);
 
 struct reverted {
 	struct dataset *dataset;

@@ -139,6 +139,7 @@ struct jobs {
 	struct push *pushes;
 	struct job *jobs;
 	struct job_asked_plan *plans;
+	uint64_t expired_ns; /* when removed datasets were looked at */
 	struct dataset_change *changes; /* that wait for their turn */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
@@ -197,6 +198,13 @@ int folder_remove(int dirfd, const char *name, struct err *err); /* with everyth
 /* Removes the entries whose names begin so. */
 int folder_sweep(int dirfd, const char *prefix, struct err *err);
 
+void dataset_drop(struct dataset *); /* nobody uses it: out of list and catalogue, its folder goes in the background */
+
+/* dataset_remove.c */
+int64_t dataset_until_us(const struct dataset *); /* it can be restored; 0: it is there */
+void datasets_expire(struct jobs *); /* what was removed so long ago that it goes */
+void datasets_tick(struct jobs *);
+
 /* dataset_change.c (dataset_change.h): what is no push */
 void dataset_changes_settle(struct jobs *);
 /* The dataset's row as it will be with that manifest; the dataset itself is changed (dataset_set) when `done` says so. */
@@ -212,6 +220,7 @@ int generation_note(struct grid_manifest *m, const struct grid_manifest *base, c
 /* push_pending.c */
 int pending_load(struct dataset *, const struct catalogue_push *, bool *ret_stays, struct err *err);
 void pending_expire(struct dataset *);
+void pending_forget(struct dataset *); /* all of them; their files go with the dataset's folder */
 int64_t pending_until_us(const struct pending *);
 
 /* push.c */

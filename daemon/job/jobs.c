@@ -308,6 +308,7 @@ void jobs_tick(struct jobs *j)
 		push_tick(p);
 	}
 	disk_tick(j);
+	datasets_tick(j);
 	jobs_settle(j);
 }
 

@@ -269,6 +269,20 @@ void pending_expire(struct dataset *d)
 	}
 }
 
+void pending_forget(struct dataset *d)
+{
+	struct err err = ERR_INIT;
+	struct pending *q;
+
+	while ((q = d->pending)) {
+		d->pending = q->next;
+		if (catalogue_drop_push(d->jobs->p.catalogue, q->id, NULL, NULL, &err))
+			log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		pending_free(d->jobs, q);
+		d->users--;
+	}
+}
+
 int64_t pending_until_us(const struct pending *q)
 {
 	return q->left_us + PENDING_US;

@@ -66,6 +66,7 @@ static const struct {
 	ROW(LOG_REQUEST, request_log, false),
 	ROW(FILES_REQUEST, request_files, false),
 	ROW(REVERT, request_revert, false),
+	ROW(DATASET_CHANGE, request_dataset_change, false),
 	ROW(PLAN_REQUEST, request_plan, false),
 	ROW(GEOID_ADD, request_geoid_add, true),
 	ROW(GEOIDS_REQUEST, request_geoids, false),

@@ -119,6 +119,37 @@ static void one_dataset(struct conn *c, struct request *q, const char *name)
 	answer_one(q, &m);
 }
 
+/* What was removed, by number. */
+static void removed_datasets(struct conn *c, struct request *q, uint64_t after, unsigned limit)
+{
+	struct message_dataset *page = calloc(PAGE_MAX, sizeof *page);
+	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
+	Acut__V1__Dataset *rows[PAGE_MAX];
+	struct err err = ERR_INIT;
+	struct dataset *d;
+
+	if (!page) {
+		err_set(&err, ERR_NOMEM, "no memory for a list");
+		request_refuse(q, &err);
+		return;
+	}
+	list.datasets = rows;
+	while ((d = dataset_removed_after(c->server->jobs, after, &c->peer)) && !list.more) {
+		struct message_dataset *m = &page[list.n_datasets];
+
+		list.more = list.n_datasets == limit;
+		if (list.more)
+			break;
+		message_dataset(d, m);
+		rows[list.n_datasets++] = &m->dataset;
+		list.more = frame_message_size(FRAME_MESSAGE(DATASETS, datasets, &list)) > FRAME_MAX;
+		list.n_datasets -= list.more;
+		after = m->dataset.id;
+	}
+	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+	free(page);
+}
+
 void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const char *after = m->datasets_request->after;
@@ -137,14 +168,18 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 		one_dataset(c, q, m->datasets_request->name);
 		return;
 	}
+	if (!limit || limit > PAGE_MAX)
+		limit = PAGE_MAX;
+	if (m->datasets_request->removed) {
+		removed_datasets(c, q, m->datasets_request->after_id, limit);
+		return;
+	}
 	page = calloc(PAGE_MAX, sizeof *page);
 	if (!page) {
 		err_set(&err, ERR_NOMEM, "no memory for a list");
 		request_refuse(q, &err);
 		return;
 	}
-	if (!limit || limit > PAGE_MAX)
-		limit = PAGE_MAX;
 	list.datasets = datasets;
 	while ((d = dataset_after(c->server->jobs, after))) {
 		if (n == limit) {
@@ -164,6 +199,38 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 	}
 	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
 	free(page);
+}
+
+static void verb_done(void *token, const struct err *why, struct dataset *d)
+{
+	struct message_dataset m;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	message_dataset(d, &m);
+	answer_one(token, &m);
+}
+
+void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	static const char *const verbs[] = {
+		[DATASET_REMOVE] = "remove", [DATASET_RESTORE] = "restore", [DATASET_PIN] = "pin", [DATASET_UNPIN] = "unpin"};
+	const Acut__V1__DatasetChange *in = m->dataset_change;
+	struct dataset_wanted w = {.name = in->name, .as = in->as, .id = in->id, .peer = c->peer};
+	struct err err = ERR_INIT;
+	unsigned i = 0;
+
+	while (i < sizeof verbs / sizeof *verbs && strcmp(in->verb, verbs[i]))
+		i++;
+	if (i == sizeof verbs / sizeof *verbs) {
+		err_set(&err, ERR_UNSUPPORTED, "this acutd cannot \"%.40s\" a dataset", in->verb);
+		request_refuse(q, &err);
+		return;
+	}
+	w.verb = (enum dataset_verb)i;
+	dataset_verb(c->server->jobs, &w, verb_done, q);
 }
 
 static void created(void *token, const struct err *why)

@@ -111,7 +111,7 @@ void request_job_told(struct conn *, struct job *);
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_data.c */
-request_fn request_datasets, request_dataset_create, request_plan;
+request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
 /* Points and files as its manifest (NULL: none) says of that generation. */
 void request_dataset_state(struct request *, const struct dataset *, const struct grid_manifest *, uint64_t generation);
 /* request_generation.c */

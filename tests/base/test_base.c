@@ -303,6 +303,7 @@ static void test_parse_units(void **state)
 	assert_true(parse_seconds("90", &d) && d == 90);
 	assert_true(parse_seconds("1.5m", &d) && d == 90);
 	assert_true(parse_seconds("2h", &d) && d == 7200);
+	assert_true(parse_seconds("7d", &d) && d == 604800);
 	assert_true(parse_double("-1.5e3", &d) && d == -1500);
 	assert_false(parse_double("1e999", &d));
 	assert_false(parse_double("inf", &d));

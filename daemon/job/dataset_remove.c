@@ -1,0 +1,241 @@
+/*
+ * Datasets that are removed, restored and pinned.
+ *
+ * The model: a removed dataset keeps its number, its folder and its row, and its name is free at once. Nobody finds it by
+ * that name any more, but the jobs that it has go on, and their meshes can be fetched. It comes back as it was, or goes
+ * for good when its time is over: first its jobs forget it, then its row goes, then the folder. What still runs is waited
+ * for. The loop changes the dataset and then the row; the catalogue keeps the order of its changes, so a name
+ * is free on the disk before another dataset has it.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "job_priv.h"
+#include "log.h"
+
+#define KEEP_SECONDS (7 * 86400.)
+#define LOOK_SECONDS 1.0
+
+struct verb {
+	struct dataset *dataset;
+	/* As it was. */
+	char name[DATASET_NAME_MAX + 1];
+	int64_t removed_us;
+	bool pinned;
+	dataset_verb_fn *answer;
+	void *token;
+};
+
+static double keep_seconds(const struct jobs *j)
+{
+	return j->p.keep_removed > 0 ? j->p.keep_removed : KEEP_SECONDS;
+}
+
+int64_t dataset_until_us(const struct dataset *d)
+{
+	double us = keep_seconds(d->jobs) * 1e6;
+
+	return d->removed_us ? d->removed_us + (us < 9e17 ? (int64_t)us : (int64_t)9e17) : 0;
+}
+
+/* ---- what is asked ---- */
+
+static int no_dataset(const char *name, const char *kind, struct err *err)
+{
+	return err_set(err, ERR_NOTFOUND, "there is no %sdataset \"%.100s\"", kind, name);
+}
+
+static int check_remove(const struct dataset *d, struct err *err)
+{
+	if (d->pinned) {
+		err_set(err, ERR_USAGE, "the dataset %s is pinned", d->name);
+		return err_add_hint(err, "acutctl dataset unpin %s lets it go", d->name);
+	}
+	if (!d->pushes && !d->committer)
+		return 0;
+	err_set(err, ERR_BUSY, "a push into the dataset %s is open, or it is being changed", d->name);
+	return err_add_hint(err, "remove it when that is over");
+}
+
+static bool may_have(const struct dataset *d, const struct job_peer *peer)
+{
+	return d->removed_us && (!peer->uid || peer->uid == d->uid);
+}
+
+/* By its name, or where that is no removed dataset's by its number. */
+static int find_removed(struct jobs *j, const struct dataset_wanted *w, struct dataset **ret, struct err *err)
+{
+	char text[80], ids[120] = "";
+	struct dataset *d, *found = NULL;
+	unsigned n = 0;
+
+	for (d = j->datasets; d; d = d->next)
+		if (may_have(d, &w->peer) && !strcmp(d->name, w->name)) {
+			found = d;
+			snprintf(text, sizeof text, "%s%llu", n++ ? ", " : "", (unsigned long long)d->id);
+			if (strlen(ids) + strlen(text) < sizeof ids)
+				strcat(ids, text);
+		}
+	for (d = j->datasets; !n && w->id && d; d = d->next)
+		if (may_have(d, &w->peer) && d->id == w->id)
+			found = d;
+	if (n > 1) {
+		err_set(err, ERR_USAGE, "%u datasets were called %s: numbers %s", n, w->name, ids);
+		return err_add_hint(err, "acutctl datasets --removed shows them; restore one by its number");
+	}
+	if (!found) {
+		no_dataset(w->name, "removed ", err);
+		return err_add_hint(err, "acutctl datasets --removed lists what can be restored");
+	}
+	*ret = found;
+	return 0;
+}
+
+static int check_name(struct jobs *j, const char *name, const struct job_peer *peer, struct err *err)
+{
+	if (!dataset_name_valid(name)) {
+		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
+		return err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+				    DATASET_NAME_MAX);
+	}
+	if (!dataset_find(j, name, peer))
+		return 0;
+	err_set(err, ERR_USAGE, "there is a dataset %s already", name);
+	return err_add_hint(err, "restore it under another name, with --as");
+}
+
+static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v, struct err *err)
+{
+	struct dataset *d = NULL;
+	bool restores = w->verb == DATASET_RESTORE;
+	const char *as = *w->as ? w->as : NULL;
+	int r = 0;
+
+	if (restores) {
+		datasets_expire(j);
+		r = find_removed(j, w, &d, err);
+	} else {
+		d = dataset_find(j, w->name, &w->peer);
+		if (!d || d->onestep)
+			r = no_dataset(w->name, "", err);
+	}
+	if (!r)
+		r = dataset_owned(d, &w->peer, err);
+	if (!r && restores)
+		r = check_name(j, as ? as : d->name, &w->peer, err);
+	if (!r && w->verb == DATASET_REMOVE)
+		r = check_remove(d, err);
+	if (r)
+		return r;
+	v->dataset = dataset_hold(d);
+	memcpy(v->name, d->name, sizeof v->name);
+	v->removed_us = d->removed_us;
+	v->pinned = d->pinned;
+	if (restores && as)
+		snprintf(d->name, sizeof d->name, "%s", as);
+	if (restores)
+		d->removed_us = 0;
+	else if (w->verb == DATASET_REMOVE)
+		d->removed_us = clock_real_us();
+	else
+		d->pinned = w->verb == DATASET_PIN;
+	return 0;
+}
+
+static void finish(struct verb *v, const struct err *why)
+{
+	struct dataset *d = v->dataset;
+	struct jobs *j = d->jobs;
+
+	if (why) {
+		memcpy(d->name, v->name, sizeof d->name);
+		d->removed_us = v->removed_us;
+		d->pinned = v->pinned;
+	}
+	v->answer(v->token, why, why ? NULL : d);
+	dataset_release(d);
+	house_give(j, sizeof *v);
+	free(v);
+}
+
+static void row_done(void *ctx, int r, const struct err *why)
+{
+	finish(ctx, r ? why : NULL);
+}
+
+void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_fn *answer, void *token)
+{
+	struct verb *v = NULL;
+	struct catalogue_dataset row;
+	struct err err = ERR_INIT;
+
+	if (!house_take(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
+		house_give(j, sizeof *v);
+		err_set(&err, ERR_NOMEM, "no memory for a request");
+	}
+	if (!v || change(j, w, v, &err)) {
+		if (v)
+			house_give(j, sizeof *v);
+		free(v);
+		answer(token, &err, NULL);
+		return;
+	}
+	v->answer = answer;
+	v->token = token;
+	dataset_row(v->dataset, &row);
+	if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, v, &err))
+		finish(v, &err);
+}
+
+struct dataset *dataset_removed_after(struct jobs *j, uint64_t id, const struct job_peer *peer)
+{
+	struct dataset *d, *best = NULL;
+
+	if (!id)
+		datasets_expire(j);
+	for (d = j->datasets; d; d = d->next)
+		if (may_have(d, peer) && d->id > id && (!best || d->id < best->id))
+			best = d;
+	return best;
+}
+
+/* ---- the end ---- */
+
+/* Jobs that are over need it no more: their meshes can then not be made again. */
+static void forget(struct dataset *d)
+{
+	for (struct job *job = d->jobs->jobs; job; job = job->next)
+		if (job->dataset == d && job_state_final(job->state) && !job->walk && !job->fetches && !job->waiting_row) {
+			job->dataset = NULL;
+			d->users--;
+		}
+	pending_forget(d);
+}
+
+void datasets_expire(struct jobs *j)
+{
+	struct dataset *d, *next;
+	int64_t now = clock_real_us();
+
+	for (d = j->datasets; d && !j->parking; d = next) {
+		next = d->next;
+		if (!d->removed_us || now < dataset_until_us(d) || d->pushes || d->committer)
+			continue;
+		forget(d);
+		if (d->users)
+			continue;
+		log_notice("the dataset %s (number %llu) was removed and goes with its %llu points", d->name,
+			   (unsigned long long)d->id, (unsigned long long)d->points);
+		dataset_drop(d);
+	}
+}
+
+void datasets_tick(struct jobs *j)
+{
+	if (j->expired_ns && clock_since(j->expired_ns) < LOOK_SECONDS)
+		return;
+	j->expired_ns = clock_mono_ns();
+	datasets_expire(j);
+}
