@@ -58,6 +58,8 @@ class Killed(Exception):
 class Store:
     """State and cache below `base`, and daemons on them, one after the other."""
 
+    quiet = False  # the log of a failure is not printed
+
     def __init__(self, base, memory="24M", args=(), state=None, cache=None):
         self.base, self.args, self.memory = base, list(args), memory
         self.state, self.cache = state or os.path.join(base, "state"), cache or os.path.join(base, "cache")
@@ -137,7 +139,7 @@ class Store:
         return self
 
     def __exit__(self, *exc):
-        if exc[0] is not None and os.path.exists(self.log):
+        if exc[0] is not None and not self.quiet and os.path.exists(self.log):
             print(self.log_text())
         self.kill()
 

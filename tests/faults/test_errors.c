@@ -78,7 +78,7 @@ static void lift(void)
 #define turn_or_lift(what)                                                                                             \
 	do {                                                                                                           \
 		double since_ = seconds();                                                                             \
-		while (!(what) && seconds() - since_ < 2)                                                              \
+		while (!(what) && seconds() - since_ < 0.3)                                                              \
 			turn(10);                                                                                      \
 		if (!(what))                                                                                           \
 			lift();                                                                                        \
