@@ -15,6 +15,7 @@
 #include "job_fetch.h"
 #include "job_priv.h"
 #include "log.h"
+#include "past.h"
 
 #define TELL_SECONDS 0.2
 #define LOOK_SECONDS 0.5
@@ -46,17 +47,23 @@ bool job_state_final(enum job_state state)
 	return states[state].final;
 }
 
+void job_done_with(struct job *job)
+{
+	plan_file_free(job->plan);
+	if (job->dataset)
+		dataset_release(job->dataset);
+	house_give(job->jobs, job->charged);
+	free(job->view);
+}
+
 struct job *job_free(struct job *job)
 {
 	if (!job)
 		return NULL;
 	place_leave(job->jobs, &job->place);
 	walk_free(job->walk);
-	plan_file_free(job->plan);
-	if (job->dataset)
-		dataset_release(job->dataset);
-	house_give(job->jobs, job->charged);
-	free(job->view);
+	past_remove(job);
+	job_done_with(job);
 	free(job);
 	return NULL;
 }
@@ -417,11 +424,16 @@ void job_tick(struct job *job)
 
 /* ---- what is asked ---- */
 
+/* With what its connection, its plan's file and its dataset keep of it. */
+size_t job_bytes(size_t view)
+{
+	return sizeof(struct job) + view + 512;
+}
+
 struct job *job_add(struct jobs *j, uint64_t id, char *view, struct err *err)
 {
-	/* With what its connection, its plan's file and its dataset keep of it. */
-	size_t bytes = sizeof(struct job) + strlen(view) + 512;
-	struct job *job, **at;
+	size_t bytes = job_bytes(strlen(view));
+	struct job *job;
 
 	if (house_take_job(j, bytes, err))
 		return NULL;
@@ -436,11 +448,11 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, struct err *err)
 	job->jobs = j;
 	job->id = id;
 	job->err = ERR_INIT;
-	for (at = &j->jobs; *at && (*at)->id < id; at = &(*at)->next)
-		;
-	job->next = *at;
-	*at = job;
-	return job;
+	if (!past_add(job, err))
+		return job;
+	house_give(j, bytes);
+	free(job);
+	return NULL;
 }
 
 static bool may_see(const struct job *job, const struct job_peer *peer)
@@ -450,21 +462,18 @@ static bool may_see(const struct job *job, const struct job_peer *peer)
 
 struct job *job_find(struct jobs *j, uint64_t id, const struct job_peer *peer)
 {
-	struct job *job;
+	struct job *job = past_find(j, id);
 
-	for (job = j->jobs; job && job->id < id; job = job->next)
-		;
-	return job && job->id == id && may_see(job, peer) ? job : NULL;
+	return job && may_see(job, peer) ? job : NULL;
 }
 
 struct job *job_after(struct jobs *j, uint64_t id, const struct job_peer *peer)
 {
 	struct job *job;
 
-	for (job = j->jobs; job; job = job->next)
-		if (job->id > id && may_see(job, peer))
-			return job;
-	return NULL;
+	while ((job = past_next(j, NULL, id)) && !may_see(job, peer))
+		id = job->id;
+	return job;
 }
 
 void job_info(const struct job *job, struct job_info *ret)
@@ -514,6 +523,8 @@ int job_remove(struct job *job, struct err *err)
 	job->removed = true;
 	if (!job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
 		return err_set(err, ERR_NOMEM, "no memory to remove a job");
+	if (job->guest)
+		past_drop(job);
 	return 0;
 }
 
@@ -528,7 +539,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 {
 	char *view = strdup(row->view);
 	struct job *job = view ? job_add(j, row->id, view, err) : NULL;
-	struct dataset *d;
+	struct dataset *d = dataset_loaded(j, row->dataset);
 	int s;
 
 	if (!job) {
@@ -536,8 +547,6 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		free(view);
 		return s;
 	}
-	for (d = j->datasets; d && d->id != row->dataset; d = d->next)
-		;
 	if (d)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
@@ -549,7 +558,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)
 		;
 	job->state = s < JOB_STATES ? (enum job_state)s : JOB_failed;
-	s = job_plan_new(job, err);
+	s = states[job->state].final ? 0 : job_plan_new(job, err);
 	if (s)
 		return s;
 	if (*row->report)
@@ -568,5 +577,7 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		job->has_error = true;
 		err_set(&job->err, ERR_NOTFOUND, "its dataset is gone");
 	}
+	if (states[job->state].final)
+		past_keep(job);
 	return 0;
 }

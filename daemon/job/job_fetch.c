@@ -13,6 +13,7 @@
 
 #include "clock.h"
 #include "job_priv.h"
+#include "past.h"
 
 static void fetch_free(struct job_fetch *f)
 {
@@ -82,6 +83,10 @@ void job_fetch(struct job *job, struct job_output *output)
 
 	output->walk = NULL;
 	output->fetch = NULL;
+	if (past_awake(job, &job, &err)) {
+		output->calls->end(output, &err, NULL, NULL);
+		return;
+	}
 	if (job->bound && fresh(output) && job->walk && !job->walk_ended && walk_attach(job->walk, output))
 		return;
 	f = calloc(1, sizeof *f);

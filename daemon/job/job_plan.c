@@ -12,6 +12,7 @@
 #include "io.h"
 #include "job_priv.h"
 #include "log.h"
+#include "past.h"
 
 /* ---- plans that are asked for ---- */
 
@@ -31,14 +32,13 @@ static const struct walk_calls plan_calls = {.ended = plan_ended};
 enum { STORED_BYTES = 38 };
 
 /* Seconds a point of the newest finished job that was large enough to tell; 0: none. */
-static double pace(const struct jobs *j)
+static double pace(struct jobs *j)
 {
 	enum { TELLING = 100000 };
 	const struct job *job;
-	double seconds = 0;
 
-	/* The list is by number: the last one wins. What a selection left out was not meshed. */
-	for (job = j->jobs; job; job = job->next) {
+	/* What a selection left out was not meshed. */
+	for (uint64_t id = UINT64_MAX; (job = past_before(j, id)); id = job->id) {
 		const uint64_t *removed = job->report.removed;
 		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
 				  removed[VIEW_BY_THIN];
@@ -47,9 +47,9 @@ static double pace(const struct jobs *j)
 		double took = job->report.worked_seconds > 0 ? job->report.worked_seconds : job->report.seconds;
 
 		if (job->has_report && points >= TELLING && took > 0)
-			seconds = took / (double)points;
+			return took / (double)points;
 	}
-	return seconds;
+	return 0;
 }
 
 static void plan_answer(struct job_asked_plan *p)
@@ -209,22 +209,13 @@ void job_plan_drop(struct job *job)
 	sched_submit(d->jobs->p.sched, &d->task);
 }
 
-static bool has_job(const struct jobs *j, uint64_t id)
-{
-	const struct job *job;
-
-	for (job = j->jobs; job && job->id != id; job = job->next)
-		;
-	return job != NULL;
-}
-
 /* Also what a write left that a crash cut short. */
 static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
 {
-	const struct jobs *j = ctx;
+	struct jobs *j = ctx;
 	uint64_t id = plan_file_job(e->d_name);
 
-	return id && has_job(j, id) ? 0 : io_remove(j->plansfd, e->d_name, err);
+	return id && past_find(j, id) ? 0 : io_remove(j->plansfd, e->d_name, err);
 }
 
 int job_plan_sweep(struct jobs *j, struct err *err)

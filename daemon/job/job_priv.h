@@ -75,8 +75,9 @@ struct dataset {
 };
 
 struct job {
-	struct job *next; /* by id */
+	struct job *next; /* of those at work, by id */
 	struct jobs *jobs;
+	bool guest; /* past.c: to be read, until the next round of the loop */
 	uint64_t id, generation;
 	struct dataset *dataset;
 	char *view;
@@ -137,7 +138,11 @@ struct jobs {
 		plansfd, geoidsfd; /* state/plans, state/geoids */
 	struct dataset *datasets;
 	struct push *pushes;
-	struct job *jobs;
+	struct job *jobs;  /* at work: not over, or read, or about to go. All: past.h */
+	struct past *past;
+	int64_t aged_us;   /* when jobs that are too old were looked for */
+	struct dataset **loaded; /* by id, while the catalogue is loaded */
+	size_t nloaded;
 	struct job_asked_plan *plans;
 	uint64_t expired_ns; /* when removed datasets were looked at */
 	struct dataset_change *changes; /* that wait for their turn */
@@ -241,6 +246,8 @@ struct job *job_add(struct jobs *, uint64_t id, char *view, struct err *err);
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
+void job_done_with(struct job *); /* all of it but itself goes */
+size_t job_bytes(size_t view);    /* charged for one at work */
 /* Where its plan is kept. */
 int job_plan_new(struct job *, struct err *err);
 /* Its plan's file goes, later. */
@@ -266,6 +273,7 @@ bool report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
 
 /* jobs.c, admit.c */
+struct dataset *dataset_loaded(struct jobs *, uint64_t id); /* at the start; NULL: there is none */
 bool jobs_forget_oldest(struct jobs *); /* of those that are over and that nobody looks at; false: there is none */
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
 bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */

@@ -8,6 +8,7 @@
 #include "clock.h"
 #include "job_priv.h"
 #include "log.h"
+#include "past.h"
 
 static void accept(struct job *job, const struct err *why)
 {
@@ -78,8 +79,8 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
 {
 	struct job *job;
 
-	for (job = j->jobs; job; job = job->next)
-		if (job->dataset == p->dataset && job->generation == generation && !job->bound &&
+	for (uint64_t id = 0; (job = past_next(j, p->dataset, id)); id = job->id)
+		if (job->generation == generation && !job->bound &&
 		    !job->removed && !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
 		    job->state != JOB_cancelled && !strcmp(job->view, view))
 			return job;
@@ -89,11 +90,7 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
 /* Jobs that are done keep theirs, for later streams. */
 static int check_views(const struct jobs *j, const char *view, struct err *err)
 {
-	size_t bytes = strlen(view);
-
-	for (const struct job *job = j->jobs; job; job = job->next)
-		bytes += strlen(job->view);
-	if (bytes <= JOBS_VIEWS_MAX)
+	if (strlen(view) + past_view_bytes(j) <= JOBS_VIEWS_MAX)
 		return 0;
 	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them",
 		JOBS_VIEWS_MAX >> 20);

@@ -14,9 +14,15 @@
 #include "job_fetch.h"
 #include "job_priv.h"
 #include "log.h"
+#include "past.h"
 #include "store.h"
 
-enum { JOBS_KEPT = 2048 };
+/* Of jobs that are over: so many, for so long. */
+enum { JOBS_KEPT = 20000, JOBS_DAYS = 30, AGED_MAX = 64 };
+/* Of jobs that are over so many stay as they are. */
+enum { JOBS_WARM = 64 };
+#define DAY_US INT64_C(86400000000)
+#define AGE_US INT64_C(3600000000) /* how often the oldest are looked for */
 
 /* ---- starting ---- */
 
@@ -37,16 +43,40 @@ static int load_job(void *ctx, const struct catalogue_job *row, struct err *err)
 	return job_load(ctx, row, err);
 }
 
+static int by_id(const void *a, const void *b)
+{
+	uint64_t x = (*(struct dataset *const *)a)->id, y = (*(struct dataset *const *)b)->id;
+
+	return x < y ? -1 : x > y;
+}
+
+struct dataset *dataset_loaded(struct jobs *j, uint64_t id)
+{
+	struct dataset key = {.id = id}, *at = &key, **hit, *d;
+	size_t n = 0;
+
+	for (d = j->loaded ? NULL : j->datasets; d; d = d->next)
+		n++;
+	if (n)
+		j->loaded = calloc(n, sizeof(struct dataset *));
+	for (d = n && j->loaded ? j->datasets : NULL; d; d = d->next)
+		j->loaded[j->nloaded++] = d;
+	hit = j->loaded ? bsearch(&at, j->loaded, j->nloaded, sizeof(struct dataset *), by_id) : NULL;
+	if (hit || j->loaded)
+		return hit ? *hit : NULL;
+	for (d = j->datasets; d && d->id != id; d = d->next)
+		;
+	return d;
+}
+
 /* A push that a crash ended: what was durable of it waits to be taken up, the rest is removed (sweep_all). */
 static int load_push(void *ctx, const struct catalogue_push *row, struct err *err)
 {
 	struct jobs *j = ctx;
-	struct dataset *d;
+	struct dataset *d = dataset_loaded(j, row->dataset);
 	bool stays = false;
 	int r = 0;
 
-	for (d = j->datasets; d && d->id != row->dataset; d = d->next)
-		;
 	if (d) {
 		d->sweep = true;
 		r = pending_load(d, row, &stays, err);
@@ -186,6 +216,8 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 		r = io_list(j->datafd, ".", sweep_orphan, &(struct orphans){j, last[0]}, err);
 	if (!r)
 		r = job_plan_sweep(j, err);
+	free(j->loaded);
+	j->loaded = NULL;
 	if (!r)
 		r = sweep_all(j, err);
 	if (!r)
@@ -210,11 +242,11 @@ struct jobs *jobs_free(struct jobs *j)
 	if (!j)
 		return NULL;
 	while ((job = j->jobs)) {
-		j->jobs = job->next;
 		/* The datasets go next, whoever uses them. */
 		job->dataset = NULL;
 		job_free(job);
 	}
+	past_free(j);
 	while ((d = j->datasets)) {
 		j->datasets = d->next;
 		dataset_free(d);
@@ -232,46 +264,83 @@ struct jobs *jobs_free(struct jobs *j)
 
 /* ---- running ---- */
 
-bool jobs_forget_oldest(struct jobs *j)
+/* Removes it for good. Not of those at work. */
+static bool forget(struct jobs *j, struct job *job)
 {
-	struct job **at, *job;
 	struct err err = ERR_INIT;
 
-	for (at = &j->jobs; (job = *at); at = &job->next)
-		if (job_state_final(job->state) && !job->fetches && !job->walk && !job->waiting_row && !job->bound &&
-		    (job->removed || !job_remove(job, &err)))
+	return job && job->guest && !job_remove(job, &err);
+}
+
+static bool idle(const struct job *job)
+{
+	return !job->walk && !job->fetches && !job->waiting_row;
+}
+
+bool jobs_forget_oldest(struct jobs *j)
+{
+	struct err err = ERR_INIT;
+	struct job *job;
+
+	for (job = j->jobs; job && !(job->removed && idle(job) && job_state_final(job->state)); job = job->next)
+		;
+	if (!job && forget(j, past_oldest(j, INT64_MAX)))
+		return true;
+	for (job = job ? job : j->jobs; job; job = job->next)
+		if (job_state_final(job->state) && idle(job) && !job->bound && (job->removed || !job_remove(job, &err)))
 			break;
 	if (!job)
 		return false;
-	*at = job->next;
 	job_plan_drop(job);
 	job_free(job);
 	return true;
 }
 
-/* Removed jobs go when nothing of theirs is left; of the finished ones the newest are kept. */
-static void forget_jobs(struct jobs *j)
+/* Jobs that are over are listed for so long, and so many of them. */
+static void forget_old(struct jobs *j)
 {
-	struct job **at = &j->jobs, *job;
+	int64_t now = clock_real_us();
 	unsigned n = 0;
 
-	for (job = j->jobs; job; job = job->next)
+	while (past_count(j) > JOBS_KEPT && forget(j, past_oldest(j, INT64_MAX)))
+		;
+	if (now - j->aged_us < AGE_US && now >= j->aged_us)
+		return;
+	/* Some a round: each is a change of the catalogue. */
+	while (n < AGED_MAX && forget(j, past_oldest(j, now - JOBS_DAYS * DAY_US)))
 		n++;
-	while ((job = *at)) {
-		struct err err = ERR_INIT;
+	if (n < AGED_MAX)
+		j->aged_us = now;
+}
 
-		if (n > JOBS_KEPT && job_state_final(job->state) && !job->fetches && !job->removed &&
-		    !job->bound && !job_remove(job, &err))
-			n--;
-		if (job->removed && !job->walk && !job->fetches && !job->waiting_row &&
-		    (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
-			*at = job->next;
+static bool over(const struct job *job)
+{
+	return job_state_final(job->state) && idle(job) && !job->removed && !job->bound;
+}
+
+/* Removed jobs go when nothing of theirs is left; the oldest that are over leave the ones at work. */
+static void put_away(struct jobs *j)
+{
+	struct job *job, *next;
+	unsigned warm = 0;
+
+	for (job = j->jobs; job; job = next) {
+		next = job->next;
+		if (job->removed && idle(job) && (job_state_final(job->state) || !job->dataset || job->state == JOB_queued)) {
 			job_plan_drop(job);
 			job_free(job);
-		} else {
-			at = &job->next;
+		} else if (over(job)) {
+			warm++;
 		}
 	}
+	for (job = j->jobs; warm > JOBS_WARM && job; job = next) {
+		next = job->next;
+		if (over(job) && past_keep(job))
+			warm--;
+	}
+	past_round(j);
+	forget_old(j);
+	past_round(j);
 }
 
 void jobs_settle(struct jobs *j)
@@ -289,7 +358,7 @@ void jobs_settle(struct jobs *j)
 		push_retry(p);
 	}
 	places_settle(j);
-	forget_jobs(j);
+	put_away(j);
 	admit_relieve(j);
 }
 

@@ -1,0 +1,358 @@
+/*
+ * Jobs by number, and how those that are over are kept.
+ *
+ * The model: an array by number, each entry a job at work or what is kept of one that is over. That is the job as it
+ * lies in memory, words that are zero left out, and of the others the bytes that are zero: most of a job is. Texts that
+ * it owns stay where they are. 10,000 such jobs take about 4 MiB, and no loop over jobs at work comes by them.
+ */
+#include "past.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "job_priv.h"
+
+enum { GUESTS = 80, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, ENTRY_BYTES = 48 };
+
+struct kept {
+	int64_t finished_us;
+	const struct dataset *dataset;
+	size_t view_bytes;
+	uint8_t image[]; /* a bit for each word that is not zero; of each such word a bit for each byte, and the bytes */
+};
+
+struct entry {
+	uint64_t id;
+	struct job *job; /* at work; NULL: kept */
+	struct kept *kept;
+};
+
+struct past {
+	struct entry *all; /* ascending */
+	size_t n, room;
+	uint64_t view_bytes;
+	struct job *guests;
+	unsigned guest;
+};
+
+/* ---- packing ---- */
+
+/* out may be NULL: only the size. */
+static size_t pack(const struct job *job, uint8_t *out)
+{
+	uint8_t bytes[8];
+	size_t n = MAP;
+
+	if (out)
+		memset(out, 0, MAP);
+	for (size_t i = 0; i < WORDS; i++) {
+		size_t left = sizeof *job - 8 * i, at = n;
+		uint8_t mask = 0;
+
+		memset(bytes, 0, sizeof bytes);
+		memcpy(bytes, (const uint8_t *)job + 8 * i, left < 8 ? left : 8);
+		for (int k = 0; k < 8; k++) {
+			if (!bytes[k])
+				continue;
+			mask |= (uint8_t)(1u << k);
+			n++;
+			if (out)
+				out[n] = bytes[k];
+		}
+		if (!mask)
+			continue;
+		n++;
+		if (out) {
+			out[i / 8] |= (uint8_t)(1u << i % 8);
+			out[at] = mask;
+		}
+	}
+	return n;
+}
+
+static void unpack(const uint8_t *in, struct job *ret)
+{
+	size_t n = MAP;
+
+	memset(ret, 0, sizeof *ret);
+	for (size_t i = 0; i < WORDS; i++) {
+		uint8_t mask;
+
+		if (!(in[i / 8] >> i % 8 & 1))
+			continue;
+		mask = in[n++];
+		for (int k = 0; k < 8; k++)
+			if (mask >> k & 1)
+				((uint8_t *)ret)[8 * i + (size_t)k] = in[n++];
+	}
+}
+
+static uint64_t kept_bytes(size_t image, size_t view)
+{
+	return sizeof(struct kept) + image + view + ENTRY_BYTES;
+}
+
+/* ---- the array ---- */
+
+/* Of the first entry whose number is not below. */
+static size_t place_of(const struct past *p, uint64_t id)
+{
+	size_t lo = 0, hi = p ? p->n : 0;
+
+	while (lo < hi) {
+		size_t mid = lo + (hi - lo) / 2;
+
+		if (p->all[mid].id < id)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo;
+}
+
+static struct entry *entry_of(const struct jobs *j, uint64_t id)
+{
+	size_t i = place_of(j->past, id);
+
+	return j->past && i < j->past->n && j->past->all[i].id == id ? &j->past->all[i] : NULL;
+}
+
+static int make_room(struct past *p, struct err *err)
+{
+	size_t room = p->room ? p->room + p->room / 2 : 64;
+	struct entry *all = p->n < p->room ? p->all : realloc(p->all, room * sizeof *all);
+
+	if (!all)
+		return err_set(err, ERR_NOMEM, "no memory for another job");
+	if (p->n == p->room)
+		p->room = room;
+	p->all = all;
+	return 0;
+}
+
+/* Among those at work, by number. */
+static void link_job(struct job *job)
+{
+	struct job **at;
+
+	for (at = &job->jobs->jobs; *at && (*at)->id < job->id; at = &(*at)->next)
+		;
+	job->next = *at;
+	*at = job;
+}
+
+static void unlink_job(struct job *job)
+{
+	struct job **at;
+
+	for (at = &job->jobs->jobs; *at && *at != job; at = &(*at)->next)
+		;
+	if (*at)
+		*at = job->next;
+}
+
+int past_add(struct job *job, struct err *err)
+{
+	struct jobs *j = job->jobs;
+	size_t i;
+
+	if (!j->past && !(j->past = calloc(1, sizeof *j->past)))
+		return err_set(err, ERR_NOMEM, "no memory for jobs");
+	if (make_room(j->past, err))
+		return -(int)err->code;
+	i = place_of(j->past, job->id);
+	memmove(&j->past->all[i + 1], &j->past->all[i], (j->past->n - i) * sizeof j->past->all[0]);
+	j->past->all[i] = (struct entry){.id = job->id, .job = job};
+	j->past->n++;
+	j->past->view_bytes += strlen(job->view);
+	link_job(job);
+	return 0;
+}
+
+static void entry_remove(struct jobs *j, struct entry *e, const char *view)
+{
+	size_t i = (size_t)(e - j->past->all);
+
+	j->past->view_bytes -= strlen(view);
+	j->past->n--;
+	memmove(e, e + 1, (j->past->n - i) * sizeof *e);
+}
+
+void past_remove(struct job *job)
+{
+	struct entry *e = entry_of(job->jobs, job->id);
+
+	unlink_job(job);
+	if (e && e->job == job)
+		entry_remove(job->jobs, e, job->view);
+}
+
+bool past_keep(struct job *job)
+{
+	struct jobs *j = job->jobs;
+	struct entry *e = entry_of(j, job->id);
+	struct kept *k;
+	uint64_t bytes;
+
+	k = e ? malloc(sizeof *k + pack(job, NULL)) : NULL;
+	if (!k)
+		return false;
+	unlink_job(job);
+	/* past_awake makes another. */
+	job->plan = plan_file_free(job->plan);
+	job->next = NULL;
+	*k = (struct kept){.finished_us = job->finished_us, .dataset = job->dataset, .view_bytes = strlen(job->view)};
+	bytes = kept_bytes(pack(job, NULL), k->view_bytes);
+	if (job->charged > bytes) {
+		house_give(j, job->charged - bytes);
+		job->charged = (size_t)bytes;
+	}
+	pack(job, k->image);
+	e->kept = k;
+	e->job = NULL;
+	free(job);
+	return true;
+}
+
+static struct job *guest_of(struct jobs *j, const struct entry *e)
+{
+	struct past *p = j->past;
+	struct job *g;
+
+	if (e->job)
+		return e->job;
+	if (!p->guests && !(p->guests = calloc(GUESTS, sizeof *p->guests)))
+		return NULL;
+	g = &p->guests[p->guest++ % GUESTS];
+	unpack(e->kept->image, g);
+	g->guest = true;
+	return g;
+}
+
+int past_awake(struct job *guest, struct job **ret, struct err *err)
+{
+	struct jobs *j = guest->jobs;
+	struct entry *e = entry_of(j, guest->id);
+	uint64_t more = 0;
+	struct job *job;
+
+	if (!guest->guest || !e || e->job) {
+		*ret = e && e->job ? e->job : guest;
+		return 0;
+	}
+	more = job_bytes(strlen(guest->view));
+	more = more > guest->charged ? more - guest->charged : 0;
+	if (house_take_job(j, more, err))
+		return -(int)err->code;
+	/* Others may have made room, by going. */
+	e = entry_of(j, guest->id);
+	job = e ? malloc(sizeof *job) : NULL;
+	if (!job) {
+		house_give(j, more);
+		return err_set(err, e ? ERR_NOMEM : ERR_NOTFOUND, e ? "no memory for a job" : "the job is gone");
+	}
+	unpack(e->kept->image, job);
+	job->charged += (size_t)more;
+	free(e->kept);
+	e->kept = NULL;
+	e->job = job;
+	link_job(job);
+	if (job_plan_new(job, err))
+		return -(int)err->code; /* kept again, next round */
+	*ret = job;
+	return 0;
+}
+
+void past_drop(struct job *guest)
+{
+	struct jobs *j = guest->jobs;
+	struct entry *e = entry_of(j, guest->id);
+	struct err ignored = ERR_INIT;
+	struct kept *k;
+
+	if (!e || !e->kept)
+		return;
+	k = e->kept;
+	entry_remove(j, e, guest->view);
+	free(k);
+	if (!job_plan_new(guest, &ignored))
+		job_plan_drop(guest);
+	job_done_with(guest);
+}
+
+/* ---- looking ---- */
+
+struct job *past_find(struct jobs *j, uint64_t id)
+{
+	struct entry *e = entry_of(j, id);
+
+	return e ? guest_of(j, e) : NULL;
+}
+
+struct job *past_next(struct jobs *j, const struct dataset *of, uint64_t after)
+{
+	size_t i = after == UINT64_MAX || !j->past ? SIZE_MAX : place_of(j->past, after + 1);
+
+	for (; j->past && i < j->past->n; i++) {
+		const struct entry *e = &j->past->all[i];
+
+		if (!of || (e->job ? e->job->dataset : e->kept->dataset) == of)
+			return guest_of(j, e);
+	}
+	return NULL;
+}
+
+struct job *past_before(struct jobs *j, uint64_t id)
+{
+	size_t i = place_of(j->past, id);
+
+	return i ? guest_of(j, &j->past->all[i - 1]) : NULL;
+}
+
+struct job *past_oldest(struct jobs *j, int64_t finished_us)
+{
+	for (size_t i = 0; j->past && i < j->past->n; i++)
+		if (j->past->all[i].kept && j->past->all[i].kept->finished_us <= finished_us)
+			return guest_of(j, &j->past->all[i]);
+	return NULL;
+}
+
+size_t past_count(const struct jobs *j)
+{
+	return j->past ? j->past->n : 0;
+}
+
+uint64_t past_view_bytes(const struct jobs *j)
+{
+	return j->past ? j->past->view_bytes : 0;
+}
+
+void past_round(struct jobs *j)
+{
+	if (!j->past || !j->past->guests)
+		return;
+	free(j->past->guests);
+	j->past->guests = NULL;
+	j->past->guest = 0;
+}
+
+void past_free(struct jobs *j)
+{
+	struct past *p = j->past;
+
+	if (!p)
+		return;
+	for (size_t i = 0; i < p->n; i++) {
+		struct job *g = p->all[i].kept ? guest_of(j, &p->all[i]) : NULL;
+
+		if (g) {
+			g->dataset = NULL;
+			job_done_with(g);
+		}
+		free(p->all[i].kept);
+	}
+	free(p->guests);
+	free(p->all);
+	free(p);
+	j->past = NULL;
+}

@@ -1,0 +1,41 @@
+/*
+ * All jobs by number, and those that are over as they are kept: small.
+ *
+ * Jobs at work are in jobs->jobs. One that is over, and that nobody reads, is packed here; who looks for it gets a
+ * guest, a job to be read that is gone with the next round of the loop, and past_awake makes it one of those at work.
+ */
+#ifndef PAST_H
+#define PAST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct dataset;
+struct err;
+struct job;
+struct jobs;
+struct past;
+
+/* A new job, at work; it has room afterwards to be kept. */
+int past_add(struct job *, struct err *err);
+/* A job that goes: its number is not there any more. */
+void past_remove(struct job *);
+/* Keeps a job that is over, if it can be: frees it. */
+bool past_keep(struct job *);
+/* A guest's job among those at work: itself if it is one already. -ERR_BUSY, -ERR_NOMEM. */
+int past_awake(struct job *, struct job **ret, struct err *err);
+/* A guest's job is gone, and with it what was kept of it. */
+void past_drop(struct job *guest);
+/* NULL: there is none. `of`: jobs of this dataset only, NULL: of any. */
+struct job *past_find(struct jobs *, uint64_t id);
+struct job *past_next(struct jobs *, const struct dataset *of, uint64_t after);
+struct job *past_before(struct jobs *, uint64_t id);
+/* The oldest job that is kept here, and is not younger than that; NULL: there is none. */
+struct job *past_oldest(struct jobs *, int64_t finished_us);
+size_t past_count(const struct jobs *); /* all jobs */
+uint64_t past_view_bytes(const struct jobs *); /* of their views' texts */
+void past_round(struct jobs *); /* guests are gone */
+void past_free(struct jobs *);
+
+#endif
