@@ -190,6 +190,101 @@ def an_interrupted_replacement():
         expect([mesh(d, "s")] == fresh.of([a, b]), "after an interruption")
 
 
+def live_of(rows):
+    """The files that are live after all generations, by what each says that it did."""
+    live = set()
+    for r in rows:
+        for f in r["files"]:
+            if f["removed"]:
+                expect(f["path"] in live, "generation %d removes %s, which is not there" % (r["generation"], f["path"]))
+                live.remove(f["path"])
+            else:
+                expect(f["path"] not in live, "generation %d adds %s a second time" % (r["generation"], f["path"]))
+                live.add(f["path"])
+    return live
+
+
+def many_at_once():
+    """Four clients push at once, one of them is killed in the midst, others revert: nothing that was said to be done is lost."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="48M") as d:
+        files = {who: [cloud(base, "f%d%d.las" % (who, i), 10 * who + i, 700 * who, 900 * i, 3000, ties=200) for i in range(5)]
+                 for who in range(4)}
+        d.ctl("push", "s", "--scale", "0.01,0.01", files[0][0]).ok()
+        done, failed, env = {files[0][0]}, [], dict(os.environ, ACUT_SOCKET=d.socket)
+
+        def pusher(who):
+            for path in files[who]:
+                for _ in range(20):
+                    r = d.ctl("push", "s", path)
+                    if r.status != 75:
+                        break
+                (failed.append((path, r.err)) if r.status else done.add(path))
+
+        def reverter():
+            for _ in range(6):
+                r = d.ctl("dataset", "revert", "s")
+                if r.status not in (0, 2):
+                    failed.append(("revert", r.err))
+                time.sleep(0.05)
+
+        def killer():
+            for i in range(12):
+                p = subprocess.Popen([e2e.ACUTCTL, "push", "s", *files[3]], env=env, stdout=subprocess.DEVNULL,
+                                     stderr=subprocess.DEVNULL)
+                time.sleep(0.004 * i)
+                p.send_signal(signal.SIGKILL)
+                p.wait()
+
+        threads = [threading.Thread(target=f, args=a) for f, a in
+                   [(pusher, (who,)) for who in range(3)] + [(reverter, ()), (killer, ())]]
+        for t in threads:
+            t.start()
+        for t in threads:
+            t.join()
+        expect(not failed, "%s" % failed)
+        pusher(3)
+        expect(not failed, "%s" % failed)
+        rows = log(d, "s", "--files")
+        expect([r["generation"] for r in rows] == list(range(1, len(rows) + 1)), "generations are missing: %s" % rows)
+        came = {f["path"] for r in rows for f in r["files"] if not f["removed"]}
+        expect(done <= came, "pushed, and not there: %s" % (done - came))
+        expect(any(r["kind"] == "revert" for r in rows), "nothing was reverted meanwhile")
+        live = live_of(rows)
+        expect(show(d, "s")["files"] == len(live), "%s, and live are %s" % (show(d, "s"), live))
+        fresh = Fresh(d)
+        expect([mesh(d, "s")] == fresh.of(live), "%d generations, %d files live" % (len(rows), len(live)))
+        some = sorted(random.Random(5).sample(range(1, len(rows)), 3))
+        for n in some:
+            then = live_of(rows[:n])
+            if then:
+                expect([mesh(d, "s", "--at", str(n))] == fresh.of(then), "--at %d" % n)
+
+
+def jobs_keep_their_generation():
+    """A job that waits, runs or is fetched later has the points that it was submitted with, over a restart of the daemon."""
+    with e2e.Folder() as base:
+        a, b = cloud(base, "a.las", 1, 0, 0, 250000, side=2000000), cloud(base, "b.las", 2, 5000, 0, 20000, side=500000)
+        with e2e.Daemon(base, memory="24M", threads=1) as d:
+            d.ctl("push", "s", "--scale", "0.01,0.01", a).ok()
+            d.ctl("push", "fresh", "--scale", "0.01,0.01", a).ok()
+            d.ctl("push", "both", "--scale", "0.01,0.01", a, b).ok()
+            want = mesh(d, "fresh")["digest"]
+            jobs = [d.ctl("submit", "s", "--new").ok().out.split()[0] for _ in range(2)]
+            d.ctl("push", "s", b).ok()
+            d.ctl("dataset", "revert", "s", "1").ok()
+            d.ctl("dataset", "revert", "s", "3").ok()
+            d.stop(signal.SIGKILL)
+        with e2e.Daemon(base, memory="24M", threads=1) as d:
+            jobs.append(d.ctl("submit", "s", "--at", "1").ok().out.split()[0])
+            d.ctl("dataset", "revert", "s", "2").ok()
+            for job in jobs:
+                d.ctl("wait", job).ok()
+                expect(d.ctl("show", job, "--json").ok().json()["digest"] == want, "job %s has other points" % job)
+                got = d.ctl("fetch", job, "--format", "null", "--json").ok().json()
+                expect(got["digest"] == want, "job %s gives other triangles later" % job)
+            expect(mesh(d, "s", "--at", "4") == mesh(d, "both"), "generation 4")
+
+
 def removed(d, *more):
     return [json.loads(line) for line in d.ctl("datasets", "--removed", "--json").ok().out.splitlines()]
 
@@ -348,4 +443,5 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, an_interrupted_replacement, remove_and_restore, gone_after_a_while, conflicts, what_the_log_says, long_lists)
+    e2e.main(revert_and_at, replaced, an_interrupted_replacement, many_at_once, jobs_keep_their_generation,
+             remove_and_restore, gone_after_a_while, conflicts, what_the_log_says, long_lists)
