@@ -331,6 +331,8 @@ int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
 /* Calls `each` for the words, in order; the first status that is not 0. */
 int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
 char *ctl_job_count(uint64_t n, char buf[32]); /* 1,234,567 */
+/* "12 of 340 domains made", or "340 domains". */
+char *ctl_job_domains(const struct acut_report *, char *buf, size_t size);
 /* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
 void ctl_job_report(struct ctl_json *, const struct acut_report * /* or NULL */);
 /* "notes": the sentences of a report, none without one. */

@@ -86,10 +86,22 @@ static void no_report(struct ctl_json *j)
 					  "digest",        "vertex_digest", "removed",
 					  "seconds",       "stage_seconds", "first_triangle_seconds",
 					  "peak_rss_bytes", "halo", "points_read", "cells_read", "seal_seconds",
-					  "plan_seconds", "domains_seconds"};
+					  "plan_seconds", "domains_seconds", "domains_reused"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		ctl_json_text(j, key[i], NULL);
+}
+
+char *ctl_job_domains(const struct acut_report *p, char *buf, size_t size)
+{
+	char made[32], all[32];
+
+	if (p->domains_reused && p->domains_reused <= p->domains)
+		snprintf(buf, size, "%s of %s domains made", ctl_job_count(p->domains - p->domains_reused, made),
+			 ctl_job_count(p->domains, all));
+	else
+		snprintf(buf, size, "%s domain%s", ctl_job_count(p->domains, all), p->domains == 1 ? "" : "s");
+	return buf;
 }
 
 void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
@@ -123,6 +135,7 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 	ctl_json_number(j, "seal_seconds", p->seal_seconds);
 	ctl_json_number(j, "plan_seconds", p->plan_seconds);
 	ctl_json_number(j, "domains_seconds", p->domains_seconds);
+	ctl_json_u64(j, "domains_reused", p->domains_reused);
 }
 
 void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)

@@ -350,7 +350,7 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 			const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	char a[32], b[32], c[32];
+	char a[32], b[96], c[32];
 	double shift[3];
 	uint64_t moved = moved_points(staged, shift);
 
@@ -372,8 +372,8 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 		if (p->removed[i].count)
 			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule,
 				 ctl_job_count(p->removed[i].count, a));
-	ctl_note(ctl, "%s triangles in %s domain%s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
-		 ctl_job_count(p->domains, b), p->domains == 1 ? "" : "s", p->seconds, p->digest);
+	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
+		 ctl_job_domains(p, b, sizeof b), p->seconds, p->digest);
 	ctl_remark(ctl, p->note);
 	if (ctl->args.max_edge)
 		left_out_text(ctl, out);

@@ -11,6 +11,8 @@ static void print(struct ctl *ctl, const struct acut_plan *p)
 	fprintf(ctl->report, "points      %s%s\n", p->exact ? "" : "at most ", ctl_job_count(p->points, a));
 	fprintf(ctl->report, "domains     %s of at most %s points, %u at once\n",
 		ctl_job_count(p->domains, a), ctl_job_count(p->load, b), p->threads);
+	if (p->domains_reused)
+		fprintf(ctl->report, "            %s of them are there already\n", ctl_job_count(p->domains_reused, a));
 	fprintf(ctl->report, "memory      %s\ndisk        %s\n", parse_size_text(p->memory_bytes, b),
 		parse_size_text(p->disk_bytes, c));
 	if (p->seconds > 0)
@@ -28,6 +30,7 @@ static void print_json(struct ctl *ctl, const struct acut_plan *p)
 	ctl_json_u64(&j, "points", p->points);
 	ctl_json_bool(&j, "exact", p->exact);
 	ctl_json_u64(&j, "domains", p->domains);
+	ctl_json_u64(&j, "domains_reused", p->domains_reused);
 	ctl_json_u64(&j, "load", p->load);
 	ctl_json_u64(&j, "threads", p->threads);
 	ctl_json_u64(&j, "memory_bytes", p->memory_bytes);

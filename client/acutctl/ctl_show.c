@@ -7,7 +7,7 @@ static void show_text(struct ctl *ctl, const struct acut_job *job)
 {
 	const struct acut_report *p = &job->report;
 	FILE *out = ctl->report;
-	char a[32], b[32], c[32];
+	char a[32], b[32], c[32], shown[96];
 
 	fprintf(out,
 		"job         %" PRIu64 "\nstate       %s\ndataset     %s, generation %" PRIu64
@@ -27,8 +27,13 @@ static void show_text(struct ctl *ctl, const struct acut_job *job)
 		fprintf(out, "mesh        %s vertices, %s triangles, %s on the hull\n",
 			ctl_job_count(p->vertices, a), ctl_job_count(p->triangles, b),
 			ctl_job_count(p->hull, c));
+		if (p->domains_reused && p->domains_reused <= p->domains)
+			snprintf(shown, sizeof shown, "%s of %s made", ctl_job_count(p->domains - p->domains_reused, a),
+				 ctl_job_count(p->domains, b));
+		else
+			ctl_job_count(p->domains, shown);
 		fprintf(out, "domains     %s\nseconds     %.3f\ndigest      %s\n            %s\n",
-			ctl_job_count(p->domains, a), p->seconds, p->digest, p->vertex_digest);
+			shown, p->seconds, p->digest, p->vertex_digest);
 	} else if (!job->final) {
 		fprintf(out, "progress    %s, %" PRIu64 " of %" PRIu64 " domains\n", job->progress.phase,
 			job->progress.domains, job->progress.domains_total);

@@ -263,6 +263,7 @@ struct acut_report {
 	const struct acut_removed *removed;
 	size_t nremoved;
 	double seconds, stage_seconds, first_triangle_seconds;
+	uint64_t domains_reused; /* of `domains`: found finished, not made by this job */
 	uint64_t points_read, cells_read; /* records, from the cache; cells, for halos */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	const char *note; /* "" or a sentence that whoever reads the mesh should know */
@@ -362,6 +363,7 @@ int acut_dataset_revert(struct acut *, const char *dataset, uint64_t generation,
 
 struct acut_plan {
 	uint64_t points, domains, memory_bytes, disk_bytes;
+	uint64_t domains_reused; /* of `domains`: there already, finished */
 	bool exact;
 	double seconds;
 	uint32_t load, threads;

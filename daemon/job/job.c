@@ -295,6 +295,7 @@ static void make_report(struct job *job)
 	report_make(totals, &job->report);
 	job->report.points_read += walk_plan(job->walk)->points_read;
 	job->report.cells_read += walk_plan(job->walk)->cells_read;
+	job->report.domains_reused = walk_reused(job->walk);
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
 	job->report.worked_seconds = walk_worked(job->walk);

@@ -303,6 +303,7 @@ const char *job_priority_text(enum job_priority);
 
 struct job_report {
 	uint64_t points, used, vertices, triangles, hull, domains, halo;
+	uint64_t domains_reused; /* of `domains`: not triangulated for this job */
 	uint64_t removed[VIEW_RULES];
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
@@ -399,7 +400,7 @@ void job_output_gone(struct job_output *, void (*freed)(struct job_output *));
 /* ---- plans ---- */
 
 struct job_plan {
-	uint64_t points, domains, memory_bytes, disk_bytes;
+	uint64_t points, domains, domains_reused, memory_bytes, disk_bytes;
 	bool exact;
 	uint32_t load, threads;
 	double seconds; /* at the pace of the newest finished job; 0: there is none to go by */

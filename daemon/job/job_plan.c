@@ -43,10 +43,10 @@ static double pace(struct jobs *j)
 		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
 				  removed[VIEW_BY_THIN];
 
-		/* Waiting is not work; reports of older versions do not tell them apart. */
+		/* Waiting is not work, nor is what was found finished; reports of older versions do not tell them apart. */
 		double took = job->report.worked_seconds > 0 ? job->report.worked_seconds : job->report.seconds;
 
-		if (job->has_report && points >= TELLING && took > 0)
+		if (job->has_report && !job->report.domains_reused && points >= TELLING && took > 0)
 			return took / (double)points;
 	}
 	return 0;
@@ -59,6 +59,7 @@ static void plan_answer(struct job_asked_plan *p)
 	struct job_plan out = {
 		.points = walk_grid_points(p->walk),
 		.domains = plan->n,
+		.domains_reused = walk_reused(p->walk),
 		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
 				p->jobs->emitter_share + p->jobs->index_share,
 		.disk_bytes = walk_grid_points(p->walk) * STORED_BYTES,
@@ -68,6 +69,9 @@ static void plan_answer(struct job_asked_plan *p)
 		.seconds = pace(p->jobs) * (double)walk_grid_points(p->walk),
 	};
 	size_t i;
+
+	if (plan->n)
+		out.seconds *= 1 - (double)out.domains_reused / (double)plan->n;
 
 	for (i = 0; i < plan->n; i++)
 		out.exact &= plan->leaf[i].exact;

@@ -31,6 +31,7 @@ static const struct {
 	FIELD(seal_seconds, SECONDS),  FIELD(plan_seconds, SECONDS),
 	FIELD(domains_seconds, SECONDS), FIELD(worked_seconds, SECONDS),
 	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
+	FIELD(domains_reused, NUMBER),
 #undef FIELD
 };
 

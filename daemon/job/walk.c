@@ -528,6 +528,13 @@ const struct pipe_totals *walk_totals(const struct walk *w)
 	return &w->totals;
 }
 
+uint64_t walk_reused(const struct walk *w)
+{
+	if (w->plan_only)
+		return w->reusable;
+	return w->made < w->plan_n ? w->plan_n - w->made : 0;
+}
+
 size_t walk_emitted(const struct walk *w)
 {
 	return w->next_emit;

@@ -72,6 +72,8 @@ size_t walk_domain_bytes(const struct walk *);
 bool walk_selects_same(const struct walk *, const struct walk *other);
 const char *walk_phase(const struct walk *); /* "select" or "mesh" */
 const struct pipe_totals *walk_totals(const struct walk *);   /* after `ended` without why */
+/* Of its domains, how many were not triangulated for it; of one that plans only, how many need not be. */
+uint64_t walk_reused(const struct walk *);
 size_t walk_emitted(const struct walk *); /* domains, from the first */
 const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);

@@ -38,6 +38,24 @@ static int keep(struct walk *w)
 	return w->file ? plan_file_write(w->file, &w->plan, &w->kept, &w->err) : 0;
 }
 
+/* Only told: what cannot be read counts as not there. */
+static void count_reusable(struct walk *w, void *memory, size_t size)
+{
+	w->reusable = 0;
+	for (size_t i = 0; i < w->plan.n; i++) {
+		const struct pipe_reuse_params p = {.storefd = w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd,
+						    .grid = w->grid, .view = &w->rest, .key = &w->key,
+						    .region = &w->plan.leaf[i].region, .cap = w->budget.cap,
+						    .memory = memory, .size = size, .light = true};
+		struct err err = ERR_INIT;
+		struct pipe_stored as;
+		struct mesh_domain d;
+		size_t held;
+
+		w->reusable += pipe_reuse(&p, &d, &as, &held, &err) == 0;
+	}
+}
+
 static void plan_run(struct sched_task *t)
 {
 	struct walk *w = walk_of_task(t);
@@ -50,6 +68,8 @@ static void plan_run(struct sched_task *t)
 		return;
 	}
 	w->r = pipe_plan(w->grid, &w->rest, &w->budget, memory, &w->plan, &flat, &w->err);
+	if (!w->r && w->plan_only)
+		count_reusable(w, memory, t->bytes);
 	free(memory);
 	if (!w->r)
 		w->r = keep(w);

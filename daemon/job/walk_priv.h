@@ -104,6 +104,7 @@ struct walk {
 	unsigned ndomains, tasks; /* tasks: of domains and output, not over */
 	size_t next_start, next_emit;
 	size_t made; /* domains that were triangulated, some perhaps more than once */
+	size_t reusable; /* of one that plans only: domains that are in the store */
 	size_t plan_n; /* plan.n, for whoever asks while a worker has the plan */
 	struct walk_domain *emitting, *sending;
 

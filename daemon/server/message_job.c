@@ -18,6 +18,7 @@ static void report_message(const struct job_report *r, struct message_job *m)
 	m->report.triangles = r->triangles;
 	m->report.hull = r->hull;
 	m->report.domains = r->domains;
+	m->report.domains_reused = r->domains_reused;
 	m->report.halo = r->halo;
 	m->report.points_read = r->points_read;
 	m->report.cells_read = r->cells_read;
@@ -95,12 +96,13 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 
 	at = (size_t)snprintf(
 		buf, size,
-		"{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"halo\":%llu,\"points_read\":%llu,"
+		"{\"points\":%llu,\"used\":%llu,\"domains\":%llu,\"domains_reused\":%llu,\"halo\":%llu,\"points_read\":%llu,"
 		"\"cells_read\":%llu,\"seconds\":%.6f,"
 		"\"stage_seconds\":%.6f,\"first_triangle_seconds\":%.6f,\"seal_seconds\":%.6f,"
 		"\"plan_seconds\":%.6f,\"domains_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%s\","
 		"\"removed\":{",
 		(unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
+		(unsigned long long)r->domains_reused,
 		(unsigned long long)r->halo, (unsigned long long)r->points_read,
 		(unsigned long long)r->cells_read, r->seconds, r->stage_seconds, r->first_triangle_seconds,
 		r->seal_seconds, r->plan_seconds, r->domains_seconds,

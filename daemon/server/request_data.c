@@ -270,6 +270,7 @@ static void planned(void *token, const struct err *why, const struct job_plan *p
 	m.domains = p->domains;
 	m.memory_bytes = p->memory_bytes;
 	m.disk_bytes = p->disk_bytes;
+	m.domains_reused = p->domains_reused;
 	m.load = p->load;
 	m.threads = p->threads;
 	m.seconds = p->seconds;
