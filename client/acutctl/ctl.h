@@ -25,9 +25,10 @@ struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
 	bool header, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
+	bool all; /* cache gc */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed;
 	const char *socket, *timeout;
-	const char *memory, *threads, *cache;
+	const char *memory, *threads, *cache, *disk, *keep_free;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
@@ -76,6 +77,7 @@ enum ctl_group {
 	CTL_DATASET = 1 << 24,       /* dataset log, restore */
 	CTL_REMOVED = 1 << 25,       /* datasets */
 	CTL_GEOID = 1 << 16,
+	CTL_CACHE = 1 << 22,       /* cache gc */
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
 };
@@ -213,7 +215,8 @@ struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
 /* ---- ctl_spawn.c ---- */
 
 struct ctl_spawn {
-	const char *state, *cache, *memory, *threads, *log; /* memory, threads: NULL if not given */
+	const char *state, *cache, *log;
+	const char *memory, *threads, *disk, *keep_free; /* NULL if not given */
 	int socket_fd;             /* handed over as the service manager does */
 	int lock_fd;               /* kept open by the daemon; -1: none */
 	bool bound;                /* ends with this process */
@@ -233,6 +236,12 @@ int ctl_folder_cache(char *buf, size_t size, struct err *err);
 int ctl_folder_runtime(char *buf, size_t size, struct err *err);
 int ctl_folder_make(const char *path, struct err *err); /* with its parents */
 void ctl_folder_remove(const char *path);               /* with all that is in it */
+
+/* ---- ctl_cache.c ---- */
+
+void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
+		     const char *keep_free);
+void ctl_cache_side_json(struct ctl_json *, const char *name, const struct acut_side *);
 
 /* ---- ctl_progress.c ---- */
 
@@ -347,6 +356,7 @@ char *ctl_job_time_text(int64_t us, char buf[32]);
 /* ---- commands ---- */
 
 #define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
+CTL_COMMAND(cache)
 CTL_COMMAND(cancel)
 CTL_COMMAND(dataset)
 CTL_COMMAND(datasets)

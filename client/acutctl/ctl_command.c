@@ -10,7 +10,8 @@
 #define MANY 100000u
 
 static const struct ctl_command table[] = {
-	{"cache", "cache stat|verify|gc", "what is kept of finished domains", CTL_ALL, 0, MANY, false, NULL},
+	{"cache", "cache stat|verify|gc", "what lies on the daemon's disk, and whether it is sound", CTL_ALL | CTL_CACHE, 1, 1,
+	 false, ctl_cache_run},
 	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
 	{"dataset", "dataset VERB NAME",
 	 "what is in one dataset, and what becomes of it: show, create, log, revert, rm, restore, pin, unpin",

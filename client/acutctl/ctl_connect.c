@@ -46,7 +46,7 @@ int ctl_connect(struct ctl *ctl)
 	struct err err = ERR_INIT;
 	int r;
 
-	if (a->memory || a->threads || a->cache) {
+	if (a->memory || a->threads || a->cache || a->disk || a->keep_free) {
 		r = ctl_private_own(ctl, &err);
 	} else if (path) {
 		r = connect_to(ctl, path, &err);

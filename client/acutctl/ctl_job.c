@@ -163,6 +163,10 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 		ctl_json_u64(&j, "position", job->position);
 	else
 		ctl_json_text(&j, "position", NULL);
+	if (job->lacks_space)
+		ctl_json_u64(&j, "lacks_space", job->lacks_space);
+	else
+		ctl_json_text(&j, "lacks_space", NULL);
 	ctl_json_u64(&j, "uid", job->uid);
 	ctl_json_u64(&j, "pid", job->pid);
 	ctl_job_time(&j, "submitted", job->submitted_us);
@@ -194,7 +198,7 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 
 void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 {
-	char when[32], count[32], left[24];
+	char when[32], count[32], left[32];
 
 	ctl_progress_clear(ctl);
 	if (ctl->args.json) {
@@ -210,7 +214,9 @@ void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 			(unsigned long long)job->progress.domains_total);
 	if (job->priority && *job->priority && strcmp(job->priority, "normal"))
 		fprintf(ctl->report, "  %s priority", job->priority);
-	if (!job->final && job->waiting && *job->waiting)
+	if (!job->final && job->lacks_space)
+		fprintf(ctl->report, "  %s of disk space are lacking", parse_size_text(job->lacks_space, left));
+	else if (!job->final && job->waiting && *job->waiting)
 		fprintf(ctl->report, "  waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
 		fprintf(ctl->report, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));

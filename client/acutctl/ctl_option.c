@@ -102,6 +102,7 @@ static const struct option table[] = {
 	{"geoid-way", 0, "WAY", TEXT, AT(geoid_way), CTL_STAGE,
 	 "what they become: orthometric (unless said) or ellipsoidal"},
 	{"header", 0, NULL, FLAG, AT(header), CTL_INFO, "read the headers only"},
+	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
 	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID, "under this name, not that of the file"},
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
@@ -119,6 +120,8 @@ static const struct option table[] = {
 	 "a daemon of this command's own, with this much memory"},
 	{"threads", 0, "N", TEXT, AT(threads), CTL_OWN, "the same, with this many threads"},
 	{"cache", 0, "FOLDER", TEXT, AT(cache), CTL_OWN, "the same, with this cache"},
+	{"disk", 0, "SIZE|N%", TEXT, AT(disk), CTL_OWN, "the same, which may hold so much on the disk"},
+	{"keep-free", 0, "SIZE|N%", TEXT, AT(keep_free), CTL_OWN, "the same, which leaves so much of the disk free"},
 
 	{"socket", 0, "PATH", TEXT, AT(socket), CTL_ALL, "where the daemon listens"},
 	{"private", 0, NULL, FLAG, AT(own_private), CTL_ALL,
@@ -279,6 +282,23 @@ int ctl_option_number(const char *name, const char *text, uint64_t least, uint64
 	return 0;
 }
 
+static int disk_limit(const char *option, const char *text, struct err *err)
+{
+	size_t n = strlen(text);
+	char digits[4] = "";
+	uint64_t v;
+
+	if (n > 1 && n <= 4 && text[n - 1] == '%') {
+		memcpy(digits, text, n - 1);
+		if (parse_u64(digits, &v) && v <= 100)
+			return 0;
+	}
+	if (parse_size(text, &v))
+		return 0;
+	err_set(err, ERR_USAGE, "%s is neither a size nor a percentage: \"%s\"", option, text);
+	return err_add_hint(err, "give a number with K, M or G, as in %s 20G, or as in %s 50%%", option, option);
+}
+
 /* Values that can be judged without knowing the command. */
 static int check_values(struct ctl *ctl, struct err *err)
 {
@@ -302,8 +322,12 @@ static int check_values(struct ctl *ctl, struct err *err)
 	if (!r && a->priority && strcmp(a->priority, "low") && strcmp(a->priority, "normal") &&
 	    strcmp(a->priority, "high"))
 		r = err_set(err, ERR_USAGE, "--priority is low, normal or high, not \"%s\"", a->priority);
-	if (!r && (a->memory || a->threads || a->cache) && (a->socket || a->own_private)) {
-		err_set(err, ERR_USAGE, "--memory, --threads and --cache mean a daemon of the command's own");
+	if (!r && a->disk)
+		r = disk_limit("--disk", a->disk, err);
+	if (!r && a->keep_free)
+		r = disk_limit("--keep-free", a->keep_free, err);
+	if (!r && (a->memory || a->threads || a->cache || a->disk || a->keep_free) && (a->socket || a->own_private)) {
+		err_set(err, ERR_USAGE, "--memory, --threads, --cache, --disk and --keep-free mean a daemon of the command's own");
 		err_add_hint(err, "leave out --%s", a->socket ? "socket" : "private");
 		r = -ERR_USAGE;
 	}

@@ -250,6 +250,8 @@ static int own_start(struct ctl *ctl, struct ctl_daemon *d, struct err *err)
 			      .cache = cache,
 			      .memory = ctl->args.memory,
 			      .threads = ctl->args.threads,
+			      .disk = ctl->args.disk,
+			      .keep_free = ctl->args.keep_free,
 			      .log = d->log,
 			      .lock_fd = d->lock_fd,
 			      .bound = true};

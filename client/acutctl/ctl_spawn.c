@@ -170,7 +170,7 @@ static void child(const struct ctl_spawn *s, const char *program, char **argv, p
 
 int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
 {
-	char program[PATH_MAX], *argv[16];
+	char program[PATH_MAX], *argv[20];
 	unsigned n = 0;
 	pid_t pid, parent = getpid();
 	int r = find_acutd(program, sizeof(program), err);
@@ -192,6 +192,14 @@ int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
 	if (s->threads) {
 		argv[n++] = "--threads";
 		argv[n++] = (char *)s->threads;
+	}
+	if (s->disk) {
+		argv[n++] = "--disk";
+		argv[n++] = (char *)s->disk;
+	}
+	if (s->keep_free) {
+		argv[n++] = "--keep-free";
+		argv[n++] = (char *)s->keep_free;
 	}
 	argv[n] = NULL;
 	pid = fork();

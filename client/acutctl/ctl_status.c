@@ -96,6 +96,8 @@ static void print(struct ctl *ctl, const struct acut_status *s)
 	fprintf(out, "threads     %u\njobs        %u running, %u waiting\nconnections %u\n", s->threads,
 		s->jobs_running, s->jobs_waiting, s->connections);
 	fprintf(out, "state       %s\ncache       %s\n", s->state_dir, s->cache_dir);
+	if (s->state_side.known && s->cache_side.known)
+		ctl_cache_sides(out, s->one_file_system, &s->state_side, &s->cache_side, s->disk_limit, s->keep_free_limit);
 }
 
 static void print_json_holders(struct ctl_json *j, const struct acut_status *s)
@@ -154,6 +156,11 @@ static void print_json(struct ctl *ctl, const struct acut_status *s)
 	ctl_json_u64(&j, "connections", s->connections);
 	ctl_json_known(&j, "state", s->state_dir);
 	ctl_json_known(&j, "cache", s->cache_dir);
+	ctl_json_known(&j, "disk", s->disk_limit);
+	ctl_json_known(&j, "keep_free", s->keep_free_limit);
+	ctl_cache_side_json(&j, "state_disk", &s->state_side);
+	ctl_cache_side_json(&j, "cache_disk", &s->cache_side);
+	ctl_json_literal(&j, "one_file_system", s->one_file_system ? "true" : "false");
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }

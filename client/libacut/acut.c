@@ -279,7 +279,12 @@ int acut_status(struct acut *a, const struct acut_status **ret)
 	    .pipe_capacity = s->pipe_capacity,
 	    .ledger_peak = s->ledger_peak,
 	    .rss_bytes = s->rss_bytes,
+	    .disk_limit = s->disk_limit,
+	    .keep_free_limit = s->keep_free_limit,
+	    .one_file_system = s->one_file_system,
 	};
+	call_side(s->state_space, &a->status.state_side);
+	call_side(s->cache_space, &a->status.cache_side);
 	r = status_rows(a, s);
 	if (r == 0)
 		*ret = &a->status;

@@ -89,6 +89,12 @@ struct acut_holder {
 	const struct acut_ledger_entry *held; /* names of which it holds something */
 	size_t nheld;
 };
+/* The file system of one of the daemon's folders, and what counts there. */
+struct acut_side {
+	bool known, has_quota; /* an older daemon says nothing of it */
+	uint64_t used, quota;  /* of the daemon's, that the quota is about */
+	uint64_t total, free, keep_free; /* of the file system; of it, what stays free */
+};
 struct acut_status {
 	const char *version, *state_dir, *cache_dir;
 	uint64_t pid, memory, peak_rss_bytes;
@@ -101,6 +107,9 @@ struct acut_status {
 	uint64_t pipe_capacity; /* of the kernel's pipes of open streams: beside `memory` */
 	uint64_t ledger_peak;   /* the most that all names together held */
 	uint64_t rss_bytes;     /* resident now */
+	const char *disk_limit, *keep_free_limit; /* as the daemon was told: "80%", "200 GB" */
+	struct acut_side state_side, cache_side;
+	bool one_file_system;          /* both are the same then */
 };
 /* Results stay valid until the next call on this connection. */
 int acut_status(struct acut *, const struct acut_status **ret);
@@ -251,6 +260,37 @@ int acut_geoid_add(struct acut *, int fd, const char *name, const char *file, co
 int acut_geoids(struct acut *, void (*each)(void *ctx, const struct acut_geoid *), void *ctx); /* by name */
 int acut_geoid_remove(struct acut *, const char *name);
 
+/* ---- the disk ---- */
+
+struct acut_cache_kind {
+	const char *name; /* "datasets", "domains", ... */
+	uint64_t bytes, entries;
+	bool state;       /* below the state folder; else below the cache's */
+};
+struct acut_cache_stat {
+	const struct acut_cache_kind *kinds;
+	size_t nkinds;
+	struct acut_side state, cache;
+	bool one_file_system, measured;
+	const char *disk_limit, *keep_free_limit;
+	uint64_t evicted_bytes, evicted_entries;
+};
+int acut_cache_stat(struct acut *, const struct acut_cache_stat **ret);
+
+struct acut_cache_damage {
+	const char *what, *dataset; /* "segment", "domain", ...; "": of no dataset */
+	struct acut_failure error;
+	bool derived, removed;      /* it can be made again; and is removed */
+};
+struct acut_cache_verified {
+	uint64_t files, bytes, damaged, derived; /* damaged: of what was pushed */
+};
+/* Reads everything that the daemon keeps; `damage` for each damaged thing. progress->points are bytes. */
+int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut_cache_damage *),
+		      acut_progress_fn progress, void *ctx, struct acut_cache_verified *ret);
+/* all: everything derived goes. */
+int acut_cache_gc(struct acut *, bool all, uint64_t *ret_bytes, uint64_t *ret_entries);
+
 /* ---- jobs ---- */
 
 struct acut_removed {
@@ -276,6 +316,7 @@ struct acut_job {
 	struct acut_progress progress;
 	const char *priority; /* "low", "normal", "high" */
 	const char *waiting;  /* for what, in words: "memory: needs 134M, 20M are free"; "": it does not */
+	uint64_t lacks_space; /* bytes of disk that it waits for; 0: it does not */
 	uint32_t position;    /* among those that wait for their turn, from 1; 0: it has had it */
 	bool final, has_report, has_error;
 	struct acut_report report;

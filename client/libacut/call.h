@@ -57,6 +57,7 @@ struct acut {
 	struct acut_push_result pushed;
 	struct acut_push_planned planned;
 	struct acut_geoid geoid;
+	struct acut_cache_stat cache;
 	struct acut_inspected inspected;
 	struct acut_job job;
 	struct acut_plan plan;
@@ -95,6 +96,8 @@ struct fetch *fetch_free(struct fetch *);
 /* Text as it goes into a message; NULL: "". */
 char *call_text(const char *text);
 void call_failure(const struct err *err, struct acut_failure *ret);
+void call_wire_failure(const Acut__V1__Error *, struct acut_failure *ret);
+void call_side(const Acut__V1__CacheSide *, struct acut_side *ret); /* cache.c; NULL is fine */
 void call_progress(const Acut__V1__Progress *, struct acut_progress *ret);
 int call_job(struct acut *, const Acut__V1__Job *, struct acut_job *ret, void **ret_rows);
 void call_dataset(const Acut__V1__Dataset *, struct acut_dataset *ret);

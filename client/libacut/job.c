@@ -10,7 +10,7 @@
 
 enum { PAGE = 100 };
 
-static void wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
+void call_wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
 {
 	enum err_code code = err_from_wire_name(e->code);
 
@@ -85,6 +85,7 @@ int call_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void 
 	    .priority = j->priority,
 	    .waiting = j->waiting,
 	    .position = j->position,
+	    .lacks_space = j->lacks_space,
 	    .final = j->final,
 	    .has_report = j->report != NULL,
 	    .has_error = j->error != NULL,
@@ -94,7 +95,7 @@ int call_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void 
 		call_progress(j->progress, &ret->progress);
 	ret->progress.waiting = j->waiting;
 	if (j->error)
-		wire_failure(j->error, &ret->error);
+		call_wire_failure(j->error, &ret->error);
 	if (j->report)
 		r = get_report(a, j->report, &ret->report, ret_rows);
 	return r;

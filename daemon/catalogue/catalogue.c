@@ -108,6 +108,8 @@ static int make_change(struct catalogue *c, struct change *ch, struct err *err)
 	struct value push = {.kind = VALUE_NUMBER, .number = (int64_t)ch->drop_push};
 	int r;
 
+	if (ch->sql == CATALOGUE_CHECK)
+		return catalogue_verify(c, err);
 	if (!ch->drop_push)
 		return bind_and_step(c, c->stmt[ch->sql], ch->value, ch->n, err);
 	r = catalogue_run(c, "BEGIN IMMEDIATE", err);

@@ -89,4 +89,7 @@ int catalogue_drop_dataset(struct catalogue *, uint64_t id, catalogue_done_fn do
 int catalogue_drop_job(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 int catalogue_drop_push(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 
+/* PRAGMA integrity_check: `done` gets -ERR_CORRUPT with what is wrong first. */
+int catalogue_check(struct catalogue *, catalogue_done_fn done, void *ctx, struct err *err);
+
 #endif

@@ -180,3 +180,8 @@ int catalogue_drop_push(struct catalogue *c, uint64_t id, catalogue_done_fn done
 {
 	return drop(c, CATALOGUE_DROP_PUSH, id, done, ctx, err);
 }
+
+int catalogue_check(struct catalogue *c, catalogue_done_fn done, void *ctx, struct err *err)
+{
+	return change_queue(c, change_new(CATALOGUE_CHECK, done, ctx), err);
+}

@@ -6,6 +6,9 @@
  */
 #include "catalogue_priv.h"
 
+#include <stdio.h>
+#include <string.h>
+
 #include "err.h"
 
 int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
@@ -89,4 +92,36 @@ void catalogue_close(struct catalogue *c)
 		c->stmt[i] = (sqlite3_finalize(c->stmt[i]), NULL);
 	sqlite3_close(c->db);
 	c->db = NULL;
+}
+
+/* The first line of an answer. */
+static int first_line(void *ctx, int n, char **value, char **name)
+{
+	char *line = ctx;
+
+	if (!*line && n)
+		snprintf(line, 256, "%s", value[0] ? value[0] : "");
+	return 0;
+}
+
+/* Within the heap that SQLite has: the thorough check needs a little for each page of the database, the quick one does
+ * not look at indices. */
+int catalogue_verify(struct catalogue *c, struct err *err)
+{
+	static const char *const checks[] = {"PRAGMA integrity_check(1)", "PRAGMA quick_check(1)"};
+	char line[256] = "";
+	int r = SQLITE_NOMEM;
+
+	for (size_t i = 0; i < 2 && r == SQLITE_NOMEM; i++) {
+		*line = 0;
+		r = sqlite3_exec(c->db, checks[i], first_line, line, NULL);
+	}
+	if (r != SQLITE_OK)
+		catalogue_failed(c, err, "the catalogue cannot be read");
+	else if (strcmp(line, "ok"))
+		err_set(err, ERR_CORRUPT, "the catalogue is damaged: %s", line);
+	else
+		return 0;
+	err_add_file(err, "catalogue.db");
+	return err_add_hint(err, "check the disk, and restore the state folder from a backup");
 }

@@ -58,6 +58,7 @@ int catalogue_open(struct catalogue *, const char *path, struct err *err);
 void catalogue_close(struct catalogue *);
 /* Raises what SQLite said last. */
 int catalogue_failed(struct catalogue *, struct err *err, const char *what);
+int catalogue_verify(struct catalogue *, struct err *err); /* -ERR_CORRUPT: what is wrong first */
 int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 
 void catalogue_change_free(struct change *);

@@ -13,7 +13,8 @@ enum catalogue_sql {
 	CATALOGUE_DROP_DATASET,
 	CATALOGUE_DROP_JOB,
 	CATALOGUE_DROP_PUSH,
-	CATALOGUE_SQLS
+	CATALOGUE_SQLS,
+	CATALOGUE_CHECK = CATALOGUE_SQLS /* no statement of the table: catalogue_verify */
 };
 
 extern const char *const catalogue_sql_text[CATALOGUE_SQLS];

@@ -162,6 +162,7 @@ void disk_tick(struct jobs *j)
 	struct disk *d = &j->disk;
 
 	mend_folders(j);
+	cache_verify_tick(j);
 	if (clock_since(d->counted_ns) >= COUNT_SECONDS) {
 		d->counted_ns = clock_mono_ns();
 		disk_count(j);

@@ -408,4 +408,39 @@ struct job_plan {
 void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *view, const struct job_peer *,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token);
 
+/* ---- the disk ---- */
+
+struct cache_stat {
+	struct space_stat space; /* with the numbers of datasets, pending pushes, one-step ones */
+	char disk[32], keep_free[32]; /* the limits as they were given; "none" */
+};
+void cache_stat(struct jobs *, struct cache_stat *ret);
+
+/* One damaged thing. */
+struct cache_damage {
+	const char *what;    /* "manifest", "segment", "push", "plan", "domain", "selection", "catalogue" */
+	char dataset[64 + 1]; /* "": of none */
+	struct err err;      /* file, place, reason */
+	bool derived;        /* and removed, if that could be done: it is made again */
+	bool removed;
+};
+struct cache_verified {
+	uint64_t files, bytes, damaged, derived;
+};
+struct cache_verify_calls {
+	void (*damage)(void *token, const struct cache_damage *);
+	void (*progress)(void *token, const char *phase, uint64_t bytes, uint64_t total); /* total: as far as it is known */
+	/* Once. `why`: it was ended, or could not read on. */
+	void (*over)(void *token, const struct err *why, const struct cache_verified *);
+};
+struct cache_verify;
+/* Reads all of state and cache, at the lowest priority. -ERR_PERM: not root nor the daemon's user; -ERR_BUSY: it is
+ * being done already. */
+int cache_verify(struct jobs *, const struct job_peer *, const struct cache_verify_calls *, void *token,
+		 struct cache_verify **ret, struct err *err);
+void cache_verify_end(struct cache_verify *); /* soon; `over` comes all the same */
+/* Removes what is not needed; all: everything derived. -ERR_PERM as above. */
+void cache_gc(struct jobs *, const struct job_peer *, bool all,
+	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token);
+
 #endif

@@ -153,6 +153,7 @@ struct jobs {
 		uint64_t counted_ns, looked_ns;
 		bool begun, busy;
 	} disk;
+	struct cache_verify *verify; /* that goes on; NULL: none */
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	bool parking;
 	struct place *places; /* that are sought */
@@ -167,6 +168,11 @@ struct jobs {
 void disk_tick(struct jobs *);
 void disk_count(struct jobs *); /* what the lists of datasets and pushes say */
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
+
+/* cache_verify.c */
+void cache_verify_tick(struct jobs *);
+/* cache_gc.c */
+int cache_may(const struct job_peer *, const char *what, struct err *err); /* root and the daemon's user */
 
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
 int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err);

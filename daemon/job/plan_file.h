@@ -58,6 +58,9 @@ int plan_file_done(struct plan_file *, const struct plan_done *, struct err *err
 int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *),
 			void *ctx, struct err *err);
 
+/* Reads all of a job's plan in that folder. -ERR_CORRUPT: something in it is damaged, other than a last split or domain
+ * that was cut short. *ret_bytes: of the file. */
+int plan_file_check(int plansfd, uint64_t job, uint64_t *ret_bytes, struct err *err);
 /* Removes the file. Worker. */
 int plan_file_remove(struct plan_file *, struct err *err);
 /* Whose plan a file of that name is; 0: it is none. */

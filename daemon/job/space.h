@@ -89,6 +89,8 @@ int space_evict(struct space *, bool all_derived, uint64_t *ret_bytes, uint64_t 
 int space_measure(struct space *, struct err *err);
 bool space_over(struct space *); /* quota or keep-free do not hold: space_evict has work */
 
+/* Removes what was cut short and nobody works at any more. */
+int space_sweep(struct space *, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err);
 /* Lengths of the files in a folder. */
 uint64_t space_folder_bytes(int parent, const char *name);
 

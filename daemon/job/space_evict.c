@@ -38,6 +38,7 @@ struct old {
 
 struct pass {
 	struct space *space;
+	void *ctx;
 	enum space_need need;
 	int64_t since_ns;  /* domains used since then are in use */
 	size_t n;
@@ -413,5 +414,63 @@ int space_measure(struct space *s, struct err *err)
 	p.need = SPACE_MUST;
 	r = look(&p, err);
 	end(&p);
+	return r;
+}
+
+/* ---- what was cut short ---- */
+
+#define LEFT_NS (INT64_C(86400) * 1000000000) /* nobody has written to it for so long */
+
+struct left {
+	int64_t before_ns;
+	uint64_t bytes, files;
+	struct err err;
+};
+
+/* Temporary names of stored domains. */
+static void left_domain(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
+{
+	struct left *left = p->ctx;
+	size_t n = strlen(name);
+
+	if (!S_ISREG(st->st_mode) || n < 4 || strcmp(name + n - 4, ".tmp") || used_of(st) >= left->before_ns)
+		return;
+	if (!io_remove(dirfd, name, &left->err)) {
+		left->bytes += (uint64_t)st->st_size;
+		left->files++;
+	}
+}
+
+static void left_selection(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
+{
+	struct left *left = p->ctx;
+	uint64_t bytes;
+
+	if (!S_ISDIR(st->st_mode) || strncmp(name, WALK_SELECT_TEMP, strlen(WALK_SELECT_TEMP)) ||
+	    used_of(st) >= left->before_ns)
+		return;
+	bytes = space_folder_bytes(dirfd, name);
+	if (!folder_remove(dirfd, name, &left->err)) {
+		left->bytes += bytes;
+		left->files++;
+	}
+}
+
+int space_sweep(struct space *s, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err)
+{
+	struct left left = {.before_ns = clock_real_us() * 1000 - LEFT_NS, .err = ERR_INIT};
+	struct pass p;
+	int r = begin(&p, s, err);
+
+	*ret_bytes = *ret_files = 0;
+	if (r)
+		return r;
+	p.ctx = &left;
+	r = folder_read(&p, s->p.cachefd, "domains", "", DEPTH_MAX, left_domain, err);
+	if (!r)
+		r = folder_read(&p, s->p.cachefd, "selected", "", 0, left_selection, err);
+	end(&p);
+	*ret_bytes = left.bytes;
+	*ret_files = left.files;
 	return r;
 }

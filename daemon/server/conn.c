@@ -311,6 +311,8 @@ void conn_close(struct conn *c)
 	for (p = c->pushes; p; p = p->next)
 		push_ref_leave(p);
 	leave_jobs(c);
+	if (c->verify)
+		cache_verify_end(c->verify);
 }
 
 bool conn_reap(struct conn *c)

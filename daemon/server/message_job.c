@@ -55,7 +55,8 @@ void message_job(const struct job *job, struct message_job *m)
 	m->job.dataset = (char *)info.dataset_name;
 	m->job.generation = info.generation;
 	m->job.view = (char *)info.view;
-	m->job.state = (char *)job_state_text(info.state);
+	m->job.state = (char *)(info.lacks_space ? "waiting-space" : job_state_text(info.state));
+	m->job.lacks_space = info.lacks_space;
 	m->job.uid = info.peer.uid;
 	m->job.pid = info.peer.pid;
 	m->job.submitted_us = info.submitted_us;

@@ -70,6 +70,9 @@ static const struct {
 	ROW(PLAN_REQUEST, request_plan, false),
 	ROW(GEOID_ADD, request_geoid_add, true),
 	ROW(GEOIDS_REQUEST, request_geoids, false),
+	ROW(CACHE_STAT_REQUEST, request_cache_stat, false),
+	ROW(CACHE_VERIFY, request_cache_verify, false),
+	ROW(CACHE_GC, request_cache_gc, false),
 	ROW(GEOID_REMOVE, request_geoid_remove, false),
 #undef ROW
 };

@@ -134,6 +134,8 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	struct server *s = c->server;
 	Acut__V1__Status status = ACUT__V1__STATUS__INIT;
 	struct answer *a = calloc(1, sizeof *a);
+	Acut__V1__CacheSide state, cache;
+	struct cache_stat disk;
 	struct err err = ERR_INIT;
 
 	if (!a) {
@@ -165,6 +167,14 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	status.connections = server_connections(s);
 	status.state_dir = (char *)s->p.state_dir;
 	status.cache_dir = (char *)s->p.cache_dir;
+	cache_stat(s->jobs, &disk);
+	message_side(&disk.space.state, &state);
+	message_side(&disk.space.cache, &cache);
+	status.disk_limit = disk.disk;
+	status.keep_free_limit = disk.keep_free;
+	status.state_space = &state;
+	status.cache_space = &cache;
+	status.one_file_system = disk.space.one;
 	while (status.n_holders && frame_message_size(FRAME_MESSAGE(STATUS, status, &status)) > FRAME_MAX) {
 		status.n_holders--;
 		status.holders_more++;

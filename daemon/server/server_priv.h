@@ -78,6 +78,7 @@ struct conn {
 	struct conn_job *bound;    /* jobs that end with it */
 	struct conn_dataset *held; /* one-step datasets that it pushed */
 	struct stream_out *streams;
+	struct cache_verify *verify; /* that this connection asked for and that goes on; NULL: none */
 };
 
 /* conn.c */
@@ -108,6 +109,9 @@ void push_ref_leave(struct push_ref *);
 /* request_job.c */
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
 void request_job_told(struct conn *, struct job *);
+/* request_cache.c */
+request_fn request_cache_stat, request_cache_verify, request_cache_gc;
+void message_side(const struct space_side *, Acut__V1__CacheSide *ret);
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_data.c */

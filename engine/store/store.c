@@ -452,3 +452,103 @@ int store_sweep(int dirfd, struct err *err)
 {
 	return io_list(dirfd, ".", sweep_entry, &dirfd, err);
 }
+
+/* ---- reading all of a file ---- */
+
+static int wrong(const char *name, const char *what, struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "a finished domain is damaged: %s", what);
+	return err_add_file(err, name);
+}
+
+/* Of n bytes from `at` on, through `memory`. */
+static int piece_sum(int fd, const char *name, uint64_t at, size_t n, void *memory, size_t size, XXH3_state_t *state,
+		     struct err *err)
+{
+	int r = 0;
+
+	for (size_t done = 0; !r && done < n;) {
+		size_t some = n - done < size ? n - done : size;
+
+		r = io_read_at(fd, memory, some, at + done, name, err);
+		if (!r)
+			XXH3_64bits_update(state, memory, some);
+		done += some;
+	}
+	return r;
+}
+
+/* Padding stands between the arrays, and is in no checksum. */
+static int check_sums(int fd, const char *name, const struct store_front *f, const struct sums *sums, void *memory,
+		      size_t size, struct err *err)
+{
+	struct layout l = layout_of(&f->domain);
+	uint64_t at = HEADER + padded(f->beside.proof_size);
+	const struct {
+		uint64_t sum, at;
+		size_t n, then, more; /* a second piece, behind */
+	} part[] = {
+		{ sums->proof, HEADER, f->beside.proof_size, 0, 0 },
+		{ sums->open, at, l.open_end, 0, 0 },
+		{ sums->rest, at + l.open_end, (size_t)(f->domain.nvertex - f->domain.nopen) * sizeof(struct mesh_vertex),
+		  l.triangle, (size_t)f->domain.ntriangle * sizeof(uint32_t[3]) },
+	};
+
+	for (size_t i = 0; i < 3; i++) {
+		XXH3_state_t state;
+		int r;
+
+		XXH3_64bits_reset(&state);
+		r = piece_sum(fd, name, part[i].at, part[i].n, memory, size, &state, err);
+		if (!r)
+			r = piece_sum(fd, name, at + part[i].then, part[i].more, memory, size, &state, err);
+		if (r)
+			return r;
+		if (XXH3_64bits_digest(&state) != part[i].sum)
+			return wrong(name, "a checksum does not agree", err);
+	}
+	return 0;
+}
+
+static bool id_of(const char *name, struct store_id *ret)
+{
+	char base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
+
+	return sscanf(name, "d-%32[0-9a-f]-%32[0-9a-f]", base, list) == 2 && strlen(name) == NAME - FOLDER - 1 &&
+	       digest_parse(base, &ret->base) && digest_parse(list, &ret->list);
+}
+
+int store_check(int dirfd, const char *name, void *memory, size_t size, struct err *err)
+{
+	struct store_front f = { 0 };
+	uint8_t header[HEADER];
+	struct store_id id;
+	struct sums sums;
+	struct stat st;
+	int fd, r;
+
+	if (!id_of(name, &id))
+		return wrong(name, "no finished domain has such a name", err);
+	r = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
+	if (r)
+		return r;
+	if (io->fstat(fd, &st) < 0) {
+		err_sys(err, errno, "cannot look at");
+		r = err_add_file(err, name);
+	} else if (st.st_size < HEADER) {
+		r = wrong(name, "it has no header", err);
+	} else {
+		r = io_read_at(fd, header, HEADER, 0, name, err);
+	}
+	if (!r && !header_unpack(header, &id, &f, &sums))
+		r = wrong(name, "its header is not one", err);
+	if (!r) {
+		sizes_fill(&f, &sums);
+		if ((uint64_t)st.st_size != f.bytes)
+			r = wrong(name, "it has another size than its header says", err);
+	}
+	if (!r)
+		r = check_sums(fd, name, &f, &sums, memory, size, err);
+	io_close(fd);
+	return r;
+}

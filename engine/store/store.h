@@ -61,5 +61,7 @@ void store_touch(int dirfd, const struct store_id *, int64_t before_ns);
 int store_remove(int dirfd, const struct store_id *, struct err *err); /* absent is success */
 /* Removes files of the versions before 3, which lay in the folder itself. */
 int store_sweep(int dirfd, struct err *err);
+/* Reads a file in `dirfd`, a folder of the store, through `memory`. -ERR_CORRUPT: it is damaged; it stays. */
+int store_check(int dirfd, const char *name, void *memory, size_t size, struct err *err);
 
 #endif

@@ -1,0 +1,220 @@
+/* cache stat|verify|gc: what lies on the daemon's disk, whether it is sound, and removing what can be made again. */
+#include <string.h>
+
+#include "ctl.h"
+#include "parse.h"
+
+/* ---- stat ---- */
+
+static void side_print(FILE *out, const char *name, const struct acut_side *s, const char *disk, const char *keep_free)
+{
+	char a[32], b[32], c[32], d[32];
+
+	if (s->has_quota)
+		fprintf(out, "%-11s %s used of %s (--disk %s)", name, parse_size_text(s->used, a),
+			parse_size_text(s->quota, b), disk);
+	else
+		fprintf(out, "%-11s %s used, no quota", name, parse_size_text(s->used, a));
+	fprintf(out, "; %s free of %s, %s stay free (--keep-free %s)\n", parse_size_text(s->free, a),
+		parse_size_text(s->total, c), parse_size_text(s->keep_free, d), keep_free);
+}
+
+void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
+		     const char *keep_free)
+{
+	side_print(out, one ? "disk" : "state disk", state, disk, keep_free);
+	if (!one)
+		side_print(out, "cache disk", cache, disk, keep_free);
+}
+
+void ctl_cache_side_json(struct ctl_json *j, const char *name, const struct acut_side *s)
+{
+	if (!s->known) {
+		ctl_json_literal(j, name, "null");
+		return;
+	}
+	ctl_json_open(j, name, '{');
+	ctl_json_u64(j, "used", s->used);
+	if (s->has_quota)
+		ctl_json_u64(j, "quota", s->quota);
+	else
+		ctl_json_literal(j, "quota", "null");
+	ctl_json_u64(j, "total", s->total);
+	ctl_json_u64(j, "free", s->free);
+	ctl_json_u64(j, "keep_free", s->keep_free);
+	ctl_json_close(j, '}');
+}
+
+static void stat_json(struct ctl *ctl, const struct acut_cache_stat *s)
+{
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_open(&j, "kinds", '{');
+	for (size_t i = 0; i < s->nkinds; i++) {
+		ctl_json_open(&j, s->kinds[i].name, '{');
+		ctl_json_u64(&j, "bytes", s->kinds[i].bytes);
+		ctl_json_u64(&j, "entries", s->kinds[i].entries);
+		ctl_json_literal(&j, "state", s->kinds[i].state ? "true" : "false");
+		ctl_json_close(&j, '}');
+	}
+	ctl_json_close(&j, '}');
+	ctl_json_known(&j, "disk", s->disk_limit);
+	ctl_json_known(&j, "keep_free", s->keep_free_limit);
+	ctl_cache_side_json(&j, "state_disk", &s->state);
+	ctl_cache_side_json(&j, "cache_disk", &s->cache);
+	ctl_json_literal(&j, "one_file_system", s->one_file_system ? "true" : "false");
+	ctl_json_literal(&j, "measured", s->measured ? "true" : "false");
+	ctl_json_u64(&j, "evicted_bytes", s->evicted_bytes);
+	ctl_json_u64(&j, "evicted_entries", s->evicted_entries);
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+static int stat_run(struct ctl *ctl)
+{
+	const struct acut_cache_stat *s;
+	FILE *out = ctl->report;
+	char size[32];
+
+	if (acut_cache_stat(ctl->acut, &s))
+		return ctl_error_acut(ctl);
+	if (ctl->args.json) {
+		stat_json(ctl, s);
+		return CTL_DONE;
+	}
+	for (size_t i = 0; i < s->nkinds; i++) {
+		fprintf(out, "%-11s %-10s", s->kinds[i].name, parse_size_text(s->kinds[i].bytes, size));
+		if (s->kinds[i].entries)
+			fprintf(out, " %llu", (unsigned long long)s->kinds[i].entries);
+		fputc('\n', out);
+	}
+	ctl_cache_sides(out, s->one_file_system, &s->state, &s->cache, s->disk_limit, s->keep_free_limit);
+	if (!s->measured)
+		fprintf(out, "what was in the cache before the start is not counted yet\n");
+	fprintf(out, "%-11s %s in %llu domains and selections since the start\n", "evicted",
+		parse_size_text(s->evicted_bytes, size), (unsigned long long)s->evicted_entries);
+	return CTL_DONE;
+}
+
+/* ---- verify ---- */
+
+struct verify {
+	struct ctl *ctl;
+	struct ctl_progress progress;
+};
+
+static void damage(void *ctx, const struct acut_cache_damage *d)
+{
+	struct ctl *ctl = ((struct verify *)ctx)->ctl;
+	struct ctl_json j = { .out = ctl->report };
+	struct err err;
+	char text[1400];
+
+	ctl_progress_clear(ctl);
+	ctl_error_from_failure(&d->error, &err);
+	if (ctl->args.json) {
+		ctl_json_open(&j, NULL, '{');
+		ctl_json_text(&j, "damaged", d->what);
+		ctl_json_known(&j, "dataset", d->dataset);
+		ctl_json_literal(&j, "derived", d->derived ? "true" : "false");
+		ctl_json_literal(&j, "removed", d->removed ? "true" : "false");
+		ctl_error_json(&j, "error", &err);
+		ctl_json_close(&j, '}');
+		ctl_json_line(&j);
+		return;
+	}
+	fprintf(ctl->report, "damaged %s%s%s: %s%s\n", d->what, *d->dataset ? " of " : "", d->dataset,
+		err_format(&err, text, sizeof(text)), !d->derived ? "" : d->removed ? "; removed, it is made again" : "; it could not be removed");
+	fflush(ctl->report);
+}
+
+static void verify_progress(void *ctx, const struct acut_progress *now)
+{
+	struct verify *v = ctx;
+	char a[32], b[32];
+
+	if (!v->progress.on)
+		return;
+	fprintf(stderr, "\r\033[K%s: %s of about %s", now->phase, parse_size_text(now->points, a),
+		parse_size_text(now->points_total, b));
+	fflush(stderr);
+	v->ctl->progress_shown = true;
+}
+
+static int verify_run(struct ctl *ctl)
+{
+	struct verify v = { .ctl = ctl };
+	struct ctl_json j = { .out = ctl->report };
+	struct acut_cache_verified out;
+	char size[32];
+	int r;
+
+	ctl_progress_init(&v.progress, ctl);
+	r = acut_cache_verify(ctl->acut, damage, verify_progress, &v, &out);
+	ctl_progress_clear(ctl);
+	if (r)
+		return ctl_error_acut(ctl);
+	if (ctl->args.json) {
+		ctl_json_open(&j, NULL, '{');
+		ctl_json_u64(&j, "files", out.files);
+		ctl_json_u64(&j, "bytes", out.bytes);
+		ctl_json_u64(&j, "damaged", out.damaged);
+		ctl_json_u64(&j, "derived_damaged", out.derived);
+		ctl_json_close(&j, '}');
+		ctl_json_line(&j);
+	} else {
+		fprintf(ctl->report, "%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
+			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
+			(unsigned long long)out.derived);
+	}
+	return out.damaged ? 1 : CTL_DONE;
+}
+
+/* ---- gc ---- */
+
+static int gc_run(struct ctl *ctl)
+{
+	struct ctl_json j = { .out = ctl->report };
+	uint64_t bytes, entries;
+	char size[32];
+
+	if (acut_cache_gc(ctl->acut, ctl->args.all, &bytes, &entries))
+		return ctl_error_acut(ctl);
+	if (ctl->args.json) {
+		ctl_json_open(&j, NULL, '{');
+		ctl_json_u64(&j, "freed_bytes", bytes);
+		ctl_json_u64(&j, "freed_entries", entries);
+		ctl_json_close(&j, '}');
+		ctl_json_line(&j);
+	} else {
+		fprintf(ctl->report, "%s in %llu domains and selections are free\n", parse_size_text(bytes, size),
+			(unsigned long long)entries);
+	}
+	return CTL_DONE;
+}
+
+int ctl_cache_run(struct ctl *ctl)
+{
+	static const struct {
+		const char *word;
+		int (*run)(struct ctl *);
+	} rows[] = {{"stat", stat_run}, {"verify", verify_run}, {"gc", gc_run}};
+	struct err err = ERR_INIT;
+	size_t i;
+	int status;
+
+	for (i = 0; i < 3 && strcmp(rows[i].word, ctl->args.word[0]); i++)
+		;
+	if (i == 3) {
+		err_set(&err, ERR_USAGE, "there is no such command cache");
+		err_add_hint(&err, "acutctl cache stat, cache verify, cache gc [--all]");
+		return ctl_error(ctl, &err);
+	}
+	if (ctl->args.all && rows[i].run != gc_run) {
+		err_set(&err, ERR_USAGE, "--all belongs to cache gc");
+		return ctl_error(ctl, &err);
+	}
+	status = ctl_connect(ctl);
+	return status ? status : rows[i].run(ctl);
+}

@@ -1,0 +1,98 @@
+/*
+ * `cache stat` and `cache gc`: what there is, and removing what nobody needs.
+ *
+ * Without --all, what goes is what is beyond the quota, what was cut short, and what was made of datasets that are not
+ * there any more, as far as that can be told: plans of jobs say which stored domains they are made of.
+ */
+#include <stdlib.h>
+#include <unistd.h>
+
+#include "cache_priv.h"
+#include "io.h"
+#include "log.h"
+
+int cache_may(const struct job_peer *peer, const char *what, struct err *err)
+{
+	if (!peer->uid || peer->uid == geteuid())
+		return 0;
+	err_set(err, ERR_PERM, "only root and the user of acutd may %s", what);
+	return err_add_hint(err, "ask whoever runs the daemon");
+}
+
+void cache_stat(struct jobs *j, struct cache_stat *ret)
+{
+	const struct pending *q;
+	const struct dataset *d;
+
+	disk_count(j);
+	space_stat(j->space, &ret->space);
+	for (d = j->datasets; d; d = d->next) {
+		ret->space.kind[d->onestep ? SPACE_ONESTEP : SPACE_DATASETS].entries += d->onestep || d->generation;
+		for (q = d->pending; q; q = q->next)
+			ret->space.kind[SPACE_PENDING].entries++;
+	}
+	space_limit_text(&j->p.disk, ret->disk);
+	space_limit_text(&j->p.keep_free, ret->keep_free);
+}
+
+struct gc {
+	struct sched_task task;
+	struct jobs *jobs;
+	bool all;
+	uint64_t bytes, entries;
+	int r;
+	struct err err;
+	void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries);
+	void *token;
+};
+
+static void gc_run(struct sched_task *t)
+{
+	struct gc *g = (struct gc *)t;
+
+	g->r = space_sweep(g->jobs->space, &g->bytes, &g->entries, &g->err);
+	if (!g->r) {
+		uint64_t bytes, entries;
+
+		g->r = space_evict(g->jobs->space, g->all, &bytes, &entries, &g->err);
+		g->bytes += bytes;
+		g->entries += entries;
+	}
+}
+
+static void gc_done(struct sched_task *t)
+{
+	struct gc *g = (struct gc *)t;
+
+	if (!t->ran)
+		g->r = err_set(&g->err, ERR_CANCELLED, "the daemon is stopping");
+	g->jobs->background--;
+	g->freed(g->token, g->r ? &g->err : NULL, g->bytes, g->entries);
+	free(g);
+}
+
+void cache_gc(struct jobs *j, const struct job_peer *peer, bool all,
+	      void (*freed)(void *token, const struct err *why, uint64_t bytes, uint64_t entries), void *token)
+{
+	struct err err = ERR_INIT;
+	struct gc *g = NULL;
+
+	if (!cache_may(peer, "remove what is stored", &err)) {
+		g = calloc(1, sizeof *g);
+		if (!g)
+			err_set(&err, ERR_NOMEM, "no memory to look through the cache");
+	}
+	if (!g) {
+		freed(token, &err, 0, 0);
+		return;
+	}
+	g->task = (struct sched_task){.run = gc_run, .done = gc_done, .owner = {.uid = peer->uid},
+				      .priority = SCHED_NORMAL, .lengthy = true};
+	g->jobs = j;
+	g->all = all;
+	g->err = ERR_INIT;
+	g->freed = freed;
+	g->token = token;
+	j->background++;
+	sched_submit(j->p.sched, &g->task);
+}

@@ -1,0 +1,120 @@
+/* Requests about the disk: what lies there, whether it is sound, and removing what is derived. */
+#include <string.h>
+
+#include "server_priv.h"
+
+void message_side(const struct space_side *s, Acut__V1__CacheSide *ret)
+{
+	acut__v1__cache_side__init(ret);
+	ret->used = s->used;
+	ret->has_quota = s->quota != UINT64_MAX;
+	ret->quota = ret->has_quota ? s->quota : 0;
+	ret->total = s->total;
+	ret->free = s->free;
+	ret->keep_free = s->keep_free;
+}
+
+void request_cache_stat(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	Acut__V1__CacheStat out = ACUT__V1__CACHE_STAT__INIT;
+	Acut__V1__CacheKind row[SPACE_KINDS], *rows[SPACE_KINDS];
+	Acut__V1__CacheSide state, cache;
+	struct cache_stat st;
+
+	cache_stat(c->server->jobs, &st);
+	for (int k = 0; k < SPACE_KINDS; k++) {
+		acut__v1__cache_kind__init(&row[k]);
+		row[k].name = (char *)space_kind_text((enum space_kind)k);
+		row[k].bytes = st.space.kind[k].bytes;
+		row[k].entries = st.space.kind[k].entries;
+		row[k].state = space_kind_state((enum space_kind)k);
+		rows[k] = &row[k];
+	}
+	message_side(&st.space.state, &state);
+	message_side(&st.space.cache, &cache);
+	out.n_kinds = SPACE_KINDS;
+	out.kinds = rows;
+	out.state = &state;
+	out.cache = &cache;
+	out.one_file_system = st.space.one;
+	out.disk_limit = st.disk;
+	out.keep_free_limit = st.keep_free;
+	out.measured = st.space.measured;
+	out.evicted_bytes = st.space.evicted_bytes;
+	out.evicted_entries = st.space.evicted_files;
+	request_answer(q, FRAME_MESSAGE(CACHE_STAT, cache_stat, &out));
+}
+
+/* ---- verify ---- */
+
+static void verify_damage(void *token, const struct cache_damage *d)
+{
+	struct request *q = token;
+	Acut__V1__CacheDamage out = ACUT__V1__CACHE_DAMAGE__INIT;
+	struct frame_error error;
+
+	frame_error_from_err(&d->err, &error);
+	out.what = (char *)d->what;
+	out.dataset = (char *)d->dataset;
+	out.error = &error.body;
+	out.derived = d->derived;
+	out.removed = d->removed;
+	conn_send(q->conn, q->id, FRAME_MESSAGE(CACHE_DAMAGE, cache_damage, &out), -1);
+}
+
+static void verify_progress(void *token, const char *phase, uint64_t bytes, uint64_t total)
+{
+	struct request *q = token;
+	Acut__V1__Progress out = ACUT__V1__PROGRESS__INIT;
+
+	out.phase = (char *)phase;
+	out.points = bytes;
+	out.points_total = total;
+	conn_send(q->conn, q->id, FRAME_MESSAGE(PROGRESS, progress, &out), -1);
+}
+
+static void verify_over(void *token, const struct err *why, const struct cache_verified *v)
+{
+	struct request *q = token;
+	Acut__V1__CacheVerified out = ACUT__V1__CACHE_VERIFIED__INIT;
+
+	q->conn->verify = NULL;
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	out.files = v->files;
+	out.bytes = v->bytes;
+	out.damaged = v->damaged;
+	out.derived = v->derived;
+	request_answer(q, FRAME_MESSAGE(CACHE_VERIFIED, cache_verified, &out));
+}
+
+void request_cache_verify(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	static const struct cache_verify_calls calls = {verify_damage, verify_progress, verify_over};
+	struct err err = ERR_INIT;
+
+	if (cache_verify(c->server->jobs, &c->peer, &calls, q, &c->verify, &err))
+		request_refuse(q, &err);
+}
+
+/* ---- gc ---- */
+
+static void freed(void *token, const struct err *why, uint64_t bytes, uint64_t entries)
+{
+	Acut__V1__CacheFreed out = ACUT__V1__CACHE_FREED__INIT;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	out.bytes = bytes;
+	out.entries = entries;
+	request_answer(token, FRAME_MESSAGE(CACHE_FREED, cache_freed, &out));
+}
+
+void request_cache_gc(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	cache_gc(c->server->jobs, &c->peer, m->cache_gc->all, freed, q);
+}
