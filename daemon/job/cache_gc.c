@@ -27,7 +27,8 @@ void cache_stat(struct jobs *j, struct cache_stat *ret)
 	disk_count(j);
 	space_stat(j->space, &ret->space);
 	for (d = j->datasets; d; d = d->next) {
-		ret->space.kind[d->onestep ? SPACE_ONESTEP : SPACE_DATASETS].entries += d->onestep || d->generation;
+		ret->space.kind[d->onestep ? SPACE_ONESTEP : d->removed_us ? SPACE_REMOVED : SPACE_DATASETS].entries +=
+			d->onestep || d->generation;
 		for (q = d->pending; q; q = q->next)
 			ret->space.kind[SPACE_PENDING].entries++;
 	}

@@ -39,11 +39,12 @@ void disk_count(struct jobs *j)
 	const struct pending *q;
 
 	for (d = j->datasets; d; d = d->next) {
-		bytes[d->onestep ? SPACE_ONESTEP : SPACE_DATASETS] += d->bytes;
+		bytes[d->onestep ? SPACE_ONESTEP : d->removed_us ? SPACE_REMOVED : SPACE_DATASETS] += d->bytes;
 		for (q = d->pending; q; q = q->next)
 			bytes[SPACE_PENDING] += disk_points_bytes(q->points);
 	}
 	space_set(j->space, SPACE_DATASETS, bytes[SPACE_DATASETS]);
+	space_set(j->space, SPACE_REMOVED, bytes[SPACE_REMOVED]);
 	space_set(j->space, SPACE_ONESTEP, bytes[SPACE_ONESTEP]);
 	space_set(j->space, SPACE_PENDING, bytes[SPACE_PENDING]);
 }

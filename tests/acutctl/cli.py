@@ -43,7 +43,7 @@ def options_of(command):
     return set(re.findall(r"--([a-z][a-z-]*)", "\n".join(l for l in out.splitlines() if l.startswith("  "))))
 
 
-COMMANDS = ("cancel dataset datasets fetch formats geoid help info jobs mesh ping plan push rm show status submit version wait "
+COMMANDS = ("cache cancel dataset datasets fetch formats geoid help info jobs mesh ping plan push rm show status submit version wait "
             "watch").split()
 LATER = {
     "mesh": "--bbox=1,2,3,4".split(),
@@ -158,7 +158,7 @@ def later(base):
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)
-    for words in (["cache", "stat"], ["doctor"], ["help", "cache"]):
+    for words in (["doctor"], ["help", "doctor"]):
         expect(words, 2, "not in this version")
 
 
