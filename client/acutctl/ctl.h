@@ -33,7 +33,7 @@ struct ctl_args {
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
-	const char *zmin, *zmax, *crop, *every, *thin, *thin_pick;
+	const char *zmin, *zmax, *crop, *bbox, *polygon, *every, *thin, *thin_pick;
 	const char *format, *tile, *origin, *max_edge, *z_unit, *width, *color;
 	const char *generation, *priority, *replaces, *as;
 	const char *out[CTL_OUTPUTS];
@@ -152,8 +152,19 @@ void ctl_error_json(struct ctl_json *, const char *key, const struct err *);
 
 /* The request for the view that the options ask for, to be freed. Reads the file of --crop. */
 int ctl_view_text(const struct ctl_args *, char **ret, struct err *err);
+/* The area of --bbox or --polygon alone, as a fetch asks for it, to be freed; NULL: there is none. */
+int ctl_view_window(const struct ctl_args *, char **ret, struct err *err);
 /* The same, and the box of its area, x1, y1, x2, y2; *ret_cropped: it has one. */
 int ctl_view_box(const struct ctl_args *, char **ret, bool *ret_cropped, double ret_box[4], struct err *err);
+
+/* ---- ctl_window.c ---- */
+
+/* The report of a window, in memory of its own. */
+struct ctl_window {
+	struct acut_report report;
+	char digest[40], vertex_digest[40], note[200];
+};
+void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
 
 /* ---- ctl_input.c ---- */
 

@@ -1,5 +1,5 @@
 /*
- * Areas of --crop (ctl_area.h): reading the file, and writing its polygons as a view has them: every corner as
+ * Areas of --crop and --polygon (ctl_area.h): reading the file, and writing its polygons as a view has them: every corner as
  * whole numbers of one power of ten, as a step from the corner before. Nothing is rounded here: the daemon
  * rounds to the lattice of the dataset.
  */
@@ -74,7 +74,7 @@ static int read_text(const char *file, char **ret, size_t *ret_size, struct err 
 		err_sys(err, errno, "the area cannot be read");
 		if (fd >= 0)
 			close(fd);
-		return err_add_hint(err, "--crop takes X1,Y1,X2,Y2 or a file of GeoJSON or WKT");
+		return err_add_hint(err, "an area is X1,Y1,X2,Y2 or a file of GeoJSON or WKT");
 	}
 	if (!S_ISREG(st.st_mode) || st.st_size > FILE_MOST) {
 		close(fd);
@@ -114,7 +114,7 @@ int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err)
 		r = ctl_area_wkt(text, size, &a, err);
 	if (!r && !a.ncorner) {
 		r = err_set(err, ERR_INPUT, "there is no polygon in it");
-		err_add_hint(err, "--crop takes polygons and multipolygons");
+		err_add_hint(err, "an area is made of polygons and multipolygons");
 	}
 	free(text);
 out:

@@ -1,5 +1,5 @@
 /*
- * The area of --crop as it is read from a file: polygons with holes, every number as the exact decimal that was
+ * The area of --crop or --polygon as it is read from a file: polygons with holes, every number as the exact decimal that was
  * written. The areas of a file, all of its polygons together, go into the view that is asked for.
  */
 #ifndef CTL_AREA_H

@@ -171,7 +171,7 @@ static int thing(struct reader *r, struct json_object *o, size_t index)
 		return feature(r, o);
 	err_set(r->err, ERR_INPUT, "a %.40s is no area", name);
 	err_add_place(r->err, ERR_NO_OFFSET, *r->path ? r->path : NULL);
-	return err_add_hint(r->err, "--crop takes polygons and multipolygons");
+	return err_add_hint(r->err, "an area is made of polygons and multipolygons");
 }
 
 static int parse(const char *text, size_t size, struct json_object **ret, struct err *err)

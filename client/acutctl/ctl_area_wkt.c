@@ -165,7 +165,7 @@ static int geometry(struct wkt *w)
 		}
 	}
 	bad(w, "POLYGON or MULTIPOLYGON");
-	return err_add_hint(w->err, "--crop takes X1,Y1,X2,Y2 or polygons as GeoJSON or WKT, in the coordinates of the "
+	return err_add_hint(w->err, "an area is X1,Y1,X2,Y2 or polygons as GeoJSON or WKT, in the coordinates of the "
 				    "dataset");
 }
 

@@ -1,4 +1,5 @@
 /* fetch: the triangles of a job, made or being made, into files. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "ctl.h"
@@ -8,6 +9,7 @@ int ctl_fetch_run(struct ctl *ctl)
 	struct format_run *run = NULL;
 	const struct acut_job *job;
 	struct err err = ERR_INIT;
+	char *window = NULL;
 	uint64_t id;
 	int r = ctl_job_id(ctl->args.word[0], &id, &err), status;
 
@@ -17,7 +19,12 @@ int ctl_fetch_run(struct ctl *ctl)
 		ctl_output_open(ctl, &run, &err);
 		return ctl_error(ctl, &err);
 	}
+	if (ctl_view_window(&ctl->args, &window, &err))
+		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
+	if (!status && acut_fetch_window(ctl->acut, window))
+		status = ctl_error_acut(ctl);
+	free(window);
 	if (status)
 		return status;
 	if (acut_job_wait(ctl->acut, id, false, NULL, NULL, &job))

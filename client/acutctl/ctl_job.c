@@ -86,7 +86,7 @@ static void no_report(struct ctl_json *j)
 					  "digest",        "vertex_digest", "removed",
 					  "seconds",       "stage_seconds", "first_triangle_seconds",
 					  "peak_rss_bytes", "halo", "points_read", "cells_read", "seal_seconds",
-					  "plan_seconds", "domains_seconds", "domains_reused"};
+					  "plan_seconds", "domains_seconds", "domains_reused", "pieces"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		ctl_json_text(j, key[i], NULL);
@@ -100,10 +100,32 @@ char *ctl_job_domains(const struct acut_report *p, char *buf, size_t size)
 		snprintf(buf, size, "%s of %s domains made", ctl_job_count(p->domains - p->domains_reused, made),
 			 ctl_job_count(p->domains, all));
 	else
-		snprintf(buf, size, "%s domain%s", ctl_job_count(p->domains, all), p->domains == 1 ? "" : "s");
+		snprintf(buf, size, "%s %s%s", ctl_job_count(p->domains, all), p->window ? "piece" : "domain",
+			 p->domains == 1 ? "" : "s");
 	return buf;
 }
 
+static void put_unless(struct ctl_json *j, bool unknown, const char *key, uint64_t n)
+{
+	if (unknown)
+		ctl_json_text(j, key, NULL);
+	else
+		ctl_json_u64(j, key, n);
+}
+
+static void put_removed(struct ctl_json *j, const struct acut_report *p)
+{
+	if (p->window) {
+		ctl_json_text(j, "removed", NULL);
+		return;
+	}
+	ctl_json_open(j, "removed", '{');
+	for (size_t i = 0; i < p->nremoved; i++)
+		ctl_json_u64(j, p->removed[i].rule, p->removed[i].count);
+	ctl_json_close(j, '}');
+}
+
+/* Of a window what is of a whole mesh is not known. */
 void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 {
 	if (!p) {
@@ -111,17 +133,14 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 		return;
 	}
 	ctl_json_u64(j, "points", p->points);
-	ctl_json_u64(j, "used", p->used);
+	put_unless(j, p->window, "used", p->used);
 	ctl_json_u64(j, "vertices", p->vertices);
 	ctl_json_u64(j, "triangles", p->triangles);
-	ctl_json_u64(j, "hull", p->hull);
-	ctl_json_u64(j, "domains", p->domains);
+	put_unless(j, p->window, "hull", p->hull);
+	put_unless(j, p->window, "domains", p->domains);
 	ctl_json_known(j, "digest", p->digest);
 	ctl_json_known(j, "vertex_digest", p->vertex_digest);
-	ctl_json_open(j, "removed", '{');
-	for (size_t i = 0; i < p->nremoved; i++)
-		ctl_json_u64(j, p->removed[i].rule, p->removed[i].count);
-	ctl_json_close(j, '}');
+	put_removed(j, p);
 	ctl_json_number(j, "seconds", p->seconds);
 	ctl_json_number(j, "stage_seconds", p->stage_seconds);
 	if (p->triangles)
@@ -129,13 +148,14 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 	else
 		ctl_json_text(j, "first_triangle_seconds", NULL);
 	ctl_json_u64(j, "peak_rss_bytes", p->peak_rss_bytes);
-	ctl_json_u64(j, "halo", p->halo);
+	put_unless(j, p->window, "halo", p->halo);
 	ctl_json_u64(j, "points_read", p->points_read);
 	ctl_json_u64(j, "cells_read", p->cells_read);
 	ctl_json_number(j, "seal_seconds", p->seal_seconds);
 	ctl_json_number(j, "plan_seconds", p->plan_seconds);
 	ctl_json_number(j, "domains_seconds", p->domains_seconds);
-	ctl_json_u64(j, "domains_reused", p->domains_reused);
+	put_unless(j, p->window, "domains_reused", p->domains_reused);
+	put_unless(j, !p->window, "pieces", p->domains);
 }
 
 void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)

@@ -360,8 +360,11 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 				 out->tiles == 1 ? "" : "s", ctl->args.out[i]);
 		else if (strcmp(ctl->args.out[i], "-"))
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
-	ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
-		 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
+	if (p->window)
+		ctl_note(ctl, "%s points read: %s vertices", ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
+	else
+		ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
+			 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
 	inputs_text(ctl, staged);
 	if (moved)
 		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a),
@@ -410,6 +413,8 @@ struct feed {
 	struct ctl_progress progress;
 	struct ctl *ctl;
 	struct err err; /* of saving */
+	bool part;      /* of a job's mesh only a window is fetched */
+	struct ctl_window window;
 };
 
 static int feed_head(void *ctx, const struct acut_mesh_head *head)
@@ -445,6 +450,8 @@ static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct feed *f = ctx;
 
+	if (f->part)
+		ctl_window_tail(&f->window, tail);
 	return f->sink.tail(f->sink.ctx, tail);
 }
 
@@ -493,15 +500,23 @@ int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const
 	struct feed feed = { .sink = format_run_sink(run), .run = run, .ctl = ctl, .err = ERR_INIT };
 	const struct acut_mesh_sink sink = { feed_head, feed_block, feed_tail, feed_progress, &feed };
 	const struct acut_job *job;
+	struct acut_job part;
 	const void *kept;
 	size_t size = 0;
 	int r;
 
+	feed.part = !staged && (ctl->args.bbox || ctl->args.polygon);
 	ctl_progress_init(&feed.progress, ctl);
 	kept = format_run_kept(run, &size);
 	r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
-	if (r || acut_job_wait(ctl->acut, id, true, NULL, NULL, &job))
+	/* A window need not wait for the job. */
+	if (r || acut_job_wait(ctl->acut, id, !feed.part, NULL, NULL, &job))
 		return feed_failed(&feed, id);
+	if (feed.part) {
+		part = *job;
+		part.report = feed.window.report;
+		return publish(ctl, &part, run, staged);
+	}
 	if (!job->has_report)
 		return ctl_job_status(ctl, job);
 	return publish(ctl, job, run, staged);

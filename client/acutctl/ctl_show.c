@@ -3,11 +3,28 @@
 
 #include "ctl.h"
 
+static void show_mesh(FILE *out, const struct acut_report *p)
+{
+	char a[32], b[32], c[32];
+
+	if (p->window) {
+		fprintf(out, "read        %s points of %s cells\nwindow      %s vertices, %s triangles\n",
+			ctl_job_count(p->points_read, a), ctl_job_count(p->cells_read, b), ctl_job_count(p->vertices, c),
+			ctl_job_count(p->triangles, (char[32]){ 0 }));
+		return;
+	}
+	fprintf(out, "points      %s, used %s\n", ctl_job_count(p->points, a), ctl_job_count(p->used, b));
+	for (size_t i = 0; i < p->nremoved; i++)
+		fprintf(out, "left out    %s by %s\n", ctl_job_count(p->removed[i].count, a), p->removed[i].rule);
+	fprintf(out, "mesh        %s vertices, %s triangles, %s on the hull\n", ctl_job_count(p->vertices, a),
+		ctl_job_count(p->triangles, b), ctl_job_count(p->hull, c));
+}
+
 static void show_text(struct ctl *ctl, const struct acut_job *job)
 {
 	const struct acut_report *p = &job->report;
 	FILE *out = ctl->report;
-	char a[32], b[32], c[32], shown[96];
+	char a[32], b[32], shown[96];
 
 	fprintf(out,
 		"job         %" PRIu64 "\nstate       %s\ndataset     %s, generation %" PRIu64
@@ -19,21 +36,14 @@ static void show_text(struct ctl *ctl, const struct acut_job *job)
 	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", job->lattice, job->crs,
 		job->unit_xy, job->unit_z);
 	if (job->has_report) {
-		fprintf(out, "points      %s, used %s\n", ctl_job_count(p->points, a),
-			ctl_job_count(p->used, b));
-		for (size_t i = 0; i < p->nremoved; i++)
-			fprintf(out, "left out    %s by %s\n", ctl_job_count(p->removed[i].count, a),
-				p->removed[i].rule);
-		fprintf(out, "mesh        %s vertices, %s triangles, %s on the hull\n",
-			ctl_job_count(p->vertices, a), ctl_job_count(p->triangles, b),
-			ctl_job_count(p->hull, c));
+		show_mesh(out, p);
 		if (p->domains_reused && p->domains_reused <= p->domains)
 			snprintf(shown, sizeof shown, "%s of %s made", ctl_job_count(p->domains - p->domains_reused, a),
 				 ctl_job_count(p->domains, b));
 		else
 			ctl_job_count(p->domains, shown);
-		fprintf(out, "domains     %s\nseconds     %.3f\ndigest      %s\n            %s\n",
-			shown, p->seconds, p->digest, p->vertex_digest);
+		fprintf(out, "%s     %s\nseconds     %.3f\ndigest      %s\n            %s\n",
+			p->window ? "pieces " : "domains", shown, p->seconds, p->digest, p->vertex_digest);
 	} else if (!job->final) {
 		fprintf(out, "progress    %s, %" PRIu64 " of %" PRIu64 " domains\n", job->progress.phase,
 			job->progress.domains, job->progress.domains_total);

@@ -175,33 +175,82 @@ static void bounds(struct decimal (*corner)[2], size_t n, double ret[4])
 		}
 }
 
-static int put_crop(const char *crop, FILE *out, double ret_box[4], struct err *err)
+static int put_box(const char *option, const char *text, const struct decimal d[4], FILE *out, double ret_box[4],
+		   struct err *err)
+{
+	for (int i = 0; i < 4; i++)
+		ret_box[i] = decimal_double(d[i]);
+	fprintf(out, "box:%s", text);
+	if (decimal_compare(d[0], d[2]) <= 0 && decimal_compare(d[1], d[3]) <= 0)
+		return 0;
+	err_set(err, ERR_USAGE, "the box of --%s is empty: \"%s\"", option, text);
+	return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
+}
+
+static int put_file(const char *file, FILE *out, double ret_box[4], struct err *err)
 {
 	struct ctl_area area;
-	struct decimal d[4];
-	int r;
+	int r = ctl_area_read(file, &area, err);
 
-	if (box_of(crop, d)) {
-		for (int i = 0; i < 4; i++)
-			ret_box[i] = decimal_double(d[i]);
-		fprintf(out, " crop=box:%s", crop);
-		if (decimal_compare(d[0], d[2]) <= 0 && decimal_compare(d[1], d[3]) <= 0)
-			return 0;
-		err_set(err, ERR_USAGE, "the box of --crop is empty: \"%s\"", crop);
-		return err_add_hint(err, "give X1,Y1,X2,Y2: the smallest x and y, then the largest");
-	}
+	if (r)
+		return r;
+	r = ctl_area_print(&area, out, err);
+	bounds(area.corner, area.ncorner, ret_box);
+	ctl_area_done(&area);
+	return r ? err_add_file(err, file) : 0;
+}
+
+static int put_crop(const char *crop, FILE *out, double ret_box[4], struct err *err)
+{
+	struct decimal d[4];
+
+	fputs(" crop=", out);
+	if (box_of(crop, d))
+		return put_box("crop", crop, d, out, ret_box, err);
 	if (!strcmp(crop, "") || (strspn(crop, "+-.,0123456789eE ") == strlen(crop) && strchr(crop, ','))) {
 		err_set(err, ERR_USAGE, "--crop is not X1,Y1,X2,Y2: \"%s\"", crop);
 		return err_add_hint(err, "give four decimals, or a file of GeoJSON or WKT");
 	}
-	r = ctl_area_read(crop, &area, err);
+	return put_file(crop, out, ret_box, err);
+}
+
+/* There is one. */
+static int put_window(const struct ctl_args *a, FILE *out, struct err *err)
+{
+	struct decimal d[4];
+	double box[4];
+
+	if (a->bbox && a->polygon)
+		return err_set(err, ERR_USAGE, "--bbox and --polygon are two areas, and one can be asked for");
+	if (a->polygon)
+		return put_file(a->polygon, out, box, err);
+	if (box_of(a->bbox, d))
+		return put_box("bbox", a->bbox, d, out, box, err);
+	err_set(err, ERR_USAGE, "--bbox is not X1,Y1,X2,Y2: \"%s\"", a->bbox);
+	return err_add_hint(err, "give four decimals; --polygon takes a file of GeoJSON or WKT");
+}
+
+int ctl_view_window(const struct ctl_args *a, char **ret, struct err *err)
+{
+	char *text = NULL;
+	size_t size = 0;
+	FILE *out;
+	int r;
+
+	*ret = NULL;
+	if (!a->bbox && !a->polygon)
+		return 0;
+	out = open_memstream(&text, &size);
+	if (!out)
+		return err_set(err, ERR_NOMEM, "no memory for an area");
+	r = put_window(a, out, err);
+	if (fclose(out) && !r)
+		r = err_set(err, ERR_NOMEM, "no memory for an area");
 	if (r)
-		return r;
-	fputs(" crop=", out);
-	r = ctl_area_print(&area, out, err);
-	bounds(area.corner, area.ncorner, ret_box);
-	ctl_area_done(&area);
-	return r ? err_add_file(err, crop) : 0;
+		free(text);
+	else
+		*ret = text;
+	return r;
 }
 
 static void put_words(const struct ctl_args *a, FILE *out)
@@ -256,6 +305,10 @@ int ctl_view_box(const struct ctl_args *a, char **ret, bool *ret_cropped, double
 	*ret_cropped = a->crop;
 	if (a->crop)
 		r = put_crop(a->crop, out, ret_box, err);
+	if (!r && (a->bbox || a->polygon)) {
+		fputs(" window=", out);
+		r = put_window(a, out, err);
+	}
 	if (fclose(out) && !r)
 		r = err_set(err, ERR_NOMEM, "no memory for a view");
 	if (!r && size > AREA_TEXT_MAX)

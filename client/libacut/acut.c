@@ -151,6 +151,7 @@ struct acut *acut_close(struct acut *a)
 	while (a->pushes)
 		acut_push_leave(a->pushes);
 	fetch_free(a->fetch);
+	free(a->area);
 	frame_message_free(a->answer);
 	free(a->rows);
 	frame_conn_free(a->conn);

@@ -306,6 +306,7 @@ struct acut_report {
 	uint64_t domains_reused; /* of `domains`: found finished, not made by this job */
 	uint64_t points_read, cells_read; /* records, from the cache; cells, for halos */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
+	bool window; /* of some triangles of a mesh: used, hull, halo and removed mean nothing; points were read for it */
 	const char *note; /* "" or a sentence that whoever reads the mesh should know */
 };
 struct acut_job {
@@ -449,6 +450,9 @@ struct acut_mesh_sink {
  * stream that ends without its tail, or with an error in it, is an error. What the sink gets is valid
  * during the callback; until the tail came, it is not yet known to be whole. */
 int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
+/* From now on fetches are of those triangles only that meet this area ("box:X1,Y1,X2,Y2" or "area@E:RINGS",
+ * PROTOCOL.md), of jobs that run too; the tail is then of these. NULL: of all again. Copied; ACUT_E_NOMEM. */
+int acut_fetch_window(struct acut *, const char *area);
 /* What it takes to go on with a fetch later, on this connection or another one: bytes of a size that grows with the
  * vertices that are not final yet. Inside of the sink's `block` it is as of that block, which the callback must then
  * take; after a failed fetch, until the next call, as of the last block that was taken (ACUT_E_USAGE where there is

@@ -47,6 +47,7 @@ struct acut {
 	acut_progress_fn progress; /* of the call that waits; may be NULL */
 	void *progress_ctx;
 
+	char *area;          /* of fetches; NULL: all */
 	struct fetch *fetch; /* the one that runs, or the last one until the next call; NULL: none */
 
 	Acut__V1__Message *answer; /* what the results below point into */

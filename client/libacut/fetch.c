@@ -390,6 +390,7 @@ static int fetch(struct fetch *f)
 	int fd = -1, r;
 
 	question.job = f->job;
+	question.area = call_text(f->acut->area);
 	if (f->continued) {
 		question.from_block = f->from.blocks;
 		question.stream_id = digest_hex(f->id, id);
@@ -411,6 +412,17 @@ static int fetch(struct fetch *f)
 		close(f->fd);
 	f->fd = -1;
 	return r;
+}
+
+int acut_fetch_window(struct acut *a, const char *area)
+{
+	char *copy = area ? strdup(area) : NULL;
+
+	if (area && !copy)
+		return err_set(&a->err, ERR_NOMEM, "there is no memory for an area");
+	free(a->area);
+	a->area = copy;
+	return 0;
 }
 
 int acut_fetch(struct acut *a, uint64_t job, const struct acut_mesh_sink *sink)

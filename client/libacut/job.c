@@ -49,6 +49,7 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	    .digest = p->digest,
 	    .vertex_digest = p->vertex_digest,
 	    .note = p->note,
+	    .window = p->window,
 	    .removed = rows,
 	    .nremoved = p->n_removed,
 	    .seconds = p->seconds,

@@ -35,14 +35,14 @@ int house_take_job(struct jobs *j, uint64_t bytes, struct err *err)
 	return 0;
 }
 
-uint64_t house_view_bytes(const char *text, bool area)
+uint64_t house_view_bytes(const char *text, unsigned areas)
 {
 	/* Two copies of the text; of an area a corner for each four bytes at most: itself (with what a growing array
 	 * has in hand), its edge, its place in lists of edges, and 40 KiB of cells and strips (view_area.c). */
 	const uint64_t corner = 32 + 40 + 16, fixed = 40 << 10;
 	uint64_t n = strlen(text) + 1;
 
-	return 2 * n + (area ? n / 4 * corner + fixed : 0);
+	return 2 * n + (areas ? n / 4 * corner + areas * fixed : 0);
 }
 
 struct pending *pending_new(struct jobs *j, struct err *err)

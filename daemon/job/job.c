@@ -288,11 +288,13 @@ static void make_report(struct job *job)
 	uint64_t first = walk_first_ns(job->walk);
 	const struct view *view = walk_view(job->walk);
 
-	if (view->ground && !totals->counts.used && totals->counts.points) {
+	if (view->ground && !view->window && !totals->counts.used && totals->counts.points) {
 		no_ground(job, &totals->counts);
 		return;
 	}
 	report_make(totals, &job->report);
+	if (view->window)
+		report_window(&job->report);
 	job->report.points_read += walk_plan(job->walk)->points_read;
 	job->report.cells_read += walk_plan(job->walk)->cells_read;
 	job->report.domains_reused = walk_reused(job->walk);

@@ -308,6 +308,7 @@ struct job_report {
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
 	uint64_t points_read, cells_read; /* records, by the plan and by domains; cells, for halos */
+	uint64_t window; /* 1: of a view with one; what is of a whole mesh means nothing */
 	double worked_seconds; /* in which a worker or the disk was at it */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	uint64_t peak_rss;
@@ -359,6 +360,7 @@ struct job_stream_head {
 	const struct grid_manifest *manifest;
 	const char *view;
 	struct digest id; /* generation, view, plan, kernel version */
+	bool window;      /* the triangles of the view's window, not the whole mesh */
 	int32_t box[6];   /* holds all vertices; heights are not known yet: all of int32 */
 };
 struct job_output;
@@ -383,10 +385,13 @@ struct job_output {
 	struct job_fetch *fetch;
 	bool spooled; /* set by spool: the block's memory is not needed any more; encode takes it back */
 	/* Set before job_fetch: go on at this block, of the stream `want`. What cannot be is -ERR_GONE. */
+	char *window; /* a view of job_window: the triangles of its window; NULL: those of the job. Freed by job/ */
 	uint64_t from;
 	bool wants;
 	struct digest want;
 };
+/* The view of the job with a window, to be freed: `area` as PROTOCOL.md has it. */
+int job_window(const struct job *, const char *area, char **ret, struct err *err);
 enum { JOB_OUTPUT_BUFFER = 64 << 10 }; /* what refill may hold; charged by job/ */
 /* Streams the mesh of `job` into `output`: a bound one that has just begun as it is made; one that runs as far as
  * it is stored, and on as it gets there; else when the job has begun or is done. */

@@ -24,6 +24,9 @@ static void fetch_free(struct job_fetch *f)
 	*at = f->next;
 	place_leave(f->job->jobs, &f->place);
 	walk_free(f->walk);
+	if (f->window)
+		house_give(f->job->jobs, strlen(f->window) + 1);
+	free(f->window);
 	free(f);
 }
 
@@ -46,9 +49,10 @@ static void fetch_unread(void *ctx, const struct err *why)
 /* Domains that the job has emitted are in the store. */
 static size_t fetch_reach(void *ctx)
 {
-	const struct job *job = ((struct job_fetch *)ctx)->job;
+	const struct job_fetch *f = ctx;
+	const struct job *job = f->job;
 
-	if (job->state == JOB_done)
+	if (job->state == JOB_done || f->window)
 		return SIZE_MAX;
 	return job->walk && !job_state_final(job->state) ? walk_emitted(job->walk) : 0;
 }
@@ -58,7 +62,7 @@ static const struct walk_calls calls = {.unread = fetch_unread, .ended = fetch_e
 /* From the start. */
 static bool fresh(const struct job_output *output)
 {
-	return !output->from && !output->wants;
+	return !output->from && !output->wants && !output->window;
 }
 
 static void begin(struct job_fetch *f);
@@ -78,6 +82,7 @@ static void granted(struct place *place)
 
 void job_fetch(struct job *job, struct job_output *output)
 {
+	char *window = output->window;
 	struct job_fetch *f, **at;
 	struct err err = ERR_INIT;
 
@@ -90,13 +95,20 @@ void job_fetch(struct job *job, struct job_output *output)
 	if (job->bound && fresh(output) && job->walk && !job->walk_ended && walk_attach(job->walk, output))
 		return;
 	f = calloc(1, sizeof *f);
-	if (!f) {
+	output->window = NULL;
+	if (!f)
 		err_set(&err, ERR_NOMEM, "no memory for a stream");
+	else if (window)
+		house_take(job->jobs, strlen(window) + 1, "the area of a stream", &err);
+	if (err.code) {
+		free(window);
+		free(f);
 		output->calls->end(output, &err, NULL, NULL);
 		return;
 	}
 	f->job = job;
 	f->output = output;
+	f->window = window;
 	f->why = ERR_INIT;
 	f->begun_ns = clock_mono_ns();
 	f->place.owner = job->place.owner;
@@ -113,7 +125,7 @@ void job_fetch_attach(struct job *job)
 {
 	struct job_fetch *f = job->fetches;
 
-	if (!job->bound || !f || !f->output || !fresh(f->output) || !walk_attach(job->walk, f->output))
+	if (!job->bound || !f || !f->output || f->window || !fresh(f->output) || !walk_attach(job->walk, f->output))
 		return;
 	f->output->fetch = NULL;
 	fetch_free(f);
@@ -128,10 +140,18 @@ void job_fetch_forget(struct job_output *output)
 
 static void end(struct job_fetch *f, struct job_output *output, const struct err *why)
 {
+	struct job_report report;
+
 	if (output) {
 		output->fetch = NULL;
+		if (f->window && f->walk && !why) {
+			report_make(walk_totals(f->walk), &report);
+			report_window(&report);
+			report.points_read += walk_plan(f->walk)->points_read;
+			report.seconds = clock_since(f->begun_ns);
+		}
 		output->calls->end(output, why, f->walk && !why ? walk_totals(f->walk) : NULL,
-				   why ? NULL : &f->job->report);
+				   why ? NULL : f->window ? &report : &f->job->report);
 	}
 	fetch_free(f);
 }
@@ -143,13 +163,13 @@ static void begin(struct job_fetch *f)
 		.jobs = job->jobs,
 		.dataset = job->dataset,
 		.generation = job->generation,
-		.view_text = job->view,
-		.keep = !job->bound,
+		.view_text = f->window ? f->window : job->view,
+		.keep = !job->bound && !f->window,
 		.lazy = true,
 		.client = true,
 		.owner = f->place.owner,
 		.place = &f->place,
-		.plan = job->plan,
+		.plan = f->window ? NULL : job->plan,
 		.calls = &calls,
 		.ctx = f,
 	};
@@ -199,9 +219,9 @@ static void finish(struct job_fetch *f)
 	struct job_output *output = walk_detach(f->walk);
 	char hex[DIGEST_HEX_SIZE];
 
-	if (!f->why.code && f->job->state != JOB_done)
+	if (!f->why.code && f->job->state != JOB_done && !f->window)
 		f->why = f->job->err;
-	if (!f->why.code && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
+	if (!f->why.code && !f->window && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
 		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex,
 			f->job->report.digest);
 	end(f, output, f->why.code ? &f->why : NULL);
@@ -226,13 +246,13 @@ void job_fetch_settle(struct job *job)
 		if (f->walk && !f->walk_ended)
 			walk_settle(f->walk);
 		/* Whole, but the job has not said so yet. */
-		if (f->walk && f->walk_ended && !f->why.code && !job_state_final(job->state))
+		if (f->walk && f->walk_ended && !f->why.code && !job_state_final(job->state) && !f->window)
 			continue;
 		if (f->walk && f->walk_ended)
 			finish(f);
 		else if (!f->walk && !f->output)
 			fetch_free(f);
-		else if (!f->walk && can_begin(job))
+		else if (!f->walk && (can_begin(job) || f->window)) /* a window needs nothing that the job makes */
 			begin(f);
 	}
 }

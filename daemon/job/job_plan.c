@@ -56,19 +56,25 @@ static void plan_answer(struct job_asked_plan *p)
 {
 	const struct cut_plan *plan = walk_plan(p->walk);
 	const struct pipe_budget *budget = walk_budget(p->walk);
+	bool window = walk_view(p->walk)->window;
+	uint64_t points = walk_grid_points(p->walk);
+	size_t i;
+
+	/* A window is made of the points of its pieces, and of it nothing is stored. */
+	for (i = 0, points = window ? 0 : points; window && i < plan->n; i++)
+		points += plan->leaf[i].count;
 	struct job_plan out = {
-		.points = walk_grid_points(p->walk),
+		.points = points,
 		.domains = plan->n,
 		.domains_reused = walk_reused(p->walk),
 		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
 				p->jobs->emitter_share + p->jobs->index_share,
-		.disk_bytes = walk_grid_points(p->walk) * STORED_BYTES,
+		.disk_bytes = window ? 0 : points * STORED_BYTES,
 		.exact = true,
 		.load = budget->load,
 		.threads = budget->threads,
-		.seconds = pace(p->jobs) * (double)walk_grid_points(p->walk),
+		.seconds = pace(p->jobs) * (double)points,
 	};
-	size_t i;
 
 	if (plan->n)
 		out.seconds *= 1 - (double)out.domains_reused / (double)plan->n;

@@ -114,6 +114,7 @@ struct job_fetch {
 	struct walk *walk;
 	bool walk_ended;
 	struct err why;
+	char *window; /* the view, of a window of the job's mesh; else NULL */
 	uint64_t begun_ns;
 };
 
@@ -179,7 +180,7 @@ int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err)
 void house_give(struct jobs *, uint64_t bytes);
 /* Old jobs that are over give way to new ones. */
 int house_take_job(struct jobs *, uint64_t bytes, struct err *err);
-uint64_t house_view_bytes(const char *text, bool area); /* what a view of that text takes where points are judged by it */
+uint64_t house_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
 
@@ -277,6 +278,7 @@ void job_waiting(const struct job *, struct job_info *ret); /* its fields about 
 char *report_text(const struct job_report *, char *buf, size_t size);
 bool report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
+void report_window(struct job_report *); /* made so, but it is that of a window */
 
 /* jobs.c, admit.c */
 struct dataset *dataset_loaded(struct jobs *, uint64_t id); /* at the start; NULL: there is none */

@@ -54,7 +54,7 @@ static int check_partial(const struct dataset *d, const struct lattice *l, const
 	return err_add_hint(err, "push them into a named dataset: it takes them whole and serves any view");
 }
 
-int job_view(const char *text, const struct dataset *d, char **ret, struct err *err)
+static int view_of(const char *text, const char *window, const struct dataset *d, char **ret, struct err *err)
 {
 	struct lattice lattice;
 	struct view view;
@@ -62,7 +62,7 @@ int job_view(const char *text, const struct dataset *d, char **ret, struct err *
 
 	if (!lattice_parse(d->lattice, &lattice))
 		return err_set(err, ERR_INTERNAL, "the lattice of the dataset %s cannot be read", d->name);
-	r = view_resolve(text, &lattice, d->unit_xy, &view, err);
+	r = view_resolve_window(text, window, &lattice, d->unit_xy, &view, err);
 	if (r)
 		return r;
 	r = check_partial(d, &lattice, &view, err);
@@ -71,6 +71,20 @@ int job_view(const char *text, const struct dataset *d, char **ret, struct err *
 	if (r)
 		return r;
 	return *ret ? 0 : err_set(err, ERR_NOMEM, "no memory for a view");
+}
+
+int job_view(const char *text, const struct dataset *d, char **ret, struct err *err)
+{
+	return view_of(text, "", d, ret, err);
+}
+
+int job_window(const struct job *job, const char *area, char **ret, struct err *err)
+{
+	if (!job->dataset)
+		return err_set(err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
+	if (strstr(job->view, " window="))
+		return err_set(err, ERR_USAGE, "the mesh of job %llu is that of a window already", (unsigned long long)job->id);
+	return view_of(job->view, area, job->dataset, ret, err);
 }
 
 /* The same generation and view: the same job, unless it came to nothing. */

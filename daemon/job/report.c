@@ -31,7 +31,7 @@ static const struct {
 	FIELD(seal_seconds, SECONDS),  FIELD(plan_seconds, SECONDS),
 	FIELD(domains_seconds, SECONDS), FIELD(worked_seconds, SECONDS),
 	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
-	FIELD(domains_reused, NUMBER),
+	FIELD(domains_reused, NUMBER),  FIELD(window, NUMBER),
 #undef FIELD
 };
 
@@ -102,6 +102,15 @@ bool report_parse(const char *text, struct job_report *ret)
 	}
 	free(copy);
 	return true;
+}
+
+void report_window(struct job_report *r)
+{
+	r->window = 1;
+	*r->note = 0;
+	if (!r->triangles)
+		snprintf(r->note, sizeof r->note,
+			 "no triangle of the mesh meets the area (is it in the dataset's coordinates?)");
 }
 
 void report_make(const struct pipe_totals *t, struct job_report *ret)

@@ -47,7 +47,7 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 		return r;
 	}
 	/* With the domains that it has in its window. */
-	w->charged = sizeof *w + house_view_bytes(p->view_text, w->view.area != NULL) +
+	w->charged = sizeof *w + house_view_bytes(p->view_text, (w->view.area != NULL) + (w->view.window_area != NULL)) +
 		     (p->jobs->p.threads + 4) * sizeof(struct walk_domain);
 	r = house_take(p->jobs, w->charged, "the view of a job", err);
 	if (r) {
@@ -144,6 +144,8 @@ static void open_run(struct sched_task *t)
 	count_classes(w);
 	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter,
 				&w->err);
+	if (!w->r && w->view.window)
+		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = walk_plan_read(w, &w->err);
 	if (!w->r && view_selects(&w->view))

@@ -193,7 +193,7 @@ static void make_run(struct sched_task *t)
 	}
 	d->r = 0;
 	d->made = false;
-	if (load(d)) {
+	if (!w->rest.window && load(d)) {
 		tell(d);
 		return;
 	}
@@ -203,7 +203,8 @@ static void make_run(struct sched_task *t)
 	if (d->r)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);
-	if (w->keep && !atomic_load(&t->cancel))
+	d->unstorable = w->rest.window;
+	if (!d->unstorable && w->keep && !atomic_load(&t->cancel))
 		keep(d);
 	if (d->stored)
 		tell(d);
@@ -283,7 +284,7 @@ static void split_run(struct sched_task *t)
 	}
 	d->r = grid_reader_new(w->grid, memory, size, &reader, &d->err);
 	if (!d->r)
-		d->r = cut_plan_split(&w->plan, d->index, reader, d->need, w->budget.cap, &d->err);
+		d->r = pipe_plan_split(&w->plan, d->index, reader, &w->rest, d->need, w->budget.cap, &d->err);
 	/* Before a half of it is made, for good. */
 	if (!d->r && w->file)
 		d->r = plan_file_split(w->file, &d->region, &w->plan.leaf[d->index], &d->err);

@@ -60,6 +60,7 @@ static struct digest stream_id(const struct walk *w)
 	digest_add(&id, digest_hash(&w->generation, sizeof w->generation));
 	digest_add(&id, digest_hash(&key, sizeof key));
 	digest_add(&id, digest_hash(&w->kept.base, sizeof w->kept.base));
+	walk_area_id(w, &id);
 	return digest_hash(&id, sizeof id);
 }
 
@@ -118,6 +119,7 @@ void walk_output_head(struct walk *w)
 		return;
 	w->output_head = true;
 	w->head_id = head.id;
+	head.window = w->view.window;
 	head.manifest = grid_manifest(w->grid);
 	if (grid_box(w->grid, box)) {
 		head.box[0] = box[0];

@@ -159,6 +159,9 @@ void walk_plan_start(struct walk *);
 void walk_plan_follow(struct walk *); /* what the walk that it follows has split */
 size_t walk_reach(const struct walk *); /* domains before this one may be started now */
 
+/* walk_area.c */
+void walk_area_id(const struct walk *, struct digest *id); /* what else the blocks of a window depend on */
+
 /* walk_domain.c */
 /* NULL: no memory, the walk fails. */
 struct walk_domain *walk_domain_start(struct walk *, size_t index, enum sched_priority);

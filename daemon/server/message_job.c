@@ -32,6 +32,7 @@ static void report_message(const struct job_report *r, struct message_job *m)
 	m->report.domains_seconds = r->domains_seconds;
 	m->report.peak_rss_bytes = r->peak_rss;
 	m->report.note = (char *)r->note;
+	m->report.window = r->window;
 	for (i = VIEW_KEPT + 1; i < VIEW_RULES; i++) {
 		Acut__V1__Removed *removed = &m->removed[m->report.n_removed];
 

@@ -83,22 +83,23 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	struct err err = ERR_INIT;
 	struct stream_out *out;
 	struct digest want;
+	char *window = NULL;
 	int end = -1;
 
 	if (!job)
 		return;
+	if (*m->fetch->area && job_window(job, m->fetch->area, &window, &err)) {
+		request_refuse(q, &err);
+		return;
+	}
 	if (*m->fetch->stream_id && !digest_parse(m->fetch->stream_id, &want)) {
 		err_set(&err, ERR_USAGE, "\"%.40s\" is no stream id", m->fetch->stream_id);
-		request_refuse(q, &err);
-		return;
-	}
-	if (m->fetch->from_block && !*m->fetch->stream_id) {
+	} else if (m->fetch->from_block && !*m->fetch->stream_id) {
 		err_set(&err, ERR_USAGE, "a fetch that goes on names its stream");
-		request_refuse(q, &err);
-		return;
 	}
-	out = stream_out_new(c, m->fetch->job, id, &end, &err);
+	out = err.code ? NULL : stream_out_new(c, m->fetch->job, id, &end, &err);
 	if (!out) {
+		free(window);
 		request_refuse(q, &err);
 		return;
 	}
@@ -106,7 +107,9 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
 	stream_out_from(out, from, wants ? &want : NULL);
 	if (!c->closed)
-		stream_out_start(out, job);
+		stream_out_start(out, job, window);
+	else
+		free(window);
 }
 
 void request_wait(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)

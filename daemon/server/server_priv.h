@@ -141,7 +141,7 @@ struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request,
 /* Before start: go on at block `from` of the stream `want` (NULL: whatever it is). */
 struct digest;
 void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want);
-void stream_out_start(struct stream_out *, struct job *);
+void stream_out_start(struct stream_out *, struct job *, char *window); /* of job_window, given away; or NULL */
 void stream_out_leave(struct conn *); /* all streams of the connection end */
 uint64_t stream_out_held(const struct conn *);  /* taken of LEDGER_PIPE */
 uint64_t stream_out_pipes(const struct conn *); /* the kernel's capacity for its pipes that are open */

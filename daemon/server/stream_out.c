@@ -251,7 +251,7 @@ static void out_head(struct job_output *output, const struct job_stream_head *in
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[HEAD];
-	struct stream_head head = {.kind = STREAM_WHOLE, .id = in->id};
+	struct stream_head head = {.kind = in->window ? STREAM_AREA : STREAM_WHOLE, .id = in->id};
 	struct err err = ERR_INIT;
 	char lattice[LATTICE_TEXT_SIZE];
 
@@ -524,8 +524,9 @@ void stream_out_from(struct stream_out *o, uint64_t from, const struct digest *w
 		o->output.want = *want;
 }
 
-void stream_out_start(struct stream_out *o, struct job *job)
+void stream_out_start(struct stream_out *o, struct job *job, char *window)
 {
+	o->output.window = window;
 	job_fetch(job, &o->output);
 }
 

@@ -71,10 +71,12 @@ int pipe_plan(const struct grid *grid, const struct view *view, const struct pip
 		*ret = plan;
 		r = PIPE_E_FLAT;
 	} else if (r == NOT_FLAT) {
-		if (view->window)
+		if (view->window) {
 			r = pipe_area_plan(reader, view, budget->cap, &plan, err);
-		else
+			plan.points_read = flat.counts.points_read;
+		} else {
 			r = cut_plan_make(reader, budget->load, &plan, err);
+		}
 		if (!r && !view->window)
 			r = cut_plan_probe_rim(&plan, reader, view, budget->cap, scratch, tri_bytes(budget->cap), err);
 		if (!r)

@@ -46,8 +46,8 @@ def options_of(command):
 COMMANDS = ("cache cancel dataset datasets fetch formats geoid help info jobs mesh ping plan push rm show status submit version wait "
             "watch").split()
 LATER = {
-    "mesh": "--bbox=1,2,3,4".split(),
-    "fetch": ["--changes", "--bbox"],
+    "mesh": ["--mask"],
+    "fetch": ["--changes", "--trim"],
     "submit": ["--constraints"],
 }
 
