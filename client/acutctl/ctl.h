@@ -26,7 +26,7 @@ struct ctl_args {
 	bool header, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool all; /* cache gc */
-	bool canonical, no_clobber, wait, fresh, resume, files, removed;
+	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache, *disk, *keep_free;
 	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
@@ -80,6 +80,7 @@ enum ctl_group {
 	CTL_CACHE = 1 << 22,       /* cache gc */
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
+	CTL_COPY = 1 << 19,        /* backup, dataset export */
 };
 
 struct ctl_command {
@@ -367,6 +368,7 @@ char *ctl_job_time_text(int64_t us, char buf[32]);
 /* ---- commands ---- */
 
 #define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
+CTL_COMMAND(backup)
 CTL_COMMAND(cache)
 CTL_COMMAND(cancel)
 CTL_COMMAND(dataset)

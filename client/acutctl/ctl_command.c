@@ -10,12 +10,14 @@
 #define MANY 100000u
 
 static const struct ctl_command table[] = {
+	{"backup", "backup DIR", "all that was pushed, as of now, into a folder; again: what is new", CTL_ALL | CTL_COPY, 1, 1, false,
+	 ctl_backup_run},
 	{"cache", "cache stat|verify|gc", "what lies on the daemon's disk, and whether it is sound", CTL_ALL | CTL_CACHE, 1, 1,
 	 false, ctl_cache_run},
 	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
 	{"dataset", "dataset VERB NAME",
-	 "what is in one dataset, and what becomes of it: show, create, log, revert, rm, restore, pin, unpin",
-	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET, 1, MANY, false, ctl_dataset_run},
+	 "what is in one dataset, and what becomes of it: show, create, log, revert, rm, restore, pin, unpin, export, import",
+	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, ctl_dataset_run},
 	{"datasets", "datasets", "list the datasets", CTL_ALL | CTL_REMOVED, 0, 0, false, ctl_datasets_run},
 	{"doctor", "doctor", "look for what is wrong", CTL_ALL, 0, MANY, false, NULL},
 	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files",

@@ -141,8 +141,18 @@ static int unpin(struct ctl *ctl)
 	return change(ctl, "unpin");
 }
 
+static int export(struct ctl *ctl)
+{
+	return ctl_dataset_export(ctl, ctl->args.word[1], ctl->args.word[2]);
+}
+
+static int import(struct ctl *ctl)
+{
+	return ctl_dataset_import(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
+}
+
 /* Options that not all of the verbs take. */
-enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8 };
+enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_COPY = 16 };
 
 static const struct verb {
 	const char *name;
@@ -151,6 +161,8 @@ static const struct verb {
 	int (*run)(struct ctl *);
 } verbs[] = {
 	{ "create", 2, 2, TAKES_SCALE, create },
+	{ "export", 3, 3, TAKES_COPY, export },
+	{ "import", 2, 3, 0, import },
 	{ "log", 2, 2, TAKES_FILES, log_run },
 	{ "pin", 2, 2, 0, pin },
 	{ "restore", 2, 2, TAKES_AS, restore },
@@ -168,6 +180,7 @@ static int check_options(const struct ctl_args *a, const struct verb *v, struct 
 		a->generation && !(v->takes & TAKES_AT) ? "at" : NULL,
 		a->files && !(v->takes & TAKES_FILES) ? "files" : NULL,
 		a->as && !(v->takes & TAKES_AS) ? "as" : NULL,
+		a->copy && !(v->takes & TAKES_COPY) ? "copy" : NULL,
 	};
 
 	for (size_t i = 0; i < sizeof(given) / sizeof(*given); i++)
@@ -190,7 +203,7 @@ int ctl_dataset_run(struct ctl *ctl)
 		err_set(&err, ERR_USAGE, "there is no command dataset %s", name);
 	else if (n < v->words || n > v->most)
 		err_set(&err, ERR_USAGE, "dataset %s takes one name%s", name,
-			v->most > 2 ? ", and at most one more word" : "");
+			v->words > 2 ? " and a folder" : v->most > 2 ? ", and at most one more word" : "");
 	if (err.code)
 		err_add_hint(&err, "acutctl dataset show, log, revert, create, rm, restore, pin or unpin NAME");
 	else

@@ -106,6 +106,7 @@ static const struct option table[] = {
 	 "what they become: orthometric (unless said) or ellipsoidal"},
 	{"header", 0, NULL, FLAG, AT(header), CTL_INFO, "read the headers only"},
 	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
+	{"copy", 0, NULL, FLAG, AT(copy), CTL_COPY, "copy all files, also where a hard link would do"},
 	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID, "under this name, not that of the file"},
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},

@@ -413,6 +413,36 @@ struct acut_plan {
 int acut_plan(struct acut *, const char *dataset, uint64_t generation, const char *view,
 	      const struct acut_plan **ret);
 
+/* ---- backups, exports, imports ---- */
+
+struct acut_backup_ready {
+	uint64_t files, bytes;
+};
+struct acut_backup_file {
+	const char *name; /* relative, with '/', nothing in it climbs */
+	uint64_t size;
+	bool lasting;     /* a file of this name never has other bytes */
+	int fd;           /* for reading; closed when the callback returns */
+};
+/* Takes the files of the whole state (dataset NULL: what acutd started on them has, as of this moment), or of one
+ * dataset ("manifest" last). Non-zero from a callback ends it and is returned. */
+struct acut_backup_sink {
+	int (*ready)(void *ctx, const struct acut_backup_ready *); /* may be NULL */
+	int (*file)(void *ctx, const struct acut_backup_file *);
+	void *ctx;
+};
+int acut_backup(struct acut *, const char *dataset, const struct acut_backup_sink *);
+
+struct acut_imported {
+	const char *dataset;
+	uint64_t generation, points;
+};
+/* A new dataset of the files of one: `next` gives them one after the other, "manifest" first, and NULL when there are no
+ * more; *ret_fd stays the caller's. Non-zero from it ends it and is returned. */
+int acut_import(struct acut *, const char *dataset,
+		int (*next)(void *ctx, const char **ret_name, int *ret_fd), void *ctx,
+		const struct acut_imported **ret);
+
 /* ---- the mesh ---- */
 
 struct acut_mesh_head {

@@ -62,6 +62,7 @@ struct acut {
 	struct acut_inspected inspected;
 	struct acut_job job;
 	struct acut_plan plan;
+	struct acut_imported imported;
 };
 
 /* Starts a call: forgets the last one's error and results. Negative if the connection is dead. */

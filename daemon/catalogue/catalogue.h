@@ -92,4 +92,13 @@ int catalogue_drop_push(struct catalogue *, uint64_t id, catalogue_done_fn done,
 /* PRAGMA integrity_check: `done` gets -ERR_CORRUPT with what is wrong first. */
 int catalogue_check(struct catalogue *, catalogue_done_fn done, void *ctx, struct err *err);
 
+/* ---- catalogue_copy.c: any thread ---- */
+
+/* The catalogue at the path `from`, as of one moment, into a new file `to`; pushes that are not committed are not in
+ * it. Whoever owns `from` goes on meanwhile. */
+int catalogue_copy(const char *from, const char *to, struct err *err);
+/* The datasets that have a manifest, by id; what `each` returns ends it, if not 0. Nobody may have `path` open. */
+int catalogue_manifests(const char *path, int (*each)(void *ctx, uint64_t dataset, const char *manifest, struct err *),
+			void *ctx, struct err *err);
+
 #endif

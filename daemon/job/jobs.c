@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "backup.h"
 #include "clock.h"
 #include "geoids.h"
 #include "io.h"
@@ -156,6 +157,8 @@ static int open_folders(struct jobs *j, struct err *err)
 	/* Of versions that nobody reads any more. */
 	if (!r)
 		r = store_sweep(j->domainsfd, err);
+	if (!r)
+		r = backup_sweep(j->p.statefd, err);
 	/* Nothing in these outlives a daemon. */
 	if (!r)
 		r = folder_empty(j->onestepfd, err);

@@ -310,6 +310,7 @@ void conn_close(struct conn *c)
 	stream_out_leave(c);
 	for (p = c->pushes; p; p = p->next)
 		push_ref_leave(p);
+	conn_copies_end(c);
 	leave_jobs(c);
 	if (c->verify)
 		cache_verify_end(c->verify);

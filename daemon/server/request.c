@@ -74,6 +74,12 @@ static const struct {
 	ROW(CACHE_VERIFY, request_cache_verify, false),
 	ROW(CACHE_GC, request_cache_gc, false),
 	ROW(GEOID_REMOVE, request_geoid_remove, false),
+	ROW(BACKUP, request_backup, false),
+	ROW(BACKUP_NEXT, request_backup_next, false),
+	ROW(BACKUP_END, request_backup_end, false),
+	ROW(IMPORT, request_import, false),
+	ROW(IMPORT_FILE, request_import_file, true),
+	ROW(IMPORT_COMMIT, request_import_commit, false),
 #undef ROW
 };
 

@@ -79,6 +79,7 @@ struct conn {
 	struct conn_dataset *held; /* one-step datasets that it pushed */
 	struct stream_out *streams;
 	struct cache_verify *verify; /* that this connection asked for and that goes on; NULL: none */
+	struct conn_copy *copies; /* backups, exports and imports that are open */
 };
 
 /* conn.c */
@@ -114,6 +115,10 @@ request_fn request_cache_stat, request_cache_verify, request_cache_gc;
 void message_side(const struct space_side *, Acut__V1__CacheSide *ret);
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
+/* request_backup.c */
+request_fn request_backup, request_backup_next, request_backup_end, request_import, request_import_file,
+	request_import_commit;
+void conn_copies_end(struct conn *);
 /* request_data.c */
 request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
 /* Points and files as its manifest (NULL: none) says of that generation. */

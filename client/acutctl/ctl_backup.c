@@ -1,0 +1,238 @@
+/*
+ * backup DIR: the state of the daemon, as of one moment, while it works. dataset export NAME DIR: one dataset.
+ * dataset import DIR [NAME]: an exported one becomes a dataset of this daemon.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "ctl_copy.h"
+#include "ctl_dataset.h"
+#include "parse.h"
+
+struct showing {
+	struct ctl_copy copy;
+	struct ctl_progress progress;
+	uint64_t bytes;
+};
+
+static int ready(void *ctx, const struct acut_backup_ready *r)
+{
+	((struct showing *)ctx)->bytes = r->bytes;
+	return 0;
+}
+
+static int file(void *ctx, const struct acut_backup_file *f)
+{
+	struct showing *s = ctx;
+
+	return ctl_copy_file(&s->copy, f);
+}
+
+static void report(struct ctl *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
+{
+	struct ctl_json j = { .out = ctl->report };
+	char all[32], more[32];
+
+	if (ctl->args.json) {
+		ctl_json_open(&j, NULL, '{');
+		ctl_json_text(&j, "folder", c->dir);
+		ctl_json_text(&j, "dataset", dataset);
+		ctl_json_u64(&j, "files", c->files);
+		ctl_json_u64(&j, "bytes", c->bytes);
+		ctl_json_u64(&j, "new_files", c->new_files);
+		ctl_json_u64(&j, "new_bytes", c->new_bytes);
+		ctl_json_u64(&j, "linked_files", c->linked);
+		ctl_json_u64(&j, "removed_files", c->removed);
+		ctl_json_number(&j, "seconds", seconds);
+		ctl_json_close(&j, '}');
+		ctl_json_line(&j);
+		return;
+	}
+	ctl_note(ctl, "%llu files, %s, are in %s; %llu of them are new (%s, %llu by hard links), %llu old ones went",
+		 (unsigned long long)c->files, parse_size_text(c->bytes, all), c->dir, (unsigned long long)c->new_files,
+		 parse_size_text(c->new_bytes, more), (unsigned long long)c->linked, (unsigned long long)c->removed);
+}
+
+static int take(struct ctl *ctl, const char *dataset, const char *dir)
+{
+	struct showing s = {.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy}};
+	const struct acut_backup_sink sink = {.ready = ready, .file = file, .ctx = &s};
+	uint64_t begun = clock_mono_ns();
+	struct err err = ERR_INIT;
+	int status, r;
+
+	snprintf(s.copy.what, sizeof s.copy.what, dataset ? "dataset %s" : "state of acutd", dataset);
+	s.copy.dirfd = -1;
+	status = ctl_connect(ctl);
+	if (!status && ctl_copy_begin(&s.copy, &err))
+		status = ctl_error(ctl, &err);
+	if (!status) {
+		r = acut_backup(ctl->acut, dataset, &sink);
+		if (r && s.copy.err.code)
+			status = ctl_error(ctl, &s.copy.err);
+		else if (r)
+			status = ctl_error_acut(ctl);
+	}
+	if (!status && ctl_copy_end(&s.copy, &err))
+		status = ctl_error(ctl, &err);
+	if (!status)
+		report(ctl, &s.copy, dataset, clock_since(begun));
+	ctl_copy_done(&s.copy);
+	return status;
+}
+
+int ctl_backup_run(struct ctl *ctl)
+{
+	return take(ctl, NULL, ctl->args.word[0]);
+}
+
+int ctl_dataset_export(struct ctl *ctl, const char *name, const char *dir)
+{
+	return take(ctl, name, dir);
+}
+
+/* ---- import ---- */
+
+struct bringing {
+	struct ctl *ctl;
+	const char *dir;
+	int dirfd, fd;
+	char **name; /* "manifest", then the segments */
+	size_t n, at;
+	char path[512];
+	struct err err;
+};
+
+static int next(void *ctx, const char **ret_name, int *ret_fd)
+{
+	struct bringing *b = ctx;
+
+	if (b->fd >= 0)
+		close(b->fd);
+	b->fd = -1;
+	if (b->at == b->n)
+		return 0;
+	snprintf(b->path, sizeof b->path, "%s/%s", b->dir, b->name[b->at]);
+	b->fd = openat(b->dirfd, b->name[b->at], O_RDONLY | O_CLOEXEC);
+	if (b->fd < 0) {
+		err_sys(&b->err, errno, "cannot open");
+		err_add_file(&b->err, b->path);
+		return -1;
+	}
+	*ret_name = b->name[b->at++];
+	*ret_fd = b->fd;
+	return 0;
+}
+
+static int manifest_first(const void *a, const void *b)
+{
+	const char *x = *(char *const *)a, *y = *(char *const *)b;
+	bool mx = !strcmp(x, "manifest"), my = !strcmp(y, "manifest");
+
+	return mx || my ? my - mx : strcmp(x, y);
+}
+
+static int gather(struct bringing *b, struct err *err)
+{
+	size_t room = 0, k;
+	struct dirent *e;
+	DIR *dir = opendir(b->dir);
+	bool whole = false;
+
+	if (!dir) {
+		err_sys(err, errno, "cannot open the folder");
+		return err_add_file(err, b->dir);
+	}
+	b->dirfd = fcntl(dirfd(dir), F_DUPFD_CLOEXEC, 3);
+	while ((e = readdir(dir))) {
+		k = strlen(e->d_name);
+		whole |= !strcmp(e->d_name, "manifest");
+		if (strcmp(e->d_name, "manifest") && (k < 5 || *e->d_name == '.' || strcmp(e->d_name + k - 4, ".seg")))
+			continue;
+		if (b->n == room) {
+			char **more = realloc(b->name, (room = room ? 2 * room : 64) * sizeof *more);
+
+			if (!more)
+				break;
+			b->name = more;
+		}
+		b->name[b->n] = strdup(e->d_name);
+		if (!b->name[b->n])
+			break;
+		b->n++;
+	}
+	closedir(dir);
+	if (e)
+		return err_set(err, ERR_NOMEM, "no memory for the names of files");
+	if (!whole) {
+		err_set(err, ERR_INPUT, "there is no file manifest in this folder");
+		err_add_hint(err, "give a folder that acutctl dataset export has written to its end");
+		return err_add_file(err, b->dir);
+	}
+	qsort(b->name, b->n, sizeof *b->name, manifest_first);
+	return 0;
+}
+
+/* "/box/valley/": "valley". */
+static void last_part(const char *dir, char *ret, size_t size)
+{
+	size_t n = strlen(dir), from;
+
+	while (n > 1 && dir[n - 1] == '/')
+		n--;
+	for (from = n; from && dir[from - 1] != '/'; from--)
+		;
+	snprintf(ret, size, "%.*s", (int)(n - from), dir + from);
+}
+
+static void imported(struct ctl *ctl, const struct acut_imported *i)
+{
+	struct ctl_json j = { .out = ctl->report };
+	char n[32];
+
+	if (ctl->args.json) {
+		ctl_json_open(&j, NULL, '{');
+		ctl_json_text(&j, "dataset", i->dataset);
+		ctl_json_u64(&j, "generation", i->generation);
+		ctl_json_u64(&j, "points", i->points);
+		ctl_json_close(&j, '}');
+		ctl_json_line(&j);
+		return;
+	}
+	ctl_note(ctl, "dataset %s: generation %llu, %s points", i->dataset, (unsigned long long)i->generation,
+		 ctl_job_count(i->points, n));
+}
+
+int ctl_dataset_import(struct ctl *ctl, const char *dir, const char *name)
+{
+	struct bringing b = {.ctl = ctl, .dir = dir, .dirfd = -1, .fd = -1, .err = ERR_INIT};
+	const struct acut_imported *got;
+	struct err err = ERR_INIT;
+	char part[128];
+	int status = 0;
+
+	last_part(dir, part, sizeof part);
+	if (gather(&b, &err))
+		status = ctl_error(ctl, &err);
+	if (!status)
+		status = ctl_connect(ctl);
+	if (!status) {
+		if (acut_import(ctl->acut, name ? name : part, next, &b, &got))
+			status = b.err.code ? ctl_error(ctl, &b.err) : ctl_error_acut(ctl);
+		else
+			imported(ctl, got);
+	}
+	if (b.fd >= 0)
+		close(b.fd);
+	if (b.dirfd >= 0)
+		close(b.dirfd);
+	for (size_t i = 0; i < b.n; i++)
+		free(b.name[i]);
+	free(b.name);
+	return status;
+}

@@ -1,0 +1,31 @@
+/* A folder that files of the daemon are brought into: backups and exports. */
+#ifndef CTL_COPY_H
+#define CTL_COPY_H
+
+#include "ctl.h"
+
+struct ctl_copy {
+	struct ctl *ctl;
+	const char *dir;
+	char what[96];   /* as the folder's mark says it: "state", "dataset NAME" */
+	bool flat;       /* all files in the folder itself */
+	bool no_links;
+	int dirfd;
+	int64_t begun_us;
+	char **name;     /* that came, in the order of time */
+	size_t n, room;
+	uint64_t files, bytes;           /* all of them */
+	uint64_t new_files, new_bytes;   /* not there before */
+	uint64_t linked, removed;        /* of the new ones; that are of an earlier time */
+	struct err err;
+};
+
+/* Makes DIR, or takes the one of an earlier time of the same kind. */
+int ctl_copy_begin(struct ctl_copy *, struct err *err);
+/* An acut_backup_sink's `file`; ctx is the struct ctl_copy, whose err has the failure (then -1 is returned). */
+int ctl_copy_file(void *ctx, const struct acut_backup_file *);
+/* All came: what is of an earlier time goes. */
+int ctl_copy_end(struct ctl_copy *, struct err *err);
+void ctl_copy_done(struct ctl_copy *);
+
+#endif

@@ -1,0 +1,468 @@
+/*
+ * Imports: a dataset that was written out elsewhere (dataset export) becomes one of this daemon.
+ *
+ * The model: an import is a push whose segments come ready. It has a row of the catalogue's pushes, so that a crash
+ * leaves nothing behind, and its dataset has no generation until the commit. The manifest comes first and
+ * is believed only when the segments that it names have come, agree with it, and every block of theirs was read and
+ * checked. Files get names that no push of this daemon has ever had or will have, so a manifest of those names is
+ * written. The generations, with their times, are those of where they came from.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "backup.h"
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "push_priv.h"
+#include "space.h"
+
+enum { COPY = 256 << 10, NAME = 64 };
+
+struct import {
+	struct sched_task task;
+	struct jobs *jobs;
+	uint64_t id, push;
+	struct dataset *dataset;
+	struct job_peer peer;
+	struct sched_owner owner;
+	bool opened, busy, ended, row, committed, telling; /* telling: its client, who may end it */
+	struct grid_manifest *m, *made;
+	bool *have;
+	char name[NAME], made_name[NAME];
+	int fd;
+	uint64_t taken; /* of the disk */
+	int r;
+	struct err err;
+	void (*begun)(void *token, const struct err *why, struct import *);
+	void (*filed)(void *token, const struct err *why);
+	void (*done)(void *token, const struct err *why, const struct imported *);
+	void *token;
+};
+
+uint64_t import_id(const struct import *i)
+{
+	return i->id;
+}
+
+static void submit(struct import *i, void (*run)(struct sched_task *), void (*done)(struct sched_task *), uint64_t bytes)
+{
+	i->task = (struct sched_task){.run = run, .done = done, .owner = i->owner, .priority = SCHED_NORMAL,
+				      .lengthy = true, .reads = bytes > 0, .name = LEDGER_INPUT, .bytes = bytes};
+	i->busy = true;
+	i->r = 0;
+	i->err = ERR_INIT;
+	sched_submit(i->jobs->p.sched, &i->task);
+}
+
+/* What it wrote goes with its dataset, which never had a generation. */
+static void gone(struct import *i)
+{
+	struct err err = ERR_INIT;
+
+	if (i->opened)
+		dataset_close(i->dataset);
+	space_give(i->jobs->space, SPACE_PENDING, i->taken);
+	if (i->row && !i->committed && catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
+		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	i->dataset->pushes--;
+	i->jobs->background--;
+	dataset_release(i->dataset);
+	grid_manifest_free(i->m);
+	grid_manifest_free(i->made);
+	house_give(i->jobs, sizeof *i);
+	io_close(i->fd);
+	free(i->have);
+	free(i);
+}
+
+void import_end(struct import *i)
+{
+	i->ended = true;
+	if (i->telling)
+		return;
+	if (i->busy)
+		sched_cancel(i->jobs->p.sched, &i->task);
+	else
+		gone(i);
+}
+
+/* A question that comes too early. */
+static bool refuse(const struct import *i, struct err *err)
+{
+	if (i->busy || i->ended)
+		err_set(err, ERR_USAGE, "the last question about this import is not answered yet");
+	else if (i->committed)
+		err_set(err, ERR_USAGE, "this import is committed");
+	return err->code != 0;
+}
+
+static void give(struct import *i, struct sched_task *t)
+{
+	i->busy = false;
+	if (t->ran && t->bytes)
+		sched_give(i->jobs->p.sched, t->name, t->bytes);
+	if (!t->ran)
+		i->r = err_set(&i->err, ERR_CANCELLED, "the import was ended");
+}
+
+/* ---- begin ---- */
+
+static void begin_done(void *ctx, int r, const struct err *why)
+{
+	struct import *i = ctx;
+	bool failed = r != 0;
+
+	i->busy = false;
+	i->row = !r;
+	i->telling = true;
+	i->begun(i->token, r ? why : NULL, i);
+	i->telling = false;
+	if (failed || i->ended)
+		gone(i);
+}
+
+static int make(struct jobs *j, const char *name, const struct job_peer *peer, struct import **ret, struct err *err)
+{
+	struct import *i;
+
+	if (j->parking)
+		return err_set(err, ERR_BUSY, "the daemon is stopping");
+	if (!dataset_name_valid(name)) {
+		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", name);
+		return err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+				    DATASET_NAME_MAX);
+	}
+	if (dataset_find(j, name, peer)) {
+		err_set(err, ERR_USAGE, "there is a dataset %s already", name);
+		return err_add_hint(err, "import under another name");
+	}
+	if (house_take(j, sizeof *i, "an import", err))
+		return -(int)err->code;
+	i = calloc(1, sizeof *i);
+	if (i)
+		i->dataset = dataset_new(j, name, peer->uid, false, err);
+	else
+		err_set(err, ERR_NOMEM, "no memory for an import");
+	if (!i || !i->dataset) {
+		house_give(j, sizeof *i);
+		free(i);
+		return -(int)err->code;
+	}
+	*ret = i;
+	return 0;
+}
+
+void import_begin(struct jobs *j, const char *name, const struct job_peer *peer,
+		  void (*begun)(void *token, const struct err *why, struct import *), void *token)
+{
+	struct catalogue_push row = {.uid = peer->uid, .begun_us = clock_real_us()};
+	struct err err = ERR_INIT;
+	struct import *i = NULL;
+
+	if (make(j, name, peer, &i, &err)) {
+		begun(token, &err, NULL);
+		return;
+	}
+	i->jobs = j;
+	i->id = ++j->last_import;
+	i->push = row.id = ++j->last_push;
+	i->peer = *peer;
+	i->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->last_flow};
+	i->begun = begun;
+	i->token = token;
+	i->fd = -1;
+	dataset_hold(i->dataset);
+	i->dataset->pushes++;
+	j->background++;
+	row.dataset = i->dataset->id;
+	i->busy = true;
+	if (dataset_put_row(i->dataset, &err) || catalogue_put_push(j->p.catalogue, &row, begin_done, i, &err))
+		begin_done(i, -(int)err.code, &err);
+}
+
+/* ---- files ---- */
+
+static int copy(struct import *i, const char *as, struct err *err)
+{
+	uint8_t *buf = malloc(COPY);
+	char temp[NAME + 8];
+	int fd = -1, r = buf ? 0 : err_set(err, ERR_NOMEM, "no memory to copy a file");
+	uint64_t at = 0;
+	size_t n = COPY;
+
+	snprintf(temp, sizeof temp, "%s.tmp", as);
+	if (!r)
+		r = io_open(i->dataset->dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC, 0600, &fd, err);
+	while (!r && n == COPY) {
+		if (atomic_load(&i->task.cancel))
+			r = err_set(err, ERR_CANCELLED, "the import was ended");
+		if (!r)
+			r = io_read_some(i->fd, buf, COPY, at, i->name, &n, err);
+		if (!r && n)
+			r = io_write_at(fd, buf, n, at, as, err);
+		at += n;
+	}
+	if (!r)
+		r = io_publish(i->dataset->dirfd, fd, temp, as, err);
+	else if (fd >= 0)
+		io->unlinkat(i->dataset->dirfd, temp, 0);
+	io_close(fd);
+	free(buf);
+	return r;
+}
+
+static void segment_name(const struct import *i, size_t k, char buf[NAME])
+{
+	snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
+}
+
+static int take_manifest(struct import *i)
+{
+	char as[NAME];
+	int r;
+
+	if (i->m)
+		return err_set(&i->err, ERR_USAGE, "the manifest came already");
+	snprintf(as, sizeof as, "import-%llu", (unsigned long long)i->push);
+	r = copy(i, as, &i->err);
+	if (!r)
+		r = grid_manifest_load(i->dataset->dirfd, as, i->jobs->p.ledger, &i->m, &i->err);
+	if (!r && !i->m->generation)
+		r = err_set(&i->err, ERR_INPUT, "this manifest is not of a dataset");
+	if (!r) {
+		i->have = calloc(i->m->nsegments + 1, sizeof *i->have);
+		r = i->have ? 0 : err_set(&i->err, ERR_NOMEM, "no memory for an import");
+	}
+	if (!r)
+		r = io_remove(i->dataset->dirfd, as, &i->err);
+	return r;
+}
+
+static void file_run(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+	struct push_input_id id;
+	char as[NAME];
+	size_t k;
+
+	i->r = push_fd_check(i->fd, i->name, &id, &i->err);
+	if (!i->r && !i->opened) {
+		i->r = dataset_open(i->dataset, &i->err);
+		i->opened = !i->r;
+	}
+	if (i->r)
+		return;
+	if (!strcmp(i->name, "manifest")) {
+		i->r = take_manifest(i);
+		err_add_file(&i->err, i->name);
+		return;
+	}
+	if (!i->m) {
+		i->r = err_set(&i->err, ERR_USAGE, "the manifest comes first");
+		return;
+	}
+	for (k = 0; k < i->m->nsegments && strcmp(i->m->segments[k].file, i->name); k++)
+		;
+	if (k == i->m->nsegments) {
+		err_set(&i->err, ERR_INPUT, "the manifest does not name it");
+		i->r = err_add_file(&i->err, i->name);
+	} else if (id.size != i->m->segments[k].bytes) {
+		err_set(&i->err, ERR_INPUT, "it has %llu bytes, the manifest says %llu", (unsigned long long)id.size,
+			(unsigned long long)i->m->segments[k].bytes);
+		i->r = err_add_file(&i->err, i->name);
+	} else if (!i->have[k]) {
+		segment_name(i, k, as);
+		i->r = space_take(i->jobs->space, SPACE_PENDING, id.size, SPACE_MUST, "the import", &i->err);
+		i->taken += i->r ? 0 : id.size;
+		if (!i->r)
+			i->r = copy(i, as, &i->err);
+		i->have[k] = !i->r;
+	}
+}
+
+static void file_done(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+
+	give(i, t);
+	i->fd = io_close(i->fd);
+	i->telling = true;
+	i->filed(i->token, i->r ? &i->err : NULL);
+	i->telling = false;
+	if (i->ended)
+		gone(i);
+}
+
+void import_file(struct import *i, const char *name, int fd, void (*done)(void *token, const struct err *why), void *token)
+{
+	struct err err = ERR_INIT;
+
+	if (!refuse(i, &err) && strlen(name) >= sizeof i->name)
+		err_set(&err, ERR_INPUT, "\"%.60s\" is no file of a dataset", name);
+	if (err.code) {
+		io_close(fd);
+		done(token, &err);
+		return;
+	}
+	snprintf(i->name, sizeof i->name, "%s", name);
+	i->fd = fd;
+	i->filed = done;
+	i->token = token;
+	submit(i, file_run, file_done, COPY);
+}
+
+/* ---- commit ---- */
+
+struct checking {
+	struct import *i;
+	struct err *first; /* damage */
+};
+
+static int go_on(void *ctx, uint64_t bytes)
+{
+	return atomic_load(&((struct checking *)ctx)->i->task.cancel);
+}
+
+static void damaged(void *ctx, const struct err *why)
+{
+	struct checking *c = ctx;
+
+	if (!c->first->code)
+		*c->first = *why;
+}
+
+/* Every page and block, through its checksum, and the segments as the manifest says they are. */
+static int check(struct import *i, struct err *err)
+{
+	struct err first = ERR_INIT;
+	struct checking c = {i, &first};
+	struct grid_verify_params p = {
+		.dirfd = i->dataset->dirfd, .damaged = damaged, .progress = go_on, .ctx = &c};
+	struct ledger *ledger = i->jobs->p.ledger;
+	int r = 0;
+
+	if (!ledger_take(ledger, LEDGER_INPUT, GRID_VERIFY_BYTES))
+		return err_set(err, ERR_BUSY, "there is no memory now to check what is imported");
+	p.memory = aligned_alloc(64, GRID_VERIFY_BYTES);
+	if (!p.memory)
+		r = err_set(err, ERR_NOMEM, "no memory to check a segment");
+	for (size_t k = 0; !r && !first.code && k < i->made->nsegments; k++)
+		r = grid_verify_segment(&p, &i->made->segments[k], err);
+	free(p.memory);
+	sched_give(i->jobs->p.sched, LEDGER_INPUT, GRID_VERIFY_BYTES);
+	if (!r && first.code) {
+		*err = first;
+		r = -(int)first.code;
+	}
+	return r;
+}
+
+static void commit_run(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+
+	if (!i->m) {
+		i->r = err_set(&i->err, ERR_INPUT, "no manifest came");
+		return;
+	}
+	for (size_t k = 0; k < i->m->nsegments; k++) {
+		if (!i->have[k]) {
+			err_set(&i->err, ERR_INPUT, "it is missing");
+			i->r = err_add_file(&i->err, i->m->segments[k].file);
+			return;
+		}
+		segment_name(i, k, i->m->segments[k].file);
+	}
+	i->r = grid_manifest_write(i->dataset->dirfd, i->made_name, i->m, &i->err);
+	if (!i->r)
+		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->jobs->p.ledger, &i->made, &i->err);
+	if (!i->r)
+		i->r = check(i, &i->err);
+}
+
+static void answer(struct import *i, const struct err *why)
+{
+	struct imported done = {.dataset = i->dataset->name, .generation = i->dataset->generation, .points = i->dataset->points};
+
+	i->busy = false;
+	i->dataset->committer = NULL;
+	i->telling = true;
+	i->done(i->token, why, why ? NULL : &done);
+	i->telling = false;
+	if (i->ended)
+		gone(i);
+}
+
+static void row_done(void *ctx, int r, const struct err *why)
+{
+	struct import *i = ctx;
+	struct err err = ERR_INIT;
+
+	if (r)
+		err = *why;
+	/* If there is no memory for that, the next start has it. */
+	else if (!dataset_set(i->dataset, i->made, i->made_name, &err))
+		i->committed = true;
+	answer(i, err.code ? &err : NULL);
+}
+
+/* The row as it will be; the dataset itself changes when it is on disk. */
+static int put(struct import *i, struct err *err)
+{
+	struct dataset shadow = *i->dataset;
+	struct catalogue_dataset row;
+	int r;
+
+	shadow.lattice = strdup("");
+	shadow.crs = strdup("");
+	shadow.unit_xy = strdup("");
+	shadow.unit_z = strdup("");
+	shadow.dirfd = -1;
+	i->dataset->pushed_us = shadow.pushed_us = clock_real_us();
+	r = dataset_set(&shadow, i->made, i->made_name, err);
+	if (!r) {
+		dataset_row(&shadow, &row);
+		r = catalogue_put_dataset(i->jobs->p.catalogue, &row, i->push, row_done, i, err);
+	}
+	free(shadow.lattice);
+	free(shadow.crs);
+	free(shadow.unit_xy);
+	free(shadow.unit_z);
+	return r;
+}
+
+static void commit_done(struct sched_task *t)
+{
+	struct import *i = (struct import *)t;
+
+	give(i, t);
+	i->busy = true;
+	if (i->r || put(i, &i->err))
+		answer(i, &i->err);
+}
+
+void import_commit(struct import *i, void (*done)(void *token, const struct err *why, const struct imported *), void *token)
+{
+	struct err err = ERR_INIT;
+
+	struct dataset *d = i->dataset;
+
+	if (!refuse(i, &err) && (d->generation || d->committer || d->pushes > 1)) {
+		err_set(&err, ERR_BUSY, "something is being pushed into the dataset %s", d->name);
+		err_add_hint(&err, "import under another name");
+	}
+	if (err.code) {
+		done(token, &err, NULL);
+		return;
+	}
+	d->committer = i;
+	i->done = done;
+	i->token = token;
+	snprintf(i->made_name, sizeof i->made_name, "manifest-import-%llu", (unsigned long long)i->push);
+	submit(i, commit_run, commit_done, 0);
+}

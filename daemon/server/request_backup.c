@@ -1,0 +1,218 @@
+/*
+ * Requests about backups, exports and imports. Each open one belongs to its connection and ends with it; its client asks
+ * one question after the other.
+ */
+#include <stdlib.h>
+
+#include "backup.h"
+#include "io.h"
+#include "server_priv.h"
+
+struct conn_copy {
+	struct conn_copy *next;
+	struct backup *backup; /* or */
+	struct import *import;
+};
+
+void conn_copies_end(struct conn *c)
+{
+	struct conn_copy *o;
+
+	while ((o = c->copies)) {
+		c->copies = o->next;
+		if (o->backup)
+			backup_end(o->backup);
+		else
+			import_end(o->import);
+		free(o);
+	}
+}
+
+/* What was made for a client that has left meanwhile ends at once. */
+static bool keep(struct conn *c, struct backup *b, struct import *i)
+{
+	struct conn_copy *o = c->closed ? NULL : calloc(1, sizeof *o);
+
+	if (!o) {
+		if (b)
+			backup_end(b);
+		else
+			import_end(i);
+		return false;
+	}
+	*o = (struct conn_copy){.next = c->copies, .backup = b, .import = i};
+	c->copies = o;
+	return true;
+}
+
+static struct conn_copy **find(struct conn *c, uint64_t backup, uint64_t import)
+{
+	struct conn_copy **at;
+
+	for (at = &c->copies; *at; at = &(*at)->next)
+		if ((*at)->backup ? backup && backup_id((*at)->backup) == backup
+				  : import && import_id((*at)->import) == import)
+			break;
+	return at;
+}
+
+static struct conn_copy *asked(struct conn *c, struct request *q, uint64_t backup, uint64_t import)
+{
+	struct conn_copy *o = *find(c, backup, import);
+	struct err err = ERR_INIT;
+
+	if (!o) {
+		err_set(&err, ERR_NOTFOUND, "this connection has no %s %llu open", backup ? "backup" : "import",
+			(unsigned long long)(backup ? backup : import));
+		request_refuse(q, &err);
+	}
+	return o;
+}
+
+static void answer_done(struct request *q)
+{
+	Acut__V1__Done done = ACUT__V1__DONE__INIT;
+
+	request_answer(q, FRAME_MESSAGE(DONE, done, &done));
+}
+
+static void no_room(struct request *q)
+{
+	struct err err = ERR_INIT;
+
+	err_set(&err, ERR_NOMEM, "no memory for a request");
+	request_refuse(q, &err);
+}
+
+/* ---- out ---- */
+
+static void ready(void *token, const struct err *why, const struct backup_ready *r)
+{
+	Acut__V1__BackupReady m = ACUT__V1__BACKUP_READY__INIT;
+	struct request *q = token;
+
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	m.backup = r->id;
+	m.files = r->files;
+	m.bytes = r->bytes;
+	if (keep(q->conn, r->backup, NULL))
+		request_answer(q, FRAME_MESSAGE(BACKUP_READY, backup_ready, &m));
+	else
+		no_room(q);
+}
+
+void request_backup(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	backup_begin(c->server->jobs, m->backup->dataset, &c->peer, ready, q);
+}
+
+static void next(void *token, const struct err *why, const struct backup_file *f)
+{
+	Acut__V1__BackupFile m = ACUT__V1__BACKUP_FILE__INIT;
+	struct request *q = token;
+	struct conn *c = q->conn;
+	uint32_t id = q->id;
+
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	m.last = !f;
+	if (f) {
+		m.name = (char *)f->name;
+		m.size = f->size;
+		m.lasting = f->lasting;
+	}
+	request_free(q);
+	conn_send(c, id, FRAME_MESSAGE(BACKUP_FILE, backup_file, &m), f ? f->fd : -1);
+}
+
+void request_backup_next(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct conn_copy *o = asked(c, q, m->backup_next->backup, 0);
+
+	if (o)
+		backup_next(o->backup, next, q);
+}
+
+void request_backup_end(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct conn_copy **at = find(c, m->backup_end->backup, m->backup_end->import), *o;
+
+	if (!asked(c, q, m->backup_end->backup, m->backup_end->import))
+		return;
+	o = *at;
+	*at = o->next;
+	if (o->backup)
+		backup_end(o->backup);
+	else
+		import_end(o->import);
+	free(o);
+	answer_done(q);
+}
+
+/* ---- in ---- */
+
+static void begun(void *token, const struct err *why, struct import *i)
+{
+	Acut__V1__Importing m = ACUT__V1__IMPORTING__INIT;
+	struct request *q = token;
+
+	if (why) {
+		request_refuse(q, why);
+		return;
+	}
+	m.import = import_id(i);
+	if (keep(q->conn, NULL, i))
+		request_answer(q, FRAME_MESSAGE(IMPORTING, importing, &m));
+	else
+		no_room(q);
+}
+
+void request_import(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	import_begin(c->server->jobs, m->import->dataset, &c->peer, begun, q);
+}
+
+static void filed(void *token, const struct err *why)
+{
+	if (why)
+		request_refuse(token, why);
+	else
+		answer_done(token);
+}
+
+void request_import_file(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct conn_copy *o = asked(c, q, 0, m->import_file->import);
+
+	if (o)
+		import_file(o->import, m->import_file->name, fd, filed, q);
+	else
+		io_close(fd);
+}
+
+static void imported(void *token, const struct err *why, const struct imported *i)
+{
+	Acut__V1__Imported m = ACUT__V1__IMPORTED__INIT;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	m.dataset = (char *)i->dataset;
+	m.generation = i->generation;
+	m.points = i->points;
+	request_answer(token, FRAME_MESSAGE(IMPORTED, imported, &m));
+}
+
+void request_import_commit(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct conn_copy *o = asked(c, q, 0, m->import_commit->import);
+
+	if (o)
+		import_commit(o->import, imported, q);
+}

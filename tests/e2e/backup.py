@@ -1,0 +1,289 @@
+"""Backups of a daemon at work, restored on an empty machine; exports and imports of single datasets: the same
+digests for every generation, and nothing that was not whole."""
+import json
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+
+import e2e
+from e2e import expect
+from survey import las, says, tile
+
+
+def digests(d, name, generation=None):
+    args = ["submit", name, "--wait", "--json"] + (["--generation", str(generation)] if generation else [])
+    job = d.ctl(*args).ok().json()
+    return job["digest"], job["vertex_digest"], job["points"]
+
+
+def meshes(d, names):
+    out = {}
+    for name, newest in names.items():
+        for g in range(1, newest + 1):
+            out[name, g] = digests(d, name, g)
+    return out
+
+
+def fill(d, base):
+    """Three datasets, of one, two and three generations."""
+    names = {"a": 1, "b": 2, "c": 3}
+    for k, (name, n) in enumerate(names.items()):
+        for g in range(n):
+            d.ctl("push", name, tile(base, 100 * k + g, n=400)).ok()
+    return names
+
+
+def restored(base, folder, name):
+    """A daemon on a copy of the backup, as on an empty machine."""
+    d = e2e.Daemon(base, name=name)
+    shutil.copytree(folder, d.state)
+    return d
+
+
+def files_of(folder):
+    out = {}
+    for path, _, names in os.walk(folder):
+        for n in names:
+            p = os.path.join(path, n)
+            out[os.path.relpath(p, folder)] = (os.stat(p).st_ino, os.stat(p).st_mtime_ns)
+    return out
+
+
+def no_links(d):
+    deadline = time.monotonic() + 10
+    while [n for n in os.listdir(d.state) if n.startswith("backup-")]:
+        expect(time.monotonic() < deadline, "the links of a backup that is over stay behind")
+        time.sleep(0.02)
+
+
+def whole_state():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        names = fill(d, base)
+        want = meshes(d, names)
+        to = os.path.join(base, "backup")
+        first = d.ctl("backup", to, "--json").ok().json()
+        expect(first["new_files"] == first["files"] > 8, first)
+        no_links(d)
+        with restored(base, to, "r") as r:
+            expect(meshes(r, names) == want, "the restored daemon has other meshes")
+            expect(len(r.ctl("jobs", "--json").ok().out.splitlines()) >= 6, "jobs are lost")
+            # It is a whole daemon: it takes pushes, under names that the backup does not have.
+            r.ctl("push", "a", tile(base, 900, n=400)).ok()
+            expect(digests(r, "a", 1) == want["a", 1], "an old generation after a push")
+        with restored(base, to, "r2") as r:
+            expect(meshes(r, names) == want, "the backup is not what it was")
+
+
+def again_and_again():
+    """The second time only what is new comes, and what is gone goes."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        names = fill(d, base)
+        to = os.path.join(base, "backup")
+        d.ctl("backup", to, "--copy").ok()
+        before = files_of(to)
+        d.ctl("push", "a", tile(base, 500, n=400)).ok()
+        names["a"] = 2
+        want = meshes(d, names)
+        got = d.ctl("backup", to, "--json").ok().json()
+        after = files_of(to)
+        segments = {f for f in after if f.endswith(".seg")}
+        expect(len(segments - set(before)) >= 1, "the new segment is not there")
+        expect(all(after[f] == before[f] for f in segments & set(before)), "segments were brought again")
+        expect(got["removed_files"] >= 1 and got["new_files"] < got["files"], got)
+        with restored(base, to, "r") as r:
+            expect(meshes(r, names) == want, "the second backup has other meshes")
+        # A file of the same name and size with other bytes is brought again.
+        victim = os.path.join(to, sorted(segments)[0])
+        with open(victim, "r+b") as f:
+            f.seek(100)
+            f.write(b"\xff")
+        d.ctl("backup", to).ok()
+        with restored(base, to, "r2") as r:
+            expect(meshes(r, names) == want, "a damaged file stayed in the backup")
+
+
+def links_or_copies():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1, n=400)).ok()
+        one, two = os.path.join(base, "one"), os.path.join(base, "two")
+        expect(d.ctl("backup", one, "--json").ok().json()["linked_files"] > 0, "no hard links on one file system")
+        expect(d.ctl("backup", two, "--copy", "--json").ok().json()["linked_files"] == 0, "--copy made links")
+        for path, _, names in os.walk(two):
+            expect(all(os.stat(os.path.join(path, n)).st_nlink == 1 for n in names), "--copy made links")
+        shm = "/dev/shm/acut-backup-%d" % os.getpid()
+        if os.path.isdir("/dev/shm") and os.stat("/dev/shm").st_dev != os.stat(base).st_dev:
+            try:
+                got = d.ctl("backup", shm, "--json").ok().json()
+                expect(got["linked_files"] == 0 and got["new_files"] == got["files"], got)
+            finally:
+                shutil.rmtree(shm, ignore_errors=True)
+
+
+def while_all_goes_on():
+    """Pushes, jobs and backups at once: each backup is some moment's state, whole."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
+        n, failed = 12, []
+        tiles = [tile(base, i, n=2000) for i in range(n)]
+        d.ctl("push", "s", tiles[0]).ok()
+
+        def push():
+            for t in tiles[1:]:
+                r = d.ctl("push", "s", t)
+                if r.status:
+                    failed.append(r.err)
+                d.ctl("submit", "s")
+
+        pusher = threading.Thread(target=push)
+        pusher.start()
+        backups = []
+        while pusher.is_alive() and len(backups) < 8:
+            to = os.path.join(base, "backup%d" % len(backups))
+            d.ctl("backup", to).ok()
+            backups.append(to)
+        pusher.join()
+        expect(not failed, failed)
+        expect(len(backups) >= 2, "one backup took as long as all pushes")
+        seen = set()
+        for i in (0, len(backups) // 2, len(backups) - 1):
+            with restored(base, backups[i], "r%d" % i) as r:
+                newest = r.ctl("dataset", "show", "s", "--json").ok().json()["generation"]
+                seen.add(newest)
+                expect(digests(r, "s", newest) == digests(d, "s", newest), "generation %d of backup %d" % (newest, i))
+                expect(digests(r, "s", 1) == digests(d, "s", 1), "generation 1 of backup %d" % i)
+        expect(len(seen) > 1, "all backups are of one moment")
+
+
+def cut_short():
+    """A client that is killed leaves the last backup good, and nothing in the state."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        names = fill(d, base)
+        want = meshes(d, names)
+        to = os.path.join(base, "backup")
+        d.ctl("backup", to).ok()
+        for k in range(6):
+            d.ctl("push", "more%d" % k, tile(base, 700 + k, n=400)).ok()
+            p = subprocess.Popen([e2e.ACUTCTL, "backup", to, "--copy"], env=dict(os.environ, ACUT_SOCKET=d.socket),
+                                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            time.sleep(0.002 * k)
+            p.kill()
+            p.wait()
+            with restored(base, to, "r%d" % k) as r:
+                expect(meshes(r, names) == want, "a backup that was cut short has harmed the last one")
+        no_links(d)
+        # And those that a killed daemon left.
+        os.mkdir(os.path.join(d.state, "backup-7"))
+        open(os.path.join(d.state, "backup-7", "list"), "w").close()
+        d.stop(signal.SIGKILL)
+        d.start()
+        expect(not os.path.exists(os.path.join(d.state, "backup-7")), "the links of a crashed daemon stay behind")
+        d.ctl("backup", to).ok()
+
+
+def refused():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1)).ok()
+        d.ctl("push", "b", tile(base, 2)).ok()
+        mine = os.path.join(base, "mine")
+        os.mkdir(mine)
+        open(os.path.join(mine, "thesis.txt"), "w").close()
+        says(d.ctl("backup", mine), 2, "neither empty")
+        says(d.ctl("dataset", "export", "a", mine), 2, "neither empty")
+        expect(os.listdir(mine) == ["thesis.txt"], "something was written there")
+        out = os.path.join(base, "out")
+        d.ctl("dataset", "export", "a", out).ok()
+        says(d.ctl("dataset", "export", "b", out), 2, "something else")
+        says(d.ctl("backup", out), 2, "something else")
+        says(d.ctl("dataset", "export", "nothing", os.path.join(base, "x")), 4, "no dataset")
+        says(d.ctl("dataset", "import", mine), 1, "no file manifest")
+        says(d.ctl("dataset", "import", out, "a"), 2, "there is a dataset a already")
+        says(d.ctl("dataset", "import", out, ".x"), 2, "cannot name a dataset")
+
+
+def export_and_import():
+    with e2e.Folder() as base, e2e.Daemon(base) as d, e2e.Daemon(base, name="2") as other:
+        names = fill(d, base)
+        want = meshes(d, names)
+        for name, n in names.items():
+            to = os.path.join(base, "out", name)
+            os.makedirs(os.path.dirname(to), exist_ok=True)
+            got = d.ctl("dataset", "export", name, to, "--json").ok().json()
+            expect(got["dataset"] == name and got["files"] == len(os.listdir(to)) - 1, got)
+            back = other.ctl("dataset", "import", to, "--json").ok().json()
+            expect((back["dataset"], back["generation"]) == (name, n), back)
+        expect(meshes(other, names) == want, "imported datasets have other meshes")
+        # An exported one is pushed to as any other, twice imported are two.
+        other.ctl("dataset", "import", os.path.join(base, "out", "c"), "c2").ok()
+        other.ctl("push", "c", tile(base, 990, n=400)).ok()
+        expect(digests(other, "c2", 3) == want["c", 3] == digests(other, "c", 3), "two imports of one export")
+        # What it had is known.
+        says(other.ctl("push", "c", os.path.join(base, "t00200.las")), 0, "there already")
+        other.stop(signal.SIGKILL)
+        other.start()
+        expect(meshes(other, names) == want, "after a restart")
+
+
+def damaged_imports():
+    """Nothing of a damaged export becomes a dataset, and nothing of it stays on the disk."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1, n=3000)).ok()
+        d.ctl("push", "a", tile(base, 2, n=3000)).ok()
+        good = os.path.join(base, "good")
+        d.ctl("dataset", "export", "a", good).ok()
+        segments = sorted(f for f in os.listdir(good) if f.endswith(".seg"))
+        before = sorted(os.listdir(os.path.join(d.state, "datasets")))
+        size = os.path.getsize(os.path.join(good, segments[0]))
+        bad = os.path.join(base, "bad")
+
+        def tried(change, status, *texts):
+            shutil.rmtree(bad, ignore_errors=True)
+            shutil.copytree(good, bad)
+            change()
+            says(d.ctl("dataset", "import", bad, "x"), status, *texts)
+            says(d.ctl("dataset", "show", "x"), 4)
+            deadline = time.monotonic() + 5
+            while sorted(os.listdir(os.path.join(d.state, "datasets"))) != before:
+                expect(time.monotonic() < deadline, "a folder stays behind")
+                time.sleep(0.05)
+
+        def flip(name, at):
+            with open(os.path.join(bad, name), "r+b") as f:
+                f.seek(at)
+                byte = f.read(1)
+                f.seek(at)
+                f.write(bytes([byte[0] ^ 1]))
+
+        tried(lambda: os.remove(os.path.join(bad, segments[1])), 1, "missing", segments[1])
+        tried(lambda: os.truncate(os.path.join(bad, segments[0]), size - 16), 1, "the manifest says", segments[0])
+        for at in (9, 200, 4096 + 9, 4096 + 100, size // 2, size - 40):
+            tried(lambda: flip(segments[0], at), 74)
+        tried(lambda: flip("manifest", 40), 74, "manifest")
+        tried(lambda: shutil.copy(os.path.join(good, segments[0]), os.path.join(bad, "other.seg")), 1,
+              "does not name")
+        d.ctl("dataset", "import", good, "x").ok()
+
+
+def rights():
+    """A backup is for root and the user of the daemon; an export for the owner."""
+    if os.geteuid():
+        print("     rights: skipped, it takes root to be another user")
+        return
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        os.chmod(base, 0o755)
+        d.ctl("push", "a", tile(base, 1)).ok()
+        os.chmod(d.socket, 0o666)
+        place = os.path.join(base, "nobody")
+        os.mkdir(place)
+        os.chown(place, 65534, 65534)
+        env = dict(os.environ, ACUT_SOCKET=d.socket)
+        ctl = os.path.join(base, "acutctl")
+        shutil.copy(e2e.ACUTCTL, ctl)
+        for args in (["backup", place + "/b"], ["dataset", "export", "a", place + "/e"]):
+            p = subprocess.run([ctl] + args, env=env, capture_output=True, user=65534, group=65534, extra_groups=[], cwd="/")
+            expect(p.returncode == 77, "%s ended with %d: %s" % (args, p.returncode, p.stderr))
+
+
+e2e.main(whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, export_and_import,
+         damaged_imports, rights)
