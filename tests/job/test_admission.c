@@ -404,7 +404,10 @@ static void push_waits(void **state)
 			take_all(&held);
 			turn(5);
 		}
-		assert_int_equal(got.answers, 0);
+		if (got.answers)
+			fail_msg("the push did not wait: %s %s; %u walks, %s, %u KiB free", got.why.code ? "refused," : "begun",
+				 got.why.message, admit_tally(h.jobs, 0).walks, job_state_text(info_of(job).state),
+				 (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
 		if (leaves)
 			push_leave(h.jobs->pushes);
 		else
