@@ -375,6 +375,27 @@ static void turn_quiet(void)
 	}
 }
 
+/* One more push, with all memory taken: true if it is not answered. */
+static bool waits(const struct push_params *p, uint64_t *held)
+{
+	memset(&got, 0, sizeof got);
+	take_all(held);
+	push_begin(h.jobs, p, NULL);
+	for (int i = 0; i < 20; i++) {
+		take_all(held);
+		turn(5);
+	}
+	if (!got.answers)
+		return true;
+	if (got.why.code)
+		fail_msg("the push did not wait: %s; %u walks, %u KiB free", got.why.message, admit_tally(h.jobs, 0).walks,
+			 (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
+	push_leave(got.push);
+	sched_give(h.sched, LEDGER_INPUT, *held);
+	*held = 0;
+	return false;
+}
+
 /* A push for which there is no memory now, not even to read the manifest or to keep it in mind, waits for jobs. */
 static void push_waits(void **state)
 {
@@ -397,17 +418,12 @@ static void push_waits(void **state)
 		uint64_t held = 0;
 
 		assert_int_equal(info_of(job).state, JOB_meshing);
-		memset(&got, 0, sizeof got);
-		take_all(&held);
-		push_begin(h.jobs, &p, NULL);
-		for (int i = 0; i < 20; i++) {
-			take_all(&held);
-			turn(5);
+		/* What the job gives back between two looks may go to the push: then it did not lack memory, and the next one
+		 * may. */
+		for (int tries = 0; !waits(&p, &held); tries++) {
+			assert_true(tries < 20);
+			turn_until(!h.jobs->pushes);
 		}
-		if (got.answers)
-			fail_msg("the push did not wait: %s %s; %u walks, %s, %u KiB free", got.why.code ? "refused," : "begun",
-				 got.why.message, admit_tally(h.jobs, 0).walks, job_state_text(info_of(job).state),
-				 (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
 		if (leaves)
 			push_leave(h.jobs->pushes);
 		else
