@@ -4,10 +4,11 @@
  * The model: one manifest after the other. Who makes the next one is the dataset's `committer`; a change that finds
  * another one there waits in the house's list. A worker reads the newest manifest, lets `make` say what becomes of it,
  * and writes the new one, durable; then the row of the catalogue names it, and only then does the dataset in memory.
- * What a crash leaves of one is a manifest that nothing names.
+ * What a crash leaves of one is a manifest that nothing names, which the next change removes.
  */
 #include "dataset_change.h"
 
+#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -93,11 +94,25 @@ static void change_run(struct sched_task *t)
 	grid_manifest_free(base);
 }
 
+/* Nobody reads by an older name, and nobody else makes a manifest now: what another name has is of a time before. */
+static int remove_older(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct dataset_change *c = ctx;
+
+	if (strncmp(e->d_name, "manifest-", 9) || !strcmp(e->d_name, c->made_name))
+		return 0;
+	return io_remove(c->dataset->dirfd, e->d_name, err);
+}
+
 static void tidy_run(struct sched_task *t)
 {
 	struct dataset_change *c = (struct dataset_change *)t;
+	struct err err = ERR_INIT;
 
-	io->unlinkat(c->dataset->dirfd, c->r ? c->made_name : c->base_name, 0);
+	if (c->r)
+		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
+	else if (io_list(c->dataset->dirfd, ".", remove_older, c, &err))
+		log_err(LOG_LEVEL_WARNING, "an old manifest stays behind", &err);
 }
 
 /* ---- loop ---- */

@@ -192,16 +192,17 @@ def an_interrupted_replacement():
 
 def live_of(rows):
     """The files that are live after all generations, by what each says that it did."""
-    live = set()
+    live = {}
     for r in rows:
         for f in r["files"]:
             if f["removed"]:
-                expect(f["path"] in live, "generation %d removes %s, which is not there" % (r["generation"], f["path"]))
-                live.remove(f["path"])
+                expect(f["source"] in live, "generation %d removes %s, which is not there" % (r["generation"], f))
+                del live[f["source"]]
             else:
-                expect(f["path"] not in live, "generation %d adds %s a second time" % (r["generation"], f["path"]))
-                live.add(f["path"])
-    return live
+                expect(f["source"] not in live, "generation %d adds %s a second time" % (r["generation"], f))
+                live[f["source"]] = f["path"]
+    expect(len(set(live.values())) == len(live), "a file is there twice: %s" % live)
+    return set(live.values())
 
 
 def many_at_once():
@@ -283,6 +284,66 @@ def jobs_keep_their_generation():
                 got = d.ctl("fetch", job, "--format", "null", "--json").ok().json()
                 expect(got["digest"] == want, "job %s gives other triangles later" % job)
             expect(mesh(d, "s", "--at", "4") == mesh(d, "both"), "generation 4")
+
+
+def killed_in_the_midst():
+    """kill -9 at any instant of reverts, replacements and removals: what was answered is there, all else is whole or not."""
+    with e2e.Folder() as base:
+        a, b = cloud(base, "a.las", 1, 0, 0, 400, ties=50), cloud(base, "b.las", 2, 0, 0, 300, ties=50)
+        d, rng, told, count = e2e.Daemon(base), random.Random(7), {"generation": 0, "there": True}, 0
+        with d:
+            d.ctl("push", "s", a, b).ok()
+            told["generation"] = 1
+        for kill in range(15):
+            with e2e.Daemon(base) as d:
+                if not told["there"] and "s" not in names(d):
+                    d.ctl("dataset", "restore", "s").ok()
+                got = show(d, "s")["generation"]
+                expect(told["generation"] <= got <= told["generation"] + 1, "%d was answered, %d is there" % (told["generation"], got))
+                rows = log(d, "s", "--files")
+                expect([r["generation"] for r in rows] == list(range(1, got + 1)), "%s" % rows)
+                expect(len(live_of(rows)) == show(d, "s")["files"], "%s" % rows)
+                told.update(generation=got, there=True)
+
+                def work():
+                    for i in range(1000):
+                        what = (kill + i) % 4
+                        if what == 1:
+                            cloud(base, "a.las", 1000 * kill + i, 0, 0, 400, ties=50)
+                            r = d.ctl("push", "s", "--replace", a)
+                        elif what == 2:
+                            told["there"] = False
+                            r = d.ctl("dataset", "rm", "s")
+                            r = d.ctl("dataset", "restore", "s") if not r.status else r
+                            told["there"] = not r.status
+                        else:
+                            r = d.ctl("dataset", "revert", "s")
+                        if r.status and r.status != 2:
+                            return
+                        if what != 2 and not r.status:
+                            told["generation"] += 1
+                t = threading.Thread(target=work)
+                t.start()
+                time.sleep(rng.uniform(0.01, 0.25))
+                d.stop(signal.SIGKILL)
+                t.join()
+                count += 1
+        with e2e.Daemon(base) as d:
+            if "s" not in names(d):
+                d.ctl("dataset", "restore", "s").ok()
+            rows = log(d, "s", "--files")
+            print("     %d kills, %d generations" % (count, len(rows)))
+            expect(len(rows) > 10, "the kills left no time for anything: %d generations" % len(rows))
+            for g in (1, len(rows) // 2):
+                says(d.ctl("submit", "s", "--at", str(g), "--wait"), 0)
+            folder = os.path.join(d.state, "datasets", "1")
+            d.ctl("dataset", "revert", "s").ok()
+            left = [f for f in os.listdir(folder) if f.startswith("manifest-")]
+            expect(len(left) == 1, "what crashes have left of manifests stays: %s" % left)
+            for f in os.listdir(folder):
+                if f.startswith("manifest-"):
+                    dump = e2e.run([os.environ.get("ACUT_GRID_DUMP", "acut-grid-dump"), "--check", os.path.join(folder, f)])
+                    expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
 
 
 def removed(d, *more):
@@ -443,5 +504,5 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, an_interrupted_replacement, many_at_once, jobs_keep_their_generation,
+    e2e.main(revert_and_at, replaced, an_interrupted_replacement, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
              remove_and_restore, gone_after_a_while, conflicts, what_the_log_says, long_lists)
