@@ -134,7 +134,7 @@ bool jobs_opening(struct jobs *j, const struct dataset *d)
 uint64_t jobs_staged(const struct jobs *j)
 {
 	struct push *p;
-	uint64_t bytes = 0;
+	uint64_t bytes = j->rewriting;
 
 	for (p = j->pushes; p; p = push_next(p))
 		bytes += push_stage_bytes(p);

@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/statvfs.h>
 
 #include "clock.h"
 #include "io.h"
@@ -70,6 +71,13 @@ int rewrite_add(struct dataset_rewrite *w, const struct grid_segment_info *const
 	return 0;
 }
 
+void rewrite_drop_last(struct dataset_rewrite *w)
+{
+	w->nold--;
+	w->read -= w->old[w->nold].bytes;
+	w->unit[w->nunits - 1] = w->nold;
+}
+
 static size_t unit_first(const struct dataset_rewrite *w, size_t unit)
 {
 	return unit ? w->unit[unit - 1] : 0;
@@ -108,6 +116,15 @@ static void look_run(struct sched_task *t)
 
 /* ---- the end ---- */
 
+static void give_space(struct dataset_rewrite *w)
+{
+	if (!w->space)
+		return;
+	space_promise(w->jobs->space, SPACE_MERGES, -(int64_t)w->space);
+	space_give(w->jobs->space, SPACE_MERGES, w->space);
+	w->space = 0;
+}
+
 static void finish(struct dataset_rewrite *w)
 {
 	struct dataset *d = w->dataset;
@@ -115,6 +132,7 @@ static void finish(struct dataset_rewrite *w)
 	if (w->bytes)
 		sched_give(w->jobs->p.sched, LEDGER_STAGE, w->bytes);
 	w->jobs->rewriting -= w->bytes;
+	give_space(w);
 	w->bytes = 0;
 	if (w->opened)
 		dataset_close(d);
@@ -249,20 +267,30 @@ static void changed(struct dataset_change *c, const struct err *why)
 	finish(w);
 }
 
+/* Beforehand: when the catalogue has the new manifest, nothing may fail. */
+static int list_old(struct dataset_rewrite *w, struct err *err)
+{
+	if (w->olds)
+		return 0;
+	w->olds = dataset_old_new(w->nold);
+	if (!w->olds)
+		return err_set(err, ERR_NOMEM, "no memory for a list of segments");
+	for (size_t i = 0; i < w->nold; i++)
+		dataset_old_add(w->olds, w->old[i].file);
+	return 0;
+}
+
 static void change(struct dataset_rewrite *w)
 {
 	w->state = REWRITE_CHANGING;
 	w->again = false;
 	w->r = w->last_look ? w->last_look(w, &w->err) : 0;
-	/* Made beforehand: when the catalogue has it, nothing may fail. */
-	if (!w->r && !w->olds && !(w->olds = dataset_old_new(w->nold)))
-		w->r = err_set(&w->err, ERR_NOMEM, "no memory for a list of segments");
+	if (!w->r)
+		w->r = list_old(w, &w->err);
 	if (w->r) {
 		fail(w);
 		return;
 	}
-	for (size_t i = 0; w->olds->n < w->nold && i < w->nold; i++)
-		dataset_old_add(w->olds, w->old[i].file);
 	w->change = (struct dataset_change){.dataset = w->dataset, .peer = w->peer, .make = make, .over = changed};
 	dataset_change_start(&w->change);
 }
@@ -288,10 +316,33 @@ static int begin(struct dataset_rewrite *w, struct err *err)
 	return grid_rewrite_new(&p, &w->rewrite, err);
 }
 
+/* Of the disk, once: the new segments are no larger than the old ones. */
+static int take_space(struct dataset_rewrite *w, struct err *err)
+{
+	struct statvfs vfs;
+	int r;
+
+	if (w->space || !w->read)
+		return 0;
+	r = space_take(w->jobs->space, SPACE_MERGES, w->read, w->always ? SPACE_MUST : SPACE_MAY, w->what, err);
+	if (!r) {
+		w->space = w->read;
+		space_promise(w->jobs->space, SPACE_MERGES, (int64_t)w->space);
+	}
+	if (r != -ERR_NOSPACE || !w->always || fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
+	    (uint64_t)vfs.f_bavail * vfs.f_frsize < w->read + w->read / 8)
+		return r;
+	/* What frees disk in the end may for a while take what is kept free of others. */
+	err_clear(err);
+	return 0;
+}
+
 static int piece(struct dataset_rewrite *w, struct err *err)
 {
-	int r = 0;
+	int r = take_space(w, err);
 
+	if (r)
+		return r;
 	if (w->gone[w->nmade]) {
 		w->made[w->nmade++] = (struct grid_segment_info){0};
 		return 0;

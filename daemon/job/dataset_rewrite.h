@@ -25,9 +25,10 @@ struct dataset_rewrite {
 	int (*last_look)(struct dataset_rewrite *, struct err *err);
 	/* Loop: done, or why not; the last that is heard of it, and who frees it (by dataset_rewrite_clear before). */
 	void (*over)(struct dataset_rewrite *, const struct err *why);
+	const char *what;       /* it is, in messages */
 	enum sched_priority priority;
 	bool patient;           /* waits for memory; else -ERR_BUSY */
-	bool always;            /* the manifest changes even where no segment does (choose may clear it) */
+	bool always;            /* the manifest changes even where no segment does; it frees disk: it may go beyond the quota */
 	uint64_t most;          /* memory that it may have; choose looks at it */
 	const uint32_t *drop;   /* sources whose records go, ascending; choose sets it, `over` frees it */
 	size_t ndrop;
@@ -46,7 +47,7 @@ struct dataset_rewrite {
 	struct jobs *jobs;
 	struct grid_rewrite *rewrite;
 	struct dataset_old *olds;
-	uint64_t row, bytes;
+	uint64_t row, bytes, space;
 	char base_name[64], new_name[64];
 	bool opened, stop, has_row, busy, again; /* again: at the next tick */
 	int r;
@@ -65,6 +66,8 @@ void dataset_rewrite_clear(struct dataset_rewrite *);
 /* In choose: n segments become one, without the dropped sources; gone: they hold nothing that stays. */
 int rewrite_add(struct dataset_rewrite *, const struct grid_segment_info *const *segments, size_t n, bool gone,
 		struct err *err);
+/* In choose: all but the last segment of what was added last. */
+void rewrite_drop_last(struct dataset_rewrite *);
 /* In choose, after adding: the memory that it takes. */
 uint64_t rewrite_bytes(const struct dataset_rewrite *);
 

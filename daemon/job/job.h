@@ -152,6 +152,22 @@ void dataset_revert(struct dataset *, uint64_t generation, const struct job_peer
 typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
 void dataset_read(struct dataset *, const struct job_peer *, dataset_read_fn *answer, void *token);
 
+struct pruned {
+	struct dataset *dataset;
+	uint64_t oldest; /* generation that can be read now */
+	uint64_t generations, files, points, bytes; /* that went; of files: points and what they took on the disk */
+	uint64_t segments;                          /* that were made anew, or went */
+};
+typedef void prune_answer_fn(void *token, const struct err *why, const struct pruned *);
+struct prune;
+/*
+ * Generations go: all but the newest `keep`, or all before generation `before`; the other one is 0. -ERR_BUSY: jobs
+ * of these are not done. Answered when the catalogue has it; NULL: answered already. The handle is good until then.
+ */
+struct prune *dataset_prune(struct dataset *, uint64_t keep, uint64_t before, const struct job_peer *,
+			    prune_answer_fn *answer, void *token);
+void dataset_prune_cancel(struct prune *); /* answered with -ERR_CANCELLED, if it is not too late */
+
 /* ---- pushes ---- */
 
 struct push_begun {

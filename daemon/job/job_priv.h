@@ -50,6 +50,8 @@ struct dataset {
 	uint64_t generation, points, bytes;
 	uint64_t oldest;   /* generation that can be read; 0: there is none */
 	uint32_t segments; /* of the newest manifest; 0: not known yet */
+	bool merge_due;    /* there may be something to merge */
+	uint64_t prune_to; /* a prune is at work: what is before that will go; 0: none is */
 	int64_t removed_us; /* 0: it is there */
 	bool pinned;
 	char *lattice, *crs, *unit_xy, *unit_z;
@@ -146,6 +148,12 @@ struct jobs {
 	size_t nloaded;
 	struct job_asked_plan *plans;
 	uint64_t expired_ns; /* when removed datasets were looked at */
+	struct dataset_rewrite *merge; /* that is at work */
+	struct prune *prunes;          /* the first is at work, if no merge is */
+	struct dataset_old *olds;      /* that wait until nobody opens them */
+	uint64_t rewriting;            /* memory that merge and prune hold */
+	uint64_t merge_after_ns;       /* none begins before */
+	uint64_t merges, merged_bytes; /* since the start: merges, bytes that they wrote */
 	struct dataset_change *changes; /* that wait for their turn */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
@@ -191,6 +199,27 @@ struct pending *pending_free(struct jobs *, struct pending *);
  * without it. No file of the newest manifest of that time goes meanwhile. */
 void dataset_read_begin(struct dataset *);
 void dataset_read_end(struct dataset *);
+/* Names of files that go; room for so many. Any thread. */
+struct dataset_old *dataset_old_new(size_t names);
+struct dataset_old *dataset_old_free(struct dataset_old *);
+void dataset_old_add(struct dataset_old *, const char *name);
+/* Loop: they go when they can, and then that row of a push (0: none). `old` is not the caller's any more. */
+void dataset_old_goes(struct dataset_old *old, struct dataset *, uint64_t row);
+void dataset_old_settle(struct jobs *);
+void dataset_old_forget(struct jobs *); /* at the end: the next start finds them */
+
+/* dataset_merge.c */
+bool merge_due(const struct grid_manifest *);
+bool merge_due_likely(uint32_t segments); /* where only their number is known */
+void dataset_merge_settle(struct jobs *);
+
+/* dataset_rewrite.c: the row is not of a push, but of a merge or prune; what it made is to be swept away */
+bool rewrite_row(const struct catalogue_push *);
+
+/* dataset_prune.c */
+void dataset_prune_settle(struct jobs *);
+void dataset_prune_tick(struct jobs *);
+void dataset_prunes_park(struct jobs *);
 
 /* dataset.c */
 struct dataset *dataset_new(struct jobs *, const char *name, uint32_t uid, bool onestep, struct err *err);

@@ -10,6 +10,7 @@
 
 #include "backup.h"
 #include "clock.h"
+#include "dataset_rewrite.h"
 #include "geoids.h"
 #include "io.h"
 #include "job_fetch.h"
@@ -78,8 +79,9 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 	bool stays = false;
 	int r = 0;
 
-	if (d) {
+	if (d)
 		d->sweep = true;
+	if (d && !rewrite_row(row)) {
 		r = pending_load(d, row, &stays, err);
 	}
 	if (row->dataset > j->last_dataset)
@@ -244,6 +246,7 @@ struct jobs *jobs_free(struct jobs *j)
 
 	if (!j)
 		return NULL;
+	dataset_old_forget(j);
 	while ((job = j->jobs)) {
 		/* The datasets go next, whoever uses them. */
 		job->dataset = NULL;
@@ -355,7 +358,10 @@ void jobs_settle(struct jobs *j)
 		job_settle(job);
 	job_plans_settle(j);
 	admit_stages(j);
+	dataset_prune_settle(j);
+	dataset_merge_settle(j);
 	dataset_changes_settle(j);
+	dataset_old_settle(j);
 	for (p = j->pushes; p; p = next) {
 		next = push_next(p);
 		push_retry(p);
@@ -381,6 +387,9 @@ void jobs_tick(struct jobs *j)
 	}
 	disk_tick(j);
 	datasets_tick(j);
+	dataset_prune_tick(j);
+	if (j->merge)
+		dataset_rewrite_tick(j->merge);
 	jobs_settle(j);
 }
 
@@ -407,6 +416,9 @@ void jobs_park(struct jobs *j)
 	struct job *job;
 
 	j->parking = true;
+	dataset_prunes_park(j);
+	if (j->merge)
+		dataset_rewrite_cancel(j->merge);
 	job_plans_park(j);
 	for (job = j->jobs; job; job = job->next) {
 		if (job->bound)
