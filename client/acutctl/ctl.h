@@ -36,6 +36,7 @@ struct ctl_args {
 	const char *zmin, *zmax, *crop, *bbox, *polygon, *every, *thin, *thin_pick;
 	const char *format, *tile, *origin, *max_edge, *z_unit, *width, *color;
 	const char *generation, *priority, *replaces, *as;
+	const char *keep, *before;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
 	char **word;               /* what is not an option, without the command */

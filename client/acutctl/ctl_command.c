@@ -18,6 +18,8 @@ static const struct ctl_command table[] = {
 	{"dataset", "dataset VERB NAME",
 	 "what is in one dataset, and what becomes of it: show, create, log, revert, rm, restore, pin, unpin, export, import",
 	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, ctl_dataset_run},
+	 "what is in one dataset, and what becomes of it: show, create, log, revert, prune, rm, restore, pin, unpin",
+	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET, 1, MANY, false, ctl_dataset_run},
 	{"datasets", "datasets", "list the datasets", CTL_ALL | CTL_REMOVED, 0, 0, false, ctl_datasets_run},
 	{"doctor", "doctor", "look for what is wrong", CTL_ALL, 0, MANY, false, NULL},
 	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files",

@@ -33,6 +33,11 @@ void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 	ctl_json_u64(&j, "oldest", d->oldest ? d->oldest : d->generation ? 1 : 0);
 	ctl_json_bool(&j, "pinned", d->pinned);
 	ctl_json_u64(&j, "id", d->id);
+	if (d->segments)
+		ctl_json_u64(&j, "segments", d->segments);
+	else
+		ctl_json_known(&j, "segments", "");
+	ctl_json_bool(&j, "merging", d->merging);
 	ctl_job_time(&j, "removed", d->removed_us);
 	ctl_job_time(&j, "restorable_until", d->until_us);
 	ctl_json_close(&j, '}');
@@ -47,6 +52,8 @@ static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 	fprintf(out, "dataset     %s\ngeneration  %llu, of %u files\npoints      %s, %s\n", d->name,
 		(unsigned long long)d->generation, d->files, ctl_job_count(d->points, a),
 		parse_size_text(d->bytes, b));
+	if (d->segments)
+		fprintf(out, "segments    %u%s\n", d->segments, d->merging ? ", some of them become one now" : "");
 	if (d->oldest > 1)
 		fprintf(out, "oldest      generation %llu\n", (unsigned long long)d->oldest);
 	fprintf(out, "created     %s by user %u\npushed      %s\n", ctl_job_time_text(d->created_us, a),
@@ -89,6 +96,11 @@ static int create(struct ctl *ctl)
 static int log_run(struct ctl *ctl)
 {
 	return ctl_dataset_log(ctl, ctl->args.word[1]);
+}
+
+static int prune(struct ctl *ctl)
+{
+	return ctl_dataset_prune(ctl, ctl->args.word[1]);
 }
 
 static int revert(struct ctl *ctl)
@@ -153,6 +165,7 @@ static int import(struct ctl *ctl)
 
 /* Options that not all of the verbs take. */
 enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_COPY = 16 };
+enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_KEEP = 16 };
 
 static const struct verb {
 	const char *name;
@@ -166,6 +179,7 @@ static const struct verb {
 	{ "log", 2, 2, TAKES_FILES, log_run },
 	{ "pin", 2, 2, 0, pin },
 	{ "restore", 2, 2, TAKES_AS, restore },
+	{ "prune", 2, 2, TAKES_KEEP, prune },
 	{ "revert", 2, 3, 0, revert },
 	{ "rm", 2, 2, 0, rm },
 	{ "show", 2, 2, TAKES_AT, show },
@@ -181,6 +195,8 @@ static int check_options(const struct ctl_args *a, const struct verb *v, struct 
 		a->files && !(v->takes & TAKES_FILES) ? "files" : NULL,
 		a->as && !(v->takes & TAKES_AS) ? "as" : NULL,
 		a->copy && !(v->takes & TAKES_COPY) ? "copy" : NULL,
+		a->keep && !(v->takes & TAKES_KEEP) ? "keep" : NULL,
+		a->before && !(v->takes & TAKES_KEEP) ? "before" : NULL,
 	};
 
 	for (size_t i = 0; i < sizeof(given) / sizeof(*given); i++)

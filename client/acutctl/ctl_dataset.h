@@ -9,6 +9,7 @@ void ctl_dataset_json(struct ctl *, const struct acut_dataset *);
 
 int ctl_dataset_create(struct ctl *, const char *name);
 int ctl_dataset_log(struct ctl *, const char *name);
+int ctl_dataset_prune(struct ctl *, const char *name);
 int ctl_dataset_revert(struct ctl *, const char *name, const char *generation /* NULL: the newest */);
 /* ctl_backup.c; name NULL: that of the folder */
 int ctl_dataset_export(struct ctl *, const char *name, const char *dir);

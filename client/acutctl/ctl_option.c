@@ -119,6 +119,8 @@ static const struct option table[] = {
 	{"files", 0, NULL, FLAG, AT(files), CTL_DATASET, "log: with each file"},
 	{"as", 0, "NAME", TEXT, AT(as), CTL_DATASET, "restore: under another name"},
 	{"removed", 0, NULL, FLAG, AT(removed), CTL_REMOVED, "those that were removed and can be restored"},
+	{"keep", 0, "N", TEXT, AT(keep), CTL_DATASET, "prune: so many of the newest generations stay"},
+	{"before", 0, "GENERATION", TEXT, AT(before), CTL_DATASET, "prune: the generations before this one go"},
 
 	{"memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN,
 	 "a daemon of this command's own, with this much memory"},

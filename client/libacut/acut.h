@@ -352,6 +352,8 @@ struct acut_dataset {
 	bool pinned;
 	uint64_t id;
 	uint64_t oldest; /* generation that can be read; 0: not said */
+	uint32_t segments; /* files that hold its points; 0: not known */
+	bool merging;      /* some of them become one now */
 };
 /* A dataset before its first push. NULL, "": as the inputs of that push have it. */
 int acut_dataset_create(struct acut *, const char *name, const char *scale_xy, const char *scale_z, const char *crs);
@@ -402,6 +404,14 @@ struct acut_reverted {
 };
 /* generation 0: the newest. */
 int acut_dataset_revert(struct acut *, const char *dataset, uint64_t generation, struct acut_reverted *ret);
+
+struct acut_pruned {
+	uint64_t oldest; /* generation that can be read now */
+	uint64_t generations, files, points, bytes; /* that went; bytes on the disk */
+	uint64_t segments; /* files of points that were made anew, or went */
+};
+/* All generations but the newest `keep` go, or all before generation `before`; the other one is 0. */
+int acut_dataset_prune(struct acut *, const char *dataset, uint64_t keep, uint64_t before, struct acut_pruned *ret);
 
 struct acut_plan {
 	uint64_t points, domains, memory_bytes, disk_bytes;

@@ -29,6 +29,8 @@ void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 	    .pinned = d->pinned,
 	    .id = d->id,
 	    .oldest = d->oldest,
+	    .segments = d->segments,
+	    .merging = d->merging,
 	};
 	for (size_t i = 0; i < 3; i++) {
 		ret->min[i] = i < d->n_min ? d->min[i] : NAN;
@@ -231,5 +233,27 @@ int acut_dataset_revert(struct acut *a, const char *dataset, uint64_t generation
 				      .files_removed = d->files_removed,
 				      .points_added = d->points_added,
 				      .points_removed = d->points_removed};
+	return 0;
+}
+
+int acut_dataset_prune(struct acut *a, const char *dataset, uint64_t keep, uint64_t before, struct acut_pruned *ret)
+{
+	Acut__V1__Prune question = ACUT__V1__PRUNE__INIT;
+	const Acut__V1__Pruned *d;
+	int r;
+
+	question.dataset = call_text(dataset);
+	question.keep = keep;
+	question.before = before;
+	r = call_ask(a, FRAME_MESSAGE(PRUNE, prune, &question), -1, ACUT__V1__MESSAGE__BODY_PRUNED);
+	if (r < 0)
+		return r;
+	d = a->answer->pruned;
+	*ret = (struct acut_pruned){.oldest = d->oldest,
+				    .generations = d->generations,
+				    .files = d->files,
+				    .points = d->points,
+				    .bytes = d->bytes,
+				    .segments = d->segments};
 	return 0;
 }

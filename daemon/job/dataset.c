@@ -348,6 +348,7 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.pushes = d->pushes,
 		.oldest = d->oldest,
 		.segments = d->segments,
+		.merging = merge_at_work(d),
 		.removed_us = d->removed_us,
 		.until_us = dataset_until_us(d),
 		.pinned = d->pinned,
@@ -458,6 +459,8 @@ void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
 int dataset_check_generation(const struct dataset *d, uint64_t generation, struct err *err)
 {
 	uint64_t oldest = d->oldest ? d->oldest : 1;
+
+	oldest = d->prune_to > oldest ? d->prune_to : oldest;
 
 	if (!d->generation)
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);

@@ -38,18 +38,6 @@ static int take_room(struct dataset_change *c, uint64_t bytes, struct err *err)
 	return err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
 }
 
-/* Those that can be read. */
-static int keep_generations(struct grid_manifest *m, const struct grid_manifest *base, struct err *err)
-{
-	size_t first = 0, n = base->ngenerations;
-
-	while (first < n && base->generations[first].number < m->oldest)
-		first++;
-	m->ngenerations = n - first;
-	m->generations = copy(base->generations + first, m->ngenerations, sizeof *m->generations);
-	return m->generations ? 0 : err_set(err, ERR_NOMEM, "no memory for a manifest");
-}
-
 static int write_made(struct dataset_change *c, const struct grid_manifest *base, struct err *err)
 {
 	struct grid_manifest m = *base;
@@ -71,8 +59,8 @@ static int write_made(struct dataset_change *c, const struct grid_manifest *base
 		r = c->make(c, base, &m, err);
 	if (!r && m.generation != base->generation)
 		r = generation_note(&m, base, &c->peer, c->kind, c->undoes, err);
-	else if (!r)
-		r = keep_generations(&m, base, err);
+	else if (!r && !(m.generations = copy(base->generations, base->ngenerations, sizeof *m.generations)))
+		r = err_set(err, ERR_NOMEM, "no memory for a manifest");
 	if (!r && m.generation != base->generation) {
 		c->did = m.generations[m.ngenerations - 1];
 		c->did.user = NULL;

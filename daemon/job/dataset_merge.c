@@ -182,3 +182,8 @@ void dataset_merge_settle(struct jobs *j)
 	if (d)
 		start(j, d);
 }
+
+bool merge_at_work(const struct dataset *d)
+{
+	return d->jobs->merge && d->jobs->merge->dataset == d;
+}

@@ -2,8 +2,8 @@
  * Prune: generations before one go, and with them the points that no remaining one has.
  *
  * The model: a source whose lives all end by the oldest generation that stays is dead. Segments that hold records of dead
- * sources are made anew without them, or go if they hold nothing else; the next manifest lacks these sources and the
- * generations, and says which is the oldest that can be read. Nothing that can be read afterwards has changed: the same
+ * sources are made anew without them, or go if they hold nothing else; the next manifest lacks these sources, and says
+ * which generation is the oldest that can be read; what each of the others did is told still. Nothing that can be read afterwards has changed: the same
  * records, and the same sums of contents. A job of a generation that would go, and is not done, stops it: nobody takes away
  * what somebody waits for.
  */
@@ -132,9 +132,7 @@ static int alter(struct dataset_rewrite *w, const struct grid_manifest *base, st
 		m->sources[n++] = *s;
 	}
 	m->nsources = n;
-	p->done.generations = 0;
-	for (size_t i = 0; i < base->ngenerations; i++)
-		p->done.generations += base->generations[i].number < p->oldest;
+	p->done.generations = p->oldest - grid_manifest_oldest(base);
 	m->oldest = p->oldest;
 	return 0;
 }
@@ -218,6 +216,10 @@ static int decide(struct prune *p, struct err *err)
 
 	if (!d->generation)
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
+	if (d->pinned) {
+		err_set(err, ERR_USAGE, "the dataset %s is pinned: nothing of it is pruned", d->name);
+		return err_add_hint(err, "acutctl dataset unpin %s", d->name);
+	}
 	if (!p->keep == !p->before)
 		return err_set(err, ERR_USAGE, "either how many generations stay, or before which they go");
 	if (p->keep)

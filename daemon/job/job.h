@@ -90,6 +90,7 @@ struct dataset_info {
 	int32_t box[4];
 	uint64_t oldest;   /* generation that can be read */
 	uint32_t segments; /* 0: not known */
+	bool merging;      /* some of them become one now */
 	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
 	bool pinned;
 	unsigned pushes; /* open now */

@@ -212,6 +212,7 @@ void dataset_old_forget(struct jobs *); /* at the end: the next start finds them
 bool merge_due(const struct grid_manifest *);
 bool merge_due_likely(uint32_t segments); /* where only their number is known */
 void dataset_merge_settle(struct jobs *);
+bool merge_at_work(const struct dataset *);
 
 /* dataset_rewrite.c: the row is not of a push, but of a merge or prune; what it made is to be swept away */
 bool rewrite_row(const struct catalogue_push *);

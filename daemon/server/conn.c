@@ -295,6 +295,18 @@ static void leave_jobs(struct conn *c)
 	}
 }
 
+/* Each is answered, and so freed, before it is over. */
+static void leave_prunes(struct conn *c)
+{
+	struct request *q, *next;
+
+	for (q = c->requests; q; q = next) {
+		next = q->next;
+		if (q->prune)
+			dataset_prune_cancel(q->prune);
+	}
+}
+
 void conn_close(struct conn *c)
 {
 	struct push_ref *p;
@@ -314,6 +326,7 @@ void conn_close(struct conn *c)
 	leave_jobs(c);
 	if (c->verify)
 		cache_verify_end(c->verify);
+	leave_prunes(c);
 }
 
 bool conn_reap(struct conn *c)

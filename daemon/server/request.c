@@ -67,6 +67,7 @@ static const struct {
 	ROW(FILES_REQUEST, request_files, false),
 	ROW(REVERT, request_revert, false),
 	ROW(DATASET_CHANGE, request_dataset_change, false),
+	ROW(PRUNE, request_prune, false),
 	ROW(PLAN_REQUEST, request_plan, false),
 	ROW(GEOID_ADD, request_geoid_add, true),
 	ROW(GEOIDS_REQUEST, request_geoids, false),

@@ -57,6 +57,8 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.uid = info.uid;
 	m->dataset.created_us = info.created_us;
 	m->dataset.pushed_us = info.pushed_us;
+	m->dataset.segments = info.segments;
+	m->dataset.merging = info.merging;
 	m->dataset.removed_us = info.removed_us;
 	m->dataset.until_us = info.until_us;
 	m->dataset.pinned = info.pinned;

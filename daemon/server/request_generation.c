@@ -257,3 +257,38 @@ void request_revert(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->revert->dataset);
 	request_refuse(q, &err);
 }
+
+/* ---- prune ---- */
+
+static void pruned(void *token, const struct err *why, const struct pruned *p)
+{
+	Acut__V1__Pruned m = ACUT__V1__PRUNED__INIT;
+
+	if (why) {
+		request_refuse(token, why);
+		return;
+	}
+	m.oldest = p->oldest;
+	m.generations = p->generations;
+	m.files = p->files;
+	m.points = p->points;
+	m.bytes = p->bytes;
+	m.segments = p->segments;
+	request_answer(token, FRAME_MESSAGE(PRUNED, pruned, &m));
+}
+
+void request_prune(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct dataset *d = dataset_find(c->server->jobs, m->prune->dataset, &c->peer);
+	struct err err = ERR_INIT;
+	struct prune *prune;
+
+	if (!d) {
+		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->prune->dataset);
+		request_refuse(q, &err);
+		return;
+	}
+	prune = dataset_prune(d, m->prune->keep, m->prune->before, &c->peer, pruned, q);
+	if (prune)
+		q->prune = prune;
+}

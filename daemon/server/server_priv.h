@@ -43,6 +43,7 @@ struct request {
 	struct push_ref *push; /* of PushBegin to PushAbort */
 	uint64_t job;          /* of Wait and Fetch */
 	bool watch, wait;
+	struct prune *prune;   /* of Prune */
 };
 
 /* A push of this connection. */
@@ -124,7 +125,7 @@ request_fn request_datasets, request_dataset_create, request_dataset_change, req
 /* Points and files as its manifest (NULL: none) says of that generation. */
 void request_dataset_state(struct request *, const struct dataset *, const struct grid_manifest *, uint64_t generation);
 /* request_generation.c */
-request_fn request_log, request_files, request_revert;
+request_fn request_log, request_files, request_revert, request_prune;
 void request_dataset_at(struct conn *, struct request *, const char *name, uint64_t generation);
 
 /* message_job.c: a Job as a message, with the texts that it points to. Do not copy or move it. */
