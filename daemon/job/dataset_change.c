@@ -154,7 +154,9 @@ static void row_done(void *ctx, int r, const struct err *why)
 		c->err = *why;
 	else
 		c->r = dataset_set(d, c->made, c->made_name, &c->err);
-	/* The old one stays while somebody opens it; a sweep takes it. */
+	/* The old one stays while somebody opens it. */
+	if (!r && read)
+		dataset_old_manifest(d, c->base_name);
 	if (!r && (read || c->r))
 		finish(c);
 	else

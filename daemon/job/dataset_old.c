@@ -110,6 +110,16 @@ void dataset_old_goes(struct dataset_old *o, struct dataset *d, uint64_t row)
 	d->jobs->olds = o;
 }
 
+void dataset_old_manifest(struct dataset *d, const char *name)
+{
+	struct dataset_old *o = *name ? dataset_old_new(1) : NULL;
+
+	if (!o)
+		return;
+	dataset_old_add(o, name);
+	dataset_old_goes(o, d, 0);
+}
+
 void dataset_old_settle(struct jobs *j)
 {
 	struct dataset_old **at = &j->olds, *o;

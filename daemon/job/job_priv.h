@@ -205,6 +205,8 @@ struct dataset_old *dataset_old_free(struct dataset_old *);
 void dataset_old_add(struct dataset_old *, const char *name);
 /* Loop: they go when they can, and then that row of a push (0: none). `old` is not the caller's any more. */
 void dataset_old_goes(struct dataset_old *old, struct dataset *, uint64_t row);
+/* A manifest that somebody opens now; without memory for that it stays until a sweep. */
+void dataset_old_manifest(struct dataset *, const char *name);
 void dataset_old_settle(struct jobs *);
 void dataset_old_forget(struct jobs *); /* at the end: the next start finds them */
 

@@ -260,6 +260,8 @@ static void commit_answer(struct push *p, const struct err *why)
 		if (dataset_set(d, p->made, p->made_name, &err))
 			why = &err;
 		p->old_goes = !jobs_opening(p->jobs, d) && !d->readers;
+		if (!p->old_goes)
+			dataset_old_manifest(d, p->base_name);
 	}
 	p->committed = !why;
 	if (!why)
