@@ -160,7 +160,7 @@ static struct dataset *due(const struct jobs *j)
 	struct dataset *d, *most = NULL;
 
 	for (d = j->datasets; d && !d->onestep; d = d->next)
-		if (d->merge_due && d->generation && (!most || d->segments > most->segments))
+		if (d->merge_due && d->generation && !d->removed_us && (!most || d->segments > most->segments))
 			most = d;
 	return most;
 }
