@@ -230,7 +230,7 @@ def cuts(base, played, n, rng, quiet=False):
     disk, acks, begin, end = played
     images, lost, unmounted, starts, checked = Images(disk), 0, 0, [], 0
     lock = threading.Lock()
-    points = iter(sorted(rng.randrange(begin, end) for _ in range(n)))
+    points = iter(sorted(rng.randrange(begin, end + 1) for _ in range(n)))
 
     def some(k):
         nonlocal lost, unmounted, checked

@@ -40,6 +40,40 @@ struct scene_digests {
 
 /* ---- steps that may fail ---- */
 
+/* As open_house, but it may fail. */
+static int house_try_open(uint64_t memory, unsigned threads, struct err *err)
+{
+	struct jobs_params p = {.threads = threads};
+	char path[128];
+	int r;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	memset(&h.ledger, 0, sizeof h - offsetof(struct house, ledger));
+	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+	h.cachefd = dup(h.statefd);
+	h.ledger = ledger_new(memory);
+	ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0);
+	ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0);
+	r = sched_new(h.ledger, threads, &h.sched, err);
+	if (!r)
+		r = catalogue_new(path, h.ledger, &h.catalogue, err);
+	p.ledger = h.ledger;
+	p.sched = h.sched;
+	p.catalogue = h.catalogue;
+	p.statefd = h.statefd;
+	p.cachefd = h.cachefd;
+	if (!r)
+		r = jobs_new(&p, &h.jobs, err);
+	if (!r)
+		return 0;
+	sched_free(h.sched);
+	catalogue_free(h.catalogue);
+	close(h.statefd);
+	close(h.cachefd);
+	ledger_free(h.ledger);
+	return r;
+}
+
 /* 0 or the code of the error, which is in got.why. The push stays open in any case if there is one. */
 static enum err_code push_some(const char *dataset, const unsigned *seeds, unsigned n, unsigned staged, bool commit,
 			       enum push_known_as *ret_known)

@@ -31,40 +31,6 @@ static void typed(const char *what, const struct err *err)
 	_exit(1);
 }
 
-/* As open_house, but it may fail. */
-static int try_open(struct err *err)
-{
-	struct jobs_params p = {.threads = 2};
-	char path[128];
-	int r;
-
-	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
-	memset(&h.ledger, 0, sizeof h - offsetof(struct house, ledger));
-	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	h.cachefd = dup(h.statefd);
-	h.ledger = ledger_new(SCENE_MEMORY);
-	ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0);
-	ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0);
-	r = sched_new(h.ledger, 2, &h.sched, err);
-	if (!r)
-		r = catalogue_new(path, h.ledger, &h.catalogue, err);
-	p.ledger = h.ledger;
-	p.sched = h.sched;
-	p.catalogue = h.catalogue;
-	p.statefd = h.statefd;
-	p.cachefd = h.cachefd;
-	if (!r)
-		r = jobs_new(&p, &h.jobs, err);
-	if (!r)
-		return 0;
-	sched_free(h.sched);
-	catalogue_free(h.catalogue);
-	close(h.statefd);
-	close(h.cachefd);
-	ledger_free(h.ledger);
-	return r;
-}
-
 static void lift(void)
 {
 	unsigned long lost = fault_distrusted();
@@ -152,7 +118,7 @@ static void all_of_it(void)
 	struct job *job;
 	int r;
 
-	for (int tries = 0; (r = try_open(&err)); tries++) {
+	for (int tries = 0; (r = house_try_open(SCENE_MEMORY, 2, &err)); tries++) {
 		typed("start", &err);
 		err = ERR_INIT;
 		if (tries)
