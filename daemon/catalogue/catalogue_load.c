@@ -90,7 +90,8 @@ static int read_last(sqlite3_stmt *s, const struct catalogue_reader *to, struct 
 	return 0;
 }
 
-static int read_all(struct catalogue *c, const char *sql,
+/* `table`: its rows have checksums; NULL: not. */
+static int read_all(struct catalogue *c, const char *table, const char *sql,
 		    int (*row)(sqlite3_stmt *, const struct catalogue_reader *, struct err *),
 		    const struct catalogue_reader *to, struct err *err)
 {
@@ -99,8 +100,14 @@ static int read_all(struct catalogue *c, const char *sql,
 
 	if (sqlite3_prepare_v2(c->db, sql, -1, &s, NULL) != SQLITE_OK)
 		return catalogue_failed(c, err, "the catalogue cannot be read");
-	while (!r && (step = sqlite3_step(s)) != SQLITE_DONE)
-		r = step == SQLITE_ROW ? row(s, to, err) : catalogue_failed(c, err, "the catalogue cannot be read");
+	while (!r && (step = sqlite3_step(s)) != SQLITE_DONE) {
+		if (step != SQLITE_ROW)
+			r = catalogue_failed(c, err, "the catalogue cannot be read");
+		else if (table)
+			r = catalogue_sum_check(s, table, err);
+		if (!r)
+			r = row(s, to, err);
+	}
 	sqlite3_finalize(s);
 	return r;
 }
@@ -112,12 +119,12 @@ int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint6
 	int r;
 
 	ret_last[0] = ret_last[1] = ret_last[2] = 0;
-	r = read_all(c, "SELECT name, seq FROM sqlite_sequence", read_last, &last, err);
+	r = read_all(c, NULL, "SELECT name, seq FROM sqlite_sequence", read_last, &last, err);
 	if (!r)
-		r = read_all(c, catalogue_sql_datasets, read_dataset, to, err);
+		r = read_all(c, "dataset", catalogue_sql_datasets, read_dataset, to, err);
 	if (!r)
-		r = read_all(c, catalogue_sql_jobs, read_job, to, err);
+		r = read_all(c, "job", catalogue_sql_jobs, read_job, to, err);
 	if (!r)
-		r = read_all(c, catalogue_sql_pushes, read_push, to, err);
+		r = read_all(c, "push", catalogue_sql_pushes, read_push, to, err);
 	return r;
 }

@@ -45,6 +45,25 @@ static int user_version(struct catalogue *c, int *ret, struct err *err)
 	return 0;
 }
 
+/* Pages whose cells do not add up: rows that are not found would be taken for rows that are not there. */
+static int check_pages(struct catalogue *c, struct err *err)
+{
+	const char *said = "";
+	sqlite3_stmt *s;
+	int r = 0;
+
+	if (sqlite3_prepare_v2(c->db, "PRAGMA quick_check(1)", -1, &s, NULL) != SQLITE_OK || sqlite3_step(s) != SQLITE_ROW)
+		r = catalogue_failed(c, err, "the catalogue cannot be read");
+	else
+		said = (const char *)sqlite3_column_text(s, 0);
+	if (!r && (!said || strcmp(said, "ok"))) {
+		err_set(err, ERR_CORRUPT, "the catalogue is damaged: %.200s", said ? said : "");
+		r = err_add_hint(err, "take the state from a backup");
+	}
+	sqlite3_finalize(s);
+	return r;
+}
+
 static int bring_up(struct catalogue *c, int version, struct err *err)
 {
 	int r = 0;
@@ -77,6 +96,8 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 		return err_add_hint(err, "use that acutd, or another state folder (--state; of private daemons XDG_STATE_HOME)");
 	}
 	r = catalogue_run(c, catalogue_sql_setup, err);
+	if (!r && version)
+		r = check_pages(c, err);
 	if (!r)
 		r = bring_up(c, version, err);
 	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)

@@ -61,6 +61,11 @@ int catalogue_failed(struct catalogue *, struct err *err, const char *what);
 int catalogue_verify(struct catalogue *, struct err *err); /* -ERR_CORRUPT: what is wrong first */
 int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 
+/* catalogue_sum.c: what the last column of a row is, from those before it. */
+int64_t catalogue_sum(const struct value *, unsigned n);
+/* The row that `s` stands at. -ERR_CORRUPT: it is not what was written. */
+int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err);
+
 void catalogue_change_free(struct change *);
 
 #endif

@@ -12,6 +12,8 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 				   "PRAGMA cache_size = -256;"
 				   "PRAGMA wal_autocheckpoint = 256;";
 
+/* The last column of each table is a checksum of the others (catalogue_sum.c); NULL in rows that an older version wrote. */
+
 /* A dataset that was removed keeps its row for a while, and its name is free: names differ among the others. */
 #define DATASET_COLUMNS \
 	"(id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, uid INTEGER NOT NULL," \
@@ -20,7 +22,7 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL," \
 	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL, removed_us INTEGER NOT NULL DEFAULT 0," \
 	" pinned INTEGER NOT NULL DEFAULT 0, oldest INTEGER NOT NULL DEFAULT 0," \
-	" segments INTEGER NOT NULL DEFAULT 0);"
+	" segments INTEGER NOT NULL DEFAULT 0, sum INTEGER);"
 #define DATASET_NAMES "CREATE UNIQUE INDEX dataset_name ON dataset (name) WHERE removed_us = 0;"
 
 const char catalogue_sql_schema[] =
@@ -32,10 +34,10 @@ const char catalogue_sql_schema[] =
 	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL,"
 	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL,"
 	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL,"
-	" priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT '');"
+	" priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT '', sum INTEGER);"
 	"CREATE TABLE push ("
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"
-	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL);"
+	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL, sum INTEGER);"
 	"PRAGMA user_version = 3;"
 	"COMMIT;";
 
@@ -48,12 +50,14 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 	[2] = "BEGIN IMMEDIATE;"
 	      "CREATE TABLE dataset_3 " DATASET_COLUMNS
 	      "INSERT INTO dataset_3 SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes,"
-	      " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0, 0, 0 FROM dataset;"
+	      " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0, 0, 0, NULL FROM dataset;"
 	      "DELETE FROM sqlite_sequence WHERE name = 'dataset_3';"
 	      "UPDATE sqlite_sequence SET name = 'dataset_3' WHERE name = 'dataset';"
 	      "DROP TABLE dataset;"
 	      "ALTER TABLE dataset_3 RENAME TO dataset;" DATASET_NAMES
 	      "ALTER TABLE job ADD COLUMN area TEXT NOT NULL DEFAULT '';"
+	      "ALTER TABLE job ADD COLUMN sum INTEGER;"
+	      "ALTER TABLE push ADD COLUMN sum INTEGER;"
 	      "PRAGMA user_version = 3;"
 	      "COMMIT;",
 };
@@ -61,16 +65,16 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 /* Of a name that another dataset has nothing is put: REPLACE would remove that one. */
 const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_PUT_DATASET] = 
-		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"
+		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"
 		" ON CONFLICT (id) DO UPDATE SET name = excluded.name, uid = excluded.uid,"
 		" created_us = excluded.created_us, pushed_us = excluded.pushed_us, manifest = excluded.manifest,"
 		" generation = excluded.generation, points = excluded.points, bytes = excluded.bytes,"
 		" files = excluded.files, lattice = excluded.lattice, crs = excluded.crs,"
 		" unit_xy = excluded.unit_xy, unit_z = excluded.unit_z, box_min = excluded.box_min,"
 		" box_max = excluded.box_max, removed_us = excluded.removed_us, pinned = excluded.pinned,"
-		" oldest = excluded.oldest, segments = excluded.segments",
-	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
-	[CATALOGUE_PUT_PUSH] = "INSERT OR REPLACE INTO push VALUES (?,?,?,?,?)",
+		" oldest = excluded.oldest, segments = excluded.segments, sum = excluded.sum",
+	[CATALOGUE_PUT_JOB] = "INSERT OR REPLACE INTO job VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)",
+	[CATALOGUE_PUT_PUSH] = "INSERT OR REPLACE INTO push VALUES (?,?,?,?,?,?)",
 	[CATALOGUE_DROP_DATASET] = "DELETE FROM dataset WHERE id = ?",
 	[CATALOGUE_DROP_JOB] = "DELETE FROM job WHERE id = ?",
 	[CATALOGUE_DROP_PUSH] = "DELETE FROM push WHERE id = ?",
@@ -78,9 +82,9 @@ const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 
 const char catalogue_sql_datasets[] = "SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
 				      "points, bytes, files, lattice, crs,"
-				      " unit_xy, unit_z, box_min, box_max, removed_us, pinned, oldest, segments FROM dataset ORDER BY id";
+				      " unit_xy, unit_z, box_min, box_max, removed_us, pinned, oldest, segments, sum FROM dataset ORDER BY id";
 const char catalogue_sql_jobs[] =
 	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
 	"error_code,"
-	" error_message, error_file, error_field, error_hint, error_offset, priority, area FROM job ORDER BY id";
-const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us FROM push ORDER BY id";
+	" error_message, error_file, error_field, error_hint, error_offset, priority, area, sum FROM job ORDER BY id";
+const char catalogue_sql_pushes[] = "SELECT id, dataset, uid, files, begun_us, sum FROM push ORDER BY id";

@@ -265,7 +265,7 @@ def what_does_not_fit():
         wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")
         d.stop()
         db = sqlite3.connect(os.path.join(d.state, "catalogue.db"))
-        db.execute("UPDATE push SET begun_us = begun_us - 7 * 86400 * 1000000 - 1")
+        db.execute("UPDATE push SET begun_us = begun_us - 7 * 86400 * 1000000 - 1, sum = NULL")
         db.commit()
         db.close()
         d.start()

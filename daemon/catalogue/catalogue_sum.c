@@ -1,0 +1,67 @@
+/*
+ * Checksums of rows. SQLite's pages have none: a bit that changed in a digest or a view would be served as it is. A row
+ * that an older version wrote has none until it is written again.
+ */
+#include "catalogue_priv.h"
+
+#include <string.h>
+
+#include "digest.h"
+#include "err.h"
+
+/* Each value by itself, with its kind, so that nothing moves from one column to the next. */
+static void add(struct digest *sum, int kind, const void *bytes, size_t n)
+{
+	struct {
+		struct digest before, value;
+		uint64_t kind, n;
+	} all = {*sum, digest_hash(bytes, n), (uint64_t)kind, n};
+
+	*sum = digest_hash(&all, sizeof all);
+}
+
+static int64_t fold(const struct digest *sum)
+{
+	int64_t folded;
+
+	memcpy(&folded, sum, sizeof folded);
+	return folded;
+}
+
+int64_t catalogue_sum(const struct value *v, unsigned n)
+{
+	struct digest sum = {0};
+
+	for (unsigned i = 0; i < n; i++) {
+		if (v[i].kind == VALUE_TEXT)
+			add(&sum, VALUE_TEXT, v[i].text, strlen(v[i].text));
+		else
+			add(&sum, VALUE_NUMBER, &v[i].number, sizeof v[i].number);
+	}
+	return fold(&sum);
+}
+
+int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err)
+{
+	int last = sqlite3_column_count(s) - 1;
+	struct digest sum = {0};
+
+	if (sqlite3_column_type(s, last) == SQLITE_NULL)
+		return 0;
+	for (int i = 0; i < last; i++) {
+		if (sqlite3_column_type(s, i) == SQLITE_INTEGER) {
+			int64_t number = sqlite3_column_int64(s, i);
+
+			add(&sum, VALUE_NUMBER, &number, sizeof number);
+		} else {
+			const void *text = sqlite3_column_text(s, i);
+
+			add(&sum, VALUE_TEXT, text ? text : "", (size_t)sqlite3_column_bytes(s, i));
+		}
+	}
+	if (sqlite3_column_type(s, last) == SQLITE_INTEGER && sqlite3_column_int64(s, last) == fold(&sum))
+		return 0;
+	err_set(err, ERR_CORRUPT, "the catalogue is damaged: %s number %lld is not what was written", table,
+		(long long)sqlite3_column_int64(s, 0));
+	return err_add_hint(err, "take the state from a backup");
+}
