@@ -164,8 +164,7 @@ static int import(struct ctl *ctl)
 }
 
 /* Options that not all of the verbs take. */
-enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_COPY = 16 };
-enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_KEEP = 16 };
+enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_COPY = 16, TAKES_KEEP = 32 };
 
 static const struct verb {
 	const char *name;
