@@ -113,16 +113,25 @@ static void count_classes(struct walk *w)
 {
 	const struct grid_manifest *m = grid_manifest(w->grid);
 
+	bool whole = true;
+
 	w->ground = w->other = 0;
 	w->unclassified = true;
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t *points = m->segments[i].classes;
+		uint64_t live = grid_segment_points(w->grid, i);
 
+		/* Classes are counted with records that are not of this generation. */
+		if (!live)
+			continue;
+		whole = whole && live == m->segments[i].points;
 		w->ground += points[2];
 		w->unclassified &= !points[2] && !points[8];
 		for (unsigned c = 0; c < 256; c++)
 			w->other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
 	}
+	if (!whole)
+		w->ground = w->other = 0; /* not known */
 }
 
 static void open_run(struct sched_task *t)

@@ -79,7 +79,7 @@ const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);
 const struct view *walk_view(const struct walk *);
 /* Points of the ground (class 2) and of other classes that are no noise to the view, in the segments of the
- * generation, of removed sources too. After `ended` without why. */
+ * generation; 0 and 0 where those have records of other generations too. After `ended` without why. */
 void walk_classes(const struct walk *, uint64_t *ret_ground, uint64_t *ret_other);
 /* None of them is of class 2 or 8. */
 bool walk_unclassified(const struct walk *);

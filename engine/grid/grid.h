@@ -246,6 +246,7 @@ uint64_t grid_charged(const struct grid *);    /* taken of LEDGER_INDEX */
 uint64_t grid_generation(const struct grid *); /* that was opened */
 const struct grid_manifest *grid_manifest(const struct grid *);
 uint64_t grid_points(const struct grid *);           /* live records */
+uint64_t grid_segment_points(const struct grid *, size_t segment); /* likewise, of one segment of the manifest */
 struct digest grid_content(const struct grid *);     /* content sum of them, however they lie in segments */
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);

@@ -438,6 +438,29 @@ def gone_after_a_while():
                 time.sleep(0.2)
 
 
+def classes_of_now():
+    """What a report says of classes is of the generation that was meshed, not of files that were replaced."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a, rng = os.path.join(base, "a.xyz"), random.Random(3)
+
+        def write(classes):
+            with open(a, "w") as f:
+                for i in range(300):
+                    f.write("%d.25 %d.5 %d %d\n" % (rng.randrange(9999), rng.randrange(9999), i, classes[i % len(classes)]))
+
+        def notes(*at):
+            job = d.ctl("submit", "s", "--wait", *at).ok().out.split()[0]
+            return " ".join(d.ctl("show", job, "--json").ok().json()["notes"])
+
+        write((2, 5, 5))
+        d.ctl("push", "s", a, "--columns", "xyzc").ok()
+        expect("100 of the ground" in notes() and "200 others" in notes(), notes())
+        write((2,))
+        d.ctl("push", "s", a, "--columns", "xyzc", "--replace").ok()
+        expect("others" not in notes(), notes())
+        expect("200 others" in notes("--at", "1"), notes("--at", "1"))
+
+
 def conflicts():
     """What cannot be undone without taking something else along says so, and changes nothing."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -505,4 +528,4 @@ def long_lists():
 
 if __name__ == "__main__":
     e2e.main(revert_and_at, replaced, an_interrupted_replacement, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
-             remove_and_restore, gone_after_a_while, conflicts, what_the_log_says, long_lists)
+             remove_and_restore, gone_after_a_while, classes_of_now, conflicts, what_the_log_says, long_lists)
