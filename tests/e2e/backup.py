@@ -14,7 +14,7 @@ from survey import las, says, tile
 
 
 def digests(d, name, generation=None):
-    args = ["submit", name, "--wait", "--json"] + (["--generation", str(generation)] if generation else [])
+    args = ["submit", name, "--new", "--wait", "--json"] + (["--generation", str(generation)] if generation else [])
     job = d.ctl(*args).ok().json()
     return job["digest"], job["vertex_digest"], job["points"]
 
