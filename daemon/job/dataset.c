@@ -303,6 +303,7 @@ void dataset_drop(struct dataset *d)
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	if (atomic_load(&d->derived))
 		space_give(d->jobs->space, SPACE_ONESTEP, atomic_load(&d->derived));
+	disk_count(d->jobs);
 	dataset_free(d);
 }
 

@@ -177,6 +177,7 @@ struct jobs {
 
 /* disk.c: the house's side of the disk */
 void disk_tick(struct jobs *);
+void disk_mend(struct jobs *); /* folders of the cache that somebody has removed */
 void disk_count(struct jobs *); /* what the lists of datasets and pushes say */
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
 

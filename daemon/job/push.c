@@ -277,6 +277,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	struct push *p = calloc(1, sizeof *p);
 	struct err err = ERR_INIT;
 
+	disk_mend(j);
 	if (p) {
 		pthread_mutex_init(&p->space.lock, NULL);
 		p->space.why = ERR_INIT;

@@ -239,6 +239,13 @@ void space_give(struct space *s, enum space_kind kind, uint64_t bytes)
 	pthread_mutex_unlock(&s->lock);
 }
 
+void space_change(struct space *s, enum space_kind kind, uint64_t taken, uint64_t bytes)
+{
+	pthread_mutex_lock(&s->lock);
+	s->taken[kind] = less(s->taken[kind], taken) + bytes;
+	pthread_mutex_unlock(&s->lock);
+}
+
 void space_count(struct space *s, enum space_kind kind, int entries)
 {
 	pthread_mutex_lock(&s->lock);

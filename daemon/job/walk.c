@@ -35,6 +35,7 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 
 	if (!w)
 		return err_set(err, ERR_NOMEM, "no memory for a job");
+	disk_mend(p->jobs);
 	w->view_text = strdup(p->view_text);
 	if (!w->view_text) {
 		free(w);

@@ -173,9 +173,9 @@ static void keep(struct walk_domain *d)
 
 	d->stored = !r;
 	d->unstorable = r != 0;
+	walk_space_stored(w, d->held, r ? 0 : d->as.bytes);
 	if (!r)
 		return;
-	walk_space_undomain(d->walk, d->held);
 	log_err(LOG_LEVEL_WARNING, "a finished domain cannot be stored", &err);
 }
 

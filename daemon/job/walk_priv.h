@@ -201,7 +201,7 @@ int walk_space_spool(struct walk *, uint64_t bytes, struct err *err);
 void walk_space_unspool(struct walk *);
 /* False: there is no room to store a finished domain. */
 bool walk_space_domain(struct walk *, uint64_t bytes);
-void walk_space_undomain(struct walk *, uint64_t bytes);
+void walk_space_stored(struct walk *, uint64_t taken, uint64_t bytes); /* the file; 0: there is none */
 int walk_space_select_begin(struct walk *, uint64_t memory, struct err *err);
 int walk_space_select_grow(struct walk *, int parent, const char *name, bool sealed, struct err *err);
 void walk_space_select_end(struct walk *, uint64_t bytes);

@@ -169,25 +169,20 @@ bool walk_space_domain(struct walk *w, uint64_t bytes)
 {
 	struct err err = ERR_INIT;
 
-	if (space_take(w->jobs->space, kind_of(w, SPACE_DOMAINS), bytes, SPACE_MAY, "a finished domain", &err)) {
-		if (!atomic_exchange(&w->space.told, true))
-			log_err(LOG_LEVEL_NOTICE, "finished domains are not stored", &err);
-		return false;
-	}
-	if (w->dataset->onestep)
-		atomic_fetch_add(&w->dataset->derived, bytes);
-	else
-		space_count(w->jobs->space, SPACE_DOMAINS, 1);
-	return true;
+	if (!space_take(w->jobs->space, kind_of(w, SPACE_DOMAINS), bytes, SPACE_MAY, "a finished domain", &err))
+		return true;
+	if (!atomic_exchange(&w->space.told, true))
+		log_err(LOG_LEVEL_NOTICE, "finished domains are not stored", &err);
+	return false;
 }
 
-void walk_space_undomain(struct walk *w, uint64_t bytes)
+void walk_space_stored(struct walk *w, uint64_t taken, uint64_t bytes)
 {
-	space_give(w->jobs->space, kind_of(w, SPACE_DOMAINS), bytes);
+	space_change(w->jobs->space, kind_of(w, SPACE_DOMAINS), taken, bytes);
 	if (w->dataset->onestep)
-		atomic_fetch_sub(&w->dataset->derived, bytes);
-	else
-		space_count(w->jobs->space, SPACE_DOMAINS, -1);
+		atomic_fetch_add(&w->dataset->derived, bytes);
+	else if (bytes)
+		space_count(w->jobs->space, SPACE_DOMAINS, 1);
 }
 
 /* ---- a selection that is being made ---- */

@@ -1,0 +1,371 @@
+"""The disk: quota and keep-free, what is evicted and what never is, jobs that wait for space, a cache that is removed
+under the daemon's hands, and `cache verify` finding what was damaged. With tiny quotas everywhere; on a small file
+system where one can be mounted."""
+import glob
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import e2e
+from e2e import expect
+
+try:
+    from acut_wire import Client, pb
+except ImportError as e:
+    e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
+MIB = 1 << 20
+
+
+def synth(path, points, seed=1, *options):
+    e2e.run([e2e.SYNTH, "--points", points, "--seed", seed, *options, path]).ok()
+    return path
+
+
+def stat(d):
+    return d.ctl("cache", "stat", "--json").ok().json()
+
+
+class Half:
+    """A push by hand that has staged one file and does not commit it."""
+
+    def __init__(self, d, dataset, path, durable=False):
+        self.c = Client(d.socket)
+        self.push = self.c.ask("push_begin", pb.PushBegin(dataset=dataset)).push
+        number = self.c.last
+        with open(path, "rb") as f:
+            self.c.ask("probe", pb.Probe(push=self.push, name=path, path=os.path.abspath(path).encode()), f.fileno())
+            self.c.ask("push_plan", pb.PushPlan(push=self.push))
+            self.c.ask("file", pb.File(push=self.push, name=path), f.fileno())
+        end = time.monotonic() + 20
+        while durable and not self.c.durable.get(number, 0):
+            expect(time.monotonic() < end, "no Durable within 20 s")
+            time.sleep(0.1)
+            self.c.ping()
+
+    def abort(self):
+        self.c.ask("push_abort", pb.PushAbort(push=self.push))
+        self.c.close()
+
+
+def until(what, seconds=30, step=0.1):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        got = what()
+        if got:
+            return got
+        time.sleep(step)
+    return what()
+
+
+def digests(d, dataset, *view):
+    r = d.ctl("submit", dataset, "--wait", "--new", "--json", *view).ok().json()
+    return r["digest"], r["vertex_digest"]
+
+
+def files_below(folder):
+    return [os.path.join(at, f) for at, _, names in os.walk(folder) for f in names]
+
+
+def options():
+    for bad in ("0", "101%", "x", "-5%", "1.5%", "%"):
+        r = e2e.run([e2e.ACUTD, "--disk", bad])
+        expect(r.status == 2 and "--disk" in r.err, "--disk %s: %d %s" % (bad, r.status, r.err))
+    r = e2e.run([e2e.ACUTD, "--keep-free", "100%"])
+    expect(r.status == 2 and "--keep-free" in r.err, r.err)
+    with e2e.Folder() as base, e2e.Daemon(base, args=["--disk", "64M", "--keep-free", "1%"]) as d:
+        s = d.ctl("status", "--json").ok().json()
+        expect(s["disk"] == "64.0 MB" or s["disk"].startswith("64"), s["disk"])
+        expect(s["keep_free"] == "1%" and s["state_disk"]["quota"] == 64 * MIB and s["one_file_system"] is True, s)
+        text = d.ctl("status").ok().out
+        expect("--disk 64" in text and "--keep-free 1%" in text, text)
+        st = until(lambda: stat(d)["measured"] and stat(d))
+        expect(st["kinds"]["datasets"]["bytes"] == 0 and st["evicted_bytes"] == 0, st)
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        s = d.ctl("status", "--json").ok().json()
+        side = s["state_disk"]
+        expect(s["disk"] == "80%" and s["keep_free"] == "5%", s)
+        expect(abs(side["quota"] - side["total"] * 0.8) < 1000 and abs(side["keep_free"] - side["total"] * 0.05) < 1000, side)
+
+
+def push_is_refused_beforehand():
+    """With what it needs, what is left, and by which limit; what is there stays; a smaller one goes."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "8M"]) as d:
+        big = synth(os.path.join(base, "big.las"), 300000)
+        small = synth(os.path.join(base, "small.las"), 50000, 2)
+        d.ctl("push", "a", small).ok()
+        used = stat(d)["kinds"]["datasets"]["bytes"]
+        expect(50000 * 16 < used < 50000 * 20, "%d bytes of 50,000 points" % used)
+        r = d.ctl("push", "a", big, "--json")
+        expect(r.status == 74, "status %d %s" % (r.status, r.err))
+        error = json.loads((r.out or r.err).strip().splitlines()[-1])["error"]
+        expect(error["code"] == "no-space" and "300000 points" in error["message"] and "--disk" in error["message"] and
+               "left" in error["message"], error)
+        expect(d.ctl("dataset", "show", "a", "--json").ok().json()["points"] == 50000, "what was there changed")
+        r = d.ctl("mesh", big, "--format", "null")
+        expect(r.status == 0, "a mesh of 300,000 points takes 5 of 8 MiB: %s" % r.err)
+        d.ctl("push", "a", synth(os.path.join(base, "small2.las"), 40000, 3)).ok()
+        expect(until(lambda: stat(d)["kinds"]["pending"]["bytes"] == 0), "a push that is over holds space")
+    # A header that lies does not come through either.
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--keep-free", "99%"]) as d:
+        side = d.ctl("status", "--json").ok().json()["state_disk"]
+        if side["free"] < side["keep_free"]:
+            r = d.ctl("push", "a", synth(os.path.join(base, "small.las"), 1000))
+            expect(r.status == 74 and "--keep-free 99%" in r.err, r.err)
+
+
+def pipes_are_held_against_it():
+    """Text from a pipe is kept first, in steps; beyond the quota it is refused, and what it held is free again."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "4M"]) as d:
+        line = b"123456.78 654321.98 100.25\n"
+        p = subprocess.Popen([e2e.ACUTCTL, "push", "p", "-", "--input-format", "xyz"], stdin=subprocess.PIPE,
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ, ACUT_SOCKET=d.socket))
+        try:
+            for _ in range(64):
+                p.stdin.write(line * 10000)
+            p.stdin.close()
+        except BrokenPipeError:
+            pass
+        p.stdin = None
+        out, err = p.communicate(timeout=60)
+        expect(p.returncode == 74 and b"from a pipe" in err and b"--disk" in err, "%d %s" % (p.returncode, err.decode()))
+        expect(until(lambda: stat(d)["kinds"]["temporary"]["bytes"] == 0), stat(d))
+
+
+def derived_goes_first_and_pushed_never():
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "20M"]) as d:
+        want = {}
+        for name, seed in (("a", 1), ("b", 2), ("c", 3)):
+            d.ctl("push", name, synth(os.path.join(base, name + ".las"), 100000, seed)).ok()
+        for round_ in range(2):
+            for name in ("a", "b", "c"):
+                for view in ((), ("--every", "2")):
+                    got = digests(d, name, *view)
+                    expect(want.setdefault((name, view), got) == got, "%s %s is another mesh now" % (name, view))
+        st = until(lambda: stat(d)["measured"] and stat(d))
+        expect(st["evicted_entries"] > 0, "nothing was evicted of %s" % st)
+        expect(st["state_disk"]["used"] <= 20 * MIB, st)
+        for name in ("a", "b", "c"):
+            expect(d.ctl("dataset", "show", name, "--json").ok().json()["points"] == 100000, "points of %s" % name)
+        # What is counted is what is there.
+        have = sum(os.path.getsize(f) for f in files_below(os.path.join(d.cache, "domains")))
+        expect(st["kinds"]["domains"]["bytes"] == have, "%d counted, %d there" % (st["kinds"]["domains"]["bytes"], have))
+        # A push takes the place of derived data.
+        d.ctl("push", "d", synth(os.path.join(base, "d.las"), 400000, 4)).ok()
+        expect(stat(d)["state_disk"]["used"] <= 20 * MIB, stat(d))
+        r = d.ctl("cache", "gc", "--all", "--json").ok().json()
+        st = stat(d)
+        expect(st["kinds"]["domains"]["bytes"] == 0 and st["kinds"]["selections"]["bytes"] == 0, (r, st))
+        expect(not files_below(os.path.join(d.cache, "domains")), "gc --all left domains")
+        expect(digests(d, "a") == want[("a", ())], "another mesh after gc")
+
+
+def a_job_waits_for_space():
+    """A selection for which there is no room: the job says so, others go on, and it ends by itself when there is some. A
+    mesh that is bound to its client ends with 74."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "12M", "--space-wait", "2"]) as d:
+        d.ctl("push", "a", synth(os.path.join(base, "a.las"), 200000)).ok()
+        small = synth(os.path.join(base, "b.las"), 20000, 2)
+        want = digests(d, "a", "--every", "2")
+        bound = d.ctl("mesh", small, "--every", "2", "--format", "null", "--json").ok().json()["digest"]
+        d.ctl("cache", "gc", "--all").ok()
+        expect(until(lambda: stat(d)["kinds"]["one_step"]["bytes"] == 0), stat(d))
+        # A push that does not end takes the rest, but for what staging the small file takes.
+        st = stat(d)["state_disk"]
+        fill = (st["quota"] - st["used"] - 550000) // 2 - 65536
+        half = Half(d, "filler", synth(os.path.join(base, "fill.las"), fill * 12 // 13 // 16, 5))
+        expect(stat(d)["kinds"]["pending"]["bytes"] > 6 * MIB, stat(d))
+        job = d.ctl("submit", "a", "--every", "2", "--new", "--json").ok().json()["job"]
+
+        def shown():
+            return d.ctl("show", str(job), "--json").ok().json()
+
+        expect(until(lambda: shown()["state"] == "waiting-space"), shown())
+        s = shown()
+        expect(s["lacks_space"] > 0 and s["waiting"] == "waiting-space: %d" % s["lacks_space"], s)
+        expect("disk space" in d.ctl("jobs").ok().out, d.ctl("jobs").out)
+        # Bound to a client: it waits too, and ends.
+        begun = time.monotonic()
+        r = d.ctl("mesh", small, "--every", "2", "--format", "null")
+        expect(r.status == 74 and "selection" in r.err and "--disk" in r.err, "%d %s" % (r.status, r.err))
+        expect(2 <= time.monotonic() - begun < 20, "after %.1f s" % (time.monotonic() - begun))
+        # What needs no space goes on.
+        expect(d.ctl("mesh", small, "--format", "null").status == 0, "a mesh without a selection fails")
+        expect(shown()["state"] == "waiting-space", shown())
+        # There is room: it goes on by itself.
+        half.abort()
+        end = d.ctl("wait", str(job), "--timeout", "60")
+        expect(end.status == 0, "%d %s %s" % (end.status, end.err, shown()))
+        s = shown()
+        expect((s["digest"], s["vertex_digest"]) == want and s["lacks_space"] is None, s)
+        expect(d.ctl("mesh", small, "--every", "2", "--format", "null", "--json").ok().json()["digest"] == bound, "another mesh")
+
+
+def the_cache_is_removed():
+    """rm -rf of the whole cache, again and again, while jobs run: the same digests."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        d.ctl("push", "a", synth(os.path.join(base, "a.las"), 150000)).ok()
+        want = [digests(d, "a"), digests(d, "a", "--every", "3")]
+        for i in range(3):
+            jobs = [d.ctl("submit", "a", "--new", "--json").ok().json()["job"],
+                    d.ctl("submit", "a", "--every", "3", "--new", "--json").ok().json()["job"]]
+            time.sleep(0.1 * i)
+            shutil.rmtree(d.cache, ignore_errors=True)
+            for job, digest in zip(jobs, want):
+                r = d.ctl("wait", str(job), "--timeout", "100")
+                expect(r.status == 0, "job %d ended with %d: %s %s" % (job, r.status, r.out, r.err))
+                s = d.ctl("show", str(job), "--json").ok().json()
+                expect((s["digest"], s["vertex_digest"]) == digest, "another mesh")
+        shutil.rmtree(d.cache, ignore_errors=True)
+        out = os.path.join(base, "a.ply")
+        d.ctl("fetch", str(jobs[0]), "-o", out).ok()
+        # Nothing runs, and it is gone again: a mesh of one step begins in the new one.
+        shutil.rmtree(d.cache, ignore_errors=True)
+        d.ctl("mesh", os.path.join(base, "a.las"), "-o", out).ok()
+        expect(digests(d, "a") == want[0] and files_below(os.path.join(d.cache, "domains")), "nothing is kept any more")
+        # Its lock is taken again.
+        other = e2e.Daemon(base, name="2")
+        other.command[other.command.index("--cache") + 1] = d.cache
+        try:
+            other.start()
+            raise e2e.Fault("two daemons have one cache")
+        except e2e.Fault as e:
+            expect("ended with 75" in str(e), e)
+        finally:
+            other.stop(signal.SIGKILL)
+
+
+def flip(path, at):
+    with open(path, "r+b") as f:
+        f.seek(at)
+        byte = f.read(1)
+        f.seek(at)
+        f.write(bytes([byte[0] ^ 0x40]))
+
+
+def verify_names_damage():
+    with e2e.Folder() as base:
+        d = e2e.Daemon(base, memory="24M").start()
+        try:
+            d.ctl("push", "a", synth(os.path.join(base, "a.las"), 100000)).ok()
+            d.ctl("push", "b", synth(os.path.join(base, "b.las"), 30000, 2)).ok()
+            want = digests(d, "a")
+            digests(d, "a", "--every", "2")
+            # An interrupted push, durable.
+            Half(d, "c", synth(os.path.join(base, "c.las"), 20000, 3), durable=True).c.close()
+            runs = os.path.join(d.state, "datasets", "*", "push-*.run*")
+            expect(until(lambda: stat(d)["kinds"]["pending"]["entries"] == 1), stat(d))
+            r = d.ctl("cache", "verify", "--json").ok()
+            whole = json.loads(r.out.splitlines()[-1])
+            expect(whole["damaged"] == 0 and whole["derived_damaged"] == 0 and whole["files"] >= 8 and
+                   whole["bytes"] > 150000 * 16, whole)
+
+            def verify(damaged, derived, *words):
+                r = d.ctl("cache", "verify", "--json")
+                lines = [json.loads(line) for line in r.out.splitlines()]
+                last = lines.pop()
+                expect((last["damaged"], last["derived_damaged"]) == (damaged, derived), r.out)
+                expect(r.status == (1 if damaged else 0), r.status)
+                expect(len(lines) == damaged + derived, r.out)
+                for line in lines:
+                    expect(line["error"]["code"] == "corrupt" and line["error"]["file"], line)
+                for word in words:
+                    expect(any(word == line["damaged"] or word == line["dataset"] for line in lines), "%s: %s" % (word, r.out))
+                return lines
+
+            # Derived: a domain, the plan, the selection. Each is told once and removed.
+            domains = [f for f in files_below(os.path.join(d.cache, "domains")) if os.path.getsize(f) > 10000]
+            flip(domains[0], os.path.getsize(domains[0]) // 2)
+            plans = sorted(glob.glob(os.path.join(d.state, "plans", "plan-*")))
+            flip(plans[0], 150)
+            selection = glob.glob(os.path.join(d.cache, "selected", "*", "*.seg"))[0]
+            flip(selection, os.path.getsize(selection) // 2)
+            lines = verify(0, 3, "domain", "plan", "selection")
+            expect(all(line["removed"] and line["derived"] for line in lines), lines)
+            expect(not os.path.exists(domains[0]) and not os.path.exists(selection), "what is damaged is still there")
+            verify(0, 0)
+            expect(digests(d, "a") == want, "another mesh")
+            # Pushed: a block, the index, a run, each told until it is mended.
+            segment = max(glob.glob(os.path.join(d.state, "datasets", "*", "*.seg")), key=os.path.getsize)
+            size = os.path.getsize(segment)
+            flip(segment, size // 3)
+            line = verify(1, 0, "segment", "a")[0]
+            expect(os.path.basename(segment) in line["error"]["file"] and
+                   abs(line["error"]["offset"] - size // 3) < 40000, line)
+            flip(segment, size // 3)
+            flip(segment, size - 2000)
+            verify(1, 0, "segment")
+            flip(segment, size - 2000)
+            verify(0, 0)
+            run = glob.glob(runs)[0]
+            flip(run, 9000)
+            verify(1, 0, "push", "c")
+            flip(run, 9000)
+            manifest = glob.glob(os.path.join(os.path.dirname(segment), "manifest-*"))[0]
+            flip(manifest, 100)
+            verify(1, 0, "manifest", "a")
+            flip(manifest, 100)
+            verify(0, 0)
+            text = d.ctl("cache", "verify").ok().out
+            expect("0 damaged" in text, text)
+            # A file that is gone is damage too.
+            os.rename(segment, segment + ".away")
+            r = d.ctl("cache", "verify", "--json")
+            expect(r.status == 1 and os.path.basename(segment) in r.out, r.out)
+            os.rename(segment + ".away", segment)
+        finally:
+            d.stop(signal.SIGKILL)
+
+
+def a_file_system_that_is_full():
+    """A real one of a few megabytes: the push fails with 74, the daemon lives, and works again when there is room."""
+    with e2e.Folder() as base:
+        at = os.path.join(base, "fs")
+        os.mkdir(at)
+        if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", at], stderr=subprocess.DEVNULL).returncode:
+            print("skipped: nothing can be mounted here (a_file_system_that_is_full)")
+            return
+        try:
+            d = e2e.Daemon(base, memory="24M", args=["--disk", "100%", "--keep-free", "0%"])
+            for option, name in (("--state", "state"), ("--cache", "cache")):
+                d.command[d.command.index(option) + 1] = os.path.join(at, name)
+            d.start()
+            try:
+                d.ctl("push", "a", synth(os.path.join(base, "a.las"), 100000)).ok()
+                want = digests(d, "a")
+                # Another program takes the rest.
+                hog = os.path.join(at, "hog")
+                with open(hog, "wb") as f:
+                    try:
+                        while True:
+                            f.write(bytes(1 << 16))
+                            f.flush()
+                    except OSError:
+                        pass
+                r = d.ctl("push", "b", synth(os.path.join(base, "b.las"), 60000, 2))
+                expect(r.status == 74, "%d %s" % (r.status, r.err))
+                expect(d.ctl("ping").status == 0, "the daemon is gone")
+                expect(digests_or_none(d, "a") in (want, None), "another mesh")
+                os.remove(hog)
+                expect(until(lambda: d.ctl("push", "b", os.path.join(base, "b.las")).status == 0, 20, 1), "no push any more")
+                expect(digests(d, "a") == want, "another mesh")
+            finally:
+                d.stop(signal.SIGKILL)
+        finally:
+            subprocess.run(["umount", at])
+
+
+def digests_or_none(d, dataset):
+    r = d.ctl("submit", dataset, "--new", "--json", "--wait", "--timeout", "10")
+    if r.status == 0:
+        s = r.json()
+        return s["digest"], s["vertex_digest"]
+    expect(r.status in (74, 124), "%d %s" % (r.status, r.err))
+    return None
+
+
+e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
+         a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_file_system_that_is_full)
