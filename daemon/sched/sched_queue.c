@@ -311,10 +311,29 @@ static bool before(const struct sched_task *a, const struct sched_task *b, const
 	return a->priority != b->priority ? a->priority < b->priority : a->order < b->order;
 }
 
+unsigned (*sched_queue_choice)(unsigned n);
+
+static struct sched_task *chosen(const struct sched_queue *q, const struct rules *r)
+{
+	struct sched_task *t;
+	unsigned n = 0;
+
+	for (t = q->waiting; t; t = t->next)
+		n += eligible(q, t, r);
+	if (!n)
+		return NULL;
+	n = sched_queue_choice(n) + 1;
+	for (t = q->waiting; !eligible(q, t, r) || --n; t = t->next)
+		;
+	return t;
+}
+
 static struct sched_task *best(const struct sched_queue *q, const struct rules *r)
 {
 	struct sched_task *t, *found = NULL;
 
+	if (sched_queue_choice)
+		return chosen(q, r);
 	for (t = q->waiting; t; t = t->next)
 		if (eligible(q, t, r) && (!found || before(t, found, r)))
 			found = t;

@@ -22,6 +22,9 @@ struct sched_task *sched_queue_take(struct sched_queue *, bool spare);
 /* It has run for so long. */
 void sched_queue_over(struct sched_queue *, struct sched_task *, uint64_t ns);
 
+/* NULL. A test of orders sets it: which of n tasks that may start now does, 0 to n - 1. Under the pool's lock. */
+extern unsigned (*sched_queue_choice)(unsigned n);
+
 bool sched_queue_empty(const struct sched_queue *); /* nothing waits */
 struct sched_task *sched_queue_first(const struct sched_queue *);   /* any that waits, NULL: none */
 struct sched_task *sched_queue_running(const struct sched_queue *); /* the first that runs; task->next */
