@@ -102,6 +102,40 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 	return n;
 }
 
+unsigned stream_put_base(const struct stream_base *base, uint8_t scratch[STREAM_SCRATCH],
+			 struct stream_piece *piece)
+{
+	struct packer p = packer_of(scratch, STREAM_SCRATCH);
+
+	packer_zero(&p, STREAM_HEADER_SIZE);
+	packer_u64(&p, base->generation);
+	packer_u64(&p, base->job);
+	put_digest(&p, base->old_digest);
+	put_digest(&p, base->old_vertex_digest);
+	put_digest(&p, base->digest);
+	put_digest(&p, base->vertex_digest);
+	packer_u64(&p, base->gone);
+	packer_u64(&p, base->gone_triangles);
+	packer_u64(&p, base->kept);
+	packer_u64(&p, base->kept_triangles);
+	return put_small(STREAM_TYPE_BASE, &p, piece);
+}
+
+_Static_assert(sizeof(struct stream_region) == STREAM_REGION_SIZE, "regions go out as they lie in memory");
+
+unsigned stream_put_gone(const struct stream_region *region, uint32_t n, uint8_t scratch[STREAM_SCRATCH],
+			 struct stream_piece *piece)
+{
+	struct packer p = packer_of(scratch, STREAM_SCRATCH);
+	unsigned pieces;
+
+	packer_zero(&p, STREAM_HEADER_SIZE);
+	pieces = add_piece(piece, 0, scratch, packer_size(&p));
+	pieces = add_piece(piece, pieces, region, n * sizeof *region);
+	put_header(STREAM_TYPE_GONE, scratch, piece, pieces);
+	return pieces;
+}
+
 unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH],
 			  struct stream_piece *piece)
 {

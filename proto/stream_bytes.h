@@ -7,12 +7,14 @@
 #define STREAM_MAGIC 0x53554341u /* "ACUS" */
 #define STREAM_VERSION 1u
 
-enum stream_type { STREAM_TYPE_HEAD = 1, STREAM_TYPE_BLOCK = 2, STREAM_TYPE_TAIL = 3 };
+enum stream_type { STREAM_TYPE_HEAD = 1, STREAM_TYPE_BLOCK = 2, STREAM_TYPE_TAIL = 3,
+		   STREAM_TYPE_BASE = 4, STREAM_TYPE_GONE = 5 };
 
 enum {
 	STREAM_HEADER_SIZE = 32,     /* magic, version, type, length, payload checksum, header checksum */
 	STREAM_HEADER_CHECKED = 24,  /* bytes that the header checksum covers */
 	STREAM_BLOCK_SIZE = 64,      /* index, box, first, counts, flags; the arrays follow */
+	STREAM_REGION_SIZE = 56,     /* box, triangles, digest */
 	STREAM_BLOCK_FLAG_BYTES = 1, /* the block has a flags byte for each triangle */
 };
 

@@ -30,10 +30,14 @@ struct stream_reader {
 	enum stream_type type;
 	uint64_t checksum;
 
-	bool has_head, done, failed;
+	bool has_head, has_base, any_block, done, failed;
 	struct err why; /* if failed */
 	struct stream_head head;
 	char *view; /* of the head */
+	struct stream_base base;
+	const struct stream_region *gone; /* of the frame in hand */
+	size_t ngone;
+	uint64_t regions, region_triangles; /* gone, that came */
 	struct stream_block block;
 	struct stream_tail tail;
 	uint64_t blocks, vertices, triangles, last_index;
@@ -90,6 +94,17 @@ const struct stream_head *stream_reader_head(const struct stream_reader *r)
 const struct stream_block *stream_reader_block(const struct stream_reader *r)
 {
 	return &r->block;
+}
+
+const struct stream_base *stream_reader_base(const struct stream_reader *r)
+{
+	return &r->base;
+}
+
+const struct stream_region *stream_reader_gone(const struct stream_reader *r, size_t *ret_n)
+{
+	*ret_n = r->ngone;
+	return r->gone;
 }
 
 const struct stream_tail *stream_reader_tail(const struct stream_reader *r)
@@ -154,6 +169,23 @@ int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, s
 	return 0;
 }
 
+/* Changes: head, base, what is gone, blocks. A tail may come everywhere: it may say what went wrong. */
+static bool in_order(const struct stream_reader *r)
+{
+	bool changes = r->head.kind == STREAM_CHANGES;
+
+	switch (r->type) {
+	case STREAM_TYPE_BASE:
+		return changes && !r->has_base;
+	case STREAM_TYPE_GONE:
+		return r->has_base && !r->any_block;
+	case STREAM_TYPE_BLOCK:
+		return !changes || r->has_base;
+	default:
+		return true;
+	}
+}
+
 static int read_header(struct stream_reader *r, struct err *err)
 {
 	struct cursor c = cursor_of(r->header, STREAM_HEADER_SIZE);
@@ -173,16 +205,18 @@ static int read_header(struct stream_reader *r, struct err *err)
 		return err_set(err, ERR_VERSION,
 			       "the mesh stream has version %u; this build reads version %u", version,
 			       STREAM_VERSION);
-	if (type < STREAM_TYPE_HEAD || type > STREAM_TYPE_TAIL)
+	if (type < STREAM_TYPE_HEAD || type > STREAM_TYPE_GONE)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream has the unknown type %u", type);
 	if ((type == STREAM_TYPE_HEAD) == r->has_head)
 		return err_set(err, ERR_PROTO,
 			       r->has_head ? "the mesh stream has a second head"
 					   : "the mesh stream does not start with its head");
+	r->type = type;
+	if (type != STREAM_TYPE_HEAD && !in_order(r))
+		return err_set(err, ERR_PROTO, "a frame of the type %u stands where the mesh stream has none", type);
 	if (length == 0 || length % 8 != 0 || length > STREAM_FRAME_MAX)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream announces %llu bytes",
 			       (unsigned long long)length);
-	r->type = type;
 	r->length = length;
 	return 0;
 }
@@ -279,11 +313,66 @@ static int read_head(struct stream_reader *r, struct err *err)
 	e = get_end(&c, "head", err);
 	if (e < 0)
 		return e;
-	if (head->kind != STREAM_WHOLE && head->kind != STREAM_AREA)
+	if (head->kind < STREAM_WHOLE || head->kind > STREAM_CHANGES)
 		return err_set(err, ERR_UNSUPPORTED,
 			       "the mesh stream is of kind %u, which this version cannot read", head->kind);
 	r->has_head = true;
 	return 0;
+}
+
+/* ---- changes ---- */
+
+static int read_base(struct stream_reader *r, struct err *err)
+{
+	struct cursor c = cursor_of(r->payload, r->length);
+	struct stream_base *b = &r->base;
+
+	b->generation = cursor_u64(&c);
+	b->job = cursor_u64(&c);
+	b->old_digest = get_digest(&c);
+	b->old_vertex_digest = get_digest(&c);
+	b->digest = get_digest(&c);
+	b->vertex_digest = get_digest(&c);
+	b->gone = cursor_u64(&c);
+	b->gone_triangles = cursor_u64(&c);
+	b->kept = cursor_u64(&c);
+	b->kept_triangles = cursor_u64(&c);
+	r->has_base = true;
+	return get_end(&c, "base", err);
+}
+
+static int read_gone(struct stream_reader *r, struct err *err)
+{
+	if (r->length % STREAM_REGION_SIZE || r->length / STREAM_REGION_SIZE > STREAM_REGIONS)
+		return err_set(err, ERR_PROTO, "a list of regions of the mesh stream is malformed");
+	r->gone = (const struct stream_region *)(const void *)r->payload;
+	r->ngone = r->length / STREAM_REGION_SIZE;
+	for (size_t i = 0; i < r->ngone; i++) {
+		const struct stream_region *g = &r->gone[i];
+
+		if (g->box[0] >= g->box[2] || g->box[1] >= g->box[3] || !g->triangles)
+			return err_set(err, ERR_PROTO, "the mesh stream says of a region that it is gone which is none");
+		r->region_triangles += g->triangles;
+	}
+	r->regions += r->ngone;
+	if (r->regions > r->base.gone)
+		return err_set(err, ERR_PROTO, "more regions are gone than the mesh stream said");
+	return 0;
+}
+
+/* Before the first block, or the tail of a stream without blocks. */
+static int check_gone(const struct stream_reader *r, struct err *err)
+{
+	if (r->head.kind != STREAM_CHANGES || r->any_block)
+		return 0;
+	if (!r->has_base)
+		return err_set(err, ERR_PROTO, "a mesh stream of changes does not say what they are against");
+	if (r->regions == r->base.gone && r->region_triangles == r->base.gone_triangles)
+		return 0;
+	return err_set(err, ERR_PROTO,
+		       "the mesh stream counts %llu regions with %llu triangles that are gone, but %llu with %llu came",
+		       (unsigned long long)r->base.gone, (unsigned long long)r->base.gone_triangles,
+		       (unsigned long long)r->regions, (unsigned long long)r->region_triangles);
 }
 
 /* What the tail of a whole stream says must be what came. */
@@ -332,6 +421,8 @@ static int read_tail(struct stream_reader *r, struct err *err)
 	if (failed > 1)
 		c.bad = true;
 	e = get_end(&c, "tail", err);
+	if (e == 0 && !tail->failed)
+		e = check_gone(r, err);
 	if (e == 0 && !tail->failed)
 		e = check_tail(r, err);
 	if (e < 0)
@@ -432,9 +523,12 @@ static int read_block(struct stream_reader *r, struct err *err)
 	b.final = cursor_bytes(&c, ((size_t)b.nforeign + b.nnew + 7) / 8);
 	e = get_end(&c, "block", err);
 	if (e == 0)
+		e = check_gone(r, err);
+	if (e == 0)
 		e = check_block(r, &b, err);
 	if (e < 0)
 		return e;
+	r->any_block = true;
 	r->block = b;
 	r->blocks++;
 	r->vertices += b.nnew;
@@ -445,18 +539,20 @@ static int read_block(struct stream_reader *r, struct err *err)
 
 static int read_payload(struct stream_reader *r, enum stream_event *ret_event, struct err *err)
 {
-	static const enum stream_event event[] = {0, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL};
+	static const struct {
+		enum stream_event event;
+		int (*read)(struct stream_reader *, struct err *);
+	} row[] = {{0}, {STREAM_HEAD, read_head}, {STREAM_BLOCK, read_block}, {STREAM_TAIL, read_tail},
+		   {STREAM_BASE, read_base}, {STREAM_GONE, read_gone}};
 	int e;
 
 	if (XXH3_64bits(r->payload, r->length) != r->checksum)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream does not agree with its checksum");
-	e = r->type == STREAM_TYPE_HEAD    ? read_head(r, err)
-	    : r->type == STREAM_TYPE_BLOCK ? read_block(r, err)
-					   : read_tail(r, err);
+	e = row[r->type].read(r, err);
 	if (e < 0)
 		return e;
 	r->got = 0;
-	*ret_event = event[r->type];
+	*ret_event = row[r->type].event;
 	return 0;
 }
 

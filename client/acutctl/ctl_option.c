@@ -45,7 +45,8 @@ static const struct option table[] = {
 	 "one file a square of a grid of this side (file units); OUT is their folder"},
 	{"trim", 0, "LENGTH", LATER, 0, CTL_OUT, NULL},
 	{"mask", 0, "FILE", LATER, 0, CTL_OUT, NULL},
-	{"changes", 0, NULL, LATER, 0, CTL_FETCH, NULL},
+	{"changed-since", 0, "GENERATION", TEXT, AT(since), CTL_FETCH,
+	 "only what differs from the mesh of that state; OUT.changes.geojson lists the regions"},
 
 	{"class", 0, "LIST", TEXT, AT(classes), CTL_VIEW, "only points of these classes: 2,8 or 2-5"},
 	{"not-class", 0, "LIST", TEXT, AT(not_classes), CTL_VIEW, "no points of these classes"},
@@ -325,6 +326,8 @@ static int check_values(struct ctl *ctl, struct err *err)
 		r = ctl_option_number("--threads", a->threads, 1, 1024, &n, err);
 	if (!r && a->generation)
 		r = ctl_option_number("--at", a->generation, 1, UINT64_MAX, &n, err);
+	if (!r && a->since)
+		r = ctl_option_number("--changed-since", a->since, 1, UINT64_MAX, &n, err);
 	if (!r && a->priority && strcmp(a->priority, "low") && strcmp(a->priority, "normal") &&
 	    strcmp(a->priority, "high"))
 		r = err_set(err, ERR_USAGE, "--priority is low, normal or high, not \"%s\"", a->priority);

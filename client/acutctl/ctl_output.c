@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "ctl.h"
+#include "parse.h"
 
 #define LONG_EDGE 50 /* times the median: worth a warning where gaps are likely */
 
@@ -159,13 +160,19 @@ static int parse_tile(struct ctl *ctl, struct format_run_options *opt, struct er
 int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
-	struct format_run_options opt = { .edges = a->ground || a->surface };
+	struct format_run_options opt = { .edges = (a->ground || a->surface) && !a->since, .changes = a->since != NULL };
 	struct format_run *run = NULL;
 	bool picture = false, mesh = false;
 	int r = check_outputs(a, err);
 
 	if (!r && a->max_edge)
 		r = parse_length(a->max_edge, &opt, err);
+	if (!r && a->since && (a->bbox || a->polygon))
+		r = err_set(err, ERR_USAGE, "--changed-since is of a whole mesh, not of --%s", a->bbox ? "bbox" : "polygon");
+	if (!r && a->tile && a->since) {
+		r = err_set(err, ERR_USAGE, "--tile has no meaning with --changed-since: a tile needs all of its triangles");
+		err_add_hint(err, "fetch the tiles of the whole mesh: those that have not changed are the same bytes");
+	}
 	if (!r && a->tile)
 		r = parse_tile(ctl, &opt, err);
 	if (!r)
@@ -269,6 +276,39 @@ static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
 	return word ? format_unit_of_word(word, strlen(word)) : job->unit_z;
 }
 
+static void changes_json(struct ctl *ctl, struct ctl_json *j, const struct format_changes *c)
+{
+	if (!ctl->args.since) {
+		ctl_json_text(j, "changes", NULL);
+		return;
+	}
+	ctl_json_open(j, "changes", '{');
+	ctl_json_u64(j, "since", c->since);
+	ctl_json_u64(j, "old_job", c->old_job);
+	ctl_json_u64(j, "gone", c->gone);
+	ctl_json_u64(j, "gone_triangles", c->gone_triangles);
+	ctl_json_u64(j, "kept", c->kept);
+	ctl_json_u64(j, "kept_triangles", c->kept_triangles);
+	ctl_json_u64(j, "new", c->new_regions);
+	ctl_json_u64(j, "new_triangles", c->new_triangles);
+	ctl_json_close(j, '}');
+}
+
+static void changes_text(struct ctl *ctl, const struct format_changes *c)
+{
+	char a[32], b[32], d[32];
+
+	if (!c->gone && !c->new_regions)
+		ctl_note(ctl, "nothing has changed since generation %s: all %s regions hold", ctl->args.since,
+			 ctl_job_count(c->kept, a));
+	else
+		ctl_note(ctl, "since generation %s: %s regions are gone, with %s triangles; %s hold", ctl->args.since,
+			 ctl_job_count(c->gone, a), ctl_job_count(c->gone_triangles, b), ctl_job_count(c->kept, d));
+	if (c->new_regions)
+		ctl_note(ctl, "  new: %s regions, with %s triangles", ctl_job_count(c->new_regions, a),
+			 ctl_job_count(c->new_triangles, b));
+}
+
 static void tiles_json(struct ctl *ctl, struct ctl_json *j, const struct format_report *out)
 {
 	const char *dir = ctl->args.out[0];
@@ -317,6 +357,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 		ctl_json_text(&j, "left_out", NULL);
 	}
 	tiles_json(ctl, &j, out);
+	changes_json(ctl, &j, &out->changes);
 	ctl_json_open(&j, "refused", '[');
 	for (size_t i = 0; staged && i < staged->nfile; i++)
 		if (staged->file[i].refused)
@@ -360,6 +401,8 @@ static void report_text(struct ctl *ctl, const struct acut_job *job, const struc
 				 out->tiles == 1 ? "" : "s", ctl->args.out[i]);
 		else if (strcmp(ctl->args.out[i], "-"))
 			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
+	if (ctl->args.since)
+		changes_text(ctl, &out->changes);
 	if (p->window)
 		ctl_note(ctl, "%s points read: %s vertices", ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
 	else
@@ -446,6 +489,20 @@ static int feed_block(void *ctx, const struct acut_mesh_block *block)
 	return r || !format_run_due(f->run) ? r : feed_save(f);
 }
 
+static int feed_base(void *ctx, const struct acut_mesh_base *base)
+{
+	struct feed *f = ctx;
+
+	return format_run_changes(f->run).base(f->sink.ctx, base);
+}
+
+static int feed_gone(void *ctx, const struct acut_mesh_region *region)
+{
+	struct feed *f = ctx;
+
+	return format_run_changes(f->run).gone(f->sink.ctx, region);
+}
+
 static int feed_tail(void *ctx, const struct acut_mesh_tail *tail)
 {
 	struct feed *f = ctx;
@@ -501,14 +558,22 @@ int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const
 	const struct acut_mesh_sink sink = { feed_head, feed_block, feed_tail, feed_progress, &feed };
 	const struct acut_job *job;
 	struct acut_job part;
+	struct acut_changes_sink changes = format_run_changes(run);
 	const void *kept;
 	size_t size = 0;
+	uint64_t since;
 	int r;
 
 	feed.part = !staged && (ctl->args.bbox || ctl->args.polygon);
 	ctl_progress_init(&feed.progress, ctl);
 	kept = format_run_kept(run, &size);
-	r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
+	changes.mesh = sink;
+	changes.base = feed_base;
+	changes.gone = feed_gone;
+	if (ctl->args.since)
+		r = !parse_u64(ctl->args.since, &since) || acut_fetch_changes(ctl->acut, id, since, &changes);
+	else
+		r = kept ? acut_fetch_from(ctl->acut, kept, size, &sink) : acut_fetch(ctl->acut, id, &sink);
 	/* A window need not wait for the job. */
 	if (r || acut_job_wait(ctl->acut, id, !feed.part, NULL, NULL, &job))
 		return feed_failed(&feed, id);

@@ -72,6 +72,7 @@ struct format_run_options {
 	const char *max_edge_unit; /* name of its unit; NULL: that of the file */
 	bool edges;                /* gather edge statistics */
 	uint64_t sort_memory;      /* for canonical and tiles; 0 = 64 MiB */
+	bool changes;              /* the stream is one of changes: NAME.changes.geojson stands beside the first output */
 	bool tiled;                /* the one output is a folder of tiles */
 	struct decimal tile;       /* their side, in file units: above zero */
 	int (*interrupted)(void *ctx); /* not 0: give up; asked while tiles are made; NULL: nobody is */
@@ -80,10 +81,17 @@ struct format_run_options {
 
 /* The most tiles that the box of a mesh may have. */
 #define FORMAT_TILES 100000u
+#define FORMAT_CHANGES ".changes.geojson"
 #define FORMAT_TILES_INDEX "index.geojson"
 
 /* "m", "ft", "ftUS" to the name of the unit; NULL: no such unit. */
 const char *format_unit_of_word(const char *word, size_t n);
+
+/* Regions with triangles. */
+struct format_changes {
+	uint64_t since, old_job;   /* generation and job of the old mesh; 0: none came */
+	uint64_t gone, gone_triangles, kept, kept_triangles, new_regions, new_triangles;
+};
 
 /* What a run has to say when the stream has ended. Lengths and areas are in file units. */
 struct format_report {
@@ -91,6 +99,7 @@ struct format_report {
 	uint64_t left_out;         /* triangles, by max_edge */
 	double left_out_area;      /* NAN where the unit of x and y is no known length */
 	char unit_xy[16];          /* of the file */
+	struct format_changes changes;
 	uint64_t tiles;            /* files of tiles; 0 without tiles */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 };
@@ -102,6 +111,8 @@ int format_run_add(struct format_run *, const char *path, const struct format *,
 		   const struct format_options *, struct err *err);
 /* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */
 struct acut_mesh_sink format_run_sink(struct format_run *);
+/* The same of a run of changes, for acut_fetch_changes. */
+struct acut_changes_sink format_run_changes(struct format_run *);
 /* What a callback of the sink failed with; code ERR_NONE if none did. */
 const struct err *format_run_error(const struct format_run *);
 /* Keeps what has come of the job's mesh in files beside the outputs (NAME.part, NAME.part.faces, and NAME.part.state
@@ -119,7 +130,7 @@ bool format_run_due(const struct format_run *);
  * where nothing is kept. */
 int format_run_save(struct format_run *, const void *state, size_t size, struct err *err);
 bool format_run_saved(const struct format_run *); /* a later run can go on */
-/* What the index of tiles says of where the mesh comes from; before publishing. `dataset` is only read then. */
+/* What the index of tiles or changes says of where the mesh comes from; before publishing. `dataset` is only read then. */
 void format_run_about(struct format_run *, uint64_t job, const char *dataset, uint64_t generation);
 /* After the tail: makes all outputs durable and gives them their names. */
 int format_run_publish(struct format_run *, struct err *err);

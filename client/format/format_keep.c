@@ -102,6 +102,10 @@ static const struct format_target *who_cannot(const struct format_run *run)
 
 static int cannot(const struct format_run *run, const struct format_target *t, struct err *err)
 {
+	if (run->change) {
+		err_set(err, ERR_USAGE, "a fetch of changes cannot be resumed");
+		return err_add_hint(err, "fetch it again, without --resume");
+	}
 	if (run->tiles) {
 		err_set(err, ERR_USAGE, "tiles are sorted at the end: a fetch cannot be resumed with --tile");
 		return err_add_hint(err, "fetch it again, without --resume");
@@ -228,7 +232,7 @@ int format_run_keep(struct format_run *run, uint64_t job, bool on, struct err *e
 	struct format_kept *k;
 	int r;
 
-	if (not || !run->target)
+	if (not || !run->target || run->change)
 		return on ? cannot(run, not, err) : 0;
 	k = calloc(1, sizeof(*k));
 	if (!k)

@@ -80,6 +80,10 @@ int format_run_add(struct format_run *run, const char *path, const struct format
 	t->opt = *opt;
 	if (path)
 		r = format_output_new(path, opt->no_clobber, &t->out, err);
+	if (!r && run->opt.changes && !run->change) {
+		r = format_change_new(t->out, path, opt, &run->change, err);
+		run->positions |= !r && path;
+	}
 	if (!r)
 		r = format->open(t->out, opt, &t->writer, err);
 	if (!r && opt->canonical)
@@ -105,6 +109,8 @@ static int run_head(void *ctx, const struct acut_mesh_head *head)
 		return format_keep_head(run, head, &run->err);
 	for (struct format_target *t = run->target; t && !r; t = t->next)
 		r = t->format->head(t->writer, head, &run->err);
+	if (!r && run->change)
+		r = format_change_head(run->change, head, &run->err);
 	return r || !run->tiles ? r : format_tiles_head(run->tiles, head, &run->err);
 }
 
@@ -117,6 +123,8 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 
 	if (run->positions)
 		r = format_open_block(&run->open, b, &block.position, &run->err);
+	if (!r && run->change)
+		r = format_change_block(run->change, &block, &run->err);
 	if (!r && (run->opt.has_max_edge || run->opt.edges)) {
 		r = format_edge_block(&run->edge, b, block.position, &kept, &run->err);
 		block.mesh = &kept;
@@ -140,10 +148,31 @@ static int run_tail(void *ctx, const struct acut_mesh_tail *tail)
 		if (!r)
 			r = t->format->finish(t->writer, tail, &run->err);
 	}
+	if (!r && run->change)
+		r = format_change_tail(run->change, &run->err);
 	if (!r && run->tiles)
 		r = format_tiles_tail(run->tiles, tail, &run->err);
 	run->finished = !r;
 	return r;
+}
+
+static int run_base(void *ctx, const struct acut_mesh_base *base)
+{
+	struct format_run *run = ctx;
+
+	return format_change_base(run->change, base, &run->err);
+}
+
+static int run_gone(void *ctx, const struct acut_mesh_region *region)
+{
+	struct format_run *run = ctx;
+
+	return format_change_gone(run->change, region, &run->err);
+}
+
+struct acut_changes_sink format_run_changes(struct format_run *run)
+{
+	return (struct acut_changes_sink){ .mesh = format_run_sink(run), .base = run_base, .gone = run_gone };
 }
 
 struct acut_mesh_sink format_run_sink(struct format_run *run)
@@ -164,6 +193,8 @@ int format_run_publish(struct format_run *run, struct err *err)
 	}
 	if (!run->finished)
 		return err_set(err, ERR_INTERNAL, "outputs are published before the stream has ended");
+	if (run->change && format_change_publish(run->change, &run->bytes, err))
+		return -err->code;
 	for (struct format_target *t = run->target; t; t = t->next) {
 		int r = t->out ? format_output_publish(t->out, err) : 0;
 		if (r)
@@ -178,6 +209,8 @@ void format_run_about(struct format_run *run, uint64_t job, const char *dataset,
 {
 	if (run->tiles)
 		format_tiles_about(run->tiles, job, dataset, generation);
+	if (run->change)
+		format_change_about(run->change, job, dataset, generation);
 }
 
 void format_run_report(const struct format_run *run, struct format_report *ret)
@@ -190,6 +223,8 @@ void format_run_report(const struct format_run *run, struct format_report *ret)
 		.longest_edge = format_edge_longest(&run->edge),
 		.median_edge = format_edge_median(&run->edge),
 	};
+	if (run->change)
+		ret->changes = *format_change_counts(run->change);
 	memcpy(ret->unit_xy, run->edge.unit, sizeof(ret->unit_xy));
 }
 
@@ -203,6 +238,7 @@ struct format_run *format_run_free(struct format_run *run)
 		target_free(t);
 	}
 	format_tiles_free(run->tiles);
+	format_change_free(run->change);
 	format_open_done(&run->open);
 	format_edge_done(&run->edge);
 	format_keep_free(run->kept);

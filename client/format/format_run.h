@@ -2,6 +2,7 @@
 #ifndef FORMAT_RUN_H
 #define FORMAT_RUN_H
 
+#include "format_change.h"
 #include "format_priv.h"
 #include "format_tile.h"
 
@@ -18,6 +19,7 @@ struct format_run {
 	struct format_run_options opt;
 	struct format_target *target, **end;
 	bool positions;            /* somebody needs them */
+	struct format_change *change; /* NULL: the stream is of a mesh */
 	struct format_tiles *tiles; /* NULL: one file an output */
 	bool finished;
 	struct format_open open;

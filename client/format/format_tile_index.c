@@ -6,68 +6,13 @@
  * readers of files look for), and as text. The box of a tile's vertices is beside it, since triangles reach over the
  * border.
  */
-#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
+#include "format_geojson.h"
 #include "format_tile.h"
-
-/* The index is written by stdio into memory, feature by feature. */
-struct page {
-	FILE *f;
-	char *text;
-	size_t size;
-};
-
-static int page_start(struct page *p, struct err *err)
-{
-	p->text = NULL;
-	p->f = open_memstream(&p->text, &p->size);
-	return p->f ? 0 : err_set(err, ERR_NOMEM, "no memory for the index of tiles");
-}
-
-static int page_end(struct page *p, struct format_output *to, struct err *err)
-{
-	int r = fclose(p->f) ? err_set(err, ERR_NOMEM, "no memory for the index of tiles") : 0;
-
-	for (size_t at = 0; at < p->size && !r; at += 65536)
-		r = format_output_write(to, p->text + at, p->size - at < 65536 ? p->size - at : 65536, err);
-	free(p->text);
-	return r;
-}
-
-static void put_text(FILE *f, const char *text)
-{
-	if (!text || !*text) {
-		fputs("null", f);
-		return;
-	}
-	fputc('"', f);
-	for (const unsigned char *at = (const unsigned char *)text; *at; at++) {
-		if (*at == '"' || *at == '\\')
-			fprintf(f, "\\%c", *at);
-		else if (*at < ' ' || *at == 0x7f)
-			fprintf(f, "\\u%04x", *at);
-		else
-			fputc(*at, f);
-	}
-	fputc('"', f);
-}
-
-/* "EPSG:26910" and what follows: readers know the number. */
-static void put_crs(FILE *f, const char *crs)
-{
-	unsigned n = 0;
-
-	if (!crs || strncmp(crs, "EPSG:", 5))
-		return;
-	for (const char *at = crs + 5; isdigit((unsigned char)*at) && n < 100000000; at++)
-		n = n * 10 + (unsigned)(*at - '0');
-	if (n)
-		fprintf(f, "\"crs\":{\"type\":\"name\",\"properties\":{\"name\":\"urn:ogc:def:crs:EPSG::%u\"}},\n", n);
-}
 
 static void put_origin(FILE *f, const struct format_tiles *t)
 {
@@ -85,22 +30,16 @@ static void put_head(FILE *f, const struct format_tiles *t, uint64_t left_out)
 	char size[DECIMAL_TEXT_SIZE];
 
 	fputs("{\"type\":\"FeatureCollection\",\"name\":\"acut-tiles\",\n", f);
-	put_crs(f, h->crs);
+	format_geojson_crs(f, h->crs);
 	fprintf(f, "\"acut\":{\"version\":1,\"job\":%llu,\"dataset\":", (unsigned long long)t->job);
-	put_text(f, t->dataset);
+	format_geojson_text(f, t->dataset);
 	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,\"left_out\":%llu,",
 		(unsigned long long)t->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
 		(unsigned long long)format_tiles_count(t), (unsigned long long)t->tail.triangles,
 		(unsigned long long)left_out);
-	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"lattice\":", t->digest, t->vertex_digest);
-	put_text(f, h->lattice);
-	fputs(",\"crs\":", f);
-	put_text(f, h->crs);
-	fputs(",\"units\":[", f);
-	put_text(f, h->unit_xy);
-	fputc(',', f);
-	put_text(f, t->opt.z_unit ? t->opt.z_unit : h->unit_z);
-	fputs("],\"origin\":", f);
+	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
+	format_geojson_head(f, h, &t->opt);
+	fputs(",\"origin\":", f);
 	put_origin(f, t);
 	fputs("},\n\"features\":[", f);
 }
@@ -113,8 +52,7 @@ static void put_square(FILE *f, const struct format_tiles *t, const int64_t at[2
 		decimal_scaled_text(t->size, at[0] + i, x[i]);
 		decimal_scaled_text(t->size, at[1] + i, y[i]);
 	}
-	fprintf(f, "{\"type\":\"Polygon\",\"coordinates\":[[[%s,%s],[%s,%s],[%s,%s],[%s,%s],[%s,%s]]]}", x[0], y[0],
-		x[1], y[0], x[1], y[1], x[0], y[1], x[0], y[0]);
+	format_geojson_square(f, x[0], y[0], x[1], y[1]);
 }
 
 static void put_tile(FILE *f, struct format_tiles *t, size_t i)
@@ -139,25 +77,25 @@ static void put_tile(FILE *f, struct format_tiles *t, size_t i)
 
 int format_tiles_index(struct format_tiles *t, uint64_t left_out, struct err *err)
 {
-	struct page p;
+	struct format_page p;
 	bool first = true;
-	int r = page_start(&p, err);
+	int r = format_page_start(&p, err);
 
 	if (!r) {
 		put_head(p.f, t, left_out);
-		r = page_end(&p, t->index, err);
+		r = format_page_end(&p, t->index, err);
 	}
 	for (size_t i = 0; i < t->columns * t->rows && !r; i++) {
 		if (!t->tile[i].triangles)
 			continue;
-		r = page_start(&p, err);
+		r = format_page_start(&p, err);
 		if (r)
 			break;
 		if (!first)
 			fputc(',', p.f);
 		first = false;
 		put_tile(p.f, t, i);
-		r = page_end(&p, t->index, err);
+		r = format_page_end(&p, t->index, err);
 	}
 	return r ? r : format_output_write(t->index, "\n]}\n", 4, err);
 }

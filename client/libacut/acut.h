@@ -493,6 +493,32 @@ int acut_fetch(struct acut *, uint64_t job, const struct acut_mesh_sink *);
 /* From now on fetches are of those triangles only that meet this area ("box:X1,Y1,X2,Y2" or "area@E:RINGS",
  * PROTOCOL.md), of jobs that run too; the tail is then of these. NULL: of all again. Copied; ACUT_E_NOMEM. */
 int acut_fetch_window(struct acut *, const char *area);
+/*
+ * What differs between two meshes of a dataset under one view: that of generation `since`, as its newest job that is done
+ * made it, and that of `job`, which must be done. Regions are those of the blocks (`box`). A reader who keeps the old
+ * mesh by region takes out those that are gone and puts in the blocks that come; who does not, takes out every triangle
+ * whose circumcentre lies in a region that is gone (low < c <= high on both axes, in doubled lattice numbers). Vertices
+ * are numbered within this stream. A region of which only heights have changed is gone and comes again.
+ */
+struct acut_mesh_base {
+	uint64_t generation, job;  /* of the old mesh */
+	const char *old_digest, *old_vertex_digest, *digest, *vertex_digest; /* of the meshes, whole */
+	uint64_t gone, gone_triangles, kept, kept_triangles; /* regions with triangles, of the old mesh */
+};
+struct acut_mesh_region {
+	int64_t box[4];
+	uint64_t triangles;
+	const char *digest;        /* of these */
+};
+struct acut_changes_sink {
+	struct acut_mesh_sink mesh; /* the head first; then `base`, each `gone`, the blocks, the tail, which is of this stream */
+	int (*base)(void *ctx, const struct acut_mesh_base *);
+	int (*gone)(void *ctx, const struct acut_mesh_region *);
+};
+/* Callbacks get the ctx of `mesh`. The old digest without what is gone and with what came was checked to be the new
+ * one before `tail` comes ("digest-mismatch"). "stream-gone": nothing is known of the old mesh's regions. Such a fetch
+ * cannot be gone on with (acut_fetch_state). */
+int acut_fetch_changes(struct acut *, uint64_t job, uint64_t since, const struct acut_changes_sink *);
 /* What it takes to go on with a fetch later, on this connection or another one: bytes of a size that grows with the
  * vertices that are not final yet. Inside of the sink's `block` it is as of that block, which the callback must then
  * take; after a failed fetch, until the next call, as of the last block that was taken (ACUT_E_USAGE where there is

@@ -20,6 +20,7 @@ struct slot {
 struct check {
 	int64_t k[3];
 	struct digest digest, vertex_digest;
+	struct digest gone; /* of regions that are; they come before all blocks, again where a stream goes on */
 
 	struct slot *slot;
 	unsigned bits; /* log2 of the slots */
@@ -229,6 +230,29 @@ int check_tail(const struct check *c, const struct stream_tail *tail, bool whole
 		r = err_set(err, ERR_PROTO, "%llu vertices never became final, but the hull has %llu",
 			    (unsigned long long)c->open, (unsigned long long)tail->hull);
 	return r;
+}
+
+/* ---- changes ---- */
+
+void check_gone(struct check *c, const struct stream_region *region, size_t n)
+{
+	for (size_t i = 0; i < n; i++)
+		digest_add(&c->gone, region[i].digest);
+}
+
+int check_changes(const struct check *c, const struct stream_base *base, const struct stream_tail *tail,
+		  struct err *err)
+{
+	struct digest sum = base->old_digest;
+	char a[DIGEST_HEX_SIZE], b[DIGEST_HEX_SIZE];
+
+	digest_sub(&sum, c->gone);
+	digest_add(&sum, c->digest);
+	if (digest_equal(sum, base->digest))
+		return 0;
+	err_set(err, ERR_DIGEST, "the mesh of generation %llu with these changes has the digest %s, but the daemon says %s",
+		(unsigned long long)base->generation, digest_hex(sum, a), digest_hex(base->digest, b));
+	return err_add_hint(err, "fetch the whole mesh; the daemon or its machine is at fault: please report it");
 }
 
 /* ---- as bytes ---- */

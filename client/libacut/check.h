@@ -18,6 +18,10 @@ int check_block(struct check *, const struct stream_block *, struct err *err);
 /* After the last block. -ERR_DIGEST: a digest is not what the tail says; -ERR_PROTO: the vertices that
  * never became final are not as many as the hull's (whole meshes only). */
 int check_tail(const struct check *, const struct stream_tail *, bool whole, struct err *err);
+/* Of a stream of changes, after check_tail: the old mesh without what is gone, with what came, is the new one.
+ * -ERR_DIGEST where the sums do not agree. */
+void check_gone(struct check *, const struct stream_region *, size_t n);
+int check_changes(const struct check *, const struct stream_base *, const struct stream_tail *, struct err *err);
 uint64_t check_open(const struct check *); /* vertices in the table now */
 
 /* What is known after the last block, as bytes, and a new check that goes on with it. -ERR_CORRUPT, -ERR_NOMEM. */

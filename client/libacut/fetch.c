@@ -33,11 +33,14 @@ struct fetch {
 	bool torn;     /* check is not between two blocks */
 	bool continued;
 	bool other;    /* the head is not of the stream that is to go on */
+	bool unasked;  /* nor of the kind that was asked for */
 	struct stream_reader_state from;
 	struct digest id;        /* of the stream; when continued, that of the state */
 	int64_t k[3];            /* of the state */
 	struct cursor state;     /* the rest of it: check's */
 	const struct acut_mesh_sink *sink;
+	uint64_t since; /* 0: the whole mesh */
+	const struct acut_changes_sink *changes;
 	uint32_t request;
 	int fd;
 	struct stream_reader *reader;
@@ -107,6 +110,12 @@ static int other_stream(struct fetch *f)
 	return err_set(&f->acut->err, ERR_PROTO, "the daemon went on with another stream");
 }
 
+static int unasked_kind(struct fetch *f)
+{
+	return err_set(&f->acut->err, ERR_PROTO, f->changes ? "changes were asked for, and the mesh stream has none"
+							    : "a mesh was asked for, and the mesh stream has changes");
+}
+
 static int go_on(struct fetch *f)
 {
 	f->torn = true;
@@ -123,6 +132,8 @@ static int on_head(struct fetch *f)
 
 	if (r < 0)
 		return r;
+	/* A stream that failed before it knew better has another kind, and a tail that says why. */
+	f->unasked = (head->kind == STREAM_CHANGES) != (f->changes != NULL);
 	f->check = check_new(f->head.k);
 	if (!f->check)
 		return err_set(&f->acut->err, ERR_NOMEM, "there is no memory to check a mesh");
@@ -147,6 +158,48 @@ static int on_head(struct fetch *f)
 	return f->sink->head ? from_sink(f, f->sink->head(f->sink->ctx, &f->head)) : 0;
 }
 
+static int on_base(struct fetch *f)
+{
+	const struct stream_base *b = stream_reader_base(f->reader);
+	char hex[4][DIGEST_HEX_SIZE];
+	const struct acut_mesh_base out = {
+	    .generation = b->generation,
+	    .job = b->job,
+	    .old_digest = digest_hex(b->old_digest, hex[0]),
+	    .old_vertex_digest = digest_hex(b->old_vertex_digest, hex[1]),
+	    .digest = digest_hex(b->digest, hex[2]),
+	    .vertex_digest = digest_hex(b->vertex_digest, hex[3]),
+	    .gone = b->gone,
+	    .gone_triangles = b->gone_triangles,
+	    .kept = b->kept,
+	    .kept_triangles = b->kept_triangles,
+	};
+
+	if (!f->changes)
+		return unasked_kind(f);
+	if (b->generation != f->since)
+		return err_set(&f->acut->err, ERR_PROTO, "changes since generation %llu were asked for, since %llu came",
+			       (unsigned long long)f->since, (unsigned long long)b->generation);
+	return f->changes->base ? from_sink(f, f->changes->base(f->sink->ctx, &out)) : 0;
+}
+
+static int on_gone(struct fetch *f)
+{
+	char hex[DIGEST_HEX_SIZE];
+	size_t n;
+	const struct stream_region *region = stream_reader_gone(f->reader, &n);
+	int r = 0;
+
+	check_gone(f->check, region, n);
+	for (size_t i = 0; i < n && r == 0 && f->changes->gone; i++) {
+		struct acut_mesh_region out = {.triangles = region[i].triangles, .digest = digest_hex(region[i].digest, hex)};
+
+		memcpy(out.box, region[i].box, sizeof out.box);
+		r = from_sink(f, f->changes->gone(f->sink->ctx, &out));
+	}
+	return r;
+}
+
 static int on_block(struct fetch *f)
 {
 	const struct stream_block *b = stream_reader_block(f->reader);
@@ -162,7 +215,7 @@ static int on_block(struct fetch *f)
 	    .nnew = b->nnew,
 	    .ntriangle = b->ntriangle,
 	};
-	int r = f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
+	int r = f->unasked ? unasked_kind(f) : f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
 
 	f->torn = r < 0;
 	if (r < 0 || !f->sink->block)
@@ -201,9 +254,13 @@ static int on_tail(struct fetch *f)
 
 	if (tail->failed)
 		return failed_tail(f, tail);
+	if (f->unasked)
+		return unasked_kind(f);
 	if (f->other)
 		return other_stream(f);
 	r = check_tail(f->check, tail, whole, &f->acut->err);
+	if (r == 0 && f->changes)
+		r = check_changes(f->check, stream_reader_base(f->reader), tail, &f->acut->err);
 	if (r < 0 || !f->sink->tail)
 		return r;
 	memcpy(out.box, tail->box, sizeof out.box);
@@ -219,6 +276,10 @@ static int on_event(struct fetch *f, enum stream_event event)
 		return on_block(f);
 	case STREAM_TAIL:
 		return on_tail(f);
+	case STREAM_BASE:
+		return on_base(f);
+	case STREAM_GONE:
+		return on_gone(f);
 	case STREAM_MORE:
 		break;
 	}
@@ -391,6 +452,7 @@ static int fetch(struct fetch *f)
 
 	question.job = f->job;
 	question.area = call_text(f->acut->area);
+	question.changed_since = f->since;
 	if (f->continued) {
 		question.from_block = f->from.blocks;
 		question.stream_id = digest_hex(f->id, id);
@@ -436,6 +498,21 @@ int acut_fetch(struct acut *a, uint64_t job, const struct acut_mesh_sink *sink)
 	return fetch(f);
 }
 
+int acut_fetch_changes(struct acut *a, uint64_t job, uint64_t since, const struct acut_changes_sink *sink)
+{
+	int r = call_begin(a);
+	struct fetch *f = r < 0 ? NULL : fetch_new(a, &sink->mesh);
+
+	if (!f)
+		return -(int)a->err.code;
+	if (!since)
+		return err_set(&a->err, ERR_USAGE, "changes are since a generation, and 0 is none");
+	f->job = job;
+	f->since = since;
+	f->changes = sink;
+	return fetch(f);
+}
+
 /* ---- going on ---- */
 
 enum { STATE_HEAD = 8 + 8 + 16 + 3 * 8 + 4 * 8 + 6 * 4, STATE_SUM = 8 };
@@ -450,7 +527,7 @@ int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
 	uint8_t *bytes;
 	size_t size;
 
-	if (!f || !f->check || f->torn)
+	if (!f || !f->check || f->torn || f->changes)
 		return err_set(&a->err, ERR_USAGE, "there is no fetch to go on with");
 	stream_reader_state(f->reader, &at);
 	size = STATE_HEAD + check_packed_size(f->check) + STATE_SUM;

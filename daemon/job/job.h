@@ -373,11 +373,25 @@ void job_leave(struct job *);
 
 /* ---- the mesh of a job ---- */
 
+/* A region of an older mesh that no longer holds. */
+struct job_region {
+	int64_t box[4]; /* as of a block */
+	uint64_t triangles;
+	struct digest digest;
+};
+/* What a stream of changes is against. Regions count where they have triangles. */
+struct job_changes {
+	uint64_t generation, job;
+	struct digest old_digest, old_vertex_digest, digest, vertex_digest; /* of both meshes, whole */
+	uint64_t gone, gone_triangles, kept, kept_triangles;
+	const struct job_region *region; /* those that are gone */
+};
 struct job_stream_head {
 	const struct grid_manifest *manifest;
 	const char *view;
 	struct digest id; /* generation, view, plan, kernel version */
 	bool window;      /* the triangles of the view's window, not the whole mesh */
+	const struct job_changes *changes; /* NULL: the whole mesh; valid during the call */
 	int32_t box[6];   /* holds all vertices; heights are not known yet: all of int32 */
 };
 struct job_output;
@@ -403,6 +417,7 @@ struct job_output {
 	bool spooled; /* set by spool: the block's memory is not needed any more; encode takes it back */
 	/* Set before job_fetch: go on at this block, of the stream `want`. What cannot be is -ERR_GONE. */
 	char *window; /* a view of job_window: the triangles of its window; NULL: those of the job. Freed by job/ */
+	uint64_t since; /* what differs from the mesh of this generation; 0: the whole mesh */
 	uint64_t from;
 	bool wants;
 	struct digest want;

@@ -62,7 +62,7 @@ static const struct walk_calls calls = {.unread = fetch_unread, .ended = fetch_e
 /* From the start. */
 static bool fresh(const struct job_output *output)
 {
-	return !output->from && !output->wants && !output->window;
+	return !output->from && !output->wants && !output->window && !output->since;
 }
 
 static void begin(struct job_fetch *f);
@@ -156,6 +156,33 @@ static void end(struct job_fetch *f, struct job_output *output, const struct err
 	fetch_free(f);
 }
 
+/* The newest jobs that are done with the mesh of the output's generation. */
+static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
+{
+	enum { MOST = sizeof f->since.base / sizeof *f->since.base };
+	const struct job *job = f->job, *other;
+	struct walk_since *s = &f->since;
+
+	*s = (struct walk_since){.generation = generation, .job = job->id, .dataset = job->dataset->name};
+	if (job->bound)
+		return err_set(err, ERR_USAGE, "changes are those of a submitted job, not of a mesh of one step");
+	if (!digest_parse(job->report.digest, &s->digest) || !digest_parse(job->report.vertex_digest, &s->vertex_digest))
+		return err_set(err, ERR_GONE, "the digests of job %llu are not known", (unsigned long long)job->id);
+	for (other = past_next(job->jobs, job->dataset, 0); other; other = past_next(job->jobs, job->dataset, other->id)) {
+		struct walk_base base = {.job = other->id};
+
+		if (other->generation != generation || other->bound || other->removed ||
+		    other->state != JOB_done || strcmp(other->view, job->view) ||
+		    !digest_parse(other->report.digest, &base.digest) ||
+		    !digest_parse(other->report.vertex_digest, &base.vertex_digest))
+			continue;
+		memmove(s->base + 1, s->base, (MOST - 1) * sizeof *s->base);
+		s->base[0] = base;
+		s->n += s->n < MOST;
+	}
+	return 0;
+}
+
 static void begin(struct job_fetch *f)
 {
 	struct job *job = f->job;
@@ -189,6 +216,11 @@ static void begin(struct job_fetch *f)
 		end(f, f->output, &err);
 		return;
 	}
+	if (f->output->since && !f->since.generation && find_base(f, f->output->since, &err)) {
+		end(f, f->output, &err);
+		return;
+	}
+	p.since = f->output->since ? &f->since : NULL;
 	if (!f->placed) {
 		place_seek(job->jobs, &f->place, 0);
 		return;
@@ -221,15 +253,20 @@ static void finish(struct job_fetch *f)
 
 	if (!f->why.code && f->job->state != JOB_done && !f->window)
 		f->why = f->job->err;
-	if (!f->why.code && !f->window && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
+	if (!f->why.code && f->since.generation)
+		walk_change_agrees(f->walk, &f->why);
+	else if (!f->why.code && !f->window && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
 		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex,
 			f->job->report.digest);
 	end(f, output, f->why.code ? &f->why : NULL);
 }
 
 /* It is over, or has a plan and puts its domains into the store. */
-static bool can_begin(const struct job *job)
+static bool can_begin(const struct job *job, const struct job_fetch *f)
 {
+	/* Which of its regions hold is known when all of them are. */
+	if (f->output && f->output->since && !job_state_final(job->state))
+		return false;
 	return job_state_final(job->state) ||
 	       (job->state == JOB_meshing && !job->bound && job->planned && !job->walk_ended);
 }
@@ -252,7 +289,7 @@ void job_fetch_settle(struct job *job)
 			finish(f);
 		else if (!f->walk && !f->output)
 			fetch_free(f);
-		else if (!f->walk && (can_begin(job) || f->window)) /* a window needs nothing that the job makes */
+		else if (!f->walk && (can_begin(job, f) || f->window)) /* a window needs nothing that the job makes */
 			begin(f);
 	}
 }

@@ -118,6 +118,7 @@ struct job_fetch {
 	struct err why;
 	char *window; /* the view, of a window of the job's mesh; else NULL */
 	uint64_t begun_ns;
+	struct walk_since since; /* of a stream of changes */
 };
 
 struct job_asked_plan {

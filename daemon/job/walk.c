@@ -70,6 +70,7 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 	w->patience = p->patience;
 	w->file = p->plan;
 	w->lazy = p->lazy;
+	w->since = p->since;
 	w->calls = p->calls;
 	w->ctx = p->ctx;
 	w->why = ERR_INIT;
@@ -82,6 +83,7 @@ struct walk *walk_free(struct walk *w)
 {
 	if (!w)
 		return NULL;
+	walk_change_free(w, w->change);
 	cut_plan_done(&w->plan);
 	dataset_release(w->dataset);
 	view_done(&w->view);
@@ -158,6 +160,8 @@ static void open_run(struct sched_task *t)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
 		w->r = walk_plan_read(w, &w->err);
+	if (!w->r)
+		w->r = walk_change_read(w, &w->err);
 	if (!w->r && view_selects(&w->view))
 		w->r = walk_select_open(w, &w->err);
 }
@@ -352,7 +356,7 @@ static void split_next(struct walk *w)
 	struct walk_domain *d;
 
 	for (d = w->domains; d && !w->splitting; d = d->next)
-		if (d->state == DOMAIN_SPLIT)
+		if (d->state == DOMAIN_SPLIT && !walk_change_torn(w))
 			walk_domain_split(d);
 }
 
@@ -365,6 +369,10 @@ static bool emit_next(struct walk *w)
 		return false;
 	if (w->next_emit >= w->next_start)
 		return false;
+	if (walk_change_skips(w, w->next_emit)) {
+		w->next_emit++;
+		return true;
+	}
 	d = find(w, w->next_emit);
 	if (!d) {
 		/* It is in the store, or lost. */
@@ -411,7 +419,7 @@ bool walk_crowded(const struct walk *w)
 static void make_next(struct walk *w)
 {
 	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w)) {
-		if (!walk_domain_start(w, w->next_start, SCHED_NORMAL))
+		if (!walk_change_skips(w, w->next_start) && !walk_domain_start(w, w->next_start, SCHED_NORMAL))
 			return;
 		w->next_start++;
 	}

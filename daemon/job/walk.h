@@ -24,6 +24,18 @@ struct walk_calls {
 	size_t (*reach)(void *ctx);
 };
 
+/* The walk is to give what its job's mesh has and an older one has not. */
+struct walk_since {
+	uint64_t generation, job;  /* of the old mesh; of the walk */
+	struct digest digest, vertex_digest; /* of the walk's job */
+	const char *dataset;       /* for messages */
+	unsigned n;                /* jobs that made the old mesh, the newest first */
+	struct walk_base {
+		uint64_t job;
+		struct digest digest, vertex_digest;
+	} base[4];
+};
+
 struct walk_params {
 	struct jobs *jobs;
 	struct dataset *dataset;
@@ -37,6 +49,7 @@ struct walk_params {
 	bool lazy;       /* takes no domain as long as its reader is slow: they are in the store */
 	struct plan_file *plan; /* that it goes by, and keeps; borrowed; NULL: its own, of now */
 	double patience; /* seconds to wait for an output before the domains go to the store */
+	const struct walk_since *since; /* borrowed; NULL: the whole mesh */
 	const struct walk_calls *calls;
 	void *ctx;
 };
@@ -63,6 +76,9 @@ uint64_t walk_space_lacks(const struct walk *); /* bytes of disk that it waits f
 double walk_seconds_left(const struct walk *); /* at the pace of late, without waiting; 0: not known */
 double walk_worked(const struct walk *);       /* seconds in which a task of it ran */
 void walk_set_rank(struct walk *, enum sched_rank); /* of its tasks from now on */
+
+/* After `ended` without why, of a walk with `since`: the old mesh with its changes is the new one, or -ERR_DIGEST. */
+int walk_change_agrees(const struct walk *, struct err *err);
 
 bool walk_stalled(const struct walk *);                       /* waits for its reader only */
 bool walk_opens(const struct walk *, const struct dataset *); /* is about to open its manifest */

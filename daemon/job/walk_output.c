@@ -61,6 +61,8 @@ static struct digest stream_id(const struct walk *w)
 	digest_add(&id, digest_hash(&key, sizeof key));
 	digest_add(&id, digest_hash(&w->kept.base, sizeof w->kept.base));
 	walk_area_id(w, &id);
+	if (w->change)
+		digest_add(&id, w->change->id);
 	return digest_hash(&id, sizeof id);
 }
 
@@ -121,6 +123,7 @@ void walk_output_head(struct walk *w)
 	w->head_id = head.id;
 	head.window = w->view.window;
 	head.manifest = grid_manifest(w->grid);
+	head.changes = w->change ? &w->change->told : NULL;
 	if (grid_box(w->grid, box)) {
 		head.box[0] = box[0];
 		head.box[1] = box[1];

@@ -159,6 +159,8 @@ static void start(struct walk *w, void (*task)(struct sched_task *), uint64_t by
 /* Within its budget. */
 static void begin(struct walk *w)
 {
+	if (w->planned && walk_change_torn(w))
+		return;
 	if (w->planned)
 		start(w, narrow_run, 0);
 	else if (grid_points(w->grid))

@@ -41,6 +41,16 @@ struct walk_domain {
 	struct err err;
 };
 
+/* walk_change.c: what a walk with `since` leaves out, and what it says before the blocks. */
+struct walk_change {
+	struct job_changes told;
+	struct job_region *region; /* gone */
+	struct digest gone;        /* sum of theirs */
+	struct digest id;          /* of all that decides which blocks come */
+	uint8_t *skip;             /* by leaf: it holds in both meshes, or is empty */
+	uint64_t charged;          /* of LEDGER_PLAN */
+};
+
 struct walk {
 	struct jobs *jobs;
 	struct dataset *dataset;
@@ -57,6 +67,8 @@ struct walk {
 	bool giving; /* stops to begin again later */
 	uint64_t points_before; /* emitted before it gave way */
 	double patience;
+	const struct walk_since *since;
+	struct walk_change *change;
 	const struct walk_calls *calls;
 	void *ctx;
 
@@ -161,6 +173,12 @@ size_t walk_reach(const struct walk *); /* domains before this one may be starte
 
 /* walk_area.c */
 void walk_area_id(const struct walk *, struct digest *id); /* what else the blocks of a window depend on */
+/* walk_change.c. The first is a worker's; after walk_plan_read, does nothing without `since`. */
+int walk_change_read(struct walk *, struct err *err);
+bool walk_change_skips(const struct walk *, size_t index);
+/* Its regions are about to be others than were compared: a walk of changes fails, and this is true. */
+bool walk_change_torn(struct walk *);
+struct walk_change *walk_change_free(struct walk *, struct walk_change *);
 
 /* walk_domain.c */
 /* NULL: no memory, the walk fails. */

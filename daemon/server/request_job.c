@@ -76,7 +76,7 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	uint32_t id = q->id; /* find answers, and frees the request, where there is no such job */
-	uint64_t from = m->fetch->from_block;
+	uint64_t from = m->fetch->from_block, since = m->fetch->changed_since;
 	bool wants = *m->fetch->stream_id != 0;
 	struct job *job = find(c, q, m->fetch->job);
 	Acut__V1__Fetching fetching = ACUT__V1__FETCHING__INIT;
@@ -96,6 +96,8 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 		err_set(&err, ERR_USAGE, "\"%.40s\" is no stream id", m->fetch->stream_id);
 	} else if (m->fetch->from_block && !*m->fetch->stream_id) {
 		err_set(&err, ERR_USAGE, "a fetch that goes on names its stream");
+	} else if (since && window) {
+		err_set(&err, ERR_USAGE, "changes are those of a whole mesh, not of an area");
 	}
 	out = err.code ? NULL : stream_out_new(c, m->fetch->job, id, &end, &err);
 	if (!out) {
@@ -105,7 +107,7 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 	}
 	request_free(q);
 	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
-	stream_out_from(out, from, wants ? &want : NULL);
+	stream_out_from(out, from, wants ? &want : NULL, since);
 	if (!c->closed)
 		stream_out_start(out, job, window);
 	else

@@ -146,7 +146,8 @@ struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request,
 				  struct err *err);
 /* Before start: go on at block `from` of the stream `want` (NULL: whatever it is). */
 struct digest;
-void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want);
+/* since: changes only, against the mesh of that generation; 0: the whole mesh. */
+void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want, uint64_t since);
 void stream_out_start(struct stream_out *, struct job *, char *window); /* of job_window, given away; or NULL */
 void stream_out_leave(struct conn *); /* all streams of the connection end */
 uint64_t stream_out_held(const struct conn *);  /* taken of LEDGER_PIPE */

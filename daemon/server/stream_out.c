@@ -1,8 +1,8 @@
 /*
  * One mesh stream to one client: a pipe that the daemon made, written from the loop as the client reads.
  *
- * The model: three frames at most, in this order: head, the block that daemon/job handed over, tail; each is
- * pieces with its own scratch, and a position. The pieces of a block point into the domain's memory. When the
+ * The model: four frames at most, in this order: head, what changes are against (several, one after the other, and
+ * only of such a stream), the block that daemon/job handed over, tail; each is pieces with its own scratch, and a position. The pieces of a block point into the domain's memory. When the
  * reader is too slow, daemon/job lets a worker spool what is left of the block (`paused` meanwhile: the loop
  * keeps its hands off), and it is written from a small buffer that workers refill. The pipe is non-blocking;
  * a reader who closes it ends the stream and nothing else. A stream whose block was cut off by an error has
@@ -21,16 +21,9 @@
 #include "ledger.h"
 #include "log.h"
 #include "server_priv.h"
+#include "stream_changes.h"
 
-enum { HEAD, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20 };
-
-struct out_frame {
-	bool ready;
-	struct stream_piece piece[STREAM_PIECES];
-	unsigned n, at; /* piece being written */
-	size_t done;    /* bytes of it */
-	uint8_t scratch[STREAM_SCRATCH];
-};
+enum { HEAD, CHANGES, BLOCK, TAIL, FRAMES, PIPE_SIZE = 1 << 20 };
 
 struct stream_out {
 	struct job_output output; /* first: stream_of */
@@ -40,9 +33,10 @@ struct stream_out {
 	uint32_t request;
 	int fd;
 	sd_event_source *io;
-	struct out_frame frame[FRAMES];
+	struct out_frame frame[FRAMES]; /* that of CHANGES is not used */
+	struct out_changes *changes; /* NULL: there are none, or all are sent */
 	char *view; /* that the head points to */
-	size_t view_bytes; /* charged for it */
+	size_t view_bytes; /* charged for it, and for the changes */
 	uint64_t blocks; /* before `from`, and sent */
 	uint64_t blocked_ns; /* since when bytes wait; 0: none do */
 	bool paused, ended, gone;
@@ -82,6 +76,7 @@ static void stream_free(struct stream_out *o)
 	io_close(o->fd);
 	spool_close(o);
 	free(o->view);
+	free(o->changes);
 	ledger_give(o->conn->server->p.ledger, LEDGER_PIPE, sizeof *o + o->view_bytes);
 	free(o);
 }
@@ -169,6 +164,18 @@ static int write_spooled(struct stream_out *o)
 	return o->spool_at < o->spool_size ? 2 : 0;
 }
 
+static int write_changes(struct stream_out *o)
+{
+	int r = 0;
+
+	while (o->changes && !r) {
+		r = write_frame(o, &o->changes->frame);
+		if (!r)
+			o->changes = out_changes_next(o->changes);
+	}
+	return r;
+}
+
 static void pump(struct stream_out *o)
 {
 	int i, r = 0;
@@ -178,6 +185,10 @@ static void pump(struct stream_out *o)
 	for (i = 0; i < FRAMES; i++) {
 		struct out_frame *f = &o->frame[i];
 
+		if (i == CHANGES)
+			r = write_changes(o);
+		if (r)
+			break;
 		if (!f->ready)
 			continue;
 		r = i == BLOCK && o->spool >= 0 ? write_spooled(o) : write_frame(o, f);
@@ -247,23 +258,37 @@ static void tell_why(struct stream_out *o, const struct err *why)
 		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
 }
 
+static int take_changes(struct stream_out *o, const struct job_changes *in, struct err *err)
+{
+	size_t size = out_changes_bytes(in);
+
+	if (!ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, size))
+		return err_set(err, ERR_BUSY, "no memory for the regions of a stream");
+	o->view_bytes += size;
+	o->changes = out_changes_new(in);
+	return o->changes ? 0 : err_set(err, ERR_NOMEM, "no memory for the regions of a stream");
+}
+
 static void out_head(struct job_output *output, const struct job_stream_head *in)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[HEAD];
-	struct stream_head head = {.kind = in->window ? STREAM_AREA : STREAM_WHOLE, .id = in->id};
+	struct stream_head head = {.kind = in->changes ? STREAM_CHANGES : in->window ? STREAM_AREA : STREAM_WHOLE, .id = in->id};
 	struct err err = ERR_INIT;
+	int r = in->changes ? take_changes(o, in->changes, &err) : 0;
 	char lattice[LATTICE_TEXT_SIZE];
 
 	text_copy(head.lattice, sizeof head.lattice, lattice_text(&in->manifest->lattice, lattice));
 	text_copy(head.crs, sizeof head.crs, in->manifest->crs);
 	text_copy(head.unit_xy, sizeof head.unit_xy, in->manifest->unit_xy);
 	text_copy(head.unit_z, sizeof head.unit_z, in->manifest->unit_z);
-	if (ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, strlen(in->view) + 1))
-		o->view_bytes = strlen(in->view) + 1;
-	o->view = o->view_bytes ? strdup(in->view) : NULL;
+	if (!r && ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, strlen(in->view) + 1)) {
+		o->view_bytes += strlen(in->view) + 1;
+		o->view = strdup(in->view);
+	}
 	if (!o->view) {
-		err_set(&err, ERR_NOMEM, "no memory for the head of a stream");
+		if (!r)
+			err_set(&err, ERR_NOMEM, "no memory for the head of a stream");
 		tell_why(o, &err);
 		drop(o);
 		return;
@@ -516,8 +541,9 @@ struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request
 	return o;
 }
 
-void stream_out_from(struct stream_out *o, uint64_t from, const struct digest *want)
+void stream_out_from(struct stream_out *o, uint64_t from, const struct digest *want, uint64_t since)
 {
+	o->output.since = since;
 	o->blocks = o->output.from = from;
 	o->output.wants = want != NULL;
 	if (want)

@@ -47,7 +47,7 @@ COMMANDS = ("cache cancel dataset datasets fetch formats geoid help info jobs me
             "watch").split()
 LATER = {
     "mesh": ["--mask"],
-    "fetch": ["--changes", "--trim"],
+    "fetch": ["--trim"],
     "submit": ["--constraints"],
 }
 
@@ -154,7 +154,7 @@ def areas(base, survey, out):
 def later(base):
     for command, options in LATER.items():
         for o in options:
-            value = [] if "=" in o or o in ("--changes", "--drop-overlap") else ["1"]
+            value = [] if "=" in o or o in ("--drop-overlap",) else ["1"]
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)

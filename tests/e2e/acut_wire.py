@@ -217,9 +217,9 @@ class Client:
             if value.final:
                 return value
 
-    def fetch(self, job):
-        """The whole mesh of a job, checked."""
-        _, fd = self.ask("fetch", pb.Fetch(job=job))
+    def fetch(self, job, since=0):
+        """The whole mesh of a job, or what differs from that of generation `since`; checked."""
+        _, fd = self.ask("fetch", pb.Fetch(job=job, changed_since=since))
         try:
             return Mesh(PipeReader(fd, self.wire.timeout))
         finally:
@@ -310,6 +310,10 @@ class JobFailed(Fault):
         self.code = code
 
 
+class Base:
+    """What changes are against."""
+
+
 class Mesh:
     """Reads a stream to its end and checks it."""
 
@@ -317,6 +321,8 @@ class Mesh:
         self.source = source
         self.positions, self.triangles, self.indexes = [], [], []
         self.ended = set()     # vertices that were marked final
+        self.regions = {}      # triangles as three absolute positions, by region
+        self.base, self.gone = None, {}  # of changes; (triangles, digest) by region
         self.digest, self.vertex_digest = Digest(), Digest()
         self.done = False
         kind, payload = self.frame()
@@ -329,6 +335,10 @@ class Mesh:
                 self.read_block(Fields(payload))
             elif kind == 3:
                 self.read_tail(Fields(payload))
+            elif kind == 4 and self.kind == 3 and not self.base:
+                self.read_base(Fields(payload))
+            elif kind == 5 and self.base and not self.indexes:
+                self.read_gone(Fields(payload))
             else:
                 raise Breach("a frame of type %d" % kind)
         if read_all(source, 1):
@@ -353,7 +363,7 @@ class Mesh:
 
     def read_head(self, f):
         self.kind, zero = f.take("B7s")
-        if any(zero) or self.kind not in (1, 2):
+        if any(zero) or self.kind not in (1, 2, 3):
             raise Breach("a stream of kind %d" % self.kind)
         self.stream_id = "%016x%016x" % f.take("QQ")
         self.box = f.take("6i")
@@ -364,8 +374,31 @@ class Mesh:
         if len(self.k) != 3:
             raise Breach("the lattice is %r" % self.lattice)
 
+    def read_base(self, f):
+        b = self.base = Base()
+        b.generation, b.job = f.take("2Q")
+        b.old_digest, b.old_vertex_digest, b.digest, b.vertex_digest = ("%016x%016x" % f.take("QQ") for _ in range(4))
+        b.gone, b.gone_triangles, b.kept, b.kept_triangles = f.take("4Q")
+        f.end()
+
+    def read_gone(self, f):
+        if len(f.data) % 56:
+            raise Breach("a list of regions of %d bytes" % len(f.data))
+        for x1, y1, x2, y2, triangles, high, low in f.rows("4qQQQ", len(f.data) // 56):
+            region = (x1, y1, x2, y2)
+            if region in self.gone or not triangles or x1 >= x2 or y1 >= y2:
+                raise Breach("the region %s is gone twice, or is none" % (region,))
+            self.gone[region] = (triangles, "%016x%016x" % (high, low))
+
+    def check_gone(self):
+        said = (self.base.gone, self.base.gone_triangles) if self.base else None
+        if self.kind == 3 and said != (len(self.gone), sum(n for n, _ in self.gone.values())):
+            raise Breach("%s regions and triangles are gone by the base, not by the lists" % (said,))
+
     def read_block(self, f):
         index, *region = f.take("Q4q")
+        self.check_gone()
+        self.region = self.regions.setdefault(tuple(region), [])
         first, nforeign, nnew, ntriangle, flags = f.take("QIIII")
         if self.indexes and index < self.indexes[-1]:
             raise Breach("block %d after block %d" % (index, self.indexes[-1]))
@@ -407,6 +440,8 @@ class Mesh:
             raise Breach("triangle %s is not counter-clockwise" % t)
         self.digest.add(struct.pack("<6q", ax, ay, bx, by, cx, cy))
         self.triangles.append(t)
+        t = t[first:] + t[:first]
+        self.region.append(tuple(tuple(self.positions[n][a] + self.k[a] for a in range(3)) for n in t))
 
     def read_tail(self, f):
         failed, zero = f.take("B7s")
@@ -417,6 +452,7 @@ class Mesh:
         f.end()
         if failed:
             raise JobFailed(code, message)
+        self.check_gone()
         said = (blocks, vertices, triangles, digest, vertex_digest)
         came = (len(self.indexes), len(self.positions), len(self.triangles), str(self.digest), str(self.vertex_digest))
         if said != came:

@@ -37,8 +37,22 @@ def error_in_the_tail():
     raise Fault("the error was not seen")
 
 
+def reads_changes():
+    mesh = acut_wire.Mesh(io.BytesIO(sample("changes")))
+    b = mesh.base
+    expect((mesh.kind, b.generation, b.job, b.kept, b.kept_triangles) == (3, 3, 7, 1, 4), "base")
+    expect((b.old_digest[-1], b.old_vertex_digest[-1], b.digest[-1], b.vertex_digest[-1]) == tuple("2468"), "digests")
+    expect(mesh.gone == {(-1 << 63, -3, 5, 7): (4, "%032x" % ((1 << 64) + 1)),
+                         (5, -3, (1 << 63) - 1, 7): (5, "%032x" % ((2 << 64) + 2))}, "gone: %s" % mesh.gone)
+    expect(sum(map(len, mesh.regions.values())) == 4 and len(mesh.regions) == 2, "regions")
+
+
 def every_byte_counts():
-    whole = sample()
+    for args in ((), ("changes",)):
+        every_byte_of(sample(*args))
+
+
+def every_byte_of(whole):
     random.seed(7)
     for at in range(len(whole)):
         broken = bytearray(whole)
@@ -51,7 +65,11 @@ def every_byte_counts():
 
 
 def every_cut_counts():
-    whole = sample()
+    for args in ((), ("changes",)):
+        every_cut_of(sample(*args))
+
+
+def every_cut_of(whole):
     for n in range(len(whole)):
         try:
             acut_wire.Mesh(io.BytesIO(whole[:n]))
@@ -60,4 +78,4 @@ def every_cut_counts():
         raise Fault("cut after %d bytes and nobody saw it" % n)
 
 
-main(reads_what_c_writes, error_in_the_tail, every_byte_counts, every_cut_counts)
+main(reads_what_c_writes, reads_changes, error_in_the_tail, every_byte_counts, every_cut_counts)

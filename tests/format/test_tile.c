@@ -114,7 +114,7 @@ static void same_folder(const char *a, const char *b)
 
 static void test_memory(void **state)
 {
-	static const char *const side[] = { "1000", "3.2", "0.7" };
+	static const char *const side[] = { "1000", "3.2", "1.9" };
 	static const char *const format[] = { "ply", "obj", "png" };
 	struct meshes m;
 

@@ -26,10 +26,17 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
 	struct stream_head head = {
-		.kind = STREAM_WHOLE, .lattice = "0.01 0.01 5 -7 0", .box = {-99, -99, -99, 99, 99, 99}};
+		.kind = i % 3 ? STREAM_WHOLE : STREAM_CHANGES, .lattice = "0.01 0.01 5 -7 0", .box = {-99, -99, -99, 99, 99, 99}};
 	struct stream_tail tail = {.box = {0, 0, 0, 0, 1, 0}};
 	struct stream_piece piece[STREAM_PIECES];
+	struct stream_base base = {.generation = 1, .job = 1, .gone = 2, .gone_triangles = 7};
+	const struct stream_region gone[2] = {{{-9, 1, -7, 3}, 3, {1, 2}}, {{INT64_MIN, 1, 1, INT64_MAX}, 4, {3, 4}}};
 	size_t size = put(bytes, piece, stream_put_head(&head, scratch, piece));
+
+	if (head.kind == STREAM_CHANGES) {
+		size += put(bytes + size, piece, stream_put_base(&base, scratch, piece));
+		size += put(bytes + size, piece, stream_put_gone(gone, 2, scratch, piece));
+	}
 
 	for (unsigned b = 0; b < 1 + i % 5; b++) {
 		const uint64_t foreign[2] = {2 * b, 2 * b + 1};
@@ -83,6 +90,14 @@ static int on_event(struct stream_reader *r, struct check **check, enum stream_e
 		*check = check_new(k);
 	if (event == STREAM_BLOCK)
 		return check_block(*check, stream_reader_block(r), err);
+	if (event == STREAM_GONE) {
+		size_t n;
+		const struct stream_region *region = stream_reader_gone(r, &n);
+
+		check_gone(*check, region, n);
+	}
+	if (event == STREAM_TAIL && stream_reader_head(r)->kind == STREAM_CHANGES)
+		return check_changes(*check, stream_reader_base(r), stream_reader_tail(r), err);
 	if (event == STREAM_TAIL)
 		return check_tail(*check, stream_reader_tail(r), true, err);
 	return 0;

@@ -32,13 +32,17 @@ enum how {
 	NO_PIPE,
 	REFUSED,
 	LATE_MESH,
-	OTHER_STREAM
+	OTHER_STREAM,
+	CHANGES,       /* from here on with a base and a region that is gone */
+	CHANGES_WRONG, /* whose digest is not the region's */
+	CHANGES_OLDER, /* of another generation */
+	CHANGES_CUT    /* short of a region */
 };
 
 struct server {
 	enum how how;
 	bool reader_gone;
-	uint64_t from; /* of the last Fetch */
+	uint64_t from, since; /* of the last Fetch */
 	char wanted[40];
 };
 
@@ -93,10 +97,26 @@ static void put_tail(struct stream_tail *tail, enum how how)
 	}
 }
 
+static bool write_changes(int fd, const struct server *s, const struct stream_tail *tail)
+{
+	static uint8_t scratch[STREAM_SCRATCH];
+	struct stream_base base = {.generation = s->how == CHANGES_OLDER ? 4 : 5, .job = 2, .old_digest = {100, 200},
+				   .old_vertex_digest = {3, 4}, .vertex_digest = {5, 6}, .gone = 1, .gone_triangles = 7,
+				   .kept = 9, .kept_triangles = 1000};
+	struct stream_region gone = {{1, 3, INT64_MAX, 5}, 7, {90, 210}};
+	struct stream_piece piece[STREAM_PIECES];
+
+	base.digest = (struct digest){10, -10};
+	digest_add(&base.digest, tail->digest);
+	gone.digest.lo += s->how == CHANGES_WRONG;
+	return fake_write(fd, piece, stream_put_base(&base, scratch, piece)) &&
+	       (s->how == CHANGES_CUT || fake_write(fd, piece, stream_put_gone(&gone, 1, scratch, piece)));
+}
+
 static void write_stream(int fd, struct server *s)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
-	struct stream_head head = {.kind = STREAM_WHOLE,
+	struct stream_head head = {.kind = s->how >= CHANGES ? STREAM_CHANGES : STREAM_WHOLE,
 				   .lattice = "0.01 0.001 50000000 -600 3",
 				   .crs = "EPSG:25832",
 				   .unit_xy = "m",
@@ -110,6 +130,7 @@ static void write_stream(int fd, struct server *s)
 	put_blocks(block);
 	put_tail(&tail, s->how);
 	ok = fake_write(fd, piece, stream_put_head(&head, scratch, piece)) &&
+	     (s->how < CHANGES || write_changes(fd, s, &tail)) &&
 	     (s->from > 0 || fake_write(fd, piece, stream_put_block(&block[0], scratch, piece)));
 	if (s->how == CUT || s->how == DEATH || s->how == STALL || s->how == ERROR_SOCKET)
 		return;
@@ -174,6 +195,7 @@ static void serve(struct fake *f)
 			struct server *s = f->ctx;
 
 			s->from = m->fetch->from_block;
+			s->since = m->fetch->changed_since;
 			snprintf(s->wanted, sizeof s->wanted, "%s", m->fetch->stream_id);
 			serve_fetch(f, id);
 		} else if (m->body_case == ACUT__V1__MESSAGE__BODY_HELLO)
@@ -185,7 +207,7 @@ static void serve(struct fake *f)
 }
 
 struct got {
-	unsigned heads, blocks, tails, progress, stop_at;
+	unsigned heads, blocks, tails, progress, stop_at, bases, gone;
 	struct acut_mesh_head head;
 	char coordinate[48], stream_id[40];
 	double x;
@@ -321,6 +343,94 @@ static void test_failures(void **state)
 		assert_int_equal(got.blocks, row[i].blocks);
 		assert_int_equal(got.tails, 0);
 	}
+}
+
+/* ---- changes ---- */
+
+static int got_base(void *ctx, const struct acut_mesh_base *b)
+{
+	struct got *got = ctx;
+
+	assert_int_equal(got->heads, 1);
+	assert_int_equal(got->blocks, 0);
+	assert_int_equal(b->job, 2);
+	assert_int_equal(b->kept_triangles, 1000);
+	assert_string_equal(b->old_digest, "000000000000006400000000000000c8");
+	got->bases++;
+	return 0;
+}
+
+static int got_gone(void *ctx, const struct acut_mesh_region *g)
+{
+	struct got *got = ctx;
+
+	assert_int_equal(got->bases, 1);
+	assert_int_equal(g->box[2], INT64_MAX);
+	assert_int_equal(g->triangles, 7);
+	assert_int_equal(strlen(g->digest), 32);
+	got->gone++;
+	return got->stop_at == 99;
+}
+
+static int fetch_changes(enum how how, uint64_t since, unsigned stop_at, struct got *got, char *message, struct server *s)
+{
+	struct acut_changes_sink sink = {{got_head, got_block, got_tail, NULL, got}, got_base, got_gone};
+	unsigned before = fake_open_descriptors();
+	struct fake *f;
+	struct acut *a;
+	size_t size;
+	void *state;
+	int fd, r;
+
+	*got = (struct got){.stop_at = stop_at};
+	*s = (struct server){.how = how};
+	f = fake_start(serve, s, &fd);
+	assert_int_equal(acut_attach(fd, NULL, &a), 0);
+	r = acut_fetch_changes(a, 3, since, &sink);
+	strcpy(message, acut_error(a)->message);
+	assert_true(acut_fetch_state(a, &state, &size) < 0); /* it cannot be gone on with */
+	acut_close(a);
+	fake_stop(f);
+	assert_int_equal(fake_open_descriptors(), before);
+	return r;
+}
+
+static void test_changes(void **state)
+{
+	static const struct {
+		enum how how;
+		int code;
+		unsigned stop_at;
+		const char *text;
+	} row[] = {
+		{CHANGES_WRONG, ACUT_E_DIGEST, 0, "with these changes has the digest"},
+		{CHANGES_OLDER, ACUT_E_PROTO, 0, "since 4 came"},
+		{CHANGES_CUT, ACUT_E_PROTO, 0, "1 regions"},
+		{CHANGES, ACUT_E_CANCELLED, 99, "gave up"},
+		{CHANGES, ACUT_E_CANCELLED, 1, "gave up"},
+		{GOOD, ACUT_E_PROTO, 0, "changes were asked for"},
+	};
+	char message[512];
+	struct server s;
+	struct got got;
+
+	assert_int_equal(fetch_changes(CHANGES, 5, 0, &got, message, &s), 0);
+	assert_int_equal(s.since, 5);
+	assert_int_equal(got.gone, 1);
+	assert_int_equal(got.blocks, 2);
+	assert_int_equal(got.tails, 1);
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		int r = fetch_changes(row[i].how, 5, row[i].stop_at, &got, message, &s);
+
+		if (r != -row[i].code || !strstr(message, row[i].text))
+			fail_msg("row %zu: %d %s", i, r, message);
+		assert_int_equal(got.tails, 0);
+	}
+	assert_int_equal(fetch_changes(CHANGES, 0, 0, &got, message, &s), -ACUT_E_USAGE);
+	/* Whoever asked for a mesh must not take changes for one. */
+	assert_int_equal(fetch(CHANGES, NULL, 0, &got, message, &s), -ACUT_E_PROTO);
+	assert_non_null(strstr(message, "a mesh was asked for"));
+	assert_int_equal(s.since, 0);
 }
 
 static void test_error_on_the_socket(void **state)
@@ -512,6 +622,7 @@ int main(void)
 		cmocka_unit_test(test_does_not_go_on),
 		cmocka_unit_test(test_good),
 		cmocka_unit_test(test_progress),
+		cmocka_unit_test(test_changes),
 		cmocka_unit_test(test_failures),
 		cmocka_unit_test(test_error_on_the_socket),
 		cmocka_unit_test(test_stalled),

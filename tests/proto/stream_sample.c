@@ -1,5 +1,6 @@
 /* Writes a small mesh stream to standard output, for readers in other languages: a fan of four triangles in
- * two blocks, the second with flags. With an argument: the same, but with an error for a tail. */
+ * two blocks, the second with flags. With an argument: the same, but with an error for a tail, or ("changes") as changes
+ * against another mesh. */
 #include <stdio.h>
 #include <string.h>
 
@@ -64,19 +65,31 @@ int main(int argc, char **argv)
 				   .hull = 4,
 				   .box = {0, 0, -5, 10, 10, 4},
 				   .report = "{\"points\":5}"};
+	const struct stream_base base = {.generation = 3, .job = 7, .gone = 2, .gone_triangles = 9, .kept = 1, .kept_triangles = 4,
+					 .old_digest = {1, 2}, .old_vertex_digest = {3, 4}, .digest = {5, 6},
+					 .vertex_digest = {7, 8}};
+	const struct stream_region gone[2] = {{{INT64_MIN, -3, 5, 7}, 4, {1, 1}}, {{5, -3, INT64_MAX, 7}, 5, {2, 2}}};
 	struct stream_piece piece[STREAM_PIECES];
+	bool changes;
 
 	for (unsigned i = 0; i < 5; i++)
 		digest_add_vertex(&tail.vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1],
 				  vertex[i][2] + k[2]);
 	for (unsigned i = 0; i < 4; i++)
 		add(&tail, vertex[i], vertex[(i + 1) % 4], vertex[4]);
-	if (argc > 1) {
+	changes = argc > 1 && !strcmp(argv[1], "changes");
+	if (argc > 1 && !changes) {
 		tail.failed = true;
 		strcpy(tail.error_code, argv[1]);
 		strcpy(tail.error_message, "as was asked for");
 	}
+	head.kind = changes ? STREAM_CHANGES : STREAM_WHOLE;
 	write_pieces(piece, stream_put_head(&head, scratch, piece));
+	if (changes) {
+		write_pieces(piece, stream_put_base(&base, scratch, piece));
+		write_pieces(piece, stream_put_gone(gone, 1, scratch, piece));
+		write_pieces(piece, stream_put_gone(gone + 1, 1, scratch, piece));
+	}
 	write_pieces(piece, stream_put_block(&block[0], scratch, piece));
 	write_pieces(piece, stream_put_block(&block[1], scratch, piece));
 	write_pieces(piece, stream_put_tail(&tail, scratch, piece));

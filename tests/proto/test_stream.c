@@ -61,6 +61,10 @@ struct model {
 	struct stream_block block[BLOCKS];
 	unsigned nblock;
 	struct stream_tail tail;
+	struct stream_base base; /* of changes */
+	struct stream_region gone[3];
+	uint32_t ngone;
+	bool no_base;
 };
 
 static void model_block(struct model *m, unsigned i, uint64_t index, uint64_t first)
@@ -148,6 +152,33 @@ static void model_init(struct model *m, unsigned nblock)
 	model_totals(m);
 }
 
+/* Regions that are gone, in lists of one and two. */
+static void append_changes(const struct model *m, struct bytes *all)
+{
+	static uint8_t scratch[STREAM_SCRATCH];
+	struct stream_piece piece[STREAM_PIECES];
+
+	if (!m->no_base)
+		append(all, piece, stream_put_base(&m->base, scratch, piece));
+	if (m->ngone)
+		append(all, piece, stream_put_gone(m->gone, 1, scratch, piece));
+	if (m->ngone > 1)
+		append(all, piece, stream_put_gone(m->gone + 1, m->ngone - 1, scratch, piece));
+}
+
+static void model_changes(struct model *m, uint32_t ngone)
+{
+	m->head.kind = STREAM_CHANGES;
+	m->base = (struct stream_base){.generation = 3, .job = 9, .old_digest = {1, 2}, .digest = {3, UINT64_MAX},
+				       .old_vertex_digest = {5, 6}, .vertex_digest = {7, 8}, .kept = 11, .kept_triangles = 99};
+	m->ngone = ngone;
+	for (uint32_t i = 0; i < ngone; i++) {
+		m->gone[i] = (struct stream_region){{2 * i + 1, INT64_MIN, 2 * i + 3, 7}, 5 + i, {i, i + 1}};
+		m->base.gone++;
+		m->base.gone_triangles += m->gone[i].triangles;
+	}
+}
+
 static struct bytes model_bytes(const struct model *m)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
@@ -155,6 +186,8 @@ static struct bytes model_bytes(const struct model *m)
 	struct bytes out = {0};
 
 	append(&out, piece, stream_put_head(&m->head, scratch, piece));
+	if (m->base.generation)
+		append_changes(m, &out);
 	for (unsigned i = 0; i < m->nblock; i++)
 		append(&out, piece, stream_put_block(&m->block[i], scratch, piece));
 	append(&out, piece, stream_put_tail(&m->tail, scratch, piece));
@@ -183,7 +216,7 @@ static int run(const struct bytes *in, size_t cut, const struct model *want, boo
 {
 	struct stream_reader *r = stream_reader_new();
 	unsigned blocks = 0;
-	size_t at = 0;
+	size_t at = 0, gone = 0;
 	int e = 0;
 
 	while (at < in->size && e == 0) {
@@ -208,10 +241,18 @@ static int run(const struct bytes *in, size_t cut, const struct model *want, boo
 			assert_string_equal(want->head.view, stream_reader_head(r)->view);
 			assert_string_equal(want->head.lattice, stream_reader_head(r)->lattice);
 			assert_string_equal(want->head.unit_z, stream_reader_head(r)->unit_z);
+		} else if (event == STREAM_BASE) {
+			assert_memory_equal(&want->base, stream_reader_base(r), sizeof want->base);
+		} else if (event == STREAM_GONE) {
+			const struct stream_region *region = stream_reader_gone(r, &n);
+
+			assert_memory_equal(region, want->gone + gone, n * sizeof *region);
+			gone += n;
 		} else if (event == STREAM_BLOCK) {
 			check_block(stream_reader_block(r), &want->block[blocks++]);
 		} else if (event == STREAM_TAIL) {
 			assert_int_equal(blocks, want->nblock);
+			assert_int_equal(gone, want->ngone);
 			assert_string_equal(want->tail.report, stream_reader_tail(r)->report);
 			assert_int_equal(stream_reader_tail(r)->vertex_digest.lo, 4);
 		}
@@ -407,13 +448,145 @@ static void test_broken_rules(void **state)
 	}
 }
 
+/* ---- changes ---- */
+
+static void changes_round_trip(void **state)
+{
+	static struct model m;
+	struct err err = ERR_INIT;
+
+	for (uint32_t n = 0; n < 4; n++) {
+		struct bytes all;
+		bool done;
+
+		model_init(&m, n ? BLOCKS : 0);
+		model_changes(&m, n);
+		all = model_bytes(&m);
+		for (size_t cut = 1; cut < 5000; cut *= 7)
+			assert_int_equal(run(&all, cut, &m, &done, &err), 0);
+		assert_true(done);
+		free(all.at);
+	}
+}
+
+static void changes_every_byte(void **state)
+{
+	static struct model m;
+	struct bytes all;
+	bool done;
+
+	model_init(&m, 1);
+	m.head.view = "v";
+	model_changes(&m, 3);
+	all = model_bytes(&m);
+	for (size_t i = 0; i < all.size; i++) {
+		struct err err = ERR_INIT;
+
+		all.at[i] ^= 1 << roll(8);
+		assert_true(run(&all, all.size, NULL, &done, &err) < 0);
+		all.at[i] ^= 255; /* whatever the bit was, another one stays wrong */
+		err = ERR_INIT;
+		assert_true(run(&all, all.size, NULL, &done, &err) < 0);
+		free(all.at);
+		all = model_bytes(&m);
+	}
+	free(all.at);
+}
+
+static void no_base(struct model *m)
+{
+	m->no_base = true;
+	m->ngone = 0;
+}
+
+static void lists_alone(struct model *m)
+{
+	m->no_base = true;
+}
+
+static void base_of_a_mesh(struct model *m)
+{
+	m->head.kind = STREAM_WHOLE;
+}
+
+static void one_too_many(struct model *m)
+{
+	m->base.gone--;
+	m->base.gone_triangles -= m->gone[2].triangles;
+}
+
+static void one_too_few(struct model *m)
+{
+	m->base.gone++;
+}
+
+static void other_triangles(struct model *m)
+{
+	m->base.gone_triangles++;
+}
+
+static void no_region(struct model *m)
+{
+	m->gone[1].box[2] = m->gone[1].box[0];
+}
+
+static void empty_region(struct model *m)
+{
+	m->base.gone_triangles -= m->gone[1].triangles;
+	m->gone[1].triangles = 0;
+}
+
+static void changes_broken(void **state)
+{
+	static void (*const how[])(struct model *) = {no_base, lists_alone, base_of_a_mesh, one_too_many, one_too_few,
+						      other_triangles, no_region, empty_region};
+	static struct model m;
+
+	for (unsigned blocks = 0; blocks < 2; blocks++)
+		for (size_t i = 0; i < sizeof how / sizeof *how; i++) {
+			struct err err = ERR_INIT;
+
+			model_init(&m, blocks * BLOCKS);
+			model_changes(&m, 3);
+			assert_int_equal(run_model(&m, &err), 0);
+			how[i](&m);
+			assert_int_equal(run_model(&m, &err), -ERR_PROTO);
+		}
+}
+
+/* Regions behind a block, two bases: good checksums, a wrong place. */
+static void changes_order(void **state)
+{
+	static uint8_t scratch[STREAM_SCRATCH];
+	static struct model m;
+	struct stream_piece piece[STREAM_PIECES];
+	struct err err = ERR_INIT;
+	struct bytes all = {0};
+	bool done;
+
+	model_init(&m, 1);
+	model_changes(&m, 1);
+	append(&all, piece, stream_put_head(&m.head, scratch, piece));
+	append_changes(&m, &all);
+	append(&all, piece, stream_put_block(&m.block[0], scratch, piece));
+	append(&all, piece, stream_put_gone(m.gone, 1, scratch, piece));
+	assert_int_equal(run(&all, all.size, NULL, &done, &err), -ERR_PROTO);
+	all.size = 0;
+	err = ERR_INIT;
+	append(&all, piece, stream_put_head(&m.head, scratch, piece));
+	append(&all, piece, stream_put_base(&m.base, scratch, piece));
+	append(&all, piece, stream_put_base(&m.base, scratch, piece));
+	assert_int_equal(run(&all, all.size, NULL, &done, &err), -ERR_PROTO);
+	free(all.at);
+}
+
 static void test_kind_of_a_later_version(void **state)
 {
 	static struct model m;
 	struct err err = ERR_INIT;
 
 	model_init(&m, 0);
-	m.head.kind = STREAM_CHANGES;
+	m.head.kind = STREAM_CHANGES + 1;
 	assert_int_equal(run_model(&m, &err), -ERR_UNSUPPORTED);
 }
 
@@ -450,6 +623,10 @@ int main(void)
 	    cmocka_unit_test(test_broken_rules),
 	    cmocka_unit_test(test_kind_of_a_later_version),
 	    cmocka_unit_test(test_order_of_frames),
+	    cmocka_unit_test(changes_round_trip),
+	    cmocka_unit_test(changes_every_byte),
+	    cmocka_unit_test(changes_broken),
+	    cmocka_unit_test(changes_order),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,57 @@
+/*
+ * What a stream of changes says between its head and its blocks (STREAM.md, "Changes"). It is copied from the walk, so
+ * that what is told does not wait for a slow pipe, and goes out through one frame that is filled again and again.
+ */
+#include "stream_changes.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+size_t out_changes_bytes(const struct job_changes *in)
+{
+	return sizeof(struct out_changes) + in->gone * sizeof(struct stream_region);
+}
+
+struct out_changes *out_changes_new(const struct job_changes *in)
+{
+	const struct stream_base base = {
+		.generation = in->generation,
+		.job = in->job,
+		.old_digest = in->old_digest,
+		.old_vertex_digest = in->old_vertex_digest,
+		.digest = in->digest,
+		.vertex_digest = in->vertex_digest,
+		.gone = in->gone,
+		.gone_triangles = in->gone_triangles,
+		.kept = in->kept,
+		.kept_triangles = in->kept_triangles,
+	};
+	struct out_changes *c = calloc(1, out_changes_bytes(in));
+
+	if (!c)
+		return NULL;
+	c->n = in->gone;
+	for (uint64_t i = 0; i < c->n; i++) {
+		memcpy(c->region[i].box, in->region[i].box, sizeof c->region[i].box);
+		c->region[i].triangles = in->region[i].triangles;
+		c->region[i].digest = in->region[i].digest;
+	}
+	c->frame.n = stream_put_base(&base, c->frame.scratch, c->frame.piece);
+	return c;
+}
+
+struct out_changes *out_changes_next(struct out_changes *c)
+{
+	struct out_frame *f = &c->frame;
+	uint32_t n = c->n - c->at < STREAM_REGIONS ? (uint32_t)(c->n - c->at) : STREAM_REGIONS;
+
+	if (!n) {
+		free(c);
+		return NULL;
+	}
+	f->n = stream_put_gone(c->region + c->at, n, f->scratch, f->piece);
+	f->at = 0;
+	f->done = 0;
+	c->at += n;
+	return c;
+}

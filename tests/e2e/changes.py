@@ -1,0 +1,271 @@
+"""fetch --changed-since: who holds the old mesh by its regions, takes out those that are gone and puts in what comes, has the
+new mesh, triangle by triangle and with the heights; so has who holds it without regions and goes by circumcentres. Points
+that come, heights alone that change, a way back, nothing; going on in the middle; what cannot be."""
+import json
+import os
+import random
+import shutil
+import struct
+from fractions import Fraction
+
+import e2e
+from e2e import Daemon, Folder, expect
+
+try:
+    from acut_wire import Client, Digest, Mesh, PipeReader, pb, read_all
+except ImportError as e:
+    e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
+
+SMALL = {"memory": "24M", "threads": 2}
+POINTS = 70000
+SIDE = 1000
+
+
+def write_points(path, points):
+    with open(path, "w") as f:
+        for x, y, z in points:
+            f.write("%.2f %.2f %.2f\n" % (x, y, z))
+    return path
+
+
+def survey(base):
+    rng = random.Random(5)
+    return write_points(os.path.join(base, "survey.xyz"),
+                        [(rng.uniform(0, SIDE), rng.uniform(0, SIDE), rng.uniform(0, 50)) for _ in range(POINTS)])
+
+
+def corner(base, name="corner.xyz", n=300, at=0.0, seed=6):
+    rng = random.Random(seed)
+    return write_points(os.path.join(base, name),
+                        [(at + rng.uniform(0, 30), at + rng.uniform(0, 30), rng.uniform(0, 50)) for _ in range(n)])
+
+
+def job_of(d, generation, *options):
+    return int(d.ctl("submit", "s", "--at", str(generation), "--wait", *options).ok().out.split()[0])
+
+
+def digests(regions):
+    """Both digests of a mesh by regions."""
+    triangles, vertices, seen = Digest(), Digest(), set()
+    for rows in regions.values():
+        for t in rows:
+            triangles.add(struct.pack("<6q", *(c for p in t for c in p[:2])))
+            seen.update(t)
+    for p in seen:
+        vertices.add(struct.pack("<3q", *p))
+    return str(triangles), str(vertices)
+
+
+def as_sets(regions):
+    return {r: set(rows) for r, rows in regions.items()}
+
+
+def sum_of(rows):
+    d = Digest()
+    for t in rows:
+        d.add(struct.pack("<6q", *(c for p in t for c in p[:2])))
+    return str(d)
+
+
+def apply(held, changes):
+    """The mesh that a holder of regions has afterwards."""
+    held = dict(held)
+    for region, (triangles, digest) in changes.gone.items():
+        expect(len(held[region]) == triangles and sum_of(held[region]) == digest, "a region that is gone was another: %s" % (region,))
+        del held[region]
+    expect(changes.base.kept == len(held) and changes.base.kept_triangles == sum(map(len, held.values())), "what is kept")
+    for region, rows in changes.regions.items():
+        expect(region not in held, "a region comes that holds: %s" % (region,))
+        held[region] = rows
+    return held
+
+
+def check(c, old, since, new, new_job):
+    """Applies the changes; (base, the stream)."""
+    changes = c.fetch(new_job, since)
+    b = changes.base
+    expect(changes.kind == 3 and b.generation == since, "head and base")
+    expect((b.old_digest, b.old_vertex_digest) == (str(old.digest), str(old.vertex_digest)), "the old mesh")
+    expect((b.digest, b.vertex_digest) == (str(new.digest), str(new.vertex_digest)), "the new mesh")
+    got = apply(old.regions, changes)
+    expect(as_sets(got) == as_sets(new.regions), "the regions are not those of the new mesh")
+    return b, changes, got
+
+
+def pushed(d, *paths):
+    for p in paths:
+        d.ctl("push", "s", p).ok()
+
+
+def follows():
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+        pushed(d, survey(base), corner(base))
+        one, two = job_of(d, 1), job_of(d, 2)
+        first, second = c.fetch(one), c.fetch(two)
+        b, changes, got = check(c, first, 1, second, two)
+        expect(digests(got) == (str(second.digest), str(second.vertex_digest)), "the digests are not those of the new mesh")
+        whole = len(second.regions)
+        expect(0 < b.gone <= whole // 2 and b.kept > 0, "300 points in a corner: %d of %d regions are gone" % (b.gone, whole))
+        print("%d regions gone, %d kept, %d new with %d triangles" % (b.gone, b.kept, len(changes.regions), len(changes.triangles)))
+        # And back.
+        back, _, _ = check(c, second, 2, first, one)
+        expect(back.kept == b.kept, "the way back keeps other regions")
+        # Lower points of positions that are there: heights, and no triangle.
+        rows = [l.split() for l in open(os.path.join(base, "survey.xyz")) if float(l.split()[0]) < 20 and float(l.split()[1]) > 980]
+        pushed(d, write_points(os.path.join(base, "low.xyz"), [(float(x), float(y), -5 - i) for i, (x, y, _) in enumerate(rows[:7])]))
+        three = job_of(d, 3)
+        third = c.fetch(three)
+        b, changes, _ = check(c, second, 2, third, three)
+        expect(b.old_digest == b.digest and b.old_vertex_digest != b.vertex_digest, "heights alone")
+        expect(0 < b.gone == len(changes.regions) and b.gone_triangles == len(changes.triangles), "heights alone: regions")
+        # Over two generations at once, and against itself.
+        check(c, first, 1, third, three)
+        b, changes, _ = check(c, third, 3, third, three)
+        expect(not b.gone and not changes.triangles and not changes.indexes and b.kept, "nothing has changed")
+        # What is stored of domains, and the daemon, may go.
+        d.stop()
+        shutil.rmtree(os.path.join(base, "cache"), ignore_errors=True)
+        with Daemon(base, **SMALL) as again, Client(again.socket, timeout=60) as c:
+            check(c, first, 1, second, two)
+
+
+def frames(source):
+    """Head, base and lists; blocks; tail; as bytes."""
+    parts = []
+    while not parts or parts[-1][0] != 3:
+        header = read_all(source, 32)
+        expect(len(header) == 32, "the stream ended")
+        kind, length = struct.unpack_from("<HQ", header, 6)
+        parts.append((kind, header + read_all(source, length)))
+    return [p for k, p in parts if k in (1, 4, 5)], [p for k, p in parts if k == 2], parts[-1][1]
+
+
+def fetch_frames(c, **fields):
+    _, fd = c.ask("fetch", pb.Fetch(**fields))
+    try:
+        return frames(PipeReader(fd, 60))
+    finally:
+        os.close(fd)
+
+
+class Head:
+    """Only the head of a stream."""
+
+    def __init__(self, c, **fields):
+        _, fd = c.ask("fetch", pb.Fetch(**fields))
+        try:
+            source = PipeReader(fd, 60)
+            header = read_all(source, 32)
+            high, low = struct.unpack_from("<QQ", read_all(source, struct.unpack_from("<Q", header, 8)[0]), 8)
+            self.stream_id = "%016x%016x" % (high, low)
+        finally:
+            os.close(fd)
+
+
+def goes_on():
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+        pushed(d, survey(base))
+        pushed(d, write_points(os.path.join(base, "all.xyz"), [(10 * i + 3.33, 10 * j + 3.33, 1) for i in range(99) for j in range(99)]))
+        one, two = job_of(d, 1), job_of(d, 2)
+        changes = c.fetch(two, 1)
+        front, blocks, tail = fetch_frames(c, job=two, changed_since=1)
+        expect(len(blocks) == len(changes.indexes) > 2, "%d blocks" % len(blocks))
+        for n in (1, len(blocks) // 2, len(blocks)):
+            got = fetch_frames(c, job=two, changed_since=1, from_block=n, stream_id=changes.stream_id)
+            expect(got == (front, blocks[n:], tail), "from block %d" % n)
+        whole, back = (Head(c, job=two), Head(c, job=one, changed_since=2))
+        expect(len({whole.stream_id, back.stream_id, changes.stream_id}) == 3, "one id for several streams")
+        for wrong in ("0" * 32, whole.stream_id, back.stream_id):
+            _, fd = c.ask("fetch", pb.Fetch(job=two, changed_since=1, from_block=1, stream_id=wrong))
+            try:
+                Mesh(PipeReader(fd, 60))
+            except Exception as e:
+                expect(getattr(e, "code", "") == "stream-gone", repr(e))
+            else:
+                expect(False, "it went on with another stream")
+            finally:
+                os.close(fd)
+
+
+def refused(run, status, *texts):
+    expect(run.status == status, "%d, not %d: %s" % (run.status, status, run.err))
+    for text in texts:
+        expect(text in run.err, "no %r in %s" % (text, run.err))
+
+
+def circumcentre(a, b, c):
+    """Twice the circumcentre, exactly."""
+    ax, ay = a
+    bx, by, cx, cy = b[0] - ax, b[1] - ay, c[0] - ax, c[1] - ay
+    d = 2 * (bx * cy - by * cx)
+    b2, c2 = bx * bx + by * by, cx * cx + cy * cy
+    return 2 * ax + 2 * Fraction(cy * b2 - by * c2, 1) / d, 2 * ay + 2 * Fraction(bx * c2 - cx * b2, 1) / d
+
+
+def read_obj(path):
+    vertex, triangles = [], []
+    with open(path) as f:
+        for line in f:
+            word = line.split()
+            if word[0] == "v":
+                vertex.append(tuple(round(float(w) * 100) for w in word[1:]))  # two decimals: exact
+            elif word[0] == "f":
+                t = tuple(vertex[int(w) - 1] for w in word[1:])
+                triangles.append(min(t, t[1:] + t[:1], t[2:] + t[:2]))
+    return triangles
+
+
+def command():
+    """acutctl alone, and a holder without regions."""
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        pushed(d, survey(base), corner(base))
+        old, new, out = (os.path.join(base, n) for n in ("old.obj", "new.obj", "out.obj"))
+        one, two = job_of(d, 1), job_of(d, 2)
+        d.ctl("fetch", str(one), "-o", old).ok()
+        d.ctl("fetch", str(two), "-o", new).ok()
+        got = d.ctl("fetch", str(two), "--changed-since", "1", "-o", out, "--json").ok().json()
+        was, now, came = (read_obj(p) for p in (old, new, out))
+        with open(out + ".changes.geojson") as f:
+            index = json.load(f, parse_float=Fraction)
+        gone = [f["properties"]["region"] for f in index["features"] if f["properties"]["change"] == "gone"]
+        fresh = [f["properties"] for f in index["features"] if f["properties"]["change"] == "new"]
+        expect(len(came) == sum(p["triangles"] for p in fresh) == got["changes"]["new_triangles"], got["changes"])
+        expect(len(gone) == got["changes"]["gone"] == index["acut"]["gone"], got["changes"])
+        expect(got["changes"]["since"] == 1 and got["changes"]["old_job"] == one and got["digest"] == index["acut"]["digest"], got)
+
+        def lies_in(t, regions):
+            x, y = circumcentre(*(p[:2] for p in t))
+            return any((r[0] is None or r[0] * 200 < x) and (r[1] is None or r[1] * 200 < y) and
+                       (r[2] is None or x <= r[2] * 200) and (r[3] is None or y <= r[3] * 200) for r in regions)
+        kept = [t for t in was if not lies_in(t, gone)]
+        expect(len(was) - len(kept) == got["changes"]["gone_triangles"], "circumcentres in regions that are gone")
+        expect(sorted(kept + came) == sorted(now), "without regions it is not the new mesh")
+        expect(all(lies_in(t, [p["region"] for p in fresh]) for t in came), "what came lies in no new region")
+        # In other formats; nothing; and what cannot be.
+        fetch = ["fetch", str(two), "--changed-since"]
+        d.ctl(*fetch, "1", "-o", os.path.join(base, "c.ply"), "--canonical", "--origin", "auto").ok()
+        empty = d.ctl(*fetch, "2", "-o", os.path.join(base, "none.ply")).ok()
+        expect("nothing has changed" in empty.out + empty.err, empty.out + empty.err)
+        got = d.ctl(*fetch, "2", "--format", "null", "--json").ok().json()
+        expect(got["changes"]["gone"] == 0 and got["changes"]["new_triangles"] == 0 and got["changes"]["kept"] > 0, got["changes"])
+        expect(d.ctl("fetch", str(two), "--format", "null", "--json").ok().json()["changes"] is None, "null, not absent")
+        refused(d.ctl(*fetch, "1", "-o", "-", "--format", "ply"), 2, "standard output")
+        refused(d.ctl(*fetch, "1", "-o", out, "--resume"), 2, "--resume")
+        refused(d.ctl(*fetch, "1", "-o", out, "--tile", "100"), 2, "--tile")
+        refused(d.ctl(*fetch, "1", "-o", out, "--bbox", "0,0,9,9"), 2, "--bbox")
+        refused(d.ctl(*fetch, "0", "-o", out), 2, "--changed-since")
+        refused(d.ctl(*fetch, "1", "-o", out, "--no-clobber"), 2, "--no-clobber")
+        os.unlink(out)
+        refused(d.ctl(*fetch, "1", "-o", out, "--no-clobber"), 2, "--no-clobber", "changes.geojson")
+        expect(not os.path.exists(out), "half an output")
+        other = job_of(d, 1, "--class", "2-9")
+        refused(d.ctl("fetch", str(other), "--changed-since", "2", "-o", out), 1, "no job of generation 2", "acutctl submit s --at 2")
+        refused(d.ctl(*fetch, "7", "-o", out), 1, "no job of generation 7")
+        expect(not os.path.exists(out), "an output of a refused fetch")
+        d.ctl("rm", str(one)).ok()
+        refused(d.ctl(*fetch, "1", "-o", out), 1, "no job of generation 1")
+        job_of(d, 1, "--new")
+        d.ctl(*fetch, "1", "-o", out).ok()
+
+
+e2e.main(follows, goes_on, command)
