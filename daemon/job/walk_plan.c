@@ -38,20 +38,49 @@ static int keep(struct walk *w)
 	return w->file ? plan_file_write(w->file, &w->plan, &w->kept, &w->err) : 0;
 }
 
+static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory, size_t size)
+{
+	return (struct pipe_reuse_params){
+		.storefd = w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd,
+		.grid = w->grid,
+		.view = &w->rest,
+		.key = &w->key,
+		.load = w->budget.load,
+		.cap = w->budget.cap,
+		.memory = memory,
+		.size = size,
+		.light = true,
+	};
+}
+
+/* What the store has of earlier generations; without it the plan is as good. */
+static int refine(struct walk *w, void *memory, size_t size)
+{
+	const struct pipe_reuse_params p = reuse_params(w, memory, size);
+	struct err err = ERR_INIT;
+	int r = w->keep || w->plan_only ? pipe_refine(&p, &w->plan, &err) : 0;
+
+	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
+		w->err = err;
+		return r;
+	}
+	if (r)
+		log_err(LOG_LEVEL_WARNING, "the store of finished domains cannot be looked at", &err);
+	return 0;
+}
+
 /* Only told: what cannot be read counts as not there. */
 static void count_reusable(struct walk *w, void *memory, size_t size)
 {
 	w->reusable = 0;
 	for (size_t i = 0; i < w->plan.n; i++) {
-		const struct pipe_reuse_params p = {.storefd = w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd,
-						    .grid = w->grid, .view = &w->rest, .key = &w->key,
-						    .region = &w->plan.leaf[i].region, .cap = w->budget.cap,
-						    .memory = memory, .size = size, .light = true};
+		struct pipe_reuse_params p = reuse_params(w, memory, size);
 		struct err err = ERR_INIT;
 		struct pipe_stored as;
 		struct mesh_domain d;
 		size_t held;
 
+		p.region = &w->plan.leaf[i].region;
 		w->reusable += pipe_reuse(&p, &d, &as, &held, &err) == 0;
 	}
 }
@@ -68,6 +97,8 @@ static void plan_run(struct sched_task *t)
 		return;
 	}
 	w->r = pipe_plan(w->grid, &w->rest, &w->budget, memory, &w->plan, &flat, &w->err);
+	if (!w->r)
+		w->r = refine(w, memory, t->bytes);
 	if (!w->r && w->plan_only)
 		count_reusable(w, memory, t->bytes);
 	free(memory);

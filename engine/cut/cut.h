@@ -103,6 +103,8 @@ int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, str
  * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
 int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap,
 		   struct err *err);
+/* Likewise, but for no need: what fits fits in halves too. False in *ret: it is one position wide. */
+int cut_plan_halve(struct cut_plan *, size_t i, struct grid_reader *, bool *ret, struct err *err);
 /*
  * Before the first triangle: see to it that own + halo fit `cap` of the leaves at the rim and of those that are nearly
  * empty, and split what does not; -ERR_LIMIT as cut_plan_split. Where the index alone shows that a halo fits nothing

@@ -83,6 +83,14 @@ int cut_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, 
 	return cut_plan_split_from(&src, plan, i, need, cap, err);
 }
 
+int cut_plan_halve(struct cut_plan *plan, size_t i, struct grid_reader *reader, bool *ret, struct err *err)
+{
+	struct cut_source src;
+
+	cut_source_grid(reader, &src);
+	return cut_plan_halve_from(&src, plan, i, ret, err);
+}
+
 int cut_plan_probe_rim(struct cut_plan *plan, struct grid_reader *reader, const struct view *view, uint32_t cap,
 		       void *scratch, size_t scratch_size, struct err *err)
 {

@@ -263,28 +263,44 @@ static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uin
 	return -ERR_LIMIT;
 }
 
+/* The halves of leaf i in its place. */
+static int plan_cut(const struct cut_source *src, struct cut_plan *plan, size_t i, const struct cut_region half[2],
+		    uint64_t above, uint8_t stuck, struct err *err)
+{
+	struct cut_leaf child[2];
+	int rc;
+
+	for (unsigned k = 0; k < 2; k++) {
+		child[k] = (struct cut_leaf){ .region = half[k], .above = above, .stuck = stuck };
+		rc = region_bound(src, &half[k], &child[k].count, &child[k].exact, err);
+		if (rc)
+			return rc;
+	}
+	rc = plan_insert(plan, i + 1, &child[1], err);
+	if (rc)
+		return rc;
+	plan->leaf[i] = child[0];
+	return 0;
+}
+
 int cut_plan_split_from(const struct cut_source *src, struct cut_plan *plan, size_t i, uint64_t need, uint32_t cap,
 			struct err *err)
 {
-	struct cut_leaf parent = plan->leaf[i], child[2];
+	struct cut_leaf parent = plan->leaf[i];
 	struct cut_region half[2];
 	bool kept = parent.above && need >= parent.above - parent.above / 50;
 	uint8_t stuck = kept ? (uint8_t)(parent.stuck + 1) : 0;
 
 	if (stuck >= STUCK_LEVELS || !cut_region_split(&parent.region, half))
 		return refuse(src, &parent, need, cap, err);
-	for (unsigned k = 0; k < 2; k++) {
-		int rc;
+	return plan_cut(src, plan, i, half, need, stuck, err);
+}
 
-		child[k] = (struct cut_leaf){ .region = half[k], .above = need, .stuck = stuck };
-		rc = region_bound(src, &half[k], &child[k].count, &child[k].exact, err);
-		if (rc)
-			return rc;
-	}
-	int rc = plan_insert(plan, i + 1, &child[1], err);
+/* All that meets a half meets the whole, so own and halo of a half are no more. */
+int cut_plan_halve_from(const struct cut_source *src, struct cut_plan *plan, size_t i, bool *ret, struct err *err)
+{
+	struct cut_region half[2];
 
-	if (rc)
-		return rc;
-	plan->leaf[i] = child[0];
-	return 0;
+	*ret = cut_region_split(&plan->leaf[i].region, half);
+	return *ret ? plan_cut(src, plan, i, half, 0, 0, err) : 0;
 }

@@ -36,6 +36,7 @@ int cut_valid_from(const struct cut_source *, const struct view *, const struct 
 int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
 int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap,
 			struct err *err);
+int cut_plan_halve_from(const struct cut_source *, struct cut_plan *, size_t i, bool *ret, struct err *err);
 int cut_plan_probe_from(const struct cut_source *, const struct view *, struct cut_plan *, uint32_t cap,
 			void *scratch, size_t scratch_size, struct err *err);
 

@@ -37,7 +37,7 @@ enum { FOUND = 1 };
 
 void cut_trace_init(struct cut_trace *t, void *memory)
 {
-	*t = (struct cut_trace){.range = memory};
+	*t = (struct cut_trace){.range = memory, .most_ranges = CUT_TRACE_RANGES, .most_sites = CUT_TRACE_SITES};
 	t->site = (struct point *)(t->range + CUT_TRACE_RANGES + CUT_TRACE_OWN);
 }
 
@@ -47,7 +47,7 @@ void cut_trace_sites(struct cut_trace *t, const struct cut_chain *chain, unsigne
 
 	memset(t->nsite, 0, sizeof t->nsite);
 	for (unsigned i = 0; i < n; i++) {
-		uint32_t all = chain[i].n, some = all < CUT_TRACE_SITES ? all : CUT_TRACE_SITES;
+		uint32_t all = chain[i].n, some = all < t->most_sites ? all : t->most_sites;
 
 		/* The first and the last too: beyond them E is a ray, or infinite. */
 		for (uint32_t k = 0; k < some; k++)
@@ -156,7 +156,7 @@ static void make_room(struct listing *l)
 
 	unite(t);
 	/* A quarter, or it would be full again at once: four neighbours become one. */
-	while (t->nrange > CUT_TRACE_RANGES / 4 * 3) {
+	while (t->nrange > t->most_ranges / 4 * 3) {
 		l->mask = l->mask << 2 | 3;
 		for (uint32_t i = 0; i < t->nrange; i++)
 			widen(&t->range[i], l->mask);
@@ -169,7 +169,7 @@ static void list(struct listing *l, uint64_t lo, uint64_t hi)
 	struct cut_trace *t = l->trace;
 	struct grid_sum r = {.lo = lo, .hi = hi};
 
-	if (t->nrange == CUT_TRACE_RANGES)
+	if (t->nrange == t->most_ranges)
 		make_room(l);
 	widen(&r, l->mask);
 	t->range[t->nrange++] = r;

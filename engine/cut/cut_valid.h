@@ -15,7 +15,7 @@ struct cut_chain;
 struct cut_source;
 
 /* Sites kept of a border's chain, and ranges, at most: what is more is thinned, or made coarser. */
-enum { CUT_TRACE_SITES = 512, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4 };
+enum { CUT_TRACE_SITES = 128, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4 };
 
 /*
  * The trace of a load. `range`: of Morton keys, ascending, disjoint and not adjacent, with the content sums of the live
@@ -26,6 +26,7 @@ struct cut_trace {
 	struct grid_sum *range;
 	struct point *site;
 	uint32_t nrange, nsite[4];
+	uint32_t most_ranges, most_sites; /* of a border; at least 4 and 2; tests make them less than there is room for */
 };
 
 /* `memory` (8-byte aligned) of this size is what the trace points to. */

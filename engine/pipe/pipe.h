@@ -194,7 +194,7 @@ struct pipe_reuse_params {
 	const struct view *view;
 	const struct pipe_key *key;
 	const struct cut_region *region;
-	uint32_t cap;                 /* of the budget */
+	uint32_t load, cap;           /* of the budget */
 	void *memory;
 	size_t size;                  /* of a domain's budget */
 	bool light;                   /* the front is enough: what pipe_emit needs without a sink */
@@ -205,6 +205,13 @@ struct pipe_reuse_params {
 enum { PIPE_E_ABSENT = 4 };
 int pipe_reuse(const struct pipe_reuse_params *, struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held,
 	       struct err *err);
+
+/*
+ * Before a plan is kept: of few leaves that have changed since they were stored smaller ones are made, so that several
+ * threads share them, and the next change there finds more of them unchanged. `region` and `light` of the parameters do
+ * not matter. Only what the index and the headers of the store tell is looked at: a hint, which costs little.
+ */
+int pipe_refine(const struct pipe_reuse_params *, struct cut_plan *, struct err *err);
 
 /* ---- emit: finished domains, in plan order, to numbered blocks ---- */
 

@@ -163,6 +163,8 @@ static bool loads_same(const struct cut_load *a, const struct cut_load *b)
 }
 
 /* No plan of this generation has such regions: there are points beyond their infinite sides. */
+static uint32_t most_sites = CUT_TRACE_SITES, most_ranges = CUT_TRACE_RANGES;
+
 static bool outgrown(const struct state *s, const struct cut_region *root)
 {
 	int32_t box[4];
@@ -181,6 +183,8 @@ static void check_region(const struct cut_region *region)
 	bool valid = false, equal;
 
 	cut_trace_init(&trace, traces);
+	trace.most_sites = most_sites;
+	trace.most_ranges = most_ranges;
 	load(&old, region, before, &trace, &a);
 	assert_true(cut_trace_fits(&trace, region));
 	assert_int_equal(cut_valid_from(&old.src, &view, region, &trace, &valid, &err), 0);
@@ -214,6 +218,9 @@ static void one_case(uint64_t seed)
 	view.duplicates = below(&seed, 2) ? VIEW_LOWEST : VIEW_HIGHEST;
 	view.keep_withheld = below(&seed, 2);
 	view.keep_noise = below(&seed, 2);
+	/* Chains thinned, ranges made coarser. */
+	most_sites = below(&seed, 3) ? CUT_TRACE_SITES : 2 + below(&seed, 4);
+	most_ranges = below(&seed, 3) ? CUT_TRACE_RANGES : 4 + 4 * below(&seed, 3);
 	history.n = 0;
 	for (unsigned i = 0; i < n; i++) {
 		int32_t at[2];
@@ -262,6 +269,8 @@ static void local_case(uint64_t seed)
 	int32_t at[2];
 
 	view = VIEW_INIT;
+	most_sites = below(&seed, 2) ? CUT_TRACE_SITES : 6;
+	most_ranges = CUT_TRACE_RANGES;
 	history.n = 0;
 	for (unsigned i = 0; i < 300; i++) {
 		place(&seed, 9, 256, zero, at);

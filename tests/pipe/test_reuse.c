@@ -230,6 +230,59 @@ static void test_generations(void **state)
 	assert_true(found > judged / 10 * 5 && found < judged);
 }
 
+/* ---- plans that grew a little ---- */
+
+/* What one generation stored; the next one cuts few regions, and only such that changed; a third finds the parts. */
+static void test_refine(void **state)
+{
+	struct folder store = folder_new();
+	struct generation old, new;
+	struct set s;
+
+	(void)state;
+	rng = 21;
+	s = points_of(40000, 100000);
+	old = generation_of(&s, 1, 0x30);
+	new = generation_of(&s, 2, 0x20);
+	for (unsigned round = 0; round < 2; round++) {
+		struct generation *g = round ? &new : &old;
+		struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
+					      .load = LOAD, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes};
+		struct cut_plan plan = plan_of(g), again;
+		size_t before = plan.n, made = 0;
+		struct err err = ERR_INIT;
+		struct pipe_stored as;
+		uint64_t points = 0;
+
+		CHECK(pipe_refine(&p, &plan, &err));
+		assert_true(round ? plan.n > before && plan.n < before + before / 4 : plan.n == before);
+		for (size_t i = 0; i < plan.n; i++) {
+			struct mesh_domain d;
+
+			if (reuse(g, store.fd, &plan.leaf[i].region, g->memory, true, &d, &as)) {
+				make(g, &plan.leaf[i].region, &d);
+				CHECK(pipe_keep(store.fd, &g->key, &plan.leaf[i].region, &d, g->memory, &as, &err));
+				made++;
+			}
+			points += d.counts.points;
+		}
+		/* They are a partition still, and all of it is found the next time. */
+		assert_int_equal(points, grid_points(g->reader.grid));
+		assert_true(round ? made < plan.n / 3 : made == plan.n);
+		again = plan_of(g);
+		CHECK(pipe_refine(&p, &again, &err));
+		assert_int_equal(again.n, plan.n);
+		for (size_t i = 0; i < plan.n; i++)
+			assert_true(cut_region_same(&again.leaf[i].region, &plan.leaf[i].region));
+		cut_plan_done(&plan);
+		cut_plan_done(&again);
+	}
+	generation_end(&old);
+	generation_end(&new);
+	folder_remove(&store);
+	set_free(&s);
+}
+
 /* ---- emission from the fronts ---- */
 
 static struct pipe_totals emit_all(struct generation *g, int store, bool light)
@@ -406,6 +459,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_generations),
+		cmocka_unit_test(test_refine),
 		cmocka_unit_test(test_fronts),
 		cmocka_unit_test(test_damage),
 		cmocka_unit_test(test_versions),
