@@ -44,6 +44,7 @@ static struct view view;
 static void *scratch;
 static size_t scratch_size;
 static uint64_t judged, same, found, changed;
+static uint32_t most_sites = CUT_TRACE_SITES, most_ranges = CUT_TRACE_RANGES;
 static uint64_t traces[CUT_TRACE_BYTES / 8 + 1];
 
 static unsigned below(uint64_t *seed, unsigned n)
@@ -163,8 +164,6 @@ static bool loads_same(const struct cut_load *a, const struct cut_load *b)
 }
 
 /* No plan of this generation has such regions: there are points beyond their infinite sides. */
-static uint32_t most_sites = CUT_TRACE_SITES, most_ranges = CUT_TRACE_RANGES;
-
 static bool outgrown(const struct state *s, const struct cut_region *root)
 {
 	int32_t box[4];
