@@ -258,7 +258,7 @@ int walk_select_count(struct walk *w, struct err *err)
 	struct mesh_counts *counts = &w->totals.counts;
 	const struct pipe_selected *selected = &w->select.counts;
 
-	if (!w->select.open)
+	if (!w->select.open || w->view.window) /* a window does not count the points of the whole */
 		return 0;
 	if (counts->points != selected->kept)
 		return err_set(err, ERR_INTERNAL, "the selection kept %llu points, the mesh read %llu",

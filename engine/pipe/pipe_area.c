@@ -22,6 +22,11 @@
  * That tests are made by boxes that may be larger than what they hold, that A is larger than the window where it is a
  * polygon (its cover), and that more is read than need be, harms none of this.
  *
+ * Where much would have to be read that is not needed (beside a long strip of land every box along its edge meets the
+ * circles of the thin triangles there, and few points do), cells are sifted: their points are held against the discs,
+ * and those in the way inserted. Such a cell counts as not read. The end is a round in which each triangle was held
+ * against all points of all cells that its disc meets, and none came in: what (1) and (2) say of cells holds of points.
+ *
  * Memory: a reader, the kernel's arena, and tables behind it, all handed in. What does not fit is told, and the
  * piece is halved by who planned it.
  */
@@ -88,12 +93,24 @@ struct pipe_area *pipe_area_find(const struct cut_source *src, const struct view
 
 /* ---- the rounds ---- */
 
+/* Half of what is left for what lies around the piece is used: now only what is in the way is taken. */
+static bool crowded(const struct pipe_area *a, uint32_t n)
+{
+	return n > a->base + (a->cap - a->base) / 2 || pipe_area_seen_full(a);
+}
+
 /* The first points. *ret_flat: all of them are on one line. */
 static int first(struct pipe_area *a, bool *ret_flat, struct err *err)
 {
 	int r = pipe_area_begin(a, err);
 
+	a->base = a->npts;
 	for (uint32_t n = NEAREST_FIRST; !r && !pipe_area_build(a); n = 2 * n < AREA_PICK ? 2 * n : AREA_PICK) {
+		if (crowded(a, a->npts)) {
+			r = pipe_area_apex(a, err);
+			*ret_flat = !r && !pipe_area_build(a);
+			return r;
+		}
 		r = pipe_area_nearest(a, n < a->round ? n : a->round, err);
 		if (!r && a->npick == 0) {
 			*ret_flat = true;
@@ -125,9 +142,17 @@ int pipe_area_run(struct pipe_area *a, bool *ret_flat, uint64_t *ret_need, struc
 		return 0;
 	}
 	r = first(a, ret_flat, err);
-	while (!r && !*ret_flat && (r = pipe_area_test(a, err)) == 1) {
+	while (!r && !*ret_flat) {
 		uint32_t before = tri_count(a->tri);
 
+		a->sift = a->sift || crowded(a, before);
+		a->waiting = before;
+		r = pipe_area_test(a, err);
+		if (r != AREA_AGAIN)
+			break;
+		r = 0;
+		if (a->sift)
+			continue;
 		r = pipe_area_picked(a, err);
 		a->thorough = (uint64_t)(tri_count(a->tri) - before) * SPARSE < positions(a);
 		a->waiting = before + positions(a);

@@ -11,6 +11,7 @@ enum {
 	AREA_PICK = 256,       /* cells of a round */
 	AREA_DISCS = 4096,     /* of a batch, at most */
 	AREA_CAP_BYTES = 8,    /* of tables, for a position of the arena */
+	AREA_AGAIN = 100,      /* from pipe_area_test */
 };
 
 /* The closed disc of a triangle that meets the piece, or the closed half plane of a ghost, as far as it may hold
@@ -22,6 +23,8 @@ struct area_disc {
 	double best;             /* distance squared of `cell` from there; INFINITY: no cell */
 	bool ghost;
 	struct grid_cell cell;
+	double depth;            /* of `deepest` in the disc, in the cell that is sifted; 0: none */
+	struct mesh_vertex deepest;
 };
 
 struct area_seen {
@@ -47,8 +50,9 @@ struct pipe_area {
 	struct pipe_window window;
 	bool built;              /* tri has triangles: points go into them */
 	struct point *pts;       /* before: in the arena */
-	uint32_t npts;
+	uint32_t npts, base;     /* base: of the cells that meet the piece */
 	bool unsorted;
+	bool sift;               /* of cells only points that are in the way are taken, and the cells count as not read */
 	bool thorough;           /* few points come of the cells: all hits are read, not the nearest ones only */
 	uint64_t waiting;        /* estimate, when the arena is full */
 	struct mesh_counts counts;
@@ -61,6 +65,7 @@ struct pipe_area {
 	uint64_t dirty[AREA_RASTER][AREA_RASTER / 64];
 	struct area_disc *disc;
 	uint32_t ndisc, disc_room;
+	uint32_t hit[AREA_DISCS], nhit; /* discs that the cell that is sifted meets */
 	struct area_pick pick[AREA_PICK];
 	uint32_t npick;
 };
@@ -83,12 +88,15 @@ bool pipe_area_read(const struct pipe_area *, const struct grid_cell *); /* it w
 int pipe_area_begin(struct pipe_area *, struct err *err);  /* the cells that meet the piece, into pts */
 int pipe_area_picked(struct pipe_area *, struct err *err); /* those of pick */
 int pipe_area_nearest(struct pipe_area *, uint32_t n, struct err *err); /* picks the n nearest the piece */
+/* Points that are not on one line with those in pts, from wherever: three at most, their cells count as not read. */
+int pipe_area_apex(struct pipe_area *, struct err *err);
+bool pipe_area_seen_full(const struct pipe_area *);        /* no more cells can be remembered */
 bool pipe_area_build(struct pipe_area *);                  /* pts to triangles. False: they are flat */
 double pipe_area_far(const int32_t box[4], const double at[2]); /* distance squared */
 void pipe_area_pick(struct pipe_area *, uint32_t most, double far, const struct grid_cell *);
 
-/* pipe_area_disc.c: what may be wrong with the triangles that meet the piece. 1: cells are picked that must be read;
- * 0: there is nothing wrong. */
+/* pipe_area_disc.c: what may be wrong with the triangles that meet the piece. AREA_AGAIN: cells are picked that must be
+ * read; where cells are sifted, points came in. 0: there is nothing wrong. */
 int pipe_area_test(struct pipe_area *, struct err *err);
 
 #endif

@@ -157,14 +157,17 @@ void pipe_area_pick(struct pipe_area *a, uint32_t most, double far, const struct
 	a->pick[i] = (struct area_pick){ far, *cell };
 }
 
+bool pipe_area_seen_full(const struct pipe_area *a)
+{
+	return a->nseen >= a->seen_size - a->seen_size / 8;
+}
+
 int pipe_area_picked(struct pipe_area *a, struct err *err)
 {
-	for (uint32_t i = 0; i < a->npick; i++) {
+	for (uint32_t i = 0; i < a->npick && !pipe_area_seen_full(a); i++) {
 		struct area_seen *seen = find(a, &a->pick[i].cell);
 		int r;
 
-		if (a->nseen >= a->seen_size - a->seen_size / 8)
-			return PIPE_E_SPLIT;
 		*seen = (struct area_seen){ a->pick[i].cell.place, a->pick[i].cell.segment, 1 };
 		a->nseen++;
 		r = read_cell(a, &a->pick[i].cell, err);
@@ -218,6 +221,41 @@ int pipe_area_nearest(struct pipe_area *a, uint32_t most, struct err *err)
 		n.box[i] = (double)a->window.box[i] / 2;
 	a->npick = 0;
 	return a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+}
+
+enum { FOUND = 101 };
+
+static int apex_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct pipe_area *a = ctx;
+
+	(void)err;
+	a->counts.points_read += n;
+	for (size_t i = 0; i < n; i++) {
+		const int32_t at[2] = { pts[i].x, pts[i].y };
+		int32_t line[2][2];
+		int r;
+
+		if (view_judge(a->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		for (uint32_t k = 0; k < 2 && k < a->npts; k++) {
+			line[k][0] = a->pts[k].x;
+			line[k][1] = a->pts[k].y;
+		}
+		if (a->npts >= 2 && !geom_orient(line[0], line[1], at))
+			continue;
+		r = keep(a, &pts[i]);
+		if (r || a->npts > 2)
+			return r ? r : FOUND;
+	}
+	return 0;
+}
+
+int pipe_area_apex(struct pipe_area *a, struct err *err)
+{
+	int r = a->src.scan(a->src.ctx, 0, UINT64_MAX, apex_points, a, err);
+
+	return r == FOUND ? 0 : r;
 }
 
 /* ---- to triangles ---- */

@@ -12,11 +12,16 @@
  * is. |px| and |py| are exact, so px (px - 2 ux) is off by less than 2^-49 |px| (|px| + 2 |ux|); taking the
  * nearest p by a rounded u adds the square of what u is off by. SLACK is 2^-46. So circles of any size are
  * judged to a hair's breadth near a, which is where triangles are thin. Half planes of ghosts are exact.
+ *
+ * Cells that are sifted (pipe_area.c) give to each disc that they meet the point that is deepest in it, as far below the
+ * plane of the lifted triangle: so the hull of far clusters, or the edge of a long strip, is found in a few rounds
+ * as by quickhull. And all that may lie on the circle, since ties are decided among points that are known.
  */
 #include <math.h>
 #include <string.h>
 
 #include "geom.h"
+#include "pipe.h"
 #include "pipe_area.h"
 
 #define SLACK 0x1p-46
@@ -191,35 +196,142 @@ static double along(double u, double low, double high, double *slack)
 	return p * (p - 2 * u);
 }
 
+/* Of the line of a side what lies beyond its ends is not in the way. */
+static bool beside(const struct area_disc *d, const int32_t box[4])
+{
+	for (unsigned k = 0; k < 2; k++)
+		if ((box[2 + k] < d->a[k] && box[2 + k] < d->b[k]) || (box[k] > d->a[k] && box[k] > d->b[k]))
+			return false;
+	return true;
+}
+
+static bool ghost_meets(const struct area_disc *d, const int32_t box[4])
+{
+	const int64_t wide[4] = { box[0], box[1], box[2], box[3] };
+	int64_t at[2];
+	int32_t far[2];
+	int turn;
+
+	leftmost(d->a, d->b, wide, at);
+	far[0] = (int32_t)at[0];
+	far[1] = (int32_t)at[1];
+	turn = geom_orient(d->a, d->b, far);
+	return turn > 0 || (turn == 0 && beside(d, box));
+}
+
 static bool meets(const struct area_disc *d, const int32_t box[4])
 {
 	double slack = 0, value;
 
-	if (d->ghost) {
-		const int64_t wide[4] = { box[0], box[1], box[2], box[3] };
-		int64_t at[2];
-		int32_t far[2];
-
-		leftmost(d->a, d->b, wide, at);
-		far[0] = (int32_t)at[0];
-		far[1] = (int32_t)at[1];
-		return geom_orient(d->a, d->b, far) >= 0;
-	}
+	if (d->ghost)
+		return ghost_meets(d, box);
 	value = along(d->ux, (double)box[0] - d->a[0], (double)box[2] - d->a[0], &slack);
 	value += along(d->uy, (double)box[1] - d->a[1], (double)box[3] - d->a[1], &slack);
 	return value <= SLACK * slack;
 }
 
+/* ---- sifting ---- */
+
+/* How deep a point is in the disc: > 0; 0: it may be on the circle; < 0: outside. */
+static double depth_of(const struct area_disc *d, int32_t x, int32_t y)
+{
+	const int32_t at[2] = { x, y }, box[4] = { x, y, x, y };
+	double slack = 0, value;
+
+	if (d->ghost) {
+		geom_i128 turn = geom_area(d->a, d->b, at);
+
+		return turn ? (double)turn : beside(d, box) ? 0 : -1;
+	}
+	value = along(d->ux, (double)x - d->a[0], (double)x - d->a[0], &slack);
+	value += along(d->uy, (double)y - d->a[1], (double)y - d->a[1], &slack);
+	return value < -SLACK * slack ? -value : value <= SLACK * slack ? 0 : -1;
+}
+
+static int add(struct pipe_area *a, const struct mesh_vertex *v)
+{
+	return tri_add(a->tri, v, 1, a->highest) == TRI_E_FULL ? PIPE_E_SPLIT : 0;
+}
+
+static int sift_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct pipe_area *a = ctx;
+
+	(void)err;
+	a->counts.points_read += n;
+	for (size_t i = 0; i < n; i++) {
+		const struct mesh_vertex v = { pts[i].x, pts[i].y, pts[i].z };
+		bool on = false;
+
+		if (view_judge(a->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		for (uint32_t k = 0; k < a->nhit; k++) {
+			struct area_disc *d = &a->disc[a->hit[k]];
+			double depth = depth_of(d, v.x, v.y);
+
+			on |= depth == 0;
+			if (depth > d->depth) {
+				d->depth = depth;
+				d->deepest = v;
+			}
+		}
+		if (on && add(a, &v))
+			return PIPE_E_SPLIT;
+	}
+	return 0;
+}
+
+struct sift {
+	struct pipe_area *a;
+	struct err *err;
+};
+
+static int sift_cell(void *ctx, const struct grid_cell *cell)
+{
+	const struct sift *s = ctx;
+	struct pipe_area *a = s->a;
+	int r;
+
+	if (pipe_area_read(a, cell))
+		return 0;
+	a->nhit = 0;
+	for (uint32_t i = 0; i < a->ndisc; i++)
+		if (meets(&a->disc[i], cell->box)) {
+			a->disc[i].depth = 0;
+			a->hit[a->nhit++] = i;
+		}
+	if (!a->nhit)
+		return 0;
+	a->counts.cells_read++;
+	r = a->src.read(a->src.ctx, cell, sift_points, a, s->err);
+	for (uint32_t k = 0; k < a->nhit && !r; k++) {
+		const struct area_disc *d = &a->disc[a->hit[k]];
+
+		/* Its record may not be the one to take of its position: that comes when it lies on a circle. */
+		if (d->depth > 0)
+			r = add(a, &d->deepest);
+	}
+	return r;
+}
+
 /* ---- the walk ---- */
 
-static bool batch_enter(void *ctx, const struct grid_cell *subtree)
+static bool any_meets(const struct pipe_area *a, const struct grid_cell *subtree)
 {
-	const struct pipe_area *a = ctx;
-
 	for (uint32_t i = 0; i < a->ndisc && subtree->count; i++)
 		if (meets(&a->disc[i], subtree->box))
 			return true;
 	return false;
+}
+
+static bool batch_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return any_meets(ctx, subtree);
+}
+
+static bool sift_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return any_meets(((struct sift *)ctx)->a, subtree);
 }
 
 static int batch_cell(void *ctx, const struct grid_cell *cell)
@@ -249,13 +361,21 @@ static int batch_cell(void *ctx, const struct grid_cell *cell)
 static int batch(struct pipe_area *a, struct err *err)
 {
 	const struct grid_visitor v = { .ctx = a, .enter = batch_enter, .cell = batch_cell };
-	int r = a->ndisc ? a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err) : 0;
+	struct sift s = { a, err };
+	const struct grid_visitor sift = { .ctx = &s, .enter = sift_enter, .cell = sift_cell };
+	uint32_t before = tri_count(a->tri);
+	int r = a->ndisc ? a->src.walk(a->src.ctx, 0, UINT64_MAX, a->sift ? &sift : &v, err) : 0;
+
+	if (a->sift) {
+		a->ndisc = 0;
+		return r ? r : tri_count(a->tri) != before ? AREA_AGAIN : 0;
+	}
 
 	for (uint32_t i = 0; i < a->ndisc && !r; i++)
 		if (a->disc[i].best < INFINITY)
 			pipe_area_pick(a, a->round, a->disc[i].best, &a->disc[i].cell);
 	a->ndisc = 0;
-	return r ? r : a->npick > 0;
+	return r ? r : a->npick > 0 ? AREA_AGAIN : 0;
 }
 
 int pipe_area_test(struct pipe_area *a, struct err *err)

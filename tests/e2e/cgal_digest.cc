@@ -1,8 +1,11 @@
 // An oracle that acut did not write: CGAL's Delaunay triangulation of a LAS file's records, and the digest of its
 // triangles as STREAM.md defines it, written a second time.
-// usage: cgal_digest FILE.las -> "TRIANGLES DIGEST". The file's offsets must be zero and its x and y scales equal,
+// usage: cgal_digest FILE.las [X,Y,X,Y...]... -> "TRIANGLES DIGEST", of all triangles, and on a line for each polygon given by
+// its corners (whole numbers, simple, not closed; one or two corners are a point or a segment) of those that meet it, closed.
+// The file's offsets must be zero and its x and y scales equal,
 // so that raw numbers are absolute lattice numbers.
 #include <CGAL/Delaunay_triangulation_2.h>
+#include <CGAL/Polygon_2_algorithms.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 
 #include <algorithm>
@@ -20,10 +23,55 @@ typedef CGAL::Exact_predicates_inexact_constructions_kernel K;
 typedef CGAL::Delaunay_triangulation_2<K> Triangulation;
 typedef std::pair<int64_t, int64_t> Position;
 
+struct Sum {
+	uint64_t hi = 0, lo = 0, n = 0;
+
+	void add(std::array<Position, 3> p)
+	{
+		std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
+		int64_t six[6] = { p[0].first, p[0].second, p[1].first, p[1].second, p[2].first, p[2].second };
+		XXH128_hash_t h = XXH3_128bits(six, sizeof six);
+		hi += h.high64;
+		lo += h.low64;
+		n++;
+	}
+	void print() const
+	{
+		printf("%llu %016llx%016llx\n", (unsigned long long)n, (unsigned long long)hi, (unsigned long long)lo);
+	}
+};
+
+typedef std::vector<K::Point_2> Polygon;
+
+static Polygon polygon_of(const char *text)
+{
+	Polygon p;
+	char *end;
+	for (;; text = end + 1) {
+		long x = strtol(text, &end, 10);
+		if (*end != ',')
+			exit(2);
+		long y = strtol(end + 1, &end, 10);
+		p.emplace_back(x, y);
+		if (*end != ',')
+			return p;
+	}
+}
+
+static bool meets(const Polygon &p, const K::Triangle_2 &t)
+{
+	if (p.size() == 1)
+		return !t.has_on_unbounded_side(p[0]);
+	for (size_t i = 0; i < p.size(); i++)
+		if (CGAL::do_intersect(t, K::Segment_2(p[i], p[(i + 1) % p.size()])))
+			return true;
+	return p.size() > 2 && CGAL::bounded_side_2(p.begin(), p.end(), t[0], K()) != CGAL::ON_UNBOUNDED_SIDE;
+}
+
 int main(int argc, char **argv)
 {
 	unsigned char head[227];
-	FILE *f = argc == 2 ? fopen(argv[1], "rb") : nullptr;
+	FILE *f = argc >= 2 ? fopen(argv[1], "rb") : nullptr;
 	double scale[6];
 
 	if (!f || fread(head, 1, sizeof head, f) != sizeof head || memcmp(head, "LASF", 4))
@@ -50,16 +98,21 @@ int main(int argc, char **argv)
 	fclose(f);
 
 	Triangulation t(points.begin(), points.end());
-	uint64_t hi = 0, lo = 0, n = 0;
-	for (auto face = t.finite_faces_begin(); face != t.finite_faces_end(); ++face, n++) {
+	Sum all;
+	std::vector<Polygon> polygon;
+	std::vector<Sum> part(argc - 2);
+	for (int i = 2; i < argc; i++)
+		polygon.push_back(polygon_of(argv[i]));
+	for (auto face = t.finite_faces_begin(); face != t.finite_faces_end(); ++face) {
 		std::array<Position, 3> p;
 		for (int i = 0; i < 3; i++)
 			p[i] = Position((int64_t)face->vertex(i)->point().x(), (int64_t)face->vertex(i)->point().y());
-		std::rotate(p.begin(), std::min_element(p.begin(), p.end()), p.end());
-		int64_t six[6] = { p[0].first, p[0].second, p[1].first, p[1].second, p[2].first, p[2].second };
-		XXH128_hash_t h = XXH3_128bits(six, sizeof six);
-		hi += h.high64;
-		lo += h.low64;
+		all.add(p);
+		for (size_t i = 0; i < polygon.size(); i++)
+			if (meets(polygon[i], t.triangle(face)))
+				part[i].add(p);
 	}
-	printf("%llu %016llx%016llx\n", (unsigned long long)n, (unsigned long long)hi, (unsigned long long)lo);
+	all.print();
+	for (const Sum &sum : part)
+		sum.print();
 }
