@@ -240,9 +240,6 @@ def leftovers(store):
         for name in names:
             if name.endswith((".tmp", ".run", ".pending", ".stage", ".part")):
                 bad.append(os.path.relpath(os.path.join(top, name), store.state))
-        where = os.path.relpath(top, store.state)
-        if where.startswith("datasets" + os.sep) and sum(n.startswith("manifest-") for n in names) > 1:
-            bad.append(where + ": several manifests")
     return bad
 
 

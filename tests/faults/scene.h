@@ -28,13 +28,22 @@ enum mark {
 	MARK_GENERATION_2, /* a: files 2 and 3 */
 	MARK_SELECTED,     /* a job with a selection, of generation 2 */
 	MARK_SELECTED_DONE,
-	MARK_OTHER, /* another dataset with file 1 */
-	MARKS
+	MARK_OTHER,    /* b: file 1 */
+	MARK_OTHER_3,  /* b: files 2 and 3, a push each */
+	MARK_REVERTED, /* b: file 3 is gone again */
+	MARK_OTHER_5,  /* b: file 4; there are four segments now, which become one */
+	MARK_PRUNING,  /* b: only the newest generation stays: begun */
+	MARK_PRUNED,
+	MARK_KEPT,     /* c: file 1 */
+	MARK_REMOVING, /* c */
+	MARK_REMOVED,
+	MARK_RESTORED,
 };
 
 /* What the meshes are, whatever happens. */
 struct scene_digests {
 	char one[DIGEST_HEX_SIZE], all[DIGEST_HEX_SIZE], selected[DIGEST_HEX_SIZE];
+	char reverted[DIGEST_HEX_SIZE], pruned[DIGEST_HEX_SIZE];
 	uint64_t job, selected_job;
 };
 
@@ -151,6 +160,74 @@ static void mesh_to(struct job *job, char digest[DIGEST_HEX_SIZE])
 	snprintf(digest, DIGEST_HEX_SIZE, "%s", info_of(job).report->digest);
 }
 
+static void mesh_at(const char *name, uint64_t generation, char digest[DIGEST_HEX_SIZE])
+{
+	struct dataset *d = dataset_find(h.jobs, name, &me);
+	struct job *job;
+
+	must(d && (job = submit_at(d, generation, VIEW)));
+	mesh_to(job, digest);
+}
+
+static void reverted(void *token, const struct err *why, const struct reverted *did)
+{
+	answer(why);
+}
+
+static void pruned(void *token, const struct err *why, const struct pruned *did)
+{
+	answer(why);
+}
+
+static void verbed(void *token, const struct err *why, struct dataset *d)
+{
+	answer(why);
+}
+
+static void push_one(const char *name, unsigned seed)
+{
+	must(!push_some(name, &seed, 1, 1, true, NULL));
+	push_end();
+}
+
+static void verb(enum dataset_verb what, const char *name)
+{
+	struct dataset_wanted w = {.verb = what, .name = name, .as = "", .peer = me};
+
+	ask(dataset_verb(h.jobs, &w, verbed, NULL));
+	must(!got.why.code);
+}
+
+/* What becomes of generations and datasets. */
+static void play_on(struct scene_digests *ret)
+{
+	push_one("b", 1);
+	fault_mark(MARK_OTHER);
+	push_one("b", 2);
+	push_one("b", 3);
+	fault_mark(MARK_OTHER_3);
+	ask(dataset_revert(dataset_find(h.jobs, "b", &me), 0, &me, reverted, NULL));
+	must(!got.why.code);
+	fault_mark(MARK_REVERTED);
+	mesh_at("b", 0, ret->reverted);
+	push_one("b", 4);
+	fault_mark(MARK_OTHER_5);
+	mesh_at("b", 0, ret->pruned);
+	turn_until(!jobs_active(h.jobs));
+	fault_mark(MARK_PRUNING);
+	ask(dataset_prune(dataset_find(h.jobs, "b", &me), 1, 0, &me, pruned, NULL));
+	must(!got.why.code);
+	fault_mark(MARK_PRUNED);
+	push_one("c", 1);
+	fault_mark(MARK_KEPT);
+	turn_until(!jobs_active(h.jobs));
+	fault_mark(MARK_REMOVING);
+	verb(DATASET_REMOVE, "c");
+	fault_mark(MARK_REMOVED);
+	verb(DATASET_RESTORE, "c");
+	fault_mark(MARK_RESTORED);
+}
+
 static void play(struct scene_digests *ret)
 {
 	static const unsigned seed[FILES] = {1, 2, 3};
@@ -182,15 +259,46 @@ static void play(struct scene_digests *ret)
 	mesh_to(job, ret->selected);
 	turn_until(!catalogue_busy(h.catalogue));
 	fault_mark(MARK_SELECTED_DONE);
-	must(!push_some("b", seed, 1, 1, true, NULL));
-	fault_mark(MARK_OTHER);
-	push_end();
-	must((job = submit_at(a, 0, VIEW)));
-	mesh_to(job, ret->all);
+	mesh_at("a", 0, ret->all);
+	play_on(ret);
 	turn_until(!jobs_active(h.jobs));
 }
 
 /* ---- after a fault ---- */
+
+#define has(m) (marks >= (m))
+
+/* Of play_on. */
+static void check_on(uint64_t marks, const struct scene_digests *want)
+{
+	char digest[DIGEST_HEX_SIZE];
+	struct err err = ERR_INIT;
+
+	must(!has(MARK_OTHER) || dataset_find(h.jobs, "b", &me));
+	if (has(MARK_OTHER_3) && !has(MARK_PRUNING)) {
+		mesh_at("b", 3, digest);
+		must(!strcmp(digest, want->all));
+		mesh_at("b", 1, digest);
+		must(!strcmp(digest, want->one));
+	}
+	if (has(MARK_REVERTED) && !has(MARK_PRUNING)) {
+		mesh_at("b", 4, digest);
+		must(!strcmp(digest, want->reverted));
+	}
+	if (has(MARK_OTHER_5)) {
+		mesh_at("b", 5, digest);
+		must(!strcmp(digest, want->pruned));
+	}
+	must(!has(MARK_PRUNED) || dataset_check_generation(dataset_find(h.jobs, "b", &me), 3, &err));
+	if (has(MARK_REMOVED) && !has(MARK_RESTORED) && !dataset_find(h.jobs, "c", &me)) {
+		must(dataset_removed_after(h.jobs, 0, &me));
+		verb(DATASET_RESTORE, "c");
+	}
+	if (has(MARK_KEPT) && (!has(MARK_REMOVING) || has(MARK_REMOVED))) {
+		mesh_at("c", 0, digest);
+		must(!strcmp(digest, want->one));
+	}
+}
 
 /* All that was acknowledged is there and right; then the rest is done, and the whole is right too. */
 static void check_all(uint64_t marks, const struct scene_digests *want)
@@ -201,7 +309,6 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 	char digest[DIGEST_HEX_SIZE];
 	struct job *job;
 
-#define has(m) (marks >= (m))
 	if (has(MARK_GENERATION_1)) {
 		must(a && (job = submit_at(a, 1, VIEW)));
 		mesh_to(job, digest);
@@ -219,8 +326,7 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 		mesh_to(job, digest);
 		must(!strcmp(digest, want->selected));
 	}
-	if (has(MARK_OTHER))
-		must(dataset_find(h.jobs, "b", &me));
+	check_on(marks, want);
 	must(!push_some("a", seed, FILES, FILES, true, known));
 	must(!has(MARK_GENERATION_1) || known[0] == PUSH_KNOWN);
 	must(!has(MARK_PENDING) || known[1] != PUSH_NEW);
@@ -230,8 +336,9 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 	mesh_to(job, digest);
 	must(!strcmp(digest, want->all));
 	turn_until(!jobs_active(h.jobs));
-#undef has
 }
+
+#undef has
 
 static int bad_names;
 static bool after_crash;
@@ -255,36 +362,48 @@ static int look(const char *path, const struct stat *st, int kind, struct FTW *f
 	return 0;
 }
 
-/* A folder of a dataset: one manifest, and what it names. */
+/* Whether one of the manifests there names it. */
+static bool is_named(int fd, DIR *dir, const char *name)
+{
+	struct dirent *e;
+	bool named = false;
+
+	rewinddir(dir);
+	while (!named && (e = readdir(dir))) {
+		struct grid_manifest *m = NULL;
+		struct err err = ERR_INIT;
+
+		if (strncmp(e->d_name, "manifest-", 9))
+			continue;
+		must(!grid_manifest_read(fd, e->d_name, &m, &err));
+		for (size_t i = 0; i < m->nsegments; i++)
+			named |= !strcmp(name, m->segments[i].file);
+		grid_manifest_free(m);
+	}
+	return named;
+}
+
+/* A folder of a dataset: a manifest, and what it names. A crash may leave another one, until the next change. */
 static void look_dataset(const char *path)
 {
 	int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC), manifests = 0;
-	struct grid_manifest *m = NULL;
-	struct err err = ERR_INIT;
-	DIR *dir = opendir(path);
+	DIR *dir = opendir(path), *other = opendir(path);
 	struct dirent *e;
 
 	while ((e = readdir(dir))) {
-		if (strncmp(e->d_name, "manifest-", 9))
+		if (*e->d_name == '.')
 			continue;
-		if (manifests++ == 0 && grid_manifest_read(fd, e->d_name, &m, &err)) {
-			printf("%s/%s: %s\n", path, e->d_name, err.message);
-			bad_names++;
+		if (!strncmp(e->d_name, "manifest-", 9)) {
+			if (manifests++ == 0 || after_crash)
+				continue;
+		} else if (is_named(fd, other, e->d_name)) {
+			continue;
 		}
-	}
-	rewinddir(dir);
-	while ((e = readdir(dir))) {
-		bool named = *e->d_name == '.' || !strncmp(e->d_name, "manifest-", 9);
-
-		for (size_t i = 0; m && i < m->nsegments; i++)
-			named |= !strcmp(e->d_name, m->segments[i].file);
-		if (named && (manifests == 1 || *e->d_name == '.'))
-			continue;
 		printf("left behind: %s/%s\n", path, e->d_name);
 		bad_names++;
 	}
-	grid_manifest_free(m);
 	closedir(dir);
+	closedir(other);
 	close(fd);
 }
 
