@@ -1,0 +1,66 @@
+"""One system call of a real acutd fails (strace): the N-th write, fsync, rename, removal, opening, reading of a thread of it, once
+and for good. Whoever asked gets an answer; acutd lives; the same can be done again when the fault is gone, with the right
+mesh. test_errors.c does the same in process with every call.
+
+ACUT_FAULT_CALLS: how many (24); ACUT_FAULT_SEED.
+"""
+import os
+import random
+import subprocess
+import time
+
+import faults
+from faults import Acks, Fault, Inputs, Killed, Store, e2e, expect
+
+CALLS = (("pwrite64", "ENOSPC"), ("pwrite64", "EIO"), ("fsync", "EIO"), ("fdatasync", "EIO"), ("renameat,renameat2", "EIO"),
+         ("unlinkat", "EIO"), ("mkdirat", "ENOSPC"), ("ftruncate", "EIO"))
+STATUS = (1, 69, 74, 75)
+
+
+def attempt(store, inputs, name):
+    """All of it with a fault somewhere: what fails says why."""
+    failed = 0
+    for args in (("push", name, *inputs.files), ("submit", name, "--wait", "--timeout", "10"), ("push", name + "x", inputs.files[0])):
+        for _ in range(2):
+            r = store.ctl(*args, timeout=40)
+            expect(store.alive(), "acutd ended: %s" % store.log_text())
+            if r.status == 0:
+                break
+            failed += 1
+            expect(r.status in STATUS + (4, 124) and r.err.startswith("acutctl: "), "%s: %d %s" % (args[0], r.status, r.err))
+    return failed
+
+
+def main():
+    faults.need_tools("strace")
+    points, rng = faults.setting("ACUT_FAULT_CALLS", 24), random.Random(faults.setting("ACUT_FAULT_SEED", 1))
+    failed = refused = 0
+    with e2e.Folder() as base, Store(base, args=("--space-wait", "1")) as store:
+        inputs = Inputs(base)
+        for i in range(points):
+            call, error = CALLS[i % len(CALLS)]
+            when = "%d%s" % (rng.randrange(1, 30), "+" if rng.random() < 0.3 else "")
+            inject = "inject=%s:error=%s:when=%s" % (call, error, when)
+            try:
+                store.start(prefix=["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=" + call, "-e", inject])
+                failed += attempt(store, inputs, "e%d" % i)
+                store.kill_inner()
+                store.process.wait()
+            except Fault as e:
+                if "acutd ended with 7" not in str(e) and "acutd ended with 1" not in str(e):
+                    raise Fault("%s: %s" % (inject, e))
+                refused += 1  # a start that says why it cannot be
+            except subprocess.TimeoutExpired as e:
+                raise Fault("%s: no answer: %s" % (inject, e))
+            finally:
+                store.kill()
+            store.start()
+            faults.work(store, inputs, Acks(), "e%d" % i)
+            store.stop()
+            left = [x for x in faults.leftovers(store) if x.endswith(".tmp")]
+            expect(not left, "%s: left behind: %s" % (inject, left))
+    print("%d error points, %d requests failed with an error, %d starts refused, 0 losses" % (points, failed, refused))
+
+
+if __name__ == "__main__":
+    e2e.main(main)
