@@ -325,7 +325,7 @@ static void live(uint64_t seed, unsigned steps, uint64_t done[3])
 static void test_lives(void **state)
 {
 	const char *rounds = getenv("ACUT_HISTORY_ROUNDS");
-	unsigned n = rounds ? (unsigned)atoi(rounds) : 40;
+	unsigned n = rounds ? (unsigned)atoi(rounds) : 30;
 	uint64_t done[3] = {0};
 
 	for (unsigned i = 0; i < n; i++)

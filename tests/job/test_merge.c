@@ -401,6 +401,31 @@ static void prune_under_a_reader(void **state)
 	folder_is_tidy("read");
 }
 
+/* Between a name that was taken and the opening nothing goes. */
+static void old_files_stay_while_named(void **state)
+{
+	struct dataset *d;
+	uint64_t bytes;
+
+	dataset_release(push("name", 3000, 1));
+	dataset_release(push("name", 3000, 2));
+	revert("name", 1);
+	idle();
+	d = named("name");
+	dataset_read_begin(d);
+	prune("name", 1, 0);
+	assert_int_equal(got.why.code, 0);
+	for (int i = 0; i < 20; i++)
+		turn(5);
+	assert_int_equal(dataset_of("name").segments, 1);
+	assert_int_equal(files_of("name", "push-", &bytes), 2);
+	assert_int_equal(files_of("name", "manifest-", &bytes), 2);
+	dataset_read_end(d);
+	turn(0);
+	idle();
+	folder_is_tidy("name");
+}
+
 static void prune_cancelled(void **state)
 {
 	struct prune *p;
@@ -433,6 +458,7 @@ int main(void)
 		TEST(many_pushes),   TEST(pushes_meanwhile),     TEST(damaged),         TEST(cut_short),
 		TEST(due_at_start),  TEST(stopped),              TEST(prune_all),       TEST(prune_last),
 		TEST(prune_refused), TEST(prune_under_a_reader), TEST(prune_cancelled),
+		TEST(old_files_stay_while_named),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
