@@ -261,6 +261,49 @@ static void stopped(void **state)
 	same_mesh("stop", 4, &was);
 }
 
+static int rows_of_pushes(void)
+{
+	char path[128];
+	sqlite3 *db;
+	sqlite3_stmt *st;
+	int n;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	sqlite3_busy_timeout(db, 5000);
+	assert_int_equal(sqlite3_prepare_v2(db, "SELECT count(*) FROM push WHERE begun_us = 0", -1, &st, NULL), SQLITE_OK);
+	assert_int_equal(sqlite3_step(st), SQLITE_ROW);
+	n = sqlite3_column_int(st, 0);
+	sqlite3_finalize(st);
+	sqlite3_close(db);
+	return n;
+}
+
+/* As long as there is anything of a merge, the catalogue says where to look for it. */
+static void row_first(void **state)
+{
+	unsigned seen = 0;
+	uint64_t bytes;
+
+	h.jobs->merge_after_ns = UINT64_MAX;
+	for (unsigned i = 1; i <= 4; i++)
+		dataset_release(push("row", 100000, i));
+	assert_int_equal(rows_of_pushes(), 0);
+	h.jobs->merge_after_ns = 0;
+	turn_until(h.jobs->merge);
+	while (h.jobs->merge) {
+		turn(1);
+		if (dataset_of("row").segments == 4 && files_of("row", "merge-", &bytes)) {
+			assert_int_equal(rows_of_pushes(), 1);
+			seen++;
+		}
+	}
+	idle();
+	assert_true(seen > 0);
+	assert_int_equal(rows_of_pushes(), 0);
+	folder_is_tidy("row");
+}
+
 /* ---- prune ---- */
 
 static void prune_all(void **state)
@@ -313,6 +356,30 @@ static void prune_all(void **state)
 	/* Numbers of sources go on. */
 	dataset_release(push("old", 100, 9));
 	assert_int_equal(mesh_of("old", 5).points, 50100);
+}
+
+/* Out of a segment with points of several pushes. */
+static void prune_of_merged(void **state)
+{
+	struct mesh was;
+
+	for (unsigned i = 1; i <= 4; i++)
+		dataset_release(push("mixed", 2000, i));
+	idle();
+	assert_int_equal(dataset_of("mixed").segments, 1);
+	revert("mixed", 2);
+	was = mesh_of("mixed", 5);
+	assert_int_equal(was.points, 6000);
+	prune("mixed", 1, 0);
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(pruned_got.points, 2000);
+	assert_int_equal(pruned_got.segments, 1);
+	idle();
+	folder_is_tidy("mixed");
+	same_mesh("mixed", 5, &was);
+	close_house();
+	open_house(UINT64_C(24) << 20, 1);
+	same_mesh("mixed", 5, &was);
 }
 
 /* The last file is the one that goes: its number is not given again. */
@@ -457,7 +524,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		TEST(many_pushes),   TEST(pushes_meanwhile),     TEST(damaged),         TEST(cut_short),
 		TEST(due_at_start),  TEST(stopped),              TEST(prune_all),       TEST(prune_last),
-		TEST(prune_refused), TEST(prune_under_a_reader), TEST(prune_cancelled),
+		TEST(prune_refused), TEST(prune_under_a_reader), TEST(prune_cancelled),      TEST(prune_of_merged),   TEST(row_first),
 		TEST(old_files_stay_while_named),
 	};
 
