@@ -199,7 +199,9 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 	struct revert *v = NULL;
 	struct err err = ERR_INIT;
 
-	if (!dataset_owned(d, peer, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
+	if (d->onestep)
+		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
+	else if (!dataset_owned(d, peer, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
 		if (!v) {
 			house_give(d->jobs, sizeof *v);

@@ -15,7 +15,7 @@ from e2e import expect
 from survey import las, says, show
 
 try:
-    from acut_wire import Client, pb
+    from acut_wire import Client, Refused, pb
 except ImportError as e:
     e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
 
@@ -188,6 +188,51 @@ def an_interrupted_replacement():
         got = [json.loads(l) for l in d.ctl("push", "s", a, b, "--replace", "--json").ok().out.splitlines()]
         expect([(g["state"], g["replaced"]) for g in got] == [("adopted", 1), ("staged", 1)], "%s" % got)
         expect([mesh(d, "s")] == fresh.of([a, b]), "after an interruption")
+
+
+def two_replace_one():
+    """Two clients replace one file at once: one is done, the other hears of it. Of files of one path all are replaced."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        a, other = cloud(base, "a.las", 1, 0, 0, 500), os.path.join(base, "other")
+        os.mkdir(other)
+        fresh = Fresh(d)
+        d.ctl("push", "s", "--scale", "0.01,0.01", a).ok()
+
+        def staged(c, seed):
+            cloud(base, "a.las", seed, 0, 0, 400 + seed)
+            push = c.ask("push_begin", pb.PushBegin(dataset="s")).push
+            with open(a, "rb") as f:
+                c.ask("probe", pb.Probe(push=push, name=a, path=a.encode(), replace=True), f.fileno())
+                c.ask("push_plan", pb.PushPlan(push=push))
+                expect(c.ask("file", pb.File(push=push, name=a), f.fileno()).replaced == 1, "nothing is replaced")
+            return push
+
+        with Client(d.socket) as one, Client(d.socket) as two:
+            first = staged(one, 11)
+            shutil.copy2(a, other)
+            second = staged(two, 12)
+            one.ask("push_commit", pb.PushCommit(push=first))
+            try:
+                two.ask("push_commit", pb.PushCommit(push=second))
+                expect(False, "both have replaced it")
+            except Refused as e:
+                expect(e.code == "busy", "%s" % e)
+            two.ask("push_abort", pb.PushAbort(push=second))
+        expect([mesh(d, "s")] == fresh.of([os.path.join(other, "a.las")]), "the first one did not replace it")
+        with Client(d.socket) as c:
+            push = staged(c, 13)
+            d.ctl("dataset", "revert", "s").ok()
+            try:
+                c.ask("push_commit", pb.PushCommit(push=push))
+                expect(False, "it has replaced what was not there any more")
+            except Refused as e:
+                expect(e.code == "busy", "%s" % e)
+            c.ask("push_abort", pb.PushAbort(push=push))
+        cloud(base, "a.las", 14, 0, 0, 300)
+        d.ctl("push", "s", a, "--add").ok()
+        cloud(base, "a.las", 15, 0, 0, 200)
+        expect(json.loads(d.ctl("push", "s", a, "--replace", "--json").ok().out)["replaced"] == 2, "not both of the path")
+        expect([mesh(d, "s")] == fresh.of([a]) and show(d, "s")["files"] == 1, "%s" % show(d, "s"))
 
 
 def live_of(rows):
@@ -527,5 +572,5 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, an_interrupted_replacement, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
+    e2e.main(revert_and_at, replaced, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
              remove_and_restore, gone_after_a_while, classes_of_now, conflicts, what_the_log_says, long_lists)
