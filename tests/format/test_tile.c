@@ -119,7 +119,7 @@ static void test_memory(void **state)
 	struct meshes m;
 
 	meshes_make(&m, &many);
-	for (unsigned i = 0; i < 9; i++) {
+	for (unsigned i = 0; i < 7; i++) {
 		struct format_report large, little;
 		struct err err = ERR_INIT;
 		char a[512], b[512], name[16];
