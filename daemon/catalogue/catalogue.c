@@ -39,13 +39,14 @@ int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **re
 	pthread_cond_init(&c->wake, NULL);
 	pthread_cond_init(&c->room, NULL);
 	c->ledger = ledger;
+	c->path = strdup(path);
 	c->todo_end = &c->todo;
 	c->over_end = &c->over;
 	c->event = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
 	if (c->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
 	else
-		r = take_heap(c, err);
+		r = c->path ? take_heap(c, err) : err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	if (!r)
 		r = catalogue_open(c, path, err);
 	if (r) {
@@ -77,6 +78,7 @@ struct catalogue *catalogue_free(struct catalogue *c)
 	pthread_cond_destroy(&c->wake);
 	pthread_cond_destroy(&c->room);
 	pthread_mutex_destroy(&c->lock);
+	free(c->path);
 	free(c);
 	return NULL;
 }
@@ -191,8 +193,13 @@ static void *work(void *arg)
 		pthread_mutex_unlock(&c->lock);
 		struct err why = ERR_INIT;
 
-		pay(c);
-		ch->r = make_change(c, ch, &why);
+		ch->r = catalogue_again(c, &why);
+		if (!ch->r) {
+			pay(c);
+			ch->r = make_change(c, ch, &why);
+			if (c->io_failed)
+				catalogue_after_error(c, ch, &why);
+		}
 		if (ch->r && !ch->done && drops(ch))
 			owe(c, ch, &why);
 		written(c, ch, &why);

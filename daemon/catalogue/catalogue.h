@@ -72,6 +72,9 @@ int catalogue_start(struct catalogue *, struct err *err);
 /* Readable when catalogue_dispatch has something to call. */
 int catalogue_fd(const struct catalogue *);
 unsigned catalogue_dispatch(struct catalogue *);
+/* After an error of the disk it is not known whether some change was made: what a change that failed is about must stay
+ * until the next start. */
+bool catalogue_unsure(struct catalogue *);
 unsigned catalogue_busy(struct catalogue *); /* changes whose `done` has not been called */
 
 /* Changes; `done` (may be NULL) comes from catalogue_dispatch, r as functions return it. -ERR_NOMEM: not

@@ -11,6 +11,8 @@
 
 #include "err.h"
 
+enum { CHECKPOINT_PAGES = 256 };
+
 int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 {
 	int code = sqlite3_extended_errcode(c->db) & 0xff;
@@ -21,6 +23,7 @@ int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 			   : code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM
 									     : ERR_IO;
 
+	c->io_failed |= code == SQLITE_IOERR;
 	return err_set(err, as, "%s: %s", what, sqlite3_errmsg(c->db));
 }
 
@@ -75,6 +78,17 @@ static int bring_up(struct catalogue *c, int version, struct err *err)
 	return r;
 }
 
+/* A checkpoint that fails is no silent matter. */
+static int on_wal(void *ctx, sqlite3 *db, const char *name, int pages)
+{
+	struct catalogue *c = ctx;
+
+	if (pages >= CHECKPOINT_PAGES &&
+	    (sqlite3_wal_checkpoint_v2(db, name, SQLITE_CHECKPOINT_PASSIVE, NULL, NULL) & 0xff) == SQLITE_IOERR)
+		c->io_failed = true;
+	return SQLITE_OK;
+}
+
 int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 {
 	int r, version = 0;
@@ -100,6 +114,11 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 		r = check_pages(c, err);
 	if (!r)
 		r = bring_up(c, version, err);
+	/* What is read from here on is on the disk, whatever became of the last fsync before. */
+	if (!r)
+		r = catalogue_run(c, "PRAGMA wal_checkpoint(TRUNCATE)", err);
+	if (!r)
+		sqlite3_wal_hook(c->db, on_wal, c);
 	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)
 		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT,
 				       &c->stmt[i], NULL) != SQLITE_OK)

@@ -4,6 +4,7 @@
 
 #include <pthread.h>
 #include <sqlite3.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 #include <stddef.h>
 
@@ -35,7 +36,10 @@ struct change {
 };
 
 struct catalogue {
-	sqlite3 *db;
+	sqlite3 *db; /* NULL: closed, after an error of the disk */
+	char *path;
+	bool io_failed; /* since it was opened; of the thread */
+	atomic_bool unsure;
 	sqlite3_stmt *stmt[CATALOGUE_SQLS];
 	pthread_mutex_t lock;
 	pthread_cond_t wake, room; /* for the thread; for who waits to queue */
@@ -65,6 +69,11 @@ int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 int64_t catalogue_sum(const struct value *, unsigned n);
 /* The row that `s` stands at. -ERR_CORRUPT: it is not what was written. */
 int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err);
+
+/* catalogue_io.c, the thread's: after an error of the disk, and before a change. `ch->r` is what became of it. */
+int catalogue_reopen(struct catalogue *, struct err *err);
+void catalogue_after_error(struct catalogue *, struct change *ch, struct err *why);
+int catalogue_again(struct catalogue *, struct err *err); /* it is open, or cannot be */
 
 void catalogue_change_free(struct change *);
 

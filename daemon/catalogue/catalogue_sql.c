@@ -9,8 +9,7 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 				   "PRAGMA foreign_keys = OFF;"
 				   "PRAGMA temp_store = MEMORY;"
 				   "PRAGMA mmap_size = 0;"
-				   "PRAGMA cache_size = -256;"
-				   "PRAGMA wal_autocheckpoint = 256;";
+				   "PRAGMA cache_size = -256;";
 
 /* The last column of each table is a checksum of the others (catalogue_sum.c); NULL in rows that an older version wrote. */
 

@@ -184,11 +184,12 @@ struct keep {
 	const char *manifest;
 	const struct grid_manifest *m;
 	const struct pending *pending;
+	unsigned removed;
 };
 
 static int remove_unnamed(void *ctx, const struct dirent *e, struct err *err)
 {
-	const struct keep *keep = ctx;
+	struct keep *keep = ctx;
 	const struct pending *q;
 	char stem[32];
 	size_t i;
@@ -203,10 +204,11 @@ static int remove_unnamed(void *ctx, const struct dirent *e, struct err *err)
 		if (!strncmp(e->d_name, stem, strlen(stem)) && strcmp(e->d_name + strlen(stem), "seg"))
 			return 0;
 	}
+	keep->removed++;
 	return io_remove(keep->dirfd, e->d_name, err);
 }
 
-int dataset_sweep(struct dataset *d, struct err *err)
+int dataset_sweep(struct dataset *d, bool again, struct err *err)
 {
 	struct keep keep = {.manifest = d->manifest, .pending = d->pending};
 	struct grid_manifest *m = NULL;
@@ -220,8 +222,8 @@ int dataset_sweep(struct dataset *d, struct err *err)
 	keep.dirfd = d->dirfd;
 	if (!r)
 		r = io_list(d->dirfd, ".", remove_unnamed, &keep, err);
-	/* Nobody looks again: what was removed must not come back. */
-	if (!r)
+	/* Where nobody looks again what was removed must not come back. */
+	if (!r && (keep.removed || !again))
 		r = io_sync(d->dirfd, d->name, err);
 	grid_manifest_free(m);
 	dataset_close(d);

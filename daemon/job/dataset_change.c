@@ -109,6 +109,8 @@ static void tidy_run(struct sched_task *t)
 	struct dataset_change *c = (struct dataset_change *)t;
 	struct err err = ERR_INIT;
 
+	if (c->r && catalogue_unsure(c->jobs->p.catalogue))
+		return;
 	if (c->r)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
 	else if (io_list(c->dataset->dirfd, ".", remove_older, c, &err))

@@ -14,6 +14,7 @@
 #include "clock.h"
 #include "job_priv.h"
 #include "log.h"
+#include "past.h"
 
 #define KEEP_SECONDS (7 * 86400.)
 #define LOOK_SECONDS 1.0
@@ -211,6 +212,7 @@ static void forget(struct dataset *d)
 			job->dataset = NULL;
 			d->users--;
 		}
+	d->users -= past_forget(d->jobs, d);
 	pending_forget(d);
 }
 

@@ -225,7 +225,7 @@ static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
 	struct jobs *j = ctx;
 	uint64_t id = plan_file_job(e->d_name);
 
-	return id && past_find(j, id) ? 0 : io_remove(j->plansfd, e->d_name, err);
+	return id && past_has(j, id) ? 0 : io_remove(j->plansfd, e->d_name, err);
 }
 
 int job_plan_sweep(struct jobs *j, struct err *err)

@@ -71,6 +71,8 @@ struct dataset {
 	struct pending *pending;
 	bool row; /* the catalogue has one */
 	bool sweep; /* at the start: pushes left something */
+	bool swept_once; /* and the row that says so goes */
+	bool unswept;    /* what they left cannot be read: it stays */
 	double stage_seconds, seal_seconds; /* of the last push; the second is a part of the first */
 	size_t charged; /* of LEDGER_JOBS */
 	atomic_uint_fast64_t derived; /* of a one-step one: domains and selections in its folder, bytes */
@@ -240,7 +242,7 @@ int dataset_put_row(struct dataset *, struct err *err);
 bool dataset_created(const struct dataset *); /* before its first push, by dataset_create */
 int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
 /* Removes what no manifest of the dataset names. Reads the disk. */
-int dataset_sweep(struct dataset *, struct err *err);
+int dataset_sweep(struct dataset *, bool again, struct err *err); /* again: the next start does it, too */
 int folder_empty(int dirfd, struct err *err); /* removes everything in it */
 int folder_remove(int dirfd, const char *name, struct err *err); /* with everything in it; absent is success */
 /* Removes the entries whose names begin so. */

@@ -79,10 +79,23 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 	bool stays = false;
 	int r = 0;
 
-	if (d)
+	if (d) {
+		struct err why = ERR_INIT;
+
 		d->sweep = true;
-	if (d && !rewrite_row(row)) {
-		r = pending_load(d, row, &stays, err);
+		r = rewrite_row(row) ? 0 : pending_load(d, row, &stays, &why);
+		if (r == -ERR_NOMEM || r == -ERR_BUSY || r == -ERR_LIMIT) {
+			*err = why;
+			return r;
+		}
+		if (r) {
+			log_error("what the interrupted push %llu into %s left cannot be read: it stays as it is",
+				  (unsigned long long)row->id, d->name);
+			log_err(LOG_LEVEL_ERROR, "the reason", &why);
+			d->unswept = stays = true;
+			r = 0;
+		}
+		d->swept_once |= !stays;
 	}
 	if (row->dataset > j->last_dataset)
 		j->last_dataset = row->dataset;
@@ -108,6 +121,21 @@ static int sweep_selected(struct jobs *j, struct err *err)
 	return r;
 }
 
+/* A dataset that is damaged keeps nobody from the others. */
+static int sweep_one(struct dataset *d, bool goes, struct err *err)
+{
+	struct err why = ERR_INIT;
+	int r = dataset_sweep(d, !d->swept_once && !goes, &why);
+
+	if (!r || r == -ERR_NOMEM || r == -ERR_BUSY || r == -ERR_LIMIT) {
+		*err = why;
+		return r;
+	}
+	log_error("what interrupted pushes left in the dataset %s stays: it cannot be told from what belongs to it", d->name);
+	log_err(LOG_LEVEL_ERROR, "the reason", &why);
+	return goes ? (*err = why, r) : 0;
+}
+
 /* Folders that a push left something in. A dataset without a generation and without a pending push never
  * was, unless it was created so. */
 static int sweep_all(struct jobs *j, struct err *err)
@@ -120,8 +148,9 @@ static int sweep_all(struct jobs *j, struct err *err)
 	while (!r && (d = *at)) {
 		bool goes = !d->generation && !d->pending && !dataset_created(d);
 
-		if (d->sweep || goes)
-			r = dataset_sweep(d, err);
+		goes = goes && !d->unswept;
+		if ((d->sweep || goes) && !d->unswept)
+			r = sweep_one(d, goes, err);
 		if (r || !goes) {
 			at = &d->next;
 			continue;
@@ -139,16 +168,69 @@ static int sweep_all(struct jobs *j, struct err *err)
 	return !r && gone ? io_sync(j->datafd, "the folder of datasets", err) : r;
 }
 
+/* ---- what nothing outlives a daemon, removed when it serves already ---- */
+
+static const char aside[] = "gone-";
+
+/* A new folder; what was in the old one goes later. */
+static int folder_anew(struct jobs *j, const char *name, int *ret, struct err *err)
+{
+	char to[32];
+	int r = -1;
+
+	for (unsigned i = 0; r != 0 && i < 1000; i++) {
+		snprintf(to, sizeof to, "%s%u", aside, i);
+		r = io->renameat(j->p.cachefd, name, j->p.cachefd, to);
+		if (r != 0 && errno != ENOTEMPTY && errno != EEXIST)
+			break;
+	}
+	if (r == 0 || errno == ENOENT)
+		return folder(j->p.cachefd, name, ret, err);
+	r = folder(j->p.cachefd, name, ret, err);
+	return r ? r : folder_empty(*ret, err);
+}
+
+struct clearing {
+	struct sched_task task;
+	struct jobs *jobs;
+};
+
+static void clearing_run(struct sched_task *t)
+{
+	struct err err = ERR_INIT;
+
+	if (folder_sweep(((struct clearing *)t)->jobs->p.cachefd, aside, &err))
+		log_err(LOG_LEVEL_WARNING, "what an earlier acutd left in the cache stays until the next start", &err);
+}
+
+static void clearing_done(struct sched_task *t)
+{
+	((struct clearing *)t)->jobs->background--;
+	free(t);
+}
+
+static void clear_aside(struct jobs *j)
+{
+	struct clearing *c = calloc(1, sizeof *c);
+
+	if (!c)
+		return;
+	c->task = (struct sched_task){.run = clearing_run, .done = clearing_done, .priority = SCHED_LAST};
+	c->jobs = j;
+	j->background++;
+	sched_submit(j->p.sched, &c->task);
+}
+
 static int open_folders(struct jobs *j, struct err *err)
 {
 	int r = folder(j->p.statefd, "datasets", &j->datafd, err);
 
 	if (!r)
-		r = folder(j->p.cachefd, "one-step", &j->onestepfd, err);
+		r = folder_anew(j, "one-step", &j->onestepfd, err);
 	if (!r)
 		r = folder(j->p.cachefd, "domains", &j->domainsfd, err);
 	if (!r)
-		r = folder(j->p.cachefd, "tmp", &j->tempfd, err);
+		r = folder_anew(j, "tmp", &j->tempfd, err);
 	if (!r)
 		r = folder(j->p.statefd, "plans", &j->plansfd, err);
 	if (!r)
@@ -161,11 +243,6 @@ static int open_folders(struct jobs *j, struct err *err)
 		r = store_sweep(j->domainsfd, err);
 	if (!r)
 		r = backup_sweep(j->p.statefd, err);
-	/* Nothing in these outlives a daemon. */
-	if (!r)
-		r = folder_empty(j->onestepfd, err);
-	if (!r)
-		r = folder_empty(j->tempfd, err);
 	if (!r)
 		r = sweep_selected(j, err);
 	return r;
@@ -235,6 +312,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 		j->last_dataset = last[0];
 	j->last_job = last[1];
 	j->last_push = last[2];
+	clear_aside(j);
 	*ret = j;
 	return 0;
 }

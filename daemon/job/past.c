@@ -12,6 +12,7 @@
 
 #include "job_priv.h"
 
+_Static_assert(sizeof(struct job) % 8 == 0, "packed by words");
 enum { GUESTS = 80, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, ENTRY_BYTES = 48 };
 
 struct kept {
@@ -46,11 +47,14 @@ static size_t pack(const struct job *job, uint8_t *out)
 	if (out)
 		memset(out, 0, MAP);
 	for (size_t i = 0; i < WORDS; i++) {
-		size_t left = sizeof *job - 8 * i, at = n;
+		size_t at = n;
+		uint64_t word;
 		uint8_t mask = 0;
 
-		memset(bytes, 0, sizeof bytes);
-		memcpy(bytes, (const uint8_t *)job + 8 * i, left < 8 ? left : 8);
+		memcpy(&word, (const uint8_t *)job + 8 * i, 8);
+		if (!word)
+			continue;
+		memcpy(bytes, &word, 8);
 		for (int k = 0; k < 8; k++) {
 			if (!bytes[k])
 				continue;
@@ -59,8 +63,6 @@ static size_t pack(const struct job *job, uint8_t *out)
 			if (out)
 				out[n] = bytes[k];
 		}
-		if (!mask)
-			continue;
 		n++;
 		if (out) {
 			out[i / 8] |= (uint8_t)(1u << i % 8);
@@ -280,6 +282,25 @@ void past_drop(struct job *guest)
 	job_done_with(guest);
 }
 
+unsigned past_forget(struct jobs *j, const struct dataset *d)
+{
+	unsigned n = 0;
+
+	for (size_t i = 0; j->past && i < j->past->n; i++) {
+		struct kept *k = j->past->all[i].kept;
+		struct job job;
+
+		if (!k || k->dataset != d)
+			continue;
+		unpack(k->image, &job);
+		job.dataset = NULL;
+		k->dataset = NULL;
+		pack(&job, k->image); /* less than it was */
+		n++;
+	}
+	return n;
+}
+
 /* ---- looking ---- */
 
 struct job *past_find(struct jobs *j, uint64_t id)
@@ -315,6 +336,11 @@ struct job *past_oldest(struct jobs *j, int64_t finished_us)
 		if (j->past->all[i].kept && j->past->all[i].kept->finished_us <= finished_us)
 			return guest_of(j, &j->past->all[i]);
 	return NULL;
+}
+
+bool past_has(const struct jobs *j, uint64_t id)
+{
+	return entry_of(j, id) != NULL;
 }
 
 size_t past_count(const struct jobs *j)

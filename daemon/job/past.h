@@ -27,12 +27,15 @@ bool past_keep(struct job *);
 int past_awake(struct job *, struct job **ret, struct err *err);
 /* A guest's job is gone, and with it what was kept of it. */
 void past_drop(struct job *guest);
+/* Jobs that are kept need this dataset no more. How many were its users. */
+unsigned past_forget(struct jobs *, const struct dataset *);
 /* NULL: there is none. `of`: jobs of this dataset only, NULL: of any. */
 struct job *past_find(struct jobs *, uint64_t id);
 struct job *past_next(struct jobs *, const struct dataset *of, uint64_t after);
 struct job *past_before(struct jobs *, uint64_t id);
 /* The oldest job that is kept here, and is not younger than that; NULL: there is none. */
 struct job *past_oldest(struct jobs *, int64_t finished_us);
+bool past_has(const struct jobs *, uint64_t id);
 size_t past_count(const struct jobs *); /* all jobs */
 uint64_t past_view_bytes(const struct jobs *); /* of their views' texts */
 void past_round(struct jobs *); /* guests are gone */

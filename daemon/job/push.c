@@ -489,7 +489,7 @@ void push_remove_files(struct push *p)
 
 	/* What the next start can go on with stays. */
 	if (!p->committed && !p->on_disk && (!p->busy || p->asks->kind != PUSH_COMMIT) &&
-	    dataset_sweep(p->dataset, &err))
+	    dataset_sweep(p->dataset, false, &err))
 		log_err(LOG_LEVEL_WARNING, "what a push left cannot be removed", &err);
 }
 

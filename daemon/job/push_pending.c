@@ -9,6 +9,7 @@
  * its files those count that the client names again, the rest is dropped by the commit. After a commit the
  * sources are in the dataset's manifest, which is how a start knows one whose row is there still.
  */
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -342,12 +343,6 @@ static void take_up(struct push *p, struct grid_manifest *m)
 		 p->pending->files);
 }
 
-/* Which says nothing of what lies there. */
-static bool no_memory(int r)
-{
-	return r == -ERR_BUSY || r == -ERR_LIMIT || r == -ERR_NOMEM;
-}
-
 /* Worker, with the dataset open and its manifest read. */
 int push_adopt(struct push *p, struct err *err)
 {
@@ -362,12 +357,15 @@ int push_adopt(struct push *p, struct err *err)
 	manifest_name(p->pending->id, name);
 	push_stage_name(p->pending->id, stage);
 	r = grid_manifest_load(p->dataset->dirfd, name, p->jobs->p.ledger, &m, &ignored);
-	if (no_memory(r)) {
-		/* It stays for later. */
+	if (!r)
+		r = grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored);
+	/* What cannot be read now, or not by this version, stays for later: only what is damaged is dropped. */
+	if (r && r != -ERR_CORRUPT && r != -ERR_TRUNCATED && ignored.sys != ENOENT) {
+		grid_manifest_free(m);
 		*err = ignored;
 		return r;
 	}
-	if (r || grid_stage_check(p->dataset->dirfd, stage, &p->adopt_last, &ignored)) {
+	if (r) {
 		log_err(LOG_LEVEL_WARNING, "an interrupted push", &ignored);
 		why = "what it left is damaged";
 		r = 0;
@@ -487,10 +485,11 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 	manifest_name(row->id, name);
 	if (!r) {
 		r = grid_manifest_load(d->dirfd, name, d->jobs->p.ledger, &m, &absent);
-		if (no_memory(r))
-			*err = absent;
-		else
+		/* What cannot be read now is not dropped for that. */
+		if (r && (absent.sys == ENOENT || r == -ERR_CORRUPT))
 			r = 0;
+		else if (r)
+			*err = absent;
 	}
 	dataset_close(d);
 	committed = !r && was_committed(d, base, m, row->id);

@@ -15,6 +15,7 @@
 #include "err.h"
 #include "grid_cell.h"
 #include "grid_run.h"
+#include "grid_run_old.h"
 #include "io.h"
 
 enum { HEAD_BYTES = 8 + 4 + 4 + 8 + 4 * 4, CHECK_BYTES = 8 };
@@ -89,8 +90,11 @@ static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_l
 	memcpy(&check, bytes + n - CHECK_BYTES, sizeof check);
 	if (memcmp(magic, DISK_LEFT_MAGIC, 8) || size != n || check != grid_check(bytes, n - CHECK_BYTES, 0))
 		return damaged(name, "its checksum does not agree", err);
-	if (version != DISK_VERSION)
-		return damaged(name, "another acut wrote it", err);
+	if (version != DISK_VERSION) {
+		err_set(err, ERR_VERSION, "the state of an interrupted push has version %u; this acut reads version %d", version,
+			DISK_VERSION);
+		return err_add_file(err, name);
+	}
 	if (cursor_left(&c) != 4 * (ret->nruns + ret->nsources))
 		return damaged(name, "it says more than it holds", err);
 	ret->memory = to = malloc(cursor_left(&c) + 1);
@@ -113,10 +117,14 @@ static int check_runs(int dirfd, const char *stem, const struct grid_left *left,
 {
 	struct grid_run r;
 	char name[GRID_NAME_MAX];
+	bool older = false;
 	int rc = 0;
 
 	for (size_t i = 0; rc == 0 && i < left->nruns; i++) {
 		grid_left_run_name(stem, left->runs[i], name);
+		rc = grid_run_version(dirfd, name, &older, err);
+		if (rc || older)
+			continue;
 		rc = grid_run_open(&r, dirfd, name, false, err);
 		if (rc == 0)
 			grid_run_close(&r);

@@ -194,6 +194,12 @@ static int read_header(struct grid_run *r, struct err *err)
 
 	if (rc)
 		return rc;
+	if (h->version > DISK_RUN_VERSION && h->check == grid_check(u.bytes + 8, sizeof u - 8, 0) &&
+	    !memcmp(h->magic, DISK_RUN_MAGIC, sizeof h->magic)) {
+		err_set(err, ERR_VERSION, "a sorted run of version %u; this acut reads up to version %d", h->version,
+			DISK_RUN_VERSION);
+		return err_add_file(err, r->name);
+	}
 	if (h->check != grid_check(u.bytes + 8, sizeof u - 8, 0) || memcmp(h->magic, DISK_RUN_MAGIC, sizeof h->magic) ||
 	    h->version != DISK_RUN_VERSION || h->block_bytes != DISK_RUN_BLOCK)
 		return grid_run_damaged(r, 0, "its header is not one", err);

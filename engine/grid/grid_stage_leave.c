@@ -10,6 +10,7 @@
 
 #include "err.h"
 #include "grid_left.h"
+#include "grid_run_old.h"
 #include "grid_stage_priv.h"
 #include "io.h"
 
@@ -108,6 +109,36 @@ int grid_stage_leave(struct grid_stage *s, struct err *err)
 	return grid_stage_fail(s, rc);
 }
 
+/* Runs of an older version become runs of this one, under new numbers: until the state names those, the old ones
+ * count, and whoever resumes after a crash begins again. */
+static int renew_runs(struct grid_stage *s, struct err *err)
+{
+	char name[GRID_NAME_MAX], to[GRID_NAME_MAX];
+	bool older = false, any = false;
+	int rc = 0;
+
+	for (size_t i = 0; rc == 0 && i < s->nruns; i++) {
+		grid_left_run_name(s->stem, s->runs[i], name);
+		rc = grid_run_version(s->dirfd, name, &older, err);
+		if (rc || !older)
+			continue;
+		grid_left_run_name(s->stem, s->next_run, to);
+		rc = grid_run_convert(s->dirfd, name, to, s->durable, err);
+		if (rc == 0)
+			s->runs[i] = s->next_run++;
+		any = true;
+	}
+	if (rc || !any)
+		return rc;
+	rc = grid_stage_write_left(s, 0, err);
+	if (rc == 0) {
+		const struct grid_left left = {.next_run = s->next_run, .runs = s->runs, .nruns = s->nruns};
+
+		rc = grid_left_trim(s->dirfd, s->stem, &left, err);
+	}
+	return rc;
+}
+
 int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage **ret, struct err *err)
 {
 	struct grid_left left;
@@ -136,7 +167,11 @@ int grid_stage_resume(const struct grid_stage_params *params, struct grid_stage 
 		memcpy(s->runs, left.runs, left.nruns * sizeof *s->runs);
 		s->nall = (uint32_t)left.nsources;
 		s->nruns = left.nruns;
-		*ret = s;
+		rc = renew_runs(s, err);
+		if (rc)
+			grid_stage_part(s);
+		else
+			*ret = s;
 	}
 	grid_left_free(&left);
 	return rc;

@@ -13,6 +13,7 @@
 #include "grid_left.h"
 #include "grid_read.h"
 #include "grid_run.h"
+#include "grid_run_old.h"
 #include "io.h"
 
 enum { RUN_BLOCKS = 4 };
@@ -146,8 +147,13 @@ static int read_run(struct verify *v, const char *name, struct err *err)
 	const struct point *pts;
 	const uint32_t *ids;
 	size_t n = 1;
-	int rc = grid_run_open(&run, v->p->dirfd, name, false, err);
+	bool older = false;
+	int rc = grid_run_version(v->p->dirfd, name, &older, err);
 
+	if (rc == 0 && older)
+		return told(v, grid_run_convert(v->p->dirfd, name, NULL, false, err), err);
+	if (rc == 0)
+		rc = grid_run_open(&run, v->p->dirfd, name, false, err);
 	if (rc)
 		return told(v, rc, err);
 	for (uint64_t i = 0; rc == 0 && i < run.blocks; i++) {

@@ -1,0 +1,122 @@
+/*
+ * The catalogue after an error of the disk.
+ *
+ * The model: a commit whose fsync failed may be there or not, and a second fsync would say that all is well either
+ * way. So nothing is tried again on that connection. It is closed, which throws away what was not committed, and the
+ * database is opened anew; a checkpoint writes all that counts afresh and brings it to the disk. Then the change that failed is looked
+ * for: if it is there, it was made; if it is not, it has failed for good. Where even that cannot be told, the catalogue
+ * is unsure: nobody may remove what the change was about (the next start sees what it says), and every change after it
+ * fails, or begins by opening the database.
+ */
+#include "catalogue_priv.h"
+
+#include <string.h>
+
+#include "err.h"
+#include "log.h"
+
+int catalogue_reopen(struct catalogue *c, struct err *err)
+{
+	int r;
+
+	catalogue_close(c);
+	c->io_failed = false;
+	r = catalogue_open(c, c->path, err);
+	if (!r && c->io_failed)
+		r = err_set(err, ERR_IO, "the catalogue cannot be brought to the disk");
+	if (r)
+		catalogue_close(c);
+	return r;
+}
+
+static const char *row_of(enum catalogue_sql sql)
+{
+	switch (sql) {
+	case CATALOGUE_PUT_DATASET:
+	case CATALOGUE_DROP_DATASET:
+		return "SELECT * FROM dataset WHERE id = ?";
+	case CATALOGUE_PUT_JOB:
+	case CATALOGUE_DROP_JOB:
+		return "SELECT * FROM job WHERE id = ?";
+	case CATALOGUE_PUT_PUSH:
+	case CATALOGUE_DROP_PUSH:
+		return "SELECT * FROM push WHERE id = ?";
+	default:
+		return NULL;
+	}
+}
+
+/* Columns are in the order of a change's values. */
+static bool equal(sqlite3_stmt *s, const struct change *ch)
+{
+	if ((unsigned)sqlite3_column_count(s) != ch->n)
+		return false;
+	for (unsigned i = 0; i < ch->n; i++) {
+		const struct value *v = &ch->value[i];
+		const char *text = v->kind == VALUE_TEXT ? (const char *)sqlite3_column_text(s, (int)i) : NULL;
+
+		if (v->kind == VALUE_TEXT ? !text || strcmp(text, v->text) != 0
+					  : sqlite3_column_int64(s, (int)i) != v->number)
+			return false;
+	}
+	return true;
+}
+
+/* Whether the change is in the database. */
+static int look(struct catalogue *c, const struct change *ch, bool *ret_made, struct err *err)
+{
+	const char *sql = row_of(ch->sql);
+	sqlite3_stmt *s;
+	int step;
+
+	*ret_made = false;
+	if (!sql)
+		return 0;
+	if (sqlite3_prepare_v2(c->db, sql, -1, &s, NULL) != SQLITE_OK)
+		return catalogue_failed(c, err, "the catalogue cannot be read");
+	sqlite3_bind_int64(s, 1, ch->value[0].number);
+	step = sqlite3_step(s);
+	if (step == SQLITE_ROW)
+		*ret_made = ch->n > 1 && equal(s, ch);
+	else if (step == SQLITE_DONE)
+		*ret_made = ch->n == 1;
+	sqlite3_finalize(s);
+	return step == SQLITE_ROW || step == SQLITE_DONE ? 0 : catalogue_failed(c, err, "the catalogue cannot be read");
+}
+
+void catalogue_after_error(struct catalogue *c, struct change *ch, struct err *why)
+{
+	struct err err = ERR_INIT;
+	bool made = false;
+	int r;
+
+	log_err(LOG_LEVEL_ERROR, "an error of the disk: the catalogue is opened anew", why);
+	r = catalogue_reopen(c, &err);
+	if (!r && ch->r)
+		r = look(c, ch, &made, &err);
+	if (r) {
+		log_err(LOG_LEVEL_ERROR, "the catalogue is closed", &err);
+		if (ch->r)
+			atomic_store(&c->unsure, true);
+		catalogue_close(c);
+		err_add_hint(why, "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
+		return;
+	}
+	if (ch->r && made)
+		ch->r = 0;
+}
+
+int catalogue_again(struct catalogue *c, struct err *err)
+{
+	struct err why = ERR_INIT;
+
+	if (c->db || !catalogue_reopen(c, &why))
+		return 0;
+	err_set(err, ERR_IO, "the catalogue is closed after an error of the disk: %.300s", why.message);
+	return err_add_hint(err, "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
+}
+
+bool catalogue_unsure(struct catalogue *c)
+{
+	return atomic_load(&c->unsure);
+}
