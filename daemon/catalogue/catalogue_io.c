@@ -46,10 +46,10 @@ static const char *row_of(enum catalogue_sql sql)
 	}
 }
 
-/* Columns are in the order of a change's values. */
+/* Columns are in the order of a change's values; behind them is their checksum. */
 static bool equal(sqlite3_stmt *s, const struct change *ch)
 {
-	if ((unsigned)sqlite3_column_count(s) != ch->n)
+	if ((unsigned)sqlite3_column_count(s) != ch->n + 1)
 		return false;
 	for (unsigned i = 0; i < ch->n; i++) {
 		const struct value *v = &ch->value[i];

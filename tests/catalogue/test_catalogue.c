@@ -2,7 +2,9 @@
  * The catalogue: what was put is there after it was opened again; ids are never given twice; newer and broken
  * files are refused.
  */
+#include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <poll.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -272,6 +274,113 @@ static void queue_is_charged(void **state)
 	ledger_free(ledger);
 }
 
+/* ---- errors of the disk ---- */
+
+static int syncs, fail_from, fail_to; /* syncs that fail, counted from 1 */
+
+static bool faking;
+
+static int fake_sync(void)
+{
+	if (!faking || ++syncs < fail_from || syncs >= fail_to)
+		return 0;
+	errno = EIO;
+	return -1;
+}
+
+/* In place of the C library's, also for SQLite. */
+int fsync(int fd)
+{
+	return fake_sync();
+}
+
+int fdatasync(int fd)
+{
+	return fake_sync();
+}
+
+static void fake(bool on)
+{
+	faking = on;
+}
+
+/* Whatever fsync fails: what was told is what is there afterwards, and the catalogue goes on when the disk does. */
+static void sync_fails(void **state)
+{
+	struct catalogue_dataset d = dataset;
+	struct err err = ERR_INIT;
+	struct seen seen;
+	uint64_t last[3];
+	int failures = 0;
+
+	for (int at = 1; at < 12; at++) {
+		struct catalogue *c = reopen(NULL, &seen, last);
+		uint64_t before = seen.generation;
+
+		fake(true);
+		syncs = 0;
+		fail_from = at;
+		fail_to = at + 1;
+		d.generation = before + 1;
+		assert_int_equal(catalogue_put_dataset(c, &d, 0, tell, NULL, &err), 0);
+		settle(c);
+		failures += told_r != 0;
+		uint64_t want = told_r ? before : before + 1;
+
+		if (told_r)
+			assert_int_equal(told_r, -ERR_IO);
+		assert_false(catalogue_unsure(c) && !told_r);
+		fail_to = 0;
+		/* The connection before is not used any more; this change is a new one. */
+		struct catalogue_push p = {.id = (uint64_t)at, .dataset = 7};
+
+		assert_int_equal(catalogue_put_push(c, &p, tell, NULL, &err), 0);
+		settle(c);
+		assert_int_equal(told_r, 0);
+		bool unsure = catalogue_unsure(c);
+
+		catalogue_free(c);
+		fake(false);
+		catalogue_free(reopen(NULL, &seen, last));
+		if (!unsure)
+			assert_int_equal(seen.generation, want);
+		assert_int_equal(seen.pushes, at);
+	}
+	assert_true(failures > 0);
+}
+
+static void disk_stays_broken(void **state)
+{
+	struct catalogue_dataset d = dataset;
+	struct err err = ERR_INIT;
+	struct seen seen;
+	uint64_t last[3];
+	struct catalogue *c = reopen(NULL, &seen, last);
+
+	assert_int_equal(catalogue_put_dataset(c, &d, 0, tell, NULL, &err), 0);
+	settle(c);
+	fake(true);
+	syncs = 0;
+	fail_from = 1;
+	fail_to = INT_MAX;
+	d.generation = 2;
+	for (int i = 0; i < 3; i++) {
+		assert_int_equal(catalogue_put_dataset(c, &d, 0, tell, NULL, &err), 0);
+		settle(c);
+		assert_int_equal(told_r, -ERR_IO);
+		assert_true(catalogue_unsure(c));
+	}
+	fail_to = 0;
+	d.generation = 3;
+	assert_int_equal(catalogue_put_dataset(c, &d, 0, tell, NULL, &err), 0);
+	settle(c);
+	assert_int_equal(told_r, 0);
+	catalogue_free(c);
+	fake(false);
+	catalogue_free(reopen(NULL, &seen, last));
+	assert_int_equal(seen.generation, 3);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -279,6 +388,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(failure_is_told, setup, teardown),
 		cmocka_unit_test_setup_teardown(queue_is_charged, setup, teardown),
 		cmocka_unit_test_setup_teardown(newer_and_broken, setup, teardown),
+		cmocka_unit_test_setup_teardown(sync_fails, setup, teardown),
+		cmocka_unit_test_setup_teardown(disk_stays_broken, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,0 +1,101 @@
+"""A daemon that was killed: what it starts with, how submitted jobs go on, and what it sweeps away."""
+import json
+import os
+import signal
+import subprocess
+import time
+
+import e2e
+from e2e import Daemon, Folder, expect
+
+
+def synth(path, points, seed=1):
+    subprocess.run([os.environ["ACUT_SYNTH"], "--points", str(points), "--seed", str(seed), path], check=True)
+    return path
+
+
+def show(d, job):
+    return d.ctl("show", str(job), "--json").ok().json()
+
+
+def jobs_go_on():
+    """Killed at several points of a job: the same digests, and no domain that was stored is made again."""
+    with Folder() as base, Daemon(base, memory="24M") as d:
+        d.ctl("push", "valley", synth(base + "/a.las", 400000)).ok()
+        want = d.ctl("submit", "valley", "--wait", "--json").ok().json()
+        expect(want["domains"] >= 8, "the test wants many domains: %d" % want["domains"])
+        d.stop()
+        kills = 0
+        for part in (0.2, 0.5, 0.8):
+            # Nothing of the jobs before serves this one.
+            subprocess.run(["rm", "-rf", d.cache], check=True)
+            d.start()
+            job = int(d.ctl("submit", "valley", "--new").ok().out.split()[0])
+            deadline = time.monotonic() + 60
+            while True:
+                now = show(d, job)
+                done = now["progress"]["domains"] or 0
+                if now["state"] == "done" or done >= part * want["domains"]:
+                    break
+                expect(time.monotonic() < deadline, "the job does not get on: %s" % now)
+                time.sleep(0.002)
+            ended = now["state"] == "done"
+            kills += not ended
+            d.stop(signal.SIGKILL)
+            d.start()
+            d.ctl("wait", str(job)).ok()
+            got = show(d, job)
+            for key in ("digest", "vertex_digest", "triangles", "vertices", "points", "domains"):
+                expect(got[key] == want[key], "killed at %.1f: %s %s, was %s" % (part, key, got[key], want[key]))
+            reused = got["domains_reused"] or 0
+            expect(ended or part < 0.5 or reused > 0, "killed at %.1f with %d domains done, and none is used again" % (part, done))
+            d.stop()
+        expect(kills > 0, "the jobs were too fast to be killed")
+
+
+def leftovers_go():
+    """What a killed one-step mesh and a killed push left is gone soon after the next start."""
+    with Folder() as base:
+        d = Daemon(base).start()
+        d.ctl("push", "valley", synth(base + "/a.las", 20000)).ok()
+        d.stop(signal.SIGKILL)
+        for name in ("one-step/5", "tmp/x"):
+            os.makedirs(os.path.join(d.cache, name))
+            with open(os.path.join(d.cache, name, "push-9.0.run"), "wb") as f:
+                f.write(b"x" * 100000)
+        os.makedirs(d.cache + "/gone-0/y")
+        with d:
+            deadline = time.monotonic() + 10
+            while [n for n in os.listdir(d.cache) if n.startswith("gone-")]:
+                expect(time.monotonic() < deadline, "what was left stays: %s" % os.listdir(d.cache))
+                time.sleep(0.02)
+            expect(not os.listdir(d.cache + "/tmp") and not os.listdir(d.cache + "/one-step"), "leftovers")
+            d.ctl("submit", "valley", "--wait").ok()
+
+
+def damage_stays_where_it_is():
+    """A dataset whose manifest is damaged, with a push interrupted: the daemon starts and serves the others."""
+    with Folder() as base:
+        d = Daemon(base).start()
+        for name in ("valley", "ridge"):
+            d.ctl("push", name, synth(base + "/%s.las" % name, 3000)).ok()
+        d.stop()
+        import sqlite3
+        db = sqlite3.connect(d.state + "/catalogue.db")
+        row, manifest = db.execute("SELECT id, manifest FROM dataset WHERE name = 'valley'").fetchone()
+        columns = [c[1] for c in db.execute("PRAGMA table_info(push)")]
+        values = {"id": 77, "dataset": row, "uid": os.getuid(), "files": 1, "begun_us": int(time.time() * 1e6)}
+        db.execute("INSERT INTO push VALUES (%s)" % ",".join("?" * len(columns)), [values.get(c) for c in columns])
+        db.commit()
+        db.close()
+        with open("%s/datasets/%d/%s" % (d.state, row, manifest), "r+b") as f:
+            f.seek(40)
+            f.write(b"\xff\xff")
+        with d:
+            d.ctl("submit", "ridge", "--wait").ok()
+            got = d.ctl("submit", "valley", "--wait")
+            expect(got.status == 74 and manifest in got.out + got.err, "%d %s %s" % (got.status, got.out, got.err))
+
+
+if __name__ == "__main__":
+    e2e.main(jobs_go_on, leftovers_go, damage_stays_where_it_is)
