@@ -361,7 +361,7 @@ struct job_params {
 /* Unbound jobs: `accepted` comes when the catalogue has it. */
 void job_submit(struct jobs *, const struct job_params *,
 		void (*accepted)(void *token, const struct err *why, struct job *), void *token);
-/* NULL: none that this peer may see. */
+/* NULL: none that this peer may see. One that is over is there until the next jobs_settle: it is looked for again then. */
 struct job *job_find(struct jobs *, uint64_t id, const struct job_peer *);
 struct job *job_after(struct jobs *, uint64_t id, const struct job_peer *);
 void job_info(const struct job *, struct job_info *ret);

@@ -250,6 +250,8 @@ static void restart(void **state)
 	assert_int_equal(info_of(waits).state, JOB_done);
 	assert_int_equal(info_of(waits).report->points, 50000);
 	/* The mesh can still be streamed, with the same digest under another budget. */
+	done = job_find(h.jobs, ids[0], &me);
+	assert_non_null(done);
 	job_fetch(done, &r.output);
 	turn_until(r.ends);
 	assert_false(r.failed);
