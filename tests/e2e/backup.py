@@ -163,11 +163,11 @@ def cut_short():
         want = meshes(d, names)
         to = os.path.join(base, "backup")
         d.ctl("backup", to).ok()
-        for k in range(6):
+        for k in range(4):
             d.ctl("push", "more%d" % k, tile(base, 700 + k, n=400)).ok()
             p = subprocess.Popen([e2e.ACUTCTL, "backup", to, "--copy"], env=dict(os.environ, ACUT_SOCKET=d.socket),
                                  stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            time.sleep(0.002 * k)
+            time.sleep(0.003 * k)
             p.kill()
             p.wait()
             with restored(base, to, "r%d" % k) as r:
