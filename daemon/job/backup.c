@@ -79,7 +79,7 @@ static int size_of(int dirfd, const char *path, uint64_t *ret, struct err *err)
 {
 	struct stat st;
 
-	if (fstatat(dirfd, path, &st, AT_SYMLINK_NOFOLLOW) < 0)
+	if (io->fstatat(dirfd, path, &st, AT_SYMLINK_NOFOLLOW) < 0)
 		return errno == ENOENT ? E_GONE : err_sys(err, errno, "cannot look at %s", path);
 	*ret = (uint64_t)st.st_size;
 	return 0;
@@ -91,7 +91,7 @@ static int take_link(struct backup *b, int from, const char *name, const char *p
 	uint64_t bytes = 0;
 	int r;
 
-	if (linkat(from, name, b->dirfd, path, 0) < 0 && errno != EEXIST) {
+	if (io->linkat(from, name, b->dirfd, path, 0) < 0 && errno != EEXIST) {
 		if (errno == ENOENT)
 			return E_GONE;
 		err_sys(err, errno, "cannot make a hard link of %s", name);
@@ -138,7 +138,7 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	fd = io->openat(b->jobs->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
 	if (fd < 0)
 		return errno == ENOENT ? E_GONE : err_sys(err, errno, "cannot open the folder of dataset %s", name);
-	if (faccessat(fd, manifest, F_OK, 0) < 0 && errno == ENOENT)
+	if (io->faccessat(fd, manifest, F_OK, 0) < 0 && errno == ENOENT)
 		r = E_GONE;
 	else
 		r = grid_manifest_load(fd, manifest, b->jobs->p.ledger, &m, err);
@@ -182,7 +182,7 @@ static int take_folder(struct backup *b, const char *folder, bool copy, struct e
 		return err_sys(err, errno, "cannot list the folder %s", folder);
 	}
 	r = io_make_dir(b->dirfd, folder, 0700, err);
-	while (!r && (e = readdir(dir))) {
+	while (!r && (errno = 0, e = io->readdir(dir))) {
 		size_t n = strlen(e->d_name);
 
 		if (*e->d_name == '.' || (n > 4 && !strcmp(e->d_name + n - 4, ".tmp")))
@@ -191,6 +191,9 @@ static int take_folder(struct backup *b, const char *folder, bool copy, struct e
 		r = copy ? take_copy(b, fd, e->d_name, path, err) : take_link(b, fd, e->d_name, path, err);
 		r = r == E_GONE ? 0 : r;
 	}
+	/* What is not listed would be missing from the backup. */
+	if (!r && errno)
+		r = err_sys(err, errno, "cannot list the folder %s", folder);
 	closedir(dir);
 	return r;
 }

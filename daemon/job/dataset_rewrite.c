@@ -329,7 +329,7 @@ static int take_space(struct dataset_rewrite *w, struct err *err)
 		w->space = w->read;
 		space_promise(w->jobs->space, SPACE_MERGES, (int64_t)w->space);
 	}
-	if (r != -ERR_NOSPACE || !w->always || fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
+	if (r != -ERR_NOSPACE || !w->always || io->fstatvfs(w->dataset->dirfd, &vfs) != 0 ||
 	    (uint64_t)vfs.f_bavail * vfs.f_frsize < w->read + w->read / 8)
 		return r;
 	/* What frees disk in the end may for a while take what is kept free of others. */
