@@ -94,6 +94,7 @@ def main():
             left = [x for x in faults.leftovers(store) if x.endswith(".tmp")]
             expect(not left, "left behind: %s" % left)
             store.stop()
+    expect(points >= 50, "hardly an allocation failed: %d" % points)
     print("%d allocations failed, %d requests done all the same, %d clients cut off for want of memory for their answer, 0 crashes" %
           (points, answers, cut_off))
 
