@@ -1,0 +1,134 @@
+/*
+ * Jobs that are over: ten thousand of them are listed as they were, in a memory of 64 MiB; those of more than 30 days
+ * go, with their plans; one that is looked for can be removed. What is kept is the report to the last digit.
+ */
+#include "house.h"
+
+#include "job_priv.h"
+#include "past.h"
+
+enum { JOBS = 10000, OLD = 100 };
+
+static void sql(const char *text)
+{
+	char path[128], *why = NULL;
+	sqlite3 *db;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	if (sqlite3_exec(db, text, NULL, NULL, &why) != SQLITE_OK)
+		fail_msg("%s", why);
+	sqlite3_close(db);
+}
+
+static void make_jobs(void)
+{
+	const struct job_report r = {.points = 123456789, .used = 123456, .vertices = 99, .triangles = 190, .hull = 7,
+				     .domains = 3, .digest = "0123456789abcdef0123456789abcdef",
+				     .vertex_digest = "fedcba9876543210fedcba9876543210", .seconds = 1.25,
+				     .worked_seconds = 0.75};
+	int64_t now = clock_real_us(), old = now - INT64_C(31) * 86400000000;
+	char report[2048], text[4096];
+
+	report_text(&r, report, sizeof report);
+	snprintf(text, sizeof text,
+		 "BEGIN;"
+		 "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < %d)"
+		 " INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
+		 " error_code, error_message, error_file, error_field, error_hint, error_offset)"
+		 " SELECT i, 0, 1, 'view 1', CASE WHEN i %% 10 THEN 'done' ELSE 'failed' END, 1000, 1, %lld,"
+		 " CASE WHEN i <= %d THEN %lld ELSE %lld END, CASE WHEN i %% 10 THEN '%s' ELSE '' END,"
+		 " CASE WHEN i %% 10 THEN '' ELSE 'bad-input' END, CASE WHEN i %% 10 THEN '' ELSE 'broken' END,"
+		 " '', '', '', -1 FROM n;"
+		 "COMMIT;", JOBS, (long long)old, OLD, (long long)old, (long long)now, report);
+	sql(text);
+}
+
+static unsigned listed(void)
+{
+	unsigned n = 0;
+	uint64_t id = 0;
+	struct job *job;
+
+	while ((job = job_after(h.jobs, id, &me))) {
+		struct job_info info;
+
+		job_info(job, &info);
+		assert_true(info.id > id);
+		id = info.id;
+		n++;
+		if (id % 10) {
+			assert_int_equal(info.state, JOB_done);
+			assert_int_equal(info.report->points, 123456789);
+			assert_string_equal(info.report->vertex_digest, "fedcba9876543210fedcba9876543210");
+			assert_true(info.report->seconds == 1.25 && info.report->worked_seconds == 0.75);
+			assert_null(info.err);
+		} else {
+			assert_int_equal(info.state, JOB_failed);
+			assert_string_equal(info.err->message, "broken");
+			assert_int_equal(info.err->offset, ERR_NO_OFFSET);
+		}
+		assert_string_equal(info.view, "view 1");
+	}
+	return n;
+}
+
+static void many(void **state)
+{
+	struct err err = ERR_INIT;
+	struct job *job;
+	char plan[96];
+
+	snprintf(plan, sizeof plan, "%s/plans/plan-5", h.folder);
+	close_house();
+	make_jobs();
+	close(open(plan, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	open_house(UINT64_C(64) << 20, 1);
+	assert_int_equal(listed(), JOBS);
+	print_message("%llu KiB for %u jobs\n", (unsigned long long)ledger_held(h.ledger, LEDGER_JOBS) >> 10, JOBS);
+	assert_true(ledger_held(h.ledger, LEDGER_JOBS) < UINT64_C(8) << 20);
+	/* None of them is at work: no loop comes by. */
+	assert_null(h.jobs->jobs);
+	assert_false(jobs_active(h.jobs));
+	/* Those that are too old go, a few a round, and from the disk. */
+	turn_until(past_count(h.jobs) == JOBS - OLD);
+	assert_null(job_find(h.jobs, 5, &me));
+	turn_until(access(plan, F_OK) != 0);
+	assert_int_equal(listed(), JOBS - OLD);
+	/* Another user sees none; one is removed; one is awake, and put back among the others. */
+	assert_null(job_find(h.jobs, 777, &(struct job_peer){.uid = 2000}));
+	job = job_find(h.jobs, 777, &me);
+	assert_non_null(job);
+	assert_int_equal(job_remove(job, &err), 0);
+	assert_null(job_find(h.jobs, 777, &me));
+	job = job_find(h.jobs, 778, &me);
+	assert_int_equal(past_awake(job, &job, &err), 0);
+	assert_ptr_equal(job_find(h.jobs, 778, &me), job);
+	assert_true(past_keep(job));
+	assert_int_equal(listed(), JOBS - OLD - 1);
+	turn_until(!catalogue_busy(h.catalogue));
+	close_house();
+	open_house(UINT64_C(64) << 20, 1);
+	assert_int_equal(listed(), JOBS - OLD - 1);
+}
+
+/* Where there is no room for all the oldest give way. */
+static void little_memory(void **state)
+{
+	close_house();
+	make_jobs();
+	h.ledger = NULL;
+	open_house(UINT64_C(24) << 20, 1);
+	assert_non_null(job_find(h.jobs, JOBS, &me));
+	assert_true(past_count(h.jobs) > 0);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(many, setup, teardown),
+		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
