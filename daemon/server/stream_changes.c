@@ -7,13 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-size_t out_changes_bytes(const struct job_changes *in)
-{
-	return sizeof(struct out_changes) + in->gone * sizeof(struct stream_region);
-}
+#include "err.h"
+#include "ledger.h"
 
-struct out_changes *out_changes_new(const struct job_changes *in)
+int out_changes_new(const struct job_changes *in, struct ledger *ledger, size_t *charged, struct out_changes **ret,
+		    struct err *err)
 {
+	size_t size = sizeof(struct out_changes) + in->gone * sizeof(struct stream_region);
 	const struct stream_base base = {
 		.generation = in->generation,
 		.job = in->job,
@@ -26,10 +26,14 @@ struct out_changes *out_changes_new(const struct job_changes *in)
 		.kept = in->kept,
 		.kept_triangles = in->kept_triangles,
 	};
-	struct out_changes *c = calloc(1, out_changes_bytes(in));
+	struct out_changes *c;
 
+	if (!ledger_take(ledger, LEDGER_PIPE, size))
+		return err_set(err, ERR_BUSY, "no memory for the regions of a stream");
+	*charged += size;
+	c = calloc(1, size);
 	if (!c)
-		return NULL;
+		return err_set(err, ERR_NOMEM, "no memory for the regions of a stream");
 	c->n = in->gone;
 	for (uint64_t i = 0; i < c->n; i++) {
 		memcpy(c->region[i].box, in->region[i].box, sizeof c->region[i].box);
@@ -37,7 +41,8 @@ struct out_changes *out_changes_new(const struct job_changes *in)
 		c->region[i].digest = in->region[i].digest;
 	}
 	c->frame.n = stream_put_base(&base, c->frame.scratch, c->frame.piece);
-	return c;
+	*ret = c;
+	return 0;
 }
 
 struct out_changes *out_changes_next(struct out_changes *c)

@@ -10,6 +10,7 @@
 #include "stream.h"
 
 struct err;
+struct ledger;
 
 struct out_frame {
 	bool ready;
@@ -26,9 +27,9 @@ struct out_changes {
 	struct stream_region region[];
 };
 
-size_t out_changes_bytes(const struct job_changes *);
-/* A copy of these, whose first frame is ready to be written. NULL: no memory. */
-struct out_changes *out_changes_new(const struct job_changes *);
+/* A copy of these, whose first frame is ready to be written; *charged grows by what it takes of LEDGER_PIPE. free() does
+ * for what is not sent. */
+int out_changes_new(const struct job_changes *, struct ledger *, size_t *charged, struct out_changes **ret, struct err *err);
 /* The frame is written: the next one, or NULL, and it is freed. */
 struct out_changes *out_changes_next(struct out_changes *);
 

@@ -258,24 +258,13 @@ static void tell_why(struct stream_out *o, const struct err *why)
 		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
 }
 
-static int take_changes(struct stream_out *o, const struct job_changes *in, struct err *err)
-{
-	size_t size = out_changes_bytes(in);
-
-	if (!ledger_take(o->conn->server->p.ledger, LEDGER_PIPE, size))
-		return err_set(err, ERR_BUSY, "no memory for the regions of a stream");
-	o->view_bytes += size;
-	o->changes = out_changes_new(in);
-	return o->changes ? 0 : err_set(err, ERR_NOMEM, "no memory for the regions of a stream");
-}
-
 static void out_head(struct job_output *output, const struct job_stream_head *in)
 {
 	struct stream_out *o = stream_of(output);
 	struct out_frame *f = &o->frame[HEAD];
 	struct stream_head head = {.kind = in->changes ? STREAM_CHANGES : in->window ? STREAM_AREA : STREAM_WHOLE, .id = in->id};
 	struct err err = ERR_INIT;
-	int r = in->changes ? take_changes(o, in->changes, &err) : 0;
+	int r = in->changes ? out_changes_new(in->changes, o->conn->server->p.ledger, &o->view_bytes, &o->changes, &err) : 0;
 	char lattice[LATTICE_TEXT_SIZE];
 
 	text_copy(head.lattice, sizeof head.lattice, lattice_text(&in->manifest->lattice, lattice));
