@@ -304,7 +304,12 @@ static void add_run(struct ask *a)
 		a->r = io_open(dirfd, temp, O_RDWR | O_CREAT | O_TRUNC, 0600, &fd, &a->err);
 	if (a->r)
 		return;
-	a->r = copy(a->fd, a->file, id.size, fd, &a->err);
+	/* What it takes is in what is free as soon as it is written. */
+	a->r = space_take(a->jobs->space, SPACE_PLANS, id.size, SPACE_MUST, "a geoid grid", &a->err);
+	if (!a->r) {
+		a->r = copy(a->fd, a->file, id.size, fd, &a->err);
+		space_give(a->jobs->space, SPACE_PLANS, id.size);
+	}
 	if (!a->r)
 		a->r = crs_geoid_check(fd, a->file, &g.grid, &a->err);
 	if (!a->r) {

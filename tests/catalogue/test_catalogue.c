@@ -204,6 +204,47 @@ static void failure_is_told(void **state)
 	catalogue_free(c);
 }
 
+static struct err told_why;
+
+static void tell_why(void *ctx, int r, const struct err *why)
+{
+	told++;
+	told_r = r;
+	told_why = why ? *why : ERR_INIT;
+}
+
+/* An index that points into another table: nobody would see it by reading rows. */
+static void damage_is_found(void **state)
+{
+	struct err err = ERR_INIT;
+	struct seen seen;
+	uint64_t last[3];
+	struct catalogue *c = reopen(NULL, &seen, last);
+	sqlite3 *db;
+
+	assert_int_equal(catalogue_put_dataset(c, &dataset, 0, NULL, NULL, &err), 0);
+	told = 0;
+	assert_int_equal(catalogue_check(c, tell_why, NULL, &err), 0);
+	settle(c);
+	assert_int_equal(told, 1);
+	assert_int_equal(told_r, 0);
+	catalogue_free(c);
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db, "DROP INDEX dataset_name; CREATE INDEX dataset_name ON dataset (name) WHERE id < 0;"
+					  "PRAGMA writable_schema = 1;"
+					  "UPDATE sqlite_master SET sql = 'CREATE INDEX dataset_name ON dataset (name)'"
+					  " WHERE name = 'dataset_name'", NULL, NULL, NULL), SQLITE_OK);
+	sqlite3_close(db);
+	c = reopen(NULL, &seen, last);
+	assert_int_equal(seen.datasets, 1);
+	assert_int_equal(catalogue_check(c, tell_why, NULL, &err), 0);
+	settle(c);
+	assert_int_equal(told_r, -ERR_CORRUPT);
+	assert_non_null(strstr(told_why.message, "dataset_name"));
+	assert_string_equal(told_why.file, "catalogue.db");
+	catalogue_free(c);
+}
+
 static void newer_and_broken(void **state)
 {
 	struct err err = ERR_INIT;
@@ -390,6 +431,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(newer_and_broken, setup, teardown),
 		cmocka_unit_test_setup_teardown(sync_fails, setup, teardown),
 		cmocka_unit_test_setup_teardown(disk_stays_broken, setup, teardown),
+		cmocka_unit_test_setup_teardown(damage_is_found, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
