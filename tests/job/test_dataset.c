@@ -14,6 +14,7 @@ static struct {
 	int answers;
 	struct err why;
 	struct reverted did;
+	struct grid_generation generation;
 	struct dataset *dataset;
 } told;
 
@@ -21,8 +22,10 @@ static void reverted(void *token, const struct err *why, const struct reverted *
 {
 	told.answers++;
 	told.why = why ? *why : ERR_INIT;
-	if (r)
-		told.did = *r;
+	if (!r)
+		return;
+	told.did = *r;
+	told.generation = *r->did; /* it goes with the answer */
 }
 
 static void changed(void *token, const struct err *why, struct dataset *d)
@@ -79,7 +82,7 @@ static void test_rights(void **state)
 	assert_int_equal(revert(d, 0, &root), 0);
 	assert_int_equal(told.did.generation, 2);
 	assert_int_equal(told.did.undone, 1);
-	assert_int_equal(told.did.did->files_removed, 1);
+	assert_int_equal(told.generation.files_removed, 1);
 	assert_int_equal(verb(DATASET_PIN, "s", &root), 0);
 	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_USAGE);
 	assert_int_equal(verb(DATASET_UNPIN, "s", &me), 0);
