@@ -15,6 +15,7 @@
 #include "job_priv.h"
 #include "log.h"
 #include "past.h"
+#include "past.h"
 
 #define KEEP_SECONDS (7 * 86400.)
 #define LOOK_SECONDS 1.0
@@ -213,6 +214,7 @@ static void forget(struct dataset *d)
 			d->users--;
 		}
 	d->users -= past_forget(d->jobs, d);
+	past_forget_dataset(d->jobs, d);
 	pending_forget(d);
 }
 

@@ -343,6 +343,28 @@ bool past_has(const struct jobs *j, uint64_t id)
 	return entry_of(j, id) != NULL;
 }
 
+void past_forget_dataset(struct jobs *j, struct dataset *d)
+{
+	struct past *p = j->past;
+	struct job job;
+
+	for (size_t i = 0; p && i < p->n; i++) {
+		struct kept *k = p->all[i].kept;
+
+		if (!k || k->dataset != d)
+			continue;
+		/* With a word less it takes no more than before. */
+		unpack(k->image, &job);
+		job.dataset = NULL;
+		pack(&job, k->image);
+		k->dataset = NULL;
+		d->users--;
+	}
+	for (unsigned i = 0; p && p->guests && i < GUESTS; i++)
+		if (p->guests[i].dataset == d)
+			p->guests[i].dataset = NULL;
+}
+
 size_t past_count(const struct jobs *j)
 {
 	return j->past ? j->past->n : 0;

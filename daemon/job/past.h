@@ -36,6 +36,8 @@ struct job *past_before(struct jobs *, uint64_t id);
 /* The oldest job that is kept here, and is not younger than that; NULL: there is none. */
 struct job *past_oldest(struct jobs *, int64_t finished_us);
 bool past_has(const struct jobs *, uint64_t id);
+/* The dataset is about to go: jobs that are kept use it no more. */
+void past_forget_dataset(struct jobs *, struct dataset *);
 size_t past_count(const struct jobs *); /* all jobs */
 uint64_t past_view_bytes(const struct jobs *); /* of their views' texts */
 void past_round(struct jobs *); /* guests are gone */
