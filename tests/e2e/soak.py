@@ -307,10 +307,11 @@ def held(d):
         "jobs running and waiting": (status["jobs_running"], status["jobs_waiting"]),
         "connections": status["connections"],
         "files of the cache that are not kept by design":
-            sorted(f for f in cache if not re.match(r"domains/[0-9a-f]{2}/d-[0-9a-f]{32}-[0-9a-f]{32}$|selected/[0-9a-f]{32}/[a-z.]+$", f)),
+            sorted(f for f in cache if not re.match(r"domains/[0-9a-f]{2}/d-[0-9a-f]{32}-[0-9a-f]{32}$|acut-cache$|"
+                                                    r"selected/[0-9a-f]{32}/[a-z.]+$", f)),
         "plans of jobs that are not there": sorted(f for f in state if f.startswith("plans/") and f not in jobs),
         "unknown files of the state": sorted(f for f in state if not re.match(
-            r"catalogue\.db(-wal|-shm)?$|lock$|datasets/\d+/|geoids/|plans/", f)),
+            r"catalogue\.db(-wal|-shm)?$|lock$|acut-state$|datasets/\d+/|geoids/|plans/", f)),
     }
 
 
