@@ -86,10 +86,37 @@ static void test_words(void **state)
 	becomes("ask 1 crop=box:635000.004,6853000.005,635100,6.8532e6", &fine, "x",
 		"view 1 crop=box:63500000,685300001,63510000,685320000");
 	becomes("ask 1 crop=box:-0.125,0.125,0,0.375", &coarse, "x", "view 1 crop=box:0,1,0,2");
+	becomes("ask 1 window=box:-0.125,0.125,0,0.375 crop=box:0,0,1,1", &coarse, "x",
+		"view 1 crop=box:0,0,4,4 window=box:0,1,0,2");
 	becomes("ask 1 every=1", &fine, "x", "view 1");
 	becomes("ask 1 every=18446744073709551615", &fine, "x", "view 1 every=18446744073709551615");
 	becomes("ask 1 thin=0.005:median", &fine, "x", "view 1 thin=1:median");
 	becomes("ask 1 thin=2:highest", &odd, "x", "view 1 thin=286:highest");
+	(void)state;
+}
+
+/* In place of what the view has; the same text whichever way it was asked for. */
+static void test_window(void **state)
+{
+	static const char *const ways[][2] = {{"ask 1 ground", "box:1,2,3,4"}, {"view 1 ground", "box:1.0,2e0,3,4"},
+					      {"ask 1 ground window=box:1,2,3,4", ""},
+					      {"view 1 ground window=box:7,7,8,8", "box:1,2,3,4"}};
+	struct err err = ERR_INIT;
+	struct view v;
+
+	for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
+		char *text;
+
+		assert_int_equal(view_resolve_window(ways[i][0], ways[i][1], &coarse, "x", &v, &err), 0);
+		text = view_text(&v);
+		assert_string_equal(text, "view 1 ground window=box:4,8,12,16");
+		assert_false(view_selects(&v));
+		free(text);
+		view_done(&v);
+	}
+	assert_int_equal(view_resolve_window("ask 1", "box:3,2,1,4", &coarse, "x", &v, &err), -ERR_USAGE);
+	err = ERR_INIT;
+	assert_int_equal(view_resolve_window("ask 1", "box:1,2,3", &coarse, "x", &v, &err), -ERR_PROTO);
 	(void)state;
 }
 
@@ -413,7 +440,7 @@ static void test_long(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_words),   cmocka_unit_test(test_lengths), cmocka_unit_test(test_lengths_refused),
+		cmocka_unit_test(test_words),   cmocka_unit_test(test_window), cmocka_unit_test(test_lengths), cmocka_unit_test(test_lengths_refused),
 		cmocka_unit_test(test_refused), cmocka_unit_test(test_codes),   cmocka_unit_test(test_any_area),
 		cmocka_unit_test(test_random),  cmocka_unit_test(test_long),
 	};
