@@ -28,8 +28,17 @@ static void put_text(FILE *out, const char *text)
 {
 	fputc('"', out);
 	for (const unsigned char *p = (const unsigned char *)text; *p;) {
-		unsigned n = utf8(p);
+		size_t plain = 0;
+		unsigned n;
 
+		while (p[plain] >= 0x20 && p[plain] < 0x7f && p[plain] != '"' && p[plain] != '\\')
+			plain++;
+		if (plain)
+			fwrite(p, 1, plain, out);
+		p += plain;
+		if (!*p)
+			break;
+		n = utf8(p);
 		if (*p == '"' || *p == '\\')
 			fprintf(out, "\\%c", *p);
 		else if (*p < 0x20 || *p == 0x7f)
