@@ -213,7 +213,6 @@ static void forget(struct dataset *d)
 			job->dataset = NULL;
 			d->users--;
 		}
-	d->users -= past_forget(d->jobs, d);
 	past_forget_dataset(d->jobs, d);
 	pending_forget(d);
 }

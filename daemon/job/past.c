@@ -282,25 +282,6 @@ void past_drop(struct job *guest)
 	job_done_with(guest);
 }
 
-unsigned past_forget(struct jobs *j, const struct dataset *d)
-{
-	unsigned n = 0;
-
-	for (size_t i = 0; j->past && i < j->past->n; i++) {
-		struct kept *k = j->past->all[i].kept;
-		struct job job;
-
-		if (!k || k->dataset != d)
-			continue;
-		unpack(k->image, &job);
-		job.dataset = NULL;
-		k->dataset = NULL;
-		pack(&job, k->image); /* less than it was */
-		n++;
-	}
-	return n;
-}
-
 /* ---- looking ---- */
 
 struct job *past_find(struct jobs *j, uint64_t id)

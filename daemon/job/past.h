@@ -27,8 +27,6 @@ bool past_keep(struct job *);
 int past_awake(struct job *, struct job **ret, struct err *err);
 /* A guest's job is gone, and with it what was kept of it. */
 void past_drop(struct job *guest);
-/* Jobs that are kept need this dataset no more. How many were its users. */
-unsigned past_forget(struct jobs *, const struct dataset *);
 /* NULL: there is none. `of`: jobs of this dataset only, NULL: of any. */
 struct job *past_find(struct jobs *, uint64_t id);
 struct job *past_next(struct jobs *, const struct dataset *of, uint64_t after);
