@@ -77,7 +77,8 @@ static void plan_answer(struct job_asked_plan *p)
 	};
 
 	if (plan->n)
-		out.seconds *= 1 - (double)out.domains_reused / (double)plan->n;
+		/* To take one from the store is not for nothing. */
+		out.seconds *= 1 - 0.98 * (double)out.domains_reused / (double)plan->n;
 
 	for (i = 0; i < plan->n; i++)
 		out.exact &= plan->leaf[i].exact;
