@@ -196,7 +196,8 @@ bool past_keep(struct job *job)
 	struct kept *k;
 	uint64_t bytes;
 
-	k = e ? malloc(sizeof *k + pack(job, NULL)) : NULL;
+	/* What is charged changes below: of another number more bytes may be none of them zero. */
+	k = e ? malloc(sizeof *k + pack(job, NULL) + 1 + sizeof job->charged) : NULL;
 	if (!k)
 		return false;
 	unlink_job(job);

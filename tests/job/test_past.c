@@ -122,11 +122,34 @@ static void little_memory(void **state)
 	assert_true(past_count(h.jobs) > 0);
 }
 
+/* Views of all lengths: what a job is packed into is as large as it, whatever its numbers are (seen by the sanitizer). */
+static void lengths(void **state)
+{
+	enum { LENGTHS = 600 };
+	struct job *job;
+	unsigned n = 0;
+
+	close_house();
+	sql("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 600)"
+	    " INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
+	    " error_code, error_message, error_file, error_field, error_hint, error_offset)"
+	    " SELECT i, 0, 1, printf('%*s', i, 'v'), 'failed', 1000, 1, 1, strftime('%s') * 1000000, '', 'bad-input', '', '',"
+	    " '', '', -1 FROM n");
+	open_house(UINT64_C(64) << 20, 1);
+	for (uint64_t id = 0; (job = job_after(h.jobs, id, &me)); n++) {
+		id = info_of(job).id;
+		assert_int_equal(strlen(info_of(job).view), id);
+	}
+	assert_int_equal(n, LENGTHS);
+	assert_null(h.jobs->jobs);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(many, setup, teardown),
 		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
+		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
