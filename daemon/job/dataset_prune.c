@@ -119,6 +119,10 @@ static int alter(struct dataset_rewrite *w, const struct grid_manifest *base, st
 	for (size_t i = 0; i < m->nsources; i++)
 		last = m->sources[i].id > last ? m->sources[i].id : last;
 	p->done.files = 0;
+	for (size_t i = 0; i < m->nsources; i++)
+		if (dropped(p, m->sources[i].id) && !is_dead(&m->sources[i], p->oldest))
+			return err_set(err, ERR_INTERNAL, "source %u of %s came back while it was pruned", m->sources[i].id,
+				       w->dataset->name);
 	for (size_t i = 0; i < m->nsources; i++) {
 		struct grid_source *s = &m->sources[i];
 
@@ -262,7 +266,8 @@ void dataset_prune_settle(struct jobs *j)
 		dataset_rewrite_settle(&p->rewrite);
 	else if (j->merge)
 		dataset_rewrite_cancel(j->merge);
-	else
+	/* What a revert brings back is not dead: which files are is looked at when it is over. */
+	else if (!p->rewrite.dataset->reverting)
 		begin(p);
 }
 

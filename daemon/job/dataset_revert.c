@@ -181,6 +181,7 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 		.did = &c->did,
 	};
 
+	c->dataset->reverting--;
 	v->answer(v->token, why, why ? NULL : &done);
 	house_give(c->dataset->jobs, sizeof *v);
 	free(v);
@@ -193,6 +194,16 @@ int dataset_owned(const struct dataset *d, const struct job_peer *peer, struct e
 	return err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
 }
 
+/* What a prune is taking away cannot be brought back meanwhile. */
+static int check_prune(const struct dataset *d, uint64_t generation, struct err *err)
+{
+	generation = generation ? generation : d->generation;
+	if (!d->prune_to || generation > d->prune_to)
+		return 0;
+	return err_set(err, ERR_NOTFOUND, "generation %llu of %s cannot be undone: what was before generation %llu is being pruned",
+		       (unsigned long long)generation, d->name, (unsigned long long)d->prune_to);
+}
+
 void dataset_revert(struct dataset *d, uint64_t generation, const struct job_peer *peer, revert_answer_fn *answer,
 		    void *token)
 {
@@ -201,7 +212,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 
 	if (d->onestep)
 		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
-	else if (!dataset_owned(d, peer, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
+	else if (!dataset_owned(d, peer, &err) && !check_prune(d, generation, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
 		if (!v) {
 			house_give(d->jobs, sizeof *v);
@@ -221,5 +232,6 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 	v->change.undoes = v->generation;
 	v->answer = answer;
 	v->token = token;
+	d->reverting++;
 	dataset_change_start(&v->change);
 }

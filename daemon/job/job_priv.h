@@ -52,6 +52,8 @@ struct dataset {
 	uint32_t segments; /* of the newest manifest; 0: not known yet */
 	bool merge_due;    /* there may be something to merge */
 	uint64_t prune_to; /* a prune is at work: what is before that will go; 0: none is */
+	unsigned reverting; /* reverts that were asked for and are not over: no prune begins */
+	unsigned rows; /* that name another manifest, on their way to the catalogue: no other row of it may follow them */
 	int64_t removed_us; /* 0: it is there */
 	bool pinned;
 	char *lattice, *crs, *unit_xy, *unit_z;
@@ -158,6 +160,7 @@ struct jobs {
 	uint64_t merge_after_ns;       /* none begins before */
 	uint64_t merges, merged_bytes; /* since the start: merges, bytes that they wrote */
 	struct dataset_change *changes; /* that wait for their turn */
+	struct verb *verbs; /* dataset_remove.c: likewise */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned walks_max;
@@ -257,6 +260,7 @@ void datasets_tick(struct jobs *);
 
 /* dataset_change.c (dataset_change.h): what is no push */
 void dataset_changes_settle(struct jobs *);
+void dataset_verbs_settle(struct jobs *);
 /* The dataset's row as it will be with that manifest; the dataset itself is changed (dataset_set) when `done` says so. */
 int dataset_commit_row(struct dataset *, const struct grid_manifest *made, const char *name, int64_t pushed_us,
 		       catalogue_done_fn done, void *ctx, struct err *err);

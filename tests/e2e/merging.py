@@ -157,4 +157,32 @@ def prune():
         expect(show(d, "s")["points"] == 120000, "%s" % show(d, "s"))
 
 
-e2e.main(many_pushes, killed, prune)
+def reverted_while_pruned():
+    """A revert brings back what a prune would take away: one of the two comes first, and what the revert said is true."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
+        # The same path, so that the second push takes the place of the first file. The third makes the prune long.
+        files = [cloud(base, "%d.las" % i, 70 + i, n) for i, n in enumerate((3000, 4000, 150000))]
+        path, reverted, refused = os.path.join(base, "f.las"), 0, 0
+        for i in range(8):
+            name = "s%d" % i
+            for file in files[:2]:
+                os.replace(file, path)
+                d.ctl("push", name, "--replace", path).ok()
+                os.rename(path, file)
+            if i == 0:
+                was = digests(d, name, 1)
+            d.ctl("push", name, files[2]).ok()
+            prune = threading.Thread(target=lambda: says(d.ctl("dataset", "prune", name, "--before", "2"), 0))
+            prune.start()
+            time.sleep(0.01 * i)
+            r = d.ctl("dataset", "revert", name, "2")
+            prune.join()
+            expect(r.status in (0, 4), "revert: %s" % r.err)
+            reverted, refused = reverted + (not r.status), refused + (r.status == 4)
+            want = show(d, name)
+            expect(want["points"] == (153000 if not r.status else 154000), "%s" % want)
+            expect(digests(d, name)[2] == want["points"], "what was brought back is gone: %s" % (digests(d, name),))
+        print("     %d reverts came first, %d were refused" % (reverted, refused))
+
+
+e2e.main(many_pushes, killed, prune, reverted_while_pruned)
