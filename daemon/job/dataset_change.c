@@ -151,6 +151,7 @@ static void row_done(void *ctx, int r, const struct err *why)
 	struct dataset *d = c->dataset;
 	bool read = jobs_opening(c->jobs, d) || d->readers;
 
+	d->rows--;
 	c->r = r;
 	if (r)
 		c->err = *why;
@@ -254,6 +255,7 @@ int dataset_commit_row(struct dataset *d, const struct grid_manifest *made, cons
 	if (!r) {
 		dataset_row(&shadow, &row);
 		r = catalogue_put_dataset(d->jobs->p.catalogue, &row, 0, done, ctx, err);
+		d->rows += !r;
 	}
 	free(shadow.lattice);
 	free(shadow.crs);

@@ -5,7 +5,8 @@
  * that name any more, but the jobs that it has go on, and their meshes can be fetched. It comes back as it was, or goes
  * for good when its time is over: first its jobs forget it, then its row goes, then the folder. What still runs is waited
  * for. The loop changes the dataset and then the row; the catalogue keeps the order of its changes, so a name
- * is free on the disk before another dataset has it.
+ * is free on the disk before another dataset has it. While a row with the next manifest is on its way none follows: it
+ * would name the last manifest again, whose files go. What is asked then waits for that one.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,12 +16,16 @@
 #include "job_priv.h"
 #include "log.h"
 #include "past.h"
-#include "past.h"
 
 #define KEEP_SECONDS (7 * 86400.)
 #define LOOK_SECONDS 1.0
 
+enum { WAITS = 1 };
+
 struct verb {
+	struct verb *next; /* of those that wait */
+	struct dataset_wanted wanted;
+	char text[DATASET_NAME_MAX + 1], as[DATASET_NAME_MAX + 1];
 	struct dataset *dataset;
 	/* As it was. */
 	char name[DATASET_NAME_MAX + 1];
@@ -108,6 +113,7 @@ static int check_name(struct jobs *j, const char *name, const struct job_peer *p
 	return err_add_hint(err, "restore it under another name, with --as");
 }
 
+/* WAITS: not now. */
 static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v, struct err *err)
 {
 	struct dataset *d = NULL;
@@ -131,6 +137,8 @@ static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v
 		r = check_remove(d, err);
 	if (r)
 		return r;
+	if (d->rows)
+		return WAITS;
 	v->dataset = dataset_hold(d);
 	memcpy(v->name, d->name, sizeof v->name);
 	v->removed_us = d->removed_us;
@@ -167,28 +175,75 @@ static void row_done(void *ctx, int r, const struct err *why)
 	finish(ctx, r ? why : NULL);
 }
 
+/* Behind those that wait already. */
+static void wait_for_row(struct jobs *j, struct verb *v, const struct dataset_wanted *w)
+{
+	struct verb **at;
+
+	/* A name that is longer is that of no dataset. */
+	snprintf(v->text, sizeof v->text, "%s", w->name);
+	snprintf(v->as, sizeof v->as, "%s", w->as);
+	v->wanted = (struct dataset_wanted){.verb = w->verb, .name = v->text, .as = v->as, .id = w->id, .peer = w->peer};
+	for (at = &j->verbs; *at; at = &(*at)->next)
+		;
+	*at = v;
+	v->next = NULL;
+}
+
+/* Takes `v`. */
+static void run(struct jobs *j, struct verb *v, const struct dataset_wanted *w)
+{
+	struct catalogue_dataset row;
+	struct err err = ERR_INIT;
+	int r = change(j, w, v, &err);
+
+	if (r == WAITS) {
+		wait_for_row(j, v, w);
+	} else if (r) {
+		v->answer(v->token, &err, NULL);
+		house_give(j, sizeof *v);
+		free(v);
+	} else {
+		dataset_row(v->dataset, &row);
+		if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, v, &err))
+			finish(v, &err);
+	}
+}
+
+void dataset_verbs_settle(struct jobs *j)
+{
+	struct verb *waiting = j->verbs, *v;
+
+	j->verbs = NULL;
+	while ((v = waiting)) {
+		char text[sizeof v->text], as[sizeof v->as];
+		struct dataset_wanted w = v->wanted;
+
+		waiting = v->next;
+		memcpy(text, v->text, sizeof text);
+		memcpy(as, v->as, sizeof as);
+		w.name = text;
+		w.as = as;
+		run(j, v, &w);
+	}
+}
+
 void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_fn *answer, void *token)
 {
 	struct verb *v = NULL;
-	struct catalogue_dataset row;
 	struct err err = ERR_INIT;
 
 	if (!house_take(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
 		house_give(j, sizeof *v);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	}
-	if (!v || change(j, w, v, &err)) {
-		if (v)
-			house_give(j, sizeof *v);
-		free(v);
+	if (!v) {
 		answer(token, &err, NULL);
 		return;
 	}
 	v->answer = answer;
 	v->token = token;
-	dataset_row(v->dataset, &row);
-	if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, v, &err))
-		finish(v, &err);
+	run(j, v, w);
 }
 
 struct dataset *dataset_removed_after(struct jobs *j, uint64_t id, const struct job_peer *peer)

@@ -59,7 +59,8 @@ static void submit(struct import *i, void (*run)(struct sched_task *), void (*do
 	sched_submit(i->jobs->p.sched, &i->task);
 }
 
-/* What it wrote goes with its dataset, which never had a generation. */
+/* What it wrote goes with its dataset, which never had a generation. Where a push keeps that, the row stays and makes the
+ * next start look there. */
 static void gone(struct import *i)
 {
 	struct err err = ERR_INIT;
@@ -67,7 +68,7 @@ static void gone(struct import *i)
 	if (i->opened)
 		dataset_close(i->dataset);
 	space_give(i->jobs->space, SPACE_PENDING, i->taken);
-	if (i->row && !i->committed && catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
+	if (i->row && !i->committed && i->dataset->users == 1 && catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	i->dataset->pushes--;
 	i->jobs->background--;
@@ -187,7 +188,8 @@ void import_begin(struct jobs *j, const char *name, const struct job_peer *peer,
 
 /* ---- files ---- */
 
-static int copy(struct import *i, const char *as, struct err *err)
+/* Of `bytes`, as it was looked at: its owner may still write to it. */
+static int copy(struct import *i, const char *as, uint64_t bytes, struct err *err)
 {
 	uint8_t *buf = malloc(COPY);
 	char temp[NAME + 8];
@@ -203,9 +205,13 @@ static int copy(struct import *i, const char *as, struct err *err)
 			r = err_set(err, ERR_CANCELLED, "the import was ended");
 		if (!r)
 			r = io_read_some(i->fd, buf, COPY, at, i->name, &n, err);
-		if (!r && n)
-			r = io_write_at(fd, buf, n, at, as, err);
 		at += n;
+		if (!r && (at > bytes || (n < COPY && at < bytes))) {
+			err_set(err, ERR_INPUT, "it was written to while it was read");
+			r = err_add_file(err, i->name);
+		}
+		if (!r && n)
+			r = io_write_at(fd, buf, n, at - n, as, err);
 	}
 	if (!r)
 		r = io_publish(i->dataset->dirfd, fd, temp, as, err);
@@ -221,7 +227,16 @@ static void segment_name(const struct import *i, size_t k, char buf[NAME])
 	snprintf(buf, NAME, "import-%llu-%zu.seg", (unsigned long long)i->push, k);
 }
 
-static int take_manifest(struct import *i)
+/* Room on the disk, before it is written. */
+static int take_space(struct import *i, uint64_t bytes)
+{
+	int r = space_take(i->jobs->space, SPACE_PENDING, bytes, SPACE_MUST, "the import", &i->err);
+
+	i->taken += r ? 0 : bytes;
+	return r;
+}
+
+static int take_manifest(struct import *i, uint64_t bytes)
 {
 	char as[NAME];
 	int r;
@@ -229,7 +244,9 @@ static int take_manifest(struct import *i)
 	if (i->m)
 		return err_set(&i->err, ERR_USAGE, "the manifest came already");
 	snprintf(as, sizeof as, "import-%llu", (unsigned long long)i->push);
-	r = copy(i, as, &i->err);
+	r = take_space(i, bytes);
+	if (!r)
+		r = copy(i, as, bytes, &i->err);
 	if (!r)
 		r = grid_manifest_load(i->dataset->dirfd, as, i->jobs->p.ledger, &i->m, &i->err);
 	if (!r && !i->m->generation)
@@ -258,7 +275,7 @@ static void file_run(struct sched_task *t)
 	if (i->r)
 		return;
 	if (!strcmp(i->name, "manifest")) {
-		i->r = take_manifest(i);
+		i->r = take_manifest(i, id.size);
 		err_add_file(&i->err, i->name);
 		return;
 	}
@@ -277,10 +294,9 @@ static void file_run(struct sched_task *t)
 		i->r = err_add_file(&i->err, i->name);
 	} else if (!i->have[k]) {
 		segment_name(i, k, as);
-		i->r = space_take(i->jobs->space, SPACE_PENDING, id.size, SPACE_MUST, "the import", &i->err);
-		i->taken += i->r ? 0 : id.size;
+		i->r = take_space(i, id.size);
 		if (!i->r)
-			i->r = copy(i, as, &i->err);
+			i->r = copy(i, as, id.size, &i->err);
 		i->have[k] = !i->r;
 	}
 }
@@ -379,6 +395,7 @@ static void commit_run(struct sched_task *t)
 		segment_name(i, k, i->m->segments[k].file);
 	}
 	i->r = grid_manifest_write(i->dataset->dirfd, i->made_name, i->m, &i->err);
+	i->made = grid_manifest_free(i->made); /* of a commit that failed */
 	if (!i->r)
 		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->jobs->p.ledger, &i->made, &i->err);
 	if (!i->r)
@@ -403,6 +420,7 @@ static void row_done(void *ctx, int r, const struct err *why)
 	struct import *i = ctx;
 	struct err err = ERR_INIT;
 
+	i->dataset->rows--;
 	if (r)
 		err = *why;
 	/* If there is no memory for that, the next start has it. */
@@ -428,6 +446,7 @@ static int put(struct import *i, struct err *err)
 	if (!r) {
 		dataset_row(&shadow, &row);
 		r = catalogue_put_dataset(i->jobs->p.catalogue, &row, i->push, row_done, i, err);
+		i->dataset->rows += !r;
 	}
 	free(shadow.lattice);
 	free(shadow.crs);

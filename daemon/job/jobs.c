@@ -439,6 +439,7 @@ void jobs_settle(struct jobs *j)
 	dataset_prune_settle(j);
 	dataset_merge_settle(j);
 	dataset_changes_settle(j);
+	dataset_verbs_settle(j);
 	dataset_old_settle(j);
 	for (p = j->pushes; p; p = next) {
 		next = push_next(p);

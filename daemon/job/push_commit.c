@@ -292,6 +292,7 @@ static void commit_row_done(void *ctx, int r, const struct err *why)
 	struct push *p = ctx;
 
 	p->waiting_row = false;
+	p->dataset->rows--;
 	commit_answer(p, r ? why : NULL);
 	push_pump(p);
 }

@@ -6,6 +6,7 @@ import os
 import random
 import shutil
 import signal
+import sqlite3
 import subprocess
 import threading
 import time
@@ -32,7 +33,9 @@ def cloud(base, name, seed, x, y, n, side=3000, thick=3000, ties=0):
 
 
 def mesh(d, name, *options):
-    job = d.ctl("submit", name, "--wait", *options).ok().out.split()[0]
+    # Made again: the report of an earlier job would be that of an earlier time.
+    new = () if "--new" in options else ("--new",)
+    job = d.ctl("submit", name, "--wait", *new, *options).ok().out.split()[0]
     got = d.ctl("show", job, "--json").ok().json()
     return {k: got[k] for k in KEYS}
 
@@ -391,6 +394,42 @@ def killed_in_the_midst():
                     expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
 
 
+def pinned_while_pushed():
+    """Whatever is asked of a dataset while a push commits, the catalogue never names an older manifest again: it may be gone."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="48M") as d:
+        d.ctl("push", "s", cloud(base, "p.las", 1, 0, 0, 200)).ok()
+        over, asked, seen = threading.Event(), [0], []
+
+        def asks():
+            with Client(d.socket) as c:
+                while not over.is_set():
+                    c.ask("dataset_change", pb.DatasetChange(name="s", verb=("pin", "unpin")[asked[0] % 2]))
+                    asked[0] += 1
+
+        def looks():
+            db = sqlite3.connect("file:%s/catalogue.db?mode=ro" % d.state, uri=True, timeout=5)
+            while not over.is_set():
+                now = db.execute("SELECT generation FROM dataset").fetchone()[0]
+                if not seen or seen[-1] != now:
+                    seen.append(now)
+            db.close()
+
+        threads = [threading.Thread(target=f) for f in (asks, asks, looks)]
+        for t in threads:
+            t.start()
+        for i in range(12):
+            says(d.ctl("push", "s", cloud(base, "p%d.las" % i, 2 + i, 100 * i, 0, 200)), 0)
+        over.set()
+        for t in threads:
+            t.join()
+        expect(asked[0] > 12, "%d questions while twelve pushes were made" % asked[0])
+        expect(seen == sorted(seen), "the catalogue went back: %s" % seen)
+        before = mesh(d, "s")
+        d.stop(signal.SIGKILL)
+        d.start()
+        expect(show(d, "s")["generation"] == 13 and mesh(d, "s") == before, "%s" % show(d, "s"))
+
+
 def removed(d, *more):
     return [json.loads(line) for line in d.ctl("datasets", "--removed", "--json").ok().out.splitlines()]
 
@@ -573,4 +612,4 @@ def long_lists():
 
 if __name__ == "__main__":
     e2e.main(revert_and_at, replaced, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
-             remove_and_restore, gone_after_a_while, classes_of_now, conflicts, what_the_log_says, long_lists)
+             remove_and_restore, gone_after_a_while, pinned_while_pushed, classes_of_now, conflicts, what_the_log_says, long_lists)
