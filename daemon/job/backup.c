@@ -242,10 +242,11 @@ static void begin_run(struct sched_task *t)
 	struct backup *b = (struct backup *)t;
 	unsigned tries = 0;
 
+	/* Both are open where a commit came between the last time. */
 	b->r = io_make_dir(b->jobs->p.statefd, b->name, 0700, &b->err);
-	if (!b->r)
+	if (!b->r && b->dirfd < 0)
 		b->r = io_open(b->jobs->p.statefd, b->name, O_RDONLY | O_DIRECTORY, 0, &b->dirfd, &b->err);
-	if (!b->r)
+	if (!b->r && b->listfd < 0)
 		b->r = io_open(b->dirfd, "list", O_RDWR | O_CREAT | O_TRUNC, 0600, &b->listfd, &b->err);
 	if (b->r)
 		return;
@@ -454,5 +455,7 @@ void backup_next(struct backup *b, void (*next)(void *token, const struct err *w
 	}
 	b->next = next;
 	b->token = token;
+	/* The last one is not ours any more, even if no worker comes to this. */
+	b->file = (struct backup_file){.fd = -1};
 	submit(b, next_run, next_done, 0);
 }

@@ -285,5 +285,37 @@ def rights():
             expect(p.returncode == 77, "%s ended with %d: %s" % (args, p.returncode, p.stderr))
 
 
-e2e.main(whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, export_and_import,
+def left_at_once():
+    """Clients that go before their file comes take nothing else of the daemon's with them."""
+    try:
+        from acut_wire import Client, pb
+    except ImportError as e:
+        print("     left_at_once: skipped: %s" % e)
+        return
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1)).ok()
+        fds = "/proc/%d/fd" % d.process.pid
+        open_files = lambda: sorted(os.readlink(os.path.join(fds, n)) for n in ("0", "1", "2"))
+        before = open_files()
+        for i in range(60):
+            with Client(d.socket) as c:
+                m = pb.Message()
+                m.backup.CopyFrom(pb.Backup())
+                c.wire.send(100, m)
+                ready = c.wire.recv()[1].backup_ready
+                for n in range(i % 3):
+                    m = pb.Message()
+                    m.backup_next.CopyFrom(pb.BackupNext(backup=ready.backup))
+                    c.wire.send(200 + n, m)
+                    os.close(c.wire.recv()[2])
+                m = pb.Message()
+                m.backup_next.CopyFrom(pb.BackupNext(backup=ready.backup))
+                c.wire.send(300, m)
+        no_links(d)
+        expect(open_files() == before, "the daemon had %s open, and now %s" % (before, open_files()))
+        d.ctl("backup", os.path.join(base, "b")).ok()
+        says(d.ctl("cache", "verify"), 0)
+
+
+e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, export_and_import,
          damaged_imports, rights)
