@@ -300,7 +300,9 @@ void dataset_drop(struct dataset *d)
 	for (at = &d->jobs->datasets; *at != d; at = &(*at)->next)
 		;
 	*at = d->next;
-	remove_folder(d);
+	/* What it may still name stays. */
+	if (d->onestep || !catalogue_unsure(d->jobs->p.catalogue))
+		remove_folder(d);
 	if (d->row && catalogue_drop_dataset(d->jobs->p.catalogue, d->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
 	if (atomic_load(&d->derived))

@@ -170,6 +170,11 @@ static void tidy_run(struct sched_task *t)
 	int r = 0;
 
 	w->rewrite = grid_rewrite_free(w->rewrite);
+	/* The catalogue may name the manifest that names them. */
+	if (catalogue_unsure(w->jobs->p.catalogue)) {
+		w->has_row = false;
+		return;
+	}
 	for (size_t i = 0; !r && i < w->nmade; i++)
 		if (*w->made[i].file)
 			r = io_remove(w->dataset->dirfd, w->made[i].file, &err);
