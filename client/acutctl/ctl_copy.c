@@ -228,8 +228,8 @@ static int make_copy(struct ctl_copy *c, const struct acut_backup_file *f, int d
 		if (!r && ctl_signal_interrupted(c->ctl))
 			r = err_set(&c->err, ERR_CANCELLED, "interrupted");
 	}
-	/* Lasting ones together, before the last file (ctl_copy_file). */
-	if (!r && !f->lasting && fsync(fd) < 0)
+	/* Whole under its name, or not there: the next time only its ends are looked at. */
+	if (!r && fsync(fd) < 0)
 		r = failed(&c->err, "cannot bring to disk", f->name);
 	close(fd);
 	return r;

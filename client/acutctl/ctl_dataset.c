@@ -220,7 +220,7 @@ int ctl_dataset_run(struct ctl *ctl)
 		err_set(&err, ERR_USAGE, "dataset %s takes one name%s", name,
 			v->words > 2 ? " and a folder" : v->most > 2 ? ", and at most one more word" : "");
 	if (err.code)
-		err_add_hint(&err, "acutctl dataset show, log, revert, create, rm, restore, pin or unpin NAME");
+		err_add_hint(&err, "acutctl dataset show, log, revert, prune, create, rm, restore, pin or unpin NAME; export NAME FOLDER; import FOLDER [NAME]");
 	else
 		check_options(&ctl->args, v, &err);
 	return err.code ? ctl_error(ctl, &err) : v->run(ctl);
