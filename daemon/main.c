@@ -15,6 +15,7 @@
 #include <string.h>
 #include <sys/epoll.h>
 #include <sys/resource.h>
+#include <sys/statvfs.h>
 #include <systemd/sd-daemon.h>
 #include <systemd/sd-event.h>
 #include <unistd.h>
@@ -32,6 +33,7 @@
 #include "place.h"
 #include "sched_pool.h"
 #include "server.h"
+#include "space.h"
 
 #define TICK_USEC 100000
 #define IDLE_TICK_USEC 1000000 /* to look whether a private daemon is idle */
@@ -394,6 +396,29 @@ static int make_jobs(struct daemon *d, struct err *err)
 	return r;
 }
 
+/* Of a disk that others have filled: the catalogue cannot even be opened then, and nobody would be there to evict.
+ * What keep-free says is seen to later. */
+static void make_room(struct daemon *d)
+{
+	const uint64_t least = 1 << 20;
+	const struct space_params p = {.statefd = d->statefd, .cachefd = d->cachefd,
+				       .keep_free = {SPACE_BYTES, 2 * least}};
+	struct err err = ERR_INIT;
+	struct space *space;
+	struct statvfs vfs;
+	uint64_t bytes, files;
+
+	if (io->fstatvfs(d->statefd, &vfs) != 0 || (uint64_t)vfs.f_bavail * vfs.f_frsize >= least)
+		return;
+	log_warning("the disk is full: %llu bytes are free for the state", (unsigned long long)vfs.f_bavail * vfs.f_frsize);
+	if (!space_new(&p, &space, &err)) {
+		space_evict(space, false, &bytes, &files, &err);
+		space_free(space);
+	}
+	if (err.code)
+		log_err(LOG_LEVEL_WARNING, "nothing can be evicted", &err);
+}
+
 static int start(struct daemon *d, struct err *err)
 {
 	struct marker store;
@@ -404,6 +429,8 @@ static int start(struct daemon *d, struct err *err)
 		r = place_cache(d->config.cache, &d->cachefd, &d->cache_lock, err);
 	else if (!r)
 		d->cachefd = dup(d->statefd);
+	if (!r)
+		make_room(d);
 	if (!r && place_cache_serves(d->cachefd, &store, err))
 		r = err_add_file(err, d->config.cache);
 	if (!r)
@@ -414,6 +441,8 @@ static int start(struct daemon *d, struct err *err)
 		r = make_jobs(d, err);
 	if (!r)
 		r = take_sockets(d, err);
+	if (r == -ERR_NOSPACE)
+		err_add_hint(err, "make room on the disk of state and cache, and start acutd again");
 	return r;
 }
 

@@ -6,6 +6,7 @@
  */
 #include "catalogue_priv.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -23,8 +24,12 @@ int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 			   : code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM
 									     : ERR_IO;
 
+	int sys = code == SQLITE_IOERR ? sqlite3_system_errno(c->db) : 0;
+
 	c->io_failed |= code == SQLITE_IOERR;
-	return err_set(err, as, "%s: %s", what, sqlite3_errmsg(c->db));
+	if (sys == ENOSPC || sys == EDQUOT)
+		as = ERR_NOSPACE;
+	return err_set(err, as, "%s: %s%s%s", what, sqlite3_errmsg(c->db), sys ? ": " : "", sys ? strerror(sys) : "");
 }
 
 int catalogue_run(struct catalogue *c, const char *sql, struct err *err)

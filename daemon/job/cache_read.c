@@ -172,6 +172,15 @@ void cache_read_plans(struct cache_verify *v)
 
 /* ---- selections ---- */
 
+/* That folder has that name. */
+static bool is_still(int parent, const char *name, int fd)
+{
+	struct stat named, open;
+
+	return io->fstatat(parent, name, &named, AT_SYMLINK_NOFOLLOW) == 0 && io->fstat(fd, &open) == 0 &&
+	       named.st_ino == open.st_ino && named.st_dev == open.st_dev;
+}
+
 static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 {
 	struct cache_verify *v = ctx;
@@ -194,6 +203,11 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 	s = read_manifest(&r, fd, PIPE_SELECT_MANIFEST, err);
 	if (!s && pipe_selected_read(fd, &counts, &why))
 		damaged(&r, &why);
+	/* It was evicted while it was read. */
+	if (r.found && !is_still(parent, e->d_name, fd)) {
+		r.found = 0;
+		err_clear(&v->err);
+	}
 	io_close(fd);
 	if (!s && r.found) {
 		uint64_t bytes = space_folder_bytes(parent, e->d_name);

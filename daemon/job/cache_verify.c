@@ -54,17 +54,31 @@ void cache_found(struct cache_verify *v, const char *what, bool derived, bool re
 
 /* ---- telling ---- */
 
+/* Loop. One at a time without the lock: whoever cannot be told ends the whole (cache_verify_end). */
+static bool next_damage(struct cache_verify *v, struct cache_damage *ret)
+{
+	bool any;
+
+	pthread_mutex_lock(&v->lock);
+	any = v->ndamage > 0;
+	if (any) {
+		*ret = v->damage[0];
+		memmove(v->damage, v->damage + 1, --v->ndamage * sizeof *v->damage);
+		pthread_cond_broadcast(&v->room);
+	}
+	pthread_mutex_unlock(&v->lock);
+	return any;
+}
+
 static void tell(struct cache_verify *v, bool all)
 {
-	pthread_mutex_lock(&v->lock);
-	for (size_t i = 0; i < v->ndamage; i++) {
-		log_err(LOG_LEVEL_WARNING, v->damage[i].derived ? "damaged, and made again when it is needed" : "damaged",
-			&v->damage[i].err);
-		v->calls->damage(v->token, &v->damage[i]);
+	struct cache_damage damage;
+
+	for (unsigned n = 0; n < 4 * CACHE_DAMAGES && next_damage(v, &damage); n++) {
+		log_err(LOG_LEVEL_WARNING, damage.derived ? "damaged, and made again when it is needed" : "damaged",
+			&damage.err);
+		v->calls->damage(v->token, &damage);
 	}
-	v->ndamage = 0;
-	pthread_cond_broadcast(&v->room);
-	pthread_mutex_unlock(&v->lock);
 	if (v->step < CACHE_OVER && (all || clock_since(v->told_ns) >= TELL_SECONDS)) {
 		struct space_stat st;
 		uint64_t total = 0;

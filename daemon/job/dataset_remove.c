@@ -296,4 +296,10 @@ void datasets_tick(struct jobs *j)
 		return;
 	j->expired_ns = clock_mono_ns();
 	datasets_expire(j);
+	/* What holds an interrupted push goes with it, and may be the dataset's last. */
+	for (struct dataset *d = j->datasets, *next; d && !j->parking; d = next) {
+		next = d->next;
+		if (!d->readers)
+			pending_expire(d);
+	}
 }

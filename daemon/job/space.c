@@ -218,8 +218,10 @@ int space_take(struct space *s, enum space_kind kind, uint64_t bytes, enum space
 
 		pthread_mutex_lock(&s->lock);
 		l = space_lack_of(s, side, bytes);
-		if (!l.bytes)
+		if (!l.bytes) {
 			s->taken[kind] += bytes;
+			s->open[kind] += bytes;
+		}
 		evicts = l.bytes && !tried && helps(s, side, &l, need, false);
 		pthread_mutex_unlock(&s->lock);
 		if (!l.bytes)
@@ -243,6 +245,8 @@ void space_change(struct space *s, enum space_kind kind, uint64_t taken, uint64_
 {
 	pthread_mutex_lock(&s->lock);
 	s->taken[kind] = less(s->taken[kind], taken) + bytes;
+	s->open[kind] = less(s->open[kind], taken);
+	s->come[kind] += bytes;
 	pthread_mutex_unlock(&s->lock);
 }
 

@@ -65,7 +65,9 @@ enum space_need {
  */
 int space_take(struct space *, enum space_kind, uint64_t bytes, enum space_need, const char *what, struct err *err);
 void space_give(struct space *, enum space_kind, uint64_t bytes);
-void space_change(struct space *, enum space_kind, uint64_t taken, uint64_t bytes); /* it has come to so many */
+/* What was taken so has come to so many, under its name. To be called for all that is taken of domains and selections,
+ * also when nothing comes of it: until then it is not looked for in the folders. */
+void space_change(struct space *, enum space_kind, uint64_t taken, uint64_t bytes);
 void space_count(struct space *, enum space_kind, int entries); /* that came, or went */
 /* Bytes that were taken and are not on the disk yet: to be called with what was taken, and with less (negative) as it
  * is written or given back. Only of what takes long, so that others do not count on the same free bytes. */

@@ -212,7 +212,7 @@ static int look(struct pass *p, struct err *err)
 	memset(p->entries, 0, sizeof p->entries);
 	pthread_mutex_lock(&s->lock);
 	for (int k = 0; k < 2; k++)
-		before[k] = s->taken[SPACE_DOMAINS + k];
+		before[k] = s->come[SPACE_DOMAINS + k];
 	p->since_ns = s->since_us > INT64_MAX / 1000 ? INT64_MAX : s->since_us * 1000;
 	pthread_mutex_unlock(&s->lock);
 	r = folder_read(p, s->p.cachefd, "domains", "", DEPTH_MAX, domain_found, err);
@@ -222,10 +222,9 @@ static int look(struct pass *p, struct err *err)
 		return r;
 	pthread_mutex_lock(&s->lock);
 	for (int k = 0; k < 2; k++) {
-		uint64_t now = s->taken[SPACE_DOMAINS + k];
-
-		/* What was written meanwhile may or may not have been seen: the next pass knows. */
-		s->taken[SPACE_DOMAINS + k] = p->bytes[k] + (now > before[k] ? now - before[k] : 0);
+		/* What came meanwhile may or may not have been seen: the next pass knows. What is being written was not,
+		 * and its writer will give back all that it took. */
+		s->taken[SPACE_DOMAINS + k] = p->bytes[k] + s->come[SPACE_DOMAINS + k] - before[k] + s->open[SPACE_DOMAINS + k];
 		s->entries[SPACE_DOMAINS + k] = p->entries[k];
 	}
 	s->measured = true;
@@ -243,9 +242,11 @@ static int remove_selection(struct space *s, const char *name, struct err *err)
 	if (r)
 		return r;
 	snprintf(temp, sizeof temp, "%sgone-%.160s", WALK_SELECT_TEMP, name);
-	if (io->renameat(fd, name, fd, temp) != 0)
+	/* What an attempt that failed has left there. */
+	r = folder_remove(fd, temp, err);
+	if (!r && io->renameat(fd, name, fd, temp) != 0)
 		r = errno == ENOENT ? 0 : err_sys(err, errno, "cannot rename a selection");
-	else
+	else if (!r)
 		r = folder_remove(fd, temp, err);
 	io_close(fd);
 	return r;
@@ -295,20 +296,31 @@ static uint64_t to_go(struct space *s, int side, uint64_t bytes, uint64_t *ret_m
 /* The oldest, up to so many bytes. *ret_any: something was there that may go. */
 static int round_of(struct pass *p, uint64_t goal, uint64_t *bytes, uint64_t *files, bool *ret_any, struct err *err)
 {
-	uint64_t gone = 0;
+	uint64_t gone = 0, before = *files;
+	struct err why = ERR_INIT;
 	int r = look(p, err);
 
 	*ret_any = !r && p->n > 0;
 	if (r)
 		return r;
 	qsort(p->heap, p->n, sizeof *p->heap, oldest_first);
-	for (size_t i = 0; !r && i < p->n && gone < goal; i++) {
-		r = remove_old(p->space, &p->heap[i], err);
-		gone += r ? 0 : p->heap[i].bytes;
-		*files += !r;
+	for (size_t i = 0; i < p->n && gone < goal; i++) {
+		struct err failed = ERR_INIT;
+
+		if (!remove_old(p->space, &p->heap[i], &failed)) {
+			gone += p->heap[i].bytes;
+			(*files)++;
+		} else if (!why.code) {
+			why = failed;
+		}
 	}
 	*bytes += gone;
-	return r;
+	/* One that cannot be removed keeps the others' place only when there are no others. */
+	if (why.code && *files == before) {
+		*err = why;
+		return -(int)why.code;
+	}
+	return 0;
 }
 
 static int evict_all(struct pass *p, uint64_t *bytes, uint64_t *files, struct err *err)

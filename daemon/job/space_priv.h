@@ -20,6 +20,8 @@ struct space {
 	pthread_mutex_t evicting; /* one at a time reads the folders; taken before `lock` */
 	bool one;                 /* file system */
 	uint64_t taken[SPACE_KINDS], set[SPACE_KINDS], entries[SPACE_KINDS];
+	uint64_t open[SPACE_KINDS]; /* of `taken`: what is not there under its name yet, so that no look sees it */
+	uint64_t come[SPACE_KINDS]; /* what has got its name since the start */
 	uint64_t promised[SPACE_SIDES];
 	struct space_held *held;
 	int64_t since_us;

@@ -226,7 +226,7 @@ void walk_space_select_end(struct walk *w, uint64_t bytes)
 {
 	/* No more than was taken: it may be gone already. */
 	bytes = bytes < w->space.selecting ? bytes : w->space.selecting;
-	space_give(w->jobs->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting - bytes);
+	space_change(w->jobs->space, kind_of(w, SPACE_SELECTIONS), w->space.selecting, bytes);
 	w->space.selecting = 0;
 	if (bytes && w->dataset->onestep)
 		atomic_fetch_add(&w->dataset->derived, bytes);

@@ -358,6 +358,62 @@ def a_file_system_that_is_full():
             subprocess.run(["umount", at])
 
 
+def a_client_of_verify_goes():
+    """While it is told what is damaged, also when that is more than its socket takes: the daemon lives."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        junk = os.path.join(d.cache, "domains")
+        names = [os.path.join(junk, "%0120d" % i) for i in range(2500)]
+        for name in names:
+            with open(name, "wb") as f:
+                f.write(b"junk")
+        c = Client(d.socket)
+        c.send("cache_verify", pb.CacheVerify())
+        expect(until(lambda: "does not read its answers" in d.log_text()), "nobody was cut off: %s" % d.log_text()[-300:])
+        r = d.ctl("ping", timeout=10)
+        expect(r.status == 0, "the daemon does not answer any more: %d %s" % (r.status, r.err))
+        c.close()
+        for name in filter(os.path.exists, names):
+            os.remove(name)
+        r = until(lambda: [r for r in [d.ctl("cache", "verify", "--json")] if r.status == 0])
+        expect(r and json.loads(r[0].out.splitlines()[-1])["damaged"] == 0, "no verify any more")
+
+
+def a_start_on_a_full_disk():
+    """Other programs have taken the last byte: the daemon starts, what is derived makes room, and nothing is lost."""
+    with e2e.Folder() as base:
+        at = os.path.join(base, "fs")
+        os.mkdir(at)
+        if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=12m", "tmpfs", at], stderr=subprocess.DEVNULL).returncode:
+            print("skipped: nothing can be mounted here (a_start_on_a_full_disk)")
+            return
+        try:
+            d = e2e.Daemon(base, memory="24M", args=["--disk", "100%", "--keep-free", "0%"])
+            for option, name in (("--state", "state"), ("--cache", "cache")):
+                d.command[d.command.index(option) + 1] = os.path.join(at, name)
+            d.start()
+            try:
+                d.ctl("push", "a", synth(os.path.join(base, "a.las"), 60000)).ok()
+                want = digests(d, "a")
+                d.stop()
+                hog = os.open(os.path.join(at, "hog"), os.O_WRONLY | os.O_CREAT)
+                for size in (1 << 16, 1 << 12):
+                    try:
+                        while os.write(hog, bytes(size)):
+                            pass
+                    except OSError:
+                        pass
+                os.close(hog)
+                d.start()
+                expect("the disk is full" in d.log_text(), "it is not said")
+                expect(d.ctl("dataset", "show", "a", "--json").ok().json()["points"] == 60000, "points are lost")
+                os.remove(os.path.join(at, "hog"))
+                expect(digests(d, "a") == want, "another mesh")
+            finally:
+                d.stop(signal.SIGKILL)
+        finally:
+            subprocess.run(["umount", at])
+
+
 def digests_or_none(d, dataset):
     r = d.ctl("submit", dataset, "--new", "--json", "--wait", "--timeout", "10")
     if r.status == 0:
@@ -368,4 +424,5 @@ def digests_or_none(d, dataset):
 
 
 e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
-         a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_file_system_that_is_full)
+         a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
+         a_file_system_that_is_full, a_start_on_a_full_disk)

@@ -279,6 +279,54 @@ static void over_the_quota(void **state)
 	assert_true(is_there("domains/a/b"));
 }
 
+/* What is being written while others look through the folders stays in the accounts, and what one gives back is not
+ * taken from the others'. */
+static void a_look_beside_what_is_written(void **state)
+{
+	struct err err = ERR_INIT;
+	struct digest d;
+
+	open_with("10M", "");
+	put("domains/old", 300 * KIB, 100);
+	selection(1, 200 * KIB, 100, &d);
+	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
+	assert_int_equal(space_take(s, SPACE_DOMAINS, 90 * KIB, SPACE_MAY, "a domain", &err), 0);
+	assert_int_equal(space_take(s, SPACE_SELECTIONS, 500 * KIB, SPACE_MUST, "a selection", &err), 0);
+	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(bytes_of(SPACE_DOMAINS), 390 * KIB);
+	assert_int_equal(bytes_of(SPACE_SELECTIONS), 700 * KIB + 10);
+	put("domains/new", 80 * KIB, 0);
+	space_change(s, SPACE_DOMAINS, 90 * KIB, 80 * KIB);
+	space_change(s, SPACE_SELECTIONS, 500 * KIB, 0);
+	assert_int_equal(bytes_of(SPACE_DOMAINS), 380 * KIB);
+	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
+	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(bytes_of(SPACE_DOMAINS), 380 * KIB);
+	assert_int_equal(bytes_of(SPACE_SELECTIONS), 200 * KIB + 10);
+}
+
+/* What an eviction that failed halfway has left, under the name that the next one wants. */
+static void an_eviction_that_failed_before(void **state)
+{
+	struct err err = ERR_INIT;
+	uint64_t bytes, files;
+	struct digest d;
+	char name[96], hex[DIGEST_HEX_SIZE];
+
+	open_with("1M", "");
+	selection(1, 200 * KIB, 100, &d);
+	snprintf(name, sizeof name, "selected/tmp-gone-%s", digest_hex(d, hex));
+	assert_int_equal(mkdirat(fd, name, 0700), 0);
+	snprintf(name, sizeof name, "selected/tmp-gone-%s/x", hex);
+	put(name, 10, 0);
+	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(space_evict(s, true, &bytes, &files, &err), 0);
+	assert_int_equal(files, 1);
+	assert_false(selected(d));
+	assert_false(is_there(name));
+}
+
 static void a_cache_that_is_gone(void **state)
 {
 	struct err err = ERR_INIT;
@@ -302,6 +350,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(the_oldest_go_first, setup, teardown),
 		cmocka_unit_test_setup_teardown(what_is_in_use_goes_last, setup, teardown),
 		cmocka_unit_test_setup_teardown(over_the_quota, setup, teardown),
+		cmocka_unit_test_setup_teardown(a_look_beside_what_is_written, setup, teardown),
+		cmocka_unit_test_setup_teardown(an_eviction_that_failed_before, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_cache_that_is_gone, setup, teardown),
 	};
 
