@@ -585,11 +585,11 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 		push_end_run(p); /* no worker came to it: the daemon ends */
 	push_stage_give(p);
 	push_room_give(p);
-	push_space_end(p);
 	if (p->kept)
 		push_becomes_pending(p);
 	else if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
 		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+	push_space_end(p); /* what is pending counts now */
 	if (p->opened)
 		dataset_close(p->dataset);
 	return true;

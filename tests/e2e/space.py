@@ -109,6 +109,13 @@ def push_is_refused_beforehand():
         expect(r.status == 0, "a mesh of 300,000 points takes 5 of 8 MiB: %s" % r.err)
         d.ctl("push", "a", synth(os.path.join(base, "small2.las"), 40000, 3)).ok()
         expect(until(lambda: stat(d)["kinds"]["pending"]["bytes"] == 0), "a push that is over holds space")
+        # The first who asks after a start is held against it too.
+        more = synth(os.path.join(base, "more.las"), 220000, 4)
+        for _ in range(5):
+            d.stop()
+            d.start()
+            r = d.ctl("push", "b", more)
+            expect(r.status == 74, "after a start: %d %s" % (r.status, r.err))
     # A header that lies does not come through either.
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--keep-free", "99%"]) as d:
         side = d.ctl("status", "--json").ok().json()["state_disk"]
