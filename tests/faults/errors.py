@@ -59,6 +59,7 @@ def main():
             store.stop()
             left = [x for x in faults.leftovers(store) if x.endswith(".tmp")]
             expect(not left, "%s: left behind: %s" % (inject, left))
+    expect(failed or points < len(CALLS), "no fault was felt by anybody")
     print("%d error points, %d requests failed with an error, %d starts refused, 0 losses" % (points, failed, refused))
 
 

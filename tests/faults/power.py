@@ -228,12 +228,12 @@ def one_cut(base, image, acks, inputs, name, cut, quiet):
 def cuts(base, played, n, rng, quiet=False):
     """Losses, images that did not mount, starts, acknowledgements checked."""
     disk, acks, begin, end = played
-    images, lost, unmounted, starts, checked = Images(disk), 0, 0, [], 0
+    images, lost, unmounted, starts, checked, made = Images(disk), 0, 0, [], 0, 0
     lock = threading.Lock()
     points = iter(sorted(rng.randrange(begin, end + 1) for _ in range(n)))
 
     def some():
-        nonlocal lost, unmounted, checked
+        nonlocal lost, unmounted, checked, made
         while True:
             with lock:
                 cut = next(points, None)
@@ -247,18 +247,23 @@ def cuts(base, played, n, rng, quiet=False):
                     starts.extend(s)
                     checked += c
             except Unmountable:
-                unmounted += 1
+                with lock:
+                    unmounted += 1
             except Fault as e:
                 with lock:
                     lost += 1
                 if not quiet:
                     print("cut at %d of %d: %s" % (cut, end, e), flush=True)
+            with lock:
+                made += 1
 
     threads = [threading.Thread(target=some) for _ in range(2)]
     for t in threads:
         t.start()
     for t in threads:
         t.join()
+    # What ends a thread ends no test.
+    expect(made == n, "%d of %d cuts were made" % (made, n))
     return lost, unmounted, starts, checked
 
 
@@ -295,7 +300,7 @@ def main():
             print("%s%s: %d cuts, %d losses, %d not mountable, %d acknowledgements checked, start p99 %.0f ms, %.1f s" %
                   ("control, " if env else "", name, made, lost, unmounted, checked, faults.percentile(starts, .99) * 1000,
                    time.monotonic() - begun), flush=True)
-            bad += (lost + unmounted > 0) if not env else (lost == 0)
+            bad += (lost + unmounted > 0 or not checked) if not env else (lost == 0)
             shutil.rmtree(where, ignore_errors=True)
         expect(not bad, "losses, or controls that lose nothing")
 

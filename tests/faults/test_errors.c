@@ -197,7 +197,8 @@ static void series(const char *text, unsigned kinds, int error, bool for_ever, b
 	first_call = 1 + (unsigned long)setting("ACUT_FAULT_FIRST", 0);
 	step = all > 100 ? every : 1;
 	n = all / step;
-	bad = each_apart(n, one_point, tell);
+	/* Where no call is counted none fails either. */
+	bad = n || first_call > 1 ? each_apart(n, one_point, tell) : 1;
 	printf("%-34s %4lu calls, %4lu points, %lu findings\n", text, all, n, bad);
 	points += n;
 	findings += bad;

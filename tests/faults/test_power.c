@@ -132,8 +132,6 @@ int main(void)
 	entries = fault_log(&log);
 	if (setting("ACUT_FAULT_LOG", 0))
 		print_log();
-	if (setting("ACUT_FAULT_LOG", 0))
-		print_log();
 	cuts = n;
 	lost = each_apart(n, one_cut, tell);
 	printf("%lu power cuts in process over %zu disk operations, a quarter of them twice: %lu losses, %.1f s\n", n, entries,
