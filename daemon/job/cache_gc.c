@@ -24,6 +24,7 @@ void cache_stat(struct jobs *j, struct cache_stat *ret)
 	const struct pending *q;
 	const struct dataset *d;
 
+	disk_look(j); /* nothing else may be going on */
 	disk_count(j);
 	space_stat(j->space, &ret->space);
 	for (d = j->datasets; d; d = d->next) {

@@ -134,7 +134,12 @@ static int make_again(struct jobs *j, const char *name, int fd, struct err *err)
 	r = io_make_dir(j->p.cachefd, name, 0700, err);
 	if (!r)
 		r = io_open(j->p.cachefd, name, O_RDONLY | O_DIRECTORY, 0, &with, err);
-	return r ? r : exchange(fd, with, err);
+	if (!r)
+		r = exchange(fd, with, err);
+	/* What was counted there is measured again. */
+	if (!r)
+		j->disk.begun = false;
+	return r;
 }
 
 /* Asked by whoever begins something; where nothing is gone, four calls that touch no disk. */
@@ -159,17 +164,11 @@ void disk_mend(struct jobs *j)
 		log_err(LOG_LEVEL_WARNING, "the cache", &err);
 }
 
-void disk_tick(struct jobs *j)
+void disk_look(struct jobs *j)
 {
 	struct disk *d = &j->disk;
 
 	disk_mend(j);
-	cache_verify_tick(j);
-	if (clock_since(d->counted_ns) >= COUNT_SECONDS) {
-		d->counted_ns = clock_mono_ns();
-		disk_count(j);
-		count_running(j);
-	}
 	if (j->parking || d->busy)
 		return;
 	if (!d->begun) {
@@ -180,4 +179,17 @@ void disk_tick(struct jobs *j)
 		if (space_over(j->space))
 			tidy(j, false);
 	}
+}
+
+void disk_tick(struct jobs *j)
+{
+	struct disk *d = &j->disk;
+
+	cache_verify_tick(j);
+	if (clock_since(d->counted_ns) >= COUNT_SECONDS) {
+		d->counted_ns = clock_mono_ns();
+		disk_count(j);
+		count_running(j);
+	}
+	disk_look(j);
 }

@@ -182,6 +182,7 @@ struct jobs {
 };
 
 /* disk.c: the house's side of the disk */
+void disk_look(struct jobs *); /* folders that are gone, and what there is to measure or evict */
 void disk_tick(struct jobs *);
 void disk_mend(struct jobs *); /* folders of the cache that somebody has removed */
 void disk_count(struct jobs *); /* what the lists of datasets and pushes say */

@@ -229,8 +229,9 @@ def the_cache_is_removed():
         shutil.rmtree(d.cache, ignore_errors=True)
         out = os.path.join(base, "a.ply")
         d.ctl("fetch", str(jobs[0]), "-o", out).ok()
-        # Nothing runs, and it is gone again: a mesh of one step begins in the new one.
+        # Nothing runs, and it is gone again: nothing is counted there, and a mesh of one step begins in the new one.
         shutil.rmtree(d.cache, ignore_errors=True)
+        expect(until(lambda: stat(d)["kinds"]["domains"]["bytes"] == 0, 10), stat(d))
         d.ctl("mesh", os.path.join(base, "a.las"), "-o", out).ok()
         expect(digests(d, "a") == want[0] and files_below(os.path.join(d.cache, "domains")), "nothing is kept any more")
         # Its lock is taken again.
