@@ -1,0 +1,354 @@
+/*
+ * Chains of generations over one store, by the thousand: real segments, manifests in which sources come, go and come back,
+ * small ranges with many equal positions, ranges at the ends of the lattice, views, two lattices. Whatever is found in the
+ * store for a region is what making it gives, and a mesh put together from it is the one that is made of nothing, also where
+ * only the fronts are read.
+ *
+ * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+
+#include "err.h"
+#include "grid_fixture.h"
+#include "io.h"
+#include "pipe.h"
+#include "pipe_priv.h"
+#include "store.h"
+
+/* From this family on sources are apart. */
+enum { LOCAL = 5 };
+enum { CAP = 40000, SOURCES = 25, LEAVES = 90, STEPS = 6, SEGMENTS = 25 };
+
+static uint64_t rng, plan_seed;
+static uint64_t domains, found, proved, fronts, meshes;
+static struct folder store;
+static struct view view;
+
+static uint64_t rnd(uint64_t n)
+{
+	return rng_below(&rng, n);
+}
+
+/* ---- points ---- */
+
+static struct point point_at(unsigned family, uint32_t range)
+{
+	static const int32_t ends[6] = {INT32_MIN, INT32_MIN + 1, -1, 0, INT32_MAX - 1, INT32_MAX};
+	struct point p = {.x = (int32_t)rnd(range) - (int32_t)(range / 2), .y = (int32_t)rnd(range) - 3, .z = (int32_t)rnd(4),
+			  .cls = (uint8_t)(rnd(12) ? 1 + rnd(2) : 7), .ret = rnd(3) ? 0x11 : 0x22,
+			  .tag = rnd(12) ? 0 : POINT_WITHHELD};
+
+	if (family == 0) {
+		p.x = ends[rnd(6)];
+		p.y = ends[rnd(6)];
+	} else if (family == 1 && rnd(2)) {
+		p.x += 1000003;
+		p.y += 700001;
+	} else if (family == 2) {
+		p.y = 2 * p.x;
+	}
+	return p;
+}
+
+static struct set points_of(unsigned family, size_t n, uint32_t range)
+{
+	struct set s = {calloc(n, sizeof *s.pts), calloc(n, sizeof *s.ids), n};
+
+	for (size_t i = 0; i < n; i++) {
+		/* Of the first source there are many; now and then the very same record once more, of another. */
+		s.pts[i] = i && !rnd(10) ? s.pts[rnd(i)] : point_at(family, range);
+		s.ids[i] = rnd(3) && family < LOCAL ? 1 : 1 + (uint32_t)rnd(SOURCES);
+		/* Each stays in a corner: cells of their segments are small, and a change is seen by few. */
+		if (family >= LOCAL) {
+			s.pts[i] = point_at(family, 1 + range / 5);
+			s.pts[i].x += (int32_t)(s.ids[i] % 5 * range / 5);
+			s.pts[i].y += (int32_t)(s.ids[i] / 5 * range / 5);
+		}
+	}
+	return s;
+}
+
+/* ---- a generation ---- */
+
+/* Segments, which generations share. */
+struct layout {
+	struct folder folder;
+	struct grid_segment_info info[SEGMENTS];
+	unsigned n;
+};
+
+/* What is not in `there` was pruned. */
+static struct layout layout_new(const struct set *s, unsigned there)
+{
+	struct layout l = {.folder = folder_new()};
+	unsigned segments = rnd(2) ? SEGMENTS : 1 + (unsigned)rnd(SEGMENTS);
+	uint64_t salt = rnd(SEGMENTS);
+	struct err err = ERR_INIT;
+
+	for (unsigned i = 0; i < segments; i++) {
+		struct set part = {calloc(s->n + 1, sizeof *s->pts), calloc(s->n + 1, sizeof *s->ids), 0};
+		char name[16];
+
+		for (size_t k = 0; k < s->n; k++)
+			if ((s->ids[k] + salt) % segments == i && (there >> (s->ids[k] - 1) & 1)) {
+				part.pts[part.n] = s->pts[k];
+				part.ids[part.n++] = s->ids[k];
+			}
+		snprintf(name, sizeof name, "s%u", i);
+		if (part.n)
+			CHECK(stage_set(&l.folder, name, &part, GRID_STAGE_MIN, &l.info[l.n++], &err));
+		set_free(&part);
+	}
+	return l;
+}
+
+struct generation {
+	struct layout *layout;
+	struct grid_manifest m;
+	struct reader reader;
+	struct pipe_budget budget;
+	struct pipe_key key;
+	void *memory, *other;
+};
+
+static void generation_begin(struct generation *g, struct layout *l, const struct set *s, unsigned dead, bool moved)
+{
+	struct err err = ERR_INIT;
+
+	*g = (struct generation){.layout = l, .m = manifest_of(l->info, l->n, SOURCES)};
+	g->m.generation = 2;
+	if (moved)
+		g->m.lattice.k[0] += 12345;
+	for (unsigned i = 0; i < SOURCES; i++) {
+		g->m.sources[i].points = 0;
+		for (size_t k = 0; k < s->n; k++)
+			g->m.sources[i].points += s->ids[k] == i + 1;
+		if (dead >> i & 1)
+			g->m.sources[i].removed = 2;
+	}
+	CHECK(grid_manifest_write(l->folder.fd, "m", &g->m, &err));
+	g->reader = reader_open(&l->folder, "m", GRID_NEWEST, 1 << 20);
+	g->budget = (struct pipe_budget){.load = CAP, .cap = CAP, .threads = 1,
+					 .domain_bytes = pipe_domain_bytes(CAP, grid_reader_bytes(g->reader.grid))};
+	g->memory = aligned_alloc(64, (g->budget.domain_bytes + 63) & ~(size_t)63);
+	g->other = aligned_alloc(64, (g->budget.domain_bytes + 63) & ~(size_t)63);
+	view_bind(&view, &g->m.lattice);
+	pipe_key_init(&g->key, g->reader.grid, &view);
+}
+
+static void generation_end(struct generation *g)
+{
+	free(g->memory);
+	free(g->other);
+	reader_close(&g->reader);
+	free(g->m.sources);
+	unlinkat(g->layout->folder.fd, "m", 0);
+}
+
+/* ---- regions ---- */
+
+/* The same regions are cut the same in all generations of a case. */
+static void cut(const struct cut_region *r, struct cut_region *leaf, unsigned *n, unsigned depth)
+{
+	char text[CUT_REGION_TEXT_SIZE];
+	struct cut_region half[2];
+	struct digest d;
+
+	cut_region_text(r, text);
+	d = digest_hash(text, strlen(text));
+	d.lo ^= plan_seed;
+	if (depth < 34 && *n < LEAVES - 40 && rng_below(&d.lo, 10) < (depth < 5 ? 9 : 6) && cut_region_split(r, half)) {
+		cut(&half[0], leaf, n, depth + 1);
+		cut(&half[1], leaf, n, depth + 1);
+	} else {
+		leaf[(*n)++] = *r;
+	}
+}
+
+static void check_same(const struct mesh_domain *a, const struct mesh_domain *b, bool light)
+{
+	assert_int_equal(a->nvertex, b->nvertex);
+	assert_int_equal(a->nopen, b->nopen);
+	assert_int_equal(a->ntriangle, b->ntriangle);
+	assert_true(digest_equal(a->digest, b->digest) && digest_equal(a->closed_digest, b->closed_digest));
+	assert_int_equal(a->counts.points, b->counts.points);
+	assert_int_equal(a->counts.used, b->counts.used);
+	assert_int_equal(a->counts.halo, b->counts.halo);
+	assert_memory_equal(a->counts.removed, b->counts.removed, sizeof a->counts.removed);
+	if (!a->ntriangle)
+		return;
+	assert_memory_equal(a->box, b->box, sizeof a->box);
+	assert_memory_equal(a->vertex, b->vertex, (light ? a->nopen : a->nvertex) * sizeof *a->vertex);
+	if (a->nopen)
+		assert_memory_equal(a->link, b->link, a->nopen * sizeof *a->link);
+	assert_true(light == !b->triangle);
+	if (!light)
+		assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof *a->triangle);
+}
+
+static void make(struct generation *g, const struct cut_region *r, struct mesh_domain *ret)
+{
+	struct err err = ERR_INIT;
+	uint64_t need;
+
+	CHECK(pipe_domain(g->reader.grid, &view, r, NULL, &g->budget, g->memory, ret, &need, &err));
+}
+
+static bool reuse(struct generation *g, const struct cut_region *r, bool light, struct mesh_domain *ret)
+{
+	const struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
+					    .region = r, .cap = CAP, .memory = g->other, .size = g->budget.domain_bytes,
+					    .light = light};
+	struct err err = ERR_INIT;
+	struct pipe_stored as;
+	size_t held;
+	int rc = pipe_reuse(&p, ret, &as, &held, &err);
+	struct store_front front;
+
+	if (rc < 0)
+		fail_msg("%s", err.message);
+	if (rc)
+		return false;
+	CHECK(store_head(store.fd, &as.id, &front, &err));
+	proved += !digest_equal(front.beside.content, g->key.content);
+	return true;
+}
+
+static void emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *r)
+{
+	struct err err = ERR_INIT;
+
+	CHECK(pipe_emit(e, d, r, NULL, &err));
+}
+
+static void check_totals(struct pipe_totals a, struct pipe_totals b)
+{
+	a.counts.cells_read = b.counts.cells_read = a.counts.points_read = b.counts.points_read = 0;
+	assert_memory_equal(&a, &b, sizeof a);
+}
+
+static void one_generation(struct generation *g)
+{
+	struct cut_region leaf[LEAVES], root;
+	struct pipe_emitter *made, *taken;
+	struct pipe_totals a, b;
+	struct err err = ERR_INIT;
+	int32_t box[4];
+	unsigned n = 0;
+
+	if (!grid_box(g->reader.grid, box))
+		return;
+	cut_region_root(box, &root);
+	cut(&root, leaf, &n, 0);
+	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &made, &err));
+	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &taken, &err));
+	for (unsigned i = 0; i < n; i++) {
+		bool light = rnd(2);
+		struct mesh_domain d, e;
+		struct pipe_stored as;
+		bool hit;
+
+		domains++;
+		hit = reuse(g, &leaf[i], light, &e);
+		make(g, &leaf[i], &d);
+		if (hit) {
+			found++;
+			fronts += light;
+			check_same(&d, &e, light && e.ntriangle);
+			emit(taken, &e, &leaf[i]);
+		}
+		if (rnd(4))
+			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], &d, g->memory, &as, &err));
+		emit(made, &d, &leaf[i]);
+		if (!hit) {
+			make(g, &leaf[i], &d);
+			emit(taken, &d, &leaf[i]);
+		}
+	}
+	CHECK(pipe_emitter_finish(made, &a, &err));
+	CHECK(pipe_emitter_finish(taken, &b, &err));
+	check_totals(a, b);
+	meshes++;
+	pipe_emitter_free(made);
+	pipe_emitter_free(taken);
+}
+
+/* ---- chains ---- */
+
+static void one_case(uint64_t seed)
+{
+	unsigned family, dead, lost;
+	struct layout l;
+	struct set s;
+
+	rng = seed * UINT64_C(0x9e3779b97f4a7c15) + 1;
+	plan_seed = rng_next(&rng);
+	family = (unsigned)rnd(12);
+	s = points_of(family, family >= LOCAL ? 100 + rnd(900) : 3 + rnd(70),
+		      rnd(3) ? 2 + (uint32_t)rnd(family >= LOCAL ? 60 : 8) : 2 + (uint32_t)rnd(1000));
+	view = VIEW_INIT;
+	view.duplicates = rnd(2) ? VIEW_LOWEST : VIEW_HIGHEST;
+	view.keep_noise = rnd(2);
+	view.keep_withheld = rnd(2);
+	view.ground = rnd(4) == 0;
+	if (rnd(4) == 0) {
+		view.has_zmax = true;
+		view.zmax = 2;
+	}
+	store = folder_new();
+	dead = 1u << rnd(SOURCES) | 1u << rnd(SOURCES);
+	lost = rnd(3) ? 0 : dead;
+	l = layout_new(&s, ~lost);
+	for (unsigned i = 0; i < STEPS; i++) {
+		struct generation g;
+
+		generation_begin(&g, &l, &s, dead, rnd(8) == 0);
+		one_generation(&g);
+		generation_end(&g);
+		/* A push, a removal, both, a return; or the same once more. Now and then laid out anew. */
+		for (unsigned k = (unsigned)rnd(3); k > 0; k--)
+			dead ^= 1u << rnd(SOURCES);
+		if (lost & ~dead || rnd(6) == 0) {
+			folder_remove(&l.folder);
+			lost = rnd(3) ? 0 : dead;
+			l = layout_new(&s, ~lost);
+		}
+	}
+	folder_remove(&l.folder);
+	folder_remove(&store);
+	set_free(&s);
+}
+
+static void test_chains(void **state)
+{
+	const char *cases = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
+	uint64_t n = cases ? strtoull(cases, NULL, 10) : 300, at = first ? strtoull(first, NULL, 10) : 1;
+
+	(void)state;
+	skip_fsync();
+	for (uint64_t i = 0; i < n; i++) {
+		if (getenv("ACUT_FUZZ_TELL"))
+			fprintf(stderr, "%llu\n", (unsigned long long)(at + i));
+		one_case(at + i);
+	}
+	printf("%llu meshes of %llu domains: %llu found, %llu of these of other generations, %llu by their fronts alone\n",
+	       (unsigned long long)meshes, (unsigned long long)domains, (unsigned long long)found, (unsigned long long)proved,
+	       (unsigned long long)fronts);
+	assert_true(found > domains / 10 && found < domains && proved > domains / 1000 && fronts > found / 4);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_chains)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
