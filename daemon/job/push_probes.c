@@ -182,6 +182,8 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	at->replace = ask->replace;
 	at->target = ask->target;
 	at->claimed = ask->info.claimed;
+	if (ask->info.most && at->claimed > ask->info.most)
+		at->claimed = ask->info.most;
 	return 0;
 }
 

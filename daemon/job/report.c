@@ -60,13 +60,23 @@ char *report_text(const struct job_report *r, char *buf, size_t size)
 	return buf;
 }
 
-static void parse_field(const char *name, const char *value, struct job_report *ret)
+/* `at`: where the field before it was found; they stand in the order of the table. */
+static void parse_field(const char *name, const char *value, size_t *at, struct job_report *ret)
 {
 	uint64_t n;
-	size_t i;
+	size_t i, k;
 
-	for (i = 0; i < FIELDS; i++) {
-		char *place = (char *)ret + fields[i].offset;
+	if (!strncmp(name, "removed-", 8)) {
+		for (i = 0; i < VIEW_RULES; i++)
+			if (!strcmp(name + 8, view_rule_text((enum view_rule)i)) && parse_u64(value, &n))
+				ret->removed[i] = n;
+		return;
+	}
+	for (k = 0; k < FIELDS; k++) {
+		char *place;
+
+		i = (*at + k) % FIELDS;
+		place = (char *)ret + fields[i].offset;
 
 		if (strcmp(name, fields[i].name))
 			continue;
@@ -76,18 +86,15 @@ static void parse_field(const char *name, const char *value, struct job_report *
 			parse_double(value, (double *)place);
 		else
 			snprintf(place, fields[i].size, "%s", value);
+		*at = i + 1;
 		return;
 	}
-	if (strncmp(name, "removed-", 8) || !parse_u64(value, &n))
-		return;
-	for (i = 0; i < VIEW_RULES; i++)
-		if (!strcmp(name + 8, view_rule_text((enum view_rule)i)))
-			ret->removed[i] = n;
 }
 
 bool report_parse(const char *text, struct job_report *ret)
 {
 	char *copy = strdup(text), *save = NULL, *line;
+	size_t at = 0;
 
 	if (!copy)
 		return false;
@@ -97,7 +104,7 @@ bool report_parse(const char *text, struct job_report *ret)
 
 		if (value) {
 			*value++ = 0;
-			parse_field(line, value, ret);
+			parse_field(line, value, &at, ret);
 		}
 	}
 	free(copy);

@@ -28,6 +28,7 @@ struct input_info {
 	const char *format;        /* "las", "xyz" */
 	char variant[64];          /* "LAS 1.2, point format 3, 34 bytes" */
 	uint64_t claimed;          /* points the header claims, or of them those selected; for text: counted by the probe */
+	uint64_t most;             /* points that its bytes can hold, whatever the header claims; 0: not known (compressed) */
 	struct lattice_input coords;
 	struct crs_info crs;       /* what its records say; all unknown for text */
 	char warning[256];         /* a header lie that does no harm, "" if none */

@@ -262,12 +262,14 @@ static int check_plane(struct input *in, struct err *err)
 	return 0;
 }
 
-/* Only of plain files: what follows other records is not looked for. */
+/* Only of plain files: how many records there can be, and what follows them; behind other records nothing is looked for. */
 static void settle_trailing(struct input *in, const struct header *h)
 {
 	const struct input_las *las = &in->as.las;
 	uint64_t left = in->size >= las->point_offset ? in->size - las->point_offset : 0;
 
+	if (!las->compressed && !in->has_pipe && las->length)
+		in->info.most = left / las->length ? left / las->length : 1;
 	in->info.has_trailing = !las->compressed && !h->n_evlrs && !h->waveform && !in->has_pipe &&
 				las->length && h->count <= left / las->length;
 	in->info.trailing = in->info.has_trailing ? left - h->count * las->length : 0;
