@@ -114,6 +114,12 @@ int ctl_copy_begin(struct ctl_copy *c, struct err *err)
 		err_add_hint(err, "give a new folder, or that of the last time");
 		return err_add_file(err, c->dir);
 	}
+	if (!c->flat && faccessat(c->dirfd, "lock", F_OK, AT_SYMLINK_NOFOLLOW) == 0) {
+		/* Its catalogue would be taken from under that daemon, and what was pushed since. */
+		err_set(err, ERR_USAGE, "this folder has been the state of an acutd since it was a backup");
+		err_add_hint(err, "give another folder; a backup is copied before an acutd is started on it");
+		return err_add_file(err, c->dir);
+	}
 	return r ? write_mark(c, false, err) : 0;
 }
 

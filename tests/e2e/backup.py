@@ -202,6 +202,21 @@ def refused():
         says(d.ctl("dataset", "import", out, ".x"), 2, "cannot name a dataset")
 
 
+def a_state_is_no_backup():
+    """The folder that was restored is a daemon's now: a backup into it would take its catalogue away."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1)).ok()
+        to = os.path.join(base, "backup")
+        d.ctl("backup", to).ok()
+        with restored(base, to, "r") as r:
+            r.ctl("push", "a", tile(base, 2)).ok()
+            before = files_of(r.state)
+            says(r.ctl("backup", r.state), 2, "the state of an acutd")
+            says(d.ctl("backup", r.state), 2, "the state of an acutd")
+            expect(files_of(r.state) == before, "something was written there")
+        d.ctl("backup", to).ok()
+
+
 def export_and_import():
     with e2e.Folder() as base, e2e.Daemon(base) as d, e2e.Daemon(base, name="2") as other:
         names = fill(d, base)
@@ -317,5 +332,5 @@ def left_at_once():
         says(d.ctl("cache", "verify"), 0)
 
 
-e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, export_and_import,
+e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, a_state_is_no_backup, export_and_import,
          damaged_imports, rights)
