@@ -112,6 +112,20 @@ static int other_content(const struct push *p, struct push_ask *a)
 			    a->checksum ? "" : "--checksum finds out whether the content is the same; ");
 }
 
+/* What is asked for in place of a file, and is in the dataset already as another one: nothing would come, and that file
+ * would stay. */
+static int check_beside(const struct push *p, struct push_ask *a, const struct grid_source *s)
+{
+	const struct grid_source *target = a->target ? &p->base->sources[a->target - 1] : NULL;
+
+	if (target ? s == target : !strcmp(s->path, a->path))
+		return 0;
+	err_set(&a->err, ERR_INPUT, "the dataset %s has this content already, as %.200s: it takes no other file's place", p->dataset->name,
+		*s->path ? s->path : s->name);
+	return err_add_hint(&a->err, "acutctl dataset revert undoes the push that brought %.200s",
+			    target && *target->path ? target->path : target ? target->name : a->path);
+}
+
 /* What a file would replace, if it is that file already, whatever its times say: then nothing changes. */
 static int find_unchanged(struct push *p, struct push_ask *a, const struct grid_source **ret)
 {
@@ -144,6 +158,8 @@ int push_known(struct push *p, struct push_ask *a)
 		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	if (!r && p->base)
 		s = find(p->base, &p->base_paths, a, &path);
+	if (!r && s && (targeted || (path && a->replace)))
+		r = check_beside(p, a, s);
 	if (!r && !s && (targeted || (path && a->replace)))
 		r = find_unchanged(p, a, &s);
 	if (r)

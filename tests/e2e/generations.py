@@ -151,6 +151,13 @@ def replaced():
             expect(state(d, "s") == fresh.of([a, f, c, e]), "replaced by name")
             d.ctl("push", "s", old[a], "--replaces", a).ok()
             expect(state(d, "s") == fresh.of([old[a], f, c, e]), "replaced by path")
+            # What is there beside it cannot take its place, and says so.
+            says(d.ctl("push", "s", e, "--replaces", "c.las"), 1, "has this content already, as", "e.las")
+            kept = shutil.copy2(c, os.path.join(base, "c.kept"))
+            shutil.copy(e, c)
+            says(d.ctl("push", "s", c, "--replace", "--checksum"), 1, "has this content already, as", "e.las")
+            shutil.copy2(kept, c)
+            expect(state(d, "s", VIEWS[:1]) == fresh.of([old[a], f, c, e])[:1], "a file that is there replaced another one")
             rows = log(d, "s", "--files")
             expect([(r["kind"], r["files_added"], r["files_removed"]) for r in rows] == [
                 ("push", 3, 0), ("replace", 1, 1), ("replace", 3, 2), ("replace", 1, 1), ("replace", 1, 1)], "%s" % rows)
