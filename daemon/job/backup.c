@@ -38,7 +38,7 @@ struct backup {
 	int dirfd, listfd;
 	uint64_t list_size, at, files, bytes;
 	bool busy, ended, telling; /* a task is under way; nobody wants it; its client is being told */
-	char line[LINE];
+	char line[LINE], gone[LINE]; /* of the list; what was not there any more */
 	struct backup_file file;
 	int r;
 	struct err err;
@@ -85,6 +85,12 @@ static int size_of(int dirfd, const char *path, uint64_t *ret, struct err *err)
 	return 0;
 }
 
+static int gone(struct backup *b, const char *path)
+{
+	snprintf(b->gone, sizeof b->gone, "%s", path);
+	return E_GONE;
+}
+
 /* E_GONE: it is not there any more. */
 static int take_link(struct backup *b, int from, const char *name, const char *path, struct err *err)
 {
@@ -93,7 +99,7 @@ static int take_link(struct backup *b, int from, const char *name, const char *p
 
 	if (io->linkat(from, name, b->dirfd, path, 0) < 0 && errno != EEXIST) {
 		if (errno == ENOENT)
-			return E_GONE;
+			return gone(b, path);
 		err_sys(err, errno, "cannot make a hard link of %s", name);
 		return err_add_hint(err, "a backup needs a file system that has them for --state");
 	}
@@ -137,9 +143,10 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	snprintf(name, sizeof name, "%llu", (unsigned long long)id);
 	fd = io->openat(b->jobs->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
 	if (fd < 0)
-		return errno == ENOENT ? E_GONE : err_sys(err, errno, "cannot open the folder of dataset %s", name);
+		return errno == ENOENT ? gone(b, prefix) : err_sys(err, errno, "cannot open the folder of dataset %s", name);
+	snprintf(path, sizeof path, "%s%s", prefix, manifest);
 	if (io->faccessat(fd, manifest, F_OK, 0) < 0 && errno == ENOENT)
-		r = E_GONE;
+		r = gone(b, path);
 	else
 		r = grid_manifest_load(fd, manifest, b->jobs->p.ledger, &m, err);
 	for (size_t i = 0; !r && i < m->nsegments; i++) {
@@ -346,8 +353,11 @@ static void begin_done(struct sched_task *t)
 			return;
 		}
 	}
-	if (b->r == E_GONE)
-		b->r = err_set(&b->err, ERR_BUSY, "files of the state went away again and again while they were linked");
+	if (b->r == E_GONE) {
+		err_set(&b->err, ERR_BUSY, "a file of the state was not there, however often it was looked for");
+		err_add_hint(&b->err, "try again; if it is the same file then, acutctl cache verify says what is missing");
+		b->r = err_add_file(&b->err, b->gone);
+	}
 	ready.files = b->files;
 	ready.bytes = b->bytes;
 	b->telling = true;

@@ -202,6 +202,19 @@ def refused():
         says(d.ctl("dataset", "import", out, ".x"), 2, "cannot name a dataset")
 
 
+def a_file_is_missing():
+    """Not a backup without it: the file is named."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1)).ok()
+        folder = os.path.join(d.state, "datasets", "1")
+        segment = [f for f in os.listdir(folder) if f.endswith(".seg")][0]
+        os.rename(os.path.join(folder, segment), os.path.join(base, segment))
+        says(d.ctl("backup", os.path.join(base, "b")), 75, "datasets/1/" + segment, "cache verify")
+        says(d.ctl("dataset", "export", "a", os.path.join(base, "e")), 75, segment)
+        os.rename(os.path.join(base, segment), os.path.join(folder, segment))
+        d.ctl("backup", os.path.join(base, "b")).ok()
+
+
 def a_state_is_no_backup():
     """The folder that was restored is a daemon's now: a backup into it would take its catalogue away."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -332,5 +345,5 @@ def left_at_once():
         says(d.ctl("cache", "verify"), 0)
 
 
-e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, a_state_is_no_backup, export_and_import,
+e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, a_file_is_missing, a_state_is_no_backup, export_and_import,
          damaged_imports, rights)
