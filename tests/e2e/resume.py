@@ -272,6 +272,21 @@ def what_does_not_fit():
         says(d.ctl("dataset", "show", "c"), 4)
         expect("older than 7 days" in d.log_text(), "it is not said")
         expect(not leftovers(d), "left behind: %s" % leftovers(d))
+        # Its time ends while acutd runs, and nobody pushes there.
+        Half(d, "c", paths, 2, wait=False).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")
+        d.stop()
+        db = sqlite3.connect(os.path.join(d.state, "catalogue.db"))
+        db.execute("UPDATE push SET begun_us = ?, sum = NULL", (int((time.time() + 3 - 7 * 86400) * 1e6),))
+        db.commit()
+        db.close()
+        d.start()
+        says(d.ctl("dataset", "show", "c"), 0)
+        busy = Half(d, "other", paths, 1, wait=False)
+        wait_for(lambda: d.ctl("dataset", "show", "c").status == 4, "it does not end")
+        busy.vanish()
+        says(d.ctl("push", "other", *paths), 0)
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
         # Damaged: it is dropped, and said; the push begins anew.
         for what in ("pending", "stage", "run"):
             name = "d-" + what
