@@ -182,9 +182,9 @@ int acut_job_wait(struct acut *a, uint64_t id, bool follow,
 	return r;
 }
 
-/* Hands out one page; *ret_last is the key of its last row. */
+/* Hands out one page, whose numbers rise from `after`. */
 static int jobs_page(struct acut *a, const Acut__V1__Jobs *page, uint64_t after,
-		     void (*each)(void *ctx, const struct acut_job *), void *ctx, uint64_t *ret_last)
+		     void (*each)(void *ctx, const struct acut_job *), void *ctx)
 {
 	for (size_t i = 0; i < page->n_jobs; i++) {
 		struct acut_job job;
@@ -200,27 +200,47 @@ static int jobs_page(struct acut *a, const Acut__V1__Jobs *page, uint64_t after,
 		each(ctx, &job);
 		free(rows);
 	}
-	*ret_last = after;
 	return 0;
 }
 
-int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), void *ctx)
+static int jobs_ask(struct acut *a, uint64_t after, uint32_t *ret_id)
 {
 	Acut__V1__JobsRequest question = ACUT__V1__JOBS_REQUEST__INIT;
-	bool more = true;
-	int r = call_begin(a);
 
 	question.limit = PAGE;
+	question.after = after;
+	return call_send(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1, ret_id);
+}
+
+/* The daemon makes the next page while this one is handed out. */
+int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), void *ctx)
+{
+	uint64_t after = 0;
+	bool more = true;
+	uint32_t id;
+	int r = call_begin(a);
+
+	if (r == 0)
+		r = jobs_ask(a, after, &id);
 	while (r == 0 && more) {
 		Acut__V1__Message *page;
-		uint32_t id;
+		uint64_t before = after;
 
-		r = call_again(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1,
-			       ACUT__V1__MESSAGE__BODY_JOBS, &id, &page);
+		r = call_next(a, id, &page, NULL);
 		if (r < 0)
 			break;
+		if (page->body_case != ACUT__V1__MESSAGE__BODY_JOBS) {
+			r = call_unexpected(a, page);
+			frame_message_free(page);
+			break;
+		}
 		more = page->jobs->more && page->jobs->n_jobs > 0;
-		r = jobs_page(a, page->jobs, question.after, each, ctx, &question.after);
+		if (more) {
+			after = page->jobs->jobs[page->jobs->n_jobs - 1]->id;
+			r = jobs_ask(a, after, &id);
+		}
+		if (r == 0)
+			r = jobs_page(a, page->jobs, before, each, ctx);
 		frame_message_free(page);
 	}
 	return r;
