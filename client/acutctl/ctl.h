@@ -55,6 +55,7 @@ struct ctl {
 	FILE *report;              /* JSON and results: stdout, or stderr where OUT is "-" */
 	char **warning;
 	size_t nwarning;
+	bool list;                 /* what is told is one of many lines, and the last comes at once */
 	bool progress_shown;       /* a progress line stands on the terminal */
 	bool out_closed;           /* the reader of standard output is gone */
 };
@@ -134,7 +135,8 @@ bool ctl_signal_late(const struct ctl *);
 
 /* ---- ctl_json.c ---- */
 
-struct ctl_json { FILE *out; bool comma; };
+/* list: its lines go out together, not each at once. */
+struct ctl_json { FILE *out; bool comma, list; };
 /* Keys are NULL inside lists. NULL texts become null. */
 void ctl_json_open(struct ctl_json *, const char *key, char bracket);
 void ctl_json_close(struct ctl_json *, char bracket);

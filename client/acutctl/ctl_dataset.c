@@ -8,7 +8,7 @@
 
 void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = { .out = ctl->report, .list = ctl->list };
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "name", d->name);

@@ -33,6 +33,8 @@ int ctl_datasets_run(struct ctl *ctl)
 {
 	int status = ctl_connect(ctl);
 
+	ctl->list = true;
+
 	if (!status && (ctl->args.removed ? acut_datasets_removed(ctl->acut, each_removed, ctl)
 					  : acut_datasets(ctl->acut, NULL, each, ctl)))
 		status = ctl_error_acut(ctl);

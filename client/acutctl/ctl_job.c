@@ -168,7 +168,7 @@ void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)
 
 void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = { .out = ctl->report, .list = ctl->list };
 	struct err err;
 
 	ctl_json_open(&j, NULL, '{');
@@ -243,7 +243,8 @@ void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 	if (job->has_error)
 		fprintf(ctl->report, "  %s", job->error.message);
 	fputc('\n', ctl->report);
-	fflush(ctl->report);
+	if (!ctl->list)
+		fflush(ctl->report);
 }
 
 int ctl_job_status(struct ctl *ctl, const struct acut_job *job)

@@ -10,6 +10,7 @@ int ctl_jobs_run(struct ctl *ctl)
 {
 	int status = ctl_connect(ctl);
 
+	ctl->list = true;
 	if (!status && acut_jobs(ctl->acut, each, ctl))
 		status = ctl_error_acut(ctl);
 	return status;

@@ -133,6 +133,7 @@ void ctl_json_bool(struct ctl_json *j, const char *key, bool v)
 void ctl_json_line(struct ctl_json *j)
 {
 	fputc('\n', j->out);
-	fflush(j->out);
+	if (!j->list)
+		fflush(j->out);
 	j->comma = false;
 }

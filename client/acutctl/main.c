@@ -2,6 +2,7 @@
  * acutctl: reads the command line, runs one command, and sees to it that whatever happened, the daemon of its
  * own ends, standard output was taken, and the exit status tells the truth.
  */
+#include <malloc.h>
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
@@ -30,6 +31,9 @@ int main(int argc, char **argv)
 	struct err err = ERR_INIT;
 	int status;
 
+	/* Messages come and go by the thousand: the heap does not give back each at once. */
+	mallopt(M_TRIM_THRESHOLD, 4 << 20);
+	mallopt(M_TOP_PAD, 256 << 10);
 	ctl_signal_init(&ctl);
 	status = ctl_option_parse(argc, argv, &ctl, &err);
 	for (unsigned i = 0; i < ctl.args.nout; i++)

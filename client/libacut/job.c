@@ -207,9 +207,15 @@ static int jobs_ask(struct acut *a, uint64_t after, uint32_t *ret_id)
 {
 	Acut__V1__JobsRequest question = ACUT__V1__JOBS_REQUEST__INIT;
 
+	int r;
+
 	question.limit = PAGE;
 	question.after = after;
-	return call_send(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1, ret_id);
+	r = call_send(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1, ret_id);
+	/* Off at once, not when the answer is waited for, which meets whatever goes wrong here. */
+	if (r == 0)
+		frame_conn_flush(a->conn, &a->err);
+	return r;
 }
 
 /* The daemon makes the next page while this one is handed out. */
