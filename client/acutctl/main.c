@@ -2,8 +2,8 @@
  * acutctl: reads the command line, runs one command, and sees to it that whatever happened, the daemon of its
  * own ends, standard output was taken, and the exit status tells the truth.
  */
-#include <malloc.h>
 #include <errno.h>
+#include <malloc.h>
 #include <stdlib.h>
 #include <string.h>
 
