@@ -52,6 +52,12 @@ def files_of(folder):
     return out
 
 
+def things_in(folder):
+    """Which files lie there, by name and inode. SQLite's own two are left out, and times: the daemon that lives in it tidies up after
+    a push when it has nothing else to do, and may take files away and write into its catalogue at any time."""
+    return {(n, ino) for n, (ino, _) in files_of(folder).items() if not n.endswith(("-wal", "-shm"))}
+
+
 def no_links(d):
     deadline = time.monotonic() + 10
     while [n for n in os.listdir(d.state) if n.startswith("backup-")]:
@@ -223,10 +229,11 @@ def a_state_is_no_backup():
         d.ctl("backup", to).ok()
         with restored(base, to, "r") as r:
             r.ctl("push", "a", tile(base, 2)).ok()
-            before = files_of(r.state)
+            before = things_in(r.state)
             says(r.ctl("backup", r.state), 2, "the state of an acutd")
             says(d.ctl("backup", r.state), 2, "the state of an acutd")
-            expect(files_of(r.state) == before, "something was written there")
+            new = things_in(r.state) - before
+            expect(not new, f"something was written there: {new}")
         d.ctl("backup", to).ok()
 
 
