@@ -1,11 +1,15 @@
 /*
- * The log (log.h): each line is one write to stderr, so that lines of several threads do not mix. Control
- * characters (a file name may hold them) are shown as '?'. Before log_init it writes as "acut", info.
+ * The log (log.h): each line is one write to stderr, so that lines of several threads do not mix; or one call of the
+ * sink. Before log_init it writes as "acut", info.
+ *
+ * The model: a text is made once, cleaned, and handed to the sink with what it is about; what the sink does not take
+ * is written to stderr as ever. Counting an event is one atomic addition, and is done for those that the level hides.
  */
 #include "log.h"
 
 #include <errno.h>
 #include <stdarg.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -13,6 +17,8 @@
 #include <unistd.h>
 
 #include "err.h"
+
+enum { LINE = 2048, FIELD = 512 };
 
 static const struct {
 	const char *text;
@@ -23,9 +29,21 @@ static const struct {
 	[LOG_LEVEL_DEBUG] = {"debug", '7'},
 };
 
+static const struct {
+	const char *name, *id, *subject;
+	enum log_level level;
+} events[LOG_EVENTS] = {
+#define EVENT(name, id, level, subject) {#name, id, subject, LOG_LEVEL_##level},
+#include "log_event.def"
+#undef EVENT
+};
+
 static const char *log_program = "acut";
-static enum log_level log_most = LOG_LEVEL_INFO;
+static _Atomic enum log_level log_most = LOG_LEVEL_INFO;
 static bool log_journal;
+static log_sink_fn *log_sink;
+static void *log_sink_ctx;
+static atomic_uint_fast64_t log_counts[LOG_EVENTS];
 
 /* $JOURNAL_STREAM is "device:inode" of the stream that systemd made; stderr may have been redirected since.
  */
@@ -46,6 +64,22 @@ void log_init(const char *program, enum log_level level)
 	log_journal = stderr_is_journal();
 }
 
+void log_set_level(enum log_level level)
+{
+	log_most = level;
+}
+
+void log_set_sink(log_sink_fn *sink, void *ctx)
+{
+	log_sink = sink;
+	log_sink_ctx = ctx;
+}
+
+bool log_is_journal(void)
+{
+	return log_journal;
+}
+
 bool log_parse_level(const char *text, enum log_level *ret)
 {
 	for (unsigned i = 0; i < sizeof levels / sizeof levels[0]; i++) {
@@ -57,40 +91,166 @@ bool log_parse_level(const char *text, enum log_level *ret)
 	return false;
 }
 
-void log_line(enum log_level level, const char *fmt, ...)
+const char *log_event_name(enum log_event event)
 {
-	int saved = errno;
-	char line[2048];
-	va_list ap;
+	return events[event].name;
+}
+
+const char *log_event_id(enum log_event event)
+{
+	return events[event].id;
+}
+
+const char *log_event_subject(enum log_event event)
+{
+	return events[event].subject;
+}
+
+enum log_level log_event_level(enum log_event event)
+{
+	return events[event].level;
+}
+
+uint64_t log_event_count(enum log_event event)
+{
+	return atomic_load_explicit(&log_counts[event], memory_order_relaxed);
+}
+
+/* ---- texts of strangers ---- */
+
+/* Bytes of the well-formed character at s (Unicode 15, table 3-7), 0: it is none. C1 controls, which some terminals
+ * obey, count as none. */
+static size_t utf8_length(const unsigned char *s)
+{
+	size_t n = s[0] >= 0xc2 && s[0] <= 0xdf ? 2 : (s[0] & 0xf0) == 0xe0 ? 3 : s[0] >= 0xf0 && s[0] <= 0xf4 ? 4 : 0;
+
+	for (size_t i = 1; i < n; i++)
+		if ((s[i] & 0xc0) != 0x80)
+			return 0;
+	if ((s[0] == 0xc2 && s[1] < 0xa0) || (s[0] == 0xe0 && s[1] < 0xa0) || (s[0] == 0xed && s[1] > 0x9f) ||
+	    (s[0] == 0xf0 && s[1] < 0x90) || (s[0] == 0xf4 && s[1] > 0x8f))
+		return 0;
+	return n;
+}
+
+static void clean(char *text)
+{
+	unsigned char *s = (unsigned char *)text;
+
+	while (*s) {
+		size_t n = *s < 0x80 ? *s >= 0x20 && *s != 0x7f : utf8_length(s);
+
+		if (!n) {
+			*s = '?';
+			n = 1;
+		}
+		s += n;
+	}
+}
+
+/* NULL stays NULL. */
+static const char *cleaned(const char *text, char buf[FIELD])
+{
+	if (!text || !*text)
+		return NULL;
+	snprintf(buf, FIELD, "%s", text);
+	clean(buf);
+	return buf;
+}
+
+/* ---- writing ---- */
+
+static void write_line(enum log_level level, const char *message)
+{
+	char line[LINE + 64];
 	int n;
 
-	if (level > log_most)
-		return;
 	if (log_journal)
-		n = snprintf(line, sizeof line, "<%c>", levels[level].priority);
+		n = snprintf(line, sizeof line, "<%c>%s\n", levels[level].priority, message);
 	else
-		n = snprintf(line, sizeof line, "%s: %s: ", log_program, levels[level].text);
-	size_t at = n < 0 ? 0 : (size_t)n;
-
-	va_start(ap, fmt);
-	vsnprintf(line + at, sizeof line - at - 1, fmt, ap);
-	va_end(ap);
-	at = strlen(line);
-	for (size_t i = 0; i < at; i++)
-		if ((unsigned char)line[i] < 0x20 || line[i] == 0x7f)
-			line[i] = '?';
-	line[at++] = '\n';
+		n = snprintf(line, sizeof line, "%s: %s: %s\n", log_program, levels[level].text, message);
+	if (n < 0)
+		return;
+	if ((size_t)n >= sizeof line) {
+		n = sizeof line - 1;
+		line[n - 1] = '\n';
+	}
 	/* Nowhere to tell that the log itself cannot be written. */
-	if (write(STDERR_FILENO, line, at) < 0)
+	if (write(STDERR_FILENO, line, (size_t)n) < 0)
 		(void)0;
+}
+
+static void tell(const struct log_place *place, enum log_level level, int event, const struct log_about *about,
+		 const char *fmt, va_list ap)
+{
+	char message[LINE], texts[3][FIELD];
+	struct log_about a = about ? *about : (struct log_about){0};
+	int saved = errno;
+
+	vsnprintf(message, sizeof message, fmt, ap);
+	clean(message);
+	if (log_sink) {
+		a.dataset = cleaned(a.dataset, texts[0]);
+		a.file = cleaned(a.file, texts[1]);
+		a.code = cleaned(a.code, texts[2]);
+		if (log_sink(log_sink_ctx, &(struct log_entry){level, event, message, &a, place})) {
+			errno = saved;
+			return;
+		}
+	}
+	write_line(level, message);
 	errno = saved;
 }
 
-void log_err(enum log_level level, const char *what, const struct err *err)
+void log_line_at(const struct log_place *place, enum log_level level, const char *fmt, ...)
+{
+	va_list ap;
+
+	if (level > log_most)
+		return;
+	va_start(ap, fmt);
+	tell(place, level, -1, NULL, fmt, ap);
+	va_end(ap);
+}
+
+void log_event_at(const struct log_place *place, enum log_event event, const struct log_about *about, const char *fmt,
+		  ...)
+{
+	enum log_level level = events[event].level;
+	va_list ap;
+
+	atomic_fetch_add_explicit(&log_counts[event], 1, memory_order_relaxed);
+	if (level > log_most)
+		return;
+	va_start(ap, fmt);
+	tell(place, level, (int)event, about, fmt, ap);
+	va_end(ap);
+}
+
+static void raised_at(const struct log_place *place, const struct err *err)
+{
+	if (err->src_file)
+		log_line_at(place, LOG_LEVEL_DEBUG, "raised at %s:%d, errno %d", err->src_file, err->src_line, err->sys);
+}
+
+void log_err_at(const struct log_place *place, enum log_level level, const char *what, const struct err *err)
 {
 	char text[1400];
 
-	log_line(level, "%s: %s", what, err_format(err, text, sizeof text));
-	if (err->src_file)
-		log_debug("raised at %s:%d, errno %d", err->src_file, err->src_line, err->sys);
+	log_line_at(place, level, "%s: %s", what, err_format(err, text, sizeof text));
+	raised_at(place, err);
+}
+
+void log_event_err_at(const struct log_place *place, enum log_event event, const struct log_about *about,
+		      const char *what, const struct err *err)
+{
+	struct log_about a = about ? *about : (struct log_about){0};
+	char text[1400];
+
+	if (!a.file && err->file[0])
+		a.file = err->file;
+	if (!a.code && err->code)
+		a.code = err_wire_name(err->code);
+	log_event_at(place, event, &a, "%s: %s", what, err_format(err, text, sizeof text));
+	raised_at(place, err);
 }

@@ -26,6 +26,7 @@
 #include "err.h"
 #include "io.h"
 #include "job.h"
+#include "journal.h"
 #include "ledger.h"
 #include "log.h"
 #include "marker.h"
@@ -84,9 +85,9 @@ static void end_if_idle(struct daemon *d)
 		return;
 	}
 	if (d->nsockets)
-		log_info("idle for %.0f seconds: the end", d->config.idle_exit);
+		log_event(LOG_EVENT_STOP, NULL, "idle for %.0f seconds: the end", d->config.idle_exit);
 	else
-		log_info("the only client is gone: the end");
+		log_event(LOG_EVENT_STOP, NULL, "the only client is gone: the end");
 	for (int i = 0; i < d->nsockets; i++)
 		place_unbind(d->sockets[i]);
 	io_close(lock);
@@ -183,7 +184,7 @@ static int on_last(sd_event_source *source, uint64_t usec, void *ctx)
 {
 	struct daemon *d = ctx;
 
-	log_warning("work did not stop in time: it is cut off");
+	log_event(LOG_EVENT_STOP_CUT, NULL, "work did not stop in time: it is cut off");
 	jobs_abandon(d->jobs);
 	_exit(0);
 }
@@ -204,7 +205,7 @@ static void stop(struct daemon *d)
 
 static int on_signal(sd_event_source *source, const struct signalfd_siginfo *si, void *ctx)
 {
-	log_info("signal %u: the end", si->ssi_signo);
+	log_event(LOG_EVENT_STOP, NULL, "signal %u: the end", si->ssi_signo);
 	stop(ctx);
 	return 0;
 }
@@ -410,13 +411,14 @@ static void make_room(struct daemon *d)
 
 	if (io->fstatvfs(d->statefd, &vfs) != 0 || (uint64_t)vfs.f_bavail * vfs.f_frsize >= least)
 		return;
-	log_warning("the disk is full: %llu bytes are free for the state", (unsigned long long)vfs.f_bavail * vfs.f_frsize);
+	log_event(LOG_EVENT_DISK_FULL, NULL, "the disk is full: %llu bytes are free for the state",
+		  (unsigned long long)vfs.f_bavail * vfs.f_frsize);
 	if (!space_new(&p, &space, &err)) {
 		space_evict(space, false, &bytes, &files, &err);
 		space_free(space);
 	}
 	if (err.code)
-		log_err(LOG_LEVEL_WARNING, "nothing can be evicted", &err);
+		log_event_err(LOG_EVENT_DISK_FULL, NULL, "nothing can be evicted", &err);
 }
 
 static int start(struct daemon *d, struct err *err)
@@ -498,6 +500,7 @@ int main(int argc, char **argv)
 	int what, r;
 
 	log_init("acutd", LOG_LEVEL_INFO);
+	journal_open("acutd");
 	tame_malloc();
 	raise_files();
 	r = config_parse(argc, argv, &d.config, &what, &err);
@@ -505,20 +508,21 @@ int main(int argc, char **argv)
 		return 0;
 	if (!r) {
 		log_init("acutd", d.config.level);
+		log_event(LOG_EVENT_START, NULL, "acutd %s starts", ACUT_VERSION);
 		r = start(&d, &err);
 	}
 	if (r) {
-		log_err(LOG_LEVEL_ERROR, "acutd cannot start", &err);
+		log_event_err(LOG_EVENT_START_FAILED, NULL, "acutd cannot start", &err);
 		finish(&d);
 		return err_exit_status(err.code);
 	}
-	log_info("acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
-		 parse_size_text(d.config.memory, size), d.config.threads, d.config.state, d.config.cache);
+	log_event(LOG_EVENT_READY, NULL, "acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
+		  parse_size_text(d.config.memory, size), d.config.threads, d.config.state, d.config.cache);
 	sd_notify(0, "READY=1\nSTATUS=Serving");
 	r = sd_event_loop(d.event);
 	if (r < 0) {
 		/* Workers are busy: as after a crash, the next start cleans up. */
-		log_error("the event loop failed: %s", strerror(-r));
+		log_event(LOG_EVENT_LOOP_FAILED, NULL, "the event loop failed: %s", strerror(-r));
 		_exit(1);
 	}
 	finish(&d);
