@@ -35,6 +35,8 @@ static const char help[] =
 	"  --cache FOLDER       what can be made again (default: $CACHE_DIRECTORY, as root /var/cache/acut,\n"
 	"                       else $XDG_CACHE_HOME/acut)\n"
 	"  --init               make a new store where the state folder is empty or absent\n"
+	"  --init-first         for a service: make the store in $STATE_DIRECTORY at the very first start, which is\n"
+	"                       when the cache folder has never served a store either\n"
 	"  --memory SIZE        budget, as 256M or 4G, at least 24M (default: by cgroup and machine)\n"
 	"  --threads N          workers (default: one a processor)\n"
 	"  --disk SIZE|N%       what state and cache may hold together, as 200G or 80% of the file system\n"
@@ -188,6 +190,9 @@ static int fill_in(struct config *c, struct err *err)
 	char text[32];
 	int r = 0;
 
+	/* A folder that somebody chose is no first one. */
+	if (*c->state || !getenv("STATE_DIRECTORY"))
+		c->init_first = false;
 	if (!*c->state && own_folder())
 		c->init = true;
 	if (!*c->state)
@@ -218,13 +223,14 @@ static int fill_in(struct config *c, struct err *err)
 
 /* ---- options ---- */
 
-enum which { SOCKET = 1, STATE, CACHE, INIT, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, KEEP_REMOVED, VERSION, HELP };
+enum which { SOCKET = 1, STATE, CACHE, INIT, INIT_FIRST, MEMORY, THREADS, LOG_LEVEL, IDLE_EXIT, DISK, KEEP_FREE, SPACE_PATIENCE, KEEP_REMOVED, VERSION, HELP };
 
 static const struct option options[] = {
 	{"socket", required_argument, NULL, SOCKET},
 	{"state", required_argument, NULL, STATE},
 	{"cache", required_argument, NULL, CACHE},
 	{"init", no_argument, NULL, INIT},
+	{"init-first", no_argument, NULL, INIT_FIRST},
 	{"memory", required_argument, NULL, MEMORY},
 	{"threads", required_argument, NULL, THREADS},
 	{"log-level", required_argument, NULL, LOG_LEVEL},
@@ -265,6 +271,9 @@ static int set_option(struct config *c, int option, const char *value, struct er
 		return set_folder(c->cache, sizeof c->cache, "cache", value, err);
 	case INIT:
 		c->init = true;
+		return 0;
+	case INIT_FIRST:
+		c->init_first = true;
 		return 0;
 	case MEMORY:
 		return parse_size(value, &c->memory) && c->memory

@@ -14,6 +14,7 @@ struct config {
 	const char *socket; /* NULL: handed over */
 	char state[512], cache[512];
 	bool init;       /* a new store may be made */
+	bool init_first; /* --init-first, and the state folder is $STATE_DIRECTORY */
 	uint64_t memory; /* resolved */
 	unsigned threads;
 	enum log_level level;

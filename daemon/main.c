@@ -424,7 +424,8 @@ static void make_room(struct daemon *d)
 static int start(struct daemon *d, struct err *err)
 {
 	struct marker store;
-	int r = place_state(d->config.state, d->config.init, &d->statefd, &d->state_lock, &store, err);
+	bool init = d->config.init || (d->config.init_first && place_cache_unused(d->config.cache));
+	int r = place_state(d->config.state, init, &d->statefd, &d->state_lock, &store, err);
 
 	/* One folder for both is one lock. */
 	if (!r && strcmp(d->config.state, d->config.cache))

@@ -247,6 +247,19 @@ int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err)
 	return r ? err_add_file(err, path) : 0;
 }
 
+bool place_cache_unused(const char *path)
+{
+	struct err ignored = ERR_INIT; /* what cannot be read is not taken for unused */
+	struct marker m;
+	int fd, r;
+
+	if (io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, &ignored))
+		return false;
+	r = marker_read(fd, MARKER_CACHE, &m, &ignored);
+	io_close(fd);
+	return r == MARKER_E_ABSENT;
+}
+
 int place_cache_serves(int fd, const struct marker *state, struct err *err)
 {
 	struct marker m;

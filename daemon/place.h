@@ -14,6 +14,9 @@ struct marker;
 int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err);
 /* The cache's, made with its parents if it is not there. */
 int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err);
+/* Whether the cache's folder is there and has never served a store: a machine where acutd was never started before. Beside
+ * a cache that has, a state folder without a store is an unmounted disk. */
+bool place_cache_unused(const char *path);
 /* Notes in the cache whom it serves. What lies there is named by content, so another store's may stay; what is not
  * (one-step datasets, temporary files) goes at every start. */
 int place_cache_serves(int fd, const struct marker *state, struct err *err);

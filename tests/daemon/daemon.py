@@ -62,6 +62,42 @@ def folders_are_locked():
         d.ctl("ping").ok()
 
 
+def first_start_of_a_service():
+    """--init-first makes the store once, where systemd made the folders; never where somebody chose the folder, and never
+    again: an empty state folder beside a cache that has served is an unmounted disk."""
+    with Folder() as base:
+        state, cache, other = base + "/lib", base + "/cache", base + "/other"
+        for folder in (state, cache, other):
+            os.mkdir(folder)
+        env = {"STATE_DIRECTORY": state, "CACHE_DIRECTORY": cache}
+
+        def start(*args):
+            d = Daemon(base)
+            d.command = [e2e.ACUTD, "--socket", d.socket, "--init-first", "--memory", "64M"] + list(args)
+            d.env.update(env)
+            return d
+
+        def refused(*args):
+            got = run(start(*args).command, env=env, timeout=10)
+            expect(got.status == 74 and "unmounted disk" in got.err, "%s: %d %s" % (args, got.status, got.err))
+
+        refused("--state", other)
+        expect(not os.listdir(other), "it was written to")
+        os.environ.pop("STATE_DIRECTORY", None)
+        for _ in range(2):
+            with start() as d:
+                d.ctl("status").ok()
+                d.stop()
+        os.rename(state, base + "/elsewhere")
+        os.mkdir(state)
+        refused()
+        expect(not os.listdir(state), "it was written to")
+        os.rmdir(state)
+        os.rename(base + "/elsewhere", state)
+        with start() as d:
+            d.stop()
+
+
 def unmounted_disk_is_no_store():
     """A folder that was configured and is not there, or has no marker, is refused, and left as it is."""
     with Folder() as base:
@@ -341,6 +377,6 @@ def mixed_units_are_refused():
         expect(got.status == 1 and "a.las" in got.err and "b.las" in got.err, "%d %s" % (got.status, got.err))
 
 
-main(folders_are_locked, unmounted_disk_is_no_store, stale_socket_is_taken_over, usage, socket_is_handed_over, socket_pair_is_handed_over,
+main(folders_are_locked, unmounted_disk_is_no_store, first_start_of_a_service, stale_socket_is_taken_over, usage, socket_is_handed_over, socket_pair_is_handed_over,
      out_of_descriptors, killed_at_any_moment, stopped_while_busy, never_read_stream, memory_is_kept,
      mixed_units_are_refused)
