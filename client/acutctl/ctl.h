@@ -44,10 +44,12 @@ struct ctl_args {
 };
 
 struct ctl_command;
+struct ctl_verb;
 
 struct ctl {
 	struct ctl_args args;
 	const struct ctl_command *command;
+	const struct ctl_verb *verb; /* of a command that has some */
 	double timeout;            /* seconds, 0 = none */
 	uint64_t deadline_ns;
 	struct acut *acut;
@@ -85,13 +87,29 @@ enum ctl_group {
 	CTL_COPY = 1 << 19,        /* backup, dataset export */
 };
 
+/* What stands behind a command that has several: "dataset show". */
+struct ctl_verb {
+	const char *name, *usage, *help; /* usage: "show DATASET", its words in capitals say what they are (ctl_complete.c) */
+	unsigned least, most;            /* words behind the verb */
+	const char *options;             /* of the command's own options those that it takes: "at scale"; NULL: none */
+	int (*run)(struct ctl *);        /* its words begin at args.word[1] */
+};
+
 struct ctl_command {
 	const char *name, *usage, *help;
 	unsigned groups;
 	unsigned least, most;      /* words */
 	bool starts;               /* starts a private daemon unasked */
 	int (*run)(struct ctl *);  /* NULL: not in this version */
+	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Run by ctl_verb_run. */
 };
+
+/* Of the commands with verbs: runs ctl->verb. */
+int ctl_verb_run(struct ctl *);
+/* NULL: there is none of that name. */
+const struct ctl_verb *ctl_verb_find(const struct ctl_command *, const char *name);
+
+extern const struct ctl_verb ctl_cache_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
 
 /* ---- ctl_command.c ---- */
 
@@ -372,13 +390,10 @@ char *ctl_job_time_text(int64_t us, char buf[32]);
 
 #define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
 CTL_COMMAND(backup)
-CTL_COMMAND(cache)
 CTL_COMMAND(cancel)
-CTL_COMMAND(dataset)
 CTL_COMMAND(datasets)
 CTL_COMMAND(fetch)
 CTL_COMMAND(formats)
-CTL_COMMAND(geoid)
 CTL_COMMAND(help)
 CTL_COMMAND(info)
 CTL_COMMAND(jobs)

@@ -2,21 +2,22 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_table.h"
 #include "parse.h"
 
 /* ---- stat ---- */
 
 static void side_print(FILE *out, const char *name, const struct acut_side *s, const char *disk, const char *keep_free)
 {
-	char a[32], b[32], c[32], d[32];
+	char a[32], b[32], c[32], d[32], held[96];
 
 	if (s->has_quota)
-		fprintf(out, "%-11s %s used of %s (--disk %s)", name, parse_size_text(s->used, a),
-			parse_size_text(s->quota, b), disk);
+		snprintf(held, sizeof(held), "%s used of %s (--disk %s)", parse_size_text(s->used, a),
+			 parse_size_text(s->quota, b), disk);
 	else
-		fprintf(out, "%-11s %s used, no quota", name, parse_size_text(s->used, a));
-	fprintf(out, "; %s free of %s, %s stay free (--keep-free %s)\n", parse_size_text(s->free, a),
-		parse_size_text(s->total, c), parse_size_text(s->keep_free, d), keep_free);
+		snprintf(held, sizeof(held), "%s used, no quota", parse_size_text(s->used, a));
+	ctl_term_field(out, name, "%s; %s free of %s, %s stay free (--keep-free %s)", held, parse_size_text(s->free, a),
+		       parse_size_text(s->total, c), parse_size_text(s->keep_free, d), keep_free);
 }
 
 void ctl_cache_sides(FILE *out, bool one, const struct acut_side *state, const struct acut_side *cache, const char *disk,
@@ -71,9 +72,17 @@ static void stat_json(struct ctl *ctl, const struct acut_cache_stat *s)
 	ctl_json_line(&j);
 }
 
-static int stat_run(struct ctl *ctl)
+static const struct ctl_column columns[] = {
+	{"KIND"},
+	{"SIZE", .right = true},
+	{"ENTRIES", .right = true},
+	{"WHAT IT IS", .spare = true},
+};
+
+static int cache_stat(struct ctl *ctl)
 {
 	const struct acut_cache_stat *s;
+	struct ctl_table *t;
 	FILE *out = ctl->report;
 	char size[32];
 
@@ -83,16 +92,18 @@ static int stat_run(struct ctl *ctl)
 		stat_json(ctl, s);
 		return CTL_DONE;
 	}
+	t = ctl_table_new(out, columns, sizeof(columns) / sizeof(*columns));
 	for (size_t i = 0; i < s->nkinds; i++) {
-		fprintf(out, "%-11s %-10s", s->kinds[i].name, parse_size_text(s->kinds[i].bytes, size));
-		if (s->kinds[i].entries)
-			fprintf(out, " %llu", (unsigned long long)s->kinds[i].entries);
-		fputc('\n', out);
+		ctl_table_text(t, "%s", s->kinds[i].name);
+		ctl_table_size(t, s->kinds[i].bytes);
+		ctl_table_count(t, s->kinds[i].entries);
+		ctl_table_text(t, s->kinds[i].state ? "pushed" : "made again");
 	}
+	ctl_table_free(t);
 	ctl_cache_sides(out, s->one_file_system, &s->state, &s->cache, s->disk_limit, s->keep_free_limit);
 	if (!s->measured)
-		fprintf(out, "what was in the cache before the start is not counted yet\n");
-	fprintf(out, "%-11s %s in %llu domains and selections since the start\n", "evicted",
+		ctl_term_line(out, "what was in the cache before the start is not counted yet");
+	ctl_term_field(out, "evicted", "%s in %llu domains and selections since the start",
 		parse_size_text(s->evicted_bytes, size), (unsigned long long)s->evicted_entries);
 	return CTL_DONE;
 }
@@ -142,7 +153,7 @@ static void verify_progress(void *ctx, const struct acut_progress *now)
 	v->ctl->progress_shown = true;
 }
 
-static int verify_run(struct ctl *ctl)
+static int cache_verify(struct ctl *ctl)
 {
 	struct verify v = { .ctl = ctl };
 	struct ctl_json j = { .out = ctl->report };
@@ -173,7 +184,7 @@ static int verify_run(struct ctl *ctl)
 
 /* ---- gc ---- */
 
-static int gc_run(struct ctl *ctl)
+static int cache_gc(struct ctl *ctl)
 {
 	struct ctl_json j = { .out = ctl->report };
 	uint64_t bytes, entries;
@@ -194,27 +205,31 @@ static int gc_run(struct ctl *ctl)
 	return CTL_DONE;
 }
 
-int ctl_cache_run(struct ctl *ctl)
+static int connected(struct ctl *ctl, int (*run)(struct ctl *))
 {
-	static const struct {
-		const char *word;
-		int (*run)(struct ctl *);
-	} rows[] = {{"stat", stat_run}, {"verify", verify_run}, {"gc", gc_run}};
-	struct err err = ERR_INIT;
-	size_t i;
-	int status;
+	int status = ctl_connect(ctl);
 
-	for (i = 0; i < 3 && strcmp(rows[i].word, ctl->args.word[0]); i++)
-		;
-	if (i == 3) {
-		err_set(&err, ERR_USAGE, "there is no such command cache");
-		err_add_hint(&err, "acutctl cache stat, cache verify, cache gc [--all]");
-		return ctl_error(ctl, &err);
-	}
-	if (ctl->args.all && rows[i].run != gc_run) {
-		err_set(&err, ERR_USAGE, "--all belongs to cache gc");
-		return ctl_error(ctl, &err);
-	}
-	status = ctl_connect(ctl);
-	return status ? status : rows[i].run(ctl);
+	return status ? status : run(ctl);
 }
+
+static int stat_run(struct ctl *ctl)
+{
+	return connected(ctl, cache_stat);
+}
+
+static int verify_run(struct ctl *ctl)
+{
+	return connected(ctl, cache_verify);
+}
+
+static int gc_run(struct ctl *ctl)
+{
+	return connected(ctl, cache_gc);
+}
+
+const struct ctl_verb ctl_cache_verbs[] = {
+	{"stat", "stat", "what lies on the daemon's disk, by kind", 0, 0, NULL, stat_run},
+	{"verify", "verify", "read all of it and say what is damaged", 0, 0, NULL, verify_run},
+	{"gc", "gc", "remove what is beyond the quota, or all that can be made again", 0, 0, "all", gc_run},
+	{0},
+};

@@ -163,65 +163,18 @@ static int import(struct ctl *ctl)
 	return ctl_dataset_import(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
 }
 
-/* Options that not all of the verbs take. */
-enum { TAKES_SCALE = 1, TAKES_AT = 2, TAKES_FILES = 4, TAKES_AS = 8, TAKES_COPY = 16, TAKES_KEEP = 32 };
-
-static const struct verb {
-	const char *name;
-	unsigned words, most; /* with the verb itself */
-	unsigned takes;
-	int (*run)(struct ctl *);
-} verbs[] = {
-	{ "create", 2, 2, TAKES_SCALE, create },
-	{ "export", 3, 3, TAKES_COPY, export },
-	{ "import", 2, 3, 0, import },
-	{ "log", 2, 2, TAKES_FILES, log_run },
-	{ "pin", 2, 2, 0, pin },
-	{ "restore", 2, 2, TAKES_AS, restore },
-	{ "prune", 2, 2, TAKES_KEEP, prune },
-	{ "revert", 2, 3, 0, revert },
-	{ "rm", 2, 2, 0, rm },
-	{ "show", 2, 2, TAKES_AT, show },
-	{ "unpin", 2, 2, 0, unpin },
+const struct ctl_verb ctl_dataset_verbs[] = {
+	{"create", "create NAME", "a dataset before its first push", 1, 1, "scale crs", create},
+	{"export", "export DATASET DIR", "one dataset with all its generations into a folder", 2, 2, "copy", export},
+	{"import", "import DIR [NAME]", "a new dataset of an exported one", 1, 2, NULL, import},
+	{"log", "log DATASET", "what each generation did", 1, 1, "files", log_run},
+	{"pin", "pin DATASET", "it is neither removed nor pruned from now on", 1, 1, NULL, pin},
+	{"prune", "prune DATASET", "old generations go, and the points that only they have", 1, 1, "keep before", prune},
+	{"restore", "restore REMOVED", "bring a removed dataset back, by name or number", 1, 1, "as", restore},
+	{"revert", "revert DATASET [GENERATION]", "undo what a generation did, unless told another one the newest", 1, 2,
+	 NULL, revert},
+	{"rm", "rm DATASET", "remove it; it can be restored for seven days", 1, 1, NULL, rm},
+	{"show", "show DATASET", "what is in it", 1, 1, "at generation", show},
+	{"unpin", "unpin DATASET", "it can be removed and pruned again", 1, 1, NULL, unpin},
+	{0},
 };
-
-static int check_options(const struct ctl_args *a, const struct verb *v, struct err *err)
-{
-	const char *const given[] = {
-		a->scale && !(v->takes & TAKES_SCALE) ? "scale" : NULL,
-		a->crs && !(v->takes & TAKES_SCALE) ? "crs" : NULL,
-		a->generation && !(v->takes & TAKES_AT) ? "at" : NULL,
-		a->files && !(v->takes & TAKES_FILES) ? "files" : NULL,
-		a->as && !(v->takes & TAKES_AS) ? "as" : NULL,
-		a->copy && !(v->takes & TAKES_COPY) ? "copy" : NULL,
-		a->keep && !(v->takes & TAKES_KEEP) ? "keep" : NULL,
-		a->before && !(v->takes & TAKES_KEEP) ? "before" : NULL,
-	};
-
-	for (size_t i = 0; i < sizeof(given) / sizeof(*given); i++)
-		if (given[i])
-			return err_set(err, ERR_USAGE, "dataset %s takes no --%s", v->name, given[i]);
-	return 0;
-}
-
-int ctl_dataset_run(struct ctl *ctl)
-{
-	const char *name = ctl->args.word[0];
-	unsigned n = ctl->args.nword;
-	const struct verb *v = NULL;
-	struct err err = ERR_INIT;
-
-	for (size_t i = 0; i < sizeof(verbs) / sizeof(*verbs); i++)
-		if (!strcmp(verbs[i].name, name))
-			v = &verbs[i];
-	if (!v)
-		err_set(&err, ERR_USAGE, "there is no command dataset %s", name);
-	else if (n < v->words || n > v->most)
-		err_set(&err, ERR_USAGE, "dataset %s takes one name%s", name,
-			v->words > 2 ? " and a folder" : v->most > 2 ? ", and at most one more word" : "");
-	if (err.code)
-		err_add_hint(&err, "acutctl dataset show, log, revert, prune, create, rm, restore, pin or unpin NAME; export NAME FOLDER; import FOLDER [NAME]");
-	else
-		check_options(&ctl->args, v, &err);
-	return err.code ? ctl_error(ctl, &err) : v->run(ctl);
-}

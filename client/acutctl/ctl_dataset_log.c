@@ -3,11 +3,37 @@
 
 #include "ctl.h"
 #include "ctl_dataset.h"
+#include "ctl_table.h"
 
 struct logging {
 	struct ctl *ctl;
 	struct ctl_json json;
-	bool any;
+	struct ctl_table *table;
+	uint64_t generation; /* that files are of */
+	char kind[40];
+};
+
+static const struct ctl_column generations[] = {
+	{"GENERATION", .right = true},
+	{"KIND"},
+	{"TIME"},
+	{"USER", .shrink = true},
+	{"POINTS+", .right = true},
+	{"FILES+", .right = true, .spare = true},
+	{"POINTS-", .right = true},
+	{"FILES-", .right = true, .spare = true},
+	{"CONTENT", .spare = true},
+	{"NOTE", .spare = true},
+};
+
+/* With --files: a row a file. */
+static const struct ctl_column files[] = {
+	{"GENERATION", .right = true},
+	{"KIND"},
+	{"CHANGE"},
+	{"FILE", .shrink = true},
+	{"POINTS", .right = true},
+	{"HASH", .spare = true},
 };
 
 static void row_json(struct logging *l, const struct acut_generation *g)
@@ -39,31 +65,35 @@ static void row_json(struct logging *l, const struct acut_generation *g)
 
 static void row_text(struct logging *l, const struct acut_generation *g)
 {
-	FILE *out = l->ctl->report;
-	char a[32], b[32], who[32];
+	struct ctl_table *t = l->table;
 
-	snprintf(who, sizeof(who), "%u", g->uid);
-	fprintf(out, "%6llu  %s  %-12s  %s", (unsigned long long)g->number,
-		g->time_us ? ctl_job_time_text(g->time_us, a) : "-                   ", *g->user ? g->user : g->time_us ? who : "-",
-		g->kind);
-	if (g->undoes)
-		fprintf(out, " of %llu", (unsigned long long)g->undoes);
-	if (g->files || !g->files_removed)
-		fprintf(out, "  +%s points in %u file%s", ctl_job_count(g->points_added, a), g->files, g->files == 1 ? "" : "s");
-	if (g->files_removed)
-		fprintf(out, "  -%s points in %u file%s", ctl_job_count(g->points_removed, b), g->files_removed,
-			g->files_removed == 1 ? "" : "s");
-	fprintf(out, "  %s%s\n", g->content, g->readable ? "" : "  (pruned)");
+	ctl_table_id(t, g->number);
+	ctl_table_text(t, "%s", l->kind);
+	ctl_table_time(t, g->time_us);
+	if (*g->user || !g->time_us)
+		ctl_table_text(t, "%s", g->user);
+	else
+		ctl_table_text(t, "%u", g->uid);
+	ctl_table_count(t, g->points_added);
+	ctl_table_count(t, g->files);
+	ctl_table_count(t, g->points_removed);
+	ctl_table_count(t, g->files_removed);
+	ctl_table_text(t, "%s", g->content);
+	ctl_table_text(t, "%s", g->readable ? "" : "pruned");
 }
 
 static void row(void *ctx, const struct acut_generation *g)
 {
 	struct logging *l = ctx;
 
-	l->any = true;
+	l->generation = g->number;
+	if (g->undoes)
+		snprintf(l->kind, sizeof(l->kind), "%s of %llu", g->kind, (unsigned long long)g->undoes);
+	else
+		snprintf(l->kind, sizeof(l->kind), "%s", g->kind);
 	if (l->ctl->args.json)
 		row_json(l, g);
-	else
+	else if (!l->ctl->args.files)
 		row_text(l, g);
 }
 
@@ -71,11 +101,15 @@ static void file(void *ctx, const struct acut_log_file *f)
 {
 	struct logging *l = ctx;
 	struct ctl_json *j = &l->json;
-	char count[32];
+	struct ctl_table *t = l->table;
 
 	if (!l->ctl->args.json) {
-		fprintf(l->ctl->report, "        %s %s  %s points  %s\n", f->removed ? "-" : "+", *f->path ? f->path : f->name,
-			ctl_job_count(f->points, count), *f->hash ? f->hash : "-");
+		ctl_table_id(t, l->generation);
+		ctl_table_text(t, "%s", l->kind);
+		ctl_table_text(t, f->removed ? "removed" : "added");
+		ctl_table_text(t, "%s", *f->path ? f->path : f->name);
+		ctl_table_count(t, f->points);
+		ctl_table_text(t, "%s", f->hash);
 		return;
 	}
 	ctl_json_open(j, NULL, '{');
@@ -107,9 +141,14 @@ int ctl_dataset_log(struct ctl *ctl, const char *name)
 	const struct acut_log_sink sink = {.generation = row, .file = ctl->args.files ? file : NULL, .end = end, .ctx = &l};
 	int status = ctl_connect(ctl);
 
-	if (!status && acut_dataset_log(ctl->acut, name, &sink))
-		status = ctl_error_acut(ctl);
-	return status;
+	if (status)
+		return status;
+	if (!ctl->args.json)
+		l.table = ctl->args.files ? ctl_table_new(ctl->report, files, sizeof(files) / sizeof(*files))
+					  : ctl_table_new(ctl->report, generations, sizeof(generations) / sizeof(*generations));
+	status = acut_dataset_log(ctl->acut, name, &sink);
+	ctl_table_free(l.table);
+	return status ? ctl_error_acut(ctl) : CTL_DONE;
 }
 
 int ctl_dataset_revert(struct ctl *ctl, const char *name, const char *generation)

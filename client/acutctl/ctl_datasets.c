@@ -1,42 +1,83 @@
-/* datasets: one line a dataset. */
+/* datasets: one row a dataset. */
 #include "ctl.h"
 #include "ctl_dataset.h"
-#include "parse.h"
+#include "ctl_table.h"
+
+static const struct ctl_column there[] = {
+	{"NAME", .shrink = true},
+	{"GENERATION", .right = true},
+	{"POINTS", .right = true},
+	{"FILES", .right = true, .spare = true},
+	{"SIZE", .right = true},
+	{"PUSHED", .spare = true},
+	{"USER", .right = true, .spare = true},
+	{"NOTE", .tail = true, .spare = true},
+};
+
+static const struct ctl_column gone[] = {
+	{"NUMBER", .right = true},
+	{"NAME", .shrink = true},
+	{"POINTS", .right = true},
+	{"FILES", .right = true, .spare = true},
+	{"SIZE", .right = true},
+	{"UNTIL"},
+};
+
+struct listing {
+	struct ctl *ctl;
+	struct ctl_table *table;
+};
 
 static void each(void *ctx, const struct acut_dataset *d)
 {
-	struct ctl *ctl = ctx;
-	char count[32], size[32];
+	struct listing *l = ctx;
+	struct ctl_table *t = l->table;
 
-	if (ctl->args.json)
-		ctl_dataset_json(ctl, d);
-	else
-		fprintf(ctl->report, "%-24s generation %-4llu %14s points  %5u files  %s%s\n", d->name,
-			(unsigned long long)d->generation, ctl_job_count(d->points, count), d->files,
-			parse_size_text(d->bytes, size), d->pending[0] ? "  (push pending)" : "");
+	if (l->ctl->args.json) {
+		ctl_dataset_json(l->ctl, d);
+		return;
+	}
+	ctl_table_text(t, "%s", d->name);
+	ctl_table_id(t, d->generation);
+	ctl_table_count(t, d->points);
+	ctl_table_count(t, d->files);
+	ctl_table_size(t, d->bytes);
+	ctl_table_time(t, d->pushed_us);
+	ctl_table_text(t, "%u", d->uid);
+	ctl_table_text(t, "%s%s%s", d->pinned ? "pinned" : "", d->pinned && d->pending[0] ? ", " : "",
+		       d->pending[0] ? "push pending" : "");
 }
 
 static void each_removed(void *ctx, const struct acut_dataset *d)
 {
-	struct ctl *ctl = ctx;
-	char count[32], size[32], until[32];
+	struct listing *l = ctx;
+	struct ctl_table *t = l->table;
 
-	if (ctl->args.json)
-		ctl_dataset_json(ctl, d);
-	else
-		fprintf(ctl->report, "%6llu  %-24s %14s points  %5u files  %s  until %s\n", (unsigned long long)d->id, d->name,
-			ctl_job_count(d->points, count), d->files, parse_size_text(d->bytes, size),
-			ctl_job_time_text(d->until_us, until));
+	if (l->ctl->args.json) {
+		ctl_dataset_json(l->ctl, d);
+		return;
+	}
+	ctl_table_id(t, d->id);
+	ctl_table_text(t, "%s", d->name);
+	ctl_table_count(t, d->points);
+	ctl_table_count(t, d->files);
+	ctl_table_size(t, d->bytes);
+	ctl_table_time(t, d->until_us);
 }
 
 int ctl_datasets_run(struct ctl *ctl)
 {
+	struct listing l = {.ctl = ctl};
+	bool removed = ctl->args.removed;
 	int status = ctl_connect(ctl);
 
 	ctl->list = true;
-
-	if (!status && (ctl->args.removed ? acut_datasets_removed(ctl->acut, each_removed, ctl)
-					  : acut_datasets(ctl->acut, NULL, each, ctl)))
-		status = ctl_error_acut(ctl);
-	return status;
+	if (status)
+		return status;
+	if (!ctl->args.json)
+		l.table = removed ? ctl_table_new(ctl->report, gone, sizeof(gone) / sizeof(*gone))
+				  : ctl_table_new(ctl->report, there, sizeof(there) / sizeof(*there));
+	status = removed ? acut_datasets_removed(ctl->acut, each_removed, &l) : acut_datasets(ctl->acut, NULL, each, &l);
+	ctl_table_free(l.table);
+	return status ? ctl_error_acut(ctl) : CTL_DONE;
 }

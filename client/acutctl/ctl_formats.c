@@ -1,18 +1,29 @@
 /* formats: what can be read (by the daemon of this version) and written (here, from the table of writers). */
 #include "ctl.h"
+#include "ctl_table.h"
 
 static const struct { const char *name, *extensions, *help; } input[] = {
 	{ "las", ".las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10" },
 	{ "xyz", ".xyz", "text, one point a line: x y z; space, tab, comma or semicolon" },
 };
 
-static void line(struct ctl *ctl, const char *direction, const char *name, const char *extensions,
-		 const char *help)
+static const struct ctl_column columns[] = {
+	{"FORMAT"},
+	{"DIRECTION"},
+	{"EXTENSIONS"},
+	{"WHAT IT IS", .tail = true},
+};
+
+static void row(struct ctl *ctl, struct ctl_table *t, const char *direction, const char *name, const char *extensions,
+		const char *help)
 {
 	struct ctl_json j = { .out = ctl->report };
 
 	if (!ctl->args.json) {
-		fprintf(ctl->report, "  %-6s %-6s %s\n", name, extensions, help);
+		ctl_table_text(t, "%s", name);
+		ctl_table_text(t, "%s", direction);
+		ctl_table_text(t, "%s", extensions);
+		ctl_table_text(t, "%s", help);
 		return;
 	}
 	ctl_json_open(&j, NULL, '{');
@@ -27,15 +38,13 @@ static void line(struct ctl *ctl, const char *direction, const char *name, const
 int ctl_formats_run(struct ctl *ctl)
 {
 	size_t n;
-	const struct format *const *row = format_rows(&n);
+	const struct format *const *rows = format_rows(&n);
+	struct ctl_table *t = ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
 
-	if (!ctl->args.json)
-		fputs("read, known by their bytes:\n", ctl->report);
 	for (size_t i = 0; i < sizeof(input) / sizeof(*input); i++)
-		line(ctl, "in", input[i].name, input[i].extensions, input[i].help);
-	if (!ctl->args.json)
-		fputs("written:\n", ctl->report);
+		row(ctl, t, "in", input[i].name, input[i].extensions, input[i].help);
 	for (size_t i = 0; i < n; i++)
-		line(ctl, "out", row[i]->name, row[i]->extensions, row[i]->help);
+		row(ctl, t, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
+	ctl_table_free(t);
 	return CTL_DONE;
 }

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "ctl.h"
+#include "ctl_table.h"
 #include "parse.h"
 
 static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
@@ -28,21 +29,47 @@ static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
 	ctl_json_line(&j);
 }
 
+static const struct ctl_column columns[] = {
+	{"NAME", .shrink = true},
+	{"POSTS", .right = true, .spare = true},
+	{"SIZE", .right = true},
+	{"LEAST", .right = true},
+	{"MOST", .right = true},
+	{"RMS ERROR", .right = true, .spare = true},
+	{"HASH", .spare = true},
+	{"DESCRIPTION", .tail = true, .spare = true},
+};
+
+struct listing {
+	struct ctl *ctl;
+	struct ctl_table *table;
+};
+
 static void show(void *ctx, const struct acut_geoid *g)
 {
-	struct ctl *ctl = ctx;
-	char size[32];
+	struct listing *l = ctx;
+	struct ctl_table *t = l->table;
 
-	if (ctl->args.json) {
-		geoid_json(ctl, g);
+	if (l->ctl->args.json) {
+		geoid_json(l->ctl, g);
 		return;
 	}
-	fprintf(ctl->report, "%-16s %u x %u, %s, %.3f to %.3f m", g->name, g->width, g->height,
-		parse_size_text(g->bytes, size), g->min, g->max);
+	ctl_table_text(t, "%s", g->name);
+	ctl_table_text(t, "%ux%u", g->width, g->height);
+	ctl_table_size(t, g->bytes);
+	ctl_table_text(t, "%.3f", g->min);
+	ctl_table_text(t, "%.3f", g->max);
 	if (isfinite(g->rms_error))
-		fprintf(ctl->report, ", rms error %.3g m", g->rms_error);
-	fprintf(ctl->report, "\n  %s%s%s, hash %s\n", *g->description ? g->description : "no description",
-		*g->date ? ", " : "", g->date, g->hash);
+		ctl_table_text(t, "%.3g", g->rms_error);
+	else
+		ctl_table_none(t);
+	ctl_table_text(t, "%s", g->hash);
+	ctl_table_text(t, "%s%s%s", g->description, *g->description && *g->date ? ", " : "", g->date);
+}
+
+static struct ctl_table *table(struct ctl *ctl)
+{
+	return ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
 }
 
 /* "folder/egm96-5.pgm": "egm96-5". */
@@ -74,45 +101,46 @@ int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret
 	return r ? ctl_error_acut(ctl) : 0;
 }
 
-static int usage(struct ctl *ctl, const char *message)
-{
-	struct err err = ERR_INIT;
-
-	err_set(&err, ERR_USAGE, "%s", message);
-	err_add_hint(&err, "acutctl geoid add FILE [--name NAME], geoid list, geoid rm NAME");
-	return ctl_error(ctl, &err);
-}
-
-static int add(struct ctl *ctl, const char *path)
+static int add_run(struct ctl *ctl)
 {
 	const struct acut_geoid *g;
 	char name[128];
-	int status = ctl_geoid_file(ctl, path, ctl->args.name, name, &g);
+	int status = ctl_connect(ctl);
 
 	if (!status)
-		show(ctl, g);
+		status = ctl_geoid_file(ctl, ctl->args.word[1], ctl->args.name, name, &g);
+	if (!status) {
+		struct listing l = {ctl, table(ctl)};
+
+		show(&l, g);
+		ctl_table_free(l.table);
+	}
 	return status;
 }
 
-int ctl_geoid_run(struct ctl *ctl)
+static int list_run(struct ctl *ctl)
 {
-	char **word = ctl->args.word;
-	unsigned n = ctl->args.nword;
-	bool adds = !strcmp(word[0], "add"), lists = !strcmp(word[0], "list"), removes = !strcmp(word[0], "rm");
-	int status;
+	struct listing l = {.ctl = ctl};
+	int status = ctl_connect(ctl);
 
-	if (!adds && !lists && !removes)
-		return usage(ctl, "there is no such command geoid");
-	if (n != (lists ? 1u : 2u))
-		return usage(ctl, lists ? "geoid list takes nothing" : adds ? "geoid add takes one file" : "geoid rm takes one name");
-	if (ctl->args.name && !adds)
-		return usage(ctl, "--name belongs to geoid add");
-	status = ctl_connect(ctl);
 	if (status)
 		return status;
-	if (adds)
-		return add(ctl, word[1]);
-	if (lists ? acut_geoids(ctl->acut, show, ctl) : acut_geoid_remove(ctl->acut, word[1]))
-		return ctl_error_acut(ctl);
-	return CTL_DONE;
+	l.table = table(ctl);
+	status = acut_geoids(ctl->acut, show, &l);
+	ctl_table_free(l.table);
+	return status ? ctl_error_acut(ctl) : CTL_DONE;
 }
+
+static int rm_run(struct ctl *ctl)
+{
+	int status = ctl_connect(ctl);
+
+	return status ? status : acut_geoid_remove(ctl->acut, ctl->args.word[1]) ? ctl_error_acut(ctl) : CTL_DONE;
+}
+
+const struct ctl_verb ctl_geoid_verbs[] = {
+	{"add", "add FILE.pgm", "keep a geoid grid with the daemon", 1, 1, "name", add_run},
+	{"list", "list", "the grids that are kept", 0, 0, NULL, list_run},
+	{"rm", "rm GEOID", "remove one", 1, 1, NULL, rm_run},
+	{0},
+};

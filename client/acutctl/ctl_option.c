@@ -277,6 +277,63 @@ static int check_words(const struct ctl *ctl, struct err *err)
 	return err_add_hint(err, "acutctl %s", c->usage);
 }
 
+/* A list of words with a blank between two. */
+static bool listed(const char *list, const char *word)
+{
+	size_t n = strlen(word);
+
+	for (const char *at = list; at && (at = strstr(at, word)); at += n)
+		if ((at == list || at[-1] == ' ') && (!at[n] || at[n] == ' '))
+			return true;
+	return false;
+}
+
+/* "show, create or log" of the command's verbs. */
+static void verbs_text(const struct ctl_command *c, char *buf, size_t size)
+{
+	size_t n = 0;
+
+	buf[0] = 0;
+	for (const struct ctl_verb *v = c->verbs; v->name && n < size; v++)
+		n += (size_t)snprintf(buf + n, size - n, "%s%s", v == c->verbs ? "" : v[1].name ? ", " : " or ", v->name);
+}
+
+static int check_verb(const struct reader *r, struct ctl *ctl, struct err *err)
+{
+	const struct ctl_command *c = ctl->command;
+	unsigned n = ctl->args.nword;
+	char all[200];
+
+	if (!c->verbs)
+		return 0;
+	verbs_text(c, all, sizeof(all));
+	if (!n) {
+		err_set(err, ERR_USAGE, "%s needs a word that says what to do", c->name);
+		return err_add_hint(err, "acutctl %s %s", c->name, all);
+	}
+	ctl->verb = ctl_verb_find(c, ctl->args.word[0]);
+	if (!ctl->verb) {
+		err_set(err, ERR_USAGE, "there is no command %s %s", c->name, ctl->args.word[0]);
+		return err_add_hint(err, "acutctl %s %s", c->name, all);
+	}
+	if (n - 1 < ctl->verb->least || n - 1 > ctl->verb->most) {
+		if (n - 1 < ctl->verb->least)
+			err_set(err, ERR_USAGE, "%s %s needs %u word%s after it, %u given", c->name, ctl->verb->name,
+				ctl->verb->least, ctl->verb->least == 1 ? "" : "s", n - 1);
+		else
+			err_set(err, ERR_USAGE, "%s %s takes no word \"%s\"", c->name, ctl->verb->name,
+				ctl->args.word[ctl->verb->most + 1]);
+		return err_add_hint(err, "acutctl %s %s", c->name, ctl->verb->usage);
+	}
+	for (size_t i = 0; i < ROWS; i++) {
+		if (r->seen[i] && !(table[i].groups & CTL_ALL) && !listed(ctl->verb->options, table[i].name)) {
+			err_set(err, ERR_USAGE, "%s %s takes no --%s", c->name, ctl->verb->name, table[i].name);
+			return err_add_hint(err, "acutctl help %s lists its options", c->name);
+		}
+	}
+	return 0;
+}
+
 int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
 		      struct err *err)
 {
@@ -377,5 +434,7 @@ int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err)
 		rc = check_groups(&r, ctl->command, err);
 	if (!rc && !ctl->args.help)
 		rc = check_words(ctl, err);
+	if (!rc && !ctl->args.help)
+		rc = check_verb(&r, ctl, err);
 	return rc ? rc : check_values(ctl, err);
 }

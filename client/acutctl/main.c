@@ -4,10 +4,20 @@
  */
 #include <errno.h>
 #include <malloc.h>
+#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "ctl.h"
+
+/* The error of an earlier write is forgotten by now: the pipe still knows. */
+static bool reader_gone(void)
+{
+	struct pollfd out = {.fd = STDOUT_FILENO, .events = POLLOUT};
+
+	return errno == EPIPE || (!errno && poll(&out, 1, 0) == 1 && (out.revents & POLLERR));
+}
 
 /* Results that nobody could read are not done. */
 static int flush(struct ctl *ctl, int status)
@@ -16,7 +26,7 @@ static int flush(struct ctl *ctl, int status)
 
 	errno = 0;
 	if (fflush(stdout) || ferror(stdout)) {
-		if (errno == EPIPE)
+		if (reader_gone())
 			return CTL_PIPE;
 		err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
 		ctl->report = stderr;

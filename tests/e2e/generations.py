@@ -594,7 +594,9 @@ def what_the_log_says():
         expect(rows[2]["content"] == "0" * 32, "a generation that adds nothing has content")
         expect(all(f["hash"] and len(f["hash"]) == 32 for r in rows for f in r["files"]), "%s" % rows)
         text = d.ctl("dataset", "log", "s", "--files").ok().out
-        expect(a in text and "revert of 1" in text and "-101 points in 2 files" in text, text)
+        expect("3\trevert of 1\tremoved\t%s\t50\t" % a in text, text)
+        text = d.ctl("dataset", "log", "s").ok().out
+        expect("3\trevert of 1\t" in text and "\t0\t0\t101\t2\t" in text, text)
         expect(log(d, "s")[0]["files"] is None, "files without --files")
         says(d.ctl("dataset", "log", "nothing"), 4, "there is no dataset")
 

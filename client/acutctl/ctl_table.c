@@ -1,0 +1,265 @@
+/*
+ * Tables. On a terminal rows are kept until a thousand are there or the table ends; then widths are settled, once,
+ * and what comes later is fitted to them. Elsewhere a cell is written when it comes.
+ */
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "ctl.h"
+#include "ctl_table.h"
+#include "parse.h"
+
+enum { KEPT = 1000, GAP = 2, NARROW = 8 };
+
+struct cell {
+	char *text;
+	enum ctl_tint tint;
+};
+
+struct ctl_table {
+	FILE *out;
+	struct ctl_term term;
+	const struct ctl_column *column;
+	unsigned n, at;                      /* columns; where the next cell goes */
+	enum ctl_tint tint;
+	struct cell *cell;                   /* of `rows` rows */
+	size_t rows, room;
+	unsigned width[CTL_TABLE_COLUMNS];   /* 0: left out */
+	bool settled;
+};
+
+struct ctl_table *ctl_table_new(FILE *out, const struct ctl_column *column, unsigned n)
+{
+	struct ctl_table *t = calloc(1, sizeof(*t));
+
+	if (!t)
+		return NULL;
+	*t = (struct ctl_table){.out = out, .term = ctl_term_of(out), .column = column, .n = n};
+	return t;
+}
+
+/* ---- widths ---- */
+
+static unsigned total(const struct ctl_table *t)
+{
+	unsigned sum = 0;
+
+	for (unsigned i = 0; i < t->n; i++)
+		sum += t->width[i] ? t->width[i] + (sum ? GAP : 0) : 0;
+	return sum;
+}
+
+/* Takes what is too much off the widest columns that can be shortened, none below `least`. */
+static void shrink(struct ctl_table *t, unsigned least)
+{
+	while (total(t) > t->term.width) {
+		unsigned widest = t->n;
+
+		for (unsigned i = 0; i < t->n; i++)
+			if ((t->column[i].shrink || t->column[i].tail) && t->width[i] > least &&
+			    (widest == t->n || t->width[i] > t->width[widest]))
+				widest = i;
+		if (widest == t->n)
+			return;
+		t->width[widest]--;
+	}
+}
+
+static void settle(struct ctl_table *t)
+{
+	t->settled = true;
+	for (unsigned i = 0; i < t->n; i++) {
+		bool any = !t->rows;
+
+		t->width[i] = ctl_term_columns(t->column[i].head);
+		for (size_t r = 0; r < t->rows; r++) {
+			const char *text = t->cell[r * t->n + i].text;
+			unsigned w = ctl_term_columns(text);
+
+			any |= strcmp(text, "-") != 0;
+			t->width[i] = w > t->width[i] ? w : t->width[i];
+		}
+		if (!any && t->column[i].spare)
+			t->width[i] = 0; /* there is nothing in it */
+	}
+	shrink(t, NARROW);
+	for (unsigned i = t->n; i-- > 0 && total(t) > t->term.width;)
+		if (t->column[i].spare)
+			t->width[i] = 0;
+	shrink(t, 1);
+}
+
+/* ---- printing ---- */
+
+static void put(struct ctl_table *t, unsigned i, const char *text, enum ctl_tint tint, bool last)
+{
+	const struct ctl_column *c = &t->column[i];
+	size_t room = strlen(text) + 8;
+	char *fit = malloc(room);
+	unsigned w, pad;
+
+	if (!fit)
+		return;
+	memcpy(fit, text, strlen(text) + 1);
+	if (c->shrink || c->tail)
+		ctl_term_shorten(fit, t->width[i], c->tail);
+	w = ctl_term_columns(fit);
+	pad = w < t->width[i] ? t->width[i] - w : 0;
+	if (c->right)
+		fprintf(t->out, "%*s", (int)pad, "");
+	if (tint && t->term.color)
+		fprintf(t->out, "%s%s%s", ctl_term_tint(&t->term, tint), fit, ctl_term_tint(&t->term, CTL_PLAIN));
+	else
+		fputs(fit, t->out);
+	if (!c->right && !last)
+		fprintf(t->out, "%*s", (int)pad, "");
+	free(fit);
+}
+
+static void print_row(struct ctl_table *t, const struct cell *row)
+{
+	unsigned last = t->n;
+	bool any = false;
+
+	while (last && !t->width[last - 1])
+		last--;
+	for (unsigned i = 0; i < last; i++) {
+		if (!t->width[i])
+			continue;
+		if (any)
+			fprintf(t->out, "%*s", GAP, "");
+		any = true;
+		put(t, i, row ? row[i].text : t->column[i].head, row ? row[i].tint : CTL_BOLD, i + 1 == last);
+	}
+	fputc('\n', t->out);
+}
+
+static void flush(struct ctl_table *t)
+{
+	if (!t->settled && t->rows) {
+		settle(t);
+		print_row(t, NULL);
+	}
+	for (size_t r = 0; r < t->rows; r++)
+		print_row(t, &t->cell[r * t->n]);
+	for (size_t i = 0; i < t->rows * t->n; i++)
+		free(t->cell[i].text);
+	t->rows = 0;
+}
+
+/* ---- cells ---- */
+
+static void plain(struct ctl_table *t, const char *text)
+{
+	ctl_term_put(t->out, *text ? text : "-");
+	fputc(++t->at == t->n ? '\n' : '\t', t->out);
+	t->at %= t->n;
+}
+
+static void add(struct ctl_table *t, const char *text)
+{
+	struct cell *grown;
+	char *safe;
+
+	if (!t)
+		return;
+	if (!t->term.on) {
+		plain(t, text);
+		return;
+	}
+	if (!t->at && t->rows == t->room) {
+		grown = realloc(t->cell, (t->room ? 2 * t->room : 64) * t->n * sizeof(*grown));
+		if (!grown)
+			return;
+		t->cell = grown;
+		t->room = t->room ? 2 * t->room : 64;
+	}
+	safe = ctl_term_safe(*text ? text : "-");
+	if (!safe)
+		return;
+	t->cell[t->rows * t->n + t->at] = (struct cell){.text = safe, .tint = t->tint};
+	t->tint = CTL_PLAIN;
+	if (++t->at < t->n)
+		return;
+	t->at = 0;
+	t->rows++;
+	if (t->rows == KEPT || t->settled)
+		flush(t);
+}
+
+void ctl_table_text(struct ctl_table *t, const char *fmt, ...)
+{
+	char text[200], *more = NULL;
+	va_list ap;
+	int n;
+
+	va_start(ap, fmt);
+	n = vsnprintf(text, sizeof(text), fmt, ap);
+	va_end(ap);
+	if (n >= (int)sizeof(text)) {
+		va_start(ap, fmt);
+		n = vasprintf(&more, fmt, ap);
+		va_end(ap);
+	}
+	add(t, n < 0 ? "?" : more ? more : text);
+	free(more);
+}
+
+void ctl_table_count(struct ctl_table *t, uint64_t n)
+{
+	char buf[32];
+
+	if (t && t->term.on)
+		add(t, ctl_job_count(n, buf));
+	else
+		ctl_table_text(t, "%llu", (unsigned long long)n);
+}
+
+void ctl_table_id(struct ctl_table *t, uint64_t n)
+{
+	if (n)
+		ctl_table_text(t, "%llu", (unsigned long long)n);
+	else
+		add(t, "-");
+}
+
+void ctl_table_size(struct ctl_table *t, uint64_t bytes)
+{
+	char buf[32];
+
+	if (t && t->term.on)
+		add(t, parse_size_text(bytes, buf));
+	else
+		ctl_table_text(t, "%llu", (unsigned long long)bytes);
+}
+
+void ctl_table_time(struct ctl_table *t, int64_t us)
+{
+	char buf[32];
+
+	add(t, ctl_job_time_text(us, buf));
+}
+
+void ctl_table_none(struct ctl_table *t)
+{
+	add(t, "-");
+}
+
+void ctl_table_tint(struct ctl_table *t, enum ctl_tint tint)
+{
+	if (t)
+		t->tint = tint;
+}
+
+struct ctl_table *ctl_table_free(struct ctl_table *t)
+{
+	if (!t)
+		return NULL;
+	if (t->term.on)
+		flush(t);
+	free(t->cell);
+	free(t);
+	return NULL;
+}

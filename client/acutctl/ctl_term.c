@@ -1,0 +1,248 @@
+/*
+ * Terminals: width, colours, and texts that are safe to show. Widths of characters are those of the C library's
+ * UTF-8 locale, whatever the user's: names are UTF-8 or shown byte by byte. It draws nothing by itself and never
+ * moves the cursor; ctl_progress.c does.
+ */
+#include <locale.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/ioctl.h>
+#include <unistd.h>
+#include <wchar.h>
+
+#include "ctl_term.h"
+#include "parse.h"
+
+#define KEY 12 /* columns of a field's key */
+
+struct ctl_term ctl_term_of(FILE *out)
+{
+	const char *no = getenv("NO_COLOR"), *term = getenv("TERM"), *columns = getenv("COLUMNS");
+	struct ctl_term t = {.on = isatty(fileno(out)) == 1};
+	struct winsize ws;
+	uint64_t n;
+
+	if (!t.on)
+		return t;
+	t.color = !(no && *no) && term && *term && strcmp(term, "dumb");
+	t.width = 80;
+	if (columns && parse_u64(columns, &n) && n >= 10 && n <= 10000)
+		t.width = (unsigned)n;
+	else if (!ioctl(fileno(out), TIOCGWINSZ, &ws) && ws.ws_col >= 10)
+		t.width = ws.ws_col;
+	return t;
+}
+
+const char *ctl_term_tint(const struct ctl_term *t, enum ctl_tint tint)
+{
+	static const char *const code[] = {"\033[0m", "\033[1m", "\033[32m", "\033[33m", "\033[31m"};
+
+	return t->color ? code[tint] : "";
+}
+
+/* The character at p: its length, its code; 0 if there is none. */
+static unsigned decode(const unsigned char *p, wchar_t *ret)
+{
+	unsigned n = *p < 0x80 ? 1 : *p >= 0xc2 && *p < 0xe0 ? 2 : (*p & 0xf0) == 0xe0 ? 3 : *p >= 0xf0 && *p < 0xf5 ? 4 : 0;
+	uint32_t c = n == 1 ? *p : *p & (0xffu >> (n + 1));
+
+	for (unsigned i = 1; i < n; i++) {
+		if ((p[i] & 0xc0) != 0x80)
+			return 0;
+		c = c << 6 | (p[i] & 0x3f);
+	}
+	if ((n == 3 && (c < 0x800 || (c >= 0xd800 && c < 0xe000))) || (n == 4 && (c < 0x10000 || c > 0x10ffff)))
+		return 0;
+	*ret = (wchar_t)c;
+	return n;
+}
+
+/* Controls of both sets, and what turns the direction of a line or ends it. */
+static bool harmful(wchar_t c)
+{
+	return c < 0x20 || (c >= 0x7f && c < 0xa0) || (c >= 0x200e && c <= 0x200f) || (c >= 0x2028 && c <= 0x202e) ||
+	       (c >= 0x2066 && c <= 0x2069) || c == 0xfeff;
+}
+
+char *ctl_term_safe(const char *text)
+{
+	const unsigned char *p = (const unsigned char *)text;
+	char *safe = malloc(4 * strlen(text) + 4), *at = safe;
+
+	while (safe && *p) {
+		wchar_t c = 0;
+		unsigned n = decode(p, &c);
+
+		if (n && !harmful(c)) {
+			memcpy(at, p, n);
+			at += n;
+		} else if (*p == '\n' || *p == '\t') {
+			at += sprintf(at, "\\%c", *p == '\n' ? 'n' : 't');
+		} else {
+			n = n ? n : 1;
+			for (unsigned i = 0; i < n; i++)
+				at += sprintf(at, "\\x%02x", p[i]);
+		}
+		p += n ? n : 1;
+	}
+	if (safe)
+		*at = 0;
+	return safe;
+}
+
+void ctl_term_put(FILE *out, const char *text)
+{
+	const char *p = text;
+	char *safe;
+
+	while (*p >= 0x20 && *p < 0x7f)
+		p++;
+	if (!*p) { /* nearly always */
+		fputs(text, out);
+		return;
+	}
+	safe = ctl_term_safe(text);
+	fputs(safe ? safe : "?", out);
+	free(safe);
+}
+
+static unsigned width_of(wchar_t c)
+{
+	static locale_t utf8;
+	locale_t was;
+	int w;
+
+	if (c < 0x7f)
+		return 1;
+	if (!utf8)
+		utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", (locale_t)0);
+	if (!utf8)
+		return !(c >= 0x300 && c < 0x370);
+	was = uselocale(utf8);
+	w = wcwidth(c);
+	uselocale(was);
+	return w < 0 ? 1 : (unsigned)w;
+}
+
+size_t ctl_term_fit(const char *text, unsigned columns)
+{
+	const unsigned char *p = (const unsigned char *)text;
+
+	while (*p) {
+		wchar_t c = 0;
+		unsigned n = decode(p, &c), w = n ? width_of(c) : 1;
+
+		if (w > columns)
+			break;
+		columns -= w;
+		p += n ? n : 1;
+	}
+	return (size_t)((const char *)p - text);
+}
+
+unsigned ctl_term_columns(const char *text)
+{
+	const unsigned char *p = (const unsigned char *)text;
+	unsigned sum = 0;
+
+	while (*p) {
+		wchar_t c = 0;
+		unsigned n = decode(p, &c);
+
+		sum += n ? width_of(c) : 1;
+		p += n ? n : 1;
+	}
+	return sum;
+}
+
+void ctl_term_shorten(char *text, unsigned columns, bool tail)
+{
+	static const char dots[] = "…";
+	unsigned all = ctl_term_columns(text), behind;
+	size_t front, skip;
+
+	if (all <= columns || !columns)
+		return;
+	behind = tail ? 0 : (columns - 1) / 2;
+	front = ctl_term_fit(text, columns - 1 - behind);
+	/* so many columns off the front that what is left takes at most `behind` */
+	for (skip = front; text[skip] && ctl_term_columns(text + skip) > behind;) {
+		wchar_t c;
+		unsigned n = decode((const unsigned char *)text + skip, &c);
+
+		skip += n ? n : 1;
+	}
+	/* combining characters stay with what they belong to, and that is gone */
+	while (text[skip]) {
+		wchar_t c = 0;
+		unsigned n = decode((const unsigned char *)text + skip, &c);
+
+		if (!n || width_of(c))
+			break;
+		skip += n;
+	}
+	memmove(text + front + sizeof(dots) - 1, text + skip, strlen(text + skip) + 1);
+	memcpy(text + front, dots, sizeof(dots) - 1);
+}
+
+/* One line of a value: up to the last blank that fits, else as much as does. */
+static size_t one_line(const char *text, unsigned columns)
+{
+	size_t n = ctl_term_fit(text, columns), blank = n;
+
+	if (!text[n])
+		return n;
+	while (blank && text[blank] != ' ')
+		blank--;
+	return blank ? blank : n ? n : 1;
+}
+
+static void wrapped(FILE *out, char *text, unsigned indent, unsigned width)
+{
+	for (bool first = true; *text || first; first = false) {
+		size_t n = width > indent + 8 ? one_line(text, width - indent) : strlen(text);
+
+		fprintf(out, "%*s%.*s\n", first ? 0 : (int)indent, "", (int)n, text);
+		text += n;
+		while (*text == ' ')
+			text++;
+	}
+}
+
+void ctl_term_field(FILE *out, const char *key, const char *fmt, ...)
+{
+	struct ctl_term term = ctl_term_of(out);
+	char *text = NULL, *safe;
+	va_list ap;
+	int n;
+
+	va_start(ap, fmt);
+	n = vasprintf(&text, fmt, ap);
+	va_end(ap);
+	safe = n < 0 ? NULL : ctl_term_safe(text);
+	fprintf(out, "%s%-*s%s", ctl_term_tint(&term, CTL_BOLD), KEY - 1, key, term.color ? "\033[0m " : " ");
+	if (safe)
+		wrapped(out, safe, KEY, term.width);
+	else
+		fputs("?\n", out);
+	free(safe);
+	if (n >= 0)
+		free(text);
+}
+
+void ctl_term_line(FILE *out, const char *fmt, ...)
+{
+	char *text = NULL;
+	va_list ap;
+	int n;
+
+	va_start(ap, fmt);
+	n = vasprintf(&text, fmt, ap);
+	va_end(ap);
+	if (n < 0)
+		return;
+	ctl_term_put(out, text);
+	fputc('\n', out);
+	free(text);
+}

@@ -1,0 +1,43 @@
+/*
+ * What a terminal is and can take: its width, its colours, and texts that are safe to show on it.
+ *
+ * Texts that come from files, users or the daemon may hold anything. Nothing is printed for people but through
+ * here: control characters (escape sequences too) and bytes that are no UTF-8 are shown as \n, \t, \x1b,
+ * whether the reader is a terminal or not.
+ */
+#ifndef CTL_TERM_H
+#define CTL_TERM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+
+struct ctl_term {
+	bool on;        /* it is a terminal */
+	bool color;     /* and colours are wanted: not with NO_COLOR, not with TERM=dumb */
+	unsigned width; /* in columns: $COLUMNS, else what the terminal says now, else 80; 0: not a terminal */
+};
+struct ctl_term ctl_term_of(FILE *);
+
+enum ctl_tint { CTL_PLAIN, CTL_BOLD, CTL_GOOD, CTL_WARN, CTL_BAD };
+/* The sequences that begin and end a tint; "" where there are no colours. */
+const char *ctl_term_tint(const struct ctl_term *, enum ctl_tint);
+
+/* A safe copy of text, to be freed; NULL: no memory. */
+char *ctl_term_safe(const char *text);
+/* Writes text, made safe. */
+void ctl_term_put(FILE *, const char *text);
+/* Columns that a safe text takes: 2 of wide characters, 0 of combining ones. */
+unsigned ctl_term_columns(const char *text);
+/* Bytes of the longest beginning of a safe text that takes at most so many columns. */
+size_t ctl_term_fit(const char *text, unsigned columns);
+/* Shortens a safe text in place to so many columns, by … in the middle, or (tail) at its end. It must have room for 3
+ * bytes more than it has, or be longer than it becomes. */
+void ctl_term_shorten(char *text, unsigned columns, bool tail);
+
+/* "key         value" as a line; on a terminal, values that are wider go on below the first. */
+void ctl_term_field(FILE *, const char *key, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+/* A line of text. */
+void ctl_term_line(FILE *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
+
+#endif
