@@ -293,7 +293,7 @@ class Daemon:
         self.socket = os.path.join(folder, name + ".sock")
         self.state, self.cache = os.path.join(folder, name + "-state"), os.path.join(folder, name + "-cache")
         self.log = os.path.join(folder, name + ".log")
-        self.args = [tools.acutd, "--socket", self.socket, "--init", "--state", self.state, "--cache", self.cache, "--memory", memory,
+        self.args = [tools.acutd, "--no-config", "--socket", self.socket, "--init", "--state", self.state, "--cache", self.cache, "--memory", memory,
                      "--threads", str(threads), "--log-level", "warning"]
         self.env = dict(os.environ, ACUT_SOCKET=self.socket)
         self.process, self.start_seconds = None, None

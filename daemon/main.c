@@ -246,11 +246,11 @@ static int take_sockets(struct daemon *d, struct err *err)
 				       SD_LISTEN_FDS_START + i);
 		r = adopt(d, SD_LISTEN_FDS_START + i, err);
 	}
-	if (!r && n > 0 && d->config.socket) {
+	if (!r && n > 0 && *d->config.socket) {
 		err_set(err, ERR_USAGE, "--socket, but %d socket(s) were handed over", n);
 		return err_add_hint(err, "leave --socket out");
 	}
-	if (!r && d->config.socket) {
+	if (!r && *d->config.socket) {
 		int fd;
 
 		r = place_bind(d->config.socket, &fd, &d->socket_lock, err);
@@ -261,7 +261,7 @@ static int take_sockets(struct daemon *d, struct err *err)
 			d->bound = true;
 		}
 	}
-	if (!r && n <= 0 && !d->config.socket) {
+	if (!r && n <= 0 && !*d->config.socket) {
 		err_set(err, ERR_USAGE, "there is nothing to listen on");
 		r = err_add_hint(err, "give --socket PATH, or start acutd by a socket unit");
 	}

@@ -72,7 +72,7 @@ def main():
                 f.write(b"y" * LEFT)
                 os.fsync(f.fileno())
             begun = time.monotonic()
-            p = subprocess.Popen([build + "/daemon/acutd", "--socket", socket, "--state", base + "/state", "--cache",
+            p = subprocess.Popen([build + "/daemon/acutd", "--no-config", "--socket", socket, "--state", base + "/state", "--cache",
                                   base + "/cache", "--memory", "64M", "--log-level", "warning"])
             while subprocess.run(ctl + ["ping"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
                 if p.poll() is not None:

@@ -178,6 +178,7 @@ int ctl_spawn_daemon(const struct ctl_spawn *s, int *ret_pid, struct err *err)
 	if (r)
 		return r;
 	argv[n++] = program;
+	argv[n++] = "--no-config"; /* that is the service's */
 	argv[n++] = "--idle-exit";
 	argv[n++] = "30";
 	argv[n++] = "--state";

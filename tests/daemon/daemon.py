@@ -53,11 +53,11 @@ def digest_of(d, *args):
 
 def folders_are_locked():
     with Folder() as base, Daemon(base) as d:
-        other = run([e2e.ACUTD, "--socket", base + "/other.sock", "--state", d.state, "--cache", base + "/c2"], timeout=10)
+        other = run([e2e.ACUTD, "--no-config", "--socket", base + "/other.sock", "--state", d.state, "--cache", base + "/c2"], timeout=10)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same state: %d %s" % (other.status, other.err))
-        other = run([e2e.ACUTD, "--socket", base + "/other.sock", "--init", "--state", base + "/s2", "--cache", d.cache], timeout=10)
+        other = run([e2e.ACUTD, "--no-config", "--socket", base + "/other.sock", "--init", "--state", base + "/s2", "--cache", d.cache], timeout=10)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same cache: %d %s" % (other.status, other.err))
-        other = run([e2e.ACUTD, "--socket", d.socket, "--init", "--state", base + "/s3", "--cache", base + "/c3"], timeout=10)
+        other = run([e2e.ACUTD, "--no-config", "--socket", d.socket, "--init", "--state", base + "/s3", "--cache", base + "/c3"], timeout=10)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same socket: %d %s" % (other.status, other.err))
         d.ctl("ping").ok()
 
@@ -101,7 +101,7 @@ def first_start_of_a_service():
 def unmounted_disk_is_no_store():
     """A folder that was configured and is not there, or has no marker, is refused, and left as it is."""
     with Folder() as base:
-        command = [e2e.ACUTD, "--socket", base + "/d.sock", "--state", base + "/mnt", "--cache", base + "/c"]
+        command = [e2e.ACUTD, "--no-config", "--socket", base + "/d.sock", "--state", base + "/mnt", "--cache", base + "/c"]
         for made in (False, True):
             if made:
                 os.mkdir(base + "/mnt")
@@ -110,7 +110,7 @@ def unmounted_disk_is_no_store():
                    "%d %s" % (got.status, got.err))
             expect(os.path.exists(base + "/mnt") == made and not (made and os.listdir(base + "/mnt")), "it was written to")
         env = {"STATE_DIRECTORY": base + "/mnt"}
-        got = run(command[:3] + command[5:], env=env, timeout=10)
+        got = run(command[:4] + command[6:], env=env, timeout=10)
         expect(got.status == 74 and "unmounted disk" in got.err, "$STATE_DIRECTORY: %d %s" % (got.status, got.err))
         # With --init it becomes a store, and is one from then on.
         d = Daemon(base, name="1")
@@ -149,7 +149,7 @@ def stale_socket_is_taken_over():
 
 def usage():
     with Folder() as base:
-        common = ["--init", "--state", base + "/s", "--cache", base + "/c"]
+        common = ["--no-config", "--init", "--state", base + "/s", "--cache", base + "/c"]
         for args, word in ((["--memory", "23M"], "24"), (["--memory", "lots"], "size"), (["--threads", "0"], "threads"),
                            (["--log-level", "loud"], "level"), (["stray"], "stray"), ([], "listen")):
             more = [] if args == [] else ["--socket", base + "/x.sock"]
@@ -169,7 +169,7 @@ def hand_over(base, sock, *args):
         os.set_inheritable(3, True)
         os.environ["LISTEN_PID"] = str(os.getpid())
         os.environ["LISTEN_FDS"] = "1"
-        os.execv(e2e.ACUTD, [e2e.ACUTD, "--init", "--state", base + "/state", "--cache", base + "/cache", "--memory", "64M"] + list(args))
+        os.execv(e2e.ACUTD, [e2e.ACUTD, "--no-config", "--init", "--state", base + "/state", "--cache", base + "/cache", "--memory", "64M"] + list(args))
 
     pid = os.fork()
     if pid == 0:

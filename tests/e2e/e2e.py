@@ -114,7 +114,7 @@ class Daemon:
         self.socket = os.path.join(base, "acutd%s.sock" % name)
         self.state, self.cache = os.path.join(base, "state" + name), os.path.join(base, "cache" + name)
         self.log = os.path.join(base, "acutd%s.log" % name)
-        self.command = list(prefix) + [ACUTD, "--socket", self.socket, "--init", "--state", self.state, "--cache", self.cache,
+        self.command = list(prefix) + [ACUTD, "--no-config", "--socket", self.socket, "--init", "--state", self.state, "--cache", self.cache,
                                        "--memory", memory, "--threads", str(threads)] + list(args)
         self.env = dict(os.environ)
         self.env.update(env or {})

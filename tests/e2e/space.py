@@ -72,9 +72,9 @@ def files_below(folder):
 
 def options():
     for bad in ("0", "101%", "x", "-5%", "1.5%", "%"):
-        r = e2e.run([e2e.ACUTD, "--disk", bad])
+        r = e2e.run([e2e.ACUTD, "--no-config", "--disk", bad])
         expect(r.status == 2 and "--disk" in r.err, "--disk %s: %d %s" % (bad, r.status, r.err))
-    r = e2e.run([e2e.ACUTD, "--keep-free", "100%"])
+    r = e2e.run([e2e.ACUTD, "--no-config", "--keep-free", "100%"])
     expect(r.status == 2 and "--keep-free" in r.err, r.err)
     with e2e.Folder() as base, e2e.Daemon(base, args=["--disk", "64M", "--keep-free", "1%"]) as d:
         s = d.ctl("status", "--json").ok().json()

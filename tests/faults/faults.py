@@ -71,7 +71,7 @@ class Store:
             s.settimeout(0.05)
             begun = time.monotonic()
             self.process = subprocess.Popen(
-                [*prefix, e2e.ACUTD, "--init", "--socket", self.socket, "--state", self.state, "--cache", self.cache, "--memory",
+                [*prefix, e2e.ACUTD, "--no-config", "--init", "--socket", self.socket, "--state", self.state, "--cache", self.cache, "--memory",
                  self.memory, "--threads", "2", *self.args],
                 stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=dict(os.environ, NOTIFY_SOCKET=notify, **(env or {})))
             while time.monotonic() - begun < within:

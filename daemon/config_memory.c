@@ -1,0 +1,110 @@
+/*
+ * The memory of a daemon that was not told how much: the smallest limit of the own cgroup and its ancestors, less 48 MiB;
+ * where there is none, or for a private daemon (--idle-exit), the lesser of that and a quarter of the machine, at most
+ * 2 GiB.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "config.h"
+#include "parse.h"
+
+static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
+
+uint64_t config_memory(uint64_t limit, uint64_t machine, bool private)
+{
+	uint64_t quarter = machine / 4, mine;
+
+	mine = limit == UINT64_MAX ? UINT64_MAX : limit > MEMORY_SPARE ? limit - MEMORY_SPARE : 0;
+	if (limit != UINT64_MAX && !private)
+		return mine;
+	if (quarter > MEMORY_DEFAULT_MOST)
+		quarter = MEMORY_DEFAULT_MOST;
+	return quarter < mine ? quarter : mine;
+}
+
+static uint64_t limit_of(const char *path)
+{
+	uint64_t limit = UINT64_MAX;
+	char line[64];
+	FILE *f = fopen(path, "re");
+
+	if (!f)
+		return UINT64_MAX;
+	if (fgets(line, sizeof line, f)) {
+		line[strcspn(line, "\n")] = 0;
+		/* "max", and what version 1 writes for none (the largest page-rounded number). */
+		if (!parse_u64(line, &limit) || limit >= UINT64_C(1) << 62)
+			limit = UINT64_MAX;
+	}
+	fclose(f);
+	return limit;
+}
+
+/* The group's folder, then each above it. */
+static uint64_t climb(const char *root, const char *mount, const char *group, const char *file)
+{
+	char at[1024], path[2048];
+	uint64_t least = UINT64_MAX, limit;
+
+	snprintf(at, sizeof at, "%s", group);
+	for (;;) {
+		char *slash;
+
+		snprintf(path, sizeof path, "%s%s%s/%s", root, mount, strcmp(at, "/") ? at : "", file);
+		limit = limit_of(path);
+		if (limit < least)
+			least = limit;
+		slash = strrchr(at, '/');
+		if (!slash || !at[0])
+			return least;
+		*slash = 0;
+	}
+}
+
+/* A line of /proc/self/cgroup: "number:controllers:group". */
+static uint64_t limit_of_line(const char *root, char *line)
+{
+	char *controllers = strchr(line, ':'), *group, *c, *save = NULL;
+
+	line[strcspn(line, "\n")] = 0;
+	if (!controllers || !(group = strchr(controllers + 1, ':')))
+		return UINT64_MAX;
+	*controllers++ = 0;
+	*group++ = 0;
+	if (!*controllers)
+		return climb(root, "/sys/fs/cgroup", group, "memory.max");
+	for (c = strtok_r(controllers, ",", &save); c; c = strtok_r(NULL, ",", &save))
+		if (!strcmp(c, "memory"))
+			return climb(root, "/sys/fs/cgroup/memory", group, "memory.limit_in_bytes");
+	return UINT64_MAX;
+}
+
+uint64_t config_cgroup_limit(const char *root)
+{
+	char path[1024], line[1200];
+	uint64_t least = UINT64_MAX;
+	FILE *f;
+
+	snprintf(path, sizeof path, "%s/proc/self/cgroup", root);
+	f = fopen(path, "re");
+	if (!f)
+		return UINT64_MAX;
+	while (fgets(line, sizeof line, f)) {
+		uint64_t limit = limit_of_line(root, line);
+
+		if (limit < least)
+			least = limit;
+	}
+	fclose(f);
+	return least;
+}
+
+uint64_t config_machine_memory(void)
+{
+	long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+
+	return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size : UINT64_C(1) << 30;
+}
