@@ -198,6 +198,11 @@ int acut_fd(const struct acut *a)
 	return a->conn ? frame_conn_fd(a->conn) : -1;
 }
 
+const char *acut_version(void)
+{
+	return ACUT_VERSION;
+}
+
 const char *acut_daemon_build(const struct acut *a)
 {
 	return a->build;

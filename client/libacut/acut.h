@@ -61,6 +61,9 @@ struct acut_options {
 	void *ctx;
 };
 
+/* Of this library, as "0.1.0". Structs of releases with the same first two numbers have the same layout. */
+const char *acut_version(void);
+
 /* ---- connection ---- */
 
 int acut_connect(const char *socket_path, const struct acut_options *, struct acut **ret);
@@ -527,6 +530,24 @@ int acut_fetch_state(struct acut *, void **ret, size_t *ret_size);
 /* Goes on with that: `head` comes again, then the block behind those of the state; `tail` is of the whole mesh,
  * digests included. "stream-gone": the job's mesh does not come in these blocks any more; fetch it from the start. */
 int acut_fetch_from(struct acut *, const void *state, size_t size, const struct acut_mesh_sink *);
+
+/*
+ * The same fetches piece by piece, for a caller who wants to be asked rather than called: begin, then step until it gives
+ * 0. A step waits for the next frame, hands it to the sink, and gives 1; what the sink got, but for the texts of a tail
+ * and of the structs of `base` and `gone`, stays valid until the next call on the connection. Any other call ends the
+ * fetch, and so does acut_fetch_end (of one that is over or never was: nothing happens).
+ * `state` (size bytes; NULL: from the start) as acut_fetch_from takes it, with job 0. since 0: the whole mesh, and then
+ * only sink->mesh counts. The sink itself stays the caller's until the end.
+ */
+int acut_fetch_begin(struct acut *, uint64_t job, uint64_t since, const void *state, size_t size,
+		     const struct acut_changes_sink *);
+int acut_fetch_step(struct acut *);
+void acut_fetch_end(struct acut *);
+
+/* Arrays of a block, for which the caller has room: nearest doubles of its nnew vertices, and the ntriangle triangles
+ * with the numbers that vertices have in the mesh (or in the stream, of a window or of changes). */
+void acut_block_coordinates(const struct acut_mesh_head *, const struct acut_mesh_block *, double (*ret)[3]);
+void acut_block_triangles(const struct acut_mesh_block *, uint64_t (*ret)[3]);
 
 /* Coordinates from lattice numbers: nearest double; exact decimal text into buf (48 bytes).
  * axis: 0 x, 1 y, 2 z. */

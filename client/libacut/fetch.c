@@ -2,11 +2,9 @@
  * Fetching a mesh: the daemon hands over the reading end of a pipe, the bytes go through the stream reader,
  * each block is checked and then given to the sink. The socket is watched meanwhile, since progress and
  * errors come there. Closing the pipe is all it takes to give up.
- *
- * What reader and check know between two blocks can be had as bytes, and a later fetch goes on with it. A block that
- * was checked but not taken, or half of it, spoils that (`torn`). FORMAT.md has the bytes, "State of a fetch".
+ * fetch_state.c begins it where an earlier one ended, fetch_step.c stops it behind each frame.
  */
-#include "call.h"
+#include "fetch.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -15,39 +13,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "check.h"
 #include "clock.h"
-#include "cursor.h"
-#include "decimal.h"
 #include "parse.h"
-#include "stream.h"
-
-#define XXH_INLINE_ALL
-#include <xxhash.h>
 
 enum { READS_A_LOOK = 32 }; /* reads from the pipe between two looks at the socket */
-
-struct fetch {
-	struct acut *acut;
-	uint64_t job;
-	bool torn;     /* check is not between two blocks */
-	bool continued;
-	bool other;    /* the head is not of the stream that is to go on */
-	bool unasked;  /* nor of the kind that was asked for */
-	struct stream_reader_state from;
-	struct digest id;        /* of the stream; when continued, that of the state */
-	int64_t k[3];            /* of the state */
-	struct cursor state;     /* the rest of it: check's */
-	const struct acut_mesh_sink *sink;
-	uint64_t since; /* 0: the whole mesh */
-	const struct acut_changes_sink *changes;
-	uint32_t request;
-	int fd;
-	struct stream_reader *reader;
-	struct check *check;
-	struct acut_mesh_head head;
-	char lattice[192], scale[2][DECIMAL_TEXT_SIZE], stream_id[DIGEST_HEX_SIZE];
-};
 
 static int from_sink(struct fetch *f, int r)
 {
@@ -81,20 +50,6 @@ static int get_lattice(struct fetch *f, const char *text)
 		f->head.scale_exponent[i] = scale[i].exponent;
 	}
 	return 0;
-}
-
-double acut_coordinate(const struct acut_mesh_head *head, int axis, int32_t number)
-{
-	struct decimal scale = {head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2]};
-
-	return decimal_scaled_double(scale, head->k[axis] + number);
-}
-
-char *acut_coordinate_text(const struct acut_mesh_head *head, int axis, int32_t number, char *buf)
-{
-	struct decimal scale = {head->scale_mantissa[axis == 2], head->scale_exponent[axis == 2]};
-
-	return decimal_scaled_text(scale, head->k[axis] + number, buf);
 }
 
 /* ---- frames ---- */
@@ -346,7 +301,10 @@ static int read_some(struct fetch *f)
 	if (n == 0)
 		return stream_reader_done(f->reader) ? FRAME_E_EOF : ended_early(f);
 	r = stream_reader_feed(f->reader, (size_t)n, &event, &a->err);
-	return r < 0 ? r : on_event(f, event);
+	if (r < 0)
+		return r;
+	f->given = event != STREAM_MORE;
+	return on_event(f, event);
 }
 
 /* The pipe is dry. 0: look again. */
@@ -364,13 +322,15 @@ static int wait_for_bytes(struct fetch *f, uint64_t since)
 	return call_pause(f->acut, since, &pipe);
 }
 
-static int stream(struct fetch *f)
+int fetch_stream(struct fetch *f)
 {
 	uint64_t since = clock_mono_ns();
-	unsigned reads = 0;
 
 	for (;;) {
-		int r = read_some(f);
+		int r;
+
+		f->given = false;
+		r = read_some(f);
 
 		if (r == FRAME_E_EOF)
 			return 0;
@@ -378,7 +338,7 @@ static int stream(struct fetch *f)
 			return r;
 		if (r == 0)
 			since = clock_mono_ns();
-		if ((r == FRAME_E_AGAIN || ++reads % READS_A_LOOK == 0) && !f->acut->dead.code) {
+		if ((r == FRAME_E_AGAIN || ++f->reads % READS_A_LOOK == 0) && !f->acut->dead.code) {
 			int looked = look_at_socket(f);
 
 			if (looked < 0 && !f->acut->dead.code)
@@ -392,6 +352,8 @@ static int stream(struct fetch *f)
 			r = wait_for_bytes(f, since);
 		if (r < 0)
 			return r;
+		if (f->stepped && f->given)
+			return 1;
 	}
 }
 
@@ -426,7 +388,7 @@ struct fetch *fetch_free(struct fetch *f)
 	return NULL;
 }
 
-static struct fetch *fetch_new(struct acut *a, const struct acut_mesh_sink *sink)
+struct fetch *fetch_new(struct acut *a, const struct acut_mesh_sink *sink)
 {
 	struct fetch *f = calloc(1, sizeof *f);
 
@@ -443,7 +405,7 @@ static struct fetch *fetch_new(struct acut *a, const struct acut_mesh_sink *sink
 	return f;
 }
 
-static int fetch(struct fetch *f)
+int fetch_begin(struct fetch *f)
 {
 	Acut__V1__Fetch question = ACUT__V1__FETCH__INIT;
 	struct acut *a = f->acut;
@@ -466,14 +428,25 @@ static int fetch(struct fetch *f)
 		r = open_stream(f, fd);
 		fd = -1;
 	}
-	if (r == 0)
-		r = stream(f);
 	if (fd >= 0)
 		close(fd);
+	return r;
+}
+
+int fetch_end(struct fetch *f, int r)
+{
 	if (f->fd >= 0)
 		close(f->fd);
 	f->fd = -1;
+	f->over = true;
 	return r;
+}
+
+int fetch_run(struct fetch *f)
+{
+	int r = fetch_begin(f);
+
+	return fetch_end(f, r < 0 ? r : fetch_stream(f));
 }
 
 int acut_fetch_window(struct acut *a, const char *area)
@@ -495,7 +468,7 @@ int acut_fetch(struct acut *a, uint64_t job, const struct acut_mesh_sink *sink)
 	if (!f)
 		return -(int)a->err.code;
 	f->job = job;
-	return fetch(f);
+	return fetch_run(f);
 }
 
 int acut_fetch_changes(struct acut *a, uint64_t job, uint64_t since, const struct acut_changes_sink *sink)
@@ -510,85 +483,5 @@ int acut_fetch_changes(struct acut *a, uint64_t job, uint64_t since, const struc
 	f->job = job;
 	f->since = since;
 	f->changes = sink;
-	return fetch(f);
-}
-
-/* ---- going on ---- */
-
-enum { STATE_HEAD = 8 + 8 + 16 + 3 * 8 + 4 * 8 + 6 * 4, STATE_SUM = 8 };
-static const uint32_t STATE_MAGIC = 0x53464341; /* "ACFS" */
-static const uint32_t STATE_VERSION = 1;
-
-int acut_fetch_state(struct acut *a, void **ret, size_t *ret_size)
-{
-	const struct fetch *f = a->fetch;
-	struct stream_reader_state at;
-	struct packer p;
-	uint8_t *bytes;
-	size_t size;
-
-	if (!f || !f->check || f->torn || f->changes)
-		return err_set(&a->err, ERR_USAGE, "there is no fetch to go on with");
-	stream_reader_state(f->reader, &at);
-	size = STATE_HEAD + check_packed_size(f->check) + STATE_SUM;
-	bytes = malloc(size);
-	if (!bytes)
-		return err_set(&a->err, ERR_NOMEM, "there is no memory for the state of a fetch");
-	p = packer_of(bytes, size);
-	packer_u32(&p, STATE_MAGIC);
-	packer_u32(&p, STATE_VERSION);
-	packer_u64(&p, f->job);
-	packer_u64(&p, f->id.hi);
-	packer_u64(&p, f->id.lo);
-	for (unsigned i = 0; i < 3; i++)
-		packer_i64(&p, f->head.k[i]);
-	packer_u64(&p, at.blocks);
-	packer_u64(&p, at.vertices);
-	packer_u64(&p, at.triangles);
-	packer_u64(&p, at.last_index);
-	for (unsigned i = 0; i < 6; i++)
-		packer_i32(&p, at.box[i]);
-	check_pack(f->check, &p);
-	packer_u64(&p, XXH3_64bits(bytes, size - STATE_SUM));
-	*ret = bytes;
-	*ret_size = size;
-	return 0;
-}
-
-static bool read_state(struct fetch *f, const uint8_t *bytes, size_t size)
-{
-	struct cursor c = cursor_of(bytes, size), sum;
-
-	if (size < STATE_HEAD + STATE_SUM)
-		return false;
-	sum = cursor_of(bytes + size - STATE_SUM, STATE_SUM);
-	if (cursor_u64(&sum) != XXH3_64bits(bytes, size - STATE_SUM) || cursor_u32(&c) != STATE_MAGIC ||
-	    cursor_u32(&c) != STATE_VERSION)
-		return false;
-	f->job = cursor_u64(&c);
-	f->id.hi = cursor_u64(&c);
-	f->id.lo = cursor_u64(&c);
-	for (unsigned i = 0; i < 3; i++)
-		f->k[i] = cursor_i64(&c);
-	f->from.blocks = cursor_u64(&c);
-	f->from.vertices = cursor_u64(&c);
-	f->from.triangles = cursor_u64(&c);
-	f->from.last_index = cursor_u64(&c);
-	for (unsigned i = 0; i < 6; i++)
-		f->from.box[i] = cursor_i32(&c);
-	f->state = c;
-	f->continued = true;
-	return !c.bad;
-}
-
-int acut_fetch_from(struct acut *a, const void *state, size_t size, const struct acut_mesh_sink *sink)
-{
-	int r = call_begin(a);
-	struct fetch *f = r < 0 ? NULL : fetch_new(a, sink);
-
-	if (!f)
-		return -(int)a->err.code;
-	if (!read_state(f, state, size))
-		return err_set(&a->err, ERR_CORRUPT, "the state of a fetch is damaged, or of another version");
-	return fetch(f);
+	return fetch_run(f);
 }

@@ -501,6 +501,119 @@ static void test_receiver_gives_up(void **state)
 	assert_true(s.reader_gone);
 }
 
+/* ---- piece by piece ---- */
+
+static const struct acut_mesh_block *piece;
+static struct acut_mesh_block kept_piece;
+
+static int keep_piece(void *ctx, const struct acut_mesh_block *b)
+{
+	kept_piece = *b;
+	piece = &kept_piece;
+	return got_block(ctx, b);
+}
+
+static void check_arrays(const struct got *got, unsigned block)
+{
+	static const uint64_t want[2][3] = {{0, 1, 2}, {1, 3, 2}};
+	double xyz[3][3];
+	uint64_t triangle[1][3];
+
+	acut_block_triangles(piece, triangle);
+	assert_memory_equal(triangle[0], want[block], sizeof triangle);
+	acut_block_coordinates(&got->head, piece, xyz);
+	for (unsigned i = 0; i < piece->nnew; i++)
+		for (int axis = 0; axis < 3; axis++)
+			assert_true(xyz[i][axis] == acut_coordinate(&got->head, axis, piece->vertex[i][axis]));
+}
+
+/* Frames one at a time, what a block brought lies still between them; the end ends it; so do another call, and the caller. */
+static void test_by_steps(void **state)
+{
+	struct got got = {0};
+	struct acut_changes_sink sink = {{got_head, keep_piece, got_tail, got_progress, &got}, NULL, NULL};
+	unsigned before = fake_open_descriptors();
+	struct server s = {.how = GOOD};
+	struct acut *a;
+	struct fake *f;
+	double seconds;
+	void *bytes;
+	size_t size;
+	int fd;
+
+	f = fake_start(serve, &s, &fd);
+	assert_int_equal(acut_attach(fd, NULL, &a), 0);
+	assert_int_equal(acut_fetch_step(a), -ACUT_E_USAGE);
+	assert_int_equal(acut_fetch_begin(a, 3, 0, NULL, 0, &sink), 0);
+	assert_int_equal(got.heads, 0);
+	assert_int_equal(acut_fetch_step(a), 1);
+	assert_int_equal(got.heads, 1);
+	for (unsigned i = 0; i < 2; i++) {
+		assert_int_equal(acut_fetch_step(a), 1);
+		assert_int_equal(got.blocks, i + 1);
+		check_arrays(&got, i);
+		if (i == 0)
+			assert_int_equal(acut_fetch_state(a, &bytes, &size), 0);
+	}
+	assert_int_equal(acut_fetch_step(a), 1);
+	assert_int_equal(got.tails, 1);
+	assert_int_equal(acut_fetch_step(a), 0);
+	assert_int_equal(acut_fetch_step(a), -ACUT_E_USAGE);
+
+	got = (struct got){.blocks = 1};
+	assert_int_equal(acut_fetch_begin(a, 0, 0, bytes, size, &sink), 0);
+	while (acut_fetch_step(a) == 1)
+		;
+	assert_int_equal(s.from, 1);
+	assert_int_equal(got.tails, 1);
+	assert_int_equal(acut_fetch_begin(a, 0, 5, bytes, size, &sink), -ACUT_E_USAGE);
+	assert_int_equal(acut_fetch_begin(a, 0, 0, bytes, size - 1, &sink), -ACUT_E_CORRUPT);
+	assert_int_equal(acut_fetch_step(a), -ACUT_E_USAGE);
+	free(bytes);
+
+	assert_int_equal(acut_fetch_begin(a, 3, 0, NULL, 0, &sink), 0);
+	assert_int_equal(acut_fetch_step(a), 1);
+	acut_fetch_end(a);
+	acut_fetch_end(a);
+	assert_int_equal(acut_fetch_step(a), -ACUT_E_USAGE);
+	assert_int_equal(acut_fetch_begin(a, 3, 0, NULL, 0, &sink), 0);
+	assert_int_equal(acut_ping(a, &seconds), 0);
+	assert_int_equal(acut_fetch_step(a), -ACUT_E_USAGE);
+	acut_close(a);
+	fake_stop(f);
+	assert_int_equal(fake_open_descriptors(), before);
+}
+
+/* A failure comes from the step that meets it. */
+static void test_steps_fail(void **state)
+{
+	static const struct {
+		enum how how;
+		int code;
+	} row[] = {{BAD_DIGEST, ACUT_E_DIGEST}, {ERROR_TAIL, ACUT_E_NOSPACE}, {CUT, ACUT_E_IO}, {CHANGES, ACUT_E_PROTO}};
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		struct got got = {0};
+		struct acut_changes_sink sink = {{got_head, got_block, got_tail, NULL, &got}, NULL, NULL};
+		struct server s = {.how = row[i].how};
+		struct acut *a;
+		struct fake *f;
+		int fd, r;
+
+		f = fake_start(serve, &s, &fd);
+		assert_int_equal(acut_attach(fd, NULL, &a), 0);
+		assert_int_equal(acut_fetch_begin(a, 3, 0, NULL, 0, &sink), 0);
+		while ((r = acut_fetch_step(a)) == 1)
+			;
+		if (r != -row[i].code)
+			fail_msg("row %zu: %d %s", i, r, acut_error(a)->message);
+		assert_int_equal(got.tails, 0);
+		assert_int_equal(acut_fetch_step(a), -ACUT_E_USAGE);
+		acut_close(a);
+		fake_stop(f);
+	}
+}
+
 /* ---- going on ---- */
 
 struct keeper {
@@ -623,6 +736,8 @@ int main(void)
 		cmocka_unit_test(test_good),
 		cmocka_unit_test(test_progress),
 		cmocka_unit_test(test_changes),
+		cmocka_unit_test(test_by_steps),
+		cmocka_unit_test(test_steps_fail),
 		cmocka_unit_test(test_failures),
 		cmocka_unit_test(test_error_on_the_socket),
 		cmocka_unit_test(test_stalled),

@@ -1,0 +1,51 @@
+/* Inside libacut: a fetch, between the file that reads the stream and those that begin one in other ways. */
+#ifndef FETCH_H
+#define FETCH_H
+
+#include "call.h"
+#include "check.h"
+#include "cursor.h"
+#include "decimal.h"
+#include "digest.h"
+#include "stream.h"
+
+struct fetch {
+	struct acut *acut;
+	uint64_t job;
+	bool torn;     /* check is not between two blocks */
+	bool continued;
+	bool other;    /* the head is not of the stream that is to go on */
+	bool unasked;  /* nor of the kind that was asked for */
+	bool stepped;  /* acut_fetch_step: stop behind each frame */
+	bool given;    /* a frame was whole with the last read */
+	bool over;     /* nothing comes any more */
+	unsigned reads;
+	struct stream_reader_state from;
+	struct digest id;        /* of the stream; when continued, that of the state */
+	int64_t k[3];            /* of the state */
+	struct cursor state;     /* the rest of it: check's */
+	const struct acut_mesh_sink *sink;
+	uint64_t since; /* 0: the whole mesh */
+	const struct acut_changes_sink *changes;
+	uint32_t request;
+	int fd;
+	struct stream_reader *reader;
+	struct check *check;
+	struct acut_mesh_head head;
+	char lattice[192], scale[2][DECIMAL_TEXT_SIZE], stream_id[DIGEST_HEX_SIZE];
+};
+
+/* After call_begin; the connection has it from now on. NULL: a->err. */
+struct fetch *fetch_new(struct acut *, const struct acut_mesh_sink *);
+/* Asks, and has the pipe. */
+int fetch_begin(struct fetch *);
+/* To the end: 0. Or, if it goes by steps, behind the next frame: 1. */
+int fetch_stream(struct fetch *);
+/* The pipe goes, what acut_fetch_state needs stays. Gives r. */
+int fetch_end(struct fetch *, int r);
+/* All three. */
+int fetch_run(struct fetch *);
+/* Of acut_fetch_state; false: they are damaged. The bytes are borrowed until the head has come. */
+bool fetch_read_state(struct fetch *, const uint8_t *bytes, size_t size);
+
+#endif
