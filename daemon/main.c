@@ -349,6 +349,16 @@ static int make_budget(struct daemon *d, struct err *err)
 	return 0;
 }
 
+static void rights_of(const struct config *c, struct rights *ret)
+{
+	*ret = (struct rights){
+		.self = geteuid(),
+		.gid = c->group_gid < 0 ? RIGHTS_NOBODY : (uint32_t)c->group_gid,
+		.admin_gid = c->admin_group_gid < 0 ? RIGHTS_NOBODY : (uint32_t)c->admin_group_gid,
+	};
+	snprintf(ret->group, sizeof ret->group, "%s", c->group);
+}
+
 static int make_jobs(struct daemon *d, struct err *err)
 {
 	char path[600];
@@ -360,6 +370,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.cache_dir = d->config.cache,
 		.memory = d->config.memory,
 		.threads = d->config.threads,
+		.user_connections = d->config.user_connections,
 	};
 	struct jobs_params jobs = {
 		.ledger = d->ledger,
@@ -376,6 +387,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 	};
 	int r;
 
+	rights_of(&d->config, &server.rights);
 	snprintf(path, sizeof path, "%s/catalogue.db", d->config.state);
 	r = sched_new(d->ledger, d->config.threads, &d->sched, err);
 	if (!r)

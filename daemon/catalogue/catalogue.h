@@ -21,7 +21,7 @@ enum { CATALOGUE_HEAP = 1 << 20, CATALOGUE_QUEUE = 512 << 10 };
 struct catalogue_dataset {
 	uint64_t id;
 	const char *name;
-	uint32_t uid;
+	uint32_t uid, gid, mode; /* gid UINT32_MAX: none, as of what is older than groups */
 	int64_t created_us, pushed_us;
 	const char *manifest; /* file name in the dataset's folder, "" if there is no generation */
 	uint64_t generation, points, bytes;
@@ -44,6 +44,7 @@ struct catalogue_job {
 	int64_t error_offset; /* -1: none */
 	uint32_t priority;
 	const char *area; /* "": all */
+	bool admin;       /* of who submitted it: no limit of users holds it */
 };
 
 struct catalogue_push {

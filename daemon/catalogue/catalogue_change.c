@@ -112,6 +112,8 @@ int catalogue_put_dataset(struct catalogue *c, const struct catalogue_dataset *d
 	add_number(ch, d->pinned);
 	add_number(ch, (int64_t)d->oldest);
 	add_number(ch, d->segments);
+	add_number(ch, d->gid);
+	add_number(ch, d->mode);
 	if (ch)
 		ch->drop_push = push;
 	return change_queue(c, ch, err);
@@ -140,6 +142,7 @@ int catalogue_put_job(struct catalogue *c, const struct catalogue_job *j, catalo
 	add_number(ch, j->error_offset);
 	add_number(ch, j->priority);
 	add_text(ch, j->area);
+	add_number(ch, j->admin);
 	return change_queue(c, ch, err);
 }
 

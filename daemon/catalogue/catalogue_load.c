@@ -35,6 +35,8 @@ static int read_dataset(sqlite3_stmt *s, const struct catalogue_reader *to, stru
 		.pinned = sqlite3_column_int64(s, 17) != 0,
 		.oldest = (uint64_t)sqlite3_column_int64(s, 18),
 		.segments = (uint32_t)sqlite3_column_int64(s, 19),
+		.gid = (uint32_t)sqlite3_column_int64(s, 20),
+		.mode = (uint32_t)sqlite3_column_int64(s, 21),
 	};
 
 	return to->dataset(to->ctx, &d, err);
@@ -61,6 +63,7 @@ static int read_job(sqlite3_stmt *s, const struct catalogue_reader *to, struct e
 		.error_offset = sqlite3_column_int64(s, 15),
 		.priority = (uint32_t)sqlite3_column_int64(s, 16),
 		.area = text(s, 17),
+		.admin = sqlite3_column_int64(s, 18) != 0,
 	};
 
 	return to->job(to->ctx, &j, err);

@@ -78,6 +78,8 @@ static int bring_up(struct catalogue *c, int version, struct err *err)
 
 	if (!version)
 		return catalogue_run(c, catalogue_sql_schema, err);
+	if (version < CATALOGUE_VERSION)
+		r = catalogue_sum_function(c, err);
 	for (; !r && version < CATALOGUE_VERSION; version++)
 		r = catalogue_run(c, catalogue_sql_step[version], err);
 	return r;

@@ -12,7 +12,7 @@
 #include "catalogue_sql.h"
 
 /* values of one change, at most: columns of the widest table */
-enum { VALUES = 20 };
+enum { VALUES = 22 };
 /* Rows that could not be removed, which are remembered. */
 enum { OWED = 256 };
 
@@ -67,6 +67,8 @@ int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 
 /* catalogue_sum.c: what the last column of a row is, from those before it. */
 int64_t catalogue_sum(const struct value *, unsigned n);
+/* For the steps from older versions: row_sum(column, ...). */
+int catalogue_sum_function(struct catalogue *, struct err *err);
 /* The row that `s` stands at. -ERR_CORRUPT: it is not what was written. */
 int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err);
 

@@ -4,7 +4,7 @@
 
 #include <stdbool.h>
 
-enum { CATALOGUE_VERSION = 3 };
+enum { CATALOGUE_VERSION = 4 };
 
 enum catalogue_sql {
 	CATALOGUE_PUT_DATASET,

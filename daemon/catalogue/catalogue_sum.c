@@ -41,6 +41,33 @@ int64_t catalogue_sum(const struct value *v, unsigned n)
 	return fold(&sum);
 }
 
+/* As the columns of a row are summed: a number, else a text. */
+static void row_sum(sqlite3_context *ctx, int n, sqlite3_value **v)
+{
+	struct digest sum = {0};
+
+	for (int i = 0; i < n; i++) {
+		if (sqlite3_value_type(v[i]) == SQLITE_INTEGER) {
+			int64_t number = sqlite3_value_int64(v[i]);
+
+			add(&sum, VALUE_NUMBER, &number, sizeof number);
+		} else {
+			const void *text = sqlite3_value_text(v[i]);
+
+			add(&sum, VALUE_TEXT, text ? text : "", (size_t)sqlite3_value_bytes(v[i]));
+		}
+	}
+	sqlite3_result_int64(ctx, fold(&sum));
+}
+
+int catalogue_sum_function(struct catalogue *c, struct err *err)
+{
+	if (sqlite3_create_function(c->db, "row_sum", -1, SQLITE_UTF8 | SQLITE_DETERMINISTIC, NULL, row_sum, NULL, NULL) !=
+	    SQLITE_OK)
+		return catalogue_failed(c, err, "the catalogue");
+	return 0;
+}
+
 int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err)
 {
 	int last = sqlite3_column_count(s) - 1;

@@ -323,12 +323,12 @@ void backup_end(struct backup *b)
 
 static struct dataset *exported(struct jobs *j, const char *name, const struct job_peer *peer, struct err *err)
 {
-	struct dataset *d = dataset_find(j, name, peer);
+	struct dataset *d;
 
-	if (!d || d->onestep)
+	if (dataset_ask(j, name, peer, RIGHT_READ, &d, err))
+		return NULL;
+	if (d->onestep)
 		err_set(err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
-	else if (peer->uid && peer->uid != d->uid && peer->uid != geteuid())
-		err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
 	else if (!*d->manifest)
 		err_set(err, ERR_NOTFOUND, "nothing was pushed into the dataset %s yet", d->name);
 	else
@@ -378,8 +378,8 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (*dataset)
 		d = exported(j, dataset, peer, &err);
-	else if (peer->uid && peer->uid != geteuid())
-		err_set(&err, ERR_PERM, "a backup holds what all users have pushed: it is for root and the user of acutd");
+	else if (!rights_admin(peer))
+		err_set(&err, ERR_PERM, "a backup holds what all users have pushed: it is for administrators");
 	if (!err.code && j->backups >= BACKUPS_MAX)
 		err_set(&err, ERR_BUSY, "%d backups or exports are being taken already", BACKUPS_MAX);
 	if (!err.code && !house_take(j, sizeof *b, "a backup", &err)) {

@@ -13,9 +13,9 @@
 
 int cache_may(const struct job_peer *peer, const char *what, struct err *err)
 {
-	if (!peer->uid || peer->uid == geteuid())
+	if (rights_admin(peer))
 		return 0;
-	err_set(err, ERR_PERM, "only root and the user of acutd may %s", what);
+	err_set(err, ERR_PERM, "only administrators may %s", what);
 	return err_add_hint(err, "ask whoever runs the daemon");
 }
 

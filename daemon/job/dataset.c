@@ -33,7 +33,7 @@ bool dataset_name_valid(const char *name)
 	return n && n <= DATASET_NAME_MAX && strspn(name, more) == n && *name != '.' && *name != '-';
 }
 
-struct dataset *dataset_new(struct jobs *j, const char *name, uint32_t uid, bool onestep, struct err *err)
+struct dataset *dataset_new(struct jobs *j, const char *name, const struct job_peer *owner, bool onestep, struct err *err)
 {
 	struct dataset *d, **at;
 
@@ -62,7 +62,9 @@ struct dataset *dataset_new(struct jobs *j, const char *name, uint32_t uid, bool
 		snprintf(d->name, sizeof d->name, ".one-step-%llu", (unsigned long long)d->id);
 	else
 		snprintf(d->name, sizeof d->name, "%s", name);
-	d->uid = uid;
+	d->uid = owner->uid;
+	d->gid = owner->gid;
+	d->mode = DATASET_MODE;
 	d->created_us = clock_real_us();
 	d->next_source = 1;
 	for (at = &j->datasets; *at && !(*at)->onestep; at = &(*at)->next)
@@ -317,17 +319,29 @@ struct dataset *dataset_find(struct jobs *j, const char *name, const struct job_
 
 	for (d = j->datasets; d; d = d->next)
 		if (!d->removed_us && !strcmp(d->name, name))
-			return !d->onestep || !peer->uid || peer->uid == d->uid ? d : NULL;
+			return !d->onestep || rights_as(peer, d->uid) ? d : NULL;
 	return NULL;
 }
 
-struct dataset *dataset_after(struct jobs *j, const char *name)
+int dataset_ask(struct jobs *j, const char *name, const struct job_peer *peer, enum right right, struct dataset **ret,
+		struct err *err)
+{
+	struct dataset *d = dataset_find(j, name, peer);
+	int r = d ? rights_dataset(d, peer, right, err)
+		  : err_set(err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
+
+	if (!r)
+		*ret = d;
+	return r;
+}
+
+struct dataset *dataset_after(struct jobs *j, const char *name, const struct job_peer *peer)
 {
 	struct dataset *d, *best = NULL;
 
 	for (d = j->datasets; d; d = d->next)
 		if (!d->onestep && !d->removed_us && (d->generation || d->pending || dataset_created(d)) && strcmp(d->name, name) > 0 &&
-		    (!best || strcmp(d->name, best->name) < 0))
+		    (!best || strcmp(d->name, best->name) < 0) && rights_allow(peer, RIGHT_READ, d->uid, d->gid, d->mode))
 			best = d;
 	return best;
 }
@@ -344,6 +358,8 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 		.bytes = d->bytes,
 		.files = d->files,
 		.uid = d->uid,
+		.gid = d->gid,
+		.mode = d->mode,
 		.lattice = d->lattice,
 		.crs = d->crs,
 		.unit_xy = d->unit_xy,
@@ -442,6 +458,8 @@ void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
 		.id = d->id,
 		.name = d->name,
 		.uid = d->uid,
+		.gid = d->gid,
+		.mode = d->mode,
 		.created_us = d->created_us,
 		.pushed_us = d->pushed_us,
 		.manifest = d->manifest,
@@ -517,12 +535,15 @@ static void charge_texts(struct dataset *d)
 
 int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err *err)
 {
-	struct dataset *d = dataset_new(j, row->name, row->uid, false, err);
+	const struct job_peer owner = rights_stored(row->uid, 0);
+	struct dataset *d = dataset_new(j, row->name, &owner, false, err);
 
 	if (!d)
 		return err->code == ERR_BUSY ? house_full(err) : -(int)err->code;
 	d->id = row->id;
 	d->row = true;
+	d->gid = row->gid;
+	d->mode = row->mode;
 	d->files = row->files;
 	d->created_us = row->created_us;
 	d->pushed_us = row->pushed_us;

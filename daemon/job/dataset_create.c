@@ -12,6 +12,7 @@
 
 #include "crs.h"
 #include "decimal.h"
+#include "mode.h"
 #include "push_priv.h"
 
 struct creation {
@@ -69,9 +70,10 @@ static int make(struct jobs *j, const struct dataset_wish *w, struct dataset **r
 		r = check_scale(w->scale_z, "scale_z", err);
 	if (r)
 		return r;
-	d = dataset_new(j, w->name, w->peer.uid, false, err);
+	d = dataset_new(j, w->name, &w->peer, false, err);
 	if (!d)
 		return -(int)err->code;
+	d->mode = w->has_mode ? w->mode & MODE_ALL : DATASET_MODE;
 	dataset_hold(d);
 	snprintf(lattice, sizeof lattice, "scale %s %s", *w->scale_xy ? w->scale_xy : "-", *w->scale_z ? w->scale_z : "-");
 	if (!set(&d->crs, crs.text) || !set(&d->unit_xy, crs.unit_xy) || !set(&d->unit_z, crs.unit_z) ||

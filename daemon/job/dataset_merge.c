@@ -136,7 +136,7 @@ static void start(struct jobs *j, struct dataset *d)
 	}
 	g->begun_ns = clock_mono_ns();
 	g->rewrite.dataset = d;
-	g->rewrite.peer = (struct job_peer){.uid = d->uid};
+	g->rewrite.peer = rights_stored(d->uid, 0);
 	g->rewrite.what = "a merge";
 	g->rewrite.choose = choose;
 	g->rewrite.over = merge_over;

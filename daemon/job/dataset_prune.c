@@ -286,7 +286,7 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 
 	if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (!dataset_owned(d, peer, &err) && !house_take(j, sizeof *p, "a prune", &err) &&
+	else if (!rights_dataset(d, peer, RIGHT_OWN, &err) && !house_take(j, sizeof *p, "a prune", &err) &&
 		 !(p = calloc(1, sizeof *p))) {
 		house_give(j, sizeof *p);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
@@ -296,7 +296,7 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 		return NULL;
 	}
 	p->rewrite.dataset = dataset_hold(d);
-	p->rewrite.peer = *peer;
+	p->rewrite.peer = rights_kept(peer);
 	p->rewrite.what = "a prune";
 	p->rewrite.choose = choose;
 	p->rewrite.alter = alter;

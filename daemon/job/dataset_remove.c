@@ -68,7 +68,7 @@ static int check_remove(const struct dataset *d, struct err *err)
 
 static bool may_have(const struct dataset *d, const struct job_peer *peer)
 {
-	return d->removed_us && (!peer->uid || peer->uid == d->uid);
+	return d->removed_us && rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 }
 
 /* By its name, or where that is no removed dataset's by its number. */
@@ -130,7 +130,7 @@ static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v
 			r = no_dataset(w->name, "", err);
 	}
 	if (!r)
-		r = dataset_owned(d, &w->peer, err);
+		r = rights_dataset(d, &w->peer, RIGHT_OWN, err);
 	if (!r && restores)
 		r = check_name(j, as ? as : d->name, &w->peer, err);
 	if (!r && w->verb == DATASET_REMOVE)
@@ -183,7 +183,7 @@ static void wait_for_row(struct jobs *j, struct verb *v, const struct dataset_wa
 	/* A name that is longer is that of no dataset. */
 	snprintf(v->text, sizeof v->text, "%s", w->name);
 	snprintf(v->as, sizeof v->as, "%s", w->as);
-	v->wanted = (struct dataset_wanted){.verb = w->verb, .name = v->text, .as = v->as, .id = w->id, .peer = w->peer};
+	v->wanted = (struct dataset_wanted){.verb = w->verb, .name = v->text, .as = v->as, .id = w->id, .peer = rights_kept(&w->peer)};
 	for (at = &j->verbs; *at; at = &(*at)->next)
 		;
 	*at = v;

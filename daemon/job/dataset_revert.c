@@ -187,13 +187,6 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 	free(v);
 }
 
-int dataset_owned(const struct dataset *d, const struct job_peer *peer, struct err *err)
-{
-	if (!peer->uid || peer->uid == d->uid)
-		return 0;
-	return err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
-}
-
 /* What a prune is taking away cannot be brought back meanwhile. */
 static int check_prune(const struct dataset *d, uint64_t generation, struct err *err)
 {
@@ -212,7 +205,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 
 	if (d->onestep)
 		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
-	else if (!dataset_owned(d, peer, &err) && !check_prune(d, generation, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
+	else if (!rights_dataset(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
 		if (!v) {
 			house_give(d->jobs, sizeof *v);
@@ -224,7 +217,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 		return;
 	}
 	v->change.dataset = d;
-	v->change.peer = *peer;
+	v->change.peer = rights_kept(peer);
 	v->change.make = revert_make;
 	v->change.over = revert_over;
 	v->change.kind = GRID_REVERT;

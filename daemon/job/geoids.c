@@ -374,7 +374,7 @@ static void remove_run(struct ask *a)
 		a->r = 0;
 		g = (struct geoid_info){.uid = a->peer.uid};
 	}
-	if (!a->r && a->peer.uid && a->peer.uid != g.uid && a->peer.uid != geteuid())
+	if (!a->r && !rights_as(&a->peer, g.uid))
 		a->r = err_set(&a->err, ERR_PERM, "the geoid grid %s was added by the user with id %u", a->name, g.uid);
 	if (!a->r) {
 		text_name(a->name, file);
@@ -454,7 +454,7 @@ static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, co
 	};
 	a->jobs = j;
 	a->kind = kind;
-	a->peer = *peer;
+	a->peer = rights_kept(peer);
 	a->err = ERR_INIT;
 	a->answer = answer;
 	a->token = token;

@@ -146,7 +146,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 		return -(int)err->code;
 	i = calloc(1, sizeof *i);
 	if (i)
-		i->dataset = dataset_new(j, name, peer->uid, false, err);
+		i->dataset = dataset_new(j, name, peer, false, err);
 	else
 		err_set(err, ERR_NOMEM, "no memory for an import");
 	if (!i || !i->dataset) {
@@ -172,7 +172,7 @@ void import_begin(struct jobs *j, const char *name, const struct job_peer *peer,
 	i->jobs = j;
 	i->id = ++j->last_import;
 	i->push = row.id = ++j->last_push;
-	i->peer = *peer;
+	i->peer = rights_kept(peer);
 	i->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->last_flow};
 	i->begun = begun;
 	i->token = token;

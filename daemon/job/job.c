@@ -91,6 +91,7 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 		.state = job_state_text(final ? job->state : JOB_queued),
 		.uid = job->peer.uid,
 		.pid = job->peer.pid,
+		.admin = job->peer.admin,
 		.submitted_us = job->submitted_us,
 		.finished_us = job->finished_us,
 		.report = job->has_report ? report_text(&job->report, report, sizeof report) : "",
@@ -460,7 +461,7 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, struct err *err)
 
 static bool may_see(const struct job *job, const struct job_peer *peer)
 {
-	return !job->removed && !job->waiting_row && (!peer->uid || peer->uid == job->peer.uid);
+	return !job->removed && !job->waiting_row && rights_as(peer, job->peer.uid);
 }
 
 struct job *job_find(struct jobs *j, uint64_t id, const struct job_peer *peer)
@@ -553,7 +554,8 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	if (d)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
-	job->peer = (struct job_peer){row->uid, row->pid};
+	job->peer = rights_stored(row->uid, row->pid);
+	job->peer.admin |= row->admin;
 	job->priority = row->priority < JOB_PRIORITIES ? (enum job_priority)row->priority : JOB_PRIORITY_NORMAL;
 	job_place_init(job);
 	job->submitted_us = row->submitted_us;

@@ -27,8 +27,19 @@ struct push;
 struct push_stream;
 struct job;
 
+/* Who asks, as the kernel says (rights.h). The groups are the connection's, borrowed: what is kept is rights_kept. */
 struct job_peer {
-	uint32_t uid, pid;
+	uint32_t uid, pid, gid;
+	bool admin;
+	uint32_t ngroups;
+	const uint32_t *groups; /* sorted */
+};
+/* What is asked of a dataset. */
+enum right {
+	RIGHT_READ,  /* mesh, plan, show, log, export; to see it in a list */
+	RIGHT_WRITE, /* push, revert */
+	RIGHT_OWN,   /* remove, restore, pin, prune, mode and group */
+	RIGHT_GIVE,  /* another owner */
 };
 
 /* Who holds how much of the budget, by name. */
@@ -81,10 +92,12 @@ uint64_t jobs_rss(void);      /* VmRSS */
 
 /* ---- datasets ---- */
 
+enum { DATASET_MODE = 0640 }; /* of one that nobody gave a mode */
+
 struct dataset_info {
 	const char *name;
 	uint64_t id, generation, points, bytes;
-	uint32_t files, uid;
+	uint32_t files, uid, gid, mode; /* of its owner, its group (RIGHTS_NOBODY: none), as of a file */
 	const char *lattice, *crs, *unit_xy, *unit_z; /* "" while there is no generation */
 	int64_t created_us, pushed_us;
 	int32_t box[4];
@@ -99,10 +112,12 @@ struct dataset_info {
 	uint64_t pending_points;
 	int64_t pending_until_us;
 };
-/* NULL: none. One-step datasets are seen by their owner only. */
+/* NULL: none. One-step datasets are seen by their owner only. That it is there says nothing about what one may do. */
 struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
-/* Named datasets that have a generation, by name: the first after `name`; NULL at the end. */
-struct dataset *dataset_after(struct jobs *, const char *name);
+/* The one of that name, for who has that right on it. -ERR_NOTFOUND, -ERR_PERM. */
+int dataset_ask(struct jobs *, const char *name, const struct job_peer *, enum right, struct dataset **ret, struct err *err);
+/* Named datasets that this peer may read, by name: the first after `name`; NULL at the end. */
+struct dataset *dataset_after(struct jobs *, const char *name, const struct job_peer *);
 void dataset_info(const struct dataset *, struct dataset_info *ret);
 /* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed.
  */
@@ -113,6 +128,8 @@ void dataset_release(struct dataset *);
 struct dataset_wish {
 	const char *name, *scale_xy, *scale_z;
 	const char *crs; /* as push_params.assume_crs */
+	bool has_mode; /* else DATASET_MODE */
+	uint32_t mode;
 	struct job_peer peer;
 };
 /* Answered when the catalogue has it. -ERR_USAGE: there is one of that name. */
@@ -121,9 +138,6 @@ void dataset_create(struct jobs *, const struct dataset_wish *,
 
 /* -ERR_NOTFOUND, with the range that there is; 0 is the newest. */
 int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
-/* Owner and root; else -ERR_PERM. */
-int dataset_owned(const struct dataset *, const struct job_peer *, struct err *err);
-
 enum dataset_verb { DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN };
 struct dataset_wanted {
 	enum dataset_verb verb;
@@ -239,6 +253,8 @@ struct push_params {
 	const char *utm;   /* zone that degrees go to; "": of the middle of all */
 	const char *geoid; /* grid that shifts the heights; "": none */
 	const char *geoid_way; /* "orthometric" or "ellipsoidal"; "": orthometric */
+	bool has_mode; /* for a dataset that comes to be; else DATASET_MODE */
+	uint32_t mode;
 	bool planar, accept_truncated;
 	const double *crop; /* x1, y1, x2, y2, in the dataset's coordinates, or ncrop is 0; of one-step ones only */
 	size_t ncrop;

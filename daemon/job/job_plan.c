@@ -159,7 +159,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		return;
 	}
 	p->jobs = j;
-	p->peer = *peer;
+	p->peer = rights_kept(peer);
 	p->place.owner = params.owner;
 	p->place.granted = plan_granted;
 	p->err = ERR_INIT;

@@ -8,6 +8,7 @@
 #include "job.h"
 #include "ledger.h"
 #include "plan_file.h"
+#include "rights.h"
 #include "sched_pool.h"
 #include "walk.h"
 
@@ -44,7 +45,7 @@ struct dataset {
 	struct jobs *jobs;
 	uint64_t id;
 	char name[DATASET_NAME_MAX + 1];
-	uint32_t uid, files;
+	uint32_t uid, gid, mode, files;
 	int64_t created_us, pushed_us;
 	char manifest[64]; /* "": no generation yet */
 	uint64_t generation, points, bytes;
@@ -191,7 +192,7 @@ uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, 
 /* cache_verify.c */
 void cache_verify_tick(struct jobs *);
 /* cache_gc.c */
-int cache_may(const struct job_peer *, const char *what, struct err *err); /* root and the daemon's user */
+int cache_may(const struct job_peer *, const char *what, struct err *err); /* admins */
 
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
 int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err);
@@ -233,7 +234,8 @@ void dataset_prune_tick(struct jobs *);
 void dataset_prunes_park(struct jobs *);
 
 /* dataset.c */
-struct dataset *dataset_new(struct jobs *, const char *name, uint32_t uid, bool onestep, struct err *err);
+/* Of this owner and his first group; its mode is DATASET_MODE. */
+struct dataset *dataset_new(struct jobs *, const char *name, const struct job_peer *owner, bool onestep, struct err *err);
 struct dataset *dataset_free(struct dataset *);
 bool dataset_name_valid(const char *name);
 /* Its folder; balanced by dataset_close. Opens (and makes) it on a worker's or the starting thread. */

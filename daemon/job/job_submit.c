@@ -189,7 +189,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	}
 	job->dataset = dataset_hold(p->dataset);
 	job->generation = generation;
-	job->peer = p->peer;
+	job->peer = rights_kept(&p->peer);
 	job->priority = priority;
 	job_place_init(job);
 	job->bound = p->bound;

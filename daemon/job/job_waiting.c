@@ -1,6 +1,6 @@
 /*
- * What a job waits for, in words, and its priority: as of nice, anybody may lower it, only root and the daemon's own
- * user may raise it above normal.
+ * What a job waits for, in words, and its priority: as of nice, anybody may lower it, only administrators
+ * may raise it above normal.
  */
 #include <stdio.h>
 #include <string.h>
@@ -35,8 +35,8 @@ int job_priority_read(const char *text, const struct job_peer *peer, enum job_pr
 		err_set(err, ERR_USAGE, "\"%.40s\" is not a priority: low, normal or high", text);
 		return err_add_place(err, ERR_NO_OFFSET, "priority");
 	}
-	if (p == JOB_PRIORITY_HIGH && peer->uid && peer->uid != geteuid()) {
-		err_set(err, ERR_PERM, "only root and the user of acutd may give a job a high priority");
+	if (p == JOB_PRIORITY_HIGH && !rights_admin(peer)) {
+		err_set(err, ERR_PERM, "only administrators may give a job a high priority");
 		return err_add_hint(err, "normal and low are for everybody");
 	}
 	*ret = (enum job_priority)p;

@@ -16,6 +16,7 @@
 #include "clock.h"
 #include "io.h"
 #include "log.h"
+#include "mode.h"
 #include "push_priv.h"
 
 #define PROGRESS_SECONDS 0.2
@@ -224,7 +225,7 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 	struct dataset *d;
 
 	if (!*in->dataset)
-		return dataset_new(j, "", in->peer.uid, true, err);
+		return dataset_new(j, "", &in->peer, true, err);
 	if (!dataset_name_valid(in->dataset)) {
 		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", in->dataset);
 		err_add_hint(err,
@@ -233,11 +234,12 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 		return NULL;
 	}
 	d = dataset_find(j, in->dataset, &in->peer);
-	if (d && in->peer.uid && d->uid != in->peer.uid) {
-		err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
-		return NULL;
-	}
-	return d ? d : dataset_new(j, in->dataset, in->peer.uid, false, err);
+	if (d)
+		return rights_dataset(d, &in->peer, RIGHT_WRITE, err) ? NULL : d;
+	d = dataset_new(j, in->dataset, &in->peer, false, err);
+	if (d)
+		d->mode = in->has_mode ? in->mode & MODE_ALL : DATASET_MODE;
+	return d;
 }
 
 /* One user may have half of them. */
@@ -328,7 +330,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->owner = (struct sched_owner){.uid = in->peer.uid, .flow = ++j->last_flow};
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
-	p->peer = in->peer;
+	p->peer = rights_kept(&in->peer);
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
 	p->has_crop = in->ncrop > 0;

@@ -16,6 +16,7 @@
 #include "io.h"
 #include "ledger.h"
 #include "log.h"
+#include "rights.h"
 #include "server_priv.h"
 
 enum {
@@ -176,6 +177,8 @@ void request_refuse(struct request *q, const struct err *why)
 	struct conn *c = q->conn;
 	uint32_t id = q->id;
 
+	if (refusal_worth(why))
+		refusal_log(c->server, &c->peer, why);
 	request_free(q);
 	conn_send_error(c, id, why);
 }
@@ -221,23 +224,18 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 	return 0;
 }
 
-static int conn_make(struct server *s, int fd, struct err *err)
+/* Takes over the peer's groups, if it succeeds. */
+static int conn_make(struct server *s, int fd, const struct job_peer *peer, struct err *err)
 {
 	struct conn *c = calloc(1, sizeof *c);
 	struct frame_limits limits = {.ledger = s->p.ledger};
-	struct ucred cred;
-	socklen_t size = sizeof cred;
 	int r;
 
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory for a client");
-	if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &cred, &size) != 0) {
-		free(c);
-		return err_sys(err, errno, "the client's user cannot be found out");
-	}
 	c->server = s;
-	c->charged = CONN_BYTES;
-	c->peer = (struct job_peer){.uid = cred.uid, .pid = (uint32_t)cred.pid};
+	c->charged = CONN_BYTES + peer->ngroups * sizeof *peer->groups;
+	c->peer = *peer;
 	r = frame_conn_new(fd, &limits, &c->frame, err);
 	if (r) {
 		free(c);
@@ -248,6 +246,7 @@ static int conn_make(struct server *s, int fd, struct err *err)
 		/* The descriptor went to the frame_conn, and goes with it. */
 		log_warning("cannot wait for a client: %s", strerror(-r));
 		frame_conn_free(c->frame);
+		rights_groups_free(s->p.ledger, &c->peer);
 		free(c);
 		ledger_give(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
 		return 0;
@@ -260,16 +259,64 @@ static int conn_make(struct server *s, int fd, struct err *err)
 	return 0;
 }
 
-int conn_new(struct server *s, int fd, struct err *err)
+/* Those that may be there, of one user. */
+static int check_count(const struct server *s, const struct job_peer *peer, struct err *err)
 {
+	unsigned n = 0;
+
+	if (!s->p.user_connections || rights_admin(peer))
+		return 0;
+	for (const struct conn *c = s->conns; c; c = c->next)
+		n += !c->closed && c->peer.uid == peer->uid;
+	if (n < s->p.user_connections)
+		return 0;
+	err_set(err, ERR_BUSY, "%u connections of this user are open, and no more than %u may be (user-connections)", n,
+		s->p.user_connections);
+	err_add_hint(err, "try again when some of them are closed");
+	return err_add_place(err, ERR_NO_OFFSET, "user-connections");
+}
+
+/* Who it is, and whether he is served: before anything is kept for him. */
+static int conn_peer(struct server *s, int fd, struct job_peer *ret, struct err *err)
+{
+	struct ucred cred;
+	socklen_t size = sizeof cred;
 	int r;
 
-	make_room(s, CONN_BYTES + COMFORT, NULL);
-	if (!ledger_take(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES))
-		return err_set(err, ERR_BUSY, "there is no memory left for a client");
-	r = conn_make(s, fd, err);
+	if (getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &cred, &size) != 0)
+		return err_sys(err, errno, "the client's user cannot be found out");
+	*ret = (struct job_peer){.uid = cred.uid, .pid = (uint32_t)cred.pid, .gid = cred.gid};
+	r = rights_groups(fd, s->p.ledger, ret, err);
 	if (r)
-		ledger_give(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
+		return r;
+	rights_look(&s->p.rights, ret);
+	r = rights_connect(&s->p.rights, ret, err);
+	if (!r)
+		r = check_count(s, ret, err);
+	if (!r)
+		return 0;
+	refusal_log(s, ret, err);
+	rights_groups_free(s->p.ledger, ret);
+	return r;
+}
+
+int conn_new(struct server *s, int fd, struct err *err)
+{
+	struct job_peer peer;
+	int r = conn_peer(s, fd, &peer, err);
+
+	if (r)
+		return r;
+	make_room(s, CONN_BYTES + COMFORT, NULL);
+	if (ledger_take(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES)) {
+		r = conn_make(s, fd, &peer, err);
+		if (r)
+			ledger_give(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
+	} else {
+		r = err_set(err, ERR_BUSY, "there is no memory left for a client");
+	}
+	if (r)
+		rights_groups_free(s->p.ledger, &peer);
 	return r;
 }
 
@@ -346,6 +393,7 @@ bool conn_reap(struct conn *c)
 		c->pushes = p->next;
 		free(p);
 	}
+	rights_groups_free(c->server->p.ledger, &c->peer);
 	ledger_give(c->server->p.ledger, LEDGER_MESSAGE, CONN_BYTES);
 	free(c);
 	return true;

@@ -108,12 +108,11 @@ void request_dataset_state(struct request *q, const struct dataset *d, const str
 
 static void one_dataset(struct conn *c, struct request *q, const char *name)
 {
-	struct dataset *d = dataset_find(c->server->jobs, name, &c->peer);
 	struct message_dataset m;
 	struct err err = ERR_INIT;
+	struct dataset *d;
 
-	if (!d) {
-		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
+	if (dataset_ask(c->server->jobs, name, &c->peer, RIGHT_READ, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}
@@ -183,7 +182,7 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 		return;
 	}
 	list.datasets = datasets;
-	while ((d = dataset_after(c->server->jobs, after))) {
+	while ((d = dataset_after(c->server->jobs, after, &c->peer))) {
 		if (n == limit) {
 			list.more = true;
 			break;
@@ -281,11 +280,10 @@ static void planned(void *token, const struct err *why, const struct job_plan *p
 
 void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct dataset *d = dataset_find(c->server->jobs, m->plan_request->dataset, &c->peer);
 	struct err err = ERR_INIT;
+	struct dataset *d;
 
-	if (!d) {
-		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->plan_request->dataset);
+	if (dataset_ask(c->server->jobs, m->plan_request->dataset, &c->peer, RIGHT_READ, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

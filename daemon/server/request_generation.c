@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "rights.h"
 #include "server_priv.h"
 
 enum { PAGE_MAX = 64 };
@@ -16,15 +17,14 @@ struct page_ask {
 
 static void ask_page(struct conn *c, struct request *q, const char *name, const struct page_ask *what, dataset_read_fn *answer)
 {
-	struct dataset *d = dataset_find(c->server->jobs, name, &c->peer);
-	struct page_ask *ask = d ? malloc(sizeof *ask) : NULL;
+	struct dataset *d = NULL;
 	struct err err = ERR_INIT;
+	int r = dataset_ask(c->server->jobs, name, &c->peer, RIGHT_READ, &d, &err);
+	struct page_ask *ask = r ? NULL : malloc(sizeof *ask);
 
 	if (!ask) {
-		if (d)
+		if (!r)
 			err_set(&err, ERR_NOMEM, "no memory for a list");
-		else
-			err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
 		request_refuse(q, &err);
 		return;
 	}
@@ -184,9 +184,11 @@ static void answer_files(const struct page_ask *ask, bool owner, const struct gr
 static void files_read(void *token, const struct err *why, const struct dataset *d, const struct grid_manifest *m)
 {
 	struct page_ask *ask = token;
-	struct err err = ERR_INIT;
-	bool owner = !dataset_owned(d, &ask->request->conn->peer, &err);
+	struct dataset_info info;
+	bool owner;
 
+	dataset_info(d, &info);
+	owner = rights_allow(&ask->request->conn->peer, RIGHT_OWN, info.uid, info.gid, info.mode);
 	if (why)
 		request_refuse(ask->request, why);
 	else
@@ -247,15 +249,13 @@ static void reverted(void *token, const struct err *why, const struct reverted *
 
 void request_revert(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct dataset *d = dataset_find(c->server->jobs, m->revert->dataset, &c->peer);
 	struct err err = ERR_INIT;
+	struct dataset *d;
 
-	if (d) {
+	if (dataset_ask(c->server->jobs, m->revert->dataset, &c->peer, RIGHT_WRITE, &d, &err))
+		request_refuse(q, &err);
+	else
 		dataset_revert(d, m->revert->generation, &c->peer, reverted, q);
-		return;
-	}
-	err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->revert->dataset);
-	request_refuse(q, &err);
 }
 
 /* ---- prune ---- */
@@ -279,12 +279,11 @@ static void pruned(void *token, const struct err *why, const struct pruned *p)
 
 void request_prune(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	struct dataset *d = dataset_find(c->server->jobs, m->prune->dataset, &c->peer);
 	struct err err = ERR_INIT;
 	struct prune *prune;
+	struct dataset *d;
 
-	if (!d) {
-		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", m->prune->dataset);
+	if (dataset_ask(c->server->jobs, m->prune->dataset, &c->peer, RIGHT_OWN, &d, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

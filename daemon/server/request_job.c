@@ -55,7 +55,6 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 {
 	const Acut__V1__Submit *in = m->submit;
 	struct job_params p = {
-		.dataset = dataset_find(c->server->jobs, in->dataset, &c->peer),
 		.generation = in->generation,
 		.view = in->view,
 		.bound = in->bound,
@@ -65,8 +64,7 @@ void request_submit(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	};
 	struct err err = ERR_INIT;
 
-	if (!p.dataset) {
-		err_set(&err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", in->dataset);
+	if (dataset_ask(c->server->jobs, in->dataset, &c->peer, RIGHT_READ, &p.dataset, &err)) {
 		request_refuse(q, &err);
 		return;
 	}

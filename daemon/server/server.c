@@ -51,8 +51,29 @@ struct server *server_free(struct server *s)
 	listeners_free(s);
 	server_stop(s);
 	server_settle(s);
+	refusals_end(s);
 	free(s);
 	return NULL;
+}
+
+void server_set_rights(struct server *s, const struct rights *rights, unsigned user_connections)
+{
+	struct conn *c;
+
+	s->p.rights = *rights;
+	s->p.user_connections = user_connections;
+	for (c = s->conns; c; c = c->next) {
+		struct err err = ERR_INIT;
+
+		if (c->closed)
+			continue;
+		rights_look(rights, &c->peer);
+		if (rights_connect(rights, &c->peer, &err)) {
+			refusal_log(s, &c->peer, &err);
+			conn_send_error(c, 0, &err);
+			conn_close(c);
+		}
+	}
 }
 
 void server_set_jobs(struct server *s, struct jobs *jobs)
@@ -109,8 +130,9 @@ static bool accept_one(struct listener *l)
 		return false;
 	}
 	if (conn_new(l->server, fd, &err)) {
-		log_err(LOG_LEVEL_WARNING, "a client is turned away", &err);
-		io_close(fd);
+		if (!refusal_worth(&err))
+			log_event_err(LOG_EVENT_CLIENT_TURNED_AWAY, NULL, "a client is turned away", &err);
+		refusal_tell(fd, &err);
 	}
 	return true;
 }

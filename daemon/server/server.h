@@ -8,6 +8,8 @@
 #include <stdint.h>
 #include <systemd/sd-event.h>
 
+#include "rights.h"
+
 struct err;
 struct job;
 struct jobs;
@@ -20,6 +22,8 @@ struct server_params {
 	const char *version, *state_dir, *cache_dir;
 	uint64_t memory;
 	unsigned threads;
+	struct rights rights;      /* who is served */
+	unsigned user_connections; /* of one user who is no admin, at once; 0: no limit */
 };
 
 int server_new(const struct server_params *, struct server **ret, struct err *err);
@@ -27,6 +31,8 @@ int server_new(const struct server_params *, struct server **ret, struct err *er
 struct server *server_free(struct server *);
 /* Before any connection. */
 void server_set_jobs(struct server *, struct jobs *);
+/* Other rules, also for who is connected: who is not served any more is cut off. */
+void server_set_rights(struct server *, const struct rights *, unsigned user_connections);
 /* Takes over a listening or a connected stream socket. */
 int server_listen(struct server *, int fd, struct err *err);
 int server_adopt(struct server *, int fd, struct err *err);

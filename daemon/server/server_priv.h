@@ -31,6 +31,11 @@ struct server {
 	uint64_t last_conn;
 	uint64_t started_ns;
 	bool stopping, reap;
+	struct refusals { /* refusal.c: what the log was told in the last while */
+		sd_event_source *timer;
+		uint64_t since_ns, hidden;
+		unsigned told;
+	} refusals;
 };
 
 /* A request that is not answered for good. Holds its connection in memory. */
@@ -97,6 +102,14 @@ void request_answer(struct request *, const Acut__V1__Message *); /* and free it
 void request_refuse(struct request *, const struct err *);        /* likewise */
 
 uint64_t conn_held(const struct conn *); /* taken of LEDGER_MESSAGE */
+
+/* refusal.c */
+/* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */
+void refusal_tell(int fd, const struct err *why);
+/* What a user may not, or has too much of: to the log, but no flood of it. */
+void refusal_log(struct server *, const struct job_peer *, const struct err *why);
+bool refusal_worth(const struct err *why);
+void refusals_end(struct server *);
 
 /* request.c: the table */
 void request_handle(struct conn *, uint32_t id, Acut__V1__Message *, int fd);

@@ -1,0 +1,92 @@
+/*
+ * Clients and requests that are refused by who asks: what they are told, and what the log is.
+ *
+ * The model: a surplus or strange client costs nothing but the answer: it is written into the socket that is closed next,
+ * and nothing of it is kept. In the log each refusal is an event with user and process, up to a number in a while; of
+ * more than that the log gets the number when the while is over. The timer for that runs only if there is something to
+ * tell.
+ */
+#include <string.h>
+#include <sys/socket.h>
+
+#include "clock.h"
+#include "io.h"
+#include "log.h"
+#include "server_priv.h"
+
+enum { TOLD_MAX = 20 };
+#define WHILE_SECONDS 30
+
+void refusal_tell(int fd, const struct err *why)
+{
+	struct frame_conn *frame;
+	struct err err = ERR_INIT;
+	char bytes[4096];
+
+	/* What it has asked already: of a socket that is closed over unread bytes the other side may lose the answer. */
+	while (recv(fd, bytes, sizeof bytes, MSG_DONTWAIT) == (ssize_t)sizeof bytes)
+		;
+	if (frame_conn_new(fd, NULL, &frame, &err)) {
+		io_close(fd);
+		return;
+	}
+	if (!frame_conn_send_error(frame, 0, why, &err))
+		frame_conn_flush(frame, &err);
+	frame_conn_free(frame);
+}
+
+bool refusal_worth(const struct err *why)
+{
+	return why->code == ERR_PERM || !strncmp(why->field, "user-", 5);
+}
+
+static void tell_hidden(struct server *s)
+{
+	struct refusals *r = &s->refusals;
+
+	if (r->hidden)
+		log_event(LOG_EVENT_REFUSED, NULL, "%llu more clients or requests were refused within %.0f seconds",
+			  (unsigned long long)r->hidden, clock_since(r->since_ns));
+	r->hidden = r->told = 0;
+	r->since_ns = clock_mono_ns();
+}
+
+static int while_over(sd_event_source *source, uint64_t usec, void *ctx)
+{
+	tell_hidden(ctx);
+	return 0;
+}
+
+static void hide(struct server *s)
+{
+	struct refusals *r = &s->refusals;
+
+	if (r->hidden++)
+		return;
+	if (!r->timer)
+		sd_event_add_time_relative(s->p.event, &r->timer, CLOCK_MONOTONIC, WHILE_SECONDS * UINT64_C(1000000),
+					   1000000, while_over, s);
+	else if (sd_event_source_set_time_relative(r->timer, WHILE_SECONDS * UINT64_C(1000000)) >= 0)
+		sd_event_source_set_enabled(r->timer, SD_EVENT_ONESHOT);
+}
+
+void refusal_log(struct server *s, const struct job_peer *peer, const struct err *why)
+{
+	struct log_about about = {ABOUT_USER(peer->uid), .pid = peer->pid, .code = err_wire_name(why->code)};
+	struct refusals *r = &s->refusals;
+
+	if (!r->since_ns || clock_since(r->since_ns) >= WHILE_SECONDS)
+		tell_hidden(s);
+	if (r->told >= TOLD_MAX) {
+		hide(s);
+		return;
+	}
+	r->told++;
+	log_event(LOG_EVENT_REFUSED, &about, "refused to uid %u, pid %u: %s", peer->uid, peer->pid, why->message);
+}
+
+void refusals_end(struct server *s)
+{
+	tell_hidden(s);
+	s->refusals.timer = sd_event_source_disable_unref(s->refusals.timer);
+}
