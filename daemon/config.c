@@ -1,104 +1,34 @@
 /*
- * The configuration of a start: defaults, and over them what the command line says. config_table.def has the settings.
+ * The configuration of a start: what the command line says, below it what the files say, below that defaults.
+ * config_table.def has the settings; the options that are none stand here.
  */
 #include "config.h"
 
-#include <errno.h>
 #include <getopt.h>
-#include <sched.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
+#include "config_file.h"
+#include "config_told.h"
 #include "err.h"
-#include "parse.h"
-#include "sched_pool.h"
-
-static const uint64_t MEMORY_LEAST = UINT64_C(24) << 20;
-enum { THREADS_MAX = 256 };
-
-/* ---- defaults ---- */
-
-static unsigned processors(void)
-{
-	cpu_set_t set;
-
-	if (sched_getaffinity(0, sizeof set, &set) != 0)
-		return 1;
-	return CPU_COUNT(&set) > THREADS_MAX ? THREADS_MAX : (unsigned)CPU_COUNT(&set);
-}
-
-static int default_folder(char *to, size_t size, const char *by_systemd, const char *system, const char *xdg,
-			  const char *home_part, struct err *err)
-{
-	const char *dir = getenv(by_systemd), *home = getenv("HOME");
-
-	if (dir && *dir) {
-		snprintf(to, size, "%s", dir);
-	} else if (geteuid() == 0) {
-		snprintf(to, size, "%s", system);
-	} else if ((dir = getenv(xdg)) && *dir == '/') {
-		snprintf(to, size, "%s/acut", dir);
-	} else if (home && *home == '/') {
-		snprintf(to, size, "%s/%s/acut", home, home_part);
-	} else {
-		err_set(err, ERR_USAGE, "there is no home folder to keep data in");
-		return err_add_hint(err, "give --state and --cache");
-	}
-	return 0;
-}
-
-/* A folder that nobody configured is the user's own: it is made when it is needed. */
-static bool own_folder(void)
-{
-	const char *dir = getenv("STATE_DIRECTORY");
-
-	return geteuid() != 0 && !(dir && *dir);
-}
-
-static int fill_in(struct config *c, struct err *err)
-{
-	char text[32];
-	int r = 0;
-
-	/* A folder that somebody chose is no first one. */
-	if (*c->state || !getenv("STATE_DIRECTORY"))
-		c->init_first = false;
-	if (!*c->state && own_folder())
-		c->init = true;
-	if (!*c->state)
-		r = default_folder(c->state, sizeof c->state, "STATE_DIRECTORY", "/var/lib/acut",
-				   "XDG_STATE_HOME", ".local/state", err);
-	if (!r && !*c->cache)
-		r = default_folder(c->cache, sizeof c->cache, "CACHE_DIRECTORY", "/var/cache/acut",
-				   "XDG_CACHE_HOME", ".cache", err);
-	if (r)
-		return r;
-	if (!c->memory)
-		c->memory = config_memory(config_cgroup_limit(""), config_machine_memory(), c->idle_exit > 0);
-	if (c->memory < MEMORY_LEAST) {
-		err_set(err, ERR_USAGE, "%s of memory are too little, acutd needs 24 MB at least",
-			parse_size_text(c->memory, text));
-		return err_add_hint(err, "give --memory, or the service a higher limit");
-	}
-	/* Not told: no more than an eighth of the memory for their stacks. */
-	if (!c->threads)
-		for (c->threads = processors(); c->threads > 1 && sched_thread_bytes(c->threads) > c->memory / 8;)
-			c->threads--;
-	return 0;
-}
-
-/* ---- options ---- */
 
 /* Numbers of what is no setting, after those. */
-enum { OPTION_FILE = CONFIG_SETTINGS, OPTION_NO_FILE, OPTION_VERSION, OPTION_HELP, OPTIONS };
+enum { OPTION_FILE = CONFIG_SETTINGS, OPTION_NO_FILE, OPTION_CHECK, OPTION_VERSION, OPTION_HELP, OPTIONS };
+
+/* The command line, read and not applied yet: files go first. */
+struct words {
+	const char *value[CONFIG_SETTINGS]; /* "" of a flag */
+	const char *file;
+	bool no_file, check;
+	int answer; /* OPTION_VERSION, OPTION_HELP, or 0 */
+};
 
 static void list_options(struct option *to)
 {
 	static const struct option more[] = {
 		{"config", required_argument, NULL, OPTION_FILE},
 		{"no-config", no_argument, NULL, OPTION_NO_FILE},
+		{"check-config", no_argument, NULL, OPTION_CHECK},
 		{"version", no_argument, NULL, OPTION_VERSION},
 		{"help", no_argument, NULL, OPTION_HELP},
 		{0},
@@ -112,53 +42,96 @@ static void list_options(struct option *to)
 	memcpy(to + CONFIG_SETTINGS, more, sizeof more);
 }
 
-static int set_option(struct config *c, int id, const char *value, struct err *err)
-{
-	const char *wanted;
-
-	if (!config_value_parse(&config_settings[id], value, c, &wanted))
-		return err_set(err, ERR_USAGE, "--%s %.100s: %s is wanted", config_settings[id].name, value, wanted);
-	c->origin[id] = (struct config_origin){.by = CONFIG_BY_LINE};
-	return 0;
-}
-
-static void set_presets(struct config *c)
-{
-	const char *wanted;
-
-	*c = (struct config){.group_gid = -1, .admin_group_gid = -1};
-	for (int i = 0; i < CONFIG_SETTINGS; i++)
-		if (config_settings[i].preset)
-			config_value_parse(&config_settings[i], config_settings[i].preset, c, &wanted);
-}
-
-int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struct err *err)
+static int read_words(int argc, char **argv, struct words *ret, struct err *err)
 {
 	struct option options[OPTIONS + 1];
-	int option, r = 0;
+	int option;
 
+	*ret = (struct words){0};
 	list_options(options);
-	set_presets(ret);
-	*ret_what = CONFIG_RUN;
-	optind = 0; /* from the start */
-	while (!r && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
+	optind = 0; /* from the start: they are read again at a reload */
+	while (!ret->answer && (option = getopt_long(argc, argv, "", options, NULL)) != -1) {
 		if (option == OPTION_VERSION || option == OPTION_HELP) {
-			if (option == OPTION_VERSION)
-				printf("acutd %s\n", ACUT_VERSION);
-			else
-				config_help(stdout);
-			*ret_what = CONFIG_EXIT;
-			return 0;
-		}
-		if (option == OPTION_FILE || option == OPTION_NO_FILE)
-			continue;
-		if (option < 0 || option >= CONFIG_SETTINGS) {
+			ret->answer = option;
+		} else if (option == OPTION_FILE) {
+			ret->file = optarg;
+		} else if (option == OPTION_NO_FILE) {
+			ret->no_file = true;
+		} else if (option == OPTION_CHECK) {
+			ret->check = true;
+		} else if (option >= 0 && option < CONFIG_SETTINGS) {
+			ret->value[option] = optarg ? optarg : "";
+		} else {
 			err_set(err, ERR_USAGE, "the command line is not understood");
 			return err_add_hint(err, "acutd --help lists the options");
 		}
-		r = set_option(ret, option, optarg, err);
 	}
-	if (!r && optind < argc)
-		r = err_set(err, ERR_USAGE, "\"%.100s\" is not an option", argv[optind]);
-	return r ? r : fill_in(ret, err);
+	if (!ret->answer && optind < argc)
+		return err_set(err, ERR_USAGE, "\"%.100s\" is not an option", argv[optind]);
+	if (ret->file && ret->no_file)
+		return err_set(err, ERR_USAGE, "--config and --no-config exclude each other");
+	if (ret->file && strlen(ret->file) + 3 > CONFIG_PATH_SIZE)
+		return err_set(err, ERR_USAGE, "--config %.100s...: the path is too long", ret->file);
+	return 0;
+}
+
+static void read_files(const struct words *w, struct config *c, struct config_told *told)
+{
+	char folder[CONFIG_PATH_SIZE];
+
+	if (w->no_file)
+		return;
+	snprintf(c->file, sizeof c->file - 2, "%s", w->file ? w->file : ACUT_CONFIG_FILE);
+	snprintf(folder, sizeof folder, "%.*s.d", CONFIG_PATH_SIZE - 3, c->file);
+	config_file(c->file, w->file, c, told);
+	config_folder(folder, c, told);
+}
+
+static void apply_words(const struct words *w, struct config *c, struct config_told *told)
+{
+	const char *wanted;
+
+	for (int i = 0; i < CONFIG_SETTINGS; i++) {
+		struct err err = ERR_INIT;
+
+		if (!w->value[i])
+			continue;
+		c->origin[i] = (struct config_origin){.by = CONFIG_BY_LINE};
+		if (config_value_parse(&config_settings[i], w->value[i], c, &wanted))
+			continue;
+		err_set(&err, ERR_USAGE, "--%s %.100s: %s is wanted", config_settings[i].name, w->value[i], wanted);
+		config_told_error(told, &err);
+	}
+}
+
+int config_parse(int argc, char **argv, struct config *ret, int *ret_what, struct config_told *told, struct err *err)
+{
+	struct words words;
+	int r = read_words(argc, argv, &words, err);
+
+	*ret_what = r ? CONFIG_RUN : words.answer ? CONFIG_EXIT : words.check ? CONFIG_CHECK : CONFIG_RUN;
+	if (r)
+		return r;
+	if (words.check)
+		told->tell = config_check_tell;
+	if (words.answer == OPTION_VERSION)
+		printf("acutd %s\n", ACUT_VERSION);
+	else if (words.answer)
+		config_help(stdout);
+	if (words.answer)
+		return 0;
+	config_presets(ret);
+	ret->argc = argc;
+	ret->argv = argv;
+	read_files(&words, ret, told);
+	apply_words(&words, ret, told);
+	config_resolve(ret, told);
+	return config_told_end(told, err);
+}
+
+int config_again(const struct config *c, struct config *ret, struct config_told *told, struct err *err)
+{
+	int what;
+
+	return config_parse(c->argc, c->argv, ret, &what, told, err);
 }

@@ -64,6 +64,7 @@ void config_help(FILE *to)
 	fputc('\n', to);
 	put_option(to, "config", "FILE", "Read this file, and *.conf in the folder FILE.d");
 	put_option(to, "no-config", NULL, "Read no file");
+	put_option(to, "check-config", NULL, "Read all that as a start would, and tell what holds, or what is wrong (status 2)");
 	put_option(to, "version", NULL, "Print and end");
 	put_option(to, "help", NULL, "Print and end");
 }

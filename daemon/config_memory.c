@@ -1,7 +1,8 @@
 /*
- * The memory of a daemon that was not told how much: the smallest limit of the own cgroup and its ancestors, less 48 MiB;
- * where there is none, or for a private daemon (--idle-exit), the lesser of that and a quarter of the machine, at most
- * 2 GiB.
+ * The memory rule. Not told how much: the smallest limit of the own cgroup and its ancestors, less 48 MiB; where there is
+ * none, or for a private daemon (--idle-exit), the lesser of that and a quarter of the machine, at most 2 GiB. Told: no
+ * more than the limit leaves, which is 48 MiB less again for a service (32 MiB that a process has beside its memory, and
+ * the kernel's pipes of its clients), and 32 MiB less for a private daemon, which has one client.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +12,7 @@
 #include "config.h"
 #include "parse.h"
 
-static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
+static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_BESIDE = UINT64_C(32) << 20, MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
 
 uint64_t config_memory(uint64_t limit, uint64_t machine, bool private)
 {
@@ -23,6 +24,13 @@ uint64_t config_memory(uint64_t limit, uint64_t machine, bool private)
 	if (quarter > MEMORY_DEFAULT_MOST)
 		quarter = MEMORY_DEFAULT_MOST;
 	return quarter < mine ? quarter : mine;
+}
+
+uint64_t config_memory_most(uint64_t limit, bool private)
+{
+	uint64_t spare = private ? MEMORY_BESIDE : MEMORY_SPARE;
+
+	return limit == UINT64_MAX ? UINT64_MAX : limit > spare ? limit - spare : 0;
 }
 
 static uint64_t limit_of(const char *path)

@@ -9,6 +9,16 @@
 #include "config.h"
 #include "parse.h"
 
+void config_presets(struct config *ret)
+{
+	const char *wanted;
+
+	*ret = (struct config){.group_gid = -1, .admin_group_gid = -1, .cgroup_limit = UINT64_MAX};
+	for (int i = 0; i < CONFIG_SETTINGS; i++)
+		if (config_settings[i].preset)
+			config_value_parse(&config_settings[i], config_settings[i].preset, ret, &wanted);
+}
+
 const struct config_setting config_settings[CONFIG_SETTINGS] = {
 #define SETTING(name, field, type, least, most, unit, preset, told, scope, argument, help, more) \
 	{name,	 CONFIG_TYPE_##type, offsetof(struct config, field), least, most, unit, preset, \
@@ -208,6 +218,19 @@ char *config_value_text(const struct config_setting *s, const struct config *c, 
 		return strcpy(buf, levels[*(const enum log_level *)at]);
 	}
 	return buf;
+}
+
+void config_value_copy(const struct config_setting *s, const struct config *from, struct config *to)
+{
+	static const size_t sizes[] = {
+		[CONFIG_TYPE_PATH] = CONFIG_PATH_SIZE,		 [CONFIG_TYPE_GROUP] = CONFIG_GROUP_SIZE,
+		[CONFIG_TYPE_FLAG] = sizeof(bool),		 [CONFIG_TYPE_SIZE] = sizeof(uint64_t),
+		[CONFIG_TYPE_COUNT] = sizeof(unsigned),		 [CONFIG_TYPE_PERCENT] = sizeof(unsigned),
+		[CONFIG_TYPE_SECONDS] = sizeof(double),		 [CONFIG_TYPE_LIMIT] = sizeof(struct space_limit),
+		[CONFIG_TYPE_LEVEL] = sizeof(enum log_level),
+	};
+
+	memcpy(field(s, to), field_of(s, from), sizes[s->type]);
 }
 
 bool config_value_equal(const struct config_setting *s, const struct config *a, const struct config *b)

@@ -23,6 +23,8 @@
 #include "catalogue.h"
 #include "clock.h"
 #include "config.h"
+#include "config_log.h"
+#include "config_told.h"
 #include "err.h"
 #include "io.h"
 #include "job.h"
@@ -508,6 +510,7 @@ int main(int argc, char **argv)
 {
 	struct daemon d = {
 		.statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1};
+	struct config_told told = {.tell = config_log};
 	struct err err = ERR_INIT;
 	char size[32];
 	int what, r;
@@ -516,7 +519,9 @@ int main(int argc, char **argv)
 	journal_open("acutd");
 	tame_malloc();
 	raise_files();
-	r = config_parse(argc, argv, &d.config, &what, &err);
+	r = config_parse(argc, argv, &d.config, &what, &told, &err);
+	if (what == CONFIG_CHECK)
+		return config_check(&d.config, &told);
 	if (!r && what == CONFIG_EXIT)
 		return 0;
 	if (!r) {

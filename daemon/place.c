@@ -218,6 +218,21 @@ static int take_marker(int fd, const char *path, struct marker *ret, struct err 
 	return r;
 }
 
+int place_state_look(const char *path, struct err *err)
+{
+	struct marker marker;
+	int fd = -1, r = may_begin(path, false, err);
+
+	if (!r)
+		r = io_open(AT_FDCWD, path, O_RDONLY | O_DIRECTORY, 0, &fd, err);
+	if (!r)
+		r = marker_read(fd, MARKER_STATE, &marker, err);
+	if (!r || r == MARKER_E_ABSENT)
+		r = catalogue_gone(fd, err);
+	io_close(fd);
+	return r ? err_add_file(err, path) : 0;
+}
+
 int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err)
 {
 	int fd = -1, lock = -1, r = may_begin(path, init, err);

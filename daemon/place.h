@@ -12,6 +12,8 @@ struct marker;
  * store; -ERR_UNSUPPORTED: on a network file system; -ERR_VERSION, -ERR_CORRUPT: its marker, or a catalogue that is
  * gone. *ret_lock is held as long as it is open. Messages name the folder. */
 int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err);
+/* Whether place_state would take it without --init, and nothing else: no lock, nothing written. */
+int place_state_look(const char *path, struct err *err);
 /* The cache's, made with its parents if it is not there. */
 int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err);
 /* Whether the cache's folder is there and has never served a store: a machine where acutd was never started before. Beside

@@ -142,13 +142,16 @@ class Box:
         prefix = ()
         self.group = None
         if not NO_GROUPS:
-            self.group = Group(self.memory + SPARE + self.pipes * MIB)
+            # A service wants 48 MiB beside its memory and would not start; what it uses is held to less.
+            self.group = Group(self.memory + 48 * MIB)
             prefix = ("/bin/sh", "-c", 'echo $$ > "$0"/cgroup.procs && exec "$@"', self.group.path)
         self.folder = Folder()
         self.base = self.folder.__enter__()
         self.d = Daemon(self.base, memory=self.text, threads=self.threads, prefix=prefix)
         try:
             self.d.start()
+            if self.group:
+                self.group.put("memory.limit_in_bytes", self.memory + SPARE + self.pipes * MIB)
         except BaseException:
             self.__exit__(None, None, None)
             raise
