@@ -70,9 +70,9 @@ uint64_t log_event_count(enum log_event);
 /* "what: message (hint)" */
 #define log_err(level, what, err) log_err_at(LOG_HERE, level, what, err)
 /* about: a struct log_about *, or NULL */
-#define log_event(event, about, ...) log_event_at(LOG_HERE, event, about, __VA_ARGS__)
+#define log_event(event, ...) log_event_at(LOG_HERE, event, __VA_ARGS__) /* about, fmt, ... */
 /* "what: message (hint)"; file and code of the error become fields */
-#define log_event_err(event, about, what, err) log_event_err_at(LOG_HERE, event, about, what, err)
+#define log_event_err(event, ...) log_event_err_at(LOG_HERE, event, __VA_ARGS__) /* about, what, err */
 
 void log_line_at(const struct log_place *, enum log_level, const char *fmt, ...)
 	__attribute__((format(printf, 3, 4)));

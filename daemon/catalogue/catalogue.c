@@ -137,7 +137,7 @@ static bool drops(const struct change *ch)
 static void owe(struct catalogue *c, const struct change *ch, const struct err *why)
 {
 	if (!c->nowed)
-		log_err(LOG_LEVEL_WARNING, "a row that is not wanted any more stays for now", why);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "a row that is not wanted any more stays for now", why);
 	if (c->nowed < OWED)
 		c->owed[c->nowed++] = (struct owed){ch->sql, ch->value[0].number};
 }

@@ -90,12 +90,12 @@ void catalogue_after_error(struct catalogue *c, struct change *ch, struct err *w
 	bool made = false;
 	int r;
 
-	log_err(LOG_LEVEL_ERROR, "an error of the disk: the catalogue is opened anew", why);
+	log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "an error of the disk: the catalogue is opened anew", why);
 	r = catalogue_reopen(c, &err);
 	if (!r && ch->r)
 		r = look(c, ch, &made, &err);
 	if (r) {
-		log_err(LOG_LEVEL_ERROR, "the catalogue is closed", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue is closed", &err);
 		if (ch->r)
 			atomic_store(&c->unsure, true);
 		catalogue_close(c);

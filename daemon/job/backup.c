@@ -274,7 +274,7 @@ static void end_run(struct sched_task *t)
 	b->listfd = io_close(b->listfd);
 	b->dirfd = io_close(b->dirfd);
 	if (folder_remove(b->jobs->p.statefd, b->name, &err))
-		log_err(LOG_LEVEL_WARNING, "the links of a backup stay behind until the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the links of a backup stay behind until the next start", &err);
 }
 
 static void end_done(struct sched_task *t)
@@ -446,6 +446,10 @@ static void next_done(struct sched_task *t)
 	give(t);
 	if (b->r)
 		b->file.fd = io_close(b->file.fd);
+	if (t->ran && !b->r && !b->file.name)
+		log_event(LOG_EVENT_BACKUP_DONE, &(struct log_about){ABOUT_USER(b->owner.uid)},
+			  "a %s was handed out: %llu files, %llu bytes", b->dataset ? "dataset" : "backup",
+			  (unsigned long long)b->files, (unsigned long long)b->bytes);
 	b->telling = true;
 	b->next(b->token, b->r ? &b->err : NULL, b->r || !b->file.name ? NULL : &b->file);
 	b->telling = false;

@@ -75,8 +75,13 @@ static void tell(struct cache_verify *v, bool all)
 	struct cache_damage damage;
 
 	for (unsigned n = 0; n < 4 * CACHE_DAMAGES && next_damage(v, &damage); n++) {
-		log_err(LOG_LEVEL_WARNING, damage.derived ? "damaged, and made again when it is needed" : "damaged",
-			&damage.err);
+		const struct log_about about = {.dataset = *damage.dataset ? damage.dataset : NULL};
+
+		if (damage.derived)
+			log_event_err(LOG_EVENT_DAMAGE_DERIVED, &about, "damaged, and made again when it is needed", &damage.err);
+		else
+			log_event_err(LOG_EVENT_DAMAGE, &about, "damaged", &damage.err);
+		v->jobs->tally.corrupt++;
 		v->calls->damage(v->token, &damage);
 	}
 	if (v->step < CACHE_OVER && (all || clock_since(v->told_ns) >= TELL_SECONDS)) {
@@ -91,12 +96,28 @@ static void tell(struct cache_verify *v, bool all)
 	}
 }
 
+static void tell_end(struct cache_verify *v, const struct err *why)
+{
+	if (why)
+		return;
+	v->jobs->tally.verifies++;
+	if (v->found.damaged)
+		log_event(LOG_EVENT_VERIFY_DAMAGE, NULL, "verified: %llu of %llu files are damaged, and %llu that are made again",
+			  (unsigned long long)v->found.damaged, (unsigned long long)v->found.files,
+			  (unsigned long long)v->found.derived);
+	else
+		log_event(LOG_EVENT_VERIFY_DONE, NULL, "verified: %llu files of %llu bytes, %llu damaged ones are made again",
+			  (unsigned long long)v->found.files, (unsigned long long)v->found.bytes,
+			  (unsigned long long)v->found.derived);
+}
+
 static void over(struct cache_verify *v, const struct err *why)
 {
 	v->step = CACHE_OVER;
 	tell(v, false);
 	v->found.bytes = atomic_load(&v->bytes);
 	v->found.files = atomic_load(&v->files);
+	tell_end(v, why);
 	v->jobs->verify = NULL;
 	v->jobs->background--;
 	v->calls->over(v->token, why, &v->found);

@@ -253,7 +253,7 @@ static void removal_run(struct sched_task *t)
 	if (!r && io->unlinkat(rm->parent, rm->name, AT_REMOVEDIR) != 0)
 		r = err_sys(&err, errno, "cannot remove the folder of a dataset");
 	if (r)
-		log_err(LOG_LEVEL_WARNING, "a dataset's folder stays behind", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &err);
 }
 
 static void removal_done(struct sched_task *t)
@@ -306,7 +306,7 @@ void dataset_drop(struct dataset *d)
 	if (d->onestep || !catalogue_unsure(d->jobs->p.catalogue))
 		remove_folder(d);
 	if (d->row && catalogue_drop_dataset(d->jobs->p.catalogue, d->id, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	if (atomic_load(&d->derived))
 		space_give(d->jobs->space, SPACE_ONESTEP, atomic_load(&d->derived));
 	disk_count(d->jobs);

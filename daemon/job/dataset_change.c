@@ -114,7 +114,7 @@ static void tidy_run(struct sched_task *t)
 	if (c->r)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
 	else if (io_list(c->dataset->dirfd, ".", remove_older, c, &err))
-		log_err(LOG_LEVEL_WARNING, "an old manifest stays behind", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "an old manifest stays behind", &err);
 }
 
 /* ---- loop ---- */

@@ -93,6 +93,9 @@ static void finish(struct creation *c, const struct err *why)
 		c->dataset->lattice[0] = 0;
 	else
 		c->dataset->row = true;
+	if (!why)
+		log_event(LOG_EVENT_DATASET_MADE, ABOUT_DATASET(c->dataset), "the dataset %s was made by user %u",
+			  c->dataset->name, c->dataset->uid);
 	dataset_release(c->dataset);
 	c->created(c->token, why);
 	free(c);

@@ -115,7 +115,7 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 		log_debug("%s: no merge now: %s", d->name, why->message);
 		j->merge_after_ns = clock_mono_ns() + (uint64_t)(AGAIN_SECONDS * 1e9);
 	} else {
-		log_err(LOG_LEVEL_WARNING, "segments cannot be merged", why);
+		log_event_err(LOG_EVENT_MERGE_FAILED, ABOUT_DATASET(d), "segments cannot be merged", why);
 		d->merge_due = false;
 	}
 	dataset_rewrite_clear(w);

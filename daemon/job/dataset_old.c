@@ -76,7 +76,7 @@ static void old_run(struct sched_task *t)
 	}
 	o->failed = r != 0;
 	if (r)
-		log_err(LOG_LEVEL_WARNING, "what was merged or pruned is removed again at the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what was merged or pruned is removed again at the next start", &err);
 }
 
 static void old_done(struct sched_task *t)
@@ -87,7 +87,7 @@ static void old_done(struct sched_task *t)
 
 	j->background--;
 	if (t->ran && !o->failed && o->row && catalogue_drop_push(j->p.catalogue, o->row, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	dataset_release(o->dataset);
 	dataset_old_free(o);
 }

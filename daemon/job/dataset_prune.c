@@ -190,7 +190,7 @@ static void answer(struct prune *p, const struct err *why)
 	if (!why) {
 		p->done.dataset = d;
 		p->done.oldest = d->oldest;
-		log_notice("%s: %llu generations before %llu went, with %llu points of %llu files, %llu bytes", d->name,
+		log_event(LOG_EVENT_DATASET_PRUNED, ABOUT_DATASET(d), "%s: %llu generations before %llu went, with %llu points of %llu files, %llu bytes", d->name,
 			   (unsigned long long)p->done.generations, (unsigned long long)d->oldest,
 			   (unsigned long long)p->done.points, (unsigned long long)p->done.files,
 			   (unsigned long long)p->done.bytes);

@@ -154,6 +154,21 @@ static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v
 	return 0;
 }
 
+static void tell(const struct verb *v)
+{
+	const struct dataset *d = v->dataset;
+	const struct log_about about = {.dataset = d->name, .generation = d->generation, ABOUT_USER(v->wanted.peer.uid),
+					.pid = v->wanted.peer.pid};
+
+	if (v->wanted.verb == DATASET_REMOVE)
+		log_event(LOG_EVENT_DATASET_REMOVED, &about, "the dataset %s was removed", d->name);
+	else if (v->wanted.verb == DATASET_RESTORE)
+		log_event(LOG_EVENT_DATASET_RESTORED, &about, "the dataset %s was restored", d->name);
+	else
+		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s was %s", d->name,
+			  d->pinned ? "pinned" : "unpinned");
+}
+
 static void finish(struct verb *v, const struct err *why)
 {
 	struct dataset *d = v->dataset;
@@ -163,6 +178,8 @@ static void finish(struct verb *v, const struct err *why)
 		memcpy(d->name, v->name, sizeof d->name);
 		d->removed_us = v->removed_us;
 		d->pinned = v->pinned;
+	} else {
+		tell(v);
 	}
 	v->answer(v->token, why, why ? NULL : d);
 	dataset_release(d);
@@ -204,6 +221,8 @@ static void run(struct jobs *j, struct verb *v, const struct dataset_wanted *w)
 		house_give(j, sizeof *v);
 		free(v);
 	} else {
+		v->wanted.verb = w->verb;
+		v->wanted.peer = w->peer;
 		dataset_row(v->dataset, &row);
 		if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, v, &err))
 			finish(v, &err);
@@ -284,7 +303,7 @@ void datasets_expire(struct jobs *j)
 		forget(d);
 		if (d->users)
 			continue;
-		log_notice("the dataset %s (number %llu) was removed and goes with its %llu points", d->name,
+		log_event(LOG_EVENT_DATASET_GONE, ABOUT_DATASET(d), "the dataset %s (number %llu) was removed and goes with its %llu points", d->name,
 			   (unsigned long long)d->id, (unsigned long long)d->points);
 		dataset_drop(d);
 	}

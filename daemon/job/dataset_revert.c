@@ -182,6 +182,12 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 	};
 
 	c->dataset->reverting--;
+	if (!why)
+		log_event(LOG_EVENT_DATASET_REVERTED,
+			  &(struct log_about){.dataset = c->dataset->name, .generation = done.generation,
+					      ABOUT_USER(c->peer.uid), .pid = c->peer.pid},
+			  "%s: generation %llu undoes generation %llu", c->dataset->name,
+			  (unsigned long long)done.generation, (unsigned long long)done.undone);
 	v->answer(v->token, why, why ? NULL : &done);
 	house_give(c->dataset->jobs, sizeof *v);
 	free(v);

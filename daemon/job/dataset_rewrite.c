@@ -182,7 +182,7 @@ static void tidy_run(struct sched_task *t)
 		r = io_sync(w->dataset->dirfd, "the folder of a dataset", &err);
 	if (!r)
 		return;
-	log_err(LOG_LEVEL_WARNING, "what was made of segments is removed again at the next start", &err);
+	log_event_err(LOG_EVENT_LEFTOVER, NULL, "what was made of segments is removed again at the next start", &err);
 	w->has_row = false;
 }
 
@@ -194,7 +194,7 @@ static void tidy_done(struct sched_task *t)
 	w->busy = false;
 	/* Where no worker came to it the row stays. */
 	if (t->ran && w->has_row && catalogue_drop_push(w->jobs->p.catalogue, w->row, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	if (!t->ran)
 		w->rewrite = grid_rewrite_free(w->rewrite);
 	finish(w);

@@ -79,7 +79,7 @@ static void tidy_run(struct sched_task *t)
 	if (!r && space_over(x->jobs->space))
 		r = space_evict(x->jobs->space, false, &bytes, &entries, &err);
 	if (r)
-		log_err(LOG_LEVEL_WARNING, "the cache cannot be looked through", &err);
+		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "the cache cannot be looked through", &err);
 }
 
 static void tidy_done(struct sched_task *t)
@@ -130,7 +130,7 @@ static int make_again(struct jobs *j, const char *name, int fd, struct err *err)
 
 	if (!is_gone(fd))
 		return 0;
-	log_notice("the folder %s of the cache was removed: it is made again", name);
+	log_event(LOG_EVENT_CACHE_GONE, NULL, "the folder %s of the cache was removed: it is made again", name);
 	r = io_make_dir(j->p.cachefd, name, 0700, err);
 	if (!r)
 		r = io_open(j->p.cachefd, name, O_RDONLY | O_DIRECTORY, 0, &with, err);
@@ -149,7 +149,7 @@ void disk_mend(struct jobs *j)
 	int with, r = 0;
 
 	if (is_gone(j->p.cachefd) && j->p.cache_again) {
-		log_notice("the folder of the cache was removed: it is made again");
+		log_event(LOG_EVENT_CACHE_GONE, NULL, "the folder of the cache was removed: it is made again");
 		r = j->p.cache_again(j->p.cache_ctx, &with, &err);
 		if (!r)
 			r = exchange(j->p.cachefd, with, &err);
@@ -161,7 +161,7 @@ void disk_mend(struct jobs *j)
 	if (!r)
 		r = make_again(j, "tmp", j->tempfd, &err);
 	if (r)
-		log_err(LOG_LEVEL_WARNING, "the cache", &err);
+		log_event_err(LOG_EVENT_CACHE_GONE, NULL, "the cache", &err);
 }
 
 void disk_look(struct jobs *j)

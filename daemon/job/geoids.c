@@ -335,7 +335,7 @@ static int list_one(const char *name, void *ctx, struct err *err)
 		return 0;
 	/* One that is damaged is told of, and hides no other. */
 	if (read_name(a->jobs->geoidsfd, name, &a->list[a->n], err)) {
-		log_err(LOG_LEVEL_WARNING, "a geoid grid", err);
+		log_event_err(LOG_EVENT_GEOID_BAD, NULL, "a geoid grid", err);
 		err_clear(err);
 		return 0;
 	}
@@ -420,6 +420,10 @@ static void ask_done(struct sched_task *t)
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
 	a->jobs->background--;
+	if (!a->r && a->kind != ASK_LIST)
+		log_event(a->kind == ASK_ADD ? LOG_EVENT_GEOID_ADDED : LOG_EVENT_GEOID_REMOVED,
+			  &(struct log_about){ABOUT_USER(a->peer.uid), .pid = a->peer.pid, .file = a->file},
+			  "the geoid grid %s was %s", a->name, a->kind == ASK_ADD ? "added" : "removed");
 	a->answer(a->token, a->r ? &a->err : NULL, a->list, a->n);
 	ask_free(a);
 }

@@ -69,7 +69,7 @@ static void gone(struct import *i)
 		dataset_close(i->dataset);
 	space_give(i->jobs->space, SPACE_PENDING, i->taken);
 	if (i->row && !i->committed && i->dataset->users == 1 && catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	i->dataset->pushes--;
 	i->jobs->background--;
 	dataset_release(i->dataset);
@@ -408,6 +408,11 @@ static void answer(struct import *i, const struct err *why)
 
 	i->busy = false;
 	i->dataset->committer = NULL;
+	if (!why)
+		log_event(LOG_EVENT_DATASET_IMPORTED,
+			  &(struct log_about){.dataset = done.dataset, .generation = done.generation, ABOUT_USER(i->peer.uid),
+					      .pid = i->peer.pid},
+			  "the dataset %s was imported: %llu points", done.dataset, (unsigned long long)done.points);
 	i->telling = true;
 	i->done(i->token, why, why ? NULL : &done);
 	i->telling = false;

@@ -165,6 +165,7 @@ static enum job_state job_state_queued(struct job *job)
 {
 	bool placed = job->placed;
 	struct walk_params p = {
+		.job = job->id,
 		.jobs = job->jobs,
 		.dataset = job->dataset,
 		.generation = job->generation,
@@ -336,9 +337,8 @@ static void ended(struct job *job)
 	}
 	job->walk = walk_free(job->walk);
 	if (!job->bound && job_put_row(job, NULL, &err))
-		log_err(LOG_LEVEL_ERROR, "the catalogue", &err);
-	if (job->state == JOB_failed)
-		log_err(LOG_LEVEL_WARNING, "a job failed", &job->err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "the catalogue", &err);
+	job_tell_end(job);
 }
 
 static void stop_walk(struct job *job)

@@ -142,6 +142,8 @@ static void end(struct job_fetch *f, struct job_output *output, const struct err
 {
 	struct job_report report;
 
+	if (why)
+		tell_damage(f->job->jobs, ABOUT_JOB(f->job), why);
 	if (output) {
 		output->fetch = NULL;
 		if (f->window && f->walk && !why) {
@@ -187,6 +189,7 @@ static void begin(struct job_fetch *f)
 {
 	struct job *job = f->job;
 	struct walk_params p = {
+		.job = job->id,
 		.jobs = job->jobs,
 		.dataset = job->dataset,
 		.generation = job->generation,

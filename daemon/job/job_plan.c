@@ -193,7 +193,7 @@ static void drop_run(struct sched_task *t)
 	struct err err = ERR_INIT;
 
 	if (plan_file_remove(((struct drop *)t)->plan, &err))
-		log_err(LOG_LEVEL_WARNING, "the plan of a job that is gone stays until the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the plan of a job that is gone stays until the next start", &err);
 }
 
 static void drop_done(struct sched_task *t)

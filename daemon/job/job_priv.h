@@ -7,6 +7,7 @@
 #include "catalogue.h"
 #include "job.h"
 #include "ledger.h"
+#include "log.h"
 #include "plan_file.h"
 #include "rights.h"
 #include "sched_pool.h"
@@ -139,8 +140,17 @@ struct job_asked_plan {
 	void *token;
 };
 
+/* Counted since the start, by the loop. */
+struct tally {
+	uint64_t points_staged, files_staged, bytes_read; /* of files that pushes have read whole */
+	uint64_t triangles, domains_made, domains_reused;
+	uint64_t corrupt; /* things that did not agree with their checksum, each time they were met */
+	uint64_t verifies;
+};
+
 struct jobs {
 	struct jobs_params p;
+	struct tally tally;
 	struct space *space; /* accounts of the disk; any thread */
 	int datafd, onestepfd, domainsfd,
 		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
@@ -181,6 +191,18 @@ struct jobs {
 	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
 	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
 };
+
+/* What log_event is told. */
+#define ABOUT_DATASET(d) (&(const struct log_about){.dataset = (d)->name, .generation = (d)->generation, ABOUT_USER((d)->uid)})
+#define ABOUT_JOB(j)                                                                                         \
+	(&(const struct log_about){.job = (j)->id, .dataset = (j)->dataset ? (j)->dataset->name : NULL,          \
+				   .generation = (j)->generation, ABOUT_USER((j)->peer.uid), .pid = (j)->peer.pid})
+
+/* tell.c: what the log hears of ends, and what is counted since the start. Loop. */
+void tally_domain(struct jobs *, uint32_t triangles); /* that was triangulated */
+void job_tell_end(const struct job *);
+/* What was pushed is damaged, if `why` says so. */
+void tell_damage(struct jobs *, const struct log_about *, const struct err *why);
 
 /* disk.c: the house's side of the disk */
 void disk_look(struct jobs *); /* folders that are gone, and what there is to measure or evict */

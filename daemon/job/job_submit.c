@@ -152,7 +152,7 @@ static void change_priority(struct job *job, const struct job_params *p, enum jo
 		return;
 	job_set_priority(job, priority);
 	if (job_put_row(job, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "a priority is forgotten at the next start", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a priority is forgotten at the next start", &err);
 }
 
 void job_submit(struct jobs *j, const struct job_params *p,

@@ -89,9 +89,9 @@ static int load_push(void *ctx, const struct catalogue_push *row, struct err *er
 			return r;
 		}
 		if (r) {
-			log_error("what the interrupted push %llu into %s left cannot be read: it stays as it is",
-				  (unsigned long long)row->id, d->name);
-			log_err(LOG_LEVEL_ERROR, "the reason", &why);
+			log_event_err(LOG_EVENT_UNREADABLE,
+				      &(struct log_about){.push = row->id, .dataset = d->name, ABOUT_USER(row->uid)},
+				      "what an interrupted push left cannot be read: it stays as it is", &why);
 			d->unswept = stays = true;
 			r = 0;
 		}
@@ -131,8 +131,8 @@ static int sweep_one(struct dataset *d, bool goes, struct err *err)
 		*err = why;
 		return r;
 	}
-	log_error("what interrupted pushes left in the dataset %s stays: it cannot be told from what belongs to it", d->name);
-	log_err(LOG_LEVEL_ERROR, "the reason", &why);
+	log_event_err(LOG_EVENT_UNREADABLE, ABOUT_DATASET(d),
+		      "what interrupted pushes left in a dataset stays: it cannot be told from what belongs to it", &why);
 	return goes ? (*err = why, r) : 0;
 }
 
@@ -200,7 +200,7 @@ static void clearing_run(struct sched_task *t)
 	struct err err = ERR_INIT;
 
 	if (folder_sweep(((struct clearing *)t)->jobs->p.cachefd, aside, &err))
-		log_err(LOG_LEVEL_WARNING, "what an earlier acutd left in the cache stays until the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start", &err);
 }
 
 static void clearing_done(struct sched_task *t)
@@ -270,9 +270,9 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 		;
 	if (d)
 		return 0;
-	log_notice("the folder of dataset number %llu, which was removed, goes", (unsigned long long)id);
+	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes", (unsigned long long)id);
 	if (folder_remove(o->jobs->datafd, e->d_name, &why))
-		log_err(LOG_LEVEL_WARNING, "a dataset's folder stays behind", &why);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &why);
 	return 0;
 }
 
@@ -521,7 +521,7 @@ void jobs_abandon(struct jobs *j)
 	for (p = j->pushes; p; p = push_next(p))
 		push_remove_files(p);
 	if (folder_empty(j->onestepfd, &err) || folder_empty(j->tempfd, &err))
-		log_err(LOG_LEVEL_WARNING, "temporary files stay behind until the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "temporary files stay behind until the next start", &err);
 }
 
 void jobs_count(const struct jobs *j, uint32_t *ret_running, uint32_t *ret_waiting)

@@ -448,7 +448,8 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 	if (!r)
 		r = read_splits(f, fd, plan, err);
 	if (r == PLAN_FILE_ABSENT)
-		log_warning("the plan of job %llu is damaged: it is made again, streams of it cannot go on",
+		log_event(LOG_EVENT_DAMAGE_DERIVED, &(struct log_about){.job = f->job},
+			  "the plan of job %llu is damaged: it is made again, streams of it cannot go on",
 			    (unsigned long long)f->job);
 	io_close(fd);
 	if (!r)

@@ -492,7 +492,7 @@ void push_remove_files(struct push *p)
 	/* What the next start can go on with stays. */
 	if (!p->committed && !p->on_disk && (!p->busy || p->asks->kind != PUSH_COMMIT) &&
 	    dataset_sweep(p->dataset, false, &err))
-		log_err(LOG_LEVEL_WARNING, "what a push left cannot be removed", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
 }
 
 void push_tick(struct push *p)

@@ -116,6 +116,8 @@ static bool probe_done(struct push *p, struct push_ask *a, const struct err *why
 		if (r)
 			why = &err;
 	}
+	if (why)
+		push_tell_refused(p, a->name, why);
 	p->calls.probed(a->token, why, why ? NULL : &result);
 	return true;
 }
@@ -437,13 +439,19 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		pipe_ingested_compare(&file.in, &a->info);
 	if (!why) {
 		source_add(p, a, &file.replaced);
+		p->jobs->tally.points_staged += a->in.points;
+		p->jobs->tally.bytes_read += a->in.bytes_read;
+		p->jobs->tally.files_staged++;
 		atomic_fetch_add(&p->space.staged, a->in.points);
 		atomic_store(&p->progress, 0);
 		p->files++;
 		p->unsynced_points += a->in.points;
 	} else if (tried && stage_broke(why)) {
+		push_tell_failed(p, why);
 		p->broken = true;
 		p->broken_err = *why;
+	} else if (why) {
+		push_tell_refused(p, a->name, why);
 	}
 	p->calls.staged(a->token, why, why ? NULL : &file);
 	if (!why && !p->dataset->onestep && !p->left &&
@@ -488,6 +496,7 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	if (why) {
 		/* One that has left tries once more, at its end. */
 		if (!p->left) {
+			push_tell_failed(p, why);
 			p->broken = true;
 			p->broken_err = *why;
 		}
@@ -497,7 +506,7 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	p->unsynced_points = 0;
 	p->synced_ns = clock_mono_ns();
 	if (p->row && catalogue_put_push(p->jobs->p.catalogue, &row, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	if (!p->left)
 		p->calls.durable(p->ctx, p->durable);
 	return true;
@@ -522,6 +531,7 @@ static bool park_done(struct push *p, struct push_ask *a, const struct err *why)
 	if (!p->stage)
 		push_stage_give(p);
 	if (why && !p->left) {
+		push_tell_failed(p, why);
 		p->broken = true;
 		p->broken_err = *why;
 	}
@@ -557,7 +567,7 @@ static void close_run(struct push *p, struct push_ask *a)
 		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
 	/* Its row, by which the next start would know of them, goes only when they cannot come back. */
 	if (p->opened && !p->kept && p->row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
-		log_err(LOG_LEVEL_WARNING, "what a push left is removed again at the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left is removed again at the next start", &err);
 		p->row = false;
 	}
 }
@@ -588,7 +598,7 @@ static bool close_done(struct push *p, struct push_ask *a, const struct err *why
 	if (p->kept)
 		push_becomes_pending(p);
 	else if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	push_space_end(p); /* what is pending counts now */
 	if (p->opened)
 		dataset_close(p->dataset);

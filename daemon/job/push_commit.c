@@ -271,9 +271,12 @@ static void commit_answer(struct push *p, const struct err *why)
 	if (d->planner == p)
 		d->planner = NULL;
 	if (why) {
+		push_tell_failed(p, why);
 		p->broken = true;
 		p->broken_err = *why;
 	}
+	if (!why && p->made)
+		push_tell_committed(p);
 	if (!why && !d->onestep && p->durable < p->files) {
 		p->durable = p->files;
 		p->calls.durable(p->ctx, p->durable);

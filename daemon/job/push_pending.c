@@ -145,10 +145,10 @@ void push_end_run(struct push *p)
 	} else if (p->aborted && p->adopt) {
 		/* What was there before stays. */
 		if (p->on_disk && write_manifest(p, &err))
-			log_err(LOG_LEVEL_WARNING, "an interrupted push", &err);
+			log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "an interrupted push", &err);
 	} else if (!p->aborted && p->stage && !p->broken && (p->files > p->durable) &&
 		   push_leave_pending(p, &err)) {
-		log_err(LOG_LEVEL_WARNING, "what a push staged last cannot be kept", &err);
+		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "what a push staged last cannot be kept", &err);
 	}
 	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) &&
 		  (p->files || p->adopt || p->durable);
@@ -159,7 +159,7 @@ void push_end_run(struct push *p)
 	p->stage = grid_stage_free(p->stage);
 	err_clear(&err);
 	if (p->on_disk && p->opened && discard(p->dataset, p->id, &err))
-		log_err(LOG_LEVEL_WARNING, "what a push left cannot be removed", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
 	p->on_disk = false;
 }
 
@@ -190,8 +190,8 @@ void push_becomes_pending(struct push *p)
 	q->next = p->dataset->pending;
 	p->dataset->pending = q;
 	dataset_hold(p->dataset);
-	log_notice("push %llu of user %u into %s is pending: %u files", (unsigned long long)q->id, q->uid,
-		   p->dataset->name, q->files);
+	log_event(LOG_EVENT_PUSH_PENDING, ABOUT_PENDING(q, p->dataset), "push %llu of user %u into %s is pending: %u files",
+		  (unsigned long long)q->id, q->uid, p->dataset->name, q->files);
 }
 
 /* ---- dropping ---- */
@@ -214,7 +214,7 @@ static void drop_run(struct sched_task *t)
 		dataset_close(x->dataset);
 	}
 	if (x->r)
-		log_err(LOG_LEVEL_WARNING, "what an interrupted push left cannot be removed", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an interrupted push left cannot be removed", &err);
 }
 
 static void drop_done(struct sched_task *t)
@@ -226,7 +226,7 @@ static void drop_done(struct sched_task *t)
 	j->background--;
 	/* Else its row tells the next start. */
 	if (t->ran && !x->r && catalogue_drop_push(j->p.catalogue, x->pending->id, NULL, NULL, &err))
-		log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	pending_free(j, x->pending);
 	dataset_release(x->dataset);
 	free(x);
@@ -237,7 +237,7 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 {
 	struct dropping *x = calloc(1, sizeof *x);
 
-	log_notice("the interrupted push %llu of user %u into %s is dropped with its %u files: %s",
+	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PENDING(q, d), "the interrupted push %llu of user %u into %s is dropped with its %u files: %s",
 		   (unsigned long long)q->id, q->uid, d->name, q->files, why);
 	if (!x) {
 		pending_free(d->jobs, q);
@@ -278,7 +278,7 @@ void pending_forget(struct dataset *d)
 	while ((q = d->pending)) {
 		d->pending = q->next;
 		if (catalogue_drop_push(d->jobs->p.catalogue, q->id, NULL, NULL, &err))
-			log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 		pending_free(d->jobs, q);
 		d->users--;
 	}
@@ -366,7 +366,7 @@ int push_adopt(struct push *p, struct err *err)
 		return r;
 	}
 	if (r) {
-		log_err(LOG_LEVEL_WARNING, "an interrupted push", &ignored);
+		log_event_err(LOG_EVENT_DAMAGE, ABOUT_PUSH(p), "an interrupted push", &ignored);
 		why = "what it left is damaged";
 		r = 0;
 	} else {
@@ -388,7 +388,7 @@ int push_adopt(struct push *p, struct err *err)
 		p->drops = p->pending->id;
 		p->drops_row = !discard(p->dataset, p->pending->id, &ignored);
 		if (!p->drops_row)
-			log_err(LOG_LEVEL_WARNING, "what it left cannot be removed", &ignored);
+			log_event_err(LOG_EVENT_LEFTOVER, NULL, "what it left cannot be removed", &ignored);
 	}
 	grid_manifest_free(m);
 	return r;
@@ -401,9 +401,9 @@ void push_adopted(struct push *p)
 	struct err err = ERR_INIT;
 
 	if (p->drops) {
-		log_notice("%s: %s", p->dataset->name, p->note);
+		log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: %s", p->dataset->name, p->note);
 		if (p->drops_row && catalogue_drop_push(p->jobs->p.catalogue, p->drops, NULL, NULL, &err))
-			log_err(LOG_LEVEL_WARNING, "the catalogue", &err);
+			log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	}
 	if (p->drops || m)
 		dataset_release(p->dataset); /* what held it is p's now, which holds it too */
@@ -428,7 +428,7 @@ void push_adopt_nothing(struct push *p)
 {
 	if (!p->adopt || p->ntaken || p->base)
 		return;
-	log_notice("%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
+	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
 		   (unsigned long long)p->id, p->adopt->nsources);
 	names_free(&p->adopt_paths);
 	p->adopt = grid_manifest_free(p->adopt);
@@ -506,11 +506,12 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		q->next = d->pending;
 		d->pending = q;
 		dataset_hold(d);
-		log_notice("push %llu of user %u into %s is pending: %u files", (unsigned long long)q->id, q->uid,
-			   d->name, q->files);
+		log_event(LOG_EVENT_PUSH_PENDING, ABOUT_PENDING(q, d), "push %llu of user %u into %s is pending: %u files",
+			  (unsigned long long)q->id, q->uid, d->name, q->files);
 		q = NULL;
 	} else if (!r && !committed) {
-		log_notice("push %llu of user %u into %s was interrupted: %s", (unsigned long long)row->id, row->uid,
+		log_event(LOG_EVENT_PUSH_DROPPED, &(struct log_about){.push = row->id, .dataset = d->name, ABOUT_USER(row->uid)},
+			  "push %llu of user %u into %s was interrupted: %s", (unsigned long long)row->id, row->uid,
 			   d->name, m ? "older than 7 days, its files are dropped" : "nothing of it was durable yet");
 	}
 	pending_free(d->jobs, q);

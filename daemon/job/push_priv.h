@@ -233,6 +233,16 @@ int push_commit_start(struct push *, struct push_ask *, struct err *err);
 void push_commit_run(struct push *, struct push_ask *);
 bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
 
+/* tell.c */
+#define ABOUT_PUSH(p)                                                                                        \
+	(&(const struct log_about){.push = (p)->id, .dataset = (p)->dataset->onestep ? NULL : (p)->dataset->name,  \
+				   ABOUT_USER((p)->peer.uid), .pid = (p)->peer.pid})
+#define ABOUT_PENDING(q, d)                                                                                  \
+	(&(const struct log_about){.push = (q)->id, .dataset = (d)->name, ABOUT_USER((q)->uid)})
+void push_tell_committed(const struct push *);
+void push_tell_failed(const struct push *, const struct err *why);               /* before it is broken */
+void push_tell_refused(const struct push *, const char *file, const struct err *why); /* one file of it */
+
 /* push_seal.c: the stage becomes a segment */
 struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker; NULL: err says why */
 struct push_sealing *push_sealing_free(struct push_sealing *);

@@ -388,7 +388,7 @@ int space_evict_for(struct space *s, int side, uint64_t bytes, enum space_need n
 	r = evict(&p, side, bytes, need, ret_bytes, ret_files, err);
 	end(&p);
 	if (*ret_files)
-		log_info("the cache makes room: %llu domains and selections of %llu bytes are removed",
+		log_event(LOG_EVENT_EVICTED, NULL, "the cache makes room: %llu domains and selections of %llu bytes are removed",
 			 (unsigned long long)*ret_files, (unsigned long long)*ret_bytes);
 	return r;
 }

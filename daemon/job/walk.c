@@ -64,6 +64,7 @@ int walk_new(const struct walk_params *p, struct walk **ret, struct err *err)
 	w->keep = p->keep;
 	w->client = p->client;
 	w->plan_only = p->plan_only;
+	w->job = p->job;
 	w->owner = p->owner;
 	w->place = p->place;
 	w->owner.flow = ++p->jobs->last_flow;

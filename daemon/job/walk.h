@@ -37,6 +37,7 @@ struct walk_since {
 };
 
 struct walk_params {
+	uint64_t job; /* for the log; 0: none */
 	struct jobs *jobs;
 	struct dataset *dataset;
 	uint64_t generation;

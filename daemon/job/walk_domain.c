@@ -153,7 +153,7 @@ static bool load(struct walk_domain *d)
 	int r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
 
 	if (r < 0)
-		log_err(LOG_LEVEL_WARNING, "a stored domain cannot be read, it is made again", &err);
+		log_event_err(LOG_EVENT_DAMAGE_DERIVED, ABOUT_WALK(w), "a stored domain cannot be read, it is made again", &err);
 	d->stored = !r;
 	if (!r)
 		store_touch(store_of(w), &d->as.id, 1000 * clock_real_us() - TOUCH_NS);
@@ -176,7 +176,7 @@ static void keep(struct walk_domain *d)
 	walk_space_stored(w, d->held, r ? 0 : d->as.bytes);
 	if (!r)
 		return;
-	log_err(LOG_LEVEL_WARNING, "a finished domain cannot be stored", &err);
+	log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a finished domain cannot be stored", &err);
 }
 
 static void make_run(struct sched_task *t)
@@ -231,6 +231,10 @@ static void make_done(struct sched_task *t)
 	} else {
 		memory_trim(d, d->held);
 		w->made += d->made;
+		if (d->made)
+			tally_domain(w->jobs, d->domain.ntriangle);
+		else
+			w->jobs->tally.domains_reused++;
 		d->state = DOMAIN_READY;
 	}
 	walk_settle(w);

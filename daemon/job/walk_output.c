@@ -184,7 +184,7 @@ static void output_task_done(struct sched_task *t)
 	} else if (t->ran && w->r && refill) {
 		walk_fail(w, &w->err);
 	} else if (t->ran && w->r) {
-		log_err(LOG_LEVEL_WARNING, "a block for a slow reader cannot be spooled", &w->err);
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a block for a slow reader cannot be spooled", &w->err);
 		walk_space_unspool(w);
 		w->spool_failed_ns = clock_mono_ns();
 		w->output->calls->send(w->output);

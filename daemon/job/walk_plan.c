@@ -65,7 +65,7 @@ static int refine(struct walk *w, void *memory, size_t size)
 		return r;
 	}
 	if (r)
-		log_err(LOG_LEVEL_WARNING, "the store of finished domains cannot be looked at", &err);
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "the store of finished domains cannot be looked at", &err);
 	return 0;
 }
 

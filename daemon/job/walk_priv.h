@@ -51,7 +51,13 @@ struct walk_change {
 	uint64_t charged;          /* of LEDGER_PLAN */
 };
 
+/* Any thread. What log_event is told. */
+#define ABOUT_WALK(w)                                                                                        \
+	(&(const struct log_about){.job = (w)->job, .dataset = (w)->dataset->name, .generation = (w)->generation, \
+				   ABOUT_USER((w)->owner.uid)})
+
 struct walk {
+	uint64_t job; /* 0: none */
 	struct jobs *jobs;
 	struct dataset *dataset;
 	uint64_t generation;

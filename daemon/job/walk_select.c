@@ -70,7 +70,7 @@ static int open_in(struct walk *w, int parent, const char *name, struct err *err
 		*err = why;
 		return r;
 	}
-	log_err(LOG_LEVEL_WARNING, "a selection cannot be read, it is made again", &why);
+	log_event_err(LOG_EVENT_DAMAGE_DERIVED, ABOUT_WALK(w), "a selection cannot be read, it is made again", &why);
 	r = folder_remove(parent, name, err);
 	return r ? r : err_set(err, ERR_BUSY, "a selection has to be made again");
 }
@@ -146,7 +146,7 @@ static int make_in(struct walk *w, int parent, const char *temp, const char *nam
 		r = err_sys(err, errno, "cannot rename a selection");
 	walk_space_select_end(w, r ? 0 : space_folder_bytes(parent, name));
 	if (r && folder_remove(parent, temp, &ignored))
-		log_err(LOG_LEVEL_WARNING, "a part of a selection stays behind until the next start", &ignored);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a part of a selection stays behind until the next start", &ignored);
 	return r;
 }
 
@@ -288,7 +288,7 @@ static void discard_run(struct sched_task *t)
 		io_close(parent);
 	}
 	if (r)
-		log_err(LOG_LEVEL_WARNING, "a damaged selection stays behind", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a damaged selection stays behind", &err);
 }
 
 static void discard_done(struct sched_task *t)

@@ -56,7 +56,10 @@ bool walk_space_met(struct walk *w, const struct err *why)
 	s->why = *why;
 	s->looked_ns = clock_mono_ns();
 	s->waits = true;
-	log_err(LOG_LEVEL_NOTICE, s->lacks ? "a job waits for space" : "a job begins again: the cache was removed", why);
+	if (s->lacks)
+		log_event_err(LOG_EVENT_JOB_WAITS_SPACE, ABOUT_WALK(w), "a job waits for space", why);
+	else
+		log_event_err(LOG_EVENT_JOB_AGAIN, ABOUT_WALK(w), "a job begins again: the cache was removed", why);
 	return true;
 }
 
@@ -172,7 +175,7 @@ bool walk_space_domain(struct walk *w, uint64_t bytes)
 	if (!space_take(w->jobs->space, kind_of(w, SPACE_DOMAINS), bytes, SPACE_MAY, "a finished domain", &err))
 		return true;
 	if (!atomic_exchange(&w->space.told, true))
-		log_err(LOG_LEVEL_NOTICE, "finished domains are not stored", &err);
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "finished domains are not stored", &err);
 	return false;
 }
 

@@ -39,7 +39,8 @@ static bool relieve(struct server *s, const struct conn *but)
 			most = c;
 	if (!most)
 		return false;
-	log_info("a client (pid %u) is cut off: it keeps %zu KiB of messages, and others have no memory for theirs",
+	log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(most),
+		  "a client (pid %u) is cut off: it keeps %zu KiB of messages, and others have no memory for theirs",
 		 most->peer.pid, frame_conn_held(most->frame) >> 10);
 	err_set(&err, ERR_BUSY, "the client keeps too many messages");
 	frame_conn_cut(most->frame, &err);
@@ -73,10 +74,10 @@ static void flush(struct conn *c)
 static void sent(struct conn *c, int r, const struct err *err)
 {
 	if (r == FRAME_E_FULL) {
-		log_info("a client (pid %u) does not read its answers and is cut off", c->peer.pid);
+		log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client (pid %u) does not read its answers and is cut off", c->peer.pid);
 		conn_close(c);
 	} else if (r < 0) {
-		log_err(LOG_LEVEL_WARNING, "an answer cannot be sent", err);
+		log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "an answer cannot be sent", err);
 		conn_close(c);
 	} else {
 		flush(c);
@@ -107,7 +108,7 @@ void conn_send_error(struct conn *c, uint32_t id, const struct err *why)
 
 void conn_fail(struct conn *c, const struct err *why)
 {
-	log_err(LOG_LEVEL_INFO, "a client is cut off", why);
+	log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client is cut off", why);
 	conn_send_error(c, 0, why);
 	conn_close(c);
 }
@@ -244,7 +245,7 @@ static int conn_make(struct server *s, int fd, const struct job_peer *peer, stru
 	r = sd_event_add_io(s->p.event, &c->io, frame_conn_fd(c->frame), EPOLLIN, conn_ready, c);
 	if (r < 0) {
 		/* The descriptor went to the frame_conn, and goes with it. */
-		log_warning("cannot wait for a client: %s", strerror(-r));
+		log_event(LOG_EVENT_CLIENT_TURNED_AWAY, ABOUT_CONN(c), "cannot wait for a client: %s", strerror(-r));
 		frame_conn_free(c->frame);
 		rights_groups_free(s->p.ledger, &c->peer);
 		free(c);

@@ -105,7 +105,7 @@ static void accept_pause(struct server *s, int why)
 		struct err err = ERR_INIT;
 
 		err_sys(&err, why, "new clients have to wait");
-		log_err(LOG_LEVEL_WARNING, "accept", &err);
+		log_event_err(LOG_EVENT_CLIENTS_WAIT, NULL, "accept", &err);
 		told = clock_mono_ns();
 	}
 	accept_enable(s, false);

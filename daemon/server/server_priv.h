@@ -4,6 +4,7 @@
 
 #include "frame.h"
 #include "job.h"
+#include "log.h"
 #include "server.h"
 #include "stream.h"
 
@@ -87,6 +88,8 @@ struct conn {
 	struct cache_verify *verify; /* that this connection asked for and that goes on; NULL: none */
 	struct conn_copy *copies; /* backups, exports and imports that are open */
 };
+
+#define ABOUT_CONN(c) (&(const struct log_about){ABOUT_USER((c)->peer.uid), .pid = (c)->peer.pid})
 
 /* conn.c */
 int conn_new(struct server *, int fd, struct err *err);
