@@ -102,6 +102,7 @@ struct ctl_command {
 	bool starts;               /* starts a private daemon unasked */
 	int (*run)(struct ctl *);  /* NULL: not in this version */
 	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Run by ctl_verb_run. */
+	bool hidden;               /* not for people */
 };
 
 /* Of the commands with verbs: runs ctl->verb. */
@@ -115,16 +116,38 @@ extern const struct ctl_verb ctl_cache_verbs[], ctl_dataset_verbs[], ctl_geoid_v
 
 const struct ctl_command *ctl_command_find(const char *name);
 const struct ctl_command *ctl_command_rows(size_t *ret_n); /* sorted by name */
+/* Says that there is no such command, and which one may be meant. -ERR_USAGE. */
+int ctl_command_unknown(const char *name, struct err *err);
 
 /* ---- ctl_option.c ---- */
 
 /* Reads the command line: args, and the command. -ERR_USAGE, -ERR_UNSUPPORTED. */
 int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err);
-/* Prints the options that the groups take. */
-void ctl_option_help(FILE *, unsigned groups);
+/*
+ * What follows an option or a command says what it is, for help, for the check and for completion: words in lower case
+ * are the very values (all|first|last), capitals name a kind: DATASET, JOB, INPUT, GENERATION, FILE, DIR, ...
+ * (ctl_complete.c).
+ */
+struct ctl_option {
+	const char *name;          /* without the dashes */
+	char letter;
+	const char *value;         /* what follows, NULL: nothing */
+	enum { CTL_FLAG, CTL_TEXT, CTL_OUTPUT, CTL_LATER } kind;
+	size_t at;                 /* in struct ctl_args */
+	unsigned groups;
+	const char *help;          /* NULL: of a later version */
+};
+const struct ctl_option *ctl_option_rows(size_t *ret_n);
+/* Its values are words of a list. */
+bool ctl_option_choices(const struct ctl_option *);
 /* "INPUT FORMAT" of numbers: a whole number from `least` to `most`. */
 int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
 		      struct err *err);
+
+/* ---- ctl_help.c ---- */
+
+/* Prints the options that the groups take. */
+void ctl_help_options(FILE *, unsigned groups);
 
 /* ---- ctl_error.c ---- */
 
@@ -237,6 +260,8 @@ int ctl_pipe_keep(struct ctl *, const struct ctl_input *, int *ret_fd, struct er
 /* Finds or starts the daemon, sets ctl->acut. Prints its failure; returns the exit status. */
 int ctl_connect(struct ctl *);
 void ctl_disconnect(struct ctl *);
+/* To a daemon that runs: the configured one, else the user's private one. Starts none, says nothing. */
+bool ctl_connect_quietly(struct ctl *);
 
 /* A listening socket with an acutd behind it that this user shares; starts one if there is none. */
 int ctl_private_connect(struct ctl *, struct err *err);
@@ -386,11 +411,17 @@ void ctl_job_refused(struct ctl_json *, const struct ctl_staged_file *);
 void ctl_job_time(struct ctl_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
 char *ctl_job_time_text(int64_t us, char buf[32]);
 
+/* ---- ctl_formats.c ---- */
+
+/* What the daemon of this version reads; up to one without a name. extensions: ".las .laz". */
+extern const struct ctl_input_format { const char *name, *extensions, *help; } ctl_formats_input[];
+
 /* ---- commands ---- */
 
 #define CTL_COMMAND(name) int ctl_##name##_run(struct ctl *);
 CTL_COMMAND(backup)
 CTL_COMMAND(cancel)
+CTL_COMMAND(complete)
 CTL_COMMAND(datasets)
 CTL_COMMAND(fetch)
 CTL_COMMAND(formats)

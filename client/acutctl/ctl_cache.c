@@ -135,7 +135,7 @@ static void damage(void *ctx, const struct acut_cache_damage *d)
 		ctl_json_line(&j);
 		return;
 	}
-	fprintf(ctl->report, "damaged %s%s%s: %s%s\n", d->what, *d->dataset ? " of " : "", d->dataset,
+	ctl_term_line(ctl->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
 		err_format(&err, text, sizeof(text)), !d->derived ? "" : d->removed ? "; removed, it is made again" : "; it could not be removed");
 	fflush(ctl->report);
 }

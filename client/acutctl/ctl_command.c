@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_guess.h"
 
 #define MANY 100000u
 
@@ -15,6 +16,8 @@ static const struct ctl_command table[] = {
 	{"cache", "cache stat|verify|gc", "what lies on the daemon's disk, and whether it is sound", CTL_ALL | CTL_CACHE, 1, MANY,
 	 false, ctl_verb_run, ctl_cache_verbs},
 	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
+	{"complete", "complete N WORD...", "what could stand as the Nth of these words; for the shells", CTL_ALL, 1, MANY, false,
+	 ctl_complete_run, .hidden = true},
 	{"dataset", "dataset VERB NAME",
 	 "what is in one dataset, and what becomes of it",
 	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, ctl_verb_run, ctl_dataset_verbs},
@@ -26,7 +29,7 @@ static const struct ctl_command table[] = {
 	{"geoid", "geoid add|list|rm", "the geoid grids that the daemon keeps", CTL_ALL | CTL_GEOID, 1, MANY, false,
 	 ctl_verb_run, ctl_geoid_verbs},
 	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 1, false, ctl_help_run},
-	{"info", "info FILE...", "what is in files", CTL_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY,
+	{"info", "info INPUT...", "what is in files", CTL_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY,
 	 true, ctl_info_run},
 	{"jobs", "jobs", "list the jobs", CTL_ALL, 0, 0, false, ctl_jobs_run},
 	{"mesh", "mesh INPUT... -o OUT", "one step: stage, triangulate, write",
@@ -82,4 +85,20 @@ const struct ctl_command *ctl_command_find(const char *name)
 			low = mid + 1;
 	}
 	return NULL;
+}
+
+/* Also "log" for "dataset log". */
+int ctl_command_unknown(const char *name, struct err *err)
+{
+	struct ctl_guess g = {.given = name};
+	char buf[128];
+
+	err_set(err, ERR_USAGE, "there is no command %s", name);
+	for (size_t i = 0; i < sizeof(table) / sizeof(table[0]); i++) {
+		if (ctl_verb_find(&table[i], name))
+			return err_add_hint(err, "did you mean acutctl %s %s? acutctl help lists the commands", table[i].name, name);
+		if (table[i].run && !table[i].hidden)
+			ctl_guess_offer(&g, table[i].name);
+	}
+	return err_add_hint(err, "%sacutctl help lists the commands", ctl_guess_text(&g, "acutctl ", buf));
 }

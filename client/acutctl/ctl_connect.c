@@ -3,7 +3,9 @@
  * none of them is set, and only for the commands that need nothing kept, a private one that is started
  * unasked.
  */
+#include <limits.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/stat.h>
 
 #include "ctl.h"
@@ -58,6 +60,28 @@ int ctl_connect(struct ctl *ctl)
 		err_add_hint(&err, "start acutd, or use the private daemon of acutctl mesh with --private");
 	}
 	return r ? ctl_error(ctl, &err) : 0;
+}
+
+bool ctl_connect_quietly(struct ctl *ctl)
+{
+	const struct acut_options opt = {.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
+	const char *path = configured(&ctl->args);
+	char folder[PATH_MAX];
+	struct err err = ERR_INIT;
+	int fd;
+
+	if (!path) {
+		if (ctl_folder_runtime(folder, sizeof(folder) - 16, &err))
+			return false;
+		strcat(folder, "/acutd.sock");
+		path = folder;
+	}
+	if (ctl_spawn_connect(path, &fd))
+		return false;
+	if (!acut_attach(fd, &opt, &ctl->acut))
+		return true;
+	ctl->acut = acut_close(ctl->acut);
+	return false;
 }
 
 void ctl_disconnect(struct ctl *ctl)

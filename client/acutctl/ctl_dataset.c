@@ -4,6 +4,7 @@
 
 #include "ctl.h"
 #include "ctl_dataset.h"
+#include "ctl_term.h"
 #include "parse.h"
 
 void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
@@ -49,23 +50,24 @@ static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 	FILE *out = ctl->report;
 	char a[32], b[32];
 
-	fprintf(out, "dataset     %s\ngeneration  %llu, of %u files\npoints      %s, %s\n", d->name,
-		(unsigned long long)d->generation, d->files, ctl_job_count(d->points, a),
-		parse_size_text(d->bytes, b));
+	ctl_term_field(out, "dataset", "%s", d->name);
+	ctl_term_field(out, "generation", "%llu, of %u files", (unsigned long long)d->generation, d->files);
+	ctl_term_field(out, "points", "%s, %s", ctl_job_count(d->points, a), parse_size_text(d->bytes, b));
 	if (d->segments)
-		fprintf(out, "segments    %u%s\n", d->segments, d->merging ? ", some of them become one now" : "");
+		ctl_term_field(out, "segments", "%u%s", d->segments, d->merging ? ", some of them become one now" : "");
 	if (d->oldest > 1)
-		fprintf(out, "oldest      generation %llu\n", (unsigned long long)d->oldest);
-	fprintf(out, "created     %s by user %u\npushed      %s\n", ctl_job_time_text(d->created_us, a),
-		d->uid, ctl_job_time_text(d->pushed_us, b));
-	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", d->lattice, d->crs,
-		d->unit_xy, d->unit_z);
+		ctl_term_field(out, "oldest", "generation %llu", (unsigned long long)d->oldest);
+	ctl_term_field(out, "created", "%s by user %u", ctl_job_time_text(d->created_us, a), d->uid);
+	ctl_term_field(out, "pushed", "%s", ctl_job_time_text(d->pushed_us, b));
+	ctl_term_field(out, "lattice", "%s", d->lattice);
+	ctl_term_field(out, "crs", "%s", d->crs);
+	ctl_term_field(out, "units", "%s, heights %s", d->unit_xy, d->unit_z);
 	if (isfinite(d->min[0]) && isfinite(d->min[1]))
-		fprintf(out, "box         %.15g %.15g to %.15g %.15g\n", d->min[0], d->min[1], d->max[0], d->max[1]);
+		ctl_term_field(out, "box", "%.15g %.15g to %.15g %.15g", d->min[0], d->min[1], d->max[0], d->max[1]);
 	if (d->pinned)
-		fprintf(out, "pinned      it is neither removed nor pruned\n");
+		ctl_term_field(out, "pinned", "it is neither removed nor pruned");
 	if (d->pending[0])
-		fprintf(out, "pending     %s\n", d->pending);
+		ctl_term_field(out, "pending", "%s", d->pending);
 }
 
 static int show(struct ctl *ctl)

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_term.h"
 
 void ctl_error_json(struct ctl_json *j, const char *key, const struct err *err)
 {
@@ -37,18 +38,15 @@ static void print_json(struct ctl *ctl, const struct err *err)
 /* The place is left out where the message names the line itself. */
 static void print_text(const struct err *err)
 {
-	bool line = !strcmp(err->field, "line");
+	bool line = !strcmp(err->field, "line"), place = err->offset != ERR_NO_OFFSET && !line;
+	char at[64] = "";
 
-	fprintf(stderr, "acutctl: ");
-	if (err->file[0])
-		fprintf(stderr, "%s: ", err->file);
-	if (err->offset != ERR_NO_OFFSET && !line)
-		fprintf(stderr, "byte %llu%s", (unsigned long long)err->offset, err->field[0] ? ", " : ": ");
-	if (err->field[0] && !line)
-		fprintf(stderr, "%s: ", err->field);
-	fprintf(stderr, "%s\n", err->message[0] ? err->message : err_wire_name(err->code));
+	if (place)
+		snprintf(at, sizeof(at), "byte %llu%s", (unsigned long long)err->offset, err->field[0] ? ", " : ": ");
+	ctl_term_line(stderr, "acutctl: %s%s%s%s%s%s", err->file, err->file[0] ? ": " : "", at, line ? "" : err->field,
+		      err->field[0] && !line ? ": " : "", err->message[0] ? err->message : err_wire_name(err->code));
 	if (err->hint[0])
-		fprintf(stderr, "hint: %s\n", err->hint);
+		ctl_term_line(stderr, "hint: %s", err->hint);
 }
 
 int ctl_error(struct ctl *ctl, const struct err *given)
@@ -123,7 +121,7 @@ void ctl_warn(struct ctl *ctl, const char *fmt, ...)
 	}
 	if (!ctl->args.quiet && !ctl->args.json) {
 		ctl_progress_clear(ctl);
-		fprintf(stderr, "acutctl: warning: %s\n", text);
+		ctl_term_line(stderr, "acutctl: warning: %s", text);
 	}
 	grown = realloc(ctl->warning, (ctl->nwarning + 1) * sizeof(*grown));
 	if (!grown) {
@@ -139,18 +137,23 @@ void ctl_remark(struct ctl *ctl, const char *text)
 	if (!*text || ctl->args.quiet || ctl->args.json)
 		return;
 	ctl_progress_clear(ctl);
-	fprintf(stderr, "acutctl: note: %s\n", text);
+	ctl_term_line(stderr, "acutctl: note: %s", text);
 }
 
 void ctl_note(struct ctl *ctl, const char *fmt, ...)
 {
 	va_list ap;
+	char *text;
+	int n;
 
 	if (ctl->args.quiet || ctl->args.json)
 		return;
-	ctl_progress_clear(ctl);
 	va_start(ap, fmt);
-	vfprintf(ctl->report, fmt, ap);
+	n = vasprintf(&text, fmt, ap);
 	va_end(ap);
-	fputc('\n', ctl->report);
+	if (n < 0)
+		return;
+	ctl_progress_clear(ctl);
+	ctl_term_line(ctl->report, "%s", text);
+	free(text);
 }

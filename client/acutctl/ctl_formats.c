@@ -2,9 +2,11 @@
 #include "ctl.h"
 #include "ctl_table.h"
 
-static const struct { const char *name, *extensions, *help; } input[] = {
-	{ "las", ".las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10" },
-	{ "xyz", ".xyz", "text, one point a line: x y z; space, tab, comma or semicolon" },
+const struct ctl_input_format ctl_formats_input[] = {
+	{ "las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10" },
+	{ "pts", ".pts", "text with the number of points in its first line, then as xyz" },
+	{ "xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon" },
+	{ 0 },
 };
 
 static const struct ctl_column columns[] = {
@@ -41,8 +43,8 @@ int ctl_formats_run(struct ctl *ctl)
 	const struct format *const *rows = format_rows(&n);
 	struct ctl_table *t = ctl->args.json ? NULL : ctl_table_new(ctl->report, columns, sizeof(columns) / sizeof(*columns));
 
-	for (size_t i = 0; i < sizeof(input) / sizeof(*input); i++)
-		row(ctl, t, "in", input[i].name, input[i].extensions, input[i].help);
+	for (size_t i = 0; ctl_formats_input[i].name; i++)
+		row(ctl, t, "in", ctl_formats_input[i].name, ctl_formats_input[i].extensions, ctl_formats_input[i].help);
 	for (size_t i = 0; i < n; i++)
 		row(ctl, t, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
 	ctl_table_free(t);

@@ -2,18 +2,21 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_term.h"
 
 static void print_system(FILE *out, const struct acut_probe *p)
 {
-	fprintf(out, "  plane   %s\n  crs     %s\n  epsg    ", p->plane, p->crs);
-	if (p->epsg)
-		fprintf(out, "%u", p->epsg);
-	else
-		fputs("unknown", out);
-	if (p->epsg_z)
-		fprintf(out, ", heights %u", p->epsg_z);
-	fprintf(out, "\n  datum   %s\n  units   %s, heights %s\n", p->datum[0] ? p->datum : "unknown", p->unit_xy,
-		p->unit_z);
+	char epsg[48] = "unknown";
+
+	if (p->epsg && p->epsg_z)
+		snprintf(epsg, sizeof(epsg), "%u, heights %u", p->epsg, p->epsg_z);
+	else if (p->epsg || p->epsg_z)
+		snprintf(epsg, sizeof(epsg), p->epsg ? "%u" : "unknown, heights %u", p->epsg ? p->epsg : p->epsg_z);
+	ctl_term_field(out, "  plane", "%s", p->plane);
+	ctl_term_field(out, "  crs", "%s", p->crs);
+	ctl_term_field(out, "  epsg", "%s", epsg);
+	ctl_term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
+	ctl_term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
 }
 
 static void print(struct ctl *ctl, const struct acut_probe *p)
@@ -21,15 +24,16 @@ static void print(struct ctl *ctl, const struct acut_probe *p)
 	FILE *out = ctl->report;
 	char a[32];
 
-	fprintf(out, "%s\n  format  %s\n  points  %s\n", p->name, p->variant[0] ? p->variant : p->format,
-		ctl_job_count(p->points, a));
-	fprintf(out, "  box     %.15g %.15g %.15g to %.15g %.15g %.15g\n", p->min[0], p->min[1], p->min[2],
-		p->max[0], p->max[1], p->max[2]);
-	fprintf(out, "  scale   %s %s %s\n  offset  %s %s %s\n", p->scale[0], p->scale[1], p->scale[2],
-		p->offset[0], p->offset[1], p->offset[2]);
+	ctl_term_line(out, "%s", p->name);
+	ctl_term_field(out, "  format", "%s", p->variant[0] ? p->variant : p->format);
+	ctl_term_field(out, "  points", "%s", ctl_job_count(p->points, a));
+	ctl_term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
+		       p->max[1], p->max[2]);
+	ctl_term_field(out, "  scale", "%s %s %s", p->scale[0], p->scale[1], p->scale[2]);
+	ctl_term_field(out, "  offset", "%s %s %s", p->offset[0], p->offset[1], p->offset[2]);
 	print_system(out, p);
 	if (p->warning[0])
-		fprintf(out, "  note    %s\n", p->warning);
+		ctl_term_field(out, "  note", "%s", p->warning);
 }
 
 static void three_texts(struct ctl_json *j, const char *key, const char *const text[3])

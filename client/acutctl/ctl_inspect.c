@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_term.h"
 
 static const char *const flag_name[4] = { "withheld", "synthetic", "key_point", "overlap" };
 
@@ -10,32 +11,30 @@ static const char *const flag_name[4] = { "withheld", "synthetic", "key_point", 
 
 static void counts_text(FILE *out, const char *what, const uint64_t *counts, unsigned n)
 {
-	const char *between = "";
-	char a[32];
+	char text[256 * 32], a[32];
+	size_t at = 0;
 
-	fprintf(out, "  %s", what);
-	for (unsigned i = 0; i < n; i++) {
-		if (!counts[i])
-			continue;
-		fprintf(out, "%s%u: %s", between, i, ctl_job_count(counts[i], a));
-		between = ", ";
-	}
-	fputc('\n', out);
+	text[0] = 0;
+	for (unsigned i = 0; i < n && at < sizeof(text); i++)
+		if (counts[i])
+			at += (size_t)snprintf(text + at, sizeof(text) - at, "%s%u: %s", at ? ", " : "", i,
+					       ctl_job_count(counts[i], a));
+	ctl_term_field(out, what, "%s", text);
 }
 
 static void place_text(FILE *out, const struct acut_inspected *in)
 {
 	if (!in->has_place) {
-		fprintf(out, "  place   unknown: %s\n", in->no_place);
+		ctl_term_field(out, "  place", "unknown: %s", in->no_place);
 		return;
 	}
-	fprintf(out, "  place   %.7f %.7f to %.7f %.7f (south west to north east)\n", in->south, in->west, in->north,
-		in->east);
-	fprintf(out, "  mgrs    %s\n", *in->mgrs ? in->mgrs : "none");
-	fprintf(out, "  area    %.6g m2 of the convex hull by geodesics, %.6g m around it\n", in->area, in->perimeter);
+	ctl_term_field(out, "  place", "%.7f %.7f to %.7f %.7f (south west to north east)", in->south, in->west, in->north,
+		       in->east);
+	ctl_term_field(out, "  mgrs", "%s", *in->mgrs ? in->mgrs : "none");
+	ctl_term_field(out, "  area", "%.6g m2 of the convex hull by geodesics, %.6g m around it", in->area, in->perimeter);
 	if (in->area > 0)
-		fprintf(out, "  density %.4g points a square metre, %.4g positions\n", (double)in->points / in->area,
-			(double)in->distinct / in->area);
+		ctl_term_field(out, "  density", "%.4g points a square metre, %.4g positions", (double)in->points / in->area,
+			       (double)in->distinct / in->area);
 }
 
 void ctl_inspect_text(struct ctl *ctl, const struct acut_inspected *in)
@@ -43,25 +42,25 @@ void ctl_inspect_text(struct ctl *ctl, const struct acut_inspected *in)
 	FILE *out = ctl->report;
 	char a[32], b[32], c[32];
 
-	fprintf(out, "  records %s, at %s positions: %s more than one there\n", ctl_job_count(in->points, a),
-		ctl_job_count(in->distinct, b), ctl_job_count(in->points - in->distinct, c));
+	ctl_term_field(out, "  records", "%s, at %s positions: %s more than one there", ctl_job_count(in->points, a),
+		       ctl_job_count(in->distinct, b), ctl_job_count(in->points - in->distinct, c));
 	if (in->points) {
-		fprintf(out, "  from    %.15g %.15g %.15g to %.15g %.15g %.15g\n", in->min[0], in->min[1], in->min[2],
-			in->max[0], in->max[1], in->max[2]);
-		counts_text(out, "class   ", in->classes, 256);
-		counts_text(out, "return  ", in->returns, 16);
-		counts_text(out, "of      ", in->return_counts, 16);
+		ctl_term_field(out, "  from", "%.15g %.15g %.15g to %.15g %.15g %.15g", in->min[0], in->min[1], in->min[2],
+			       in->max[0], in->max[1], in->max[2]);
+		counts_text(out, "  class", in->classes, 256);
+		counts_text(out, "  return", in->returns, 16);
+		counts_text(out, "  of", in->return_counts, 16);
 	}
 	for (int i = 0; i < 4; i++)
 		if (in->flags[i])
-			fprintf(out, "  flag    %s: %s\n", flag_name[i], ctl_job_count(in->flags[i], a));
-	fprintf(out, "  lattice %s\n", in->lattice);
+			ctl_term_field(out, "  flag", "%s: %s", flag_name[i], ctl_job_count(in->flags[i], a));
+	ctl_term_field(out, "  lattice", "%s", in->lattice);
 	place_text(out, in);
 	if (!in->has_place && in->hull_area > 0)
-		fprintf(out, "  hull    %.6g squares of the unit, %.4g points each\n", in->hull_area,
-			(double)in->points / in->hull_area);
+		ctl_term_field(out, "  hull", "%.6g squares of the unit, %.4g points each", in->hull_area,
+			       (double)in->points / in->hull_area);
 	for (size_t i = 0; i < in->ndifference; i++)
-		fprintf(out, "  differs %s\n", in->difference[i]);
+		ctl_term_field(out, "  differs", "%s", in->difference[i]);
 }
 
 /* ---- JSON ---- */

@@ -6,6 +6,7 @@
 #include <time.h>
 
 #include "ctl.h"
+#include "ctl_term.h"
 #include "parse.h"
 
 char *ctl_job_count(uint64_t n, char buf[32])
@@ -218,31 +219,30 @@ void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 
 void ctl_job_print(struct ctl *ctl, const struct acut_job *job)
 {
-	char when[32], count[32], left[32];
+	char when[32], count[32], left[32], rest[256] = "";
+	size_t n = 0;
 
 	ctl_progress_clear(ctl);
 	if (ctl->args.json) {
 		ctl_job_json(ctl, job);
 		return;
 	}
-	fprintf(ctl->report, "%6llu  %-10s  %s  %s", (unsigned long long)job->id, job->state,
-		ctl_job_time_text(job->submitted_us, when), job->dataset);
 	if (job->has_report)
-		fprintf(ctl->report, "  %s triangles", ctl_job_count(job->report.triangles, count));
+		n = (size_t)snprintf(rest, sizeof(rest), "  %s triangles", ctl_job_count(job->report.triangles, count));
 	else if (!job->final && job->progress.domains_total)
-		fprintf(ctl->report, "  %llu of %llu domains", (unsigned long long)job->progress.domains,
-			(unsigned long long)job->progress.domains_total);
+		n = (size_t)snprintf(rest, sizeof(rest), "  %llu of %llu domains", (unsigned long long)job->progress.domains,
+				     (unsigned long long)job->progress.domains_total);
 	if (job->priority && *job->priority && strcmp(job->priority, "normal"))
-		fprintf(ctl->report, "  %s priority", job->priority);
+		n += (size_t)snprintf(rest + n, sizeof(rest) - n, "  %.20s priority", job->priority);
 	if (!job->final && job->lacks_space)
-		fprintf(ctl->report, "  %s of disk space are lacking", parse_size_text(job->lacks_space, left));
+		snprintf(rest + n, sizeof(rest) - n, "  %s of disk space are lacking", parse_size_text(job->lacks_space, left));
 	else if (!job->final && job->waiting && *job->waiting)
-		fprintf(ctl->report, "  waits for %s", job->waiting);
+		snprintf(rest + n, sizeof(rest) - n, "  waits for %s", job->waiting);
 	else if (!job->final && job->progress.seconds_left > 0)
-		fprintf(ctl->report, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
-	if (job->has_error)
-		fprintf(ctl->report, "  %s", job->error.message);
-	fputc('\n', ctl->report);
+		snprintf(rest + n, sizeof(rest) - n, "  about %s left", ctl_progress_time(job->progress.seconds_left, left));
+	ctl_term_line(ctl->report, "%6llu  %-10s  %s  %s%s%s%s", (unsigned long long)job->id, job->state,
+		      ctl_job_time_text(job->submitted_us, when), job->dataset, rest, job->has_error ? "  " : "",
+		      job->has_error ? job->error.message : "");
 	if (!ctl->list)
 		fflush(ctl->report);
 }

@@ -8,38 +8,33 @@
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "clock.h"
 #include "ctl.h"
+#include "ctl_guess.h"
 #include "parse.h"
 
-enum kind { FLAG, TEXT, OUTPUT, LATER };
-
-struct option {
-	const char *name;          /* without the dashes */
-	char letter;
-	const char *value;         /* what follows, NULL: nothing */
-	enum kind kind;
-	size_t at;                 /* in struct ctl_args */
-	unsigned groups;
-	const char *help;
-};
+#define FLAG CTL_FLAG
+#define TEXT CTL_TEXT
+#define OUTPUT CTL_OUTPUT
+#define LATER CTL_LATER
 
 #define AT(field) offsetof(struct ctl_args, field)
 
-static const struct option table[] = {
+static const struct ctl_option table[] = {
 	{"output", 'o', "OUT", OUTPUT, 0, CTL_OUT, "write there; \"-\" is standard output; may be repeated"},
 	{"format", 0, "FORMAT", TEXT, AT(format), CTL_OUT,
 	 "what to write, where the name of OUT does not say it; null: nothing, without OUT"},
 	{"max-edge", 0, "LENGTH", TEXT, AT(max_edge), CTL_OUT,
 	 "leave out triangles with a longer xy edge: 12 in file units, or 12m, 40ft, 40ftUS"},
-	{"z-unit", 0, "UNIT", TEXT, AT(z_unit), CTL_OUT, "convert heights to m, ft or ftUS"},
+	{"z-unit", 0, "m|ft|ftUS", TEXT, AT(z_unit), CTL_OUT, "convert heights to this unit"},
 	{"origin", 0, "X,Y,Z|auto", TEXT, AT(origin), CTL_OUT, "subtract this point from all coordinates"},
 	{"canonical", 0, NULL, FLAG, AT(canonical), CTL_OUT,
 	 "one order of vertices and triangles: the same mesh is the same file"},
 	{"no-clobber", 0, NULL, FLAG, AT(no_clobber), CTL_OUT, "an OUT that exists is an error"},
 	{"width", 0, "PIXELS", TEXT, AT(width), CTL_OUT, "width of a picture (1600)"},
-	{"color", 0, "KIND", TEXT, AT(color), CTL_OUT, "picture of hillshade, elevation or domain"},
+	{"color", 0, "hillshade|elevation|domain", TEXT, AT(color), CTL_OUT, "what a picture shows (hillshade)"},
 	{"resume", 0, NULL, FLAG, AT(resume), CTL_FETCH, "go on with what an earlier fetch has kept in OUT.part"},
 	{"tile", 0, "SIZE", TEXT, AT(tile), CTL_OUT,
 	 "one file a square of a grid of this side (file units); OUT is their folder"},
@@ -50,19 +45,19 @@ static const struct option table[] = {
 
 	{"class", 0, "LIST", TEXT, AT(classes), CTL_VIEW, "only points of these classes: 2,8 or 2-5"},
 	{"not-class", 0, "LIST", TEXT, AT(not_classes), CTL_VIEW, "no points of these classes"},
-	{"returns", 0, "WHICH", TEXT, AT(returns), CTL_VIEW, "all, first or last returns"},
+	{"returns", 0, "all|first|last", TEXT, AT(returns), CTL_VIEW, "only these returns"},
 	{"ground", 0, NULL, FLAG, AT(ground), CTL_VIEW,
 	 "classes 2 and 8 and key-points, the lowest of a position"},
 	{"surface", 0, NULL, FLAG, AT(surface), CTL_VIEW, "first returns, the highest of a position"},
 	{"keep-withheld", 0, NULL, FLAG, AT(keep_withheld), CTL_VIEW, "take withheld points too"},
 	{"keep-noise", 0, NULL, FLAG, AT(keep_noise), CTL_VIEW, "take classes 7 and 18 too"},
-	{"duplicates", 0, "WHICH", TEXT, AT(duplicates), CTL_VIEW, "lowest or highest point of a position"},
+	{"duplicates", 0, "lowest|highest", TEXT, AT(duplicates), CTL_VIEW, "which of several points of one position (lowest)"},
 	{"drop-overlap", 0, NULL, FLAG, AT(drop_overlap), CTL_VIEW,
 	 "leave out points of overlapping strips (their flag; class 12 of old formats)"},
 	{"zmin", 0, "Z", TEXT, AT(zmin), CTL_VIEW, "only points at this height or above (file units)"},
 	{"zmax", 0, "Z", TEXT, AT(zmax), CTL_VIEW, "only points at this height or below"},
-	{"crop", 0, "AREA", TEXT, AT(crop), CTL_VIEW,
-	 "only points inside X1,Y1,X2,Y2 or the polygons of a GeoJSON or WKT file"},
+	{"crop", 0, "X1,Y1,X2,Y2|FILE", TEXT, AT(crop), CTL_VIEW,
+	 "only points inside a box or the polygons of a GeoJSON or WKT file"},
 	{"bbox", 0, "X1,Y1,X2,Y2", TEXT, AT(bbox), CTL_VIEW | CTL_FETCH,
 	 "only those triangles of the whole mesh that meet this box"},
 	{"polygon", 0, "FILE", TEXT, AT(polygon), CTL_VIEW | CTL_FETCH,
@@ -70,7 +65,7 @@ static const struct option table[] = {
 	{"every", 0, "N", TEXT, AT(every), CTL_VIEW, "about one position of N, always the same ones"},
 	{"thin", 0, "CELL", TEXT, AT(thin), CTL_VIEW,
 	 "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
-	{"thin-pick", 0, "WHICH", TEXT, AT(thin_pick), CTL_VIEW, "lowest, highest or median point of a cell"},
+	{"thin-pick", 0, "lowest|highest|median", TEXT, AT(thin_pick), CTL_VIEW, "which point of a cell (lowest)"},
 	{"constraints", 0, "FILE", LATER, 0, CTL_VIEW, NULL},
 
 	{"scale", 0, "XY[,Z]", TEXT, AT(scale), CTL_STAGE | CTL_CREATE,
@@ -93,7 +88,7 @@ static const struct option table[] = {
 	 "all inputs must have the SHA-256 sums that FILE (of sha256sum) lists"},
 	{"columns", 0, "LETTERS", TEXT, AT(columns), CTL_INPUT,
 	 "columns of texts: x y z, c class, r return, n number of returns, _ to skip one (xyz)"},
-	{"input-format", 0, "FORMAT", TEXT, AT(input_format), CTL_INPUT,
+	{"input-format", 0, "INPUT-FORMAT", TEXT, AT(input_format), CTL_INPUT,
 	 "format of the inputs, in place of what their bytes say"},
 	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE,
 	 "EPSG:n, a WKT file, or a name, for inputs that say nothing"},
@@ -101,10 +96,10 @@ static const struct option table[] = {
 	 "m, ft or ftUS, for inputs that do not say their units"},
 	{"utm", 0, "ZONE", TEXT, AT(utm), CTL_STAGE,
 	 "project degrees to this zone (32N, 5S, UPS-N), not to that of their middle"},
-	{"geoid", 0, "NAME", TEXT, AT(geoid), CTL_STAGE,
+	{"geoid", 0, "GEOID|FILE.pgm", TEXT, AT(geoid), CTL_STAGE,
 	 "shift the heights by a kept geoid grid, or by a .pgm file"},
-	{"geoid-way", 0, "WAY", TEXT, AT(geoid_way), CTL_STAGE,
-	 "what they become: orthometric (unless said) or ellipsoidal"},
+	{"geoid-way", 0, "orthometric|ellipsoidal", TEXT, AT(geoid_way), CTL_STAGE,
+	 "what they become (orthometric)"},
 	{"header", 0, NULL, FLAG, AT(header), CTL_INFO, "read the headers only"},
 	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
 	{"copy", 0, NULL, FLAG, AT(copy), CTL_COPY, "copy all files, also where a hard link would do"},
@@ -112,11 +107,11 @@ static const struct option table[] = {
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
-	{"priority", 0, "WHICH", TEXT, AT(priority), CTL_JOB,
-	 "low, normal or high: before or after the jobs of others (high: root and the user of acutd)"},
+	{"priority", 0, "low|normal|high", TEXT, AT(priority), CTL_JOB,
+	 "before or after the jobs of others (high: root and the user of acutd)"},
 	{"at", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION,
 	 "of this state of the dataset, not the newest"},
-	{"generation", 0, "N", TEXT, AT(generation), CTL_GENERATION, "the same as --at"},
+	{"generation", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION, "the same as --at"},
 	{"files", 0, NULL, FLAG, AT(files), CTL_DATASET, "log: with each file"},
 	{"as", 0, "NAME", TEXT, AT(as), CTL_DATASET, "restore: under another name"},
 	{"removed", 0, NULL, FLAG, AT(removed), CTL_REMOVED, "those that were removed and can be restored"},
@@ -142,24 +137,18 @@ static const struct option table[] = {
 
 #define ROWS (sizeof(table) / sizeof(table[0]))
 
-void ctl_option_help(FILE *out, unsigned groups)
+const struct ctl_option *ctl_option_rows(size_t *ret_n)
 {
-	for (size_t i = 0; i < ROWS; i++) {
-		char left[64];
-
-		if (table[i].kind == LATER || !(table[i].groups & groups))
-			continue;
-		snprintf(left, sizeof(left), "%s--%s%s%s",
-			 table[i].letter == 'o'   ? "-o, "
-			 : table[i].letter == 'q' ? "-q, "
-			 : table[i].letter == 'h' ? "-h, "
-						  : "",
-			 table[i].name, table[i].value ? " " : "", table[i].value ? table[i].value : "");
-		fprintf(out, "  %-24s %s\n", left, table[i].help);
-	}
+	*ret_n = ROWS;
+	return table;
 }
 
-static const struct option *find_name(const char *name, size_t n)
+bool ctl_option_choices(const struct ctl_option *o)
+{
+	return o->value && o->value[0] >= 'a' && strchr(o->value, '|') && !strpbrk(o->value, ",[%");
+}
+
+static const struct ctl_option *find_name(const char *name, size_t n)
 {
 	for (size_t i = 0; i < ROWS; i++)
 		if (strlen(table[i].name) == n && !memcmp(table[i].name, name, n))
@@ -167,7 +156,7 @@ static const struct option *find_name(const char *name, size_t n)
 	return NULL;
 }
 
-static const struct option *find_letter(char letter)
+static const struct ctl_option *find_letter(char letter)
 {
 	for (size_t i = 0; i < ROWS; i++)
 		if (table[i].letter == letter)
@@ -182,7 +171,7 @@ struct reader {
 	bool seen[ROWS];
 };
 
-static int set(struct reader *r, const struct option *o, const char *value, struct err *err)
+static int set(struct reader *r, const struct ctl_option *o, const char *value, struct err *err)
 {
 	char *base = (char *)r->args;
 
@@ -201,10 +190,57 @@ static int set(struct reader *r, const struct option *o, const char *value, stru
 	return 0;
 }
 
+static int no_option(const char *arg, struct err *err)
+{
+	char name[64], buf[128];
+	struct ctl_guess g = {.given = name};
+
+	snprintf(name, sizeof(name), "%.*s", (int)strcspn(arg, "="), arg);
+	err_set(err, ERR_USAGE, "there is no option %s", name);
+	if (!strncmp(arg, "--", 2)) {
+		memmove(name, name + 2, strlen(name + 2) + 1);
+		for (size_t i = 0; i < ROWS; i++)
+			if (table[i].kind != LATER)
+				ctl_guess_offer(&g, table[i].name);
+	}
+	return err_add_hint(err, "%sacutctl help COMMAND lists the options of a command", ctl_guess_text(&g, "--", buf));
+}
+
+/* "a, b or c" of "a|b|c". */
+static void choices_text(const char *choices, char *buf, size_t size)
+{
+	size_t n = 0;
+
+	for (buf[0] = 0; *choices && n < size;) {
+		size_t k = strcspn(choices, "|");
+		const char *rest = choices + k + (choices[k] == '|');
+
+		n += (size_t)snprintf(buf + n, size - n, "%.*s%s", (int)k, choices,
+				      !*rest ? "" : strchr(rest, '|') ? ", " : " or ");
+		choices = rest;
+	}
+}
+
+/* Of an option whose values are words: one of them. Letters of another size are for whoever reads the value. */
+static int check_choice(const struct ctl_option *o, const char *value, struct err *err)
+{
+	struct ctl_guess g = {.given = value};
+	char all[128];
+	size_t n = strlen(value);
+
+	for (const char *at = o->value; *at; at += strcspn(at, "|"), at += *at == '|')
+		if (strcspn(at, "|") == n && !strncasecmp(at, value, n))
+			return 0;
+	choices_text(o->value, all, sizeof(all));
+	err_set(err, ERR_USAGE, "--%s is %s, not \"%s\"", o->name, all, value);
+	ctl_guess_offer_choices(&g, o->value);
+	return g.distance ? err_add_hint(err, "did you mean %s?", g.best) : -ERR_USAGE;
+}
+
 /* One argument that starts with a dash; takes the next one as its value if it needs one. */
 static int take(struct reader *r, const char *arg, struct err *err)
 {
-	const struct option *o;
+	const struct ctl_option *o;
 	const char *value = NULL;
 
 	if (arg[1] == '-') {
@@ -216,10 +252,8 @@ static int take(struct reader *r, const char *arg, struct err *err)
 		o = find_letter(arg[1]);
 		value = o && arg[2] ? arg + 2 : NULL;
 	}
-	if (!o) {
-		err_set(err, ERR_USAGE, "there is no option %s", arg);
-		return err_add_hint(err, "acutctl help COMMAND lists the options of a command");
-	}
+	if (!o)
+		return no_option(arg, err);
 	if (o->kind == LATER)
 		return err_set(err, ERR_UNSUPPORTED, "--%s is not in this version of acut", o->name);
 	if (!o->value && value)
@@ -229,6 +263,8 @@ static int take(struct reader *r, const char *arg, struct err *err)
 			return err_set(err, ERR_USAGE, "--%s needs a value: %s", o->name, o->value);
 		value = r->argv[++r->at];
 	}
+	if (ctl_option_choices(o) && check_choice(o, value, err))
+		return -ERR_USAGE;
 	return set(r, o, value, err);
 }
 
@@ -253,10 +289,8 @@ static int check_command(struct ctl *ctl, char *name, struct err *err)
 		return err_add_hint(err, "acutctl help lists the commands");
 	}
 	ctl->command = ctl_command_find(name);
-	if (!ctl->command) {
-		err_set(err, ERR_USAGE, "there is no command %s", name);
-		return err_add_hint(err, "acutctl help lists the commands");
-	}
+	if (!ctl->command)
+		return ctl_command_unknown(name, err);
 	if (!ctl->command->run && !a->help)
 		return err_set(err, ERR_UNSUPPORTED, "%s is not in this version of acut", name);
 	return 0;
@@ -313,8 +347,13 @@ static int check_verb(const struct reader *r, struct ctl *ctl, struct err *err)
 	}
 	ctl->verb = ctl_verb_find(c, ctl->args.word[0]);
 	if (!ctl->verb) {
+		struct ctl_guess g = {.given = ctl->args.word[0]};
+		char buf[128];
+
+		for (const struct ctl_verb *v = c->verbs; v->name; v++)
+			ctl_guess_offer(&g, v->name);
 		err_set(err, ERR_USAGE, "there is no command %s %s", c->name, ctl->args.word[0]);
-		return err_add_hint(err, "acutctl %s %s", c->name, all);
+		return err_add_hint(err, "%sacutctl %s %s", ctl_guess_text(&g, "", buf), c->name, all);
 	}
 	if (n - 1 < ctl->verb->least || n - 1 > ctl->verb->most) {
 		if (n - 1 < ctl->verb->least)
@@ -385,9 +424,6 @@ static int check_values(struct ctl *ctl, struct err *err)
 		r = ctl_option_number("--at", a->generation, 1, UINT64_MAX, &n, err);
 	if (!r && a->since)
 		r = ctl_option_number("--changed-since", a->since, 1, UINT64_MAX, &n, err);
-	if (!r && a->priority && strcmp(a->priority, "low") && strcmp(a->priority, "normal") &&
-	    strcmp(a->priority, "high"))
-		r = err_set(err, ERR_USAGE, "--priority is low, normal or high, not \"%s\"", a->priority);
 	if (!r && a->disk)
 		r = disk_limit("--disk", a->disk, err);
 	if (!r && a->keep_free)

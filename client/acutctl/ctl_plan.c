@@ -2,23 +2,25 @@
 #include <stdlib.h>
 
 #include "ctl.h"
+#include "ctl_term.h"
 #include "parse.h"
 
 static void print(struct ctl *ctl, const struct acut_plan *p)
 {
-	char a[32], b[32], c[32];
+	FILE *out = ctl->report;
+	char a[32], b[32];
 
-	fprintf(ctl->report, "points      %s%s\n", p->exact ? "" : "at most ", ctl_job_count(p->points, a));
-	fprintf(ctl->report, "domains     %s of at most %s points, %u at once\n",
-		ctl_job_count(p->domains, a), ctl_job_count(p->load, b), p->threads);
+	ctl_term_field(out, "points", "%s%s", p->exact ? "" : "at most ", ctl_job_count(p->points, a));
+	ctl_term_field(out, "domains", "%s of at most %s points, %u at once", ctl_job_count(p->domains, a),
+		       ctl_job_count(p->load, b), p->threads);
 	if (p->domains_reused)
-		fprintf(ctl->report, "            %s of them are there already\n", ctl_job_count(p->domains_reused, a));
-	fprintf(ctl->report, "memory      %s\ndisk        %s\n", parse_size_text(p->memory_bytes, b),
-		parse_size_text(p->disk_bytes, c));
+		ctl_term_field(out, "", "%s of them are there already", ctl_job_count(p->domains_reused, a));
+	ctl_term_field(out, "memory", "%s", parse_size_text(p->memory_bytes, a));
+	ctl_term_field(out, "disk", "%s", parse_size_text(p->disk_bytes, a));
 	if (p->seconds > 0)
-		fprintf(ctl->report, "time        about %.0f s\n", p->seconds);
+		ctl_term_field(out, "time", "about %.0f s", p->seconds);
 	else
-		fprintf(ctl->report, "time        not known\n");
+		ctl_term_field(out, "time", "not known");
 }
 
 static void print_json(struct ctl *ctl, const struct acut_plan *p)

@@ -2,54 +2,61 @@
 #include <inttypes.h>
 
 #include "ctl.h"
+#include "ctl_term.h"
 
 static void show_mesh(FILE *out, const struct acut_report *p)
 {
 	char a[32], b[32], c[32];
 
 	if (p->window) {
-		fprintf(out, "read        %s points of %s cells\nwindow      %s vertices, %s triangles\n",
-			ctl_job_count(p->points_read, a), ctl_job_count(p->cells_read, b), ctl_job_count(p->vertices, c),
-			ctl_job_count(p->triangles, (char[32]){ 0 }));
+		ctl_term_field(out, "read", "%s points of %s cells", ctl_job_count(p->points_read, a), ctl_job_count(p->cells_read, b));
+		ctl_term_field(out, "window", "%s vertices, %s triangles", ctl_job_count(p->vertices, a),
+			       ctl_job_count(p->triangles, b));
 		return;
 	}
-	fprintf(out, "points      %s, used %s\n", ctl_job_count(p->points, a), ctl_job_count(p->used, b));
+	ctl_term_field(out, "points", "%s, used %s", ctl_job_count(p->points, a), ctl_job_count(p->used, b));
 	for (size_t i = 0; i < p->nremoved; i++)
-		fprintf(out, "left out    %s by %s\n", ctl_job_count(p->removed[i].count, a), p->removed[i].rule);
-	fprintf(out, "mesh        %s vertices, %s triangles, %s on the hull\n", ctl_job_count(p->vertices, a),
-		ctl_job_count(p->triangles, b), ctl_job_count(p->hull, c));
+		ctl_term_field(out, "left out", "%s by %s", ctl_job_count(p->removed[i].count, a), p->removed[i].rule);
+	ctl_term_field(out, "mesh", "%s vertices, %s triangles, %s on the hull", ctl_job_count(p->vertices, a),
+		       ctl_job_count(p->triangles, b), ctl_job_count(p->hull, c));
+}
+
+static void show_report(FILE *out, const struct acut_report *p)
+{
+	char a[32], b[32];
+
+	show_mesh(out, p);
+	if (p->domains_reused && p->domains_reused <= p->domains)
+		ctl_term_field(out, "domains", "%s of %s made", ctl_job_count(p->domains - p->domains_reused, a),
+			       ctl_job_count(p->domains, b));
+	else
+		ctl_term_field(out, p->window ? "pieces" : "domains", "%s", ctl_job_count(p->domains, a));
+	ctl_term_field(out, "seconds", "%.3f", p->seconds);
+	ctl_term_field(out, "digest", "%s", p->digest);
+	ctl_term_field(out, "", "%s", p->vertex_digest);
 }
 
 static void show_text(struct ctl *ctl, const struct acut_job *job)
 {
-	const struct acut_report *p = &job->report;
 	FILE *out = ctl->report;
-	char a[32], b[32], shown[96];
+	char a[32];
 
-	fprintf(out,
-		"job         %" PRIu64 "\nstate       %s\ndataset     %s, generation %" PRIu64
-		"\nview        %s\n",
-		job->id, job->state, job->dataset, job->generation, job->view);
-	fprintf(out, "submitted   %s by user %u, process %u\nfinished    %s\n",
-		ctl_job_time_text(job->submitted_us, a), job->uid, job->pid,
-		ctl_job_time_text(job->finished_us, b));
-	fprintf(out, "lattice     %s\ncrs         %s\nunits       %s, heights %s\n", job->lattice, job->crs,
-		job->unit_xy, job->unit_z);
-	if (job->has_report) {
-		show_mesh(out, p);
-		if (p->domains_reused && p->domains_reused <= p->domains)
-			snprintf(shown, sizeof shown, "%s of %s made", ctl_job_count(p->domains - p->domains_reused, a),
-				 ctl_job_count(p->domains, b));
-		else
-			ctl_job_count(p->domains, shown);
-		fprintf(out, "%s     %s\nseconds     %.3f\ndigest      %s\n            %s\n",
-			p->window ? "pieces " : "domains", shown, p->seconds, p->digest, p->vertex_digest);
-	} else if (!job->final) {
-		fprintf(out, "progress    %s, %" PRIu64 " of %" PRIu64 " domains\n", job->progress.phase,
-			job->progress.domains, job->progress.domains_total);
-	}
+	ctl_term_field(out, "job", "%" PRIu64, job->id);
+	ctl_term_field(out, "state", "%s", job->state);
+	ctl_term_field(out, "dataset", "%s, generation %" PRIu64, job->dataset, job->generation);
+	ctl_term_field(out, "view", "%s", job->view);
+	ctl_term_field(out, "submitted", "%s by user %u, process %u", ctl_job_time_text(job->submitted_us, a), job->uid, job->pid);
+	ctl_term_field(out, "finished", "%s", ctl_job_time_text(job->finished_us, a));
+	ctl_term_field(out, "lattice", "%s", job->lattice);
+	ctl_term_field(out, "crs", "%s", job->crs);
+	ctl_term_field(out, "units", "%s, heights %s", job->unit_xy, job->unit_z);
+	if (job->has_report)
+		show_report(out, &job->report);
+	else if (!job->final)
+		ctl_term_field(out, "progress", "%s, %" PRIu64 " of %" PRIu64 " domains", job->progress.phase,
+			       job->progress.domains, job->progress.domains_total);
 	if (job->has_error)
-		fprintf(out, "error       %s\n", job->error.message);
+		ctl_term_field(out, "error", "%s", job->error.message);
 }
 
 int ctl_show_run(struct ctl *ctl)

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_table.h"
 #include "parse.h"
 
 /* What is held of a name by nobody of the list. */
@@ -28,76 +29,100 @@ static uint64_t sum_of(const struct acut_holder *h)
 	return sum;
 }
 
-static void print_entry(FILE *out, bool *first, const char *name, uint64_t bytes)
+static void add_entry(char *text, size_t size, const char *name, uint64_t bytes)
 {
-	char text[32];
+	size_t n = strlen(text);
+	char held[32];
 
-	fprintf(out, "%s%s %s", *first ? "" : ", ", name, parse_size_text(bytes, text));
-	*first = false;
+	if (n < size)
+		snprintf(text + n, size - n, "%s%s %s", n ? ", " : "", name, parse_size_text(bytes, held));
 }
 
-static void print_holder(FILE *out, const struct acut_holder *h)
+static void print_holder(struct ctl_table *t, const struct acut_holder *h)
 {
-	char who[48] = "", text[32];
-	bool first = true;
+	char text[512] = "";
 
-	if (h->id)
-		snprintf(who, sizeof who, " %llu", (unsigned long long)h->id);
-	fprintf(out, "  %-10s %s%s of user %u", parse_size_text(sum_of(h), text), h->kind, who, h->uid);
-	if (h->pid)
-		fprintf(out, ", process %u", h->pid);
-	if (*h->what)
-		fprintf(out, ", %s", h->what);
-	fprintf(out, ": ");
 	for (size_t k = 0; k < h->nheld; k++)
-		print_entry(out, &first, h->held[k].name, h->held[k].bytes);
-	fprintf(out, "\n");
+		add_entry(text, sizeof(text), h->held[k].name, h->held[k].bytes);
+	ctl_table_size(t, sum_of(h));
+	ctl_table_text(t, "%s", h->kind);
+	ctl_table_id(t, h->id);
+	ctl_table_text(t, "%u", h->uid);
+	ctl_table_id(t, h->pid);
+	ctl_table_text(t, "%s", h->what);
+	ctl_table_text(t, "%s", text);
 }
 
-static void print_ledger(FILE *out, const struct acut_status *s)
+/* What is nobody's of the list. */
+static void print_rest(struct ctl_table *t, const struct acut_status *s)
 {
-	char a[32], b[32];
+	char text[512] = "";
 	uint64_t sum = 0;
-	bool first = true;
 
-	for (size_t i = 0; i < s->nledger; i++)
-		sum += s->ledger[i].bytes;
-	fprintf(out, "memory      %s, held %s, at most %s since the start\n", parse_size_text(s->memory, a),
-		parse_size_text(sum, b), parse_size_text(s->ledger_peak, (char[32]){0}));
-	for (size_t i = 0; i < s->nledger; i++)
-		if (s->ledger[i].peak || s->ledger[i].bytes)
-			fprintf(out, "  %-10s %-10s at most %s\n", s->ledger[i].name,
-				parse_size_text(s->ledger[i].bytes, a), parse_size_text(s->ledger[i].peak, b));
-	fprintf(out, "held by\n");
-	for (size_t i = 0; i < s->nholders; i++)
-		print_holder(out, &s->holders[i]);
-	if (s->holders_more)
-		fprintf(out, "  and %zu more, with less each\n", s->holders_more);
-	sum = 0;
-	for (size_t i = 0; i < s->nledger; i++)
+	for (size_t i = 0; i < s->nledger; i++) {
+		if (!rest_of(s, i))
+			continue;
 		sum += rest_of(s, i);
-	fprintf(out, "  %-10s the daemon itself%s: ", parse_size_text(sum, a), s->holders_more ? " and those" : "");
-	for (size_t i = 0; i < s->nledger; i++)
-		if (rest_of(s, i))
-			print_entry(out, &first, s->ledger[i].name, rest_of(s, i));
-	fprintf(out, "%s\n", first ? "nothing" : "");
-	fprintf(out, "resident    %s, at most %s\npipes       %s (of the kernel, beside the memory)\n",
-		parse_size_text(s->rss_bytes, a), parse_size_text(s->peak_rss_bytes, b),
-		parse_size_text(s->pipe_capacity, (char[32]){0}));
+		add_entry(text, sizeof(text), s->ledger[i].name, rest_of(s, i));
+	}
+	ctl_table_size(t, sum);
+	ctl_table_text(t, "daemon");
+	for (int i = 0; i < 3; i++)
+		ctl_table_none(t);
+	if (s->holders_more)
+		ctl_table_text(t, "and %zu more", s->holders_more);
+	else
+		ctl_table_none(t);
+	ctl_table_text(t, "%s", text);
+}
+
+static void print_tables(FILE *out, const struct acut_status *s)
+{
+	static const struct ctl_column names[] = {{"MEMORY FOR"}, {"HELD", .right = true}, {"AT MOST", .right = true}};
+	static const struct ctl_column holders[] = {
+		{"HELD", .right = true}, {"BY"}, {"NUMBER", .right = true, .spare = true}, {"USER", .right = true},
+		{"PROCESS", .right = true, .spare = true}, {"DATASET", .shrink = true, .spare = true}, {"FOR", .tail = true},
+	};
+	struct ctl_table *t = ctl_table_new(out, names, 3);
+
+	fputc('\n', out);
+	for (size_t i = 0; i < s->nledger; i++) {
+		if (!s->ledger[i].peak && !s->ledger[i].bytes)
+			continue;
+		ctl_table_text(t, "%s", s->ledger[i].name);
+		ctl_table_size(t, s->ledger[i].bytes);
+		ctl_table_size(t, s->ledger[i].peak);
+	}
+	ctl_table_free(t);
+	fputc('\n', out);
+	t = ctl_table_new(out, holders, 7);
+	for (size_t i = 0; i < s->nholders; i++)
+		print_holder(t, &s->holders[i]);
+	print_rest(t, s);
+	ctl_table_free(t);
 }
 
 static void print(struct ctl *ctl, const struct acut_status *s)
 {
 	FILE *out = ctl->report;
+	char a[32], b[32], c[32];
+	uint64_t sum = 0;
 
-	fprintf(out, "acutd %s, process %llu, up %.0f s\n", s->version, (unsigned long long)s->pid,
-		s->uptime_seconds);
-	print_ledger(out, s);
-	fprintf(out, "threads     %u\njobs        %u running, %u waiting\nconnections %u\n", s->threads,
-		s->jobs_running, s->jobs_waiting, s->connections);
-	fprintf(out, "state       %s\ncache       %s\n", s->state_dir, s->cache_dir);
+	for (size_t i = 0; i < s->nledger; i++)
+		sum += s->ledger[i].bytes;
+	ctl_term_field(out, "acutd", "%s, process %llu, up %.0f s", s->version, (unsigned long long)s->pid, s->uptime_seconds);
+	ctl_term_field(out, "memory", "%s, held %s, at most %s since the start", parse_size_text(s->memory, a),
+		       parse_size_text(sum, b), parse_size_text(s->ledger_peak, c));
+	ctl_term_field(out, "resident", "%s, at most %s", parse_size_text(s->rss_bytes, a), parse_size_text(s->peak_rss_bytes, b));
+	ctl_term_field(out, "pipes", "%s (of the kernel, beside the memory)", parse_size_text(s->pipe_capacity, a));
+	ctl_term_field(out, "threads", "%u", s->threads);
+	ctl_term_field(out, "jobs", "%u running, %u waiting", s->jobs_running, s->jobs_waiting);
+	ctl_term_field(out, "connections", "%u", s->connections);
+	ctl_term_field(out, "state", "%s", s->state_dir);
+	ctl_term_field(out, "cache", "%s", s->cache_dir);
 	if (s->state_side.known && s->cache_side.known)
 		ctl_cache_sides(out, s->one_file_system, &s->state_side, &s->cache_side, s->disk_limit, s->keep_free_limit);
+	print_tables(out, s);
 }
 
 static void print_json_holders(struct ctl_json *j, const struct acut_status *s)

@@ -35,6 +35,18 @@ static int flush(struct ctl *ctl, int status)
 	return ctl->out_closed ? CTL_PIPE : status;
 }
 
+/* Words of a command line that is being typed are not options of this one. */
+static bool completing(int argc, char **argv, struct ctl *ctl)
+{
+	if (argc < 3 || strcmp(argv[1], "complete"))
+		return false;
+	ctl->args.word = calloc((size_t)argc, sizeof(char *));
+	ctl->command = ctl_command_find(argv[1]);
+	for (int i = 2; i < argc && ctl->args.word; i++)
+		ctl->args.word[ctl->args.nword++] = argv[i];
+	return ctl->args.nword > 0;
+}
+
 int main(int argc, char **argv)
 {
 	struct ctl ctl = { .report = stdout };
@@ -45,7 +57,7 @@ int main(int argc, char **argv)
 	mallopt(M_TRIM_THRESHOLD, 4 << 20);
 	mallopt(M_TOP_PAD, 256 << 10);
 	ctl_signal_init(&ctl);
-	status = ctl_option_parse(argc, argv, &ctl, &err);
+	status = completing(argc, argv, &ctl) ? 0 : ctl_option_parse(argc, argv, &ctl, &err);
 	for (unsigned i = 0; i < ctl.args.nout; i++)
 		if (!strcmp(ctl.args.out[i], "-"))
 			ctl.report = stderr;

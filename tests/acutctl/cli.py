@@ -43,8 +43,7 @@ def options_of(command):
     return set(re.findall(r"--([a-z][a-z-]*)", "\n".join(l for l in out.splitlines() if l.startswith("  "))))
 
 
-COMMANDS = ("cache cancel dataset datasets fetch formats geoid help info jobs mesh ping plan push rm show status submit version wait "
-            "watch").split()
+COMMANDS = re.findall(r"^  acutctl (\S+)", run("help")[1], re.M)
 LATER = {
     "mesh": ["--mask"],
     "fetch": ["--trim"],
@@ -256,6 +255,46 @@ def texts():
     os.close(w)
 
 
+def suggestions():
+    """What was mistyped: the nearest of what there is, and nothing where nothing is near."""
+    for words, said in ((["mehs", "a"], "did you mean acutctl mesh?"), (["datset"], "did you mean acutctl dataset?"),
+                        (["statsu"], "did you mean acutctl status?"), (["subm", "x"], "did you mean acutctl submit?"),
+                        (["log", "valley"], "did you mean acutctl dataset log?"), (["dataset", "craete", "x"], "did you mean create?"),
+                        (["cache", "stats"], "did you mean stat?"), (["geoid", "ad", "x"], "did you mean add?"),
+                        (["mesh", "a", "--retruns", "all"], "did you mean --returns?"), (["mesh", "a", "--grund"], "did you mean --ground?"),
+                        (["mesh", "a", "--max-egde=3"], "did you mean --max-edge?"), (["mesh", "a", "--returns", "frist"], "did you mean first?"),
+                        (["mesh", "a", "--duplicates=higest"], "did you mean highest?"), (["submit", "a", "--priority", "hgih"], "did you mean high?"),
+                        (["help", "mehs"], "did you mean acutctl mesh?")):
+        out, err = expect(words, 2, said)
+        check("one sentence and a hint: " + " ".join(words), len(err.splitlines()) == 2 and err.startswith("acutctl: there is no ")
+              or " is " in err.splitlines()[0], err)
+    for words in (["xyzzy"], ["mesh", "a", "--xyzzy"], ["dataset", "xyzzy", "a"], ["mesh", "a", "--returns", "xyzzy"]):
+        check("nothing is near " + words[-1], "did you mean" not in expect(words, 2)[1])
+
+
+def examples():
+    """The command lines that help shows are command lines: no usage error before a daemon is looked for."""
+    with tempfile.TemporaryDirectory(prefix="acut-cli-") as base:
+        for name in ("monday/a.xyz", "delivery-2/a.xyz", "survey.laz"):
+            os.makedirs(os.path.dirname(os.path.join(base, name)), exist_ok=True)
+            with open(os.path.join(base, name), "w") as f:
+                f.write("0 0 0\n")
+        for c in COMMANDS:
+            lines = re.findall(r"^  (acutctl (?:%s) ?.*)$" % c, run("help", c)[1].split("examples:")[-1].split("exit status:")[0], re.M)
+            check("help of %s has an example" % c, lines, c)
+            for line in lines:
+                got, out, err = run(*line.split()[1:], cwd=base)
+                check(line, got != 2, "%d %s" % (got, err))
+
+
+def plain():
+    """No escape sequence where nobody looks at a terminal, and none of a name anywhere."""
+    for words in (["help"], ["help", "mesh"], ["formats"], ["status"], ["mesh", "a\033[31mb\nc.las", "-o", "m.ply"], ["\033]0;x\007"],
+                  ["mesh", "--\033[1m"]):
+        out, err = run(*words, env={"CLICOLOR_FORCE": "1"})[1:]
+        check("no control characters: %r" % words, not re.search(r"[^\n\t\x20-\x7e]", out + err), repr(out + err))
+
+
 def man_page():
     """Every option of --help is in the man page, and the page has none that --help has not."""
     if not MAN:
@@ -291,6 +330,9 @@ with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
     wrong_daemon(d)
     slow_input(d)
 texts()
+suggestions()
+examples()
+plain()
 man_page()
 print("%d passed, %d failed" % (passed, failed))
 sys.exit(1 if failed else 0)

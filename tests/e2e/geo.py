@@ -469,7 +469,7 @@ def what_files_are():
         i = d.ctl("info", las(base + "/none.las", points, scale=(0.01,) * 3), "--json").ok().json()
         expect(i["place"] is None and i["hull"]["area_m2"] is None and i["density"]["points_m2"] is None and
                abs(i["hull"]["area_units"] - 1e4) < 1e-3 and i["differences"] == [], i)
-        expect("place   unknown" in d.ctl("info", base + "/none.las").ok().out, "text of the unknown")
+        expect("  place     unknown" in d.ctl("info", base + "/none.las").ok().out, "text of the unknown")
         i = d.ctl("info", las(base + "/zero.las", []), "--json").ok().json()
         expect(i["records"] == 0 and i["record_min"] == [None] * 3 and i["place"] is None, i)
         i = d.ctl("info", las(base + "/deg.las", cloud(-17, 179.9995), geographic()), "--json").ok().json()
