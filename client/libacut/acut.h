@@ -201,6 +201,9 @@ struct acut_push_input {
 	const char *name;
 	const char *path;       /* absolute: who it is; NULL: unknown, always taken. Only read while sending. */
 };
+/* acut_push_probe and acut_push_file with what tells who the input is. Its descriptor stays the caller's here. */
+int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);
+int acut_push_file_input(struct acut_push *, const struct acut_push_input *, const struct acut_file_result **ret);
 /* Callbacks for each of n inputs, in their order. They must not call on the connection. */
 struct acut_push_each {
 	/* Opens input i. 1: it is left out; negative: the call ends. */

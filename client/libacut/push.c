@@ -243,16 +243,15 @@ static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 	return 0;
 }
 
-static int file_ask(struct acut_push *push, bool probe, int fd, const char *name)
+static int file_ask(struct acut_push *push, bool probe, const struct acut_push_input *in)
 {
-	const struct acut_push_input in = {.fd = fd, .name = name};
 	struct acut *a = push->acut;
 	Acut__V1__Message *m;
 	uint32_t id;
 	int r = call_begin(a);
 
 	if (r == 0)
-		r = file_send(push, probe, &in, &id);
+		r = file_send(push, probe, in, &id);
 	if (r < 0)
 		return r;
 	a->progress = push->progress;
@@ -261,22 +260,32 @@ static int file_ask(struct acut_push *push, bool probe, int fd, const char *name
 	return r < 0 ? r : file_result(a, probe, m);
 }
 
-int acut_push_probe(struct acut_push *push, int fd, const char *name, const struct acut_probe **ret)
+int acut_push_probe_input(struct acut_push *push, const struct acut_push_input *in, const struct acut_probe **ret)
 {
-	int r = file_ask(push, true, fd, name);
+	int r = file_ask(push, true, in);
 
 	if (r == 0)
 		*ret = &push->acut->probe;
 	return r;
 }
 
-int acut_push_file(struct acut_push *push, int fd, const char *name, const struct acut_file_result **ret)
+int acut_push_file_input(struct acut_push *push, const struct acut_push_input *in, const struct acut_file_result **ret)
 {
-	int r = file_ask(push, false, fd, name);
+	int r = file_ask(push, false, in);
 
 	if (r == 0)
 		*ret = &push->acut->file;
 	return r;
+}
+
+int acut_push_probe(struct acut_push *push, int fd, const char *name, const struct acut_probe **ret)
+{
+	return acut_push_probe_input(push, &(struct acut_push_input){.fd = fd, .name = name}, ret);
+}
+
+int acut_push_file(struct acut_push *push, int fd, const char *name, const struct acut_file_result **ret)
+{
+	return acut_push_file_input(push, &(struct acut_push_input){.fd = fd, .name = name}, ret);
 }
 
 /* ---- many files at once ---- */

@@ -1,0 +1,57 @@
+"""Files of a backup that come, and files of an export that go."""
+import os
+from dataclasses import dataclass
+from typing import Any, List
+
+from . import _abi as abi
+from . import _library
+from ._errors import InputError
+from ._library import State, decoded, guard
+
+
+@dataclass(frozen=True)
+class BackupFile:
+    """One file of a backup. It can be read (os.dup, os.pread, shutil) until the function that got it returns."""
+    name: str      # relative, with "/"; nothing in it climbs
+    size: int
+    lasting: bool  # a file of this name never has other bytes
+    fd: int
+
+    def fileno(self) -> int:
+        return self.fd
+
+
+def backup_sink(state: State, each: Any) -> Any:
+    def file(ctx: int, at: int) -> None:
+        f = abi.acut_backup_file.from_address(at)
+        each(BackupFile(decoded(f.name), f.size, f.lasting, f.fd))
+
+    sink = abi.acut_backup_sink()
+    sink.file = dict(abi.acut_backup_sink._fields_)["file"](guard(state, file, 2))
+    return sink
+
+
+class Giver:
+    """The files of an exported dataset, "manifest" first, one after the other."""
+
+    def __init__(self, state: State, folder: str) -> None:
+        segments = sorted(n for n in os.listdir(folder) if n.endswith(".seg") and not n.startswith("."))
+        if not os.path.exists(os.path.join(folder, "manifest")):
+            raise InputError("there is no file manifest in this folder", file=folder,
+                             hint="give a folder that acutctl dataset export has written to its end")
+        self.folder, self.names, self.fd, self.text = folder, ["manifest"] + segments, -1, b""  # type: str, List[str], int, bytes
+        kind = _library.library().acut_import.argtypes[2]
+        self.next = kind(guard(state, self._next, 3))
+
+    def _next(self, ctx: int, ret_name: int, ret_fd: int) -> None:
+        self.close()
+        if self.names:
+            name = self.names.pop(0)
+            self.fd, self.text = os.open(os.path.join(self.folder, name), os.O_RDONLY | os.O_CLOEXEC), os.fsencode(name)
+            abi.c_char_p.from_address(ret_name).value = self.text
+            abi.c_int.from_address(ret_fd).value = self.fd
+
+    def close(self) -> None:
+        if self.fd >= 0:
+            os.close(self.fd)
+        self.fd = -1

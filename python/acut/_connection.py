@@ -1,0 +1,384 @@
+"""The connection: what acutctl can be asked for, as methods."""
+import contextlib
+import ctypes
+import functools
+import os
+import weakref
+from typing import Any, Callable, Iterable, Iterator, List, Optional, TypeVar, Union
+
+from . import _abi as abi
+from . import _library
+from . import _results as results
+from ._backup import BackupFile, Giver, backup_sink
+from ._errors import InputError, UsageError, from_failure
+from ._library import Exclusive, State, decoded, encoded, guard
+from ._mesh import Fetch, Mesh, progress_function
+from ._push import Push, push_options
+from ._results import take
+from ._view import Area, view_text, window_text
+
+SYSTEM_SOCKET = "/run/acut/acutd.sock"
+
+T = TypeVar("T")
+Path = Union[str, "os.PathLike[str]"]
+JobOrId = Union[int, results.Job]
+OnProgress = Optional[Callable[[results.Progress], None]]
+
+
+def connect(socket: Optional[Path] = None, *, program: str = "python3-acut", timeout: float = 0) -> "Connection":
+    """A connection to acutd: at `socket`, else at $ACUT_SOCKET, else at /run/acut/acutd.sock.
+
+    with acut.connect() as server:
+        print(server.ping())
+
+    program  what the daemon's log calls this program
+    timeout  seconds without a sign of life while a call waits, before it raises TimedOutError; 0: for ever
+    """
+    return Connection(socket, program=program, timeout=timeout)
+
+
+class Connection:
+    """A connection to acutd (see connect). Close it, or use it as a context manager; dropped, it is closed as well.
+
+    One thread at a time: give each thread a connection of its own; a call while another one runs raises UsageError. Calls
+    wait for the answer and can be interrupted by Ctrl-C. What a progress function raises ends the call and is raised by
+    it; the connection can be used on. Failures are exceptions below acut.Error.
+    """
+
+    def __init__(self, socket: Optional[Path] = None, *, program: str = "python3-acut", timeout: float = 0) -> None:
+        path = socket or os.environ.get("ACUT_SOCKET") or SYSTEM_SOCKET
+        lib = _library.library()
+        self._state = state = State()
+        options = abi.acut_options(encoded(program), float(timeout))
+        options.interrupted = dict(abi.acut_options._fields_)["interrupted"](guard(state, state.interrupted, 1))
+        state.keep.append(options)
+        self._closed = weakref.finalize(self, _library.close, state)
+        try:
+            state.ask(lib.acut_connect, encoded(path), ctypes.byref(options), ctypes.byref(state.handle))
+        except BaseException:
+            self.close()
+            raise
+        self.socket = os.fspath(path)
+
+    # ---- itself ----
+
+    def close(self) -> None:
+        """Closes it; twice is fine. Jobs go on, but for those that are bound to it."""
+        with self._state.lock:
+            self._closed()
+
+    def __enter__(self) -> "Connection":
+        return self
+
+    def __exit__(self, *exc: Any) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return "<acut.Connection %s%s>" % (getattr(self, "socket", ""), "" if self._closed.alive else ", closed")
+
+    def fileno(self) -> int:
+        """The socket, to poll for reading between calls."""
+        with Exclusive(self._state):
+            return _library.library().acut_fd(self._state.handle)
+
+    @property
+    def daemon_build(self) -> str:
+        """Build id of the other side."""
+        with Exclusive(self._state):
+            return decoded(_library.library().acut_daemon_build(self._state.handle))
+
+    def ping(self) -> float:
+        """Seconds until an answer."""
+        seconds = ctypes.c_double()
+        self._call("ping", ctypes.byref(seconds))
+        return seconds.value
+
+    def status(self) -> results.Status:
+        """The daemon: version, memory, threads, jobs, disk."""
+        return self._ask("status", abi.acut_status, convert=results.status)
+
+    # ---- how calls are made ----
+
+    def _call(self, name: str, *arguments: Any) -> None:
+        self._state.call(getattr(_library.library(), "acut_" + name), *arguments)
+
+    def _ask(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
+        """The answer is a pointer, good until the next call."""
+        ret = ctypes.POINTER(struct)()
+        with Exclusive(self._state):
+            self._state.ask(getattr(_library.library(), "acut_" + name), self._state.handle, *arguments, ctypes.byref(ret))
+            return convert(ret.contents)
+
+    def _fill(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
+        """The answer is put where the caller says."""
+        ret = struct()
+        with Exclusive(self._state):
+            self._state.ask(getattr(_library.library(), "acut_" + name), self._state.handle, *arguments, ctypes.byref(ret))
+            return convert(ret)
+
+    def _list(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> List[T]:
+        """A function is called for each row."""
+        found: List[T] = []
+        each = abi.acut_progress_fn(
+            guard(self._state, lambda ctx, at: found.append(convert(struct.from_address(at))), 2))
+        self._call(name, *arguments, each, None)
+        return found
+
+    # ---- datasets ----
+
+    def datasets(self, *, removed: bool = False) -> List[results.Dataset]:
+        """All datasets, by name; or those that were removed and can be restored."""
+        convert = functools.partial(take, results.Dataset)
+        if removed:
+            return self._list("datasets_removed", abi.acut_dataset, convert=convert)
+        return self._list("datasets", abi.acut_dataset, None, convert=convert)
+
+    def dataset(self, name: str, *, at: int = 0) -> results.Dataset:
+        """One dataset, now or as it was in a generation. NotFoundError: there is none."""
+        return self._fill("dataset_at", abi.acut_dataset, encoded(name), at, convert=functools.partial(take, results.Dataset))
+
+    def create_dataset(self, name: str, *, scale: Any = None, crs: Optional[str] = None) -> None:
+        """A dataset before its first push. scale: "0.01" or "0.01,0.001"; crs: "EPSG:n", a WKT, or a name."""
+        xy, _, z = str(scale).partition(",") if scale is not None else (None, None, None)
+        self._call("dataset_create", encoded(name), encoded(xy), encoded(z or None), encoded(crs))
+
+    def dataset_log(self, name: str, *, files: bool = False) -> List[results.Generation]:
+        """The generations of a dataset, oldest first; files: with what each added and removed, as `changes`."""
+        found: List[Any] = []
+        changes: List[Any] = []
+
+        def generation(ctx: int, at: int) -> None:
+            nonlocal changes
+            changes = []
+            found.append(take(results.Generation, abi.acut_generation.from_address(at), changes=changes))
+
+        def file(ctx: int, at: int) -> None:
+            changes.append(take(results.LogFile, abi.acut_log_file.from_address(at)))
+
+        sink, kinds = abi.acut_log_sink(), dict(abi.acut_log_sink._fields_)
+        sink.generation = kinds["generation"](guard(self._state, generation, 2))
+        if files:
+            sink.file = kinds["file"](guard(self._state, file, 2))
+        self._call("dataset_log", encoded(name), ctypes.byref(sink))
+        return found
+
+    def _change(self, verb: str, name: str, id: int = 0, new: Optional[str] = None) -> results.Dataset:
+        return self._fill("dataset_change", abi.acut_dataset, encoded(verb), encoded(name), id, encoded(new),
+                          convert=functools.partial(take, results.Dataset))
+
+    def remove_dataset(self, name: str) -> results.Dataset:
+        """Hides it; until `until` it can be restored."""
+        return self._change("remove", name)
+
+    def restore_dataset(self, name: str, *, as_: Optional[str] = None) -> results.Dataset:
+        """Brings a removed one back, by name or by number (as a text), under another name if `as_` says one."""
+        return self._change("restore", name, int(name) if name.isdigit() else 0, as_)
+
+    def pin_dataset(self, name: str) -> results.Dataset:
+        """It can be neither removed nor pruned then."""
+        return self._change("pin", name)
+
+    def unpin_dataset(self, name: str) -> results.Dataset:
+        """Takes the pin away."""
+        return self._change("unpin", name)
+
+    def revert(self, dataset: str, generation: int = 0) -> results.Reverted:
+        """Undoes one generation, the newest if none is said, by a new one."""
+        return self._fill("dataset_revert", abi.acut_reverted, encoded(dataset), generation,
+                          convert=functools.partial(take, results.Reverted))
+
+    def prune(self, dataset: str, *, keep: int = 0, before: int = 0) -> results.Pruned:
+        """All generations but the newest `keep` go, or all before generation `before`."""
+        return self._fill("dataset_prune", abi.acut_pruned, encoded(dataset), keep, before,
+                          convert=functools.partial(take, results.Pruned))
+
+    def push(self, dataset: str, inputs: Any, *, scale: Any = None, format: Optional[str] = None,
+             columns: Optional[str] = None, assume_crs: Optional[str] = None, assume_units: Optional[str] = None,
+             utm: Optional[str] = None, geoid: Optional[str] = None, geoid_way: Optional[str] = None, planar: bool = False,
+             accept_truncated: bool = False, strict: bool = False, checksum: bool = False, add: bool = False,
+             replace: bool = False, replaces: Optional[str] = None, progress: OnProgress = None) -> results.Pushed:
+        """Files into a dataset, which comes to be with its first push; visible all at once, with the commit.
+
+        inputs   a path, an open binary file or a descriptor, or several of them. Files are opened here, with the rights
+                 of this program. What cannot be sought (a pipe, an io.BytesIO) is copied from a thread.
+        strict   one refused input refuses all; else refused ones are in the result's `refused`, and only when there is
+                 no good one its error is raised
+        progress called with a Progress now and then
+        The others are the options of acutctl push. A push that breaks off keeps what it has on the daemon's disk: the
+        same push again goes on with it.
+        """
+        if add and (replace or replaces):
+            raise UsageError("add takes a file beside the old one, replace in its place: both at once are nothing")
+        many = isinstance(inputs, Iterable) and not isinstance(inputs, (str, bytes)) and not hasattr(inputs, "read")
+        inputs = list(inputs) if many else [inputs]
+        if not inputs:
+            raise UsageError("there is no input to push")
+        if replaces is not None and len(inputs) != 1:
+            raise UsageError("replaces is about one input, there are %d" % len(inputs))
+        with Exclusive(self._state):
+            options = push_options(self._state, dataset, scale, assume_units, progress, format=format, columns=columns,
+                                   assume_crs=assume_crs, utm=utm, geoid=geoid, geoid_way=geoid_way, planar=planar,
+                                   accept_truncated=accept_truncated, checksum=checksum, add=add, replace=replace,
+                                   replaces=replaces)
+            return Push(self._state, inputs, strict, options).run()
+
+    def info(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None) -> results.Info:
+        """What the header of a file says; `file` is a path or an open file."""
+        with _opened(file) as (fd, name):
+            return self._ask("info", abi.acut_probe, fd, name, encoded(format), encoded(columns),
+                             convert=functools.partial(take, results.Info))
+
+    def inspect(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None) -> results.Inspected:
+        """What is in the records of a file: all of it is read."""
+        with _opened(file) as (fd, name):
+            return self._ask("inspect", abi.acut_inspected, fd, name, encoded(format), encoded(columns),
+                             convert=results.inspected)
+
+    # ---- jobs ----
+
+    def submit(self, dataset: str, *, at: int = 0, priority: Optional[str] = None, new: bool = False, bound: bool = False,
+               view: Optional[str] = None, **words: Any) -> results.Job:
+        """A job that meshes a dataset, which outlives this connection; the same job as before, if there is one.
+
+        at        of this generation, not the newest
+        priority  "low", "normal" or "high"
+        new       a job of its own, even if there is the same already
+        bound     it ends with this connection
+        words     the view, in the words of acut.view_text: server.submit("valley", ground=True, crop=(0, 0, 500, 500))
+        view      its text instead, as Job.view has it
+        """
+        what = abi.acut_submission(encoded(dataset), at, _view(view, words), encoded(priority), bound, new)
+        return self._ask("submit_job", abi.acut_job, ctypes.byref(what), convert=results.job)
+
+    def wait(self, job: JobOrId, *, changed: Optional[Callable[[results.Job], None]] = None,
+             check: bool = True) -> results.Job:
+        """The job when it is over. A failed one raises its error, unless check is False. changed: called at each change."""
+        return self._wait(job, True, changed, check)
+
+    def job(self, job: JobOrId) -> results.Job:
+        """What is known of a job now."""
+        return self._wait(job, False, None, False)
+
+    def _wait(self, job: JobOrId, follow: bool, changed: Any, check: bool) -> results.Job:
+        kind = abi.acut_progress_fn
+        call = kind() if changed is None else kind(
+            guard(self._state, lambda ctx, at: changed(results.job(abi.acut_job.from_address(at))) and None, 2))
+        found = self._ask("job_wait", abi.acut_job, _id(job), follow, call, None, convert=results.job)
+        if check and found.error is not None:
+            raise found.error
+        return found
+
+    def jobs(self) -> List[results.Job]:
+        """All jobs that this user may see."""
+        return self._list("jobs", abi.acut_job, convert=results.job)
+
+    def cancel(self, job: JobOrId) -> results.Job:
+        """Ends a job that is not done."""
+        return self._ask("job_cancel", abi.acut_job, _id(job), convert=results.job)
+
+    def remove_job(self, job: JobOrId) -> None:
+        """Forgets a job that is over."""
+        self._call("job_remove", _id(job))
+
+    def plan(self, dataset: str, *, at: int = 0, view: Optional[str] = None, **words: Any) -> results.Plan:
+        """Domains, memory, disk and time of a job; starts nothing. The words are those of submit."""
+        return self._ask("plan", abi.acut_plan, encoded(dataset), at, _view(view, words),
+                         convert=functools.partial(take, results.Plan))
+
+    # ---- meshes ----
+
+    def fetch(self, job: JobOrId = 0, *, since: int = 0, bbox: Any = None, polygon: Optional[Area] = None,
+              resume: Optional[bytes] = None, progress: OnProgress = None) -> Fetch:
+        """The mesh of a job as an iterator of blocks, also while the job runs.
+
+        since    only what differs from the mesh of that generation (see Fetch.base and Fetch.gone)
+        bbox, polygon  only the triangles that meet this area
+        resume   goes on where Fetch.state() of an earlier fetch was taken; then no job is said
+        progress called with a Progress while the job runs
+        """
+        area = window_text(bbox, polygon)
+        self._call("fetch_window", encoded(area))
+        return Fetch(self._state, _id(job), since, resume, progress)
+
+    def mesh(self, job: JobOrId, *, bbox: Any = None, polygon: Optional[Area] = None, progress: OnProgress = None) -> Mesh:
+        """The whole mesh of a job in memory; waits until it is made."""
+        return Mesh(self.fetch(job, bbox=bbox, polygon=polygon, progress=progress))
+
+    # ---- geoid grids, disk, backups ----
+
+    def geoids(self) -> List[results.Geoid]:
+        """The geoid grids that the daemon keeps, by name."""
+        return self._list("geoids", abi.acut_geoid, convert=functools.partial(take, results.Geoid))
+
+    def add_geoid(self, file: Any, *, name: Optional[str] = None) -> results.Geoid:
+        """A checked copy of GeographicLib's PGM file, under its own name without the ending or `name`."""
+        with _opened(file) as (fd, text):
+            stem = os.path.splitext(os.path.basename(os.fsdecode(text)))[0]
+            return self._ask("geoid_add", abi.acut_geoid, fd, encoded(name or stem), text,
+                             convert=functools.partial(take, results.Geoid))
+
+    def remove_geoid(self, name: str) -> None:
+        """Forgets a grid."""
+        self._call("geoid_remove", encoded(name))
+
+    def cache_stat(self) -> results.CacheStat:
+        """What lies on the daemon's disk."""
+        return self._ask("cache_stat", abi.acut_cache_stat, convert=results.cache_stat)
+
+    def cache_verify(self, *, progress: OnProgress = None) -> results.Verified:
+        """Reads everything that the daemon keeps; what is damaged is in the result."""
+        damages: List[results.Damage] = []
+
+        def damage(ctx: int, at: int) -> None:
+            d = abi.acut_cache_damage.from_address(at)
+            damages.append(take(results.Damage, d, error=from_failure(d.error)))
+
+        each = abi.acut_progress_fn(guard(self._state, damage, 2))
+        return self._fill("cache_verify", abi.acut_cache_verified, each, progress_function(self._state, progress), None,
+                          convert=lambda s: take(results.Verified, s, damages=damages))
+
+    def cache_gc(self, *, all: bool = False) -> int:
+        """Makes room; all: everything that can be made again goes. The bytes that went."""
+        gone, entries = ctypes.c_uint64(), ctypes.c_uint64()
+        self._call("cache_gc", all, ctypes.byref(gone), ctypes.byref(entries))
+        return gone.value
+
+    def backup(self, each: Callable[[BackupFile], Any], *, dataset: Optional[str] = None) -> None:
+        """Calls each(file) for the files of all that was pushed, as of now; or of one dataset, "manifest" last.
+
+        acutctl backup and acutctl dataset export keep folders of these; this is for who keeps them elsewhere.
+        """
+        self._call("backup", encoded(dataset), ctypes.byref(backup_sink(self._state, each)))
+
+    def import_dataset(self, folder: Path, name: Optional[str] = None) -> results.Imported:
+        """A new dataset of the folder that acutctl dataset export has written; named after it, if no name is said."""
+        folder = os.fspath(folder)
+        with contextlib.closing(Giver(self._state, folder)) as giver:
+            return self._ask("import", abi.acut_imported, encoded(name or os.path.basename(os.path.abspath(folder))),
+                             giver.next, None, convert=functools.partial(take, results.Imported))
+
+
+def _id(job: JobOrId) -> int:
+    return job.id if isinstance(job, results.Job) else int(job)
+
+
+def _view(text: Optional[str], words: Any) -> Optional[bytes]:
+    if text is not None and words:
+        raise UsageError("a view is said by its text or by its words, not by both")
+    return encoded(text if text is not None else view_text(**words))
+
+
+@contextlib.contextmanager
+def _opened(file: Any) -> Iterator[Any]:
+    """(descriptor, name) of a path or an open file."""
+    if hasattr(file, "fileno"):
+        yield file.fileno(), encoded(str(getattr(file, "name", "file")))
+        return
+    try:
+        fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
+    except OSError as e:
+        raise InputError("it cannot be opened: %s" % e.strerror, file=os.fsdecode(file)) from e
+    try:
+        yield fd, encoded(file)
+    finally:
+        os.close(fd)

@@ -1,0 +1,440 @@
+"""What calls give: plain, frozen objects of their own memory. Names are those of acut.h; times are datetimes in UTC."""
+import ctypes
+import dataclasses
+import datetime
+from dataclasses import dataclass
+from typing import Any, Dict, List, Optional, Tuple, Type, TypeVar
+
+from ._errors import Error, from_failure
+from ._library import decoded
+
+T = TypeVar("T")
+Three = Tuple[float, float, float]
+
+
+def take(cls: Type[T], struct: Any, **more: Any) -> T:
+    """The fields of a dataclass from those of a struct of the same names; "submitted" also from "submitted_us"."""
+    given: Dict[str, Any] = dict(more)
+    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+        name = field.name
+        if name in given:
+            continue
+        if hasattr(struct, name):
+            given[name] = plain(getattr(struct, name))
+        elif hasattr(struct, name + "_us"):
+            given[name] = _time(getattr(struct, name + "_us"))
+    return cls(**given)
+
+
+def plain(value: Any) -> Any:
+    if value is None:
+        return ""
+    if isinstance(value, bytes):
+        return decoded(value)
+    if isinstance(value, ctypes.Array):
+        return tuple(plain(v) for v in value)
+    return value
+
+
+def rows(cls: Type[T], pointer: Any, count: int) -> List[T]:
+    return [take(cls, pointer[i]) for i in range(count)]
+
+
+def _time(us: int) -> Optional[datetime.datetime]:
+    epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+    return epoch + datetime.timedelta(microseconds=us) if us else None
+
+
+# ---- the daemon ----
+
+@dataclass(frozen=True)
+class LedgerEntry:
+    name: str
+    bytes: int  # held now
+    peak: int   # the most since the start; 0 in a holder's list
+
+
+@dataclass(frozen=True)
+class Holder:
+    kind: str  # "job", "fetch", "plan", "push", "info" or "connection"
+    what: str  # the dataset, or ""
+    id: int
+    uid: int
+    pid: int
+    held: List[LedgerEntry]
+
+
+@dataclass(frozen=True)
+class Side:
+    """The file system of one of the daemon's folders, and what counts there."""
+    known: bool
+    has_quota: bool
+    used: int
+    quota: int
+    total: int
+    free: int
+    keep_free: int
+
+
+@dataclass(frozen=True)
+class Status:
+    version: str
+    state_dir: str
+    cache_dir: str
+    pid: int
+    memory: int
+    peak_rss_bytes: int
+    rss_bytes: int
+    threads: int
+    jobs_running: int
+    jobs_waiting: int
+    connections: int
+    uptime_seconds: float
+    pipe_capacity: int
+    ledger_peak: int
+    disk_limit: str
+    keep_free_limit: str
+    one_file_system: bool
+    holders_more: int
+    ledger: List[LedgerEntry]
+    holders: List[Holder]
+    state_side: Side
+    cache_side: Side
+
+
+def status(s: Any) -> Status:
+    holders = [take(Holder, h, held=rows(LedgerEntry, h.held, h.nheld)) for h in s.holders[:s.nholders]]
+    return take(Status, s, ledger=rows(LedgerEntry, s.ledger, s.nledger), holders=holders,
+                state_side=take(Side, s.state_side), cache_side=take(Side, s.cache_side))
+
+
+@dataclass(frozen=True)
+class Progress:
+    phase: str  # "stage", "seal", "select", "mesh"
+    points: int
+    points_total: int
+    domains: int
+    domains_total: int
+    seconds_left: float  # 0: not known
+    waiting: str         # what a job waits for, in words; "": nothing
+
+
+# ---- datasets ----
+
+@dataclass(frozen=True)
+class Dataset:
+    name: str
+    generation: int
+    points: int
+    bytes: int
+    files: int
+    uid: int
+    lattice: str
+    crs: str
+    unit_xy: str
+    unit_z: str
+    min: Three  # NaN where the daemon does not say
+    max: Three
+    created: Optional[datetime.datetime]
+    pushed: Optional[datetime.datetime]
+    removed: Optional[datetime.datetime]  # None: it is there
+    until: Optional[datetime.datetime]    # else until when it can be restored
+    pending: str     # an interrupted push, in words
+    pinned: bool
+    merging: bool
+    id: int
+    oldest: int      # generation that can be read
+    segments: int
+
+
+@dataclass(frozen=True)
+class LogFile:
+    name: str
+    path: str   # as the client saw it; "": a pipe, or not for this user
+    hash: str   # XXH3-128 of its bytes; "": not known
+    points: int
+    size: int
+    source: int
+    removed: bool  # by the generation, not added
+
+
+@dataclass(frozen=True)
+class Generation:
+    number: int
+    kind: str    # "push", "revert", "replace", "prune", "import"
+    undoes: int  # the generation that it undoes, or up to which was pruned; 0: none
+    time: Optional[datetime.datetime]
+    user: str
+    uid: int
+    content: str
+    points_added: int
+    points_removed: int
+    files: int
+    files_removed: int
+    readable: bool
+    changes: List[LogFile] = dataclasses.field(default_factory=list)  # the files themselves, where they were asked for
+
+
+@dataclass(frozen=True)
+class Reverted:
+    generation: int
+    undone: int
+    points: int
+    files: int
+    files_removed: int
+    points_added: int
+    points_removed: int
+
+
+@dataclass(frozen=True)
+class Pruned:
+    oldest: int
+    generations: int
+    files: int
+    points: int
+    bytes: int
+    segments: int
+
+
+@dataclass(frozen=True)
+class Imported:
+    dataset: str
+    generation: int
+    points: int
+
+
+# ---- push ----
+
+@dataclass(frozen=True)
+class PushedFile:
+    """What became of one input."""
+    name: str
+    state: str  # "staged", "known" (there already), "adopted" (from an interrupted push), "refused"
+    points: int = 0
+    moved: int = 0  # points that were rounded to the lattice, by at most max_shift
+    max_shift: Three = (0.0, 0.0, 0.0)
+    replaced: int = 0  # files of the dataset, in the place of which it came
+    warning: str = ""
+    projected_from: str = ""
+    geoid: str = ""
+    bytes_read: int = 0
+    bytes: int = 0
+    partial: bool = False
+    error: Optional[Error] = None
+
+
+@dataclass(frozen=True)
+class Pushed:
+    """A push that is committed. Where files were refused, the others are in: look at `refused`."""
+    dataset: str
+    generation: int
+    points: int  # of the dataset, now
+    files: List[PushedFile]
+    note: str    # what became of an interrupted push before this one
+
+    @property
+    def refused(self) -> List[PushedFile]:
+        return [f for f in self.files if f.error is not None]
+
+    @property
+    def exit_status(self) -> int:
+        """What acutctl push ends with: 0, or 3 where files were refused."""
+        return 3 if self.refused else 0
+
+
+@dataclass(frozen=True)
+class Info:
+    """What the header of a file says."""
+    name: str
+    format: str
+    variant: str
+    crs: str
+    datum: str
+    epsg: int
+    epsg_z: int
+    unit_xy: str
+    unit_z: str
+    plane: str
+    warning: str
+    points: int
+    min: Three
+    max: Three
+    scale: Tuple[str, str, str]
+    offset: Tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class Inspected:
+    """What is in the records of a file."""
+    header: Info
+    points: int
+    distinct: int
+    min: Three
+    max: Three
+    classes: Dict[int, int]
+    returns: Dict[int, int]
+    return_counts: Dict[int, int]
+    flags: Dict[str, int]
+    hull_corners: int
+    hull_thinned: bool
+    hull_area: float
+    lattice: str
+    has_place: bool
+    no_place: str
+    area: float
+    perimeter: float
+    south: float
+    west: float
+    north: float
+    east: float
+    mgrs: str
+    differences: List[str]
+
+
+def inspected(s: Any) -> Inspected:
+    def counts(array: Any) -> Dict[int, int]:
+        return {i: n for i, n in enumerate(array) if n}
+
+    return take(Inspected, s, header=take(Info, s.header), classes=counts(s.classes), returns=counts(s.returns),
+                return_counts=counts(s.return_counts),
+                flags=dict(zip(("withheld", "synthetic", "key-point", "overlap"), s.flags)),
+                differences=[decoded(s.difference[i]) for i in range(s.ndifference)])
+
+
+@dataclass(frozen=True)
+class Geoid:
+    name: str
+    hash: str
+    description: str
+    date: str
+    width: int
+    height: int
+    uid: int
+    bytes: int
+    min: float
+    max: float
+    rms_error: float
+    max_error: float
+
+
+# ---- the disk ----
+
+@dataclass(frozen=True)
+class CacheKind:
+    name: str
+    bytes: int
+    entries: int
+    state: bool
+
+
+@dataclass(frozen=True)
+class CacheStat:
+    kinds: List[CacheKind]
+    state: Side
+    cache: Side
+    one_file_system: bool
+    measured: bool
+    disk_limit: str
+    keep_free_limit: str
+    evicted_bytes: int
+    evicted_entries: int
+
+
+def cache_stat(s: Any) -> CacheStat:
+    return take(CacheStat, s, kinds=rows(CacheKind, s.kinds, s.nkinds), state=take(Side, s.state), cache=take(Side, s.cache))
+
+
+@dataclass(frozen=True)
+class Damage:
+    what: str
+    dataset: str
+    derived: bool
+    removed: bool
+    error: Error
+
+
+@dataclass(frozen=True)
+class Verified:
+    files: int
+    bytes: int
+    damaged: int
+    derived: int
+    damages: List[Damage]
+
+
+# ---- jobs ----
+
+@dataclass(frozen=True)
+class Report:
+    points: int
+    used: int
+    vertices: int
+    triangles: int
+    hull: int
+    domains: int
+    domains_reused: int
+    halo: int
+    points_read: int
+    cells_read: int
+    peak_rss_bytes: int
+    digest: str
+    vertex_digest: str
+    seconds: float
+    stage_seconds: float
+    seal_seconds: float
+    plan_seconds: float
+    domains_seconds: float
+    first_triangle_seconds: float
+    window: bool
+    note: str
+    removed: Dict[str, int]  # points, by the rule that left them out
+
+
+@dataclass(frozen=True)
+class Job:
+    id: int
+    dataset: str
+    generation: int
+    view: str
+    state: str
+    lattice: str
+    crs: str
+    unit_xy: str
+    unit_z: str
+    uid: int
+    pid: int
+    submitted: Optional[datetime.datetime]
+    finished: Optional[datetime.datetime]
+    progress: Progress
+    priority: str
+    waiting: str
+    lacks_space: int
+    position: int
+    final: bool
+    report: Optional[Report]
+    error: Optional[Error]  # why it failed; not raised here
+
+    def __index__(self) -> int:
+        return self.id
+
+
+def job(s: Any) -> Job:
+    report = None
+    if s.has_report:
+        r = s.report
+        report = take(Report, r, removed={decoded(r.removed[i].rule): r.removed[i].count for i in range(r.nremoved)})
+    return take(Job, s, progress=take(Progress, s.progress), report=report,
+                error=from_failure(s.error) if s.has_error else None)
+
+
+@dataclass(frozen=True)
+class Plan:
+    points: int
+    domains: int
+    domains_reused: int
+    memory_bytes: int
+    disk_bytes: int
+    exact: bool
+    seconds: float
+    load: int
+    threads: int

@@ -1,0 +1,297 @@
+"""Views from keyword arguments, in the words of the command line (acutctl(1), "Views"; PROTOCOL.md, "Views").
+
+What is typed goes as it stands, as an exact decimal: the daemon knows the lattice and the unit. Here only what
+contradicts itself is refused, as acutctl does, and areas become text.
+"""
+import json
+import os
+import re
+from decimal import Decimal, InvalidOperation
+from typing import Any, Iterable, List, Mapping, Optional, Tuple, Union
+
+from ._errors import InputError, LimitError, UsageError
+
+Number = Union[int, float, str, Decimal]
+Box = Tuple[Number, Number, Number, Number]
+Area = Union[str, "os.PathLike[str]", Mapping[str, Any], Box]
+
+_TEXT_MOST = 49152
+_CODE = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_."
+
+
+def view_text(*, class_: Any = None, not_class: Any = None, ground: bool = False, surface: bool = False,
+              returns: Optional[str] = None, keep_withheld: bool = False, keep_noise: bool = False,
+              drop_overlap: bool = False, duplicates: Optional[str] = None, zmin: Optional[Number] = None,
+              zmax: Optional[Number] = None, crop: Optional[Area] = None, bbox: Optional[Any] = None,
+              polygon: Optional[Area] = None, every: Optional[int] = None, thin: Optional[Number] = None,
+              thin_pick: Optional[str] = None) -> str:
+    """The text of the view that these words ask for: view_text(ground=True, crop=(0, 0, 500, 500)).
+
+    class_, not_class  classes: 2, [2, 8] or "2-5,9"; class_ has its underscore because `class` is Python's
+    ground             classes 2 and 8 and key-points, the lowest of a position
+    surface            first returns, the highest of a position
+    returns            "all", "first" or "last"
+    duplicates         "lowest" or "highest" point of a position
+    keep_withheld, keep_noise, drop_overlap   as the options of acutctl
+    zmin, zmax         heights in the units of the files
+    crop               only points inside: (x1, y1, x2, y2) or the same as a text, GeoJSON as a mapping, or the path of a
+                       file of GeoJSON or WKT
+    bbox, polygon      only those triangles of the whole mesh that meet this area; bbox is a box, polygon anything of crop
+    every              about one position of so many
+    thin               one point a square cell of this side: 10 in file units, or "10m", "30ft", "30ftUS"
+    thin_pick          "lowest", "highest" or "median" point of a cell
+    """
+    _check_words("returns", returns, ("all", "first", "last"))
+    _check_words("duplicates", duplicates, ("lowest", "highest"))
+    _check_words("thin_pick", thin_pick, ("lowest", "highest", "median"))
+    highest = duplicates == "highest"
+    if thin_pick and thin is None:
+        raise UsageError("thin_pick says which point of a cell is taken, and there are no cells", hint="give thin too")
+    if ground and surface:
+        raise UsageError("a mesh cannot be of the ground and of the surface at once",
+                         hint="submit two jobs on one dataset: they share its points")
+    if surface and returns == "last":
+        raise UsageError("the surface is made of first returns, not of last ones")
+    if surface and duplicates and not highest:
+        raise UsageError("the surface is the highest of several points of one position",
+                         hint='use returns="first", duplicates="lowest"')
+    if ground and highest:
+        raise UsageError("the ground is the lowest of several points of one position",
+                         hint='use class_="2,8", duplicates="highest"')
+    if zmin is not None and zmax is not None and _decimal(zmin, "zmin") > _decimal(zmax, "zmax"):
+        raise UsageError("zmin %s is above zmax %s: no height is left" % (zmin, zmax), hint="swap them")
+    words = ["ask 1"]
+    words += ["class=%s" % _classes(class_)] if class_ is not None else []
+    words += ["not-class=%s" % _classes(not_class)] if not_class is not None else []
+    words += ["ground"] if ground else []
+    words += ["returns=first"] if surface or returns == "first" else ["returns=last"] if returns == "last" else []
+    words += ["keep-withheld"] if keep_withheld else []
+    words += ["keep-noise"] if keep_noise else []
+    words += ["drop-overlap"] if drop_overlap else []
+    words += ["zmin=%s" % _plain(zmin, "zmin")] if zmin is not None else []
+    words += ["zmax=%s" % _plain(zmax, "zmax")] if zmax is not None else []
+    if every is not None:
+        if int(every) != every or every < 1:
+            raise UsageError("every is a whole number from 1, not %r" % (every,))
+        words.append("every=%d" % every)
+    if thin is not None:
+        words.append("thin=%s:%s" % (_cell(thin), thin_pick or ("highest" if surface or highest else "lowest")))
+    words += ["duplicates=highest"] if surface or highest else []
+    words += ["crop=%s" % area_text(crop)] if crop is not None else []
+    window = window_text(bbox, polygon)
+    words += ["window=%s" % window] if window else []
+    text = " ".join(words)
+    if len(text) >= _TEXT_MOST:
+        raise LimitError("the view takes %d bytes, more than the %d that fit" % (len(text), _TEXT_MOST))
+    return text
+
+
+def window_text(bbox: Any, polygon: Optional[Area]) -> Optional[str]:
+    """The area of bbox or polygon alone, as a fetch asks for it; None: there is none."""
+    if bbox is not None and polygon is not None:
+        raise UsageError("bbox and polygon are two areas, and one can be asked for")
+    if bbox is not None:
+        box = _box(bbox)
+        if box is None:
+            raise UsageError("bbox is not x1, y1, x2, y2: %r" % (bbox,), hint="polygon takes GeoJSON or a file")
+        return _box_text(box)
+    return area_text(polygon) if polygon is not None else None
+
+
+def area_text(area: Any) -> str:
+    """An area as a view has it: "box:..." or "area@E:RINGS"."""
+    if isinstance(area, Mapping):
+        return _rings_text(_polygons(area, ""))
+    box = _box(area)
+    if box is not None:
+        return _box_text(box)
+    if not isinstance(area, (str, os.PathLike)):
+        raise UsageError("an area is x1, y1, x2, y2, GeoJSON as a mapping, or the path of a file, not %r" % (area,))
+    with open(area, encoding="utf-8-sig") as f:
+        text = f.read()
+    try:
+        if text.lstrip().startswith("{"):
+            document = json.loads(text, parse_float=Decimal)
+            return _rings_text(_polygons(document, ""))
+        return _rings_text(_wkt(text))
+    except json.JSONDecodeError as e:
+        raise InputError("it starts as JSON and is not: %s" % e.msg, file=os.fspath(area), offset=e.pos) from None
+    except InputError as e:
+        e.file = os.fspath(area)
+        raise
+
+
+def _check_words(name: str, word: Optional[str], words: Iterable[str]) -> None:
+    if word is not None and word not in words:
+        raise UsageError("%s is %s, not %r" % (name, " or ".join('"%s"' % w for w in words), word))
+
+
+def _classes(value: Any) -> str:
+    text = value if isinstance(value, str) else str(value) if isinstance(value, int) else ",".join(str(int(v)) for v in value)
+    good = re.fullmatch(r"\d+(-\d+)?(,\d+(-\d+)?)*", text, re.A) is not None
+    for part in text.split(",") if good else ():
+        first, _, last = part.partition("-")
+        good = good and int(first) <= int(last or first) <= 255
+    if not good:
+        raise UsageError("%r is not a list of classes" % (value,), hint="give numbers from 0 to 255, as in 2,8 or 2-5,9")
+    return text
+
+
+def _decimal(value: Any, name: str) -> Decimal:
+    try:
+        number = Decimal(repr(value) if isinstance(value, float) else value)
+    except (InvalidOperation, TypeError, ValueError):
+        number = Decimal("NaN")
+    if not number.is_finite():
+        raise UsageError("%s is not a number: %r" % (name, value), hint="give a decimal in the units of the files, as 1250.75")
+    return number
+
+
+def _plain(value: Any, name: str) -> str:
+    number = _decimal(value, name)
+    return value if isinstance(value, str) and re.fullmatch(r"[-+.\deE]+", value, re.A) else format(number, "f")
+
+
+def _cell(value: Any) -> str:
+    m = re.fullmatch(r"([-+.\deE]+?)(m|ft|ftUS)?", value, re.A) if isinstance(value, str) else None
+    number, unit = (m.group(1), m.group(2) or "") if m else (value, "")
+    if _decimal(number, "thin") <= 0:
+        raise UsageError("thin is not a length: %r" % (value,))
+    return _plain(number, "thin") + unit
+
+
+# ---- areas ----
+
+def _box(value: Any) -> Optional[List[Any]]:
+    parts = value.split(",") if isinstance(value, str) else value
+    if isinstance(parts, (str, bytes, os.PathLike)) or not hasattr(parts, "__len__") or len(parts) != 4:
+        return None
+    try:
+        for p in parts:
+            _decimal(p.strip() if isinstance(p, str) else p, "a side")
+    except UsageError:
+        if isinstance(value, str):
+            return None  # a file whose name has three commas
+        raise
+    return [p.strip() if isinstance(p, str) else p for p in parts]
+
+
+def _box_text(box: List[Any]) -> str:
+    d = [_decimal(p, "a side of the box") for p in box]
+    if d[0] > d[2] or d[1] > d[3]:
+        raise UsageError("the box is empty: %s" % ",".join(map(str, box)),
+                         hint="give the smallest x and y, then the largest")
+    return "box:" + ",".join(_plain(p, "a side of the box") for p in box)
+
+
+Ring = Tuple[bool, List[Tuple[Decimal, Decimal]]]
+
+
+def _polygons(thing: Any, at: str) -> List[Ring]:
+    """All rings of a GeoJSON document (RFC 7946); True: an outer one."""
+    def bad(what: str) -> InputError:
+        return InputError(what, field=at or None, hint="an area is made of polygons and multipolygons")
+
+    kind = thing.get("type") if isinstance(thing, Mapping) else None
+    try:
+        if kind == "FeatureCollection":
+            return [r for i, f in enumerate(thing["features"]) for r in _polygons(f, "features[%d]" % i)]
+        if kind == "Feature":
+            return [] if thing["geometry"] is None else _polygons(thing["geometry"], (at + "." if at else "") + "geometry")
+        if kind == "GeometryCollection":
+            return [r for i, g in enumerate(thing["geometries"]) for r in _polygons(g, "%s.geometries[%d]" % (at, i))]
+        if kind not in ("Polygon", "MultiPolygon"):
+            raise bad("a %s is no area" % kind if kind else "what stands here is no GeoJSON: it has no type")
+        many = [thing["coordinates"]] if kind == "Polygon" else thing["coordinates"]
+        return [(i == 0, [(_decimal(c[0], "a coordinate"), _decimal(c[1], "a coordinate")) for c in ring])
+                for polygon in many for i, ring in enumerate(polygon)]
+    except (KeyError, IndexError, TypeError, UsageError):
+        raise bad("what stands here is no %s of RFC 7946" % (kind or "GeoJSON")) from None
+
+
+def _wkt(text: str) -> List[Ring]:
+    """POLYGON and MULTIPOLYGON, with or without Z and M, one or several."""
+    token = re.compile(r"\s*([A-Za-z]+|[(),;]|[-+.\deE]+)")
+    tokens, at = [], 0
+    while text[at:].strip():
+        m = token.match(text, at)
+        if not m:
+            raise InputError("it is neither GeoJSON nor WKT", offset=at)
+        tokens.append((m.group(1).upper(), m.start(1)))
+        at = m.end()
+    tokens.append(("", len(text)))
+    tokens.reverse()
+
+    def take(*wanted: str) -> str:
+        word, offset = tokens[-1]
+        if wanted and word not in wanted:
+            raise InputError("%r stands where one of %s should be" % (word, " ".join(wanted)), offset=offset,
+                             hint="an area is x1,y1,x2,y2 or polygons as GeoJSON or WKT")
+        tokens.pop()
+        return word
+
+    def each(read: Any) -> List[Any]:
+        if tokens[-1][0] == "EMPTY":
+            take()
+            return []
+        take("(")
+        found = [read()]
+        while take(",", ")") == ",":
+            found.append(read())
+        return found
+
+    def corner() -> Tuple[Decimal, Decimal]:
+        numbers, offset = [], tokens[-1][1]
+        while tokens[-1][0] not in (",", ")", ""):
+            numbers.append(take())
+        if not 2 <= len(numbers) <= 4:
+            raise InputError("a corner has two to four numbers", offset=offset)
+        try:
+            return _decimal(numbers[0], "a coordinate"), _decimal(numbers[1], "a coordinate")
+        except UsageError as e:
+            raise InputError(e.message, offset=offset) from None
+
+    rings: List[Ring] = []
+    while tokens[-1][0]:
+        kind = re.sub("(?<=POLYGON)(Z|M|ZM)$", "", take("POLYGON", "MULTIPOLYGON", "POLYGONZ", "MULTIPOLYGONZ", "POLYGONM",
+                                                       "MULTIPOLYGONM", "POLYGONZM", "MULTIPOLYGONZM"))
+        if tokens[-1][0] in ("Z", "M", "ZM"):
+            take()
+        polygons = [each(lambda: each(corner))] if kind == "POLYGON" else each(lambda: each(lambda: each(corner)))
+        rings += [(i == 0, r) for p in polygons for i, r in enumerate(p)]
+        if tokens[-1][0] == ";":
+            take()
+    return rings
+
+
+def _rings_text(rings: List[Ring]) -> str:
+    if not rings:
+        raise InputError("there is no polygon in it", hint="an area is made of polygons and multipolygons")
+    numbers = [v for _, ring in rings for corner in ring for v in corner if v]
+    exponent = min((int(v.normalize().as_tuple().exponent) for v in numbers), default=0)
+    if exponent < -40:
+        raise InputError("a corner has more than 40 digits after the point")
+    parts, at = [], [0, 0]
+    for outer, ring in rings:
+        corners = ring[:-1] if len(ring) > 1 and ring[0] == ring[-1] else ring
+        parts.append("+" if outer else "-")
+        for corner in corners:
+            for axis in (0, 1):
+                number = int(corner[axis].scaleb(-exponent))
+                parts.append(_code(number - at[axis]))
+                at[axis] = number
+    text = "area@%d:%s" % (exponent, "".join(parts))
+    if len(text) > _TEXT_MOST - 512:
+        raise LimitError("the area has %d corners, too many for one view" % (len(numbers) // 2),
+                         hint="simplify it (ogr2ogr -simplify), or give fewer digits after the point")
+    return text
+
+
+def _code(step: int) -> str:
+    """PROTOCOL.md, "RINGS": five bits a character, the lowest first, 32 added to all but the last."""
+    n = 2 * step if step >= 0 else -2 * step - 1
+    text = ""
+    while n >> 5:
+        text += _CODE[n & 31 | 32]
+        n >>= 5
+    return text + _CODE[n]
