@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "err.h"
+#include "progress.h"
 
 static int system_openat(int dirfd, const char *path, int flags, mode_t mode)
 {
@@ -103,6 +104,7 @@ int io_read_some(int fd, void *buf, size_t n, uint64_t off, const char *name, si
 			return err_add_file(err, name);
 		}
 		done += (size_t)got;
+		progress_step();
 	}
 	*ret_n = done;
 	return 0;
@@ -145,8 +147,10 @@ int io_write_at(int fd, const void *buf, size_t n, uint64_t off, const char *nam
 
 int io_sync(int fd, const char *name, struct err *err)
 {
-	if (io->fsync(fd) == 0)
+	if (io->fsync(fd) == 0) {
+		progress_step();
 		return 0;
+	}
 	err_sys(err, errno, "cannot bring to disk (fsync)");
 	return err_add_file(err, name);
 }
@@ -198,8 +202,10 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 		return err_add_file(err, path);
 	}
 	while (!r && (errno = 0, e = io->readdir(dir)))
-		if (strcmp(e->d_name, ".") && strcmp(e->d_name, ".."))
+		if (strcmp(e->d_name, ".") && strcmp(e->d_name, "..")) {
 			r = each(ctx, e, err);
+			progress_step();
+		}
 	if (!r && errno) {
 		r = err_sys(err, errno, "cannot list a folder");
 		err_add_file(err, path);

@@ -32,6 +32,7 @@
 #include "ledger.h"
 #include "log.h"
 #include "marker.h"
+#include "notify.h"
 #include "parse.h"
 #include "place.h"
 #include "sched_pool.h"
@@ -39,9 +40,9 @@
 #include "space.h"
 
 #define TICK_USEC 100000
-#define IDLE_TICK_USEC 1000000 /* to look whether a private daemon is idle */
 #define QUIET_TICK_USEC 30000000 /* whether others have filled the disk */
 #define PARK_USEC 9000000
+#define STOP_SPARE_USEC 20000000 /* beyond that, for what was on its way to the disk */
 #define HAND_OVER_MAX 16
 #define HEAP_SLACK (UINT64_C(1) << 20)
 
@@ -58,6 +59,7 @@ struct daemon {
 	struct jobs *jobs;
 	struct server *server;
 	sd_event_source *tick, *last;
+	struct notify notify;
 	bool ticking, stopping, over;
 	uint64_t tick_usec; /* that the tick was set to */
 	uint64_t idle_ns; /* since when, 0: busy */
@@ -96,29 +98,46 @@ static void end_if_idle(struct daemon *d)
 	stop(d);
 }
 
-static void look_idle(struct daemon *d)
+/* Seconds that a private daemon stays without work and clients; less than 0: for ever. */
+static double idle_wait(const struct daemon *d)
 {
 	/* Without a listening socket nobody can come any more. */
-	double wait = server_listens(d->server) ? d->config.idle_exit : 0;
+	if (!server_listens(d->server))
+		return 0;
+	return d->config.idle_exit > 0 ? d->config.idle_exit : -1;
+}
 
-	if (d->stopping || (wait == 0 && server_listens(d->server)))
-		return;
-	if (busy(d)) {
-		d->idle_ns = 0;
-	} else if (!d->idle_ns) {
-		d->idle_ns = clock_mono_ns();
-	} else if (clock_since(d->idle_ns) >= wait) {
+static void look_idle(struct daemon *d)
+{
+	double wait = idle_wait(d);
+
+	if (!d->stopping && wait >= 0 && d->idle_ns && !busy(d) && clock_since(d->idle_ns) >= wait)
 		end_if_idle(d);
+}
+
+/* Until when the loop may sleep: while there is work ten times a second, else until the service manager wants a sign of life,
+ * and to see whether others have filled the disk; both at once. */
+static uint64_t sleep_usec(struct daemon *d)
+{
+	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : QUIET_TICK_USEC, most = notify_wait(&d->notify);
+	double wait = idle_wait(d);
+
+	if (wait < 0 || busy(d)) {
+		d->idle_ns = 0;
+	} else {
+		if (!d->idle_ns)
+			d->idle_ns = clock_mono_ns();
+		wait -= clock_since(d->idle_ns);
+		if (wait * 1e6 < (double)usec)
+			usec = wait > 1e-3 ? (uint64_t)(wait * 1e6) : 1000;
 	}
+	return most < usec ? most : usec;
 }
 
 static void tick_wanted(struct daemon *d)
 {
-	bool active = jobs_active(d->jobs) || d->stopping;
-	uint64_t usec = active ? TICK_USEC : QUIET_TICK_USEC;
+	uint64_t usec = sleep_usec(d);
 
-	if (!active && (d->config.idle_exit > 0 || !server_listens(d->server)))
-		usec = IDLE_TICK_USEC;
 	if (d->ticking && usec >= d->tick_usec)
 		return;
 	d->ticking = true;
@@ -157,10 +176,13 @@ static void heap_trim(struct daemon *d)
 static int on_round(sd_event_source *source, void *ctx)
 {
 	struct daemon *d = ctx;
+	struct jobs_work work;
 
 	jobs_settle(d->jobs);
 	server_settle(d->server);
 	heap_trim(d);
+	jobs_work(d->jobs, &work);
+	notify_round(&d->notify, &work);
 	if (d->stopping && jobs_parked(d->jobs) && !server_connections(d->server)) {
 		d->over = true;
 		sd_event_exit(d->event, 0);
@@ -196,7 +218,7 @@ static void stop(struct daemon *d)
 	if (d->stopping)
 		return;
 	d->stopping = true;
-	sd_notify(0, "STOPPING=1");
+	notify_stopping(&d->notify, PARK_USEC + STOP_SPARE_USEC);
 	if (d->bound)
 		place_unbind(d->sockets[0]);
 	server_stop(d->server);
@@ -297,8 +319,6 @@ static int make_loop(struct daemon *d, struct err *err)
 					       on_tick, d);
 	if (r >= 0)
 		r = sd_event_add_post(d->event, NULL, on_round, d);
-	if (r >= 0)
-		r = sd_event_set_watchdog(d->event, true);
 	if (r < 0)
 		return err_sys(err, -r, "cannot make the event loop");
 	sd_event_source_set_enabled(d->tick, SD_EVENT_ONESHOT);
@@ -527,6 +547,7 @@ int main(int argc, char **argv)
 	if (!r) {
 		log_init("acutd", d.config.level);
 		log_event(LOG_EVENT_START, NULL, "acutd %s starts", ACUT_VERSION);
+		notify_start(&d.notify);
 		r = start(&d, &err);
 	}
 	if (r) {
@@ -536,7 +557,8 @@ int main(int argc, char **argv)
 	}
 	log_event(LOG_EVENT_READY, NULL, "acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
 		  parse_size_text(d.config.memory, size), d.config.threads, d.config.state, d.config.cache);
-	sd_notify(0, "READY=1\nSTATUS=Serving");
+	malloc_trim(0);
+	notify_ready(&d.notify);
 	r = sd_event_loop(d.event);
 	if (r < 0) {
 		/* Workers are busy: as after a crash, the next start cleans up. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "progress.h"
 
 static const char *text(sqlite3_stmt *s, int i)
 {
@@ -110,6 +111,7 @@ static int read_all(struct catalogue *c, const char *table, const char *sql,
 			r = catalogue_sum_check(s, table, err);
 		if (!r)
 			r = row(s, to, err);
+		progress_step();
 	}
 	sqlite3_finalize(s);
 	return r;

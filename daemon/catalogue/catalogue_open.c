@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "progress.h"
 
 enum { CHECKPOINT_PAGES = 256 };
 
@@ -96,6 +97,15 @@ static int on_wal(void *ctx, sqlite3 *db, const char *name, int pages)
 	return SQLITE_OK;
 }
 
+/* So many instructions of the database are worth a word: a conversion of many rows takes its time. */
+enum { STEP_INSTRUCTIONS = 100000 };
+
+static int on_instructions(void *ctx)
+{
+	progress_step();
+	return 0; /* go on */
+}
+
 int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 {
 	int r, version = 0;
@@ -108,6 +118,7 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 		return c->db ? catalogue_failed(c, err, "the catalogue cannot be opened")
 			     : err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	sqlite3_busy_timeout(c->db, 2000);
+	sqlite3_progress_handler(c->db, STEP_INSTRUCTIONS, on_instructions, NULL);
 	r = user_version(c, &version, err);
 	if (r)
 		return r;

@@ -107,6 +107,7 @@ static int parent_of(const struct dataset *d)
 int dataset_open(struct dataset *d, struct err *err)
 {
 	char name[32];
+	bool unnamed;
 	int r = 0;
 
 	snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
@@ -115,17 +116,20 @@ int dataset_open(struct dataset *d, struct err *err)
 		r = io_make_dir(parent_of(d), name, 0700, err);
 		if (!r)
 			r = io_open(parent_of(d), name, O_RDONLY | O_DIRECTORY, 0, &d->dirfd, err);
-		/* The folder's own name must outlive a power cut as its files do. */
-		if (!r && !d->onestep && !d->named) {
-			r = io_sync(parent_of(d), "the folder of datasets", err);
-			d->named = !r;
-			if (r)
-				d->dirfd = io_close(d->dirfd);
-		}
 	}
+	unnamed = !r && !d->onestep && !d->named;
 	if (!r)
 		d->opened++;
 	pthread_mutex_unlock(&folder_lock);
+	if (!unnamed)
+		return r;
+	/* The folder's own name must outlive a power cut as its files do. Without the lock, which the loop takes to close. */
+	r = io_sync(parent_of(d), "the folder of datasets", err);
+	pthread_mutex_lock(&folder_lock);
+	d->named |= !r;
+	pthread_mutex_unlock(&folder_lock);
+	if (r)
+		dataset_close(d);
 	return r;
 }
 

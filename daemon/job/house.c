@@ -66,3 +66,22 @@ struct pending *pending_free(struct jobs *j, struct pending *q)
 	free(q);
 	return NULL;
 }
+
+void jobs_work(const struct jobs *j, struct jobs_work *ret)
+{
+	struct jobs_work work = {0};
+
+	jobs_count(j, &work.running, &work.waiting);
+	for (struct push *p = j->pushes; p; p = push_next(p))
+		work.pushes++;
+	for (const struct job *job = j->jobs; job; job = job->next) {
+		uint64_t points, all, done, total;
+
+		if (!job->walk)
+			continue;
+		walk_progress(job->walk, &points, &all, &done, &total);
+		work.domains_done += done;
+		work.domains_total += total;
+	}
+	*ret = work;
+}

@@ -85,6 +85,12 @@ bool jobs_parked(const struct jobs *);
  * next. */
 void jobs_abandon(struct jobs *);
 void jobs_count(const struct jobs *, uint32_t *ret_running, uint32_t *ret_waiting);
+/* What goes on, for a line about it: open pushes, jobs, and the domains of those that run (total 0: not planned yet). */
+struct jobs_work {
+	uint32_t pushes, running, waiting;
+	uint64_t domains_done, domains_total;
+};
+void jobs_work(const struct jobs *, struct jobs_work *ret);
 /* All that hold something. What is held beside them is of the house, or of tasks that look at a single file. */
 void jobs_holders(struct jobs *, void (*each)(void *ctx, const struct job_holder *), void *ctx);
 uint64_t jobs_peak_rss(void); /* VmHWM of this process, bytes */

@@ -42,7 +42,8 @@ struct plan_file {
 	bool durable;
 	struct ledger *ledger; /* borrowed; NULL: none */
 	char name[PLAN_NAME];
-	pthread_mutex_t lock;
+	pthread_mutex_t lock; /* of the file: held while the disk is waited for, so never taken by the loop */
+	pthread_mutex_t list; /* of the splits below; who changes them holds both */
 	uint64_t size; /* of what is whole in the file */
 	struct split *split; /* of this run */
 	size_t n, room;
@@ -61,6 +62,7 @@ struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bo
 	f->ledger = ledger;
 	snprintf(f->name, sizeof f->name, "plan-%llu", (unsigned long long)job);
 	pthread_mutex_init(&f->lock, NULL);
+	pthread_mutex_init(&f->list, NULL);
 	return f;
 }
 
@@ -69,6 +71,7 @@ struct plan_file *plan_file_free(struct plan_file *f)
 	if (!f)
 		return NULL;
 	pthread_mutex_destroy(&f->lock);
+	pthread_mutex_destroy(&f->list);
 	free(f->split);
 	if (f->ledger && f->room)
 		ledger_give(f->ledger, LEDGER_PLAN, f->room * sizeof *f->split);
@@ -330,13 +333,17 @@ int plan_file_split(struct plan_file *f, const struct cut_region *whole, const s
 	pthread_mutex_lock(&f->lock);
 	if (!split_known(f, whole)) {
 		if (f->n == f->room) {
-			size_t room = f->room ? 2 * f->room : 16;
-			r = split_room(f, room, err);
+			pthread_mutex_lock(&f->list);
+			r = split_room(f, f->room ? 2 * f->room : 16, err);
+			pthread_mutex_unlock(&f->list);
 		}
 		if (!r)
 			r = forgive(f, append_split(f, &s, err), err);
-		if (!r)
+		if (!r) {
+			pthread_mutex_lock(&f->list);
 			f->split[f->n++] = s;
+			pthread_mutex_unlock(&f->list);
+		}
 	}
 	pthread_mutex_unlock(&f->lock);
 	return r;
@@ -360,12 +367,12 @@ int plan_file_follow(struct plan_file *f, size_t *seen, size_t least, struct cut
 {
 	int r = 0;
 
-	pthread_mutex_lock(&f->lock);
+	pthread_mutex_lock(&f->list);
 	while (!r && *seen < f->n) {
 		r = plan_apply(plan, least, &f->split[*seen], err);
 		*seen += !r;
 	}
-	pthread_mutex_unlock(&f->lock);
+	pthread_mutex_unlock(&f->list);
 	return r;
 }
 
