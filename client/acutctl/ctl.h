@@ -17,6 +17,7 @@
 #include "format.h"
 
 struct ctl_daemon;
+struct stat;
 
 #define CTL_OUTPUTS 16
 
@@ -35,7 +36,7 @@ struct ctl_args {
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *bbox, *polygon, *every, *thin, *thin_pick;
 	const char *format, *tile, *since, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation, *priority, *replaces, *as;
+	const char *generation, *priority, *replaces, *as, *settle;
 	const char *keep, *before;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
@@ -55,6 +56,7 @@ struct ctl {
 	struct acut *acut;
 	struct ctl_daemon *daemon; /* of this command's own, or NULL */
 	FILE *report;              /* JSON and results: stdout, or stderr where OUT is "-" */
+	struct err failure;        /* that was told last */
 	char **warning;
 	size_t nwarning;
 	bool list;                 /* what is told is one of many lines, and the last comes at once */
@@ -85,6 +87,9 @@ enum ctl_group {
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
 	CTL_COPY = 1 << 19,        /* backup, dataset export */
+	CTL_INGEST = 1 << 11,
+	CTL_MANIFEST = 1 << 12,    /* inputs that are named: mesh, push */
+	CTL_REPLACES = 1 << 13,    /* push */
 };
 
 /* What stands behind a command that has several: "dataset show". */
@@ -222,11 +227,16 @@ struct ctl_input {
 	ino_t ino;
 	off_t size;
 	struct timespec mtime;
+	const char *entry; /* NULL, or what it is called in dirfd: an ingest's, opened there, and only as the very file that was seen */
+	int dirfd;
+	struct timespec ctime;
+	const char *path;  /* NULL, or its absolute one, which `name` is not */
 	int copier;  /* the process that empties the pipe; 0: none */
 };
 struct ctl_inputs {
 	struct ctl_input *input;
 	size_t n, room;
+	bool each;   /* what became of each is told by the caller: that all were refused is no failure of its own */
 	const double *crop; /* NULL, or the box (x1, y1, x2, y2) that is all that will be asked for */
 };
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
@@ -234,6 +244,8 @@ int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_input
 /* *ret_fd is the caller's; -1 of a pipe. */
 int ctl_input_open(const struct ctl_input *, int *ret_fd, struct err *err);
 void ctl_input_close(const struct ctl_input *, int fd);
+/* Whether it is still the file that was seen, and as it was. */
+bool ctl_input_unchanged(const struct ctl_input *, const struct stat *);
 /* Its absolute path, links as they are; NULL if it has none. */
 const char *ctl_input_path(const struct ctl_input *, char *buf, size_t size);
 void ctl_input_done(struct ctl_inputs *);
@@ -359,6 +371,13 @@ struct ctl_staged {
 int ctl_stage(struct ctl *, const char *dataset, struct ctl_inputs *, struct ctl_staged *ret);
 void ctl_stage_done(struct ctl_staged *);
 
+/* ---- ctl_push.c: what a push did ---- */
+
+/* Each file and the sum, for people or as JSON. moved_to (NULL: a push, which moves nothing): where each file is now, NULL
+ * where it was. Prints its failure; exit status. */
+int ctl_push_check(const struct ctl *, struct err *err); /* of its options */
+int ctl_push_report(struct ctl *, const struct ctl_staged *, const char *const *moved_to);
+
 /* ---- ctl_inspect.c: what is in the records of a file ---- */
 
 void ctl_inspect_text(struct ctl *, const struct acut_inspected *);
@@ -427,6 +446,7 @@ CTL_COMMAND(fetch)
 CTL_COMMAND(formats)
 CTL_COMMAND(help)
 CTL_COMMAND(info)
+CTL_COMMAND(ingest)
 CTL_COMMAND(jobs)
 CTL_COMMAND(mesh)
 CTL_COMMAND(ping)

@@ -54,6 +54,7 @@ int ctl_error(struct ctl *ctl, const struct err *given)
 	struct err err = *given;
 	int caught = ctl_signal_caught();
 
+	ctl->failure = err;
 	if (caught && err.code == ERR_CANCELLED) {
 		ctl_progress_clear(ctl);
 		if (!ctl->args.quiet && !ctl->args.json)

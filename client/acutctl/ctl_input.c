@@ -187,8 +187,39 @@ static bool still_verified(const struct ctl_input *in, int fd)
 	       st.st_mtim.tv_sec == in->mtime.tv_sec && st.st_mtim.tv_nsec == in->mtime.tv_nsec;
 }
 
+static bool same_time(struct timespec a, struct timespec b)
+{
+	return a.tv_sec == b.tv_sec && a.tv_nsec == b.tv_nsec;
+}
+
+bool ctl_input_unchanged(const struct ctl_input *in, const struct stat *st)
+{
+	return S_ISREG(st->st_mode) && st->st_dev == in->dev && st->st_ino == in->ino && st->st_size == in->size &&
+	       same_time(st->st_mtim, in->mtime) && same_time(st->st_ctim, in->ctime);
+}
+
+/* Whoever fills the folder may have put anything there since: what is opened is what was seen, or nothing. */
+static int open_entry(const struct ctl_input *in, int *ret_fd, struct err *err)
+{
+	int fd = openat(in->dirfd, in->entry, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY | O_NOFOLLOW);
+	struct stat st;
+
+	if (fd < 0 && errno != ENOENT && errno != ELOOP && errno != ENXIO)
+		return open_failed(in->name, err);
+	if (fd >= 0 && !fstat(fd, &st) && ctl_input_unchanged(in, &st)) {
+		*ret_fd = fd;
+		return 0;
+	}
+	if (fd >= 0)
+		close(fd);
+	err_set(err, ERR_CHANGED, fd < 0 ? "it is not there any more" : "it has changed since it was looked at");
+	return err_add_file(err, in->name);
+}
+
 int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 {
+	if (in->entry)
+		return open_entry(in, ret_fd, err);
 	/* what comes through a pipe the daemon has already */
 	int fd = in->fd >= 0 ? -1 : open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 
@@ -233,9 +264,11 @@ static void tidy(char *path)
 
 const char *ctl_input_path(const struct ctl_input *in, char *buf, size_t size)
 {
-	char *here = in->name[0] == '/' ? NULL : get_current_dir_name();
+	char *here = in->path || in->name[0] == '/' ? NULL : get_current_dir_name();
 	int n = -1;
 
+	if (in->path)
+		return in->path;
 	if (in->fd < 0 && (here || in->name[0] == '/'))
 		n = snprintf(buf, size, "%s/%s", here ? here : "", in->name);
 	free(here);

@@ -45,7 +45,7 @@ static void room_text(struct ctl *ctl, const struct room *room)
 }
 
 static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f,
-		      const struct room *room)
+		      const struct room *room, const char *const *moved_to)
 {
 	static const char *const state[] = { "staged", "known", "adopted", "refused" };
 	struct ctl_json j = { .out = ctl->report };
@@ -77,6 +77,8 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "error", NULL);
 	}
 	room_json(&j, room);
+	if (moved_to)
+		ctl_json_text(&j, "moved_to", moved_to[f - s->file]);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }
@@ -102,7 +104,7 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 		ctl_note(ctl, "%s: in place of %u file%s of the dataset", f->name, f->replaced, f->replaced == 1 ? "" : "s");
 }
 
-static int check_replaces(const struct ctl *ctl, struct err *err)
+int ctl_push_check(const struct ctl *ctl, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
 
@@ -111,16 +113,37 @@ static int check_replaces(const struct ctl *ctl, struct err *err)
 	return 0;
 }
 
+int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *const *moved_to)
+{
+	struct room room = { 0 };
+	char count[32];
+	int status = 0;
+
+	if (s->generation && acut_datasets(ctl->acut, s->dataset, measure_room, &room))
+		status = ctl_error_acut(ctl);
+	for (size_t i = 0; i < s->nfile; i++) {
+		if (ctl->args.json)
+			file_json(ctl, s, &s->file[i], &room, moved_to);
+		else
+			file_text(ctl, &s->file[i]);
+	}
+	if (!s->generation)
+		return status;
+	ctl_height_text(ctl, s);
+	ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
+		 ctl_job_count(s->points, count), s->seconds);
+	room_text(ctl, &room);
+	return status;
+}
+
 int ctl_push_run(struct ctl *ctl)
 {
 	struct ctl_inputs in = { 0 };
 	struct ctl_staged staged = { .nfile = 0 };
-	struct room room = { 0 };
 	struct err err = ERR_INIT;
-	char count[32];
 	int status;
 
-	if (check_replaces(ctl, &err))
+	if (ctl_push_check(ctl, &err))
 		return ctl_error(ctl, &err);
 	if (ctl_input_gather(ctl, ctl->args.word + 1, ctl->args.nword - 1, &in, &err))
 		return ctl_error(ctl, &err);
@@ -133,19 +156,9 @@ int ctl_push_run(struct ctl *ctl)
 	if (!status) {
 		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
 		if (status == 0 || status == CTL_SOME_REFUSED) {
-			if (acut_datasets(ctl->acut, staged.dataset, measure_room, &room))
-				status = ctl_error_acut(ctl);
-			for (size_t i = 0; i < staged.nfile; i++) {
-				if (ctl->args.json)
-					file_json(ctl, &staged, &staged.file[i], &room);
-				else
-					file_text(ctl, &staged.file[i]);
-			}
-			ctl_height_text(ctl, &staged);
-			ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", staged.dataset,
-				 (unsigned long long)staged.generation, ctl_job_count(staged.points, count),
-				 staged.seconds);
-			room_text(ctl, &room);
+			int told = ctl_push_report(ctl, &staged, NULL);
+
+			status = told ? told : status;
 		}
 	}
 	ctl_stage_done(&staged);

@@ -35,14 +35,14 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 
 	if (ctl_signal_interrupted(ctl) || !refusal)
 		return ctl_error(ctl, err);
-	if (ctl->args.strict) {
-		ctl_error(ctl, err);
-		return 1;
-	}
 	s->in->input[i].refused = true;
 	s->ret->file[i].refused = true;
 	s->ret->file[i].err = *err;
 	s->ret->refused++;
+	if (ctl->args.strict) {
+		ctl_error(ctl, err);
+		return 1;
+	}
 	if (!ctl->args.json)
 		ctl_error(ctl, err);
 	return 0;
@@ -148,7 +148,7 @@ static int each_file(struct staging *s, bool probe)
 	if (s->status || left)
 		return s->status;
 	/* nothing good: the first refusal is the command's failure */
-	if (s->ctl->args.json)
+	if (s->ctl->args.json && !s->in->each)
 		ctl_error(s->ctl, &s->ret->file[first].err);
 	return err_exit_status(s->ret->file[first].err.code);
 }

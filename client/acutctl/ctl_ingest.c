@@ -1,0 +1,472 @@
+/*
+ * ingest: one pass over a drop folder. What has settled is pushed into a dataset, and moved to done/ or failed/.
+ *
+ * The model: a file has settled when the pass itself saw it unchanged, size and both times, for the time of --settle by
+ * a clock that nobody sets: neither the times that copying programs give to files nor a jump of the wall clock make
+ * half a file whole. So a pass needs nothing from the one before, and lasts as long when there is something to wait for.
+ * What changes meanwhile is left to a later pass.
+ *
+ * Files go in pushes of many, sorted by name, with --checksum: a file that is in the dataset already, because the
+ * pass before was killed between its commit and its moves or because it was delivered twice, is not taken again, and is
+ * moved. A refused one does not hold up the others; a push that fails as a whole is halved until the file that
+ * it fails on stands alone. What time mends (no daemon, busy, no space) leaves files where they are.
+ *
+ * Only regular files that lie in the folder itself are looked at, and no link is followed. Two passes over one folder keep
+ * out of each other's way by a lock on the folder.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "ctl_ingest.h"
+#include "ctl_term.h"
+#include "parse.h"
+
+enum {
+	BATCH_FILES = 1000,
+	STUCK_MAX = 16, /* files that alone could not be pushed: the disk is full, or broken */
+	LOOKS = 4,      /* in the time of --settle */
+};
+static const off_t BATCH_BYTES = (off_t)16 << 30;
+
+struct file {
+	struct ctl_input in; /* name: safe to print; entry: as it is */
+	char *entry, *path;
+	uint64_t since; /* it was seen as it is */
+	bool tried, there;
+};
+
+struct ingest {
+	struct ctl *ctl;
+	struct ctl_drop drop;
+	struct file *file; /* by name */
+	size_t n, room;
+	uint64_t settle;
+	uint64_t until;         /* what settles later is left to another pass */
+	unsigned passed_by;     /* neither files nor folders */
+	unsigned done, refused, left, stuck;
+	int status;             /* that ends the pass, or that of a file that is stuck */
+};
+
+/* ---- looking ---- */
+
+static bool ends(const char *name, const char *end)
+{
+	size_t n = strlen(name), m = strlen(end);
+
+	return n >= m && !strcmp(name + n - m, end);
+}
+
+/* Names of what is still being written, by common use. */
+static bool is_ours(const char *name)
+{
+	return name[0] != '.' && !ends(name, ".part") && !ends(name, ".tmp") && !ends(name, "~");
+}
+
+static int by_name(const void *a, const void *b)
+{
+	return strcmp(((const struct file *)a)->entry, ((const struct file *)b)->entry);
+}
+
+static void file_done(struct file *f)
+{
+	free(f->in.name);
+	free(f->entry);
+	free(f->path);
+}
+
+static void see(struct file *f, const struct stat *st, uint64_t now)
+{
+	f->in.dev = st->st_dev;
+	f->in.ino = st->st_ino;
+	f->in.size = st->st_size;
+	f->in.mtime = st->st_mtim;
+	f->in.ctime = st->st_ctim;
+	f->since = now;
+	f->tried = false;
+}
+
+static int add(struct ingest *g, const char *name, const struct stat *st, uint64_t now, struct err *err)
+{
+	struct file f = { .there = true, .in = { .fd = -1, .dirfd = g->drop.fd } };
+	size_t slash = strlen(g->drop.path);
+
+	if (g->n == g->room) {
+		size_t room = g->room ? 2 * g->room : 64;
+		void *grown = realloc(g->file, room * sizeof(*g->file));
+
+		if (!grown)
+			return err_set(err, ERR_NOMEM, "no memory for a list of files");
+		g->file = grown;
+		g->room = room;
+	}
+	f.entry = strdup(name);
+	f.in.name = ctl_term_safe(name);
+	while (slash > 1 && g->drop.path[slash - 1] == '/')
+		slash--;
+	if (asprintf(&f.path, "%.*s/%s", (int)slash, g->drop.path, name) < 0)
+		f.path = NULL;
+	if (!f.entry || !f.in.name || !f.path) {
+		file_done(&f);
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	}
+	f.in.entry = f.entry;
+	f.in.path = f.path;
+	see(&f, st, now);
+	g->file[g->n++] = f;
+	return 0;
+}
+
+struct looking {
+	struct ingest *g;
+	size_t known; /* files that were there before, by name */
+	uint64_t now;
+};
+
+static int look_at(struct looking *l, const char *name, struct err *err)
+{
+	struct file key = { .entry = (char *)name }, *f;
+	struct stat st;
+
+	if (!is_ours(name) || fstatat(l->g->drop.fd, name, &st, AT_SYMLINK_NOFOLLOW))
+		return 0;
+	if (!S_ISREG(st.st_mode)) {
+		l->g->passed_by += !S_ISDIR(st.st_mode);
+		return 0;
+	}
+	f = l->known ? bsearch(&key, l->g->file, l->known, sizeof(*f), by_name) : NULL;
+	if (!f)
+		return add(l->g, name, &st, l->now, err);
+	f->there = true;
+	if (!ctl_input_unchanged(&f->in, &st))
+		see(f, &st, l->now);
+	return 0;
+}
+
+/* What is there now; what has not changed since it was seen keeps the moment at which it was. */
+static int look(struct ingest *g, struct err *err)
+{
+	struct looking l = { g, g->n, clock_mono_ns() };
+	int fd = openat(g->drop.fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0, sys;
+	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
+	const struct dirent *e;
+	size_t kept = 0;
+
+	if (!dir) {
+		err_sys(err, errno, "the folder cannot be read");
+		if (fd >= 0)
+			close(fd);
+		return err_add_file(err, g->drop.name);
+	}
+	g->passed_by = 0;
+	for (size_t i = 0; i < g->n; i++)
+		g->file[i].there = false;
+	while (errno = 0, !r && (e = readdir(dir)))
+		r = look_at(&l, e->d_name, err);
+	sys = errno;
+	closedir(dir);
+	if (!r && sys) {
+		err_sys(err, sys, "the folder cannot be read");
+		r = err_add_file(err, g->drop.name);
+	}
+	for (size_t i = 0; i < g->n; i++) {
+		if (g->file[i].there)
+			g->file[kept++] = g->file[i];
+		else
+			file_done(&g->file[i]);
+	}
+	g->n = kept;
+	if (g->n)
+		qsort(g->file, g->n, sizeof(*g->file), by_name);
+	return r;
+}
+
+/* ---- pushing ---- */
+
+struct batch {
+	struct file **file;
+	size_t n;
+};
+
+/* Where a file of a push belongs. NULL: it stays. */
+static const char *put_away(struct ingest *g, struct file *f, const struct err *why, struct ctl_drop_name *name)
+{
+	struct err err = ERR_INIT;
+	int r;
+
+	if (why && why->code == ERR_CHANGED) {
+		g->left++;
+		return NULL;
+	}
+	r = why ? ctl_drop_failed(&g->drop, &f->in, g->ctl->args.word[0], why, name, &err)
+		: ctl_drop_done(&g->drop, &f->in, name, &err);
+	if (!r) {
+		g->done += !why;
+		g->refused += why != NULL;
+		return name->text;
+	}
+	r = ctl_error(g->ctl, &err);
+	g->left++;
+	if (err.code != ERR_CHANGED && !g->status)
+		g->status = r;
+	return NULL;
+}
+
+/* Each file of a push that was made, or of which files were refused. */
+static int put_away_all(struct ingest *g, const struct batch *b, const struct ctl_staged *s)
+{
+	struct ctl_drop_name *names = calloc(b->n, sizeof(*names));
+	const char **moved = calloc(b->n, sizeof(*moved));
+	struct err err = ERR_INIT;
+	int status = 0;
+
+	if (!names || !moved) {
+		err_set(&err, ERR_NOMEM, "no memory for %zu file names", b->n);
+		status = ctl_error(g->ctl, &err);
+	}
+	for (size_t i = 0; !status && i < b->n; i++)
+		if (s->generation || s->file[i].refused)
+			moved[i] = put_away(g, b->file[i], s->file[i].refused ? &s->file[i].err : NULL, &names[i]);
+	if (!status && (s->generation || s->refused == b->n))
+		status = ctl_push_report(g->ctl, s, moved);
+	free(names);
+	free(moved);
+	return status;
+}
+
+/* Whether the failure of a whole push may be about one of its files. */
+static bool may_be_one(enum err_code code)
+{
+	return code == ERR_IO || code == ERR_NOSPACE || code == ERR_LIMIT || code == ERR_INPUT || code == ERR_TRUNCATED ||
+	       code == ERR_CHANGED || code == ERR_UNSUPPORTED || code == ERR_INTERNAL;
+}
+
+static bool is_refused(enum err_code code)
+{
+	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_UNSUPPORTED || code == ERR_LIMIT;
+}
+
+/* It failed alone: it is refused, or it stays and the others go on, for a while. */
+static int alone(struct ingest *g, struct file *f, int status)
+{
+	struct ctl_drop_name name;
+	struct err why = g->ctl->failure;
+
+	if (is_refused(why.code)) {
+		put_away(g, f, &why, &name);
+		return 0;
+	}
+	g->left++;
+	if (why.code == ERR_CHANGED)
+		return 0;
+	g->stuck++;
+	if (!g->status)
+		g->status = status;
+	return g->stuck < STUCK_MAX ? 0 : status;
+}
+
+/* 0, or the status that ends the pass. What was told stays told. */
+static int push(struct ingest *g, struct batch b)
+{
+	struct ctl *ctl = g->ctl;
+	struct ctl_inputs in = { .n = b.n, .each = true };
+	struct ctl_staged staged = { .nfile = 0 };
+	bool made = false;
+	int status;
+
+	in.input = calloc(b.n, sizeof(*in.input));
+	if (!in.input) {
+		struct err err = ERR_INIT;
+
+		err_set(&err, ERR_NOMEM, "no memory for %zu inputs", b.n);
+		return ctl_error(ctl, &err);
+	}
+	for (size_t i = 0; i < b.n; i++)
+		in.input[i] = b.file[i]->in;
+	status = ctl->acut ? 0 : ctl_connect(ctl);
+	if (!status) {
+		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
+		made = staged.generation || staged.refused == b.n || (ctl->args.strict && staged.refused);
+	}
+	if (made) {
+		int told = put_away_all(g, &b, &staged);
+
+		status = told ? told : staged.generation || staged.refused == b.n ? 0 : status;
+	}
+	/* A push that was left ends with its connection. */
+	if (!staged.generation)
+		ctl_disconnect(ctl);
+	ctl_stage_done(&staged);
+	free(in.input);
+	if (!status || made || ctl_signal_interrupted(ctl) || !may_be_one(ctl->failure.code))
+		return status;
+	if (b.n == 1)
+		return alone(g, b.file[0], status);
+	status = push(g, (struct batch){ b.file, b.n / 2 });
+	return status ? status : push(g, (struct batch){ b.file + b.n / 2, b.n - b.n / 2 });
+}
+
+/* What has settled, in pushes of many. *ret_any: there was something. */
+static int push_settled(struct ingest *g, bool *ret_any)
+{
+	uint64_t now = clock_mono_ns();
+	struct file **list = calloc(g->n + 1, sizeof(*list));
+	struct err err = ERR_INIT;
+	size_t n = 0, at = 0;
+	int status = 0;
+
+	if (!list) {
+		err_set(&err, ERR_NOMEM, "no memory for %zu files", g->n);
+		return ctl_error(g->ctl, &err);
+	}
+	for (size_t i = 0; i < g->n; i++)
+		if (!g->file[i].tried && now - g->file[i].since >= g->settle && g->file[i].since + g->settle <= g->until)
+			list[n++] = &g->file[i];
+	*ret_any = n;
+	while (!status && at < n) {
+		struct batch b = { list + at, 0 };
+		off_t bytes = 0;
+
+		while (at < n && b.n < BATCH_FILES && (!b.n || bytes < BATCH_BYTES)) {
+			bytes += list[at]->in.size;
+			list[at++]->tried = true;
+			b.n++;
+		}
+		status = push(g, b);
+	}
+	free(list);
+	return status;
+}
+
+/* ---- the pass ---- */
+
+/* Until the next of them may have settled; false: there is none that will in this pass. */
+static bool wait_for_some(struct ingest *g)
+{
+	uint64_t next = UINT64_MAX, now = clock_mono_ns(), most = now + g->settle / LOOKS;
+	size_t waiting = 0;
+
+	for (size_t i = 0; i < g->n; i++) {
+		if (g->file[i].tried)
+			continue;
+		waiting++;
+		if (g->file[i].since + g->settle < next)
+			next = g->file[i].since + g->settle;
+	}
+	if (!waiting || next > g->until)
+		return false;
+	/* Not in one go: a file that changes meanwhile is noticed soon. */
+	next = next < most ? next : most;
+	while (!ctl_signal_interrupted(g->ctl) && (now = clock_mono_ns()) < next) {
+		uint64_t ms = (next - now) / 1000000 + 1;
+
+		poll(NULL, 0, ms < 500 ? (int)ms : 500);
+	}
+	return true;
+}
+
+static int interrupted(struct ingest *g)
+{
+	struct err err = ERR_INIT;
+
+	err_set(&err, ERR_CANCELLED, "interrupted");
+	return ctl_error(g->ctl, &err);
+}
+
+static int pass(struct ingest *g)
+{
+	struct err err = ERR_INIT;
+	bool any = true, said = false;
+	int status = 0;
+
+	for (;;) {
+		if (ctl_signal_interrupted(g->ctl))
+			return interrupted(g);
+		if (look(g, &err))
+			return ctl_error(g->ctl, &err);
+		if (!g->until)
+			g->until = clock_mono_ns() + 2 * g->settle;
+		status = push_settled(g, &any);
+		if (status)
+			return status;
+		if (any)
+			continue;
+		if (!said && g->n && g->settle)
+			ctl_note(g->ctl, "%s: waiting until files have not changed for %g s", g->drop.name,
+				 (double)g->settle * 1e-9);
+		said = true;
+		if (!wait_for_some(g))
+			return 0;
+	}
+}
+
+static int finish(struct ingest *g, int status)
+{
+	size_t settling = 0;
+	char more[96] = "";
+
+	for (size_t i = 0; i < g->n; i++)
+		settling += g->file[i].there && !g->file[i].tried;
+	if (g->passed_by)
+		snprintf(more, sizeof(more), "; %u left that are no regular files", g->passed_by);
+	if (g->done || g->refused || g->left || settling || g->passed_by)
+		ctl_note(g->ctl, "%s: %u done, %u refused, %zu stay for another pass%s", g->drop.name, g->done, g->refused,
+			 settling + g->left, more);
+	if (!status)
+		status = g->status;
+	if (!status && g->refused)
+		status = g->done ? CTL_SOME_REFUSED : 1;
+	return status;
+}
+
+static int check(const struct ctl *ctl, uint64_t *ret_settle, struct err *err)
+{
+	double seconds = 30;
+
+	if (ctl_push_check(ctl, err))
+		return -(int)err->code;
+	if (ctl->args.settle && (!parse_seconds(ctl->args.settle, &seconds) || seconds < 0 || seconds > 86400))
+		return err_set(err, ERR_USAGE, "--settle is not a time of at most a day: \"%s\" (30, 30s, 5m)", ctl->args.settle);
+	*ret_settle = (uint64_t)(seconds * 1e9);
+	return 0;
+}
+
+static int lock(struct ingest *g, struct err *err)
+{
+	if (!flock(g->drop.fd, LOCK_EX | LOCK_NB))
+		return 0;
+	if (errno != EWOULDBLOCK)
+		err_sys(err, errno, "the folder cannot be locked");
+	else
+		err_set(err, ERR_BUSY, "another ingest is at work on the folder");
+	return err_add_file(err, g->drop.name);
+}
+
+int ctl_ingest_run(struct ctl *ctl)
+{
+	struct ingest g = { .ctl = ctl };
+	struct err err = ERR_INIT;
+	int status;
+
+	if (check(ctl, &g.settle, &err))
+		return ctl_error(ctl, &err);
+	/* What comes twice is told by its content: names and times are the senders'. */
+	ctl->args.checksum = true;
+	if (ctl_drop_open(&g.drop, ctl->args.word[1], &err) || lock(&g, &err)) {
+		ctl_drop_close(&g.drop);
+		return ctl_error(ctl, &err);
+	}
+	status = finish(&g, pass(&g));
+	for (size_t i = 0; i < g.n; i++)
+		file_done(&g.file[i]);
+	free(g.file);
+	ctl_drop_close(&g.drop);
+	return status;
+}

@@ -1,0 +1,353 @@
+"""acutctl ingest: a drop folder filled by people who take no care. What is whole is in the dataset once and in done/, what
+is broken lies in failed/ with its reason, what is not finished or not ours stays, and nothing is ever overwritten or lost."""
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import e2e
+from e2e import ACUTCTL, Folder, expect, main
+from protocol import some_points, write_las
+
+D = BASE = None
+
+
+def drop(name):
+    path = os.path.join(BASE, name)
+    os.mkdir(path)
+    return path
+
+
+def las(path, points=500, seed=1):
+    write_las(path, some_points(points, seed))
+    return path
+
+
+def ingest(dataset, folder, *args, status=0, settle="0", daemon=None):
+    r = (daemon or D).ctl("ingest", dataset, folder, "--settle", settle, "--json", *args)
+    expect(r.status == status, "ingest ended with %d, not %d\n%s%s" % (r.status, status, r.out, r.err))
+    return {line["file"]: line for line in map(json.loads, r.out.splitlines()) if "file" in line}
+
+
+def holds(folder, sub="."):
+    return sorted(n for n in os.listdir(os.path.join(folder, sub)) if sub != "." or n not in ("done", "failed"))
+
+
+def files_of(dataset):
+    """Live files and points of the dataset."""
+    r = D.ctl("dataset", "show", dataset, "--json").ok().json()
+    return r["files"], r["points"]
+
+
+def reason(folder, name):
+    with open(os.path.join(folder, "failed", name + ".error")) as f:
+        return json.load(f)
+
+
+def good_and_bad_and_not_ours():
+    f = drop("mixed")
+    for i in range(3):
+        las(os.path.join(f, "good%d.las" % i), seed=i)
+    for n in (".hidden.las", "half.las.part", "half.las.tmp", "backup.las~"):
+        las(os.path.join(f, n))
+    with open(os.path.join(f, "good0.las"), "rb") as src:
+        data = src.read()
+    for name, content in (("torn.las", data[:-30]), ("text.pdf", b"%PDF-1.4 nothing\0\1\2" * 40), ("empty.las", b"")):
+        with open(os.path.join(f, name), "wb") as out:
+            out.write(content)
+    os.mkdir(os.path.join(f, "sub"))
+    las(os.path.join(f, "sub", "below.las"))
+    secret = las(os.path.join(BASE, "secret.las"), seed=99)
+    os.symlink(secret, os.path.join(f, "link.las"))
+    os.symlink("/nonexistent", os.path.join(f, "dangling.las"))
+    os.mkfifo(os.path.join(f, "fifo.las"))
+    bound = socket.socket(socket.AF_UNIX)
+    here = os.getcwd()
+    os.chdir(f)
+    bound.bind("socket.las")
+    os.chdir(here)
+    device = os.path.join(f, "zero.las")
+    if os.geteuid() == 0:
+        try:
+            os.mknod(device, 0o20666, os.makedev(1, 5))
+        except PermissionError:
+            pass
+    ours = ["good0.las", "good1.las", "good2.las", "torn.las", "text.pdf", "empty.las"]
+    left = [n for n in holds(f) if n not in ours]
+    got = ingest("mixed", f, status=3)
+    expect(sorted(got) == sorted(ours), "told of %s" % sorted(got))
+    expect(holds(f) == left, "left: %s" % holds(f))
+    expect(holds(f, "done") == ["good0.las", "good1.las", "good2.las"], "done: %s" % holds(f, "done"))
+    expect(holds(f, "failed") == sorted(n + e for n in ("torn.las", "text.pdf", "empty.las") for e in ("", ".error")),
+           "failed: %s" % holds(f, "failed"))
+    expect(reason(f, "torn.las")["error"]["code"] == "truncated", "torn: %s" % reason(f, "torn.las"))
+    for n in ("text.pdf", "empty.las"):
+        why = reason(f, n)
+        expect(why["error"]["code"] in ("bad-input", "truncated") and why["error"]["message"] and why["dataset"] == "mixed" and why["time"],
+               "%s: %s" % (n, why))
+        expect(got[n]["state"] == "refused" and got[n]["moved_to"] == "failed/" + n, "told: %s" % got[n])
+    expect(got["good1.las"]["moved_to"] == "done/good1.las" and got["good1.las"]["points"] == 500, "told: %s" % got["good1.las"])
+    expect(files_of("mixed") == (3, 1500), "the dataset has %s" % (files_of("mixed"),))
+    # Again: nothing to do, nothing said, and no daemon asked.
+    r = e2e.run([ACUTCTL, "ingest", "mixed", f, "--settle", "0", "--json"], env={"ACUT_SOCKET": "/nonexistent"})
+    expect((r.status, r.out, r.err) == (0, "", ""), "again: %d %s%s" % (r.status, r.out, r.err))
+    bound.close()
+    # All refused is a failure, and each of them is told.
+    las(os.path.join(f, "x.las"))
+    os.truncate(os.path.join(f, "x.las"), 300)
+    got = ingest("mixed", f, status=1)
+    expect(got["x.las"]["moved_to"] == "failed/x.las", "told: %s" % got)
+
+
+def delivered_again():
+    """The same bytes under the same or another name are not doubled; other bytes under a name that is there are told."""
+    f = drop("again")
+    path = os.path.join(f, "scan.las")
+    las(path)
+    ingest("again", f)
+    for n in range(1, 3):
+        las(path)
+        os.utime(path, (1e9 + n, 1e9 + n))
+        got = ingest("again", f)
+        expect(got["scan.las"]["state"] == "known" and got["scan.las"]["moved_to"] == "done/scan.%d.las" % n, "told: %s" % got)
+    las(os.path.join(f, "other name.las"))
+    expect(ingest("again", f)["other name.las"]["state"] == "known", "another name was taken")
+    expect(files_of("again") == (1, 500), "the dataset has %s" % (files_of("again"),))
+    las(path, seed=5)
+    ingest("again", f, status=1)
+    expect("--replace" in reason(f, "scan.las")["error"]["hint"], "no hint: %s" % reason(f, "scan.las"))
+    expect(files_of("again") == (1, 500), "the dataset has %s" % (files_of("again"),))
+    las(path, seed=5)
+    ingest("again", f, status=1)
+    expect(holds(f, "failed") == ["scan.1.las", "scan.1.las.error", "scan.las", "scan.las.error"], "failed: %s" % holds(f, "failed"))
+    las(path, points=600, seed=5)
+    ingest("again", f, "--replace")
+    expect(files_of("again") == (1, 600), "the dataset has %s" % (files_of("again"),))
+
+
+def odd_names():
+    f = os.fsencode(drop("odd"))
+    names = [b"new\nline.las", b"\xff\xfe.las", b"-rf.las", b"@list.las", b"\x1b[31m.las", b"n" * 251 + b".las", b"no extension", b"a.b"]
+    for i, n in enumerate(names):
+        las(os.path.join(f, n), points=50, seed=i)
+    ingest("odd", os.fsdecode(f))
+    expect(sorted(os.listdir(f + b"/done")) == sorted(names), "done: %s" % os.listdir(f + b"/done"))
+    for i, n in enumerate(names):
+        las(os.path.join(f, n), points=50, seed=i)
+        os.truncate(os.path.join(f, n), 600)
+    r = D.ctl("ingest", "odd", os.fsdecode(f), "--settle", "0")
+    expect(r.status == 1 and "\x1b" not in r.err + r.out, "%d %r" % (r.status, r.err))
+    got = os.listdir(f + b"/failed")
+    expect(len(got) == 2 * len(names) and all(n + b".error" in got for n in got if not n.endswith(b".error")), "failed: %s" % got)
+    for i, n in enumerate(names):
+        las(os.path.join(f, n), points=50, seed=i)
+    ingest("odd", os.fsdecode(f))
+    expect(len(os.listdir(f + b"/done")) == 2 * len(names) and not os.path.exists(os.path.join(f, names[5])), "long names stay")
+
+
+def half_copied():
+    """A file that grows is left alone until it has not changed for the time of --settle, whatever times it is given."""
+    f = drop("growing")
+    whole = las(os.path.join(BASE, "whole.las"), points=20000, seed=3)
+    with open(whole, "rb") as src:
+        data = src.read()
+    las(os.path.join(f, "still.las"), seed=4)
+    stop = threading.Event()
+
+    def grow():
+        with open(os.path.join(f, "grows.las"), "wb", buffering=0) as out:
+            at = 0
+            while at < len(data):
+                step = 4000 if not stop.is_set() else len(data)
+                out.write(data[at:at + step])
+                at += step
+                os.utime(out.fileno(), (1e9, 1e9))
+                time.sleep(0.05)
+    os.close(os.open(os.path.join(f, "grows.las"), os.O_CREAT, 0o644))
+    t = threading.Thread(target=grow)
+    t.start()
+    got = ingest("growing", f, settle="0.5")
+    expect(sorted(got) == ["still.las"], "taken while it grew: %s" % sorted(got))
+    stop.set()
+    t.join()
+    start = time.monotonic()
+    got = ingest("growing", f, settle="0.5")
+    expect(sorted(got) == ["grows.las"] and got["grows.las"]["points"] == 20000, "told: %s" % got)
+    expect(time.monotonic() - start >= 0.5, "it was not watched")
+    expect(holds(f) == [] and files_of("growing") == (2, 20500), "%s %s" % (holds(f), files_of("growing")))
+    # A clock that was wrong when the file came, an hour ahead or behind, changes nothing: nobody asks it.
+    las(os.path.join(f, "future.las"), seed=6)
+    os.utime(os.path.join(f, "future.las"), (4e9, 4e9))
+    expect("future.las" in ingest("growing", f, settle="0.2"), "a time to come is waited for")
+
+
+def changed_while_pushed():
+    """A file that is rewritten, or swapped for another, between its push and its move stays; the next pass takes it as it is."""
+    f = drop("swapped")
+    las(os.path.join(f, "a.las"), seed=1)
+    las(os.path.join(f, "b.las"), seed=2)
+    p = subprocess.Popen(["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=renameat2", "-e", "inject=renameat2:delay_enter=600000",
+                          ACUTCTL, "ingest", "swapped", f, "--settle", "0", "--json"], env=dict(os.environ, ACUT_SOCKET=D.socket),
+                         stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    deadline = time.monotonic() + 20
+    while D.ctl("dataset", "show", "swapped").status and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.2)  # a.las waits in its rename
+    las(os.path.join(BASE, "new.las"), seed=3)
+    os.rename(os.path.join(BASE, "new.las"), os.path.join(f, "a.las"))
+    with open(os.path.join(f, "b.las"), "ab") as out:
+        out.write(b"more")
+    out, err = p.communicate(timeout=60)
+    expect(p.returncode == 0, "%d %s" % (p.returncode, err))
+    lines = {line["file"]: line for line in map(json.loads, out.decode().splitlines()) if "file" in line}
+    expect(lines["a.las"]["moved_to"] is None and lines["b.las"]["moved_to"] is None, "moved: %s" % lines)
+    expect(holds(f) == ["a.las", "b.las"] and holds(f, "done") == [], "%s %s" % (holds(f), holds(f, "done")))
+    ingest("swapped", f, "--add")
+    expect(holds(f) == [] and files_of("swapped")[0] in (3, 4), "%s" % (files_of("swapped"),))
+
+
+def killed_between_commit_and_move():
+    f = drop("killed")
+    for i in range(5):
+        las(os.path.join(f, "%d.las" % i), seed=i)
+    for when, left in ((1, 5), (3, 3)):
+        r = e2e.run(["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=renameat2", "-e", "inject=renameat2:signal=KILL:when=%d" % when,
+                     ACUTCTL, "ingest", "killed", f, "--settle", "0"], env={"ACUT_SOCKET": D.socket})
+        expect(r.status in (-signal.SIGKILL, 137), "not killed: %d %s%s" % (r.status, r.out, r.err))
+        expect(files_of("killed") == (5, 2500), "after the kill: %s" % (files_of("killed"),))
+        # strace kills on the way out of the call: that rename has happened, or not.
+        expect(len(holds(f)) in (left, left - 1), "left: %s" % holds(f))
+    got = ingest("killed", f)
+    expect(all(line["state"] == "known" for line in got.values()), "taken again: %s" % got)
+    expect(holds(f) == [] and len(holds(f, "done")) == 5 and files_of("killed") == (5, 2500), "%s" % (files_of("killed"),))
+    # Killed while it pushes: the rest of it is made good by the next pass.
+    for i in range(5, 10):
+        las(os.path.join(f, "%d.las" % i), seed=i)
+    p = subprocess.Popen([ACUTCTL, "ingest", "killed", f, "--settle", "0"], env=dict(os.environ, ACUT_SOCKET=D.socket),
+                         stdout=subprocess.DEVNULL)
+    time.sleep(0.02)
+    p.kill()
+    p.wait()
+    deadline = time.monotonic() + 10
+    while holds(f) and time.monotonic() < deadline:
+        D.ctl("ingest", "killed", f, "--settle", "0")
+    expect(holds(f) == [] and files_of("killed") == (10, 5000), "%s %s" % (holds(f), files_of("killed")))
+
+
+def nobody_to_push_to():
+    """What time mends leaves the files where they are."""
+    f = drop("away")
+    las(os.path.join(f, "a.las"))
+    r = e2e.run([ACUTCTL, "ingest", "away", f, "--settle", "0"], env={"ACUT_SOCKET": os.path.join(BASE, "nobody.sock")})
+    expect(r.status == 69, "no daemon: %d %s" % (r.status, r.err))
+    expect(holds(f) == ["a.las"] and holds(f, "failed") == [], "no daemon: %s" % holds(f))
+    os.mkdir(os.path.join(BASE, "full"))
+    with e2e.Daemon(os.path.join(BASE, "full"), memory="64M", args=("--disk", "1M")) as full:
+        las(os.path.join(f, "big.las"), points=60000, seed=7)
+        got = ingest("away", f, daemon=full, status=74)
+        expect(holds(f) == ["big.las"] and holds(f, "failed") == [] and holds(f, "done") == ["a.las"],
+               "no space: %s, done %s, failed %s\n%s" % (holds(f), holds(f, "done"), holds(f, "failed"), got))
+    got = ingest("away", f)
+    expect(holds(f) == [] and len(holds(f, "done")) == 2, "afterwards: %s" % got)
+    # A daemon that goes in the middle.
+    os.mkdir(os.path.join(BASE, "short"))
+    with e2e.Daemon(os.path.join(BASE, "short"), memory="64M") as short:
+        for i in range(40):
+            las(os.path.join(f, "c%d.las" % i), points=2000, seed=20 + i)
+        p = subprocess.Popen([ACUTCTL, "ingest", "away", f, "--settle", "0.3"], env=dict(os.environ, ACUT_SOCKET=short.socket),
+                             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        time.sleep(0.33)
+        short.process.kill()
+        _, err = p.communicate(timeout=60)
+        expect(p.returncode in (69, 0) and len(holds(f)) in (40, 0), "%d, %d left: %s" % (p.returncode, len(holds(f)), err))
+
+
+def one_at_a_time():
+    f = drop("busy")
+    las(os.path.join(f, "a.las"))
+    p = subprocess.Popen([ACUTCTL, "ingest", "busy", f, "--settle", "1"], env=dict(os.environ, ACUT_SOCKET=D.socket),
+                         stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    time.sleep(0.3)
+    r = D.ctl("ingest", "busy", f, "--settle", "0")
+    expect(r.status == 75 and "another ingest" in r.err, "beside another: %d %s" % (r.status, r.err))
+    p.send_signal(signal.SIGTERM)
+    expect(p.wait(10) == 143 and holds(f) == ["a.las"], "ended with %d" % p.returncode)
+    p.stdout.close()
+    p.stderr.close()
+    ingest("busy", f)
+    expect(holds(f) == [], "left: %s" % holds(f))
+
+
+def folders_that_cannot_be_used():
+    r = D.ctl("ingest", "none", os.path.join(BASE, "no such folder"))
+    expect(r.status == 1, "no folder: %d %s" % (r.status, r.err))
+    f = drop("linked")
+    las(os.path.join(f, "a.las"))
+    os.symlink("/tmp", os.path.join(f, "done"))
+    r = D.ctl("ingest", "linked", f, "--settle", "0")
+    expect(r.status == 74 and holds(f) == ["a.las"], "done/ is a link: %d %s" % (r.status, r.err))
+    expect(D.ctl("dataset", "show", "linked").status == 4, "it was pushed all the same")
+    os.remove(os.path.join(f, "done"))
+    for option in (("--manifest", "x"), ("--replaces", "x"), ("--settle", "soon"), ("--settle", "-1"), ("--add", "--replace")):
+        r = D.ctl("ingest", "linked", f, *option)
+        expect(r.status == 2, "%s: %d %s" % (option, r.status, r.err))
+    if os.geteuid() == 0 and shutil.which("setpriv"):
+        os.chmod(BASE, 0o755)
+        os.mkdir(os.path.join(f, "done"))
+        os.mkdir(os.path.join(f, "failed"))
+        r = e2e.run(["setpriv", "--reuid=65534", "--regid=65534", "--clear-groups", ACUTCTL, "ingest", "linked", f, "--settle", "0"],
+                    env={"ACUT_SOCKET": D.socket})
+        if "No such file" not in r.err and r.status != 127:
+            expect(r.status == 77 and holds(f) == ["a.las"], "not writable: %d %s" % (r.status, r.err))
+    # Refused as a whole, with --strict: the bad one is out of the way, and the next pass takes the others.
+    f = drop("strict")
+    las(os.path.join(f, "a.las"))
+    las(os.path.join(f, "b.las"), seed=2)
+    os.truncate(os.path.join(f, "b.las"), 400)
+    ingest("strict", f, "--strict", status=1)
+    expect(holds(f) == ["a.las"] and holds(f, "failed") == ["b.las", "b.las.error"], "%s %s" % (holds(f), holds(f, "failed")))
+    ingest("strict", f, "--strict")
+    expect(holds(f, "done") == ["a.las"], "done: %s" % holds(f, "done"))
+
+
+def many_tiny_files():
+    f = drop("many")
+    one = las(os.path.join(BASE, "tiny.las"), points=4)
+    with open(one, "rb") as src:
+        data = bytearray(src.read())
+    n = int(os.environ.get("ACUT_INGEST_FILES", 2000))
+    for i in range(n):
+        data[227:231] = (i * 7 % 90000).to_bytes(4, "little")
+        data[90] = i % 250
+        data[92] = i // 250
+        with open(os.path.join(f, "%05d.las" % i), "wb") as out:
+            out.write(data if i % 100 else data[:-3])
+    start = time.monotonic()
+    r = D.ctl("ingest", "many", f, "--settle", "0", "--quiet")
+    seconds = time.monotonic() - start
+    expect(r.status == 3, "%d %s" % (r.status, r.err[-1000:]))
+    expect(holds(f) == [] and len(holds(f, "done")) == n - n // 100 and len(holds(f, "failed")) == n // 50,
+           "%d left, %d done" % (len(holds(f)), len(holds(f, "done"))))
+    print("     %d files, %d of them broken, in %.1f s" % (n, n // 100, seconds))
+    expect(seconds < 60, "%d files took %.1f s" % (n, seconds))
+
+
+def whole():
+    global D, BASE
+    with Folder() as base, e2e.Daemon(base, memory="128M") as daemon:
+        D, BASE = daemon, base
+        try:
+            main(good_and_bad_and_not_ours, delivered_again, odd_names, half_copied, changed_while_pushed,
+                 killed_between_commit_and_move, nobody_to_push_to, one_at_a_time, folders_that_cannot_be_used, many_tiny_files)
+        except SystemExit as e:
+            status = e.code
+    sys.exit(status)
+
+
+if __name__ == "__main__":
+    whole()
