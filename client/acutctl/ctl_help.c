@@ -23,6 +23,7 @@ static const struct { const char *command, *line; } examples[] = {
 	{"help", "acutctl help mesh"},
 	{"info", "acutctl info survey.laz"},
 	{"info", "acutctl info --header monday/"},
+	{"ingest", "acutctl ingest valley /data/incoming --settle 60"},
 	{"jobs", "acutctl jobs"},
 	{"mesh", "acutctl mesh survey.laz -o survey.ply"},
 	{"mesh", "acutctl mesh monday/ --ground --max-edge 30m -o ground.ply -o ground.png"},
