@@ -48,8 +48,9 @@ class Connection:
     def __init__(self, socket: Optional[Path] = None, *, program: str = "python3-acut", timeout: float = 0) -> None:
         path = socket or os.environ.get("ACUT_SOCKET") or SYSTEM_SOCKET
         lib = _library.library()
+        self.socket, self._program, self._timeout = os.fspath(path), program, float(timeout)
         self._state = state = State()
-        options = abi.acut_options(encoded(program), float(timeout))
+        options = abi.acut_options(encoded(program), self._timeout)
         options.interrupted = dict(abi.acut_options._fields_)["interrupted"](guard(state, state.interrupted, 1))
         state.keep.append(options)
         self._closed = weakref.finalize(self, _library.close, state)
@@ -58,7 +59,6 @@ class Connection:
         except BaseException:
             self.close()
             raise
-        self.socket = os.fspath(path)
 
     # ---- itself ----
 
@@ -74,7 +74,7 @@ class Connection:
         self.close()
 
     def __repr__(self) -> str:
-        return "<acut.Connection %s%s>" % (getattr(self, "socket", ""), "" if self._closed.alive else ", closed")
+        return "<acut.Connection %s%s>" % (self.socket, "" if self._closed.alive else ", closed")
 
     def fileno(self) -> int:
         """The socket, to poll for reading between calls."""
@@ -215,12 +215,13 @@ class Connection:
             raise UsageError("there is no input to push")
         if replaces is not None and len(inputs) != 1:
             raise UsageError("replaces is about one input, there are %d" % len(inputs))
-        with Exclusive(self._state):
-            options = push_options(self._state, dataset, scale, assume_units, progress, format=format, columns=columns,
+        # On a connection of its own, which ends with it: what broke off is then for the next push to take up, at once.
+        with Exclusive(self._state), Connection(self.socket, program=self._program, timeout=self._timeout) as own:
+            options = push_options(own._state, dataset, scale, assume_units, progress, format=format, columns=columns,
                                    assume_crs=assume_crs, utm=utm, geoid=geoid, geoid_way=geoid_way, planar=planar,
                                    accept_truncated=accept_truncated, checksum=checksum, add=add, replace=replace,
                                    replaces=replaces)
-            return Push(self._state, inputs, strict, options).run()
+            return Push(own._state, inputs, strict, options).run()
 
     def info(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None) -> results.Info:
         """What the header of a file says; `file` is a path or an open file."""

@@ -75,8 +75,11 @@ class _Input:
         def copy() -> None:
             with os.fdopen(fd, "wb") as out:
                 try:
-                    source = self.source if hasattr(self.source, "read") else os.fdopen(os.dup(self.fd), "rb")
-                    shutil.copyfileobj(getattr(source, "buffer", source), out, 1 << 16)
+                    if hasattr(self.source, "read"):
+                        shutil.copyfileobj(getattr(self.source, "buffer", self.source), out, 1 << 16)
+                    else:
+                        with os.fdopen(os.dup(self.fd), "rb") as source:
+                            shutil.copyfileobj(source, out, 1 << 16)
                 except BrokenPipeError:
                     pass
                 except BaseException as e:  # told by finish, in the caller's thread

@@ -1,0 +1,465 @@
+"""The Python module beside acutctl on one daemon: the same views, meshes, changes and errors; callbacks that raise, Ctrl-C at
+any moment, threads; nothing left open. Run under -X dev -W error, where a warning is an exception."""
+import gc
+import io
+import json
+import os
+import pickle
+import random
+import signal
+import struct
+import sys
+import threading
+import time
+
+import acut
+import e2e
+from e2e import Daemon, Folder, expect
+
+SMALL = {"memory": "24M", "threads": 2}
+lost = []  # what ctypes or the collector would only have printed
+sys.unraisablehook = lambda u: lost.append("%r in %r" % (u.exc_value, u.object))
+
+
+def descriptors():
+    gc.collect()
+    return len(os.listdir("/proc/self/fd"))
+
+
+def synth(path, points=20000, seed=1, *options):
+    e2e.run([e2e.SYNTH, "--points", points, "--seed", seed, *options, path]).ok()
+    return path
+
+
+def raises(kind, call, *args, **kw):
+    try:
+        call(*args, **kw)
+    except kind as e:
+        return e
+    raise e2e.Fault("%s did not come of %s %r %r" % (kind.__name__, call, args, kw))
+
+
+def read_ply(path):
+    """(vertices, triangles) of what acutctl writes."""
+    with open(path, "rb") as f:
+        data = f.read()
+    head, body = data.split(b"end_header\n", 1)
+    sizes = {"double": "d", "float": "f", "int": "i", "uint": "I", "uchar": "B"}
+    counts, kinds, at = {}, {}, None
+    for line in head.decode().splitlines():
+        words = line.split()
+        if words[0] == "element":
+            at = words[1]
+            counts[at], kinds[at] = int(words[2]), []
+        elif words[0] == "property" and words[1] != "list":
+            kinds[at].append((words[2], sizes[words[1]]))
+    v = struct.Struct("<" + "".join(k for _, k in kinds["vertex"]))
+    names = [n for n, _ in kinds["vertex"]]
+    pick = [names.index(a) for a in "xyz"]
+    vertices = [[row[i] for i in pick] for row in v.iter_unpack(body[:v.size * counts["vertex"]])]
+    t = struct.Struct("<B3I" + "".join(k for _, k in kinds["face"]))
+    rest = body[v.size * counts["vertex"]:]
+    return vertices, [list(row[1:4]) for row in t.iter_unpack(rest[:t.size * counts["face"]])]
+
+
+def same_mesh():
+    """Digests, and arrays against the PLY; by blocks the same as whole."""
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        files = [synth(os.path.join(base, "%d.las" % i), 22000, i, "--origin", "%d,5400000" % (500000 + 60 * i)) for i in (1, 2)]
+        pushed = c.push("s", files)
+        expect(pushed.points == 44000 and pushed.exit_status == 0 and [f.state for f in pushed.files] == ["staged"] * 2, pushed)
+        expect([f.state for f in c.push("s", files).files] == ["known"] * 2, "the same files again")
+        r = d.ctl("submit", "s", "--wait", "--json").ok().json()
+        job = c.wait(c.submit("s"))
+        expect(job.id == r["job"], "another job for the same view")
+        mesh = c.mesh(job)
+        expect((mesh.digest, mesh.vertex_digest) == (r["digest"], r["vertex_digest"]) == (job.report.digest, job.report.vertex_digest),
+               "digests")
+        expect(mesh.vertices.shape == (r["vertices"], 3) and mesh.triangles.shape == (r["triangles"], 3), "shapes")
+        expect((mesh.vertices.format, mesh.lattice.format, mesh.triangles.format) == ("d", "i", "Q"), "formats")
+        ply = os.path.join(base, "m.ply")
+        d.ctl("fetch", str(job.id), "-o", ply).ok()
+        vertices, triangles = read_ply(ply)
+        # The file's faces are those of the stream, some of them moved to the front.
+        expect(sorted(triangles) == sorted(mesh.triangles.tolist()), "the triangles of the PLY are others")
+        expect(vertices == mesh.vertices.tolist(), "the vertices of the PLY are others: %r %r"
+               % (vertices[:1], mesh.vertices.tolist()[:1]))
+        for i in (0, len(vertices) - 1):
+            for axis in range(3):
+                n, v = mesh.lattice[i, axis], mesh.vertices[i, axis]
+                expect(mesh.head.coordinate(axis, n) == v == float(mesh.head.coordinate_text(axis, n)), "lattice and coordinate")
+        with c.fetch(job) as blocks:
+            expect(blocks.head.box == mesh.head.box and blocks.tail is None, "head first")
+            got = list(blocks)
+        expect(len(got) == blocks.tail.blocks > 1, "%d blocks" % len(got))
+        expect(sum((b.triangles.tolist() for b in got), []) == mesh.triangles.tolist(), "by blocks")
+        for b in got:
+            f, n = b.foreign.tolist(), b.first
+            local = [[f[v] if v < len(f) else n + v - len(f) for v in t] for t in b.local_triangles.tolist()]
+            expect(local == b.triangles.tolist(), "local numbers")
+        # Going on in the middle.
+        with c.fetch(job) as blocks:
+            some = [next(blocks)]
+            state = blocks.state()
+        with acut.connect(d.socket) as other, other.fetch(resume=state) as rest:
+            some += list(rest)
+            expect(rest.tail.digest == r["digest"], "the digest of a fetch that went on")
+        expect([b.vertices.tolist() for b in some] == [b.vertices.tolist() for b in got], "blocks of a fetch that went on")
+        # A window, as acutctl has it.
+        box = (500070, 5400010, 500090, 5400030)
+        w = c.mesh(job, bbox=box)
+        out = d.ctl("fetch", str(job.id), "--bbox", ",".join(map(str, box)), "--format", "null", "--json").ok().json()
+        expect(0 < len(w.triangles) < len(mesh.triangles) and w.digest == out["digest"], "a window: %s %s" % (w.digest, out["digest"]))
+        expect(c.mesh(job).digest == mesh.digest, "the window stayed")
+
+
+def same_views():
+    """Every word of the command line makes the same canonical view here; what acutctl refuses is refused."""
+    geojson = {"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": {}, "geometry": None},
+        {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [
+            [[500001.25, 5400001.5], [500040, 5400002], [500030.5, 5400040.75], [500001.25, 5400001.5]],
+            [[500010, 5400008], [500020, 5400008], [500015, 5400012.125], [500010, 5400008]]]}},
+        {"type": "Feature", "geometry": {"type": "MultiPolygon", "coordinates": [[[[500000, 5400045], [500005, 5400045], [500003, 5400049]]]]}}]}
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        c.push("s", synth(os.path.join(base, "a.las")))
+        gj, wkt = os.path.join(base, "a.geojson"), os.path.join(base, "a,b,c,d.wkt")
+        with open(gj, "w") as f:
+            json.dump(geojson, f)
+        with open(wkt, "w") as f:
+            f.write("POLYGON Z ((500001.25 5400001.5 3, 500040 5400002 3, 5.000305E5 5400040.75 1, 500001.25 5400001.5 3));\n"
+                    "MultiPolygon(((500000 5400045,500005 5400045,500003 5400049)),((500041 5400045,500045 5400045,500043 5400049)))")
+        rows = [
+            ({}, []),
+            ({"class_": [2, 8]}, ["--class", "2,8"]), ({"class_": 2}, ["--class", "2"]), ({"not_class": "3-5,9"}, ["--not-class", "3-5,9"]),
+            ({"ground": True}, ["--ground"]), ({"surface": True}, ["--surface"]), ({"returns": "first"}, ["--returns", "first"]),
+            ({"returns": "last", "keep_withheld": True}, ["--returns", "last", "--keep-withheld"]),
+            ({"keep_noise": True, "drop_overlap": True}, ["--keep-noise", "--drop-overlap"]),
+            ({"duplicates": "highest", "every": 7}, ["--duplicates", "highest", "--every", "7"]),
+            ({"zmin": 160, "zmax": 180.25}, ["--zmin", "160", "--zmax", "180.25"]), ({"thin": "3ft"}, ["--thin", "3ft"]),
+            ({"thin": 2.5, "thin_pick": "median"}, ["--thin", "2.5", "--thin-pick", "median"]),
+            ({"thin": "2m", "surface": True}, ["--thin", "2m", "--surface"]),
+            ({"crop": (500001, 5400001.5, 500030, "5400020.25")}, ["--crop", "500001,5400001.5,500030,5400020.25"]),
+            ({"crop": "500001,5400001.5,500030,5400020.25"}, ["--crop", "500001,5400001.5,500030,5400020.25"]),
+            ({"crop": gj}, ["--crop", gj]), ({"crop": geojson}, ["--crop", gj]), ({"crop": wkt}, ["--crop", wkt]),
+            ({"bbox": (500001, 5400001, 500030, 5400020)}, ["--bbox", "500001,5400001,500030,5400020"]),
+            ({"polygon": gj, "ground": True}, ["--polygon", gj, "--ground"]),
+        ]
+        for words, options in rows:
+            job = c.submit("s", **words)
+            r = d.ctl("submit", "s", "--json", *options).ok().json()
+            expect(job.view == r["view"] and job.id == r["job"], "%r: %s, %s" % (words, job.view[:100], r["view"][:100]))
+        expect(c.submit("s", view=job.view).id == job.id, "a view by its text")
+        expect(c.plan("s", ground=True).points == 20000, "a plan")
+        for words, options in [
+                ({"ground": True, "surface": True}, ["--ground", "--surface"]), ({"thin_pick": "median"}, ["--thin-pick", "median"]),
+                ({"surface": True, "returns": "last"}, ["--surface", "--returns", "last"]), ({"thin": "0"}, ["--thin", "0"]),
+                ({"ground": True, "duplicates": "highest"}, ["--ground", "--duplicates", "highest"]), ({"class_": "2,x"}, ["--class", "2,x"]),
+                ({"class_": 256}, ["--class", "256"]), ({"zmin": 5, "zmax": 4}, ["--zmin", "5", "--zmax", "4"]),
+                ({"returns": "some"}, ["--returns", "some"]), ({"every": 0}, ["--every", "0"]), ({"zmin": "x y"}, ["--zmin", "x y"]),
+                ({"bbox": (3, 0, 2, 1)}, ["--bbox", "3,0,2,1"])]:
+            expect(raises(acut.UsageError, c.submit, "s", **words).exit_status == d.ctl("submit", "s", *options).status == 2, words)
+        with open(gj, "w") as f:
+            f.write('{"type": "LineString", "coordinates": []}')
+        e = raises(acut.InputError, c.submit, "s", crop=gj)
+        expect(e.file == gj and d.ctl("submit", "s", "--crop", gj).status == e.exit_status, e)
+        raises(TypeError, c.submit, "s", no_such_word=1)
+
+
+def changes():
+    """Who holds the old mesh by regions and follows the changes has the new one."""
+    def named(blocks):
+        numbers, regions = [], {}
+        for b in blocks:
+            numbers += map(tuple, b.vertices.tolist())
+            if b.region and len(b.triangles):
+                regions.setdefault(b.region, set()).update(tuple(numbers[v] for v in t) for t in b.triangles.tolist())
+        return regions
+
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        c.push("s", synth(os.path.join(base, "a.las"), 64000))
+        old_job = c.wait(c.submit("s"))
+        c.push("s", synth(os.path.join(base, "b.las"), 300, 2, "--area", "5x5"))
+        job = c.wait(c.submit("s"))
+        with c.fetch(old_job) as blocks:
+            held = named(blocks)
+        with c.fetch(job) as blocks:
+            want = named(blocks)
+        with c.fetch(job, since=1) as blocks:
+            new = named(blocks)
+            b, tail, gone = blocks.base, blocks.tail, blocks.gone
+        expect(b.generation == 1 and b.job == old_job.id and b.digest == job.report.digest and tail is not None, b)
+        expect(0 < b.gone == len(gone) and b.kept > 0, "%d gone, %d kept" % (b.gone, b.kept))
+        for region in gone:
+            expect(len(held.pop(region.box)) == region.triangles, "a region that is gone")
+        held.update(new)
+        expect(held == want, "the changes do not lead to the new mesh")
+        raises(acut.GoneError, lambda: list(c.fetch(job, since=77)))
+
+
+def inputs():
+    """Paths, files, descriptors, pipes, bytes; broken ones beside good ones."""
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        paths = [synth(os.path.join(base, "%d.las" % i), 5000, i) for i in range(5)]
+        with open(paths[1], "rb") as opened, open(paths[2], "rb") as whole:
+            fd, (reading, writing) = os.open(paths[3], os.O_RDONLY), os.pipe()
+            data = whole.read()
+            feed = threading.Thread(target=write_and_close, args=(writing, open_and_read(paths[4])))
+            feed.start()
+            got = c.push("s", [paths[0], opened, io.BytesIO(data), fd, reading])
+            feed.join()
+            os.close(fd)
+            os.close(reading)
+            expect(not opened.closed, "a file of the caller was closed")
+        expect(got.points == 25000 and [f.points for f in got.files] == [5000] * 5, got)
+        expect([f.state for f in c.push("s", paths[:2]).files] == ["known"] * 2, "who an open file is")
+        one = d.ctl("push", "t", *paths).ok() and d.ctl("submit", "t", "--wait", "--json").json()
+        expect(c.wait(c.submit("s")).report.digest == one["digest"], "another mesh than from paths")
+        log = c.dataset_log("s", files=True)
+        expect([f.name for f in log[0].changes][:2] == ["0.las", "1.las"] and log[0].points_added == 25000, log)
+        broken = os.path.join(base, "broken.las")
+        with open(broken, "wb") as f:
+            f.write(data[:90] + b"\xff" * 40 + data[130:])
+        half = os.path.join(base, "half.las")
+        with open(half, "wb") as f:
+            f.write(data[:len(data) // 2])
+        more = synth(os.path.join(base, "more.las"), 5000, 9)
+        got = c.push("s", [broken, more, half, os.path.join(base, "none.las"), base])
+        expect(got.exit_status == 3 and [f.state for f in got.files] == ["refused", "staged", "refused", "refused", "refused"], got)
+        status = d.ctl("push", "u", "--json", broken, more, half)
+        theirs = [json.loads(line)["error"] for line in status.out.splitlines()]
+        for e, t in ((got.files[0].error, theirs[0]), (got.files[2].error, theirs[2])):
+            expect((e.code, e.file, e.offset, e.field, e.message, e.hint) ==
+                   (t["code"], t["file"], t["offset"], t["field"], t["message"], t["hint"]), "%r and %r" % (vars(e), t))
+        expect(isinstance(got.files[2].error, acut.TruncatedError), got.files[2])
+        e = raises(acut.InputError, c.push, "s", [broken, half])
+        expect(e.exit_status == d.ctl("push", "s", broken, half).status == 1, e)
+        again = pickle.loads(pickle.dumps(e))
+        expect((type(again), str(again), again.file) == (type(e), str(e), e.file), "pickled")
+        before = c.dataset("s")
+        raises(acut.TruncatedError, c.push, "s", [synth(os.path.join(base, "last.las"), 5000, 11), half], strict=True)
+        expect(c.dataset("s").points == before.points and not c.dataset("s").pending, "a strict push left something")
+        raises(acut.UsageError, c.push, "s", more, add=True, replace=True)
+        raises(acut.UsageError, c.push, "s", [])
+        raises(acut.UsageError, c.push, "s", [3.5])
+        synth(more, 6000, 10)
+        expect(c.push("s", more, replace=True).files[0].replaced == 1 and c.dataset("s").points == before.points + 1000, "replace")
+        expect(c.revert("s").undone == before.generation + 1 and c.dataset("s").points == before.points, "revert")
+        expect(c.info(more).points == 6000 and c.inspect(more).points == 6000, "info")
+        out = os.path.join(base, "out")
+        d.ctl("dataset", "export", "s", out).ok()
+        expect(c.import_dataset(out, "again").points == before.points, "import")
+        names = []
+        c.backup(lambda f: names.append((f.name, len(os.pread(f.fileno(), 1 << 24, 0)) == f.size)), dataset="s")
+        expect(names[-1] == ("manifest", True) and all(ok for _, ok in names), names)
+        c.pin_dataset("again")
+        raises(acut.Error, c.remove_dataset, "again")
+        c.unpin_dataset("again")
+        expect(c.remove_dataset("again").until is not None and [x.name for x in c.datasets(removed=True)] == ["again"], "removed")
+        expect(c.restore_dataset("again", as_="back").name == "back" and len(c.datasets()) == 4, c.datasets())
+        expect(c.cache_verify().damaged == 0 and c.cache_gc(all=True) >= 0 and c.status().connections >= 1, "the disk")
+        raises(acut.InputError, c.add_geoid, more)
+
+
+def write_and_close(fd, data):
+    with os.fdopen(fd, "wb") as f:
+        f.write(data)
+
+
+def open_and_read(path):
+    with open(path, "rb") as f:
+        return f.read()
+
+
+def failures():
+    with Folder() as base:
+        missing = os.path.join(base, "no.sock")
+        e = raises(acut.NoDaemonError, acut.connect, missing)
+        expect(e.exit_status == e2e.run([e2e.ACUTCTL, "--socket", missing, "ping"]).status == 69 and isinstance(e, ConnectionError), e)
+        with Daemon(base, **SMALL) as d:
+            c = acut.connect(d.socket, program="a test")
+            e = raises(acut.NotFoundError, c.dataset, "nothing")
+            expect(e.exit_status == d.ctl("dataset", "show", "nothing").status == 4 and isinstance(e, LookupError), e)
+            raises(acut.NotFoundError, c.job, 99)
+            raises(acut.NotFoundError, c.mesh, 99)
+            raises(acut.UsageError, c.dataset, "a\0b")
+            expect(c.ping() < 20, "the connection goes on")
+            # A job that is cancelled: wait raises its error, job() shows it.
+            c.push("s", synth(os.path.join(base, "a.las"), 200000))
+            job = c.submit("s")
+            c.cancel(job)
+            e = raises(acut.CancelledError, c.wait, job)
+            expect(c.wait(job, check=False).error.code == e.code == "cancelled" and c.job(job).state == "cancelled", e)
+            c.remove_job(job)
+            raises(acut.NotFoundError, c.job, job)
+            held = c.fetch(c.wait(c.submit("s")))
+            raises(acut.UsageError, c.ping)
+            held.close()
+            c.ping()
+            d.stop(signal.SIGKILL)
+            raises(acut.NoDaemonError, c.ping)
+            raises(acut.NoDaemonError, c.jobs)
+            c.close()
+            c.close()
+            raises(acut.UsageError, c.ping)
+            expect("closed" in repr(c), repr(c))
+
+
+class Mine(Exception):
+    pass
+
+
+def callbacks():
+    """What a callback raises comes out of the call, of the same object, and the connection goes on."""
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        big = synth(os.path.join(base, "a.las"), 400000)
+        mine = Mine("enough")
+
+        def fail(*args):
+            raise mine
+
+        calls = [lambda: c.push("s", big, progress=fail), lambda: c.backup(fail), lambda: c.cache_verify(progress=fail)]
+        expect(raises(Mine, calls[0]) is mine, "push")
+        expect("s" not in [x.name for x in c.datasets()] or c.dataset("s").points == 0, "it was pushed")
+        c.push("s", big)
+        for call in calls[1:]:
+            expect(raises(Mine, call) is mine, "not what was raised")
+            expect(c.ping() < 20, "the connection is gone")
+        job = c.submit("s")
+        expect(raises(Mine, c.wait, job, changed=fail) is mine, "wait")
+        expect(raises(acut.UsageError, c.wait, job, changed=lambda j: c.ping()), "a callback on its own connection")
+        seen = []
+        c.wait(job, changed=lambda j: seen.append(j.state))
+        expect(seen[-1:] in ([], ["done"]), seen)
+        progress = []
+        fresh = c.submit("s", new=True)
+        expect(c.mesh(fresh, progress=progress.append).digest == c.job(job).report.digest, "a mesh that is made meanwhile")
+        expect(all(isinstance(p, acut.Progress) for p in progress), progress)
+        expect(not lost, lost)
+
+
+def interrupts():
+    """Ctrl-C at any moment comes out as KeyboardInterrupt, once, and never gets lost in a callback."""
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        c.push("s", synth(os.path.join(base, "a.las"), 200000))
+        extra = [synth(os.path.join(base, "x%d.las" % i), 1000, i) for i in range(30)]
+        done = c.wait(c.submit("s"))
+        # While a call waits for what does not come: an answer of a daemon that is stopped.
+        os.kill(d.process.pid, signal.SIGSTOP)
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        start = time.monotonic()
+        raises(KeyboardInterrupt, c.ping)
+        expect(time.monotonic() - start < 2, "%.1f s until the call ended" % (time.monotonic() - start))
+        short = acut.connect
+        raises(acut.TimedOutError, short, d.socket, timeout=0.2)
+        os.kill(d.process.pid, signal.SIGCONT)
+        expect(c.ping() < 20, "the connection is gone")
+        rng, got, whole = random.Random(3), 0, 0
+        works = [lambda: c.mesh(done, progress=lambda p: None), lambda: c.wait(c.submit("s", new=True), changed=lambda j: None),
+                 lambda: c.push("t", extra, progress=lambda p: None, replace=True), lambda: c.jobs()]
+        for i in range(60):
+            came = False
+            try:
+                try:
+                    signal.setitimer(signal.ITIMER_REAL, rng.uniform(0.0005, 0.06))
+                    works[i % len(works)]()
+                    whole += 1
+                finally:
+                    while not came and signal.getitimer(signal.ITIMER_REAL)[0] > 0:
+                        time.sleep(0.001)
+            except KeyboardInterrupt:
+                got += 1
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        expect(got == 60, "%d of 60 interrupts came through" % got)
+        expect(not lost, lost)
+        expect(c.mesh(done).digest == done.report.digest, "another mesh")
+        for job in c.jobs():
+            if not job.final:
+                c.cancel(job)
+
+
+def threads():
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        c.push("s", synth(os.path.join(base, "a.las"), 60000))
+        job = c.wait(c.submit("s"))
+        got = []
+
+        def work():
+            with acut.connect(d.socket) as mine:
+                got.extend(mine.mesh(job).digest for _ in range(3))
+
+        many = [threading.Thread(target=work) for _ in range(4)]
+        for t in many:
+            t.start()
+        for t in many:
+            t.join()
+        expect(got == [job.report.digest] * 12, got)
+        os.kill(d.process.pid, signal.SIGSTOP)
+        answers = []
+        t = threading.Thread(target=lambda: answers.append(c.ping()))
+        t.start()
+        time.sleep(0.1)
+        try:
+            raises(acut.UsageError, c.ping)
+        finally:
+            os.kill(d.process.pid, signal.SIGCONT)
+            t.join()
+        expect(len(answers) == 1 and not lost, lost)
+
+
+def nothing_is_left():
+    """1,000 connections, closed, dropped, refused; fetches and pushes that are broken off: no descriptor, no connection."""
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        with acut.connect(d.socket) as c:
+            c.push("s", [synth(os.path.join(base, "a.las"), 84000)])
+            job = c.wait(c.submit("s"))
+        before = descriptors()
+        for i in range(1000):
+            c = acut.connect(d.socket)
+            if i % 10 == 0:
+                c.ping()
+            if i % 2:
+                c.close()
+        del c
+        expect(descriptors() == before, "%d descriptors more after 1,000 connections" % (descriptors() - before))
+        gc.disable()  # dropped is closed at once, not when the collector comes by
+        try:
+            for _ in range(50):
+                acut.connect(d.socket).ping()
+            expect(len(os.listdir("/proc/self/fd")) == before, "a dropped connection waits for the collector")
+        finally:
+            gc.enable()
+        for _ in range(50):
+            raises(acut.NoDaemonError, acut.connect, d.socket + "x")
+        with acut.connect(d.socket) as c:
+            for i in range(30):
+                f = c.fetch(job)
+                next(f)
+                if i % 3 == 0:
+                    f.close()
+                del f
+                for b in c.fetch(job):
+                    break
+            for i in range(20):
+                raises(Mine, leave, c, job)
+            expect(c.ping() < 20, "the connection is gone")
+            raises(acut.InputError, c.push, "t", io.BytesIO(b"\0" * 300000))
+        time.sleep(0.1)
+        expect(descriptors() == before, "%d descriptors more" % (descriptors() - before))
+        expect([t for t in threading.enumerate() if t.name.startswith("acut")] == [], "a copying thread is left")
+        with acut.connect(d.socket) as c:
+            end = time.monotonic() + 5
+            while c.status().connections > 1 and time.monotonic() < end:
+                time.sleep(0.02)
+            expect(c.status().connections == 1, "the daemon has %d connections" % c.status().connections)
+        expect(not lost, lost)
+
+
+def leave(c, job):
+    with c.fetch(job) as blocks:
+        for b in blocks:
+            raise Mine
+
+
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+e2e.main(same_mesh, same_views, changes, inputs, failures, callbacks, interrupts, threads, nothing_is_left)
