@@ -37,6 +37,7 @@
 #include "place.h"
 #include "sched_pool.h"
 #include "server.h"
+#include "settings.h"
 #include "space.h"
 
 #define TICK_USEC 100000
@@ -234,6 +235,15 @@ static int on_signal(sd_event_source *source, const struct signalfd_siginfo *si,
 	return 0;
 }
 
+static int on_hangup(sd_event_source *source, const struct signalfd_siginfo *si, void *ctx)
+{
+	struct daemon *d = ctx;
+
+	if (!d->stopping)
+		settings_reload(&d->config, d->jobs, d->server);
+	return 0;
+}
+
 /* ---- the start ---- */
 
 static int adopt(struct daemon *d, int fd, struct err *err)
@@ -308,12 +318,15 @@ static int make_loop(struct daemon *d, struct err *err)
 	sigemptyset(&set);
 	for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++)
 		sigaddset(&set, signals[i]);
+	sigaddset(&set, SIGHUP);
 	sigprocmask(SIG_BLOCK, &set, NULL);
 	signal(SIGPIPE, SIG_IGN);
 	signal(SIGXFSZ, SIG_IGN); /* a limit of file sizes is an error of who meets it */
 	r = sd_event_default(&d->event);
 	for (size_t i = 0; r >= 0 && i < sizeof signals / sizeof signals[0]; i++)
 		r = sd_event_add_signal(d->event, NULL, signals[i], on_signal, d);
+	if (r >= 0)
+		r = sd_event_add_signal(d->event, NULL, SIGHUP, on_hangup, d);
 	if (r >= 0)
 		r = sd_event_add_time_relative(d->event, &d->tick, CLOCK_MONOTONIC, TICK_USEC, TICK_USEC / 10,
 					       on_tick, d);
@@ -371,16 +384,6 @@ static int make_budget(struct daemon *d, struct err *err)
 	return 0;
 }
 
-static void rights_of(const struct config *c, struct rights *ret)
-{
-	*ret = (struct rights){
-		.self = geteuid(),
-		.gid = c->group_gid < 0 ? RIGHTS_NOBODY : (uint32_t)c->group_gid,
-		.admin_gid = c->admin_group_gid < 0 ? RIGHTS_NOBODY : (uint32_t)c->admin_group_gid,
-	};
-	snprintf(ret->group, sizeof ret->group, "%s", c->group);
-}
-
 static int make_jobs(struct daemon *d, struct err *err)
 {
 	char path[600];
@@ -393,6 +396,9 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.memory = d->config.memory,
 		.threads = d->config.threads,
 		.user_connections = d->config.user_connections,
+		.setting = settings_tell,
+		.settings = CONFIG_SETTINGS,
+		.setting_ctx = &d->config,
 	};
 	struct jobs_params jobs = {
 		.ledger = d->ledger,
@@ -409,7 +415,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 	};
 	int r;
 
-	rights_of(&d->config, &server.rights);
+	settings_rights(&d->config, &server.rights);
 	snprintf(path, sizeof path, "%s/catalogue.db", d->config.state);
 	r = sched_new(d->ledger, d->config.threads, &d->sched, err);
 	if (!r)

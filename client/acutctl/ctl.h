@@ -27,6 +27,7 @@ struct ctl_args {
 	bool header, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool all; /* cache gc */
+	bool origin_of; /* config show */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache, *disk, *keep_free;
@@ -84,6 +85,7 @@ enum ctl_group {
 	CTL_REMOVED = 1 << 25,       /* datasets */
 	CTL_GEOID = 1 << 16,
 	CTL_CACHE = 1 << 22,       /* cache gc */
+	CTL_CONFIG = 1 << 26,      /* config show */
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
 	CTL_COPY = 1 << 19,        /* backup, dataset export */
@@ -115,7 +117,7 @@ int ctl_verb_run(struct ctl *);
 /* NULL: there is none of that name. */
 const struct ctl_verb *ctl_verb_find(const struct ctl_command *, const char *name);
 
-extern const struct ctl_verb ctl_cache_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
+extern const struct ctl_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
 
 /* ---- ctl_command.c ---- */
 

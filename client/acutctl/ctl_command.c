@@ -18,6 +18,7 @@ static const struct ctl_command table[] = {
 	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
 	{"complete", "complete N WORD...", "what could stand as the Nth of these words; for the shells", CTL_ALL, 1, MANY, false,
 	 ctl_complete_run, .hidden = true},
+	{"config", "config show", "the settings of the daemon", CTL_ALL | CTL_CONFIG, 1, MANY, false, ctl_verb_run, ctl_config_verbs},
 	{"dataset", "dataset VERB NAME",
 	 "what is in one dataset, and what becomes of it",
 	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, ctl_verb_run, ctl_dataset_verbs},

@@ -104,6 +104,7 @@ static const struct ctl_option table[] = {
 	 "what they become (orthometric)"},
 	{"header", 0, NULL, FLAG, AT(header), CTL_INFO, "read the headers only"},
 	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
+	{"origin", 0, NULL, FLAG, AT(origin_of), CTL_CONFIG, "with the file and line that each comes from"},
 	{"copy", 0, NULL, FLAG, AT(copy), CTL_COPY, "copy all files, also where a hard link would do"},
 	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID, "under this name, not that of the file"},
 
@@ -150,12 +151,17 @@ bool ctl_option_choices(const struct ctl_option *o)
 	return o->value && o->value[0] >= 'a' && strchr(o->value, '|') && !strpbrk(o->value, ",[%");
 }
 
-static const struct ctl_option *find_name(const char *name, size_t n)
+/* Of two options with one name that of the command, NULL if it was not named yet. */
+static const struct ctl_option *find_name(const char *name, size_t n, const char *command)
 {
+	const struct ctl_command *c = command ? ctl_command_find(command) : NULL;
+	const struct ctl_option *found = NULL;
+
 	for (size_t i = 0; i < ROWS; i++)
-		if (strlen(table[i].name) == n && !memcmp(table[i].name, name, n))
-			return &table[i];
-	return NULL;
+		if (strlen(table[i].name) == n && !memcmp(table[i].name, name, n) &&
+		    (!found || (c && (table[i].groups & c->groups))))
+			found = &table[i];
+	return found;
 }
 
 static const struct ctl_option *find_letter(char letter)
@@ -169,6 +175,7 @@ static const struct ctl_option *find_letter(char letter)
 struct reader {
 	int argc, at;
 	char **argv;
+	const char *command; /* NULL: it has not come yet */
 	struct ctl_args *args;
 	bool seen[ROWS];
 };
@@ -248,7 +255,7 @@ static int take(struct reader *r, const char *arg, struct err *err)
 	if (arg[1] == '-') {
 		const char *equal = strchr(arg, '=');
 		size_t n = equal ? (size_t)(equal - arg - 2) : strlen(arg + 2);
-		o = find_name(arg + 2, n);
+		o = find_name(arg + 2, n, r->command);
 		value = equal ? equal + 1 : NULL;
 	} else {
 		o = find_letter(arg[1]);
@@ -460,7 +467,7 @@ int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err)
 			if (!strcmp(arg, "--version"))
 				command = "version";
 		} else if (!command) {
-			command = arg;
+			r.command = command = arg;
 		} else {
 			ctl->args.word[ctl->args.nword++] = arg;
 		}

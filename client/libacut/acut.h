@@ -117,6 +117,19 @@ struct acut_status {
 /* Results stay valid until the next call on this connection. */
 int acut_status(struct acut *, const struct acut_status **ret);
 
+/* A setting of the daemon, as acutd.conf would say it. */
+struct acut_setting {
+	const char *name, *value; /* "": unset */
+	const char *preset;       /* what it is where nobody sets it; "": preset_told says */
+	const char *preset_told;
+	const char *unit, *help;
+	const char *origin; /* "default", "environment", "control_group", "file", "command_line" */
+	const char *file;   /* of "file" */
+	uint32_t line;
+	bool reload; /* SIGHUP can change it */
+};
+int acut_config(struct acut *, void (*each)(void *ctx, const struct acut_setting *), void *ctx);
+
 /* ---- push ---- */
 
 struct acut_progress {

@@ -71,6 +71,13 @@ struct jobs_params {
 /* Loads the catalogue, removes what uncommitted pushes and dead one-step datasets left, queues the jobs that
  * were not done. Reads the disk: call it before the loop runs. */
 int jobs_new(const struct jobs_params *, struct jobs **ret, struct err *err);
+/* What may change while jobs run; as in jobs_params. What is there already is held to it from the next look on: what can
+ * be made again is evicted, who waits goes on. */
+struct jobs_limits {
+	struct space_limit disk, keep_free;
+	double keep_removed, space_wait;
+};
+void jobs_set_limits(struct jobs *, const struct jobs_limits *);
 /* Only when jobs_parked. NULL is fine; returns NULL. */
 struct jobs *jobs_free(struct jobs *);
 /* After sched_dispatch and catalogue_dispatch: gives memory to who starves, starts what can start. */

@@ -72,6 +72,15 @@ int space_new(const struct space_params *p, struct space **ret, struct err *err)
 	return 0;
 }
 
+void space_set_limits(struct space *s, struct space_limit disk, struct space_limit keep_free)
+{
+	pthread_mutex_lock(&s->lock);
+	s->p.disk = disk;
+	s->p.keep_free = keep_free;
+	memset(s->in_vain_ns, 0, sizeof s->in_vain_ns); /* more may be to be found now */
+	pthread_mutex_unlock(&s->lock);
+}
+
 struct space *space_free(struct space *s)
 {
 	struct space_held *next;
@@ -159,22 +168,29 @@ struct space_lack space_lack_of(struct space *s, int side, uint64_t bytes)
 /* ---- asking ---- */
 
 /* Which bound it is that does not hold, in its numbers; of two the one that lacks more decides. */
-static int refuse(const struct space *s, int side, uint64_t bytes, const char *what, const struct space_lack *l,
+static int refuse(struct space *s, int side, uint64_t bytes, const char *what, const struct space_lack *l,
 		  struct err *err)
 {
 	char need[32], left[32], limit[32], most[32], used[32];
-	const char *where = shared(s) && s->one ? "" : side == SPACE_ON_STATE ? " of --state" : " of --cache";
+	const char *where = s->one ? "" : side == SPACE_ON_STATE ? " of --state" : " of --cache";
+	struct space_limit disk, keep_free;
+	bool both;
 
+	pthread_mutex_lock(&s->lock);
+	disk = s->p.disk;
+	keep_free = s->p.keep_free;
+	both = shared(s);
+	pthread_mutex_unlock(&s->lock);
 	parse_size_text(bytes, need);
 	if (l->by_quota && l->by_quota >= l->by_free) {
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are left of the quota%s: %s of %s are used (--disk %s)", what, need,
-			parse_size_text(less(l->quota, l->used), left), shared(s) ? "" : where, parse_size_text(l->used, used),
-			parse_size_text(l->quota, most), space_limit_text(&s->p.disk, limit));
+			parse_size_text(less(l->quota, l->used), left), both ? "" : where, parse_size_text(l->used, used),
+			parse_size_text(l->quota, most), space_limit_text(&disk, limit));
 		err_add_hint(err, "remove datasets that nobody needs (acutctl dataset rm), or give acutd a larger --disk");
 	} else {
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are free on the file system%s, of which %s stay free (--keep-free %s)",
 			what, need, parse_size_text(l->free, left), where, parse_size_text(l->keep_free, most),
-			space_limit_text(&s->p.keep_free, limit));
+			space_limit_text(&keep_free, limit));
 		err_add_hint(err, "make room on the disk, or remove datasets that nobody needs (acutctl dataset rm)");
 	}
 	err->need = l->bytes;

@@ -51,6 +51,7 @@ struct space_params {
 };
 int space_new(const struct space_params *, struct space **ret, struct err *err);
 struct space *space_free(struct space *);
+void space_set_limits(struct space *, struct space_limit disk, struct space_limit keep_free);
 
 /* ---- asking ---- */
 

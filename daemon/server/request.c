@@ -81,6 +81,7 @@ static const struct {
 	ROW(IMPORT, request_import, false),
 	ROW(IMPORT_FILE, request_import_file, true),
 	ROW(IMPORT_COMMIT, request_import_commit, false),
+	ROW(SETTINGS_REQUEST, request_config, false),
 #undef ROW
 };
 

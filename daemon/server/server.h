@@ -16,6 +16,15 @@ struct jobs;
 struct ledger;
 struct server;
 
+/* A setting of the daemon, for clients. */
+struct server_setting {
+	const char *name, *preset, *preset_told, *unit, *help;
+	const char *origin; /* as acut.proto says */
+	bool reload;
+	unsigned line;
+	char value[512], file[512];
+};
+
 struct server_params {
 	sd_event *event; /* borrowed */
 	struct ledger *ledger;
@@ -24,6 +33,10 @@ struct server_params {
 	unsigned threads;
 	struct rights rights;      /* who is served */
 	unsigned user_connections; /* of one user who is no admin, at once; 0: no limit */
+	/* The settings, by number from 0; false: there are no more. */
+	bool (*setting)(void *ctx, unsigned i, struct server_setting *ret);
+	unsigned settings;
+	void *setting_ctx;
 };
 
 int server_new(const struct server_params *, struct server **ret, struct err *err);

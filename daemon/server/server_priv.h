@@ -120,6 +120,9 @@ void request_handle(struct conn *, uint32_t id, Acut__V1__Message *, int fd);
 typedef void request_fn(struct conn *, struct request *, Acut__V1__Message *, int fd);
 /* request_status.c */
 request_fn request_status;
+
+/* request_config.c */
+request_fn request_config;
 /* request_push.c */
 request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit,
 	request_push_abort, request_stream, request_info, request_inspect;

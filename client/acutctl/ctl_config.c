@@ -1,0 +1,84 @@
+/* config show: the settings of the daemon, and where each comes from. */
+#include <string.h>
+
+#include "ctl.h"
+#include "ctl_table.h"
+
+static const struct ctl_column columns[] = {{"SETTING"}, {"VALUE", .shrink = true}, {"FROM", .tail = true}};
+
+struct listing {
+	struct ctl *ctl;
+	struct ctl_table *table;
+};
+
+static void setting_json(struct ctl *ctl, const struct acut_setting *s)
+{
+	struct ctl_json j = { .out = ctl->report };
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_text(&j, "name", s->name);
+	ctl_json_known(&j, "value", s->value);
+	ctl_json_known(&j, "default", s->preset);
+	ctl_json_known(&j, "unit", s->unit);
+	ctl_json_literal(&j, "reload", s->reload ? "true" : "false");
+	ctl_json_text(&j, "origin", s->origin);
+	ctl_json_known(&j, "file", s->file);
+	if (s->line)
+		ctl_json_u64(&j, "line", s->line);
+	else
+		ctl_json_literal(&j, "line", "null");
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+static void put_origin(struct ctl_table *t, const struct acut_setting *s)
+{
+	if (!strcmp(s->origin, "file"))
+		ctl_table_text(t, "%s:%u", s->file, s->line);
+	else if (!strcmp(s->origin, "command_line"))
+		ctl_table_text(t, "command line");
+	else if (!strcmp(s->origin, "control_group"))
+		ctl_table_text(t, "limit of the control group");
+	else if (!*s->value)
+		ctl_table_text(t, "default: %s", s->preset_told);
+	else
+		ctl_table_text(t, "%s", s->origin);
+}
+
+static void show(void *ctx, const struct acut_setting *s)
+{
+	struct listing *l = ctx;
+
+	if (l->ctl->args.json) {
+		setting_json(l->ctl, s);
+		return;
+	}
+	ctl_table_text(l->table, "%s", s->name);
+	if (*s->value)
+		ctl_table_text(l->table, "%s", s->value);
+	else
+		ctl_table_none(l->table);
+	if (l->ctl->args.origin_of)
+		put_origin(l->table, s);
+}
+
+static int show_run(struct ctl *ctl)
+{
+	struct listing l = {.ctl = ctl};
+	int r, status;
+
+	ctl->list = true;
+	status = ctl_connect(ctl);
+	if (status)
+		return status;
+	if (!ctl->args.json)
+		l.table = ctl_table_new(ctl->report, columns, ctl->args.origin_of ? 3 : 2);
+	r = acut_config(ctl->acut, show, &l);
+	ctl_table_free(l.table);
+	return r ? ctl_error_acut(ctl) : CTL_DONE;
+}
+
+const struct ctl_verb ctl_config_verbs[] = {
+	{"show", "show", "each setting of the daemon, and its value", 0, 0, "origin", show_run},
+	{0},
+};

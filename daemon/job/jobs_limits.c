@@ -1,0 +1,11 @@
+/* Limits that change while the house is at work: they hold from the next time somebody looks at them. */
+#include "job_priv.h"
+
+void jobs_set_limits(struct jobs *j, const struct jobs_limits *limits)
+{
+	j->p.disk = limits->disk;
+	j->p.keep_free = limits->keep_free;
+	j->p.keep_removed = limits->keep_removed;
+	j->p.space_wait = limits->space_wait;
+	space_set_limits(j->space, limits->disk, limits->keep_free);
+}
