@@ -12,6 +12,7 @@ static const struct { const char *command, *line; } examples[] = {
 	{"cache", "acutctl cache gc --all"},
 	{"cancel", "acutctl cancel 12"},
 	{"dataset", "acutctl dataset show valley"},
+	{"config", "acutctl config show --origin"},
 	{"dataset", "acutctl dataset log valley --files"},
 	{"dataset", "acutctl dataset revert valley 7"},
 	{"datasets", "acutctl datasets"},
