@@ -12,7 +12,8 @@ from e2e import Folder, expect, main, run, unavailable
 
 # Exposure by systemd-analyze security, times ten: 0.4.
 THRESHOLD = 4
-UNITS = ["acutd.service", "acutd.socket", "acut-verify.service", "acut-verify.timer"]
+UNITS = ["acutd.service", "acutd.socket", "acut-verify.service", "acut-verify.timer", "acut-ingest@survey.service", "acut-ingest@survey.path",
+         "acut-ingest@survey.timer"]
 
 
 def staged(base):
@@ -41,8 +42,8 @@ def installed_units_are_well_formed():
     with Folder() as base:
         root = staged(base)
         here = sorted(n for n in os.listdir(os.path.dirname(find(root, UNITS[0]))) if "@" not in n)
-        expect(set(UNITS) <= set(here), "installed: %s" % here)
-        for unit in here:
+        expect({u for u in UNITS if "@" not in u} <= set(here), "installed: %s" % here)
+        for unit in sorted(set(here) | set(UNITS)):
             got = analyze("verify", "--root=" + root, "--recursive-errors=no", "--man=no", unit)
             expect(got.status == 0 and not got.err.strip(), "%s: %d %s" % (unit, got.status, got.err))
         # The judge judges.
@@ -56,7 +57,7 @@ def installed_units_are_well_formed():
 def exposure_is_small():
     with Folder() as base:
         root = staged(base)
-        for unit in ("acutd.service", "acut-verify.service"):
+        for unit in ("acutd.service", "acut-verify.service", "acut-ingest@survey.service"):
             got = analyze("security", "--root=" + root, "--offline=true", "--threshold=%d" % THRESHOLD, unit)
             level = re.search(r"Overall exposure level for \S+: ([0-9.]+)", got.out)
             expect(level and got.status == 0, "%s: %s\n%s%s" % (unit, level and level.group(1), got.out, got.err))
@@ -81,6 +82,7 @@ def users_and_folders():
             groups = dict((line.split(":")[0], line.strip().split(":")) for line in f)
         expect("acut" in users and users["acut"][5] == "/var/lib/acut" and users["acut"][6].endswith("nologin"), str(users))
         expect("acut" in groups and "acut-admin" in groups, str(groups))
+        expect("acut-ingest" in users and groups["acut"][3] == "acut-ingest", str(groups))
         if os.geteuid():
             return
         run(["systemd-tmpfiles", "--root=" + root, "--create"], timeout=60).ok()
