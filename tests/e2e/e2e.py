@@ -122,7 +122,11 @@ class Daemon:
 
     def start(self):
         log = open(self.log, "ab")
-        self.process = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self.env)
+        if os.environ.get("ACUT_UNIT_DAEMON") and self.command[0] == ACUTD:
+            import unit_daemon
+            self.process = unit_daemon.Process(self)
+        else:
+            self.process = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self.env)
         log.close()
         deadline = time.monotonic() + 20
         while time.monotonic() < deadline:
