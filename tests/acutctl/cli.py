@@ -316,7 +316,8 @@ def man_page():
         if not os.access(program, os.X_OK):
             print("skipped: the man page of %s, which is not built" % name)
             continue
-        with open(os.path.join(MAN, "%s.%d.scd" % (name, section))) as f:
+        # That of acutd is made of the table of settings.
+        with open(os.path.join(os.path.join(BUILD, "man") if name == "acutd" else MAN, "%s.%d.scd" % (name, section))) as f:
             page = f.read()
         text = subprocess.run([program, "--help"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20).stdout.decode()
         for o in set(re.findall(r"(?<![\w-])--([a-z][a-z-]+)", text)):

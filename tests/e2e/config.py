@@ -2,6 +2,7 @@
 acutctl config show, which tells where each setting comes from."""
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -195,6 +196,35 @@ def check_config():
             d.ctl("ping").ok()
 
 
+def documents_are_of_the_table():
+    """etc/acutd.conf is what the table says, and what it says are the defaults; the manual has every key and option."""
+    doc = os.environ["ACUT_CONFIG_DOC"]
+    source = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../..")
+    with open(source + "/etc/acutd.conf") as f:
+        conf = f.read()
+    expect(run([doc, "conf"]).ok().out == conf, "etc/acutd.conf is not of the table: run config-doc conf > etc/acutd.conf")
+    settings = [line.lstrip("#") for line in conf.splitlines() if line.lstrip("#")[:1].isalpha() and " =" in line
+                and not line.startswith("# ")]
+    expect(len(settings) == len(re.findall(r"^SETTING", open(source + "/daemon/config_table.def").read(), re.M)) - 3, "%s" % settings)
+    with Folder() as base:
+        file = base + "/acutd.conf"
+        write(file, "\n".join(s for s in settings if not s.startswith(("group", "admin-group"))) + "\n")
+        own = check(base, "--init", "--no-config").ok().out.split("\n\n")[0]
+        read = check(base, "--init", "--config", file).ok().out.split("\n\n")[0]
+        plain = [re.sub(r"  \(.*", "", text) for text in (own, read)]
+        expect(plain[0] == plain[1] and file in read, "%s\n%s" % (own, read))
+    for name, mark, rows in (("acutd.8", "options", settings), ("acutd.conf.5", "keys", settings)):
+        with open(os.path.join(source, "man", name + ".scd")) as f:
+            page = subprocess.run([doc, mark], stdin=f, stdout=subprocess.PIPE, check=True).stdout.decode()
+        for s in rows:
+            key = s.split(" =")[0]
+            expect(re.search(r"^\*%s%s\*" % ("--" if mark == "options" else "", key), page, re.M), "%s has no %s" % (name, key))
+        expect("@SETTINGS@" not in page, name)
+    told = run([e2e.ACUTD, "--help"]).ok().out
+    for s in settings:
+        expect("--%s " % s.split(" =")[0] in told, "--help has no %s" % s)
+
+
 def more_memory_than_the_control_group_has():
     """The kernel would end what acutd promises: refused, with the numbers."""
     # A limit by a folder that looks like /proc and /sys would need root; the rule is in tests/daemon/test_config_file.c.
@@ -242,4 +272,5 @@ def more_memory_than_the_control_group_has():
 
 
 e2e.main(show_tells_where_from, memory_by_cgroup_is_told, reload_has_its_effect, reload_tells_what_needs_a_restart,
-         reload_of_errors_changes_nothing, check_config, more_memory_than_the_control_group_has)
+         reload_of_errors_changes_nothing, check_config, documents_are_of_the_table,
+         more_memory_than_the_control_group_has)
