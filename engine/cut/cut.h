@@ -40,6 +40,8 @@ void cut_region_box(const struct cut_region *, int64_t ret[4]);
 void cut_region_root(const int32_t box[4], struct cut_region *ret);
 /* Lower half, upper half (x first of a square). False: one position wide, cannot be split. */
 bool cut_region_split(const struct cut_region *, struct cut_region ret[2]);
+/* The regions that it was split out of, from `root` on, the nearest first, at most `most`; returns how many. */
+size_t cut_region_above(const struct cut_region *root, const struct cut_region *, struct cut_region *ret, size_t most);
 /* The Morton ranges that make up the region's finite box; returns how many (1 to 4), ascending. */
 unsigned cut_region_ranges(const struct cut_region *, struct cut_range ret[4]);
 bool cut_region_holds(const struct cut_region *, int32_t x, int32_t y);
@@ -76,12 +78,14 @@ struct cut_leaf {
 	uint64_t count;      /* own positions at most, before the view (their number if `exact`) */
 	bool exact;
 	bool known;          /* its halo is in the plan's sites */
+	bool fits;           /* own + halo fitted when it was made last: the probe passes it */
 	uint8_t stuck;       /* consecutive levels without progress above it */
 	uint64_t above;      /* own + halo of the region it was cut out of because they did not fit; else 0 */
 };
 struct cut_plan {
 	struct cut_leaf *leaf;
 	size_t n, cap;
+	uint32_t load; /* it was made with: positions of a leaf at most */
 	struct ledger *ledger; /* that `cap` leaves are taken from (LEDGER_PLAN); NULL: none */
 	/* By the probe: sites of the halos of leaves that have few points and would read many; NULL: none. The same
 	 * as long as the plan lives, also when leaves split. */

@@ -229,14 +229,14 @@ static int plan_root(const struct cut_source *src, const struct cut_region *root
 
 int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_plan *ret, struct err *err)
 {
-	struct cut_plan plan = { .ledger = src->ledger };
+	struct cut_plan plan = { .ledger = src->ledger, .load = load ? load : 1 };
 	struct cut_region root;
 	int32_t box[4];
 	int rc = 0;
 
 	if (src->box(src->ctx, box)) {
 		cut_region_root(box, &root);
-		rc = plan_root(src, &root, load ? load : 1, &plan, err);
+		rc = plan_root(src, &root, plan.load, &plan, err);
 	}
 	if (rc)
 		cut_plan_done(&plan);

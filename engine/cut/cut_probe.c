@@ -3,7 +3,7 @@
  * leaves would read the same cells for.
  *
  * Suspicious are leaves at the rim (a hull), nearly empty ones (the middle of a circle, the sides of a corridor) and
- * those cut out of one that did not fit; everywhere else neighbours of equal load keep a halo small. The index's
+ * those cut out of one that did not fit, unless they were made before and are stored; everywhere else neighbours of equal load keep a halo small. The index's
  * bound lets most of them pass. The halos of the others are found, all through one source that keeps what they can see
  * of each cell, and are the plan's sites. A strip of land along a diagonal has as many empty leaves beside it as leaves on
  * it, of every size, and each sees a long stretch of its edge. A halo that does not fit is counted once more by itself,
@@ -23,7 +23,7 @@
 #include "ledger.h"
 
 enum {
-	FEW = 8,     /* nearly empty: an eighth of cap */
+	FEW = 8,     /* nearly empty: an eighth of what a leaf of this plan may have, or of cap */
 	GAIN = 4,
 };
 
@@ -49,9 +49,14 @@ struct probe {
 	uint32_t nregion;
 };
 
+static uint64_t few(const struct probe *p)
+{
+	return (p->plan->load && p->plan->load < p->cap ? p->plan->load : p->cap) / FEW;
+}
+
 static bool nearly_empty(const struct probe *p, const struct cut_leaf *leaf)
 {
-	return leaf->count < p->cap / FEW;
+	return leaf->count < few(p);
 }
 
 static bool suspicious(const struct probe *p, const struct cut_leaf *leaf)
@@ -92,15 +97,15 @@ static int count_halo(const struct probe *p, const struct cut_source *src, const
 
 static int judge(struct probe *p, const struct cut_leaf *leaf, uint8_t *ret, struct err *err)
 {
-	uint64_t room = leaf->count < p->cap ? p->cap - leaf->count : 0, many = p->cap / FEW, bound = 0;
-	bool few = nearly_empty(p, leaf);
+	uint64_t room = leaf->count < p->cap ? p->cap - leaf->count : 0, many = few(p), bound = 0;
+	bool empty = nearly_empty(p, leaf);
 	int rc;
 
-	*ret = leaf->above ? ALONE : PASSED;
-	if (leaf->above || !suspicious(p, leaf))
+	*ret = leaf->above && !leaf->fits ? ALONE : PASSED;
+	if (leaf->above || leaf->fits || !suspicious(p, leaf))
 		return 0;
 	/* What has few points is not to read many for itself, even if they fit. */
-	many = few && many < room ? many : room;
+	many = empty && many < room ? many : room;
 	rc = cut_bound_halo(p->src, p->view, &leaf->region, many, p->scratch, &bound, err);
 	if (rc == 0 && bound > many) {
 		*ret = p->keep ? TOGETHER : bound > room ? ALONE : PASSED;
@@ -126,7 +131,7 @@ static int judge_thin(struct probe *p, struct err *err)
 		const struct cut_leaf *leaf = &p->plan->leaf[i];
 		uint64_t bound = 0;
 
-		if (p->how[i] != PASSED)
+		if (p->how[i] != PASSED || leaf->fits)
 			continue;
 		rc = cut_bound_halo(p->src, p->view, &leaf->region, leaf->count / GAIN, p->scratch, &bound, err);
 		if (bound > leaf->count / GAIN)

@@ -122,6 +122,21 @@ bool cut_region_split(const struct cut_region *r, struct cut_region ret[2])
 	return true;
 }
 
+size_t cut_region_above(const struct cut_region *root, const struct cut_region *r, struct cut_region *ret, size_t most)
+{
+	int32_t x = (int32_t)((int64_t)r->x - BIAS), y = (int32_t)((int64_t)r->y - BIAS);
+	struct cut_region at = *root, half[2];
+	size_t n = 0;
+
+	while (most && !cut_region_same(&at, r) && cut_region_split(&at, half)) {
+		n += n < most;
+		memmove(ret + 1, ret, (n - 1) * sizeof *ret);
+		ret[0] = at;
+		at = half[cut_region_holds(&half[1], x, y)];
+	}
+	return cut_region_same(&at, r) ? n : 0;
+}
+
 static unsigned add_ranges(const struct cut_region *r, struct cut_range *ret)
 {
 	struct cut_region half[2];

@@ -148,6 +148,12 @@ enum { PIPE_E_FLAT = 2 };
 /* Of a view with a window the leaves are the pieces of the window, and `domains` are the triangles that meet them. */
 int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
 	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err);
+/* Its two steps, for who has something to do between them (pipe_refine): the leaves, and the look ahead at their halos.
+ * The second empties the plan where it fails. */
+int pipe_plan_make(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
+		   struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err);
+int pipe_plan_probe(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
+		    struct cut_plan *plan, struct err *err);
 
 /* cut_plan_split for a plan of pipe_plan, whatever its view. */
 int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, const struct view *view, uint64_t need,
@@ -207,8 +213,9 @@ int pipe_reuse(const struct pipe_reuse_params *, struct mesh_domain *ret, struct
 	       struct err *err);
 
 /*
- * Before a plan is kept: of few leaves that have changed since they were stored smaller ones are made, so that several
- * threads share them, and the next change there finds more of them unchanged. `region` and `light` of the parameters do
+ * Between the steps of a plan: of few leaves that have changed since they were stored smaller ones are made, so that several
+ * threads share them, and the next change there finds more of them unchanged. Those that are stored are marked `fits`:
+ * whether their halos fit was seen when they were made, and if it changed, it is seen when they are made again. `region` and `light` of the parameters do
  * not matter. Only what the index and the headers of the store tell is looked at: a hint, which costs little.
  */
 int pipe_refine(const struct pipe_reuse_params *, struct cut_plan *, struct err *err);

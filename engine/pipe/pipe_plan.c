@@ -52,17 +52,15 @@ static int flat_points(void *ctx, const struct point *pts, size_t n, struct err 
 	return 0;
 }
 
-int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err)
+int pipe_plan_make(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
+		   struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err)
 {
-	size_t reader_size = grid_reader_bytes(grid);
-	uint8_t *scratch = (uint8_t *)memory + pipe_round(reader_size);
 	struct flat flat = { .view = view };
 	struct grid_reader *reader = NULL;
 	struct cut_plan plan = { 0 };
 	int r;
 
-	r = grid_reader_new(grid, memory, reader_size, &reader, err);
+	r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
 	if (r)
 		return r;
 	r = grid_scan(reader, 0, UINT64_MAX, flat_points, &flat, err);
@@ -77,13 +75,45 @@ int pipe_plan(const struct grid *grid, const struct view *view, const struct pip
 		} else {
 			r = cut_plan_make(reader, budget->load, &plan, err);
 		}
-		if (!r && !view->window)
-			r = cut_plan_probe_rim(&plan, reader, view, budget->cap, scratch, tri_bytes(budget->cap), err);
 		if (!r)
 			*ret = plan;
 		else
 			cut_plan_done(&plan);
 	}
 	grid_reader_free(reader);
+	return r;
+}
+
+int pipe_plan_probe(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
+		    struct cut_plan *plan, struct err *err)
+{
+	size_t reader_size = grid_reader_bytes(grid);
+	uint8_t *scratch = (uint8_t *)memory + pipe_round(reader_size);
+	struct grid_reader *reader = NULL;
+	int r;
+
+	if (view->window)
+		return 0;
+	r = grid_reader_new(grid, memory, reader_size, &reader, err);
+	if (!r)
+		r = cut_plan_probe_rim(plan, reader, view, budget->cap, scratch, tri_bytes(budget->cap), err);
+	grid_reader_free(reader);
+	if (r)
+		cut_plan_done(plan);
+	return r;
+}
+
+int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
+	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err)
+{
+	struct cut_plan plan;
+	int r = pipe_plan_make(grid, view, budget, memory, &plan, ret_flat, err);
+
+	if (r == PIPE_E_FLAT)
+		*ret = plan;
+	if (!r)
+		r = pipe_plan_probe(grid, view, budget, memory, &plan, err);
+	if (!r)
+		*ret = plan;
 	return r;
 }

@@ -13,13 +13,14 @@
 #include "pipe.h"
 #include "pipe_priv.h"
 
-enum { FINE = 4, VERSIONS = 8, MOST = 4 /* of the leaves, at most a quarter are cut */ };
+enum { FINE = 4, VERSIONS = 8, MOST = 4 /* of the leaves, at most a quarter are cut */, ABOVE = 3 };
 
 enum state { NEW, CHANGED, THERE };
 
-/* By header and index: of as many records as the region has now, or of the very content. */
+/* By header and index: of as many records as the region has now, or of the very content. *ret_fits: what is stored of it
+ * fitted the cap, with its halo. */
 static int state_of(const struct pipe_reuse_params *p, struct grid_reader *reader, const struct cut_region *region,
-		    enum state *ret, struct err *err)
+		    enum state *ret, bool *ret_fits, struct err *err)
 {
 	struct store_id id = {.base = pipe_key_of(p->key, region)};
 	struct store_version version[VERSIONS];
@@ -29,6 +30,7 @@ static int state_of(const struct pipe_reuse_params *p, struct grid_reader *reade
 	int r = store_versions(p->storefd, id.base, version, VERSIONS, &n, err);
 
 	*ret = NEW;
+	*ret_fits = false;
 	if (r || !n)
 		return r;
 	*ret = CHANGED;
@@ -48,12 +50,31 @@ static int state_of(const struct pipe_reuse_params *p, struct grid_reader *reade
 		r = store_head(p->storefd, &id, &f, err);
 		if (r < 0)
 			return r;
-		if (!r && (f.domain.counts.points == points || digest_equal(f.beside.content, p->key->content))) {
+		if (r)
+			continue;
+		*ret_fits = f.domain.counts.used + f.domain.counts.halo <= p->cap;
+		if (f.domain.counts.points == points || digest_equal(f.beside.content, p->key->content)) {
 			*ret = THERE;
 			return 0;
 		}
 	}
 	return 0;
+}
+
+/* A region that nothing is stored of: whether something is of one of the regions just above it. Then it was split off a
+ * leaf that has outgrown the load. */
+static int outgrown(const struct pipe_reuse_params *p, const struct cut_region *root, const struct cut_region *region,
+		    bool *ret, struct err *err)
+{
+	struct cut_region above[ABOVE];
+	size_t n = cut_region_above(root, region, above, ABOVE), found = 0;
+	struct store_version version;
+	int r = 0;
+
+	for (size_t k = 0; !r && !found && k < n; k++)
+		r = store_versions(p->storefd, pipe_key_of(p->key, &above[k]), &version, 1, &found, err);
+	*ret = found > 0;
+	return r;
 }
 
 /* The leaf at *i and what becomes of it; *i is then behind. */
@@ -62,14 +83,19 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 {
 	size_t end = *i + 1;
 
+	const bool fits = plan->leaf[*i].fits;
+
 	for (bool first = true; *i < end; first = false) {
+		struct cut_leaf *leaf = &plan->leaf[*i];
 		enum state state = CHANGED;
 		bool halved = false;
 		int r = 0;
 
 		if (!first)
-			r = state_of(p, reader, &plan->leaf[*i].region, &state, err);
-		if (!r && state != THERE && plan->leaf[*i].count > p->load / FINE)
+			r = state_of(p, reader, &leaf->region, &state, &leaf->fits, err);
+		/* What meets a part meets the whole. */
+		leaf->fits |= fits;
+		if (!r && state != THERE && leaf->count > p->load / FINE)
 			r = cut_plan_halve(plan, *i, reader, &halved, err);
 		if (r)
 			return r;
@@ -79,49 +105,73 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 	return 0;
 }
 
-static int refine(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, bool *cut,
+static int look(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, uint8_t *state,
+		size_t *ret_changed, struct err *err)
+{
+	struct cut_region root;
+	size_t stored = 0;
+	int32_t box[4];
+	int r = 0;
+
+	*ret_changed = 0;
+	for (size_t k = 0; !r && k < plan->n; k++) {
+		struct cut_leaf *leaf = &plan->leaf[k];
+		enum state is = NEW;
+
+		r = state_of(p, reader, &leaf->region, &is, &leaf->fits, err);
+		state[k] = (uint8_t)is;
+		stored += is != NEW;
+		*ret_changed += is == CHANGED;
+	}
+	if (!stored || !grid_box(p->grid, box))
+		return r;
+	cut_region_root(box, &root);
+	for (size_t k = 0; !r && k < plan->n; k++) {
+		bool is = false;
+
+		/* What is not to be cut is not asked for: of a survey that doubled most leaves are new. */
+		if (state[k] != NEW || *ret_changed > plan->n / MOST)
+			continue;
+		r = outgrown(p, &root, &plan->leaf[k].region, &is, err);
+		*ret_changed += is;
+		state[k] = is ? CHANGED : NEW;
+		/* All above fitted, and what came is little. */
+		plan->leaf[k].fits = is;
+	}
+	return r;
+}
+
+static int refine(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, uint8_t *state,
 		  struct err *err)
 {
-	size_t leaves = plan->n, some = 0, i = 0;
+	size_t leaves = plan->n, changed, i = 0;
+	int r = look(p, reader, plan, state, &changed, err);
 
-	for (size_t k = 0; k < leaves; k++) {
-		enum state state;
-		int r = state_of(p, reader, &plan->leaf[k].region, &state, err);
-
-		if (r)
-			return r;
-		cut[k] = state == CHANGED && plan->leaf[k].count > p->load / FINE;
-		some += state == CHANGED;
-	}
-	for (size_t k = 0; some <= leaves / MOST && k < leaves; k++) {
-		int r = 0;
-
-		if (cut[k])
+	for (size_t k = 0; !r && changed <= leaves / MOST && k < leaves; k++) {
+		if (state[k] == CHANGED && plan->leaf[i].count > p->load / FINE)
 			r = cut_leaf(p, reader, plan, &i, err);
 		else
 			i++;
-		if (r)
-			return r;
 	}
-	return 0;
+	return r;
 }
 
 int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct err *err)
 {
 	struct grid_reader *reader = NULL;
-	bool *cut;
+	uint8_t *state;
 	int r;
 
 	/* Regions of a window are not those of the whole mesh. */
 	if (p->view->window || plan->n < MOST)
 		return 0;
-	cut = calloc(plan->n, sizeof *cut);
-	if (!cut)
+	state = calloc(plan->n, 1);
+	if (!state)
 		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", plan->n);
 	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
 	if (!r)
-		r = refine(p, reader, plan, cut, err);
+		r = refine(p, reader, plan, state, err);
 	grid_reader_free(reader);
-	free(cut);
+	free(state);
 	return r;
 }

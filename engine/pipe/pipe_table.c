@@ -15,6 +15,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <unistd.h>
 #include <xxhash.h>
 
@@ -23,6 +24,8 @@
 
 enum { SLOTS = PIPE_TABLE_PAGE / sizeof(struct pipe_vertex) };
 _Static_assert(sizeof(struct pipe_vertex) == 40, "102 slots a page");
+/* Pages of a new table, if there is room: a few thousand vertices are open in most meshes, and growing takes a file. */
+enum { FIRST_PAGES = 128, HUGE_PAGE = 2 << 20 };
 
 struct frame {
 	uint64_t page;
@@ -267,6 +270,21 @@ static int grow(struct pipe_table *t, struct err *err)
 	return r;
 }
 
+/* In huge pages where there is more than one: slots lie all over, and most of a small job's time would go into faults.
+ * Only what is used of it becomes resident. Pages are cleared when they are first used. */
+static void *frames_new(size_t nframes)
+{
+	size_t bytes = nframes * PIPE_TABLE_PAGE, whole = (bytes + HUGE_PAGE - 1) & ~(size_t)(HUGE_PAGE - 1);
+	void *at;
+
+	if (bytes <= HUGE_PAGE)
+		return malloc(bytes);
+	at = aligned_alloc(HUGE_PAGE, whole);
+	if (at)
+		madvise(at, bytes & ~(size_t)(HUGE_PAGE - 1), MADV_HUGEPAGE);
+	return at;
+}
+
 int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct err *err)
 {
 	size_t nframes = memory / PIPE_TABLE_PAGE;
@@ -278,7 +296,7 @@ int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct
 	t = calloc(1, sizeof *t);
 	if (t) {
 		t->frame = calloc(nframes, sizeof *t->frame);
-		t->bytes = calloc(nframes, PIPE_TABLE_PAGE);
+		t->bytes = frames_new(nframes);
 	}
 	if (!t || !t->frame || !t->bytes) {
 		pipe_table_free(t);
@@ -287,7 +305,7 @@ int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct
 	t->fd = -1;
 	t->dirfd = tempdirfd;
 	t->nframes = nframes;
-	table_clear(t, PIPE_TABLE_FRAMES_MIN);
+	table_clear(t, nframes < FIRST_PAGES ? PIPE_TABLE_FRAMES_MIN : FIRST_PAGES);
 	*ret = t;
 	return 0;
 }

@@ -74,6 +74,29 @@ static void near_position(uint64_t *seed, const struct cut_region *r, int32_t re
 	ret[1] = num((r->y + dy) ^ 0x80000000u);
 }
 
+static void way_up_is_the_way_down(void **state)
+{
+	const int32_t box[4] = { -1000, 5, 70000, 1 << 20 };
+	uint64_t seed = 11;
+
+	(void)state;
+	for (unsigned i = 0; i < 2000; i++) {
+		unsigned depth = (unsigned)(tiling_random(&seed) % 20), most = (unsigned)(tiling_random(&seed) % 5);
+		struct cut_region way[32], half[2], got[5];
+		size_t n = 0, k;
+
+		cut_region_root(box, &way[0]);
+		for (; n < depth && cut_region_split(&way[n], half); n++)
+			way[n + 1] = half[tiling_random(&seed) & 1];
+		k = cut_region_above(&way[0], &way[n], got, most);
+		assert_int_equal(k, n < most ? n : most);
+		while (k-- > 0)
+			assert_true(cut_region_same(&got[k], &way[n - 1 - k]));
+		/* What is not below the root was split out of nothing of it. */
+		assert_int_equal(cut_region_above(&way[n], &way[0], got, 5), 0);
+	}
+}
+
 static void ranges_are_the_box(void **state)
 {
 	uint64_t seed = 3;
@@ -245,6 +268,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(root_is_small),
+		cmocka_unit_test(way_up_is_the_way_down),
 		cmocka_unit_test(ranges_are_the_box),
 		cmocka_unit_test(rubbish_is_no_region),
 		cmocka_unit_test(ties_have_one_owner),

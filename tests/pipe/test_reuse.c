@@ -243,18 +243,28 @@ static void test_refine(void **state)
 	rng = 21;
 	s = points_of(40000, 100000);
 	old = generation_of(&s, 1, 0x30);
-	new = generation_of(&s, 2, 0x20);
+	new = generation_of(&s, 2, 0);
 	for (unsigned round = 0; round < 2; round++) {
 		struct generation *g = round ? &new : &old;
 		struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
 					      .load = LOAD, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes};
 		struct cut_plan plan = plan_of(g), again;
-		size_t before = plan.n, made = 0;
+		size_t before = plan.n, made = 0, fits = 0;
 		struct err err = ERR_INIT;
 		struct pipe_stored as;
 		uint64_t points = 0;
 
 		CHECK(pipe_refine(&p, &plan, &err));
+		for (size_t i = 0; i < plan.n; i++) {
+			struct store_version version;
+			size_t n;
+
+			CHECK(store_versions(store.fd, pipe_key_of(&g->key, &plan.leaf[i].region), &version, 1, &n, &err));
+			/* Also what outgrew its leaf is small. */
+			assert_true(!round || n || plan.leaf[i].count <= LOAD / 4);
+			fits += plan.leaf[i].fits;
+		}
+		assert_int_equal(fits, round ? plan.n : 0);
 		assert_true(round ? plan.n > before && plan.n < before + before / 4 : plan.n == before);
 		for (size_t i = 0; i < plan.n; i++) {
 			struct mesh_domain d;
