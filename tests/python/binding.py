@@ -1,5 +1,6 @@
 """The Python module beside acutctl on one daemon: the same views, meshes, changes and errors; callbacks that raise, Ctrl-C at
 any moment, threads; nothing left open. Run under -X dev -W error, where a warning is an exception."""
+import contextlib
 import gc
 import io
 import json
@@ -305,6 +306,31 @@ def failures():
             expect("closed" in repr(c), repr(c))
 
 
+def the_page():
+    """The examples of acut-python(7), one after the other, as they stand there."""
+    with open(os.path.join(os.environ["ACUT_SOURCE"], "man/acut-python.7.scd")) as f:
+        examples = f.read().split("```\n")[1::2]
+    expect(len(examples) >= 5, "%d examples" % len(examples))
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        a, b = (synth(os.path.join(base, n), 6000, i) for i, n in enumerate(("a.las", "b.las"), 1))
+        with open(os.path.join(base, "broken.las"), "wb") as f:
+            f.write(open_and_read(a)[:3000])
+        here, out = os.getcwd(), io.StringIO()
+        os.chdir(base)
+        os.environ["ACUT_SOCKET"] = d.socket
+        try:
+            with contextlib.redirect_stdout(out):
+                names = {}
+                for example in examples:
+                    exec(compile(example, "acut-python(7)", "exec"), names)
+        finally:
+            os.chdir(here)
+            del os.environ["ACUT_SOCKET"]
+        text = out.getvalue()
+        for want in (" triangles, digest ", "generation ", "a.las known", "broken.las refused", "broken.las: byte", "lowest: ", "not-found"):
+            expect(want in text, "%r is not in what the examples print:\n%s" % (want, text))
+
+
 class Mine(Exception):
     pass
 
@@ -462,4 +488,4 @@ def leave(c, job):
 
 
 signal.signal(signal.SIGALRM, signal.default_int_handler)
-e2e.main(same_mesh, same_views, changes, inputs, failures, callbacks, interrupts, threads, nothing_is_left)
+e2e.main(same_mesh, same_views, changes, inputs, failures, the_page, callbacks, interrupts, threads, nothing_is_left)
