@@ -13,6 +13,7 @@
 #include <sys/epoll.h>
 #include <sys/socket.h>
 
+#include "clock.h"
 #include "io.h"
 #include "ledger.h"
 #include "log.h"
@@ -24,6 +25,8 @@ enum {
 	REQUEST_BYTES = 4 << 10, /* of a request, beside its texts: what is kept until it is answered */
 	FAT = 32 << 10,          /* nobody who reads his answers has as much for long */
 	COMFORT = 2 * FRAME_MAX, /* room for a frame that comes and its message */
+	TURN_REQUESTS = 16,      /* at most, one after the other, */
+	TURN_NS = 200000,        /* and no further one after so long */
 };
 
 /* Messages have run out of memory: whoever holds the most, and more than an honest client does, is cut off. It is
@@ -191,35 +194,62 @@ uint64_t conn_held(const struct conn *c)
 
 /* ---- reading ---- */
 
+static void receive(struct conn *c)
+{
+	struct err err = ERR_INIT;
+	Acut__V1__Message *m = NULL;
+	uint32_t id = 0;
+	int got = -1, r;
+
+	make_room(c->server, COMFORT, c);
+	r = frame_conn_recv(c->frame, &id, &m, &got, &err);
+	if (r == FRAME_E_AGAIN) {
+		c->dry = true;
+	} else if (r == FRAME_E_EOF) {
+		conn_close(c);
+	} else if (r < 0) {
+		conn_fail(c, &err);
+	} else {
+		request_handle(c, id, m, got);
+		frame_message_free(m);
+	}
+}
+
+/* Whether its user had so much of the loop that others come first. */
+static bool comes_later(struct conn *c, uint64_t now)
+{
+	bool later = turn_later(c->server, c->peer.uid, now);
+
+	if (later != c->later)
+		sd_event_source_set_priority(c->io, later ? TURN_LATER : TURN_NOW);
+	c->later = later;
+	return later;
+}
+
+/* A turn: a few requests, or a short time. What is left keeps the source ready. */
 static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
 {
 	struct conn *c = ctx;
-	int i;
+	uint64_t start = clock_mono_ns(), now = start;
+	uint64_t most = TURN_NS;
+	bool was_later = c->later;
 
 	if (c->closed)
 		return 0;
+	if (comes_later(c, start)) {
+		/* Who is gone makes room at once. */
+		if (!was_later && !(events & (EPOLLHUP | EPOLLERR)))
+			return 0;
+		most /= 4;
+	}
 	if (events & EPOLLOUT)
 		flush(c);
-	for (i = 0; i < 16 && !c->closed; i++) {
-		struct err err = ERR_INIT;
-		Acut__V1__Message *m = NULL;
-		uint32_t id = 0;
-		int got = -1, r;
-
-		make_room(c->server, COMFORT, c);
-		r = frame_conn_recv(c->frame, &id, &m, &got, &err);
-
-		if (r == FRAME_E_AGAIN)
-			break;
-		if (r == FRAME_E_EOF) {
-			conn_close(c);
-		} else if (r < 0) {
-			conn_fail(c, &err);
-		} else {
-			request_handle(c, id, m, got);
-			frame_message_free(m);
-		}
+	c->dry = false;
+	for (int i = 0; i < TURN_REQUESTS && now - start < most && !c->closed && !c->dry; i++) {
+		receive(c);
+		now = clock_mono_ns();
 	}
+	turn_used(c->server, c->peer.uid, start);
 	if (!c->closed)
 		watch(c);
 	return 0;

@@ -295,7 +295,7 @@ static int watch(void *ctx, struct push_stream *stream, int fd, void **slot, str
 		if (r >= 0) {
 			*slot = source;
 			/* Requests before bulk. */
-			sd_event_source_set_priority(source, SD_EVENT_PRIORITY_NORMAL + 5);
+			sd_event_source_set_priority(source, TURN_BULK);
 			r = sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
 		}
 	}

@@ -141,8 +141,8 @@ static int accept_ready(sd_event_source *source, int fd, uint32_t events, void *
 {
 	int i;
 
-	/* Clients that are served already get their turn between rounds. */
-	for (i = 0; i < 16 && accept_one(ctx); i++)
+	/* A turn like that of a client. */
+	for (i = 0; i < 8 && accept_one(ctx); i++)
 		;
 	return 0;
 }
@@ -161,8 +161,8 @@ int server_listen(struct server *s, int fd, struct err *err)
 		free(l);
 		return err_sys(err, -r, "cannot wait for clients");
 	}
-	/* Answers first, new clients later. */
-	sd_event_source_set_priority(l->io, SD_EVENT_PRIORITY_NORMAL + 10);
+	/* Clients that are served first; and those who come take turns with those who ask too much, so that they do not pile up. */
+	sd_event_source_set_priority(l->io, TURN_LATER);
 	l->next = s->listeners;
 	s->listeners = l;
 	return 0;

@@ -32,9 +32,12 @@ struct server {
 	uint64_t last_conn;
 	uint64_t started_ns;
 	bool stopping, reap;
+	struct turn { /* turn.c: what the loop did for users of late */
+		uint64_t since_ns, used_ns;
+	} turns[256];
 	struct refusals { /* refusal.c: what the log was told in the last while */
 		sd_event_source *timer;
-		uint64_t since_ns, hidden, total;
+		uint64_t since_ns, hidden;
 		unsigned told;
 	} refusals;
 };
@@ -77,7 +80,8 @@ struct conn {
 	sd_event_source *io;
 	struct job_peer peer;
 	uint64_t number; /* of all that ever came */
-	bool hello, closed;
+	bool hello, closed, dry; /* dry: no whole message has come */
+	bool later;              /* its turn is after others' */
 	unsigned nrequests, nfiles;
 	size_t charged; /* itself and its requests */
 	struct request *requests;
@@ -106,6 +110,11 @@ void request_refuse(struct request *, const struct err *);        /* likewise */
 
 uint64_t conn_held(const struct conn *); /* taken of LEDGER_MESSAGE */
 
+/* turn.c. Priorities of the loop's sources: requests before bulk, and both before requests of who had much of it. */
+enum { TURN_NOW = SD_EVENT_PRIORITY_NORMAL, TURN_BULK = TURN_NOW + 3, TURN_LATER = TURN_NOW + 5 };
+bool turn_later(struct server *, uint32_t uid, uint64_t now); /* others come first */
+uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now, which it returns */
+
 /* refusal.c */
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */
 void refusal_tell(int fd, const struct err *why);
@@ -133,8 +142,6 @@ void request_job_told(struct conn *, struct job *);
 /* request_cache.c */
 request_fn request_cache_stat, request_cache_verify, request_cache_gc;
 void message_side(const struct space_side *, Acut__V1__CacheSide *ret);
-/* request_metrics.c, request_doctor.c */
-request_fn request_metrics, request_doctor;
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_backup.c */

@@ -490,7 +490,7 @@ static struct stream_out *stream_make(struct conn *c, uint64_t job, uint32_t req
 		return NULL;
 	}
 	/* Requests before bulk. */
-	sd_event_source_set_priority(o->io, SD_EVENT_PRIORITY_NORMAL + 5);
+	sd_event_source_set_priority(o->io, TURN_BULK);
 	o->output.calls = &output_calls;
 	o->conn = c;
 	o->job = job;
