@@ -67,7 +67,15 @@ class Wire:
     def __init__(self, path, timeout=20.0):
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(timeout)
-        self.sock.connect(path)
+        deadline = time.monotonic() + timeout
+        while True:
+            try:
+                self.sock.connect(path)
+                break
+            except BlockingIOError:  # the queue at the door is full, and a socket with a time-out does not wait in it
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.0005)
         self.timeout = timeout
 
     def fileno(self):
