@@ -90,9 +90,9 @@ static void generation_end(struct generation *g)
 }
 
 /* `all` points of side `side`, and some of source 4 in a corner of it; more of source 5 elsewhere in the corner. */
-static struct set points_of(size_t all, uint32_t side)
+static struct set points_more(size_t all, size_t some, uint32_t side)
 {
-	size_t some = 30, n = all + 2 * some;
+	size_t n = all + 2 * some;
 	struct set s = {calloc(n, sizeof *s.pts), calloc(n, sizeof *s.ids), n};
 
 	for (size_t i = 0; i < n; i++) {
@@ -103,6 +103,11 @@ static struct set points_of(size_t all, uint32_t side)
 		s.ids[i] = i < all ? 1 + (uint32_t)rnd(3) : i < all + some ? 4 : 5;
 	}
 	return s;
+}
+
+static struct set points_of(size_t all, uint32_t side)
+{
+	return points_more(all, 30, side);
 }
 
 /* ---- domains ---- */
@@ -241,7 +246,7 @@ static void test_refine(void **state)
 
 	(void)state;
 	rng = 21;
-	s = points_of(40000, 100000);
+	s = points_more(40000, 300, 100000);
 	old = generation_of(&s, 1, 0x30);
 	new = generation_of(&s, 2, 0);
 	for (unsigned round = 0; round < 2; round++) {
