@@ -2,7 +2,8 @@
  * The database of the catalogue: opening, older versions, errors.
  *
  * An older version is brought to this one step by step, each step a transaction: what is cut short is as it was. A
- * newer one is refused before anything is written to it. The heap of SQLite is bounded.
+ * newer one is refused before anything is written to it. The heap of SQLite is bounded, so what a step of many rows has to
+ * remember to be undone goes to a temporary file.
  */
 #include "catalogue_priv.h"
 
@@ -81,9 +82,11 @@ static int bring_up(struct catalogue *c, int version, struct err *err)
 		return catalogue_run(c, catalogue_sql_schema, err);
 	if (version < CATALOGUE_VERSION)
 		r = catalogue_sum_function(c, err);
+	if (version < CATALOGUE_VERSION)
+		r = catalogue_run(c, "PRAGMA temp_store = FILE", err);
 	for (; !r && version < CATALOGUE_VERSION; version++)
 		r = catalogue_run(c, catalogue_sql_step[version], err);
-	return r;
+	return r ? r : catalogue_run(c, "PRAGMA temp_store = MEMORY", err);
 }
 
 /* A checkpoint that fails is no silent matter. */

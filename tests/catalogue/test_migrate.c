@@ -242,6 +242,21 @@ static void damaged(void **state)
 	}
 }
 
+/* Of 10,000 jobs, in the memory that SQLite has. */
+static void large(void **state)
+{
+	struct err err = ERR_INIT;
+	struct catalogue *c;
+
+	run(old[3]);
+	run("WITH RECURSIVE n(i) AS (SELECT 10 UNION ALL SELECT i + 1 FROM n WHERE i < 10009) INSERT INTO job SELECT i, 7, 1, 'v',"
+	    " 'done', 1000, 77, 11, 12, hex(zeroblob(400)), '', '', '', '', '', -1, 2, '', NULL FROM n");
+	assert_int_equal(catalogue_new(path, NULL, &c, &err), 0);
+	catalogue_free(c);
+	assert_int_equal(number("PRAGMA user_version"), 4);
+	assert_int_equal(number("SELECT count(*) FROM job"), 10001);
+}
+
 /* A newer one is left as it is. */
 static void newer(void **state)
 {
@@ -287,6 +302,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(older, setup, teardown),
 		cmocka_unit_test_setup_teardown(cut_short, setup, teardown),
 		cmocka_unit_test_setup_teardown(damaged, setup, teardown),
+		cmocka_unit_test_setup_teardown(large, setup, teardown),
 		cmocka_unit_test_setup_teardown(newer, setup, teardown),
 		cmocka_unit_test_setup_teardown(names, setup, teardown),
 	};
