@@ -63,6 +63,7 @@ struct ctl {
 	bool list;                 /* what is told is one of many lines, and the last comes at once */
 	bool progress_shown;       /* a progress line stands on the terminal */
 	bool out_closed;           /* the reader of standard output is gone */
+	bool for_reader;           /* without that reader there is no use in going on: -o -, wait, watch */
 };
 
 /* Exit statuses that are no error's (DESIGN of the command line). */
@@ -180,6 +181,11 @@ void ctl_signal_init(struct ctl *);
 int ctl_signal_interrupted(void *ctx);
 int ctl_signal_caught(void); /* its number, or 0 */
 bool ctl_signal_late(const struct ctl *);
+/* Standard output is a pipe or socket that nobody reads any more. */
+bool ctl_signal_reader_gone(void);
+/* Standard input ended because all that held the other ends is gone (a connection of ssh that broke): its end is no end.
+ * Told by what else came over it: the socket's other direction, or standard output and error. */
+bool ctl_signal_cut_off(void);
 
 /* ---- ctl_json.c ---- */
 
@@ -323,7 +329,10 @@ struct ctl_progress {
 	uint64_t start_ns, last_ns; /* of the phase; of the last line */
 	uint64_t base, total;      /* staging: points of files that are done, of all files */
 	bool on;
+	char line[256];            /* what stands there */
 };
+/* Puts this line in place of the one that stands; a caller of its own asks `on` first. */
+void ctl_progress_line(struct ctl_progress *, const char *text);
 void ctl_progress_init(struct ctl_progress *, struct ctl *);
 /* An acut_progress_fn. */
 void ctl_progress_show(void *ctx, const struct acut_progress *);
@@ -408,6 +417,14 @@ int ctl_output_open(struct ctl *, struct format_run **ret, struct err *err);
 /* Fetches the job into the run, going on with what it has kept (format_run_keep), publishes, reports; exit status. */
 int ctl_output_fetch(struct ctl *, uint64_t job, struct format_run *, const struct ctl_staged *);
 
+/* ---- ctl_summary.c: what a mesh has become, for people ---- */
+
+void ctl_summary(struct ctl *, const struct acut_job *, const struct format_report *, const struct ctl_staged * /* or NULL */);
+/* Of a job that was waited for and not fetched: on a terminal only. */
+void ctl_summary_job(struct ctl *, const struct acut_job *);
+/* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
+uint64_t ctl_summary_moved(const struct ctl_staged *, double ret_shift[3]);
+
 /* ---- ctl_job.c: jobs as text and JSON ---- */
 
 void ctl_job_print(struct ctl *, const struct acut_job *);
@@ -436,6 +453,8 @@ char *ctl_job_time_text(int64_t us, char buf[32]);
 
 /* What the daemon of this version reads; up to one without a name. extensions: ".las .laz". */
 extern const struct ctl_input_format { const char *name, *extensions, *help; } ctl_formats_input[];
+/* "laz" is an extension of las. */
+bool ctl_formats_extension(const struct ctl_input_format *, const char *word);
 
 /* ---- commands ---- */
 

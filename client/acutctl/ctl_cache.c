@@ -143,14 +143,13 @@ static void damage(void *ctx, const struct acut_cache_damage *d)
 static void verify_progress(void *ctx, const struct acut_progress *now)
 {
 	struct verify *v = ctx;
-	char a[32], b[32];
+	char a[32], b[32], line[128];
 
 	if (!v->progress.on)
 		return;
-	fprintf(stderr, "\r\033[K%s: %s of about %s", now->phase, parse_size_text(now->points, a),
-		parse_size_text(now->points_total, b));
-	fflush(stderr);
-	v->ctl->progress_shown = true;
+	snprintf(line, sizeof(line), "%.40s: %s of about %s", now->phase, parse_size_text(now->points, a),
+		 parse_size_text(now->points_total, b));
+	ctl_progress_line(&v->progress, line);
 }
 
 static int cache_verify(struct ctl *ctl)

@@ -61,6 +61,8 @@ int ctl_error(struct ctl *ctl, const struct err *given)
 			fprintf(stderr, "acutctl: interrupted\n");
 		return 128 + caught;
 	}
+	if (err.code == ERR_CANCELLED && ctl->for_reader && ctl->out_closed)
+		return CTL_PIPE;
 	if (err.sys == EPIPE && ctl->args.nout) {
 		ctl->out_closed = true;
 		return CTL_PIPE;

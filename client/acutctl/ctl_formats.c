@@ -1,4 +1,6 @@
 /* formats: what can be read (by the daemon of this version) and written (here, from the table of writers). */
+#include <string.h>
+
 #include "ctl.h"
 #include "ctl_table.h"
 
@@ -8,6 +10,16 @@ const struct ctl_input_format ctl_formats_input[] = {
 	{ "xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon" },
 	{ 0 },
 };
+
+bool ctl_formats_extension(const struct ctl_input_format *f, const char *word)
+{
+	size_t n = strlen(word);
+
+	for (const char *at = f->extensions; n && (at = strstr(at, word)); at += n)
+		if (at > f->extensions && at[-1] == '.' && (!at[n] || at[n] == ' '))
+			return true;
+	return false;
+}
 
 static const struct ctl_column columns[] = {
 	{"FORMAT"},

@@ -116,7 +116,7 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 	struct stat st;
 
 	if (!listed && !strcmp(word, "-"))
-		return add_pipe(ctl, in, "standard input", dup(STDIN_FILENO), err);
+		return add_pipe(ctl, in, ctl->args.name ? ctl->args.name : "standard input", dup(STDIN_FILENO), err);
 	if (!listed && word[0] == '@' && word[1])
 		return add_list(ctl, in, word + 1, err);
 	if (!stat(word, &st) && S_ISDIR(st.st_mode)) {

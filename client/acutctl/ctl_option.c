@@ -106,7 +106,8 @@ static const struct ctl_option table[] = {
 	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
 	{"origin", 0, NULL, FLAG, AT(origin_of), CTL_CONFIG, "with the file and line that each comes from"},
 	{"copy", 0, NULL, FLAG, AT(copy), CTL_COPY, "copy all files, also where a hard link would do"},
-	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID, "under this name, not that of the file"},
+	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID | CTL_PUSH,
+	 "under this name, not that of the file; push: of standard input"},
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
@@ -418,6 +419,9 @@ static int check_values(struct ctl *ctl, struct err *err)
 	uint64_t n;
 	int r = 0;
 
+	for (size_t i = 0; a->input_format && ctl_formats_input[i].name; i++)
+		if (ctl_formats_extension(&ctl_formats_input[i], a->input_format))
+			ctl->args.input_format = ctl_formats_input[i].name; /* laz is read as las */
 	if (a->timeout && (!parse_seconds(a->timeout, &ctl->timeout) || ctl->timeout <= 0))
 		return err_set(err, ERR_USAGE, "--timeout is not a time: \"%s\" (90, 90s, 5m, 2h)",
 			       a->timeout);

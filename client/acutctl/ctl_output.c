@@ -73,9 +73,11 @@ static const struct format *format_of(const struct ctl_args *a, const char *path
 			err_set(err, ERR_USAGE, "there is no output format %s", a->tile ? tile : a->format);
 			err_add_hint(err, "acutctl formats lists them");
 		}
+	} else if (!f && !strcmp(path, "-")) {
+		f = format_find("ply"); /* as a file of tiles is, unless said */
 	} else if (!f) {
 		err_set(err, ERR_USAGE, "the name does not say in which format to write");
-		err_add_file(err, strcmp(path, "-") ? path : "standard output");
+		err_add_file(err, path);
 		err_add_hint(err, "give --format, as in --format ply; acutctl formats lists them");
 	}
 	return f;
@@ -196,27 +198,11 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	return r;
 }
 
-/* How many points of this command's inputs the lattice moved, and the largest shift an axis. */
-static uint64_t moved_points(const struct ctl_staged *staged, double ret_shift[3])
-{
-	uint64_t moved = 0;
-
-	memset(ret_shift, 0, 3 * sizeof(*ret_shift));
-	for (size_t i = 0; staged && i < staged->nfile; i++) {
-		const struct ctl_staged_file *f = &staged->file[i];
-
-		moved += f->refused ? 0 : f->moved;
-		for (int k = 0; !f->refused && k < 3; k++)
-			ret_shift[k] = f->shift[k] > ret_shift[k] ? f->shift[k] : ret_shift[k];
-	}
-	return moved;
-}
-
 /* A fetched job does not say what its pushes moved: null. */
 static void moved_json(struct ctl_json *j, const struct ctl_staged *staged)
 {
 	double shift[3];
-	uint64_t moved = moved_points(staged, shift);
+	uint64_t moved = ctl_summary_moved(staged, shift);
 
 	if (!staged) {
 		ctl_json_text(j, "moved", NULL);
@@ -250,25 +236,6 @@ static void inputs_json(struct ctl_json *j, const struct ctl_staged *staged)
 	ctl_json_close(j, ']');
 }
 
-/* One line for all that were not read whole. */
-static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
-{
-	uint64_t read = 0, bytes = 0;
-	unsigned n = 0;
-	char a[32], b[32];
-
-	for (size_t i = 0; staged && i < staged->nfile; i++) {
-		if (staged->file[i].refused || !staged->file[i].partial)
-			continue;
-		read += staged->file[i].bytes_read;
-		bytes += staged->file[i].bytes;
-		n++;
-	}
-	if (n)
-		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s",
-			 ctl_job_count(read, a), ctl_job_count(bytes, b));
-}
-
 static const char *z_unit_of(const struct ctl *ctl, const struct acut_job *job)
 {
 	const char *word = ctl->args.z_unit;
@@ -292,21 +259,6 @@ static void changes_json(struct ctl *ctl, struct ctl_json *j, const struct forma
 	ctl_json_u64(j, "new", c->new_regions);
 	ctl_json_u64(j, "new_triangles", c->new_triangles);
 	ctl_json_close(j, '}');
-}
-
-static void changes_text(struct ctl *ctl, const struct format_changes *c)
-{
-	char a[32], b[32], d[32];
-
-	if (!c->gone && !c->new_regions)
-		ctl_note(ctl, "nothing has changed since generation %s: all %s regions hold", ctl->args.since,
-			 ctl_job_count(c->kept, a));
-	else
-		ctl_note(ctl, "since generation %s: %s regions are gone, with %s triangles; %s hold", ctl->args.since,
-			 ctl_job_count(c->gone, a), ctl_job_count(c->gone_triangles, b), ctl_job_count(c->kept, d));
-	if (c->new_regions)
-		ctl_note(ctl, "  new: %s regions, with %s triangles", ctl_job_count(c->new_regions, a),
-			 ctl_job_count(c->new_triangles, b));
 }
 
 static void tiles_json(struct ctl *ctl, struct ctl_json *j, const struct format_report *out)
@@ -372,59 +324,6 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_json_line(&j);
 }
 
-static void left_out_text(struct ctl *ctl, const struct format_report *out)
-{
-	char count[32];
-
-	ctl_job_count(out->left_out, count);
-	if (isnan(out->left_out_area))
-		ctl_note(ctl, "%s triangles with edges longer than %s were left out", count, ctl->args.max_edge);
-	else
-		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g square %s", count,
-			 ctl->args.max_edge, out->left_out_area,
-			 !strcmp(out->unit_xy, "metre")  ? "metres"
-			 : !strcmp(out->unit_xy, "foot") ? "feet"
-							 : "US survey feet");
-}
-
-static void report_text(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
-			const struct ctl_staged *staged)
-{
-	const struct acut_report *p = &job->report;
-	char a[32], b[96], c[32];
-	double shift[3];
-	uint64_t moved = moved_points(staged, shift);
-
-	for (unsigned i = 0; i < ctl->args.nout; i++)
-		if (ctl->args.tile)
-			ctl_note(ctl, "wrote %s tile%s and " FORMAT_TILES_INDEX " into %s", ctl_job_count(out->tiles, a),
-				 out->tiles == 1 ? "" : "s", ctl->args.out[i]);
-		else if (strcmp(ctl->args.out[i], "-"))
-			ctl_note(ctl, "wrote %s", ctl->args.out[i]);
-	if (ctl->args.since)
-		changes_text(ctl, &out->changes);
-	if (p->window)
-		ctl_note(ctl, "%s points read: %s vertices", ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
-	else
-		ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
-			 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
-	inputs_text(ctl, staged);
-	if (moved)
-		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a),
-			 shift[0], shift[1], shift[2]);
-	if (staged)
-		ctl_height_text(ctl, staged);
-	for (size_t i = 0; i < p->nremoved; i++)
-		if (p->removed[i].count)
-			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule,
-				 ctl_job_count(p->removed[i].count, a));
-	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
-		 ctl_job_domains(p, b, sizeof b), p->seconds, p->digest);
-	ctl_remark(ctl, p->note);
-	if (ctl->args.max_edge)
-		left_out_text(ctl, out);
-}
-
 static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run,
 		   const struct ctl_staged *staged)
 {
@@ -445,7 +344,7 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 	if (ctl->args.json)
 		report_json(ctl, job, &out, staged);
 	else
-		report_text(ctl, job, &out, staged);
+		ctl_summary(ctl, job, &out, staged);
 	return 0;
 }
 

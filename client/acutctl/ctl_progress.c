@@ -3,20 +3,24 @@
  * points, domains, rate, time left. Gone before anything else is said.
  */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
 #include <unistd.h>
 
 #include "clock.h"
 #include "ctl.h"
+#include "ctl_term.h"
 
 #define EVERY_NS 100000000u
 
 void ctl_progress_init(struct ctl_progress *p, struct ctl *ctl)
 {
+	const char *term = getenv("TERM");
+
 	memset(p, 0, sizeof(*p));
 	p->ctl = ctl;
-	p->on = !ctl->args.quiet && !ctl->args.no_progress && !ctl->args.json && isatty(STDERR_FILENO);
+	p->on = !ctl->args.quiet && !ctl->args.no_progress && !ctl->args.json && isatty(STDERR_FILENO) &&
+		!(term && !strcmp(term, "dumb"));
 }
 
 /* "12.3 M" */
@@ -49,8 +53,7 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 	uint64_t points = p->base + now->points, total = p->total ? p->total : now->points_total;
 	double seconds = clock_since(p->start_ns), share = 0;
 	char a[24], b[24], c[24], line[256];
-	struct winsize ws;
-	int n, width = 80;
+	int n;
 
 	if (now->domains_total)
 		share = (double)now->domains / (double)now->domains_total;
@@ -74,11 +77,27 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 	else if (seconds > 1 && share > 0.01 && !now->domains_total)
 		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left",
 			 ctl_progress_time(seconds / share * (1 - share), c));
-	if (!ioctl(STDERR_FILENO, TIOCGWINSZ, &ws) && ws.ws_col > 10)
-		width = ws.ws_col;
-	fprintf(stderr, "\r\033[K%.*s", width - 1, line);
-	fflush(stderr);
-	p->ctl->progress_shown = true;
+	ctl_progress_line(p, line);
+}
+
+/* Over the old line, then what is left of that goes: nothing flickers. One write. The last column stays free, since some
+ * terminals go on to the next line there. */
+void ctl_progress_line(struct ctl_progress *p, const char *text)
+{
+	unsigned width = ctl_term_of(stderr).width;
+	char *safe = ctl_term_safe(text);
+	size_t n = safe ? ctl_term_fit(safe, width > 1 ? width - 1 : 79) : 0;
+
+	if (!safe)
+		return;
+	safe[n] = 0;
+	if (!p->ctl->progress_shown || strcmp(p->line, safe)) {
+		snprintf(p->line, sizeof(p->line), "%s", safe);
+		fprintf(stderr, "\r%s\033[K", safe);
+		fflush(stderr);
+		p->ctl->progress_shown = true;
+	}
+	free(safe);
 }
 
 void ctl_progress_show(void *ctx, const struct acut_progress *now)

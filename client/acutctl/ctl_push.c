@@ -110,6 +110,15 @@ int ctl_push_check(const struct ctl *ctl, struct err *err)
 
 	if (a->add && (a->replace || a->replaces))
 		return err_set(err, ERR_USAGE, "--add takes a file beside the old one, --replace in its place: both at once are nothing");
+	if (a->name) {
+		unsigned streams = 0;
+
+		for (unsigned i = 1; i < a->nword; i++)
+			streams += !strcmp(a->word[i], "-");
+		if (!streams || !*a->name || strchr(a->name, '/'))
+			return err_set(err, ERR_USAGE, streams ? "--name is a name without slashes"
+							       : "--name is the name of standard input, and no INPUT is -");
+	}
 	return 0;
 }
 

@@ -24,6 +24,7 @@ struct staging {
 	struct ctl_assume assume;
 	struct ctl_progress progress;
 	bool named;  /* a dataset that stays: it wants to know who the inputs are */
+	bool cut;    /* the only input broke off with the connection it came over */
 	int status;  /* of what ended it, told already */
 	char path[4096];
 };
@@ -227,6 +228,22 @@ static int commit(struct staging *s)
 	return 0;
 }
 
+/* What came over a connection that broke looks ended like anything else. */
+static int whole(struct staging *s)
+{
+	struct err err = ERR_INIT;
+	bool piped = false;
+
+	for (size_t i = 0; i < s->in->n; i++)
+		piped |= s->in->input[i].fd >= 0;
+	if (!piped || !ctl_signal_cut_off())
+		return 0;
+	s->cut = s->in->n == 1; /* what came is of no use */
+	err_set(&err, ERR_TRUNCATED, "the connection that it came over is gone, so that it may not be whole; nothing was taken");
+	err_add_file(&err, "standard input");
+	return ctl_error(s->ctl, &err);
+}
+
 int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
 {
 	struct staging s = { .ctl = ctl, .in = in, .ret = ret, .named = dataset };
@@ -260,10 +277,12 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 			status = each_file(&s, false);
 	}
 	if (!status)
+		status = whole(&s);
+	if (!status)
 		status = commit(&s);
 	/* on the way into a named dataset what is there whole stays, for the same push again; --strict and a manifest
-	 * keep nothing */
-	if (dataset && (ctl_signal_caught() || !(ctl->args.strict || ctl->args.manifest)))
+	 * keep nothing, nor does a stream that broke off */
+	if (dataset && !s.cut && (ctl_signal_caught() || !(ctl->args.strict || ctl->args.manifest)))
 		acut_push_leave(s.push);
 	else
 		acut_push_end(s.push);

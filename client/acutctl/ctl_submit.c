@@ -49,5 +49,7 @@ int ctl_submit_run(struct ctl *ctl)
 		ctl_job_json(ctl, job);
 		return job->has_error ? job->error.exit_status : CTL_DONE;
 	}
+	ctl_progress_clear(ctl);
+	ctl_summary_job(ctl, job);
 	return ctl_job_status(ctl, job);
 }

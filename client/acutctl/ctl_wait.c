@@ -26,5 +26,6 @@ static int wait_one(struct ctl *ctl, uint64_t id)
 
 int ctl_wait_run(struct ctl *ctl)
 {
+	ctl->for_reader = true;
 	return ctl_job_each(ctl, wait_one);
 }

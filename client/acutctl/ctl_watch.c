@@ -84,6 +84,7 @@ int ctl_watch_run(struct ctl *ctl)
 {
 	int status;
 
+	ctl->for_reader = true;
 	if (ctl->args.nword)
 		return ctl_job_each(ctl, watch_one);
 	status = ctl_connect(ctl);

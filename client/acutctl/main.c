@@ -4,20 +4,10 @@
  */
 #include <errno.h>
 #include <malloc.h>
-#include <poll.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "ctl.h"
-
-/* The error of an earlier write is forgotten by now: the pipe still knows. */
-static bool reader_gone(void)
-{
-	struct pollfd out = {.fd = STDOUT_FILENO, .events = POLLOUT};
-
-	return errno == EPIPE || (!errno && poll(&out, 1, 0) == 1 && (out.revents & POLLERR));
-}
 
 /* Results that nobody could read are not done. */
 static int flush(struct ctl *ctl, int status)
@@ -26,7 +16,7 @@ static int flush(struct ctl *ctl, int status)
 
 	errno = 0;
 	if (fflush(stdout) || ferror(stdout)) {
-		if (reader_gone())
+		if (errno == EPIPE || (!errno && ctl_signal_reader_gone())) /* an earlier write's error is forgotten by now */
 			return CTL_PIPE;
 		err_sys(&err, errno ? errno : EIO, "standard output cannot be written");
 		ctl->report = stderr;
@@ -59,8 +49,10 @@ int main(int argc, char **argv)
 	ctl_signal_init(&ctl);
 	status = completing(argc, argv, &ctl) ? 0 : ctl_option_parse(argc, argv, &ctl, &err);
 	for (unsigned i = 0; i < ctl.args.nout; i++)
-		if (!strcmp(ctl.args.out[i], "-"))
+		if (!strcmp(ctl.args.out[i], "-")) {
 			ctl.report = stderr;
+			ctl.for_reader = ctl.args.nout == 1;
+		}
 	if (status)
 		status = ctl_error(&ctl, &err);
 	else if (ctl.args.help)

@@ -1,0 +1,200 @@
+"""acutctl on the far side of a real ssh: binary streams both ways, exit statuses, and connections that are cut.
+
+The server is run by the client's ProxyCommand, on no network, with keys of its own in a temporary folder.
+"""
+import getpass
+import hashlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
+import e2e  # noqa: E402
+from e2e import Daemon, Folder, expect  # noqa: E402
+
+SSHD = shutil.which("sshd", path=os.environ.get("PATH", "") + ":/usr/sbin")
+ACUTCTL = os.path.abspath(e2e.ACUTCTL)
+PRIVSEP = "/run/sshd"  # a server started by root wants it to be there; its service makes it
+
+
+class Box:
+    """The far side: an acutd, and an sshd that a client starts."""
+
+    def __init__(self, base, daemon):
+        self.base = base
+        for key in ("host", "user"):
+            subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", base + "/" + key], check=True,
+                           stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        shutil.copy(base + "/user.pub", base + "/authorized")
+        with open(base + "/sshd_config", "w") as f:
+            f.write("HostKey %s/host\nAuthorizedKeysFile %s/authorized\nStrictModes no\nUsePAM no\nPidFile none\n"
+                    "PermitRootLogin yes\nPasswordAuthentication no\nSetEnv ACUT_SOCKET=%s\nLogLevel ERROR\n" % (base, base, daemon.socket))
+        self.command = ["ssh", "-F", "none", "-i", base + "/user", "-o", "ProxyCommand=%s -i -f %s/sshd_config" % (SSHD, base),
+                        "-o", "StrictHostKeyChecking=no", "-o", "UserKnownHostsFile=/dev/null", "-o", "BatchMode=yes",
+                        "-o", "LogLevel=ERROR", "-T", getpass.getuser() + "@box", ACUTCTL]
+
+    def run(self, *words, data=None, **kw):
+        p = subprocess.run(self.command + list(words), input=data, stdin=subprocess.DEVNULL if data is None else None,
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60, **kw)
+        return p.returncode, p.stdout, p.stderr.decode()
+
+    def start(self, *words):
+        return subprocess.Popen(self.command + list(words), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def survey(path, points=40000, seed=1):
+    e2e.run([e2e.SYNTH, "--points", str(points), "--seed", str(seed), path]).ok()
+    with open(path, "rb") as f:
+        return f.read()
+
+
+def far_ends():
+    """The acutctl processes that run on the far side."""
+    found = []
+    for pid in filter(str.isdigit, os.listdir("/proc")):
+        try:
+            with open("/proc/%s/cmdline" % pid, "rb") as f:
+                words = f.read().split(b"\0")
+        except OSError:
+            continue
+        if words[0] == ACUTCTL.encode() and int(pid) != os.getpid():
+            found.append(int(pid))
+    return found
+
+
+def wait_until(cond, seconds, text):
+    end = time.monotonic() + seconds
+    while not cond():
+        expect(time.monotonic() < end, text)
+        time.sleep(0.05)
+
+
+def cut(box, p, data, far):
+    """Sends what there is, waits until the far side has it, and kills the client."""
+    p.stdin.write(data)
+    p.stdin.flush()
+    wait_until(lambda: len(far_ends()) > far, 15, "nothing runs on the far side")
+    time.sleep(0.5)
+    p.kill()
+    p.stdin.close()
+    p.wait()
+    wait_until(lambda: len(far_ends()) <= far, 15, "acutctl still runs on the far side")
+
+
+def both_ways(base, box, d):
+    las = survey(base + "/a.las")
+    got = box.run("push", "valley", "-", "--input-format", "las", "--name", "T1", data=las)
+    expect(got[0] == 0 and b"40,000 points" in got[1], "push: %s" % (got,))
+    names = [f["name"] for f in d.ctl("dataset", "log", "valley", "--files", "--json").ok().json()["files"]]
+    expect(names == ["T1"], "the name of a stream: %s" % names)
+    got = box.run("submit", "valley", "--wait", "--json")
+    job = json.loads(got[1])
+    expect(got[0] == 0 and job["triangles"] > 0, "submit: %s" % (got,))
+    near = subprocess.run([ACUTCTL, "fetch", str(job["job"]), "-o", "-", "-q"], stdout=subprocess.PIPE, check=True, timeout=60,
+                          env=dict(os.environ, ACUT_SOCKET=d.socket)).stdout
+    got = box.run("fetch", str(job["job"]), "-o", "-", "--format", "ply")
+    expect(got[0] == 0 and hashlib.sha256(got[1]).digest() == hashlib.sha256(near).digest(),
+           "fetched %d bytes, %d near by: %s" % (len(got[1]), len(near), got[2]))
+    expect("triangles" in got[2], "the report stands on standard error: " + got[2])
+    # Without --format it is PLY, as the manual's example has it.
+    got = box.run("fetch", str(job["job"]), "-o", "-", "--json")
+    expect(got[0] == 0 and got[1] == near and json.loads(got[2])["digest"] == job["digest"], got[2])
+    # One step, without anything that stays there.
+    got = box.run("mesh", "-", "--input-format", "las", "-o", "-", "--quiet", data=las)
+    expect(got[0] == 0 and got[1].startswith(b"ply\n") and got[2] == "", "mesh: %s %s" % (got[0], got[2]))
+
+
+def laz(base, box, d):
+    folder = e2e.data_dir()
+    path = folder and next((os.path.join(r, n) for r, _, names in sorted(os.walk(os.path.join(folder, "lidar"))) for n in sorted(names)
+                            if n.lower().endswith(".laz") and os.path.getsize(os.path.join(r, n)) < 4 << 20), None)
+    if not path:
+        print("laz over ssh: no real data, left out")
+        return
+    with open(path, "rb") as f:
+        data = f.read()
+    got = box.run("push", "real", "-", "--input-format", "laz", "--name", "T1", data=data)
+    expect(got[0] == 0, "push of LAZ: %s" % (got,))
+    d.ctl("push", "near", path).ok()
+    points = [d.ctl("dataset", "show", n, "--json").ok().json()["points"] for n in ("real", "near")]
+    expect(points[0] == points[1] > 0, "points: %s" % points)
+
+
+def statuses(base, box, d):
+    for words, data, status, said in (
+            (("fetch", "99999", "-o", "-"), None, 4, "99999"), (("fetch", "1"), None, 2, "no output"),
+            (("push", "broken", "-", "--input-format", "las"), b"not a LAS file at all", 1, "standard input"),
+            (("submit", "nothing"), None, 4, "nothing"), (("jobs", "--socket", base + "/none"), None, 69, "none"),
+            (("wait", "1", "--timeout", "5"), None, 0, "")):
+        got = box.run(*words, data=data)
+        expect(got[0] == status and said in got[2] + got[1].decode(), "%s: %s" % (words, got))
+        expect(status == 0 or got[1] == b"", "an error on standard output: %s" % (got,))
+
+
+def cut_off(base, box, d):
+    names = lambda: {r["name"]: r["generation"] for r in map(json.loads, d.ctl("datasets", "--json").ok().out.splitlines())}
+    before, far = names(), len(far_ends())
+    las = survey(base + "/b.las", 400000, 2)
+    text = "".join("%d.%02d %d.%02d %d.5\n" % (i % 997, i % 89, i // 997, i % 97, i % 13) for i in range(40000)).encode()
+    # In the middle of a file that says how long it is, and of one that does not: both into a new and an old dataset.
+    for name in ("valley", "new"):
+        for kind, data in (("las", las[:len(las) // 2]), ("xyz", text)):
+            p = box.start("push", name, "-", "--input-format", kind, "--name", "cut")
+            cut(box, p, data, far)
+            got = names()
+            expect(got.get("valley") == before["valley"] and got.get("new", 0) == 0, "a half of %s: %s" % (kind, got))
+    # The whole of it later.
+    p = box.run("push", "new", "-", "--input-format", "xyz", "--name", "cut", data=text)
+    expect(p[0] == 0 and names()["new"] == 1 and d.ctl("dataset", "show", "new", "--json").json()["points"] == 40000, "%s" % (p,))
+    # A stream that nobody takes any more, and a wait of somebody who is gone, end too; the job is there afterwards.
+    d.ctl("push", "big", base + "/b.las").ok()
+    job = d.ctl("submit", "big", "--wait", "--json").ok().json()["job"]
+    p = box.start("fetch", str(job), "-o", "-")
+    p.stdout.read(1000)
+    p.send_signal(signal.SIGKILL)
+    p.wait()
+    wait_until(lambda: len(far_ends()) <= far, 15, "fetch still runs on the far side")
+    d.ctl("fetch", str(job), "--format", "null").ok()
+    p = box.start("watch", str(job), "--timeout", "60")
+    p.wait(20)
+    waiting = subprocess.Popen([ACUTCTL, "mesh", "-", "--input-format", "xyz", "-o", "-", "--format", "obj"], stdin=subprocess.PIPE,
+                               stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=dict(os.environ, ACUT_SOCKET=d.socket))
+    time.sleep(0.3)
+    waiting.stdout.close()
+    expect(waiting.wait(15) == 141, "mesh whose reader is gone ended with %d" % waiting.returncode)
+    waiting.stdin.close()
+    waiting.stderr.close()
+
+
+def all_of_it():
+    with Folder() as base:
+        with Daemon(base, memory="64M") as d:
+            box = Box(base, d)
+            got = box.run("ping")
+            if got[0] == 255:
+                e2e.unavailable("no ssh can be had: " + got[2].strip())
+            expect(got[0] == 0, "ping: %s" % (got,))
+            for part in (both_ways, laz, statuses, cut_off):
+                begun = time.monotonic()
+                part(base, box, d)
+                print("     %-36s %6.1f s" % (part.__name__, time.monotonic() - begun), flush=True)
+
+
+if not SSHD or not shutil.which("ssh") or not shutil.which("ssh-keygen"):
+    e2e.unavailable("openssh is not installed")
+made = False
+if os.getuid() == 0 and not os.path.isdir(PRIVSEP):
+    try:
+        os.mkdir(PRIVSEP, 0o755)
+        made = True
+    except OSError as e:
+        e2e.unavailable("%s: %s" % (PRIVSEP, e))
+try:
+    e2e.main(all_of_it)
+finally:
+    if made:
+        os.rmdir(PRIVSEP)
