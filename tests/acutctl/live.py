@@ -254,7 +254,7 @@ def private(p):
     check("69 without --private", p.ctl("jobs")[0] == 69)
     # Many at once start one daemon.
     many = [p.start("mesh", small, "-o", p.path("m%d.obj" % i), "-q") for i in range(12)]
-    check("many at once", [q.wait(30) for q in many] == [0] * 12, str([q.stderr.read() for q in many]))
+    check("many at once", [q.wait(120) for q in many] == [0] * 12, str([q.stderr.read() for q in many]))
     check("one daemon", len(p.daemons()) == 1, str(p.daemons()))
     pid = p.daemons()
     status, out, err = p.ctl("push", "d", small, "--private")
