@@ -74,7 +74,7 @@ def page_kinds():
             if head or line.startswith("# "):
                 now = head and kinds.setdefault(head.group(1).lower(), {})
                 continue
-            entry = re.match(r"((?:\*[^*]+?(?:\\\*)?\*(?:, )?)+) \(_([a-z, ]+)_\)$", line)
+            entry = re.match(r"((?:\*(?:[^*\\]|\\.)+\*(?:, )?)+) \(_([a-z, ]+)_\)$", line)
             if entry and now is not None:
                 for name in re.findall(r"\*((?:[^*\\]|\\.)+)\*", entry.group(1)):
                     now[name.replace("\\", "")] = set(entry.group(2).split(", "))
@@ -219,4 +219,16 @@ def names_of_all():
         fits(seen, {} if write else page_kinds(), write)
 
 
-e2e.main(names_of_all)
+def words_of_tables():
+    """Codes of errors and states of jobs: the page has those of the source, and no other."""
+    with open(PAGE) as f:
+        page = f.read()
+    for name, table, after in (("codes", "base/err.def", r"\*code\* .*\n((?:\t.*\n)+)"), ("states", "daemon/job/job_state.def", r"\*state\* .*\n((?:\t.*\n)+)")):
+        with open(os.path.join(os.environ["ACUT_MAN"], "..", table)) as f:
+            source = set(re.findall(r'^[A-Z_]+\(\w+, *"([a-z-]+)"', f.read(), re.M))
+        said = set(re.findall(r"\*([a-z-]+)\*", re.search(after, page).group(1)))
+        source |= {"waiting-space"} if name == "states" else set()  # of any state, told in its place
+        expect(len(source) > 1 and source == said, "%s: %s" % (name, source ^ said))
+
+
+e2e.main(names_of_all, words_of_tables)
