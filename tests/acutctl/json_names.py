@@ -180,6 +180,12 @@ def the_rest(d, base, seen):
     lines = j("cache", "verify").out.splitlines()
     expect(len(lines) > 1, "no damage is found: %s" % lines)
     seen.add("a damage", "\n".join(lines[:-1]))
+    seen.add("a setting", j("config", "show").ok().out)
+    os.mkdir(base + "/drop")
+    survey(base + "/drop/new.las", 500, 3)
+    with open(base + "/drop/bad.las", "w") as f:
+        f.write("nothing")
+    seen.add("an ingested file", j("ingest", "dropped", base + "/drop", "--settle", "0").out)
     seen.add("the version", j("version").ok().out)
     seen.add("a sign of life", j("ping").ok().out)
     seen.add("a format", j("formats").ok().out)
