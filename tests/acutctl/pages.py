@@ -81,9 +81,9 @@ def verbs():
 
 
 def examples_run():
-    """The lines of the pages that begin with "$ acutctl", one after the other, each page with a daemon of its own."""
-    for name in ("acut.7.scd", "acutctl.1.scd", "acutctl-json.7.scd"):
-        lines = re.findall(r"^\t?\$ (acutctl .*?)(?:\+\+)?$", text_of(name), re.M)
+    """The lines of the pages that begin with "$ acutctl" (or "$ acut-verify", "$ acut-synth"), one after the other, each page with a daemon of its own."""
+    for name in ("acut.7.scd", "acutctl.1.scd", "acutctl-json.7.scd", "acut-synth.1.scd", "acut-verify.1.scd"):
+        lines = re.findall(r"^\t?\$ (acut(?:ctl|-synth|-verify) .*?)(?:\+\+)?$", text_of(name), re.M)
         expect(lines, name + " has no example to run")
         with Folder() as base:
             os.mkdir(base + "/monday")
@@ -91,7 +91,10 @@ def examples_run():
             for seed, path in enumerate(("survey.las", "monday/1.las", "monday/2.las", "tuesday/3.las")):
                 e2e.run([e2e.SYNTH, "--points", "3000", "--seed", str(seed + 1), os.path.join(base, path)]).ok()
             with Daemon(base, memory="64M") as d:
-                env = dict(os.environ, ACUT_SOCKET=d.socket, PATH=os.path.dirname(os.path.abspath(ACUTCTL)) + ":" + os.environ["PATH"])
+                env = dict(os.environ, ACUT_SOCKET=d.socket, PATH=":".join(
+                    [os.path.dirname(os.path.abspath(p)) for p in (ACUTCTL, e2e.SYNTH)] + [os.environ["PATH"]]))
+                if "verify" in name:
+                    d.ctl("mesh", base + "/survey.las", "-o", base + "/survey.ply").ok()
                 for line in lines:
                     if "--replace" in line:
                         e2e.run([e2e.SYNTH, "--points", "2500", "--seed", "9", base + "/tuesday/3.las"]).ok()
