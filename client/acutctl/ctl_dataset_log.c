@@ -16,8 +16,8 @@ struct logging {
 static const struct ctl_column generations[] = {
 	{"GENERATION", .right = true},
 	{"KIND"},
-	{"TIME"},
-	{"USER", .shrink = true},
+	{"TIME", .spare = true},
+	{"USER", .shrink = true, .spare = true},
 	{"POINTS+", .right = true},
 	{"FILES+", .right = true, .spare = true},
 	{"POINTS-", .right = true},

@@ -171,9 +171,7 @@ def in_zsh():
                                   ("acutctl mesh x --returns fi\t", "acutctl mesh x --returns first "),
                                   ("acutctl mesh x --returns=la\t", "acutctl mesh x --returns=last "),
                                   ("acutctl mesh x --accept\t", "acutctl mesh x --accept-truncated ")):
-                os.write(terminal, typed.encode())
-                time.sleep(0.5)
-                os.write(terminal, b"\x18")
+                os.write(terminal, typed.encode() + b"\x18")
                 found, _ = until(r"LINE:(.*?):END\r")
                 got = found.group(1).replace("\\", "").rstrip()
                 expect(got == wanted.rstrip(), "%r became %r" % (typed, got))

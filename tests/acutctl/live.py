@@ -1,5 +1,6 @@
 """acutctl with a real acutd: outputs, views and reports of mesh, and its private daemons."""
 import contextlib
+import fcntl
 import json
 import os
 import pty
@@ -12,6 +13,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import termios
 import time
 
 ACUTCTL, ACUTD, SYNTH = (os.environ[k] for k in ("ACUTCTL", "ACUTD", "ACUT_SYNTH"))
@@ -246,6 +248,62 @@ def progress(p):
         check("nothing else with %s" % options, wanted or not seen, repr(seen))
 
 
+def on_terminal(p, width, *args, env=None):
+    """Standard output and error of a run on a terminal so wide; None where there are none."""
+    try:
+        main, side = pty.openpty()
+    except OSError as e:
+        print("terminal: skipped, none can be had:", e)
+        return None
+    fcntl.ioctl(side, termios.TIOCSWINSZ, struct.pack("HHHH", 24, width, 0, 0))
+    full = dict(p.env, TERM="xterm", **(env or {}))
+    full.pop("COLUMNS", None)
+    q = subprocess.Popen([ACUTCTL, *args], env=full, stdin=subprocess.DEVNULL, stdout=side, stderr=side)
+    os.close(side)
+    seen = b""
+    while True:
+        try:
+            part = os.read(main, 65536)
+        except OSError:
+            break
+        if not part:
+            break
+        seen += part
+    os.close(main)
+    check("status of " + " ".join(args), q.wait(60) == 0, seen)
+    return seen.decode()
+
+
+def terminal(p):
+    """Lists and the page at the end of a mesh, as people see them: no line is wider than the terminal, and no colour with NO_COLOR."""
+    las, name = p.path("a.las"), "a-dataset-with-a-rather-long-name-as-scripts-make-them"
+    wide = lambda seen: max((len(line) for part in seen.split("\n") for line in re.sub("\x1b\\[[0-9;]*[mK]", "", part).split("\r")), default=0)
+    for width in (120, 60):
+        seen = on_terminal(p, width, "mesh", las, "-o", p.path("page.ply"), "--max-edge", "3m", "--memory", "64M")
+        if seen is None:
+            return
+        check("the page fits %d" % width, wide(seen.split("acutctl: note")[0]) <= width, repr(seen))
+        for said in ("written", "page.ply", "MB", "points", "left out", "by withheld", "mesh", "triangles in", "max-edge", "crs", "EPSG:32633",
+                     "units", "metre", "time", "points a second", "memory", "digest"):
+            check("the page says " + said, said in seen, repr(seen))
+        check("progress is gone before the page", "\r\x1b[K" in seen and "%" not in seen[seen.rindex("\r\x1b[K"):], repr(seen))
+    check("no colour with NO_COLOR", "\x1b[1m" in seen and "\x1b[1m" not in on_terminal(p, 80, "formats", env={"NO_COLOR": "1"}))
+    p.ctl("push", name, las, "--private")
+    p.ctl("submit", name, "--private", "--wait")
+    for words in (["datasets"], ["jobs"], ["dataset", "log", name], ["dataset", "log", name, "--files"], ["cache", "stat"], ["status"],
+                  ["dataset", "show", name], ["show", "1"], ["plan", name], ["formats"]):
+        for width in (132, 80, 50):
+            if words[0] == "show":
+                words[1] = p.ctl("jobs", "--private")[1].split("\t")[0]
+            seen = on_terminal(p, width, *words, "--private")
+            check("%s fits %d" % (" ".join(words), width), wide(seen) <= width, repr(seen))
+        rows = p.ctl(*words, "--private")[1].splitlines()
+        check("a script sees all of it: " + " ".join(words), words[0] in ("cache", "status", "plan", "formats", "show") or
+              all(name in r or "\t" in r or words[1:2] == ["show"] for r in rows) and not any("…" in r for r in rows), str(rows))
+        if words[0] in ("datasets", "jobs", "formats") or words[1:2] == ["log"]:
+            check("as many columns in each row: " + " ".join(words), len({r.count("\t") for r in rows}) == 1, str(rows))
+
+
 def private(p):
     small = p.path("s.xyz")
     with open(small, "w") as f:
@@ -323,6 +381,7 @@ with tempfile.TemporaryDirectory(prefix="acut-live-") as base:
         outputs(place)
         interruption(place)
         progress(place)
+        terminal(place)
         private(place)
     finally:
         place.end()
