@@ -1,8 +1,8 @@
 /*
  * sd_notify, from the loop's thread alone.
  *
- * The watchdog is fed by rounds of the loop, not by a clock of its own: a loop that hangs is not alive, whatever its threads
- * do. What can take longer than a watchdog waits (fsync above all) is on other threads. A start is given more time by steps
+ * The watchdog is fed by rounds of the loop and by steps within one, not by a clock of its own: a loop that hangs is not alive,
+ * whatever its threads do. What can take longer than a watchdog waits (fsync above all) is on other threads. A start is given more time by steps
  * that it has made (base/progress.h): one that hangs makes none, and is ended.
  */
 #include "notify.h"
@@ -42,9 +42,23 @@ void notify_start(struct notify *n)
 	progress_listen(on_step, n);
 }
 
+static void ping(struct notify *n)
+{
+	if (!n->watchdog_usec || clock_since(n->pinged_ns) * 4e6 < (double)n->watchdog_usec)
+		return;
+	n->pinged_ns = clock_mono_ns();
+	sd_notify(0, "WATCHDOG=1");
+}
+
+/* Within a round that waits for room in the catalogue again and again, as a flood of jobs before a slow disk makes it. */
+static void on_step_serving(void *ctx)
+{
+	ping(ctx);
+}
+
 void notify_ready(struct notify *n)
 {
-	progress_listen(NULL, NULL);
+	progress_listen(on_step_serving, n);
 	notify_text(&(struct jobs_work){0}, n->told);
 	n->serving = true;
 	n->told_ns = n->pinged_ns = clock_mono_ns();
@@ -85,10 +99,7 @@ void notify_round(struct notify *n, const struct jobs_work *work)
 {
 	char text[NOTIFY_TEXT];
 
-	if (n->watchdog_usec && clock_since(n->pinged_ns) * 4e6 >= (double)n->watchdog_usec) {
-		n->pinged_ns = clock_mono_ns();
-		sd_notify(0, "WATCHDOG=1");
-	}
+	ping(n);
 	if (!n->serving)
 		return;
 	notify_text(work, text);

@@ -20,7 +20,8 @@ struct notify {
 	char told[NOTIFY_TEXT];
 };
 
-/* From the environment. Until notify_ready, each progress_step of this thread gives the start more time. */
+/* From the environment; `n` stays where it is. Until notify_ready, each progress_step of this thread gives the start more
+ * time; from then on it is a sign of life. */
 void notify_start(struct notify *);
 void notify_ready(struct notify *);
 /* The stop takes `usec` at most. */

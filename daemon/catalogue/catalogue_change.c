@@ -9,6 +9,7 @@
 
 #include "err.h"
 #include "ledger.h"
+#include "progress.h"
 
 enum { MALLOC_OVERHEAD = 24 };
 
@@ -59,6 +60,7 @@ static bool take_room(struct catalogue *c, struct change *ch)
 		if (!c->started || (!c->todo && !c->writing))
 			return false;
 		pthread_cond_wait(&c->room, &c->lock);
+		progress_step(); /* the disk is slow, and answers */
 	}
 	ch->charged = bytes;
 	return true;
