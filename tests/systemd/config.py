@@ -1,0 +1,136 @@
+"""The configuration of the service: the file that is shipped, the limit of the unit as the one number, a reload with errors,
+and a disk of its own as acutd.conf(5) says."""
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+
+sys.path.insert(0, "/opt/acut/tree/tests/e2e")
+import e2e
+from e2e import expect, main, run
+
+ETC = next(d for d in ("/etc/acut", "/usr/local/etc/acut") if os.path.exists(d + "/acutd.conf"))
+UNIT = "/run/systemd/system/acutd.service.d"
+
+
+def systemctl(*args):
+    return run(["systemctl", *args], timeout=120)
+
+
+def show(key):
+    return systemctl("show", "-P", key, "acutd.service").out.strip()
+
+
+def settings():
+    lines = run([e2e.ACUTCTL, "config", "show", "--json"], timeout=60).ok().out.splitlines()
+    return {s["name"]: s for s in map(json.loads, lines)}
+
+
+def journal():
+    run(["journalctl", "--sync"])
+    return run(["journalctl", "--no-pager", "-o", "cat", "-b", "-u", "acutd.service"]).out
+
+
+class With:
+    """Settings in a file of acutd.conf.d, and a drop-in of the unit, for as long as it is held."""
+
+    def __init__(self, conf="", unit=""):
+        self.conf, self.unit = conf, unit
+
+    def __enter__(self):
+        systemctl("stop", "acutd.service")
+        os.makedirs(ETC + "/acutd.conf.d", exist_ok=True)
+        os.makedirs(UNIT, exist_ok=True)
+        self.write(self.conf)
+        with open(UNIT + "/config.conf", "w") as f:
+            f.write(self.unit)
+        systemctl("daemon-reload").ok()
+        return self
+
+    def write(self, conf):
+        with open(ETC + "/acutd.conf.d/50-test.conf", "w") as f:
+            f.write(conf)
+
+    def __exit__(self, *exc):
+        systemctl("stop", "acutd.service")
+        os.unlink(ETC + "/acutd.conf.d/50-test.conf")
+        os.unlink(UNIT + "/config.conf")
+        systemctl("daemon-reload").ok()
+        systemctl("reset-failed")
+        systemctl("start", "acutd.socket").ok()
+
+
+def shipped():
+    """The file that comes with acut names the two groups, and nothing else."""
+    s = settings()
+    for name, group in (("group", "acut"), ("admin-group", "acut-admin")):
+        expect(s[name]["value"] == group and s[name]["file"] == ETC + "/acutd.conf", "%s" % s[name])
+    for name, row in s.items():
+        expect(name in ("group", "admin-group") or row["origin"] != "file", "%s" % row)
+    expect(s["state"]["origin"] == "environment" and s["init-first"]["value"] == "yes", "%s" % s["state"])
+    # A user in no group is told so, one of the group is served.
+    run(["useradd", "--system", "stranger"]).ok()
+    run(["useradd", "--system", "-G", "acut", "surveyor"]).ok()
+    got = run(["runuser", "-u", "stranger", "--", e2e.ACUTCTL, "config", "show"], timeout=60)
+    expect(got.status == 77 and "acut" in got.err, "%d %s" % (got.status, got.err))
+    run(["runuser", "-u", "surveyor", "--", e2e.ACUTCTL, "config", "show"], timeout=60).ok()
+
+
+def limit_of_the_unit():
+    """MemoryMax= is the one number; more than it leaves is refused, and clients are not kept waiting by restarts."""
+    with With(unit="[Service]\nMemoryMax=300M\n"):
+        s = settings()["memory"]
+        expect(s["value"] == "252M" and s["origin"] == "control_group", "%s" % s)
+    with With("memory = 253M\n", "[Service]\nMemoryMax=300M\n"):
+        systemctl("start", "acutd.service")
+        expect(show("ExecMainStatus") == "2" and show("NRestarts") == "0", show("ExecMainStatus"))
+        expect("memory is 253 MB, but the control group has a limit of 300 MB, which leaves 252 MB" in journal(), journal()[-2000:])
+    with With("memory = 200M\n", "[Service]\nMemoryMax=300M\n"):
+        expect(settings()["memory"]["value"] == "200M", "memory")
+
+
+def reload():
+    with With("user-jobs = 3\n") as w:
+        expect(settings()["user-jobs"]["value"] == "3", "user-jobs")
+        before = show("MainPID")
+        w.write("user-jobs = 4\n")
+        systemctl("reload", "acutd.service").ok()
+        deadline = time.monotonic() + 10
+        while settings()["user-jobs"]["value"] != "4":
+            expect(time.monotonic() < deadline, "the reload had no effect")
+        w.write("user-jobs = 5\nmemroy = 1G\n")
+        got = systemctl("reload", "acutd.service")
+        expect(got.status != 0, "a reload of errors is told to be one")
+        expect('50-test.conf:2: there is no setting "memroy"' in journal(), journal()[-2000:])
+        expect(settings()["user-jobs"]["value"] == "4" and show("MainPID") == before and show("ActiveState") == "active", "it changed")
+
+
+def disk_for_the_data():
+    """As the manual says, word by word, with another folder."""
+    with open("/opt/acut/tree/man/acutd.conf.5.scd") as f:
+        page = f.read().split("# A DISK FOR THE DATA")[1].split("\n# ")[0]
+    conf, unit, moved, empty = [b.replace("/data", "/srv/data") for b in re.findall(r"^```\n(.*?)^```$", page, re.M | re.S)]
+    with With():
+        survey = "/srv/config.las"
+        run([e2e.SYNTH, "--points", "20000", survey]).ok()
+        run([e2e.ACUTCTL, "push", "kept", survey], timeout=60).ok()
+    # A folder that is not mounted yet is no store, and nothing is made there.
+    os.makedirs("/srv/data")
+    with With(conf, unit):
+        systemctl("start", "acutd.service")
+        expect(show("ActiveState") != "active" and not os.listdir("/srv/data"), "it began where no disk is mounted")
+    with With(conf, unit):
+        script = moved.replace("acutd --check", e2e.ACUTD + " --check")
+        got = subprocess.run(["/bin/bash", "-euc", script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+        expect(got.returncode == 0, got.stdout.decode())
+        expect("kept" in run([e2e.ACUTCTL, "datasets"], timeout=60).ok().out, "the data did not come with it")
+        s = settings()
+        expect(s["state"]["value"] == "/srv/data/acut/state" and s["disk"]["value"] == "90%", "%s" % s["state"])
+    with With(conf):
+        systemctl("start", "acutd.service")
+        expect("Read-only file system" in journal() and show("ActiveState") != "active", journal()[-2000:])
+
+
+main(shipped, limit_of_the_unit, reload, disk_for_the_data)
