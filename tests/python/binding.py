@@ -74,7 +74,8 @@ def same_mesh():
         job = c.wait(c.submit("s"))
         expect(job.id == r["job"], "another job for the same view")
         mesh = c.mesh(job)
-        expect((mesh.digest, mesh.vertex_digest) == (r["digest"], r["vertex_digest"]) == (job.report.digest, job.report.vertex_digest),
+        expect((mesh.digest, mesh.vertex_digest) == (r["digest"], r["vertex_digest"]) ==
+               (job.report.digest, job.report.vertex_digest),
                "digests")
         expect(mesh.vertices.shape == (r["vertices"], 3) and mesh.triangles.shape == (r["triangles"], 3), "shapes")
         expect((mesh.vertices.format, mesh.lattice.format, mesh.triangles.format) == ("d", "i", "Q"), "formats")
