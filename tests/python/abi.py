@@ -67,6 +67,23 @@ def described():
     print("ok   %d names" % len(acut.__all__))
 
 
+def other_libraries():
+    """A library that is not there, or is not this one, is told before anything of it is called."""
+    for path, want in (("/nowhere/libacut.so.0", "ImportError: libacut cannot be loaded"), ("libm.so.6", "VersionError: libm.so.6 is libacut older")):
+        p = subprocess.run([sys.executable, "-c", "import acut; acut.connect('/nowhere')"], stderr=subprocess.PIPE,
+                           env=dict(os.environ, ACUT_LIBRARY=path))
+        assert p.returncode == 1 and want in p.stderr.decode(), p.stderr.decode()
+    _abi.VERSION, version = "0.99.0", _abi.VERSION
+    try:
+        acut.connect("/nowhere")
+        raise SystemExit("a library of another release was taken")
+    except acut.VersionError as e:
+        assert e.exit_status == 76 and version in str(e), e
+    _abi.VERSION = version
+    print("ok   other libraries")
+
+
 layouts()
 codes()
 described()
+other_libraries()
