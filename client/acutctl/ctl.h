@@ -37,7 +37,7 @@ struct ctl_args {
 	const char *classes, *not_classes, *returns, *duplicates;
 	const char *zmin, *zmax, *crop, *bbox, *polygon, *every, *thin, *thin_pick;
 	const char *format, *tile, *since, *origin, *max_edge, *z_unit, *width, *color;
-	const char *generation, *priority, *replaces, *as, *settle;
+	const char *generation, *priority, *replaces, *as, *settle, *mode;
 	const char *keep, *before;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;

@@ -27,6 +27,8 @@ int ctl_dataset_create(struct ctl *ctl, const char *name)
 	if (a->crs && ctl_assume_crs(a->crs, "--crs", &crs.crs, &err))
 		return ctl_error(ctl, &err);
 	status = ctl_connect(ctl);
+	if (!status && a->mode && acut_dataset_mode(ctl->acut, a->mode))
+		status = ctl_error_acut(ctl);
 	if (!status && acut_dataset_create(ctl->acut, name, scale, comma, crs.crs))
 		status = ctl_error_acut(ctl);
 	ctl_assume_done(&crs);

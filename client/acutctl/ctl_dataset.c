@@ -4,12 +4,15 @@
 
 #include "ctl.h"
 #include "ctl_dataset.h"
+#include "ctl_names.h"
 #include "ctl_term.h"
+#include "mode.h"
 #include "parse.h"
 
 void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 {
 	struct ctl_json j = { .out = ctl->report, .list = ctl->list };
+	char mode[8];
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "name", d->name);
@@ -18,6 +21,14 @@ void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 	ctl_json_u64(&j, "bytes", d->bytes);
 	ctl_json_u64(&j, "files", d->files);
 	ctl_json_u64(&j, "uid", d->uid);
+	ctl_json_text(&j, "owner", ctl_user_name(d->uid));
+	if (d->gid == ACUT_NO_GROUP)
+		ctl_json_literal(&j, "gid", "null");
+	else
+		ctl_json_u64(&j, "gid", d->gid);
+	ctl_json_text(&j, "group", ctl_group_name(d->gid));
+	snprintf(mode, sizeof(mode), "%04o", d->mode);
+	ctl_json_text(&j, "mode", mode);
 	ctl_job_time(&j, "created", d->created_us);
 	ctl_job_time(&j, "pushed", d->pushed_us);
 	ctl_job_lattice(&j, d->lattice);
@@ -48,7 +59,7 @@ void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 {
 	FILE *out = ctl->report;
-	char a[32], b[32];
+	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
 	ctl_term_field(out, "dataset", "%s", d->name);
 	ctl_term_field(out, "generation", "%llu, of %u files", (unsigned long long)d->generation, d->files);
@@ -57,7 +68,9 @@ static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 		ctl_term_field(out, "segments", "%u%s", d->segments, d->merging ? ", some of them become one now" : "");
 	if (d->oldest > 1)
 		ctl_term_field(out, "oldest", "generation %llu", (unsigned long long)d->oldest);
-	ctl_term_field(out, "created", "%s by user %u", ctl_job_time_text(d->created_us, a), d->uid);
+	ctl_term_field(out, "owner", "%s, group %s, mode %s (%04o)", ctl_user_text(d->uid, a), ctl_group_text(d->gid, b),
+		       mode_text(d->mode, mode), d->mode);
+	ctl_term_field(out, "created", "%s", ctl_job_time_text(d->created_us, a));
 	ctl_term_field(out, "pushed", "%s", ctl_job_time_text(d->pushed_us, b));
 	ctl_term_field(out, "lattice", "%s", d->lattice);
 	ctl_term_field(out, "crs", "%s", d->crs);
@@ -155,6 +168,54 @@ static int unpin(struct ctl *ctl)
 	return change(ctl, "unpin");
 }
 
+static int changed(struct ctl *ctl, int r, const struct acut_dataset *d)
+{
+	if (r)
+		return ctl_error_acut(ctl);
+	if (ctl->args.json)
+		ctl_dataset_json(ctl, d);
+	return CTL_DONE;
+}
+
+static int chmod_run(struct ctl *ctl)
+{
+	struct acut_dataset d;
+	struct err err = ERR_INIT;
+	uint32_t mode;
+	int status;
+
+	if (mode_parse(ctl->args.word[1], 0, 0, &mode, &err))
+		return ctl_error(ctl, &err);
+	status = ctl_connect(ctl);
+	return status ? status : changed(ctl, acut_dataset_chmod(ctl->acut, ctl->args.word[2], ctl->args.word[1], &d), &d);
+}
+
+static int chgrp_run(struct ctl *ctl)
+{
+	struct acut_dataset d;
+	struct err err = ERR_INIT;
+	uint32_t gid;
+	int status;
+
+	if (ctl_group_find(ctl->args.word[1], &gid, &err))
+		return ctl_error(ctl, &err);
+	status = ctl_connect(ctl);
+	return status ? status : changed(ctl, acut_dataset_chgrp(ctl->acut, ctl->args.word[2], gid, &d), &d);
+}
+
+static int chown_run(struct ctl *ctl)
+{
+	struct acut_dataset d;
+	struct err err = ERR_INIT;
+	uint32_t uid;
+	int status;
+
+	if (ctl_user_find(ctl->args.word[1], &uid, &err))
+		return ctl_error(ctl, &err);
+	status = ctl_connect(ctl);
+	return status ? status : changed(ctl, acut_dataset_chown(ctl->acut, ctl->args.word[2], uid, &d), &d);
+}
+
 static int export(struct ctl *ctl)
 {
 	return ctl_dataset_export(ctl, ctl->args.word[1], ctl->args.word[2]);
@@ -166,7 +227,10 @@ static int import(struct ctl *ctl)
 }
 
 const struct ctl_verb ctl_dataset_verbs[] = {
-	{"create", "create NAME", "a dataset before its first push", 1, 1, "scale crs", create},
+	{"chgrp", "chgrp GROUP DATASET", "give it to another group that you are in", 2, 2, NULL, chgrp_run},
+	{"chmod", "chmod MODE DATASET", "who may read it and push into it: 640, u=rw,g=r,o=, g+w", 2, 2, NULL, chmod_run},
+	{"chown", "chown USER DATASET", "give it to another owner, as an administrator", 2, 2, NULL, chown_run},
+	{"create", "create NAME", "a dataset before its first push", 1, 1, "scale crs mode", create},
 	{"export", "export DATASET DIR", "one dataset with all its generations into a folder", 2, 2, "copy", export},
 	{"import", "import DIR [NAME]", "a new dataset of an exported one", 1, 2, NULL, import},
 	{"log", "log DATASET", "what each generation did", 1, 1, "files", log_run},

@@ -1,7 +1,9 @@
 /* datasets: one row a dataset. */
 #include "ctl.h"
 #include "ctl_dataset.h"
+#include "ctl_names.h"
 #include "ctl_table.h"
+#include "mode.h"
 
 static const struct ctl_column there[] = {
 	{"NAME", .shrink = true},
@@ -10,7 +12,9 @@ static const struct ctl_column there[] = {
 	{"FILES", .right = true, .spare = true},
 	{"SIZE", .right = true},
 	{"PUSHED", .spare = true},
-	{"USER", .right = true, .spare = true},
+	{"MODE", .spare = true},
+	{"OWNER", .spare = true},
+	{"GROUP", .spare = true},
 	{"NOTE", .tail = true, .spare = true},
 };
 
@@ -32,6 +36,7 @@ static void each(void *ctx, const struct acut_dataset *d)
 {
 	struct listing *l = ctx;
 	struct ctl_table *t = l->table;
+	char name[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
 	if (l->ctl->args.json) {
 		ctl_dataset_json(l->ctl, d);
@@ -43,7 +48,9 @@ static void each(void *ctx, const struct acut_dataset *d)
 	ctl_table_count(t, d->files);
 	ctl_table_size(t, d->bytes);
 	ctl_table_time(t, d->pushed_us);
-	ctl_table_text(t, "%u", d->uid);
+	ctl_table_text(t, "%s", mode_text(d->mode, mode));
+	ctl_table_text(t, "%s", ctl_user_text(d->uid, name));
+	ctl_table_text(t, "%s", ctl_group_text(d->gid, name));
 	ctl_table_text(t, "%s%s%s", d->pinned ? "pinned" : "", d->pinned && d->pending[0] ? ", " : "",
 		       d->pending[0] ? "push pending" : "");
 }

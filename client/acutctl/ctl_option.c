@@ -70,6 +70,8 @@ static const struct ctl_option table[] = {
 
 	{"scale", 0, "XY[,Z]", TEXT, AT(scale), CTL_STAGE | CTL_CREATE,
 	 "lattice scale of a new dataset, in place of the inputs' finest"},
+	{"mode", 0, "MODE", TEXT, AT(mode), CTL_PUSH | CTL_CREATE,
+	 "of a dataset that comes to be: 640, o+r (of 640); unless given 666 less the umask"},
 	{"crs", 0, "CRS", TEXT, AT(crs), CTL_CREATE, "EPSG:n, a WKT file, or a name that all inputs must be in"},
 	{"planar", 0, NULL, FLAG, AT(planar), CTL_STAGE,
 	 "triangulate the file's own plane, degrees included"},
@@ -112,7 +114,7 @@ static const struct ctl_option table[] = {
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
 	{"priority", 0, "low|normal|high", TEXT, AT(priority), CTL_JOB,
-	 "before or after the jobs of others (high: root and the user of acutd)"},
+	 "before or after the jobs of others (high: administrators)"},
 	{"at", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION,
 	 "of this state of the dataset, not the newest"},
 	{"generation", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION, "the same as --at"},

@@ -199,7 +199,7 @@ static int begin(struct staging *s, const char *dataset)
 			return status;
 		opt.geoid = geoid;
 	}
-	if (acut_push_begin(s->ctl->acut, &opt, &s->push))
+	if ((a->mode && acut_dataset_mode(s->ctl->acut, a->mode)) || acut_push_begin(s->ctl->acut, &opt, &s->push))
 		return ctl_error_acut(s->ctl);
 	if (*acut_push_note(s->push))
 		ctl_note(s->ctl, "%s: %s", dataset, acut_push_note(s->push));

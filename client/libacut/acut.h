@@ -369,11 +369,17 @@ struct acut_dataset {
 	double min[3], max[3]; /* NAN where the daemon does not say */
 	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
 	bool pinned;
+	uint32_t gid; /* its group; ACUT_NO_GROUP: none */
 	uint64_t id;
 	uint64_t oldest; /* generation that can be read; 0: not said */
 	uint32_t segments; /* files that hold its points; 0: not known */
 	bool merging;      /* some of them become one now */
+	uint16_t mode;     /* as of a file: 0640 */
 };
+#define ACUT_NO_GROUP UINT32_MAX
+/* The mode of datasets that this connection makes, by a push or before it: "640", "g+w" (of 640). Unless called it is what
+ * the umask of this process leaves of 666. */
+int acut_dataset_mode(struct acut *, const char *mode);
 /* A dataset before its first push. NULL, "": as the inputs of that push have it. */
 int acut_dataset_create(struct acut *, const char *name, const char *scale_xy, const char *scale_z, const char *crs);
 int acut_datasets(struct acut *, const char *name /* NULL: all */,
@@ -413,6 +419,12 @@ int acut_dataset_log(struct acut *, const char *dataset, const struct acut_log_s
  * pruned; "unpin". What it is then, until the next call. */
 int acut_dataset_change(struct acut *, const char *verb, const char *name, uint64_t id, const char *as,
 			struct acut_dataset *ret);
+/* "640", "g+w,o=", as chmod takes it; the owner, and administrators. */
+int acut_dataset_chmod(struct acut *, const char *name, const char *mode, struct acut_dataset *ret);
+/* To a group that the owner is in; administrators to any. */
+int acut_dataset_chgrp(struct acut *, const char *name, uint32_t gid, struct acut_dataset *ret);
+/* Administrators. */
+int acut_dataset_chown(struct acut *, const char *name, uint32_t uid, struct acut_dataset *ret);
 /* What can be restored, by number. */
 int acut_datasets_removed(struct acut *, void (*each)(void *ctx, const struct acut_dataset *), void *ctx);
 

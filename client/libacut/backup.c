@@ -117,6 +117,7 @@ int acut_import(struct acut *a, const char *dataset, int (*next)(void *ctx, cons
 	uint32_t id;
 	int r;
 
+	question.mode = call_mode(a);
 	question.dataset = call_text(dataset);
 	r = call_ask(a, FRAME_MESSAGE(IMPORT, import, &question), -1, ACUT__V1__MESSAGE__BODY_IMPORTING);
 	if (r < 0)

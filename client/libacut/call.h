@@ -47,6 +47,7 @@ struct acut {
 	acut_progress_fn progress; /* of the call that waits; may be NULL */
 	void *progress_ctx;
 
+	char umask_mode[8], mode[40]; /* of datasets that come to be; "": by the umask */
 	char *area;          /* of fetches; NULL: all */
 	struct fetch *fetch; /* the one that runs, or the last one until the next call; NULL: none */
 
@@ -65,6 +66,8 @@ struct acut {
 	struct acut_imported imported;
 };
 
+/* The mode for a dataset that comes to be; "": the daemon's. Until the next call. */
+char *call_mode(struct acut *);
 /* Starts a call: forgets the last one's error and results. Negative if the connection is dead. */
 int call_begin(struct acut *);
 /* Sends a question. `fd` (-1: none) stays the caller's. */

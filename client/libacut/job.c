@@ -264,6 +264,7 @@ int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, 
 	question.scale_xy = call_text(scale_xy);
 	question.scale_z = call_text(scale_z);
 	question.crs = call_text(crs);
+	question.mode = call_mode(a);
 	return call_again(a, FRAME_MESSAGE(DATASET_CREATE, dataset_create, &question), -1, ACUT__V1__MESSAGE__BODY_DONE, &id,
 			  &a->answer);
 }

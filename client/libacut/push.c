@@ -113,6 +113,7 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 		return -(int)a->err.code;
 	}
 	question.dataset = call_text(o->dataset);
+	question.mode = call_mode(a);
 	question.scale_xy = call_text(o->scale_xy);
 	question.scale_z = call_text(o->scale_z);
 	question.assume_crs = call_text(o->assume_crs);

@@ -44,7 +44,7 @@ struct imported {
 };
 
 /* A new dataset `name`, of this peer. It is there when the commit has answered, or never. */
-void import_begin(struct jobs *, const char *name, const struct job_peer *,
+void import_begin(struct jobs *, const char *name, uint32_t mode, const struct job_peer *,
 		  void (*begun)(void *token, const struct err *why, struct import *), void *token);
 /* First "manifest", then each file that it names. Takes `fd`. One at a time. */
 void import_file(struct import *, const char *name, int fd, void (*done)(void *token, const struct err *why), void *token);

@@ -1,5 +1,5 @@
 /*
- * Datasets that are removed, restored and pinned.
+ * Datasets that are removed, restored and pinned, and get another mode, group or owner.
  *
  * The model: a removed dataset keeps its number, its folder and its row, and its name is free at once. Nobody finds it by
  * that name any more, but the jobs that it has go on, and their meshes can be fetched. It comes back as it was, or goes
@@ -15,6 +15,7 @@
 #include "clock.h"
 #include "job_priv.h"
 #include "log.h"
+#include "mode.h"
 #include "past.h"
 
 #define KEEP_SECONDS (7 * 86400.)
@@ -31,6 +32,8 @@ struct verb {
 	char name[DATASET_NAME_MAX + 1];
 	int64_t removed_us;
 	bool pinned;
+	uint32_t uid, gid, mode;
+	bool joins; /* the peer is in the new group: said by groups that he has while he asks */
 	dataset_verb_fn *answer;
 	void *token;
 };
@@ -113,12 +116,20 @@ static int check_name(struct jobs *j, const char *name, const struct job_peer *p
 	return err_add_hint(err, "restore it under another name, with --as");
 }
 
-/* WAITS: not now. */
-static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v, struct err *err)
+/* Files go to no group either that their owner is not in. */
+static int check_group(const struct dataset *d, const struct dataset_wanted *w, const struct verb *v, struct err *err)
 {
-	struct dataset *d = NULL;
+	if (w->verb != DATASET_CHGRP || rights_admin(&w->peer) || v->joins)
+		return 0;
+	err_set(err, ERR_PERM, "you are not in the group with id %u", w->gid);
+	return err_add_hint(err, "give the dataset %s a group that you are in, or ask an administrator", d->name);
+}
+
+static int check_wanted(struct jobs *j, const struct dataset_wanted *w, struct dataset **ret, uint32_t *ret_mode,
+			const struct verb *v, struct err *err)
+{
 	bool restores = w->verb == DATASET_RESTORE;
-	const char *as = *w->as ? w->as : NULL;
+	struct dataset *d = NULL;
 	int r = 0;
 
 	if (restores) {
@@ -130,11 +141,53 @@ static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v
 			r = no_dataset(w->name, "", err);
 	}
 	if (!r)
-		r = rights_dataset(d, &w->peer, RIGHT_OWN, err);
+		r = rights_dataset(d, &w->peer, w->verb == DATASET_CHOWN ? RIGHT_GIVE : RIGHT_OWN, err);
 	if (!r && restores)
-		r = check_name(j, as ? as : d->name, &w->peer, err);
+		r = check_name(j, *w->as ? w->as : d->name, &w->peer, err);
 	if (!r && w->verb == DATASET_REMOVE)
 		r = check_remove(d, err);
+	if (!r && w->verb == DATASET_CHMOD)
+		r = mode_parse(w->mode, d->mode, 0, ret_mode, err);
+	if (!r)
+		r = check_group(d, w, v, err);
+	*ret = d;
+	return r;
+}
+
+static void set_wanted(struct dataset *d, const struct dataset_wanted *w, uint32_t mode)
+{
+	switch (w->verb) {
+	case DATASET_RESTORE:
+		if (*w->as)
+			snprintf(d->name, sizeof d->name, "%s", w->as);
+		d->removed_us = 0;
+		break;
+	case DATASET_REMOVE:
+		d->removed_us = clock_real_us();
+		break;
+	case DATASET_PIN:
+	case DATASET_UNPIN:
+		d->pinned = w->verb == DATASET_PIN;
+		break;
+	case DATASET_CHMOD:
+		d->mode = mode;
+		break;
+	case DATASET_CHGRP:
+		d->gid = w->gid;
+		break;
+	case DATASET_CHOWN:
+		d->uid = w->uid;
+		break;
+	}
+}
+
+/* WAITS: not now. */
+static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v, struct err *err)
+{
+	struct dataset *d;
+	uint32_t mode = 0;
+	int r = check_wanted(j, w, &d, &mode, v, err);
+
 	if (r)
 		return r;
 	if (d->rows)
@@ -143,14 +196,10 @@ static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v
 	memcpy(v->name, d->name, sizeof v->name);
 	v->removed_us = d->removed_us;
 	v->pinned = d->pinned;
-	if (restores && as)
-		snprintf(d->name, sizeof d->name, "%s", as);
-	if (restores)
-		d->removed_us = 0;
-	else if (w->verb == DATASET_REMOVE)
-		d->removed_us = clock_real_us();
-	else
-		d->pinned = w->verb == DATASET_PIN;
+	v->uid = d->uid;
+	v->gid = d->gid;
+	v->mode = d->mode;
+	set_wanted(d, w, mode);
 	return 0;
 }
 
@@ -159,14 +208,18 @@ static void tell(const struct verb *v)
 	const struct dataset *d = v->dataset;
 	const struct log_about about = {.dataset = d->name, .generation = d->generation, ABOUT_USER(v->wanted.peer.uid),
 					.pid = v->wanted.peer.pid};
+	char mode[MODE_TEXT_SIZE];
 
 	if (v->wanted.verb == DATASET_REMOVE)
 		log_event(LOG_EVENT_DATASET_REMOVED, &about, "the dataset %s was removed", d->name);
 	else if (v->wanted.verb == DATASET_RESTORE)
 		log_event(LOG_EVENT_DATASET_RESTORED, &about, "the dataset %s was restored", d->name);
-	else
+	else if (v->wanted.verb == DATASET_PIN || v->wanted.verb == DATASET_UNPIN)
 		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s was %s", d->name,
 			  d->pinned ? "pinned" : "unpinned");
+	else
+		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s is that of uid %u, group %d, mode %s", d->name, d->uid,
+			  (int)d->gid, mode_text(d->mode, mode));
 }
 
 static void finish(struct verb *v, const struct err *why)
@@ -178,6 +231,9 @@ static void finish(struct verb *v, const struct err *why)
 		memcpy(d->name, v->name, sizeof d->name);
 		d->removed_us = v->removed_us;
 		d->pinned = v->pinned;
+		d->uid = v->uid;
+		d->gid = v->gid;
+		d->mode = v->mode;
 	} else {
 		tell(v);
 	}
@@ -199,8 +255,12 @@ static void wait_for_row(struct jobs *j, struct verb *v, const struct dataset_wa
 
 	/* A name that is longer is that of no dataset. */
 	snprintf(v->text, sizeof v->text, "%s", w->name);
-	snprintf(v->as, sizeof v->as, "%s", w->as);
-	v->wanted = (struct dataset_wanted){.verb = w->verb, .name = v->text, .as = v->as, .id = w->id, .peer = rights_kept(&w->peer)};
+	snprintf(v->as, sizeof v->as, "%s", w->mode ? w->mode : w->as);
+	v->wanted = *w;
+	v->wanted.peer = rights_kept(&w->peer);
+	v->wanted.name = v->text;
+	v->wanted.as = w->mode ? "" : v->as;
+	v->wanted.mode = w->mode ? v->as : NULL;
 	for (at = &j->verbs; *at; at = &(*at)->next)
 		;
 	*at = v;
@@ -242,7 +302,8 @@ void dataset_verbs_settle(struct jobs *j)
 		memcpy(text, v->text, sizeof text);
 		memcpy(as, v->as, sizeof as);
 		w.name = text;
-		w.as = as;
+		w.as = w.mode ? "" : as;
+		w.mode = w.mode ? as : NULL;
 		run(j, v, &w);
 	}
 }
@@ -252,7 +313,9 @@ void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_f
 	struct verb *v = NULL;
 	struct err err = ERR_INIT;
 
-	if (!house_take(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
+	if (w->mode && strlen(w->mode) >= sizeof v->as)
+		err_set(&err, ERR_USAGE, "\"%.60s...\" is not a mode", w->mode);
+	else if (!house_take(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
 		house_give(j, sizeof *v);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	}
@@ -262,6 +325,7 @@ void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_f
 	}
 	v->answer = answer;
 	v->token = token;
+	v->joins = rights_in_group(&w->peer, w->gid);
 	run(j, v, w);
 }
 

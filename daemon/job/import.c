@@ -158,7 +158,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 	return 0;
 }
 
-void import_begin(struct jobs *j, const char *name, const struct job_peer *peer,
+void import_begin(struct jobs *j, const char *name, uint32_t mode, const struct job_peer *peer,
 		  void (*begun)(void *token, const struct err *why, struct import *), void *token)
 {
 	struct catalogue_push row = {.uid = peer->uid, .begun_us = clock_real_us()};
@@ -177,6 +177,7 @@ void import_begin(struct jobs *j, const char *name, const struct job_peer *peer,
 	i->begun = begun;
 	i->token = token;
 	i->fd = -1;
+	i->dataset->mode = mode;
 	dataset_hold(i->dataset);
 	i->dataset->pushes++;
 	j->background++;

@@ -151,15 +151,19 @@ void dataset_create(struct jobs *, const struct dataset_wish *,
 
 /* -ERR_NOTFOUND, with the range that there is; 0 is the newest. */
 int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
-enum dataset_verb { DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN };
+enum dataset_verb {
+	DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN, DATASET_CHMOD, DATASET_CHGRP, DATASET_CHOWN
+};
 struct dataset_wanted {
 	enum dataset_verb verb;
 	const char *name, *as; /* to restore under another name; "": its own */
 	uint64_t id;           /* to restore, where no removed dataset has the name; 0: none */
+	const char *mode;      /* as mode_parse takes it; NULL: none */
+	uint32_t gid, uid;     /* the new group, the new owner */
 	struct job_peer peer;
 };
 typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset *);
-/* Owner and root. A removed dataset is hidden, its name free, and kept for jobs_params.keep_removed; what is pinned can
+/* RIGHT_OWN, a new owner RIGHT_GIVE; a new group is one that the owner is in. A removed dataset is hidden, its name free, and kept for jobs_params.keep_removed; what is pinned can
  * be neither removed nor pruned. -ERR_USAGE, -ERR_BUSY (a push is open), -ERR_NOTFOUND. */
 void dataset_verb(struct jobs *, const struct dataset_wanted *, dataset_verb_fn *answer, void *token);
 /* Removed ones that this peer can restore, by number: the first after `id`; NULL at the end. */

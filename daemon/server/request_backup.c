@@ -174,7 +174,14 @@ static void begun(void *token, const struct err *why, struct import *i)
 
 void request_import(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	import_begin(c->server->jobs, m->import->dataset, &c->peer, begun, q);
+	uint32_t mode = DATASET_MODE;
+	struct err err = ERR_INIT;
+	bool has;
+
+	if (request_mode(m->import->mode, &has, &mode, &err))
+		request_refuse(q, &err);
+	else
+		import_begin(c->server->jobs, m->import->dataset, mode, &c->peer, begun, q);
 }
 
 static void filed(void *token, const struct err *why)

@@ -7,6 +7,8 @@
 #include <time.h>
 
 #include "lattice.h"
+#include "mode.h"
+#include "rights.h"
 #include "server_priv.h"
 
 enum { PAGE_MAX = 64 };
@@ -55,6 +57,8 @@ static void message_dataset(const struct dataset *d, struct message_dataset *m)
 	m->dataset.unit_xy = (char *)info.unit_xy;
 	m->dataset.unit_z = (char *)info.unit_z;
 	m->dataset.uid = info.uid;
+	m->dataset.gid = info.gid;
+	m->dataset.mode = info.mode;
 	m->dataset.created_us = info.created_us;
 	m->dataset.pushed_us = info.pushed_us;
 	m->dataset.segments = info.segments;
@@ -217,7 +221,8 @@ static void verb_done(void *token, const struct err *why, struct dataset *d)
 void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	static const char *const verbs[] = {
-		[DATASET_REMOVE] = "remove", [DATASET_RESTORE] = "restore", [DATASET_PIN] = "pin", [DATASET_UNPIN] = "unpin"};
+		[DATASET_REMOVE] = "remove", [DATASET_RESTORE] = "restore", [DATASET_PIN] = "pin", [DATASET_UNPIN] = "unpin",
+		[DATASET_CHMOD] = "chmod", [DATASET_CHGRP] = "chgrp", [DATASET_CHOWN] = "chown"};
 	const Acut__V1__DatasetChange *in = m->dataset_change;
 	struct dataset_wanted w = {.name = in->name, .as = in->as, .id = in->id, .peer = c->peer};
 	struct err err = ERR_INIT;
@@ -231,6 +236,14 @@ void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message
 		return;
 	}
 	w.verb = (enum dataset_verb)i;
+	w.mode = w.verb == DATASET_CHMOD ? in->mode : NULL;
+	w.gid = in->gid;
+	w.uid = in->uid;
+	if ((w.verb == DATASET_CHGRP ? w.gid : w.uid) == RIGHTS_NOBODY) {
+		err_set(&err, ERR_USAGE, "nobody has the number %u", RIGHTS_NOBODY);
+		request_refuse(q, &err);
+		return;
+	}
 	dataset_verb(c->server->jobs, &w, verb_done, q);
 }
 
@@ -244,18 +257,28 @@ static void created(void *token, const struct err *why)
 		request_answer(token, FRAME_MESSAGE(DONE, done, &m));
 }
 
+int request_mode(const char *text, bool *ret_has, uint32_t *ret, struct err *err)
+{
+	*ret_has = *text != 0;
+	return *text ? mode_parse(text, DATASET_MODE, 0, ret, err) : 0;
+}
+
 void request_dataset_create(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const Acut__V1__DatasetCreate *in = m->dataset_create;
-	const struct dataset_wish wish = {
+	struct dataset_wish wish = {
 		.name = in->name,
 		.scale_xy = in->scale_xy,
 		.scale_z = in->scale_z,
 		.crs = in->crs,
 		.peer = c->peer,
 	};
+	struct err err = ERR_INIT;
 
-	dataset_create(c->server->jobs, &wish, created, q);
+	if (request_mode(in->mode, &wish.has_mode, &wish.mode, &err))
+		request_refuse(q, &err);
+	else
+		dataset_create(c->server->jobs, &wish, created, q);
 }
 
 static void planned(void *token, const struct err *why, const struct job_plan *p)

@@ -376,7 +376,8 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 	};
 	struct err err = ERR_INIT;
 
-	q->push = ref_new(c, &err);
+	if (!request_mode(in->mode, &p.has_mode, &p.mode, &err))
+		q->push = ref_new(c, &err);
 	if (!q->push) {
 		request_refuse(q, &err);
 		return;

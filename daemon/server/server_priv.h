@@ -150,6 +150,8 @@ request_fn request_backup, request_backup_next, request_backup_end, request_impo
 void conn_copies_end(struct conn *);
 /* request_data.c */
 request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
+/* Of a dataset that comes to be. */
+int request_mode(const char *text, bool *ret_has, uint32_t *ret, struct err *err);
 /* Points and files as its manifest (NULL: none) says of that generation. */
 void request_dataset_state(struct request *, const struct dataset *, const struct grid_manifest *, uint64_t generation);
 /* request_generation.c */
