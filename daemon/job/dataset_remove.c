@@ -282,7 +282,7 @@ static void run(struct jobs *j, struct verb *v, const struct dataset_wanted *w)
 		free(v);
 	} else {
 		v->wanted.verb = w->verb;
-		v->wanted.peer = w->peer;
+		v->wanted.peer = rights_kept(&w->peer);
 		dataset_row(v->dataset, &row);
 		if (catalogue_put_dataset(j->p.catalogue, &row, 0, row_done, v, &err))
 			finish(v, &err);
