@@ -409,6 +409,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.keep_free = d->config.keep_free,
 		.space_wait = d->config.space_wait,
 		.keep_removed = d->config.keep_removed,
+		.user = {.jobs = d->config.user_jobs, .memory = d->config.user_memory, .disk = d->config.user_disk},
 		.cache_again = cache_again,
 		.cache_ctx = d,
 		.changed = server_job_changed,

@@ -100,11 +100,13 @@ static void apply(const struct config *c, struct jobs *jobs, struct server *serv
 		.keep_removed = c->keep_removed,
 		.space_wait = c->space_wait,
 	};
+	const struct jobs_user_limits user = {.jobs = c->user_jobs, .memory = c->user_memory, .disk = c->user_disk};
 	struct rights rights;
 
 	settings_rights(c, &rights);
 	log_set_level(c->level);
 	jobs_set_limits(jobs, &limits);
+	jobs_set_user_limits(jobs, &user);
 	server_set_rights(server, &rights, c->user_connections);
 }
 

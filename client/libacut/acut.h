@@ -374,7 +374,7 @@ struct acut_dataset {
 	uint64_t oldest; /* generation that can be read; 0: not said */
 	uint32_t segments; /* files that hold its points; 0: not known */
 	bool merging;      /* some of them become one now */
-	uint16_t mode;     /* as of a file: 0640 */
+	uint32_t mode;     /* as of a file: 0640 */
 };
 #define ACUT_NO_GROUP UINT32_MAX
 /* The mode of datasets that this connection makes, by a push or before it: "640", "g+w" (of 640). Unless called it is what

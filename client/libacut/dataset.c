@@ -24,7 +24,7 @@ void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 	    .files = d->files,
 	    .uid = d->uid,
 	    .gid = d->gid,
-	    .mode = (uint16_t)d->mode,
+	    .mode = d->mode,
 	    .created_us = d->created_us,
 	    .pushed_us = d->pushed_us,
 	    .removed_us = d->removed_us,

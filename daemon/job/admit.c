@@ -250,7 +250,7 @@ static unsigned stages_of(const struct jobs *j, uint32_t uid)
 	return n;
 }
 
-/* Of those that wait for one: whose user has the fewest, then was served least, then who came first. */
+/* Of those that wait for one, and whose user may have one more: whose user has the fewest, then was served least, then who came first. */
 static struct push *stage_next(struct jobs *j)
 {
 	struct push *p, *best = NULL;
@@ -261,7 +261,7 @@ static struct push *stage_next(struct jobs *j)
 		unsigned n;
 		int64_t s;
 
-		if (!push_wants_stage(p))
+		if (!push_wants_stage(p) || !push_stage_fits(p))
 			continue;
 		n = stages_of(j, push_uid(p));
 		s = sched_service(j->p.sched, push_uid(p));

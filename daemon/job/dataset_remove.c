@@ -237,6 +237,7 @@ static void finish(struct verb *v, const struct err *why)
 	} else {
 		tell(v);
 	}
+	disk_count(j); /* it may be of another user now */
 	v->answer(v->token, why, why ? NULL : d);
 	dataset_release(d);
 	house_give(j, sizeof *v);

@@ -47,6 +47,7 @@ void disk_count(struct jobs *j)
 	space_set(j->space, SPACE_REMOVED, bytes[SPACE_REMOVED]);
 	space_set(j->space, SPACE_ONESTEP, bytes[SPACE_ONESTEP]);
 	space_set(j->space, SPACE_PENDING, bytes[SPACE_PENDING]);
+	limit_count(j);
 }
 
 uint64_t disk_user_bytes(const struct jobs *j, uint32_t uid)

@@ -68,6 +68,7 @@ static void gone(struct import *i)
 	if (i->opened)
 		dataset_close(i->dataset);
 	space_give(i->jobs->space, SPACE_PENDING, i->taken);
+	limit_disk_give(i->jobs, i->peer.uid, i->taken);
 	if (i->row && !i->committed && i->dataset->users == 1 && catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	i->dataset->pushes--;
@@ -231,8 +232,13 @@ static void segment_name(const struct import *i, size_t k, char buf[NAME])
 /* Room on the disk, before it is written. */
 static int take_space(struct import *i, uint64_t bytes)
 {
-	int r = space_take(i->jobs->space, SPACE_PENDING, bytes, SPACE_MUST, "the import", &i->err);
+	int r = limit_disk_take(i->jobs, i->peer.uid, i->peer.admin, bytes, "the import", &i->err);
 
+	if (r)
+		return r;
+	r = space_take(i->jobs->space, SPACE_PENDING, bytes, SPACE_MUST, "the import", &i->err);
+	if (r)
+		limit_disk_give(i->jobs, i->peer.uid, bytes);
 	i->taken += r ? 0 : bytes;
 	return r;
 }

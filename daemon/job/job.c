@@ -157,7 +157,8 @@ static void granted(struct place *place)
 
 void job_place_init(struct job *job)
 {
-	job->place.owner = (struct sched_owner){.uid = job->peer.uid, .rank = (enum sched_rank)job->priority};
+	job->place.owner = (struct sched_owner){
+		.uid = job->peer.uid, .rank = (enum sched_rank)job->priority, .exempt = rights_admin(&job->peer)};
 	job->place.granted = granted;
 }
 

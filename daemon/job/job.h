@@ -62,6 +62,11 @@ struct jobs_params {
 	struct space_limit disk, keep_free; /* as space_params */
 	double keep_removed;         /* seconds that a removed dataset can be restored; 0: 7 days */
 	double space_wait;           /* seconds that what a client waits for may lack space */
+	struct jobs_user_limits {    /* of one user who is no admin; 0, SPACE_UNLIMITED: none */
+		unsigned jobs;           /* that are not done */
+		unsigned memory;         /* per cent that jobs, pushes and plans hold */
+		struct space_limit disk; /* of datasets and pushes; per cent: of the file system of the state */
+	} user;
 	/* A job came to be, went on, or ended. */
 	void (*changed)(void *ctx, struct job *);
 	/* The cache's folder is gone: makes it again, and gives a descriptor of it. NULL: it stays gone. */
@@ -78,6 +83,8 @@ struct jobs_limits {
 	double keep_removed, space_wait;
 };
 void jobs_set_limits(struct jobs *, const struct jobs_limits *);
+/* For what is asked from now on. */
+void jobs_set_user_limits(struct jobs *, const struct jobs_user_limits *);
 /* Only when jobs_parked. NULL is fine; returns NULL. */
 struct jobs *jobs_free(struct jobs *);
 /* After sched_dispatch and catalogue_dispatch: gives memory to who starves, starts what can start. */

@@ -136,7 +136,7 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 		.generation = generation ? generation : d->generation,
 		.plan_only = true,
 		.client = true,
-		.owner = {.uid = peer->uid},
+		.owner = {.uid = peer->uid, .exempt = rights_admin(peer)},
 		.place = p ? &p->place : NULL,
 		.calls = &plan_calls,
 		.ctx = p,

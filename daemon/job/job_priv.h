@@ -2,6 +2,7 @@
 #ifndef JOB_PRIV_H
 #define JOB_PRIV_H
 
+#include <pthread.h>
 #include <stdatomic.h>
 
 #include "catalogue.h"
@@ -27,7 +28,7 @@ struct pending {
 enum { PENDING_BYTES = 64 }; /* charged; with its place in the heap */
 
 /* places.c: the turn of a job, stream or plan to be at work */
-enum place_wait { PLACE_READY, PLACE_TURN, PLACE_USER, PLACE_FULL, PLACE_MEMORY };
+enum place_wait { PLACE_READY, PLACE_TURN, PLACE_USER, PLACE_SHARE, PLACE_FULL, PLACE_MEMORY };
 struct place {
 	struct place *next; /* of those that seek, by number */
 	struct sched_owner owner;
@@ -179,6 +180,11 @@ struct jobs {
 		uint64_t counted_ns, looked_ns;
 		bool begun, busy;
 	} disk;
+	struct limits { /* limit.c */
+		pthread_mutex_t lock;
+		struct limit_row *row;
+		size_t n, cap;
+	} limits;
 	struct cache_verify *verify; /* that goes on; NULL: none */
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	unsigned backups; /* and exports, that are open */
@@ -311,6 +317,7 @@ uint64_t push_stage_bytes(const struct push *);
 uint32_t push_uid(const struct push *);
 bool push_has_stage(const struct push *);
 bool push_wants_stage(const struct push *); /* and waits for it */
+bool push_stage_fits(const struct push *);  /* into its user's share of the memory */
 struct push *push_next(const struct push *);
 void push_retry(struct push *);
 void push_remove_files(struct push *);
@@ -381,6 +388,23 @@ uint64_t admit_stage(struct jobs *, uint64_t least); /* what a stage may have no
 void admit_stages(struct jobs *);
 bool admit_stage_awaited(const struct jobs *, uint32_t uid); /* by another user who has none */
 void admit_relieve(struct jobs *);
+
+/* limit.c: what one user may have; none of it holds admins. -ERR_LIMIT, with the setting's name as field. */
+void limit_init(struct jobs *);
+void limit_done(struct jobs *);
+int limit_jobs(const struct jobs *, const struct job_peer *, struct err *err); /* one more */
+/* Bytes more of that user on the disk, beside those of the lists; any thread. Balanced. */
+int limit_disk_take(struct jobs *, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err);
+void limit_disk_give(struct jobs *, uint32_t uid, uint64_t bytes);
+void limit_count(struct jobs *); /* what the lists say */
+/* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
+uint64_t limit_memory(const struct jobs *, const struct sched_owner *);
+/* What is left of it; for domains and the like of a walk that has its place. */
+uint64_t limit_room(struct jobs *, const struct sched_owner *, const struct walk *but);
+bool limit_alone(struct jobs *, const struct sched_owner *, const struct walk *but); /* nothing else holds any */
+bool limit_domain(const struct walk *); /* it may start one more beside those that it has */
+/* -ERR_LIMIT if so much could never be had. */
+int limit_never(struct jobs *, const struct sched_owner *, uint64_t bytes, const char *what, struct err *err);
 
 /* Seeks a place whose walk needs so many bytes for a task; 0: not known. Nothing if it seeks already. */
 void place_seek(struct jobs *, struct place *, uint64_t need);

@@ -178,6 +178,8 @@ void job_submit(struct jobs *j, const struct job_params *p,
 			return;
 		}
 	}
+	if (!r)
+		r = limit_jobs(j, &p->peer, &err);
 	if (!r) {
 		job = job_add(j, ++j->last_job, view, &err);
 		r = job ? 0 : -(int)err.code;

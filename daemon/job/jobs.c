@@ -289,6 +289,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	j->datafd = j->onestepfd = j->domainsfd = j->tempfd = j->plansfd = j->geoidsfd = -1;
 	admit_init(j);
 	reader.ctx = j;
+	limit_init(j);
 	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &j->space, err);
 	if (!r)
 		r = open_folders(j, err);
@@ -343,6 +344,7 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->plansfd);
 	io_close(j->geoidsfd);
 	space_free(j->space);
+	limit_done(j);
 	free(j);
 	return NULL;
 }

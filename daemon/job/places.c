@@ -133,6 +133,11 @@ static enum place_wait room_for(struct jobs *j, struct place *p)
 	p->lacks = must + share + keep;
 	p->free = free;
 	/* Streams that wait for whoever reads them hold memory, but do no work: they count against other streams. */
+	if (limit_room(j, &p->owner, NULL) < share + must && !limit_alone(j, &p->owner, NULL)) {
+		p->lacks = share + must;
+		p->free = limit_room(j, &p->owner, NULL);
+		return PLACE_SHARE;
+	}
 	own = p->reader ? t.own : t.own_running;
 	if (own) {
 		if (t.own_running >= j->walks_max / 2 || t.running >= j->walks_max)
@@ -150,7 +155,7 @@ static enum place_wait room_for(struct jobs *j, struct place *p)
 static void skip_like(struct jobs *j, const struct place *like)
 {
 	for (struct place *p = j->places; p; p = p->next)
-		if (p->reader == like->reader && (p->owner.uid == like->owner.uid || like->wait != PLACE_USER)) {
+		if (p->reader == like->reader && (p->owner.uid == like->owner.uid || (like->wait != PLACE_USER && like->wait != PLACE_SHARE))) {
 			p->skip = true;
 			p->wait = like->wait;
 			p->lacks = like->lacks;
@@ -214,7 +219,7 @@ void places_settle(struct jobs *j)
 		if (p->wait == PLACE_READY) {
 			grant(j, p);
 			look_at_users(j);
-		} else if (p->wait == PLACE_USER || (p->wait == PLACE_MEMORY && p->keeps)) {
+		} else if (p->wait == PLACE_USER || p->wait == PLACE_SHARE || (p->wait == PLACE_MEMORY && p->keeps)) {
 			skip_like(j, p);
 		} else if (p->wait == PLACE_MEMORY && p->need > admit_least() && p->passed < PASSES) {
 			p->skip = true;
@@ -247,6 +252,9 @@ char *place_text(const struct jobs *j, const struct place *p, char *buf, size_t 
 
 	if (p->wait == PLACE_MEMORY)
 		snprintf(buf, size, "memory: needs %s, %s are free", parse_size_text(p->lacks, lacks),
+			 parse_size_text(p->free, free));
+	else if (p->wait == PLACE_SHARE)
+		snprintf(buf, size, "this user's share of the memory: needs %s, %s are free", parse_size_text(p->lacks, lacks),
 			 parse_size_text(p->free, free));
 	else if (n > 1)
 		snprintf(buf, size, "its turn: %u before it", n - 1);

@@ -327,10 +327,11 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	dataset_hold(p->dataset);
 	p->dataset->pushes++;
 	p->id = ++j->last_push;
-	p->owner = (struct sched_owner){.uid = in->peer.uid, .flow = ++j->last_flow};
+	p->owner = (struct sched_owner){.uid = in->peer.uid, .flow = ++j->last_flow, .exempt = rights_admin(&in->peer)};
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
 	p->peer = rights_kept(&in->peer);
+	p->space.uid = p->dataset->uid;
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
 	p->has_crop = in->ncrop > 0;
@@ -470,6 +471,11 @@ bool push_has_stage(const struct push *p)
 bool push_wants_stage(const struct push *p)
 {
 	return p->asks && p->asks->kind == PUSH_STAGE && !p->busy && !p->left && !p->waiting_row;
+}
+
+bool push_stage_fits(const struct push *p)
+{
+	return limit_room(p->jobs, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes;
 }
 
 void push_retry(struct push *p)

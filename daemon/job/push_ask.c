@@ -181,17 +181,20 @@ static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	struct jobs *j = p->jobs;
-	uint64_t size;
+	uint64_t size, room;
 
 	/* With the buffers for reading, so that a file never waits for memory that this stage keeps others
 	 * from. */
 	p->read_bytes = push_read_bytes(p);
-	if (admit_never(j, GRID_STAGE_MIN + p->read_bytes + admit_least(), "staging, beside a mesh,", err))
+	if (admit_never(j, GRID_STAGE_MIN + p->read_bytes + admit_least(), "staging, beside a mesh,", err) ||
+	    limit_never(j, &p->owner, GRID_STAGE_MIN + p->read_bytes, "staging", err))
 		return -(int)err->code;
 	if (j->stage_turn && j->stage_turn != p)
 		return PUSH_WAIT;
 	size = admit_stage(j, GRID_STAGE_MIN + p->read_bytes);
-	if (!size)
+	room = limit_room(j, &p->owner, NULL);
+	size = size < room ? size : room;
+	if (size < GRID_STAGE_MIN + p->read_bytes)
 		return PUSH_WAIT;
 	p->stage_ns = clock_mono_ns();
 	p->task.priority = SCHED_FIRST;

@@ -208,9 +208,11 @@ _Static_assert(offsetof(struct member, task) == 0, "a task is its member");
 static unsigned count_members(struct push *p, const struct input_info *info)
 {
 	struct jobs *j = p->jobs;
-	uint64_t left = jobs_domain_memory(j), head = 2 * jobs_domain_largest(j), n;
+	uint64_t left = jobs_domain_memory(j), head = 2 * jobs_domain_largest(j), n, room = limit_room(j, &p->owner, NULL);
 
 	n = left > head ? (left - head) / push_helper_bytes(info) : 0;
+	if (n > room / push_helper_bytes(info))
+		n = room / push_helper_bytes(info);
 	if (n > sched_threads(j->p.sched) - 1)
 		n = sched_threads(j->p.sched) - 1;
 	if (n > info->parts - 1)

@@ -41,9 +41,14 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 	int r;
 
 	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
-	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
+	r = limit_disk_take(p->jobs, p->space.uid, p->peer.admin, bytes, what, err);
 	if (r)
 		return r;
+	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
+	if (r) {
+		limit_disk_give(p->jobs, p->space.uid, bytes);
+		return r;
+	}
 	space_promise(p->jobs->space, kind_of(p), (int64_t)bytes);
 	p->space.promised += bytes;
 	atomic_fetch_add(&p->space.taken, bytes);
@@ -125,6 +130,7 @@ void push_space_end(struct push *p)
 
 	space_promise(p->jobs->space, kind_of(p), -(int64_t)s->promised);
 	space_give(p->jobs->space, kind_of(p), atomic_load(&s->taken));
+	limit_disk_give(p->jobs, s->uid, atomic_load(&s->taken));
 	s->promised = 0;
 	atomic_store(&s->taken, 0);
 	disk_count(p->jobs);

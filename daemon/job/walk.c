@@ -255,7 +255,10 @@ static void memory_hint(struct walk *w)
 {
 	uint64_t memory = jobs_memory_for(w->jobs, w->grid, w->why.need);
 
-	if (memory)
+	if (limit_memory(w->jobs, &w->owner) != UINT64_MAX)
+		err_add_hint(&w->why, "one user may have %u%% of the memory (user-memory): ask an administrator for more, or leave out points",
+			     w->jobs->p.user.memory);
+	else if (memory)
 		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
 	else
 		err_add_hint(&w->why,
@@ -419,7 +422,7 @@ bool walk_crowded(const struct walk *w)
 
 static void make_next(struct walk *w)
 {
-	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w)) {
+	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w) && limit_domain(w)) {
 		if (!walk_change_skips(w, w->next_start) && !walk_domain_start(w, w->next_start, SCHED_NORMAL))
 			return;
 		w->next_start++;

@@ -219,29 +219,35 @@ static void narrow_leaves(struct walk *w)
 void walk_plan_start(struct walk *w)
 {
 	struct jobs *j = w->jobs;
+	uint64_t all = jobs_domain_memory(j), room = limit_room(j, &w->owner, w), limit = limit_memory(j, &w->owner),
+		 alone = admit_alone(j), least = pipe_budget_least(w->grid);
 	struct err err = ERR_INIT;
 
+	all = all < room ? all : room;
+	if (limit != UINT64_MAX)
+		limit = limit > admit_share(j) ? limit - admit_share(j) : 0;
+	alone = alone < limit ? alone : limit;
 	if (w->planned) {
-		if (!pipe_budget_kept(jobs_domain_memory(j), j->p.threads, w->grid, w->kept.load, w->kept.cap,
+		if (!pipe_budget_kept(all, j->p.threads, w->grid, w->kept.load, w->kept.cap,
 				      &w->budget, &err)) {
 			run(w);
 			return;
 		}
-		if (!pipe_budget_kept(admit_alone(j), 1, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
+		if (!pipe_budget_kept(alone, 1, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
 			walk_retreat(w, 2 * w->budget.domain_bytes);
 			return;
 		}
 	}
-	if (admit_never(j, pipe_budget_least(w->grid), "meshing", &err)) {
+	if (admit_never(j, least, "meshing", &err) || limit_never(j, &w->owner, least + admit_share(j), "meshing", &err)) {
 		walk_fail(w, &err);
-	} else if (!pipe_budget(jobs_domain_memory(j), j->p.threads, w->grid, &w->budget, &err)) {
+	} else if (!pipe_budget(all, j->p.threads, w->grid, &w->budget, &err)) {
 		narrow_leaves(w);
 		begin(w);
 	} else if (admit_only(j)) {
 		/* What the house keeps in mind takes the rest: waiting would not mend it. */
 		walk_fail(w, &err);
 	} else {
-		walk_retreat(w, pipe_budget_least(w->grid));
+		walk_retreat(w, least);
 	}
 }
 

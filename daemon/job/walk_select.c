@@ -191,17 +191,20 @@ static void select_done(struct sched_task *t)
  * leaves room for two more of these. False: later, or never (then the walk fails). */
 static bool memory_of(struct walk *w)
 {
-	uint64_t left = jobs_domain_memory(w->jobs), least = pipe_select_min(w->grid), bytes = left / 4;
+	uint64_t left = jobs_domain_memory(w->jobs), least = pipe_select_min(w->grid), bytes = left / 4,
+		 room = limit_room(w->jobs, &w->owner, w);
 	struct err err = ERR_INIT;
 
 	bytes = bytes > w->jobs->stage_share ? w->jobs->stage_share : bytes;
 	bytes = bytes > SELECT_MOST ? SELECT_MOST : bytes;
+	bytes = bytes > room ? room : bytes;
 	bytes = bytes < least ? least : bytes;
-	if (bytes <= left) {
+	if (bytes <= left && bytes <= room) {
 		w->select.bytes = bytes;
 		return true;
 	}
-	if (admit_never(w->jobs, least, "the selection of points", &err)) {
+	if (admit_never(w->jobs, least, "the selection of points", &err) ||
+	    limit_never(w->jobs, &w->owner, least + admit_share(w->jobs), "the selection of points", &err)) {
 		walk_fail(w, &err);
 	} else if (admit_only(w->jobs)) {
 		err_set(&err, ERR_LIMIT, "the selection of points needs %llu KiB, %llu KiB are left of the memory",

@@ -129,6 +129,8 @@ class Dataset:
     bytes: int
     files: int
     uid: int
+    gid: int   # 4294967295: no group
+    mode: int  # as of a file: 0o640
     lattice: str
     crs: str
     unit_xy: str

@@ -1,0 +1,274 @@
+/*
+ * What one user may have: jobs that are not done, bytes on the disk, memory. Admins are held by none of it.
+ *
+ * The model of the disk: of each user who has any there is a row: what the lists of datasets and interrupted pushes say
+ * (counted by the loop when they change, and now and then), and what open pushes and imports have taken beside it (by
+ * workers, under the lock). What is pushed counts with the owner of the dataset, as a file does.
+ *
+ * The model of the memory: walks, stages and plans of a user are added up when one of them wants more (limit_held). A
+ * walk gets a place, a plan its budget and a push its stage only within the user's share; domains start one after the
+ * other where more at once would go beyond it. What could not even begin alone is refused with the numbers.
+ */
+#include <stdlib.h>
+#include <string.h>
+#include <sys/statvfs.h>
+
+#include "io.h"
+#include "job_priv.h"
+#include "parse.h"
+#include "push_priv.h"
+#include "walk_priv.h"
+
+struct limit_row {
+	uint32_t uid;
+	uint64_t counted, taken;
+};
+
+static int refused(const char *setting, struct err *err)
+{
+	err_add_hint(err, "ask an administrator for more, or make room first");
+	return err_add_place(err, ERR_NO_OFFSET, setting);
+}
+
+/* ---- jobs ---- */
+
+int limit_jobs(const struct jobs *j, const struct job_peer *peer, struct err *err)
+{
+	const struct job *job;
+	unsigned own = 0;
+
+	if (!j->p.user.jobs || rights_admin(peer))
+		return 0;
+	for (job = j->jobs; job; job = job->next)
+		own += !job->removed && !job_state_final(job->state) && job->peer.uid == peer->uid;
+	if (own < j->p.user.jobs)
+		return 0;
+	err_set(err, ERR_LIMIT, "%u jobs of this user wait or run, and %u are all that one user may have (user-jobs)", own,
+		j->p.user.jobs);
+	err_add_hint(err, "submit it again when some of them are done, or cancel some");
+	return err_add_place(err, ERR_NO_OFFSET, "user-jobs");
+}
+
+/* ---- the disk ---- */
+
+void limit_init(struct jobs *j)
+{
+	pthread_mutex_init(&j->limits.lock, NULL);
+}
+
+void limit_done(struct jobs *j)
+{
+	free(j->limits.row);
+	pthread_mutex_destroy(&j->limits.lock);
+}
+
+static struct limit_row *row_of(struct limits *l, uint32_t uid)
+{
+	struct limit_row *more;
+
+	for (size_t i = 0; i < l->n; i++)
+		if (l->row[i].uid == uid)
+			return &l->row[i];
+	if (l->n == l->cap) {
+		more = realloc(l->row, (l->cap ? 2 * l->cap : 8) * sizeof *more);
+		if (!more)
+			return NULL;
+		l->row = more;
+		l->cap = l->cap ? 2 * l->cap : 8;
+	}
+	l->row[l->n] = (struct limit_row){.uid = uid};
+	return &l->row[l->n++];
+}
+
+static void count(struct limits *l, uint32_t uid, uint64_t bytes)
+{
+	struct limit_row *row = bytes ? row_of(l, uid) : NULL;
+
+	if (row)
+		row->counted += bytes;
+}
+
+void limit_count(struct jobs *j)
+{
+	struct limits *l = &j->limits;
+	const struct dataset *d;
+	const struct pending *q;
+	size_t n = 0;
+
+	if (j->p.user.disk.unit == SPACE_UNLIMITED)
+		return;
+	pthread_mutex_lock(&l->lock);
+	for (size_t i = 0; i < l->n; i++) {
+		l->row[i].counted = 0;
+		if (l->row[i].taken)
+			l->row[n++] = l->row[i];
+	}
+	l->n = n;
+	for (d = j->datasets; d; d = d->next) {
+		count(l, d->uid, d->bytes);
+		for (q = d->pending; q; q = q->next)
+			count(l, d->uid, disk_points_bytes(q->points));
+	}
+	pthread_mutex_unlock(&l->lock);
+}
+
+static uint64_t disk_limit(const struct jobs *j)
+{
+	const struct space_limit *limit = &j->p.user.disk;
+	struct statvfs vfs;
+
+	if (limit->unit == SPACE_BYTES)
+		return limit->n;
+	/* What cannot be found out limits nothing here: whoever writes next meets the reason. */
+	if (limit->unit == SPACE_UNLIMITED || io->fstatvfs(j->p.statefd, &vfs) != 0)
+		return UINT64_MAX;
+	return (uint64_t)((double)vfs.f_blocks * (double)vfs.f_frsize / 100 * (double)limit->n);
+}
+
+int limit_disk_take(struct jobs *j, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err)
+{
+	uint64_t limit = admin || rights_stored(uid, 0).admin ? UINT64_MAX : disk_limit(j), has;
+	char need[32], have[32], may[32];
+	struct limit_row *row;
+	int r = 0;
+
+	pthread_mutex_lock(&j->limits.lock);
+	row = row_of(&j->limits, uid);
+	has = row ? row->counted + row->taken : 0;
+	if (!row)
+		r = err_set(err, ERR_NOMEM, "no memory for the account of a user");
+	else if (bytes > limit || has > limit - bytes)
+		r = -ERR_LIMIT;
+	else
+		row->taken += bytes;
+	pthread_mutex_unlock(&j->limits.lock);
+	if (r != -ERR_LIMIT)
+		return r;
+	err_set(err, ERR_LIMIT, "%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)",
+		what, parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
+	return refused("user-disk", err);
+}
+
+void limit_disk_give(struct jobs *j, uint32_t uid, uint64_t bytes)
+{
+	struct limit_row *row;
+
+	if (!bytes)
+		return;
+	pthread_mutex_lock(&j->limits.lock);
+	row = row_of(&j->limits, uid);
+	if (row)
+		row->taken -= bytes;
+	pthread_mutex_unlock(&j->limits.lock);
+}
+
+void jobs_set_user_limits(struct jobs *j, const struct jobs_user_limits *user)
+{
+	j->p.user = *user;
+	limit_count(j);
+}
+
+/* ---- memory ---- */
+
+uint64_t limit_memory(const struct jobs *j, const struct sched_owner *owner)
+{
+	if (!j->p.user.memory || owner->exempt)
+		return UINT64_MAX;
+	return ledger_total(j->p.ledger) / 100 * j->p.user.memory;
+}
+
+/* What a walk has or may yet ask for without being asked whether it may: its share; its plan, or two domains, one of them
+ * for when the other is split. */
+static uint64_t walk_claim(const struct walk *w)
+{
+	uint64_t least = pipe_budget_least(w->grid && w->state > WALK_OPENING && w->state != WALK_SELECTING ? w->grid : NULL);
+	uint64_t need = w->place->need > least ? w->place->need : least;
+
+	if (w->state >= WALK_PLANNING)
+		need = 2 * w->budget.domain_bytes;
+	return admit_share(w->jobs) + need;
+}
+
+static uint64_t walk_uses(const struct walk *w)
+{
+	uint64_t bytes = admit_share(w->jobs), claim = walk_claim(w);
+	const struct walk_domain *d;
+
+	if (w->state == WALK_SELECTING)
+		bytes += w->select.bytes;
+	for (d = w->domains; d; d = d->next)
+		/* What is mapped of one that is being made is its worker's to know. */
+		bytes += d->state == DOMAIN_MAKING || d->state == DOMAIN_SPLIT ? w->budget.domain_bytes : d->size;
+	return bytes > claim ? bytes : claim;
+}
+
+struct sum {
+	uint32_t uid;
+	const struct walk *but;
+	uint64_t bytes;
+};
+
+static void add_walk(struct walk *w, void *ctx)
+{
+	struct sum *s = ctx;
+
+	if (w->placed && w != s->but && w->owner.uid == s->uid)
+		s->bytes += walk_uses(w);
+}
+
+/* By walks and pushes of that user, but for one walk. */
+static uint64_t held(struct jobs *j, uint32_t uid, const struct walk *but)
+{
+	struct sum s = {.uid = uid, .but = but};
+
+	jobs_each_walk(j, add_walk, &s);
+	for (const struct push *p = j->pushes; p; p = push_next(p))
+		/* What it keeps of its files it has while it waits for its stage: that would make those of one user wait for
+		 * each other. */
+		s.bytes += p->peer.uid == uid ? p->stage_bytes : 0;
+	return s.bytes;
+}
+
+uint64_t limit_room(struct jobs *j, const struct sched_owner *owner, const struct walk *but)
+{
+	uint64_t limit = limit_memory(j, owner), used;
+
+	if (limit == UINT64_MAX)
+		return limit;
+	used = held(j, owner->uid, but) + (but ? admit_share(j) : 0);
+	return used < limit ? limit - used : 0;
+}
+
+bool limit_alone(struct jobs *j, const struct sched_owner *owner, const struct walk *but)
+{
+	return !held(j, owner->uid, but);
+}
+
+/* One more domain, and one for when it is split. */
+bool limit_domain(const struct walk *w)
+{
+	uint64_t limit = limit_memory(w->jobs, &w->owner), each = w->budget.domain_bytes;
+	const struct walk_domain *d;
+
+	if (limit == UINT64_MAX)
+		return true;
+	for (d = w->domains; d && d->state != DOMAIN_MAKING && d->state != DOMAIN_SPLIT; d = d->next)
+		;
+	if (!d)
+		return true; /* what it claims */
+	return held(w->jobs, w->owner.uid, w) + walk_uses(w) + 2 * each <= limit;
+}
+
+int limit_never(struct jobs *j, const struct sched_owner *owner, uint64_t bytes, const char *what, struct err *err)
+{
+	uint64_t limit = limit_memory(j, owner), total = ledger_total(j->p.ledger);
+	char need[32], may[32];
+
+	if (bytes <= limit)
+		return 0;
+	err_set(err, ERR_LIMIT, "%s needs %s of memory, and %s are all that one user may have (user-memory, %u%%)", what,
+		parse_size_text(bytes, need), parse_size_text(limit, may), j->p.user.memory);
+	err_add_hint(err, "ask an administrator for user-memory = %llu%%, or for more memory",
+		     (unsigned long long)(bytes / (total / 100) + 1));
+	return err_add_place(err, ERR_NO_OFFSET, "user-memory");
+}

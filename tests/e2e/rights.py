@@ -1,0 +1,554 @@
+"""Who may do what: users and groups as the kernel tells them (setpriv; numbers need no accounts), against datasets of all
+modes, jobs of others, the daemon's group and admin-group, and the limits of one user. Rows 13 and 14 of the plan of tests."""
+import ctypes
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import e2e
+from e2e import Daemon, Folder, expect
+
+ANNA, BERT, CARL, ADMIN, NOBODY = 3001, 3002, 3003, 3009, 3099
+USERS, GIS, OTHERS, ADMINS = 5000, 5100, 5200, 5001  # groups: served; of the dataset; of nothing; admin-group
+# Who asks: user, first group, the others.
+WHO = {
+    "anna": (ANNA, GIS, (USERS,)),
+    "anna, now in other groups": (ANNA, OTHERS, (USERS,)),
+    "bert, in the group by a supplementary one": (BERT, OTHERS, (USERS, GIS)),
+    "bert, in the group by his first one": (BERT, GIS, (USERS,)),
+    "carl": (CARL, OTHERS, (USERS,)),
+    "carl, served by his first group": (CARL, USERS, ()),
+    "an administrator": (ADMIN, OTHERS, (USERS, ADMINS)),
+    "an administrator by first group": (ADMIN, ADMINS, ()),
+    "root": (0, 0, ()),
+}
+GROUP = {"bert, in the group by a supplementary one", "bert, in the group by his first one"}
+ALL = {"an administrator", "an administrator by first group", "root"}
+OWNER = {"anna", "anna, now in other groups"}
+
+
+class Box:
+    """A daemon that others reach, and acutctl where they can run it."""
+
+    def __init__(self, base, **kw):
+        os.chmod(base, 0o755)
+        self.base, self.daemon = base, Daemon(base, **kw)
+        self.acutctl = shutil.copy(e2e.ACUTCTL, base)
+        self.files = {}
+
+    def __enter__(self):
+        os.umask(0o022)
+        self.daemon.start()
+        os.chmod(self.daemon.socket, 0o666)
+        return self
+
+    def __exit__(self, *exc):
+        self.daemon.__exit__(*exc)
+
+    def survey(self, points=300, seed=1):
+        path = os.path.join(self.base, "survey-%d-%d.las" % (points, seed))
+        if not os.path.exists(path):
+            e2e.run([e2e.SYNTH, "--points", points, "--density", 2, "--seed", seed, path]).ok()
+            os.chmod(path, 0o644)
+        return path
+
+    def command(self, who, *args):
+        uid, gid, more = WHO[who] if isinstance(who, str) else who
+        return ["setpriv", "--reuid", str(uid), "--regid", str(gid)] + (
+            ["--groups", ",".join(map(str, more))] if more else ["--clear-groups"]) + [self.acutctl] + [str(a) for a in args]
+
+    def ask(self, who, *args, umask=0o022, timeout=60):
+        p = subprocess.run(self.command(who, *args), env=dict(os.environ, ACUT_SOCKET=self.daemon.socket), cwd=self.base,
+                           stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=timeout,
+                           preexec_fn=lambda: os.umask(umask))
+        return p.returncode, p.stdout.decode(), p.stderr.decode()
+
+    def good(self, who, *args, **kw):
+        status, out, err = self.ask(who, *args, **kw)
+        expect(status == 0, "%s: %s: %d %s" % (who, args, status, err))
+        return out
+
+    def start(self, who, *args):
+        return subprocess.Popen(self.command(who, *args), env=dict(os.environ, ACUT_SOCKET=self.daemon.socket), cwd=self.base,
+                                stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+    def log(self):
+        return self.daemon.log_text()
+
+
+GROUPS = ("--group", str(USERS), "--admin-group", str(ADMINS))
+
+
+def datasets():
+    """All of who, by what is asked, by modes: as a file of that owner, group and mode would have it."""
+    n = 0
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        survey, place = box.survey(), os.path.join(base, "out")
+        os.mkdir(place)
+        os.chmod(place, 0o777)
+        box.good("anna", "push", "d", survey, umask=0o027)
+        shown = json.loads(box.good("anna", "dataset", "show", "d", "--json"))
+        expect((shown["uid"], shown["gid"], shown["mode"]) == (ANNA, GIS, "0640"), "%s" % shown)
+        box.good("anna", "push", "d", box.survey(seed=2))
+        for mode in (0o000, 0o640, 0o660, 0o606, 0o046):
+            box.good("anna", "dataset", "chmod", "%o" % mode, "d")
+            for who in WHO:
+                cls = mode >> 6 if who in OWNER else mode >> 3 if who in GROUP else mode
+                read, write = (True, True) if who in ALL else (bool(cls & 4), bool(cls & 2))
+                listed = "d" in [json.loads(line)["name"] for line in box.good(who, "datasets", "--json").splitlines()]
+                expect(listed == read, "%s lists %s of mode %o" % (who, listed, mode))
+                for may, args in ((read, ("dataset", "show", "d")), (read, ("plan", "d")), (read, ("dataset", "log", "d", "--files")),
+                                  (write, ("push", "d", survey))):
+                    status, out, err = box.ask(who, *args)
+                    # A file that is there already is no error.
+                    good = status in (0, 3)
+                    expect(good if may else status == 77 and "mode" in err, "%s, mode %o: %s: %d %s" % (who, mode, args, status, err))
+                    n += 1
+        # What reads and writes most, for one mode each.
+        box.good("anna", "dataset", "chmod", "u=rw,g=r,o=", "d")
+        for i, who in enumerate(WHO):
+            may = who in ALL | OWNER | GROUP
+            for args in (("submit", "d", "--wait", "--new"), ("dataset", "export", "d", place + "/%d" % i)):
+                status, _, err = box.ask(who, *args)
+                expect(status == (0 if may else 77), "%s: %s: %d %s" % (who, args, status, err))
+                n += 1
+            status, _, err = box.ask(who, "dataset", "revert", "d")
+            expect(status == (0 if who in ALL | OWNER else 77), "%s reverts: %d %s" % (who, status, err))
+            n += 1
+    print("     %d answers as a file's" % n)
+
+
+def owners():
+    """What the owner alone may, whatever the mode, and whom he may give it to."""
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        box.good("anna", "push", "d", box.survey())
+        box.good("anna", "dataset", "chmod", "666", "d")
+        others = [w for w in WHO if w not in ALL | OWNER]
+        for who in others:
+            for args in (("dataset", "rm", "d"), ("dataset", "pin", "d"), ("dataset", "unpin", "d"), ("dataset", "chmod", "600", "d"),
+                         ("dataset", "chgrp", USERS, "d"), ("dataset", "chown", BERT, "d"), ("dataset", "prune", "d", "--keep", "1")):
+                status, _, err = box.ask(who, *args)
+                expect(status == 77, "%s: %s: %d %s" % (who, args, status, err))
+        for who in ("anna", "an administrator", "root"):
+            for args in (("dataset", "pin", "d"), ("dataset", "unpin", "d"), ("dataset", "chmod", "g-w,o=r", "d"), ("dataset", "rm", "d"),
+                         ("dataset", "restore", "d"), ("dataset", "prune", "d", "--keep", "1")):
+                box.good(who, *args)
+            if who == "anna":
+                box.good(who, "dataset", "rm", "d")
+                status, _, err = box.ask("carl", "dataset", "restore", "d")
+                expect(status == 4, "carl restores: %d %s" % (status, err))
+                expect(box.good("carl", "datasets", "--removed", "--json") == "", "carl sees what anna removed")
+                box.good(who, "dataset", "restore", "d")
+        # A group that she is in, by the first or another one; not any. Another owner: no.
+        box.good("anna", "dataset", "chgrp", USERS, "d")
+        for args in (("dataset", "chgrp", OTHERS, "d"), ("dataset", "chown", BERT, "d"), ("dataset", "chown", ANNA, "d")):
+            status, _, err = box.ask("anna", *args)
+            expect(status == 77, "anna: %s: %d %s" % (args, status, err))
+        box.good("an administrator", "dataset", "chgrp", OTHERS, "d")
+        box.good("an administrator", "dataset", "chown", BERT, "d")
+        shown = json.loads(box.good("root", "dataset", "show", "d", "--json"))
+        expect((shown["uid"], shown["gid"], shown["mode"]) == (BERT, OTHERS, "0644"), "%s" % shown)
+        status, _, err = box.ask("anna", "dataset", "rm", "d")
+        expect(status == 77, "she gave it away: %d %s" % (status, err))
+        for wrong in ("888", "1777", "rw", "u+rwx,", "640x", "u+s"):
+            status, _, err = box.ask("root", "dataset", "chmod", wrong, "d")
+            expect(status == 2 and "mode" in err, "%s: %d %s" % (wrong, status, err))
+        # It is so after a restart, and what is there before anybody pushes has all of it, too.
+        box.good("anna", "dataset", "create", "early", "--mode", "g+w")
+        box.good("anna", "push", "--mode", "600", "own", box.survey())
+        box.good("anna", "push", "open", box.survey(), umask=0)
+        box.daemon.stop()
+        box.daemon.start()
+        os.chmod(box.daemon.socket, 0o666)
+        rows = {d["name"]: d for d in map(json.loads, box.good("root", "datasets", "--json").splitlines())}
+        expect([(rows[k]["uid"], rows[k]["gid"], rows[k]["mode"]) for k in ("d", "early", "own", "open")] ==
+               [(BERT, OTHERS, "0644"), (ANNA, GIS, "0660"), (ANNA, GIS, "0600"), (ANNA, GIS, "0666")], "%s" % rows)
+        # An import is the importer's.
+        place = os.path.join(base, "export")
+        box.good("root", "dataset", "export", "d", place)
+        for folder, _, names in os.walk(place):
+            os.chmod(folder, 0o755)
+            for name in names:
+                os.chmod(os.path.join(folder, name), 0o644)
+        box.good("carl", "dataset", "import", place, "copy", umask=0o077)
+        shown = json.loads(box.good("carl", "dataset", "show", "copy", "--json"))
+        expect((shown["uid"], shown["gid"], shown["mode"]) == (CARL, OTHERS, "0600"), "%s" % shown)
+
+
+def jobs():
+    """One's own jobs only, and those of all for administrators; also on a dataset of another one."""
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        box.good("anna", "push", "d", box.survey())
+        anna = box.good("anna", "submit", "d", "--wait").split()[0]
+        carl = box.good("carl", "submit", "d", "--wait").split()[0]
+        expect(anna != carl, "a job of another one is given to carl")
+        seen = lambda who: {str(json.loads(line)["job"]) for line in box.good(who, "jobs", "--json").splitlines()}
+        for who, want in (("anna", {anna}), ("carl", {carl}), ("bert, in the group by his first one", set()),
+                          ("an administrator", {anna, carl}), ("an administrator by first group", {anna, carl}), ("root", {anna, carl})):
+            expect(seen(who) == want, "%s sees %s" % (who, seen(who)))
+        for args in (("show", anna), ("wait", anna), ("cancel", anna), ("fetch", anna, "-o", "/dev/null", "--format", "null"), ("rm", anna),
+                     ("watch", anna)):
+            status, _, err = box.ask("carl", *args)
+            expect(status == 4 and "no job" in err, "carl: %s: %d %s" % (args, status, err))
+        box.good("an administrator", "show", anna)
+        status, _, err = box.ask("anna", "submit", "d", "--priority", "high", "--new")
+        expect(status == 77, "priority: %d %s" % (status, err))
+        box.good("an administrator", "submit", "d", "--priority", "high", "--wait")
+        # What was submitted goes on, whatever becomes of the mode.
+        box.good("anna", "dataset", "chmod", "600", "d")
+        box.good("carl", "fetch", carl, "--format", "null")
+        status, _, err = box.ask("carl", "submit", "d", "--new")
+        expect(status == 77, "submit: %d %s" % (status, err))
+        # An administrator ends the job of another one; one without a dataset of its own is not seen by name either.
+        box.good("an administrator", "rm", anna)
+        expect(seen("anna") == set(), "it is still there")
+        for args in (("backup", base + "/b"), ("cache", "gc"), ("cache", "verify")):
+            status, _, err = box.ask("anna", *args)
+            expect(status == 77, "anna: %s: %d %s" % (args, status, err))
+            if args[0] == "cache":
+                box.good("an administrator", *args)
+
+
+def served():
+    """The daemon's group: others are told so and cut off, and the log has who it was, but no flood of it."""
+    nobody = (NOBODY, OTHERS, ())
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        for who in WHO:
+            box.good(who, "ping")
+        p = box.start(nobody, "ping")
+        out, err = p.communicate(timeout=20)
+        expect(p.returncode == 77 and str(USERS) in err.decode(), "%d %s" % (p.returncode, err))
+        line = [l for l in box.log().splitlines() if "uid %d, pid %d" % (NOBODY, p.pid) in l]
+        expect(len(line) == 1 and "group" in line[0], "log: %s" % box.log())
+        # The error comes however the client and the daemon meet, and nothing of them stays.
+        child = os.fork()
+        if not child:
+            code = 1
+            try:
+                os.setgroups([])
+                os.setgid(OTHERS)
+                os.setuid(NOBODY)
+                for i in range(400):
+                    s = socket.socket(socket.AF_UNIX)
+                    s.connect(box.daemon.socket)
+                    try:
+                        if i % 2:
+                            s.sendall(b"AC" + b"\0" * 30)
+                    except OSError:
+                        pass
+                    got = b""
+                    while True:
+                        try:
+                            part = s.recv(4096)
+                        except ConnectionResetError:
+                            break  # what was sent is not read any more
+                        if not part:
+                            break
+                        got += part
+                    assert b"not-permitted" in got and got[:2] == b"AC", got
+                    s.close()
+                code = 0
+            except BaseException as e:
+                sys.stderr.write("     %r\n" % e)
+            finally:
+                os._exit(code)
+        expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "a refusal that did not come")
+        told = [l for l in box.log().splitlines() if "uid %d" % NOBODY in l]
+        expect(2 <= len(told) <= 20, "%d lines" % len(told))
+        status = box.daemon.ctl("status", "--json").ok().json()
+        expect(status["connections"] == 1, "%s" % status["connections"])
+    # No group: whoever reaches the socket.
+    with Folder() as base, Box(base) as box:
+        box.good(nobody, "push", "mine", box.survey())
+        status, _, err = box.ask((ADMIN, ADMINS, ()), "dataset", "rm", "mine")
+        expect(status == 77, "without an admin-group: %d %s" % (status, err))
+
+
+def many_groups():
+    """As many groups as a process can be in: all count, and the memory for them is the connection's."""
+    try:
+        most = int(open("/proc/sys/kernel/ngroups_max").read())
+    except OSError:
+        most = 65536
+    groups = list(range(100000, 100000 + most - 1)) + [GIS]
+    with Folder() as base, Box(base) as box:
+        box.good("anna", "push", "--mode", "640", "d", box.survey())
+        parent, there = socket.socketpair()
+        child = os.fork()
+        if not child:
+            code = 1
+            try:
+                os.setgroups(groups)
+                os.setgid(OTHERS)
+                os.setuid(BERT)
+                held = []
+                for i in range(3):
+                    s = socket.socket(socket.AF_UNIX)
+                    s.connect(box.daemon.socket)
+                    held.append(s)
+                env = dict(os.environ, ACUT_SOCKET=box.daemon.socket)
+                code = subprocess.run([box.acutctl, "dataset", "show", "d"], env=env, stdout=subprocess.DEVNULL).returncode
+                there.sendall(b"x")
+                there.recv(1)
+            finally:
+                os._exit(code)
+        parent.settimeout(60)
+        parent.recv(1)
+        rows = [h for h in box.daemon.ctl("status", "--json").ok().json()["holders"] if h["kind"] == "connection" and h["uid"] == BERT]
+        expect(len(rows) == 3 and all(sum(h["held"].values()) >= 4 * most for h in rows), "holders: %s" % rows)
+        parent.sendall(b"x")
+        expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "of %d groups the last does not count" % most)
+
+
+def no_process_is_asked():
+    """A connection is its maker's, also when root has it by then and its maker is gone, whose number may be another's."""
+    try:
+        import acut_wire
+        from acut_wire import pb
+    except ImportError as e:
+        print("     skipped: %s" % e)
+        return
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        box.good("anna", "push", "--mode", "600", "d", box.survey())
+        wire = acut_wire.Wire.__new__(acut_wire.Wire)
+        wire.timeout, wire.sock = 20.0, socket.socket(socket.AF_UNIX)
+        child = os.fork()
+        if not child:
+            os.setgroups([USERS])
+            os.setgid(OTHERS)
+            os.setuid(CARL)
+            wire.sock.connect(box.daemon.socket)
+            os._exit(0)
+        os.waitpid(child, 0)
+        wire.sock.settimeout(20)
+        for n, (body, value) in enumerate((("hello", pb.Hello(version_min=1, version_max=1)), ("datasets_request", pb.DatasetsRequest(name="d")))):
+            m = pb.Message()
+            getattr(m, body).CopyFrom(value)
+            wire.send(n + 1, m)
+            answer = wire.recv()[1]
+        expect(answer.error.code == "not-permitted", "%s" % answer)
+        expect("uid %d, pid %d" % (CARL, child) in box.log(), "log: %s" % box.log())
+        wire.close()
+
+
+def limit_of_jobs():
+    with Folder() as base, Box(base, memory="64M", args=("--user-jobs", "3", "--admin-group", str(ADMINS))) as box:
+        box.good("anna", "push", "--mode", "666", "d", box.survey(400000))
+        mine = [box.good("anna", "submit", "d", "--new", "--every", i + 2).split()[0] for i in range(3)]
+        p = box.start("anna", "submit", "d", "--new", "--every", "9")
+        out, err = p.communicate(timeout=30)
+        if p.returncode == 0:
+            print("     the jobs were done before a fourth came: nothing is tested")
+            return
+        expect(p.returncode == 1 and b"3 jobs" in err and b"user-jobs" in err, "%d %s" % (p.returncode, err))
+        expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
+        # The same job again is no new one; others, and administrators, are not held by it.
+        box.good("carl", "submit", "d")
+        for i in range(4):
+            box.good("an administrator", "submit", "d", "--new", "--every", i + 3)
+        box.good("anna", "cancel", mine[0])
+        box.good("anna", "wait", mine[1])
+        box.good("anna", "submit", "d", "--new", "--every", "10")
+
+
+def limit_of_disk():
+    with Folder() as base, Box(base, args=("--user-disk", "1M", "--admin-group", str(ADMINS))) as box:
+        box.good("anna", "push", "a", box.survey(20000))
+        p = box.start("anna", "push", "b", box.survey(20000, seed=2))
+        out, err = p.communicate(timeout=30)
+        expect(p.returncode == 1 and b"user-disk" in err and b"1" in err, "%d %s" % (p.returncode, err))
+        expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
+        status, _, err = box.ask("anna", "dataset", "show", "b")
+        expect(status == 4, "something of it stays: %d %s" % (status, err))
+        box.good("anna", "push", "b", box.survey(300))
+        # Others have their own; administrators no limit.
+        box.good("carl", "push", "c", box.survey(20000, seed=2))
+        for i in range(2):
+            box.good("an administrator", "push", "big%d" % i, box.survey(30000, seed=3 + i))
+        # What goes into a dataset counts with its owner.
+        box.good("root", "dataset", "chown", ANNA, "big0")
+        status, _, err = box.ask("anna", "push", "b", box.survey(20000, seed=5))
+        expect(status == 1 and "user-disk" in err, "what she was given does not count: %d %s" % (status, err))
+        box.good("root", "dataset", "chown", CARL, "a")
+        box.good("root", "dataset", "chown", CARL, "big0")
+        box.good("anna", "push", "e", box.survey(20000, seed=5))
+
+
+def limit_of_connections():
+    with Folder() as base, Box(base, args=("--user-connections", "4", "--admin-group", str(ADMINS))) as box:
+        ready, go = os.pipe(), os.pipe()
+        child = os.fork()
+        if not child:
+            code = 1
+            try:
+                os.setgroups([])
+                os.setgid(GIS)
+                os.setuid(ANNA)
+                held, busy = [], 0
+                for i in range(60):
+                    s = socket.socket(socket.AF_UNIX)
+                    s.connect(box.daemon.socket)
+                    s.settimeout(5 if i >= 4 else 0.05)
+                    try:
+                        got = s.recv(4096)
+                        busy += b"user-connections" in got and b"busy" in got and s.recv(1) == b""
+                        s.close()
+                    except socket.timeout:
+                        held.append(s)
+                code = 0 if (len(held), busy) == (4, 56) else 3
+                if code:
+                    sys.stderr.write("     %d held, %d busy\n" % (len(held), busy))
+                os.write(ready[1], b"x")
+                os.read(go[0], 1)
+            finally:
+                os._exit(code)
+        os.read(ready[0], 1)
+        status, _, err = box.ask("anna", "ping")
+        expect(status == 75 and "user-connections" in err, "%d %s" % (status, err))
+        for who in ("carl", "root"):
+            box.good(who, "ping")
+        held = [box.start("an administrator", "watch") for _ in range(7)]
+        time.sleep(0.3)
+        box.good("an administrator", "ping")
+        for p in held:
+            p.kill()
+            p.wait()
+        count = box.daemon.ctl("status", "--json").ok().json()
+        expect(len([h for h in count["holders"] if h["uid"] == ANNA]) == 4, "%s" % count["holders"])
+        expect("uid %d" % ANNA in box.log(), "log: %s" % box.log())
+        os.write(go[1], b"x")
+        expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "surplus connections")
+        deadline = time.monotonic() + 10
+        while box.ask("anna", "ping")[0] and time.monotonic() < deadline:
+            time.sleep(0.05)
+        box.good("anna", "ping")
+
+
+def limit_of_memory():
+    """Jobs of one user hold no more than her share, one after the other where need be; the same mesh comes of it. What can
+    never fit is refused with the number."""
+    with Folder() as base, Box(base, memory="96M", args=("--user-memory", "25%", "--admin-group", str(ADMINS))) as box:
+        survey = box.survey(300000)
+        box.good("anna", "push", "--mode", "644", "d", survey, timeout=120)
+        want = json.loads(box.good("an administrator", "submit", "d", "--wait", "--json"))["digest"]
+        most, over = 0, threading.Event()
+
+        def look():
+            nonlocal most
+            while not over.is_set():
+                holders = box.daemon.ctl("status", "--json").json()["holders"]
+                most = max(most, sum(sum(h["held"].values()) for h in holders if h["uid"] == ANNA and h["kind"] in ("job", "push", "plan", "fetch")))
+                time.sleep(0.01)
+        watcher = threading.Thread(target=look)
+        watcher.start()
+        try:
+            many = [box.good("anna", "submit", "d", "--new").split()[0] for _ in range(3)]
+            push = box.start("anna", "push", "e", box.survey(200000, seed=2))
+            got = [json.loads(box.good("anna", "wait", n, "--json", timeout=120).splitlines()[-1]) for n in many]
+            out, err = push.communicate(timeout=120)
+        finally:
+            over.set()
+            watcher.join()
+        expect(push.returncode == 0, "push: %s" % err)
+        expect([g["digest"] for g in got] == [want] * 3, "digests: %s, not %s" % (got, want))
+        share = 96 * 2**20 * 0.25
+        print("     one user held %.1f of %.1f MiB" % (most / 2**20, share / 2**20))
+        expect(0 < most <= share, "%d bytes, more than %d" % (most, share))
+    with Folder() as base, Box(base, memory="32M", args=("--user-memory", "4%", "--admin-group", str(ADMINS))) as box:
+        box.good("root", "push", "d", box.survey(20000))
+        status, _, err = box.ask("anna", "submit", "d", "--wait")
+        expect(status == 1 and "user-memory" in err and "%" in err, "%d %s" % (status, err))
+        status, _, err = box.ask("anna", "push", "e", box.survey(20000))
+        expect(status == 1 and "user-memory" in err, "%d %s" % (status, err))
+        expect("uid %d" % ANNA in box.log(), "log: %s" % box.log())
+        box.good("root", "submit", "d", "--wait")
+
+
+def passed_descriptors():
+    """Files that their owner writes to, truncates or maps while they are read: an error or the bytes of one moment, never a
+    fault of the daemon; and what was taken does not change afterwards."""
+    with Folder() as base, Box(base) as box:
+        want = None
+        for how in ("truncated", "written", "mapped", "opened again"):
+            path = os.path.join(base, "%s.las" % how.split()[0])
+            shutil.copy(box.survey(200000), path)
+            os.chmod(path, 0o666)
+            name = how.split()[0]
+            p = box.start("anna", "push", name, path)
+            end = time.monotonic() + 0.5
+            size = os.path.getsize(path)
+            with open(path, "r+b") as f:
+                libc = ctypes.CDLL(None, use_errno=True)
+                import mmap
+                m = mmap.mmap(f.fileno(), size) if how == "mapped" else None
+                while p.poll() is None and time.monotonic() < end:
+                    if how == "truncated":
+                        f.truncate(5000)
+                        time.sleep(0.002)
+                        f.truncate(size)
+                    elif how == "mapped":
+                        m[size // 2:size // 2 + 64] = os.urandom(64)
+                    elif how == "opened again":
+                        with open(path, "r+b") as again:
+                            again.seek(size // 3)
+                            again.write(b"\xff" * 4096)
+                    else:
+                        f.seek(375 + (size // 2) // 30 * 30)
+                        f.write(os.urandom(30))
+                        f.flush()
+                if m:
+                    m.close()
+            out, err = p.communicate(timeout=60)
+            expect(p.returncode in (0, 1, 3), "%s: %d %s" % (how, p.returncode, err))
+            box.daemon.ctl("ping").ok()
+            if p.returncode == 0:
+                first = json.loads(box.good("anna", "submit", name, "--wait", "--new", "--json"))["digest"]
+                with open(path, "r+b") as f:
+                    f.truncate(0)
+                second = json.loads(box.good("anna", "submit", name, "--wait", "--new", "--json"))["digest"]
+                expect(first == second, "%s: what was taken changed" % how)
+        # The other way: what the daemon hands out cannot be written to.
+        try:
+            from acut_wire import Client, pb
+        except ImportError as e:
+            print("     what is handed out: skipped: %s" % e)
+            return
+        box.good("anna", "push", "kept", box.survey())
+        with Client(box.daemon.socket) as c:
+            m = pb.Message()
+            m.backup.CopyFrom(pb.Backup(dataset="kept"))
+            c.wire.send(100, m)
+            ready = c.wire.recv()[1].backup_ready
+            n = 0
+            while True:
+                m = pb.Message()
+                m.backup_next.CopyFrom(pb.BackupNext(backup=ready.backup))
+                c.wire.send(101 + n, m)
+                _, answer, fd = c.wire.recv()
+                if answer.backup_file.last:
+                    break
+                for wrong in (lambda: os.write(fd, b"x"), lambda: os.ftruncate(fd, 0)):
+                    try:
+                        wrong()
+                        expect(False, "a file of the state can be written to")
+                    except OSError:
+                        pass
+                os.close(fd)
+                n += 1
+            expect(n > 0, "nothing was handed out")
+
+
+if __name__ == "__main__":
+    if os.geteuid() != 0:
+        print("to be several users takes root")
+        sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
+    if not shutil.which("setpriv"):
+        print("setpriv (util-linux) is needed")
+        sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
+    e2e.main(datasets, owners, jobs, served, many_groups, no_process_is_asked, limit_of_jobs, limit_of_disk, limit_of_connections,
+             limit_of_memory, passed_descriptors)
