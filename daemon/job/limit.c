@@ -88,6 +88,11 @@ static void count(struct limits *l, uint32_t uid, uint64_t bytes)
 		row->counted += bytes;
 }
 
+static bool limits_disk(const struct jobs *j)
+{
+	return j->p.user.disk.unit != SPACE_UNLIMITED && j->p.user.disk.n;
+}
+
 void limit_count(struct jobs *j)
 {
 	struct limits *l = &j->limits;
@@ -95,7 +100,7 @@ void limit_count(struct jobs *j)
 	const struct pending *q;
 	size_t n = 0;
 
-	if (j->p.user.disk.unit == SPACE_UNLIMITED)
+	if (!limits_disk(j))
 		return;
 	pthread_mutex_lock(&l->lock);
 	for (size_t i = 0; i < l->n; i++) {
@@ -117,10 +122,10 @@ static uint64_t disk_limit(const struct jobs *j)
 	const struct space_limit *limit = &j->p.user.disk;
 	struct statvfs vfs;
 
-	if (limit->unit == SPACE_BYTES)
+	if (limits_disk(j) && limit->unit == SPACE_BYTES)
 		return limit->n;
 	/* What cannot be found out limits nothing here: whoever writes next meets the reason. */
-	if (limit->unit == SPACE_UNLIMITED || io->fstatvfs(j->p.statefd, &vfs) != 0)
+	if (!limits_disk(j) || io->fstatvfs(j->p.statefd, &vfs) != 0)
 		return UINT64_MAX;
 	return (uint64_t)((double)vfs.f_blocks * (double)vfs.f_frsize / 100 * (double)limit->n);
 }
@@ -186,12 +191,12 @@ static uint64_t walk_claim(const struct walk *w)
 
 	if (w->state >= WALK_PLANNING)
 		need = 2 * w->budget.domain_bytes;
-	return admit_share(w->jobs) + need;
+	return admit_share(w->jobs) + w->charged + need;
 }
 
 static uint64_t walk_uses(const struct walk *w)
 {
-	uint64_t bytes = admit_share(w->jobs), claim = walk_claim(w);
+	uint64_t bytes = admit_share(w->jobs) + w->charged, claim = walk_claim(w);
 	const struct walk_domain *d;
 
 	if (w->state == WALK_SELECTING)
@@ -225,7 +230,7 @@ static uint64_t held(struct jobs *j, uint32_t uid, const struct walk *but)
 	for (const struct push *p = j->pushes; p; p = push_next(p))
 		/* What it keeps of its files it has while it waits for its stage: that would make those of one user wait for
 		 * each other. */
-		s.bytes += p->peer.uid == uid ? p->stage_bytes : 0;
+		s.bytes += p->peer.uid == uid && p->stage_bytes ? p->stage_bytes + p->charged : 0;
 	return s.bytes;
 }
 
