@@ -7,7 +7,7 @@ import sys
 import time
 
 E2E = "/opt/acut/tree/tests/e2e"
-SCRIPTS = ["commands", "windows", "pipes", "text"]
+SCRIPTS = ["commands", "pipes", "text"]
 UNIT = "/usr/local/lib/systemd/system/acutd.service"
 
 names = sys.argv[1:] or SCRIPTS
