@@ -229,6 +229,8 @@ void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
 struct ctl_input {
 	char *name;
 	int fd;      /* -1: opened when it is its turn; else a pipe's reading end */
+	int kept;    /* of a pipe that is judged by its content, a regular file that has all of it; 0: none */
+	bool anonymous; /* standard input without --name */
 	bool refused;
 	bool verified; /* by --manifest, as this file: */
 	dev_t dev;

@@ -12,6 +12,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "ctl.h"
 
 /* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the
@@ -111,12 +112,23 @@ static int add_pipe(struct ctl *ctl, struct ctl_inputs *in, const char *name, in
 	return -(int)err->code;
 }
 
+/* Named by --name, or by nobody. */
+static int add_standard(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+{
+	const char *name = ctl->args.name;
+	int r = add_pipe(ctl, in, name ? name : "standard input", dup(STDIN_FILENO), err);
+
+	if (!r)
+		in->input[in->n - 1].anonymous = !name;
+	return r;
+}
+
 static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bool listed, struct err *err)
 {
 	struct stat st;
 
 	if (!listed && !strcmp(word, "-"))
-		return add_pipe(ctl, in, ctl->args.name ? ctl->args.name : "standard input", dup(STDIN_FILENO), err);
+		return add_standard(ctl, in, err);
 	if (!listed && word[0] == '@' && word[1])
 		return add_list(ctl, in, word + 1, err);
 	if (!stat(word, &st) && S_ISDIR(st.st_mode)) {
@@ -221,7 +233,9 @@ int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 	if (in->entry)
 		return open_entry(in, ret_fd, err);
 	/* what comes through a pipe the daemon has already */
-	int fd = in->fd >= 0 ? -1 : open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+	int fd = in->kept      ? fcntl(in->kept, F_DUPFD_CLOEXEC, 3)
+		 : in->fd >= 0 ? -1
+			       : open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 
 	if (fd < 0 && in->fd < 0)
 		return open_failed(in->name, err);
@@ -269,7 +283,11 @@ const char *ctl_input_path(const struct ctl_input *in, char *buf, size_t size)
 
 	if (in->path)
 		return in->path;
-	if (in->fd < 0 && (here || in->name[0] == '/'))
+	if (in->kept && in->anonymous)
+		n = snprintf(buf, size, "/dev/stdin/%llu", (unsigned long long)clock_real_us());
+	else if (in->kept)
+		n = snprintf(buf, size, "/dev/stdin/%s", in->name);
+	else if (in->fd < 0 && (here || in->name[0] == '/'))
 		n = snprintf(buf, size, "%s/%s", here ? here : "", in->name);
 	free(here);
 	if (n < 0 || (size_t)n >= size)
@@ -285,6 +303,8 @@ void ctl_input_done(struct ctl_inputs *in)
 		free(in->input[i].name);
 		if (in->input[i].fd >= 0)
 			close(in->input[i].fd);
+		if (in->input[i].kept)
+			close(in->input[i].kept);
 	}
 	free(in->input);
 	*in = (struct ctl_inputs){ 0 };

@@ -206,12 +206,23 @@ static int begin(struct staging *s, const char *dataset)
 	return 0;
 }
 
+/* What may be there already, or stand in the place of another, has to be here as a whole to be judged. */
+static int keep(struct staging *s, struct ctl_input *in)
+{
+	struct err err = ERR_INIT;
+
+	return ctl_pipe_keep(s->ctl, in, &in->kept, &err) ? ctl_error(s->ctl, &err) : 0;
+}
+
 static int start_pipes(struct staging *s)
 {
+	const struct ctl_args *a = &s->ctl->args;
 	int status = 0;
 
 	for (size_t i = 0; i < s->in->n && !status; i++)
-		if (s->in->input[i].fd >= 0)
+		if (s->in->input[i].fd >= 0 && s->named && (a->checksum || a->add || a->replace || a->replaces))
+			status = keep(s, &s->in->input[i]);
+		else if (s->in->input[i].fd >= 0)
 			status = ctl_pipe_start(&s->in->input[i], s->push, s->ctl);
 	return status;
 }
