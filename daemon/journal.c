@@ -13,6 +13,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/uio.h>
+#define SD_JOURNAL_SUPPRESS_LOCATION /* the place is that of who told it */
 #include <systemd/sd-journal.h>
 #include <unistd.h>
 

@@ -16,6 +16,7 @@
 #include <sys/epoll.h>
 #include <sys/resource.h>
 #include <sys/statvfs.h>
+#include <sys/vfs.h>
 #include <systemd/sd-daemon.h>
 #include <systemd/sd-event.h>
 #include <unistd.h>
@@ -35,6 +36,7 @@
 #include "notify.h"
 #include "parse.h"
 #include "place.h"
+#include "place_fs.h"
 #include "sched_pool.h"
 #include "server.h"
 #include "settings.h"
@@ -45,6 +47,7 @@
 #define PARK_USEC 9000000
 #define STOP_SPARE_USEC 20000000 /* beyond that, for what was on its way to the disk */
 #define HAND_OVER_MAX 16
+#define SLOW_NS UINT64_C(1000000000)
 #define HEAP_SLACK (UINT64_C(1) << 20)
 
 struct daemon {
@@ -63,6 +66,8 @@ struct daemon {
 	struct notify notify;
 	bool ticking, stopping, over;
 	uint64_t tick_usec; /* that the tick was set to */
+	uint64_t slow_ns; /* when a slow round was told last, 0: never */
+	char warning[256]; /* that the start found; "": none */
 	uint64_t idle_ns; /* since when, 0: busy */
 	uint64_t heaped;  /* the most that heap_trim has seen since it trimmed */
 };
@@ -174,6 +179,19 @@ static void heap_trim(struct daemon *d)
 }
 
 /* After each round: what was freed, finished or asked in it may let something else start. */
+/* Everybody waited meanwhile; told at most once a minute. */
+static void look_slow(struct daemon *d)
+{
+	uint64_t began, now = clock_mono_ns();
+
+	if (sd_event_now(d->event, CLOCK_MONOTONIC, &began) != 0 || now < 1000 * began + SLOW_NS ||
+	    (d->slow_ns && now - d->slow_ns < 60 * SLOW_NS))
+		return;
+	d->slow_ns = now;
+	log_event(LOG_EVENT_SLOW, NULL, "clients had to wait for %.1f seconds: a round of the loop took so long",
+		  (double)(now - 1000 * began) / 1e9);
+}
+
 static int on_round(sd_event_source *source, void *ctx)
 {
 	struct daemon *d = ctx;
@@ -189,6 +207,7 @@ static int on_round(sd_event_source *source, void *ctx)
 		sd_event_exit(d->event, 0);
 	}
 	tick_wanted(d);
+	look_slow(d);
 	return 0;
 }
 
@@ -399,6 +418,8 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.setting = settings_tell,
 		.settings = CONFIG_SETTINGS,
 		.setting_ctx = &d->config,
+		.memory_most = config_cgroup_limit(""),
+		.warning = *d->warning ? d->warning : NULL,
 	};
 	struct jobs_params jobs = {
 		.ledger = d->ledger,
@@ -462,6 +483,19 @@ static void make_room(struct daemon *d)
 		log_event_err(LOG_EVENT_DISK_FULL, NULL, "nothing can be evicted", &err);
 }
 
+/* Where it works, but not as it should. */
+static void look_places(struct daemon *d)
+{
+	const uint32_t tmpfs = 0x01021994, ramfs = 0x858458f6;
+	struct err err = ERR_INIT;
+	struct statfs fs;
+
+	if (io->fstatfs(d->statefd, &fs) == 0 && ((uint32_t)fs.f_type == tmpfs || (uint32_t)fs.f_type == ramfs))
+		snprintf(d->warning, sizeof d->warning, "the state folder is in memory: what is pushed is gone when the machine stops");
+	else if (place_fs_check(d->cachefd, &err) == -ERR_UNSUPPORTED)
+		snprintf(d->warning, sizeof d->warning, "the cache is on a network file system: it is slow, and not made for it");
+}
+
 static int start(struct daemon *d, struct err *err)
 {
 	struct marker store;
@@ -481,6 +515,8 @@ static int start(struct daemon *d, struct err *err)
 		r = make_loop(d, err);
 	if (!r)
 		r = make_budget(d, err);
+	if (!r)
+		look_places(d);
 	if (!r)
 		r = make_jobs(d, err);
 	if (!r)

@@ -39,6 +39,7 @@ struct ctl_args {
 	const char *format, *tile, *since, *origin, *max_edge, *z_unit, *width, *color;
 	const char *generation, *priority, *replaces, *as, *settle, *mode;
 	const char *keep, *before;
+	const char *textfile;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
 	char **word;               /* what is not an option, without the command */
@@ -89,6 +90,7 @@ enum ctl_group {
 	CTL_CONFIG = 1 << 26,      /* config show */
 	CTL_INFO = 1 << 17,
 	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
+	CTL_METRICS = 1 << 20,
 	CTL_COPY = 1 << 19,        /* backup, dataset export */
 	CTL_INGEST = 1 << 11,
 	CTL_MANIFEST = 1 << 12,    /* inputs that are named: mesh, push */
@@ -281,6 +283,8 @@ int ctl_pipe_keep(struct ctl *, const struct ctl_input *, int *ret_fd, struct er
 
 /* Finds or starts the daemon, sets ctl->acut. Prints its failure; returns the exit status. */
 int ctl_connect(struct ctl *);
+int ctl_connect_try(struct ctl *, struct err *err); /* without a word */
+const char *ctl_connect_path(const struct ctl *);   /* of the socket that it would try; NULL: none is set */
 void ctl_disconnect(struct ctl *);
 /* To a daemon that runs: the configured one, else the user's private one. Starts none, says nothing. */
 bool ctl_connect_quietly(struct ctl *);
@@ -465,6 +469,7 @@ CTL_COMMAND(backup)
 CTL_COMMAND(cancel)
 CTL_COMMAND(complete)
 CTL_COMMAND(datasets)
+CTL_COMMAND(doctor)
 CTL_COMMAND(fetch)
 CTL_COMMAND(formats)
 CTL_COMMAND(help)
@@ -472,6 +477,7 @@ CTL_COMMAND(info)
 CTL_COMMAND(ingest)
 CTL_COMMAND(jobs)
 CTL_COMMAND(mesh)
+CTL_COMMAND(metrics)
 CTL_COMMAND(ping)
 CTL_COMMAND(plan)
 CTL_COMMAND(push)

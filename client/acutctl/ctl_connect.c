@@ -41,25 +41,36 @@ static int connect_to(struct ctl *ctl, const char *path, struct err *err)
 	return -(int)err->code;
 }
 
-int ctl_connect(struct ctl *ctl)
+const char *ctl_connect_path(const struct ctl *ctl)
+{
+	return ctl->args.own_private ? NULL : configured(&ctl->args);
+}
+
+int ctl_connect_try(struct ctl *ctl, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
-	const char *path = a->own_private ? NULL : configured(a);
-	struct err err = ERR_INIT;
+	const char *path = ctl_connect_path(ctl);
 	int r;
 
 	if (a->memory || a->threads || a->cache || a->disk || a->keep_free) {
-		r = ctl_private_own(ctl, &err);
+		r = ctl_private_own(ctl, err);
 	} else if (path) {
-		r = connect_to(ctl, path, &err);
+		r = connect_to(ctl, path, err);
 	} else if (a->own_private || ctl->command->starts) {
-		r = ctl_private_connect(ctl, &err);
+		r = ctl_private_connect(ctl, err);
 	} else {
-		r = err_set(&err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s",
+		r = err_set(err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s",
 			    SYSTEM_SOCKET);
-		err_add_hint(&err, "start acutd, or use the private daemon of acutctl mesh with --private");
+		err_add_hint(err, "start acutd, or use the private daemon of acutctl mesh with --private");
 	}
-	return r ? ctl_error(ctl, &err) : 0;
+	return r;
+}
+
+int ctl_connect(struct ctl *ctl)
+{
+	struct err err = ERR_INIT;
+
+	return ctl_connect_try(ctl, &err) ? ctl_error(ctl, &err) : 0;
 }
 
 bool ctl_connect_quietly(struct ctl *ctl)

@@ -108,6 +108,7 @@ static const struct ctl_option table[] = {
 	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
 	{"origin", 0, NULL, FLAG, AT(origin_of), CTL_CONFIG, "with the file and line that each comes from"},
 	{"copy", 0, NULL, FLAG, AT(copy), CTL_COPY, "copy all files, also where a hard link would do"},
+	{"textfile", 0, "FILE", TEXT, AT(textfile), CTL_METRICS, "into this file, whole or not at all: for the node exporter"},
 	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID | CTL_PUSH,
 	 "under this name, not that of the file; push: of standard input"},
 

@@ -310,6 +310,25 @@ int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut
 /* all: everything derived goes. */
 int acut_cache_gc(struct acut *, bool all, uint64_t *ret_bytes, uint64_t *ret_entries);
 
+/* ---- watching ---- */
+
+/* One sample of the Prometheus text format. */
+struct acut_metric {
+	const char *name, *type, *help; /* type: "counter", "gauge" */
+	char *const *label; /* name, value, name, value, ... */
+	size_t nlabel;      /* pairs */
+	double value;
+};
+/* Samples of one name may come apart; whoever writes the format gathers them. */
+int acut_metrics(struct acut *, void (*each)(void *ctx, const struct acut_metric *), void *ctx);
+
+struct acut_check {
+	const char *name, *state;    /* state: "ok", "warning", "wrong", "unknown" */
+	const char *message, *hint;  /* hint: what to do, "": nothing */
+};
+/* What the daemon can see of whether all is well. */
+int acut_doctor(struct acut *, void (*each)(void *ctx, const struct acut_check *), void *ctx);
+
 /* ---- jobs ---- */
 
 struct acut_removed {

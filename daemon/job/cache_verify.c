@@ -81,7 +81,6 @@ static void tell(struct cache_verify *v, bool all)
 			log_event_err(LOG_EVENT_DAMAGE_DERIVED, &about, "damaged, and made again when it is needed", &damage.err);
 		else
 			log_event_err(LOG_EVENT_DAMAGE, &about, "damaged", &damage.err);
-		v->jobs->tally.corrupt++;
 		v->calls->damage(v->token, &damage);
 	}
 	if (v->step < CACHE_OVER && (all || clock_since(v->told_ns) >= TELL_SECONDS)) {
@@ -100,7 +99,7 @@ static void tell_end(struct cache_verify *v, const struct err *why)
 {
 	if (why)
 		return;
-	v->jobs->tally.verifies++;
+	verified_note(v->jobs, &v->found);
 	if (v->found.damaged)
 		log_event(LOG_EVENT_VERIFY_DAMAGE, NULL, "verified: %llu of %llu files are damaged, and %llu that are made again",
 			  (unsigned long long)v->found.damaged, (unsigned long long)v->found.files,

@@ -107,8 +107,8 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 	j->merge = NULL;
 	if (!why && w->nunits) {
 		say(g);
-		j->merges++;
-		j->merged_bytes += w->written;
+		j->tally.merges++;
+		j->tally.merged_bytes += w->written;
 	} else if (!why) {
 		d->merge_due = false; /* not with this memory */
 	} else if (passes(why)) {

@@ -127,6 +127,48 @@ static int each_name(int dirfd, int (*each)(const char *name, void *ctx, struct 
 	return io_list(dirfd, ".", entry, &names, err);
 }
 
+struct look {
+	int dirfd;
+	unsigned n, bad;
+	struct err first;
+};
+
+static int look_one(const char *name, void *ctx, struct err *err)
+{
+	struct look *l = ctx;
+	char grid[DIGEST_HEX_SIZE + 8];
+	struct err why = ERR_INIT;
+	struct geoid_info g;
+	struct stat st;
+
+	l->n++;
+	if (!read_name(l->dirfd, name, &g, &why)) {
+		snprintf(grid, sizeof grid, "%s.pgm", g.hash);
+		if (io->fstatat(l->dirfd, grid, &st, AT_SYMLINK_NOFOLLOW) < 0)
+			err_sys(&why, errno, "the grid %s cannot be read", name);
+		else if ((uint64_t)st.st_size != g.grid.bytes)
+			err_set(&why, ERR_CORRUPT, "the grid %s has %llu bytes, not %llu", name,
+				(unsigned long long)st.st_size, (unsigned long long)g.grid.bytes);
+	}
+	if (why.code && !l->bad++)
+		l->first = why;
+	return 0;
+}
+
+int geoids_look(int dirfd, unsigned *ret_n, unsigned *ret_bad, struct err *err)
+{
+	struct look l = {.dirfd = dirfd};
+	int r = each_name(dirfd, look_one, &l, err);
+
+	if (r)
+		return r;
+	*ret_n = l.n;
+	*ret_bad = l.bad;
+	if (l.bad)
+		*err = l.first;
+	return 0;
+}
+
 /* ---- what a grid is used by ---- */
 
 struct users {

@@ -110,6 +110,52 @@ void jobs_holders(struct jobs *, void (*each)(void *ctx, const struct job_holder
 uint64_t jobs_peak_rss(void); /* VmHWM of this process, bytes */
 uint64_t jobs_rss(void);      /* VmRSS */
 
+/* What is counted of the work, since the start. */
+struct tally {
+	uint64_t points_staged, files_staged, bytes_read; /* of files that pushes have read whole */
+	uint64_t triangles, domains_made, domains_reused;
+	uint64_t merges, merged_bytes;
+};
+struct verified {
+	int64_t at_us; /* real time; 0: never */
+	uint64_t files, bytes, damaged, derived;
+};
+struct jobs_numbers {
+	struct tally tally;
+	struct verified verified;
+	uint64_t states[7];    /* by enum job_state: of jobs that are not over */
+	uint64_t kept;         /* jobs, over ones included */
+	double oldest_waiting; /* seconds since the oldest job that has not begun was submitted; 0: none waits */
+	uint64_t pushes;       /* open */
+	uint64_t pending;      /* interrupted ones that wait */
+	double pending_left;   /* seconds until the first of these is dropped */
+	uint64_t waiting_space; /* jobs */
+	uint64_t datasets, removed;
+	bool unsure;           /* the catalogue cannot be written, and nobody knows what of the last change it has */
+};
+void jobs_numbers(struct jobs *, struct jobs_numbers *ret);
+struct jobs_user {
+	uint32_t uid, datasets, jobs; /* jobs: unfinished */
+	uint64_t bytes, points;       /* of named datasets, removed ones included */
+	uint64_t pending_bytes;       /* at most, of interrupted pushes */
+};
+/* Those who have something, by uid, from `from` on; their number, up to n. */
+size_t jobs_users(struct jobs *, uint64_t from, struct jobs_user *ret, size_t n);
+
+/* What a worker sees of disks and grids when it looks. */
+struct house_side {
+	int sys; /* errno: it cannot be looked at */
+	uint64_t free, total, files_free, files; /* bytes; inodes, files 0: it does not count them */
+	bool read_only;
+};
+struct house_looked {
+	struct house_side state, cache;
+	unsigned geoids, geoids_bad;
+	char geoid_why[512]; /* of the first that is bad */
+};
+void house_look(struct jobs *, const struct job_peer *,
+		void (*answer)(void *token, const struct err *why, const struct house_looked *), void *token);
+
 /* ---- datasets ---- */
 
 enum { DATASET_MODE = 0640 }; /* of one that nobody gave a mode */

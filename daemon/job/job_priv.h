@@ -141,17 +141,10 @@ struct job_asked_plan {
 	void *token;
 };
 
-/* Counted since the start, by the loop. */
-struct tally {
-	uint64_t points_staged, files_staged, bytes_read; /* of files that pushes have read whole */
-	uint64_t triangles, domains_made, domains_reused;
-	uint64_t corrupt; /* things that did not agree with their checksum, each time they were met */
-	uint64_t verifies;
-};
-
 struct jobs {
 	struct jobs_params p;
 	struct tally tally;
+	struct verified verified;
 	struct space *space; /* accounts of the disk; any thread */
 	int datafd, onestepfd, domainsfd,
 		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
@@ -170,7 +163,6 @@ struct jobs {
 	struct dataset_old *olds;      /* that wait until nobody opens them */
 	uint64_t rewriting;            /* memory that merge and prune hold */
 	uint64_t merge_after_ns;       /* none begins before */
-	uint64_t merges, merged_bytes; /* since the start: merges, bytes that they wrote */
 	struct dataset_change *changes; /* that wait for their turn */
 	struct verb *verbs; /* dataset_remove.c: likewise */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
@@ -205,6 +197,10 @@ struct jobs {
 				   .generation = (j)->generation, ABOUT_USER((j)->peer.uid), .pid = (j)->peer.pid})
 
 /* tell.c: what the log hears of ends, and what is counted since the start. Loop. */
+/* verified.c: the last verification that came to its end, beyond a restart */
+void verified_load(struct jobs *); /* reads the disk */
+void verified_note(struct jobs *, const struct cache_verified *);
+
 void tally_domain(struct jobs *, uint32_t triangles); /* that was triangulated */
 void job_tell_end(const struct job *);
 /* What was pushed is damaged, if `why` says so. */

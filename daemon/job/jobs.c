@@ -313,6 +313,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 		j->last_dataset = last[0];
 	j->last_job = last[1];
 	j->last_push = last[2];
+	verified_load(j);
 	clear_aside(j);
 	disk_count(j); /* the first who asks is held against it */
 	*ret = j;

@@ -20,7 +20,6 @@ void tell_damage(struct jobs *j, const struct log_about *about, const struct err
 {
 	if (why->code != ERR_CORRUPT)
 		return;
-	j->tally.corrupt++;
 	log_event_err(LOG_EVENT_DAMAGE, about, "what is stored is damaged", why);
 }
 

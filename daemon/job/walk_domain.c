@@ -143,17 +143,28 @@ static void tell(struct walk_domain *d)
 		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
 }
 
+/* Any thread. Each of them, so that they are counted. */
+void walk_tell_damaged(const struct walk *w, unsigned n)
+{
+	while (n--)
+		log_event(LOG_EVENT_DAMAGE_DERIVED, ABOUT_WALK(w), "a stored domain of %s was damaged: it is made again",
+			  w->dataset->name);
+}
+
 static bool load(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
+	unsigned damaged = 0;
 	const struct pipe_reuse_params p = {.storefd = store_of(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
 					    .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
-					    .size = d->size, .light = d->front};
+					    .size = d->size, .light = d->front, .damaged = &damaged};
 	struct err err = ERR_INIT;
 	int r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
 
+	walk_tell_damaged(w, damaged);
+
 	if (r < 0)
-		log_event_err(LOG_EVENT_DAMAGE_DERIVED, ABOUT_WALK(w), "a stored domain cannot be read, it is made again", &err);
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a stored domain cannot be read, it is made again", &err);
 	d->stored = !r;
 	if (!r)
 		store_touch(store_of(w), &d->as.id, 1000 * clock_real_us() - TOUCH_NS);

@@ -60,9 +60,14 @@ static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory,
 /* What the store has of earlier generations; without it the plan is as good. */
 static int refine(struct walk *w, void *memory, size_t size)
 {
-	const struct pipe_reuse_params p = reuse_params(w, memory, size);
+	struct pipe_reuse_params p = reuse_params(w, memory, size);
 	struct err err = ERR_INIT;
-	int r = w->keep || w->plan_only ? pipe_refine(&p, &w->plan, &err) : 0;
+	unsigned damaged = 0;
+	int r;
+
+	p.damaged = &damaged;
+	r = w->keep || w->plan_only ? pipe_refine(&p, &w->plan, &err) : 0;
+	walk_tell_damaged(w, damaged);
 
 	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
 		w->err = err;
@@ -82,10 +87,13 @@ static void count_reusable(struct walk *w, void *memory, size_t size)
 		struct err err = ERR_INIT;
 		struct pipe_stored as;
 		struct mesh_domain d;
+		unsigned damaged = 0;
 		size_t held;
 
 		p.region = &w->plan.leaf[i].region;
+		p.damaged = &damaged;
 		w->reusable += pipe_reuse(&p, &d, &as, &held, &err) == 0;
+		walk_tell_damaged(w, damaged);
 	}
 }
 

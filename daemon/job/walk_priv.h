@@ -243,4 +243,7 @@ void walk_output_tick(struct walk *);
 void walk_output_head(struct walk *);
 void walk_output_drop(struct walk *);
 
+/* walk_domain.c: what the store had, and could not be used. Any thread. */
+void walk_tell_damaged(const struct walk *, unsigned n);
+
 #endif

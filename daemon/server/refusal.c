@@ -75,6 +75,7 @@ void refusal_log(struct server *s, const struct job_peer *peer, const struct err
 	struct log_about about = {ABOUT_USER(peer->uid), .pid = peer->pid, .code = err_wire_name(why->code)};
 	struct refusals *r = &s->refusals;
 
+	r->total++;
 	if (!r->since_ns || clock_since(r->since_ns) >= WHILE_SECONDS)
 		tell_hidden(s);
 	if (r->told >= TOLD_MAX) {

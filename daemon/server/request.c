@@ -75,6 +75,8 @@ static const struct {
 	ROW(CACHE_VERIFY, request_cache_verify, false),
 	ROW(CACHE_GC, request_cache_gc, false),
 	ROW(GEOID_REMOVE, request_geoid_remove, false),
+	ROW(DOCTOR_REQUEST, request_doctor, false),
+	ROW(METRICS_REQUEST, request_metrics, false),
 	ROW(BACKUP, request_backup, false),
 	ROW(BACKUP_NEXT, request_backup_next, false),
 	ROW(BACKUP_END, request_backup_end, false),

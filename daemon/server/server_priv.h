@@ -37,7 +37,7 @@ struct server {
 	} turns[256];
 	struct refusals { /* refusal.c: what the log was told in the last while */
 		sd_event_source *timer;
-		uint64_t since_ns, hidden;
+		uint64_t since_ns, hidden, total;
 		unsigned told;
 	} refusals;
 };
@@ -142,6 +142,8 @@ void request_job_told(struct conn *, struct job *);
 /* request_cache.c */
 request_fn request_cache_stat, request_cache_verify, request_cache_gc;
 void message_side(const struct space_side *, Acut__V1__CacheSide *ret);
+/* request_metrics.c, request_doctor.c */
+request_fn request_metrics, request_doctor;
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_backup.c */

@@ -204,6 +204,7 @@ struct pipe_reuse_params {
 	void *memory;
 	size_t size;                  /* of a domain's budget */
 	bool light;                   /* the front is enough: what pipe_emit needs without a sink */
+	unsigned *damaged;            /* counts those that were damaged, and are removed; NULL: nobody asks */
 };
 /* A domain of the store that is what pipe_domain would make: of this generation's content, or of another's that is the
  * same for this region. Of several the one used last. *ret lies in *ret_held bytes at the start of `memory`.

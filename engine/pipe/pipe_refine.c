@@ -50,6 +50,8 @@ static int state_of(const struct pipe_reuse_params *p, struct grid_reader *reade
 		r = store_head(p->storefd, &id, &f, err);
 		if (r < 0)
 			return r;
+		if (r == STORE_E_DAMAGED && p->damaged)
+			++*p->damaged;
 		if (r)
 			continue;
 		*ret_fits = f.domain.counts.used + f.domain.counts.halo <= p->cap;

@@ -194,13 +194,21 @@ static int judge(const struct pipe_reuse_params *p, const struct store_front *fr
 	return r ? r : valid ? 0 : PIPE_E_ABSENT;
 }
 
+/* What the store says is ours. */
+static int absent(const struct pipe_reuse_params *p, int r)
+{
+	if (r == STORE_E_DAMAGED && p->damaged)
+		++*p->damaged;
+	return r > 0 ? PIPE_E_ABSENT : r;
+}
+
 /* Its front, if it may stand for the region here. */
 static int look(const struct pipe_reuse_params *p, const struct store_id *id, struct store_front *ret, struct err *err)
 {
 	int r = store_front(p->storefd, id, front_of(p), front_room(p), ret, err);
 
 	if (r)
-		return r == STORE_E_ABSENT ? PIPE_E_ABSENT : r;
+		return absent(p, r);
 	/* What was made with more memory would be split with this one: the plan's cap decides alone. */
 	if (ret->domain.counts.used + ret->domain.counts.halo > p->cap)
 		return PIPE_E_ABSENT;
@@ -225,7 +233,7 @@ static int take(const struct pipe_reuse_params *p, const struct store_id *id, co
 		r = store_get(p->storefd, id, p->memory, p->size, &d, err);
 	}
 	if (r)
-		return r == STORE_E_ABSENT ? PIPE_E_ABSENT : r;
+		return absent(p, r);
 	stored_of(front, id, ret_stored);
 	*ret = d;
 	*ret_held = held;

@@ -315,7 +315,14 @@ int store_versions(int dirfd, struct digest base, struct store_version *ret, siz
 static int damaged(int dirfd, const char *name)
 {
 	io->unlinkat(dirfd, name, 0);
-	return STORE_E_ABSENT;
+	return STORE_E_DAMAGED;
+}
+
+static bool other_format(const uint8_t header[HEADER])
+{
+	struct cursor c = cursor_of(header, HEADER);
+
+	return cursor_u32(&c) == MAGIC && cursor_u32(&c) != VERSION;
 }
 
 /* Opens and checks the header. STORE_E_ABSENT as in store.h. */
@@ -338,7 +345,7 @@ static int open_checked(int dirfd, const struct store_id *id, char name[NAME], i
 	} else {
 		r = io_read_at(fd, header, HEADER, 0, name, err);
 		if (!r && !header_unpack(header, id, ret, ret_sums))
-			r = damaged(dirfd, name);
+			r = damaged(dirfd, name) == STORE_E_DAMAGED && other_format(header) ? STORE_E_ABSENT : STORE_E_DAMAGED;
 		if (!r)
 			sizes_fill(ret, ret_sums);
 		if (!r && (uint64_t)st.st_size != ret->bytes)

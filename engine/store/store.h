@@ -35,8 +35,8 @@ struct store_version {
 };
 int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err);
 
-/* STORE_E_ABSENT: not there, or damaged or of another format (then it is removed). */
-enum { STORE_E_ABSENT = 1 };
+/* STORE_E_ABSENT: not there, or of another format (then it is removed). STORE_E_DAMAGED: likewise, and that is why. */
+enum { STORE_E_ABSENT = 1, STORE_E_DAMAGED = 2 };
 
 /* The front of a file: all but closed vertices and triangles. */
 struct store_front {

@@ -40,15 +40,15 @@ from ._errors import (BusyError, CancelledError, ChangedError, CorruptError, Dig
                       UsageError, VersionError)
 from ._mesh import Base, Block, Fetch, Head, Mesh, Region, Tail
 from ._results import (CacheKind, CacheStat, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
-                       LedgerEntry, LogFile, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Side,
-                       Status, Verified)
+                       LedgerEntry, LogFile, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
+                       Side, Status, Verified)
 from ._view import view_text
 
 __all__ = [
     "connect", "Connection", "view_text", "SYSTEM_SOCKET",
     "Fetch", "Block", "Mesh", "Head", "Tail", "Base", "Region",
     "Pushed", "PushedFile", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned",
-    "Imported", "Info", "Inspected", "Geoid", "Status", "Side", "Holder", "LedgerEntry", "CacheStat", "CacheKind",
+    "Imported", "Info", "Inspected", "Geoid", "Status", "Setting", "Side", "Holder", "LedgerEntry", "CacheStat", "CacheKind",
     "Verified", "Damage", "BackupFile",
     "Error", "InputError", "TruncatedError", "ChangedError", "LimitError", "CancelledError", "GoneError", "DigestError",
     "InternalError", "UsageError", "UnsupportedError", "NotFoundError", "NoDaemonError", "ReadWriteError", "NoSpaceError",

@@ -64,8 +64,12 @@ class Connection:
 
     def close(self) -> None:
         """Closes it; twice is fine. Jobs go on, but for those that are bound to it."""
-        with self._state.lock:
+        if not self._state.lock.acquire(blocking=False):
+            raise UsageError("a call goes on on this connection, in another thread or around this callback")
+        try:
             self._closed()
+        finally:
+            self._state.lock.release()
 
     def __enter__(self) -> "Connection":
         return self
@@ -96,6 +100,10 @@ class Connection:
     def status(self) -> results.Status:
         """The daemon: version, memory, threads, jobs, disk."""
         return self._ask("status", abi.acut_status, convert=results.status)
+
+    def config(self) -> List[results.Setting]:
+        """The daemon's settings, and where each comes from."""
+        return self._list("config", abi.acut_setting, convert=functools.partial(take, results.Setting))
 
     # ---- how calls are made ----
 

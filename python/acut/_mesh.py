@@ -188,7 +188,7 @@ class Fetch:
         with Exclusive(state):
             state.ask(_library.library().acut_fetch_begin, state.handle, job, since, resume, len(resume or b""),
                       ctypes.byref(self._sink))
-            state.fetch = weakref.ref(self)
+            self._ref = state.fetch = weakref.ref(self)
         self._over = False
 
     def _step(self) -> bool:
@@ -234,12 +234,18 @@ class Fetch:
 
     def close(self, keep_state: bool = False) -> None:
         """Ends it; the daemon sees that nobody reads. `keep_state`: until the next call, state() still answers."""
-        if not self._over:
-            self._over = True
-            if self._state.fetch and self._state.fetch() in (self, None):
-                self._state.fetch = None
-            if self._state.handle and not keep_state:
-                _library.library().acut_fetch_end(self._state.handle)
+        if self._over:
+            return
+        self._over = True
+        # Where the lock is taken, another call has ended this fetch already.
+        if self._state.lock.acquire(blocking=False):
+            try:
+                if self._state.fetch is self._ref:
+                    self._state.fetch = None
+                    if self._state.handle and not keep_state:
+                        _library.library().acut_fetch_end(self._state.handle)
+            finally:
+                self._state.lock.release()
 
     def __enter__(self) -> "Fetch":
         return self

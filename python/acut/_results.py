@@ -109,6 +109,21 @@ def status(s: Any) -> Status:
 
 
 @dataclass(frozen=True)
+class Setting:
+    """A setting of the daemon, as acutd.conf would say it."""
+    name: str
+    value: str   # "": unset
+    preset: str  # what it is where nobody sets it; "": preset_told says
+    preset_told: str
+    unit: str
+    help: str
+    origin: str  # "default", "environment", "control_group", "file", "command_line"
+    file: str
+    line: int
+    reload: bool
+
+
+@dataclass(frozen=True)
 class Progress:
     phase: str  # "stage", "seal", "select", "mesh"
     points: int

@@ -159,8 +159,8 @@ def later(base):
             expect([command, "a", "-o", base + "/m.ply", o, *value], 2, o.split("=")[0], "not in this version")
             out = expect([command, "a", o, *value, "--json"], 2)[0] if command == "push" else ""
             check(o + " as JSON", not out or '"not-in-this-version"' in out or '"error"' in out, out)
-    for words in (["doctor"], ["help", "doctor"]):
-        expect(words, 2, "not in this version")
+    expect(["doctor"], 69, "socket", "wrong")
+    expect(["metrics"], 69, "no daemon")
 
 
 def no_daemon(base):

@@ -43,7 +43,7 @@ class Process:
             "StandardError=append:" + daemon.log, "Restart=no"]
         lines[service + 1:service + 1] = ["Environment=" + quoted(["%s=%s" % (k, v)]) for k, v in daemon.env.items()
                                           if os.environ.get(k) != v]
-        lines[service:service] = ["Requires=%s.socket" % self.name, "After=%s.socket" % self.name, "StartLimitIntervalSec=0"]
+        lines[service:service] = ["StartLimitIntervalSec=0"]
         with open("%s/%s.service" % (UNITS, self.name), "w") as f:
             f.write("\n".join(lines))
         with open("%s/%s.socket" % (UNITS, self.name), "w") as f:
@@ -54,6 +54,8 @@ class Process:
             shutil.chown(path, user.pw_uid, user.pw_gid)
         systemctl("daemon-reload")
         systemctl("start", self.name + ".socket", self.name + ".service")
+        # acutd has it. Whoever comes when acutd has ended must not start it again.
+        systemctl("stop", self.name + ".socket")
         self.look()
         if self.returncode is None:
             self.judge()
@@ -72,7 +74,6 @@ class Process:
         if show["ActiveState"] in ("inactive", "failed"):
             status = int(show["ExecMainStatus"])
             self.returncode = status if show["ExecMainCode"] == "1" else -status
-            systemctl("stop", self.name + ".socket")
             systemctl("reset-failed", self.name + ".service", self.name + ".socket")
             if self.returncode == -signal.SIGSYS:
                 raise AssertionError("acutd was killed for a call that its unit does not allow")

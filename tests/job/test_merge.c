@@ -154,12 +154,12 @@ static void many_pushes(void **state)
 	idle();
 	assert_int_equal(dataset_of("many").generation, N);
 	assert_true(dataset_of("many").segments <= 4);
-	assert_true(h.jobs->merges >= N / 8);
+	assert_true(h.jobs->tally.merges >= N / 8);
 	folder_is_tidy("many");
 	for (unsigned i = 1; i <= N; i += 3)
 		same_mesh("many", i, &was[i]);
 	/* Amortised: what was written for merges, in points, is few times what was pushed. */
-	assert_true(h.jobs->merged_bytes < 40 * dataset_of("many").bytes);
+	assert_true(h.jobs->tally.merged_bytes < 40 * dataset_of("many").bytes);
 	assert_int_equal(ledger_held(h.ledger, LEDGER_STAGE), 0);
 }
 

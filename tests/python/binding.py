@@ -27,6 +27,12 @@ def descriptors():
     return len(os.listdir("/proc/self/fd"))
 
 
+def resident():
+    gc.collect()
+    with open("/proc/self/statm") as f:
+        return int(f.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
 def synth(path, points=20000, seed=1, *options):
     e2e.run([e2e.SYNTH, "--points", points, "--seed", seed, *options, path]).ok()
     return path
@@ -286,6 +292,8 @@ def failures():
             raises(acut.NotFoundError, c.mesh, 99)
             raises(acut.UsageError, c.dataset, "a\0b")
             expect(c.ping() < 20, "the connection goes on")
+            settings = {s.name: s for s in c.config()}
+            expect(settings["memory"].value.startswith("24") and settings["memory"].origin == "command_line", settings["memory"])
             # A job that is cancelled: wait raises its error, job() shows it.
             c.push("s", synth(os.path.join(base, "a.las"), 200000))
             job = c.submit("s")
@@ -355,6 +363,7 @@ def callbacks():
         job = c.submit("s")
         expect(raises(Mine, c.wait, job, changed=fail) is mine, "wait")
         expect(raises(acut.UsageError, c.wait, job, changed=lambda j: c.ping()), "a callback on its own connection")
+        expect(raises(acut.UsageError, c.wait, c.submit("s", new=True), changed=lambda j: c.close()), "closed by a callback of its own")
         seen = []
         c.wait(job, changed=lambda j: seen.append(j.state))
         expect(seen[-1:] in ([], ["done"]), seen)
@@ -442,12 +451,17 @@ def nothing_is_left():
             job = c.wait(c.submit("s"))
         before = descriptors()
         for i in range(1000):
+            if i == 200:
+                memory, objects = resident(), len(gc.get_objects())
             c = acut.connect(d.socket)
             if i % 10 == 0:
                 c.ping()
             if i % 2:
                 c.close()
         del c
+        gc.collect()
+        expect(len(gc.get_objects()) < objects + 200, "%d objects more" % (len(gc.get_objects()) - objects))
+        expect(resident() < memory + (3 << 20), "%d bytes more after 800 connections" % (resident() - memory))
         expect(descriptors() == before, "%d descriptors more after 1,000 connections" % (descriptors() - before))
         gc.disable()  # dropped is closed at once, not when the collector comes by
         try:

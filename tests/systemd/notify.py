@@ -184,6 +184,30 @@ def alive_while_the_disk_is_not():
             expect(e2e.sanitized() or rss(idle.process.pid) < 12 << 20, "resident: %d" % rss(idle.process.pid))
 
 
+def new_dataset_stops_nobody():
+    """The name of a new dataset's folder takes 4 s to come to the disk; the jobs and clients of others do not wait for that."""
+    if not shutil.which("strace"):
+        unavailable("strace is not installed")
+    with Folder() as base, Daemon(base, threads=2) as d:
+        path = survey(base, 5000)
+        d.ctl("push", "b", path).ok()
+        tracer = subprocess.Popen(["strace", "-f", "-qq", "-o", "/dev/null", "-p", str(d.process.pid), "-P", d.state + "/datasets",
+                                   "-e", "inject=fsync:delay_exit=4000000"], stderr=subprocess.DEVNULL)
+        time.sleep(1)
+        begun, slowest, jobs = time.monotonic(), 0.0, 0
+        push = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "a", path], stdout=subprocess.DEVNULL)
+        while push.poll() is None:
+            asked = time.monotonic()
+            d.ctl("submit", "b", "--new", "--wait").ok()
+            slowest = max(slowest, time.monotonic() - asked)
+            jobs += 1
+        took = time.monotonic() - begun
+        tracer.send_signal(signal.SIGINT)
+        tracer.wait()
+        expect(push.returncode == 0 and took > 4, "the push: %d after %.1f s" % (push.returncode, took))
+        expect(slowest < 2 and jobs > 2, "the slowest of %d jobs took %.1f s" % (jobs, slowest))
+
+
 def hung_loop_is_silent():
     with Folder() as base:
         m = Manager(base)
@@ -198,4 +222,4 @@ def hung_loop_is_silent():
             m.wait("WATCHDOG=1", after=m.told[-1][0])
 
 
-main(says_what_it_does, start_gets_more_time, alive_while_the_disk_is_not, hung_loop_is_silent)
+main(says_what_it_does, start_gets_more_time, alive_while_the_disk_is_not, new_dataset_stops_nobody, hung_loop_is_silent)

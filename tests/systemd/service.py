@@ -104,6 +104,7 @@ def within_its_sandbox():
     for path in ("/var/lib/acut", "/var/cache/acut", "/tmp"):
         expect(inside("mkdir", path + "/acut-was-here") and inside("rmdir", path + "/acut-was-here"), "%s cannot be written to" % path)
     links = open("/proc/%d/net/dev" % p).read()
+    expect(os.readlink("/proc/%d/ns/net" % p) != os.readlink("/proc/self/ns/net"), "the network of the machine")
     expect([line.split(":")[0].strip() for line in links.splitlines()[2:]] == ["lo"], "a network: %s" % links)
 
 

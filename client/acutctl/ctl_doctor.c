@@ -1,0 +1,223 @@
+/*
+ * doctor: what is wrong, and what to do; of this side (socket, versions, groups, clock) and of the daemon's.
+ *
+ * The model: checks in the order in which one thing rests on another; each is ok, a warning, wrong, or unknown. The exit
+ * status is 0 if nothing is wrong, also with warnings; 1 if something is; that of the failure where no daemon can be
+ * asked (69: none answers, 77: it refuses this user).
+ */
+#include <errno.h>
+#include <grp.h>
+#include <pwd.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/timex.h>
+#include <unistd.h>
+
+#include "ctl.h"
+#include "ctl_term.h"
+
+struct doctor {
+	struct ctl *ctl;
+	struct ctl_json json;
+	unsigned ok, warnings, wrong, unknown;
+};
+
+/* ---- telling ---- */
+
+static void show_text(struct doctor *d, const struct acut_check *c)
+{
+	enum ctl_tint tint = !strcmp(c->state, "ok") ? CTL_GOOD : !strcmp(c->state, "wrong") ? CTL_BAD : CTL_WARN;
+	FILE *out = d->ctl->report;
+	struct ctl_term term = ctl_term_of(out);
+
+	if (d->ctl->args.quiet && tint == CTL_GOOD)
+		return;
+	fprintf(out, "%s%-8s%s ", ctl_term_tint(&term, tint), c->state, ctl_term_tint(&term, CTL_PLAIN));
+	ctl_term_line(out, "%-10s %s", c->name, c->message);
+	if (c->hint[0])
+		ctl_term_line(out, "%19s -> %s", "", c->hint);
+}
+
+static void tell(void *ctx, const struct acut_check *c)
+{
+	struct doctor *d = ctx;
+
+	if (!strcmp(c->state, "ok"))
+		d->ok++;
+	else if (!strcmp(c->state, "warning"))
+		d->warnings++;
+	else if (!strcmp(c->state, "wrong"))
+		d->wrong++;
+	else
+		d->unknown++;
+	if (!d->ctl->args.json) {
+		show_text(d, c);
+		return;
+	}
+	ctl_json_open(&d->json, NULL, '{');
+	ctl_json_text(&d->json, "name", c->name);
+	ctl_json_text(&d->json, "state", c->state);
+	ctl_json_text(&d->json, "message", c->message);
+	ctl_json_text(&d->json, "hint", c->hint[0] ? c->hint : NULL);
+	ctl_json_close(&d->json, '}');
+}
+
+static void say(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
+	__attribute__((format(printf, 5, 6)));
+static void say(struct doctor *d, const char *name, const char *state, const char *hint, const char *fmt, ...)
+{
+	char text[1024];
+	va_list ap;
+
+	va_start(ap, fmt);
+	vsnprintf(text, sizeof(text), fmt, ap);
+	va_end(ap);
+	tell(d, &(const struct acut_check){.name = name, .state = state, .message = text, .hint = hint});
+}
+
+/* ---- this side ---- */
+
+/* In the group, but not in this session: it was added after the login. */
+static bool joined_since(const char *group)
+{
+	const struct group *gr = getgrnam(group);
+	const struct passwd *pw = getpwuid(geteuid());
+	gid_t groups[1024];
+	int n = getgroups(1024, groups);
+	bool member = false;
+
+	if (!gr || !pw)
+		return false;
+	for (int i = 0; i < n; i++)
+		if (groups[i] == gr->gr_gid)
+			return false;
+	for (char **name = gr->gr_mem; *name; name++)
+		member |= !strcmp(*name, pw->pw_name);
+	return member && getegid() != gr->gr_gid;
+}
+
+static void told_refused(struct doctor *d, const char *path, const struct err *why)
+{
+	if (joined_since("acut"))
+		say(d, "rights", "wrong", "log out and in again: a group counts from the next login",
+		    "%s: this user is in the group acut, but this session is not", why->message);
+	else
+		say(d, "rights", "wrong", why->hint[0] ? why->hint : "an administrator can add the user to the group: adduser USER acut",
+		    "%s%s%s", path ? path : "", path ? ": " : "", why->message);
+}
+
+/* Why nobody answers there, as far as the name tells it. */
+static void told_unreachable(struct doctor *d, const char *path, const struct err *why)
+{
+	static const char start[] = "systemctl start acutd.socket; systemctl status acutd shows why it does not run";
+	struct stat st;
+
+	if (!path)
+		say(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or say with --socket where it listens", "%s",
+		    why->message);
+	else if (stat(path, &st) < 0 && errno == ENOENT)
+		say(d, "socket", "wrong", start, "there is no socket %s: acutd does not run, or listens elsewhere", path);
+	else if (stat(path, &st) < 0)
+		say(d, "socket", "wrong", "look at the rights of its folder", "the socket %s cannot be looked at: %s", path,
+		    strerror(errno));
+	else if (!S_ISSOCK(st.st_mode))
+		say(d, "socket", "wrong", "give the path of acutd's socket with --socket or ACUT_SOCKET", "%s is no socket", path);
+	else if (why->code == ERR_NODAEMON)
+		say(d, "socket", "wrong", start, "nobody listens at %s: acutd has ended and left its socket behind", path);
+	else
+		say(d, "socket", "wrong", why->hint, "%s", why->message);
+}
+
+static void check_build(struct doctor *d)
+{
+	const char *build = acut_daemon_build(d->ctl->acut);
+	double seconds;
+
+	if (strcmp(build, ACUT_VERSION))
+		say(d, "version", "warning", "install acutctl and acutd of one release, then: systemctl restart acutd",
+		    "acutctl is %s, acutd is %s", ACUT_VERSION, build);
+	else
+		say(d, "version", "ok", "", "acutctl and acutd are %s", build);
+	if (acut_ping(d->ctl->acut, &seconds))
+		say(d, "answer", "wrong", "journalctl -t acutd", "acutd does not answer: %s", acut_error(d->ctl->acut)->message);
+	else if (seconds > 1)
+		say(d, "answer", "warning", "look at the load of the machine and the health of its disk",
+		    "acutd took %.1f seconds to answer", seconds);
+	else
+		say(d, "answer", "ok", "", "acutd answered in %.1f ms", 1e3 * seconds);
+}
+
+static void check_sync(struct doctor *d)
+{
+	struct timex t = {0};
+	int r = adjtimex(&t);
+
+	if (r < 0)
+		say(d, "time", "unknown", "", "whether the clock is synchronised cannot be asked: %s", strerror(errno));
+	else if (t.status & STA_UNSYNC)
+		say(d, "time", "warning", "have it set by NTP: timedatectl set-ntp true", "the clock of this machine is not synchronised");
+	else
+		say(d, "time", "ok", "", "the clock of this machine is synchronised");
+}
+
+/* ---- all ---- */
+
+static int ask(struct doctor *d)
+{
+	const char *path = ctl_connect_path(d->ctl);
+	struct err err = ERR_INIT;
+
+	if (ctl_connect_try(d->ctl, &err)) {
+		if (ctl_signal_caught() || ctl_signal_late(d->ctl))
+			return -1;
+		if (err.code == ERR_PERM)
+			told_refused(d, path, &err);
+		else
+			told_unreachable(d, path, &err);
+		return err_exit_status(err.code);
+	}
+	say(d, "socket", "ok", "", "%s answers", path ? path : "the private daemon");
+	check_build(d);
+	check_sync(d);
+	if (!acut_doctor(d->ctl->acut, tell, d))
+		return d->wrong ? 1 : CTL_DONE;
+	ctl_error_from_acut(d->ctl->acut, NULL, &err);
+	if (err.code == ERR_UNSUPPORTED) {
+		say(d, "daemon", "unknown", "install acutctl and acutd of one release", "this acutd cannot be asked: %s", err.message);
+		return d->wrong ? 1 : CTL_DONE;
+	}
+	say(d, "daemon", "wrong", err.hint, "acutd cannot tell: %s", err.message);
+	return err_exit_status(err.code);
+}
+
+int ctl_doctor_run(struct ctl *ctl)
+{
+	struct doctor d = {.ctl = ctl, .json = {.out = ctl->report}};
+	struct err err = ERR_INIT;
+	int status;
+
+	if (ctl->args.json) {
+		ctl_json_open(&d.json, NULL, '{');
+		ctl_json_open(&d.json, "checks", '[');
+	}
+	status = ask(&d);
+	if (status < 0) {
+		err_set(&err, ERR_CANCELLED, "interrupted");
+		return ctl_error(ctl, &err);
+	}
+	if (ctl->args.json) {
+		ctl_json_close(&d.json, ']');
+		ctl_json_u64(&d.json, "ok", d.ok);
+		ctl_json_u64(&d.json, "warnings", d.warnings);
+		ctl_json_u64(&d.json, "wrong", d.wrong);
+		ctl_json_u64(&d.json, "unknown", d.unknown);
+		ctl_json_close(&d.json, '}');
+		ctl_json_line(&d.json);
+	} else if (!ctl->args.quiet) {
+		fprintf(ctl->report, "%s: %u ok, %u warning%s, %u wrong%s\n", d.wrong ? "something is wrong" : d.warnings ? "it works" : "all is well",
+			d.ok, d.warnings, d.warnings == 1 ? "" : "s", d.wrong, d.unknown ? ", some is not known" : "");
+	}
+	return status;
+}

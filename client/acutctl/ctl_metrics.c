@@ -1,0 +1,264 @@
+/*
+ * metrics: numbers of the daemon in the Prometheus text format, on standard output or as a file for the node exporter.
+ *
+ * The model: samples come in pages, and the format wants all of one name together; so they are gathered as text, a
+ * buffer for each name, and written when the last page is there. A file appears whole or not at all: it is written
+ * beside its place under a name that the node exporter does not read, and renamed. Where no daemon answers, the file says
+ * so (acut_up 0).
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <pwd.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "ctl.h"
+
+struct family {
+	struct family *next; /* in the order of their first samples */
+	char *name, *type, *help, *lines;
+	size_t size;
+	FILE *out; /* into lines */
+};
+
+struct user {
+	struct user *next;
+	char uid[16], name[64];
+};
+
+struct gathering {
+	struct family *first, **end;
+	struct user *users;
+	bool no_memory;
+};
+
+/* ---- gathering ---- */
+
+static struct family *family_of(struct gathering *g, const struct acut_metric *m)
+{
+	struct family *f;
+
+	for (f = g->first; f && strcmp(f->name, m->name); f = f->next)
+		;
+	if (f)
+		return f;
+	f = calloc(1, sizeof(*f));
+	if (!f)
+		return NULL;
+	f->name = strdup(m->name);
+	f->type = strdup(m->type);
+	f->help = strdup(m->help);
+	f->out = open_memstream(&f->lines, &f->size);
+	*g->end = f;
+	g->end = &f->next;
+	return f->name && f->type && f->help && f->out ? f : NULL;
+}
+
+/* The name of a user, as this machine knows it now; "": it does not. */
+static const char *user_name(struct gathering *g, const char *uid)
+{
+	struct user *u;
+	struct passwd *pw;
+
+	for (u = g->users; u && strcmp(u->uid, uid); u = u->next)
+		;
+	if (u)
+		return u->name;
+	u = calloc(1, sizeof(*u));
+	if (!u)
+		return "";
+	snprintf(u->uid, sizeof(u->uid), "%s", uid);
+	pw = getpwuid((uid_t)strtoul(uid, NULL, 10));
+	if (pw)
+		snprintf(u->name, sizeof(u->name), "%s", pw->pw_name);
+	u->next = g->users;
+	g->users = u;
+	return u->name;
+}
+
+/* As the format has it: backslash, line feed, and in values of labels the quote. */
+static void escaped(FILE *out, const char *text, bool quote)
+{
+	for (; *text; text++) {
+		if (*text == '\\' || (quote && *text == '"'))
+			fputc('\\', out);
+		if (*text == '\n')
+			fputs("\\n", out);
+		else
+			fputc(*text, out);
+	}
+}
+
+static void number(FILE *out, double v)
+{
+	if (isnan(v))
+		fputs("NaN", out);
+	else if (isinf(v))
+		fputs(v < 0 ? "-Inf" : "+Inf", out);
+	else if (v == floor(v) && fabs(v) < 9007199254740992.0)
+		fprintf(out, "%.0f", v);
+	else
+		fprintf(out, "%.17g", v);
+}
+
+static void add_label(FILE *out, bool first, const char *name, const char *value)
+{
+	fprintf(out, "%s%s=\"", first ? "{" : ",", name);
+	escaped(out, value, true);
+	fputc('"', out);
+}
+
+static void gather(void *ctx, const struct acut_metric *m)
+{
+	struct gathering *g = ctx;
+	struct family *f = family_of(g, m);
+	const char *name;
+
+	if (!f) {
+		g->no_memory = true;
+		return;
+	}
+	fputs(m->name, f->out);
+	for (size_t i = 0; i < m->nlabel; i++) {
+		add_label(f->out, !i, m->label[2 * i], m->label[2 * i + 1]);
+		name = !strcmp(m->label[2 * i], "uid") ? user_name(g, m->label[2 * i + 1]) : "";
+		if (*name)
+			add_label(f->out, false, "user", name);
+	}
+	fputs(m->nlabel ? "} " : " ", f->out);
+	number(f->out, m->value);
+	fputc('\n', f->out);
+}
+
+static void gathering_done(struct gathering *g)
+{
+	struct family *f;
+	struct user *u;
+
+	while ((f = g->first)) {
+		g->first = f->next;
+		if (f->out)
+			fclose(f->out);
+		free(f->lines);
+		free(f->name);
+		free(f->type);
+		free(f->help);
+		free(f);
+	}
+	while ((u = g->users)) {
+		g->users = u->next;
+		free(u);
+	}
+}
+
+static void write_all(struct gathering *g, FILE *out)
+{
+	for (struct family *f = g->first; f; f = f->next) {
+		if (fflush(f->out))
+			g->no_memory = true;
+		fprintf(out, "# HELP %s ", f->name);
+		escaped(out, f->help, false);
+		fprintf(out, "\n# TYPE %s %s\n", f->name, f->type);
+		fwrite(f->lines, 1, f->size, out);
+	}
+}
+
+/* ---- JSON ---- */
+
+static void tell_json(void *ctx, const struct acut_metric *m)
+{
+	struct ctl_json *j = ctx;
+
+	ctl_json_open(j, NULL, '{');
+	ctl_json_text(j, "name", m->name);
+	ctl_json_text(j, "type", m->type);
+	ctl_json_open(j, "labels", '{');
+	for (size_t i = 0; i < m->nlabel; i++)
+		ctl_json_text(j, m->label[2 * i], m->label[2 * i + 1]);
+	ctl_json_close(j, '}');
+	ctl_json_number(j, "value", m->value);
+	ctl_json_close(j, '}');
+	ctl_json_line(j);
+}
+
+/* ---- the file ---- */
+
+static int publish(struct gathering *g, const char *path, struct err *err)
+{
+	char temp[4096];
+	FILE *out;
+	int fd, r = 0, saved;
+
+	if ((size_t)snprintf(temp, sizeof(temp), "%s.%ld.tmp", path, (long)getpid()) >= sizeof(temp))
+		return err_set(err, ERR_USAGE, "the name of the file is too long: %.100s", path);
+	unlink(temp);
+	fd = open(temp, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0644);
+	if (fd < 0) {
+		err_sys(err, errno, "cannot make the file");
+		return err_add_file(err, temp);
+	}
+	out = fdopen(fd, "w");
+	if (!out) {
+		close(fd);
+		unlink(temp);
+		return err_set(err, ERR_NOMEM, "no memory for a file");
+	}
+	write_all(g, out);
+	/* Whoever collects is another user, whatever the umask says. */
+	errno = 0;
+	if (fflush(out) || ferror(out) || fchmod(fd, 0644) < 0)
+		r = err_sys(err, errno ? errno : EIO, "cannot write the file");
+	saved = fclose(out) ? errno : 0;
+	if (!r && saved)
+		r = err_sys(err, saved, "cannot write the file");
+	if (!r && rename(temp, path) < 0)
+		r = err_sys(err, errno, "cannot rename the file to its name");
+	if (!r)
+		return 0;
+	unlink(temp);
+	return err_add_file(err, path);
+}
+
+static int finish(struct ctl *ctl, struct gathering *g)
+{
+	struct err err = ERR_INIT;
+
+	if (g->no_memory)
+		err_set(&err, ERR_NOMEM, "no memory for all metrics");
+	else if (ctl->args.textfile)
+		publish(g, ctl->args.textfile, &err);
+	else
+		write_all(g, ctl->report);
+	return err.code ? ctl_error(ctl, &err) : CTL_DONE;
+}
+
+int ctl_metrics_run(struct ctl *ctl)
+{
+	static const struct acut_metric down = {.name = "acut_up", .type = "gauge", .help = "1: acutd answers."};
+	struct gathering g = {.end = &g.first};
+	struct ctl_json j = {.out = ctl->report, .list = true};
+	struct err err = ERR_INIT;
+	int status, told;
+
+	if (ctl->args.json && ctl->args.textfile) {
+		err_set(&err, ERR_USAGE, "--textfile writes the format of Prometheus, not JSON");
+		return ctl_error(ctl, &err);
+	}
+	status = ctl_connect(ctl);
+	if (!status && acut_metrics(ctl->acut, ctl->args.json ? tell_json : gather, ctl->args.json ? (void *)&j : &g))
+		status = ctl_error_acut(ctl);
+	if (!status && !ctl->args.json)
+		status = finish(ctl, &g);
+	else if (status && ctl->args.textfile && !ctl_signal_caught()) {
+		gathering_done(&g);
+		g = (struct gathering){.end = &g.first};
+		gather(&g, &down);
+		told = finish(ctl, &g);
+		status = told ? told : status;
+	}
+	gathering_done(&g);
+	return status;
+}

@@ -1,0 +1,86 @@
+/*
+ * When all that is stored was verified last, and what came of it: a line in the state folder, so that it is known after
+ * a restart. It is no part of what is kept: where it cannot be read or written nothing else fails.
+ */
+#include <fcntl.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "io.h"
+#include "job_priv.h"
+#include "log.h"
+
+static const char *const name = "last-verify";
+#define LINE "acut-verified 1 %" SCNd64 " %" SCNu64 " %" SCNu64 " %" SCNu64 " %" SCNu64 " %c"
+
+void verified_load(struct jobs *j)
+{
+	struct err err = ERR_INIT;
+	struct verified v = {0};
+	char text[160], end = 0;
+	size_t n = 0;
+	int fd;
+
+	if (io_open(j->p.statefd, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK, 0, &fd, &err))
+		return; /* never verified */
+	if (!io_read_some(fd, text, sizeof text - 1, 0, name, &n, &err)) {
+		text[n] = 0;
+		if (sscanf(text, LINE, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &end) == 6 && end == '.')
+			j->verified = v;
+	}
+	io_close(fd);
+}
+
+struct noting {
+	struct sched_task task;
+	struct jobs *jobs;
+	struct verified v;
+};
+
+static void note_run(struct sched_task *t)
+{
+	const struct verified *v = &((struct noting *)t)->v;
+	int dirfd = ((struct noting *)t)->jobs->p.statefd, fd;
+	struct err err = ERR_INIT;
+	char text[160];
+	int n, r = io_open(dirfd, "last-verify.tmp", O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW, 0600, &fd, &err);
+
+	if (!r) {
+		n = snprintf(text, sizeof text, "acut-verified 1 %" PRId64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " .\n",
+			     v->at_us, v->files, v->bytes, v->damaged, v->derived);
+		r = io_write_at(fd, text, (size_t)n, 0, name, &err);
+		if (!r)
+			r = io_publish(dirfd, fd, "last-verify.tmp", name, &err);
+		else
+			io->unlinkat(dirfd, "last-verify.tmp", 0);
+		io_close(fd);
+	}
+	if (r)
+		log_event_err(LOG_EVENT_STORE_FAILED, NULL, "that all was verified is forgotten at the next start", &err);
+}
+
+static void note_done(struct sched_task *t)
+{
+	struct noting *x = (struct noting *)t;
+
+	x->jobs->background--;
+	free(x);
+}
+
+void verified_note(struct jobs *j, const struct cache_verified *found)
+{
+	struct noting *x = calloc(1, sizeof *x);
+
+	j->verified = (struct verified){.at_us = clock_real_us(), .files = found->files, .bytes = found->bytes,
+					.damaged = found->damaged, .derived = found->derived};
+	if (!x)
+		return;
+	x->task = (struct sched_task){.run = note_run, .done = note_done, .priority = SCHED_NORMAL};
+	x->jobs = j;
+	x->v = j->verified;
+	j->background++;
+	sched_submit(j->p.sched, &x->task);
+}

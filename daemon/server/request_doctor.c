@@ -1,0 +1,337 @@
+/*
+ * Doctor: what the daemon can see of whether all is well, as checks: a name, a state, a sentence, and what to do.
+ *
+ * The model: a worker looks at disks and grids (house_look), the rest is known; then all checks are made at once. "wrong"
+ * is what keeps the service from what it promises, now: somebody has to do something. A "warning" may become that.
+ * Counts are since the start of the daemon. What is checked from the client's side (socket, clock, groups) is the client's.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "log.h"
+#include "parse.h"
+#include "rights.h"
+#include "server_priv.h"
+
+enum { CHECKS = 32, SENTENCE = 512 };
+enum { OK, WARNING, WRONG, UNKNOWN };
+static const char *const states[] = {"ok", "warning", "wrong", "unknown"};
+
+#define DAY 86400.0
+#define VERIFY_DAYS 35 /* the timer asks for it each week */
+#define PROCESS_BYTES (UINT64_C(48) << 20) /* of the process beside its budget */
+
+struct visit {
+	struct request *q;
+	int64_t client_us;
+	Acut__V1__Doctor doctor;
+	Acut__V1__DoctorCheck check[CHECKS], *checks[CHECKS];
+	char message[CHECKS][SENTENCE], hint[CHECKS][SENTENCE];
+};
+
+static void say(struct visit *v, const char *name, int state, const char *hint, const char *fmt, ...)
+	__attribute__((format(printf, 5, 6)));
+static void say(struct visit *v, const char *name, int state, const char *hint, const char *fmt, ...)
+{
+	size_t n = v->doctor.n_checks;
+	Acut__V1__DoctorCheck *c = &v->check[n];
+	va_list ap;
+
+	if (n == CHECKS)
+		abort();
+	acut__v1__doctor_check__init(c);
+	va_start(ap, fmt);
+	vsnprintf(v->message[n], SENTENCE, fmt, ap);
+	va_end(ap);
+	snprintf(v->hint[n], SENTENCE, "%s", state == OK ? "" : hint);
+	c->name = (char *)name;
+	c->state = (char *)states[state];
+	c->message = v->message[n];
+	c->hint = v->hint[n];
+	v->checks[v->doctor.n_checks++] = c;
+}
+
+static unsigned long long count(enum log_event e)
+{
+	return (unsigned long long)log_event_count(e);
+}
+
+/* ---- the peer, and the process ---- */
+
+static void check_rights(struct visit *v, const struct server *s, const struct job_peer *peer)
+{
+	say(v, "rights", OK, "", "user %u (group %u and %u more) may submit and push%s", peer->uid, peer->gid, peer->ngroups,
+	    rights_admin(peer) ? ", and is an administrator" : "; sees its own and what it may read");
+	if (s->p.rights.gid == RIGHTS_NOBODY && !s->p.rights.group[0])
+		say(v, "group", OK, "", "no group is set: who reaches the socket may submit");
+	else if (s->p.rights.gid == RIGHTS_NOBODY)
+		say(v, "group", WRONG, "make the group (addgroup --system NAME), then: systemctl restart acutd",
+		    "the group %s that may submit does not exist", s->p.rights.group);
+	else
+		say(v, "group", OK, "", "members of the group %s may submit", s->p.rights.group);
+}
+
+static unsigned open_files(void)
+{
+	DIR *dir = opendir("/proc/self/fd");
+	unsigned n = 0;
+
+	while (dir && readdir(dir))
+		n++;
+	if (dir)
+		closedir(dir);
+	return n > 3 ? n - 3 : 0; /* ".", "..", and the folder itself */
+}
+
+static void check_files(struct visit *v)
+{
+	static const char hint[] = "raise LimitNOFILE= of acutd.service (16384), or the limit of the shell that starts acutd";
+	unsigned n = open_files();
+	struct rlimit files;
+
+	if (getrlimit(RLIMIT_NOFILE, &files) != 0)
+		say(v, "files", UNKNOWN, "", "the limit of open files cannot be asked: %s", strerror(errno));
+	else if (n + 32 > files.rlim_cur || n > files.rlim_cur - files.rlim_cur / 10)
+		say(v, "files", WRONG, hint, "%u files are open, of %llu that may be", n, (unsigned long long)files.rlim_cur);
+	else if (files.rlim_cur < 1024 || count(LOG_EVENT_CLIENTS_WAIT))
+		say(v, "files", WARNING, hint, "%u files are open, of %llu that may be; clients had to wait for one %llu times", n,
+		    (unsigned long long)files.rlim_cur, count(LOG_EVENT_CLIENTS_WAIT));
+	else
+		say(v, "files", OK, "", "%u files are open, of %llu that may be", n, (unsigned long long)files.rlim_cur);
+}
+
+static void check_memory(struct visit *v, const struct server *s)
+{
+	char a[32], b[32], c[32];
+	uint64_t peak = jobs_peak_rss();
+
+	parse_size_text(s->p.memory, a);
+	parse_size_text(peak, b);
+	if (s->p.memory_most != UINT64_MAX && s->p.memory_most != 0 && s->p.memory_most < s->p.memory + PROCESS_BYTES)
+		say(v, "memory", WRONG, "raise MemoryMax= of acutd.service, or lower memory in acutd.conf: 48M less than MemoryMax=",
+		    "acutd may use %s, but its control group leaves it %s", a, parse_size_text(s->p.memory_most, c));
+	else if (peak > s->p.memory + PROCESS_BYTES)
+		say(v, "memory", WARNING, "please report this, with the output of acutctl status --json",
+		    "acutd had %s resident, more than its memory of %s", b, a);
+	else
+		say(v, "memory", OK, "", "%s, at most %s were resident so far", a, b);
+}
+
+static void check_clock(struct visit *v)
+{
+	int64_t now = clock_real_us();
+	double skew = (double)(v->client_us - now) / 1e6;
+
+	if (now < INT64_C(1700000000) * 1000000 || now > INT64_C(7258118400) * 1000000)
+		say(v, "clock", WRONG, "set the clock: what was pushed is dated by it (timedatectl)", "the clock of acutd is far off");
+	else if (v->client_us && (skew > 5 || skew < -5))
+		say(v, "clock", WARNING, "set both clocks by NTP (timedatectl)", "the clocks of acutctl and acutd differ by %.0f seconds",
+		    skew < 0 ? -skew : skew);
+	else
+		say(v, "clock", OK, "", "acutctl and acutd have the same time");
+}
+
+/* ---- the disk ---- */
+
+static void check_side(struct visit *v, const char *name, const char *folder, const struct house_side *h,
+		       const struct space_side *s)
+{
+	static const char room[] = "make room on the disk; acutctl cache stat shows what acut holds, cache gc --all frees what can be "
+				   "made again, dataset rm and prune the rest";
+	char a[32], b[32];
+
+	parse_size_text(h->free, a);
+	parse_size_text(s->keep_free, b);
+	if (h->sys)
+		say(v, name, WRONG, "look at the mount of the folder", "%s cannot be looked at: %s", folder, strerror(h->sys));
+	else if (h->read_only)
+		say(v, name, WRONG, "look into dmesg for errors of the disk, mend the file system, and mount it for writing",
+		    "%s is on a file system that is mounted for reading only", folder);
+	else if (h->free <= s->keep_free)
+		say(v, name, WRONG, room, "%s are free for %s, and %s have to stay free: nothing can be pushed", a, folder, b);
+	else if (s->quota != UINT64_MAX && s->used >= s->quota)
+		say(v, name, WRONG, room, "the quota of %s for %s is used up", parse_size_text(s->quota, b), folder);
+	else if (h->files && h->files_free < 1000)
+		say(v, name, WRONG, "remove files that nobody needs from the file system, or make one with more inodes",
+		    "%llu inodes are free for %s", (unsigned long long)h->files_free, folder);
+	else if (h->files && h->files_free < h->files / 50)
+		say(v, name, WARNING, "remove files that nobody needs from the file system, or make one with more inodes",
+		    "%llu of %llu inodes are free for %s", (unsigned long long)h->files_free, (unsigned long long)h->files, folder);
+	else if (h->free - s->keep_free < h->total / 20 || (s->quota != UINT64_MAX && s->used > s->quota - s->quota / 20))
+		say(v, name, WARNING, room, "space for %s runs low: %s are free, %s of them have to stay free", folder, a, b);
+	else
+		say(v, name, OK, "", "%s are free for %s", a, folder);
+}
+
+static void check_verify(struct visit *v, const struct jobs_numbers *n)
+{
+	static const char how[] = "acutctl cache verify reads all; acut-verify.timer does it each week (systemctl enable --now "
+				  "acut-verify.timer)";
+	const struct verified *last = &n->verified;
+	double days = (double)(clock_real_us() - last->at_us) / 1e6 / DAY;
+
+	if (last->at_us && last->damaged)
+		say(v, "verify", WRONG, "acutctl cache verify names what is damaged: push it again or import a backup, and look at the "
+					"disk's health (smartctl, dmesg)",
+		    "the last verification, %.0f days ago, found %llu damaged things of what was pushed", days,
+		    (unsigned long long)last->damaged);
+	else if (!last->at_us)
+		say(v, "verify", n->datasets ? WARNING : OK, how, "what is stored was never verified");
+	else if (days > VERIFY_DAYS)
+		say(v, "verify", WARNING, how, "what is stored was verified last %.0f days ago", days);
+	else
+		say(v, "verify", OK, "", "all was read %.0f days ago: %llu files, none of what was pushed damaged", days < 0 ? 0 : days,
+		    (unsigned long long)last->files);
+}
+
+static void check_damage(struct visit *v)
+{
+	if (count(LOG_EVENT_DAMAGE) || count(LOG_EVENT_VERIFY_DAMAGE))
+		say(v, "damage", WRONG, "acutctl cache verify names what is damaged: push it again or import a backup, and look at the "
+					"disk's health (smartctl, dmesg)",
+		    "damage of what was pushed was met %llu times since the start", count(LOG_EVENT_DAMAGE));
+	else if (count(LOG_EVENT_DAMAGE_DERIVED))
+		say(v, "damage", WARNING, "look at the disk's health (smartctl, dmesg)",
+		    "things in the cache were damaged %llu times since the start, and made again", count(LOG_EVENT_DAMAGE_DERIVED));
+	else
+		say(v, "damage", OK, "", "nothing damaged was met since the start");
+}
+
+static void check_geoids(struct visit *v, const struct house_looked *h)
+{
+	if (h->geoids_bad || (!h->geoids && *h->geoid_why))
+		say(v, "geoids", WRONG, "remove it and add it again: acutctl geoid rm, acutctl geoid add", "%u of %u geoid grids cannot be "
+		    "used: %s", h->geoids_bad, h->geoids, h->geoid_why);
+	else
+		say(v, "geoids", OK, "", "%u geoid grids are kept", h->geoids);
+}
+
+/* ---- the work ---- */
+
+static void check_catalogue(struct visit *v, const struct jobs_numbers *n)
+{
+	static const char hint[] = "look at the space and the health of the disk with the state folder, then: systemctl restart acutd";
+
+	if (n->unsure)
+		say(v, "catalogue", WRONG, hint, "the catalogue cannot be written: nothing is acknowledged");
+	else if (count(LOG_EVENT_CATALOGUE_FAILED))
+		say(v, "catalogue", WARNING, hint, "the catalogue could not be written %llu times since the start",
+		    count(LOG_EVENT_CATALOGUE_FAILED));
+	else
+		say(v, "catalogue", OK, "", "it can be written; datasets: %llu, jobs: %llu", (unsigned long long)n->datasets, (unsigned long long)n->kept);
+}
+
+static void check_pushes(struct visit *v, const struct jobs_numbers *n)
+{
+	if (n->pending && n->pending_left < DAY)
+		say(v, "pushes", WARNING, "push the same files again: what is there is not read twice (acutctl datasets shows where)",
+		    "%llu interrupted pushes wait, the first is dropped in %.0f hours", (unsigned long long)n->pending,
+		    n->pending_left < 0 ? 0 : n->pending_left / 3600);
+	else if (n->pending)
+		say(v, "pushes", OK, "", "%llu interrupted pushes wait to be pushed again, %llu go on", (unsigned long long)n->pending,
+		    (unsigned long long)n->pushes);
+	else
+		say(v, "pushes", OK, "", "%llu go on, none was interrupted", (unsigned long long)n->pushes);
+}
+
+static void check_jobs(struct visit *v, const struct jobs_numbers *n)
+{
+	uint64_t unfinished = 0;
+
+	for (int i = 0; i < JOB_STATES; i++)
+		unfinished += n->states[i];
+	if (n->waiting_space)
+		say(v, "jobs", WARNING, "acutctl jobs shows for how much; make room, or acutctl cache gc --all",
+		    "%llu jobs wait for room on the disk", (unsigned long long)n->waiting_space);
+	else if (n->oldest_waiting > 3600)
+		say(v, "jobs", WARNING, "acutctl jobs shows what each waits for: give acutd more memory or threads, or cancel jobs",
+		    "the oldest of %llu jobs waits for %.1f hours", (unsigned long long)unfinished, n->oldest_waiting / 3600);
+	else
+		say(v, "jobs", OK, "", "%llu are not over; since the start %llu were done, %llu failed", (unsigned long long)unfinished,
+		    count(LOG_EVENT_JOB_DONE), count(LOG_EVENT_JOB_FAILED));
+}
+
+/* What was told and nobody may have read. */
+static void check_log(struct visit *v, const struct server *s)
+{
+	static const enum log_event told[] = {LOG_EVENT_SLOW, LOG_EVENT_STORE_FAILED, LOG_EVENT_LEFTOVER, LOG_EVENT_MERGE_FAILED,
+					      LOG_EVENT_CONFIG_REFUSED, LOG_EVENT_SPACE_UNKNOWN, LOG_EVENT_UNREADABLE,
+					      LOG_EVENT_CLIENT_TURNED_AWAY};
+	unsigned bad = 0;
+
+	if (s->p.warning) {
+		say(v, "start", WARNING, "", "%s", s->p.warning);
+		bad++;
+	}
+	for (size_t i = 0; i < sizeof told / sizeof *told; i++) {
+		char hint[96];
+
+		if (!log_event_count(told[i]))
+			continue;
+		bad++;
+		snprintf(hint, sizeof hint, "journalctl -x -t acutd MESSAGE_ID=%s", log_event_id(told[i]));
+		say(v, "log", WARNING, hint, "%s: %llu times since the start", log_event_subject(told[i]), count(told[i]));
+	}
+	if (!bad)
+		say(v, "log", OK, "", "no warnings since the start, %.1f hours ago", clock_since(s->started_ns) / 3600);
+}
+
+/* ---- all ---- */
+
+static void looked(void *token, const struct err *why, const struct house_looked *h)
+{
+	struct visit *v = token;
+	struct request *q = v->q;
+	struct server *s = q->conn->server;
+	struct jobs_numbers n;
+	struct cache_stat st;
+
+	if (why) {
+		request_refuse(q, why);
+		free(v);
+		return;
+	}
+	jobs_numbers(s->jobs, &n);
+	cache_stat(s->jobs, &st);
+	check_rights(v, s, &q->conn->peer);
+	check_files(v);
+	check_memory(v, s);
+	check_clock(v);
+	check_side(v, "state", s->p.state_dir, &h->state, &st.space.state);
+	check_side(v, "cache", s->p.cache_dir, &h->cache, &st.space.cache);
+	check_verify(v, &n);
+	check_damage(v);
+	check_geoids(v, h);
+	check_catalogue(v, &n);
+	check_pushes(v, &n);
+	check_jobs(v, &n);
+	check_log(v, s);
+	request_answer(q, FRAME_MESSAGE(DOCTOR, doctor, &v->doctor));
+	free(v);
+}
+
+void request_doctor(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	struct visit *v = calloc(1, sizeof *v);
+	struct err err = ERR_INIT;
+
+	if (!v) {
+		err_set(&err, ERR_NOMEM, "no memory for a doctor");
+		request_refuse(q, &err);
+		return;
+	}
+	acut__v1__doctor__init(&v->doctor);
+	v->doctor.checks = v->checks;
+	v->client_us = m->doctor_request->now_us;
+	v->q = q;
+	house_look(c->server->jobs, &c->peer, looked, v);
+}

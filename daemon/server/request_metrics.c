@@ -1,0 +1,358 @@
+/*
+ * Metrics: numbers for who watches the daemon, in pages.
+ *
+ * The model: a page is built in one piece of memory, families with their samples behind one another. The first page is
+ * of the daemon; then come datasets by name ("d" and the last name is the cursor), then users by number ("u" and the
+ * next one). Counters are since the start of the daemon. Who is no admin sees datasets that he may read, and himself.
+ * Names keep the rules of Prometheus: base units, _total of counters, nothing twice; what a number means stands with it.
+ */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "clock.h"
+#include "ledger.h"
+#include "log.h"
+#include "rights.h"
+#include "server_priv.h"
+#include "space.h"
+
+enum {
+	FAMILIES = 72,
+	SAMPLES = 400,
+	LABELS = 2, /* of a sample, at most */
+	DATASETS = 40, /* of a page: each takes 1 KiB at most */
+	USERS = 96,
+	TEXT = 24,  /* of a number */
+};
+
+struct page {
+	Acut__V1__Metrics metrics;
+	Acut__V1__MetricFamily family[FAMILIES], *families[FAMILIES];
+	Acut__V1__MetricSample sample[SAMPLES], *samples[SAMPLES];
+	Acut__V1__MetricLabel label[SAMPLES * LABELS], *labels[SAMPLES * LABELS];
+	size_t nsamples, nlabels;
+	char events[LOG_EVENTS][32];
+	char uid[DATASETS > USERS ? DATASETS : USERS][TEXT];
+	struct dataset_info dataset[DATASETS];
+	struct jobs_user user[USERS];
+	char next[128];
+};
+
+/* What follows, until the next one, are its samples. */
+static void family(struct page *p, const char *name, const char *type, const char *help)
+{
+	Acut__V1__MetricFamily *f = &p->family[p->metrics.n_families];
+
+	if (p->metrics.n_families == FAMILIES)
+		abort();
+	acut__v1__metric_family__init(f);
+	f->name = (char *)name;
+	f->type = (char *)type;
+	f->help = (char *)help;
+	f->samples = p->samples + p->nsamples;
+	p->families[p->metrics.n_families++] = f;
+}
+
+static void label(struct page *p, Acut__V1__MetricSample *s, const char *name, const char *value)
+{
+	Acut__V1__MetricLabel *l = &p->label[p->nlabels];
+
+	acut__v1__metric_label__init(l);
+	l->name = (char *)name;
+	l->value = (char *)value;
+	p->labels[p->nlabels++] = l;
+	s->n_labels++;
+}
+
+/* Labels: NULL, "" are none. */
+static void sample2(struct page *p, double value, const char *name, const char *text, const char *name2, const char *text2)
+{
+	Acut__V1__MetricSample *s = &p->sample[p->nsamples];
+
+	if (p->nsamples == SAMPLES)
+		abort();
+	acut__v1__metric_sample__init(s);
+	s->value = value;
+	s->labels = p->labels + p->nlabels;
+	if (name)
+		label(p, s, name, text);
+	if (name2)
+		label(p, s, name2, text2);
+	p->samples[p->nsamples++] = s;
+	p->family[p->metrics.n_families - 1].n_samples++;
+}
+
+static void sample(struct page *p, double value, const char *name, const char *text)
+{
+	sample2(p, value, name, text, NULL, NULL);
+}
+
+static void gauge(struct page *p, const char *name, const char *help, double value)
+{
+	family(p, name, "gauge", help);
+	sample(p, value, NULL, NULL);
+}
+
+static void counter(struct page *p, const char *name, const char *help, uint64_t value)
+{
+	family(p, name, "counter", help);
+	sample(p, (double)value, NULL, NULL);
+}
+
+/* ---- the first page ---- */
+
+static void add_process(struct page *p, struct server *s)
+{
+	struct ledger *l = s->p.ledger;
+
+	family(p, "acut_build_info", "gauge", "1, with the version of acutd.");
+	sample(p, 1, "version", s->p.version);
+	gauge(p, "acut_start_time_seconds", "When acutd was started, in seconds since 1970. Counters begin then.",
+	      (double)clock_real_us() / 1e6 - clock_since(s->started_ns));
+	gauge(p, "acut_threads", "Domains that are triangulated at once, at most.", s->p.threads);
+	gauge(p, "acut_memory_limit_bytes", "The memory that acutd may use.", (double)s->p.memory);
+	gauge(p, "acut_resident_memory_bytes", "Resident memory of acutd.", (double)jobs_rss());
+	gauge(p, "acut_resident_memory_peak_bytes", "The most resident memory of acutd since its start.", (double)jobs_peak_rss());
+	family(p, "acut_ledger_bytes", "gauge", "Memory that is taken of the budget, by what it is for.");
+	for (int i = 0; i < LEDGER_NAMES; i++)
+		sample(p, (double)ledger_held(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
+	family(p, "acut_ledger_peak_bytes", "gauge", "The most that was taken of the budget since the start, by what it is for.");
+	for (int i = 0; i < LEDGER_NAMES; i++)
+		sample(p, (double)ledger_peak(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
+	gauge(p, "acut_connections_open", "Clients that are connected.", server_connections(s));
+	counter(p, "acut_connections_total", "Clients that were served since the start.", s->last_conn);
+	counter(p, "acut_refusals_total", "Clients and requests that were refused for rights or limits of a user since the start.",
+		s->refusals.total);
+}
+
+/* One of state and cache; the same file system is told once for each. */
+static void add_sides(struct page *p, const struct space_stat *st)
+{
+	static const struct {
+		const char *name, *help;
+		size_t at;
+	} rows[] = {
+		{"acut_filesystem_size_bytes", "Size of the file system of state and cache.", offsetof(struct space_side, total)},
+		{"acut_filesystem_free_bytes", "What is free on the file system of state and cache.", offsetof(struct space_side, free)},
+		{"acut_filesystem_keep_free_bytes", "What has to stay free there (keep-free).", offsetof(struct space_side, keep_free)},
+		{"acut_disk_used_bytes", "What acutd holds there and the quota is about.", offsetof(struct space_side, used)},
+	};
+
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+		family(p, rows[i].name, "gauge", rows[i].help);
+		sample(p, (double)*(const uint64_t *)((const char *)&st->state + rows[i].at), "side", "state");
+		sample(p, (double)*(const uint64_t *)((const char *)&st->cache + rows[i].at), "side", "cache");
+	}
+	if (st->state.quota == UINT64_MAX && st->cache.quota == UINT64_MAX)
+		return;
+	family(p, "acut_disk_quota_bytes", "gauge", "What acutd may hold there (disk).");
+	if (st->state.quota != UINT64_MAX)
+		sample(p, (double)st->state.quota, "side", "state");
+	if (st->cache.quota != UINT64_MAX)
+		sample(p, (double)st->cache.quota, "side", "cache");
+}
+
+static void add_disk(struct page *p, struct server *s)
+{
+	struct cache_stat st;
+
+	cache_stat(s->jobs, &st);
+	add_sides(p, &st.space);
+	family(p, "acut_stored_bytes", "gauge", "What lies on the disk, by what it is.");
+	for (int k = 0; k < SPACE_KINDS; k++)
+		sample(p, (double)st.space.kind[k].bytes, "kind", space_kind_text((enum space_kind)k));
+	family(p, "acut_stored_entries", "gauge", "How many there are, by what it is.");
+	for (int k = 0; k < SPACE_KINDS; k++)
+		if (st.space.kind[k].entries || k == SPACE_DOMAINS || k == SPACE_SELECTIONS)
+			sample(p, (double)st.space.kind[k].entries, "kind", space_kind_text((enum space_kind)k));
+	counter(p, "acut_evicted_bytes_total", "What was removed of the cache to make room since the start.",
+		st.space.evicted_bytes);
+	counter(p, "acut_evicted_entries_total", "Domains and selections that were removed to make room since the start.",
+		st.space.evicted_files);
+}
+
+static void add_jobs(struct page *p, const struct jobs_numbers *n)
+{
+	family(p, "acut_jobs", "gauge", "Jobs that are not over, by state.");
+	for (int i = 0; i < JOB_STATES; i++)
+		if (!job_state_final((enum job_state)i))
+			sample(p, (double)n->states[i], "state", job_state_text((enum job_state)i));
+	gauge(p, "acut_jobs_kept", "Jobs that are known, over ones included.", (double)n->kept);
+	gauge(p, "acut_job_oldest_waiting_seconds", "How long the oldest job that has not begun waits; 0: none waits.",
+	      n->oldest_waiting);
+	gauge(p, "acut_jobs_waiting_for_space", "Jobs that wait for room on the disk.", (double)n->waiting_space);
+	family(p, "acut_jobs_ended_total", "counter", "Jobs that ended since the start, by result.");
+	sample(p, (double)log_event_count(LOG_EVENT_JOB_DONE), "result", "done");
+	sample(p, (double)log_event_count(LOG_EVENT_JOB_FAILED), "result", "failed");
+	sample(p, (double)log_event_count(LOG_EVENT_JOB_CANCELLED), "result", "cancelled");
+	counter(p, "acut_triangles_made_total", "Triangles that domains were triangulated to since the start.", n->tally.triangles);
+	counter(p, "acut_domains_made_total", "Domains that were triangulated since the start.", n->tally.domains_made);
+	counter(p, "acut_domains_reused_total", "Domains that were found finished since the start.", n->tally.domains_reused);
+}
+
+static void add_pushes(struct page *p, const struct jobs_numbers *n)
+{
+	gauge(p, "acut_pushes_open", "Pushes that go on.", (double)n->pushes);
+	gauge(p, "acut_pushes_pending", "Interrupted pushes that can be taken up.", (double)n->pending);
+	family(p, "acut_pushes_total", "counter", "Pushes that ended since the start, by result.");
+	sample(p, (double)log_event_count(LOG_EVENT_PUSH_COMMITTED), "result", "committed");
+	sample(p, (double)log_event_count(LOG_EVENT_PUSH_FAILED), "result", "failed");
+	sample(p, (double)log_event_count(LOG_EVENT_PUSH_PENDING), "result", "interrupted");
+	counter(p, "acut_files_staged_total", "Files that pushes have read whole since the start.", n->tally.files_staged);
+	counter(p, "acut_files_refused_total", "Files that were refused since the start.", log_event_count(LOG_EVENT_FILE_REFUSED));
+	counter(p, "acut_points_staged_total", "Points that pushes have read since the start.", n->tally.points_staged);
+	counter(p, "acut_input_bytes_total", "Bytes of files that pushes have read since the start.", n->tally.bytes_read);
+	counter(p, "acut_merges_total", "Merges of segments since the start.", n->tally.merges);
+	counter(p, "acut_merged_bytes_total", "Bytes that merges have written since the start.", n->tally.merged_bytes);
+}
+
+static void add_health(struct page *p, const struct jobs_numbers *n)
+{
+	const struct verified *v = &n->verified;
+
+	family(p, "acut_checksum_errors_total", "counter",
+	       "Damaged things that were met since the start, each time: of what was pushed, and of what is made again.");
+	sample(p, (double)log_event_count(LOG_EVENT_DAMAGE), "data", "pushed");
+	sample(p, (double)log_event_count(LOG_EVENT_DAMAGE_DERIVED), "data", "derived");
+	gauge(p, "acut_catalogue_unsure", "1: the catalogue cannot be written.", n->unsure);
+	gauge(p, "acut_datasets", "Named datasets.", (double)n->datasets);
+	gauge(p, "acut_datasets_removed", "Datasets that were removed and can be restored.", (double)n->removed);
+	gauge(p, "acut_last_verify_timestamp_seconds", "When all that is stored was verified last, in seconds since 1970; 0: never.",
+	      (double)v->at_us / 1e6);
+	if (v->at_us) {
+		gauge(p, "acut_last_verify_files", "Files that the last verification read.", (double)v->files);
+		gauge(p, "acut_last_verify_bytes", "Bytes that the last verification read.", (double)v->bytes);
+		family(p, "acut_last_verify_damaged", "gauge",
+		       "Damaged things that the last verification found: of what was pushed, and of what is made again.");
+		sample(p, (double)v->damaged, "data", "pushed");
+		sample(p, (double)v->derived, "data", "derived");
+	}
+	family(p, "acut_events_total", "counter", "Events of the log since the start, by name.");
+	for (int i = 0; i < LOG_EVENTS; i++) {
+		char *to = p->events[i];
+
+		snprintf(to, sizeof p->events[i], "%s", log_event_name((enum log_event)i));
+		for (; *to; to++)
+			*to = *to >= 'A' && *to <= 'Z' ? (char)(*to - 'A' + 'a') : *to;
+		sample(p, (double)log_event_count((enum log_event)i), "event", p->events[i]);
+	}
+}
+
+static void first_page(struct page *p, struct server *s)
+{
+	struct jobs_numbers n;
+
+	jobs_numbers(s->jobs, &n);
+	gauge(p, "acut_up", "1: acutd answers.", 1);
+	add_process(p, s);
+	add_disk(p, s);
+	add_jobs(p, &n);
+	add_pushes(p, &n);
+	add_health(p, &n);
+	snprintf(p->next, sizeof p->next, "d");
+}
+
+/* ---- datasets, users ---- */
+
+static double dataset_bytes(const struct dataset_info *i) { return (double)i->bytes; }
+static double dataset_points(const struct dataset_info *i) { return (double)i->points; }
+static double dataset_files(const struct dataset_info *i) { return (double)i->files; }
+static double dataset_generation(const struct dataset_info *i) { return (double)i->generation; }
+static double dataset_pushed(const struct dataset_info *i) { return (double)i->pushed_us / 1e6; }
+static double dataset_pending(const struct dataset_info *i) { return i->pending; }
+
+static void dataset_page(struct page *p, struct server *s, const struct job_peer *peer, const char *after)
+{
+	static const struct {
+		const char *name, *help;
+		double (*of)(const struct dataset_info *);
+	} rows[] = {
+		{"acut_dataset_bytes", "Bytes on the disk of what was pushed into a dataset.", dataset_bytes},
+		{"acut_dataset_points", "Points of a dataset.", dataset_points},
+		{"acut_dataset_files", "Files that were pushed into a dataset.", dataset_files},
+		{"acut_dataset_generation", "Number of the newest generation of a dataset.", dataset_generation},
+		{"acut_dataset_last_push_timestamp_seconds", "When a push into a dataset was done last, in seconds since 1970; 0: never.",
+		 dataset_pushed},
+		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be taken up.", dataset_pending},
+	};
+	size_t n = 0;
+	struct dataset *d;
+
+	for (d = dataset_after(s->jobs, after, peer); d && n < DATASETS; d = dataset_after(s->jobs, p->dataset[n - 1].name, peer)) {
+		dataset_info(d, &p->dataset[n]);
+		snprintf(p->uid[n], TEXT, "%" PRIu32, p->dataset[n].uid);
+		n++;
+	}
+	for (size_t k = 0; n && k < sizeof rows / sizeof *rows; k++) {
+		family(p, rows[k].name, "gauge", rows[k].help);
+		for (size_t i = 0; i < n; i++)
+			sample2(p, rows[k].of(&p->dataset[i]), "dataset", p->dataset[i].name, "uid", p->uid[i]);
+	}
+	if (d)
+		snprintf(p->next, sizeof p->next, "d%s", p->dataset[n - 1].name);
+	else
+		snprintf(p->next, sizeof p->next, "u0");
+}
+
+static double user_bytes(const struct jobs_user *u) { return (double)u->bytes; }
+static double user_points(const struct jobs_user *u) { return (double)u->points; }
+static double user_pending(const struct jobs_user *u) { return (double)u->pending_bytes; }
+static double user_jobs(const struct jobs_user *u) { return u->jobs; }
+
+static void user_page(struct page *p, struct server *s, const struct job_peer *peer, uint64_t from)
+{
+	static const struct {
+		const char *name, *help;
+		double (*of)(const struct jobs_user *);
+	} rows[] = {
+		{"acut_user_bytes", "Bytes on the disk of the datasets of a user, removed ones included.", user_bytes},
+		{"acut_user_points", "Points of the datasets of a user, removed ones included.", user_points},
+		{"acut_user_pending_bytes", "Bytes of interrupted pushes of a user, at most.", user_pending},
+		{"acut_user_jobs", "Jobs of a user that are not over.", user_jobs},
+	};
+	size_t n = jobs_users(s->jobs, from, p->user, USERS), shown = 0;
+
+	if (n == USERS)
+		snprintf(p->next, sizeof p->next, "u%" PRIu64, (uint64_t)p->user[n - 1].uid + 1);
+	for (size_t i = 0; i < n; i++)
+		if (rights_as(peer, p->user[i].uid))
+			p->user[shown++] = p->user[i];
+	for (size_t i = 0; i < shown; i++)
+		snprintf(p->uid[i], TEXT, "%" PRIu32, p->user[i].uid);
+	for (size_t k = 0; shown && k < sizeof rows / sizeof *rows; k++) {
+		family(p, rows[k].name, "gauge", rows[k].help);
+		for (size_t i = 0; i < shown; i++)
+			sample(p, rows[k].of(&p->user[i]), "uid", p->uid[i]);
+	}
+}
+
+void request_metrics(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
+{
+	const char *cursor = m->metrics_request->cursor;
+	struct page *p = calloc(1, sizeof *p);
+	struct err err = ERR_INIT;
+
+	if (!p) {
+		err_set(&err, ERR_NOMEM, "no memory for metrics");
+		request_refuse(q, &err);
+		return;
+	}
+	acut__v1__metrics__init(&p->metrics);
+	p->metrics.families = p->families;
+	if (!*cursor)
+		first_page(p, c->server);
+	else if (*cursor == 'd')
+		dataset_page(p, c->server, &c->peer, cursor + 1);
+	else if (*cursor == 'u')
+		user_page(p, c->server, &c->peer, strtoull(cursor + 1, NULL, 10));
+	else
+		err_set(&err, ERR_USAGE, "there is no such page of metrics");
+	p->metrics.next = p->next;
+	if (err.code)
+		request_refuse(q, &err);
+	else
+		request_answer(q, FRAME_MESSAGE(METRICS, metrics, &p->metrics));
+	free(p);
+}
