@@ -113,6 +113,18 @@ def metrics_tell_what_is_there():
         expect({"name": "acut_up", "type": "gauge", "labels": {}, "value": 1} == json.loads(one[0]), one[0])
 
 
+def manual_has_every_metric():
+    """acut-metrics(7) and the daemon say the same names."""
+    man = os.path.join(os.environ.get("ACUT_MAN") or os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../man"), "acut-metrics.7.scd")
+    with open(man) as f:
+        told = set(re.findall(r"\*(acut_[a-z_]+)\*", f.read()))
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "vol", survey(base, points=2000)).ok()
+        d.ctl("cache", "verify").ok()
+        got = {n for n, _ in metrics(d)}
+    expect(got == told, "in one of both only: %s" % sorted(got ^ told))
+
+
 def flip(path, at):
     with open(path, "r+b") as f:
         f.seek(at, 2 if at < 0 else 0)
@@ -544,7 +556,7 @@ def journal_child():
 
 
 if __name__ == "__main__":
-    e2e.main(metrics_tell_what_is_there, counters_move, many_datasets_come_in_pages, textfile_is_whole_or_not_there,
+    e2e.main(metrics_tell_what_is_there, manual_has_every_metric, counters_move, many_datasets_come_in_pages, textfile_is_whole_or_not_there,
              others_see_what_they_may, doctor_finds_the_socket, doctor_tells_who_may_not, doctor_sees_the_disk,
              doctor_remembers_the_verification, doctor_counts_files, doctor_reads_the_grids, doctor_compares_clocks,
              doctor_knows_of_interrupted_pushes, journal_entries_have_fields)

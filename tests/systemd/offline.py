@@ -13,7 +13,7 @@ from e2e import Folder, expect, main, run, unavailable
 # Exposure by systemd-analyze security, times ten: 0.4.
 THRESHOLD = 4
 UNITS = ["acutd.service", "acutd.socket", "acut-verify.service", "acut-verify.timer", "acut-ingest@survey.service", "acut-ingest@survey.path",
-         "acut-ingest@survey.timer"]
+         "acut-ingest@survey.timer", "acut-metrics.service", "acut-metrics.timer"]
 
 
 def staged(base):
@@ -57,7 +57,7 @@ def installed_units_are_well_formed():
 def exposure_is_small():
     with Folder() as base:
         root = staged(base)
-        for unit in ("acutd.service", "acut-verify.service", "acut-ingest@survey.service"):
+        for unit in ("acutd.service", "acut-verify.service", "acut-ingest@survey.service", "acut-metrics.service"):
             got = analyze("security", "--root=" + root, "--offline=true", "--threshold=%d" % THRESHOLD, unit)
             level = re.search(r"Overall exposure level for \S+: ([0-9.]+)", got.out)
             expect(level and got.status == 0, "%s: %s\n%s%s" % (unit, level and level.group(1), got.out, got.err))

@@ -245,6 +245,53 @@ def verified_weekly():
     expect(show("Result", "acut-verify.service") == "success", systemctl("status", "acut-verify").out)
 
 
+def found_by_its_fields():
+    """journalctl finds a job by its number, and has the catalogue's text of the event."""
+    ctl("push", "fields", survey(3000, 7)).ok()
+    run([e2e.ACUTCTL, "--socket", SOCKET, "submit", "fields", "--wait", "--ground", "--zmin", "100000", "--json"])
+    until(lambda: journal("-t", "acutd", "ACUT_DATASET=fields", "ACUT_EVENT=JOB_FAILED"))
+    failed = journal("-t", "acutd", "ACUT_DATASET=fields", "ACUT_EVENT=JOB_FAILED")
+    expect(len(failed) == 1 and failed[0]["_SYSTEMD_UNIT"] == "acutd.service", "the failure: %s" % failed)
+    entry = failed[0]
+    expect(entry["PRIORITY"] == "4" and entry["ACUT_USER"] == "0" and entry["ACUT_CODE"] == "bad-input", str(entry))
+    of_job = journal("ACUT_JOB=" + entry["ACUT_JOB"])
+    expect([e["ACUT_EVENT"] for e in of_job] == ["JOB_FAILED"], "of the job: %s" % of_job)
+    pushed = journal("-t", "acutd", "ACUT_DATASET=fields", "ACUT_EVENT=PUSH_COMMITTED")
+    expect(len(pushed) == 1 and pushed[0]["ACUT_GENERATION"] == "1", str(pushed))
+    expect(not [e for e in journal("-u", "acutd.service", "_TRANSPORT=stdout") if e.get("SYSLOG_IDENTIFIER") == "acutd" and
+                "job" in str(e.get("MESSAGE"))], "entries come as lines, too")
+    run(["journalctl", "--update-catalog"]).ok()
+    told = run(["journalctl", "--no-pager", "-x", "-t", "acutd", "ACUT_JOB=" + entry["ACUT_JOB"]]).ok().out
+    expect("Subject: a job failed" in told and "what helps" in told, told)
+
+
+def watched_by_a_timer():
+    """The metrics are a file that everybody reads, each minute, also when nobody answers; doctor has nothing that is wrong."""
+    systemctl("start", "acut-metrics.timer").ok()
+    systemctl("start", "acut-metrics.service").ok()
+    path = "/run/acut-metrics/acut.prom"
+    with open(path) as f:
+        text = f.read()
+    expect("\nacut_up 1\n" in text and 'acut_dataset_points{dataset="fields",uid="0",user="root"} 3000' in text, text)
+    mode = os.stat(path)
+    expect(mode.st_mode & 0o777 == 0o644 and os.stat("/run/acut-metrics").st_mode & 0o777 == 0o755, "mode %o" % mode.st_mode)
+    expect(show("Result", "acut-metrics.service") == "success", systemctl("status", "acut-metrics").out)
+    got = ctl("doctor", "--json")
+    checks = {c["name"]: c for c in json.loads(got.out)["checks"]}
+    expect(got.status == 0, "%d: %s" % (got.status, [c for c in checks.values() if c["state"] != "ok"]))
+    expect({checks[n]["state"] for n in ("socket", "rights", "group", "memory", "files", "clock", "damage", "catalogue")} == {"ok"}, got.out)
+    systemctl("stop", "acutd.socket", "acutd.service").ok()
+    systemctl("start", "acut-metrics.service")
+    with open(path) as f:
+        text = f.read()
+    expect("\nacut_up 0\n" in text and "dataset" not in text, "down: " + text)
+    got = ctl("doctor")
+    expect(got.status == 69 and "wrong" in got.out, "%d %s" % (got.status, got.out))
+    systemctl("stop", "acut-metrics.timer")
+    systemctl("reset-failed")
+    systemctl("start", "acutd.socket").ok()
+
+
 def missing_disk_is_no_first_start():
     """The state folder is empty again, as that of a disk that is not mounted: no new store, a failure that says so, and the store
     serves when it is back."""
@@ -263,4 +310,4 @@ def missing_disk_is_no_first_start():
 
 main(started_by_a_connect, within_its_sandbox, same_mesh_as_outside, killed_and_started_again, stopped_with_work, reloaded,
      hung_and_killed, slow_disk_is_no_hang, journal_has_it, memory_is_one_number, strangers_are_refused, verified_weekly,
-     missing_disk_is_no_first_start)
+     found_by_its_fields, watched_by_a_timer, missing_disk_is_no_first_start)
