@@ -260,6 +260,7 @@ def others_see_what_they_may():
         mine = survey(base, "c.las", 5000)
         os.chmod(mine, 0o644)
         d.ctl("push", "closed", survey(base)).ok()
+        d.ctl("dataset", "chmod", "600", "closed").ok()
         as_other(d, "push", "mine", mine).ok()
         got = rows(as_other(d, "metrics").ok().out)
         seen = {dict(l)["dataset"] for n, l in got if n == "acut_dataset_points"}
