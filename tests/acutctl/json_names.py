@@ -14,7 +14,7 @@ from e2e import ACUTCTL, Daemon, Folder, expect  # noqa: E402
 PAGE = os.path.join(os.environ["ACUT_MAN"], "acutctl-json.7.scd")
 BASIC = {"text", "number", "boolean", "list", "object", "null"}
 # Objects whose names are not fixed: what they are of is said by the page as name.*.
-MAPS = {"removed", "classes", "returns", "return_counts", "ledger", "ledger_peak", "held", "kinds"}
+MAPS = {"removed", "classes", "returns", "return_counts", "ledger", "ledger_peak", "held", "kinds", "labels"}
 
 
 def type_of(v):
@@ -181,6 +181,8 @@ def the_rest(d, base, seen):
     expect(len(lines) > 1, "no damage is found: %s" % lines)
     seen.add("a damage", "\n".join(lines[:-1]))
     seen.add("a setting", j("config", "show").ok().out)
+    seen.add("a metric", j("metrics").ok().out)
+    seen.add("a visit of the doctor", j("doctor").out)
     os.mkdir(base + "/drop")
     survey(base + "/drop/new.las", 500, 3)
     with open(base + "/drop/bad.las", "w") as f:
