@@ -259,7 +259,7 @@ def found_by_its_fields():
     pushed = journal("-t", "acutd", "ACUT_DATASET=fields", "ACUT_EVENT=PUSH_COMMITTED")
     expect(len(pushed) == 1 and pushed[0]["ACUT_GENERATION"] == "1", str(pushed))
     expect(not [e for e in journal("-u", "acutd.service", "_TRANSPORT=stdout") if e.get("SYSLOG_IDENTIFIER") == "acutd" and
-                "job" in str(e.get("MESSAGE"))], "entries come as lines, too")
+                "job " in str(e.get("MESSAGE"))], "entries come as lines, too")
     run(["journalctl", "--update-catalog"]).ok()
     told = run(["journalctl", "--no-pager", "-x", "-t", "acutd", "ACUT_JOB=" + entry["ACUT_JOB"]]).ok().out
     expect("Subject: a job failed" in told and "what helps" in told, told)
