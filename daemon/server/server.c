@@ -220,12 +220,19 @@ void server_settle(struct server *s)
 
 void server_stop(struct server *s)
 {
-	struct conn *c;
+	struct err err = ERR_INIT;
+	struct conn *c, *next;
 
 	s->stopping = true;
 	listeners_free(s);
-	for (c = s->conns; c; c = c->next)
+	/* Not an end without a word: who asks again in a moment finds the next daemon, or waits in its socket. */
+	err_set(&err, ERR_BUSY, "acutd is being stopped");
+	err_add_hint(&err, "try again when it is back; what was acknowledged is kept, and submitted jobs go on");
+	for (c = s->conns; c; c = next) {
+		next = c->next;
+		conn_send_error(c, 0, &err);
 		conn_close(c);
+	}
 }
 
 void server_job_changed(void *ctx, struct job *job)
