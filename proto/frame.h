@@ -96,6 +96,8 @@ int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **r
 /* Queues a message. `fd` (-1: none) belongs to the connection from now on, whatever the result. 0 or
  * FRAME_E_FULL; -ERR_LIMIT: the message is larger than a frame; -ERR_NOMEM. Call frame_conn_flush next. */
 int frame_conn_send(struct frame_conn *, uint32_t id, const Acut__V1__Message *, int fd, struct err *err);
+/* The same for whoever has the message's size already: it is not counted again. `bound`: not less than what it packs to. */
+int frame_conn_send_within(struct frame_conn *, uint32_t id, const Acut__V1__Message *, size_t bound, struct err *err);
 /* Same, for an Error made from *why. */
 int frame_conn_send_error(struct frame_conn *, uint32_t id, const struct err *why, struct err *err);
 /* Sends what the socket takes. 0: all sent. FRAME_E_AGAIN, FRAME_E_EOF, -ERR_IO. */

@@ -29,7 +29,7 @@ enum {
 
 struct queued {
 	struct queued *next;
-	size_t size, sent;
+	size_t size, sent, room; /* room: charged, this included */
 	int fd; /* -1: none, or sent already */
 	uint8_t bytes[];
 };
@@ -134,7 +134,7 @@ static void conn_pop(struct frame_conn *conn)
 	if (!conn->first)
 		conn->last = &conn->first;
 	conn_close_fd(&q->fd);
-	conn_give(conn, q, sizeof *q + q->size);
+	conn_give(conn, q, q->room);
 }
 
 void frame_conn_cut(struct frame_conn *conn, const struct err *why)
@@ -343,40 +343,46 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 
 /* ---- out ---- */
 
-static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd,
+/* `length`: not less than what the message packs to. */
+static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, size_t length, int fd,
 		      struct err *err)
 {
-	size_t length = acut__v1__message__get_packed_size(message);
 	struct frame_header header = {.request_id = id, .descriptors = fd >= 0};
 	struct queued *q;
 
 	if (length > FRAME_BODY_MAX)
 		return err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u",
 			       length, FRAME_MAX);
-	header.length = (uint32_t)length;
 	length += FRAME_HEADER_SIZE;
 	if (length > conn->limits.queue || conn->queued > conn->limits.queue - length)
 		return FRAME_E_FULL;
 	q = conn_take(conn, sizeof *q + length);
 	if (!q)
 		return FRAME_E_FULL;
-	*q = (struct queued){.size = length, .fd = fd};
+	*q = (struct queued){.room = sizeof *q + length, .fd = fd};
+	header.length = (uint32_t)acut__v1__message__pack(message, q->bytes + FRAME_HEADER_SIZE);
 	frame_header_put(&header, q->bytes);
-	acut__v1__message__pack(message, q->bytes + FRAME_HEADER_SIZE);
+	q->size = FRAME_HEADER_SIZE + header.length;
 	*conn->last = q;
 	conn->last = &q->next;
-	conn->queued += length;
+	conn->queued += q->size;
 	return 0;
 }
 
 int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd,
 		    struct err *err)
 {
-	int r = conn_queue(conn, id, message, fd, err);
+	int r = conn_queue(conn, id, message, acut__v1__message__get_packed_size(message), fd, err);
 
 	if (r != 0)
 		conn_close_fd(&fd);
 	return r;
+}
+
+int frame_conn_send_within(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, size_t bound,
+			   struct err *err)
+{
+	return conn_queue(conn, id, message, bound, -1, err);
 }
 
 int frame_conn_send_error(struct frame_conn *conn, uint32_t id, const struct err *why, struct err *err)

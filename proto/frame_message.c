@@ -129,7 +129,7 @@ static bool text_valid(const char *text)
 	const uint8_t *s = (const uint8_t *)text;
 
 	while (*s) {
-		size_t n = utf8_length(s);
+		size_t n = *s < 0x80 ? 1 : utf8_length(s);
 
 		if (n == 0)
 			return false;

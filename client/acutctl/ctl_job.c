@@ -25,11 +25,29 @@ char *ctl_job_count(uint64_t n, char buf[32])
 
 char *ctl_job_time_text(int64_t us, char buf[32])
 {
-	time_t s = (time_t)(us / 1000000);
+	static _Thread_local char day_text[32]; /* of the day before this one: lists have many times of a day */
+	static _Thread_local int64_t day_kept;
+	int64_t s = us / 1000000, day = s / 86400;
+	time_t at = (time_t)s;
+	unsigned rest = (unsigned)(s % 86400);
 	struct tm tm;
 
-	if (!us || !gmtime_r(&s, &tm) || !strftime(buf, 32, "%Y-%m-%dT%H:%M:%SZ", &tm))
-		strcpy(buf, "-");
+	if (us <= 0)
+		return strcpy(buf, "-");
+	if (!*day_text || day != day_kept) {
+		if (!gmtime_r(&at, &tm) || !strftime(day_text, sizeof(day_text), "%Y-%m-%dT", &tm))
+			return *day_text = 0, strcpy(buf, "-");
+		day_kept = day;
+	}
+	char *p = stpcpy(buf, day_text);
+	const unsigned part[3] = {rest / 3600, rest / 60 % 60, rest % 60};
+
+	for (int i = 0; i < 3; i++) {
+		*p++ = (char)('0' + part[i] / 10);
+		*p++ = (char)('0' + part[i] % 10);
+		*p++ = "::Z"[i];
+	}
+	*p = 0;
 	return buf;
 }
 
@@ -45,9 +63,18 @@ void ctl_job_lattice(struct ctl_json *j, const char *lattice)
 	char part[5][DECIMAL_TEXT_SIZE], offset[DECIMAL_TEXT_SIZE];
 	struct decimal scale[2];
 	int64_t k[3];
-	bool ok = lattice && sscanf(lattice, "%47s %47s %47s %47s %47s", part[0], part[1], part[2], part[3],
-				    part[4]) == 5;
+	bool ok = lattice != NULL;
 
+	for (int i = 0; i < 5 && ok; i++) {
+		size_t n;
+
+		lattice += strspn(lattice, " ");
+		n = strcspn(lattice, " ");
+		ok = n && n < sizeof(part[i]);
+		memcpy(part[i], lattice, ok ? n : 0);
+		part[i][ok ? n : 0] = 0;
+		lattice += n;
+	}
 	ok = ok && decimal_parse(part[0], &scale[0]) && decimal_parse(part[1], &scale[1]);
 	for (int i = 0; i < 3 && ok; i++)
 		ok = parse_i64(part[2 + i], &k[i]);

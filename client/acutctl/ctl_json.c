@@ -1,4 +1,5 @@
-/* JSON out: one object a line, keys in the order of the calls, texts made valid UTF-8. */
+/* JSON out: one object a line, keys in the order of the calls, texts made valid UTF-8. One thread
+ * at a time writes to a stream: it is not locked for each character. */
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
@@ -24,18 +25,21 @@ static unsigned utf8(const unsigned char *p)
 	return n;
 }
 
+/* What stands in a JSON text as it is. */
+static const bool plain[256] = {[' ' ... '!'] = true, ['#' ... '['] = true, [']' ... '~'] = true};
+
 static void put_text(FILE *out, const char *text)
 {
-	fputc('"', out);
+	putc_unlocked('"', out);
 	for (const unsigned char *p = (const unsigned char *)text; *p;) {
-		size_t plain = 0;
+		size_t n_plain = 0;
 		unsigned n;
 
-		while (p[plain] >= 0x20 && p[plain] < 0x7f && p[plain] != '"' && p[plain] != '\\')
-			plain++;
-		if (plain)
-			fwrite(p, 1, plain, out);
-		p += plain;
+		while (plain[p[n_plain]])
+			n_plain++;
+		if (n_plain)
+			fwrite_unlocked(p, 1, n_plain, out);
+		p += n_plain;
 		if (!*p)
 			break;
 		n = utf8(p);
@@ -49,30 +53,30 @@ static void put_text(FILE *out, const char *text)
 			fwrite(p, 1, n, out);
 		p += n ? n : 1;
 	}
-	fputc('"', out);
+	putc_unlocked('"', out);
 }
 
 static void put_key(struct ctl_json *j, const char *key)
 {
 	if (j->comma)
-		fputs(",", j->out);
+		putc_unlocked(',', j->out);
 	j->comma = true;
 	if (key) {
 		put_text(j->out, key);
-		fputc(':', j->out);
+		putc_unlocked(':', j->out);
 	}
 }
 
 void ctl_json_open(struct ctl_json *j, const char *key, char bracket)
 {
 	put_key(j, key);
-	fputc(bracket, j->out);
+	putc_unlocked(bracket, j->out);
 	j->comma = false;
 }
 
 void ctl_json_close(struct ctl_json *j, char bracket)
 {
-	fputc(bracket, j->out);
+	putc_unlocked(bracket, j->out);
 	j->comma = true;
 }
 
@@ -82,7 +86,7 @@ void ctl_json_text(struct ctl_json *j, const char *key, const char *text)
 	if (text)
 		put_text(j->out, text);
 	else
-		fputs("null", j->out);
+		fputs_unlocked("null", j->out);
 }
 
 void ctl_json_known(struct ctl_json *j, const char *key, const char *text)
@@ -90,10 +94,47 @@ void ctl_json_known(struct ctl_json *j, const char *key, const char *text)
 	ctl_json_text(j, key, text && *text && strcmp(text, "unknown") ? text : NULL);
 }
 
+/* In decimal, with leading zeros up to `least` digits. */
+static void put_digits(FILE *out, uint64_t n, unsigned least)
+{
+	char digits[24];
+	unsigned at = sizeof digits;
+
+	while (n || sizeof digits - at < least) {
+		digits[--at] = (char)('0' + n % 10);
+		n /= 10;
+	}
+	fwrite_unlocked(digits + at, 1, sizeof digits - at, out);
+}
+
+/*
+ * Millionths, as seconds are, without trying how many digits they need: no other decimal of up to 15 digits is read as
+ * the same number, so this is the shortest. False: it is none, or so large or small that %g has another form for it.
+ */
+static bool put_millionths(FILE *out, double v)
+{
+	uint64_t n, fraction;
+	unsigned digits = 6;
+
+	if (!(v >= 1e-4 && v < 1e6))
+		return false;
+	n = (uint64_t)(v * 1e6 + 0.5);
+	if ((double)n / 1e6 != v)
+		return false;
+	put_digits(out, n / 1000000, 1);
+	for (fraction = n % 1000000; fraction && fraction % 10 == 0; fraction /= 10)
+		digits--;
+	if (fraction) {
+		putc_unlocked('.', out);
+		put_digits(out, fraction, digits);
+	}
+	return true;
+}
+
 void ctl_json_u64(struct ctl_json *j, const char *key, uint64_t n)
 {
 	put_key(j, key);
-	fprintf(j->out, "%" PRIu64, n);
+	put_digits(j->out, n, 1);
 }
 
 void ctl_json_i64(struct ctl_json *j, const char *key, int64_t n)
@@ -111,6 +152,8 @@ void ctl_json_number(struct ctl_json *j, const char *key, double v)
 		fputs("null", j->out);
 		return;
 	}
+	if (put_millionths(j->out, v))
+		return;
 	for (int digits = 6; digits <= 17; digits++) {
 		snprintf(buf, sizeof(buf), "%.*g", digits, v);
 		if (strtod(buf, NULL) == v)
@@ -122,7 +165,7 @@ void ctl_json_number(struct ctl_json *j, const char *key, double v)
 void ctl_json_literal(struct ctl_json *j, const char *key, const char *text)
 {
 	put_key(j, key);
-	fputs(text, j->out);
+	fputs_unlocked(text, j->out);
 }
 
 void ctl_json_bool(struct ctl_json *j, const char *key, bool v)

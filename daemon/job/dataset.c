@@ -339,15 +339,29 @@ int dataset_ask(struct jobs *j, const char *name, const struct job_peer *peer, e
 	return r;
 }
 
-struct dataset *dataset_after(struct jobs *j, const char *name, const struct job_peer *peer)
+static bool is_listed(const struct dataset *d, const struct job_peer *peer)
 {
-	struct dataset *d, *best = NULL;
+	return !d->onestep && !d->removed_us && (d->generation || d->pending || dataset_created(d)) &&
+	       rights_allow(peer, RIGHT_READ, d->uid, d->gid, d->mode);
+}
 
-	for (d = j->datasets; d; d = d->next)
-		if (!d->onestep && !d->removed_us && (d->generation || d->pending || dataset_created(d)) && strcmp(d->name, name) > 0 &&
-		    (!best || strcmp(d->name, best->name) < 0) && rights_allow(peer, RIGHT_READ, d->uid, d->gid, d->mode))
-			best = d;
-	return best;
+unsigned dataset_list(const struct jobs *j, const char *name, const struct job_peer *peer, unsigned max, struct dataset **ret)
+{
+	struct dataset *d;
+	unsigned n = 0;
+
+	/* Those that are found stay in order; as a rule a page is full soon, and the others come after its last. */
+	for (d = j->datasets; d && max; d = d->next) {
+		unsigned i;
+
+		if (strcmp(d->name, name) <= 0 || (n == max && strcmp(d->name, ret[n - 1]->name) > 0) || !is_listed(d, peer))
+			continue;
+		n += n < max;
+		for (i = n - 1; i && strcmp(d->name, ret[i - 1]->name) < 0; i--)
+			ret[i] = ret[i - 1];
+		ret[i] = d;
+	}
+	return n;
 }
 
 void dataset_info(const struct dataset *d, struct dataset_info *ret)

@@ -567,8 +567,9 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	s = states[job->state].final ? 0 : job_plan_new(job, err);
 	if (s)
 		return s;
-	if (*row->report)
-		job->has_report = report_parse(row->report, &job->report);
+	job->has_report = *row->report != 0;
+	if (job->has_report)
+		report_parse(row->report, &job->report);
 	if (*row->error_code) {
 		job->has_error = true;
 		err_set(&job->err, err_from_wire_name(row->error_code), "%s", row->error_message);

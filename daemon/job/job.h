@@ -182,8 +182,8 @@ struct dataset_info {
 struct dataset *dataset_find(struct jobs *, const char *name, const struct job_peer *);
 /* The one of that name, for who has that right on it. -ERR_NOTFOUND, -ERR_PERM. */
 int dataset_ask(struct jobs *, const char *name, const struct job_peer *, enum right, struct dataset **ret, struct err *err);
-/* Named datasets that this peer may read, by name: the first after `name`; NULL at the end. */
-struct dataset *dataset_after(struct jobs *, const char *name, const struct job_peer *);
+/* Named datasets that this peer may read, by name: the first after `name`, at most `max`. Says how many. */
+unsigned dataset_list(const struct jobs *, const char *name, const struct job_peer *, unsigned max, struct dataset **ret);
 void dataset_info(const struct dataset *, struct dataset_info *ret);
 /* A one-step dataset lives while it is held (a connection holds those that it pushed), pushed to or meshed.
  */

@@ -349,7 +349,7 @@ void job_waiting(const struct job *, struct job_info *ret); /* its fields about 
 
 /* report.c */
 char *report_text(const struct job_report *, char *buf, size_t size);
-bool report_parse(const char *text, struct job_report *ret);
+void report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
 void report_window(struct job_report *); /* made so, but it is that of a window */
 

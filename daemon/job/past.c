@@ -7,18 +7,19 @@
  */
 #include "past.h"
 
+#include <endian.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "job_priv.h"
 
 _Static_assert(sizeof(struct job) % 8 == 0, "packed by words");
-enum { GUESTS = 80, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, ENTRY_BYTES = 48 };
+enum { GUESTS = 80, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, IMAGE_MAX = MAP + 9 * WORDS, ENTRY_BYTES = 48 };
 
 struct kept {
 	int64_t finished_us;
 	const struct dataset *dataset;
-	size_t view_bytes;
+	size_t view_bytes, charged; /* of it, and not in the image */
 	uint8_t image[]; /* a bit for each word that is not zero; of each such word a bit for each byte, and the bytes */
 };
 
@@ -38,36 +39,33 @@ struct past {
 
 /* ---- packing ---- */
 
-/* out may be NULL: only the size. */
-static size_t pack(const struct job *job, uint8_t *out)
+/* A bit for each byte that is not zero. */
+static uint8_t bytes_set(uint64_t word)
 {
-	uint8_t bytes[8];
+	const uint64_t low = UINT64_C(0x7f7f7f7f7f7f7f7f);
+	uint64_t high = (((word & low) + low) | word) & ~low;
+
+	return (uint8_t)((high >> 7) * UINT64_C(0x0102040810204080) >> 56);
+}
+
+/* The size that it takes. */
+static size_t pack(const struct job *job, uint8_t out[IMAGE_MAX])
+{
 	size_t n = MAP;
 
-	if (out)
-		memset(out, 0, MAP);
+	memset(out, 0, MAP);
 	for (size_t i = 0; i < WORDS; i++) {
-		size_t at = n;
 		uint64_t word;
-		uint8_t mask = 0;
+		uint8_t mask;
 
 		memcpy(&word, (const uint8_t *)job + 8 * i, 8);
 		if (!word)
 			continue;
-		memcpy(bytes, &word, 8);
-		for (int k = 0; k < 8; k++) {
-			if (!bytes[k])
-				continue;
-			mask |= (uint8_t)(1u << k);
-			n++;
-			if (out)
-				out[n] = bytes[k];
-		}
-		n++;
-		if (out) {
-			out[i / 8] |= (uint8_t)(1u << i % 8);
-			out[at] = mask;
-		}
+		word = htole64(word);
+		out[i / 8] |= (uint8_t)(1u << i % 8);
+		mask = out[n++] = bytes_set(word);
+		for (unsigned m = mask; m; m &= m - 1)
+			out[n++] = (uint8_t)(word >> 8 * __builtin_ctz(m));
 	}
 	return n;
 }
@@ -77,15 +75,16 @@ static void unpack(const uint8_t *in, struct job *ret)
 	size_t n = MAP;
 
 	memset(ret, 0, sizeof *ret);
-	for (size_t i = 0; i < WORDS; i++) {
-		uint8_t mask;
+	for (size_t g = 0; g < MAP; g++) {
+		for (unsigned set = in[g]; set; set &= set - 1) {
+			size_t i = 8 * g + (size_t)__builtin_ctz(set);
+			uint64_t word = 0;
 
-		if (!(in[i / 8] >> i % 8 & 1))
-			continue;
-		mask = in[n++];
-		for (int k = 0; k < 8; k++)
-			if (mask >> k & 1)
-				((uint8_t *)ret)[8 * i + (size_t)k] = in[n++];
+			for (unsigned m = in[n++]; m; m &= m - 1)
+				word |= (uint64_t)in[n++] << 8 * __builtin_ctz(m);
+			word = le64toh(word);
+			memcpy((uint8_t *)ret + 8 * i, &word, 8);
+		}
 	}
 }
 
@@ -193,24 +192,36 @@ bool past_keep(struct job *job)
 {
 	struct jobs *j = job->jobs;
 	struct entry *e = entry_of(j, job->id);
-	struct kept *k;
+	struct kept all = {.finished_us = job->finished_us, .dataset = job->dataset, .view_bytes = strlen(job->view),
+			   .charged = job->charged}, *k;
+	struct plan_file *plan = job->plan;
+	struct job *next = job->next;
+	uint8_t image[IMAGE_MAX];
 	uint64_t bytes;
+	size_t n;
 
-	/* What is charged changes below: of another number more bytes may be none of them zero. */
-	k = e ? malloc(sizeof *k + pack(job, NULL) + 1 + sizeof job->charged) : NULL;
-	if (!k)
-		return false;
-	unlink_job(job);
-	/* past_awake makes another. */
-	job->plan = plan_file_free(job->plan);
+	/* past_awake makes another plan. */
+	job->plan = NULL;
 	job->next = NULL;
-	*k = (struct kept){.finished_us = job->finished_us, .dataset = job->dataset, .view_bytes = strlen(job->view)};
-	bytes = kept_bytes(pack(job, NULL), k->view_bytes);
-	if (job->charged > bytes) {
-		house_give(j, job->charged - bytes);
-		job->charged = (size_t)bytes;
+	job->charged = 0;
+	n = pack(job, image);
+	k = e ? malloc(sizeof *k + n) : NULL;
+	if (!k) {
+		job->plan = plan;
+		job->next = next;
+		job->charged = all.charged;
+		return false;
 	}
-	pack(job, k->image);
+	job->next = next;
+	unlink_job(job);
+	plan_file_free(plan);
+	bytes = kept_bytes(n, all.view_bytes);
+	if (all.charged > bytes) {
+		house_give(j, all.charged - bytes);
+		all.charged = (size_t)bytes;
+	}
+	*k = all;
+	memcpy(k->image, image, n);
 	e->kept = k;
 	e->job = NULL;
 	free(job);
@@ -228,6 +239,7 @@ static struct job *guest_of(struct jobs *j, const struct entry *e)
 		return NULL;
 	g = &p->guests[p->guest++ % GUESTS];
 	unpack(e->kept->image, g);
+	g->charged = e->kept->charged;
 	g->guest = true;
 	return g;
 }
@@ -255,7 +267,7 @@ int past_awake(struct job *guest, struct job **ret, struct err *err)
 		return err_set(err, e ? ERR_NOMEM : ERR_NOTFOUND, e ? "no memory for a job" : "the job is gone");
 	}
 	unpack(e->kept->image, job);
-	job->charged += (size_t)more;
+	job->charged = e->kept->charged + (size_t)more;
 	free(e->kept);
 	e->kept = NULL;
 	e->job = job;
@@ -328,6 +340,7 @@ bool past_has(const struct jobs *j, uint64_t id)
 void past_forget_dataset(struct jobs *j, struct dataset *d)
 {
 	struct past *p = j->past;
+	uint8_t image[IMAGE_MAX];
 	struct job job;
 
 	for (size_t i = 0; p && i < p->n; i++) {
@@ -338,7 +351,7 @@ void past_forget_dataset(struct jobs *j, struct dataset *d)
 		/* With a word less it takes no more than before. */
 		unpack(k->image, &job);
 		job.dataset = NULL;
-		pack(&job, k->image);
+		memcpy(k->image, image, pack(&job, image));
 		k->dataset = NULL;
 		d->users--;
 	}

@@ -60,55 +60,115 @@ char *report_text(const struct job_report *r, char *buf, size_t size)
 	return buf;
 }
 
-/* `at`: where the field before it was found; they stand in the order of the table. */
-static void parse_field(const char *name, const char *value, size_t *at, struct job_report *ret)
-{
-	uint64_t n;
-	size_t i, k;
+/* ---- reading: at each start for thousands of jobs, so nothing is copied, and numbers are read as they were written ---- */
 
-	if (!strncmp(name, "removed-", 8)) {
-		for (i = 0; i < VIEW_RULES; i++)
-			if (!strcmp(name + 8, view_rule_text((enum view_rule)i)) && parse_u64(value, &n))
-				ret->removed[i] = n;
+/* A part of the text. */
+struct part {
+	const char *at;
+	size_t n;
+};
+
+static bool is(const struct part *p, const char *name)
+{
+	return !strncmp(p->at, name, p->n) && !name[p->n];
+}
+
+/* Digits, as many as fit without a look. */
+static bool few_digits(const char *at, size_t n, uint64_t *ret)
+{
+	uint64_t v = 0;
+
+	for (size_t i = 0; i < n; i++) {
+		if (at[i] < '0' || at[i] > '9')
+			return false;
+		v = v * 10 + (uint64_t)(at[i] - '0');
+	}
+	*ret = v;
+	return n > 0;
+}
+
+static void get_number(const struct part *value, uint64_t *ret)
+{
+	char *copy;
+
+	if (value->n < 19) {
+		few_digits(value->at, value->n, ret);
 		return;
 	}
-	for (k = 0; k < FIELDS; k++) {
-		char *place;
+	copy = strndup(value->at, value->n);
+	if (copy)
+		parse_u64(copy, ret);
+	free(copy);
+}
 
-		i = (*at + k) % FIELDS;
-		place = (char *)ret + fields[i].offset;
+/* Seconds have six digits behind the point. Up to 2^53 of millionths are divided exactly as strtod would round. */
+static void get_seconds(const struct part *value, double *ret)
+{
+	uint64_t whole, millionths;
+	char *copy;
 
-		if (strcmp(name, fields[i].name))
+	if (value->n > 7 && value->n <= 16 && value->at[value->n - 7] == '.' && few_digits(value->at, value->n - 7, &whole) &&
+	    few_digits(value->at + value->n - 6, 6, &millionths)) {
+		*ret = (double)(whole * 1000000 + millionths) / 1e6;
+		return;
+	}
+	copy = strndup(value->at, value->n);
+	if (copy)
+		parse_double(copy, ret);
+	free(copy);
+}
+
+static void get_removed(const struct part *rule, const struct part *value, size_t *at, struct job_report *ret)
+{
+	for (size_t k = 0; k < VIEW_RULES; k++) {
+		size_t i = (*at + k) % VIEW_RULES;
+
+		if (!is(rule, view_rule_text((enum view_rule)i)))
 			continue;
-		if (fields[i].kind == NUMBER)
-			parse_u64(value, (uint64_t *)place);
-		else if (fields[i].kind == SECONDS)
-			parse_double(value, (double *)place);
-		else
-			snprintf(place, fields[i].size, "%s", value);
+		get_number(value, &ret->removed[i]);
 		*at = i + 1;
 		return;
 	}
 }
 
-bool report_parse(const char *text, struct job_report *ret)
+/* `at`, `at_rule`: where the field and the rule before were found; they stand in the order of their tables. */
+static void get_field(const struct part *name, const struct part *value, size_t *at, size_t *at_rule, struct job_report *ret)
 {
-	char *copy = strdup(text), *save = NULL, *line;
-	size_t at = 0;
-
-	if (!copy)
-		return false;
-	memset(ret, 0, sizeof *ret);
-	for (line = strtok_r(copy, "\n", &save); line; line = strtok_r(NULL, "\n", &save)) {
-		char *value = strchr(line, ' ');
-
-		if (value) {
-			*value++ = 0;
-			parse_field(line, value, &at, ret);
-		}
+	if (name->n > 8 && !memcmp(name->at, "removed-", 8)) {
+		get_removed(&(struct part){name->at + 8, name->n - 8}, value, at_rule, ret);
+		return;
 	}
-	free(copy);
-	return true;
+	for (size_t k = 0; k < FIELDS; k++) {
+		size_t i = (*at + k) % FIELDS, n;
+		char *place = (char *)ret + fields[i].offset;
+
+		if (!is(name, fields[i].name))
+			continue;
+		n = value->n < fields[i].size ? value->n : fields[i].size - 1;
+		if (fields[i].kind == NUMBER)
+			get_number(value, (uint64_t *)place);
+		else if (fields[i].kind == SECONDS)
+			get_seconds(value, (double *)place);
+		else
+			*(char *)mempcpy(place, value->at, n) = 0;
+		*at = i + 1;
+		return;
+	}
+}
+
+void report_parse(const char *text, struct job_report *ret)
+{
+	size_t at = 0, at_rule = 0;
+
+	memset(ret, 0, sizeof *ret);
+	while (*text) {
+		const char *end = strchrnul(text, '\n'), *space = memchr(text, ' ', (size_t)(end - text));
+
+		if (space)
+			get_field(&(struct part){text, (size_t)(space - text)},
+				  &(struct part){space + 1, (size_t)(end - space - 1)}, &at, &at_rule, ret);
+		text = *end ? end + 1 : end;
+	}
 }
 
 void report_window(struct job_report *r)

@@ -95,7 +95,9 @@ void conn_send(struct conn *c, uint32_t id, const Acut__V1__Message *m, int fd)
 		io_close(fd);
 		return;
 	}
-	make_room(c->server, frame_message_size(m) + COMFORT / 16, c);
+	/* As a rule there is room for the largest. */
+	if (ledger_room(c->server->p.ledger, LEDGER_MESSAGE) < FRAME_MAX + COMFORT / 16)
+		make_room(c->server, frame_message_size(m) + COMFORT / 16, c);
 	sent(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
 }
 
@@ -174,6 +176,19 @@ void request_answer(struct request *q, const Acut__V1__Message *m)
 
 	request_free(q);
 	conn_send(c, id, m, -1);
+}
+
+void request_answer_within(struct request *q, const Acut__V1__Message *m, size_t bound)
+{
+	struct conn *c = q->conn;
+	struct err err = ERR_INIT;
+	uint32_t id = q->id;
+
+	request_free(q);
+	if (c->closed)
+		return;
+	make_room(c->server, bound + COMFORT / 16, c);
+	sent(c, frame_conn_send_within(c->frame, id, m, bound, &err), &err);
 }
 
 void request_refuse(struct request *q, const struct err *why)

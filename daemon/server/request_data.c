@@ -130,6 +130,7 @@ static void removed_datasets(struct conn *c, struct request *q, uint64_t after, 
 	struct message_dataset *page = calloc(PAGE_MAX, sizeof *page);
 	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
 	Acut__V1__Dataset *rows[PAGE_MAX];
+	size_t bytes = LIST_ITSELF, size;
 	struct err err = ERR_INIT;
 	struct dataset *d;
 
@@ -146,24 +147,28 @@ static void removed_datasets(struct conn *c, struct request *q, uint64_t after, 
 		if (list.more)
 			break;
 		message_dataset(d, m);
+		size = acut__v1__dataset__get_packed_size(&m->dataset) + LIST_ROW;
+		list.more = bytes + size > FRAME_MAX;
+		if (list.more)
+			break;
+		bytes += size;
 		rows[list.n_datasets++] = &m->dataset;
-		list.more = frame_message_size(FRAME_MESSAGE(DATASETS, datasets, &list)) > FRAME_MAX;
-		list.n_datasets -= list.more;
 		after = m->dataset.id;
 	}
-	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+	request_answer_within(q, FRAME_MESSAGE(DATASETS, datasets, &list), bytes);
 	free(page);
 }
 
 void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const char *after = m->datasets_request->after;
-	unsigned limit = m->datasets_request->limit, n = 0;
+	unsigned limit = m->datasets_request->limit, found;
 	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
-	Acut__V1__Dataset *datasets[PAGE_MAX];
+	Acut__V1__Dataset *rows[PAGE_MAX];
+	struct dataset *datasets[PAGE_MAX + 1];
+	size_t bytes = LIST_ITSELF, size;
 	struct message_dataset *page;
 	struct err err = ERR_INIT;
-	struct dataset *d;
 
 	if (*m->datasets_request->name && m->datasets_request->generation) {
 		request_dataset_at(c, q, m->datasets_request->name, m->datasets_request->generation);
@@ -185,24 +190,18 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 		request_refuse(q, &err);
 		return;
 	}
-	list.datasets = datasets;
-	while ((d = dataset_after(c->server->jobs, after, &c->peer))) {
-		if (n == limit) {
-			list.more = true;
+	list.datasets = rows;
+	found = dataset_list(c->server->jobs, after, &c->peer, limit + 1, datasets);
+	for (unsigned n = 0; n < found && n < limit; n++) {
+		message_dataset(datasets[n], &page[n]);
+		size = acut__v1__dataset__get_packed_size(&page[n].dataset) + LIST_ROW;
+		if (bytes + size > FRAME_MAX)
 			break;
-		}
-		message_dataset(d, &page[n]);
-		datasets[n] = &page[n].dataset;
-		list.n_datasets = n + 1;
-		if (frame_message_size(FRAME_MESSAGE(DATASETS, datasets, &list)) > FRAME_MAX) {
-			list.n_datasets = n;
-			list.more = true;
-			break;
-		}
-		after = page[n].dataset.name;
-		n++;
+		bytes += size;
+		rows[list.n_datasets++] = &page[n].dataset;
 	}
-	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
+	list.more = list.n_datasets < found;
+	request_answer_within(q, FRAME_MESSAGE(DATASETS, datasets, &list), bytes);
 	free(page);
 }
 

@@ -179,7 +179,7 @@ void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 {
 	uint64_t after = m->jobs_request->after;
 	unsigned limit = m->jobs_request->limit, n = 0;
-	size_t bytes = 64; /* of the frame around them */
+	size_t bytes = LIST_ITSELF, size;
 	struct message_job *page = calloc(PAGE_MAX, sizeof *page);
 	Acut__V1__Job *list[PAGE_MAX];
 	Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
@@ -199,18 +199,19 @@ void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		after = page[n].job.id;
 		list[n] = &page[n].job;
 		jobs.n_jobs = n + 1;
-		bytes += acut__v1__job__get_packed_size(&page[n].job) + 8;
-		if (n == limit || bytes > FRAME_MAX) {
+		size = acut__v1__job__get_packed_size(&page[n].job) + LIST_ROW;
+		if (n == limit || bytes + size > FRAME_MAX) {
 			jobs.n_jobs = n;
 			jobs.more = true;
 			break;
 		}
+		bytes += size;
 		n++;
 		if (n == PAGE_MAX) {
 			jobs.more = job_after(c->server->jobs, after, &c->peer) != NULL;
 			break;
 		}
 	}
-	request_answer(q, FRAME_MESSAGE(JOBS, jobs, &jobs));
+	request_answer_within(q, FRAME_MESSAGE(JOBS, jobs, &jobs), bytes);
 	free(page);
 }
