@@ -32,14 +32,11 @@ static void put_text(FILE *out, const char *text)
 {
 	putc_unlocked('"', out);
 	for (const unsigned char *p = (const unsigned char *)text; *p;) {
-		size_t n_plain = 0;
 		unsigned n;
 
-		while (plain[p[n_plain]])
-			n_plain++;
-		if (n_plain)
-			fwrite_unlocked(p, 1, n_plain, out);
-		p += n_plain;
+		/* Most are a few bytes. */
+		for (; plain[*p]; p++)
+			putc_unlocked(*p, out);
 		if (!*p)
 			break;
 		n = utf8(p);
@@ -104,7 +101,8 @@ static void put_digits(FILE *out, uint64_t n, unsigned least)
 		digits[--at] = (char)('0' + n % 10);
 		n /= 10;
 	}
-	fwrite_unlocked(digits + at, 1, sizeof digits - at, out);
+	for (; at < sizeof digits; at++)
+		putc_unlocked(digits[at], out);
 }
 
 /*

@@ -426,7 +426,6 @@ static void put_away(struct jobs *j)
 		if (over(job) && past_keep(job))
 			warm--;
 	}
-	past_round(j);
 	forget_old(j);
 	past_round(j);
 }

@@ -34,7 +34,7 @@ struct past {
 	size_t n, room;
 	uint64_t view_bytes;
 	struct job *guests;
-	unsigned guest;
+	unsigned guest; /* that comes next; of this round */
 };
 
 /* ---- packing ---- */
@@ -237,7 +237,8 @@ static struct job *guest_of(struct jobs *j, const struct entry *e)
 		return e->job;
 	if (!p->guests && !(p->guests = calloc(GUESTS, sizeof *p->guests)))
 		return NULL;
-	g = &p->guests[p->guest++ % GUESTS];
+	g = &p->guests[p->guest % GUESTS];
+	p->guest = p->guest + 1 < 2 * GUESTS ? p->guest + 1 : GUESTS;
 	unpack(e->kept->image, g);
 	g->charged = e->kept->charged;
 	g->guest = true;
@@ -372,11 +373,16 @@ uint64_t past_view_bytes(const struct jobs *j)
 
 void past_round(struct jobs *j)
 {
-	if (!j->past || !j->past->guests)
+	struct past *p = j->past;
+
+	if (!p || !p->guests)
 		return;
-	free(j->past->guests);
-	j->past->guests = NULL;
-	j->past->guest = 0;
+	/* Who goes through a list is here again next round: the kernel would clear each page of it each time. */
+	if (!p->guest) {
+		free(p->guests);
+		p->guests = NULL;
+	}
+	p->guest = 0;
 }
 
 void past_free(struct jobs *j)

@@ -38,7 +38,7 @@ bool past_has(const struct jobs *, uint64_t id);
 void past_forget_dataset(struct jobs *, struct dataset *);
 size_t past_count(const struct jobs *); /* all jobs */
 uint64_t past_view_bytes(const struct jobs *); /* of their views' texts */
-void past_round(struct jobs *); /* guests are gone */
+void past_round(struct jobs *); /* guests are gone; what they lay in with the first round that has none */
 void past_free(struct jobs *);
 
 #endif

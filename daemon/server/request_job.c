@@ -175,12 +175,21 @@ void request_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int
 
 enum { PAGE_MAX = 64 };
 
+/* Kept while pages are asked for: the kernel would clear it for each. */
+static struct message_job *jobs_page(struct server *s)
+{
+	if (!s->jobs_page)
+		s->jobs_page = calloc(PAGE_MAX, sizeof *s->jobs_page);
+	s->jobs_paged = true;
+	return s->jobs_page;
+}
+
 void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	uint64_t after = m->jobs_request->after;
 	unsigned limit = m->jobs_request->limit, n = 0;
 	size_t bytes = LIST_ITSELF, size;
-	struct message_job *page = calloc(PAGE_MAX, sizeof *page);
+	struct message_job *page = jobs_page(c->server);
 	Acut__V1__Job *list[PAGE_MAX];
 	Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
 	struct err err = ERR_INIT;
@@ -213,5 +222,4 @@ void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		}
 	}
 	request_answer_within(q, FRAME_MESSAGE(JOBS, jobs, &jobs), bytes);
-	free(page);
 }

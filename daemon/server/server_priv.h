@@ -32,6 +32,8 @@ struct server {
 	uint64_t last_conn;
 	uint64_t started_ns;
 	bool stopping, reap;
+	struct message_job *jobs_page; /* request_jobs; NULL: none was asked for of late */
+	bool jobs_paged;               /* in this round */
 	struct turn { /* turn.c: what the loop did for users of late */
 		uint64_t since_ns, used_ns;
 	} turns[256];
