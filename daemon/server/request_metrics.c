@@ -277,20 +277,19 @@ static void dataset_page(struct page *p, struct server *s, const struct job_peer
 		 dataset_pushed},
 		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be taken up.", dataset_pending},
 	};
-	size_t n = 0;
-	struct dataset *d;
+	struct dataset *list[DATASETS + 1];
+	size_t found = dataset_list(s->jobs, after, peer, DATASETS + 1, list), n = found < DATASETS ? found : DATASETS;
 
-	for (d = dataset_after(s->jobs, after, peer); d && n < DATASETS; d = dataset_after(s->jobs, p->dataset[n - 1].name, peer)) {
-		dataset_info(d, &p->dataset[n]);
-		snprintf(p->uid[n], TEXT, "%" PRIu32, p->dataset[n].uid);
-		n++;
+	for (size_t i = 0; i < n; i++) {
+		dataset_info(list[i], &p->dataset[i]);
+		snprintf(p->uid[i], TEXT, "%" PRIu32, p->dataset[i].uid);
 	}
 	for (size_t k = 0; n && k < sizeof rows / sizeof *rows; k++) {
 		family(p, rows[k].name, "gauge", rows[k].help);
 		for (size_t i = 0; i < n; i++)
 			sample2(p, rows[k].of(&p->dataset[i]), "dataset", p->dataset[i].name, "uid", p->uid[i]);
 	}
-	if (d)
+	if (found > n)
 		snprintf(p->next, sizeof p->next, "d%s", p->dataset[n - 1].name);
 	else
 		snprintf(p->next, sizeof p->next, "u0");
