@@ -158,6 +158,62 @@ static void holdings(void **state)
 	assert_true(disk_points_bytes(1000000) >= 16000000);
 }
 
+/* What is read of a report is what was written, as strtod reads it. */
+static void reports(void **state)
+{
+	static const double seconds[] = {0, 0.000001, 0.025279, 0.999999, 1.25, 86400.000001, 123456789.123456, 12345678901.5, 1e300, 0.1};
+	char text[4096];
+
+	for (size_t i = 0; i < sizeof seconds / sizeof *seconds; i++) {
+		struct job_report r = {.points = UINT64_MAX - i, .used = UINT64_C(999999999999999999) + i, .vertices = 10 * i,
+				       .digest = "0123456789abcdef0123456789abcdef", .seconds = seconds[i], .peak_rss = i,
+				       .note = "with blanks, and a full stop.", .worked_seconds = 1 / (1.0 + (double)i), .window = i % 2};
+		struct job_report back;
+
+		for (int k = 0; k < VIEW_RULES; k++)
+			r.removed[k] = i * 1000 + (uint64_t)k;
+		report_text(&r, text, sizeof text);
+		snprintf(text + strlen(text), 99, "no-such 5\nremoved-never 6\n\nnothing\n");
+		report_parse(text, &back);
+		snprintf(text, sizeof text, "%.6f", r.worked_seconds);
+		assert_true(back.worked_seconds == strtod(text, NULL));
+		back.worked_seconds = r.worked_seconds;
+		snprintf(text, sizeof text, "%.6f", r.seconds);
+		assert_true(back.seconds == strtod(text, NULL));
+		back.seconds = r.seconds;
+		assert_memory_equal(&back, &r, sizeof r);
+	}
+}
+
+/* Pages of datasets: by name, each once, whatever order they were made in; others' private and removed ones are not there. */
+static void listing(void **state)
+{
+	enum { ALL = 500 };
+	const struct job_peer he = {.uid = 7};
+	struct dataset all[ALL] = {0}, *page[64];
+	const struct jobs house = {.datasets = all};
+	char after[DATASET_NAME_MAX + 1] = "";
+	unsigned n, seen = 0, max = 1;
+
+	for (unsigned i = 0; i < ALL; i++) {
+		all[i] = (struct dataset){.next = i + 1 < ALL ? &all[i + 1] : NULL, .uid = 7, .mode = 0600, .generation = 1};
+		snprintf(all[i].name, sizeof all[i].name, "set-%03u", i * 307 % ALL);
+		all[i].removed_us = i % 10 == 3;
+		all[i].uid = i % 10 == 4 ? 8 : 7;
+	}
+	while ((n = dataset_list(&house, after, &he, max, page))) {
+		for (unsigned i = 0; i < n; i++) {
+			assert_true(strcmp(page[i]->name, i ? page[i - 1]->name : after) > 0);
+			assert_true(!page[i]->removed_us && page[i]->uid == 7);
+		}
+		assert_true(n == max || seen + n == ALL * 8 / 10);
+		snprintf(after, sizeof after, "%s", page[n - 1]->name);
+		seen += n;
+		max = max % 64 + 1;
+	}
+	assert_int_equal(seen, ALL * 8 / 10);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -165,6 +221,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
 		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
 		cmocka_unit_test(holdings),
+		cmocka_unit_test(reports),
+		cmocka_unit_test(listing),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

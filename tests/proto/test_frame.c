@@ -240,6 +240,33 @@ static void test_round_trip(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
+/* A bound instead of the size: what is sent is what the message packs to, and all that was charged is given back. */
+static void test_within(void **state)
+{
+	struct ledger *ledger = ledger_new(1 << 20);
+	struct frame_limits limits = {.ledger = ledger};
+	struct pair a = pair_new(&limits);
+	uint64_t before = ledger_held(ledger, LEDGER_MESSAGE);
+	struct frame_conn *b;
+	struct err err = ERR_INIT;
+
+	assert_int_equal(frame_conn_new(a.raw, NULL, &b, &err), 0);
+	assert_int_equal(frame_conn_send_within(a.conn, 1, hello(), 5000, &err), 0);
+	assert_int_equal(frame_conn_send_within(a.conn, 2, hello(), frame_message_size(hello()) - FRAME_HEADER_SIZE, &err), 0);
+	assert_int_equal(frame_conn_send_within(a.conn, 3, hello(), FRAME_BODY_MAX + 1, &err), -ERR_LIMIT);
+	assert_int_equal(frame_conn_queued(a.conn), 2 * frame_message_size(hello()));
+	assert_true(ledger_held(ledger, LEDGER_MESSAGE) >= before + 5000 + frame_message_size(hello()));
+	assert_int_equal(frame_conn_flush(a.conn, &err), 0);
+	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), before);
+	check_hello(b, 1, false);
+	check_hello(b, 2, false);
+	assert_int_equal(recv_result(b, &err), FRAME_E_AGAIN);
+	frame_conn_free(b);
+	a.raw = -1;
+	pair_free(&a);
+	ledger_free(ledger);
+}
+
 /* Bytes dribble in one at a time; nothing is there before the last one. */
 static void test_one_byte_writes(void **state)
 {
@@ -624,6 +651,7 @@ int main(void)
 	    cmocka_unit_test(test_header_bad),
 	    cmocka_unit_test(test_length_limit),
 	    cmocka_unit_test(test_round_trip),
+		cmocka_unit_test(test_within),
 	    cmocka_unit_test(test_one_byte_writes),
 	    cmocka_unit_test(test_every_truncation),
 	    cmocka_unit_test(test_descriptors),
