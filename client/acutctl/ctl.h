@@ -119,6 +119,8 @@ struct ctl_command {
 int ctl_verb_run(struct ctl *);
 /* NULL: there is none of that name. */
 const struct ctl_verb *ctl_verb_find(const struct ctl_command *, const char *name);
+/* An error with the nearest verb. */
+int ctl_verb_unknown(const struct ctl_command *, const char *word, struct err *);
 
 extern const struct ctl_verb ctl_cache_verbs[], ctl_config_verbs[], ctl_dataset_verbs[], ctl_geoid_verbs[];
 

@@ -29,7 +29,7 @@ static const struct ctl_command table[] = {
 	{"formats", "formats", "what can be read and written", CTL_ALL, 0, 0, false, ctl_formats_run},
 	{"geoid", "geoid add|list|rm", "the geoid grids that the daemon keeps", CTL_ALL | CTL_GEOID, 1, MANY, false,
 	 ctl_verb_run, ctl_geoid_verbs},
-	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 1, false, ctl_help_run},
+	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 2, false, ctl_help_run},
 	{"info", "info INPUT...", "what is in files", CTL_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY,
 	 true, ctl_info_run},
 	{"ingest", "ingest DATASET FOLDER", "one pass over a drop folder: what has settled is pushed, and moved to done/ or failed/",

@@ -62,7 +62,8 @@ static void show_text(struct ctl *ctl, const struct acut_dataset *d)
 	char a[CTL_NAME_SIZE], b[CTL_NAME_SIZE], mode[MODE_TEXT_SIZE];
 
 	ctl_term_field(out, "dataset", "%s", d->name);
-	ctl_term_field(out, "generation", "%llu, of %u files", (unsigned long long)d->generation, d->files);
+	ctl_term_field(out, "generation", "%llu, of %u file%s", (unsigned long long)d->generation, d->files,
+		       d->files == 1 ? "" : "s");
 	ctl_term_field(out, "points", "%s, %s", ctl_job_count(d->points, a), parse_size_text(d->bytes, b));
 	if (d->segments)
 		ctl_term_field(out, "segments", "%u%s", d->segments, d->merging ? ", some of them become one now" : "");

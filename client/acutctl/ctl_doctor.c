@@ -34,10 +34,12 @@ static void show_text(struct doctor *d, const struct acut_check *c)
 
 	if (d->ctl->args.quiet && tint == CTL_GOOD)
 		return;
-	fprintf(out, "%s%-8s%s ", ctl_term_tint(&term, tint), c->state, ctl_term_tint(&term, CTL_PLAIN));
-	ctl_term_line(out, "%-10s %s", c->name, c->message);
-	if (c->hint[0])
-		ctl_term_line(out, "%19s -> %s", "", c->hint);
+	fprintf(out, "%s%-8s%s %-10s ", ctl_term_tint(&term, tint), c->state, ctl_term_tint(&term, CTL_PLAIN), c->name);
+	ctl_term_wrap(out, 20, c->message);
+	if (!c->hint[0])
+		return;
+	fprintf(out, "%19s -> ", "");
+	ctl_term_wrap(out, 23, c->hint);
 }
 
 static void tell(void *ctx, const struct acut_check *c)

@@ -142,6 +142,14 @@ int ctl_help_run(struct ctl *ctl)
 			ctl_command_unknown(ctl->args.word[0], &err);
 			return ctl_error(ctl, &err);
 		}
+		/* A verb is on the page of its command. */
+		if (ctl->args.nword > 1 && !(c->verbs && ctl_verb_find(c, ctl->args.word[1]))) {
+			if (c->verbs)
+				ctl_verb_unknown(c, ctl->args.word[1], &err);
+			else
+				err_set(&err, ERR_USAGE, "help of %s takes no word \"%s\"", c->name, ctl->args.word[1]);
+			return ctl_error(ctl, &err);
+		}
 	}
 	if (!c->run) {
 		err_set(&err, ERR_UNSUPPORTED, "%s is not in this version of acut", c->name);

@@ -56,8 +56,11 @@ static int number(const char *text, const char *what, uint32_t *ret, struct err 
 {
 	uint64_t n;
 
-	if (!parse_u64(text, &n) || n >= UINT32_MAX)
-		return err_set(err, ERR_USAGE, "there is no %s \"%.100s\"", what, text);
+	if (!parse_u64(text, &n) || n >= UINT32_MAX) {
+		err_set(err, ERR_USAGE, "there is no %s \"%.100s\"", what, text);
+		return err_add_hint(err, "give the name or the number of a %s that this machine knows: getent %s", what,
+				    *what == 'u' ? "passwd" : "group");
+	}
 	*ret = (uint32_t)n;
 	return 0;
 }

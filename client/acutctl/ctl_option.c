@@ -345,6 +345,18 @@ static void verbs_text(const struct ctl_command *c, char *buf, size_t size)
 		n += (size_t)snprintf(buf + n, size - n, "%s%s", v == c->verbs ? "" : v[1].name ? ", " : " or ", v->name);
 }
 
+int ctl_verb_unknown(const struct ctl_command *c, const char *word, struct err *err)
+{
+	struct ctl_guess g = {.given = word};
+	char buf[128], all[200];
+
+	for (const struct ctl_verb *v = c->verbs; v->name; v++)
+		ctl_guess_offer(&g, v->name);
+	verbs_text(c, all, sizeof(all));
+	err_set(err, ERR_USAGE, "there is no command %s %s", c->name, word);
+	return err_add_hint(err, "%sacutctl %s %s", ctl_guess_text(&g, "", buf), c->name, all);
+}
+
 static int check_verb(const struct reader *r, struct ctl *ctl, struct err *err)
 {
 	const struct ctl_command *c = ctl->command;
@@ -359,15 +371,8 @@ static int check_verb(const struct reader *r, struct ctl *ctl, struct err *err)
 		return err_add_hint(err, "acutctl %s %s", c->name, all);
 	}
 	ctl->verb = ctl_verb_find(c, ctl->args.word[0]);
-	if (!ctl->verb) {
-		struct ctl_guess g = {.given = ctl->args.word[0]};
-		char buf[128];
-
-		for (const struct ctl_verb *v = c->verbs; v->name; v++)
-			ctl_guess_offer(&g, v->name);
-		err_set(err, ERR_USAGE, "there is no command %s %s", c->name, ctl->args.word[0]);
-		return err_add_hint(err, "%sacutctl %s %s", ctl_guess_text(&g, "", buf), c->name, all);
-	}
+	if (!ctl->verb)
+		return ctl_verb_unknown(c, ctl->args.word[0], err);
 	if (n - 1 < ctl->verb->least || n - 1 > ctl->verb->most) {
 		if (n - 1 < ctl->verb->least)
 			err_set(err, ERR_USAGE, "%s %s needs %u word%s after it, %u given", c->name, ctl->verb->name,

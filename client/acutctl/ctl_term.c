@@ -210,6 +210,17 @@ static void wrapped(FILE *out, char *text, unsigned indent, unsigned width)
 	}
 }
 
+void ctl_term_wrap(FILE *out, unsigned indent, const char *text)
+{
+	char *safe = ctl_term_safe(text);
+
+	if (safe)
+		wrapped(out, safe, indent, ctl_term_of(out).width);
+	else
+		fputs("?\n", out);
+	free(safe);
+}
+
 void ctl_term_field(FILE *out, const char *key, const char *fmt, ...)
 {
 	struct ctl_term term = ctl_term_of(out);

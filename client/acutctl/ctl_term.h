@@ -37,6 +37,8 @@ void ctl_term_shorten(char *text, unsigned columns, bool tail);
 
 /* "key         value" as a line; on a terminal, values that are wider go on below the first. */
 void ctl_term_field(FILE *, const char *key, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
+/* The rest of a line of which so many columns are taken; what a terminal has no room for goes on below. */
+void ctl_term_wrap(FILE *, unsigned indent, const char *text);
 /* A line of text. */
 void ctl_term_line(FILE *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 

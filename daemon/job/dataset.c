@@ -331,9 +331,13 @@ int dataset_ask(struct jobs *j, const char *name, const struct job_peer *peer, e
 		struct err *err)
 {
 	struct dataset *d = dataset_find(j, name, peer);
-	int r = d ? rights_dataset(d, peer, right, err)
-		  : err_set(err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
+	int r;
 
+	if (!d) {
+		err_set(err, ERR_NOTFOUND, "there is no dataset \"%.100s\"", name);
+		return err_add_hint(err, "acutctl datasets lists them");
+	}
+	r = rights_dataset(d, peer, right, err);
 	if (!r)
 		*ret = d;
 	return r;

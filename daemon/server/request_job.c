@@ -13,6 +13,7 @@ static struct job *find(struct conn *c, struct request *q, uint64_t id)
 
 	if (!job) {
 		err_set(&err, ERR_NOTFOUND, "there is no job %llu", (unsigned long long)id);
+		err_add_hint(&err, "acutctl jobs lists them");
 		request_refuse(q, &err);
 	}
 	return job;

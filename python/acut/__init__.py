@@ -39,8 +39,8 @@ from ._errors import (BusyError, CancelledError, ChangedError, CorruptError, Dig
                       NotPermittedError, ProtocolError, ReadWriteError, TimedOutError, TruncatedError, UnsupportedError,
                       UsageError, VersionError)
 from ._mesh import Base, Block, Fetch, Head, Mesh, Region, Tail
-from ._results import (CacheKind, CacheStat, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
-                       LedgerEntry, LogFile, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
+from ._results import (CacheKind, CacheStat, Check, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
+                       LedgerEntry, LogFile, Metric, Plan, Progress, Pruned, Pushed, PushedFile, Report, Reverted, Setting,
                        Side, Status, Verified)
 from ._view import view_text
 
@@ -49,7 +49,7 @@ __all__ = [
     "Fetch", "Block", "Mesh", "Head", "Tail", "Base", "Region",
     "Pushed", "PushedFile", "Job", "Report", "Progress", "Plan", "Dataset", "Generation", "LogFile", "Reverted", "Pruned",
     "Imported", "Info", "Inspected", "Geoid", "Status", "Setting", "Side", "Holder", "LedgerEntry", "CacheStat", "CacheKind",
-    "Verified", "Damage", "BackupFile",
+    "Verified", "Damage", "Metric", "Check", "BackupFile",
     "Error", "InputError", "TruncatedError", "ChangedError", "LimitError", "CancelledError", "GoneError", "DigestError",
     "InternalError", "UsageError", "UnsupportedError", "NotFoundError", "NoDaemonError", "ReadWriteError", "NoSpaceError",
     "CorruptError", "BusyError", "NoMemoryError", "ProtocolError", "VersionError", "NotPermittedError", "TimedOutError",

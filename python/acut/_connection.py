@@ -2,7 +2,9 @@
 import contextlib
 import ctypes
 import functools
+import grp
 import os
+import pwd
 import weakref
 from typing import Any, Callable, Iterable, Iterator, List, Optional, TypeVar, Union
 
@@ -105,6 +107,14 @@ class Connection:
         """The daemon's settings, and where each comes from."""
         return self._list("config", abi.acut_setting, convert=functools.partial(take, results.Setting))
 
+    def metrics(self) -> List[results.Metric]:
+        """What acutctl metrics prints, see acut-metrics(7); a sample each."""
+        return self._list("metrics", abi.acut_metric, convert=results.metric)
+
+    def doctor(self) -> List[results.Check]:
+        """What the daemon can see of whether all is well; acutctl doctor looks at this side, too."""
+        return self._list("doctor", abi.acut_check, convert=functools.partial(take, results.Check))
+
     # ---- how calls are made ----
 
     def _call(self, name: str, *arguments: Any) -> None:
@@ -145,10 +155,17 @@ class Connection:
         """One dataset, now or as it was in a generation. NotFoundError: there is none."""
         return self._fill("dataset_at", abi.acut_dataset, encoded(name), at, convert=functools.partial(take, results.Dataset))
 
-    def create_dataset(self, name: str, *, scale: Any = None, crs: Optional[str] = None) -> None:
-        """A dataset before its first push. scale: "0.01" or "0.01,0.001"; crs: "EPSG:n", a WKT, or a name."""
+    def create_dataset(self, name: str, *, scale: Any = None, crs: Optional[str] = None,
+                       mode: Union[str, int, None] = None) -> None:
+        """A dataset before its first push. scale: "0.01" or "0.01,0.001"; crs: "EPSG:n", a WKT, or a name; mode: as in push."""
         xy, _, z = str(scale).partition(",") if scale is not None else (None, None, None)
-        self._call("dataset_create", encoded(name), encoded(xy), encoded(z or None), encoded(crs))
+        with contextlib.ExitStack() as stack:
+            # On a connection of its own where a mode is said: libacut keeps it for all that the connection makes.
+            on = self if mode is None else stack.enter_context(Connection(self.socket, program=self._program,
+                                                                          timeout=self._timeout))
+            if mode is not None:
+                on._call("dataset_mode", _mode(mode))
+            on._call("dataset_create", encoded(name), encoded(xy), encoded(z or None), encoded(crs))
 
     def dataset_log(self, name: str, *, files: bool = False) -> List[results.Generation]:
         """The generations of a dataset, oldest first; files: with what each added and removed, as `changes`."""
@@ -190,6 +207,21 @@ class Connection:
         """Takes the pin away."""
         return self._change("unpin", name)
 
+    def chmod_dataset(self, name: str, mode: Union[str, int]) -> results.Dataset:
+        """Who may read it and push into it: 0o640, "640", "g+w,o=". Its owner, and administrators."""
+        return self._fill("dataset_chmod", abi.acut_dataset, encoded(name), _mode(mode),
+                          convert=functools.partial(take, results.Dataset))
+
+    def chgrp_dataset(self, name: str, group: Union[str, int]) -> results.Dataset:
+        """Another group, by name or number, that its owner is in; administrators: any."""
+        return self._fill("dataset_chgrp", abi.acut_dataset, encoded(name), _number("group", group),
+                          convert=functools.partial(take, results.Dataset))
+
+    def chown_dataset(self, name: str, user: Union[str, int]) -> results.Dataset:
+        """Another owner, by name or number. Administrators."""
+        return self._fill("dataset_chown", abi.acut_dataset, encoded(name), _number("user", user),
+                          convert=functools.partial(take, results.Dataset))
+
     def revert(self, dataset: str, generation: int = 0) -> results.Reverted:
         """Undoes one generation, the newest if none is said, by a new one."""
         return self._fill("dataset_revert", abi.acut_reverted, encoded(dataset), generation,
@@ -204,7 +236,8 @@ class Connection:
              columns: Optional[str] = None, assume_crs: Optional[str] = None, assume_units: Optional[str] = None,
              utm: Optional[str] = None, geoid: Optional[str] = None, geoid_way: Optional[str] = None, planar: bool = False,
              accept_truncated: bool = False, strict: bool = False, checksum: bool = False, add: bool = False,
-             replace: bool = False, replaces: Optional[str] = None, progress: OnProgress = None) -> results.Pushed:
+             replace: bool = False, replaces: Optional[str] = None, mode: Union[str, int, None] = None,
+             progress: OnProgress = None) -> results.Pushed:
         """Files into a dataset, which comes to be with its first push; visible all at once, with the commit.
 
         inputs   a path, an open binary file or a descriptor, or several of them. Files are opened here, with the rights
@@ -212,6 +245,7 @@ class Connection:
         strict   one refused input refuses all; else refused ones are in the result's `refused`, and only when there is
                  no good one its error is raised
         progress called with a Progress now and then
+        mode     of a dataset that comes to be: 0o640, "640", "g+w"; unset: what the umask leaves of 666
         The others are the options of acutctl push. A push that breaks off keeps what it has on the daemon's disk: the
         same push again goes on with it.
         """
@@ -225,6 +259,8 @@ class Connection:
             raise UsageError("replaces is about one input, there are %d" % len(inputs))
         # On a connection of its own, which ends with it: what broke off is then for the next push to take up, at once.
         with Exclusive(self._state), Connection(self.socket, program=self._program, timeout=self._timeout) as own:
+            if mode is not None:
+                own._call("dataset_mode", _mode(mode))
             options = push_options(own._state, dataset, scale, assume_units, progress, format=format, columns=columns,
                                    assume_crs=assume_crs, utm=utm, geoid=geoid, geoid_way=geoid_way, planar=planar,
                                    accept_truncated=accept_truncated, checksum=checksum, add=add, replace=replace,
@@ -369,6 +405,29 @@ class Connection:
 
 def _id(job: JobOrId) -> int:
     return job.id if isinstance(job, results.Job) else int(job)
+
+
+def _mode(mode: Union[str, int]) -> Optional[bytes]:
+    """As libacut reads it: digits are octal, so a number is written in octal."""
+    if isinstance(mode, int) and not isinstance(mode, bool):
+        if not 0 <= mode <= 0o7777:
+            raise UsageError("%s is not a mode" % oct(mode), hint="give it as 0o640 or \"640\"")
+        return b"%04o" % mode
+    return encoded(mode)
+
+
+def _number(kind: str, who: Union[str, int]) -> int:
+    """Of a user or a group of this machine; a text of digits that nobody has for a name is a number."""
+    if isinstance(who, str):
+        try:
+            return pwd.getpwnam(who).pw_uid if kind == "user" else grp.getgrnam(who).gr_gid
+        except KeyError:
+            if not (who.isascii() and who.isdigit()):
+                raise UsageError("there is no %s \"%s\"" % (kind, who)) from None
+    number = int(who)
+    if not 0 <= number < 2 ** 32 - 1:
+        raise UsageError("%d is no number of a %s" % (number, kind))
+    return number
 
 
 def _view(text: Optional[str], words: Any) -> Optional[bytes]:

@@ -124,6 +124,30 @@ class Setting:
 
 
 @dataclass(frozen=True)
+class Metric:
+    """One sample, see acut-metrics(7)."""
+    name: str
+    type: str  # "counter", "gauge"
+    help: str
+    labels: Dict[str, str]
+    value: float
+
+
+def metric(s: Any) -> Metric:
+    words = [decoded(s.label[i]) for i in range(2 * s.nlabel)]
+    return take(Metric, s, labels=dict(zip(words[::2], words[1::2])))
+
+
+@dataclass(frozen=True)
+class Check:
+    """What the doctor found of one thing."""
+    name: str
+    state: str    # "ok", "warning", "wrong", "unknown"
+    message: str
+    hint: str     # what to do; "": nothing
+
+
+@dataclass(frozen=True)
 class Progress:
     phase: str  # "stage", "seal", "select", "mesh"
     points: int

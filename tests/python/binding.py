@@ -2,10 +2,12 @@
 any moment, threads; nothing left open. Run under -X dev -W error, where a warning is an exception."""
 import contextlib
 import gc
+import grp
 import io
 import json
 import os
 import pickle
+import pwd
 import random
 import signal
 import struct
@@ -203,6 +205,51 @@ def changes():
         held.update(new)
         expect(held == want, "the changes do not lead to the new mesh")
         raises(acut.GoneError, lambda: list(c.fetch(job, since=77)))
+
+
+def rights():
+    """Owner, group and mode of datasets; samples and checks beside those of acutctl."""
+    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
+        a = synth(os.path.join(base, "a.las"), 3000)
+
+        def shown(name):
+            return d.ctl("dataset", "show", name, "--json").ok().json()["mode"]
+
+        before = os.umask(0o027)
+        try:
+            c.push("plain", a)
+            expect(c.dataset("plain").mode == 0o640, "the umask, in the mode of a new dataset")
+            c.push("mine", a, mode=0o600)
+            c.create_dataset("ours", mode="g+w,o=")
+            c.create_dataset("after")
+        finally:
+            os.umask(before)
+        modes = {s.name: s.mode for s in c.datasets()}
+        expect(modes == {"plain": 0o640, "mine": 0o600, "ours": 0o660, "after": 0o640}, modes)
+        expect(c.chmod_dataset("mine", 0o644).mode == 0o644 and shown("mine") == "0644", "chmod by a number: " + shown("mine"))
+        expect(c.chmod_dataset("mine", "g+w,o=").mode == 0o660 and shown("mine") == "0660", "chmod by a text: " + shown("mine"))
+        found = c.dataset("mine")
+        expect((found.uid, found.gid) == (os.getuid(), os.getgid()), found)
+        group, user = grp.getgrgid(os.getgid()).gr_name, pwd.getpwuid(os.getuid()).pw_name
+        expect(c.chgrp_dataset("mine", group).gid == os.getgid() == c.chgrp_dataset("mine", os.getgid()).gid, "chgrp")
+        expect(c.chown_dataset("mine", user).uid == os.getuid() == c.chown_dataset("mine", str(os.getuid())).uid, "chown")
+        for bad in ("9z", "", 0o10000, -1, 0o4755):
+            raises(acut.UsageError, c.chmod_dataset, "mine", bad)
+        raises(acut.UsageError, c.push, "new", a, mode="nothing")
+        for bad in ("no such name", -1, 2 ** 32 - 1):
+            raises(acut.UsageError, c.chown_dataset, "mine", bad)
+            raises(acut.UsageError, c.chgrp_dataset, "mine", bad)
+        raises(acut.NotFoundError, c.chmod_dataset, "nothing", 0o640)
+        expect(shown("mine") == "0660", "what was refused changed something")
+
+        text = d.ctl("metrics").ok().out
+        samples = [m for m in c.metrics() if m.labels.get("dataset") == "plain"]
+        expect(samples and {m.type for m in samples} <= {"counter", "gauge"}, samples)
+        names = {m.name for m in c.metrics()}
+        expect(all("# TYPE %s " % n in text for n in names) and len(names) > 20, names)
+        checks = {s["check"]: s["state"] for s in d.ctl("doctor", "--json").json_lines() if "check" in s}
+        told = {s.name: s.state for s in c.doctor()}
+        expect(told and {n: checks.get(n) for n in told} == told, "%r %r" % (told, checks))
 
 
 def inputs():
@@ -503,4 +550,4 @@ def leave(c, job):
 
 
 signal.signal(signal.SIGALRM, signal.default_int_handler)
-e2e.main(same_mesh, same_views, changes, inputs, failures, the_page, callbacks, interrupts, threads, nothing_is_left)
+e2e.main(same_mesh, same_views, changes, rights, inputs, failures, the_page, callbacks, interrupts, threads, nothing_is_left)
