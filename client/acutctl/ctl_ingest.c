@@ -10,6 +10,8 @@
  * pass before was killed between its commit and its moves or because it was delivered twice, is not taken again, and is
  * moved. A refused one does not hold up the others; a push that fails as a whole is halved until the file that
  * it fails on stands alone. What time mends (no daemon, busy, no space) leaves files where they are.
+ * acutd compares a file with what the dataset has, not with the others of its push: of files of one content the first goes,
+ * and the others go with the next push, which finds it there, or takes one of them in its stead.
  *
  * Only regular files that lie in the folder itself are looked at, and no link is followed. Two passes over one folder keep
  * out of each other's way by a lock on the folder.
@@ -26,6 +28,7 @@
 
 #include "clock.h"
 #include "ctl_ingest.h"
+#include "digest.h"
 #include "ctl_term.h"
 #include "parse.h"
 
@@ -40,7 +43,9 @@ struct file {
 	struct ctl_input in; /* name: safe to print; entry: as it is */
 	char *entry, *path;
 	uint64_t since; /* it was seen as it is */
-	bool tried, there;
+	struct digest hash; /* of its bytes */
+	bool tried, there, hashed;
+	bool taken; /* the dataset has its content */
 };
 
 struct ingest {
@@ -90,7 +95,7 @@ static void see(struct file *f, const struct stat *st, uint64_t now)
 	f->in.mtime = st->st_mtim;
 	f->in.ctime = st->st_ctim;
 	f->since = now;
-	f->tried = false;
+	f->tried = f->hashed = f->taken = false;
 }
 
 static int add(struct ingest *g, const char *name, const struct stat *st, uint64_t now, struct err *err)
@@ -195,6 +200,48 @@ struct batch {
 	size_t n;
 };
 
+/* False: it cannot be read whole; that is for its push to tell. */
+static bool hash_file(const struct ingest *g, struct file *f)
+{
+	static uint8_t buf[64 << 10];
+	int fd = openat(g->drop.fd, f->entry, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
+	struct digest_stream *s = fd < 0 ? NULL : digest_stream_new();
+	struct stat st;
+	ssize_t n = -1;
+
+	/* Another file may have its name by now. */
+	if (s && !fstat(fd, &st) && ctl_input_unchanged(&f->in, &st))
+		while ((n = read(fd, buf, sizeof(buf))) > 0 && !ctl_signal_interrupted(g->ctl))
+			digest_stream_add(s, buf, (size_t)n);
+	f->hashed = n == 0;
+	if (f->hashed)
+		f->hash = digest_stream_end(s);
+	digest_stream_free(s);
+	if (fd >= 0)
+		close(fd);
+	return f->hashed;
+}
+
+/* One of the batch has the same bytes, and nobody knows yet whether the dataset takes them. */
+static bool is_twin(const struct ingest *g, const struct batch *b, struct file *f)
+{
+	for (size_t i = 0; !f->taken && f->in.size && i < b->n; i++) {
+		struct file *other = b->file[i];
+
+		if (other->in.size == f->in.size && (other->hashed || hash_file(g, other)) && (f->hashed || hash_file(g, f)) &&
+		    digest_equal(other->hash, f->hash))
+			return true;
+	}
+	return false;
+}
+
+static void note_taken(struct ingest *g, const struct file *f)
+{
+	for (size_t i = 0; f->hashed && i < g->n; i++)
+		if (g->file[i].hashed && digest_equal(g->file[i].hash, f->hash))
+			g->file[i].taken = true;
+}
+
 /* Where a file of a push belongs. NULL: it stays. */
 static const char *put_away(struct ingest *g, struct file *f, const struct err *why, struct ctl_drop_name *name)
 {
@@ -210,6 +257,8 @@ static const char *put_away(struct ingest *g, struct file *f, const struct err *
 	if (!r) {
 		g->done += !why;
 		g->refused += why != NULL;
+		if (!why)
+			note_taken(g, f);
 		return name->text;
 	}
 	r = ctl_error(g->ctl, &err);
@@ -313,6 +362,26 @@ static int push(struct ingest *g, struct batch b)
 	return status ? status : push(g, (struct batch){ b.file + b.n / 2, b.n - b.n / 2 });
 }
 
+/* The next of the list, which become the batch; gives how many were looked at. */
+static size_t next_batch(const struct ingest *g, struct file **list, size_t n, struct batch *ret)
+{
+	struct batch b = { calloc(BATCH_FILES, sizeof(*list)), 0 };
+	off_t bytes = 0;
+	size_t at = 0;
+
+	while (b.file && at < n && b.n < BATCH_FILES && (!b.n || bytes < BATCH_BYTES)) {
+		struct file *f = list[at++];
+
+		if (is_twin(g, &b, f))
+			continue;
+		bytes += f->in.size;
+		f->tried = true;
+		b.file[b.n++] = f;
+	}
+	*ret = b;
+	return at;
+}
+
 /* What has settled, in pushes of many. *ret_any: there was something. */
 static int push_settled(struct ingest *g, bool *ret_any)
 {
@@ -331,15 +400,16 @@ static int push_settled(struct ingest *g, bool *ret_any)
 			list[n++] = &g->file[i];
 	*ret_any = n;
 	while (!status && at < n) {
-		struct batch b = { list + at, 0 };
-		off_t bytes = 0;
+		struct batch b;
 
-		while (at < n && b.n < BATCH_FILES && (!b.n || bytes < BATCH_BYTES)) {
-			bytes += list[at]->in.size;
-			list[at++]->tried = true;
-			b.n++;
+		at += next_batch(g, list + at, n - at, &b);
+		if (b.file) {
+			status = push(g, b);
+		} else {
+			err_set(&err, ERR_NOMEM, "no memory for a list of files");
+			status = ctl_error(g->ctl, &err);
 		}
-		status = push(g, b);
+		free(b.file);
 	}
 	free(list);
 	return status;

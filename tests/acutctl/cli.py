@@ -246,6 +246,9 @@ def texts():
         expect([c, "--help"], 0, "acutctl " + c)
         if c != "help":
             check("help of %s is the same twice" % c, run("help", c)[1] == run(c, "-h")[1])
+    check("help of a verb is that of its command", run("help", "dataset", "chmod")[1] == run("help", "dataset")[1] != "")
+    expect(["help", "push", "chmod"], 2, "no word \"chmod\"")
+    expect(["help", "push", "a", "b"], 2, "no word \"b\"")
     expect(["formats"], 0, "ply", "obj", "png", "las", "xyz")
     rows = [json.loads(line) for line in run("formats", "--json")[1].splitlines()]
     check("formats as JSON", {r["format"] for r in rows} >= {"ply", "obj", "png", "null", "las", "xyz"})
@@ -266,7 +269,7 @@ def suggestions():
                         (["mesh", "a", "--retruns", "all"], "did you mean --returns?"), (["mesh", "a", "--grund"], "did you mean --ground?"),
                         (["mesh", "a", "--max-egde=3"], "did you mean --max-edge?"), (["mesh", "a", "--returns", "frist"], "did you mean first?"),
                         (["mesh", "a", "--duplicates=higest"], "did you mean highest?"), (["submit", "a", "--priority", "hgih"], "did you mean high?"),
-                        (["help", "mehs"], "did you mean acutctl mesh?")):
+                        (["help", "mehs"], "did you mean acutctl mesh?"), (["help", "dataset", "chmd"], "did you mean chmod?")):
         out, err = expect(words, 2, said)
         check("one sentence and a hint: " + " ".join(words), len(err.splitlines()) == 2 and err.startswith("acutctl: there is no ")
               or " is " in err.splitlines()[0], err)

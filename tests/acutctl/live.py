@@ -291,14 +291,14 @@ def terminal(p):
     p.ctl("push", name, las, "--private")
     p.ctl("submit", name, "--private", "--wait")
     for words in (["datasets"], ["jobs"], ["dataset", "log", name], ["dataset", "log", name, "--files"], ["cache", "stat"], ["status"],
-                  ["dataset", "show", name], ["show", "1"], ["plan", name], ["formats"]):
+                  ["dataset", "show", name], ["show", "1"], ["plan", name], ["formats"], ["config", "show", "--origin"], ["doctor"]):
         for width in (132, 80, 50):
             if words[0] == "show":
                 words[1] = p.ctl("jobs", "--private")[1].split("\t")[0]
             seen = on_terminal(p, width, *words, "--private")
             check("%s fits %d" % (" ".join(words), width), wide(seen) <= width, repr(seen))
         rows = p.ctl(*words, "--private")[1].splitlines()
-        check("a script sees all of it: " + " ".join(words), words[0] in ("cache", "status", "plan", "formats", "show") or
+        check("a script sees all of it: " + " ".join(words), words[0] in ("cache", "status", "plan", "formats", "show", "doctor") or
               all(name in r or "\t" in r or words[1:2] == ["show"] for r in rows) and not any("…" in r for r in rows), str(rows))
         if words[0] in ("datasets", "jobs", "formats") or words[1:2] == ["log"]:
             check("as many columns in each row: " + " ".join(words), len({r.count("\t") for r in rows}) == 1, str(rows))

@@ -130,6 +130,31 @@ def delivered_again():
     expect(files_of("again") == (1, 600), "the dataset has %s" % (files_of("again"),))
 
 
+def twins():
+    """Several files of one content in one pass: it is in the dataset once, whichever of them it takes."""
+    f = drop("twins")
+    las(os.path.join(f, "old.las"))
+    ingest("twins", f)
+    for n in range(4):
+        las(os.path.join(f, "new%d.las" % n), seed=7)
+        las(os.path.join(f, "old%d.las" % n))
+    las(os.path.join(f, "other.las"), seed=8)  # of the same size
+    got = ingest("twins", f)
+    expect([got[n]["state"] for n in sorted(got)] == ["staged"] + ["known"] * 7 + ["staged"], "told: %s" % got)
+    expect(files_of("twins") == (3, 1500) and not holds(f), "the dataset has %s, %s" % (files_of("twins"), holds(f)))
+    # A refusal for its name takes nothing from the twin that is taken.
+    for n in ("new0.las", "zz1.las", "zz2.las"):
+        las(os.path.join(f, n), seed=9)
+    got = ingest("twins", f, status=3)
+    expect([got[n]["state"] for n in sorted(got)] == ["refused", "staged", "known"], "told: %s" % got)
+    expect(files_of("twins") == (4, 2000), "the dataset has %s" % (files_of("twins"),))
+    # Broken ones are refused, each.
+    for n in range(3):
+        las(os.path.join(f, "torn%d.las" % n), seed=6)
+        os.truncate(os.path.join(f, "torn%d.las" % n), 3000)
+    expect([g["state"] for g in ingest("twins", f, status=1).values()] == ["refused"] * 3, "broken twins")
+
+
 def odd_names():
     f = os.fsencode(drop("odd"))
     names = [b"new\nline.las", b"\xff\xfe.las", b"-rf.las", b"@list.las", b"\x1b[31m.las", b"n" * 251 + b".las", b"no extension", b"a.b"]
@@ -342,7 +367,7 @@ def whole():
     with Folder() as base, e2e.Daemon(base, memory="128M") as daemon:
         D, BASE = daemon, base
         try:
-            main(good_and_bad_and_not_ours, delivered_again, odd_names, half_copied, changed_while_pushed,
+            main(good_and_bad_and_not_ours, delivered_again, twins, odd_names, half_copied, changed_while_pushed,
                  killed_between_commit_and_move, nobody_to_push_to, one_at_a_time, folders_that_cannot_be_used, many_tiny_files)
         except SystemExit as e:
             status = e.code

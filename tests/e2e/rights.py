@@ -363,7 +363,12 @@ def limit_of_disk():
         out, err = p.communicate(timeout=30)
         expect(p.returncode == 1 and b"user-disk" in err and b"1" in err, "%d %s" % (p.returncode, err))
         expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
-        status, _, err = box.ask("anna", "dataset", "show", "b")
+        # The push goes with its connection, and the dataset that it made with the push: soon after the client has ended.
+        for _ in range(100):
+            status, _, err = box.ask("anna", "dataset", "show", "b")
+            if status == 4:
+                break
+            time.sleep(0.1)
         expect(status == 4, "something of it stays: %d %s" % (status, err))
         box.good("anna", "push", "b", box.survey(300))
         # Others have their own; administrators no limit.
