@@ -4,10 +4,13 @@
  *
  * The model: a text is made once, cleaned, and handed to the sink with what it is about; what the sink does not take
  * is written to stderr as ever. Counting an event is one atomic addition, and is done for those that the level hides.
+ * Events that a client brings about at no cost are told up to a number in a while, so that nobody can push others' out of
+ * the journal by them (it drops what comes too fast, of whatever kind); how many were left out is told with the next one.
  */
 #include "log.h"
 
 #include <errno.h>
+#include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -16,9 +19,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "err.h"
 
 enum { LINE = 2048, FIELD = 512 };
+#define FLOOD_SECONDS 30
 
 static const struct {
 	const char *text;
@@ -202,6 +207,55 @@ static void tell(const struct log_place *place, enum log_level level, int event,
 	errno = saved;
 }
 
+/* ---- floods ---- */
+
+/* So many within FLOOD_SECONDS; 0: all of them. */
+static unsigned most_told(enum log_event event)
+{
+	switch (event) {
+	case LOG_EVENT_CLIENT_CUT:
+	case LOG_EVENT_CLIENT_TURNED_AWAY:
+	case LOG_EVENT_GEOID_BAD:
+		return 100;
+	case LOG_EVENT_FILE_REFUSED:
+	case LOG_EVENT_BACKUP_DONE:
+		return 1000;
+	default:
+		return 0;
+	}
+}
+
+static bool flooded(const struct log_place *place, enum log_event event)
+{
+	static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+	static struct flood {
+		uint64_t since_ns, hidden;
+		unsigned told;
+	} floods[LOG_EVENTS];
+	struct flood *f = &floods[event];
+	unsigned most = most_told(event);
+	uint64_t hidden = 0;
+	double seconds = 0;
+	bool over;
+
+	if (!most)
+		return false;
+	pthread_mutex_lock(&lock);
+	if (!f->since_ns || clock_since(f->since_ns) >= FLOOD_SECONDS) {
+		hidden = f->hidden;
+		seconds = f->since_ns ? clock_since(f->since_ns) : 0;
+		*f = (struct flood){.since_ns = clock_mono_ns()};
+	}
+	over = f->told >= most;
+	f->told += !over;
+	f->hidden += over;
+	pthread_mutex_unlock(&lock);
+	if (hidden)
+		log_line_at(place, events[event].level, "%s: %llu more times within %.0f seconds, which are not told one by one",
+			    events[event].subject, (unsigned long long)hidden, seconds);
+	return over;
+}
+
 void log_line_at(const struct log_place *place, enum log_level level, const char *fmt, ...)
 {
 	va_list ap;
@@ -220,7 +274,7 @@ void log_event_at(const struct log_place *place, enum log_event event, const str
 	va_list ap;
 
 	atomic_fetch_add_explicit(&log_counts[event], 1, memory_order_relaxed);
-	if (level > log_most)
+	if (level > log_most || flooded(place, event))
 		return;
 	va_start(ap, fmt);
 	tell(place, level, (int)event, about, fmt, ap);

@@ -26,11 +26,12 @@
 #include "job_priv.h"
 #include "log.h"
 
-enum { TRIES = 50, COPY = 64 << 10, LINE = 320, BACKUPS_MAX = 4 };
+enum { TRIES = 50, COPY = 64 << 10, LINE = 320, BACKUPS_MAX = 4, BACKUPS_OWN = BACKUPS_MAX / 2 };
 enum { E_GONE = 1 };
 
 struct backup {
 	struct sched_task task;
+	struct backup *other; /* of those that are open */
 	struct jobs *jobs;
 	uint64_t id, dataset; /* 0: all */
 	char name[32], manifest[64];
@@ -279,12 +280,14 @@ static void end_run(struct sched_task *t)
 
 static void end_done(struct sched_task *t)
 {
-	struct backup *b = (struct backup *)t;
+	struct backup *b = (struct backup *)t, **at;
 
+	for (at = &b->jobs->backups; *at != b; at = &(*at)->other)
+		;
+	*at = b->other;
 	io_close(b->listfd);
 	io_close(b->dirfd);
 	b->jobs->background--;
-	b->jobs->backups--;
 	house_give(b->jobs, sizeof *b);
 	free(b);
 }
@@ -367,6 +370,22 @@ static void begin_done(struct sched_task *t)
 		submit(b, end_run, end_done, 0);
 }
 
+/* The last one is for administrators, and nobody else has all of the others. */
+static int check_count(const struct jobs *j, const struct job_peer *peer, struct err *err)
+{
+	unsigned own = 0, all = 0, most = BACKUPS_MAX - !rights_admin(peer);
+
+	for (const struct backup *b = j->backups; b; b = b->other) {
+		own += b->owner.uid == peer->uid;
+		all++;
+	}
+	if (own >= BACKUPS_OWN && !rights_admin(peer)) {
+		err_set(err, ERR_BUSY, "%u exports of this user are being taken already", own);
+		return err_add_hint(err, "try again when one of them is done");
+	}
+	return all >= most ? err_set(err, ERR_BUSY, "%u backups or exports are being taken already", all) : 0;
+}
+
 void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *peer,
 		  void (*ready)(void *token, const struct err *why, const struct backup_ready *), void *token)
 {
@@ -380,8 +399,8 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 		d = exported(j, dataset, peer, &err);
 	else if (!rights_admin(peer))
 		err_set(&err, ERR_PERM, "a backup holds what all users have pushed: it is for administrators");
-	if (!err.code && j->backups >= BACKUPS_MAX)
-		err_set(&err, ERR_BUSY, "%d backups or exports are being taken already", BACKUPS_MAX);
+	if (!err.code)
+		check_count(j, peer, &err);
 	if (!err.code && !house_take(j, sizeof *b, "a backup", &err)) {
 		b = calloc(1, sizeof *b);
 		if (!b) {
@@ -404,7 +423,8 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 	b->ready = ready;
 	b->token = token;
 	j->background++;
-	j->backups++;
+	b->other = j->backups;
+	j->backups = b;
 	submit(b, begin_run, begin_done, COPY);
 }
 

@@ -22,7 +22,7 @@
 #include "log.h"
 #include "push_priv.h"
 
-enum { COPY_BUFFER = 256 * 1024, TEXT_MOST = 2048, GEOIDS_MAX = 64 };
+enum { COPY_BUFFER = 256 * 1024, TEXT_MOST = 2048, GEOIDS_MAX = 64, GEOIDS_OWN = GEOIDS_MAX / 4 };
 #define GRID_MOST (UINT64_C(512) << 20) /* the finest published, of one minute, has 445 MiB */
 
 static const char ending[] = ".geoid";
@@ -174,7 +174,8 @@ int geoids_look(int dirfd, unsigned *ret_n, unsigned *ret_bad, struct err *err)
 struct users {
 	int dirfd;
 	const char *hash;
-	unsigned n, all;
+	uint32_t uid;
+	unsigned n, all, own; /* names of the grid, all of them, those that this user added */
 };
 
 static int count_user(const char *name, void *ctx, struct err *err)
@@ -184,13 +185,16 @@ static int count_user(const char *name, void *ctx, struct err *err)
 	struct err ignored = ERR_INIT;
 
 	u->all++;
-	u->n += !read_name(u->dirfd, name, &g, &ignored) && !strcmp(g.hash, u->hash);
+	if (!read_name(u->dirfd, name, &g, &ignored)) {
+		u->n += !strcmp(g.hash, u->hash);
+		u->own += g.uid == u->uid;
+	}
 	return 0;
 }
 
-static int users_of(int dirfd, const char *hash, struct users *ret, struct err *err)
+static int users_of(int dirfd, const char *hash, uint32_t uid, struct users *ret, struct err *err)
 {
-	*ret = (struct users){.dirfd = dirfd, .hash = hash};
+	*ret = (struct users){.dirfd = dirfd, .hash = hash, .uid = uid};
 	return each_name(dirfd, count_user, ret, err);
 }
 
@@ -231,7 +235,7 @@ static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
 	bool goes = n > 4 && !strcmp(e->d_name + n - 4, ".tmp");
 
 	if (!goes && is_grid(e->d_name, hash))
-		goes = !users_of(dirfd, hash, &users, &ignored) && !users.n;
+		goes = !users_of(dirfd, hash, 0, &users, &ignored) && !users.n;
 	if (goes)
 		io->unlinkat(dirfd, e->d_name, 0);
 	return 0;
@@ -306,7 +310,7 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	struct geoid_info old;
 	struct err none = ERR_INIT;
 	struct users users;
-	int r = users_of(dirfd, g->hash, &users, &a->err);
+	int r = users_of(dirfd, g->hash, a->peer.uid, &users, &a->err);
 
 	if (r)
 		return r;
@@ -318,6 +322,10 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	}
 	if (users.all >= GEOIDS_MAX)
 		return err_set(&a->err, ERR_LIMIT, "%d geoid grids are kept already", GEOIDS_MAX);
+	if (users.own >= GEOIDS_OWN && !rights_admin(&a->peer)) {
+		err_set(&a->err, ERR_LIMIT, "%u geoid grids of this user are kept already, as many as one user may have", users.own);
+		return err_add_hint(&a->err, "acutctl geoid rm one that nobody needs, or ask an administrator to add it");
+	}
 	snprintf(grid, sizeof grid, "%s.pgm", g->hash);
 	text_name(g->name, file);
 	snprintf(text_temp, sizeof text_temp, "text-%s", temp);
@@ -426,7 +434,7 @@ static void remove_run(struct ask *a)
 		a->r = io_sync(dirfd, "the folder of geoid grids", &a->err);
 	if (!a->r && *g.hash) {
 		snprintf(grid, sizeof grid, "%s.pgm", g.hash);
-		if (!users_of(dirfd, g.hash, &users, &a->err) && !users.n)
+		if (!users_of(dirfd, g.hash, 0, &users, &a->err) && !users.n)
 			a->r = io_remove(dirfd, grid, &a->err);
 	}
 	pthread_mutex_unlock(&lock);

@@ -179,7 +179,7 @@ struct jobs {
 	} limits;
 	struct cache_verify *verify; /* that goes on; NULL: none */
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
-	unsigned backups; /* and exports, that are open */
+	struct backup *backups; /* and exports, that are open */
 	uint64_t last_backup, last_import;
 	bool parking;
 	struct place *places; /* that are sought */

@@ -230,7 +230,7 @@ static uint64_t held(struct jobs *j, uint32_t uid, const struct walk *but)
 	for (const struct push *p = j->pushes; p; p = push_next(p))
 		/* What it keeps of its files it has while it waits for its stage: that would make those of one user wait for
 		 * each other. */
-		s.bytes += p->peer.uid == uid && p->stage_bytes ? p->stage_bytes + p->charged : 0;
+		s.bytes += p->peer.uid == uid && p->stage_bytes ? p->stage_bytes + push_keeps(p) : 0;
 	return s.bytes;
 }
 

@@ -475,7 +475,7 @@ bool push_wants_stage(const struct push *p)
 
 bool push_stage_fits(const struct push *p)
 {
-	return limit_room(p->jobs, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + p->charged;
+	return limit_room(p->jobs, &p->owner, NULL) >= GRID_STAGE_MIN + p->read_bytes + push_keeps(p);
 }
 
 void push_retry(struct push *p)

@@ -187,13 +187,13 @@ static int stage_start(struct push *p, struct push_ask *a, struct err *err)
 	 * from. */
 	p->read_bytes = push_read_bytes(p);
 	if (admit_never(j, GRID_STAGE_MIN + p->read_bytes + admit_least(), "staging, beside a mesh,", err) ||
-	    limit_never(j, &p->owner, GRID_STAGE_MIN + p->read_bytes + p->charged, "staging", err))
+	    limit_never(j, &p->owner, GRID_STAGE_MIN + p->read_bytes + push_keeps(p), "staging", err))
 		return -(int)err->code;
 	if (j->stage_turn && j->stage_turn != p)
 		return PUSH_WAIT;
 	size = admit_stage(j, GRID_STAGE_MIN + p->read_bytes);
 	room = limit_room(j, &p->owner, NULL);
-	room = room > p->charged ? room - p->charged : 0;
+	room = room > push_keeps(p) ? room - push_keeps(p) : 0;
 	size = size < room ? size : room;
 	if (size < GRID_STAGE_MIN + p->read_bytes)
 		return PUSH_WAIT;

@@ -11,6 +11,7 @@
 
 #include "io.h"
 #include "push_priv.h"
+#include "rights.h"
 
 enum { HASH_BUFFER = 64 << 10 };
 
@@ -117,13 +118,16 @@ static int other_content(const struct push *p, struct push_ask *a)
 static int check_beside(const struct push *p, struct push_ask *a, const struct grid_source *s)
 {
 	const struct grid_source *target = a->target ? &p->base->sources[a->target - 1] : NULL;
+	const struct dataset *d = p->dataset;
+	/* Where others have their files is for the owner alone, as in a list of files. */
+	bool owner = rights_allow(&p->peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 
 	if (target ? s == target : !strcmp(s->path, a->path))
 		return 0;
 	err_set(&a->err, ERR_INPUT, "the dataset %s has this content already, as %.200s: it takes no other file's place", p->dataset->name,
-		*s->path ? s->path : s->name);
+		owner && *s->path ? s->path : s->name);
 	return err_add_hint(&a->err, "acutctl dataset revert undoes the push that brought %.200s",
-			    target && *target->path ? target->path : target ? target->name : a->path);
+			    target && owner && *target->path ? target->path : target ? target->name : a->path);
 }
 
 /* What a file would replace, if it is that file already, whatever its times say: then nothing changes. */

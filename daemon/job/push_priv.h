@@ -299,6 +299,11 @@ void push_forget_probes(struct push *);
 int push_room(struct push *, uint64_t bytes, struct err *err);
 void push_room_give(struct push *);
 bool push_waits_in_vain(const struct push *);
+/* What it keeps while it waits for its stage, and beside it. */
+static inline uint64_t push_keeps(const struct push *p)
+{
+	return p->charged + p->table_bytes;
+}
 
 /* What decided about plane and lattice before this push's files: the dataset, an interrupted push; NULL: nothing. */
 static inline const struct grid_manifest *push_settled(const struct push *p)

@@ -38,6 +38,16 @@ static int too_many(const struct push *p, struct err *err)
 			    (unsigned long long)(ledger_total(p->jobs->p.ledger) >> 19));
 }
 
+/* What the pushes of this user keep of their files: none of them waits for another one's, so more is refused. */
+static int check_share(const struct push *p, uint64_t step, struct err *err)
+{
+	uint64_t bytes = step;
+
+	for (const struct push *q = p->jobs->pushes; q; q = q->next)
+		bytes += q->peer.uid == p->peer.uid ? q->table_bytes : 0;
+	return limit_never(p->jobs, &p->owner, bytes, "what is kept of so many files", err);
+}
+
 /* Loop. */
 int push_room(struct push *p, uint64_t bytes, struct err *err)
 {
@@ -49,6 +59,8 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 		return 0;
 	}
 	step = (used - p->table_bytes + TABLE_STEP - 1) / TABLE_STEP * TABLE_STEP;
+	if (check_share(p, step, err))
+		return -(int)err->code;
 	left = jobs_domain_memory(j);
 	/* A job that runs, or comes, must be able to finish beside it, one domain at a time; and the stage itself must
 	 * come. So those who wait for a stage holding tables never wait for each other alone. */

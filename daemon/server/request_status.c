@@ -2,12 +2,14 @@
  * Status: what the daemon is, and who holds its memory.
  *
  * The model: the ledger has the sums by name; daemon/job tells what each job, stream, plan and push holds, the
- * connections are known here. An answer is one frame, so that of very many holders only those with the most go in.
+ * connections are known here. An answer is one frame, so that of very many holders only those with the most go in. Of
+ * what others do, who is no admin sees the user and the bytes, but neither number nor dataset.
  */
 #include <stdlib.h>
 #include <unistd.h>
 
 #include "clock.h"
+#include "rights.h"
 #include "server_priv.h"
 
 enum { HOLDERS_MAX = 200 };
@@ -21,6 +23,7 @@ struct holder {
 
 /* The first of holders is the one with the least, so that it gives way: a heap. */
 struct answer {
+	const struct job_peer *peer; /* who asks */
 	size_t n, more;
 	struct holder *heap[HOLDERS_MAX];
 	struct holder holder[HOLDERS_MAX];
@@ -65,6 +68,10 @@ static void add(void *ctx, const struct job_holder *h)
 			return;
 	}
 	to->h = *h;
+	if (!rights_as(a->peer, h->peer.uid)) {
+		to->h.id = 0;
+		to->h.dataset = "";
+	}
 	to->sum = sum;
 	if (a->n == HOLDERS_MAX)
 		for (size_t i = a->more ? 1 : HOLDERS_MAX / 2; i-- > 0;)
@@ -144,6 +151,7 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		return;
 	}
 	/* Workers take and the loop gives back: who holds is asked before how much is held, so it is never more. */
+	a->peer = &c->peer;
 	jobs_holders(s->jobs, add, a);
 	add_conns(a, s);
 	ledger_message(a, s->p.ledger, &status);

@@ -169,11 +169,32 @@ static void test_catalogue(void **state)
 	}
 }
 
+/* What a client can bring about as often as it likes is counted each time, and told some times. */
+static void test_flood(void **state)
+{
+	uint64_t cut = log_event_count(LOG_EVENT_CLIENT_CUT), done = log_event_count(LOG_EVENT_JOB_DONE);
+
+	log_set_sink(sink, &got);
+	log_set_level(LOG_LEVEL_INFO);
+	got.takes = true;
+	got.calls = 0;
+	for (int i = 0; i < 5000; i++)
+		log_event(LOG_EVENT_CLIENT_CUT, NULL, "a client is cut off");
+	assert_in_range(got.calls, 20, 200);
+	assert_int_equal(log_event_count(LOG_EVENT_CLIENT_CUT) - cut, 5000);
+	got.calls = 0;
+	for (int i = 0; i < 5000; i++)
+		log_event(LOG_EVENT_JOB_DONE, NULL, "a job is done");
+	assert_int_equal(got.calls, 5000);
+	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE) - done, 5000);
+	log_set_sink(NULL, NULL);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_table),	 cmocka_unit_test(test_fields),	   cmocka_unit_test(test_counts),
-		cmocka_unit_test(test_fallback), cmocka_unit_test(test_catalogue),
+		cmocka_unit_test(test_fallback), cmocka_unit_test(test_catalogue), cmocka_unit_test(test_flood),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -271,6 +271,7 @@ def more_memory_than_the_control_group_has():
                 time.sleep(0.1)
 
 
-e2e.main(show_tells_where_from, memory_by_cgroup_is_told, reload_has_its_effect, reload_tells_what_needs_a_restart,
+if __name__ == "__main__":
+    e2e.main(show_tells_where_from, memory_by_cgroup_is_told, reload_has_its_effect, reload_tells_what_needs_a_restart,
          reload_of_errors_changes_nothing, check_config, documents_are_of_the_table,
          more_memory_than_the_control_group_has)

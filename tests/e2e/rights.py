@@ -336,6 +336,152 @@ def no_process_is_asked():
         wire.close()
 
 
+def rights_of_open_connections():
+    """A reload: who is not served any more is told so and closed, the connections of others go on, and with it come and go
+    the rights of administrators, also of who is connected already. Errors change nothing."""
+    try:
+        import acut_wire
+        from acut_wire import pb
+        from config import Configured
+    except ImportError as e:
+        print("     skipped: %s" % e)
+        return
+    served = "group = %d\nadmin-group = %d\nuser-connections = 5\n" % (USERS, ADMINS)
+    with Folder() as base:
+        box = Box(base)
+        box.daemon = Configured(base, served)
+        with box:
+            box.good("anna", "push", "--mode", "600", "d", box.survey())
+
+            def connect(who):
+                uid, gid, groups = WHO[who]
+                wire = acut_wire.Wire.__new__(acut_wire.Wire)
+                wire.timeout, wire.sock, wire.n = 20.0, socket.socket(socket.AF_UNIX), 0
+                child = os.fork()
+                if not child:
+                    os.setgroups(groups)
+                    os.setgid(gid)
+                    os.setuid(uid)
+                    wire.sock.connect(box.daemon.socket)
+                    os._exit(0)
+                os.waitpid(child, 0)
+                wire.sock.settimeout(20)
+                tell(wire, "hello", pb.Hello(version_min=1, version_max=1))
+                return wire
+
+            def tell(wire, body, value):
+                m = pb.Message()
+                getattr(m, body).CopyFrom(value)
+                wire.n += 1
+                wire.send(wire.n, m)
+                return wire.recv()[1]
+
+            def sees(wire):
+                answer = tell(wire, "datasets_request", pb.DatasetsRequest(name="d"))
+                expect(answer.error.code in ("", "not-permitted"), "%s" % answer)
+                return not answer.error.code
+
+            admin, carl, anna = connect("an administrator"), connect("carl"), connect("anna")
+            expect((sees(admin), sees(carl), sees(anna)) == (True, False, True), "before")
+            # The other group has the rights now; that of one who is connected is what was found when he came.
+            box.daemon.reload(served.replace(str(ADMINS), str(OTHERS)))
+            expect((sees(admin), sees(carl), sees(anna)) == (True, True, True), "carl's group")
+            box.daemon.reload(served.replace("admin-group = %d\n" % ADMINS, ""))
+            expect((sees(admin), sees(carl), sees(anna)) == (False, False, True), "no group")
+            box.daemon.reload("group = %d\nadmin-group = nobody-has-this\n" % GIS)
+            expect((sees(admin), sees(carl), sees(anna)) == (False, False, True), "an error")
+            # Of the group of the dataset only; anna is in it.
+            box.daemon.reload("group = %d\n" % GIS)
+            expect(sees(anna), "anna is served")
+            for who, wire in (("admin", admin), ("carl", carl)):
+                number, answer = wire.recv()[:2]
+                expect(number == 0 and answer.error.code == "not-permitted", "%s is told: %s" % (who, answer))
+                try:
+                    expect(wire.sock.recv(1) == b"", "%s is connected" % who)
+                except ConnectionResetError:
+                    pass
+            box.good("anna", "ping")
+            status, _, err = box.ask("carl", "ping")
+            expect(status == 77, "carl: %d %s" % (status, err))
+            for wire in (admin, carl, anna):
+                wire.sock.close()
+
+
+def who_holds_what():
+    """Status: all see who holds how much, but what others do, by number and dataset, only administrators."""
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        fifo = os.path.join(base, "fifo")
+        os.mkfifo(fifo)
+        os.chmod(fifo, 0o666)
+        push = box.start("anna", "push", "secret", fifo, "--input-format", "las")
+        with open(fifo, "wb") as f:
+            with open(box.survey(20000), "rb") as survey:
+                f.write(survey.read(100000))
+            f.flush()
+
+            def rows(who):
+                deadline = time.monotonic() + 20
+                while time.monotonic() < deadline:
+                    got = [h for h in json.loads(box.good(who, "status", "--json"))["holders"] if h["kind"] == "push"]
+                    if got:
+                        return got
+                    time.sleep(0.02)
+                expect(False, "%s sees no push" % who)
+            for who in ("anna", "an administrator", "root"):
+                expect([(h["uid"], h["dataset"]) for h in rows(who)] == [(ANNA, "secret")] and rows(who)[0]["id"], "%s" % rows(who))
+            for who in ("carl", "bert, in the group by his first one"):
+                got = rows(who)
+                expect([(h["uid"], h["dataset"], h["id"]) for h in got] == [(ANNA, None, None)], "%s sees %s" % (who, got))
+                expect("secret" not in box.good(who, "status") + box.good(who, "metrics"), "%s sees the name" % who)
+            push.terminate()
+        push.communicate(timeout=30)
+
+
+def limit_of_exports():
+    """Exports that are open: one user has two at most, and administrators always one."""
+    try:
+        from acut_wire import Wire, pb
+    except ImportError as e:
+        print("     skipped: %s" % e)
+        return
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        box.good("anna", "push", "--mode", "644", "d", box.survey())
+        place = os.path.join(base, "out")
+        os.mkdir(place)
+        os.chmod(place, 0o777)
+        parent, there = socket.socketpair()
+        there.settimeout(20)
+        for who, want in (("carl", [0, 0, 1]), ("bert, in the group by his first one", [0, 1, 1])):
+            uid, gid, groups = WHO[who]
+            child = os.fork()
+            if not child:
+                code = 1
+                try:
+                    os.setgroups(groups)
+                    os.setgid(gid)
+                    os.setuid(uid)
+                    wire, got = Wire(box.daemon.socket), []
+                    for n, (body, value) in enumerate([("hello", pb.Hello(version_min=1, version_max=1))] +
+                                                      3 * [("backup", pb.Backup(dataset="d"))]):
+                        m = pb.Message()
+                        getattr(m, body).CopyFrom(value)
+                        wire.send(n + 1, m)
+                        got.append(int(wire.recv()[1].error.code == "busy"))
+                    code = got[1:] != want
+                    there.sendall(b"x")
+                    there.recv(1)
+                finally:
+                    os._exit(code)
+            parent.settimeout(20)
+            parent.recv(1)
+            if who == "carl":
+                first = child
+        box.good("an administrator", "dataset", "export", "d", place + "/d")
+        parent.sendall(b"xx")
+        for n in (first, child):
+            expect(os.waitstatus_to_exitcode(os.waitpid(n, 0)[1]) == 0, "exports that are open")
+
+
 def limit_of_jobs():
     with Folder() as base, Box(base, memory="64M", args=("--user-jobs", "3", "--admin-group", str(ADMINS))) as box:
         box.good("anna", "push", "--mode", "666", "d", box.survey(400000))
@@ -555,5 +701,6 @@ if __name__ == "__main__":
     if not shutil.which("setpriv"):
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
-    e2e.main(datasets, owners, jobs, served, many_groups, no_process_is_asked, limit_of_jobs, limit_of_disk, limit_of_connections,
+    e2e.main(datasets, owners, jobs, served, many_groups, no_process_is_asked, rights_of_open_connections, who_holds_what,
+             limit_of_exports, limit_of_jobs, limit_of_disk, limit_of_connections,
              limit_of_memory, passed_descriptors)
