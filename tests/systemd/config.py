@@ -108,6 +108,12 @@ def disk_for_the_data():
     with With(conf, unit):
         systemctl("start", "acutd.service")
         expect(show("ActiveState") != "active" and not os.listdir("/srv/data"), "it began where no disk is mounted")
+    # Nor where somebody has made the folders below the mount point.
+    run(["install", "-d", "-o", "acut", "-g", "acut", "-m", "0700", "/srv/data/acut", "/srv/data/acut/state", "/srv/data/acut/cache"]).ok()
+    with With(conf, unit):
+        systemctl("start", "acutd.service")
+        expect(show("ActiveState") != "active" and "an unmounted disk is not an empty store" in journal(), journal()[-2000:])
+        expect(not os.listdir("/srv/data/acut/state") and not os.listdir("/srv/data/acut/cache"), "it began where no disk is mounted")
     with With(conf, unit):
         script = moved.replace("acutd --check", e2e.ACUTD + " --check")
         got = subprocess.run(["/bin/bash", "-euc", script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)

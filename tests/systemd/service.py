@@ -118,6 +118,13 @@ def same_mesh_as_outside():
     expect(got == want, "%s in the sandbox, %s outside" % (got, want))
 
 
+def python_finds_it():
+    """The module and the library, as installed below /usr/local, with nothing set."""
+    code = "import acut\nwith acut.connect() as server: print(*(d.name for d in server.datasets()))"
+    got = run(["env", "-i", "-C", "/", "PATH=/usr/bin:/bin", "/usr/bin/python3", "-c", code], timeout=60).ok()
+    expect(got.out.split() == ["site"], got.out)
+
+
 def killed_and_started_again():
     """kill -9 in the middle of jobs, with clients who come at that moment: the socket stays, all are answered."""
     path, inode, worst = survey(60000), os.stat(SOCKET).st_ino, 0.0
@@ -308,6 +315,6 @@ def missing_disk_is_no_first_start():
     expect("site" in ctl("datasets").ok().out, "the store is not back")
 
 
-main(started_by_a_connect, within_its_sandbox, same_mesh_as_outside, killed_and_started_again, stopped_with_work, reloaded,
+main(started_by_a_connect, within_its_sandbox, same_mesh_as_outside, python_finds_it, killed_and_started_again, stopped_with_work, reloaded,
      hung_and_killed, slow_disk_is_no_hang, journal_has_it, memory_is_one_number, strangers_are_refused, verified_weekly,
      found_by_its_fields, watched_by_a_timer, missing_disk_is_no_first_start)
