@@ -527,6 +527,8 @@ int ctl_ingest_run(struct ctl *ctl)
 
 	if (check(ctl, &g.settle, &err))
 		return ctl_error(ctl, &err);
+	/* A journal has each line when it is true, and in the order of what goes to stderr. */
+	setvbuf(stdout, NULL, _IOLBF, BUFSIZ);
 	/* What comes twice is told by its content: names and times are the senders'. */
 	ctl->args.checksum = true;
 	if (ctl_drop_open(&g.drop, ctl->args.word[1], &err) || lock(&g, &err)) {

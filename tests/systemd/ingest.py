@@ -149,5 +149,18 @@ def a_folder_at_rest_stays_at_rest():
     expect({"link.las", "fifo.las", "x.part"} <= set(names("")), "%s" % names(""))
 
 
+def a_stop_is_no_failure():
+    """Of a pass that waits for a file to settle: the file stays, and systemctl --failed has nothing."""
+    sh("systemctl", "stop", "acut-ingest@valley.timer", "acut-ingest@valley.path").ok()
+    with open("/etc/acut/ingest/valley.conf", "w") as f:
+        f.write("settle=60\n")
+    write_las(FOLDER + "/stay.las", some_points(500, 5))
+    sh("systemctl", "start", "--no-block", "acut-ingest@valley.service").ok()
+    until("a pass that waits", lambda: "waiting until" in sh("journalctl", "--no-pager", "-u", "acut-ingest@valley.service", "-n", "1").out)
+    sh("systemctl", "stop", "acut-ingest@valley.service").ok()
+    expect(property_of("acut-ingest@valley.service", "ActiveState") == "inactive", property_of("acut-ingest@valley.service", "Result"))
+    expect("stay.las" in names(""), "%s" % names(""))
+
+
 main(the_folder_comes_with_the_units, a_user_delivers, what_a_path_unit_cannot_see, broken_files_and_an_absent_daemon,
-     a_folder_at_rest_stays_at_rest)
+     a_folder_at_rest_stays_at_rest, a_stop_is_no_failure)
