@@ -162,8 +162,8 @@ def cut_off(base, box, d):
     # In the middle of a file that says how long it is, and of one that does not: both into a new and an old dataset.
     for name in ("valley", "new"):
         for kind, data in (("las", las[:len(las) // 2]), ("xyz", text)):
-            # Texts say no coordinate system, and the old dataset has one.
-            more = ["--assume-crs", "EPSG:32633"] if (name, kind) == ("valley", "xyz") else []
+            # Texts say neither coordinate system nor units, and the old dataset has both.
+            more = ["--assume-crs", "EPSG:32633", "--assume-units", "m,m"] if (name, kind) == ("valley", "xyz") else []
             p = box.start("push", name, "-", "--input-format", kind, "--name", "cut", "--timeout", mark, *more)
             cut(p, data, mark)
             got = names()
