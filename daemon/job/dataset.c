@@ -141,6 +141,15 @@ void dataset_close(struct dataset *d)
 	pthread_mutex_unlock(&folder_lock);
 }
 
+void dataset_copy(struct dataset *d, struct dataset *ret)
+{
+	pthread_mutex_lock(&folder_lock);
+	*ret = *d;
+	pthread_mutex_unlock(&folder_lock);
+	ret->dirfd = -1;
+	ret->opened = 0;
+}
+
 int folder_remove(int dirfd, const char *name, struct err *err)
 {
 	int sub, r;

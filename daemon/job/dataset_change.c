@@ -241,15 +241,15 @@ void dataset_changes_settle(struct jobs *j)
 int dataset_commit_row(struct dataset *d, const struct grid_manifest *made, const char *name, int64_t pushed_us,
 		       catalogue_done_fn done, void *ctx, struct err *err)
 {
-	struct dataset shadow = *d;
+	struct dataset shadow;
 	struct catalogue_dataset row;
 	int r;
 
+	dataset_copy(d, &shadow);
 	shadow.lattice = strdup("");
 	shadow.crs = strdup("");
 	shadow.unit_xy = strdup("");
 	shadow.unit_z = strdup("");
-	shadow.dirfd = -1;
 	shadow.pushed_us = pushed_us;
 	r = dataset_set(&shadow, made, name, err);
 	if (!r) {

@@ -268,6 +268,8 @@ bool dataset_name_valid(const char *name);
 /* Its folder; balanced by dataset_close. Opens (and makes) it on a worker's or the starting thread. */
 int dataset_open(struct dataset *, struct err *err);
 void dataset_close(struct dataset *);
+/* What it says of itself, while workers open and close its folder, which the copy has not. Texts are shared. */
+void dataset_copy(struct dataset *, struct dataset *ret);
 int dataset_set(struct dataset *, const struct grid_manifest *, const char *manifest, struct err *err);
 void dataset_row(const struct dataset *, struct catalogue_dataset *ret);
 /* A dataset that has nothing yet is in the catalogue before its first push promises anything. */
