@@ -307,7 +307,8 @@ int push_stream(struct push *p, int fd, const char *name, struct err *err)
 		return err->code ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a stream");
 	}
 	s->push = p;
-	s->text = !strcmp(p->format, "xyz") && (p->has_lattice || *p->scale_xy);
+	/* The lattice of an interrupted push none of whose files has come yet may not stay: then the text decides. */
+	s->text = !strcmp(p->format, "xyz") && (*p->scale_xy || (p->has_lattice && (p->base || !p->adopt || p->ntaken)));
 	s->fd = fd;
 	s->spool = -1;
 	s->err = ERR_INIT;

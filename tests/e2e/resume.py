@@ -260,6 +260,13 @@ def what_does_not_fit():
         coarse = las(os.path.join(base, "coarse.las"), [(0, 0, 0), (9, 0, 0), (0, 9, 0)], scale=(2., 2., 2.))
         says(d.ctl("push", "g", coarse), 0)
         expect(show(d, "g")["points"] == 3 and show(d, "g")["lattice"]["scale_xy"] in (2, "2", 2.0), str(show(d, "g")))
+        # Nor where what comes instead is a text through a pipe, whose scale is not known before its end.
+        Half(d, "p", paths, 2, wait=False).vanish()
+        wait_for(lambda: d.ctl("dataset", "show", "p").status == 0 and "2 files" in (pending(d, "p") or ""), "not pending")
+        p = subprocess.run([e2e.ACUTCTL, "push", "p", "-", "--input-format", "xyz", "--name", "t"],
+                           input=b"".join(b"%d.25 %d.5 1.125\n" % (500000 + i % 1000, 4000000 + i // 1000) for i in range(300000)),
+                           env=dict(os.environ, ACUT_SOCKET=d.socket), stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+        expect(p.returncode == 0 and show(d, "p")["points"] == 300000, "%d %s" % (p.returncode, p.stderr))
         # Too late.
         Half(d, "c", paths, 2, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")
