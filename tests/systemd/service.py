@@ -149,14 +149,17 @@ def killed_and_started_again():
 def stopped_with_work():
     """A stop with jobs under way takes seconds; the next client starts acutd again, and the jobs go on."""
     ctl("push", "large", survey(1500000)).ok()
-    job = ctl("submit", "large", "--json").ok().json()["job"]
+    # Of several views, so that none is made of another's domains: some seconds of work.
+    jobs = [ctl("submit", "large", "--zmin", str(-1000 - i), "--json").ok().json()["job"] for i in range(10)]
     until(lambda: "running" in show("StatusText"))
     begun = time.monotonic()
     systemctl("stop", "acutd.service").ok()
     took = time.monotonic() - begun
     # Not cut off by TimeoutStopSec, which would be another result.
     expect(show("Result") == "success" and show("ActiveState") == "inactive", "stopped in %.1f s: %s" % (took, show("Result")))
-    ctl("wait", str(job)).ok()
+    state = ctl("show", str(jobs[-1]), "--json").ok().json()["state"]
+    expect(state != "done", "the last job was done before the stop")
+    ctl("wait", *map(str, jobs)).ok()
     begun = time.monotonic()
     systemctl("restart", "acutd.service").ok()
     ctl("ping").ok()
