@@ -50,20 +50,6 @@ void disk_count(struct jobs *j)
 	limit_count(j);
 }
 
-uint64_t disk_user_bytes(const struct jobs *j, uint32_t uid)
-{
-	const struct dataset *d;
-	const struct pending *q;
-	uint64_t bytes = 0;
-
-	for (d = j->datasets; d; d = d->next) {
-		bytes += d->uid == uid ? d->bytes : 0;
-		for (q = d->pending; q; q = q->next)
-			bytes += q->uid == uid ? disk_points_bytes(q->points) : 0;
-	}
-	return bytes;
-}
-
 /* Domains that were used since then are those of jobs that run. */
 static void count_running(struct jobs *j)
 {

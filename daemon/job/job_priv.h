@@ -211,9 +211,6 @@ void disk_look(struct jobs *); /* folders that are gone, and what there is to me
 void disk_tick(struct jobs *);
 void disk_mend(struct jobs *); /* folders of the cache that somebody has removed */
 void disk_count(struct jobs *); /* what the lists of datasets and pushes say */
-/* Of a user's datasets, removed ones that can be restored included, and of his pending pushes, whoever owns what they go
- * into. Those that go on have taken theirs of the disk, and are not in it. */
-uint64_t disk_user_bytes(const struct jobs *, uint32_t uid);
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
 
 /* cache_verify.c */

@@ -144,20 +144,6 @@ static void lengths(void **state)
 	assert_null(h.jobs->jobs);
 }
 
-/* What a user holds: his datasets, and what his interrupted pushes hold in anybody's, by points. */
-static void holdings(void **state)
-{
-	struct pending his = {.uid = 7, .points = 1000000}, other = {.next = &his, .uid = 8, .points = 5};
-	struct dataset gone = {.uid = 7, .bytes = 300, .removed_us = 1}, theirs = {.next = &gone, .uid = 8, .bytes = 4000, .pending = &other},
-		       own = {.next = &theirs, .uid = 7, .bytes = 20};
-	const struct jobs house = {.datasets = &own};
-
-	assert_int_equal(disk_user_bytes(&house, 7), 320 + disk_points_bytes(1000000));
-	assert_int_equal(disk_user_bytes(&house, 8), 4000 + disk_points_bytes(5));
-	assert_int_equal(disk_user_bytes(&house, 9), 0);
-	assert_true(disk_points_bytes(1000000) >= 16000000);
-}
-
 /* What is read of a report is what was written, as strtod reads it. */
 static void reports(void **state)
 {
@@ -220,7 +206,6 @@ int main(void)
 		cmocka_unit_test_setup_teardown(many, setup, teardown),
 		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
 		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
-		cmocka_unit_test(holdings),
 		cmocka_unit_test(reports),
 		cmocka_unit_test(listing),
 	};
