@@ -1,0 +1,48 @@
+/*
+ * Telegrams to sweeps: one pure function a family, a row each. No state, no clock, no I/O: the same bytes are the
+ * same sweep, today and from a spool in ten years.
+ */
+#ifndef DECODER_H
+#define DECODER_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct err;
+struct profile;
+
+enum { SWEEP_SHOTS = 65536 };
+
+/* One sweep in polar form: shot i at angle first + i * step in the scan plane, the plane's x ahead (angle 0), y to
+ * the left (90 degrees); radians; ranges in metres, NAN: no return. */
+struct sweep {
+	double first, step;
+	uint32_t shots;
+	float *range;          /* SWEEP_SHOTS places, the caller's */
+	float *intensity;      /* 0 to 1; NAN: not said */
+	double period_s;       /* of one revolution, so that shot i is at + i * step / 2 pi * period; 0: not known */
+	bool has_device_time;
+	double device_time_s;  /* of the first shot, the device's own clock, an arbitrary zero */
+	uint32_t counter;      /* of sweeps, as the device counts them */
+	bool has_counter;
+	char device_serial[32];/* as the telegram says it; "" */
+	bool dirty;            /* the device says that its window is dirty or that it fails */
+};
+
+enum decoder_kind { DECODER_SWEEP, DECODER_POINTS }; /* POINTS: telegrams are the text or file itself (XYZ, LAS) */
+
+struct decoder {
+	const char *name, *title;
+	enum decoder_kind kind;
+	/* 0: *ret is filled; 1 (DECODER_NOT_DATA): a good telegram that carries no sweep (an answer, a state);
+	 * -ERR_INPUT: bad, err says where. POINTS: NULL for LAS; of XYZ says whether the line is one. */
+	int (*decode)(const uint8_t *at, size_t size, const struct profile *, struct sweep *ret, struct err *);
+	const char *input_format;  /* POINTS: "las", "xyz" as acutctl names them; NULL */
+};
+enum { DECODER_NOT_DATA = 1 };
+
+const struct decoder *decoder_find(const char *name); /* NULL: there is none */
+const struct decoder *decoder_at(size_t i);           /* in order of names; NULL: no more */
+
+#endif
