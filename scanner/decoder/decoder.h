@@ -23,10 +23,12 @@ struct sweep {
 	float *intensity;      /* 0 to 1; NAN: not said */
 	double period_s;       /* of one revolution, so that shot i is at + i * step / 2 pi * period; 0: not known */
 	bool has_device_time;
-	double device_time_s;  /* of the first shot, the device's own clock, an arbitrary zero */
+	double device_time_s;  /* of the first shot, the device's own clock, an arbitrary zero; may be below 0 */
+	double device_wrap_s;  /* that clock begins again at 0 after as many seconds */
 	uint32_t counter;      /* of sweeps, as the device counts them */
+	uint8_t counter_bits;  /* begins again at 0 behind 2^bits - 1 */
 	bool has_counter;
-	char device_serial[32];/* as the telegram says it; "" */
+	char device_serial[32];/* as its label has it; "": not said */
 	bool dirty;            /* the device says that its window is dirty or that it fails */
 };
 
@@ -36,7 +38,8 @@ struct decoder {
 	const char *name, *title;
 	enum decoder_kind kind;
 	/* 0: *ret is filled; 1 (DECODER_NOT_DATA): a good telegram that carries no sweep (an answer, a state);
-	 * -ERR_INPUT: bad, err says where. POINTS: NULL for LAS; of XYZ says whether the line is one. */
+	 * -ERR_INPUT: bad, err says what, with the byte of the telegram. *ret keeps its pointers; what they point at is
+	 * undefined after anything but 0. POINTS: NULL for LAS; of XYZ says whether the line is one (ret may be NULL). */
 	int (*decode)(const uint8_t *at, size_t size, const struct profile *, struct sweep *ret, struct err *);
 	const char *input_format;  /* POINTS: "las", "xyz" as acutctl names them; NULL */
 };
@@ -44,5 +47,11 @@ enum { DECODER_NOT_DATA = 1 };
 
 const struct decoder *decoder_find(const char *name); /* NULL: there is none */
 const struct decoder *decoder_at(size_t i);           /* in order of names; NULL: no more */
+
+/* A sweep with its two arrays; NULL: no memory. */
+struct sweep *sweep_new(void);
+struct sweep *sweep_free(struct sweep *);
+/* Seconds from the first shot to the last; 0 if the period is not known. */
+double sweep_duration(const struct sweep *);
 
 #endif

@@ -19,6 +19,35 @@ enum profile_framer { PROFILE_FRAMER_STREAM, PROFILE_FRAMER_STX_ETX, PROFILE_FRA
 		      PROFILE_FRAMER_LENGTH, PROFILE_FRAMER_LAS };
 enum profile_time { PROFILE_TIME_ARRIVAL, PROFILE_TIME_DEVICE }; /* of the transfer, or what the telegram says */
 
+enum profile_stamp { PROFILE_STAMP_FIRST, PROFILE_STAMP_LAST }; /* the shot that the device's own time is of */
+
+/* A number in a telegram of a fixed form: "u16le@4". */
+struct profile_field {
+	int32_t offset;                    /* of its first byte in the telegram; -1: there is none */
+	uint8_t size;                      /* 1, 2, 4 */
+	bool big_endian;
+};
+
+/* Decoder "ranges": binary telegrams that have their ranges in a row, described wholly by the profile. */
+struct profile_ranges {
+	struct profile_field kind;         /* tells data from other telegrams: those with another value than ... */
+	uint32_t data_kind;                /* ... this carry no sweep */
+	struct profile_field count;        /* shots; offset -1: `shots`, or as many as there is room for */
+	uint32_t shots;
+	struct profile_field range;        /* of the first shot; the next ones `range_stride` bytes further */
+	uint32_t range_stride;             /* 0: its size */
+	double range_scale;                /* metres of a unit */
+	uint32_t range_least, range_most;  /* raw values below and above are no return */
+	struct profile_field intensity;    /* of the first shot */
+	uint32_t intensity_stride;
+	uint32_t intensity_full;           /* raw value of intensity 1; 0: all ones */
+	double angle_first, angle_step;    /* degrees, 0 ahead, positive to the left */
+	double period_s;                   /* of a revolution; 0: not known */
+	struct profile_field counter;
+	struct profile_field time;         /* units of time_scale seconds */
+	double time_scale;
+};
+
 struct profile_command {
 	uint8_t at[PROFILE_COMMAND_SIZE];  /* as it is sent, framing included */
 	size_t size;
@@ -48,9 +77,14 @@ struct profile {
 	size_t sync_size;
 	uint32_t length_offset, length_size, length_add; /* LENGTH: where it stands, bytes 1 2 4, what it leaves out */
 	bool length_big_endian;
+	bool starts_torn;                  /* LINE: the stream runs already when capture starts: what stands before its
+	                                      first line end is no line */
 	/* decoder */
 	char decoder[PROFILE_NAME_SIZE];   /* a row of decoder.h */
-	char columns[16];                  /* of XYZ */
+	char columns[16];                  /* of XYZ: letters as of acutctl --columns */
+	double angle_ahead;                /* COLA-A: what the device calls ahead, degrees */
+	enum profile_stamp stamp;          /* of the device's time */
+	struct profile_ranges ranges;
 	/* geometry: of the sensor in the vehicle's body (x ahead, y right, z down), degrees and metres */
 	double mount_roll, mount_pitch, mount_heading, lever[3];
 	double range_min, range_max;       /* metres; shots beyond are no points. max 0: what the decoder says */
@@ -58,24 +92,39 @@ struct profile {
 	double latency_s;                  /* from the shot to the arrival */
 };
 
+/* Whether it can match a device by itself: something is said under [match]. */
+bool profile_matches_some(const struct profile *);
+
 /* Defaults of all fields, so that a text need not say them. `name` of the profile; `file` for messages.
- * -ERR_INPUT: names line and key; unknown keys are errors. */
+ * -ERR_INPUT: err's file is FILE, its offset the line, its field the key; unknown keys and sections are errors. */
+enum { PROFILE_LINE_MAX = 1024 };
 int profile_parse(const char *text, size_t size, const char *name, const char *file, struct profile *ret, struct err *);
 
-struct profile_set; /* read once; in order of names, a later folder's file replaces one of the same name */
+/* The folders of the build, NULL-terminated: what acut ships (PREFIX/share/acut/scanners.d), then the administrator's
+ * (/etc/acut/scanners.d). */
+extern const char *const profile_folders[];
+
+/* Read once; in order of names, a later folder's file replaces one of the same name, and one that is empty or a link
+ * to /dev/null takes it away. */
+struct profile_set;
 struct profile_entry {
 	struct profile profile;
 	char *text;      /* as it was read: goes into spools */
 	size_t size;
 	char path[512];
-	char *fault;     /* this file is broken: why (the others are there); NULL */
+	char *fault;     /* this file is broken: why (the others are there; this one matches nothing); NULL */
 };
-/* Folders in order (those that are not there are none); NULL-terminated. PROFILE_FOLDERS of the build by default. */
+/* Folders in order (those that are not there are none); NULL-terminated; NULL: profile_folders. Broken files are no
+ * error, they are entries with a fault; a folder that cannot be read is one. */
 int profile_set_read(const char *const *folders, struct profile_set **ret, struct err *);
 struct profile_set *profile_set_free(struct profile_set *);
 size_t profile_set_count(const struct profile_set *);
 const struct profile_entry *profile_set_at(const struct profile_set *, size_t);
 const struct profile_entry *profile_set_find(const struct profile_set *, const char *name);
+/* One file, wherever it is (name: its last part without ".conf"). Malloced, profile_entry_free. A broken file is an
+ * error here. */
+int profile_entry_read(const char *path, struct profile_entry **ret, struct err *);
+struct profile_entry *profile_entry_free(struct profile_entry *);
 
 /* What a device says of itself; classes of its interfaces. */
 struct profile_device {
