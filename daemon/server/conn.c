@@ -4,8 +4,8 @@
  * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs,
  * one-step datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with
  * keep the memory of the connection until they are answered (into nothing). A client that does not read is
- * cut off when its answers reach the cap of its queue, or when others lack the memory that it has. All of it is
- * charged: frames as they come and wait, requests with what is kept until they are answered.
+ * cut off when its answers reach the cap of its queue, or when others lack the memory that it has. The socket keeps
+ * little of them. All else is charged: frames as they come and wait, requests with what is kept until they are answered.
  */
 #include <errno.h>
 #include <stdlib.h>
@@ -24,29 +24,46 @@ enum {
 	CONN_BYTES = 2 << 10,    /* of a connection, beside its frames: itself, its event source */
 	REQUEST_BYTES = 4 << 10, /* of a request, beside its texts: what is kept until it is answered */
 	FAT = 32 << 10,          /* nobody who reads his answers has as much for long */
+	SOCKET_BYTES = 16 << 10, /* of answers that the kernel keeps for a client (it doubles them for its own needs): they count
+				    with the control group and stand in no ledger, so a crowd that does not read must not
+				    have much. What is large goes through pipes. */
 	COMFORT = 2 * FRAME_MAX, /* room for a frame that comes and its message */
 	TURN_REQUESTS = 16,      /* at most, one after the other, */
 	TURN_NS = 200000,        /* and no further one after so long */
 };
 
-/* Messages have run out of memory: whoever holds the most, and more than an honest client does, is cut off. It is
- * closed when the loop comes to it: what calls here may be going through lists of what closing changes. */
+/* Who has more than an honest client; else who has not read what lies ready for him for the longest: answers wait for
+ * those who read until the loop comes to them again, for those who do not ever longer. */
+static struct conn *hoarder(const struct server *s, const struct conn *but)
+{
+	struct conn *c, *most = NULL, *idle = NULL;
+
+	for (c = s->conns; c; c = c->next) {
+		if (c == but || !c->frame)
+			continue;
+		if (frame_conn_held(c->frame) > FAT && (!most || frame_conn_held(c->frame) > frame_conn_held(most->frame)))
+			most = c;
+		if (c->blocked_ns && (!idle || c->blocked_ns < idle->blocked_ns))
+			idle = c;
+	}
+	return most ? most : idle;
+}
+
+/* Messages have run out of memory: one who hoards them is cut off. He is closed when the loop comes to him: what calls
+ * here may be going through lists of what closing changes. */
 static bool relieve(struct server *s, const struct conn *but)
 {
-	struct conn *c, *most = NULL;
+	struct conn *c = hoarder(s, but);
 	struct err err = ERR_INIT;
 
-	for (c = s->conns; c; c = c->next)
-		if (c != but && c->frame && frame_conn_held(c->frame) > FAT &&
-		    (!most || frame_conn_held(c->frame) > frame_conn_held(most->frame)))
-			most = c;
-	if (!most)
+	if (!c)
 		return false;
-	log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(most),
+	log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
 		  "a client (pid %u) is cut off: it keeps %zu KiB of messages, and others have no memory for theirs",
-		 most->peer.pid, frame_conn_held(most->frame) >> 10);
+		 c->peer.pid, frame_conn_held(c->frame) >> 10);
 	err_set(&err, ERR_BUSY, "the client keeps too many messages");
-	frame_conn_cut(most->frame, &err);
+	frame_conn_cut(c->frame, &err);
+	c->blocked_ns = 0;
 	return true;
 }
 
@@ -66,8 +83,14 @@ static void watch(struct conn *c)
 static void flush(struct conn *c)
 {
 	struct err err = ERR_INIT;
+	size_t before = frame_conn_queued(c->frame);
 	int r = frame_conn_flush(c->frame, &err);
+	size_t left = frame_conn_queued(c->frame);
 
+	if (!left)
+		c->blocked_ns = 0;
+	else if (left < before || !c->blocked_ns)
+		c->blocked_ns = clock_mono_ns();
 	if (r == FRAME_E_EOF || r < 0)
 		conn_close(c);
 	else
@@ -275,10 +298,15 @@ static int conn_make(struct server *s, int fd, const struct job_peer *peer, stru
 {
 	struct conn *c = calloc(1, sizeof *c);
 	struct frame_limits limits = {.ledger = s->p.ledger};
+	const int kept = SOCKET_BYTES;
 	int r;
 
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory for a client");
+	if (setsockopt(fd, SOL_SOCKET, SO_SNDBUF, &kept, sizeof kept) != 0) {
+		free(c);
+		return err_sys(err, errno, "the socket of a client cannot be set up");
+	}
 	c->server = s;
 	c->charged = CONN_BYTES + peer->ngroups * sizeof *peer->groups;
 	c->peer = *peer;

@@ -82,6 +82,7 @@ struct conn {
 	sd_event_source *io;
 	struct job_peer peer;
 	uint64_t number; /* of all that ever came */
+	uint64_t blocked_ns; /* since when it has read nothing of what lies ready for it; 0: it has read all */
 	bool hello, closed, dry; /* dry: no whole message has come */
 	bool later;              /* its turn is after others' */
 	unsigned nrequests, nfiles;
