@@ -13,6 +13,8 @@
 #include <time.h>
 
 #include "acut.h"
+#include "ctl_json.h"
+#include "ctl_text.h"
 #include "err.h"
 #include "format.h"
 
@@ -190,22 +192,6 @@ bool ctl_signal_reader_gone(void);
 /* Standard input ended because all that held the other ends is gone (a connection of ssh that broke): its end is no end.
  * Told by what else came over it: the socket's other direction, or standard output and error. */
 bool ctl_signal_cut_off(void);
-
-/* ---- ctl_json.c ---- */
-
-/* list: its lines go out together, not each at once. */
-struct ctl_json { FILE *out; bool comma, list; };
-/* Keys are NULL inside lists. NULL texts become null. */
-void ctl_json_open(struct ctl_json *, const char *key, char bracket);
-void ctl_json_close(struct ctl_json *, char bracket);
-void ctl_json_text(struct ctl_json *, const char *key, const char *text);
-void ctl_json_known(struct ctl_json *, const char *key, const char *text); /* "" and "unknown" are null too */
-void ctl_json_u64(struct ctl_json *, const char *key, uint64_t n);
-void ctl_json_i64(struct ctl_json *, const char *key, int64_t n);
-void ctl_json_number(struct ctl_json *, const char *key, double v); /* not finite: null */
-void ctl_json_literal(struct ctl_json *, const char *key, const char *text);
-void ctl_json_bool(struct ctl_json *, const char *key, bool v);
-void ctl_json_line(struct ctl_json *); /* ends the object's line */
 
 /* In ctl_error.c: the object {"code", "file", "offset", "field", "message", "hint"}. */
 void ctl_error_json(struct ctl_json *, const char *key, const struct err *);
@@ -443,7 +429,10 @@ int ctl_job_status(struct ctl *, const struct acut_job *);
 int ctl_job_id(const char *text, uint64_t *ret, struct err *err);
 /* Calls `each` for the words, in order; the first status that is not 0. */
 int ctl_job_each(struct ctl *, int (*each)(struct ctl *, uint64_t id));
-char *ctl_job_count(uint64_t n, char buf[32]); /* 1,234,567 */
+static inline char *ctl_job_count(uint64_t n, char buf[32])
+{
+	return ctl_text_count(n, buf);
+}
 /* "12 of 340 domains made", or "340 domains". */
 char *ctl_job_domains(const struct acut_report *, char *buf, size_t size);
 /* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
@@ -455,7 +444,10 @@ void ctl_job_lattice(struct ctl_json *, const char *lattice);
 void ctl_job_units(struct ctl_json *, const char *crs, const char *unit_xy, const char *unit_z);
 void ctl_job_refused(struct ctl_json *, const struct ctl_staged_file *);
 void ctl_job_time(struct ctl_json *, const char *key, int64_t us); /* ISO 8601; 0 is null */
-char *ctl_job_time_text(int64_t us, char buf[32]);
+static inline char *ctl_job_time_text(int64_t us, char buf[32])
+{
+	return ctl_text_time(us, buf);
+}
 
 /* ---- ctl_formats.c ---- */
 

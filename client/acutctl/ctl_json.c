@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "ctl.h"
+#include "ctl_json.h"
 
 /* Length of the UTF-8 character at p, 0 if it is not one. */
 static unsigned utf8(const unsigned char *p)

@@ -7,8 +7,8 @@
 #include <string.h>
 #include <time.h>
 
-#include "ctl.h"
 #include "ctl_table.h"
+#include "ctl_text.h"
 #include "parse.h"
 
 enum { KEPT = 1000, GAP = 2, NARROW = 8 };
@@ -212,7 +212,7 @@ void ctl_table_count(struct ctl_table *t, uint64_t n)
 	char buf[32];
 
 	if (t && t->term.on)
-		add(t, ctl_job_count(n, buf));
+		add(t, ctl_text_count(n, buf));
 	else
 		ctl_table_text(t, "%llu", (unsigned long long)n);
 }
@@ -239,7 +239,7 @@ void ctl_table_time(struct ctl_table *t, int64_t us)
 {
 	char buf[32];
 
-	add(t, ctl_job_time_text(us, buf));
+	add(t, ctl_text_time(us, buf));
 }
 
 void ctl_table_none(struct ctl_table *t)
