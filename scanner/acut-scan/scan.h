@@ -22,6 +22,7 @@ struct scan_args {
 	const char *const *inputs;   /* what is no option */
 	size_t n;
 	bool json, quiet, all, no_progress, help;
+	bool udev;                   /* --udev: profiles as rules for udev */
 	const char *profiles[SCAN_PROFILE_FOLDERS + 1]; /* --profiles DIR, in place of the built-in folders; ends with NULL */
 	size_t n_profiles;
 	const char *device;          /* --device WHICH: serial:..., port:..., VENDOR:PRODUCT, a profile's name */
@@ -49,6 +50,7 @@ int scan_record(const struct scan_args *);
 int scan_replay(const struct scan_args *);
 int scan_push(const struct scan_args *);
 int scan_profiles(const struct scan_args *);
+int scan_udev(const struct scan_args *); /* profiles --udev */
 int scan_help(const struct scan_args *);
 int scan_version(const struct scan_args *);
 
@@ -85,6 +87,7 @@ enum scan_group { /* an option is allowed where its groups meet the command's */
 	SCAN_RECORD = 32,
 	SCAN_REPLAY = 64,
 	SCAN_PUSH = 128,
+	SCAN_KINDS = 256,  /* profiles */
 };
 
 struct scan_command {

@@ -19,7 +19,7 @@ static const struct scan_command table[] = {
 #endif
 #ifdef SCAN_HAS_PROFILES
 	{"profiles", "profiles [FILE...]", "the kinds of scanners that are known; checks files of them",
-	 SCAN_ALL | SCAN_PROFILES, 0, 100000, scan_profiles},
+	 SCAN_ALL | SCAN_PROFILES | SCAN_KINDS, 0, 100000, scan_profiles},
 #endif
 #ifdef SCAN_HAS_PUSH
 	{"push", "push SPOOL... --into DATASET", "decode a spool, put it on the ground by a pose file, into a dataset",
