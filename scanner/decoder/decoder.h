@@ -41,12 +41,16 @@ struct decoder {
 	 * -ERR_INPUT: bad, err says what, with the byte of the telegram. *ret keeps its pointers; what they point at is
 	 * undefined after anything but 0. POINTS: NULL for LAS; of XYZ says whether the line is one (ret may be NULL). */
 	int (*decode)(const uint8_t *at, size_t size, const struct profile *, struct sweep *ret, struct err *);
+	int (*check)(const struct profile *, struct err *); /* what the profile must say for it; NULL: nothing */
 	const char *input_format;  /* POINTS: "las", "xyz" as acutctl names them; NULL */
 };
 enum { DECODER_NOT_DATA = 1 };
 
 const struct decoder *decoder_find(const char *name); /* NULL: there is none */
 const struct decoder *decoder_at(size_t i);           /* in order of names; NULL: no more */
+
+/* Whether the profile's decoder is there and the profile has what it needs: its framer, its keys. -ERR_INPUT. */
+int decoder_check(const struct profile *, struct err *);
 
 /* A sweep with its two arrays; NULL: no memory. */
 struct sweep *sweep_new(void);

@@ -1,0 +1,84 @@
+/*
+ * Lines of numbers. It says only whether a line is one of points: numbers where the columns x, y and z are. What they mean,
+ * to the last digit, is said by acut's reader of texts, to which the line goes as it is.
+ */
+#include <ctype.h>
+#include <string.h>
+
+#include "decoder_parts.h"
+#include "err.h"
+#include "parse.h"
+#include "profile.h"
+
+enum { NUMBER_MAX = 64 };
+
+static bool is_separator(uint8_t c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
+
+static bool is_number(const uint8_t *at, size_t size)
+{
+	char text[NUMBER_MAX + 1];
+	double v;
+
+	if (!size || size > NUMBER_MAX || memchr(at, 0, size))
+		return false;
+	memcpy(text, at, size);
+	text[size] = '\0';
+	return parse_double(text, &v);
+}
+
+int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct sweep *ret, struct err *err)
+{
+	const char *c = p->columns;
+	size_t pos = 0;
+
+	while (pos < size && is_separator(at[pos]) && at[pos] != ',' && at[pos] != ';')
+		pos++;
+	/* Blank lines and comments; names of columns begin with a letter. */
+	if (pos == size || at[pos] == '#' || (at[pos] == '/' && pos + 1 < size && at[pos + 1] == '/'))
+		return DECODER_NOT_DATA;
+	if (isalpha(at[pos]) && size < 1024) {
+		for (size_t i = pos; i < size; i++)
+			if (at[i] < ' ' && at[i] != '\t')
+				return decoder_bad(err, i, "a control character in a line");
+		return DECODER_NOT_DATA;
+	}
+	for (; *c; c++) {
+		size_t start = pos;
+
+		while (pos < size && !is_separator(at[pos]))
+			pos++;
+		if (pos == start)
+			return decoder_bad(err, start, "ends before column %c", *c);
+		if (*c != '_' && *c != 's' && *c != '-' && !is_number(at + start, pos - start))
+			return decoder_bad(err, start, "column %c is no number", *c);
+		while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
+			pos++;
+		if (pos < size && (at[pos] == ',' || at[pos] == ';'))
+			pos++;
+		while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
+			pos++;
+	}
+	return 0;
+}
+
+int decoder_xyz_check(const struct profile *p, struct err *err)
+{
+	static const char letters[] = "xyzcrns_-itaupRGB"; /* as acutctl --columns has them */
+	const char *text = NULL;
+
+	if (p->framer != PROFILE_FRAMER_LINE)
+		text = "decoder xyz needs [framer] kind = line";
+	else if (!strchr(p->columns, 'x') || !strchr(p->columns, 'y') || !strchr(p->columns, 'z'))
+		text = "columns: x, y and z are needed";
+	else if (strspn(p->columns, letters) != strlen(p->columns))
+		text = "columns: there is no such letter";
+	for (const char *c = p->columns; !text && *c; c++)
+		if (strchr("xyzcrn", *c) && strchr(c + 1, *c))
+			text = "columns: a letter stands twice";
+	if (!text && !strchr(p->columns, 'r') != !strchr(p->columns, 'n'))
+		text = "columns: r and n go together";
+	if (!text)
+		return 0;
+	err_set(err, ERR_INPUT, "%s", text);
+	return err_add_place(err, ERR_NO_OFFSET, p->framer == PROFILE_FRAMER_LINE ? "columns" : "kind");
+}

@@ -1,0 +1,49 @@
+/* The keys of a profile: profile_table.c has the rows, profile_parse.c reads by them, profile_value.c reads values. */
+#ifndef PROFILE_TABLE_H
+#define PROFILE_TABLE_H
+
+#include "profile.h"
+
+enum profile_type {
+	PROFILE_TEXT,    /* UTF-8 without control characters; size is that of the array */
+	PROFILE_PATTERN, /* the same, of a serial number */
+	PROFILE_NAME,    /* a-z 0-9 - _ */
+	PROFILE_INT,     /* int; decimal or 0x.. */
+	PROFILE_U8,
+	PROFILE_U32,
+	PROFILE_SIZE,    /* uint32_t; 16K */
+	PROFILE_MS,      /* uint32_t milliseconds; written as seconds */
+	PROFILE_REAL,    /* double */
+	PROFILE_CHOICE,  /* int-sized enum: `words`, its values in order */
+	PROFILE_YES,     /* bool */
+	PROFILE_FIELD,   /* struct profile_field */
+	PROFILE_BYTES,   /* uint8_t[size] and behind it its size_t */
+	PROFILE_LENGTH,  /* the length of a LENGTH telegram: three members */
+	PROFILE_SEND,    /* a command; may stand more than once */
+	PROFILE_ANSWER,  /* of the command before it */
+};
+
+struct profile_key {
+	const char *section, *name;
+	enum profile_type type;
+	size_t offset, size;
+	double least, most;
+	const char *words; /* "a|b|c" */
+};
+
+const struct profile_key *profile_key_find(const char *section, const char *name);
+const struct profile_key *profile_key_at(size_t i); /* NULL: no more */
+/* The key of the section that is likely meant; NULL. */
+const char *profile_key_near(const char *section, const char *name);
+bool profile_section_is(const char *name);
+
+/* The value of one key; `text` ends with NUL and has no quotes any more. false: *ret_wanted says what is wanted. */
+enum { PROFILE_WANTED_SIZE = 160 };
+bool profile_value_read(const struct profile_key *, const char *text, struct profile *to, char ret_wanted[PROFILE_WANTED_SIZE]);
+/* \xHH \r \n \t \0 \\ \" ; false: not so written, or longer than room. */
+bool profile_value_bytes(const char *text, uint8_t *to, size_t room, size_t *ret);
+
+/* Rules between keys. */
+int profile_check(const struct profile *, struct err *);
+
+#endif
