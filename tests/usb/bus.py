@@ -1,0 +1,154 @@
+"""What the tests of scanners share: a script of devices, a run of a program on their bus, the report of it.
+
+FAKE_USB, PLAIN_CAPTURE, ACUT_SCAN and ACUT_PROFILES are set by meson. ACUT_TEST_PRIVILEGED turns what would be skipped into a
+failure (tests/e2e/e2e.py). A program with sanitizers in it is run so that they bear umockdev's preload.
+"""
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../e2e"))
+from e2e import Fault, expect, unavailable  # noqa: E402
+
+FAKE_USB = os.environ.get("FAKE_USB", "fake-usb")
+PLAIN = os.environ.get("PLAIN_CAPTURE", "plain-capture")
+SCAN = os.environ.get("ACUT_SCAN", "acut-scan")
+PROFILES = os.environ.get("ACUT_PROFILES")
+HANG = float(os.environ.get("ACUT_TEST_HANG", "60"))  # nothing may take this long
+MB = 1 << 20
+
+
+def sanitizer(program):
+    """Which sanitizer a program was built with: "address", "thread" or None."""
+    with open(program, "rb") as f:
+        data = f.read()
+    return "address" if b"__asan_init" in data else "thread" if b"__tsan_init" in data else None
+
+
+def sanitized_env(program, log):
+    """What a sanitizer needs to live with a preload, and where it tells what it found: nothing is suppressed."""
+    env = {}
+    kind = sanitizer(program)
+    if kind == "address":
+        env["ASAN_OPTIONS"] = "verify_asan_link_order=0:detect_leaks=1:exitcode=66:log_path=" + log
+        env["UBSAN_OPTIONS"] = "halt_on_error=1:print_stacktrace=1:exitcode=66:log_path=" + log
+    elif kind == "thread":
+        env["TSAN_OPTIONS"] = "exitcode=66:halt_on_error=0:log_path=" + log
+    return env
+
+
+def need():
+    """Ends the test where there is no umockdev to run it."""
+    if not shutil.which("umockdev-wrapper"):
+        unavailable("no umockdev-wrapper (package umockdev)")
+    if not os.path.exists(FAKE_USB):
+        unavailable("fake-usb was not built (package libumockdev-dev)")
+
+
+class Bus:
+    """A folder with a script; run() runs a program on it."""
+
+    def __init__(self, script=""):
+        self.dir = tempfile.mkdtemp(prefix="acut-usb-")
+        self.script = script
+        self.runs = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        shutil.rmtree(self.dir, ignore_errors=True)
+
+    def path(self, name):
+        return os.path.join(self.dir, name)
+
+    def start(self, args, timeout=HANG, env=None, **kw):
+        self.runs += 1
+        with open(self.path("script"), "w") as f:
+            f.write(self.script)
+        full = dict(os.environ)
+        full.update(sanitized_env(args[0], self.path("sanitizer")))
+        full.update(env or {})
+        command = ["umockdev-wrapper", FAKE_USB, "--timeout", str(timeout), "--report", self.path("report"), self.path("script"), "--"] + args
+        return subprocess.Popen(command, env=full, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                text=True, cwd=self.dir, **kw)
+
+    def finish(self, process, timeout=HANG):
+        try:
+            out, err = process.communicate(timeout=timeout + 30)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise Fault("fake-usb itself hung")
+        return Result(self, process.returncode, out, err)
+
+    def run(self, args, timeout=HANG, env=None):
+        return self.finish(self.start(args, timeout, env), timeout)
+
+
+class Result:
+    def __init__(self, bus, status, out, err):
+        self.status, self.out, self.err = status, out, err
+        try:
+            with open(bus.path("report")) as f:
+                self.report = json.load(f)
+        except (OSError, ValueError):
+            raise Fault("no report: %s %s" % (out[-500:], err[-2000:]))
+        self.devices = self.report["devices"]
+        self.sanitizer = ""
+        for name in os.listdir(bus.dir):
+            if name.startswith("sanitizer"):
+                with open(bus.path(name), errors="replace") as f:
+                    self.sanitizer += f.read()
+        expect(not self.report["hung"], "it hung: %s" % err[-3000:])
+        expect(not self.sanitizer, "a sanitizer says:\n" + self.sanitizer[:6000])
+        expect(self.report["signal"] not in (4, 6, 7, 8, 11), "it died of signal %s: %s" % (self.report["signal"], err[-3000:]))
+
+    def model(self, i=0):
+        return self.devices[i]["model"]
+
+
+def device(name="a", **words):
+    """Lines of a script; `faults` is a list of lines, others are `key value` (an underscore is a dash; True: alone)."""
+    lines = ["device " + name]
+    faults = words.pop("faults", [])
+    for key, value in words.items():
+        key = key.replace("_", "-")
+        lines.append(key if value is True else "%s %s" % (key, value))
+    return "\n".join(lines + list(faults)) + "\n"
+
+
+def sha256(path):
+    h = hashlib.sha256()
+    with open(path, "rb") as f:
+        for piece in iter(lambda: f.read(1 << 20), b""):
+            h.update(piece)
+    return h.hexdigest()
+
+
+def source_bytes(script, path):
+    """What the first device's source says, without faults."""
+    with open(path + ".script", "w") as f:
+        f.write(script)
+    subprocess.run([FAKE_USB, "--source", path + ".script", path], check=True, timeout=HANG)
+    with open(path, "rb") as f:
+        return f.read()
+
+
+def run_cases(cases, wanted):
+    """Functions by name; prints a line each."""
+    failed = 0
+    for case in cases:
+        name = case.__name__
+        if wanted and name not in wanted:
+            continue
+        try:
+            case()
+            print("ok", name, flush=True)
+        except (Fault, subprocess.TimeoutExpired) as e:
+            failed += 1
+            print("FAIL %s: %s" % (name, e), flush=True)
+    return 1 if failed else 0
