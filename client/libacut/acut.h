@@ -213,6 +213,10 @@ struct acut_push_input {
 	int fd;                 /* an open regular file; the library closes it */
 	const char *name;
 	const char *path;       /* absolute: who it is; NULL: unknown, always taken. Only read while sending. */
+	/* Of a stream (fd -1): what will come, so that it is told by path and content as a file is with `checksum`: known, adopted,
+	 * replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; what comes otherwise is refused. NULL: not said. */
+	const char *hash;
+	uint64_t size;          /* and how many */
 };
 /* acut_push_probe and acut_push_file with what tells who the input is. Its descriptor stays the caller's here. */
 int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);

@@ -199,6 +199,10 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 	p.add = push->add;
 	p.replace = push->replace;
 	p.replaces = push->replaces;
+	if (in->hash) {
+		p.hash = (char *)in->hash;
+		p.size = in->size;
+	}
 	if (in->path) {
 		p.path.data = (uint8_t *)in->path;
 		p.path.len = strlen(in->path);

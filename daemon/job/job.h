@@ -298,6 +298,9 @@ struct push_input {
 	bool add;         /* taken beside another one of its path */
 	bool replace;     /* taken in place of those of its path */
 	const char *replaces; /* and of this one, by path or name; "": none */
+	bool told;            /* of a stream: what will come has this content; else nothing is known of it */
+	struct digest hash;
+	uint64_t size;
 };
 
 /* Each request is answered once, with `why` (NULL: done) and its own token. */

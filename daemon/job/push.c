@@ -367,6 +367,10 @@ static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct p
 	a->replace = in->replace;
 	a->replaces = copy(in->replaces);
 	a->stream = fd < 0 ? push_stream_find(p, in->name) : NULL;
+	a->told = a->stream && in->told;
+	a->told_size = in->size;
+	if (a->told)
+		a->hash = in->hash;
 	push_pump(p);
 	return true;
 }

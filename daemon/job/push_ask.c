@@ -80,7 +80,7 @@ static void probe_run(struct push *p, struct push_ask *a)
 
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
 	if (!a->r)
-		a->r = push_known(p, a);
+		a->r = a->stream ? push_stream_known(p, a) : push_known(p, a);
 	if (!a->r && a->known == PUSH_NEW)
 		a->r = input_open(a->fd, a->name, &options, &in, &a->err);
 	if (a->r)
@@ -324,7 +324,7 @@ int push_file_finish(struct push *p, struct push_ask *a)
 		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	if (!r && !same_input(&a->id, &after))
 		return changed(a->name, "while it was read", &a->err);
-	return r;
+	return !r && a->stream ? push_stream_kept(a) : r;
 }
 
 /* What comes in parts is left to the crew, *ret_parts. */

@@ -3,7 +3,8 @@
  *
  * The model: a file is the same if its path, size and time of change are those of a live source, or, where the
  * client asks for it, if its bytes have that source's hash, whatever its name. The same path with anything else
- * is another file of that name, and taken only if the client says so: beside the old one, or in its place. What has no path (a pipe) is always new.
+ * is another file of that name, and taken only if the client says so: beside the old one, or in its place. What has no path is always new, and so is a pipe, unless
+ * the client says beforehand what its bytes will be: then it is judged by that, and held to it.
  * Workers call this between the asks of one push, so its tables stand still meanwhile.
  */
 #include <stdlib.h>
@@ -158,7 +159,7 @@ int push_known(struct push *p, struct push_ask *a)
 	r = push_replace_target(p, a);
 	if (r || p->dataset->onestep || !*a->path)
 		return r;
-	if (a->checksum)
+	if (a->checksum && !a->told)
 		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	if (!r && p->base)
 		s = find(p->base, &p->base_paths, a, &path);

@@ -39,6 +39,11 @@ struct push_stream {
 	size_t nlook;
 	uint64_t size, room; /* kept; bytes of the disk taken for that */
 	uint64_t claimed; /* points, as its header says */
+	bool told;        /* the client has said what will come: */
+	struct digest hash;
+	uint64_t told_size;
+	struct digest_stream *seen; /* what came of it to a File that reads forwards */
+	uint64_t seen_size;
 	struct err err;
 	struct input *input; /* of its File, while that goes on */
 	struct pipe_ingested in;
@@ -61,6 +66,8 @@ struct push_ask {
 	char *name, *format, *columns, *path;
 	char *replaces;             /* file of the dataset, by path or name; "": none */
 	bool checksum, add, replace, projected;
+	bool told;                  /* hash and size of what a stream will bring were said */
+	uint64_t told_size;
 	bool sealing;               /* a commit, by several workers now */
 	struct push_stream *stream; /* it comes from there */
 	/* of the worker */
@@ -218,6 +225,9 @@ struct push_stream *push_stream_find(const struct push *, const char *name);
 int push_stream_open(struct push_ask *, struct err *err);
 /* The next piece of its points into the stage: a->in is what came so far, a->dry that there is more to come. */
 void push_stream_run(struct push *, struct push_ask *);
+/* Worker: push_known of a stream, and what came of one that was kept whole: is it what was said? */
+int push_stream_known(struct push *, struct push_ask *);
+int push_stream_kept(struct push_ask *);
 void push_stream_wait(struct push_stream *);   /* the push's task is submitted again when the pipe has bytes */
 void push_stream_resume(struct push_stream *); /* now */
 void push_streams_wake(struct push *);         /* cancelled: nobody waits any longer */

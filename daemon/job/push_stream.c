@@ -39,6 +39,7 @@ static struct push_stream *stream_free(struct push_stream *s)
 	input_close(s->input);
 	io_close(s->fd);
 	io_close(s->spool);
+	digest_stream_free(s->seen);
 	if (s->room)
 		space_give(s->push->jobs->space, SPACE_TEMPORARY, s->room);
 	free(s->name);
@@ -252,6 +253,88 @@ int push_stream_open(struct push_ask *a, struct err *err)
 	return a->fd < 0 ? err_sys(err, errno, "no descriptor for an input from a pipe") : 0;
 }
 
+/* ---- what the client says that will come ---- */
+
+/* By its content, as it was said: nothing else is known before it comes. */
+int push_stream_known(struct push *p, struct push_ask *a)
+{
+	struct push_input_id kept = a->id;
+	int r;
+
+	if (!a->told)
+		*a->path = 0;
+	a->checksum = a->told;
+	if (a->told) {
+		a->stream->told = true;
+		a->stream->hash = a->hash;
+		a->stream->told_size = a->told_size;
+		a->id = (struct push_input_id){.size = a->told_size};
+	}
+	r = push_known(p, a);
+	a->id = kept;
+	return r;
+}
+
+static int check_told(const struct push_stream *s, struct digest hash, uint64_t size, struct err *err)
+{
+	if (size == s->told_size && digest_equal(hash, s->hash))
+		return 0;
+	err_set(err, ERR_CHANGED, "what came through the pipe (%llu bytes) is not what was announced (%llu bytes)%s",
+		(unsigned long long)size, (unsigned long long)s->told_size, size == s->told_size ? ": its hash is another" : "");
+	err_add_hint(err, "push it again when nobody writes to what it is made of");
+	return err_add_file(err, s->name);
+}
+
+int push_stream_kept(struct push_ask *a)
+{
+	const struct push_stream *s = a->stream;
+	int r = s->told ? check_told(s, a->hash, a->id.size, &a->err) : 0;
+
+	/* A file of ours: its times say nothing of the input. */
+	if (s->told)
+		a->id.mtime_ns = 0;
+	return r;
+}
+
+static void see(void *ctx, const void *bytes, size_t n)
+{
+	struct push_stream *s = ctx;
+
+	digest_stream_add(s->seen, bytes, n);
+	s->seen_size += n;
+}
+
+/* What lies in the file of first bytes; the rest is seen when it is read. */
+static int see_first(struct push_stream *s, struct err *err)
+{
+	uint8_t *piece = malloc(PIECE);
+	size_t got = 1;
+	int r = 0;
+
+	s->seen = digest_stream_new();
+	s->seen_size = 0;
+	if (!piece || !s->seen)
+		r = err_set(err, ERR_NOMEM, "no memory to read a pipe");
+	while (!r && got && s->seen_size < s->size) {
+		uint64_t left = s->size - s->seen_size;
+
+		r = io_read_some(s->spool, piece, left < PIECE ? (size_t)left : PIECE, s->seen_size, s->name, &got, err);
+		if (!r)
+			see(s, piece, got);
+	}
+	free(piece);
+	return r;
+}
+
+static int check_seen(struct push_ask *a)
+{
+	struct push_stream *s = a->stream;
+
+	a->hash = digest_stream_end(s->seen);
+	a->id = (struct push_input_id){.size = s->seen_size};
+	return check_told(s, a->hash, s->seen_size, &a->err);
+}
+
 void push_stream_run(struct push *p, struct push_ask *a)
 {
 	struct push_stream *s = a->stream;
@@ -274,11 +357,19 @@ void push_stream_run(struct push *p, struct push_ask *a)
 	if (!a->r && !s->input) {
 		a->r = grid_stage_source(p->stage, a->source, &a->err);
 		atomic_store(&p->claimed, s->claimed);
+		if (!a->r && s->told)
+			a->r = see_first(s, &a->err);
+	}
+	if (s->told) {
+		options.pipe_seen = see;
+		options.pipe_ctx = s;
 	}
 	if (!a->r && atomic_load(&p->cancel))
 		a->r = err_set(&a->err, ERR_CANCELLED, "the push was ended");
 	if (!a->r)
 		a->r = stage_piece(s, &options, &params, &a->dry, &a->err);
+	if (!a->r && !a->dry && s->told)
+		a->r = check_seen(a);
 	if (a->r)
 		err_add_file(&a->err, a->name);
 	a->in = s->in;

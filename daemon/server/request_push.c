@@ -416,9 +416,17 @@ void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 		.replace = probe->replace,
 		.replaces = probe->replaces,
 	};
+	struct err err = ERR_INIT;
 	char *path = p && probe->path.len ? strndup((const char *)probe->path.data, probe->path.len) : NULL;
 
 	in.path = path;
+	in.size = probe->size;
+	in.told = *probe->hash != 0;
+	if (p && in.told && !digest_parse(probe->hash, &in.hash)) {
+		err_set(&err, ERR_USAGE, "the hash of a stream is not 32 hexadecimal digits");
+		request_refuse(q, &err);
+		p = NULL;
+	}
 	if (p)
 		push_probe(p, fd, &in, q);
 	else

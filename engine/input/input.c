@@ -167,6 +167,8 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	in->degrees = options->degrees;
 	in->has_pipe = options->has_pipe;
 	in->pipe = options->has_pipe ? options->pipe : -1;
+	in->pipe_seen = options->pipe_seen;
+	in->pipe_ctx = options->pipe_ctx;
 	in->columns = options->columns;
 	rc = input_columns_check(in->columns, err);
 	if (!rc)

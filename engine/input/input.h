@@ -57,6 +57,9 @@ struct input_options {
 	 * lattice does not come from it (its digits and its box are not known then). */
 	bool has_pipe;
 	int pipe;
+	/* Is shown each piece that was taken out of the pipe, in order, once; NULL. */
+	void (*pipe_seen)(void *ctx, const void *bytes, size_t n);
+	void *pipe_ctx;
 	/* Text: what the columns are, a letter each: x y z, c class, r return, n number of returns, and to be
 	 * skipped s _ - i t a u p R G B. NULL: as a line of names says, else the first three. */
 	const char *columns;

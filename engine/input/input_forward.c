@@ -47,6 +47,8 @@ int input_forward_read(struct input *in, uint64_t at, void *buf, size_t n, size_
 		got = io->read(in->pipe, buf, n);
 	} while (got < 0 && errno == EINTR);
 	*ret_n = got > 0 ? (size_t)got : 0;
+	if (got > 0 && in->pipe_seen)
+		in->pipe_seen(in->pipe_ctx, buf, (size_t)got);
 	if (got < 0 && errno == EAGAIN) {
 		in->dry = true;
 	} else if (got < 0) {

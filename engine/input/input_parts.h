@@ -121,6 +121,8 @@ struct input {
 	double crop[4];
 	bool has_pipe, dry;        /* dry: the pipe has no bytes now */
 	int pipe;
+	void (*pipe_seen)(void *ctx, const void *bytes, size_t n);
+	void *pipe_ctx;
 	uint64_t head;             /* bytes of the descriptor, before those of the pipe */
 	uint64_t size;             /* of a pipe: more than any file has */
 	const char *columns;       /* of input_options, while opening */
