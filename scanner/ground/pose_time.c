@@ -1,0 +1,171 @@
+/*
+ * Times of poses: UTC as POSIX counts it (no leap second has a number of its own), GPS time, ISO 8601.
+ *
+ * GPS time began with UTC on 1980-01-06 and has no leap seconds: it is ahead by as many as came since. "Adjusted", as
+ * LAS has it, it is less 10^9 s.
+ */
+#include <ctype.h>
+#include <math.h>
+#include <string.h>
+
+#include "ground.h"
+#include "parse.h"
+
+#define GPS_EPOCH 315964800.0 /* 1980-01-06 in POSIX time */
+#define GPS_ADJUST 1e9
+
+/* From when on (POSIX) GPS is ahead by one second more. Source: IERS Bulletin C; none was announced since. */
+static const double leaps[] = {
+	362793600,  /* 1981-07-01 */
+	394329600,  /* 1982-07-01 */
+	425865600,  /* 1983-07-01 */
+	489024000,  /* 1985-07-01 */
+	567993600,  /* 1988-01-01 */
+	631152000,  /* 1990-01-01 */
+	662688000,  /* 1991-01-01 */
+	709948800,  /* 1992-07-01 */
+	741484800,  /* 1993-07-01 */
+	773020800,  /* 1994-07-01 */
+	820454400,  /* 1996-01-01 */
+	867715200,  /* 1997-07-01 */
+	915148800,  /* 1999-01-01 */
+	1136073600, /* 2006-01-01 */
+	1230768000, /* 2009-01-01 */
+	1341100800, /* 2012-07-01 */
+	1435708800, /* 2015-07-01 */
+	1483228800, /* 2017-01-01 */
+};
+enum { LEAPS = sizeof leaps / sizeof *leaps };
+
+double pose_gps_of_utc(double utc)
+{
+	unsigned n = 0;
+
+	while (n < LEAPS && utc >= leaps[n])
+		n++;
+	return utc - GPS_EPOCH + n - GPS_ADJUST;
+}
+
+double pose_utc_of_gps(double gps)
+{
+	double ahead = gps + GPS_ADJUST + GPS_EPOCH;
+	unsigned n = 0;
+
+	/* The leap second itself, which POSIX does not number, falls on the second after it. */
+	while (n < LEAPS && ahead - (n + 1) >= leaps[n])
+		n++;
+	return ahead - n;
+}
+
+/* ---- ISO 8601 ---- */
+
+static bool digits(const char **at, unsigned n, int *ret)
+{
+	int v = 0;
+
+	for (unsigned i = 0; i < n; i++, ++*at) {
+		if (!isdigit((unsigned char)**at))
+			return false;
+		v = v * 10 + (**at - '0');
+	}
+	*ret = v;
+	return true;
+}
+
+static bool one(const char **at, const char *of)
+{
+	if (!**at || !strchr(of, **at))
+		return false;
+	++*at;
+	return true;
+}
+
+/* Days since 1970-01-01 of the Gregorian calendar. */
+static long days_of(int y, int m, int d)
+{
+	long era, doe;
+
+	y -= m <= 2;
+	era = y / 400;
+	doe = (y - era * 400) * 365L + (y - era * 400) / 4 - (y - era * 400) / 100 + (153 * (m + (m > 2 ? -3 : 9)) + 2) / 5 +
+	      d - 1;
+	return era * 146097 + doe - 719468;
+}
+
+static int days_in(int y, int m)
+{
+	static const int days[] = {31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31};
+
+	return days[m - 1] + (m == 2 && (y % 4 == 0 && (y % 100 != 0 || y % 400 == 0)));
+}
+
+/* The fraction of a second, however many digits. */
+static double fraction(const char **at)
+{
+	double v = 0, place = 0.1;
+
+	for (; isdigit((unsigned char)**at); ++*at, place /= 10)
+		v += (**at - '0') * place;
+	return v;
+}
+
+/* "", "Z", "+02:00", "+0200", "-05": seconds to take away. *ret_said: it says one. */
+static bool zone(const char **at, int *ret, bool *ret_said)
+{
+	int h, m = 0, sign = **at == '-' ? -1 : 1;
+
+	*ret = 0;
+	*ret_said = **at != 0;
+	if (!**at || one(at, "Zz"))
+		return true;
+	if (!one(at, "+-") || !digits(at, 2, &h))
+		return false;
+	one(at, ":");
+	if (**at && !digits(at, 2, &m))
+		return false;
+	*ret = sign * (h * 3600 + m * 60);
+	return h < 24 && m < 60;
+}
+
+static bool iso(const char *text, double *ret, bool *ret_zone)
+{
+	const char *at = text;
+	int y, mo, d, h, mi, s = 0, off;
+	double part = 0;
+
+	if (!digits(&at, 4, &y) || !one(&at, "-") || !digits(&at, 2, &mo) || !one(&at, "-") || !digits(&at, 2, &d) ||
+	    !one(&at, "Tt ") || !digits(&at, 2, &h) || !one(&at, ":") || !digits(&at, 2, &mi))
+		return false;
+	if (one(&at, ":") && !digits(&at, 2, &s))
+		return false;
+	if (one(&at, ".,")) {
+		if (!isdigit((unsigned char)*at))
+			return false;
+		part = fraction(&at);
+	}
+	if (!zone(&at, &off, ret_zone) || *at)
+		return false;
+	if (y < 1970 || mo < 1 || mo > 12 || d < 1 || d > days_in(y, mo) || h > 23 || mi > 59 || s > 60)
+		return false;
+	*ret = (double)(days_of(y, mo, d) * 86400L + h * 3600 + mi * 60 + s - off) + part;
+	return true;
+}
+
+bool pose_time_parse(const char *text, enum pose_clock clock, double *ret)
+{
+	double v, utc;
+	bool zoned;
+
+	if (parse_double(text, &v)) {
+		utc = clock == POSE_GPS ? pose_utc_of_gps(v) : v;
+	} else if (iso(text, &v, &zoned) && !(zoned && clock == POSE_GPS)) {
+		/* As many seconds since 1970 by the calendar; GPS counts from 1980. */
+		utc = clock == POSE_GPS ? pose_utc_of_gps(v - GPS_EPOCH - GPS_ADJUST) : v;
+	} else {
+		return false;
+	}
+	if (!(fabs(utc) < 1e11))
+		return false;
+	*ret = utc;
+	return true;
+}
