@@ -38,7 +38,10 @@ struct scan_args {
 	/* push */
 	const char *socket, *into, *pose, *crs, *utm, *name;
 	const char *pose_clock;      /* --pose-clock utc|gps */
-	double gap_s, pose_offset_s;
+	double gap_s, pose_offset_s; /* gap 0: not said */
+	const char *heading;         /* --heading true|grid: what headings are from; NULL: as the columns of positions say */
+	const char *geoid;           /* --geoid NAME: a grid of the daemon */
+	bool grid_scale, replace;
 	/* replay */
 	const char *to;              /* --to telegrams|sweeps|raw */
 };

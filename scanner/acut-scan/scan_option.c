@@ -16,7 +16,7 @@
 #define AT(field) offsetof(struct scan_args, field)
 
 static const struct scan_option table[] = {
-	{"output", 'o', "FILE", SCAN_TEXT, AT(output), SCAN_RECORD | SCAN_REPLAY, "write there; never over a file that is there"},
+	{"output", 'o', "FILE", SCAN_TEXT, AT(output), SCAN_RECORD | SCAN_REPLAY | SCAN_PUSH, "write there; never over a file that is there"},
 	{"folder", 0, "DIR", SCAN_TEXT, AT(folder), SCAN_RECORD, "a new spool in this folder: PROFILE-SERIAL-TIME.spool"},
 	{"from", 0, "FILE|-", SCAN_TEXT, AT(from), SCAN_RECORD, "take the bytes of a file or pipe, not those of a device"},
 	{"continue", 0, NULL, SCAN_FLAG, AT(resume), SCAN_RECORD, "go on in the spool of -o, which a crash has left without its end"},
@@ -31,8 +31,12 @@ static const struct scan_option table[] = {
 	{"pose", 0, "FILE", SCAN_TEXT, AT(pose), SCAN_PUSH, "where the scanner was: a CSV of times, positions and attitudes"},
 	{"pose-clock", 0, "utc|gps", SCAN_TEXT, AT(pose_clock), SCAN_PUSH, "what the times of the pose file are (utc)"},
 	{"pose-offset", 0, "SECONDS", SCAN_NUMBER, AT(pose_offset_s), SCAN_PUSH, "added to the times of the pose file"},
-	{"gap", 0, "TIME", SCAN_SECONDS, AT(gap_s), SCAN_PUSH, "poses further apart than this leave a gap (1s)"},
-	{"crs", 0, "CRS", SCAN_TEXT, AT(crs), SCAN_PUSH, "the plane of the points: EPSG:n, a WKT file, or a name"},
+	{"gap", 0, "TIME", SCAN_SECONDS, AT(gap_s), SCAN_PUSH, "poses further apart than this leave a gap (1.5s)"},
+	{"heading", 0, "true|grid", SCAN_TEXT, AT(heading), SCAN_PUSH, "headings are from true north (degrees), or from the plane's north"},
+	{"grid-scale", 0, NULL, SCAN_FLAG, AT(grid_scale), SCAN_PUSH, "shorten or lengthen ranges as the plane does lengths where the scanner is"},
+	{"geoid", 0, "NAME", SCAN_TEXT, AT(geoid), SCAN_PUSH, "make ellipsoidal heights orthometric by this grid of the daemon"},
+	{"replace", 0, NULL, SCAN_FLAG, AT(replace), SCAN_PUSH, "in place of what the dataset has of the spool already"},
+	{"crs", 0, "CRS", SCAN_TEXT, AT(crs), SCAN_PUSH, "the plane of the poses, or the datum of their degrees: EPSG:n, or a name"},
 	{"utm", 0, "ZONE", SCAN_TEXT, AT(utm), SCAN_PUSH, "project degrees to this zone (32N, 5S), not to that of their middle"},
 	{"name", 0, "NAME", SCAN_TEXT, AT(name), SCAN_PUSH, "the name under which the dataset keeps it (the spool's)"},
 	{"socket", 0, "PATH", SCAN_TEXT, AT(socket), SCAN_PUSH, "where the daemon listens"},
@@ -199,7 +203,7 @@ int scan_option_parse(int argc, char **argv, const char **words, struct scan_arg
 	struct reader r = {.argc = argc, .argv = argv, .args = ret};
 	bool ended = false;
 
-	*ret = (struct scan_args){.inputs = words, .sync_s = 1, .gap_s = 1, .pose_clock = "utc"};
+	*ret = (struct scan_args){.inputs = words, .sync_s = 1, .pose_clock = "utc"};
 	/* What is asked for in JSON is answered so, whatever is wrong with the rest. */
 	for (int i = 1; i < argc && strcmp(argv[i], "--"); i++)
 		if (!strcmp(argv[i], "--json"))

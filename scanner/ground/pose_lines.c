@@ -59,9 +59,9 @@ static int next(struct pose_lines *l, char **ret, size_t *ret_size, uint64_t *re
 	*ret_size = (size_t)(end - *ret);
 	*ret_offset = l->at - (l->n - l->i);
 	if (*ret_size > POSE_LINE_MAX) {
-		err_set(err, ERR_INPUT, "a line is longer than %d bytes", POSE_LINE_MAX);
+		err_set(err, ERR_INPUT, "line %llu is longer than %d bytes", (unsigned long long)l->line, POSE_LINE_MAX);
 		err_add_hint(err, "it should be a text of one pose a line: acut-pose(5)");
-		return err_add_place(err, l->line, NULL);
+		return err_add_place(err, l->line, "line");
 	}
 	l->i += *ret_size + (end < l->buf + l->n);
 	return 1;
@@ -69,8 +69,8 @@ static int next(struct pose_lines *l, char **ret, size_t *ret_size, uint64_t *re
 
 int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, struct err *err)
 {
-	char *at;
-	size_t n;
+	char *at = NULL;
+	size_t n = 0;
 	int r;
 
 	while ((r = next(l, &at, &n, ret_offset, err)) > 0) {
@@ -83,8 +83,8 @@ int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, stru
 		if (!n || *at == '#')
 			continue;
 		if (memchr(at, 0, n)) {
-			err_set(err, ERR_INPUT, "a byte 0 stands in the line");
-			return err_add_place(err, l->line, NULL);
+			err_set(err, ERR_INPUT, "line %llu has a byte 0", (unsigned long long)l->line);
+			return err_add_place(err, l->line, "line");
 		}
 		at[n] = 0; /* the line end, or behind the last byte read, for which there is room */
 		*ret = at;

@@ -8,6 +8,7 @@
  */
 #include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -64,6 +65,18 @@ static bool unchanged(const struct pose_track *t)
 
 	return !fstat(t->fd, &st) && st.st_size == t->st.st_size && st.st_mtim.tv_sec == t->st.st_mtim.tv_sec &&
 	       st.st_mtim.tv_nsec == t->st.st_mtim.tv_nsec && st.st_ino == t->st.st_ino;
+}
+
+/* A line by its number; the column stands in the sentence. */
+static int in_line(uint64_t line, struct err *err)
+{
+	struct err was = *err;
+
+	snprintf(err->message, sizeof err->message, "line %llu%s%s: %.400s", (unsigned long long)line, *was.field ? ", " : "",
+		 was.field, was.message);
+	snprintf(err->field, sizeof err->field, "line");
+	err->offset = line;
+	return -(int)err->code;
 }
 
 /* ---- the first reading ---- */
@@ -140,7 +153,7 @@ static int read_rows(struct pose_track *t, struct pose_box *box, struct err *err
 		if (!r)
 			r = place_add(t, &row, offset, err);
 		if (r)
-			return err_add_place(err, t->lines.line, NULL);
+			return in_line(t->lines.line, err);
 		if (t->form.degrees)
 			box_longitudes(&wide, &row);
 		t->span.poses++;
@@ -178,7 +191,7 @@ static int read_all(struct pose_track *t, const struct pose_params *p, struct er
 	if (r == 0)
 		r = err_set(err, ERR_INPUT, "it is empty");
 	else if (r > 0 && (r = pose_form_read(line, &t->form, err)))
-		err_add_place(err, t->lines.line, NULL);
+		in_line(t->lines.line, err);
 	if (!r)
 		r = read_rows(t, &box, err);
 	if (!r)
@@ -267,7 +280,7 @@ static int load(struct pose_track *t, size_t block, struct err *err)
 			return changed(t, err);
 		r = pose_plane_put(&t->plane, &row, &t->node[t->nnode], err);
 		if (r) {
-			err_add_place(err, t->lines.line, NULL);
+			in_line(t->lines.line, err);
 			return err_add_file(err, t->name);
 		}
 		t->nnode++;
