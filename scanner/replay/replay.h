@@ -58,7 +58,7 @@ struct replay_counts {
 	uint64_t points;                      /* telegrams given to sinks.points */
 	uint64_t not_data, undecoded;         /* good telegrams without a sweep (answers), and bad ones of the decoder */
 	uint64_t lost, repeated, dirty;       /* sweeps: counted by the device and not here; came twice; window dirty */
-	uint64_t counter_restarts;            /* the device's counter began anew */
+	uint64_t restarts;                    /* the device's counter or clock began anew, with no "left" to say why */
 	bool has_times;
 	double first_utc_s, last_utc_s;       /* of sweeps, else of transfers with a telegram */
 	double device_span_s;                 /* by the device's own clock, of the stretches without a restart; 0 */
