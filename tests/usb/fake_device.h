@@ -14,6 +14,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "fake_hash.h"
+
 enum { FAKE_TEXT = 128, FAKE_FAULTS = 512, FAKE_ANSWER = 4096, FAKE_DEVICES = 8, FAKE_ROWS = 4096,
        FAKE_DESCRIPTORS = 256 };
 
@@ -107,7 +109,7 @@ struct fake_device {
 	uint64_t delivered, lost, added, commands, answers;
 	struct fake_row rows[FAKE_ROWS];
 	size_t n_rows, rows_missed;
-	void *hash;                 /* EVP_MD_CTX of what was delivered */
+	struct fake_hash hash;      /* of what was delivered */
 	/* asked of the front end: signals to send */
 	bool wants_stop, wants_kill;
 	int64_t wants_pause_ns;
