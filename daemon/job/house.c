@@ -1,7 +1,7 @@
 /*
  * What the house keeps in mind: datasets, jobs, pushes, walks, and the views of these. Each is small, but their
  * number is the users' business: all of it is charged before it is kept, and refused, with a sentence, when the part
- * of the memory for it is used up. Of jobs that are over the oldest give way.
+ * of the memory for it is used up. Of jobs that are over those of the user give way who has most of them, the oldest first.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -23,12 +23,12 @@ void house_give(struct jobs *j, uint64_t bytes)
 		ledger_give(j->p.ledger, LEDGER_JOBS, bytes);
 }
 
-int house_take_job(struct jobs *j, uint64_t bytes, struct err *err)
+int house_take_job(struct jobs *j, uint32_t uid, uint64_t bytes, struct err *err)
 {
 	struct err why = ERR_INIT;
 
 	while (house_take(j, bytes, "another job", &why))
-		if (!jobs_forget_oldest(j)) {
+		if (!jobs_forget_one(j, PAST_BYTES, uid, bytes)) {
 			*err = why;
 			return -(int)err->code;
 		}

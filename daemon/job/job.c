@@ -435,12 +435,12 @@ size_t job_bytes(size_t view)
 	return sizeof(struct job) + view + 512;
 }
 
-struct job *job_add(struct jobs *j, uint64_t id, char *view, struct err *err)
+struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_peer *peer, struct err *err)
 {
 	size_t bytes = job_bytes(strlen(view));
 	struct job *job;
 
-	if (house_take_job(j, bytes, err))
+	if (house_take_job(j, peer->uid, bytes, err))
 		return NULL;
 	job = calloc(1, sizeof *job);
 	if (!job) {
@@ -450,6 +450,7 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, struct err *err)
 	}
 	job->charged = bytes;
 	job->view = view;
+	job->peer = rights_kept(peer);
 	job->jobs = j;
 	job->id = id;
 	job->err = ERR_INIT;
@@ -543,10 +544,14 @@ void job_leave(struct job *job)
 int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 {
 	char *view = strdup(row->view);
-	struct job *job = view ? job_add(j, row->id, view, err) : NULL;
+	struct job_peer peer = rights_stored(row->uid, row->pid);
+	struct job *job = NULL;
 	struct dataset *d = dataset_loaded(j, row->dataset);
 	int s;
 
+	peer.admin |= row->admin;
+	if (view)
+		job = job_add(j, row->id, view, &peer, err);
 	if (!job) {
 		s = view ? -(int)err->code : err_set(err, ERR_NOMEM, "no memory for a job");
 		free(view);
@@ -555,8 +560,6 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 	if (d)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
-	job->peer = rights_stored(row->uid, row->pid);
-	job->peer.admin |= row->admin;
 	job->priority = row->priority < JOB_PRIORITIES ? (enum job_priority)row->priority : JOB_PRIORITY_NORMAL;
 	job_place_init(job);
 	job->submitted_us = row->submitted_us;

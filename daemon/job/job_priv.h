@@ -9,13 +9,14 @@
 #include "job.h"
 #include "ledger.h"
 #include "log.h"
+#include "past.h"
 #include "plan_file.h"
 #include "rights.h"
 #include "sched_pool.h"
 #include "walk.h"
 
 enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
-/* But for the texts of views with large areas, which are counted. */
+/* But for the texts of views with large areas, which are counted: of all jobs, and one text has up to VIEW_TEXT_MAX. */
 enum { JOBS_VIEWS_MAX = 4 << 20 };
 
 /* A push that was interrupted, until somebody takes it up. Holds its dataset. */
@@ -221,8 +222,8 @@ int cache_may(const struct job_peer *, const char *what, struct err *err); /* ad
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
 int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err);
 void house_give(struct jobs *, uint64_t bytes);
-/* Old jobs that are over give way to new ones. */
-int house_take_job(struct jobs *, uint64_t bytes, struct err *err);
+/* For a job of that user. Old jobs that are over give way to new ones, of the user first who has most of them. */
+int house_take_job(struct jobs *, uint32_t uid, uint64_t bytes, struct err *err);
 uint64_t house_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
@@ -321,7 +322,7 @@ void push_remove_files(struct push *);
 void job_step(struct job *);
 void job_tick(struct job *);
 /* `view` becomes the job's, unless there is no memory: then NULL. */
-struct job *job_add(struct jobs *, uint64_t id, char *view, struct err *err);
+struct job *job_add(struct jobs *, uint64_t id, char *view, const struct job_peer *, struct err *err);
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
@@ -354,7 +355,10 @@ void report_window(struct job_report *); /* made so, but it is that of a window 
 
 /* jobs.c, admit.c */
 struct dataset *dataset_loaded(struct jobs *, uint64_t id); /* at the start; NULL: there is none */
-bool jobs_forget_oldest(struct jobs *); /* of those that are over and that nobody looks at; false: there is none */
+void jobs_put_away(struct jobs *); /* those that are over and that nobody looks at: past_keep */
+/* A job that is over and that nobody looks at goes: the oldest of the user who has most of that (`more` counted with
+ * those of `uid`). False: there is none. */
+bool jobs_forget_one(struct jobs *, enum past_kind, uint32_t uid, uint64_t more);
 uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
 bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */
 /* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */

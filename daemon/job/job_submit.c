@@ -101,14 +101,40 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
 	return NULL;
 }
 
-/* Jobs that are done keep theirs, for later streams. */
-static int check_views(const struct jobs *j, const char *view, struct err *err)
+/*
+ * Jobs that are over keep theirs, for later streams, until others need the room: then the oldest go of the user who has most
+ * of it. What is not over cannot go, so a user may fill at most half of what the unfinished jobs of others leave: however
+ * many users take what they may, something is left for the next.
+ */
+static uint64_t views_most(const struct job_peer *peer, const struct past_views *v)
 {
-	if (strlen(view) + past_view_bytes(j) <= JOBS_VIEWS_MAX)
+	uint64_t others = v->busy - v->own_busy, left = others < JOBS_VIEWS_MAX ? JOBS_VIEWS_MAX - others : 0;
+
+	return rights_admin(peer) ? left : left / 2;
+}
+
+static int take_view(struct jobs *j, const struct job_peer *peer, const char *view, struct err *err)
+{
+	uint64_t n = strlen(view);
+	struct past_views v;
+
+	past_views(j, peer->uid, &v);
+	if (v.own_busy + n <= views_most(peer, &v) && v.all + n <= JOBS_VIEWS_MAX)
 		return 0;
-	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them",
-		JOBS_VIEWS_MAX >> 20);
-	return err_add_hint(err, "remove jobs that are over (acutctl rm), or crop to simpler areas");
+	jobs_put_away(j); /* what is over is not busy */
+	past_views(j, peer->uid, &v);
+	if (v.own_busy + n > views_most(peer, &v)) {
+		err_set(err, ERR_BUSY, "its area takes %llu KiB, and those of this user's unfinished jobs %llu of the %llu KiB that they may have",
+			(unsigned long long)(n + 1023) >> 10, (unsigned long long)(v.own_busy + 1023) >> 10,
+			(unsigned long long)views_most(peer, &v) >> 10);
+		return err_add_hint(err, "submit it again when some of them are done, or crop to a simpler area");
+	}
+	while (v.all + n > JOBS_VIEWS_MAX && jobs_forget_one(j, PAST_VIEWS, peer->uid, n))
+		past_views(j, peer->uid, &v);
+	if (v.all + n <= JOBS_VIEWS_MAX)
+		return 0;
+	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them", JOBS_VIEWS_MAX >> 20);
+	return err_add_hint(err, "submit it again when some of them are done");
 }
 
 static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, char **ret_view,
@@ -135,12 +161,7 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 	r = dataset_check_generation(p->dataset, generation, err);
 	if (r)
 		return r;
-	r = job_view(p->view, p->dataset, ret_view, err);
-	if (!r && (r = check_views(j, *ret_view, err))) {
-		free(*ret_view);
-		*ret_view = NULL;
-	}
-	return r;
+	return job_view(p->view, p->dataset, ret_view, err);
 }
 
 /* Asked for again, with another priority: that is how it is changed. */
@@ -180,8 +201,10 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	}
 	if (!r)
 		r = limit_jobs(j, &p->peer, &err);
+	if (!r)
+		r = take_view(j, &p->peer, view, &err);
 	if (!r) {
-		job = job_add(j, ++j->last_job, view, &err);
+		job = job_add(j, ++j->last_job, view, &p->peer, &err);
 		r = job ? 0 : -(int)err.code;
 	}
 	if (r) {
@@ -191,7 +214,6 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	}
 	job->dataset = dataset_hold(p->dataset);
 	job->generation = generation;
-	job->peer = rights_kept(&p->peer);
 	job->priority = priority;
 	job_place_init(job);
 	job->bound = p->bound;

@@ -365,14 +365,33 @@ static bool idle(const struct job *job)
 	return !job->walk && !job->fetches && !job->waiting_row;
 }
 
-bool jobs_forget_oldest(struct jobs *j)
+static bool over(const struct job *job)
+{
+	return job_state_final(job->state) && idle(job) && !job->removed && !job->bound;
+}
+
+void jobs_put_away(struct jobs *j)
+{
+	struct job *job, *next;
+
+	for (job = j->jobs; job; job = next) {
+		next = job->next;
+		if (over(job))
+			past_keep(job);
+	}
+}
+
+bool jobs_forget_one(struct jobs *j, enum past_kind kind, uint32_t uid, uint64_t more)
 {
 	struct err err = ERR_INIT;
 	struct job *job;
 
 	for (job = j->jobs; job && !(job->removed && idle(job) && job_state_final(job->state)); job = job->next)
 		;
-	if (!job && forget(j, past_oldest(j, INT64_MAX)))
+	/* Whose they are counts, not where they lie: those that are warm as well. */
+	if (!job)
+		jobs_put_away(j);
+	if (!job && forget(j, past_of_most(j, kind, uid, more)))
 		return true;
 	for (job = job ? job : j->jobs; job; job = job->next)
 		if (job_state_final(job->state) && idle(job) && !job->bound && (job->removed || !job_remove(job, &err)))
@@ -390,7 +409,7 @@ static void forget_old(struct jobs *j)
 	int64_t now = clock_real_us();
 	unsigned n = 0;
 
-	while (past_count(j) > JOBS_KEPT && forget(j, past_oldest(j, INT64_MAX)))
+	while (past_count(j) > JOBS_KEPT && forget(j, past_of_most(j, PAST_JOBS, 0, 0)))
 		;
 	if (now - j->aged_us < AGE_US && now >= j->aged_us)
 		return;
@@ -399,11 +418,6 @@ static void forget_old(struct jobs *j)
 		n++;
 	if (n < AGED_MAX)
 		j->aged_us = now;
-}
-
-static bool over(const struct job *job)
-{
-	return job_state_final(job->state) && idle(job) && !job->removed && !job->bound;
 }
 
 /* Removed jobs go when nothing of theirs is left; the oldest that are over leave the ones at work. */

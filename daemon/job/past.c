@@ -4,6 +4,9 @@
  * The model: an array by number, each entry a job at work or what is kept of one that is over. That is the job as it
  * lies in memory, words that are zero left out, and of the others the bytes that are zero: most of a job is. Texts that
  * it owns stay where they are. 10,000 such jobs take less than 3 MiB, and no loop over jobs at work comes by them.
+ *
+ * What all users share here is bounded: jobs, bytes, texts of views. Of each user who has a job it is known how much of that is
+ * his, so that who has most gives way first, with the oldest of his that is over.
  */
 #include "past.h"
 
@@ -19,6 +22,7 @@ enum { GUESTS = 80, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8,
 struct kept {
 	int64_t finished_us;
 	const struct dataset *dataset;
+	uint32_t uid;
 	size_t view_bytes, charged; /* of it, and not in the image */
 	uint8_t image[]; /* a bit for each word that is not zero; of each such word a bit for each byte, and the bytes */
 };
@@ -29,10 +33,18 @@ struct entry {
 	struct kept *kept;
 };
 
+/* Of one user who has a job. */
+struct account {
+	uint32_t uid;
+	uint64_t has[PAST_KINDS], kept_jobs, kept_views;
+};
+
 struct past {
 	struct entry *all; /* ascending */
 	size_t n, room;
-	uint64_t view_bytes;
+	uint64_t view_bytes, kept_views;
+	struct account *account;
+	size_t naccounts, accounts_room;
 	struct job *guests;
 	unsigned guest; /* that comes next; of this round */
 };
@@ -91,6 +103,78 @@ static void unpack(const uint8_t *in, struct job *ret)
 static uint64_t kept_bytes(size_t image, size_t view)
 {
 	return sizeof(struct kept) + image + view + ENTRY_BYTES;
+}
+
+/* ---- who has how much ---- */
+
+static struct account *account_of(const struct past *p, uint32_t uid)
+{
+	for (size_t i = 0; p && i < p->naccounts; i++)
+		if (p->account[i].uid == uid)
+			return &p->account[i];
+	return NULL;
+}
+
+static struct account *account_make(struct past *p, uint32_t uid)
+{
+	struct account *a = account_of(p, uid), *more;
+	size_t room = p->accounts_room ? 2 * p->accounts_room : 8;
+
+	if (a)
+		return a;
+	if (p->naccounts == p->accounts_room) {
+		more = realloc(p->account, room * sizeof *more);
+		if (!more)
+			return NULL;
+		p->account = more;
+		p->accounts_room = room;
+	}
+	p->account[p->naccounts] = (struct account){.uid = uid};
+	return &p->account[p->naccounts++];
+}
+
+static void account_gone(struct past *p, uint32_t uid, uint64_t view)
+{
+	struct account *a = account_of(p, uid);
+
+	p->view_bytes -= view;
+	a->has[PAST_VIEWS] -= view;
+	if (!--a->has[PAST_JOBS])
+		*a = p->account[--p->naccounts];
+}
+
+/* It is kept from now on, or (less) no longer. */
+static void account_kept(struct past *p, const struct kept *k, bool less)
+{
+	struct account *a = account_of(p, k->uid);
+
+	if (less) {
+		p->kept_views -= k->view_bytes;
+		a->kept_views -= k->view_bytes;
+		a->kept_jobs--;
+		a->has[PAST_BYTES] -= k->charged;
+	} else {
+		p->kept_views += k->view_bytes;
+		a->kept_views += k->view_bytes;
+		a->kept_jobs++;
+		a->has[PAST_BYTES] += k->charged;
+	}
+}
+
+void past_views(const struct jobs *j, uint32_t uid, struct past_views *ret)
+{
+	const struct past *p = j->past;
+	const struct account *a = account_of(p, uid);
+
+	*ret = (struct past_views){0};
+	if (p) {
+		ret->all = p->view_bytes;
+		ret->busy = p->view_bytes - p->kept_views;
+	}
+	if (a) {
+		ret->own = a->has[PAST_VIEWS];
+		ret->own_busy = ret->own - a->kept_views;
+	}
 }
 
 /* ---- the array ---- */
@@ -155,26 +239,32 @@ static void unlink_job(struct job *job)
 int past_add(struct job *job, struct err *err)
 {
 	struct jobs *j = job->jobs;
+	struct account *a;
 	size_t i;
 
 	if (!j->past && !(j->past = calloc(1, sizeof *j->past)))
 		return err_set(err, ERR_NOMEM, "no memory for jobs");
 	if (make_room(j->past, err))
 		return -(int)err->code;
+	a = account_make(j->past, job->peer.uid);
+	if (!a)
+		return err_set(err, ERR_NOMEM, "no memory for the account of a user");
 	i = place_of(j->past, job->id);
 	memmove(&j->past->all[i + 1], &j->past->all[i], (j->past->n - i) * sizeof j->past->all[0]);
 	j->past->all[i] = (struct entry){.id = job->id, .job = job};
 	j->past->n++;
 	j->past->view_bytes += strlen(job->view);
+	a->has[PAST_JOBS]++;
+	a->has[PAST_VIEWS] += strlen(job->view);
 	link_job(job);
 	return 0;
 }
 
-static void entry_remove(struct jobs *j, struct entry *e, const char *view)
+static void entry_remove(struct jobs *j, struct entry *e, const struct job *job)
 {
 	size_t i = (size_t)(e - j->past->all);
 
-	j->past->view_bytes -= strlen(view);
+	account_gone(j->past, job->peer.uid, strlen(job->view));
 	j->past->n--;
 	memmove(e, e + 1, (j->past->n - i) * sizeof *e);
 }
@@ -185,14 +275,14 @@ void past_remove(struct job *job)
 
 	unlink_job(job);
 	if (e && e->job == job)
-		entry_remove(job->jobs, e, job->view);
+		entry_remove(job->jobs, e, job);
 }
 
 bool past_keep(struct job *job)
 {
 	struct jobs *j = job->jobs;
 	struct entry *e = entry_of(j, job->id);
-	struct kept all = {.finished_us = job->finished_us, .dataset = job->dataset, .view_bytes = strlen(job->view),
+	struct kept all = {.finished_us = job->finished_us, .dataset = job->dataset, .uid = job->peer.uid, .view_bytes = strlen(job->view),
 			   .charged = job->charged}, *k;
 	struct plan_file *plan = job->plan;
 	struct job *next = job->next;
@@ -224,6 +314,7 @@ bool past_keep(struct job *job)
 	memcpy(k->image, image, n);
 	e->kept = k;
 	e->job = NULL;
+	account_kept(j->past, k, false);
 	free(job);
 	return true;
 }
@@ -258,7 +349,7 @@ int past_awake(struct job *guest, struct job **ret, struct err *err)
 	}
 	more = job_bytes(strlen(guest->view));
 	more = more > guest->charged ? more - guest->charged : 0;
-	if (house_take_job(j, more, err))
+	if (house_take_job(j, guest->peer.uid, more, err))
 		return -(int)err->code;
 	/* Others may have made room, by going. */
 	e = entry_of(j, guest->id);
@@ -269,6 +360,7 @@ int past_awake(struct job *guest, struct job **ret, struct err *err)
 	}
 	unpack(e->kept->image, job);
 	job->charged = e->kept->charged + (size_t)more;
+	account_kept(j->past, e->kept, true);
 	free(e->kept);
 	e->kept = NULL;
 	e->job = job;
@@ -289,7 +381,8 @@ void past_drop(struct job *guest)
 	if (!e || !e->kept)
 		return;
 	k = e->kept;
-	entry_remove(j, e, guest->view);
+	account_kept(j->past, k, true);
+	entry_remove(j, e, guest);
 	free(k);
 	if (!job_plan_new(guest, &ignored))
 		job_plan_drop(guest);
@@ -333,6 +426,27 @@ struct job *past_oldest(struct jobs *j, int64_t finished_us)
 	return NULL;
 }
 
+/* Who asks gives way to those who have as much. */
+struct job *past_of_most(struct jobs *j, enum past_kind kind, uint32_t uid, uint64_t more)
+{
+	const struct account *most = NULL;
+	uint64_t n = 0;
+
+	for (size_t i = 0; j->past && i < j->past->naccounts; i++) {
+		const struct account *a = &j->past->account[i];
+		uint64_t has = a->has[kind] + (a->uid == uid ? more : 0);
+
+		if (a->kept_jobs && (!most || has > n || (has == n && a->uid == uid))) {
+			most = a;
+			n = has;
+		}
+	}
+	for (size_t i = 0; most && i < j->past->n; i++)
+		if (j->past->all[i].kept && j->past->all[i].kept->uid == most->uid)
+			return guest_of(j, &j->past->all[i]);
+	return NULL;
+}
+
 bool past_has(const struct jobs *j, uint64_t id)
 {
 	return entry_of(j, id) != NULL;
@@ -366,11 +480,6 @@ size_t past_count(const struct jobs *j)
 	return j->past ? j->past->n : 0;
 }
 
-uint64_t past_view_bytes(const struct jobs *j)
-{
-	return j->past ? j->past->view_bytes : 0;
-}
-
 void past_round(struct jobs *j)
 {
 	struct past *p = j->past;
@@ -401,6 +510,7 @@ void past_free(struct jobs *j)
 		free(p->all[i].kept);
 	}
 	free(p->guests);
+	free(p->account);
 	free(p->all);
 	free(p);
 	j->past = NULL;

@@ -17,6 +17,14 @@ struct job;
 struct jobs;
 struct past;
 
+/* What users share here. */
+enum past_kind {
+	PAST_JOBS,  /* all of a user */
+	PAST_VIEWS, /* bytes of the texts of their views */
+	PAST_BYTES, /* that are charged for those that are kept */
+	PAST_KINDS
+};
+
 /* A new job, at work; it has room afterwards to be kept. */
 int past_add(struct job *, struct err *err);
 /* A job that goes: its number is not there any more. */
@@ -33,11 +41,17 @@ struct job *past_next(struct jobs *, const struct dataset *of, uint64_t after);
 struct job *past_before(struct jobs *, uint64_t id);
 /* The oldest job that is kept here, and is not younger than that; NULL: there is none. */
 struct job *past_oldest(struct jobs *, int64_t finished_us);
+/* The oldest job that is kept here of the user who has most of that, `more` added to what this one has; of users who have
+ * nothing here there is none. NULL: nothing is kept. */
+struct job *past_of_most(struct jobs *, enum past_kind, uint32_t uid, uint64_t more);
 bool past_has(const struct jobs *, uint64_t id);
 /* The dataset is about to go: jobs that are kept use it no more. */
 void past_forget_dataset(struct jobs *, struct dataset *);
 size_t past_count(const struct jobs *); /* all jobs */
-uint64_t past_view_bytes(const struct jobs *); /* of their views' texts */
+struct past_views { /* bytes of views' texts: of all, and of one user; `busy`: of jobs that are not kept, and so cannot go */
+	uint64_t all, busy, own, own_busy;
+};
+void past_views(const struct jobs *, uint32_t uid, struct past_views *ret);
 void past_round(struct jobs *); /* guests are gone; what they lay in with the first round that has none */
 void past_free(struct jobs *);
 

@@ -1,0 +1,228 @@
+/*
+ * The texts of views, which all users share: who has many of them, in jobs that are over or are not, keeps nobody from
+ * submitting, and what he himself may have of unfinished ones has an end. The loop turns only where it says so, so no job gets on.
+ */
+#include "house.h"
+
+#include "area_code.h"
+#include "job_priv.h"
+#include "past.h"
+
+enum { LARGE = 40000, MANY = 104, STEP = 99000, TEETH = 4500 };
+static const struct job_peer hog = {.uid = 7, .pid = 7}, root = {.uid = 0, .pid = 8, .admin = true};
+
+static void sql(const char *text)
+{
+	char path[128], *why = NULL;
+	sqlite3 *db;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	if (sqlite3_exec(db, text, NULL, NULL, &why) != SQLITE_OK)
+		fail_msg("%s", why);
+	sqlite3_close(db);
+}
+
+/* Of a dataset that is not there any more; numbers from `from` on. */
+static void jobs_over(unsigned from, unsigned n, uint32_t uid, unsigned bytes)
+{
+	char text[1024];
+
+	snprintf(text, sizeof text,
+		 "WITH RECURSIVE n(i) AS (SELECT %u UNION ALL SELECT i + 1 FROM n WHERE i < %u)"
+		 " INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
+		 " error_code, error_message, error_file, error_field, error_hint, error_offset)"
+		 " SELECT i, 0, 1, printf('%%*s', %u, 'v'), 'failed', %u, 1, 1, strftime('%%s') * 1000000, '', 'bad-input', '', '',"
+		 " '', '', -1 FROM n", from, from + n - 1, bytes, uid);
+	sql(text);
+}
+
+static unsigned count(const struct job_peer *peer)
+{
+	struct job *job;
+	unsigned n = 0;
+
+	for (uint64_t id = 0; (job = job_after(h.jobs, id, peer)); id = info_of(job).id)
+		n += info_of(job).peer.uid == peer->uid;
+	return n;
+}
+
+/* A comb of `teeth`, whose base lies `down` below: 9 characters a tooth. */
+static char *comb(unsigned teeth, unsigned down)
+{
+	char *text = malloc(32 + 4 * AREA_CODE_SIZE + (size_t)teeth * 2 * AREA_CODE_SIZE), *at = text;
+
+	at += sprintf(at, "ask 1 crop=area@0:+");
+	at += area_code_put(0, at);
+	at += area_code_put(0, at);
+	for (unsigned i = 0; i < teeth; i++) {
+		at += area_code_put(STEP, at);
+		at += area_code_put(i % 2 ? -STEP : STEP, at);
+	}
+	at += area_code_put(0, at);
+	at += area_code_put(-2 * STEP - (int)down, at);
+	at += area_code_put(-STEP * (int)teeth, at);
+	at += area_code_put(0, at);
+	*at = 0;
+	return text;
+}
+
+static struct job *want(struct dataset *d, const struct job_peer *peer, const char *view)
+{
+	struct job_params p = {.dataset = d, .view = view, .peer = *peer};
+	int before = accepts;
+
+	job_submit(h.jobs, &p, accepted, NULL);
+	/* Refused: at once. */
+	return accepts > before && accepted_err.code ? NULL : h.jobs->jobs;
+}
+
+/* Jobs of one user that are over take all that there is; those of the others stay. */
+static void over(void **state)
+{
+	struct past_views v;
+	struct dataset *d;
+	unsigned mine;
+
+	close_house();
+	jobs_over(1, 5, me.uid, 300);
+	jobs_over(10, MANY, hog.uid, LARGE);
+	jobs_over(200, 1, hog.uid, JOBS_VIEWS_MAX - MANY * LARGE - 5 * 300);
+	open_house(UINT64_C(64) << 20, 1);
+	past_views(h.jobs, me.uid, &v);
+	assert_int_equal(v.all, JOBS_VIEWS_MAX);
+	assert_int_equal(v.own, 5 * 300);
+	d = push("d", 100, 1);
+	assert_int_equal(count(&me), 5);
+	assert_int_equal(count(&hog), MANY + 1);
+	assert_non_null(submit(d, false, VIEW));
+	assert_int_equal(accepted_err.code, 0);
+	/* His oldest went, and nothing else; with one large view of hers as many of his as it takes. */
+	assert_int_equal(count(&me), 6);
+	assert_int_equal(count(&hog), MANY);
+	assert_null(job_find(h.jobs, 10, &hog));
+	past_views(h.jobs, me.uid, &v);
+	assert_true(v.all <= JOBS_VIEWS_MAX);
+	for (unsigned i = 0; i < 3; i++) {
+		char *view = comb(TEETH, i);
+
+		mine = count(&me);
+		submit(d, false, view);
+		if (accepted_err.code)
+			fail_msg("%s", accepted_err.message);
+		assert_int_equal(count(&me), mine + 1);
+		free(view);
+	}
+	assert_true(count(&hog) < MANY && count(&hog) > MANY - 4);
+	past_views(h.jobs, me.uid, &v);
+	assert_true(v.all <= JOBS_VIEWS_MAX);
+	turn_until(!jobs_active(h.jobs));
+}
+
+/* Whoever has most gives way himself, and what gives way is the oldest. */
+static void own(void **state)
+{
+	struct dataset *d;
+	char *view = comb(TEETH, 0);
+
+	close_house();
+	jobs_over(1, MANY, me.uid, LARGE);
+	jobs_over(200, 1, hog.uid, 30000);
+	open_house(UINT64_C(64) << 20, 1);
+	d = push("d", 100, 1);
+	submit(d, false, view);
+	assert_int_equal(accepted_err.code, 0);
+	assert_non_null(job_find(h.jobs, 200, &hog));
+	assert_null(job_find(h.jobs, 1, &me));
+	turn_until(!jobs_active(h.jobs));
+	free(view);
+}
+
+/* Jobs that are not over cannot go: a user may have half of what those of the others leave. */
+static void unfinished(void **state)
+{
+	struct dataset *d = push("d", 100, 1);
+	struct past_views v;
+	unsigned n = 0, m = 0;
+	char *view;
+
+	/* Of all: administrators are not held by it. */
+	d->mode = 0644;
+	for (;; n++) {
+		view = comb(TEETH, n);
+		if (!want(d, &hog, view))
+			break;
+		free(view);
+		assert_true(n < 1000);
+	}
+	free(view);
+	assert_int_equal(accepted_err.code, ERR_BUSY);
+	assert_non_null(strstr(accepted_err.message, "2048 KiB"));
+	past_views(h.jobs, hog.uid, &v);
+	print_message("%u of one user: %llu KiB\n", n, (unsigned long long)v.own >> 10);
+	assert_true(v.own == v.own_busy && v.own <= JOBS_VIEWS_MAX / 2 && v.own > JOBS_VIEWS_MAX / 2 - VIEW_TEXT_MAX);
+	for (;; m++) {
+		view = comb(TEETH, m);
+		if (!want(d, &me, view))
+			break;
+		free(view);
+		assert_true(m < 1000);
+	}
+	free(view);
+	assert_true(m >= n / 2 - 1 && m <= n / 2 + 1);
+	/* A third one, and an administrator, who may have all that is left. */
+	view = comb(TEETH, 5000);
+	assert_non_null(want(d, &(struct job_peer){.uid = 9}, view));
+	for (m = 0; want(d, &root, view); m++) {
+		free(view);
+		view = comb(TEETH, 6000 + m);
+		assert_true(m < 1000);
+	}
+	free(view);
+	past_views(h.jobs, 0, &v);
+	assert_true(v.all <= JOBS_VIEWS_MAX && v.all > JOBS_VIEWS_MAX - VIEW_TEXT_MAX);
+	/* When they are over he may again, and all of it came to its end. */
+	turn_until(!jobs_active(h.jobs));
+	view = comb(TEETH, 7000);
+	assert_non_null(want(d, &hog, view));
+	turn_until(!jobs_active(h.jobs));
+	free(view);
+}
+
+/* The same where it is the memory for jobs, or their number, that is used up. */
+static void memory(void **state)
+{
+	struct job *job;
+	unsigned n = 0;
+
+	close_house();
+	jobs_over(1, 20, me.uid, 100);
+	jobs_over(100, 3000, hog.uid, 60);
+	jobs_over(20000, 20, me.uid, 100);
+	open_house(UINT64_C(24) << 20, 1);
+	n = count(&hog);
+	print_message("%u of 3000 jobs are kept\n", n);
+	while ((job = past_of_most(h.jobs, PAST_BYTES, me.uid, 0)) && n-- > 100)
+		assert_int_equal(info_of(job).peer.uid, hog.uid), assert_true(jobs_forget_one(h.jobs, PAST_BYTES, me.uid, 0));
+	assert_int_equal(count(&me), 40);
+	/* Equally many: who asks gives way. */
+	while (count(&hog) > 40)
+		assert_true(jobs_forget_one(h.jobs, PAST_JOBS, 0, 0));
+	assert_int_equal(count(&hog), 40);
+	assert_true(jobs_forget_one(h.jobs, PAST_JOBS, me.uid, 0));
+	assert_int_equal(count(&me), 39);
+	assert_null(job_find(h.jobs, 1, &me));
+	turn_until(!catalogue_busy(h.catalogue));
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(over, setup, teardown),
+		cmocka_unit_test_setup_teardown(own, setup, teardown),
+		cmocka_unit_test_setup_teardown(unfinished, setup, teardown),
+		cmocka_unit_test_setup_teardown(memory, setup, teardown),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
