@@ -52,6 +52,7 @@ struct config {
 	unsigned user_jobs;           /* unfinished jobs */
 	unsigned user_memory;         /* per cent of `memory` that the jobs hold */
 	struct space_limit user_disk; /* data and pending pushes */
+	unsigned user_datasets;       /* that he owns, removed ones too */
 	unsigned user_connections;
 
 	struct config_origin origin[CONFIG_SETTINGS];
@@ -133,6 +134,7 @@ uint64_t config_memory_most(uint64_t limit, bool private);
 /* The smallest limit of this process's memory cgroup and its ancestors, version 1 and 2, under `root` ("" on
  * a real machine, a folder in tests). */
 uint64_t config_cgroup_limit(const char *root);
+uint64_t config_cgroup_tasks(const char *root); /* likewise, of tasks (pids.max) */
 uint64_t config_machine_memory(void);
 
 #endif

@@ -72,8 +72,13 @@ static uint64_t climb(const char *root, const char *mount, const char *group, co
 	}
 }
 
+/* A controller of version 1, and its files. */
+struct controller {
+	const char *name, *mount, *file, *file1;
+};
+
 /* A line of /proc/self/cgroup: "number:controllers:group". */
-static uint64_t limit_of_line(const char *root, char *line)
+static uint64_t limit_of_line(const char *root, char *line, const struct controller *what)
 {
 	char *controllers = strchr(line, ':'), *group, *c, *save = NULL;
 
@@ -83,14 +88,14 @@ static uint64_t limit_of_line(const char *root, char *line)
 	*controllers++ = 0;
 	*group++ = 0;
 	if (!*controllers)
-		return climb(root, "/sys/fs/cgroup", group, "memory.max");
+		return climb(root, "/sys/fs/cgroup", group, what->file);
 	for (c = strtok_r(controllers, ",", &save); c; c = strtok_r(NULL, ",", &save))
-		if (!strcmp(c, "memory"))
-			return climb(root, "/sys/fs/cgroup/memory", group, "memory.limit_in_bytes");
+		if (!strcmp(c, what->name))
+			return climb(root, what->mount, group, what->file1);
 	return UINT64_MAX;
 }
 
-uint64_t config_cgroup_limit(const char *root)
+static uint64_t cgroup_limit(const char *root, const struct controller *what)
 {
 	char path[1024], line[1200];
 	uint64_t least = UINT64_MAX;
@@ -101,13 +106,27 @@ uint64_t config_cgroup_limit(const char *root)
 	if (!f)
 		return UINT64_MAX;
 	while (fgets(line, sizeof line, f)) {
-		uint64_t limit = limit_of_line(root, line);
+		uint64_t limit = limit_of_line(root, line, what);
 
 		if (limit < least)
 			least = limit;
 	}
 	fclose(f);
 	return least;
+}
+
+uint64_t config_cgroup_limit(const char *root)
+{
+	static const struct controller memory = {"memory", "/sys/fs/cgroup/memory", "memory.max", "memory.limit_in_bytes"};
+
+	return cgroup_limit(root, &memory);
+}
+
+uint64_t config_cgroup_tasks(const char *root)
+{
+	static const struct controller pids = {"pids", "/sys/fs/cgroup/pids", "pids.max", "pids.max"};
+
+	return cgroup_limit(root, &pids);
 }
 
 uint64_t config_machine_memory(void)

@@ -403,6 +403,11 @@ static int make_budget(struct daemon *d, struct err *err)
 	return 0;
 }
 
+static uint64_t tasks_most(void)
+{
+	return config_cgroup_tasks("");
+}
+
 static int make_jobs(struct daemon *d, struct err *err)
 {
 	char path[600];
@@ -419,6 +424,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.settings = CONFIG_SETTINGS,
 		.setting_ctx = &d->config,
 		.memory_most = config_cgroup_limit(""),
+		.tasks_most = tasks_most,
 		.warning = *d->warning ? d->warning : NULL,
 	};
 	struct jobs_params jobs = {
@@ -430,7 +436,8 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.keep_free = d->config.keep_free,
 		.space_wait = d->config.space_wait,
 		.keep_removed = d->config.keep_removed,
-		.user = {.jobs = d->config.user_jobs, .memory = d->config.user_memory, .disk = d->config.user_disk},
+		.user = {.jobs = d->config.user_jobs, .memory = d->config.user_memory,
+			 .datasets = d->config.user_datasets, .disk = d->config.user_disk},
 		.cache_again = cache_again,
 		.cache_ctx = d,
 		.changed = server_job_changed,

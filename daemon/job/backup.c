@@ -10,6 +10,9 @@
  *
  * The list has a line a file, "L PATH" of lasting ones, "C PATH" of those that change; the catalogue is the last: a
  * copy that is cut short still has the old one, and all that the old one names.
+ *
+ * Where the owner of a dataset has his files is nobody else's business (request_generation.c): who may read the dataset, and no
+ * more, gets a manifest of his own, the same but for the paths of its sources.
  */
 #include "backup.h"
 
@@ -38,6 +41,7 @@ struct backup {
 	struct sched_owner owner;
 	int dirfd, listfd;
 	uint64_t list_size, at, files, bytes;
+	bool pathless; /* the paths of the sources are not for him */
 	bool busy, ended, telling; /* a task is under way; nobody wants it; its client is being told */
 	char line[LINE], gone[LINE]; /* of the list; what was not there any more */
 	struct backup_file file;
@@ -133,6 +137,19 @@ static int take_copy(struct backup *b, int from, const char *name, const char *p
 	return r ? r : list(b, 'C', path, at, err);
 }
 
+static int take_pathless(struct backup *b, struct grid_manifest *m, const char *path, struct err *err)
+{
+	uint64_t bytes = 0;
+	int r;
+
+	for (size_t i = 0; i < m->nsources; i++)
+		m->sources[i].path = "";
+	r = grid_manifest_write(b->dirfd, path, m, err);
+	if (!r)
+		r = size_of(b->dirfd, path, &bytes, err);
+	return r ? r : list(b, 'C', path, bytes, err);
+}
+
 /* Links of one manifest and its segments, below `prefix`. */
 static int take_dataset(struct backup *b, uint64_t id, const char *manifest, const char *prefix, const char *as,
 			struct err *err)
@@ -156,7 +173,7 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	}
 	snprintf(path, sizeof path, "%s%s", prefix, as);
 	if (!r)
-		r = take_link(b, fd, manifest, path, err);
+		r = b->pathless ? take_pathless(b, m, path, err) : take_link(b, fd, manifest, path, err);
 	grid_manifest_free(m);
 	io_close(fd);
 	return r;
@@ -417,6 +434,7 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 	b->dataset = d ? d->id : 0;
 	if (d)
 		memcpy(b->manifest, d->manifest, sizeof b->manifest);
+	b->pathless = d && !rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	snprintf(b->name, sizeof b->name, "backup-%llu", (unsigned long long)b->id);
 	b->owner = (struct sched_owner){.uid = peer->uid, .flow = ++j->last_flow};
 	b->dirfd = b->listfd = -1;

@@ -23,7 +23,7 @@ struct backup_file {
 };
 
 /* All that the state of this moment consists of; dataset not "": the files of that one. Root and the daemon's user, the
- * owner of the dataset. Nothing of it goes before backup_end, whatever is pushed, merged or removed meanwhile. */
+ * who may read the dataset; who does not own it gets its manifest without the paths of its files. Nothing of it goes before backup_end, whatever is pushed, merged or removed meanwhile. */
 void backup_begin(struct jobs *, const char *dataset, const struct job_peer *,
 		  void (*ready)(void *token, const struct err *why, const struct backup_ready *), void *token);
 /* The next file; NULL: that was all. One at a time. */

@@ -70,6 +70,9 @@ static int make(struct jobs *j, const struct dataset_wish *w, struct dataset **r
 		r = check_scale(w->scale_z, "scale_z", err);
 	if (r)
 		return r;
+	r = limit_datasets(j, &w->peer, err);
+	if (r)
+		return r;
 	d = dataset_new(j, w->name, &w->peer, false, err);
 	if (!d)
 		return -(int)err->code;

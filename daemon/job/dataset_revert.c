@@ -16,14 +16,10 @@
 struct revert {
 	struct dataset_change change;
 	uint64_t generation;
+	bool owner; /* he may know where its files were */
 	revert_answer_fn *answer;
 	void *token;
 };
-
-static const char *named(const struct grid_source *s)
-{
-	return *s->path ? s->path : s->name;
-}
 
 /* A life of the source that began in that generation, or ended then. */
 static bool began(const struct grid_source *s, uint64_t g)
@@ -42,12 +38,14 @@ static bool ended(const struct grid_source *s, uint64_t g)
 	return s->removed == g && s->added != g;
 }
 
-static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, struct err *err)
+/* Where others have their files is for the owner alone, as in a list of files. */
+static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner,
+		    struct err *err)
 {
 	err_set(err, ERR_USAGE, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,
 		what, (unsigned long long)by);
 	err_add_hint(err, "revert generation %llu first", (unsigned long long)by);
-	return err_add_file(err, named(s));
+	return err_add_file(err, owner && *s->path ? s->path : s->name);
 }
 
 static const struct grid_generation *note_of(const struct grid_manifest *m, uint64_t g)
@@ -76,18 +74,18 @@ static int check_number(const struct grid_manifest *m, uint64_t g, const char *n
 }
 
 /* What the generation added is there, and what it removed is not; whatever came and was undone between. */
-static int check_source(const struct grid_source *s, uint64_t g, struct err *err)
+static int check_source(const struct grid_source *s, uint64_t g, bool owner, struct err *err)
 {
 	if (began(s, g) && s->removed)
-		return conflict(s, g, s->removed, "removed", err);
+		return conflict(s, g, s->removed, "removed", owner, err);
 	if (ended(s, g) && !s->removed)
-		return conflict(s, g, s->added, "brought back", err);
+		return conflict(s, g, s->added, "brought back", owner, err);
 	return 0;
 }
 
 /* A file in place of what comes back. Those that stood beside it before may stay. */
 static int check_place(const struct grid_manifest *m, const struct names *paths, const struct grid_source *s, uint64_t g,
-		       struct err *err)
+		       bool owner, struct err *err)
 {
 	size_t at = NAMES_START;
 	uint32_t i;
@@ -96,12 +94,12 @@ static int check_place(const struct grid_manifest *m, const struct names *paths,
 		const struct grid_source *other = &m->sources[i];
 
 		if (other != s && other->added > g)
-			return conflict(other, g, other->added, "pushed again", err);
+			return conflict(other, g, other->added, "pushed again", owner, err);
 	}
 	return 0;
 }
 
-static int check(const struct grid_manifest *m, uint64_t g, struct err *err)
+static int check(const struct grid_manifest *m, uint64_t g, bool owner, struct err *err)
 {
 	struct names paths = {0};
 	bool any = false;
@@ -114,9 +112,9 @@ static int check(const struct grid_manifest *m, uint64_t g, struct err *err)
 		const struct grid_source *s = &m->sources[i];
 
 		any = any || began(s, g) || ended(s, g);
-		r = check_source(s, g, err);
+		r = check_source(s, g, owner, err);
 		if (!r && ended(s, g))
-			r = check_place(m, &paths, s, g, err);
+			r = check_place(m, &paths, s, g, owner, err);
 	}
 	names_free(&paths);
 	if (!r && !any)
@@ -148,7 +146,7 @@ static int revert_make(struct dataset_change *c, const struct grid_manifest *bas
 	int r = check_number(base, g, c->dataset->name, err);
 
 	if (!r)
-		r = check(base, g, err);
+		r = check(base, g, v->owner, err);
 	if (r)
 		return r;
 	for (size_t i = 0; i < base->nsources; i++)
@@ -227,6 +225,7 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 	v->change.make = revert_make;
 	v->change.over = revert_over;
 	v->change.kind = GRID_REVERT;
+	v->owner = rights_allow(peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 	v->generation = generation ? generation : d->generation;
 	v->change.undoes = v->generation;
 	v->answer = answer;

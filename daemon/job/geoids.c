@@ -22,7 +22,7 @@
 #include "log.h"
 #include "push_priv.h"
 
-enum { COPY_BUFFER = 256 * 1024, TEXT_MOST = 2048, GEOIDS_MAX = 64, GEOIDS_OWN = GEOIDS_MAX / 4 };
+enum { COPY_BUFFER = 256 * 1024, TEXT_MOST = 2048, GEOIDS_MAX = 64, GEOIDS_PART = 4 };
 #define GRID_MOST (UINT64_C(512) << 20) /* the finest published, of one minute, has 445 MiB */
 
 static const char ending[] = ".geoid";
@@ -167,6 +167,51 @@ int geoids_look(int dirfd, unsigned *ret_n, unsigned *ret_bad, struct err *err)
 	if (l.bad)
 		*err = l.first;
 	return 0;
+}
+
+/* ---- whose disk they take ---- */
+
+struct sums {
+	int dirfd;
+	struct sum {
+		uint32_t uid;
+		char hash[DIGEST_HEX_SIZE];
+		uint64_t bytes;
+	} sum[GEOIDS_MAX];
+	size_t n;
+};
+
+/* A grid with two names of one user lies there once. */
+static int sum_one(const char *name, void *ctx, struct err *err)
+{
+	struct sums *s = ctx;
+	struct err ignored = ERR_INIT;
+	struct geoid_info g;
+	size_t i;
+
+	if (s->n == GEOIDS_MAX || read_name(s->dirfd, name, &g, &ignored))
+		return 0;
+	for (i = 0; i < s->n && (s->sum[i].uid != g.uid || strcmp(s->sum[i].hash, g.hash)); i++)
+		;
+	if (i < s->n)
+		return 0;
+	s->sum[i] = (struct sum){.uid = g.uid, .bytes = g.grid.bytes};
+	memcpy(s->sum[i].hash, g.hash, sizeof g.hash);
+	s->n++;
+	return 0;
+}
+
+int geoids_count(struct jobs *j, struct err *err)
+{
+	struct limit_geoid all[GEOIDS_MAX];
+	struct sums s = {.dirfd = j->geoidsfd};
+	int r = each_name(j->geoidsfd, sum_one, &s, err);
+
+	for (size_t i = 0; i < s.n; i++)
+		all[i] = (struct limit_geoid){.uid = s.sum[i].uid, .bytes = s.sum[i].bytes};
+	if (!r)
+		limit_geoids(j, all, s.n);
+	return r;
 }
 
 /* ---- what a grid is used by ---- */
@@ -322,8 +367,9 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	}
 	if (users.all >= GEOIDS_MAX)
 		return err_set(&a->err, ERR_LIMIT, "%d geoid grids are kept already", GEOIDS_MAX);
-	if (users.own >= GEOIDS_OWN && !rights_admin(&a->peer)) {
-		err_set(&a->err, ERR_LIMIT, "%u geoid grids of this user are kept already, as many as one user may have", users.own);
+	/* Something is left for the next user, and for administrators. */
+	if (!rights_admin(&a->peer) && users.own >= (GEOIDS_MAX - (users.all - users.own)) / GEOIDS_PART) {
+		err_set(&a->err, ERR_LIMIT, "%u geoid grids of this user are kept already, as many as one user may have beside those of others", users.own);
 		return err_add_hint(&a->err, "acutctl geoid rm one that nobody needs, or ask an administrator to add it");
 	}
 	snprintf(grid, sizeof grid, "%s.pgm", g->hash);
@@ -333,6 +379,15 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	if (!r)
 		r = write_file(dirfd, text_temp, file, text, write_text(g, text), &a->err);
 	return r;
+}
+
+/* Under the lock, so that a later look is counted later. What cannot be listed stays counted as it was. */
+static void count_again(struct ask *a)
+{
+	struct err err = ERR_INIT;
+
+	if (geoids_count(a->jobs, &err))
+		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "what geoid grids take", &err);
 }
 
 static void add_run(struct ask *a)
@@ -354,6 +409,12 @@ static void add_run(struct ask *a)
 		a->r = io_open(dirfd, temp, O_RDWR | O_CREAT | O_TRUNC, 0600, &fd, &a->err);
 	if (a->r)
 		return;
+	a->r = limit_disk_take(a->jobs, a->peer.uid, a->peer.admin, id.size, "a geoid grid", &a->err);
+	if (a->r) {
+		io->unlinkat(dirfd, temp, 0);
+		io_close(fd);
+		return;
+	}
 	/* What it takes is in what is free as soon as it is written. */
 	a->r = space_take(a->jobs->space, SPACE_PLANS, id.size, SPACE_MUST, "a geoid grid", &a->err);
 	if (!a->r) {
@@ -367,8 +428,11 @@ static void add_run(struct ask *a)
 		digest_hex(g.grid.hash, g.hash);
 		pthread_mutex_lock(&lock);
 		a->r = add_named(a, dirfd, temp, fd, &g);
+		if (!a->r)
+			count_again(a);
 		pthread_mutex_unlock(&lock);
 	}
+	limit_disk_give(a->jobs, a->peer.uid, id.size);
 	io->unlinkat(dirfd, temp, 0); /* unless it was renamed */
 	io_close(fd);
 	if (!a->r && (a->list = malloc(sizeof g))) {
@@ -437,6 +501,8 @@ static void remove_run(struct ask *a)
 		if (!users_of(dirfd, g.hash, 0, &users, &a->err) && !users.n)
 			a->r = io_remove(dirfd, grid, &a->err);
 	}
+	if (!a->r)
+		count_again(a);
 	pthread_mutex_unlock(&lock);
 }
 
@@ -470,6 +536,8 @@ static void ask_done(struct sched_task *t)
 	else
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
 	a->jobs->background--;
+	if (a->kind != ASK_LIST)
+		house_changed(a->jobs);
 	if (!a->r && a->kind != ASK_LIST)
 		log_event(a->kind == ASK_ADD ? LOG_EVENT_GEOID_ADDED : LOG_EVENT_GEOID_REMOVED,
 			  &(struct log_about){ABOUT_USER(a->peer.uid), .pid = a->peer.pid, .file = a->file},

@@ -15,6 +15,8 @@ struct geoids_found {
 
 /* At the start: the folder in the state folder, without what a crash left in it. */
 int geoids_open(int statefd, int *ret_fd, struct err *err);
+/* What they take of the disks of their users (limit.c); reads all names. */
+int geoids_count(struct jobs *, struct err *err);
 /* How many there are, and of these without a sound text or grid; *err is set for the first of these, and 0 returned. Worker. */
 int geoids_look(int dirfd, unsigned *ret_n, unsigned *ret_bad, struct err *err);
 /* -ERR_NOTFOUND names `acutctl geoid add`. Worker. */

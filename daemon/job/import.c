@@ -143,7 +143,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 		err_set(err, ERR_USAGE, "there is a dataset %s already", name);
 		return err_add_hint(err, "import under another name");
 	}
-	if (house_take(j, sizeof *i, "an import", err))
+	if (limit_datasets(j, peer, err) || house_take(j, sizeof *i, "an import", err))
 		return -(int)err->code;
 	i = calloc(1, sizeof *i);
 	if (i)

@@ -65,6 +65,7 @@ struct jobs_params {
 	struct jobs_user_limits {    /* of one user who is no admin; 0, SPACE_UNLIMITED: none */
 		unsigned jobs;           /* that are not done */
 		unsigned memory;         /* per cent that jobs, pushes and plans hold */
+		unsigned datasets;       /* that he owns, removed ones too */
 		struct space_limit disk; /* of datasets and pushes; per cent: of the file system of the state */
 	} user;
 	/* A job came to be, went on, or ended. */
@@ -142,6 +143,14 @@ struct jobs_user {
 /* Those who have something, by uid, from `from` on; their number, up to n. */
 size_t jobs_users(struct jobs *, uint64_t from, struct jobs_user *ret, size_t n);
 
+/* How much one user has of what he may; a limit of 0: there is none. */
+struct jobs_own {
+	bool exempt; /* no limit holds for him */
+	unsigned jobs, jobs_most, datasets, removed, datasets_most; /* jobs: unfinished; of the datasets so many are removed */
+	uint64_t disk, disk_most;
+};
+void jobs_own(struct jobs *, const struct job_peer *, uint64_t state_bytes, struct jobs_own *ret); /* size of that file system */
+
 /* What a worker sees of disks and grids when it looks. */
 struct house_side {
 	int sys; /* errno: it cannot be looked at */
@@ -152,7 +161,9 @@ struct house_looked {
 	struct house_side state, cache;
 	unsigned geoids, geoids_bad;
 	char geoid_why[512]; /* of the first that is bad */
+	unsigned open_files, threads; /* of this process */
 };
+/* What was seen within the last second, or what a worker sees now: one look serves all who ask meanwhile. */
 void house_look(struct jobs *, const struct job_peer *,
 		void (*answer)(void *token, const struct err *why, const struct house_looked *), void *token);
 

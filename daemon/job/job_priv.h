@@ -178,6 +178,12 @@ struct jobs {
 		struct limit_row *row;
 		size_t n, cap;
 	} limits;
+	struct looks { /* looked.c */
+		struct looking *now; /* is under way; NULL: none is */
+		struct look_wait *next; /* wait for another one */
+		struct house_looked last;
+		uint64_t last_ns; /* when that look began; 0: there is none that still holds */
+	} looks;
 	struct cache_verify *verify; /* that goes on; NULL: none */
 	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
 	struct backup *backups; /* and exports, that are open */
@@ -227,6 +233,9 @@ int house_take_job(struct jobs *, uint32_t uid, uint64_t bytes, struct err *err)
 uint64_t house_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
+
+/* looked.c: something changed, and a look that began before it says nothing any more */
+void house_changed(struct jobs *);
 
 /* dataset_old.c: what a newer manifest does not name any more */
 /* Loop: from taking d->manifest until a worker has opened what it names, or has given up; walks that open count
@@ -392,9 +401,17 @@ void admit_relieve(struct jobs *);
 void limit_init(struct jobs *);
 void limit_done(struct jobs *);
 int limit_jobs(const struct jobs *, const struct job_peer *, struct err *err); /* one more */
+int limit_datasets(const struct jobs *, const struct job_peer *, struct err *err); /* likewise */
+unsigned limit_datasets_of(const struct jobs *, uint32_t uid, unsigned *ret_removed);
 /* Bytes more of that user on the disk, beside those of the lists; any thread. Balanced. */
 int limit_disk_take(struct jobs *, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err);
 void limit_disk_give(struct jobs *, uint32_t uid, uint64_t bytes);
+int limit_disk_room(struct jobs *, uint32_t uid, uint64_t bytes, const char *what, struct err *err); /* there is; nothing is taken */
+struct limit_geoid {
+	uint32_t uid;
+	uint64_t bytes;
+};
+void limit_geoids(struct jobs *, const struct limit_geoid *all, size_t n); /* all that are kept; any thread */
 void limit_count(struct jobs *); /* what the lists say */
 /* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
 uint64_t limit_memory(const struct jobs *, const struct sched_owner *);

@@ -154,7 +154,8 @@ static int check_submit(struct jobs *j, const struct job_params *p, uint64_t gen
 		err_set(err, ERR_BUSY, "%u jobs wait or run already", open);
 		return err_add_hint(err, "submit it again when some of them are done");
 	}
-	if (own >= JOBS_OPEN_MAX / 2) {
+	/* Something is left for the next user, and for administrators. */
+	if (!rights_admin(&p->peer) && own >= (JOBS_OPEN_MAX - (open - own)) / 2) {
 		err_set(err, ERR_BUSY, "%u jobs of this user wait or run already", own);
 		return err_add_hint(err, "submit it again when some of them are done");
 	}

@@ -235,6 +235,8 @@ static int open_folders(struct jobs *j, struct err *err)
 		r = folder(j->p.statefd, "plans", &j->plansfd, err);
 	if (!r)
 		r = geoids_open(j->p.statefd, &j->geoidsfd, err);
+	if (!r)
+		r = geoids_count(j, err);
 	/* What is in a folder is as safe as the folder's name; a start that was cut short may have made it. */
 	if (!r)
 		r = io_sync(j->p.statefd, "the state folder", err);

@@ -1,9 +1,10 @@
 /*
- * What one user may have: jobs that are not done, bytes on the disk, memory. Admins are held by none of it.
+ * What one user may have: jobs that are not done, datasets, bytes on the disk, memory. Admins are held by none of it.
  *
  * The model of the disk: of each user who has any there is a row: what the lists of datasets and interrupted pushes say
  * (counted by the loop when they change, and now and then), and what open pushes and imports have taken beside it (by
- * workers, under the lock). What is pushed counts with the owner of the dataset, as a file does.
+ * workers, under the lock). What is pushed counts with the owner of the dataset, as a file does; until it is published, with
+ * who pushes, and there must be room for it with both. A geoid grid counts with each user who gave it a name.
  *
  * The model of the memory: walks, stages and plans of a user are added up when one of them wants more (limit_held). A
  * walk gets a place, a plan its budget and a push its stage only within the user's share; domains start one after the
@@ -21,7 +22,7 @@
 
 struct limit_row {
 	uint32_t uid;
-	uint64_t counted, taken;
+	uint64_t counted, taken, geoids;
 };
 
 static int refused(const char *setting, struct err *err)
@@ -47,6 +48,40 @@ int limit_jobs(const struct jobs *j, const struct job_peer *peer, struct err *er
 		j->p.user.jobs);
 	err_add_hint(err, "submit it again when some of them are done, or cancel some");
 	return err_add_place(err, ERR_NO_OFFSET, "user-jobs");
+}
+
+/* ---- datasets ---- */
+
+unsigned limit_datasets_of(const struct jobs *j, uint32_t uid, unsigned *ret_removed)
+{
+	unsigned n = 0, removed = 0;
+
+	for (const struct dataset *d = j->datasets; d && !d->onestep; d = d->next)
+		if (d->uid == uid) {
+			n++;
+			removed += d->removed_us != 0;
+		}
+	*ret_removed = removed;
+	return n;
+}
+
+int limit_datasets(const struct jobs *j, const struct job_peer *peer, struct err *err)
+{
+	unsigned removed, own;
+
+	if (!j->p.user.datasets || rights_admin(peer))
+		return 0;
+	own = limit_datasets_of(j, peer->uid, &removed);
+	if (own < j->p.user.datasets)
+		return 0;
+	if (removed)
+		err_set(err, ERR_LIMIT, "this user has %u datasets, %u of them removed but not gone yet, and %u are all that one user may "
+			"have (user-datasets)", own, removed, j->p.user.datasets);
+	else
+		err_set(err, ERR_LIMIT, "this user has %u datasets, and %u are all that one user may have (user-datasets)", own,
+			j->p.user.datasets);
+	err_add_hint(err, "push into one that is there, remove some (they count until keep-removed is over), or ask an administrator for more");
+	return err_add_place(err, ERR_NO_OFFSET, "user-datasets");
 }
 
 /* ---- the disk ---- */
@@ -105,14 +140,30 @@ void limit_count(struct jobs *j)
 	pthread_mutex_lock(&l->lock);
 	for (size_t i = 0; i < l->n; i++) {
 		l->row[i].counted = 0;
-		if (l->row[i].taken)
+		if (l->row[i].taken || l->row[i].geoids)
 			l->row[n++] = l->row[i];
 	}
 	l->n = n;
 	for (d = j->datasets; d; d = d->next) {
 		count(l, d->uid, d->bytes);
 		for (q = d->pending; q; q = q->next)
-			count(l, d->uid, disk_points_bytes(q->points));
+			count(l, q->uid, disk_points_bytes(q->points));
+	}
+	pthread_mutex_unlock(&l->lock);
+}
+
+void limit_geoids(struct jobs *j, const struct limit_geoid *all, size_t n)
+{
+	struct limits *l = &j->limits;
+	struct limit_row *row;
+
+	pthread_mutex_lock(&l->lock);
+	for (size_t i = 0; i < l->n; i++)
+		l->row[i].geoids = 0;
+	for (size_t i = 0; i < n; i++) {
+		row = all[i].bytes ? row_of(l, all[i].uid) : NULL;
+		if (row)
+			row->geoids += all[i].bytes;
 	}
 	pthread_mutex_unlock(&l->lock);
 }
@@ -130,16 +181,41 @@ static uint64_t disk_limit(const struct jobs *j)
 	return (uint64_t)((double)vfs.f_blocks * (double)vfs.f_frsize / 100 * (double)limit->n);
 }
 
+static uint64_t disk_of(const struct limit_row *row)
+{
+	return row ? row->counted + row->taken + row->geoids : 0;
+}
+
+static int disk_refused(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t limit, const char *what, struct err *err)
+{
+	char need[32], have[32], may[32];
+
+	err_set(err, ERR_LIMIT, "%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)",
+		what, parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
+	return refused("user-disk", err);
+}
+
+int limit_disk_room(struct jobs *j, uint32_t uid, uint64_t bytes, const char *what, struct err *err)
+{
+	uint64_t limit = rights_stored(uid, 0).admin ? UINT64_MAX : disk_limit(j), has = 0;
+
+	pthread_mutex_lock(&j->limits.lock);
+	for (size_t i = 0; i < j->limits.n; i++)
+		if (j->limits.row[i].uid == uid)
+			has = disk_of(&j->limits.row[i]);
+	pthread_mutex_unlock(&j->limits.lock);
+	return bytes > limit || has > limit - bytes ? disk_refused(uid, bytes, has, limit, what, err) : 0;
+}
+
 int limit_disk_take(struct jobs *j, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err)
 {
 	uint64_t limit = admin || rights_stored(uid, 0).admin ? UINT64_MAX : disk_limit(j), has;
-	char need[32], have[32], may[32];
 	struct limit_row *row;
 	int r = 0;
 
 	pthread_mutex_lock(&j->limits.lock);
 	row = row_of(&j->limits, uid);
-	has = row ? row->counted + row->taken : 0;
+	has = disk_of(row);
 	if (!row)
 		r = err_set(err, ERR_NOMEM, "no memory for the account of a user");
 	else if (bytes > limit || has > limit - bytes)
@@ -147,11 +223,7 @@ int limit_disk_take(struct jobs *j, uint32_t uid, bool admin, uint64_t bytes, co
 	else
 		row->taken += bytes;
 	pthread_mutex_unlock(&j->limits.lock);
-	if (r != -ERR_LIMIT)
-		return r;
-	err_set(err, ERR_LIMIT, "%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)",
-		what, parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
-	return refused("user-disk", err);
+	return r == -ERR_LIMIT ? disk_refused(uid, bytes, has, limit, what, err) : r;
 }
 
 void limit_disk_give(struct jobs *j, uint32_t uid, uint64_t bytes)
@@ -171,6 +243,27 @@ void jobs_set_user_limits(struct jobs *j, const struct jobs_user_limits *user)
 {
 	j->p.user = *user;
 	limit_count(j);
+}
+
+/* ---- what a user has of it ---- */
+
+void jobs_own(struct jobs *j, const struct job_peer *peer, uint64_t state_bytes, struct jobs_own *ret)
+{
+	const struct jobs_user_limits *may = &j->p.user;
+	struct jobs_own own = {.exempt = rights_admin(peer), .jobs_most = may->jobs, .datasets_most = may->datasets};
+
+	for (const struct job *job = j->jobs; job; job = job->next)
+		own.jobs += !job->removed && !job_state_final(job->state) && job->peer.uid == peer->uid;
+	own.datasets = limit_datasets_of(j, peer->uid, &own.removed);
+	if (limits_disk(j)) {
+		own.disk_most = may->disk.unit == SPACE_BYTES ? may->disk.n : (uint64_t)((double)state_bytes / 100 * (double)may->disk.n);
+		pthread_mutex_lock(&j->limits.lock);
+		for (size_t i = 0; i < j->limits.n; i++)
+			if (j->limits.row[i].uid == peer->uid)
+				own.disk = disk_of(&j->limits.row[i]);
+		pthread_mutex_unlock(&j->limits.lock);
+	}
+	*ret = own;
 }
 
 /* ---- memory ---- */

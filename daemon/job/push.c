@@ -236,23 +236,25 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 	d = dataset_find(j, in->dataset, &in->peer);
 	if (d)
 		return rights_dataset(d, &in->peer, RIGHT_WRITE, err) ? NULL : d;
+	if (limit_datasets(j, &in->peer, err))
+		return NULL;
 	d = dataset_new(j, in->dataset, &in->peer, false, err);
 	if (d)
 		d->mode = in->has_mode ? in->mode & MODE_ALL : DATASET_MODE;
 	return d;
 }
 
-/* One user may have half of them. */
-static bool too_many(const struct jobs *j, uint32_t uid)
+/* One user may have half of what others leave: something is left for the next, and for administrators. */
+static bool too_many(const struct jobs *j, const struct job_peer *peer)
 {
 	const struct push *p;
 	unsigned n = 0, own = 0;
 
 	for (p = j->pushes; p; p = p->next) {
 		n++;
-		own += p->peer.uid == uid;
+		own += p->peer.uid == peer->uid;
 	}
-	return n >= PUSHES_MAX || own >= PUSHES_MAX / 2;
+	return n >= PUSHES_MAX || (!rights_admin(peer) && own >= (PUSHES_MAX - (n - own)) / 2);
 }
 
 static int check_crop(const struct push_params *in, struct err *err)
@@ -303,8 +305,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		err_set(&err, ERR_NOMEM, "no memory for a push");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (too_many(j, in->peer.uid))
-		err_set(&err, ERR_BUSY, "%d pushes are open already, or %d of this user", PUSHES_MAX, PUSHES_MAX / 2);
+	else if (too_many(j, &in->peer))
+		err_set(&err, ERR_BUSY, "so many pushes are open already, of all users or of this one, that there can be no other now");
 	else if (!push_assume_read(p, in, &err) && !check_crop(in, &err))
 		p->dataset = target(j, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
@@ -331,7 +333,6 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
 	p->peer = rights_kept(&in->peer);
-	p->space.uid = p->dataset->uid;
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
 	p->has_crop = in->ncrop > 0;

@@ -5,7 +5,7 @@
  * both of which lie there until the commit (of a one-step dataset the runs give way as the segment grows). Headers
  * may lie and pipes do not tell, so what was really staged is held against it too, and more is taken in steps. What is
  * taken and not written yet is promised, so that two pushes do not count on the same free bytes. A crop of a one-step
- * mesh reads an unknown part: of such only what was staged counts.
+ * mesh reads an unknown part: of such only what was staged counts. All of it counts with who pushes (limit.c).
  */
 #include <stdio.h>
 
@@ -41,12 +41,17 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 	int r;
 
 	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
-	r = limit_disk_take(p->jobs, p->space.uid, p->peer.admin, bytes, what, err);
+	/* When it is published it is the owner's. */
+	r = p->dataset->uid == p->peer.uid || p->peer.admin ? 0 :
+	    limit_disk_room(p->jobs, p->dataset->uid, disk_points_bytes(points), what, err);
+	if (r)
+		return r;
+	r = limit_disk_take(p->jobs, p->peer.uid, p->peer.admin, bytes, what, err);
 	if (r)
 		return r;
 	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
 	if (r) {
-		limit_disk_give(p->jobs, p->space.uid, bytes);
+		limit_disk_give(p->jobs, p->peer.uid, bytes);
 		return r;
 	}
 	space_promise(p->jobs->space, kind_of(p), (int64_t)bytes);
@@ -130,7 +135,7 @@ void push_space_end(struct push *p)
 
 	space_promise(p->jobs->space, kind_of(p), -(int64_t)s->promised);
 	space_give(p->jobs->space, kind_of(p), atomic_load(&s->taken));
-	limit_disk_give(p->jobs, s->uid, atomic_load(&s->taken));
+	limit_disk_give(p->jobs, p->peer.uid, atomic_load(&s->taken));
 	s->promised = 0;
 	atomic_store(&s->taken, 0);
 	disk_count(p->jobs);

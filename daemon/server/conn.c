@@ -333,15 +333,23 @@ static int conn_make(struct server *s, int fd, const struct job_peer *peer, stru
 	return 0;
 }
 
-/* Those that may be there, of one user. */
-static int check_count(const struct server *s, const struct job_peer *peer, struct err *err)
+unsigned conns_of(const struct server *s, uint32_t uid)
 {
 	unsigned n = 0;
 
+	for (const struct conn *c = s->conns; c; c = c->next)
+		n += !c->closed && c->peer.uid == uid;
+	return n;
+}
+
+/* Those that may be there, of one user. */
+static int check_count(const struct server *s, const struct job_peer *peer, struct err *err)
+{
+	unsigned n;
+
 	if (!s->p.user_connections || rights_admin(peer))
 		return 0;
-	for (const struct conn *c = s->conns; c; c = c->next)
-		n += !c->closed && c->peer.uid == peer->uid;
+	n = conns_of(s, peer->uid);
 	if (n < s->p.user_connections)
 		return 0;
 	err_set(err, ERR_BUSY, "%u connections of this user are open, and no more than %u may be (user-connections)", n,

@@ -5,7 +5,6 @@
  * is what keeps the service from what it promises, now: somebody has to do something. A "warning" may become that.
  * Counts are since the start of the daemon. What is checked from the client's side (socket, clock, groups) is the client's.
  */
-#include <dirent.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <stdarg.h>
@@ -14,7 +13,6 @@
 #include <string.h>
 #include <sys/resource.h>
 #include <time.h>
-#include <unistd.h>
 
 #include "clock.h"
 #include "log.h"
@@ -22,7 +20,7 @@
 #include "rights.h"
 #include "server_priv.h"
 
-enum { CHECKS = 32, SENTENCE = 512 };
+enum { CHECKS = 40, SENTENCE = 512 };
 enum { OK, WARNING, WRONG, UNKNOWN };
 static const char *const states[] = {"ok", "warning", "wrong", "unknown"};
 
@@ -80,22 +78,10 @@ static void check_rights(struct visit *v, const struct server *s, const struct j
 		say(v, "group", OK, "", "members of the group %s may submit", s->p.rights.group);
 }
 
-static unsigned open_files(void)
-{
-	DIR *dir = opendir("/proc/self/fd");
-	unsigned n = 0;
-
-	while (dir && readdir(dir))
-		n++;
-	if (dir)
-		closedir(dir);
-	return n > 3 ? n - 3 : 0; /* ".", "..", and the folder itself */
-}
-
-static void check_files(struct visit *v)
+static void check_files(struct visit *v, const struct house_looked *h)
 {
 	static const char hint[] = "raise LimitNOFILE= of acutd.service (16384), or the limit of the shell that starts acutd";
-	unsigned n = open_files();
+	unsigned n = h->open_files;
 	struct rlimit files;
 
 	if (getrlimit(RLIMIT_NOFILE, &files) != 0)
@@ -138,6 +124,68 @@ static void check_clock(struct visit *v)
 		    skew < 0 ? -skew : skew);
 	else
 		say(v, "clock", OK, "", "acutctl and acutd have the same time");
+}
+
+/* All threads are there from the start: what is too few keeps the next start from succeeding. */
+static void check_tasks(struct visit *v, const struct server *s, const struct house_looked *h)
+{
+	uint64_t most = s->p.tasks_most ? s->p.tasks_most() : UINT64_MAX;
+
+	if (!h->threads)
+		say(v, "tasks", UNKNOWN, "", "the threads of acutd cannot be counted");
+	else if (most < h->threads)
+		say(v, "tasks", WARNING, "raise TasksMax= of acutd.service (320), or lower threads in acutd.conf: it does not start again so",
+		    "acutd has %u threads, and its control group allows %llu tasks", h->threads, (unsigned long long)most);
+	else if (most == UINT64_MAX)
+		say(v, "tasks", OK, "", "%u threads; no control group limits them", h->threads);
+	else
+		say(v, "tasks", OK, "", "%u threads, of %llu tasks that its control group allows", h->threads, (unsigned long long)most);
+}
+
+/* ---- what the user may have ---- */
+
+struct near {
+	char text[320];
+	size_t n;
+	bool near;
+};
+
+static void add_near(struct near *l, uint64_t has, uint64_t most, bool bytes, const char *what)
+{
+	char a[32], b[32];
+	int n;
+
+	if (!most)
+		return;
+	snprintf(a, sizeof a, "%llu", (unsigned long long)has);
+	snprintf(b, sizeof b, "%llu", (unsigned long long)most);
+	n = snprintf(l->text + l->n, sizeof l->text - l->n, "%s%s of %s %s", l->n ? ", " : "", bytes ? parse_size_text(has, a) : a,
+		     bytes ? parse_size_text(most, b) : b, what);
+	l->n += n > 0 && (size_t)n < sizeof l->text - l->n ? (size_t)n : 0;
+	l->near |= has >= most - most / 10;
+}
+
+static void check_limits(struct visit *v, const struct conn *c, const struct house_looked *h)
+{
+	struct near l = {.n = 0};
+	struct jobs_own own;
+
+	jobs_own(c->server->jobs, &c->peer, h->state.total, &own);
+	if (own.exempt) {
+		say(v, "limits", OK, "", "no limit of a user holds for an administrator");
+		return;
+	}
+	add_near(&l, own.jobs, own.jobs_most, false, "unfinished jobs");
+	add_near(&l, own.datasets, own.datasets_most, false, own.removed ? "datasets (removed ones count until they are gone)" : "datasets");
+	add_near(&l, own.disk, own.disk_most, true, "on the disk");
+	add_near(&l, conns_of(c->server, c->peer.uid), c->server->p.user_connections, false, "connections");
+	if (!l.n)
+		say(v, "limits", OK, "", "nothing limits what one user may have");
+	else if (l.near)
+		say(v, "limits", WARNING, "remove what nobody needs (acutctl rm, dataset rm, dataset prune), or ask an administrator for more",
+		    "this user has nearly what one user may have: %s", l.text);
+	else
+		say(v, "limits", OK, "", "this user has %s", l.text);
 }
 
 /* ---- the disk ---- */
@@ -303,7 +351,9 @@ static void looked(void *token, const struct err *why, const struct house_looked
 	jobs_numbers(s->jobs, &n);
 	cache_stat(s->jobs, &st);
 	check_rights(v, s, &q->conn->peer);
-	check_files(v);
+	check_limits(v, q->conn, h);
+	check_files(v, h);
+	check_tasks(v, s, h);
 	check_memory(v, s);
 	check_clock(v);
 	check_side(v, "state", s->p.state_dir, &h->state, &st.space.state);

@@ -99,6 +99,7 @@ struct conn {
 #define ABOUT_CONN(c) (&(const struct log_about){ABOUT_USER((c)->peer.uid), .pid = (c)->peer.pid})
 
 /* conn.c */
+unsigned conns_of(const struct server *, uint32_t uid); /* that are open */
 int conn_new(struct server *, int fd, struct err *err);
 void conn_close(struct conn *); /* at once for the peer; the memory goes later */
 bool conn_reap(struct conn *);  /* frees it if nothing refers to it */

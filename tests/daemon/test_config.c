@@ -76,6 +76,18 @@ static void version_1(void **state)
 	assert_int_equal(config_cgroup_limit(root), 200 * MIB);
 }
 
+static void tasks(void **state)
+{
+	put("proc/self/cgroup", "7:pids:/old\n0::/a.slice/b.service\n");
+	assert_true(config_cgroup_tasks(root) == UINT64_MAX);
+	put("sys/fs/cgroup/a.slice/pids.max", "320\n");
+	put("sys/fs/cgroup/a.slice/b.service/pids.max", "max\n");
+	assert_int_equal(config_cgroup_tasks(root), 320);
+	put("sys/fs/cgroup/pids/old/pids.max", "12\n");
+	assert_int_equal(config_cgroup_tasks(root), 12);
+	assert_true(config_cgroup_limit(root) == UINT64_MAX);
+}
+
 static void none(void **state)
 {
 	assert_true(config_cgroup_limit(root) == UINT64_MAX);
@@ -99,6 +111,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(version_2, setup, teardown),
 		cmocka_unit_test_setup_teardown(version_1, setup, teardown),
+		cmocka_unit_test_setup_teardown(tasks, setup, teardown),
 		cmocka_unit_test_setup_teardown(none, setup, teardown),
 		cmocka_unit_test(rule),
 	};

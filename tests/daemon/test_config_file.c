@@ -186,6 +186,7 @@ static void texts(void **state)
 		[CONFIG_group] = {"acut", "1000"},
 		[CONFIG_user_jobs] = {"0", "5"},
 		[CONFIG_user_memory] = {"0%", "33%"},
+		[CONFIG_user_datasets] = {"0", "1000"},
 		[CONFIG_user_disk] = {"0", "10%", "50G"},
 		[CONFIG_level] = {"error", "warning", "notice", "info", "debug"},
 	};

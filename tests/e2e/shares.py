@@ -1,0 +1,220 @@
+"""What users share, and nobody may have alone: the room for areas of jobs, datasets, the disk with pushes into the datasets of
+others and geoid grids, looks at the house. And what is the owner's alone: where his files are, also in an export."""
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import e2e
+import geo
+from e2e import Folder, expect
+from rights import ADMINS, ANNA, BERT, CARL, GIS, GROUPS, OTHERS, USERS, WHO, Box
+
+try:
+    from acut_wire import Client, pb
+except ImportError as e:
+    Client, missing = None, e
+
+GROUP_ONE = "bert, in the group by his first one"
+DORA = (3010, OTHERS, (USERS, GIS))
+VIEWS = 4 << 20
+
+
+def as_user(who, do):
+    """do() as that user, in a process of its own; what it returns, as JSON."""
+    uid, gid, groups = WHO[who] if isinstance(who, str) else who
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        code = 1
+        try:
+            os.setgroups(groups)
+            os.setgid(gid)
+            os.setuid(uid)
+            os.write(write, json.dumps(do()).encode())
+            code = 0
+        except BaseException as e:
+            sys.stderr.write("     %r\n" % e)
+        finally:
+            os._exit(code)
+    os.close(write)
+    with os.fdopen(read) as f:
+        text = f.read()
+    expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "%s failed" % (who,))
+    return json.loads(text)
+
+
+def comb(teeth, down, step=990.0):
+    """A polygon whose corners take about 9 characters a tooth in a view, as WKT."""
+    at = [(i * step, step * (i % 2)) for i in range(teeth)]
+    ring = at + [(at[-1][0], -2 * step - down), (at[0][0], -2 * step - down), at[0]]
+    return "POLYGON((%s))" % ", ".join("%.2f %.2f" % p for p in ring)
+
+
+def areas_of_jobs():
+    """A user whose jobs with large areas take all the room keeps nobody from submitting; his oldest go, those of others stay."""
+    if not Client:
+        print("     skipped: %s" % missing)
+        return
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        box.good("anna", "push", "--mode", "644", "d", box.survey())
+        mine = box.good("anna", "submit", "d", "--wait").split()[0]
+        area = os.path.join(base, "area.wkt")
+        with open(area, "w") as f:
+            f.write(comb(4500, 0))
+        os.chmod(area, 0o644)
+        box.good("carl", "submit", "d", "--crop", area, "--wait")
+
+        def fill():
+            with Client(box.daemon.socket) as c:
+                view = c.ask("jobs_request", pb.JobsRequest()).jobs[-1].view
+                made = []
+                for _ in range(VIEWS // len(view) + 10):
+                    made.append(c.ask("submit", pb.Submit(dataset="d", view=view, fresh=True)).id)
+                    c.wait(made[-1])
+                return len(view), made
+        size, jobs = as_user("carl", fill)
+        expect(size > 30000, "an area of %d bytes" % size)
+        kept = {json.loads(line)["job"] for line in box.good("carl", "jobs", "--json").splitlines()}
+        print("     %d jobs of %d KiB submitted, %d kept" % (len(jobs), size >> 10, len(kept)))
+        expect(len(kept) < len(jobs) and jobs[-1] in kept and jobs[0] not in kept, "%d of %d are kept" % (len(kept), len(jobs)))
+        # Anna needs as much as one of his, and gets it from him.
+        with open(area, "w") as f:
+            f.write(comb(4500, 5000))
+        for i in range(3):
+            box.good("anna", "submit", "d", "--crop", area, "--new", "--wait")
+        left = {json.loads(line)["job"] for line in box.good("carl", "jobs", "--json").splitlines()}
+        expect(len(kept) - 4 <= len(left) < len(kept) and left < kept and min(left) > min(kept), "%d of %d left" % (len(left), len(kept)))
+        box.good("anna", "show", mine)
+
+
+def datasets():
+    """So many, and one more is refused however it is made; removed ones count; administrators have no limit."""
+    with Folder() as base, Box(base, args=GROUPS + ("--user-datasets", "3")) as box:
+        box.good("anna", "push", "--mode", "666", "a", box.survey())
+        box.good("anna", "dataset", "create", "b")
+        box.good("root", "dataset", "export", "a", base + "/out")
+        subprocess.run(["chmod", "-R", "a+rX", base + "/out"], check=True)
+        box.good("anna", "dataset", "import", base + "/out", "c")
+        ways = (("push", "e", box.survey()), ("dataset", "create", "e"), ("dataset", "import", base + "/out", "e"))
+        for words in ways:
+            p = box.start("anna", *words)
+            err = p.communicate(timeout=30)[1].decode()
+            expect(p.returncode == 1 and "user-datasets" in err and "3" in err, "%s: %d %s" % (words, p.returncode, err))
+            expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
+        box.good("anna", "push", "b", box.survey())  # into what is there
+        box.good("anna", "dataset", "rm", "c")
+        status, _, err = box.ask("anna", "dataset", "create", "e")
+        expect(status == 1 and "1 of them removed" in err, "%d %s" % (status, err))
+        checks = {c["name"]: c for c in json.loads(box.good("anna", "doctor", "--json"))["checks"]}
+        expect(checks["limits"]["state"] == "warning" and "3 of 3 datasets" in checks["limits"]["message"], "%s" % checks["limits"])
+        for i, words in enumerate(ways):
+            box.good("carl", *(words[:-1] + ("f%d" % i,) if words[-1] == "e" else ("push", "f%d" % i, box.survey())))
+        for i in range(5):
+            box.good("an administrator", "dataset", "create", "g%d" % i)
+        checks = {c["name"]: c for c in json.loads(box.good("root", "doctor", "--json"))["checks"]}
+        expect(checks["limits"]["state"] == "ok" and "administrator" in checks["limits"]["message"], "%s" % checks["limits"])
+        expect(checks["tasks"]["state"] == "ok" and "threads" in checks["tasks"]["message"], "%s" % checks["tasks"])
+
+
+def disk_of_groups():
+    """What is pushed into the dataset of another one counts with who pushes until it is there, and then with the owner, who must
+    have room for it."""
+    with Folder() as base, Box(base, args=GROUPS + ("--user-disk", "1M")) as box:
+        small, large = box.survey(), box.survey(20000)
+        box.good("anna", "push", "--mode", "660", "shared", small)
+        box.good(GROUP_ONE, "push", "own", large)
+        status, _, err = box.ask(GROUP_ONE, "push", "shared", box.survey(20000, seed=2))
+        expect(status == 1 and "user-disk" in err and "id %d" % BERT in err, "bert: %d %s" % (status, err))
+        # Dora has nothing, and keeps nothing of it.
+        box.good(DORA, "push", "shared", box.survey(20000, seed=2))
+        box.good(DORA, "push", "own2", large)
+        # Now anna has no room, whoever pushes.
+        other = (3011, OTHERS, (USERS, GIS))
+        box.good(other, "push", "shared", box.survey(20000, seed=3))
+        status, _, err = box.ask(other, "push", "shared", box.survey(24000, seed=4))
+        expect(status == 1 and "user-disk" in err and "id %d" % ANNA in err, "for anna: %d %s" % (status, err))
+        checks = {c["name"]: c for c in json.loads(box.good("anna", "doctor", "--json"))["checks"]}
+        expect("on the disk" in checks["limits"]["message"], "%s" % checks["limits"])
+
+
+def disk_of_geoids():
+    with Folder() as base, Box(base, args=GROUPS + ("--user-disk", "1M")) as box:
+        one = geo.pgm(base + "/one.pgm", lambda lat, lon: 40.0, width=720, rows=361)
+        two = geo.pgm(base + "/two.pgm", lambda lat, lon: 41.0, width=720, rows=361)
+        for path in (one, two):
+            os.chmod(path, 0o644)
+        three = geo.pgm(base + "/three.pgm", lambda lat, lon: 42.0, width=720, rows=361)
+        os.chmod(three, 0o644)
+        box.good("carl", "geoid", "add", one)
+        box.good("carl", "geoid", "add", one, "--name", "twin")  # lies there once
+        box.good("carl", "geoid", "add", two)
+        status, _, err = box.ask("carl", "geoid", "add", three)
+        expect(status == 1 and "user-disk" in err and "id %d" % CARL in err, "a third: %d %s" % (status, err))
+        status, _, err = box.ask("carl", "push", "d", box.survey(20000))
+        expect(status == 1 and "user-disk" in err, "a push: %d %s" % (status, err))
+        box.daemon.stop()
+        box.daemon.start()
+        os.chmod(box.daemon.socket, 0o666)
+        status, _, err = box.ask("carl", "geoid", "add", three)
+        expect(status == 1 and "user-disk" in err, "after a start: %d %s" % (status, err))
+        box.good("an administrator", "geoid", "add", three)
+        box.good("carl", "geoid", "rm", "two")
+        box.good("carl", "geoid", "add", two, "--name", "again")
+        for name in ("again", "twin", "one"):
+            box.good("carl", "geoid", "rm", name)
+        box.good("carl", "push", "d", box.survey(20000))
+
+
+def exports():
+    """Who may read a dataset exports it without the paths of its owner's files; what comes of it has the same meshes."""
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        place = os.path.join(base, "out")
+        os.mkdir(place)
+        os.chmod(place, 0o777)
+        secret = os.path.join(base, "where-anna-keeps-them")
+        os.mkdir(secret)
+        for i in range(3):
+            shutil.copy(box.survey(2000, seed=i + 1), "%s/%d.las" % (secret, i))
+        os.chmod(secret, 0o755)
+        box.good("anna", "push", "--mode", "664", "d", *("%s/%d.las" % (secret, i) for i in range(3)))
+        want = json.loads(box.good("anna", "submit", "d", "--wait", "--json"))["digest"]
+        for who, sees in (("anna", True), ("carl", False), ("an administrator", True), (GROUP_ONE, False), ("root", True)):
+            to = "%s/%s" % (place, WHO[who][0])
+            box.good(who, "dataset", "export", "d", to)
+            for again in range(2):
+                with open(to + "/manifest", "rb") as f:
+                    found = b"where-anna-keeps-them" in f.read()
+                expect(found == sees, "%s: the paths are %sthere" % (who, "" if found else "not "))
+                box.good(who, "dataset", "export", "d", to)
+            subprocess.run(["chmod", "-R", "a+rX", to], check=True)
+            box.good("carl", "dataset", "import", to, "copy-%s" % WHO[who][0])
+            name = "copy-%s" % WHO[who][0]
+            expect(json.loads(box.good("carl", "submit", name, "--wait", "--json"))["digest"] == want, "%s: another mesh" % who)
+            files = [f for line in box.good("carl", "dataset", "log", name, "--files", "--json").splitlines()
+                     for f in json.loads(line)["files"] or ()]
+            expect(sorted(f["name"] for f in files) == ["0.las", "1.las", "2.las"], "%s" % files)
+            expect(all(bool(f["path"]) == sees for f in files), "%s" % files)
+            # By content they are known, whoever exported them.
+            out = box.good("carl", "push", name, "--checksum", *("%s/%d.las" % (secret, i) for i in range(3)))
+            expect(json.loads(box.good("carl", "dataset", "show", name, "--json"))["generation"] == 1, out)
+        # No refusal says it either: a writer of others reverts what cannot be.
+        box.good("anna", "dataset", "chmod", "666", "d")
+        box.good("anna", "dataset", "revert", "d")
+        box.good("anna", "push", "d", secret + "/0.las")
+        status, _, err = box.ask("carl", "dataset", "revert", "d", "2")
+        expect(status != 0 and "where-anna" not in err, "carl: %d %s" % (status, err))
+        status, _, err = box.ask("anna", "dataset", "revert", "d", "2")
+        expect(status != 0 and "where-anna" in err, "anna: %d %s" % (status, err))
+
+
+if __name__ == "__main__":
+    if os.geteuid() != 0:
+        print("to be several users takes root")
+        sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
+    if not shutil.which("setpriv"):
+        print("setpriv (util-linux) is needed")
+        sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
+    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_geoids, exports)
