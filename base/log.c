@@ -74,6 +74,11 @@ void log_set_level(enum log_level level)
 	log_most = level;
 }
 
+bool log_shows(enum log_level level)
+{
+	return level <= log_most;
+}
+
 void log_set_sink(log_sink_fn *sink, void *ctx)
 {
 	log_sink = sink;

@@ -53,6 +53,7 @@ typedef bool log_sink_fn(void *ctx, const struct log_entry *);
 
 void log_init(const char *program, enum log_level level);
 void log_set_level(enum log_level);
+bool log_shows(enum log_level); /* whether lines of this level are told */
 /* Before threads. NULL: stderr. */
 void log_set_sink(log_sink_fn *, void *ctx);
 /* Whether stderr is the stream that systemd made for its journal. */

@@ -1,0 +1,257 @@
+/*
+ * The least that captures through scanner/usb, for its tests: writes what came to a file, prints a line for each thing
+ * that happened and one with the counts.
+ *
+ *   usb-capture [--list] [--device WHICH] [--profile FILE] [--out FILE] [--for SECONDS] [--bytes N] [--slow MS]
+ *               [--hold N] [--again] [--wait] [--debug]
+ *
+ * --slow: so long is each buffer kept; --hold: N buffers are never given back; --again: captured again when it comes
+ * back; --wait: until a device comes. SIGINT stops. Ends with the exit status of the error.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/signalfd.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "err.h"
+#include "log.h"
+#include "profile.h"
+#include "usb.h"
+
+static const char *const kinds[] = {"DATA", "SENT", "STALL", "CLEARED", "OVERFLOW", "TIMEOUT", "ERROR", "PARKED", "GONE"};
+static const char *const ends[] = {"stopped", "left", "failed"};
+
+struct tool {
+	const char *device, *profile, *out;
+	double seconds;
+	uint64_t bytes, got;
+	unsigned slow_ms, hold;
+	bool list, again, wait, debug, stopped, stop_sent;
+	int out_fd, stop_fd;
+	struct usb *usb;
+	struct usb_counts counts;
+	uint64_t with_error, after_gap, bad_order;
+	int64_t last_ns;
+};
+
+static int fail(const struct err *err)
+{
+	char text[1600];
+
+	fprintf(stderr, "usb-capture: %s\n", err_format(err, text, sizeof(text)));
+	return err_exit_status(err->code);
+}
+
+static bool arguments(struct tool *t, int argc, char **argv)
+{
+	for (int i = 1; i < argc; i++) {
+		const char *a = argv[i], *next = i + 1 < argc ? argv[i + 1] : "";
+
+		if (!strcmp(a, "--list"))
+			t->list = true;
+		else if (!strcmp(a, "--again"))
+			t->again = true;
+		else if (!strcmp(a, "--wait"))
+			t->wait = true;
+		else if (!strcmp(a, "--debug"))
+			t->debug = true;
+		else if (!strcmp(a, "--device") && ++i)
+			t->device = next;
+		else if (!strcmp(a, "--profile") && ++i)
+			t->profile = next;
+		else if (!strcmp(a, "--out") && ++i)
+			t->out = next;
+		else if (!strcmp(a, "--for") && ++i)
+			t->seconds = atof(next);
+		else if (!strcmp(a, "--bytes") && ++i)
+			t->bytes = strtoull(next, NULL, 10);
+		else if (!strcmp(a, "--slow") && ++i)
+			t->slow_ms = (unsigned)atoi(next);
+		else if (!strcmp(a, "--hold") && ++i)
+			t->hold = (unsigned)atoi(next);
+		else
+			return false;
+	}
+	return true;
+}
+
+static void print_device(const struct usb_device *d)
+{
+	printf("%s %04x:%04x serial=%s model=%s speed=%s class=%u/%u open=%d refused=%d storage=%d profile=%d\n", d->port,
+	       d->vendor, d->product, d->serial, d->model, d->speed, d->device_class,
+	       d->interfaces ? d->interface_classes[0] : 0, d->openable, d->refused, d->mass_storage, d->profile);
+}
+
+static int list(struct tool *t)
+{
+	struct err err = ERR_INIT;
+	struct usb_device *devices;
+	size_t n;
+
+	if (usb_list(t->usb, true, &devices, &n, &err))
+		return fail(&err);
+	for (size_t i = 0; i < n; i++)
+		print_device(&devices[i]);
+	free(devices);
+	return 0;
+}
+
+static void keep(struct tool *t, struct usb_buffer *b)
+{
+	t->got += b->size;
+	t->with_error += b->with_error;
+	t->after_gap += b->after_gap;
+	t->bad_order += b->time_ns < t->last_ns;
+	t->last_ns = b->time_ns;
+	if (t->out_fd >= 0 && write(t->out_fd, b->at, b->size) != (ssize_t)b->size)
+		perror("write");
+	if (t->slow_ms)
+		usleep(t->slow_ms * 1000);
+}
+
+/* All that is there; true once it has gone. */
+static bool take_all(struct tool *t, struct usb_capture *c, enum usb_end *ret)
+{
+	struct usb_buffer b;
+
+	while (usb_capture_take(c, &b)) {
+		if (b.kind == USB_DATA)
+			keep(t, &b);
+		else
+			printf("%s %s%s%.*s\n", kinds[b.kind], b.kind == USB_GONE ? ends[b.end] : "", b.text,
+			       b.kind == USB_SENT ? (int)b.size : 0, b.kind == USB_SENT ? (const char *)b.at : "");
+		if (b.kind == USB_DATA && t->hold) {
+			t->hold--;
+			continue;
+		}
+		usb_capture_give(c, &b);
+		if (b.kind == USB_GONE) {
+			*ret = b.end;
+			return true;
+		}
+	}
+	return false;
+}
+
+static enum usb_end capture(struct tool *t, struct usb_capture *c, uint64_t began)
+{
+	enum usb_end end = USB_END_STOPPED;
+	struct usb_counts counts;
+
+	for (;;) {
+		struct pollfd p[2] = {{usb_capture_fd(c), POLLIN, 0}, {t->stop_fd, POLLIN, 0}};
+		double left = t->seconds - clock_since(began);
+
+		if (t->stopped)
+			p[1].fd = -1;
+		poll(p, 2, t->seconds && !t->stopped ? (left > 0 ? (int)(left * 1000) + 1 : 0) : -1);
+		t->stopped = t->stopped || p[1].revents || (t->seconds && clock_since(began) >= t->seconds) ||
+			     (t->bytes && t->got >= t->bytes);
+		if (t->stopped && !t->stop_sent) {
+			t->stop_sent = true;
+			usb_capture_stop(c);
+		}
+		if (p[0].revents && take_all(t, c, &end))
+			break;
+	}
+	usb_capture_counts(c, &counts);
+	printf("counts transfers=%llu bytes=%llu shorts=%llu stalls=%llu overflows=%llu timeouts=%llu errors=%llu parked=%llu "
+	       "parked_ns=%llu in_flight=%u with_error=%llu after_gap=%llu bad_order=%llu\n",
+	       (unsigned long long)counts.transfers, (unsigned long long)counts.bytes, (unsigned long long)counts.shorts,
+	       (unsigned long long)counts.stalls, (unsigned long long)counts.overflows,
+	       (unsigned long long)counts.timeouts, (unsigned long long)counts.errors, (unsigned long long)counts.parked,
+	       (unsigned long long)counts.parked_ns, counts.in_flight, (unsigned long long)t->with_error,
+	       (unsigned long long)t->after_gap, (unsigned long long)t->bad_order);
+	usb_capture_free(c);
+	return end;
+}
+
+/* Until something came, or a stop. */
+static bool wait_for_one(struct tool *t)
+{
+	struct pollfd p[2] = {{usb_watch_fd(t->usb), POLLIN, 0}, {t->stop_fd, POLLIN, 0}};
+	struct usb_device device;
+	enum usb_change change;
+	bool came = false;
+
+	while (!came) {
+		poll(p, 2, -1);
+		if (p[1].revents)
+			return false;
+		while (usb_change(t->usb, &change, &device)) {
+			printf("%s ", change == USB_CAME ? "CAME" : "LEFT");
+			print_device(&device);
+			came = came || change == USB_CAME;
+		}
+	}
+	return true;
+}
+
+static int run(struct tool *t, const struct profile *profile)
+{
+	uint64_t began = clock_mono_ns();
+	struct usb_capture *c;
+	struct usb_device device;
+	int r;
+
+	for (;;) {
+		struct err err = ERR_INIT;
+
+		r = t->wait ? -ERR_USAGE : usb_find(t->usb, t->device, &device, &err);
+		if (r == 0)
+			r = usb_capture_start(t->usb, &device, profile, &c, &err);
+		if (r && !(t->again && r == -ERR_NOTFOUND) && !t->wait)
+			return fail(&err);
+		if (r == 0) {
+			printf("started %s\n", device.port);
+			fflush(stdout);
+			if (capture(t, c, began) == USB_END_STOPPED || !t->again)
+				return 0;
+		}
+		t->wait = false;
+		fflush(stdout);
+		if (!wait_for_one(t))
+			return 0;
+	}
+}
+
+int main(int argc, char **argv)
+{
+	struct tool t = {.device = "", .out_fd = -1};
+	struct profile_entry *profile = NULL;
+	struct profile_set *set = NULL;
+	struct err err = ERR_INIT;
+	const char *folders[2] = {getenv("ACUT_PROFILES"), NULL};
+	sigset_t stop;
+	int r;
+
+	if (!arguments(&t, argc, argv))
+		return 2;
+	log_init("usb-capture", t.debug ? LOG_LEVEL_DEBUG : LOG_LEVEL_INFO);
+	sigemptyset(&stop);
+	sigaddset(&stop, SIGINT);
+	sigaddset(&stop, SIGTERM);
+	sigprocmask(SIG_BLOCK, &stop, NULL);
+	t.stop_fd = signalfd(-1, &stop, SFD_CLOEXEC);
+	if (profile_set_read(folders, &set, &err) || (t.profile && profile_entry_read(t.profile, &profile, &err)))
+		return fail(&err);
+	if (t.out)
+		t.out_fd = open(t.out, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+	if (usb_new(set, &t.usb, &err))
+		return fail(&err);
+	usb_set_stop_fd(t.usb, t.stop_fd);
+	if (t.list)
+		r = list(&t);
+	else
+		r = run(&t, &profile->profile);
+	usb_free(t.usb);
+	profile_entry_free(profile);
+	profile_set_free(set);
+	return r;
+}
