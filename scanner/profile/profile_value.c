@@ -131,7 +131,7 @@ static bool whole_value(const struct profile_key *k, const char *text, void *to,
 {
 	uint64_t v;
 
-	snprintf(wanted, PROFILE_WANTED_SIZE, k->most == 0xffff || k->type == PROFILE_U8 || k->most == 0xff ? "a number from 0x%.2llx to 0x%llx"
+	snprintf(wanted, PROFILE_WANTED_SIZE, k->most == 0xffff || k->type == PROFILE_U8 || k->most == 0xff ? "a number from 0x%.2llx to 0x%.2llx"
 		 : "a whole number from %llu to %llu", (unsigned long long)k->least, (unsigned long long)k->most);
 	if (k->type == PROFILE_SIZE ? !parse_size(text, &v) && !number(text, &v) : !number(text, &v))
 		return false;
