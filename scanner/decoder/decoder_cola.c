@@ -290,7 +290,7 @@ int decoder_cola(const uint8_t *at, size_t size, const struct profile *p, struct
 	static const char command[] = " LMDscandata ";
 	struct words w = {at, at, at + size, false}, again;
 	struct seen seen = {0};
-	unsigned n;
+	unsigned n = 0;
 	int rc;
 
 	if (size < 16 || memcmp(at + 3, command, sizeof command - 1) || (memcmp(at, "sSN", 3) && memcmp(at, "sRA", 3)))
@@ -299,12 +299,12 @@ int decoder_cola(const uint8_t *at, size_t size, const struct profile *p, struct
 	clear(ret);
 	head(&w, ret);
 	again = w;
-	if (!parameters(&w, 0, ret, &n)) {
+	if (!w.bad && !parameters(&w, 0, ret, &n)) {
 		w = again;
 		if (!parameters(&w, 1, ret, &n))
 			return decoder_bad(err, (size_t)(again.at - at), "frequencies, encoders and channels are not as they should be");
 	}
-	if ((rc = channels(&w, n, 4, p, ret, &seen, err)))
+	if (!w.bad && (rc = channels(&w, n, 4, p, ret, &seen, err)))
 		return rc;
 	n = number(&w, 4);
 	if (n > CHANNELS_MAX)
