@@ -163,7 +163,7 @@ static void test_counts(void **state)
 	assert_string_equal(s->seen.sentence, "not as the layout of LMDscandata has it, before this byte 4868+1216");
 	assert_true(c.sweeps == 9 && c.dirty == 9 && c.shots == 9 * 271 && c.returns > 2000 && c.returns < c.shots);
 	assert_true(c.lost == 4 && c.repeated == 0 && c.undecoded == 1 && c.not_data == 1 && c.gaps == 0 && c.restarts == 0);
-	assert_true(c.records == 23 && c.transfers == 12 && c.bytes == c.framer.bytes && c.framer.skipped == 0);
+	assert_true(c.records == 24 && c.transfers == 12 && c.bytes == c.framer.bytes && c.framer.skipped == 0);
 	assert_string_equal(c.device_serial, "17271466");
 	scene_free(s);
 }
