@@ -1,0 +1,224 @@
+/* The head of a spool, as bytes and back. Texts are cleaned on both ways: what a device says of itself is not trusted. */
+#include <fcntl.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <unistd.h>
+
+#include <xxhash.h>
+
+#include "clock.h"
+#include "cursor.h"
+#include "spool_priv.h"
+
+enum { TEXTS = 6 };
+
+/* Length of the UTF-8 character at p, 0 if it is none or a control character. */
+static size_t character(const unsigned char *p, size_t left)
+{
+	size_t n = *p < 0x80 ? 1 : *p >= 0xc2 && *p < 0xe0 ? 2 : (*p & 0xf0) == 0xe0 ? 3 : *p >= 0xf0 && *p < 0xf5 ? 4 : 0;
+
+	if (!n || n > left || *p < 0x20 || *p == 0x7f || (*p == 0xc2 && p[1] < 0xa0))
+		return 0;
+	for (size_t i = 1; i < n; i++)
+		if ((p[i] & 0xc0) != 0x80)
+			return 0;
+	if ((*p == 0xe0 && p[1] < 0xa0) || (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf0 && p[1] < 0x90) ||
+	    (*p == 0xf4 && p[1] >= 0x90))
+		return 0;
+	return n;
+}
+
+/* Up to `size` bytes, up to a NUL; what is no text becomes '?'; no character is cut. */
+static void clean(const void *from, size_t n, char *to, size_t room)
+{
+	const unsigned char *p = from;
+	size_t at = 0;
+
+	n = strnlen(from, n);
+	while (n) {
+		size_t k = character(p, n), step = k ? k : 1;
+
+		if (at + step >= room)
+			break;
+		if (k)
+			memcpy(to + at, p, k);
+		else
+			to[at] = '?';
+		at += step;
+		p += step;
+		n -= step;
+	}
+	memset(to + at, 0, room - at);
+}
+
+static void texts_of(const struct spool_head *h, const char *ret[TEXTS])
+{
+	const char *all[TEXTS] = {h->manufacturer, h->model, h->serial, h->port, h->profile_name, h->boot_id};
+
+	memcpy(ret, all, sizeof(all));
+}
+
+void spool_head_clear(struct spool_head *h)
+{
+	free(h->profile);
+	*h = (struct spool_head){0};
+}
+
+int spool_head_copy(const struct spool_head *from, struct spool_head *ret, struct err *err)
+{
+	char *profile = malloc(from->profile_size + 1);
+
+	if (!profile)
+		return err_set(err, ERR_NOMEM, "no memory for the profile of a spool");
+	*ret = *from;
+	ret->profile = profile;
+	if (from->profile_size)
+		memcpy(profile, from->profile, from->profile_size);
+	profile[from->profile_size] = 0;
+	return 0;
+}
+
+void spool_boot_id(char ret[40])
+{
+	char text[40] = "";
+	int fd = open("/proc/sys/kernel/random/boot_id", O_RDONLY | O_CLOEXEC);
+	ssize_t n = fd < 0 ? 0 : read(fd, text, sizeof(text) - 1);
+
+	if (fd >= 0)
+		close(fd);
+	text[n > 0 ? n : 0] = 0;
+	text[strcspn(text, "\n")] = 0;
+	clean(text, strlen(text), ret, 40);
+}
+
+void spool_head_fill(struct spool_head *h)
+{
+	static const uint8_t zero[16];
+	char *text[TEXTS - 1] = {h->manufacturer, h->model, h->serial, h->port, h->profile_name}, copy[SPOOL_TEXT_SIZE];
+
+	if (!memcmp(h->id, zero, 16) && getrandom(h->id, 16, 0) != 16) {
+		const uint64_t seed[2] = {clock_mono_ns(), (uint64_t)clock_real_us() ^ (uint64_t)getpid() << 32};
+		const XXH128_hash_t hash = XXH3_128bits(seed, sizeof(seed));
+
+		memcpy(h->id, &hash, 16);
+	}
+	if (!*h->boot_id)
+		spool_boot_id(h->boot_id);
+	if (!h->utc_ns && !h->monotonic_ns) {
+		h->utc_ns = clock_real_us() * 1000;
+		h->monotonic_ns = (int64_t)clock_mono_ns();
+	}
+	for (int i = 0; i < TEXTS - 1; i++) {
+		memcpy(copy, text[i], sizeof(copy));
+		clean(copy, sizeof(copy), text[i], SPOOL_TEXT_SIZE);
+	}
+}
+
+static uint64_t head_check(const uint8_t *at, size_t size)
+{
+	uint8_t fixed[SPOOL_HEAD_FIXED];
+	XXH3_state_t *state = XXH3_createState();
+	uint64_t check = 0;
+
+	if (!state)
+		return 0;
+	memcpy(fixed, at, sizeof(fixed));
+	memset(fixed + 16, 0, 8);
+	XXH3_64bits_reset(state);
+	XXH3_64bits_update(state, fixed, sizeof(fixed));
+	XXH3_64bits_update(state, at + sizeof(fixed), size - sizeof(fixed));
+	check = XXH3_64bits_digest(state);
+	XXH3_freeState(state);
+	return check;
+}
+
+int spool_head_encode(const struct spool_head *h, uint8_t **ret, size_t *ret_size, struct err *err)
+{
+	const char *text[TEXTS];
+	size_t size = 256;
+	struct packer p;
+	uint8_t *at;
+
+	if (h->profile_size > SPOOL_PROFILE_MAX)
+		return err_set(err, ERR_LIMIT, "the profile has %zu bytes; a spool takes %d", h->profile_size,
+			       SPOOL_PROFILE_MAX);
+	texts_of(h, text);
+	for (int i = 0; i < TEXTS; i++)
+		size += strlen(text[i]);
+	size = (size + h->profile_size + SPOOL_BLOCK - 1) / SPOOL_BLOCK * SPOOL_BLOCK;
+	at = calloc(1, size);
+	if (!at)
+		return err_set(err, ERR_NOMEM, "no memory for the head of a spool");
+	p = packer_of(at, size);
+	packer_bytes(&p, SPOOL_MAGIC, 8);
+	packer_u32(&p, SPOOL_VERSION);
+	packer_u32(&p, (uint32_t)size);
+	packer_u64(&p, 0);
+	packer_bytes(&p, h->id, 16);
+	packer_u16(&p, h->vendor);
+	packer_u16(&p, h->product);
+	packer_u32(&p, 0);
+	packer_u64(&p, (uint64_t)h->utc_ns);
+	packer_u64(&p, (uint64_t)h->monotonic_ns);
+	for (int i = 0; i < TEXTS; i++) {
+		packer_u16(&p, (uint16_t)strlen(text[i]));
+		packer_bytes(&p, text[i], strlen(text[i]));
+	}
+	packer_u32(&p, (uint32_t)h->profile_size);
+	packer_bytes(&p, h->profile, h->profile_size);
+	if (p.bad) {
+		free(at);
+		return err_set(err, ERR_INTERNAL, "the head of a spool is longer than was counted");
+	}
+	p = packer_of(at + 16, 8);
+	packer_u64(&p, head_check(at, size));
+	*ret = at;
+	*ret_size = size;
+	return 0;
+}
+
+bool spool_head_whole(const uint8_t *at, size_t size)
+{
+	struct cursor c = cursor_of(at + 12, 12);
+
+	return size >= SPOOL_BLOCK && !memcmp(at, SPOOL_MAGIC, 8) && cursor_u32(&c) == size &&
+	       cursor_u64(&c) == head_check(at, size);
+}
+
+int spool_head_decode(const uint8_t *at, size_t size, struct spool_head *ret, struct err *err)
+{
+	struct cursor c = cursor_of(at, size);
+	struct spool_head h = {0};
+	char *text[TEXTS] = {h.manufacturer, h.model, h.serial, h.port, h.profile_name, h.boot_id};
+	const uint8_t *from;
+	size_t n;
+
+	cursor_skip(&c, SPOOL_HEAD_FIXED);
+	from = cursor_bytes(&c, 16);
+	if (from)
+		memcpy(h.id, from, 16);
+	h.vendor = cursor_u16(&c);
+	h.product = cursor_u16(&c);
+	cursor_skip(&c, 4);
+	h.utc_ns = cursor_i64(&c);
+	h.monotonic_ns = cursor_i64(&c);
+	for (int i = 0; i < TEXTS; i++) {
+		n = cursor_u16(&c);
+		from = cursor_bytes(&c, n);
+		if (from)
+			clean(from, n, text[i], i == TEXTS - 1 ? sizeof(h.boot_id) : SPOOL_TEXT_SIZE);
+	}
+	n = cursor_u32(&c);
+	from = n <= SPOOL_PROFILE_MAX ? cursor_bytes(&c, n) : NULL;
+	if (!from || c.bad)
+		return err_set(err, ERR_INPUT, "the head of the spool is not well formed");
+	h.profile = malloc(n + 1);
+	if (!h.profile)
+		return err_set(err, ERR_NOMEM, "no memory for the profile of a spool");
+	memcpy(h.profile, from, n);
+	h.profile[n] = 0;
+	h.profile_size = n;
+	*ret = h;
+	return 0;
+}
