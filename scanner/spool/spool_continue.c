@@ -5,11 +5,29 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <stdlib.h>
 #include <sys/file.h>
 
 #include "clock.h"
 #include "io.h"
 #include "spool_priv.h"
+
+/* A power cut while the spool was made may have left the first head and not the second. */
+static int mend_head(const struct spool_reader *r, struct spool_writer *w, struct err *err)
+{
+	uint8_t *bytes;
+	size_t size;
+	int rc = spool_head_encode(spool_reader_head(r), &bytes, &size, err);
+
+	if (rc)
+		return rc;
+	if (w->offset < 2 * size) {
+		rc = io_write_at(w->fd, bytes, size, size, w->path, err);
+		w->offset = 2 * size;
+	}
+	free(bytes);
+	return rc;
+}
 
 /* Counts what is there; the place behind the last whole record. */
 static int read_all(struct spool_reader *r, struct spool_writer *w, struct err *err)
@@ -35,12 +53,10 @@ static int read_all(struct spool_reader *r, struct spool_writer *w, struct err *
 		return err_add_hint(err, "record into a new one");
 	}
 	w->offset = tail.whole;
-	if (!tail.torn)
-		return 0;
-	if (io->ftruncate(w->fd, (off_t)tail.whole))
+	if (tail.torn && io->ftruncate(w->fd, (off_t)tail.whole))
 		return err_sys(err, errno, "cannot cut off %llu bytes behind the last whole record",
 			       (unsigned long long)tail.torn);
-	return 0;
+	return mend_head(r, w, err);
 }
 
 /* The reader of the file, and its head. */

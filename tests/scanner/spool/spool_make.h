@@ -1,0 +1,44 @@
+/* Spools for tests: records whose every byte is known from their number. */
+#ifndef SPOOL_MAKE_H
+#define SPOOL_MAKE_H
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "err.h"
+#include "spool.h"
+
+enum { MAKE_SIZE_MAX = 400 };
+
+void make_head(struct spool_head *ret);
+/* Of record `seq`: kind, payload. Every third is an event, but for `only_data`. */
+enum spool_kind make_kind(uint64_t seq);
+size_t make_payload(uint64_t seq, uint8_t at[MAKE_SIZE_MAX]);
+void make_append(struct spool_writer *, uint64_t seq);
+/* A whole spool with n such records, with an END or not. */
+void make_spool(const char *path, uint64_t n, bool end);
+/* Aborts unless it is record `seq` as made. */
+void make_check(const struct spool_record *);
+
+uint8_t *make_read(const char *path, size_t *ret_size);
+void make_write(const char *path, const void *at, size_t size);
+
+struct make_seen {
+	uint64_t records;  /* that were whole, each checked if it is one of make_append */
+	uint64_t others;   /* "continued", CLOCK, END */
+	uint64_t prefix;   /* records before the first that is lost */
+	uint64_t damages, first_damage, skipped, next; /* next: number behind the last */
+	struct spool_tail tail;
+	int error;
+};
+/* Reads all of it, skipping damage. `base`: numbers from here on are not checked as made (after a continue). */
+void make_read_all(const char *path, uint64_t base, struct make_seen *ret);
+
+#endif
