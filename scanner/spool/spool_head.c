@@ -79,6 +79,22 @@ int spool_head_copy(const struct spool_head *from, struct spool_head *ret, struc
 	return 0;
 }
 
+/* In a unit with ProcSubset=pid the file is not there, and the unit says it (ACUT_BOOT_ID=%b), without the dashes. */
+static void boot_id_of_unit(char text[40])
+{
+	const char *from = getenv("ACUT_BOOT_ID");
+	size_t n = 0;
+
+	if (!from || strlen(from) != 32 || strspn(from, "0123456789abcdef") != 32)
+		return;
+	for (size_t i = 0; i < 32; i++) {
+		if (i == 8 || i == 12 || i == 16 || i == 20)
+			text[n++] = '-';
+		text[n++] = from[i];
+	}
+	text[n] = 0;
+}
+
 void spool_boot_id(char ret[40])
 {
 	char text[40] = "";
@@ -89,6 +105,8 @@ void spool_boot_id(char ret[40])
 		close(fd);
 	text[n > 0 ? n : 0] = 0;
 	text[strcspn(text, "\n")] = 0;
+	if (!*text)
+		boot_id_of_unit(text);
 	clean(text, strlen(text), ret, 40);
 }
 
