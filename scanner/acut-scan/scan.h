@@ -22,6 +22,7 @@ struct scan_args {
 	const char *const *inputs;   /* what is no option */
 	size_t n;
 	bool json, quiet, all, no_progress, help;
+	bool watch;                  /* --watch: list goes on with what comes and leaves */
 	bool udev;                   /* --udev: profiles as rules for udev */
 	const char *profiles[SCAN_PROFILE_FOLDERS + 1]; /* --profiles DIR, in place of the built-in folders; ends with NULL */
 	size_t n_profiles;

@@ -1,0 +1,92 @@
+/* Which device a command means, and how devices are told, to people and in JSON. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "err.h"
+#include "scan_device.h"
+
+static int profile_of(const struct scan_args *args, struct scan_device *d, struct err *err)
+{
+	char words[200];
+
+	if (args->profile)
+		return scan_profile_named(d->set, args->profile, &d->profile, err);
+	if (d->device.profile >= 0)
+		return scan_profile_copy(profile_set_at(d->set, (size_t)d->device.profile), &d->profile, err);
+	err_set(err, ERR_USAGE, "no profile is for %s", scan_device_text(&d->device, words, sizeof(words)));
+	return err_add_hint(err, "say which with --profile, or write one: man acut-scanners.d");
+}
+
+int scan_device_open(const struct scan_args *args, struct scan_device *ret, struct err *err)
+{
+	const char *which = args->device ? args->device : args->n ? args->inputs[0] : "";
+	struct scan_device d = {0};
+	int r;
+
+	if (args->device && args->n) {
+		err_set(err, ERR_USAGE, "two devices are named: %s and --device %s", args->inputs[0], args->device);
+		return err_add_hint(err, "name one");
+	}
+	r = scan_profile_set(args, &d.set, err);
+	if (!r)
+		r = usb_new(d.set, &d.usb, err);
+	if (!r) {
+		usb_set_stop_fd(d.usb, scan_stop_fd());
+		r = usb_find(d.usb, which, &d.device, err);
+	}
+	if (!r)
+		r = profile_of(args, &d, err);
+	if (r)
+		scan_device_done(&d);
+	else
+		*ret = d;
+	return r;
+}
+
+void scan_device_done(struct scan_device *d)
+{
+	scan_profile_done(&d->profile);
+	d->usb = usb_free(d->usb);
+	d->set = profile_set_free(d->set);
+}
+
+char *scan_device_text(const struct usb_device *d, char *buf, size_t size)
+{
+	char name[USB_TEXT_SIZE + 16];
+
+	if (d->model[0])
+		snprintf(name, sizeof(name), "%s", d->model);
+	else
+		snprintf(name, sizeof(name), "device %04x:%04x", d->vendor, d->product);
+	snprintf(buf, size, "%s%s%s at %s", name, d->serial[0] ? " serial " : "", d->serial, d->port);
+	return buf;
+}
+
+const char *scan_device_access(const struct usb_device *d)
+{
+	if (d->mass_storage)
+		return "mass storage, left alone";
+	return d->openable ? "yes" : strerror(d->refused);
+}
+
+void scan_device_json(struct ctl_json *j, const struct usb_device *d, const struct profile_set *set)
+{
+	char id[8];
+
+	ctl_json_text(j, "port", d->port);
+	ctl_json_text(j, "node", d->node);
+	snprintf(id, sizeof(id), "%04x", d->vendor);
+	ctl_json_text(j, "vendor", id);
+	snprintf(id, sizeof(id), "%04x", d->product);
+	ctl_json_text(j, "product", id);
+	ctl_json_known(j, "manufacturer", d->manufacturer);
+	ctl_json_known(j, "model", d->model);
+	ctl_json_known(j, "serial", d->serial);
+	ctl_json_known(j, "speed", d->speed);
+	ctl_json_text(j, "profile",
+		      set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
+	ctl_json_bool(j, "mass_storage", d->mass_storage);
+	ctl_json_bool(j, "may_open", d->openable && !d->mass_storage);
+	ctl_json_text(j, "why_not", d->openable && !d->mass_storage ? NULL : scan_device_access(d));
+}

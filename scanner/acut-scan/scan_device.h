@@ -1,0 +1,26 @@
+/* Devices as commands ask for them and tell of them. */
+#ifndef SCAN_DEVICE_H
+#define SCAN_DEVICE_H
+
+#include "scan_profile.h"
+#include "usb.h"
+
+/* What a command that has to do with one device works on. */
+struct scan_device {
+	struct profile_set *set;
+	struct usb *usb;
+	struct usb_device device;
+	struct scan_profile profile; /* --profile, or that which matches */
+};
+/* Which one is meant: --device or the word behind the command. -ERR_USAGE also where no profile is for it. */
+int scan_device_open(const struct scan_args *, struct scan_device *ret, struct err *);
+void scan_device_done(struct scan_device *);
+
+/* "TiM561 serial 20370043 at 1-2.4". Returns buf. */
+char *scan_device_text(const struct usb_device *, char *buf, size_t size);
+/* The keys of a device, in an object that is open. */
+void scan_device_json(struct ctl_json *, const struct usb_device *, const struct profile_set *);
+/* "yes", or why it cannot be opened. */
+const char *scan_device_access(const struct usb_device *);
+
+#endif
