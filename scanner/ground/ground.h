@@ -53,7 +53,7 @@ struct pose_track;
  * of at most POSE_INDEX_MAX places; the rows around the time that is asked for are read again. Columns by the names of
  * the first line. -ERR_INPUT with the line: no number, time not rising, unknown column, both or neither of plane and
  * degrees. -ERR_UNSUPPORTED: degrees that cannot go to that plane. */
-enum { POSE_INDEX_MAX = 65536, POSE_LINE_MAX = 4096 };
+enum { POSE_INDEX_MAX = 4096, POSE_LINE_MAX = 4096 };
 int pose_track_read(int fd, const char *name, const struct pose_params *, struct pose_track **ret, struct err *);
 struct pose_track *pose_track_free(struct pose_track *);
 /* Plane, units and heights of the points: heights are ellipsoidal if the poses say so (EPSG:5030 or 5019), else as `to`

@@ -46,14 +46,20 @@ static int place_degrees(const struct pose_params *p, const struct crs_info *fro
 			 struct pose_plane *ret, struct err *err)
 {
 	const struct lattice_input one = {.name = name, .min = {box->min[0], box->min[1]}, .max = {box->max[0], box->max[1]}};
-	char text[CRS_TEXT_SIZE];
-	struct crs_zone zone;
+	char text[CRS_TEXT_SIZE], have[8], want[8];
+	struct crs_zone zone = {0}, wanted = {0};
 	struct crs_info made;
 	int r;
 
+	if (p->utm && !crs_zone_parse(p->utm, &wanted)) {
+		err_set(err, ERR_USAGE, "\"%.40s\" is no zone", p->utm);
+		return err_add_hint(err, "name a UTM zone as in --utm 32N, or --utm UPS-N or UPS-S");
+	}
 	if (p->to) {
 		plane_text(p->to, text);
 		if (crs_zone_of_text(from, text, &zone)) {
+			if (p->utm && strcmp(crs_zone_text(wanted, want), crs_zone_text(zone, have)))
+				return err_set(err, ERR_USAGE, "the points go to zone %s, not %s", have, want);
 			if (crs_zone_system(from, zone, &made, err))
 				return -(int)err->code;
 			made.system.epsg_z = p->to->system.epsg_z;
@@ -64,13 +70,12 @@ static int place_degrees(const struct pose_params *p, const struct crs_info *fro
 			err_set(err, ERR_UNSUPPORTED, "degrees cannot go to %.200s: it is no plane on the earth that is known", p->to->text);
 			return err_add_hint(err, "use poses with easting and northing of that plane");
 		}
+		if (p->utm)
+			return err_set(err, ERR_USAGE, "the points go to %.200s, which is no zone: --utm has no meaning", p->to->text);
 		r = crs_geo_new(&p->to->system, &ret->geo, err);
 		return r ? r : same_datum(from, p->to, p->degrees, err);
 	}
-	if (p->utm && !crs_zone_parse(p->utm, &zone)) {
-		err_set(err, ERR_USAGE, "\"%.40s\" is no zone", p->utm);
-		return err_add_hint(err, "name a UTM zone as in --utm 32N, or --utm UPS-N or UPS-S");
-	}
+	zone = wanted;
 	r = p->utm ? 0 : crs_zone_choose(&one, 1, &zone, err);
 	if (!r)
 		r = crs_zone_system(from, zone, &ret->system, err);

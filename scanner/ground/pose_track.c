@@ -16,7 +16,7 @@
 #include "err.h"
 #include "pose_parts.h"
 
-enum { BLOCK_ROWS = 1024 };
+enum { BLOCK_ROWS = 64 };
 
 struct place {
 	double time;

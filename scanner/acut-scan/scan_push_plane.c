@@ -1,0 +1,137 @@
+/*
+ * The plane of a push's points (scan_push_plane.h).
+ *
+ * The model: a dataset that has a system decides, units included; then --crs may only say the same, or what the degrees of the
+ * poses are. A new one gets the plane that --crs names, whose datum the degrees are then of; else the UTM zone of the poses, or
+ * nothing but metres. Nothing is brought from one datum or plane to another.
+ */
+#include <stdio.h>
+#include <string.h>
+
+#include "err.h"
+#include "scan_push_plane.h"
+
+static bool known(const char *text)
+{
+	return *text && strcmp(text, "unknown");
+}
+
+static void without_heights(struct crs_info *c)
+{
+	char *plus = strstr(c->text, " + ");
+
+	if (plus)
+		*plus = 0;
+	c->system.epsg_z = 0;
+}
+
+static bool same_plane(const struct crs_info *a, const struct crs_info *b)
+{
+	struct crs_info x = *a, y = *b;
+
+	without_heights(&x);
+	without_heights(&y);
+	return !strcmp(x.text, y.text);
+}
+
+/* The geographic system that a plane stands on. */
+static void base_of(const struct crs_info *plane, struct crs_info *ret)
+{
+	crs_info_clear(ret);
+	ret->plane = CRS_PLANE_GEOGRAPHIC;
+	ret->system.method = CRS_METHOD_GEOGRAPHIC;
+	ret->system.a = plane->system.a;
+	ret->system.inverse_flattening = plane->system.inverse_flattening;
+	memcpy(ret->system.datum, plane->system.datum, sizeof ret->system.datum);
+	snprintf(ret->text, sizeof ret->text, "%s", plane->system.datum);
+	snprintf(ret->unit_xy, sizeof ret->unit_xy, "degree");
+	crs_info_settle(ret);
+}
+
+/* What a dataset is in. Heights that a geoid makes are said by the push, not by its points. */
+static int of_dataset(const struct scan_args *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
+{
+	struct crs_info said = ret->to;
+	bool had = ret->has_to;
+
+	crs_info_clear(&ret->to);
+	if (known(t->crs) && crs_assume_text(t->crs, strlen(t->crs), &ret->to, err))
+		return -(int)err->code;
+	snprintf(ret->to.unit_xy, sizeof ret->to.unit_xy, "%s", t->unit_xy);
+	snprintf(ret->to.unit_z, sizeof ret->to.unit_z, "%s", t->unit_z);
+	crs_info_settle(&ret->to);
+	ret->has_to = true;
+	if (had && !same_plane(&said, &ret->to)) {
+		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs says %.150s", args->into, t->crs, said.text);
+		return err_add_hint(err, "a dataset has one plane: leave --crs out, or use another dataset");
+	}
+	if (had)
+		ret->to.system = said.system;
+	return 0;
+}
+
+/* Of a new one: metres, unless the plane has another unit, whose heights must then be said. */
+static int of_new(struct scan_plane *p, struct err *err)
+{
+	if (!p->has_to || known(p->to.unit_z))
+		return 0;
+	if (known(p->to.unit_xy) && strcmp(p->to.unit_xy, "metre")) {
+		err_set(err, ERR_USAGE, "the plane %.200s is in %s, and what its heights are in is not said", p->to.text, p->to.unit_xy);
+		return err_add_hint(err, "name the vertical system too: --crs \"EPSG:n + EPSG:m\"");
+	}
+	snprintf(p->to.unit_xy, sizeof p->to.unit_xy, "metre");
+	snprintf(p->to.unit_z, sizeof p->to.unit_z, "metre");
+	crs_info_settle(&p->to);
+	return 0;
+}
+
+int scan_push_plane(const struct scan_args *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
+{
+	struct crs_info said;
+	int r = 0;
+
+	memset(ret, 0, sizeof *ret);
+	if (args->crs) {
+		r = crs_assume_text(args->crs, strlen(args->crs), &said, err);
+		if (r)
+			return r;
+		if (said.plane == CRS_PLANE_GEOGRAPHIC) {
+			ret->degrees = said;
+			ret->has_degrees = true;
+		} else {
+			ret->to = said;
+			ret->has_to = true;
+		}
+	}
+	if (t->there && (!t->empty || known(t->crs)))
+		r = of_dataset(args, t, ret, err);
+	if (!r && (!t->there || t->empty))
+		r = of_new(ret, err);
+	if (r)
+		return r;
+	if (args->geoid && ret->has_to)
+		without_heights(&ret->to);
+	if (args->crs && !ret->has_degrees && ret->to.system.a > 0) {
+		base_of(&ret->to, &ret->degrees);
+		ret->has_degrees = true;
+	}
+	return 0;
+}
+
+int scan_push_poses(const struct scan_args *args, const struct scan_plane *plane, int fd, struct pose_track **ret, struct err *err)
+{
+	const struct pose_params params = {
+		.to = plane->has_to ? &plane->to : NULL,
+		.degrees = plane->has_degrees ? &plane->degrees : NULL,
+		.utm = args->utm,
+		.clock = !strcmp(args->pose_clock, "gps") ? POSE_GPS : POSE_UTC,
+		.north = !args->heading		       ? POSE_NORTH_AS_POSED
+			 : !strcmp(args->heading, "true") ? POSE_NORTH_TRUE
+							 : POSE_NORTH_GRID,
+		.grid_scale = args->grid_scale,
+		.gap_s = args->gap_s,
+		.offset_s = args->pose_offset_s,
+	};
+
+	return pose_track_read(fd, args->pose, &params, ret, err);
+}

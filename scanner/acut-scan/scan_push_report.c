@@ -1,0 +1,205 @@
+/* What a push says: a sentence or two a spool for people, an object a spool for programs. */
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "err.h"
+#include "scan_source.h"
+
+static const char *const states[] = {
+	[SCAN_STAGED] = "staged", [SCAN_KNOWN] = "known", [SCAN_ADOPTED] = "adopted", [SCAN_REFUSED] = "refused",
+	[SCAN_WRITTEN] = "written",
+};
+
+/* "1 234 567" */
+static const char *count(uint64_t n, char buf[32])
+{
+	char digits[24];
+	int len = snprintf(digits, sizeof digits, "%" PRIu64, n), at = 0;
+
+	for (int i = 0; i < len; i++) {
+		if (i && (len - i) % 3 == 0)
+			buf[at++] = ' ';
+		buf[at++] = digits[i];
+	}
+	buf[at] = 0;
+	return buf;
+}
+
+/* ---- programs ---- */
+
+static void shots_json(struct ctl_json *j, const struct scan_source *s)
+{
+	const struct ground_counts *g = &s->ground;
+
+	if (s->kind != SCAN_GROUND) {
+		ctl_json_literal(j, "shots", "null");
+		ctl_json_literal(j, "dropped", "null");
+		return;
+	}
+	ctl_json_u64(j, "shots", g->shots);
+	ctl_json_open(j, "dropped", '{');
+	ctl_json_u64(j, "no_return", g->no_return);
+	ctl_json_u64(j, "out_of_range", g->out_of_range);
+	ctl_json_u64(j, "before_poses", g->before);
+	ctl_json_u64(j, "after_poses", g->after);
+	ctl_json_u64(j, "in_gaps", g->gap);
+	ctl_json_close(j, '}');
+}
+
+static void spool_json(struct ctl_json *j, const struct scan_spool *s)
+{
+	const struct replay_counts *c = &s->counts;
+
+	ctl_json_text(j, "spool", s->id);
+	ctl_json_text(j, "profile", s->profile.name);
+	ctl_json_bool(j, "ended", s->tail.ended);
+	ctl_json_u64(j, "torn_bytes", s->tail.torn);
+	ctl_json_u64(j, "damaged_bytes", s->damaged);
+	ctl_json_u64(j, "telegrams", c->framer.telegrams);
+	ctl_json_u64(j, "bad_telegrams", c->framer.bad + c->undecoded);
+	ctl_json_u64(j, "sweeps", c->sweeps);
+	ctl_json_u64(j, "repeated_sweeps", c->repeated);
+	ctl_json_u64(j, "lost_sweeps", c->lost);
+}
+
+static void plane_json(struct ctl_json *j, const struct scan_source *s)
+{
+	const struct crs_info *c = s->kind == SCAN_GROUND ? pose_track_system(s->track) : NULL;
+	const struct pose_span *span = c ? pose_track_span(s->track) : NULL;
+
+	ctl_json_known(j, "crs", c ? c->text : NULL);
+	ctl_json_known(j, "zone", span ? span->zone : NULL);
+	ctl_json_text(j, "heights", !span ? NULL : span->ellipsoidal ? "ellipsoidal" : "as-posed");
+}
+
+static void tell_json(const struct scan_args *args, const struct scan_result *r)
+{
+	const struct scan_source *s = r->source;
+	struct ctl_json j = {.out = scan_report(args)};
+	bool refused = r->state == SCAN_REFUSED;
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_text(&j, "file", s->spool->file);
+	ctl_json_text(&j, "name", s->name);
+	ctl_json_text(&j, "dataset", args->into);
+	ctl_json_text(&j, "state", states[r->state]);
+	if (r->generation && !refused)
+		ctl_json_u64(&j, "generation", r->generation);
+	else
+		ctl_json_literal(&j, "generation", "null");
+	ctl_json_u64(&j, "points", refused ? 0 : r->points);
+	ctl_json_u64(&j, "moved", r->moved);
+	ctl_json_u64(&j, "replaced", r->replaced);
+	ctl_json_text(&j, "hash", s->hash);
+	ctl_json_u64(&j, "bytes", s->size);
+	spool_json(&j, s->spool);
+	shots_json(&j, s);
+	plane_json(&j, s);
+	ctl_json_text(&j, "warning", r->warning);
+	if (refused)
+		scan_error_json(&j, "error", &r->err);
+	else
+		ctl_json_text(&j, "error", NULL);
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+}
+
+/* ---- people ---- */
+
+static void add(char *text, size_t size, uint64_t n, const char *what)
+{
+	size_t at = strlen(text);
+	char buf[32];
+
+	if (n)
+		snprintf(text + at, size - at, "%s%s %s", at ? ", " : "", count(n, buf), what);
+}
+
+static void tell_shots(const struct scan_args *args, const struct scan_source *s)
+{
+	const struct ground_counts *g = &s->ground;
+	char why[256] = "", a[32], b[32], c[32];
+
+	add(why, sizeof why, g->no_return, "without a return");
+	add(why, sizeof why, g->out_of_range, "out of range");
+	add(why, sizeof why, g->before, "before the first pose");
+	add(why, sizeof why, g->after, "after the last pose");
+	add(why, sizeof why, g->gap, "in gaps of the poses");
+	scan_note(args, "%s: %s sweeps, %s shots, %s points%s%s", s->spool->file, count(g->sweeps, a), count(g->shots, b),
+		  count(g->points, c), *why ? "; dropped: " : "", why);
+}
+
+static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
+{
+	const struct replay_counts *c = &s->counts;
+	char why[256] = "";
+
+	add(why, sizeof why, c->framer.bad + c->undecoded, "bad telegrams skipped");
+	add(why, sizeof why, c->repeated, "sweeps that came twice left out");
+	add(why, sizeof why, c->lost, "sweeps that the device counted and that never came");
+	add(why, sizeof why, s->damaged, "damaged bytes skipped");
+	add(why, sizeof why, s->tail.torn, "bytes torn off its end");
+	if (*why)
+		scan_note(args, "%s: %s", s->file, why);
+	if (!s->tail.ended && !s->tail.torn)
+		scan_note(args, "%s: it has no end yet: what was recorded until now was taken", s->file);
+}
+
+void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
+{
+	const struct scan_source *s = r->source;
+	char a[32], b[32];
+
+	if (args->json) {
+		tell_json(args, r);
+		return;
+	}
+	if (r->state == SCAN_REFUSED) {
+		scan_fail(args, &r->err);
+		return;
+	}
+	if (s->file == 0)
+		tell_spool(args, s->spool);
+	if (s->kind == SCAN_GROUND)
+		tell_shots(args, s);
+	if (r->warning)
+		scan_warn(args, "%s: %s", s->name, r->warning);
+	if (r->state == SCAN_KNOWN)
+		scan_note(args, "%s: the dataset has it already, nothing was sent", s->name);
+	else if (r->state == SCAN_ADOPTED)
+		scan_note(args, "%s: %s points, taken up from the push that was interrupted, not sent again", s->name, count(r->points, a));
+	else if (r->state == SCAN_WRITTEN)
+		scan_note(args, "%s: %s points, %s bytes", args->output, count(r->points, a), count(s->size, b));
+	else if (r->moved)
+		scan_note(args, "%s: %s points, %s of them rounded to the dataset's lattice", s->name, count(r->points, a),
+			  count(r->moved, b));
+	else
+		scan_note(args, "%s: %s points", s->name, count(r->points, a));
+	if (r->replaced)
+		scan_note(args, "%s: in place of %u file%s of the dataset", s->name, r->replaced, r->replaced == 1 ? "" : "s");
+}
+
+void scan_push_tell_all(const struct scan_args *args, uint64_t generation, uint64_t points, double seconds)
+{
+	char a[32];
+
+	scan_note(args, "%s: generation %" PRIu64 ", %s points, %.1f s", args->into, generation, count(points, a), seconds);
+}
+
+void scan_push_tell_poses(const struct scan_args *args, const struct pose_track *t)
+{
+	const struct pose_span *s = pose_track_span(t);
+	const struct crs_info *c = pose_track_system(t);
+	char a[32], b[32], zone[64] = "", gaps[64] = "";
+
+	if (*s->zone)
+		snprintf(zone, sizeof zone, ", projected to %s%s", strncmp(s->zone, "UPS", 3) ? "UTM zone " : "", s->zone);
+	if (s->gaps)
+		snprintf(gaps, sizeof gaps, ", %s gaps", count(s->gaps, b));
+	scan_note(args, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a), s->last - s->first,
+		  gaps, zone, strcmp(c->text, "unknown") ? c->text : "a plane that is not named (metres)",
+		  s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
+	if (s->degrees && *s->zone && !args->crs)
+		scan_note(args, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);
+}
