@@ -53,13 +53,11 @@ void scan_device_done(struct scan_device *d)
 
 char *scan_device_text(const struct usb_device *d, char *buf, size_t size)
 {
-	char name[USB_TEXT_SIZE + 16];
+	char name[32];
 
-	if (d->model[0])
-		snprintf(name, sizeof(name), "%s", d->model);
-	else
-		snprintf(name, sizeof(name), "device %04x:%04x", d->vendor, d->product);
-	snprintf(buf, size, "%s%s%s at %s", name, d->serial[0] ? " serial " : "", d->serial, d->port);
+	snprintf(name, sizeof(name), "device %04x:%04x", d->vendor, d->product);
+	snprintf(buf, size, "%.60s%s%.60s at %s", d->model[0] ? d->model : name, d->serial[0] ? " serial " : "", d->serial,
+		 d->port);
 	return buf;
 }
 
