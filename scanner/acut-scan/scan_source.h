@@ -7,6 +7,7 @@
 
 #include "decoder.h"
 #include "digest.h"
+#include "err.h"
 #include "ground.h"
 #include "las.h"
 #include "profile.h"
