@@ -96,7 +96,8 @@ struct profile {
 bool profile_matches_some(const struct profile *);
 
 /* Defaults of all fields, so that a text need not say them. `name` of the profile; `file` for messages.
- * -ERR_INPUT: err's file is FILE, its offset the line, its field the key; unknown keys and sections are errors. */
+ * -ERR_INPUT: err's file is FILE, its offset the line and its field "line", or, of what is
+ * wrong between lines, its field the key; unknown keys and sections are errors. */
 enum { PROFILE_LINE_MAX = 1024 };
 int profile_parse(const char *text, size_t size, const char *name, const char *file, struct profile *ret, struct err *);
 

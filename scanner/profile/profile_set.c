@@ -113,6 +113,10 @@ static int read_entry(const char *path, const char *name, struct profile_entry *
 		}
 		profile_parse(e->text, e->size, name, path, &e->profile, &bad);
 	}
+	if (!strcmp(bad.field, "line")) { /* the sentence names it */
+		bad.offset = ERR_NO_OFFSET;
+		bad.field[0] = '\0';
+	}
 	if (bad.code == ERR_NOMEM || (bad.code && !(e->fault = strdup(err_format(&bad, line, sizeof line))))) {
 		profile_entry_free(e);
 		return err_set(err, ERR_NOMEM, "no memory for a profile");
