@@ -533,7 +533,7 @@ static int start(struct daemon *d, struct err *err)
 	return r;
 }
 
-enum { FILES_WANTED = 16384 };
+enum { FILES_WANTED = 16384, STATUS_CONFIG = 78 /* EX_CONFIG */ };
 
 /* The heap gives back what is freed, and few arenas keep little: what the ledger counts is what the process
  * has. */
@@ -576,6 +576,25 @@ static void finish(struct daemon *d)
 	io_close(d->state_lock);
 }
 
+/* Of a start that failed. What no other start mends has a status of its own, of which the unit knows (RestartPreventExitStatus=):
+ * a folder that is no store (an error of ours, not one of the disk), damage, too little memory. */
+static int start_status(const struct err *err)
+{
+	bool told_wrong = (err->code == ERR_IO && !err->sys) || err->code == ERR_CORRUPT || err->code == ERR_LIMIT;
+
+	return told_wrong ? STATUS_CONFIG : err_exit_status(err->code);
+}
+
+/* Who waits in the sockets of the service manager would have it start acutd again and again: he is told why not. */
+static void turn_away(const struct err *why)
+{
+	int n = sd_listen_fds(0);
+
+	for (int i = 0; i < n && i < HAND_OVER_MAX; i++)
+		if (sd_is_socket_unix(SD_LISTEN_FDS_START + i, SOCK_STREAM, 1, NULL, 0) > 0)
+			server_turn_away(SD_LISTEN_FDS_START + i, why);
+}
+
 int main(int argc, char **argv)
 {
 	struct daemon d = {
@@ -602,8 +621,9 @@ int main(int argc, char **argv)
 	}
 	if (r) {
 		log_event_err(LOG_EVENT_START_FAILED, NULL, "acutd cannot start", &err);
+		turn_away(&err);
 		finish(&d);
-		return err_exit_status(err.code);
+		return start_status(&err);
 	}
 	log_event(LOG_EVENT_READY, NULL, "acutd %s: %s of memory, %u threads, state in %s, cache in %s", ACUT_VERSION,
 		  parse_size_text(d.config.memory, size), d.config.threads, d.config.state, d.config.cache);

@@ -11,7 +11,8 @@
  * moved. A refused one does not hold up the others; a push that fails as a whole is halved until the file that
  * it fails on stands alone. What time mends (no daemon, busy, no space) leaves files where they are.
  * acutd compares a file with what the dataset has, not with the others of its push: of files of one content the first goes,
- * and the others go with the next push, which finds it there, or takes one of them in its stead.
+ * and the others go with the next push, which finds it there, or takes one of them in its stead. Where the first was refused for
+ * what is in it the others are refused with it, unpushed.
  *
  * Only regular files that lie in the folder itself are looked at, and no link is followed. Two passes over one folder keep
  * out of each other's way by a lock on the folder.
@@ -46,6 +47,7 @@ struct file {
 	struct digest hash; /* of its bytes */
 	bool tried, there, hashed;
 	bool taken; /* the dataset has its content */
+	size_t bad; /* it is refused as the file of that number, counted from 1, of the refusals; 0: it is not */
 };
 
 struct ingest {
@@ -53,6 +55,8 @@ struct ingest {
 	struct ctl_drop drop;
 	struct file *file; /* by name */
 	size_t n, room;
+	struct err *bad; /* what contents were refused for, of which there are more files */
+	size_t nbad;
 	uint64_t settle;
 	uint64_t until;         /* what settles later is left to another pass */
 	unsigned passed_by;     /* neither files nor folders */
@@ -96,6 +100,7 @@ static void see(struct file *f, const struct stat *st, uint64_t now)
 	f->in.ctime = st->st_ctim;
 	f->since = now;
 	f->tried = f->hashed = f->taken = false;
+	f->bad = 0;
 }
 
 static int add(struct ingest *g, const char *name, const struct stat *st, uint64_t now, struct err *err)
@@ -242,6 +247,42 @@ static void note_taken(struct ingest *g, const struct file *f)
 			g->file[i].taken = true;
 }
 
+/* By what is in it, whatever it is called. */
+static bool is_content(const struct err *why)
+{
+	return (why->code == ERR_INPUT && strcmp(why->field, "name")) || why->code == ERR_TRUNCATED || why->code == ERR_UNSUPPORTED;
+}
+
+static const char *extension(const char *name)
+{
+	const char *dot = strrchr(name, '.');
+
+	return dot ? dot : "";
+}
+
+/* The others of the same content, that would be read as of the same format, have the same said of them. Without memory they go the
+ * long way. */
+static void note_refused(struct ingest *g, const struct file *f, const struct err *why)
+{
+	struct err *bad = NULL;
+
+	for (size_t i = 0; f->hashed && is_content(why) && i < g->n; i++) {
+		struct file *other = &g->file[i];
+
+		if (other->tried || other->taken || other->bad || !other->hashed || other->in.size != f->in.size ||
+		    !digest_equal(other->hash, f->hash) || strcmp(extension(other->entry), extension(f->entry)))
+			continue;
+		if (!bad) {
+			bad = realloc(g->bad, (g->nbad + 1) * sizeof *bad);
+			if (!bad)
+				return;
+			g->bad = bad;
+			g->bad[g->nbad++] = *why;
+		}
+		other->bad = g->nbad;
+	}
+}
+
 /* Where a file of a push belongs. NULL: it stays. */
 static const char *put_away(struct ingest *g, struct file *f, const struct err *why, struct ctl_drop_name *name)
 {
@@ -257,7 +298,9 @@ static const char *put_away(struct ingest *g, struct file *f, const struct err *
 	if (!r) {
 		g->done += !why;
 		g->refused += why != NULL;
-		if (!why)
+		if (why)
+			note_refused(g, f, why);
+		else
 			note_taken(g, f);
 		return name->text;
 	}
@@ -382,6 +425,44 @@ static size_t next_batch(const struct ingest *g, struct file **list, size_t n, s
 	return at;
 }
 
+/* Refused without a push, as one of the same content was. `list` keeps the others, *n of them. */
+static int refuse_twins(struct ingest *g, struct file **list, size_t *n)
+{
+	struct ctl_staged s = { .file = calloc(*n + 1, sizeof(*s.file)) };
+	struct batch b = { calloc(*n + 1, sizeof(*list)), 0 };
+	struct err err = ERR_INIT;
+	size_t kept = 0;
+	int status = 0;
+
+	if (!s.file || !b.file) {
+		err_set(&err, ERR_NOMEM, "no memory for %zu files", *n);
+		status = ctl_error(g->ctl, &err);
+	}
+	for (size_t i = 0; !status && i < *n; i++) {
+		struct ctl_staged_file *told = &s.file[b.n];
+
+		if (!list[i]->bad) {
+			list[kept++] = list[i];
+			continue;
+		}
+		*told = (struct ctl_staged_file){ .name = list[i]->in.name, .refused = true, .err = g->bad[list[i]->bad - 1] };
+		*told->err.file = 0;
+		err_add_file(&told->err, list[i]->in.name);
+		list[i]->tried = true;
+		if (!g->ctl->args.json)
+			ctl_error(g->ctl, &told->err);
+		b.file[b.n++] = list[i];
+	}
+	s.nfile = s.refused = b.n;
+	snprintf(s.dataset, sizeof(s.dataset), "%s", g->ctl->args.word[0]);
+	if (b.n)
+		status = put_away_all(g, &b, &s);
+	*n = kept;
+	free(s.file);
+	free(b.file);
+	return status;
+}
+
 /* What has settled, in pushes of many. *ret_any: there was something. */
 static int push_settled(struct ingest *g, bool *ret_any)
 {
@@ -399,6 +480,7 @@ static int push_settled(struct ingest *g, bool *ret_any)
 		if (!g->file[i].tried && now - g->file[i].since >= g->settle && g->file[i].since + g->settle <= g->until)
 			list[n++] = &g->file[i];
 	*ret_any = n;
+	status = refuse_twins(g, list, &n);
 	while (!status && at < n) {
 		struct batch b;
 
@@ -539,6 +621,7 @@ int ctl_ingest_run(struct ctl *ctl)
 	for (size_t i = 0; i < g.n; i++)
 		file_done(&g.file[i]);
 	free(g.file);
+	free(g.bad);
 	ctl_drop_close(&g.drop);
 	return status;
 }

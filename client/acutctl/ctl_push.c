@@ -37,9 +37,20 @@ static void room_json(struct ctl_json *j, const struct room *room)
 	ctl_json_close(j, ']');
 }
 
-static void room_text(struct ctl *ctl, const struct room *room)
+/* Where it may soon be too little: less than a sixteenth of what the lattice spans. */
+static bool is_tight(const struct room *room)
 {
-	if (room->known)
+	bool tight = false;
+
+	for (int i = 0; i < 4; i++)
+		tight |= room->left[i] < 0x1p28 * room->scale;
+	return tight;
+}
+
+/* Passes over a folder come all the time: each says it only where it matters. */
+static void room_text(struct ctl *ctl, const struct room *room, bool always)
+{
+	if (room->known && (always || is_tight(room)))
 		ctl_note(ctl, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north",
 			 room->scale, room->left[0], room->left[1], room->left[2], room->left[3]);
 }
@@ -141,7 +152,7 @@ int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *con
 	ctl_height_text(ctl, s);
 	ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,
 		 ctl_job_count(s->points, count), s->seconds);
-	room_text(ctl, &room);
+	room_text(ctl, &room, !moved_to);
 	return status;
 }
 

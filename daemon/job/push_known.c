@@ -110,6 +110,7 @@ static int other_content(const struct push *p, struct push_ask *a)
 {
 	err_set(&a->err, ERR_INPUT, "the dataset %s has a file of this name already, %s", p->dataset->name,
 		a->checksum ? "with other content" : "of another size or time of change");
+	err_add_place(&a->err, ERR_NO_OFFSET, "name");
 	return err_add_hint(&a->err, "%s--add takes it as another source beside the old one, --replace in its place",
 			    a->checksum ? "" : "--checksum finds out whether the content is the same; ");
 }
@@ -127,6 +128,7 @@ static int check_beside(const struct push *p, struct push_ask *a, const struct g
 		return 0;
 	err_set(&a->err, ERR_INPUT, "the dataset %s has this content already, as %.200s: it takes no other file's place", p->dataset->name,
 		owner && *s->path ? s->path : s->name);
+	err_add_place(&a->err, ERR_NO_OFFSET, "name");
 	return err_add_hint(&a->err, "acutctl dataset revert undoes the push that brought %.200s",
 			    target && owner && *target->path ? target->path : target ? target->name : a->path);
 }

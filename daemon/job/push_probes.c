@@ -181,6 +181,7 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 		return no_memory(err);
 	if (strcmp(at->path, ask->path)) {
 		err_set(err, ERR_INPUT, "another file of this push has the same name, as far as names are text");
+		err_add_place(err, ERR_NO_OFFSET, "name");
 		err_add_hint(err, "bytes that are not UTF-8 count as '?' in names: rename one of them, or push it alone");
 		return err_add_file(err, at->name);
 	}

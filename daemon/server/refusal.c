@@ -6,6 +6,7 @@
  * more than that the log gets the number when the while is over. The timer for that runs only if there is something to
  * tell.
  */
+#include <fcntl.h>
 #include <string.h>
 #include <sys/socket.h>
 
@@ -14,7 +15,7 @@
 #include "log.h"
 #include "server_priv.h"
 
-enum { TOLD_MAX = 20 };
+enum { TOLD_MAX = 20, TURNED_AWAY_MAX = 10000 };
 #define WHILE_SECONDS 30
 
 void refusal_tell(int fd, const struct err *why)
@@ -33,6 +34,16 @@ void refusal_tell(int fd, const struct err *why)
 	if (!frame_conn_send_error(frame, 0, why, &err))
 		frame_conn_flush(frame, &err);
 	frame_conn_free(frame);
+}
+
+void server_turn_away(int fd, const struct err *why)
+{
+	int flags = fcntl(fd, F_GETFL), client;
+
+	if (flags < 0 || fcntl(fd, F_SETFL, flags | O_NONBLOCK) < 0)
+		return;
+	for (unsigned i = 0; i < TURNED_AWAY_MAX && (client = accept4(fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK)) >= 0; i++)
+		refusal_tell(client, why);
 }
 
 bool refusal_worth(const struct err *why)

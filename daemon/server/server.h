@@ -56,6 +56,8 @@ int server_adopt(struct server *, int fd, struct err *err);
 void server_job_changed(void *server, struct job *);
 /* After every round of the loop: what was closed goes. */
 void server_settle(struct server *);
+/* Whoever waits at a listening socket that nobody will serve is told why. Needs no server. */
+void server_turn_away(int fd, const struct err *why);
 /* No new connections; those that are there end, their pushes and bound jobs with them. */
 void server_stop(struct server *);
 /* One round of accept on all listening sockets; true if somebody came. */

@@ -79,7 +79,7 @@ def first_start_of_a_service():
 
         def refused(*args):
             got = run(start(*args).command, env=env, timeout=10)
-            expect(got.status == 74 and "unmounted disk" in got.err, "%s: %d %s" % (args, got.status, got.err))
+            expect(got.status == 78 and "unmounted disk" in got.err, "%s: %d %s" % (args, got.status, got.err))
 
         refused("--state", other)
         expect(not os.listdir(other), "it was written to")
@@ -106,12 +106,12 @@ def unmounted_disk_is_no_store():
             if made:
                 os.mkdir(base + "/mnt")
             got = run(command, timeout=10)
-            expect(got.status == 74 and "unmounted disk" in got.err and "--init" in got.err and base + "/mnt" in got.err,
+            expect(got.status == 78 and "unmounted disk" in got.err and "--init" in got.err and base + "/mnt" in got.err,
                    "%d %s" % (got.status, got.err))
             expect(os.path.exists(base + "/mnt") == made and not (made and os.listdir(base + "/mnt")), "it was written to")
         env = {"STATE_DIRECTORY": base + "/mnt"}
         got = run(command[:4] + command[6:], env=env, timeout=10)
-        expect(got.status == 74 and "unmounted disk" in got.err, "$STATE_DIRECTORY: %d %s" % (got.status, got.err))
+        expect(got.status == 78 and "unmounted disk" in got.err, "$STATE_DIRECTORY: %d %s" % (got.status, got.err))
         # With --init it becomes a store, and is one from then on.
         d = Daemon(base, name="1")
         d.state = base + "/mnt"
@@ -158,6 +158,31 @@ def usage():
         got = run([e2e.ACUTD, "--version"])
         expect(got.status == 0 and got.out.startswith("acutd "), got.out)
         expect("--idle-exit" in run([e2e.ACUTD, "--help"]).ok().out, "--help")
+
+
+def clients_hear_why_not():
+    """Who waits in a socket that was handed over is told why nobody serves it; a service manager would start acutd again for him."""
+    with Folder() as base:
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind(base + "/a.sock")
+        listener.listen(64)
+        os.mkdir(base + "/state")
+        open(base + "/state/stranger", "w").close()
+        waiting = [socket.socket(socket.AF_UNIX) for _ in range(20)]
+        for s in waiting:
+            s.connect(base + "/a.sock")
+            s.settimeout(20)
+        pid = hand_over(base, listener)
+        expect(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 78, "the status is another one")
+        for s in waiting:
+            got = s.recv(4096)
+            expect(b"stranger" in got and s.recv(1) == b"", "told: %r" % got)
+        listener.setblocking(False)
+        try:
+            listener.accept()
+            expect(False, "one still waits")
+        except BlockingIOError:
+            pass
 
 
 def hand_over(base, sock, *args):
@@ -377,6 +402,6 @@ def mixed_units_are_refused():
         expect(got.status == 1 and "a.las" in got.err and "b.las" in got.err, "%d %s" % (got.status, got.err))
 
 
-main(folders_are_locked, unmounted_disk_is_no_store, first_start_of_a_service, stale_socket_is_taken_over, usage, socket_is_handed_over, socket_pair_is_handed_over,
+main(folders_are_locked, unmounted_disk_is_no_store, first_start_of_a_service, stale_socket_is_taken_over, usage, clients_hear_why_not, socket_is_handed_over, socket_pair_is_handed_over,
      out_of_descriptors, killed_at_any_moment, stopped_while_busy, never_read_stream, memory_is_kept,
      mixed_units_are_refused)

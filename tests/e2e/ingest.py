@@ -49,6 +49,14 @@ def reason(folder, name):
         return json.load(f)
 
 
+def numbers():
+    """Connections that there were: a push that came to nothing ends with its own."""
+    for line in D.ctl("metrics").ok().out.splitlines():
+        if line.startswith("acut_connections_total"):
+            return int(float(line.split()[-1]))
+    raise e2e.Fault("acutd does not count connections")
+
+
 def good_and_bad_and_not_ours():
     f = drop("mixed")
     for i in range(3):
@@ -153,6 +161,45 @@ def twins():
         las(os.path.join(f, "torn%d.las" % n), seed=6)
         os.truncate(os.path.join(f, "torn%d.las" % n), 3000)
     expect([g["state"] for g in ingest("twins", f, status=1).values()] == ["refused"] * 3, "broken twins")
+    # Thousands of them are told by one, each with the error of its own; what has another ending is looked at, and so is one of
+    # the same content that is whole under a name that is taken.
+    broken = las(os.path.join(BASE, "broken.las"), seed=10)
+    os.truncate(broken, 3000)
+    for n in range(1200):
+        shutil.copy(broken, os.path.join(f, "b%04d.las" % n))
+    shutil.copy(broken, os.path.join(f, "b.laz"))
+    las(os.path.join(f, "new0.las"), seed=11)
+    las(os.path.join(f, "zz3.las"), seed=11)
+    asked = numbers()
+    start = time.monotonic()
+    got = ingest("twins", f, status=3)
+    seconds = time.monotonic() - start
+    asked = numbers() - asked
+    expect([got[n]["state"] for n in ("new0.las", "zz3.las", "b.laz")] == ["refused", "staged", "refused"], "told: %s" % got["zz3.las"])
+    expect(len(got) == 1203 and all(got["b%04d.las" % n]["moved_to"] == "failed/b%04d.las" % n for n in range(1200)), "%d told" % len(got))
+    for n in (0, 1, 1199):
+        why = reason(f, "b%04d.las" % n)
+        expect(why["file"] == "b%04d.las" % n and why["error"]["code"] == reason(f, "b0000.las")["error"]["code"] and
+               why["error"]["file"] == "b%04d.las" % n, "%s" % why)
+    expect(not holds(f) and files_of("twins") == (5, 2500), "%s %s" % (holds(f)[:5], files_of("twins")))
+    print("     1200 broken files of one content in %.1f s, %d pushes" % (seconds, asked))
+    expect(asked <= 5, "%d pushes for 1200 files of one content" % asked)
+
+
+def said(run):
+    return run.out + run.err
+
+
+def room_where_it_matters():
+    """A pass says how much room the lattice has left only where little is; a push by hand always does."""
+    f = drop("room")
+    expect("room left" in said(D.ctl("push", "byhand", las(os.path.join(BASE, "hand.las"), seed=1)).ok()), "a push says nothing")
+    las(os.path.join(f, "a.las"), seed=1)
+    told = said(D.ctl("ingest", "room", f, "--settle", "0").ok())
+    expect("points" in told and "room left" not in told, told)
+    las(os.path.join(f, "a.las"), seed=1)
+    told = said(D.ctl("ingest", "tight", f, "--settle", "0", "--scale", "0.00000025").ok())
+    expect("room left" in told, told)
 
 
 def odd_names():
@@ -367,7 +414,7 @@ def whole():
     with Folder() as base, e2e.Daemon(base, memory="128M") as daemon:
         D, BASE = daemon, base
         try:
-            main(good_and_bad_and_not_ours, delivered_again, twins, odd_names, half_copied, changed_while_pushed,
+            main(good_and_bad_and_not_ours, delivered_again, twins, room_where_it_matters, odd_names, half_copied, changed_while_pushed,
                  killed_between_commit_and_move, nobody_to_push_to, one_at_a_time, folders_that_cannot_be_used, many_tiny_files)
         except SystemExit as e:
             status = e.code

@@ -13,6 +13,8 @@ from e2e import expect, main
 from protocol import some_points, write_las
 
 FOLDER = "/var/lib/acut-ingest/valley"
+# The settings lie where those of acutd do, below what it is installed to.
+ETC = next(d for d in ("/etc/acut", "/usr/local/etc/acut") if os.path.exists(d + "/acutd.conf"))
 
 
 def sh(*args):
@@ -45,8 +47,8 @@ def files_of(dataset):
 
 
 def the_folder_comes_with_the_units():
-    os.makedirs("/etc/acut/ingest", exist_ok=True)
-    with open("/etc/acut/ingest/valley.conf", "w") as f:
+    os.makedirs(ETC + "/ingest", exist_ok=True)
+    with open(ETC + "/ingest/valley.conf", "w") as f:
         f.write("settle=0.5\noptions=--assume-crs \"EPSG:25832\" --no-progress\n")
     sh("systemctl", "start", "acutd.socket").ok()
     sh("systemctl", "start", "acut-ingest@valley.path", "acut-ingest@valley.timer").ok()
@@ -152,7 +154,7 @@ def a_folder_at_rest_stays_at_rest():
 def a_stop_is_no_failure():
     """Of a pass that waits for a file to settle: the file stays, and systemctl --failed has nothing."""
     sh("systemctl", "stop", "acut-ingest@valley.timer", "acut-ingest@valley.path").ok()
-    with open("/etc/acut/ingest/valley.conf", "w") as f:
+    with open(ETC + "/ingest/valley.conf", "w") as f:
         f.write("settle=60\n")
     write_las(FOLDER + "/stay.las", some_points(500, 5))
     sh("systemctl", "start", "--no-block", "acut-ingest@valley.service").ok()
@@ -162,5 +164,8 @@ def a_stop_is_no_failure():
     expect("stay.las" in names(""), "%s" % names(""))
 
 
+# What is installed is not to be written to: another folder above it.
+sh("cp", "-a", ETC, "/run/etc-acut").ok()
+sh("mount", "--bind", "/run/etc-acut", ETC).ok()
 main(the_folder_comes_with_the_units, a_user_delivers, what_a_path_unit_cannot_see, broken_files_and_an_absent_daemon,
      a_folder_at_rest_stays_at_rest, a_stop_is_no_failure)

@@ -46,6 +46,10 @@ def installed_units_are_well_formed():
         for unit in sorted(set(here) | set(UNITS)):
             got = analyze("verify", "--root=" + root, "--recursive-errors=no", "--man=no", unit)
             expect(got.status == 0 and not got.err.strip(), "%s: %d %s" % (unit, got.status, got.err))
+        # Settings of drop folders lie beside those of acutd, wherever it is installed to.
+        etc = os.path.dirname(find(root, "acutd.conf"))[len(root):]
+        with open(find(root, "acut-ingest@.service")) as f:
+            expect("EnvironmentFile=-%s/ingest/%%i.conf\n" % etc in f.read(), "acut-ingest@.service does not read %s/ingest" % etc)
         # The judge judges.
         path = find(root, "acutd.service")
         with open(path, "a") as f:

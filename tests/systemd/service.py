@@ -311,10 +311,22 @@ def missing_disk_is_no_first_start():
     got = systemctl("start", "acutd.service")
     expect(got.status != 0 and not os.listdir("/var/lib/acut"), "it starts: %s" % os.listdir("/var/lib/acut"))
     until(lambda: [e for e in journal("SYSLOG_IDENTIFIER=acutd") if "unmounted disk" in str(e.get("MESSAGE"))])
+    # It is not tried again by itself, and clients hear why, one start for each.
+    expect(show("NRestarts") == "0" and show("ExecMainStatus") == "78", "%s restarts, status %s" % (show("NRestarts"), show("ExecMainStatus")))
+    systemctl("reset-failed")
+    systemctl("start", "acutd.socket").ok()
+    starts = lambda: len([e for e in journal("_SYSTEMD_UNIT=acutd.service") if "acutd cannot start" in str(e.get("MESSAGE"))])
+    before = starts()
+    for _ in range(3):
+        got = ctl("ping")
+        expect(got.status == 74 and "unmounted disk" in got.err, "a client: %d %s" % (got.status, got.err))
+    until(lambda: show("ActiveState") == "failed")
+    time.sleep(1)
+    expect(starts() - before == 3 and show("NRestarts") == "0", "%d starts for 3 clients" % (starts() - before))
+    expect(systemctl("is-active", "acutd.socket").out.strip() == "active", "the socket is closed")
     systemctl("stop", "acutd.socket", "acutd.service")
     os.rmdir("/var/lib/acut")
     os.rename("/srv/away", "/var/lib/acut")
-    systemctl("reset-failed")
     systemctl("start", "acutd.socket").ok()
     expect("site" in ctl("datasets").ok().out, "the store is not back")
 
