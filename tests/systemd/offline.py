@@ -10,10 +10,14 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path.insert(0, os.path.join(HERE, "..", "e2e"))
 from e2e import Folder, expect, main, run, unavailable
 
-# Exposure by systemd-analyze security, times ten: 0.4.
+# Exposure by systemd-analyze security, times ten: 0.4, and 1.0 for what has USB devices and udev's events.
 THRESHOLD = 4
+THRESHOLDS = {"acut-scan@1-2.4.service": 10}
+SCANNERS = os.path.join(HERE, "..", "..", "etc", "scanners.d")
 UNITS = ["acutd.service", "acutd.socket", "acut-verify.service", "acut-verify.timer", "acut-ingest@survey.service", "acut-ingest@survey.path",
          "acut-ingest@survey.timer", "acut-metrics.service", "acut-metrics.timer"]
+if os.environ.get("ACUT_SCAN"):
+    UNITS.append("acut-scan@1-2.4.service")
 
 
 def staged(base):
@@ -61,8 +65,9 @@ def installed_units_are_well_formed():
 def exposure_is_small():
     with Folder() as base:
         root = staged(base)
-        for unit in ("acutd.service", "acut-verify.service", "acut-ingest@survey.service", "acut-metrics.service"):
-            got = analyze("security", "--root=" + root, "--offline=true", "--threshold=%d" % THRESHOLD, unit)
+        for unit in (u for u in UNITS if u.endswith(".service")):
+            most = THRESHOLDS.get(unit, THRESHOLD)
+            got = analyze("security", "--root=" + root, "--offline=true", "--threshold=%d" % most, unit)
             level = re.search(r"Overall exposure level for \S+: ([0-9.]+)", got.out)
             expect(level and got.status == 0, "%s: %s\n%s%s" % (unit, level and level.group(1), got.out, got.err))
             print("     %s: %s" % (unit, level.group(1)))
@@ -87,6 +92,9 @@ def users_and_folders():
         expect("acut" in users and users["acut"][5] == "/var/lib/acut" and users["acut"][6].endswith("nologin"), str(users))
         expect("acut" in groups and "acut-admin" in groups, str(groups))
         expect("acut-ingest" in users and groups["acut"][3] == "acut-ingest", str(groups))
+        if os.environ.get("ACUT_SCAN"):
+            # Who captures has no right to datasets; acut-scan-push.service takes it.
+            expect("acut-scan" in users and users["acut-scan"][5] == "/var/lib/acut-scan" and "acut-scan" in groups, str(users))
         if os.geteuid():
             return
         run(["systemd-tmpfiles", "--root=" + root, "--create"], timeout=60).ok()
@@ -95,6 +103,68 @@ def users_and_folders():
         expect(not os.path.exists(root + "/var/lib/acut"), "the folder of the state is made where a disk may be missing")
 
 
+def matches(path):
+    """What a profile asks for, read by another reader than acut-scan's: {attribute: value} as udev has them."""
+    names = {"vendor": ("ATTR{idVendor}", "%04x"), "product": ("ATTR{idProduct}", "%04x"), "device-class": ("ATTR{bDeviceClass}", "%02x"),
+             "interface-class": ("ENV{ID_USB_INTERFACES}", "*:%02x*"), "serial": ("ATTR{serial}", "%s")}
+    found, section = {}, ""
+    with open(path) as f:
+        for line in f:
+            line = line.strip()
+            if line.startswith("["):
+                section = line.strip("[]")
+            elif section == "match" and "=" in line and line[0] not in "#;":
+                key, value = (x.strip() for x in line.split("=", 1))
+                name, form = names[key]
+                found[name] = form % (value if key == "serial" else int(value, 0))
+    return found
+
+
+def rules_are_those_of_the_profiles():
+    """Each profile that names a vendor has one rule with all that it asks for and nothing else; no rule is of anything else."""
+    with Folder() as base:
+        with open(find(staged(base), "70-acut-scanner.rules")) as f:
+            lines = [line for line in f.read().splitlines() if line and not line.startswith("#")]
+    rules = {}
+    for line in lines:
+        parts = dict(re.findall(r'([A-Z_]+(?:\{\w+\})?)==?"([^"]*)"(?:, |$)', line.replace('ENV{ACUT_SCANNER}=="", ', "")))
+        expect(not re.search(r'[^=]=[^="]', line), "no rule: " + line)
+        if "ENV{ACUT_SCANNER}" in parts and "GOTO" not in parts:
+            expect(parts.pop("SUBSYSTEM") == "usb", line)
+            rules[parts.pop("ENV{ACUT_SCANNER}")] = parts
+    wanted = {name[:-5]: matches(os.path.join(SCANNERS, name)) for name in os.listdir(SCANNERS) if name.endswith(".conf")}
+    wanted = {name: found for name, found in wanted.items() if "ATTR{idVendor}" in found}
+    expect(wanted and rules == wanted, "rules %s, profiles %s" % (rules, wanted))
+    print("     %d rules: %s" % (len(rules), " ".join(sorted(rules))))
+    # Rights, and a unit whose name is that of the port; both to a device, not to its interfaces, and not when it goes.
+    text = "\n".join(lines)
+    for part in ('ENV{DEVTYPE}!="usb_device", GOTO=', 'ACTION=="remove", GOTO=', 'GROUP="acut-scan", MODE="0660", TAG+="systemd"',
+                 'ENV{SYSTEMD_WANTS}+="acut-scan@$kernel.service"'):
+        expect(part in text, part)
+
+
+def rule_of_a_profile_of_ones_own():
+    """A line for udev that stands alone, whatever a serial number has in it; none for a profile that would match anything."""
+    with Folder() as base:
+        text = "[match]\nvendor = 0x1209\nserial = A|B[*]\n[usb]\nendpoint-in = 0x81\n[framer]\nkind = stream\n[decoder]\nname = xyz\n"
+        for name, have in (("own", text), ("any", text.replace("vendor = 0x1209\nserial = A|B[*]", "interface-class = 0xff"))):
+            with open("%s/%s.conf" % (base, name), "w") as f:
+                f.write(have)
+        scan = os.environ["ACUT_SCAN"]
+        got = run([scan, "profiles", "--udev", "--profiles", base, "own"], timeout=60).ok().out.splitlines()
+        expect(got[-1] == 'SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="1209", ATTR{serial}=="A?B?*?", '
+               'ENV{ACUT_SCANNER}="own"', str(got))
+        got = run([scan, "profiles", "--udev", "--profiles", base], timeout=60).ok().out
+        expect("(no rule: it names no vendor)" in got and got.count('}="') == 1 + 0, got)
+        with open(base + "/own.conf", "a") as f:
+            f.write("nonsense\n")
+        got = run([scan, "profiles", "--udev", "--profiles", base], timeout=60)
+        expect(got.status == 1 and "own.conf" in got.err, "rules of a broken profile: %d %s" % (got.status, got.out))
+
+
+CASES = [installed_units_are_well_formed, exposure_is_small, users_and_folders]
+if os.environ.get("ACUT_SCAN"):
+    CASES += [rules_are_those_of_the_profiles, rule_of_a_profile_of_ones_own]
 if not shutil.which("systemd-analyze"):
     unavailable("systemd-analyze is not installed")
-main(installed_units_are_well_formed, exposure_is_small, users_and_folders)
+main(*CASES)
