@@ -86,7 +86,8 @@ struct usb_buffer {
 };
 struct usb_capture;
 struct usb_counts {
-	uint64_t transfers, bytes, shorts, stalls, overflows, timeouts, errors;
+	uint64_t transfers;    /* that were filled, or brought a part */
+	uint64_t bytes, shorts, stalls, overflows, timeouts, errors;
 	uint64_t parked, parked_ns; /* times that no transfer was in flight because no buffer was free, and how long */
 	uint32_t in_flight;
 };

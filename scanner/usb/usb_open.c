@@ -165,13 +165,18 @@ static int open_device(struct usb_capture *c)
 static int claim(struct usb_capture *c)
 {
 	const struct profile *p = &c->profile;
+	char driver[64];
 	int r = 0;
 
 	if (p->configuration && p->configuration != usb_sysfs_configuration(USB_SYSFS, c->device.port))
 		r = libusb_set_configuration(c->handle, (int)p->configuration);
 	if (r)
 		return usb_failed(c, r, "its configuration cannot be set");
-	libusb_set_auto_detach_kernel_driver(c->handle, 1);
+	usb_sysfs_driver(USB_SYSFS, c->device.port, c->setting.configuration, p->interface, driver, sizeof(driver));
+	if (!strcmp(driver, "usb-storage") || !strcmp(driver, "uas"))
+		return usb_refusal_storage(&c->device, &c->err);
+	if (libusb_kernel_driver_active(c->handle, (int)p->interface) == 1)
+		libusb_set_auto_detach_kernel_driver(c->handle, 1);
 	r = libusb_claim_interface(c->handle, (int)p->interface);
 	if (r)
 		return usb_failed(c, r, "its interface cannot be claimed");

@@ -44,6 +44,9 @@ const struct usb_endpoint *usb_setting_endpoint(const struct usb_setting *, unsi
 
 /* ---- usb_sysfs.c: what the kernel says, without opening a device ---- */
 
+struct dirent;
+/* Malloced, each entry too; their number, or -errno. */
+int usb_folder_names(const char *folder, struct dirent ***ret);
 int usb_sysfs_list(const char *folder, struct usb_device **ret, size_t *ret_n, struct err *);
 /* Descriptors of the device at a port; 0 or -errno. */
 int usb_sysfs_descriptors(const char *folder, const char *port, uint8_t *ret, size_t room, size_t *ret_size);
@@ -156,7 +159,7 @@ struct usb_slot { /* a transfer and its memory */
 };
 
 enum { USB_CAME_KEPT = 64 };
-enum usb_talk_state { USB_TALK_NEXT, USB_TALK_SENDING, USB_TALK_WAITING, USB_TALK_DONE };
+enum usb_talk_state { USB_TALK_NEXT, USB_TALK_SENDING, USB_TALK_WAITING, USB_TALK_BROKEN, USB_TALK_DONE };
 struct usb_talk { /* commands, one after the other; thread's */
 	const struct profile_command *list;
 	size_t n, i;
@@ -238,6 +241,7 @@ void usb_talk_begin(struct usb_capture *, const struct profile_command *, size_t
 int usb_talk_step(struct usb_capture *, uint64_t now, struct err *);
 void usb_talk_feed(struct usb_capture *, const uint8_t *at, size_t size);
 void usb_talk_cancel(struct usb_capture *);
+uint64_t usb_talk_until(const struct usb_capture *); /* when the next step is due by the clock */
 
 /* usb_step.c */
 void usb_step_begin(struct usb_capture *);

@@ -56,51 +56,50 @@ int usb_refusal_mode(const struct usb_device *device, int sys, struct err *err)
 static bool holds(const char *pid, const char *node)
 {
 	char path[300], link[256];
-	struct dirent *entry;
+	struct dirent **names = NULL;
 	bool found = false;
-	DIR *dir;
+	int n;
 
 	snprintf(path, sizeof(path), "/proc/%.32s/fd", pid);
-	dir = opendir(path);
-	while (dir && !found && (entry = readdir(dir))) {
-		ssize_t n;
+	n = usb_folder_names(path, &names);
+	for (int i = 0; i < n; i++) {
+		ssize_t length;
 
-		snprintf(path, sizeof(path), "/proc/%.32s/fd/%.32s", pid, entry->d_name);
-		n = readlink(path, link, sizeof(link) - 1);
-		if (n > 0) {
-			link[n] = 0;
-			found = !strcmp(link, node);
-		}
+		snprintf(path, sizeof(path), "/proc/%.32s/fd/%.32s", pid, names[i]->d_name);
+		length = found ? 0 : readlink(path, link, sizeof(link) - 1);
+		link[length > 0 ? length : 0] = 0;
+		found = found || !strcmp(link, node);
+		free(names[i]);
 	}
-	if (dir)
-		closedir(dir);
+	free(names);
 	return found;
 }
 
 static bool find_holder(const char *node, char *ret, size_t room)
 {
 	char path[64], name[64] = "", own[32];
-	struct dirent *entry;
+	struct dirent **names = NULL;
 	bool found = false;
-	DIR *dir = opendir("/proc");
 	FILE *file;
+	int n = usb_folder_names("/proc", &names);
 
 	snprintf(own, sizeof(own), "%ld", (long)getpid());
-	while (dir && !found && (entry = readdir(dir))) {
-		if (entry->d_name[0] < '1' || entry->d_name[0] > '9' || !strcmp(entry->d_name, own) ||
-		    !holds(entry->d_name, node))
-			continue;
-		found = true;
-		snprintf(path, sizeof(path), "/proc/%.32s/comm", entry->d_name);
-		file = fopen(path, "re");
-		if (file && fgets(name, sizeof(name), file))
-			name[strcspn(name, "\n")] = 0;
-		if (file)
-			fclose(file);
-		snprintf(ret, room, "%s (process %.32s)", name[0] ? name : "a program", entry->d_name);
+	for (int i = 0; i < n; i++) {
+		const char *pid = names[i]->d_name;
+
+		if (!found && pid[0] >= '1' && pid[0] <= '9' && strcmp(pid, own) != 0 && holds(pid, node)) {
+			found = true;
+			snprintf(path, sizeof(path), "/proc/%.32s/comm", pid);
+			file = fopen(path, "re");
+			if (file && fgets(name, sizeof(name), file))
+				name[strcspn(name, "\n")] = 0;
+			if (file)
+				fclose(file);
+			snprintf(ret, room, "%s (process %.32s)", name[0] ? name : "a program", pid);
+		}
+		free(names[i]);
 	}
-	if (dir)
-		closedir(dir);
+	free(names);
 	return found;
 }
 

@@ -155,7 +155,7 @@ static uint64_t start_on(struct usb_capture *c, uint64_t now)
 		note_ready(c);
 	else if (r < 0)
 		leave(c, now, USB_END_FAILED, "a start command failed");
-	return c->talk.state == USB_TALK_WAITING ? c->talk.deadline : NEVER;
+	return usb_talk_until(c);
 }
 
 static uint64_t go_on(struct usb_capture *c, uint64_t now)
@@ -192,6 +192,15 @@ static uint64_t quiet(struct usb_capture *c, uint64_t now, bool abandon)
 	return now;
 }
 
+static void note_failed(struct usb_capture *c, uint64_t now, bool timeout, const char *how)
+{
+	pthread_mutex_lock(&c->lock);
+	c->counts.timeouts += timeout;
+	c->counts.errors += !timeout;
+	pthread_mutex_unlock(&c->lock);
+	usb_queue_event(c, timeout ? USB_TIMEOUT : USB_ERROR, NULL, 0, (int64_t)now, "%s", how);
+}
+
 static uint64_t stop_on(struct usb_capture *c, uint64_t now, bool abandon)
 {
 	struct err err = ERR_INIT;
@@ -206,12 +215,13 @@ static uint64_t stop_on(struct usb_capture *c, uint64_t now, bool abandon)
 	}
 	r = usb_talk_step(c, now, &err);
 	if (r < 0)
-		usb_queue_event(c, r == -ERR_TIMEOUT ? USB_TIMEOUT : USB_ERROR, NULL, 0, (int64_t)now, "%s", err.message);
+		note_failed(c, now, r == -ERR_TIMEOUT, err.message);
 	if (r == 1 || abandon)
 		leave(c, now, USB_END_STOPPED, "stopped");
 	if (r || c->left)
 		return now;
-	return c->talk.state == USB_TALK_WAITING ? c->talk.deadline : now + DRAIN_MS * MS;
+	return c->recover != USB_RECOVER_NONE && c->retry_at && c->retry_at > now && c->retry_at < usb_talk_until(c) ?
+		       c->retry_at : usb_talk_until(c);
 }
 
 static uint64_t finish(struct usb_capture *c, uint64_t now)

@@ -171,43 +171,41 @@ static bool read_device(const char *folder, const char *port, struct usb_device 
 	return true;
 }
 
-static int by_port(const void *a, const void *b)
+/* Not opendir: closedir of one thread and close of another are no race, but checkers that see only one of them say so. */
+int usb_folder_names(const char *folder, struct dirent ***ret)
 {
-	const char *one = ((const struct usb_device *)a)->port, *other = ((const struct usb_device *)b)->port;
+	int fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC), n, sys;
 
-	return strverscmp(one, other);
+	if (fd < 0)
+		return -errno;
+	n = scandirat(fd, ".", ret, NULL, versionsort);
+	sys = errno;
+	close(fd);
+	return n < 0 ? -sys : n;
 }
 
 int usb_sysfs_list(const char *folder, struct usb_device **ret, size_t *ret_n, struct err *err)
 {
-	struct usb_device *list = NULL, *more;
-	struct dirent *entry;
-	size_t n = 0, room = 0;
-	DIR *dir = opendir(folder);
+	struct usb_device *list;
+	struct dirent **names = NULL;
+	size_t n = 0;
+	int found = usb_folder_names(folder, &names);
 
-	if (!dir && errno != ENOENT && errno != ENOTDIR) {
-		err_sys(err, errno, "the devices on the bus cannot be listed");
+	if (found == -ENOENT || found == -ENOTDIR)
+		found = 0; /* no USB here */
+	if (found < 0) {
+		err_sys(err, -found, "the devices on the bus cannot be listed");
 		return err_add_file(err, folder);
 	}
-	while (dir && (entry = readdir(dir))) {
-		if (!is_port(entry->d_name))
-			continue;
-		if (n == room) {
-			room = room ? 2 * room : 8;
-			more = reallocarray(list, room, sizeof(*list));
-			if (!more) {
-				free(list);
-				closedir(dir);
-				return err_set(err, ERR_NOMEM, "no memory for a list of %zu devices", room);
-			}
-			list = more;
-		}
-		n += read_device(folder, entry->d_name, &list[n]);
+	list = calloc(found ? (size_t)found : 1, sizeof(*list));
+	for (int i = 0; i < found; i++) {
+		if (list && is_port(names[i]->d_name))
+			n += read_device(folder, names[i]->d_name, &list[n]);
+		free(names[i]);
 	}
-	if (dir)
-		closedir(dir);
-	if (n)
-		qsort(list, n, sizeof(*list), by_port);
+	free(names);
+	if (!list)
+		return err_set(err, ERR_NOMEM, "no memory for a list of %d devices", found);
 	*ret = list;
 	*ret_n = n;
 	return 0;

@@ -11,7 +11,7 @@
 #include "clock.h"
 #include "usb_priv.h"
 
-enum { TIMEOUT_DEFAULT_MS = 5000 };
+enum { TIMEOUT_DEFAULT_MS = 5000, BROKEN_MS = 500 };
 
 static unsigned timeout_ms(const struct usb_capture *c)
 {
@@ -144,8 +144,10 @@ static int sent(struct usb_capture *c, uint64_t now, struct err *err)
 		return failed(c, ERR_IO, "the device refused a command (stall)", err);
 	case LIBUSB_TRANSFER_NO_DEVICE:
 		return 0;
-	default:
-		return failed(c, ERR_IO, "a command failed on the bus", err);
+	default: /* often it is being pulled out: the kernel says so in a moment */
+		t->state = USB_TALK_BROKEN;
+		t->deadline = now + BROKEN_MS * 1000000ull;
+		return 0;
 	}
 }
 
@@ -163,6 +165,10 @@ int usb_talk_step(struct usb_capture *c, uint64_t now, struct err *err)
 			if (!t->returned)
 				return 0;
 			r = sent(c, now, err);
+		} else if (t->state == USB_TALK_BROKEN) {
+			if (now < t->deadline)
+				return 0;
+			r = failed(c, ERR_IO, "a command failed on the bus", err);
 		} else if (t->answered) {
 			t->i++;
 			t->state = USB_TALK_NEXT;
@@ -179,4 +185,9 @@ void usb_talk_cancel(struct usb_capture *c)
 {
 	if (c->talk.flying)
 		libusb_cancel_transfer(c->talk.transfer);
+}
+
+uint64_t usb_talk_until(const struct usb_capture *c)
+{
+	return c->talk.state == USB_TALK_WAITING || c->talk.state == USB_TALK_BROKEN ? c->talk.deadline : UINT64_MAX;
 }

@@ -24,13 +24,12 @@ void usb_slot_free(struct usb_capture *c, struct usb_slot *slot)
 	c->free = slot;
 }
 
-static void count(struct usb_capture *c, enum libusb_transfer_status status, bool is_short)
+static void count(struct usb_capture *c, const struct libusb_transfer *t)
 {
 	pthread_mutex_lock(&c->lock);
 	c->counts.in_flight = c->flying;
-	if (status != LIBUSB_TRANSFER_CANCELLED && status != LIBUSB_TRANSFER_NO_DEVICE)
-		c->counts.transfers++;
-	c->counts.shorts += status == LIBUSB_TRANSFER_COMPLETED && is_short;
+	c->counts.transfers += t->status == LIBUSB_TRANSFER_COMPLETED || t->actual_length > 0;
+	c->counts.shorts += t->status == LIBUSB_TRANSFER_COMPLETED && t->actual_length < t->length;
 	pthread_mutex_unlock(&c->lock);
 }
 
@@ -112,7 +111,7 @@ static void LIBUSB_CALL on_done(struct libusb_transfer *t)
 
 	slot->flying = false;
 	c->flying--;
-	count(c, t->status, t->actual_length < t->length);
+	count(c, t);
 	if (t->actual_length > 0) {
 		usb_talk_feed(c, slot->at, (size_t)t->actual_length);
 		usb_queue_data(c, slot, (size_t)t->actual_length, failed, (int64_t)now);

@@ -2,11 +2,11 @@
  * The least that captures through scanner/usb, for its tests: writes what came to a file, prints a line for each thing
  * that happened and one with the counts.
  *
- *   usb-capture [--list] [--device WHICH] [--profile FILE] [--out FILE] [--for SECONDS] [--bytes N] [--slow MS]
- *               [--hold N] [--again] [--wait] [--debug]
+ *   usb-capture [--list] [--watch SECONDS] [--device WHICH] [--profile FILE] [--out FILE] [--for SECONDS] [--bytes N] [--slow MS]
+ *               [--hold N] [--again] [--wait] [--debug] [--memory MB]
  *
  * --slow: so long is each buffer kept; --hold: N buffers are never given back; --again: captured again when it comes
- * back; --wait: until a device comes. SIGINT stops. Ends with the exit status of the error.
+ * back; --wait: until a device comes; --memory: what the kernel of umockdev's folder lends. SIGINT stops. Ends with the exit status of the error.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/signalfd.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "clock.h"
@@ -29,9 +30,10 @@ static const char *const ends[] = {"stopped", "left", "failed"};
 
 struct tool {
 	const char *device, *profile, *out;
-	double seconds;
+	double seconds, watch;
 	uint64_t bytes, got;
 	unsigned slow_ms, hold;
+	const char *memory;
 	bool list, again, wait, debug, stopped, stop_sent;
 	int out_fd, stop_fd;
 	struct usb *usb;
@@ -65,10 +67,14 @@ static bool arguments(struct tool *t, int argc, char **argv)
 			t->device = next;
 		else if (!strcmp(a, "--profile") && ++i)
 			t->profile = next;
+		else if (!strcmp(a, "--memory") && ++i)
+			t->memory = next;
 		else if (!strcmp(a, "--out") && ++i)
 			t->out = next;
 		else if (!strcmp(a, "--for") && ++i)
 			t->seconds = atof(next);
+		else if (!strcmp(a, "--watch") && ++i)
+			t->watch = atof(next);
 		else if (!strcmp(a, "--bytes") && ++i)
 			t->bytes = strtoull(next, NULL, 10);
 		else if (!strcmp(a, "--slow") && ++i)
@@ -193,6 +199,23 @@ static bool wait_for_one(struct tool *t)
 	return true;
 }
 
+static int watch(struct tool *t)
+{
+	struct pollfd p = {usb_watch_fd(t->usb), POLLIN, 0};
+	uint64_t began = clock_mono_ns();
+	struct usb_device device;
+	enum usb_change change;
+
+	while (clock_since(began) < t->watch) {
+		poll(&p, 1, 100);
+		while (usb_change(t->usb, &change, &device)) {
+			printf("%s ", change == USB_CAME ? "CAME" : "LEFT");
+			print_device(&device);
+		}
+	}
+	return 0;
+}
+
 static int run(struct tool *t, const struct profile *profile)
 {
 	uint64_t began = clock_mono_ns();
@@ -221,6 +244,24 @@ static int run(struct tool *t, const struct profile *profile)
 	}
 }
 
+/* The file of the kernel's parameter, in the folder that umockdev shows as /sys. */
+static void set_memory(const char *mb)
+{
+	static const char *const folders[] = {"sys/module", "sys/module/usbcore", "sys/module/usbcore/parameters"};
+	const char *root = getenv("UMOCKDEV_DIR");
+	char path[512];
+	FILE *file;
+
+	for (size_t i = 0; i < 3; i++) {
+		snprintf(path, sizeof(path), "%s/%s", root, folders[i]);
+		mkdir(path, 0755);
+	}
+	snprintf(path, sizeof(path), "%s/sys/module/usbcore/parameters/usbfs_memory_mb", root);
+	file = fopen(path, "we");
+	if (!root || !file || fprintf(file, "%s\n", mb) < 0 || fclose(file))
+		perror(path);
+}
+
 int main(int argc, char **argv)
 {
 	struct tool t = {.device = "", .out_fd = -1};
@@ -246,8 +287,13 @@ int main(int argc, char **argv)
 	if (usb_new(set, &t.usb, &err))
 		return fail(&err);
 	usb_set_stop_fd(t.usb, t.stop_fd);
+	if (t.memory)
+		set_memory(t.memory);
+	printf("polls %s\n", usb_polls(t.usb) ? usb_polls(t.usb) : "no");
 	if (t.list)
 		r = list(&t);
+	else if (t.watch)
+		r = watch(&t);
 	else
 		r = run(&t, &profile->profile);
 	usb_free(t.usb);
