@@ -19,22 +19,23 @@ char *usb_device_words(const struct usb_device *device, char *buf, size_t size)
 	return buf;
 }
 
+static bool is_plain(uint8_t byte)
+{
+	return byte >= 0x20 && byte < 0x7f && byte != '\\';
+}
+
 char *usb_bytes_words(const uint8_t *at, size_t n, char *buf, size_t size)
 {
-	size_t used = 0;
+	size_t all = 0, used = 0, most;
 
-	for (size_t i = 0; i < n; i++) {
-		bool plain = at[i] >= 0x20 && at[i] < 0x7f && at[i] != '\\';
-		size_t length = plain ? 1 : 4;
-
-		if (used + length + (i + 1 < n ? 3 : 0) >= size) {
-			used += (size_t)snprintf(buf + used, size - used, "...");
-			break;
-		}
-		snprintf(buf + used, size - used, plain ? "%c" : "\\x%02x", at[i]);
-		used += length;
-	}
-	buf[used < size ? used : size - 1] = 0;
+	for (size_t i = 0; i < n; i++)
+		all += is_plain(at[i]) ? 1 : 4;
+	most = all < size ? all : size - 4;
+	buf[0] = 0;
+	for (size_t i = 0; i < n && used + (is_plain(at[i]) ? 1 : 4) <= most; i++)
+		used += (size_t)snprintf(buf + used, size - used, is_plain(at[i]) ? "%c" : "\\x%02x", at[i]);
+	if (all >= size)
+		snprintf(buf + used, size - used, "...");
 	return buf;
 }
 
