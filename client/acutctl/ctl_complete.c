@@ -341,6 +341,12 @@ static void offer_words(struct line *l)
 	}
 }
 
+static void offer_verbs(struct line *l, const struct ctl_command *command)
+{
+	for (const struct ctl_verb *v = command ? command->verbs : NULL; v && v->name; v++)
+		offer(l, v->name, v->help);
+}
+
 int ctl_complete_run(struct ctl *ctl)
 {
 	static char none[] = "";
@@ -367,8 +373,9 @@ int ctl_complete_run(struct ctl *ctl)
 	else if (!l.command)
 		l.nplain ? (void)0 : offer_commands(&l);
 	else if (l.command->verbs && !l.verb)
-		for (const struct ctl_verb *v = l.command->verbs; v->name; v++)
-			offer(&l, v->name, v->help);
+		offer_verbs(&l, l.command);
+	else if (l.command->run == ctl_help_run && l.nplain)
+		offer_verbs(&l, l.nplain == 1 ? ctl_command_find(l.plain[0]) : NULL);
 	else
 		offer_words(&l);
 	return CTL_DONE;

@@ -97,6 +97,14 @@ static void row(void *ctx, const struct acut_generation *g)
 		row_text(l, g);
 }
 
+/* By its path, where it had one: that of what came through a pipe was made up (ctl_input_path), and says no more than its name. */
+static const char *known_as(const struct acut_log_file *f)
+{
+	static const char made_up[] = "/dev/stdin/";
+
+	return *f->path && (!*f->name || strncmp(f->path, made_up, sizeof(made_up) - 1)) ? f->path : f->name;
+}
+
 static void file(void *ctx, const struct acut_log_file *f)
 {
 	struct logging *l = ctx;
@@ -107,7 +115,7 @@ static void file(void *ctx, const struct acut_log_file *f)
 		ctl_table_id(t, l->generation);
 		ctl_table_text(t, "%s", l->kind);
 		ctl_table_text(t, f->removed ? "removed" : "added");
-		ctl_table_text(t, "%s", *f->path ? f->path : f->name);
+		ctl_table_text(t, "%s", known_as(f));
 		ctl_table_count(t, f->points);
 		ctl_table_text(t, "%s", f->hash);
 		return;

@@ -61,6 +61,10 @@ def words_of_the_tables():
         contains(ask("mesh", "--format", ""), ["ply", "obj", "png", "null"])
         contains(ask("info", "--input-format", ""), ["las", "xyz", "pts"])
         contains(ask("help", ""), ["mesh", "push"], ["complete"])
+        contains(ask("help", "dataset", ""), ["export", "log", "revert"], ["mesh", "dataset"])
+        contains(ask("help", "dataset", "re"), ["revert", "restore"], ["log"])
+        for words in (("help", "mesh", ""), ("help", "dataset", "log", ""), ("help", "no-such", "")):
+            expect(not ask(*words), "%s: %s" % (words, ask(*words)))
         expect(ask("nonsense", "") == [] and ask("jobs", "") == [], "words where there are none")
         expect(ask("push", "valley", "--", "--fo") == [], "an option behind --")
         # Every option of every command, and no other.

@@ -598,6 +598,13 @@ def what_the_log_says():
         text = d.ctl("dataset", "log", "s").ok().out
         expect("3\trevert of 1\t" in text and "\t0\t0\t101\t2\t" in text, text)
         expect(log(d, "s")[0]["files"] is None, "files without --files")
+        # What came through a pipe has the name that it was given, and no path.
+        with open(a, "rb") as f:
+            p = subprocess.run([e2e.ACUTCTL, "--socket", d.socket, "push", "v", "-", "--input-format", "las", "--checksum", "--name", "T7"],
+                               input=f.read(), stderr=subprocess.PIPE, timeout=60)
+        expect(p.returncode == 0, p.stderr)
+        text = d.ctl("dataset", "log", "v", "--files").ok().out
+        expect("\tadded\tT7\t50\t" in text and "stdin" not in text, text)
         says(d.ctl("dataset", "log", "nothing"), 4, "there is no dataset")
 
 
