@@ -133,6 +133,7 @@ int pose_plane_choose(const struct pose_params *p, const struct pose_form *form,
 		r = err_add_hint(err, "say which plane they are in with --crs");
 	} else if (ret->true_north || ret->grid_scale) {
 		r = crs_geo_new(&ret->system.system, &ret->geo, err);
+		err->hint[0] = 0;
 		if (r)
 			err_add_hint(err, "say which plane the poses are in with --crs, or leave %s out",
 				     ret->grid_scale ? "--grid-scale" : "--heading true");

@@ -1,0 +1,338 @@
+"""Spools into datasets: the same mesh as from the LAS file of the same points, exactly once whatever is killed when, corrected poses in place of
+the first ones, texts and LAS files as they are."""
+import json
+import os
+import random
+import select
+import signal
+import socket
+import subprocess
+import threading
+import time
+
+import e2e
+from drive import DATA, Drive, Survey, profile_text, scan, spool
+from e2e import Daemon, Folder, expect, main
+
+XYZ = "[framer]\nkind = line\ntelegram-max = 1K\n[decoder]\nname = xyz\ncolumns = xyz\n"
+LAS = "[framer]\nkind = las\n[decoder]\nname = las\n"
+
+
+def survey(base, name, seed=0, sweeps=25):
+    """A spool with its poses; and the LAS of its points."""
+    d = Drive(2.0, hz=25, seed=seed)
+    path = spool(os.path.join(base, name + ".spool"), Survey(d, sweeps).records, None, "%032x" % (seed + 1))
+    poses = d.csv(os.path.join(base, name + ".csv"))
+    out = os.path.join(base, name + ".las")
+    scan("push", path, "--pose", poses, "-o", out, "--crs", "EPSG:32632").ok()
+    return path, poses, out
+
+
+def push(d, *args, **kw):
+    return scan("push", *args, socket=d.socket, **kw)
+
+
+def lines(r):
+    return [json.loads(line) for line in r.ok().out.splitlines()]
+
+
+def digest(d, name):
+    out = os.path.join(d.base, "mesh-%d.ply" % random.getrandbits(60))
+    job = d.ctl("submit", name, "--wait", "--json").ok().json()
+    return job["digest"], job["vertex_digest"]
+
+
+def dataset(d, name):
+    return d.ctl("dataset", "show", name, "--json").ok().json()
+
+
+def same_as_a_file():
+    with Folder() as base, Daemon(base) as d:
+        path, poses, las = survey(base, "a")
+        args = [path, "--pose", poses, "--crs", "EPSG:32632", "--json"]
+        got, = lines(push(d, *args, "--into", "s"))
+        d.ctl("push", "f", las).ok()
+        expect(got["state"] == "staged" and got["generation"] == 1 and got["points"] > 1500 and got["moved"] == 0, str(got))
+        expect(digest(d, "s") == digest(d, "f"), "the mesh of the spool is not that of the file")
+        shown = dataset(d, "s")
+        expect(shown["points"] == got["points"] and shown["crs"] == "EPSG:32632", str(shown))
+        # again: nothing
+        again, = lines(push(d, *args, "--into", "s"))
+        expect(again["state"] == "known" and again["points"] == got["points"] and dataset(d, "s")["generation"] == 1, str(again))
+        # the same points as a file, by their content
+        known = d.ctl("push", "s", "--checksum", "--json", las).ok().json()
+        expect(known["state"] == "known", str(known))
+        # under another name, from another folder
+        os.rename(path, path + ".moved")
+        again, = lines(push(d, path + ".moved", *args[1:], "--into", "s"))
+        expect(again["state"] == "known", str(again))
+        files = d.ctl("dataset", "log", "s", "--files").ok().out
+        expect("spool:%032x" % 1 in files and "a.spool" in d.ctl("dataset", "log", "s", "--files", "--json").ok().out, files)
+
+
+def corrected_poses():
+    with Folder() as base, Daemon(base) as d:
+        path, poses, las = survey(base, "a")
+        other, poses2, las2 = survey(base, "b", 1)
+        lines(push(d, path, "--pose", poses, "--into", "s", "--json"))
+        lines(push(d, other, "--pose", poses2, "--into", "s", "--json"))
+        better = Drive(2.0, hz=25).csv(os.path.join(base, "better.csv"), shift=0.25)
+        refused = push(d, path, "--pose", better, "--into", "s")
+        expect(refused.status == 1 and "--replace" in refused.err and "--add" not in refused.err, refused.err)
+        expect(dataset(d, "s")["generation"] == 2, "something was taken")
+        got, = lines(push(d, path, "--pose", better, "--into", "s", "--replace", "--json"))
+        expect(got["state"] == "staged" and got["replaced"] == 1 and got["generation"] == 3, str(got))
+        scan("push", path, "--pose", better, "-o", os.path.join(base, "better.las")).ok()
+        scan("push", other, "--pose", poses2, "-o", os.path.join(base, "plain.las")).ok()
+        d.ctl("push", "f", os.path.join(base, "better.las"), os.path.join(base, "plain.las")).ok()
+        expect(digest(d, "s") == digest(d, "f"), "not the better points alone")
+        again, = lines(push(d, path, "--pose", better, "--into", "s", "--replace", "--json"))
+        expect(again["state"] == "known" and dataset(d, "s")["generation"] == 3, str(again))
+
+
+def said_clearly():
+    with Folder() as base, Daemon(base) as d:
+        path, poses, _ = survey(base, "a")
+        none = push(d, path, "--into", "s")
+        expect(none.status == 2 and "--pose" in none.err and "recorded" in none.err, none.err)
+        for args, status, word in (
+                ([path, "--pose", poses], 2, "--into"),
+                ([path, "--pose", poses + "x", "--into", "s"], 1, "no such file"),
+                ([path + "x", "--pose", poses, "--into", "s"], 1, "no such file"),
+                ([poses, "--pose", poses, "--into", "s"], 1, poses),
+                ([path, path, "--pose", poses, "--into", "s"], 2, "same capture"),
+                ([path, "--pose", path, "--into", "s"], 1, path),
+                ([path, "--pose", poses, "--into", "s", "--profile", "nothing"], 2, "nothing"),
+                ([path, "--pose", poses, "--into", "s", "--utm", "32N"], 2, "--utm"),
+                ([path, "--pose", poses, "--into", "s", "--heading", "true"], 2, "--crs"),
+                ([path, "--pose", poses, "--into", "s", "--name", "a/b"], 2, "--name")):
+            r = push(d, *args)
+            expect(r.status == status and word in r.err, "%s: %d %s" % (args[1:], r.status, r.err))
+        expect(d.ctl("datasets").ok().out.count("s ") == 0, "a dataset came to be")
+        away = scan("push", path, "--pose", poses, "--into", "s", socket=base + "/nobody")
+        expect(away.status == 69, away.err)
+        # a bad spool among good ones
+        r = push(d, path, poses, "--pose", poses, "--into", "s", "--json")
+        told = [json.loads(line) for line in r.out.splitlines()]
+        expect(r.status == 3 and [t["state"] for t in told] == ["staged", "refused"] and told[1]["error"]["code"] == "bad-input", r.out)
+        # for people
+        r = push(d, path, "--pose", poses, "--into", "s2").ok()
+        expect("poses over" in r.err and "shots" in r.err and "generation 1" in r.err, r.err)
+
+
+def planes():
+    """The dataset's own plane; what does not go together is refused."""
+    with Folder() as base, Daemon(base) as d:
+        where = Drive(2.0, where=(48.2, 11.6))
+        path = spool(base + "/a.spool", Survey(where, 15, 32, flat=300).records)
+        poses = where.csv(base + "/a.csv")
+        d.ctl("dataset", "create", "wgs", "--crs", "EPSG:32633").ok()
+        got, = lines(push(d, path, "--pose", poses, "--into", "wgs", "--json"))
+        expect(got["crs"].startswith("EPSG:32633"), str(got))
+        d.ctl("dataset", "create", "etrs", "--crs", "EPSG:25832").ok()
+        r = push(d, path, "--pose", poses, "--into", "etrs")
+        expect(r.status == 2 and "EPSG:4258" in r.err, r.err)
+        got, = lines(push(d, path, "--pose", poses, "--into", "etrs", "--crs", "EPSG:4258", "--json"))
+        expect(got["crs"] == "EPSG:25832 + EPSG:5019", str(got))
+        got, = lines(push(d, path, "--pose", poses, "--into", "new", "--json"))
+        expect(got["crs"] == "EPSG:32632 + EPSG:5030" and got["zone"] == "32N", str(got))
+        r = push(d, path, "--pose", poses, "--into", "new", "--utm", "33N")
+        expect(r.status == 2 and "32N" in r.err, r.err)
+        # the dataset's plane for the second spool, too; known
+        got, = lines(push(d, path, "--pose", poses, "--into", "new", "--json"))
+        expect(got["state"] == "known", str(got))
+        r = push(d, path, "--pose", poses, "--into", "new", "--crs", "EPSG:32633")
+        expect(r.status == 1 and "EPSG:32633" in r.err, r.err)
+
+
+def text_and_las():
+    """What holds points already needs no pose; bad lines are counted and left out."""
+    with Folder() as base, Daemon(base) as d:
+        rng = random.Random(5)
+        rows = ["%.3f %.3f %.3f" % (rng.uniform(0, 900), rng.uniform(0, 900), rng.uniform(0, 9)) for _ in range(4000)]
+        xyz = "\n".join(rows[:2000] + ["# a word", "1 2 x", "12 \x01 3", ""] + rows[2000:]) + "\n"
+        with open(base + "/good.xyz", "w") as f:
+            f.write("\n".join(rows) + "\n")
+        cut = [xyz[i:i + 777].encode() for i in range(0, len(xyz), 777)]
+        path = spool(base + "/t.spool", [(DATA, i + 1, c) for i, c in enumerate(cut)], XYZ)
+        got, = lines(push(d, path, "--into", "t", "--json"))
+        d.ctl("push", "f", base + "/good.xyz").ok()
+        expect(got["points"] == 4000 and got["bad_telegrams"] == 2 and got["shots"] is None, str(got))
+        expect(digest(d, "t") == digest(d, "f"), "another mesh than that of the lines")
+        again, = lines(push(d, path, "--into", "t", "--json"))
+        expect(again["state"] == "known", str(again))
+        # two LAS files, the second torn by an unplug, a third
+        whole = []
+        for seed in (1, 2, 3):
+            e2e.run([e2e.SYNTH, "--points", "3000", "--seed", str(seed), base + "/%d.las" % seed]).ok()
+            whole.append(open(base + "/%d.las" % seed, "rb").read())
+        def pieces(data, t):
+            return [(DATA, t + i, data[i:i + 5000]) for i in range(0, len(data), 5000)]
+        records = pieces(whole[0], 1) + pieces(whole[1][:50000], 10**6) + [(2, 2 * 10**6, b"left")] + pieces(whole[2], 3 * 10**6)
+        path = spool(base + "/l.spool", records, LAS, "ee" * 16)
+        got = lines(push(d, path, "--into", "l", "--json"))
+        d.ctl("push", "g", base + "/1.las", base + "/3.las").ok()
+        expect([g["state"] for g in got] == ["staged", "staged"] and [g["points"] for g in got] == [3000, 3000], str(got))
+        expect(digest(d, "l") == digest(d, "g"), "another mesh than that of the files")
+        expect([g["state"] for g in lines(push(d, path, "--into", "l", "--json"))] == ["known", "known"], "not known")
+
+
+def growing():
+    """A spool that is not ended, torn at its end, then longer."""
+    with Folder() as base, Daemon(base) as d:
+        drive = Drive(2.0, hz=25)
+        records = Survey(drive, 25).records
+        poses = drive.csv(base + "/a.csv")
+        path = spool(base + "/a.spool", records[:12], None, "ab" * 16, 1700000000, "open")
+        with open(path, "ab") as f:
+            f.write(b"torn")
+        got, = lines(push(d, path, "--pose", poses, "--into", "s", "--json"))
+        expect(not got["ended"] and got["torn_bytes"] == 4 and got["sweeps"] == 12, str(got))
+        os.unlink(path)
+        spool(path, records, None, "ab" * 16)
+        r = push(d, path, "--pose", poses, "--into", "s")
+        expect(r.status == 1 and "--replace" in r.err, r.err)
+        got, = lines(push(d, path, "--pose", poses, "--into", "s", "--replace", "--json"))
+        expect(got["sweeps"] == 25 and got["replaced"] == 1 and dataset(d, "s")["points"] == got["points"], str(got))
+
+
+def many_spools():
+    """More than go into one push."""
+    with Folder() as base, Daemon(base) as d:
+        drive = Drive(2.0, hz=25)
+        records = Survey(drive, 12).records
+        poses = drive.csv(base + "/a.csv")
+        paths = [spool(base + "/%d.spool" % i, records[i:i + 1], None, "%032x" % (i + 100)) for i in range(11)]
+        got = lines(push(d, *paths, "--pose", poses, "--into", "s", "--json"))
+        expect([g["generation"] for g in got] == [1] * 8 + [2] * 3, str(got))
+        whole = spool(base + "/w.spool", records[:11], None, "cd" * 16)
+        lines(push(d, whole, "--pose", poses, "--into", "w", "--json"))
+        expect(digest(d, "s") == digest(d, "w"), "in parts another mesh than in one")
+        expect([g["state"] for g in lines(push(d, *paths, "--pose", poses, "--into", "s", "--json"))] == ["known"] * 11, "not known")
+
+
+class Cut:
+    """A way to the daemon that ends behind the client's frame number `after`: the daemon has it, its answer is lost."""
+
+    def __init__(self, d, path, after):
+        self.path, self.after, self.frames, self.target = path, after, 0, d.socket
+        self.door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self.door.bind(path)
+        self.door.listen()
+        self.thread = threading.Thread(target=self.run, daemon=True)
+        self.thread.start()
+
+    def frame(self, c, to):
+        data, fds = b"", []
+        while len(data) < 16 or len(data) < 16 + int.from_bytes(data[4:8], "little"):
+            want = 16 - len(data) if len(data) < 16 else 16 + int.from_bytes(data[4:8], "little") - len(data)
+            part, got, _, _ = socket.recv_fds(c, want, 8)
+            fds += got
+            if not part:
+                return False
+            data += part
+        socket.send_fds(to, [data], fds)
+        for fd in fds:
+            os.close(fd)
+        return True
+
+    def run(self):
+        c, _ = self.door.accept()
+        s = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        s.connect(self.target)
+        try:
+            while True:
+                ready = select.select([c, s], [], [])[0]
+                if s in ready and not self.frame(s, c):
+                    break
+                if c in ready:
+                    if not self.frame(c, s):
+                        break
+                    self.frames += 1
+                    if self.frames == self.after:
+                        # it is done, or waits for bytes that come
+                        select.select([s], [], [], 0.3)
+                        break
+        except OSError:
+            pass
+        c.close()
+        s.close()
+        self.door.close()
+
+
+def answers_are_lost():
+    """The connection ends behind each message in turn, that of the commit too."""
+    with Folder() as base, Daemon(base) as d:
+        made = [Survey(Drive(2.0, hz=25), 14).records[7 * i:7 * i + 7] for i in range(2)]
+        poses = Drive(2.0, hz=25).csv(base + "/a.csv")
+        paths = [spool(base + "/%d.spool" % i, made[i], None, "%032x" % (i + 7)) for i in range(2)]
+        args = [*paths, "--pose", poses, "--crs", "EPSG:32632", "--json"]
+        lines(push(d, *args, "--into", "want"))
+        want, points = digest(d, "want"), dataset(d, "want")["points"]
+        states, k = set(), 0
+        while True:
+            k += 1
+            name = "k%d" % k
+            way = Cut(d, base + "/cut%d" % k, k)
+            r = scan("push", *args, "--into", name, socket=way.path)
+            if r.status == 0:
+                break
+            expect(r.status == 69, "cut behind %d: %d %s" % (k, r.status, r.err))
+            got = lines(push(d, *args, "--into", name))
+            states.update(g["state"] for g in got)
+            shown = dataset(d, name)
+            expect(shown["points"] == points and shown["generation"] == 1 and not shown.get("pending"), "cut behind %d: %s" % (k, shown))
+            expect(digest(d, name) == want, "cut behind %d: another mesh" % k)
+        expect(k > 9 and states == {"staged", "adopted", "known"}, "%d messages, %s" % (k, states))
+
+
+def exactly_once():
+    """Client and daemon are killed at any moment; the same command again, and each spool is there once."""
+    with Folder() as base:
+        made = [survey(base, name, seed, 20) for seed, name in enumerate("abc")]
+        poses = os.path.join(base, "all.csv")
+        # one file of poses for all three: their times are one after the other
+        drives = [Drive(2.0, hz=25, seed=s, start=1700000000 + 100 * s) for s in range(3)]
+        with open(poses, "w") as f:
+            for i, each in enumerate(drives):
+                text = open(each.csv(base + "/one.csv")).read()
+                f.write(text if i == 0 else text.split("\n", 1)[1])
+        paths = [spool(base + "/%d.spool" % i, Survey(Drive(2.0, hz=25, seed=i), 20).records, None, "%032x" % (i + 50), 1700000000 + 100 * i)
+                 for i in range(3)]
+        args = [*paths, "--pose", poses, "--crs", "EPSG:32632", "--json"]
+        d = Daemon(base, threads=1).start()
+        try:
+            start = time.monotonic()
+            first = lines(push(d, *args, "--into", "want"))
+            took = time.monotonic() - start
+            want, points = digest(d, "want"), dataset(d, "want")["points"]
+            rng = random.Random(int(os.environ.get("ACUT_TEST_SEED", "7")))
+            cut = 0
+            for i in range(14):
+                name = "s%d" % (i // 2)
+                p = subprocess.Popen([os.environ["ACUT_SCAN"], "push", *args, "--into", name, "--socket", d.socket],
+                                     stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+                time.sleep(rng.uniform(0, took * 1.1))
+                what = rng.choice(["client", "daemon", "both"])
+                if what != "daemon":
+                    p.kill()
+                if what != "client":
+                    d.stop(signal.SIGKILL)
+                out, err = p.communicate(timeout=60)
+                cut += p.returncode != 0
+                if what != "client":
+                    d = Daemon(base, threads=1).start()
+            for i in range(7):
+                got = lines(push(d, *args, "--into", "s%d" % i))
+                shown = dataset(d, "s%d" % i)
+                expect([g["points"] for g in got] == [g["points"] for g in first], str(got))
+                expect(shown["points"] == points and shown["generation"] == 1, "after kills: %s" % shown)
+                expect(not shown.get("pending"), "a pending push stays: %s" % shown)
+                expect(digest(d, "s%d" % i) == want, "another mesh after kills")
+            expect(cut >= 4, "only %d pushes were cut off" % cut)
+        finally:
+            d.stop(signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    main(same_as_a_file, corrected_poses, said_clearly, planes, text_and_las, growing, many_spools, answers_are_lost, exactly_once)
