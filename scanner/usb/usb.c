@@ -39,6 +39,7 @@ static libusb_context *open_context(const char **ret_polls)
 
 	if (access(USB_NODES, R_OK | X_OK))
 		return NULL;
+	libusb_set_log_cb(NULL, on_log, LIBUSB_LOG_CB_GLOBAL); /* a context's own is called beside writing to stderr */
 	r = libusb_init(&context);
 	if (r) {
 		log_debug("usb: libusb does not start with its list of devices (%s)", libusb_error_name(r));
@@ -51,7 +52,6 @@ static libusb_context *open_context(const char **ret_polls)
 		log_debug("usb: libusb does not start (%s)", libusb_error_name(r));
 		return NULL;
 	}
-	libusb_set_log_cb(context, on_log, LIBUSB_LOG_CB_CONTEXT);
 	libusb_set_option(context, LIBUSB_OPTION_LOG_LEVEL,
 			  log_shows(LOG_LEVEL_DEBUG) ? LIBUSB_LOG_LEVEL_INFO : LIBUSB_LOG_LEVEL_ERROR);
 	return context;
@@ -142,7 +142,7 @@ static uint64_t step_all(struct usb *usb, bool quit)
 static void *run(void *arg)
 {
 	struct usb *usb = arg;
-	struct usb_capture *starting;
+	struct usb_capture *starting, *c;
 	uint64_t until;
 	bool quit;
 
@@ -153,10 +153,11 @@ static void *run(void *arg)
 		starting = usb->starting;
 		usb->starting = NULL;
 		pthread_mutex_unlock(&usb->lock);
-		if (starting) {
-			usb_step_begin(starting);
-			starting->next = usb->captures;
-			usb->captures = starting;
+		while ((c = starting)) {
+			starting = c->next;
+			usb_step_begin(c);
+			c->next = usb->captures;
+			usb->captures = c;
 		}
 		until = step_all(usb, quit);
 		if (quit && !usb->captures)

@@ -93,6 +93,7 @@ int usb_capture_start(struct usb *usb, const struct usb_device *device, const st
 		return -(int)err->code;
 	}
 	pthread_mutex_lock(&usb->lock);
+	c->next = usb->starting;
 	usb->starting = c;
 	pthread_mutex_unlock(&usb->lock);
 	usb_wake(usb);

@@ -113,7 +113,7 @@ struct usb {
 	const char *polls;
 	uint64_t scan_wanted, scan_done;
 	int scan_failed;
-	struct usb_capture *starting;       /* handed to the thread */
+	struct usb_capture *starting;       /* handed to the thread, by their next */
 	struct usb_known *known;
 	size_t n, room;
 	struct usb_notice *first, *last;

@@ -158,6 +158,19 @@ static uint64_t start_on(struct usb_capture *c, uint64_t now)
 	return usb_talk_until(c);
 }
 
+/* From now on nothing is in flight, for want of a buffer. */
+static void note_parked(struct usb_capture *c, uint64_t now)
+{
+	if (c->phase != USB_PHASE_STREAM || c->flying || c->free || c->left)
+		return;
+	pthread_mutex_lock(&c->lock);
+	if (!c->given && !c->parked_since) {
+		c->parked_since = now;
+		c->counts.parked++;
+	}
+	pthread_mutex_unlock(&c->lock);
+}
+
 static uint64_t go_on(struct usb_capture *c, uint64_t now)
 {
 	uint64_t until = NEVER, other;
@@ -166,6 +179,8 @@ static uint64_t go_on(struct usb_capture *c, uint64_t now)
 		usb_transfer_submit_free(c, now);
 	if (c->recover != USB_RECOVER_NONE)
 		until = recover(c, now);
+	else
+		note_parked(c, now);
 	if (c->phase == USB_PHASE_START && !c->left) {
 		other = start_on(c, now);
 		until = other < until ? other : until;

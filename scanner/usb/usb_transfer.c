@@ -58,9 +58,6 @@ static void judge(struct usb_capture *c, const struct libusb_transfer *t, int64_
 
 	switch (t->status) {
 	case LIBUSB_TRANSFER_COMPLETED:
-		if (n)
-			c->fruitless = 0;
-		break;
 	case LIBUSB_TRANSFER_CANCELLED:
 		break;
 	case LIBUSB_TRANSFER_NO_DEVICE:
@@ -89,19 +86,6 @@ static void judge(struct usb_capture *c, const struct libusb_transfer *t, int64_
 	}
 }
 
-/* From now on nothing is in flight, for want of a buffer. */
-static void note_parked(struct usb_capture *c, uint64_t now)
-{
-	if (c->phase != USB_PHASE_STREAM || c->flying || c->free || c->recover != USB_RECOVER_NONE || c->left)
-		return;
-	pthread_mutex_lock(&c->lock);
-	if (!c->given && !c->parked_since) {
-		c->parked_since = now;
-		c->counts.parked++;
-	}
-	pthread_mutex_unlock(&c->lock);
-}
-
 static void LIBUSB_CALL on_done(struct libusb_transfer *t)
 {
 	struct usb_slot *slot = t->user_data;
@@ -113,13 +97,13 @@ static void LIBUSB_CALL on_done(struct libusb_transfer *t)
 	c->flying--;
 	count(c, t);
 	if (t->actual_length > 0) {
+		c->fruitless = 0;
 		usb_talk_feed(c, slot->at, (size_t)t->actual_length);
 		usb_queue_data(c, slot, (size_t)t->actual_length, failed, (int64_t)now);
 	} else {
 		usb_slot_free(c, slot);
 	}
 	judge(c, t, (int64_t)now);
-	note_parked(c, now);
 }
 
 void usb_transfer_fill(struct usb_capture *c, struct usb_slot *slot, uint32_t size)

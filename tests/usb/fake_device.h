@@ -71,6 +71,9 @@ struct fake_device {
 	uint16_t vendor, product, packet;
 	uint8_t device_class, interface_class, endpoint_in, endpoint_out;
 	bool locked;               /* its node is for nobody */
+	bool busy;                 /* another program has its interface */
+	bool unheard;              /* udev says nothing of its coming; its node can be read */
+	char driver[FAKE_TEXT];    /* of the kernel, that has its interface; "" */
 	bool away;                 /* is not plugged in at first: after appear_ns */
 	int64_t appear_ns;
 	/* what it streams */
@@ -91,6 +94,7 @@ struct fake_device {
 	uint32_t caps_off;         /* USBDEVFS_CAP_* that are not offered */
 
 	/* state */
+	bool detached;             /* the driver was sent away */
 	bool running, halted, refusing, deaf, silent, gone, ended;
 	int64_t gone_ns, gone_for_ns, not_before_ns, began_ns;
 	uint64_t made, sent_stream; /* bytes taken from the source; bytes of it that count against the rate */

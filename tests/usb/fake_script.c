@@ -7,6 +7,8 @@
  *   class 255 [0]                      of the interface, of the device; 8 is mass storage
  *   packet 64                          bytes; 512
  *   locked                             its node is for nobody
+ *   busy   driver NAME                 another program, or a driver of the kernel, has its interface
+ *   unheard                            udev does not say that it came
  *   appear 0.5 s                       is not there before
  *   source pattern 5 MB | file PATH | cola 1000
  *   delivered PATH                     the bytes that it gave go there too
@@ -129,6 +131,7 @@ static bool text_read(struct fake_device *d, const char *key, const struct words
 {
 	struct { const char *key; char *at; } texts[] = {
 		{ "serial", d->serial }, { "manufacturer", d->manufacturer }, { "model", d->model }, { "port", d->port },
+		{ "driver", d->driver },
 	};
 
 	for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
@@ -153,6 +156,10 @@ static bool switch_read(struct fake_device *d, const char *key, struct words *w)
 
 	if (strcmp(key, "locked") == 0)
 		return d->locked = true;
+	if (strcmp(key, "busy") == 0)
+		return d->busy = true;
+	if (strcmp(key, "unheard") == 0)
+		return d->unheard = true;
 	if (strcmp(key, "on-command") == 0)
 		return d->on_command = true;
 	if (strcmp(key, "kernel") == 0) {

@@ -115,6 +115,16 @@ static void wake(void *ctx)
 	g_cond_signal(&b->wake);
 }
 
+static void node_write(const char *where, const struct fake_device *d)
+{
+	uint8_t descriptors[FAKE_DESCRIPTORS];
+	size_t n = fake_descriptors(d, descriptors);
+	FILE *f = fopen(where, "wbe");
+
+	if (!f || fwrite(descriptors, 1, n, f) != n || fclose(f) != 0)
+		g_error("%s: %s", where, strerror(errno));
+}
+
 static void plug_in(struct bus *b, struct plug *p)
 {
 	char *text, *where;
@@ -136,13 +146,16 @@ static void plug_in(struct bus *b, struct plug *p)
 		g_error("%s: %s", where, strerror(errno));
 	if (p->device->locked && chmod(where, 0) != 0)
 		g_error("%s: %s", where, strerror(errno));
+	if (p->device->unheard) /* a program that is not told by udev reads the node itself */
+		node_write(where, p->device);
 	g_free(where);
 	g_mutex_lock(&b->lock);
 	p->node = node;
 	p->plugs++;
 	p->device->away = false;
 	g_mutex_unlock(&b->lock);
-	umockdev_testbed_uevent(b->testbed, p->syspath, "add");
+	if (!p->device->unheard)
+		umockdev_testbed_uevent(b->testbed, p->syspath, "add");
 }
 
 static void counts_add(struct fake_node_counts *to, const struct fake_node_counts *c)
@@ -153,6 +166,7 @@ static void counts_add(struct fake_node_counts *to, const struct fake_node_count
 	to->clears += c->clears;
 	to->resets += c->resets;
 	to->detaches += c->detaches;
+	to->attaches += c->attaches;
 	to->submits += c->submits;
 	to->reaps += c->reaps;
 	to->discards += c->discards;
@@ -354,9 +368,9 @@ static void report_write(struct bus *b, const char *path, const struct outcome *
 		const struct fake_node_counts *c = &p->past;
 
 		fprintf(f, "%s{\"plugs\": %u, \"opens\": %lu, \"claims\": %lu, \"releases\": %lu, \"clears\": %lu, \"resets\": %lu, "
-			"\"detaches\": %lu, \"submits\": %lu, \"reaps\": %lu, \"discards\": %lu, \"controls\": %lu, \"refused\": %lu, "
+			"\"detaches\": %lu, \"attaches\": %lu, \"submits\": %lu, \"reaps\": %lu, \"discards\": %lu, \"controls\": %lu, \"refused\": %lu, "
 			"\"unreaped\": %lu, \"in_flight_max\": %u, \"model\": ", i ? ", " : "", p->plugs, c->opens, c->claims,
-			c->releases, c->clears, c->resets, c->detaches, c->submits, c->reaps, c->discards, c->controls, c->refused,
+			c->releases, c->clears, c->resets, c->detaches, c->attaches, c->submits, c->reaps, c->discards, c->controls, c->refused,
 			c->unreaped_bytes, c->in_flight_max);
 		fake_report(f, p->device);
 		fputs("}", f);

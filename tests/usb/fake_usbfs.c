@@ -309,16 +309,36 @@ static int claim(struct fake_node *n)
 {
 	n->counts.claims++;
 	fake_device_step(n->device, FAKE_AT_CLAIM, fake_now());
-	return is_gone(n) || n->device->gone ? ENODEV : n->device->interface_class == 8 ? EBUSY : 0;
+	if (is_gone(n) || n->device->gone)
+		return ENODEV;
+	return n->device->interface_class == 8 || n->device->busy || (n->device->driver[0] && !n->device->detached) ? EBUSY : 0;
+}
+
+/* What libusb does with a driver: it is sent away as the interface is claimed, and called back. */
+static int driver_move(struct fake_node *n, gulong request, UMockdevIoctlData *data)
+{
+	if (request == USBDEVFS_DISCONNECT_CLAIM) {
+		n->counts.detaches++;
+		n->device->detached = true;
+		return claim(n);
+	}
+	if (((struct usbdevfs_ioctl *)data->data)->ioctl_code == (int)USBDEVFS_CONNECT) {
+		n->counts.attaches++;
+		n->device->detached = false;
+	} else {
+		n->counts.detaches++;
+		n->device->detached = true;
+	}
+	return 0;
 }
 
 static int driver(struct fake_node *n, UMockdevIoctlData *data)
 {
 	struct usbdevfs_getdriver *get = (struct usbdevfs_getdriver *)data->data;
 
-	if (n->device->interface_class != 8)
+	if (n->device->interface_class != 8 && (!n->device->driver[0] || n->device->detached))
 		return ENODATA;
-	strcpy(get->driver, "usb-storage");
+	snprintf(get->driver, sizeof get->driver, "%s", n->device->driver[0] ? n->device->driver : "usb-storage");
 	return 0;
 }
 
@@ -353,12 +373,14 @@ static int answer(struct fake_node *n, UMockdevIoctlClient *client, gulong reque
 	case USBDEVFS_RESET:
 		n->counts.resets++;
 		return 0;
+	case USBDEVFS_CONNECTINFO:
+		((struct usbdevfs_connectinfo *)data->data)->devnum = (unsigned)atoi(strrchr(n->path, '/') + 1);
+		return 0;
 	case USBDEVFS_GETDRIVER:
 		return driver(n, data);
 	case USBDEVFS_IOCTL:
 	case USBDEVFS_DISCONNECT_CLAIM:
-		n->counts.detaches++;
-		return 0;
+		return driver_move(n, request, data);
 	case USBDEVFS_GET_SPEED:
 	case USBDEVFS_RELEASEINTERFACE:
 	case USBDEVFS_SETCONFIGURATION:

@@ -8,7 +8,7 @@
 
 struct fake_node;
 struct fake_node_counts {
-	uint64_t opens, claims, releases, clears, resets, detaches, submits, reaps, discards, controls, refused;
+	uint64_t opens, claims, releases, clears, resets, detaches, attaches, submits, reaps, discards, controls, refused;
 	uint64_t unreaped_bytes; /* bytes of transfers that were complete when the program closed the node */
 	uint32_t in_flight, in_flight_max;
 };

@@ -182,6 +182,38 @@ def rights():
         b.tool(fail=(77, 'ATTRS{idVendor}=="19a2"', 'ATTRS{idProduct}=="5001"', 'GROUP="acut-scan"', "/etc/udev/rules.d/"))
 
 
+def drivers():
+    """A driver of the kernel is sent away from the profile's interface and called back; nothing else is touched."""
+    with Run(scanner(source="pattern 1 MB", driver="cdc_acm", faults=["at end stop"])) as b:
+        r = b.tool()
+        b.whole(r)
+        expect(r.devices[0]["detaches"] == 1 and r.devices[0]["attaches"] == 1, str(r.devices[0]))
+    with Run(scanner(source="pattern 1 MB", faults=["at end stop"])) as b:
+        r = b.tool()
+        expect(r.devices[0]["detaches"] == 0 and r.devices[0]["attaches"] == 0, "a driver was called that was not there")
+    with Run(scanner(busy=True)) as b:
+        r = b.tool(fail=(75, "interface 0 is in use by another program", "fuser -v /dev/bus/usb/"))
+
+
+def without_udev():
+    """It comes and nobody says so: the list is looked at; libusb does not list it: its node is opened."""
+    for kernel in ("mock", "real"):
+        with Run(scanner(source="pattern 1 MB", appear="0.3 s", unheard=True, poll="file", kernel=kernel, faults=["at 600 KB unplug"])) as b:
+            r = b.tool("--wait")
+            b.whole(r)
+            expect(r.events.count("CAME") == 1 and "GONE left" in r.out, r.out)
+
+
+def dropped():
+    """Freed with all in flight, nothing taken and nothing given back; then the context, with devices that come and go."""
+    for kernel, poll in KERNELS:
+        with Run(scanner(source="pattern 8 MB", kernel=kernel, poll=poll, faults=["every 1 MB stall"])) as b:
+            b.tool("--bytes", "1500000", "--drop", "--hold", "2")
+    with Run("".join(scanner(name="d%d" % i, port="1-%d" % (i + 1), appear="%d ms" % (20 * i)) for i in range(8))) as b:
+        for ms in (30, 60, 90, 150):
+            b.run([TOOL, "--watch", "%.3f" % (ms / 1000)])
+
+
 def storage():
     with Run(scanner(**{"class": 8}) + device("b", id="1234:5678", port="1-2")) as b:
         r = b.tool("--device", "port:1-1", fail=(2, "mass storage"))
@@ -259,7 +291,7 @@ def idle():
         expect(bus.sanitizer(TOOL) or r.report["switches"] < 200, "it woke %d times" % r.report["switches"])
 
 
-CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, storage, which,
+CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, which,
          parked, not_given_back, memory, misfit, idle]
 
 if __name__ == "__main__":

@@ -3,10 +3,10 @@
  * that happened and one with the counts.
  *
  *   usb-capture [--list] [--watch SECONDS] [--device WHICH] [--profile FILE] [--out FILE] [--for SECONDS] [--bytes N] [--slow MS]
- *               [--hold N] [--again] [--wait] [--debug] [--memory MB]
+ *               [--hold N] [--again] [--wait] [--debug] [--memory MB] [--drop]
  *
  * --slow: so long is each buffer kept; --hold: N buffers are never given back; --again: captured again when it comes
- * back; --wait: until a device comes; --memory: what the kernel of umockdev's folder lends. SIGINT stops. Ends with the exit status of the error.
+ * back; --drop: freed after --bytes, without a stop; --wait: until a device comes; --memory: what the kernel of umockdev's folder lends. SIGINT stops. Ends with the exit status of the error.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -34,7 +34,7 @@ struct tool {
 	uint64_t bytes, got;
 	unsigned slow_ms, hold;
 	const char *memory;
-	bool list, again, wait, debug, stopped, stop_sent;
+	bool list, again, wait, debug, drop, stopped, stop_sent;
 	int out_fd, stop_fd;
 	struct usb *usb;
 	struct usb_counts counts;
@@ -61,6 +61,8 @@ static bool arguments(struct tool *t, int argc, char **argv)
 			t->again = true;
 		else if (!strcmp(a, "--wait"))
 			t->wait = true;
+		else if (!strcmp(a, "--drop"))
+			t->drop = true;
 		else if (!strcmp(a, "--debug"))
 			t->debug = true;
 		else if (!strcmp(a, "--device") && ++i)
@@ -159,6 +161,8 @@ static enum usb_end capture(struct tool *t, struct usb_capture *c, uint64_t bega
 		poll(p, 2, t->seconds && !t->stopped ? (left > 0 ? (int)(left * 1000) + 1 : 0) : -1);
 		t->stopped = t->stopped || p[1].revents || (t->seconds && clock_since(began) >= t->seconds) ||
 			     (t->bytes && t->got >= t->bytes);
+		if (t->stopped && t->drop)
+			break;
 		if (t->stopped && !t->stop_sent) {
 			t->stop_sent = true;
 			usb_capture_stop(c);
@@ -207,7 +211,7 @@ static int watch(struct tool *t)
 	enum usb_change change;
 
 	while (clock_since(began) < t->watch) {
-		poll(&p, 1, 100);
+		poll(&p, 1, 10);
 		while (usb_change(t->usb, &change, &device)) {
 			printf("%s ", change == USB_CAME ? "CAME" : "LEFT");
 			print_device(&device);
