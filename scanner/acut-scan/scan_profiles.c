@@ -160,7 +160,7 @@ static int list(const struct scan_args *args, const struct profile_set *set)
 
 	for (size_t i = 0; i < profile_set_count(set); i++) {
 		const struct profile_entry *e = profile_set_at(set, i);
-		int n = (int)strlen(e->profile.name), m = (int)strlen(match_text(&e->profile, match));
+		int n = (int)strlen(e->profile.name), m = e->fault ? 6 : (int)strlen(match_text(&e->profile, match));
 
 		name = n > name ? n : name;
 		device = m > device ? m : device;
