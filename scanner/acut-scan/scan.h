@@ -44,7 +44,7 @@ struct scan_args {
 	const char *geoid;           /* --geoid NAME: a grid of the daemon */
 	bool grid_scale, replace;
 	/* replay */
-	const char *to;              /* --to telegrams|sweeps|raw */
+	const char *to;              /* --to raw|telegrams|sweeps|csv|points */
 };
 
 /* Exit status; errors were printed. */

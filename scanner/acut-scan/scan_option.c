@@ -25,7 +25,7 @@ static const struct scan_option table[] = {
 	{"for", 0, "TIME", SCAN_SECONDS, AT(seconds), SCAN_RECORD | SCAN_PROBE, "stop after so long: 90, 90s, 5m, 2h"},
 	{"bytes", 0, "SIZE", SCAN_SIZE, AT(bytes), SCAN_RECORD, "stop after so many bytes: 512M, 2G"},
 	{"sync", 0, "TIME", SCAN_SECONDS, AT(sync_s), SCAN_RECORD, "make durable what came at least so often (1s)"},
-	{"to", 0, "telegrams|sweeps|raw", SCAN_TEXT, AT(to), SCAN_REPLAY, "what to write out"},
+	{"to", 0, "raw|telegrams|sweeps|csv|points", SCAN_TEXT, AT(to), SCAN_REPLAY, "what to write out"},
 
 	{"into", 0, "DATASET", SCAN_TEXT, AT(into), SCAN_PUSH, "the dataset; made if there is none"},
 	{"pose", 0, "FILE", SCAN_TEXT, AT(pose), SCAN_PUSH, "where the scanner was: a CSV of times, positions and attitudes"},

@@ -207,7 +207,8 @@ static bool event_is(const struct spool_record *rec, const char *const *words)
 
 static int take_event(struct replay *r, const struct spool_record *rec)
 {
-	static const char *const gaps[] = {"overflow", "overrun", "left", "back", "error", NULL}, *const anew[] = {"left", "back", NULL};
+	static const char *const gaps[] = {"overflow", "overrun", "left", "back", "error", "continued", NULL},
+		*const anew[] = {"left", "back", "continued", NULL};
 
 	if (event_is(rec, anew)) { /* its clock and counter may have begun anew */
 		r->has_counter = false;

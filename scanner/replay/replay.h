@@ -72,7 +72,7 @@ int replay_new(const struct profile *, const struct replay_clock *, const struct
 struct replay *replay_free(struct replay *);
 /* The clock of a spool's head. */
 struct replay_clock replay_clock_of(const struct spool_head *);
-/* DATA is fed; CLOCK sets the clock; events that say that bytes are missing (overflow, overrun, left, back, error) and
+/* DATA is fed; CLOCK sets the clock; events that say that bytes are missing (overflow, overrun, left, back, continued, error) and
  * flags AFTER_GAP are gaps; SENT is not looked at. END ends as replay_end. 0, or what a sink answered. */
 int replay_record(struct replay *, const struct spool_record *);
 /* The same of a capture that runs. */
