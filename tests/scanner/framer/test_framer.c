@@ -367,7 +367,7 @@ static void test_random(void **state)
 	kinds[5].length_offset = 4;
 	kinds[6] = kind(PROFILE_FRAMER_LAS, 9);
 	kinds[7] = kind(PROFILE_FRAMER_STX_ETX, 1);
-	for (int turn = 0; turn < 40; turn++) {
+	for (int turn = 0; turn < 12; turn++) {
 		static char gaps[sizeof bytes];
 
 		for (size_t i = 0; i < sizeof bytes; i++) {
