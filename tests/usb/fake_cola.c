@@ -1,7 +1,7 @@
 /*
  * CoLa-A as a small line scanner speaks it: commands between STX and ETX are answered, and `sEN LMDscandata 1` starts
  * one telegram a sweep. The head looks straight down from ten metres above hilly ground and is carried along at one
- * metre a sweep; shots that miss the ground say 0.
+ * metre a sweep; shots that miss the ground say 0. Its clock goes with the script's rate, 15 sweeps a second if there is none.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -27,15 +27,16 @@ uint8_t *fake_cola_telegram(const struct fake_device *d, uint64_t number, size_t
 	char *text = NULL;
 	size_t size = 0;
 	FILE *f = open_memstream(&text, &size);
-	uint64_t us = number * 66667;
+	double hz = d->rate > 0 ? d->rate : 15;
+	uint64_t us = (uint64_t)((double)number * 1e6 / hz);
 
 	if (!f)
 		return NULL;
 	fputc(STX, f);
-	fprintf(f, "sSN LMDscandata 1 1 %llX 0 0 %llX %llX %llX %llX 0 0 3F 0 0 5DC A2 0 1 DIST1 3F800000 00000000 FFF92230 2710 %X",
+	fprintf(f, "sSN LMDscandata 1 1 %llX 0 0 %llX %llX %llX %llX 0 0 3F 0 0 %X A2 0 1 DIST1 3F800000 00000000 FFF92230 2710 %X",
 		(unsigned long long)(strtoull(d->serial, NULL, 10) & 0xffffffff), (unsigned long long)(number & 0xffff),
 		(unsigned long long)(number & 0xffff), (unsigned long long)((us + 1000) & 0xffffffff),
-		(unsigned long long)((us + 30000) & 0xffffffff), SHOTS);
+		(unsigned long long)((us + 30000) & 0xffffffff), (unsigned)(hz * 100), SHOTS);
 	for (unsigned i = 0; i < SHOTS; i++)
 		fprintf(f, " %X", shot_range(number, i, d->seed));
 	fprintf(f, " 1 RSSI1 3F800000 00000000 FFF92230 2710 %X", SHOTS);

@@ -27,6 +27,11 @@
 
 enum { LEAVING_NS = 30000000, NODES = 512 };
 
+/* What the program holds when a device is about to come (back). */
+struct sample {
+	unsigned descriptors;
+	long rss_kb;
+};
 struct plug {
 	struct fake_device *device;
 	struct fake_node *node;     /* NULL: not plugged in */
@@ -45,6 +50,8 @@ struct bus {
 	struct fake_node *old[NODES];     /* unplugged; kept while the program may hold them */
 	char *old_paths[NODES];
 	size_t n_old;
+	struct sample samples[NODES];
+	size_t n_samples;
 	GMutex lock;
 	GCond wake;
 	bool woken, ending;
@@ -123,6 +130,31 @@ static void node_write(const char *where, const struct fake_device *d)
 
 	if (!f || fwrite(descriptors, 1, n, f) != n || fclose(f) != 0)
 		g_error("%s: %s", where, strerror(errno));
+}
+
+static void sample_take(struct bus *b)
+{
+	struct sample *s = &b->samples[b->n_samples];
+	char path[64];
+	long pages = 0;
+	GDir *dir;
+	FILE *f;
+
+	if (b->child <= 0 || b->n_samples == NODES)
+		return;
+	snprintf(path, sizeof path, "/proc/%d/fd", (int)b->child);
+	dir = g_dir_open(path, 0, NULL);
+	while (dir && g_dir_read_name(dir))
+		s->descriptors++;
+	if (dir)
+		g_dir_close(dir);
+	snprintf(path, sizeof path, "/proc/%d/statm", (int)b->child);
+	f = fopen(path, "re");
+	if (f && fscanf(f, "%*d %ld", &pages) == 1)
+		s->rss_kb = pages * 4;
+	if (f)
+		fclose(f);
+	b->n_samples++;
 }
 
 static void plug_in(struct bus *b, struct plug *p)
@@ -243,8 +275,10 @@ static void bus_tick(struct bus *b, int64_t began_ns)
 		g_mutex_unlock(&b->lock);
 		if (leave)
 			plug_out(b, p, now);
-		if (come)
+		if (come) {
+			sample_take(b);
 			plug_in(b, p);
+		}
 	}
 	old_sweep(b, false);
 }
@@ -375,6 +409,9 @@ static void report_write(struct bus *b, const char *path, const struct outcome *
 		fake_report(f, p->device);
 		fputs("}", f);
 	}
+	fputs("], \"samples\": [", f);
+	for (size_t i = 0; i < b->n_samples; i++)
+		fprintf(f, "%s[%u, %ld]", i ? ", " : "", b->samples[i].descriptors, b->samples[i].rss_kb);
 	fputs("]}\n", f);
 	fclose(f);
 }

@@ -1,0 +1,55 @@
+#!/usr/bin/env python3
+"""A scanner that is plugged in and pulled out again and again, one that says nothing, and captures begun and ended in a row: descriptors
+and memory end where they began, and nothing is done while there is nothing to do."""
+import os
+import sys
+
+import bus
+from bus import Bus, device, expect
+from faults import record, whole
+
+
+def plugged_and_unplugged():
+    """ACUT_USB_CYCLES times (50); what the program holds is counted each time the device is away."""
+    n = int(os.environ.get("ACUT_USB_CYCLES", "50"))
+    for kernel in ("mock", "real"):
+        step = 40000
+        faults = ["every %d unplug 0.04 s" % step, "at end stop"]
+        with Bus(device(source="pattern %d" % (step * n // 2 + 1000), kernel=kernel, faults=faults)) as b:
+            r = record(b, "--reconnect", timeout=max(bus.HANG, n * 2))
+            expect(r.report["status"] == 0, r.err)
+            s, m = whole(b, r)
+            plugs, samples = r.devices[0]["plugs"], r.report["samples"]
+            expect(plugs == n // 2 + 1 and len(samples) == n // 2, "%d plugs, %d samples" % (plugs, len(samples)))
+            expect(s.words().count("back") == n // 2, "it came back %d times" % s.words().count("back"))
+            fds, rss = [x[0] for x in samples], [x[1] for x in samples]
+            print("   %s: %d cycles, descriptors %d to %d, memory %d to %d KB" % (kernel, plugs - 1, fds[0], fds[-1], rss[0], rss[-1]))
+            expect(fds[-1] <= fds[0], "descriptors: %s" % fds)
+            # the first cycles fill the allocator's own stores; sanitizers keep freed memory for a while
+            if not bus.sanitizer(bus.SCAN):
+                expect(rss[-1] - rss[len(rss) // 5] <= 256, "memory: %s KB" % rss)
+
+
+def idle(poll):
+    """Context switches and CPU time of a second with a scanner that is silent: (per second, share of a core)."""
+    used = []
+    for seconds in (1, 3):
+        with Bus(device(source="pattern 1 MB", poll=poll, faults=["at 64 KB silent"])) as b:
+            r = record(b, "--for", str(seconds))
+            expect(r.report["status"] == 0, r.err)
+            whole(b, r)
+            used.append((r.report["switches"], r.report["cpu_s"]))
+    return (used[1][0] - used[0][0]) / 2, (used[1][1] - used[0][1]) / 2
+
+
+def silent():
+    switches, cpu = idle("fifo")
+    print("   silent: %.1f wake-ups a second, %.2f %% of a core" % (switches, cpu * 100))
+    expect(switches < 60, "it wakes up %.0f times a second for nothing" % switches)
+
+
+CASES = [plugged_and_unplugged, silent]
+
+if __name__ == "__main__":
+    bus.need()
+    sys.exit(bus.run_cases(CASES, sys.argv[1:]))
