@@ -114,7 +114,7 @@ def back_pressure():
 
 # ---- unplugged ----
 
-STEPS = (["step open", "step string", "step claim", "step start"] + ["step submit %d" % n for n in (1, 2, 8, 9, 20)] +
+STEPS = (["step open", "step claim", "step start"] + ["step submit %d" % n for n in (1, 2, 8, 9, 20)] +
          ["step reap %d" % n for n in (1, 2, 9)] + ["step clear", "step discard 1", "step discard 3", "step release"] + ["0", "1000000", "1 MB", "end"])
 COMMAND = "[start]\nsend = go\n[stop]\nsend = halt"
 
