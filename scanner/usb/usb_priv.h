@@ -224,6 +224,7 @@ void usb_slots_free(struct usb_capture *);
 void usb_queue_data(struct usb_capture *, struct usb_slot *, size_t size, bool with_error, int64_t now);
 void usb_queue_event(struct usb_capture *, enum usb_kind, const uint8_t *at, size_t size, int64_t now, const char *fmt,
 		     ...) __attribute__((format(printf, 6, 7)));
+bool usb_queue_has_data(const struct usb_capture *); /* not taken yet; under the lock */
 void usb_queue_end(struct usb_capture *);
 void usb_slot_free(struct usb_capture *, struct usb_slot *); /* may be submitted again; thread's */
 struct usb_slot *usb_queue_given(struct usb_capture *);

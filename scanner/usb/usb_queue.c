@@ -94,6 +94,15 @@ void usb_queue_event(struct usb_capture *c, enum usb_kind kind, const uint8_t *a
 	pthread_mutex_unlock(&c->lock);
 }
 
+bool usb_queue_has_data(const struct usb_capture *c)
+{
+	const struct usb_item *item = c->first;
+
+	while (item && item->buffer.kind != USB_DATA)
+		item = item->next;
+	return item;
+}
+
 /* The last that the thread does with a capture. */
 void usb_queue_end(struct usb_capture *c)
 {

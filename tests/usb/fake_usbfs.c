@@ -378,9 +378,7 @@ static int answer(struct fake_node *n, UMockdevIoctlClient *client, gulong reque
 		return 0;
 	case USBDEVFS_GETDRIVER:
 		return driver(n, data);
-	case USBDEVFS_IOCTL: /* detach or attach a driver: only mass storage has one */
-		n->counts.detaches += n->device->interface_class == 8;
-		return n->device->interface_class == 8 ? 0 : ENODATA;
+	case USBDEVFS_IOCTL:
 	case USBDEVFS_DISCONNECT_CLAIM:
 		return driver_move(n, request, data);
 	case USBDEVFS_GET_SPEED:

@@ -163,8 +163,12 @@ def no_answer():
         b.tool(commands=COMMANDS, fail=(74, "refused a command"))
     with Run(scanner(source="pattern 1 MB", faults=["at step start timeout"])) as b:
         b.tool(commands=COMMANDS, timeout="0.3", fail=(124, "did not take a command"))
-    with Run(scanner(source="pattern 1 MB", faults=["at step start unplug"])) as b:
+    with Run(scanner(source="pattern 1 MB", on_command=True, faults=["at step start unplug"])) as b:
         b.tool(commands=COMMANDS, fail=(4, "unplugged while it was started"))
+    with Run(scanner(source="pattern 1 MB", faults=["at step start unplug"])) as b:
+        r = b.tool(commands=COMMANDS)
+        b.whole(r)
+        expect("GONE left" in r.out and r.model()["delivered"] > 0, r.out)
     with Run(scanner(source="cola 300", on_command=True, faults=["at step start 2 timeout", "at 100 KB stop"])) as b:
         r = b.tool(commands=COMMANDS, timeout="0.3")
         b.whole(r)
