@@ -5,7 +5,6 @@ What a capture holds is compared with what the device says it gave: its hash, or
 Figures are printed as `figure NAME: VALUE`; the machine is emulated, so they are those of this machine's emulator.
 """
 import glob
-import hashlib
 import json
 import os
 import re
@@ -14,8 +13,9 @@ import subprocess
 import sys
 import time
 
-sys.path.insert(0, "/opt/acut/tree/tests/e2e")
+sys.path[:0] = ["/opt/acut/tree/tests/e2e", "/opt/acut/tree/tests/usb"]
 from e2e import Fault, expect, main, run
+from spool import Spool
 
 SCAN = os.environ["ACUT_SCAN"]
 GADGET = "/opt/acut/usb/fake-gadget"
@@ -86,26 +86,6 @@ def spools():
     return sorted(glob.glob(SPOOLS + "/*.spool"), key=os.path.getmtime)
 
 
-def raw(spool):
-    """The bytes that a spool holds, by acut-scan itself."""
-    path = "/srv/raw"
-    with open(path, "wb") as f:
-        p = subprocess.run([SCAN, "replay", spool, "--to", "raw", "-o", "-"], stdout=f, stderr=subprocess.PIPE, timeout=300)
-    expect(p.returncode in (0, 3), "%d %s" % (p.returncode, p.stderr.decode()))
-    with open(path, "rb") as f:
-        return f.read()
-
-
-def told(spool):
-    """What replay says of a spool."""
-    lines = run([SCAN, "replay", spool, "--json"], timeout=300).out.splitlines()
-    return json.loads(lines[-1])
-
-
-def has_end(spool):
-    return '"ended":true' in json.dumps(told(spool), separators=(",", ":"))
-
-
 class Device:
     """A gadget by a script, plugged in for as long as it is held (or as its script says)."""
     count = 0
@@ -154,10 +134,13 @@ class Device:
 
 
 def same_as_given(spool, model):
-    got = raw(spool)
-    expect(len(got) == model["delivered"], "%d bytes in the spool, %d given" % (len(got), model["delivered"]))
-    expect(hashlib.sha256(got).hexdigest() == model["sha256"], "other bytes than the device gave")
-    return len(got)
+    """Read by another reader than acut's; END is there."""
+    s = Spool(spool)
+    expect(s.end and not s.torn, "no END, or %d bytes torn" % s.torn)
+    got = len(s.bytes())
+    expect(got == model["delivered"], "%d bytes in the spool, %d given: %s" % (got, model["delivered"], s.events()))
+    expect(s.sha256() == model["sha256"], "other bytes than the device gave")
+    return s
 
 
 def cpu(pid):
@@ -178,7 +161,7 @@ def switches(pid):
 
 def plugged_in_and_captured():
     """The shipped rule and unit, the shipped profile: a TiM is plugged in, told to start, captured, silent, pulled out."""
-    with Device("id 19a2:5001\nserial 4711\nmodel TiM561\nsource cola 150\nrate 30") as d:
+    with Device("id 19a2:5001\nserial 4711\nmodel TiM561\nsource cola 300\nrate 20") as d:
         took = until(active, 60)
         figure("plug to a capture that runs", "%.1f s", took)
         node, = glob.glob("/dev/bus/usb/001/*[!1]") or ["?"]
@@ -201,25 +184,28 @@ def plugged_in_and_captured():
         time.sleep(20)
         span = time.monotonic() - begun
         share, wakes = (cpu(pid) - before) / span, (switches(pid) - woken) / span
-        figure("idle with a silent device", "%.2f %% of a processor, %.1f switches a second", 100 * share, wakes)
-        expect(share < 0.02 and wakes < 20, "it polls: %.3f of a processor, %.1f switches a second" % (share, wakes))
+        # Of the processor's time much is the emulator's; a loop that polls would be seen in the switches.
+        figure("idle with a silent device", "%.2f %% of an emulated processor, %.1f switches a second", 100 * share, wakes)
+        expect(wakes < 10, "it polls: %.1f switches a second" % wakes)
         model = d.unplug()[0]["model"]
         took = until(inactive)
         figure("unplug to the end of the unit", "%.1f s", took)
         expect(state()["Result"] == "success", str(state()) + journal(unit()))
         spool, = spools()
-        expect(has_end(spool), "no END: %s" % told(spool))
-        n = same_as_given(spool, model)
-        expect(model["telegrams"] == 150 and '"telegrams":15' in json.dumps(told(spool), separators=(",", ":")), str(told(spool)))
-        figure("bytes of a TiM, given and in the spool", "%d, lost 0", n)
+        s = same_as_given(spool, model)
+        expect(s.bytes().count(b"LMDscandata ") >= 300, "%d telegrams" % s.bytes().count(b"LMDscandata "))
+        expect((s.serial, s.port, s.profile_name, s.vendor) == ("4711", "1-1", "sick-tim", 0x19a2), str(vars(s).keys()))
+        with open("/proc/sys/kernel/random/boot_id") as f:
+            expect(s.boot == f.read().strip(), "the boot id is %r" % s.boot)
+        figure("bytes of a TiM, given and in the spool", "%d, lost 0", len(s.bytes()))
 
 
 def pulled_out_and_plugged_in():
     """In the middle of its stream, again and again: a spool each time, each with its END, nothing lost that the bus had taken."""
     cycles = 5
-    faults = "\n".join("at %d MB unplug 5" % (3 * (i + 1)) for i in range(cycles - 1))
-    with Device("source pattern %d MB\n%s" % (3 * cycles, faults)) as d:
-        until(d.ended, 240, 0.3)
+    faults = "\n".join("at %d MB unplug 6" % (2 * (i + 1)) for i in range(cycles - 1))
+    with Device("source pattern %d MB\n%s" % (2 * cycles, faults)) as d:
+        until(d.ended, 400, 0.3)
         time.sleep(2)
         device = d.unplug()[0]
         until(inactive)
@@ -229,8 +215,9 @@ def pulled_out_and_plugged_in():
         expect(len(found) == cycles, "%d spools of %d plugs\n%s" % (len(found), cycles, journal(unit())))
         gave, at, missing = d.gave(), 0, 0
         for path in found:
-            expect(has_end(path), "%s has no END" % path)
-            got = raw(path)
+            s = Spool(path)
+            expect(s.end, "%s has no END" % path)
+            got = s.bytes()
             where = gave.find(got, at)
             expect(where >= 0, "%s: not what the device gave after byte %d" % (path, at))
             missing += where - at
@@ -242,7 +229,7 @@ def pulled_out_and_plugged_in():
 
 
 def fast():
-    size = int(os.environ.get("ACUT_VM_MB", "256"))
+    size = int(os.environ.get("ACUT_VM_MB", "24"))
     with Device("source pattern %d MB" % size) as d:
         until(active, 60)
         pid, begun, first = state()["MainPID"], time.monotonic(), os.path.getsize(spools()[0])
@@ -255,6 +242,7 @@ def fast():
         model = d.unplug()[0]["model"]
         until(inactive, 60)
         same_as_given(spools()[0], model)
+        expect(len(spools()) == 1, str(spools()))
 
 
 def faults():
@@ -268,8 +256,9 @@ def faults():
         model, (spool,) = device["model"], spools()
         expect(all(f["fired"] == 1 for f in model["faults"]), str(model["faults"]))
         expect(device["halts"] == 2, "%d stalls" % device["halts"])
-        same_as_given(spool, model)
-        expect(has_end(spool) and state()["Result"] == "success", journal(unit()))
+        s = same_as_given(spool, model)
+        expect(s.words().count("stall") == 2 and s.words().count("cleared") == 2, str(s.events()))
+        expect(state()["Result"] == "success", journal(unit()))
         figure("faults on the bus", "%d of stall, short, duplicate, garbage and delay; bytes lost 0", len(model["faults"]))
 
 
@@ -286,9 +275,9 @@ def killed():
         expect(state()["NRestarts"] == "1", str(state()))
         d.unplug()
         until(inactive)
-        first, second = spools()
-        expect(not has_end(first) and has_end(second), "END: %s %s" % (told(first), told(second)))
-        gave, one, two = d.gave(), raw(first), raw(second)
+        first, second = (Spool(path) for path in spools())
+        expect(not first.end and second.end, "END: %s %s" % (first.end, second.end))
+        gave, one, two = d.gave(), first.bytes(), second.bytes()
         expect(len(one) > 4 * MB - 65536 and gave.startswith(one), "the first spool is not what the device gave")
         where = gave.find(two, len(one))
         expect(len(two) > MB and where >= 0, "the second spool is not what the device gave")
@@ -303,7 +292,7 @@ def stopped_by_hand():
         until(active, 60)
         until(lambda: os.path.getsize(spools()[0]) > MB, 60)
         run(["systemctl", "stop", unit()], timeout=60).ok()
-        expect(state()["Result"] == "success" and has_end(spools()[0]), journal(unit()))
+        expect(state()["Result"] == "success" and Spool(spools()[0]).end, journal(unit()))
         run(["systemctl", "start", unit()], timeout=60).ok()
         until(lambda: len(spools()) == 2 and os.path.getsize(spools()[1]) > MB // 2, 60)
 
