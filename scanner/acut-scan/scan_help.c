@@ -14,7 +14,7 @@ static const struct { const char *command, *line; } examples[] = {
 	{"profiles", "acut-scan profiles my-scanner.conf"},
 	{"push", "acut-scan push monday.spool --pose monday.csv --into valley"},
 	{"record", "acut-scan record -o monday.spool"},
-	{"record", "acut-scan record serial:20370043 --folder /var/lib/acut-scanner --reconnect"},
+	{"record", "acut-scan record serial:20370043 --folder /var/lib/acut-scan --reconnect"},
 	{"record", "acut-scan record --from dump.bin --profile sick-tim -o monday.spool"},
 	{"replay", "acut-scan replay monday.spool"},
 	{"replay", "acut-scan replay monday.spool --to raw -o dump.bin"},
