@@ -20,11 +20,12 @@ static const char head[] =
 	"ENV{DEVTYPE}!=\"usb_device\", GOTO=\"acut_scanner_end\"\n"
 	"\n";
 
-/* The alias gives the unit a device to be bound to that has the same name, BUS-PORT: / is written - there. */
+/* Mass storage is never captured, whatever a profile says. The alias gives the unit a device to be bound to that has the same name, BUS-PORT: / is written - there. */
 static const char tail[] =
 	"\n"
 	"ENV{ACUT_SCANNER}==\"\", GOTO=\"acut_scanner_end\"\n"
 	"ENV{ACUT_SCANNER}==\"none\", GOTO=\"acut_scanner_end\"\n"
+	"ENV{ID_USB_INTERFACES}==\"*:08????:*\", GOTO=\"acut_scanner_end\"\n"
 	"SUBSYSTEM==\"usb\", GROUP=\"acut-scan\", MODE=\"0660\", TAG+=\"systemd\", "
 	"ENV{SYSTEMD_ALIAS}+=\"/acut/scanner/$attr{busnum}/$attr{devpath}\"\n"
 	"ENV{ACUT_SCANNER_START}!=\"no\", ENV{SYSTEMD_WANTS}+=\"acut-scan@$kernel.service\"\n"

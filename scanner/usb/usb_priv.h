@@ -14,7 +14,7 @@
 #define USB_SYSFS "/sys/bus/usb/devices"
 #define USB_NODES "/dev/bus/usb"
 #define USB_MEMORY_FILE "/sys/module/usbcore/parameters/usbfs_memory_mb"
-#define USB_RULE_FILE "/etc/udev/rules.d/70-acut-local.rules"
+#define USB_RULE_FILE "/etc/udev/rules.d/69-acut-local.rules"
 #define USB_RULE_GROUP "acut-scan"
 
 enum { USB_CLASS_STORAGE = 8, USB_CLASS_HUB = 9, USB_ENDPOINTS = 30, USB_DESCRIPTORS_MAX = 16384 };

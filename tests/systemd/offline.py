@@ -139,7 +139,7 @@ def rules_are_those_of_the_profiles():
     # Rights, and a unit whose name is that of the port; both to a device, not to its interfaces, and not when it goes.
     text = "\n".join(lines)
     for part in ('ENV{DEVTYPE}!="usb_device", GOTO=', 'ACTION=="remove", GOTO=', 'GROUP="acut-scan", MODE="0660", TAG+="systemd"',
-                 'ENV{SYSTEMD_WANTS}+="acut-scan@$kernel.service"'):
+                 'ENV{ID_USB_INTERFACES}=="*:08????:*", GOTO=', 'ENV{SYSTEMD_WANTS}+="acut-scan@$kernel.service"'):
         expect(part in text, part)
 
 

@@ -330,6 +330,65 @@ def without_a_rule():
         print("     " + got.err.strip().replace("\n", "\n     "))
 
 
+class Stick:
+    """Mass storage, by the kernel's own gadget, on the second port."""
+    folder = "/sys/kernel/config/usb_gadget/stick"
+
+    def write(self, name, text):
+        with open(self.folder + "/" + name, "w") as f:
+            f.write(text)
+
+    def __enter__(self):
+        run(["mount", "-t", "configfs", "none", "/sys/kernel/config"])
+        run(["modprobe", "usb_f_mass_storage"]).ok()
+        run(["cp", "/opt/acut/usb/stick.img", "/srv/stick.img"]).ok()
+        for name in ("", "strings/0x409", "configs/c.1", "functions/mass_storage.0"):
+            os.makedirs(os.path.join(self.folder, name), exist_ok=True)
+        for name, text in (("idVendor", "0x1209"), ("idProduct", "0x0001"), ("strings/0x409/serialnumber", "S1"),
+                           ("functions/mass_storage.0/lun.0/removable", "1"), ("functions/mass_storage.0/lun.0/file", "/srv/stick.img")):
+            self.write(name, text)
+        os.symlink(self.folder + "/functions/mass_storage.0", self.folder + "/configs/c.1/f")
+        self.write("UDC", "dummy_udc.1")
+        return self
+
+    def __exit__(self, *exc):
+        self.write("UDC", "\n")
+        os.unlink(self.folder + "/configs/c.1/f")
+        for name in ("functions/mass_storage.0", "configs/c.1", "strings/0x409", ""):
+            os.rmdir(os.path.join(self.folder, name))
+
+
+def mass_storage_is_left_alone():
+    """Though a rule calls it a scanner; and the example of a script for it puts its survey into a drop folder."""
+    examples = "/usr/local/share/doc/acut-scanner/examples/"
+    with open(examples + "acut-storage@.service") as f:
+        text = f.read().replace("/usr/local/lib/acut/", examples)
+    with open("/etc/systemd/system/acut-storage@.service", "w") as f:
+        f.write(text)
+    run(["cp", examples + "72-acut-storage.rules", "/etc/udev/rules.d/"]).ok()
+    run(["systemctl", "daemon-reload"]).ok()
+    run(["udevadm", "control", "--reload"]).ok()
+    drop = "/var/lib/acut-ingest/survey"
+    run(["install", "-d", "-o", "acut-ingest", "-g", "acut-ingest", "-m", "2770", drop]).ok()
+    for path in spools():
+        os.unlink(path)
+    with Stick():
+        until(lambda: glob.glob("/dev/sd?"), 60)
+        copied = drop + "/scans_valley.las"
+        until(lambda: os.path.exists(copied), 60)
+        st = os.stat(copied)
+        group = run(["stat", "-c", "%G", copied]).out.strip()
+        expect(st.st_mode & 0o040 and group == "acut-ingest" and st.st_size > 500000, "%o %s %d" % (st.st_mode, group, st.st_size))
+        expect(os.listdir(drop) == ["scans_valley.las"], str(os.listdir(drop)))
+        got = run([SCAN, "record", "--device", "port:2-1", "-o", "/srv/none.spool"], timeout=60)
+        expect(got.status == 2 and "mass storage" in got.err, "%d %s" % (got.status, got.err))
+        listed = [json.loads(line) for line in run([SCAN, "list", "--all", "--json"], timeout=60).ok().out.splitlines()]
+        expect(any(d.get("mass_storage") for d in listed), str(listed))
+        expect(state("2-1")["ActiveState"] == "inactive" and not spools(), journal("acut-scan@*"))
+        driver = os.path.basename(os.readlink("/sys/bus/usb/devices/2-1:1.0/driver"))
+        expect(driver == "usb-storage", "the driver is now " + driver)
+
+
 def prepare():
     run(["modprobe", "dummy_hcd", "is_high_speed=1", "num=2"]).ok()
     run(["modprobe", "-a", "libcomposite", "usb_f_fs"]).ok()
@@ -341,11 +400,12 @@ def prepare():
         f.write(PROFILE)
     rule = run([SCAN, "profiles", "--udev", "test"]).ok().out
     os.makedirs("/etc/udev/rules.d", exist_ok=True)
-    with open("/etc/udev/rules.d/70-acut-local.rules", "w") as f:
+    with open("/etc/udev/rules.d/69-acut-local.rules", "w") as f:
         f.write(rule)
     run(["udevadm", "control", "--reload"]).ok()
 
 
-CASES = [plugged_in_and_captured, fast, pulled_out_and_plugged_in, faults, killed, stopped_by_hand, two_alike, without_a_rule]
+CASES = [plugged_in_and_captured, fast, pulled_out_and_plugged_in, faults, killed, stopped_by_hand, two_alike, without_a_rule,
+         mass_storage_is_left_alone]
 prepare()
 main(*[c for c in CASES if not sys.argv[1:] or c.__name__ in sys.argv[1:]])
