@@ -98,6 +98,7 @@ void walk_shut(struct walk *w)
 {
 	pipe_emitter_free(w->emitter);
 	w->emitter = NULL;
+	walk_there_free(w);
 	walk_space_shut(w);
 	w->grid = grid_close(w->grid);
 	if (w->opened)
@@ -302,6 +303,8 @@ void walk_stop(struct walk *w, const struct err *why)
 static void settle_stopping(struct walk *w)
 {
 	struct walk_domain *d, *next;
+
+	walk_arenas_free(w);
 	bool farewell = w->sending && w->output && clock_since(w->stopped_ns) < FAREWELL_SECONDS;
 
 	/* It goes on behind this block. */
@@ -377,6 +380,12 @@ static bool emit_next(struct walk *w)
 		w->next_emit++;
 		return true;
 	}
+	if (w->splitting && w->sums)
+		return false; /* the plan is a worker's */
+	if (walk_is_there(w, w->next_emit)) {
+		w->next_emit++;
+		return true;
+	}
 	d = find(w, w->next_emit);
 	if (!d) {
 		/* It is in the store, or lost. */
@@ -423,7 +432,8 @@ bool walk_crowded(const struct walk *w)
 static void make_next(struct walk *w)
 {
 	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w) && limit_domain(w)) {
-		if (!walk_change_skips(w, w->next_start) && !walk_domain_start(w, w->next_start, SCHED_NORMAL))
+		if (!walk_change_skips(w, w->next_start) && !walk_is_there(w, w->next_start) &&
+		    !walk_domain_start(w, w->next_start, SCHED_NORMAL))
 			return;
 		w->next_start++;
 	}
@@ -451,6 +461,7 @@ static void settle_running(struct walk *w)
 		store_backlog(w);
 	if (!w->stopping)
 		make_next(w);
+	walk_arenas_free(w); /* that nothing was started with */
 	if (w->stopping) {
 		settle_stopping(w);
 		return;

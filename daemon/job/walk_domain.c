@@ -17,8 +17,6 @@
 
 #define HUGE_PAGE ((size_t)2 << 20)
 #define PAGE ((size_t)4096)
-/* The time of a file is its last use, to the hour. */
-#define TOUCH_NS (INT64_C(3600) * 1000000000)
 /* Positions from which on an arena fills its huge pages. */
 #define HUGE_COUNT ((uint64_t)1 << 17)
 
@@ -70,6 +68,43 @@ static void memory_trim(struct walk_domain *d, size_t held)
 void walk_domain_unmap(struct walk_domain *d)
 {
 	memory_trim(d, 0);
+}
+
+/* The memory of a domain of which only sums are wanted, for the next one: what was cleared and mapped once need not be again.
+ * Not where somebody else waits for it. */
+static void arena_keep(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+
+	if (!d->memory || d->size != page_round(w->budget.domain_bytes) || w->narenas == WALK_ARENAS ||
+	    sched_starved(w->jobs->p.sched)) {
+		walk_domain_unmap(d);
+		return;
+	}
+	w->arena[w->narenas++] = (struct walk_arena){d->memory, d->size};
+	d->memory = NULL;
+	d->size = 0;
+}
+
+static bool arena_take(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+
+	if (!w->narenas)
+		return false;
+	d->memory = w->arena[--w->narenas].memory;
+	d->size = w->arena[w->narenas].size;
+	return true;
+}
+
+void walk_arenas_free(struct walk *w)
+{
+	while (w->narenas) {
+		struct walk_arena a = w->arena[--w->narenas];
+
+		munmap(a.memory, a.size);
+		sched_give(w->jobs->p.sched, LEDGER_DOMAIN, a.size);
+	}
 }
 
 /* ---- the list ---- */
@@ -126,7 +161,7 @@ static void submit(struct walk_domain *d, void (*run)(struct sched_task *), void
 /* ---- making ---- */
 
 /* Domains of a one-step dataset go with it. */
-static int store_of(const struct walk *w)
+int walk_store(const struct walk *w)
 {
 	return w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd;
 }
@@ -155,9 +190,10 @@ static bool load(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
 	unsigned damaged = 0;
-	const struct pipe_reuse_params p = {.storefd = store_of(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
+	const struct pipe_reuse_params p = {.storefd = walk_store(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
 					    .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
-					    .size = d->size, .light = d->front, .damaged = &damaged};
+					    .size = d->size, .light = d->front, .sums = w->sums,
+					    .after_ns = d->looked ? w->there.looked_ns : 0, .damaged = &damaged};
 	struct err err = ERR_INIT;
 	int r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
 
@@ -167,7 +203,7 @@ static bool load(struct walk_domain *d)
 		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a stored domain cannot be read, it is made again", &err);
 	d->stored = !r;
 	if (!r)
-		store_touch(store_of(w), &d->as.id, 1000 * clock_real_us() - TOUCH_NS);
+		store_touch(walk_store(w), &d->as.id, 1000 * clock_real_us() - STORE_TOUCH_NS);
 	return !r;
 }
 
@@ -180,7 +216,7 @@ static void keep(struct walk_domain *d)
 	d->unstorable = !walk_space_domain(w, d->held);
 	if (d->unstorable)
 		return;
-	r = pipe_keep(store_of(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &err);
+	r = pipe_keep(walk_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;
@@ -190,19 +226,38 @@ static void keep(struct walk_domain *d)
 	log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a finished domain cannot be stored", &err);
 }
 
+static void map(struct walk_domain *d, uint64_t bytes)
+{
+	/* One that serves many fills its huge pages. */
+	bool huge = d->count >= HUGE_COUNT || (d->walk->sums && d->walk->plan_n > WALK_ARENAS);
+
+	d->size = page_round(bytes);
+	d->memory = memory_map(d->size, huge);
+	if (!d->memory)
+		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
+}
+
+/* What is left of a domain whose sums are all that is wanted. */
+static void strip(struct walk_domain *d)
+{
+	d->domain.triangle = NULL;
+	d->domain.link = NULL;
+	d->domain.vertex = NULL;
+	d->domain.final = NULL;
+	d->held = 0;
+}
+
 static void make_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
 
 	d->err = ERR_INIT;
-	d->size = page_round(t->bytes);
-	d->memory = memory_map(d->size, d->count >= HUGE_COUNT);
-	if (!d->memory) {
-		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
-		return;
-	}
 	d->r = 0;
+	if (!d->memory)
+		map(d, t->bytes);
+	if (d->r)
+		return;
 	d->made = false;
 	if (!w->rest.window && load(d)) {
 		tell(d);
@@ -240,7 +295,12 @@ static void make_done(struct sched_task *t)
 		walk_fail(w, &d->err);
 		walk_domain_release(d);
 	} else {
-		memory_trim(d, d->held);
+		if (w->sums)
+			strip(d);
+		if (w->sums)
+			arena_keep(d);
+		else
+			memory_trim(d, d->held);
 		w->made += d->made;
 		if (d->made)
 			tally_domain(w->jobs, d->domain.ntriangle);
@@ -266,7 +326,7 @@ void walk_domain_restart(struct walk_domain *d, enum sched_priority priority)
 	d->state = DOMAIN_MAKING;
 	d->stored = false;
 	d->front = passes(d);
-	submit(d, make_run, make_done, priority, page_round(d->walk->budget.domain_bytes));
+	submit(d, make_run, make_done, priority, arena_take(d) ? 0 : page_round(d->walk->budget.domain_bytes));
 }
 
 struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_priority priority)
@@ -278,6 +338,7 @@ struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_p
 	d->region = w->plan.leaf[index].region;
 	d->sites = w->plan.leaf[index].known ? w->plan.sites : NULL;
 	d->count = w->plan.leaf[index].count;
+	d->looked = w->plan.leaf[index].looked && !w->plan.leaf[index].there;
 	walk_domain_restart(d, priority);
 	return d;
 }
@@ -331,6 +392,7 @@ static void split_done(struct sched_task *t)
 	w->next_start++;
 	d->region = w->plan.leaf[at].region;
 	d->sites = NULL;
+	d->looked = false;
 	d->count = w->plan.leaf[at].count;
 	walk_domain_restart(d, SCHED_FIRST);
 	walk_domain_start(w, at + 1, SCHED_FIRST);
@@ -443,20 +505,37 @@ static void emit_done(struct sched_task *t)
 	walk_settle(w);
 }
 
+/* Counted only: too little to ask a worker. */
+static void count(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+	struct err err = ERR_INIT;
+	int r = pipe_emit(w->emitter, &d->domain, &d->region, NULL, &err);
+
+	if (r)
+		walk_fail(w, &err);
+	if (d->domain.ntriangle) {
+		w->blocks++;
+		w->first_ns = w->first_ns ? w->first_ns : clock_mono_ns();
+	}
+	w->next_emit++;
+	w->points += d->domain.counts.points;
+	walk_domain_release(d);
+	if (w->sums && w->calls->moved)
+		w->calls->moved(w->ctx);
+}
+
+bool walk_is_there(const struct walk *w, size_t index)
+{
+	return w->sums && w->plan.leaf[index].there;
+}
+
 void walk_domain_emit(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
 
-	if (!d->domain.ntriangle) {
-		/* Counted only: too little to ask a worker. */
-		struct err err = ERR_INIT;
-		int r = pipe_emit(w->emitter, &d->domain, &d->region, NULL, &err);
-
-		if (r)
-			walk_fail(w, &err);
-		w->next_emit++;
-		w->points += d->domain.counts.points;
-		walk_domain_release(d);
+	if (!d->domain.ntriangle || w->sums) {
+		count(d);
 		return;
 	}
 	if (!d->domain.triangle && w->output && w->blocks >= w->output->from) {

@@ -26,7 +26,7 @@ static struct walk *walk_of_output_task(struct sched_task *t)
 
 bool walk_attach(struct walk *w, struct job_output *output)
 {
-	if (w->output || w->next_emit || w->emitting || w->stopping || w->state >= WALK_FINISHING)
+	if (w->output || w->sums || w->next_emit || w->emitting || w->stopping || w->state >= WALK_FINISHING)
 		return false;
 	w->output = output;
 	output->walk = w;

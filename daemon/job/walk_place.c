@@ -22,6 +22,7 @@ static void reset(struct walk *w)
 	walk_shut(w);
 	cut_plan_done(&w->plan);
 	w->next_start = w->next_emit = w->plan_n = 0;
+	w->there = (struct walk_there){0};
 	/* Here, not when it was asked to give way: a domain may have been emitted since. */
 	if (w->points > w->points_before)
 		w->points_before = w->points;

@@ -11,12 +11,14 @@
 
 #include "clock.h"
 #include "job_priv.h"
+#include "ledger.h"
 #include "log.h"
+#include "store.h"
 #include "walk_priv.h"
 
-/* Positions of a leaf of a dataset that is kept: so little is made again after a push, and all of it for 1 to 12 % more.
+/* Positions of a leaf of a dataset that is kept: so little is made again after a push, and all of it for a tenth more.
  * What its arena carries stays that of the rung. */
-enum { KEPT_LOAD = 1 << 17 };
+enum { KEPT_LOAD = 1 << 16 };
 
 static struct walk *walk_of_task(struct sched_task *t)
 {
@@ -45,7 +47,7 @@ static int keep(struct walk *w)
 static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory, size_t size)
 {
 	return (struct pipe_reuse_params){
-		.storefd = w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd,
+		.storefd = walk_store(w),
 		.grid = w->grid,
 		.view = &w->rest,
 		.key = &w->key,
@@ -53,8 +55,66 @@ static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory,
 		.cap = w->budget.cap,
 		.memory = memory,
 		.size = size,
-		.light = true,
+		.sums = true,
 	};
+}
+
+/* A leaf that is there: its sums at once; its place among the finished ones when there is a plan to note it in. */
+static void take_there(void *ctx, const struct cut_region *region, const struct mesh_domain *domain, const struct pipe_stored *as)
+{
+	struct walk *w = ctx;
+	struct walk_there *t = &w->there;
+	struct mesh_domain d = *domain;
+	struct err err = ERR_INIT;
+
+	if (pipe_emit(w->emitter, &d, region, NULL, &err))
+		log_err(LOG_LEVEL_ERROR, "the sums of a stored domain are not taken", &err); /* the mesh will not be whole */
+	t->leaves++;
+	t->points += domain->counts.points;
+	t->triangles |= domain->ntriangle > 0;
+	store_touch(walk_store(w), &as->id, t->looked_ns + STORE_LOOK_NS - STORE_TOUCH_NS);
+	if (t->n < t->room)
+		t->done[t->n++] = (struct plan_done){.region = *region, .base = as->id.base, .list = as->id.list, .digest = as->digest,
+						     .payload = as->payload, .triangles = as->triangles, .bytes = as->bytes};
+}
+
+/* Those that no memory is left for are missed by comparisons only. */
+static void there_room(struct walk *w)
+{
+	struct walk_there *t = &w->there;
+	uint64_t bytes = (uint64_t)w->plan.n * sizeof *t->done;
+
+	walk_there_free(w);
+	*t = (struct walk_there){.looked_ns = 1000 * clock_real_us() - STORE_LOOK_NS};
+	if (!ledger_take(w->jobs->p.ledger, LEDGER_PLAN, bytes))
+		return;
+	t->charged = bytes;
+	t->done = malloc(bytes);
+	t->room = t->done ? w->plan.n : 0;
+}
+
+void walk_there_free(struct walk *w)
+{
+	struct walk_there *t = &w->there;
+
+	free(t->done);
+	if (t->charged)
+		ledger_give(w->jobs->p.ledger, LEDGER_PLAN, t->charged);
+	t->done = NULL;
+	t->n = t->room = 0;
+	t->charged = 0;
+}
+
+static void tell_there(struct walk *w)
+{
+	struct err err = ERR_INIT;
+	int r = 0;
+
+	for (size_t i = 0; w->file && !r && i < w->there.n; i++)
+		r = plan_file_done(w->file, &w->there.done[i], &err);
+	if (r)
+		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
+	walk_there_free(w);
 }
 
 /* What the store has of earlier generations; without it the plan is as good. */
@@ -66,6 +126,11 @@ static int refine(struct walk *w, void *memory, size_t size)
 	int r;
 
 	p.damaged = &damaged;
+	if (w->sums) {
+		there_room(w);
+		p.there = take_there;
+		p.ctx = w;
+	}
 	r = w->keep || w->plan_only ? pipe_refine(&p, &w->plan, &err) : 0;
 	walk_tell_damaged(w, damaged);
 
@@ -92,7 +157,7 @@ static void count_reusable(struct walk *w, void *memory, size_t size)
 
 		p.region = &w->plan.leaf[i].region;
 		p.damaged = &damaged;
-		w->reusable += pipe_reuse(&p, &d, &as, &held, &err) == 0;
+		w->reusable += w->plan.leaf[i].there || pipe_reuse(&p, &d, &as, &held, &err) == 0;
 		walk_tell_damaged(w, damaged);
 	}
 }
@@ -118,6 +183,8 @@ static void plan_run(struct sched_task *t)
 	free(memory);
 	if (!w->r)
 		w->r = keep(w);
+	if (!w->r)
+		tell_there(w);
 	if (w->r == PIPE_E_FLAT) {
 		/* Nothing to triangulate: no domains, but the counts of what was read. */
 		pipe_emit_flat(w->emitter, &flat);
@@ -137,6 +204,11 @@ static void narrow_run(struct sched_task *t)
 static void run(struct walk *w)
 {
 	w->plan_n = w->plan.n;
+	w->points += w->there.points;
+	w->blocks += w->there.triangles;
+	w->jobs->tally.domains_reused += w->there.leaves;
+	if (w->there.triangles && !w->first_ns)
+		w->first_ns = clock_mono_ns();
 	w->grid_total = grid_points(w->grid);
 	w->state = WALK_RUNNING;
 	w->started_ns = clock_mono_ns();
@@ -201,9 +273,18 @@ static void start(struct walk *w, void (*task)(struct sched_task *), uint64_t by
 	sched_submit(w->jobs->p.sched, &w->task);
 }
 
+/* Of a job that is nobody's stream: who fetches it has a walk of his own. */
+static void sums_choose(struct walk *w)
+{
+	w->sums = w->keep && !w->plan_only && !w->lazy && !w->output && !w->since && !w->view.window;
+	if (w->sums)
+		pipe_emitter_sums(w->emitter, true);
+}
+
 /* Within its budget. */
 static void begin(struct walk *w)
 {
+	sums_choose(w);
 	if (w->planned && walk_change_torn(w))
 		return;
 	if (w->planned)
@@ -238,6 +319,7 @@ void walk_plan_start(struct walk *w)
 	if (w->planned) {
 		if (!pipe_budget_kept(all, j->p.threads, w->grid, w->kept.load, w->kept.cap,
 				      &w->budget, &err)) {
+			sums_choose(w);
 			run(w);
 			return;
 		}

@@ -32,8 +32,9 @@ struct walk_domain {
 	size_t size; /* mapped, and charged to LEDGER_DOMAIN */
 	size_t held; /* of it, what the result needs */
 	bool stored, unstorable;
-	bool front; /* only what totals need is asked for: `domain.triangle` is NULL if it came from the store */
+	bool front; /* only what later blocks are numbered by is asked for: `domain.triangle` is NULL if it came from the store */
 	bool made;  /* not from the store */
+	bool looked; /* for, when the plan was made */
 	struct pipe_stored as; /* if `stored` */
 	bool block; /* its emission gave one */
 	uint64_t need;
@@ -50,6 +51,8 @@ struct walk_change {
 	uint8_t *skip;             /* by leaf: it holds in both meshes, or is empty */
 	uint64_t charged;          /* of LEDGER_PLAN */
 };
+
+enum { WALK_ARENAS = 4 };
 
 /* Any thread. What log_event is told. */
 #define ABOUT_WALK(w)                                                                                        \
@@ -121,6 +124,21 @@ struct walk {
 	struct walk_domain *domains;
 	unsigned ndomains, tasks; /* tasks: of domains and output, not over */
 	size_t next_start, next_emit;
+	/*
+	 * Nobody will read what it emits: of each domain only the sums are asked for, as soon as they are known. Leaves that are
+	 * `there` in the plan were emitted when it was made; what it makes goes to the store, and its memory to the next.
+	 */
+	bool sums;
+	struct walk_there {
+		struct plan_done *done; /* to be noted in the plan, by the task that makes it */
+		size_t n, room;
+		uint64_t points, charged;
+		int64_t looked_ns; /* when, of the clock that files have */
+		size_t leaves;
+		bool triangles;
+	} there;
+	struct walk_arena { void *memory; size_t size; } arena[WALK_ARENAS]; /* charged; within a walk_settle only */
+	unsigned narenas;
 	size_t made; /* domains that were triangulated, some perhaps more than once */
 	size_t reusable; /* of one that plans only: domains that are in the store */
 	size_t plan_n; /* plan.n, for whoever asks while a worker has the plan */
@@ -195,6 +213,14 @@ void walk_domain_store(struct walk_domain *);
 void walk_domain_split(struct walk_domain *);
 void walk_domain_release(struct walk_domain *); /* takes it out of the list and frees it */
 void walk_domain_unmap(struct walk_domain *);
+void walk_there_free(struct walk *); /* walk_plan.c */
+int walk_store(const struct walk *); /* the folder of its domains */
+/* The time of a file is its last use, to the hour; what is written now may have a time a little earlier. */
+#define STORE_TOUCH_NS (INT64_C(3600) * 1000000000)
+#define STORE_LOOK_NS INT64_C(1000000000)
+void walk_arenas_free(struct walk *);
+/* The leaf was emitted with the plan. Not while `splitting`. */
+bool walk_is_there(const struct walk *, size_t index);
 /* The selected grid of the walk's view takes the place of its generation's. WALK_E_ABSENT: it is not there.
  * -ERR_BUSY: from the start, later (no memory for the index now, or it was damaged and is removed). Worker. */
 enum { WALK_E_ABSENT = 1 };

@@ -49,6 +49,13 @@ bool cut_region_holds(const struct cut_region *, int32_t x, int32_t y);
 /* Owner test, exact (ALGORITHM 4.2). a, b, c counter-clockwise. */
 bool cut_region_owns(const struct cut_region *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
+/*
+ * Likewise of an edge of the hull, from a to b with the outside on its left: whether the ray that leaves it at a right
+ * angle from its middle ends in the region, at infinity. Of the regions of a plan one owns it; of the lower or left one,
+ * where the ray runs along a border.
+ */
+bool cut_region_owns_hull(const struct cut_region *, const int32_t a[2], const int32_t b[2]);
+
 /* Load exactly P_B: the region's own positions and its halo, after the view, duplicates reduced, in
  * Morton order, into out[0..cap). Scratch memory for the halo comes from the caller: cut_load_scratch_bytes
  * holds halos of about cap / 2, more scratch more. CUT_E_FULL: own + halo do not fit cap or the scratch; the
@@ -78,6 +85,7 @@ struct cut_leaf {
 	uint64_t count;      /* own positions at most, before the view (their number if `exact`) */
 	bool exact;
 	bool known;          /* its halo is in the plan's sites */
+	bool looked, there;  /* pipe_refine: it was looked for in the store; it is there, and unchanged */
 	bool fits;           /* own + halo fitted when it was made last: the probe passes it */
 	uint8_t stuck;       /* consecutive levels without progress above it */
 	uint64_t above;      /* own + halo of the region it was cut out of because they did not fit; else 0 */

@@ -31,6 +31,25 @@ static int grid_source_sums(void *ctx, struct grid_sum *range, size_t n, struct 
 	return grid_sums(ctx, range, n, err);
 }
 
+static size_t grid_source_parts(void *ctx, struct cut_part *ret, uint32_t *ret_segment, size_t most)
+{
+	const struct grid *g = grid_reader_grid(ctx);
+	size_t all = grid_manifest(g)->nsegments, n = 0;
+
+	for (size_t i = 0; i < all; i++) {
+		uint64_t points = grid_segment_points(g, i);
+
+		if (!points)
+			continue;
+		if (n < most) {
+			ret[n] = (struct cut_part){ .points = points, .sum = grid_segment_content(g, i) };
+			ret_segment[n] = (uint32_t)i;
+		}
+		n++;
+	}
+	return n;
+}
+
 static bool grid_source_box(void *ctx, int32_t ret_box[4])
 {
 	return grid_box(grid_reader_grid(ctx), ret_box);
@@ -45,6 +64,7 @@ void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->count = grid_source_count;
 	ret->sums = grid_source_sums;
 	ret->box = grid_source_box;
+	ret->parts = grid_source_parts;
 	ret->ledger = grid_ledger(grid_reader_grid(reader));
 }
 

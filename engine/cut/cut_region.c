@@ -237,6 +237,27 @@ bool cut_region_owns(const struct cut_region *r, const int32_t a[2], const int32
 	return true;
 }
 
+/*
+ * The ray is where the Voronoi edge of a and b goes, so all of ALGORITHM 4.1 holds of its end too: whoever owns that end has
+ * loaded a and b, and whatever would lie beyond their edge.
+ */
+bool cut_region_owns_hull(const struct cut_region *r, const int32_t a[2], const int32_t b[2])
+{
+	int64_t box[4], to[2] = { (int64_t)a[1] - b[1], (int64_t)b[0] - a[0] };
+
+	cut_region_box(r, box);
+	for (unsigned axis = 0; axis < 2; axis++) {
+		int64_t lower = box[axis], upper = box[axis + 2], middle = (int64_t)a[axis] + b[axis];
+
+		if (to[axis] > 0 ? upper != INT64_MAX : to[axis] < 0 && lower != INT64_MIN)
+			return false;
+		/* INT64_MIN and MAX are beyond any middle. */
+		if (!to[axis] && (middle <= lower || middle > upper))
+			return false;
+	}
+	return true;
+}
+
 void cut_owner_init(struct cut_owner *o, const struct cut_region *r)
 {
 	/* Farther than any border of the lattice (2^32 doubled) is from any point of it. */

@@ -11,6 +11,8 @@
 #include "cut.h"
 #include "grid.h"
 
+struct cut_part;
+
 struct cut_source {
 	void *ctx;
 	/* As grid_walk, grid_cell_read, grid_scan, grid_count. */
@@ -22,6 +24,9 @@ struct cut_source {
 	int (*sums)(void *ctx, struct grid_sum *range, size_t n, struct err *);
 	/* As grid_box: of all points of all sources. */
 	bool (*box)(void *ctx, int32_t ret_box[4]);
+	/* The segments with live records: how many there are, and of the first `most` what is live in them, in the order of
+	 * `segment` of their cells, but for those without. NULL: not known. */
+	size_t (*parts)(void *ctx, struct cut_part *ret, uint32_t *ret_segment, size_t most);
 	struct ledger *ledger; /* of plans; NULL: none */
 };
 

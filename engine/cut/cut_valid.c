@@ -21,6 +21,10 @@
  *   neither hull. So E and E2 are the hulls of the same sites, those with keys in R, and the sites on them are the same.
  * A border without any site has no E', which counts as infinite: everything is a hit.
  *
+ * Where all that was live then is live now, segment by segment, R's sums can differ and (2) be false only by what is live
+ * in other segments. If none of that comes near, neither in R nor in the region nor with h <= E', nothing more is asked:
+ * of a survey that grew at one end the index of what is old is not looked at.
+ *
  * Merged segments, removed and restored sources, copies of a point in other files change no live content, so they
  * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers are of one lattice with its
  * K; whoever compares generations of different ones is wrong before this is asked.
@@ -209,12 +213,21 @@ static int list_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
+static void trace_parts(struct cut_trace *t, const struct cut_source *src)
+{
+	uint32_t segment[CUT_TRACE_PARTS];
+	size_t n = src->parts ? src->parts(src->ctx, t->part, segment, CUT_TRACE_PARTS) : 0;
+
+	t->nparts = n <= CUT_TRACE_PARTS ? (uint32_t)n : 0;
+}
+
 int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const struct cut_region *region, struct err *err)
 {
 	struct listing l = {.trace = t};
 	const struct grid_visitor v = {.ctx = &l, .enter = list_enter, .cell = list_cell};
 	int rc;
 
+	trace_parts(t, src);
 	l.nown = cut_region_ranges(region, l.own);
 	l.nchain = chains_of(t, region, l.chain);
 	t->nrange = 0;
@@ -235,7 +248,7 @@ bool cut_trace_fits(const struct cut_trace *t, const struct cut_region *region)
 	struct cut_chain chain[4];
 	int64_t box[4];
 
-	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN)
+	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->nparts > CUT_TRACE_PARTS)
 		return false;
 	for (uint32_t i = 0; i < t->nrange; i++)
 		if (t->range[i].hi < t->range[i].lo || (i > 0 && t->range[i].lo <= t->range[i - 1].hi))
@@ -340,6 +353,94 @@ static int same_sums(const struct cut_source *src, const struct cut_trace *t, bo
 	return 0;
 }
 
+/* ---- what came only ---- */
+
+struct fresh {
+	struct judge *judge;
+	uint32_t segment[2 * CUT_TRACE_PARTS];
+	size_t n;
+};
+
+static bool meets_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
+{
+	uint32_t lo = 0, hi = t->nrange;
+
+	while (lo < hi) {
+		uint32_t mid = lo + (hi - lo) / 2;
+
+		if (t->range[mid].hi < from)
+			lo = mid + 1;
+		else
+			hi = mid;
+	}
+	return lo < t->nrange && t->range[lo].lo <= to;
+}
+
+static bool fresh_segment(void *ctx, uint32_t segment)
+{
+	const struct fresh *f = ctx;
+	size_t i = 0;
+
+	while (i < f->n && f->segment[i] != segment)
+		i++;
+	return i < f->n;
+}
+
+static bool fresh_near(void *ctx, const struct grid_cell *cell)
+{
+	const struct judge *j = ((const struct fresh *)ctx)->judge;
+	uint64_t lo, hi;
+
+	keys_of(cell->box, &lo, &hi);
+	return cell->count && (meets_ranges(j->trace, lo, hi) || meets(j, cell->box) || hit(j->chain, j->nchain, cell->box));
+}
+
+static int fresh_cell(void *ctx, const struct grid_cell *cell)
+{
+	return fresh_near(ctx, cell) ? FOUND : 0;
+}
+
+/* The segments that are not of the trace. False: not all of the trace are there as they were. */
+static bool fresh_find(const struct cut_source *src, const struct cut_trace *t, struct fresh *f)
+{
+	enum { MOST = sizeof f->segment / sizeof f->segment[0] };
+	bool taken[CUT_TRACE_PARTS] = { false };
+	struct cut_part now[MOST];
+	uint32_t segment[MOST];
+	size_t n = t->nparts && src->parts ? src->parts(src->ctx, now, segment, MOST) : 0, same = 0;
+
+	if (!n || n > MOST)
+		return false;
+	for (size_t i = 0; i < n; i++) {
+		uint32_t k = 0;
+
+		while (k < t->nparts && (taken[k] || now[i].points != t->part[k].points || !digest_equal(now[i].sum, t->part[k].sum)))
+			k++;
+		if (k == t->nparts) {
+			f->segment[f->n++] = segment[i];
+			continue;
+		}
+		taken[k] = true;
+		same++;
+	}
+	return same == t->nparts;
+}
+
+/* *ret: what is not of the trace's generation is not near. False in it says nothing. */
+static int nothing_near(const struct cut_source *src, struct judge *j, bool *ret, struct err *err)
+{
+	struct fresh f = { .judge = j };
+	const struct grid_visitor v = { .ctx = &f, .segment = fresh_segment, .enter = fresh_near, .cell = fresh_cell };
+	int rc;
+
+	*ret = false;
+	if (!fresh_find(src, j->trace, &f))
+		return 0;
+	rc = f.n ? src->walk(src->ctx, 0, UINT64_MAX, &v, err) : 0;
+	*ret = !rc;
+	return rc == FOUND ? 0 : rc;
+}
+
 int cut_valid_from(const struct cut_source *src, const struct view *view, const struct cut_region *region,
 		   const struct cut_trace *trace, bool *ret, struct err *err)
 {
@@ -348,12 +449,15 @@ int cut_valid_from(const struct cut_source *src, const struct view *view, const 
 	bool same = false;
 	int rc;
 
+	cut_region_box(region, j.box);
+	j.nchain = chains_of(trace, region, j.chain);
+	rc = nothing_near(src, &j, ret, err);
+	if (rc || *ret)
+		return rc;
 	rc = same_sums(src, trace, &same, err);
 	if (rc)
 		return rc;
 	if (same) {
-		cut_region_box(region, j.box);
-		j.nchain = chains_of(trace, region, j.chain);
 		rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
 		if (rc && rc != FOUND)
 			return rc;

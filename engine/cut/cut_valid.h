@@ -15,17 +15,26 @@ struct cut_chain;
 struct cut_source;
 
 /* Sites kept of a border's chain, and ranges, at most: what is more is thinned, or made coarser. */
-enum { CUT_TRACE_SITES = 128, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4 };
+enum { CUT_TRACE_SITES = 128, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4, CUT_TRACE_PARTS = 16 };
+
+/* What was live in a segment: its records, and their content sum. */
+struct cut_part {
+	uint64_t points;
+	struct digest sum;
+};
 
 /*
  * The trace of a load. `range`: of Morton keys, ascending, disjoint and not adjacent, with the content sums of the live
  * records in them; the region's own ranges are inside. `site`: the border chains (ALGORITHM 4.3), those of the finite
- * borders in the order left, right, lower, upper; of these sites x and y count.
+ * borders in the order left, right, lower, upper; of these sites x and y count. `part`: all that was live, by segments; none
+ * where there were too many.
  */
 struct cut_trace {
 	struct grid_sum *range;
 	struct point *site;
 	uint32_t nrange, nsite[4];
+	struct cut_part part[CUT_TRACE_PARTS];
+	uint32_t nparts;
 	uint32_t most_ranges, most_sites; /* of a border; at least 4 and 2; tests make them less than there is room for */
 };
 

@@ -247,6 +247,7 @@ uint64_t grid_generation(const struct grid *); /* that was opened */
 const struct grid_manifest *grid_manifest(const struct grid *);
 uint64_t grid_points(const struct grid *);           /* live records */
 uint64_t grid_segment_points(const struct grid *, size_t segment); /* likewise, of one segment of the manifest */
+struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
 struct digest grid_content(const struct grid *);     /* content sum of them, however they lie in segments */
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);
@@ -271,6 +272,8 @@ struct grid_visitor {
 	bool (*enter)(void *ctx, const struct grid_cell *subtree);
 	/* A cell; non-zero ends the walk and is returned by it (negative: err is the callee's). */
 	int (*cell)(void *ctx, const struct grid_cell *cell);
+	/* Segment of the manifest: whether to look at it at all. NULL: at each. */
+	bool (*segment)(void *ctx, uint32_t segment);
 };
 
 /* Working memory of one thread that reads: block buffers. Size by grid_reader_bytes. A sink that returns

@@ -255,6 +255,11 @@ uint64_t grid_segment_points(const struct grid *g, size_t segment)
 	return g->parts[segment].live_points;
 }
 
+struct digest grid_segment_content(const struct grid *g, size_t segment)
+{
+	return g->parts[segment].live_sum;
+}
+
 bool grid_box(const struct grid *g, int32_t ret_box[4])
 {
 	int32_t box[4] = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN};

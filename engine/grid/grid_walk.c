@@ -13,6 +13,7 @@ struct descent {
 	uint32_t part;
 	uint64_t lo, hi;
 	void *ctx;
+	bool (*segment)(const struct descent *, uint32_t); /* NULL: all */
 	/* A subtree that meets [lo, hi]: whether to go down. */
 	bool (*inner)(struct descent *, const struct disk_inner *);
 	int (*cell)(struct descent *, const struct grid_cell *, const struct disk_leaf *, struct err *err);
@@ -73,6 +74,8 @@ static int descend(struct descent *d, struct err *err)
 		const struct grid_part *p = &g->parts[i];
 
 		d->part = i;
+		if (d->segment && !d->segment(d, i))
+			continue;
 		if (!p->none_live && p->height && d->lo <= d->hi)
 			rc = descend_page(d, p->height - 1, p->root, p->root_check, err);
 	}
@@ -102,6 +105,13 @@ static bool walk_inner(struct descent *d, const struct disk_inner *e)
 	return !v->enter || v->enter(v->ctx, &cell);
 }
 
+static bool walk_segment(const struct descent *d, uint32_t segment)
+{
+	const struct grid_visitor *v = d->ctx;
+
+	return v->segment(v->ctx, segment);
+}
+
 static int walk_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
 		     struct err *err)
 {
@@ -115,6 +125,8 @@ int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid
 {
 	struct descent d = {
 	    .r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .inner = walk_inner, .cell = walk_cell};
+
+	d.segment = visitor->segment ? walk_segment : NULL;
 
 	return descend(&d, err);
 }

@@ -44,6 +44,8 @@ struct mesh_domain {
 	uint32_t nvertex, nopen, ntriangle;
 	struct digest digest;              /* of its triangles */
 	struct digest closed_digest;       /* vertex digest of the closed vertices */
+	struct digest own_digest;          /* of all positions of the region (counts.used), whoever has their triangles */
+	uint32_t nhull;                    /* edges of the hull whose outer ray ends in the region */
 	int32_t box[6];                    /* of its vertices: min x y z, max x y z; meaningless if none */
 	struct mesh_counts counts;
 };

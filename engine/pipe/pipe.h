@@ -204,6 +204,12 @@ struct pipe_reuse_params {
 	void *memory;
 	size_t size;                  /* of a domain's budget */
 	bool light;                   /* the front is enough: what pipe_emit needs without a sink */
+	bool sums;                    /* not even that is needed: no array of *ret is there (pipe_emitter_sums) */
+	int64_t after_ns;             /* what was used last before this time is known not to do */
+	struct grid_reader *reader;   /* that is open on the grid; NULL: one is made in `memory` */
+	/* pipe_refine: of each leaf that is `there` at the end, as pipe_reuse has it with `sums`; NULL: nobody asks. */
+	void (*there)(void *ctx, const struct cut_region *, const struct mesh_domain *, const struct pipe_stored *);
+	void *ctx;
 	unsigned *damaged;            /* counts those that were damaged, and are removed; NULL: nobody asks */
 };
 /* A domain of the store that is what pipe_domain would make: of this generation's content, or of another's that is the
@@ -216,8 +222,8 @@ int pipe_reuse(const struct pipe_reuse_params *, struct mesh_domain *ret, struct
 /*
  * Between the steps of a plan: of few leaves that have changed since they were stored smaller ones are made, so that several
  * threads share them, and the next change there finds more of them unchanged. Those that are stored are marked `fits`:
- * whether their halos fit was seen when they were made, and if it changed, it is seen when they are made again. `region` and `light` of the parameters do
- * not matter. Only what the index and the headers of the store tell is looked at: a hint, which costs little.
+ * whether their halos fit was seen when they were made, and if it changed, it is seen when they are made again; and `there`, if
+ * they are what pipe_domain would make. `region`, `light` and `sums` of the parameters do not matter.
  */
 int pipe_refine(const struct pipe_reuse_params *, struct cut_plan *, struct err *err);
 
@@ -245,6 +251,10 @@ int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_regi
 /* Before the first domain: they are those of a window. The mesh has a border that is not the hull's, so it is not held
  * against Euler's count; totals.hull is 0. */
 void pipe_emitter_part(struct pipe_emitter *);
+/* Before the first domain, or to begin again: nobody will read (true), or somebody will (false, as at first). Sums need the
+ * counts, digests and numbers of a domain and none of its arrays; no sink may be there, and the order of domains does not
+ * matter. The totals are the same. */
+void pipe_emitter_sums(struct pipe_emitter *, bool sums);
 /* Instead of any domain: the counts of a flat plan. */
 void pipe_emit_flat(struct pipe_emitter *, const struct mesh_counts *counts);
 /* After the last domain: totals. Vertices still open are the hull. -ERR_INTERNAL if the mesh is not whole

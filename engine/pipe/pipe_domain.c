@@ -8,6 +8,7 @@
  */
 #include "pipe.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "cut_valid.h"
@@ -55,6 +56,34 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	return r == CUT_E_FULL ? PIPE_E_SPLIT : r;
 }
 
+static int along_line(const void *a, const void *b)
+{
+	const int32_t *p = a, *q = b;
+
+	return p[0] != q[0] ? (p[0] > q[0]) - (p[0] < q[0]) : (p[1] > q[1]) - (p[1] < q[1]);
+}
+
+/*
+ * Of a region that loaded fewer than three positions, or collinear ones. Its own are in the mesh all the same, with triangles
+ * of others; and where it sees a side of the hull from afar, and nothing else, it owns the edges of that.
+ */
+static void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
+{
+	int32_t (*xy)[2];
+	struct tri_result t;
+
+	tri_result(tri, &t);
+	for (uint32_t i = 0; i < t.nvertex; i++)
+		if (cut_region_holds(region, t.xy[i][0], t.xy[i][1]))
+			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
+	if (!region->inf)
+		return;
+	xy = (int32_t (*)[2])(uintptr_t)t.xy; /* in the arena, and of no more use there */
+	qsort(xy, t.nvertex, sizeof *xy, along_line);
+	for (uint32_t i = 1; i < t.nvertex; i++)
+		d->nhull += (uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
+}
+
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
 		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err)
@@ -80,6 +109,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		return r;
 	f.out.counts = load.counts;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
+		finish_flat(tri, region, grid_manifest(grid)->lattice.k, &f.out);
 		*ret = f.out;
 		return 0;
 	}

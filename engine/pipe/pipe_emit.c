@@ -7,6 +7,10 @@
  * triangle (p, a, b) add H(a) - H(b)); then no later block uses it. Numbers are given by first use. Nothing is
  * copied: the open vertices are put in order in place (foreign first), foreign numbers take the place of the
  * link sums, and triangles that touch open vertices are renumbered.
+ *
+ * Where nobody reads there are no numbers to give, and each domain is five figures that are added up: every position of
+ * a region is a vertex of the mesh, told by that region; every edge of the hull is told by the one in which its outer ray
+ * ends. Whether the mesh is whole shows by Euler's count of these, which nothing else was made to agree with.
  */
 #include "pipe.h"
 
@@ -20,8 +24,8 @@ struct pipe_emitter {
 	struct lattice lattice;
 	struct pipe_table *table;
 	struct pipe_totals totals;
-	uint64_t domains, blocks;
-	bool any_box, part;
+	uint64_t domains, blocks, hull; /* edges of the hull, by the domains */
+	bool any_box, part, sums;
 };
 
 int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
@@ -220,6 +224,29 @@ static void number_block(struct mesh_domain *d, uint32_t nforeign)
 	set_bits(d->final, d->nopen, d->nvertex);
 }
 
+void pipe_emitter_sums(struct pipe_emitter *e, bool sums)
+{
+	const struct lattice lattice = e->lattice;
+	struct pipe_table *table = e->table;
+
+	*e = (struct pipe_emitter){ .lattice = lattice, .table = table, .sums = sums };
+}
+
+static int emit_sums(struct pipe_emitter *e, const struct mesh_domain *d, const struct mesh_sink *sink, struct err *err)
+{
+	if (sink)
+		return err_set(err, ERR_INTERNAL, "a mesh of which only sums are made has no blocks");
+	e->totals.vertices += d->counts.used;
+	digest_add(&e->totals.vertex_digest, d->own_digest);
+	if (!d->ntriangle)
+		return 0;
+	digest_add(&e->totals.digest, d->digest);
+	box_add(e, d);
+	e->totals.triangles += d->ntriangle;
+	e->blocks++;
+	return 0;
+}
+
 int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *region,
 	      const struct mesh_sink *sink, struct err *err)
 {
@@ -229,6 +256,9 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 
 	counts_add(&e->totals.counts, &d->counts);
 	e->totals.domains++;
+	e->hull += d->nhull;
+	if (e->sums)
+		return emit_sums(e, d, sink, err);
 	if (!d->ntriangle)
 		return 0;
 	if (sink && !d->triangle)
@@ -275,14 +305,19 @@ int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct 
 		*ret = *t;
 		return 0;
 	}
-	t->hull = pipe_table_count(e->table);
+	t->hull = e->sums ? e->hull : pipe_table_count(e->table);
+	if (e->sums && !t->triangles) {
+		t->vertices = t->hull = 0;
+		t->vertex_digest = (struct digest){ 0 };
+	}
 	/* Euler's count and the point set: a mesh with a hole, a lost or a doubled triangle fails here, and a job
 	 * must not end as done with one. */
-	if (t->triangles && (t->vertices != t->counts.used || t->triangles != 2 * t->vertices - 2 - t->hull))
+	if (t->triangles && (t->vertices != t->counts.used || t->triangles != 2 * t->vertices - 2 - t->hull ||
+			     t->hull != e->hull))
 		return err_set(err, ERR_INTERNAL,
-			       "the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull",
+			       "the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull (%llu told)",
 			       (unsigned long long)t->counts.used, (unsigned long long)t->vertices,
-			       (unsigned long long)t->triangles, (unsigned long long)t->hull);
+			       (unsigned long long)t->triangles, (unsigned long long)t->hull, (unsigned long long)e->hull);
 	*ret = *t;
 	return 0;
 }

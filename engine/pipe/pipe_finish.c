@@ -45,6 +45,14 @@ static void mark_open(uint8_t *mark, const uint32_t corner[3])
 			mark[corner[k]] |= OPEN;
 }
 
+static void ghost_count(struct pipe_finish *f, const uint32_t corner[3])
+{
+	const int32_t (*xy)[2] = f->tri.xy;
+	unsigned k = corner[0] == TRI_GHOST ? 0 : corner[1] == TRI_GHOST ? 1 : 2;
+
+	f->out.nhull += cut_region_owns_hull(f->region, xy[corner[(k + 1) % 3]], xy[corner[(k + 2) % 3]]);
+}
+
 static inline uint64_t place_of(const int32_t xy[2])
 {
 	return digest_place(xy[0], xy[1]);
@@ -71,6 +79,8 @@ void pipe_finish_owned(struct pipe_finish *f)
 			__builtin_prefetch(&xy[t[i + AHEAD].corner[k]]);
 		if (ghost || !cut_owner_has(&owner, xy[c[0]], xy[c[1]], xy[c[2]])) {
 			mark_open(mark, c);
+			if (ghost && f->region->inf)
+				ghost_count(f, c);
 			continue;
 		}
 		for (unsigned k = 0; k < 3; k++) {
@@ -143,6 +153,9 @@ bool pipe_finish_vertices(struct pipe_finish *f)
 		uint8_t m = mark[v];
 		uint32_t to;
 
+		/* A closed one lies in the region: all corners of its cell do. */
+		if (m != USED && cut_region_holds(f->region, at[0], at[1]))
+			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 		if (!(m & USED))
 			continue;
 		to = m & OPEN ? --open_at : --closed_at;
@@ -152,6 +165,7 @@ bool pipe_finish_vertices(struct pipe_finish *f)
 		if (!(m & OPEN))
 			digest_add_vertex(&f->out.closed_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
 	}
+	digest_add(&f->out.own_digest, f->out.closed_digest);
 	if (f->out.nvertex)
 		memcpy(f->out.box, box, sizeof box);
 	return true;

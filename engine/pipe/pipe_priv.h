@@ -7,6 +7,7 @@
 
 #include "cut_valid.h"
 #include "digest.h"
+#include "store.h"
 
 struct err;
 struct grid;
@@ -38,6 +39,17 @@ uint32_t pipe_area_cap(uint32_t cap);
 int pipe_area(const struct grid *, const struct view *, const struct cut_region *, const struct pipe_budget *, void *memory,
 	      struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 int pipe_area_plan(struct grid_reader *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
+/* What pipe_reuse found before it reads the rest, by `light` and `sums`. */
+struct pipe_found {
+	struct store_id id;
+	struct store_front front;
+	size_t versions; /* that are in the store of this region */
+	bool fits;       /* one that was looked at fits the cap with its halo */
+};
+struct pipe_reuse_params;
+struct pipe_stored;
+int pipe_find(const struct pipe_reuse_params *, struct pipe_found *ret, struct err *err);
+void pipe_found_stored(const struct pipe_found *, struct pipe_stored *ret);
 /* What tells the points of two generations apart, whatever dataset they are of, and however they lie there. */
 struct digest pipe_content(const struct grid *grid);
 int pipe_selected_write(int dirfd, const struct pipe_selected *, struct err *err);

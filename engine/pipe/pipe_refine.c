@@ -3,7 +3,7 @@
  *
  * A plan is made from the points alone, so that its regions are those of the plan before wherever nothing changed. Where
  * something did, a region of half a million points is made again for a handful of new ones, by one thread while the
- * others have nothing to do. So regions that were stored and have changed are cut to a quarter of the load, except into
+ * others have nothing to do. So regions that were stored and have changed are cut to half of the load, except into
  * what is in the store as it is: the cost of a change follows its own size more closely each time. Where much has changed
  * nothing is cut: large regions are faster.
  */
@@ -13,52 +13,33 @@
 #include "pipe.h"
 #include "pipe_priv.h"
 
-enum { FINE = 4, VERSIONS = 8, MOST = 4 /* of the leaves, at most a quarter are cut */, ABOVE = 3 };
+enum { FINE = 2, MOST = 4 /* of the leaves, at most a quarter are cut */, ABOVE = 3 };
 
 enum state { NEW, CHANGED, THERE };
 
-/* By header and index: of as many records as the region has now, or of the very content. *ret_fits: what is stored of it
- * fitted the cap, with its halo. */
-static int state_of(const struct pipe_reuse_params *p, struct grid_reader *reader, const struct cut_region *region,
-		    enum state *ret, bool *ret_fits, struct err *err)
+static int state_of(const struct pipe_reuse_params *p, struct cut_leaf *leaf, enum state *ret, struct err *err)
 {
-	struct store_id id = {.base = pipe_key_of(p->key, region)};
-	struct store_version version[VERSIONS];
-	struct cut_range range[4];
-	uint64_t points = 0;
-	size_t n = 0;
-	int r = store_versions(p->storefd, id.base, version, VERSIONS, &n, err);
+	struct pipe_reuse_params q = *p;
+	struct pipe_found f;
+	struct pipe_stored as;
+	int r;
 
-	*ret = NEW;
-	*ret_fits = false;
-	if (r || !n)
+	q.region = &leaf->region;
+	q.sums = true;
+	r = pipe_find(&q, &f, err);
+	if (r < 0)
 		return r;
-	*ret = CHANGED;
-	for (unsigned k = cut_region_ranges(region, range); k-- > 0;) {
-		uint64_t count;
-		bool exact;
+	leaf->fits |= f.fits;
+	leaf->looked = true;
+	leaf->there = r == 0;
+	*ret = r == 0 ? THERE : f.versions ? CHANGED : NEW;
+	if (r == 0 && p->there) {
+		struct mesh_domain d = f.front.domain;
 
-		r = grid_count(reader, range[k].lo, range[k].hi, &count, &exact, err);
-		if (r)
-			return r;
-		points += count;
-	}
-	for (size_t i = 0; i < n; i++) {
-		struct store_front f;
-
-		id.list = version[i].list;
-		r = store_head(p->storefd, &id, &f, err);
-		if (r < 0)
-			return r;
-		if (r == STORE_E_DAMAGED && p->damaged)
-			++*p->damaged;
-		if (r)
-			continue;
-		*ret_fits = f.domain.counts.used + f.domain.counts.halo <= p->cap;
-		if (f.domain.counts.points == points || digest_equal(f.beside.content, p->key->content)) {
-			*ret = THERE;
-			return 0;
-		}
+		d.link = NULL;
+		d.vertex = NULL;
+		pipe_found_stored(&f, &as);
+		p->there(p->ctx, &leaf->region, &d, &as);
 	}
 	return 0;
 }
@@ -94,7 +75,7 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 		int r = 0;
 
 		if (!first)
-			r = state_of(p, reader, &leaf->region, &state, &leaf->fits, err);
+			r = state_of(p, leaf, &state, err);
 		/* What meets a part meets the whole. */
 		leaf->fits |= fits;
 		if (!r && state != THERE && leaf->count > p->load / FINE)
@@ -107,8 +88,8 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 	return 0;
 }
 
-static int look(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, uint8_t *state,
-		size_t *ret_changed, struct err *err)
+static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_t *state, size_t *ret_changed,
+		struct err *err)
 {
 	struct cut_region root;
 	size_t stored = 0;
@@ -120,7 +101,7 @@ static int look(const struct pipe_reuse_params *p, struct grid_reader *reader, s
 		struct cut_leaf *leaf = &plan->leaf[k];
 		enum state is = NEW;
 
-		r = state_of(p, reader, &leaf->region, &is, &leaf->fits, err);
+		r = state_of(p, leaf, &is, err);
 		state[k] = (uint8_t)is;
 		stored += is != NEW;
 		*ret_changed += is == CHANGED;
@@ -147,7 +128,7 @@ static int refine(const struct pipe_reuse_params *p, struct grid_reader *reader,
 		  struct err *err)
 {
 	size_t leaves = plan->n, changed, i = 0;
-	int r = look(p, reader, plan, state, &changed, err);
+	int r = look(p, plan, state, &changed, err);
 
 	for (size_t k = 0; !r && changed <= leaves / MOST && k < leaves; k++) {
 		if (state[k] == CHANGED && plan->leaf[i].count > p->load / FINE)
@@ -160,6 +141,7 @@ static int refine(const struct pipe_reuse_params *p, struct grid_reader *reader,
 
 int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct err *err)
 {
+	struct pipe_reuse_params q = *p;
 	struct grid_reader *reader = NULL;
 	uint8_t *state;
 	int r;
@@ -171,8 +153,9 @@ int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct
 	if (!state)
 		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", plan->n);
 	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
+	q.reader = reader;
 	if (!r)
-		r = refine(p, reader, plan, state, err);
+		r = refine(&q, reader, plan, state, err);
 	grid_reader_free(reader);
 	free(state);
 	return r;

@@ -7,8 +7,9 @@
  * a region takes what was made of the same content at once; else he asks cut_valid of each version, which costs
  * some pages of the index and seldom a cell, where making it anew costs all of its points.
  *
- * Of what is taken without a reader only the front is read: its counts and digests, the open vertices and their links
- * are all that totals are made of, since closed vertices are met nowhere else.
+ * Of what is taken to number later blocks only the front is read: its counts and digests, the open vertices and their links
+ * are all that this needs, since closed vertices are met nowhere else. Of what is taken without any reader not even that:
+ * the header has the sums.
  */
 #include <string.h>
 #define XXH_STATIC_LINKING_ONLY /* the state on the stack */
@@ -23,8 +24,9 @@
 /* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
 static const char KERNEL[] = "kernel 3";
 
-enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8 };
-#define PROOF_MOST (PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE)
+enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PART = 24 };
+#define PROOF_MOST (PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE + \
+		    CUT_TRACE_PARTS * PROOF_PART)
 _Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "FORMAT.md");
 _Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
 
@@ -80,16 +82,21 @@ struct digest pipe_key_mesh(const struct pipe_key *key, const struct cut_region 
 
 /* ---- proofs ---- */
 
+static size_t proof_size(uint32_t ranges, uint32_t sites, uint32_t parts)
+{
+	return PROOF_HEAD + (size_t)ranges * PROOF_RANGE + (size_t)sites * PROOF_SITE + (size_t)parts * PROOF_PART;
+}
+
 static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 {
 	uint32_t sites = t->nsite[0] + t->nsite[1] + t->nsite[2] + t->nsite[3];
-	size_t size = PROOF_HEAD + (size_t)t->nrange * PROOF_RANGE + (size_t)sites * PROOF_SITE;
+	size_t size = proof_size(t->nrange, sites, t->nparts);
 	struct packer p = packer_of(out, size);
 
 	packer_u32(&p, t->nrange);
 	for (unsigned i = 0; i < 4; i++)
 		packer_u32(&p, t->nsite[i]);
-	packer_u32(&p, 0);
+	packer_u32(&p, t->nparts);
 	for (uint32_t i = 0; i < t->nrange; i++) {
 		packer_u64(&p, t->range[i].lo);
 		packer_u64(&p, t->range[i].hi);
@@ -99,6 +106,11 @@ static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 	for (uint32_t i = 0; i < sites; i++) {
 		packer_i32(&p, t->site[i].x);
 		packer_i32(&p, t->site[i].y);
+	}
+	for (uint32_t i = 0; i < t->nparts; i++) {
+		packer_u64(&p, t->part[i].points);
+		packer_u64(&p, t->part[i].sum.hi);
+		packer_u64(&p, t->part[i].sum.lo);
 	}
 	return size;
 }
@@ -116,9 +128,9 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 			return false;
 		sites += t->nsite[i];
 	}
-	cursor_u32(&c);
-	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN ||
-	    b->proof_size != PROOF_HEAD + (size_t)t->nrange * PROOF_RANGE + (size_t)sites * PROOF_SITE)
+	t->nparts = cursor_u32(&c);
+	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->nparts > CUT_TRACE_PARTS ||
+	    b->proof_size != proof_size(t->nrange, sites, t->nparts))
 		return false;
 	for (uint32_t i = 0; i < t->nrange; i++) {
 		t->range[i].lo = cursor_u64(&c);
@@ -129,6 +141,11 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 	for (uint32_t i = 0; i < sites; i++) {
 		t->site[i].x = cursor_i32(&c);
 		t->site[i].y = cursor_i32(&c);
+	}
+	for (uint32_t i = 0; i < t->nparts; i++) {
+		t->part[i].points = cursor_u64(&c);
+		t->part[i].sum.hi = cursor_u64(&c);
+		t->part[i].sum.lo = cursor_u64(&c);
 	}
 	return !c.bad && cut_trace_fits(t, region);
 }
@@ -177,20 +194,22 @@ static size_t front_room(const struct pipe_reuse_params *p)
 static int judge(const struct pipe_reuse_params *p, const struct store_front *front, struct err *err)
 {
 	struct pipe_trace *trace = p->memory;
-	struct grid_reader *reader = NULL;
+	struct grid_reader *reader = p->reader;
 	bool valid = false;
-	int r;
+	int r = 0;
 
 	if (digest_equal(front->beside.content, p->key->content))
 		return 0;
 	cut_trace_init(&trace->trace, trace + 1);
 	if (!proof_unpack(&front->beside, p->region, &trace->trace))
 		return PIPE_E_ABSENT;
-	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
+	if (!reader)
+		r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
 	if (r)
 		return r;
 	r = cut_valid(reader, p->view, p->region, &trace->trace, &valid, err);
-	grid_reader_free(reader);
+	if (!p->reader)
+		grid_reader_free(reader);
 	return r ? r : valid ? 0 : PIPE_E_ABSENT;
 }
 
@@ -202,17 +221,18 @@ static int absent(const struct pipe_reuse_params *p, int r)
 	return r > 0 ? PIPE_E_ABSENT : r;
 }
 
-/* Its front, if it may stand for the region here. */
-static int look(const struct pipe_reuse_params *p, const struct store_id *id, struct store_front *ret, struct err *err)
+/* Its front, if it may stand for the region here; of what is read whole afterwards the proof is enough. */
+static int look(const struct pipe_reuse_params *p, struct pipe_found *f, struct err *err)
 {
-	int r = store_front(p->storefd, id, front_of(p), front_room(p), ret, err);
+	int r = (p->light && !p->sums ? store_front : store_proof)(p->storefd, &f->id, front_of(p), front_room(p), &f->front, err);
 
 	if (r)
 		return absent(p, r);
 	/* What was made with more memory would be split with this one: the plan's cap decides alone. */
-	if (ret->domain.counts.used + ret->domain.counts.halo > p->cap)
+	if (f->front.domain.counts.used + f->front.domain.counts.halo > p->cap)
 		return PIPE_E_ABSENT;
-	return judge(p, ret, err);
+	f->fits = true;
+	return judge(p, &f->front, err);
 }
 
 static int take(const struct pipe_reuse_params *p, const struct store_id *id, const struct store_front *front,
@@ -222,7 +242,11 @@ static int take(const struct pipe_reuse_params *p, const struct store_id *id, co
 	size_t held = front->whole;
 	int r = 0;
 
-	if (p->light) {
+	if (p->sums) {
+		d.link = NULL;
+		d.vertex = NULL;
+		held = 0;
+	} else if (p->light) {
 		/* To the start: links, then the open vertices behind them. */
 		uint8_t *at = memmove(p->memory, d.link, (size_t)d.nopen * (sizeof *d.link + sizeof *d.vertex));
 
@@ -240,21 +264,32 @@ static int take(const struct pipe_reuse_params *p, const struct store_id *id, co
 	return 0;
 }
 
+int pipe_find(const struct pipe_reuse_params *p, struct pipe_found *ret, struct err *err)
+{
+	struct store_version version[VERSIONS];
+	int r, is = PIPE_E_ABSENT;
+
+	*ret = (struct pipe_found){.id.base = pipe_key_of(p->key, p->region)};
+	r = store_versions(p->storefd, ret->id.base, version, VERSIONS, &ret->versions, err);
+	if (r)
+		return r;
+	for (size_t i = 0; is == PIPE_E_ABSENT && i < ret->versions && version[i].mtime_ns >= p->after_ns; i++) {
+		ret->id.list = version[i].list;
+		is = look(p, ret, err);
+	}
+	return is;
+}
+
 int pipe_reuse(const struct pipe_reuse_params *p, struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held,
 	       struct err *err)
 {
-	struct store_id id = {.base = pipe_key_of(p->key, p->region)};
-	struct store_version version[VERSIONS];
-	struct store_front front;
-	int r = PIPE_E_ABSENT, found;
-	size_t n = 0;
+	struct pipe_found f;
+	int r = pipe_find(p, &f, err);
 
-	found = store_versions(p->storefd, id.base, version, VERSIONS, &n, err);
-	if (found)
-		return found;
-	for (size_t i = 0; r == PIPE_E_ABSENT && i < n; i++) {
-		id.list = version[i].list;
-		r = look(p, &id, &front, err);
-	}
-	return r ? r : take(p, &id, &front, ret, ret_stored, ret_held, err);
+	return r ? r : take(p, &f.id, &f.front, ret, ret_stored, ret_held, err);
+}
+
+void pipe_found_stored(const struct pipe_found *f, struct pipe_stored *ret)
+{
+	stored_of(&f->front, &f->id, ret);
 }

@@ -31,7 +31,7 @@ _Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 1
 /* NAME: "ab/d-BASE-LIST" */
 enum { HEADER = 384, FOLDER = 3, NAME = FOLDER + 2 + 32 + 1 + 32 + 1, TEMP = NAME + 48 };
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
-static const uint32_t VERSION = 3;
+static const uint32_t VERSION = 4;
 
 /* Offsets in the domain's bytes, as they lie in the file and in memory. */
 struct layout {
@@ -137,6 +137,8 @@ static void header_pack(const struct mesh_domain *d, const struct store_id *id, 
 	packer_u64(&p, sums->proof);
 	packer_u64(&p, sums->open);
 	packer_u64(&p, sums->rest);
+	digest_pack(&p, d->own_digest);
+	packer_u32(&p, d->nhull);
 	packer_zero(&p, HEADER - 8 - packer_size(&p));
 	packer_u64(&p, XXH3_64bits(header, HEADER - 8));
 }
@@ -174,6 +176,8 @@ static bool header_unpack(const uint8_t header[HEADER], const struct store_id *i
 	ret_sums->proof = cursor_u64(&c);
 	ret_sums->open = cursor_u64(&c);
 	ret_sums->rest = cursor_u64(&c);
+	d->own_digest = digest_unpack(&c);
+	d->nhull = cursor_u32(&c);
 	return !c.bad && d->nopen <= d->nvertex && f->beside.proof_size <= STORE_PROOF_MOST;
 }
 
@@ -368,6 +372,27 @@ int store_head(int dirfd, const struct store_id *id, struct store_front *ret, st
 	if (!r)
 		io_close(fd);
 	return r;
+}
+
+int store_proof(int dirfd, const struct store_id *id, void *memory, size_t size, struct store_front *ret, struct err *err)
+{
+	struct store_front f;
+	struct sums sums;
+	char name[NAME];
+	int fd, r;
+
+	r = open_checked(dirfd, id, name, &fd, &f, &sums, err);
+	if (r)
+		return r;
+	r = f.beside.proof_size > size ? STORE_E_ABSENT : io_read_at(fd, memory, f.beside.proof_size, HEADER, name, err);
+	io_close(fd);
+	if (r)
+		return r;
+	if (XXH3_64bits(memory, f.beside.proof_size) != sums.proof)
+		return damaged(dirfd, name);
+	f.beside.proof = memory;
+	*ret = f;
+	return 0;
 }
 
 int store_front(int dirfd, const struct store_id *id, void *memory, size_t size, struct store_front *ret, struct err *err)

@@ -51,6 +51,8 @@ int store_put(int dirfd, const struct store_id *, const struct store_beside *, c
 	      struct store_front *ret, struct err *err);
 /* The numbers alone; no pointer of *ret is valid. */
 int store_head(int dirfd, const struct store_id *, struct store_front *ret, struct err *err);
+/* And the proof, which alone goes into `memory`. What is behind it is not looked at: it is checked when it is read. */
+int store_proof(int dirfd, const struct store_id *, void *memory, size_t size, struct store_front *ret, struct err *err);
 /* Into `memory` (8-byte aligned): proof, links, open vertices. STORE_E_ABSENT also where `size` is too small. */
 int store_front(int dirfd, const struct store_id *, void *memory, size_t size, struct store_front *ret, struct err *err);
 /* The domain alone, whole. */

@@ -92,17 +92,25 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 	return point_compare(a, b) < 0;
 }
 
+/* What is live in a segment is what was live there before, but for the sources that came or went: only these are looked at. */
+static bool by_source;
+
+static unsigned segment_of(unsigned source)
+{
+	return source == SOURCES ? TILING_SEGMENTS - 1 : source % (TILING_SEGMENTS - 1);
+}
+
 /* The live sources in segments anyhow; some of what is not live lies there too. */
 static void lay_out(uint64_t *seed, struct state *s, unsigned live)
 {
-	unsigned segments = 1 + below(seed, TILING_SEGMENTS);
+	unsigned segments = by_source ? TILING_SEGMENTS : 1 + below(seed, TILING_SEGMENTS);
 	bool prune = below(seed, 3) == 0;
 
 	memset(s, 0, sizeof *s);
 	s->tiling = (struct tiling){.segments = segments, .salt = tiling_random(seed)};
 	s->tiling.cell_records = below(seed, 4) ? 1 + below(seed, 5) : 1000;
 	for (size_t i = 0; i < history.n; i++) {
-		unsigned at = below(seed, segments);
+		unsigned at = by_source ? segment_of(history.record[i].source) : below(seed, segments);
 		struct point p = history.record[i].p;
 
 		if (!(live >> history.record[i].source & 1)) {
@@ -221,6 +229,7 @@ static void one_case(uint64_t seed)
 	most_sites = below(&seed, 3) ? CUT_TRACE_SITES : 2 + below(&seed, 4);
 	most_ranges = below(&seed, 3) ? CUT_TRACE_RANGES : 4 + 4 * below(&seed, 3);
 	history.n = 0;
+	by_source = below(&seed, 2);
 	for (unsigned i = 0; i < n; i++) {
 		int32_t at[2];
 
@@ -271,6 +280,7 @@ static void local_case(uint64_t seed)
 	most_sites = below(&seed, 2) ? CUT_TRACE_SITES : 6;
 	most_ranges = CUT_TRACE_RANGES;
 	history.n = 0;
+	by_source = below(&seed, 2);
 	for (unsigned i = 0; i < 300; i++) {
 		place(&seed, 9, 256, zero, at);
 		add(&seed, at, 0);

@@ -1,5 +1,6 @@
 #include "tiling.h"
 
+#include "cut_valid.h"
 #include "err.h"
 
 uint64_t tiling_random(uint64_t *state)
@@ -79,6 +80,9 @@ static int tiling_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_vi
 
 	for (unsigned s = 0; s < t->segments; s++) {
 		const struct walk w = { t, v, lo, hi, s };
+
+		if (v->segment && !v->segment(v->ctx, s))
+			continue;
 		int rc = walk_node(&w, 0, t->n[s], 0, UINT64_MAX);
 
 		if (rc)
@@ -185,6 +189,30 @@ static int tiling_sums(void *ctx, struct grid_sum *range, size_t n, struct err *
 	return 0;
 }
 
+static size_t tiling_parts(void *ctx, struct cut_part *ret, uint32_t *ret_segment, size_t most)
+{
+	const struct tiling *t = ctx;
+	size_t n = 0;
+
+	for (unsigned s = 0; s < t->segments; s++) {
+		struct cut_part part = { 0 };
+
+		for (size_t i = 0; i < t->n[s]; i++)
+			if (live(t, s, i)) {
+				digest_add(&part.sum, digest_hash(&t->pts[s][i], sizeof(struct point)));
+				part.points++;
+			}
+		if (!part.points)
+			continue;
+		if (n < most) {
+			ret[n] = part;
+			ret_segment[n] = s;
+		}
+		n++;
+	}
+	return n;
+}
+
 static bool tiling_box(void *ctx, int32_t ret_box[4])
 {
 	const struct tiling *t = ctx;
@@ -212,5 +240,6 @@ void tiling_source(struct tiling *t, struct cut_source *ret)
 	ret->count = tiling_count;
 	ret->sums = tiling_sums;
 	ret->box = tiling_box;
+	ret->parts = tiling_parts;
 	ret->ledger = NULL;
 }

@@ -143,6 +143,7 @@ static void domain_make(const struct mesh *m, uint32_t which, struct mesh_domain
 	}
 	/* The emitter compares with the positions used: all of them, told once. */
 	d->counts.used = which == 0 ? m->nvertex : 0;
+	d->nhull = which == 0 ? 2 * (m->w + m->h) - 4 : 0;
 	free(local);
 	free(shared);
 }

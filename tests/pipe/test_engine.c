@@ -1,7 +1,7 @@
 /*
  * The whole engine in one process, without daemon: points to a segment on disk, plan, domains, emitter. Small
  * coordinate ranges, duplicates, collinear strips, full-range corners, many tiny regions: whatever the load, the
- * mesh is that of one single region, its digests agree, and a verifier that shares no code with it is content.
+ * mesh is that of one single region, its digests agree, also where they are only added up, and a verifier that shares no code with it is content.
  *
  * ACUT_FUZZ_CASES sets the number of random sets (default 2,000).
  */
@@ -101,7 +101,8 @@ static struct grid *cache_make(const struct point *pts, size_t n, struct ledger 
 
 /* Every leaf in order; a region that does not fit is split, as the daemon does. */
 static int run_leaves(struct grid *grid, const struct view *view, struct cut_plan *plan, const struct pipe_budget *budget,
-		      struct grid_reader *reader, struct pipe_emitter *emitter, struct mesh *m, struct err *err)
+		      struct grid_reader *reader, struct pipe_emitter *emitter, struct pipe_emitter *sums, struct mesh *m,
+		      struct err *err)
 {
 	struct mesh_sink sink = { m, collect };
 	void *memory = aligned_alloc(64, (budget->domain_bytes + 63) & ~(size_t)63);
@@ -117,6 +118,8 @@ static int run_leaves(struct grid *grid, const struct view *view, struct cut_pla
 				r = pipe_domain(grid, view, &plan->leaf[i].region, plan->leaf[i].known ? plan->sites : NULL, budget, memory, &domain, &need, err);
 		}
 		if (!r)
+			r = pipe_emit(sums, &domain, &plan->leaf[i].region, NULL, err);
+		if (!r)
 			r = pipe_emit(emitter, &domain, &plan->leaf[i].region, &sink, err);
 	}
 	free(memory);
@@ -128,7 +131,8 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 	size_t reader_size = grid_reader_bytes(grid);
 	struct pipe_budget budget = { .load = load, .cap = cap, .threads = 1,
 				      .domain_bytes = pipe_domain_bytes(cap, reader_size) };
-	struct pipe_emitter *emitter = NULL;
+	struct pipe_emitter *emitter = NULL, *sums = NULL;
+	struct pipe_totals added;
 	struct grid_reader *reader = NULL;
 	struct cut_plan plan = { 0 };
 	struct err err = ERR_INIT;
@@ -137,11 +141,19 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 	*m = (struct mesh){ 0 };
 	assert_int_equal(grid_reader_new(grid, memory, reader_size, &reader, &err), 0);
 	assert_int_equal(pipe_emitter_new(&grid_manifest(grid)->lattice, 1 << 17, dirfd_, &emitter, &err), 0);
+	assert_int_equal(pipe_emitter_new(&grid_manifest(grid)->lattice, 1 << 17, dirfd_, &sums, &err), 0);
+	pipe_emitter_sums(sums, true);
 	m->status = cut_plan_make(reader, load, &plan, &err);
 	if (!m->status)
-		m->status = run_leaves(grid, view, &plan, &budget, reader, emitter, m, &err);
+		m->status = run_leaves(grid, view, &plan, &budget, reader, emitter, sums, m, &err);
 	if (!m->status)
 		m->status = pipe_emitter_finish(emitter, &m->totals, &err);
+	/* What is only added up comes to the same. */
+	if (!m->status) {
+		assert_int_equal(pipe_emitter_finish(sums, &added, &err), 0);
+		assert_memory_equal(&added, &m->totals, sizeof added);
+	}
+	pipe_emitter_free(sums);
 	if (m->status && m->status != -ERR_LIMIT)
 		fail_msg("seed %llu: %s", (unsigned long long)seed, err.message);
 	cut_plan_done(&plan);

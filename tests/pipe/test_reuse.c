@@ -133,12 +133,12 @@ static void keep(struct generation *g, int store, const struct cut_region *r, st
 	assert_int_equal(ret->triangles, d.ntriangle);
 }
 
-static int reuse(struct generation *g, int store, const struct cut_region *r, void *memory, bool light,
-		 struct mesh_domain *ret, struct pipe_stored *ret_stored)
+static int reuse_as(struct generation *g, int store, const struct cut_region *r, void *memory, bool light, bool sums,
+		    struct mesh_domain *ret, struct pipe_stored *ret_stored)
 {
 	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
 					    .region = r, .cap = CAP, .memory = memory, .size = g->budget.domain_bytes,
-					    .light = light};
+					    .light = light, .sums = sums};
 	struct err err = ERR_INIT;
 	size_t held = 0;
 	int rc = pipe_reuse(&p, ret, ret_stored, &held, &err);
@@ -149,12 +149,25 @@ static int reuse(struct generation *g, int store, const struct cut_region *r, vo
 	return rc;
 }
 
+static int reuse(struct generation *g, int store, const struct cut_region *r, void *memory, bool light,
+		 struct mesh_domain *ret, struct pipe_stored *ret_stored)
+{
+	return reuse_as(g, store, r, memory, light, false, ret, ret_stored);
+}
+
+static int reuse_sums(struct generation *g, int store, const struct cut_region *r, void *memory, struct mesh_domain *ret,
+		      struct pipe_stored *ret_stored)
+{
+	return reuse_as(g, store, r, memory, true, true, ret, ret_stored);
+}
+
 static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
 {
 	assert_int_equal(a->nvertex, b->nvertex);
 	assert_int_equal(a->nopen, b->nopen);
 	assert_int_equal(a->ntriangle, b->ntriangle);
 	assert_true(digest_equal(a->digest, b->digest) && digest_equal(a->closed_digest, b->closed_digest));
+	assert_true(digest_equal(a->own_digest, b->own_digest) && a->nhull == b->nhull);
 	assert_int_equal(a->counts.points, b->counts.points);
 	assert_int_equal(a->counts.used, b->counts.used);
 	assert_int_equal(a->counts.halo, b->counts.halo);
@@ -237,6 +250,14 @@ static void test_generations(void **state)
 
 /* ---- plans that grew a little ---- */
 
+static void count_there(void *ctx, const struct cut_region *r, const struct mesh_domain *d, const struct pipe_stored *as)
+{
+	(void)r;
+	assert_null(d->triangle);
+	assert_int_equal(d->ntriangle, as->triangles);
+	++*(uint64_t *)ctx;
+}
+
 /* What one generation stored; the next one cuts few regions, and only such that changed; a third finds the parts. */
 static void test_refine(void **state)
 {
@@ -254,11 +275,13 @@ static void test_refine(void **state)
 		struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
 					      .load = LOAD, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes};
 		struct cut_plan plan = plan_of(g), again;
-		size_t before = plan.n, made = 0, fits = 0;
+		size_t before = plan.n, made = 0, fits = 0, there = 0;
 		struct err err = ERR_INIT;
 		struct pipe_stored as;
-		uint64_t points = 0;
+		uint64_t points = 0, told = 0;
 
+		p.there = count_there;
+		p.ctx = &told;
 		CHECK(pipe_refine(&p, &plan, &err));
 		for (size_t i = 0; i < plan.n; i++) {
 			struct store_version version;
@@ -266,21 +289,25 @@ static void test_refine(void **state)
 
 			CHECK(store_versions(store.fd, pipe_key_of(&g->key, &plan.leaf[i].region), &version, 1, &n, &err));
 			/* Also what outgrew its leaf is small. */
-			assert_true(!round || n || plan.leaf[i].count <= LOAD / 4);
+			assert_true(!round || n || plan.leaf[i].count <= LOAD / 2);
 			fits += plan.leaf[i].fits;
 		}
 		assert_int_equal(fits, round ? plan.n : 0);
 		assert_true(round ? plan.n > before && plan.n < before + before / 4 : plan.n == before);
 		for (size_t i = 0; i < plan.n; i++) {
 			struct mesh_domain d;
+			int r = reuse(g, store.fd, &plan.leaf[i].region, g->memory, true, &d, &as);
 
-			if (reuse(g, store.fd, &plan.leaf[i].region, g->memory, true, &d, &as)) {
+			assert_int_equal(plan.leaf[i].there, !r);
+			there += !r;
+			if (r) {
 				make(g, &plan.leaf[i].region, &d);
 				CHECK(pipe_keep(store.fd, &g->key, &plan.leaf[i].region, &d, g->memory, &as, &err));
 				made++;
 			}
 			points += d.counts.points;
 		}
+		assert_int_equal(told, there);
 		/* They are a partition still, and all of it is found the next time. */
 		assert_int_equal(points, grid_points(g->reader.grid));
 		assert_true(round ? made < plan.n / 3 : made == plan.n);
@@ -300,14 +327,18 @@ static void test_refine(void **state)
 
 /* ---- emission from the fronts ---- */
 
-static struct pipe_totals emit_all(struct generation *g, int store, bool light)
+enum how { MADE, WHOLE, LIGHT, SUMS };
+
+static struct pipe_totals emit_all(struct generation *g, int store, enum how how)
 {
+	const bool light = how == LIGHT || how == SUMS;
 	struct cut_plan plan = plan_of(g);
 	struct pipe_emitter *emitter = NULL;
 	struct pipe_totals totals;
 	struct err err = ERR_INIT;
 
 	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 17, g->folder.fd, &emitter, &err));
+	pipe_emitter_sums(emitter, how == SUMS);
 	for (size_t i = 0; i < plan.n; i++) {
 		const struct cut_region *r = &plan.leaf[i].region;
 		struct pipe_stored as;
@@ -316,7 +347,8 @@ static struct pipe_totals emit_all(struct generation *g, int store, bool light)
 		if (!store || (light && i % 5 == 4))
 			make(g, r, &d);
 		else
-			assert_int_equal(reuse(g, store, r, g->memory, light, &d, &as), 0);
+			assert_int_equal(how == SUMS ? reuse_sums(g, store, r, g->memory, &d, &as) :
+						       reuse(g, store, r, g->memory, light, &d, &as), 0);
 		assert_true(!store || !light || i % 5 == 4 || !d.triangle);
 		CHECK(pipe_emit(emitter, &d, r, NULL, &err));
 	}
@@ -330,7 +362,7 @@ static void test_fronts(void **state)
 {
 	struct folder store = folder_new();
 	struct generation g;
-	struct pipe_totals made, whole, light;
+	struct pipe_totals made, whole, light, sums;
 	struct cut_plan plan;
 	struct pipe_stored as;
 	struct set s;
@@ -343,14 +375,17 @@ static void test_fronts(void **state)
 	for (size_t i = 0; i < plan.n; i++)
 		keep(&g, store.fd, &plan.leaf[i].region, &as);
 	cut_plan_done(&plan);
-	made = emit_all(&g, 0, false);
-	whole = emit_all(&g, store.fd, false);
-	light = emit_all(&g, store.fd, true);
+	made = emit_all(&g, 0, MADE);
+	whole = emit_all(&g, store.fd, WHOLE);
+	light = emit_all(&g, store.fd, LIGHT);
+	sums = emit_all(&g, store.fd, SUMS);
 	assert_true(made.triangles > 8000);
-	made.counts.cells_read = whole.counts.cells_read = light.counts.cells_read = 0;
-	made.counts.points_read = whole.counts.points_read = light.counts.points_read = 0;
+	made.counts.cells_read = whole.counts.cells_read = light.counts.cells_read = sums.counts.cells_read = 0;
+	made.counts.points_read = whole.counts.points_read = light.counts.points_read = sums.counts.points_read = 0;
 	assert_memory_equal(&made, &whole, sizeof made);
 	assert_memory_equal(&made, &light, sizeof made);
+	assert_memory_equal(&made, &sums, sizeof made);
+	assert_true(sums.hull > 10);
 	generation_end(&g);
 	folder_remove(&store);
 	set_free(&s);
