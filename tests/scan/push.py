@@ -6,7 +6,9 @@ import random
 import select
 import signal
 import socket
+import struct
 import subprocess
+import sys
 import threading
 import time
 
@@ -143,6 +145,43 @@ def planes():
         expect(got["state"] == "known", str(got))
         r = push(d, path, "--pose", poses, "--into", "new", "--crs", "EPSG:32633")
         expect(r.status == 1 and "EPSG:32633" in r.err, r.err)
+
+
+def geoid(path, height):
+    """A grid of one height, 10 degrees."""
+    with open(path, "wb") as f:
+        f.write(b"P5\n# Description A grid of the tests\n# Offset -108\n# Scale 0.003\n36 19\n65535\n")
+        f.write(struct.pack(">H", round((height + 108) / 0.003)) * (36 * 19))
+    return path
+
+
+def heights():
+    """Ellipsoidal heights say so, do not mix with others, and become orthometric on request."""
+    with Folder() as base, Daemon(base) as d:
+        where = Drive(2.0, where=(48.2, 11.6))
+        path = spool(base + "/a.spool", Survey(where, 15, 32, flat=300).records)
+        poses = where.csv(base + "/a.csv")
+        d.ctl("geoid", "add", geoid(base + "/flat.pgm", 45)).ok()
+        args = [path, "--pose", poses, "--into", "o", "--geoid", "flat", "--json"]
+        got, = lines(push(d, *args))
+        shown = dataset(d, "o")
+        expect(got["state"] == "staged" and shown["crs"] == "EPSG:32632 + orthometric height (flat)", str(shown))
+        scan("push", path, "--pose", poses, "-o", base + "/o.las").ok()
+        d.ctl("push", "f", "--geoid", "flat", base + "/o.las").ok()
+        expect(digest(d, "o") == digest(d, "f") and dataset(d, "f")["crs"] == shown["crs"], "not as acutctl does it")
+        got, = lines(push(d, *args))
+        expect(got["state"] == "known", str(got))
+        r = push(d, path, "--pose", poses, "--into", "o", "--replace")
+        expect(r.status == 1 and "--geoid" in r.err, r.err)
+        # a dataset of other heights does not take ellipsoidal ones
+        d.ctl("dataset", "create", "nn", "--crs", "EPSG:32632 + EPSG:5783").ok()
+        r = push(d, path, "--pose", poses, "--into", "nn")
+        expect(r.status == 1 and "ellipsoidal" in r.err, r.err)
+        text = open(poses).read().replace("ellipsoidal_height", "height")
+        with open(poses, "w") as f:
+            f.write(text)
+        got, = lines(push(d, path, "--pose", poses, "--into", "nn", "--json"))
+        expect(got["crs"] == "EPSG:32632 + EPSG:5783" and got["heights"] == "as-posed", str(got))
 
 
 def text_and_las():
@@ -335,4 +374,7 @@ def exactly_once():
 
 
 if __name__ == "__main__":
-    main(same_as_a_file, corrected_poses, said_clearly, planes, text_and_las, growing, many_spools, answers_are_lost, exactly_once)
+    only = sys.argv[1:]
+    cases = (same_as_a_file, corrected_poses, said_clearly, planes, heights, text_and_las, growing, many_spools, answers_are_lost,
+             exactly_once)
+    main(*[c for c in cases if not only or c.__name__ in only])
