@@ -87,7 +87,7 @@ static void help_one(const struct scan_command *c)
 	}
 	head("exit status:");
 	puts("  0 done, also where a signal has ended a capture; 1 the device or an input failed; 2 usage;\n"
-	     "  3 captured, but the device was unplugged before it was to end;\n"
+	     "  3 captured, but the device was unplugged before it was to end; pushed, but some spools were refused;\n"
 	     "  4 there is no such device or dataset; 69 no daemon; 74 reading or writing failed, or no space;\n"
 	     "  75 not now, try again later; 76 versions; 77 not permitted; 124 the device did not answer in time");
 }

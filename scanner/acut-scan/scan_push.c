@@ -194,7 +194,8 @@ static int result_add(struct pushing *p, const struct scan_source *s, const stru
 	if (!more)
 		return -ERR_NOMEM;
 	p->result = more;
-	p->result[p->n] = (struct scan_result){.source = s, .points = s->points, .err = ERR_INIT};
+	p->result[p->n] = (struct scan_result){.source = s, .points = s->points, .err = ERR_INIT,
+					     .first = !p->n || p->result[p->n - 1].source->spool != s->spool};
 	if (why) {
 		p->result[p->n].state = SCAN_REFUSED;
 		p->result[p->n].err = *why;
@@ -448,45 +449,9 @@ static int push_all(struct pushing *p, struct err *err)
 
 /* ---- into a file ---- */
 
-struct file_out {
-	int fd;
-	uint64_t at;
-	bool stream;
-	struct err *err;
-};
-
-static int put_file(void *ctx, const void *bytes, size_t n)
-{
-	struct file_out *o = ctx;
-
-	if (!o->stream) {
-		int r = io_write_at(o->fd, bytes, n, o->at, "the output", o->err);
-
-		o->at += n;
-		return r;
-	}
-	while (n) {
-		ssize_t k = write(o->fd, bytes, n);
-
-		if (k < 0 && errno != EINTR)
-			return err_sys(o->err, errno, "standard output");
-		bytes = (const char *)bytes + (k > 0 ? k : 0);
-		n -= k > 0 ? (size_t)k : 0;
-	}
-	return 0;
-}
-
-static bool stopped(void *ctx)
-{
-	return scan_stopped();
-}
-
 static int write_file(struct pushing *p, struct err *err)
 {
-	const char *name = p->args->output;
-	struct file_out out = {.fd = STDOUT_FILENO, .stream = !strcmp(name, "-"), .err = err};
-	char temp[4096];
-	int r = 0;
+	int r;
 
 	if (p->n != 1)
 		return err_set(err, ERR_USAGE, "-o takes one spool of one file, there are %zu", p->n);
@@ -494,27 +459,7 @@ static int write_file(struct pushing *p, struct err *err)
 		*err = p->result[0].err;
 		return -(int)err->code;
 	}
-	if (!out.stream) {
-		if (!access(name, F_OK) || snprintf(temp, sizeof temp, "%s.XXXXXX", name) >= (int)sizeof temp) {
-			err_set(err, ERR_USAGE, "it is there already");
-			return err_add_file(err, name);
-		}
-		out.fd = mkostemp(temp, O_CLOEXEC);
-		if (out.fd < 0)
-			return err_sys(err, errno, "%s cannot be written", name);
-	}
-	r = scan_source_write(p->result[0].source, put_file, stopped, &out, err);
-	if (!out.stream && !r)
-		fchmod(out.fd, 0644);
-	if (!out.stream && !r)
-		r = io_sync(out.fd, name, err);
-	if (!out.stream && !r && renameat2(AT_FDCWD, temp, AT_FDCWD, name, RENAME_NOREPLACE))
-		r = err_sys(err, errno, "%s cannot be put in its place", name);
-	if (!out.stream) {
-		close(out.fd);
-		if (r)
-			unlink(temp);
-	}
+	r = scan_source_save(p->result[0].source, p->args->output, err);
 	p->result[0].state = SCAN_WRITTEN;
 	if (!r)
 		scan_push_tell(p->args, &p->result[0]);

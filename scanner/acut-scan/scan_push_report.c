@@ -159,7 +159,7 @@ void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
 		scan_fail(args, &r->err);
 		return;
 	}
-	if (s->file == 0)
+	if (r->first)
 		tell_spool(args, s->spool);
 	if (s->kind == SCAN_GROUND)
 		tell_shots(args, s);

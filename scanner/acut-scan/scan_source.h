@@ -56,6 +56,9 @@ int scan_source_find(const struct scan_args *, struct scan_spool *, struct pose_
 int scan_source_write(const struct scan_source *, int (*put)(void *ctx, const void *, size_t), bool (*stop)(void *ctx), void *ctx,
 		      struct err *);
 
+/* scan_save.c: into a file that is not there yet, or "-" */
+int scan_source_save(const struct scan_source *, const char *name, struct err *);
+
 /* ---- scan_feed.c: the bytes of a source into the pipe that the daemon made, from a thread of its own ---- */
 
 struct scan_feed;
@@ -76,6 +79,7 @@ struct scan_result {
 	uint32_t replaced;
 	char *warning;
 	uint64_t generation;        /* that has it; 0: none */
+	bool first;                 /* of its spool */
 	struct err err;             /* of REFUSED */
 };
 void scan_push_tell(const struct scan_args *, const struct scan_result *);
