@@ -6,7 +6,7 @@
  *               [--hold N] [--again] [--wait] [--debug] [--memory MB] [--drop]
  *
  * --slow: so long is each buffer kept; --hold: N buffers are never given back; --again: captured again when it comes
- * back; --drop: freed after --bytes, without a stop; --wait: until a device comes; --memory: what the kernel of umockdev's folder lends. SIGINT stops. Ends with the exit status of the error.
+ * back; --drop: freed after --bytes, without a stop; --wait: until one comes if there is none; --memory: what the kernel of umockdev's folder lends. SIGINT stops. Ends with the exit status of the error.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -230,7 +230,7 @@ static int run(struct tool *t, const struct profile *profile)
 	for (;;) {
 		struct err err = ERR_INIT;
 
-		r = t->wait ? -ERR_USAGE : usb_find(t->usb, t->device, &device, &err);
+		r = usb_find(t->usb, t->device, &device, &err);
 		if (r == 0)
 			r = usb_capture_start(t->usb, &device, profile, &c, &err);
 		if (r && !(t->again && r == -ERR_NOTFOUND) && !t->wait)
