@@ -229,6 +229,7 @@ static void besides(struct words *w)
 static bool parameters(struct words *w, unsigned extra, struct sweep *ret, unsigned *ret_channels)
 {
 	struct words look;
+	struct word name;
 	uint32_t frequency, encoders;
 
 	skip(w, extra);
@@ -240,7 +241,8 @@ static bool parameters(struct words *w, unsigned extra, struct sweep *ret, unsig
 	skip(w, 2 * encoders);
 	*ret_channels = number(w, 4);
 	look = *w;
-	if (w->bad || *ret_channels > CHANNELS_MAX || (*ret_channels && next(&look).at[0] < 'A'))
+	name = next(&look);
+	if (w->bad || *ret_channels > CHANNELS_MAX || (*ret_channels && (!name.size || name.at[0] < 'A')))
 		return false;
 	/* 0.5 to 600 turns a second are believed; 0: not said */
 	ret->period_s = frequency >= 50 && frequency <= 60000 ? 100.0 / frequency : 0;

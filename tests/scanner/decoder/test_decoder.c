@@ -179,6 +179,7 @@ static void test_cola_texts(void **state)
 		{"", -ERR_INPUT}, {"s", -ERR_INPUT}, {"hello", -ERR_INPUT}, {"sEA \x01", -ERR_INPUT},
 		{"sSN LMDscandata ", -ERR_INPUT},
 		{"sSN LMDscandata 1 1", -ERR_INPUT},
+		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1", -ERR_INPUT}, /* a channel is promised, and none there */
 		/* as the first good one, but: */
 #define HEAD "sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 "
 		{HEAD "7F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},  /* infinite */
