@@ -333,6 +333,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->calls = *in->calls;
 	p->ctx = in->ctx;
 	p->peer = rights_kept(&in->peer);
+	p->space.owner = p->dataset->uid;
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
 	p->has_crop = in->ncrop > 0;

@@ -194,6 +194,7 @@ struct push {
 		pthread_mutex_t lock;  /* of what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
 		uint64_t promised;     /* of `taken`, not written yet */
+		uint32_t owner;        /* of the dataset, when the push began */
 		struct err why;        /* there is no room for more */
 	} space;
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */

@@ -42,8 +42,8 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 
 	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
 	/* When it is published it is the owner's. */
-	r = p->dataset->uid == p->peer.uid || p->peer.admin ? 0 :
-	    limit_disk_room(p->jobs, p->dataset->uid, disk_points_bytes(points), what, err);
+	r = p->space.owner == p->peer.uid || p->peer.admin ? 0 :
+	    limit_disk_room(p->jobs, p->space.owner, disk_points_bytes(points), what, err);
 	if (r)
 		return r;
 	r = limit_disk_take(p->jobs, p->peer.uid, p->peer.admin, bytes, what, err);

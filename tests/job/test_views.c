@@ -138,6 +138,26 @@ static void own(void **state)
 	free(view);
 }
 
+/* What is asked for counts as his who asks: with it he would have most. */
+static void wanted(void **state)
+{
+	char *view = comb(TEETH, 0);
+	struct dataset *d;
+
+	close_house();
+	jobs_over(1, MANY / 2, me.uid, LARGE);
+	jobs_over(200, MANY / 2, hog.uid, LARGE);
+	jobs_over(300, 1, hog.uid, LARGE / 2);
+	open_house(UINT64_C(64) << 20, 1);
+	d = push("d", 100, 1);
+	submit(d, false, view);
+	assert_int_equal(accepted_err.code, 0);
+	assert_null(job_find(h.jobs, 1, &me));
+	assert_non_null(job_find(h.jobs, 200, &hog));
+	turn_until(!jobs_active(h.jobs));
+	free(view);
+}
+
 /* Jobs that are not over cannot go: a user may have half of what those of the others leave. */
 static void unfinished(void **state)
 {
@@ -189,6 +209,27 @@ static void unfinished(void **state)
 	free(view);
 }
 
+/* Jobs that were just over count as well, though they lie elsewhere as yet. */
+static void warm(void **state)
+{
+	struct dataset *d;
+	char view[32];
+
+	close_house();
+	jobs_over(1, 5, me.uid, 10);
+	open_house(UINT64_C(64) << 20, 1);
+	d = push("d", 100, 1);
+	for (unsigned i = 0; i < 8; i++) {
+		snprintf(view, sizeof view, "ask 1 every=%u", i + 2);
+		assert_non_null(want(d, &hog, view));
+	}
+	turn_until(!jobs_active(h.jobs));
+	assert_int_equal(count(&hog), 8);
+	assert_true(jobs_forget_one(h.jobs, PAST_JOBS, 0, 0));
+	assert_int_equal(count(&hog), 7);
+	assert_int_equal(count(&me), 5);
+}
+
 /* The same where it is the memory for jobs, or their number, that is used up. */
 static void memory(void **state)
 {
@@ -220,7 +261,9 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(over, setup, teardown),
 		cmocka_unit_test_setup_teardown(own, setup, teardown),
+		cmocka_unit_test_setup_teardown(wanted, setup, teardown),
 		cmocka_unit_test_setup_teardown(unfinished, setup, teardown),
+		cmocka_unit_test_setup_teardown(warm, setup, teardown),
 		cmocka_unit_test_setup_teardown(memory, setup, teardown),
 	};
 
