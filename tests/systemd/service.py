@@ -322,7 +322,7 @@ def missing_disk_is_no_first_start():
         expect(got.status == 74 and "unmounted disk" in got.err, "a client: %d %s" % (got.status, got.err))
     until(lambda: show("ActiveState") == "failed")
     time.sleep(1)
-    expect(starts() - before == 3 and show("NRestarts") == "0", "%d starts for 3 clients" % (starts() - before))
+    expect(0 < starts() - before <= 3 and show("NRestarts") == "0", "%d starts for 3 clients" % (starts() - before))
     expect(systemctl("is-active", "acutd.socket").out.strip() == "active", "the socket is closed")
     systemctl("stop", "acutd.socket", "acutd.service")
     os.rmdir("/var/lib/acut")
