@@ -257,9 +257,10 @@ static int run(struct record *r, struct scan_device *device, int fd, struct err 
 	r->progress = scan_progress_on(r->args);
 	if (!rc)
 		rc = device ? record_from_usb(r, device, err) : record_from_file(r, fd, err);
-	if (rc && !r->bytes && !r->args->resume && r->why == RECORD_GOES_ON) { /* it never began: no empty spool stays */
-		unlink(r->path);
-		return scan_fail(r->args, err);
+	if (rc && (!r->started || !r->bytes) && r->why == RECORD_GOES_ON) {
+		if (!r->args->resume) /* it never began: no empty spool stays; one that is gone on with stays as it was */
+			unlink(r->path);
+		return err->code == ERR_CANCELLED && scan_stopped() ? RECORD_DONE : scan_fail(r->args, err);
 	}
 	rc = finish(r, err);
 	record_tell_end(r, err);

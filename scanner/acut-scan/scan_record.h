@@ -26,7 +26,7 @@ struct record {
 	uint64_t bytes, overruns, left;
 	enum record_why why;
 	/* telling */
-	bool progress, notified;
+	bool started, progress, notified;
 	uint64_t told_ns, told_bytes;
 	double rate;                  /* bytes a second, of the last seconds */
 };

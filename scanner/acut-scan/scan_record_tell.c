@@ -87,6 +87,7 @@ void record_tell_start(struct record *r, const char *what)
 	struct ctl_json j = {.out = stdout};
 	char id[16];
 
+	r->started = true;
 	r->notified = sd_notifyf(0, "READY=1\nSTATUS=%s: capturing into %s", what, r->path) > 0;
 	r->told_ns = clock_mono_ns();
 	if (!r->args->json) {
