@@ -10,29 +10,17 @@
 
 static const struct scan_command table[] = {
 	{"help", "help [COMMAND]", "this text, or that of one command", SCAN_ALL, 0, 1, scan_help},
-#ifdef SCAN_HAS_LIST
 	{"list", "list", "the scanners that are plugged in", SCAN_ALL | SCAN_PROFILES | SCAN_LIST, 0, 0, scan_list},
-#endif
-#ifdef SCAN_HAS_PROBE
 	{"probe", "probe [DEVICE]", "listen to a scanner for a second, and say what came",
 	 SCAN_ALL | SCAN_PROFILES | SCAN_DEVICE | SCAN_PROBE, 0, 1, scan_probe},
-#endif
-#ifdef SCAN_HAS_PROFILES
 	{"profiles", "profiles [FILE...]", "the kinds of scanners that are known; checks files of them",
 	 SCAN_ALL | SCAN_PROFILES | SCAN_KINDS, 0, 100000, scan_profiles},
-#endif
-#ifdef SCAN_HAS_PUSH
 	{"push", "push SPOOL... --into DATASET", "decode a spool, put it on the ground by a pose file, into a dataset",
 	 SCAN_ALL | SCAN_PROFILES | SCAN_PUSH, 1, 100000, scan_push},
-#endif
-#ifdef SCAN_HAS_RECORD
 	{"record", "record [DEVICE]", "capture what a scanner sends into a spool",
 	 SCAN_ALL | SCAN_PROFILES | SCAN_DEVICE | SCAN_RECORD, 0, 1, scan_record},
-#endif
-#ifdef SCAN_HAS_REPLAY
 	{"replay", "replay SPOOL...", "decode spools again: check, count, or write out what is in them",
 	 SCAN_ALL | SCAN_PROFILES | SCAN_REPLAY, 1, 100000, scan_replay},
-#endif
 	{"version", "version", "the version of acut-scan", SCAN_ALL, 0, 0, scan_version},
 };
 

@@ -48,10 +48,7 @@ static const struct scan_option table[] = {
 	{"profiles", 0, "DIR", SCAN_FOLDERS, 0, SCAN_PROFILES, "a folder of profiles, in place of the usual ones; may be repeated"},
 	{"all", 'a', NULL, SCAN_FLAG, AT(all), SCAN_LIST, "all devices, not only those with a profile"},
 	{"watch", 0, NULL, SCAN_FLAG, AT(watch), SCAN_LIST, "go on with a line for each device that comes or leaves"},
-
-#ifdef SCAN_HAS_PROFILES
 	{"udev", 0, NULL, SCAN_FLAG, AT(udev), SCAN_KINDS, "print udev rules: all, or lines of the profiles named"},
-#endif
 
 	{"json", 0, NULL, SCAN_FLAG, AT(json), SCAN_ALL, "results and errors as JSON"},
 	{"quiet", 'q', NULL, SCAN_FLAG, AT(quiet), SCAN_ALL, "say nothing but errors and what was asked for"},
