@@ -14,6 +14,20 @@ enum { NUMBER_MAX = 64 };
 
 static bool is_separator(uint8_t c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
 
+/* [+-]digits[.digits], digits on one side of the point at least; what else may be a number goes the long way. */
+static bool is_plain(const uint8_t *at, size_t size)
+{
+	size_t i = at[0] == '-' || at[0] == '+', points = 0, start = i;
+
+	for (; i < size; i++) {
+		if (at[i] == '.')
+			points++;
+		else if (at[i] < '0' || at[i] > '9')
+			return false;
+	}
+	return points < 2 && size - start > points;
+}
+
 static bool is_number(const uint8_t *at, size_t size)
 {
 	char text[NUMBER_MAX + 1];
@@ -21,6 +35,8 @@ static bool is_number(const uint8_t *at, size_t size)
 
 	if (!size || size > NUMBER_MAX || memchr(at, 0, size))
 		return false;
+	if (is_plain(at, size))
+		return true;
 	memcpy(text, at, size);
 	text[size] = '\0';
 	return parse_double(text, &v);
