@@ -1,5 +1,6 @@
 """The unit of captures in a running systemd (in a container, which has no USB: tests/vm has). Its sandbox lets acut-scan work;
 what it captures is the bytes that came; without a device it fails, soon and in words."""
+import json
 import os
 import stat
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import time
 
 sys.path[:0] = ["/opt/acut/tree/tests/e2e", "/opt/acut/tree/tests/usb"]
+import e2e
 from e2e import Fault, expect, main, run
 from spool import Spool
 
@@ -125,4 +127,35 @@ def without_a_device():
         expect("SIGSYS" not in text and "core-dump" not in text, text)
 
 
-main(captures_within_its_sandbox, without_a_device)
+def spools_go_into_a_dataset():
+    """The example of a timer's service, as it is installed: each spool once, what is still written to and what has no poses not yet."""
+    examples = "/usr/local/share/doc/acut-scanner/examples/"
+    with open(examples + "acut-scan-push.service") as f:
+        text = f.read().replace("/usr/local/lib/acut/", examples)
+
+    def pushed(settle, poses):
+        with open("/run/systemd/system/acut-scan-push.service", "w") as f:
+            f.write(text.replace("POSES=/srv/poses", "POSES=%s SETTLE_MINUTES=%d" % (poses, settle)))
+        systemctl("daemon-reload").ok()
+        expect(systemctl("start", "acut-scan-push.service").status == 0, journal("acut-scan-push.service"))
+        lines = run([e2e.ACUTCTL, "datasets", "--json"], timeout=60).ok().out.splitlines()
+        return {d["name"]: (d["points"], d["generation"]) for d in map(json.loads, lines)}
+
+    for path in spools():
+        os.unlink(path)
+    systemctl("start", "acutd.socket").ok()
+    run([e2e.SYNTH, "--points", "20000", "/srv/field.las"]).ok()
+    run(["runuser", "-u", "acut-scan", "--", "acut-scan", "record", "--from", "/srv/field.las", "--profile", "generic-las", "--folder",
+         SPOOLS, "--quiet"], timeout=60).ok()
+    expect(pushed(5, "-") == {}, "a spool that was written to just now is taken")
+    os.makedirs("/srv/poses", exist_ok=True)
+    expect(pushed(0, "/srv/poses") == {}, "a spool without poses is taken")
+    first = pushed(0, "-")
+    expect(first["survey"][0] == 20000, str(first))
+    expect(pushed(0, "-") == first, "it was pushed again")
+    run(["rm", "-r", "/var/lib/acut-scan-push"]).ok()
+    expect(pushed(0, "-") == first, "without its mark it was doubled")
+    expect(len(spools()) == 1, "the spool is gone")
+
+
+main(captures_within_its_sandbox, without_a_device, spools_go_into_a_dataset)
