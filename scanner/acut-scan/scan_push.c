@@ -244,8 +244,10 @@ static void progress(void *ctx, const struct acut_progress *now)
 {
 	struct pushing *p = ctx;
 
+	uint64_t points = p->base + (strcmp(now->phase, "stage") ? 0 : now->points);
+
 	if (scan_progress_on(p->args))
-		scan_progress("%s: %s, %llu points", p->args->into, now->phase, (unsigned long long)(p->base + now->points));
+		scan_progress("%s: %s, %llu points", p->args->into, now->phase, (unsigned long long)points);
 }
 
 /* What one source may be left out for. */

@@ -107,13 +107,17 @@ static void tell_json(const struct scan_args *args, const struct scan_result *r)
 
 /* ---- people ---- */
 
+/* "~" is the "s" of more than one. */
 static void add(char *text, size_t size, uint64_t n, const char *what)
 {
 	size_t at = strlen(text);
+	const char *mark = strchr(what, '~');
+	int head = mark ? (int)(mark - what) : (int)strlen(what);
 	char buf[32];
 
 	if (n)
-		snprintf(text + at, size - at, "%s%s %s", at ? ", " : "", count(n, buf), what);
+		snprintf(text + at, size - at, "%s%s %.*s%s%s", at ? ", " : "", count(n, buf), head, what, mark && n > 1 ? "s" : "",
+			 mark ? mark + 1 : "");
 }
 
 static void tell_shots(const struct scan_args *args, const struct scan_source *s)
@@ -135,11 +139,11 @@ static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
 	const struct replay_counts *c = &s->counts;
 	char why[256] = "";
 
-	add(why, sizeof why, c->framer.bad + c->undecoded, "bad telegrams skipped");
-	add(why, sizeof why, c->repeated, "sweeps that came twice left out");
-	add(why, sizeof why, c->lost, "sweeps that the device counted and that never came");
-	add(why, sizeof why, s->damaged, "damaged bytes skipped");
-	add(why, sizeof why, s->tail.torn, "bytes torn off its end");
+	add(why, sizeof why, c->framer.bad + c->undecoded, "bad telegram~ skipped");
+	add(why, sizeof why, c->repeated, "sweep~ that came twice left out");
+	add(why, sizeof why, c->lost, "sweep~ that the device counted and that never came");
+	add(why, sizeof why, s->damaged, "damaged byte~ skipped");
+	add(why, sizeof why, s->tail.torn, "byte~ torn off its end");
 	if (*why)
 		scan_note(args, "%s: %s", s->file, why);
 	if (!s->tail.ended && !s->tail.torn)
