@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../e2e"))
 from e2e import Fault, expect, unavailable  # noqa: E402
@@ -54,7 +55,8 @@ def need():
 class Bus:
     """A folder with a script; run() runs a program on it."""
 
-    def __init__(self, script=""):
+    def __init__(self, script="", udev=True):
+        self.udev = udev
         self.dir = tempfile.mkdtemp(prefix="acut-usb-")
         self.script = script
         self.runs = 0
@@ -75,7 +77,8 @@ class Bus:
         full = dict(os.environ)
         full.update(sanitized_env(args[0]))
         full.update(env or {})
-        command = ["umockdev-wrapper", FAKE_USB, "--timeout", str(timeout), "--report", self.path("report"), self.path("script"), "--"] + args
+        command = ["umockdev-wrapper", FAKE_USB, "--timeout", str(timeout), "--report", self.path("report")]
+        command += (["--udev"] if self.udev else []) + [self.path("script"), "--"] + args
         return subprocess.Popen(command, env=full, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                 text=True, cwd=self.dir, **kw)
 
@@ -144,10 +147,11 @@ def run_cases(cases, wanted):
         name = case.__name__
         if wanted and name not in wanted:
             continue
+        start = time.monotonic()
         try:
             case()
-            print("ok", name, flush=True)
-        except (Fault, subprocess.TimeoutExpired) as e:
+            print("ok   %-30s %6.1f s" % (name, time.monotonic() - start), flush=True)
+        except (Fault, OSError, ValueError, KeyError, subprocess.TimeoutExpired) as e:
             failed += 1
-            print("FAIL %s: %s" % (name, e), flush=True)
+            print("FAIL %-30s %6.1f s: %s: %s" % (name, time.monotonic() - start, type(e).__name__, e), flush=True)
     return 1 if failed else 0

@@ -1,22 +1,24 @@
 /*
  * fake-usb: runs a program, unchanged, on a USB bus of scanners that are not there.
  *
- *   umockdev-wrapper fake-usb [--timeout S] [--report FILE] SCRIPT -- PROGRAM [ARGUMENT]...
+ *   umockdev-wrapper fake-usb [--timeout S] [--report FILE] [--udev] SCRIPT -- PROGRAM [ARGUMENT]...
  *   fake-usb --source SCRIPT FILE    what the first device's source says, without faults
  *
  * Ends as the program did; 124 when it hung, 125 when the bus could not be made. The report is one JSON object: what
  * each device gave, what was lost and added, what the kernel was asked, how the program ended and what it used.
  *
  * The bus is umockdev's: sysfs, nodes and udev events below a folder that only this process and its children see. A
- * thread moves bytes and time; the main thread plugs, unplugs and waits for the program.
+ * thread moves bytes and time; the main thread plugs, unplugs and waits for the program. --udev: to the program udev seems
+ * to run (a /run of its own, where that is permitted), so that it may rely on events.
  */
 #include <errno.h>
 #include <fcntl.h>
 #include <linux/capability.h>
-#include <math.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mount.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
@@ -54,7 +56,7 @@ struct bus {
 	size_t n_samples;
 	GMutex lock;
 	GCond wake;
-	bool woken, ending;
+	bool woken, ending, udev;
 	pid_t child;
 	int64_t continue_ns;
 };
@@ -340,6 +342,18 @@ static gpointer mover(gpointer ctx)
 
 /* ---- the program ---- */
 
+static void pretend_udev(void)
+{
+	int fd;
+
+	if (unshare(CLONE_NEWNS) != 0 || mount("none", "/", NULL, MS_REC | MS_PRIVATE, NULL) != 0 ||
+	    mount("none", "/run", "tmpfs", 0, NULL) != 0 || mkdir("/run/udev", 0755) != 0)
+		return;
+	fd = open("/run/udev/control", O_CREAT | O_WRONLY | O_CLOEXEC, 0600);
+	if (fd >= 0)
+		close(fd);
+}
+
 static pid_t program_start(struct bus *b, char **argv)
 {
 	bool locked = false;
@@ -351,6 +365,8 @@ static pid_t program_start(struct bus *b, char **argv)
 	if (pid != 0)
 		return pid;
 	prctl(PR_SET_PDEATHSIG, SIGKILL);
+	if (b->udev)
+		pretend_udev();
 	if (locked) { /* root reads all but with this */
 		prctl(PR_CAPBSET_DROP, CAP_DAC_OVERRIDE);
 		prctl(PR_CAPBSET_DROP, CAP_DAC_READ_SEARCH);
@@ -501,11 +517,13 @@ int main(int argc, char **argv)
 			timeout_s = atof(argv[++i]);
 		else if (strcmp(argv[i], "--report") == 0 && i + 1 < argc)
 			report = argv[++i];
+		else if (strcmp(argv[i], "--udev") == 0)
+			b.udev = true;
 		else
 			script = argv[i];
 	}
 	if (!script || i + 1 >= argc) {
-		fputs("usage: fake-usb [--timeout S] [--report FILE] SCRIPT -- PROGRAM [ARGUMENT]...\n", stderr);
+		fputs("usage: fake-usb [--timeout S] [--report FILE] [--udev] SCRIPT -- PROGRAM [ARGUMENT]...\n", stderr);
 		return 125;
 	}
 	if (!umockdev_in_mock_environment() && !getenv("LD_PRELOAD")) {

@@ -2,7 +2,11 @@
 import hashlib
 import struct
 
-import xxhash
+try:
+    import xxhash
+except ImportError:
+    from bus import unavailable
+    unavailable("no xxhash for Python (package python3-xxhash)")
 
 DATA, EVENT, CLOCK, SENT, END = 1, 2, 3, 4, 5
 SHORT, AFTER_GAP, WITH_ERROR = 1, 2, 4

@@ -177,9 +177,13 @@ def no_answer():
 
 
 def stop_while_starting():
-    with Run(scanner(source="pattern 1 KB", faults=["at end stop"])) as b:
+    with Run(scanner(source="pattern 1 KB", on_command=True, faults=["at step start silent", "at step start stop"])) as b:
         r = b.tool(commands=COMMANDS, timeout="15", fail=(1, "stopped while"))
         expect(r.report["seconds"] < 5, "it waited")
+    with Run(scanner(source="pattern 1 KB", faults=["at end stop"])) as b: # what has come is kept
+        r = b.tool(commands=COMMANDS, timeout="15")
+        b.whole(r)
+        expect(r.report["seconds"] < 5 and r.model()["delivered"] == 1024 and "GONE stopped" in r.out, r.out)
 
 
 def rights():
