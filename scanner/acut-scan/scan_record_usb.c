@@ -196,8 +196,10 @@ int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 
 		if (err->code)
 			return -(int)err->code;
-		if (end == USB_END_STOPPED)
+		if (end == USB_END_STOPPED) {
+			record_over(r); /* why: also where it was stopped before it was begun */
 			return 0;
+		}
 		r->left++;
 		record_gap(r);
 		record_tell_event(r, end == USB_END_LEFT ? "left" : "error", text);

@@ -248,9 +248,9 @@ static uint64_t finish(struct usb_capture *c, uint64_t now)
 			    c->flying + c->talk.flying);
 	usb_close_device(c);
 	usb_transfer_forget(c);
-	/* What it gave before it was unplugged is for the caller: a capture that ends at once. */
+	/* What it gave before it was unplugged, or we were stopped, is for the caller: a capture that ends at once. */
 	pthread_mutex_lock(&c->lock);
-	c->ready = c->ready || (c->end == USB_END_LEFT && usb_queue_has_data(c));
+	c->ready = c->ready || (c->end != USB_END_FAILED && usb_queue_has_data(c));
 	pthread_mutex_unlock(&c->lock);
 	c->phase = USB_PHASE_ENDED;
 	return NEVER;
