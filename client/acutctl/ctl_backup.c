@@ -17,12 +17,18 @@
 struct showing {
 	struct ctl_copy copy;
 	struct ctl_progress progress;
-	uint64_t bytes;
+	uint64_t bytes, damaged;
+	struct err damage; /* of the first of these, told when all is there */
 };
 
 static int ready(void *ctx, const struct acut_backup_ready *r)
 {
-	((struct showing *)ctx)->bytes = r->bytes;
+	struct showing *s = ctx;
+
+	s->bytes = r->bytes;
+	s->damaged = r->damaged;
+	if (r->damaged)
+		ctl_error_from_failure(&r->damage, &s->damage);
 	return 0;
 }
 
@@ -82,6 +88,10 @@ static int take(struct ctl *ctl, const char *dataset, const char *dir)
 		status = ctl_error(ctl, &err);
 	if (!status)
 		report(ctl, &s.copy, dataset, clock_since(begun));
+	if (!status && s.damaged > 1)
+		ctl_warn(ctl, "%llu datasets are damaged; this is the first", (unsigned long long)s.damaged);
+	if (!status && s.damaged)
+		status = ctl_error(ctl, &s.damage);
 	ctl_copy_done(&s.copy);
 	return status;
 }

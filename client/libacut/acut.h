@@ -481,6 +481,8 @@ int acut_plan(struct acut *, const char *dataset, uint64_t generation, const cha
 
 struct acut_backup_ready {
 	uint64_t files, bytes;
+	uint64_t damaged;           /* datasets whose list of files is damaged: all of their files are there as they are */
+	struct acut_failure damage; /* if there are any: what is wrong with the first */
 };
 struct acut_backup_file {
 	const char *name; /* relative, with '/', nothing in it climbs */

@@ -64,7 +64,12 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 	if (r < 0)
 		return r;
 	end.backup = a->answer->backup_ready->backup;
-	ready = (struct acut_backup_ready){.files = a->answer->backup_ready->files, .bytes = a->answer->backup_ready->bytes};
+	ready = (struct acut_backup_ready){.files = a->answer->backup_ready->files, .bytes = a->answer->backup_ready->bytes,
+					   .damaged = a->answer->backup_ready->damaged};
+	if (a->answer->backup_ready->damage)
+		call_wire_failure(a->answer->backup_ready->damage, &ready.damage);
+	else
+		ready.damaged = 0;
 	if (sink->ready)
 		r = sink->ready(sink->ctx, &ready);
 	while (!r && more)

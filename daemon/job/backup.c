@@ -43,6 +43,8 @@ struct backup {
 	uint64_t list_size, at, files, bytes;
 	bool pathless; /* the paths of the sources are not for him */
 	bool busy, ended, telling; /* a task is under way; nobody wants it; its client is being told */
+	uint64_t ndamaged; /* datasets whose files were taken as they are */
+	struct err damaged;
 	char line[LINE], gone[LINE]; /* of the list; what was not there any more */
 	struct backup_file file;
 	int r;
@@ -150,6 +152,34 @@ static int take_pathless(struct backup *b, struct grid_manifest *m, const char *
 	return r ? r : list(b, 'C', path, bytes, err);
 }
 
+/* All files of a folder, linked or copied; `fd` is closed. One that has just gone is not missed. */
+static int take_files(struct backup *b, int fd, const char *prefix, bool copy, struct err *err)
+{
+	DIR *dir = fdopendir(fd);
+	char path[LINE];
+	struct dirent *e;
+	int r = 0;
+
+	if (!dir) {
+		io_close(fd);
+		return err_sys(err, errno, "cannot list the folder %s", prefix);
+	}
+	while (!r && (errno = 0, e = io->readdir(dir))) {
+		size_t n = strlen(e->d_name);
+
+		if (*e->d_name == '.' || (n > 4 && !strcmp(e->d_name + n - 4, ".tmp")))
+			continue;
+		snprintf(path, sizeof path, "%s%s", prefix, e->d_name);
+		r = copy ? take_copy(b, fd, e->d_name, path, err) : take_link(b, fd, e->d_name, path, err);
+		r = r == E_GONE ? 0 : r;
+	}
+	/* What is not listed would be missing from the backup. */
+	if (!r && errno)
+		r = err_sys(err, errno, "cannot list the folder %s", prefix);
+	closedir(dir);
+	return r;
+}
+
 /* Links of one manifest and its segments, below `prefix`. */
 static int take_dataset(struct backup *b, uint64_t id, const char *manifest, const char *prefix, const char *as,
 			struct err *err)
@@ -179,6 +209,22 @@ static int take_dataset(struct backup *b, uint64_t id, const char *manifest, con
 	return r;
 }
 
+/* A dataset whose manifest is damaged: which of its files it names nobody can say, so all of them. */
+static int take_damaged(struct backup *b, uint64_t id, const char *prefix, const struct err *why, struct err *err)
+{
+	char name[32];
+	int fd, r;
+
+	snprintf(name, sizeof name, "%llu", (unsigned long long)id);
+	fd = io->openat(b->jobs->datafd, name, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0);
+	if (fd < 0)
+		return errno == ENOENT ? gone(b, prefix) : err_sys(err, errno, "cannot open the folder of dataset %s", name);
+	r = take_files(b, fd, prefix, false, err);
+	if (!b->ndamaged++)
+		b->damaged = *why;
+	return r;
+}
+
 static int each_dataset(void *ctx, uint64_t id, const char *manifest, struct err *err)
 {
 	struct backup *b = ctx;
@@ -188,39 +234,31 @@ static int each_dataset(void *ctx, uint64_t id, const char *manifest, struct err
 	snprintf(prefix, sizeof prefix, "datasets/%llu", (unsigned long long)id);
 	r = io_make_dir(b->dirfd, prefix, 0700, err);
 	strcat(prefix, "/");
-	return r ? r : take_dataset(b, id, manifest, prefix, manifest, err);
+	if (!r)
+		r = take_dataset(b, id, manifest, prefix, manifest, err);
+	if (r == -ERR_CORRUPT) {
+		struct err why = *err;
+
+		*err = ERR_INIT;
+		/* Whose it is: manifests of all datasets have such names. */
+		snprintf(why.file, sizeof why.file, "%s%s", prefix, manifest);
+		r = take_damaged(b, id, prefix, &why, err);
+	}
+	return r;
 }
 
-/* All files of a folder of the state, linked or copied. One that has just gone is not missed. */
 static int take_folder(struct backup *b, const char *folder, bool copy, struct err *err)
 {
 	int fd = io->openat(b->jobs->p.statefd, folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC, 0), r;
-	char path[LINE];
-	struct dirent *e;
-	DIR *dir;
+	char prefix[64];
 
 	if (fd < 0)
 		return errno == ENOENT ? 0 : err_sys(err, errno, "cannot open the folder %s", folder);
-	dir = fdopendir(fd);
-	if (!dir) {
-		io_close(fd);
-		return err_sys(err, errno, "cannot list the folder %s", folder);
-	}
+	snprintf(prefix, sizeof prefix, "%s/", folder);
 	r = io_make_dir(b->dirfd, folder, 0700, err);
-	while (!r && (errno = 0, e = io->readdir(dir))) {
-		size_t n = strlen(e->d_name);
-
-		if (*e->d_name == '.' || (n > 4 && !strcmp(e->d_name + n - 4, ".tmp")))
-			continue;
-		snprintf(path, sizeof path, "%s/%s", folder, e->d_name);
-		r = copy ? take_copy(b, fd, e->d_name, path, err) : take_link(b, fd, e->d_name, path, err);
-		r = r == E_GONE ? 0 : r;
-	}
-	/* What is not listed would be missing from the backup. */
-	if (!r && errno)
-		r = err_sys(err, errno, "cannot list the folder %s", folder);
-	closedir(dir);
-	return r;
+	if (r)
+		io_close(fd);
+	return r ? r : take_files(b, fd, prefix, copy, err);
 }
 
 /* Whatever else lies in the state folder itself and is a file: what says whose it is. */
@@ -276,7 +314,7 @@ static void begin_run(struct sched_task *t)
 	if (b->r)
 		return;
 	do {
-		b->list_size = b->files = b->bytes = 0;
+		b->list_size = b->files = b->bytes = b->ndamaged = 0;
 		b->r = b->dataset ? take_dataset(b, b->dataset, b->manifest, "", "manifest", &b->err) : take_all(b, &b->err);
 		/* A single dataset is looked at anew by the loop. */
 	} while (b->r == E_GONE && !b->dataset && ++tries < TRIES && !atomic_load(&t->cancel));
@@ -380,6 +418,8 @@ static void begin_done(struct sched_task *t)
 	}
 	ready.files = b->files;
 	ready.bytes = b->bytes;
+	ready.ndamaged = b->ndamaged;
+	ready.damaged = &b->damaged;
 	b->telling = true;
 	b->ready(b->token, b->r ? &b->err : NULL, &ready);
 	b->telling = false;

@@ -14,6 +14,8 @@ struct backup;
 struct backup_ready {
 	struct backup *backup;
 	uint64_t id, files, bytes;
+	uint64_t ndamaged;         /* datasets whose manifest is damaged: they are there as they lie on the disk */
+	const struct err *damaged; /* what is wrong with the first of them */
 };
 struct backup_file {
 	const char *name; /* relative, with '/' */

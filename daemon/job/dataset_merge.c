@@ -23,7 +23,9 @@ enum {
 	MANY = 40,       /* segments: merging gives way to nobody */
 };
 
+/* After one that was given up; where there was no space, twice as long each time. */
 #define AGAIN_SECONDS 1.0
+#define LONGEST_SECONDS 64.0
 #define STARVED_SECONDS 0.3
 
 struct merge {
@@ -98,6 +100,18 @@ static bool passes(const struct err *why)
 	return why->code == ERR_BUSY || why->code == ERR_CANCELLED || why->code == ERR_NOSPACE || why->code == ERR_NOMEM;
 }
 
+static void put_off(struct jobs *j, const struct err *why)
+{
+	double seconds = AGAIN_SECONDS;
+
+	if (why && why->code == ERR_NOSPACE) {
+		seconds = j->merge_wait > 0 ? 2 * j->merge_wait : AGAIN_SECONDS;
+		seconds = seconds < LONGEST_SECONDS ? seconds : LONGEST_SECONDS;
+		j->merge_wait = seconds;
+	}
+	j->merge_after_ns = clock_mono_ns() + (uint64_t)(seconds * 1e9);
+}
+
 static void merge_over(struct dataset_rewrite *w, const struct err *why)
 {
 	struct merge *g = (struct merge *)w;
@@ -107,13 +121,14 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 	j->merge = NULL;
 	if (!why && w->nunits) {
 		say(g);
+		j->merge_wait = 0;
 		j->tally.merges++;
 		j->tally.merged_bytes += w->written;
 	} else if (!why) {
 		d->merge_due = false; /* not with this memory */
 	} else if (passes(why)) {
 		log_debug("%s: no merge now: %s", d->name, why->message);
-		j->merge_after_ns = clock_mono_ns() + (uint64_t)(AGAIN_SECONDS * 1e9);
+		put_off(j, why);
 	} else {
 		log_event_err(LOG_EVENT_MERGE_FAILED, ABOUT_DATASET(d), "segments cannot be merged", why);
 		d->merge_due = false;
@@ -131,7 +146,7 @@ static void start(struct jobs *j, struct dataset *d)
 	if (!house_take(j, sizeof *g, "a merge", &err) && !(g = calloc(1, sizeof *g)))
 		house_give(j, sizeof *g);
 	if (!g) {
-		j->merge_after_ns = clock_mono_ns() + (uint64_t)(AGAIN_SECONDS * 1e9);
+		put_off(j, NULL);
 		return;
 	}
 	g->begun_ns = clock_mono_ns();

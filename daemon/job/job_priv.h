@@ -164,6 +164,7 @@ struct jobs {
 	struct dataset_old *olds;      /* that wait until nobody opens them */
 	uint64_t rewriting;            /* memory that merge and prune hold */
 	uint64_t merge_after_ns;       /* none begins before */
+	double merge_wait;             /* seconds that the last one was put off for want of space; 0: it was not */
 	struct dataset_change *changes; /* that wait for their turn */
 	struct verb *verbs; /* dataset_remove.c: likewise */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;

@@ -151,6 +151,41 @@ static int find_unchanged(struct push *p, struct push_ask *a, const struct grid_
 	return r;
 }
 
+/*
+ * The file that a->replaces names is gone, because one of this very content took its place: the answer to that commit was lost,
+ * and the client says it once more.
+ */
+static int find_successor(struct push *p, struct push_ask *a, const struct grid_source **ret)
+{
+	const struct grid_manifest *m = p->base;
+	uint64_t gone = 0;
+	int r = 0;
+
+	*ret = NULL;
+	if (!m || p->dataset->onestep || !*a->path)
+		return 0;
+	for (size_t i = 0; i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		if (strcmp(s->path, a->replaces) && strcmp(s->name, a->replaces))
+			continue;
+		if (!s->removed)
+			return 0; /* it is there: no question */
+		gone = s->removed > gone ? s->removed : gone;
+	}
+	for (size_t i = 0; gone && !r && i < m->nsources; i++) {
+		const struct grid_source *s = &m->sources[i];
+
+		if (s->removed || s->added != gone || s->size != a->id.size)
+			continue;
+		if (!a->hash.hi && !a->hash.lo)
+			r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
+		if (!r && digest_equal(s->hash, a->hash))
+			*ret = s;
+	}
+	return r;
+}
+
 int push_known(struct push *p, struct push_ask *a)
 {
 	const struct grid_source *s = NULL, *t = NULL;
@@ -158,6 +193,16 @@ int push_known(struct push *p, struct push_ask *a)
 	int r = 0;
 
 	a->known = PUSH_NEW;
+	if (targeted)
+		r = find_successor(p, a, &s);
+	if (r)
+		return r;
+	if (s) {
+		a->target = 0;
+		a->known = PUSH_KNOWN;
+		a->in.points = s->points;
+		return 0;
+	}
 	r = push_replace_target(p, a);
 	if (r || p->dataset->onestep || !*a->path)
 		return r;

@@ -90,6 +90,7 @@ static void ready(void *token, const struct err *why, const struct backup_ready 
 {
 	Acut__V1__BackupReady m = ACUT__V1__BACKUP_READY__INIT;
 	struct request *q = token;
+	struct frame_error error;
 
 	if (why) {
 		request_refuse(q, why);
@@ -98,6 +99,11 @@ static void ready(void *token, const struct err *why, const struct backup_ready 
 	m.backup = r->id;
 	m.files = r->files;
 	m.bytes = r->bytes;
+	m.damaged = r->ndamaged;
+	if (r->ndamaged) {
+		frame_error_from_err(r->damaged, &error);
+		m.damage = &error.body;
+	}
 	if (keep(q->conn, r->backup, NULL))
 		request_answer(q, FRAME_MESSAGE(BACKUP_READY, backup_ready, &m));
 	else

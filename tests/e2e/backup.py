@@ -221,6 +221,32 @@ def a_file_is_missing():
         d.ctl("backup", os.path.join(base, "b")).ok()
 
 
+def a_manifest_is_damaged():
+    """It is named, all else is in the backup, and the files of that dataset as they are."""
+    with e2e.Folder() as base:
+        with e2e.Daemon(base) as d:
+            d.ctl("push", "good", tile(base, 1)).ok()
+            d.ctl("push", "bad", tile(base, 2)).ok()
+            want = digests(d, "good")
+            folders = os.path.join(d.state, "datasets")
+            newest = sorted(os.listdir(folders), key=int)[-1]
+            manifest = [n for n in os.listdir(os.path.join(folders, newest)) if n.startswith("manifest")][-1]
+            with open(os.path.join(folders, newest, manifest), "r+b") as f:
+                f.seek(40)
+                byte = f.read(1)
+                f.seek(40)
+                f.write(bytes([byte[0] ^ 16]))
+            to = os.path.join(base, "b")
+            out = d.ctl("backup", to, "--json")
+            says(out, 74, "datasets/%s/%s" % (newest, manifest))
+            expect(json.loads(out.out.splitlines()[0])["files"] > 4, "the rest was not told to be there: %s" % out.out)
+            kept = os.listdir(os.path.join(to, "datasets", newest))
+            expect(any(n.endswith(".seg") for n in kept) and manifest in kept, "of the damaged dataset there is %s" % kept)
+            no_links(d)
+        with restored(base, to, "r") as r:
+            expect(digests(r, "good") == want, "another mesh of the good one")
+
+
 def a_state_is_no_backup():
     """The folder that was restored is a daemon's now: a backup into it would take its catalogue away."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -352,5 +378,5 @@ def left_at_once():
         says(d.ctl("cache", "verify"), 0)
 
 
-e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, a_file_is_missing, a_state_is_no_backup, export_and_import,
+e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, a_file_is_missing, a_manifest_is_damaged, a_state_is_no_backup, export_and_import,
          damaged_imports, rights)

@@ -148,6 +148,11 @@ def replaced():
             says(d.ctl("push", "s", f, e, "--replaces", "b.las"), 2, "one input")
             says(d.ctl("push", "s", f, "--replaces", "b.las", "--add"), 2, "--add")
             d.ctl("push", "s", f, "--replaces", "b.las").ok()
+            # The answer was lost, and it is said once more: it is done already. Of another file it is not.
+            was = len(d.ctl("dataset", "log", "s", "--json").ok().out.splitlines())
+            says(d.ctl("push", "s", f, "--replaces", "b.las").ok(), 0)
+            expect(len(d.ctl("dataset", "log", "s", "--json").ok().out.splitlines()) == was, "a repeated push made a generation")
+            says(d.ctl("push", "s", e, "--replaces", "b.las"), 1, "no file b.las")
             expect(state(d, "s") == fresh.of([a, f, c, e]), "replaced by name")
             d.ctl("push", "s", old[a], "--replaces", a).ok()
             expect(state(d, "s") == fresh.of([old[a], f, c, e]), "replaced by path")
