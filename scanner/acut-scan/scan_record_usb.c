@@ -12,7 +12,7 @@
 #include "clock.h"
 #include "scan_record.h"
 
-enum { RETRY_MS = 1000 };
+enum { RETRY_MS = 1000, TAKES = 64 };
 
 static void add_counts(struct usb_counts *to, const struct usb_counts *c)
 {
@@ -74,12 +74,13 @@ static int keep(struct record *r, const struct usb_buffer *b, struct err *err)
 	return event(r, b, err);
 }
 
-/* All that is there; 1: it was the last. After a failure the rest is only let go. */
+/* What is there, but no more than TAKES at once: a device that is faster than the disk must not keep a stop from being
+ * seen. 1: it was the last. After a failure the rest is only let go. */
 static int take_all(struct record *r, enum usb_end *ret_end, char ret_text[96], struct err *err)
 {
 	struct usb_buffer b;
 
-	while (usb_capture_take(r->capture, &b) == 1) {
+	for (int i = 0; i < TAKES && usb_capture_take(r->capture, &b) == 1; i++) {
 		if (b.kind == USB_GONE) {
 			*ret_end = b.end;
 			snprintf(ret_text, 96, "%s", b.text);
