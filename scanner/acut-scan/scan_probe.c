@@ -30,7 +30,7 @@ struct probe {
 	size_t nbegin;
 	char fault[512];      /* the first */
 	enum usb_end end;
-	char end_text[96];
+	char end_text[USB_LINE_SIZE];
 	/* the first sweep */
 	bool swept;
 	uint32_t shots, returns;

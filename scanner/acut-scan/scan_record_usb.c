@@ -76,14 +76,14 @@ static int keep(struct record *r, const struct usb_buffer *b, struct err *err)
 
 /* What is there, but no more than TAKES at once: a device that is faster than the disk must not keep a stop from being
  * seen. 1: it was the last. After a failure the rest is only let go. */
-static int take_all(struct record *r, enum usb_end *ret_end, char ret_text[96], struct err *err)
+static int take_all(struct record *r, enum usb_end *ret_end, char ret_text[USB_LINE_SIZE], struct err *err)
 {
 	struct usb_buffer b;
 
 	for (int i = 0; i < TAKES && usb_capture_take(r->capture, &b) == 1; i++) {
 		if (b.kind == USB_GONE) {
 			*ret_end = b.end;
-			snprintf(ret_text, 96, "%s", b.text);
+			snprintf(ret_text, USB_LINE_SIZE, "%s", b.text);
 			return 1;
 		}
 		if (!err->code)
@@ -94,7 +94,7 @@ static int take_all(struct record *r, enum usb_end *ret_end, char ret_text[96], 
 }
 
 /* One capture, from its start to its last buffer. A failure of the spool is in err. */
-static enum usb_end capture(struct record *r, char ret_text[96], struct err *err)
+static enum usb_end capture(struct record *r, char ret_text[USB_LINE_SIZE], struct err *err)
 {
 	struct pollfd p[2] = {{.fd = usb_capture_fd(r->capture), .events = POLLIN}, {.fd = scan_stop_fd(), .events = POLLIN}};
 	enum usb_end end = USB_END_STOPPED;
@@ -185,7 +185,7 @@ static int come_back(struct record *r, struct scan_device *d, struct err *err)
 int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 {
 	int rc = usb_capture_start(d->usb, &d->device, &d->profile.profile, &r->capture, err);
-	char words[200], text[96];
+	char words[200], text[USB_LINE_SIZE];
 
 	if (rc)
 		return rc;

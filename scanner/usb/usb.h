@@ -14,7 +14,7 @@ struct err;
 struct profile;
 struct profile_set;
 
-enum { USB_TEXT_SIZE = 128, USB_INTERFACES = 32 };
+enum { USB_TEXT_SIZE = 128, USB_LINE_SIZE = 256, USB_INTERFACES = 32 };
 
 struct usb_device {
 	uint16_t vendor, product;
@@ -81,7 +81,7 @@ struct usb_buffer {
 	bool with_error;       /* its transfer ended with an error, which follows as an event */
 	bool after_gap;        /* bytes before it may be missing (overflow, error) */
 	int64_t time_ns;       /* CLOCK_MONOTONIC when it was completed */
-	char text[96];         /* of what is no data: one line */
+	char text[USB_LINE_SIZE]; /* of what is no data: one line */
 	void *own;
 };
 struct usb_capture;

@@ -191,7 +191,7 @@ struct usb_capture {
 	struct usb_counts counts;
 	bool stop, abandon, ready, ended, gone_taken, short_of_memory;
 	enum usb_end end;
-	char end_text[96];
+	char end_text[USB_LINE_SIZE];
 	int64_t end_ns;
 	uint64_t parked_since;
 

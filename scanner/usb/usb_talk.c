@@ -11,7 +11,7 @@
 #include "clock.h"
 #include "usb_priv.h"
 
-enum { TIMEOUT_DEFAULT_MS = 5000, BROKEN_MS = 500 };
+enum { TIMEOUT_DEFAULT_MS = 5000, BROKEN_MS = 500, RETURN_MS = 3000 };
 
 static unsigned timeout_ms(const struct usb_capture *c)
 {
@@ -123,6 +123,7 @@ static int send(struct usb_capture *c, uint64_t now, struct err *err)
 		return failed(c, ERR_IO, "a command could not be sent", err);
 	t->flying = true;
 	t->state = USB_TALK_SENDING;
+	t->deadline = now + (timeout_ms(c) + RETURN_MS) * 1000000ull;
 	return 0;
 }
 
@@ -151,6 +152,15 @@ static int sent(struct usb_capture *c, uint64_t now, struct err *err)
 	}
 }
 
+/* libusb's own timeout should have brought it back: nothing can be sent any more. */
+static int stuck(struct usb_capture *c, struct err *err)
+{
+	int r = failed(c, ERR_IO, "a command does not come back", err);
+
+	c->talk.state = USB_TALK_DONE;
+	return r;
+}
+
 int usb_talk_step(struct usb_capture *c, uint64_t now, struct err *err)
 {
 	struct usb_talk *t = &c->talk;
@@ -162,9 +172,12 @@ int usb_talk_step(struct usb_capture *c, uint64_t now, struct err *err)
 		} else if (t->state == USB_TALK_NEXT) {
 			r = send(c, now, err);
 		} else if (t->state == USB_TALK_SENDING) {
-			if (!t->returned)
+			if (t->returned)
+				r = sent(c, now, err);
+			else if (now < t->deadline)
 				return 0;
-			r = sent(c, now, err);
+			else
+				r = stuck(c, err);
 		} else if (t->state == USB_TALK_BROKEN) {
 			if (now < t->deadline)
 				return 0;
@@ -189,5 +202,5 @@ void usb_talk_cancel(struct usb_capture *c)
 
 uint64_t usb_talk_until(const struct usb_capture *c)
 {
-	return c->talk.state == USB_TALK_WAITING || c->talk.state == USB_TALK_BROKEN ? c->talk.deadline : UINT64_MAX;
+	return c->talk.state == USB_TALK_NEXT || c->talk.state == USB_TALK_DONE ? UINT64_MAX : c->talk.deadline;
 }

@@ -173,7 +173,7 @@ def no_answer():
     with Run(scanner(source="cola 300", on_command=True, faults=["at step start 2 timeout", "at 100 KB stop"])) as b:
         r = b.tool(commands=COMMANDS, timeout="0.3")
         b.whole(r)
-        expect("TIMEOUT" in r.events and "GONE stopped" in r.out, r.out)
+        expect("TIMEOUT" in r.events and "GONE stopped" in r.out and "sEN LMDscandata 0" in r.out, r.out)
 
 
 def stop_while_starting():
