@@ -516,99 +516,6 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 	return true;
 }
 
-/* ---- park ---- */
-
-static int park_start(struct push *p, struct push_ask *a, struct err *err)
-{
-	return p->stage ? 0 : PUSH_NOW;
-}
-
-static void park_run(struct push *p, struct push_ask *a)
-{
-	a->r = push_leave_pending(p, &a->err);
-	if (!a->r)
-		p->stage = grid_stage_part(p->stage);
-}
-
-static bool park_done(struct push *p, struct push_ask *a, const struct err *why)
-{
-	if (!p->stage)
-		push_stage_give(p);
-	if (why && !p->left) {
-		push_tell_failed(p, why);
-		p->broken = true;
-		p->broken_err = *why;
-	}
-	return true;
-}
-
-/* ---- abort, close ---- */
-
-static int close_start(struct push *p, struct push_ask *a, struct err *err)
-{
-	return push_streams_busy(p) ? PUSH_WAIT : 0;
-}
-
-static int abort_start(struct push *p, struct push_ask *a, struct err *err)
-{
-	int r = close_start(p, a, err);
-
-	p->aborted |= r != PUSH_WAIT && !p->committed;
-	return r;
-}
-
-static void close_run(struct push *p, struct push_ask *a)
-{
-	struct err err = ERR_INIT;
-
-	push_end_run(p);
-	if (p->made && !p->committed && !catalogue_unsure(p->jobs->p.catalogue)) {
-		/* The catalogue does not name them. */
-		io->unlinkat(p->dataset->dirfd, p->made->segments[p->made->nsegments - 1].file, 0);
-		io->unlinkat(p->dataset->dirfd, p->made_name, 0);
-	}
-	if (p->old_goes && *p->base_name)
-		io->unlinkat(p->dataset->dirfd, p->base_name, 0);
-	/* Its row, by which the next start would know of them, goes only when they cannot come back. */
-	if (p->opened && !p->kept && p->row && io_sync(p->dataset->dirfd, "the folder of a dataset", &err)) {
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left is removed again at the next start", &err);
-		p->row = false;
-	}
-}
-
-static bool abort_done(struct push *p, struct push_ask *a, const struct err *why)
-{
-	if (!p->stage)
-		push_stage_give(p);
-	atomic_store(&p->cancel, false);
-	if (!why && !p->committed) {
-		p->nsources = 0;
-		push_replace_nothing(p);
-		p->files = p->durable = 0;
-	}
-	push_streams_free(p);
-	p->calls.aborted(a->token);
-	return true;
-}
-
-static bool close_done(struct push *p, struct push_ask *a, const struct err *why)
-{
-	struct err err = ERR_INIT;
-
-	if (!p->task.ran)
-		push_end_run(p); /* no worker came to it: the daemon ends */
-	push_stage_give(p);
-	push_room_give(p);
-	if (p->kept)
-		push_becomes_pending(p);
-	else if (p->row && catalogue_drop_push(p->jobs->p.catalogue, p->id, NULL, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
-	push_space_end(p); /* what is pending counts now */
-	if (p->opened)
-		dataset_close(p->dataset);
-	return true;
-}
-
 const struct push_row push_rows[PUSH_KINDS] = {
 	[PUSH_BEGIN] = {push_begin_start, push_begin_run, push_begin_done},
 	[PUSH_PROBE] = {probe_start, probe_run, probe_done},
@@ -616,8 +523,8 @@ const struct push_row push_rows[PUSH_KINDS] = {
 	[PUSH_STAGE] = {stage_start, stage_run, stage_done},
 	[PUSH_FILE] = {file_start, file_run, file_done},
 	[PUSH_SYNC] = {sync_start, sync_run, sync_done},
-	[PUSH_PARK] = {park_start, park_run, park_done},
+	[PUSH_PARK] = {push_park_start, push_park_run, push_park_done},
 	[PUSH_COMMIT] = {push_commit_start, push_commit_run, push_commit_done},
-	[PUSH_ABORT] = {abort_start, close_run, abort_done},
-	[PUSH_CLOSE] = {close_start, close_run, close_done},
+	[PUSH_ABORT] = {push_abort_start, push_close_run, push_abort_done},
+	[PUSH_CLOSE] = {push_close_start, push_close_run, push_close_done},
 };

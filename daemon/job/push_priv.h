@@ -239,6 +239,16 @@ int push_begin_start(struct push *, struct push_ask *, struct err *err);
 void push_begin_run(struct push *, struct push_ask *);
 bool push_begin_done(struct push *, struct push_ask *, const struct err *why);
 
+/* push_close.c: the rows of PUSH_PARK, PUSH_ABORT and PUSH_CLOSE (whose worker's part is that of both) */
+int push_park_start(struct push *, struct push_ask *, struct err *err);
+void push_park_run(struct push *, struct push_ask *);
+bool push_park_done(struct push *, struct push_ask *, const struct err *why);
+int push_close_start(struct push *, struct push_ask *, struct err *err);
+int push_abort_start(struct push *, struct push_ask *, struct err *err);
+void push_close_run(struct push *, struct push_ask *);
+bool push_abort_done(struct push *, struct push_ask *, const struct err *why);
+bool push_close_done(struct push *, struct push_ask *, const struct err *why);
+
 /* push_commit.c: the row of PUSH_COMMIT */
 int push_commit_start(struct push *, struct push_ask *, struct err *err);
 void push_commit_run(struct push *, struct push_ask *);
