@@ -264,6 +264,14 @@ def parked():
         expect(r.counts["parked"] == 0 and r.counts["parked_ns"] == 0, "parked with nothing to do: %s" % r.out)
 
 
+def half_filled():
+    """What a transfer has when it is cancelled, at a stop and by a stall, is data."""
+    with Run(scanner(source="pattern 1 MB", rate="10 KB", faults=["at 3000 stall"])) as b:
+        r = b.tool("--for", "0.7")
+        b.whole(r)
+        expect(r.counts["bytes"] > 3500 and r.counts["stalls"] == 1, r.out)
+
+
 def not_given_back():
     with Run(scanner(source="pattern 4 MB")) as b:
         r = b.tool("--hold", "99", "--for", "0.5", transfers=4)
@@ -301,7 +309,7 @@ def idle():
 
 
 CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, which,
-         parked, not_given_back, memory, misfit, idle]
+         parked, half_filled, not_given_back, memory, misfit, idle]
 
 if __name__ == "__main__":
     bus.need()
