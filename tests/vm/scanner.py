@@ -90,19 +90,18 @@ class Device:
     """A gadget by a script, plugged in for as long as it is held (or as its script says)."""
     count = 0
 
-    def __init__(self, *scripts, args=()):
+    def __init__(self, *scripts, keep=True):
         Device.count += 1
         self.report_path, self.given = "/srv/report%d" % Device.count, "/srv/given%d" % Device.count
         self.script = "/srv/script%d" % Device.count
         with open(self.script, "w") as f:
             for i, lines in enumerate(scripts):
-                f.write("device d%d\ndelivered %s.%d\n%s\n" % (i, self.given, i, lines))
-        self.args = list(args)
+                f.write("device d%d\n%s%s\n" % (i, "delivered %s.%d\n" % (self.given, i) if keep else "", lines))
 
     def __enter__(self):
         for path in spools():
             os.unlink(path)
-        self.process = subprocess.Popen([GADGET, "--report", self.report_path] + self.args + [self.script])
+        self.process = subprocess.Popen([GADGET, "--report", self.report_path, self.script])
         return self
 
     def unplug(self):
@@ -230,7 +229,7 @@ def pulled_out_and_plugged_in():
 
 def fast():
     size = int(os.environ.get("ACUT_VM_MB", "24"))
-    with Device("source pattern %d MB" % size) as d:
+    with Device("source pattern %d MB" % size, keep=False) as d:
         until(active, 60)
         pid, begun, first = state()["MainPID"], time.monotonic(), os.path.getsize(spools()[0])
         before = cpu(pid)
@@ -243,6 +242,8 @@ def fast():
         until(inactive, 60)
         same_as_given(spools()[0], model)
         expect(len(spools()) == 1, str(spools()))
+        parked = [e for e in Spool(spools()[0]).events() if e.startswith("parked")]
+        figure("parked meanwhile", "%d times, %.3f s", len(parked), sum(int(e.split()[1]) for e in parked) / 1e9)
 
 
 def faults():
