@@ -12,7 +12,7 @@
 
 #include "scan.h"
 
-static volatile sig_atomic_t caught;
+static _Atomic int caught; /* any thread may be the one that takes the signal */
 static int stop_fd = -1;
 
 static void note(int sig)
