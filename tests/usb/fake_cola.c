@@ -27,7 +27,7 @@ uint8_t *fake_cola_telegram(const struct fake_device *d, uint64_t number, size_t
 	char *text = NULL;
 	size_t size = 0;
 	FILE *f = open_memstream(&text, &size);
-	double hz = d->rate > 0 ? d->rate : 15;
+	double hz = d->hz > 0 ? d->hz : 15;
 	uint64_t us = (uint64_t)((double)number * 1e6 / hz);
 
 	if (!f)

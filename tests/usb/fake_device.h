@@ -83,6 +83,7 @@ struct fake_device {
 	uint64_t size;             /* of the source; COLA: telegrams */
 	uint64_t seed, message;    /* a short packet ends each `message` bytes; 0: never */
 	double rate;               /* bytes per second; 0: as fast as it is asked. COLA: telegrams per second */
+	double hz;                 /* COLA: sweeps per second by its own clock; 0: 15 */
 	uint64_t buffer;           /* with a rate: more than this is dropped, the oldest first; 0: it waits */
 	bool on_command;           /* streams when it was told so, not at once */
 	/* what goes wrong */

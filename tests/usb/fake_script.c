@@ -215,7 +215,7 @@ static bool line_read(struct fake_device *d, const char *key, struct words *w)
 	} else if (strcmp(key, "message") == 0) {
 		d->message = (uint64_t)v;
 	} else if (strcmp(key, "rate") == 0) {
-		d->rate = v;
+		d->rate = d->hz = v;
 	} else if (strcmp(key, "buffer") == 0) {
 		d->buffer = (uint64_t)v;
 	} else if (strcmp(key, "caps-off") == 0) {
