@@ -327,6 +327,11 @@ static void test_ranges_counted(void **state)
 	assert_int_equal(decode(&p, bytes, 8, s, &err), 0);
 	assert_int_equal(s->shots, 3);
 	assert_int_equal(decode(&p, bytes, 2, s, &err), DECODER_NOT_DATA);
+	/* one more than there is room for */
+	p = profile_of("[framer]\nkind = stream\n[decoder]\nname = ranges\ncount = u8@0\nrange = u16le@1\nangle-step = 1\n");
+	bytes[0] = 3;
+	assert_int_equal(decode(&p, bytes, 7, s, &err), 0);
+	assert_int_equal(decode(&p, bytes, 6, s, &err), -ERR_INPUT);
 	sweep_free(s);
 }
 
