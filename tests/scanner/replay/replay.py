@@ -5,7 +5,7 @@ replay.py ACUT_SCAN SPOOL_MAKE SOURCE_ROOT
 """
 import csv, hashlib, io, json, math, os, struct, subprocess, sys, tempfile
 
-SCAN, MAKE, ROOT = sys.argv[1:4]
+SCAN, MAKE, ROOT = map(os.path.abspath, sys.argv[1:4])
 TIM = ROOT + "/etc/scanners.d/sick-tim.conf"
 FOLDER = ROOT + "/etc/scanners.d"
 dir = tempfile.TemporaryDirectory(prefix="acut-replay-")
