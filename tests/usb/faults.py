@@ -77,6 +77,7 @@ ONE = [
     ("duplicate", ["at 1 MB duplicate 512"], []),
     ("garbage", ["at 1 MB garbage 1000"], []),
     ("lost in the device", ["at 1 MB lose 5000"], []),
+    ("stopped at full speed", ["at 1000000 stop"], []),
     ("silent", ["at 1 MB silent", "at step submit 30 stop"], []),
 ]
 
@@ -92,7 +93,17 @@ def each_fault():
                 expect(r.report["status"] == 0, "%s: status %s: %s" % (name, r.report["status"], r.err))
                 s, m = whole(b, r)
                 expect(all(w in s.words() for w in words), "%s: events are %s" % (name, s.events()))
-                expect(name == "silent" or all(f["fired"] for f in m["faults"]), "%s did not happen: %s" % (name, m["faults"]))
+                expect(name in ("silent", "stopped at full speed") or all(f["fired"] for f in m["faults"]), "%s did not happen: %s" % (name, m["faults"]))
+
+
+def stopped_in_a_transfer():
+    """Bytes of transfers that are filled, or half filled, when they are cancelled."""
+    for i, rate in enumerate(("3 MB", "20 MB", "40 MB")):
+        for kernel in kernels(i):
+            with Bus(device(source="pattern 8 MB", rate=rate, kernel=kernel, faults=["at 500300 stop"])) as b:
+                r = record(b)
+                s, m = whole(b, r)
+                expect(r.report["status"] == 0 and m["delivered"] < 8 << 20, "it did not stop: %s" % m["delivered"])
 
 
 def transfers_of_all_sizes():
@@ -157,7 +168,8 @@ def unplugged_at_every_step():
 def unplugged_and_back():
     for kernel in ("mock", "real"):
         for delay in ("0.05 s", "0.4 s") if LONG else ("0.1 s",):
-            faults = ["at 300000 unplug " + delay, "at 1 MB unplug " + delay, "at 1500000 stall", "at end stop"]
+            # the second time for longer than anybody who only tries again and again would wait between two tries
+            faults = ["at 300000 unplug " + delay, "at 1 MB unplug 1.2 s", "at 1500000 stall", "at end stop"]
             with Bus(device(source="pattern 2 MB", kernel=kernel, faults=faults)) as b:
                 r = record(b, "--reconnect")
                 expect(r.report["status"] == 0, "status %s: %s" % (r.report["status"], r.err))
@@ -243,7 +255,7 @@ def combinations():
         combination(seed)
 
 
-CASES = [each_fault, transfers_of_all_sizes, kernels_without, back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
+CASES = [each_fault, stopped_in_a_transfer, transfers_of_all_sizes, kernels_without, back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
          never_back, killed, combinations]
 
 if __name__ == "__main__":
