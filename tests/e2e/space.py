@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 import subprocess
+import tempfile
 import time
 
 import e2e
@@ -431,6 +432,37 @@ def digests_or_none(d, dataset):
     return None
 
 
+def state_and_cache_on_two_file_systems():
+    """Nothing is moved or linked between the two folders: staging, merging, meshing, backup and removal go as on one disk, also
+    through a kill in mid-push."""
+    with e2e.Folder() as base:
+        memory = os.environ.get("XDG_RUNTIME_DIR") or "/dev/shm"
+        if not os.path.isdir(memory) or os.stat(memory).st_dev == os.stat(base).st_dev:
+            e2e.unavailable("there is no second file system")
+        with tempfile.TemporaryDirectory(dir=memory) as other, e2e.Daemon(base, memory="24M") as d:
+            files = [synth("%s/%d.las" % (base, i), "60k", i) for i in range(5)]
+            d.ctl("push", "a", *files).ok()
+            want = digests(d, "a")
+            d.stop()
+            d.state, d.cache = base + "/state-two", other + "/cache"
+            d.command[d.command.index("--state") + 1], d.command[d.command.index("--cache") + 1] = d.state, d.cache
+            d.start()
+            for f in files[:4]:
+                d.ctl("push", "a", f).ok()
+            client = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "a", files[4]], stdout=subprocess.DEVNULL,
+                                      stderr=subprocess.DEVNULL)
+            d.stop(signal.SIGKILL)
+            client.wait(60)
+            d.start()
+            d.ctl("push", "a", files[4]).ok()
+            expect(digests(d, "a") == want, "another mesh")
+            d.ctl("mesh", files[0], "--format", "null").ok()
+            d.ctl("backup", base + "/backup").ok()
+            expect("0 damaged of what was pushed" in d.ctl("cache", "verify").ok().out, "damage")
+            expect(os.stat(d.state).st_dev != os.stat(d.cache).st_dev, "one file system")
+
+
 e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
          a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
-         a_file_system_that_is_full, a_start_on_a_full_disk)
+         state_and_cache_on_two_file_systems, a_file_system_that_is_full,
+         a_start_on_a_full_disk)
