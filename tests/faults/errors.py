@@ -2,7 +2,7 @@
 and for good. Whoever asked gets an answer; acutd lives; the same can be done again when the fault is gone, with the right
 mesh. test_errors.c does the same in process with every call.
 
-ACUT_FAULT_CALLS: how many (24); ACUT_FAULT_SEED.
+ACUT_FAULT_CALLS: how many (30); ACUT_FAULT_SEED.
 """
 import os
 import random
@@ -12,8 +12,8 @@ import time
 import faults
 from faults import Acks, Fault, Inputs, Killed, Store, e2e, expect
 
-CALLS = (("pwrite64", "ENOSPC"), ("pwrite64", "EIO"), ("fsync", "EIO"), ("fdatasync", "EIO"), ("renameat,renameat2", "EIO"),
-         ("unlinkat", "EIO"), ("mkdirat", "ENOSPC"), ("ftruncate", "EIO"))
+CALLS = (("pwrite64", "ENOSPC"), ("pwrite64", "EDQUOT"), ("pwrite64", "EIO"), ("fsync", "EIO"), ("fdatasync", "EIO"), ("renameat,renameat2", "EIO"),
+         ("unlinkat", "EIO"), ("mkdirat", "ENOSPC"), ("mkdirat", "EDQUOT"), ("ftruncate", "EIO"))
 STATUS = (1, 69, 74, 75)
 
 
@@ -33,7 +33,7 @@ def attempt(store, inputs, name):
 
 def main():
     faults.need_tools("strace")
-    points, rng = faults.setting("ACUT_FAULT_CALLS", 24), random.Random(faults.setting("ACUT_FAULT_SEED", 1))
+    points, rng = faults.setting("ACUT_FAULT_CALLS", 30), random.Random(faults.setting("ACUT_FAULT_SEED", 1))
     failed = refused = 0
     with e2e.Folder() as base, Store(base, args=("--space-wait", "1")) as store:
         inputs = Inputs(base)
