@@ -58,7 +58,6 @@ struct bus {
 	GCond wake;
 	bool woken, ending, udev;
 	pid_t child;
-	int64_t continue_ns;
 };
 struct outcome {
 	bool hung;
@@ -287,13 +286,32 @@ static void bus_tick(struct bus *b, int64_t began_ns)
 
 /* ---- the thread that moves bytes and sends signals ---- */
 
-static void signals_send(struct bus *b, struct fake_device *d, int64_t now_ns)
+struct pause {
+	pid_t child;
+	int64_t span_ns;
+};
+
+/* A thread of its own, without the lock: a call that holds it may wait for memory of the program that stands still. */
+static gpointer pause_program(gpointer ctx)
+{
+	struct pause *p = ctx;
+
+	kill(p->child, SIGSTOP);
+	g_usleep((gulong)(p->span_ns / 1000));
+	kill(p->child, SIGCONT);
+	g_free(p);
+	return NULL;
+}
+
+static void signals_send(struct bus *b, struct fake_device *d)
 {
 	if (b->child <= 0)
 		return;
 	if (d->wants_pause_ns) {
-		kill(b->child, SIGSTOP);
-		b->continue_ns = now_ns + d->wants_pause_ns;
+		struct pause *p = g_new(struct pause, 1);
+
+		*p = (struct pause){ b->child, d->wants_pause_ns };
+		g_thread_unref(g_thread_new("pause", pause_program, p));
 		d->wants_pause_ns = 0;
 	}
 	if (d->wants_stop)
@@ -321,15 +339,9 @@ static gpointer mover(gpointer ctx)
 				if (when < next)
 					next = when;
 			}
-			signals_send(b, p->device, now);
+			signals_send(b, p->device);
 		}
 		b->woken = false; /* by our own moves */
-		if (b->continue_ns && now >= b->continue_ns) {
-			kill(b->child, SIGCONT);
-			b->continue_ns = 0;
-		}
-		if (b->continue_ns && b->continue_ns < next)
-			next = b->continue_ns;
 		if (next - now < 200000)
 			next = now + 200000;
 		while (!b->woken && !b->ending && fake_now() < next)

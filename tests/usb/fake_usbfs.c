@@ -262,6 +262,10 @@ static int submit(struct fake_node *n, UMockdevIoctlClient *client, UMockdevIoct
 	u->address = data->client_addr;
 	u->since_ns = fake_now();
 	u->buffer = umockdev_ioctl_data_resolve(data, offsetof(struct usbdevfs_urb, buffer), u->length, NULL);
+	if (u->length && !u->buffer) { /* the program is dying */
+		g_free(u);
+		return EFAULT;
+	}
 	u->data = g_object_ref(data);
 	list_add(&n->waiting, u);
 	if (++n->counts.in_flight > n->counts.in_flight_max)
