@@ -151,10 +151,12 @@ static uint64_t start_on(struct usb_capture *c, uint64_t now)
 		return now;
 	}
 	r = usb_talk_step(c, now, &c->err);
+	if (r < 0) {
+		leave(c, now, USB_END_FAILED, "a start command failed");
+		return now; /* where all transfers are in the queue nothing that comes back would wake us */
+	}
 	if (r == 1)
 		note_ready(c);
-	else if (r < 0)
-		leave(c, now, USB_END_FAILED, "a start command failed");
 	return usb_talk_until(c);
 }
 

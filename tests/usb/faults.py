@@ -115,6 +115,15 @@ def transfers_of_all_sizes():
             expect(r.report["status"] == 0, r.err)
 
 
+def flood_at_start():
+    """A command is not answered while more comes than is kept meanwhile: refused in its time, as where nothing comes."""
+    commands = "[start]\nsend = go\nanswer = never\n"
+    with Bus(device(source="pattern 40 MB")) as b:
+        r = record(b, commands=commands, timeout=20)
+        expect(r.report["status"] == 124 and "no answer" in r.err, "status %s: %s" % (r.report["status"], r.err))
+        expect(r.devices[0]["unreaped"] == 0 and not os.path.exists(b.path("out.spool")), "something is left: %s" % r.devices[0])
+
+
 def kernels_without():
     """Older kernels lack what libusb would rather use; the plain file has another poll."""
     for off in ("1", "2", "4", "8", "16", "31") if LONG else ("8", "31"):
@@ -255,7 +264,7 @@ def combinations():
         combination(seed)
 
 
-CASES = [each_fault, stopped_in_a_transfer, transfers_of_all_sizes, kernels_without, back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
+CASES = [each_fault, stopped_in_a_transfer, transfers_of_all_sizes, flood_at_start, kernels_without, back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
          never_back, killed, combinations]
 
 if __name__ == "__main__":
