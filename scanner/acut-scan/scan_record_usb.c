@@ -217,8 +217,10 @@ int record_from_usb(struct record *r, struct scan_device *d, struct err *err)
 			return err_add_hint(err, "plug it in again; what came until now is in the spool");
 		}
 		rc = come_back(r, d, err);
-		if (rc)
+		if (rc) {
+			r->capture = usb_capture_free(r->capture); /* it came back, and the disk would not have it */
 			return rc;
+		}
 	}
 	return 0;
 }
