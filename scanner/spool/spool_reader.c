@@ -5,7 +5,9 @@
  * Where a record is not whole the reader looks for the next place where one is: mark, check of the head, a number that
  * is not behind, check of the payload. Is there none up to the end, then what is left is the torn tail of a kill or a
  * power cut, and the spool ends; is there one, then something in the middle is damaged, and that is an error that names
- * the place, until spool_skip goes on behind it. Each byte is looked at a fixed number of times, whatever it holds.
+ * the place, until spool_skip goes on behind it. Where only the payload is not right its length may be that of bytes
+ * which are gone, so that whole records stand in what it spans: these are looked for, too, but in no stretch twice. So
+ * each byte is looked at a fixed number of times, whatever it holds.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -29,6 +31,7 @@ struct spool_reader {
 	bool eof;
 	uint64_t expect;        /* number of the next record */
 	uint64_t whole;         /* place behind the last whole record */
+	uint64_t spanned;       /* place up to which a payload reached that was not right */
 	bool damaged;           /* told and not skipped yet: [damage, place of at) */
 	uint64_t damage, missing; /* records that are lost there: from expect - missing */
 	bool over, head_damaged, ended;
@@ -294,6 +297,21 @@ static int payload_here(struct spool_reader *r, const struct spool_mark *m, stru
 	return spool_check(r->seed, r->buf + r->at + SPOOL_RECORD_HEAD, m->size) == m->check;
 }
 
+/* On from a head whose payload is not right, or is said to reach beyond the file's end. */
+static void pass(struct spool_reader *r, const struct spool_mark *m)
+{
+	uint64_t end = place(r) + SPOOL_RECORD_HEAD + m->size;
+	bool nested = place(r) < r->spanned;
+
+	r->at += SPOOL_RECORD_HEAD;
+	if (end > r->base + r->end)
+		return; /* nothing of it was looked at */
+	if (nested)
+		r->at += m->size;
+	if (end > r->spanned)
+		r->spanned = end;
+}
+
 /* From `at` on, behind something that is no record and begins at `damage`. */
 static int find_next(struct spool_reader *r, uint64_t damage, struct err *err)
 {
@@ -325,9 +343,7 @@ static int find_next(struct spool_reader *r, uint64_t damage, struct err *err)
 			return rc;
 		if (rc == 1)
 			return found_next(r, damage, m.seq, err);
-		if (rc == 2)
-			return run_out(r, damage, err);
-		r->at += SPOOL_RECORD_HEAD + (size_t)m.size;
+		pass(r, &m);
 	}
 }
 
@@ -370,10 +386,8 @@ int spool_next(struct spool_reader *r, struct spool_record *ret, struct err *err
 	rc = payload_here(r, &m, err);
 	if (rc < 0)
 		return rc;
-	if (rc == 2)
-		return run_out(r, from, err);
-	if (!rc) {
-		r->at += SPOOL_RECORD_HEAD + (size_t)m.size;
+	if (rc != 1) {
+		pass(r, &m);
 		return find_next(r, from, err);
 	}
 	deliver(r, &m, ret);
