@@ -225,25 +225,41 @@ static void count_with(struct record *r, const struct profile *p)
 		scan_warn(r->args, "telegrams are not counted: %s", err.message);
 }
 
+/* How much is safe where the spool could not be written. */
+static void hint_safe(struct record *r, struct err *err)
+{
+	struct spool_totals t;
+
+	spool_totals(r->spool, &t);
+	err_add_hint(err, "%s%llu of %llu bytes are safe in the spool%s", err->code == ERR_NOSPACE ? "make room; " : "",
+		     (unsigned long long)t.durable, (unsigned long long)t.bytes,
+		     r->args->from ? "" : ", and record --continue goes on in it");
+}
+
 /* What came before a write failed is made durable; what the writing failed of is the error. */
 static int finish(struct record *r, struct err *err)
 {
-	struct err ignored = ERR_INIT, failed = *err;
+	struct err ignored = ERR_INIT;
 	int rc;
 
-	if (failed.code) {
-		if (spool_event(r->spool, (int64_t)clock_mono_ns(), &ignored, "stop error %s", failed.message) == 0)
+	if (err->code) {
+		if (spool_event(r->spool, (int64_t)clock_mono_ns(), &ignored, "stop error %s", err->message) == 0)
 			spool_end(r->spool, &ignored);
+		rc = ignored.code; /* the spool is what failed */
 		ignored = ERR_INIT;
 		spool_sync(r->spool, &ignored);
+		if (rc && !err->hint[0])
+			hint_safe(r, err);
 		r->why = RECORD_ERROR;
-		return -(int)failed.code;
+		return -(int)err->code;
 	}
 	rc = spool_event(r->spool, (int64_t)clock_mono_ns(), err, "stop %s", record_why_name(r->why));
 	if (!rc)
 		rc = spool_end(r->spool, err);
-	if (rc)
+	if (rc) {
+		hint_safe(r, err);
 		r->why = RECORD_ERROR;
+	}
 	if (r->framer)
 		framer_end(r->framer);
 	return rc;
@@ -300,14 +316,15 @@ static int record_device(const struct scan_args *args)
 	return status;
 }
 
-/* Bytes of a file: what they are only the profile says. */
+/* Bytes of a file: what they are only the profile says. A named pipe is not waited for here, where no signal and no
+ * --for would be seen, but with its bytes. */
 static int record_import(const struct scan_args *args)
 {
 	struct scan_profile profile = {0};
 	struct profile_set *set = NULL;
 	struct record r = {.args = args};
 	struct err err = ERR_INIT;
-	int fd = strcmp(args->from, "-") ? open(args->from, O_RDONLY | O_CLOEXEC) : dup(STDIN_FILENO), status;
+	int fd = strcmp(args->from, "-") ? open(args->from, O_RDONLY | O_NONBLOCK | O_CLOEXEC) : dup(STDIN_FILENO), status;
 
 	if (fd < 0) {
 		err_sys(&err, errno, "cannot open");

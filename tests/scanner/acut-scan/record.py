@@ -88,6 +88,20 @@ def signals_are_a_good_end():
             expect(s.data == b"some" and s.ended and s.events == ["stop signal"], s.events)
 
 
+def a_pipe_that_nobody_writes_into():
+    with Folder() as d:
+        os.mkfifo(d("pipe"))
+        run("record", "--from", d("pipe"), "-o", d("a"), "--for", "0.2").ok()
+        expect(Spool(d("a")).events == ["stop time"], "other events")
+        p = start("record", "--from", d("pipe"), "-o", d("b"), "--json")
+        until(lambda: os.path.exists(d("b")))
+        with open(d("pipe"), "wb") as f:
+            f.write(b"some")
+        finish(p).ok()
+        s = Spool(d("b"))
+        expect(s.data == b"some" and s.events == ["stop end"], s.events)
+
+
 def kill_and_go_on_reading():
     """kill -9 at any moment: all that was told to be there is; the records are whole."""
     for wait in (0, 0.01, 0.05, 0.1, 0.2):
@@ -128,8 +142,8 @@ def full_tmpfs():
             return
         try:
             got = run("record", "--from", "/dev/zero", "-o", d("a")).ok(74)
-            expect("no space" in got.err.lower(), got.err)
             s = Spool(d("a"))
+            expect("no space" in got.err.lower() and "make room; %d of %d bytes are safe" % ((len(s.data),) * 2) in got.err, got.err)
             expect(len(s.data) > 1000000 and set(s.data) == {0}, "%d bytes" % len(s.data))
         finally:
             subprocess.run(["umount", d.path], check=True)
@@ -170,4 +184,4 @@ def idle():
         finish(p, b"").ok()
 
 
-scan.main(from_a_file, names_in_a_folder, limits, signals_are_a_good_end, kill_and_go_on_reading, full_disk, full_tmpfs, told_to_systemd, idle)
+scan.main(from_a_file, names_in_a_folder, limits, signals_are_a_good_end, a_pipe_that_nobody_writes_into, kill_and_go_on_reading, full_disk, full_tmpfs, told_to_systemd, idle)
