@@ -258,7 +258,7 @@ def parked():
         b.whole(r)
         expect(r.counts["parked"] > 10 and r.counts["parked_ns"] > 100e6, r.out)
         expect(r.events.count("PARKED") >= r.counts["parked"] - 1, r.out)
-    with Run(scanner(source="pattern 512 KB", rate="1 MB", faults=["at end stop"])) as b:
+    with Run(scanner(source="pattern 256 KB", rate="1 MB", faults=["at end stop"])) as b: # less than transfers hold
         r = b.tool()
         b.whole(r)
         expect(r.counts["parked"] == 0 and r.counts["parked_ns"] == 0, "parked with nothing to do: %s" % r.out)
