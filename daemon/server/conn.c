@@ -4,7 +4,7 @@
  * The model: everything that a client began lives in lists here: requests not answered, pushes, bound jobs,
  * one-step datasets, streams. conn_close lets go of all of them at once; requests that a worker is busy with
  * keep the memory of the connection until they are answered (into nothing). A client that does not read is
- * cut off when its answers reach the cap of its queue, or when others lack the memory that it has. The socket keeps
+ * cut off when its answers reach the cap of its queue, or when others lack the memory that it has (room.c). The socket keeps
  * little of them. All else is charged: frames as they come and wait, requests with what is kept until they are answered.
  */
 #include <errno.h>
@@ -23,7 +23,6 @@
 enum {
 	CONN_BYTES = 2 << 10,    /* of a connection, beside its frames: itself, its event source */
 	REQUEST_BYTES = 4 << 10, /* of a request, beside its texts: what is kept until it is answered */
-	FAT = 32 << 10,          /* nobody who reads his answers has as much for long */
 	SOCKET_BYTES = 16 << 10, /* of answers that the kernel keeps for a client (it doubles them for its own needs): they count
 				    with the control group and stand in no ledger, so a crowd that does not read must not
 				    have much. What is large goes through pipes. */
@@ -31,48 +30,6 @@ enum {
 	TURN_REQUESTS = 16,      /* at most, one after the other, */
 	TURN_NS = 200000,        /* and no further one after so long */
 };
-
-/* Who has more than an honest client; else who has not read what lies ready for him for the longest: answers wait for
- * those who read until the loop comes to them again, for those who do not ever longer. */
-static struct conn *hoarder(const struct server *s, const struct conn *but)
-{
-	struct conn *c, *most = NULL, *idle = NULL;
-
-	for (c = s->conns; c; c = c->next) {
-		if (c == but || !c->frame)
-			continue;
-		if (frame_conn_held(c->frame) > FAT && (!most || frame_conn_held(c->frame) > frame_conn_held(most->frame)))
-			most = c;
-		if (c->blocked_ns && (!idle || c->blocked_ns < idle->blocked_ns))
-			idle = c;
-	}
-	return most ? most : idle;
-}
-
-/* Messages have run out of memory: one who hoards them is cut off. He is closed when the loop comes to him: what calls
- * here may be going through lists of what closing changes. */
-static bool relieve(struct server *s, const struct conn *but)
-{
-	struct conn *c = hoarder(s, but);
-	struct err err = ERR_INIT;
-
-	if (!c)
-		return false;
-	log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
-		  "a client (pid %u) is cut off: it keeps %zu KiB of messages, and others have no memory for theirs",
-		 c->peer.pid, frame_conn_held(c->frame) >> 10);
-	err_set(&err, ERR_BUSY, "the client keeps too many messages");
-	frame_conn_cut(c->frame, &err);
-	c->blocked_ns = 0;
-	return true;
-}
-
-/* As far as that is possible. */
-static void make_room(struct server *s, size_t bytes, const struct conn *but)
-{
-	while (ledger_room(s->p.ledger, LEDGER_MESSAGE) < bytes && relieve(s, but))
-		;
-}
 
 static void watch(struct conn *c)
 {
@@ -120,7 +77,7 @@ void conn_send(struct conn *c, uint32_t id, const Acut__V1__Message *m, int fd)
 	}
 	/* As a rule there is room for the largest. */
 	if (ledger_room(c->server->p.ledger, LEDGER_MESSAGE) < FRAME_MAX + COMFORT / 16)
-		make_room(c->server, frame_message_size(m) + COMFORT / 16, c);
+		room_make(c->server, frame_message_size(m) + COMFORT / 16, c->peer.uid, c);
 	sent(c, frame_conn_send(c->frame, id, m, fd, &err), &err);
 }
 
@@ -130,7 +87,7 @@ void conn_send_error(struct conn *c, uint32_t id, const struct err *why)
 
 	if (c->closed)
 		return;
-	make_room(c->server, COMFORT / 16, c);
+	room_make(c->server, COMFORT / 16, c->peer.uid, c);
 	sent(c, frame_conn_send_error(c->frame, id, why, &err), &err);
 }
 
@@ -149,7 +106,7 @@ struct request *request_new(struct conn *c, uint32_t id, size_t bytes, struct er
 	struct request *q;
 
 	bytes += REQUEST_BYTES;
-	make_room(c->server, bytes, c);
+	room_make(c->server, bytes, c->peer.uid, c);
 	if (!ledger_take(ledger, LEDGER_MESSAGE, bytes)) {
 		err_set(err, ERR_BUSY, "there is no memory left for a request");
 		err_add_hint(err, "try again when other clients are done, or give acutd more memory");
@@ -210,7 +167,7 @@ void request_answer_within(struct request *q, const Acut__V1__Message *m, size_t
 	request_free(q);
 	if (c->closed)
 		return;
-	make_room(c->server, bound + COMFORT / 16, c);
+	room_make(c->server, bound + COMFORT / 16, c->peer.uid, c);
 	sent(c, frame_conn_send_within(c->frame, id, m, bound, &err), &err);
 }
 
@@ -239,7 +196,7 @@ static void receive(struct conn *c)
 	uint32_t id = 0;
 	int got = -1, r;
 
-	make_room(c->server, COMFORT, c);
+	room_make(c->server, COMFORT, c->peer.uid, c);
 	r = frame_conn_recv(c->frame, &id, &m, &got, &err);
 	if (r == FRAME_E_AGAIN) {
 		c->dry = true;
@@ -342,22 +299,6 @@ unsigned conns_of(const struct server *s, uint32_t uid)
 	return n;
 }
 
-/* Those that may be there, of one user. */
-static int check_count(const struct server *s, const struct job_peer *peer, struct err *err)
-{
-	unsigned n;
-
-	if (!s->p.user_connections || rights_admin(peer))
-		return 0;
-	n = conns_of(s, peer->uid);
-	if (n < s->p.user_connections)
-		return 0;
-	err_set(err, ERR_BUSY, "%u connections of this user are open, and no more than %u may be (user-connections)", n,
-		s->p.user_connections);
-	err_add_hint(err, "try again when some of them are closed");
-	return err_add_place(err, ERR_NO_OFFSET, "user-connections");
-}
-
 /* Who it is, and whether he is served: before anything is kept for him. */
 static int conn_peer(struct server *s, int fd, struct job_peer *ret, struct err *err)
 {
@@ -374,7 +315,7 @@ static int conn_peer(struct server *s, int fd, struct job_peer *ret, struct err 
 	rights_look(&s->p.rights, ret);
 	r = rights_connect(&s->p.rights, ret, err);
 	if (!r)
-		r = check_count(s, ret, err);
+		r = room_place(s, ret, err);
 	if (!r)
 		return 0;
 	refusal_log(s, ret, err);
@@ -389,7 +330,7 @@ int conn_new(struct server *s, int fd, struct err *err)
 
 	if (r)
 		return r;
-	make_room(s, CONN_BYTES + COMFORT, NULL);
+	room_make(s, CONN_BYTES + COMFORT, peer.uid, NULL);
 	if (ledger_take(s->p.ledger, LEDGER_MESSAGE, CONN_BYTES)) {
 		r = conn_make(s, fd, &peer, err);
 		if (r)

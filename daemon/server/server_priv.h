@@ -85,6 +85,7 @@ struct conn {
 	uint64_t blocked_ns; /* since when it has read nothing of what lies ready for it; 0: it has read all */
 	bool hello, closed, dry; /* dry: no whole message has come */
 	bool later;              /* its turn is after others' */
+	bool cut;                /* it ends when the loop comes to it */
 	unsigned nrequests, nfiles;
 	size_t charged; /* itself and its requests */
 	struct request *requests;
@@ -122,6 +123,10 @@ uint64_t conn_held(const struct conn *); /* taken of LEDGER_MESSAGE */
 enum { TURN_NOW = SD_EVENT_PRIORITY_NORMAL, TURN_BULK = TURN_NOW + 3, TURN_LATER = TURN_NOW + 5 };
 bool turn_later(struct server *, uint32_t uid, uint64_t now); /* others come first */
 uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now, which it returns */
+
+/* room.c: as far as that is possible, memory for messages of that user, at the expense of others but that one (NULL: of any). */
+void room_make(struct server *, size_t bytes, uint32_t uid, const struct conn *but);
+int room_place(const struct server *, const struct job_peer *, struct err *err); /* for one connection more. -ERR_BUSY */
 
 /* refusal.c */
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */

@@ -3,6 +3,7 @@ others and geoid grids, looks at the house. And what is the owner's alone: where
 import json
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -13,7 +14,7 @@ from e2e import Folder, expect
 from rights import ADMINS, ANNA, BERT, CARL, GIS, GROUPS, OTHERS, USERS, WHO, Box
 
 try:
-    from acut_wire import Client, pb
+    from acut_wire import HEADER, Client, pack, pb
 except ImportError as e:
     Client, missing = None, e
 
@@ -44,6 +45,42 @@ def as_user(who, do):
         text = f.read()
     expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "%s failed" % (who,))
     return json.loads(text)
+
+
+class Held:
+    """A process of that user that makes what begin() returns, and keeps it until the end of the block; `said` is its length."""
+
+    def __init__(self, who, begin):
+        self.who, self.begin = WHO[who] if isinstance(who, str) else who, begin
+
+    def __enter__(self):
+        read, write = os.pipe()
+        until, self.end = os.pipe()
+        self.child = os.fork()
+        if not self.child:
+            os.close(self.end)
+            try:
+                os.setgroups(self.who[2])
+                os.setgid(self.who[1])
+                os.setuid(self.who[0])
+                kept = self.begin()
+                os.write(write, b"%d" % len(kept))
+                os.read(until, 1)
+            except BaseException as e:
+                sys.stderr.write("     %r\n" % e)
+            finally:
+                os._exit(0)
+        os.close(write)
+        os.close(until)
+        with os.fdopen(read) as f:
+            got = os.read(f.fileno(), 16)
+        expect(got, "the crowd failed")
+        self.said = int(got)
+        return self
+
+    def __exit__(self, *exc):
+        os.close(self.end)
+        os.waitpid(self.child, 0)
 
 
 def comb(teeth, down, step=990.0):
@@ -210,6 +247,44 @@ def exports():
         expect(status != 0 and "where-anna" in err, "anna: %d %s" % (status, err))
 
 
+def crowds():
+    """Many connections of users that do nothing, or send half a message each: others are served all the while."""
+    if not Client:
+        print("     skipped: %s" % missing)
+        return
+    hello = pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="crowd")))
+    halves = {n: pack(2, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="x" * n)))[:-1] for n in (24000, 1500)}
+
+    def open_all(tries, half):
+        kept = []
+        for i in range(tries):
+            s = socket.socket(socket.AF_UNIX)
+            s.settimeout(5)
+            try:
+                s.connect(box.daemon.socket)
+                s.sendall(hello)
+                if pb.Message.FromString(s.recv(65536)[HEADER.size:]).WhichOneof("body") == "hello":
+                    s.sendall(half(i))
+                    kept.append(s)
+            except OSError:
+                pass
+        return kept
+
+    with Folder() as base, Box(base, args=GROUPS, memory="32M") as box:
+        box.good("anna", "push", "--mode", "644", "d", box.survey())
+        # 256 places there are, and 4 MiB for messages.
+        for kind, first, second in (("idle", lambda i: b"", lambda i: b""),
+                                    ("half a message", lambda i: halves[24000], lambda i: halves[24000] if i < 150 else halves[1500] if i < 250 else b"")):
+            with Held("anna", lambda: open_all(200, first)) as one, Held(GROUP_ONE, lambda: open_all(350, second)) as two:
+                expect(kind != "idle" or (one.said, two.said) == (128, 64), "%d of one user and %d of another" % (one.said, two.said))
+                for who in ("carl", "root"):
+                    box.good(who, "ping")
+                    box.good(who, "submit", "d", "--wait")
+                box.good("carl", "push", "c", box.survey(seed=2))
+        box.good("anna", "ping")
+        expect("as many as one user may have" in box.log(), "log: %s" % box.log()[-2000:])
+
+
 if __name__ == "__main__":
     if os.geteuid() != 0:
         print("to be several users takes root")
@@ -217,4 +292,4 @@ if __name__ == "__main__":
     if not shutil.which("setpriv"):
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
-    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_geoids, exports)
+    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_geoids, exports, crowds)

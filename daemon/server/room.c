@@ -1,0 +1,129 @@
+/*
+ * Room for messages: what clients hold of their part of the memory, and who gives way when others find none.
+ *
+ * The model: a client that keeps more than an honest one ever does is cut off first, then who has not read for the longest.
+ * Where nobody is like that it is a crowd: of the user whose connections hold most together those are cut off that hold
+ * most, as long as it is not he who asks. How many connections one user has is bounded as other things that are shared are: half of
+ * what those of others leave. So a crowd that does nothing at all keeps nobody out, and neither does one that holds
+ * a little with each.
+ *
+ * Who is cut off is closed when the loop comes to him: what calls here may be going through lists of what closing changes.
+ */
+#include <sys/resource.h>
+
+#include "server_priv.h"
+
+enum {
+	FAT = 32 << 10,   /* nobody who reads his answers has as much for long */
+	CROWD = 256 << 10, /* a user whose connections hold less is no crowd */
+	PLACE = 128 << 10, /* of the memory there is a place for each so many bytes: 4 KiB of what is kept for messages */
+	PLACES_LEAST = 64,
+};
+
+/* All that may be there, half of the descriptors at most. */
+static unsigned places(const struct server *s)
+{
+	uint64_t n = ledger_total(s->p.ledger) / PLACE;
+	struct rlimit files;
+
+	n = n < PLACES_LEAST ? PLACES_LEAST : n;
+	if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur / 2 < n)
+		n = files.rlim_cur / 2;
+	return (unsigned)n;
+}
+
+int room_place(const struct server *s, const struct job_peer *peer, struct err *err)
+{
+	unsigned own, others, most;
+
+	if (rights_admin(peer))
+		return 0;
+	own = conns_of(s, peer->uid);
+	if (s->p.user_connections && own >= s->p.user_connections) {
+		err_set(err, ERR_BUSY, "%u connections of this user are open, and no more than %u may be (user-connections)", own,
+			s->p.user_connections);
+	} else {
+		others = s->nconns - own;
+		most = places(s) > others ? (places(s) - others) / 2 : 0;
+		if (own < (most ? most : 1))
+			return 0;
+		err_set(err, ERR_BUSY, "%u connections of this user are open, as many as one user may have beside those of others", own);
+	}
+	err_add_hint(err, "try again when some of them are closed");
+	return err_add_place(err, ERR_NO_OFFSET, "user-connections");
+}
+
+/* Who has more than an honest client; else who has not read what lies ready for him for the longest: answers wait for
+ * those who read until the loop comes to them again, for those who do not ever longer. */
+static struct conn *hoarder(const struct server *s, const struct conn *but)
+{
+	struct conn *c, *most = NULL, *idle = NULL;
+
+	for (c = s->conns; c; c = c->next) {
+		if (c == but || !c->frame || c->cut)
+			continue;
+		if (frame_conn_held(c->frame) > FAT && (!most || frame_conn_held(c->frame) > frame_conn_held(most->frame)))
+			most = c;
+		if (c->blocked_ns && (!idle || c->blocked_ns < idle->blocked_ns))
+			idle = c;
+	}
+	return most ? most : idle;
+}
+
+/* Users whose numbers agree in the last bits have one account, as in turn.c. */
+static struct conn *of_crowd(const struct server *s, uint32_t uid)
+{
+	enum { ACCOUNTS = 256 };
+	uint64_t held[ACCOUNTS] = {0};
+	struct conn *c, *most = NULL;
+	unsigned user = 0;
+
+	for (c = s->conns; c; c = c->next)
+		if (!c->cut)
+			held[c->peer.uid % ACCOUNTS] += conn_held(c);
+	for (unsigned i = 1; i < ACCOUNTS; i++)
+		user = held[i] > held[user] ? i : user;
+	if (held[user] < CROWD || held[user] <= held[uid % ACCOUNTS])
+		return NULL;
+	for (c = s->conns; c; c = c->next)
+		if (c->frame && !c->cut && c->peer.uid % ACCOUNTS == user && (!most || conn_held(c) > conn_held(most)))
+			most = c;
+	return most;
+}
+
+static bool relieve(struct server *s, uint32_t uid, const struct conn *but)
+{
+	struct conn *c = hoarder(s, but);
+	struct err err = ERR_INIT;
+
+	if (!c)
+		c = of_crowd(s, uid);
+	if (!c)
+		return false;
+	log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
+		  "a client (pid %u) is cut off: it keeps %llu KiB of messages, and others have no memory for theirs",
+		  c->peer.pid, (unsigned long long)conn_held(c) >> 10);
+	err_set(&err, ERR_BUSY, "the client keeps too many messages");
+	frame_conn_cut(c->frame, &err);
+	c->blocked_ns = 0;
+	c->cut = true;
+	return true;
+}
+
+/* What those have yet who are cut off comes when they are closed. */
+static uint64_t coming(const struct server *s)
+{
+	uint64_t n = 0;
+
+	for (const struct conn *c = s->conns; c; c = c->next)
+		n += c->cut && c->frame ? conn_held(c) : 0;
+	return n;
+}
+
+void room_make(struct server *s, size_t bytes, uint32_t uid, const struct conn *but)
+{
+	uint64_t room = ledger_room(s->p.ledger, LEDGER_MESSAGE);
+
+	while (room < bytes && room + coming(s) < bytes && relieve(s, uid, but))
+		room = ledger_room(s->p.ledger, LEDGER_MESSAGE);
+}
