@@ -3,7 +3,8 @@
  *
  * The model: a dataset that has a system decides, units included; then --crs may only say the same, or what the degrees of the
  * poses are. A new one gets the plane that --crs names, whose datum the degrees are then of; else the UTM zone of the poses, or
- * nothing but metres. Nothing is brought from one datum or plane to another.
+ * nothing but metres. Nothing is brought from one datum or plane to another. Ranges are metres: where a plane's unit is not known,
+ * they are not laid into it by a guess.
  */
 #include <stdio.h>
 #include <string.h>
@@ -48,6 +49,18 @@ static void base_of(const struct crs_info *plane, struct crs_info *ret)
 	crs_info_settle(ret);
 }
 
+static int check_units(const struct scan_args *args, const struct scan_target *t, struct err *err)
+{
+	const char *what = !known(t->unit_xy) ? "x and y are" : !known(t->unit_z) ? "heights are" : NULL;
+
+	if (!what)
+		return 0;
+	err_set(err, ERR_UNSUPPORTED, "nothing says which unit the dataset's %s in: ranges are metres, and how many of its units that is would be a guess",
+		what);
+	err_add_hint(err, "use another dataset, or make this one anew: acutctl push --assume-units says it");
+	return err_add_file(err, args->into);
+}
+
 /* What a dataset is in. Heights that a geoid makes are said by the push, not by its points. */
 static int of_dataset(const struct scan_args *args, const struct scan_target *t, struct scan_plane *ret, struct err *err)
 {
@@ -65,9 +78,17 @@ static int of_dataset(const struct scan_args *args, const struct scan_target *t,
 		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs says %.150s", args->into, t->crs, said.text);
 		return err_add_hint(err, "a dataset has one plane: leave --crs out, or use another dataset");
 	}
-	if (had)
+	if (had && said.system.epsg_z && said.system.epsg_z != ret->to.system.epsg_z) {
+		err_set(err, ERR_INPUT, "the dataset %.60s is in %.150s, --crs says %.150s", args->into, t->crs, said.text);
+		return err_add_hint(err, "a dataset has heights of one kind: leave --crs out, or use another dataset");
+	}
+	if (had) {
+		unsigned heights = ret->to.system.epsg_z;
+
 		ret->to.system = said.system;
-	return 0;
+		ret->to.system.epsg_z = heights;
+	}
+	return t->empty ? 0 : check_units(args, t, err);
 }
 
 /* Of a new one: metres, unless the plane has another unit, whose heights must then be said. */
@@ -75,6 +96,11 @@ static int of_new(struct scan_plane *p, struct err *err)
 {
 	if (!p->has_to || known(p->to.unit_z))
 		return 0;
+	if (known(p->to.text) && !known(p->to.unit_xy)) {
+		err_set(err, ERR_UNSUPPORTED, "which unit the plane %.200s has is not known: ranges are metres, and how many of its units that is "
+			"would be a guess", p->to.text);
+		return err_add_hint(err, "a dataset that has a file of this plane already says its unit (acutctl push --assume-units)");
+	}
 	if (known(p->to.unit_xy) && strcmp(p->to.unit_xy, "metre")) {
 		err_set(err, ERR_USAGE, "the plane %.200s is in %s, and what its heights are in is not said", p->to.text, p->to.unit_xy);
 		return err_add_hint(err, "name the vertical system too: --crs \"EPSG:n + EPSG:m\"");
@@ -133,5 +159,13 @@ int scan_push_poses(const struct scan_args *args, const struct scan_plane *plane
 		.offset_s = args->pose_offset_s,
 	};
 
-	return pose_track_read(fd, args->pose, &params, ret, err);
+	int r = pose_track_read(fd, args->pose, &params, ret, err);
+
+	if (!r && args->geoid && !pose_track_span(*ret)->ellipsoidal) {
+		*ret = pose_track_free(*ret);
+		err_set(err, ERR_USAGE, "--geoid makes ellipsoidal heights orthometric, and the poses have a column height");
+		err_add_hint(err, "name the column ellipsoidal_height if that is what its heights are, or leave --geoid out");
+		r = err_add_file(err, args->pose);
+	}
+	return r;
 }

@@ -1,6 +1,7 @@
 /*
  * Lines of a pose file, from any place of it, with one buffer. A line ends with LF or CRLF, or with the file.
  */
+#include <stdbool.h>
 #include <string.h>
 
 #include "err.h"
@@ -74,16 +75,22 @@ int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, stru
 	int r;
 
 	while ((r = next(l, &at, &n, ret_offset, err)) > 0) {
+		size_t used;
+
 		if (*ret_offset == 0 && n >= 3 && !memcmp(at, "\xef\xbb\xbf", 3)) {
 			at += 3; /* a byte order mark */
 			n -= 3;
 		}
-		while (n && (at[n - 1] == '\r' || at[n - 1] == ' ' || at[n - 1] == '\t'))
-			n--;
-		if (!n || *at == '#')
+		n -= n && at[n - 1] == '\r';
+		for (used = n; used && (at[used - 1] == ' ' || at[used - 1] == '\t'); used--)
+			; /* tabs at the end may be fields without a text */
+		if (!used || *at == '#')
 			continue;
-		if (memchr(at, 0, n)) {
-			err_set(err, ERR_INPUT, "line %llu has a byte 0", (unsigned long long)l->line);
+		if (memchr(at, 0, n) || memchr(at, '\r', n)) {
+			bool zero = memchr(at, 0, n) != NULL;
+
+			err_set(err, ERR_INPUT, "line %llu has a %s in it", (unsigned long long)l->line, zero ? "byte 0" : "carriage return");
+			err_add_hint(err, zero ? "write the file as UTF-8, or ASCII, not as UTF-16" : "lines end with a line feed, or carriage return and line feed");
 			return err_add_place(err, l->line, "line");
 		}
 		at[n] = 0; /* the line end, or behind the last byte read, for which there is room */

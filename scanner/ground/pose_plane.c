@@ -95,8 +95,16 @@ static int say_ellipsoidal(struct crs_info *s, struct err *err)
 		err_set(err, ERR_INPUT, "the poses have ellipsoidal heights, the points would be in %.200s", s->text);
 		return err_add_hint(err, "--geoid makes them orthometric; name the column \"height\" if its heights are of that kind already");
 	}
-	if (heights || s->system.a != 6378137.0)
+	if (heights)
 		return 0;
+	if (s->system.a != 6378137.0) { /* what cannot be said would be mixed with other heights */
+		if (s->system.a > 0 || (*s->text && strcmp(s->text, "unknown")))
+			err_set(err, ERR_UNSUPPORTED, "the poses have ellipsoidal heights, and above the ellipsoid of %.200s none are known", s->text);
+		else
+			err_set(err, ERR_INPUT, "the poses have ellipsoidal heights, and of a plane without a name nothing says above which ellipsoid");
+		return err_add_hint(err, "%sname the column \"height\" if the dataset's heights are of the same kind",
+				    s->system.a > 0 ? "" : "say which plane it is with --crs, or ");
+	}
 	snprintf(s->text + strlen(s->text), sizeof s->text - strlen(s->text), " + %s", number);
 	s->system.epsg_z = epsg;
 	snprintf(s->unit_z, sizeof s->unit_z, "metre");

@@ -131,6 +131,8 @@ int pose_form_read(char *line, struct pose_form *f, struct err *err)
 static int bad_field(int column, const char *text, const char *want, struct err *err)
 {
 	err_set(err, ERR_INPUT, "\"%.40s\" is no %s", text, want);
+	if (strchr(text, ','))
+		err_add_hint(err, "numbers have a point, never a comma");
 	return err_add_place(err, ERR_NO_OFFSET, names[column]);
 }
 

@@ -147,6 +147,40 @@ def planes():
         expect(r.status == 1 and "EPSG:32633" in r.err, r.err)
 
 
+def no_guess():
+    """What nothing says is not guessed: units, ellipsoids; heights of one kind."""
+    with Folder() as base, Daemon(base) as d:
+        path, poses, _ = survey(base, "a")
+        with open(base + "/u.xyz", "w") as f:
+            f.write("".join("%d %d 300\n" % (500000 + i, 5400000 + i * i) for i in range(50)))
+        d.ctl("push", "none", base + "/u.xyz").ok()
+        d.ctl("push", "code", base + "/u.xyz", "--assume-crs", "EPSG:2263").ok()
+        d.ctl("push", "said", base + "/u.xyz", "--assume-crs", "EPSG:2263", "--assume-units", "ftUS,ftUS").ok()
+        d.ctl("dataset", "create", "high", "--crs", "EPSG:32632 + EPSG:5773").ok()
+        args = [path, "--pose", poses]
+        for more, status, word in (
+                (["--into", "none"], 2, "would be a guess"),
+                (["--into", "code"], 2, "would be a guess"),
+                (["--into", "code", "--crs", "EPSG:2263"], 2, "would be a guess"),
+                (["--into", "new", "--crs", "EPSG:2263"], 2, "would be a guess"),
+                (["--into", "high", "--crs", "EPSG:32632 + EPSG:7837"], 1, "heights of one kind"),
+                (["--into", "new", "--geoid", "flat"], 2, "ellipsoidal_height")):
+            r = push(d, *args, *more)
+            expect(r.status == status and word in r.err, "%s: %d %s" % (more, r.status, r.err))
+        # feet that are said; a plane that has heights, named without them
+        got, = lines(push(d, *args, "--into", "said", "--json"))
+        expect(got["state"] == "staged" and dataset(d, "said")["units"] == {"xy": "us-survey-foot", "z": "us-survey-foot"}, str(got))
+        # of a new one and of one that has points
+        for _ in range(2):
+            got, = lines(push(d, *args, "--into", "high", "--crs", "EPSG:32632", "--json"))
+            expect(got["crs"] == "EPSG:32632 + EPSG:5773" and dataset(d, "high")["points"] == got["points"], str(got))
+        text = open(poses).read().replace("height", "ellipsoidal_height")
+        with open(poses, "w") as f:
+            f.write(text)
+        r = push(d, *args, "--into", "e")
+        expect(r.status == 1 and "ellipsoid" in r.err and "--crs" in r.err, r.err)
+
+
 def geoid(path, height):
     """A grid of one height, 10 degrees."""
     with open(path, "wb") as f:
@@ -375,6 +409,6 @@ def exactly_once():
 
 if __name__ == "__main__":
     only = sys.argv[1:]
-    cases = (same_as_a_file, corrected_poses, said_clearly, planes, heights, text_and_las, growing, many_spools, answers_are_lost,
+    cases = (same_as_a_file, corrected_poses, said_clearly, planes, no_guess, heights, text_and_las, growing, many_spools, answers_are_lost,
              exactly_once)
     main(*[c for c in cases if not only or c.__name__ in only])

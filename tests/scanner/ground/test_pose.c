@@ -99,6 +99,9 @@ static void refused(void **state)
 		{"time,easting,northing,height,ellipsoidal_height,roll,pitch,heading\n", "both", 1},
 		{"time,easting,northing,roll,pitch,heading\n", "neither height", 1},
 		{"1700000000,1,2,3,0,0,0\n", "no column of poses", 1},
+		{"time;easting;northing;height;roll;pitch;heading\n0;1,5;2;3;0;0;0\n", "never a comma", 2},
+		{PLANE "0,1,2,3,0,0,0\r1,1,2,3,0,0,0\r", "carriage return", 2},
+		{"time,easting,northing,ellipsoidal_height,roll,pitch,heading\n0,1,2,3,0,0,0\n1,1,2,3,0,0,0\n", "which ellipsoid", ERR_NO_OFFSET},
 	};
 
 	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -114,6 +117,36 @@ static void refused(void **state)
 			fail_msg("\"%s\" is about line %lld", err.message, (long long)err.offset);
 		assert_string_equal(err.file, "poses.csv");
 	}
+}
+
+/* As programs on Windows and tables write them. */
+static void other_hands(void **state)
+{
+	static const char *const of[] = {
+		"\xef\xbb\xbf" PLANE "0,1,2,3,0,0,0\r\n1,1,2,3,0,0,0\r\n",
+		"time;easting;northing;height;roll;pitch;heading\n0;1;2;3;0;0;0\n1;1;2;3;0;0;0  \n",
+		/* fields at the end without a text, between tabs */
+		"time\teasting\tnorthing\theight\troll\tpitch\theading\t_note\t_more\n0\t1\t2\t3\t0\t0\t0\t\t\n1\t1\t2\t3\t0\t0\t0\ta\t\r\n\t\n",
+	};
+
+	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
+		struct pose_track *t = try_track(of[i], NULL);
+
+		assert_int_equal(pose_track_span(t)->poses, 2);
+		pose_track_free(t);
+	}
+}
+
+static void utf16(void **state)
+{
+	static const char text[] = "\xff\xfet\0i\0m\0e\0,\0\n\0";
+	struct pose_track *t = NULL;
+	struct err err = ERR_INIT;
+	int fd = try_file(text, sizeof text - 1);
+
+	assert_int_equal(pose_track_read(fd, "poses.csv", &(struct pose_params){0}, &t, &err), -ERR_INPUT);
+	assert_non_null(strstr(err.hint, "UTF-16"));
+	close(fd);
 }
 
 static void long_line(void **state)
@@ -263,7 +296,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(times), cmocka_unit_test(leaps), cmocka_unit_test(forms), cmocka_unit_test(refused),
-		cmocka_unit_test(long_line), cmocka_unit_test(gaps_and_ends), cmocka_unit_test(many), cmocka_unit_test(changes),
+		cmocka_unit_test(long_line), cmocka_unit_test(other_hands), cmocka_unit_test(utf16), cmocka_unit_test(gaps_and_ends), cmocka_unit_test(many), cmocka_unit_test(changes),
 		cmocka_unit_test(systems), cmocka_unit_test(borders),
 	};
 
