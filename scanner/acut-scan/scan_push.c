@@ -258,7 +258,8 @@ static int refuse(struct batch *b, size_t i, struct err *err)
 	if (!*err->file)
 		err_add_file(err, r->source->name);
 	if (strstr(err->hint, "--replace")) {
-		err->hint[0] = 0;
+		snprintf(err->message, sizeof err->message, "the dataset %.60s has this capture already, with other points", b->p->args->into);
+		err->field[0] = err->hint[0] = 0;
 		err_add_hint(err, "the spool has grown, or its poses are others now: --replace takes it in place of what is there");
 	}
 	if (scan_stopped() || !refusal(err->code))

@@ -26,6 +26,11 @@ static const char *count(uint64_t n, char buf[32])
 	return buf;
 }
 
+static const char *plural(uint64_t n)
+{
+	return n == 1 ? "" : "s";
+}
+
 /* ---- programs ---- */
 
 static void shots_json(struct ctl_json *j, const struct scan_source *s)
@@ -58,6 +63,7 @@ static void spool_json(struct ctl_json *j, const struct scan_spool *s)
 	ctl_json_u64(j, "damaged_bytes", s->damaged);
 	ctl_json_u64(j, "telegrams", c->framer.telegrams);
 	ctl_json_u64(j, "bad_telegrams", c->framer.bad + c->undecoded);
+	ctl_json_u64(j, "answers", c->not_data);
 	ctl_json_u64(j, "sweeps", c->sweeps);
 	ctl_json_u64(j, "repeated_sweeps", c->repeated);
 	ctl_json_u64(j, "lost_sweeps", c->lost);
@@ -130,8 +136,8 @@ static void tell_shots(const struct scan_args *args, const struct scan_source *s
 	add(why, sizeof why, g->before, "before the first pose");
 	add(why, sizeof why, g->after, "after the last pose");
 	add(why, sizeof why, g->gap, "in gaps of the poses");
-	scan_note(args, "%s: %s sweeps, %s shots, %s points%s%s", s->spool->file, count(g->sweeps, a), count(g->shots, b),
-		  count(g->points, c), *why ? "; dropped: " : "", why);
+	scan_note(args, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a), plural(g->sweeps), count(g->shots, b),
+		  plural(g->shots), count(g->points, c), plural(g->points), *why ? "; dropped: " : "", why);
 }
 
 static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
@@ -140,8 +146,10 @@ static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
 	char why[256] = "";
 
 	add(why, sizeof why, c->framer.bad + c->undecoded, "bad telegram~ skipped");
+	if (s->decoder->kind == DECODER_POINTS)
+		add(why, sizeof why, c->not_data, "line~ that hold no point (names, comments, words, nothing) left out");
 	add(why, sizeof why, c->repeated, "sweep~ that came twice left out");
-	add(why, sizeof why, c->lost, "sweep~ that the device counted and that never came");
+	add(why, sizeof why, c->lost, "sweep~ missing by the device's counter");
 	add(why, sizeof why, s->damaged, "damaged byte~ skipped");
 	add(why, sizeof why, s->tail.torn, "byte~ torn off its end");
 	if (*why)
@@ -172,14 +180,15 @@ void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
 	if (r->state == SCAN_KNOWN)
 		scan_note(args, "%s: the dataset has it already, nothing was sent", s->name);
 	else if (r->state == SCAN_ADOPTED)
-		scan_note(args, "%s: %s points, taken up from the push that was interrupted, not sent again", s->name, count(r->points, a));
+		scan_note(args, "%s: %s point%s, taken up from the push that was interrupted, not sent again", s->name, count(r->points, a),
+			  plural(r->points));
 	else if (r->state == SCAN_WRITTEN)
-		scan_note(args, "%s: %s points, %s bytes", args->output, count(r->points, a), count(s->size, b));
+		scan_note(args, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points), count(s->size, b));
 	else if (r->moved)
-		scan_note(args, "%s: %s points, %s of them rounded to the dataset's lattice", s->name, count(r->points, a),
-			  count(r->moved, b));
+		scan_note(args, "%s: %s point%s, %s of them rounded to the dataset's lattice", s->name, count(r->points, a),
+			  plural(r->points), count(r->moved, b));
 	else
-		scan_note(args, "%s: %s points", s->name, count(r->points, a));
+		scan_note(args, "%s: %s point%s", s->name, count(r->points, a), plural(r->points));
 	if (r->replaced)
 		scan_note(args, "%s: in place of %u file%s of the dataset", s->name, r->replaced, r->replaced == 1 ? "" : "s");
 }
@@ -188,21 +197,22 @@ void scan_push_tell_all(const struct scan_args *args, uint64_t generation, uint6
 {
 	char a[32];
 
-	scan_note(args, "%s: generation %" PRIu64 ", %s points, %.1f s", args->into, generation, count(points, a), seconds);
+	scan_note(args, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a), plural(points), seconds);
 }
 
 void scan_push_tell_poses(const struct scan_args *args, const struct pose_track *t)
 {
 	const struct pose_span *s = pose_track_span(t);
 	const struct crs_info *c = pose_track_system(t);
-	char a[32], b[32], zone[64] = "", gaps[64] = "";
+	char a[32], b[32], zone[64] = "", gaps[64] = "", unnamed[96];
 
 	if (*s->zone)
 		snprintf(zone, sizeof zone, ", projected to %s%s", strncmp(s->zone, "UPS", 3) ? "UTM zone " : "", s->zone);
 	if (s->gaps)
-		snprintf(gaps, sizeof gaps, ", %s gaps", count(s->gaps, b));
+		snprintf(gaps, sizeof gaps, ", %s gap%s", count(s->gaps, b), plural(s->gaps));
+	snprintf(unnamed, sizeof unnamed, "a plane that is not named (unit: %s)", c->unit_xy);
 	scan_note(args, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a), s->last - s->first,
-		  gaps, zone, strcmp(c->text, "unknown") ? c->text : "a plane that is not named (metres)",
+		  gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
 		  s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
 	if (s->degrees && *s->zone && !args->crs)
 		scan_note(args, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);

@@ -30,17 +30,18 @@ static void tell_records(FILE *out, const struct scan_found *f)
 	char size[32], rate[32];
 	double seconds = (double)(f->last_ns - f->first_ns) / 1e9;
 
-	ctl_term_field(out, "bytes", "%llu (%s) in %llu transfers%s%s%s", (unsigned long long)f->bytes, parse_size_text(f->bytes, size),
-		       (unsigned long long)f->transfers, seconds > 0 ? ", " : "",
+	ctl_term_field(out, "bytes", "%llu (%s) in %llu transfer%s%s%s%s", (unsigned long long)f->bytes, parse_size_text(f->bytes, size),
+		       (unsigned long long)f->transfers, f->transfers == 1 ? "" : "s", seconds > 0 ? ", " : "",
 		       seconds > 0 ? parse_size_text((uint64_t)((double)f->bytes / seconds), rate) : "", seconds > 0 ? "/s" : "");
 	ctl_term_field(out, "sha256", "%s%s", f->sha256, f->sha_differs ? " (its end says another)" : "");
 	for (size_t i = 0; i < f->n_events; i++)
 		ctl_term_field(out, i ? "" : "events", "%s: %llu", f->events[i].word, (unsigned long long)f->events[i].n);
 	if (f->damaged)
-		ctl_term_field(out, "damaged", "%llu places, %llu bytes of records", (unsigned long long)f->damaged,
+		ctl_term_field(out, "damaged", "%llu place%s, %llu bytes of records", (unsigned long long)f->damaged, f->damaged == 1 ? "" : "s",
 			       (unsigned long long)f->damaged_bytes);
 	if (f->tail.torn)
-		ctl_term_field(out, "end", "torn: %llu bytes behind the last whole record", (unsigned long long)f->tail.torn);
+		ctl_term_field(out, "end", "torn: %llu byte%s behind the last whole record", (unsigned long long)f->tail.torn,
+			       f->tail.torn == 1 ? "" : "s");
 	else
 		ctl_term_field(out, "end", f->tail.ended ? "as it should be" : "none: the capture was cut off, or runs still");
 }
@@ -50,8 +51,11 @@ static void tell_telegrams(FILE *out, const struct scan_found *f)
 	const struct framer_counts *c = &f->counts.framer;
 	const char *comma = ": ";
 
-	ctl_term_field(out, "telegrams", "%llu good, %llu bad; %llu bytes in none", (unsigned long long)c->telegrams,
-		       (unsigned long long)(c->bad + f->counts.undecoded), (unsigned long long)c->skipped);
+	ctl_term_field(out, "telegrams", "%llu good, %llu bad; %llu byte%s in none", (unsigned long long)(c->telegrams - f->counts.undecoded),
+		       (unsigned long long)(c->bad + f->counts.undecoded), (unsigned long long)c->skipped, c->skipped == 1 ? "" : "s");
+	if (f->counts.not_data)
+		ctl_term_field(out, "", "%llu of the good %s no measurements: answers, names, comments", (unsigned long long)f->counts.not_data,
+			       f->counts.not_data == 1 ? "has" : "have");
 	if (!c->bad && !c->by[FRAMER_GARBAGE] && !f->counts.undecoded && !f->counts.gaps)
 		return;
 	fputs("  bad", out);
@@ -83,8 +87,8 @@ static void tell_sweeps(FILE *out, const struct scan_found *f)
 		ctl_term_field(out, "lost", "%llu by the device's counter; came twice: %llu; device started anew: %llu", (unsigned long long)c->lost,
 			       (unsigned long long)c->repeated, (unsigned long long)c->restarts);
 		if (c->dirty)
-			ctl_term_field(out, "dirty", "%llu sweeps: the device says that its window is dirty, or that it fails",
-				       (unsigned long long)c->dirty);
+			ctl_term_field(out, "dirty", "%llu sweep%s: the device says that its window is dirty, or that it fails",
+				       (unsigned long long)c->dirty, c->dirty == 1 ? "" : "s");
 	}
 	if (c->has_times)
 		ctl_term_field(out, "time", "%s to %s (%.3f s)", utc_text(c->first_utc_s, from), utc_text(c->last_utc_s, to), seconds);

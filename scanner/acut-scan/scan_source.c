@@ -194,6 +194,21 @@ static int hash_source(struct scan_source *s, struct err *err)
 
 /* ---- points on the ground ---- */
 
+/* Poses that are all elsewhere in time: times of GPS are known by how far. */
+static int no_time(const struct scan_source *s, struct err *err)
+{
+	const double day = 86400, week = 7 * day, adjust = 1e9, epoch = 315964800;
+	const struct pose_span *span = pose_track_span(s->track);
+	double gps = pose_gps_of_utc(span->first), apart = span->first - s->spool->counts.first_utc_s;
+
+	if ((span->first >= 0 && span->first <= week) || (gps >= 0 && gps <= week))
+		return err_add_hint(err, "they look like seconds of a GPS week: add 604800 for each week since 1980-01-06, take 1000000000 away, and "
+					 "say --pose-clock gps");
+	if (fabs(apart - adjust) < 30 * day || fabs(apart + epoch) < 30 * day)
+		return err_add_hint(err, "they look like seconds since 1980-01-06: take 1000000000 away, and say --pose-clock gps");
+	return err_add_hint(err, "--pose-clock gps if their times are GPS time; --pose-offset if one of the clocks was wrong");
+}
+
 static int no_points(const struct scan_source *s, struct err *err)
 {
 	const struct replay_counts *c = &s->spool->counts;
@@ -207,7 +222,7 @@ static int no_points(const struct scan_source *s, struct err *err)
 	} else if (g->before + g->after + g->gap) {
 		err_set(err, ERR_INPUT, "no shot has a pose: its sweeps are from %.3f to %.3f, the poses from %.3f to %.3f (UTC, seconds "
 			"since 1970)", c->first_utc_s, c->last_utc_s, span->first, span->last);
-		err_add_hint(err, "--pose-clock gps if their times are GPS time; --pose-offset if one of the clocks was wrong");
+		no_time(s, err);
 	} else {
 		err_set(err, ERR_INPUT, "none of its %llu shots is a point: %llu had no return, %llu were out of range",
 			(unsigned long long)g->shots, (unsigned long long)g->no_return, (unsigned long long)g->out_of_range);

@@ -7,6 +7,7 @@
 
 #include "err.h"
 #include "io.h"
+#include "scan_profile.h"
 #include "scan_source.h"
 
 enum { ASK_EVERY = 256 }; /* records between two looks whether it is to stop */
@@ -35,35 +36,19 @@ static int reader_open(const char *file, struct spool_reader **ret, struct err *
 	return r ? r : spool_open(fd, file, ret, err);
 }
 
-static int by_name(const struct scan_args *args, const char *name, struct profile *ret, struct err *err)
+static int named(const struct scan_args *args, struct profile *ret, struct err *err)
 {
+	struct scan_profile found;
 	struct profile_set *set = NULL;
-	const struct profile_entry *e;
-	int r = profile_set_read(args->n_profiles ? args->profiles : NULL, &set, err);
-
-	if (r)
-		return r;
-	e = profile_set_find(set, name);
-	if (!e) {
-		err_set(err, ERR_USAGE, "there is no profile \"%.60s\"", name);
-		r = err_add_hint(err, "acut-scan profiles lists them; a file is named with a slash, as ./NAME.conf");
-	} else if (e->fault) {
-		r = err_set(err, ERR_INPUT, "the profile %.60s is broken: %.300s", name, e->fault);
-	} else {
-		*ret = e->profile;
-	}
-	profile_set_free(set);
-	return r;
-}
-
-static int by_file(const char *path, struct profile *ret, struct err *err)
-{
-	struct profile_entry *e = NULL;
-	int r = profile_entry_read(path, &e, err);
+	int r = scan_profile_set(args, &set, err);
 
 	if (!r)
-		*ret = e->profile;
-	profile_entry_free(e);
+		r = scan_profile_named(set, args->profile, &found, err);
+	if (!r) {
+		*ret = found.profile;
+		scan_profile_done(&found);
+	}
+	profile_set_free(set);
 	return r;
 }
 
@@ -73,10 +58,8 @@ static int find_profile(const struct scan_args *args, struct scan_spool *s, stru
 	char name[SPOOL_TEXT_SIZE + 32];
 	int r;
 
-	if (args->profile && strchr(args->profile, '/'))
-		return by_file(args->profile, &s->profile, err);
 	if (args->profile)
-		return by_name(args, args->profile, &s->profile, err);
+		return named(args, &s->profile, err);
 	if (!h->profile_size) {
 		err_set(err, ERR_INPUT, "the spool has no profile: nothing says what its bytes are");
 		err_add_hint(err, "say it with --profile NAME");

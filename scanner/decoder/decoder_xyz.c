@@ -4,6 +4,7 @@
  */
 #include <ctype.h>
 #include <string.h>
+#include <strings.h>
 
 #include "decoder_parts.h"
 #include "err.h"
@@ -42,31 +43,55 @@ static bool is_number(const uint8_t *at, size_t size)
 	return parse_double(text, &v);
 }
 
+/* "nan" and "inf" are no words: whoever sends them means a point, which has no place. */
+static bool is_word(const uint8_t *at, size_t size)
+{
+	static const char *const numbers[] = {"nan", "inf", "infinity"};
+	size_t n = 0;
+
+	while (n < size && isalpha(at[n]))
+		n++;
+	for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+		if (n == strlen(numbers[i]) && !strncasecmp((const char *)at, numbers[i], n))
+			return false;
+	return n > 0;
+}
+
+/* Words in place of numbers: names of columns, a message of the device. */
+static int words(const uint8_t *at, size_t from, size_t size, struct err *err)
+{
+	for (size_t i = from; i < size; i++)
+		if (at[i] < ' ' && at[i] != '\t')
+			return decoder_bad(err, i, "a control character in a line");
+	return DECODER_NOT_DATA;
+}
+
 int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct sweep *ret, struct err *err)
 {
-	const char *c = p->columns;
-	size_t pos = 0;
+	size_t pos = 0, numbers = 0;
+	bool word;
 
 	while (pos < size && is_separator(at[pos]) && at[pos] != ',' && at[pos] != ';')
 		pos++;
-	/* Blank lines and comments; names of columns begin with a letter. */
+	/* Blank lines and comments. */
 	if (pos == size || at[pos] == '#' || (at[pos] == '/' && pos + 1 < size && at[pos + 1] == '/'))
 		return DECODER_NOT_DATA;
-	if (isalpha(at[pos]) && size < 1024) {
-		for (size_t i = pos; i < size; i++)
-			if (at[i] < ' ' && at[i] != '\t')
-				return decoder_bad(err, i, "a control character in a line");
-		return DECODER_NOT_DATA;
-	}
-	for (; *c; c++) {
+	word = is_word(at + pos, size - pos) && size < 1024;
+	for (const char *c = p->columns; *c; c++) {
 		size_t start = pos;
 
 		while (pos < size && !is_separator(at[pos]))
 			pos++;
+		if (*c != '_' && *c != 's' && *c != '-' && !is_number(at + start, pos - start)) {
+			if (word && !numbers) /* a column that is skipped may be a word, with numbers behind it */
+				return words(at, start, size, err);
+			if (pos > start)
+				return decoder_bad(err, start, "column %c is no number", *c);
+		} else if (pos > start) {
+			numbers += *c != '_' && *c != 's' && *c != '-';
+		}
 		if (pos == start)
 			return decoder_bad(err, start, "ends before column %c", *c);
-		if (*c != '_' && *c != 's' && *c != '-' && !is_number(at + start, pos - start))
-			return decoder_bad(err, start, "column %c is no number", *c);
 		while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
 			pos++;
 		if (pos < size && (at[pos] == ',' || at[pos] == ';'))

@@ -13,6 +13,7 @@
 
 #include "cursor.h"
 #include "decoder.h"
+#include "digest.h"
 #include "err.h"
 #include "profile.h"
 #include "replay_time.h"
@@ -28,6 +29,7 @@ struct replay {
 	struct replay_time time;
 	bool has_counter, after_gap, gap_told, ended;
 	uint32_t counter;     /* of the last sweep */
+	struct digest hash;   /* of its telegram */
 };
 
 /* ---- sweeps ---- */
@@ -43,16 +45,18 @@ static void told_bad(void *ctx, enum framer_reason reason, uint64_t offset, uint
 	fault(ctx, &(struct replay_fault){.by = REPLAY_BAD_FRAMER, .reason = reason, .offset = offset, .size = size});
 }
 
-/* How many were lost since the one before; a counter that goes back, or far ahead, began anew. */
+/* How many were lost since the one before; a counter that goes back, or far ahead, began anew. One that stands still says that a
+ * telegram came twice only if it is the same, byte by byte: there are devices that do not count. */
 static void count_sweep(struct replay *r, const struct sweep *s, struct replay_sweep *to)
 {
+	struct digest hash = digest_hash(to->telegram->at, to->telegram->size);
 	uint64_t turn = s->counter_bits && s->counter_bits < 32 ? UINT64_C(1) << s->counter_bits : UINT64_C(1) << 32, ahead;
 
 	if (s->has_counter && r->has_counter) {
 		ahead = (s->counter + turn - r->counter) % turn;
 		if (!ahead) {
-			to->repeated = true;
-			r->counts.repeated++;
+			to->repeated = hash.hi == r->hash.hi && hash.lo == r->hash.lo;
+			r->counts.repeated += to->repeated;
 		} else if (ahead <= turn / 2) {
 			to->lost = ahead - 1;
 			r->counts.lost += to->lost;
@@ -63,6 +67,7 @@ static void count_sweep(struct replay *r, const struct sweep *s, struct replay_s
 	}
 	r->has_counter = s->has_counter;
 	r->counter = s->counter;
+	r->hash = hash;
 }
 
 static void count_shots(struct replay *r, const struct sweep *s)

@@ -29,7 +29,7 @@ struct replay_sweep {
 	double utc_s;                    /* of the first shot, since 1970 */
 	double device_time_s;            /* of the sweep, without its wraps since the device was started; 0 */
 	uint64_t lost;                   /* sweeps that the device counted since the one before and that are not here */
-	bool repeated;                   /* the same counter as the one before: the telegram came twice */
+	bool repeated;                   /* the same counter and bytes as the one before: the telegram came twice */
 	bool after_gap;                  /* bytes were lost before it */
 };
 

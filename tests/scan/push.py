@@ -81,6 +81,7 @@ def corrected_poses():
         better = Drive(2.0, hz=25).csv(os.path.join(base, "better.csv"), shift=0.25)
         refused = push(d, path, "--pose", better, "--into", "s")
         expect(refused.status == 1 and "--replace" in refused.err and "--add" not in refused.err, refused.err)
+        expect("has this capture already" in refused.err and "name:" not in refused.err, refused.err)
         expect(dataset(d, "s")["generation"] == 2, "something was taken")
         got, = lines(push(d, path, "--pose", better, "--into", "s", "--replace", "--json"))
         expect(got["state"] == "staged" and got["replaced"] == 1 and got["generation"] == 3, str(got))
@@ -113,6 +114,18 @@ def said_clearly():
         expect(d.ctl("datasets").ok().out.count("s ") == 0, "a dataset came to be")
         away = scan("push", path, "--pose", poses, "--into", "s", socket=base + "/nobody")
         expect(away.status == 69, away.err)
+        # times of GPS as receivers write them; a profile as a file
+        rows = open(poses).read().splitlines()
+        for start, more, word in ((345600, [], "GPS week"), (345600, ["--pose-clock", "gps"], "GPS week"),
+                                  (1384035218, [], "since 1980"), (1384035218, ["--pose-clock", "gps"], "since 1980"),
+                                  (1500000000, [], "--pose-offset")):
+            with open(base + "/gps.csv", "w") as f:
+                f.write("\n".join([rows[0]] + ["%.2f,%s" % (start + 0.04 * i, row.split(",", 1)[1]) for i, row in enumerate(rows[1:])]))
+            r = push(d, path, "--pose", base + "/gps.csv", "--into", "s", *more)
+            expect(r.status == 1 and word in r.err, r.err)
+        os.chdir(base)
+        r = scan("push", path, "--pose", poses, "-o", base + "/conf.las", "--profile", "a.spool.conf")
+        expect(r.status == 0, r.err)
         # a bad spool among good ones
         r = push(d, path, poses, "--pose", poses, "--into", "s", "--json")
         told = [json.loads(line) for line in r.out.splitlines()]
@@ -223,14 +236,16 @@ def text_and_las():
     with Folder() as base, Daemon(base) as d:
         rng = random.Random(5)
         rows = ["%.3f %.3f %.3f" % (rng.uniform(0, 900), rng.uniform(0, 900), rng.uniform(0, 9)) for _ in range(4000)]
-        xyz = "\n".join(rows[:2000] + ["# a word", "1 2 x", "12 \x01 3", ""] + rows[2000:]) + "\n"
+        xyz = "\n".join(rows[:2000] + ["# a word", "1 2 x", "12 \x01 3", "", "laser off"] + rows[2000:]) + "\n"
         with open(base + "/good.xyz", "w") as f:
             f.write("\n".join(rows) + "\n")
         cut = [xyz[i:i + 777].encode() for i in range(0, len(xyz), 777)]
         path = spool(base + "/t.spool", [(DATA, i + 1, c) for i, c in enumerate(cut)], XYZ)
         got, = lines(push(d, path, "--into", "t", "--json"))
         d.ctl("push", "f", base + "/good.xyz").ok()
-        expect(got["points"] == 4000 and got["bad_telegrams"] == 2 and got["shots"] is None, str(got))
+        expect(got["points"] == 4000 and got["bad_telegrams"] == 2 and got["answers"] == 3 and got["telegrams"] == 4005 and got["shots"] is None, str(got))
+        r = push(d, path, "--into", "t")
+        expect("2 bad telegrams skipped, 3 lines that hold no point" in r.err, r.err)
         expect(digest(d, "t") == digest(d, "f"), "another mesh than that of the lines")
         again, = lines(push(d, path, "--into", "t", "--json"))
         expect(again["state"] == "known", str(again))

@@ -342,8 +342,10 @@ static void test_xyz(void **state)
 	static const struct { const char *columns, *line; int rc; } rows[] = {
 		{"xyz", "1 2 3", 0}, {"xyz", "1,2,3", 0}, {"xyz", " 1.5e3\t-2 ; +3.25 9 9", 0}, {"xyz", "", 1}, {"xyz", "  ", 1}, {"xyz", "# 1", 1},
 		{"xyz", "//X Y Z", 1}, {"xyz", "easting northing height", 1}, {"xyz", "1 2", -1}, {"xyz", "1 2 x", -1}, {"xyz", "1,,3", -1},
+		{"xyz", "nan nan nan", -1}, {"xyz", "-inf 1 2", -1}, {"xyz", " NaN,1,2", -1}, {"xyz", "nancy 1 2", 1}, {"xyz", "laser off", 1},
 		{"xyz", "1 2 nan", -1}, {"xyz", "1 2 0x3", -1}, {"xyz", "1 2 3\x01", -1}, {"xyz", "a\x01", -1}, {"_xyz", "7;a 2 3", -1}, {"_xyz", "7;1;2;3", 0},
-		{"_xyz", "7 1 2", -1}, {"xyzi", "1 2 3 4", 0}, {"xyzi", "1 2 3", -1}, {"_xyz", "_A7 1 2 3", 0},
+		{"_xyz", "7 1 2", -1}, {"xyzi", "1 2 3 4", 0}, {"xyzi", "1 2 3", -1}, {"_xyz", "_A7 1 2 3", 0}, {"_xyz", "A7 1 2 3", 0},
+		{"_xyz", "A7 1 2", -1}, {"_xyz", "id x y z", 1}, {"_xyz", "stop", 1}, {"__xyz", "a b c", 1}, {"__xyz", "a b 1 2 3", 0},
 		{"xyz", "1. .2 -.3", 0}, {"xyz", "1 2 .", -1}, {"xyz", "1 2 -", -1}, {"xyz", "1 2 1.2.3", -1}, {"xyz", "1 2 1e400", -1}, {"xyz", "1 2 -.", -1},
 	};
 	struct err err;

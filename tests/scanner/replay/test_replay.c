@@ -205,6 +205,12 @@ static void test_counter(void **state)
 	assert_int_equal(counts(s).lost, 0);
 	send(s, 65536);
 	assert_true(s->seen.repeated && counts(s).repeated == 1);
+	/* the same number, other bytes: it does not count */
+	make(s, 65536);
+	for (uint8_t *at = s->telegram + s->size / 2; *at != ' '; at++)
+		*at = '1';
+	assert_int_equal(record(s, SPOOL_DATA, 0, s->telegram, s->size), 0);
+	assert_true(!s->seen.repeated && counts(s).repeated == 1 && counts(s).lost == 0 && counts(s).undecoded == 0);
 	s->now += 66666667;
 	send(s, 0); /* its clock went back: it was started anew */
 	assert_true(counts(s).restarts == 1 && counts(s).lost == 0);
