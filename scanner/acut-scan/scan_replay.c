@@ -81,7 +81,13 @@ static void on_fault(void *ctx, const struct replay_fault *fault)
 {
 	struct run *r = ctx;
 
-	add_fault(r->found, fault->offset, fault->size, fault->err ? fault->err->message : framer_reason_name(fault->reason));
+	char text[200];
+
+	if (fault->err && fault->err->offset != ERR_NO_OFFSET) /* of the telegram, as --to telegrams gives it */
+		snprintf(text, sizeof text, "%.120s (byte %lld of it)", fault->err->message, (long long)fault->err->offset);
+	else
+		snprintf(text, sizeof text, "%.150s", fault->err ? fault->err->message : framer_reason_name(fault->reason));
+	add_fault(r->found, fault->offset, fault->size, text);
 	if (fault->by == REPLAY_BAD_FRAMER && fault->reason != FRAMER_GARBAGE)
 		scan_out_broken(r->out);
 }

@@ -36,6 +36,7 @@ def counts():
     assert r["ended"] and not r["torn_bytes"] and r["sha256_as_said"] and r["profile"] == "sick-tim"
     assert r["shots"] == 299 * 271 and 0.9 * r["shots"] < r["returns"] < r["shots"]
     assert r["faults"][0]["size"] > 1000 and "LMDscandata" in r["faults"][0]["reason"], r["faults"]
+    assert int(r["faults"][0]["reason"].split("(byte ")[1].split()[0]) > 100, r["faults"]
     assert r["serial"] == r["device_serial"] == "17271466" and r["events"] == {"stop": 1}
     assert abs(r["last_utc_s"] - r["first_utc_s"] - 299 / 15) < 1e-3
     # the profile says 4 ms from the last shot to its arrival; from the first one it is three quarters of a turn
