@@ -207,7 +207,7 @@ def drivers():
 def without_udev():
     """It comes and nobody says so: the list is looked at; libusb does not list it: its node is opened."""
     for kernel in ("mock", "real"):
-        with Run(scanner(source="pattern 1 MB", appear="0.6 s", unheard=True, poll="file", kernel=kernel, faults=["at 600 KB unplug"])) as b:
+        with Run(scanner(source="pattern 1 MB", appear="0.6 s", unheard=True, poll="file", kernel=kernel, faults=["at 600 KB unplug"]), udev=False) as b:
             r = b.tool("--wait")
             b.whole(r)
             expect((r.events.count("CAME") == 1 or bus.sanitizer(TOOL)) and "GONE left" in r.out, r.out)
