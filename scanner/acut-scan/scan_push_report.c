@@ -67,6 +67,8 @@ static void spool_json(struct ctl_json *j, const struct scan_spool *s)
 	ctl_json_u64(j, "sweeps", c->sweeps);
 	ctl_json_u64(j, "repeated_sweeps", c->repeated);
 	ctl_json_u64(j, "lost_sweeps", c->lost);
+	ctl_json_u64(j, "clock_sets", c->clock_sets);
+	ctl_json_number(j, "clock_moved_s", c->clock_moved_s);
 }
 
 static void plane_json(struct ctl_json *j, const struct scan_source *s)
@@ -154,6 +156,9 @@ static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
 	add(why, sizeof why, s->tail.torn, "byte~ torn off its end");
 	if (*why)
 		scan_note(args, "%s: %s", s->file, why);
+	if (c->clock_sets && s->decoder->kind == DECODER_SWEEP)
+		scan_warn(args, "%s: the computer's clock was set %" PRIu64 " time%s while it was captured, by up to %.3f s: what came before has the "
+			  "time of then", s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
 	if (!s->tail.ended && !s->tail.torn)
 		scan_note(args, "%s: it has no end yet: what was recorded until now was taken", s->file);
 }

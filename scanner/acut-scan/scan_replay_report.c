@@ -83,7 +83,7 @@ static void tell_sweeps(FILE *out, const struct scan_found *f)
 			ctl_term_field(out, "points", "%llu", (unsigned long long)c->points);
 	} else {
 		ctl_term_field(out, "sweeps", "%llu (%.2f a second); %llu shots, %llu with a range", (unsigned long long)c->sweeps,
-			       per_second(c->sweeps, seconds), (unsigned long long)c->shots, (unsigned long long)c->returns);
+			       per_second(c->sweeps, seconds - c->clock_moved_s), (unsigned long long)c->shots, (unsigned long long)c->returns);
 		ctl_term_field(out, "lost", "%llu by the device's counter; came twice: %llu; device started anew: %llu", (unsigned long long)c->lost,
 			       (unsigned long long)c->repeated, (unsigned long long)c->restarts);
 		if (c->dirty)
@@ -92,6 +92,9 @@ static void tell_sweeps(FILE *out, const struct scan_found *f)
 	}
 	if (c->has_times)
 		ctl_term_field(out, "time", "%s to %s (%.3f s)", utc_text(c->first_utc_s, from), utc_text(c->last_utc_s, to), seconds);
+	if (c->clock_sets)
+		ctl_term_field(out, "clock", "the computer's was set %llu time%s, by up to %.3f s: what came before has the time of then",
+			       (unsigned long long)c->clock_sets, c->clock_sets == 1 ? "" : "s", c->clock_most_s);
 	if (c->device_serial[0])
 		ctl_term_field(out, "serial", "%s, by its telegrams", c->device_serial);
 }
@@ -155,7 +158,9 @@ static void json_decoded(struct ctl_json *j, const struct scan_found *f)
 	ctl_json_u64(j, "repeated_sweeps", c->repeated);
 	ctl_json_u64(j, "dirty_sweeps", c->dirty);
 	ctl_json_u64(j, "device_restarts", c->restarts);
-	ctl_json_number(j, "sweep_rate_hz", per_second(c->sweeps, seconds));
+	ctl_json_number(j, "sweep_rate_hz", per_second(c->sweeps, seconds - c->clock_moved_s));
+	ctl_json_u64(j, "clock_sets", c->clock_sets);
+	ctl_json_number(j, "clock_moved_s", c->clock_moved_s);
 	ctl_json_known(j, "device_serial", c->device_serial);
 	if (c->has_times) {
 		ctl_json_number(j, "first_utc_s", c->first_utc_s);

@@ -28,6 +28,7 @@ struct replay {
 	struct replay_counts counts;
 	struct replay_time time;
 	bool has_counter, after_gap, gap_told, ended;
+	bool boot_unknown;    /* monotonic times may be of another boot, until a CLOCK comes */
 	uint32_t counter;     /* of the last sweep */
 	struct digest hash;   /* of its telegram */
 };
@@ -213,13 +214,28 @@ static bool event_is(const struct spool_record *rec, const char *const *words)
 static int take_event(struct replay *r, const struct spool_record *rec)
 {
 	static const char *const gaps[] = {"overflow", "overrun", "left", "back", "error", "continued", NULL},
-		*const anew[] = {"left", "back", "continued", NULL};
+		*const anew[] = {"left", "back", "continued", NULL}, *const continued[] = {"continued", NULL};
 
+	r->boot_unknown |= event_is(rec, continued);
 	if (event_is(rec, anew)) { /* its clock and counter may have begun anew */
 		r->has_counter = false;
 		replay_time_restart(&r->time);
 	}
 	return event_is(rec, gaps) ? replay_gap(r) : 0;
+}
+
+/* What came before a clock was set keeps the time that it had then. */
+static void take_clock(struct replay *r, const struct replay_clock *clock)
+{
+	double by = (double)clock->utc_ns / 1e9 - replay_time_utc(&r->time, clock->monotonic_ns);
+
+	if (!r->boot_unknown && fabs(by) > REPLAY_CLOCK_SET_S) {
+		r->counts.clock_sets++;
+		r->counts.clock_moved_s += by;
+		r->counts.clock_most_s = fmax(r->counts.clock_most_s, fabs(by));
+	}
+	r->boot_unknown = false;
+	replay_time_clock(&r->time, clock);
 }
 
 int replay_record(struct replay *r, const struct spool_record *rec)
@@ -239,7 +255,7 @@ int replay_record(struct replay *r, const struct spool_record *rec)
 			struct cursor c = cursor_of(rec->at, 8);
 			struct replay_clock clock = {.utc_ns = cursor_i64(&c), .monotonic_ns = rec->time_ns};
 
-			replay_time_clock(&r->time, &clock);
+			take_clock(r, &clock);
 		}
 		return 0;
 	case SPOOL_END:

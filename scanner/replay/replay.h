@@ -59,6 +59,8 @@ struct replay_counts {
 	uint64_t not_data, undecoded;         /* good telegrams without a sweep (answers), and bad ones of the decoder */
 	uint64_t lost, repeated, dirty;       /* sweeps: counted by the device and not here; came twice; window dirty */
 	uint64_t restarts;                    /* the device's counter or clock began anew, with no "left" to say why */
+	uint64_t clock_sets;                  /* times that the computer's clock was set meanwhile, by more than REPLAY_CLOCK_SET_S */
+	double clock_moved_s, clock_most_s;   /* by all of them, onwards above 0; by the largest, either way */
 	bool has_times;
 	double first_utc_s, last_utc_s;       /* of sweeps, else of transfers with a telegram */
 	double device_span_s;                 /* by the device's own clock, of the stretches without a restart; 0 */
@@ -89,5 +91,6 @@ void replay_counts(const struct replay *, struct replay_counts *ret);
  * that a telegram that waited somewhere does not move its sweep. After a restart of the device it is found anew.
  */
 #define REPLAY_DRIFT 200e-6
+#define REPLAY_CLOCK_SET_S 0.05
 
 #endif

@@ -13,7 +13,7 @@ import threading
 import time
 
 import e2e
-from drive import DATA, Drive, Survey, profile_text, scan, spool
+from drive import CLOCK, DATA, START, Drive, Survey, profile_text, scan, spool
 from e2e import Daemon, Folder, expect, main
 
 XYZ = "[framer]\nkind = line\ntelegram-max = 1K\n[decoder]\nname = xyz\ncolumns = xyz\n"
@@ -284,6 +284,22 @@ def growing():
         expect(got["sweeps"] == 25 and got["replaced"] == 1 and dataset(d, "s")["points"] == got["points"], str(got))
 
 
+def clock_set():
+    """The computer's clock is set in the middle of a capture: said, and the shots behind it have no poses."""
+    with Folder() as base:
+        drive = Drive(2.0, hz=25)
+        records = Survey(drive, 25).records
+        at = records[12][1] - 1000
+        records.insert(12, (CLOCK, at, struct.pack("<q", int((START + 3600) * 1e9) + at)))
+        path, poses = spool(base + "/a.spool", records), drive.csv(base + "/a.csv")
+        got, = lines(scan("push", path, "--pose", poses, "-o", base + "/a.las", "--json"))
+        dropped = got["dropped"]
+        expect(got["clock_sets"] == 1 and abs(got["clock_moved_s"] - 3600) < 1e-3, str(got))
+        expect(got["shots"] == 2250 and got["points"] == 1080 and dropped["after_poses"] == 1170, str(got))
+        r = scan("push", path, "--pose", poses, "-o", base + "/b.las")
+        expect(r.status == 0 and "clock was set 1 time while" in r.err, r.err)
+
+
 def many_spools():
     """More than go into one push."""
     with Folder() as base, Daemon(base) as d:
@@ -424,6 +440,6 @@ def exactly_once():
 
 if __name__ == "__main__":
     only = sys.argv[1:]
-    cases = (same_as_a_file, corrected_poses, said_clearly, planes, no_guess, heights, text_and_las, growing, many_spools, answers_are_lost,
+    cases = (same_as_a_file, corrected_poses, said_clearly, planes, no_guess, heights, text_and_las, growing, clock_set, many_spools, answers_are_lost,
              exactly_once)
     main(*[c for c in cases if not only or c.__name__ in only])

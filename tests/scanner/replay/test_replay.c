@@ -241,6 +241,18 @@ static void test_arrival(void **state)
 	s->now += 1000000000;
 	send(s, 2);
 	assert_true(fabs(s->seen.utc[1] - (utc / 1e9 + 1 - 0.25 - 0.05)) < 1e-6);
+	/* it was set, by what the clock says more than passed; not by the same one ten seconds later, nor where the boot may be another */
+	assert_true(counts(s).clock_sets == 1 && fabs(counts(s).clock_moved_s - (100 - (double)(s->now - 1000000000 - BOOT) / 1e9)) < 1e-6);
+	for (int k = 0; k < 2; k++) {
+		s->now += 10000000000 - (k ? 0 : 1000000000);
+		utc += 10000000000 + (k ? 500000000000 : 0);
+		for (int i = 0; i < 8; i++)
+			clock[i] = (uint8_t)((uint64_t)utc >> 8 * i);
+		if (k)
+			event(s, "continued -");
+		assert_int_equal(record(s, SPOOL_CLOCK, 0, clock, 8), 0);
+		assert_int_equal(counts(s).clock_sets, 1);
+	}
 	scene_free(s);
 }
 
