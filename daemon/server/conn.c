@@ -57,10 +57,12 @@ static void flush(struct conn *c)
 static void sent(struct conn *c, int r, const struct err *err)
 {
 	if (r == FRAME_E_FULL) {
-		log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client (pid %u) does not read its answers and is cut off", c->peer.pid);
+		if (refusal_cut(c->server))
+			log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client (pid %u) does not read its answers and is cut off", c->peer.pid);
 		conn_close(c);
 	} else if (r < 0) {
-		log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "an answer cannot be sent", err);
+		if (refusal_cut(c->server))
+			log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "an answer cannot be sent", err);
 		conn_close(c);
 	} else {
 		flush(c);
@@ -93,7 +95,8 @@ void conn_send_error(struct conn *c, uint32_t id, const struct err *why)
 
 void conn_fail(struct conn *c, const struct err *why)
 {
-	log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client is cut off", why);
+	if (refusal_cut(c->server))
+		log_event_err(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client is cut off", why);
 	conn_send_error(c, 0, why);
 	conn_close(c);
 }

@@ -1,8 +1,8 @@
 /*
- * Clients and requests that are refused by who asks: what they are told, and what the log is.
+ * Clients and requests that are refused by who asks, and clients that are cut off: what they are told, and what the log is.
  *
  * The model: a surplus or strange client costs nothing but the answer: it is written into the socket that is closed next,
- * and nothing of it is kept. In the log each refusal is an event with user and process, up to a number in a while; of
+ * and nothing of it is kept. In the log each refusal and each cut is an event with user and process, up to a number in a while; of
  * more than that the log gets the number when the while is over. The timer for that runs only if there is something to
  * tell.
  */
@@ -51,12 +51,11 @@ bool refusal_worth(const struct err *why)
 	return why->code == ERR_PERM || !strncmp(why->field, "user-", 5);
 }
 
-static void tell_hidden(struct server *s)
+static void tell_hidden(struct refusals *r)
 {
-	struct refusals *r = &s->refusals;
-
 	if (r->hidden)
-		log_event(LOG_EVENT_REFUSED, NULL, "%llu more clients or requests were refused within %.0f seconds",
+		log_event(r->event, NULL, r->event == LOG_EVENT_REFUSED ? "%llu more clients or requests were refused within %.0f seconds" :
+			  "%llu more clients were cut off within %.0f seconds",
 			  (unsigned long long)r->hidden, clock_since(r->since_ns));
 	r->hidden = r->told = 0;
 	r->since_ns = clock_mono_ns();
@@ -68,37 +67,49 @@ static int while_over(sd_event_source *source, uint64_t usec, void *ctx)
 	return 0;
 }
 
-static void hide(struct server *s)
+static void hide(struct server *s, struct refusals *r)
 {
-	struct refusals *r = &s->refusals;
-
 	if (r->hidden++)
 		return;
 	if (!r->timer)
 		sd_event_add_time_relative(s->p.event, &r->timer, CLOCK_MONOTONIC, WHILE_SECONDS * UINT64_C(1000000),
-					   1000000, while_over, s);
+					   1000000, while_over, r);
 	else if (sd_event_source_set_time_relative(r->timer, WHILE_SECONDS * UINT64_C(1000000)) >= 0)
 		sd_event_source_set_enabled(r->timer, SD_EVENT_ONESHOT);
+}
+
+/* One more: is it told, or counted until the while is over? */
+static bool tellable(struct server *s, struct refusals *r, enum log_event event)
+{
+	r->event = event;
+	r->total++;
+	if (!r->since_ns || clock_since(r->since_ns) >= WHILE_SECONDS)
+		tell_hidden(r);
+	if (r->told >= TOLD_MAX) {
+		hide(s, r);
+		return false;
+	}
+	r->told++;
+	return true;
 }
 
 void refusal_log(struct server *s, const struct job_peer *peer, const struct err *why)
 {
 	struct log_about about = {ABOUT_USER(peer->uid), .pid = peer->pid, .code = err_wire_name(why->code)};
-	struct refusals *r = &s->refusals;
 
-	r->total++;
-	if (!r->since_ns || clock_since(r->since_ns) >= WHILE_SECONDS)
-		tell_hidden(s);
-	if (r->told >= TOLD_MAX) {
-		hide(s);
-		return;
-	}
-	r->told++;
-	log_event(LOG_EVENT_REFUSED, &about, "refused to uid %u, pid %u: %s", peer->uid, peer->pid, why->message);
+	if (tellable(s, &s->refusals, LOG_EVENT_REFUSED))
+		log_event(LOG_EVENT_REFUSED, &about, "refused to uid %u, pid %u: %s", peer->uid, peer->pid, why->message);
+}
+
+bool refusal_cut(struct server *s)
+{
+	return tellable(s, &s->cuts, LOG_EVENT_CLIENT_CUT);
 }
 
 void refusals_end(struct server *s)
 {
-	tell_hidden(s);
+	tell_hidden(&s->refusals);
+	tell_hidden(&s->cuts);
 	s->refusals.timer = sd_event_source_disable_unref(s->refusals.timer);
+	s->cuts.timer = sd_event_source_disable_unref(s->cuts.timer);
 }

@@ -100,9 +100,10 @@ static bool relieve(struct server *s, uint32_t uid, const struct conn *but)
 		c = of_crowd(s, uid);
 	if (!c)
 		return false;
-	log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
-		  "a client (pid %u) is cut off: it keeps %llu KiB of messages, and others have no memory for theirs",
-		  c->peer.pid, (unsigned long long)conn_held(c) >> 10);
+	if (refusal_cut(s))
+		log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
+			  "a client (pid %u) is cut off: it keeps %llu KiB of messages, and others have no memory for theirs",
+			  c->peer.pid, (unsigned long long)conn_held(c) >> 10);
 	err_set(&err, ERR_BUSY, "the client keeps too many messages");
 	frame_conn_cut(c->frame, &err);
 	c->blocked_ns = 0;

@@ -270,6 +270,7 @@ def crowds():
                 pass
         return kept
 
+    begun = time.monotonic()
     with Folder() as base, Box(base, args=GROUPS, memory="32M") as box:
         box.good("anna", "push", "--mode", "644", "d", box.survey())
         # 256 places there are, and 4 MiB for messages.
@@ -282,7 +283,13 @@ def crowds():
                     box.good(who, "submit", "d", "--wait")
                 box.good("carl", "push", "c", box.survey(seed=2))
         box.good("anna", "ping")
-        expect("as many as one user may have" in box.log(), "log: %s" % box.log()[-2000:])
+        # Of each kind the log has some, and then their number: no flood of it.
+        lines = box.log().splitlines()
+        expect("as many as one user may have" in box.log(), "log: %s" % lines[-20:])
+        told = [line for line in lines if "cut off" in line]
+        box.daemon.stop()
+        expect(0 < len(told) <= 22 * (1 + int(time.monotonic() - begun) // 30), "%d lines of those who were cut off" % len(told))
+        expect(" more clients were cut off" in box.log(), "log: %s" % lines[-20:])
 
 
 if __name__ == "__main__":
