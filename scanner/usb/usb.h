@@ -36,7 +36,8 @@ struct usb; /* the context and its thread */
  * plugged in there. */
 int usb_new(const struct profile_set *, struct usb **ret, struct err *);
 struct usb *usb_free(struct usb *); /* all captures were freed */
-/* A descriptor that ends a usb_capture_start under way with -ERR_CANCELLED when it becomes readable; -1: none. */
+/* A descriptor that ends a usb_capture_start under way with -ERR_CANCELLED when it becomes readable; -1: none. A device
+ * that has answered a start command gets the stop commands; where bytes had come, it is a capture that ends at once. */
 void usb_set_stop_fd(struct usb *, int fd);
 /* NULL: coming and going are told by udev; else why not: the list is looked at each second then. */
 const char *usb_polls(struct usb *);

@@ -74,7 +74,7 @@ static void wait_for_start(struct usb *usb, struct usb_capture *c)
 		if (p[1].revents) {
 			p[1].fd = -1;
 			p[1].revents = 0;
-			ask_to_stop(c, true);
+			ask_to_stop(c, false);
 		}
 	}
 }

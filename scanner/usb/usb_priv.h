@@ -241,6 +241,8 @@ void usb_talk_begin(struct usb_capture *, const struct profile_command *, size_t
 /* 1: all done; 0: under way; negative: the command failed, err says how (the next step goes on with the next). */
 int usb_talk_step(struct usb_capture *, uint64_t now, struct err *);
 void usb_talk_feed(struct usb_capture *, const uint8_t *at, size_t size);
+/* Whether the device has taken one of them, and has answered where an answer is waited for. */
+bool usb_talk_heard(const struct usb_capture *);
 void usb_talk_cancel(struct usb_capture *);
 uint64_t usb_talk_until(const struct usb_capture *); /* when the next step is due by the clock */
 

@@ -196,7 +196,9 @@ static uint64_t quiet(struct usb_capture *c, uint64_t now, bool abandon)
 {
 	if (!drained(c, now))
 		return c->phase == USB_PHASE_QUIET ? c->drain_by : now;
-	if (abandon || !c->profile.stops) {
+	if (c->talk.flying && now < c->drain_by)
+		return c->drain_by; /* a start command */
+	if (abandon || c->talk.flying || !c->profile.stops) {
 		leave(c, now, USB_END_STOPPED, "stopped");
 		return now;
 	}
@@ -291,7 +293,14 @@ static void obey(struct usb_capture *c, uint64_t now, bool *ret_abandon)
 		leave(c, now, USB_END_FAILED, "no memory for what happened");
 	} else if (stop && c->phase == USB_PHASE_START) {
 		err_set(&c->err, ERR_CANCELLED, "stopped while the scanner was started");
-		leave(c, now, USB_END_STOPPED, "stopped");
+		if (!usb_talk_heard(c)) {
+			leave(c, now, USB_END_STOPPED, "stopped");
+			return;
+		}
+		usb_talk_cancel(c); /* it may run: it is told to stop */
+		c->phase = USB_PHASE_QUIET;
+		c->cancelled = false;
+		c->drain_by = now + DRAIN_MS * MS;
 	} else if (stop && c->phase == USB_PHASE_STREAM) {
 		end_parking(c, now);
 		c->phase = USB_PHASE_QUIET;

@@ -194,6 +194,14 @@ int usb_talk_step(struct usb_capture *c, uint64_t now, struct err *err)
 	return r ? r : t->state == USB_TALK_DONE;
 }
 
+bool usb_talk_heard(const struct usb_capture *c)
+{
+	const struct usb_talk *t = &c->talk;
+
+	return t->i > 0 || (t->state == USB_TALK_SENDING && t->returned && t->answered &&
+			    t->transfer->status == LIBUSB_TRANSFER_COMPLETED);
+}
+
 void usb_talk_cancel(struct usb_capture *c)
 {
 	if (c->talk.flying)

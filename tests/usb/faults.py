@@ -106,6 +106,29 @@ def stopped_in_a_transfer():
                 expect(r.report["status"] == 0 and m["delivered"] < 8 << 20, "it did not stop: %s" % m["delivered"])
 
 
+STOPS = [ # and how many commands the device has taken then: None where it is chance
+    (["at 300000 stop"], 2), (["at step start stop"], None), (["at step open stop"], 0), (["at 300000 stop", "at step start 2 unplug"], 1),
+    (["at 300000 stop", "at step start 2 refuse"], 1), (["at 300000 stall", "at step clear stop"], 2), (["at 300000 unplug", "at 300000 stop"], 1),
+    (["at 300000 unplug 0.1 s", "at step open 2 stop"], None), (["at 300000 unplug 0.1 s", "at step start 2 stop"], None),
+]
+
+
+def stopped_at_any_time():
+    """Also while it starts, comes back or is stopped: a good end, and a scanner that runs is told to stop."""
+    for i, (faults, commands) in enumerate(STOPS):
+        for kernel in kernels(i):
+            back = ["--reconnect"] if any("0.1 s" in f for f in faults) else []
+            with Bus(device(source="pattern 8 MB", kernel=kernel, on_command=True, faults=faults)) as b:
+                r = record(b, *back, commands=COMMAND)
+                m, name = r.model(), "%s %s" % (kernel, faults)
+                expect(r.report["status"] in ((0,) if back or "unplug" not in faults[0] else (0, 3)), "%s: status %s: %s" % (name, r.report["status"], r.err))
+                expect(commands in (None, m["commands"]), "%s: %d commands" % (name, m["commands"]))
+                if os.path.exists(b.path("out.spool")):
+                    whole(b, r, gaps=False)
+                else:
+                    expect(not m["delivered"], "%s: no spool of %d bytes" % (name, m["delivered"]))
+
+
 def transfers_of_all_sizes():
     for size, transfers in (("512", 1), ("4K", 3), ("16K", 32), ("1M", 2)):
         faults = ["at 300000 short 33", "at 400000 stall", "at 500000 babble 600", "at end stop"]
@@ -264,7 +287,8 @@ def combinations():
         combination(seed)
 
 
-CASES = [each_fault, stopped_in_a_transfer, transfers_of_all_sizes, flood_at_start, kernels_without, back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
+CASES = [each_fault, stopped_in_a_transfer, stopped_at_any_time, transfers_of_all_sizes, flood_at_start, kernels_without,
+         back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
          never_back, killed, combinations]
 
 if __name__ == "__main__":
