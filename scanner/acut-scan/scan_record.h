@@ -23,7 +23,7 @@ struct record {
 	struct usb_capture *capture;  /* now; NULL */
 	uint64_t began_ns, clock_ns;  /* this run; the last CLOCK */
 	uint64_t first_bytes;         /* in the spool when this run began (--continue) */
-	uint64_t bytes, overruns, left;
+	uint64_t bytes, left;
 	enum record_why why;
 	/* telling */
 	bool started, progress, notified;
