@@ -1,6 +1,7 @@
 /*
- * Lines of numbers. It says only whether a line is one of points: numbers where the columns x, y and z are. What they mean,
- * to the last digit, is said by acut's reader of texts, to which the line goes as it is.
+ * Lines of numbers. It says only whether a line is one of points: numbers where the columns x, y and z are, by the rules of
+ * acut's reader of texts (one kind of separator a line), since that refuses a whole text for one line; what they mean, to the last
+ * digit, is said by it, to which the line goes as it is.
  */
 #include <ctype.h>
 #include <string.h>
@@ -12,8 +13,6 @@
 #include "profile.h"
 
 enum { NUMBER_MAX = 64 };
-
-static bool is_separator(uint8_t c) { return c == ' ' || c == '\t' || c == ',' || c == ';'; }
 
 /* [+-]digits[.digits], digits on one side of the point at least; what else may be a number goes the long way. */
 static bool is_plain(const uint8_t *at, size_t size)
@@ -29,6 +28,34 @@ static bool is_plain(const uint8_t *at, size_t size)
 	return points < 2 && size - start > points;
 }
 
+/* At most 18 digits between the first and the last that is not 0, at places from 10^18 to 10^-15: what the reader keeps exactly. */
+static bool is_kept(const uint8_t *at, size_t size)
+{
+	int n = 0, whole = -1, first = -1, last = -1, exponent = 0;
+	size_t i;
+
+	for (i = 0; i < size && (at[i] | 0x20) != 'e'; i++) {
+		if (at[i] == '.')
+			whole = n;
+		if (!isdigit(at[i]))
+			continue;
+		if (at[i] != '0') {
+			first = first < 0 ? n : first;
+			last = n;
+		}
+		n++;
+	}
+	if (first < 0)
+		return true;
+	for (size_t k = i + 1; k < size && exponent < 1000; k++)
+		if (isdigit(at[k]))
+			exponent = 10 * exponent + at[k] - '0';
+	if (i + 1 < size && at[i + 1] == '-')
+		exponent = -exponent;
+	whole = (whole < 0 ? n : whole) + exponent;
+	return last - first < 18 && whole - 1 - last >= -15 && whole - 1 - first <= 18;
+}
+
 static bool is_number(const uint8_t *at, size_t size)
 {
 	char text[NUMBER_MAX + 1];
@@ -37,10 +64,10 @@ static bool is_number(const uint8_t *at, size_t size)
 	if (!size || size > NUMBER_MAX || memchr(at, 0, size))
 		return false;
 	if (is_plain(at, size))
-		return true;
+		return size <= 15 || is_kept(at, size);
 	memcpy(text, at, size);
 	text[size] = '\0';
-	return parse_double(text, &v);
+	return parse_double(text, &v) && is_kept(at, size);
 }
 
 /* "nan" and "inf" are no words: whoever sends them means a point, which has no place. */
@@ -66,39 +93,79 @@ static int words(const uint8_t *at, size_t from, size_t size, struct err *err)
 	return DECODER_NOT_DATA;
 }
 
+static size_t blanks(const uint8_t *at, size_t pos, size_t size)
+{
+	while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
+		pos++;
+	return pos;
+}
+
+/* Behind a column: one separator, of the kind that the line has (0: none yet). false: another one. */
+static bool separator(const uint8_t *at, size_t size, bool last, char *kind, size_t *pos)
+{
+	size_t after = blanks(at, *pos, size);
+	char found = after < size && (at[after] == ',' || at[after] == ';') ? (char)at[after] : ' ';
+	bool good = after == size || (last && found == ' ') || !*kind || *kind == found;
+
+	if (good && after < size && !(last && found == ' '))
+		*kind = found;
+	*pos = found == ' ' ? after : blanks(at, after + 1, size);
+	return good;
+}
+
+static size_t column_end(const uint8_t *at, size_t pos, size_t size, bool skipped, char kind)
+{
+	const uint8_t *quote = skipped && at[pos] == '"' ? memchr(at + pos + 1, '"', size - pos - 1) : NULL;
+
+	if (quote)
+		return (size_t)(quote - at) + 1;
+	while (pos < size && at[pos] != ',' && at[pos] != ';' && ((at[pos] != ' ' && at[pos] != '\t') || (skipped && kind && kind != ' ')))
+		pos++;
+	return pos;
+}
+
+/* "1,5, 2,5, 3,5": whole numbers, and some of the commas have a blank behind them. */
+static bool uneven_commas(const uint8_t *at, size_t size)
+{
+	bool blank = false, tight = false;
+
+	for (size_t i = 1; i + 1 < size; i++)
+		if (at[i] == ',' && isdigit(at[i - 1])) {
+			blank |= at[i + 1] == ' ' || at[i + 1] == '\t';
+			tight |= isdigit(at[i + 1]) != 0;
+		}
+	return blank && tight && !memchr(at, '.', size);
+}
+
+static bool is_skipped(char c) { return c == '_' || c == 's' || c == '-'; }
+
 int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct sweep *ret, struct err *err)
 {
-	size_t pos = 0, numbers = 0;
+	size_t pos = blanks(at, 0, size), numbers = 0;
+	char kind = 0;
 	bool word;
 
-	while (pos < size && is_separator(at[pos]) && at[pos] != ',' && at[pos] != ';')
-		pos++;
 	/* Blank lines and comments. */
-	if (pos == size || at[pos] == '#' || (at[pos] == '/' && pos + 1 < size && at[pos + 1] == '/'))
+	if (pos == size || at[pos] == '#' || at[pos] == '%' || (at[pos] == '/' && pos + 1 < size && at[pos + 1] == '/'))
 		return DECODER_NOT_DATA;
 	word = is_word(at + pos, size - pos) && size < 1024;
 	for (const char *c = p->columns; *c; c++) {
 		size_t start = pos;
 
-		while (pos < size && !is_separator(at[pos]))
-			pos++;
-		if (*c != '_' && *c != 's' && *c != '-' && !is_number(at + start, pos - start)) {
+		if (pos == size)
+			return word && !numbers ? words(at, 0, size, err) : decoder_bad(err, start, "ends before column %c", *c);
+		pos = column_end(at, pos, size, is_skipped(*c), kind);
+		if (!is_skipped(*c) && !is_number(at + start, pos - start)) {
 			if (word && !numbers) /* a column that is skipped may be a word, with numbers behind it */
 				return words(at, start, size, err);
-			if (pos > start)
-				return decoder_bad(err, start, "column %c is no number", *c);
-		} else if (pos > start) {
-			numbers += *c != '_' && *c != 's' && *c != '-';
+			return decoder_bad(err, start, "column %c is no number", *c);
 		}
-		if (pos == start)
-			return decoder_bad(err, start, "ends before column %c", *c);
-		while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
-			pos++;
-		if (pos < size && (at[pos] == ',' || at[pos] == ';'))
-			pos++;
-		while (pos < size && (at[pos] == ' ' || at[pos] == '\t'))
-			pos++;
+		numbers += !is_skipped(*c);
+		if (!separator(at, size, !c[1], &kind, &pos))
+			return decoder_bad(err, pos, "two kinds of separators, or decimal commas");
 	}
+	if (memchr(at, '\r', size) || (kind == ',' && uneven_commas(at, size)))
+		return decoder_bad(err, 0, kind == ',' ? "decimal commas, it seems" : "a carriage return in a line");
 	return 0;
 }
 

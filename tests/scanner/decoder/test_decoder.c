@@ -340,7 +340,11 @@ static void test_ranges_counted(void **state)
 static void test_xyz(void **state)
 {
 	static const struct { const char *columns, *line; int rc; } rows[] = {
-		{"xyz", "1 2 3", 0}, {"xyz", "1,2,3", 0}, {"xyz", " 1.5e3\t-2 ; +3.25 9 9", 0}, {"xyz", "", 1}, {"xyz", "  ", 1}, {"xyz", "# 1", 1},
+		{"xyz", "1 2 3", 0}, {"xyz", "1,2,3", 0}, {"xyz", " 1.5e3\t-2  +3.25 9 9", 0}, {"xyz", "1;2 ; +3.25 9 9", 0},
+		/* what acut's reader would refuse the whole text for */
+		{"xyz", "1.5e3\t-2 ; 3", -1}, {"xyz", "13,.358 -387.77 -785.771", -1}, {"xyz", "1,5;2,5;3,5", -1}, {"xyz", "1 2,3 4", -1},
+		{"xyz", "1,5, 2,5, 3,5", -1}, {"xyz", "1\r 2 3", -1}, {"xyz", "% 1 2 3", 1}, {"xyz", "1 2 1e99", -1}, {"xyz", "1 2 3e-20", -1},
+		{"_xyz", "\"a b\" 1 2 3", 0}, {"xyz", "", 1}, {"xyz", "  ", 1}, {"xyz", "# 1", 1},
 		{"xyz", "//X Y Z", 1}, {"xyz", "easting northing height", 1}, {"xyz", "1 2", -1}, {"xyz", "1 2 x", -1}, {"xyz", "1,,3", -1},
 		{"xyz", "nan nan nan", -1}, {"xyz", "-inf 1 2", -1}, {"xyz", " NaN,1,2", -1}, {"xyz", "nancy 1 2", 1}, {"xyz", "laser off", 1},
 		{"xyz", "1 2 nan", -1}, {"xyz", "1 2 0x3", -1}, {"xyz", "1 2 3\x01", -1}, {"xyz", "a\x01", -1}, {"_xyz", "7;a 2 3", -1}, {"_xyz", "7;1;2;3", 0},
