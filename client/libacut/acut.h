@@ -33,7 +33,7 @@ enum acut_code {
 	ACUT_E_INTERNAL,    /* a fault in acut itself */
 	ACUT_E_USAGE,       /* the request is not well formed */
 	ACUT_E_UNSUPPORTED, /* this version of acut cannot do that */
-	ACUT_E_NOTFOUND,    /* there is no such job or dataset */
+	ACUT_E_NOTFOUND,    /* there is no such job, dataset or device */
 	ACUT_E_NODAEMON,    /* no daemon answers, or it went away */
 	ACUT_E_IO,          /* reading or writing failed */
 	ACUT_E_NOSPACE,     /* there is no space left */

@@ -45,7 +45,7 @@ const char *usb_polls(struct usb *);
 int usb_list(struct usb *, bool all, struct usb_device **ret, size_t *ret_n, struct err *);
 /* The one that `which` names: "serial:TEXT", "port:1-2.4", "VENDOR:PRODUCT" (four hexadecimal digits each), a
  * profile's name, or "" (the only known one). Serial, port and numbers also find what no profile knows.
- * -ERR_USAGE: none, or several (the message names them and how to tell them apart). */
+ * -ERR_NOTFOUND: none. -ERR_USAGE: several (the message names them and how to tell them apart). */
 int usb_find(struct usb *, const char *which, struct usb_device *ret, struct err *);
 
 /* ---- coming and going: only queued in the thread, taken here ---- */

@@ -75,15 +75,17 @@ static int several(const struct usb_device *list, size_t n, struct err *err)
 static int none(struct usb *usb, enum which kind, const char *which, size_t there, struct err *err)
 {
 	if (kind == WHICH_PROFILE && (!usb->profiles || !profile_set_find(usb->profiles, which))) {
-		err_set(err, ERR_USAGE, "no device is named by \"%s\", and no profile has that name", which);
+		err_set(err, ERR_NOTFOUND, "no device is named by \"%s\", and no profile has that name", which);
 		return err_add_hint(err, "write serial:TEXT, port:1-2.4, VENDOR:PRODUCT or a profile's name; "
 					 "acut-scan list shows what is plugged in");
 	}
-	if (kind == WHICH_ANY)
-		err_set(err, ERR_USAGE, "no scanner is plugged in that a profile knows (%zu other device%s)", there,
-			there == 1 ? " is" : "s are");
+	if (kind == WHICH_ANY && there)
+		err_set(err, ERR_NOTFOUND, "no scanner is plugged in that a profile knows, only %zu other device%s", there,
+			there == 1 ? "" : "s");
+	else if (kind == WHICH_ANY)
+		err_set(err, ERR_NOTFOUND, "no scanner is plugged in");
 	else
-		err_set(err, ERR_USAGE, "no device that is plugged in is \"%s\"", which);
+		err_set(err, ERR_NOTFOUND, "no device that is plugged in is \"%s\"", which);
 	return err_add_hint(err, "acut-scan list --all shows what is plugged in, acut-scan profiles what is known");
 }
 

@@ -57,7 +57,7 @@ def equal_devices():
             expect(s.sha256() == r.model(i)["sha256"] and len(s.bytes()) > 1000, "%s: other bytes" % which)
             expect(r.devices[1 - i]["claims"] == 0, "%s: the other one was claimed" % which)
         r = scan(b, "record", "serial:77", "-o", b.path("none"))
-        expect(r.status == 2 and "77" in r.err, "a serial that is not there: %s %s" % (r.status, r.err))
+        expect(r.status == 4 and "77" in r.err, "a serial that is not there: %s %s" % (r.status, r.err))
 
 
 def probes():

@@ -228,7 +228,7 @@ def storage():
         r = b.tool("--device", "port:1-1", fail=(2, "mass storage"))
         d = r.devices[0]
         expect(d["opens"] + d["claims"] + d["detaches"] == 0, "mass storage was touched: %s" % d)
-        b.tool("--device", "", fail=(2, "no scanner is plugged in"))
+        b.tool("--device", "", fail=(4, "no scanner is plugged in"))
     with Run(device("b", id="1234:5678", **{"class": 8, "appear": "0.3 s"})) as b:
         r = b.run([TOOL, "--watch", "1"])
         expect("CAME 1-1 1234:5678" in r.out and "storage=1" in r.out, "its coming was not told: %s" % r.out)
@@ -245,8 +245,8 @@ def which():
         b.whole(r, 1)
         b.tool("--device", "19a2:5001", fail=(2, "serial:S1"))
         b.tool("--device", "test", fail=(2, "serial:S1"))
-        b.tool("--device", "serial:S3", fail=(2, 'is "serial:S3"'))
-        b.tool("--device", "tset", fail=(2, "no profile has that name"))
+        b.tool("--device", "serial:S3", fail=(4, 'is "serial:S3"'))
+        b.tool("--device", "tset", fail=(4, "no profile has that name"))
     with Run(scanner(name="a", serial="S1") + scanner(name="b", serial="S1", port="1-2")) as b:
         b.tool(fail=(2, "port:1-1", "port:1-2"))
 
