@@ -208,6 +208,7 @@ struct usb_capture {
 	uint32_t flying;
 	uint64_t submitted;
 	enum usb_recover recover;
+	unsigned troubles;     /* kinds that this episode had: 1 << usb_recover */
 	unsigned fruitless;                 /* stalls and errors without a byte between them */
 	uint64_t retry_at, drain_by;        /* 0: none */
 	struct usb_talk talk;

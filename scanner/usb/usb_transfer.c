@@ -33,12 +33,17 @@ static void count(struct usb_capture *c, const struct libusb_transfer *t)
 	pthread_mutex_unlock(&c->lock);
 }
 
-/* The first of an episode; those that flew behind it often end with the same status, which says nothing new. */
+/* The first of its kind in an episode; those that flew behind it often end with the same status, which says nothing new. */
 static bool trouble(struct usb_capture *c, enum usb_recover how)
 {
-	if (c->recover != USB_RECOVER_NONE)
-		return c->recover != how;
+	if (c->recover != USB_RECOVER_NONE) {
+		bool is_new = !(c->troubles & 1u << how);
+
+		c->troubles |= 1u << how;
+		return is_new;
+	}
 	c->recover = how;
+	c->troubles = 1u << how;
 	c->cancelled = false;
 	c->retry_at = 0;
 	c->fruitless++;
