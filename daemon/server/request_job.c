@@ -105,8 +105,9 @@ void request_fetch(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 		return;
 	}
 	request_free(q);
-	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
 	stream_out_from(out, from, wants ? &want : NULL, since);
+	/* A client who is gone, or has no memory left for the answer, is closed by it, and the stream goes with him. */
+	conn_send(c, id, FRAME_MESSAGE(FETCHING, fetching, &fetching), end);
 	if (!c->closed)
 		stream_out_start(out, job, window);
 	else
