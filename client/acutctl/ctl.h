@@ -14,6 +14,7 @@
 
 #include "acut.h"
 #include "ctl_json.h"
+#include "ctl_told.h"
 #include "ctl_text.h"
 #include "err.h"
 #include "format.h"
@@ -194,7 +195,6 @@ bool ctl_signal_reader_gone(void);
 bool ctl_signal_cut_off(void);
 
 /* In ctl_error.c: the object {"code", "file", "offset", "field", "message", "hint"}. */
-void ctl_error_json(struct ctl_json *, const char *key, const struct err *);
 
 /* ---- ctl_view.c ---- */
 

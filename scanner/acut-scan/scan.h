@@ -12,6 +12,7 @@
 
 #include "ctl_json.h"
 #include "ctl_term.h"
+#include "ctl_told.h"
 
 struct err;
 
@@ -66,8 +67,6 @@ void scan_note(const struct scan_args *, const char *fmt, ...) __attribute__((fo
 void scan_warn(const struct scan_args *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 /* Where results and JSON go: standard output, or standard error where the output is "-". */
 FILE *scan_report(const struct scan_args *);
-/* The object {"code", "file", "offset", "field", "message", "hint"}, as acutctl has it. */
-void scan_error_json(struct ctl_json *, const char *key, const struct err *);
 /* One line that is written over, on stderr, where that is a terminal and neither --quiet, --json nor --no-progress was
  * said (scan_progress_on); it goes before anything else is told there. */
 bool scan_progress_on(const struct scan_args *);

@@ -17,35 +17,6 @@ FILE *scan_report(const struct scan_args *args)
 	return args->output && !strcmp(args->output, "-") ? stderr : stdout;
 }
 
-void scan_error_json(struct ctl_json *j, const char *key, const struct err *err)
-{
-	ctl_json_open(j, key, '{');
-	ctl_json_text(j, "code", err_wire_name(err->code));
-	ctl_json_text(j, "file", err->file[0] ? err->file : NULL);
-	if (err->offset == ERR_NO_OFFSET)
-		ctl_json_text(j, "offset", NULL);
-	else
-		ctl_json_u64(j, "offset", err->offset);
-	ctl_json_text(j, "field", err->field[0] ? err->field : NULL);
-	ctl_json_text(j, "message", err->message);
-	ctl_json_text(j, "hint", err->hint[0] ? err->hint : NULL);
-	ctl_json_close(j, '}');
-}
-
-/* The place is left out where the message names the line itself. */
-static void print_text(const struct err *err)
-{
-	bool line = !strcmp(err->field, "line"), place = err->offset != ERR_NO_OFFSET && !line;
-	char at[64] = "";
-
-	if (place)
-		snprintf(at, sizeof(at), "byte %llu%s", (unsigned long long)err->offset, err->field[0] ? ", " : ": ");
-	ctl_term_line(stderr, "acut-scan: %s%s%s%s%s%s", err->file, err->file[0] ? ": " : "", at, line ? "" : err->field,
-		      err->field[0] && !line ? ": " : "", err->message[0] ? err->message : err_wire_name(err->code));
-	if (err->hint[0])
-		ctl_term_line(stderr, "hint: %s", err->hint);
-}
-
 int scan_fail(const struct scan_args *args, const struct err *err)
 {
 	struct ctl_json j = {.out = scan_report(args)};
@@ -58,11 +29,11 @@ int scan_fail(const struct scan_args *args, const struct err *err)
 	}
 	if (args->json) {
 		ctl_json_open(&j, NULL, '{');
-		scan_error_json(&j, "error", err);
+		ctl_error_json(&j, "error", err);
 		ctl_json_close(&j, '}');
 		ctl_json_line(&j);
 	} else {
-		print_text(err);
+		ctl_error_text("acut-scan", err);
 	}
 	return err_exit_status(err->code);
 }

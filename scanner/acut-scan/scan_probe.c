@@ -236,7 +236,7 @@ static void as_json(const struct probe *p, const struct err *err)
 	}
 	ctl_json_bool(&j, "fits", !err->code);
 	if (err->code)
-		scan_error_json(&j, "error", err);
+		ctl_error_json(&j, "error", err);
 	else
 		ctl_json_text(&j, "error", NULL);
 	ctl_json_close(&j, '}');

@@ -106,7 +106,7 @@ static void tell_json(const struct scan_args *args, const struct scan_result *r)
 	plane_json(&j, s);
 	ctl_json_text(&j, "warning", r->warning);
 	if (refused)
-		scan_error_json(&j, "error", &r->err);
+		ctl_error_json(&j, "error", &r->err);
 	else
 		ctl_json_text(&j, "error", NULL);
 	ctl_json_close(&j, '}');

@@ -184,7 +184,7 @@ static void end_json(struct record *r, const char *sum, const struct err *err)
 	ctl_json_u64(&j, "events", t.events);
 	ctl_json_text(&j, "sha256", sum);
 	if (err->code)
-		scan_error_json(&j, "error", err);
+		ctl_error_json(&j, "error", err);
 	else
 		ctl_json_text(&j, "error", NULL);
 	ctl_json_close(&j, '}');

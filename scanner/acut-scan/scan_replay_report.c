@@ -195,7 +195,7 @@ static void tell_json(const struct scan_args *args, const struct scan_found *f)
 	if (f->decoded)
 		json_decoded(&j, f);
 	else
-		scan_error_json(&j, "why", &f->why);
+		ctl_error_json(&j, "why", &f->why);
 	ctl_json_open(&j, "faults", '[');
 	for (uint64_t i = 0; i < f->n_faults && i < SCAN_FAULTS; i++) {
 		ctl_json_open(&j, NULL, '{');
