@@ -34,9 +34,9 @@ install_packages() {
 	done
 	[ -n "$missing" ] || return 0
 	say "installing packages:$missing"
-	as_root apt-get update -qq || die "apt-get update failed"
+	as_root apt-get -o Acquire::Retries=4 update -qq || die "apt-get update failed"
 	# shellcheck disable=SC2086
-	as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $missing >/dev/null ||
+	as_root env DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=4 install -y -qq --no-install-recommends $missing >/dev/null ||
 		die "apt-get could not install:$missing"
 }
 
