@@ -30,7 +30,7 @@ static const char bad_node[] = "a node lies outside of its parent's page";
 static const char bad_chunk[] = "a node's points lie outside of the file's";
 static const char bad_cycle[] = "its pages go in circles";
 
-static double axis_low(const struct input_copc *c, unsigned axis, unsigned level, int32_t key)
+static double axis_low(const struct input_copc *c, unsigned axis, unsigned level, double key)
 {
 	return c->low[axis] + ldexp(c->side, -(int)level) * key;
 }
@@ -40,7 +40,7 @@ static bool meets(const struct input_copc *c, const int32_t key[4])
 {
 	for (unsigned axis = 0; axis < 2; axis++) {
 		double low = axis_low(c, axis, (unsigned)key[0], key[1 + axis]);
-		double high = axis_low(c, axis, (unsigned)key[0], key[1 + axis] + 1);
+		double high = axis_low(c, axis, (unsigned)key[0], key[1 + axis] + 1.0);
 
 		if (high + c->margin < c->crop[axis] || low - c->margin > c->crop[2 + axis])
 			return false;

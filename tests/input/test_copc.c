@@ -149,6 +149,7 @@ struct lie {
 	const char *name;
 	void (*tell)(struct bytes *, struct entry *);
 	bool harmless;           /* it is only unusual */
+	const double *crop;      /* NULL: the usual one */
 };
 
 static void no_lie(struct bytes *b, struct entry *e) { (void)b, (void)e; }
@@ -163,6 +164,13 @@ static void no_such_points(struct bytes *b, struct entry *e) { (void)b, e[7].poi
 static void no_such_node(struct bytes *b, struct entry *e) { (void)b, e[7].x = 4; }
 static void negative_node(struct bytes *b, struct entry *e) { (void)b, e[7].y = -1; }
 static void deep_node(struct bytes *b, struct entry *e) { (void)b, e[7].level = 200; }
+/* The smallest node in the last corner of the cube, whose number has no successor. */
+static void last_node(struct bytes *b, struct entry *e)
+{
+	(void)b;
+	e[NODES - 1].level = 31;
+	e[NODES - 1].x = e[NODES - 1].y = e[NODES - 1].z = INT32_MAX;
+}
 static void page_of_itself(struct bytes *b, struct entry *e)
 {
 	(void)b;
@@ -236,9 +244,12 @@ static void in_pages(struct bytes *b, struct entry *e)
 	put_long(b, 48, n * ENTRY);
 }
 
+static const double last_corner[4] = { 638000, 851300, 1e7, 1e7 };
+
 static const struct lie lies[] = {
 	{ "no lie", no_lie, true },
 	{ "pages below pages", in_pages, true },
+	{ "a node in the last corner", last_node, true, last_corner },
 	{ "a node left out", left_out, false },
 	{ "a node twice, another left out", twice, false },
 	{ "a node at another byte", moved, false },
@@ -276,7 +287,8 @@ static struct bytes read_bytes(int fd, size_t more)
 
 static void tell(const char *folder, const struct lie *lie)
 {
-	static const double crop[4] = { 635700, 849000, 636000, 849500 };
+	static const double usual[4] = { 635700, 849000, 636000, 849500 };
+	const double *crop = lie->crop ? lie->crop : usual;
 	const char *what = lie->name;
 	size_t more = lie->tell == in_pages ? 20 * ENTRY : 0;
 	struct entry entries[NODES + 20];
