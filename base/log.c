@@ -21,6 +21,7 @@
 
 #include "clock.h"
 #include "err.h"
+#include "utf8.h"
 
 enum { LINE = 2048, FIELD = 512 };
 #define FLOOD_SECONDS 30
@@ -128,27 +129,12 @@ uint64_t log_event_count(enum log_event event)
 
 /* ---- texts of strangers ---- */
 
-/* Bytes of the well-formed character at s (Unicode 15, table 3-7), 0: it is none. C1 controls, which some terminals
- * obey, count as none. */
-static size_t utf8_length(const unsigned char *s)
-{
-	size_t n = s[0] >= 0xc2 && s[0] <= 0xdf ? 2 : (s[0] & 0xf0) == 0xe0 ? 3 : s[0] >= 0xf0 && s[0] <= 0xf4 ? 4 : 0;
-
-	for (size_t i = 1; i < n; i++)
-		if ((s[i] & 0xc0) != 0x80)
-			return 0;
-	if ((s[0] == 0xc2 && s[1] < 0xa0) || (s[0] == 0xe0 && s[1] < 0xa0) || (s[0] == 0xed && s[1] > 0x9f) ||
-	    (s[0] == 0xf0 && s[1] < 0x90) || (s[0] == 0xf4 && s[1] > 0x8f))
-		return 0;
-	return n;
-}
-
 static void clean(char *text)
 {
 	unsigned char *s = (unsigned char *)text;
 
 	while (*s) {
-		size_t n = *s < 0x80 ? *s >= 0x20 && *s != 0x7f : utf8_length(s);
+		size_t n = utf8_printable(s, SIZE_MAX);
 
 		if (!n) {
 			*s = '?';

@@ -16,6 +16,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "utf8.h"
 
 enum { CHUNK_SIZE = 2048, DEPTH_MAX = 16 };
 
@@ -105,31 +106,12 @@ static void arena_drop(struct arena *a)
 
 /* ---- texts ---- */
 
-/* Bytes of the UTF-8 sequence at s (its end is a zero byte), 0 if it is none. */
-static size_t utf8_length(const uint8_t *s)
-{
-	size_t n = s[0] < 0x80   ? 1
-		   : s[0] < 0xc2 ? 0
-		   : s[0] < 0xe0 ? 2
-		   : s[0] < 0xf0 ? 3
-		   : s[0] < 0xf5 ? 4
-				 : 0;
-
-	for (size_t i = 1; i < n; i++)
-		if ((s[i] & 0xc0) != 0x80)
-			return 0;
-	if ((s[0] == 0xe0 && s[1] < 0xa0) || (s[0] == 0xed && s[1] > 0x9f) || (s[0] == 0xf0 && s[1] < 0x90) ||
-	    (s[0] == 0xf4 && s[1] > 0x8f))
-		return 0; /* overlong, surrogate, beyond U+10FFFF */
-	return n;
-}
-
 static bool text_valid(const char *text)
 {
 	const uint8_t *s = (const uint8_t *)text;
 
 	while (*s) {
-		size_t n = *s < 0x80 ? 1 : utf8_length(s);
+		size_t n = *s < 0x80 ? 1 : utf8_length(s, SIZE_MAX);
 
 		if (n == 0)
 			return false;
@@ -143,7 +125,7 @@ char *frame_text_clean(char *text)
 	uint8_t *s = (uint8_t *)text;
 
 	while (*s) {
-		size_t n = utf8_length(s);
+		size_t n = utf8_length(s, SIZE_MAX);
 
 		if (n == 0)
 			*s = '?';

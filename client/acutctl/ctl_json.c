@@ -6,24 +6,7 @@
 #include <string.h>
 
 #include "ctl_json.h"
-
-/* Length of the UTF-8 character at p, 0 if it is not one. */
-static unsigned utf8(const unsigned char *p)
-{
-	unsigned n = *p < 0x80                 ? 1
-		     : *p >= 0xc2 && *p < 0xe0 ? 2
-		     : (*p & 0xf0) == 0xe0     ? 3
-		     : *p >= 0xf0 && *p < 0xf5 ? 4
-					       : 0;
-
-	for (unsigned i = 1; i < n; i++)
-		if ((p[i] & 0xc0) != 0x80)
-			return 0;
-	if ((*p == 0xe0 && p[1] < 0xa0) || (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf0 && p[1] < 0x90) ||
-	    (*p == 0xf4 && p[1] >= 0x90))
-		return 0;
-	return n;
-}
+#include "utf8.h"
 
 /* What stands in a JSON text as it is. */
 static const bool plain[256] = {[' ' ... '!'] = true, ['#' ... '['] = true, [']' ... '~'] = true};
@@ -32,14 +15,14 @@ static void put_text(FILE *out, const char *text)
 {
 	putc_unlocked('"', out);
 	for (const unsigned char *p = (const unsigned char *)text; *p;) {
-		unsigned n;
+		size_t n;
 
 		/* Most are a few bytes. */
 		for (; plain[*p]; p++)
 			putc_unlocked(*p, out);
 		if (!*p)
 			break;
-		n = utf8(p);
+		n = utf8_length(p, SIZE_MAX);
 		if (*p == '"' || *p == '\\')
 			fprintf(out, "\\%c", *p);
 		else if (*p < 0x20 || *p == 0x7f)

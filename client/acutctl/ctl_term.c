@@ -13,6 +13,7 @@
 
 #include "ctl_term.h"
 #include "parse.h"
+#include "utf8.h"
 
 #define KEY 12 /* columns of a field's key */
 
@@ -44,18 +45,11 @@ const char *ctl_term_tint(const struct ctl_term *t, enum ctl_tint tint)
 /* The character at p: its length, its code; 0 if there is none. */
 static unsigned decode(const unsigned char *p, wchar_t *ret)
 {
-	unsigned n = *p < 0x80 ? 1 : *p >= 0xc2 && *p < 0xe0 ? 2 : (*p & 0xf0) == 0xe0 ? 3 : *p >= 0xf0 && *p < 0xf5 ? 4 : 0;
-	uint32_t c = n == 1 ? *p : *p & (0xffu >> (n + 1));
+	size_t n = utf8_length(p, SIZE_MAX);
 
-	for (unsigned i = 1; i < n; i++) {
-		if ((p[i] & 0xc0) != 0x80)
-			return 0;
-		c = c << 6 | (p[i] & 0x3f);
-	}
-	if ((n == 3 && (c < 0x800 || (c >= 0xd800 && c < 0xe000))) || (n == 4 && (c < 0x10000 || c > 0x10ffff)))
-		return 0;
-	*ret = (wchar_t)c;
-	return n;
+	if (n)
+		*ret = (wchar_t)utf8_code(p, n);
+	return (unsigned)n;
 }
 
 /* Controls of both sets, and what turns the direction of a line or ends it. */

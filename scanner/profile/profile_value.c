@@ -9,6 +9,7 @@
 
 #include "parse.h"
 #include "profile_table.h"
+#include "utf8.h"
 
 static int hex_digit(char c)
 {
@@ -93,24 +94,14 @@ static int choice(const char *words, const char *text)
 	return -1;
 }
 
-/* UTF-8 as it should be (RFC 3629), without control characters. */
+/* UTF-8 without control characters. */
 static bool is_text(const char *text)
 {
-	const unsigned char *p = (const unsigned char *)text;
+	size_t n;
 
-	while (*p) {
-		unsigned n = *p < 0x80 ? 0 : *p >= 0xc2 && *p < 0xe0 ? 1 : *p >= 0xe0 && *p < 0xf0 ? 2 : *p >= 0xf0 && *p < 0xf5 ? 3 : 4;
-
-		if (n == 4 || *p < 0x20 || *p == 0x7f || (*p == 0xc2 && p[1] < 0xa0))
-			return false;
-		if ((*p == 0xe0 && p[1] < 0xa0) || (*p == 0xed && p[1] > 0x9f) || (*p == 0xf0 && p[1] < 0x90) ||
-		    (*p == 0xf4 && p[1] > 0x8f))
-			return false;
-		for (p++; n; n--, p++)
-			if ((*p & 0xc0) != 0x80)
-				return false;
-	}
-	return true;
+	while (*text && (n = utf8_printable(text, SIZE_MAX)))
+		text += n;
+	return !*text;
 }
 
 static bool text_value(const struct profile_key *k, const char *text, char *to, char *wanted)

@@ -10,24 +10,9 @@
 #include "clock.h"
 #include "cursor.h"
 #include "spool_priv.h"
+#include "utf8.h"
 
 enum { TEXTS = 6 };
-
-/* Length of the UTF-8 character at p, 0 if it is none or a control character. */
-static size_t character(const unsigned char *p, size_t left)
-{
-	size_t n = *p < 0x80 ? 1 : *p >= 0xc2 && *p < 0xe0 ? 2 : (*p & 0xf0) == 0xe0 ? 3 : *p >= 0xf0 && *p < 0xf5 ? 4 : 0;
-
-	if (!n || n > left || *p < 0x20 || *p == 0x7f || (*p == 0xc2 && p[1] < 0xa0))
-		return 0;
-	for (size_t i = 1; i < n; i++)
-		if ((p[i] & 0xc0) != 0x80)
-			return 0;
-	if ((*p == 0xe0 && p[1] < 0xa0) || (*p == 0xed && p[1] >= 0xa0) || (*p == 0xf0 && p[1] < 0x90) ||
-	    (*p == 0xf4 && p[1] >= 0x90))
-		return 0;
-	return n;
-}
 
 /* Up to `size` bytes, up to a NUL; what is no text becomes '?'; no character is cut. */
 static void clean(const void *from, size_t n, char *to, size_t room)
@@ -37,7 +22,7 @@ static void clean(const void *from, size_t n, char *to, size_t room)
 
 	n = strnlen(from, n);
 	while (n) {
-		size_t k = character(p, n), step = k ? k : 1;
+		size_t k = utf8_printable(p, n), step = k ? k : 1;
 
 		if (at + step >= room)
 			break;

@@ -12,6 +12,7 @@
 
 #include "parse.h"
 #include "usb_priv.h"
+#include "utf8.h"
 
 static int read_file(const char *folder, const char *port, const char *name, void *ret, size_t room, size_t *ret_size)
 {
@@ -35,24 +36,6 @@ static int read_file(const char *folder, const char *port, const char *name, voi
 	return 0;
 }
 
-/* Length of the UTF-8 sequence at `at`, of at most n bytes; 0: none, or a control character. */
-static size_t character(const uint8_t *at, size_t n)
-{
-	size_t length = at[0] < 0x80 ? 1 : at[0] >= 0xc2 && at[0] < 0xe0 ? 2 : at[0] >= 0xe0 && at[0] < 0xf0 ? 3
-		      : at[0] >= 0xf0 && at[0] < 0xf5 ? 4 : 0;
-
-	if (!length || length > n || at[0] < 0x20 || at[0] == 0x7f)
-		return 0;
-	for (size_t i = 1; i < length; i++) {
-		if ((at[i] & 0xc0) != 0x80)
-			return 0;
-	}
-	if ((at[0] == 0xe0 && at[1] < 0xa0) || (at[0] == 0xed && at[1] >= 0xa0) || (at[0] == 0xf0 && at[1] < 0x90) ||
-	    (at[0] == 0xf4 && at[1] >= 0x90) || (at[0] == 0xc2 && at[1] < 0xa0))
-		return 0;
-	return length;
-}
-
 /* A text of the device: cut at whole characters, '?' for what is none, no blanks at its ends. */
 static void read_text(const char *folder, const char *port, const char *name, char *ret, size_t room)
 {
@@ -67,7 +50,7 @@ static void read_text(const char *folder, const char *port, const char *name, ch
 	while (at < n && raw[at] == ' ')
 		at++;
 	while (at < n) {
-		size_t length = character(raw + at, n - at);
+		size_t length = utf8_printable(raw + at, n - at);
 
 		if (used + (length ? length : 1) >= room)
 			break;

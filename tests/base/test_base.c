@@ -19,6 +19,7 @@
 #include "ledger.h"
 #include "log.h"
 #include "parse.h"
+#include "utf8.h"
 
 static void test_err(void **state)
 {
@@ -315,9 +316,51 @@ static void test_parse_units(void **state)
 	(void)state;
 }
 
+/* As RFC 3629 says it: by the range that a number lies in. */
+static size_t utf8_put(uint32_t c, uint8_t buf[4])
+{
+	size_t n = c < 0x80 ? 1 : c < 0x800 ? 2 : c < 0x10000 ? 3 : 4;
+
+	for (size_t i = n; i-- > 1; c >>= 6)
+		buf[i] = (uint8_t)(0x80 | (c & 0x3f));
+	buf[0] = (uint8_t)(n == 1 ? c : (0xf00u >> n) | c);
+	return n;
+}
+
+static void test_utf8(void **state)
+{
+	uint8_t s[4];
+	unsigned pairs = 0, triples = 0, fours = 0;
+
+	for (uint32_t c = 0; c < 0x110000; c++) {
+		size_t n = utf8_put(c, s);
+		bool character = c < 0xd800 || c > 0xdfff, control = c < 0x20 || (c >= 0x7f && c < 0xa0);
+
+		assert_int_equal(utf8_length(s, SIZE_MAX), character ? n : 0);
+		assert_int_equal(utf8_length(s, n - 1), 0);
+		assert_int_equal(utf8_printable(s, n), character && !control ? n : 0);
+		if (character)
+			assert_int_equal(utf8_code(s, n), c);
+	}
+	/* as many as there are numbers: nothing else is a character */
+	for (uint32_t v = 0; v < 1 << 24; v++) {
+		memcpy(s, (uint8_t[]){(uint8_t)(v >> 16), (uint8_t)(v >> 8), (uint8_t)v}, 3);
+		pairs += !s[2] && utf8_length(s, 3) == 2;
+		triples += utf8_length(s, 3) == 3;
+		s[3] = s[2];
+		s[2] = (uint8_t[]){0x7f, 0x80, 0xbf, 0xc0}[v & 3];
+		fours += utf8_length(s, 4) == 4;
+	}
+	assert_int_equal(pairs, 0x800 - 0x80);
+	assert_int_equal(triples, 0x10000 - 0x800 - 0x800);
+	assert_int_equal(fours, 0x100000 / 0x1000 * 32);
+	(void)state;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_utf8),
 		cmocka_unit_test(test_err),
 		cmocka_unit_test(test_err_long),
 		cmocka_unit_test(test_err_table),
