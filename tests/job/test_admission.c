@@ -1,8 +1,8 @@
 /*
  * Who is next: users, priorities, large and small jobs beside each other, and memory that is short. What is counted is
- * jobs and domains, never time.
+ * jobs, and the tasks that a gate lets through one by one: never time.
  */
-#include "house.h"
+#include "gate.h"
 
 #include "job_priv.h"
 #include "walk_priv.h"
@@ -55,6 +55,29 @@ static struct job *one_step(uint32_t uid, struct dataset *d, const char *priorit
 	return job;
 }
 
+/*
+ * Until it is over. It waits for the tasks that run already when it comes, which is one domain's time (behind the gate
+ * none does), and then goes before all but one of others; so does each of its tasks, which follow one another.
+ */
+static void step_beside(struct job *job)
+{
+	unsigned since = gate.noted, before = 0, own, others;
+	uint64_t flow = 0;
+
+	while (!job_state_final(info_of(job).state)) {
+		step();
+		flow = job->walk ? job->walk->owner.flow : flow;
+	}
+	assert_int_equal(info_of(job).state, JOB_done);
+	own = steps_of(flow, since);
+	others = gate.noted - since - own;
+	assert_in_range(own, 1, 8);
+	while (gate.flow[since + before] != flow)
+		before++;
+	if (before > 1 || others > own + 1)
+		fail_msg("%u tasks of others began before its first, %u beside its %u", before, others, own);
+}
+
 static unsigned count_over(struct job **jobs, unsigned n)
 {
 	unsigned over = 0;
@@ -80,18 +103,20 @@ static void hundred_against_one(void **state)
 	struct dataset *d = push("shared", 20000, 1);
 	struct job *hundred[HUNDRED], *one;
 	static struct reader r; /* outlives a failed test */
-	unsigned before, since;
+	unsigned over;
 
+	gate_close();
 	submit_many(1000, d, hundred, HUNDRED, NULL);
-	turn_until(count_over(hundred, HUNDRED) >= 3);
+	step_until(count_over(hundred, HUNDRED) >= 3);
 	one = one_step(1001, d, NULL, &r);
-	before = count_over(hundred, HUNDRED);
-	assert_true(before < HUNDRED * 3 / 4);
-	turn_until_final(one);
-	since = count_over(hundred, HUNDRED) - before;
-	if (since > 8)
-		fail_msg("%u of the hundred came before the one", since);
+	over = count_over(hundred, HUNDRED);
+	assert_true(over < HUNDRED / 4);
+	step_beside(one);
+	over = count_over(hundred, HUNDRED) - over;
+	if (over > 2)
+		fail_msg("%u of the hundred came before the one", over);
 	job_leave(one);
+	gate_open();
 	all_done(hundred, HUNDRED);
 	dataset_release(d);
 }
@@ -100,25 +125,20 @@ static void hundred_against_one(void **state)
 static void small_behind_huge(void **state)
 {
 	struct dataset *huge = push("huge", 900000, 2), *small = push("small", 1000, 3);
-	struct job *job = submit_as(1000, huge, "", NULL), *other;
+	struct job *job, *other;
 	static struct reader r; /* outlives a failed test */
 
-	turn_until(info_of(job).domains_done > 0);
+	gate_close();
+	job = submit_as(1000, huge, "", NULL);
+	step_until(info_of(job).domains_done > 0);
 	for (uint32_t uid = 1000; uid < 1002; uid++) {
-		uint64_t at;
-
 		other = one_step(uid, small, NULL, &r);
-		at = info_of(job).domains_done;
-		turn_until(info_of(other).state != JOB_queued && info_of(other).state != JOB_planning);
-		assert_true(info_of(job).domains_done - at <= 6);
-		turn_until_final(other);
-		assert_int_equal(info_of(other).state, JOB_done);
-		/* It is a handful of tasks, one after the other, each of which waits for a worker to end a domain. */
-		assert_true(info_of(job).domains_done - at <= 14);
+		step_beside(other);
 		job_leave(other);
 	}
 	assert_true(info_of(job).domains_total >= 32);
 	assert_true(info_of(job).domains_done * 4 < info_of(job).domains_total * 3);
+	gate_open();
 	all_done(&job, 1);
 	dataset_release(huge);
 	dataset_release(small);
@@ -133,12 +153,13 @@ static void gives_way(void **state)
 	unsigned ways = 0;
 
 	all_done(&first, 1);
+	gate_close();
 	/* Nothing of it in the store. */
 	job = submit_as(1000, d, "view 1 zmin=1", NULL);
 	while (!job_state_final(info_of(job).state)) {
 		struct job_info info;
 
-		turn(10);
+		step();
 		info = info_of(job);
 		if (info.state == JOB_meshing && info.domains_done >= 2 + 2 * ways && ways < 3 &&
 		    walk_can_give_way(job->walk)) {
@@ -151,7 +172,8 @@ static void gives_way(void **state)
 			    !info.points_total);
 		points = info.points_done;
 	}
-	assert_true(ways > 0);
+	assert_int_equal(ways, 3);
+	gate_open();
 	assert_int_equal(info_of(job).state, JOB_done);
 	assert_int_equal(info_of(job).report->points, 300000);
 	first = submit_as(1000, d, "view 1 zmin=1", NULL);
@@ -165,10 +187,13 @@ static void way_is_made(void **state)
 {
 	struct dataset *d = push("valley", 600000, 5), *small = push("small", 1000, 6);
 	static struct reader r; /* outlives a failed test */
-	struct job *jobs[4] = {submit_as(1000, d, "", NULL), submit_as(1000, d, "view 1 zmin=1", NULL)};
+	struct job *jobs[4];
 	unsigned without = 0;
 
-	turn_until(info_of(jobs[0]).state == JOB_meshing && info_of(jobs[1]).state == JOB_meshing);
+	gate_close();
+	jobs[0] = submit_as(1000, d, "", NULL);
+	jobs[1] = submit_as(1000, d, "view 1 zmin=1", NULL);
+	step_until(info_of(jobs[0]).state == JOB_meshing && info_of(jobs[1]).state == JOB_meshing);
 	/* As if the memory carried these two and no more. */
 	h.jobs->walks_max = 1;
 	jobs[3] = submit_as(1000, small, "", NULL);
@@ -176,13 +201,14 @@ static void way_is_made(void **state)
 	/* Whose user has nothing at work is next, whoever came first. */
 	assert_int_equal(info_of(jobs[2]).position, 1);
 	assert_int_equal(info_of(jobs[3]).position, 2);
-	turn_until_final(jobs[2]);
+	step_until(job_state_final(info_of(jobs[2]).state));
 	assert_int_equal(info_of(jobs[2]).state, JOB_done);
 	/* One of the two has none now, and waits for it. */
 	for (int i = 0; i < 2; i++)
 		without += jobs[i]->walk && !jobs[i]->walk->placed && jobs[i]->place.seeks;
 	assert_int_equal(without, 1);
 	h.jobs->walks_max = 4;
+	gate_open();
 	all_done(jobs, 4);
 	job_leave(jobs[2]);
 	dataset_release(d);
@@ -206,15 +232,16 @@ static void priorities(void **state)
 		assert_null(submit_as(1000, d, "", "high"));
 		assert_int_equal(accepted_err.code, ERR_PERM);
 	}
+	gate_close();
 	submit_many(1000, d, low, 20, "low");
 	normal = one_step(1000, d, NULL, &r[0]);
 	high = one_step(geteuid(), d, "high", &r[1]);
 	before = count_over(low, 20);
 	assert_int_equal(info_of(high).priority, JOB_PRIORITY_HIGH);
-	turn_until_final(normal);
-	turn_until_final(high);
+	step_until(job_state_final(info_of(normal).state) && job_state_final(info_of(high).state));
 	/* Those that had begun, and a start in sixteen. */
-	assert_true(count_over(low, 20) - before <= 6);
+	assert_true(count_over(low, 20) - before <= 2);
+	gate_open();
 	job_leave(normal);
 	job_leave(high);
 	/* The row keeps it. */
@@ -232,13 +259,14 @@ static void priorities(void **state)
 /* Those that wait say for what, and who is before them. */
 static void says_why(void **state)
 {
-	struct dataset *huge = push("huge", 300000, 8);
+	struct dataset *huge = push("huge", 20000, 8);
 	struct job *jobs[6];
 	unsigned waits = 0;
 
+	gate_close();
 	for (int i = 0; i < 6; i++)
 		jobs[i] = submit_as(1000, huge, i % 2 ? "view 1 zmin=1" : "", NULL);
-	turn(10);
+	turn_out();
 	for (unsigned i = 0; i < 6; i++) {
 		struct job_info info = info_of(jobs[i]);
 
@@ -252,6 +280,7 @@ static void says_why(void **state)
 	for (unsigned i = 0; i < 6; i++)
 		job_cancel(jobs[i]);
 	turn_until(count_over(jobs, 6) == 6);
+	gate_open();
 	assert_int_equal(info_of(jobs[5]).position, 0);
 	assert_string_equal(info_of(jobs[5]).waiting, "");
 	dataset_release(huge);
@@ -477,9 +506,16 @@ static void plan_never(void **state)
 	dataset_release(d);
 }
 
+/* Also of a test that failed behind the gate. */
+static int gate_teardown(void **state)
+{
+	gate_open();
+	return teardown(state);
+}
+
 int main(void)
 {
-#define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
+#define TEST(f) cmocka_unit_test_setup_teardown(f, setup, gate_teardown)
 	const struct CMUnitTest tests[] = {
 		TEST(hundred_against_one), TEST(small_behind_huge),    TEST(gives_way),
 		TEST(way_is_made),         TEST(priorities),           TEST(says_why),
