@@ -407,13 +407,14 @@ unsigned limit_datasets_of(const struct jobs *, uint32_t uid, unsigned *ret_remo
 /* Bytes more of that user on the disk, beside those of the lists; any thread. Balanced. */
 int limit_disk_take(struct jobs *, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err);
 void limit_disk_give(struct jobs *, uint32_t uid, uint64_t bytes);
-int limit_disk_room(struct jobs *, uint32_t uid, uint64_t bytes, const char *what, struct err *err); /* there is; nothing is taken */
 struct limit_geoid {
 	uint32_t uid;
 	uint64_t bytes;
 };
 void limit_geoids(struct jobs *, const struct limit_geoid *all, size_t n); /* all that are kept; any thread */
 void limit_count(struct jobs *); /* what the lists say */
+/* The same, and two users give back what they took (negative: take it, whatever the limit), in one step. */
+void limit_count_given(struct jobs *, uint32_t uid, int64_t bytes, uint32_t other, int64_t others);
 /* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
 uint64_t limit_memory(const struct jobs *, const struct sched_owner *);
 /* What is left of it; for domains and the like of a walk that has its place. */

@@ -4,7 +4,9 @@
  * The model of the disk: of each user who has any there is a row: what the lists of datasets and interrupted pushes say
  * (counted by the loop when they change, and now and then), and what open pushes and imports have taken beside it (by
  * workers, under the lock). What is pushed counts with the owner of the dataset, as a file does; until it is published, with
- * who pushes, and there must be room for it with both. A geoid grid counts with each user who gave it a name.
+ * who pushes, and with both while the push goes on. So pushes at the same time never have more together than there is. What
+ * was taken is given back and counted in one step (limit_count_given): nobody finds room, or none, between the two. A geoid
+ * grid counts with each user who gave it a name.
  *
  * The model of the memory: walks, stages and plans of a user are added up when one of them wants more (limit_held). A
  * walk gets a place, a plan its budget and a push its stage only within the user's share; domains start one after the
@@ -128,16 +130,14 @@ static bool limits_disk(const struct jobs *j)
 	return j->p.user.disk.unit != SPACE_UNLIMITED && j->p.user.disk.n;
 }
 
-void limit_count(struct jobs *j)
+/* Under the lock. */
+static void count_all(struct jobs *j)
 {
 	struct limits *l = &j->limits;
 	const struct dataset *d;
 	const struct pending *q;
 	size_t n = 0;
 
-	if (!limits_disk(j))
-		return;
-	pthread_mutex_lock(&l->lock);
 	for (size_t i = 0; i < l->n; i++) {
 		l->row[i].counted = 0;
 		if (l->row[i].taken || l->row[i].geoids)
@@ -149,6 +149,35 @@ void limit_count(struct jobs *j)
 		for (q = d->pending; q; q = q->next)
 			count(l, q->uid, disk_points_bytes(q->points));
 	}
+}
+
+void limit_count(struct jobs *j)
+{
+	limit_count_given(j, 0, 0, 0, 0);
+}
+
+/* An account that there was no memory for has taken nothing. */
+static uint64_t given(uint64_t taken, int64_t bytes)
+{
+	if (bytes < 0)
+		return taken + (uint64_t)-bytes;
+	return taken > (uint64_t)bytes ? taken - (uint64_t)bytes : 0;
+}
+
+void limit_count_given(struct jobs *j, uint32_t uid, int64_t bytes, uint32_t other, int64_t others)
+{
+	struct limits *l = &j->limits;
+	struct limit_row *row;
+
+	pthread_mutex_lock(&l->lock);
+	row = bytes ? row_of(l, uid) : NULL;
+	if (row)
+		row->taken = given(row->taken, bytes);
+	row = others ? row_of(l, other) : NULL;
+	if (row)
+		row->taken = given(row->taken, others);
+	if (limits_disk(j))
+		count_all(j);
 	pthread_mutex_unlock(&l->lock);
 }
 
@@ -193,18 +222,6 @@ static int disk_refused(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t lim
 	err_set(err, ERR_LIMIT, "%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)",
 		what, parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
 	return refused("user-disk", err);
-}
-
-int limit_disk_room(struct jobs *j, uint32_t uid, uint64_t bytes, const char *what, struct err *err)
-{
-	uint64_t limit = rights_stored(uid, 0).admin ? UINT64_MAX : disk_limit(j), has = 0;
-
-	pthread_mutex_lock(&j->limits.lock);
-	for (size_t i = 0; i < j->limits.n; i++)
-		if (j->limits.row[i].uid == uid)
-			has = disk_of(&j->limits.row[i]);
-	pthread_mutex_unlock(&j->limits.lock);
-	return bytes > limit || has > limit - bytes ? disk_refused(uid, bytes, has, limit, what, err) : 0;
 }
 
 int limit_disk_take(struct jobs *j, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err)

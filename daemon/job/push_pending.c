@@ -308,6 +308,7 @@ void push_claim(struct push *p)
 	pending_free(p->jobs, p->pending);
 	p->pending = q;
 	p->claims = true;
+	push_space_claim(p, q);
 }
 
 static bool other_scale(const char *text, struct decimal scale)
@@ -445,6 +446,7 @@ void push_unclaim(struct push *p)
 	p->pending->next = p->dataset->pending;
 	p->dataset->pending = p->pending;
 	p->pending = NULL;
+	push_space_unclaim(p);
 }
 
 /* ---- at the start ---- */

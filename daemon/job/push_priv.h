@@ -194,6 +194,7 @@ struct push {
 		pthread_mutex_t lock;  /* of what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
 		uint64_t promised;     /* of `taken`, not written yet */
+		uint64_t own, owed;    /* of user-disk, taken of who pushes; of the owner, if that is another one */
 		uint32_t owner;        /* of the dataset, when the push began */
 		struct err why;        /* there is no room for more */
 	} space;
@@ -332,6 +333,8 @@ static inline const struct grid_manifest *push_settled(const struct push *p)
 }
 
 /* push_space.c: room on the disk */
+void push_space_claim(struct push *, const struct pending *); /* loop: it is not in the list any more, and counts as before */
+void push_space_unclaim(struct push *);                     /* loop: it is in the list again */
 int push_space_plan(struct push *, struct err *err);         /* worker: for all that was probed */
 bool push_space_staged(struct push *, uint64_t points);      /* worker: so many of a file more; false: there is no room */
 void push_space_adopted(struct push *);

@@ -5,7 +5,9 @@
  * both of which lie there until the commit (of a one-step dataset the runs give way as the segment grows). Headers
  * may lie and pipes do not tell, so what was really staged is held against it too, and more is taken in steps. What is
  * taken and not written yet is promised, so that two pushes do not count on the same free bytes. A crop of a one-step
- * mesh reads an unknown part: of such only what was staged counts. All of it counts with who pushes (limit.c).
+ * mesh reads an unknown part: of such only what was staged counts. All of it counts with who pushes; what will lie there
+ * after the commit, with the owner of the dataset too (limit.c). Both have it back when the push ends, however it does:
+ * then what it left counts, a new generation with the owner, an interrupted push with who pushed.
  */
 #include <stdio.h>
 
@@ -35,29 +37,57 @@ static uint64_t adopted(const struct push *p)
 	return points;
 }
 
+static uint64_t beyond(uint64_t want, uint64_t has)
+{
+	return want > has ? want - has : 0;
+}
+
+/* Under the lock. */
 static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err)
 {
+	struct push_space *s = &p->space;
+	uint64_t all = atomic_load(&s->taken) + bytes, own = beyond(all, s->own), owed = 0;
 	char what[64];
-	int r;
+	int r = 0;
 
 	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
-	/* When it is published it is the owner's. */
-	r = p->space.owner == p->peer.uid || p->peer.admin ? 0 :
-	    limit_disk_room(p->jobs, p->space.owner, disk_points_bytes(points), what, err);
+	/* When it is published it is the owner's: the segment, without the runs. */
+	if (s->owner != p->peer.uid) {
+		owed = beyond(all / 2, s->owed);
+		r = limit_disk_take(p->jobs, s->owner, p->peer.admin, owed, what, err);
+	}
 	if (r)
 		return r;
-	r = limit_disk_take(p->jobs, p->peer.uid, p->peer.admin, bytes, what, err);
-	if (r)
-		return r;
-	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
+	r = limit_disk_take(p->jobs, p->peer.uid, p->peer.admin, own, what, err);
 	if (r) {
-		limit_disk_give(p->jobs, p->peer.uid, bytes);
+		limit_disk_give(p->jobs, s->owner, owed);
 		return r;
 	}
+	r = space_take(p->jobs->space, kind_of(p), bytes, SPACE_MUST, what, err);
+	if (r) {
+		limit_disk_give(p->jobs, p->peer.uid, own);
+		limit_disk_give(p->jobs, s->owner, owed);
+		return r;
+	}
+	s->own += own;
+	s->owed += owed;
 	space_promise(p->jobs->space, kind_of(p), (int64_t)bytes);
-	p->space.promised += bytes;
-	atomic_fetch_add(&p->space.taken, bytes);
+	s->promised += bytes;
+	atomic_store(&s->taken, all);
 	return 0;
+}
+
+void push_space_claim(struct push *p, const struct pending *q)
+{
+	p->space.own = disk_points_bytes(q->points);
+	limit_count_given(p->jobs, p->peer.uid, -(int64_t)p->space.own, 0, 0);
+	disk_count(p->jobs);
+}
+
+void push_space_unclaim(struct push *p)
+{
+	limit_count_given(p->jobs, p->peer.uid, (int64_t)p->space.own, 0, 0);
+	p->space.own = 0;
 }
 
 int push_space_plan(struct push *p, struct err *err)
@@ -135,8 +165,8 @@ void push_space_end(struct push *p)
 
 	space_promise(p->jobs->space, kind_of(p), -(int64_t)s->promised);
 	space_give(p->jobs->space, kind_of(p), atomic_load(&s->taken));
-	limit_disk_give(p->jobs, p->peer.uid, atomic_load(&s->taken));
-	s->promised = 0;
+	limit_count_given(p->jobs, p->peer.uid, (int64_t)s->own, s->owner, (int64_t)s->owed);
+	s->promised = s->own = s->owed = 0;
 	atomic_store(&s->taken, 0);
 	disk_count(p->jobs);
 }

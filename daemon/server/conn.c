@@ -278,7 +278,8 @@ static int conn_make(struct server *s, int fd, const struct job_peer *peer, stru
 	r = sd_event_add_io(s->p.event, &c->io, frame_conn_fd(c->frame), EPOLLIN, conn_ready, c);
 	if (r < 0) {
 		/* The descriptor went to the frame_conn, and goes with it. */
-		log_event(LOG_EVENT_CLIENT_TURNED_AWAY, ABOUT_CONN(c), "cannot wait for a client: %s", strerror(-r));
+		if (refusal_away(s))
+			log_event(LOG_EVENT_CLIENT_TURNED_AWAY, ABOUT_CONN(c), "cannot wait for a client: %s", strerror(-r));
 		frame_conn_free(c->frame);
 		rights_groups_free(s->p.ledger, &c->peer);
 		free(c);

@@ -2,9 +2,9 @@
  * Clients and requests that are refused by who asks, and clients that are cut off: what they are told, and what the log is.
  *
  * The model: a surplus or strange client costs nothing but the answer: it is written into the socket that is closed next,
- * and nothing of it is kept. In the log each refusal and each cut is an event with user and process, up to a number in a while; of
- * more than that the log gets the number when the while is over. The timer for that runs only if there is something to
- * tell.
+ * and nothing of it is kept. In the log each refusal, each cut and each client that there was nothing left for is an event,
+ * up to a number in a while; of more than that the log gets the number when the while is over. The timer for that runs
+ * only if there is something to tell.
  */
 #include <fcntl.h>
 #include <string.h>
@@ -53,10 +53,11 @@ bool refusal_worth(const struct err *why)
 
 static void tell_hidden(struct refusals *r)
 {
+	const char *what = r->event == LOG_EVENT_REFUSED ? "clients or requests were refused" :
+		r->event == LOG_EVENT_CLIENT_CUT ? "clients were cut off" : "clients were turned away";
+
 	if (r->hidden)
-		log_event(r->event, NULL, r->event == LOG_EVENT_REFUSED ? "%llu more clients or requests were refused within %.0f seconds" :
-			  "%llu more clients were cut off within %.0f seconds",
-			  (unsigned long long)r->hidden, clock_since(r->since_ns));
+		log_event(r->event, NULL, "%llu more %s within %.0f seconds", (unsigned long long)r->hidden, what, clock_since(r->since_ns));
 	r->hidden = r->told = 0;
 	r->since_ns = clock_mono_ns();
 }
@@ -106,8 +107,15 @@ bool refusal_cut(struct server *s)
 	return tellable(s, &s->cuts, LOG_EVENT_CLIENT_CUT);
 }
 
+bool refusal_away(struct server *s)
+{
+	return tellable(s, &s->aways, LOG_EVENT_CLIENT_TURNED_AWAY);
+}
+
 void refusals_end(struct server *s)
 {
+	tell_hidden(&s->aways);
+	s->aways.timer = sd_event_source_disable_unref(s->aways.timer);
 	tell_hidden(&s->refusals);
 	tell_hidden(&s->cuts);
 	s->refusals.timer = sd_event_source_disable_unref(s->refusals.timer);

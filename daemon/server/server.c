@@ -131,7 +131,7 @@ static bool accept_one(struct listener *l)
 		return false;
 	}
 	if (conn_new(l->server, fd, &err)) {
-		if (!refusal_worth(&err))
+		if (!refusal_worth(&err) && refusal_away(l->server))
 			log_event_err(LOG_EVENT_CLIENT_TURNED_AWAY, NULL, "a client is turned away", &err);
 		refusal_tell(fd, &err);
 	}

@@ -42,7 +42,7 @@ struct server {
 		uint64_t since_ns, hidden, total;
 		unsigned told;
 		enum log_event event;
-	} refusals, cuts; /* of clients that were cut off */
+	} refusals, cuts, aways; /* of clients that were cut off; that no place was found for */
 };
 
 /* A request that is not answered for good. Holds its connection in memory. */
@@ -132,6 +132,7 @@ int room_place(const struct server *, const struct job_peer *, struct err *err);
 /* refusal.c */
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */
 void refusal_tell(int fd, const struct err *why);
+bool refusal_away(struct server *); /* a client is turned away for want of what is needed to serve him: likewise */
 bool refusal_cut(struct server *); /* a client is cut off: the log may have it; false: it is only counted */
 /* What a user may not, or has too much of: to the log, but no flood of it. */
 void refusal_log(struct server *, const struct job_peer *, const struct err *why);

@@ -14,7 +14,7 @@ from e2e import Folder, expect
 from rights import ADMINS, ANNA, BERT, CARL, GIS, GROUPS, OTHERS, USERS, WHO, Box
 
 try:
-    from acut_wire import HEADER, Client, pack, pb
+    from acut_wire import HEADER, Client, Refused, pack, pb
 except ImportError as e:
     Client, missing = None, e
 
@@ -177,6 +177,137 @@ def disk_of_groups():
         expect("on the disk" in checks["limits"]["message"], "%s" % checks["limits"])
 
 
+class Pusher:
+    """A process of a user of his own that pushes one file in steps, each when it is told to: pusher("plan") and so on. What came
+    of it: "ok", or the code of the error and its message."""
+
+    def __init__(self, box, n, path):
+        self.path = path
+        self.ask, begin, done, self.answers = *os.pipe()[::-1], *os.pipe()[::-1]
+        self.child = os.fork()
+        if self.child:
+            os.close(begin)
+            os.close(done)
+            return
+        os.close(self.ask)
+        os.close(self.answers)
+        try:
+            os.setgroups([USERS])
+            os.setgid(OTHERS)
+            os.setuid(3100 + n)
+            with Client(box.daemon.socket) as c, open(path, "rb") as f:
+                while step := os.read(begin, 64).decode():
+                    try:
+                        self.step(c, step, f.fileno())
+                        answer = "ok"
+                    except Refused as e:
+                        answer = "%s %s" % (e.code, e)
+                    os.write(done, answer.encode())
+        except BaseException as e:
+            sys.stderr.write("     pusher %d: %r\n" % (n, e))
+        finally:
+            os._exit(0)
+
+    def step(self, c, step, fd):
+        if step == "begin":
+            self.push = c.ask("push_begin", pb.PushBegin(dataset="shared")).push
+            self.known = c.ask("probe", pb.Probe(push=self.push, name="file", path=self.path.encode()), fd).known
+        elif step == "plan":
+            c.ask("push_plan", pb.PushPlan(push=self.push))
+        elif step == "file":
+            self.known or c.ask("file", pb.File(push=self.push, name="file"), fd)
+        elif step == "commit":
+            c.ask("push_commit", pb.PushCommit(push=self.push))
+        else:
+            c.ask("push_abort", pb.PushAbort(push=self.push))
+
+    def tell(self, step):
+        os.write(self.ask, step.encode())
+
+    def answer(self):
+        got = os.read(self.answers, 4096).decode()
+        expect(got, "a pusher ended")
+        return got
+
+    def __call__(self, step):
+        self.tell(step)
+        return self.answer()
+
+    def end(self):
+        os.kill(self.child, 9)
+        os.waitpid(self.child, 0)
+        os.close(self.ask)
+        os.close(self.answers)
+
+
+def disk_of_many():
+    """Pushes of eight users at once into the dataset of a ninth: together never more than she has room for, whoever comes first.
+    What was cut, refused, given up or killed with the daemon keeps none of it, and what was interrupted counts with who pushed."""
+    if not Client:
+        print("     skipped: %s" % missing)
+        return
+    with Folder() as base, Box(base, args=GROUPS + ("--user-disk", "1M")) as box:
+        box.good("anna", "push", "--mode", "666", "shared", box.survey())
+        pushers = [Pusher(box, n, box.survey(20000, seed=2 + n)) for n in range(8)]
+
+        def all_at_once(step, which):
+            for p in which:
+                p.tell(step)
+            got = {p: p.answer() for p in which}
+            for p in which:
+                expect(got[p] == "ok" or got[p].startswith("does-not-fit") and "id %d" % ANNA in got[p] and "user-disk" in got[p], got[p])
+            return [p for p in which if got[p] == "ok"]
+
+        def one_more(which, why):
+            """One of them is admitted as soon as what another had is given back, and only one."""
+            deadline = time.monotonic() + 60
+            while not (got := all_at_once("plan", which)) and time.monotonic() < deadline:
+                time.sleep(0.01)
+            expect(len(got) == 1, "%d were admitted for one that was %s" % (len(got), why))
+            return got
+
+        def stored():
+            return json.loads(box.good("anna", "dataset", "show", "shared", "--json"))["bytes"]
+        # Two of them fit in what is left: 20000 points are 403 KiB at most.
+        expect(len(all_at_once("begin", pushers)) == 8, "begin")
+        first = all_at_once("plan", pushers)
+        expect(len(first) == 2, "%d were admitted" % len(first))
+        others = [p for p in pushers if p not in first]
+        expect(not all_at_once("plan", others), "a third was admitted")
+        # One is given up, another goes with its client: there is room for one more, and then for one more.
+        expect(first[0]("abort") == "ok", "abort")
+        second = one_more(others, "given up")
+        first[1].end()
+        others = [p for p in others if p not in second]
+        third = one_more(others, "cut")
+        others = [p for p in others if p not in third]
+        # A file that is read stays, as an interrupted push: of who pushed.
+        expect(third[0]("file") == "ok", "file")
+        third[0].end()
+        fourth = one_more(others, "interrupted")
+        others = [p for p in others if p not in fourth]
+        # The daemon is killed: none of these is left but the interrupted one.
+        box.daemon.process.kill()
+        box.daemon.process.wait()
+        for p in pushers:
+            if p not in first[1:] + third:
+                p.end()
+        box.daemon.start()
+        os.chmod(box.daemon.socket, 0o666)
+        pushers = [Pusher(box, n, box.survey(20000, seed=2 + n)) for n in range(8)]
+        expect(len(all_at_once("begin", pushers)) == 8, "begin")
+        again = all_at_once("plan", pushers)
+        expect(len(again) == 2, "%d were admitted after a start" % len(again))
+        for p in again:
+            for step in ("file", "commit"):
+                expect(p(step) == "ok", step)
+        expect(1 << 19 < stored() <= 1 << 20, "%d bytes" % stored())
+        expect(not all_at_once("plan", [p for p in pushers if p not in again]), "admitted into what is full")
+        for p in pushers:
+            p.end()
+        print("     %d bytes of %d are hers" % (stored(), 1 << 20))
+
+
 def disk_of_geoids():
     with Folder() as base, Box(base, args=GROUPS + ("--user-disk", "1M")) as box:
         one = geo.pgm(base + "/one.pgm", lambda lat, lon: 40.0, width=720, rows=361)
@@ -292,6 +423,47 @@ def crowds():
         expect(" more clients were cut off" in box.log(), "log: %s" % lines[-20:])
 
 
+def swallow(send, data):
+    try:
+        send(data)
+    except OSError:
+        pass
+
+
+def turned_away():
+    """An administrator, whom no limit holds, fills the memory for messages with halves of messages, of ever shorter ones, and goes on connecting: who
+    comes then is turned away, each with an answer, and the log has some of them and then their number."""
+    if not Client:
+        print("     skipped: %s" % missing)
+        return
+    halves = {n: pack(2, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="x" * n)))[:-1] for n in (24000, 1500, 1)}
+    hello = pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1, program="crowd")))
+    kept, away, begun = [], 0, time.monotonic()
+    with Folder() as base, Box(base, memory="32M") as box:
+        while away < 300 and (i := away + len(kept)) < 3000:
+            s = socket.socket(socket.AF_UNIX)
+            s.settimeout(20)
+            s.connect(box.daemon.socket)
+            swallow(s.sendall, hello)
+            got = pb.Message.FromString(s.recv(65536)[HEADER.size:])
+            if got.WhichOneof("body") == "error" and "memory left for a c" in got.error.message:
+                expect(got.error.code == "busy", "%s" % got)
+                away += 1
+                s.close()
+                continue
+            swallow(s.sendall, halves[24000 if i < 200 else 1500 if i < 400 else 1])
+            kept.append(s)
+        expect(away == 300, "%d were turned away, %d were not" % (away, len(kept)))
+        for s in kept:
+            s.close()
+        box.daemon.stop()
+        lines = [line for line in box.log().splitlines() if "turned away" in line]
+        whiles = 1 + int(time.monotonic() - begun) // 30
+        expect(20 <= len(lines) <= 22 * whiles and " more clients were turned away within" in lines[-1], "%d lines: %s" % (len(lines), lines[-3:]))
+        hidden = sum(int(line.split(" more clients")[0].split()[-1]) for line in lines if " more clients" in line)
+        expect(hidden + sum(" more clients" not in line for line in lines) == away, "%d lines for %d" % (len(lines), away))
+
+
 if __name__ == "__main__":
     if os.geteuid() != 0:
         print("to be several users takes root")
@@ -299,4 +471,4 @@ if __name__ == "__main__":
     if not shutil.which("setpriv"):
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
-    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_geoids, exports, crowds)
+    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_many, disk_of_geoids, exports, crowds, turned_away)

@@ -34,11 +34,28 @@ static void whose_disk(void **state)
 	limit_count(&j);
 	jobs_own(&j, &(struct job_peer){.uid = BERT}, 0, &own);
 	assert_int_equal(own.disk, 1510);
-	/* A look takes nothing, and there is room to the last byte. */
-	assert_int_equal(limit_disk_room(&j, BERT, 100000 - 1510, "it", &err), 0);
-	assert_int_equal(limit_disk_room(&j, BERT, 100000 - 1509, "it", &err), -ERR_LIMIT);
+	/* There is room to the last byte, and what is refused takes nothing. */
+	assert_int_equal(limit_disk_take(&j, BERT, false, 100000 - 1509, "it", &err), -ERR_LIMIT);
 	assert_string_equal(err.field, "user-disk");
-	limit_disk_give(&j, BERT, 10);
+	assert_int_equal(limit_disk_take(&j, BERT, false, 100000 - 1510, "it", &err), 0);
+	assert_int_equal(limit_disk_take(&j, BERT, false, 1, "it", &err), -ERR_LIMIT);
+	limit_disk_give(&j, BERT, 100000 - 1510);
+	/* What was taken and lies there now: in one step. And back. */
+	d.pending = &q;
+	limit_count_given(&j, BERT, 10, ANNA, 0);
+	jobs_own(&j, &(struct job_peer){.uid = BERT}, 0, &own);
+	assert_int_equal(own.disk, pending + 1500);
+	d.pending = NULL;
+	limit_count_given(&j, BERT, -(int64_t)pending, ANNA, -5);
+	jobs_own(&j, &(struct job_peer){.uid = BERT}, 0, &own);
+	assert_int_equal(own.disk, pending + 1500);
+	jobs_own(&j, &(struct job_peer){.uid = ANNA}, 0, &own);
+	assert_int_equal(own.disk, 5012);
+	/* Also while there is no limit: what was taken under one is given back. */
+	j.p.user.disk.unit = SPACE_UNLIMITED;
+	limit_count_given(&j, BERT, (int64_t)pending, ANNA, 5);
+	j.p.user.disk.unit = SPACE_BYTES;
+	limit_count(&j);
 	limit_geoids(&j, grids, 0);
 	limit_count(&j);
 	jobs_own(&j, &(struct job_peer){.uid = BERT}, 0, &own);
