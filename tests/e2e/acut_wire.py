@@ -64,7 +64,7 @@ def pack(request_id, message, descriptors=0):
 class Wire:
     """Frames over a socket, waiting."""
 
-    def __init__(self, path, timeout=20.0):
+    def __init__(self, path, timeout=240.0):
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(timeout)
         deadline = time.monotonic() + timeout
@@ -132,7 +132,7 @@ class Wire:
 class Client:
     """A well-behaved client. `body` names a member of Message.body."""
 
-    def __init__(self, path, greet=True, timeout=20.0):
+    def __init__(self, path, greet=True, timeout=240.0):
         self.wire = Wire(path, timeout)
         self.last = 0
         self.durable = {}      # request id of a PushBegin: files 1..n are safe

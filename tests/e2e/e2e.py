@@ -17,6 +17,9 @@ ACUTCTL = os.environ.get("ACUTCTL", "acutctl")
 SYNTH = os.environ.get("ACUT_SYNTH", "acut-synth")
 VERIFY = os.environ.get("ACUT_VERIFY", "acut-verify")
 DOMAIN = os.environ.get("ACUT_DOMAIN", "acut-domain")
+GATE = os.environ.get("ACUT_TEST_GATE")
+# How long anything may take before the test says that it hangs. No test compares with it, and none waits for it where all is well.
+PATIENCE = 240
 
 
 def skip(reason):
@@ -106,6 +109,51 @@ def sanitized():
     return b"__asan_init" in data or b"__tsan_init" in data
 
 
+def until(cond, text, every=0.02):
+    """The first true value of cond(), which must come; `text` says what did not (a string, or a function that makes it)."""
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        got = cond()
+        if got:
+            return got
+        expect(time.monotonic() < deadline, text if isinstance(text, str) else text())
+        time.sleep(every)
+
+
+class Gate:
+    """Holds calls of a program: Gate(base) as gate; Daemon(base, env=gate.env). gate.close("pread", ".seg", 3) lets three reads
+    of a file of such a path go by and holds all others, gate.wait() waits until one is held, gate.open() lets all go on."""
+
+    def __init__(self, base):
+        if not GATE:
+            raise Fault("ACUT_TEST_GATE names no library: the tests are run by meson")
+        self.folder, self.n = tempfile.mkdtemp(prefix="gate-", dir=base), 0
+        os.chmod(self.folder, 0o777)
+        self.env = {"LD_PRELOAD": GATE, "ACUT_GATE": self.folder}
+        if sanitized():
+            self.env["ASAN_OPTIONS"] = (os.environ.get("ASAN_OPTIONS", "") + ":verify_asan_link_order=0").lstrip(":")
+
+    def path(self, name):
+        return os.path.join(self.folder, name)
+
+    def close(self, call, text, first=0):
+        """From now on. `first`: how many go by. Whoever is held by an earlier rule and is meant by this one is counted anew."""
+        self.n += 1
+        if os.path.exists(self.path("held")):
+            os.unlink(self.path("held"))
+        with open(self.path("new"), "w") as f:
+            f.write("%s %s %d %d" % (call, text, first, self.n))
+        os.rename(self.path("new"), self.path("rule"))
+
+    def wait(self, other=lambda: False):
+        """Until somebody is held: True; or until other() is true: False."""
+        return until(lambda: (2 if os.path.exists(self.path("held")) else 0) or (1 if other() else 0), "nobody comes to the gate", 0.005) == 2
+
+    def open(self):
+        if os.path.exists(self.path("rule")):
+            os.unlink(self.path("rule"))
+
+
 class Daemon:
     """An acutd with folders of its own below `base`; with Daemon(base) as d: d.ctl("ping")."""
 
@@ -128,7 +176,7 @@ class Daemon:
         else:
             self.process = subprocess.Popen(self.command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self.env)
         log.close()
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + PATIENCE
         while time.monotonic() < deadline:
             if self.process.poll() is not None:
                 raise Fault("acutd ended with %d\n%s" % (self.process.returncode, self.log_text()))
@@ -156,7 +204,7 @@ class Daemon:
                     return int(line.split()[1]) * 1024
         return 0
 
-    def stop(self, sig=signal.SIGTERM, timeout=20):
+    def stop(self, sig=signal.SIGTERM, timeout=PATIENCE):
         if self.process and self.process.poll() is None:
             self.process.send_signal(sig)
             try:
