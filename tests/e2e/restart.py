@@ -1,6 +1,7 @@
 """A daemon that was killed: what it starts with, how submitted jobs go on, and what it sweeps away."""
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -40,7 +41,7 @@ def jobs_go_on():
             expect(now["state"] == "meshing" and now["progress"]["domains"] < want["domains"], "held at %.1f: %s" % (part, now))
             d.stop(signal.SIGKILL)
             # One of those that were let go may not have got there.
-            stored = sum(len([n for n in names if n.startswith("d-")]) for _, _, names in os.walk(d.cache + "/domains"))
+            stored = sum(len([n for n in names if re.fullmatch("d-[0-9a-f]{32}-[0-9a-f]{32}", n)]) for _, _, names in os.walk(d.cache + "/domains"))
             expect(kept - 1 <= stored <= kept, "%d domains are stored, %d were let go" % (stored, kept))
             gate.open()
             d.start()
