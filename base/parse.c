@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define SECONDS_MOST 1e10
+
 bool parse_u64(const char *text, uint64_t *ret)
 {
 	uint64_t v = 0;
@@ -130,9 +132,10 @@ bool parse_seconds(const char *text, double *ret)
 		else if (*rest != 's')
 			return false;
 	}
-	if (!isfinite(v * unit))
+	v *= unit;
+	if (!(v <= SECONDS_MOST))
 		return false;
-	*ret = v * unit;
+	*ret = v;
 	return true;
 }
 

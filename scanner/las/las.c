@@ -15,6 +15,7 @@ enum {
 };
 #define UNITS 1000 /* of the lattice, in one of the plane */
 #define MILLION 1000000
+#define FARTHEST 1e15 /* where a double knows thousandths no more, and an int64_t still knows all */
 
 /* ---- coordinates ---- */
 
@@ -22,8 +23,10 @@ struct las_frame las_frame_of(const double first[3])
 {
 	struct las_frame f = {{0}};
 
+	/* around a point that is nowhere: around 0, where it finds no place */
 	for (int i = 0; i < 2; i++)
-		f.offset[i] = (int64_t)floor(first[i] / MILLION + 0.5) * MILLION;
+		if (fabs(first[i]) < FARTHEST)
+			f.offset[i] = (int64_t)floor(first[i] / MILLION + 0.5) * MILLION;
 	return f;
 }
 

@@ -305,6 +305,10 @@ static void test_parse_units(void **state)
 	assert_true(parse_seconds("1.5m", &d) && d == 90);
 	assert_true(parse_seconds("2h", &d) && d == 7200);
 	assert_true(parse_seconds("7d", &d) && d == 604800);
+	assert_true(parse_seconds("1e10", &d) && d == 1e10);
+	assert_false(parse_seconds("10000000001", &d)); /* more is no time in nanoseconds */
+	assert_false(parse_seconds("300000d", &d));
+	assert_false(parse_seconds("1e308d", &d));
 	assert_true(parse_double("-1.5e3", &d) && d == -1500);
 	assert_false(parse_double("1e999", &d));
 	assert_false(parse_double("inf", &d));

@@ -80,6 +80,15 @@ static void places(void **state)
 	assert_int_equal(at[1], 412345678);
 	assert_int_equal(at[2], 301001);
 	assert_int_equal(las_place(&f, far, at, &err), -ERR_LIMIT);
+	/* what a telegram's factor can make of a range */
+	for (int i = 0; i < 6; i++) {
+		double lost[3] = {512345, 5412345, 301};
+
+		lost[i % 3] = i < 3 ? 3e35 : -3e35;
+		f = las_frame_of(lost);
+		err_clear(&err);
+		assert_int_equal(las_place(&f, lost, at, &err), -ERR_LIMIT);
+	}
 }
 
 static void file(void **state)
