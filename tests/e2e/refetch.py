@@ -1,13 +1,11 @@
 """fetch --resume: the client killed at random instants, interrupted, or left by its daemon, which comes back with other
 memory, without its cache; the file is that of a fetch that nothing interrupted. What was kept and is damaged, of another
 job or of other options is refused."""
-import json
 import os
 import random
 import shutil
 import signal
 import subprocess
-import time
 
 import e2e
 from e2e import Daemon, Folder, expect
@@ -23,9 +21,16 @@ def survey(base, points=POINTS, name="survey.las", seed=1):
     return path
 
 
-def begin(d, *args, env=OFTEN):
-    return subprocess.Popen([e2e.ACUTCTL] + list(args), env=dict(os.environ, ACUT_SOCKET=d.socket, **env),
+def begin(d, *args, env=OFTEN, gate=None):
+    return subprocess.Popen([e2e.ACUTCTL] + list(args), env=dict(os.environ, ACUT_SOCKET=d.socket, **env, **(gate.env if gate else {})),
                             stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def held(d, gate, states, *args):
+    """A fetch that stands still when it has kept its state so often; None: it came to its end before that."""
+    gate.close("renameat", ".part.state", states)
+    p = begin(d, *args, gate=gate)
+    return p if gate.wait(lambda: p.poll() is not None) else p.communicate() and None
 
 
 def parts(folder):
@@ -37,23 +42,10 @@ def read(path):
         return f.read()
 
 
-def wait_kept(p, out, least=1):
-    """Until the state says more than nothing, or the fetch is over."""
-    deadline = time.monotonic() + 60
-    while p.poll() is None:
-        expect(time.monotonic() < deadline, "no state within a minute")
-        try:
-            if os.path.exists(out + ".part.state") and os.path.getsize(out + ".part") >= least:
-                return True
-        except FileNotFoundError:
-            pass
-        time.sleep(0.002)
-    return False
-
-
 def killed_client():
     rng = random.Random(7)
     with Folder() as base, Daemon(base, **SMALL) as d:
+        gate = e2e.Gate(base)
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()
         for n, options in enumerate((["ply"], ["obj"], ["ply", "obj", "--max-edge", "4"], ["ply", "--origin", "auto"])):
@@ -62,28 +54,21 @@ def killed_client():
             kinds, rest = [o for o in options if o in ("ply", "obj")], [o for o in options if o not in ("ply", "obj")]
             outs = lambda stem: [w for k in kinds for w in ("-o", stem + k)]
             full = d.ctl("fetch", "1", "--json", *outs(want), *rest).ok().json()
+            # What it does when it is killed: it writes a part, its faces or its state, or gives the state its name, for the n-th time
+            # since it began. The first kills come before any state is kept.
             resume, kills = [], 0
-            while True:
-                p = begin(d, "fetch", "1", "--json", *outs(got), *rest, *resume)
-                if wait_kept(p, got + kinds[0], 1 << 16):
-                    time.sleep(rng.random() * 0.05)
+            for call, text, most in (("pwrite", ".part", 1), ("pwrite", ".part.state", 1), ("renameat", ".part.state", 3), ("pwrite", ".part", 9),
+                                     ("fsync", ".part", 7), ("pwrite", ".part.state", 3)):
+                gate.close(call, text, rng.randrange(most))
+                p = begin(d, "fetch", "1", "--json", *outs(got), *rest, *resume, gate=gate)
+                kills += gate.wait(lambda: p.poll() is not None)
                 p.kill()
-                out, err = p.communicate()
-                if p.returncode == 0:
-                    break
-                expect(p.returncode == -signal.SIGKILL, "%d %s" % (p.returncode, err))
-                # The last instants: all outputs have their names, and only the report was lost.
-                if all(os.path.exists(got + k) for k in kinds):
-                    out = json.dumps(full)
-                    break
-                kills += 1
+                _, err = p.communicate()
+                expect(p.returncode == -signal.SIGKILL, "it was over before it was killed (%d): %s" % (p.returncode, err))
                 resume = ["--resume"] if os.path.exists(got + kinds[0] + ".part.state") else []
-                if kills > 12:
-                    p = d.ctl("fetch", "1", "--json", *outs(got), *rest, *resume).ok()
-                    out = p.out
-                    break
-            expect(kills > 2, "%s: killed %d times only" % (options, kills))
-            result = json.loads(out)
+            expect(resume, "%s: killed %d times, and nothing is kept" % (options, kills))
+            gate.open()
+            result = d.ctl("fetch", "1", "--json", *outs(got), *rest, *resume).ok().json()
             for key in ("digest", "vertex_digest", "triangles", "vertices", "output_bytes", "left_out"):
                 expect(result[key] == full[key], "%s: %s, not %s" % (key, result[key], full[key]))
             for k in kinds:
@@ -94,6 +79,7 @@ def killed_client():
 
 def killed_daemon():
     with Folder() as base:
+        gate = e2e.Gate(base)
         d = Daemon(base, **SMALL).start()
         path = survey(base)
         d.ctl("push", "s", path).ok()
@@ -101,16 +87,13 @@ def killed_daemon():
         d.ctl("submit", "s").ok()
         out, step = os.path.join(base, "m.ply"), 0
         for memory, threads, lose in (("96M", 1, False), ("24M", 2, True), ("200M", 2, True)):
-            p = begin(d, "fetch", "1", "-o", out, *(["--resume"] if step else []))
-            wait_kept(p, out, os.path.getsize(out + ".part") + (1 << 18) if step else 1 << 16)
-            if p.poll() is None:
-                d.stop(signal.SIGKILL)
-                _, err = p.communicate()
-                expect(p.returncode in (69, 74) and "acutctl fetch 1 --resume" in err, "%d %s" % (p.returncode, err))
-                expect(os.path.exists(out + ".part.state") and not os.path.exists(out), "what is kept")
-            else:
-                _, err = p.communicate()
-                expect(False, "it was too fast to be killed (%d): %s" % (p.returncode, err))
+            p = held(d, gate, 3, "fetch", "1", "-o", out, *(["--resume"] if step else []))
+            expect(p, "it was over before its third state")
+            d.stop(signal.SIGKILL)
+            gate.open()
+            _, err = p.communicate()
+            expect(p.returncode in (69, 74) and "acutctl fetch 1 --resume" in err, "%d %s" % (p.returncode, err))
+            expect(os.path.exists(out + ".part.state") and not os.path.exists(out), "what is kept")
             if lose:
                 shutil.rmtree(d.cache)
             d = Daemon(base, memory=memory, threads=threads).start()
@@ -130,21 +113,16 @@ def says(run, status, *texts):
         expect(t in run.err + run.out, "%r is not in %s%s" % (t, run.out, run.err))
 
 
-def interrupted(d, out, *args):
+def interrupted(d, gate, out, *args):
     """A fetch that ends by Ctrl-C, with something kept."""
-    for _ in range(20):
-        for n in parts(os.path.dirname(out)):
-            os.unlink(os.path.join(os.path.dirname(out), n))
-        p = begin(d, "fetch", "1", "-o", out, *args)
-        if wait_kept(p, out, 1 << 18):
-            p.send_signal(signal.SIGINT)
-        _, err = p.communicate(timeout=60)
-        if p.returncode == 130:
-            expect("acutctl fetch 1 --resume" in err, err)
-            return
-        expect(p.returncode == 0, "%d %s" % (p.returncode, err))
-        os.unlink(out)
-    raise e2e.Fault("twenty fetches were all too fast to be interrupted")
+    for n in parts(os.path.dirname(out)):
+        os.unlink(os.path.join(os.path.dirname(out), n))
+    p = held(d, gate, 2, "fetch", "1", "-o", out, *args)
+    expect(p, "it was over before it was interrupted")
+    p.send_signal(signal.SIGINT)
+    gate.open()
+    _, err = p.communicate()
+    expect(p.returncode == 130 and "acutctl fetch 1 --resume" in err, "%d %s" % (p.returncode, err))
 
 
 def flip(path, at):
@@ -157,6 +135,7 @@ def flip(path, at):
 
 def refused():
     with Folder() as base, Daemon(base, **SMALL) as d:
+        gate = e2e.Gate(base)
         d.ctl("push", "s", survey(base)).ok()
         d.ctl("submit", "s", "--wait").ok()
         d.ctl("submit", "s", "--wait", "--every", "2").ok()
@@ -166,7 +145,7 @@ def refused():
         for more, text in ((["-o", base + "/m.png"], "png cannot be resumed"), (["-o", out, "--canonical"], "--canonical"),
                            (["-o", "/dev/null", "--format", "ply"], "regular file"), (["--format", "null"], "resume")):
             says(d.ctl("fetch", "1", "--resume", *more), 2, text)
-        interrupted(d, out)
+        interrupted(d, gate, out)
         kept = {n: read(os.path.join(base, n)) for n in parts(base)}
         expect(sorted(kept) == ["m.ply.part", "m.ply.part.faces", "m.ply.part.state"], str(sorted(kept)))
 
@@ -201,28 +180,20 @@ def refused():
         d.ctl("fetch", "1", "-o", out, "--resume").ok()
         expect(read(out) == read(want) and not parts(base), "it went on with rubbish")
         # Two at a time into one file.
-        interrupted(d, out)
-        p = begin(d, "fetch", "1", "-o", out, "--resume")
-        p.send_signal(signal.SIGSTOP)
-        for _ in range(200):
-            got = d.ctl("fetch", "1", "-o", out)
-            if got.status == 75:
-                break
-            os.kill(p.pid, signal.SIGCONT)
-            p.communicate()
-            interrupted(d, out)
-            p = begin(d, "fetch", "1", "-o", out, "--resume")
-            time.sleep(0.02)
-            p.send_signal(signal.SIGSTOP)
+        interrupted(d, gate, out)
+        p = held(d, gate, 0, "fetch", "1", "-o", out, "--resume")
+        expect(p, "it was over before it kept anything")
+        got = d.ctl("fetch", "1", "-o", out)
         says(got, 75, "another fetch writes it")
-        os.kill(p.pid, signal.SIGCONT)
-        p.communicate()
+        gate.open()
+        _, err = p.communicate()
+        expect(p.returncode == 0, "%d %s" % (p.returncode, err))
         # A leftover is replaced by a fetch that does not go on.
-        interrupted(d, out)
+        interrupted(d, gate, out)
         d.ctl("fetch", "1", "-o", out).ok()
         expect(read(out) == read(want) and not parts(base), "a leftover")
         # What the daemon cannot go on with: said, and nothing is lost by it.
-        interrupted(d, out)
+        interrupted(d, gate, out)
         before = parts(base)
         d.stop()
         os.unlink(os.path.join(d.state, "plans", "plan-1"))
