@@ -20,11 +20,6 @@ size_t cursor_left(const struct cursor *c)
 	return c->bad ? 0 : (size_t)(c->end - c->at);
 }
 
-size_t cursor_offset(const struct cursor *c)
-{
-	return (size_t)(c->at - c->start);
-}
-
 const uint8_t *cursor_bytes(struct cursor *c, size_t n)
 {
 	if (c->bad || n > (size_t)(c->end - c->at)) {
@@ -58,7 +53,6 @@ READ(u8, uint8_t)
 READ(u16, uint16_t)
 READ(u32, uint32_t)
 READ(u64, uint64_t)
-READ(i16, int16_t)
 READ(i32, int32_t)
 READ(i64, int64_t)
 READ(f64, double)

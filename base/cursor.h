@@ -16,14 +16,12 @@ struct cursor {
 
 struct cursor cursor_of(const void *bytes, size_t size);
 size_t cursor_left(const struct cursor *);
-size_t cursor_offset(const struct cursor *);
 const uint8_t *cursor_bytes(struct cursor *, size_t n); /* NULL when bad */
 void cursor_skip(struct cursor *, size_t n);
 uint8_t cursor_u8(struct cursor *);
 uint16_t cursor_u16(struct cursor *);
 uint32_t cursor_u32(struct cursor *);
 uint64_t cursor_u64(struct cursor *);
-int16_t cursor_i16(struct cursor *);
 int32_t cursor_i32(struct cursor *);
 int64_t cursor_i64(struct cursor *);
 double cursor_f64(struct cursor *);

@@ -92,7 +92,8 @@ static unsigned distance(const char *a, const char *b)
 	return row[n];
 }
 
-const char *config_nearest(const char *name)
+/* The setting that a mistyped name is likely to mean, NULL: none. */
+static const char *nearest(const char *name)
 {
 	unsigned best = UINT32_MAX, d;
 	const char *found = NULL;
@@ -120,7 +121,7 @@ static int setting_of(const char *name)
 
 static void unknown(struct reading *r, const char *name)
 {
-	const char *near = config_nearest(name);
+	const char *near = nearest(name);
 	char hint[96];
 
 	if (near)

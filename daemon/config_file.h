@@ -14,7 +14,5 @@ void config_text(const char *path, const char *text, size_t n, struct config *to
 bool config_file(const char *path, bool must, struct config *to, struct config_told *);
 /* All *.conf in a folder, by name; none if there is no folder. Hidden files and other names are left. */
 void config_folder(const char *path, struct config *to, struct config_told *);
-/* The setting that a mistyped name is likely to mean, NULL: none. */
-const char *config_nearest(const char *name);
 
 #endif

@@ -56,22 +56,6 @@ static void on_step_serving(void *ctx)
 	ping(ctx);
 }
 
-void notify_ready(struct notify *n)
-{
-	progress_listen(on_step_serving, n);
-	notify_text(&(struct jobs_work){0}, n->told);
-	n->serving = true;
-	n->told_ns = n->pinged_ns = clock_mono_ns();
-	sd_notifyf(0, "READY=1\nSTATUS=%s", n->told);
-}
-
-void notify_stopping(struct notify *n, uint64_t usec)
-{
-	n->serving = false;
-	n->behind = false;
-	sd_notifyf(0, "STOPPING=1\nSTATUS=Stopping\nEXTEND_TIMEOUT_USEC=%" PRIu64, usec);
-}
-
 /* Appends, as far as there is room. */
 static void add(char text[NOTIFY_TEXT], const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 static void add(char text[NOTIFY_TEXT], const char *fmt, ...)
@@ -84,7 +68,8 @@ static void add(char text[NOTIFY_TEXT], const char *fmt, ...)
 	va_end(args);
 }
 
-void notify_text(const struct jobs_work *work, char text[NOTIFY_TEXT])
+/* Without work it says only that acutd serves. */
+static void text_of(const struct jobs_work *work, char text[NOTIFY_TEXT])
 {
 	strcpy(text, "Serving");
 	if (work->running || work->waiting)
@@ -95,6 +80,22 @@ void notify_text(const struct jobs_work *work, char text[NOTIFY_TEXT])
 		add(text, "; pushes: %" PRIu32, work->pushes);
 }
 
+void notify_ready(struct notify *n)
+{
+	progress_listen(on_step_serving, n);
+	text_of(&(struct jobs_work){0}, n->told);
+	n->serving = true;
+	n->told_ns = n->pinged_ns = clock_mono_ns();
+	sd_notifyf(0, "READY=1\nSTATUS=%s", n->told);
+}
+
+void notify_stopping(struct notify *n, uint64_t usec)
+{
+	n->serving = false;
+	n->behind = false;
+	sd_notifyf(0, "STOPPING=1\nSTATUS=Stopping\nEXTEND_TIMEOUT_USEC=%" PRIu64, usec);
+}
+
 void notify_round(struct notify *n, const struct jobs_work *work)
 {
 	char text[NOTIFY_TEXT];
@@ -102,7 +103,7 @@ void notify_round(struct notify *n, const struct jobs_work *work)
 	ping(n);
 	if (!n->serving)
 		return;
-	notify_text(work, text);
+	text_of(work, text);
 	n->behind = strcmp(text, n->told) != 0;
 	if (!n->behind || clock_since(n->told_ns) < TOLD_EVERY)
 		return;

@@ -30,7 +30,5 @@ void notify_stopping(struct notify *, uint64_t usec);
 void notify_round(struct notify *, const struct jobs_work *);
 /* Within so many microseconds the loop has to come round once; UINT64_MAX: it need not. */
 uint64_t notify_wait(const struct notify *);
-/* The text for `work`; without work it says only that acutd serves. */
-void notify_text(const struct jobs_work *work, char text[NOTIFY_TEXT]);
 
 #endif

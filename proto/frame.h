@@ -82,7 +82,6 @@ int frame_conn_fd(const struct frame_conn *);
 /* What to poll for: POLLIN, and POLLOUT while frames are queued. The values are those of EPOLLIN and
  * EPOLLOUT as well. */
 short frame_conn_events(const struct frame_conn *);
-bool frame_conn_wants_write(const struct frame_conn *);
 size_t frame_conn_queued(const struct frame_conn *); /* bytes not yet sent */
 size_t frame_conn_held(const struct frame_conn *);   /* bytes that it takes, the queue and half a frame included */
 

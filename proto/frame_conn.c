@@ -175,11 +175,6 @@ short frame_conn_events(const struct frame_conn *conn)
 	return conn->first ? POLLIN | POLLOUT : POLLIN;
 }
 
-bool frame_conn_wants_write(const struct frame_conn *conn)
-{
-	return conn->first != NULL;
-}
-
 size_t frame_conn_queued(const struct frame_conn *conn)
 {
 	return conn->queued;

@@ -114,12 +114,10 @@ struct ctl_command {
 	unsigned least, most;      /* words */
 	bool starts;               /* starts a private daemon unasked */
 	int (*run)(struct ctl *);  /* NULL: not in this version */
-	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Run by ctl_verb_run. */
+	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Those run, not this. */
 	bool hidden;               /* not for people */
 };
 
-/* Of the commands with verbs: runs ctl->verb. */
-int ctl_verb_run(struct ctl *);
 /* NULL: there is none of that name. */
 const struct ctl_verb *ctl_verb_find(const struct ctl_command *, const char *name);
 /* An error with the nearest verb. */
@@ -153,16 +151,12 @@ struct ctl_option {
 	const char *help;          /* NULL: of a later version */
 };
 const struct ctl_option *ctl_option_rows(size_t *ret_n);
-/* Its values are words of a list. */
-bool ctl_option_choices(const struct ctl_option *);
 /* "INPUT FORMAT" of numbers: a whole number from `least` to `most`. */
 int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
 		      struct err *err);
 
 /* ---- ctl_help.c ---- */
 
-/* Prints the options that the groups take. */
-void ctl_help_options(FILE *, unsigned groups);
 
 /* ---- ctl_error.c ---- */
 

@@ -10,25 +10,31 @@
 
 #define MANY 100000u
 
+/* Of the commands with verbs. */
+static int run_verb(struct ctl *ctl)
+{
+	return ctl->verb->run(ctl);
+}
+
 static const struct ctl_command table[] = {
 	{"backup", "backup DIR", "all that was pushed, as of now, into a folder; again: what is new", CTL_ALL | CTL_COPY, 1, 1, false,
 	 ctl_backup_run},
 	{"cache", "cache stat|verify|gc", "what lies on the daemon's disk, and whether it is sound", CTL_ALL | CTL_CACHE, 1, MANY,
-	 false, ctl_verb_run, ctl_cache_verbs},
+	 false, run_verb, ctl_cache_verbs},
 	{"cancel", "cancel JOB...", "end jobs that are not done", CTL_ALL, 1, MANY, false, ctl_cancel_run},
 	{"complete", "complete N WORD...", "what could stand as the Nth of these words; for the shells", CTL_ALL, 1, MANY, false,
 	 ctl_complete_run, .hidden = true},
-	{"config", "config show", "the settings of the daemon", CTL_ALL | CTL_CONFIG, 1, MANY, false, ctl_verb_run, ctl_config_verbs},
+	{"config", "config show", "the settings of the daemon", CTL_ALL | CTL_CONFIG, 1, MANY, false, run_verb, ctl_config_verbs},
 	{"dataset", "dataset VERB NAME",
 	 "what is in one dataset, and what becomes of it",
-	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, ctl_verb_run, ctl_dataset_verbs},
+	 CTL_ALL | CTL_CREATE | CTL_GENERATION | CTL_DATASET | CTL_COPY, 1, MANY, false, run_verb, ctl_dataset_verbs},
 	{"datasets", "datasets", "list the datasets", CTL_ALL | CTL_REMOVED, 0, 0, false, ctl_datasets_run},
 	{"doctor", "doctor", "look for what is wrong", CTL_ALL, 0, 0, false, ctl_doctor_run},
 	{"fetch", "fetch JOB -o OUT", "stream the triangles of a job into files",
 	 CTL_ALL | CTL_OUT | CTL_FETCH, 1, 1, false, ctl_fetch_run},
 	{"formats", "formats", "what can be read and written", CTL_ALL, 0, 0, false, ctl_formats_run},
 	{"geoid", "geoid add|list|rm", "the geoid grids that the daemon keeps", CTL_ALL | CTL_GEOID, 1, MANY, false,
-	 ctl_verb_run, ctl_geoid_verbs},
+	 run_verb, ctl_geoid_verbs},
 	{"help", "help [COMMAND]", "this text, or that of one command", CTL_ALL, 0, 2, false, ctl_help_run},
 	{"info", "info INPUT...", "what is in files", CTL_ALL | CTL_OWN | CTL_INPUT | CTL_INFO, 1, MANY,
 	 true, ctl_info_run},
@@ -61,11 +67,6 @@ const struct ctl_verb *ctl_verb_find(const struct ctl_command *c, const char *na
 		if (!strcmp(v->name, name))
 			return v;
 	return NULL;
-}
-
-int ctl_verb_run(struct ctl *ctl)
-{
-	return ctl->verb->run(ctl);
 }
 
 const struct ctl_command *ctl_command_rows(size_t *ret_n)

@@ -51,21 +51,8 @@ static void head(FILE *out, const char *text)
 	fprintf(out, "%s%s%s\n", ctl_term_tint(&term, CTL_BOLD), text, ctl_term_tint(&term, CTL_PLAIN));
 }
 
-static void help_all(FILE *out)
-{
-	size_t n;
-	const struct ctl_command *row = ctl_command_rows(&n);
-
-	fputs("acutctl: terrain meshes from survey points, through acutd\n\n", out);
-	for (size_t i = 0; i < n; i++)
-		if (row[i].run && !row[i].hidden)
-			fprintf(out, "  acutctl %-22s %s\n", row[i].usage, row[i].help);
-	fputs("\noptions of every command:\n", out);
-	ctl_help_options(out, CTL_ALL);
-	fputs("\nacutctl help COMMAND tells a command's options, examples and exit status; man acutctl tells all.\n", out);
-}
-
-void ctl_help_options(FILE *out, unsigned groups)
+/* The options that the groups take. */
+static void put_options(FILE *out, unsigned groups)
 {
 	size_t n;
 	const struct ctl_option *row = ctl_option_rows(&n);
@@ -84,6 +71,20 @@ void ctl_help_options(FILE *out, unsigned groups)
 		else
 			fprintf(out, "  %s\n  %-24s %s\n", left, "", row[i].help);
 	}
+}
+
+static void help_all(FILE *out)
+{
+	size_t n;
+	const struct ctl_command *row = ctl_command_rows(&n);
+
+	fputs("acutctl: terrain meshes from survey points, through acutd\n\n", out);
+	for (size_t i = 0; i < n; i++)
+		if (row[i].run && !row[i].hidden)
+			fprintf(out, "  acutctl %-22s %s\n", row[i].usage, row[i].help);
+	fputs("\noptions of every command:\n", out);
+	put_options(out, CTL_ALL);
+	fputs("\nacutctl help COMMAND tells a command's options, examples and exit status; man acutctl tells all.\n", out);
 }
 
 static void statuses(FILE *out, const struct ctl_command *c)
@@ -112,10 +113,10 @@ static void help_one(FILE *out, const struct ctl_command *c)
 		fputc('\n', out);
 	if (c->groups != CTL_ALL) {
 		head(out, "options:");
-		ctl_help_options(out, c->groups & ~(unsigned)CTL_ALL);
+		put_options(out, c->groups & ~(unsigned)CTL_ALL);
 	}
 	head(out, "options of every command:");
-	ctl_help_options(out, CTL_ALL);
+	put_options(out, CTL_ALL);
 	for (size_t i = 0; i < sizeof(examples) / sizeof(*examples); i++) {
 		if (strcmp(examples[i].command, c->name))
 			continue;

@@ -150,7 +150,8 @@ const struct ctl_option *ctl_option_rows(size_t *ret_n)
 	return table;
 }
 
-bool ctl_option_choices(const struct ctl_option *o)
+/* Its values are words of a list. */
+static bool has_choices(const struct ctl_option *o)
 {
 	return o->value && o->value[0] >= 'a' && strchr(o->value, '|') && !strpbrk(o->value, ",[%");
 }
@@ -276,7 +277,7 @@ static int take(struct reader *r, const char *arg, struct err *err)
 			return err_set(err, ERR_USAGE, "--%s needs a value: %s", o->name, o->value);
 		value = r->argv[++r->at];
 	}
-	if (ctl_option_choices(o) && check_choice(o, value, err))
+	if (has_choices(o) && check_choice(o, value, err))
 		return -ERR_USAGE;
 	return set(r, o, value, err);
 }

@@ -104,7 +104,6 @@ void call_failure(const struct err *err, struct acut_failure *ret);
 void call_wire_failure(const Acut__V1__Error *, struct acut_failure *ret);
 void call_side(const Acut__V1__CacheSide *, struct acut_side *ret); /* cache.c; NULL is fine */
 void call_progress(const Acut__V1__Progress *, struct acut_progress *ret);
-int call_job(struct acut *, const Acut__V1__Job *, struct acut_job *ret, void **ret_rows);
 void call_dataset(const Acut__V1__Dataset *, struct acut_dataset *ret);
 /* The file must be one that the daemon takes. */
 int call_file(struct acut *, int fd, const char *name);

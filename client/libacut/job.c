@@ -64,7 +64,7 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 }
 
 /* *ret_rows: free it with the result. */
-int call_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void **ret_rows)
+static int take_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void **ret_rows)
 {
 	int r = 0;
 
@@ -107,7 +107,7 @@ static int job_ask(struct acut *a, const Acut__V1__Message *question, const stru
 	int r = call_ask(a, question, -1, ACUT__V1__MESSAGE__BODY_JOB);
 
 	if (r == 0)
-		r = call_job(a, a->answer->job, &a->job, &a->rows);
+		r = take_job(a, a->answer->job, &a->job, &a->rows);
 	if (r == 0)
 		*ret = &a->job;
 	return r;
@@ -169,7 +169,7 @@ int acut_job_wait(struct acut *a, uint64_t id, bool follow,
 		if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_JOB)
 			r = call_unexpected(a, a->answer);
 		if (r == 0)
-			r = call_job(a, a->answer->job, &a->job, &a->rows);
+			r = take_job(a, a->answer->job, &a->job, &a->rows);
 		if (r < 0)
 			break;
 		if (changed)
@@ -194,7 +194,7 @@ static int jobs_page(struct acut *a, const Acut__V1__Jobs *page, uint64_t after,
 		if (page->jobs[i]->id <= after)
 			return err_set(&a->err, ERR_PROTO, "the daemon's list of jobs does not rise");
 		after = page->jobs[i]->id;
-		r = call_job(a, page->jobs[i], &job, &rows);
+		r = take_job(a, page->jobs[i], &job, &rows);
 		if (r < 0)
 			return r;
 		each(ctx, &job);

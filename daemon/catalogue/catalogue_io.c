@@ -15,7 +15,7 @@
 #include "err.h"
 #include "log.h"
 
-int catalogue_reopen(struct catalogue *c, struct err *err)
+static int reopen(struct catalogue *c, struct err *err)
 {
 	int r;
 
@@ -91,7 +91,7 @@ void catalogue_after_error(struct catalogue *c, struct change *ch, struct err *w
 	int r;
 
 	log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "an error of the disk: the catalogue is opened anew", why);
-	r = catalogue_reopen(c, &err);
+	r = reopen(c, &err);
 	if (!r && ch->r)
 		r = look(c, ch, &made, &err);
 	if (r) {
@@ -110,7 +110,7 @@ int catalogue_again(struct catalogue *c, struct err *err)
 {
 	struct err why = ERR_INIT;
 
-	if (c->db || !catalogue_reopen(c, &why))
+	if (c->db || !reopen(c, &why))
 		return 0;
 	err_set(err, ERR_IO, "the catalogue is closed after an error of the disk: %.300s", why.message);
 	return err_add_hint(err, "look after the disk of the state folder, then start acutd again: what was acknowledged is there");

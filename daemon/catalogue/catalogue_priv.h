@@ -73,7 +73,6 @@ int catalogue_sum_function(struct catalogue *, struct err *err);
 int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err);
 
 /* catalogue_io.c, the thread's: after an error of the disk, and before a change. `ch->r` is what became of it. */
-int catalogue_reopen(struct catalogue *, struct err *err);
 void catalogue_after_error(struct catalogue *, struct change *ch, struct err *why);
 int catalogue_again(struct catalogue *, struct err *err); /* it is open, or cannot be */
 

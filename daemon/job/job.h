@@ -360,7 +360,6 @@ void push_abort(struct push *, void *token);
 /* Nobody will call any more: what is unanswered is still answered. What was staged whole into a named dataset and
  * neither committed nor aborted stays as a pending push. The push is void. */
 void push_leave(struct push *);
-unsigned push_unanswered(const struct push *); /* files and probes */
 /* A probe of its own, for `acutctl info`. */
 void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns,
 	       const struct job_peer *,

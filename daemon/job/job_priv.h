@@ -403,7 +403,6 @@ void limit_init(struct jobs *);
 void limit_done(struct jobs *);
 int limit_jobs(const struct jobs *, const struct job_peer *, struct err *err); /* one more */
 int limit_datasets(const struct jobs *, const struct job_peer *, struct err *err); /* likewise */
-unsigned limit_datasets_of(const struct jobs *, uint32_t uid, unsigned *ret_removed);
 /* Bytes more of that user on the disk, beside those of the lists; any thread. Balanced. */
 int limit_disk_take(struct jobs *, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err);
 void limit_disk_give(struct jobs *, uint32_t uid, uint64_t bytes);

@@ -54,7 +54,7 @@ int limit_jobs(const struct jobs *j, const struct job_peer *peer, struct err *er
 
 /* ---- datasets ---- */
 
-unsigned limit_datasets_of(const struct jobs *j, uint32_t uid, unsigned *ret_removed)
+static unsigned limit_datasets_of(const struct jobs *j, uint32_t uid, unsigned *ret_removed)
 {
 	unsigned n = 0, removed = 0;
 

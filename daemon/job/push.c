@@ -23,7 +23,7 @@
 #define DURABLE_SECONDS 5.0
 #define IDLE_SECONDS 5.0 /* without a question: others may have the stage's memory */
 
-struct push *push_free(struct push *p)
+static struct push *push_free(struct push *p)
 {
 	if (!p)
 		return NULL;
@@ -447,11 +447,6 @@ void push_leave(struct push *p)
 	p->asks_end = &p->last->next;
 	p->last = NULL;
 	push_pump(p);
-}
-
-unsigned push_unanswered(const struct push *p)
-{
-	return p->unanswered;
 }
 
 struct push *push_next(const struct push *p)

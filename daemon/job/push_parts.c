@@ -39,7 +39,7 @@ struct push_crew {
 	struct member member[];
 };
 
-uint64_t push_helper_bytes(const struct input_info *info)
+static uint64_t push_helper_bytes(const struct input_info *info)
 {
 	return pipe_ingest_bytes() + info->read_bytes;
 }

@@ -230,7 +230,6 @@ void push_stream_run(struct push *, struct push_ask *);
 int push_stream_known(struct push *, struct push_ask *);
 int push_stream_kept(struct push_ask *);
 void push_stream_wait(struct push_stream *);   /* the push's task is submitted again when the pipe has bytes */
-void push_stream_resume(struct push_stream *); /* now */
 void push_streams_wake(struct push *);         /* cancelled: nobody waits any longer */
 bool push_streams_busy(const struct push *);
 void push_streams_free(struct push *);
@@ -275,7 +274,6 @@ void push_sealing_end(struct push_sealing *);   /* loop: that is over; push_task
 struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
 void push_ask_over(struct push *);                                                     /* the first one */
 void push_pump(struct push *);
-struct push *push_free(struct push *);
 
 /* Loop: the ask is over, as a->r and a->err say. */
 void push_task_over(struct push *);
@@ -285,7 +283,6 @@ int push_crew_start(struct push *, struct push_ask *, struct err *err);
 struct push_crew *push_crew_free(struct push_crew *);
 uint64_t push_crew_held(const struct push_crew *); /* of LEDGER_INPUT, by those who help; NULL: none */
 uint64_t push_crew_step(uint64_t parts, unsigned members); /* parts that are read at a time */
-uint64_t push_helper_bytes(const struct input_info *); /* memory of each but the first */
 /* push_ask.c: when all was read: hash it, and see that it is still the same file. */
 int push_file_finish(struct push *, struct push_ask *);
 

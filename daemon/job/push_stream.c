@@ -185,6 +185,12 @@ static void keep_more(struct push_stream *s)
 	sched_submit(s->push->jobs->p.sched, &s->task);
 }
 
+static void push_stream_resume(struct push_stream *s)
+{
+	s->asks = false;
+	sched_submit(s->push->jobs->p.sched, &s->push->task);
+}
+
 void push_stream_ready(struct push_stream *s)
 {
 	if (s->asks)
@@ -202,12 +208,6 @@ void push_stream_wait(struct push_stream *s)
 	watch(s);
 	if (s->err.code)
 		push_stream_resume(s);
-}
-
-void push_stream_resume(struct push_stream *s)
-{
-	s->asks = false;
-	sched_submit(s->push->jobs->p.sched, &s->push->task);
 }
 
 void push_streams_wake(struct push *p)

@@ -404,7 +404,7 @@ static bool emit_next(struct walk *w)
  * done: so many always. More than these, so that a large domain holds nobody up whose own are small, as long as all
  * that is made and kept fits the memory that the plan counts on.
  */
-bool walk_window(const struct walk *w)
+static bool walk_window(const struct walk *w)
 {
 	enum { MOST = 64 };
 	uint64_t each = w->budget.domain_bytes, taken = 0;

@@ -65,7 +65,7 @@ static void memory_trim(struct walk_domain *d, size_t held)
 		d->memory = NULL;
 }
 
-void walk_domain_unmap(struct walk_domain *d)
+static void walk_domain_unmap(struct walk_domain *d)
 {
 	memory_trim(d, 0);
 }
@@ -320,7 +320,7 @@ static bool passes(const struct walk_domain *d)
 	return w->output ? d->index < w->output->from : w->keep;
 }
 
-void walk_domain_restart(struct walk_domain *d, enum sched_priority priority)
+static void walk_domain_restart(struct walk_domain *d, enum sched_priority priority)
 {
 	walk_domain_unmap(d);
 	d->state = DOMAIN_MAKING;

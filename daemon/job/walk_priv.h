@@ -207,12 +207,10 @@ struct walk_change *walk_change_free(struct walk *, struct walk_change *);
 /* walk_domain.c */
 /* NULL: no memory, the walk fails. */
 struct walk_domain *walk_domain_start(struct walk *, size_t index, enum sched_priority);
-void walk_domain_restart(struct walk_domain *, enum sched_priority);
 void walk_domain_emit(struct walk_domain *);
 void walk_domain_store(struct walk_domain *);
 void walk_domain_split(struct walk_domain *);
 void walk_domain_release(struct walk_domain *); /* takes it out of the list and frees it */
-void walk_domain_unmap(struct walk_domain *);
 void walk_there_free(struct walk *); /* walk_plan.c */
 int walk_store(const struct walk *); /* the folder of its domains */
 /* The time of a file is its last use, to the hour; what is written now may have a time a little earlier. */
@@ -234,7 +232,6 @@ int walk_select_count(struct walk *, struct err *err);
 void walk_select_discard(struct walk *);
 void walk_opened(struct walk *); /* the task that opened `grid` is done */
 bool walk_backlog(const struct walk *);
-bool walk_window(const struct walk *); /* room for one more domain */
 /* What waits for a slow reader is to be written to a file. The mesh of one step needs that only where nothing more can
  * be made otherwise (or where others lack memory, walk_relieve): nobody will ask for its domains again. */
 bool walk_crowded(const struct walk *);

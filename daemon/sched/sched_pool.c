@@ -203,6 +203,21 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 	return 0;
 }
 
+static void cancel_all(struct sched *s)
+{
+	struct sched_task *t;
+
+	pthread_mutex_lock(&s->lock);
+	while ((t = sched_queue_first(s->queue))) {
+		sched_queue_remove(s->queue, t);
+		atomic_store(&t->cancel, true);
+		over_add(s, t);
+	}
+	for (t = sched_queue_running(s->queue); t; t = t->next)
+		atomic_store(&t->cancel, true);
+	pthread_mutex_unlock(&s->lock);
+}
+
 struct sched *sched_free(struct sched *s)
 {
 	unsigned i;
@@ -210,7 +225,7 @@ struct sched *sched_free(struct sched *s)
 	if (!s)
 		return NULL;
 	if (s->queue)
-		sched_cancel_all(s);
+		cancel_all(s);
 	pthread_mutex_lock(&s->lock);
 	s->stop = true;
 	pthread_cond_broadcast(&s->wake);
@@ -256,21 +271,6 @@ void sched_cancel(struct sched *s, struct sched_task *t)
 		/* Others may have waited behind it. */
 		wake_all(s);
 	}
-	pthread_mutex_unlock(&s->lock);
-}
-
-void sched_cancel_all(struct sched *s)
-{
-	struct sched_task *t;
-
-	pthread_mutex_lock(&s->lock);
-	while ((t = sched_queue_first(s->queue))) {
-		sched_queue_remove(s->queue, t);
-		atomic_store(&t->cancel, true);
-		over_add(s, t);
-	}
-	for (t = sched_queue_running(s->queue); t; t = t->next)
-		atomic_store(&t->cancel, true);
 	pthread_mutex_unlock(&s->lock);
 }
 

@@ -68,7 +68,6 @@ struct sched *sched_free(struct sched *);
 void sched_submit(struct sched *, struct sched_task *);
 /* A waiting task will not run; a running one finds task->cancel set. done comes in any case. */
 void sched_cancel(struct sched *, struct sched_task *);
-void sched_cancel_all(struct sched *);
 
 /* Readable when something is to be dispatched. */
 int sched_fd(const struct sched *);

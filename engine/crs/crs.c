@@ -36,7 +36,8 @@ void crs_set_unit(char unit[CRS_UNIT_SIZE], const char *name)
 	snprintf(unit, CRS_UNIT_SIZE, "%s", name);
 }
 
-bool crs_unit_ratio(const char *name, int64_t *num, int64_t *den)
+/* Exact: *num / *den metres. */
+static bool unit_ratio(const char *name, int64_t *num, int64_t *den)
 {
 	static const struct { const char *name; int64_t num, den; } table[] = {
 		{ "metre", 1, 1 }, { "foot", 381, 1250 }, { "us-survey-foot", 1200, 3937 },
@@ -56,7 +57,7 @@ double crs_unit_metres(const char *name)
 {
 	int64_t num, den;
 
-	return crs_unit_ratio(name, &num, &den) ? (double)num / (double)den : 0;
+	return unit_ratio(name, &num, &den) ? (double)num / (double)den : 0;
 }
 
 /* Writers print the US survey foot (1200/3937 m, EPSG 9003) with 7 to 17 digits; it differs from the

@@ -104,8 +104,7 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 /* "m", "ft", "ftUS" (and the names above) to a unit name; NULL: no such unit. */
 const char *crs_assume_unit(const char *text);
 
-/* Metres of a length unit by its name; 0: it is none. Exact: *num / *den. */
+/* Metres of a length unit by its name; 0: it is none. */
 double crs_unit_metres(const char *name);
-bool crs_unit_ratio(const char *name, int64_t *num, int64_t *den);
 
 #endif

@@ -15,12 +15,6 @@
 static const double node_at[4] = {0.92387953251128675613, 0.38268343236508977173, -0.38268343236508977173,
 				  -0.92387953251128675613};
 
-void crs_cells_clear(struct crs_cells *c)
-{
-	for (unsigned i = 0; i < CRS_CELLS; i++)
-		c->table[i].state = CRS_CELL_EMPTY;
-}
-
 /* The cubic a0 + a1 s + a2 s^2 + a3 s^3 through the values f at the nodes, `step` apart in memory, in place:
  * Chebyshev coefficients (T0 = 1, T1 = s, T2 = 2 s^2 - 1, T3 = 4 s^3 - 3 s), then powers. */
 static void to_powers(double *f, unsigned step)

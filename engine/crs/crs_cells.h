@@ -33,8 +33,6 @@ struct crs_cells {
 	struct crs_cell table[CRS_CELLS];
 };
 
-/* The fields above `table` are the caller's; this empties the table. */
-void crs_cells_clear(struct crs_cells *);
 /* ret[0] and, with two outputs, ret[1]. Errors are the function's own. */
 int crs_cells_at(struct crs_cells *, double u, double v, double ret[2], struct err *err);
 

@@ -243,7 +243,6 @@ int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledge
 struct grid *grid_close(struct grid *);
 struct ledger *grid_ledger(const struct grid *); /* that it was opened with */
 uint64_t grid_charged(const struct grid *);    /* taken of LEDGER_INDEX */
-uint64_t grid_generation(const struct grid *); /* that was opened */
 const struct grid_manifest *grid_manifest(const struct grid *);
 uint64_t grid_points(const struct grid *);           /* live records */
 uint64_t grid_segment_points(const struct grid *, size_t segment); /* likewise, of one segment of the manifest */

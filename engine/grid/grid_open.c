@@ -34,7 +34,8 @@ bool grid_live(const struct grid *g, uint32_t source)
 	return life && life->live;
 }
 
-bool grid_known(const struct grid *g, uint32_t source)
+/* Whether there is such a source. */
+static bool known(const struct grid *g, uint32_t source)
 {
 	return life_of(g, source) != NULL;
 }
@@ -54,7 +55,7 @@ static int read_sources(const struct grid *g, struct grid_part *p, const struct 
 	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
 		bool live = grid_live(g, totals[i].id);
 
-		if (!grid_known(g, totals[i].id))
+		if (!known(g, totals[i].id))
 			rc = grid_damaged(p, h->sources_place, "the manifest lacks one of its sources", err);
 		p->live_points += live ? totals[i].points : 0;
 		if (live)
@@ -204,11 +205,6 @@ struct ledger *grid_ledger(const struct grid *g)
 uint64_t grid_charged(const struct grid *g)
 {
 	return g->charged;
-}
-
-uint64_t grid_generation(const struct grid *g)
-{
-	return g->generation;
 }
 
 struct grid *grid_close(struct grid *g)

@@ -56,7 +56,6 @@ struct grid {
 
 /* Whether records of this source count in the generation. False too if there is no such source. */
 bool grid_live(const struct grid *, uint32_t source);
-bool grid_known(const struct grid *, uint32_t source);
 /* -ERR_CORRUPT for segment `part`: place and what. */
 int grid_damaged(const struct grid_part *, uint64_t place, const char *what, struct err *err);
 /* All n bytes; the end of the file before that is -ERR_CORRUPT. */

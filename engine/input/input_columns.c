@@ -33,7 +33,8 @@ static void settle(struct input_columns *c)
 	c->returns = memchr(c->role, INPUT_RETURN, sizeof c->role);
 }
 
-int input_columns_parse(const char *text, struct input_columns *ret, struct err *err)
+/* The letters of --columns. -ERR_USAGE. */
+static int letters_read(const char *text, struct input_columns *ret, struct err *err)
 {
 	struct input_columns c = { .n = 0 };
 	unsigned seen[INPUT_ROLES + 1] = { 0 };
@@ -66,7 +67,7 @@ int input_columns_check(const char *text, struct err *err)
 {
 	struct input_columns c;
 
-	return text ? input_columns_parse(text, &c, err) : 0;
+	return text ? letters_read(text, &c, err) : 0;
 }
 
 /* One word or number of a line; false at its end. `kind` as column_kind. */
@@ -278,7 +279,7 @@ int input_columns_look(struct input *in, struct err *err)
 	struct input_line first;
 	struct head h = { .names_line = 0 };
 	unsigned words;
-	int rc = input_columns_parse(in->columns, &xyz->columns, err);
+	int rc = letters_read(in->columns, &xyz->columns, err);
 
 	if (!rc)
 		rc = read_head(in, &h, &first, err);

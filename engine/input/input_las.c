@@ -63,7 +63,8 @@ static inline __attribute__((always_inline)) void decode(const uint8_t *restrict
 _Static_assert(POINT_WITHHELD == 1 && POINT_SYNTHETIC == 2 && POINT_KEY == 4 && POINT_OVERLAP == 8,
 	       "decode() moves the bits of LAS to these places");
 
-void input_las_decode(unsigned format, unsigned length, const uint8_t *records, size_t n,
+/* n records to points, by format and record length (at least the minimum of the format). */
+static void decode_all(unsigned format, unsigned length, const uint8_t *records, size_t n,
 		      struct input_points *pts)
 {
 	int64_t (*raw)[3] = pts->raw + pts->n;
@@ -209,7 +210,7 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 		records = in->buffer + las->i_buffered * las->length;
 		if (las->watch)
 			las->watch(las->watch_arg, records, n, las->length);
-		input_las_decode(las->format, las->length, records, n, pts);
+		decode_all(las->format, las->length, records, n, pts);
 		las->i_buffered += n;
 		las->left -= n;
 	}

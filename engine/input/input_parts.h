@@ -157,9 +157,6 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err);
 /* Reads the variable length records, before and after the points, and fills in the CRS. */
 int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs,
 			struct err *err);
-/* n records to points, by format and record length (at least the minimum of the format). */
-void input_las_decode(unsigned format, unsigned length, const uint8_t *records, size_t n,
-		      struct input_points *pts);
 unsigned input_las_min_length(unsigned format); /* 0: no such format */
 /* Compressed: `points` that the header claims, up to byte `end` of the file. Looks at the chunk table. */
 int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *err);

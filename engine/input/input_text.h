@@ -23,8 +23,6 @@ bool input_line_is_comment(struct input_line line); /* or blank */
 int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES],
 		     struct err *err);
 
-/* The letters of --columns, or the default if NULL. -ERR_USAGE. */
-int input_columns_parse(const char *text, struct input_columns *ret, struct err *err);
 /* What stands before the points: names of columns, the number of points (.pts). Reads the first lines. */
 int input_columns_look(struct input *in, struct err *err);
 /* The line is one whole number and nothing else. */

@@ -51,7 +51,7 @@ static bool number_text(struct view_word w, char buf[NUMBER_SIZE])
 	return true;
 }
 
-bool view_word_u64(struct view_word w, uint64_t *ret)
+static bool number_u64(struct view_word w, uint64_t *ret)
 {
 	char text[NUMBER_SIZE];
 
@@ -109,7 +109,7 @@ bool view_word_plain(struct view *v, struct view_word w)
 	if (view_word_after(&w, "not-class="))
 		return view_word_classes(w, v->not_classes);
 	if (view_word_after(&w, "every="))
-		return view_word_u64(w, &v->every) && v->every;
+		return number_u64(w, &v->every) && v->every;
 	if (view_word_is(w, "ground"))
 		v->ground = true;
 	else if (view_word_is(w, "returns=first"))

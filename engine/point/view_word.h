@@ -18,7 +18,6 @@ bool view_word_after(struct view_word *, const char *before);
 /* Takes up to the next `end`, or all; false if nothing is left. */
 bool view_word_part(struct view_word *, char end, struct view_word *ret);
 /* Whole numbers without a sign too many or a zero in front. */
-bool view_word_u64(struct view_word, uint64_t *ret);
 bool view_word_i64(struct view_word, int64_t *ret);
 /* "2-5,9" into a bit set. */
 bool view_word_classes(struct view_word, uint64_t classes[4]);

@@ -40,8 +40,6 @@ bool profile_section_is(const char *name);
 /* The value of one key; `text` ends with NUL and has no quotes any more. false: *ret_wanted says what is wanted. */
 enum { PROFILE_WANTED_SIZE = 160 };
 bool profile_value_read(const struct profile_key *, const char *text, struct profile *to, char ret_wanted[PROFILE_WANTED_SIZE]);
-/* \xHH \r \n \t \0 \\ \" ; false: not so written, or longer than room. */
-bool profile_value_bytes(const char *text, uint8_t *to, size_t room, size_t *ret);
 
 /* Rules between keys. */
 int profile_check(const struct profile *, struct err *);

@@ -31,7 +31,8 @@ static bool number(const char *text, uint64_t *ret)
 	return true;
 }
 
-bool profile_value_bytes(const char *text, uint8_t *to, size_t room, size_t *ret)
+/* \xHH \r \n \t \0 \\ \" ; false: not so written, or longer than room. */
+static bool bytes_of(const char *text, uint8_t *to, size_t room, size_t *ret)
 {
 	static const char letters[] = "rnt0\\\"", means[] = "\r\n\t\0\\\"";
 	size_t n = 0;
@@ -162,7 +163,7 @@ static bool command_value(const struct profile_key *k, const char *text, struct 
 	uint8_t bytes[PROFILE_COMMAND_SIZE];
 
 	snprintf(wanted, PROFILE_WANTED_SIZE, "1 to %d bytes, with escapes \\xHH \\r \\n \\t \\0 \\\\", PROFILE_COMMAND_SIZE);
-	if (!profile_value_bytes(text, bytes, sizeof bytes, &size) || !size)
+	if (!bytes_of(text, bytes, sizeof bytes, &size) || !size)
 		return false;
 	if (k->type == PROFILE_ANSWER) {
 		snprintf(wanted, PROFILE_WANTED_SIZE, "one answer behind each send");
@@ -188,7 +189,7 @@ static bool bytes_value(const struct profile_key *k, const char *text, struct pr
 	size_t size;
 
 	snprintf(wanted, PROFILE_WANTED_SIZE, "1 to %zu bytes, with escapes \\xHH", sizeof bytes);
-	if (!profile_value_bytes(text, bytes, sizeof bytes, &size) || !size)
+	if (!bytes_of(text, bytes, sizeof bytes, &size) || !size)
 		return false;
 	memcpy(p->sync, bytes, size);
 	p->sync_size = size;

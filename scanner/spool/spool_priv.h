@@ -78,7 +78,5 @@ int spool_flush_init(struct spool_writer *, struct err *);
 void spool_flush_stop(struct spool_writer *);
 /* After a record: wakes the flusher, waits for it where too much is not durable. */
 int spool_flush_appended(struct spool_writer *, size_t data, struct err *);
-/* The folder of path, to make a new name in it durable. */
-int spool_sync_folder(const char *path, struct err *);
 
 #endif

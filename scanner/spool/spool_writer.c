@@ -70,7 +70,8 @@ struct spool_writer *spool_writer_free(struct spool_writer *w)
 	return NULL;
 }
 
-int spool_sync_folder(const char *path, struct err *err)
+/* The folder of path, to make a new name in it durable. */
+static int sync_folder(const char *path, struct err *err)
 {
 	const char *slash = strrchr(path, '/');
 	char *folder = slash == path ? strdup("/") : slash ? strndup(path, (size_t)(slash - path)) : strdup(".");
@@ -130,7 +131,7 @@ int spool_create(const char *path, struct spool_head *head, struct spool_writer 
 	if (!r)
 		r = io_sync(fd, path, err);
 	if (!r)
-		r = spool_sync_folder(path, err);
+		r = sync_folder(path, err);
 	if (r)
 		io_close(fd);
 	else

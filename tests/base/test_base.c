@@ -1,4 +1,4 @@
-/* The smaller parts of base: errors, the log's levels, arena, ledger, cursor, clock, parsing. */
+/* The smaller parts of base: errors, the log's levels, ledger, cursor, clock, parsing. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -12,7 +12,6 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "arena.h"
 #include "clock.h"
 #include "cursor.h"
 #include "err.h"
@@ -101,33 +100,6 @@ static void test_log(void **state)
 	close(ends[0]);
 	assert_true(n > 0);
 	assert_string_equal(line, "acutd: info: file a?b\nacutd: error: job 1: bad\n");
-	(void)state;
-}
-
-static void test_arena(void **state)
-{
-	_Alignas(64) uint8_t memory[256];
-	struct arena a = arena_of(memory + 1, 200);
-	struct arena_mark start = arena_mark(&a);
-
-	uint64_t *v = arena_array(&a, uint64_t, 4);
-
-	assert_non_null(v);
-	assert_int_equal((uintptr_t)v % 8, 0);
-	struct arena_mark mark = arena_mark(&a);
-
-	assert_non_null(arena_take(&a, 1, 1, 64));
-	assert_null(arena_take(&a, SIZE_MAX / 2, 3, 1)); /* the product overflows */
-	assert_true(a.overflow);
-	assert_null(arena_take(&a, 1, 1, 1)); /* sticky */
-	assert_int_equal(arena_left(&a), 0);
-	arena_rollback(&a, mark);
-	assert_false(a.overflow);
-	assert_ptr_equal(arena_take(&a, 1, 1, 1), v + 4);
-	arena_rollback(&a, start);
-	assert_ptr_equal(arena_take(&a, 200, 1, 1), memory + 1);
-	assert_null(arena_take(&a, 1, 1, 1));
-	assert_int_equal(a.peak, 200);
 	(void)state;
 }
 
@@ -235,7 +207,6 @@ static void test_cursor(void **state)
 	assert_true(cursor_f64(&c) == -0.1);
 	cursor_skip(&c, 3);
 	assert_int_equal(cursor_left(&c), 3);
-	assert_int_equal(cursor_offset(&c), 38);
 	assert_int_equal(cursor_u32(&c), 0); /* one byte short */
 	assert_true(c.bad);
 	assert_int_equal(cursor_u8(&c), 0); /* sticky, though three are left */
@@ -369,7 +340,6 @@ int main(void)
 		cmocka_unit_test(test_err_long),
 		cmocka_unit_test(test_err_table),
 		cmocka_unit_test(test_log),
-		cmocka_unit_test(test_arena),
 		cmocka_unit_test(test_ledger),
 		cmocka_unit_test(test_ledger_shares),
 		cmocka_unit_test(test_cursor),

@@ -28,7 +28,7 @@ int laz_coder_begin(struct laz_window *w, struct err *err)
 	return laz_window_check(w, err);
 }
 
-void laz_bit_init(struct laz_bit_model *m)
+static void bit_init(struct laz_bit_model *m)
 {
 	*m = (struct laz_bit_model){ .p0 = 1u << 12, .zeros = 1, .bits = 2, .left = 4, .cycle = 4 };
 }
@@ -127,6 +127,6 @@ void laz_int_reset(struct laz_int *in, unsigned bits, unsigned contexts)
 	uint8_t *zero = (uint8_t *)in + LAZ_INT_BITS_AT(contexts, bits);
 
 	laz_models_reset((struct laz_model *)in, bits + 1, contexts);
-	laz_bit_init((struct laz_bit_model *)zero);
+	bit_init((struct laz_bit_model *)zero);
 	laz_models_reset((struct laz_model *)(zero + 16), 256, bits);
 }

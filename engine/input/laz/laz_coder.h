@@ -84,7 +84,6 @@ struct laz_bit_model {
 	uint16_t left, cycle;    /* bits until the next update, between updates */
 };
 
-void laz_bit_init(struct laz_bit_model *);
 void laz_bit_update(struct laz_bit_model *);
 
 LAZ_INLINE unsigned laz_bit(struct laz_coder *c, struct laz_bit_model *m)
