@@ -72,8 +72,22 @@ static void gate_close(void)
 static void gate_open(void)
 {
 	gate.closed = false;
-	if (h.sched)
-		sched_give(h.sched, LEDGER_INPUT, 0); /* wakes the workers */
+	sched_give(h.sched, LEDGER_INPUT, 0); /* wakes the workers */
+}
+
+/* One task runs to its end, while the loop stands still. */
+static void let_one(void)
+{
+	unsigned over = gate.over + 1;
+	uint64_t since = clock_mono_ns();
+
+	gate.may = 1;
+	sched_give(h.sched, LEDGER_INPUT, 0);
+	while (gate.over < over) {
+		if (clock_since(since) > 100)
+			fail_msg("no task may run");
+		poll(NULL, 0, 1);
+	}
 }
 
 /* One task, with all that the loop does about it. */
@@ -103,6 +117,13 @@ static unsigned steps_of(uint64_t flow, unsigned since)
 	for (unsigned i = since; i < gate.noted; i++)
 		n += gate.flow[i] == flow;
 	return n;
+}
+
+/* Also of a test that failed behind the gate. */
+static int gate_teardown(void **state)
+{
+	gate_open();
+	return teardown(state);
 }
 
 #endif

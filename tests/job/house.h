@@ -293,7 +293,7 @@ struct reader {
 	struct job_output output;
 	int heads, ends;
 	atomic_int blocks, spools;
-	bool slow, sending, freed;
+	bool slow, sending, paused, freed;
 	uint64_t sending_ns, triangles;
 	struct err why;
 	bool failed;
@@ -309,6 +309,7 @@ static void r_send(struct job_output *o)
 {
 	struct reader *r = (struct reader *)o;
 
+	r->paused = false;
 	if (r->slow) {
 		if (!r->sending)
 			r->sending_ns = clock_mono_ns();
@@ -319,7 +320,19 @@ static void r_send(struct job_output *o)
 	job_output_sent(o);
 }
 
-static void r_pause(struct job_output *o) {}
+/* A worker is in its block, until it is sent again. */
+static void r_pause(struct job_output *o)
+{
+	((struct reader *)o)->paused = true;
+}
+
+/* A slow one is slow no longer: it takes what it was sent, or what it is sent when no worker is in it any more. */
+static void read_on(struct reader *r)
+{
+	r->slow = false;
+	if (r->sending && !r->paused)
+		r_send(&r->output);
+}
 
 static double r_stalled(struct job_output *o)
 {

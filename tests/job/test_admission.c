@@ -463,10 +463,7 @@ static void push_waits(void **state)
 			sched_give(h.sched, LEDGER_INPUT, held);
 	}
 	push_leave(got.push);
-	/* No worker is in its block: it may be spooled at any moment. */
-	turn_quiet();
-	r.slow = r.sending = false;
-	job_output_sent(&r.output);
+	read_on(&r);
 	all_done(&job, 1);
 	turn_until(!jobs_active(h.jobs));
 	assert_int_equal(ledger_held(h.ledger, LEDGER_FILES), 0);
@@ -504,13 +501,6 @@ static void plan_never(void **state)
 	assert_int_equal(info_of(job).state, JOB_failed);
 	assert_int_equal(info_of(job).err->code, ERR_LIMIT);
 	dataset_release(d);
-}
-
-/* Also of a test that failed behind the gate. */
-static int gate_teardown(void **state)
-{
-	gate_open();
-	return teardown(state);
 }
 
 int main(void)

@@ -182,8 +182,7 @@ static void test_expiry(void **state)
 	snprintf(path, sizeof path, "%s/datasets/%llu", h.folder, (unsigned long long)id);
 	assert_int_equal(access(path, F_OK), 0);
 	assert_non_null(info_of(job).dataset);
-	slow.slow = false;
-	r_send(&slow.output);
+	read_on(&slow);
 	turn_until(slow.ends);
 	assert_false(slow.failed);
 	turn_until_final(job);

@@ -2,7 +2,9 @@
  * Merging and prune, through the room of jobs: what can be read stays what it was, what nobody needs goes from the disk,
  * whoever reads meanwhile reads on, and what a crash leaves is swept away.
  */
-#include "house.h"
+#include "gate.h"
+
+#include "job_priv.h"
 
 /* ---- looking at the folder ---- */
 
@@ -51,11 +53,20 @@ static unsigned files_of(const char *name, const char *prefix, uint64_t *ret_byt
 	return n;
 }
 
+/* One that was given up begins again after a second. */
+static bool merge_awaited(void)
+{
+	for (const struct dataset *d = h.jobs->datasets; d; d = d->next)
+		if (d->merge_due && h.jobs->merge_after_ns != UINT64_MAX)
+			return true;
+	return h.jobs->merge;
+}
+
 static void idle(void)
 {
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!jobs_active(h.jobs) && !merge_awaited());
 	turn(0); /* what may begin now */
-	turn_until(!jobs_active(h.jobs));
+	turn_until(!jobs_active(h.jobs) && !merge_awaited());
 }
 
 /* One manifest and its segments, nothing else. */
@@ -149,9 +160,9 @@ static void many_pushes(void **state)
 	for (unsigned i = 1; i <= N; i++) {
 		dataset_release(push("many", 200 + i, i));
 		was[i] = mesh_of("many", i);
-		assert_true(dataset_of("many").segments <= 8);
+		idle();
+		assert_true(dataset_of("many").segments <= 6);
 	}
-	idle();
 	assert_int_equal(dataset_of("many").generation, N);
 	assert_true(dataset_of("many").segments <= 4);
 	assert_true(h.jobs->tally.merges >= N / 8);
@@ -289,15 +300,21 @@ static void row_first(void **state)
 	for (unsigned i = 1; i <= 4; i++)
 		dataset_release(push("row", 100000, i));
 	assert_int_equal(rows_of_pushes(), 0);
+	gate_close();
 	h.jobs->merge_after_ns = 0;
 	turn_until(h.jobs->merge);
 	while (h.jobs->merge) {
 		turn(1);
+		if (!sched_busy(h.sched))
+			continue;
+		/* A task of it ends while the loop stands still. */
+		let_one();
 		if (dataset_of("row").segments == 4 && files_of("row", "merge-", &bytes)) {
 			assert_int_equal(rows_of_pushes(), 1);
 			seen++;
 		}
 	}
+	gate_open();
 	idle();
 	assert_true(seen > 0);
 	assert_int_equal(rows_of_pushes(), 0);
@@ -435,8 +452,7 @@ static void prune_refused(void **state)
 	snprintf(number, sizeof number, "%llu", (unsigned long long)info_of(job).id);
 	assert_non_null(strstr(got.why.message, number));
 	assert_int_equal(dataset_of("used").oldest, 1);
-	r.slow = r.sending = false;
-	job_output_sent(&r.output);
+	read_on(&r);
 	turn_until(r.ends);
 	job_leave(job);
 	same_mesh("used", 1, &was);
@@ -459,8 +475,7 @@ static void prune_under_a_reader(void **state)
 	prune("read", 1, 0);
 	assert_int_equal(got.why.code, 0);
 	assert_int_equal(pruned_got.points, 60000);
-	r.slow = r.sending = false;
-	job_output_sent(&r.output);
+	read_on(&r);
 	turn_until(r.ends);
 	assert_false(r.failed);
 	assert_int_equal(r.triangles, r.totals.triangles);
@@ -505,11 +520,14 @@ static void prune_cancelled(void **state)
 	revert("give", 1);
 	h.jobs->merge_after_ns = 0;
 	bytes = dataset_of("give").bytes;
+	gate_close();
 	before = got.answers;
 	p = dataset_prune(named("give"), 1, 0, &me, pruned, NULL);
 	assert_non_null(p);
-	turn(0);
+	step();
+	assert_int_equal(got.answers, before);
 	dataset_prune_cancel(p);
+	gate_open();
 	turn_until(got.answers > before);
 	assert_int_equal(got.why.code, ERR_CANCELLED);
 	assert_int_equal(dataset_of("give").oldest, 1);
@@ -520,7 +538,7 @@ static void prune_cancelled(void **state)
 
 int main(void)
 {
-#define TEST(f) cmocka_unit_test_setup_teardown(f, setup, teardown)
+#define TEST(f) cmocka_unit_test_setup_teardown(f, setup, gate_teardown)
 	const struct CMUnitTest tests[] = {
 		TEST(many_pushes),   TEST(pushes_meanwhile),     TEST(damaged),         TEST(cut_short),
 		TEST(due_at_start),  TEST(stopped),              TEST(prune_all),       TEST(prune_last),
