@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import threading
-import time
 
 import e2e
 from e2e import expect
@@ -59,10 +58,7 @@ def things_in(folder):
 
 
 def no_links(d):
-    deadline = time.monotonic() + 10
-    while [n for n in os.listdir(d.state) if n.startswith("backup-")]:
-        expect(time.monotonic() < deadline, "the links of a backup that is over stay behind")
-        time.sleep(0.02)
+    e2e.until(lambda: not [n for n in os.listdir(d.state) if n.startswith("backup-")], "the links of a backup that is over stay behind")
 
 
 def whole_state():
@@ -135,23 +131,23 @@ def while_all_goes_on():
         tiles = [tile(base, i, n=2000) for i in range(n)]
         d.ctl("push", "s", tiles[0]).ok()
 
-        def push():
-            for t in tiles[1:]:
+        def push(some):
+            for t in some:
                 r = d.ctl("push", "s", t)
                 if r.status:
                     failed.append(r.err)
                 d.ctl("submit", "s")
 
-        pusher = threading.Thread(target=push)
-        pusher.start()
+        # Beside each backup two pushes, which are over before the next one.
         backups = []
-        while pusher.is_alive() and len(backups) < 8:
+        for i in range(1, n, 2):
             to = os.path.join(base, "backup%d" % len(backups))
+            pusher = threading.Thread(target=push, args=(tiles[i:i + 2],))
+            pusher.start()
             d.ctl("backup", to).ok()
+            pusher.join()
             backups.append(to)
-        pusher.join()
         expect(not failed, failed)
-        expect(len(backups) >= 2, "one backup took as long as all pushes")
         seen = set()
         for i in (0, len(backups) // 2, len(backups) - 1):
             with restored(base, backups[i], "r%d" % i) as r:
@@ -169,11 +165,14 @@ def cut_short():
         want = meshes(d, names)
         to = os.path.join(base, "backup")
         d.ctl("backup", to).ok()
+        gate = e2e.Gate(base)
         for k in range(4):
             d.ctl("push", "more%d" % k, tile(base, 700 + k, n=400)).ok()
-            p = subprocess.Popen([e2e.ACUTCTL, "backup", to, "--copy"], env=dict(os.environ, ACUT_SOCKET=d.socket),
+            # Killed when the k-th of its files gets its name.
+            gate.close("renameat", "/backup/", k)
+            p = subprocess.Popen([e2e.ACUTCTL, "backup", to, "--copy"], env=dict(os.environ, ACUT_SOCKET=d.socket, **gate.env),
                                  stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            time.sleep(0.003 * k)
+            expect(gate.wait(lambda: p.poll() is not None), "it was over before it was killed")
             p.kill()
             p.wait()
             with restored(base, to, "r%d" % k) as r:
@@ -303,11 +302,8 @@ def damaged_imports():
             shutil.copytree(good, bad)
             change()
             says(d.ctl("dataset", "import", bad, "x"), status, *texts)
-            says(d.ctl("dataset", "show", "x"), 4)
-            deadline = time.monotonic() + 5
-            while sorted(os.listdir(os.path.join(d.state, "datasets"))) != before:
-                expect(time.monotonic() < deadline, "a folder stays behind")
-                time.sleep(0.05)
+            e2e.until(lambda: d.ctl("dataset", "show", "x").status == 4, "a dataset stays behind")
+            e2e.until(lambda: sorted(os.listdir(os.path.join(d.state, "datasets"))) == before, "a folder stays behind")
 
         def flip(name, at):
             with open(os.path.join(bad, name), "r+b") as f:

@@ -3,7 +3,6 @@ import json
 import os
 import signal
 import subprocess
-import time
 
 import e2e
 from e2e import expect
@@ -123,36 +122,48 @@ def domains_from_files_alone():
 
 
 def killed_daemon_resumes():
-    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
-        path = survey(base, points=1500000)
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        d = e2e.Daemon(base, memory="32M", env=gate.env).start()
+        path = survey(base, points=600000)
         d.ctl("push", "big", path).ok()
+        gate.close("renameat", "/domains/", 5)
         job = d.ctl("submit", "big").ok().out.split()[0]
-        time.sleep(0.4)
+        gate.wait()
         d.stop(signal.SIGKILL)
+        gate.open()
         d.start()
         got = d.ctl("wait", job, "--json").ok()
         out = os.path.join(base, "m.ply")
         d.ctl("fetch", job, "-o", out).ok()
         e2e.run([e2e.VERIFY, out, path]).ok()
         expect(got.status == 0, got.err)
+        d.stop(signal.SIGKILL)
 
 
 def sigterm_leaves_clean_folders():
-    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
-        path = survey(base, points=1000000)
+    """Told to end in the middle of a job, it ends there: what it was about to store, and not the rest."""
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        d = e2e.Daemon(base, memory="32M", threads=1, env=gate.env).start()
+        path = survey(base, points=600000)
         d.ctl("push", "big", path).ok()
+        gate.close("renameat", "/domains/", 2)
         d.ctl("submit", "big").ok()
-        time.sleep(0.2)
-        start = time.monotonic()
-        code = d.stop(signal.SIGTERM)
-        expect(code == 0 and time.monotonic() - start < 10, "SIGTERM: status %s after %.1f s" % (code, time.monotonic() - start))
+        gate.wait()
+        d.process.send_signal(signal.SIGTERM)
+        # It has heard of it when nobody is let in any more.
+        e2e.until(lambda: d.ctl("ping").status != 0, "SIGTERM: it still serves")
+        gate.open()
+        code = d.stop()
+        expect(code == 0, "SIGTERM: status %s" % code)
+        stored = [n for _, _, fs in os.walk(d.cache + "/domains") for n in fs]
+        expect(len(stored) <= 4, "%d domains are stored: it has gone on" % len(stored))
         left = [n for top in (d.state, d.cache) for _, _, fs in os.walk(top) for n in fs if n.endswith(".tmp")]
         expect(not left, str(left))
-        second = subprocess.Popen(d.command, stderr=subprocess.DEVNULL)
-        time.sleep(0.5)
-        third = e2e.run(d.command, timeout=20)
-        second.kill()
-        second.wait()
+        d.start()
+        third = e2e.run(d.command, timeout=e2e.PATIENCE)
+        d.stop(signal.SIGKILL)
         expect(third.status != 0 and "another acutd (pid " in third.err,
                "a second daemon on the same folders: %d %s" % (third.status, third.err))
 
@@ -194,7 +205,7 @@ def refusals():
 
 def streams_and_signals():
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M") as d:
-        path, out = survey(base, points=1000000), os.path.join(base, "m.ply")
+        path, out = survey(base, points=600000), os.path.join(base, "m.ply")
         # Standard output, and a reader that goes away.
         p = subprocess.run([e2e.ACUTCTL, "mesh", "-o", "-", "--format", "ply", "--quiet", path], stdout=subprocess.PIPE,
                            stderr=subprocess.PIPE, env=dict(os.environ, ACUT_SOCKET=d.socket))
@@ -203,26 +214,25 @@ def streams_and_signals():
             f.write(p.stdout)
         e2e.run([e2e.VERIFY, out, path]).ok()
         os.unlink(out)
+        # In the middle of writing: to a file that has no name yet.
+        gate = e2e.Gate(base)
+        gate.close("pwrite", base, 2)
         p = subprocess.Popen([e2e.ACUTCTL, "mesh", "-o", out, path], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-                             env=dict(os.environ, ACUT_SOCKET=d.socket))
-        time.sleep(0.15)
+                             env=dict(os.environ, ACUT_SOCKET=d.socket, **gate.env))
+        expect(gate.wait(lambda: p.poll() is not None), "it was over before it was interrupted")
         p.send_signal(signal.SIGINT)
-        p.communicate(timeout=20)
-        expect(p.returncode in (130, -2), "SIGINT: %d" % p.returncode)
+        gate.open()
+        p.communicate(timeout=e2e.PATIENCE)
+        expect(p.returncode == 130, "SIGINT: %d" % p.returncode)
         expect([n for n in os.listdir(base) if n.startswith("m.ply") or n.startswith(".m.ply")] == [], str(os.listdir(base)))
+        gate.close("pwrite", base, 2)
         p = subprocess.Popen([e2e.ACUTCTL, "mesh", "-o", out, path], stderr=subprocess.PIPE, stdout=subprocess.PIPE,
-                             env=dict(os.environ, ACUT_SOCKET=d.socket))
-        time.sleep(0.15)
+                             env=dict(os.environ, ACUT_SOCKET=d.socket, **gate.env))
+        expect(gate.wait(lambda: p.poll() is not None), "it was over before it was killed")
         p.kill()
         p.communicate()
         d.ctl("mesh", "-o", out, path).ok()
-        deadline = time.monotonic() + 10
-        while time.monotonic() < deadline:
-            s = d.ctl("status", "--json").ok().json()
-            if s["jobs_running"] == 0:
-                break
-            time.sleep(0.1)
-        expect(s["jobs_running"] == 0, "a job of a dead client runs on: %s" % s)
+        e2e.until(lambda: d.ctl("status", "--json").ok().json()["jobs_running"] == 0, "a job of a dead client runs on")
 
 
 def private_daemon():
