@@ -93,7 +93,8 @@ struct usb_counts {
 	uint32_t in_flight;
 };
 /* Opens, claims, keeps profile->transfers in flight, sends the start commands and waits for their answers; what came
- * meanwhile is there to be taken. Blocks for as long as the device takes, at most timeout_ms a command and a little.
+ * meanwhile is there to be taken. Blocks for as long as the device takes, at most timeout_ms a command and a little. Where a
+ * start command fails and the device has taken one, the stop commands are sent: it does not go on unheard.
  * -ERR_LIMIT: they need more than usbfs_memory_mb lets (with the numbers); -ERR_PERM names the udev rule; -ERR_BUSY
  * who has it; -ERR_TIMEOUT an answer that did not come, with what was sent and what came; -ERR_NOTFOUND: unplugged
  * meanwhile; -ERR_UNSUPPORTED: mass storage, which is never opened; -ERR_INPUT: the profile does not fit the device's

@@ -167,6 +167,7 @@ struct usb_talk { /* commands, one after the other; thread's */
 	struct libusb_transfer *transfer;
 	uint8_t out[PROFILE_COMMAND_SIZE];
 	bool flying, returned;
+	bool taken, heard;     /* one of them was, whatever came of it; one of them has had its answer, where one is waited for */
 	uint64_t deadline;
 	uint16_t fall[PROFILE_COMMAND_SIZE]; /* where to go on in the answer after a byte that does not fit */
 	size_t matched;
@@ -200,6 +201,7 @@ struct usb_capture {
 	struct libusb_device_handle *handle;
 	int node_fd;                        /* of a device that libusb does not list; -1 */
 	bool claimed, left, cancelled, gap, lacking, spare_out;
+	bool start_failed;                  /* it is told to stop, and the capture has failed: err says why */
 	struct usb_setting setting;
 	const struct usb_endpoint *in, *out;
 	struct usb_slot *slots, spare;      /* spare: reads while stop commands are sent */
@@ -244,6 +246,8 @@ int usb_talk_step(struct usb_capture *, uint64_t now, struct err *);
 void usb_talk_feed(struct usb_capture *, const uint8_t *at, size_t size);
 /* Whether the device has taken one of them, and has answered where an answer is waited for. */
 bool usb_talk_heard(const struct usb_capture *);
+/* Whether the device has taken one of them, and another can be sent. */
+bool usb_talk_taken(const struct usb_capture *);
 void usb_talk_cancel(struct usb_capture *);
 uint64_t usb_talk_until(const struct usb_capture *); /* when the next step is due by the clock */
 

@@ -34,7 +34,7 @@ static void leave(struct usb_capture *c, uint64_t now, enum usb_end end, const c
 	if (c->phase >= USB_PHASE_LEAVE)
 		return;
 	c->phase = USB_PHASE_LEAVE;
-	c->end = end;
+	c->end = c->start_failed ? USB_END_FAILED : end;
 	va_start(ap, fmt);
 	vsnprintf(c->end_text, sizeof(c->end_text), fmt, ap);
 	va_end(ap);
@@ -139,6 +139,15 @@ static void note_ready(struct usb_capture *c)
 	pthread_mutex_unlock(&c->lock);
 }
 
+/* It may run: it is told to stop. */
+static void start_over(struct usb_capture *c, uint64_t now)
+{
+	usb_talk_cancel(c);
+	c->phase = USB_PHASE_QUIET;
+	c->cancelled = false;
+	c->drain_by = now + DRAIN_MS * MS;
+}
+
 static uint64_t start_on(struct usb_capture *c, uint64_t now)
 {
 	int r;
@@ -152,7 +161,11 @@ static uint64_t start_on(struct usb_capture *c, uint64_t now)
 	}
 	r = usb_talk_step(c, now, &c->err);
 	if (r < 0) {
-		leave(c, now, USB_END_FAILED, "a start command failed");
+		c->start_failed = true;
+		if (usb_talk_taken(c))
+			start_over(c, now);
+		else
+			leave(c, now, USB_END_FAILED, "a start command failed");
 		return now; /* where all transfers are in the queue nothing that comes back would wake us */
 	}
 	if (r == 1)
@@ -198,7 +211,7 @@ static uint64_t quiet(struct usb_capture *c, uint64_t now, bool abandon)
 		return c->phase == USB_PHASE_QUIET ? c->drain_by : now;
 	if (c->talk.flying && now < c->drain_by)
 		return c->drain_by; /* a start command */
-	if (abandon || c->talk.flying || !c->profile.stops) {
+	if (abandon || c->talk.flying || !c->profile.stops || (c->err.code == ERR_CANCELLED && !usb_talk_heard(c))) {
 		leave(c, now, USB_END_STOPPED, "stopped");
 		return now;
 	}
@@ -293,14 +306,10 @@ static void obey(struct usb_capture *c, uint64_t now, bool *ret_abandon)
 		leave(c, now, USB_END_FAILED, "no memory for what happened");
 	} else if (stop && c->phase == USB_PHASE_START) {
 		err_set(&c->err, ERR_CANCELLED, "stopped while the scanner was started");
-		if (!usb_talk_heard(c)) {
+		if (usb_talk_heard(c) || c->talk.flying)
+			start_over(c, now);
+		else
 			leave(c, now, USB_END_STOPPED, "stopped");
-			return;
-		}
-		usb_talk_cancel(c); /* it may run: it is told to stop */
-		c->phase = USB_PHASE_QUIET;
-		c->cancelled = false;
-		c->drain_by = now + DRAIN_MS * MS;
 	} else if (stop && c->phase == USB_PHASE_STREAM) {
 		end_parking(c, now);
 		c->phase = USB_PHASE_QUIET;

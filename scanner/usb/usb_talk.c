@@ -25,6 +25,7 @@ void usb_talk_begin(struct usb_capture *c, const struct profile_command *list, s
 	t->list = list;
 	t->n = n;
 	t->i = 0;
+	t->taken = t->heard = false;
 	t->state = USB_TALK_NEXT;
 }
 
@@ -135,6 +136,7 @@ static int sent(struct usb_capture *c, uint64_t now, struct err *err)
 	case LIBUSB_TRANSFER_COMPLETED:
 		if (t->transfer->actual_length < t->transfer->length)
 			return failed(c, ERR_IO, "the device took a part of a command only", err);
+		t->taken = true;
 		t->state = USB_TALK_WAITING;
 		t->deadline = now + timeout_ms(c) * 1000000ull;
 		return 0;
@@ -183,6 +185,7 @@ int usb_talk_step(struct usb_capture *c, uint64_t now, struct err *err)
 				return 0;
 			r = failed(c, ERR_IO, "a command failed on the bus", err);
 		} else if (t->answered) {
+			t->heard = true;
 			t->i++;
 			t->state = USB_TALK_NEXT;
 		} else if (now >= t->deadline) {
@@ -198,8 +201,13 @@ bool usb_talk_heard(const struct usb_capture *c)
 {
 	const struct usb_talk *t = &c->talk;
 
-	return t->i > 0 || (t->state == USB_TALK_SENDING && t->returned && t->answered &&
+	return t->heard || (t->state == USB_TALK_SENDING && t->returned && t->answered &&
 			    t->transfer->status == LIBUSB_TRANSFER_COMPLETED);
+}
+
+bool usb_talk_taken(const struct usb_capture *c)
+{
+	return c->talk.taken && !c->talk.flying;
 }
 
 void usb_talk_cancel(struct usb_capture *c)

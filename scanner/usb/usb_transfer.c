@@ -164,8 +164,10 @@ bool usb_transfer_submit(struct usb_capture *c, struct usb_slot *slot, uint64_t 
 		c->left = true;
 	else if (r == LIBUSB_ERROR_NO_MEM)
 		lack(c, now);
-	else
-		trouble(c, USB_RECOVER_ERROR);
+	else if (trouble(c, USB_RECOVER_ERROR)) {
+		count_trouble(c, &c->counts.errors);
+		usb_queue_event(c, USB_ERROR, NULL, 0, (int64_t)now, "a transfer is not taken: %s", libusb_strerror(r));
+	}
 	return false;
 }
 

@@ -10,7 +10,7 @@
 
 const char *const fake_verb_names[FAKE_VERBS] = {
 	"stall", "short", "babble", "error", "lose", "delay", "duplicate", "garbage", "unplug", "silent", "timeout",
-	"refuse", "stop", "kill", "pause",
+	"refuse", "stop", "kill", "pause", "deny",
 };
 const char *const fake_step_names[FAKE_STEPS] = {
 	"byte", "end", "open", "string", "claim", "start", "submit", "reap", "clear", "discard", "release",
@@ -244,6 +244,9 @@ static bool fault_state(struct fake_device *d, const struct fake_fault *f, int64
 		return true;
 	case FAKE_KILL:
 		d->wants_kill = true;
+		return true;
+	case FAKE_DENY:
+		d->denies = true;
 		return true;
 	case FAKE_PAUSE:
 		d->wants_pause_ns = f->span_ns;

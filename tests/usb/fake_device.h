@@ -38,6 +38,7 @@ enum fake_verb {
 	FAKE_STOP,      /* the front end sends SIGINT to the program */
 	FAKE_KILL,      /* ... SIGKILL */
 	FAKE_PAUSE,     /* ... SIGSTOP, and SIGCONT after S seconds */
+	FAKE_DENY,      /* the kernel does not take one transfer */
 	FAKE_VERBS,
 };
 enum fake_step {
@@ -76,6 +77,8 @@ struct fake_device {
 	char driver[FAKE_TEXT];    /* of the kernel, that has its interface; "" */
 	bool away;                 /* is not plugged in at first: after appear_ns */
 	int64_t appear_ns;
+	char appear_path[512];     /* or once there is such a file; "" */
+	bool after_close;          /* comes back when the program has let go of it, no sooner */
 	/* what it streams */
 	enum fake_source source;
 	char path[512];            /* FILE */
@@ -96,6 +99,7 @@ struct fake_device {
 
 	/* state */
 	bool detached;             /* the driver was sent away */
+	bool denies;                /* the next transfer */
 	bool running, halted, refusing, deaf, silent, gone, ended;
 	int64_t gone_ns, gone_for_ns, not_before_ns, began_ns;
 	uint64_t made, sent_stream; /* bytes taken from the source; bytes of it that count against the rate */

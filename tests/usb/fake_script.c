@@ -9,7 +9,8 @@
  *   locked                             its node is for nobody
  *   busy   driver NAME                 another program, or a driver of the kernel, has its interface
  *   unheard                            udev does not say that it came
- *   appear 0.5 s                       is not there before
+ *   appear 0.5 s | with PATH           is not there before: before there is such a file
+ *   after-close                        comes back when the program has let go of it, no sooner
  *   source pattern 5 MB | file PATH | cola 1000
  *   delivered PATH                     the bytes that it gave go there too
  *   seed N   message BYTES   on-command
@@ -160,6 +161,8 @@ static bool switch_read(struct fake_device *d, const char *key, struct words *w)
 		return d->busy = true;
 	if (strcmp(key, "unheard") == 0)
 		return d->unheard = true;
+	if (strcmp(key, "after-close") == 0)
+		return d->after_close = true;
 	if (strcmp(key, "on-command") == 0)
 		return d->on_command = true;
 	if (strcmp(key, "kernel") == 0) {
@@ -199,6 +202,12 @@ static bool line_read(struct fake_device *d, const char *key, struct words *w)
 	}
 	if (switch_read(d, key, w))
 		return true;
+	if (strcmp(key, "appear") == 0 && w->i < w->n && strcmp(w->at[w->i], "with") == 0) {
+		w->i++;
+		word = word_next(w);
+		d->away = true;
+		return word && snprintf(d->appear_path, sizeof d->appear_path, "%s", word) < (int)sizeof d->appear_path;
+	}
 	if (!number_next(w, &v))
 		return false;
 	if (strcmp(key, "class") == 0) {

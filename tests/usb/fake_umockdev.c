@@ -115,10 +115,15 @@ static char *device_text(const struct plug *p, unsigned address)
 	return g_string_free(s, FALSE);
 }
 
+static void signals_send(struct bus *b, struct fake_device *d);
+
+/* A signal goes out before anything more is moved: nobody's turn comes between it and the byte that it is due at. */
 static void wake(void *ctx)
 {
 	struct bus *b = ctx;
 
+	for (size_t i = 0; i < b->n; i++)
+		signals_send(b, b->plugs[i].device);
 	b->woken = true;
 	g_cond_signal(&b->wake);
 }
@@ -256,6 +261,15 @@ static void old_sweep(struct bus *b, bool all)
 	}
 }
 
+/* Under the lock. Whether the program has a node of it that was unplugged. */
+static bool held(const struct bus *b, const struct fake_device *d)
+{
+	for (size_t i = 0; i < b->n_old; i++)
+		if (fake_node_device(b->old[i]) == d && fake_node_open(b->old[i]))
+			return true;
+	return false;
+}
+
 static void bus_tick(struct bus *b, int64_t began_ns)
 {
 	int64_t now = fake_now();
@@ -268,9 +282,9 @@ static void bus_tick(struct bus *b, int64_t began_ns)
 		g_mutex_lock(&b->lock);
 		leave = p->node && d->gone && now - d->gone_ns >= LEAVING_NS;
 		if (!p->node && d->away)
-			come = now - began_ns >= d->appear_ns;
+			come = d->appear_path[0] ? access(d->appear_path, F_OK) == 0 : now - began_ns >= d->appear_ns;
 		else if (!p->node && d->gone && now >= p->came_back_ns)
-			come = true;
+			come = !d->after_close || !held(b, d);
 		if (come && d->gone)
 			fake_device_plug(d);
 		g_mutex_unlock(&b->lock);
@@ -471,6 +485,21 @@ static int source_write(const char *script, const char *path)
 	return fclose(f) == 0 ? 0 : 125;
 }
 
+/* The program has ended: umockdev's worker is about to see its last descriptors close. */
+static void await_closed(struct bus *b)
+{
+	for (int64_t by = fake_now() + 10000000000; fake_now() < by; g_usleep(1000)) {
+		bool open = false;
+
+		g_mutex_lock(&b->lock);
+		for (size_t i = 0; i < b->n; i++)
+			open = open || (b->plugs[i].node && fake_node_open(b->plugs[i].node)) || held(b, b->plugs[i].device);
+		g_mutex_unlock(&b->lock);
+		if (!open)
+			return;
+	}
+}
+
 static int bus_run(struct bus *b, char **argv, double timeout_s, const char *report)
 {
 	struct outcome o;
@@ -494,7 +523,7 @@ static int bus_run(struct bus *b, char **argv, double timeout_s, const char *rep
 	b->child = program_start(b, argv);
 	g_mutex_unlock(&b->lock);
 	program_wait(b, timeout_s, began, &o);
-	g_usleep(20000); /* umockdev's worker sees the last descriptors close */
+	await_closed(b);
 	g_mutex_lock(&b->lock);
 	b->ending = true;
 	b->child = 0;

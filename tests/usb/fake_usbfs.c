@@ -40,7 +40,7 @@ struct fake_node {
 	GMutex *lock;
 	struct list waiting, complete;
 	struct fake_node_counts counts;
-	unsigned clients;
+	GSList *clients;         /* programs that have it open */
 	bool disconnected, disabled_in;
 	int64_t dying_ns;        /* a real kernel goes on for a while before it says NO_DEVICE */
 	int fifo;
@@ -245,6 +245,10 @@ static int submit(struct fake_node *n, UMockdevIoctlClient *client, UMockdevIoct
 		fake_device_step(n->device, FAKE_AT_SUBMIT, fake_now());
 	if (is_gone(n))
 		return ENODEV;
+	if (n->device->denies && raw->endpoint == n->device->endpoint_in) {
+		n->device->denies = false;
+		return EINVAL;
+	}
 	if (raw->type == USBDEVFS_URB_TYPE_BULK && raw->endpoint == n->device->endpoint_in) {
 		if (!(raw->flags & USBDEVFS_URB_BULK_CONTINUATION))
 			n->disabled_in = false;
@@ -418,41 +422,26 @@ static gboolean on_ioctl(UMockdevIoctlBase *handler, UMockdevIoctlClient *client
 	return TRUE;
 }
 
-static void client_gone(GObject *client, GParamSpec *what, struct fake_node *n)
+/* Under the lock: what a program that has closed the node, or ended, left behind. */
+static void list_forget(struct fake_node *n, struct list *l, const UMockdevIoctlClient *client)
 {
-	if (umockdev_ioctl_client_get_connected((UMockdevIoctlClient *)client))
-		return;
-	g_mutex_lock(n->lock);
-	for (struct urb *u = n->complete.first, *next; u; u = next) {
+	for (struct urb *u = l->first, *next; u; u = next) {
 		next = u->next;
-		if ((GObject *)u->client != client)
+		if (u->client != client)
 			continue;
 		if (u->type == USBDEVFS_URB_TYPE_BULK && u->endpoint == n->device->endpoint_in)
 			n->counts.unreaped_bytes += u->filled;
-		list_take(&n->complete, u);
+		if (l == &n->waiting)
+			n->counts.in_flight--;
+		list_take(l, u);
 		urb_free(u);
 	}
-	for (struct urb *u = n->waiting.first, *next; u; u = next) {
-		next = u->next;
-		if ((GObject *)u->client != client)
-			continue;
-		if (u->type == USBDEVFS_URB_TYPE_BULK && u->endpoint == n->device->endpoint_in)
-			n->counts.unreaped_bytes += u->filled;
-		list_take(&n->waiting, u);
-		n->counts.in_flight--;
-		urb_free(u);
-	}
-	n->clients--;
-	if (n->notify)
-		n->notify(n->notify_ctx);
-	g_mutex_unlock(n->lock);
 }
 
 static void on_connected(UMockdevIoctlBase *handler, UMockdevIoctlClient *client, struct fake_node *n)
 {
-	g_signal_connect(client, "notify::connected", G_CALLBACK(client_gone), n);
 	g_mutex_lock(n->lock);
-	n->clients++;
+	n->clients = g_slist_prepend(n->clients, g_object_ref(client));
 	n->counts.opens++;
 	fake_device_step(n->device, FAKE_AT_OPEN, fake_now());
 	fake_node_pump(n, fake_now());
@@ -479,6 +468,7 @@ struct fake_node *fake_node_free(struct fake_node *n)
 		return NULL;
 	if (n->fifo >= 0)
 		close(n->fifo);
+	g_slist_free_full(n->clients, g_object_unref);
 	g_object_unref(n->handler);
 	g_free(n);
 	return NULL;
@@ -496,9 +486,20 @@ void fake_node_disconnect(struct fake_node *n)
 	fifo_writable(n, true);
 }
 
-bool fake_node_open(const struct fake_node *n)
+/* umockdev knows when a client has left, and tells nobody. */
+bool fake_node_open(struct fake_node *n)
 {
-	return n->clients > 0;
+	for (GSList *at = n->clients, *next; at; at = next) {
+		UMockdevIoctlClient *client = at->data;
+
+		next = at->next;
+		if (umockdev_ioctl_client_get_connected(client))
+			continue;
+		list_forget(n, &n->complete, client);
+		list_forget(n, &n->waiting, client);
+		n->clients = g_slist_delete_link(n->clients, at); /* not freed: umockdev's worker may still be in it */
+	}
+	return n->clients != NULL;
 }
 
 void fake_node_counts(const struct fake_node *n, struct fake_node_counts *ret)

@@ -24,7 +24,7 @@ int64_t fake_node_pump(struct fake_node *, int64_t now_ns);
 /* Under the lock: the device's side is gone for the kernel, too. */
 void fake_node_disconnect(struct fake_node *);
 struct fake_device *fake_node_device(const struct fake_node *);
-bool fake_node_open(const struct fake_node *);
+bool fake_node_open(struct fake_node *); /* a program has it open */
 void fake_node_counts(const struct fake_node *, struct fake_node_counts *ret);
 /* Called, under the lock, when the model's state has moved in a call. */
 void fake_node_notify(struct fake_node *, void (*fn)(void *), void *ctx);

@@ -2,10 +2,11 @@
 """acut-scan record on a bus where things go wrong: what is in the spool is what the device gave, byte for byte."""
 import os
 import random
+import signal
 import sys
 
 import bus
-from bus import Bus, device, expect
+from bus import Bus, device, expect, until
 from spool import Spool
 
 PROFILE = """title = a stream of bytes
@@ -18,7 +19,7 @@ endpoint-in = 0x81
 endpoint-out = 0x02
 transfer-size = %s
 transfers = %d
-timeout = 1s
+timeout = %d
 %s
 [framer]
 kind = stream
@@ -27,10 +28,10 @@ name = raw
 """
 
 
-def record(b, *more, size="64K", transfers=8, commands="", timeout=None, wait=True, out="out.spool"):
+def record(b, *more, size="64K", transfers=8, commands="", patience=bus.PATIENCE, timeout=None, wait=True, out="out.spool"):
     os.makedirs(b.path("profiles"), exist_ok=True)
     with open(b.path("profiles/bulk.conf"), "w") as f:
-        f.write(PROFILE % (size, transfers, commands))
+        f.write(PROFILE % (size, transfers, patience, commands))
     args = [bus.SCAN, "record", "--profiles", b.path("profiles"), "-o", b.path(out), "--no-progress"] + list(more)
     return b.run(args, timeout or bus.HANG) if wait else b.start(args, timeout or bus.HANG)
 
@@ -73,6 +74,7 @@ ONE = [
     ("babble", ["at 1 MB babble 700"], ["overflow", "cleared"]),
     ("babble in a transfer", ["at 1000448 babble 1"], ["overflow", "cleared"]),
     ("error", ["at 1000448 error 512"], ["error", "cleared"]),
+    ("not taken", ["at step submit 12 deny"], ["error", "cleared"]),
     ("silence", ["at 1 MB delay 0.4 s"], []),
     ("duplicate", ["at 1 MB duplicate 512"], []),
     ("garbage", ["at 1 MB garbage 1000"], []),
@@ -100,16 +102,16 @@ def stopped_in_a_transfer():
     """Bytes of transfers that are filled, or half filled, when they are cancelled."""
     for i, rate in enumerate(("3 MB", "20 MB", "40 MB")):
         for kernel in kernels(i):
-            with Bus(device(source="pattern 8 MB", rate=rate, kernel=kernel, faults=["at 500300 stop"])) as b:
+            with Bus(device(source="pattern 64 MB", rate=rate, kernel=kernel, faults=["at 500300 stop"])) as b:
                 r = record(b)
                 s, m = whole(b, r)
-                expect(r.report["status"] == 0 and m["delivered"] < 8 << 20, "it did not stop: %s" % m["delivered"])
+                expect(r.report["status"] == 0 and m["delivered"] < 64 << 20, "it did not stop: %s" % m["delivered"])
 
 
-STOPS = [ # and how many commands the device has taken then: None where it is chance
-    (["at 300000 stop"], 2), (["at step start stop"], None), (["at step open stop"], 0), (["at 300000 stop", "at step start 2 unplug"], 1),
-    (["at 300000 stop", "at step start 2 refuse"], 1), (["at 300000 stall", "at step clear stop"], 2), (["at 300000 unplug", "at 300000 stop"], 1),
-    (["at 300000 unplug 0.1 s", "at step open 2 stop"], None), (["at 300000 unplug 0.1 s", "at step start 2 stop"], None),
+STOPS = [ # and how many commands the device has taken then: of each that it was started by there is one that stops it
+    (["at 300000 stop"], (2,)), (["at step start stop"], (2,)), (["at step open stop"], (0, 2)), (["at 300000 stop", "at step start 2 unplug"], (1,)),
+    (["at 300000 stop", "at step start 2 refuse"], (1,)), (["at 300000 stall", "at step clear stop"], (2,)), (["at 300000 unplug", "at 300000 stop"], (1,)),
+    (["at 300000 unplug 0.1 s", "at step open 2 stop"], (1, 3)), (["at 300000 unplug 0.1 s", "at step start 2 stop"], (3,)),
 ]
 
 
@@ -122,11 +124,31 @@ def stopped_at_any_time():
                 r = record(b, *back, commands=COMMAND)
                 m, name = r.model(), "%s %s" % (kernel, faults)
                 expect(r.report["status"] in ((0,) if back or "unplug" not in faults[0] else (0, 3)), "%s: status %s: %s" % (name, r.report["status"], r.err))
-                expect(commands in (None, m["commands"]), "%s: %d commands" % (name, m["commands"]))
+                expect(m["commands"] in commands, "%s: %d commands" % (name, m["commands"]))
                 if os.path.exists(b.path("out.spool")):
                     whole(b, r, gaps=False)
                 else:
                     expect(not m["delivered"], "%s: no spool of %d bytes" % (name, m["delivered"]))
+
+
+TWO = "[start]\nsend = go\nsend = faster\nanswer = faster it is\n[stop]\nsend = halt\n"
+
+
+def start_fails():
+    """At the first, second or third thing that is said to it: what has taken a command is told to stop, and nothing else is; why is told."""
+    for i, (commands, fault, said, status, word) in enumerate((
+            (TWO, "at step start refuse", 0, 74, "refused"), (TWO, "at step start 2 refuse", 2, 74, "refused"),
+            (TWO, "at step start 2 timeout", 1, 124, "take a command"), (TWO, "at 1 MB silent", 3, 124, "no answer"),
+            (TWO, "at step start 3 unplug", 2, 124, "no answer"),
+            (TWO.replace("send = faster\n", ""), "at 1 MB silent", 2, 124, "no answer"),
+            (TWO.replace("[stop]\nsend = halt\n", ""), "at 1 MB silent", 2, 124, "no answer"))):
+        for kernel in kernels(i):
+            with Bus(device(source="pattern 2 MB", kernel=kernel, on_command=True, faults=[fault])) as b:
+                r = record(b, commands=commands, patience=1)
+                m, name = r.model(), "%s %s %r" % (kernel, fault, commands)
+                expect(r.report["status"] == status and word in r.err, "%s: %d %s" % (name, r.report["status"], r.err))
+                expect(m["commands"] == said, "%s: %d commands" % (name, m["commands"]))
+                expect(r.devices[0]["unreaped"] == 0 and not os.path.exists(b.path("out.spool")), "%s: something is left: %s" % (name, r.devices[0]))
 
 
 def transfers_of_all_sizes():
@@ -142,7 +164,7 @@ def flood_at_start():
     """A command is not answered while more comes than is kept meanwhile: refused in its time, as where nothing comes."""
     commands = "[start]\nsend = go\nanswer = never\n"
     with Bus(device(source="pattern 40 MB")) as b:
-        r = record(b, commands=commands, timeout=20)
+        r = record(b, commands=commands, patience=1)
         expect(r.report["status"] == 124 and "no answer" in r.err, "status %s: %s" % (r.report["status"], r.err))
         expect(r.devices[0]["unreaped"] == 0 and not os.path.exists(b.path("out.spool")), "something is left: %s" % r.devices[0])
 
@@ -223,8 +245,11 @@ def another_comes_back():
 
 def never_back():
     with Bus(device(source="pattern 1 MB", faults=["at 300000 unplug"])) as b:
-        p = record(b, "--reconnect", "--for", "2", wait=False)
+        p = record(b, "--reconnect", wait=False)
+        until(lambda: os.path.exists(b.path("out.spool")) and b"left the device" in open(b.path("out.spool"), "rb").read(), "it has not left")
+        os.kill(b.program(p, bus.SCAN), signal.SIGINT)
         r = b.finish(p)
+        expect(r.report["status"] == 0, r.err)
         s, m = whole(b, r, ended=True)
         expect("left" in s.words() and "back" not in s.words(), "events %s" % s.events())
 
@@ -287,7 +312,7 @@ def combinations():
         combination(seed)
 
 
-CASES = [each_fault, stopped_in_a_transfer, stopped_at_any_time, transfers_of_all_sizes, flood_at_start, kernels_without,
+CASES = [each_fault, stopped_in_a_transfer, stopped_at_any_time, transfers_of_all_sizes, start_fails, flood_at_start, kernels_without,
          back_pressure, unplugged_at_every_step, unplugged_and_back, another_comes_back,
          never_back, killed, combinations]
 

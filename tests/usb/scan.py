@@ -18,7 +18,8 @@ def rows(r):
 
 
 def scan(b, *args, **kw):
-    return b.run([bus.SCAN] + list(args) + ["--profiles", bus.PROFILES], **kw)
+    profiles = bus.patient_profiles(b.path("profiles"))
+    return b.run([bus.SCAN] + list(args) + ["--profiles", kw.pop("profiles", profiles)], **kw)
 
 
 def untouched(d):
@@ -45,12 +46,13 @@ def lists():
 
 
 def equal_devices():
-    script = device("a", port="1-1", serial="18360001", **TIM) + device("b", port="1-2", serial="18360002", **TIM)
+    stop = ["at 30000 stop"]
+    script = device("a", port="1-1", serial="18360001", faults=stop, **TIM) + device("b", port="1-2", serial="18360002", faults=stop, **TIM)
     with Bus(script) as b:
         r = scan(b, "probe")
         expect(r.status == 2 and "18360001" in r.err and "18360002" in r.err and "serial:" in r.err, "it chose one: %s %s" % (r.status, r.err))
         for i, which in ((0, "serial:18360001"), (1, "serial:18360002"), (1, "port:1-2"), (0, "port:1-1")):
-            r = scan(b, "record", which, "-o", b.path("s%d" % b.runs), "--for", "0.3", "--no-progress")
+            r = scan(b, "record", which, "-o", b.path("s%d" % b.runs), "--no-progress")
             expect(r.status == 0, r.err)
             s = Spool(b.path("s%d" % (b.runs - 1)))
             expect(s.serial == "1836000%d" % (i + 1), "%s took %s" % (which, s.serial))
@@ -62,10 +64,10 @@ def equal_devices():
 
 def probes():
     with Bus(device("a", port="1-1", serial="18360001", **TIM)) as b:
-        r = scan(b, "probe", "--for", "1")
+        r = scan(b, "probe", "--for", "3")
         expect(r.status == 0, r.err)
         expect("18360001" in r.out, r.out)
-        r = scan(b, "probe", "--for", "1", "--json")
+        r = scan(b, "probe", "--for", "3", "--json")
         expect(r.status == 0 and rows(r), r.err)
         expect(r.model()["telegrams"] > 10 and r.model()["commands"] == 2, "it did not listen: %s" % r.model())
 
@@ -91,7 +93,7 @@ def not_permitted():
 def commands_not_answered():
     for fault, word in (("at step start timeout", "take a command"), ("at step start refuse", "")):
         with Bus(device("a", port="1-1", serial="18360001", faults=[fault], **TIM)) as b:
-            r = scan(b, "record", "-o", b.path("spool"))
+            r = scan(b, "record", "-o", b.path("spool"), profiles=bus.PROFILES)
             expect(r.status != 0 and r.err.strip() and word in r.err, "%s: %s %s" % (fault, r.status, r.err))
             expect(r.devices[0]["claims"] == r.devices[0]["releases"], "%s: not let go of" % fault)
 

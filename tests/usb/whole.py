@@ -44,7 +44,7 @@ def profile(b, name, text):
 
 def shipped(name):
     with open(os.path.join(bus.PROFILES, name + ".conf")) as f:
-        return f.read()
+        return bus.patient(f.read())
 
 
 def texts(path):

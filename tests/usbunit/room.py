@@ -3,11 +3,13 @@
 always ends, once; refusals say what to do."""
 import os
 import re
+import signal
 import sys
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../usb"))
 import bus  # noqa: E402
-from bus import Bus, device, expect, sha256  # noqa: E402
+from bus import Bus, device, expect, sha256, until  # noqa: E402
+from rest import rests  # noqa: E402
 
 TOOL = os.environ.get("USB_CAPTURE", "usb-capture")
 KERNELS = [(k, p) for k in ("mock", "real") for p in ("fifo", "file")]
@@ -40,13 +42,17 @@ answer = \\x02sEA LMDscandata 0
 class Run(Bus):
     """The tool on a bus; `profile` as words of PROFILE."""
 
-    def tool(self, *args, commands="", size="64K", transfers=8, timeout="1", fail=None, seconds=20):
+    def tool(self, *args, commands="", size="64K", transfers=8, timeout=bus.PATIENCE, fail=None, wait=True):
         folder = self.path("profiles")
         os.makedirs(folder, exist_ok=True)
         with open(os.path.join(folder, "test.conf"), "w") as f:
             f.write(PROFILE % ("endpoint-out = 0x02" if commands else "", size, transfers, timeout, commands))
-        r = self.run([TOOL, "--profile", os.path.join(folder, "test.conf"), "--out", self.path("out")] + list(args), timeout=seconds,
-                     env={"ACUT_PROFILES": folder})
+        p = self.start([TOOL, "--profile", os.path.join(folder, "test.conf"), "--out", self.path("out")] + list(args),
+                       env={"ACUT_PROFILES": folder})
+        return self.done(p, fail) if wait else p
+
+    def done(self, p, fail=None):
+        r = self.finish(p)
         r.counts = dict((k, int(v)) for k, v in re.findall(r"(\w+)=(\d+)", "".join(re.findall("^counts .*", r.out, re.M)[-1:])))
         r.events = [line.split(" ")[0] for line in r.out.splitlines()]
         if fail is None:
@@ -70,15 +76,15 @@ def scanner(**words):
 
 
 def each_fault():
-    faults = ["at 1 MB stall", "at 1500000 short 100", "at 1600000 short 0", "at 2 MB babble 700", "at 2500000 error 512", "at 3 MB garbage 1000",
-              "at 3100000 duplicate", "at 3200000 delay 0.1 s", "at 3300000 lose 1000", "every 700 KB stall", "at end stop"]
+    # What ends transfers is further apart than what is in flight: each is an episode of its own, however late it is seen.
+    faults = ["at 1 MB stall", "at 1500000 short 100", "at 1600000 short 0", "at 2 MB babble 700", "at 3 MB error 512", "at 3200000 garbage 1000",
+              "at 3300000 duplicate", "at 3400000 delay 0.1 s", "at 3500000 lose 1000", "at 4 MB stall", "at 4200000 stall", "at end stop"]
     for kernel, poll in KERNELS:
-        with Run(scanner(source="pattern 4 MB", kernel=kernel, poll=poll, faults=faults)) as b:
+        with Run(scanner(source="pattern 5 MB", kernel=kernel, poll=poll, faults=faults)) as b:
             r = b.tool()
             b.whole(r)
-            # A halt that is cleared with an overflow just before it is not seen.
-            expect(r.counts["stalls"] in (5, 6) and r.counts["overflows"] == 1 and r.counts["errors"] == 1, str(r.counts))
-            expect(r.events.count("CLEARED") in (6, 7, 8) and r.events.count("GONE") == 1, r.out)
+            expect(r.counts["stalls"] == 3 and r.counts["overflows"] == 1 and r.counts["errors"] == 1, str(r.counts))
+            expect(r.events.count("CLEARED") == 5 and r.events.count("GONE") == 1, r.out)
             expect(r.counts["after_gap"] == 2, r.out)
 
 
@@ -103,8 +109,7 @@ def unplug_at_each_step():
         for step in STEPS:
             faults = ["at step %s unplug" % step, "at 1 MB stall", "at 4 MB stop"]
             with Run(scanner(source="pattern 8 MB", kernel=kernel, poll=poll, faults=faults)) as b:
-                r = any_end(b)
-                expect(r.report["seconds"] < 8, "%s %s %s took %s s" % (kernel, poll, step, r.report["seconds"]))
+                any_end(b)
 
 
 def any_end(b, *args, **kw):
@@ -132,7 +137,6 @@ def unplug_at_bytes():
             r = any_end(b, size="16K")
             if hasattr(r, "out"):
                 expect("GONE left" in r.out, r.out)
-            expect(r.report["seconds"] < 8, "it took %s s" % r.report["seconds"])
 
 
 def replug():
@@ -158,7 +162,7 @@ def no_answer():
     with Run(scanner(source="pattern 1 MB", on_command=True, faults=["at step start silent"])) as b:
         r = b.tool(commands=COMMANDS, timeout="0.3", fail=(124, "sEN LMDscandata 1", "0 bytes came", "300 ms"))
         expect(r.devices[0]["releases"] == 1, "it was not released")
-    with Run(scanner(source="pattern 1 MB", rate="100 KB", message=100)) as b:
+    with Run(scanner(source="pattern 1 KB", message=100)) as b:
         r = b.tool(commands=COMMANDS.replace("sEA", "sFA"), timeout="0.3", fail=(124, "bytes came: \""))
     with Run(scanner(source="pattern 1 MB", faults=["at step start refuse"])) as b:
         b.tool(commands=COMMANDS, fail=(74, "refused a command"))
@@ -171,19 +175,18 @@ def no_answer():
         b.whole(r)
         expect("GONE left" in r.out and r.model()["delivered"] > 0, r.out)
     with Run(scanner(source="cola 300", on_command=True, faults=["at step start 2 timeout", "at 100 KB stop"])) as b:
-        r = b.tool(commands=COMMANDS, timeout="0.3")
+        r = b.tool(commands=COMMANDS, timeout="4") # the start must be answered within that
         b.whole(r)
         expect("TIMEOUT" in r.events and "GONE stopped" in r.out and "sEN LMDscandata 0" in r.out, r.out)
 
 
 def stop_while_starting():
     with Run(scanner(source="pattern 1 KB", on_command=True, faults=["at step start silent", "at step start stop"])) as b:
-        r = b.tool(commands=COMMANDS, timeout="15", fail=(1, "stopped while"))
-        expect(r.report["seconds"] < 5, "it waited")
+        b.tool(commands=COMMANDS, timeout="600", fail=(1, "stopped while")) # or it waits, and has hung
     with Run(scanner(source="pattern 1 KB", faults=["at end stop"])) as b: # what has come is kept
-        r = b.tool(commands=COMMANDS, timeout="15")
+        r = b.tool(commands=COMMANDS, timeout="600")
         b.whole(r)
-        expect(r.report["seconds"] < 5 and r.model()["delivered"] == 1024 and "GONE stopped" in r.out, r.out)
+        expect(r.model()["delivered"] == 1024 and "GONE stopped" in r.out, r.out)
 
 
 def rights():
@@ -207,10 +210,12 @@ def drivers():
 def without_udev():
     """It comes and nobody says so: the list is looked at; libusb does not list it: its node is opened."""
     for kernel in ("mock", "real"):
-        with Run(scanner(source="pattern 1 MB", appear="0.6 s", unheard=True, poll="file", kernel=kernel, faults=["at 600 KB unplug"]), udev=False) as b:
-            r = b.tool("--wait")
+        with Run(udev=False) as b:
+            b.script = scanner(source="pattern 1 MB", appear="with " + b.path("waits"), unheard=True, poll="file", kernel=kernel,
+                               faults=["at 600 KB unplug"])
+            r = b.tool("--wait", "--waits", b.path("waits"))
             b.whole(r)
-            expect((r.events.count("CAME") == 1 or bus.sanitizer(TOOL)) and "GONE left" in r.out, r.out)
+            expect(r.events.count("CAME") == 1 and "GONE left" in r.out, r.out)
 
 
 def dropped():
@@ -229,8 +234,9 @@ def storage():
         d = r.devices[0]
         expect(d["opens"] + d["claims"] + d["detaches"] == 0, "mass storage was touched: %s" % d)
         b.tool("--device", "", fail=(4, "no scanner is plugged in"))
-    with Run(device("b", id="1234:5678", **{"class": 8, "appear": "0.3 s"})) as b:
-        r = b.run([TOOL, "--watch", "1"])
+    with Run() as b:
+        b.script = device("b", id="1234:5678", **{"class": 8, "appear": "with " + b.path("waits")})
+        r = b.run([TOOL, "--watch", "600", "--changes", "1", "--waits", b.path("waits")])
         expect("CAME 1-1 1234:5678" in r.out and "storage=1" in r.out, "its coming was not told: %s" % r.out)
         expect(r.devices[0]["opens"] == 0, "mass storage was opened")
 
@@ -252,11 +258,11 @@ def which():
 
 
 def parked():
-    """One who is slow gets all, and transfers wait for him."""
+    """One who is slow (he keeps each buffer until all others are full, and 2 ms more) gets all, and transfers wait for him."""
     with Run(scanner(source="pattern 2 MB", faults=["at 1 MB stall", "at end stop"])) as b:
-        r = b.tool("--slow", "5", size="16K", transfers=4)
+        r = b.tool("--slow", "2", size="16K", transfers=4)
         b.whole(r)
-        expect(r.counts["parked"] > 10 and r.counts["parked_ns"] > 100e6, r.out)
+        expect(r.counts["parked"] > 100 and r.counts["parked_ns"] > 200e6, r.out)
         expect(r.events.count("PARKED") >= r.counts["parked"] - 1, r.out)
     with Run(scanner(source="pattern 256 KB", rate="1 MB", faults=["at end stop"])) as b: # less than transfers hold
         r = b.tool()
@@ -266,20 +272,20 @@ def parked():
 
 def half_filled():
     """What a transfer has when it is cancelled, at a stop and by a stall, is data."""
-    with Run(scanner(source="pattern 1 MB", rate="10 KB", faults=["at 3000 stall"])) as b:
-        r = b.tool("--for", "0.7")
+    with Run(scanner(source="pattern 1 MB", rate="10 KB", faults=["at 3000 stall", "at %d stop" % (3000 + 2 * 512)])) as b:
+        r = b.tool()
         b.whole(r)
         expect(r.counts["bytes"] > 3500 and r.counts["stalls"] == 1, r.out)
 
 
 def not_given_back():
     with Run(scanner(source="pattern 4 MB")) as b:
-        r = b.tool("--hold", "99", "--for", "0.5", transfers=4)
+        r = b.tool("--hold", "99", "--until-parked", transfers=4)
         b.whole(r)
-        expect(r.counts["parked"] == 1 and 200e6 < r.counts["parked_ns"] < 2e9, r.out)
+        expect(r.counts["parked"] == 1 and 0 < r.counts["parked_ns"] < bus.HANG * 1e9, r.out)
         expect("GONE stopped" in r.out, r.out)
     with Run(scanner(source="cola 3000", on_command=True)) as b:
-        r = b.tool("--hold", "99", "--for", "0.5", transfers=4, commands=COMMANDS)
+        r = b.tool("--hold", "99", "--until-parked", transfers=4, commands=COMMANDS)
         b.whole(r)
         expect(r.events.count("SENT") == 2 and r.counts["timeouts"] == 0, r.out)
     with Run(scanner(source="pattern 4 MB", faults=["at 200 KB unplug"])) as b:
@@ -302,10 +308,12 @@ def misfit():
 
 def idle():
     with Run(scanner(source="pattern 1 KB")) as b:
-        r = b.tool("--for", "5")
-        b.whole(r)
-        expect(bus.sanitizer(TOOL) or r.report["cpu_s"] < 0.2, "a silent device costs %s s of 5" % r.report["cpu_s"])
-        expect(bus.sanitizer(TOOL) or r.report["switches"] < 200, "it woke %d times" % r.report["switches"])
+        p = b.tool(wait=False)
+        until(lambda: os.path.exists(b.path("out")) and os.path.getsize(b.path("out")) == 1024, "it did not come")
+        pid = b.program(p, TOOL)
+        rests(pid, 40, 0.04)
+        os.kill(pid, signal.SIGINT)
+        b.whole(b.done(p))
 
 
 CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, which,

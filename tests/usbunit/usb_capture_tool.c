@@ -2,11 +2,14 @@
  * The least that captures through scanner/usb, for its tests: writes what came to a file, prints a line for each thing
  * that happened and one with the counts.
  *
- *   usb-capture [--list] [--watch SECONDS] [--device WHICH] [--profile FILE] [--out FILE] [--for SECONDS] [--bytes N] [--slow MS]
- *               [--hold N] [--again] [--wait] [--debug] [--memory MB] [--drop]
+ *   usb-capture [--list] [--watch SECONDS] [--changes N] [--device WHICH] [--profile FILE] [--out FILE] [--bytes N] [--slow MS]
+ *               [--hold N] [--until-parked] [--again] [--wait] [--waits FILE] [--debug] [--memory MB] [--drop]
  *
- * --slow: so long is each buffer kept; --hold: N buffers are never given back; --again: captured again when it comes
- * back; --drop: freed after --bytes, without a stop; --wait: until one comes if there is none; --memory: what the kernel of umockdev's folder lends. SIGINT stops. Ends with the exit status of the error.
+ * --changes: watches until so many were told; --slow: each buffer is kept until nothing is in flight for want of one (or a stop is asked
+ * for), and so long; --hold: N buffers are never given back; --until-parked: stops once nothing is in flight for want of a buffer;
+ * --again: captured again when it comes back; --drop: freed after --bytes, without a stop; --wait: until one comes if there is none;
+ * --waits: a file that is made when it begins to wait for one; --memory: what the kernel of umockdev's folder lends. SIGINT stops.
+ * Ends with the exit status of the error.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -30,11 +33,11 @@ static const char *const ends[] = {"stopped", "left", "failed"};
 
 struct tool {
 	const char *device, *profile, *out;
-	double seconds, watch;
-	uint64_t bytes, got;
-	unsigned slow_ms, hold;
-	const char *memory;
-	bool list, again, wait, debug, drop, stopped, stop_sent;
+	double watch;
+	uint64_t bytes, got, parks;
+	unsigned slow_ms, hold, changes;
+	const char *memory, *waits;
+	bool until_parked, list, again, wait, debug, drop, stopped, stop_sent;
 	int out_fd, stop_fd;
 	struct usb *usb;
 	struct usb_counts counts;
@@ -73,8 +76,12 @@ static bool arguments(struct tool *t, int argc, char **argv)
 			t->memory = next;
 		else if (!strcmp(a, "--out") && ++i)
 			t->out = next;
-		else if (!strcmp(a, "--for") && ++i)
-			t->seconds = atof(next);
+		else if (!strcmp(a, "--until-parked"))
+			t->until_parked = true;
+		else if (!strcmp(a, "--waits") && ++i)
+			t->waits = next;
+		else if (!strcmp(a, "--changes") && ++i)
+			t->changes = (unsigned)atoi(next);
 		else if (!strcmp(a, "--watch") && ++i)
 			t->watch = atof(next);
 		else if (!strcmp(a, "--bytes") && ++i)
@@ -110,7 +117,26 @@ static int list(struct tool *t)
 	return 0;
 }
 
-static void keep(struct tool *t, struct usb_buffer *b)
+static uint64_t parks(struct usb_capture *c)
+{
+	struct usb_counts counts;
+
+	usb_capture_counts(c, &counts);
+	return counts.parked;
+}
+
+/* One who is slower than any device: all other transfers are full before this buffer goes back. */
+static void dawdle(struct tool *t, struct usb_capture *c)
+{
+	struct pollfd p = {t->stop_fd, POLLIN, 0};
+
+	while (!t->stopped && parks(c) == t->parks && !poll(&p, 1, 1))
+		;
+	t->parks = parks(c);
+	usleep(t->slow_ms * 1000);
+}
+
+static void keep(struct tool *t, struct usb_capture *c, struct usb_buffer *b)
 {
 	t->got += b->size;
 	t->with_error += b->with_error;
@@ -120,7 +146,7 @@ static void keep(struct tool *t, struct usb_buffer *b)
 	if (t->out_fd >= 0 && write(t->out_fd, b->at, b->size) != (ssize_t)b->size)
 		perror("write");
 	if (t->slow_ms)
-		usleep(t->slow_ms * 1000);
+		dawdle(t, c);
 }
 
 /* All that is there; true once it has gone. */
@@ -130,7 +156,7 @@ static bool take_all(struct tool *t, struct usb_capture *c, enum usb_end *ret)
 
 	while (usb_capture_take(c, &b)) {
 		if (b.kind == USB_DATA)
-			keep(t, &b);
+			keep(t, c, &b);
 		else
 			printf("%s %s%s%.*s\n", kinds[b.kind], b.kind == USB_GONE ? ends[b.end] : "", b.text,
 			       b.kind == USB_SENT ? (int)b.size : 0, b.kind == USB_SENT ? (const char *)b.at : "");
@@ -147,20 +173,18 @@ static bool take_all(struct tool *t, struct usb_capture *c, enum usb_end *ret)
 	return false;
 }
 
-static enum usb_end capture(struct tool *t, struct usb_capture *c, uint64_t began)
+static enum usb_end capture(struct tool *t, struct usb_capture *c)
 {
 	enum usb_end end = USB_END_STOPPED;
 	struct usb_counts counts;
 
 	for (;;) {
 		struct pollfd p[2] = {{usb_capture_fd(c), POLLIN, 0}, {t->stop_fd, POLLIN, 0}};
-		double left = t->seconds - clock_since(began);
 
 		if (t->stopped)
 			p[1].fd = -1;
-		poll(p, 2, t->seconds && !t->stopped ? (left > 0 ? (int)(left * 1000) + 1 : 0) : -1);
-		t->stopped = t->stopped || p[1].revents || (t->seconds && clock_since(began) >= t->seconds) ||
-			     (t->bytes && t->got >= t->bytes);
+		poll(p, 2, t->until_parked && !t->stopped ? 10 : -1);
+		t->stopped = t->stopped || p[1].revents || (t->until_parked && parks(c)) || (t->bytes && t->got >= t->bytes);
 		if (t->stopped && t->drop)
 			break;
 		if (t->stopped && !t->stop_sent) {
@@ -182,6 +206,14 @@ static enum usb_end capture(struct tool *t, struct usb_capture *c, uint64_t bega
 	return end;
 }
 
+static void note_waits(const struct tool *t)
+{
+	int fd = t->waits ? open(t->waits, O_WRONLY | O_CREAT | O_CLOEXEC, 0600) : -1;
+
+	if (fd >= 0)
+		close(fd);
+}
+
 /* Until something came, or a stop. */
 static bool wait_for_one(struct tool *t)
 {
@@ -190,6 +222,7 @@ static bool wait_for_one(struct tool *t)
 	enum usb_change change;
 	bool came = false;
 
+	note_waits(t);
 	while (!came) {
 		poll(p, 2, -1);
 		if (p[1].revents)
@@ -209,12 +242,15 @@ static int watch(struct tool *t)
 	uint64_t began = clock_mono_ns();
 	struct usb_device device;
 	enum usb_change change;
+	unsigned told = 0;
 
-	while (clock_since(began) < t->watch) {
+	note_waits(t);
+	while (clock_since(began) < t->watch && (!t->changes || told < t->changes)) {
 		poll(&p, 1, 10);
 		while (usb_change(t->usb, &change, &device)) {
 			printf("%s ", change == USB_CAME ? "CAME" : "LEFT");
 			print_device(&device);
+			told++;
 		}
 	}
 	return 0;
@@ -222,7 +258,6 @@ static int watch(struct tool *t)
 
 static int run(struct tool *t, const struct profile *profile)
 {
-	uint64_t began = clock_mono_ns();
 	struct usb_capture *c;
 	struct usb_device device;
 	int r;
@@ -238,7 +273,7 @@ static int run(struct tool *t, const struct profile *profile)
 		if (r == 0) {
 			printf("started %s\n", device.port);
 			fflush(stdout);
-			if (capture(t, c, began) == USB_END_STOPPED || !t->again)
+			if (capture(t, c) == USB_END_STOPPED || !t->again)
 				return 0;
 		}
 		t->wait = false;
