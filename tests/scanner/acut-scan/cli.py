@@ -78,7 +78,7 @@ def names_in_json():
 
 
 def complete(*words):
-    got = subprocess.run([SCAN, "complete", str(len(words)), "acut-scan", *words], stdout=subprocess.PIPE, timeout=20)
+    got = subprocess.run([SCAN, "complete", str(len(words)), "acut-scan", *words], stdout=subprocess.PIPE, timeout=180)
     return [line.split("\t")[0] for line in got.stdout.decode().splitlines()]
 
 
@@ -93,7 +93,7 @@ def completion():
     expect(complete("push", "--pose-clock=g") == ["gps"], "")
     expect(complete("help", "li") == ["list"], "")
     for n in ("0", "x", "9"):
-        expect(subprocess.run([SCAN, "complete", n, "acut-scan"], stdout=subprocess.PIPE, timeout=20).returncode == 2, n)
+        expect(subprocess.run([SCAN, "complete", n, "acut-scan"], stdout=subprocess.PIPE, timeout=180).returncode == 2, n)
 
 
 def shells():
@@ -101,10 +101,10 @@ def shells():
     env = dict(os.environ, PATH=os.path.dirname(os.path.abspath(SCAN)) + ":" + os.environ["PATH"])
     script = ("source %s/acut-scan.bash\nCOMP_WORDS=(acut-scan record --rec)\nCOMP_CWORD=2\n_acut_scan\n"
               "printf '%%s\\n' \"${COMPREPLY[@]}\"" % folder)
-    got = subprocess.run(["bash", "--norc", "-c", script], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=20)
+    got = subprocess.run(["bash", "--norc", "-c", script], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=180)
     expect(got.stdout == b"--reconnect\n" and not got.stderr, "%s %s" % (got.stdout, got.stderr))
     if shutil.which("zsh"):
-        got = subprocess.run(["zsh", "-fn", folder + "/_acut-scan"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=20)
+        got = subprocess.run(["zsh", "-fn", folder + "/_acut-scan"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=180)
         expect(got.returncode == 0, got.stdout.decode())
 
 

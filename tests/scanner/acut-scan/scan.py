@@ -37,7 +37,7 @@ def start(*args, stdin=subprocess.DEVNULL, env=None, cwd=None, preexec_fn=None):
                             preexec_fn=preexec_fn)
 
 
-def finish(p, given=None, timeout=60):
+def finish(p, given=None, timeout=180):
     out, err = p.communicate(given, timeout=timeout)
     return Done(p, out, err)
 

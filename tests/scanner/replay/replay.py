@@ -13,13 +13,13 @@ os.chdir(dir.name)
 
 
 def scan(*words, status=0):
-    r = subprocess.run([SCAN, *words], capture_output=True, timeout=60)
+    r = subprocess.run([SCAN, *words], capture_output=True, timeout=180)
     assert r.returncode == status, (words, r.returncode, r.stdout[-2000:], r.stderr[-2000:])
     return r
 
 
 def make(name, profile, *words):
-    subprocess.run([MAKE, name, profile, *map(str, words)], check=True, timeout=60)
+    subprocess.run([MAKE, name, profile, *map(str, words)], check=True, timeout=180)
     return name
 
 

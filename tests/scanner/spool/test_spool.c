@@ -3,6 +3,7 @@
  * turned, pieces taken out), a reader gets every record that is whole, and says what it did not get.
  */
 #include "spool_make.h"
+#include "spool_priv.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -625,7 +626,7 @@ static void test_failed_sync(void **state)
 	spool_writer_free(w);
 }
 
-static int held, appended;
+static int held;
 
 static int held_fsync(int fd)
 {
@@ -635,12 +636,18 @@ static int held_fsync(int fd)
 	return 0;
 }
 
-/* Once the appending must wait. */
+/* Once the appending waits. */
 static void *release(void *ctx)
 {
-	while (__atomic_load_n(&appended, __ATOMIC_SEQ_CST) < 81 || !__atomic_load_n(&syncs, __ATOMIC_SEQ_CST))
+	struct spool_writer *w = ctx;
+	uint64_t waits = 0;
+
+	while (!waits || !__atomic_load_n(&syncs, __ATOMIC_SEQ_CST)) {
 		usleep(1000);
-	usleep(300000);
+		pthread_mutex_lock(&w->lock);
+		waits = w->totals.waits;
+		pthread_mutex_unlock(&w->lock);
+	}
 	__atomic_store_n(&held, 0, __ATOMIC_SEQ_CST);
 	return ctx;
 }
@@ -660,25 +667,21 @@ static void test_flusher(void **state)
 	table = io_system;
 	table.fsync = held_fsync;
 	io = &table;
-	syncs = appended = 0;
+	syncs = 0;
 	held = 1;
 	assert_int_equal(spool_flush_start(w, 0.02, 20000, &err), 0);
-	pthread_create(&thread, NULL, release, NULL);
-	for (int i = 0; i < 80; i++) {
-		__atomic_store_n(&appended, i + 1, __ATOMIC_SEQ_CST);
+	pthread_create(&thread, NULL, release, w);
+	for (int i = 0; i < 80; i++)
 		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
-	}
 	spool_totals(w, &totals);
 	assert_int_equal(totals.durable, 0); /* still held: nothing of this waited */
 	assert_int_equal(totals.waits, 0);
-	for (int i = 80; i < 160; i++) {
-		__atomic_store_n(&appended, i + 1, __ATOMIC_SEQ_CST);
+	for (int i = 80; i < 160; i++)
 		assert_int_equal(spool_append(w, SPOOL_DATA, 0, 0, at, sizeof(at), &err), 0);
-	}
 	spool_totals(w, &totals);
 	assert_true(totals.waits >= 1 && totals.wait_ns > 0);
 	assert_true(totals.durable + 80000 >= totals.bytes);
-	for (int i = 0; i < 20000 && totals.durable < totals.bytes; i++) {
+	for (int i = 0; i < 180000 && totals.durable < totals.bytes; i++) {
 		usleep(1000);
 		spool_totals(w, &totals);
 	}
@@ -688,9 +691,9 @@ static void test_flusher(void **state)
 	table.fsync = slow_fsync;
 	sync_error = EIO;
 	sync_ms = 1;
-	for (int i = 0; i < 20000 && !err.code; i++) {
+	for (int i = 0; i < 180000 && !err.code; i++) {
 		spool_append(w, SPOOL_DATA, 0, 0, at, 10, &err);
-		usleep(100);
+		usleep(1000);
 	}
 	assert_int_equal(err.code, ERR_IO);
 	spool_totals(w, &totals);
