@@ -17,7 +17,6 @@
  * Only regular files that lie in the folder itself are looked at, and no link is followed. Two passes over one folder keep
  * out of each other's way by a lock on the folder.
  */
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <poll.h>
@@ -30,7 +29,6 @@
 #include "clock.h"
 #include "ctl_ingest.h"
 #include "digest.h"
-#include "ctl_term.h"
 #include "parse.h"
 
 enum {
@@ -40,173 +38,27 @@ enum {
 };
 static const off_t BATCH_BYTES = (off_t)16 << 30;
 
-struct file {
-	struct ctl_input in; /* name: safe to print; entry: as it is */
-	char *entry, *path;
-	uint64_t since; /* it was seen as it is */
-	struct digest hash; /* of its bytes */
-	bool tried, there, hashed;
-	bool taken; /* the dataset has its content */
-	size_t bad; /* it is refused as the file of that number, counted from 1, of the refusals; 0: it is not */
-};
-
 struct ingest {
 	struct ctl *ctl;
 	struct ctl_drop drop;
-	struct file *file; /* by name */
-	size_t n, room;
+	struct ctl_drop_list list;
 	struct err *bad; /* what contents were refused for, of which there are more files */
 	size_t nbad;
 	uint64_t settle;
 	uint64_t until;         /* what settles later is left to another pass */
-	unsigned passed_by;     /* neither files nor folders */
 	unsigned done, refused, left, stuck;
 	int status;             /* that ends the pass, or that of a file that is stuck */
 };
 
-/* ---- looking ---- */
-
-static bool ends(const char *name, const char *end)
-{
-	size_t n = strlen(name), m = strlen(end);
-
-	return n >= m && !strcmp(name + n - m, end);
-}
-
-/* Names of what is still being written, by common use. */
-static bool is_ours(const char *name)
-{
-	return name[0] != '.' && !ends(name, ".part") && !ends(name, ".tmp") && !ends(name, "~");
-}
-
-static int by_name(const void *a, const void *b)
-{
-	return strcmp(((const struct file *)a)->entry, ((const struct file *)b)->entry);
-}
-
-static void file_done(struct file *f)
-{
-	free(f->in.name);
-	free(f->entry);
-	free(f->path);
-}
-
-static void see(struct file *f, const struct stat *st, uint64_t now)
-{
-	f->in.dev = st->st_dev;
-	f->in.ino = st->st_ino;
-	f->in.size = st->st_size;
-	f->in.mtime = st->st_mtim;
-	f->in.ctime = st->st_ctim;
-	f->since = now;
-	f->tried = f->hashed = f->taken = false;
-	f->bad = 0;
-}
-
-static int add(struct ingest *g, const char *name, const struct stat *st, uint64_t now, struct err *err)
-{
-	struct file f = { .there = true, .in = { .fd = -1, .dirfd = g->drop.fd } };
-	size_t slash = strlen(g->drop.path);
-
-	if (g->n == g->room) {
-		size_t room = g->room ? 2 * g->room : 64;
-		void *grown = realloc(g->file, room * sizeof(*g->file));
-
-		if (!grown)
-			return err_set(err, ERR_NOMEM, "no memory for a list of files");
-		g->file = grown;
-		g->room = room;
-	}
-	f.entry = strdup(name);
-	f.in.name = ctl_term_safe(name);
-	while (slash > 1 && g->drop.path[slash - 1] == '/')
-		slash--;
-	if (asprintf(&f.path, "%.*s/%s", (int)slash, g->drop.path, name) < 0)
-		f.path = NULL;
-	if (!f.entry || !f.in.name || !f.path) {
-		file_done(&f);
-		return err_set(err, ERR_NOMEM, "no memory for a file name");
-	}
-	f.in.entry = f.entry;
-	f.in.path = f.path;
-	see(&f, st, now);
-	g->file[g->n++] = f;
-	return 0;
-}
-
-struct looking {
-	struct ingest *g;
-	size_t known; /* files that were there before, by name */
-	uint64_t now;
-};
-
-static int look_at(struct looking *l, const char *name, struct err *err)
-{
-	struct file key = { .entry = (char *)name }, *f;
-	struct stat st;
-
-	if (!is_ours(name) || fstatat(l->g->drop.fd, name, &st, AT_SYMLINK_NOFOLLOW))
-		return 0;
-	if (!S_ISREG(st.st_mode)) {
-		l->g->passed_by += !S_ISDIR(st.st_mode);
-		return 0;
-	}
-	f = l->known ? bsearch(&key, l->g->file, l->known, sizeof(*f), by_name) : NULL;
-	if (!f)
-		return add(l->g, name, &st, l->now, err);
-	f->there = true;
-	if (!ctl_input_unchanged(&f->in, &st))
-		see(f, &st, l->now);
-	return 0;
-}
-
-/* What is there now; what has not changed since it was seen keeps the moment at which it was. */
-static int look(struct ingest *g, struct err *err)
-{
-	struct looking l = { g, g->n, clock_mono_ns() };
-	int fd = openat(g->drop.fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0, sys;
-	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
-	const struct dirent *e;
-	size_t kept = 0;
-
-	if (!dir) {
-		err_sys(err, errno, "the folder cannot be read");
-		if (fd >= 0)
-			close(fd);
-		return err_add_file(err, g->drop.name);
-	}
-	g->passed_by = 0;
-	for (size_t i = 0; i < g->n; i++)
-		g->file[i].there = false;
-	while (errno = 0, !r && (e = readdir(dir)))
-		r = look_at(&l, e->d_name, err);
-	sys = errno;
-	closedir(dir);
-	if (!r && sys) {
-		err_sys(err, sys, "the folder cannot be read");
-		r = err_add_file(err, g->drop.name);
-	}
-	for (size_t i = 0; i < g->n; i++) {
-		if (g->file[i].there)
-			g->file[kept++] = g->file[i];
-		else
-			file_done(&g->file[i]);
-	}
-	g->n = kept;
-	if (g->n)
-		qsort(g->file, g->n, sizeof(*g->file), by_name);
-	return r;
-}
-
 /* ---- pushing ---- */
 
 struct batch {
-	struct file **file;
+	struct ctl_drop_file **file;
 	size_t n;
 };
 
 /* False: it cannot be read whole; that is for its push to tell. */
-static bool hash_file(const struct ingest *g, struct file *f)
+static bool hash_file(const struct ingest *g, struct ctl_drop_file *f)
 {
 	static uint8_t buf[64 << 10];
 	int fd = openat(g->drop.fd, f->entry, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_NOCTTY | O_CLOEXEC);
@@ -228,10 +80,10 @@ static bool hash_file(const struct ingest *g, struct file *f)
 }
 
 /* One of the batch has the same bytes, and nobody knows yet whether the dataset takes them. */
-static bool is_twin(const struct ingest *g, const struct batch *b, struct file *f)
+static bool is_twin(const struct ingest *g, const struct batch *b, struct ctl_drop_file *f)
 {
 	for (size_t i = 0; !f->taken && f->in.size && i < b->n; i++) {
-		struct file *other = b->file[i];
+		struct ctl_drop_file *other = b->file[i];
 
 		if (other->in.size == f->in.size && (other->hashed || hash_file(g, other)) && (f->hashed || hash_file(g, f)) &&
 		    digest_equal(other->hash, f->hash))
@@ -240,11 +92,11 @@ static bool is_twin(const struct ingest *g, const struct batch *b, struct file *
 	return false;
 }
 
-static void note_taken(struct ingest *g, const struct file *f)
+static void note_taken(struct ingest *g, const struct ctl_drop_file *f)
 {
-	for (size_t i = 0; f->hashed && i < g->n; i++)
-		if (g->file[i].hashed && digest_equal(g->file[i].hash, f->hash))
-			g->file[i].taken = true;
+	for (size_t i = 0; f->hashed && i < g->list.n; i++)
+		if (g->list.file[i].hashed && digest_equal(g->list.file[i].hash, f->hash))
+			g->list.file[i].taken = true;
 }
 
 /* By what is in it, whatever it is called. */
@@ -262,12 +114,12 @@ static const char *extension(const char *name)
 
 /* The others of the same content, that would be read as of the same format, have the same said of them. Without memory they go the
  * long way. */
-static void note_refused(struct ingest *g, const struct file *f, const struct err *why)
+static void note_refused(struct ingest *g, const struct ctl_drop_file *f, const struct err *why)
 {
 	struct err *bad = NULL;
 
-	for (size_t i = 0; f->hashed && is_content(why) && i < g->n; i++) {
-		struct file *other = &g->file[i];
+	for (size_t i = 0; f->hashed && is_content(why) && i < g->list.n; i++) {
+		struct ctl_drop_file *other = &g->list.file[i];
 
 		if (other->tried || other->taken || other->bad || !other->hashed || other->in.size != f->in.size ||
 		    !digest_equal(other->hash, f->hash) || strcmp(extension(other->entry), extension(f->entry)))
@@ -284,7 +136,7 @@ static void note_refused(struct ingest *g, const struct file *f, const struct er
 }
 
 /* Where a file of a push belongs. NULL: it stays. */
-static const char *put_away(struct ingest *g, struct file *f, const struct err *why, struct ctl_drop_name *name)
+static const char *put_away(struct ingest *g, struct ctl_drop_file *f, const struct err *why, struct ctl_drop_name *name)
 {
 	struct err err = ERR_INIT;
 	int r;
@@ -346,7 +198,7 @@ static bool is_refused(enum err_code code)
 }
 
 /* It failed alone: it is refused, or it stays and the others go on, for a while. */
-static int alone(struct ingest *g, struct file *f, int status)
+static int alone(struct ingest *g, struct ctl_drop_file *f, int status)
 {
 	struct ctl_drop_name name;
 	struct err why = g->ctl->failure;
@@ -406,14 +258,14 @@ static int push(struct ingest *g, struct batch b)
 }
 
 /* The next of the list, which become the batch; gives how many were looked at. */
-static size_t next_batch(const struct ingest *g, struct file **list, size_t n, struct batch *ret)
+static size_t next_batch(const struct ingest *g, struct ctl_drop_file **list, size_t n, struct batch *ret)
 {
 	struct batch b = { calloc(BATCH_FILES, sizeof(*list)), 0 };
 	off_t bytes = 0;
 	size_t at = 0;
 
 	while (b.file && at < n && b.n < BATCH_FILES && (!b.n || bytes < BATCH_BYTES)) {
-		struct file *f = list[at++];
+		struct ctl_drop_file *f = list[at++];
 
 		if (is_twin(g, &b, f))
 			continue;
@@ -426,7 +278,7 @@ static size_t next_batch(const struct ingest *g, struct file **list, size_t n, s
 }
 
 /* Refused without a push, as one of the same content was. `list` keeps the others, *n of them. */
-static int refuse_twins(struct ingest *g, struct file **list, size_t *n)
+static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n)
 {
 	struct ctl_staged s = { .file = calloc(*n + 1, sizeof(*s.file)) };
 	struct batch b = { calloc(*n + 1, sizeof(*list)), 0 };
@@ -467,18 +319,18 @@ static int refuse_twins(struct ingest *g, struct file **list, size_t *n)
 static int push_settled(struct ingest *g, bool *ret_any)
 {
 	uint64_t now = clock_mono_ns();
-	struct file **list = calloc(g->n + 1, sizeof(*list));
+	struct ctl_drop_file **list = calloc(g->list.n + 1, sizeof(*list));
 	struct err err = ERR_INIT;
 	size_t n = 0, at = 0;
 	int status = 0;
 
 	if (!list) {
-		err_set(&err, ERR_NOMEM, "no memory for %zu files", g->n);
+		err_set(&err, ERR_NOMEM, "no memory for %zu files", g->list.n);
 		return ctl_error(g->ctl, &err);
 	}
-	for (size_t i = 0; i < g->n; i++)
-		if (!g->file[i].tried && now - g->file[i].since >= g->settle && g->file[i].since + g->settle <= g->until)
-			list[n++] = &g->file[i];
+	for (size_t i = 0; i < g->list.n; i++)
+		if (!g->list.file[i].tried && now - g->list.file[i].since >= g->settle && g->list.file[i].since + g->settle <= g->until)
+			list[n++] = &g->list.file[i];
 	*ret_any = n;
 	status = refuse_twins(g, list, &n);
 	while (!status && at < n) {
@@ -505,12 +357,12 @@ static bool wait_for_some(struct ingest *g)
 	uint64_t next = UINT64_MAX, now = clock_mono_ns(), most = now + g->settle / LOOKS;
 	size_t waiting = 0;
 
-	for (size_t i = 0; i < g->n; i++) {
-		if (g->file[i].tried)
+	for (size_t i = 0; i < g->list.n; i++) {
+		if (g->list.file[i].tried)
 			continue;
 		waiting++;
-		if (g->file[i].since + g->settle < next)
-			next = g->file[i].since + g->settle;
+		if (g->list.file[i].since + g->settle < next)
+			next = g->list.file[i].since + g->settle;
 	}
 	if (!waiting || next > g->until)
 		return false;
@@ -541,7 +393,7 @@ static int pass(struct ingest *g)
 	for (;;) {
 		if (ctl_signal_interrupted(g->ctl))
 			return interrupted(g);
-		if (look(g, &err))
+		if (ctl_drop_look(&g->drop, &g->list, &err))
 			return ctl_error(g->ctl, &err);
 		if (!g->until)
 			g->until = clock_mono_ns() + 2 * g->settle;
@@ -550,7 +402,7 @@ static int pass(struct ingest *g)
 			return status;
 		if (any)
 			continue;
-		if (!said && g->n && g->settle)
+		if (!said && g->list.n && g->settle)
 			ctl_note(g->ctl, "%s: waiting until files have not changed for %g s", g->drop.name,
 				 (double)g->settle * 1e-9);
 		said = true;
@@ -564,11 +416,11 @@ static int finish(struct ingest *g, int status)
 	size_t settling = 0;
 	char more[96] = "";
 
-	for (size_t i = 0; i < g->n; i++)
-		settling += g->file[i].there && !g->file[i].tried;
-	if (g->passed_by)
-		snprintf(more, sizeof(more), "; %u left that are no regular files", g->passed_by);
-	if (g->done || g->refused || g->left || settling || g->passed_by)
+	for (size_t i = 0; i < g->list.n; i++)
+		settling += g->list.file[i].there && !g->list.file[i].tried;
+	if (g->list.passed_by)
+		snprintf(more, sizeof(more), "; %u left that are no regular files", g->list.passed_by);
+	if (g->done || g->refused || g->left || settling || g->list.passed_by)
 		ctl_note(g->ctl, "%s: %u done, %u refused, %zu stay for another pass%s", g->drop.name, g->done, g->refused,
 			 settling + g->left, more);
 	if (!status)
@@ -618,9 +470,7 @@ int ctl_ingest_run(struct ctl *ctl)
 		return ctl_error(ctl, &err);
 	}
 	status = finish(&g, pass(&g));
-	for (size_t i = 0; i < g.n; i++)
-		file_done(&g.file[i]);
-	free(g.file);
+	ctl_drop_list_done(&g.list);
 	free(g.bad);
 	ctl_drop_close(&g.drop);
 	return status;

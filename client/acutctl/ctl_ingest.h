@@ -1,5 +1,5 @@
 /*
- * What the two halves of acutctl ingest share: looking and pushing (ctl_ingest.c), moving (ctl_ingest_move.c).
+ * What the parts of acutctl ingest share: looking (ctl_ingest_look.c), pushing (ctl_ingest.c), moving (ctl_ingest_move.c).
  */
 #ifndef CTL_INGEST_H
 #define CTL_INGEST_H
@@ -7,12 +7,29 @@
 #include <limits.h>
 
 #include "ctl.h"
+#include "digest.h"
 
 /* A drop folder: opened once, and everything in it reached through this descriptor. */
 struct ctl_drop {
 	const char *name; /* as the user said it */
 	char *path;       /* absolute */
 	int fd, done, failed;
+};
+
+struct ctl_drop_file {
+	struct ctl_input in; /* name: safe to print; entry: as it is */
+	char *entry, *path;
+	uint64_t since; /* it was seen as it is */
+	struct digest hash; /* of its bytes */
+	bool tried, there, hashed;
+	bool taken; /* the dataset has its content */
+	size_t bad; /* it is refused as the file of that number, counted from 1, of the refusals; 0: it is not */
+};
+
+struct ctl_drop_list {
+	struct ctl_drop_file *file; /* by name */
+	size_t n, room;
+	unsigned passed_by; /* neither files nor folders */
 };
 
 struct ctl_drop_name {
@@ -22,6 +39,9 @@ struct ctl_drop_name {
 /* Makes done/ and failed/ where they are not there, and sees to it that files can be moved into them. */
 int ctl_drop_open(struct ctl_drop *, const char *name, struct err *err);
 void ctl_drop_close(struct ctl_drop *);
+/* What is there now; what has not changed since it was seen keeps all that is known of it. */
+int ctl_drop_look(const struct ctl_drop *, struct ctl_drop_list *, struct err *err);
+void ctl_drop_list_done(struct ctl_drop_list *);
 /* Moves what was pushed, if it is still what was pushed, under a name that nothing has yet. -ERR_CHANGED: it is not, and stays. */
 int ctl_drop_done(const struct ctl_drop *, const struct ctl_input *, struct ctl_drop_name *ret, struct err *err);
 /* Likewise what was refused; NAME.error beside it says why. */

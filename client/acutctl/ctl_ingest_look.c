@@ -1,0 +1,158 @@
+/*
+ * What lies in a drop folder: the regular files that may be taken, by name, and since when each was seen as it is.
+ *
+ * A file that has changed since the last look is as one that was never seen. Names of what is still being written are passed
+ * over, folders too; no link is followed. Whether a file has settled is for the pass to say (ctl_ingest.c).
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "clock.h"
+#include "ctl_ingest.h"
+#include "ctl_term.h"
+
+static bool ends(const char *name, const char *end)
+{
+	size_t n = strlen(name), m = strlen(end);
+
+	return n >= m && !strcmp(name + n - m, end);
+}
+
+/* Names of what is still being written, by common use. */
+static bool is_ours(const char *name)
+{
+	return name[0] != '.' && !ends(name, ".part") && !ends(name, ".tmp") && !ends(name, "~");
+}
+
+static int by_name(const void *a, const void *b)
+{
+	return strcmp(((const struct ctl_drop_file *)a)->entry, ((const struct ctl_drop_file *)b)->entry);
+}
+
+static void file_done(struct ctl_drop_file *f)
+{
+	free(f->in.name);
+	free(f->entry);
+	free(f->path);
+}
+
+static void see(struct ctl_drop_file *f, const struct stat *st, uint64_t now)
+{
+	f->in.dev = st->st_dev;
+	f->in.ino = st->st_ino;
+	f->in.size = st->st_size;
+	f->in.mtime = st->st_mtim;
+	f->in.ctime = st->st_ctim;
+	f->since = now;
+	f->tried = f->hashed = f->taken = false;
+	f->bad = 0;
+}
+
+static int add(const struct ctl_drop *d, struct ctl_drop_list *l, const char *name, const struct stat *st, uint64_t now, struct err *err)
+{
+	struct ctl_drop_file f = { .there = true, .in = { .fd = -1, .dirfd = d->fd } };
+	size_t slash = strlen(d->path);
+
+	if (l->n == l->room) {
+		size_t room = l->room ? 2 * l->room : 64;
+		void *grown = realloc(l->file, room * sizeof(*l->file));
+
+		if (!grown)
+			return err_set(err, ERR_NOMEM, "no memory for a list of files");
+		l->file = grown;
+		l->room = room;
+	}
+	f.entry = strdup(name);
+	f.in.name = ctl_term_safe(name);
+	while (slash > 1 && d->path[slash - 1] == '/')
+		slash--;
+	if (asprintf(&f.path, "%.*s/%s", (int)slash, d->path, name) < 0)
+		f.path = NULL;
+	if (!f.entry || !f.in.name || !f.path) {
+		file_done(&f);
+		return err_set(err, ERR_NOMEM, "no memory for a file name");
+	}
+	f.in.entry = f.entry;
+	f.in.path = f.path;
+	see(&f, st, now);
+	l->file[l->n++] = f;
+	return 0;
+}
+
+struct looking {
+	const struct ctl_drop *drop;
+	struct ctl_drop_list *list;
+	size_t known; /* files that were there before, by name */
+	uint64_t now;
+};
+
+static int look_at(struct looking *l, const char *name, struct err *err)
+{
+	struct ctl_drop_file key = { .entry = (char *)name }, *f;
+	struct stat st;
+
+	if (!is_ours(name) || fstatat(l->drop->fd, name, &st, AT_SYMLINK_NOFOLLOW))
+		return 0;
+	if (!S_ISREG(st.st_mode)) {
+		l->list->passed_by += !S_ISDIR(st.st_mode);
+		return 0;
+	}
+	f = l->known ? bsearch(&key, l->list->file, l->known, sizeof(*f), by_name) : NULL;
+	if (!f)
+		return add(l->drop, l->list, name, &st, l->now, err);
+	f->there = true;
+	if (!ctl_input_unchanged(&f->in, &st))
+		see(f, &st, l->now);
+	return 0;
+}
+
+int ctl_drop_look(const struct ctl_drop *d, struct ctl_drop_list *list, struct err *err)
+{
+	struct looking l = { d, list, list->n, clock_mono_ns() };
+	int fd = openat(d->fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0, sys;
+	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
+	const struct dirent *e;
+	size_t kept = 0;
+
+	if (!dir) {
+		err_sys(err, errno, "the folder cannot be read");
+		if (fd >= 0)
+			close(fd);
+		return err_add_file(err, d->name);
+	}
+	list->passed_by = 0;
+	for (size_t i = 0; i < list->n; i++)
+		list->file[i].there = false;
+	while (errno = 0, !r && (e = readdir(dir)))
+		r = look_at(&l, e->d_name, err);
+	sys = errno;
+	closedir(dir);
+	if (!r && sys) {
+		err_sys(err, sys, "the folder cannot be read");
+		r = err_add_file(err, d->name);
+	}
+	for (size_t i = 0; i < list->n; i++) {
+		if (list->file[i].there)
+			list->file[kept++] = list->file[i];
+		else
+			file_done(&list->file[i]);
+	}
+	list->n = kept;
+	if (list->n)
+		qsort(list->file, list->n, sizeof(*list->file), by_name);
+	return r;
+}
+
+void ctl_drop_list_done(struct ctl_drop_list *list)
+{
+	for (size_t i = 0; i < list->n; i++)
+		file_done(&list->file[i]);
+	free(list->file);
+	*list = (struct ctl_drop_list){ 0 };
+}
