@@ -107,7 +107,7 @@ static void settle(struct catalogue *c)
 	while (catalogue_busy(c)) {
 		struct pollfd p = {.fd = catalogue_fd(c), .events = POLLIN};
 
-		assert_int_equal(poll(&p, 1, 10000), 1);
+		assert_int_equal(poll(&p, 1, 100000), 1);
 		catalogue_dispatch(c);
 	}
 }

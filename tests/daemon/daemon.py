@@ -33,14 +33,19 @@ def files_below(*tops):
     return sorted(os.path.join(d, n) for top in tops for d, _, names in os.walk(top) for n in names)
 
 
+def await_it(what, said, seconds=100):
+    """Until it is so: a time that is a way out of a hang only."""
+    deadline = time.monotonic() + seconds
+    while not what():
+        expect(time.monotonic() < deadline, "never: %s" % said)
+        time.sleep(0.02)
+
+
 def expect_clean(d):
     """Nothing temporary: the catalogue, locks, and per dataset its manifests and sealed segments."""
     # Folders are removed in the background.
-    deadline = time.monotonic() + 5
-    while os.listdir(os.path.join(d.cache, "one-step")) and time.monotonic() < deadline:
-        time.sleep(0.05)
+    await_it(lambda: not os.listdir(os.path.join(d.cache, "one-step")), "one-step datasets stay behind")
     expect(not files_below(os.path.join(d.cache, "tmp")), "temporary files: %s" % files_below(d.cache + "/tmp"))
-    expect(not os.listdir(os.path.join(d.cache, "one-step")), "one-step datasets stay behind")
     for folder in sorted(os.listdir(os.path.join(d.state, "datasets"))):
         names = os.listdir(os.path.join(d.state, "datasets", folder))
         expect(names and any(n.startswith("manifest-") for n in names), "folder %s without a manifest: %s" % (folder, names))
@@ -53,11 +58,11 @@ def digest_of(d, *args):
 
 def folders_are_locked():
     with Folder() as base, Daemon(base) as d:
-        other = run([e2e.ACUTD, "--no-config", "--socket", base + "/other.sock", "--state", d.state, "--cache", base + "/c2"], timeout=10)
+        other = run([e2e.ACUTD, "--no-config", "--socket", base + "/other.sock", "--state", d.state, "--cache", base + "/c2"], timeout=100)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same state: %d %s" % (other.status, other.err))
-        other = run([e2e.ACUTD, "--no-config", "--socket", base + "/other.sock", "--init", "--state", base + "/s2", "--cache", d.cache], timeout=10)
+        other = run([e2e.ACUTD, "--no-config", "--socket", base + "/other.sock", "--init", "--state", base + "/s2", "--cache", d.cache], timeout=100)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same cache: %d %s" % (other.status, other.err))
-        other = run([e2e.ACUTD, "--no-config", "--socket", d.socket, "--init", "--state", base + "/s3", "--cache", base + "/c3"], timeout=10)
+        other = run([e2e.ACUTD, "--no-config", "--socket", d.socket, "--init", "--state", base + "/s3", "--cache", base + "/c3"], timeout=100)
         expect(other.status == 75 and str(d.process.pid) in other.err, "same socket: %d %s" % (other.status, other.err))
         d.ctl("ping").ok()
 
@@ -78,7 +83,7 @@ def first_start_of_a_service():
             return d
 
         def refused(*args):
-            got = run(start(*args).command, env=env, timeout=10)
+            got = run(start(*args).command, env=env, timeout=100)
             expect(got.status == 78 and "unmounted disk" in got.err, "%s: %d %s" % (args, got.status, got.err))
 
         refused("--state", other)
@@ -105,12 +110,12 @@ def unmounted_disk_is_no_store():
         for made in (False, True):
             if made:
                 os.mkdir(base + "/mnt")
-            got = run(command, timeout=10)
+            got = run(command, timeout=100)
             expect(got.status == 78 and "unmounted disk" in got.err and "--init" in got.err and base + "/mnt" in got.err,
                    "%d %s" % (got.status, got.err))
             expect(os.path.exists(base + "/mnt") == made and not (made and os.listdir(base + "/mnt")), "it was written to")
         env = {"STATE_DIRECTORY": base + "/mnt"}
-        got = run(command[:4] + command[6:], env=env, timeout=10)
+        got = run(command[:4] + command[6:], env=env, timeout=100)
         expect(got.status == 78 and "unmounted disk" in got.err, "$STATE_DIRECTORY: %d %s" % (got.status, got.err))
         # With --init it becomes a store, and is one from then on.
         d = Daemon(base, name="1")
@@ -125,7 +130,7 @@ def unmounted_disk_is_no_store():
         with open(base + "/mnt/acut-state", "r+b") as f:
             f.seek(8)
             f.write(b"\x63")
-        got = run(command, timeout=10)
+        got = run(command, timeout=100)
         expect(got.status == 76 and "a newer acutd" in got.err and "version 99" in got.err, "%d %s" % (got.status, got.err))
 
 
@@ -143,7 +148,7 @@ def stale_socket_is_taken_over():
             os.unlink(d.socket)
         with open(d.socket, "w") as f:
             f.write("precious")
-        got = run(d.command, timeout=10)
+        got = run(d.command, timeout=100)
         expect(got.status != 0 and open(d.socket).read() == "precious", "a file was taken for a stale socket")
 
 
@@ -153,7 +158,7 @@ def usage():
         for args, word in ((["--memory", "23M"], "24"), (["--memory", "lots"], "size"), (["--threads", "0"], "threads"),
                            (["--log-level", "loud"], "level"), (["stray"], "stray"), ([], "listen")):
             more = [] if args == [] else ["--socket", base + "/x.sock"]
-            got = run([e2e.ACUTD] + common + more + args, timeout=10)
+            got = run([e2e.ACUTD] + common + more + args, timeout=100)
             expect(got.status == 2 and word in got.err, "%s: %d %s" % (args, got.status, got.err))
         got = run([e2e.ACUTD, "--version"])
         expect(got.status == 0 and got.out.startswith("acutd "), got.out)
@@ -171,7 +176,7 @@ def clients_hear_why_not():
         waiting = [socket.socket(socket.AF_UNIX) for _ in range(20)]
         for s in waiting:
             s.connect(base + "/a.sock")
-            s.settimeout(20)
+            s.settimeout(100)
         pid = hand_over(base, listener)
         expect(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 78, "the status is another one")
         for s in waiting:
@@ -205,7 +210,7 @@ def hand_over(base, sock, *args):
     return pid
 
 
-def wait_exit(pid, seconds):
+def wait_exit(pid, seconds=100):
     deadline = time.monotonic() + seconds
     while time.monotonic() < deadline:
         got, status = os.waitpid(pid, os.WNOHANG)
@@ -234,7 +239,7 @@ def socket_is_handed_over():
             time.sleep(2.5)
             c.ping()
         early.close()
-        expect(wait_exit(pid, 15) == 0, "status at the idle end")
+        expect(wait_exit(pid) == 0, "status at the idle end")
         expect(not os.path.exists(path), "the socket of a daemon that ended by itself stays")
 
 
@@ -244,11 +249,29 @@ def socket_pair_is_handed_over():
         mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         pid = hand_over(base, theirs, "--idle-exit", "30")
         theirs.close()
-        mine.settimeout(10)
+        mine.settimeout(100)
         mine.sendall(acut_wire.pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1))))
         expect(len(mine.recv(1000)) > 16, "no Hello")
         mine.close()
-        expect(wait_exit(pid, 10) == 0, "status")
+        expect(wait_exit(pid) == 0, "status")
+
+
+def cpu_of(pid):
+    """Seconds that it has worked."""
+    with open("/proc/%d/stat" % pid) as f:
+        fields = f.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def staged(d):
+    """Bytes below the datasets: what is committed, and what a push has written so far."""
+    total = 0
+    for path in files_below(os.path.join(d.state, "datasets")):
+        try:
+            total += os.stat(path).st_size
+        except FileNotFoundError:
+            pass
+    return total
 
 
 def out_of_descriptors():
@@ -265,19 +288,14 @@ def out_of_descriptors():
             time.sleep(0.5)
             first.ping()
 
-            def cpu():
-                with open("/proc/%d/stat" % d.process.pid) as f:
-                    fields = f.read().rsplit(")", 1)[1].split()
-                return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-            before = cpu()
+            before = cpu_of(d.process.pid)
             time.sleep(2)
-            expect(cpu() - before < 0.2, "it spins: %.2f s of CPU in 2 s" % (cpu() - before))
+            expect(cpu_of(d.process.pid) - before < 0.2, "it spins: %.2f s of CPU in 2 s" % (cpu_of(d.process.pid) - before))
             first.ping()
             last = more[-1]
             for s in more[:-1]:
                 s.close()
-            last.settimeout(10)
+            last.settimeout(100)
             last.sendall(acut_wire.pack(1, pb.Message(hello=pb.Hello(version_min=1, version_max=1))))
             expect(len(last.recv(1000)) > 16, "the last client was forgotten")
             last.close()
@@ -293,13 +311,14 @@ def killed_at_any_moment():
             d.ctl("push", "a", first).ok()
             whole = digest_of(d, "a")
         lost = False
-        for delay in (0.05, 0.2, 0.5, 0.9):
+        for more in (1, 1 << 20, 8 << 20, 20 << 20):
             with d:
+                committed = staged(d)
                 push = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "a", second],
                                         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                time.sleep(delay)
+                await_it(lambda: staged(d) >= committed + more or push.poll() is not None, "the push writes %d bytes" % more)
                 d.stop(signal.SIGKILL)
-                push.wait(20)
+                push.wait(100)
             with d:
                 lost |= "was interrupted: nothing of it was durable yet" in d.log_text()
                 row = json.loads(d.ctl("datasets", "--json").ok().out.splitlines()[0])
@@ -312,7 +331,6 @@ def killed_at_any_moment():
         expect(lost or row["generation"] > 1, "no push was ever under way")
         with d:
             job = json.loads(d.ctl("submit", "a", "--new", "--json").ok().out)["job"]
-            time.sleep(0.1)
             d.stop(signal.SIGKILL)
         with d:
             expect(d.ctl("wait", str(job)).status == 0, "the job did not go on")
@@ -326,16 +344,31 @@ def stopped_while_busy():
         with d:
             d.ctl("push", "a", path).ok()
             job = json.loads(d.ctl("submit", "a", "--json").ok().out)["job"]
+            before = staged(d)
             push = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "a", path], stdout=subprocess.DEVNULL,
                                     stderr=subprocess.DEVNULL)
             mesh = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "mesh", path, "-o", base + "/m.ply"],
                                     stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-            time.sleep(0.4)
-            start = time.monotonic()
-            expect(d.stop(signal.SIGTERM, 12) == 0, "status")
-            expect(time.monotonic() - start < 10, "it took %.1f s" % (time.monotonic() - start))
-            push.wait(20)
-            expect(mesh.wait(20) != 0 and not os.path.exists(base + "/m.ply"), "a mesh that is not whole")
+
+            def meshing():
+                rows = [json.loads(line) for line in d.ctl("jobs", "--json").ok().out.splitlines()]
+                return any(r["dataset"].startswith(".one-step") and r["state"] == "meshing" and
+                           r["progress"]["domains"] < r["progress"]["domains_total"] for r in rows)
+
+            # It has begun, and will not end: its client takes nothing any more.
+            await_it(lambda: meshing() or mesh.poll() is not None, "the mesh begins")
+            mesh.send_signal(signal.SIGSTOP)
+            cut = meshing()
+            await_it(lambda: staged(d) > before or push.poll() is not None, "the push begins")
+            worked, children = cpu_of(d.process.pid), os.times()
+            expect(d.stop(signal.SIGTERM, 100) == 0, "status")
+            took = os.times().children_user + os.times().children_system - children.children_user - children.children_system - worked
+            expect(took < 10, "it worked for %.1f s" % took)
+            mesh.send_signal(signal.SIGCONT)
+            push.wait(100)
+            # The rest is for a machine that stood still between the two looks.
+            expect((mesh.wait(100) != 0) == (not os.path.exists(base + "/m.ply")), "a mesh that is not whole")
+            expect(mesh.returncode != 0 or not cut, "a mesh that was cut off is done")
             expect_clean(d)
             expect(not os.path.exists(d.socket), "the socket stays")
         with d:
@@ -380,8 +413,10 @@ def memory_is_kept():
         print("     VmHWM %.1f MiB with five jobs in 24 MiB" % (d.vmhwm() / MIB))
         # Everything was given back: only the catalogue, the threads and this connection are left.
         with Client(d.socket) as c:
-            held = {e.name: e.bytes for e in c.ask("status_request", pb.StatusRequest()).ledger if e.bytes}
-            expect(set(held) <= {"catalogue", "message", "thread"}, "held: %s" % held)
+            def held():
+                return {e.name: e.bytes for e in c.ask("status_request", pb.StatusRequest()).ledger if e.bytes}
+
+            await_it(lambda: set(held()) <= {"catalogue", "message", "thread"}, "held: %s" % held())
         expect_clean(d)
 
 

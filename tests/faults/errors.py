@@ -22,7 +22,7 @@ def attempt(store, inputs, name):
     failed = 0
     for args in (("push", name, *inputs.files), ("submit", name, "--wait", "--timeout", "10"), ("push", name + "x", inputs.files[0])):
         for _ in range(2):
-            r = store.ctl(*args, timeout=40)
+            r = store.ctl(*args, timeout=300)
             expect(store.alive(), "acutd ended: %s" % store.log_text())
             if r.status == 0:
                 break

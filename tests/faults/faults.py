@@ -50,6 +50,13 @@ class Killed(Exception):
     """The daemon is gone, as it was meant to be."""
 
 
+def cpu_of(pid):
+    """Seconds that it has worked."""
+    with open("/proc/%d/stat" % pid) as f:
+        fields = f.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class Store:
     """State and cache below `base`, and daemons on them, one after the other."""
 
@@ -59,10 +66,10 @@ class Store:
         self.base, self.args, self.memory = base, list(args), memory
         self.state, self.cache = state or os.path.join(base, "state"), cache or os.path.join(base, "cache")
         self.socket, self.log = os.path.join(base, "d.sock"), os.path.join(base, "log")
-        self.process, self.starts = None, []
+        self.process, self.starts, self.worked = None, [], []
 
-    def start(self, prefix=(), env=None, within=20):
-        """Waits for READY=1; remembers how long that took when nothing goes before acutd."""
+    def start(self, prefix=(), env=None, within=100):
+        """Waits for READY=1; remembers how long that took, and what acutd worked, when nothing goes before acutd."""
         notify = os.path.join(self.base, "notify")
         if os.path.exists(notify):
             os.unlink(notify)
@@ -85,6 +92,7 @@ class Store:
                 raise Fault("acutd is not ready within %d s\n%s" % (within, self.log_text()))
             if not prefix and not env:
                 self.starts.append(time.monotonic() - begun)
+                self.worked.append(cpu_of(self.process.pid))
         return self
 
     def ended(self):
@@ -121,11 +129,11 @@ class Store:
     def stop(self):
         if self.alive():
             self.process.send_signal(signal.SIGTERM)
-        self.process.wait(20)
+        self.process.wait(100)
         return self.process.returncode
 
     def ctl(self, *args, **kw):
-        return e2e.run([e2e.ACUTCTL, *args], env={"ACUT_SOCKET": self.socket}, timeout=kw.pop("timeout", 60), **kw)
+        return e2e.run([e2e.ACUTCTL, *args], env={"ACUT_SOCKET": self.socket}, timeout=kw.pop("timeout", 300), **kw)
 
     def rows(self, what):
         return [json.loads(line) for line in self.ctl(what, "--json").ok().out.splitlines() if line]
@@ -206,10 +214,12 @@ def work(store, inputs, acks, name):
             raise Killed()
         if r.status in (69, 74) and "closed" in r.out + r.err:
             raise Killed()
-        if r.status:
-            time.sleep(0.05)
+        # Its socket goes before the process does.
+        deadline = time.monotonic() + 30
+        while r.status and time.monotonic() < deadline:
             if not store.alive():
                 raise Killed()
+            time.sleep(0.02)
         return r.ok()
 
     for n in (1, 2):

@@ -33,7 +33,7 @@ def fill(store, inputs):
     for n in range(200):
         name = "f%d" % n
         for args in (("push", name, *inputs.files), ("submit", name, "--wait", "--timeout", "5")):
-            r = store.ctl(*args, timeout=30)
+            r = store.ctl(*args, timeout=300)
             if r.status:
                 return n, r
     raise faults.Fault("it is never full")

@@ -68,7 +68,7 @@ def main():
                     this = [w % n if "%d" in w else w for w in args]
                     a.fail_at(n)
                     try:
-                        r = store.ctl(*this, timeout=30)
+                        r = store.ctl(*this, timeout=300)
                     except subprocess.TimeoutExpired:
                         raise Fault("%s, allocation %d: no answer" % (name, n))
                     failed = a.failed()

@@ -95,6 +95,40 @@ bool fake_write(int fd, const struct stream_piece *piece, unsigned n)
 	return true;
 }
 
+static _Atomic uint64_t stopped_ns; /* 0: time goes on */
+
+uint64_t __real_clock_mono_ns(void);
+uint64_t __wrap_clock_mono_ns(void);
+double __wrap_clock_since(uint64_t mono_ns);
+
+uint64_t __wrap_clock_mono_ns(void)
+{
+	return stopped_ns ? stopped_ns : __real_clock_mono_ns();
+}
+
+double __wrap_clock_since(uint64_t mono_ns)
+{
+	uint64_t now = __wrap_clock_mono_ns();
+
+	return now > mono_ns ? (double)(now - mono_ns) / 1e9 : 0;
+}
+
+void fake_stop_time(void)
+{
+	stopped_ns = __real_clock_mono_ns();
+}
+
+void fake_let_time(void)
+{
+	stopped_ns = 0;
+}
+
+void fake_wait(const atomic_bool *event)
+{
+	for (int i = 0; i < 100000 && !*event; i++)
+		poll(NULL, 0, 1);
+}
+
 unsigned fake_open_descriptors(void)
 {
 	DIR *dir = opendir("/proc/self/fd");

@@ -3,6 +3,7 @@
 #define FAKE_H
 
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdbool.h>
 
 #include "acut.h"
@@ -41,6 +42,12 @@ void fake_serve_all(struct fake *);
 void fake_answer_hello(struct fake *, uint32_t id);
 void fake_answer_error(struct fake *, uint32_t id, const char *code, const char *message);
 void fake_answer_job(struct fake *, uint32_t id, uint64_t job, const char *state, bool final);
+
+/* From now on no time passes for the client, until it is let go on: however slow the fake is, it is not too late. */
+void fake_stop_time(void);
+void fake_let_time(void);
+/* Until it is true, or for ever as far as a test goes. */
+void fake_wait(const atomic_bool *);
 
 unsigned fake_open_descriptors(void);
 

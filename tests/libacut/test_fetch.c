@@ -9,6 +9,7 @@
 #include <stdint.h>
 #include <cmocka.h>
 
+#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -32,12 +33,16 @@ enum how {
 	NO_PIPE,
 	REFUSED,
 	LATE_MESH,
+	GIVEN_UP,
 	OTHER_STREAM,
 	CHANGES,       /* from here on with a base and a region that is gone */
 	CHANGES_WRONG, /* whose digest is not the region's */
 	CHANGES_OLDER, /* of another generation */
 	CHANGES_CUT    /* short of a region */
 };
+
+/* The client: has heard of progress; has given up. */
+static atomic_bool progressed, given_up;
 
 struct server {
 	enum how how;
@@ -134,9 +139,10 @@ static void write_stream(int fd, struct server *s)
 	     (s->from > 0 || fake_write(fd, piece, stream_put_block(&block[0], scratch, piece)));
 	if (s->how == CUT || s->how == DEATH || s->how == STALL || s->how == ERROR_SOCKET)
 		return;
-	/* So that a receiver that gave up is seen. */
 	if (s->how == LATE_MESH)
-		usleep(200000);
+		fake_wait(&progressed);
+	if (s->how == GIVEN_UP)
+		poll(&(struct pollfd){.fd = fd}, 1, 100000); /* until nobody reads */
 	ok = ok && (s->from > 1 || fake_write(fd, piece, stream_put_block(&block[1], scratch, piece))) &&
 	     fake_write(fd, piece, stream_put_tail(&tail, scratch, piece));
 	s->reader_gone = !ok;
@@ -177,7 +183,7 @@ static void serve_fetch(struct fake *f, uint32_t id)
 	if (s->how == DEATH)
 		fake_close(f);
 	if (s->how == STALL)
-		usleep(400000);
+		fake_wait(&given_up);
 	close(fds[1]);
 }
 
@@ -261,6 +267,7 @@ static void got_progress(void *ctx, const struct acut_progress *p)
 	struct got *got = ctx;
 
 	got->progress += strcmp(p->phase, "mesh") == 0;
+	progressed = true;
 }
 
 static int fetch(enum how how, const struct acut_options *options, unsigned stop_at, struct got *got,
@@ -275,6 +282,7 @@ static int fetch(enum how how, const struct acut_options *options, unsigned stop
 
 	*got = (struct got){.stop_at = stop_at};
 	*s = (struct server){.how = how};
+	progressed = false;
 	f = fake_start(serve, s, &fd);
 	assert_int_equal(acut_attach(fd, options, &a), 0);
 	r = acut_fetch(a, 3, &sink);
@@ -384,6 +392,7 @@ static int fetch_changes(enum how how, uint64_t since, unsigned stop_at, struct 
 
 	*got = (struct got){.stop_at = stop_at};
 	*s = (struct server){.how = how};
+	progressed = false;
 	f = fake_start(serve, s, &fd);
 	assert_int_equal(acut_attach(fd, NULL, &a), 0);
 	r = acut_fetch_changes(a, 3, since, &sink);
@@ -454,9 +463,13 @@ static void test_stalled(void **state)
 	struct acut *a;
 	int fd;
 
+	given_up = false;
+	fake_stop_time();
 	f = fake_start(serve, &s, &fd);
 	assert_int_equal(acut_attach(fd, &options, &a), 0);
+	fake_let_time();
 	assert_int_equal(acut_fetch(a, 3, &sink), -ACUT_E_TIMEOUT);
+	given_up = true;
 	acut_close(a);
 	fake_stop(f);
 }
@@ -482,9 +495,11 @@ static void test_interrupted(void **state)
 	struct acut *a;
 	int fd;
 
+	given_up = false;
 	f = fake_start(serve, &s, &fd);
 	assert_int_equal(acut_attach(fd, &options, &a), 0);
 	assert_int_equal(acut_fetch(a, 3, &sink), -ACUT_E_CANCELLED);
+	given_up = true;
 	acut_close(a);
 	fake_stop(f);
 }
@@ -496,7 +511,7 @@ static void test_receiver_gives_up(void **state)
 	struct server s;
 	struct got got;
 
-	assert_int_equal(fetch(LATE_MESH, NULL, 1, &got, message, &s), -ACUT_E_CANCELLED);
+	assert_int_equal(fetch(GIVEN_UP, NULL, 1, &got, message, &s), -ACUT_E_CANCELLED);
 	assert_int_equal(got.blocks, 1);
 	assert_true(s.reader_gone);
 }
