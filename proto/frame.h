@@ -95,12 +95,26 @@ int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **r
 /* Queues a message. `fd` (-1: none) belongs to the connection from now on, whatever the result. 0 or
  * FRAME_E_FULL; -ERR_LIMIT: the message is larger than a frame; -ERR_NOMEM. Call frame_conn_flush next. */
 int frame_conn_send(struct frame_conn *, uint32_t id, const Acut__V1__Message *, int fd, struct err *err);
-/* The same for whoever has the message's size already: it is not counted again. `bound`: not less than what it packs to. */
-int frame_conn_send_within(struct frame_conn *, uint32_t id, const Acut__V1__Message *, size_t bound, struct err *err);
+/* The same for a page of a list, `list` being its field of Message. */
+struct frame_page;
+int frame_conn_send_page(struct frame_conn *, uint32_t id, Acut__V1__Message__BodyCase list, const struct frame_page *, bool more,
+			 struct err *err);
 /* Same, for an Error made from *why. */
 int frame_conn_send_error(struct frame_conn *, uint32_t id, const struct err *why, struct err *err);
 /* Sends what the socket takes. 0: all sent. FRAME_E_AGAIN, FRAME_E_EOF, -ERR_IO. */
 int frame_conn_flush(struct frame_conn *, struct err *err);
+
+/* A page of a list, packed row by row. Starts with n = 0. (Smaller than a frame can be: acutd takes what has 64 KiB straight from the
+ * kernel, which clears it each time.) */
+enum { FRAME_PAGE_SIZE = 60 << 10, FRAME_PAGE_AROUND = 16 };
+struct frame_page {
+	size_t n;
+	uint8_t rows[FRAME_PAGE_SIZE];
+};
+/* False: it does not fit, and nothing changed. */
+bool frame_page_add(struct frame_page *, const ProtobufCMessage *row);
+/* As a Message, which takes at most FRAME_PAGE_AROUND more than n. Gives how many bytes. */
+size_t frame_page_pack(const struct frame_page *, Acut__V1__Message__BodyCase list, bool more, uint8_t *ret);
 
 /* Bytes that `message` would take as a frame; more than FRAME_MAX cannot be sent (for paging of lists). */
 size_t frame_message_size(const Acut__V1__Message *message);

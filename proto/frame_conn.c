@@ -338,46 +338,60 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 
 /* ---- out ---- */
 
-/* `length`: not less than what the message packs to. */
-static int conn_queue(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, size_t length, int fd,
-		      struct err *err)
+/* A place for a message of `length` bytes, not yet in the queue; NULL: *ret_r says why. */
+static struct queued *conn_place(struct frame_conn *conn, size_t length, int *ret_r, struct err *err)
 {
-	struct frame_header header = {.request_id = id, .descriptors = fd >= 0};
-	struct queued *q;
+	struct queued *q = NULL;
 
-	if (length > FRAME_BODY_MAX)
-		return err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u",
-			       length, FRAME_MAX);
+	if (length > FRAME_BODY_MAX) {
+		*ret_r = err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u",
+				 length, FRAME_MAX);
+		return NULL;
+	}
 	length += FRAME_HEADER_SIZE;
-	if (length > conn->limits.queue || conn->queued > conn->limits.queue - length)
-		return FRAME_E_FULL;
-	q = conn_take(conn, sizeof *q + length);
-	if (!q)
-		return FRAME_E_FULL;
-	*q = (struct queued){.room = sizeof *q + length, .fd = fd};
-	header.length = (uint32_t)acut__v1__message__pack(message, q->bytes + FRAME_HEADER_SIZE);
+	if (length <= conn->limits.queue && conn->queued <= conn->limits.queue - length)
+		q = conn_take(conn, sizeof *q + length);
+	*ret_r = q ? 0 : FRAME_E_FULL;
+	if (q)
+		*q = (struct queued){.room = sizeof *q + length, .fd = -1};
+	return q;
+}
+
+/* What lies there is a message of `length` bytes. */
+static void conn_queue(struct frame_conn *conn, uint32_t id, size_t length, int fd, struct queued *q)
+{
+	struct frame_header header = {.length = (uint32_t)length, .request_id = id, .descriptors = fd >= 0};
+
 	frame_header_put(&header, q->bytes);
-	q->size = FRAME_HEADER_SIZE + header.length;
+	q->fd = fd;
+	q->size = FRAME_HEADER_SIZE + length;
 	*conn->last = q;
 	conn->last = &q->next;
 	conn->queued += q->size;
-	return 0;
 }
 
 int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd,
 		    struct err *err)
 {
-	int r = conn_queue(conn, id, message, acut__v1__message__get_packed_size(message), fd, err);
+	int r;
+	struct queued *q = conn_place(conn, acut__v1__message__get_packed_size(message), &r, err);
 
-	if (r != 0)
+	if (!q)
 		conn_close_fd(&fd);
+	else
+		conn_queue(conn, id, acut__v1__message__pack(message, q->bytes + FRAME_HEADER_SIZE), fd, q);
 	return r;
 }
 
-int frame_conn_send_within(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, size_t bound,
-			   struct err *err)
+int frame_conn_send_page(struct frame_conn *conn, uint32_t id, Acut__V1__Message__BodyCase list, const struct frame_page *page,
+			 bool more, struct err *err)
 {
-	return conn_queue(conn, id, message, bound, -1, err);
+	int r;
+	struct queued *q = conn_place(conn, page->n + FRAME_PAGE_AROUND, &r, err);
+
+	if (q)
+		conn_queue(conn, id, frame_page_pack(page, list, more, q->bytes + FRAME_HEADER_SIZE), -1, q);
+	return r;
 }
 
 int frame_conn_send_error(struct frame_conn *conn, uint32_t id, const struct err *why, struct err *err)

@@ -161,7 +161,7 @@ void request_answer(struct request *q, const Acut__V1__Message *m)
 	conn_send(c, id, m, -1);
 }
 
-void request_answer_within(struct request *q, const Acut__V1__Message *m, size_t bound)
+void request_answer_page(struct request *q, Acut__V1__Message__BodyCase list, const struct frame_page *page, bool more)
 {
 	struct conn *c = q->conn;
 	struct err err = ERR_INIT;
@@ -170,8 +170,8 @@ void request_answer_within(struct request *q, const Acut__V1__Message *m, size_t
 	request_free(q);
 	if (c->closed)
 		return;
-	room_make(c->server, bound + COMFORT / 16, c->peer.uid, c);
-	sent(c, frame_conn_send_within(c->frame, id, m, bound, &err), &err);
+	room_make(c->server, page->n + COMFORT / 16, c->peer.uid, c);
+	sent(c, frame_conn_send_page(c->frame, id, list, page, more, &err), &err);
 }
 
 void request_refuse(struct request *q, const struct err *why)

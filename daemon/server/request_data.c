@@ -127,48 +127,29 @@ static void one_dataset(struct conn *c, struct request *q, const char *name)
 /* What was removed, by number. */
 static void removed_datasets(struct conn *c, struct request *q, uint64_t after, unsigned limit)
 {
-	struct message_dataset *page = calloc(PAGE_MAX, sizeof *page);
-	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
-	Acut__V1__Dataset *rows[PAGE_MAX];
-	size_t bytes = LIST_ITSELF, size;
-	struct err err = ERR_INIT;
+	struct message_dataset row;
+	struct frame_page page;
 	struct dataset *d;
+	bool more = false;
 
-	if (!page) {
-		err_set(&err, ERR_NOMEM, "no memory for a list");
-		request_refuse(q, &err);
-		return;
+	page.n = 0;
+	for (unsigned n = 0; !more && (d = dataset_removed_after(c->server->jobs, after, &c->peer)); n++) {
+		if (n < limit)
+			message_dataset(d, &row);
+		more = n == limit || !frame_page_add(&page, &row.dataset.base);
+		after = row.dataset.id;
 	}
-	list.datasets = rows;
-	while ((d = dataset_removed_after(c->server->jobs, after, &c->peer)) && !list.more) {
-		struct message_dataset *m = &page[list.n_datasets];
-
-		list.more = list.n_datasets == limit;
-		if (list.more)
-			break;
-		message_dataset(d, m);
-		size = acut__v1__dataset__get_packed_size(&m->dataset) + LIST_ROW;
-		list.more = bytes + size > FRAME_MAX;
-		if (list.more)
-			break;
-		bytes += size;
-		rows[list.n_datasets++] = &m->dataset;
-		after = m->dataset.id;
-	}
-	request_answer_within(q, FRAME_MESSAGE(DATASETS, datasets, &list), bytes);
-	free(page);
+	request_answer_page(q, ACUT__V1__MESSAGE__BODY_DATASETS, &page, more);
 }
 
 void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	const char *after = m->datasets_request->after;
 	unsigned limit = m->datasets_request->limit, found;
-	Acut__V1__Datasets list = ACUT__V1__DATASETS__INIT;
-	Acut__V1__Dataset *rows[PAGE_MAX];
 	struct dataset *datasets[PAGE_MAX + 1];
-	size_t bytes = LIST_ITSELF, size;
-	struct message_dataset *page;
-	struct err err = ERR_INIT;
+	struct message_dataset row;
+	struct frame_page page;
+	bool more = false;
 
 	if (*m->datasets_request->name && m->datasets_request->generation) {
 		request_dataset_at(c, q, m->datasets_request->name, m->datasets_request->generation);
@@ -184,25 +165,14 @@ void request_datasets(struct conn *c, struct request *q, Acut__V1__Message *m, i
 		removed_datasets(c, q, m->datasets_request->after_id, limit);
 		return;
 	}
-	page = calloc(PAGE_MAX, sizeof *page);
-	if (!page) {
-		err_set(&err, ERR_NOMEM, "no memory for a list");
-		request_refuse(q, &err);
-		return;
-	}
-	list.datasets = rows;
+	page.n = 0;
 	found = dataset_list(c->server->jobs, after, &c->peer, limit + 1, datasets);
-	for (unsigned n = 0; n < found && n < limit; n++) {
-		message_dataset(datasets[n], &page[n]);
-		size = acut__v1__dataset__get_packed_size(&page[n].dataset) + LIST_ROW;
-		if (bytes + size > FRAME_MAX)
-			break;
-		bytes += size;
-		rows[list.n_datasets++] = &page[n].dataset;
+	for (unsigned n = 0; n < found && !more; n++) {
+		if (n < limit)
+			message_dataset(datasets[n], &row);
+		more = n == limit || !frame_page_add(&page, &row.dataset.base);
 	}
-	list.more = list.n_datasets < found;
-	request_answer_within(q, FRAME_MESSAGE(DATASETS, datasets, &list), bytes);
-	free(page);
+	request_answer_page(q, ACUT__V1__MESSAGE__BODY_DATASETS, &page, more);
 }
 
 static void verb_done(void *token, const struct err *why, struct dataset *d)

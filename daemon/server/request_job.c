@@ -175,53 +175,27 @@ void request_remove(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_answer(q, FRAME_MESSAGE(DONE, done, &done));
 }
 
-enum { PAGE_MAX = 64 };
-
-/* Kept while pages are asked for: the kernel would clear it for each. */
-static struct message_job *jobs_page(struct server *s)
-{
-	if (!s->jobs_page)
-		s->jobs_page = calloc(PAGE_MAX, sizeof *s->jobs_page);
-	s->jobs_paged = true;
-	return s->jobs_page;
-}
+/* As many as a frame holds, and not so many that others wait. */
+enum { PAGE_MAX = 128 };
 
 void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	uint64_t after = m->jobs_request->after;
 	unsigned limit = m->jobs_request->limit, n = 0;
-	size_t bytes = LIST_ITSELF, size;
-	struct message_job *page = jobs_page(c->server);
-	Acut__V1__Job *list[PAGE_MAX];
-	Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
-	struct err err = ERR_INIT;
+	struct message_job row;
+	struct frame_page page;
 	struct job *job;
+	bool more = false;
 
-	if (!page) {
-		err_set(&err, ERR_NOMEM, "no memory for a list");
-		request_refuse(q, &err);
-		return;
-	}
+	page.n = 0;
 	if (!limit || limit > PAGE_MAX)
 		limit = PAGE_MAX;
-	jobs.jobs = list;
-	while ((job = job_after(c->server->jobs, after, &c->peer))) {
-		message_job(job, &page[n]);
-		after = page[n].job.id;
-		list[n] = &page[n].job;
-		jobs.n_jobs = n + 1;
-		size = acut__v1__job__get_packed_size(&page[n].job) + LIST_ROW;
-		if (n == limit || bytes + size > FRAME_MAX) {
-			jobs.n_jobs = n;
-			jobs.more = true;
-			break;
-		}
-		bytes += size;
+	while (!more && (job = job_after(c->server->jobs, after, &c->peer))) {
+		if (n < limit)
+			message_job(job, &row);
+		more = n == limit || !frame_page_add(&page, &row.job.base);
+		after = row.job.id;
 		n++;
-		if (n == PAGE_MAX) {
-			jobs.more = job_after(c->server->jobs, after, &c->peer) != NULL;
-			break;
-		}
 	}
-	request_answer_within(q, FRAME_MESSAGE(JOBS, jobs, &jobs), bytes);
+	request_answer_page(q, ACUT__V1__MESSAGE__BODY_JOBS, &page, more);
 }

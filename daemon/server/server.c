@@ -52,7 +52,6 @@ struct server *server_free(struct server *s)
 	server_stop(s);
 	server_settle(s);
 	refusals_end(s);
-	free(s->jobs_page);
 	free(s);
 	return NULL;
 }
@@ -201,11 +200,6 @@ void server_settle(struct server *s)
 	struct conn **at = &s->conns, *c;
 	bool freed = false;
 
-	if (!s->jobs_paged) {
-		free(s->jobs_page);
-		s->jobs_page = NULL;
-	}
-	s->jobs_paged = false;
 	if (!s->reap)
 		return;
 	s->reap = false;

@@ -32,8 +32,6 @@ struct server {
 	uint64_t last_conn;
 	uint64_t started_ns;
 	bool stopping, reap;
-	struct message_job *jobs_page; /* request_jobs; NULL: none was asked for of late */
-	bool jobs_paged;               /* in this round */
 	struct turn { /* turn.c: what the loop did for users of late */
 		uint64_t since_ns, used_ns;
 	} turns[256];
@@ -112,10 +110,8 @@ void conn_fail(struct conn *, const struct err *); /* a breach: Error on id 0, t
 struct request *request_new(struct conn *, uint32_t id, size_t bytes, struct err *err);
 struct request *request_free(struct request *);
 void request_answer(struct request *, const Acut__V1__Message *); /* and free it */
-/* The same, of a message that packs to no more than `bound`. */
-void request_answer_within(struct request *, const Acut__V1__Message *, size_t bound);
-/* What a row of a list adds at most to the message, beside its own packed size; and what the message itself takes. */
-enum { LIST_ROW = 8, LIST_ITSELF = 64 };
+/* The same, of a page of a list. */
+void request_answer_page(struct request *, Acut__V1__Message__BodyCase list, const struct frame_page *, bool more);
 void request_refuse(struct request *, const struct err *);        /* likewise */
 
 uint64_t conn_held(const struct conn *); /* taken of LEDGER_MESSAGE */

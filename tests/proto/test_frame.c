@@ -240,27 +240,70 @@ static void test_round_trip(void **state)
 	assert_int_equal(open_descriptors(), before);
 }
 
-/* A bound instead of the size: what is sent is what the message packs to, and all that was charged is given back. */
-static void test_within(void **state)
+/* Rows one by one make the very bytes that protobuf makes of the list; a page that is full says so and stays. */
+static void test_page(void **state)
+{
+	Acut__V1__Job row = ACUT__V1__JOB__INIT, *rows[4096];
+	Acut__V1__Jobs list = ACUT__V1__JOBS__INIT;
+	uint8_t packed[FRAME_BODY_MAX], want[FRAME_BODY_MAX];
+	char view[2 * FRAME_MAX] = "";
+	struct frame_page page;
+
+	for (int kind = 0; kind < 3; kind++) {
+		const unsigned texts[] = {0, 300, FRAME_PAGE_SIZE / 2};
+
+		page.n = list.n_jobs = 0;
+		list.jobs = rows;
+		row.id = 7;
+		memset(view, 'v', texts[kind]);
+		view[texts[kind]] = 0;
+		row.view = view;
+		for (int more = 0; more < 2; more++) {
+			size_t n = frame_page_pack(&page, ACUT__V1__MESSAGE__BODY_JOBS, more, packed);
+
+			list.more = more;
+			assert_int_equal(n, acut__v1__message__pack(FRAME_MESSAGE(JOBS, jobs, &list), want));
+			assert_memory_equal(packed, want, n);
+			while (more == 0 && list.n_jobs < 4096 && frame_page_add(&page, &row.base))
+				rows[list.n_jobs++] = &row;
+		}
+		assert_true(kind == 0 || list.n_jobs < 4096);
+		assert_true(list.n_jobs > 0);
+	}
+	page.n = 0;
+	memset(view, 'v', sizeof view - 1);
+	assert_false(frame_page_add(&page, &row.base));
+	assert_int_equal(page.n, 0);
+}
+
+/* It goes as any message does, and all that was charged is given back. */
+static void test_page_sent(void **state)
 {
 	struct ledger *ledger = ledger_new(1 << 20);
 	struct frame_limits limits = {.ledger = ledger};
 	struct pair a = pair_new(&limits);
 	uint64_t before = ledger_held(ledger, LEDGER_MESSAGE);
+	Acut__V1__Job row = ACUT__V1__JOB__INIT;
+	Acut__V1__Message *m;
+	struct frame_page page = {.n = 0};
 	struct frame_conn *b;
 	struct err err = ERR_INIT;
+	uint32_t id;
+	int fd;
 
 	assert_int_equal(frame_conn_new(a.raw, NULL, &b, &err), 0);
-	assert_int_equal(frame_conn_send_within(a.conn, 1, hello(), 5000, &err), 0);
-	assert_int_equal(frame_conn_send_within(a.conn, 2, hello(), frame_message_size(hello()) - FRAME_HEADER_SIZE, &err), 0);
-	assert_int_equal(frame_conn_send_within(a.conn, 3, hello(), FRAME_BODY_MAX + 1, &err), -ERR_LIMIT);
-	assert_int_equal(frame_conn_queued(a.conn), 2 * frame_message_size(hello()));
-	assert_true(ledger_held(ledger, LEDGER_MESSAGE) >= before + 5000 + frame_message_size(hello()));
+	for (row.id = 1; row.id < 4; row.id++)
+		assert_true(frame_page_add(&page, &row.base));
+	assert_int_equal(frame_conn_send_page(a.conn, 9, ACUT__V1__MESSAGE__BODY_JOBS, &page, true, &err), 0);
 	assert_int_equal(frame_conn_flush(a.conn, &err), 0);
 	assert_int_equal(ledger_held(ledger, LEDGER_MESSAGE), before);
-	check_hello(b, 1, false);
-	check_hello(b, 2, false);
-	assert_int_equal(recv_result(b, &err), FRAME_E_AGAIN);
+	assert_int_equal(frame_conn_recv(b, &id, &m, &fd, &err), 0);
+	assert_int_equal(id, 9);
+	assert_int_equal(m->body_case, ACUT__V1__MESSAGE__BODY_JOBS);
+	assert_int_equal(m->jobs->n_jobs, 3);
+	assert_int_equal(m->jobs->jobs[2]->id, 3);
+	assert_true(m->jobs->more);
+	frame_message_free(m);
 	frame_conn_free(b);
 	a.raw = -1;
 	pair_free(&a);
@@ -651,7 +694,8 @@ int main(void)
 	    cmocka_unit_test(test_header_bad),
 	    cmocka_unit_test(test_length_limit),
 	    cmocka_unit_test(test_round_trip),
-		cmocka_unit_test(test_within),
+		cmocka_unit_test(test_page),
+		cmocka_unit_test(test_page_sent),
 	    cmocka_unit_test(test_one_byte_writes),
 	    cmocka_unit_test(test_every_truncation),
 	    cmocka_unit_test(test_descriptors),
