@@ -466,6 +466,7 @@ int dataset_set(struct dataset *d, const struct grid_manifest *m, const char *ma
 	d->oldest = grid_manifest_oldest(m);
 	d->segments = (uint32_t)m->nsegments;
 	d->merge_due = !d->onestep && merge_due(m);
+	d->jobs->merges_due |= d->merge_due;
 	snprintf(d->manifest, sizeof d->manifest, "%s", manifest);
 	d->points = 0;
 	d->files = 0;
@@ -588,6 +589,7 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	d->oldest = row->oldest || !row->generation ? row->oldest : 1;
 	d->segments = row->segments;
 	d->merge_due = merge_due_likely(row->segments);
+	d->jobs->merges_due |= d->merge_due;
 	memcpy(d->box, row->box, sizeof d->box);
 	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) ||
 	    !replace(&d->unit_xy, row->unit_xy) || !replace(&d->unit_z, row->unit_z))

@@ -170,13 +170,20 @@ static bool memory_awaited(const struct jobs *j)
 	return j->stage_turn || (j->starved_ns && clock_since(j->starved_ns) > STARVED_SECONDS);
 }
 
-static struct dataset *due(const struct jobs *j)
+/* Looked for in every round of the loop: where no dataset has anything, they are not gone through. */
+static struct dataset *due(struct jobs *j)
 {
 	struct dataset *d, *most = NULL;
+	bool any = false;
 
-	for (d = j->datasets; d && !d->onestep; d = d->next)
+	if (!j->merges_due)
+		return NULL;
+	for (d = j->datasets; d && !d->onestep; d = d->next) {
+		any |= d->merge_due;
 		if (d->merge_due && d->generation && !d->removed_us && (!most || d->segments > most->segments))
 			most = d;
+	}
+	j->merges_due = any;
 	return most;
 }
 

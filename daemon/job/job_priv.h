@@ -163,6 +163,7 @@ struct jobs {
 	struct prune *prunes;          /* the first is at work, if no merge is */
 	struct dataset_old *olds;      /* that wait until nobody opens them */
 	uint64_t rewriting;            /* memory that merge and prune hold */
+	bool merges_due;               /* a dataset may have something to merge */
 	uint64_t merge_after_ns;       /* none begins before */
 	double merge_wait;             /* seconds that the last one was put off for want of space; 0: it was not */
 	struct dataset_change *changes; /* that wait for their turn */

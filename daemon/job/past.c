@@ -17,14 +17,16 @@
 #include "job_priv.h"
 
 _Static_assert(sizeof(struct job) % 8 == 0, "packed by words");
-enum { GUESTS = 80, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, IMAGE_MAX = MAP + 9 * WORDS, ENTRY_BYTES = 48 };
+/* GUESTS: that a caller may have in hand at once, and more; few, so that the heap has them and the kernel need not clear them. */
+enum { GUESTS = 16, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, SLACK = 8, IMAGE_MAX = MAP + 9 * WORDS + SLACK, ENTRY_BYTES = 48 };
 
 struct kept {
 	int64_t finished_us;
 	const struct dataset *dataset;
 	uint32_t uid;
 	size_t view_bytes, charged; /* of it, and not in the image */
-	uint8_t image[]; /* a bit for each word that is not zero; of each such word a bit for each byte, and the bytes */
+	/* A bit for each word that is not zero; of each such word a bit for each byte, and the bytes. SLACK more are there to be read. */
+	uint8_t image[];
 };
 
 struct entry {
@@ -45,7 +47,7 @@ struct past {
 	uint64_t view_bytes, kept_views;
 	struct account *account;
 	size_t naccounts, accounts_room;
-	struct job *guests;
+	struct job *guests; /* GUESTS that take turns, and one that is about to go */
 	unsigned guest; /* that comes next; of this round */
 };
 
@@ -60,7 +62,7 @@ static uint8_t bytes_set(uint64_t word)
 	return (uint8_t)((high >> 7) * UINT64_C(0x0102040810204080) >> 56);
 }
 
-/* The size that it takes. */
+/* The size that it takes, SLACK included. */
 static size_t pack(const struct job *job, uint8_t out[IMAGE_MAX])
 {
 	size_t n = MAP;
@@ -79,7 +81,8 @@ static size_t pack(const struct job *job, uint8_t out[IMAGE_MAX])
 		for (unsigned m = mask; m; m &= m - 1)
 			out[n++] = (uint8_t)(word >> 8 * __builtin_ctz(m));
 	}
-	return n;
+	memset(out + n, 0, SLACK);
+	return n + SLACK;
 }
 
 static void unpack(const uint8_t *in, struct job *ret)
@@ -92,8 +95,18 @@ static void unpack(const uint8_t *in, struct job *ret)
 			size_t i = 8 * g + (size_t)__builtin_ctz(set);
 			uint64_t word = 0;
 
-			for (unsigned m = in[n++]; m; m &= m - 1)
-				word |= (uint64_t)in[n++] << 8 * __builtin_ctz(m);
+			unsigned m = in[n++], first = (unsigned)__builtin_ctz(m), run = m >> first;
+
+			if (!(run & (run + 1))) { /* of most, those that are not zero stand together */
+				unsigned bytes = (unsigned)__builtin_ctz(run + 1);
+
+				memcpy(&word, in + n, 8);
+				n += bytes;
+				word = (le64toh(word) & (UINT64_MAX >> (64 - 8 * bytes))) << 8 * first;
+			} else {
+				for (; m; m &= m - 1)
+					word |= (uint64_t)in[n++] << 8 * __builtin_ctz(m);
+			}
 			word = le64toh(word);
 			memcpy((uint8_t *)ret + 8 * i, &word, 8);
 		}
@@ -319,21 +332,40 @@ bool past_keep(struct job *job)
 	return true;
 }
 
-static struct job *guest_of(struct jobs *j, const struct entry *e)
+/* NULL: no memory. */
+static struct job *guests_of(struct past *p)
 {
-	struct past *p = j->past;
-	struct job *g;
+	if (!p->guests)
+		p->guests = calloc(GUESTS + 1, sizeof *p->guests);
+	return p->guests;
+}
 
-	if (e->job)
-		return e->job;
-	if (!p->guests && !(p->guests = calloc(GUESTS, sizeof *p->guests)))
-		return NULL;
-	g = &p->guests[p->guest % GUESTS];
-	p->guest = p->guest + 1 < 2 * GUESTS ? p->guest + 1 : GUESTS;
+static struct job *guest_in(const struct entry *e, struct job *g)
+{
 	unpack(e->kept->image, g);
 	g->charged = e->kept->charged;
 	g->guest = true;
 	return g;
+}
+
+static struct job *guest_of(struct jobs *j, const struct entry *e)
+{
+	struct past *p = j->past;
+	struct job *g = e->job ? NULL : guests_of(p);
+
+	if (!g)
+		return e->job;
+	g += p->guest % GUESTS;
+	p->guest = p->guest + 1 < 2 * GUESTS ? p->guest + 1 : GUESTS;
+	return guest_in(e, g);
+}
+
+/* The same, for a job that is about to go: however many do, whoever makes room for a guest in hand does not lose it. */
+static struct job *goer_of(struct jobs *j, const struct entry *e)
+{
+	struct job *g = e->job ? NULL : guests_of(j->past);
+
+	return g ? guest_in(e, g + GUESTS) : e->job;
 }
 
 int past_awake(struct job *guest, struct job **ret, struct err *err)
@@ -422,7 +454,7 @@ struct job *past_oldest(struct jobs *j, int64_t finished_us)
 {
 	for (size_t i = 0; j->past && i < j->past->n; i++)
 		if (j->past->all[i].kept && j->past->all[i].kept->finished_us <= finished_us)
-			return guest_of(j, &j->past->all[i]);
+			return goer_of(j, &j->past->all[i]);
 	return NULL;
 }
 
@@ -443,7 +475,7 @@ struct job *past_of_most(struct jobs *j, enum past_kind kind, uint32_t uid, uint
 	}
 	for (size_t i = 0; most && i < j->past->n; i++)
 		if (j->past->all[i].kept && j->past->all[i].kept->uid == most->uid)
-			return guest_of(j, &j->past->all[i]);
+			return goer_of(j, &j->past->all[i]);
 	return NULL;
 }
 
@@ -470,7 +502,7 @@ void past_forget_dataset(struct jobs *j, struct dataset *d)
 		k->dataset = NULL;
 		d->users--;
 	}
-	for (unsigned i = 0; p && p->guests && i < GUESTS; i++)
+	for (unsigned i = 0; p && p->guests && i <= GUESTS; i++)
 		if (p->guests[i].dataset == d)
 			p->guests[i].dataset = NULL;
 }
@@ -486,7 +518,7 @@ void past_round(struct jobs *j)
 
 	if (!p || !p->guests)
 		return;
-	/* Who goes through a list is here again next round: the kernel would clear each page of it each time. */
+	/* Who goes through a list is here again next round. */
 	if (!p->guest) {
 		free(p->guests);
 		p->guests = NULL;
@@ -501,7 +533,7 @@ void past_free(struct jobs *j)
 	if (!p)
 		return;
 	for (size_t i = 0; i < p->n; i++) {
-		struct job *g = p->all[i].kept ? guest_of(j, &p->all[i]) : NULL;
+		struct job *g = p->all[i].kept ? goer_of(j, &p->all[i]) : NULL;
 
 		if (g) {
 			g->dataset = NULL;
