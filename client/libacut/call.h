@@ -81,6 +81,22 @@ int call_ask(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message
 /* Same without begin, for the second and later questions of one call. *ret is the caller's. */
 int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want,
 	       uint32_t *ret_id, Acut__V1__Message **ret);
+/* A list, page by page (call_list.c). */
+struct call_list {
+	const Acut__V1__Message *question; /* of the first page; then as `next` left it */
+	Acut__V1__Message__BodyCase want;
+	bool asks; /* `rows` asks the daemon itself: the next page is asked for only then */
+	void *ctx;
+	/* Sets the question to what comes after this page; false: it is the last. */
+	bool (*next)(void *ctx, const Acut__V1__Message *page);
+	/* Hands it out. The page before it is still there. Negative ends the list. */
+	int (*rows)(void *ctx, const Acut__V1__Message *page);
+};
+int call_list(struct acut *, const struct call_list *);
+/* 0, or the failure of a list whose keys do not rise. */
+int call_rises(struct acut *, bool rises, const char *what);
+/* As many rows as the daemon puts into one page. */
+enum { CALL_PAGE = 1000 };
 /* Waits until the first slot of the window has its answer. */
 int call_window_wait(struct acut *);
 /* The failure of a message that should not have come. */

@@ -1,13 +1,11 @@
 /*
- * The generations of a dataset, and what changes a dataset as a whole. Lists come in pages, whose keys must rise.
+ * Datasets, their generations, and what changes a dataset as a whole.
  */
 #include "call.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
-
-enum { PAGE = 64 };
 
 void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 {
@@ -56,47 +54,71 @@ static const char *path_text(const ProtobufCBinaryData *path, char buf[PATH_BYTE
 	return frame_text_clean(buf);
 }
 
-static int files_of(struct acut *a, const char *dataset, uint64_t generation, const struct acut_log_sink *sink)
+/* The files of a generation, and the generations: each row of these may ask for its files. */
+struct files_list {
+	struct acut *acut;
+	Acut__V1__FilesRequest question;
+	uint32_t last; /* handed out */
+	const struct acut_log_sink *sink;
+};
+
+static bool files_next(void *ctx, const Acut__V1__Message *page)
 {
-	Acut__V1__FilesRequest question = ACUT__V1__FILES_REQUEST__INIT;
-	Acut__V1__Message *page;
+	struct files_list *l = ctx;
+	const Acut__V1__Files *files = page->files;
+
+	if (files->n_files)
+		l->question.after = files->files[files->n_files - 1]->source;
+	return files->more && files->n_files;
+}
+
+static int files_rows(void *ctx, const Acut__V1__Message *page)
+{
+	struct files_list *l = ctx;
 	char path[PATH_BYTES];
-	bool more = true;
-	uint32_t id;
 	int r = 0;
 
-	question.dataset = call_text(dataset);
-	question.generation = generation;
-	question.limit = PAGE;
-	while (r == 0 && more) {
-		r = call_again(a, FRAME_MESSAGE(FILES_REQUEST, files_request, &question), -1,
-			       ACUT__V1__MESSAGE__BODY_FILES, &id, &page);
-		if (r < 0)
-			break;
-		more = page->files->more && page->files->n_files > 0;
-		for (size_t i = 0; i < page->files->n_files && r == 0; i++) {
-			const Acut__V1__DatasetFile *f = page->files->files[i];
-			const struct acut_log_file file = {.name = f->name,
-							   .path = path_text(&f->path, path),
-							   .hash = f->hash,
-							   .points = f->points,
-							   .size = f->size,
-							   .source = f->source,
-							   .removed = f->removed};
+	for (size_t i = 0; i < page->files->n_files && r == 0; i++) {
+		const Acut__V1__DatasetFile *f = page->files->files[i];
+		const struct acut_log_file file = {.name = f->name,
+						   .path = path_text(&f->path, path),
+						   .hash = f->hash,
+						   .points = f->points,
+						   .size = f->size,
+						   .source = f->source,
+						   .removed = f->removed};
 
-			if (f->source <= question.after)
-				r = err_set(&a->err, ERR_PROTO, "the daemon's list of files does not rise");
-			else
-				sink->file(sink->ctx, &file);
-			question.after = f->source;
-		}
-		frame_message_free(page);
+		r = call_rises(l->acut, f->source > l->last, "files");
+		if (r == 0)
+			l->sink->file(l->sink->ctx, &file);
+		l->last = f->source;
 	}
 	return r;
 }
 
-static int log_row(struct acut *a, const char *dataset, const Acut__V1__Log *log, const Acut__V1__Generation *g,
-		   const struct acut_log_sink *sink)
+static int files_of(struct acut *a, const char *dataset, uint64_t generation, const struct acut_log_sink *sink)
+{
+	struct files_list l = {.acut = a, .question = ACUT__V1__FILES_REQUEST__INIT, .sink = sink};
+
+	l.question.dataset = call_text(dataset);
+	l.question.generation = generation;
+	l.question.limit = CALL_PAGE;
+	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(FILES_REQUEST, files_request, &l.question),
+						.want = ACUT__V1__MESSAGE__BODY_FILES,
+						.ctx = &l,
+						.next = files_next,
+						.rows = files_rows});
+}
+
+struct log_list {
+	struct acut *acut;
+	Acut__V1__LogRequest question;
+	const char *dataset;
+	uint64_t last; /* handed out */
+	const struct acut_log_sink *sink;
+};
+
+static int log_row(struct log_list *l, const Acut__V1__Log *log, const Acut__V1__Generation *g)
 {
 	const struct acut_generation row = {.number = g->number,
 					    .time_us = g->time_us,
@@ -112,42 +134,127 @@ static int log_row(struct acut *a, const char *dataset, const Acut__V1__Log *log
 					    .readable = g->number >= log->oldest && g->number <= log->newest};
 	int r = 0;
 
-	sink->generation(sink->ctx, &row);
-	if (sink->file)
-		r = files_of(a, dataset, g->number, sink);
-	if (r == 0 && sink->end)
-		sink->end(sink->ctx, &row);
+	l->sink->generation(l->sink->ctx, &row);
+	if (l->sink->file)
+		r = files_of(l->acut, l->dataset, g->number, l->sink);
+	if (r == 0 && l->sink->end)
+		l->sink->end(l->sink->ctx, &row);
+	return r;
+}
+
+static bool log_next(void *ctx, const Acut__V1__Message *page)
+{
+	struct log_list *l = ctx;
+	const Acut__V1__Log *log = page->log;
+
+	if (log->n_generations)
+		l->question.after = log->generations[log->n_generations - 1]->number;
+	return log->more && log->n_generations;
+}
+
+static int log_rows(void *ctx, const Acut__V1__Message *page)
+{
+	struct log_list *l = ctx;
+	int r = 0;
+
+	for (size_t i = 0; i < page->log->n_generations && r == 0; i++) {
+		const Acut__V1__Generation *g = page->log->generations[i];
+
+		r = call_rises(l->acut, g->number > l->last, "generations");
+		if (r == 0)
+			r = log_row(l, page->log, g);
+		l->last = g->number;
+	}
 	return r;
 }
 
 int acut_dataset_log(struct acut *a, const char *dataset, const struct acut_log_sink *sink)
 {
-	Acut__V1__LogRequest question = ACUT__V1__LOG_REQUEST__INIT;
-	Acut__V1__Message *page;
-	bool more = true;
-	uint32_t id;
+	struct log_list l = {.acut = a, .question = ACUT__V1__LOG_REQUEST__INIT, .dataset = dataset, .sink = sink};
 	int r = call_begin(a);
 
-	question.dataset = call_text(dataset);
-	question.limit = PAGE;
-	while (r == 0 && more) {
-		r = call_again(a, FRAME_MESSAGE(LOG_REQUEST, log_request, &question), -1, ACUT__V1__MESSAGE__BODY_LOG,
-			       &id, &page);
-		if (r < 0)
-			break;
-		more = page->log->more && page->log->n_generations > 0;
-		for (size_t i = 0; i < page->log->n_generations && r == 0; i++) {
-			const Acut__V1__Generation *g = page->log->generations[i];
+	l.question.dataset = call_text(dataset);
+	l.question.limit = CALL_PAGE;
+	if (r < 0)
+		return r;
+	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(LOG_REQUEST, log_request, &l.question),
+						.want = ACUT__V1__MESSAGE__BODY_LOG,
+						.asks = true,
+						.ctx = &l,
+						.next = log_next,
+						.rows = log_rows});
+}
 
-			if (g->number <= question.after)
-				r = err_set(&a->err, ERR_PROTO, "the daemon's list of generations does not rise");
-			else
-				r = log_row(a, dataset, page->log, g, sink);
-			question.after = g->number;
-		}
-		frame_message_free(page);
+/* ---- datasets ---- */
+
+struct datasets_list {
+	struct acut *acut;
+	Acut__V1__DatasetsRequest question;
+	const char *last;  /* handed out: by name */
+	uint64_t last_id;  /* by number, those that were removed */
+	void (*each)(void *ctx, const struct acut_dataset *);
+	void *ctx;
+};
+
+static bool datasets_next(void *ctx, const Acut__V1__Message *page)
+{
+	struct datasets_list *l = ctx;
+	const Acut__V1__Datasets *d = page->datasets;
+
+	if (d->n_datasets && l->question.removed)
+		l->question.after_id = d->datasets[d->n_datasets - 1]->id;
+	else if (d->n_datasets)
+		l->question.after = d->datasets[d->n_datasets - 1]->name;
+	return d->more && d->n_datasets;
+}
+
+static int datasets_rows(void *ctx, const Acut__V1__Message *page)
+{
+	struct datasets_list *l = ctx;
+	int r = 0;
+
+	for (size_t i = 0; i < page->datasets->n_datasets && r == 0; i++) {
+		struct acut_dataset d;
+
+		call_dataset(page->datasets->datasets[i], &d);
+		r = call_rises(l->acut, l->question.removed ? d.id > l->last_id : strcmp(d.name, l->last) > 0, "datasets");
+		if (r == 0)
+			l->each(l->ctx, &d);
+		l->last = d.name;
+		l->last_id = d.id;
 	}
 	return r;
+}
+
+static int datasets_list(struct datasets_list *l)
+{
+	l->last = "";
+	l->question.limit = CALL_PAGE;
+	return call_list(l->acut, &(struct call_list){
+		.question = FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &l->question),
+		.want = ACUT__V1__MESSAGE__BODY_DATASETS,
+		.ctx = l,
+		.next = datasets_next,
+		.rows = datasets_rows});
+}
+
+int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *),
+		  void *ctx)
+{
+	struct datasets_list l = {.acut = a, .question = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
+	int r = call_begin(a);
+
+	l.question.name = call_text(name);
+	return r < 0 ? r : datasets_list(&l);
+}
+
+int acut_datasets_removed(struct acut *a, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
+{
+	struct datasets_list l = {.acut = a, .question = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
+	int r = call_begin(a);
+
+	l.question.removed = true;
+	return r < 0 ? r : datasets_list(&l);
 }
 
 int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, struct acut_dataset *ret)
@@ -248,37 +355,6 @@ char *call_mode(struct acut *a)
 	if (f)
 		fclose(f);
 	return a->umask_mode;
-}
-
-int acut_datasets_removed(struct acut *a, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
-{
-	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
-	Acut__V1__Message *page;
-	bool more = true;
-	uint32_t id;
-	int r = call_begin(a);
-
-	question.removed = true;
-	question.limit = PAGE;
-	while (r == 0 && more) {
-		r = call_again(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1,
-			       ACUT__V1__MESSAGE__BODY_DATASETS, &id, &page);
-		if (r < 0)
-			break;
-		more = page->datasets->more && page->datasets->n_datasets > 0;
-		for (size_t i = 0; i < page->datasets->n_datasets && r == 0; i++) {
-			struct acut_dataset dataset;
-
-			call_dataset(page->datasets->datasets[i], &dataset);
-			if (dataset.id <= question.after_id)
-				r = err_set(&a->err, ERR_PROTO, "the daemon's list of datasets does not rise");
-			else
-				each(ctx, &dataset);
-			question.after_id = dataset.id;
-		}
-		frame_message_free(page);
-	}
-	return r;
 }
 
 int acut_dataset_revert(struct acut *a, const char *dataset, uint64_t generation, struct acut_reverted *ret)

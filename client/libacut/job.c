@@ -1,14 +1,10 @@
 /*
- * Jobs, datasets and plans: questions whose answers are rows. Lists come in pages; each page is taken out of
- * the connection while its rows are handed out. Keys must rise from row to row, so that a daemon at fault
- * cannot keep a list going for ever.
+ * Jobs and plans. (Lists: call_list.c.)
  */
 #include "call.h"
 
 #include <stdlib.h>
 #include <string.h>
-
-enum { PAGE = 100 };
 
 void call_wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
 {
@@ -182,74 +178,58 @@ int acut_job_wait(struct acut *a, uint64_t id, bool follow,
 	return r;
 }
 
-/* Hands out one page, whose numbers rise from `after`. */
-static int jobs_page(struct acut *a, const Acut__V1__Jobs *page, uint64_t after,
-		     void (*each)(void *ctx, const struct acut_job *), void *ctx)
-{
-	for (size_t i = 0; i < page->n_jobs; i++) {
-		struct acut_job job;
-		void *rows;
-		int r;
+struct jobs_list {
+	struct acut *acut;
+	Acut__V1__JobsRequest question;
+	uint64_t last; /* handed out */
+	void (*each)(void *ctx, const struct acut_job *);
+	void *ctx;
+};
 
-		if (page->jobs[i]->id <= after)
-			return err_set(&a->err, ERR_PROTO, "the daemon's list of jobs does not rise");
-		after = page->jobs[i]->id;
-		r = take_job(a, page->jobs[i], &job, &rows);
-		if (r < 0)
-			return r;
-		each(ctx, &job);
+static bool jobs_next(void *ctx, const Acut__V1__Message *page)
+{
+	struct jobs_list *l = ctx;
+	const Acut__V1__Jobs *jobs = page->jobs;
+
+	if (jobs->n_jobs)
+		l->question.after = jobs->jobs[jobs->n_jobs - 1]->id;
+	return jobs->more && jobs->n_jobs;
+}
+
+static int jobs_rows(void *ctx, const Acut__V1__Message *page)
+{
+	struct jobs_list *l = ctx;
+	int r = 0;
+
+	for (size_t i = 0; i < page->jobs->n_jobs && r == 0; i++) {
+		const Acut__V1__Job *row = page->jobs->jobs[i];
+		struct acut_job job;
+		void *rows = NULL;
+
+		r = call_rises(l->acut, row->id > l->last, "jobs");
+		if (r == 0)
+			r = take_job(l->acut, row, &job, &rows);
+		if (r == 0)
+			l->each(l->ctx, &job);
+		l->last = row->id;
 		free(rows);
 	}
-	return 0;
-}
-
-static int jobs_ask(struct acut *a, uint64_t after, uint32_t *ret_id)
-{
-	Acut__V1__JobsRequest question = ACUT__V1__JOBS_REQUEST__INIT;
-
-	int r;
-
-	question.limit = PAGE;
-	question.after = after;
-	r = call_send(a, FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &question), -1, ret_id);
-	/* Off at once, not when the answer is waited for, which meets whatever goes wrong here. */
-	if (r == 0)
-		frame_conn_flush(a->conn, &a->err);
 	return r;
 }
 
-/* The daemon makes the next page while this one is handed out. */
 int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), void *ctx)
 {
-	uint64_t after = 0;
-	bool more = true;
-	uint32_t id;
+	struct jobs_list l = {.acut = a, .question = ACUT__V1__JOBS_REQUEST__INIT, .each = each, .ctx = ctx};
 	int r = call_begin(a);
 
-	if (r == 0)
-		r = jobs_ask(a, after, &id);
-	while (r == 0 && more) {
-		Acut__V1__Message *page;
-		uint64_t before = after;
-
-		r = call_next(a, id, &page, NULL);
-		if (r < 0)
-			break;
-		if (page->body_case != ACUT__V1__MESSAGE__BODY_JOBS) {
-			r = call_unexpected(a, page);
-			frame_message_free(page);
-			break;
-		}
-		more = page->jobs->more && page->jobs->n_jobs > 0;
-		if (more) {
-			after = page->jobs->jobs[page->jobs->n_jobs - 1]->id;
-			r = jobs_ask(a, after, &id);
-		}
-		if (r == 0)
-			r = jobs_page(a, page->jobs, before, each, ctx);
-		frame_message_free(page);
-	}
-	return r;
+	l.question.limit = CALL_PAGE;
+	if (r < 0)
+		return r;
+	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &l.question),
+						.want = ACUT__V1__MESSAGE__BODY_JOBS,
+						.ctx = &l,
+						.next = jobs_next,
+						.rows = jobs_rows});
 }
 
 int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, const char *scale_z, const char *crs)
@@ -267,41 +247,6 @@ int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, 
 	question.mode = call_mode(a);
 	return call_again(a, FRAME_MESSAGE(DATASET_CREATE, dataset_create, &question), -1, ACUT__V1__MESSAGE__BODY_DONE, &id,
 			  &a->answer);
-}
-
-int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *),
-		  void *ctx)
-{
-	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
-	Acut__V1__Message *last = NULL, *page; /* `last` holds the text that question.after points to */
-	bool more = true;
-	uint32_t id;
-	int r = call_begin(a);
-
-	question.name = call_text(name);
-	question.limit = PAGE;
-	while (r == 0 && more) {
-		r = call_again(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1,
-			       ACUT__V1__MESSAGE__BODY_DATASETS, &id, &page);
-		if (r < 0)
-			break;
-		more = page->datasets->more && page->datasets->n_datasets > 0;
-		for (size_t i = 0; i < page->datasets->n_datasets && r == 0; i++) {
-			struct acut_dataset dataset;
-
-			call_dataset(page->datasets->datasets[i], &dataset);
-			if (strcmp(dataset.name, question.after) <= 0)
-				r = err_set(&a->err, ERR_PROTO,
-					    "the daemon's list of datasets does not rise");
-			else
-				each(ctx, &dataset);
-			question.after = page->datasets->datasets[i]->name;
-		}
-		frame_message_free(last);
-		last = page;
-	}
-	frame_message_free(last);
-	return r;
 }
 
 int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view,
