@@ -325,6 +325,8 @@ void ctl_progress_init(struct ctl_progress *, struct ctl *);
 /* An acut_progress_fn. */
 void ctl_progress_show(void *ctx, const struct acut_progress *);
 void ctl_progress_clear(struct ctl *);
+/* ctl_list.c: what is told from now on are the rows of a list, which go out together. Before the first of them. */
+void ctl_list_begin(struct ctl *);
 const char *ctl_progress_time(double seconds, char buf[24]); /* 1:02:03 */
 
 /* ---- ctl_assume.c: what is taken for inputs that say nothing ---- */

@@ -67,7 +67,7 @@ static int show_run(struct ctl *ctl)
 	struct listing l = {.ctl = ctl};
 	int r, status;
 
-	ctl->list = true;
+	ctl_list_begin(ctl);
 	status = ctl_connect(ctl);
 	if (status)
 		return status;

@@ -78,7 +78,7 @@ int ctl_datasets_run(struct ctl *ctl)
 	bool removed = ctl->args.removed;
 	int status = ctl_connect(ctl);
 
-	ctl->list = true;
+	ctl_list_begin(ctl);
 	if (status)
 		return status;
 	if (!ctl->args.json)

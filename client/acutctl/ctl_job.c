@@ -16,36 +16,61 @@ void ctl_job_time(struct ctl_json *j, const char *key, int64_t us)
 	ctl_json_text(j, key, us ? ctl_job_time_text(us, buf) : NULL);
 }
 
-void ctl_job_lattice(struct ctl_json *j, const char *lattice)
+/* A lattice as decimals. */
+struct lattice_said {
+	char of[256]; /* what the daemon said */
+	char scale[2][DECIMAL_TEXT_SIZE], offset[3][DECIMAL_TEXT_SIZE];
+	bool ok;
+};
+
+static bool lattice_say(const char *lattice, struct lattice_said *ret)
 {
-	char part[5][DECIMAL_TEXT_SIZE], offset[DECIMAL_TEXT_SIZE];
+	char part[5][DECIMAL_TEXT_SIZE];
 	struct decimal scale[2];
 	int64_t k[3];
-	bool ok = lattice != NULL;
 
-	for (int i = 0; i < 5 && ok; i++) {
+	for (int i = 0; i < 5; i++) {
 		size_t n;
 
 		lattice += strspn(lattice, " ");
 		n = strcspn(lattice, " ");
-		ok = n && n < sizeof(part[i]);
-		memcpy(part[i], lattice, ok ? n : 0);
-		part[i][ok ? n : 0] = 0;
+		if (!n || n >= sizeof(part[i]))
+			return false;
+		memcpy(part[i], lattice, n);
+		part[i][n] = 0;
 		lattice += n;
 	}
-	ok = ok && decimal_parse(part[0], &scale[0]) && decimal_parse(part[1], &scale[1]);
-	for (int i = 0; i < 3 && ok; i++)
-		ok = parse_i64(part[2 + i], &k[i]);
-	if (!ok) {
+	for (int i = 0; i < 2; i++) {
+		if (!decimal_parse(part[i], &scale[i]))
+			return false;
+		strcpy(ret->scale[i], part[i]);
+	}
+	for (int i = 0; i < 3; i++) {
+		if (!parse_i64(part[2 + i], &k[i]))
+			return false;
+		decimal_scaled_text(scale[i == 2], k[i], ret->offset[i]);
+	}
+	return true;
+}
+
+void ctl_job_lattice(struct ctl_json *j, const char *lattice)
+{
+	static struct lattice_said said; /* lists have the same one many times */
+
+	if (lattice && strlen(lattice) < sizeof(said.of) && (!*said.of || strcmp(said.of, lattice))) {
+		strcpy(said.of, lattice);
+		said.ok = lattice_say(lattice, &said);
+	}
+	if (!lattice || strcmp(said.of, lattice) || !said.ok) {
 		ctl_json_text(j, "lattice", NULL);
 		return;
 	}
 	ctl_json_open(j, "lattice", '{');
-	ctl_json_literal(j, "scale_xy", part[0]);
-	ctl_json_literal(j, "scale_z", part[1]);
+	ctl_json_literal(j, "scale_xy", said.scale[0]);
+	ctl_json_literal(j, "scale_z", said.scale[1]);
 	ctl_json_open(j, "offset", '[');
 	for (int i = 0; i < 3; i++)
-		ctl_json_literal(j, NULL, decimal_scaled_text(scale[i == 2], k[i], offset));
+		ctl_json_literal(j, NULL, said.offset[i]);
 	ctl_json_close(j, ']');
 	ctl_json_close(j, '}');
 }

@@ -80,7 +80,7 @@ int ctl_jobs_run(struct ctl *ctl)
 	struct listing l = {.ctl = ctl};
 	int status = ctl_connect(ctl);
 
-	ctl->list = true;
+	ctl_list_begin(ctl);
 	if (status)
 		return status;
 	if (!ctl->args.json)

@@ -1,6 +1,5 @@
 /* JSON out: one object a line, keys in the order of the calls, texts made valid UTF-8. One thread
- * at a time writes to a stream: it is not locked for each character. */
-#include <inttypes.h>
+ * writes: what is not yet in its stream is kept here until the line ends. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,52 +10,122 @@
 /* What stands in a JSON text as it is. */
 static const bool plain[256] = {[' ' ... '!'] = true, ['#' ... '['] = true, [']' ... '~'] = true};
 
+/*
+ * What is not yet in its stream: a list is ten thousand lines of seventy keys, and a call of stdio for each shows. All that
+ * is written in one line goes through here, in order, and is in the stream when the line ends.
+ */
+static struct {
+	FILE *out;
+	size_t n;
+	char bytes[8192];
+} held;
+
+static void let_go(void)
+{
+	if (held.n)
+		fwrite_unlocked(held.bytes, 1, held.n, held.out);
+	held.n = 0;
+}
+
+/* A place for n bytes, n <= sizeof held.bytes; the caller says by `held.n +=` how many it took. */
+static char *room_for(FILE *out, size_t n)
+{
+	if (held.out != out || n > sizeof held.bytes - held.n)
+		let_go();
+	held.out = out;
+	return held.bytes + held.n;
+}
+
+static void put_byte(FILE *out, char c)
+{
+	*room_for(out, 1) = c;
+	held.n++;
+}
+
+static void put_bytes(FILE *out, const char *bytes, size_t n)
+{
+	while (n) {
+		size_t part = n < sizeof held.bytes ? n : sizeof held.bytes;
+
+		memcpy(room_for(out, part), bytes, part);
+		held.n += part;
+		bytes += part;
+		n -= part;
+	}
+}
+
+static void put_string(FILE *out, const char *text)
+{
+	put_bytes(out, text, strlen(text));
+}
+
 static void put_text(FILE *out, const char *text)
 {
-	putc_unlocked('"', out);
-	for (const unsigned char *p = (const unsigned char *)text; *p;) {
-		size_t n;
+	char code[8];
 
-		/* Most are a few bytes. */
-		for (; plain[*p]; p++)
-			putc_unlocked(*p, out);
+	put_byte(out, '"');
+	for (const unsigned char *p = (const unsigned char *)text; *p;) {
+		size_t run = 0, n;
+
+		while (plain[p[run]])
+			run++;
+		put_bytes(out, (const char *)p, run);
+		p += run;
 		if (!*p)
 			break;
 		n = utf8_length(p, SIZE_MAX);
 		if (*p == '"' || *p == '\\')
-			fprintf(out, "\\%c", *p);
+			put_bytes(out, (const char[]){'\\', (char)*p}, 2);
 		else if (*p < 0x20 || *p == 0x7f)
-			fprintf(out, "\\u%04x", *p);
+			put_bytes(out, code, (size_t)snprintf(code, sizeof(code), "\\u%04x", *p));
 		else if (!n)
-			fputs("\\ufffd", out);
+			put_string(out, "\\ufffd");
 		else
-			fwrite(p, 1, n, out);
+			put_bytes(out, (const char *)p, n);
 		p += n ? n : 1;
 	}
-	putc_unlocked('"', out);
+	put_byte(out, '"');
 }
+
+enum { KEY_MOST = 256 };
 
 static void put_key(struct ctl_json *j, const char *key)
 {
+	char *at = room_for(j->out, KEY_MOST + 4);
+	size_t n = 0;
+
 	if (j->comma)
-		putc_unlocked(',', j->out);
+		*at++ = ',';
 	j->comma = true;
 	if (key) {
-		put_text(j->out, key);
-		putc_unlocked(':', j->out);
+		*at = '"';
+		for (; n < KEY_MOST && plain[(unsigned char)key[n]]; n++)
+			at[1 + n] = key[n];
 	}
+	if (key && !key[n]) {
+		at += 1 + n;
+		*at++ = '"';
+		*at++ = ':';
+		key = NULL;
+	}
+	held.n = (size_t)(at - held.bytes);
+	if (!key)
+		return;
+	/* Not only letters. */
+	put_text(j->out, key);
+	put_byte(j->out, ':');
 }
 
 void ctl_json_open(struct ctl_json *j, const char *key, char bracket)
 {
 	put_key(j, key);
-	putc_unlocked(bracket, j->out);
+	put_byte(j->out, bracket);
 	j->comma = false;
 }
 
 void ctl_json_close(struct ctl_json *j, char bracket)
 {
-	putc_unlocked(bracket, j->out);
+	put_byte(j->out, bracket);
 	j->comma = true;
 }
 
@@ -66,7 +135,7 @@ void ctl_json_text(struct ctl_json *j, const char *key, const char *text)
 	if (text)
 		put_text(j->out, text);
 	else
-		fputs_unlocked("null", j->out);
+		put_bytes(j->out, "null", 4);
 }
 
 void ctl_json_known(struct ctl_json *j, const char *key, const char *text)
@@ -84,8 +153,7 @@ static void put_digits(FILE *out, uint64_t n, unsigned least)
 		digits[--at] = (char)('0' + n % 10);
 		n /= 10;
 	}
-	for (; at < sizeof digits; at++)
-		putc_unlocked(digits[at], out);
+	put_bytes(out, digits + at, sizeof digits - at);
 }
 
 /*
@@ -106,7 +174,7 @@ static bool put_millionths(FILE *out, double v)
 	for (fraction = n % 1000000; fraction && fraction % 10 == 0; fraction /= 10)
 		digits--;
 	if (fraction) {
-		putc_unlocked('.', out);
+		put_byte(out, '.');
 		put_digits(out, fraction, digits);
 	}
 	return true;
@@ -121,7 +189,9 @@ void ctl_json_u64(struct ctl_json *j, const char *key, uint64_t n)
 void ctl_json_i64(struct ctl_json *j, const char *key, int64_t n)
 {
 	put_key(j, key);
-	fprintf(j->out, "%" PRId64, n);
+	if (n < 0)
+		put_byte(j->out, '-');
+	put_digits(j->out, n < 0 ? 0 - (uint64_t)n : (uint64_t)n, 1);
 }
 
 void ctl_json_number(struct ctl_json *j, const char *key, double v)
@@ -130,7 +200,7 @@ void ctl_json_number(struct ctl_json *j, const char *key, double v)
 
 	put_key(j, key);
 	if (!isfinite(v)) {
-		fputs("null", j->out);
+		put_bytes(j->out, "null", 4);
 		return;
 	}
 	if (put_millionths(j->out, v))
@@ -140,13 +210,13 @@ void ctl_json_number(struct ctl_json *j, const char *key, double v)
 		if (strtod(buf, NULL) == v)
 			break;
 	}
-	fputs(buf, j->out);
+	put_string(j->out, buf);
 }
 
 void ctl_json_literal(struct ctl_json *j, const char *key, const char *text)
 {
 	put_key(j, key);
-	fputs_unlocked(text, j->out);
+	put_string(j->out, text);
 }
 
 void ctl_json_bool(struct ctl_json *j, const char *key, bool v)
@@ -156,7 +226,8 @@ void ctl_json_bool(struct ctl_json *j, const char *key, bool v)
 
 void ctl_json_line(struct ctl_json *j)
 {
-	fputc('\n', j->out);
+	put_byte(j->out, '\n');
+	let_go();
 	if (!j->list)
 		fflush(j->out);
 	j->comma = false;

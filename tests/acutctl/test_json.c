@@ -19,7 +19,10 @@ static char *written(void (*put)(struct ctl_json *, const void *), const void *w
 	struct ctl_json j = {.out = open_memstream(&text, &n), .list = true};
 
 	put(&j, what);
+	ctl_json_line(&j);
 	fclose(j.out);
+	assert_int_equal(text[n - 1], '\n');
+	text[n - 1] = 0;
 	return text;
 }
 
@@ -31,6 +34,11 @@ static void put_number(struct ctl_json *j, const void *v)
 static void put_u64(struct ctl_json *j, const void *v)
 {
 	ctl_json_u64(j, NULL, *(const uint64_t *)v);
+}
+
+static void put_i64(struct ctl_json *j, const void *v)
+{
+	ctl_json_i64(j, NULL, *(const int64_t *)v);
 }
 
 static void put_time(struct ctl_json *j, const void *v)
@@ -92,6 +100,9 @@ static void integers(void **state)
 	check(put_u64, &(const uint64_t){0}, "0");
 	check(put_u64, &(const uint64_t){10}, "10");
 	check(put_u64, &(const uint64_t){UINT64_MAX}, "18446744073709551615");
+	check(put_i64, &(const int64_t){INT64_MIN}, "-9223372036854775808");
+	check(put_i64, &(const int64_t){-1}, "-1");
+	check(put_i64, &(const int64_t){0}, "0");
 }
 
 static void times(void **state)
@@ -121,6 +132,48 @@ static void texts(void **state)
 	check(put_lattice, "00000000000000000000000000000000000000000000000000000001 1 1 1 1", "\"lattice\":null");
 }
 
+/* Keys and texts of all lengths around what is held back; lines for two streams in turns. */
+static void lengths(void **state)
+{
+	enum { MOST = 20000 };
+	char *text[2] = {0}, *word = test_malloc(MOST + 1), *at[2];
+	size_t n[2];
+	struct ctl_json j[2] = {{.out = open_memstream(&text[0], &n[0]), .list = true},
+				{.out = open_memstream(&text[1], &n[1]), .list = true}};
+
+	memset(word, 'w', MOST);
+	for (int step = 0; step < 2; step++) {
+		at[0] = text[0], at[1] = text[1];
+		for (size_t len = 1; len < MOST; len = len * 3 / 2 + 1) {
+			word[len] = 0;
+			for (int k = 0; k < 2 && !step; k++) {
+				ctl_json_open(&j[k], NULL, '{');
+				ctl_json_text(&j[k], word, word);
+				ctl_json_u64(&j[k], "n", len);
+			}
+			for (int k = 0; k < 2 && !step; k++) {
+				ctl_json_close(&j[k], '}');
+				ctl_json_line(&j[k]);
+			}
+			for (int k = 0; k < 2 && step; k++) {
+				char *wanted;
+				int size = asprintf(&wanted, "{\"%s\":\"%s\",\"n\":%zu}\n", word, word, len);
+
+				assert_memory_equal(at[k], wanted, size);
+				at[k] += size;
+				free(wanted);
+			}
+			word[len] = 'w';
+		}
+		for (int k = 0; k < 2 && !step; k++)
+			fclose(j[k].out);
+	}
+	assert_int_equal(at[0] - text[0], n[0]);
+	test_free(word);
+	free(text[0]);
+	free(text[1]);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -128,6 +181,7 @@ int main(void)
 		cmocka_unit_test(integers),
 		cmocka_unit_test(times),
 		cmocka_unit_test(texts),
+		cmocka_unit_test(lengths),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
