@@ -364,6 +364,7 @@ def killed_in_the_midst():
                 expect([r["generation"] for r in rows] == list(range(1, got + 1)), "%s" % rows)
                 expect(len(live_of(rows)) == show(d, "s")["files"], "%s" % rows)
                 told.update(generation=got, there=True)
+                answers = threading.Semaphore(0)
 
                 def work():
                     for i in range(1000):
@@ -382,9 +383,12 @@ def killed_in_the_midst():
                             return
                         if what != 2 and not r.status:
                             told["generation"] += 1
+                        answers.release()
                 t = threading.Thread(target=work)
                 t.start()
-                time.sleep(rng.uniform(0.01, 0.25))
+                for _ in range(kill % 4):
+                    expect(answers.acquire(timeout=300), "no answer came")
+                time.sleep(rng.uniform(0, 0.1))  # at any instant of the next one
                 d.stop(signal.SIGKILL)
                 t.join()
                 count += 1
