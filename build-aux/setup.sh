@@ -36,7 +36,8 @@ install_packages() {
 	say "installing packages:$missing"
 	as_root apt-get -o Acquire::Retries=4 update -qq || die "apt-get update failed"
 	# shellcheck disable=SC2086
-	as_root env DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=4 install -y -qq --no-install-recommends $missing >/dev/null ||
+	as_root env DEBIAN_FRONTEND=noninteractive apt-get -o Acquire::Retries=4 install -y -qq --no-install-recommends $missing \
+		2> >(grep -v '^debconf: delaying package configuration' >&2) >/dev/null ||
 		die "apt-get could not install:$missing"
 }
 
