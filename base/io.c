@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "err.h"
+#include "io_aside.h"
 #include "progress.h"
 
 static int system_openat(int dirfd, const char *path, int flags, mode_t mode)
@@ -216,7 +217,7 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 
 int io_close(int fd)
 {
-	if (fd >= 0)
+	if (fd >= 0 && !io_aside(fd))
 		io->close(
 			fd); /* the number is free afterwards, whatever it answers; what matters was synced */
 	return -1;

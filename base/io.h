@@ -61,5 +61,8 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 	    struct err *err);
 /* Closes if fd >= 0; returns -1, so that `fd = io_close(fd)`. */
 int io_close(int fd);
+/* The thread that calls this must not wait: what it closes from now on and can take long (files) is closed by another one, soon. */
+int io_close_aside(struct err *err);
+void io_close_waits(void); /* it may wait again */
 
 #endif

@@ -264,6 +264,8 @@ static int start(struct daemon *d, struct err *err)
 	if (!r)
 		r = loop_make(d, err);
 	if (!r)
+		r = io_close_aside(err);
+	if (!r)
 		r = make_budget(d, err);
 	if (!r)
 		look_places(d);
@@ -300,6 +302,7 @@ static void raise_files(void)
 
 static void finish(struct daemon *d)
 {
+	io_close_waits(); /* in this order */
 	server_free(d->server);
 	sched_free(d->sched);
 	catalogue_free(d->catalogue);

@@ -319,7 +319,8 @@ static int bind_at(int fd, const struct sockaddr_un *a, struct err *err)
 	umask(mask);
 	if (r != 0)
 		return err_sys(err, errno, "cannot bind the socket");
-	return listen(fd, SOMAXCONN) != 0 ? err_sys(err, errno, "cannot listen") : 0;
+	/* As in acutd.socket: who waits longer than these take waits in the kernel's other queue, of connect(). */
+	return listen(fd, 1024) != 0 ? err_sys(err, errno, "cannot listen") : 0;
 }
 
 static int lock_of(const char *path, int *ret_lock, struct err *err)

@@ -44,6 +44,8 @@ int frame_header_get(const uint8_t bytes[FRAME_HEADER_SIZE], struct frame_header
 
 /* ---- messages ---- */
 
+/* Whether it has at most so many fields, with those of messages inside it and the numbers of lists. */
+bool frame_message_fields(const void *bytes, size_t size, unsigned most);
 /* Unpacks `size` bytes; what the message takes may not exceed `cap` bytes and is taken from `ledger` (NULL:
  * not charged). -ERR_PROTO: malformed, beyond the cap, or a text that is not UTF-8. -ERR_BUSY: the ledger
  * has no room. A body that this build does not know gives body_case 0 (answer it with ERR_UNSUPPORTED). */
@@ -57,6 +59,7 @@ Acut__V1__Message *frame_message_free(Acut__V1__Message *);
 struct frame_limits {
 	size_t queue;   /* bytes of frames waiting to be sent; 0: 256 KiB */
 	size_t message; /* bytes that one unpacked message may take; 0: 1 MiB */
+	unsigned fields; /* that one message may have, with those of messages inside it; 0: any number */
 	struct ledger
 	    *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
 };

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "err.h"
+#include "io.h"
 
 enum {
 	QUEUE_DEFAULT = 256 << 10,
@@ -112,9 +113,7 @@ size_t frame_conn_held(const struct frame_conn *conn)
 
 static void conn_close_fd(int *fd)
 {
-	if (*fd >= 0)
-		close(*fd);
-	*fd = -1;
+	*fd = io_close(*fd);
 }
 
 /* Forgets the frame in hand. */
@@ -324,6 +323,10 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 		return conn_break(conn, err);
 	if (r > 0)
 		return r;
+	if (conn->limits.fields && !frame_message_fields(conn->body, conn->header.length, conn->limits.fields)) {
+		err_set(err, ERR_PROTO, "a message has more than %u fields", conn->limits.fields);
+		return conn_break(conn, err);
+	}
 	r = frame_message_unpack(conn->body, conn->header.length, conn->limits.message, conn->limits.ledger,
 				 &message, err);
 	if (r < 0)

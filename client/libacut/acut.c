@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/time.h>
 #include <sys/un.h>
 #include <unistd.h>
 
@@ -84,11 +85,15 @@ int acut_attach(int fd, const struct acut_options *options, struct acut **ret)
 	return attach(*ret, fd);
 }
 
-/* A daemon whose queue of connections is full gives EAGAIN: then wait a little and try again. */
+/* Where the daemon's queue of connections is full: waits in the kernel's own queue for a place in it, and looks now and then
+ * whether it is to go on. Who asks again and again instead finds others there each time. */
 static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 {
+	const struct timeval now_and_then = {.tv_usec = 50000};
 	uint64_t since = clock_mono_ns();
 
+	if (setsockopt(fd, SOL_SOCKET, SO_SNDTIMEO, &now_and_then, sizeof now_and_then) != 0)
+		return err_sys(&a->err, errno, "cannot set up a socket");
 	while (connect(fd, (const struct sockaddr *)address, sizeof *address) < 0) {
 		if (errno == EISCONN)
 			return 0;
@@ -105,7 +110,6 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 			return err_set(&a->err, ERR_TIMEOUT,
 				       "the daemon at %s took no connection within %g s", address->sun_path,
 				       a->options.timeout);
-		poll(NULL, 0, 20);
 	}
 	return 0;
 }
@@ -119,7 +123,7 @@ static int connect_path(struct acut *a, const char *path)
 		return err_set(&a->err, ERR_USAGE, "the socket's path is longer than %zu bytes: %s",
 			       sizeof address.sun_path - 1, path);
 	strcpy(address.sun_path, path);
-	fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+	fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
 	if (fd < 0)
 		return err_sys(&a->err, errno, "cannot make a socket");
 	r = connect_fd(a, fd, &address);

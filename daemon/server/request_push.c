@@ -473,7 +473,6 @@ void request_stream(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	}
 	answer.name = m->stream->name;
 	conn_send(c, q->id, FRAME_MESSAGE(STREAMING, streaming, &answer), ends[1]);
-	io_close(ends[1]);
 	request_free(q);
 }
 

@@ -2,7 +2,9 @@
  * The listening sockets, and the list of connections.
  *
  * The model: a connection is closed at once for its peer, and its memory goes in server_settle, after the
- * round of the loop in which nothing refers to it any more. When descriptors run out, accept is paused (the
+ * round of the loop in which nothing refers to it any more. Who came and went while he waited in the kernel's queue is
+ * closed before anything is made for him: that queue is first come, first served, and a flood of such clients keeps
+ * others waiting for no longer than it takes to go through them. When descriptors run out, accept is paused (the
  * kernel's queue holds the clients) until one is closed here or a second has passed.
  */
 #include "server.h"
@@ -118,8 +120,15 @@ static void accept_pause(struct server *s, int why)
 	sd_event_source_set_enabled(s->again, SD_EVENT_ONESHOT);
 }
 
-/* One client. False: none waits. */
-static bool accept_one(struct listener *l)
+static bool is_gone(int fd)
+{
+	char byte;
+
+	return recv(fd, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
+}
+
+/* One client. False: none waits. *taken is counted up if something was made for him. */
+static bool accept_one(struct listener *l, unsigned *taken)
 {
 	struct err err = ERR_INIT;
 	int fd = accept4(l->fd, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK);
@@ -129,6 +138,11 @@ static bool accept_one(struct listener *l)
 			accept_pause(l->server, errno);
 		return false;
 	}
+	if (is_gone(fd)) {
+		io_close(fd);
+		return true;
+	}
+	(*taken)++;
 	if (conn_new(l->server, fd, &err)) {
 		if (!refusal_worth(&err) && refusal_away(l->server))
 			log_event_err(LOG_EVENT_CLIENT_TURNED_AWAY, NULL, "a client is turned away", &err);
@@ -139,10 +153,12 @@ static bool accept_one(struct listener *l)
 
 static int accept_ready(sd_event_source *source, int fd, uint32_t events, void *ctx)
 {
-	int i;
+	enum { TAKEN = 8, GONE_NS = 200000 };
+	uint64_t start = clock_mono_ns();
+	unsigned taken = 0;
 
 	/* A turn like that of a client. */
-	for (i = 0; i < 8 && accept_one(ctx); i++)
+	while (taken < TAKEN && clock_mono_ns() - start < GONE_NS && accept_one(ctx, &taken))
 		;
 	return 0;
 }
@@ -176,10 +192,11 @@ int server_adopt(struct server *s, int fd, struct err *err)
 bool server_accept_last(struct server *s)
 {
 	struct listener *l;
+	unsigned taken = 0;
 	bool any = false;
 
 	for (l = s->listeners; l; l = l->next)
-		any |= accept_one(l);
+		any |= accept_one(l, &taken);
 	return any;
 }
 

@@ -103,7 +103,7 @@ unsigned conns_of(const struct server *, uint32_t uid); /* that are open */
 int conn_new(struct server *, int fd, struct err *err);
 void conn_close(struct conn *); /* at once for the peer; the memory goes later */
 bool conn_reap(struct conn *);  /* frees it if nothing refers to it */
-void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd);
+void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd); /* takes over `fd`; -1: none */
 void conn_send_error(struct conn *, uint32_t id, const struct err *);
 void conn_fail(struct conn *, const struct err *); /* a breach: Error on id 0, then the end */
 /* `bytes`: of its message. NULL: no memory; err says so. */

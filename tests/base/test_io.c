@@ -11,6 +11,9 @@
 #include <cmocka.h>
 
 #include <errno.h>
+#include <pthread.h>
+#include <sys/mman.h>
+#include <sys/socket.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,6 +25,7 @@
 
 static char folder[] = "/tmp/acut-test-io-XXXXXX";
 static int dir = -1;
+static pthread_t loop; /* that must not wait */
 
 /* The faulty table: the call `fault.at`, counted over all of them, fails with `fault.error`. */
 static struct {
@@ -249,6 +253,58 @@ static void test_remove_and_make_dir(void **state)
 	(void)state;
 }
 
+static _Atomic int closed, closing;
+static _Atomic bool gate;
+
+/* In whichever thread: holds what is closed aside until the gate is open. */
+static int gated_close(int fd)
+{
+	closing = fd + 1;
+	while (!gate && !pthread_equal(pthread_self(), loop))
+		usleep(1000);
+	closed++;
+	return close(fd);
+}
+
+/* Files are closed by another thread, which may take its time; pipes and sockets at once, unless they hold something unread. */
+static void closes_aside(void **state)
+{
+	struct io_table table = io_system;
+	struct err err = ERR_INIT;
+	int file = memfd_create("x", 0), pipes[2], sockets[2], unread[2], plain = memfd_create("y", 0);
+
+	assert_int_equal(pipe(pipes), 0);
+	assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, sockets), 0);
+	assert_int_equal(socketpair(AF_UNIX, SOCK_STREAM, 0, unread), 0);
+	assert_int_equal(write(unread[1], "x", 1), 1);
+	table.close = gated_close;
+	io = &table;
+	loop = pthread_self();
+	io_close(plain); /* nothing was said yet */
+	assert_int_equal(closed, 1);
+	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(io_close_aside(&err), 0);
+	io_close(pipes[0]);
+	io_close(pipes[1]);
+	io_close(sockets[0]);
+	assert_int_equal(closed, 4);
+	io_close(file);
+	io_close(unread[0]);
+	while (closing != file + 1 && closing != unread[0] + 1)
+		usleep(1000);
+	assert_int_equal(closed, 4);
+	assert_true(fcntl(file, F_GETFD) >= 0 && fcntl(unread[0], F_GETFD) >= 0);
+	gate = true;
+	while (closed < 6)
+		usleep(1000);
+	assert_int_equal(fcntl(file, F_GETFD), -1);
+	io_close_waits();
+	io_close(sockets[1]);
+	assert_int_equal(closed, 7);
+	io = &io_system;
+	close(unread[1]);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -256,6 +312,7 @@ int main(void)
 		cmocka_unit_test(test_short_and_interrupted),
 		cmocka_unit_test(test_read_fault),
 		cmocka_unit_test(test_remove_and_make_dir),
+		cmocka_unit_test(closes_aside),
 	};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);

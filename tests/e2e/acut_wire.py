@@ -66,16 +66,17 @@ class Wire:
 
     def __init__(self, path, timeout=240.0):
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self.sock.settimeout(timeout)
+        # Full is the queue at the door: waits for a place in it, which a socket with one of Python's time-outs does not.
+        self.sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, struct.pack("ll", 1, 0))
         deadline = time.monotonic() + timeout
         while True:
             try:
                 self.sock.connect(path)
                 break
-            except BlockingIOError:  # the queue at the door is full, and a socket with a time-out does not wait in it
+            except BlockingIOError:
                 if time.monotonic() > deadline:
                     raise
-                time.sleep(0.0005)
+        self.sock.settimeout(timeout)
         self.timeout = timeout
 
     def fileno(self):

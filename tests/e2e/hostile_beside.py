@@ -22,9 +22,11 @@ from protocol import some_points, write_las
 from acut_wire import Client, HEADER, Refused, Wire, pack, pb
 
 SECONDS = float(os.environ.get("ACUT_HOSTILE_SECONDS", "0.35"))
-# On a machine that has other things to do: acutd and the quiet client before all of these, so that they wait for one another only.
+# On a machine that has other things to do: acutd and the quiet client before all of these, so that they wait for one another only;
+# acutd's loop before its workers, as one that mostly waits is where all share the cores fairly.
 ALONE = bool(os.environ.get("ACUT_HOSTILE_ALONE"))
 PROCESSES = 2
+GONE = 16 << 20
 NOBODY = 65534
 DAEMON = LAS = None
 COUNTS = mmap.mmap(-1, 4096)
@@ -189,6 +191,25 @@ def forty_descriptors():
     s.close()
 
 
+def files_that_are_gone():
+    """The last descriptors of large files without a name, with requests that have no use for them, and in a socket that nobody reads:
+    whoever closes them frees all that they hold."""
+    s = greeted()
+    for i in range(4):
+        fd = os.memfd_create("gone")
+        os.ftruncate(fd, GONE)
+        with mmap.mmap(fd, GONE) as m:
+            for at in range(0, GONE, 4096):
+                m[at] = 1
+        if i < 2:
+            swallow(socket.send_fds, s, [pack(2 + i, message("ping"), 1)], [fd])
+        else:
+            swallow(socket.send_fds, s, [HEADER.pack(0x4341, 1, 9, 3, 0, b"\0\0\0")[:5] if i == 2 else b"x" * 60], [fd])
+        os.close(fd)
+    swallow(s.recv, 4096)
+    s.close()
+
+
 def send_fd(c, body, value, fd):
     try:
         c.ask(body, value, fd)
@@ -324,7 +345,7 @@ class Quiet:
             return
         os.close(self.end_out)
         if ALONE:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(6))
         try:
             answer = json.dumps(self.work())
         except BaseException as e:
@@ -447,7 +468,7 @@ def settled(before, ledger):
 
 
 ATTACKS = [connects, connects_without_end, connects_that_stay, greetings_that_stay, half_frames, half_messages, one_byte_writes, lengths_of_64_megabytes,
-           unread_answers, deep_queues, the_same_number_again, unknown_kinds, huge_texts, bombs, forty_descriptors, wrong_descriptors,
+           unread_answers, deep_queues, the_same_number_again, unknown_kinds, huge_texts, bombs, forty_descriptors, files_that_are_gone, wrong_descriptors,
            endless_pipes, files_that_shrink, streams_that_nobody_reads, jobs_and_gone, ends_in_the_middle]
 
 
@@ -505,6 +526,8 @@ def whole():
         os.chmod(base, 0o755)
         with e2e.Daemon(base, memory="%dM" % MEMORY, prefix=("chrt", "-f", "5") if ALONE else ()) as daemon:
             os.chmod(daemon.socket, 0o666)
+            if ALONE:
+                os.sched_setscheduler(daemon.process.pid, os.SCHED_FIFO, os.sched_param(6))
             DAEMON, LAS = daemon, os.path.join(base, "x.las")
             write_las(LAS, some_points(2000, 11))
             try:

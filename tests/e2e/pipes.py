@@ -1,6 +1,7 @@
 """Inputs that come through pipes: the same mesh as from a file, never a part that looks whole, nobody kept waiting."""
 import json
 import os
+import shutil
 import signal
 import subprocess
 import time
@@ -235,6 +236,35 @@ def one_that_comes_late():
                     expect(not good and "coordinate system" in str(e), str(e))
 
 
+def closed_once():
+    """No descriptor is closed twice: between the two another thread may have got its number for a file of its own."""
+    if not shutil.which("strace"):
+        e2e.unavailable("strace is not installed")
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, out, trace = survey(base, 3000), os.path.join(base, "m.ply"), os.path.join(base, "trace")
+        data = open(path, "rb").read()
+        spy = subprocess.Popen(["strace", "-f", "-e", "trace=close", "-o", trace, "-p", str(d.process.pid)], stderr=subprocess.PIPE)
+        told = spy.stderr.readline().decode()
+        if "attached" not in told:
+            spy.wait()
+            e2e.unavailable("strace: " + told.strip())
+        for args in (("mesh", "-", "--input-format", "las", "-o", out), ("push", "d", "-", "--input-format", "las", "--name", "x")):
+            code, _, err = feed(d, [data[:1000], data[1000:]], *args)
+            expect(code == 0, err)
+        expect(feed(d, [data[:1000]], "push", "d", "-", "--input-format", "las", "--name", "y")[0], "half a file was taken")
+        d.ctl("info", path).ok()
+        d.ctl("submit", "d", "--wait").ok()
+        d.ctl("fetch", "2", "-o", out).ok()
+        d.ctl("dataset", "export", "d", os.path.join(base, "copy")).ok()
+        d.ctl("dataset", "import", os.path.join(base, "copy"), "e").ok()
+        spy.terminate()
+        spy.wait()
+        closes = open(trace).read().splitlines()
+        print("     %d descriptors were closed" % len(closes))
+        bad = [line for line in closes if "EBADF" in line and "close(-1)" not in line]
+        expect(len(closes) > 50 and not bad, "%s" % bad)
+
+
 e2e.main(las_forwards, laz_is_kept, cut_is_no_mesh, text_and_fifo, text_forwards, slow_client_costs_nobody, vanished_clients,
          aborted_beside_a_quiet_pipe,
-         one_that_comes_late)
+         one_that_comes_late, closed_once)

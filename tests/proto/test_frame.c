@@ -489,6 +489,58 @@ static void test_caps(void **state)
 	free(bytes);
 }
 
+/* Counted as they lie there: fields of messages in messages and of none that is known, numbers of lists, packed or not. */
+static void test_fields(void **state)
+{
+	static const uint8_t plain[] = {0x08, 1, 0x08, 2, 0x11, 0, 0, 0, 0, 0, 0, 0, 0, 0x1d, 0, 0, 0, 0}; /* 4 that are not known */
+	static const uint8_t jobs[] = {0xb2, 2, 8, 0x0a, 0, 0x0a, 4, 0x08, 1, 0x10, 2}; /* Jobs, 2 of them, 2 fields in one: 5 */
+	static const uint8_t unended[] = {0x08, 1, 0x08, 2, 0x80}; /* 2, and what is malformed */
+	static const uint8_t beyond[] = {0x08, 1, 0xb2, 2, 100, 0x0a, 0, 0x0a, 0};
+	static const uint8_t group[] = {0x08, 1, 0x0b, 0x08, 1, 0x08, 1};
+	Acut__V1__PushBegin begin = ACUT__V1__PUSH_BEGIN__INIT;
+	Acut__V1__Inspected inspected = ACUT__V1__INSPECTED__INIT;
+	Acut__V1__Message m = ACUT__V1__MESSAGE__INIT;
+	double crop[4] = {1, 2, 3, 4};
+	uint64_t flags[300] = {0};
+	uint8_t bytes[4096];
+	size_t n;
+
+	assert_true(frame_message_fields(plain, sizeof plain, 4) && !frame_message_fields(plain, sizeof plain, 3));
+	assert_true(frame_message_fields(jobs, sizeof jobs, 5) && !frame_message_fields(jobs, sizeof jobs, 4));
+	assert_true(frame_message_fields(unended, sizeof unended, 2) && !frame_message_fields(unended, sizeof unended, 1));
+	assert_true(frame_message_fields(beyond, sizeof beyond, 1) && frame_message_fields(group, sizeof group, 1));
+	assert_true(frame_message_fields(plain, 0, 0));
+	begin.n_crop = 4;
+	begin.crop = crop;
+	m.body_case = ACUT__V1__MESSAGE__BODY_PUSH_BEGIN;
+	m.push_begin = &begin;
+	n = acut__v1__message__pack(&m, bytes);
+	assert_true(frame_message_fields(bytes, n, 6) && !frame_message_fields(bytes, n, 5)); /* itself, the list, 4 in it */
+	inspected.n_flags = 300;
+	inspected.flags = flags;
+	m.body_case = ACUT__V1__MESSAGE__BODY_INSPECTED;
+	m.inspected = &inspected;
+	n = acut__v1__message__pack(&m, bytes);
+	assert_true(frame_message_fields(bytes, n, 302) && !frame_message_fields(bytes, n, 301));
+}
+
+/* More than its limits let it have is a breach, and costs no memory. */
+static void test_fields_of_a_connection(void **state)
+{
+	struct frame_limits limits = {.fields = 3};
+	struct pair p = pair_new(&limits);
+	struct err err = ERR_INIT;
+	uint8_t frame[64];
+	const struct frame_header header = {.length = 8, .request_id = 1};
+
+	frame_header_put(&header, frame);
+	memcpy(frame + FRAME_HEADER_SIZE, (const uint8_t[]){0x08, 1, 0x08, 1, 0x08, 1, 0x08, 1}, 8);
+	assert_int_equal(write(p.raw, frame, FRAME_HEADER_SIZE + 8), FRAME_HEADER_SIZE + 8);
+	assert_int_equal(recv_result(p.conn, &err), -ERR_PROTO);
+	assert_non_null(strstr(err.message, "more than 3 fields"));
+	pair_free(&p);
+}
+
 static void test_charged(void **state)
 {
 	struct ledger *ledger = ledger_new(1 << 20);
@@ -704,6 +756,8 @@ int main(void)
 	    cmocka_unit_test(test_malformed_message),
 	    cmocka_unit_test(test_unknown_kind),
 	    cmocka_unit_test(test_caps),
+		cmocka_unit_test(test_fields),
+		cmocka_unit_test(test_fields_of_a_connection),
 	    cmocka_unit_test(test_charged), cmocka_unit_test(test_cut),
 	    cmocka_unit_test(test_queue_cap),
 	    cmocka_unit_test(test_sent_in_parts),
