@@ -16,6 +16,9 @@ import tempfile
 import termios
 import time
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "e2e"))
+import e2e  # noqa: E402
+
 ACUTCTL, ACUTD, SYNTH = (os.environ[k] for k in ("ACUTCTL", "ACUTD", "ACUT_SYNTH"))
 for program in (ACUTD, SYNTH):
     if not os.access(program, os.X_OK):
@@ -55,7 +58,7 @@ class Place:
 
     def ctl(self, *args, **kw):
         p = self.start(*args, **kw)
-        out, err = p.communicate(timeout=120)
+        out, err = p.communicate(timeout=e2e.PATIENCE)
         return p.returncode, (out or b"").decode(errors="replace"), err.decode()
 
     def json(self, *args, **kw):
@@ -79,13 +82,13 @@ class Place:
     def end(self):
         for pid in self.daemons():
             os.kill(pid, signal.SIGTERM)
-        wait_for(lambda: not self.daemons(), 15)
+        wait_for(lambda: not self.daemons())
         for pid in self.daemons():
             os.kill(pid, signal.SIGKILL)
 
 
-def wait_for(cond, seconds):
-    end = time.monotonic() + seconds
+def wait_for(cond):
+    end = time.monotonic() + e2e.PATIENCE
     while time.monotonic() < end:
         if cond():
             return True
@@ -181,7 +184,7 @@ def outputs(p):
         same = p.json("mesh", *words, "-o", p.path("z.ply"), cwd=p.base)
         check(" ".join(words), same["digest"] == got["digest"] and same["vertex_digest"] == got["vertex_digest"], str(same))
     q = subprocess.run([ACUTCTL, "mesh", "-", "--input-format", "xyz", "-o", p.path("t.obj"), "--json"], input=b"0 0 1\n1 0 2\n0 1 3\n",
-                       stdout=subprocess.PIPE, env=p.env, timeout=60)
+                       stdout=subprocess.PIPE, env=p.env, timeout=e2e.PATIENCE)
     check("standard input", q.returncode == 0 and json.loads(q.stdout)["triangles"] == 1, q.stdout)
     status, out, err = p.ctl("info", las, other, "--json")
     check("info", status == 0 and [json.loads(line)["points"] for line in out.splitlines()] == [60000, 60000], out + err)
@@ -196,38 +199,47 @@ def outputs(p):
 
 def interruption(p):
     big = p.path("big.las")
-    subprocess.run([SYNTH, "--points", "3M", big], check=True)
+    subprocess.run([SYNTH, "--points", "1M", big], check=True)
+    # In the middle of writing.
+    gate = e2e.Gate(p.base)
     for sig, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
         for own in ([], ["--memory", "32M", "--threads", "1"]):
-            q = p.start("mesh", big, "-o", p.path("big.ply"), *own)
-            time.sleep(0.25)
+            gate.close("pwrite", p.base, 2, "acutctl")
+            q = p.start("mesh", big, "-o", p.path("big.ply"), *own, env=gate.env)
+            check("in the middle", gate.wait(lambda: q.poll() is not None))
             q.send_signal(sig)
-            _, err = q.communicate(timeout=30)
+            gate.open()
+            _, err = q.communicate(timeout=e2e.PATIENCE)
             check("signal %d %s" % (sig, own), q.returncode == status, "%d %s" % (q.returncode, err))
             check("nothing is left", not [n for n in os.listdir(p.base) if "big.ply" in n], str(os.listdir(p.base)))
-    q = p.start("mesh", big, "-o", p.path("big.ply"))
-    time.sleep(0.5)
+    gate.close("pwrite", p.base, 2, "acutctl")
+    q = p.start("mesh", big, "-o", p.path("big.ply"), env=gate.env)
+    check("in the middle", gate.wait(lambda: q.poll() is not None))
     q.kill()
-    q.communicate(timeout=30)
+    q.communicate(timeout=e2e.PATIENCE)
     left = [n for n in os.listdir(p.base) if "big.ply" in n]
     check("killed, nothing is left", q.returncode == -9 and not left, "%d %s" % (q.returncode, left))
-    status, _, err = p.ctl("mesh", big, "-o", p.path("big.ply"), "--timeout", "0.2")
+    gate.close("pread", ".seg")
+    status, _, err = p.ctl("mesh", big, "-o", p.path("big.ply"), "--timeout", "0.2", "--memory", "32M", env=gate.env)
+    gate.open()
     check("--timeout", status == 124 and "0.2" in err, "%d %s" % (status, err))
     # The job of a client that is gone ends, bound as it is.
-    check("no job runs on", wait_for(lambda: p.json("status", "--private")["jobs_running"] == 0, 10))
+    check("no job runs on", wait_for(lambda: p.json("status", "--private")["jobs_running"] == 0))
 
 
 def progress(p):
     """A line on a terminal, none anywhere else."""
-    # One thread and many small domains: long enough for a rate on any machine.
+    # A daemon of its own, which stands still in the middle until the line is there with all that it says.
+    gate = e2e.Gate(p.base)
     slow = ["--memory", "24M", "--threads", "1"]
-    for options, wanted in ((slow, True), (["--no-progress"], False), (["--quiet"], False), (["--json"], False)):
+    for options, wanted in ((slow, True), (slow + ["--no-progress"], False), (slow + ["--quiet"], False), (slow + ["--json"], False)):
+        gate.close("pread", ".seg", 300 if wanted else 1 << 30)
         try:
             main, side = pty.openpty()
         except OSError as e:
             print("progress: skipped, no terminal can be had:", e)
             return
-        q = subprocess.Popen([ACUTCTL, "mesh", p.path("big.las"), "-o", p.path("t.ply"), *options], env=p.env,
+        q = subprocess.Popen([ACUTCTL, "mesh", p.path("big.las"), "-o", p.path("t.ply"), *options], env={**p.env, **gate.env},
                              stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=side)
         os.close(side)
         seen = b""
@@ -239,8 +251,10 @@ def progress(p):
             if not part:
                 break
             seen += part
+            if b"mesh" in seen and b"% " in seen and b"/s" in seen:
+                gate.open()
         os.close(main)
-        check("status", q.wait(60) == 0)
+        check("status", q.wait(e2e.PATIENCE) == 0)
         # The one sentence about classes comes after the last line of progress.
         seen = re.sub(rb"acutctl: note: points of all classes[^\r\n]*\r\n", b"", seen)
         check("progress with %s" % options, (b"mesh" in seen and b"% " in seen and b"/s" in seen
@@ -248,8 +262,8 @@ def progress(p):
         check("nothing else with %s" % options, wanted or not seen, repr(seen))
 
 
-def on_terminal(p, width, *args, env=None):
-    """Standard output and error of a run on a terminal so wide; None where there are none."""
+def on_terminal(p, width, *args, env=None, gate=None):
+    """Standard output and error of a run on a terminal so wide; None where there are none. A gate is opened at the first output."""
     try:
         main, side = pty.openpty()
     except OSError as e:
@@ -269,8 +283,10 @@ def on_terminal(p, width, *args, env=None):
         if not part:
             break
         seen += part
+        if gate:
+            gate.open()
     os.close(main)
-    check("status of " + " ".join(args), q.wait(60) == 0, seen)
+    check("status of " + " ".join(args), q.wait(e2e.PATIENCE) == 0, seen)
     return seen.decode()
 
 
@@ -278,8 +294,11 @@ def terminal(p):
     """Lists and the page at the end of a mesh, as people see them: no line is wider than the terminal, and no colour with NO_COLOR."""
     las, name = p.path("a.las"), "a-dataset-with-a-rather-long-name-as-scripts-make-them"
     wide = lambda seen: max((len(line) for part in seen.split("\n") for line in re.sub("\x1b\\[[0-9;]*[mK]", "", part).split("\r")), default=0)
+    gate = e2e.Gate(p.base)
     for width in (120, 60):
-        seen = on_terminal(p, width, "mesh", las, "-o", p.path("page.ply"), "--max-edge", "3m", "--memory", "64M")
+        # Not over before there was a line of progress to go.
+        gate.close("pread", ".seg")
+        seen = on_terminal(p, width, "mesh", las, "-o", p.path("page.ply"), "--max-edge", "3m", "--memory", "64M", env=gate.env, gate=gate)
         if seen is None:
             return
         check("the page fits %d" % width, wide(seen.split("acutctl: note")[0]) <= width, repr(seen))
@@ -312,8 +331,9 @@ def private(p):
     check("69 without --private", p.ctl("jobs")[0] == 69)
     # Many at once start one daemon.
     many = [p.start("mesh", small, "-o", p.path("m%d.obj" % i), "-q") for i in range(12)]
-    check("many at once", [q.wait(120) for q in many] == [0] * 12, str([q.stderr.read() for q in many]))
-    check("one daemon", len(p.daemons()) == 1, str(p.daemons()))
+    check("many at once", [q.wait(e2e.PATIENCE) for q in many] == [0] * 12, str([q.stderr.read() for q in many]))
+    # Those who found that one runs already are on their way out.
+    check("one daemon", wait_for(lambda: len(p.daemons()) == 1), str(p.daemons()))
     pid = p.daemons()
     status, out, err = p.ctl("push", "d", small, "--private")
     job = p.ctl("submit", "d", "--wait", "--private")[1].split()[0]
@@ -322,13 +342,14 @@ def private(p):
     check("a job that is not there", p.ctl("show", "99999", "--private")[0] == 4)
     # One that was killed is replaced, and what was pushed is there.
     os.kill(pid[0], signal.SIGKILL)
-    check("killed", wait_for(lambda: not p.daemons(), 5))
+    check("killed", wait_for(lambda: not p.daemons()))
     check("the dataset is there", p.json("dataset", "show", "d", "--private")["points"] == 4)
     # Stopping and starting at once: the new one waits for the folders.
     for _ in range(5):
         os.kill(p.daemons()[0], signal.SIGTERM)
         got = p.ctl("ping", "--private")
         check("after a stop", got[0] == 0, str(got))
+        check("the one that was stopped is gone", wait_for(lambda: len(p.daemons()) == 1), str(p.daemons()))
     # It has been told to end, and still lets somebody in.
     pid = p.daemons()[0]
     os.kill(pid, signal.SIGSTOP)
@@ -336,7 +357,7 @@ def private(p):
     q = p.start("ping", "--private")
     time.sleep(0.5)
     os.kill(pid, signal.SIGCONT)
-    _, err = q.communicate(timeout=60)
+    _, err = q.communicate(timeout=e2e.PATIENCE)
     check("at a stop", q.returncode == 0, "%d %s" % (q.returncode, err))
     # A daemon that cannot start says why.
     state = p.path("state")
@@ -359,11 +380,15 @@ def private(p):
     cache = p.path("cache/acut")
     check("own", p.ctl("mesh", small, "-o", p.path("o.obj"), "--memory", "24M", "-q")[0] == 0)
     check("own folders are gone", not [n for n in os.listdir(cache) if n.startswith("own-")], str(os.listdir(cache)))
-    q = p.start("mesh", p.path("big.las"), "-o", p.path("k.ply"), "--memory", "24M", "--threads", "1")
-    check("own daemon runs", wait_for(lambda: [n for n in os.listdir(cache) if n.startswith("own-")] and p.daemons(), 10))
+    gate = e2e.Gate(p.base)
+    gate.close("pread", ".seg")
+    q = p.start("mesh", p.path("big.las"), "-o", p.path("k.ply"), "--memory", "24M", "--threads", "1", env=gate.env)
+    gate.wait()
+    check("own daemon runs", [n for n in os.listdir(cache) if n.startswith("own-")] and p.daemons(), str(p.daemons()))
     q.kill()
+    gate.open()
     q.communicate()
-    check("own daemon ends with its client", wait_for(lambda: not p.daemons(), 15), str(p.daemons()))
+    check("own daemon ends with its client", wait_for(lambda: not p.daemons()), str(p.daemons()))
     p.ctl("mesh", small, "-o", p.path("o.obj"), "--threads", "1")
     check("left folders are swept", not [n for n in os.listdir(cache) if n.startswith("own-")], str(os.listdir(cache)))
     keep = p.path("kept")

@@ -140,13 +140,13 @@ class Gate:
     def path(self, name):
         return os.path.join(self.folder, name)
 
-    def close(self, call, text, first=0):
-        """From now on. `first`: how many go by. Whoever is held by an earlier rule and is meant by this one is counted anew."""
+    def close(self, call, text, first=0, program="*"):
+        """From now on. `first`: how many go by. `program`: "acutctl", where its acutd has the same environment. Whoever is held by an earlier rule and is meant by this one is counted anew."""
         self.n += 1
         if os.path.exists(self.path("held")):
             os.unlink(self.path("held"))
         with open(self.path("new"), "w") as f:
-            f.write("%s %s %d %d" % (call, text, first, self.n))
+            f.write("%s %s %d %d %s" % (call, text, first, self.n, program))
         os.rename(self.path("new"), self.path("rule"))
 
     def wait(self, other=lambda: False):

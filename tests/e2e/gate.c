@@ -1,7 +1,7 @@
 /*
  * A preload for Gate of e2e.py: calls of a program on files wait until the test lets them go. So a test brings about "in the middle of
- * it" instead of sleeping and hoping. $ACUT_GATE is a folder; its file "rule" says which calls, "CALL TEXT N ID": those named CALL on a path
- * that has TEXT in it, but for the first N since the rule of that ID came. Who waits makes the file "held". Without a rule nobody
+ * it" instead of sleeping and hoping. $ACUT_GATE is a folder; its file "rule" says which calls, "CALL TEXT N ID PROGRAM": those named CALL on
+ * a path that has TEXT in it, but for the first N since the rule of that ID came, in that program (*: in any). Who waits makes the file "held". Without a rule nobody
  * waits. It changes no call, no result and no order.
  */
 #undef _FILE_OFFSET_BITS /* both names of a call are to be had */
@@ -21,7 +21,7 @@
 #define REAL(f) ((__typeof__(&f))dlsym(RTLD_NEXT, #f))
 
 struct rule {
-	char call[32], text[128], id[64];
+	char call[32], text[128], id[64], program[32];
 	unsigned long pass;
 };
 
@@ -45,7 +45,8 @@ static int rule_read(const char *folder, struct rule *ret_rule)
 	if (n <= 0)
 		return 0;
 	text[n] = 0;
-	return sscanf(text, "%31s %127s %lu %63s", ret_rule->call, ret_rule->text, &ret_rule->pass, ret_rule->id) == 4;
+	return sscanf(text, "%31s %127s %lu %63s %31s", ret_rule->call, ret_rule->text, &ret_rule->pass, ret_rule->id,
+		      ret_rule->program) == 5;
 }
 
 static int is_let_by(const struct rule *r)
@@ -68,7 +69,8 @@ static int is_meant(const struct rule *r, const char *call, int fd, const char *
 	char link[64], path[8192];
 	ssize_t n = 0;
 
-	if (strcmp(r->call, call) != 0)
+	if (strcmp(r->call, call) != 0 ||
+	    (strcmp(r->program, "*") != 0 && strcmp(r->program, program_invocation_short_name) != 0))
 		return 0;
 	if (fd >= 0) {
 		snprintf(link, sizeof link, "/proc/self/fd/%d", fd);

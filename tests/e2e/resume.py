@@ -38,11 +38,15 @@ def ask(c, body, path, push):
         return c.ask("file", pb.File(push=push, name=path), f.fileno())
 
 
+def connections(d):
+    return d.ctl("status", "--json").ok().json()["connections"]
+
+
 class Half:
     """A push by hand that stops when all are probed and the first `n` are safe."""
 
     def __init__(self, d, dataset, paths, n, wait=True, **options):
-        self.c = Client(d.socket)
+        self.d, self.c = d, Client(d.socket)
         begun = self.c.ask("push_begin", pb.PushBegin(dataset=dataset, **options))
         self.number, self.id = self.c.last, begun.push
         self.known = [ask(self.c, "probe", p, self.id).known for p in paths]
@@ -50,14 +54,15 @@ class Half:
         for p, known in list(zip(paths, self.known))[:n]:
             if not known:
                 ask(self.c, "file", p, self.id)
-        deadline = time.monotonic() + 20
-        while wait and self.c.durable.get(self.number, 0) < n - sum(map(bool, self.known[:n])):
-            expect(time.monotonic() < deadline, "no Durable within 20 s")
-            time.sleep(0.1)
-            self.c.ping()
+        if wait:
+            e2e.until(lambda: self.c.ping() and self.c.durable.get(self.number, 0) >= n - sum(map(bool, self.known[:n])), "no Durable")
 
     def vanish(self):
+        """Goes; acutd has heard of it then, where it lives."""
+        here = self.d.process.poll() is None and connections(self.d)
         self.c.close()
+        if here:
+            e2e.until(lambda: connections(self.d) < here, "who is gone stays connected")
 
 
 def digests(d, dataset):
@@ -70,8 +75,8 @@ def pending(d, dataset):
     return show(d, dataset)["pending"]
 
 
-def wait_for(cond, text, seconds=20):
-    deadline = time.monotonic() + seconds
+def wait_for(cond, text):
+    deadline = time.monotonic() + e2e.PATIENCE
     while not cond():
         expect(time.monotonic() < deadline, text)
         time.sleep(0.05)
@@ -163,78 +168,110 @@ def vanished_client():
 
 def cut_off_in_a_file():
     """A file that was half read leaves nothing, also where the daemon starts anew and numbers its files again."""
-    with e2e.Folder() as base, e2e.Daemon(base) as d:
-        paths = tiles(base, 3)
-        big = os.path.join(base, "big.las")
-        rng = random.Random(9)
-        las(big, [(rng.randrange(30000), rng.randrange(30000), 0) for _ in range(600000)], offset=(0, 200, 0))
-        paths.insert(2, big)
-        d.ctl("push", "want", *paths).ok()
-        want, cut = digests(d, "want"), 0
-        for delay in (0.01, 0.02, 0.03):
-            name = "s%d" % (delay * 100)
-            half = Half(d, name, paths, 2, wait=False)
-            with open(big, "rb") as f:
-                half.c.send("file", pb.File(push=half.id, name=big), f.fileno())
-            time.sleep(delay)
-            half.vanish()
-            wait_for(lambda: d.ctl("dataset", "show", name).status == 0 and "interrupted" in (pending(d, name) or ""), "not pending")
-            d.stop()
-            d.start()
-            got = d.ctl("push", name, *paths[:2], paths[3], big, "--json").ok()
-            expect(states(got)[:3] == ["adopted", "adopted", "staged"], str(states(got)))
-            cut += states(got)[3] == "staged"
-            expect(digests(d, name) == want, "another mesh")
-        print("     %d of 3 were cut off" % cut)
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, env=gate.env) as d:
+            cut_off_in(base, d, gate)
+
+
+def cut_off_in(base, d, gate):
+    paths = tiles(base, 3)
+    big = os.path.join(base, "big.las")
+    rng = random.Random(9)
+    las(big, [(rng.randrange(30000), rng.randrange(30000), 0) for _ in range(600000)], offset=(0, 200, 0))
+    paths.insert(2, big)
+    d.ctl("push", "want", *paths).ok()
+    want = digests(d, "want")
+    for reads in (1, 3, 6):
+        name = "s%d" % reads
+        half = Half(d, name, paths, 2, wait=False)
+        # So much of it is read, and no more before its client is gone.
+        gate.close("pread", "/big.las", reads)
+        with open(big, "rb") as f:
+            half.c.send("file", pb.File(push=half.id, name=big), f.fileno())
+        gate.wait()
+        half.vanish()
+        gate.open()
+        wait_for(lambda: d.ctl("dataset", "show", name).status == 0 and "interrupted" in (pending(d, name) or ""), "not pending")
+        d.stop()
+        d.start()
+        got = d.ctl("push", name, *paths[:2], paths[3], big, "--json").ok()
+        expect(states(got) == ["adopted", "adopted", "staged", "staged"], str(states(got)))
+        expect(digests(d, name) == want, "another mesh")
 
 
 def interrupted_client():
-    """acutctl itself, by Ctrl-C and by kill -9, at any moment."""
-    with e2e.Folder() as base, e2e.Daemon(base) as d:
-        big = [os.path.join(base, "b%d.las" % i) for i in range(5)]
-        for i, p in enumerate(big):
-            e2e.run([e2e.SYNTH, "--points", 400000, "--seed", i, p]).ok()
-        d.ctl("push", "want", *big).ok()
-        want = digests(d, "want")
-        kept = 0
-        for i, sig in enumerate((signal.SIGINT, signal.SIGKILL, signal.SIGINT, signal.SIGTERM)):
-            name = "s%d" % i
-            p = subprocess.Popen([e2e.ACUTCTL, "push", name] + big, env=dict(os.environ, ACUT_SOCKET=d.socket),
-                                 stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-            time.sleep(0.03 + 0.08 * i)
-            p.send_signal(sig)
-            p.communicate(timeout=60)
-            got = d.ctl("push", name, *big, "--json").ok()
-            kept += sum(s in ("adopted", "known") for s in states(got))
-            expect(digests(d, name) == want, "%s after signal %d: another mesh" % (name, sig))
-        print("     %d of 20 files were there already" % kept)
+    """acutctl itself, by Ctrl-C and by kill -9, in the first file and in later ones."""
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, env=gate.env) as d:
+            interrupted_in(base, d, gate)
+
+
+def interrupted_in(base, d, gate):
+    big = [os.path.join(base, "b%d.las" % i) for i in range(5)]
+    for i, p in enumerate(big):
+        e2e.run([e2e.SYNTH, "--points", 100000, "--seed", i, p]).ok()
+    d.ctl("push", "want", *big).ok()
+    want = digests(d, "want")
+    kept = 0
+    for i, sig in enumerate((signal.SIGINT, signal.SIGKILL, signal.SIGINT, signal.SIGTERM)):
+        name = "s%d" % i
+        # At the first block of the i-th file.
+        gate.close("pread", "/b%d.las" % i, 6)
+        p = subprocess.Popen([e2e.ACUTCTL, "push", name] + big, env=dict(os.environ, ACUT_SOCKET=d.socket),
+                             stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        gate.wait()
+        p.send_signal(sig)
+        gate.open()
+        p.communicate(timeout=e2e.PATIENCE)
+        expect(p.returncode == (-sig if sig == signal.SIGKILL else 128 + sig), "signal %d: %d" % (sig, p.returncode))
+        got = d.ctl("push", name, *big, "--json").ok()
+        kept += sum(s in ("adopted", "known") for s in states(got))
+        expect(digests(d, name) == want, "%s after signal %d: another mesh" % (name, sig))
+    print("     %d of 20 files were there already" % kept)
 
 
 def killed_in_the_commit():
     """Wherever the daemon dies: the push is either done or pending, and nothing that was promised is lost."""
-    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
-        paths = tiles(base, 3, n=150000)
-        d.ctl("push", "want", *paths).ok()
-        want = digests(d, "want")
-        done = 0
-        for i in range(5):
-            name = "s%d" % i
-            half = Half(d, name, paths, 3)
-            half.c.send("push_commit", pb.PushCommit(push=half.id))
-            time.sleep(0.05 * i)
-            d.stop(signal.SIGKILL)
-            half.vanish()
-            d.start()
-            if show(d, name)["generation"]:
-                done += 1
-                expect(pending(d, name) is None, "done, and pending: %s" % pending(d, name))
-            else:
-                expect("3 files" in pending(d, name), str(pending(d, name)))
-            got = states(d.ctl("push", name, *paths, "--json").ok())
-            expect(got in (["adopted"] * 3, ["known"] * 3), str(got))
-            expect(digests(d, name) == want, "another mesh")
-        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
-        print("     %d of 5 commits were done" % done)
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, memory="24M", env=gate.env) as d:
+            killed_in(base, d, gate)
+
+
+def killed_in(base, d, gate):
+    paths = tiles(base, 3, n=50000)
+    d.ctl("push", "want", *paths).ok()
+    want = digests(d, "want")
+    done = 0
+    # Where its segment is merged and brought to disk, and where its manifest gets its name.
+    for i, (call, text, n) in enumerate((("pread", ".run", 0), ("pwrite", ".seg", 3), ("fsync", ".seg", 0), ("renameat", "/manifest", 0),
+                                         (None, None, 0))):
+        name = "s%d" % i
+        half = Half(d, name, paths, 3)
+        if call:
+            gate.close(call, text, n)
+        half.c.send("push_commit", pb.PushCommit(push=half.id))
+        if call:
+            gate.wait()
+        else:
+            half.c.answer(half.c.last, "push_committed")
+        d.stop(signal.SIGKILL)
+        half.vanish()
+        gate.open()
+        d.start()
+        expect(bool(show(d, name)["generation"]) == (not call), "killed at %s of %s: generation %d" % (call, text, show(d, name)["generation"]))
+        if show(d, name)["generation"]:
+            done += 1
+            expect(pending(d, name) is None, "done, and pending: %s" % pending(d, name))
+        else:
+            expect("3 files" in pending(d, name), str(pending(d, name)))
+        got = states(d.ctl("push", name, *paths, "--json").ok())
+        expect(got in (["adopted"] * 3, ["known"] * 3), str(got))
+        expect(digests(d, name) == want, "another mesh")
+    wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
+    expect(done == 1, "%d of 5 commits were done" % done)
 
 
 def what_does_not_fit():
@@ -265,7 +302,7 @@ def what_does_not_fit():
         wait_for(lambda: d.ctl("dataset", "show", "p").status == 0 and "2 files" in (pending(d, "p") or ""), "not pending")
         p = subprocess.run([e2e.ACUTCTL, "push", "p", "-", "--input-format", "xyz", "--name", "t"],
                            input=b"".join(b"%d.25 %d.5 1.125\n" % (500000 + i % 1000, 4000000 + i // 1000) for i in range(300000)),
-                           env=dict(os.environ, ACUT_SOCKET=d.socket), stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+                           env=dict(os.environ, ACUT_SOCKET=d.socket), stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         expect(p.returncode == 0 and show(d, "p")["points"] == 300000, "%d %s" % (p.returncode, p.stderr))
         # Too late.
         Half(d, "c", paths, 2, wait=False).vanish()
@@ -329,12 +366,12 @@ def another_user():
         Half(d, "s", paths, 2, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "s").status == 0 and "2 files" in (pending(d, "s") or ""), "not pending")
         p = subprocess.run([acutctl, "push", "s"] + paths, env=dict(os.environ, ACUT_SOCKET=d.socket), user=other,
-                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         expect(p.returncode == 77 and b"belongs to the user" in p.stderr, "%d %s" % (p.returncode, p.stderr))
         expect("2 files" in pending(d, "s"), "another user took it: %s" % pending(d, "s"))
         # Even who may push into it does not take up what another one staged.
         p = subprocess.run([acutctl, "push", "t"] + paths[:1], env=dict(os.environ, ACUT_SOCKET=d.socket), user=other,
-                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=60)
+                           stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=e2e.PATIENCE)
         expect(p.returncode == 0, p.stderr.decode())
 
         class AsOther(Half):
