@@ -5,6 +5,7 @@ import json
 import os
 import pty
 import re
+import select
 import shutil
 import signal
 import socket
@@ -200,11 +201,12 @@ def outputs(p):
 def interruption(p):
     big = p.path("big.las")
     subprocess.run([SYNTH, "--points", "1M", big], check=True)
-    # In the middle of writing.
+    # The shared daemon stands still in the middle of a mesh, one of the client's own while that writes.
     gate = e2e.Gate(p.base)
+    p.end()
     for sig, status in ((signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)):
         for own in ([], ["--memory", "32M", "--threads", "1"]):
-            gate.close("pwrite", p.base, 2, "acutctl")
+            gate.close(*(("pwrite", p.base, 2, "acutctl") if own else ("pread", ".seg")))
             q = p.start("mesh", big, "-o", p.path("big.ply"), *own, env=gate.env)
             check("in the middle", gate.wait(lambda: q.poll() is not None))
             q.send_signal(sig)
@@ -229,11 +231,11 @@ def interruption(p):
 
 def progress(p):
     """A line on a terminal, none anywhere else."""
-    # A daemon of its own, which stands still in the middle until the line is there with all that it says.
+    # A daemon of its own, which goes on by small steps until the line is there with all that it says.
     gate = e2e.Gate(p.base)
     slow = ["--memory", "24M", "--threads", "1"]
     for options, wanted in ((slow, True), (slow + ["--no-progress"], False), (slow + ["--quiet"], False), (slow + ["--json"], False)):
-        gate.close("pread", ".seg", 300 if wanted else 1 << 30)
+        gate.close("pread", ".seg", 400 if wanted else 1 << 30)
         try:
             main, side = pty.openpty()
         except OSError as e:
@@ -244,6 +246,9 @@ def progress(p):
         os.close(side)
         seen = b""
         while True:
+            if not select.select([main], [], [], 0.5 if wanted is True else None)[0]:
+                gate.close("pread", ".seg", 20) # a rate takes a while, and something that is new
+                continue
             try:
                 part = os.read(main, 4096)
             except OSError:
@@ -251,14 +256,15 @@ def progress(p):
             if not part:
                 break
             seen += part
-            if b"mesh" in seen and b"% " in seen and b"/s" in seen:
+            if wanted is True and b"mesh" in seen and b"% " in seen and b"/s" in seen:
+                wanted = "seen"
                 gate.open()
         os.close(main)
         check("status", q.wait(e2e.PATIENCE) == 0)
         # The one sentence about classes comes after the last line of progress.
         seen = re.sub(rb"acutctl: note: points of all classes[^\r\n]*\r\n", b"", seen)
         check("progress with %s" % options, (b"mesh" in seen and b"% " in seen and b"/s" in seen
-                                             and seen.endswith(b"\r\x1b[K")) == wanted, repr(seen[-400:]))
+                                             and seen.endswith(b"\r\x1b[K")) == bool(wanted), repr(seen[-400:]))
         check("nothing else with %s" % options, wanted or not seen, repr(seen))
 
 
