@@ -1,6 +1,6 @@
 """kill -9 of a working acutd at random instants, and at the N-th write, fsync, rename, removal of a thread of it (strace):
-after each the next one starts with less than a second of work, knows all that was acknowledged, and what was cut short is done again with
-the digests of a daemon that nobody disturbed.
+after each the next one starts within a second (of a machine that it has for itself), knows all that was acknowledged, and what
+was cut short is done again with the digests of a daemon that nobody disturbed.
 
 ACUT_FAULT_KILLS: how many (200), half of each kind; ACUT_FAULT_SEED.
 """
@@ -120,8 +120,9 @@ def main():
         p99 = faults.percentile(starts, 0.99) * 1000
         print("%d kills, 0 losses, %d restarts: median %.0f ms, p99 %.0f ms, at most %.0f ms of work; %d meshes equal, %.1f s" %
               (Count.kills, len(starts), faults.percentile(starts, 0.5) * 1000, p99, max(worked) * 1000, Count.meshes, time.monotonic() - begun))
-        # What it works, not how long the machine lets it wait for that.
-        expect(max(worked) < 1 or faults.e2e.sanitized(), "a restart takes more than a second of work")
+        # What it works, and what it takes when the machine lets it: not how long others keep the machine from it.
+        expect((max(worked) < 0.25 and min(starts) < 1) or faults.e2e.sanitized(),
+               "a restart takes %.2f s, and %.2f s of work" % (min(starts), max(worked)))
 
 
 if __name__ == "__main__":
