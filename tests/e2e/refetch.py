@@ -11,7 +11,7 @@ import e2e
 from e2e import Daemon, Folder, expect
 
 SMALL = {"memory": "24M", "threads": 2}
-POINTS = 200000 if e2e.sanitized() else 500000
+POINTS = 500000
 OFTEN = {"ACUT_FETCH_SYNC": "1"} # durable after every block
 
 

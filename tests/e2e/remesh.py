@@ -6,7 +6,7 @@ import struct
 import e2e
 from e2e import expect
 
-POINTS = 60000 if e2e.sanitized() else 200000
+POINTS = 200000
 SAME = ("digest", "vertex_digest", "vertices", "triangles", "hull", "points", "used", "removed")
 
 
