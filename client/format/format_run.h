@@ -2,6 +2,7 @@
 #ifndef FORMAT_RUN_H
 #define FORMAT_RUN_H
 
+#include "err.h"
 #include "format_change.h"
 #include "format_priv.h"
 #include "format_tile.h"
