@@ -23,7 +23,7 @@ PATIENCE = 240
 # Who starts a program in the background may have it ignore these; what the tests start must hear of them.
 for _sig in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM, signal.SIGQUIT):
     if signal.getsignal(_sig) == signal.SIG_IGN:
-        signal.signal(_sig, signal.SIG_DFL)
+        signal.signal(_sig, signal.default_int_handler if _sig == signal.SIGINT else signal.SIG_DFL)
 
 
 def skip(reason):

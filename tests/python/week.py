@@ -23,8 +23,8 @@ def synth(path, points, seed, *options):
         return f.read()
 
 
-def until(what, text, seconds=10):
-    end = time.monotonic() + seconds
+def until(what, text):
+    end = time.monotonic() + e2e.PATIENCE
     while not what():
         expect(time.monotonic() < end, text)
         time.sleep(0.002)
@@ -37,7 +37,8 @@ class Week:
         self.base, self.script = base, os.path.join(EXAMPLES, script)
         self.incoming, self.out = os.path.join(base, "incoming"), os.path.join(base, "out")
         os.mkdir(self.incoming)
-        self.daemon = Daemon(base, memory="64M")
+        self.gate = e2e.Gate(base)
+        self.daemon = Daemon(base, memory="64M", env=self.gate.env)
         self.rows, self.delivered, self.night = [], set(), ""
         self.env = dict(os.environ, ACUT_SOCKET=self.daemon.socket, PAUSES="0.05 0.1 0.2 0.4 0.8",
                         PATH=os.path.dirname(e2e.ACUTCTL) + ":" + os.environ["PATH"])
@@ -56,7 +57,7 @@ class Week:
                                 stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True)
 
     def finish(self, p, what, *want):
-        text = p.communicate(timeout=60)[0].decode(errors="replace")
+        text = p.communicate(timeout=e2e.PATIENCE)[0].decode(errors="replace")
         line = ""
         if p.returncode not in (75, -signal.SIGKILL):
             with open(os.path.join(self.incoming, "ingest.log")) as f:
@@ -72,16 +73,6 @@ class Week:
         if counts:
             expect(got == list(map(str, counts)), "%s: added, known, broken, waiting are %s, not %s\n%s" % (what, got, counts, text))
         return text
-
-    def reads(self, name):
-        """Whether the daemon has this delivered file open."""
-        for fd in glob.glob("/proc/%d/fd/*" % self.daemon.process.pid):
-            try:
-                if os.readlink(fd) == os.path.join(self.incoming, name):
-                    return True
-            except OSError:
-                pass
-        return False
 
     def left(self):
         return sorted(n for n in os.listdir(self.incoming) if n.endswith(".las"))
@@ -152,11 +143,15 @@ def live(w, d, make):
     right["g.las"] = make("g.las", 250000, 7)
     w.deliver("g.las", right["g.las"])
     d.start()
+    w.gate.close("pread", "/g.las", 4)
+    w.env["PAUSES"] += " 1" * e2e.PATIENCE  # until the daemon is there again, however long that takes
     p = w.start()
-    until(lambda: w.reads("g.las"), "the daemon never read g.las")
+    w.gate.wait()
     d.stop(signal.SIGKILL)
+    w.gate.open()
     d.start()
     got, _ = w.finish(p, "the daemon is killed and started in a push", 0)
+    w.env["PAUSES"] = "0.05 0.1"
     expect(int(got[0]) + int(got[1]) == 2, got)
 
     w.night = "2026-03-08"
@@ -171,9 +166,11 @@ def live(w, d, make):
     d.stop()
     d.command = plenty
     d.start()
+    w.gate.close("pread", "/h.las", 4)
     p = w.start()
-    until(lambda: w.reads("h.las"), "the daemon never read h.las")
+    w.gate.wait()
     os.killpg(p.pid, signal.SIGKILL)
+    w.gate.open()
     w.finish(p, "the script is killed in a push", -signal.SIGKILL)
     w.run("and runs again", 0)
     w.run("and once more", 0, 0, 0, 0, 0)
