@@ -17,7 +17,7 @@ def stand_in(base, name, text):
 
 def run(base, script, *args, **env):
     env = dict(os.environ, PATH=base + "/bin:" + os.environ["PATH"], **env)
-    return subprocess.run(["sh", os.path.join(SCRIPTS, script), *args], env=env, cwd=base, capture_output=True, text=True, timeout=60)
+    return subprocess.run(["sh", os.path.join(SCRIPTS, script), *args], env=env, cwd=base, capture_output=True, text=True, timeout=180)
 
 
 def write(path, text, age=3600):
