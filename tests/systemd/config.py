@@ -5,18 +5,17 @@ import os
 import re
 import subprocess
 import sys
-import time
 
 sys.path.insert(0, "/opt/acut/tree/tests/e2e")
 import e2e
-from e2e import expect, main, run
+from e2e import expect, main, run, until
 
 ETC = next(d for d in ("/etc/acut", "/usr/local/etc/acut") if os.path.exists(d + "/acutd.conf"))
 UNIT = "/run/systemd/system/acutd.service.d"
 
 
 def systemctl(*args):
-    return run(["systemctl", *args], timeout=120)
+    return run(["systemctl", *args], timeout=e2e.PATIENCE)
 
 
 def show(key):
@@ -24,7 +23,7 @@ def show(key):
 
 
 def settings():
-    lines = run([e2e.ACUTCTL, "config", "show", "--json"], timeout=60).ok().out.splitlines()
+    lines = run([e2e.ACUTCTL, "config", "show", "--json"], timeout=e2e.PATIENCE).ok().out.splitlines()
     return {s["name"]: s for s in map(json.loads, lines)}
 
 
@@ -73,9 +72,9 @@ def shipped():
     # A user in no group is told so, one of the group is served.
     run(["useradd", "--system", "stranger"]).ok()
     run(["useradd", "--system", "-G", "acut", "surveyor"]).ok()
-    got = run(["runuser", "-u", "stranger", "--", e2e.ACUTCTL, "config", "show"], timeout=60)
+    got = run(["runuser", "-u", "stranger", "--", e2e.ACUTCTL, "config", "show"], timeout=e2e.PATIENCE)
     expect(got.status == 77 and "acut" in got.err, "%d %s" % (got.status, got.err))
-    run(["runuser", "-u", "surveyor", "--", e2e.ACUTCTL, "config", "show"], timeout=60).ok()
+    run(["runuser", "-u", "surveyor", "--", e2e.ACUTCTL, "config", "show"], timeout=e2e.PATIENCE).ok()
 
 
 def reload():
@@ -84,9 +83,7 @@ def reload():
         before = show("MainPID")
         w.write("user-jobs = 4\n")
         systemctl("reload", "acutd.service").ok()
-        deadline = time.monotonic() + 10
-        while settings()["user-jobs"]["value"] != "4":
-            expect(time.monotonic() < deadline, "the reload had no effect")
+        until(lambda: settings()["user-jobs"]["value"] == "4", "the reload had no effect")
         w.write("user-jobs = 5\nmemroy = 1G\n")
         got = systemctl("reload", "acutd.service")
         expect(got.status != 0, "a reload of errors is told to be one")
@@ -102,7 +99,7 @@ def disk_for_the_data():
     with With():
         survey = "/srv/config.las"
         run([e2e.SYNTH, "--points", "20000", survey]).ok()
-        run([e2e.ACUTCTL, "push", "kept", survey], timeout=60).ok()
+        run([e2e.ACUTCTL, "push", "kept", survey], timeout=e2e.PATIENCE).ok()
     # A folder that is not mounted yet is no store, and nothing is made there.
     os.makedirs("/srv/data")
     with With(conf, unit):
@@ -118,7 +115,7 @@ def disk_for_the_data():
         script = moved.replace("acutd --check", e2e.ACUTD + " --check")
         got = subprocess.run(["/bin/bash", "-euc", script], stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         expect(got.returncode == 0, got.stdout.decode())
-        expect("kept" in run([e2e.ACUTCTL, "datasets"], timeout=60).ok().out, "the data did not come with it")
+        expect("kept" in run([e2e.ACUTCTL, "datasets"], timeout=e2e.PATIENCE).ok().out, "the data did not come with it")
         s = settings()
         expect(s["state"]["value"] == "/srv/data/acut/state" and s["disk"]["value"] == "90%", "%s" % s["state"])
     with With(conf):

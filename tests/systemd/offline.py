@@ -22,7 +22,7 @@ if os.environ.get("ACUT_SCAN"):
 
 def staged(base):
     """A copy of the installed tree, with what the units name of the system."""
-    stage = subprocess.run([os.path.join(HERE, "stage"), os.environ["BUILD"]], stdout=subprocess.PIPE, check=True, timeout=300)
+    stage = subprocess.run([os.path.join(HERE, "stage"), os.environ["BUILD"]], stdout=subprocess.PIPE, check=True, timeout=1800)
     root = base + "/root"
     shutil.copytree(stage.stdout.decode().strip(), root, symlinks=True)
     for folder in ("/bin", "/etc"):
@@ -39,7 +39,7 @@ def find(root, name):
 
 
 def analyze(*args):
-    return run(["systemd-analyze"] + list(args) + ["--no-pager"], timeout=60)
+    return run(["systemd-analyze"] + list(args) + ["--no-pager"], timeout=240)
 
 
 def installed_units_are_well_formed():
@@ -81,7 +81,7 @@ def exposure_is_small():
 def users_and_folders():
     with Folder() as base:
         root = staged(base)
-        got = run(["systemd-sysusers", "--root=" + root], timeout=60)
+        got = run(["systemd-sysusers", "--root=" + root], timeout=240)
         if got.status and os.geteuid():
             unavailable("systemd-sysusers needs root here: " + got.err.strip())
         got.ok()
@@ -97,7 +97,7 @@ def users_and_folders():
             expect("acut-scan" in users and users["acut-scan"][5] == "/var/lib/acut-scan" and "acut-scan" in groups, str(users))
         if os.geteuid():
             return
-        run(["systemd-tmpfiles", "--root=" + root, "--create"], timeout=60).ok()
+        run(["systemd-tmpfiles", "--root=" + root, "--create"], timeout=240).ok()
         st = os.stat(root + "/run/acut")
         expect(st.st_mode & 0o7777 == 0o755 and st.st_uid == int(users["acut"][2]), "/run/acut: %o of %d" % (st.st_mode, st.st_uid))
         expect(not os.path.exists(root + "/var/lib/acut"), "the folder of the state is made where a disk may be missing")
@@ -151,14 +151,14 @@ def rule_of_a_profile_of_ones_own():
             with open("%s/%s.conf" % (base, name), "w") as f:
                 f.write(have)
         scan = os.environ["ACUT_SCAN"]
-        got = run([scan, "profiles", "--udev", "--profiles", base, "own"], timeout=60).ok().out.splitlines()
+        got = run([scan, "profiles", "--udev", "--profiles", base, "own"], timeout=240).ok().out.splitlines()
         expect(got[-1] == 'SUBSYSTEM=="usb", ENV{DEVTYPE}=="usb_device", ATTR{idVendor}=="1209", ATTR{serial}=="A?B?*?", '
                'ENV{ACUT_SCANNER}="own"', str(got))
-        got = run([scan, "profiles", "--udev", "--profiles", base], timeout=60).ok().out
+        got = run([scan, "profiles", "--udev", "--profiles", base], timeout=240).ok().out
         expect("(no rule: it names no vendor)" in got and got.count('}="') == 1 + 0, got)
         with open(base + "/own.conf", "a") as f:
             f.write("nonsense\n")
-        got = run([scan, "profiles", "--udev", "--profiles", base], timeout=60)
+        got = run([scan, "profiles", "--udev", "--profiles", base], timeout=240)
         expect(got.status == 1 and "own.conf" in got.err, "rules of a broken profile: %d %s" % (got.status, got.out))
 
 

@@ -13,7 +13,7 @@ from e2e import expect, main, run, unavailable
 for tool in ("dpkg-buildpackage", "dh", "dh_python3", "lintian", "po2debconf"):
     if not shutil.which(tool):
         unavailable(tool + " is not installed")
-TOP = subprocess.run([os.path.join(HERE, "packages"), os.environ["BUILD"]], stdout=subprocess.PIPE, check=True, timeout=1500).stdout.decode().strip()
+TOP = subprocess.run([os.path.join(HERE, "packages"), os.environ["BUILD"]], stdout=subprocess.PIPE, check=True, timeout=7200).stdout.decode().strip()
 
 
 def all_are_there():
@@ -23,14 +23,14 @@ def all_are_there():
 
 def lintian_is_silent():
     changes, = glob.glob(TOP + "/1/*.changes")
-    got = run(["lintian", "--allow-root", "--fail-on", "error,warning", changes], timeout=300)
+    got = run(["lintian", "--allow-root", "--fail-on", "error,warning", changes], timeout=1800)
     expect(got.status == 0 and not got.out.strip(), got.out + got.err)
 
 
 def in_a_container():
-    args = [os.path.join(HERE, "run"), "--tree", "none", "--time", "240", "--bind", TOP + ":/opt/acut/packages",
+    args = [os.path.join(HERE, "run"), "--tree", "none", "--time", "1800", "--bind", TOP + ":/opt/acut/packages",
             os.path.join(HERE, "package_inside")]
-    r = subprocess.run(args, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=400)
+    r = subprocess.run(args, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=7200)
     text = r.stdout.decode(errors="replace")
     print("".join("     " + line + "\n" for line in text.splitlines()))
     if r.returncode == 77:

@@ -16,7 +16,7 @@ env = dict(os.environ, ACUT_UNIT_DAEMON=UNIT)
 for name in names:
     start = time.monotonic()
     p = subprocess.run(["/usr/bin/python3", "%s/%s.py" % (E2E, name)], env=env, cwd=E2E, stdin=subprocess.DEVNULL,
-                       stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=280)
+                       stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=1800)
     out = p.stdout.decode(errors="replace")
     passed = len(re.findall(r"^ok ", out, re.M))
     cases += passed
