@@ -316,7 +316,7 @@ struct ctl_progress {
 	char phase[16];
 	uint64_t start_ns, last_ns; /* of the phase; of the last line */
 	uint64_t base, total;      /* staging: points of files that are done, of all files */
-	bool on;
+	bool on, told_space;
 	char line[256];            /* what stands there */
 };
 /* Puts this line in place of the one that stands; a caller of its own asks `on` first. */

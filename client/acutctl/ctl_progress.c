@@ -10,6 +10,7 @@
 #include "clock.h"
 #include "ctl.h"
 #include "ctl_term.h"
+#include "parse.h"
 
 #define EVERY_NS 100000000u
 
@@ -48,11 +49,36 @@ const char *ctl_progress_time(double s, char buf[24])
 	return buf;
 }
 
+/* What is waited for; room on the disk is told as `jobs` does. */
+static const char *waits_text(const char *waiting, char buf[128])
+{
+	static const char space[] = "waiting-space: ";
+	uint64_t bytes;
+	char size[32];
+
+	if (!strncmp(waiting, space, sizeof(space) - 1) && parse_u64(waiting + sizeof(space) - 1, &bytes))
+		snprintf(buf, 128, "%s of disk space are lacking", parse_size_text(bytes, size));
+	else
+		snprintf(buf, 128, "waits for %.100s", waiting);
+	return buf;
+}
+
+/* Where there is no line: that there is no room is said once, since it may take until somebody makes some. */
+static void tell_space(struct ctl_progress *p, const struct acut_progress *now)
+{
+	bool lacks = now->waiting && !strncmp(now->waiting, "waiting-space", 13);
+	char text[128];
+
+	if (lacks && !p->told_space)
+		ctl_remark(p->ctl, waits_text(now->waiting, text));
+	p->told_space = lacks;
+}
+
 static void draw(struct ctl_progress *p, const struct acut_progress *now)
 {
 	uint64_t points = p->base + now->points, total = p->total ? p->total : now->points_total;
 	double seconds = clock_since(p->start_ns), share = 0;
-	char a[24], b[24], c[24], line[256];
+	char a[24], b[24], c[24], text[128], line[256];
 	int n;
 
 	if (now->domains_total)
@@ -67,7 +93,7 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",
 			      (unsigned long long)now->domains, (unsigned long long)now->domains_total);
 	if (now->waiting && *now->waiting)
-		n += snprintf(line + n, sizeof(line) - (size_t)n, "  waits for %s", now->waiting);
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s", waits_text(now->waiting, text));
 	else if (seconds > 0.2 && points)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s",
 			      short_count((double)points / seconds, b));
@@ -105,8 +131,10 @@ void ctl_progress_show(void *ctx, const struct acut_progress *now)
 	struct ctl_progress *p = ctx;
 	uint64_t t = clock_mono_ns();
 
-	if (!p->on)
+	if (!p->on) {
+		tell_space(p, now);
 		return;
+	}
 	if (strncmp(p->phase, now->phase, sizeof(p->phase) - 1)) {
 		snprintf(p->phase, sizeof(p->phase), "%s", now->phase);
 		p->start_ns = t;

@@ -500,6 +500,8 @@ struct job_output_calls {
 	void (*send)(struct job_output *);  /* what was encoded; job_output_sent when all of it is written */
 	void (*pause)(struct job_output *); /* a worker gets it next; `send` comes when it is back */
 	double (*stalled)(struct job_output *); /* seconds since bytes last moved, 0 if none wait */
+	/* What a stream of its own waits for, in words, has changed; "": nothing. May be NULL. */
+	void (*waits)(struct job_output *, const char *text);
 	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
 	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *,
 		    const struct job_report *);

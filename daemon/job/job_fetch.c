@@ -15,6 +15,8 @@
 #include "job_priv.h"
 #include "past.h"
 
+#define LOOK_SECONDS 0.5 /* what begins sooner did not wait */
+
 static void fetch_free(struct job_fetch *f)
 {
 	struct job_fetch **at;
@@ -297,10 +299,32 @@ void job_fetch_settle(struct job *job)
 	}
 }
 
+/* Whoever reads it hears why nothing comes. */
+static void look_waiting(struct job_fetch *f)
+{
+	struct job_output *output = f->walk ? walk_output(f->walk) : f->output;
+	char waits[sizeof f->waited] = "";
+
+	if (!output || !output->calls->waits)
+		return;
+	if (f->place.seeks)
+		place_text(f->job->jobs, &f->place, waits, sizeof waits);
+	else if (f->walk && !f->walk_ended)
+		walk_waiting(f->walk, waits, sizeof waits);
+	if (!strcmp(waits, f->waited))
+		return;
+	memcpy(f->waited, waits, sizeof waits);
+	output->calls->waits(output, waits);
+}
+
 void job_fetch_tick(struct job *job)
 {
 	struct job_fetch *f;
 
+	/* Of a job that is not over, its own news are told. First: who is at the end of his patience hears why. */
+	for (f = job->fetches; f; f = f->next)
+		if (job_state_final(job->state) && clock_since(f->begun_ns) >= LOOK_SECONDS)
+			look_waiting(f);
 	for (f = job->fetches; f; f = f->next)
 		if (f->walk && !f->walk_ended)
 			walk_tick(f->walk);

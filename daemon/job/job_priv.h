@@ -127,6 +127,7 @@ struct job_fetch {
 	char *window; /* the view, of a window of the job's mesh; else NULL */
 	uint64_t begun_ns;
 	struct walk_since since; /* of a stream of changes */
+	char waited[96]; /* for what, as its client was told */
 };
 
 struct job_asked_plan {

@@ -66,6 +66,7 @@ void walk_stop(struct walk *, const struct err *why);
 /* True if the walk has emitted nothing and has no output: it is its output then. */
 bool walk_attach(struct walk *, struct job_output *);
 /* The output is the caller's again. */
+struct job_output *walk_output(const struct walk *); /* NULL: none is attached */
 struct job_output *walk_detach(struct walk *);
 void walk_settle(struct walk *);  /* start what can start */
 /* Somebody lacks memory: give what can be given. Not urgent: unless it comes back by itself soon. */

@@ -36,6 +36,11 @@ bool walk_attach(struct walk *w, struct job_output *output)
 	return true;
 }
 
+struct job_output *walk_output(const struct walk *w)
+{
+	return w->output_freed ? NULL : w->output;
+}
+
 struct job_output *walk_detach(struct walk *w)
 {
 	struct job_output *output = w->output_freed ? NULL : w->output;

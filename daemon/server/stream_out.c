@@ -452,7 +452,21 @@ static void out_end(struct job_output *output, const struct err *why, const stru
 	pump(o);
 }
 
+/* What the job is at is no news to whoever reads what it made. */
+static void out_waits(struct job_output *output, const char *text)
+{
+	struct stream_out *o = stream_of(output);
+	Acut__V1__Progress progress = ACUT__V1__PROGRESS__INIT;
+
+	if (o->gone || o->ended)
+		return;
+	progress.phase = (char *)"mesh";
+	progress.waiting = (char *)text;
+	conn_send(o->conn, o->request, FRAME_MESSAGE(PROGRESS, progress, &progress), -1);
+}
+
 static const struct job_output_calls output_calls = {
+	.waits = out_waits,
 	.head = out_head,
 	.send = out_send,
 	.pause = out_pause,

@@ -178,6 +178,7 @@ def a_job_waits_for_space():
         d.ctl("push", "a", synth(os.path.join(base, "a.las"), 200000)).ok()
         small = synth(os.path.join(base, "b.las"), 20000, 2)
         want = digests(d, "a", "--every", "2")
+        done = d.ctl("submit", "a", "--every", "2", "--json").ok().json()["job"]
         bound = d.ctl("mesh", small, "--every", "2", "--format", "null", "--json").ok().json()["digest"]
         d.ctl("cache", "gc", "--all").ok()
         expect(until(lambda: stat(d)["kinds"]["one_step"]["bytes"] == 0), stat(d))
@@ -195,6 +196,17 @@ def a_job_waits_for_space():
         s = shown()
         expect(s["lacks_space"] > 0 and s["waiting"] == "waiting-space: %d" % s["lacks_space"], s)
         expect("disk space" in d.ctl("jobs").ok().out, d.ctl("jobs").out)
+        # Whoever waits for it hears why it does not get on.
+        waiter = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "wait", str(job)], stdout=subprocess.DEVNULL,
+                                  stderr=subprocess.PIPE)
+        told = waiter.stderr.readline().decode()
+        expect("of disk space are lacking" in told, told)
+        watcher = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "watch", str(job)], stdout=subprocess.PIPE)
+        told = watcher.stdout.readline().decode()
+        expect("waiting-space" in told and "of disk space are lacking" in told, told)
+        # A stream of a job that is done needs its selection again.
+        r = d.ctl("fetch", str(done), "--format", "null")
+        expect(r.status == 74 and "of disk space are lacking" in r.err and "--disk" in r.err, "%d %s" % (r.status, r.err))
         # Bound to a client: it waits too, and ends.
         begun = time.monotonic()
         r = d.ctl("mesh", small, "--every", "2", "--format", "null")
@@ -207,6 +219,9 @@ def a_job_waits_for_space():
         half.abort()
         end = d.ctl("wait", str(job), "--timeout", "60")
         expect(end.status == 0, "%d %s %s" % (end.status, end.err, shown()))
+        for p in (waiter, watcher):
+            p.communicate()
+            expect(p.returncode == 0, "%s ended with %d" % (p.args, p.returncode))
         s = shown()
         expect((s["digest"], s["vertex_digest"]) == want and s["lacks_space"] is None, s)
         expect(d.ctl("mesh", small, "--every", "2", "--format", "null", "--json").ok().json()["digest"] == bound, "another mesh")
