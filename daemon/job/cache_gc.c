@@ -2,7 +2,7 @@
  * `cache stat` and `cache gc`: what there is, and removing what nobody needs.
  *
  * Without --all, what goes is what is beyond the quota, what was cut short, and what was made of datasets that are not
- * there any more, as far as that can be told: plans of jobs say which stored domains they are made of.
+ * there any more, as far as that can be told (cache_gone.c).
  */
 #include <stdlib.h>
 #include <unistd.h>
@@ -41,6 +41,7 @@ struct gc {
 	struct sched_task task;
 	struct jobs *jobs;
 	bool all;
+	struct gone *gone; /* NULL: all */
 	uint64_t bytes, entries;
 	int r;
 	struct err err;
@@ -52,10 +53,15 @@ static void gc_run(struct sched_task *t)
 {
 	struct gc *g = (struct gc *)t;
 
-	g->r = space_sweep(g->jobs->space, &g->bytes, &g->entries, &g->err);
-	if (!g->r) {
-		uint64_t bytes, entries;
+	uint64_t bytes = 0, entries = 0;
 
+	g->r = space_sweep(g->jobs->space, &g->bytes, &g->entries, &g->err);
+	if (!g->r && g->gone) {
+		g->r = cache_gone_run(g->gone, &bytes, &entries, &g->err);
+		g->bytes += bytes;
+		g->entries += entries;
+	}
+	if (!g->r) {
 		g->r = space_evict(g->jobs->space, g->all, &bytes, &entries, &g->err);
 		g->bytes += bytes;
 		g->entries += entries;
@@ -69,6 +75,7 @@ static void gc_done(struct sched_task *t)
 	if (!t->ran)
 		g->r = err_set(&g->err, ERR_CANCELLED, "the daemon is stopping");
 	g->jobs->background--;
+	cache_gone_free(g->gone);
 	g->freed(g->token, g->r ? &g->err : NULL, g->bytes, g->entries);
 	free(g);
 }
@@ -83,6 +90,10 @@ void cache_gc(struct jobs *j, const struct job_peer *peer, bool all,
 		g = calloc(1, sizeof *g);
 		if (!g)
 			err_set(&err, ERR_NOMEM, "no memory to look through the cache");
+	}
+	if (g && !all && !(g->gone = cache_gone_new(j, &err))) {
+		free(g);
+		g = NULL;
 	}
 	if (!g) {
 		freed(token, &err, 0, 0);

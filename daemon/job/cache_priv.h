@@ -40,6 +40,12 @@ struct cache_verify {
 	void *memory; /* of the worker: GRID_VERIFY_BYTES */
 };
 
+/* Finished domains of datasets that are gone (cache_gone.c). On the loop, by a worker, on the loop. */
+struct gone;
+struct gone *cache_gone_new(struct jobs *, struct err *err);
+int cache_gone_run(struct gone *, uint64_t *ret_bytes, uint64_t *ret_entries, struct err *err);
+struct gone *cache_gone_free(struct gone *);
+
 void cache_read_dataset(struct cache_verify *); /* workers; results in v->r, v->err */
 void cache_read_plans(struct cache_verify *);
 void cache_read_selections(struct cache_verify *);

@@ -500,8 +500,6 @@ struct job_output_calls {
 	void (*send)(struct job_output *);  /* what was encoded; job_output_sent when all of it is written */
 	void (*pause)(struct job_output *); /* a worker gets it next; `send` comes when it is back */
 	double (*stalled)(struct job_output *); /* seconds since bytes last moved, 0 if none wait */
-	/* What a stream of its own waits for, in words, has changed; "": nothing. May be NULL. */
-	void (*waits)(struct job_output *, const char *text);
 	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
 	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *,
 		    const struct job_report *);
@@ -510,6 +508,8 @@ struct job_output_calls {
 	void (*encode)(struct job_output *, const struct mesh_block *);
 	int (*spool)(struct job_output *, int dirfd, struct err *err); /* the rest of the block into a file */
 	int (*refill)(struct job_output *, struct err *err);           /* the next bytes of that file */
+	/* Loop. What a stream of its own waits for, in words, has changed; "": nothing. May be NULL. */
+	void (*waits)(struct job_output *, const char *text);
 };
 struct job_output {
 	const struct job_output_calls *calls;

@@ -512,6 +512,22 @@ size_t past_count(const struct jobs *j)
 	return j->past ? j->past->n : 0;
 }
 
+size_t past_list(const struct jobs *j, uint64_t *ret)
+{
+	const struct past *p = j->past;
+	size_t there = 0, gone = p ? p->n : 0;
+
+	for (size_t i = 0; p && i < p->n; i++) {
+		const struct entry *e = &p->all[i];
+
+		if (e->job ? e->job->dataset : e->kept->dataset)
+			ret[there++] = e->id;
+		else
+			ret[--gone] = e->id;
+	}
+	return there;
+}
+
 void past_round(struct jobs *j)
 {
 	struct past *p = j->past;

@@ -88,6 +88,9 @@ void space_running_since(struct space *, int64_t us);
 
 /* Evicts until quota and keep-free hold again, if they do not; all_derived: everything derived goes.
  * *ret_bytes, *ret_files: what went. */
+/* A stored domain in that folder goes. *ret_bytes: 0 = it was not there. */
+struct store_id;
+int space_drop_domain(struct space *, int domainsfd, const struct store_id *, uint64_t *ret_bytes, struct err *err);
 int space_evict(struct space *, bool all_derived, uint64_t *ret_bytes, uint64_t *ret_files, struct err *err);
 /* Reads sizes and numbers of what is derived; until then it counts as far as it was written since the start. */
 int space_measure(struct space *, struct err *err);

@@ -25,6 +25,7 @@
 #include "job_priv.h"
 #include "log.h"
 #include "space_priv.h"
+#include "store.h"
 #include "walk.h"
 
 enum { OLDEST_MAX = 320, PATH_SIZE = 176, DEPTH_MAX = 4, PASSES_MAX = 4096 };
@@ -263,6 +264,30 @@ static int remove_domain(struct space *s, const char *path, struct err *err)
 	return r;
 }
 
+static void removed(struct space *s, enum space_kind kind, uint64_t bytes)
+{
+	space_give(s, kind, bytes);
+	space_count(s, kind, -1);
+	pthread_mutex_lock(&s->lock);
+	s->evicted_bytes += bytes;
+	s->evicted_files++;
+	pthread_mutex_unlock(&s->lock);
+}
+
+int space_drop_domain(struct space *s, int domainsfd, const struct store_id *id, uint64_t *ret_bytes, struct err *err)
+{
+	int r = 0;
+
+	pthread_mutex_lock(&s->evicting);
+	*ret_bytes = store_size(domainsfd, id);
+	if (*ret_bytes)
+		r = store_remove(domainsfd, id, err);
+	if (*ret_bytes && !r)
+		removed(s, SPACE_DOMAINS, *ret_bytes);
+	pthread_mutex_unlock(&s->evicting);
+	return r;
+}
+
 static int remove_old(struct space *s, const struct old *o, struct err *err)
 {
 	enum space_kind kind = o->selection ? SPACE_SELECTIONS : SPACE_DOMAINS;
@@ -270,12 +295,7 @@ static int remove_old(struct space *s, const struct old *o, struct err *err)
 
 	if (r)
 		return r;
-	space_give(s, kind, o->bytes);
-	space_count(s, kind, -1);
-	pthread_mutex_lock(&s->lock);
-	s->evicted_bytes += o->bytes;
-	s->evicted_files++;
-	pthread_mutex_unlock(&s->lock);
+	removed(s, kind, o->bytes);
 	return 0;
 }
 

@@ -465,6 +465,15 @@ void store_touch(int dirfd, const struct store_id *id, int64_t before_ns)
 		io->utimensat(dirfd, name, NULL, AT_SYMLINK_NOFOLLOW);
 }
 
+uint64_t store_size(int dirfd, const struct store_id *id)
+{
+	char name[NAME];
+	struct stat st;
+
+	name_of(id, name);
+	return io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) ? 0 : (uint64_t)st.st_size;
+}
+
 int store_remove(int dirfd, const struct store_id *id, struct err *err)
 {
 	char name[NAME];

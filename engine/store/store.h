@@ -60,6 +60,7 @@ int store_get(int dirfd, const struct store_id *, void *memory, size_t size, str
 
 /* It is in use: what is used last is evicted last. Touches no file whose time is later than `before_ns`. */
 void store_touch(int dirfd, const struct store_id *, int64_t before_ns);
+uint64_t store_size(int dirfd, const struct store_id *); /* bytes of its file; 0: it is not there */
 int store_remove(int dirfd, const struct store_id *, struct err *err); /* absent is success */
 /* Removes files of the versions before 3, which lay in the folder itself. */
 int store_sweep(int dirfd, struct err *err);

@@ -171,6 +171,41 @@ def derived_goes_first_and_pushed_never():
         expect(digests(d, "a") == want[("a", ())], "another mesh after gc")
 
 
+def gc_knows_what_is_gone():
+    """Finished domains of a dataset that is gone for good go with gc, those of others stay, also what they have in common."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M", args=["--keep-removed", "1s"]) as d:
+        one, two = synth(os.path.join(base, "1.las"), 50000, 1), synth(os.path.join(base, "2.las"), 50000, 2)
+        for name, path in (("a", one), ("b", two), ("same", one)):
+            d.ctl("push", name, path).ok()
+
+        def gc():
+            return d.ctl("cache", "gc", "--json").ok().json()["freed_bytes"]
+
+        def gone(name):
+            d.ctl("dataset", "rm", name).ok()
+            expect(until(lambda: not d.ctl("datasets", "--removed", "--json").ok().out), "%s is still kept" % name)
+
+        def stored():
+            return sorted(files_below(os.path.join(d.cache, "domains")))
+
+        want = digests(d, "a")
+        of_a = stored()
+        digests(d, "b")
+        both = stored()
+        expect(digests(d, "same") == want and stored() == both, "what is the same is stored twice")
+        expect(len(both) > len(of_a) > 1 and gc() == 0 and stored() == both, "domains of datasets that are there went")
+        gone("b")
+        d.stop()
+        d.start()
+        freed = sum(os.path.getsize(f) for f in both if f not in of_a)
+        expect(gc() == freed and stored() == of_a, "domains of b are left")
+        expect(stat(d)["kinds"]["domains"]["bytes"] == sum(os.path.getsize(f) for f in of_a), stat(d))
+        gone("a")
+        expect(gc() == 0 and stored() == of_a, "domains that another dataset has too went")
+        gone("same")
+        expect(gc() > 0 and not stored(), "domains of datasets that are gone are left")
+
+
 def a_job_waits_for_space():
     """A selection for which there is no room: the job says so, others go on, and it ends by itself when there is some. A
     mesh that is bound to its client ends with 74."""
@@ -478,6 +513,6 @@ def state_and_cache_on_two_file_systems():
 
 
 e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
-         a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
+         gc_knows_what_is_gone, a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
          state_and_cache_on_two_file_systems, a_file_system_that_is_full,
          a_start_on_a_full_disk)
