@@ -72,7 +72,7 @@ class Disk:
     def __exit__(self, *exc):
         for step in reversed(self.undo):
             if isinstance(step, list):
-                for _ in range(50):
+                for _ in range(600):
                     if e2e.run(step).status == 0:
                         break
                     time.sleep(0.1)
@@ -219,7 +219,7 @@ def one_cut(base, image, acks, inputs, name, cut, quiet):
             expect(not left, "left behind: %s" % left)
             return store.starts, then.checked
     finally:
-        for _ in range(50):
+        for _ in range(600):
             if e2e.run(["umount", mount]).status == 0:
                 break
             time.sleep(0.1)
