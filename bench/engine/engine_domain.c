@@ -128,18 +128,19 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 		 const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum,
 		 struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
-	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), budget->cap);
 	struct pipe_finish f = { 0 };
 	struct cut_load room;
+	struct tri *tri;
 	double from;
 	bool fits;
 	int r;
 
-	pipe_domain_room(grid, budget, memory, tri, &room);
+	pipe_domain_room(grid, budget, budget->cap, true, memory, &room);
 	room.sites = sites;
 	r = load(grid, view, region, memory, twice, &room, sum, ret_need, err);
 	if (r)
 		return r;
+	tri = pipe_domain_tri(grid, budget, budget->cap, memory, &room);
 	f.out.counts = room.counts;
 	if (triangulate(tri, room.n, sum)) {
 		pipe_finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);

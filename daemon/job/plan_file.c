@@ -349,17 +349,24 @@ int plan_file_split(struct plan_file *f, const struct cut_region *whole, const s
 	return r;
 }
 
-int plan_file_done(struct plan_file *f, const struct plan_done *done, struct err *err)
+int plan_file_done(struct plan_file *f, const struct plan_done *done, size_t n, struct err *err)
 {
-	uint8_t record[PLAN_RECORD];
+	enum { AT_ONCE = 128 };
+	uint8_t record[AT_ONCE * PLAN_RECORD];
 	int r = 0;
 
-	plan_done_pack(done, record);
-	pthread_mutex_lock(&f->lock);
-	/* Without a header there is nothing to add to. */
-	if (f->size)
-		r = append(f, record, sizeof record, false, err);
-	pthread_mutex_unlock(&f->lock);
+	while (!r && n) {
+		size_t some = n < AT_ONCE ? n : AT_ONCE;
+
+		for (size_t i = 0; i < some; i++)
+			plan_done_pack(done++, record + i * PLAN_RECORD);
+		n -= some;
+		pthread_mutex_lock(&f->lock);
+		/* Without a header there is nothing to add to. */
+		if (f->size)
+			r = append(f, record, some * PLAN_RECORD, false, err);
+		pthread_mutex_unlock(&f->lock);
+	}
 	return r;
 }
 

@@ -52,7 +52,7 @@ struct plan_done {
 	uint64_t payload;             /* checksum of all that the domain is: counts and arrays (store.h) */
 	uint64_t triangles, bytes;    /* bytes of the file */
 };
-int plan_file_done(struct plan_file *, const struct plan_done *, struct err *err);
+int plan_file_done(struct plan_file *, const struct plan_done *, size_t n, struct err *err);
 /* Of any job whose plan is in that folder; `fn` in the order in which they were told; non-zero from it ends the call
  * and is returned. A plan that is absent or damaged has none. */
 int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *),

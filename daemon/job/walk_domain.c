@@ -19,6 +19,8 @@
 #define PAGE ((size_t)4096)
 /* Positions from which on an arena fills its huge pages. */
 #define HUGE_COUNT ((uint64_t)1 << 17)
+/* Domains that are made one after the other in the same arenas, from which on that is so too. */
+#define HUGE_DOMAINS 64
 
 static struct walk_domain *domain_of(struct sched_task *t)
 {
@@ -174,7 +176,7 @@ static void tell(struct walk_domain *d)
 				 .payload = d->as.payload, .triangles = d->as.triangles, .bytes = d->as.bytes};
 	struct err err = ERR_INIT;
 
-	if (w->file && w->keep && !w->lazy && plan_file_done(w->file, &done, &err))
+	if (w->file && w->keep && !w->lazy && plan_file_done(w->file, &done, 1, &err))
 		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
 }
 
@@ -228,8 +230,9 @@ static void keep(struct walk_domain *d)
 
 static void map(struct walk_domain *d, uint64_t bytes)
 {
-	/* One that serves many fills its huge pages. */
-	bool huge = d->count >= HUGE_COUNT || (d->walk->sums && d->walk->plan_n > WALK_ARENAS);
+	const struct walk *w = d->walk;
+	/* One that serves many domains fills its huge pages. */
+	bool huge = d->count >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
 
 	d->size = page_round(bytes);
 	d->memory = memory_map(d->size, huge);

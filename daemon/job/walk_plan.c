@@ -108,11 +108,8 @@ void walk_there_free(struct walk *w)
 static void tell_there(struct walk *w)
 {
 	struct err err = ERR_INIT;
-	int r = 0;
 
-	for (size_t i = 0; w->file && !r && i < w->there.n; i++)
-		r = plan_file_done(w->file, &w->there.done[i], &err);
-	if (r)
+	if (w->file && plan_file_done(w->file, w->there.done, w->there.n, &err))
 		log_err(LOG_LEVEL_DEBUG, "a finished domain is not noted in the plan", &err);
 	walk_there_free(w);
 }

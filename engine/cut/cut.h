@@ -78,6 +78,8 @@ struct cut_load {
 int cut_load(struct grid_reader *, const struct view *, const struct cut_region *, struct cut_load *,
 	     uint64_t *ret_need, struct err *err);
 size_t cut_load_scratch_bytes(uint32_t cap);
+/* Records in the region, before the view, at most. */
+int cut_count(struct grid_reader *, const struct cut_region *, uint64_t *ret, struct err *err);
 
 /* The plan: leaves in order, each with an upper bound of its own positions. */
 struct cut_leaf {

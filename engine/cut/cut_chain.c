@@ -208,6 +208,11 @@ static double parting(double ua, double xa, double ub, double xb)
 	return (xb - xa) * (xb + xa) / (2 * (ub - ua)) + (ua + ub) / 2;
 }
 
+static double square(double v)
+{
+	return v * v;
+}
+
 static double reach_of(const struct cut_chain *c)
 {
 	double far = 0;
@@ -219,7 +224,7 @@ static double reach_of(const struct cut_chain *c)
 		double t = i + 1 == c->n ? (double)c->t1 : 0;
 
 		if (i == 0)
-			far = hypot(x, u - (double)c->t0);
+			far = square(x) + square(u - (double)c->t0);
 		if (i + 1 < c->n) {
 			double un = (double)cut_chain_u(c, &c->pt[i + 1]);
 
@@ -227,9 +232,9 @@ static double reach_of(const struct cut_chain *c)
 				continue;
 			t = parting(u, x, un, (double)cut_chain_x(c, &c->pt[i + 1]));
 		}
-		far = fmax(far, hypot(x, u - t));
+		far = fmax(far, square(x) + square(u - t));
 	}
-	return far * (1 + SLACK_REL) + 1;
+	return sqrt(far) * (1 + SLACK_REL) + 1;
 }
 
 void cut_chain_of(struct cut_chain *c, struct point *pt, uint32_t n)

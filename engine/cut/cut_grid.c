@@ -77,6 +77,25 @@ int cut_load(struct grid_reader *reader, const struct view *view, const struct c
 	return cut_load_from(&src, view, region, load, ret_need, err);
 }
 
+int cut_count(struct grid_reader *reader, const struct cut_region *region, uint64_t *ret, struct err *err)
+{
+	struct cut_range range[4];
+	unsigned n = cut_region_ranges(region, range);
+	uint64_t all = 0;
+
+	for (unsigned i = 0; i < n; i++) {
+		uint64_t some;
+		bool exact;
+		int rc = grid_count(reader, range[i].lo, range[i].hi, &some, &exact, err);
+
+		if (rc)
+			return rc;
+		all += some;
+	}
+	*ret = all;
+	return 0;
+}
+
 int cut_valid(struct grid_reader *reader, const struct view *view, const struct cut_region *region,
 	      const struct cut_trace *trace, bool *ret, struct err *err)
 {

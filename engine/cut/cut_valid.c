@@ -60,11 +60,10 @@ void cut_trace_sites(struct cut_trace *t, const struct cut_chain *chain, unsigne
 	}
 }
 
-/* The region's finite borders with their E'; returns how many. */
-static unsigned chains_of(const struct cut_trace *t, const struct cut_region *region, struct cut_chain ret[4])
+/* The region's finite borders, without sites; returns how many. */
+static unsigned borders_of(const struct cut_region *region, struct cut_chain ret[4])
 {
 	static const unsigned order[4] = {0, 2, 1, 3};
-	struct point *at = t->site;
 	unsigned n = 0;
 	int64_t box[4];
 
@@ -74,11 +73,19 @@ static unsigned chains_of(const struct cut_trace *t, const struct cut_region *re
 
 		if (box[side] == INT64_MIN || box[side] == INT64_MAX)
 			continue;
-		cut_chain_init(&ret[n], !(side & 1), box[side], box[beside], box[beside + 2], NULL, 0, NULL, 0);
-		cut_chain_of(&ret[n], at, t->nsite[n]);
-		at += t->nsite[n];
-		n++;
+		cut_chain_init(&ret[n++], !(side & 1), box[side], box[beside], box[beside + 2], NULL, 0, NULL, 0);
 	}
+	return n;
+}
+
+/* Likewise, with their E'. */
+static unsigned chains_of(const struct cut_trace *t, const struct cut_region *region, struct cut_chain ret[4])
+{
+	unsigned n = borders_of(region, ret);
+	struct point *at = t->site;
+
+	for (unsigned i = 0; i < n; at += t->nsite[i++])
+		cut_chain_of(&ret[i], at, t->nsite[i]);
 	return n;
 }
 
@@ -244,9 +251,9 @@ int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const st
 bool cut_trace_fits(const struct cut_trace *t, const struct cut_region *region)
 {
 	struct cut_range own[4];
-	unsigned nown = cut_region_ranges(region, own), nchain = 0;
+	unsigned nown = cut_region_ranges(region, own), nchain;
+	const struct point *at = t->site;
 	struct cut_chain chain[4];
-	int64_t box[4];
 
 	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->nparts > CUT_TRACE_PARTS)
 		return false;
@@ -256,16 +263,13 @@ bool cut_trace_fits(const struct cut_trace *t, const struct cut_region *region)
 	for (unsigned i = 0; i < nown; i++)
 		if (!in_ranges(t, own[i].lo, own[i].hi))
 			return false;
-	cut_region_box(region, box);
-	for (unsigned i = 0; i < 4; i++)
-		nchain += box[i] != INT64_MIN && box[i] != INT64_MAX;
+	nchain = borders_of(region, chain);
 	for (unsigned i = 0; i < 4; i++)
 		if (t->nsite[i] > (i < nchain ? CUT_TRACE_SITES : 0))
 			return false;
-	chains_of(t, region, chain);
-	for (unsigned i = 0; i < nchain; i++)
-		for (uint32_t k = 1; k < chain[i].n; k++)
-			if (cut_chain_u(&chain[i], &chain[i].pt[k]) < cut_chain_u(&chain[i], &chain[i].pt[k - 1]))
+	for (unsigned i = 0; i < nchain; at += t->nsite[i++])
+		for (uint32_t k = 1; k < t->nsite[i]; k++)
+			if (cut_chain_u(&chain[i], &at[k]) < cut_chain_u(&chain[i], &at[k - 1]))
 				return false;
 	return true;
 }

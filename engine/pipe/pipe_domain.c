@@ -5,6 +5,9 @@
  * The memory is [trace | block buffers of the reader | arena of the kernel]. While points are loaded, what is left of
  * the arena is scratch for the halo; when the triangles are there, the owned ones are packed over them in
  * place, and links, vertices and final bits follow behind, still in the place of triangles (pipe_finish.c).
+ *
+ * A region that is far smaller than the budget carries touches no more than its size: arrays lie close to each other, and the
+ * halo's scratch is small at first. Pages that are touched must be cleared, and a huge one costs as much as a thousand points.
  */
 #include "pipe.h"
 
@@ -16,44 +19,79 @@
 #include "pipe_finish.h"
 #include "pipe_priv.h"
 
+/* Positions of which a halo, as a rule, has fewer than a third. */
+enum { HALO_MANY = 1 << 15 };
+
 void *pipe_domain_arena(const struct grid *grid, void *memory)
 {
 	return (uint8_t *)memory + PIPE_TRACE + pipe_round(grid_reader_bytes(grid));
 }
 
-/* What of the arena is not the kernel's input is scratch while loading. */
-void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, void *memory, struct tri *tri,
+/* What the kernel's arena for n positions is laid out for: with that many, a finished domain fits in the place of the triangles
+ * (48 bytes) even if all of its vertices are open (24 of triangles, 24 of links, 12 of vertex a position). */
+static uint32_t kernel_cap(uint64_t n, uint32_t cap)
+{
+	n += n / 3 + 64;
+	return n < cap ? (uint32_t)n : cap;
+}
+
+/* As the kernel will want it, if the halo is not larger than most. */
+static uint32_t kernel_guess(uint64_t own, uint32_t cap)
+{
+	return kernel_cap(own + 1024, cap);
+}
+
+void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, bool whole, void *memory,
 		      struct cut_load *ret)
 {
-	uint8_t *arena = pipe_domain_arena(grid, memory), *input = (uint8_t *)tri_input(tri);
-	size_t input_size = (size_t)budget->cap * sizeof(struct mesh_vertex);
-	uint8_t *behind = arena + pipe_round((size_t)(input - arena) + input_size);
-	size_t front_size = (size_t)(input - arena) & ~(size_t)(PIPE_ALIGN - 1);
-	size_t behind_size = (size_t)(arena + tri_bytes(budget->cap) - behind);
-	/* The head of the arena is the kernel's own. */
-	size_t head = 4096;
+	uint8_t *arena = pipe_domain_arena(grid, memory);
+	struct mesh_vertex *input = tri_input(tri_init(arena, kernel_guess(own, budget->cap)));
+	size_t before = pipe_round((size_t)((uint8_t *)input - arena) + (size_t)budget->cap * sizeof *input);
+	size_t room = (tri_bytes(budget->cap) - before) & ~(size_t)(PIPE_ALIGN - 1);
+	size_t some = cut_load_scratch_bytes((own < budget->cap ? (uint32_t)own : budget->cap) + HALO_MANY);
 
-	*ret = (struct cut_load){ .out = tri_input(tri), .cap = budget->cap };
-	if (behind_size >= front_size) {
-		ret->scratch = behind;
-		ret->scratch_size = behind_size;
-	} else {
-		ret->scratch = arena + head;
-		ret->scratch_size = front_size - head;
-	}
+	*ret = (struct cut_load){
+		.out = input,
+		.cap = budget->cap,
+		.scratch = arena + before,
+		.scratch_size = whole || room < some ? room : some,
+	};
+}
+
+struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
+			    const struct cut_load *load)
+{
+	uint32_t guess = kernel_guess(own, budget->cap), cap = kernel_cap(load->n, budget->cap);
+	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), cap > guess ? cap : guess);
+
+	if (tri_input(tri) != load->out)
+		memmove(tri_input(tri), load->out, load->n * sizeof *load->out);
+	return tri;
 }
 
 static int load_points(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		       void *memory, struct cut_load *load, uint64_t *ret_need, struct err *err)
+		       const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct cut_load *load,
+		       uint64_t *ret_own, uint64_t *ret_need, struct err *err)
 {
+	struct pipe_trace *trace = memory;
 	struct grid_reader *reader = NULL;
 	int r = grid_reader_new(grid, (uint8_t *)memory + PIPE_TRACE, grid_reader_bytes(grid), &reader, err);
 
 	if (r)
 		return r;
-	r = cut_load(reader, view, region, load, ret_need, err);
+	r = cut_count(reader, region, ret_own, err);
+	for (unsigned whole = 0; !r && whole < 2; whole++) {
+		pipe_domain_room(grid, budget, *ret_own, whole, memory, load);
+		load->sites = sites;
+		load->trace = &trace->trace;
+		cut_trace_init(load->trace, trace + 1);
+		r = cut_load(reader, view, region, load, ret_need, err);
+		if (r != CUT_E_FULL)
+			break;
+		r = whole ? PIPE_E_SPLIT : 0;
+	}
 	grid_reader_free(reader);
-	return r == CUT_E_FULL ? PIPE_E_SPLIT : r;
+	return r;
 }
 
 static int along_line(const void *a, const void *b)
@@ -88,25 +126,25 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err)
 {
-	struct tri *tri = tri_init(pipe_domain_arena(grid, memory), budget->cap);
-	struct pipe_trace *trace = memory;
 	struct pipe_finish f = { 0 };
 	struct cut_load load;
+	struct tri *tri;
+	uint64_t own = 0;
 	int r;
 
 	if (view->window) {
+		struct pipe_trace *trace = memory;
+
+
 		r = pipe_area(grid, view, region, budget, memory, ret, ret_need, err);
 		/* Of what it read there is no trace: it is known again in its own generation. */
 		cut_trace_init(&trace->trace, trace + 1);
 		return r;
 	}
-	pipe_domain_room(grid, budget, memory, tri, &load);
-	load.sites = sites;
-	load.trace = &trace->trace;
-	cut_trace_init(load.trace, trace + 1);
-	r = load_points(grid, view, region, memory, &load, ret_need, err);
+	r = load_points(grid, view, region, sites, budget, memory, &load, &own, ret_need, err);
 	if (r)
 		return r;
+	tri = pipe_domain_tri(grid, budget, own, memory, &load);
 	f.out.counts = load.counts;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
 		finish_flat(tri, region, grid_manifest(grid)->lattice.k, &f.out);

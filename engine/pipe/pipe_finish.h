@@ -11,9 +11,13 @@ struct pipe_budget;
 
 /* Where a domain's memory begins to be the kernel's arena. */
 void *pipe_domain_arena(const struct grid *grid, void *memory);
-/* Where cut_load writes to, and its scratch. `memory` is the domain's, tri_init was done with budget->cap. */
-void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, void *memory, struct tri *tri,
+/* Where cut_load writes to, and its scratch, for a region of about `own` positions at most. Not `whole`: of the scratch only
+ * what such a region takes as a rule. */
+void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, bool whole, void *memory,
 		      struct cut_load *ret);
+/* The kernel, with what was loaded there as its input. */
+struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *budget, uint64_t own, void *memory,
+			    const struct cut_load *load);
 
 /* A vertex, while triangles are picked: a byte each, in the place of the kernel's ids. */
 enum { PIPE_USED = 1, PIPE_OPEN = 2 }; /* by a picked triangle, by another one (or a ghost) */

@@ -265,7 +265,7 @@ static void test_done(void **state)
 	for (uint64_t i = 0; i < 4; i++) {
 		struct plan_done d = done_of(&p.leaf[i], i);
 
-		assert_int_equal(plan_file_done(f, &d, &err), 0);
+		assert_int_equal(plan_file_done(f, &d, 1, &err), 0);
 		if (i == 1)
 			split_leaf(f, &p.leaf[0].region, half);
 	}
@@ -286,7 +286,7 @@ static void test_done(void **state)
 		int fd = openat(dirfd, "plan-7", O_RDWR);
 		off_t end = lseek(fd, 0, SEEK_END);
 
-		assert_int_equal(plan_file_done(f, &d, &err), 0);
+		assert_int_equal(plan_file_done(f, &d, 1, &err), 0);
 		assert_int_equal(told_now(&t), 5);
 		assert_int_equal(ftruncate(fd, end + RECORD - 1), 0);
 		assert_int_equal(told_now(&t), 4);
