@@ -175,16 +175,14 @@ static int keep_to(const struct push *p, const char *what, const char *wanted, c
 int push_created_crs(const struct push *p, struct err *err)
 {
 	const struct dataset *d = p->dataset;
-	const char *plus = strstr(p->crs, " + ");
-	char plane[sizeof p->crs];
+	char plane[CRS_TEXT_SIZE];
 	int r;
 
 	if (!dataset_created(d) || !p->has_crs)
 		return 0;
 	/* One that was created without heights takes any. */
-	snprintf(plane, sizeof plane, "%.*s", plus && !strstr(d->crs, " + ") ? (int)(plus - p->crs) : (int)strlen(p->crs),
-		 p->crs);
-	r = keep_to(p, "its coordinate system", d->crs, plane, err);
+	crs_text_plane(p->crs, plane);
+	r = keep_to(p, "its coordinate system", d->crs, crs_text_heights(d->crs) ? p->crs : plane, err);
 	if (!r)
 		r = keep_to(p, "the unit of its x and y", d->unit_xy, p->unit_xy, err);
 	return r ? r : keep_to(p, "the unit of its z", d->unit_z, p->unit_z, err);

@@ -60,13 +60,13 @@ int push_assume_read(struct push *p, const struct push_params *in, struct err *e
 
 /* ---- what an input says, and what is assumed for it ---- */
 
-/* The two halves of a text: "EPSG:1 + EPSG:2". */
+/* The two halves of a text; heights that it does not name are "unknown". */
 static void halves(const char *text, char ret_plane[CRS_TEXT_SIZE], const char **ret_heights)
 {
-	const char *plus = strstr(text, " + ");
+	const char *heights = crs_text_heights(text);
 
-	snprintf(ret_plane, CRS_TEXT_SIZE, "%.*s", plus ? (int)(plus - text) : (int)strlen(text), text);
-	*ret_heights = plus ? plus + 3 : "unknown";
+	crs_text_plane(text, ret_plane);
+	*ret_heights = heights ? heights + 3 : "unknown";
 }
 
 static int contradicts(const char *name, const char *what, const char *says, const char *assumed, const char *option,

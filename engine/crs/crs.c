@@ -196,10 +196,16 @@ void crs_info_settle(struct crs_info *info)
 	}
 }
 
-/* The vertical half of a text, with its " + ". */
-static const char *vertical_text(const struct crs_info *info)
+const char *crs_text_heights(const char *text)
 {
-	return strstr(info->text, " + ");
+	return strstr(text, " + ");
+}
+
+void crs_text_plane(const char *text, char ret[CRS_TEXT_SIZE])
+{
+	const char *heights = crs_text_heights(text);
+
+	snprintf(ret, CRS_TEXT_SIZE, "%.*s", (int)(heights ? (size_t)(heights - text) : strlen(text)), text);
 }
 
 static void fill_system(struct crs_system *s, const struct crs_system *other, bool same_name)
@@ -229,7 +235,7 @@ static void fill_open(struct crs_info *info, const struct crs_info *other)
 		crs_set_unit(info->unit_xy, other->unit_xy);
 	if (crs_is_unknown(info->unit_z))
 		crs_set_unit(info->unit_z, other->unit_z);
-	if (!named || (!vertical_text(info) && vertical_text(other) && !strncmp(info->text, other->text, strlen(info->text)))) {
+	if (!named || (!crs_text_heights(info->text) && crs_text_heights(other->text) && !strncmp(info->text, other->text, strlen(info->text)))) {
 		memcpy(info->text, other->text, sizeof info->text);
 		if (!info->system.epsg_z)
 			info->system.epsg_z = other->system.epsg_z;

@@ -104,6 +104,11 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 /* "m", "ft", "ftUS" (and the names above) to a unit name; NULL: no such unit. */
 const char *crs_assume_unit(const char *text);
 
+/* A text has two halves, "EPSG:1 + EPSG:2": where that of the heights begins, at its " + " (NULL: there is none), and that of the
+ * plane. */
+const char *crs_text_heights(const char *text);
+void crs_text_plane(const char *text, char ret[CRS_TEXT_SIZE]);
+
 /* Metres of a length unit by its name; 0: it is none. */
 double crs_unit_metres(const char *name);
 

@@ -150,7 +150,7 @@ int crs_zone_system(const struct crs_info *geographic, struct crs_zone zone, str
 	const struct crs_system *from = &geographic->system;
 	const struct datum *datum = datum_find(from);
 	struct crs_info to = *geographic;
-	const char *heights = strstr(geographic->text, " + ");
+	const char *heights = crs_text_heights(geographic->text);
 	char name[CRS_TEXT_SIZE], which[16];
 	unsigned number = datum ? datum_zone(datum, zone) : 0;
 	int r = crs_zone_datum(geographic, err);

@@ -18,16 +18,6 @@ enum { ELLIPSOID_WGS84 = 5030, ELLIPSOID_GRS80 = 5019 }; /* GeoTIFF's numbers of
 
 /* ---- the plane ---- */
 
-static void plane_text(const struct crs_info *crs, char ret[CRS_TEXT_SIZE])
-{
-	char *heights;
-
-	memcpy(ret, crs->text, CRS_TEXT_SIZE);
-	heights = strstr(ret, " + ");
-	if (heights)
-		*heights = 0;
-}
-
 static int same_datum(const struct crs_info *from, const struct crs_info *to, bool said, struct err *err)
 {
 	const char *mine = *from->system.datum ? from->system.datum : from->text;
@@ -56,7 +46,7 @@ static int place_degrees(const struct pose_params *p, const struct crs_info *fro
 		return err_add_hint(err, "name a UTM zone as in --utm 32N, or --utm UPS-N or UPS-S");
 	}
 	if (p->to) {
-		plane_text(p->to, text);
+		crs_text_plane(p->to->text, text);
 		if (crs_zone_of_text(from, text, &zone)) {
 			if (p->utm && strcmp(crs_zone_text(wanted, want), crs_zone_text(zone, have)))
 				return err_set(err, ERR_USAGE, "the points go to zone %s, not %s", have, want);
@@ -87,7 +77,8 @@ static int place_degrees(const struct pose_params *p, const struct crs_info *fro
 /* Heights above the ellipsoid have a number of their own. */
 static int say_ellipsoidal(struct crs_info *s, struct err *err)
 {
-	char *heights = strstr(s->text, " + "), number[16];
+	const char *heights = crs_text_heights(s->text);
+	char number[16];
 	unsigned epsg = fabs(s->system.inverse_flattening - 298.257223563) < 1e-6 ? ELLIPSOID_WGS84 : ELLIPSOID_GRS80;
 
 	snprintf(number, sizeof number, "EPSG:%u", epsg);

@@ -149,11 +149,11 @@ static void put_heights(struct text *t, const char *name, const char *unit)
 
 static void put_all(struct text *t, const struct crs_info *c, bool whole)
 {
-	const char *plus = strstr(c->text, " + "), *heights = plus ? plus + 3 : "";
+	const char *plus = crs_text_heights(c->text), *heights = plus ? plus + 3 : "";
 	char plane[CRS_TEXT_SIZE];
 	bool compound = plus || known(c->unit_z);
 
-	snprintf(plane, sizeof plane, "%.*s", plus ? (int)(plus - c->text) : (int)strlen(c->text), c->text);
+	crs_text_plane(c->text, plane);
 	t->n = 0;
 	if (compound)
 		put(t, "COMPD_CS[\"\",");

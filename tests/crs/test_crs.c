@@ -262,9 +262,23 @@ static void rubbish(void **state)
 		check_sane(UTM10, n);
 }
 
+static void halves(void **state)
+{
+	char plane[CRS_TEXT_SIZE], both[] = "EPSG:25832 + EPSG:7837";
+
+	crs_text_plane(both, plane);
+	assert_string_equal(plane, "EPSG:25832");
+	assert_string_equal(crs_text_heights(both), " + EPSG:7837");
+	crs_text_plane("a+b", plane);
+	assert_string_equal(plane, "a+b");
+	assert_null(crs_text_heights("a+b"));
+	(void)state;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(halves),
 		cmocka_unit_test(wkt_texts),
 		cmocka_unit_test(wkt_not_well_formed),
 		cmocka_unit_test(geokeys),
