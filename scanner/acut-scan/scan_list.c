@@ -102,7 +102,7 @@ int scan_list(const struct scan_args *args)
 	if (!r)
 		r = usb_new(set, &usb, &err);
 	if (!r)
-		r = usb_list(usb, args->all, &list, &n, &err);
+		r = usb_list_begin(usb, args->all, &list, &n, &err);
 	if (!r && args->json)
 		for (size_t i = 0; i < n; i++)
 			as_json(&list[i], set, args->watch ? "there" : NULL);

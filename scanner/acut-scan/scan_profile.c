@@ -6,9 +6,21 @@
 #include "err.h"
 #include "scan_profile.h"
 
+static bool is_file(const char *which)
+{
+	size_t n = strlen(which);
+
+	return strchr(which, '/') || (n > 5 && !strcmp(which + n - 5, ".conf"));
+}
+
 int scan_profile_set(const struct scan_args *args, struct profile_set **ret, struct err *err)
 {
-	return profile_set_read(args->n_profiles ? args->profiles : NULL, ret, err);
+	int r = profile_set_read(args->n_profiles ? args->profiles : NULL, ret, err);
+
+	if (!r && !profile_set_count(*ret) && !args->n_profiles && !(args->profile && is_file(args->profile)))
+		scan_warn(args, "there is no profile in %s nor in %s: no scanner is known; --profiles DIR names a folder of profiles (etc/scanners.d of "
+				"the source, where acut is not installed)", profile_folders[0], profile_folders[1]);
+	return r;
 }
 
 int scan_profile_copy(const struct profile_entry *e, struct scan_profile *ret, struct err *err)
@@ -28,13 +40,6 @@ void scan_profile_done(struct scan_profile *p)
 {
 	free(p->text);
 	p->text = NULL;
-}
-
-static bool is_file(const char *which)
-{
-	size_t n = strlen(which);
-
-	return strchr(which, '/') || (n > 5 && !strcmp(which + n - 5, ".conf"));
 }
 
 static int unknown(const struct profile_set *set, const char *which, struct err *err)

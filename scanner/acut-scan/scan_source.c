@@ -317,7 +317,14 @@ static int find_files(struct scan_spool *spool, struct files *ret, struct err *e
 	if (ret->no_memory)
 		return err_set(err, ERR_NOMEM, "no memory for a list of files");
 	if (!r && !ret->n) {
-		err_set(err, ERR_INPUT, "there is no whole LAS file in it (%llu were not)", (unsigned long long)spool->counts.framer.bad);
+		uint64_t laz = spool->counts.framer.by[FRAMER_LAZ];
+
+		err_set(err, ERR_INPUT, laz ? "its LAS files are compressed (LAZ, %llu of them), and where one ends only its reader knows"
+					    : "there is no whole LAS file in it (%llu were not)",
+			(unsigned long long)(laz ? laz : spool->counts.framer.bad));
+		if (laz)
+			err_add_hint(err, "have the scanner send LAS; acut-scan replay SPOOL --to raw -o FILE.laz writes what came, and acutctl push "
+					  "takes that if it is one file");
 		r = err_add_file(err, spool->file);
 	}
 	return r;

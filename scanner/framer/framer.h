@@ -36,7 +36,8 @@ typedef int (*framer_sink)(void *ctx, const struct telegram *);
 	R(GAP, "gap")               /* bytes were lost in it */                                 \
 	R(END, "unfinished")        /* the stream ends in it */                                 \
 	R(LENGTH, "bad-length")     /* says a length that cannot be */                          \
-	R(HEADER, "bad-header")     /* LAS: a header that is none, or of a compressed file */
+	R(HEADER, "bad-header")     /* LAS: a header that is none */                            \
+	R(LAZ, "compressed")        /* LAS: the header of a compressed file, which does not say how long it is */
 enum framer_reason {
 #define R(name, text) FRAMER_##name,
 	FRAMER_REASONS(R)

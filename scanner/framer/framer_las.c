@@ -2,7 +2,7 @@
  * A stream of LAS files, one behind the other: where each ends is in its header and in those of its EVLRs (LAS 1.4 R15,
  * tables 3, 4, 22; of 1.3 its waveform record). Pieces of 64 KiB, so that a file may be larger than memory.
  *
- * It knows no more of LAS than lengths. Compressed files (LAZ) do not say how long they are and are told as bad; what is
+ * It knows no more of LAS than lengths. Compressed files (LAZ) do not say how long they are and are told as such; what is
  * in a file is for its reader.
  */
 #include <string.h>
@@ -56,6 +56,12 @@ static bool read_head(const uint8_t *at, struct las_file *ret)
 	return true;
 }
 
+/* LASzip sets the highest bit of the point format; all else of the header is that of LAS. */
+static bool is_laz(const uint8_t *at)
+{
+	return at[24] == 1 && at[25] <= 4 && at[104] & 0x80;
+}
+
 void framer_las_broken(struct framer *f, enum framer_reason reason, uint64_t left)
 {
 	framer_bad(f, reason, f->las.start, f->las.at + left);
@@ -87,7 +93,7 @@ static bool find_file(struct framer *f, const uint8_t *at, size_t size, size_t *
 			f->las = las;
 			return true;
 		}
-		framer_bad(f, FRAMER_HEADER, f->at + next, 4);
+		framer_bad(f, is_laz(at + next) ? FRAMER_LAZ : FRAMER_HEADER, f->at + next, 4);
 		*pos += 4;
 	}
 	return false;

@@ -259,7 +259,22 @@ static int by_port(const void *a, const void *b)
 	return strverscmp(((const struct usb_device *)a)->port, ((const struct usb_device *)b)->port);
 }
 
-int usb_list(struct usb *usb, bool all, struct usb_device **ret, size_t *ret_n, struct err *err)
+/* Under the lock. */
+static void drop_notices(struct usb *usb)
+{
+	struct usb_notice *notice;
+	eventfd_t count;
+
+	while ((notice = usb->first)) {
+		usb->first = notice->next;
+		free(notice);
+	}
+	usb->last = NULL;
+	usb->notices = 0;
+	eventfd_read(usb->watch_fd, &count);
+}
+
+static int list_now(struct usb *usb, bool all, bool begins, struct usb_device **ret, size_t *ret_n, struct err *err)
 {
 	struct usb_device *list;
 	uint64_t ticket;
@@ -273,6 +288,8 @@ int usb_list(struct usb *usb, bool all, struct usb_device **ret, size_t *ret_n, 
 	pthread_mutex_lock(&usb->lock);
 	while (usb->scan_done < ticket)
 		pthread_cond_wait(&usb->scanned, &usb->lock);
+	if (begins)
+		drop_notices(usb);
 	failed = usb->scan_failed;
 	list = calloc(usb->n ? usb->n : 1, sizeof(*list));
 	for (size_t i = 0; list && i < usb->n; i++) {
@@ -295,4 +312,14 @@ int usb_list(struct usb *usb, bool all, struct usb_device **ret, size_t *ret_n, 
 	*ret = list;
 	*ret_n = n;
 	return 0;
+}
+
+int usb_list(struct usb *usb, bool all, struct usb_device **ret, size_t *ret_n, struct err *err)
+{
+	return list_now(usb, all, false, ret, ret_n, err);
+}
+
+int usb_list_begin(struct usb *usb, bool all, struct usb_device **ret, size_t *ret_n, struct err *err)
+{
+	return list_now(usb, all, true, ret, ret_n, err);
 }

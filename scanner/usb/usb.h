@@ -43,6 +43,8 @@ void usb_set_stop_fd(struct usb *, int fd);
 const char *usb_polls(struct usb *);
 /* What is plugged in now (no hubs), all or only the known; malloced array in order of ports. Nothing is opened for it. */
 int usb_list(struct usb *, bool all, struct usb_device **ret, size_t *ret_n, struct err *);
+/* The same, and usb_change begins here: what came or left before is in the list, or no more, and not told. */
+int usb_list_begin(struct usb *, bool all, struct usb_device **ret, size_t *ret_n, struct err *);
 /* The one that `which` names: "serial:TEXT", "port:1-2.4", "VENDOR:PRODUCT" (four hexadecimal digits each), a
  * profile's name, or "" (the only known one). Serial, port and numbers also find what no profile knows.
  * -ERR_NOTFOUND: none. -ERR_USAGE: several (the message names them and how to tell them apart). */

@@ -265,6 +265,22 @@ def text_and_las():
         expect([g["state"] for g in lines(push(d, path, "--into", "l", "--json"))] == ["known", "known"], "not known")
 
 
+def compressed():
+    """LAZ in a stream of LAS is named, with what helps; and that does."""
+    with Folder() as base, Daemon(base) as d:
+        e2e.run([e2e.SYNTH, "--points", "3000", base + "/1.las"]).ok()
+        head = bytearray(open(base + "/1.las", "rb").read())
+        head[104] |= 0x80 # as LASzip does
+        path = spool(base + "/z.spool", [(DATA, 1, bytes(head))], LAS)
+        r = push(d, path, "--into", "z")
+        expect(r.status == 1 and "LAZ" in r.err and "--to raw" in r.err, r.err)
+        said = scan("replay", path, "--json").ok().json()["bad"]
+        expect(said["compressed"] == 1, str(said))
+        scan("replay", path, "--to", "raw", "-o", base + "/z.laz").ok()
+        expect(open(base + "/z.laz", "rb").read() == bytes(head), "other bytes")
+        expect("z " not in d.ctl("datasets").ok().out, "a dataset came to be")
+
+
 def growing():
     """A spool that is not ended, torn at its end, then longer."""
     with Folder() as base, Daemon(base) as d:
@@ -453,6 +469,6 @@ def exactly_once():
 
 if __name__ == "__main__":
     only = sys.argv[1:]
-    cases = (same_as_a_file, corrected_poses, said_clearly, planes, no_guess, heights, text_and_las, growing, clock_set, many_spools, answers_are_lost,
+    cases = (same_as_a_file, corrected_poses, said_clearly, planes, no_guess, heights, text_and_las, compressed, growing, clock_set, many_spools, answers_are_lost,
              exactly_once)
     main(*[c for c in cases if not only or c.__name__ in only])

@@ -241,6 +241,14 @@ def storage():
         expect(r.devices[0]["opens"] == 0, "mass storage was opened")
 
 
+def listed_or_told():
+    """What came before the list was made is in it, and not told as come."""
+    with Run() as b:
+        b.script = scanner() + device("b", id="1234:5678", port="1-2", appear="with " + b.path("waits"))
+        r = b.run([TOOL, "--list", "--wait", "--waits", b.path("waits")])
+        expect(r.status == 0 and "\n1-2 1234:5678" in r.out and "CAME" not in r.out, r.out + r.err)
+
+
 def which():
     two = scanner(name="a", serial="S1") + scanner(name="b", serial="S2", port="1-2", source="pattern 1 MB", faults=["at end stop"])
     with Run(two) as b:
@@ -316,7 +324,7 @@ def idle():
         b.whole(b.done(p))
 
 
-CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, which,
+CASES = [each_fault, caps, sizes, unplug_at_each_step, unplug_at_bytes, replug, commands, no_answer, stop_while_starting, rights, drivers, without_udev, dropped, storage, listed_or_told, which,
          parked, half_filled, not_given_back, memory, misfit, idle]
 
 if __name__ == "__main__":

@@ -103,17 +103,44 @@ static void print_device(const struct usb_device *d)
 	       d->interfaces ? d->interface_classes[0] : 0, d->openable, d->refused, d->mass_storage, d->profile);
 }
 
+static void note_waits(const struct tool *t)
+{
+	int fd = t->waits ? open(t->waits, O_WRONLY | O_CREAT | O_CLOEXEC, 0600) : -1;
+
+	if (fd >= 0)
+		close(fd);
+}
+
+static unsigned print_changes(struct tool *t)
+{
+	struct usb_device device;
+	enum usb_change change;
+	unsigned n = 0;
+
+	for (; usb_change(t->usb, &change, &device); n++) {
+		printf("%s ", change == USB_CAME ? "CAME" : "LEFT");
+		print_device(&device);
+	}
+	return n;
+}
+
+/* --wait: once something has come, and what is told from then on. */
 static int list(struct tool *t)
 {
+	struct pollfd p = {usb_watch_fd(t->usb), POLLIN, 0};
 	struct err err = ERR_INIT;
 	struct usb_device *devices;
 	size_t n;
 
-	if (usb_list(t->usb, true, &devices, &n, &err))
+	note_waits(t);
+	if (t->wait)
+		poll(&p, 1, -1);
+	if ((t->wait ? usb_list_begin : usb_list)(t->usb, true, &devices, &n, &err))
 		return fail(&err);
 	for (size_t i = 0; i < n; i++)
 		print_device(&devices[i]);
 	free(devices);
+	print_changes(t);
 	return 0;
 }
 
@@ -206,14 +233,6 @@ static enum usb_end capture(struct tool *t, struct usb_capture *c)
 	return end;
 }
 
-static void note_waits(const struct tool *t)
-{
-	int fd = t->waits ? open(t->waits, O_WRONLY | O_CREAT | O_CLOEXEC, 0600) : -1;
-
-	if (fd >= 0)
-		close(fd);
-}
-
 /* Until something came, or a stop. */
 static bool wait_for_one(struct tool *t)
 {
@@ -240,18 +259,12 @@ static int watch(struct tool *t)
 {
 	struct pollfd p = {usb_watch_fd(t->usb), POLLIN, 0};
 	uint64_t began = clock_mono_ns();
-	struct usb_device device;
-	enum usb_change change;
 	unsigned told = 0;
 
 	note_waits(t);
 	while (clock_since(began) < t->watch && (!t->changes || told < t->changes)) {
 		poll(&p, 1, 10);
-		while (usb_change(t->usb, &change, &device)) {
-			printf("%s ", change == USB_CAME ? "CAME" : "LEFT");
-			print_device(&device);
-			told++;
-		}
+		told += print_changes(t);
 	}
 	return 0;
 }

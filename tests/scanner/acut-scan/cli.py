@@ -41,6 +41,18 @@ def refused():
         expect(set(error) == {"code", "file", "offset", "field", "message", "hint"}, said)
 
 
+def without_profiles():
+    """Where acut is not installed: what names the folder that it lacks is said."""
+    got = run("record", "--from", "/dev/null", "--profile", "sick-tim", "-o", "x")
+    if got.status == 0:
+        os.unlink("x")
+        return
+    expect(got.status == 2 and "there is no profile in /" in got.err and "--profiles DIR" in got.err, "%d %s" % (got.status, got.err))
+    got = run("record", "--from", "/dev/null", "--profile", os.path.join(PROFILES, "sick-tim.conf"), "-o", "x").ok()
+    os.unlink("x")
+    expect("--profiles" not in got.err, got.err)
+
+
 def help_and_page():
     with open(os.path.join(SOURCE, "man/acut-scan.1.scd")) as f:
         page = f.read()
@@ -108,4 +120,4 @@ def shells():
         expect(got.returncode == 0, got.stdout.decode())
 
 
-scan.main(refused, help_and_page, examples_are_command_lines, names_in_json, completion, shells)
+scan.main(refused, without_profiles, help_and_page, examples_are_command_lines, names_in_json, completion, shells)

@@ -329,6 +329,7 @@ static void test_las_nonsense(void **state)
 		check(&p, bytes, n + good, NULL, NULL);
 		run(&p, bytes, n + good, n + good, 0, NULL, &s, &c);
 		assert_true(c.files == 1 && c.bad == 1 && c.framed == good);
+		assert_int_equal(c.by[FRAMER_LAZ], wrong[i].at == 104 && wrong[i].v == 0x80);
 	}
 	/* an EVLR of nonsense: what was given before is told as broken, and the next file is found */
 	for (int i = 0; i < 2; i++) {
