@@ -4,7 +4,9 @@
  */
 #include "gate.h"
 
+#include "clock.h"
 #include "job_priv.h"
+#include "space_priv.h"
 
 /* ---- looking at the folder ---- */
 
@@ -236,6 +238,60 @@ static void cut_short(void **state)
 	folder_is_tidy("cut");
 	assert_int_equal(dataset_of("cut").pending, 0);
 	same_mesh("cut", 1, &was);
+}
+
+/* All that there may be, in bytes; 0: as much as there is. */
+static void quota(uint64_t bytes)
+{
+	struct space *s = h.jobs->space;
+
+	pthread_mutex_lock(&s->lock);
+	s->p.disk = (struct space_limit){bytes ? SPACE_BYTES : SPACE_UNLIMITED, bytes};
+	pthread_mutex_unlock(&s->lock);
+}
+
+/* A merge for which there is no room is tried again later, and later each time, up to a minute; not before, and when there is
+ * room it is made, and the next one that fails starts anew. */
+static void no_space(void **state)
+{
+	static const double wanted[] = {1, 2, 4, 8, 16, 32, 64, 64, 64};
+	struct jobs *j = h.jobs;
+	struct mesh was;
+
+	for (unsigned round = 0; round < 2; round++) {
+		uint64_t merges = j->tally.merges;
+
+		j->merge_after_ns = UINT64_MAX;
+		for (unsigned i = 1; i <= 5; i++)
+			dataset_release(push("full", 200, 10 * round + i));
+		was = mesh_of("full", dataset_of("full").generation);
+		quota(1);
+		for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+			uint64_t before = clock_mono_ns();
+
+			j->merge_after_ns = 0;
+			turn_until(j->merge_after_ns && !j->merge);
+			assert_true(j->merge_wait == wanted[i]);
+			assert_true(j->merge_after_ns >= before + (uint64_t)(wanted[i] * 1e9));
+			assert_true(j->merge_after_ns <= clock_mono_ns() + (uint64_t)(wanted[i] * 1e9));
+			/* As if the clock stood still. */
+			j->merge_after_ns = UINT64_MAX;
+			for (int k = 0; k < 20; k++) {
+				turn(0);
+				assert_null(j->merge);
+			}
+		}
+		assert_true(named("full")->merge_due);
+		assert_int_equal(j->tally.merges, merges);
+		quota(0);
+		j->merge_after_ns = 0;
+		idle();
+		assert_true(j->tally.merges > merges);
+		assert_true(j->merge_wait == 0);
+		assert_true(dataset_of("full").segments < 5);
+		folder_is_tidy("full");
+		same_mesh("full", dataset_of("full").generation, &was);
+	}
 }
 
 /* After a restart what is due is merged without a push. */
@@ -541,7 +597,7 @@ int main(void)
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, gate_teardown)
 	const struct CMUnitTest tests[] = {
 		TEST(many_pushes),   TEST(pushes_meanwhile),     TEST(damaged),         TEST(cut_short),
-		TEST(due_at_start),  TEST(stopped),              TEST(prune_all),       TEST(prune_last),
+		TEST(no_space), TEST(due_at_start),  TEST(stopped),              TEST(prune_all),       TEST(prune_last),
 		TEST(prune_refused), TEST(prune_under_a_reader), TEST(prune_cancelled),      TEST(prune_of_merged),   TEST(row_first),
 		TEST(old_files_stay_while_named),
 	};
