@@ -33,7 +33,7 @@ class Configured(Daemon):
         self.command = without(self.command, "--no-config") + ["--config", self.file]
         self.notify = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self.notify.bind(base + "/notify")
-        self.notify.settimeout(10)
+        self.notify.settimeout(e2e.PATIENCE)
         self.env["NOTIFY_SOCKET"] = base + "/notify"
         write(self.file, text)
 
@@ -55,7 +55,7 @@ class Configured(Daemon):
         except BlockingIOError:
             pass
         self.notify.setblocking(True)
-        self.notify.settimeout(10)
+        self.notify.settimeout(e2e.PATIENCE)
         before = time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000
         self.process.send_signal(signal.SIGHUP)
         first = self.told()
@@ -162,7 +162,7 @@ def reload_of_errors_changes_nothing():
 
 
 def check(base, *args, env=None):
-    return run([e2e.ACUTD, "--check-config", "--state", base + "/state", "--cache", base + "/cache", *args], timeout=10, env=env)
+    return run([e2e.ACUTD, "--check-config", "--state", base + "/state", "--cache", base + "/cache", *args], timeout=e2e.PATIENCE, env=env)
 
 
 def check_config():
@@ -185,10 +185,10 @@ def check_config():
             expect(what in got.err, "%s: %s" % (what, got.err))
         expect(len(got.err.splitlines()) == 4, got.err)
         # The start says the same, and its number.
-        got = run([e2e.ACUTD, "--config", file, "--init", "--state", base + "/state", "--cache", base + "/cache"], timeout=10)
+        got = run([e2e.ACUTD, "--config", file, "--init", "--state", base + "/state", "--cache", base + "/cache"], timeout=e2e.PATIENCE)
         expect(got.status == 2 and "the configuration has 3 errors" in got.err and ":4: there is no group" in got.err, got.err)
         write(file, "disk = 0%\n")
-        got = run([e2e.ACUTD, "--config", file, "--state", base + "/state", "--cache", base + "/cache"], timeout=10)
+        got = run([e2e.ACUTD, "--config", file, "--state", base + "/state", "--cache", base + "/cache"], timeout=e2e.PATIENCE)
         expect(got.status == 2 and len(got.err.splitlines()) == 1 and "acutd cannot start: %s:1: " % file in got.err, got.err)
         expect(not os.path.exists(base + "/state"), "a start with errors made a folder")
         with Daemon(base) as d:  # a check beside a daemon is no second one
@@ -254,14 +254,14 @@ def more_memory_than_the_control_group_has():
         with Folder() as base:
             into = ["/bin/sh", "-c", 'echo $$ > "$0"/cgroup.procs && exec "$@"', group, e2e.ACUTD, "--no-config", "--check-config",
                     "--init", "--state", base + "/s", "--cache", base + "/c"]
-            got = run(into, timeout=10).ok()
+            got = run(into, timeout=e2e.PATIENCE).ok()
             expect("memory = 152M  (limit of the control group, 200 MB, less 48 MB)" in got.out, got.out)
-            run(into + ["--memory", "152M"], timeout=10).ok()
-            got = run(into + ["--memory", "153M"], timeout=10)
+            run(into + ["--memory", "152M"], timeout=e2e.PATIENCE).ok()
+            got = run(into + ["--memory", "153M"], timeout=e2e.PATIENCE)
             expect(got.status == 2 and "memory is 153 MB, but the control group has a limit of 200 MB, which leaves 152 MB" in got.err,
                    got.err)
-            run(into + ["--memory", "168M", "--idle-exit", "30"], timeout=10).ok()
-            expect(run(into + ["--memory", "169M", "--idle-exit", "30"], timeout=10).status == 2, "a private daemon")
+            run(into + ["--memory", "168M", "--idle-exit", "30"], timeout=e2e.PATIENCE).ok()
+            expect(run(into + ["--memory", "169M", "--idle-exit", "30"], timeout=e2e.PATIENCE).status == 2, "a private daemon")
     finally:
         for _ in range(50):
             try:

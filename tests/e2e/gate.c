@@ -139,6 +139,12 @@ PUBLIC int fsync(int fd)
 	return REAL(fsync)(fd);
 }
 
+PUBLIC int renameat2(int from, const char *old, int to, const char *name, unsigned flags)
+{
+	gate("renameat2", to, name);
+	return REAL(renameat2)(from, old, to, name, flags);
+}
+
 PUBLIC int renameat(int from, const char *old, int to, const char *name)
 {
 	gate("renameat", to, name);

@@ -248,7 +248,8 @@ def half_copied():
     os.close(os.open(os.path.join(f, "grows.las"), os.O_CREAT, 0o644))
     t = threading.Thread(target=grow)
     t.start()
-    got = ingest("growing", f, settle="0.5")
+    # As long as this process never stands still.
+    got = ingest("growing", f, settle="4")
     expect(sorted(got) == ["still.las"], "taken while it grew: %s" % sorted(got))
     stop.set()
     t.join()
@@ -268,19 +269,17 @@ def changed_while_pushed():
     f = drop("swapped")
     las(os.path.join(f, "a.las"), seed=1)
     las(os.path.join(f, "b.las"), seed=2)
-    p = subprocess.Popen(["strace", "-f", "-qq", "-o", "/dev/null", "-e", "trace=renameat2", "-e", "inject=renameat2:delay_enter=600000",
-                          ACUTCTL, "ingest", "swapped", f, "--settle", "0", "--json"],
-                         env=dict(os.environ, ACUT_SOCKET=D.socket, ASAN_OPTIONS="detect_leaks=0"),  # which cannot be beside strace
+    gate = e2e.Gate(BASE)
+    gate.close("renameat2", "/a.las")
+    p = subprocess.Popen([ACUTCTL, "ingest", "swapped", f, "--settle", "0", "--json"], env=dict(os.environ, ACUT_SOCKET=D.socket, **gate.env),
                          stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    deadline = time.monotonic() + 20
-    while D.ctl("dataset", "show", "swapped").status and time.monotonic() < deadline:
-        time.sleep(0.02)
-    time.sleep(0.2)  # a.las waits in its rename
+    gate.wait()
     las(os.path.join(BASE, "new.las"), seed=3)
     os.rename(os.path.join(BASE, "new.las"), os.path.join(f, "a.las"))
     with open(os.path.join(f, "b.las"), "ab") as out:
         out.write(b"more")
-    out, err = p.communicate(timeout=60)
+    gate.open()
+    out, err = p.communicate(timeout=e2e.PATIENCE)
     expect(p.returncode == 0, "%d %s" % (p.returncode, err))
     lines = {line["file"]: line for line in map(json.loads, out.decode().splitlines()) if "file" in line}
     expect(lines["a.las"]["moved_to"] is None and lines["b.las"]["moved_to"] is None, "moved: %s" % lines)
@@ -306,15 +305,31 @@ def killed_between_commit_and_move():
     # Killed while it pushes: the rest of it is made good by the next pass.
     for i in range(5, 10):
         las(os.path.join(f, "%d.las" % i), seed=i)
-    p = subprocess.Popen([ACUTCTL, "ingest", "killed", f, "--settle", "0"], env=dict(os.environ, ACUT_SOCKET=D.socket),
-                         stdout=subprocess.DEVNULL)
-    time.sleep(0.02)
-    p.kill()
-    p.wait()
-    deadline = time.monotonic() + 10
-    while holds(f) and time.monotonic() < deadline:
-        D.ctl("ingest", "killed", f, "--settle", "0")
+    with e2e.Folder() as other:
+        # Its daemon stands still when it reads the third.
+        gate = e2e.Gate(other)
+        D.stop()
+        D.env.update(gate.env)
+        D.start()
+        gate.close("pread", "/7.las", 2)
+        p = subprocess.Popen([ACUTCTL, "ingest", "killed", f, "--settle", "0"], env=dict(os.environ, ACUT_SOCKET=D.socket),
+                             stdout=subprocess.DEVNULL)
+        gate.wait()
+        p.kill()
+        p.wait()
+        gate.open()
+        D.stop()
+        for name in gate.env:
+            D.env.pop(name)
+        D.start()
+    e2e.until(lambda: D.ctl("ingest", "killed", f, "--settle", "0") and not holds(f), "what a killed one has begun is never done")
     expect(holds(f) == [] and files_of("killed") == (10, 5000), "%s %s" % (holds(f), files_of("killed")))
+
+
+def is_locked(folder):
+    """Whether somebody has the lock of a drop folder; taking it to see would keep others from it."""
+    with open("/proc/locks") as locks:
+        return any(line.split()[5].endswith(":%d" % os.stat(folder).st_ino) for line in locks if "FLOCK" in line and "->" not in line)
 
 
 def nobody_to_push_to():
@@ -339,22 +354,22 @@ def nobody_to_push_to():
             las(os.path.join(f, "c%d.las" % i), points=2000, seed=20 + i)
         p = subprocess.Popen([ACUTCTL, "ingest", "away", f, "--settle", "0.3"], env=dict(os.environ, ACUT_SOCKET=short.socket),
                              stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        time.sleep(0.33)
+        e2e.until(lambda: is_locked(f), "it does not begin")
         short.process.kill()
-        _, err = p.communicate(timeout=60)
+        _, err = p.communicate(timeout=e2e.PATIENCE)
         expect(p.returncode in (69, 0) and len(holds(f)) in (40, 0), "%d, %d left: %s" % (p.returncode, len(holds(f)), err))
 
 
 def one_at_a_time():
     f = drop("busy")
     las(os.path.join(f, "a.las"))
-    p = subprocess.Popen([ACUTCTL, "ingest", "busy", f, "--settle", "1"], env=dict(os.environ, ACUT_SOCKET=D.socket),
+    p = subprocess.Popen([ACUTCTL, "ingest", "busy", f, "--settle", "600"], env=dict(os.environ, ACUT_SOCKET=D.socket),
                          stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    time.sleep(0.3)
+    e2e.until(lambda: is_locked(f), "it does not begin")
     r = D.ctl("ingest", "busy", f, "--settle", "0")
     expect(r.status == 75 and "another ingest" in r.err, "beside another: %d %s" % (r.status, r.err))
     p.send_signal(signal.SIGTERM)
-    expect(p.wait(10) == 143 and holds(f) == ["a.las"], "ended with %d" % p.returncode)
+    expect(p.wait(e2e.PATIENCE) == 143 and holds(f) == ["a.las"], "ended with %d" % p.returncode)
     p.stdout.close()
     p.stderr.close()
     ingest("busy", f)
@@ -412,7 +427,6 @@ def many_tiny_files():
     expect(holds(f) == [] and len(holds(f, "done")) == n - n // 100 and len(holds(f, "failed")) == n // 50,
            "%d left, %d done" % (len(holds(f)), len(holds(f, "done"))))
     print("     %d files, %d of them broken, in %.1f s" % (n, n // 100, seconds))
-    expect(seconds < 60, "%d files took %.1f s" % (n, seconds))
 
 
 def whole():

@@ -233,7 +233,7 @@ def durable():
         c.ask("push_plan", pb.PushPlan(push=begun.push))
         c.ask("file", pb.File(push=begun.push, name="d"), f.fileno())
         expect_refused("not-found", c.ask, "submit", pb.Submit(view="view 1", dataset="durable"))
-        deadline = time.monotonic() + 15
+        deadline = time.monotonic() + e2e.PATIENCE
         while c.durable.get(number, 0) < 1:
             expect(time.monotonic() < deadline, "no Durable within 15 s")
             time.sleep(0.2)
@@ -271,7 +271,7 @@ def fetch_and_cancel(socket, delay):
         other.ask("cancel", pb.Cancel(job=job.id))
         mesh = None
         try:
-            mesh = acut_wire.Mesh(acut_wire.PipeReader(pipe, 10))
+            mesh = acut_wire.Mesh(acut_wire.PipeReader(pipe, e2e.PATIENCE))
             outcome = "whole, %d vertices" % len(mesh.positions)
         except acut_wire.JobFailed as e:
             outcome = e.code + " in the tail"

@@ -62,7 +62,7 @@ class Box:
         return ["setpriv", "--reuid", str(uid), "--regid", str(gid)] + (
             ["--groups", ",".join(map(str, more))] if more else ["--clear-groups"]) + [self.acutctl] + [str(a) for a in args]
 
-    def ask(self, who, *args, umask=0o022, timeout=60):
+    def ask(self, who, *args, umask=0o022, timeout=e2e.PATIENCE):
         p = subprocess.run(self.command(who, *args), env=dict(os.environ, ACUT_SOCKET=self.daemon.socket), cwd=self.base,
                            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, timeout=timeout,
                            preexec_fn=lambda: os.umask(umask))
@@ -221,7 +221,7 @@ def served():
         for who in WHO:
             box.good(who, "ping")
         p = box.start(nobody, "ping")
-        out, err = p.communicate(timeout=20)
+        out, err = p.communicate(timeout=e2e.PATIENCE)
         expect(p.returncode == 77 and str(USERS) in err.decode(), "%d %s" % (p.returncode, err))
         line = [l for l in box.log().splitlines() if "uid %d, pid %d" % (NOBODY, p.pid) in l]
         expect(len(line) == 1 and "group" in line[0], "log: %s" % box.log())
@@ -297,7 +297,7 @@ def many_groups():
                 there.recv(1)
             finally:
                 os._exit(code)
-        parent.settimeout(60)
+        parent.settimeout(e2e.PATIENCE)
         parent.recv(1)
         rows = [h for h in box.daemon.ctl("status", "--json").ok().json()["holders"] if h["kind"] == "connection" and h["uid"] == BERT]
         expect(len(rows) == 3 and all(sum(h["held"].values()) >= 4 * most for h in rows), "holders: %s" % rows)
@@ -316,7 +316,7 @@ def no_process_is_asked():
     with Folder() as base, Box(base, args=GROUPS) as box:
         box.good("anna", "push", "--mode", "600", "d", box.survey())
         wire = acut_wire.Wire.__new__(acut_wire.Wire)
-        wire.timeout, wire.sock = 20.0, socket.socket(socket.AF_UNIX)
+        wire.timeout, wire.sock = e2e.PATIENCE, socket.socket(socket.AF_UNIX)
         child = os.fork()
         if not child:
             os.setgroups([USERS])
@@ -325,7 +325,7 @@ def no_process_is_asked():
             wire.sock.connect(box.daemon.socket)
             os._exit(0)
         os.waitpid(child, 0)
-        wire.sock.settimeout(20)
+        wire.sock.settimeout(e2e.PATIENCE)
         for n, (body, value) in enumerate((("hello", pb.Hello(version_min=1, version_max=1)), ("datasets_request", pb.DatasetsRequest(name="d")))):
             m = pb.Message()
             getattr(m, body).CopyFrom(value)
@@ -356,7 +356,7 @@ def rights_of_open_connections():
             def connect(who):
                 uid, gid, groups = WHO[who]
                 wire = acut_wire.Wire.__new__(acut_wire.Wire)
-                wire.timeout, wire.sock, wire.n = 20.0, socket.socket(socket.AF_UNIX), 0
+                wire.timeout, wire.sock, wire.n = e2e.PATIENCE, socket.socket(socket.AF_UNIX), 0
                 child = os.fork()
                 if not child:
                     os.setgroups(groups)
@@ -365,7 +365,7 @@ def rights_of_open_connections():
                     wire.sock.connect(box.daemon.socket)
                     os._exit(0)
                 os.waitpid(child, 0)
-                wire.sock.settimeout(20)
+                wire.sock.settimeout(e2e.PATIENCE)
                 tell(wire, "hello", pb.Hello(version_min=1, version_max=1))
                 return wire
 
@@ -420,7 +420,7 @@ def who_holds_what():
             f.flush()
 
             def rows(who):
-                deadline = time.monotonic() + 20
+                deadline = time.monotonic() + e2e.PATIENCE
                 while time.monotonic() < deadline:
                     got = [h for h in json.loads(box.good(who, "status", "--json"))["holders"] if h["kind"] == "push"]
                     if got:
@@ -434,7 +434,7 @@ def who_holds_what():
                 expect([(h["uid"], h["dataset"], h["id"]) for h in got] == [(ANNA, None, None)], "%s sees %s" % (who, got))
                 expect("secret" not in box.good(who, "status") + box.good(who, "metrics"), "%s sees the name" % who)
             push.terminate()
-        push.communicate(timeout=30)
+        push.communicate(timeout=e2e.PATIENCE)
 
 
 def limit_of_exports():
@@ -450,7 +450,7 @@ def limit_of_exports():
         os.mkdir(place)
         os.chmod(place, 0o777)
         parent, there = socket.socketpair()
-        there.settimeout(20)
+        there.settimeout(e2e.PATIENCE)
         for who, want in (("carl", [0, 0, 1]), ("bert, in the group by his first one", [0, 1, 1])):
             uid, gid, groups = WHO[who]
             child = os.fork()
@@ -472,7 +472,7 @@ def limit_of_exports():
                     there.recv(1)
                 finally:
                     os._exit(code)
-            parent.settimeout(20)
+            parent.settimeout(e2e.PATIENCE)
             parent.recv(1)
             if who == "carl":
                 first = child
@@ -487,7 +487,7 @@ def limit_of_jobs():
         box.good("anna", "push", "--mode", "666", "d", box.survey(400000))
         mine = [box.good("anna", "submit", "d", "--new", "--every", i + 2).split()[0] for i in range(3)]
         p = box.start("anna", "submit", "d", "--new", "--every", "9")
-        out, err = p.communicate(timeout=30)
+        out, err = p.communicate(timeout=e2e.PATIENCE)
         if p.returncode == 0:
             print("     the jobs were done before a fourth came: nothing is tested")
             return
@@ -506,16 +506,11 @@ def limit_of_disk():
     with Folder() as base, Box(base, args=("--user-disk", "1M", "--admin-group", str(ADMINS))) as box:
         box.good("anna", "push", "a", box.survey(20000))
         p = box.start("anna", "push", "b", box.survey(20000, seed=2))
-        out, err = p.communicate(timeout=30)
+        out, err = p.communicate(timeout=e2e.PATIENCE)
         expect(p.returncode == 1 and b"user-disk" in err and b"1" in err, "%d %s" % (p.returncode, err))
         expect("uid %d, pid %d" % (ANNA, p.pid) in box.log(), "log: %s" % box.log())
         # The push goes with its connection, and the dataset that it made with the push: soon after the client has ended.
-        for _ in range(100):
-            status, _, err = box.ask("anna", "dataset", "show", "b")
-            if status == 4:
-                break
-            time.sleep(0.1)
-        expect(status == 4, "something of it stays: %d %s" % (status, err))
+        e2e.until(lambda: box.ask("anna", "dataset", "show", "b")[0] == 4, "something of it stays")
         box.good("anna", "push", "b", box.survey(300))
         # Others have their own; administrators no limit.
         box.good("carl", "push", "c", box.survey(20000, seed=2))
@@ -574,7 +569,7 @@ def limit_of_connections():
         expect("uid %d" % ANNA in box.log(), "log: %s" % box.log())
         os.write(go[1], b"x")
         expect(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0, "surplus connections")
-        deadline = time.monotonic() + 10
+        deadline = time.monotonic() + e2e.PATIENCE
         while box.ask("anna", "ping")[0] and time.monotonic() < deadline:
             time.sleep(0.05)
         box.good("anna", "ping")
@@ -601,7 +596,7 @@ def limit_of_memory():
             many = [box.good("anna", "submit", "d", "--new").split()[0] for _ in range(3)]
             push = box.start("anna", "push", "e", box.survey(200000, seed=2))
             got = [json.loads(box.good("anna", "wait", n, "--json", timeout=120).splitlines()[-1]) for n in many]
-            out, err = push.communicate(timeout=120)
+            out, err = push.communicate(timeout=e2e.PATIENCE)
         finally:
             over.set()
             watcher.join()
@@ -654,7 +649,7 @@ def passed_descriptors():
                         f.flush()
                 if m:
                     m.close()
-            out, err = p.communicate(timeout=60)
+            out, err = p.communicate(timeout=e2e.PATIENCE)
             expect(p.returncode in (0, 1, 3), "%s: %d %s" % (how, p.returncode, err))
             box.daemon.ctl("ping").ok()
             if p.returncode == 0:

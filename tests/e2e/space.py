@@ -41,7 +41,7 @@ class Half:
             self.c.ask("probe", pb.Probe(push=self.push, name=path, path=os.path.abspath(path).encode()), f.fileno())
             self.c.ask("push_plan", pb.PushPlan(push=self.push))
             self.c.ask("file", pb.File(push=self.push, name=path), f.fileno())
-        end = time.monotonic() + 20
+        end = time.monotonic() + e2e.PATIENCE
         while durable and not self.c.durable.get(number, 0):
             expect(time.monotonic() < end, "no Durable within 20 s")
             time.sleep(0.1)
@@ -52,7 +52,7 @@ class Half:
         self.c.close()
 
 
-def until(what, seconds=30, step=0.1):
+def until(what, seconds=e2e.PATIENCE, step=0.1):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         got = what()
@@ -138,7 +138,7 @@ def pipes_are_held_against_it():
         except BrokenPipeError:
             pass
         p.stdin = None
-        out, err = p.communicate(timeout=60)
+        out, err = p.communicate(timeout=e2e.PATIENCE)
         expect(p.returncode == 74 and b"from a pipe" in err and b"--disk" in err, "%d %s" % (p.returncode, err.decode()))
         expect(until(lambda: stat(d)["kinds"]["temporary"]["bytes"] == 0), stat(d))
 
@@ -282,7 +282,7 @@ def the_cache_is_removed():
         d.ctl("fetch", str(jobs[0]), "-o", out).ok()
         # Nothing runs, and it is gone again: nothing is counted there, and a mesh of one step begins in the new one.
         shutil.rmtree(d.cache, ignore_errors=True)
-        expect(until(lambda: stat(d)["kinds"]["domains"]["bytes"] == 0, 10), stat(d))
+        expect(until(lambda: stat(d)["kinds"]["domains"]["bytes"] == 0), stat(d))
         d.ctl("mesh", os.path.join(base, "a.las"), "-o", out).ok()
         expect(digests(d, "a") == want[0] and files_below(os.path.join(d.cache, "domains")), "nothing is kept any more")
         # Its lock is taken again.
@@ -409,7 +409,7 @@ def a_file_system_that_is_full():
                 expect(d.ctl("ping").status == 0, "the daemon is gone")
                 expect(digests_or_none(d, "a") in (want, None), "another mesh")
                 os.remove(hog)
-                expect(until(lambda: d.ctl("push", "b", os.path.join(base, "b.las")).status == 0, 20, 1), "no push any more")
+                expect(until(lambda: d.ctl("push", "b", os.path.join(base, "b.las")).status == 0, step=1), "no push any more")
                 expect(digests(d, "a") == want, "another mesh")
             finally:
                 d.stop(signal.SIGKILL)
@@ -428,7 +428,7 @@ def a_client_of_verify_goes():
         c = Client(d.socket)
         c.send("cache_verify", pb.CacheVerify())
         expect(until(lambda: "does not read its answers" in d.log_text()), "nobody was cut off: %s" % d.log_text()[-300:])
-        r = d.ctl("ping", timeout=10)
+        r = d.ctl("ping")
         expect(r.status == 0, "the daemon does not answer any more: %d %s" % (r.status, r.err))
         c.close()
         for name in filter(os.path.exists, names):
@@ -502,7 +502,7 @@ def state_and_cache_on_two_file_systems():
             client = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "a", files[4]], stdout=subprocess.DEVNULL,
                                       stderr=subprocess.DEVNULL)
             d.stop(signal.SIGKILL)
-            client.wait(60)
+            client.wait(e2e.PATIENCE)
             d.start()
             d.ctl("push", "a", files[4]).ok()
             expect(digests(d, "a") == want, "another mesh")
