@@ -395,7 +395,8 @@ static void test_written_once(void **state)
 		bytes = (double)written / (double)s.n;
 		print_message("%u lanes, spills: %.2f bytes written a point, %.2f given back\n", lanes, bytes,
 			      (double)given_back / (double)s.n);
-		assert_true(bytes > 30 && bytes < 33.2);
+		/* Which lane has what when the last point comes is the threads' turn: all but what memory holds is written twice. */
+		assert_true(bytes > 32.5 - 6.0 * MIB / (double)s.n && bytes < 33.2);
 		assert_true(lanes > 2 || given_back > 4 * s.n);
 	}
 	io = before;
