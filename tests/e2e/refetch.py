@@ -77,6 +77,43 @@ def killed_client():
         expect(not [n for n in parts(base) if not n.startswith("got")], "left behind: %s" % parts(base))
 
 
+def killed_in_a_window():
+    """A stream of an area that is cut into pieces: its client is killed after each block in turn, the daemon at times too; what is joined
+    is the file of a fetch that nobody disturbed."""
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        gate = e2e.Gate(base)
+        want, out = base + "/want.ply", base + "/m.ply"
+        d.ctl("push", "s", survey(base, 200000)).ok()
+        d.ctl("submit", "s", "--wait").ok()
+        shown = d.ctl("dataset", "show", "s", "--json").ok().json()
+        lo, hi = shown["min"], shown["max"]
+        box = "--bbox=" + ",".join("%.2f" % (lo[i % 2] + (hi[i % 2] - lo[i % 2]) * f) for i, f in enumerate((.05, .05, .95, .9)))
+        full = d.ctl("fetch", "1", box, "--json", "-o", want).ok().json()
+        expect(full["pieces"] > 2, "%d pieces" % full["pieces"])
+        kills, p = 0, True
+        while p:
+            resume = ["--resume"] if os.path.exists(out + ".part.state") else []
+            # A fetch keeps a state at its begin where it goes on; then one a block.
+            p = held(d, gate, 1, "fetch", "1", box, "-o", out, "--json", *resume)
+            if p:
+                kills += 1
+                p.kill()
+                p.communicate()
+                expect(kills < 10 * full["pieces"], "it does not get on")
+                if kills % 3 == 0:
+                    d.stop(signal.SIGKILL)
+                    d.start()
+        gate.open()
+        expect(kills >= full["pieces"] - 2, "killed %d times in %d pieces" % (kills, full["pieces"]))
+        print("     %d times killed in %d pieces" % (kills, full["pieces"]))
+        expect(read(out) == read(want), "what was joined differs")
+        expect(not parts(base), "left behind: %s" % parts(base))
+        # Another area is another stream.
+        held(d, gate, 1, "fetch", "1", box, "-o", out).kill()
+        gate.open()
+        says(d.ctl("fetch", "1", "-o", out, "--resume"), 1, "cannot be continued")
+
+
 def killed_daemon():
     with Folder() as base:
         gate = e2e.Gate(base)
@@ -230,4 +267,4 @@ def full_disk():
 
 
 if __name__ == "__main__":
-    e2e.main(killed_client, killed_daemon, refused, full_disk)
+    e2e.main(killed_client, killed_in_a_window, killed_daemon, refused, full_disk)
