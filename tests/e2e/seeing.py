@@ -5,6 +5,7 @@ import json
 import os
 import re
 import resource
+import select
 import shutil
 import socket
 import stat
@@ -337,6 +338,73 @@ def doctor_sees_the_disk():
         expect(checks["state"]["state"] in ("warning", "wrong", "ok"), checks["state"])
 
 
+def apart(what, child):
+    """child() in a process and a mount namespace of its own."""
+    pid = os.fork()
+    if pid:
+        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+        if status == 77:
+            e2e.unavailable("no mount namespace for " + what)
+        expect(status == 0, "see above")
+        return
+    try:
+        if not in_own_run():
+            os._exit(77)
+        child()
+        os._exit(0)
+    except SystemExit as e:
+        os._exit(e.code)
+    except BaseException as e:
+        print("%s: %s" % (type(e).__name__, e), flush=True)
+        os._exit(1)
+
+
+def mount(path, options):
+    libc = ctypes.CDLL(None, use_errno=True)
+    expect(libc.mount(b"tmpfs", path.encode(), b"tmpfs", 0, options.encode()) == 0, "tmpfs at %s: %d" % (path, ctypes.get_errno()))
+
+
+def doctor_counts_inodes():
+    """Too few are left for anything to be pushed; then a fiftieth of them is."""
+    def child():
+        for inodes, used, want, says in ((900, 0, "wrong", "inodes are free"), (60000, 58900, "warning", "of 60000 inodes are free"),
+                                         (60000, 0, "ok", "are free for")):
+            with e2e.Folder() as base:
+                os.mkdir(base + "/state")
+                mount(base + "/state", "size=256m,nr_inodes=%d" % inodes)
+                with e2e.Daemon(base) as d:
+                    os.mkdir(base + "/state/other")
+                    for i in range(used):
+                        os.mknod("%s/state/other/%d" % (base, i))
+                    checks = doctor(d, 1 if want == "wrong" else 0, state=want)
+                    expect(says in checks["state"]["message"] and (want == "ok" or "inodes" in checks["state"]["hint"]), checks["state"])
+                subprocess.run(["umount", "-l", base + "/state"], check=True)
+    apart("a file system with few inodes", child)
+
+
+def doctor_asks_the_control_group():
+    """What its control group allows, less than the threads that it has, and more."""
+    def child():
+        mount("/sys/fs/cgroup", "size=1m")
+        with open("/proc/self/cgroup") as f:
+            lines = [line.rstrip().split(":", 2) for line in f]
+        # Of whichever version this machine has it.
+        for _, controllers, path in lines:
+            for place in (["/sys/fs/cgroup" + path] if not controllers else []) + (
+                    ["/sys/fs/cgroup/pids" + path] if "pids" in controllers.split(",") else []):
+                os.makedirs(place, exist_ok=True)
+                places.append(place + "/pids.max")
+        for most, want, says in (("max", "ok", "no control group limits them"), ("5", "warning", "allows 5 tasks"), ("320", "ok", "of 320 tasks")):
+            for place in places:
+                with open(place, "w") as f:
+                    f.write(most + "\n")
+            with e2e.Folder() as base, e2e.Daemon(base) as d:
+                checks = doctor(d, 0, tasks=want)
+                expect(says in checks["tasks"]["message"] and (want == "ok" or "TasksMax" in checks["tasks"]["hint"]), checks["tasks"])
+    places = []
+    apart("control groups", child)
+
+
 def doctor_remembers_the_verification():
     with e2e.Folder() as base:
         with e2e.Daemon(base) as d:
@@ -482,26 +550,10 @@ def in_own_run():
 
 
 def journal_entries_have_fields():
-    pid = os.fork()
-    if pid:
-        status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-        if status == 77:
-            e2e.unavailable("no mount namespace for a journal of one's own")
-        expect(status == 0, "see above")
-        return
-    try:
-        journal_child()
-        os._exit(0)
-    except SystemExit as e:
-        os._exit(e.code)
-    except BaseException as e:
-        print("%s: %s" % (type(e).__name__, e), flush=True)
-        os._exit(1)
+    apart("a journal of one's own", journal_child)
 
 
 def journal_child():
-    if not in_own_run():
-        os._exit(77)
     catalog = os.environ.get("ACUT_CATALOG") or os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../etc/acut.catalog")
     ids = dict(re.findall(r"-- ([0-9a-f]{32})\nSubject: (.*)\n", open(catalog).read()))
     journal = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
@@ -509,12 +561,10 @@ def journal_child():
     got, ends = [], threading.Event()
 
     def listen():
-        journal.settimeout(0.2)
-        while not ends.is_set():
-            try:
+        # All that was sent by then lies in the socket.
+        while select.select([journal], [], [], 0.05)[0] or not ends.is_set():
+            if select.select([journal], [], [], 0.05)[0]:
                 got.append(entries(journal.recv(1 << 18)))
-            except socket.timeout:
-                pass
     thread = threading.Thread(target=listen)
     thread.start()
     try:
@@ -538,7 +588,6 @@ def journal_child():
                 d.ctl("submit", "vol", "--wait", "--ground", "--zmin", "99999")
                 expect(re.search(r"^<4>job 3 of vol failed: ", d.log_text(), re.M), "not on stderr: " + d.log_text())
     finally:
-        time.sleep(0.3)
         ends.set()
         thread.join()
     by = {e["ACUT_EVENT"]: e for e in got if "ACUT_EVENT" in e}
@@ -558,6 +607,6 @@ def journal_child():
 
 if __name__ == "__main__":
     e2e.main(metrics_tell_what_is_there, manual_has_every_metric, counters_move, many_datasets_come_in_pages, textfile_is_whole_or_not_there,
-             others_see_what_they_may, doctor_finds_the_socket, doctor_tells_who_may_not, doctor_sees_the_disk,
-             doctor_remembers_the_verification, doctor_counts_files, doctor_reads_the_grids, doctor_compares_clocks,
+             others_see_what_they_may, doctor_finds_the_socket, doctor_tells_who_may_not, doctor_sees_the_disk, doctor_counts_inodes,
+             doctor_asks_the_control_group, doctor_remembers_the_verification, doctor_counts_files, doctor_reads_the_grids, doctor_compares_clocks,
              doctor_knows_of_interrupted_pushes, journal_entries_have_fields)
