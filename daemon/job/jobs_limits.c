@@ -1,4 +1,5 @@
-/* Limits that change while the house is at work: they hold from the next time somebody looks at them. */
+/* Limits that change while the house is at work: they hold from the next time somebody looks at them, what is removed for too
+ * long by then goes at once. */
 #include "job_priv.h"
 
 void jobs_set_limits(struct jobs *j, const struct jobs_limits *limits)
@@ -8,4 +9,5 @@ void jobs_set_limits(struct jobs *j, const struct jobs_limits *limits)
 	j->p.keep_removed = limits->keep_removed;
 	j->p.space_wait = limits->space_wait;
 	space_set_limits(j->space, limits->disk, limits->keep_free);
+	datasets_expire(j);
 }

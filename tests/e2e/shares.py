@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 
+import config
 import e2e
 import geo
 from e2e import Folder, expect
@@ -423,6 +424,81 @@ def crowds():
         expect(" more clients were cut off" in box.log(), "log: %s" % lines[-20:])
 
 
+def reloaded():
+    """Each setting that SIGHUP reloads has its effect from then on, and none any more when it is left out again. disk and log-level:
+    config.py."""
+    if not Client:
+        print("     skipped: %s" % missing)
+        return
+    with Folder() as base, Box(base) as first:
+        first.daemon.stop()
+        box, always, tried = first, "keep-free = 0%\n", {"disk", "log-level"}
+        box.daemon = config.Configured(base, always)
+        box.daemon.start()
+        os.chmod(box.daemon.socket, 0o666)
+        small = box.survey()
+
+        def reload(text=""):
+            box.daemon.reload(always.replace("keep-free = 0%\n", "") + text if "keep-free" in text else always + text)
+            tried.update(line.split(" = ")[0] for line in text.splitlines())
+
+        def refused(who, status, says, *args):
+            got, _, err = box.ask(who, *args)
+            expect(got == status and says in err, "%s: %s: %d %s" % (who, args, got, err))
+
+        box.good("anna", "push", "--mode", "644", "d", small)
+        for text, status, says, args in (("keep-free = 99%\n", 74, "keep-free", ("push", "e", small)),
+                                         ("user-memory = 1%\n", 1, "user-memory", ("push", "e", small)),
+                                         ("user-disk = 1K\n", 1, "user-disk", ("push", "e", small)),
+                                         ("user-datasets = 1\n", 1, "user-datasets", ("push", "e", small)),
+                                         ("group = %d\n" % GIS, 77, "members of the group", ("ping",))):
+            reload(text)
+            refused("carl" if "group" in text else "anna", status, says, *args)
+            reload()
+        box.good("carl", "ping")
+        box.good("anna", "push", "e", small)
+        refused("an administrator", 77, "", "dataset", "rm", "e")
+        reload("admin-group = %d\n" % ADMINS)
+        box.good("an administrator", "dataset", "rm", "e")
+        reload()
+        refused("an administrator", 77, "", "dataset", "rm", "d")
+
+        # What was removed goes for good.
+        def removed():
+            return " 1\n" in next(line + "\n" for line in box.good("root", "metrics").splitlines() if line.startswith("acut_datasets_removed "))
+        expect(removed(), "e is gone already")
+        time.sleep(1)  # for which it is to be kept
+        reload("keep-removed = 1s\n")
+        deadline = time.monotonic() + 120
+        while removed() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        expect(not removed(), "e is still there")
+
+        # A job that lacks space waits, and its user has one that is not done; what a client waits for does for so long.
+        reload("keep-free = 99%\nspace-wait = 1h\nuser-jobs = 1\n")
+        job = box.good("anna", "submit", "d", "--every", "3").split()[0]
+        refused("anna", 1, "user-jobs", "submit", "d", "--new", "--every", "2")
+        with Client(box.daemon.socket) as c:
+            view = json.loads(box.good("anna", "show", job, "--json"))["view"]
+            bound = c.ask("submit", pb.Submit(dataset="d", view=view, fresh=True, bound=True)).id
+            reload("keep-free = 99%\nspace-wait = 0s\n")
+            end = c.wait(bound)
+            expect(end.state == "failed" and end.error.code == "no-space", "%s" % end)
+        box.good("anna", "cancel", job)
+        reload()
+
+        def one():
+            kept = Client(box.daemon.socket)
+            kept.ping()
+            return [kept]
+        with Held("anna", one):
+            box.good("anna", "ping")
+            reload("user-connections = 1\n")
+            refused("anna", 75, "user-connections", "ping")
+        told = {n for n, s in box.daemon.settings().items() if s["reload"]}
+        expect(tried == told, "not tried, or not said: %s" % sorted(tried ^ told))
+
+
 def swallow(send, data):
     try:
         send(data)
@@ -471,4 +547,4 @@ if __name__ == "__main__":
     if not shutil.which("setpriv"):
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
-    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_many, disk_of_geoids, exports, crowds, turned_away)
+    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_many, disk_of_geoids, exports, crowds, turned_away, reloaded)
