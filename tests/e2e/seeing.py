@@ -4,7 +4,6 @@ import ctypes
 import json
 import os
 import re
-import resource
 import select
 import shutil
 import socket
