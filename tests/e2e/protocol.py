@@ -261,14 +261,16 @@ def views():
             raise Fault("the view %r was taken" % view)
 
 
-def fetch_and_cancel(socket, delay):
+def fetch_and_cancel(socket, gate, reads):
     """How a fetch ends whose job is cancelled before anything is read."""
     with Client(socket) as c, Client(socket) as other:
+        gate.close("pread", ".seg", reads)
         job = c.ask("submit", pb.Submit(dataset="cancelled", fresh=True))
         _, pipe = c.ask("fetch", pb.Fetch(job=job.id))
         request = c.last
-        time.sleep(delay)
+        gate.wait()
         other.ask("cancel", pb.Cancel(job=job.id))
+        gate.open()
         mesh = None
         try:
             mesh = acut_wire.Mesh(acut_wire.PipeReader(pipe, e2e.PATIENCE))
@@ -286,13 +288,14 @@ def fetch_and_cancel(socket, delay):
 def cancel():
     """A cancelled job is final, and who is fetching it is told so, in the stream or beside it."""
     path = os.path.join(BASE, "cancel.las")
-    e2e.run([e2e.SYNTH, "--points", "2M", "--distribution", "uniform", path]).ok()
-    with Folder() as base, e2e.Daemon(base, memory="32M") as small:
+    e2e.run([e2e.SYNTH, "--points", "600k", "--distribution", "uniform", path]).ok()
+    gate = e2e.Gate(BASE)
+    with Folder() as base, e2e.Daemon(base, memory="32M", env=gate.env) as small:
         with Client(small.socket) as c:
             c.push([path], dataset="cancelled")
-        outcomes = [fetch_and_cancel(small.socket, delay) for delay in (0, 0.05, 0.2)]
+        outcomes = [fetch_and_cancel(small.socket, gate, reads) for reads in (0, 50, 200)]
     print("     " + ", ".join(outcomes))
-    expect(any(o.startswith("cancelled") for o in outcomes), "nothing was cancelled: %s" % outcomes)
+    expect(all(o.startswith("cancelled") for o in outcomes), "nothing was cancelled: %s" % outcomes)
 
 
 def whole():

@@ -539,7 +539,7 @@ def limit_of_connections():
                 for i in range(60):
                     s = socket.socket(socket.AF_UNIX)
                     s.connect(box.daemon.socket)
-                    s.settimeout(5 if i >= 4 else 0.05)
+                    s.settimeout(e2e.PATIENCE if i >= 4 else 0.05)
                     try:
                         got = s.recv(4096)
                         busy += b"user-connections" in got and b"busy" in got and s.recv(1) == b""
