@@ -4,42 +4,28 @@
  * The model: the tick runs only while there is something to look at; a round that took long is told in the log. A stop ends
  * connections and what is bound to them, and waits for the workers for as long as main.c says.
  */
-#include <errno.h>
-#include <fcntl.h>
 #include <malloc.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <sys/epoll.h>
-#include <sys/resource.h>
-#include <sys/statvfs.h>
-#include <sys/vfs.h>
-#include <systemd/sd-daemon.h>
 #include <systemd/sd-event.h>
 #include <unistd.h>
 
 #include "catalogue.h"
 #include "clock.h"
 #include "config.h"
-#include "config_log.h"
-#include "config_told.h"
 #include "err.h"
 #include "io.h"
 #include "job.h"
-#include "journal.h"
 #include "ledger.h"
 #include "log.h"
 #include "loop.h"
-#include "marker.h"
 #include "notify.h"
-#include "parse.h"
 #include "place.h"
-#include "place_fs.h"
 #include "sched_pool.h"
 #include "server.h"
 #include "settings.h"
-#include "space.h"
 
 #define TICK_USEC 100000
 #define QUIET_TICK_USEC 30000000 /* whether others have filled the disk */

@@ -13,7 +13,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/epoll.h>
 #include <sys/resource.h>
 #include <sys/statvfs.h>
 #include <sys/vfs.h>
@@ -22,7 +21,6 @@
 #include <unistd.h>
 
 #include "catalogue.h"
-#include "clock.h"
 #include "config.h"
 #include "config_log.h"
 #include "config_told.h"
