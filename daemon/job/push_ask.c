@@ -264,7 +264,7 @@ static int file_start(struct push *p, struct push_ask *a, struct err *err)
 		return err_add_file(err, a->name);
 	}
 	if (probe->why) {
-		*err = *probe->why;
+		push_left_out(probe, err);
 		return -(int)err->code;
 	}
 	if (!p->stage) {

@@ -96,7 +96,7 @@ struct push_probed {
 	const struct crs_info *plane; /* what it becomes in the dataset; NULL: not decided */
 	size_t read_bytes;          /* what decoding it takes */
 	uint64_t claimed;           /* points, as it says; 0: it does not */
-	struct err *why;            /* it was left out of the plan; NULL: it was not */
+	struct push_why *why;       /* it was left out of the plan; NULL: it was not */
 	bool replace;               /* what the dataset has of its path goes, */
 	size_t target;              /* and this one, as push_ask.target */
 	bool stepped;               /* `coords` are those on the dataset's plane */
@@ -311,7 +311,9 @@ int push_remember_probe(struct push *, const struct push_ask *, struct err *err)
 /* Memory to read any of them, one at a time. */
 size_t push_read_bytes(const struct push *);
 struct push_probed *push_find_probe(const struct push *, const char *name); /* NULL: not probed */
+/* `why` is of that file. -ERR_NOMEM. */
 int push_leave_out(struct push_probed *, const struct err *why);
+void push_left_out(const struct push_probed *, struct err *ret); /* that it was left out for */
 void push_forget_probes(struct push *);
 /* Memory for that; PUSH_WAIT: there is none now (whoever asked sets `lacks`); -ERR_LIMIT, -ERR_BUSY. */
 int push_room(struct push *, uint64_t bytes, struct err *err);

@@ -109,14 +109,21 @@ struct push_probed *push_find_probe(const struct push *p, const char *name)
 	return names_next(&p->probe_names, name, &at, &i) ? &p->probes[i] : NULL;
 }
 
-const struct crs_info *push_keep_crs(struct push *p, const struct crs_info *crs)
+static const struct crs_info *find_crs(const struct push *p, const struct crs_info *crs)
 {
-	struct crs_info **more;
-	size_t i;
-
-	for (i = p->ncrs; i-- > 0;)
+	for (size_t i = p->ncrs; i-- > 0;)
 		if (!memcmp(p->crs_seen[i], crs, sizeof *crs))
 			return p->crs_seen[i];
+	return NULL;
+}
+
+const struct crs_info *push_keep_crs(struct push *p, const struct crs_info *crs)
+{
+	const struct crs_info *known = find_crs(p, crs);
+	struct crs_info **more;
+
+	if (known)
+		return known;
 	more = realloc(p->crs_seen, (p->ncrs + 1) * sizeof *more);
 	if (!more)
 		return NULL;
@@ -172,9 +179,16 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
 {
 	struct push_probed *at = push_find_probe(p, ask->name);
-	const struct crs_info *crs = push_keep_crs(p, &ask->info.crs);
-	int r = at ? 0 : add(p, ask->name, ask->path, &at, err);
+	const struct crs_info *crs = find_crs(p, &ask->info.crs);
+	int r = 0;
 
+	/* Each but the first, and what it becomes in the dataset. */
+	if (!crs && p->ncrs)
+		r = push_room(p, 2 * (sizeof *crs + sizeof crs), err);
+	if (!r && !crs)
+		crs = push_keep_crs(p, &ask->info.crs);
+	if (!r && !at)
+		r = add(p, ask->name, ask->path, &at, err);
 	if (r)
 		return r;
 	if (!crs)
@@ -200,13 +214,48 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 	return 0;
 }
 
+/* An error of the file, as short as its texts are: one behind the other. */
+struct push_why {
+	enum err_code code;
+	int sys, src_line;
+	uint64_t need, offset;
+	const char *src_file;
+	char text[]; /* message, field, hint */
+};
+
+static char *put(char *at, const char *text)
+{
+	return stpcpy(at, text) + 1;
+}
+
 int push_leave_out(struct push_probed *probe, const struct err *why)
 {
-	probe->why = malloc(sizeof *probe->why);
-	if (!probe->why)
+	/* It makes no source, and has the room that was taken for one. */
+	const size_t room = 3 * (sizeof(struct grid_source) + SOURCE_FILE_BYTES);
+	size_t bytes = sizeof *probe->why + strlen(why->message) + strlen(why->field) + 3;
+	const char *hint = bytes + strlen(why->hint) <= room ? why->hint : "";
+	struct push_why *w = malloc(bytes + strlen(hint));
+
+	if (!w)
 		return -ERR_NOMEM;
-	*probe->why = *why;
+	*w = (struct push_why){.code = why->code, .sys = why->sys, .src_line = why->src_line, .need = why->need,
+			       .offset = why->offset, .src_file = why->src_file};
+	put(put(put(w->text, why->message), why->field), hint);
+	probe->why = w;
 	return 0;
+}
+
+void push_left_out(const struct push_probed *probe, struct err *ret)
+{
+	const struct push_why *w = probe->why;
+	const char *field = w->text + strlen(w->text) + 1, *hint = field + strlen(field) + 1;
+
+	*ret = (struct err){.code = w->code, .sys = w->sys, .src_line = w->src_line, .need = w->need, .offset = w->offset,
+			    .src_file = w->src_file};
+	snprintf(ret->message, sizeof ret->message, "%s", w->text);
+	snprintf(ret->field, sizeof ret->field, "%s", field);
+	snprintf(ret->hint, sizeof ret->hint, "%s", hint);
+	err_add_file(ret, probe->name);
 }
 
 void push_forget_probes(struct push *p)

@@ -4,6 +4,8 @@
  */
 #include "house.h"
 
+#include <malloc.h>
+
 #include "job_priv.h"
 #include "walk_priv.h"
 
@@ -293,6 +295,49 @@ static void refused_descriptors(void **state)
 	assert_int_equal(got.why.code, ERR_USAGE);
 }
 
+/* What is kept of a file beyond what was taken for it: an error of the plan, a coordinate system of its own. */
+static void kept_of_files_is_charged(void **state)
+{
+	enum { FILES = 64 };
+	static struct push_ask a; /* large */
+	struct push_probed out = {.name = (char *)"out.las"};
+	struct err err = ERR_INIT, again;
+	char name[16];
+	uint64_t used = 0;
+
+	err_set(&err, ERR_INPUT, "it lies %0200d", 1);
+	err_add_place(&err, 227, "box");
+	err_add_hint(&err, "leave it %0100d", 2);
+	err_add_file(&err, out.name);
+	assert_int_equal(push_leave_out(&out, &err), 0);
+	/* It makes no source. */
+	assert_in_range(malloc_usable_size(out.why), 1, 3 * sizeof(struct grid_source) + 240);
+	push_left_out(&out, &again);
+	free(out.why);
+	assert_int_equal(again.code, err.code);
+	assert_int_equal(again.offset, 227);
+	assert_string_equal(again.file, err.file);
+	assert_string_equal(again.field, err.field);
+	assert_string_equal(again.message, err.message);
+	assert_string_equal(again.hint, err.hint);
+
+	begin("");
+	a = (struct push_ask){.name = name, .path = (char *)""};
+	for (unsigned i = 0; i < 2 * FILES; i++) {
+		err = ERR_INIT;
+		snprintf(name, sizeof name, "%u.las", i);
+		if (i >= FILES)
+			snprintf(a.info.crs.text, sizeof a.info.crs.text, "system %u", i);
+		if (i == FILES)
+			used = got.push->table_used;
+		assert_int_equal(push_remember_probe(got.push, &a, &err), 0);
+	}
+	/* That of the file, and that of the dataset's plane. */
+	assert_true(got.push->table_used >= 2 * used + 2 * FILES * sizeof(struct crs_info));
+	assert_true(got.push->table_bytes + 4096 >= got.push->table_used);
+	push_leave(got.push);
+}
+
 /* Two pushes into a new dataset: only one fixes the lattice. */
 static void one_planner(void **state)
 {
@@ -499,6 +544,7 @@ int main(void)
 		TEST(no_ground),       TEST(generations),
 		TEST(restart),         TEST(refused_descriptors),
 		TEST(one_planner),     TEST(changed_file),
+		TEST(kept_of_files_is_charged),
 		TEST(failed_commit),   TEST(many_slow_readers),
 		TEST(selection_made_once), TEST(selection_cancelled),
 		cmocka_unit_test(many_parts_in_few_readings),
