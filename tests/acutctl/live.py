@@ -302,8 +302,8 @@ def terminal(p):
     wide = lambda seen: max((len(line) for part in seen.split("\n") for line in re.sub("\x1b\\[[0-9;]*[mK]", "", part).split("\r")), default=0)
     gate = e2e.Gate(p.base)
     for width in (120, 60):
-        # Not over before there was a line of progress to go.
-        gate.close("pread", ".seg")
+        # Not over before there was a line of progress to go: acutd tells of a push that takes long, five times a second.
+        gate.close("pwrite", ".seg")
         seen = on_terminal(p, width, "mesh", las, "-o", p.path("page.ply"), "--max-edge", "3m", "--memory", "64M", env=gate.env, gate=gate)
         if seen is None:
             return
