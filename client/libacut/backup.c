@@ -59,6 +59,11 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 	uint32_t id;
 	int r;
 
+	/* On the wire no name is all of them. */
+	if (dataset && !*dataset) {
+		r = call_begin(a);
+		return r < 0 ? r : err_set(&a->err, ERR_NOTFOUND, "there is no dataset \"\"");
+	}
 	question.dataset = call_text(dataset);
 	r = call_ask(a, FRAME_MESSAGE(BACKUP, backup, &question), -1, ACUT__V1__MESSAGE__BODY_BACKUP_READY);
 	if (r < 0)

@@ -262,6 +262,11 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 	Acut__V1__DatasetsRequest question = ACUT__V1__DATASETS_REQUEST__INIT;
 	int r;
 
+	/* On the wire no name is all of them. */
+	if (!dataset || !*dataset) {
+		r = call_begin(a);
+		return r < 0 ? r : err_set(&a->err, ERR_NOTFOUND, "there is no dataset \"\"");
+	}
 	question.name = call_text(dataset);
 	question.generation = generation;
 	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1,

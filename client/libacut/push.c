@@ -99,6 +99,11 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 
 	if (r < 0)
 		return r;
+	/* On the wire no name is one step: what goes with its connection, which nobody means who gives a name. */
+	if (o->dataset && !*o->dataset) {
+		err_set(&a->err, ERR_USAGE, "\"\" cannot name a dataset");
+		return err_add_hint(&a->err, "use up to 64 letters, digits, '_', '-' and '.', not starting with '.' or '-'");
+	}
 	push = calloc(1, sizeof *push);
 	if (!push)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a push");

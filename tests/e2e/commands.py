@@ -192,6 +192,10 @@ def refusals():
         status(d.ctl("nonsense"), 2)
         status(d.ctl("show", "424242"), 4)
         status(d.ctl("submit", "nobody"), 4)
+        # What a variable that is not set makes of a name is no other thing than a dataset.
+        status(d.ctl("push", "", path), 2, 'cannot name a dataset')
+        status(d.ctl("dataset", "show", ""), 4, 'no dataset ""')
+        status(d.ctl("dataset", "export", "", os.path.join(base, "export")), 4, 'no dataset ""')
         status(d.ctl("mesh", "--ground", "-o", out, text.replace("t.xyz", "g.xyz")), 1)
         status(e2e.run([e2e.ACUTCTL, "jobs"], env={"ACUT_SOCKET": os.path.join(base, "none.sock")}), 69)
         with open(text, "w") as f:

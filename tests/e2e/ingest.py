@@ -397,6 +397,11 @@ def folders_that_cannot_be_used():
                     env={"ACUT_SOCKET": D.socket})
         if "No such file" not in r.err and r.status != 127:
             expect(r.status == 77 and holds(f) == ["a.las"], "not writable: %d %s" % (r.status, r.err))
+    # No name is not a dataset: nothing is moved.
+    f = drop("unset")
+    las(os.path.join(f, "a.las"))
+    r = D.ctl("ingest", "", f, "--settle", "0")
+    expect(r.status == 2 and holds(f) == ["a.las"], "no name: %d %s" % (r.status, r.err))
     # Refused as a whole, with --strict: the bad one is out of the way, and the next pass takes the others.
     f = drop("strict")
     las(os.path.join(f, "a.las"))

@@ -160,6 +160,12 @@ static void test_push(void **state)
 	struct acut *a = fake_attach(&f, fake_serve_all, NULL, NULL);
 	int fd = some_file();
 
+	/* No name is not one step. */
+	options.dataset = "";
+	assert_int_equal(acut_push_begin(a, &options, &push), -ACUT_E_USAGE);
+	assert_int_equal(acut_backup(a, "", NULL), -ACUT_E_NOTFOUND);
+	assert_int_equal(acut_dataset_at(a, "", 0, NULL), -ACUT_E_NOTFOUND);
+	options.dataset = "alps";
 	assert_int_equal(acut_push_begin(a, &options, &push), 0);
 	assert_int_equal(acut_push_probe(push, fd, "a\xff.las", &probe), 0);
 	assert_string_equal(probe->name, "a?.las");
