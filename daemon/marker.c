@@ -43,11 +43,17 @@ static uint64_t check_of(const struct disk_marker *d)
 	return digest_hash(d, offsetof(struct disk_marker, check)).lo;
 }
 
+static int damaged(enum marker_kind kind, const char *reason, struct err *err)
+{
+	err_set(err, ERR_CORRUPT, "%s", reason);
+	return err_add_hint(err, "take the file %s from a backup", kinds[kind].name);
+}
+
 static int judge(const struct disk_marker *d, enum marker_kind kind, size_t n, struct err *err)
 {
 	/* Of a newer version no more is known than where its number stands. */
 	if (n < 16 || memcmp(d->magic, kinds[kind].magic, sizeof d->magic) != 0)
-		return err_set(err, ERR_CORRUPT, "this is no marker of a %s folder", kinds[kind].what);
+		return damaged(kind, "this is no marker of a store", err);
 	if (d->byte_order == __builtin_bswap32(MARKER_BYTE_ORDER)) {
 		err_set(err, ERR_VERSION, "the %s folder was written on a machine of another byte order", kinds[kind].what);
 		return err_add_hint(err, "acut keeps its files little-endian: run it on such a machine");
@@ -58,7 +64,7 @@ static int judge(const struct disk_marker *d, enum marker_kind kind, size_t n, s
 		return err_add_hint(err, "use that acutd, or another folder (--%s)", kinds[kind].what);
 	}
 	if (n < sizeof *d || !d->version || d->byte_order != MARKER_BYTE_ORDER || d->check != check_of(d))
-		return err_set(err, ERR_CORRUPT, "the marker of the %s folder is damaged", kinds[kind].what);
+		return damaged(kind, "the marker of the store is damaged", err);
 	return 0;
 }
 

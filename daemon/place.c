@@ -192,13 +192,28 @@ static int catalogue_gone(int fd, struct err *err)
 	char first[256] = "";
 	int r;
 
-	if (io->fstatat(fd, "catalogue.db", &st, 0) == 0 || io->fstatat(fd, "datasets", &st, 0) != 0)
+	/* An empty file is a new database to SQLite, and no catalogue that has ever had a dataset. */
+	if (io->fstatat(fd, "catalogue.db", &st, 0) == 0 && st.st_size)
+		return 0;
+	if (io->fstatat(fd, "datasets", &st, 0) != 0)
 		return 0;
 	r = io_list(fd, "datasets", is_stranger, first, err);
 	if (r || !*first)
 		return r;
-	err_set(err, ERR_CORRUPT, "the catalogue is gone (catalogue.db), and there are datasets");
+	err_set(err, ERR_CORRUPT, "the catalogue is gone (catalogue.db is not there or empty), and there are datasets");
 	return err_add_hint(err, "bring it back from a backup");
+}
+
+/* What is about a file of the folder is told with its whole path. */
+static int of_folder(const char *path, struct err *err)
+{
+	char file[sizeof err->file];
+
+	if (err->file[0] && err->file[0] != '/') {
+		snprintf(file, sizeof file, "%.*s/%.100s", (int)sizeof file - 102, path, err->file);
+		strcpy(err->file, file);
+	}
+	return err_add_file(err, path);
 }
 
 static int take_marker(int fd, const char *path, struct marker *ret, struct err *err)
@@ -206,8 +221,14 @@ static int take_marker(int fd, const char *path, struct marker *ret, struct err 
 	struct stat st;
 	int r = marker_read(fd, MARKER_STATE, ret, err);
 
+	if (!r || r == MARKER_E_ABSENT) {
+		int gone = catalogue_gone(fd, err);
+
+		if (gone || !r)
+			return gone;
+	}
 	if (r != MARKER_E_ABSENT)
-		return r ? r : catalogue_gone(fd, err);
+		return r;
 	if (io->fstatat(fd, "catalogue.db", &st, 0) == 0)
 		log_notice("the state folder is of an older acutd: it gets a marker (acut-state)");
 	else
@@ -230,7 +251,7 @@ int place_state_look(const char *path, struct err *err)
 	if (!r || r == MARKER_E_ABSENT)
 		r = catalogue_gone(fd, err);
 	io_close(fd);
-	return r ? err_add_file(err, path) : 0;
+	return r ? of_folder(path, err) : 0;
 }
 
 int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err)
@@ -244,7 +265,7 @@ int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct 
 	if (r) {
 		io_close(fd);
 		io_close(lock);
-		return err_add_file(err, path);
+		return of_folder(path, err);
 	}
 	*ret_fd = fd;
 	*ret_lock = lock;

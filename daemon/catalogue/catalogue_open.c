@@ -31,7 +31,8 @@ int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 	c->io_failed |= code == SQLITE_IOERR;
 	if (sys == ENOSPC || sys == EDQUOT)
 		as = ERR_NOSPACE;
-	return err_set(err, as, "%s: %s%s%s", what, sqlite3_errmsg(c->db), sys ? ": " : "", sys ? strerror(sys) : "");
+	err_set(err, as, "%s: %s%s%s", what, sqlite3_errmsg(c->db), sys ? ": " : "", sys ? strerror(sys) : "");
+	return as == ERR_CORRUPT ? err_add_hint(err, "take the state from a backup") : -(int)as;
 }
 
 int catalogue_run(struct catalogue *c, const char *sql, struct err *err)

@@ -199,6 +199,18 @@ static void older_gets_one(void **state)
 	assert_int_equal(mkdir(below("datasets/1"), 0700), 0);
 	assert_int_equal(place(false, &m, &err), -ERR_CORRUPT);
 	assert_non_null(strstr(err.message, "catalogue"));
+	/* Nor one that is empty, which SQLite takes for a new one; with a marker or without. */
+	put("catalogue.db", "", 0);
+	assert_int_equal(place(false, &m, &err), -ERR_CORRUPT);
+	assert_non_null(strstr(err.message, "catalogue"));
+	assert_non_null(strstr(err.hint, "backup"));
+	assert_string_equal(err.file, state_path);
+	assert_int_equal(unlink(below("acut-state")), 0);
+	assert_int_equal(place(true, &m, &err), -ERR_CORRUPT);
+	assert_int_not_equal(access(below("acut-state"), F_OK), 0);
+	/* One with something in it is read. */
+	put("catalogue.db", "x", 1);
+	assert_int_equal(place(false, &m, &err), 0);
 }
 
 static void marker_is_checked(void **state)
@@ -222,6 +234,8 @@ static void marker_is_checked(void **state)
 	for (size_t n = 0; n < sizeof good; n += 9) {
 		put("acut-state", good, n);
 		assert_int_equal(place(true, &m, &err), -ERR_CORRUPT);
+		assert_string_equal(err.file, below("acut-state"));
+		assert_non_null(strstr(err.hint, "backup"));
 	}
 	/* A newer one by name, also where its layout is another. */
 	memcpy(b, good, sizeof b);
