@@ -359,6 +359,14 @@ static void damaged(void *ctx, const struct err *why)
 		*c->first = *why;
 }
 
+/* Whoever sent it knows its file by the name that it has there. */
+static int as_sent(const struct import *i, size_t k, struct err *err)
+{
+	snprintf(err->file, sizeof err->file, "%s", i->m->segments[k].file);
+	*err->hint = 0;
+	return err_add_hint(err, "bring the folder here once more, or have the dataset exported again");
+}
+
 /* Every page and block, through its checksum, and the segments as the manifest says they are. */
 static int check(struct import *i, struct err *err)
 {
@@ -374,14 +382,36 @@ static int check(struct import *i, struct err *err)
 	p.memory = aligned_alloc(64, GRID_VERIFY_BYTES);
 	if (!p.memory)
 		r = err_set(err, ERR_NOMEM, "no memory to check a segment");
-	for (size_t k = 0; !r && !first.code && k < i->made->nsegments; k++)
+	for (size_t k = 0; !r && !first.code && k < i->made->nsegments; k++) {
 		r = grid_verify_segment(&p, &i->made->segments[k], err);
+		if (first.code)
+			as_sent(i, k, &first);
+	}
 	free(p.memory);
 	sched_give(i->jobs->p.sched, LEDGER_INPUT, GRID_VERIFY_BYTES);
 	if (!r && first.code) {
 		*err = first;
 		r = -(int)first.code;
 	}
+	return r;
+}
+
+/* The manifest with the names that the segments have here. */
+static int write_manifest(struct import *i, struct err *err)
+{
+	char (*sent)[sizeof i->m->segments->file] = calloc(i->m->nsegments + 1, sizeof *sent);
+	int r;
+
+	if (!sent)
+		return err_set(err, ERR_NOMEM, "no memory for an import");
+	for (size_t k = 0; k < i->m->nsegments; k++) {
+		memcpy(sent[k], i->m->segments[k].file, sizeof *sent);
+		segment_name(i, k, i->m->segments[k].file);
+	}
+	r = grid_manifest_write(i->dataset->dirfd, i->made_name, i->m, err);
+	for (size_t k = 0; k < i->m->nsegments; k++)
+		memcpy(i->m->segments[k].file, sent[k], sizeof *sent);
+	free(sent);
 	return r;
 }
 
@@ -399,9 +429,8 @@ static void commit_run(struct sched_task *t)
 			i->r = err_add_file(&i->err, i->m->segments[k].file);
 			return;
 		}
-		segment_name(i, k, i->m->segments[k].file);
 	}
-	i->r = grid_manifest_write(i->dataset->dirfd, i->made_name, i->m, &i->err);
+	i->r = write_manifest(i, &i->err);
 	i->made = grid_manifest_free(i->made); /* of a commit that failed */
 	if (!i->r)
 		i->r = grid_manifest_load(i->dataset->dirfd, i->made_name, i->jobs->p.ledger, &i->made, &i->err);
