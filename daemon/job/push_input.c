@@ -102,7 +102,7 @@ int push_choose_lattice(struct push *p, struct err *err)
 				inputs[n++] = p->probes[i].coords;
 		err_clear(err);
 		r = lattice_choose(inputs, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
-	} while (r && leave_out(p, n, err));
+	} while (r && !atomic_load(&p->cancel) && leave_out(p, n, err)); /* of very many it takes long */
 	free(inputs);
 	return r;
 }

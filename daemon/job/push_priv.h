@@ -151,8 +151,9 @@ struct push {
 	struct push_probed *probes;
 	size_t nprobes;
 	struct names probe_names, probe_paths;
-	struct crs_info **crs_seen; /* what the probes say, each once */
+	struct push_crs **crs_seen; /* what the probes say, each once */
 	size_t ncrs;
+	struct names crs_keys;
 	struct names base_paths;    /* live sources of `base` */
 	/* Sources of `base` that go with the commit: which, and their numbers; NULL: nothing is replaced. */
 	bool *goes;

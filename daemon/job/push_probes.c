@@ -109,18 +109,30 @@ struct push_probed *push_find_probe(const struct push *p, const char *name)
 	return names_next(&p->probe_names, name, &at, &i) ? &p->probes[i] : NULL;
 }
 
-static const struct crs_info *find_crs(const struct push *p, const struct crs_info *crs)
+/* Found by what it is: each file may have one of its own. */
+struct push_crs {
+	struct crs_info crs;
+	char key[DIGEST_HEX_SIZE];
+};
+
+static const struct crs_info *find_crs(const struct push *p, const struct crs_info *crs, char ret_key[DIGEST_HEX_SIZE])
 {
-	for (size_t i = p->ncrs; i-- > 0;)
-		if (!memcmp(p->crs_seen[i], crs, sizeof *crs))
-			return p->crs_seen[i];
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	digest_hex(digest_hash(crs, sizeof *crs), ret_key);
+	while (names_next(&p->crs_keys, ret_key, &at, &i))
+		if (!memcmp(&p->crs_seen[i]->crs, crs, sizeof *crs))
+			return &p->crs_seen[i]->crs;
 	return NULL;
 }
 
 const struct crs_info *push_keep_crs(struct push *p, const struct crs_info *crs)
 {
-	const struct crs_info *known = find_crs(p, crs);
-	struct crs_info **more;
+	char key[DIGEST_HEX_SIZE];
+	const struct crs_info *known = find_crs(p, crs, key);
+	struct push_crs **more, *c;
+	struct err ignored = ERR_INIT;
 
 	if (known)
 		return known;
@@ -128,11 +140,17 @@ const struct crs_info *push_keep_crs(struct push *p, const struct crs_info *crs)
 	if (!more)
 		return NULL;
 	p->crs_seen = more;
-	more[p->ncrs] = malloc(sizeof *crs);
-	if (!more[p->ncrs])
+	c = malloc(sizeof *c);
+	if (!c)
 		return NULL;
-	memcpy(more[p->ncrs], crs, sizeof *crs);
-	return more[p->ncrs++];
+	memcpy(&c->crs, crs, sizeof *crs);
+	memcpy(c->key, key, sizeof key);
+	if (names_put(&p->crs_keys, c->key, (uint32_t)p->ncrs, &ignored)) {
+		free(c);
+		return NULL;
+	}
+	more[p->ncrs++] = c;
+	return &c->crs;
 }
 
 static int no_memory(struct err *err)
@@ -179,12 +197,13 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
 {
 	struct push_probed *at = push_find_probe(p, ask->name);
-	const struct crs_info *crs = find_crs(p, &ask->info.crs);
+	char key[DIGEST_HEX_SIZE];
+	const struct crs_info *crs = find_crs(p, &ask->info.crs, key);
 	int r = 0;
 
 	/* Each but the first, and what it becomes in the dataset. */
 	if (!crs && p->ncrs)
-		r = push_room(p, 2 * (sizeof *crs + sizeof crs), err);
+		r = push_room(p, 2 * (sizeof(struct push_crs) + sizeof crs + 4 * sizeof(struct name_slot)), err);
 	if (!r && !crs)
 		crs = push_keep_crs(p, &ask->info.crs);
 	if (!r && !at)
@@ -271,6 +290,7 @@ void push_forget_probes(struct push *p)
 	names_free(&p->probe_names);
 	names_free(&p->probe_paths);
 	p->probes = NULL;
+	names_free(&p->crs_keys);
 	p->crs_seen = NULL;
 	p->nprobes = p->ncrs = 0;
 }

@@ -331,11 +331,42 @@ static void kept_of_files_is_charged(void **state)
 		if (i == FILES)
 			used = got.push->table_used;
 		assert_int_equal(push_remember_probe(got.push, &a, &err), 0);
+		/* Each system is kept once: asked for again, it is the same. */
+		assert_ptr_equal(push_find_probe(got.push, name)->crs, push_keep_crs(got.push, &a.info.crs));
+		assert_int_equal(got.push->ncrs, i < FILES ? 1 : i - FILES + 2);
 	}
 	/* That of the file, and that of the dataset's plane. */
 	assert_true(got.push->table_used >= 2 * used + 2 * FILES * sizeof(struct crs_info));
 	assert_true(got.push->table_bytes + 4096 >= got.push->table_used);
 	push_leave(got.push);
+}
+
+/* Files are left out one by one: whoever does not want the push any more need not wait for the last of very many. */
+static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
+{
+	static const char *const names[] = {"0.las", "1.las", "2.las"};
+	static struct push_ask a;
+	struct err err = ERR_INIT;
+
+	for (unsigned cancelled = 0; cancelled < 2; cancelled++) {
+		unsigned out = 0;
+
+		begin("");
+		for (unsigned i = 0; i < 3; i++) {
+			a = (struct push_ask){.name = (char *)names[i], .path = (char *)""};
+			for (unsigned k = 0; k < 3; k++)
+				a.info.coords.scale[k] = (struct decimal){0, 0};
+			err = ERR_INIT;
+			assert_int_equal(push_remember_probe(got.push, &a, &err), 0);
+		}
+		atomic_store(&got.push->cancel, cancelled);
+		err = ERR_INIT;
+		assert_int_equal(push_choose_lattice(got.push, &err), -ERR_INPUT);
+		for (unsigned i = 0; i < 3; i++)
+			out += push_find_probe(got.push, names[i])->why != NULL;
+		assert_int_equal(out, cancelled ? 0 : 2);
+		push_leave(got.push);
+	}
 }
 
 /* Two pushes into a new dataset: only one fixes the lattice. */
@@ -544,7 +575,7 @@ int main(void)
 		TEST(no_ground),       TEST(generations),
 		TEST(restart),         TEST(refused_descriptors),
 		TEST(one_planner),     TEST(changed_file),
-		TEST(kept_of_files_is_charged),
+		TEST(kept_of_files_is_charged), TEST(nobody_waits_for_the_plan_of_a_cancelled_push),
 		TEST(failed_commit),   TEST(many_slow_readers),
 		TEST(selection_made_once), TEST(selection_cancelled),
 		cmocka_unit_test(many_parts_in_few_readings),
