@@ -73,7 +73,7 @@ static int take(struct ctl *ctl, const char *dataset, const char *dir)
 	int status, r;
 
 	snprintf(s.copy.what, sizeof s.copy.what, dataset ? "dataset %s" : "state of acutd", dataset);
-	s.copy.dirfd = -1;
+	s.copy.dirfd = s.copy.storefd = -1;
 	status = ctl_connect(ctl);
 	if (!status && ctl_copy_begin(&s.copy, &err))
 		status = ctl_error(ctl, &err);

@@ -21,7 +21,8 @@
 #include "clock.h"
 
 #define MARK "acut-copy"
-enum { SAMPLE = 4096, STEP = 1 << 20, PATH = 320 };
+#define STORE "acut-state"
+enum { SAMPLE = 4096, STEP = 1 << 20, PATH = 320, ID_AT = 16, ID_BYTES = 16 }; /* ID: of STORE, FORMAT.md */
 
 static int failed(struct err *err, const char *what, const char *name)
 {
@@ -93,6 +94,7 @@ int ctl_copy_begin(struct ctl_copy *c, struct err *err)
 
 	c->begun_us = clock_real_us();
 	c->err = ERR_INIT;
+	c->storefd = -1;
 	if (mkdir(c->dir, 0700) < 0 && errno != EEXIST) {
 		c->dirfd = -1;
 		return failed(err, "cannot make the folder", c->dir);
@@ -263,26 +265,83 @@ static int bring(struct ctl_copy *c, const struct acut_backup_file *f, int dirfd
 	return r;
 }
 
-int ctl_copy_file(void *ctx, const struct acut_backup_file *f)
+/* The backup of another store would lose its files to this one. *ret: there is one, of this store. */
+static int same_store(struct ctl_copy *c, const struct acut_backup_file *f, bool *ret)
 {
-	struct ctl_copy *c = ctx;
+	uint8_t old[ID_BYTES], new[ID_BYTES];
+	int fd = openat(c->dirfd, STORE, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
+	bool read_both;
+
+	*ret = fd >= 0;
+	if (fd < 0)
+		return errno == ENOENT ? 0 : failed(&c->err, "cannot read", STORE);
+	read_both = pread(fd, old, sizeof old, ID_AT) == ID_BYTES && pread(f->fd, new, sizeof new, ID_AT) == ID_BYTES;
+	close(fd);
+	if (read_both && !memcmp(old, new, sizeof old))
+		return 0;
+	err_set(&c->err, ERR_USAGE, "this folder holds the backup of another store");
+	err_add_hint(&c->err, "give another folder");
+	return err_add_file(&c->err, c->dir);
+}
+
+static int take(struct ctl_copy *c, const struct acut_backup_file *f)
+{
 	const char *base;
 	int dirfd = -1, r;
 
-	if (ctl_signal_interrupted(c->ctl))
-		return err_set(&c->err, ERR_CANCELLED, "interrupted"), -1;
-	r = remember(c, f->name);
-	if (!r)
-		r = parent_of(c, f->name, &dirfd, &base);
+	r = parent_of(c, f->name, &dirfd, &base);
 	if (!r && !(f->lasting && is_there(dirfd, base, f))) {
 		r = bring(c, f, dirfd, base);
 		c->new_files += !r;
 		c->new_bytes += r ? 0 : f->size;
 	}
-	c->files++;
-	c->bytes += f->size;
 	if (dirfd >= 0)
 		close(dirfd);
+	return r;
+}
+
+/* Not before the catalogue: a folder that has this alone passes for a store. */
+static int take_store(struct ctl_copy *c)
+{
+	const struct acut_backup_file f = {.name = STORE, .size = c->store_size, .fd = c->storefd};
+	int r = c->storefd < 0 ? 0 : take(c, &f);
+
+	if (c->storefd >= 0)
+		close(c->storefd);
+	c->storefd = -1;
+	return r;
+}
+
+static int keep_store(struct ctl_copy *c, const struct acut_backup_file *f)
+{
+	bool there;
+	int r = same_store(c, f, &there);
+
+	if (r || there)
+		return r ? r : take(c, f);
+	c->store_size = f->size;
+	c->storefd = fcntl(f->fd, F_DUPFD_CLOEXEC, 3);
+	return c->storefd < 0 ? failed(&c->err, "cannot keep", f->name) : 0;
+}
+
+int ctl_copy_file(void *ctx, const struct acut_backup_file *f)
+{
+	struct ctl_copy *c = ctx;
+	int r;
+
+	if (ctl_signal_interrupted(c->ctl))
+		return err_set(&c->err, ERR_CANCELLED, "interrupted"), -1;
+	r = remember(c, f->name);
+	if (!r && !c->flat && !strcmp(f->name, STORE)) {
+		r = keep_store(c, f);
+	} else {
+		if (!r && !c->flat && !strchr(f->name, '/'))
+			r = take_store(c);
+		if (!r)
+			r = take(c, f);
+	}
+	c->files++;
+	c->bytes += f->size;
 	return r ? -1 : 0;
 }
 
@@ -356,6 +415,8 @@ void ctl_copy_done(struct ctl_copy *c)
 	for (size_t i = 0; i < c->n; i++)
 		free(c->name[i]);
 	free(c->name);
+	if (c->storefd >= 0)
+		close(c->storefd);
 	if (c->dirfd >= 0)
 		close(c->dirfd);
 }

@@ -11,6 +11,8 @@ struct ctl_copy {
 	bool flat;       /* all files in the folder itself */
 	bool no_links;
 	int dirfd;
+	int storefd;     /* of the marker of the store, until the catalogue comes; -1 */
+	uint64_t store_size;
 	int64_t begun_us;
 	char **name;     /* that came, in the order of time */
 	size_t n, room;

@@ -285,6 +285,9 @@ static int take_all(struct backup *b, struct err *err)
 	r = io_remove(b->dirfd, "catalogue.db", err);
 	if (!r)
 		r = catalogue_copy(from, to, err);
+	/* First, so that whoever takes it sees whose it is before a file of another store gives way. */
+	if (!r)
+		r = take_marks(b, err);
 	if (!r)
 		r = io_make_dir(b->dirfd, "datasets", 0700, err);
 	if (!r)
@@ -293,8 +296,6 @@ static int take_all(struct backup *b, struct err *err)
 		r = take_folder(b, "geoids", false, err);
 	if (!r)
 		r = take_folder(b, "plans", true, err);
-	if (!r)
-		r = take_marks(b, err);
 	if (!r)
 		r = size_of(b->dirfd, "catalogue.db", &bytes, err);
 	return r ? r : list(b, 'C', "catalogue.db", bytes, err);

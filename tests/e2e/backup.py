@@ -201,6 +201,14 @@ def refused():
         d.ctl("dataset", "export", "a", out).ok()
         says(d.ctl("dataset", "export", "b", out), 2, "something else")
         says(d.ctl("backup", out), 2, "something else")
+        # The backup of another box stays what it is.
+        theirs = os.path.join(base, "theirs")
+        with e2e.Daemon(base, name="other") as other:
+            other.ctl("push", "a", tile(base, 3)).ok()
+            other.ctl("backup", theirs).ok()
+        before = files_of(theirs)
+        says(d.ctl("backup", theirs), 2, "theirs", "the backup of another store")
+        expect(files_of(theirs) == before, "the backup of another store is changed")
         says(d.ctl("dataset", "export", "nothing", os.path.join(base, "x")), 4, "no dataset")
         says(d.ctl("dataset", "import", mine), 1, "no file manifest")
         says(d.ctl("dataset", "import", out, "a"), 2, "there is a dataset a already")
