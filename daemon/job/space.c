@@ -186,7 +186,8 @@ static int refuse(struct space *s, int side, uint64_t bytes, const char *what, c
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are left of the quota%s: %s of %s are used (--disk %s)", what, need,
 			parse_size_text(less(l->quota, l->used), left), both ? "" : where, parse_size_text(l->used, used),
 			parse_size_text(l->quota, most), space_limit_text(&disk, limit));
-		err_add_hint(err, "remove datasets that nobody needs (acutctl dataset rm), or give acutd a larger --disk");
+		err_add_hint(err, "give acutd a larger --disk, or remove datasets that nobody needs (acutctl dataset rm): "
+				  "they count until they cannot be restored any more (--keep-removed)");
 	} else {
 		err_set(err, ERR_NOSPACE, "%s needs %s, %s are free on the file system%s, of which %s stay free (--keep-free %s)",
 			what, need, parse_size_text(l->free, left), where, parse_size_text(l->keep_free, most),
