@@ -150,7 +150,10 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 		request_refuse(q, &err);
 		return;
 	}
-	/* Workers take and the loop gives back: who holds is asked before how much is held, so it is never more. */
+	/* Workers take and the loop gives back: who holds, and what is resident, is asked before how much is held. So neither is
+	 * ever more than what it is compared with only because a worker took something in between. */
+	status.peak_rss_bytes = jobs_peak_rss();
+	status.rss_bytes = jobs_rss();
 	a->peer = &c->peer;
 	jobs_holders(s->jobs, add, a);
 	add_conns(a, s);
@@ -165,8 +168,6 @@ void request_status(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	status.memory = s->p.memory;
 	status.threads = s->p.threads;
 	status.uptime_seconds = clock_since(s->started_ns);
-	status.peak_rss_bytes = jobs_peak_rss();
-	status.rss_bytes = jobs_rss();
 	status.pipe_capacity = a->pipes;
 	status.n_holders = a->n;
 	status.holders = a->list;
