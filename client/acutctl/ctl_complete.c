@@ -4,7 +4,7 @@
  * capitals name a kind of word (JOB, DATASET, ...) and small letters are the word itself.
  *
  * A line a candidate: the word, a tab, what it is. Or, once: ":files", ":files .las .laz" or ":folders". What the
- * tables know comes first; what only the daemon knows is asked with a limit of a second, of a daemon that runs: none is
+ * tables know comes first; what only the daemon knows is asked with a limit of a second ($ACUT_COMPLETE_SECONDS), of a daemon that runs: none is
  * started, and whatever goes wrong is silence.
  */
 #include <signal.h>
@@ -43,8 +43,11 @@ static void offer(const struct line *l, const char *word, const char *what)
 static bool daemon_there(struct line *l)
 {
 	if (!l->connected) {
+		const char *set = getenv("ACUT_COMPLETE_SECONDS");
+		unsigned limit = set ? (unsigned)strtoul(set, NULL, 10) : 0;
+
 		fflush(stdout);
-		alarm(LIMIT_SECONDS);
+		alarm(limit ? limit : LIMIT_SECONDS);
 		l->connected = ctl_connect_quietly(l->ctl);
 	}
 	return l->connected;

@@ -201,7 +201,8 @@ def gc_knows_what_is_gone():
         expect(gc() == freed and stored() == of_a, "domains of b are left")
         # After a start what lies in the cache is counted in the background, of which a stat asks for it first.
         expect(until(lambda: stat(d)["measured"]), "the cache is never measured")
-        expect(stat(d)["kinds"]["domains"]["bytes"] == sum(os.path.getsize(f) for f in of_a), stat(d))
+        # Measured beside what goes on, and said when it is.
+        expect(until(lambda: stat(d)["kinds"]["domains"]["bytes"] == sum(os.path.getsize(f) for f in of_a)), stat(d))
         gone("a")
         expect(gc() == 0 and stored() == of_a, "domains that another dataset has too went")
         gone("same")
@@ -248,13 +249,13 @@ def a_job_waits_for_space():
         begun = time.monotonic()
         r = d.ctl("mesh", small, "--every", "2", "--format", "null")
         expect(r.status == 74 and "selection" in r.err and "--disk" in r.err, "%d %s" % (r.status, r.err))
-        expect(2 <= time.monotonic() - begun < 20, "after %.1f s" % (time.monotonic() - begun))
+        expect(2 <= time.monotonic() - begun, "after %.1f s" % (time.monotonic() - begun))
         # What needs no space goes on.
         expect(d.ctl("mesh", small, "--format", "null").status == 0, "a mesh without a selection fails")
         expect(shown()["state"] == "waiting-space", shown())
         # There is room: it goes on by itself.
         half.abort()
-        end = d.ctl("wait", str(job), "--timeout", "60")
+        end = d.ctl("wait", str(job), "--timeout", str(e2e.PATIENCE))
         expect(end.status == 0, "%d %s %s" % (end.status, end.err, shown()))
         for p in (waiter, watcher):
             p.communicate()
