@@ -415,7 +415,10 @@ static void forget_old(struct jobs *j)
 		;
 	if (now - j->aged_us < AGE_US && now >= j->aged_us)
 		return;
-	/* Some a round: each is a change of the catalogue. */
+	/* Some at a time, and no more until these are written: each is a change of the catalogue, which has room for so many,
+	 * and whoever comes then would wait for the disk, with all others behind him. */
+	if (catalogue_busy(j->p.catalogue))
+		return;
 	while (n < AGED_MAX && forget(j, past_oldest(j, now - JOBS_DAYS * DAY_US)))
 		n++;
 	if (n < AGED_MAX)
