@@ -381,7 +381,7 @@ def nothing_leaks():
                       for n in os.listdir("/proc/%d/fd" % DAEMON.process.pid))
 
     def settle(want):
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + e2e.PATIENCE
         while time.monotonic() < deadline and len(descriptors()) > want:
             time.sleep(0.05)
         return descriptors()

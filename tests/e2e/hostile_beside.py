@@ -457,7 +457,7 @@ def held():
 
 
 def settled(before, ledger):
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + e2e.PATIENCE
     while True:
         now, has = descriptors(), held()
         more = {k: (ledger.get(k, 0), v) for k, v in has.items() if k in ("message", "pipe", "stage", "input", "files") and v > ledger.get(k, 0) + 8192}

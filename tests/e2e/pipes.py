@@ -166,17 +166,22 @@ def slow_client_costs_nobody():
 
 def quiet(d, most=1 << 30):
     """How many descriptors the daemon has when nobody is connected but who asks, and no more than `most` if it ever has so few."""
-    count = lambda: len(os.listdir("/proc/%d/fd" % d.process.pid))
+    seen = []
+
+    def few():
+        seen.append(len(os.listdir("/proc/%d/fd" % d.process.pid)))
+        return seen[-1] <= most
     e2e.until(lambda: d.ctl("status", "--json").ok().json()["connections"] == 1, "clients that are gone stay connected")
-    e2e.until(lambda: count() <= most, lambda: "%d descriptors, %d before" % (count(), most))
-    return count()
+    e2e.until(few, lambda: "%d descriptors, %d before" % (seen[-1], most))
+    return seen[-1]
 
 
 def vanished_clients():
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         path = survey(base)
         data = open(path, "rb").read()
-        before = quiet(d)
+        # What is closed is closed aside: now and then one more is seen.
+        before = min(quiet(d) for _ in range(5))
         for n in (0, 50, 250, 200000, len(data)):
             p = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "valley", "-", "--input-format", "las"],
                                  stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
@@ -187,8 +192,8 @@ def vanished_clients():
             p.kill()
             p.wait()
             p.stdin.close()
-        after = quiet(d, before)
-        expect(after <= before, "%d descriptors, %d before" % (after, before))
+            # Until its push is over the next one is told to come later.
+            quiet(d, before)
         code, _, err = feed(d, [data], "push", "valley", "-", "--input-format", "las")
         expect(code == 0, err)
 
