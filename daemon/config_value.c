@@ -4,6 +4,7 @@
  */
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "config.h"
@@ -177,7 +178,10 @@ static void seconds_text(double seconds, char *buf, size_t size)
 			snprintf(buf, size, "%.0f%c", seconds / units[i].in, units[i].unit);
 			return;
 		}
+	/* As short as it can be and is read again as what it is: 5000.1 days take all digits. */
 	snprintf(buf, size, "%.15gs", seconds);
+	if (strtod(buf, NULL) != seconds)
+		snprintf(buf, size, "%.17gs", seconds);
 }
 
 char *config_value_text(const struct config_setting *s, const struct config *c, char *buf)
