@@ -135,7 +135,6 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (view->window) {
 		struct pipe_trace *trace = memory;
 
-
 		r = pipe_area(grid, view, region, budget, memory, ret, ret_need, err);
 		/* Of what it read there is no trace: it is known again in its own generation. */
 		cut_trace_init(&trace->trace, trace + 1);
