@@ -207,8 +207,8 @@ static unsigned most_told(enum log_event event)
 	case LOG_EVENT_CLIENT_CUT:
 	case LOG_EVENT_CLIENT_TURNED_AWAY:
 	case LOG_EVENT_GEOID_BAD:
-		return 100;
 	case LOG_EVENT_FILE_REFUSED:
+		return 100;
 	case LOG_EVENT_BACKUP_DONE:
 		return 1000;
 	default:
@@ -216,13 +216,37 @@ static unsigned most_told(enum log_event event)
 	}
 }
 
+static pthread_mutex_t flood_lock = PTHREAD_MUTEX_INITIALIZER;
+static struct flood {
+	uint64_t since_ns, hidden;
+	unsigned told;
+} floods[LOG_EVENTS];
+
+static void tell_hidden(const struct log_place *place, enum log_event event, uint64_t hidden, double seconds)
+{
+	if (hidden)
+		log_line_at(place, events[event].level, "%s: %llu more times within %.0f seconds, which are not told one by one",
+			    events[event].subject, (unsigned long long)hidden, seconds);
+}
+
+void log_floods(bool all)
+{
+	for (int i = 0; i < LOG_EVENTS; i++) {
+		struct flood *f = &floods[i], was = {0};
+
+		pthread_mutex_lock(&flood_lock);
+		if (f->hidden && (all || clock_since(f->since_ns) >= FLOOD_SECONDS)) {
+			was = *f;
+			*f = (struct flood){0};
+		}
+		pthread_mutex_unlock(&flood_lock);
+		if (was.hidden)
+			tell_hidden(LOG_HERE, (enum log_event)i, was.hidden, clock_since(was.since_ns));
+	}
+}
+
 static bool flooded(const struct log_place *place, enum log_event event)
 {
-	static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
-	static struct flood {
-		uint64_t since_ns, hidden;
-		unsigned told;
-	} floods[LOG_EVENTS];
 	struct flood *f = &floods[event];
 	unsigned most = most_told(event);
 	uint64_t hidden = 0;
@@ -231,7 +255,7 @@ static bool flooded(const struct log_place *place, enum log_event event)
 
 	if (!most)
 		return false;
-	pthread_mutex_lock(&lock);
+	pthread_mutex_lock(&flood_lock);
 	if (!f->since_ns || clock_since(f->since_ns) >= FLOOD_SECONDS) {
 		hidden = f->hidden;
 		seconds = f->since_ns ? clock_since(f->since_ns) : 0;
@@ -240,10 +264,8 @@ static bool flooded(const struct log_place *place, enum log_event event)
 	over = f->told >= most;
 	f->told += !over;
 	f->hidden += over;
-	pthread_mutex_unlock(&lock);
-	if (hidden)
-		log_line_at(place, events[event].level, "%s: %llu more times within %.0f seconds, which are not told one by one",
-			    events[event].subject, (unsigned long long)hidden, seconds);
+	pthread_mutex_unlock(&flood_lock);
+	tell_hidden(place, event, hidden, seconds);
 	return over;
 }
 

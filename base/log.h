@@ -64,6 +64,9 @@ const char *log_event_name(enum log_event);
 const char *log_event_id(enum log_event); /* 32 hexadecimal digits */
 const char *log_event_subject(enum log_event);
 enum log_level log_event_level(enum log_event);
+/* Of events that come too often only some are told: this tells how many more there were, of whiles that are over; all: of the
+ * present ones too, at an end. */
+void log_floods(bool all);
 /* How often it was told since the start, whether or not the level let it through. */
 uint64_t log_event_count(enum log_event);
 

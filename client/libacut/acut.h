@@ -44,6 +44,7 @@ enum acut_code {
 	ACUT_E_VERSION,     /* the versions do not agree */
 	ACUT_E_PERM,        /* not permitted */
 	ACUT_E_TIMEOUT,     /* it took longer than the time-out */
+	ACUT_E_CONFLICT,    /* what is there already does not allow it: a name is taken, a dataset is pinned */
 };
 struct acut_failure {
 	int code;                                  /* enum acut_code */
@@ -190,7 +191,7 @@ struct acut_push_planned {
 };
 struct acut_push_result {
 	const char *dataset;
-	uint64_t generation, points;
+	uint64_t generation, points; /* of the dataset now; no new generation where no point came and none went, 0: it has none */
 };
 
 struct acut_push;
@@ -307,8 +308,10 @@ struct acut_cache_damage {
 };
 struct acut_cache_verified {
 	uint64_t files, bytes, damaged, derived; /* damaged: of what was pushed */
+	uint64_t newer, derived_newer;           /* not damaged, but of a newer version than the daemon's */
 };
-/* Reads everything that the daemon keeps; `damage` for each damaged thing. progress->points are bytes. */
+/* Reads everything that the daemon keeps; `damage` for each damaged thing, and each of a newer version (error.code
+ * "version"). progress->points are bytes. */
 int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut_cache_damage *),
 		      acut_progress_fn progress, void *ctx, struct acut_cache_verified *ret);
 /* all: everything derived goes. */
@@ -483,6 +486,8 @@ struct acut_backup_ready {
 	uint64_t files, bytes;
 	uint64_t damaged;           /* datasets whose list of files is damaged: all of their files are there as they are */
 	struct acut_failure damage; /* if there are any: what is wrong with the first */
+	const char *identity;       /* of the store and the dataset: no two have the same, whatever their names; "": not known */
+	uint64_t state_device, state_inode, cache_device, cache_inode; /* of the daemon's folders; zeros: not known */
 };
 struct acut_backup_file {
 	const char *name; /* relative, with '/', nothing in it climbs */

@@ -75,6 +75,13 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 		call_wire_failure(a->answer->backup_ready->damage, &ready.damage);
 	else
 		ready.damaged = 0;
+	ready.identity = a->answer->backup_ready->identity;
+	if (a->answer->backup_ready->n_places == 4) {
+		ready.state_device = a->answer->backup_ready->places[0];
+		ready.state_inode = a->answer->backup_ready->places[1];
+		ready.cache_device = a->answer->backup_ready->places[2];
+		ready.cache_inode = a->answer->backup_ready->places[3];
+	}
 	if (sink->ready)
 		r = sink->ready(sink->ctx, &ready);
 	while (!r && more)

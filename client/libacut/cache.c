@@ -87,6 +87,8 @@ int acut_cache_verify(struct acut *a, void (*damage)(void *ctx, const struct acu
 		    .bytes = a->answer->cache_verified->bytes,
 		    .damaged = a->answer->cache_verified->damaged,
 		    .derived = a->answer->cache_verified->derived,
+		    .newer = a->answer->cache_verified->newer,
+		    .derived_newer = a->answer->cache_verified->derived_newer,
 		};
 		break;
 	}

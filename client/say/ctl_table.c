@@ -200,10 +200,10 @@ void ctl_table_text(struct ctl_table *t, const char *fmt, ...)
 	va_end(ap);
 	if (n >= (int)sizeof(text)) {
 		va_start(ap, fmt);
-		n = vasprintf(&more, fmt, ap);
+		more = ctl_term_text(fmt, ap);
 		va_end(ap);
 	}
-	add(t, n < 0 ? "?" : more ? more : text);
+	add(t, more ? more : n < 0 || n >= (int)sizeof(text) ? "?" : text);
 	free(more);
 }
 

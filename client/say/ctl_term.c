@@ -59,6 +59,13 @@ static bool harmful(wchar_t c)
 	       (c >= 0x2066 && c <= 0x2069) || c == 0xfeff;
 }
 
+char *ctl_term_text(const char *fmt, va_list ap)
+{
+	char *text;
+
+	return vasprintf(&text, fmt, ap) < 0 ? NULL : text;
+}
+
 char *ctl_term_safe(const char *text)
 {
 	const unsigned char *p = (const unsigned char *)text;
@@ -218,34 +225,31 @@ void ctl_term_wrap(FILE *out, unsigned indent, const char *text)
 void ctl_term_field(FILE *out, const char *key, const char *fmt, ...)
 {
 	struct ctl_term term = ctl_term_of(out);
-	char *text = NULL, *safe;
+	char *text, *safe;
 	va_list ap;
-	int n;
 
 	va_start(ap, fmt);
-	n = vasprintf(&text, fmt, ap);
+	text = ctl_term_text(fmt, ap);
 	va_end(ap);
-	safe = n < 0 ? NULL : ctl_term_safe(text);
+	safe = text ? ctl_term_safe(text) : NULL;
 	fprintf(out, "%s%-*s%s", ctl_term_tint(&term, CTL_BOLD), KEY - 1, key, term.color ? "\033[0m " : " ");
 	if (safe)
 		wrapped(out, safe, KEY, term.width);
 	else
 		fputs("?\n", out);
 	free(safe);
-	if (n >= 0)
-		free(text);
+	free(text);
 }
 
 void ctl_term_line(FILE *out, const char *fmt, ...)
 {
-	char *text = NULL;
+	char *text;
 	va_list ap;
-	int n;
 
 	va_start(ap, fmt);
-	n = vasprintf(&text, fmt, ap);
+	text = ctl_term_text(fmt, ap);
 	va_end(ap);
-	if (n < 0)
+	if (!text)
 		return;
 	ctl_term_put(out, text);
 	fputc('\n', out);

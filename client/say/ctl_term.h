@@ -8,6 +8,7 @@
 #ifndef CTL_TERM_H
 #define CTL_TERM_H
 
+#include <stdarg.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -23,6 +24,8 @@ enum ctl_tint { CTL_PLAIN, CTL_BOLD, CTL_GOOD, CTL_WARN, CTL_BAD };
 /* The sequences that begin and end a tint; "" where there are no colours. */
 const char *ctl_term_tint(const struct ctl_term *, enum ctl_tint);
 
+/* What printf writes, to be freed; NULL: no memory. */
+char *ctl_term_text(const char *fmt, va_list) __attribute__((format(printf, 1, 0)));
 /* A safe copy of text, to be freed; NULL: no memory. */
 char *ctl_term_safe(const char *text);
 /* Writes text, made safe. */

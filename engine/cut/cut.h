@@ -36,7 +36,8 @@ static inline bool cut_region_same(const struct cut_region *a, const struct cut_
 /* The borders as doubled lattice numbers (odd), INT64_MIN/MAX on infinite sides: x0, y0, x1, y1. */
 void cut_region_box(const struct cut_region *, int64_t ret[4]);
 
-/* The smallest aligned square, or 2 x 2 block of aligned squares, around the box; all sides infinite. */
+/* The smallest aligned square, or 2 x 2 block of aligned squares, around the box with room on all sides (an eighth of its
+ * longer side, as far as the lattice goes); all sides infinite. Of one position: that alone. */
 void cut_region_root(const int32_t box[4], struct cut_region *ret);
 /* Lower half, upper half (x first of a square). False: one position wide, cannot be split. */
 bool cut_region_split(const struct cut_region *, struct cut_region ret[2]);

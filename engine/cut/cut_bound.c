@@ -85,6 +85,16 @@ static int take(struct bound *b, const struct grid_cell *cell)
 	return 0;
 }
 
+static bool own_segment(void *ctx, const struct grid_cell *whole)
+{
+	const struct bound *b = ctx;
+	bool any = false;
+
+	for (unsigned i = 0; i < b->nrange; i++)
+		any = any || (whole->lo <= b->range[i].hi && whole->hi >= b->range[i].lo);
+	return any;
+}
+
 static int own_cell(void *ctx, const struct grid_cell *cell)
 {
 	if (cell->count && inside(ctx, cell))
@@ -105,6 +115,11 @@ static bool outer_enter(void *ctx, const struct grid_cell *subtree)
 	return false;
 }
 
+static bool outer_segment(void *ctx, const struct grid_cell *whole)
+{
+	return matters(ctx, whole);
+}
+
 static int outer_cell(void *ctx, const struct grid_cell *cell)
 {
 	return matters(ctx, cell) ? take(ctx, cell) : 0;
@@ -122,7 +137,7 @@ static void add_chain(struct bound *b, bool vertical, int64_t c2, int64_t t0, in
 
 static int outer_walk(struct bound *b, const struct cut_source *src, uint64_t least, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = b, .enter = outer_enter, .cell = outer_cell };
+	const struct grid_visitor v = { .ctx = b, .segment = outer_segment, .enter = outer_enter, .cell = outer_cell };
 	int rc;
 
 	b->least = least;
@@ -135,7 +150,7 @@ static int outer_walk(struct bound *b, const struct cut_source *src, uint64_t le
 int cut_bound_halo(const struct cut_source *src, const struct view *view, const struct cut_region *region,
 		   uint64_t enough, void *scratch, uint64_t *ret, struct err *err)
 {
-	const struct grid_visitor own = { .ctx = scratch, .cell = own_cell };
+	const struct grid_visitor own = { .ctx = scratch, .segment = own_segment, .cell = own_cell };
 	struct bound *b = scratch;
 	uint64_t least = UINT64_MAX;
 	int64_t box[4];

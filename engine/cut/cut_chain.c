@@ -1,7 +1,8 @@
 /*
  * Chains: see the header for the model. What decides which points belong to the halo (add, flush) is exact:
- * h < 2^67, hull orientations < 2^102. What decides which cells to read (hit, limit, reach) is in doubles and
- * errs to the side of reading: on edges E(U) - U^2 is a sum of non-negative terms, so nothing cancels.
+ * h < 2^67, hull orientations < 2^102; doubles go before where they are sure. What decides which cells to read
+ * (hit, limit, reach, peak) is in doubles and errs to the side of reading: on edges E(U) - U^2 is a sum of
+ * non-negative terms, so nothing cancels.
  */
 #include "cut_chain.h"
 
@@ -16,6 +17,7 @@ __extension__ typedef __int128 i128;
 /* Rounding of the few operations below, and what an integer place beside the true extremum loses. */
 #define SLACK_REL 1e-12
 #define SLACK_ABS 1e-3
+#define TURN_SLACK 1e-14
 
 enum { RIPE_MIN = 1024 };
 
@@ -61,6 +63,36 @@ static uint32_t upto(const struct cut_chain *c, int64_t u)
 	return lo;
 }
 
+static double square(double v)
+{
+	return v * v;
+}
+
+/*
+ * The sign of (hb - ha)(u - ua) - (h - ha)(ub - ua): positive where b lies above the line from a to p, if it is between them.
+ * With U counted from ua the squares of U go out but for du dub (dub - du), and in doubles the sum is right if it is not
+ * small beside its terms: each has at most five roundings of 2^-53.
+ */
+static int turn(const struct cut_chain *c, const struct point *a, const struct point *b, const struct point *p)
+{
+	int64_t ua = cut_chain_u(c, a);
+	double du = (double)(cut_chain_u(c, p) - ua), dub = (double)(cut_chain_u(c, b) - ua);
+	double xa = square((double)cut_chain_x(c, a)), xb = square((double)cut_chain_x(c, b)),
+	       x = square((double)cut_chain_x(c, p));
+	double most = (xa + xb) * fabs(du) + (xa + x) * fabs(dub) + fabs(du * dub) * (fabs(du) + fabs(dub));
+	double sum = (xb - xa) * du - (x - xa) * dub + du * dub * (dub - du);
+	i128 left, right, ha;
+
+	if (sum > TURN_SLACK * most)
+		return 1;
+	if (sum < -TURN_SLACK * most)
+		return -1;
+	ha = height(c, a);
+	left = (height(c, b) - ha) * (cut_chain_u(c, p) - ua);
+	right = (height(c, p) - ha) * (cut_chain_u(c, b) - ua);
+	return (left > right) - (left < right);
+}
+
 /* Whether p lies above the ray of slope 2t that leaves the chain's end. An infinite end has no ray: +infinity. */
 static bool above_ray(const struct cut_chain *c, const struct point *end, int64_t t, i128 h, int64_t u)
 {
@@ -71,9 +103,8 @@ static bool above_ray(const struct cut_chain *c, const struct point *end, int64_
 
 bool cut_chain_above(const struct cut_chain *c, const struct point *p)
 {
-	int64_t u = cut_chain_u(c, p), x = cut_chain_x(c, p), ua, ub;
-	const struct point *a, *b;
-	i128 h, ha;
+	int64_t u = cut_chain_u(c, p), x = cut_chain_x(c, p);
+	const struct point *a;
 	uint32_t k;
 
 	if (c->n == 0)
@@ -81,19 +112,14 @@ bool cut_chain_above(const struct cut_chain *c, const struct point *p)
 	if ((double)x > c->reach)
 		return true;
 	k = upto(c, u);
-	h = (i128)x * x + (i128)u * u;
 	if (k == 0)
-		return above_ray(c, &c->pt[0], c->t0, h, u);
+		return above_ray(c, &c->pt[0], c->t0, height(c, p), u);
 	a = &c->pt[k - 1];
-	ua = cut_chain_u(c, a);
-	if (ua == u)
+	if (cut_chain_u(c, a) == u)
 		return x > cut_chain_x(c, a);
 	if (k == c->n)
-		return above_ray(c, a, c->t1, h, u);
-	b = &c->pt[k];
-	ub = cut_chain_u(c, b);
-	ha = height(c, a);
-	return (h - ha) * (ub - ua) > (height(c, b) - ha) * (u - ua);
+		return above_ray(c, a, c->t1, height(c, p), u);
+	return turn(c, a, p, &c->pt[k]) > 0;
 }
 
 void cut_chain_batch(struct cut_chain *c, struct point *batch, uint32_t batch_cap)
@@ -148,21 +174,10 @@ static uint32_t group_start(const struct cut_chain *c, uint32_t k)
 /* Drop from the stack of k entries the groups that lie strictly above the line to p: ties stay. */
 static uint32_t pop_above(const struct cut_chain *c, uint32_t k, const struct point *p)
 {
-	int64_t u = cut_chain_u(c, p);
-	i128 h = height(c, p);
-
 	while (k > 0) {
 		uint32_t g = group_start(c, k);
-		const struct point *a, *b = &c->pt[g];
-		i128 ha;
-		int64_t ua;
 
-		if (g == 0)
-			break;
-		a = &c->pt[g - 1];
-		ua = cut_chain_u(c, a);
-		ha = height(c, a);
-		if ((height(c, b) - ha) * (u - ua) <= (h - ha) * (cut_chain_u(c, b) - ua))
+		if (g == 0 || turn(c, &c->pt[g - 1], &c->pt[g], p) <= 0)
 			break;
 		k = g;
 	}
@@ -208,40 +223,64 @@ static double parting(double ua, double xa, double ub, double xb)
 	return (xb - xa) * (xb + xa) / (2 * (ub - ua)) + (ua + ub) / 2;
 }
 
-static double square(double v)
+static double larger(double a, double b)
 {
-	return v * v;
+	return a > b ? a : b;
 }
 
-static double reach_of(const struct cut_chain *c)
+/* What E(U) - U^2 comes to on an edge at most: its chord's larger end, and the chord's gap to U^2. */
+static double edge_bound(double ua, double xa, double ub, double xb)
 {
-	double far = 0;
+	return (square(larger(xa, xb)) + square(ub - ua) / 4) * (1 + SLACK_REL);
+}
 
-	if (c->n == 0 || c->t0 == INT64_MIN || c->t1 == INT64_MAX)
-		return INFINITY;
+/* The bounds that spare looking at every edge: reach and peaks. */
+void cut_chain_survey(struct cut_chain *c)
+{
+	double far = 0, u = 0, x = 0;
+
+	for (c->peak_shift = 0; c->n >> c->peak_shift >= CUT_CHAIN_PEAKS;)
+		c->peak_shift++;
+	for (uint32_t i = 0; i < CUT_CHAIN_PEAKS; i++)
+		c->peak[i] = 0;
 	for (uint32_t i = 0; i < c->n; i++) {
-		double u = (double)cut_chain_u(c, &c->pt[i]), x = (double)cut_chain_x(c, &c->pt[i]);
-		double t = i + 1 == c->n ? (double)c->t1 : 0;
+		double un = (double)cut_chain_u(c, &c->pt[i]), xn = (double)cut_chain_x(c, &c->pt[i]);
 
-		if (i == 0)
-			far = square(x) + square(u - (double)c->t0);
-		if (i + 1 < c->n) {
-			double un = (double)cut_chain_u(c, &c->pt[i + 1]);
+		if (i == 0) {
+			far = square(xn) + square(un - (double)c->t0);
+		} else if (un != u) {
+			double t = parting(u, x, un, xn), *peak = &c->peak[i >> c->peak_shift];
 
-			if (un == u)
-				continue;
-			t = parting(u, x, un, (double)cut_chain_x(c, &c->pt[i + 1]));
+			far = larger(far, square(x) + square(u - t));
+			*peak = larger(*peak, edge_bound(u, x, un, xn));
 		}
-		far = fmax(far, square(x) + square(u - t));
+		u = un;
+		x = xn;
 	}
-	return sqrt(far) * (1 + SLACK_REL) + 1;
+	far = larger(far, square(x) + square(u - (double)c->t1));
+	c->reach = c->n == 0 || c->t0 == INT64_MIN || c->t1 == INT64_MAX ? INFINITY : sqrt(far) * (1 + SLACK_REL) + 1;
 }
 
 void cut_chain_of(struct cut_chain *c, struct point *pt, uint32_t n)
 {
 	c->pt = pt;
 	c->n = c->cap = n;
-	c->reach = reach_of(c);
+	c->reach = INFINITY;
+	for (c->peak_shift = 0; c->n >> c->peak_shift >= CUT_CHAIN_PEAKS;)
+		c->peak_shift++;
+	for (unsigned i = 0; i < CUT_CHAIN_PEAKS; i++)
+		c->peak[i] = INFINITY;
+}
+
+/* It often comes in order. */
+static void sort_batch(struct cut_chain *c)
+{
+	uint32_t i = 1;
+
+	while (i < c->nbatch && !chain_less(c, &c->batch[i], &c->batch[i - 1]))
+		i++;
+	if (i < c->nbatch)
+		cut_order_sort(c->batch, c->nbatch, chain_less, c);
 }
 
 int cut_chain_flush(struct cut_chain *c, const struct view *view)
@@ -252,7 +291,7 @@ int cut_chain_flush(struct cut_chain *c, const struct view *view)
 		return 0;
 	if (total > c->cap)
 		return CUT_E_FULL;
-	cut_order_sort(c->batch, c->nbatch, chain_less, c);
+	sort_batch(c);
 	while (j > 0) {
 		if (i > 0 && chain_less(c, &c->batch[j - 1], &c->pt[i - 1]))
 			c->pt[--k] = c->pt[--i];
@@ -280,7 +319,7 @@ int cut_chain_flush(struct cut_chain *c, const struct view *view)
 	c->n = k;
 	trim(c);
 	ripen(c);
-	c->reach = reach_of(c);
+	cut_chain_survey(c);
 	return 0;
 }
 
@@ -297,7 +336,7 @@ void cut_chain_span(const struct cut_chain *c, const int32_t box[4], int64_t *re
 
 static int64_t clamp(double t, int64_t lo, int64_t hi)
 {
-	return t <= (double)lo ? lo : t >= (double)hi ? hi : (int64_t)llround(t);
+	return t <= (double)lo ? lo : t >= (double)hi ? hi : (int64_t)(t < 0 ? t - 0.5 : t + 0.5);
 }
 
 /* The largest E(U) - U^2 on U in [u0, u1] along the ray of slope 2t from `end`. */
@@ -314,74 +353,100 @@ static double ray_most(const struct cut_chain *c, const struct point *end, int64
 	return x * x + bow + SLACK_REL * (x * x + fabs(bow));
 }
 
-/* Likewise on the edge from a to b, for U in [u0, u1] within it. */
+/* E(U) - U^2 on the edge from a to b. Either share of it from a difference of U, which is exact: 1 less the other share is not. */
+static double edge_at(double ua, double xa, double ub, double xb, double u)
+{
+	return (xa * xa * (ub - u) + xb * xb * (u - ua)) / (ub - ua) + (u - ua) * (ub - u);
+}
+
+/* The largest of it for U in [u0, u1] within the edge. */
 static double edge_most(const struct cut_chain *c, const struct point *a, const struct point *b, int64_t u0,
 			int64_t u1)
 {
-	int64_t ua = cut_chain_u(c, a), ub = cut_chain_u(c, b), u;
-	double xa = (double)cut_chain_x(c, a), xb = (double)cut_chain_x(c, b), part;
+	double ua = (double)cut_chain_u(c, a), ub = (double)cut_chain_u(c, b);
+	double xa = (double)cut_chain_x(c, a), xb = (double)cut_chain_x(c, b);
 
-	u = clamp(parting((double)ua, xa, (double)ub, xb), u0, u1);
-	part = (double)(u - ua) / (double)(ub - ua);
-	return xa * xa * (1 - part) + xb * xb * part + (double)(u - ua) * (double)(ub - u);
+	return edge_at(ua, xa, ub, xb, (double)clamp(parting(ua, xa, ub, xb), u0, u1));
 }
 
-/* The largest E(U) - U^2 on [u0, u1]; stops as soon as it is at least `enough`. */
-static double most(const struct cut_chain *c, int64_t u0, int64_t u1, double enough)
+/* Whether E(U) - U^2 is `need` or more anywhere on the edges, U in [u0, u1] between the first and the last. */
+static bool edges_reach(const struct cut_chain *c, int64_t u0, int64_t u1, double need)
 {
-	int64_t first, last;
-	double m = -INFINITY;
+	for (uint32_t k = upto(c, u0); k < c->n;) {
+		uint32_t end = ((k >> c->peak_shift) + 1) << c->peak_shift;
+		bool low = c->peak[k >> c->peak_shift] < need;
 
-	if (c->n == 0)
-		return INFINITY;
-	first = cut_chain_u(c, &c->pt[0]);
-	last = cut_chain_u(c, &c->pt[c->n - 1]);
-	if (u0 < first)
-		m = ray_most(c, &c->pt[0], c->t0, u0, u1 < first ? u1 : first);
-	if (u1 > last)
-		m = fmax(m, ray_most(c, &c->pt[c->n - 1], c->t1, u0 > last ? u0 : last, u1));
-	u0 = u0 < first ? first : u0;
-	u1 = u1 > last ? last : u1;
-	if (u0 > u1)
-		return m;
-	if (u1 == last) {
-		double x = (double)cut_chain_x(c, &c->pt[c->n - 1]);
-
-		m = fmax(m, x * x);
-	}
-	for (uint32_t k = upto(c, u0); k < c->n && m < enough; k++) {
-		int64_t ua = cut_chain_u(c, &c->pt[k - 1]), ub = cut_chain_u(c, &c->pt[k]);
-
-		if (ua > u1)
+		if (cut_chain_u(c, &c->pt[k - 1]) > u1)
 			break;
-		if (ua < ub)
-			m = fmax(m, edge_most(c, &c->pt[k - 1], &c->pt[k], ua > u0 ? ua : u0, ub < u1 ? ub : u1));
+		for (end = end < c->n ? end : c->n; k < end && !low; k++) {
+			int64_t ua = cut_chain_u(c, &c->pt[k - 1]), ub = cut_chain_u(c, &c->pt[k]);
+
+			if (ua > u1)
+				return false;
+			if (ua < ub && edge_most(c, &c->pt[k - 1], &c->pt[k], ua > u0 ? ua : u0, ub < u1 ? ub : u1) >= need)
+				return true;
+		}
+		k = end;
 	}
-	return m;
+	return false;
 }
 
 bool cut_chain_hit(const struct cut_chain *c, const int32_t box[4])
 {
-	int64_t u0, u1, x;
-	double need;
+	int64_t u0, u1, x, first, last;
+	double need, end;
 
 	cut_chain_span(c, box, &u0, &u1, &x);
+	if (c->n == 0)
+		return true;
 	if (c->reach < INFINITY &&
 	    ((double)x > c->reach || (double)(u0 - c->t1) > c->reach || (double)(c->t0 - u1) > c->reach))
 		return false;
 	need = (double)x * (double)x * (1 - SLACK_REL) - SLACK_ABS;
-	return most(c, u0, u1, need) >= need;
+	first = cut_chain_u(c, &c->pt[0]);
+	last = cut_chain_u(c, &c->pt[c->n - 1]);
+	if (u0 < first && ray_most(c, &c->pt[0], c->t0, u0, u1 < first ? u1 : first) >= need)
+		return true;
+	if (u1 > last && ray_most(c, &c->pt[c->n - 1], c->t1, u0 > last ? u0 : last, u1) >= need)
+		return true;
+	u0 = u0 < first ? first : u0;
+	u1 = u1 > last ? last : u1;
+	if (u0 > u1)
+		return false;
+	end = (double)cut_chain_x(c, &c->pt[c->n - 1]);
+	return (u1 == last && end * end >= need) || edges_reach(c, u0, u1, need);
+}
+
+/* E(U) - U^2; *k, entries of a U of at most u, of an earlier call with a smaller u. */
+static double at(const struct cut_chain *c, int64_t u, uint32_t *k)
+{
+	const struct point *a, *b;
+
+	if (c->n == 0)
+		return INFINITY;
+	while (*k < c->n && cut_chain_u(c, &c->pt[*k]) <= u)
+		++*k;
+	if (*k == 0)
+		return ray_most(c, &c->pt[0], c->t0, u, u);
+	a = &c->pt[*k - 1];
+	if (cut_chain_u(c, a) == u)
+		return square((double)cut_chain_x(c, a));
+	if (*k == c->n)
+		return ray_most(c, a, c->t1, u, u);
+	b = &c->pt[*k];
+	return edge_at((double)cut_chain_u(c, a), (double)cut_chain_x(c, a), (double)cut_chain_u(c, b),
+		       (double)cut_chain_x(c, b), (double)u);
 }
 
 void cut_chain_limits(const struct cut_chain *c, int64_t u0, unsigned shift, unsigned n, int64_t *ret)
 {
-	double w = (double)((int64_t)1 << shift), last = most(c, u0, u0, INFINITY);
+	uint32_t k = upto(c, u0);
+	double w = (double)((int64_t)1 << shift), last = at(c, u0, &k);
 
 	for (unsigned i = 0; i < n; i++) {
-		int64_t u = u0 + ((int64_t)(i + 1) << shift);
-		double next = most(c, u, u, INFINITY);
+		double next = at(c, u0 + ((int64_t)(i + 1) << shift), &k);
 		/* E is convex: it lies below its chord, and the chord's gap to U^2 adds at most w^2 / 4. */
-		double m = fmax(last, next) + w * w / 4, limit = m < 0 ? -1 : sqrt(m) * (1 + SLACK_REL) + 1;
+		double m = larger(last, next) + w * w / 4, limit = m < 0 ? -1 : sqrt(m) * (1 + SLACK_REL) + 1;
 
 		ret[i] = limit < 0x1p40 ? (int64_t)ceil(limit) : INT64_MAX;
 		last = next;

@@ -14,6 +14,8 @@
 #include "point.h"
 #include "view.h"
 
+enum { CUT_CHAIN_PEAKS = 32 };
+
 struct cut_chain {
 	bool vertical;
 	int64_t c2;          /* doubled border */
@@ -24,6 +26,9 @@ struct cut_chain {
 	uint32_t nbatch, batch_cap;
 	uint32_t ripe;       /* the batch is merged in when it has as many: a quarter of the chain, at most batch_cap */
 	double reach;        /* no border point is farther from its site than this; INFINITY: unknown */
+	/* Edge k ends in entry k: no E(U) - U^2 on those of number k >> peak_shift is above this. */
+	unsigned peak_shift;
+	double peak[CUT_CHAIN_PEAKS];
 };
 
 static inline int64_t cut_chain_u(const struct cut_chain *c, const struct point *p)
@@ -46,6 +51,8 @@ void cut_chain_batch(struct cut_chain *, struct point *batch, uint32_t batch_cap
 /* n sites of a chain that was whole, in its order, the first and the last among them: E of these is nowhere below that
  * of all. They stay in pt, which is the caller's. */
 void cut_chain_of(struct cut_chain *, struct point *pt, uint32_t n);
+/* After cut_chain_of, before many boxes are tried: what makes each cheap. */
+void cut_chain_survey(struct cut_chain *);
 /* Whether the point lies strictly above E, so that its cell does not meet the border. Exact. */
 bool cut_chain_above(const struct cut_chain *, const struct point *);
 /* A kept point: goes into the batch unless it lies above E. CUT_E_FULL: the chain overflows. */

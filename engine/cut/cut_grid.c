@@ -1,6 +1,8 @@
 /*
  * The grid as a source of cells, and the public functions over it: the only place that calls engine/grid.
  */
+#include <string.h>
+
 #include "cut_source.h"
 #include "cut_valid.h"
 
@@ -26,6 +28,11 @@ static int grid_source_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_
 	return grid_count(ctx, lo, hi, ret_count, ret_exact, err);
 }
 
+static bool grid_source_all_live(void *ctx)
+{
+	return grid_all_live(grid_reader_grid(ctx));
+}
+
 static int grid_source_sums(void *ctx, struct grid_sum *range, size_t n, struct err *err)
 {
 	return grid_sums(ctx, range, n, err);
@@ -43,6 +50,7 @@ static size_t grid_source_parts(void *ctx, struct cut_part *ret, uint32_t *ret_s
 			continue;
 		if (n < most) {
 			ret[n] = (struct cut_part){ .points = points, .sum = grid_segment_content(g, i) };
+			memcpy(ret[n].box, grid_manifest(g)->segments[i].box, sizeof ret[n].box);
 			ret_segment[n] = (uint32_t)i;
 		}
 		n++;
@@ -62,6 +70,7 @@ void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->read = grid_source_read;
 	ret->scan = grid_source_scan;
 	ret->count = grid_source_count;
+	ret->all_live = grid_source_all_live;
 	ret->sums = grid_source_sums;
 	ret->box = grid_source_box;
 	ret->parts = grid_source_parts;

@@ -3,7 +3,8 @@
  *
  * Rounds: a walk notes, for every column of every border, the nearest cell that is a hit; those are read, the
  * hulls sink, the next walk finds fewer hits. Nearest first matters: it reads a tenth of what "all hits" reads
- * where a border lies far from the data. The cells read are remembered so that they are not noted again. Where
+ * where a border lies far from the data. Once the hits of a walk are few they are listed, and later rounds look at
+ * these instead of the index. The cells read are remembered so that they are not noted again. Where
  * that memory or the number of rounds ends, a sweep in the order of the index finishes: it needs no memory and
  * ends after every cell was tested once, because hulls only sink: what was no hit will be none.
  *
@@ -91,7 +92,7 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	left = size - pad - round64(sizeof(*h));
 	while (2 * (size_t)table * sizeof(struct seen) * 8 < left)
 		table *= 2;
-	memset(h, 0, offsetof(struct cut_halo, noted)); /* each use fills its own part of the union */
+	memset(h, 0, offsetof(struct cut_halo, list));
 	at = (char *)h + round64(sizeof(*h));
 	h->seen = (struct seen *)at;
 	memset(h->seen, 0, table * sizeof(struct seen));
@@ -105,6 +106,9 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	h->region = *region;
 	h->own_known = own_known;
 	h->rounds = ROUNDS;
+	h->list_limit = LIST;
+	h->block_bits = SEED_BLOCK_BITS;
+	h->column_bits = SEED_COLUMN_BITS;
 	h->columns = own_known ? COLUMNS : 16;
 	h->nrange = cut_region_ranges(region, h->range);
 	cut_region_box(region, box);
@@ -132,6 +136,14 @@ void cut_halo_limit(struct cut_halo *h, unsigned rounds, uint32_t seen)
 	h->rounds = rounds;
 	if (seen < h->seen_limit)
 		h->seen_limit = seen;
+}
+
+void cut_halo_grain(struct cut_halo *h, unsigned block, unsigned columns, uint32_t list)
+{
+	h->block_bits = block;
+	h->column_bits = columns;
+	if (list < h->list_limit)
+		h->list_limit = list;
 }
 
 void cut_halo_stats(const struct cut_halo *h, uint64_t *ret_cells, uint64_t *ret_points)
@@ -199,41 +211,64 @@ static bool halo_enter(void *ctx, const struct grid_cell *subtree)
 	return matters(ctx, subtree);
 }
 
-/* The chains that the point may belong to, as bits: one comparison each, and few points pass. */
-static inline unsigned asked_for(const struct cut_halo *h, const struct point *p)
+/* Like a subtree: its keys, too, lie between those of its box's corners. */
+static bool halo_segment(void *ctx, const struct grid_cell *whole)
 {
-	unsigned bits = 0;
+	return matters(ctx, whole);
+}
 
-	for (unsigned i = 0; i < h->ntake; i++) {
-		const struct take *t = &h->take[i];
-		const struct cut_chain *c = &h->chain[t->chain];
+/* Of the points those that a chain asks for: one comparison each, and few pass. */
+static int take_asked(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n)
+{
+	const uint32_t from = (uint32_t)t->from, wide = t->wide;
+	const bool by_y = t->across;
 
-		if (cut_chain_x(c, p) <= t->limit[(uint64_t)(cut_chain_u(c, p) - t->u0) >> t->shift])
-			bits |= 1u << t->chain;
+	for (size_t i = 0; i < n; i++) {
+		int32_t across = by_y ? pts[i].y : pts[i].x, along = by_y ? pts[i].x : pts[i].y;
+		int64_t x = 2 * (int64_t)across - t->c2;
+		int rc;
+
+		if ((uint32_t)across - from > wide ||
+		    (x < 0 ? -x : x) > t->limit[(uint64_t)(2 * (int64_t)along - t->u0) >> t->shift] ||
+		    (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y)) ||
+		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		rc = cut_halo_add(h, t->chain, &pts[i]);
+		if (rc)
+			return rc;
 	}
-	return bits;
+	return 0;
 }
 
 static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct cut_halo *h = ctx;
+	int rc = 0;
 
 	(void)err;
 	h->points += n;
-	for (size_t i = 0; i < n; i++) {
-		unsigned bits = asked_for(h, &pts[i]);
+	for (unsigned i = 0; i < h->ntake && !rc; i++)
+		rc = take_asked(h, &h->take[i], pts, n);
+	return rc;
+}
 
-		if (!bits || (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y)) ||
-		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
-			continue;
-		for (unsigned k = 0; bits; k++, bits >>= 1) {
-			int rc = bits & 1 ? cut_halo_add(h, k, &pts[i]) : 0;
+/* Most points of a cell are farther from the line than any limit. */
+static void ask_window(struct take *t, const int32_t box[4], unsigned columns)
+{
+	int64_t most = -1, lo = box[t->across], hi = box[t->across + 2];
 
-			if (rc)
-				return rc;
-		}
+	for (unsigned i = 0; i < columns; i++)
+		most = t->limit[i] > most ? t->limit[i] : most;
+	if (most < (int64_t)1 << 40) {
+		int64_t from = (t->c2 - most) / 2 - 1, to = (t->c2 + most) / 2 + 1;
+
+		lo = from > lo ? from : lo;
+		hi = to < hi ? to : hi;
 	}
-	return 0;
+	if (lo > hi)
+		lo = hi = box[t->across];
+	t->from = (int32_t)lo;
+	t->wide = (uint32_t)(hi - lo);
 }
 
 /* Hulls only sink, so what a chain does not ask for before the cell is read it will not want later. */
@@ -243,15 +278,18 @@ static void ask(struct cut_halo *h, const struct grid_cell *cell)
 	for (unsigned i = 0; i < h->nchain; i++) {
 		const struct cut_chain *c = &h->chain[i];
 		struct take *t = &h->take[h->ntake];
+		unsigned columns;
 		int64_t u1, x;
 
 		if (!cut_chain_hit(c, cell->box))
 			continue;
-		*t = (struct take){ .chain = i };
+		*t = (struct take){ .chain = i, .across = c->vertical ? 0 : 1, .c2 = c->c2 };
 		cut_chain_span(c, cell->box, &t->u0, &u1, &x);
 		while ((u1 - t->u0) >> t->shift >= TAKE_COLUMNS)
 			t->shift++;
-		cut_chain_limits(c, t->u0, t->shift, (unsigned)((u1 - t->u0) >> t->shift) + 1, t->limit);
+		columns = (unsigned)((u1 - t->u0) >> t->shift) + 1;
+		cut_chain_limits(c, t->u0, t->shift, columns, t->limit);
+		ask_window(t, cell->box, columns);
 		h->ntake++;
 	}
 }
@@ -303,17 +341,19 @@ static int64_t column_of(const struct cut_halo *h, unsigned chain, int64_t u)
 	return u < 0 ? 0 : u >= width ? h->columns - 1 : u * h->columns / width;
 }
 
-static int round_cell(void *ctx, const struct grid_cell *cell)
+/* A cell that was not read yet: into the columns of the chains that it is a hit of. False: it is none. */
+static bool round_note(struct cut_halo *h, const struct grid_cell *cell)
 {
-	struct cut_halo *h = ctx;
+	bool any = false;
 
-	if (cell->count == 0 || (h->own_known && inside(h, cell)) || seen_find(h, cell)->used)
-		return 0;
 	for (unsigned i = 0; i < h->nchain; i++) {
 		int64_t u0, u1, x, last;
 
 		if (!cut_chain_hit(&h->chain[i], cell->box))
 			continue;
+		if (!any && seen_find(h, cell)->used)
+			return false;
+		any = true;
 		cut_chain_span(&h->chain[i], cell->box, &u0, &u1, &x);
 		last = column_of(h, i, u1);
 		for (int64_t k = column_of(h, i, u0); k <= last; k++)
@@ -322,18 +362,47 @@ static int round_cell(void *ctx, const struct grid_cell *cell)
 				h->noted[i][k].cell = *cell;
 			}
 	}
+	return any;
+}
+
+static int round_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct cut_halo *h = ctx;
+
+	if (cell->count == 0 || (h->own_known && inside(h, cell)) || !round_note(h, cell))
+		return 0;
+	if (h->nlist < h->list_limit)
+		h->list[h->nlist++] = *cell;
+	else
+		h->listed = false;
+	return 0;
+}
+
+/* All hits: of the index, or of those that were listed, which are hits no more once they are none. */
+static int round_walk(struct cut_halo *h, struct err *err)
+{
+	const struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = round_cell };
+	uint32_t n = h->nlist;
+
+	h->nlist = 0;
+	if (!h->listed) {
+		h->listed = true;
+		return h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+	}
+	for (uint32_t i = 0; i < n; i++)
+		if (round_note(h, &h->list[i]))
+			h->list[h->nlist++] = h->list[i];
 	return 0;
 }
 
 /* One walk, then the nearest hits of each column. *ret_more: something was noted. */
 static int round_once(struct cut_halo *h, bool *ret_more, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = h, .enter = halo_enter, .cell = round_cell };
 	bool more = false;
 	int rc;
 
 	span_columns(h);
-	rc = h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+	rc = round_walk(h, err);
 	for (unsigned i = 0; i < h->nchain && !rc; i++)
 		for (unsigned k = 0; k < h->columns && !rc; k++) {
 			const struct noted *noted = &h->noted[i][k];
@@ -385,7 +454,7 @@ static int sweep_cell(void *ctx, const struct grid_cell *cell)
 
 static int sweep_all(struct cut_halo *h, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = h, .enter = halo_enter, .cell = sweep_cell };
+	const struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = sweep_cell };
 
 	for (;;) {
 		int rc;
@@ -423,7 +492,7 @@ static int estimate_cell(void *ctx, const struct grid_cell *cell)
 /* What the halo may come to, from what is in the chains and the cells that may still matter. */
 static int estimate(struct cut_halo *h, uint64_t *ret, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = h, .enter = halo_enter, .cell = estimate_cell };
+	const struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = estimate_cell };
 	uint64_t known = 0;
 	int rc;
 

@@ -10,10 +10,14 @@ enum {
 	COLUMNS = 256,
 	BATCH = 1024,
 	BATCH_SHARE = 32,       /* one batch, of the memory for points */
+	LIST = 512,
 	SWEEP = 256,
 	ROUNDS = 200,
 	SEED_COLUMNS = 1024,
-	SEED_MANY = 1 << 16,
+	SEED_BLOCKS = 1024,
+	SEED_GROUPS = 64,
+	SEED_BLOCK_BITS = 5,    /* at least */
+	SEED_COLUMN_BITS = 4,   /* likewise */
 	TAKE_COLUMNS = 16,
 	NONE = UINT32_MAX,
 };
@@ -26,7 +30,10 @@ struct noted {
 /* What of the cell that is being read a chain asks for: by columns along it, no point farther from it than this. */
 struct take {
 	unsigned chain, shift;
-	int64_t u0;
+	unsigned across;        /* 0: x, 1: y */
+	int64_t c2, u0;
+	int32_t from;           /* what is within the largest limit lies in [from, from + wide] across */
+	uint32_t wide;
 	int64_t limit[TAKE_COLUMNS];
 };
 
@@ -48,8 +55,12 @@ struct cut_halo {
 	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
 	unsigned columns;       /* in use */
 	unsigned rounds;        /* limit */
+	unsigned block_bits, column_bits; /* of seeding, at least */
 	struct seen *seen;
 	uint32_t seen_size, seen_limit, nseen;
+	/* The hits of the last walk, where they found room: those of later rounds are among them. */
+	bool listed;
+	uint32_t nlist, list_limit;
 	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
 	size_t pool_size;
 	uint64_t cells, points;
@@ -61,12 +72,16 @@ struct cut_halo {
 	bool has_after;
 	uint32_t nsweep;
 	uint64_t waiting;       /* estimate: records of hits not read */
+	struct grid_cell list[LIST]; /* from here on each use fills its own part */
 	union {
 		struct noted noted[4][COLUMNS];
 		struct grid_cell sweep[SWEEP];
 		struct {
+			int32_t box[SEED_BLOCKS][4];
 			uint32_t nearest[SEED_COLUMNS];
+			int64_t x[SEED_COLUMNS];
 			int64_t limit[SEED_COLUMNS];
+			int64_t most[SEED_GROUPS];
 		} seed;
 	};
 };

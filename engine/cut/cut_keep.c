@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "cut_chain.h"
+#include "cut_judge.h"
 #include "cut_order.h"
 
 enum {
@@ -30,6 +31,7 @@ struct slot {
 struct cut_keep {
 	struct cut_source below;
 	const struct view *view;
+	struct cut_judge judge;
 	struct cut_region root;
 	const struct cut_region *region;
 	uint32_t nregion;
@@ -63,6 +65,7 @@ struct cut_keep *cut_keep_init(void *memory, size_t size, const struct cut_sourc
 	memset(k, 0, offsetof(struct cut_keep, cell));
 	k->below = *below;
 	k->view = view;
+	cut_judge_init(&k->judge, view);
 	k->root = *root;
 	k->region = regions;
 	k->nregion = n;
@@ -199,15 +202,43 @@ static void widen(const struct cut_keep *k, const int64_t box[4], int64_t wide, 
 
 /* ---- what is kept ---- */
 
-static int64_t along(const struct cut_chain *c, const struct point *p, int64_t u0, unsigned shift)
+/* Numbers of a chain, in a struct that nothing points to. */
+struct side {
+	int64_t c2, u0;
+	unsigned shift;
+	bool vertical;
+};
+
+static inline unsigned column(const struct side *s, const struct point *p)
 {
-	return (cut_chain_u(c, p) - u0) >> shift;
+	return (unsigned)((2 * (int64_t)(s->vertical ? p->y : p->x) - s->u0) >> s->shift);
+}
+
+static inline int64_t distance(const struct side *s, const struct point *p)
+{
+	int64_t x = 2 * (int64_t)(s->vertical ? p->x : p->y) - s->c2;
+
+	return x < 0 ? -x : x;
+}
+
+/* The nearest point of each column. */
+static void see_nearest(const struct point *pts, uint32_t n, const struct side s, int64_t *limit, uint32_t *first)
+{
+	for (uint32_t i = 0; i < n; i++) {
+		unsigned at = column(&s, &pts[i]);
+		int64_t d = distance(&s, &pts[i]);
+
+		if (d < limit[at]) {
+			limit[at] = d;
+			first[at] = i;
+		}
+	}
 }
 
 /* The cell's points against one side of W: the nearest of each column first, then what these leave. */
 static int see(struct cut_keep *k, struct cut_chain *c, const int32_t box[4])
 {
-	int64_t u0, u1, x, limit[COLUMNS];
+	int64_t u0, u1, x, limit[COLUMNS], most = -1;
 	uint32_t first[COLUMNS];
 	unsigned shift = 0, n;
 
@@ -215,26 +246,26 @@ static int see(struct cut_keep *k, struct cut_chain *c, const int32_t box[4])
 	while ((u1 - u0) >> shift >= COLUMNS)
 		shift++;
 	n = (unsigned)((u1 - u0) >> shift) + 1;
+
+	const struct side s = {.c2 = c->c2, .u0 = u0, .shift = shift, .vertical = c->vertical};
+
 	for (unsigned i = 0; i < n; i++)
 		limit[i] = INT64_MAX;
-	for (uint32_t i = 0; i < k->n; i++) {
-		int64_t at = along(c, &k->cell[i], u0, shift), d = cut_chain_x(c, &k->cell[i]);
-
-		if (d < limit[at]) {
-			limit[at] = d;
-			first[at] = i;
-		}
-	}
+	see_nearest(k->cell, k->n, s, limit, first);
 	for (unsigned i = 0; i < n; i++)
 		if (limit[i] < INT64_MAX && cut_chain_add(c, k->view, &k->cell[first[i]]))
 			return CUT_E_FULL;
 	if (cut_chain_flush(c, k->view))
 		return CUT_E_FULL;
 	cut_chain_limits(c, u0, shift, n, limit);
-	for (uint32_t i = 0; i < k->n; i++)
-		if (cut_chain_x(c, &k->cell[i]) <= limit[along(c, &k->cell[i], u0, shift)] &&
-		    cut_chain_add(c, k->view, &k->cell[i]))
+	for (unsigned i = 0; i < n; i++)
+		most = limit[i] > most ? limit[i] : most;
+	for (uint32_t i = 0; i < k->n; i++) {
+		int64_t d = distance(&s, &k->cell[i]);
+
+		if (d <= most && d <= limit[column(&s, &k->cell[i])] && cut_chain_add(c, k->view, &k->cell[i]))
 			return CUT_E_FULL;
+	}
 	return cut_chain_flush(c, k->view);
 }
 
@@ -287,7 +318,7 @@ static int collect(void *ctx, const struct point *pts, size_t n, struct err *err
 	for (size_t i = 0; i < n && !k->overflow; i++) {
 		struct point *last = &k->cell[k->n - (k->n > 0)];
 
-		if (view_judge(k->view, &pts[i]) != VIEW_KEPT)
+		if (cut_judge(&k->judge, &pts[i]) != VIEW_KEPT)
 			continue;
 		if (k->n > 0 && last->x == pts[i].x && last->y == pts[i].y) {
 			if (view_prefers(k->view, &pts[i], last))

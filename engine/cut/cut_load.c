@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "cut_halo.h"
+#include "cut_judge.h"
 #include "cut_order.h"
 #include "cut_sites.h"
 #include "cut_valid.h"
@@ -17,83 +18,92 @@ _Static_assert(MESH_RULES >= VIEW_RULES, "counts by rule");
 
 struct own {
 	struct cut_load *load;
-	const struct view *view;
-	struct point last;      /* the record taken so far of the position under way */
-	bool has_last;
+	struct cut_judge judge;
+	struct point last;      /* the record taken so far of the last position */
 };
-
-static int own_put(struct own *o)
-{
-	struct cut_load *l = o->load;
-
-	if (!o->has_last)
-		return 0;
-	o->has_last = false;
-	if (l->own == l->cap)
-		return CUT_E_FULL;
-	l->out[l->own++] = (struct mesh_vertex){ o->last.x, o->last.y, o->last.z };
-	return 0;
-}
 
 static int own_points(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
 	struct own *o = ctx;
-	struct mesh_counts *counts = &o->load->counts;
+	struct cut_load *l = o->load;
+	struct mesh_counts *counts = &l->counts;
+	const struct point *last = &o->last;
+	uint32_t own = l->own;
 
 	(void)err;
 	counts->points += n;
 	for (size_t i = 0; i < n; i++) {
-		enum view_rule rule = view_judge(o->view, &pts[i]);
+		const struct point *p = &pts[i];
+		enum view_rule rule = cut_judge(&o->judge, p);
 
 		if (rule != VIEW_KEPT) {
 			counts->removed[rule]++;
 			continue;
 		}
-		if (o->has_last && o->last.x == pts[i].x && o->last.y == pts[i].y) {
+		if (own > 0 && last->x == p->x && last->y == p->y) {
 			counts->removed[VIEW_BY_DUPLICATE]++;
-			if (view_prefers(o->view, &pts[i], &o->last))
-				o->last = pts[i];
-			continue;
-		}
-		if (own_put(o))
+			if (!view_prefers(o->judge.view, p, last))
+				continue;
+			own--;
+		} else if (own == l->cap) {
+			l->own = own;
 			return CUT_E_FULL;
-		o->last = pts[i];
-		o->has_last = true;
+		}
+		last = p;
+		l->out[own++] = (struct mesh_vertex){ p->x, p->y, p->z };
 	}
+	o->last = *last;
+	l->own = own;
 	return 0;
 }
 
 static int load_own(const struct cut_source *src, const struct view *view, const struct cut_region *region,
 		    struct cut_load *load, struct err *err)
 {
-	struct own o = { .load = load, .view = view };
+	struct own o = { .load = load };
 	struct cut_range range[4];
 	unsigned n = cut_region_ranges(region, range);
 
+	cut_judge_init(&o.judge, view);
 	for (unsigned i = 0; i < n; i++) {
 		int rc = src->scan(src->ctx, range[i].lo, range[i].hi, own_points, &o, err);
 
 		if (rc)
 			return rc;
 	}
-	return own_put(&o);
+	return 0;
 }
 
-/* Merge m halo points behind the own positions, from the back, in place. Both in Morton order. */
+/* How many of the first n positions come before p. */
+static uint32_t before(const struct mesh_vertex *v, uint32_t n, const struct point *p)
+{
+	uint32_t lo = 0, hi = n;
+
+	while (lo < hi) {
+		uint32_t mid = lo + (hi - lo) / 2;
+
+		if (cut_order_before(p->x, p->y, v[mid].x, v[mid].y))
+			hi = mid;
+		else
+			lo = mid + 1;
+	}
+	return lo;
+}
+
+/* Merge m halo points behind the own positions, from the back, in place. Both in Morton order. The halo is the smaller by
+ * far, so its places are looked for. */
 static void merge(struct cut_load *load, const struct point *halo, uint32_t m)
 {
-	uint32_t i = load->own, k = load->own + m;
+	uint32_t i = load->own;
 
-	load->n = k;
-	while (m > 0) {
+	load->n = load->own + m;
+	for (; m > 0; m--) {
 		const struct point *p = &halo[m - 1];
+		uint32_t at = before(load->out, i, p);
 
-		if (i > 0 && cut_order_before(p->x, p->y, load->out[i - 1].x, load->out[i - 1].y)) {
-			load->out[--k] = load->out[--i];
-		} else {
-			load->out[--k] = (struct mesh_vertex){ p->x, p->y, p->z };
-			m--;
-		}
+		memmove(load->out + at + m, load->out + at, (i - at) * sizeof(*load->out));
+		load->out[at + m - 1] = (struct mesh_vertex){ p->x, p->y, p->z };
+		i = at;
 	}
 }
 

@@ -18,6 +18,8 @@
 #include "point.h"
 
 #define BIAS ((int64_t)1 << 31)
+/* Of a root, on each side of the data: at least this part of their longer side. */
+enum { ROOM = 8 };
 
 char *cut_region_text(const struct cut_region *r, char buf[CUT_REGION_TEXT_SIZE])
 {
@@ -80,10 +82,26 @@ static uint32_t block_start(uint32_t lo, uint32_t hi, unsigned w)
 	return (a == b ? a & ~(uint32_t)1 : a) << w;
 }
 
+static uint32_t less(uint32_t at, uint32_t by)
+{
+	return at > by ? at - by : 0;
+}
+
+static uint32_t more(uint32_t at, uint32_t by)
+{
+	return at < UINT32_MAX - by ? at + by : UINT32_MAX;
+}
+
+/*
+ * The room around the box is for empty regions. A region on the root's side is infinite there, and its borders run along
+ * all of the hull: what comes at one end of a survey would change regions full of points at the other. With room, those have
+ * finite sides, which also stay what they are when the survey outgrows its root.
+ */
 void cut_region_root(const int32_t box[4], struct cut_region *ret)
 {
 	uint32_t x0 = (uint32_t)(box[0] + BIAS), y0 = (uint32_t)(box[1] + BIAS);
 	uint32_t x1 = (uint32_t)(box[2] + BIAS), y1 = (uint32_t)(box[3] + BIAS);
+	uint32_t room;
 	unsigned w = 0;
 
 	ret->inf = CUT_INF_X0 | CUT_INF_X1 | CUT_INF_Y0 | CUT_INF_Y1;
@@ -93,6 +111,11 @@ void cut_region_root(const int32_t box[4], struct cut_region *ret)
 		ret->wx = ret->wy = 0;
 		return;
 	}
+	room = (x1 - x0 > y1 - y0 ? x1 - x0 : y1 - y0) / ROOM + 1;
+	x0 = less(x0, room);
+	y0 = less(y0, room);
+	x1 = more(x1, room);
+	y1 = more(y1, room);
 	while ((x1 >> w) - (x0 >> w) > 1 || (y1 >> w) - (y0 >> w) > 1)
 		w++;
 	ret->x = block_start(x0, x1, w);

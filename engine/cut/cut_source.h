@@ -20,6 +20,8 @@ struct cut_source {
 	int (*read)(void *ctx, const struct grid_cell *, grid_points_fn, void *sink, struct err *);
 	int (*scan)(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn, void *sink, struct err *);
 	int (*count)(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
+	/* As grid_all_live. NULL: not known. */
+	bool (*all_live)(void *ctx);
 	/* As grid_sums. */
 	int (*sums)(void *ctx, struct grid_sum *range, size_t n, struct err *);
 	/* As grid_box: of all points of all sources. */

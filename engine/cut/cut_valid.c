@@ -22,8 +22,9 @@
  * A border without any site has no E', which counts as infinite: everything is a hit.
  *
  * Where all that was live then is live now, segment by segment, R's sums can differ and (2) be false only by what is live
- * in other segments. If none of that comes near, neither in R nor in the region nor with h <= E', nothing more is asked:
- * of a survey that grew at one end the index of what is old is not looked at.
+ * in other segments. If none of that comes near, neither in the region nor with h <= E', no site on E is another, and nothing
+ * more is asked: of a survey that grew at one end the index of what is old is not looked at. Cells of what came that are in R
+ * count as near, their whole segment only where its box does for the other two reasons.
  *
  * Merged segments, removed and restored sources, copies of a point in other files change no live content, so they
  * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers are of one lattice with its
@@ -89,6 +90,12 @@ static unsigned chains_of(const struct cut_trace *t, const struct cut_region *re
 	return n;
 }
 
+static void survey(struct cut_chain *chain, unsigned n)
+{
+	for (unsigned i = 0; i < n; i++)
+		cut_chain_survey(&chain[i]);
+}
+
 static bool hit(const struct cut_chain *chain, unsigned n, const int32_t box[4])
 {
 	for (unsigned i = 0; i < n; i++)
@@ -106,7 +113,8 @@ static void keys_of(const int32_t box[4], uint64_t *ret_lo, uint64_t *ret_hi)
 	*ret_hi = point_morton(box[2], box[3]);
 }
 
-static bool in_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
+/* The first range that does not end before `from`; NULL: all do. */
+static const struct grid_sum *range_at(const struct cut_trace *t, uint64_t from)
 {
 	uint32_t lo = 0, hi = t->nrange;
 
@@ -118,7 +126,14 @@ static bool in_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
 		else
 			hi = mid;
 	}
-	return lo < t->nrange && t->range[lo].lo <= from && to <= t->range[lo].hi;
+	return lo < t->nrange ? &t->range[lo] : NULL;
+}
+
+static bool in_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
+{
+	const struct grid_sum *r = range_at(t, from);
+
+	return r && r->lo <= from && to <= r->hi;
 }
 
 static int range_order(const void *a, const void *b)
@@ -231,12 +246,13 @@ static void trace_parts(struct cut_trace *t, const struct cut_source *src)
 int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const struct cut_region *region, struct err *err)
 {
 	struct listing l = {.trace = t};
-	const struct grid_visitor v = {.ctx = &l, .enter = list_enter, .cell = list_cell};
+	const struct grid_visitor v = {.ctx = &l, .segment = list_enter, .enter = list_enter, .cell = list_cell};
 	int rc;
 
 	trace_parts(t, src);
 	l.nown = cut_region_ranges(region, l.own);
 	l.nchain = chains_of(t, region, l.chain);
+	survey(l.chain, l.nchain);
 	t->nrange = 0;
 	rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
 	if (rc)
@@ -283,8 +299,17 @@ struct judge {
 	int64_t box[4];
 	struct cut_chain chain[4];
 	unsigned nchain;
+	bool surveyed;
 	struct err *err;
 };
+
+/* Before many boxes are looked at; for one it costs more than it saves. */
+static void judge_survey(struct judge *j)
+{
+	if (!j->surveyed)
+		survey(j->chain, j->nchain);
+	j->surveyed = true;
+}
 
 static bool meets(const struct judge *j, const int32_t box[4])
 {
@@ -362,32 +387,29 @@ static int same_sums(const struct cut_source *src, const struct cut_trace *t, bo
 struct fresh {
 	struct judge *judge;
 	uint32_t segment[2 * CUT_TRACE_PARTS];
+	int32_t box[2 * CUT_TRACE_PARTS][4];
 	size_t n;
 };
 
 static bool meets_ranges(const struct cut_trace *t, uint64_t from, uint64_t to)
 {
-	uint32_t lo = 0, hi = t->nrange;
+	const struct grid_sum *r = range_at(t, from);
 
-	while (lo < hi) {
-		uint32_t mid = lo + (hi - lo) / 2;
-
-		if (t->range[mid].hi < from)
-			lo = mid + 1;
-		else
-			hi = mid;
-	}
-	return lo < t->nrange && t->range[lo].lo <= to;
+	return r && r->lo <= to;
 }
 
-static bool fresh_segment(void *ctx, uint32_t segment)
+static bool fresh_segment(void *ctx, const struct grid_cell *whole)
 {
 	const struct fresh *f = ctx;
 	size_t i = 0;
 
-	while (i < f->n && f->segment[i] != segment)
+	while (i < f->n && f->segment[i] != whole->segment)
 		i++;
-	return i < f->n;
+	if (i == f->n || !whole->count ||
+	    !(meets(f->judge, whole->box) || hit(f->judge->chain, f->judge->nchain, whole->box)))
+		return false;
+	judge_survey(f->judge);
+	return true;
 }
 
 static bool fresh_near(void *ctx, const struct grid_cell *cell)
@@ -421,7 +443,8 @@ static bool fresh_find(const struct cut_source *src, const struct cut_trace *t, 
 		while (k < t->nparts && (taken[k] || now[i].points != t->part[k].points || !digest_equal(now[i].sum, t->part[k].sum)))
 			k++;
 		if (k == t->nparts) {
-			f->segment[f->n++] = segment[i];
+			f->segment[f->n] = segment[i];
+			memcpy(f->box[f->n++], now[i].box, sizeof now[i].box);
 			continue;
 		}
 		taken[k] = true;
@@ -430,17 +453,68 @@ static bool fresh_find(const struct cut_source *src, const struct cut_trace *t, 
 	return same == t->nparts;
 }
 
-/* *ret: what is not of the trace's generation is not near. False in it says nothing. */
-static int nothing_near(const struct cut_source *src, struct judge *j, bool *ret, struct err *err)
+/* False: no point in the box has h <= E', by how far a point of the border can be from the nearest of these sites at most. On
+ * an infinite end that is from the last site on (or the other end, if that lies before it): beyond the site E' is infinite, and
+ * before it such a point is no farther across than the site is. */
+static bool border_near(const struct cut_chain *c, const struct point *site, uint32_t n, const int32_t box[4])
+{
+	int64_t far = 0, u0, u1, x, u, first, last, t0, t1;
+
+	if (!n)
+		return true;
+	first = cut_chain_u(c, site);
+	last = cut_chain_u(c, &site[n - 1]);
+	cut_chain_span(c, box, &u0, &u1, &x);
+	if ((c->t0 == INT64_MIN && u0 <= first) || (c->t1 == INT64_MAX && u1 >= last))
+		return true;
+	t0 = c->t0 > INT64_MIN ? c->t0 : first < c->t1 ? first : c->t1;
+	t1 = c->t1 < INT64_MAX ? c->t1 : last > t0 ? last : t0;
+	u = t0 < first ? t0 : first;
+	for (uint32_t i = 0; i < n; i++) {
+		int64_t next = cut_chain_u(c, &site[i]), least = cut_chain_x(c, &site[i]) + next - u;
+
+		far = least > far ? least : far;
+		u = next;
+	}
+	if (t1 > last && cut_chain_x(c, &site[n - 1]) + t1 - last > far)
+		far = cut_chain_x(c, &site[n - 1]) + t1 - last;
+	return x <= far && u0 - t1 <= far && t0 - u1 <= far;
+}
+
+/* Of a whole segment, from its box: most are far from most regions. True says nothing. What is in R only, neither in the region nor
+ * with h <= E', changes no site on E. */
+static bool fresh_may(const struct judge *j, const struct cut_region *region, const int32_t box[4])
+{
+	const struct cut_trace *t = j->trace;
+	const struct point *at = t->site;
+	struct cut_chain border[4];
+	unsigned n = borders_of(region, border);
+
+	if (meets(j, box))
+		return true;
+	for (unsigned i = 0; i < n; at += t->nsite[i++])
+		if (border_near(&border[i], at, t->nsite[i], box))
+			return true;
+	return false;
+}
+
+/* *ret: what is not of the trace's generation is not near. False in it says nothing. Chains are built where boxes do not do. */
+static int nothing_near(const struct cut_source *src, struct judge *j, const struct cut_region *region, bool *ret, struct err *err)
 {
 	struct fresh f = { .judge = j };
 	const struct grid_visitor v = { .ctx = &f, .segment = fresh_segment, .enter = fresh_near, .cell = fresh_cell };
+	bool known = fresh_find(src, j->trace, &f), may = false;
 	int rc;
 
-	*ret = false;
-	if (!fresh_find(src, j->trace, &f))
+	for (size_t i = 0; i < f.n && !may; i++)
+		may = fresh_may(j, region, f.box[i]);
+	*ret = known && !may;
+	if (*ret)
 		return 0;
-	rc = f.n ? src->walk(src->ctx, 0, UINT64_MAX, &v, err) : 0;
+	j->nchain = chains_of(j->trace, region, j->chain);
+	if (!known)
+		return 0;
+	rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
 	*ret = !rc;
 	return rc == FOUND ? 0 : rc;
 }
@@ -449,19 +523,19 @@ int cut_valid_from(const struct cut_source *src, const struct view *view, const 
 		   const struct cut_trace *trace, bool *ret, struct err *err)
 {
 	struct judge j = {.src = src, .view = view, .trace = trace, .err = err};
-	const struct grid_visitor v = {.ctx = &j, .enter = judge_enter, .cell = judge_cell};
+	const struct grid_visitor v = {.ctx = &j, .segment = judge_enter, .enter = judge_enter, .cell = judge_cell};
 	bool same = false;
 	int rc;
 
 	cut_region_box(region, j.box);
-	j.nchain = chains_of(trace, region, j.chain);
-	rc = nothing_near(src, &j, ret, err);
+	rc = nothing_near(src, &j, region, ret, err);
 	if (rc || *ret)
 		return rc;
 	rc = same_sums(src, trace, &same, err);
 	if (rc)
 		return rc;
 	if (same) {
+		judge_survey(&j);
 		rc = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
 		if (rc && rc != FOUND)
 			return rc;

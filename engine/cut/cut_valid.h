@@ -21,6 +21,7 @@ enum { CUT_TRACE_SITES = 128, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4, CUT_TR
 struct cut_part {
 	uint64_t points;
 	struct digest sum;
+	int32_t box[4]; /* that holds them; of a trace nothing */
 };
 
 /*

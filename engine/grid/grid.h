@@ -36,6 +36,7 @@ struct grid_stage_params {
 	size_t memory;          /* bytes the stage may use for its buffers; the caller has charged them */
 	bool durable;           /* runs are fsynced; if not, grid_stage_sync does nothing */
 	bool passing;           /* nor need the segment outlive a crash: it is not fsynced */
+	bool folder_later;      /* the segment's name is durable when the caller has fsynced the folder, which it does anyway */
 };
 
 /* The least `memory` that does. */
@@ -245,6 +246,7 @@ struct ledger *grid_ledger(const struct grid *); /* that it was opened with */
 uint64_t grid_charged(const struct grid *);    /* taken of LEDGER_INDEX */
 const struct grid_manifest *grid_manifest(const struct grid *);
 uint64_t grid_points(const struct grid *);           /* live records */
+bool grid_all_live(const struct grid *);             /* nothing that is read in this generation has to be left out */
 uint64_t grid_segment_points(const struct grid *, size_t segment); /* likewise, of one segment of the manifest */
 struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
 struct digest grid_content(const struct grid *);     /* content sum of them, however they lie in segments */
@@ -271,8 +273,9 @@ struct grid_visitor {
 	bool (*enter)(void *ctx, const struct grid_cell *subtree);
 	/* A cell; non-zero ends the walk and is returned by it (negative: err is the callee's). */
 	int (*cell)(void *ctx, const struct grid_cell *cell);
-	/* Segment of the manifest: whether to look at it at all. NULL: at each. */
-	bool (*segment)(void *ctx, uint32_t segment);
+	/* A segment of the manifest: whether to look at it at all. NULL: at each. Of `whole` segment, count and box have a
+	 * meaning, and lo and hi, which are keys of its box's corners here. */
+	bool (*segment)(void *ctx, const struct grid_cell *whole);
 };
 
 /* Working memory of one thread that reads: block buffers. Size by grid_reader_bytes. A sink that returns
@@ -319,7 +322,7 @@ enum { GRID_VERIFY_BYTES = 256 << 10 };
 struct grid_verify_params {
 	int dirfd;
 	void *memory; /* GRID_VERIFY_BYTES */
-	/* Each damaged thing: its file, place and what is wrong. */
+	/* Each damaged thing: its file, place and what is wrong; and each of a newer version (-ERR_VERSION). */
 	void (*damaged)(void *ctx, const struct err *);
 	/* Bytes that were read since the last call; non-zero ends it all (-ERR_CANCELLED). NULL is fine. */
 	int (*progress)(void *ctx, uint64_t bytes);

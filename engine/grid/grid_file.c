@@ -91,15 +91,17 @@ int grid_file_patch(struct grid_file *f, uint64_t place, const void *bytes, size
 	return rc ? rc : io_write_at(f->fd, bytes, n, place, f->temp, err);
 }
 
-int grid_file_publish(struct grid_file *f, bool durable, struct err *err)
+int grid_file_publish(struct grid_file *f, enum grid_durable durable, struct err *err)
 {
 	int rc = flush(f, err);
 
+	if (rc == 0 && durable == GRID_BUT_NAME)
+		rc = io_sync(f->fd, f->name, err);
 	if (rc) {
 		grid_file_abort(f);
 		return rc;
 	}
-	if (durable) {
+	if (durable == GRID_DURABLE) {
 		rc = io_publish(f->dirfd, f->fd, f->temp, f->name, err);
 	} else if (io->renameat(f->dirfd, f->temp, f->dirfd, f->name) != 0) {
 		err_sys(err, errno, "cannot rename %s", f->temp);

@@ -29,8 +29,10 @@ uint64_t grid_file_place(const struct grid_file *);
 int grid_file_append(struct grid_file *, const void *bytes, size_t n, struct err *err);
 /* Overwrite bytes that were appended before. */
 int grid_file_patch(struct grid_file *, uint64_t place, const void *bytes, size_t n, struct err *err);
-/* The file gets its name; durably, if asked. On failure neither name exists. */
-int grid_file_publish(struct grid_file *, bool durable, struct err *err);
+/* The file gets its name; durably, if asked, or all but the name: that is when the folder is fsynced. On failure neither name
+ * exists. */
+enum grid_durable { GRID_PASSING, GRID_DURABLE, GRID_BUT_NAME };
+int grid_file_publish(struct grid_file *, enum grid_durable, struct err *err);
 void grid_file_abort(struct grid_file *); /* does nothing if not open */
 
 #endif

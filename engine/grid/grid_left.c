@@ -61,7 +61,7 @@ int grid_left_write(int dirfd, const char *stem, const struct grid_left *left, b
 	if (rc == 0) {
 		rc = grid_file_append(&f, out, bytes, err);
 		if (rc == 0)
-			rc = grid_file_publish(&f, durable, err);
+			rc = grid_file_publish(&f, durable ? GRID_DURABLE : GRID_PASSING, err);
 		grid_file_abort(&f);
 	}
 	free(out);

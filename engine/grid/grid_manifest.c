@@ -189,7 +189,7 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 		rc = n ? grid_file_append(&f, bytes, n, err)
 		       : err_set(err, ERR_INTERNAL, "a manifest is larger than it can be");
 		if (rc == 0)
-			rc = grid_file_publish(&f, true, err);
+			rc = grid_file_publish(&f, GRID_DURABLE, err);
 		grid_file_abort(&f);
 	}
 	free(bytes);

@@ -237,6 +237,15 @@ uint64_t grid_points(const struct grid *g)
 	return points;
 }
 
+bool grid_all_live(const struct grid *g)
+{
+	bool all = true;
+
+	for (size_t i = 0; i < g->manifest->nsegments; i++)
+		all = all && (g->parts[i].all_live || g->parts[i].none_live);
+	return all;
+}
+
 struct digest grid_content(const struct grid *g)
 {
 	struct digest sum = {0, 0};

@@ -82,6 +82,9 @@ int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_inf
 	p->root = h->root;
 	p->root_check = h->root_check;
 	p->height = h->height;
+	memcpy(p->box, h->box, sizeof p->box);
+	p->lo = point_morton(h->box[0], h->box[1]);
+	p->hi = point_morton(h->box[2], h->box[3]);
 	return 0;
 }
 

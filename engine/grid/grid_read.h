@@ -34,6 +34,8 @@ struct grid_part {                /* a segment */
 	uint64_t bytes, cells, live_points;
 	uint64_t root, root_check;
 	uint32_t height;
+	int32_t box[4];           /* of its points, and the keys of its corners: all others lie between */
+	uint64_t lo, hi;
 	struct digest live_sum;   /* content of what is live */
 	bool all_live, none_live;
 };
@@ -69,7 +71,7 @@ int grid_part_sources(const struct grid_part *, const struct disk_segment *, str
 
 /* ---- a reader ---- */
 
-enum { GRID_BATCH = 16 };
+enum { GRID_BATCH = 16, GRID_LEAVES = 8 };
 
 struct grid_cursor {              /* grid_scan: the place in one segment */
 	uint32_t part;
@@ -91,7 +93,15 @@ struct grid_reader {
 	const struct grid *grid;
 	struct grid_reader_stats stats;
 	bool walking;             /* pages are in use */
-	uint8_t *pages;           /* DISK_PAGE for each level */
+	/* DISK_PAGE for each level above the cells, and for some pages of cells; what lies there is not fetched again. */
+	uint8_t *pages;
+	struct grid_held {
+		uint64_t place, used; /* used: by the clock, of pages of cells */
+		uint32_t part;
+		bool is;
+	} held[DISK_LEVELS + GRID_LEAVES];
+	uint64_t clock;
+	unsigned leaves, leaf;    /* pages of cells, the first ones; the one that was asked for last */
 	uint8_t *block;           /* DISK_BLOCK_MAX */
 	struct point *piece;      /* GRID_CELL_RECORDS */
 	struct grid_cursor *cursors; /* for the active parts */
@@ -101,7 +111,7 @@ struct grid_reader {
 
 static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned level)
 {
-	return r->pages + level * (size_t)DISK_PAGE;
+	return r->pages + (level ? r->leaves + level - 1 : r->leaf) * (size_t)DISK_PAGE;
 }
 
 /* A page of the index, checked, into the reader's page of that level. */
@@ -118,6 +128,29 @@ static inline const struct disk_leaf *grid_page_leaf(const uint8_t *page, unsign
 static inline const struct disk_inner *grid_page_inner(const uint8_t *page, unsigned i)
 {
 	return (const struct disk_inner *)(page + sizeof(struct disk_page)) + i;
+}
+
+/* The first entry that ends at `from` or later; their number: none does. */
+static inline unsigned grid_page_at(const uint8_t *page, bool inner, uint64_t from)
+{
+	unsigned a = 0, b = grid_page_entries(page);
+
+	while (a < b) {
+		unsigned mid = a + (b - a) / 2;
+		const struct disk_leaf *leaf = grid_page_leaf(page, mid);
+
+		if ((inner ? grid_page_inner(page, mid)->hi : disk_range_end(leaf->lo, leaf->bits)) < from)
+			a = mid + 1;
+		else
+			b = mid;
+	}
+	return a;
+}
+
+/* Whether a record of the segment can have its key in [lo, hi]. */
+static inline bool grid_part_meets(const struct grid_part *p, uint64_t lo, uint64_t hi)
+{
+	return p->height && !p->none_live && p->lo <= hi && p->hi >= lo;
 }
 
 /* The cell of a leaf entry. -ERR_CORRUPT if it cannot be one. */

@@ -23,11 +23,26 @@ static uint32_t buffers(const struct grid *g)
 	return g->active > 1 ? g->active : 0; /* a single segment is read without merging */
 }
 
+/* Pages of cells that a reader has in hand: the regions that it is asked for lie on few. */
+static unsigned leaves(const struct grid *g)
+{
+	uint64_t pages = 0;
+
+	for (size_t i = 0; i < g->manifest->nsegments; i++)
+		pages += g->parts[i].cells / DISK_ENTRIES + 1;
+	return pages < GRID_LEAVES ? (unsigned)pages : GRID_LEAVES;
+}
+
+static size_t page_bytes(const struct grid *g)
+{
+	return (leaves(g) + (g->height ? g->height - 1 : 0)) * (size_t)DISK_PAGE;
+}
+
 size_t grid_reader_bytes(const struct grid *g)
 {
 	size_t each = lines(sizeof(struct grid_cursor)) + lines(sizeof(struct grid_cursor *));
 
-	return LINE + lines(sizeof(struct grid_reader)) + g->height * (size_t)DISK_PAGE +
+	return LINE + lines(sizeof(struct grid_reader)) + page_bytes(g) +
 	       lines(DISK_BLOCK_MAX) + lines(GRID_CELL_RECORDS * sizeof(struct point)) +
 	       lines(GRID_CELL_RECORDS) + (g->active + 1) * each +
 	       buffers(g) * lines(GRID_CELL_RECORDS * sizeof(struct point));
@@ -51,8 +66,8 @@ int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid
 		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g),
 			       size);
 	r = carve(&at, sizeof *r);
-	*r = (struct grid_reader){.grid = g};
-	r->pages = carve(&at, g->height * (size_t)DISK_PAGE);
+	*r = (struct grid_reader){.grid = g, .leaves = leaves(g)};
+	r->pages = carve(&at, page_bytes(g));
 	r->block = carve(&at, DISK_BLOCK_MAX);
 	r->piece = carve(&at, GRID_CELL_RECORDS * sizeof *r->piece);
 	r->flags = carve(&at, GRID_CELL_RECORDS);
@@ -83,15 +98,42 @@ const struct grid *grid_reader_grid(const struct grid_reader *r)
 
 /* ---- index pages ---- */
 
+/* Where the page is, or will be: of pages of cells that whose last use is longest ago gives way. */
+static struct grid_held *hold(struct grid_reader *r, uint32_t part, unsigned level, uint64_t place)
+{
+	struct grid_held *at = r->held;
+
+	if (level)
+		return &r->held[r->leaves + level - 1];
+	for (unsigned i = 0; i < r->leaves; i++) {
+		struct grid_held *h = &r->held[i];
+
+		if (h->is && h->place == place && h->part == part) {
+			at = h;
+			break;
+		}
+		at = h->used < at->used ? h : at;
+	}
+	at->used = ++r->clock;
+	r->leaf = (unsigned)(at - r->held);
+	return at;
+}
+
 int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_t place, uint64_t check,
 		   struct err *err)
 {
 	const struct grid_part *p = &r->grid->parts[part];
+	struct grid_held *held = hold(r, part, level, place);
 	uint8_t *page = grid_reader_page(r, level);
 	const struct disk_page *head = (const struct disk_page *)page;
 
 	r->stats.pages++;
-	if (grid_cache_get(r->grid->cache, part, place, page))
+	if (held->is && held->place == place && held->part == part)
+		return 0;
+	held->place = place;
+	held->part = part;
+	held->is = grid_cache_get(r->grid->cache, part, place, page);
+	if (held->is)
 		return 0;
 	r->stats.misses++;
 	int rc = grid_part_read(p, page, DISK_PAGE, place, err);
@@ -104,6 +146,7 @@ int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_
 	    head->entries > DISK_ENTRIES)
 		return grid_damaged(p, place, "an index page is not what it should be", err);
 	grid_cache_put(r->grid->cache, part, place, page);
+	held->is = true;
 	return 0;
 }
 

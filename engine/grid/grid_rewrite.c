@@ -307,7 +307,7 @@ int grid_rewrite_finish(struct grid_rewrite *w, struct grid_segment_info *ret, s
 	int rc = check_all(w, err);
 
 	if (rc == 0)
-		rc = grid_segment_finish(&w->seg, !w->passing, ret, err);
+		rc = grid_segment_finish(&w->seg, w->passing ? GRID_PASSING : GRID_DURABLE, ret, err);
 	grid_rewrite_free(w);
 	return rc;
 }

@@ -150,7 +150,7 @@ int grid_run_finish(struct grid_run_writer *w, bool durable, uint64_t *ret_recor
 	int rc = grid_file_patch(&w->file, 0, &u, sizeof u, err);
 
 	if (rc == 0)
-		rc = grid_file_publish(&w->file, durable, err);
+		rc = grid_file_publish(&w->file, durable ? GRID_DURABLE : GRID_PASSING, err);
 	if (rc == 0)
 		*ret_records = w->records;
 	return rc;

@@ -2,7 +2,7 @@
  * Scans: the live records of a Morton range over all segments in point order (grid.h). A segment gives its
  * cells in batches, each found by a fresh descent, so a scan holds no pages. If one segment has anything
  * in the range its blocks are handed out as they were read; otherwise blocks are copied to a buffer for
- * each segment and merged through a heap.
+ * each segment and merged, those of more than two through a heap.
  */
 #include <string.h>
 
@@ -20,22 +20,6 @@ struct scan {
 
 /* ---- cells of a segment in order ---- */
 
-/* First entry of an inner page whose range ends at `from` or later. */
-static const struct disk_inner *inner_at(const uint8_t *page, uint64_t from)
-{
-	unsigned a = 0, b = grid_page_entries(page);
-
-	while (a < b) {
-		unsigned mid = a + (b - a) / 2;
-
-		if (grid_page_inner(page, mid)->hi < from)
-			a = mid + 1;
-		else
-			b = mid;
-	}
-	return a < grid_page_entries(page) ? grid_page_inner(page, a) : NULL;
-}
-
 /* The next cells that meet [c->from, hi]. */
 static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi, struct err *err)
 {
@@ -51,9 +35,11 @@ static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi,
 			return rc;
 		if (!level)
 			break;
-		const struct disk_inner *e = inner_at(grid_reader_page(r, level), c->from);
+		const uint8_t *inner = grid_reader_page(r, level);
+		unsigned i = grid_page_at(inner, true, c->from);
+		const struct disk_inner *e = grid_page_inner(inner, i);
 
-		if (!e || e->lo > hi) {
+		if (i == grid_page_entries(inner) || e->lo > hi) {
 			c->done = true;
 			return 0;
 		}
@@ -63,13 +49,12 @@ static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi,
 	const uint8_t *page = grid_reader_page(r, 0);
 
 	n = grid_page_entries(page);
-	for (unsigned i = 0; i < n && c->nbatch < GRID_BATCH; i++) {
+	for (unsigned i = grid_page_at(page, false, c->from); i < n && c->nbatch < GRID_BATCH; i++) {
 		const struct disk_leaf *leaf = grid_page_leaf(page, i);
 
 		if (leaf->lo > hi)
 			break;
-		if (disk_range_end(leaf->lo, leaf->bits) >= c->from)
-			c->batch[c->nbatch++] = *leaf;
+		c->batch[c->nbatch++] = *leaf;
 	}
 	if (!c->nbatch) {
 		c->done = true;
@@ -213,6 +198,75 @@ static int scan_many(struct scan *s, struct err *err)
 	return flush(s, err);
 }
 
+/* Point order, without making the keys: the highest bit in which two positions differ decides, of equal ones x's. */
+static inline bool point_before(const struct point *a, const struct point *b)
+{
+	uint32_t dx = (uint32_t)a->x ^ (uint32_t)b->x, dy = (uint32_t)a->y ^ (uint32_t)b->y;
+
+	bool by_y = (dx < dy) & (dx < (dx ^ dy));
+
+	if (__builtin_expect(!(dx | dy), 0))
+		return point_compare(a, b) < 0;
+	/* Of two that are mixed no branch could be foreseen. */
+	return (by_y & (a->y < b->y)) | (!by_y & (a->x < b->x));
+}
+
+/* What c has of its block, straight to the sink. */
+static int hand_out(struct scan *s, struct grid_cursor *c, struct err *err)
+{
+	int rc = flush(s, err);
+
+	if (rc == 0)
+		rc = s->sink(s->ctx, c->pts + c->pos, c->n - c->pos, err);
+	c->pos = c->n;
+	return rc;
+}
+
+/* Records of two blocks to the piece, until one of them or the piece ends. */
+static void mix(struct scan *s, struct grid_cursor *a, struct grid_cursor *b)
+{
+	const struct point *p = a->pts + a->pos, *p_end = a->pts + a->n, *q = b->pts + b->pos, *q_end = b->pts + b->n;
+	struct point *out = s->r->piece + s->npiece, *end = s->r->piece + GRID_CELL_RECORDS;
+
+	while (p < p_end && q < q_end && out < end) {
+		bool second = point_before(q, p);
+
+		*out++ = *(const struct point *)((uintptr_t)p ^ (((uintptr_t)p ^ (uintptr_t)q) & -(uintptr_t)second));
+		q += second;
+		p += !second;
+	}
+	a->pos = (size_t)(p - a->pts);
+	b->pos = (size_t)(q - b->pts);
+	s->npiece = (size_t)(out - s->r->piece);
+}
+
+/* The usual case of several: what was there, and what came last. */
+static int scan_two(struct scan *s, struct err *err)
+{
+	struct grid_cursor *a = s->r->heap[0], *b = s->r->heap[1];
+	int rc = 0;
+
+	while (rc == 0 && a->n && b->n) {
+		if (point_before(&a->pts[a->n - 1], &b->pts[b->pos]))
+			rc = hand_out(s, a, err);
+		else if (point_before(&b->pts[b->n - 1], &a->pts[a->pos]))
+			rc = hand_out(s, b, err);
+		else
+			mix(s, a, b);
+		if (rc == 0 && s->npiece == GRID_CELL_RECORDS)
+			rc = flush(s, err);
+		if (rc == 0 && a->pos == a->n)
+			rc = load(s, a, err);
+		if (rc == 0 && b->pos == b->n)
+			rc = load(s, b, err);
+	}
+	if (a->n == 0)
+		a = b;
+	if (rc == 0)
+		rc = hand_out(s, a, err);
+	return rc ? rc : scan_one(s, a, err);
+}
+
 /* The segments with cells in the range to the heap, their first batch read. */
 static int start(struct scan *s, struct err *err)
 {
@@ -223,7 +277,7 @@ static int start(struct scan *s, struct err *err)
 		struct grid_cursor *c = &s->r->cursors[used];
 		struct point *buffer = c->pts;
 
-		if (g->parts[i].none_live || !g->parts[i].height)
+		if (!grid_part_meets(&g->parts[i], s->lo, s->hi))
 			continue;
 		*c = (struct grid_cursor){.part = i, .from = s->lo, .pts = buffer};
 		int rc = next_batch(s->r, c, s->hi, err);
@@ -261,7 +315,7 @@ int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn si
 		}
 		s.nheap = kept;
 		if (rc == 0)
-			rc = scan_many(&s, err);
+			rc = s.nheap == 2 ? scan_two(&s, err) : scan_many(&s, err);
 	}
 	r->walking = false;
 	return rc;

@@ -28,6 +28,8 @@ enum {
 	SLOTS = GRID_LANES + 1,
 	READ_BLOCKS = 16,        /* of a run, at a time, where there is room */
 	PIECE_LEAST = 1 << 15,   /* records: less is not worth a sort of its own */
+	SLICE_LEAST = 1 << 13,   /* likewise, a slice */
+	RECORD_BYTES = 20,       /* made into cells, with heads, and some to spare */
 	PUNCH_LEAST = 1 << 20,   /* bytes */
 };
 
@@ -55,7 +57,7 @@ struct grid_seal {
 	struct grid_segment seg;
 	struct grid_slices slices;
 	struct slot slot[SLOTS];
-	unsigned nslots;
+	unsigned nslots, workers;
 	uint8_t *memory;
 	size_t bytes;
 	unsigned sorting, sorted; /* pieces: begun, done */
@@ -145,6 +147,21 @@ static void slot_init(struct slot *s, uint8_t *memory, size_t bytes, size_t n, u
 	s->size = (size_t)(end - memory);
 }
 
+/* Records of a slice: few, so that all workers have some of a small stage too. With runs, as many as memory can hold. */
+static size_t slice_aim(const struct grid_seal *z)
+{
+	uint64_t n = z->slices.records / (z->workers > 1 ? 2 * z->workers : 1);
+
+	return z->stage->nruns ? SIZE_MAX / 64 : n > SLICE_LEAST ? (size_t)n : SLICE_LEAST;
+}
+
+/* What a slot may need, if slices become twice as large as they are meant to be. Not all of a large memory for few records:
+ * the kernel clears whatever is touched, which was more work than all else of a small push. */
+static size_t slot_most(const struct grid_seal *z)
+{
+	return align(slot_least(z->slices.nruns, z->slices.npieces) + 2 * RECORD_BYTES * slice_aim(z));
+}
+
 /* One more slot than workers, so that who is done early can go on; as many as there is memory for. */
 static void slots_init(struct grid_seal *z, unsigned workers)
 {
@@ -155,7 +172,10 @@ static void slots_init(struct grid_seal *z, unsigned workers)
 	while (want > 1 && z->bytes / want < 2 * least)
 		want--;
 	z->nslots = want;
-	size_t each = z->bytes / want & ~(size_t)63;
+	z->workers = workers;
+	size_t each = z->bytes / want & ~(size_t)63, most = slot_most(z);
+
+	each = each < most ? each : most;
 
 	for (unsigned i = 0; i < want; i++)
 		slot_init(&z->slot[i], z->memory + i * each, each, n, z->slices.npieces);
@@ -468,8 +488,11 @@ static void sort_piece(struct grid_seal *z)
 {
 	const struct grid_piece *p = &z->slices.piece[z->sorting++];
 
+	struct point *scratch = z->stage->scratch + (p->pts - z->stage->pts);
+
 	unlock(z);
-	point_sort(p->pts, z->stage->scratch + (p->pts - z->stage->pts), p->n);
+	grid_stage_touch(z->stage, scratch, p->n * sizeof *scratch);
+	point_sort(p->pts, scratch, p->n);
 	lock(z);
 	z->sorted++;
 	wake(z);
@@ -477,8 +500,9 @@ static void sort_piece(struct grid_seal *z)
 
 static int plan(struct grid_seal *z, struct err *err)
 {
-	size_t target = (z->slot[0].size - grid_cells_least()) / 20; /* a record, with heads, and some to spare */
+	size_t target = (z->slot[0].size - grid_cells_least()) / RECORD_BYTES, aim = slice_aim(z);
 
+	target = target < aim ? target : aim;
 	z->planned = true;
 	return grid_slices_plan(&z->slices, target, z->stage->ndead > 0, z->slot[0].memory, z->slot[0].size, err);
 }
@@ -560,7 +584,8 @@ int grid_seal_finish(struct grid_seal *z, struct grid_segment_info *ret, struct 
 	int rc = z->failed ? -(int)(*err = z->err).code : check_all(z, err);
 
 	if (rc == 0)
-		rc = grid_segment_finish(&z->seg, !s->passing, ret, err);
+		rc = grid_segment_finish(&z->seg, s->passing ? GRID_PASSING : s->folder_later ? GRID_BUT_NAME : GRID_DURABLE, ret,
+					 err);
 	grid_segment_abort(&z->seg);
 	seal_free(z);
 	if (rc)

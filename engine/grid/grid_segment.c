@@ -257,7 +257,7 @@ static void describe(const struct grid_segment *s, struct grid_segment_info *ret
 	memcpy(ret->classes, h->classes, sizeof ret->classes);
 }
 
-int grid_segment_finish(struct grid_segment *s, bool durable, struct grid_segment_info *ret, struct err *err)
+int grid_segment_finish(struct grid_segment *s, enum grid_durable durable, struct grid_segment_info *ret, struct err *err)
 {
 	struct disk_segment *h = &s->head;
 	uint32_t sources = 0;

@@ -40,7 +40,7 @@ int grid_segment_begin(struct grid_segment *, int dirfd, const char *name, const
  * and whenever, before grid_segment_finish. */
 int grid_segment_put(struct grid_segment *, struct grid_cells *, struct err *err);
 /* durable: on disk when this returns, name and all. */
-int grid_segment_finish(struct grid_segment *, bool durable, struct grid_segment_info *ret, struct err *err);
+int grid_segment_finish(struct grid_segment *, enum grid_durable, struct grid_segment_info *ret, struct err *err);
 void grid_segment_abort(struct grid_segment *); /* does nothing after finish */
 
 #endif

@@ -30,6 +30,9 @@ enum {
 	WRITE_MOST = 1 << 20,
 	LISTS_MOST = 1 << 16,
 	HUGE_PAGE = 2 << 20,
+	HUGE_FROM = (4 << 20) / sizeof(struct point), /* records */
+	PAGE = 4096,
+	TOUCH_LEAST = 8 * PAGE,
 };
 
 int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **ret, struct err *err)
@@ -52,14 +55,13 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 		return err_set(err, ERR_NOMEM, "no memory for a stage of %zu bytes", params->memory);
 	}
 	s->pages = room;
-	/* Sorting goes to and fro in all of it. To no avail: it is slower. */
-	if (memory >= HUGE_PAGE)
-		madvise(s->pages, memory, MADV_HUGEPAGE);
+	s->memory = memory;
 	s->why = ERR_INIT;
 	s->dirfd = params->dirfd;
 	s->durable = params->durable;
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
 	s->passing = params->passing;
+	s->folder_later = params->folder_later;
 	s->lists = s->pages + grid_segment_bytes();
 	s->lists_bytes = memory / 64 < LISTS_MOST ? memory / 64 & ~(size_t)63 : LISTS_MOST;
 	s->cap = (memory - grid_segment_bytes() - s->lists_bytes) / 2 / 64 * 64 / sizeof *s->pts;
@@ -267,6 +269,26 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 	return 0;
 }
 
+/* Sorting goes to and fro in all of it. To no avail: it is slower. A small push is faster without: the kernel clears whole pages. */
+static void look_huge(struct grid_stage *s, const struct grid_lane *l)
+{
+	if (s->huge || l->n < HUGE_FROM / s->lanes)
+		return;
+	s->huge = true;
+	madvise(s->pages, s->memory, MADV_HUGEPAGE);
+}
+
+void grid_stage_touch(const struct grid_stage *s, void *from, size_t bytes)
+{
+#ifdef MADV_POPULATE_WRITE
+	size_t before = (uintptr_t)from & (PAGE - 1);
+
+	/* To no avail: then page by page, when they are written. */
+	if (!s->huge && bytes >= TOUCH_LEAST)
+		madvise((uint8_t *)from - before, before + bytes, MADV_POPULATE_WRITE);
+#endif
+}
+
 static void put(const struct grid_stage *s, struct point *to, const struct point *pts, size_t n)
 {
 	uint16_t source = (uint16_t)(s->source << POINT_SOURCE_SHIFT);
@@ -295,8 +317,10 @@ int grid_stage_add(struct grid_stage *s, const struct point *pts, size_t n, stru
 				return grid_stage_fail(s, rc);
 			continue;
 		}
+		grid_stage_touch(s, s->pts + l->n, part * sizeof *pts);
 		put(s, s->pts + l->n, pts, part);
 		l->n += part;
+		look_huge(s, l);
 		pts += part;
 		n -= part;
 	}
@@ -402,6 +426,7 @@ int grid_stage_share(struct grid_stage *s, const struct point *pts, size_t n, st
 
 		l->busy = true;
 		l->n += part;
+		look_huge(s, l);
 		unlock(s);
 		if (part)
 			put(s, to, pts, part);

@@ -17,10 +17,12 @@ struct grid_lane {
 
 struct grid_stage {
 	int dirfd;
-	bool durable, passing, failed, sealed;
+	bool durable, passing, folder_later, failed, sealed;
 	bool litter; /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
 	uint8_t *pages;     /* of the segment's index; the start of all memory */
+	size_t memory;
+	bool huge;          /* it has large pages by now, if the kernel has any */
 	uint8_t *lists;     /* behind them: of runs, while sealing */
 	size_t lists_bytes;
 	struct point *pts, *scratch; /* the halves, one after the other */
@@ -44,6 +46,9 @@ struct grid_stage {
 };
 
 /* grid_stage.c */
+/* These bytes of its memory will be written: their pages at once, where they are small. One by one takes the kernel longer than
+ * the rest of a small push. */
+void grid_stage_touch(const struct grid_stage *, void *from, size_t bytes);
 int grid_stage_usable(struct grid_stage *, struct err *err); /* and what was split is one again */
 int grid_stage_fail(struct grid_stage *, int rc); /* rc; if it is not 0 the stage is done for */
 /* `id` into an ascending list of *n of *room entries, once. */

@@ -25,13 +25,14 @@ struct verify {
 	struct grid_part part;
 	uint8_t *pages, *block;
 	uint64_t points, cells; /* that were met */
+	uint64_t key;           /* of the record before */
 	bool holed;             /* something was passed over */
 };
 
-/* Damage is told, other errors end it. */
+/* Damage is told, and so is what only a newer version can read; other errors end it. */
 static int told(struct verify *v, int rc, struct err *err)
 {
-	if (rc != -ERR_CORRUPT && rc != -ERR_TRUNCATED && rc != -ERR_IO)
+	if (rc != -ERR_CORRUPT && rc != -ERR_TRUNCATED && rc != -ERR_IO && rc != -ERR_VERSION)
 		return rc;
 	v->p->damaged(v->p->ctx, err);
 	v->holed = true;
@@ -68,6 +69,22 @@ static int read_block(struct verify *v, uint64_t place, uint64_t end, struct gri
 	return 0;
 }
 
+/* What no checksum says of files that somebody else made, and every reader counts on: records lie in the box and the range of
+ * their cell, in order. */
+static bool in_place(struct verify *v, const struct grid_cell *cell, const struct grid_block *b)
+{
+	for (uint32_t i = 0; i < b->head->records; i++) {
+		const struct point *p = &b->records[i];
+		uint64_t key = point_morton(p->x, p->y);
+
+		if (key < v->key || key < cell->lo || key > cell->hi || p->x < cell->box[0] || p->x > cell->box[2] ||
+		    p->y < cell->box[1] || p->y > cell->box[3])
+			return false;
+		v->key = key;
+	}
+	return true;
+}
+
 static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct err *err)
 {
 	struct grid_cell cell;
@@ -78,6 +95,8 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct err 
 		struct grid_block b;
 
 		rc = read_block(v, place, leaf->place + leaf->bytes, &b, err);
+		if (rc == 0 && !in_place(v, &cell, &b))
+			rc = grid_damaged(&v->part, place, "a record lies where its cell has none", err);
 		if (rc)
 			break;
 		check += b.head->check;

@@ -13,7 +13,7 @@ struct descent {
 	uint32_t part;
 	uint64_t lo, hi;
 	void *ctx;
-	bool (*segment)(const struct descent *, uint32_t); /* NULL: all */
+	bool (*segment)(const struct descent *); /* whether to look at `part` */
 	/* A subtree that meets [lo, hi]: whether to go down. */
 	bool (*inner)(struct descent *, const struct disk_inner *);
 	int (*cell)(struct descent *, const struct grid_cell *, const struct disk_leaf *, struct err *err);
@@ -25,7 +25,7 @@ static int descend_leaf(struct descent *d, struct err *err)
 	const uint8_t *page = grid_reader_page(d->r, 0);
 	unsigned n = grid_page_entries(page);
 
-	for (unsigned i = 0; i < n; i++) {
+	for (unsigned i = d->lo ? grid_page_at(page, false, d->lo) : 0; i < n; i++) {
 		const struct disk_leaf *leaf = grid_page_leaf(page, i);
 		struct grid_cell cell;
 
@@ -43,14 +43,17 @@ static int descend_leaf(struct descent *d, struct err *err)
 
 static int descend_page(struct descent *d, unsigned level, uint64_t place, uint64_t check, struct err *err)
 {
-	const uint8_t *page = grid_reader_page(d->r, level);
 	int rc = grid_page_read(d->r, d->part, level, place, check, err);
 
 	if (rc)
 		return rc;
 	if (!level)
 		return descend_leaf(d, err);
-	for (unsigned i = 0, n = grid_page_entries(page); rc == 0 && i < n; i++) {
+
+	const uint8_t *page = grid_reader_page(d->r, level);
+	unsigned first = d->lo ? grid_page_at(page, true, d->lo) : 0;
+
+	for (unsigned i = first, n = grid_page_entries(page); rc == 0 && i < n; i++) {
 		const struct disk_inner *e = grid_page_inner(page, i);
 
 		if (e->lo > d->hi)
@@ -74,13 +77,17 @@ static int descend(struct descent *d, struct err *err)
 		const struct grid_part *p = &g->parts[i];
 
 		d->part = i;
-		if (d->segment && !d->segment(d, i))
-			continue;
-		if (!p->none_live && p->height && d->lo <= d->hi)
+		if (!p->none_live && p->height && d->lo <= d->hi && d->segment(d))
 			rc = descend_page(d, p->height - 1, p->root, p->root_check, err);
 	}
 	d->r->walking = false;
 	return rc;
+}
+
+/* Where records count, not cells: one that has none in the range is not looked at. */
+static bool meets(const struct descent *d)
+{
+	return grid_part_meets(&d->r->grid->parts[d->part], d->lo, d->hi);
 }
 
 static bool inside(const struct descent *d, uint64_t lo, uint64_t hi)
@@ -105,11 +112,15 @@ static bool walk_inner(struct descent *d, const struct disk_inner *e)
 	return !v->enter || v->enter(v->ctx, &cell);
 }
 
-static bool walk_segment(const struct descent *d, uint32_t segment)
+static bool walk_segment(const struct descent *d)
 {
+	const struct grid_part *p = &d->r->grid->parts[d->part];
 	const struct grid_visitor *v = d->ctx;
+	struct grid_cell whole = {.lo = p->lo, .hi = p->hi, .segment = d->part,
+				  .count = d->r->grid->manifest->segments[d->part].points};
 
-	return v->segment(v->ctx, segment);
+	memcpy(whole.box, p->box, sizeof whole.box);
+	return !v->segment || v->segment(v->ctx, &whole);
 }
 
 static int walk_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
@@ -124,9 +135,7 @@ int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid
 	      struct err *err)
 {
 	struct descent d = {
-	    .r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .inner = walk_inner, .cell = walk_cell};
-
-	d.segment = visitor->segment ? walk_segment : NULL;
+	    .r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .segment = walk_segment, .inner = walk_inner, .cell = walk_cell};
 
 	return descend(&d, err);
 }
@@ -177,7 +186,7 @@ int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_co
 	       struct err *err)
 {
 	struct count c = {.exact = true};
-	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .inner = count_inner, .cell = count_cell};
+	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .segment = meets, .inner = count_inner, .cell = count_cell};
 	int rc = descend(&d, err);
 
 	if (rc)
@@ -278,6 +287,13 @@ static enum where sums_where(const struct sums *s, const int32_t box[4], struct 
 	return s->range[i].lo <= lo && hi <= s->range[i].hi ? INSIDE : ACROSS;
 }
 
+static bool sums_segment(const struct descent *d)
+{
+	struct digest *sum;
+
+	return sums_where(d->ctx, d->r->grid->parts[d->part].box, &sum) != OUTSIDE;
+}
+
 static bool sums_inner(struct descent *d, const struct disk_inner *e)
 {
 	struct digest *sum;
@@ -337,7 +353,7 @@ static int sums_cell(struct descent *d, const struct grid_cell *cell, const stru
 int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct err *err)
 {
 	struct sums sums = {range, n};
-	struct descent d = {.r = r, .ctx = &sums, .inner = sums_inner, .cell = sums_cell};
+	struct descent d = {.r = r, .ctx = &sums, .segment = sums_segment, .inner = sums_inner, .cell = sums_cell};
 
 	for (size_t i = 0; i < n; i++)
 		range[i].sum = (struct digest){0, 0};
@@ -351,7 +367,7 @@ int grid_sums(struct grid_reader *r, struct grid_sum *range, size_t n, struct er
 int grid_sum(struct grid_reader *r, uint64_t lo, uint64_t hi, struct digest *ret, struct err *err)
 {
 	struct digest sum = {0, 0};
-	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &sum, .inner = sum_inner, .cell = sum_cell};
+	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &sum, .segment = meets, .inner = sum_inner, .cell = sum_cell};
 	int rc = descend(&d, err);
 
 	if (rc == 0)

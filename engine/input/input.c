@@ -169,6 +169,8 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	in->pipe = options->has_pipe ? options->pipe : -1;
 	in->pipe_seen = options->pipe_seen;
 	in->pipe_ctx = options->pipe_ctx;
+	in->seen = options->seen;
+	in->seen_ctx = options->seen_ctx;
 	in->columns = options->columns;
 	rc = input_columns_check(in->columns, err);
 	if (!rc)
@@ -197,6 +199,7 @@ int input_open_part(const struct input *whole, uint64_t first, uint64_t last, st
 	}
 	memcpy(in, whole, offsetof(struct input, buffer));
 	in->info.coords.name = in->name;
+	in->seen = NULL; /* parts are read at once, and not upwards */
 	if (in->row->part)
 		in->row->part(in, first, last);
 	*ret = in;

@@ -60,6 +60,10 @@ struct input_options {
 	/* Is shown each piece that was taken out of the pipe, in order, once; NULL. */
 	void (*pipe_seen)(void *ctx, const void *bytes, size_t n);
 	void *pipe_ctx;
+	/* Is shown what is read of the points, and where it lies, upwards and each byte once: of files of uncompressed
+	 * records. Others show nothing, and nor does one that is read in parts (input_open_part). NULL. */
+	void (*seen)(void *ctx, uint64_t at, const void *bytes, size_t n);
+	void *seen_ctx;
 	/* Text: what the columns are, a letter each: x y z, c class, r return, n number of returns, and to be
 	 * skipped s _ - i t a u p R G B. NULL: as a line of names says, else the first three. */
 	const char *columns;

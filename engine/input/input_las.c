@@ -175,6 +175,8 @@ static int refill(struct input *in, struct err *err)
 		return input_fail(in, err, ERR_TRUNCATED, las->at + got, "points",
 				  "the file ends in the middle of its points");
 	}
+	if (in->seen)
+		in->seen(in->seen_ctx, las->at, in->buffer, got);
 	las->at += got;
 	in->bytes_read += got;
 	las->n_buffered = n;

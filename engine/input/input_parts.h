@@ -122,6 +122,8 @@ struct input {
 	bool has_pipe, dry;        /* dry: the pipe has no bytes now */
 	int pipe;
 	void (*pipe_seen)(void *ctx, const void *bytes, size_t n);
+	void (*seen)(void *ctx, uint64_t at, const void *bytes, size_t n);
+	void *seen_ctx;
 	void *pipe_ctx;
 	uint64_t head;             /* bytes of the descriptor, before those of the pipe */
 	uint64_t size;             /* of a pipe: more than any file has */

@@ -189,6 +189,7 @@ struct pipe_stored {
 	struct store_id id;
 	struct digest digest;  /* of its triangles */
 	uint64_t payload, triangles, bytes; /* as store.h has them */
+	int64_t used_ns; /* when it was used before it was found; 0 of what was kept */
 };
 /* Keep what pipe_domain made in `memory`, as long as nothing else was done there. */
 int pipe_keep(int storefd, const struct pipe_key *, const struct cut_region *region, const struct mesh_domain *,
@@ -207,9 +208,12 @@ struct pipe_reuse_params {
 	bool sums;                    /* not even that is needed: no array of *ret is there (pipe_emitter_sums) */
 	int64_t after_ns;             /* what was used last before this time is known not to do */
 	struct grid_reader *reader;   /* that is open on the grid; NULL: one is made in `memory` */
+	/* The list of what was kept or used last of a base, as far as somebody remembers (false: nobody does): it is asked for before
+	 * the folder is, and checked as anything else is. NULL: the folder is asked. */
+	bool (*hint)(void *ctx, struct digest base, struct digest *ret_list);
 	/* pipe_refine: of each leaf that is `there` at the end, as pipe_reuse has it with `sums`; NULL: nobody asks. */
 	void (*there)(void *ctx, const struct cut_region *, const struct mesh_domain *, const struct pipe_stored *);
-	void *ctx;
+	void *ctx;                    /* of both */
 	unsigned *damaged;            /* counts those that were damaged, and are removed; NULL: nobody asks */
 };
 /* A domain of the store that is what pipe_domain would make: of this generation's content, or of another's that is the

@@ -13,7 +13,7 @@
 #include "pipe.h"
 #include "pipe_priv.h"
 
-enum { FINE = 2, MOST = 4 /* of the leaves, at most a quarter are cut */, ABOVE = 3 };
+enum { FINE = 2, MOST = 4 /* of the positions, at most a quarter are in what is cut */, ABOVE = 3 };
 
 enum state { NEW, CHANGED, THERE };
 
@@ -88,15 +88,16 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 	return 0;
 }
 
-static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_t *state, size_t *ret_changed,
-		struct err *err)
+/* *ret_few: what has changed is little. */
+static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_t *state, bool *ret_few, struct err *err)
 {
+	uint64_t changed = 0, all = 0;
 	struct cut_region root;
 	size_t stored = 0;
 	int32_t box[4];
 	int r = 0;
 
-	*ret_changed = 0;
+	*ret_few = false;
 	for (size_t k = 0; !r && k < plan->n; k++) {
 		struct cut_leaf *leaf = &plan->leaf[k];
 		enum state is = NEW;
@@ -104,7 +105,8 @@ static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_
 		r = state_of(p, leaf, &is, err);
 		state[k] = (uint8_t)is;
 		stored += is != NEW;
-		*ret_changed += is == CHANGED;
+		changed += is == CHANGED ? leaf->count : 0;
+		all += leaf->count;
 	}
 	if (!stored || !grid_box(p->grid, box))
 		return r;
@@ -113,24 +115,26 @@ static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_
 		bool is = false;
 
 		/* What is not to be cut is not asked for: of a survey that doubled most leaves are new. */
-		if (state[k] != NEW || *ret_changed > plan->n / MOST)
+		if (state[k] != NEW || changed > all / MOST)
 			continue;
 		r = outgrown(p, &root, &plan->leaf[k].region, &is, err);
-		*ret_changed += is;
+		changed += is ? plan->leaf[k].count : 0;
 		state[k] = is ? CHANGED : NEW;
 		/* All above fitted, and what came is little. */
 		plan->leaf[k].fits = is;
 	}
+	*ret_few = changed <= all / MOST;
 	return r;
 }
 
 static int refine(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, uint8_t *state,
 		  struct err *err)
 {
-	size_t leaves = plan->n, changed, i = 0;
-	int r = look(p, plan, state, &changed, err);
+	size_t leaves = plan->n, i = 0;
+	bool few;
+	int r = look(p, plan, state, &few, err);
 
-	for (size_t k = 0; !r && changed <= leaves / MOST && k < leaves; k++) {
+	for (size_t k = 0; !r && few && k < leaves; k++) {
 		if (state[k] == CHANGED && plan->leaf[i].count > p->load / FINE)
 			r = cut_leaf(p, reader, plan, &i, err);
 		else

@@ -10,6 +10,10 @@
  * Of what is taken to number later blocks only the front is read: its counts and digests, the open vertices and their links
  * are all that this needs, since closed vertices are met nowhere else. Of what is taken without any reader not even that:
  * the header has the sums.
+ *
+ * Which lists there are of a base is a question to a folder, and most of what finding a domain costs where many are to be
+ * found. Whoever asks for the same bases again and again remembers the list that did last (`hint`); that is no more than
+ * what is looked at first.
  */
 #include <string.h>
 #define XXH_STATIC_LINKING_ONLY /* the state on the stack */
@@ -119,6 +123,7 @@ static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 static bool proof_unpack(const struct store_beside *b, const struct cut_region *region, struct cut_trace *t)
 {
 	struct cursor c = cursor_of(b->proof, b->proof_size);
+	const uint8_t *site;
 	uint32_t sites = 0;
 
 	t->nrange = cursor_u32(&c);
@@ -132,15 +137,12 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->nparts > CUT_TRACE_PARTS ||
 	    b->proof_size != proof_size(t->nrange, sites, t->nparts))
 		return false;
-	for (uint32_t i = 0; i < t->nrange; i++) {
-		t->range[i].lo = cursor_u64(&c);
-		t->range[i].hi = cursor_u64(&c);
-		t->range[i].sum.hi = cursor_u64(&c);
-		t->range[i].sum.lo = cursor_u64(&c);
-	}
-	for (uint32_t i = 0; i < sites; i++) {
-		t->site[i].x = cursor_i32(&c);
-		t->site[i].y = cursor_i32(&c);
+	/* Of many regions many sites: as they lie there, little-endian. */
+	memcpy(t->range, cursor_bytes(&c, (size_t)t->nrange * PROOF_RANGE), (size_t)t->nrange * PROOF_RANGE);
+	site = cursor_bytes(&c, (size_t)sites * PROOF_SITE);
+	for (uint32_t i = 0; i < sites; i++, site += PROOF_SITE) {
+		memcpy(&t->site[i].x, site, 4);
+		memcpy(&t->site[i].y, site + 4, 4);
 	}
 	for (uint32_t i = 0; i < t->nparts; i++) {
 		t->part[i].points = cursor_u64(&c);
@@ -155,7 +157,7 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 static void stored_of(const struct store_front *f, const struct store_id *id, struct pipe_stored *ret)
 {
 	*ret = (struct pipe_stored){.id = *id, .digest = f->domain.digest, .payload = f->payload,
-				    .triangles = f->domain.ntriangle, .bytes = f->bytes};
+				    .triangles = f->domain.ntriangle, .bytes = f->bytes, .used_ns = f->used_ns};
 }
 
 int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
@@ -268,12 +270,24 @@ int pipe_find(const struct pipe_reuse_params *p, struct pipe_found *ret, struct 
 {
 	struct store_version version[VERSIONS];
 	int r, is = PIPE_E_ABSENT;
+	struct digest hint;
+	bool hinted;
 
 	*ret = (struct pipe_found){.id.base = pipe_key_of(p->key, p->region)};
+	hinted = p->hint && !p->after_ns && p->hint(p->ctx, ret->id.base, &hint);
+	if (hinted) {
+		ret->id.list = hint;
+		ret->versions = 1;
+		is = look(p, ret, err);
+		if (is != PIPE_E_ABSENT)
+			return is;
+	}
 	r = store_versions(p->storefd, ret->id.base, version, VERSIONS, &ret->versions, err);
 	if (r)
 		return r;
 	for (size_t i = 0; is == PIPE_E_ABSENT && i < ret->versions && version[i].mtime_ns >= p->after_ns; i++) {
+		if (hinted && digest_equal(version[i].list, hint))
+			continue;
 		ret->id.list = version[i].list;
 		is = look(p, ret, err);
 	}

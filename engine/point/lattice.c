@@ -4,6 +4,7 @@
  * rounded once, the same way everywhere, and only decides where the lattice's zero lies.
  */
 #include "lattice.h"
+#include "lattice_facts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -52,22 +53,21 @@ static bool box_is_good(const struct lattice_input *in, unsigned axis)
 	return isfinite(in->min[axis]) && isfinite(in->max[axis]) && in->min[axis] <= in->max[axis];
 }
 
-static int check_scales(const struct lattice_input *inputs, size_t n, struct err *err)
+static int check_scales(const struct lattice_facts *f, struct err *err)
 {
 	char text[DECIMAL_TEXT_SIZE];
 
-	for (size_t i = 0; i < n; i++) {
-		for (unsigned a = 0; a < 3; a++) {
-			if (scale_is_good(inputs[i].scale[a]))
-				continue;
-			err_set(err, ERR_INPUT, "the %c scale is %s, which is no scale", axis_name[a],
-				decimal_text(inputs[i].scale[a], text));
-			err_add_hint(err,
-				     "mend the header of the file: scales are positive, from 1e-40 to 1e8");
-			return err_add_file(err, inputs[i].name);
-		}
+	if (!f->bad)
+		return 0;
+	for (unsigned a = 0; a < 3; a++) {
+		if (scale_is_good(f->bad->scale[a]))
+			continue;
+		err_set(err, ERR_INPUT, "the %c scale is %s, which is no scale", axis_name[a],
+			decimal_text(f->bad->scale[a], text));
+		break;
 	}
-	return 0;
+	err_add_hint(err, "mend the header of the file: scales are positive, from 1e-40 to 1e8");
+	return err_add_file(err, f->bad->name);
 }
 
 static int check_wanted(const struct decimal *scale, const char *what, struct err *err)
@@ -81,60 +81,19 @@ static int check_wanted(const struct decimal *scale, const char *what, struct er
 		       decimal_text(*scale, text), what);
 }
 
-static struct decimal finest(const struct lattice_input *inputs, size_t n, unsigned first, unsigned last)
-{
-	struct decimal least = inputs[0].scale[first];
-
-	for (size_t i = 0; i < n; i++)
-		for (unsigned a = first; a <= last; a++)
-			if (decimal_compare(inputs[i].scale[a], least) < 0)
-				least = inputs[i].scale[a];
-	return least;
-}
-
 static bool same_decimal(struct decimal a, struct decimal b)
 {
 	return decimal_compare(a, b) == 0;
 }
 
-/* All inputs have one (offset, scale). */
-static bool all_alike(const struct lattice_input *inputs, size_t n)
-{
-	for (size_t i = 0; i < n; i++) {
-		if (!inputs[i].has_offset)
-			return false;
-		for (unsigned a = 0; a < 3; a++)
-			if (!same_decimal(inputs[i].offset[a], inputs[0].offset[a]) ||
-			    !same_decimal(inputs[i].scale[a], inputs[0].scale[a]))
-				return false;
-	}
-	return true;
-}
-
-struct extent {
-	double min, max;
-	bool known;
-};
-
-static struct extent all_boxes(const struct lattice_input *inputs, size_t n, unsigned axis)
-{
-	struct extent e = {0};
-
-	for (size_t i = 0; i < n; i++) {
-		if (!box_is_good(&inputs[i], axis))
-			continue;
-		if (!e.known || inputs[i].min[axis] < e.min)
-			e.min = inputs[i].min[axis];
-		if (!e.known || inputs[i].max[axis] > e.max)
-			e.max = inputs[i].max[axis];
-		e.known = true;
-	}
-	return e;
-}
-
 static bool box_fits(double min, double max, double scale, int64_t k)
 {
 	return min / scale - (double)k > -0x1p31 && max / scale - (double)k < 0x1p31 - 1;
+}
+
+bool lattice_scales_good(const struct lattice_input *in)
+{
+	return scale_is_good(in->scale[0]) && scale_is_good(in->scale[1]) && scale_is_good(in->scale[2]);
 }
 
 /* Two inputs that are as much to blame: the same one of them, whatever their order. */
@@ -154,104 +113,143 @@ static int tie(const struct lattice_input *a, const struct lattice_input *b)
 	return order ? order : strcmp(a->name, b->name);
 }
 
-static const struct lattice_input *blame(const struct lattice_input *a, double much_a, const struct lattice_input *b,
-					 double much_b)
+static double far_of(const struct lattice_input *in, unsigned axis)
 {
-	return !a || much_b > much_a || (much_b == much_a && tie(b, a) < 0) ? b : a;
+	return fmax(fabs(in->min[axis]), fabs(in->max[axis]));
+}
+
+bool lattice_in_order(const struct lattice_input *in, unsigned axis, enum lattice_order by)
+{
+	return by == LATTICE_BY_SCALE || (by == LATTICE_BY_OFFSET ? in->has_offset : box_is_good(in, axis));
+}
+
+int lattice_compare(const struct lattice_input *a, const struct lattice_input *b, unsigned axis, enum lattice_order by)
+{
+	double x = 0, y = 0;
+	int order = 0;
+
+	switch (by) {
+	case LATTICE_BY_SCALE:
+		order = decimal_compare(a->scale[axis], b->scale[axis]);
+		break;
+	case LATTICE_BY_OFFSET:
+		return decimal_compare(a->offset[axis], b->offset[axis]);
+	case LATTICE_BY_MIN:
+		return (a->min[axis] > b->min[axis]) - (a->min[axis] < b->min[axis]);
+	case LATTICE_BY_MAX:
+		return (a->max[axis] < b->max[axis]) - (a->max[axis] > b->max[axis]);
+	case LATTICE_BY_WIDTH:
+		x = a->max[axis] - a->min[axis];
+		y = b->max[axis] - b->min[axis];
+		break;
+	case LATTICE_BY_FAR:
+		x = far_of(a, axis);
+		y = far_of(b, axis);
+		break;
+	}
+	if (!order)
+		order = (x < y) - (x > y);
+	return order ? order : tie(a, b);
 }
 
 /* Who is to blame that the boxes do not fit: one whose own box is too wide for the scale, the widest; else the
  * one of the finest scale if they differ; else the one that lies farthest out. Whoever leaves that one out and
  * tries again comes to the same inputs from any order. */
-static const struct lattice_input *who_does_not_fit(const struct lattice_input *inputs, size_t n,
-						    unsigned axis, double scale, int64_t k)
+static const struct lattice_input *who_does_not_fit(const struct lattice_facts *f, unsigned axis, double scale)
 {
-	const struct lattice_input *wide = NULL, *fine = NULL, *far = NULL;
-	double widest = 0, finest_scale = 0, farthest = 0;
-	bool differ = false;
+	const struct lattice_input *const *first = f->first[axis], *wide = first[LATTICE_BY_WIDTH];
 
-	for (size_t i = 0; i < n; i++) {
-		const struct lattice_input *in = &inputs[i];
-		double own = -decimal_double(in->scale[axis]), width, out;
-
-		differ |= !same_decimal(in->scale[axis], inputs[0].scale[axis]);
-		fine = blame(fine, finest_scale, in, own);
-		finest_scale = -decimal_double(fine->scale[axis]);
-		if (!box_is_good(in, axis))
-			continue;
-		width = (in->max[axis] - in->min[axis]) / scale;
-		if (width > 0x1p32) {
-			wide = blame(wide, widest, in, width);
-			widest = wide == in ? width : widest;
-		}
-		out = fmax(fabs(in->min[axis] / scale - (double)k), fabs(in->max[axis] / scale - (double)k));
-		far = blame(far, farthest, in, out);
-		farthest = far == in ? out : farthest;
-	}
-	return wide ? wide : differ || !far ? fine : far;
+	if (wide && (wide->max[axis] - wide->min[axis]) / scale > 0x1p32)
+		return wide;
+	return f->scales_differ[axis] || !first[LATTICE_BY_FAR] ? first[LATTICE_BY_SCALE] : first[LATTICE_BY_FAR];
 }
 
-static int too_wide(const struct lattice_input *inputs, size_t n, unsigned axis, struct decimal scale,
-		    struct extent e, int64_t k, struct err *err)
+static int too_wide(const struct lattice_facts *f, unsigned axis, struct decimal scale, struct err *err)
 {
 	char text[DECIMAL_TEXT_SIZE];
-	const struct lattice_input *in = who_does_not_fit(inputs, n, axis, decimal_double(scale), k);
+	const struct lattice_input *in = who_does_not_fit(f, axis, decimal_double(scale));
+	const struct lattice_input *min = f->first[axis][LATTICE_BY_MIN], *max = f->first[axis][LATTICE_BY_MAX];
 
 	err_set(err, ERR_INPUT, "with the scale %s, %c from %.10g to %.10g does not fit into 32 bits",
-		decimal_text(scale, text), axis_name[axis], e.min, e.max);
+		decimal_text(scale, text), axis_name[axis], min ? min->min[axis] : 0, max ? max->max[axis] : 0);
 	err_add_hint(err, "give a coarser --scale, or leave the file out");
 	return err_add_file(err, in->name);
 }
 
 /* K of one axis. The offset of alike inputs serves if their own scale is kept (raw numbers are 32 bits), or
  * if the boxes fit around it; else the middle of the boxes; without boxes the smallest offset. */
-static int choose_k(const struct lattice_input *inputs, size_t n, unsigned axis, struct decimal scale,
-		    bool alike, int64_t *ret, struct err *err)
+static int choose_k(const struct lattice_facts *f, unsigned axis, struct decimal scale, int64_t *ret, struct err *err)
 {
-	struct extent e = all_boxes(inputs, n, axis);
+	const struct lattice_input *const *first = f->first[axis];
+	const struct lattice_input *any = first[LATTICE_BY_SCALE], *min = first[LATTICE_BY_MIN], *max = first[LATTICE_BY_MAX];
 	struct decimal middle = {0, 0};
 	double step = decimal_double(scale);
-	bool some = false;
 
-	if (alike && floor_ratio(inputs[0].offset[axis], scale, ret) &&
-	    (!e.known || same_decimal(inputs[0].scale[axis], scale) || box_fits(e.min, e.max, step, *ret)))
+	if (f->alike && floor_ratio(any->offset[axis], scale, ret) &&
+	    (!min || same_decimal(any->scale[axis], scale) || box_fits(min->min[axis], max->max[axis], step, *ret)))
 		return 0;
-	if (e.known) {
-		decimal_from_double(e.min / 2 + e.max / 2, &middle);
-	} else {
-		for (size_t i = 0; i < n; i++) {
-			if (!inputs[i].has_offset)
-				continue;
-			if (!some || decimal_compare(inputs[i].offset[axis], middle) < 0)
-				middle = inputs[i].offset[axis];
-			some = true;
-		}
-	}
-	if (!floor_ratio(middle, scale, ret) || (e.known && !box_fits(e.min, e.max, step, *ret)))
-		return too_wide(inputs, n, axis, scale, e, 0, err);
+	if (min)
+		decimal_from_double(min->min[axis] / 2 + max->max[axis] / 2, &middle);
+	else if (first[LATTICE_BY_OFFSET])
+		middle = first[LATTICE_BY_OFFSET]->offset[axis];
+	if (!floor_ratio(middle, scale, ret) || (min && !box_fits(min->min[axis], max->max[axis], step, *ret)))
+		return too_wide(f, axis, scale, err);
 	return 0;
+}
+
+int lattice_decide(const struct lattice_facts *f, const struct decimal *scale_xy, const struct decimal *scale_z,
+		   struct lattice *ret, struct err *err)
+{
+	struct lattice l;
+	int rc;
+
+	if ((rc = check_scales(f, err)) || (rc = check_wanted(scale_xy, "xy", err)) ||
+	    (rc = check_wanted(scale_z, "z", err)))
+		return rc;
+
+	struct decimal x = f->first[0][LATTICE_BY_SCALE]->scale[0], y = f->first[1][LATTICE_BY_SCALE]->scale[1];
+
+	l.scale_xy = scale_xy ? *scale_xy : decimal_compare(y, x) < 0 ? y : x;
+	l.scale_z = scale_z ? *scale_z : f->first[2][LATTICE_BY_SCALE]->scale[2];
+	for (unsigned a = 0; a < 3; a++)
+		if ((rc = choose_k(f, a, a < 2 ? l.scale_xy : l.scale_z, &l.k[a], err)))
+			return rc;
+	*ret = l;
+	return 0;
+}
+
+bool lattice_alike(const struct lattice_input *a, const struct lattice_input *b)
+{
+	if (!a->has_offset || !b->has_offset)
+		return false;
+	for (unsigned i = 0; i < 3; i++)
+		if (!same_decimal(a->offset[i], b->offset[i]) || !same_decimal(a->scale[i], b->scale[i]))
+			return false;
+	return true;
 }
 
 int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy,
 		   const struct decimal *scale_z, struct lattice *ret, struct err *err)
 {
-	struct lattice l;
-	int rc;
+	struct lattice_facts f = {.alike = true};
 
 	if (!n)
 		return err_set(err, ERR_INPUT, "a lattice needs at least one input");
-	if ((rc = check_scales(inputs, n, err)) || (rc = check_wanted(scale_xy, "xy", err)) ||
-	    (rc = check_wanted(scale_z, "z", err)))
-		return rc;
-	l.scale_xy = scale_xy ? *scale_xy : finest(inputs, n, 0, 1);
-	l.scale_z = scale_z ? *scale_z : finest(inputs, n, 2, 2);
-	bool alike = all_alike(inputs, n);
+	for (size_t i = 0; i < n; i++) {
+		const struct lattice_input *in = &inputs[i];
 
-	for (unsigned a = 0; a < 3; a++)
-		if ((rc = choose_k(inputs, n, a, a < 2 ? l.scale_xy : l.scale_z, alike, &l.k[a], err)))
-			return rc;
-	*ret = l;
-	return 0;
+		if (!f.bad && !lattice_scales_good(in))
+			f.bad = in;
+		f.alike = f.alike && lattice_alike(&inputs[0], in);
+		for (unsigned a = 0; a < 3; a++) {
+			f.scales_differ[a] |= !same_decimal(inputs[0].scale[a], in->scale[a]);
+			for (enum lattice_order by = 0; by < LATTICE_ORDERS; by++)
+				if (lattice_in_order(in, a, by) &&
+				    (!f.first[a][by] || lattice_compare(in, f.first[a][by], a, by) < 0))
+					f.first[a][by] = in;
+		}
+	}
+	return lattice_decide(&f, scale_xy, scale_z, ret, err);
 }
 
 bool lattice_equal(const struct lattice *a, const struct lattice *b)

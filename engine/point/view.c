@@ -169,6 +169,11 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 	return VIEW_KEPT;
 }
 
+bool view_by_kind(const struct view *v)
+{
+	return v->crop == VIEW_CROP_NONE && !v->has_zmin && !v->has_zmax && v->every <= 1;
+}
+
 bool view_selects(const struct view *v)
 {
 	return v->crop != VIEW_CROP_NONE || v->every > 1 || v->thin.cell;

@@ -111,6 +111,8 @@ int view_set_not_classes(struct view *, const char *list, struct err *err);
  * points. Return number 0 (none known) counts as a first return, and as a last one where the count is 0 or 1.
  * View bound. */
 enum view_rule view_judge(const struct view *, const struct point *);
+/* Whether class, returns and flags of a point are all that view_judge looks at. */
+bool view_by_kind(const struct view *);
 /* Of two kept points of one position: true if a is the one to take rather than b. False for equals (the
  * source never decides). */
 bool view_prefers(const struct view *, const struct point *a, const struct point *b);

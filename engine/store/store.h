@@ -35,7 +35,7 @@ struct store_version {
 };
 int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err);
 
-/* STORE_E_ABSENT: not there, or of another format (then it is removed). STORE_E_DAMAGED: likewise, and that is why. */
+/* STORE_E_ABSENT: not there, or of another format (of an earlier one it is removed). STORE_E_DAMAGED: removed, and that is why. */
 enum { STORE_E_ABSENT = 1, STORE_E_DAMAGED = 2 };
 
 /* The front of a file: all but closed vertices and triangles. */
@@ -45,13 +45,14 @@ struct store_front {
 	uint64_t payload;            /* checksum of links, vertices and triangles */
 	uint64_t bytes;              /* of the file */
 	size_t front, whole;         /* bytes of memory that store_front and store_get take */
+	int64_t used_ns;             /* the file's time, of what was read */
 };
 /* *ret: the numbers of what was written. */
 int store_put(int dirfd, const struct store_id *, const struct store_beside *, const struct mesh_domain *,
 	      struct store_front *ret, struct err *err);
 /* The numbers alone; no pointer of *ret is valid. */
 int store_head(int dirfd, const struct store_id *, struct store_front *ret, struct err *err);
-/* And the proof, which alone goes into `memory`. What is behind it is not looked at: it is checked when it is read. */
+/* And the proof, somewhere in `memory`. What is behind it is not looked at: it is checked when it is read. */
 int store_proof(int dirfd, const struct store_id *, void *memory, size_t size, struct store_front *ret, struct err *err);
 /* Into `memory` (8-byte aligned): proof, links, open vertices. STORE_E_ABSENT also where `size` is too small. */
 int store_front(int dirfd, const struct store_id *, void *memory, size_t size, struct store_front *ret, struct err *err);
@@ -64,7 +65,8 @@ uint64_t store_size(int dirfd, const struct store_id *); /* bytes of its file; 0
 int store_remove(int dirfd, const struct store_id *, struct err *err); /* absent is success */
 /* Removes files of the versions before 3, which lay in the folder itself. */
 int store_sweep(int dirfd, struct err *err);
-/* Reads a file in `dirfd`, a folder of the store, through `memory`. -ERR_CORRUPT: it is damaged; it stays. */
+/* Reads a file in `dirfd`, a folder of the store, through `memory`. -ERR_CORRUPT: it is damaged; -ERR_VERSION: a later
+ * version wrote it. It stays. */
 int store_check(int dirfd, const char *name, void *memory, size_t size, struct err *err);
 
 #endif

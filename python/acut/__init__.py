@@ -36,7 +36,7 @@ from ._backup import BackupFile
 from ._connection import SYSTEM_SOCKET, Connection, connect
 from ._errors import (BusyError, CancelledError, ChangedError, CorruptError, DigestError, Error, GoneError, InputError,
                       InternalError, LimitError, NoDaemonError, NoMemoryError, NoSpaceError, NotFoundError,
-                      NotPermittedError, ProtocolError, ReadWriteError, TimedOutError, TruncatedError, UnsupportedError,
+                      NotPermittedError, ProtocolError, ReadWriteError, TimedOutError, ConflictError, TruncatedError, UnsupportedError,
                       UsageError, VersionError)
 from ._mesh import Base, Block, Fetch, Head, Mesh, Region, Tail
 from ._results import (CacheKind, CacheStat, Check, Damage, Dataset, Generation, Geoid, Holder, Imported, Info, Inspected, Job,
@@ -52,7 +52,7 @@ __all__ = [
     "Verified", "Damage", "Metric", "Check", "BackupFile",
     "Error", "InputError", "TruncatedError", "ChangedError", "LimitError", "CancelledError", "GoneError", "DigestError",
     "InternalError", "UsageError", "UnsupportedError", "NotFoundError", "NoDaemonError", "ReadWriteError", "NoSpaceError",
-    "CorruptError", "BusyError", "NoMemoryError", "ProtocolError", "VersionError", "NotPermittedError", "TimedOutError",
+    "CorruptError", "BusyError", "NoMemoryError", "ProtocolError", "VersionError", "NotPermittedError", "TimedOutError", "ConflictError",
 ]
 for _name in __all__:
     if isinstance(globals()[_name], type):

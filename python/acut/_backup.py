@@ -1,7 +1,7 @@
 """Files of a backup that come, and files of an export that go."""
 import os
 from dataclasses import dataclass
-from typing import Any, List
+from typing import Any
 
 from . import _abi as abi
 from . import _library

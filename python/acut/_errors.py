@@ -143,10 +143,15 @@ class TimedOutError(Error, TimeoutError):
     code, exit_status = "timeout", 124
 
 
+class ConflictError(Error):
+    """What is there already does not allow it: a name is taken, a dataset is pinned."""
+    code, exit_status = "conflict", 1
+
+
 CLASSES: Dict[str, Type[Error]] = {c.code: c for c in (
     InputError, TruncatedError, ChangedError, LimitError, CancelledError, GoneError, DigestError, InternalError, UsageError,
     UnsupportedError, NotFoundError, NoDaemonError, ReadWriteError, NoSpaceError, CorruptError, BusyError, NoMemoryError,
-    ProtocolError, VersionError, NotPermittedError, TimedOutError)}
+    ProtocolError, VersionError, NotPermittedError, TimedOutError, ConflictError)}
 
 
 def from_failure(failure) -> Error:

@@ -268,7 +268,7 @@ class PushedFile:
 class Pushed:
     """A push that is committed. Where files were refused, the others are in: look at `refused`."""
     dataset: str
-    generation: int
+    generation: int  # of the dataset, now: no new one where no point came and none went; 0: it has none
     points: int  # of the dataset, now
     files: List[PushedFile]
     note: str    # what became of an interrupted push before this one
@@ -400,6 +400,8 @@ class Verified:
     bytes: int
     damaged: int
     derived: int
+    newer: int
+    derived_newer: int
     damages: List[Damage]
 
 

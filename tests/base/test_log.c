@@ -182,6 +182,15 @@ static void test_flood(void **state)
 		log_event(LOG_EVENT_CLIENT_CUT, NULL, "a client is cut off");
 	assert_in_range(got.calls, 20, 200);
 	assert_int_equal(log_event_count(LOG_EVENT_CLIENT_CUT) - cut, 5000);
+	/* The rest is told as a number, also where nothing of its kind comes any more; once. */
+	got.calls = 0;
+	log_floods(false);
+	assert_int_equal(got.calls, 0);
+	log_floods(true);
+	assert_int_equal(got.calls, 1);
+	assert_non_null(strstr(got.message, "4900 more times"));
+	log_floods(true);
+	assert_int_equal(got.calls, 1);
 	got.calls = 0;
 	for (int i = 0; i < 5000; i++)
 		log_event(LOG_EVENT_JOB_DONE, NULL, "a job is done");

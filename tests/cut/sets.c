@@ -121,6 +121,8 @@ void sets_make(uint64_t *seed, struct sets *set, struct view *view)
 	view->duplicates = sets_below(seed, 2) ? VIEW_LOWEST : VIEW_HIGHEST;
 	view->keep_withheld = sets_below(seed, 2);
 	view->keep_noise = sets_below(seed, 2);
+	view->has_zmax = sets_below(seed, 8) == 0;
+	view->zmax = sets_below(seed, 3);
 	set->segments = 1 + sets_below(seed, 2) * sets_below(seed, TILING_SEGMENTS);
 	memset(set->nrecord, 0, sizeof(set->nrecord));
 	for (unsigned i = 0; i < n; i++) {

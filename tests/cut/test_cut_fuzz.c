@@ -32,6 +32,22 @@ static uint64_t cases, regions, triangles, halos, empty_owners, together, bounds
 
 /* ---- partitions ---- */
 
+/* What a plan does not ask for where all is live changes nothing in it. */
+static void check_plan_asked(const struct cut_source *src, const struct cut_plan *plan)
+{
+	struct cut_source asking = *src;
+	struct err err = ERR_INIT;
+	struct cut_plan again;
+
+	asking.all_live = NULL;
+	assert_int_equal(cut_plan_make_from(&asking, plan->load, &again, &err), 0);
+	assert_int_equal(again.n, plan->n);
+	for (size_t i = 0; i < plan->n; i++)
+		assert_true(cut_region_same(&again.leaf[i].region, &plan->leaf[i].region) &&
+			    again.leaf[i].count == plan->leaf[i].count && again.leaf[i].exact == plan->leaf[i].exact);
+	cut_plan_done(&again);
+}
+
 static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret)
 {
 	struct err err = ERR_INIT;
@@ -39,6 +55,7 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 	unsigned want = 1 + sets_below(seed, sets_below(seed, 4) ? 12 : MAX_LEAVES), n = 0;
 
 	assert_int_equal(cut_plan_make_from(src, 1 + sets_below(seed, 8) + (uint32_t)(2 * MAX_RECORDS / want), &plan, &err), 0);
+	check_plan_asked(src, &plan);
 	for (size_t i = 0; i < plan.n && n < MAX_LEAVES; i++)
 		ret[n++] = plan.leaf[i].region;
 	if (plan.n > MAX_LEAVES) {
@@ -94,7 +111,8 @@ static void check_halo(uint64_t *seed, const struct cut_source *src, const struc
 	uint32_t m, k = 0;
 
 	assert_non_null(h);
-	cut_halo_limit(h, sets_below(seed, 4), sets_below(seed, 2) ? sets_below(seed, 4) : 1000);
+	cut_halo_limit(h, sets_below(seed, 2) ? sets_below(seed, 4) : 1000, sets_below(seed, 2) ? sets_below(seed, 4) : 1000);
+	cut_halo_grain(h, sets_below(seed, 5), 4 + sets_below(seed, 7), sets_below(seed, 2) ? sets_below(seed, 10) : 1000);
 	if (known) {
 		struct mesh_vertex own[MAX_N];
 		uint32_t nown = 0;
@@ -193,6 +211,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 	cut_keep_source(g->keep, &src);
 	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
 	cut_halo_limit(h, sets_below(seed, 8), 1000);
+	cut_halo_grain(h, 0, 10, sets_below(seed, 100));
 	assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
 	for (unsigned i = 0; i < n; i++) {
 		if (cut_region_holds(region, pb[i].x, pb[i].y))

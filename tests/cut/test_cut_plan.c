@@ -237,6 +237,8 @@ static void splits_end(void **state)
 	struct tiling t;
 	struct cut_plan plan;
 	struct err err = ERR_INIT;
+	struct cut_region root;
+	int32_t box[4];
 	unsigned levels = 0;
 	int rc;
 
@@ -257,7 +259,9 @@ static void splits_end(void **state)
 	assert_int_equal(cut_plan_make_from(&src, 2000, &plan, &err), 0);
 	for (uint64_t need = 99000; cut_plan_split_from(&src, &plan, 0, need, 5000, &err) == 0; need = need * 97 / 100)
 		levels++;
-	assert_int_equal(levels, 40);
+	assert_true(src.box(src.ctx, box));
+	cut_region_root(box, &root);
+	assert_int_equal(levels, 2 * root.wx);
 	cut_plan_done(&plan);
 	make_done(&t);
 }
@@ -269,6 +273,7 @@ static void sweep_finds_what_rounds_find(void **state)
 	const struct view view = VIEW_INIT;
 	size_t size = cut_load_scratch_bytes(100000);
 	void *scratch[2] = { malloc(size), malloc(size) };
+	unsigned many = 0;
 
 	for (unsigned s = 0; s < 3; s++) {
 		struct cut_source src;
@@ -294,9 +299,9 @@ static void sweep_finds_what_rounds_find(void **state)
 			}
 			assert_int_equal(n[0], n[1]);
 			assert_memory_equal(pts[0], pts[1], n[0] * sizeof(struct point));
-			if (s == 0)
-				assert_true(cells[1] > 300);
+			many += s == 0 && cells[1] > 300;
 		}
+		assert_true(s > 0 || many > 3);
 		cut_plan_done(&plan);
 		make_done(&t);
 	}
@@ -315,13 +320,12 @@ static void one_chain_takes_the_room(void **state)
 	struct err err = ERR_INIT;
 	struct cut_region root, half[2], quarter[2];
 	const struct point *pts;
-	int32_t box[4];
+	const int32_t some[4] = { 2100, 2100, 14000, 14000 }, all[4] = { 9000, 9000, 56000, 56000 };
 	uint64_t need = 0;
 	uint32_t m;
 
 	make(&t, &src, COLUMN, 13000, 40);
-	assert_true(src.box(src.ctx, box));
-	cut_region_root(box, &root);
+	cut_region_root(some, &root); /* of side 16384, from 0 on */
 	assert_true(cut_region_split(&root, half));
 	assert_true(cut_region_split(&half[0], quarter));
 	/* The quarter holds the lower 8192 of the column; its upper border sees two sites, the right one those of
@@ -335,8 +339,7 @@ static void one_chain_takes_the_room(void **state)
 	/* What cannot fit says so, with a number. */
 	make_done(&t);
 	make(&t, &src, DIAGONAL, 60000, 40);
-	assert_true(src.box(src.ctx, box));
-	cut_region_root(box, &root);
+	cut_region_root(all, &root); /* of side 65536 */
 	assert_true(cut_region_split(&root, half));
 	assert_int_equal(cut_halo_find(cut_halo_init(scratch, size, &src, &view, &half[0], false), &pts, &m, &need, &err),
 			 CUT_E_FULL);

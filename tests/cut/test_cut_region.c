@@ -26,14 +26,17 @@ static void root_is_small(void **state)
 		unsigned w;
 	} row[] = {
 		{ { 5, 7, 5, 7 }, 0 },
-		{ { -1, 0, 0, 1 }, 1 },           /* 2 x 2 positions across the highest cut */
-		{ { 0, 0, 1, 1 }, 1 },
-		{ { 0, 0, 3, 0 }, 2 },
-		{ { 7, 7, 8, 8 }, 1 },            /* the aligned square would have side 16 */
-		{ { -1000, -1000, 1000, 1000 }, 11 },
+		{ { -1, 0, 0, 1 }, 3 },           /* across the highest cut: 2 above it, and 1 for the room */
+		{ { 1, 1, 2, 2 }, 2 },
+		{ { 0, 0, 1, 1 }, 3 },            /* beginning at a cut: there is room beyond it */
+		{ { 7, 7, 8, 8 }, 2 },            /* the aligned square would have side 16 */
+		{ { -900, -900, 900, 900 }, 12 },  /* 226 of room */
+		{ { -800, -800, 800, 800 }, 11 },
+		{ { 0, 0, 1000000, 1000000 }, 22 },
+		{ { 130000, 130000, 900000, 900000 }, 20 },
 		{ { INT32_MIN, INT32_MIN, INT32_MAX, INT32_MAX }, 32 },
 		{ { INT32_MIN, 0, INT32_MIN, 0 }, 0 },
-		{ { INT32_MAX - 1, INT32_MAX, INT32_MAX, INT32_MAX }, 1 },
+		{ { INT32_MAX - 1, INT32_MAX, INT32_MAX, INT32_MAX }, 2 },
 	};
 
 	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++) {
@@ -45,6 +48,42 @@ static void root_is_small(void **state)
 		assert_int_equal(r.inf, 15);
 		assert_true(cut_region_holds(&r, row[i].box[0], row[i].box[1]));
 		assert_true(cut_region_holds(&r, row[i].box[2], row[i].box[3]));
+	}
+}
+
+/* A region full of points does not reach the root's side: an eighth of the data's longer side lies between, as far as the lattice goes. */
+static void root_has_room(void **state)
+{
+	uint64_t seed = 3;
+
+	(void)state;
+	for (unsigned i = 0; i < 20000; i++) {
+		unsigned shift = (unsigned)(tiling_random(&seed) % 32);
+		int64_t at[4], w, room, ext[2];
+		struct cut_region r;
+		int32_t box[4];
+
+		for (unsigned a = 0; a < 2; a++) {
+			at[a] = num(tiling_random(&seed));
+			at[2 + a] = at[a] + (int64_t)(tiling_random(&seed) >> 32 >> shift);
+			at[2 + a] = at[2 + a] > INT32_MAX ? INT32_MAX : at[2 + a];
+			ext[a] = at[2 + a] - at[a];
+		}
+		if (!ext[0] && !ext[1])
+			continue;
+		for (unsigned k = 0; k < 4; k++)
+			box[k] = (int32_t)at[k];
+		cut_region_root(box, &r);
+		w = (int64_t)1 << r.wx;
+		room = (ext[0] > ext[1] ? ext[0] : ext[1]) / 8;
+		for (unsigned a = 0; a < 2; a++) {
+			int64_t low = (int64_t)(a ? r.y : r.x) + INT32_MIN;
+
+			assert_true(low < at[a] - room || low == INT32_MIN);
+			assert_true(low + w - 1 > at[2 + a] + room || low + w - 1 == INT32_MAX);
+			/* Not far larger than that takes: ten eighths, and as much again where they lie badly, to the next power of two. */
+			assert_true(w < 8 * (room + 2) * 8);
+		}
 	}
 }
 
@@ -268,6 +307,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(root_is_small),
+		cmocka_unit_test(root_has_room),
 		cmocka_unit_test(way_up_is_the_way_down),
 		cmocka_unit_test(ranges_are_the_box),
 		cmocka_unit_test(rubbish_is_no_region),

@@ -81,7 +81,13 @@ static int tiling_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_vi
 	for (unsigned s = 0; s < t->segments; s++) {
 		const struct walk w = { t, v, lo, hi, s };
 
-		if (v->segment && !v->segment(v->ctx, s))
+		struct grid_cell whole = { .segment = s };
+
+		if (t->n[s])
+			make_cell(t->pts[s], t->n[s], 0, 0, s, 0, &whole);
+		whole.lo = point_morton(whole.box[0], whole.box[1]);
+		whole.hi = point_morton(whole.box[2], whole.box[3]);
+		if (v->segment && !v->segment(v->ctx, &whole))
 			continue;
 		int rc = walk_node(&w, 0, t->n[s], 0, UINT64_MAX);
 
@@ -172,6 +178,16 @@ static int tiling_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count
 	return 0;
 }
 
+static bool tiling_all_live(void *ctx)
+{
+	const struct tiling *t = ctx;
+	bool all = true;
+
+	for (unsigned s = 0; s < t->segments; s++)
+		all = all && !t->dead[s];
+	return all;
+}
+
 static int tiling_sums(void *ctx, struct grid_sum *range, size_t n, struct err *err)
 {
 	const struct tiling *t = ctx;
@@ -195,10 +211,16 @@ static size_t tiling_parts(void *ctx, struct cut_part *ret, uint32_t *ret_segmen
 	size_t n = 0;
 
 	for (unsigned s = 0; s < t->segments; s++) {
-		struct cut_part part = { 0 };
+		struct cut_part part = { .box = { INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN } };
 
 		for (size_t i = 0; i < t->n[s]; i++)
 			if (live(t, s, i)) {
+				const int32_t at[2] = { t->pts[s][i].x, t->pts[s][i].y };
+
+				for (unsigned k = 0; k < 2; k++) {
+					part.box[k] = at[k] < part.box[k] ? at[k] : part.box[k];
+					part.box[k + 2] = at[k] > part.box[k + 2] ? at[k] : part.box[k + 2];
+				}
 				digest_add(&part.sum, digest_hash(&t->pts[s][i], sizeof(struct point)));
 				part.points++;
 			}
@@ -238,6 +260,7 @@ void tiling_source(struct tiling *t, struct cut_source *ret)
 	ret->read = tiling_read;
 	ret->scan = tiling_scan;
 	ret->count = tiling_count;
+	ret->all_live = tiling_all_live;
 	ret->sums = tiling_sums;
 	ret->box = tiling_box;
 	ret->parts = tiling_parts;

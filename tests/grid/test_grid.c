@@ -349,6 +349,39 @@ static void test_prune(void **state)
 	folder_remove(&f);
 }
 
+/* Two segments whose pages lie at the same places of their files: none is taken for the other. */
+static void test_twins(void **state)
+{
+	struct set s = set_make(SHAPE_UNIFORM, 3000, 1, 3);
+	struct grid_segment_info info[2];
+	struct folder f = folder_new();
+	struct err err = ERR_INIT;
+	struct gather g = {0};
+	struct digest sum, want;
+
+	CHECK(stage_set(&f, "a", &s, 0, &info[0], &err));
+	for (size_t i = 0; i < s.n; i++)
+		s.pts[i].z++;
+	CHECK(stage_set(&f, "b", &s, 0, &info[1], &err));
+	assert_true(info[0].bytes == info[1].bytes);
+	struct grid_manifest m = manifest_of(info, 2, 1);
+
+	CHECK(grid_manifest_write(f.fd, "m", &m, &err));
+	struct reader r = reader_open(&f, "m", 1, 0);
+
+	CHECK(grid_scan(r.r, 0, UINT64_MAX, gather_sink, &g, &err));
+	assert_int_equal(g.n, 2 * s.n);
+	CHECK(grid_sum(r.r, 0, UINT64_MAX, &sum, &err));
+	want = info[0].sum;
+	digest_add(&want, info[1].sum);
+	assert_true(digest_equal(sum, want));
+	reader_close(&r);
+	free(g.pts);
+	free(m.sources);
+	set_free(&s);
+	folder_remove(&f);
+}
+
 /* The box is that of all sources, live or not; an empty dataset has none. */
 static void test_box(void **state)
 {
@@ -385,7 +418,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 	    cmocka_unit_test(test_small),        cmocka_unit_test(test_cells),
 	    cmocka_unit_test(test_many_sources), cmocka_unit_test(test_generations),
-	    cmocka_unit_test(test_prune),        cmocka_unit_test(test_box),
+	    cmocka_unit_test(test_prune),        cmocka_unit_test(test_twins), cmocka_unit_test(test_box),
 	};
 
 	skip_fsync();

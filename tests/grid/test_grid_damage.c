@@ -12,6 +12,8 @@
 
 #include <cmocka.h>
 
+#include "grid_cell.h"
+#include "grid_disk.h"
 #include "grid_fixture.h"
 
 struct bytes {
@@ -286,12 +288,90 @@ static void test_run_flips(void **state)
 	folder_remove(&f);
 }
 
+/* ---- whole, and wrong ---- */
+
+static void note_damage(void *ctx, const struct err *err)
+{
+	if (!*(char *)ctx)
+		snprintf(ctx, sizeof err->message, "%s", err->message);
+}
+
+static const char *verified(const struct folder *f, const struct grid_segment_info *info, char message[])
+{
+	struct grid_verify_params p = {.dirfd = f->fd, .memory = malloc(GRID_VERIFY_BYTES), .damaged = note_damage, .ctx = message};
+	struct err err = ERR_INIT;
+
+	*message = '\0';
+	CHECK(grid_verify_segment(&p, info, &err));
+	free(p.memory);
+	return message;
+}
+
+/* As whoever writes such a file would have it: each checksum is that of the bytes. */
+static void reseal(struct bytes b, struct disk_leaf *leaf)
+{
+	struct disk_segment *head = (struct disk_segment *)b.at;
+	struct disk_page *page = (struct disk_page *)(b.at + head->root);
+	struct disk_block *block = (struct disk_block *)(b.at + leaf->place);
+	size_t bytes = disk_head_bytes(block);
+
+	block->records_check = grid_check((uint8_t *)block + bytes, block->records * sizeof(struct point), leaf->place);
+	leaf->check -= block->check;
+	block->check = grid_check((uint8_t *)block + 8, bytes - 8, leaf->place);
+	leaf->check += block->check;
+	page->check = grid_check((uint8_t *)page + 8, DISK_PAGE - 8, head->root);
+	head->root_check = page->check;
+	head->check = grid_check(b.at + 8, DISK_HEADER - 8, 0);
+}
+
+/* A segment that came from elsewhere is looked through before anybody counts on where its records lie. */
+static void test_out_of_place(void **state)
+{
+	struct folder f = folder_new();
+	struct set s;
+	struct grid_segment_info info = make(&f, &s, 1);
+	char message[sizeof ((struct err *)0)->message];
+
+	(void)state;
+	assert_string_equal(verified(&f, &info, message), "");
+	for (unsigned way = 0; way < 7; way++) {
+		struct bytes b = load(&f, info.file);
+		struct disk_segment *head = (struct disk_segment *)b.at;
+		struct disk_leaf *leaf = (struct disk_leaf *)(b.at + head->root + sizeof(struct disk_page));
+		struct disk_block *block = (struct disk_block *)(b.at + leaf->place);
+		struct point *pts = (struct point *)((uint8_t *)block + disk_head_bytes(block)), first = *pts;
+		uint32_t last = block->records - 1;
+
+		assert_int_equal(head->height, 1);
+		assert_true(leaf->blocks == 1 && leaf->box[0] < leaf->box[2] && leaf->box[1] < leaf->box[3]);
+		if (way >= 1 && way <= 4) {
+			leaf->box[way - 1] += way <= 2 ? 1 : -1;
+		} else if (way == 5) {
+			pts[0] = pts[last];
+			pts[last] = first;
+		} else if (way == 6) {
+			leaf->lo = point_morton(pts[last].x, pts[last].y);
+			leaf->bits = 0;
+		}
+		reseal(b, leaf);
+		store(&f, info.file, b.at, b.n);
+		assert_string_equal(verified(&f, &info, message), way ? "the segment is damaged: a record lies where its cell has none" : "");
+		free(b.at);
+		set_free(&s);
+		folder_remove(&f);
+		f = folder_new();
+		info = make(&f, &s, 1);
+	}
+	set_free(&s);
+	folder_remove(&f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 	    cmocka_unit_test(test_segment_flips), cmocka_unit_test(test_manifest_flips),
 	    cmocka_unit_test(test_exchanged),     cmocka_unit_test(test_stale),
-	    cmocka_unit_test(test_run_flips),
+	    cmocka_unit_test(test_run_flips),     cmocka_unit_test(test_out_of_place),
 	};
 
 	skip_fsync();

@@ -494,6 +494,64 @@ static void parts(void **state)
 	free(b.at);
 }
 
+/* What was shown of a file's bytes. */
+struct shown {
+	uint64_t at, n;
+	const uint8_t *file;
+};
+
+static void show(void *ctx, uint64_t at, const void *bytes, size_t n)
+{
+	struct shown *s = ctx;
+
+	assert_int_equal(at, s->at);
+	assert_memory_equal(bytes, s->file + at, n);
+	s->at += n;
+	s->n += n;
+}
+
+static uint64_t read_through(struct input *in)
+{
+	struct input_points pts;
+	struct err err = ERR_INIT;
+	uint64_t n = 0;
+
+	fixture_points_new(&pts, 5000);
+	do {
+		assert_int_equal(input_read(in, &pts, &err), 0);
+		n += pts.n;
+	} while (pts.n);
+	fixture_points_free(&pts);
+	return n;
+}
+
+/* The whole: each byte of the points once, upwards. Parts, which are read at once and in any order: nothing. */
+static void shows_what_it_reads(void **state)
+{
+	struct las_spec s = { .minor = 2, .format = 1, .n = INPUT_LAS_PART + 77 };
+	struct bytes b = fixture_las(&s);
+	int fd = fixture_fd(b.at, b.size);
+	struct shown shown = { .at = b.size - s.n * fixture_length(1), .file = b.at };
+	struct input_options options = { .seen = show, .seen_ctx = &shown };
+	struct err err = ERR_INIT;
+	struct input *whole, *part;
+
+	assert_int_equal(input_open(fd, "a.las", &options, &whole, &err), 0);
+	assert_int_equal(input_info(whole)->parts, 2);
+	assert_int_equal(input_open_part(whole, 1, 2, &part, &err), 0);
+	assert_int_equal(read_through(part), 77);
+	input_close(part);
+	assert_int_equal(input_open_part(whole, 0, 1, &part, &err), 0);
+	assert_int_equal(read_through(part), INPUT_LAS_PART);
+	input_close(part);
+	assert_int_equal(shown.n, 0);
+	assert_int_equal(read_through(whole), s.n);
+	assert_int_equal(shown.n, s.n * fixture_length(1));
+	input_close(whole);
+	close(fd);
+	free(b.at);
+}
+
 /* What fills the pipe never stops: the reader comes back now and then, so that it can be told to. */
 static void endless_pipe(void **state)
 {
@@ -552,6 +610,7 @@ int main(void)
 		cmocka_unit_test(changes_while_read),
 		cmocka_unit_test(formats_by_content_and_name),
 		cmocka_unit_test(parts),
+		cmocka_unit_test(shows_what_it_reads),
 		cmocka_unit_test(endless_pipe),
 		cmocka_unit_test(only_regular_files),
 	};

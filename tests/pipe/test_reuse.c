@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <dirent.h>
 #include <fcntl.h>
 #include <unistd.h>
 #include <cmocka.h>
@@ -325,6 +326,45 @@ static void test_refine(void **state)
 	set_free(&s);
 }
 
+/* Where much has changed large regions are faster: the plan stays. */
+static void test_refine_much(void **state)
+{
+	struct folder store = folder_new();
+	struct set s = points_more(40000, 0, 100000);
+	struct generation g[2];
+	struct err err = ERR_INIT;
+
+	(void)state;
+	for (size_t i = 0; i < 60; i++)
+		s.ids[i * 600] = 4; /* everywhere */
+	for (unsigned i = 0; i < 2; i++) {
+		struct cut_plan plan;
+		size_t before;
+
+		g[i] = generation_of(&s, 1 + i, i ? 0 : 0x18);
+		plan = plan_of(&g[i]);
+		before = plan.n;
+		for (size_t k = 0; !i && k < plan.n; k++) {
+			struct pipe_stored as;
+
+			keep(&g[i], store.fd, &plan.leaf[k].region, &as);
+		}
+		if (i) {
+			struct pipe_reuse_params p = {.storefd = store.fd, .grid = g[i].reader.grid, .view = &view, .key = &g[i].key,
+						      .load = LOAD, .cap = CAP, .memory = g[i].memory,
+						      .size = g[i].budget.domain_bytes};
+
+			CHECK(pipe_refine(&p, &plan, &err));
+			assert_int_equal(plan.n, before);
+		}
+		cut_plan_done(&plan);
+	}
+	generation_end(&g[0]);
+	generation_end(&g[1]);
+	folder_remove(&store);
+	set_free(&s);
+}
+
 /* ---- emission from the fronts ---- */
 
 enum how { MADE, WHOLE, LIGHT, SUMS };
@@ -391,6 +431,98 @@ static void test_fronts(void **state)
 	set_free(&s);
 }
 
+/* ---- hints ---- */
+
+static struct {
+	struct digest base, list;
+	unsigned asked, listed;
+} hints;
+
+static bool give_hint(void *ctx, struct digest base, struct digest *ret_list)
+{
+	(void)ctx;
+	hints.asked++;
+	assert_true(digest_equal(base, hints.base));
+	*ret_list = hints.list;
+	return true;
+}
+
+static struct dirent *count_readdir(void *dir)
+{
+	hints.listed++;
+	return io_system.readdir(dir);
+}
+
+static int reuse_hinted(struct generation *g, int store, const struct cut_region *r, int64_t after_ns, struct pipe_stored *ret)
+{
+	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
+					    .region = r, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes,
+					    .sums = true, .light = true, .hint = give_hint, .after_ns = after_ns};
+	const struct io_table *before = io;
+	struct io_table counting = *io;
+	struct err err = ERR_INIT;
+	struct mesh_domain d;
+	size_t held;
+	int rc;
+
+	counting.readdir = count_readdir;
+	hints.asked = hints.listed = 0;
+	io = &counting;
+	rc = pipe_reuse(&p, &d, ret, &held, &err);
+	io = before;
+	assert_true(rc >= 0);
+	return rc;
+}
+
+/* What somebody remembers is looked at first and saves the folder; where it is gone, or of another generation, the folder tells. */
+static void test_hints(void **state)
+{
+	struct folder store = folder_new();
+	struct cut_region root[2] = {{0}};
+	struct generation g[2];
+	struct pipe_stored as[2], got;
+	struct err err = ERR_INIT;
+	struct set s;
+
+	(void)state;
+	rng = 12;
+	s = points_of(1500, 3000);
+	for (unsigned i = 0; i < 2; i++) {
+		int32_t box[4];
+
+		g[i] = generation_of(&s, 1, 1u << i);
+		assert_true(grid_box(g[i].reader.grid, box));
+		cut_region_root(box, &root[i]);
+		keep(&g[i], store.fd, &root[i], &as[i]);
+		assert_int_equal(as[i].used_ns, 0);
+	}
+	assert_true(cut_region_same(&root[0], &root[1]) && !digest_equal(as[0].id.list, as[1].id.list));
+	hints.base = as[0].id.base;
+	for (unsigned i = 0; i < 4; i++) {
+		/* The right one, then that of the other generation. */
+		hints.list = as[i / 2].id.list;
+		assert_int_equal(reuse_hinted(&g[i & 1], store.fd, &root[0], 0, &got), 0);
+		assert_memory_equal(&got.id, &as[i & 1].id, sizeof got.id);
+		assert_int_equal(hints.asked, 1);
+		assert_true((hints.listed > 0) == ((i & 1) != i / 2));
+		assert_true(got.used_ns > 0);
+	}
+	/* Who knows what was there before asks for what came since, which no hint tells. */
+	assert_int_equal(reuse_hinted(&g[1], store.fd, &root[0], INT64_MAX, &got), PIPE_E_ABSENT);
+	assert_int_equal(hints.asked, 0);
+	hints.list = (struct digest){1, 2};
+	assert_int_equal(reuse_hinted(&g[0], store.fd, &root[0], 0, &got), 0);
+	assert_true(hints.listed > 0);
+	hints.list = as[0].id.list;
+	CHECK(store_remove(store.fd, &as[0].id, &err));
+	assert_int_equal(reuse_hinted(&g[0], store.fd, &root[0], 0, &got), PIPE_E_ABSENT);
+	assert_int_equal(reuse_hinted(&g[1], store.fd, &root[0], 0, &got), 0);
+	generation_end(&g[0]);
+	generation_end(&g[1]);
+	folder_remove(&store);
+	set_free(&s);
+}
+
 /* ---- damage ---- */
 
 static void flip(const struct folder *f, const char *name, off_t at)
@@ -416,6 +548,7 @@ static void test_damage(void **state)
 	struct set s;
 	char name[128], base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
 	const struct cut_region *r;
+	unsigned nobodys = 0;
 
 	(void)state;
 	rng = 9;
@@ -437,6 +570,7 @@ static void test_damage(void **state)
 		/* Padding after vertices and triangles is nobody's. */
 		if (reuse(&g, store.fd, r, g.memory, false, &d, &got) == 0) {
 			flip(&store, name, (off_t)at);
+			nobodys++;
 			continue;
 		}
 		assert_true(light == 0 || light == PIPE_E_ABSENT);
@@ -445,6 +579,7 @@ static void test_damage(void **state)
 		keep(&g, store.fd, r, &got);
 		assert_memory_equal(&as, &got, sizeof as);
 	}
+	assert_in_range(nobodys, 0, 3);
 	for (uint64_t cut = 1; cut < as.bytes; cut += 97) {
 		int fd = openat(store.fd, name, O_RDWR);
 
@@ -510,7 +645,9 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_generations),
 		cmocka_unit_test(test_refine),
+		cmocka_unit_test(test_refine_much),
 		cmocka_unit_test(test_fronts),
+		cmocka_unit_test(test_hints),
 		cmocka_unit_test(test_damage),
 		cmocka_unit_test(test_versions),
 	};

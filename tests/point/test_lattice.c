@@ -10,11 +10,13 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "err.h"
 #include "lattice.h"
+#include "lattice_set.h"
 
 static uint64_t random_state = 17;
 
@@ -160,6 +162,108 @@ static void test_choose_wanted(void **state)
 	assert_int_equal(lattice_choose(&in, 1, &wanted, NULL, &l, &err), 0);
 	assert_int_equal(l.k[0], 4000050000);
 	assert_int_equal(l.k[2], 0);
+	(void)state;
+}
+
+/* ---- sets ---- */
+
+static uint64_t seed = 7;
+
+static unsigned pick(unsigned n)
+{
+	seed = seed * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
+	return (unsigned)((seed >> 33) % n);
+}
+
+/* Of all kinds: alike, without boxes, with scales that are none, too wide, too fine, far out. */
+static void fill(struct lattice_input *in, char (*names)[8], size_t n)
+{
+	static const char *const scales[] = {"0.01", "0.01", "0.01", "0.001", "0.000001", "7e-7", "1000", "0", "-1"};
+	static const char *const offsets[] = {"0", "0", "500000", "-3.5", NULL};
+	static const double boxes[][2] = {{0, 1}, {500000, 500100}, {-1e9, 1e9}, {5e6, 5.1e6}, {3, -3}, {-1e300, 1e300}};
+
+	for (size_t i = 0; i < n; i++) {
+		const double *box = boxes[pick(pick(3) ? 2 : 6)];
+
+		snprintf(names[i], sizeof names[i], "%zu", i);
+		in[i] = input(names[i], scales[pick(pick(3) ? 5 : 9)], offsets[pick(5)], box[0], box[1] + pick(3));
+		if (!pick(4))
+			in[i].scale[pick(3)] = dec(scales[pick(9)]);
+	}
+}
+
+/* Left out one by one, they are those that whoever asks anew each time leaves out, for the same reasons. */
+static void test_set(void **state)
+{
+	for (unsigned turn = 0; turn < 3000; turn++) {
+		struct lattice_input in[12], left[12];
+		char names[12][8];
+		size_t n = 1 + pick(12), m = n, which;
+		struct lattice_set *set;
+
+		fill(in, names, n);
+		memcpy(left, in, sizeof in);
+		set = lattice_set_new(in, n);
+		assert_non_null(set);
+		for (;;) {
+			struct err want = ERR_INIT, got = ERR_INIT;
+			struct lattice a = {.k = {1}}, b = {.k = {1}};
+			int r = lattice_choose(left, m, NULL, NULL, &a, &want);
+
+			assert_int_equal(lattice_set_choose(set, NULL, NULL, &b, &which, &got), r);
+			assert_string_equal(got.message, want.message);
+			assert_string_equal(got.file, want.file);
+			if (!r) {
+				assert_true(lattice_equal(&a, &b));
+				assert_int_equal(which, n);
+			}
+			if (!r || m == 1)
+				break;
+			assert_true(which < n);
+			assert_string_equal(in[which].name, want.file);
+			lattice_set_leave(set, which);
+			for (size_t i = 0; i < m; i++)
+				if (!strcmp(left[i].name, want.file)) {
+					memmove(&left[i], &left[i + 1], (m - i - 1) * sizeof *left);
+					break;
+				}
+			m--;
+			assert_int_equal(lattice_set_left(set), m);
+		}
+		lattice_set_free(set);
+	}
+	(void)state;
+}
+
+/* Thousands of which none fits with another are left out in the steps of a few sorts. */
+static void test_set_steps(void **state)
+{
+	enum { N = 10000, LOG = 14, ORDERS = 19 };
+	struct lattice_input *in = calloc(N, sizeof *in);
+	char (*names)[8] = calloc(N, sizeof *names);
+	struct lattice_set *set;
+	struct lattice l;
+	size_t which, gone = 0;
+
+	for (size_t i = 0; i < N; i++) {
+		snprintf(names[i], sizeof names[i], "%zu", i);
+		in[i] = input(names[i], "0.001", NULL, (double)i * 1e8, (double)i * 1e8 + 1);
+		in[i].scale[0].mantissa += (int64_t)i % 100;
+	}
+	set = lattice_set_new(in, N);
+	for (;; gone++) {
+		struct err err = ERR_INIT;
+
+		if (!lattice_set_choose(set, NULL, NULL, &l, &which, &err))
+			break;
+		assert_int_equal(err.code, ERR_INPUT);
+		lattice_set_leave(set, which);
+	}
+	assert_int_equal(gone, N - 1);
+	assert_true(lattice_set_steps(set) < (uint64_t)ORDERS * N * (LOG + 2));
+	lattice_set_free(set);
+	free(in);
+	free(names);
 	(void)state;
 }
 
@@ -384,6 +488,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_choose),         cmocka_unit_test(test_choose_lying_box),
 		cmocka_unit_test(test_choose_refused), cmocka_unit_test(test_choose_wanted),
+		cmocka_unit_test(test_set),            cmocka_unit_test(test_set_steps),
 		cmocka_unit_test(test_text),           cmocka_unit_test(test_map_rounding),
 		cmocka_unit_test(test_map_commutes),   cmocka_unit_test(test_map_defining),
 		cmocka_unit_test(test_map_exact),      cmocka_unit_test(test_map_wide),

@@ -95,6 +95,7 @@ static void test_matrix(void **state)
 			print_error("row %zu: %s, not %s\n", i, view_rule_text(got),
 				    view_rule_text(rows[i].want));
 		assert_int_equal(got, rows[i].want);
+		assert_true(view_by_kind(rows[i].view));
 	}
 	(void)state;
 }
@@ -163,6 +164,7 @@ static void test_places(void **state)
 			if (got == VIEW_KEPT)
 				assert_true(view_may_hold(&v, box));
 			assert_int_equal(view_selects(&v), strstr(rows[i].request, "crop") != NULL);
+			assert_int_equal(view_by_kind(&v), !strstr(rows[i].request, "crop") && !strstr(rows[i].request, " z"));
 			struct view rest = view_rest(&v);
 
 			p.cls = 18;
@@ -184,6 +186,7 @@ static void test_every(void **state)
 
 	for (v.every = 2; v.every < 2000; v.every = v.every * 3 + 1) {
 		view_bind(&v, &l);
+		assert_false(view_by_kind(&v));
 		kept = 0;
 		for (int i = 0; i < 20000; i++) {
 			struct point p = {i % 200, i / 200, i, 2, 0x11, 0}, q = p;

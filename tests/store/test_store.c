@@ -1,0 +1,364 @@
+/*
+ * The bytes of stored domains: whatever lies in a domain comes back as it was, in as few bytes as its extents allow; files of
+ * version 4 are read, of earlier ones removed, of later ones left alone.
+ */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <fcntl.h>
+#include <unistd.h>
+#include <cmocka.h>
+#include <xxhash.h>
+
+#include "err.h"
+#include "io.h"
+#include "store.h"
+
+static const struct store_id ID = { { 0x1234, 5 }, { 6, 7 } };
+enum { HEADER = 384, PROOF = 44 };
+
+static char path[] = "/tmp/acut-test-store-XXXXXX";
+static int dirfd = -1;
+
+static void check(int r, const struct err *err)
+{
+	if (r)
+		fail_msg("%d: %s", r, err->message);
+}
+
+static const char *name_of(void)
+{
+	return "00/d-00000000000012340000000000000005-00000000000000060000000000000007";
+}
+
+static int in_folder(int (*fn)(int, const char *, void *, size_t, struct err *), void *memory, size_t size, struct err *err)
+{
+	int fd = openat(dirfd, "00", O_RDONLY | O_DIRECTORY), r;
+
+	assert_true(fd >= 0);
+	r = fn(fd, name_of() + 3, memory, size, err);
+	close(fd);
+	return r;
+}
+
+static bool is_there(void)
+{
+	return faccessat(dirfd, name_of(), F_OK, 0) == 0;
+}
+
+/* ---- domains ---- */
+
+struct made {
+	struct mesh_domain d;
+	struct store_beside beside;
+	uint8_t proof[PROOF];
+};
+
+/* Closed vertices within [low, high] of each axis, ends included; open ones anywhere. */
+static void make(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int32_t low[3], const int32_t high[3], struct made *m)
+{
+	struct mesh_domain *d = &m->d;
+	int32_t at[3];
+
+	memset(m, 0, sizeof *m);
+	memset(m->proof, 0x5a, PROOF);
+	m->beside = (struct store_beside){ .content = { 8, 9 }, .proof = m->proof, .proof_size = PROOF - 3 };
+	*d = (struct mesh_domain){ .nvertex = nvertex, .nopen = nopen, .ntriangle = ntriangle, .digest = { 10, 11 }, .nhull = 12,
+				   .counts.points = 13 };
+	d->vertex = calloc(nvertex + 1, sizeof *d->vertex);
+	d->link = calloc(nopen + 1, sizeof *d->link);
+	d->triangle = calloc(ntriangle + 1, sizeof *d->triangle);
+	for (uint32_t i = 0; i < nvertex; i++) {
+		for (unsigned k = 0; k < 3; k++) {
+			uint64_t wide = (uint64_t)((int64_t)high[k] - low[k]) + 1;
+
+			at[k] = (int32_t)(low[k] + (int64_t)(((uint64_t)rand() << 31 | (uint64_t)rand()) % wide));
+			if (i >= nvertex - 2)
+				at[k] = i == nvertex - 1 ? high[k] : low[k];
+		}
+		d->vertex[i] = i < nopen ? (struct mesh_vertex){ rand() - rand(), rand() - rand(), rand() - rand() } :
+					   (struct mesh_vertex){ at[0], at[1], at[2] };
+	}
+	for (uint32_t i = 0; i < nopen; i++)
+		d->link[i] = (struct mesh_link){ (uint64_t)rand() << 40, (uint64_t)rand(), (uint32_t)rand() };
+	for (uint32_t i = 0; i < ntriangle; i++)
+		for (unsigned k = 0; k < 3; k++)
+			d->triangle[i][k] = i + 1 == ntriangle ? nvertex - 1 - k : (uint32_t)rand() % nvertex;
+}
+
+static void unmake(struct made *m)
+{
+	free(m->d.vertex);
+	free(m->d.link);
+	free(m->d.triangle);
+}
+
+static void check_same(const struct mesh_domain *a, const struct mesh_domain *b)
+{
+	assert_true(a->nvertex == b->nvertex && a->nopen == b->nopen && a->ntriangle == b->ntriangle);
+	assert_memory_equal(a->vertex, b->vertex, a->nvertex * sizeof *a->vertex);
+	assert_memory_equal(a->link, b->link, a->nopen * sizeof *a->link);
+	assert_memory_equal(a->triangle, b->triangle, a->ntriangle * sizeof *a->triangle);
+	assert_true(digest_equal(a->digest, b->digest) && a->nhull == b->nhull && a->counts.points == b->counts.points);
+}
+
+/* All ways of reading what is stored of `m`. Memory of exactly the size that was promised, with a guard behind it. */
+static void check_stored(const struct made *m, const struct store_front *want)
+{
+	struct store_front f;
+	struct mesh_domain d;
+	struct err err = ERR_INIT;
+	uint8_t *memory, small[100];
+
+	check(store_head(dirfd, &ID, &f, &err), &err);
+	assert_true(f.bytes == want->bytes && f.payload == want->payload && f.front == want->front && f.whole == want->whole);
+	assert_int_equal(f.bytes, store_size(dirfd, &ID));
+	memory = malloc(f.whole + 8);
+	memset(memory + f.whole, 0x77, 8);
+	assert_int_equal(store_get(dirfd, &ID, memory, f.whole - 1, &d, &err), STORE_E_ABSENT);
+	check(store_get(dirfd, &ID, memory, f.whole, &d, &err), &err);
+	check_same(&m->d, &d);
+	assert_true((uint8_t *)d.final + (d.nvertex + 7) / 8 <= memory + f.whole);
+	for (unsigned i = 0; i < 8; i++)
+		assert_int_equal(memory[f.whole + i], 0x77);
+	free(memory);
+	memory = malloc(f.front + 1);
+	memory[f.front] = 0x77;
+	check(store_front(dirfd, &ID, memory, f.front, &f, &err), &err);
+	assert_int_equal(memory[f.front], 0x77);
+	assert_memory_equal(f.domain.link, m->d.link, m->d.nopen * sizeof *m->d.link);
+	assert_memory_equal(f.domain.vertex, m->d.vertex, m->d.nopen * sizeof *m->d.vertex);
+	assert_memory_equal(f.beside.proof, m->proof, m->beside.proof_size);
+	free(memory);
+	check(in_folder(store_check, small, sizeof small, &err), &err);
+}
+
+/* ---- what fits in two bytes, and what does not ---- */
+
+static void test_extents(void **state)
+{
+	static const struct {
+		int32_t low[3], high[3];
+		unsigned vertex; /* bytes */
+	} c[] = {
+		{ { 0, 0, 0 }, { 65535, 65535, 65535 }, 6 },
+		{ { -40000, 1 << 30, INT32_MIN }, { 25535, (1 << 30) + 9, INT32_MIN + 65535 }, 6 },
+		{ { INT32_MAX - 65535, INT32_MAX, -7 }, { INT32_MAX, INT32_MAX, -7 }, 6 },
+		{ { 0, 0, 0 }, { 65536, 65535, 65535 }, 8 },
+		{ { 0, 0, 0 }, { 65535, 65536, 65535 }, 8 },
+		{ { 0, 0, 0 }, { 65535, 65535, 65536 }, 8 },
+		{ { -5, -5, 100 }, { 1 << 20, 1 << 20, 65635 }, 10 },
+		{ { INT32_MIN, 5, INT32_MIN }, { INT32_MAX, 70, INT32_MAX }, 10 },
+		{ { INT32_MIN, INT32_MIN, INT32_MIN }, { INT32_MAX, INT32_MAX, INT32_MAX }, 12 },
+	};
+	static const struct { uint32_t vertices, open, triangles; } size[] = {
+		{ 3, 3, 1 }, { 4, 3, 3 }, { 5, 3, 4 }, { 13, 4, 19 }, { 1000, 100, 1900 }, { 65536, 7, 20001 }, { 65537, 7, 20001 },
+	};
+
+	(void)state;
+	for (unsigned i = 0; i < sizeof c / sizeof c[0]; i++) {
+		for (unsigned k = 0; k < sizeof size / sizeof size[0]; k++) {
+			uint32_t closed = size[k].vertices - size[k].open;
+			struct err err = ERR_INIT;
+			struct store_front f;
+			struct made m;
+			uint64_t least;
+
+			make(size[k].vertices, size[k].open, size[k].triangles, c[i].low, c[i].high, &m);
+			check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open + size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
+			/* Of one there is no extent. */
+			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0);
+			assert_in_range(f.bytes, least, least + 14);
+			check_stored(&m, &f);
+			unmake(&m);
+		}
+	}
+}
+
+static void test_nothing(void **state)
+{
+	static const int32_t zero[3];
+	struct err err = ERR_INIT;
+	struct store_front f;
+	struct mesh_domain d;
+	struct made m;
+	uint8_t memory[8];
+
+	(void)state;
+	make(0, 0, 0, zero, zero, &m);
+	m.beside.proof_size = 0;
+	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+	assert_int_equal(f.bytes, HEADER);
+	check(store_get(dirfd, &ID, memory, 0, &d, &err), &err);
+	assert_true(!d.nvertex && !d.ntriangle && digest_equal(d.digest, m.d.digest));
+	unmake(&m);
+}
+
+/* ---- other versions ---- */
+
+static size_t padded(size_t n)
+{
+	return (n + 7) & ~(size_t)7;
+}
+
+static void pwrite_all(int fd, const void *bytes, size_t n, size_t at)
+{
+	assert_int_equal(pwrite(fd, bytes, n, (off_t)at), n);
+}
+
+/* The header that is there, as version `version` says it. */
+static void header_set(uint32_t version, const uint64_t *rest)
+{
+	int fd = openat(dirfd, name_of(), O_RDWR);
+	uint8_t header[HEADER];
+	uint64_t sum;
+
+	assert_int_equal(pread(fd, header, HEADER, 0), HEADER);
+	memcpy(header + 4, &version, 4);
+	if (rest)
+		memcpy(header + 280, rest, 8);
+	if (version < 5)
+		memset(header + 308, 0, 68);
+	sum = XXH3_64bits(header, HEADER - 8);
+	memcpy(header + HEADER - 8, &sum, 8);
+	pwrite_all(fd, header, HEADER, 0);
+	close(fd);
+}
+
+/* FORMAT.md, version 4: everything as it lies in memory. */
+static void write_4(const struct made *m, uint64_t *ret_payload, uint64_t *ret_bytes)
+{
+	const struct mesh_domain *d = &m->d;
+	size_t at = HEADER + padded(m->beside.proof_size), open = d->nopen * sizeof *d->link + d->nopen * sizeof *d->vertex,
+	       closed = (d->nvertex - d->nopen) * sizeof *d->vertex, triangles = d->ntriangle * sizeof *d->triangle;
+	uint8_t *all = calloc(1, open + closed + triangles);
+	int fd = openat(dirfd, name_of(), O_RDWR);
+	uint64_t rest, first;
+
+	memcpy(all, d->link, d->nopen * sizeof *d->link);
+	memcpy(all + d->nopen * sizeof *d->link, d->vertex, d->nvertex * sizeof *d->vertex);
+	memcpy(all + open + closed, d->triangle, triangles);
+	first = XXH3_64bits(all, open);
+	rest = XXH3_64bits(all + open, closed + triangles);
+	pwrite_all(fd, all, open + closed, at);
+	at += padded(open + closed);
+	pwrite_all(fd, all + open + closed, triangles, at);
+	*ret_bytes = at + padded(triangles);
+	assert_int_equal(ftruncate(fd, (off_t)*ret_bytes), 0);
+	close(fd);
+	header_set(4, &rest);
+	*ret_payload = XXH3_64bits_withSeed(&rest, sizeof rest, first);
+	free(all);
+}
+
+static void test_version_4(void **state)
+{
+	static const int32_t low[3] = { -3, 5, 0 }, high[3] = { 900, 7000, 50 };
+	struct err err = ERR_INIT;
+	struct store_front f, narrow;
+	struct made m;
+
+	(void)state;
+	make(1001, 33, 1903, low, high, &m);
+	check(store_put(dirfd, &ID, &m.beside, &m.d, &narrow, &err), &err);
+	f = narrow;
+	write_4(&m, &f.payload, &f.bytes);
+	assert_true(f.bytes > narrow.bytes + 18 * 900);
+	check_stored(&m, &f);
+	/* Its checksums count too. */
+	for (unsigned i = 0; i < 3; i++) {
+		const off_t at[3] = { HEADER + PROOF + 4 + 36 * 33 + 100, (off_t)f.bytes - 20, 100 };
+		uint8_t byte, *memory = malloc(f.whole);
+		struct mesh_domain d;
+		uint64_t payload, bytes;
+		int fd;
+
+		check(store_put(dirfd, &ID, &m.beside, &m.d, &narrow, &err), &err);
+		write_4(&m, &payload, &bytes);
+		fd = openat(dirfd, name_of(), O_RDWR);
+		assert_int_equal(pread(fd, &byte, 1, at[i]), 1);
+		byte ^= 1;
+		pwrite_all(fd, &byte, 1, (size_t)at[i]);
+		close(fd);
+		assert_int_equal(store_get(dirfd, &ID, memory, f.whole, &d, &err), STORE_E_DAMAGED);
+		assert_false(is_there());
+		free(memory);
+	}
+	unmake(&m);
+}
+
+static void test_other_versions(void **state)
+{
+	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
+	struct err err = ERR_INIT;
+	struct store_front f;
+	uint8_t memory[256];
+	struct mesh_domain d;
+	struct made m;
+
+	(void)state;
+	make(10, 4, 12, low, high, &m);
+	/* Of a later one: absent, and nobody's to judge. */
+	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+	header_set(6, NULL);
+	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
+	assert_int_equal(store_get(dirfd, &ID, memory, sizeof memory, &d, &err), STORE_E_ABSENT);
+	assert_int_equal(in_folder(store_check, memory, sizeof memory, &err), -ERR_VERSION);
+	assert_non_null(strstr(err.message, "of version 6"));
+	err_clear(&err);
+	assert_true(is_there());
+	/* Of an earlier one: absent, and gone. */
+	header_set(3, NULL);
+	assert_int_equal(in_folder(store_check, memory, sizeof memory, &err), -ERR_CORRUPT);
+	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
+	assert_false(is_there());
+	/* Widths that no version has, though the size of the file is right. */
+	for (unsigned i = 308; i < 310; i++) {
+		const uint8_t bytes[2] = { 1, 3 };
+		int fd;
+
+		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+		fd = openat(dirfd, name_of(), O_RDWR);
+		pwrite_all(fd, bytes, 2, i);
+		close(fd);
+		header_set(5, NULL);
+		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
+		assert_false(is_there());
+	}
+	unmake(&m);
+}
+
+static int begin(void **state)
+{
+	(void)state;
+	srand(5);
+	dirfd = mkdtemp(path) ? open(path, O_RDONLY | O_DIRECTORY) : -1;
+	return dirfd < 0;
+}
+
+static int end(void **state)
+{
+	(void)state;
+	unlinkat(dirfd, name_of(), 0);
+	unlinkat(dirfd, "00", AT_REMOVEDIR);
+	close(dirfd);
+	return rmdir(path);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(test_extents),
+		cmocka_unit_test(test_nothing),
+		cmocka_unit_test(test_version_4),
+		cmocka_unit_test(test_other_versions),
+	};
+
+	return cmocka_run_group_tests(tests, begin, end);
+}
