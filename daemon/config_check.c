@@ -73,6 +73,9 @@ static void look_folders(const struct config *c, struct config_told *told, bool 
 		err_add_hint(&err, "choose another cache");
 		config_told_error(told, &err);
 	}
+	err_clear(&err);
+	if (place_apart(c->state, c->cache, false, &err))
+		config_told_error(told, &err);
 	if (*c->socket)
 		look_parent(c->socket, told);
 }

@@ -7,6 +7,7 @@
 #include <systemd/sd-event.h>
 
 #include "config.h"
+#include "marker.h"
 #include "notify.h"
 
 struct err;
@@ -15,6 +16,7 @@ struct err;
 
 struct daemon {
 	struct config config;
+	struct marker store;
 	int statefd, cachefd, state_lock, cache_lock, socket_lock;
 	int sockets[HAND_OVER_MAX]; /* that listen */
 	int nsockets;

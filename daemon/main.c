@@ -172,6 +172,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.ledger = d->ledger,
 		.statefd = d->statefd,
 		.cachefd = d->cachefd,
+		.store = d->store.id,
 		.threads = d->config.threads,
 		.disk = d->config.disk,
 		.keep_free = d->config.keep_free,
@@ -244,21 +245,25 @@ static void look_places(struct daemon *d)
 		snprintf(d->warning, sizeof d->warning, "the cache is on a network file system: it is slow, and not made for it");
 }
 
+/* A connection was handed over: acutctl has this daemon for one command, with a state that goes with it. */
+static bool has_one_client(void)
+{
+	return sd_listen_fds(0) > 0 && sd_is_socket(SD_LISTEN_FDS_START, AF_UNIX, SOCK_STREAM, 0) > 0;
+}
+
 static int start(struct daemon *d, struct err *err)
 {
-	struct marker store;
 	bool init = d->config.init || (d->config.init_first && place_cache_unused(d->config.cache));
-	int r = place_state(d->config.state, init, &d->statefd, &d->state_lock, &store, err);
+	int r = place_apart(d->config.state, d->config.cache, has_one_client(), err);
 
-	/* One folder for both is one lock. */
-	if (!r && strcmp(d->config.state, d->config.cache))
+	if (!r)
+		r = place_state(d->config.state, init, &d->statefd, &d->state_lock, &d->store, err);
+	if (!r)
 		r = place_cache(d->config.cache, &d->cachefd, &d->cache_lock, err);
-	else if (!r)
-		d->cachefd = dup(d->statefd);
 	if (!r)
 		make_room(d);
-	if (!r && place_cache_serves(d->cachefd, &store, err))
-		r = err_add_file(err, d->config.cache);
+	if (!r)
+		r = place_cache_serves(d->cachefd, d->config.cache, &d->store, err);
 	if (!r)
 		r = loop_make(d, err);
 	if (!r)
@@ -380,5 +385,6 @@ int main(int argc, char **argv)
 		_exit(1);
 	}
 	finish(&d);
+	log_floods(true);
 	return 0;
 }

@@ -296,7 +296,7 @@ bool place_cache_unused(const char *path)
 	return r == MARKER_E_ABSENT;
 }
 
-int place_cache_serves(int fd, const struct marker *state, struct err *err)
+int place_cache_serves(int fd, const char *path, const struct marker *state, struct err *err)
 {
 	struct marker m;
 	struct err why = ERR_INIT;
@@ -306,11 +306,11 @@ int place_cache_serves(int fd, const struct marker *state, struct err *err)
 		return 0;
 	if (r < 0 && r != -ERR_CORRUPT) {
 		*err = why;
-		return r;
+		return of_folder(path, err);
 	}
 	if (!r)
 		log_notice("the cache served another store: what is in it goes by content, and stays");
-	return marker_write(fd, MARKER_CACHE, state, err);
+	return marker_write(fd, MARKER_CACHE, state, err) ? of_folder(path, err) : 0;
 }
 
 /* ---- sockets ---- */

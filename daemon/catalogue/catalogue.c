@@ -58,6 +58,19 @@ int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **re
 	return 0;
 }
 
+/* Of a start that failed: what it queued nobody writes. */
+static void drop_todo(struct catalogue *c)
+{
+	struct change *ch;
+
+	while ((ch = c->todo)) {
+		c->todo = ch->next;
+		if (ch->charged)
+			ledger_give(c->ledger, LEDGER_CATALOGUE, ch->charged);
+		catalogue_change_free(ch);
+	}
+}
+
 struct catalogue *catalogue_free(struct catalogue *c)
 {
 	if (!c)
@@ -70,6 +83,7 @@ struct catalogue *catalogue_free(struct catalogue *c)
 		pthread_join(c->thread, NULL);
 		catalogue_dispatch(c);
 	}
+	drop_todo(c);
 	catalogue_close(c);
 	if (c->event >= 0)
 		close(c->event);

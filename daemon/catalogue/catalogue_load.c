@@ -1,117 +1,143 @@
 /* Reading the catalogue, before it starts: each row is handed over, its texts borrowed. */
 #include "catalogue_priv.h"
 
+#include <stdbool.h>
 #include <string.h>
 
 #include "err.h"
 #include "progress.h"
 
-static const char *text(sqlite3_stmt *s, int i)
-{
-	const char *t = (const char *)sqlite3_column_text(s, i);
+/* So many rows are worth a word. */
+enum { ROWS_STEP = 16 };
 
-	return t ? t : "";
+/* Ten thousand rows of twenty columns are read at a start: each value is looked up once, and a text asked for only where there
+ * is one. (The connection is SQLITE_OPEN_NOMUTEX, so the values of columns are as good as protected ones.) */
+static bool read_column(sqlite3_stmt *s, int i, struct column *ret)
+{
+	sqlite3_value *v = sqlite3_column_value(s, i);
+
+	*ret = (struct column){.type = sqlite3_value_type(v), .text = ""};
+	if (ret->type == SQLITE_INTEGER || ret->type == SQLITE_FLOAT)
+		ret->number = sqlite3_value_int64(v);
+	if (ret->type == SQLITE_INTEGER || ret->type == SQLITE_NULL)
+		return true;
+	ret->bytes = (size_t)sqlite3_value_bytes(v);
+	if (ret->bytes)
+		ret->text = (const char *)sqlite3_value_text(v);
+	return ret->text; /* or there is no memory for it */
 }
 
-static int read_dataset(sqlite3_stmt *s, const struct catalogue_reader *to, struct err *err)
+static bool read_columns(sqlite3_stmt *s, int n, struct column *ret)
+{
+	for (int i = 0; i < n; i++)
+		if (!read_column(s, i, &ret[i]))
+			return false;
+	return true;
+}
+
+static int read_dataset(const struct column *c, const struct catalogue_reader *to, struct err *err)
 {
 	struct catalogue_dataset d = {
-		.id = (uint64_t)sqlite3_column_int64(s, 0),
-		.name = text(s, 1),
-		.uid = (uint32_t)sqlite3_column_int64(s, 2),
-		.created_us = sqlite3_column_int64(s, 3),
-		.pushed_us = sqlite3_column_int64(s, 4),
-		.manifest = text(s, 5),
-		.generation = (uint64_t)sqlite3_column_int64(s, 6),
-		.points = (uint64_t)sqlite3_column_int64(s, 7),
-		.bytes = (uint64_t)sqlite3_column_int64(s, 8),
-		.files = (uint32_t)sqlite3_column_int64(s, 9),
-		.lattice = text(s, 10),
-		.crs = text(s, 11),
-		.unit_xy = text(s, 12),
-		.unit_z = text(s, 13),
-		.box = {(int32_t)(sqlite3_column_int64(s, 14) >> 32), (int32_t)sqlite3_column_int64(s, 14),
-			(int32_t)(sqlite3_column_int64(s, 15) >> 32), (int32_t)sqlite3_column_int64(s, 15)},
-		.removed_us = sqlite3_column_int64(s, 16),
-		.pinned = sqlite3_column_int64(s, 17) != 0,
-		.oldest = (uint64_t)sqlite3_column_int64(s, 18),
-		.segments = (uint32_t)sqlite3_column_int64(s, 19),
-		.gid = (uint32_t)sqlite3_column_int64(s, 20),
-		.mode = (uint32_t)sqlite3_column_int64(s, 21),
+		.id = (uint64_t)c[0].number,
+		.name = c[1].text,
+		.uid = (uint32_t)c[2].number,
+		.created_us = c[3].number,
+		.pushed_us = c[4].number,
+		.manifest = c[5].text,
+		.generation = (uint64_t)c[6].number,
+		.points = (uint64_t)c[7].number,
+		.bytes = (uint64_t)c[8].number,
+		.files = (uint32_t)c[9].number,
+		.lattice = c[10].text,
+		.crs = c[11].text,
+		.unit_xy = c[12].text,
+		.unit_z = c[13].text,
+		.box = {(int32_t)(c[14].number >> 32), (int32_t)c[14].number,
+			(int32_t)(c[15].number >> 32), (int32_t)c[15].number},
+		.removed_us = c[16].number,
+		.pinned = c[17].number != 0,
+		.oldest = (uint64_t)c[18].number,
+		.segments = (uint32_t)c[19].number,
+		.gid = (uint32_t)c[20].number,
+		.mode = (uint32_t)c[21].number,
 	};
 
 	return to->dataset(to->ctx, &d, err);
 }
 
-static int read_job(sqlite3_stmt *s, const struct catalogue_reader *to, struct err *err)
+static int read_job(const struct column *c, const struct catalogue_reader *to, struct err *err)
 {
 	struct catalogue_job j = {
-		.id = (uint64_t)sqlite3_column_int64(s, 0),
-		.dataset = (uint64_t)sqlite3_column_int64(s, 1),
-		.generation = (uint64_t)sqlite3_column_int64(s, 2),
-		.view = text(s, 3),
-		.state = text(s, 4),
-		.uid = (uint32_t)sqlite3_column_int64(s, 5),
-		.pid = (uint32_t)sqlite3_column_int64(s, 6),
-		.submitted_us = sqlite3_column_int64(s, 7),
-		.finished_us = sqlite3_column_int64(s, 8),
-		.report = text(s, 9),
-		.error_code = text(s, 10),
-		.error_message = text(s, 11),
-		.error_file = text(s, 12),
-		.error_field = text(s, 13),
-		.error_hint = text(s, 14),
-		.error_offset = sqlite3_column_int64(s, 15),
-		.priority = (uint32_t)sqlite3_column_int64(s, 16),
-		.area = text(s, 17),
-		.admin = sqlite3_column_int64(s, 18) != 0,
+		.id = (uint64_t)c[0].number,
+		.dataset = (uint64_t)c[1].number,
+		.generation = (uint64_t)c[2].number,
+		.view = c[3].text,
+		.state = c[4].text,
+		.uid = (uint32_t)c[5].number,
+		.pid = (uint32_t)c[6].number,
+		.submitted_us = c[7].number,
+		.finished_us = c[8].number,
+		.report = c[9].text,
+		.error_code = c[10].text,
+		.error_message = c[11].text,
+		.error_file = c[12].text,
+		.error_field = c[13].text,
+		.error_hint = c[14].text,
+		.error_offset = c[15].number,
+		.priority = (uint32_t)c[16].number,
+		.area = c[17].text,
+		.admin = c[18].number != 0,
 	};
 
 	return to->job(to->ctx, &j, err);
 }
 
-static int read_push(sqlite3_stmt *s, const struct catalogue_reader *to, struct err *err)
+static int read_push(const struct column *c, const struct catalogue_reader *to, struct err *err)
 {
 	struct catalogue_push p = {
-		.id = (uint64_t)sqlite3_column_int64(s, 0),
-		.dataset = (uint64_t)sqlite3_column_int64(s, 1),
-		.uid = (uint32_t)sqlite3_column_int64(s, 2),
-		.files = (uint32_t)sqlite3_column_int64(s, 3),
-		.begun_us = sqlite3_column_int64(s, 4),
+		.id = (uint64_t)c[0].number,
+		.dataset = (uint64_t)c[1].number,
+		.uid = (uint32_t)c[2].number,
+		.files = (uint32_t)c[3].number,
+		.begun_us = c[4].number,
 	};
 
 	return to->push(to->ctx, &p, err);
 }
 
-static int read_last(sqlite3_stmt *s, const struct catalogue_reader *to, struct err *err)
+static int read_last(const struct column *c, const struct catalogue_reader *to, struct err *err)
 {
 	static const char *const names[3] = {"dataset", "job", "push"};
 	uint64_t *last = to->ctx;
 
 	for (int i = 0; i < 3; i++)
-		if (!strcmp(text(s, 0), names[i]))
-			last[i] = (uint64_t)sqlite3_column_int64(s, 1);
+		if (!strcmp(c[0].text, names[i]))
+			last[i] = (uint64_t)c[1].number;
 	return 0;
 }
 
 /* `table`: its rows have checksums; NULL: not. */
 static int read_all(struct catalogue *c, const char *table, const char *sql,
-		    int (*row)(sqlite3_stmt *, const struct catalogue_reader *, struct err *),
+		    int (*row)(const struct column *, const struct catalogue_reader *, struct err *),
 		    const struct catalogue_reader *to, struct err *err)
 {
+	struct column column[VALUES + 1];
+	unsigned rows = 0;
 	sqlite3_stmt *s;
-	int r = 0, step;
+	int r = 0, step, n;
 
 	if (sqlite3_prepare_v2(c->db, sql, -1, &s, NULL) != SQLITE_OK)
 		return catalogue_failed(c, err, "the catalogue cannot be read");
+	n = sqlite3_column_count(s);
 	while (!r && (step = sqlite3_step(s)) != SQLITE_DONE) {
-		if (step != SQLITE_ROW)
+		if (step != SQLITE_ROW || !read_columns(s, n, column))
 			r = catalogue_failed(c, err, "the catalogue cannot be read");
 		else if (table)
-			r = catalogue_sum_check(s, table, err);
+			r = catalogue_sum_check(column, (unsigned)n, table, err);
 		if (!r)
-			r = row(s, to, err);
-		progress_step();
+			r = row(column, to, err);
+		if (++rows % ROWS_STEP == 0)
+			progress_step();
 	}
 	sqlite3_finalize(s);
 	return r;

@@ -69,8 +69,15 @@ int catalogue_run(struct catalogue *, const char *sql, struct err *err);
 int64_t catalogue_sum(const struct value *, unsigned n);
 /* For the steps from older versions: row_sum(column, ...). */
 int catalogue_sum_function(struct catalogue *, struct err *err);
-/* The row that `s` stands at. -ERR_CORRUPT: it is not what was written. */
-int catalogue_sum_check(sqlite3_stmt *s, const char *table, struct err *err);
+/* A value of a row that was read: as a number and as a text, whatever it is. */
+struct column {
+	int type; /* SQLITE_INTEGER, ... */
+	size_t bytes;
+	int64_t number;
+	const char *text; /* borrowed, up to the next row; of a number: NULL */
+};
+/* A row, its last column the sum. -ERR_CORRUPT: it is not what was written. */
+int catalogue_sum_check(const struct column *, unsigned n, const char *table, struct err *err);
 
 /* catalogue_io.c, the thread's: after an error of the disk, and before a change. `ch->r` is what became of it. */
 void catalogue_after_error(struct catalogue *, struct change *ch, struct err *why);

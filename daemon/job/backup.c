@@ -23,6 +23,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "io.h"
@@ -395,6 +396,24 @@ static struct dataset *exported(struct jobs *j, const char *name, const struct j
 	return NULL;
 }
 
+static void identify(const struct backup *b, struct backup_ready *ret)
+{
+	const struct jobs_params *p = &b->jobs->p;
+	const int fd[2] = {p->statefd, p->cachefd};
+	char *to = ret->identity;
+	struct stat st;
+
+	for (size_t i = 0; i < 16; i++)
+		to += sprintf(to, "%02x", p->store ? p->store[i] : 0);
+	if (b->dataset)
+		sprintf(to, "-%llu", (unsigned long long)b->dataset);
+	for (size_t i = 0; i < 2; i++)
+		if (io->fstat(fd[i], &st) == 0) {
+			ret->place[i][0] = st.st_dev;
+			ret->place[i][1] = st.st_ino;
+		}
+}
+
 static void begin_done(struct sched_task *t)
 {
 	struct backup *b = (struct backup *)t;
@@ -421,6 +440,7 @@ static void begin_done(struct sched_task *t)
 	ready.bytes = b->bytes;
 	ready.ndamaged = b->ndamaged;
 	ready.damaged = &b->damaged;
+	identify(b, &ready);
 	b->telling = true;
 	b->ready(b->token, b->r ? &b->err : NULL, &ready);
 	b->telling = false;

@@ -16,6 +16,8 @@ struct backup_ready {
 	uint64_t id, files, bytes;
 	uint64_t ndamaged;         /* datasets whose manifest is damaged: they are there as they lie on the disk */
 	const struct err *damaged; /* what is wrong with the first of them */
+	char identity[64];         /* of the store, and of the dataset in it: no two have the same, whatever their names */
+	uint64_t place[2][2];      /* device and inode of the state folder and the cache folder; zeros: not known */
 };
 struct backup_file {
 	const char *name; /* relative, with '/' */

@@ -2,7 +2,8 @@
  * The reading of `cache verify`, on workers: files against their checksums, and against what names them.
  *
  * What was pushed is told and stays as it is; what is derived is removed, since it can be made again. A file that went
- * away meanwhile was not damaged.
+ * away meanwhile was not damaged. One of a newer version is told and passed over, and stays, derived or not: there is
+ * an acutd that can read it.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -46,8 +47,8 @@ static void damaged(void *ctx, const struct err *why)
 	r->found++;
 	if (!r->derived)
 		cache_found(r->v, r->what, false, false, &err);
-	else if (r->found == 1)
-		r->v->err = err; /* told when it is removed */
+	else if (r->found == 1 || (r->v->err.code == ERR_VERSION && err.code != ERR_VERSION))
+		r->v->err = err; /* told when it is removed; damage before what this version does not know */
 }
 
 static int progress(void *ctx, uint64_t bytes)
@@ -159,7 +160,7 @@ static int read_plan(void *ctx, const struct dirent *e, struct err *err)
 	if (!r)
 		return 0;
 	/* A job that has it open makes it anew only when it is not there. */
-	removed = io->unlinkat(v->jobs->plansfd, e->d_name, 0) == 0;
+	removed = why.code != ERR_VERSION && io->unlinkat(v->jobs->plansfd, e->d_name, 0) == 0;
 	add_folder(&why, "plans");
 	cache_found(v, "plan", true, removed, &why);
 	return 0;
@@ -211,7 +212,7 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 	io_close(fd);
 	if (!s && r.found) {
 		uint64_t bytes = space_folder_bytes(parent, e->d_name);
-		bool removed = !folder_remove(parent, e->d_name, &why);
+		bool removed = v->err.code != ERR_VERSION && !folder_remove(parent, e->d_name, &why);
 
 		if (removed) {
 			space_give(v->jobs->space, SPACE_SELECTIONS, bytes);
@@ -266,7 +267,7 @@ static int read_domain(struct folder *f, const char *name, const struct stat *st
 			*err = why;
 		return r == -ERR_NOMEM ? r : 0;
 	}
-	removed = io->unlinkat(f->fd, name, 0) == 0;
+	removed = why.code != ERR_VERSION && io->unlinkat(f->fd, name, 0) == 0;
 	if (removed) {
 		space_give(v->jobs->space, SPACE_DOMAINS, (uint64_t)st->st_size);
 		space_count(v->jobs->space, SPACE_DOMAINS, -1);

@@ -36,16 +36,21 @@ void cache_found(struct cache_verify *v, const char *what, bool derived, bool re
 {
 	struct cache_damage *d;
 
+	const bool newer = err->code == ERR_VERSION;
+
 	pthread_mutex_lock(&v->lock);
 	while (v->ndamage == CACHE_DAMAGES && !v->ended)
 		pthread_cond_wait(&v->room, &v->lock);
-	if (derived)
-		v->found.derived++;
+	if (newer)
+		*(derived ? &v->found.derived_newer : &v->found.newer) += 1;
 	else
-		v->found.damaged++;
+		*(derived ? &v->found.derived : &v->found.damaged) += 1;
 	if (v->ndamage < CACHE_DAMAGES) {
 		d = &v->damage[v->ndamage++];
 		*d = (struct cache_damage){.what = what, .err = *err, .derived = derived, .removed = removed};
+		if (newer)
+			err_add_hint(&d->err, derived ? "it stays for the newer acut that wrote it, and is made again where this one needs it" :
+				     "it stays as it is: install the newer acut that wrote it again, or a later one");
 		if (v->step == CACHE_DATASETS && v->dataset)
 			memcpy(d->dataset, v->dataset->name, sizeof d->dataset);
 	}
@@ -77,7 +82,11 @@ static void tell(struct cache_verify *v, bool all)
 	for (unsigned n = 0; n < 4 * CACHE_DAMAGES && next_damage(v, &damage); n++) {
 		const struct log_about about = {.dataset = *damage.dataset ? damage.dataset : NULL};
 
-		if (damage.derived)
+		if (damage.err.code == ERR_VERSION && damage.derived)
+			log_err(LOG_LEVEL_INFO, "of a newer version", &damage.err);
+		else if (damage.err.code == ERR_VERSION)
+			log_event_err(LOG_EVENT_NEWER_VERSION, &about, "of a newer version", &damage.err);
+		else if (damage.derived)
 			log_event_err(LOG_EVENT_DAMAGE_DERIVED, &about, "damaged, and made again when it is needed", &damage.err);
 		else
 			log_event_err(LOG_EVENT_DAMAGE, &about, "damaged", &damage.err);
@@ -100,11 +109,14 @@ static void tell_end(struct cache_verify *v, const struct err *why)
 	if (why)
 		return;
 	verified_note(v->jobs, &v->found);
+	if (v->found.newer)
+		log_warning("verified: %llu of %llu files are of a newer version of acut, and were not read",
+			    (unsigned long long)v->found.newer, (unsigned long long)v->found.files);
 	if (v->found.damaged)
 		log_event(LOG_EVENT_VERIFY_DAMAGE, NULL, "verified: %llu of %llu files are damaged, and %llu that are made again",
 			  (unsigned long long)v->found.damaged, (unsigned long long)v->found.files,
 			  (unsigned long long)v->found.derived);
-	else
+	else if (!v->found.newer)
 		log_event(LOG_EVENT_VERIFY_DONE, NULL, "verified: %llu files of %llu bytes, %llu damaged ones are made again",
 			  (unsigned long long)v->found.files, (unsigned long long)v->found.bytes,
 			  (unsigned long long)v->found.derived);

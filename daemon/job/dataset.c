@@ -67,7 +67,7 @@ struct dataset *dataset_new(struct jobs *j, const char *name, const struct job_p
 	d->mode = DATASET_MODE;
 	d->created_us = clock_real_us();
 	d->next_source = 1;
-	for (at = &j->datasets; *at && !(*at)->onestep; at = &(*at)->next)
+	for (at = j->last_loaded ? &j->last_loaded->next : &j->datasets; *at && !(*at)->onestep; at = &(*at)->next)
 		;
 	if (onestep)
 		while (*at)
@@ -511,11 +511,16 @@ void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
 	memcpy(ret->box, d->box, sizeof ret->box);
 }
 
-int dataset_check_generation(const struct dataset *d, uint64_t generation, struct err *err)
+uint64_t dataset_oldest(const struct dataset *d)
 {
 	uint64_t oldest = d->oldest ? d->oldest : 1;
 
-	oldest = d->prune_to > oldest ? d->prune_to : oldest;
+	return d->prune_to > oldest ? d->prune_to : oldest;
+}
+
+int dataset_check_generation(const struct dataset *d, uint64_t generation, struct err *err)
+{
+	uint64_t oldest = dataset_oldest(d);
 
 	if (!d->generation)
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
@@ -572,6 +577,7 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 
 	if (!d)
 		return err->code == ERR_BUSY ? house_full(err) : -(int)err->code;
+	j->last_loaded = d;
 	d->id = row->id;
 	d->row = true;
 	d->gid = row->gid;

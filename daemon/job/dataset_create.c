@@ -60,7 +60,7 @@ static int make(struct jobs *j, const struct dataset_wish *w, struct dataset **r
 				    DATASET_NAME_MAX);
 	}
 	if (dataset_find(j, w->name, &w->peer))
-		return err_set(err, ERR_USAGE, "there is a dataset %s already", w->name);
+		return err_set(err, ERR_CONFLICT, "there is a dataset %s already", w->name);
 	crs_info_clear(&crs);
 	if (*w->crs)
 		r = crs_assume_text(w->crs, strlen(w->crs), &crs, err);

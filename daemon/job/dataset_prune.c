@@ -221,7 +221,7 @@ static int decide(struct prune *p, struct err *err)
 	if (!d->generation)
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation yet", d->name);
 	if (d->pinned) {
-		err_set(err, ERR_USAGE, "the dataset %s is pinned: nothing of it is pruned", d->name);
+		err_set(err, ERR_CONFLICT, "the dataset %s is pinned: nothing of it is pruned", d->name);
 		return err_add_hint(err, "acutctl dataset unpin %s", d->name);
 	}
 	if (!p->keep == !p->before)
@@ -229,7 +229,7 @@ static int decide(struct prune *p, struct err *err)
 	if (p->keep)
 		oldest = p->keep < d->generation ? d->generation - p->keep + 1 : 1;
 	if (oldest > d->generation) {
-		err_set(err, ERR_USAGE, "generation %llu of %s is not there, the newest is %llu", (unsigned long long)oldest,
+		err_set(err, ERR_NOTFOUND, "generation %llu of %s is not there, the newest is %llu", (unsigned long long)oldest,
 			d->name, (unsigned long long)d->generation);
 		return err_add_hint(err, "the newest generation always stays");
 	}

@@ -60,7 +60,7 @@ static int no_dataset(const char *name, const char *kind, struct err *err)
 static int check_remove(const struct dataset *d, struct err *err)
 {
 	if (d->pinned) {
-		err_set(err, ERR_USAGE, "the dataset %s is pinned", d->name);
+		err_set(err, ERR_CONFLICT, "the dataset %s is pinned", d->name);
 		return err_add_hint(err, "acutctl dataset unpin %s lets it go", d->name);
 	}
 	if (!d->pushes && !d->committer)
@@ -112,7 +112,7 @@ static int check_name(struct jobs *j, const char *name, const struct job_peer *p
 	}
 	if (!dataset_find(j, name, peer))
 		return 0;
-	err_set(err, ERR_USAGE, "there is a dataset %s already", name);
+	err_set(err, ERR_CONFLICT, "there is a dataset %s already", name);
 	return err_add_hint(err, "restore it under another name, with --as");
 }
 

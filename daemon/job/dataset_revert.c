@@ -42,7 +42,7 @@ static bool ended(const struct grid_source *s, uint64_t g)
 static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner,
 		    struct err *err)
 {
-	err_set(err, ERR_USAGE, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,
+	err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,
 		what, (unsigned long long)by);
 	err_add_hint(err, "revert generation %llu first", (unsigned long long)by);
 	return err_add_file(err, owner && *s->path ? s->path : s->name);
@@ -68,7 +68,7 @@ static int check_number(const struct grid_manifest *m, uint64_t g, const char *n
 		return err_set(err, ERR_NOTFOUND, "generation %llu of %s cannot be undone: what was before generation %llu was pruned",
 			       (unsigned long long)g, name, (unsigned long long)oldest);
 	if (note && note->kind == GRID_PRUNE)
-		return err_set(err, ERR_USAGE, "generation %llu of %s cannot be undone: what was pruned is gone",
+		return err_set(err, ERR_CONFLICT, "generation %llu of %s cannot be undone: what was pruned is gone",
 			       (unsigned long long)g, name);
 	return 0;
 }
@@ -118,7 +118,7 @@ static int check(const struct grid_manifest *m, uint64_t g, bool owner, struct e
 	}
 	names_free(&paths);
 	if (!r && !any)
-		r = err_set(err, ERR_USAGE, "generation %llu changed nothing: there is nothing to undo", (unsigned long long)g);
+		r = err_set(err, ERR_CONFLICT, "generation %llu changed nothing: there is nothing to undo", (unsigned long long)g);
 	return r;
 }
 

@@ -87,7 +87,7 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	if (!geoids_read(dirfd, g->name, &old, &none)) {
 		if (!strcmp(old.hash, g->hash))
 			return 0;
-		err_set(&a->err, ERR_USAGE, "there is another geoid grid %s, with the hash %s", g->name, old.hash);
+		err_set(&a->err, ERR_CONFLICT, "there is another geoid grid %s, with the hash %s", g->name, old.hash);
 		return err_add_hint(&a->err, "give this one another --name, or acutctl geoid rm %s first", g->name);
 	}
 	if (users.all >= GEOIDS_MAX)

@@ -48,9 +48,14 @@ uint64_t house_view_bytes(const char *text, unsigned areas)
 struct pending *pending_new(struct jobs *j, struct err *err)
 {
 	struct pending *q = NULL;
+	struct err why = ERR_INIT;
 
-	if (house_take(j, PENDING_BYTES, "another push", err))
-		return NULL;
+	/* What a start finds is there already: jobs that are over give way to it. */
+	while (house_take(j, PENDING_BYTES, "another push", &why))
+		if (!j->loading || !jobs_forget_one(j, PAST_BYTES, 0, 0)) {
+			*err = why;
+			return NULL;
+		}
 	q = calloc(1, sizeof *q);
 	if (!q) {
 		house_give(j, PENDING_BYTES);

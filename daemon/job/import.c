@@ -140,7 +140,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 				    DATASET_NAME_MAX);
 	}
 	if (dataset_find(j, name, peer)) {
-		err_set(err, ERR_USAGE, "there is a dataset %s already", name);
+		err_set(err, ERR_CONFLICT, "there is a dataset %s already", name);
 		return err_add_hint(err, "import under another name");
 	}
 	if (limit_datasets(j, peer, err) || house_take(j, sizeof *i, "an import", err))
@@ -367,7 +367,7 @@ static int as_sent(const struct import *i, size_t k, struct err *err)
 	return err_add_hint(err, "bring the folder here once more, or have the dataset exported again");
 }
 
-/* Every page and block, through its checksum, and the segments as the manifest says they are. */
+/* Every page and block, through its checksum, where records lie, and the segments as the manifest says they are. */
 static int check(struct import *i, struct err *err)
 {
 	struct err first = ERR_INIT;

@@ -273,16 +273,16 @@ static void no_ground(struct job *job, const struct mesh_counts *counts)
 static void note_classes(struct job *job, const struct view *view)
 {
 	uint64_t ground, other;
+	bool exact = walk_classes(job->walk, &ground, &other);
 
-	walk_classes(job->walk, &ground, &other);
 	if (*job->report.note || !ground || !other || view->ground || view->has_classes ||
 	    view->not_classes[0] | view->not_classes[1] | view->not_classes[2] | view->not_classes[3] ||
 	    view_normal(view).duplicates == VIEW_HIGHEST)
 		return;
 	snprintf(job->report.note, sizeof job->report.note,
-		 "points of all classes are meshed, %llu of the ground (class 2) and %llu others: "
-		 "--ground takes the ground alone",
-		 (unsigned long long)ground, (unsigned long long)other);
+		 "points of all classes are meshed, %s%llu of the ground (class 2) and %s%llu others: "
+		 "--ground takes the ground alone", exact ? "" : "at least ",
+		 (unsigned long long)ground, exact ? "" : "at least ", (unsigned long long)other);
 }
 
 static void make_report(struct job *job)
@@ -442,12 +442,14 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_pe
 
 	if (house_take_job(j, peer->uid, bytes, err))
 		return NULL;
-	job = calloc(1, sizeof *job);
+	job = j->spare ? j->spare : malloc(sizeof *job);
+	j->spare = NULL;
 	if (!job) {
 		house_give(j, bytes);
 		err_set(err, ERR_NOMEM, "no memory for a job");
 		return NULL;
 	}
+	memset(job, 0, sizeof *job);
 	job->charged = bytes;
 	job->view = view;
 	job->peer = rights_kept(peer);
@@ -527,7 +529,8 @@ int job_remove(struct job *job, struct err *err)
 		return err_add_hint(err, "cancel it first");
 	}
 	job->removed = true;
-	if (!job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
+	if (job->jobs->loading ? drops_add(job->jobs, job->id, &ignored) :
+	    !job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
 		return err_set(err, ERR_NOMEM, "no memory to remove a job");
 	if (job->guest)
 		past_drop(job);

@@ -58,6 +58,7 @@ struct jobs_params {
 	struct sched *sched;
 	struct catalogue *catalogue; /* not started: jobs_new loads it and starts it */
 	int statefd, cachefd;        /* folders, borrowed */
+	const uint8_t *store;        /* 16 bytes, of the state's marker, borrowed: what tells this store from others; NULL: zeros */
 	unsigned threads;            /* domains at once, at most */
 	struct space_limit disk, keep_free; /* as space_params */
 	double keep_removed;         /* seconds that a removed dataset can be restored; 0: 7 days */
@@ -119,7 +120,7 @@ struct tally {
 };
 struct verified {
 	int64_t at_us; /* real time; 0: never */
-	uint64_t files, bytes, damaged, derived;
+	uint64_t files, bytes, damaged, derived, newer; /* newer: of what was pushed */
 };
 struct jobs_numbers {
 	struct tally tally;
@@ -213,6 +214,8 @@ struct dataset_wish {
 void dataset_create(struct jobs *, const struct dataset_wish *,
 		    void (*created)(void *token, const struct err *why), void *token);
 
+/* The oldest generation that can be read, also while others are being pruned. */
+uint64_t dataset_oldest(const struct dataset *);
 /* -ERR_NOTFOUND, with the range that there is; 0 is the newest. */
 int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
 enum dataset_verb {
@@ -554,7 +557,7 @@ struct cache_stat {
 };
 void cache_stat(struct jobs *, struct cache_stat *ret);
 
-/* One damaged thing. */
+/* One damaged thing; or one of a newer version (err.code is ERR_VERSION), which stays as it is. */
 struct cache_damage {
 	const char *what;    /* "manifest", "segment", "push", "plan", "domain", "selection", "catalogue" */
 	char dataset[64 + 1]; /* "": of none */
@@ -564,6 +567,7 @@ struct cache_damage {
 };
 struct cache_verified {
 	uint64_t files, bytes, damaged, derived;
+	uint64_t newer, derived_newer; /* of a newer version; not counted as damaged */
 };
 struct cache_verify_calls {
 	void (*damage)(void *token, const struct cache_damage *);

@@ -160,6 +160,19 @@ static void end(struct job_fetch *f, struct job_output *output, const struct err
 	fetch_free(f);
 }
 
+static uint64_t apart(uint64_t a, uint64_t b)
+{
+	return a < b ? b - a : a - b;
+}
+
+static int never_was(const struct walk_since *s, struct err *err)
+{
+	err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu: it has %llu to %llu", s->dataset,
+		(unsigned long long)s->generation, (unsigned long long)s->oldest, (unsigned long long)s->newest);
+	return s->near ? err_add_hint(err, "--changed-since %llu can be had, or the whole mesh without it", (unsigned long long)s->near) :
+			 err_add_hint(err, "fetch the whole mesh, without --changed-since");
+}
+
 /* The newest jobs that are done with the mesh of the output's generation. */
 static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 {
@@ -167,7 +180,8 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 	const struct job *job = f->job, *other;
 	struct walk_since *s = &f->since;
 
-	*s = (struct walk_since){.generation = generation, .job = job->id, .dataset = job->dataset->name};
+	*s = (struct walk_since){.generation = generation, .job = job->id, .dataset = job->dataset->name,
+				 .oldest = dataset_oldest(job->dataset), .newest = job->dataset->generation};
 	if (job->bound)
 		return err_set(err, ERR_USAGE, "changes are those of a submitted job, not of a mesh of one step");
 	if (!digest_parse(job->report.digest, &s->digest) || !digest_parse(job->report.vertex_digest, &s->vertex_digest))
@@ -175,16 +189,21 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 	for (other = past_next(job->jobs, job->dataset, 0); other; other = past_next(job->jobs, job->dataset, other->id)) {
 		struct walk_base base = {.job = other->id};
 
-		if (other->generation != generation || other->bound || other->removed ||
-		    other->state != JOB_done || strcmp(other->view, job->view) ||
+		if (other->bound || other->removed || other->state != JOB_done || strcmp(other->view, job->view) ||
 		    !digest_parse(other->report.digest, &base.digest) ||
 		    !digest_parse(other->report.vertex_digest, &base.vertex_digest))
 			continue;
+		if (other->generation != generation) {
+			if (other->generation != job->generation &&
+			    (!s->near || apart(other->generation, generation) <= apart(s->near, generation)))
+				s->near = other->generation;
+			continue;
+		}
 		memmove(s->base + 1, s->base, (MOST - 1) * sizeof *s->base);
 		s->base[0] = base;
 		s->n += s->n < MOST;
 	}
-	return 0;
+	return generation > s->newest ? never_was(s, err) : 0;
 }
 
 static void begin(struct job_fetch *f)

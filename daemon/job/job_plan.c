@@ -28,8 +28,9 @@ static void plan_ended(void *ctx, const struct err *why)
 
 static const struct walk_calls plan_calls = {.ended = plan_ended};
 
-/* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links (measured 36 to 38). */
-enum { STORED_BYTES = 38 };
+/* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links; triangles of 6, and vertices of 10 or less,
+ * where it has no more vertices than two bytes can tell apart (store_format.c). */
+enum { STORED_BYTES = 38, STORED_SMALL = 24, SMALL = 1 << 16 };
 
 /* Seconds a point of the newest finished job that was large enough to tell; 0: none. */
 static double pace(struct jobs *j)
@@ -69,7 +70,7 @@ static void plan_answer(struct job_asked_plan *p)
 		.domains_reused = walk_reused(p->walk),
 		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
 				p->jobs->emitter_share + p->jobs->index_share,
-		.disk_bytes = window ? 0 : points * STORED_BYTES,
+		.disk_bytes = window ? 0 : points * (budget->load <= SMALL ? STORED_SMALL : STORED_BYTES),
 		.exact = true,
 		.load = budget->load,
 		.threads = budget->threads,
@@ -220,16 +221,79 @@ void job_plan_drop(struct job *job)
 	sched_submit(d->jobs->p.sched, &d->task);
 }
 
-/* Also what a write left that a crash cut short. */
-static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
-{
-	struct jobs *j = ctx;
-	uint64_t id = plan_file_job(e->d_name);
+/* ---- plans of jobs that are not there ---- */
 
-	return id && past_has(j, id) ? 0 : io_remove(j->plansfd, e->d_name, err);
+struct sweep {
+	struct sched_task task;
+	struct jobs *jobs;
+	uint64_t last;
+	size_t n;
+	uint64_t job[];
+};
+
+static int by_number(const void *a, const void *b)
+{
+	uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+
+	return x < y ? -1 : x > y;
 }
 
-int job_plan_sweep(struct jobs *j, struct err *err)
+static bool was_there(void *ctx, uint64_t job)
 {
-	return io_list(j->plansfd, ".", sweep_one, j, err);
+	const struct sweep *s = ctx;
+
+	return s->n && bsearch(&job, s->job, s->n, sizeof job, by_number);
+}
+
+static bool is_there(void *ctx, uint64_t job)
+{
+	return past_has(ctx, job);
+}
+
+static void sweep_told(int r, const struct err *err)
+{
+	if (r)
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "plans of jobs that are not there stay until the next start", err);
+}
+
+static void sweep_run(struct sched_task *t)
+{
+	struct sweep *s = (struct sweep *)t;
+	struct err err = ERR_INIT;
+
+	sweep_told(plan_file_sweep(s->jobs->plansfd, s->last, was_there, s, &err), &err);
+}
+
+static void sweep_done(struct sched_task *t)
+{
+	struct sweep *s = (struct sweep *)t;
+
+	s->jobs->background--;
+	house_give(s->jobs, s->n * sizeof *s->job);
+	free(s);
+}
+
+/* Also what a write left that a crash cut short. The folder has a file for each job: nobody waits until it is looked through,
+ * unless there is no memory for the numbers of those that are there. */
+void job_plan_sweep(struct jobs *j)
+{
+	size_t n = past_count(j);
+	struct err err = ERR_INIT;
+	struct sweep *s = NULL;
+
+	if (!house_take(j, n * sizeof *s->job, "the numbers of jobs", &err)) {
+		s = malloc(sizeof *s + n * sizeof *s->job);
+		if (!s)
+			house_give(j, n * sizeof *s->job);
+	}
+	err_clear(&err);
+	if (!s) {
+		sweep_told(plan_file_sweep(j->plansfd, j->last_job, is_there, j, &err), &err);
+		return;
+	}
+	*s = (struct sweep){.jobs = j, .n = n, .last = j->last_job};
+	s->task = (struct sched_task){.run = sweep_run, .done = sweep_done, .priority = SCHED_LAST};
+	past_numbers(j, s->job);
+	j->background++;
+	sched_submit(j->p.sched, &s->task);
 }

@@ -148,6 +148,7 @@ struct jobs {
 	struct tally tally;
 	struct verified verified;
 	struct space *space; /* accounts of the disk; any thread */
+	struct hints *hints; /* what the store has; any thread; NULL: no memory was left for them */
 	int datafd, onestepfd, domainsfd,
 		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
 		plansfd, geoidsfd; /* state/plans, state/geoids */
@@ -156,7 +157,12 @@ struct jobs {
 	struct job *jobs;  /* at work: not over, or read, or about to go. All: past.h */
 	struct past *past;
 	int64_t aged_us;   /* when jobs that are too old were looked for */
-	struct dataset **loaded; /* by id, while the catalogue is loaded */
+	struct loaded *loaded; /* datasets by id, while the catalogue is loaded */
+	struct dataset *last_loaded;
+	bool loading;
+	uint64_t *drops; /* drops.c */
+	size_t ndrops, drops_room;
+	struct job *spare; /* while jobs are loaded: what the one before was made in */
 	size_t nloaded;
 	struct job_asked_plan *plans;
 	uint64_t expired_ns; /* when removed datasets were looked at */
@@ -344,8 +350,12 @@ size_t job_bytes(size_t view);    /* charged for one at work */
 int job_plan_new(struct job *, struct err *err);
 /* Its plan's file goes, later. */
 void job_plan_drop(struct job *);
-/* Plans of jobs that are not there any more. Reads the disk. */
-int job_plan_sweep(struct jobs *, struct err *err);
+/* Plans of jobs that are not there any more go, later. */
+void job_plan_sweep(struct jobs *);
+/* drops.c: rows of jobs that gave way while the catalogue was loaded. */
+int drops_add(struct jobs *, uint64_t id, struct err *err);
+void drops_settle(struct jobs *);
+void drops_free(struct jobs *);
 void job_settle(struct job *);
 void job_place_init(struct job *); /* when its peer and priority are known */
 void job_plans_settle(struct jobs *);

@@ -12,6 +12,7 @@
 #include "clock.h"
 #include "dataset_rewrite.h"
 #include "geoids.h"
+#include "hints.h"
 #include "io.h"
 #include "job_fetch.h"
 #include "job_priv.h"
@@ -45,27 +46,38 @@ static int load_job(void *ctx, const struct catalogue_job *row, struct err *err)
 	return job_load(ctx, row, err);
 }
 
+struct loaded {
+	uint64_t id;
+	struct dataset *dataset;
+};
+
 static int by_id(const void *a, const void *b)
 {
-	uint64_t x = (*(struct dataset *const *)a)->id, y = (*(struct dataset *const *)b)->id;
+	uint64_t x = ((const struct loaded *)a)->id, y = ((const struct loaded *)b)->id;
 
 	return x < y ? -1 : x > y;
 }
 
 struct dataset *dataset_loaded(struct jobs *j, uint64_t id)
 {
-	struct dataset key = {.id = id}, *at = &key, **hit, *d;
+	const struct loaded *hit;
+	struct dataset *d;
 	size_t n = 0;
 
 	for (d = j->loaded ? NULL : j->datasets; d; d = d->next)
 		n++;
 	if (n)
-		j->loaded = calloc(n, sizeof(struct dataset *));
+		j->loaded = calloc(n, sizeof *j->loaded);
 	for (d = n && j->loaded ? j->datasets : NULL; d; d = d->next)
-		j->loaded[j->nloaded++] = d;
-	hit = j->loaded ? bsearch(&at, j->loaded, j->nloaded, sizeof(struct dataset *), by_id) : NULL;
-	if (hit || j->loaded)
-		return hit ? *hit : NULL;
+		j->loaded[j->nloaded++] = (struct loaded){d->id, d};
+	if (j->loaded) {
+		/* Where none was removed they stand by their numbers. */
+		n = (size_t)(id - j->loaded[0].id);
+		if (n < j->nloaded && j->loaded[n].id == id)
+			return j->loaded[n].dataset;
+		hit = bsearch(&(struct loaded){.id = id}, j->loaded, j->nloaded, sizeof *j->loaded, by_id);
+		return hit ? hit->dataset : NULL;
+	}
 	for (d = j->datasets; d && d->id != id; d = d->next)
 		;
 	return d;
@@ -261,16 +273,13 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 {
 	const struct orphans *o = ctx;
 	struct err why = ERR_INIT;
-	const struct dataset *d;
 	uint64_t id;
 	char *end;
 
 	id = strtoull(e->d_name, &end, 10);
 	if (*end || !id || id > o->last)
 		return 0;
-	for (d = o->jobs->datasets; d && d->id != id; d = d->next)
-		;
-	if (d)
+	if (dataset_loaded(o->jobs, id))
 		return 0;
 	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes", (unsigned long long)id);
 	if (folder_remove(o->jobs->datafd, e->d_name, &why))
@@ -292,17 +301,21 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	admit_init(j);
 	reader.ctx = j;
 	limit_init(j);
+	j->hints = hints_new(p->ledger);
 	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &j->space, err);
 	if (!r)
 		r = open_folders(j, err);
+	j->loading = true;
 	if (!r)
 		r = catalogue_load(p->catalogue, &reader, last, err);
 	if (!r)
 		r = io_list(j->datafd, ".", sweep_orphan, &(struct orphans){j, last[0]}, err);
-	if (!r)
-		r = job_plan_sweep(j, err);
 	free(j->loaded);
 	j->loaded = NULL;
+	j->last_loaded = NULL;
+	j->loading = false;
+	free(j->spare);
+	j->spare = NULL;
 	if (!r)
 		r = sweep_all(j, err);
 	if (!r)
@@ -317,6 +330,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	j->last_push = last[2];
 	verified_load(j);
 	clear_aside(j);
+	job_plan_sweep(j);
 	disk_count(j); /* the first who asks is held against it */
 	*ret = j;
 	return 0;
@@ -336,6 +350,7 @@ struct jobs *jobs_free(struct jobs *j)
 		job_free(job);
 	}
 	past_free(j);
+	drops_free(j);
 	while ((d = j->datasets)) {
 		j->datasets = d->next;
 		dataset_free(d);
@@ -346,6 +361,7 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->tempfd);
 	io_close(j->plansfd);
 	io_close(j->geoidsfd);
+	hints_free(j->hints);
 	space_free(j->space);
 	limit_done(j);
 	free(j);
@@ -469,6 +485,7 @@ void jobs_settle(struct jobs *j)
 	}
 	places_settle(j);
 	put_away(j);
+	drops_settle(j);
 	admit_relieve(j);
 }
 

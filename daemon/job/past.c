@@ -62,6 +62,15 @@ static uint8_t bytes_set(uint64_t word)
 	return (uint8_t)((high >> 7) * UINT64_C(0x0102040810204080) >> 56);
 }
 
+/* Whether any of eight words is not zero. */
+static bool any_word(const uint8_t *at)
+{
+	uint64_t w[8];
+
+	memcpy(w, at, sizeof w);
+	return (w[0] | w[1] | w[2] | w[3]) | (w[4] | w[5] | w[6] | w[7]);
+}
+
 /* The size that it takes, SLACK included. */
 static size_t pack(const struct job *job, uint8_t out[IMAGE_MAX])
 {
@@ -70,16 +79,28 @@ static size_t pack(const struct job *job, uint8_t out[IMAGE_MAX])
 	memset(out, 0, MAP);
 	for (size_t i = 0; i < WORDS; i++) {
 		uint64_t word;
-		uint8_t mask;
+		unsigned mask, first, run;
 
+		if (i % 8 == 0 && i + 8 <= WORDS && !any_word((const uint8_t *)job + 8 * i)) {
+			i += 7;
+			continue;
+		}
 		memcpy(&word, (const uint8_t *)job + 8 * i, 8);
 		if (!word)
 			continue;
 		word = htole64(word);
 		out[i / 8] |= (uint8_t)(1u << i % 8);
 		mask = out[n++] = bytes_set(word);
-		for (unsigned m = mask; m; m &= m - 1)
-			out[n++] = (uint8_t)(word >> 8 * __builtin_ctz(m));
+		first = (unsigned)__builtin_ctz(mask);
+		run = mask >> first;
+		if (!(run & (run + 1))) { /* they stand together */
+			word = htole64(word >> 8 * first);
+			memcpy(out + n, &word, 8);
+			n += (unsigned)__builtin_ctz(run + 1);
+		} else {
+			for (unsigned m = mask; m; m &= m - 1)
+				out[n++] = (uint8_t)(word >> 8 * __builtin_ctz(m));
+		}
 	}
 	memset(out + n, 0, SLACK);
 	return n + SLACK;
@@ -328,7 +349,10 @@ bool past_keep(struct job *job)
 	e->kept = k;
 	e->job = NULL;
 	account_kept(j->past, k, false);
-	free(job);
+	if (j->loading && !j->spare)
+		j->spare = job;
+	else
+		free(job);
 	return true;
 }
 
@@ -416,7 +440,7 @@ void past_drop(struct job *guest)
 	account_kept(j->past, k, true);
 	entry_remove(j, e, guest);
 	free(k);
-	if (!job_plan_new(guest, &ignored))
+	if (!j->loading && !job_plan_new(guest, &ignored))
 		job_plan_drop(guest);
 	job_done_with(guest);
 }
@@ -510,6 +534,12 @@ void past_forget_dataset(struct jobs *j, struct dataset *d)
 size_t past_count(const struct jobs *j)
 {
 	return j->past ? j->past->n : 0;
+}
+
+void past_numbers(const struct jobs *j, uint64_t *ret)
+{
+	for (size_t i = 0; i < past_count(j); i++)
+		ret[i] = j->past->all[i].id;
 }
 
 size_t past_list(const struct jobs *j, uint64_t *ret)

@@ -6,6 +6,7 @@
 #include <fcntl.h>
 #include <stdio.h>
 
+#include "cursor.h"
 #include "err.h"
 #include "io.h"
 #include "plan_file_priv.h"
@@ -17,6 +18,28 @@ static int damaged(const char *name, uint64_t place, const char *what, struct er
 	err_set(err, ERR_CORRUPT, "the plan of a job is damaged: %s", what);
 	err_add_file(err, name);
 	return err_add_place(err, place, NULL);
+}
+
+/* A head as this version would write it but for the number of its version. */
+static unsigned newer_version(const uint8_t record[PLAN_RECORD])
+{
+	struct cursor c = cursor_of(record, PLAN_RECORD);
+	unsigned version;
+
+	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC)
+		return 0;
+	version = cursor_u16(&c);
+	return version > PLAN_VERSION ? version : 0;
+}
+
+static int not_a_head(const char *name, const uint8_t record[PLAN_RECORD], struct err *err)
+{
+	unsigned version = newer_version(record);
+
+	if (!version)
+		return damaged(name, 0, "its header is not one", err);
+	err_set(err, ERR_VERSION, "the plan of a job of version %u; this acut reads version %u", version, PLAN_VERSION);
+	return err_add_file(err, name);
 }
 
 /* A crash cuts off what was being added, three records at most; the leaves were there as a whole. */
@@ -37,7 +60,7 @@ static int check_records(int fd, const char *name, uint64_t n, struct err *err)
 		if (r)
 			return r;
 		if (!at && !plan_head_unpack(chunk, &head))
-			return damaged(name, 0, "its header is not one", err);
+			return not_a_head(name, chunk, err);
 		if (!at && head.n >= n)
 			return damaged(name, 0, "it ends before its last region", err);
 		for (size_t i = at ? 0 : 1; i < k; i++)

@@ -11,6 +11,7 @@
  */
 #include "plan_file.h"
 
+#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
 #include <pthread.h>
@@ -84,6 +85,36 @@ uint64_t plan_file_job(const char *name)
 	uint64_t job;
 
 	return !strncmp(name, "plan-", 5) && parse_u64(name + 5, &job) ? job : 0;
+}
+
+/* ---- plans that nobody has ---- */
+
+/* Held by those who write a durable plan, and alone by who removes what writes left. */
+static pthread_rwlock_t writing = PTHREAD_RWLOCK_INITIALIZER;
+
+struct sweep {
+	int dirfd;
+	uint64_t last;
+	bool (*there)(void *ctx, uint64_t job);
+	void *ctx;
+};
+
+static int sweep_one(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct sweep *s = ctx;
+	uint64_t job = plan_file_job(e->d_name);
+
+	return job > s->last || (job && s->there(s->ctx, job)) ? 0 : io_remove(s->dirfd, e->d_name, err);
+}
+
+int plan_file_sweep(int plansfd, uint64_t last, bool (*there)(void *ctx, uint64_t job), void *ctx, struct err *err)
+{
+	int r;
+
+	pthread_rwlock_wrlock(&writing);
+	r = io_list(plansfd, ".", sweep_one, &(struct sweep){plansfd, last, there, ctx}, err);
+	pthread_rwlock_unlock(&writing);
+	return r;
 }
 
 /* ---- records ---- */
@@ -216,7 +247,7 @@ static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan
 	return r;
 }
 
-static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+static int write_file(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
 {
 	struct plan_head head = {.job = f->job, .generation = f->generation, .n = plan->n, .kept = *kept};
 	uint8_t record[PLAN_RECORD];
@@ -248,6 +279,18 @@ static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct p
 	f->size = (plan->n + 1) * PLAN_RECORD;
 	kept->base = head.kept.base;
 	return 0;
+}
+
+static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+{
+	int r;
+
+	if (!f->durable)
+		return write_file(f, plan, kept, err);
+	pthread_rwlock_rdlock(&writing);
+	r = write_file(f, plan, kept, err);
+	pthread_rwlock_unlock(&writing);
+	return r;
 }
 
 /* One that need not last is a help only: without it a later stream of the job is another one. */

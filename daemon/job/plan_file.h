@@ -63,6 +63,9 @@ int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const st
 int plan_file_check(int plansfd, uint64_t job, uint64_t *ret_bytes, struct err *err);
 /* Removes the file. Worker. */
 int plan_file_remove(struct plan_file *, struct err *err);
+/* Removes the plans of jobs up to `last` that are not there, and what writes left that were cut short; whoever writes a durable
+ * plan waits for it. Reads the folder. */
+int plan_file_sweep(int plansfd, uint64_t last, bool (*there)(void *ctx, uint64_t job), void *ctx, struct err *err);
 /* Whose plan a file of that name is; 0: it is none. */
 uint64_t plan_file_job(const char *name);
 

@@ -55,6 +55,7 @@ static struct push *push_free(struct push *p)
 
 static void ask_free(struct push_ask *a)
 {
+	push_hash_free(&a->hashing);
 	io_close(a->fd);
 	free(a->name);
 	free(a->format);
@@ -182,9 +183,16 @@ static const struct err *refusal(const struct push *p, const struct push_ask *a,
 	return NULL;
 }
 
+/* What reads only need not wait until the next start would know of the push. A plan may give up what an interrupted push left:
+ * not for a push that may never be one. */
+static bool only_reads(const struct push_ask *a)
+{
+	return a->kind == PUSH_PROBE || (a->kind == PUSH_PLAN && !a->push->adopt);
+}
+
 void push_pump(struct push *p)
 {
-	while (p->asks && !p->busy && !p->waiting_row) {
+	while (p->asks && !p->busy && !p->waiting_row && (!p->row_comes || only_reads(p->asks))) {
 		struct push_ask *a = p->asks;
 		struct err err = ERR_INIT;
 		const struct err *why = refusal(p, a, &err);

@@ -214,6 +214,7 @@ static void stage_run(struct push *p, struct push_ask *a)
 		.memory = p->task.bytes - p->read_bytes,
 		.durable = !p->dataset->onestep,
 		.passing = p->dataset->onestep, /* nobody finds it after a crash */
+		.folder_later = true,           /* the manifest comes into it, and is durable only with its folder */
 	};
 
 	push_stage_name(p->id, name);
@@ -321,7 +322,7 @@ int push_file_finish(struct push *p, struct push_ask *a)
 	int r = push_fd_check(a->fd, a->name, &after, &a->err);
 
 	if (!r && !p->dataset->onestep)
-		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
+		r = push_hash_end(&a->hashing, a->id.size, &a->hash, &a->err);
 	if (!r && !same_input(&a->id, &after))
 		return changed(a->name, "while it was read", &a->err);
 	return !r && a->stream ? push_stream_kept(a) : r;
@@ -370,6 +371,11 @@ static void file_run(struct push *p, struct push_ask *a)
 	if (options.has_pipe) {
 		push_stream_run(p, a);
 		return;
+	}
+	if (!p->dataset->onestep) {
+		push_hash_begin(&a->hashing, p, a->fd, a->name);
+		options.seen = push_hash_seen;
+		options.seen_ctx = &a->hashing;
 	}
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
 	if (!a->r)

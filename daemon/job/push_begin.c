@@ -1,6 +1,7 @@
 /*
  * The beginning of a push: what the dataset is already, and what an interrupted push of the same user has left of
- * it; then its row in the catalogue, so that whatever it writes is known to the next start.
+ * it; then its row in the catalogue, so that whatever it writes is known to the next start. Nobody waits for the row: it comes to
+ * the disk while headers are read, and what writes comes after it (push_pump).
  */
 #include <stdio.h>
 #include <string.h>
@@ -71,13 +72,15 @@ static void answer(struct push *p, const struct err *why)
 static void row_done(void *ctx, int r, const struct err *why)
 {
 	struct push *p = ctx;
-	bool left = p->left;
 
-	p->waiting_row = false;
+	p->row_comes = false;
 	p->row = !r;
-	answer(p, r ? why : NULL);
-	if (!left || !r)
-		push_pump(p);
+	if (r && !p->left) {
+		push_tell_failed(p, why);
+		p->broken = true;
+		p->broken_err = *why;
+	}
+	push_pump(p);
 }
 
 static int settle_base(struct push *p, struct err *err)
@@ -161,11 +164,11 @@ bool push_begin_done(struct push *p, struct push_ask *a, const struct err *why)
 		why = &err;
 	if (!why && !p->dataset->onestep) {
 		row.id = p->id;
-		p->waiting_row = true;
-		if (!dataset_put_row(p->dataset, &err) && !catalogue_put_push(p->jobs->p.catalogue, &row, row_done, p, &err))
-			return false;
-		p->waiting_row = false;
-		why = &err;
+		p->row_comes = true;
+		if (dataset_put_row(p->dataset, &err) || catalogue_put_push(p->jobs->p.catalogue, &row, row_done, p, &err)) {
+			p->row_comes = false;
+			why = &err;
+		}
 	}
 	answer(p, why);
 	return false;

@@ -49,6 +49,19 @@ static int drop_others(struct push *p, struct err *err)
 	return r;
 }
 
+/* Nothing would come and nothing go: a generation of a named dataset is what differs from the one before. A mesh of one step
+ * has to have one, if only to say that it is empty. */
+static bool changes_nothing(const struct push *p)
+{
+	uint64_t points = p->dataset->onestep || p->ngone ? 1 : 0;
+
+	for (size_t i = 0; i < p->nsources; i++)
+		points |= p->sources[i].points;
+	for (size_t i = 0; p->adopt && i < p->adopt->nsources; i++)
+		points |= p->adopt_taken[i] ? p->adopt->sources[i].points : 0;
+	return !points;
+}
+
 int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	struct dataset *d = p->dataset;
@@ -59,6 +72,8 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 		return d->generation
 			       ? PUSH_NOW
 			       : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
+	if (changes_nothing(p))
+		return PUSH_NOW;
 	if (d->committer && d->committer != p)
 		return PUSH_WAIT;
 	if (!p->stage)

@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 
 #include "io.h"
+#include "lattice_set.h"
 #include "push_priv.h"
 
 /* A client's descriptor must not be able to make a worker wait, nor to change what it is: regular files only.
@@ -59,13 +60,26 @@ static int scale_of(const char *text, const char *field, struct decimal *ret, st
 	return 0;
 }
 
-/* The input that the error is about does not go on; true: the others may. It is answered with the error when
- * its File comes. The last one's error is the push's. */
-static bool leave_out(struct push *p, size_t n, const struct err *err)
+/* Inputs that do not fit do not go on; the others may. Each is answered with its error when its File comes. The last one's
+ * error is the push's. */
+static int choose_of_fewer(struct push *p, const struct lattice_input *inputs, struct push_probed **probes, size_t n,
+			   const struct decimal *xy, const struct decimal *z, struct err *err)
 {
-	struct push_probed *probe = err->code == ERR_INPUT && *err->file ? push_find_probe(p, err->file) : NULL;
+	struct lattice_set *set = lattice_set_new(inputs, n);
+	size_t which;
+	int r;
 
-	return n > 1 && probe && !probe->why && !push_leave_out(probe, err);
+	err_clear(err);
+	if (!set)
+		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
+	while ((r = lattice_set_choose(set, xy, z, &p->lattice, &which, err))) {
+		if (which == n || lattice_set_left(set) == 1 || atomic_load(&p->cancel) || push_leave_out(probes[which], err))
+			break;
+		lattice_set_leave(set, which);
+		err_clear(err);
+	}
+	lattice_set_free(set);
+	return r;
 }
 
 /* From all headers that were probed, so that it does not depend on their order; those that cannot be on one
@@ -74,7 +88,8 @@ int push_choose_lattice(struct push *p, struct err *err)
 {
 	struct decimal xy, z;
 	struct lattice_input *inputs;
-	size_t i, n;
+	struct push_probed **probes;
+	size_t i, n = 0;
 	int r = 0;
 
 	if (*p->scale_xy)
@@ -87,23 +102,22 @@ int push_choose_lattice(struct push *p, struct err *err)
 		return err_set(err, ERR_USAGE,
 			       "no input was probed: there is nothing to choose a lattice from");
 	inputs = calloc(p->nprobes, sizeof *inputs);
-	if (!inputs)
-		return err_set(err, ERR_NOMEM, "no memory to choose a lattice");
-	for (i = 0; !r && i < p->nprobes; i++)
-		if (!p->probes[i].why)
-			r = push_plane_coords(p, &p->probes[i], err);
-	if (r) {
-		free(inputs);
-		return r;
+	probes = calloc(p->nprobes, sizeof *probes);
+	if (!inputs || !probes)
+		r = err_set(err, ERR_NOMEM, "no memory to choose a lattice");
+	for (i = 0; !r && i < p->nprobes; i++) {
+		if (p->probes[i].why)
+			continue;
+		r = push_plane_coords(p, &p->probes[i], err);
+		probes[n] = &p->probes[i];
+		inputs[n++] = p->probes[i].coords;
 	}
-	do {
-		for (i = n = 0; i < p->nprobes; i++)
-			if (!p->probes[i].why)
-				inputs[n++] = p->probes[i].coords;
-		err_clear(err);
+	if (!r)
 		r = lattice_choose(inputs, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
-	} while (r && !atomic_load(&p->cancel) && leave_out(p, n, err)); /* of very many it takes long */
+	if (r == -ERR_INPUT && n > 1 && *err->file)
+		r = choose_of_fewer(p, inputs, probes, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, err);
 	free(inputs);
+	free(probes);
 	return r;
 }
 

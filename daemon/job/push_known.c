@@ -16,29 +16,75 @@
 
 enum { HASH_BUFFER = 64 << 10 };
 
-int push_hash(struct push *p, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err)
+/* From where the sum has come to, to `end` or the end of the file. */
+static int hash_to(struct push_hashing *h, uint64_t end, struct err *err)
 {
-	struct digest_stream *s = digest_stream_new();
 	uint8_t *buf = malloc(HASH_BUFFER);
-	uint64_t at = 0;
 	size_t n = 1;
-	int r = s && buf ? 0 : err_set(err, ERR_NOMEM, "no memory to read a file");
+	int r = h->sum && buf ? 0 : err_set(err, ERR_NOMEM, "no memory to read a file");
 
-	while (!r && at < size && n) {
-		n = size - at < HASH_BUFFER ? (size_t)(size - at) : HASH_BUFFER;
-		r = io_read_some(fd, buf, n, at, name, &n, err);
+	while (!r && h->at < end && n) {
+		n = end - h->at < HASH_BUFFER ? (size_t)(end - h->at) : HASH_BUFFER;
+		r = io_read_some(h->fd, buf, n, h->at, h->name, &n, err);
 		if (r)
 			break;
-		digest_stream_add(s, buf, n);
-		at += n;
-		if (atomic_load(&p->cancel))
+		digest_stream_add(h->sum, buf, n);
+		h->at += n;
+		if (atomic_load(&h->push->cancel))
 			r = err_set(err, ERR_CANCELLED, "the push was ended");
 	}
-	if (!r)
-		*ret = digest_stream_end(s);
 	free(buf);
-	digest_stream_free(s);
 	return r;
+}
+
+void push_hash_begin(struct push_hashing *h, struct push *p, int fd, const char *name)
+{
+	*h = (struct push_hashing){.push = p, .sum = digest_stream_new(), .fd = fd, .name = name};
+}
+
+void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n)
+{
+	struct push_hashing *h = ctx;
+	struct err ignored = ERR_INIT; /* what cannot be read is found, and told, when the rest is */
+
+	if (!h->sum || h->missed)
+		return;
+	if (at > h->at && hash_to(h, at, &ignored))
+		h->missed = true;
+	if (at != h->at) {
+		h->missed = true;
+		return;
+	}
+	digest_stream_add(h->sum, bytes, n);
+	h->at += n;
+}
+
+int push_hash_end(struct push_hashing *h, uint64_t size, struct digest *ret, struct err *err)
+{
+	int r;
+
+	if (h->missed) {
+		push_hash_free(h);
+		push_hash_begin(h, h->push, h->fd, h->name);
+	}
+	r = hash_to(h, size, err);
+	if (!r)
+		*ret = digest_stream_end(h->sum);
+	push_hash_free(h);
+	return r;
+}
+
+void push_hash_free(struct push_hashing *h)
+{
+	h->sum = digest_stream_free(h->sum);
+}
+
+int push_hash(struct push *p, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err)
+{
+	struct push_hashing h;
+
+	push_hash_begin(&h, p, fd, name);
+	return push_hash_end(&h, size, ret, err);
 }
 
 int push_known_index(const struct grid_manifest *m, struct names *ret, struct err *err)

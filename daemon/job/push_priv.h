@@ -57,6 +57,16 @@ struct push_input_id {
 	int64_t mtime_ns, ctime_ns;
 };
 
+/* The sum of a file's bytes, while they are read. */
+struct push_hashing {
+	struct push *push;
+	struct digest_stream *sum; /* NULL: not begun */
+	uint64_t at;   /* of the file, up to there */
+	int fd;
+	const char *name;
+	bool missed;   /* something was shown that does not follow: all is read once more */
+};
+
 struct push_ask {
 	struct push_ask *next;
 	struct push *push;
@@ -80,6 +90,7 @@ struct push_ask {
 	uint32_t source;
 	struct pipe_ingested in;
 	struct digest hash;
+	struct push_hashing hashing; /* of a file */
 	enum push_known_as known;
 	size_t target;           /* 1 + which source of push.base `replaces` means; 0: none */
 	struct input *whole;     /* a file that several workers read; closed by the loop */
@@ -129,6 +140,7 @@ struct push {
 	struct sched_owner owner; /* of all its tasks */
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
+	bool row_comes; /* its row is on its way to the disk: nothing is written before it is there */
 	bool reads;   /* the dataset's newest manifest, by name */
 	bool settled; /* what was there is known, and the push's own (push_begin_done) */
 	/* The first ask waits for memory: its worker is done and `done` is asked again, or all of it is (again). */
@@ -362,6 +374,11 @@ int push_known_index(const struct grid_manifest *, struct names *ret_paths, stru
 int push_known(struct push *, struct push_ask *);
 /* XXH3-128 of the first `size` bytes. */
 int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
+/* The same, of what somebody else reads anyway (input_options.seen): only the rest is read for it. */
+void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *name);
+void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
+int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* and frees */
+void push_hash_free(struct push_hashing *); /* what was begun */
 
 
 /* push_replace.c: what it puts others in the place of */

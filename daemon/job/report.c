@@ -87,6 +87,32 @@ static bool few_digits(const char *at, size_t n, uint64_t *ret)
 	return n > 0;
 }
 
+/* Behind the name and the space that the line begins with; NULL: it begins with something else. */
+static const char *after_name(const char *line, const char *name)
+{
+	for (; *name && *line == *name; line++)
+		name++;
+	return *name || *line != ' ' ? NULL : line + 1;
+}
+
+/* A number or (`seconds`) one with six digits behind the point, in millionths, as report_text writes them: gives the end of the
+ * line, NULL: it is something else, or so large that it needs a look. */
+static const char *number_line(const char *value, bool seconds, uint64_t *ret)
+{
+	const char *at = value, *point = NULL;
+	uint64_t v = 0;
+
+	for (; (*at >= '0' && *at <= '9') || (seconds && !point && *at == '.' && at > value); at++)
+		if (*at == '.')
+			point = at;
+		else
+			v = v * 10 + (uint64_t)(*at - '0');
+	if (*at != '\n' || at == value || at - value > (seconds ? 16 : 18) || (seconds && (!point || at - point != 7)))
+		return NULL;
+	*ret = v;
+	return at + 1;
+}
+
 static void get_number(const struct part *value, uint64_t *ret)
 {
 	char *copy;
@@ -156,13 +182,45 @@ static void get_field(const struct part *name, const struct part *value, size_t 
 	}
 }
 
+/* The line that comes next where this version wrote them all. NULL: it is another, or not as it is written today. */
+static const char *next_line(const char *text, size_t *at, size_t *at_rule, struct job_report *ret)
+{
+	char *place = *at < FIELDS ? (char *)ret + fields[*at].offset : NULL;
+	const char *value = place && fields[*at].kind != TEXT ? after_name(text, fields[*at].name) : NULL, *end;
+	uint64_t n;
+
+	if (value) {
+		end = number_line(value, fields[*at].kind == SECONDS, &n);
+		if (!end)
+			return NULL;
+		if (fields[(*at)++].kind == SECONDS)
+			*(double *)place = (double)n / 1e6;
+		else
+			*(uint64_t *)place = n;
+		return end;
+	}
+	if (*at_rule == VIEW_RULES || strncmp(text, "removed-", 8))
+		return NULL;
+	value = after_name(text + 8, view_rule_text((enum view_rule)*at_rule));
+	end = value ? number_line(value, false, &ret->removed[*at_rule]) : NULL;
+	*at_rule += end != NULL;
+	return end;
+}
+
 void report_parse(const char *text, struct job_report *ret)
 {
 	size_t at = 0, at_rule = 0;
 
 	memset(ret, 0, sizeof *ret);
 	while (*text) {
-		const char *end = strchrnul(text, '\n'), *space = memchr(text, ' ', (size_t)(end - text));
+		const char *end = next_line(text, &at, &at_rule, ret), *space;
+
+		if (end) {
+			text = end;
+			continue;
+		}
+		end = strchrnul(text, '\n');
+		space = memchr(text, ' ', (size_t)(end - text));
 
 		if (space)
 			get_field(&(struct part){text, (size_t)(space - text)},

@@ -30,6 +30,8 @@
 
 enum { OLDEST_MAX = 320, PATH_SIZE = 176, DEPTH_MAX = 4, PASSES_MAX = 4096 };
 
+#define WRITTEN_NS (INT64_C(60) * 1000000000) /* a domain takes a few milliseconds */
+
 struct old {
 	int64_t used_ns;
 	uint64_t bytes;
@@ -42,6 +44,7 @@ struct pass {
 	void *ctx;
 	enum space_need need;
 	int64_t since_ns;  /* domains used since then are in use */
+	int64_t before_ns; /* temporary files changed since then are being written */
 	size_t n;
 	struct old *heap;  /* the youngest first */
 	uint64_t bytes[2], entries[2]; /* of domains, selections */
@@ -172,9 +175,17 @@ uint64_t space_folder_bytes(int parent, const char *name)
 	return sum.bytes;
 }
 
+static bool temporary(const char *name)
+{
+	size_t n = strlen(name);
+
+	return n >= 4 && !strcmp(name + n - 4, ".tmp");
+}
+
+/* What is being written is in the accounts by what its writer took, and is not there yet. What a crash left counts later. */
 static void domain_found(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
-	if (!S_ISREG(st->st_mode))
+	if (!S_ISREG(st->st_mode) || (temporary(name) && used_of(st) >= p->before_ns))
 		return;
 	p->bytes[0] += (uint64_t)st->st_size;
 	p->entries[0]++;
@@ -209,6 +220,7 @@ static int look(struct pass *p, struct err *err)
 	int r;
 
 	p->n = 0;
+	p->before_ns = clock_real_us() * 1000 - WRITTEN_NS;
 	memset(p->bytes, 0, sizeof p->bytes);
 	memset(p->entries, 0, sizeof p->entries);
 	pthread_mutex_lock(&s->lock);
@@ -463,9 +475,8 @@ struct left {
 static void left_domain(struct pass *p, int dirfd, const char *name, const char *path, const struct stat *st)
 {
 	struct left *left = p->ctx;
-	size_t n = strlen(name);
 
-	if (!S_ISREG(st->st_mode) || n < 4 || strcmp(name + n - 4, ".tmp") || used_of(st) >= left->before_ns)
+	if (!S_ISREG(st->st_mode) || !temporary(name) || used_of(st) >= left->before_ns)
 		return;
 	if (!io_remove(dirfd, name, &left->err)) {
 		left->bytes += (uint64_t)st->st_size;

@@ -14,7 +14,10 @@
 #include "log.h"
 
 static const char *const name = "last-verify";
-#define LINE "acut-verified 1 %" SCNd64 " %" SCNu64 " %" SCNu64 " %" SCNu64 " %" SCNu64 " %c"
+#define LINE "acut-verified 1 %" SCNd64 " %" SCNu64 " %" SCNu64 " %" SCNu64 " %" SCNu64
+/* What is of a newer version follows only where there is something. */
+#define LINE_WHOLE LINE " %c"
+#define LINE_NEWER LINE " %" SCNu64 " %c"
 
 void verified_load(struct jobs *j)
 {
@@ -28,7 +31,8 @@ void verified_load(struct jobs *j)
 		return; /* never verified */
 	if (!io_read_some(fd, text, sizeof text - 1, 0, name, &n, &err)) {
 		text[n] = 0;
-		if (sscanf(text, LINE, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &end) == 6 && end == '.')
+		if ((sscanf(text, LINE_WHOLE, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &end) == 6 && end == '.') ||
+		    (sscanf(text, LINE_NEWER, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &v.newer, &end) == 7 && end == '.'))
 			j->verified = v;
 	}
 	io_close(fd);
@@ -45,12 +49,14 @@ static void note_run(struct sched_task *t)
 	const struct verified *v = &((struct noting *)t)->v;
 	int dirfd = ((struct noting *)t)->jobs->p.statefd, fd;
 	struct err err = ERR_INIT;
-	char text[160];
+	char text[160], newer[24] = "";
 	int n, r = io_open(dirfd, "last-verify.tmp", O_WRONLY | O_CREAT | O_TRUNC | O_NOFOLLOW, 0600, &fd, &err);
 
 	if (!r) {
-		n = snprintf(text, sizeof text, "acut-verified 1 %" PRId64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " .\n",
-			     v->at_us, v->files, v->bytes, v->damaged, v->derived);
+		if (v->newer)
+			snprintf(newer, sizeof newer, " %" PRIu64, v->newer);
+		n = snprintf(text, sizeof text, "acut-verified 1 %" PRId64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "%s .\n",
+			     v->at_us, v->files, v->bytes, v->damaged, v->derived, newer);
 		r = io_write_at(fd, text, (size_t)n, 0, name, &err);
 		if (!r)
 			r = io_publish(dirfd, fd, "last-verify.tmp", name, &err);
@@ -75,7 +81,7 @@ void verified_note(struct jobs *j, const struct cache_verified *found)
 	struct noting *x = calloc(1, sizeof *x);
 
 	j->verified = (struct verified){.at_us = clock_real_us(), .files = found->files, .bytes = found->bytes,
-					.damaged = found->damaged, .derived = found->derived};
+					.damaged = found->damaged, .derived = found->derived, .newer = found->newer};
 	if (!x)
 		return;
 	x->task = (struct sched_task){.run = note_run, .done = note_done, .priority = SCHED_NORMAL};

@@ -114,29 +114,33 @@ void walk_shut(struct walk *w)
 
 /* ---- opening ---- */
 
+/* So many of them count whichever of the segment's records do not. */
+static uint64_t surely(uint64_t points, uint64_t dead)
+{
+	return points > dead ? points - dead : 0;
+}
+
+/* Segments have their points by class, sources have not: of a segment with records that are not of this generation it is known how
+ * many points of a class there are at least. */
 static void count_classes(struct walk *w)
 {
 	const struct grid_manifest *m = grid_manifest(w->grid);
 
-	bool whole = true;
-
 	w->ground = w->other = 0;
-	w->unclassified = true;
+	w->unclassified = w->classes_exact = true;
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const uint64_t *points = m->segments[i].classes;
-		uint64_t live = grid_segment_points(w->grid, i);
+		uint64_t live = grid_segment_points(w->grid, i), dead = m->segments[i].points - live, other = 0;
 
-		/* Classes are counted with records that are not of this generation. */
 		if (!live)
 			continue;
-		whole = whole && live == m->segments[i].points;
-		w->ground += points[2];
-		w->unclassified &= !points[2] && !points[8];
 		for (unsigned c = 0; c < 256; c++)
-			w->other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
+			other += c == 2 || ((c == 7 || c == 18) && !w->view.keep_noise) ? 0 : points[c];
+		w->classes_exact = w->classes_exact && !dead;
+		w->ground += surely(points[2], dead);
+		w->other += surely(other, dead);
+		w->unclassified &= !points[2] && !points[8];
 	}
-	if (!whole)
-		w->ground = w->other = 0; /* not known */
 }
 
 static void open_run(struct sched_task *t)
@@ -409,18 +413,25 @@ static bool walk_window(const struct walk *w)
 	enum { MOST = 64 };
 	uint64_t each = w->budget.domain_bytes, taken = 0;
 	const struct walk_domain *d;
-	unsigned making = 0;
+	unsigned making = 0, idle = 0;
 
 	if (w->ndomains < w->budget.threads + 2)
 		return true;
 	for (d = w->domains; d; d = d->next) {
 		bool whole = d->state == DOMAIN_MAKING || d->state == DOMAIN_SPLIT;
 
+		idle += !whole && !d->size;
+
 		/* What is mapped of one that is being made is its worker's to know. */
 		taken += whole ? each : d->size;
 		making += whole;
 	}
-	return w->ndomains < MOST && making < w->budget.threads && taken + each <= (w->budget.threads + 1) * each;
+	if (w->ndomains >= MOST)
+		return false;
+	/* Of those that are only waiting to be counted the memory is there for the next, at once. */
+	if (w->sums && w->ndomains - idle < w->budget.threads + 2)
+		return true;
+	return making < w->budget.threads && taken + each <= (w->budget.threads + 1) * each;
 }
 
 bool walk_crowded(const struct walk *w)

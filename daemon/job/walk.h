@@ -28,7 +28,9 @@ struct walk_calls {
 struct walk_since {
 	uint64_t generation, job;  /* of the old mesh; of the walk */
 	struct digest digest, vertex_digest; /* of the walk's job */
-	const char *dataset;       /* for messages */
+	const char *dataset;       /* for messages, and so are */
+	uint64_t oldest, newest;   /* the generations that it has */
+	uint64_t near;             /* the one next to `generation` of which a job has made such a mesh; 0: none */
 	unsigned n;                /* jobs that made the old mesh, the newest first */
 	struct walk_base {
 		uint64_t job;
@@ -97,8 +99,9 @@ const struct cut_plan *walk_plan(const struct walk *);
 const struct pipe_budget *walk_budget(const struct walk *);
 const struct view *walk_view(const struct walk *);
 /* Points of the ground (class 2) and of other classes that are no noise to the view, in the segments of the
- * generation; 0 and 0 where those have records of other generations too. After `ended` without why. */
-void walk_classes(const struct walk *, uint64_t *ret_ground, uint64_t *ret_other);
+ * generation. False: there are at least so many, since segments have records of other generations too. After `ended`
+ * without why. */
+bool walk_classes(const struct walk *, uint64_t *ret_ground, uint64_t *ret_other);
 /* None of them is of class 2 or 8. */
 bool walk_unclassified(const struct walk *);
 uint64_t walk_grid_points(const struct walk *);

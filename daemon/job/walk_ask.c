@@ -42,10 +42,11 @@ const struct view *walk_view(const struct walk *w)
 	return &w->view;
 }
 
-void walk_classes(const struct walk *w, uint64_t *ret_ground, uint64_t *ret_other)
+bool walk_classes(const struct walk *w, uint64_t *ret_ground, uint64_t *ret_other)
 {
 	*ret_ground = w->ground;
 	*ret_other = w->other;
+	return w->classes_exact;
 }
 
 bool walk_unclassified(const struct walk *w)

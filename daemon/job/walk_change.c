@@ -233,6 +233,24 @@ static int against(struct walk *w, const struct walk_base *base, struct err *err
 	return r;
 }
 
+/* None of its jobs will do: is there something that does? */
+static int no_base(const struct walk_since *s, struct err *err)
+{
+	const unsigned long long wanted = s->generation, near = s->near, oldest = s->oldest, newest = s->newest;
+
+	if (s->generation < s->oldest) {
+		err_set(err, ERR_GONE, "generation %llu of %s was pruned, and no job of it with the same view has kept the regions of its "
+			"mesh: the dataset has generations %llu to %llu", wanted, s->dataset, oldest, newest);
+		return near ? err_add_hint(err, "--changed-since %llu can be had, or the whole mesh without it", near) :
+			      err_add_hint(err, "fetch the whole mesh, without --changed-since");
+	}
+	err_set(err, ERR_GONE, "no job of generation %llu with the same view has kept the regions of its mesh", wanted);
+	return near ? err_add_hint(err, "acutctl submit %.200s --at %llu --new, with the options of that view, makes one; --changed-since "
+					"%llu has one", s->dataset, wanted, near) :
+		      err_add_hint(err, "acutctl submit %.200s --at %llu --new, with the options of that view, makes one", s->dataset,
+				   wanted);
+}
+
 int walk_change_read(struct walk *w, struct err *err)
 {
 	int r = WALK_E_ABSENT;
@@ -253,10 +271,7 @@ int walk_change_read(struct walk *w, struct err *err)
 		r = against(w, &w->since->base[i], err);
 	if (r != WALK_E_ABSENT)
 		return r;
-	err_set(err, ERR_GONE, "no job of generation %llu with the same view has kept the regions of its mesh",
-		(unsigned long long)w->since->generation);
-	return err_add_hint(err, "acutctl submit %.200s --at %llu --new, with the options of that view, makes one", w->since->dataset,
-			    (unsigned long long)w->since->generation);
+	return no_base(w->since, err);
 }
 
 bool walk_change_skips(const struct walk *w, size_t index)

@@ -10,6 +10,7 @@
 #include <sys/mman.h>
 
 #include "clock.h"
+#include "hints.h"
 #include "job_priv.h"
 #include "log.h"
 #include "store.h"
@@ -168,6 +169,18 @@ int walk_store(const struct walk *w)
 	return w->dataset->onestep ? w->dataset->dirfd : w->jobs->domainsfd;
 }
 
+bool walk_hint(void *walk, struct digest base, struct digest *ret_list)
+{
+	return hints_find(((const struct walk *)walk)->jobs->hints, base, ret_list);
+}
+
+void walk_used(const struct walk *w, const struct pipe_stored *as, int64_t now_ns)
+{
+	hints_note(w->jobs->hints, &as->id);
+	if (as->used_ns < now_ns - STORE_TOUCH_NS)
+		store_touch(walk_store(w), &as->id, now_ns - STORE_TOUCH_NS);
+}
+
 /* Of the job's own walk: later streams give the same domains. */
 static void tell(struct walk_domain *d)
 {
@@ -195,7 +208,8 @@ static bool load(struct walk_domain *d)
 	const struct pipe_reuse_params p = {.storefd = walk_store(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
 					    .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
 					    .size = d->size, .light = d->front, .sums = w->sums,
-					    .after_ns = d->looked ? w->there.looked_ns : 0, .damaged = &damaged};
+					    .after_ns = d->looked ? w->there.looked_ns : 0, .hint = walk_hint,
+					    .ctx = w, .damaged = &damaged};
 	struct err err = ERR_INIT;
 	int r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
 
@@ -205,7 +219,7 @@ static bool load(struct walk_domain *d)
 		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a stored domain cannot be read, it is made again", &err);
 	d->stored = !r;
 	if (!r)
-		store_touch(walk_store(w), &d->as.id, 1000 * clock_real_us() - STORE_TOUCH_NS);
+		walk_used(w, &d->as, 1000 * clock_real_us());
 	return !r;
 }
 
@@ -223,8 +237,10 @@ static void keep(struct walk_domain *d)
 	d->stored = !r;
 	d->unstorable = r != 0;
 	walk_space_stored(w, d->held, r ? 0 : d->as.bytes);
-	if (!r)
+	if (!r) {
+		hints_note(w->jobs->hints, &d->as.id);
 		return;
+	}
 	log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a finished domain cannot be stored", &err);
 }
 

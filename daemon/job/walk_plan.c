@@ -55,6 +55,8 @@ static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory,
 		.cap = w->budget.cap,
 		.memory = memory,
 		.size = size,
+		.hint = walk_hint,
+		.ctx = (void *)w,
 		.sums = true,
 	};
 }
@@ -72,7 +74,7 @@ static void take_there(void *ctx, const struct cut_region *region, const struct 
 	t->leaves++;
 	t->points += domain->counts.points;
 	t->triangles |= domain->ntriangle > 0;
-	store_touch(walk_store(w), &as->id, t->looked_ns + STORE_LOOK_NS - STORE_TOUCH_NS);
+	walk_used(w, as, t->looked_ns + STORE_LOOK_NS);
 	if (t->n < t->room)
 		t->done[t->n++] = (struct plan_done){.region = *region, .base = as->id.base, .list = as->id.list, .digest = as->digest,
 						     .payload = as->payload, .triangles = as->triangles, .bytes = as->bytes};
@@ -126,7 +128,6 @@ static int refine(struct walk *w, void *memory, size_t size)
 	if (w->sums) {
 		there_room(w);
 		p.there = take_there;
-		p.ctx = w;
 	}
 	r = w->keep || w->plan_only ? pipe_refine(&p, &w->plan, &err) : 0;
 	walk_tell_damaged(w, damaged);

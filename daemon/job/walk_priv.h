@@ -109,6 +109,7 @@ struct walk {
 		struct pipe_selected counts;
 	} select;
 	uint64_t ground, other; /* walk_classes */
+	bool classes_exact;     /* of ground and other; else there are at least so many */
 	bool unclassified;      /* no point of the generation is of a class of the ground */
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
@@ -213,6 +214,8 @@ void walk_domain_split(struct walk_domain *);
 void walk_domain_release(struct walk_domain *); /* takes it out of the list and frees it */
 void walk_there_free(struct walk *); /* walk_plan.c */
 int walk_store(const struct walk *); /* the folder of its domains */
+bool walk_hint(void *walk, struct digest base, struct digest *ret_list); /* pipe_reuse_params.hint */
+void walk_used(const struct walk *, const struct pipe_stored *, int64_t now_ns); /* it was found in the store */
 /* The time of a file is its last use, to the hour; what is written now may have a time a little earlier. */
 #define STORE_TOUCH_NS (INT64_C(3600) * 1000000000)
 #define STORE_LOOK_NS INT64_C(1000000000)

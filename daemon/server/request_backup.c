@@ -104,6 +104,9 @@ static void ready(void *token, const struct err *why, const struct backup_ready 
 		frame_error_from_err(r->damaged, &error);
 		m.damage = &error.body;
 	}
+	m.identity = (char *)r->identity;
+	m.n_places = 4;
+	m.places = (uint64_t *)r->place;
 	if (keep(q->conn, r->backup, NULL))
 		request_answer(q, FRAME_MESSAGE(BACKUP_READY, backup_ready, &m));
 	else

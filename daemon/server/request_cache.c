@@ -87,6 +87,8 @@ static void verify_over(void *token, const struct err *why, const struct cache_v
 	out.bytes = v->bytes;
 	out.damaged = v->damaged;
 	out.derived = v->derived;
+	out.newer = v->newer;
+	out.derived_newer = v->derived_newer;
 	request_answer(q, FRAME_MESSAGE(CACHE_VERIFIED, cache_verified, &out));
 }
 

@@ -232,6 +232,10 @@ static void check_verify(struct visit *v, const struct jobs_numbers *n)
 					"disk's health (smartctl, dmesg)",
 		    "the last verification, %.0f days ago, found %llu damaged things of what was pushed", days,
 		    (unsigned long long)last->damaged);
+	else if (last->at_us && last->newer)
+		say(v, "verify", WRONG, "acutctl cache verify names them: install the newer acut that wrote them again, or a later one",
+		    "the last verification, %.0f days ago, found %llu things of a newer version of acut, which this one cannot read", days,
+		    (unsigned long long)last->newer);
 	else if (!last->at_us)
 		say(v, "verify", n->datasets ? WARNING : OK, how, "what is stored was never verified");
 	else if (days > VERIFY_DAYS)

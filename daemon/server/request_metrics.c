@@ -228,6 +228,8 @@ static void add_health(struct page *p, const struct jobs_numbers *n)
 		       "Damaged things that the last verification found: of what was pushed, and of what is made again.");
 		sample(p, (double)v->damaged, "data", "pushed");
 		sample(p, (double)v->derived, "data", "derived");
+		gauge(p, "acut_last_verify_newer", "Things of what was pushed that are of a newer version of acut, as the last verification found.",
+		      (double)v->newer);
 	}
 	family(p, "acut_events_total", "counter", "Events of the log since the start, by name.");
 	for (int i = 0; i < LOG_EVENTS; i++) {

@@ -309,6 +309,13 @@ static void queue_is_charged(void **state)
 	catalogue_free(reopen(NULL, &seen, last));
 	assert_int_equal(seen.datasets, ROWS);
 	assert_int_equal(seen.pushes, ROWS);
+	/* A start that fails: what it queued is not written, and given back. */
+	ledger = ledger_new(CATALOGUE_HEAP + ROOM);
+	assert_int_equal(catalogue_new(path, ledger, &c, &err), 0);
+	assert_int_equal(catalogue_drop_push(c, 1, NULL, NULL, &err), 0);
+	assert_true(ledger_held(ledger, LEDGER_CATALOGUE) > CATALOGUE_HEAP);
+	catalogue_free(c);
+	ledger_free(ledger);
 	/* No room for the heap: said. */
 	ledger = ledger_new(CATALOGUE_HEAP - 1);
 	assert_int_equal(catalogue_new(path, ledger, &c, &err), -ERR_LIMIT);

@@ -103,6 +103,21 @@ def first_start_of_a_service():
             d.stop()
 
 
+def state_and_cache_are_apart():
+    """One folder for both, by whatever path, or one in the other where that does harm: refused before anything is made."""
+    with Folder() as base:
+        os.mkdir(base + "/there")
+        os.symlink(base + "/there", base + "/link")
+        for state, cache, words in (("there", "link", "is the state folder"), ("new", "new", "is the state folder"),
+                                    ("there/s", "there", "lies in the cache folder"), ("new", "new/datasets/x", "has what was pushed")):
+            folders = ["--init", "--state", base + "/" + state, "--cache", base + "/" + cache]
+            got = run([e2e.ACUTD, "--no-config", "--socket", base + "/d.sock"] + folders, timeout=100)
+            expect(got.status == 2 and words in got.err and base + "/" + cache in got.err, "%d %s" % (got.status, got.err))
+            got = run([e2e.ACUTD, "--no-config", "--check-config", "--socket", base + "/d.sock"] + folders, timeout=100)
+            expect(got.status == 2 and words in got.err and base + "/" + cache in got.err, "check: %d %s" % (got.status, got.err))
+            expect(sorted(os.listdir(base)) == ["link", "there"] and not os.listdir(base + "/there"), "something was made")
+
+
 def unmounted_disk_is_no_store():
     """A folder that was configured and is not there, or has no marker, is refused, and left as it is."""
     with Folder() as base:
@@ -399,6 +414,12 @@ def memory_is_kept():
         path = survey(base, 400000)
         results = []
 
+        def held(c):
+            return {e.name: e.bytes for e in c.ask("status_request", pb.StatusRequest()).ledger if e.bytes}
+
+        with Client(d.socket) as c:
+            kept = held(c).get("jobs", 0)  # hints of the store, from the start
+
         def mesh(i):
             results.append(d.ctl("mesh", path, "-o", "%s/%d.ply" % (base, i), "--json", timeout=300))
 
@@ -411,12 +432,13 @@ def memory_is_kept():
         expect(len(digests) == 1, "digests: %s" % digests)
         expect(d.vmhwm() <= (24 + 32) * MIB, "VmHWM %.1f MiB" % (d.vmhwm() / MIB))
         print("     VmHWM %.1f MiB with five jobs in 24 MiB" % (d.vmhwm() / MIB))
-        # Everything was given back: only the catalogue, the threads and this connection are left.
+        # Everything was given back: only what is there from the start, and this connection, are left.
         with Client(d.socket) as c:
-            def held():
-                return {e.name: e.bytes for e in c.ask("status_request", pb.StatusRequest()).ledger if e.bytes}
+            def given_back():
+                now = held(c)
+                return set(now) <= {"catalogue", "message", "thread", "jobs"} and now.get("jobs", 0) <= kept
 
-            await_it(lambda: set(held()) <= {"catalogue", "message", "thread"}, "held: %s" % held())
+            await_it(given_back, "held: %s" % held(c))
         expect_clean(d)
 
 
@@ -437,6 +459,6 @@ def mixed_units_are_refused():
         expect(got.status == 1 and "a.las" in got.err and "b.las" in got.err, "%d %s" % (got.status, got.err))
 
 
-main(folders_are_locked, unmounted_disk_is_no_store, first_start_of_a_service, stale_socket_is_taken_over, usage, clients_hear_why_not, socket_is_handed_over, socket_pair_is_handed_over,
+main(folders_are_locked, unmounted_disk_is_no_store, state_and_cache_are_apart, first_start_of_a_service, stale_socket_is_taken_over, usage, clients_hear_why_not, socket_is_handed_over, socket_pair_is_handed_over,
      out_of_descriptors, killed_at_any_moment, stopped_while_busy, never_read_stream, memory_is_kept,
      mixed_units_are_refused)

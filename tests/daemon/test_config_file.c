@@ -206,6 +206,34 @@ static void texts(void **state)
 		}
 }
 
+/* A time is told as briefly as it can be, and read again as the same number to its last bit. */
+static void times(void **state)
+{
+	static const struct {
+		const char *given, *told; /* NULL: whatever it is, it is the same */
+	} row[] = {
+		{"5000.1d", "432008640.00000006s"}, {"0.1s", "0.1s"}, {"0.3m", "18s"}, {"1.5m", "90s"}, {"90m", "90m"}, {"24h", "1d"},
+		{"0.7h", NULL}, {"1.1d", NULL}, {"0.123456789012345678s", NULL}, {"9999.3d", NULL},
+	};
+	const struct config_setting *s = &config_settings[CONFIG_keep_removed];
+	char text[CONFIG_PATH_SIZE];
+	const char *wanted;
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		struct config c, again;
+
+		config_presets(&c);
+		config_presets(&again);
+		assert_true(config_value_parse(s, row[i].given, &c, &wanted));
+		config_value_text(s, &c, text);
+		if (row[i].told)
+			assert_string_equal(text, row[i].told);
+		assert_true(config_value_parse(s, text, &again, &wanted));
+		if (again.keep_removed != c.keep_removed)
+			fail_msg("%s is told as %s, which is %.17g and not %.17g s", row[i].given, text, again.keep_removed, c.keep_removed);
+	}
+}
+
 /* The table itself: names once, a preset that its own row takes, and words for people. */
 static void table(void **state)
 {
@@ -328,6 +356,7 @@ int main(void)
 		cmocka_unit_test(refused),
 		cmocka_unit_test(all_are_told),
 		cmocka_unit_test(texts),
+		cmocka_unit_test(times),
 		cmocka_unit_test(table),
 		cmocka_unit_test(memory),
 		cmocka_unit_test_setup_teardown(files, setup, teardown),

@@ -266,14 +266,100 @@ static void cache_knows_whom(void **state)
 	assert_memory_not_equal(a.id, b.id, sizeof a.id);
 	assert_int_equal(place_cache(cache_path, &fd, &lock, &err), 0);
 	assert_int_equal(marker_read(fd, MARKER_CACHE, &seen, &err), MARKER_E_ABSENT);
-	assert_int_equal(place_cache_serves(fd, &a, &err), 0);
+	assert_int_equal(place_cache_serves(fd, root, &a, &err), 0);
 	assert_int_equal(marker_read(fd, MARKER_CACHE, &seen, &err), 0);
 	assert_memory_equal(seen.id, a.id, sizeof a.id);
-	assert_int_equal(place_cache_serves(fd, &b, &err), 0);
+	assert_int_equal(place_cache_serves(fd, root, &b, &err), 0);
 	assert_int_equal(marker_read(fd, MARKER_CACHE, &seen, &err), 0);
 	assert_memory_equal(seen.id, b.id, sizeof b.id);
 	/* A state's marker is no cache's. */
 	assert_int_equal(marker_read(fd, MARKER_STATE, &seen, &err), MARKER_E_ABSENT);
+	close(fd);
+	close(lock);
+}
+
+/* Refused with these words, whichever way it is called; NULL: accepted. */
+static void apart(const char *state, const char *cache, const char *words)
+{
+	char a[200], b[200];
+	struct err err = ERR_INIT;
+	int r;
+
+	snprintf(a, sizeof a, "%s/%s", root, state);
+	snprintf(b, sizeof b, "%s/%s", root, cache);
+	r = place_apart(a, b, false, &err);
+	if (!words && r)
+		fail_msg("%s, %s: %s", state, cache, err.message);
+	if (words && (r != -ERR_USAGE || !strstr(err.message, words) || !strstr(err.file, cache)))
+		fail_msg("%s, %s: %d %s: %s", state, cache, r, err.file, err.message);
+}
+
+static void cache_is_apart(void **state)
+{
+	static const char *const folders[] = {"s", "s/datasets", "s/datasets/1", "s/plans", "c", "c/deep", "other"};
+	static const char *const is = "is the state folder", *const holds = "lies in the cache folder", *const within = "has what was pushed";
+	char path[200], to[200];
+	struct err err = ERR_INIT;
+
+	for (size_t i = 0; i < sizeof folders / sizeof *folders; i++) {
+		snprintf(path, sizeof path, "%s/%s", root, folders[i]);
+		assert_int_equal(mkdir(path, 0700), 0);
+	}
+	snprintf(path, sizeof path, "%s/link", root);
+	snprintf(to, sizeof to, "%s/s", root);
+	assert_int_equal(symlink(to, path), 0);
+	/* One folder, by any path, there or not. */
+	apart("s", "s", is);
+	apart("s", "s/", is);
+	apart("s", "link", is);
+	apart("link/.", "other/../s", is);
+	apart("new", "new", is);
+	apart("new", ".//new/", is);
+	apart("new/x", "other/../new/x", is);
+	/* The cache holds the state. */
+	apart("c/deep", "c", holds);
+	apart("c/new", "c", holds);
+	apart("new/s", "new", holds);
+	apart("s", "", holds);
+	/* The cache in what the store has made, and in what it will make. */
+	apart("s", "s/datasets", within);
+	apart("s", "s/datasets/1/new", within);
+	apart("s", "link/plans", within);
+	apart("s", "s/geoids/new", within);
+	apart("new", "new/datasets", within);
+	/* What does nobody any harm. */
+	apart("s", "c", NULL);
+	apart("s", "s/cache", NULL);
+	apart("new", "new/cache", NULL);
+	apart("new", "newer", NULL);
+	apart("newer", "new", NULL);
+	apart("s", "new/s", NULL);
+	/* A daemon of one command has a state that goes with it. */
+	snprintf(path, sizeof path, "%s/c/new", root);
+	snprintf(to, sizeof to, "%s/c", root);
+	assert_int_equal(place_apart(path, to, true, &err), 0);
+	assert_int_equal(place_apart(to, to, true, &err), -ERR_USAGE);
+}
+
+/* The folder is named: there are two, and each has a marker. */
+static void newer_cache_is_named(void **state)
+{
+	struct marker m;
+	struct err err = ERR_INIT;
+	uint32_t version = 2;
+	char path[200];
+	int fd, lock, file;
+
+	assert_int_equal(marker_new(&m, &err), 0);
+	assert_int_equal(place_cache(cache_path, &fd, &lock, &err), 0);
+	assert_int_equal(place_cache_serves(fd, cache_path, &m, &err), 0);
+	snprintf(path, sizeof path, "%s/acut-cache", cache_path);
+	file = open(path, O_WRONLY);
+	assert_int_equal(pwrite(file, &version, sizeof version, 8), (ssize_t)sizeof version);
+	close(file);
+	assert_int_equal(place_cache_serves(fd, cache_path, &m, &err), -ERR_VERSION);
+	assert_string_equal(err.file, path);
+	assert_non_null(strstr(err.message, "a newer acutd"));
 	close(fd);
 	close(lock);
 }
@@ -287,6 +373,8 @@ int main(void)
 		cmocka_unit_test_setup_teardown(older_gets_one, setup, teardown),
 		cmocka_unit_test_setup_teardown(marker_is_checked, setup, teardown),
 		cmocka_unit_test_setup_teardown(cache_knows_whom, setup, teardown),
+		cmocka_unit_test_setup_teardown(cache_is_apart, setup, teardown),
+		cmocka_unit_test_setup_teardown(newer_cache_is_named, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

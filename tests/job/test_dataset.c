@@ -84,7 +84,7 @@ static void test_rights(void **state)
 	assert_int_equal(told.did.undone, 1);
 	assert_int_equal(told.generation.files_removed, 1);
 	assert_int_equal(verb(DATASET_PIN, "s", &root), 0);
-	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_USAGE);
+	assert_int_equal(verb(DATASET_REMOVE, "s", &me), ERR_CONFLICT);
 	assert_int_equal(verb(DATASET_UNPIN, "s", &me), 0);
 	dataset_release(d);
 	assert_int_equal(verb(DATASET_REMOVE, "s", &me), 0);

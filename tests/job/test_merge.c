@@ -493,7 +493,7 @@ static void prune_refused(void **state)
 	prune("used", 0, 0);
 	assert_int_equal(got.why.code, ERR_USAGE);
 	prune("used", 0, 3);
-	assert_int_equal(got.why.code, ERR_USAGE);
+	assert_int_equal(got.why.code, ERR_NOTFOUND);
 
 	struct job_params p = {.dataset = named("used"), .view = VIEW, .generation = 1, .bound = true, .peer = me};
 	int before = accepts;

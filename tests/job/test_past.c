@@ -5,9 +5,11 @@
 #include "house.h"
 
 #include "job_priv.h"
+#include "log.h"
 #include "past.h"
 
 enum { JOBS = 10000, OLD = 1000, AT_ONCE = 64 };
+#define SMALL (UINT64_C(4) << 20)
 
 static void sql(const char *text)
 {
@@ -126,6 +128,56 @@ static void little_memory(void **state)
 	assert_true(past_count(h.jobs) > 0);
 }
 
+/* What a push left is taken up, however many jobs are over: these fill the memory, and give way, with their rows and plans, some at
+ * a time. */
+static void little_memory_push(void **state)
+{
+	enum { PUSHES = 100, TAKEN_UP = 20000 };
+	static struct pending *taken[TAKEN_UP];
+	struct err err = ERR_INIT;
+	char plan[96];
+	size_t left;
+
+	snprintf(plan, sizeof plan, "%s/plans/plan-5", h.folder);
+	close_house();
+	make_jobs();
+	close(open(plan, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	sql("INSERT INTO dataset (id, name, uid, created_us, pushed_us, manifest, generation, points, bytes, files, lattice, crs, unit_xy,"
+	    " unit_z, box_min, box_max, gid, mode) VALUES (1, 'valley', 1000, 1, 1, '', 1, 0, 0, 0, '', '', '', '', 0, 0, 1000, 416)");
+	sql("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 100)"
+	    " INSERT INTO push (id, dataset, uid, files, begun_us) SELECT i, 1, 1000, 1, 1 FROM n");
+	log_init("test-past", LOG_LEVEL_WARNING);
+	open_house(SMALL, 1);
+	assert_int_equal(h.jobs->last_push, PUSHES);
+	assert_non_null(job_find(h.jobs, JOBS, &me));
+	assert_null(job_find(h.jobs, 5, &me));
+	assert_true(h.jobs->ndrops > 0);
+	while (h.jobs->ndrops) {
+		left = h.jobs->ndrops;
+		turn(10);
+		assert_true(left - h.jobs->ndrops <= AT_ONCE);
+		assert_true(catalogue_busy(h.catalogue) <= 2 * AT_ONCE);
+	}
+	turn_until(access(plan, F_OK) != 0);
+	turn_until(!jobs_active(h.jobs));
+	/* As many pushes as take more than the jobs left over. */
+	left = past_count(h.jobs);
+	h.jobs->loading = true;
+	for (unsigned i = 0; i < TAKEN_UP; i++)
+		assert_non_null(taken[i] = pending_new(h.jobs, &err));
+	h.jobs->loading = false;
+	assert_true(past_count(h.jobs) < left);
+	for (unsigned i = 0; i < TAKEN_UP; i++)
+		pending_free(h.jobs, taken[i]);
+	while (h.jobs->ndrops)
+		turn(10);
+	turn_until(!jobs_active(h.jobs));
+	left = past_count(h.jobs);
+	close_house();
+	open_house(UINT64_C(64) << 20, 1);
+	assert_int_equal(past_count(h.jobs), left);
+}
+
 /* Views of all lengths: what a job is packed into is as large as it, whatever its numbers are (seen by the sanitizer). */
 static void lengths(void **state)
 {
@@ -175,6 +227,26 @@ static void reports(void **state)
 	}
 }
 
+/* Of an older version, or by another hand: lines that are missing, in another order, not as they are written today. */
+static void old_reports(void **state)
+{
+	struct job_report r;
+
+	report_parse("points 7\nvertices 5\nseconds 2\nused 0006\nremoved-noise 3\nremoved-kept 9\nstage_seconds 0.5\n"
+		     "hull \ndomains 4x\nhalo -1\nnote a b\ndigest abc\nseal_seconds 1.234567\nremoved-kept 11\nwindow 1\ntriangles 8", &r);
+	assert_int_equal(r.points, 7);
+	assert_int_equal(r.used, 6);
+	assert_int_equal(r.vertices, 5);
+	assert_int_equal(r.triangles, 8);
+	assert_int_equal(r.hull | r.domains | r.halo, 0);
+	assert_true(r.seconds == 2 && r.stage_seconds == 0.5 && r.seal_seconds == 1.234567);
+	assert_int_equal(r.removed[VIEW_BY_NOISE], 3);
+	assert_int_equal(r.removed[VIEW_KEPT], 11);
+	assert_string_equal(r.note, "a b");
+	assert_string_equal(r.digest, "abc");
+	assert_int_equal(r.window, 1);
+}
+
 /* Pages of datasets: by name, each once, whatever order they were made in; others' private and removed ones are not there. */
 static void listing(void **state)
 {
@@ -209,8 +281,10 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(many, setup, teardown),
 		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
+		cmocka_unit_test_setup_teardown(little_memory_push, setup, teardown),
 		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
 		cmocka_unit_test(reports),
+		cmocka_unit_test(old_reports),
 		cmocka_unit_test(listing),
 	};
 

@@ -10,6 +10,8 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -339,6 +341,89 @@ static void test_damage(void **state)
 	plan_file_free(f);
 }
 
+static bool is_there(const char *name)
+{
+	return faccessat(dirfd, name, F_OK, 0) == 0;
+}
+
+static bool among(void *ctx, uint64_t job)
+{
+	const uint64_t *jobs = ctx;
+
+	for (; jobs && *jobs && *jobs != job; jobs++)
+		;
+	return jobs && *jobs;
+}
+
+/* Plans of jobs that are not there go, and what writes left; those of jobs that came since stay. */
+static void test_sweep(void **state)
+{
+	static uint64_t jobs[] = {3, 5, 8, 0};
+	static const char *const all[] = {"plan-3", "plan-4", "plan-5.tmp", "plan-8", "plan-9", "plan-10", "plan-10.tmp", "other"};
+	static const bool stays[] = {true, false, false, true, false, true, false, false};
+	struct err err = ERR_INIT;
+
+	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+		close(openat(dirfd, all[i], O_CREAT | O_WRONLY, 0600));
+	assert_int_equal(plan_file_sweep(dirfd, 9, among, jobs, &err), 0);
+	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+		assert_int_equal(is_there(all[i]), stays[i]);
+	assert_int_equal(plan_file_sweep(dirfd, 10, among, NULL, &err), 0);
+	for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+		assert_false(is_there(all[i]));
+}
+
+static atomic_bool writes;
+static pthread_t writer;
+
+static void *write_seven(void *arg)
+{
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+	struct plan_kept kept = {.load = 100, .cap = 200};
+	struct cut_plan p = plan_of(5);
+	struct err err = ERR_INIT;
+
+	assert_int_equal(plan_file_write(f, &p, &kept, &err), 0);
+	cut_plan_done(&p);
+	plan_file_free(f);
+	return NULL;
+}
+
+static int telling_openat(int fd, const char *path, int flags, mode_t mode)
+{
+	writes |= !strcmp(path, "plan-7.tmp");
+	return io_system.openat(fd, path, flags, mode);
+}
+
+/* Somebody writes a plan when the folder is looked through, which waits for him for a while: then it is at its name. */
+static struct dirent *held_readdir(void *dir)
+{
+	if (!writer) {
+		assert_int_equal(pthread_create(&writer, NULL, write_seven, NULL), 0);
+		for (int i = 0; i < 100 && !writes; i++)
+			usleep(1000);
+		assert_false(writes);
+	}
+	return io_system.readdir(dir);
+}
+
+/* What is being written is not swept: whoever writes waits. */
+static void test_sweep_writes(void **state)
+{
+	static uint64_t jobs[] = {7, 0};
+	struct io_table table = io_system;
+	struct err err = ERR_INIT;
+
+	table.readdir = held_readdir;
+	table.openat = telling_openat;
+	io = &table;
+	assert_int_equal(plan_file_sweep(dirfd, 7, among, jobs, &err), 0);
+	assert_int_equal(pthread_join(writer, NULL), 0);
+	io = &io_system;
+	assert_true(writes);
+	assert_true(is_there("plan-7"));
+}
+
 static int calls, fail_at;
 
 static int failing_fsync(int fd)
@@ -400,6 +485,8 @@ int main(void)
 		cmocka_unit_test(test_done),
 		cmocka_unit_test(test_damage),
 		cmocka_unit_test(test_failing_disk),
+		cmocka_unit_test(test_sweep),
+		cmocka_unit_test(test_sweep_writes),
 	};
 
 	return cmocka_run_group_tests(tests, setup, teardown);

@@ -296,6 +296,14 @@ static void a_look_beside_what_is_written(void **state)
 	assert_int_equal(space_measure(s, &err), 0);
 	assert_int_equal(bytes_of(SPACE_DOMAINS), 390 * KIB);
 	assert_int_equal(bytes_of(SPACE_SELECTIONS), 700 * KIB + 10);
+	/* Half of it is there, under its temporary name: it is in what was taken. What a crash left is in nobody's. */
+	put("domains/new.tmp", 40 * KIB, 0);
+	put("domains/a/left.tmp", 7 * KIB, 600);
+	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(bytes_of(SPACE_DOMAINS), 397 * KIB);
+	assert_int_equal(unlinkat(fd, "domains/a/left.tmp", 0), 0);
+	assert_int_equal(space_measure(s, &err), 0);
+	assert_int_equal(renameat(fd, "domains/new.tmp", fd, "domains/new"), 0);
 	put("domains/new", 80 * KIB, 0);
 	space_change(s, SPACE_DOMAINS, 90 * KIB, 80 * KIB);
 	space_change(s, SPACE_SELECTIONS, 500 * KIB, 0);

@@ -1,0 +1,179 @@
+/*
+ * A push whose row is on its way to the disk: what reads only goes on, what writes waits for the row, and a row that cannot
+ * be written ends the push. The test holds the row.
+ */
+#include "house.h"
+
+static struct {
+	bool hold, held;
+	struct catalogue *catalogue;
+	struct catalogue_push row;
+	catalogue_done_fn done;
+	void *ctx;
+} put;
+
+int __real_catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn, void *, struct err *);
+int __wrap_catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn, void *, struct err *);
+
+int __wrap_catalogue_put_push(struct catalogue *c, const struct catalogue_push *row, catalogue_done_fn done, void *ctx,
+			      struct err *err)
+{
+	if (!put.hold)
+		return __real_catalogue_put_push(c, row, done, ctx, err);
+	put.catalogue = c;
+	put.row = *row;
+	put.done = done;
+	put.ctx = ctx;
+	put.held = true;
+	return 0;
+}
+
+static void let_row(void)
+{
+	struct err err = ERR_INIT;
+
+	assert_true(put.held);
+	put.hold = put.held = false;
+	assert_int_equal(__real_catalogue_put_push(put.catalogue, &put.row, put.done, put.ctx, &err), 0);
+}
+
+static const struct push_input input = {.name = "a.xyz"};
+
+/* Up to the File, which is asked and cannot be answered. */
+static void ask_a_file(void)
+{
+	int fd = text_file(500, 3), answers;
+
+	put.hold = true;
+	begin("a");
+	assert_int_equal(got.why.code, 0);
+	assert_true(put.held);
+	ask(push_probe(got.push, dup(fd), &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	ask(push_plan(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	answers = got.answers;
+	push_file(got.push, fd, &input, NULL);
+	/* Nobody is at work for it, and nothing that is on its way wakes anybody. */
+	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
+	turn(0);
+	assert_false(sched_busy(h.sched));
+	assert_int_equal(got.answers, answers);
+}
+
+static void test_waits(void **state)
+{
+	int answers;
+
+	ask_a_file();
+	answers = got.answers;
+	let_row();
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.file.in.points, 500);
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	assert_int_equal(got.committed.points, 500);
+	push_leave(got.push);
+	dataset_release(got.committed.dataset);
+}
+
+static void test_fails(void **state)
+{
+	struct err full = ERR_INIT;
+	int answers;
+
+	ask_a_file();
+	answers = got.answers;
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	push_leave(got.push);
+	turn_until(!h.jobs->pushes);
+}
+
+/* None of its files is what an interrupted push left, which would be given up; but it is none. */
+static void test_fails_beside_a_pending_one(void **state)
+{
+	const struct push_input other = {.name = "b.xyz"};
+	struct err full = ERR_INIT;
+	int fd = text_file(500, 3), answers;
+
+	begin("a");
+	ask(push_probe(got.push, dup(fd), &input, NULL));
+	ask(push_plan(got.push, NULL));
+	ask(push_file(got.push, fd, &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	turn_until(!h.jobs->pushes);
+	assert_non_null(h.jobs->datasets->pending);
+	put.hold = true;
+	begin("a");
+	assert_int_equal(got.why.code, 0);
+	assert_true(put.held);
+	ask(push_probe(got.push, text_file(400, 4), &other, NULL));
+	assert_int_equal(got.why.code, 0);
+	answers = got.answers;
+	push_plan(got.push, NULL);
+	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
+	turn(0);
+	put.hold = put.held = false;
+	err_set(&full, ERR_NOSPACE, "the disk is full");
+	put.done(put.ctx, -ERR_NOSPACE, &full);
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_NOSPACE);
+	push_leave(got.push);
+	turn_until(!h.jobs->pushes);
+	assert_non_null(h.jobs->datasets->pending);
+	assert_int_equal(h.jobs->datasets->pending->files, 1);
+	begin("a");
+	ask(push_probe(got.push, text_file(500, 3), &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	turn_until(!h.jobs->pushes);
+}
+
+static void test_leaves(void **state)
+{
+	int answers;
+
+	ask_a_file();
+	answers = got.answers;
+	push_leave(got.push);
+	turn(0);
+	assert_int_equal(got.answers, answers); /* its end waits too: it removes the row */
+	let_row();
+	turn_until(got.answers > answers);
+	assert_int_equal(got.why.code, ERR_CANCELLED);
+	turn_until(!h.jobs->pushes);
+}
+
+/* Of a test that failed, too: the house waits for the row. */
+static int end(void **state)
+{
+	struct err err = ERR_INIT;
+
+	put.hold = false;
+	if (put.held) {
+		err_set(&err, ERR_CANCELLED, "the test is over");
+		put.held = false;
+		put.done(put.ctx, -ERR_CANCELLED, &err);
+	}
+	return teardown(state);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(test_waits, setup, end),
+		cmocka_unit_test_setup_teardown(test_fails, setup, end),
+		cmocka_unit_test_setup_teardown(test_fails_beside_a_pending_one, setup, end),
+		cmocka_unit_test_setup_teardown(test_leaves, setup, end),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
