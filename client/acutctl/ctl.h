@@ -64,6 +64,7 @@ struct ctl {
 	struct err failure;        /* that was told last */
 	char **warning;
 	size_t nwarning;
+	unsigned long long refusals; /* inputs that were left out (ctl_refusal) */
 	bool list;                 /* what is told is one of many lines, and the last comes at once */
 	bool progress_shown;       /* a progress line stands on the terminal */
 	bool out_closed;           /* the reader of standard output is gone */
@@ -163,6 +164,9 @@ int ctl_option_number(const char *name, const char *text, uint64_t least, uint64
 /* Prints the failure, for people or as JSON; returns the exit status. A caught signal or a passed
  * deadline is told as that. */
 int ctl_error(struct ctl *, const struct err *);
+/* An input that is left out: told, up to a hundred; the last line then says how many more there were. JSON has each with its line. */
+void ctl_refusal(struct ctl *, const struct err *);
+void ctl_refusals_end(struct ctl *, int status);
 /* The same for the last failure of the connection. */
 int ctl_error_acut(struct ctl *);
 /* The connection's last failure as a struct err; file set if it has none and `file` is not NULL. */
@@ -348,6 +352,7 @@ void ctl_assume_done(struct ctl_assume *);
 struct ctl_staged {
 	char dataset[256];
 	uint64_t generation, points;
+	bool committed; /* also where that made no generation: then the dataset may have none, and not be there */
 	unsigned good, refused, known, adopted; /* adopted ones are known ones too */
 	struct ctl_staged_file {
 		char *name;

@@ -26,6 +26,11 @@ static int ready(void *ctx, const struct acut_backup_ready *r)
 	struct showing *s = ctx;
 
 	s->bytes = r->bytes;
+	snprintf(s->copy.identity, sizeof s->copy.identity, "%s", r->identity);
+	s->copy.place[0] = (struct ctl_copy_place){r->state_device, r->state_inode, "state"};
+	s->copy.place[1] = (struct ctl_copy_place){r->cache_device, r->cache_inode, "cache"};
+	if (ctl_copy_begin(&s->copy, &s->copy.err))
+		return -1;
 	s->damaged = r->damaged;
 	if (r->damaged)
 		ctl_error_from_failure(&r->damage, &s->damage);
@@ -66,7 +71,7 @@ static void report(struct ctl *ctl, const struct ctl_copy *c, const char *datase
 
 static int take(struct ctl *ctl, const char *dataset, const char *dir)
 {
-	struct showing s = {.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy}};
+	struct showing s = {.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy, .err = ERR_INIT}};
 	const struct acut_backup_sink sink = {.ready = ready, .file = file, .ctx = &s};
 	uint64_t begun = clock_mono_ns();
 	struct err err = ERR_INIT;
@@ -75,8 +80,6 @@ static int take(struct ctl *ctl, const char *dataset, const char *dir)
 	snprintf(s.copy.what, sizeof s.copy.what, dataset ? "dataset %s" : "state of acutd", dataset);
 	s.copy.dirfd = s.copy.storefd = -1;
 	status = ctl_connect(ctl);
-	if (!status && ctl_copy_begin(&s.copy, &err))
-		status = ctl_error(ctl, &err);
 	if (!status) {
 		r = acut_backup(ctl->acut, dataset, &sink);
 		if (r && s.copy.err.code)

@@ -130,9 +130,16 @@ static void damage(void *ctx, const struct acut_cache_damage *d)
 		ctl_json_known(&j, "dataset", d->dataset);
 		ctl_json_literal(&j, "derived", d->derived ? "true" : "false");
 		ctl_json_literal(&j, "removed", d->removed ? "true" : "false");
+		ctl_json_literal(&j, "newer", err.code == ERR_VERSION ? "true" : "false");
 		ctl_error_json(&j, "error", &err);
 		ctl_json_close(&j, '}');
 		ctl_json_line(&j);
+		return;
+	}
+	if (err.code == ERR_VERSION) {
+		ctl_term_line(ctl->report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
+			err_format(&err, text, sizeof(text)));
+		fflush(ctl->report);
 		return;
 	}
 	ctl_term_line(ctl->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
@@ -171,14 +178,20 @@ static int cache_verify(struct ctl *ctl)
 		ctl_json_u64(&j, "bytes", out.bytes);
 		ctl_json_u64(&j, "damaged", out.damaged);
 		ctl_json_u64(&j, "derived_damaged", out.derived);
+		ctl_json_u64(&j, "newer", out.newer);
+		ctl_json_u64(&j, "derived_newer", out.derived_newer);
 		ctl_json_close(&j, '}');
 		ctl_json_line(&j);
 	} else {
 		fprintf(ctl->report, "%llu files of %s read: %llu damaged of what was pushed, %llu of what is made again\n",
 			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
 			(unsigned long long)out.derived);
+		if (out.newer || out.derived_newer)
+			fprintf(ctl->report, "%llu of what was pushed, %llu of what is made again are of a newer version of acut and were not "
+				"read%s\n", (unsigned long long)out.newer, (unsigned long long)out.derived_newer,
+				out.newer ? ": install the acut that wrote them again, or a later one" : "");
 	}
-	return out.damaged ? 1 : CTL_DONE;
+	return out.damaged ? 1 : out.newer ? err_exit_status(ERR_VERSION) : CTL_DONE;
 }
 
 /* ---- gc ---- */

@@ -34,12 +34,12 @@ static int failed(struct err *err, const char *what, const char *name)
 
 static int write_mark(const struct ctl_copy *c, bool whole, struct err *err)
 {
-	char text[512], when[32];
+	char text[640], when[32];
 	int fd, n, r = 0;
 
 	ctl_job_time_text(c->begun_us, when);
-	n = snprintf(text, sizeof text, "acut copy 1\nof %s\n%s %s\nfiles %llu\nbytes %llu\n", c->what, whole ? "whole, as of" : "begun", when,
-		     (unsigned long long)c->files, (unsigned long long)c->bytes);
+	n = snprintf(text, sizeof text, "acut copy 1\nof %s\n%s %s\nfiles %llu\nbytes %llu\n%s%s%s", c->what, whole ? "whole, as of" : "begun", when,
+		     (unsigned long long)c->files, (unsigned long long)c->bytes, *c->identity ? "identity " : "", c->identity, *c->identity ? "\n" : "");
 	fd = openat(c->dirfd, MARK ".part", O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
 	if (fd < 0)
 		return failed(err, "cannot write", c->dir);
@@ -53,7 +53,8 @@ static int write_mark(const struct ctl_copy *c, bool whole, struct err *err)
 /* 1: no mark. */
 static int read_mark(const struct ctl_copy *c, struct err *err)
 {
-	char text[512] = "", of[112];
+	char text[640] = "", of[112], id[80];
+	const char *has;
 	int fd = openat(c->dirfd, MARK, O_RDONLY | O_CLOEXEC | O_NOFOLLOW);
 
 	if (fd < 0)
@@ -62,10 +63,15 @@ static int read_mark(const struct ctl_copy *c, struct err *err)
 		text[0] = 0;
 	close(fd);
 	snprintf(of, sizeof of, "\nof %s\n", c->what);
+	snprintf(id, sizeof id, "\nidentity %s\n", c->identity);
+	has = strstr(text, "\nidentity "); /* the first ones had none */
 	if (!strncmp(text, "acut copy ", 10) && strncmp(text, "acut copy 1\n", 12))
 		err_set(err, ERR_VERSION, "this folder was written by a newer acutctl");
 	else if (!strstr(text, of))
 		err_set(err, ERR_USAGE, "this folder holds something else than the %s", c->what);
+	else if (has && *c->identity && strncmp(has, id, strlen(id)))
+		err_set(err, ERR_USAGE, c->flat ? "this folder holds another %s: one of the same name, but not the same one" :
+			"this folder holds the backup of another store, not of this %s", c->what);
 	else
 		return 0;
 	err_add_hint(err, "give another folder");
@@ -88,20 +94,52 @@ static bool is_empty(int dirfd)
 	return empty;
 }
 
+/* What is put into the daemon's folders, the daemon may take for its own, or delete with the rest of its cache. */
+static int check_place(const struct ctl_copy *c, struct err *err)
+{
+	int fd = openat(c->dirfd, ".", O_PATH | O_DIRECTORY | O_CLOEXEC), r = 0;
+	struct stat st, last = {0};
+
+	while (!r && fd >= 0 && fstat(fd, &st) == 0 && (st.st_dev != last.st_dev || st.st_ino != last.st_ino)) {
+		int up = openat(fd, "..", O_PATH | O_DIRECTORY | O_CLOEXEC);
+
+		for (size_t i = 0; !r && i < 2; i++)
+			if (c->place[i].inode && c->place[i].device == (uint64_t)st.st_dev && c->place[i].inode == (uint64_t)st.st_ino)
+				r = err_set(err, ERR_USAGE, "this folder is in the %s folder of the daemon, or is that folder",
+					    c->place[i].what);
+		last = st;
+		close(fd);
+		fd = up;
+	}
+	if (fd >= 0)
+		close(fd);
+	if (!r)
+		return 0;
+	err_add_hint(err, "give a folder elsewhere, best on another disk");
+	return err_add_file(err, c->dir);
+}
+
 int ctl_copy_begin(struct ctl_copy *c, struct err *err)
 {
+	bool made;
 	int r;
 
 	c->begun_us = clock_real_us();
-	c->err = ERR_INIT;
 	c->storefd = -1;
-	if (mkdir(c->dir, 0700) < 0 && errno != EEXIST) {
+	made = mkdir(c->dir, 0700) == 0;
+	if (!made && errno != EEXIST) {
 		c->dirfd = -1;
 		return failed(err, "cannot make the folder", c->dir);
 	}
 	c->dirfd = open(c->dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	if (c->dirfd < 0)
 		return failed(err, "cannot open the folder", c->dir);
+	r = check_place(c, err);
+	if (r) {
+		if (made)
+			rmdir(c->dir);
+		return r;
+	}
 	if (flock(c->dirfd, LOCK_EX | LOCK_NB) < 0) {
 		if (errno != EWOULDBLOCK)
 			return failed(err, "cannot lock the folder", c->dir);

@@ -8,6 +8,11 @@ struct ctl_copy {
 	struct ctl *ctl;
 	const char *dir;
 	char what[96];   /* as the folder's mark says it: "state", "dataset NAME" */
+	char identity[64]; /* of what is brought; "": not known */
+	struct ctl_copy_place {
+		uint64_t device, inode; /* 0: not known */
+		const char *what;
+	} place[2]; /* folders of the daemon: nothing is brought into these */
 	bool flat;       /* all files in the folder itself */
 	bool no_links;
 	int dirfd;

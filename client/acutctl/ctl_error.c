@@ -50,6 +50,25 @@ int ctl_error(struct ctl *ctl, const struct err *given)
 	return err_exit_status(err.code);
 }
 
+enum { REFUSALS_TOLD = 100 };
+
+void ctl_refusal(struct ctl *ctl, const struct err *err)
+{
+	ctl->refusals++;
+	if (!ctl->args.json && ctl->refusals <= REFUSALS_TOLD)
+		ctl_error(ctl, err);
+}
+
+void ctl_refusals_end(struct ctl *ctl, int status)
+{
+	if (ctl->args.json || ctl->refusals <= REFUSALS_TOLD)
+		return;
+	ctl_progress_clear(ctl);
+	/* Where none was good JSON has the failure alone. */
+	ctl_term_line(stderr, "acutctl: %llu more inputs were refused, %llu in all%s", ctl->refusals - REFUSALS_TOLD, ctl->refusals,
+		      status == CTL_SOME_REFUSED ? ": --json tells each" : "");
+}
+
 void ctl_error_from_failure(const struct acut_failure *f, struct err *ret)
 {
 	*ret = ERR_INIT;
@@ -80,12 +99,11 @@ void ctl_warn(struct ctl *ctl, const char *fmt, ...)
 {
 	va_list ap;
 	char *text, **grown;
-	int n;
 
 	va_start(ap, fmt);
-	n = vasprintf(&text, fmt, ap);
+	text = ctl_term_text(fmt, ap);
 	va_end(ap);
-	if (n < 0)
+	if (!text)
 		return;
 	for (size_t i = 0; i < ctl->nwarning; i++) {
 		if (!strcmp(ctl->warning[i], text)) { /* of a file: said with its header and with its points */
@@ -118,14 +136,13 @@ void ctl_note(struct ctl *ctl, const char *fmt, ...)
 {
 	va_list ap;
 	char *text;
-	int n;
 
 	if (ctl->args.quiet || ctl->args.json)
 		return;
 	va_start(ap, fmt);
-	n = vasprintf(&text, fmt, ap);
+	text = ctl_term_text(fmt, ap);
 	va_end(ap);
-	if (n < 0)
+	if (!text)
 		return;
 	ctl_progress_clear(ctl);
 	ctl_term_line(ctl->report, "%s", text);

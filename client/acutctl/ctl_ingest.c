@@ -176,9 +176,9 @@ static int put_away_all(struct ingest *g, const struct batch *b, const struct ct
 		status = ctl_error(g->ctl, &err);
 	}
 	for (size_t i = 0; !status && i < b->n; i++)
-		if (s->generation || s->file[i].refused)
+		if (s->committed || s->file[i].refused)
 			moved[i] = put_away(g, b->file[i], s->file[i].refused ? &s->file[i].err : NULL, &names[i]);
-	if (!status && (s->generation || s->refused == b->n))
+	if (!status && (s->committed || s->refused == b->n))
 		status = ctl_push_report(g->ctl, s, moved);
 	free(names);
 	free(moved);
@@ -237,15 +237,15 @@ static int push(struct ingest *g, struct batch b)
 	status = ctl->acut ? 0 : ctl_connect(ctl);
 	if (!status) {
 		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
-		made = staged.generation || staged.refused == b.n || (ctl->args.strict && staged.refused);
+		made = staged.committed || staged.refused == b.n || (ctl->args.strict && staged.refused);
 	}
 	if (made) {
 		int told = put_away_all(g, &b, &staged);
 
-		status = told ? told : staged.generation || staged.refused == b.n ? 0 : status;
+		status = told ? told : staged.committed || staged.refused == b.n ? 0 : status;
 	}
 	/* A push that was left ends with its connection. */
-	if (!staged.generation)
+	if (!staged.committed)
 		ctl_disconnect(ctl);
 	ctl_stage_done(&staged);
 	free(in.input);
@@ -301,8 +301,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 		*told->err.file = 0;
 		err_add_file(&told->err, list[i]->in.name);
 		list[i]->tried = true;
-		if (!g->ctl->args.json)
-			ctl_error(g->ctl, &told->err);
+		ctl_refusal(g->ctl, &told->err);
 		b.file[b.n++] = list[i];
 	}
 	s.nfile = s.refused = b.n;
@@ -318,7 +317,8 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 /* What has settled, in pushes of many. *ret_any: there was something. */
 static int push_settled(struct ingest *g, bool *ret_any)
 {
-	uint64_t now = clock_mono_ns();
+	/* Not what the clock says now: a look may take long, and whoever looks may have stood still since. */
+	uint64_t now = g->list.looked_ns;
 	struct ctl_drop_file **list = calloc(g->list.n + 1, sizeof(*list));
 	struct err err = ERR_INIT;
 	size_t n = 0, at = 0;
@@ -329,7 +329,7 @@ static int push_settled(struct ingest *g, bool *ret_any)
 		return ctl_error(g->ctl, &err);
 	}
 	for (size_t i = 0; i < g->list.n; i++)
-		if (!g->list.file[i].tried && now - g->list.file[i].since >= g->settle && g->list.file[i].since + g->settle <= g->until)
+		if (!g->list.file[i].tried && now >= g->list.file[i].since + g->settle && g->list.file[i].since + g->settle <= g->until)
 			list[n++] = &g->list.file[i];
 	*ret_any = n;
 	status = refuse_twins(g, list, &n);

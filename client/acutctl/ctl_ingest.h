@@ -30,6 +30,7 @@ struct ctl_drop_list {
 	struct ctl_drop_file *file; /* by name */
 	size_t n, room;
 	unsigned passed_by; /* neither files nor folders */
+	uint64_t looked_ns; /* when the last look began: what was seen before was seen again */
 };
 
 struct ctl_drop_name {

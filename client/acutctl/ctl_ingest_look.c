@@ -42,19 +42,19 @@ static void file_done(struct ctl_drop_file *f)
 	free(f->path);
 }
 
-static void see(struct ctl_drop_file *f, const struct stat *st, uint64_t now)
+static void see(struct ctl_drop_file *f, const struct stat *st)
 {
 	f->in.dev = st->st_dev;
 	f->in.ino = st->st_ino;
 	f->in.size = st->st_size;
 	f->in.mtime = st->st_mtim;
 	f->in.ctime = st->st_ctim;
-	f->since = now;
+	f->since = clock_mono_ns();
 	f->tried = f->hashed = f->taken = false;
 	f->bad = 0;
 }
 
-static int add(const struct ctl_drop *d, struct ctl_drop_list *l, const char *name, const struct stat *st, uint64_t now, struct err *err)
+static int add(const struct ctl_drop *d, struct ctl_drop_list *l, const char *name, const struct stat *st, struct err *err)
 {
 	struct ctl_drop_file f = { .there = true, .in = { .fd = -1, .dirfd = d->fd } };
 	size_t slash = strlen(d->path);
@@ -80,7 +80,7 @@ static int add(const struct ctl_drop *d, struct ctl_drop_list *l, const char *na
 	}
 	f.in.entry = f.entry;
 	f.in.path = f.path;
-	see(&f, st, now);
+	see(&f, st);
 	l->file[l->n++] = f;
 	return 0;
 }
@@ -89,7 +89,6 @@ struct looking {
 	const struct ctl_drop *drop;
 	struct ctl_drop_list *list;
 	size_t known; /* files that were there before, by name */
-	uint64_t now;
 };
 
 static int look_at(struct looking *l, const char *name, struct err *err)
@@ -105,16 +104,16 @@ static int look_at(struct looking *l, const char *name, struct err *err)
 	}
 	f = l->known ? bsearch(&key, l->list->file, l->known, sizeof(*f), by_name) : NULL;
 	if (!f)
-		return add(l->drop, l->list, name, &st, l->now, err);
+		return add(l->drop, l->list, name, &st, err);
 	f->there = true;
 	if (!ctl_input_unchanged(&f->in, &st))
-		see(f, &st, l->now);
+		see(f, &st);
 	return 0;
 }
 
 int ctl_drop_look(const struct ctl_drop *d, struct ctl_drop_list *list, struct err *err)
 {
-	struct looking l = { d, list, list->n, clock_mono_ns() };
+	struct looking l = { d, list, list->n };
 	int fd = openat(d->fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0, sys;
 	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
 	const struct dirent *e;
@@ -127,6 +126,7 @@ int ctl_drop_look(const struct ctl_drop *d, struct ctl_drop_list *list, struct e
 		return err_add_file(err, d->name);
 	}
 	list->passed_by = 0;
+	list->looked_ns = clock_mono_ns();
 	for (size_t i = 0; i < list->n; i++)
 		list->file[i].there = false;
 	while (errno = 0, !r && (e = readdir(dir)))

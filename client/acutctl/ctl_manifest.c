@@ -8,13 +8,13 @@
  * another file when its turn comes is not taken.
  */
 #include <errno.h>
-#include <openssl/evp.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "ctl.h"
+#include "ctl_sha.h"
 
 enum { SUM = 32, PIECE = 1 << 20, NAMED_MOST = 20 };
 
@@ -173,11 +173,11 @@ static int read_list(struct manifest *m, struct err *err)
 /* The sum of all bytes. */
 static int sum_of(struct ctl *ctl, int fd, unsigned char sum[SUM], struct err *err)
 {
-	EVP_MD_CTX *md = EVP_MD_CTX_new();
+	struct ctl_sha *sha = ctl_sha_new(err);
 	void *piece = malloc(PIECE);
 	ssize_t n = 1;
 
-	if (!md || !piece || EVP_DigestInit_ex(md, EVP_sha256(), NULL) != 1)
+	if (!piece)
 		err_set(err, ERR_NOMEM, "no memory to add up a file");
 	while (n && !err->code) {
 		n = read(fd, piece, PIECE);
@@ -185,14 +185,14 @@ static int sum_of(struct ctl *ctl, int fd, unsigned char sum[SUM], struct err *e
 			continue;
 		if (n < 0)
 			err_sys(err, errno, "it cannot be read");
-		else if (EVP_DigestUpdate(md, piece, (size_t)n) != 1)
+		else if (ctl_sha_add(sha, piece, (size_t)n))
 			err_set(err, ERR_INTERNAL, "SHA-256 failed");
 		else if (ctl_signal_interrupted(ctl))
 			err_set(err, ERR_CANCELLED, "interrupted");
 	}
-	if (!err->code && EVP_DigestFinal_ex(md, sum, NULL) != 1)
+	if (!err->code && ctl_sha_sum(sha, sum))
 		err_set(err, ERR_INTERNAL, "SHA-256 failed");
-	EVP_MD_CTX_free(md);
+	ctl_sha_free(sha);
 	free(piece);
 	return -(int)err->code;
 }

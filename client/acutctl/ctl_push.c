@@ -55,8 +55,29 @@ static void room_text(struct ctl *ctl, const struct room *room, bool always)
 			 room->scale, room->left[0], room->left[1], room->left[2], room->left[3]);
 }
 
+/* A file without a point, in a push that made no generation for it. */
+static bool is_empty(const struct ctl_staged_file *f)
+{
+	return !f->refused && f->known != ACUT_KNOWN && !f->points && !f->replaced;
+}
+
+/* Points came with none of the files, or went: nothing to commit. */
+static bool is_nothing(const struct ctl_staged *s)
+{
+	size_t empty = 0;
+
+	for (size_t i = 0; i < s->nfile; i++) {
+		const struct ctl_staged_file *f = &s->file[i];
+
+		if (!f->refused && f->known != ACUT_KNOWN && !is_empty(f))
+			return false;
+		empty += is_empty(f);
+	}
+	return s->committed && empty;
+}
+
 static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f,
-		      const struct room *room, const char *const *moved_to)
+		      const struct room *room, bool nothing, const char *const *moved_to)
 {
 	static const char *const state[] = { "staged", "known", "adopted", "refused" };
 	struct ctl_json j = { .out = ctl->report };
@@ -64,7 +85,7 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "file", f->name);
 	ctl_json_text(&j, "dataset", s->dataset);
-	ctl_json_text(&j, "state", state[f->refused ? 3 : f->known]);
+	ctl_json_text(&j, "state", nothing && is_empty(f) ? "empty" : state[f->refused ? 3 : f->known]);
 	if (f->refused) {
 		ctl_json_text(&j, "generation", NULL);
 		ctl_json_text(&j, "points", NULL);
@@ -75,7 +96,10 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "warning", NULL);
 		ctl_error_json(&j, "error", &f->err);
 	} else {
-		ctl_json_u64(&j, "generation", s->generation);
+		if (s->generation)
+			ctl_json_u64(&j, "generation", s->generation);
+		else
+			ctl_json_text(&j, "generation", NULL);
 		ctl_json_u64(&j, "points", f->points);
 		ctl_json_u64(&j, "moved", f->moved);
 		ctl_json_open(&j, "max_shift", '[');
@@ -137,17 +161,24 @@ int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *con
 {
 	struct room room = { 0 };
 	char count[32];
+	bool nothing = is_nothing(s);
 	int status = 0;
 
-	if (s->generation && acut_datasets(ctl->acut, s->dataset, measure_room, &room))
+	/* what nobody reads is not asked for */
+	if (s->generation && (ctl->args.json || !ctl->args.quiet) && acut_datasets(ctl->acut, s->dataset, measure_room, &room))
 		status = ctl_error_acut(ctl);
 	for (size_t i = 0; i < s->nfile; i++) {
 		if (ctl->args.json)
-			file_json(ctl, s, &s->file[i], &room, moved_to);
+			file_json(ctl, s, &s->file[i], &room, nothing, moved_to);
 		else
 			file_text(ctl, &s->file[i]);
 	}
-	if (!s->generation)
+	if (nothing && s->generation)
+		ctl_note(ctl, "%s: nothing to commit, no file brought a point: it stays at generation %llu", s->dataset,
+			 (unsigned long long)s->generation);
+	else if (nothing)
+		ctl_note(ctl, "%s: nothing to commit, no file brought a point: there is no generation", s->dataset);
+	if (!s->generation || nothing)
 		return status;
 	ctl_height_text(ctl, s);
 	ctl_note(ctl, "%s: generation %llu, %s points, %.1f s", s->dataset, (unsigned long long)s->generation,

@@ -44,8 +44,7 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 		ctl_error(ctl, err);
 		return 1;
 	}
-	if (!ctl->args.json)
-		ctl_error(ctl, err);
+	ctl_refusal(ctl, err);
 	return 0;
 }
 
@@ -236,6 +235,7 @@ static int commit(struct staging *s)
 	snprintf(s->ret->dataset, sizeof(s->ret->dataset), "%s", result->dataset);
 	s->ret->generation = result->generation;
 	s->ret->points = result->points;
+	s->ret->committed = true;
 	return 0;
 }
 

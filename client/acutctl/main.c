@@ -59,6 +59,7 @@ int main(int argc, char **argv)
 		status = ctl_help_run(&ctl);
 	else
 		status = ctl.command->run(&ctl);
+	ctl_refusals_end(&ctl, status);
 	ctl_disconnect(&ctl);
 	status = flush(&ctl, status);
 	for (size_t i = 0; i < ctl.nwarning; i++)

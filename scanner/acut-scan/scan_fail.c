@@ -42,7 +42,7 @@ static void say(const struct scan_args *args, const char *what, const char *fmt,
 {
 	char *text;
 
-	if (args->quiet || args->json || vasprintf(&text, fmt, ap) < 0)
+	if (args->quiet || args->json || !(text = ctl_term_text(fmt, ap)))
 		return;
 	scan_progress_clear();
 	ctl_term_line(stderr, "acut-scan: %s: %s", what, text);
@@ -79,12 +79,11 @@ void scan_progress(const char *fmt, ...)
 	unsigned width = ctl_term_of(stderr).width;
 	char *text, *safe;
 	va_list ap;
-	int n;
 
 	va_start(ap, fmt);
-	n = vasprintf(&text, fmt, ap);
+	text = ctl_term_text(fmt, ap);
 	va_end(ap);
-	if (n < 0)
+	if (!text)
 		return;
 	safe = ctl_term_safe(text);
 	free(text);

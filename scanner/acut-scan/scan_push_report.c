@@ -49,6 +49,7 @@ static void shots_json(struct ctl_json *j, const struct scan_source *s)
 	ctl_json_u64(j, "before_poses", g->before);
 	ctl_json_u64(j, "after_poses", g->after);
 	ctl_json_u64(j, "in_gaps", g->gap);
+	ctl_json_u64(j, "too_far", g->too_far);
 	ctl_json_close(j, '}');
 }
 
@@ -138,6 +139,7 @@ static void tell_shots(const struct scan_args *args, const struct scan_source *s
 	add(why, sizeof why, g->before, "before the first pose");
 	add(why, sizeof why, g->after, "after the last pose");
 	add(why, sizeof why, g->gap, "in gaps of the poses");
+	add(why, sizeof why, g->too_far, "too far from the others for one file");
 	scan_note(args, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a), plural(g->sweeps), count(g->shots, b),
 		  plural(g->shots), count(g->points, c), plural(g->points), *why ? "; dropped: " : "", why);
 }

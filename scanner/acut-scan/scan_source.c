@@ -55,6 +55,7 @@ struct making {
 	bool (*stop)(void *ctx);
 	void *ctx;                /* of the stop */
 	struct err *err;
+	struct err far;           /* the first that lies too far */
 	uint64_t lines;
 };
 
@@ -65,14 +66,21 @@ static int point(void *ctx, const struct ground_point *p)
 	int32_t at[3];
 	int r;
 
+	struct err why = ERR_INIT;
+
+	/* A digit of a pose is damaged, or a range: it has no place, as a shot without a pose has none, and nothing goes by it. */
 	if (m->measures && !m->has_frame)
 		m->frame = las_frame_of(p->at);
+	r = las_place(&m->frame, p->at, at, &why);
+	if (r) {
+		if (!m->ground.too_far++)
+			m->far = why;
+		return 0;
+	}
 	m->has_frame = true;
-	r = las_place(&m->frame, p->at, at, m->err);
-	if (r || m->measures) {
-		if (!r)
-			las_summary_add(&m->summary, at);
-		return r;
+	if (m->measures) {
+		las_summary_add(&m->summary, at);
+		return 0;
 	}
 	las_record(record, at, p->intensity, pose_gps_of_utc(p->utc_s));
 	return out_put(m->out, record, sizeof record);
@@ -253,7 +261,14 @@ static int find_ground(struct scan_source *s, struct err *err)
 	struct making m = {.source = s, .measures = true, .stop = stopped, .err = err};
 	int r = pass(&m);
 
+	m.ground.points -= m.ground.too_far;
 	s->ground = m.ground;
+	/* More than a few are no accident: which of them are wrong is not known. */
+	if (!r && m.ground.too_far > m.ground.points) {
+		*err = m.far;
+		err_add_file(err, s->spool->file);
+		return -(int)err->code;
+	}
 	if (!r && !m.summary.points)
 		r = no_points(s, err);
 	if (r)

@@ -82,6 +82,7 @@ struct ground_counts {
 	uint64_t sweeps, shots, points;
 	/* Shots that are no points, and why: shots = points + all of these. */
 	uint64_t no_return, out_of_range, before, after, gap;
+	uint64_t too_far; /* of whoever keeps the points: not within what a file can hold; they are no points then */
 };
 struct ground_point {
 	double at[3];        /* plane, its own units */

@@ -329,6 +329,13 @@ def man_page():
             check("man page of %s has --%s" % (name, o), "*--%s*" % o in page, o)
 
 
+def libraries():
+    """What every command would load, and one in a hundred needs, is not linked: it is opened then (ctl_sha.c)."""
+    out = subprocess.run([ACUTCTL], env=dict(os.environ, LD_TRACE_LOADED_OBJECTS="1"), stdout=subprocess.PIPE, timeout=20).stdout
+    check("the loader tells the libraries", b"libc.so" in out, repr(out))
+    check("libcrypto is not one of them", b"libcrypto" not in out, repr(out))
+
+
 with tempfile.TemporaryDirectory(prefix="acut-cli-") as d:
     usage(d)
     later(d)
@@ -339,6 +346,7 @@ texts()
 suggestions()
 examples()
 plain()
+libraries()
 man_page()
 print("%d passed, %d failed" % (passed, failed))
 sys.exit(1 if failed else 0)

@@ -8,7 +8,6 @@ import re
 import select
 import shutil
 import signal
-import socket
 import sqlite3
 import struct
 import subprocess

@@ -59,6 +59,17 @@ def statuses_and_environment():
     source |= {0, 3, 130, 143, 129, 141}  # done; some were refused; signals
     said = {int(n) for n in re.findall(r"\*(\d+)\*", "\n".join(line for line in section(page, "EXIT STATUS").splitlines() if line.startswith("*")))}
     expect(said == source, "exit statuses: %s" % (said ^ source))
+    # Each code under its status, and under no other.
+    with open(os.path.join(SOURCE, "base/err.def")) as f:
+        codes = {code: int(n) for code, n in re.findall(r'^ERR\(\w+, *"([a-z-]+)", *(\d+)', f.read(), re.M)}
+    told, status = {}, None
+    for line in section(page, "EXIT STATUS").splitlines():
+        if re.match(r"\*\d+\*", line):
+            status = int(re.match(r"\*(\d+)\*", line).group(1))
+        for code in re.findall(r"\*([a-z][a-z-]*)\*", line):
+            told.setdefault(code, []).append(status)
+    expect(told == {code: [n] for code, n in codes.items()}, "codes of statuses: %s" % {k: (told.get(k), codes.get(k)) for k in
+           set(told) | set(codes) if told.get(k) != [codes.get(k)]})
     names = set()
     for folder in ("client", "base"):
         for root, _, files in os.walk(os.path.join(SOURCE, folder)):

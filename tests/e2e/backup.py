@@ -9,7 +9,7 @@ import threading
 
 import e2e
 from e2e import expect
-from survey import las, says, tile
+from survey import says, tile
 
 
 def digests(d, name, generation=None):
@@ -201,6 +201,19 @@ def refused():
         d.ctl("dataset", "export", "a", out).ok()
         says(d.ctl("dataset", "export", "b", out), 2, "something else")
         says(d.ctl("backup", out), 2, "something else")
+        # One whose mark says no more than that it is of a later day.
+        def version(digit):
+            with open(os.path.join(out, "acut-copy"), "r+b") as f:
+                f.seek(len("acut copy "))
+                f.write(digit)
+
+        version(b"2")
+        before = files_of(out)
+        for command in (("dataset", "export", "a", out), ("backup", out)):
+            says(d.ctl(*command), 76, "out", "written by a newer acutctl", "give another folder")
+        expect(files_of(out) == before, "what a newer acutctl wrote is changed")
+        version(b"1")
+        d.ctl("dataset", "export", "a", out).ok()
         # The backup of another box stays what it is.
         theirs = os.path.join(base, "theirs")
         with e2e.Daemon(base, name="other") as other:
@@ -211,8 +224,62 @@ def refused():
         expect(files_of(theirs) == before, "the backup of another store is changed")
         says(d.ctl("dataset", "export", "nothing", os.path.join(base, "x")), 4, "no dataset")
         says(d.ctl("dataset", "import", mine), 1, "no file manifest")
-        says(d.ctl("dataset", "import", out, "a"), 2, "there is a dataset a already")
+        says(d.ctl("dataset", "import", out, "a"), 1, "there is a dataset a already")
         says(d.ctl("dataset", "import", out, ".x"), 2, "cannot name a dataset")
+
+
+def not_into_the_daemons_folders():
+    """Whatever the path: the cache is deleted as it pleases, and the state is the daemon's."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        d.ctl("push", "a", tile(base, 1)).ok()
+        link = os.path.join(base, "link")
+        os.symlink(d.state, link)
+        for folder, word in ((d.state, "state"), (d.cache, "cache"), (link, "state"), (os.path.join(d.state, "datasets"), "state")):
+            was = things_in(folder)
+            says(d.ctl("backup", os.path.join(folder, "mine")), 2, "in the %s folder of the daemon" % word, "elsewhere")
+            says(d.ctl("dataset", "export", "a", os.path.join(folder, "mine")), 2, "in the %s folder of the daemon" % word)
+            new = things_in(folder) - was
+            expect(not new and not os.path.exists(os.path.join(folder, "mine")), "something stays behind: %s" % new)
+        says(d.ctl("backup", d.cache), 2, "in the cache folder")
+        deep = os.path.join(d.cache, "deep")
+        os.mkdir(deep)
+        says(d.ctl("backup", deep), 2, "in the cache folder")
+        expect(os.listdir(deep) == [], "it was written to")
+        # Beside them is no harm.
+        d.ctl("backup", os.path.join(base, "cache-of-backups")).ok()
+
+
+def another_of_the_same_name():
+    """The folder of an export goes by the dataset, not by its name."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        out = os.path.join(base, "out")
+        d.ctl("push", "a", tile(base, 1)).ok()
+        d.ctl("dataset", "export", "a", out).ok()
+        d.ctl("push", "a", tile(base, 2)).ok()
+        d.ctl("dataset", "export", "a", out).ok()
+        held = files_of(out)
+        # Removed and made again.
+        d.ctl("dataset", "rm", "a").ok()
+        d.ctl("push", "a", tile(base, 3)).ok()
+        says(d.ctl("dataset", "export", "a", out), 2, "another dataset a", "give another folder")
+        expect(files_of(out) == held, "the older export is changed")
+        # Of another daemon.
+        with e2e.Daemon(base, name="other") as other:
+            other.ctl("push", "a", tile(base, 1)).ok()
+            says(other.ctl("dataset", "export", "a", out), 2, "another dataset a")
+        # Restored, it is itself again; a mark of before there were identities is taken by its name, as it was then.
+        d.ctl("dataset", "rm", "a").ok()
+        d.ctl("dataset", "restore", "1").ok()
+        d.ctl("dataset", "export", "a", out).ok()
+        mark = os.path.join(out, "acut-copy")
+        with open(mark) as f:
+            lines = f.readlines()
+        expect(any(line.startswith("identity ") for line in lines), lines)
+        with open(mark, "w") as f:
+            f.writelines(line for line in lines if not line.startswith("identity "))
+        d.ctl("dataset", "export", "a", out).ok()
+        with open(mark) as f:
+            expect("identity " in f.read(), "no identity from then on")
 
 
 def a_file_is_missing():
@@ -263,7 +330,7 @@ def a_state_is_no_backup():
         with restored(base, to, "r") as r:
             r.ctl("push", "a", tile(base, 2)).ok()
             before = things_in(r.state)
-            says(r.ctl("backup", r.state), 2, "the state of an acutd")
+            says(r.ctl("backup", r.state), 2, "in the state folder of the daemon")
             says(d.ctl("backup", r.state), 2, "the state of an acutd")
             new = things_in(r.state) - before
             expect(not new, f"something was written there: {new}")
@@ -382,5 +449,6 @@ def left_at_once():
         says(d.ctl("cache", "verify"), 0)
 
 
-e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, a_file_is_missing, a_manifest_is_damaged, a_state_is_no_backup, export_and_import,
-         damaged_imports, rights)
+if __name__ == "__main__":
+    e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, not_into_the_daemons_folders,
+             another_of_the_same_name, a_file_is_missing, a_manifest_is_damaged, a_state_is_no_backup, export_and_import, damaged_imports, rights)

@@ -261,7 +261,9 @@ def command():
         expect(not os.path.exists(out), "half an output")
         other = job_of(d, 1, "--class", "2-9")
         refused(d.ctl("fetch", str(other), "--changed-since", "2", "-o", out), 1, "no job of generation 2", "acutctl submit s --at 2")
-        refused(d.ctl(*fetch, "7", "-o", out), 1, "no job of generation 7")
+        # One that never was: which there are, and which will do.
+        refused(d.ctl(*fetch, "7", "-o", out), 4, "no generation 7", "it has 1 to 2", "--changed-since 1 can be had")
+        refused(d.ctl("fetch", str(other), "--changed-since", "7", "-o", out), 4, "it has 1 to 2", "fetch the whole mesh")
         expect(not os.path.exists(out), "an output of a refused fetch")
         # A record of the old mesh is lost: no changes, rather than wrong ones.
         plan = os.path.join(base, "state", "plans", "plan-%d" % one)
@@ -274,4 +276,23 @@ def command():
         d.ctl(*fetch, "1", "-o", out).ok()
 
 
-e2e.main(follows, goes_on, command)
+def pruned():
+    """A generation that was pruned cannot be made again: what is said is not to make it, but what there is."""
+    with Folder() as base, Daemon(base, **SMALL) as d:
+        pushed(d, survey(base), corner(base))
+        pushed(d, corner(base, "third.xyz", 200, 500.0, 9))
+        out = os.path.join(base, "out.ply")
+        one, two, three = job_of(d, 1), job_of(d, 2), job_of(d, 3)
+        d.ctl("dataset", "prune", "s", "--before", "3").ok()
+        # Its mesh is known all the same, as long as its job is.
+        d.ctl("fetch", str(three), "--changed-since", "1", "-o", out).ok()
+        d.ctl("rm", str(one)).ok()
+        r = d.ctl("fetch", str(three), "--changed-since", "1", "-o", out)
+        refused(r, 1, "generation 1 of s was pruned", "generations 3 to 3", "--changed-since 2 can be had")
+        expect("submit" not in r.err, "told to make what cannot be made: " + r.err)
+        d.ctl("fetch", str(three), "--changed-since", "2", "-o", out).ok()
+        d.ctl("rm", str(two)).ok()
+        refused(d.ctl("fetch", str(three), "--changed-since", "2", "-o", out), 1, "was pruned", "fetch the whole mesh")
+
+
+e2e.main(follows, goes_on, command, pruned)

@@ -376,7 +376,7 @@ def created():
             d.ctl("dataset", "create", "heights", "--crs", "EPSG:25832 + EPSG:6360").ok()
             d.ctl("dataset", "create", "plain").ok()
             for status, words, parts in [
-                (2, ["d"], ["there is a dataset d already"]),
+                (1, ["d"], ["there is a dataset d already"]),
                 (2, ["e", "--scale", "0"], ["--scale"]),
                 (2, ["e", "--crs", "PROJCS[\"p\""], ["no WKT"]),
                 (2, ["-e"], ["-e"]),

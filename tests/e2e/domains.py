@@ -38,7 +38,7 @@ def one_step_writes_no_domains():
                 got = d.ctl("mesh", "--format", "null", "--json", path).ok().json()
                 took = written(d) - before
                 stream = 12 * got["vertices"] + 12 * got["triangles"]
-                domains = stream  # at least: positions and corners
+                domains = stream // 2  # at least: positions and corners, of two bytes a number
                 most = 2 * 17 * points + stream + domains // 3 + 2 * MIB  # a run may be merged once
                 expect(took < most, "%s: %d bytes written of %d points, %d of the stream" % (memory, took, points, stream))
                 before = written(d)

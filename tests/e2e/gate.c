@@ -150,3 +150,15 @@ PUBLIC int renameat(int from, const char *old, int to, const char *name)
 	gate("renameat", to, name);
 	return REAL(renameat)(from, old, to, name);
 }
+
+PUBLIC int fstatat(int dir, const char *name, struct stat *ret_st, int flags)
+{
+	gate("fstatat", dir, name);
+	return REAL(fstatat)(dir, name, ret_st, flags);
+}
+
+PUBLIC int fstatat64(int dir, const char *name, struct stat64 *ret_st, int flags)
+{
+	gate("fstatat", dir, name);
+	return REAL(fstatat64)(dir, name, ret_st, flags);
+}

@@ -16,6 +16,7 @@ from e2e import expect
 from survey import las, says, show
 
 try:
+    import xxhash
     from acut_wire import Client, Refused, pb
 except ImportError as e:
     e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
@@ -167,7 +168,7 @@ def replaced():
             expect([(r["kind"], r["files_added"], r["files_removed"]) for r in rows] == [
                 ("push", 3, 0), ("replace", 1, 1), ("replace", 3, 2), ("replace", 1, 1), ("replace", 1, 1)], "%s" % rows)
             # Undone one after the other, the last first.
-            says(d.ctl("dataset", "revert", "s", "2"), 2, "cannot be undone")
+            says(d.ctl("dataset", "revert", "s", "2"), 1, "cannot be undone")
             for live in ([a, f, c, e], [a, b, c, e]):
                 d.ctl("dataset", "revert", "s", str(show(d, "s")["generation"] if live[1] == f else 4)).ok()
                 expect(state(d, "s", VIEWS[:2]) == fresh.of(live)[:2], "an undone replacement")
@@ -176,6 +177,50 @@ def replaced():
             expect(len(manifests) == 1, "old manifests stay: %s" % manifests)
             dump = e2e.run([os.environ.get("ACUT_GRID_DUMP", "acut-grid-dump"), "--check", os.path.join(folder, manifests[0])])
             expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
+
+
+def nothing_to_commit():
+    """What brings no point and takes none makes no generation, and no dataset; an empty delivery in the place of points does."""
+    with e2e.Folder() as base:
+        full, empty, gone = (os.path.join(base, n) for n in ("full.xyz", "empty.xyz", "was.xyz"))
+        for path, text in ((full, "1.00 2.00 3.00\n2.00 3.00 4.00\n5.00 1.00 1.00\n"), (empty, ""), (gone, "9.00 9.00 9.00\n")):
+            with open(path, "w") as f:
+                f.write(text)
+        with e2e.Daemon(base) as d:
+            def push(name, *more):
+                r = d.ctl("push", name, "--json", *more).ok()
+                return [json.loads(line) for line in r.out.splitlines()]
+
+            r = d.ctl("push", "s", empty).ok()
+            expect("nothing to commit" in r.out, r.out)
+            got = push("s", empty)[0]
+            expect((got["state"], got["generation"], got["points"], got["error"]) == ("empty", None, 0, None), got)
+            # It is there as long as a push into it is open, and a push ends behind its client.
+            e2e.until(lambda: d.ctl("dataset", "show", "s").status == 4, "a dataset of nothing is gone")
+            expect(not d.ctl("datasets").ok().out, "a dataset of nothing")
+            expect([f["state"] for f in push("s", full, gone)] == ["staged"] * 2, "the first")
+            before = show(d, "s")
+            r = d.ctl("push", "s", empty).ok()
+            expect("nothing to commit" in r.out and "stays at generation 1" in r.out, r.out)
+            # Beside what is there already too; and a restart finds nothing of it.
+            expect([(f["state"], f["generation"]) for f in push("s", empty, full)] == [("empty", 1), ("known", 1)], "beside a known one")
+            d.stop()
+            d.start()
+            expect(show(d, "s") == before and len(log(d, "s")) == 1, "%s" % log(d, "s"))
+            left = [n for _, _, names in os.walk(os.path.join(d.state, "datasets")) for n in names]
+            expect(len(left) == 2 and not [n for n in left if "pending" in n or ".stage" in n or ".run" in n], "it stays behind: %s" % left)
+            # Where others bring points it is one of the files.
+            with open(os.path.join(base, "more.xyz"), "w") as f:
+                f.write("7.00 7.00 7.00\n")
+            expect([f["state"] for f in push("s", os.path.join(base, "more.xyz"), empty)] == ["staged"] * 2, "with others")
+            expect(show(d, "s")["generation"] == 2 and show(d, "s")["files"] == 4, show(d, "s"))
+            # Points that go are a change.
+            os.truncate(gone, 0)
+            got = push("s", "--replace", gone)[0]
+            expect((got["state"], got["generation"], got["replaced"]) == ("staged", 3, 1), got)
+            expect(log(d, "s")[-1]["points_removed"] == 1 and show(d, "s")["points"] == 4, log(d, "s")[-1])
+            # A mesh of one step has a result all the same.
+            expect(d.ctl("mesh", empty, "-o", os.path.join(base, "m.ply"), "--json").ok().json()["triangles"] == 0, "mesh")
 
 
 def an_interrupted_replacement():
@@ -466,10 +511,10 @@ def remove_and_restore():
             whole = d.ctl("show", job, "--json").ok().json()["digest"]
             says(d.ctl("dataset", "rm", "nothing"), 4, "there is no dataset")
             says(d.ctl("dataset", "pin", "s"), 0)
-            says(d.ctl("dataset", "rm", "s"), 2, "pinned", "unpin")
+            says(d.ctl("dataset", "rm", "s"), 1, "pinned", "unpin")
             expect(show(d, "s")["pinned"] is True, "it is not pinned")
         with e2e.Daemon(base) as d:
-            says(d.ctl("dataset", "rm", "s"), 2, "pinned")
+            says(d.ctl("dataset", "rm", "s"), 1, "pinned")
             says(d.ctl("dataset", "unpin", "s"), 0)
             with Client(d.socket) as c:
                 c.ask("push_begin", pb.PushBegin(dataset="s"))
@@ -487,7 +532,7 @@ def remove_and_restore():
             says(d.ctl("fetch", job, "-o", os.path.join(base, "m.ply")), 0)
             d.ctl("push", "s", b).ok()
             expect(show(d, "s")["generation"] == 1, "the name is not free")
-            says(d.ctl("dataset", "restore", "s"), 2, "there is a dataset s already", "--as")
+            says(d.ctl("dataset", "restore", "s"), 1, "there is a dataset s already", "--as")
             d.ctl("dataset", "rm", "s").ok()
             says(d.ctl("dataset", "restore", "s"), 2, "2 datasets were called s", "restore one by its number")
             says(d.ctl("dataset", "restore", "99"), 4, "no removed dataset")
@@ -559,6 +604,24 @@ def classes_of_now():
         d.ctl("push", "s", a, "--columns", "xyzc", "--replace").ok()
         expect("others" not in notes(), notes())
         expect("200 others" in notes("--at", "1"), notes("--at", "1"))
+        # Of a segment of which some files do not count any more: as many as there are without them, whatever these had.
+        b, c = os.path.join(base, "b.xyz"), os.path.join(base, "c.xyz")
+        with open(b, "w") as f:
+            f.writelines("%d.75 %d.5 %d 2\n" % (rng.randrange(9999), rng.randrange(9999), i) for i in range(40))
+        write((2, 5, 5))
+        os.rename(a, c)
+        d.ctl("push", "t", c, b, "--columns", "xyzc").ok()
+        job = lambda: " ".join(d.ctl("show", d.ctl("submit", "t", "--wait").ok().out.split()[0], "--json").ok().json()["notes"])
+        expect("140 of the ground" in job() and "200 others" in job(), job())
+        os.truncate(b, 0)
+        d.ctl("push", "t", b, "--columns", "xyzc", "--replace").ok()
+        expect("at least 100 of the ground" in job() and "at least 160 others" in job(), job())
+        # Where that is not sure, nothing is said.
+        os.truncate(c, 0)
+        with open(b, "w") as f:
+            f.write("1.25 1.5 1 2\n2.25 1.5 1 2\n2.25 9.5 1 2\n")
+        d.ctl("push", "t", b, c, "--columns", "xyzc", "--replace").ok()
+        expect("others" not in job(), job())
 
 
 def conflicts():
@@ -569,16 +632,16 @@ def conflicts():
         d.ctl("push", "s", a).ok()
         d.ctl("push", "s", b).ok()
         d.ctl("dataset", "revert", "s", "1").ok()
-        says(d.ctl("dataset", "revert", "s", "1"), 2, "removed in generation 3", "a.las", "revert generation 3 first")
+        says(d.ctl("dataset", "revert", "s", "1"), 1, "removed in generation 3", "a.las", "revert generation 3 first")
         d.ctl("push", "s", a).ok()
-        says(d.ctl("dataset", "revert", "s", "3"), 2, "pushed again in generation 4", "a.las")
+        says(d.ctl("dataset", "revert", "s", "3"), 1, "pushed again in generation 4", "a.las")
         says(d.ctl("dataset", "revert", "s", "9"), 4, "no generation 9")
         says(d.ctl("dataset", "revert", "s", "0"), 2)
         says(d.ctl("dataset", "revert", "s", "x"), 2)
         expect(show(d, "s")["generation"] == 4 and show(d, "s")["files"] == 2, "a refused revert did something")
         d.ctl("dataset", "revert", "s", "4").ok()
         d.ctl("dataset", "revert", "s", "3").ok()
-        says(d.ctl("dataset", "revert", "s", "3"), 2, "brought back in generation 6")
+        says(d.ctl("dataset", "revert", "s", "3"), 1, "brought back in generation 6")
         expect(show(d, "s")["points"] == 110, "%s" % show(d, "s"))
         # Not at all, and not on the disk either.
         expect(len(log(d, "s")) == 6, "the log: %s" % log(d, "s"))
@@ -617,6 +680,20 @@ def what_the_log_says():
         says(d.ctl("dataset", "log", "nothing"), 4, "there is no dataset")
 
 
+def content_of_a_large_file():
+    """The hash of a file that several workers read is that of its bytes: by it the file is known again."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="1G", threads=4) as d:
+        path = os.path.join(base, "a.las")
+        e2e.run([e2e.SYNTH, "--points", "3M", path]).ok()
+        with open(path, "rb") as f:
+            content = xxhash.xxh3_128_hexdigest(f.read())
+        for i in range(4):
+            name = "s%d" % i
+            d.ctl("push", name, path).ok()
+            expect([f["hash"] for f in log(d, name, "--files")[0]["files"]] == [content], "the hash is not that of %s" % content)
+        says(d.ctl("push", "s0", "--checksum", path, "--json"), 0, '"state":"known"')
+
+
 def long_lists():
     """A generation with more files than fit into one message, and more generations than that."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
@@ -636,5 +713,5 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
-             remove_and_restore, gone_after_a_while, pinned_while_pushed, classes_of_now, conflicts, what_the_log_says, long_lists)
+    e2e.main(revert_and_at, replaced, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
+             remove_and_restore, gone_after_a_while, pinned_while_pushed, classes_of_now, conflicts, what_the_log_says, content_of_a_large_file, long_lists)

@@ -98,7 +98,7 @@ class Life:
         r = self.ctl("dataset", "revert", self.name, str(g))
         if r.status:
             # Something came later that hangs on it; or what was before it is pruned.
-            expect(r.status == 2 or (r.status == 4 and g == self.oldest), "a revert that is refused ends with %d" % r.status)
+            expect(r.status == 1 or (r.status == 4 and g == self.oldest), "a revert that is refused ends with %d" % r.status)
             self.n["refused reverts"] += 1
             return
         self.next(removed - self.live[-1], added & self.live[-1])
@@ -108,7 +108,7 @@ class Life:
         r = self.ctl("dataset", "prune", self.name, "--keep", str(keep))
         if r.status:
             # A job of one of them is not done.
-            expect(r.status in (1, 2, 75), "a prune that is refused ends with %d" % r.status)
+            expect(r.status in (1, 75), "a prune that is refused ends with %d" % r.status)
             return
         self.oldest = max(self.oldest, len(self.live) - keep)
 

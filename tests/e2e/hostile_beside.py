@@ -19,7 +19,7 @@ import time
 import e2e
 from e2e import Folder, expect, main
 from protocol import some_points, write_las
-from acut_wire import Client, HEADER, Refused, Wire, pack, pb
+from acut_wire import Client, HEADER, Refused, pack, pb
 
 SECONDS = float(os.environ.get("ACUT_HOSTILE_SECONDS", "0.35"))
 # On a machine that has other things to do: acutd and the quiet client before all of these, so that they wait for one another only;
@@ -408,13 +408,14 @@ def figures(name, pings, news, mesh):
           (name, rounds, p(pings, 0.5), p(pings, 0.99), len(pings), p(news, 0.99), 1e3 * mesh), flush=True)
 
 
-def attacker(attack, seed):
-    """In a process of its own, for SECONDS."""
+def attacker(attack, seed, ready, go):
+    """In a process of its own, for SECONDS from when nobody holds the writing end of `go`; says before that it is `ready`."""
     pid = os.fork()
     if pid:
         return pid
     status = 1
     try:
+        os.close(go[1])
         random.seed(seed)
         os.nice(5)
         if ALONE:
@@ -423,7 +424,10 @@ def attacker(attack, seed):
             os.setgroups([])
             os.setgid(NOBODY)
             os.setuid(NOBODY)
-        greeted().close()  # it may
+        greeted().close()  # it may; nobody attacks yet
+        os.write(ready[1], b".")
+        os.close(ready[1])
+        os.read(go[0], 1)
         end, kept, rounds = time.monotonic() + SECONDS, [], 0
         while time.monotonic() < end:
             try:
@@ -474,8 +478,14 @@ ATTACKS = [connects, connects_without_end, connects_that_stay, greetings_that_st
 
 def under(name, attacks, want, before, ledger):
     quiet = Quiet()
-    pids = [attacker(a, n) for n, a in enumerate(attacks)]
+    ready, go = os.pipe(), os.pipe()
+    pids = [attacker(a, n, ready, go) for n, a in enumerate(attacks)]
     try:
+        os.close(ready[1])
+        there = 0
+        while there < len(pids) and (more := os.read(ready[0], 64)):
+            there += len(more)
+        os.close(go[1])
         time.sleep(0.1)
         _, seconds = one_mesh(want)
         bad = [s for s in (os.waitpid(pid, 0)[1] for pid in pids) if s]
@@ -484,6 +494,8 @@ def under(name, attacks, want, before, ledger):
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
             os.waitpid(pid, 0)
+        os.close(ready[0])
+        os.close(go[0])
         pings, news = quiet.end()
     figures(name, pings, news, seconds)
     expect(not bad, "%s: the attackers ended with %s" % (name, bad))

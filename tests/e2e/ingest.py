@@ -112,6 +112,27 @@ def good_and_bad_and_not_ours():
     expect(got["x.las"]["moved_to"] == "failed/x.las", "told: %s" % got)
 
 
+def a_flood_of_refusals():
+    """Each refused file is told and moved, up to a hundred lines; then there is a number, here and in the daemon's log."""
+    f = drop("flood")
+    for n in range(130):
+        with open(os.path.join(f, "%03d.las" % n), "w") as out:
+            out.write("no points %d" % n)
+    r = D.ctl("ingest", "flood", f, "--settle", "0")
+    told = [line for line in r.err.splitlines() if ".las: " in line]
+    last = [line for line in r.err.splitlines() if line.startswith("acutctl:")][-1]
+    expect(r.status == 1 and len(told) == 100, "%d, %d lines: %s" % (r.status, len(told), r.err[-600:]))
+    expect(last.endswith("30 more inputs were refused, 130 in all"), last)
+    expect(len([n for n in holds(f, "failed") if n.endswith(".error")]) == 130, "not each has its reason")
+    log = [line for line in D.log_text().splitlines() if "into flood: a file is refused" in line]
+    expect(0 < len(log) <= 100, "%d lines in the log" % len(log))
+    expect("acut_files_refused_total" in D.ctl("metrics").ok().out, "the count")
+    # Where others are good JSON has each, and the last line says so.
+    e2e.run([e2e.SYNTH, "--points", "1000", os.path.join(f, "failed", "good.las")]).ok()
+    r = D.ctl("push", "flood", *(os.path.join(f, "failed", n) for n in holds(f, "failed") if n.endswith(".las")))
+    expect(r.status == 3 and r.err.splitlines()[-1].endswith("30 more inputs were refused, 130 in all: --json tells each"), r.err[-600:])
+
+
 def delivered_again():
     """The same bytes under the same or another name are not doubled; other bytes under a name that is there are told."""
     f = drop("again")
@@ -228,34 +249,48 @@ def odd_names():
 
 
 def half_copied():
-    """A file that grows is left alone until it has not changed for the time of --settle, whatever times it is given."""
+    """Files that grow between any two looks at them are left alone, however long a look takes, and whatever times they are given; they are
+    taken when a pass saw them unchanged for the time of --settle."""
     f = drop("growing")
     whole = las(os.path.join(BASE, "whole.las"), points=20000, seed=3)
     with open(whole, "rb") as src:
         data = src.read()
     las(os.path.join(f, "still.las"), seed=4)
-    stop = threading.Event()
+    names = ["grows-a.las", "grows-b.las"]
+    gate, looks, at = e2e.Gate(BASE), 0, 0
 
-    def grow():
-        with open(os.path.join(f, "grows.las"), "wb", buffering=0) as out:
-            at = 0
-            while at < len(data):
-                step = 4000 if not stop.is_set() else len(data)
-                out.write(data[at:at + step])
-                at += step
+    def grow(by):
+        nonlocal at
+        for name in names:
+            with open(os.path.join(f, name), "ab") as out:
+                out.write(data[at:at + by])
+                out.flush()
                 os.utime(out.fileno(), (1e9, 1e9))
-                time.sleep(0.05)
-    os.close(os.open(os.path.join(f, "grows.las"), os.O_CREAT, 0o644))
-    t = threading.Thread(target=grow)
-    t.start()
-    # As long as this process never stands still.
-    got = ingest("growing", f, settle="4")
-    expect(sorted(got) == ["still.las"], "taken while it grew: %s" % sorted(got))
-    stop.set()
-    t.join()
+        at += by
+
+    grow(4000)
+    # Held in the first look when one of the two was seen, in the others before.
+    gate.close("fstatat", "grows-", 1)
+    p = subprocess.Popen([ACUTCTL, "ingest", "growing", f, "--settle", "0.5", "--json"], env=dict(os.environ, ACUT_SOCKET=D.socket, **gate.env),
+                         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    while gate.wait(lambda: p.poll() is not None):
+        looks += 1
+        if looks == 1:
+            time.sleep(0.6)  # what was seen in this look was seen once
+            gate.close("fstatat", "grows-", 1)
+        else:
+            grow(1000)
+            gate.close("fstatat", "grows-", 2)
+    gate.open()
+    said, err = p.communicate(timeout=e2e.PATIENCE)
+    expect(p.returncode == 0 and looks > 2 and at < len(data), "%d after %d looks: %s" % (p.returncode, looks, err))
+    got = [line["file"] for line in map(json.loads, said.splitlines()) if "file" in line]
+    expect(got == ["still.las"], "taken while it grew: %s" % got)
+    grow(len(data) - at)
+    os.unlink(os.path.join(f, names.pop()))
     start = time.monotonic()
     got = ingest("growing", f, settle="0.5")
-    expect(sorted(got) == ["grows.las"] and got["grows.las"]["points"] == 20000, "told: %s" % got)
+    expect(sorted(got) == names and got[names[0]]["points"] == 20000, "told: %s" % got)
     expect(time.monotonic() - start >= 0.5, "it was not watched")
     expect(holds(f) == [] and files_of("growing") == (2, 20500), "%s %s" % (holds(f), files_of("growing")))
     # A clock that was wrong when the file came, an hour ahead or behind, changes nothing: nobody asks it.
@@ -439,7 +474,7 @@ def whole():
     with Folder() as base, e2e.Daemon(base, memory="128M") as daemon:
         D, BASE = daemon, base
         try:
-            main(good_and_bad_and_not_ours, delivered_again, twins, room_where_it_matters, odd_names, half_copied, changed_while_pushed,
+            main(good_and_bad_and_not_ours, a_flood_of_refusals, delivered_again, twins, room_where_it_matters, odd_names, half_copied, changed_while_pushed,
                  killed_between_commit_and_move, nobody_to_push_to, one_at_a_time, folders_that_cannot_be_used, many_tiny_files)
         except SystemExit as e:
             status = e.code

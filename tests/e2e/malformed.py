@@ -2,7 +2,6 @@
 that names file, byte, field and reason. The daemon lives, and its memory stays bounded."""
 import json
 import os
-import sys
 import time
 
 import e2e

@@ -114,6 +114,54 @@ def killed_in_a_window():
         says(d.ctl("fetch", "1", "-o", out, "--resume"), 1, "cannot be continued")
 
 
+def gone_window():
+    """The pieces of an area follow from the memory that the daemon has, and their order from how the segments lie: with other memory, or when
+    segments were merged, what is kept of it cannot be continued, and is still there."""
+    with Folder() as base:
+        out, want = base + "/m.ply", base + "/want.ply"
+        gate = e2e.Gate(base)
+
+        def kept():
+            return [n for n in parts(base) if not n.endswith(".new")]
+
+        def begun(d, box):
+            p = held(d, gate, 1, "fetch", "1", box, "-o", out)
+            p.kill()
+            p.communicate()
+            gate.open()
+
+        def gone(d, box):
+            before = kept()
+            expect("m.ply.part.state" in before, "kept: %s" % before)
+            says(d.ctl("fetch", "1", box, "-o", out, "--resume"), 1, "cannot be continued", "from its start")
+            expect(kept() == before, "%s, not %s" % (kept(), before))
+
+        with Daemon(base, **SMALL) as d:
+            for seed in (1, 2, 3):
+                d.ctl("push", "s", survey(base, 60000, "s%d.las" % seed, seed)).ok()
+            d.ctl("submit", "s", "--wait").ok()
+            shown = d.ctl("dataset", "show", "s", "--json").ok().json()
+            expect(shown["segments"] == 3, "%s" % shown)
+            lo, hi = shown["min"], shown["max"]
+            box = "--bbox=" + ",".join("%.2f" % (lo[i % 2] + (hi[i % 2] - lo[i % 2]) * f) for i, f in enumerate((.05, .05, .95, .9)))
+            full = d.ctl("fetch", "1", box, "-o", want, "--json").ok().json()
+            begun(d, box)
+            d.stop()
+        with Daemon(base, memory="96M", threads=2) as d:
+            gone(d, box)
+            d.stop()
+        with Daemon(base, **SMALL) as d:
+            d.ctl("fetch", "1", box, "-o", out, "--resume").ok()
+            expect(read(out) == read(want) and not parts(base), "with the memory of then it does not go on")
+            begun(d, box)
+            # The fourth of about this size is merged with the others.
+            d.ctl("push", "s", survey(base, 60000, "s4.las", 4)).ok()
+            e2e.until(lambda: d.ctl("dataset", "show", "s", "--json").ok().json()["segments"] == 1, "nothing is merged")
+            gone(d, box)
+            again = d.ctl("fetch", "1", box, "-o", out, "--json").ok().json()
+            expect(again["digest"] == full["digest"] and not parts(base), "the same area is another: %s, %s" % (again, full))
+
+
 def killed_daemon():
     with Folder() as base:
         gate = e2e.Gate(base)
@@ -267,4 +315,4 @@ def full_disk():
 
 
 if __name__ == "__main__":
-    e2e.main(killed_client, killed_in_a_window, killed_daemon, refused, full_disk)
+    e2e.main(killed_client, killed_in_a_window, gone_window, killed_daemon, refused, full_disk)

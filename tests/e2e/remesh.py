@@ -84,9 +84,9 @@ def grow(base, d, name):
     g.files.pop()
     back = g.mesh("taken back", 1)
     expect(back["digest"] == before["digest"], "taken back: another digest")
-    # What stands out of the hull is seen along all borders that run to infinity on that side.
+    # What stands out of the hull is seen along all borders that run to infinity on that side: those of empty regions only.
     g.push(synth(base, name + "-beside.las", few, s + 40, s // 2, 5))
-    g.mesh("beside the old box", 0.9)
+    g.mesh("beside the old box", 0.3)
     # Another delivery of the corner, a metre lower in one half.
     new = os.path.join(base, "other", os.path.basename(g.files[1]))
     os.makedirs(os.path.dirname(new), exist_ok=True)

@@ -1,5 +1,4 @@
 """A daemon that was killed: what it starts with, how submitted jobs go on, and what it sweeps away."""
-import json
 import os
 import re
 import signal

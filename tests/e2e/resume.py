@@ -16,7 +16,6 @@ from e2e import expect
 from survey import las, says, show, states
 
 try:
-    import acut_wire
     from acut_wire import Client, Refused, pb
 except ImportError as e:
     e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)

@@ -337,6 +337,35 @@ def disk_of_geoids():
         box.good("carl", "push", "d", box.survey(20000))
 
 
+def number_of_geoids():
+    """A quarter of what those of others leave of 64; administrators add until there are so many."""
+    with Folder() as base, Box(base, args=GROUPS) as box:
+        grid = geo.pgm(base + "/grid.pgm")
+        os.chmod(grid, 0o644)
+        n = 0
+
+        def add(who, times):
+            nonlocal n
+            for _ in range(times):
+                n += 1
+                box.good(who, "geoid", "add", grid, "--name", "g%d" % n)
+
+        def full(who, says):
+            status, _, err = box.ask(who, "geoid", "add", grid, "--name", "more")
+            expect(status == 1 and says in err, "%s: %d %s" % (who, status, err))
+
+        add("carl", 16)
+        full("carl", "16 geoid grids of this user are kept already")
+        add("anna", 12)
+        full("anna", "12 geoid grids of this user are kept already")
+        add("an administrator", 64 - 28)
+        full("an administrator", "64 geoid grids are kept already")
+        # One that he takes away makes room for an administrator's, and not for his, now that others have more.
+        box.good("carl", "geoid", "rm", "g1")
+        full("carl", "15 geoid grids of this user are kept already")
+        add("root", 1)
+
+
 def exports():
     """Who may read a dataset exports it without the paths of its owner's files; what comes of it has the same meshes."""
     with Folder() as base, Box(base, args=GROUPS) as box:
@@ -547,4 +576,4 @@ if __name__ == "__main__":
     if not shutil.which("setpriv"):
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
-    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_many, disk_of_geoids, exports, crowds, turned_away, reloaded)
+    e2e.main(areas_of_jobs, datasets, disk_of_groups, disk_of_many, disk_of_geoids, number_of_geoids, exports, crowds, turned_away, reloaded)

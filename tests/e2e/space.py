@@ -147,7 +147,7 @@ def derived_goes_first_and_pushed_never():
     with e2e.Folder() as base, e2e.Daemon(base, memory="64M", args=["--disk", "20M"]) as d:
         want = {}
         for name, seed in (("a", 1), ("b", 2), ("c", 3)):
-            d.ctl("push", name, synth(os.path.join(base, name + ".las"), 100000, seed)).ok()
+            d.ctl("push", name, synth(os.path.join(base, name + ".las"), 150000, seed)).ok()
         for round_ in range(2):
             for name in ("a", "b", "c"):
                 for view in ((), ("--every", "2")):
@@ -157,12 +157,12 @@ def derived_goes_first_and_pushed_never():
         expect(st["evicted_entries"] > 0, "nothing was evicted of %s" % st)
         expect(st["state_disk"]["used"] <= 20 * MIB, st)
         for name in ("a", "b", "c"):
-            expect(d.ctl("dataset", "show", name, "--json").ok().json()["points"] == 100000, "points of %s" % name)
+            expect(d.ctl("dataset", "show", name, "--json").ok().json()["points"] == 150000, "points of %s" % name)
         # What is counted is what is there.
         have = sum(os.path.getsize(f) for f in files_below(os.path.join(d.cache, "domains")))
         expect(st["kinds"]["domains"]["bytes"] == have, "%d counted, %d there" % (st["kinds"]["domains"]["bytes"], have))
         # A push takes the place of derived data.
-        d.ctl("push", "d", synth(os.path.join(base, "d.las"), 400000, 4)).ok()
+        d.ctl("push", "d", synth(os.path.join(base, "d.las"), 300000, 4)).ok()
         expect(stat(d)["state_disk"]["used"] <= 20 * MIB, stat(d))
         r = d.ctl("cache", "gc", "--all", "--json").ok().json()
         st = stat(d)
@@ -266,38 +266,48 @@ def a_job_waits_for_space():
 
 
 def the_cache_is_removed():
-    """rm -rf of the whole cache, again and again, while jobs run: the same digests."""
-    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
-        d.ctl("push", "a", synth(os.path.join(base, "a.las"), 150000)).ok()
-        want = [digests(d, "a"), digests(d, "a", "--every", "3")]
-        for i in range(3):
-            jobs = [d.ctl("submit", "a", "--new", "--json").ok().json()["job"],
-                    d.ctl("submit", "a", "--every", "3", "--new", "--json").ok().json()["job"]]
-            time.sleep(0.1 * i)
-            shutil.rmtree(d.cache, ignore_errors=True)
-            for job, digest in zip(jobs, want):
-                r = d.ctl("wait", str(job), "--timeout", "100")
-                expect(r.status == 0, "job %d ended with %d: %s %s" % (job, r.status, r.out, r.err))
-                s = d.ctl("show", str(job), "--json").ok().json()
-                expect((s["digest"], s["vertex_digest"]) == digest, "another mesh")
+    """rm -rf of the whole cache, again and again, in the middle of jobs: the same digests."""
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, memory="24M", env=gate.env) as d:
+            the_cache_is_removed_of(d, base, gate)
+
+
+def the_cache_is_removed_of(d, base, gate):
+    d.ctl("push", "a", synth(os.path.join(base, "a.las"), 150000)).ok()
+    want = [digests(d, "a"), digests(d, "a", "--every", "3")]
+    # When they have read nothing of the survey yet, a part, or are about to write what they made into it.
+    for call, text, first in (("pread", ".seg", 0), ("pread", ".seg", 5), ("pread", ".seg", 20), ("pwrite", d.cache, 0), ("pwrite", d.cache, 5)):
+        d.ctl("cache", "gc", "--all").ok()  # all that the jobs before have kept since is made again
+        gate.close(call, text, first)
+        jobs = [d.ctl("submit", "a", "--new", "--json").ok().json()["job"],
+                d.ctl("submit", "a", "--every", "3", "--new", "--json").ok().json()["job"]]
+        gate.wait()
         shutil.rmtree(d.cache, ignore_errors=True)
-        out = os.path.join(base, "a.ply")
-        d.ctl("fetch", str(jobs[0]), "-o", out).ok()
-        # Nothing runs, and it is gone again: nothing is counted there, and a mesh of one step begins in the new one.
-        shutil.rmtree(d.cache, ignore_errors=True)
-        expect(until(lambda: stat(d)["kinds"]["domains"]["bytes"] == 0), stat(d))
-        d.ctl("mesh", os.path.join(base, "a.las"), "-o", out).ok()
-        expect(digests(d, "a") == want[0] and files_below(os.path.join(d.cache, "domains")), "nothing is kept any more")
-        # Its lock is taken again.
-        other = e2e.Daemon(base, name="2")
-        other.command[other.command.index("--cache") + 1] = d.cache
-        try:
-            other.start()
-            raise e2e.Fault("two daemons have one cache")
-        except e2e.Fault as e:
-            expect("ended with 75" in str(e), e)
-        finally:
-            other.stop(signal.SIGKILL)
+        gate.open()
+        for job, digest in zip(jobs, want):
+            r = d.ctl("wait", str(job), "--timeout", "100")
+            expect(r.status == 0, "job %d ended with %d: %s %s" % (job, r.status, r.out, r.err))
+            s = d.ctl("show", str(job), "--json").ok().json()
+            expect((s["digest"], s["vertex_digest"]) == digest, "another mesh")
+    shutil.rmtree(d.cache, ignore_errors=True)
+    out = os.path.join(base, "a.ply")
+    d.ctl("fetch", str(jobs[0]), "-o", out).ok()
+    # Nothing runs, and it is gone again: nothing is counted there, and a mesh of one step begins in the new one.
+    shutil.rmtree(d.cache, ignore_errors=True)
+    expect(until(lambda: stat(d)["kinds"]["domains"]["bytes"] == 0), stat(d))
+    d.ctl("mesh", os.path.join(base, "a.las"), "-o", out).ok()
+    expect(digests(d, "a") == want[0] and files_below(os.path.join(d.cache, "domains")), "nothing is kept any more")
+    # Its lock is taken again.
+    other = e2e.Daemon(base, name="2")
+    other.command[other.command.index("--cache") + 1] = d.cache
+    try:
+        other.start()
+        raise e2e.Fault("two daemons have one cache")
+    except e2e.Fault as e:
+        expect("ended with 75" in str(e), e)
+    finally:
+        other.stop(signal.SIGKILL)
 
 
 def flip(path, at):
@@ -515,7 +525,8 @@ def state_and_cache_on_two_file_systems():
             expect(os.stat(d.state).st_dev != os.stat(d.cache).st_dev, "one file system")
 
 
-e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
-         gc_knows_what_is_gone, a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
-         state_and_cache_on_two_file_systems, a_file_system_that_is_full,
-         a_start_on_a_full_disk)
+if __name__ == "__main__":
+    e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
+             gc_knows_what_is_gone, a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
+             state_and_cache_on_two_file_systems, a_file_system_that_is_full,
+             a_start_on_a_full_disk)

@@ -378,6 +378,10 @@ def splits_while_it_runs():
         gate = e2e.Gate(base)
         d = Daemon(base, memory="256M", threads=1, env=gate.env).start()
         d.ctl("push", "s", survey(base, 4 * POINTS)).ok()
+        d.ctl("push", "t", survey(base, 1000, "small.las")).ok()
+        gone = submit(d, "t")
+        done(d, gone)
+        d.ctl("rm", str(gone)).ok()
         # It has its plan, and no domain yet.
         gate.close("renameat", "/domains/")
         job = submit(d, "s")
@@ -385,11 +389,11 @@ def splits_while_it_runs():
         expect(os.path.exists(os.path.join(d.state, "plans", "plan-%d" % job)), "no plan")
         d.stop(signal.SIGKILL)
         shutil.rmtree(d.cache)
-        # What no job has goes at the start.
-        stray = os.path.join(d.state, "plans", "plan-77")
+        # What no job has goes after the start.
+        stray = os.path.join(d.state, "plans", "plan-%d" % gone)
         shutil.copy(os.path.join(d.state, "plans", "plan-%d" % job), stray)
         d = Daemon(base, **SMALL).start()
-        expect(not os.path.exists(stray), "the plan of no job stays")
+        e2e.until(lambda: not os.path.exists(stray), "the plan of no job stays")
         with Stream(d, job) as s:
             w = s.frames()
         done(d, job)

@@ -3,7 +3,7 @@ import json
 import os
 
 import e2e
-from e2e import Fault, expect, main
+from e2e import expect, main
 
 POINTS = [(x, y, (x * 7 + y * 3) % 5) for x in range(6) for y in range(6)]
 

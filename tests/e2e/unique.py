@@ -1,7 +1,6 @@
 """One digest and one vertex digest, whatever the memory, the threads, the order of points and files."""
 import os
 import struct
-import sys
 
 import e2e
 from e2e import expect

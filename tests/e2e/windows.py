@@ -1,6 +1,5 @@
 """Windows: --bbox and --polygon give the triangles of the whole mesh that meet an area. CGAL's whole triangulation says which,
 triangle by triangle; what is read is counted in cells and records, not in time."""
-import json
 import os
 import random
 import struct

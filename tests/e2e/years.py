@@ -1,13 +1,8 @@
 """The life of a dataset, made up: pushes, replaced and reverted files, prunes, removals, lost caches, backups, kills
 of the daemon and restarts, in random order. After each step some generation is meshed with some view, and both digests
 are those of a build from nothing of the files that are live in it, by another daemon. years.py [STEPS [SEED...]]"""
-import json
-import os
 import random
-import shutil
-import signal
 import sys
-import time
 
 import e2e
 from e2e import expect

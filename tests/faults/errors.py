@@ -4,13 +4,11 @@ mesh. test_errors.c does the same in process with every call.
 
 ACUT_FAULT_CALLS: how many (30); ACUT_FAULT_SEED.
 """
-import os
 import random
 import subprocess
-import time
 
 import faults
-from faults import Acks, Fault, Inputs, Killed, Store, e2e, expect
+from faults import Acks, Fault, Inputs, Store, e2e, expect
 
 CALLS = (("pwrite64", "ENOSPC"), ("pwrite64", "EDQUOT"), ("pwrite64", "EIO"), ("fsync", "EIO"), ("fdatasync", "EIO"), ("renameat,renameat2", "EIO"),
          ("unlinkat", "EIO"), ("mkdirat", "ENOSPC"), ("mkdirat", "EDQUOT"), ("ftruncate", "EIO"))

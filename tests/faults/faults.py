@@ -2,7 +2,6 @@
 acknowledgements are remembered, and what must be there after whatever happened. The rest is in ../e2e/e2e.py."""
 import json
 import os
-import random
 import shutil
 import signal
 import socket

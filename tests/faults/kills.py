@@ -6,12 +6,11 @@ ACUT_FAULT_KILLS: how many (200), half of each kind; ACUT_FAULT_SEED.
 """
 import os
 import random
-import subprocess
 import threading
 import time
 
 import faults
-from faults import Acks, Fault, Inputs, Killed, Store, expect
+from faults import Acks, Inputs, Killed, Store, expect
 
 CALLS = ("pwrite64", "fsync", "fdatasync", "renameat,renameat2,rename", "unlinkat,unlink", "openat", "mkdirat,mkdir", "ftruncate", "pread64")
 

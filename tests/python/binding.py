@@ -204,7 +204,7 @@ def changes():
             expect(len(held.pop(region.box)) == region.triangles, "a region that is gone")
         held.update(new)
         expect(held == want, "the changes do not lead to the new mesh")
-        raises(acut.GoneError, lambda: list(c.fetch(job, since=77)))
+        raises(acut.NotFoundError, lambda: list(c.fetch(job, since=77)))
 
 
 def rights():

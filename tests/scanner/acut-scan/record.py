@@ -5,6 +5,7 @@ import os
 import resource
 import signal
 import socket
+import struct
 import subprocess
 import threading
 
@@ -173,6 +174,28 @@ def told_to_systemd():
         sock.close()
 
 
+def las_files():
+    """Of LAS files in a spool, compressed ones are told as that, with what to do; so is where none is whole."""
+    def las(n, packed=False):
+        head = bytearray(227)
+        head[:4] = b"LASF"
+        head[24:26] = b"\1\2"
+        struct.pack_into("<HI", head, 94, 227, 227)
+        struct.pack_into("<BHI", head, 104, 0x80 if packed else 0, 20, n)
+        return bytes(head) + bytes(20 * n)
+
+    for dump, says in ((las(10, True) + las(7, True), ("compressed (LAZ, 2 of them)", "send LAS", "--to raw")),
+                       (las(1000)[:5000], ("there is no whole LAS file in it (1 were not)",)),
+                       (b"", ("there is no whole LAS file in it (0 were not)",))):
+        with Folder() as d:
+            with open(d("dump"), "wb") as f:
+                f.write(dump)
+            run("record", "--from", d("dump"), "--profile", "generic-las", "--profiles", PROFILES, "-o", d("a.spool"), "-q").ok()
+            got = run("push", d("a.spool"), "-o", d("a.las"))
+            expect(got.status == 1 and all(s in got.err for s in says) and "a.spool" in got.err, "%d %s" % (got.status, got.err))
+            expect(not os.path.exists(d("a.las")), "something was written")
+
+
 def idle():
     """A silent pipe costs no time: nothing wakes it."""
     with Folder() as d:
@@ -182,4 +205,6 @@ def idle():
         finish(p, b"").ok()
 
 
-scan.main(from_a_file, names_in_a_folder, limits, signals_are_a_good_end, a_pipe_that_nobody_writes_into, kill_and_go_on_reading, full_disk, full_tmpfs, told_to_systemd, idle)
+if __name__ == "__main__":
+    scan.main(from_a_file, names_in_a_folder, limits, signals_are_a_good_end, a_pipe_that_nobody_writes_into, kill_and_go_on_reading, full_disk,
+              full_tmpfs, told_to_systemd, las_files, idle)
