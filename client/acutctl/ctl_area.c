@@ -164,9 +164,13 @@ static int corner_is_wild(const struct ctl_area *a, size_t i, struct err *err)
 static size_t ring_end(const struct ctl_area *a, size_t r)
 {
 	size_t first = a->ring[r].first, end = r + 1 < a->nring ? a->ring[r + 1].first : a->ncorner;
-	const struct decimal *from = a->corner[first], *to = a->corner[end - 1];
+	const struct decimal *from, *to;
 
-	return end > first + 1 && !decimal_compare(from[0], to[0]) && !decimal_compare(from[1], to[1]) ? end - 1 : end;
+	if (end - first < 2) /* GeoJSON can have a ring without corners, and an area of such rings only has none to point at */
+		return end;
+	from = a->corner[first];
+	to = a->corner[end - 1];
+	return !decimal_compare(from[0], to[0]) && !decimal_compare(from[1], to[1]) ? end - 1 : end;
 }
 
 int ctl_area_print(const struct ctl_area *a, FILE *out, struct err *err)

@@ -12,6 +12,7 @@ static const char *const texts[] = {
 	"{\"type\":\"GeometryCollection\",\"geometries\":[]}", "POLYGON((0 0, 10 0, 10 10, 0 0),(1 1,2 1,2 2,1 1))",
 	"MULTIPOLYGON (((0 0,1 0,1 1,0 0)),((5 5,6 5,6 6,5 5)))", "POLYGON Z((0 0 1,1 0 2,1 1 3,0 0 1))", "POLYGON EMPTY",
 	"GEOMETRYCOLLECTION(POLYGON((0 0,1 0,1 1,0 0)))",
+	"{\"type\":\"Polygon\",\"coordinates\":[[]]}",
 };
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
