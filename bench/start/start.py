@@ -4,12 +4,14 @@ that are over, 100 interrupted pushes, 100,000 stored domains, and what a one-st
 
 The store is made of tests/fixtures/state-4: its datasets many times, its jobs many times. Prints a line of JSON; medians of
 five starts, seconds. Starts end with the first answer to a ping."""
+import ctypes
 import json
 import os
 import shutil
 import signal
 import sqlite3
 import statistics
+import struct
 import subprocess
 import sys
 import tarfile
@@ -18,6 +20,26 @@ import time
 
 TOP = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..")
 DATASETS, JOBS, PENDING, DOMAINS, LEFT = 1000, 10000, 100, 100000, 256 << 20
+
+
+class Digest(ctypes.Structure):
+    _fields_ = [("low", ctypes.c_uint64), ("high", ctypes.c_uint64)]
+
+
+XXH = ctypes.CDLL("libxxhash.so.0").XXH3_128bits
+XXH.argtypes, XXH.restype = [ctypes.c_char_p, ctypes.c_size_t], Digest
+
+
+def checksum(values):
+    """Of a row, as its last column has it (daemon/catalogue/catalogue_sum.c)."""
+    high = low = 0
+    for v in values:
+        value = struct.pack("<q", v) if isinstance(v, int) else v.encode()
+        one = XXH(value, len(value))
+        both = struct.pack("<6Q", high, low, one.high, one.low, not isinstance(v, int), len(value))
+        one = XXH(both, len(both))
+        high, low = one.high, one.low
+    return high - (high >> 63 << 64)
 
 
 def grow(base):
@@ -56,6 +78,16 @@ def grow(base):
         os.makedirs(folder, exist_ok=True)
         with open(folder + "/%030x" % i, "wb") as f:
             f.write(b"x" * 64)
+
+
+def put_sums(state):
+    """Rows that were taken over have none; those that this version writes do."""
+    db = sqlite3.connect(state + "/catalogue.db")
+    for table in ("dataset", "job", "push"):
+        for row in db.execute("SELECT * FROM %s" % table).fetchall():
+            db.execute("UPDATE %s SET sum = ? WHERE id = ?" % table, (checksum(row[:-1]), row[0]))
+    db.commit()
+    db.close()
 
 
 def main():
@@ -100,6 +132,7 @@ def main():
                     times[what].append(took[what])
             else:
                 first = took["start"]
+                put_sums(base + "/state")
         print(json.dumps({"first_start": round(first, 3), **{k + "_seconds": round(statistics.median(v), 3) for k, v in times.items()},
                           "worst_start": round(max(times["start"]), 3), "vmhwm_mib": round(peak, 1), "cpu_in_a_second": idle}))
     finally:
