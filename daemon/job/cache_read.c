@@ -94,7 +94,7 @@ static int read_manifest(struct reading *r, int dirfd, const char *name, struct 
 	}
 	for (size_t i = 0; !s && i < m->nsegments; i++) {
 		atomic_fetch_add(&r->v->files, 1);
-		s = grid_verify_segment(&p, &m->segments[i], err);
+		s = grid_verify_segment(&p, m, i, err);
 	}
 	grid_manifest_free(m);
 	return s;

@@ -367,7 +367,7 @@ static int as_sent(const struct import *i, size_t k, struct err *err)
 	return err_add_hint(err, "bring the folder here once more, or have the dataset exported again");
 }
 
-/* Every page and block, through its checksum, where records lie, and the segments as the manifest says they are. */
+/* Every page and block, through its checksum, and all that index, header and manifest say of the records. */
 static int check(struct import *i, struct err *err)
 {
 	struct err first = ERR_INIT;
@@ -383,7 +383,7 @@ static int check(struct import *i, struct err *err)
 	if (!p.memory)
 		r = err_set(err, ERR_NOMEM, "no memory to check a segment");
 	for (size_t k = 0; !r && !first.code && k < i->made->nsegments; k++) {
-		r = grid_verify_segment(&p, &i->made->segments[k], err);
+		r = grid_verify_segment(&p, i->made, k, err);
 		if (first.code)
 			as_sent(i, k, &first);
 	}

@@ -328,8 +328,9 @@ struct grid_verify_params {
 	int (*progress)(void *ctx, uint64_t bytes);
 	void *ctx;
 };
-/* Every page and block, whichever records are live. Damage is no error here. */
-int grid_verify_segment(const struct grid_verify_params *, const struct grid_segment_info *, struct err *err);
+/* Every page and block of a segment of that manifest, whichever records are live, and all that it says of them. Damage is no
+ * error here. Takes some bytes a source from the manifest's ledger meanwhile: -ERR_BUSY if they are not free. */
+int grid_verify_segment(const struct grid_verify_params *, const struct grid_manifest *, size_t segment, struct err *err);
 /* Every block of the runs that a stage of that name left. */
 int grid_verify_stage(const struct grid_verify_params *, const char *name, struct err *err);
 

@@ -32,6 +32,15 @@ int grid_part_read(const struct grid_part *p, void *buf, size_t n, uint64_t plac
 
 /* ---- segments ---- */
 
+unsigned grid_levels(uint64_t cells)
+{
+	unsigned levels = 0;
+
+	for (uint64_t n = cells; n > 1 || (n && !levels); levels++)
+		n = n / DISK_ENTRIES + (n % DISK_ENTRIES != 0);
+	return levels;
+}
+
 static int check_header(const struct grid_part *p, const struct disk_segment *h,
 			const struct grid_segment_info *info, struct err *err)
 {
@@ -56,9 +65,9 @@ static int check_header(const struct grid_part *p, const struct disk_segment *h,
 	}
 	if ((uint64_t)st.st_size != h->bytes)
 		return grid_damaged(p, 0, "its size is not what its header says", err);
-	if (h->height > DISK_LEVELS || !h->height != !h->cells || !h->points != !h->cells ||
-	    h->sources_place > h->bytes ||
-	    h->sources > (h->bytes - h->sources_place) / sizeof(struct disk_total))
+	if (h->height != grid_levels(h->cells) || !h->points != !h->cells || h->cells > h->points || h->sources > h->points ||
+	    h->sources_place > h->bytes || h->sources_place < DISK_HEADER ||
+	    h->bytes - h->sources_place != h->sources * sizeof(struct disk_total))
 		return grid_damaged(p, 0, "its header contradicts itself", err);
 	return 0;
 }
@@ -102,8 +111,11 @@ int grid_part_sources(const struct grid_part *p, const struct disk_segment *h, s
 	if (rc == 0 && grid_check(totals, bytes, h->sources_place) != h->sources_check)
 		rc = grid_damaged(p, h->sources_place, "the checksum of its table of sources does not agree",
 				  err);
-	for (uint32_t i = 0; rc == 0 && i < h->sources; i++)
+	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
+		if (totals[i].id <= (i ? totals[i - 1].id : 0))
+			rc = grid_damaged(p, h->sources_place, "its table of sources is not in order", err);
 		points += totals[i].points;
+	}
 	if (rc == 0 && points != h->points)
 		rc = grid_damaged(p, h->sources_place, "its table of sources does not add up", err);
 	if (rc) {

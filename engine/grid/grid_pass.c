@@ -16,18 +16,9 @@ static size_t lines(size_t n)
 	return (n + 63) & ~(size_t)63;
 }
 
-static unsigned levels_of(uint64_t cells)
-{
-	unsigned levels = 0;
-
-	for (uint64_t n = cells; n > 1 || (n && !levels); levels++)
-		n = n / DISK_ENTRIES + (n % DISK_ENTRIES != 0);
-	return levels;
-}
-
 size_t grid_pass_bytes(uint64_t cells, size_t window)
 {
-	return levels_of(cells) * (size_t)DISK_PAGE + lines(window) + lines(GRID_CELL_RECORDS * sizeof(uint32_t));
+	return grid_levels(cells) * (size_t)DISK_PAGE + lines(window) + lines(GRID_CELL_RECORDS * sizeof(uint32_t));
 }
 
 static int by_number(const void *a, const void *b)
@@ -52,8 +43,6 @@ int grid_pass_open(struct grid_pass *p, int dirfd, const struct grid_segment_inf
 	*p = (struct grid_pass){.part.fd = -1, .dropped = dropped, .cap = window};
 	int rc = grid_part_open(&p->part, dirfd, info, &h, err);
 
-	if (rc == 0 && h.height != levels_of(h.cells))
-		rc = grid_damaged(&p->part, 0, "its index is not as high as its cells make it", err);
 	if (rc == 0)
 		rc = grid_part_sources(&p->part, &h, ret_sources, err);
 	if (rc) {

@@ -63,6 +63,8 @@ int grid_damaged(const struct grid_part *, uint64_t place, const char *what, str
 /* All n bytes; the end of the file before that is -ERR_CORRUPT. */
 int grid_part_read(const struct grid_part *, void *buf, size_t n, uint64_t place, struct err *err);
 
+/* Of the index of so many cells. */
+unsigned grid_levels(uint64_t cells);
 /* Its header, checked against what the manifest says of it. On failure p->fd may be open. */
 int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_info *, struct disk_segment *ret,
 		   struct err *err);

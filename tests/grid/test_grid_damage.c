@@ -299,10 +299,13 @@ static void note_damage(void *ctx, const struct err *err)
 static const char *verified(const struct folder *f, const struct grid_segment_info *info, char message[])
 {
 	struct grid_verify_params p = {.dirfd = f->fd, .memory = malloc(GRID_VERIFY_BYTES), .damaged = note_damage, .ctx = message};
+	struct grid_segment_info one = *info;
+	struct grid_manifest m = manifest_of(&one, 1, 5);
 	struct err err = ERR_INIT;
 
 	*message = '\0';
-	CHECK(grid_verify_segment(&p, info, &err));
+	CHECK(grid_verify_segment(&p, &m, 0, &err));
+	free(m.sources);
 	free(p.memory);
 	return message;
 }
