@@ -406,7 +406,8 @@ static int read_domain(int fd, const char *name, const struct store_front *f, co
 	if (!r)
 		r = io_read_at(fd, triangle, e.triangle, e.triangle_at, name, err);
 	if (!r)
-		*ret_whole = open_sum(d) == h->sums.open && two_sum(closed, e.closed, triangle, e.triangle) == h->sums.rest;
+		*ret_whole = open_sum(d) == h->sums.open && two_sum(closed, e.closed, triangle, e.triangle) == h->sums.rest &&
+			     store_corners_fit(&h->code, triangle, 3 * (size_t)d->ntriangle, d->nvertex);
 	return r;
 }
 

@@ -86,6 +86,23 @@ static int newer(const char *name, const uint8_t header[STORE_HEADER], struct er
 	return err_add_file(err, name);
 }
 
+/* `size`: some corners at least. */
+static int check_corners(int fd, const char *name, const struct store_front *f, const struct store_header *h, void *memory,
+			 size_t size, struct err *err)
+{
+	const struct store_extent e = store_extent_of(&f->domain, &h->code, f->beside.proof_size);
+	int r = 0;
+
+	size -= size % h->code.triangle;
+	for (size_t done = 0, some; !r && done < e.triangle; done += some) {
+		some = e.triangle - done < size ? e.triangle - done : size;
+		r = io_read_at(fd, memory, some, e.triangle_at + done, name, err);
+		if (!r && !store_corners_fit(&h->code, memory, some / h->code.triangle, f->domain.nvertex))
+			r = wrong(name, "a triangle has a corner that is none of its vertices", err);
+	}
+	return r;
+}
+
 int store_check(int dirfd, const char *name, void *memory, size_t size, struct err *err)
 {
 	struct store_front f = { 0 };
@@ -119,6 +136,8 @@ int store_check(int dirfd, const char *name, void *memory, size_t size, struct e
 		r = wrong(name, "it has another size than its header says", err);
 	if (!r)
 		r = check_sums(fd, name, &f, &h, memory, size, err);
+	if (!r)
+		r = check_corners(fd, name, &f, &h, memory, size, err);
 	io_close(fd);
 	return r;
 }

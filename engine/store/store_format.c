@@ -211,7 +211,9 @@ enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], cons
 	h->sums.rest = cursor_u64(&c);
 	d->own_digest = digest_unpack(&c);
 	d->nhull = cursor_u32(&c);
-	if (d->nopen > d->nvertex || f->beside.proof_size > STORE_PROOF_MOST)
+	/* Who uses a domain counts with local numbers below 2^31. */
+	if (d->nopen > d->nvertex || d->nvertex > INT32_MAX || d->ntriangle > INT32_MAX || (d->ntriangle && d->nvertex < 3) ||
+	    f->beside.proof_size > STORE_PROOF_MOST)
 		return STORE_HEADER_DAMAGED;
 	if (version == OLDEST)
 		h->code = (struct store_code){ .vertex = { WIDE, WIDE, WIDE }, .triangle = WIDE };
@@ -358,4 +360,28 @@ void store_unpack_triangles(const struct store_code *c, uint32_t (*triangle)[3],
 
 	if (c->triangle == NARROW)
 		store_unpack_vertices(&corners, (struct mesh_vertex *)triangle, n);
+}
+
+/* No checksum says it of a file that somebody made, and nobody asks again: whoever has a corner looks a vertex up. */
+bool store_corners_fit(const struct store_code *c, const uint8_t *bytes, size_t n, uint32_t nvertex)
+{
+	const uint16_t last = nvertex && nvertex <= UINT16_MAX ? (uint16_t)(nvertex - 1) : UINT16_MAX;
+	unsigned beyond = n && !nvertex;
+
+	if (c->triangle == NARROW) {
+		for (size_t i = 0; i < n; i++) {
+			uint16_t corner;
+
+			memcpy(&corner, bytes + i * sizeof corner, sizeof corner);
+			beyond |= corner > last;
+		}
+	} else {
+		for (size_t i = 0; i < n; i++) {
+			uint32_t corner;
+
+			memcpy(&corner, bytes + i * sizeof corner, sizeof corner);
+			beyond |= corner >= nvertex;
+		}
+	}
+	return !beyond;
 }

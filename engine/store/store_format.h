@@ -66,6 +66,9 @@ size_t store_pack_triangles(const struct store_code *, const uint32_t (*)[3], si
 void store_unpack_vertices(const struct store_code *, struct mesh_vertex *, size_t n);
 void store_unpack_triangles(const struct store_code *, uint32_t (*)[3], size_t n);
 
+/* Whether all of n corners, as they are written, are vertices. */
+bool store_corners_fit(const struct store_code *, const uint8_t *bytes, size_t n, uint32_t nvertex);
+
 static inline size_t store_vertex_bytes(const struct store_code *c)
 {
 	return (size_t)c->vertex[0] + c->vertex[1] + c->vertex[2];

@@ -293,6 +293,50 @@ static void test_version_4(void **state)
 	unmake(&m);
 }
 
+/* Files that somebody made: every checksum is right. */
+static void test_forged(void **state)
+{
+	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
+	static const struct { uint32_t vertices, corner; bool fits; } c[] = {
+		{ 10, 9, true },	{ 10, 10, false },    { 10, 65535, false },	  { 65535, 65534, true },
+		{ 65535, 65535, false }, { 65536, 65535, true }, { 65537, 65536, true }, { 65537, 65537, false },
+		{ 65537, UINT32_MAX, false },
+	};
+
+	(void)state;
+	for (unsigned i = 0; i < sizeof c / sizeof c[0]; i++) {
+		struct err err = ERR_INIT;
+		struct store_front f;
+		struct mesh_domain d;
+		uint8_t small[64], *memory;
+		struct made m;
+
+		make(c[i].vertices, 4, 77, low, high, &m);
+		m.d.triangle[70][1] = c[i].corner;
+		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+		memory = malloc(f.whole);
+		assert_int_equal(in_folder(store_check, small, sizeof small - 1, &err), c[i].fits ? 0 : -ERR_CORRUPT);
+		assert_int_equal(!*err.message, c[i].fits);
+		err_clear(&err);
+		assert_int_equal(store_get(dirfd, &ID, memory, f.whole, &d, &err), c[i].fits ? 0 : STORE_E_DAMAGED);
+		assert_int_equal(is_there(), c[i].fits);
+		free(memory);
+		unmake(&m);
+	}
+	/* Triangles without vertices to have corners of. */
+	{
+		struct err err = ERR_INIT;
+		struct store_front f;
+		struct made m;
+
+		make(3, 3, 1, low, high, &m);
+		m.d.nvertex = m.d.nopen = 0;
+		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
+		unmake(&m);
+	}
+}
+
 static void test_other_versions(void **state)
 {
 	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
@@ -357,6 +401,7 @@ int main(void)
 		cmocka_unit_test(test_extents),
 		cmocka_unit_test(test_nothing),
 		cmocka_unit_test(test_version_4),
+		cmocka_unit_test(test_forged),
 		cmocka_unit_test(test_other_versions),
 	};
 
