@@ -353,6 +353,7 @@ struct ctl_staged {
 	char dataset[256];
 	uint64_t generation, points;
 	bool committed; /* also where that made no generation: then the dataset may have none, and not be there */
+	bool unchanged; /* it made none */
 	unsigned good, refused, known, adopted; /* adopted ones are known ones too */
 	struct ctl_staged_file {
 		char *name;

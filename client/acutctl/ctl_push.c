@@ -61,19 +61,14 @@ static bool is_empty(const struct ctl_staged_file *f)
 	return !f->refused && f->known != ACUT_KNOWN && !f->points && !f->replaced;
 }
 
-/* Points came with none of the files, or went: nothing to commit. */
+/* Files came, points did not, nor went: nothing to commit. The daemon's word: older ones make a generation of it. */
 static bool is_nothing(const struct ctl_staged *s)
 {
-	size_t empty = 0;
+	bool empty = false;
 
-	for (size_t i = 0; i < s->nfile; i++) {
-		const struct ctl_staged_file *f = &s->file[i];
-
-		if (!f->refused && f->known != ACUT_KNOWN && !is_empty(f))
-			return false;
-		empty += is_empty(f);
-	}
-	return s->committed && empty;
+	for (size_t i = 0; i < s->nfile; i++)
+		empty |= is_empty(&s->file[i]);
+	return s->committed && s->unchanged && empty;
 }
 
 static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f,

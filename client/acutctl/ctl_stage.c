@@ -48,15 +48,18 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 	return 0;
 }
 
-/* What an input may be left out for; the rest ends the push. */
+/* What an input may be left out for; the rest ends the push. It came as answer to a question about this input, and may be about
+ * the push, or the daemon: who is about a file says so, or refuses it. */
 static int told(struct staging *s, size_t i, const struct acut_failure *why)
 {
 	struct err err = ERR_INIT;
+	bool refusal;
 
 	ctl_error_from_failure(why, &err);
-	if (!*err.file)
+	refusal = is_refusal(err.code) && strcmp(err.field, "push") != 0;
+	if (refusal)
 		err_add_file(&err, s->in->input[i].name);
-	return refuse(s, i, &err, is_refusal(err.code));
+	return refuse(s, i, &err, refusal);
 }
 
 static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
@@ -235,6 +238,7 @@ static int commit(struct staging *s)
 	snprintf(s->ret->dataset, sizeof(s->ret->dataset), "%s", result->dataset);
 	s->ret->generation = result->generation;
 	s->ret->points = result->points;
+	s->ret->unchanged = result->unchanged;
 	s->ret->committed = true;
 	return 0;
 }

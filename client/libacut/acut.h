@@ -192,6 +192,7 @@ struct acut_push_planned {
 struct acut_push_result {
 	const char *dataset;
 	uint64_t generation, points; /* of the dataset now; no new generation where no point came and none went, 0: it has none */
+	bool unchanged;              /* so it was: no new one */
 };
 
 struct acut_push;

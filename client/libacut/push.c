@@ -470,7 +470,7 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 	push->committed = true;
 	c = a->answer->push_committed;
 	a->pushed = (struct acut_push_result){
-	    .dataset = c->dataset, .generation = c->generation, .points = c->points};
+	    .dataset = c->dataset, .generation = c->generation, .points = c->points, .unchanged = c->unchanged};
 	*ret = &a->pushed;
 	return 0;
 }

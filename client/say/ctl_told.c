@@ -20,16 +20,16 @@ void ctl_error_json(struct ctl_json *j, const char *key, const struct err *err)
 	ctl_json_close(j, '}');
 }
 
-/* The place is left out where the message names the line itself. */
+/* The place is left out where the message names the line, or the push, itself. */
 void ctl_error_text(const char *program, const struct err *err)
 {
-	bool line = !strcmp(err->field, "line"), place = err->offset != ERR_NO_OFFSET && !line;
+	bool named = !strcmp(err->field, "line") || !strcmp(err->field, "push"), place = err->offset != ERR_NO_OFFSET && !named;
 	char at[64] = "";
 
 	if (place)
 		snprintf(at, sizeof(at), "byte %llu%s", (unsigned long long)err->offset, err->field[0] ? ", " : ": ");
-	ctl_term_line(stderr, "%s: %s%s%s%s%s%s", program, err->file, err->file[0] ? ": " : "", at, line ? "" : err->field,
-		      err->field[0] && !line ? ": " : "", err->message[0] ? err->message : err_wire_name(err->code));
+	ctl_term_line(stderr, "%s: %s%s%s%s%s%s", program, err->file, err->file[0] ? ": " : "", at, named ? "" : err->field,
+		      err->field[0] && !named ? ": " : "", err->message[0] ? err->message : err_wire_name(err->code));
 	if (err->hint[0])
 		ctl_term_line(stderr, "hint: %s", err->hint);
 }

@@ -290,6 +290,7 @@ struct push_planned {
 struct push_committed {
 	struct dataset *dataset;
 	uint64_t generation, points;
+	bool unchanged; /* it made no generation */
 };
 
 enum push_known_as {

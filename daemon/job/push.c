@@ -164,6 +164,21 @@ static void task_done(struct sched_task *t)
 	push_task_over(p);
 }
 
+/* What is asked from here on is answered with this, and may be about a file that has no part in it: so it says what it is about. */
+void push_break(struct push *p, const struct err *why)
+{
+	struct err *err = &p->broken_err;
+
+	if (p->broken)
+		return;
+	push_tell_failed(p, why);
+	p->broken = true;
+	*err = *why;
+	snprintf(err->message, sizeof err->message, "the push%s%s cannot go on: %.400s", p->dataset->onestep ? "" : " into ",
+		 p->dataset->onestep ? "" : p->dataset->name, *why->message ? why->message : err_wire_name(why->code));
+	err_add_place(err, ERR_NO_OFFSET, "push");
+}
+
 /* What is asked of a push that is closing, or whose stage broke, is answered with the reason. */
 static const struct err *refusal(const struct push *p, const struct push_ask *a, struct err *err)
 {

@@ -232,10 +232,8 @@ static bool stage_done(struct push *p, struct push_ask *a, const struct err *why
 		sched_give(p->jobs->p.sched, LEDGER_STAGE, p->stage_bytes);
 		p->stage_bytes = 0;
 	}
-	if (why) {
-		p->broken = true;
-		p->broken_err = *why;
-	}
+	if (why)
+		push_break(p, why);
 	return true;
 }
 
@@ -457,9 +455,7 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		p->files++;
 		p->unsynced_points += a->in.points;
 	} else if (tried && stage_broke(why)) {
-		push_tell_failed(p, why);
-		p->broken = true;
-		p->broken_err = *why;
+		push_break(p, why);
 	} else if (why) {
 		push_tell_refused(p, a->name, why);
 	}
@@ -505,11 +501,8 @@ static bool sync_done(struct push *p, struct push_ask *a, const struct err *why)
 
 	if (why) {
 		/* One that has left tries once more, at its end. */
-		if (!p->left) {
-			push_tell_failed(p, why);
-			p->broken = true;
-			p->broken_err = *why;
-		}
+		if (!p->left)
+			push_break(p, why);
 		return true;
 	}
 	p->durable = p->files;

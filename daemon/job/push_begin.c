@@ -75,11 +75,8 @@ static void row_done(void *ctx, int r, const struct err *why)
 
 	p->row_comes = false;
 	p->row = !r;
-	if (r && !p->left) {
-		push_tell_failed(p, why);
-		p->broken = true;
-		p->broken_err = *why;
-	}
+	if (r && !p->left)
+		push_break(p, why);
 	push_pump(p);
 }
 

@@ -27,11 +27,8 @@ bool push_park_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	if (!p->stage)
 		push_stage_give(p);
-	if (why && !p->left) {
-		push_tell_failed(p, why);
-		p->broken = true;
-		p->broken_err = *why;
-	}
+	if (why && !p->left)
+		push_break(p, why);
 	return true;
 }
 

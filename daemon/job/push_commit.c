@@ -285,11 +285,8 @@ static void commit_answer(struct push *p, const struct err *why)
 		d->committer = NULL;
 	if (d->planner == p)
 		d->planner = NULL;
-	if (why) {
-		push_tell_failed(p, why);
-		p->broken = true;
-		p->broken_err = *why;
-	}
+	if (why)
+		push_break(p, why);
 	if (!why && p->made)
 		push_tell_committed(p);
 	if (!why && !d->onestep && p->durable < p->files) {
@@ -298,6 +295,7 @@ static void commit_answer(struct push *p, const struct err *why)
 	}
 	done.generation = d->generation;
 	done.points = d->points;
+	done.unchanged = !p->made;
 	/* The reason may be of the ask, which goes first. */
 	if (why)
 		err = *why;

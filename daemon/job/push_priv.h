@@ -285,6 +285,7 @@ int push_sealing_finish(struct push_sealing *, struct grid_segment_info *ret, st
 void push_sealing_end(struct push_sealing *);   /* loop: that is over; push_task_over when all are */
 
 struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
+void push_break(struct push *, const struct err *why);                                   /* nothing can be staged or committed any more */
 void push_ask_over(struct push *);                                                     /* the first one */
 void push_pump(struct push *);
 

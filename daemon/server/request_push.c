@@ -239,6 +239,7 @@ static void committed(void *token, const struct err *why, const struct push_comm
 	m.dataset = (char *)info.name;
 	m.generation = done->generation;
 	m.points = done->points;
+	m.unchanged = done->unchanged;
 	request_answer(q, FRAME_MESSAGE(PUSH_COMMITTED, push_committed, &m));
 	push_over(ref);
 }

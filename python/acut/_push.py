@@ -136,9 +136,10 @@ class Push:
             try:
                 step(i)
             except Error as e:
-                if e.file is None:
+                refusal = isinstance(e, _REFUSALS) and e.field != "push"  # of that input; else of the push, or the daemon
+                if refusal and e.file is None:
                     e.file = i.name
-                if self.strict or not isinstance(e, _REFUSALS) or isinstance(e, NotFoundError):
+                if self.strict or not refusal or isinstance(e, NotFoundError):
                     raise
                 i.error, i.result = e, PushedFile(i.name, "refused", error=e)
         if self.inputs and all(i.error is not None for i in self.inputs):

@@ -270,6 +270,7 @@ class Pushed:
     dataset: str
     generation: int  # of the dataset, now: no new one where no point came and none went; 0: it has none
     points: int  # of the dataset, now
+    unchanged: bool  # it made no generation
     files: List[PushedFile]
     note: str    # what became of an interrupted push before this one
 

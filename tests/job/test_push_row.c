@@ -89,9 +89,14 @@ static void test_fails(void **state)
 	err_set(&full, ERR_NOSPACE, "the disk is full");
 	put.done(put.ctx, -ERR_NOSPACE, &full);
 	turn_until(got.answers > answers);
+	/* The file has no part in it. */
 	assert_int_equal(got.why.code, ERR_NOSPACE);
+	assert_string_equal(got.why.file, "");
+	assert_string_equal(got.why.field, "push");
+	assert_string_equal(got.why.message, "the push into a cannot go on: the disk is full");
 	ask(push_commit(got.push, NULL));
 	assert_int_equal(got.why.code, ERR_NOSPACE);
+	assert_string_equal(got.why.message, "the push into a cannot go on: the disk is full");
 	push_leave(got.push);
 	turn_until(!h.jobs->pushes);
 }
