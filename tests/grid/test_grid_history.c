@@ -1,7 +1,7 @@
 /*
  * A dataset's whole life in little: pushes, removals, lives that come back, merges and prunes in any order, against a model
  * that is a list of records with sources. After each step what can be read is what the model says: all live records of a
- * generation, and counts and content sums of any range. Coordinates are few, so that positions, cells and
+ * generation, in their order, and counts and content sums of any range. Coordinates are few, so that positions, cells and
  * sources collide. ACUT_HISTORY_ROUNDS for more.
  */
 #include <setjmp.h>
@@ -204,6 +204,7 @@ static void prune(struct history *h)
 struct total {
 	struct digest sum;
 	uint64_t n;
+	struct point last; /* of a scan: the one before */
 };
 
 static void add(struct total *t, const struct point *p)
@@ -212,11 +213,16 @@ static void add(struct total *t, const struct point *p)
 	t->n++;
 }
 
+/* Those of a sum in an order that leaves no other: a scan is the model's sequence then. */
 static int add_all(void *ctx, const struct point *pts, size_t n, struct err *err)
 {
+	struct total *t = ctx;
+
 	for (size_t i = 0; i < n; i++) {
 		assert_int_equal(point_source(&pts[i]), 0);
-		add(ctx, &pts[i]);
+		assert_true(t->n == 0 || point_compare(&t->last, &pts[i]) <= 0);
+		add(t, &pts[i]);
+		t->last = pts[i];
 	}
 	return 0;
 }
