@@ -205,6 +205,9 @@ static void play_on(struct scene_digests *ret)
 	fault_mark(MARK_OTHER);
 	push_one("b", 2);
 	push_one("b", 3);
+	/* What the next commit brings to the disk: the rows of b's pushes are gone, by which a start would look into its folder. */
+	turn_until(!jobs_active(h.jobs));
+	push_one("d", 1);
 	fault_mark(MARK_OTHER_3);
 	ask(dataset_revert(dataset_find(h.jobs, "b", &me), 0, &me, reverted, NULL));
 	must(!got.why.code);
@@ -343,14 +346,19 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 static int bad_names;
 static bool after_crash;
 
+static bool is_manifest(const char *name)
+{
+	return !strncmp(name, "manifest-", 9);
+}
+
 static int look(const char *path, const struct stat *st, int kind, struct FTW *ftw)
 {
 	const char *name = path + ftw->base, *dot = strrchr(name, '.');
 	static const char *const ends[] = {".tmp", ".run", ".pending", ".part", ".stage", ".new"};
 	bool bad = !strncmp(name, "tmp-", 4);
 
-	/* What a crash leaves in the store of domains is evicted like all that is there. */
-	if (kind != FTW_F || (after_crash && strstr(path, "/domains/")))
+	/* What a crash leaves in the store of domains is evicted like all that is there; of a manifest see look_dataset. */
+	if (kind != FTW_F || (after_crash && (strstr(path, "/domains/") || is_manifest(name))))
 		return 0;
 	for (unsigned i = 0; dot && i < sizeof ends / sizeof *ends; i++)
 		bad |= !strcmp(dot, ends[i]);
@@ -373,7 +381,7 @@ static bool is_named(int fd, DIR *dir, const char *name)
 		struct grid_manifest *m = NULL;
 		struct err err = ERR_INIT;
 
-		if (strncmp(e->d_name, "manifest-", 9))
+		if (!is_manifest(e->d_name) || (after_crash && strstr(e->d_name, ".tmp")))
 			continue;
 		must(!grid_manifest_read(fd, e->d_name, &m, &err));
 		for (size_t i = 0; i < m->nsegments; i++)
@@ -383,7 +391,8 @@ static bool is_named(int fd, DIR *dir, const char *name)
 	return named;
 }
 
-/* A folder of a dataset: a manifest, and what it names. A crash may leave another one, until the next change. */
+/* A folder of a dataset: a manifest, and what it names. A crash may leave another one, whole or half written, until the next change: a
+ * revert or a prune leaves no word in the catalogue that a start would clean up by, as pushes do. */
 static void look_dataset(const char *path)
 {
 	int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC), manifests = 0;
@@ -393,7 +402,7 @@ static void look_dataset(const char *path)
 	while ((e = readdir(dir))) {
 		if (*e->d_name == '.')
 			continue;
-		if (!strncmp(e->d_name, "manifest-", 9)) {
+		if (is_manifest(e->d_name)) {
 			if (manifests++ == 0 || after_crash)
 				continue;
 		} else if (is_named(fd, other, e->d_name)) {
