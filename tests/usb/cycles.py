@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """A scanner that is plugged in and pulled out again and again, one that says nothing, and captures begun and ended in a row: descriptors
 and memory end where they began, and nothing is done while there is nothing to do."""
+import json
 import os
 import signal
 import sys
@@ -33,6 +34,21 @@ def plugged_and_unplugged():
                 expect(rss[-1] - rss[len(rss) * 4 // 5] <= 128, "memory: %s KB" % rss)
 
 
+def counted():
+    """What is told at the end is of all captures of the process, not of the last one."""
+    for kernel in ("mock", "real"):
+        faults = ["every 30000 stall", "every 100000 unplug 0.04 s", "at end stop"]
+        with Bus(device(source="pattern 450000", kernel=kernel, after_close=True, faults=faults)) as b:
+            r = record(b, "--reconnect", "--json")
+            expect(r.report["status"] == 0, r.err)
+            s, m = whole(b, r)
+            end, words = json.loads(r.out.splitlines()[-1]), s.words()
+            last = words[len(words) - words[::-1].index("back"):].count("stall")
+            expect(end["event"] == "end" and end["unplugged"] == words.count("back") == r.devices[0]["plugs"] - 1 == 4, "%s: %s" % (r.devices[0]["plugs"], end))
+            expect(end["stalls"] == words.count("stall") > last > 0, "stalls: %d in the spool, %d in the last capture: %s" % (words.count("stall"), last, end))
+            expect(end["bytes"] == m["delivered"], "%d bytes were given: %s" % (m["delivered"], end))
+
+
 def silent():
     """A scanner that is silent: nothing is done until it speaks."""
     with Bus(device(source="pattern 1 MB", faults=["at 64 KB silent"])) as b:
@@ -47,7 +63,7 @@ def silent():
         whole(b, r)
 
 
-CASES = [plugged_and_unplugged, silent]
+CASES = [plugged_and_unplugged, counted, silent]
 
 if __name__ == "__main__":
     bus.need()
