@@ -19,7 +19,7 @@ struct leaves {
 	const struct cut_plan *plan;
 	uint32_t *order; /* leaves by region */
 	struct record {
-		struct digest digest;
+		struct digest digest, base, list;
 		uint64_t payload, triangles;
 		bool known;
 	} *record;       /* by leaf */
@@ -67,7 +67,7 @@ static int take_record(void *ctx, const struct plan_done *done, struct err *err)
 	size_t at = find(l, &done->region);
 
 	if (at != SIZE_MAX)
-		l->record[at] = (struct record){done->digest, done->payload, done->triangles, true};
+		l->record[at] = (struct record){done->digest, done->base, done->list, done->payload, done->triangles, true};
 	return 0;
 }
 
@@ -148,10 +148,17 @@ static bool is_whole(const struct leaves *old, struct digest digest)
 	return digest_equal(sum, digest);
 }
 
+/* Made of the same points under the same view: one domain, in whatever version of the store's format it was noted. */
+static bool same_input(const struct record *a, const struct record *b)
+{
+	return !digest_is_zero(a->base) && digest_equal(a->base, b->base) && digest_equal(a->list, b->list);
+}
+
+/* The digest knows no heights: the bytes of the domain do, and what it was made of. */
 static bool same(const struct record *a, const struct record *b)
 {
-	return a->known && b->known && a->payload == b->payload && a->triangles == b->triangles &&
-	       digest_equal(a->digest, b->digest);
+	return a->known && b->known && a->triangles == b->triangles && digest_equal(a->digest, b->digest) &&
+	       (a->payload == b->payload || same_input(a, b));
 }
 
 static void add_gone(struct walk_change *c, const struct cut_region *region, const struct record *record)
