@@ -1,6 +1,6 @@
 /*
- * The marker of a folder: a small file that says whose it is. The state folder's is made once, when the store is; the
- * cache's tells which store the folder served last. FORMAT.md has its bytes.
+ * The marker of a folder: a small file that says whose it is. The state folder's is made once, when the store is, and
+ * again when a backup of it is restored; the cache's tells which store the folder served last. FORMAT.md has its bytes.
  */
 #ifndef MARKER_H
 #define MARKER_H

@@ -216,6 +216,47 @@ static int of_folder(const char *path, struct err *err)
 	return err_add_file(err, path);
 }
 
+/* The folder is a copy of a backup, and no daemon has been on it: what acutctl notes beside a backup (FORMAT.md) came along, and names
+ * the very store that the marker does. */
+static bool is_restored(int fd, const struct marker *m)
+{
+	char text[640] = "", identity[64] = "\nidentity ", *at = identity + strlen(identity);
+	struct err ignored = ERR_INIT;
+	size_t n = 0;
+	int note;
+
+	if (io_open(fd, "acut-copy", O_RDONLY | O_NOFOLLOW, 0, &note, &ignored))
+		return false;
+	if (io_read_some(note, text, sizeof text - 1, 0, "acut-copy", &n, &ignored))
+		n = 0;
+	text[n] = 0;
+	io_close(note);
+	for (size_t i = 0; i < sizeof m->id; i++)
+		at += sprintf(at, "%02x", m->id[i]);
+	strcpy(at, "\n");
+	return strstr(text, "\nof state of acutd\n") && strstr(text, identity);
+}
+
+/*
+ * What the store gave out after the backup is lost here, and its numbers are given out again, for other datasets, generations and jobs. So
+ * it is another store from here on: whatever goes by identity, such as the next backup into the folder of the old ones, or an export,
+ * takes neither for the other, also where the one that it was copied of goes on elsewhere.
+ */
+static int part(int fd, const char *path, struct marker *m, struct err *err)
+{
+	struct marker new;
+	int r = marker_new(&new, err);
+
+	new.made_us = m->made_us;
+	if (!r)
+		r = marker_write(fd, MARKER_STATE, &new, err);
+	if (r)
+		return r;
+	*m = new;
+	log_notice("%s is a backup that was restored: the store has a new identity, and its backups and exports need new folders", path);
+	return 0;
+}
+
 static int take_marker(int fd, const char *path, struct marker *ret, struct err *err)
 {
 	struct stat st;
@@ -225,7 +266,7 @@ static int take_marker(int fd, const char *path, struct marker *ret, struct err 
 		int gone = catalogue_gone(fd, err);
 
 		if (gone || !r)
-			return gone;
+			return gone ? gone : is_restored(fd, ret) ? part(fd, path, ret, err) : 0;
 	}
 	if (r != MARKER_E_ABSENT)
 		return r;

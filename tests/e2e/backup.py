@@ -282,6 +282,34 @@ def another_of_the_same_name():
             expect("identity " in f.read(), "no identity from then on")
 
 
+def restored_is_another():
+    """What was given out after the backup is given out again: nothing that goes by the store's identity takes one for the other."""
+    with e2e.Folder() as base:
+        to, older, out, own = (os.path.join(base, n) for n in ("backup", "older", "out", "own"))
+        with e2e.Daemon(base) as d:
+            d.ctl("push", "a", tile(base, 1)).ok()
+            d.ctl("backup", to, "--copy").ok()
+            shutil.copytree(to, older)
+            d.ctl("push", "b", tile(base, 2)).ok()
+            d.ctl("dataset", "export", "b", out).ok()
+            d.ctl("backup", to, "--copy").ok()
+        held, exported = files_of(to), files_of(out)
+        with restored(base, older, "r") as r:
+            # The same name and number.
+            r.ctl("push", "b", tile(base, 3)).ok()
+            says(r.ctl("backup", to), 2, "the backup of another store", "give another folder")
+            says(r.ctl("dataset", "export", "b", out), 2, "another dataset b", "give another folder")
+            expect(files_of(to) == held and files_of(out) == exported, "what the restored store has lost is overwritten")
+            r.ctl("backup", own, "--copy").ok()
+            # Once: a start is no restore.
+            r.stop()
+            r.start()
+            r.ctl("backup", own, "--copy").ok()
+        # Nor is it anything new to whom the backup was taken of.
+        with e2e.Daemon(base) as d:
+            d.ctl("backup", to, "--copy").ok()
+
+
 def a_file_is_missing():
     """Not a backup without it: the file is named."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
@@ -451,4 +479,4 @@ def left_at_once():
 
 if __name__ == "__main__":
     e2e.main(left_at_once, whole_state, again_and_again, links_or_copies, while_all_goes_on, cut_short, refused, not_into_the_daemons_folders,
-             another_of_the_same_name, a_file_is_missing, a_manifest_is_damaged, a_state_is_no_backup, export_and_import, damaged_imports, rights)
+             another_of_the_same_name, restored_is_another, a_file_is_missing, a_manifest_is_damaged, a_state_is_no_backup, export_and_import, damaged_imports, rights)
