@@ -3,7 +3,8 @@
  * folder nor hold it, nor lie among what the store has made for itself.
  *
  * Paths say little (links, mounts, ".."), so folders are compared by device and inode, from a folder upwards to the
- * root. What is not there yet is known by the nearest folder above it that is, and the names that come below that.
+ * root. What is not there yet is known by the nearest folder above it that is, and the names that come below that. A bind mount of
+ * a folder in between has other folders above it, and is not seen through.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -27,10 +28,9 @@ struct spot {
 /* Of folders that are the store's own: what the daemon lists, sweeps and gives to others. */
 static const char *const own[] = {"datasets", "plans", "geoids"};
 
-/* Cuts the last name off `path` and puts it before `rest`. */
-static bool climb(char path[PATH], char rest[PATH])
+/* Cuts the last name off `path`. False: there is none. */
+static bool climb(char path[PATH], char ret_name[PATH])
 {
-	char name[PATH], was[PATH];
 	char *slash;
 	size_t n = strlen(path);
 
@@ -39,29 +39,86 @@ static bool climb(char path[PATH], char rest[PATH])
 	slash = strrchr(path, '/');
 	if (!n || !strcmp(path, "/") || !strcmp(path, "."))
 		return false;
-	snprintf(name, sizeof name, "%s", slash ? slash + 1 : path);
+	snprintf(ret_name, PATH, "%s", slash ? slash + 1 : path);
 	if (!slash)
 		strcpy(path, ".");
 	else
 		slash[slash == path] = 0;
-	if (!strcmp(name, "."))
-		return true;
+	return true;
+}
+
+/* Puts a name before the others. */
+static bool prepend(char rest[PATH], const char *name)
+{
+	char was[PATH];
+
 	memcpy(was, rest, sizeof was);
 	return (size_t)snprintf(rest, PATH, "/%s%s", name, was) < PATH;
+}
+
+static int step(int fd, const char *name)
+{
+	int to = openat(fd, name, O_PATH | O_DIRECTORY | O_CLOEXEC);
+
+	if (to >= 0)
+		close(fd);
+	return to;
+}
+
+/* From the folder where a path stopped to be there: up by `up`, which names that are to be made and left again have not taken back,
+ * and down what is there after all. */
+static int walk_on(int fd, unsigned up, char rest[PATH])
+{
+	char name[PATH], *next;
+	int to = fd;
+
+	while (up-- && to >= 0)
+		to = step(fd = to, "..");
+	while (to >= 0 && *rest) {
+		snprintf(name, sizeof name, "%.*s", (int)strcspn(rest + 1, "/"), rest + 1);
+		next = rest + 1 + strlen(name);
+		fd = to;
+		to = step(fd, name);
+		if (to < 0)
+			return fd;
+		memmove(rest, next, strlen(next) + 1);
+	}
+	if (to < 0)
+		close(fd);
+	return to;
+}
+
+/* The nearest folder that is there. What is not will be made name by name: a ".." behind one leads back to where that was made. */
+static int nearest(const char *path, char rest[PATH])
+{
+	char at[PATH], name[PATH];
+	unsigned up = 0;
+	int fd;
+
+	if ((size_t)snprintf(at, sizeof at, "%s", path) >= sizeof at)
+		return -1;
+	while ((fd = open(at, O_PATH | O_DIRECTORY | O_CLOEXEC)) < 0) {
+		if ((errno != ENOENT && errno != ENOTDIR) || !climb(at, name))
+			return -1;
+		if (!strcmp(name, ".."))
+			up++;
+		else if (strcmp(name, ".") && up)
+			up--;
+		else if (strcmp(name, ".") && !prepend(rest, name))
+			return -1;
+	}
+	return walk_on(fd, up, rest);
 }
 
 /* False: it cannot be found out; whoever opens the folder says why. */
 static bool spot_find(const char *path, struct spot *ret)
 {
-	char at[PATH];
 	int fd;
 
 	*ret = (struct spot){0};
-	if ((size_t)snprintf(at, sizeof at, "%s", path) >= sizeof at)
+	fd = nearest(path, ret->rest);
+	if (fd < 0)
 		return false;
-	while ((fd = open(at, O_PATH | O_DIRECTORY | O_CLOEXEC)) < 0)
-		if ((errno != ENOENT && errno != ENOTDIR) || !climb(at, ret->rest))
-			return false;
 	while (ret->n < DEPTH && fstat(fd, &ret->up[ret->n]) == 0) {
 		int up;
 

@@ -327,6 +327,13 @@ static void cache_is_apart(void **state)
 	apart("s", "link/plans", within);
 	apart("s", "s/geoids/new", within);
 	apart("new", "new/datasets", within);
+	/* By names that are made on the way, and left again. */
+	apart("s", "no/../s", is);
+	apart("s", "s/no/../datasets", within);
+	apart("s", "s/no/no/../../datasets/new", within);
+	apart("new/no/../x", "new/x", is);
+	apart("no/../c/new", "other/no/../../c", holds);
+	apart("s", "s/no/../cache", NULL);
 	/* What does nobody any harm. */
 	apart("s", "c", NULL);
 	apart("s", "s/cache", NULL);
