@@ -20,6 +20,8 @@
 
 #define KEEP_SECONDS (7 * 86400.)
 #define LOOK_SECONDS 1.0
+#define SURE_SECONDS 3600. /* that a clock which jumped ahead has to stay there */
+#define SLACK_US INT64_C(60000000)
 
 enum { WAITS = 1 };
 
@@ -356,10 +358,48 @@ static void forget(struct dataset *d)
 	pending_forget(d);
 }
 
+/* The latest that is known to have been: of a daemon that starts. */
+static int64_t latest_us(const struct jobs *j)
+{
+	int64_t us = 0;
+
+	for (const struct dataset *d = j->datasets; d; d = d->next) {
+		us = d->removed_us > us ? d->removed_us : us;
+		us = d->pushed_us > us ? d->pushed_us : us;
+		us = d->created_us > us ? d->created_us : us;
+	}
+	return us;
+}
+
+/*
+ * What goes by this time goes for good, and clocks are wrong at times: a box without one of its own has some year until it
+ * hears from the network. So time that nobody saw pass, between two looks or since the last that is known of the datasets,
+ * counts only when the clock has stood by it for an hour.
+ */
+static int64_t sure_us(struct jobs *j)
+{
+	int64_t now = clock_real_us(), us = j->sure.us;
+	uint64_t mono = clock_mono_ns();
+
+	if (j->sure.at_ns)
+		us += (int64_t)((mono - j->sure.at_ns) / 1000);
+	else
+		us = latest_us(j);
+	j->sure.at_ns = mono;
+	if (us && now > us + SLACK_US) {
+		if (!j->sure.ahead_ns)
+			j->sure.ahead_ns = mono;
+		if ((double)(mono - j->sure.ahead_ns) < SURE_SECONDS * 1e9)
+			return j->sure.us = us;
+	}
+	j->sure.ahead_ns = 0;
+	return j->sure.us = now;
+}
+
 void datasets_expire(struct jobs *j)
 {
 	struct dataset *d, *next;
-	int64_t now = clock_real_us();
+	int64_t now = sure_us(j);
 
 	for (d = j->datasets; d && !j->parking; d = next) {
 		next = d->next;

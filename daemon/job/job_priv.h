@@ -166,6 +166,10 @@ struct jobs {
 	size_t nloaded;
 	struct job_asked_plan *plans;
 	uint64_t expired_ns; /* when removed datasets were looked at */
+	struct {
+		int64_t us;
+		uint64_t at_ns, ahead_ns; /* when it was told; since when the clock is ahead of it, 0: it is not */
+	} sure; /* the time that removed datasets go by (dataset_remove.c) */
 	struct dataset_rewrite *merge; /* that is at work */
 	struct prune *prunes;          /* the first is at work, if no merge is */
 	struct dataset_old *olds;      /* that wait until nobody opens them */
