@@ -261,7 +261,8 @@ int walk_select_count(struct walk *w, struct err *err)
 	struct mesh_counts *counts = &w->totals.counts;
 	const struct pipe_selected *selected = &w->select.counts;
 
-	if (!w->select.open || w->view.window) /* a window does not count the points of the whole */
+	/* A window and a stream of changes do not count the points of the whole. */
+	if (!w->select.open || w->view.window || w->since)
 		return 0;
 	if (counts->points != selected->kept)
 		return err_set(err, ERR_INTERNAL, "the selection kept %llu points, the mesh read %llu",
