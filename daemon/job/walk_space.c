@@ -25,10 +25,12 @@
 #define SOON_SECONDS 10.0
 enum { VANISHED_MAX = 5, UNKNOWN_BYTES = 1 << 20 };
 
-/* Something of the cache was gone when it was needed. */
+/* Something of the cache was gone when it was needed. What was pushed lies elsewhere, and does not go by itself. */
 static bool vanished(struct walk *w, const struct err *why)
 {
-	return why->code == ERR_IO && why->sys == ENOENT && w->space.vanished < VANISHED_MAX;
+	bool cached = why->code == ERR_IO || (why->code == ERR_CORRUPT && w->dataset->onestep);
+
+	return cached && why->sys == ENOENT && w->space.vanished < VANISHED_MAX;
 }
 
 bool walk_space_met(struct walk *w, const struct err *why)

@@ -398,9 +398,13 @@ static int out_refill(struct job_output *output, struct err *err)
 
 static void tail_error(struct stream_tail *tail, const struct err *why)
 {
+	struct err told = *why;
+
+	/* A tail has no field for the file and the place: they stand before the sentence, and the hint has a field of its own. */
+	told.hint[0] = 0;
 	tail->failed = true;
 	text_copy(tail->error_code, sizeof tail->error_code, err_wire_name(why->code));
-	text_copy(tail->error_message, sizeof tail->error_message, why->message);
+	err_format(&told, tail->error_message, sizeof tail->error_message);
 	text_copy(tail->error_hint, sizeof tail->error_hint, why->hint);
 }
 

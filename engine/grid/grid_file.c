@@ -13,6 +13,22 @@
 #include "err.h"
 #include "io.h"
 
+int grid_file_open(int dirfd, const char *name, const char *what, int *ret_fd, struct err *err)
+{
+	struct err why = ERR_INIT;
+	int rc = io_open(dirfd, name, O_RDONLY, 0, ret_fd, &why);
+
+	if (rc && why.sys == ENOENT) {
+		/* Nobody removes what is still named: that it is gone is no less than damage. */
+		err_raise(err, ERR_CORRUPT, ENOENT, __FILE__, __LINE__, "%s is gone", what);
+		err_add_file(err, name);
+		return err_add_hint(err, "check the disk, and restore the file or push its data again");
+	}
+	if (rc)
+		*err = why;
+	return rc;
+}
+
 int grid_file_create(struct grid_file *f, int dirfd, const char *name, void *buf, size_t cap, struct err *err)
 {
 	struct grid_file new = {.dirfd = dirfd, .fd = -1, .buf = buf, .cap = cap};

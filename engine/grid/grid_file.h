@@ -10,6 +10,9 @@ struct err;
 
 enum { GRID_NAME_MAX = 64 };
 
+/* A file of that name for reading, which something else names: that it is gone is -ERR_CORRUPT, with the errno. `what`: "the segment". */
+int grid_file_open(int dirfd, const char *name, const char *what, int *ret_fd, struct err *err);
+
 struct grid_file {
 	int dirfd, fd;           /* fd -1: not open */
 	char name[GRID_NAME_MAX], temp[GRID_NAME_MAX + 8];

@@ -508,7 +508,7 @@ int grid_manifest_load(int dirfd, const char *name, struct ledger *ledger, struc
 	uint64_t charged = 0;
 	uint8_t *bytes = NULL;
 	struct stat st;
-	int fd = -1, rc = io_open(dirfd, name, O_RDONLY, 0, &fd, err);
+	int fd = -1, rc = grid_file_open(dirfd, name, "the manifest", &fd, err);
 
 	if (rc)
 		return rc;

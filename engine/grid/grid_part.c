@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "grid_file.h"
 #include "grid_read.h"
 #include "io.h"
 
@@ -76,7 +77,7 @@ int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_inf
 		   struct err *err)
 {
 	p->name = info->file;
-	int rc = io_open(dirfd, p->name, O_RDONLY, 0, &p->fd, err);
+	int rc = grid_file_open(dirfd, p->name, "the segment", &p->fd, err);
 
 	if (rc)
 		return rc;

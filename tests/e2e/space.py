@@ -387,7 +387,16 @@ def verify_names_damage():
             os.rename(segment, segment + ".away")
             r = d.ctl("cache", "verify", "--json")
             expect(r.status == 1 and os.path.basename(segment) in r.out, r.out)
+            # Who needs it hears that, at once, and not of the cache; so does the log. A stream's end names the file, too.
+            jobs = d.ctl("submit", "a", "--wait"), d.ctl("submit", "a", "--new", "--wait")
+            fetched = d.ctl("fetch", jobs[0].ok().out.split()[0], "--format", "null", "--json")
+            expect(fetched.json()["error"]["code"] == "corrupt", fetched.out)
+            for r in jobs[1], fetched:
+                expect(r.status == 74 and os.path.basename(segment) in r.out + r.err and "is gone" in r.out + r.err, r.out + r.err)
+            expect("begins again" not in d.log_text() and "what is stored is damaged: " + os.path.basename(segment) in d.log_text(),
+                   d.log_text())
             os.rename(segment + ".away", segment)
+            expect(digests(d, "a") == want, "another mesh")
         finally:
             d.stop(signal.SIGKILL)
 
