@@ -183,7 +183,7 @@ static enum job_state job_state_queued(struct job *job)
 	struct err err = ERR_INIT;
 
 	job->placed = false;
-	if (job->stop || job->waiting_row || job->jobs->parking) {
+	if (job->stop || job->waiting_row || job->removed || job->jobs->parking) {
 		place_leave(job->jobs, &job->place);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}

@@ -5,8 +5,11 @@
 #include "house.h"
 
 #include <malloc.h>
+#include <signal.h>
+#include <sys/resource.h>
 
 #include "job_priv.h"
+#include "log.h"
 #include "walk_priv.h"
 
 /* ---- tests ---- */
@@ -99,6 +102,30 @@ static void many_slow_readers(void **state)
 		job_output_gone(&r[i].output, r_freed);
 	turn_until(!jobs_active(h.jobs));
 	dataset_release(other);
+	dataset_release(d);
+}
+
+/* A job whose row cannot be written is refused: nobody sees it, so it must not work either. */
+static void refused_is_not_run(void **state)
+{
+	struct dataset *d = push("valley", 1000, 1);
+	struct rlimit was, none;
+	uint64_t done = log_event_count(LOG_EVENT_JOB_DONE);
+
+	turn_until(!jobs_active(h.jobs));
+	/* No file may grow: so the catalogue cannot. */
+	signal(SIGXFSZ, SIG_IGN);
+	getrlimit(RLIMIT_FSIZE, &was);
+	none = (struct rlimit){.rlim_cur = 0, .rlim_max = was.rlim_max};
+	setrlimit(RLIMIT_FSIZE, &none);
+	submit(d, false, "");
+	setrlimit(RLIMIT_FSIZE, &was);
+	assert_null(accepted_job);
+	assert_true(accepted_err.code == ERR_IO || accepted_err.code == ERR_NOSPACE);
+	turn_until(!h.jobs->jobs);
+	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), done);
+	turn_until_final(submit(d, false, ""));
+	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), done + 1);
 	dataset_release(d);
 }
 
@@ -571,7 +598,8 @@ int main(void)
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, let_teardown)
 	const struct CMUnitTest tests[] = {
 		TEST(push_mesh_fetch), TEST(slow_reader_stops_nobody),
-		TEST(reader_gone),     TEST(cancel),
+		TEST(refused_is_not_run), TEST(reader_gone),
+		TEST(cancel),
 		TEST(no_ground),       TEST(generations),
 		TEST(restart),         TEST(refused_descriptors),
 		TEST(one_planner),     TEST(changed_file),
