@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/statvfs.h>
 #include <sys/vfs.h>
 #include <systemd/sd-daemon.h>
@@ -149,6 +150,17 @@ static uint64_t tasks_most(void)
 	return config_cgroup_tasks("");
 }
 
+/* It names what rights.c tells not everybody, and the folder may be one that somebody made with another mode: SQLite goes by the umask,
+ * its other files by this one's mode. */
+static int open_catalogue(const char *path, struct daemon *d, struct err *err)
+{
+	mode_t mask = umask(0077);
+	int r = catalogue_new(path, d->ledger, &d->catalogue, err);
+
+	umask(mask);
+	return r;
+}
+
 static int make_jobs(struct daemon *d, struct err *err)
 {
 	char path[600];
@@ -190,7 +202,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 	snprintf(path, sizeof path, "%s/catalogue.db", d->config.state);
 	r = sched_new(d->ledger, d->config.threads, &d->sched, err);
 	if (!r)
-		r = catalogue_new(path, d->ledger, &d->catalogue, err);
+		r = open_catalogue(path, d, err);
 	if (!r)
 		r = server_new(&server, &d->server, err);
 	if (!r) {

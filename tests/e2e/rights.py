@@ -437,6 +437,24 @@ def who_holds_what():
         push.communicate(timeout=e2e.PATIENCE)
 
 
+def nobody_looks_into_the_state():
+    """Whatever the mode of the folder that it was given, and the umask."""
+    with e2e.Folder() as base:
+        box = Box(base)
+        for folder in (box.daemon.state, box.daemon.cache):
+            os.mkdir(folder)
+            os.chmod(folder, 0o755)
+        with box:
+            box.daemon.ctl("push", "s", box.survey()).ok()
+            box.daemon.ctl("submit", "s", "--wait").ok()
+            for folder in (box.daemon.state, box.daemon.cache):
+                names = os.listdir(folder)
+                expect(names, folder)
+                for name in names:
+                    mode = os.stat(os.path.join(folder, name)).st_mode
+                    expect(not mode & 0o077, "%s/%s has mode %o" % (folder, name, mode))
+
+
 def limit_of_exports():
     """Exports that are open: one user has two at most, and administrators always one."""
     try:
@@ -725,5 +743,5 @@ if __name__ == "__main__":
         print("setpriv (util-linux) is needed")
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
     e2e.main(datasets, owners, jobs, served, many_groups, no_process_is_asked, rights_of_open_connections, who_holds_what,
-             limit_of_exports, limit_of_jobs, limit_of_disk, limit_of_connections,
+             nobody_looks_into_the_state, limit_of_exports, limit_of_jobs, limit_of_disk, limit_of_connections,
              limit_of_memory, passed_descriptors)
