@@ -340,7 +340,7 @@ static void take_up(struct push *p, struct grid_manifest *m)
 	p->id = p->pending->id;
 	p->on_disk = true;
 	snprintf(p->reading, sizeof p->reading, "%s", strstr(m->choices, " reading=") + strlen(" reading="));
-	snprintf(p->note, sizeof p->note, "the push that was interrupted is taken up: %u files are there already",
+	snprintf(p->note, sizeof p->note, "the push that was interrupted is taken up: of its files (%u) those that are named again count, the others go with the commit",
 		 p->pending->files);
 }
 

@@ -105,7 +105,7 @@ def killed_daemon():
         says(d.ctl("push", "s", os.path.join(base, "absent.las")), 1)
         wait_for(lambda: "3 files" in (pending(d, "s") or ""), "a failed push took the pending one with it")
         # Fewer files, other order: the lattice is the interrupted push's all the same.
-        got = says(d.ctl("push", "s", *reversed(paths)), 0, "is taken up", "not read again")
+        got = says(d.ctl("push", "s", *reversed(paths)), 0, "is taken up", "the others go with the commit", "not read again")
         expect(got.out.count("not read again") + got.err.count("not read again") == 3, got.out + got.err)
         expect(digests(d, "s") == want and show(d, "s")["lattice"] == lattice, "another mesh")
         wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
