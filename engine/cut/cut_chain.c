@@ -283,38 +283,69 @@ static void sort_batch(struct cut_chain *c)
 		cut_order_sort(c->batch, c->nbatch, chain_less, c);
 }
 
+/* The batch and the chain into one order, from behind. *ret_first, *ret_last: what lies before and behind these is of the chain. */
+static void merge_batch(struct cut_chain *c, uint32_t *ret_first, uint32_t *ret_last)
+{
+	uint32_t i = c->n, j = c->nbatch, k = i + j;
+
+	*ret_last = 0;
+	while (j > 0) {
+		if (i > 0 && chain_less(c, &c->batch[j - 1], &c->pt[i - 1])) {
+			c->pt[--k] = c->pt[--i];
+			continue;
+		}
+		c->pt[--k] = c->batch[--j];
+		*ret_last = *ret_last ? *ret_last : k;
+	}
+	*ret_first = k;
+	c->nbatch = 0;
+}
+
+/* One more behind the k entries of the hull so far; returns how many they are then. */
+static uint32_t hull_add(struct cut_chain *c, const struct view *view, uint32_t k, const struct point *p)
+{
+	if (k > 0 && same_position(&c->pt[k - 1], p)) {
+		if (view_prefers(view, p, &c->pt[k - 1]))
+			c->pt[k - 1] = *p;
+		return k;
+	}
+	if (k > 0 && cut_chain_u(c, &c->pt[k - 1]) == cut_chain_u(c, p)) {
+		if (cut_chain_x(c, &c->pt[k - 1]) < cut_chain_x(c, p))
+			return k;
+	} else {
+		k = pop_above(c, k, p);
+	}
+	c->pt[k++] = *p;
+	return k;
+}
+
+/*
+ * The chain was a hull: so it still is one up to where the batch begins, and where two groups of entries behind the batch have stayed
+ * next to each other, the rest stays too.
+ */
 int cut_chain_flush(struct cut_chain *c, const struct view *view)
 {
-	uint32_t i = c->n, j = c->nbatch, k = c->n + c->nbatch, total = k;
+	enum { STAYED = 4 /* two groups of one U */ };
+	uint32_t total = c->n + c->nbatch, first, last, k, stayed = 0;
 
 	if (c->nbatch == 0)
 		return 0;
 	if (total > c->cap)
 		return CUT_E_FULL;
 	sort_batch(c);
-	while (j > 0) {
-		if (i > 0 && chain_less(c, &c->batch[j - 1], &c->pt[i - 1]))
-			c->pt[--k] = c->pt[--i];
-		else
-			c->pt[--k] = c->batch[--j];
-	}
-	c->nbatch = 0;
-	k = 0;
-	for (i = 0; i < total; i++) {
-		struct point p = c->pt[i];
+	merge_batch(c, &first, &last);
+	k = first;
+	for (uint32_t i = first; i < total; i++) {
+		const struct point p = c->pt[i];
+		uint32_t to = hull_add(c, view, k, &p);
 
-		if (k > 0 && same_position(&c->pt[k - 1], &p)) {
-			if (view_prefers(view, &p, &c->pt[k - 1]))
-				c->pt[k - 1] = p;
+		stayed = i > last && to == k + 1 ? stayed + 1 : 0;
+		k = to;
+		if (stayed < STAYED)
 			continue;
-		}
-		if (k > 0 && cut_chain_u(c, &c->pt[k - 1]) == cut_chain_u(c, &p)) {
-			if (cut_chain_x(c, &c->pt[k - 1]) < cut_chain_x(c, &p))
-				continue;
-		} else {
-			k = pop_above(c, k, &p);
-		}
-		c->pt[k++] = p;
+		memmove(c->pt + k, c->pt + i + 1, (total - i - 1) * sizeof *c->pt);
+		k += total - i - 1;
+		break;
 	}
 	c->n = k;
 	trim(c);

@@ -107,6 +107,7 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	h->own_known = own_known;
 	h->rounds = ROUNDS;
 	h->list_limit = LIST;
+	h->many = TAKE_MANY;
 	h->block_bits = SEED_BLOCK_BITS;
 	h->column_bits = SEED_COLUMN_BITS;
 	h->columns = own_known ? COLUMNS : 16;
@@ -138,12 +139,13 @@ void cut_halo_limit(struct cut_halo *h, unsigned rounds, uint32_t seen)
 		h->seen_limit = seen;
 }
 
-void cut_halo_grain(struct cut_halo *h, unsigned block, unsigned columns, uint32_t list)
+void cut_halo_grain(struct cut_halo *h, unsigned block, unsigned columns, uint32_t list, uint32_t many)
 {
 	h->block_bits = block;
 	h->column_bits = columns;
 	if (list < h->list_limit)
 		h->list_limit = list;
+	h->many = many;
 }
 
 void cut_halo_stats(const struct cut_halo *h, uint64_t *ret_cells, uint64_t *ret_points)
@@ -215,90 +217,6 @@ static bool halo_enter(void *ctx, const struct grid_cell *subtree)
 static bool halo_segment(void *ctx, const struct grid_cell *whole)
 {
 	return matters(ctx, whole);
-}
-
-/* Of the points those that a chain asks for: one comparison each, and few pass. */
-static int take_asked(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n)
-{
-	const uint32_t from = (uint32_t)t->from, wide = t->wide;
-	const bool by_y = t->across;
-
-	for (size_t i = 0; i < n; i++) {
-		int32_t across = by_y ? pts[i].y : pts[i].x, along = by_y ? pts[i].x : pts[i].y;
-		int64_t x = 2 * (int64_t)across - t->c2;
-		int rc;
-
-		if ((uint32_t)across - from > wide ||
-		    (x < 0 ? -x : x) > t->limit[(uint64_t)(2 * (int64_t)along - t->u0) >> t->shift] ||
-		    (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y)) ||
-		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
-			continue;
-		rc = cut_halo_add(h, t->chain, &pts[i]);
-		if (rc)
-			return rc;
-	}
-	return 0;
-}
-
-static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
-{
-	struct cut_halo *h = ctx;
-	int rc = 0;
-
-	(void)err;
-	h->points += n;
-	for (unsigned i = 0; i < h->ntake && !rc; i++)
-		rc = take_asked(h, &h->take[i], pts, n);
-	return rc;
-}
-
-/* Most points of a cell are farther from the line than any limit. */
-static void ask_window(struct take *t, const int32_t box[4], unsigned columns)
-{
-	int64_t most = -1, lo = box[t->across], hi = box[t->across + 2];
-
-	for (unsigned i = 0; i < columns; i++)
-		most = t->limit[i] > most ? t->limit[i] : most;
-	if (most < (int64_t)1 << 40) {
-		int64_t from = (t->c2 - most) / 2 - 1, to = (t->c2 + most) / 2 + 1;
-
-		lo = from > lo ? from : lo;
-		hi = to < hi ? to : hi;
-	}
-	if (lo > hi)
-		lo = hi = box[t->across];
-	t->from = (int32_t)lo;
-	t->wide = (uint32_t)(hi - lo);
-}
-
-/* Hulls only sink, so what a chain does not ask for before the cell is read it will not want later. */
-static void ask(struct cut_halo *h, const struct grid_cell *cell)
-{
-	h->ntake = 0;
-	for (unsigned i = 0; i < h->nchain; i++) {
-		const struct cut_chain *c = &h->chain[i];
-		struct take *t = &h->take[h->ntake];
-		unsigned columns;
-		int64_t u1, x;
-
-		if (!cut_chain_hit(c, cell->box))
-			continue;
-		*t = (struct take){ .chain = i, .across = c->vertical ? 0 : 1, .c2 = c->c2 };
-		cut_chain_span(c, cell->box, &t->u0, &u1, &x);
-		while ((u1 - t->u0) >> t->shift >= TAKE_COLUMNS)
-			t->shift++;
-		columns = (unsigned)((u1 - t->u0) >> t->shift) + 1;
-		cut_chain_limits(c, t->u0, t->shift, columns, t->limit);
-		ask_window(t, cell->box, columns);
-		h->ntake++;
-	}
-}
-
-static int read_cell(struct cut_halo *h, const struct grid_cell *cell, struct err *err)
-{
-	h->cells++;
-	ask(h, cell);
-	return h->src.read(h->src.ctx, cell, take_points, h, err);
 }
 
 static int flush(struct cut_halo *h)
@@ -416,7 +334,7 @@ static int round_once(struct cut_halo *h, bool *ret_more, struct err *err)
 				continue;
 			*seen = (struct seen){ noted->cell.lo, noted->cell.place, noted->cell.segment, 1 };
 			h->nseen++;
-			rc = read_cell(h, &noted->cell, err);
+			rc = cut_halo_read(h, &noted->cell, err);
 		}
 	if (!rc)
 		rc = flush(h);
@@ -462,7 +380,7 @@ static int sweep_all(struct cut_halo *h, struct err *err)
 		h->nsweep = 0;
 		rc = h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
 		for (uint32_t i = 0; i < h->nsweep && !rc; i++)
-			rc = read_cell(h, &h->sweep[i], err);
+			rc = cut_halo_read(h, &h->sweep[i], err);
 		if (!rc)
 			rc = flush(h);
 		if (rc || h->nsweep < SWEEP)

@@ -31,8 +31,8 @@ void cut_halo_trace(struct cut_halo *, struct cut_trace *);
 void cut_halo_stats(const struct cut_halo *, uint64_t *ret_cells, uint64_t *ret_points);
 /* For tests: at most this many rounds of nearest cells before the sweep, this many remembered cells. */
 void cut_halo_limit(struct cut_halo *, unsigned rounds, uint32_t seen);
-/* Likewise: own positions are looked at in stretches of 2^block, a border in 2^columns columns (4 to 10), and at most
- * `list` hits (of LIST) are listed. */
-void cut_halo_grain(struct cut_halo *, unsigned block, unsigned columns, uint32_t list);
+/* Likewise: own positions are looked at in stretches of 2^block, a border in 2^columns columns (4 to 10), at most
+ * `list` hits (of LIST) are listed, and more than `many` points of a cell that pass are held against each other. */
+void cut_halo_grain(struct cut_halo *, unsigned block, unsigned columns, uint32_t list, uint32_t many);
 
 #endif

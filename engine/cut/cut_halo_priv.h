@@ -1,4 +1,4 @@
-/* The insides of a halo that is being found, shared by cut_halo.c and cut_halo_seed.c. */
+/* The insides of a halo that is being found, shared by cut_halo.c, cut_halo_seed.c and cut_halo_take.c. */
 #ifndef CUT_HALO_PRIV_H
 #define CUT_HALO_PRIV_H
 
@@ -19,6 +19,7 @@ enum {
 	SEED_BLOCK_BITS = 5,    /* at least */
 	SEED_COLUMN_BITS = 4,   /* likewise */
 	TAKE_COLUMNS = 16,
+	TAKE_MANY = 96,
 	NONE = UINT32_MAX,
 };
 
@@ -56,6 +57,7 @@ struct cut_halo {
 	unsigned columns;       /* in use */
 	unsigned rounds;        /* limit */
 	unsigned block_bits, column_bits; /* of seeding, at least */
+	uint32_t many;          /* points of a cell that pass: from more than these on they are held against each other */
 	struct seen *seen;
 	uint32_t seen_size, seen_limit, nseen;
 	/* The hits of the last walk, where they found room: those of later rounds are among them. */
@@ -89,5 +91,7 @@ struct cut_halo {
 /* A kept point into chain i, and its batch into the chain; where it is full, with more of the pool. */
 int cut_halo_add(struct cut_halo *, unsigned i, const struct point *);
 int cut_halo_flush(struct cut_halo *, unsigned i);
+/* What the chains ask of a cell into them. */
+int cut_halo_read(struct cut_halo *, const struct grid_cell *, struct err *);
 
 #endif

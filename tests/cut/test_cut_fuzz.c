@@ -112,7 +112,8 @@ static void check_halo(uint64_t *seed, const struct cut_source *src, const struc
 
 	assert_non_null(h);
 	cut_halo_limit(h, sets_below(seed, 2) ? sets_below(seed, 4) : 1000, sets_below(seed, 2) ? sets_below(seed, 4) : 1000);
-	cut_halo_grain(h, sets_below(seed, 5), 4 + sets_below(seed, 7), sets_below(seed, 2) ? sets_below(seed, 10) : 1000);
+	cut_halo_grain(h, sets_below(seed, 5), 4 + sets_below(seed, 7), sets_below(seed, 2) ? sets_below(seed, 10) : 1000,
+		       sets_below(seed, 8));
 	if (known) {
 		struct mesh_vertex own[MAX_N];
 		uint32_t nown = 0;
@@ -211,7 +212,7 @@ static void check_kept(uint64_t *seed, struct group *g, const struct cut_region 
 	cut_keep_source(g->keep, &src);
 	h = cut_halo_init(scratch, scratch_size, &src, &view, region, false);
 	cut_halo_limit(h, sets_below(seed, 8), 1000);
-	cut_halo_grain(h, 0, 10, sets_below(seed, 100));
+	cut_halo_grain(h, 0, 10, sets_below(seed, 100), sets_below(seed, 8));
 	assert_int_equal(cut_halo_find(h, &pts, &m, &need, &err), 0);
 	for (unsigned i = 0; i < n; i++) {
 		if (cut_region_holds(region, pb[i].x, pb[i].y))

@@ -1,0 +1,185 @@
+/*
+ * A cell that is read: which of its points the chains are given.
+ *
+ * A chain that has been there bounds what it can still want, column by column, and few points pass. Where it has no site yet,
+ * or only far ones, whole cells pass: beside the side of a survey that is every cell along it, and each of their points
+ * would be sorted into the chain to be thrown out of it. So of many that pass the nearest of each column make a chain of their own
+ * first. Its sites are some of all sites, so its E is nowhere below the chain's: what lies above it is in no halo.
+ */
+#include "cut_halo_priv.h"
+
+enum {
+	STRIP = GRID_CELL_RECORDS,      /* points that are looked at together */
+	NEAR_BITS = 2,                  /* their columns are by so much narrower than those of `take` */
+	NEAR = TAKE_COLUMNS << NEAR_BITS,
+};
+
+/* Some points of a cell that passed for one chain, by their numbers. */
+struct passed {
+	const struct point *pts;
+	uint32_t n;
+	uint16_t at[STRIP];
+};
+
+static int64_t along(const struct take *t, const struct point *p)
+{
+	return 2 * (int64_t)(t->across ? p->x : p->y);
+}
+
+static int64_t distance(const struct take *t, const struct point *p)
+{
+	int64_t x = 2 * (int64_t)(t->across ? p->y : p->x) - t->c2;
+
+	return x < 0 ? -x : x;
+}
+
+/* One comparison each, and few pass. */
+static void pass(const struct cut_halo *h, const struct take *t, const struct point *pts, size_t n, struct passed *ret)
+{
+	const uint32_t from = (uint32_t)t->from, wide = t->wide;
+	const bool by_y = t->across;
+	uint32_t m = 0;
+
+	for (size_t i = 0; i < n; i++) {
+		int32_t across = by_y ? pts[i].y : pts[i].x;
+
+		if ((uint32_t)across - from > wide ||
+		    distance(t, &pts[i]) > t->limit[(uint64_t)(along(t, &pts[i]) - t->u0) >> t->shift] ||
+		    (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y)) ||
+		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		ret->at[m++] = (uint16_t)i;
+	}
+	ret->pts = pts;
+	ret->n = m;
+}
+
+/* The nearest of each column, NULL where there is none; returns how many columns there are. */
+static unsigned nearest(const struct take *t, const struct passed *p, unsigned shift, const struct point *ret[NEAR])
+{
+	int64_t least[NEAR];
+	unsigned columns = 0;
+
+	for (unsigned k = 0; k < NEAR; k++)
+		ret[k] = NULL;
+	for (uint32_t i = 0; i < p->n; i++) {
+		const struct point *q = &p->pts[p->at[i]];
+		unsigned k = (unsigned)((uint64_t)(along(t, q) - t->u0) >> shift);
+		int64_t x = distance(t, q);
+
+		columns = k < columns ? columns : k + 1;
+		if (ret[k] && least[k] <= x)
+			continue;
+		ret[k] = q;
+		least[k] = x;
+	}
+	return columns;
+}
+
+/* Without those that lie above the hull of the nearest of them. */
+static int thin(const struct cut_halo *h, const struct take *t, struct passed *p)
+{
+	const struct cut_chain *c = &h->chain[t->chain];
+	const unsigned shift = t->shift > NEAR_BITS ? t->shift - NEAR_BITS : 0;
+	struct point room[NEAR], batch[NEAR];
+	const struct point *some[NEAR];
+	unsigned columns = nearest(t, p, shift, some);
+	struct cut_chain near;
+	int64_t limit[NEAR];
+	uint32_t m = 0;
+	int rc = 0;
+
+	cut_chain_init(&near, c->vertical, c->c2, c->t0, c->t1, room, NEAR, batch, NEAR);
+	for (unsigned k = 0; k < columns && !rc; k++)
+		rc = some[k] ? cut_chain_add(&near, h->view, some[k]) : 0;
+	if (!rc)
+		rc = cut_chain_flush(&near, h->view);
+	if (rc)
+		return rc;
+	cut_chain_limits(&near, t->u0, shift, columns, limit);
+	for (uint32_t i = 0; i < p->n; i++) {
+		const struct point *q = &p->pts[p->at[i]];
+
+		if (distance(t, q) <= limit[(uint64_t)(along(t, q) - t->u0) >> shift])
+			p->at[m++] = p->at[i];
+	}
+	p->n = m;
+	return 0;
+}
+
+/* Of the points those that a chain asks for. */
+static int take_asked(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n)
+{
+	struct passed p;
+	int rc = 0;
+
+	for (size_t some; n && !rc; pts += some, n -= some) {
+		some = n < STRIP ? n : STRIP;
+		pass(h, t, pts, some, &p);
+		rc = p.n > h->many ? thin(h, t, &p) : 0;
+		for (uint32_t i = 0; i < p.n && !rc; i++)
+			rc = cut_halo_add(h, t->chain, &pts[p.at[i]]);
+	}
+	return rc;
+}
+
+static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct cut_halo *h = ctx;
+	int rc = 0;
+
+	(void)err;
+	h->points += n;
+	for (unsigned i = 0; i < h->ntake && !rc; i++)
+		rc = take_asked(h, &h->take[i], pts, n);
+	return rc;
+}
+
+/* Most points of a cell are farther from the line than any limit. */
+static void ask_window(struct take *t, const int32_t box[4], unsigned columns)
+{
+	int64_t most = -1, lo = box[t->across], hi = box[t->across + 2];
+
+	for (unsigned i = 0; i < columns; i++)
+		most = t->limit[i] > most ? t->limit[i] : most;
+	if (most < (int64_t)1 << 40) {
+		int64_t from = (t->c2 - most) / 2 - 1, to = (t->c2 + most) / 2 + 1;
+
+		lo = from > lo ? from : lo;
+		hi = to < hi ? to : hi;
+	}
+	if (lo > hi)
+		lo = hi = box[t->across];
+	t->from = (int32_t)lo;
+	t->wide = (uint32_t)(hi - lo);
+}
+
+/* Hulls only sink, so what a chain does not ask for before the cell is read it will not want later. */
+static void ask(struct cut_halo *h, const struct grid_cell *cell)
+{
+	h->ntake = 0;
+	for (unsigned i = 0; i < h->nchain; i++) {
+		const struct cut_chain *c = &h->chain[i];
+		struct take *t = &h->take[h->ntake];
+		unsigned columns;
+		int64_t u1, x;
+
+		if (!cut_chain_hit(c, cell->box))
+			continue;
+		*t = (struct take){ .chain = i, .across = c->vertical ? 0 : 1, .c2 = c->c2 };
+		cut_chain_span(c, cell->box, &t->u0, &u1, &x);
+		while ((u1 - t->u0) >> t->shift >= TAKE_COLUMNS)
+			t->shift++;
+		columns = (unsigned)((u1 - t->u0) >> t->shift) + 1;
+		cut_chain_limits(c, t->u0, t->shift, columns, t->limit);
+		ask_window(t, cell->box, columns);
+		h->ntake++;
+	}
+}
+
+int cut_halo_read(struct cut_halo *h, const struct grid_cell *cell, struct err *err)
+{
+	h->cells++;
+	ask(h, cell);
+	return h->src.read(h->src.ctx, cell, take_points, h, err);
+}
