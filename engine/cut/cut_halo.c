@@ -103,6 +103,7 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	h->pool = (struct point *)at;
 	h->src = *src;
 	h->view = view;
+	cut_judge_init(&h->judge, view);
 	h->region = *region;
 	h->own_known = own_known;
 	h->rounds = ROUNDS;
@@ -259,6 +260,27 @@ static int64_t column_of(const struct cut_halo *h, unsigned chain, int64_t u)
 	return u < 0 ? 0 : u >= width ? h->columns - 1 : u * h->columns / width;
 }
 
+/* Whether it is nearer to a border than what was noted, in one of the columns beside it. */
+static bool round_nearer(const struct cut_halo *h, const struct grid_cell *cell)
+{
+	for (unsigned i = 0; i < h->nchain; i++) {
+		int64_t u0, u1, x, last;
+
+		cut_chain_span(&h->chain[i], cell->box, &u0, &u1, &x);
+		last = column_of(h, i, u1);
+		for (int64_t k = column_of(h, i, u0); k <= last; k++)
+			if (x < h->noted[i][k].x)
+				return true;
+	}
+	return false;
+}
+
+/* As halo_enter, where all is a hit: what cannot be the nearest of any column is not gone into. */
+static bool round_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return round_nearer(ctx, subtree) && matters(ctx, subtree);
+}
+
 /* A cell that was not read yet: into the columns of the chains that it is a hit of. False: it is none. */
 static bool round_note(struct cut_halo *h, const struct grid_cell *cell)
 {
@@ -296,16 +318,25 @@ static int round_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-/* All hits: of the index, or of those that were listed, which are hits no more once they are none. */
+/* All hits: of the index, or of those that were listed, which are hits no more once they are none. As long as a chain is empty they
+ * are all there is, and only the nearest are looked for. */
 static int round_walk(struct cut_halo *h, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = round_cell };
+	struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = round_cell };
 	uint32_t n = h->nlist;
+	bool empty = false;
+	int rc;
 
 	h->nlist = 0;
 	if (!h->listed) {
+		for (unsigned i = 0; i < h->nchain; i++)
+			empty |= h->chain[i].n == 0;
+		if (empty)
+			v.enter = round_enter;
 		h->listed = true;
-		return h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+		rc = h->src.walk(h->src.ctx, 0, UINT64_MAX, &v, err);
+		h->listed &= !empty;
+		return rc;
 	}
 	for (uint32_t i = 0; i < n; i++)
 		if (round_note(h, &h->list[i]))

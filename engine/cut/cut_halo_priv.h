@@ -4,6 +4,7 @@
 
 #include "cut_chain.h"
 #include "cut_halo.h"
+#include "cut_judge.h"
 #include "point.h"
 
 enum {
@@ -47,6 +48,7 @@ struct seen {
 struct cut_halo {
 	struct cut_source src;
 	const struct view *view;
+	struct cut_judge judge;
 	struct cut_region region;
 	bool own_known;
 	struct cut_range range[4];

@@ -34,7 +34,7 @@ static int64_t distance(const struct take *t, const struct point *p)
 }
 
 /* One comparison each, and few pass. */
-static void pass(const struct cut_halo *h, const struct take *t, const struct point *pts, size_t n, struct passed *ret)
+static void pass(struct cut_halo *h, const struct take *t, const struct point *pts, size_t n, struct passed *ret)
 {
 	const uint32_t from = (uint32_t)t->from, wide = t->wide;
 	const bool by_y = t->across;
@@ -46,7 +46,7 @@ static void pass(const struct cut_halo *h, const struct take *t, const struct po
 		if ((uint32_t)across - from > wide ||
 		    distance(t, &pts[i]) > t->limit[(uint64_t)(along(t, &pts[i]) - t->u0) >> t->shift] ||
 		    (h->own_known && cut_region_holds(&h->region, pts[i].x, pts[i].y)) ||
-		    view_judge(h->view, &pts[i]) != VIEW_KEPT)
+		    cut_judge(&h->judge, &pts[i]) != VIEW_KEPT)
 			continue;
 		ret->at[m++] = (uint16_t)i;
 	}
