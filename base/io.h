@@ -6,6 +6,7 @@
 #ifndef IO_H
 #define IO_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <sys/stat.h>
@@ -64,5 +65,11 @@ int io_close(int fd);
 /* The thread that calls this must not wait: what it closes from now on and can take long (files) is closed by another one, soon. */
 int io_close_aside(struct err *err);
 void io_close_waits(void); /* it may wait again */
+/* Whose it is that this thread closes so from now on (0: nobody's); returns whose it was. One owner's are closed one after the other,
+ * those of others beside them. */
+uint32_t io_close_whose(uint32_t owner);
+void io_close_owned(int fd, uint32_t owner); /* this descriptor is his until it is closed, whoever does that */
+/* So many of his, or more, are not closed yet: he is to bring no more. */
+bool io_close_behind(uint32_t owner, size_t most);
 
 #endif

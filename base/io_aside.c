@@ -5,12 +5,19 @@
  * system in user space waits for an answer from there. The loop gets descriptors from whoever connects.
  *
  * The model: a thread says once that it must not wait. What it closes from then on and is no pipe, nor a socket whose bytes are
- * all read (others may hold descriptors that were sent and never taken), goes to a list that a thread of its own goes
+ * all read (others may hold descriptors that were sent and never taken), goes to a list that threads of their own go
  * through. Nothing is asked about the file: that may wait as well. The number of the descriptor is free when it is closed.
+ *
+ * Each entry has an owner, and of one owner one is being closed at a time: who has files that never close keeps one thread, and
+ * what he gives after that waits behind it. The threads are as many as are needed for that, up to CLOSERS: so many owners with
+ * such files hold up everyone's. How much an owner may have here is for those to say who take descriptors (io_close_behind):
+ * what is to be closed cannot be refused any more.
  */
 #include <fcntl.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 
@@ -18,55 +25,144 @@
 #include "io.h"
 #include "io_aside.h"
 
+enum { CLOSERS = 16, NUMBERS = 16384 /* of descriptors whose owner is kept: no more can be open, as a rule */ };
+
+struct closing {
+	int fd;
+	uint32_t owner;
+};
+
 static struct {
 	pthread_mutex_t lock;
 	pthread_cond_t wake;
-	int *fd;
+	struct closing *list, at[CLOSERS]; /* at: what each thread closes; fd -1: nothing */
 	size_t n, cap;
-	bool there; /* the thread */
+	unsigned threads, idle;
 } aside = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
+static _Atomic size_t pending; /* in the list or with a thread */
+static _Atomic uint32_t owner_of[NUMBERS];
 static _Thread_local bool must_not_wait;
+static _Thread_local uint32_t whose;
+
+static bool at_work(uint32_t owner)
+{
+	for (unsigned i = 0; i < aside.threads; i++)
+		if (aside.at[i].fd >= 0 && aside.at[i].owner == owner)
+			return true;
+	return false;
+}
+
+/* The first whose owner has none with a thread; n: there is none. */
+static size_t next(void)
+{
+	size_t i = 0;
+
+	while (i < aside.n && at_work(aside.list[i].owner))
+		i++;
+	return i;
+}
+
+static int begin(void);
+
+/* Somebody is there for the next, if it can be. Who is woken and is not there yet counts as idle: he looks again himself. */
+static void see_to_next(void)
+{
+	if (next() == aside.n)
+		return;
+	if (aside.idle)
+		pthread_cond_signal(&aside.wake);
+	else if (aside.threads < CLOSERS)
+		begin(); /* in vain: it waits for those that are there */
+}
 
 static void *closer(void *ctx)
 {
-	int fd;
+	struct closing *mine = ctx;
 
 	pthread_mutex_lock(&aside.lock);
 	for (;;) {
-		while (!aside.n)
+		size_t i = next();
+
+		if (i == aside.n) {
+			aside.idle++;
 			pthread_cond_wait(&aside.wake, &aside.lock);
-		fd = aside.fd[--aside.n];
+			aside.idle--;
+			continue;
+		}
+		*mine = aside.list[i];
+		memmove(&aside.list[i], &aside.list[i + 1], (--aside.n - i) * sizeof *mine);
+		see_to_next();
 		pthread_mutex_unlock(&aside.lock);
-		io->close(fd);
+		io->close(mine->fd);
 		pthread_mutex_lock(&aside.lock);
+		mine->fd = -1;
+		pending--;
 	}
 	return NULL;
 }
 
-int io_close_aside(struct err *err)
+static int begin(void)
 {
 	enum { STACK_BYTES = 64 << 10 };
+	struct closing *at = &aside.at[aside.threads];
 	pthread_attr_t attr;
 	pthread_t thread;
-	int r = 0;
+	int r;
 
-	must_not_wait = true;
-	if (aside.there)
-		return 0;
+	at->fd = -1;
 	pthread_attr_init(&attr);
 	pthread_attr_setstacksize(&attr, STACK_BYTES);
 	pthread_attr_setdetachstate(&attr, PTHREAD_CREATE_DETACHED);
-	r = pthread_create(&thread, &attr, closer, NULL);
+	r = pthread_create(&thread, &attr, closer, at);
 	pthread_attr_destroy(&attr);
-	if (r)
-		return err_sys(err, r, "cannot start a thread");
-	aside.there = true;
-	return 0;
+	aside.threads += !r;
+	return r;
+}
+
+int io_close_aside(struct err *err)
+{
+	int r = 0;
+
+	must_not_wait = true;
+	pthread_mutex_lock(&aside.lock);
+	if (!aside.threads)
+		r = begin();
+	pthread_mutex_unlock(&aside.lock);
+	return r ? err_sys(err, r, "cannot start a thread") : 0;
 }
 
 void io_close_waits(void)
 {
 	must_not_wait = false;
+}
+
+uint32_t io_close_whose(uint32_t owner)
+{
+	uint32_t before = whose;
+
+	whose = owner;
+	return before;
+}
+
+void io_close_owned(int fd, uint32_t owner)
+{
+	if (fd >= 0 && fd < NUMBERS)
+		owner_of[fd] = owner;
+}
+
+bool io_close_behind(uint32_t owner, size_t most)
+{
+	size_t n = 0;
+
+	if (pending < most)
+		return false;
+	pthread_mutex_lock(&aside.lock);
+	for (unsigned i = 0; i < aside.threads; i++)
+		n += aside.at[i].fd >= 0 && aside.at[i].owner == owner;
+	for (size_t i = 0; i < aside.n; i++)
+		n += aside.list[i].owner == owner;
+	pthread_mutex_unlock(&aside.lock);
+	return n >= most;
 }
 
 static bool at_once(int fd)
@@ -79,27 +175,37 @@ static bool at_once(int fd)
 	return fcntl(fd, F_GETPIPE_SZ) >= 0;
 }
 
+static bool room(void)
+{
+	struct closing *more;
+	size_t cap;
+
+	if (aside.n < aside.cap)
+		return true;
+	cap = aside.cap ? 2 * aside.cap : 16;
+	more = realloc(aside.list, cap * sizeof *more);
+	if (!more)
+		return false;
+	aside.list = more;
+	aside.cap = cap;
+	return true;
+}
+
 bool io_aside(int fd)
 {
-	size_t cap;
-	int *more;
+	/* The number is another file's afterwards, whoever closes it. */
+	uint32_t owner = fd < NUMBERS && owner_of[fd] ? atomic_exchange(&owner_of[fd], 0) : whose;
 	bool kept;
 
-	if (!must_not_wait || !aside.there || at_once(fd))
+	if (!must_not_wait || at_once(fd))
 		return false;
 	pthread_mutex_lock(&aside.lock);
-	if (aside.n == aside.cap) {
-		cap = aside.cap ? 2 * aside.cap : 16;
-		more = realloc(aside.fd, cap * sizeof *more);
-		if (more) {
-			aside.fd = more;
-			aside.cap = cap;
-		}
+	kept = aside.threads && room();
+	if (kept) {
+		aside.list[aside.n++] = (struct closing){fd, owner};
+		pending++;
+		see_to_next();
 	}
-	kept = aside.n < aside.cap;
-	if (kept)
-		aside.fd[aside.n++] = fd;
-	pthread_cond_signal(&aside.wake);
 	pthread_mutex_unlock(&aside.lock);
 	return kept;
 }

@@ -200,6 +200,10 @@ static void receive(struct conn *c)
 	uint32_t id = 0;
 	int got = -1, r;
 
+	if (room_files(&c->peer, &err)) {
+		conn_fail(c, &err);
+		return;
+	}
 	room_make(c->server, COMFORT, c->peer.uid, c);
 	r = frame_conn_recv(c->frame, &id, &m, &got, &err);
 	if (r == FRAME_E_AGAIN) {
@@ -209,6 +213,7 @@ static void receive(struct conn *c)
 	} else if (r < 0) {
 		conn_fail(c, &err);
 	} else {
+		io_close_owned(got, room_owner(&c->peer));
 		request_handle(c, id, m, got);
 		frame_message_free(m);
 	}
@@ -241,6 +246,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 			return 0;
 		most /= 4;
 	}
+	io_close_whose(room_owner(&c->peer));
 	if (events & EPOLLOUT)
 		flush(c);
 	c->dry = false;
@@ -248,6 +254,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 		receive(c);
 		now = clock_mono_ns();
 	}
+	io_close_whose(0);
 	turn_used(c->server, c->peer.uid, start);
 	if (!c->closed)
 		watch(c);
@@ -385,6 +392,7 @@ static void leave_prunes(struct conn *c)
 void conn_close(struct conn *c)
 {
 	struct push_ref *p;
+	uint32_t before;
 
 	if (c->closed)
 		return;
@@ -393,7 +401,9 @@ void conn_close(struct conn *c)
 	c->server->nconns--;
 	log_debug("client gone: pid %u", c->peer.pid);
 	c->io = sd_event_source_disable_unref(c->io);
+	before = io_close_whose(room_owner(&c->peer));
 	c->frame = frame_conn_free(c->frame);
+	io_close_whose(before);
 	stream_out_leave(c);
 	for (p = c->pushes; p; p = p->next)
 		push_ref_leave(p);

@@ -5,12 +5,14 @@
  * Where nobody is like that it is a crowd: of the user whose connections hold most together those are cut off that hold
  * most, as long as it is not he who asks. How many connections one user has is bounded as other things that are shared are: half of
  * what those of others leave. So a crowd that does nothing at all keeps nobody out, and neither does one that holds
- * a little with each.
+ * a little with each. Nor does one whose files never close (base/io_aside.c): there are so many of a user, and then he is cut off.
  *
  * Who is cut off is closed when the loop comes to him: what calls here may be going through lists of what closing changes.
  */
 #include <sys/resource.h>
 
+#include "io.h"
+#include "rights.h"
 #include "server_priv.h"
 
 enum {
@@ -18,6 +20,9 @@ enum {
 	CROWD = 256 << 10, /* a user whose connections hold less is no crowd */
 	PLACE = 128 << 10, /* of the memory there is a place for each so many bytes: 4 KiB of what is kept for messages */
 	PLACES_LEAST = 64,
+	CLOSING_MOST = 1024, /* files of a user that are not closed yet, and a share of all descriptors at most */
+	CLOSING_SHARE = 16,
+	CLOSING_LEAST = 16,
 };
 
 /* All that may be there, half of the descriptors at most. */
@@ -32,12 +37,37 @@ static unsigned places(const struct server *s)
 	return (unsigned)n;
 }
 
+uint32_t room_owner(const struct job_peer *peer)
+{
+	return peer->uid + 1; /* 0 is nobody */
+}
+
+/* A file system in user space that does not answer keeps what is closed there open for ever: of one user at most so many. */
+int room_files(const struct job_peer *peer, struct err *err)
+{
+	uint32_t owner = room_owner(peer);
+	rlim_t most = CLOSING_MOST;
+	struct rlimit files;
+
+	if (rights_admin(peer) || !io_close_behind(owner, CLOSING_LEAST))
+		return 0;
+	if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur / CLOSING_SHARE < most)
+		most = files.rlim_cur / CLOSING_SHARE > CLOSING_LEAST ? files.rlim_cur / CLOSING_SHARE : CLOSING_LEAST;
+	if (!io_close_behind(owner, most))
+		return 0;
+	err_set(err, ERR_BUSY, "%u files of this user could not be closed yet: a file system does not answer", (unsigned)most);
+	err_add_hint(err, "see that what they lie on answers or is unmounted, and try again");
+	return err_add_place(err, ERR_NO_OFFSET, "user-files");
+}
+
 int room_place(const struct server *s, const struct job_peer *peer, struct err *err)
 {
 	unsigned own, others, most;
 
 	if (rights_admin(peer))
 		return 0;
+	if (room_files(peer, err))
+		return -(int)err->code;
 	own = conns_of(s, peer->uid);
 	if (s->p.user_connections && own >= s->p.user_connections) {
 		err_set(err, ERR_BUSY, "%u connections of this user are open, and no more than %u may be (user-connections)", own,

@@ -124,6 +124,8 @@ uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now,
 /* room.c: as far as that is possible, memory for messages of that user, at the expense of others but that one (NULL: of any). */
 void room_make(struct server *, size_t bytes, uint32_t uid, const struct conn *but);
 int room_place(const struct server *, const struct job_peer *, struct err *err); /* for one connection more. -ERR_BUSY */
+uint32_t room_owner(const struct job_peer *); /* of descriptors that he passes (io_close_owned) */
+int room_files(const struct job_peer *, struct err *err); /* for a file more of his. -ERR_BUSY: too many of them do not close */
 
 /* refusal.c */
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */

@@ -305,6 +305,82 @@ static void closes_aside(void **state)
 	close(unread[1]);
 }
 
+/* ---- of several owners ---- */
+
+enum { HANGS = 1, OTHER = 2, MOST = 5 };
+static _Atomic int hung;
+static _Atomic bool answers;
+static int never[MOST];
+
+static int hanging_close(int fd)
+{
+	for (int i = 0; i < MOST; i++)
+		if (fd == never[i]) {
+			hung++;
+			while (!answers)
+				usleep(1000);
+		}
+	return close(fd);
+}
+
+static bool is_open(int fd)
+{
+	return fcntl(fd, F_GETFD) >= 0;
+}
+
+/* Whose files never close waits for them himself: those of others are closed, and it is told how many there are. */
+static void each_waits_for_his_own(void **state)
+{
+	struct io_table table = io_system;
+	struct err err = ERR_INIT;
+	int other, noted;
+
+	(void)state;
+	table.close = hanging_close;
+	io = &table;
+	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(io_close_whose(HANGS), 0);
+	for (int i = 0; i < MOST; i++) {
+		assert_false(io_close_behind(HANGS, (size_t)i + 1));
+		never[i] = memfd_create("never", 0);
+		if (i == MOST - 1) {
+			/* Passed on by him, and closed in somebody else's turn. */
+			io_close_owned(never[i], HANGS);
+			io_close_whose(OTHER);
+		}
+		io_close(never[i]);
+		assert_true(io_close_behind(HANGS, (size_t)i + 1));
+	}
+	for (int i = 0; i < 20; i++) {
+		other = memfd_create("other", 0);
+		io_close(other);
+		while (is_open(other))
+			usleep(1000);
+	}
+	assert_int_equal(io_close_whose(0), OTHER);
+	assert_int_equal(hung, 1);
+	for (int i = 0; i < MOST; i++)
+		assert_true(is_open(never[i]));
+	/* The number is another file's afterwards. */
+	noted = memfd_create("noted", 0);
+	io_close_owned(noted, HANGS);
+	io_close_waits();
+	io_close(noted);
+	assert_int_equal(io_close_aside(&err), 0);
+	assert_int_equal(memfd_create("again", 0), noted);
+	io_close(noted);
+	while (is_open(noted))
+		usleep(1000);
+	answers = true;
+	while (io_close_behind(HANGS, 1) || io_close_behind(OTHER, 1))
+		usleep(1000);
+	assert_int_equal(hung, MOST);
+	for (int i = 0; i < MOST; i++)
+		assert_false(is_open(never[i]));
+	io_close_waits();
+	io = &io_system;
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -313,6 +389,7 @@ int main(void)
 		cmocka_unit_test(test_read_fault),
 		cmocka_unit_test(test_remove_and_make_dir),
 		cmocka_unit_test(closes_aside),
+		cmocka_unit_test(each_waits_for_his_own),
 	};
 
 	return cmocka_run_group_tests(tests, set_up, tear_down);

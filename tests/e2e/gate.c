@@ -139,6 +139,12 @@ PUBLIC int fsync(int fd)
 	return REAL(fsync)(fd);
 }
 
+PUBLIC int close(int fd)
+{
+	gate("close", fd, "");
+	return REAL(close)(fd);
+}
+
 PUBLIC int renameat2(int from, const char *old, int to, const char *name, unsigned flags)
 {
 	gate("renameat2", to, name);

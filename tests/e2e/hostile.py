@@ -459,6 +459,82 @@ def files_whose_reads_block():
                 p.wait()
 
 
+def passes_files(path, name, uid, status):
+    """In another process, as that user: files until he is cut off, and why he is not let in again then. Into `status`: how many, and both."""
+    pid = os.fork()
+    if pid:
+        return pid
+    said = []
+    try:
+        os.setgroups([])
+        os.setgid(uid)
+        os.setuid(uid)
+        sent = 0
+        try:
+            with Client(path, timeout=20) as client:
+                while sent < 3000:
+                    with open(name, "rb") as f:
+                        client.ask("info_request", pb.InfoRequest(name="x"), f.fileno())
+                    sent += 1
+        except (Refused, Breach, Gone) as e:
+            said.append("%s: %s" % (type(e).__name__, e))
+            again = Wire(path, timeout=20)
+            message = again.recv()[1]
+            said.append("%s: %s" % (message.error.code, message.error.message))
+            again.close()
+        said.insert(0, "%d" % sent)
+    except BaseException as e:
+        said.append("%s: %s" % (type(e).__name__, e))
+    with open(status, "w") as f:
+        f.write("\n".join(said))
+    os._exit(0)
+
+
+def files_that_never_close():
+    """Of a file system that does not answer when a file is closed: who passes them is cut off at a number of them, with the reason; those
+    of others are closed meanwhile, and when it answers he is served again."""
+    if os.geteuid():
+        print("     not tried: needs root")
+        return
+    with Folder() as base:
+        os.chmod(base, 0o777)
+        gate = e2e.Gate(base)
+        hangs, plain, status = base + "/hangs.las", base + "/plain.las", base + "/status"
+        shutil.copy(LAS, hangs)
+        shutil.copy(LAS, plain)
+        with e2e.Daemon(base, memory="64M", threads=1, env=gate.env,
+                        prefix=("sh", "-c", 'ulimit -n 1024; exec "$@"', "sh")) as few:
+            os.chmod(few.socket, 0o666)
+            gate.close("close", "/hangs.las")
+            os.waitpid(passes_files(few.socket, hangs, 65534, status), 0)
+            with open(status) as f:
+                said = f.read().split("\n")
+            expect(len(said) == 3, "%s" % said)
+            held = files_of(few).count(hangs)
+            expect(64 <= held <= 66, "%d descriptors of them are open: %s" % (held, said))
+            for why in said[1:]:
+                expect("busy" in why and "a file system does not answer" in why, "why he is refused: %s" % said)
+            with Client(few.socket, timeout=20) as other, open(plain, "rb") as f:
+                other.ask("info_request", pb.InfoRequest(name="y"), f.fileno())
+            wait_until(lambda: plain not in files_of(few), "the close of another user's file")
+            gate.open()
+            wait_until(lambda: hangs not in files_of(few), "the close of all")
+            os.waitpid(passes_files(few.socket, plain, 65534, status), 0)
+            with open(status) as f:
+                expect(f.read().startswith("3000"), "he is not served again")
+
+
+def files_of(daemon):
+    """What its descriptors are, those that are still there when they are looked at."""
+    folder, found = "/proc/%d/fd/" % daemon.process.pid, []
+    for n in os.listdir(folder):
+        try:
+            found.append(os.readlink(folder + n))
+        except FileNotFoundError:
+            pass
+    return found
+
+
 def wait_until(cond, what):
     deadline = time.monotonic() + 10
     while not cond():
@@ -511,7 +587,7 @@ def descriptors_run_out():
 
 CASES = [half_frames, wrong_lengths, bad_headers, bad_messages, descriptors_that_were_not_asked_for,
          wrong_kinds_of_descriptor, one_byte_at_a_time, never_reads, many_connections, vanishing_at_each_step,
-         slow_reader, files_whose_reads_block, descriptors_run_out, the_whole_way_still_works, nothing_leaks]
+         slow_reader, files_whose_reads_block, files_that_never_close, descriptors_run_out, the_whole_way_still_works, nothing_leaks]
 
 
 def whole():
