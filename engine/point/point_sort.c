@@ -1,11 +1,10 @@
 /*
  * Sorting points. A record is rewritten in place as two 64-bit numbers whose order is the order of
- * point_compare: the Morton key, and the rest (z, class, returns, flags, source). Those are sorted by
- * radix, digits where all keys agree being skipped, and rewritten as records at the end. No allocation, no
- * recursion that grows with the data, and time that does not depend on the order or on duplicates.
- *
- * From MSD_LEAST records on, one pass over the highest varying bits first parts them into buckets that
- * stay in the cache for the passes that follow.
+ * point_compare: the Morton key, and the rest (z, class, returns, flags, source). Those are parted by the highest
+ * bits of the key in which they differ, to and fro between records and scratch, until so few are left that inserting
+ * them one by one is faster; what has the same key is sorted by the rest, by radix if there is much of it. Then they
+ * are rewritten as records. No allocation, recursion no deeper than the key has digits, and time that does not depend
+ * on duplicates.
  */
 #include <stdbool.h>
 #include <string.h>
@@ -21,10 +20,11 @@ _Static_assert(sizeof(struct pair) == sizeof(struct point), "records are rewritt
 enum {
 	DIGIT_BITS = 8,
 	DIGITS = 1 << DIGIT_BITS,
-	MSD_BITS = 11,
-	MSD_BUCKETS = 1 << MSD_BITS,
-	MSD_LEAST = 1 << 15,
-	INSERTION_MOST = 48,
+	FIRST_BITS = 11,      /* of all records: more would be written to more places than the processor keeps in mind */
+	FIRST_DIGITS = 1 << FIRST_BITS,
+	LEAST_BITS = 4,
+	BUCKET_BITS = 3,      /* of the number of records that a bucket is meant to have */
+	INSERTION_MOST = 24,
 };
 
 static inline struct pair pair_of(const struct point *p)
@@ -60,15 +60,16 @@ static inline bool pair_less(const struct pair *a, const struct pair *b)
 	return a->key < b->key || (a->key == b->key && a->rest < b->rest);
 }
 
-static void insertion(struct pair *a, size_t n)
+/* From a to `to`, which may be a. */
+static void insertion(const struct pair *a, struct pair *to, size_t n)
 {
-	for (size_t i = 1; i < n; i++) {
+	for (size_t i = 0; i < n; i++) {
 		struct pair q = a[i];
 		size_t j = i;
 
-		for (; j > 0 && pair_less(&q, &a[j - 1]); j--)
-			a[j] = a[j - 1];
-		a[j] = q;
+		for (; j > 0 && pair_less(&q, &to[j - 1]); j--)
+			to[j] = to[j - 1];
+		to[j] = q;
 	}
 }
 
@@ -123,51 +124,66 @@ static void radix(struct pair *a, struct pair *b, size_t n, uint64_t vary, bool 
 		memcpy(a, from, n * sizeof *a);
 }
 
-/* Records of one key, by the rest. */
-static void ties(struct pair *a, struct pair *b, size_t n)
+/* Records of one key, by the rest; into b if `over`. */
+static void same(struct pair *a, struct pair *b, size_t n, bool over)
 {
-	for (size_t i = 0, end; i < n; i = end) {
-		for (end = i + 1; end < n && a[end].key == a[i].key;)
-			end++;
-		if (end - i > INSERTION_MOST)
-			radix(a + i, b, end - i, varying(a + i, end - i, true), true);
-		else if (end - i > 1)
-			insertion(a + i, end - i);
-	}
+	radix(a, b, n, varying(a, n, true), true);
+	if (over)
+		memcpy(b, a, n * sizeof *a);
 }
 
-static void small(struct pair *a, struct pair *b, size_t n)
+/* How many of the varying bits part n records into buckets that are small, and worth their number. */
+static unsigned bits_for(size_t n, unsigned most)
 {
+	unsigned bits = 63u - (unsigned)__builtin_clzll(n);
+
+	bits = bits > BUCKET_BITS + LEAST_BITS ? bits - BUCKET_BITS : LEAST_BITS;
+	return bits < most ? bits : most;
+}
+
+/*
+ * Parts a[0..n) into b by `bits` bits, the highest of which is the highest that varies. at[d] becomes the end of bucket d.
+ */
+static void part(const struct pair *a, struct pair *b, size_t n, uint64_t vary, unsigned bits, uint32_t *at)
+{
+	unsigned top = 64 - (unsigned)__builtin_clzll(vary), shift = top > bits ? top - bits : 0;
+	uint64_t mask = (UINT64_C(1) << bits) - 1;
+	uint32_t sum = 0;
+
+	memset(at, 0, sizeof *at << bits);
+	for (size_t i = 0; i < n; i++)
+		at[a[i].key >> shift & mask]++;
+	for (uint64_t d = 0; d <= mask; d++) {
+		uint32_t count = at[d];
+
+		at[d] = sum;
+		sum += count;
+	}
+	for (size_t i = 0; i < n; i++)
+		b[at[a[i].key >> shift & mask]++] = a[i];
+}
+
+/* The result is in a, or in b if `over`; the other is void. */
+static void sort(struct pair *a, struct pair *b, size_t n, bool over)
+{
+	uint32_t at[DIGITS];
+	uint64_t vary;
+	unsigned bits;
+
 	if (n <= INSERTION_MOST) {
-		insertion(a, n);
+		insertion(a, over ? b : a, n);
 		return;
 	}
-	uint64_t vary = varying(a, n, false);
-
-	radix(a, b, n, vary, false);
-	ties(a, b, n);
-}
-
-/* Parts a[0..n) by its highest varying bits into b, sorts the parts, and leaves them in a. */
-static void parted(struct pair *a, struct pair *b, size_t n, uint64_t vary)
-{
-	uint32_t start[MSD_BUCKETS + 1] = {0}, at[MSD_BUCKETS];
-	unsigned top = 64 - (unsigned)__builtin_clzll(vary), shift = top > MSD_BITS ? top - MSD_BITS : 0;
-
-	for (size_t i = 0; i < n; i++)
-		start[(a[i].key >> shift & (MSD_BUCKETS - 1)) + 1]++;
-	for (unsigned d = 0; d < MSD_BUCKETS; d++) {
-		start[d + 1] += start[d];
-		at[d] = start[d];
+	vary = varying(a, n, false);
+	if (!vary) {
+		same(a, b, n, over);
+		return;
 	}
-	for (size_t i = 0; i < n; i++)
-		b[at[a[i].key >> shift & (MSD_BUCKETS - 1)]++] = a[i];
-	for (unsigned d = 0; d < MSD_BUCKETS; d++) {
-		size_t first = start[d], count = start[d + 1] - first;
-
-		small(b + first, a + first, count);
-		memcpy(a + first, b + first, count * sizeof *a);
-	}
+	bits = bits_for(n, DIGIT_BITS);
+	part(a, b, n, vary, bits, at);
+	for (size_t d = 0, first = 0; d >> bits == 0; first = at[d++])
+		if (at[d] > first)
+			sort(b + first, a + first, at[d] - first, !over);
 }
 
 void point_sort(struct point *pts, struct point *scratch, size_t n)
@@ -182,10 +198,17 @@ void point_sort(struct point *pts, struct point *scratch, size_t n)
 		all &= q.key;
 		any |= q.key;
 	}
-	if (n >= MSD_LEAST && all != any)
-		parted(a, b, n, all ^ any);
-	else
-		small(a, b, n);
+	if (n > INSERTION_MOST && all != any) {
+		uint32_t at[FIRST_DIGITS];
+		unsigned bits = bits_for(n, FIRST_BITS);
+
+		part(a, b, n, all ^ any, bits, at);
+		for (size_t d = 0, first = 0; d >> bits == 0; first = at[d++])
+			if (at[d] > first)
+				sort(b + first, a + first, at[d] - first, true);
+	} else {
+		sort(a, b, n, false);
+	}
 	for (size_t i = 0; i < n; i++)
 		pts[i] = point_of(a[i]);
 }

@@ -84,7 +84,7 @@ static int order_again(const void *va, const void *vb)
 	return 0;
 }
 
-enum family { FULL, SMALL, TWO, ONE, CLUSTERS, TIES, COLUMN, FAMILIES };
+enum family { FULL, SMALL, TWO, ONE, CLUSTERS, TIES, COLUMN, STAIRS, FAMILIES };
 
 static struct point make(enum family f)
 {
@@ -118,6 +118,9 @@ static struct point make(enum family f)
 	case COLUMN:
 		p.x = 5;
 		break;
+	case STAIRS: /* most have the first key; of the others some leave them at each digit */
+		point_from_morton(a % 8 ? 0 : UINT64_C(1) << b % 64, &p.x, &p.y);
+		break;
 	default:
 		break;
 	}
@@ -126,7 +129,7 @@ static struct point make(enum family f)
 
 static void test_sort(void **state)
 {
-	static const size_t sizes[] = {0, 1, 2, 3, 47, 48, 49, 50, 1000, 32767, 32768, 32769, 200000};
+	static const size_t sizes[] = {0, 1, 2, 3, 23, 24, 25, 26, 47, 48, 49, 50, 1000, 32767, 32768, 32769, 200000};
 	struct point *a = malloc(200000 * sizeof *a), *b = malloc(200000 * sizeof *b),
 		     *s = malloc(200000 * sizeof *s);
 
