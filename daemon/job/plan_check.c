@@ -87,6 +87,8 @@ int plan_file_check(int plansfd, uint64_t job, uint64_t *ret_bytes, struct err *
 	if (io->fstat(fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
 		r = err_add_file(err, name);
+	} else if (!st.st_size) {
+		r = 0; /* a power cut came before it was on the disk, and nobody had read it */
 	} else if (st.st_size < PLAN_RECORD) {
 		r = damaged(name, 0, "it has no header", err);
 	} else {

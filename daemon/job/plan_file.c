@@ -5,7 +5,7 @@
  * split: the region that was split and its halves. Each record ends with its own checksum, and the header has a
  * digest of all leaves. The file appears whole (temporary name, fsync, rename); splits are appended, and durable
  * before a half of them is made. What a crash left of a split at the end is not there: no block of its halves has
- * left. The same split may be there twice, of two walks at once; the second finds nothing to split. Between splits there
+ * left. Of a walk that sends no blocks neither waits for the disk: who reads the plan brings it there first. The same split may be there twice, of two walks at once; the second finds nothing to split. Between splits there
  * are records of finished domains, which nothing waits for: a split that is durable makes those before it so, and the
  * first that is torn ends the file.
  */
@@ -43,7 +43,9 @@ struct plan_file {
 	bool durable;
 	struct ledger *ledger; /* borrowed; NULL: none */
 	char name[PLAN_NAME];
-	pthread_mutex_t lock; /* of the file: held while the disk is waited for, so never taken by the loop */
+	pthread_mutex_t lock; /* of the file and the next two: held while the disk is waited for, so never taken by the loop */
+	bool settled; /* what is in it outlives a crash */
+	bool lost;    /* it did not reach the disk, and is gone */
 	pthread_mutex_t list; /* of the splits below; who changes them holds both */
 	uint64_t size; /* of what is whole in the file */
 	struct split *split; /* of this run */
@@ -247,7 +249,7 @@ static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan
 	return r;
 }
 
-static int write_file(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+static int write_file(struct plan_file *f, const struct cut_plan *plan, bool settle, struct plan_kept *kept, struct err *err)
 {
 	struct plan_head head = {.job = f->job, .generation = f->generation, .n = plan->n, .kept = *kept};
 	uint8_t record[PLAN_RECORD];
@@ -265,7 +267,7 @@ static int write_file(struct plan_file *f, const struct cut_plan *plan, struct p
 	plan_head_pack(&head, record);
 	if (!r)
 		r = io_write_at(fd, record, PLAN_RECORD, 0, f->name, err);
-	if (!r && f->durable) {
+	if (!r && settle) {
 		r = io_publish(f->dirfd, fd, temp, f->name, err);
 	} else {
 		if (!r && io->renameat(f->dirfd, temp, f->dirfd, f->name) < 0)
@@ -277,18 +279,20 @@ static int write_file(struct plan_file *f, const struct cut_plan *plan, struct p
 	if (r)
 		return r;
 	f->size = (plan->n + 1) * PLAN_RECORD;
+	f->settled = settle;
+	f->lost = false;
 	kept->base = head.kept.base;
 	return 0;
 }
 
-static int write_plan(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+static int write_plan(struct plan_file *f, const struct cut_plan *plan, bool later, struct plan_kept *kept, struct err *err)
 {
 	int r;
 
 	if (!f->durable)
-		return write_file(f, plan, kept, err);
+		return write_file(f, plan, false, kept, err);
 	pthread_rwlock_rdlock(&writing);
-	r = write_file(f, plan, kept, err);
+	r = write_file(f, plan, !later, kept, err);
 	pthread_rwlock_unlock(&writing);
 	return r;
 }
@@ -303,13 +307,40 @@ static int forgive(const struct plan_file *f, int r, struct err *err)
 	return 0;
 }
 
-int plan_file_write(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+static int keep(struct plan_file *f, const struct cut_plan *plan, bool later, struct plan_kept *kept, struct err *err)
 {
 	int r;
 
 	pthread_mutex_lock(&f->lock);
-	r = forgive(f, write_plan(f, plan, kept, err), err);
+	r = forgive(f, write_plan(f, plan, later, kept, err), err);
 	pthread_mutex_unlock(&f->lock);
+	return r;
+}
+
+int plan_file_write(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+{
+	return keep(f, plan, false, kept, err);
+}
+
+int plan_file_write_later(struct plan_file *f, const struct cut_plan *plan, struct plan_kept *kept, struct err *err)
+{
+	return keep(f, plan, true, kept, err);
+}
+
+/* Before anybody goes by what was read. What did not reach the disk goes: nobody may believe it later. */
+static int settle(struct plan_file *f, int fd, struct err *err)
+{
+	int r;
+
+	if (!f->durable || f->settled)
+		return 0;
+	r = io_sync(fd, f->name, err);
+	if (!r)
+		r = io_sync(f->dirfd, f->name, err);
+	if (r)
+		io->unlinkat(f->dirfd, f->name, 0);
+	f->settled = !r;
+	f->lost = r != 0;
 	return r;
 }
 
@@ -346,7 +377,8 @@ static int append_split(struct plan_file *f, const struct split *s, struct err *
 	leaf_pack(PLAN_WHOLE, &whole, record);
 	leaf_pack(PLAN_HALF, &s->half[0], record + PLAN_RECORD);
 	leaf_pack(PLAN_HALF, &s->half[1], record + 2 * PLAN_RECORD);
-	return append(f, record, sizeof record, f->durable, err);
+	/* Of a plan that is not settled nobody has a block, and of one that is lost nobody reads. */
+	return f->lost ? 0 : append(f, record, sizeof record, f->durable && f->settled, err);
 }
 
 static int split_room(struct plan_file *f, size_t room, struct err *err)
@@ -406,7 +438,7 @@ int plan_file_done(struct plan_file *f, const struct plan_done *done, size_t n, 
 		n -= some;
 		pthread_mutex_lock(&f->lock);
 		/* Without a header there is nothing to add to. */
-		if (f->size)
+		if (f->size && !f->lost)
 			r = append(f, record, some * PLAN_RECORD, false, err);
 		pthread_mutex_unlock(&f->lock);
 	}
@@ -495,6 +527,7 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 
 	if (fd < 0)
 		return errno == ENOENT ? PLAN_FILE_ABSENT : err_sys(err, errno, "cannot open %s", f->name);
+	/* An empty one is what a power cut leaves of one that nobody had read yet. */
 	r = io_read_some(fd, record, PLAN_RECORD, 0, f->name, &got, err);
 	if (!r && (got < PLAN_RECORD || !plan_head_unpack(record, &head) || head.job != f->job ||
 		   head.generation != f->generation || io->fstat(fd, &st) < 0 ||
@@ -504,7 +537,9 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 		r = read_leaves(f, fd, &head, plan, err);
 	if (!r)
 		r = read_splits(f, fd, plan, err);
-	if (r == PLAN_FILE_ABSENT)
+	if (!r)
+		r = settle(f, fd, err);
+	if (r == PLAN_FILE_ABSENT && got)
 		log_event(LOG_EVENT_DAMAGE_DERIVED, &(struct log_about){.job = f->job},
 			  "the plan of job %llu is damaged: it is made again, streams of it cannot go on",
 			    (unsigned long long)f->job);

@@ -26,14 +26,16 @@ struct plan_kept {
 struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable, struct ledger *);
 struct plan_file *plan_file_free(struct plan_file *); /* the file stays; NULL is fine, gives NULL */
 
-/* These four may be called by any thread. */
-/* The plan with all its splits, and how many of this run's splits are in it. PLAN_FILE_ABSENT: there is none, or it
- * is damaged (then it is told in the log, and a new one will be written). */
+/* These five may be called by any thread. */
+/* The plan with all its splits, and how many of this run's splits are in it; a durable one outlives a crash from then on.
+ * PLAN_FILE_ABSENT: there is none, or it is damaged (then it is told in the log, and a new one will be written). */
 enum { PLAN_FILE_ABSENT = 1 };
 int plan_file_read(struct plan_file *, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen,
 		   struct err *err);
-/* Takes the place of what was kept. Sets kept->base. */
+/* Takes the place of what was kept. Sets kept->base. Later: of this walk no block leaves, so that a durable one, and its
+ * splits, need not outlive a crash before somebody reads it. */
 int plan_file_write(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
+int plan_file_write_later(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
 /* `whole` became the two halves. One that is there already changes nothing. */
 int plan_file_split(struct plan_file *, const struct cut_region *whole, const struct cut_leaf half[2],
 		    struct err *err);

@@ -41,7 +41,10 @@ int walk_plan_read(struct walk *w, struct err *err)
 static int keep(struct walk *w)
 {
 	w->kept = (struct plan_kept){.load = w->budget.load, .cap = w->budget.cap};
-	return w->file ? plan_file_write(w->file, &w->plan, &w->kept, &w->err) : 0;
+	if (!w->file)
+		return 0;
+	/* Nobody has a block of it: no domain waits for the disk. */
+	return (w->sums && !w->planned ? plan_file_write_later : plan_file_write)(w->file, &w->plan, &w->kept, &w->err);
 }
 
 static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory, size_t size)

@@ -476,6 +476,85 @@ static void test_failing_disk(void **state)
 	cut_plan_done(&p);
 }
 
+/* Of a plan that nobody has read nothing waits for the disk; who reads it does, once, and what comes then waits again. */
+static void test_later(void **state)
+{
+	struct io_table table = io_system;
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+	struct plan_kept kept = {.load = 500, .cap = 600};
+	struct cut_plan p = plan_of(9), q;
+	struct cut_leaf half[2];
+	struct err err = ERR_INIT;
+	size_t seen;
+
+	table.fsync = failing_fsync;
+	io = &table;
+	calls = fail_at = 0;
+	assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+	split_leaf(f, &p.leaf[3].region, half);
+	assert_int_equal(calls, 0);
+	for (int again = 0; again < 2; again++) {
+		assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), 0);
+		assert_int_equal(q.n, 10);
+		cut_plan_done(&q);
+		assert_int_equal(calls, 2);
+	}
+	split_leaf(f, &p.leaf[5].region, half);
+	assert_int_equal(calls, 3);
+	assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+	split_leaf(f, &p.leaf[4].region, half);
+	assert_int_equal(calls, 3);
+	io = &io_system;
+	cut_plan_done(&p);
+	plan_file_free(f);
+}
+
+/* What did not reach the disk is gone, and its job goes on: nobody has a block of it. */
+static void test_later_lost(void **state)
+{
+	struct io_table table = io_system;
+	struct plan_kept kept = {.load = 500, .cap = 600};
+	struct cut_plan p = plan_of(9), q;
+
+	table.fsync = failing_fsync;
+	io = &table;
+	for (fail_at = 1; fail_at <= 2; fail_at++) {
+		struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+		struct plan_done d = done_of(&p.leaf[2], 9);
+		struct cut_leaf half[2];
+		struct err err = ERR_INIT;
+		struct told t;
+		size_t seen;
+
+		calls = 0;
+		assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+		assert_true(plan_file_read(f, &q, &kept, &seen, &err) < 0);
+		assert_false(is_there("plan-7"));
+		assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), PLAN_FILE_ABSENT);
+		split_leaf(f, &p.leaf[3].region, half);
+		assert_int_equal(plan_file_done(f, &d, 1, &err), 0);
+		assert_false(is_there("plan-7"));
+		write_plan(f, &p, 600);
+		assert_int_equal(plan_file_done(f, &d, 1, &err), 0);
+		assert_int_equal(leaves_now(), 9);
+		assert_int_equal(told_now(&t), 1);
+		plan_file_free(f);
+	}
+	io = &io_system;
+	cut_plan_done(&p);
+}
+
+/* A power cut can leave an empty file of one that nobody had read: no plan, and no damage. */
+static void test_empty(void **state)
+{
+	struct err err = ERR_INIT;
+	uint64_t bytes;
+
+	close(openat(dirfd, "plan-7", O_CREAT | O_WRONLY | O_TRUNC, 0600));
+	assert_int_equal(leaves_now(), 0);
+	assert_int_equal(plan_file_check(dirfd, 7, &bytes, &err), 0);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -485,6 +564,9 @@ int main(void)
 		cmocka_unit_test(test_done),
 		cmocka_unit_test(test_damage),
 		cmocka_unit_test(test_failing_disk),
+		cmocka_unit_test(test_later),
+		cmocka_unit_test(test_later_lost),
+		cmocka_unit_test(test_empty),
 		cmocka_unit_test(test_sweep),
 		cmocka_unit_test(test_sweep_writes),
 	};
