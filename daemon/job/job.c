@@ -183,7 +183,7 @@ static enum job_state job_state_queued(struct job *job)
 	struct err err = ERR_INIT;
 
 	job->placed = false;
-	if (job->stop || job->waiting_row || job->removed || job->jobs->parking) {
+	if (job->stop || job->removed || job->jobs->parking) {
 		place_leave(job->jobs, &job->place);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}
@@ -327,6 +327,15 @@ static enum job_state end_of(struct job *job)
 	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
 }
 
+/* One whose first row did not come was never there. */
+void job_end_row(struct job *job)
+{
+	struct err err = ERR_INIT;
+
+	if (!job->bound && !job->removed && job_put_row(job, NULL, &err))
+		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "the catalogue", &err);
+}
+
 static void ended(struct job *job)
 {
 	struct err err = ERR_INIT;
@@ -337,8 +346,8 @@ static void ended(struct job *job)
 		fail(job, &err);
 	}
 	job->walk = walk_free(job->walk);
-	if (!job->bound && job_put_row(job, NULL, &err))
-		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "the catalogue", &err);
+	if (!job->waiting_row)
+		job_end_row(job);
 	job_tell_end(job);
 }
 

@@ -1,6 +1,7 @@
 /*
  * Jobs that are asked for: the view as it was asked, the limits, whether there is such a job already, and the
- * row that makes an unbound one outlive the daemon.
+ * row that makes an unbound one outlive the daemon. Planning need not wait for that row: what a job does before it is promised is
+ * derived, and a crash leaves a plan at most, of a number that another job will get.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -25,12 +26,17 @@ static void submit_row_done(void *ctx, int r, const struct err *why)
 	struct job *job = ctx;
 
 	if (r) {
-		accept(job, why);
 		job->removed = true;
+		accept(job, why);
+		job_cancel(job);
 		return;
 	}
 	accept(job, NULL);
-	job_step(job);
+	/* It was faster than its row. */
+	if (job_state_final(job->state))
+		job_end_row(job);
+	else
+		job_step(job);
 }
 
 /* ---- the walk's calls ---- */
@@ -224,6 +230,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 		job->removed = true;
 		return;
 	}
+	plan_file_fresh(job->plan);
 	job->submitted_us = clock_real_us();
 	job->begun_ns = clock_mono_ns();
 	job->accepted = accepted;
@@ -236,7 +243,12 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	}
 	job->waiting_row = true;
 	if (job_put_row(job, submit_row_done, &err)) {
-		accept(job, &err);
 		job->removed = true;
+		accept(job, &err);
+		job_cancel(job);
+		return;
 	}
+	/* It begins at once, and is promised, shown and told when its row is there. */
+	job_step(job);
+	places_settle(j);
 }

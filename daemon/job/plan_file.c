@@ -46,6 +46,7 @@ struct plan_file {
 	pthread_mutex_t lock; /* of the file and the next two: held while the disk is waited for, so never taken by the loop */
 	bool settled; /* what is in it outlives a crash */
 	bool lost;    /* it did not reach the disk, and is gone */
+	bool fresh;   /* what is there under its name is another's */
 	pthread_mutex_t list; /* of the splits below; who changes them holds both */
 	uint64_t size; /* of what is whole in the file */
 	struct split *split; /* of this run */
@@ -67,6 +68,11 @@ struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bo
 	pthread_mutex_init(&f->lock, NULL);
 	pthread_mutex_init(&f->list, NULL);
 	return f;
+}
+
+void plan_file_fresh(struct plan_file *f)
+{
+	f->fresh = true;
 }
 
 struct plan_file *plan_file_free(struct plan_file *f)
@@ -280,7 +286,7 @@ static int write_file(struct plan_file *f, const struct cut_plan *plan, bool set
 		return r;
 	f->size = (plan->n + 1) * PLAN_RECORD;
 	f->settled = settle;
-	f->lost = false;
+	f->lost = f->fresh = false;
 	kept->base = head.kept.base;
 	return 0;
 }
@@ -556,7 +562,10 @@ int plan_file_read(struct plan_file *f, struct cut_plan *ret, struct plan_kept *
 	int r;
 
 	pthread_mutex_lock(&f->lock);
-	r = read_plan(f, &plan, ret_kept, err);
+	r = f->fresh ? io_remove(f->dirfd, f->name, err) : 0;
+	if (!r)
+		r = f->fresh ? PLAN_FILE_ABSENT : read_plan(f, &plan, ret_kept, err);
+	f->fresh = f->fresh && r < 0;
 	*ret_seen = f->n;
 	pthread_mutex_unlock(&f->lock);
 	if (r)

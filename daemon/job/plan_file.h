@@ -24,6 +24,8 @@ struct plan_kept {
 /* In `dirfd` (borrowed), under the job's number. `durable`: a write returns when it outlives a crash. No file is
  * touched. What it keeps in memory is taken from the ledger (borrowed; LEDGER_PLAN). NULL: no memory. */
 struct plan_file *plan_file_new(int dirfd, uint64_t job, uint64_t generation, bool durable, struct ledger *);
+/* Of a job that is new: a file that is there was left by one that a crash ended before it had a row, and goes. */
+void plan_file_fresh(struct plan_file *);
 struct plan_file *plan_file_free(struct plan_file *); /* the file stays; NULL is fine, gives NULL */
 
 /* These five may be called by any thread. */

@@ -555,6 +555,32 @@ static void test_empty(void **state)
 	assert_int_equal(plan_file_check(dirfd, 7, &bytes, &err), 0);
 }
 
+/* Of a new job nothing that is there counts; it goes. What the job wrote stays. */
+static void test_fresh(void **state)
+{
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+	struct cut_plan p = plan_of(9), q;
+	struct plan_kept kept;
+	struct err err = ERR_INIT;
+	size_t seen;
+
+	write_plan(f, &p, 600);
+	plan_file_free(f);
+	f = plan_file_new(dirfd, 7, 3, true, NULL);
+	plan_file_fresh(f);
+	assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), PLAN_FILE_ABSENT);
+	assert_false(is_there("plan-7"));
+	write_plan(f, &p, 600);
+	assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), 0);
+	cut_plan_done(&q);
+	plan_file_fresh(f);
+	write_plan(f, &p, 600);
+	assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), 0);
+	cut_plan_done(&q);
+	cut_plan_done(&p);
+	plan_file_free(f);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -567,6 +593,7 @@ int main(void)
 		cmocka_unit_test(test_later),
 		cmocka_unit_test(test_later_lost),
 		cmocka_unit_test(test_empty),
+		cmocka_unit_test(test_fresh),
 		cmocka_unit_test(test_sweep),
 		cmocka_unit_test(test_sweep_writes),
 	};
