@@ -21,9 +21,29 @@
 /* Of a root, on each side of the data: at least this part of their longer side. */
 enum { ROOM = 8 };
 
+static char *put_number(char *at, uint32_t v)
+{
+	char digit[10];
+	unsigned n = 0;
+
+	do
+		digit[n++] = (char)('0' + v % 10);
+	while (v /= 10);
+	while (n)
+		*at++ = digit[--n];
+	return at;
+}
+
+/* Of each leaf of a plan several times: printf takes ten times as long. */
 char *cut_region_text(const struct cut_region *r, char buf[CUT_REGION_TEXT_SIZE])
 {
-	snprintf(buf, CUT_REGION_TEXT_SIZE, "%" PRIu32 ":%" PRIu32 ":%u:%u:%u", r->x, r->y, r->wx, r->wy, r->inf);
+	const uint32_t number[5] = {r->x, r->y, r->wx, r->wy, r->inf};
+	char *at = buf;
+
+	for (unsigned i = 0; i < 5; i++) {
+		at = put_number(at, number[i]);
+		*at++ = i < 4 ? ':' : 0;
+	}
 	return buf;
 }
 

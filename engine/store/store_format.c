@@ -10,7 +10,6 @@
  */
 #include "store_format.h"
 
-#include <stdio.h>
 #include <string.h>
 #include <xxhash.h>
 
@@ -26,10 +25,14 @@ enum { VERSION = 5, OLDEST = 4, WIDE = 4, NARROW = 2 };
 
 void store_name(const struct store_id *id, char name[STORE_NAME])
 {
-	char base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
+	enum { BASE = STORE_FOLDER + 2, LIST = BASE + DIGEST_HEX_SIZE };
 
-	digest_hex(id->base, base);
-	snprintf(name, STORE_NAME, "%.2s/d-%s-%s", base, base, digest_hex(id->list, list));
+	/* AB/d-BASE-LIST */
+	digest_hex(id->base, name + BASE);
+	digest_hex(id->list, name + LIST);
+	memcpy(name, name + BASE, 2);
+	memcpy(name + 2, "/d-", 3);
+	name[LIST - 1] = '-';
 }
 
 /* ---- where things lie ---- */

@@ -152,6 +152,8 @@ static void ranges_are_the_box(void **state)
 		assert_in_range(n, 1, 4);
 		for (unsigned k = 1; k < n; k++)
 			assert_true(range[k - 1].hi < range[k].lo);
+		snprintf(again, sizeof again, "%u:%u:%u:%u:%u", r.x, r.y, r.wx, r.wy, r.inf);
+		assert_string_equal(cut_region_text(&r, text), again);
 		assert_true(cut_region_parse(cut_region_text(&r, text), &back));
 		assert_string_equal(text, cut_region_text(&back, again));
 		cut_region_box(&r, box);

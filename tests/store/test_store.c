@@ -19,7 +19,7 @@
 #include "io.h"
 #include "store.h"
 
-static const struct store_id ID = { { 0x1234, 5 }, { 6, 7 } };
+static const struct store_id ID = { { UINT64_C(0xab00000000001234), 5 }, { 6, 7 } };
 enum { HEADER = 384, PROOF = 44 };
 
 static char path[] = "/tmp/acut-test-store-XXXXXX";
@@ -33,12 +33,12 @@ static void check(int r, const struct err *err)
 
 static const char *name_of(void)
 {
-	return "00/d-00000000000012340000000000000005-00000000000000060000000000000007";
+	return "ab/d-ab000000000012340000000000000005-00000000000000060000000000000007";
 }
 
 static int in_folder(int (*fn)(int, const char *, void *, size_t, struct err *), void *memory, size_t size, struct err *err)
 {
-	int fd = openat(dirfd, "00", O_RDONLY | O_DIRECTORY), r;
+	int fd = openat(dirfd, "ab", O_RDONLY | O_DIRECTORY), r;
 
 	assert_true(fd >= 0);
 	r = fn(fd, name_of() + 3, memory, size, err);
@@ -390,7 +390,7 @@ static int end(void **state)
 {
 	(void)state;
 	unlinkat(dirfd, name_of(), 0);
-	unlinkat(dirfd, "00", AT_REMOVEDIR);
+	unlinkat(dirfd, "ab", AT_REMOVEDIR);
 	close(dirfd);
 	return rmdir(path);
 }
