@@ -364,6 +364,8 @@ static int64_t latest_us(const struct jobs *j)
 	int64_t us = 0;
 
 	for (const struct dataset *d = j->datasets; d; d = d->next) {
+		for (const struct pending *q = d->pending; q; q = q->next)
+			us = q->left_us > us ? q->left_us : us;
 		us = d->removed_us > us ? d->removed_us : us;
 		us = d->pushed_us > us ? d->pushed_us : us;
 		us = d->created_us > us ? d->created_us : us;
@@ -376,7 +378,7 @@ static int64_t latest_us(const struct jobs *j)
  * hears from the network. So time that nobody saw pass, between two looks or since the last that is known of the datasets,
  * counts only when the clock has stood by it for an hour.
  */
-static int64_t sure_us(struct jobs *j)
+int64_t jobs_sure_us(struct jobs *j)
 {
 	int64_t now = clock_real_us(), us = j->sure.us;
 	uint64_t mono = clock_mono_ns();
@@ -399,7 +401,7 @@ static int64_t sure_us(struct jobs *j)
 void datasets_expire(struct jobs *j)
 {
 	struct dataset *d, *next;
-	int64_t now = sure_us(j);
+	int64_t now = jobs_sure_us(j);
 
 	for (d = j->datasets; d && !j->parking; d = next) {
 		next = d->next;

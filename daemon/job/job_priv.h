@@ -169,7 +169,7 @@ struct jobs {
 	struct {
 		int64_t us;
 		uint64_t at_ns, ahead_ns; /* when it was told; since when the clock is ahead of it, 0: it is not */
-	} sure; /* the time that removed datasets go by (dataset_remove.c) */
+	} sure; /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
 	struct dataset_rewrite *merge; /* that is at work */
 	struct prune *prunes;          /* the first is at work, if no merge is */
 	struct dataset_old *olds;      /* that wait until nobody opens them */
@@ -307,6 +307,7 @@ void dataset_drop(struct dataset *); /* nobody uses it: out of list and catalogu
 
 /* dataset_remove.c */
 int64_t dataset_until_us(const struct dataset *); /* it can be restored; 0: it is there */
+int64_t jobs_sure_us(struct jobs *); /* by which what was pushed may go: no clock that jumps ahead */
 void datasets_expire(struct jobs *); /* what was removed so long ago that it goes */
 void datasets_tick(struct jobs *);
 

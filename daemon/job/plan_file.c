@@ -45,8 +45,7 @@ struct plan_file {
 	char name[PLAN_NAME];
 	pthread_mutex_t lock; /* of the file and the next two: held while the disk is waited for, so never taken by the loop */
 	bool settled; /* what is in it outlives a crash */
-	bool lost;    /* it did not reach the disk, and is gone */
-	bool fresh;   /* what is there under its name is another's */
+	bool fresh;   /* what is there under its name, if anything, is another's, or did not reach the disk */
 	pthread_mutex_t list; /* of the splits below; who changes them holds both */
 	uint64_t size; /* of what is whole in the file */
 	struct split *split; /* of this run */
@@ -286,7 +285,7 @@ static int write_file(struct plan_file *f, const struct cut_plan *plan, bool set
 		return r;
 	f->size = (plan->n + 1) * PLAN_RECORD;
 	f->settled = settle;
-	f->lost = f->fresh = false;
+	f->fresh = false;
 	kept->base = head.kept.base;
 	return 0;
 }
@@ -346,7 +345,7 @@ static int settle(struct plan_file *f, int fd, struct err *err)
 	if (r)
 		io->unlinkat(f->dirfd, f->name, 0);
 	f->settled = !r;
-	f->lost = r != 0;
+	f->fresh = r != 0;
 	return r;
 }
 
@@ -383,8 +382,8 @@ static int append_split(struct plan_file *f, const struct split *s, struct err *
 	leaf_pack(PLAN_WHOLE, &whole, record);
 	leaf_pack(PLAN_HALF, &s->half[0], record + PLAN_RECORD);
 	leaf_pack(PLAN_HALF, &s->half[1], record + 2 * PLAN_RECORD);
-	/* Of a plan that is not settled nobody has a block, and of one that is lost nobody reads. */
-	return f->lost ? 0 : append(f, record, sizeof record, f->durable && f->settled, err);
+	/* Of a plan that is not settled nobody has a block, and one that is lost nobody reads. */
+	return f->fresh ? 0 : append(f, record, sizeof record, f->durable && f->settled, err);
 }
 
 static int split_room(struct plan_file *f, size_t room, struct err *err)
@@ -444,7 +443,7 @@ int plan_file_done(struct plan_file *f, const struct plan_done *done, size_t n, 
 		n -= some;
 		pthread_mutex_lock(&f->lock);
 		/* Without a header there is nothing to add to. */
-		if (f->size && !f->lost)
+		if (f->size && !f->fresh)
 			r = append(f, record, some * PLAN_RECORD, false, err);
 		pthread_mutex_unlock(&f->lock);
 	}
@@ -565,7 +564,6 @@ int plan_file_read(struct plan_file *f, struct cut_plan *ret, struct plan_kept *
 	r = f->fresh ? io_remove(f->dirfd, f->name, err) : 0;
 	if (!r)
 		r = f->fresh ? PLAN_FILE_ABSENT : read_plan(f, &plan, ret_kept, err);
-	f->fresh = f->fresh && r < 0;
 	*ret_seen = f->n;
 	pthread_mutex_unlock(&f->lock);
 	if (r)

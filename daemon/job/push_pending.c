@@ -251,17 +251,13 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 	sched_submit(d->jobs->p.sched, &x->task);
 }
 
-static bool too_old(const struct pending *q)
-{
-	return clock_real_us() - q->left_us > PENDING_US;
-}
-
 void pending_expire(struct dataset *d)
 {
+	int64_t now = jobs_sure_us(d->jobs);
 	struct pending **at = &d->pending, *q;
 
 	while ((q = *at)) {
-		if (!too_old(q)) {
+		if (now - q->left_us <= PENDING_US) {
 			at = &q->next;
 			continue;
 		}
@@ -503,7 +499,8 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 			if (m->sources[i].id >= d->next_source)
 				d->next_source = m->sources[i].id + 1;
 	}
-	if (!r && m && !committed && !too_old(q)) {
+	/* Whatever the clock says now (pending_expire). */
+	if (!r && m && !committed) {
 		*ret_stays = true;
 		q->next = d->pending;
 		d->pending = q;
@@ -513,8 +510,8 @@ int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_
 		q = NULL;
 	} else if (!r && !committed) {
 		log_event(LOG_EVENT_PUSH_DROPPED, &(struct log_about){.push = row->id, .dataset = d->name, ABOUT_USER(row->uid)},
-			  "push %llu of user %u into %s was interrupted: %s", (unsigned long long)row->id, row->uid,
-			   d->name, m ? "older than 7 days, its files are dropped" : "nothing of it was durable yet");
+			  "push %llu of user %u into %s was interrupted: nothing of it was durable yet",
+			  (unsigned long long)row->id, row->uid, d->name);
 	}
 	pending_free(d->jobs, q);
 	grid_manifest_free(m);

@@ -313,9 +313,9 @@ def what_does_not_fit():
         db.commit()
         db.close()
         d.start()
-        says(d.ctl("dataset", "show", "c"), 4)
+        wait_for(lambda: d.ctl("dataset", "show", "c").status == 4, "it does not end")
         expect("older than 7 days" in d.log_text(), "it is not said")
-        expect(not leftovers(d), "left behind: %s" % leftovers(d))
+        wait_for(lambda: not leftovers(d), "left behind: %s" % leftovers(d))
         # Its time ends while acutd runs, and nobody pushes there.
         Half(d, "c", paths, 2, wait=False).vanish()
         wait_for(lambda: d.ctl("dataset", "show", "c").status == 0 and "2 files" in (pending(d, "c") or ""), "not pending")

@@ -435,6 +435,12 @@ static int failing_fsync(int fd)
 	return io_system.fsync(fd);
 }
 
+static int failing_unlinkat(int dir, const char *path, int flags)
+{
+	errno = EROFS;
+	return -1;
+}
+
 static ssize_t failing_pwrite(int fd, const void *buf, size_t n, off_t off)
 {
 	if (++calls == fail_at) {
@@ -544,6 +550,34 @@ static void test_later_lost(void **state)
 	cut_plan_done(&p);
 }
 
+/* Where it cannot even be removed, nobody believes it either: an fsync that failed is never tried again. */
+static void test_later_lost_stays(void **state)
+{
+	struct io_table table = io_system;
+	struct plan_file *f = plan_file_new(dirfd, 7, 3, true, NULL);
+	struct plan_kept kept = {.load = 500, .cap = 600};
+	struct cut_plan p = plan_of(9), q;
+	struct err err = ERR_INIT;
+	size_t seen;
+
+	table.fsync = failing_fsync;
+	table.unlinkat = failing_unlinkat;
+	io = &table;
+	calls = 0;
+	fail_at = 1;
+	assert_int_equal(plan_file_write_later(f, &p, &kept, &err), 0);
+	for (int again = 0; again < 2; again++)
+		assert_true(plan_file_read(f, &q, &kept, &seen, &err) < 0);
+	assert_int_equal(calls, 1);
+	table.unlinkat = io_system.unlinkat;
+	assert_int_equal(plan_file_read(f, &q, &kept, &seen, &err), PLAN_FILE_ABSENT);
+	assert_false(is_there("plan-7"));
+	assert_int_equal(calls, 1);
+	io = &io_system;
+	cut_plan_done(&p);
+	plan_file_free(f);
+}
+
 /* A power cut can leave an empty file of one that nobody had read: no plan, and no damage. */
 static void test_empty(void **state)
 {
@@ -592,6 +626,7 @@ int main(void)
 		cmocka_unit_test(test_failing_disk),
 		cmocka_unit_test(test_later),
 		cmocka_unit_test(test_later_lost),
+		cmocka_unit_test(test_later_lost_stays),
 		cmocka_unit_test(test_empty),
 		cmocka_unit_test(test_fresh),
 		cmocka_unit_test(test_sweep),

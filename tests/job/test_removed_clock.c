@@ -1,4 +1,5 @@
-/* Removed datasets and clocks that are wrong: what can be restored does not go because somebody says that it is next year. */
+/* Removed datasets, interrupted pushes and clocks that are wrong: what can be restored, or taken up, does not go because somebody says
+ * that it is next year. */
 #include "house.h"
 
 #include <stdatomic.h>
@@ -108,12 +109,57 @@ static void while_it_did_not_run(void **state)
 	assert_false(is_there(path));
 }
 
+/* A push with one file that is durable, whose client went. */
+static void interrupt_push(void)
+{
+	const struct push_input input = {.name = "a.xyz"};
+	int fd = text_file(500, 3);
+
+	begin("p");
+	ask(push_probe(got.push, dup(fd), &input, NULL));
+	ask(push_plan(got.push, NULL));
+	ask(push_file(got.push, fd, &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	turn_until(!h.jobs->pushes);
+}
+
+static bool is_pending(void)
+{
+	if (h.jobs->datasets)
+		pending_expire(h.jobs->datasets);
+	turn_until(!sched_busy(h.sched) && !catalogue_busy(h.catalogue));
+	turn(0);
+	return h.jobs->datasets && h.jobs->datasets->pending;
+}
+
+static void an_interrupted_push(void **state)
+{
+	interrupt_push();
+	assert_true(is_pending());
+	atomic_fetch_add(&real_ahead, 365 * DAY);
+	assert_true(is_pending());
+	/* Nor does it go where a daemon starts with that clock. */
+	close_house();
+	open_house(UINT64_C(32) << 20, 2);
+	assert_true(is_pending());
+	pass(HOUR / 60);
+	assert_true(is_pending());
+	atomic_fetch_add(&real_ahead, -365 * DAY);
+	assert_true(is_pending());
+	pass(7 * DAY - HOUR);
+	assert_true(is_pending());
+	pass(HOUR + HOUR / 60);
+	assert_false(is_pending());
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(time_passes, setup, teardown),
 		cmocka_unit_test_setup_teardown(a_year_ahead_for_a_minute, setup, teardown),
 		cmocka_unit_test_setup_teardown(while_it_did_not_run, setup, teardown),
+		cmocka_unit_test_setup_teardown(an_interrupted_push, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
