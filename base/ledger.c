@@ -119,6 +119,11 @@ uint64_t ledger_room(struct ledger *l, enum ledger_name name)
 	return room;
 }
 
+uint64_t ledger_most(const struct ledger *l, enum ledger_name name)
+{
+	return l->most[name] && l->most[name] < l->total ? l->most[name] : l->total;
+}
+
 uint64_t ledger_held(struct ledger *l, enum ledger_name name)
 {
 	return read_number(l, &l->held[name]);

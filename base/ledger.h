@@ -43,6 +43,7 @@ void ledger_give(struct ledger *, enum ledger_name, uint64_t bytes);
 uint64_t ledger_total(const struct ledger *);
 uint64_t ledger_left(struct ledger *); /* for a name that nothing is set aside for */
 uint64_t ledger_room(struct ledger *, enum ledger_name); /* what that name could take now */
+uint64_t ledger_most(const struct ledger *, enum ledger_name); /* that it ever gets */
 uint64_t ledger_held(struct ledger *, enum ledger_name);
 uint64_t ledger_peak(struct ledger *, enum ledger_name); /* the most that was held at a time */
 uint64_t ledger_peak_all(struct ledger *);               /* by all names together */

@@ -37,7 +37,9 @@ struct dataset *dataset_new(struct jobs *j, const char *name, const struct job_p
 {
 	struct dataset *d, **at;
 
-	if (house_take(j, DATASET_BYTES, "another dataset", err))
+	/* One of a single step goes with its mesh. */
+	if (onestep ? house_take(j, DATASET_BYTES, "another dataset", err) :
+		      house_take_lasting(j, owner->uid, DATASET_BYTES, "another dataset", err))
 		return NULL;
 	d = calloc(1, sizeof *d);
 	if (!d)

@@ -239,12 +239,13 @@ void cache_verify_tick(struct jobs *);
 int cache_may(const struct job_peer *, const char *what, struct err *err); /* admins */
 
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
-int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err);
+int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err); /* for what ends by itself */
+/* For what stays, of that user: leaves some for the above. Old jobs that are over give way, of the user first who has most of
+ * them: not to be called where one of them is in hand, or the next in a loop over them. */
+int house_take_lasting(struct jobs *, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
 void house_give(struct jobs *, uint64_t bytes);
-/* For a job of that user. Old jobs that are over give way to new ones, of the user first who has most of them. */
-int house_take_job(struct jobs *, uint32_t uid, uint64_t bytes, struct err *err);
 uint64_t house_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
-struct pending *pending_new(struct jobs *, struct err *err); /* NULL: err says why */
+struct pending *pending_new(struct jobs *, uint32_t uid, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
 
 /* looked.c: something changed, and a look that began before it says nothing any more */

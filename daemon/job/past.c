@@ -405,7 +405,7 @@ int past_awake(struct job *guest, struct job **ret, struct err *err)
 	}
 	more = job_bytes(strlen(guest->view));
 	more = more > guest->charged ? more - guest->charged : 0;
-	if (house_take_job(j, guest->peer.uid, more, err))
+	if (house_take_lasting(j, guest->peer.uid, more, "another job", err))
 		return -(int)err->code;
 	/* Others may have made room, by going. */
 	e = entry_of(j, guest->id);

@@ -319,7 +319,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		p->jobs = j;
 		if (!house_take(j, PUSH_BYTES, "another push", &err)) {
 			p->charged = PUSH_BYTES;
-			p->pending = pending_new(j, &err);
+			p->pending = pending_new(j, in->peer.uid, &err);
 		}
 	}
 	if (err.code)

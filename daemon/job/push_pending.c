@@ -467,7 +467,7 @@ static bool was_committed(const struct dataset *d, const struct grid_manifest *b
 int pending_load(struct dataset *d, const struct catalogue_push *row, bool *ret_stays, struct err *err)
 {
 	struct grid_manifest *m = NULL, *base = NULL;
-	struct pending *q = pending_new(d->jobs, err);
+	struct pending *q = pending_new(d->jobs, row->uid, err);
 	struct err absent = ERR_INIT;
 	bool committed;
 	char name[64];

@@ -71,6 +71,8 @@ static void turn(int ms)
 		}                                                                                            \
 	} while (0)
 
+static uint64_t house_most; /* of what datasets, jobs and pushes are charged; 0: no bound but the memory */
+
 static void open_house(uint64_t memory, unsigned threads)
 {
 	struct jobs_params p = {.threads = threads};
@@ -83,6 +85,7 @@ static void open_house(uint64_t memory, unsigned threads)
 	h.ledger = ledger_new(memory);
 	assert_true(ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0));
 	assert_true(ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0));
+	assert_true(!house_most || ledger_share(h.ledger, LEDGER_JOBS, 0, house_most));
 	assert_int_equal(sched_new(h.ledger, threads, &h.sched, &err), 0);
 	assert_int_equal(catalogue_new(path, h.ledger, &h.catalogue, &err), 0);
 	p.ledger = h.ledger;

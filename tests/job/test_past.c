@@ -164,7 +164,7 @@ static void little_memory_push(void **state)
 	left = past_count(h.jobs);
 	h.jobs->loading = true;
 	for (unsigned i = 0; i < TAKEN_UP; i++)
-		assert_non_null(taken[i] = pending_new(h.jobs, &err));
+		assert_non_null(taken[i] = pending_new(h.jobs, 0, &err));
 	h.jobs->loading = false;
 	assert_true(past_count(h.jobs) < left);
 	for (unsigned i = 0; i < TAKEN_UP; i++)
@@ -176,6 +176,33 @@ static void little_memory_push(void **state)
 	close_house();
 	open_house(UINT64_C(64) << 20, 1);
 	assert_int_equal(past_count(h.jobs), left);
+}
+
+/* However many jobs are over, or wait, there is room for one to be at work: none holds what another needs to end. */
+static void all_get_done(void **state)
+{
+	enum { ASKED = 1200 };
+	struct job_params p = {.view = VIEW, .fresh = true, .peer = me};
+	unsigned refused = 0;
+
+	close_house();
+	make_jobs();
+	house_most = UINT64_C(2) << 20;
+	open_house(UINT64_C(64) << 20, 2);
+	house_most = 0;
+	assert_non_null(job_find(h.jobs, JOBS, &me));
+	p.dataset = push("valley", 300, 5);
+	accepts = 0;
+	for (unsigned i = 0; i < ASKED; i++) {
+		job_submit(h.jobs, &p, accepted, NULL);
+		refused += accepted_err.code == ERR_BUSY;
+	}
+	turn_until(accepts == ASKED);
+	assert_true(refused > 0 && refused < ASKED);
+	turn_until(!jobs_active(h.jobs));
+	for (struct job *job = job_after(h.jobs, JOBS, &me); job; job = job_after(h.jobs, info_of(job).id, &me))
+		assert_int_equal(info_of(job).state, JOB_done);
+	dataset_release(p.dataset);
 }
 
 /* Views of all lengths: what a job is packed into is as large as it, whatever its numbers are (seen by the sanitizer). */
@@ -282,6 +309,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(many, setup, teardown),
 		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
 		cmocka_unit_test_setup_teardown(little_memory_push, setup, teardown),
+		cmocka_unit_test_setup_teardown(all_get_done, setup, teardown),
 		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
 		cmocka_unit_test(reports),
 		cmocka_unit_test(old_reports),
