@@ -10,8 +10,8 @@
  *
  * Each entry has an owner, and of one owner one is being closed at a time: who has files that never close keeps one thread, and
  * what he gives after that waits behind it. The threads are as many as are needed for that, up to CLOSERS: so many owners with
- * such files hold up everyone's. How much an owner may have here is for those to say who take descriptors (io_close_behind):
- * what is to be closed cannot be refused any more.
+ * such files hold up everyone's. One waits for what comes next, the others end. How much an owner may have here is for those
+ * to say who take descriptors (io_close_behind): what is to be closed cannot be refused any more.
  */
 #include <fcntl.h>
 #include <pthread.h>
@@ -32,11 +32,17 @@ struct closing {
 	uint32_t owner;
 };
 
+struct closer {
+	bool there;
+	struct closing at; /* what it closes; fd -1: nothing */
+};
+
 static struct {
 	pthread_mutex_t lock;
 	pthread_cond_t wake;
-	struct closing *list, at[CLOSERS]; /* at: what each thread closes; fd -1: nothing */
+	struct closing *list;
 	size_t n, cap;
+	struct closer closer[CLOSERS];
 	unsigned threads, idle;
 } aside = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
 static _Atomic size_t pending; /* in the list or with a thread */
@@ -46,8 +52,8 @@ static _Thread_local uint32_t whose;
 
 static bool at_work(uint32_t owner)
 {
-	for (unsigned i = 0; i < aside.threads; i++)
-		if (aside.at[i].fd >= 0 && aside.at[i].owner == owner)
+	for (unsigned i = 0; i < CLOSERS; i++)
+		if (aside.closer[i].there && aside.closer[i].at.fd >= 0 && aside.closer[i].at.owner == owner)
 			return true;
 	return false;
 }
@@ -77,44 +83,52 @@ static void see_to_next(void)
 
 static void *closer(void *ctx)
 {
-	struct closing *mine = ctx;
+	struct closer *mine = ctx;
 
 	pthread_mutex_lock(&aside.lock);
 	for (;;) {
 		size_t i = next();
 
+		if (i == aside.n && aside.idle)
+			break;
 		if (i == aside.n) {
 			aside.idle++;
 			pthread_cond_wait(&aside.wake, &aside.lock);
 			aside.idle--;
 			continue;
 		}
-		*mine = aside.list[i];
-		memmove(&aside.list[i], &aside.list[i + 1], (--aside.n - i) * sizeof *mine);
+		mine->at = aside.list[i];
+		memmove(&aside.list[i], &aside.list[i + 1], (--aside.n - i) * sizeof *aside.list);
 		see_to_next();
 		pthread_mutex_unlock(&aside.lock);
-		io->close(mine->fd);
+		io->close(mine->at.fd);
 		pthread_mutex_lock(&aside.lock);
-		mine->fd = -1;
+		mine->at.fd = -1;
 		pending--;
 	}
+	mine->there = false;
+	aside.threads--;
+	pthread_mutex_unlock(&aside.lock);
 	return NULL;
 }
 
 static int begin(void)
 {
 	enum { STACK_BYTES = 64 << 10 };
-	struct closing *at = &aside.at[aside.threads];
+	struct closer *c = aside.closer;
 	pthread_attr_t attr;
 	pthread_t thread;
 	int r;
 
-	at->fd = -1;
+	while (c->there)
+		c++;
+	*c = (struct closer){.there = true, .at.fd = -1};
 	pthread_attr_init(&attr);
 	pthread_attr_setstacksize(&attr, STACK_BYTES);
 	pthread_attr_setdetachstate(&attr, PTHREAD_CREATE_DETACHED);
-	r = pthread_create(&thread, &attr, closer, at);
+	r = pthread_create(&thread, &attr, closer, c);
 	pthread_attr_destroy(&attr);
+	c->there = !r;
 	aside.threads += !r;
 	return r;
 }
@@ -157,8 +171,8 @@ bool io_close_behind(uint32_t owner, size_t most)
 	if (pending < most)
 		return false;
 	pthread_mutex_lock(&aside.lock);
-	for (unsigned i = 0; i < aside.threads; i++)
-		n += aside.at[i].fd >= 0 && aside.at[i].owner == owner;
+	for (unsigned i = 0; i < CLOSERS; i++)
+		n += aside.closer[i].there && aside.closer[i].at.fd >= 0 && aside.closer[i].at.owner == owner;
 	for (size_t i = 0; i < aside.n; i++)
 		n += aside.list[i].owner == owner;
 	pthread_mutex_unlock(&aside.lock);

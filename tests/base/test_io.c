@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include <dirent.h>
 #include <errno.h>
 #include <pthread.h>
 #include <sys/mman.h>
@@ -328,6 +329,17 @@ static bool is_open(int fd)
 	return fcntl(fd, F_GETFD) >= 0;
 }
 
+static unsigned threads(void)
+{
+	DIR *tasks = opendir("/proc/self/task");
+	unsigned n = 0;
+
+	for (struct dirent *e; (e = readdir(tasks));)
+		n += e->d_name[0] != '.';
+	closedir(tasks);
+	return n;
+}
+
 /* Whose files never close waits for them himself: those of others are closed, and it is told how many there are. */
 static void each_waits_for_his_own(void **state)
 {
@@ -371,12 +383,16 @@ static void each_waits_for_his_own(void **state)
 	io_close(noted);
 	while (is_open(noted))
 		usleep(1000);
+	assert_int_equal(threads(), 3);
 	answers = true;
 	while (io_close_behind(HANGS, 1) || io_close_behind(OTHER, 1))
 		usleep(1000);
 	assert_int_equal(hung, MOST);
 	for (int i = 0; i < MOST; i++)
 		assert_false(is_open(never[i]));
+	/* Who came to help has gone, and comes again. */
+	while (threads() > 2)
+		usleep(1000);
 	io_close_waits();
 	io = &io_system;
 }
