@@ -170,7 +170,7 @@ static int check_beside(const struct push *p, struct push_ask *a, const struct g
 	/* Where others have their files is for the owner alone, as in a list of files. */
 	bool owner = rights_allow(&p->peer, RIGHT_OWN, d->uid, d->gid, d->mode);
 
-	if (target ? s == target : !strcmp(s->path, a->path))
+	if (target ? push_replace_means(target, s) : !strcmp(s->path, a->path))
 		return 0;
 	err_set(&a->err, ERR_INPUT, "the dataset %s has this content already, as %.200s: it takes no other file's place", p->dataset->name,
 		owner && *s->path ? s->path : s->name);
@@ -192,8 +192,10 @@ static int find_unchanged(struct push *p, struct push_ask *a, const struct grid_
 	while (!r && names_next(&p->base_paths, a->path, &at, &i))
 		if (all[i].size == a->id.size && digest_equal(all[i].hash, a->hash))
 			*ret = &all[i];
-	if (!r && a->target && all[a->target - 1].size == a->id.size && digest_equal(all[a->target - 1].hash, a->hash))
-		*ret = &all[a->target - 1];
+	for (size_t k = 0; !r && a->target && k < p->base->nsources; k++)
+		if (!all[k].removed && push_replace_means(&all[a->target - 1], &all[k]) && all[k].size == a->id.size &&
+		    digest_equal(all[k].hash, a->hash))
+			*ret = &all[k];
 	return r;
 }
 

@@ -385,6 +385,7 @@ void push_hash_free(struct push_hashing *); /* what was begun */
 /* push_replace.c: what it puts others in the place of */
 int push_replace_target(struct push *, struct push_ask *);
 int push_replace_room(struct push *, const struct push_ask *, struct err *err);
+bool push_replace_means(const struct grid_source *target, const struct grid_source *); /* whether it goes with the target */
 uint32_t push_replace_note(struct push *, const char *path, bool replace, size_t target);
 int push_replace_apply(struct push *, struct grid_manifest *, struct err *err);
 void push_replace_nothing(struct push *);

@@ -1,7 +1,7 @@
 /*
  * Files of the dataset that a push puts others in the place of.
  *
- * The model: a file that is staged whole takes the place of the live sources of its path, or of the one that the client
+ * The model: a file that is staged whole takes the place of the live sources of its path, or of the path that the client
  * names; what is not staged replaces nothing. The commit removes them in the generation in which it adds the others, so
  * there is no time at which both or neither count. Which they are is known by the numbers of the sources, since the commit
  * may start from a newer manifest than the push began with.
@@ -18,7 +18,7 @@ static int by_id(const void *a, const void *b)
 	return x < y ? -1 : x > y;
 }
 
-/* The live source that the client means by a path or a name. Worker. */
+/* The live source that the client means by a path or a name: any of its path, where several have it. Worker. */
 int push_replace_target(struct push *p, struct push_ask *a)
 {
 	const struct grid_manifest *m = p->base;
@@ -39,17 +39,16 @@ int push_replace_target(struct push *p, struct push_ask *a)
 			name = i;
 		}
 	}
-	if (paths == 1 || (!paths && names == 1)) {
+	if (paths || names == 1) {
 		a->target = 1 + (paths ? path : name);
 		return 0;
 	}
-	if (!paths && !names) {
+	if (!names) {
 		err_set(&a->err, ERR_INPUT, "the dataset %s has no file %.200s that it could replace", p->dataset->name,
 			a->replaces);
 		return err_add_hint(&a->err, "acutctl dataset log %s --files lists them", p->dataset->name);
 	}
-	err_set(&a->err, ERR_INPUT, "the dataset %s has %zu files %.200s", p->dataset->name, paths ? paths : names,
-		a->replaces);
+	err_set(&a->err, ERR_INPUT, "the dataset %s has %zu files %.200s", p->dataset->name, names, a->replaces);
 	return err_add_hint(&a->err, "name one of them by its whole path: acutctl dataset log %s --files lists them",
 			    p->dataset->name);
 }
@@ -83,6 +82,11 @@ void push_replace_nothing(struct push *p)
 		memset(p->goes, 0, p->base->nsources * sizeof *p->goes);
 }
 
+bool push_replace_means(const struct grid_source *target, const struct grid_source *s)
+{
+	return s == target || (*target->path && !strcmp(s->path, target->path));
+}
+
 static void goes(struct push *p, size_t i, uint32_t *n)
 {
 	if (p->goes[i])
@@ -92,16 +96,26 @@ static void goes(struct push *p, size_t i, uint32_t *n)
 	++*n;
 }
 
+static void goes_all(struct push *p, const char *path, uint32_t *n)
+{
+	size_t at = NAMES_START;
+	uint32_t i;
+
+	while (*path && names_next(&p->base_paths, path, &at, &i))
+		goes(p, i, n);
+}
+
 /* Loop: a file of this push counts now; how many of the dataset do no more. */
 uint32_t push_replace_note(struct push *p, const char *path, bool replace, size_t target)
 {
-	size_t at = NAMES_START;
-	uint32_t i, n = 0;
+	uint32_t n = 0;
 
-	while (p->goes && replace && *path && names_next(&p->base_paths, path, &at, &i))
-		goes(p, i, &n);
-	if (p->goes && target)
+	if (p->goes && replace)
+		goes_all(p, path, &n);
+	if (p->goes && target) {
 		goes(p, target - 1, &n);
+		goes_all(p, p->base->sources[target - 1].path, &n);
+	}
 	return n;
 }
 

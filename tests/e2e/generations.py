@@ -179,6 +179,27 @@ def replaced():
             expect(dump.status == 0, "acut-grid-dump --check: %s" % dump.err)
 
 
+def all_of_a_path():
+    """--add has brought several files of one path: --replaces means all of them by it, and none by their name."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="32M") as d:
+        fresh = Fresh(d)
+        a, e = cloud(base, "a.las", 1, 0, 0, 500, ties=50), cloud(base, "e.las", 2, 500, 500, 600, ties=100)
+        d.ctl("push", "s", "--scale", "0.01,0.01", a, e).ok()
+        kept = shutil.copy2(a, os.path.join(base, "a.kept"))
+        cloud(base, "a.las", 3, 200, 0, 300, ties=100)
+        d.ctl("push", "s", a, "--add").ok()
+        expect([mesh(d, "s")] == fresh.of([kept, a, e]), "added beside")
+        g = cloud(base, "g.las", 4, 0, 300, 400, ties=100)
+        says(d.ctl("push", "s", g, "--replaces", "a.las"), 1, "2 files a.las", "whole path")
+        says(d.ctl("push", "s", e, "--replaces", a), 1, "has this content already, as", "e.las")
+        says(d.ctl("push", "s", kept, "--replaces", a), 0, "there already")
+        says(d.ctl("push", "s", g, "--replaces", a), 0, "in place of 2 files")
+        expect([mesh(d, "s")] == fresh.of([g, e]), "not all of a path are replaced")
+        says(d.ctl("push", "s", g, "--replaces", a), 0, "there already")
+        expect([(r["kind"], r["files_added"], r["files_removed"]) for r in log(d, "s")] == [
+            ("push", 2, 0), ("push", 1, 0), ("replace", 1, 2)], "%s" % log(d, "s"))
+
+
 def nothing_to_commit():
     """What brings no point and takes none makes no generation, and no dataset; an empty delivery in the place of points does."""
     with e2e.Folder() as base:
@@ -713,5 +734,5 @@ def long_lists():
 
 
 if __name__ == "__main__":
-    e2e.main(revert_and_at, replaced, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
+    e2e.main(revert_and_at, replaced, all_of_a_path, nothing_to_commit, an_interrupted_replacement, two_replace_one, many_at_once, killed_in_the_midst, jobs_keep_their_generation,
              remove_and_restore, gone_after_a_while, pinned_while_pushed, classes_of_now, conflicts, what_the_log_says, content_of_a_large_file, long_lists)
