@@ -113,6 +113,7 @@ static int part_open(const struct format_output *o, const char *suffix, bool on,
 	if (r && on && err->sys == ENOENT) {
 		*err = ERR_INIT;
 		r = err_set(err, ERR_CORRUPT, "what an earlier fetch has kept is not there any more");
+		err_add_hint(err, "fetch it without --resume: it is replaced then");
 	}
 	if (!r && (io->fstat(fd, &st) || !S_ISREG(st.st_mode))) {
 		io_close(fd);

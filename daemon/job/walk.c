@@ -172,8 +172,18 @@ static void open_run(struct sched_task *t)
 		w->r = walk_select_open(w, &w->err);
 }
 
+/* The job may be older than a prune: a user knows the dataset by its name, not by that of a manifest. */
+static void name_generation(struct walk *w)
+{
+	struct err why = ERR_INIT;
+
+	if (w->r == -ERR_NOTFOUND && dataset_check_generation(w->dataset, w->generation, &why))
+		w->err = why;
+}
+
 void walk_opened(struct walk *w)
 {
+	name_generation(w);
 	if (w->stopping || (w->r < 0 && w->r != -ERR_BUSY)) {
 		if (w->r < 0)
 			walk_fail(w, &w->err);

@@ -319,6 +319,9 @@ def pruned():
         d.ctl("dataset", "prune", "s", "--before", "3").ok()
         # Its mesh is known all the same, as long as its job is.
         d.ctl("fetch", str(three), "--changed-since", "1", "-o", out).ok()
+        r = d.ctl("fetch", str(one), "--format", "null")
+        refused(r, 4, "generation 1 of the dataset s was pruned", "it has generations 3 to 3")
+        expect("manifest" not in r.err, "a file of the daemon's own is named: " + r.err)
         d.ctl("rm", str(one)).ok()
         r = d.ctl("fetch", str(three), "--changed-since", "1", "-o", out)
         refused(r, 1, "generation 1 of s was pruned", "generations 3 to 3", "--changed-since 2 can be had")

@@ -255,7 +255,7 @@ def refused():
                                  (".part.state", lambda p: os.truncate(p, 40), "damaged")):
             restore()
             harm(out + name)
-            says(d.ctl("fetch", "1", "-o", out, "--resume"), 74, text, name)
+            says(d.ctl("fetch", "1", "-o", out, "--resume"), 74, text, name, "without --resume")
             expect(not os.path.exists(out), "an output of a refused fetch")
         restore()
         # Not the header, which is written at the end, and nothing behind what the state says.
