@@ -79,7 +79,7 @@ struct format_run_options {
 	void *ctx;
 };
 
-/* The most tiles that the box of a mesh may have. */
+/* The most tiles that the triangles of a mesh may be in. */
 #define FORMAT_TILES 100000u
 #define FORMAT_CHANGES ".changes.geojson"
 #define FORMAT_TILES_INDEX "index.geojson"

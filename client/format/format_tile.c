@@ -7,8 +7,10 @@
  * the same tile.
  *
  * Every triangle goes into one external sort, by tile and then by its corners; the files are made from that when the
- * whole stream has come and was checked (format_tile_make.c). Memory is that of the sort and 96 bytes a tile of
- * the mesh's box, whatever the number of triangles and tiles; one nameless file holds the rest.
+ * whole stream has come and was checked (format_tile_make.c). Only tiles that have triangles are known, by a hash table
+ * of their numbers: a mesh may have few of them in a box of thousands of millions, since one point far away makes it
+ * that large, and the box that a stream announces may be larger than its mesh. Memory is that of the sort and some hundred
+ * bytes a tile, whatever the number of triangles; one nameless file holds the rest.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -79,6 +81,7 @@ struct format_tiles *format_tiles_free(struct format_tiles *t)
 	for (unsigned i = 0; i < t->ntext; i++)
 		free(t->text[i]);
 	free(t->tile);
+	free(t->slot);
 	free(t->dataset);
 	free(t);
 	return NULL;
@@ -107,37 +110,22 @@ static i128 tile_of(const struct format_tiles *t, i128 sum)
 	return floor_div(sum * (i128)t->q, (i128)t->p * 3);
 }
 
-static int too_many(const struct format_tiles *t, double n, struct err *err)
-{
-	char size[DECIMAL_TEXT_SIZE];
-
-	err_set(err, ERR_USAGE, "the box of the mesh has %.6g tiles of %s, more than %u", n,
-		decimal_text(t->run.tile, size), FORMAT_TILES);
-	return err_add_hint(err, "give a larger --tile");
-}
-
 static int lay_out(struct format_tiles *t, struct err *err)
 {
 	const struct acut_mesh_head *h = &t->head;
-	uint64_t n[2] = { 0 };
-	double all = 1;
 
 	for (int i = 0; i < 2 && h->box[0] <= h->box[3] && h->box[1] <= h->box[4]; i++) {
 		i128 first = tile_of(t, 3 * ((i128)h->box[i] + h->k[i])),
 		     last = tile_of(t, 3 * ((i128)h->box[i + 3] + h->k[i]));
 
-		all *= (double)(last - first + 1);
-		n[i] = last - first < FORMAT_TILES ? (uint64_t)(last - first + 1) : FORMAT_TILES + 1;
 		if (first < INT64_MIN / 2 || last > INT64_MAX / 2)
 			return err_set(err, ERR_USAGE, "--tile is too small: the numbers of the tiles have more than 62 bits");
+		if (last - first > UINT32_MAX)
+			return err_set(err, ERR_USAGE, "--tile is too small: there would be more than 2^32 columns or rows");
 		t->first[i] = (int64_t)first;
+		t->count[i] = (uint64_t)(last - first) + 1;
 	}
-	if (n[0] * n[1] > FORMAT_TILES)
-		return too_many(t, all, err);
-	t->columns = n[0];
-	t->rows = n[1];
-	t->tile = calloc(n[0] * n[1] + 1, sizeof(*t->tile));
-	return t->tile ? 0 : err_set(err, ERR_NOMEM, "no memory for %llu tiles", (unsigned long long)(n[0] * n[1]));
+	return 0;
 }
 
 static int keep_text(struct format_tiles *t, const char **text, struct err *err)
@@ -175,8 +163,8 @@ int format_tiles_head(struct format_tiles *t, const struct acut_mesh_head *head,
 
 void format_tiles_number(const struct format_tiles *t, size_t i, int64_t ret[2])
 {
-	ret[0] = t->first[0] + (int64_t)(i % t->columns);
-	ret[1] = t->first[1] + (int64_t)(i / t->columns);
+	ret[0] = t->first[0] + (int64_t)(uint32_t)t->tile[i].number;
+	ret[1] = t->first[1] + (int64_t)(t->tile[i].number >> 32);
 }
 
 const char *format_tiles_name(void *tiles, size_t i, char buf[FORMAT_PLACE_NAME])
@@ -185,21 +173,90 @@ const char *format_tiles_name(void *tiles, size_t i, char buf[FORMAT_PLACE_NAME]
 	int n = (int)strcspn(t->format->extensions, " ");
 	int64_t at[2];
 
-	if (!t->tile[i].triangles)
-		return NULL;
 	format_tiles_number(t, i, at);
 	snprintf(buf, FORMAT_PLACE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n,
 		 t->format->extensions);
 	return buf;
 }
 
+/* ---- the tiles that have triangles ---- */
+
+static int too_many(const struct format_tiles *t, struct err *err)
+{
+	char size[DECIMAL_TEXT_SIZE];
+
+	err_set(err, ERR_USAGE, "the triangles are in more than %u tiles of %s", FORMAT_TILES, decimal_text(t->run.tile, size));
+	return err_add_hint(err, "give a larger --tile");
+}
+
+/* Where `number` is in the table of slots, or would be. */
+static size_t slot_of(const struct format_tiles *t, uint64_t number)
+{
+	size_t i = (size_t)(number * 0x9e3779b97f4a7c15u >> 32) & (t->nslot - 1);
+
+	while (t->slot[i] && t->tile[t->slot[i] - 1].number != number)
+		i = (i + 1) & (t->nslot - 1);
+	return i;
+}
+
+/* Room for one more tile; at least half of the slots stay empty. */
+static int grow(struct format_tiles *t, struct err *err)
+{
+	size_t room = t->nslot ? t->nslot : 64; /* of tiles: half of the slots to be */
+	struct format_tile *tile;
+	uint32_t *slot;
+
+	if (t->ntile < t->nslot / 2)
+		return 0;
+	tile = realloc(t->tile, room * sizeof(*tile));
+	if (tile)
+		t->tile = tile;
+	slot = tile ? calloc(2 * room, sizeof(*slot)) : NULL;
+	if (!slot)
+		return err_set(err, ERR_NOMEM, "no memory for %zu tiles", room);
+	free(t->slot);
+	t->slot = slot;
+	t->nslot = 2 * room;
+	for (size_t i = 0; i < t->ntile; i++)
+		t->slot[slot_of(t, t->tile[i].number)] = (uint32_t)i + 1;
+	return 0;
+}
+
+static int find_tile(struct format_tiles *t, uint64_t number, struct format_tile **ret, struct err *err)
+{
+	int r = grow(t, err);
+	size_t i = r ? 0 : slot_of(t, number);
+
+	if (!r && !t->slot[i]) {
+		if (t->ntile == FORMAT_TILES)
+			return too_many(t, err);
+		t->tile[t->ntile] = (struct format_tile){ .number = number };
+		t->slot[i] = (uint32_t)++t->ntile;
+	}
+	if (!r)
+		*ret = &t->tile[t->slot[i] - 1];
+	return r;
+}
+
+static int by_number(const void *a, const void *b)
+{
+	const struct format_tile *x = a, *y = b;
+
+	return x->number < y->number ? -1 : x->number > y->number;
+}
+
+void format_tiles_order(struct format_tiles *t)
+{
+	if (t->ntile)
+		qsort(t->tile, t->ntile, sizeof(*t->tile), by_number);
+	free(t->slot); /* which does not know them any more */
+	t->slot = NULL;
+	t->nslot = 0;
+}
+
 uint64_t format_tiles_count(const struct format_tiles *t)
 {
-	uint64_t n = 0;
-
-	for (uint64_t i = 0; i < t->columns * t->rows; i++)
-		n += t->tile[i].triangles != 0;
-	return n;
+	return t->ntile;
 }
 
 /* ---- triangles ---- */
@@ -215,22 +272,24 @@ static void grow_box(int32_t box[6], const int32_t *p, bool first)
 static int add_triangle(struct format_tiles *t, const int32_t *const corner[3], struct err *err)
 {
 	uint64_t place[3], rec[FORMAT_TILE_WORDS], at[2];
-	struct format_tile *tile;
-	int low = 0;
+	struct format_tile *tile = NULL;
+	int low = 0, r;
 
 	for (int k = 0; k < 2; k++) {
 		i128 sum = 3 * (i128)t->head.k[k] + corner[0][k] + corner[1][k] + corner[2][k];
 
 		at[k] = (uint64_t)(tile_of(t, sum) - t->first[k]);
 	}
-	if (at[0] >= t->columns || at[1] >= t->rows)
+	if (at[0] >= t->count[0] || at[1] >= t->count[1])
 		return err_set(err, ERR_PROTO, "a triangle is outside of the box that the stream announced");
 	for (int j = 0; j < 3; j++) {
 		place[j] = digest_place(corner[j][0], corner[j][1]);
 		low = place[j] < place[low] ? j : low;
 	}
-	rec[0] = at[1] * t->columns + at[0];
-	tile = &t->tile[rec[0]];
+	rec[0] = at[1] << 32 | at[0];
+	r = find_tile(t, rec[0], &tile, err);
+	if (r)
+		return r;
 	for (int j = 0; j < 3; j++) {
 		rec[1 + j] = place[(low + j) % 3];
 		grow_box(tile->box, corner[j], !tile->triangles && !j);
@@ -270,13 +329,11 @@ int format_tiles_tail(struct format_tiles *t, const struct acut_mesh_tail *tail,
 
 static int move_all(struct format_tiles *t, struct err *err)
 {
-	uint64_t n = t->columns * t->rows;
 	char name[FORMAT_PLACE_NAME];
-	int r = format_place_clear(t->place, n, format_tiles_name, t, err);
+	int r = format_place_clear(t->place, t->ntile, format_tiles_name, t, err);
 
-	for (uint64_t i = 0; i < n && !r; i++)
-		if (format_tiles_name(t, i, name))
-			r = format_place_move(t->place, name, err);
+	for (size_t i = 0; i < t->ntile && !r; i++)
+		r = format_place_move(t->place, format_tiles_name(t, i, name), err);
 	if (!r)
 		r = format_place_sync(t->place, err);
 	if (!r)
@@ -297,7 +354,7 @@ int format_tiles_publish(struct format_tiles *t, uint64_t left_out, uint64_t *by
 	if (r)
 		return r;
 	*bytes += format_output_size(t->index);
-	for (uint64_t i = 0; i < t->columns * t->rows; i++)
+	for (size_t i = 0; i < t->ntile; i++)
 		*bytes += t->tile[i].bytes;
 	format_place_keep(t->place);
 	return 0;

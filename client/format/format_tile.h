@@ -14,7 +14,7 @@ int format_place_new(const char *dir, bool no_clobber, struct format_place **ret
 /* A new file in the inner folder; also says in which folder nameless ones go. */
 int format_place_file(const struct format_place *, const char *name, struct format_output **ret, struct err *err);
 /* Before the first is moved: -ERR_USAGE where names are taken and must not be; else the old index goes, because what
- * it says will not be true. `name` writes that of file i, NULL if there is none. */
+ * it says will not be true. `name` writes that of file i. */
 int format_place_clear(struct format_place *, size_t n, const char *(*name)(void *ctx, size_t i, char *buf), void *ctx,
 		       struct err *err);
 /* Moves a file that was published in the inner folder to the outer one. */
@@ -27,6 +27,7 @@ struct format_place *format_place_free(struct format_place *);
 /* ---- tiles ---- */
 
 struct format_tile {
+	uint64_t number;           /* row << 32 | column, from the first ones of the box */
 	uint64_t triangles, vertices, bytes;
 	int32_t box[6];            /* of the vertices of its triangles */
 	struct digest digest, vertex_digest;
@@ -47,8 +48,11 @@ struct format_tiles {
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	uint64_t p, q;             /* side of a tile over the lattice's scale */
 	int64_t first[2];          /* numbers of the first column and row */
-	uint64_t columns, rows;
-	struct format_tile *tile;  /* columns * rows, row by row */
+	uint64_t count[2];         /* columns and rows that the box has */
+	struct format_tile *tile;  /* those with triangles: as they came, then by number */
+	size_t ntile;
+	uint32_t *slot;            /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
+	size_t nslot;
 	uint64_t job, generation;
 	char *dataset;
 };
@@ -64,8 +68,8 @@ int format_tiles_publish(struct format_tiles *, uint64_t left_out, uint64_t *byt
 uint64_t format_tiles_count(const struct format_tiles *); /* with triangles */
 struct format_tiles *format_tiles_free(struct format_tiles *);
 
-/* NULL if tile i has no triangles. */
 const char *format_tiles_name(void *tiles, size_t i, char buf[FORMAT_PLACE_NAME]);
+void format_tiles_order(struct format_tiles *); /* when all triangles have come: the tiles by number, row by row */
 void format_tiles_number(const struct format_tiles *, size_t i, int64_t ret[2]);
 /* format_tile_make.c: a file for each, in the inner folder. */
 int format_tiles_make(struct format_tiles *, struct err *err);

@@ -85,9 +85,7 @@ int format_tiles_index(struct format_tiles *t, uint64_t left_out, struct err *er
 		put_head(p.f, t, left_out);
 		r = format_page_end(&p, t->index, err);
 	}
-	for (size_t i = 0; i < t->columns * t->rows && !r; i++) {
-		if (!t->tile[i].triangles)
-			continue;
+	for (size_t i = 0; i < t->ntile && !r; i++) {
 		r = format_page_start(&p, err);
 		if (r)
 			break;

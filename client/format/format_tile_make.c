@@ -18,6 +18,7 @@ enum { PIECE = 1024 }; /* triangles in one block */
 struct maker {
 	struct format_tiles *tiles;
 	struct format_tile *tile;
+	size_t at; /* which one */
 	struct format_output *out;
 	void *writer;
 	struct format_canonical *canonical;
@@ -144,7 +145,7 @@ static void done(struct maker *m)
 	m->out = format_output_free(m->out);
 }
 
-/* The tile of *rec; *rec is then the first record behind it, or NULL. */
+/* The next tile, that of *rec; *rec is then the first record behind it, or NULL. */
 static int make(struct maker *m, const uint64_t **rec, struct err *err)
 {
 	struct format_tiles *t = m->tiles;
@@ -152,9 +153,11 @@ static int make(struct maker *m, const uint64_t **rec, struct err *err)
 	char name[FORMAT_PLACE_NAME];
 	int r = interrupted(t, err);
 
-	m->tile = &t->tile[number];
+	m->tile = &t->tile[m->at];
+	if (!r && (m->at == t->ntile || m->tile->number != number))
+		return err_set(err, ERR_INTERNAL, "triangles of no tile came back from the sort");
 	if (!r)
-		r = start(m, format_tiles_name(t, number, name), err);
+		r = start(m, format_tiles_name(t, m->at, name), err);
 	while (!r && *rec && (*rec)[0] == number) {
 		r = add(m, *rec, err);
 		n++;
@@ -167,6 +170,7 @@ static int make(struct maker *m, const uint64_t **rec, struct err *err)
 	if (!r)
 		r = finish(m, err);
 	done(m);
+	m->at++;
 	return r;
 }
 
@@ -178,6 +182,7 @@ int format_tiles_make(struct format_tiles *t, struct err *err)
 
 	if (!r)
 		r = format_sort_next(t->sort, &rec, err);
+	format_tiles_order(t);
 	if (!r)
 		m->tiles = t;
 	while (!r && rec)

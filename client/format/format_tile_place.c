@@ -137,7 +137,7 @@ int format_place_clear(struct format_place *p, size_t n, const char *(*name)(voi
 	int r;
 
 	for (size_t i = 0; i < n && p->no_clobber; i++)
-		if (name(ctx, i, buf) && !faccessat(p->fd, buf, F_OK, AT_SYMLINK_NOFOLLOW))
+		if (!faccessat(p->fd, name(ctx, i, buf), F_OK, AT_SYMLINK_NOFOLLOW))
 			return taken(p, buf, err);
 	if (p->no_clobber)
 		return 0; /* an index cannot be there, or it is not removed */

@@ -163,6 +163,11 @@ def edges_of_the_rule():
         expect([f["properties"]["file"] for f in index["features"]] == ["tile_1_1.obj"], index["features"])
         index, _ = small_ones(d, base, "0 0 0\n100 0 0\n0 100 0\n", "--tile=33.333333333333334")
         expect([f["properties"]["file"] for f in index["features"]] == ["tile_0_0.obj"], index["features"])
+        # A point far away, and one that no triangle has: thousands of millions of squares in the box, and few with a triangle.
+        index, _ = small_ones(d, base, grid + "9000000.5 9000000 7\n", "--tile=3")
+        expect(16 < len(index["features"]) < 60, "%d tiles" % len(index["features"]))
+        index, _ = small_ones(d, base, grid + "9000000.5 9000000 7\n", "--tile=3", "--crop=-9,-9,9,9")
+        expect(len(index["features"]) == 16, "%d tiles" % len(index["features"]))
         # Nothing, and nothing but a line.
         index, got = small_ones(d, base, "0 0 0\n1 1 1\n2 2 2\n", "--tile=1")
         expect(index["features"] == [] and got["tiles"]["files"] == 0 and index["type"] == "FeatureCollection", index)
@@ -205,9 +210,13 @@ def what_cannot_be():
         refused(d.ctl("fetch", "1", "--tile=0", "-o", out), 2, "--tile")
         refused(d.ctl("fetch", "1", "--tile=-3", "-o", out), 2, "--tile")
         refused(d.ctl("fetch", "1", "--tile=10m", "-o", out), 2, "units of the dataset")
-        refused(d.ctl("fetch", "1", "--tile=0.01", "-o", out), 2, "8.41", "100000", "larger")
+        refused(d.ctl("fetch", "1", "--tile=1e-9", "-o", out), 2, "--tile is too small")
         refused(d.ctl("fetch", "1", "--tile=1e-30", "-o", out), 2, "--tile")
         refused(d.ctl(*fetch, "-o", os.path.join(base, "no", "such")), 74, "cannot be made")
+        many = os.path.join(base, "many.xyz")
+        with open(many, "w") as f:
+            f.writelines("%d %d 0\n" % (i % 240, i // 240) for i in range(240 * 240))
+        refused(d.ctl("mesh", many, "--tile=0.5", "-o", out), 2, "more than 100000 tiles of 0.5", "larger")
         expect(not os.path.exists(out), "a refused fetch made a folder")
         # No clobber: neither an index nor a tile is replaced.
         d.ctl(*fetch, "-o", out).ok()
