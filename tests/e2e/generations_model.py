@@ -45,7 +45,7 @@ class Life:
         self.live = [frozenset()]      # by generation; 0: nothing
         self.change = [(frozenset(), frozenset())]
         self.oldest = 1
-        self.files = self.deliveries = self.fresh = self.made = self.domains = 0
+        self.files = self.deliveries = self.fresh = self.made = self.domains = self.restored = 0
         self.known, self.told = {}, []
         self.n = collections.Counter()
         self.push()
@@ -152,10 +152,11 @@ class Life:
 
     def restore_backup(self):
         """What was backed up takes the place of the daemon's state, as after a lost disk."""
-        to = os.path.join(self.base, "backup")
+        to = os.path.join(self.base, "backup%d" % self.restored)
         self.ctl("backup", to).ok()
         if self.rng.random() < 0.5:
             return
+        self.restored += 1  # another store from now on, which has a folder of its own
         self.d.stop(signal.SIGKILL)
         shutil.rmtree(self.d.state)
         shutil.copytree(to, self.d.state)
