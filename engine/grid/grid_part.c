@@ -66,8 +66,8 @@ static int check_header(const struct grid_part *p, const struct disk_segment *h,
 	}
 	if ((uint64_t)st.st_size != h->bytes)
 		return grid_damaged(p, 0, "its size is not what its header says", err);
-	if (h->height != grid_levels(h->cells) || !h->points != !h->cells || h->cells > h->points || h->sources > h->points ||
-	    h->sources_place > h->bytes || h->sources_place < DISK_HEADER ||
+	if (h->height != grid_levels(h->cells) || !h->points != !h->cells || h->cells > h->points ||
+	    h->sources > h->points || h->sources_place > h->bytes || h->sources_place < DISK_HEADER ||
 	    h->bytes - h->sources_place != h->sources * sizeof(struct disk_total))
 		return grid_damaged(p, 0, "its header contradicts itself", err);
 	return 0;

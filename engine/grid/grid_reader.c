@@ -153,7 +153,8 @@ int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_
 int grid_cell_of(const struct grid_part *p, uint32_t part, const struct disk_leaf *leaf,
 		 struct grid_cell *ret, struct err *err)
 {
-	if (leaf->bits > 64 || (leaf->lo & (disk_range_end(0, leaf->bits))) || leaf->place % DISK_ALIGN || !leaf->blocks || !leaf->count || leaf->head_bytes > DISK_HEAD_MAX ||
+	if (leaf->bits > 64 || (leaf->lo & disk_range_end(0, leaf->bits)) || leaf->place % DISK_ALIGN ||
+	    !leaf->blocks || !leaf->count || leaf->head_bytes > DISK_HEAD_MAX ||
 	    leaf->count > (uint64_t)leaf->blocks * GRID_CELL_RECORDS || leaf->place > p->bytes ||
 	    leaf->bytes > p->bytes - leaf->place)
 		return grid_damaged(p, leaf->place, "an index entry is not what it should be", err);

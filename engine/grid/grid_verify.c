@@ -25,6 +25,8 @@ _Static_assert(GRID_VERIFY_BYTES >= DISK_LEVELS * DISK_PAGE + 2 * (DISK_BLOCK_MA
 	       "pages and two blocks");
 _Static_assert(GRID_VERIFY_BYTES >= RUN_BLOCKS * DISK_RUN_BLOCK, "blocks of a run");
 
+static const char SMALL_CELL[] = "a cell is not as large as it may be";
+
 struct verify {
 	const struct grid_verify_params *p;
 	struct grid_part part;
@@ -33,7 +35,8 @@ struct verify {
 	uint64_t cells, bytes, holes, classes[256];
 	struct disk_total *totals, *found; /* the segment's table of sources, and what of these there is */
 	size_t ntotals;
-	uint64_t at, end; /* cells and pages lie from here to there */
+	uint64_t at, end;       /* cells and pages lie from here to there */
+	uint64_t wide, wide_hi; /* hold_range: records of a range, or 0, and its last key */
 	uint64_t cell_hi,
 		key; /* last key of the cell before; key, source (0: none) and rest of the record before */
 	uint32_t id;
@@ -122,6 +125,15 @@ static bool same_made(struct verify *v, const struct grid_block *b, struct grid_
 	return ret->bytes == b->bytes && memcmp(made, b->head, b->bytes) == 0;
 }
 
+static bool zeros(const uint8_t *bytes, size_t n)
+{
+	uint8_t any = 0;
+
+	for (size_t i = 0; i < n; i++)
+		any |= bytes[i];
+	return !any;
+}
+
 /* Its sources, for the table of the segment; false: one is not in it. */
 static bool count_block(struct verify *v, const struct grid_block *b)
 {
@@ -164,6 +176,9 @@ static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t p
 				    err);
 	if (!in_place(v, cell, &b))
 		return grid_damaged(&v->part, place, "a record lies where its cell has none", err);
+	if (sum->blocks + 1 < cell->blocks && b.head->records != GRID_CELL_RECORDS)
+		return grid_damaged(&v->part, place, "a block is not full, and not the last of its cell",
+				    err);
 	if (!count_block(v, &b))
 		return grid_damaged(&v->part, place, "a block has a source that the segment has not", err);
 	if (!sum->blocks++) {
@@ -187,6 +202,27 @@ static bool cell_follows(const struct verify *v, const struct disk_leaf *leaf, c
 {
 	return leaf->place >= v->at && leaf->place <= v->end && leaf->bytes <= v->end - leaf->place &&
 	       (!v->cells || cell->lo > v->cell_hi) && (leaf->blocks == 1 || !leaf->bits);
+}
+
+/*
+ * Cells are maximal: a range twice as large would hold too many. It does where the cell before lies in it, as
+ * that one is maximal. Else the others in it come behind, and are counted until one lies beyond it (`wide`).
+ * Of one that needs the same meanwhile the larger range lies in that of the first, so only the last is
+ * counted. False: the one counted last was too small. After what was passed over nothing is known.
+ */
+static bool hold_range(struct verify *v, const struct disk_leaf *leaf)
+{
+	const bool over = v->wide && leaf->lo > v->wide_hi,
+		   fits = over && v->wide <= GRID_CELL_RECORDS && !v->holes;
+	const unsigned bits = leaf->bits + 1u;
+	const uint64_t lo = bits < 64 ? leaf->lo >> bits << bits : 0;
+
+	v->wide = over ? 0 : v->wide + (v->wide ? leaf->count : 0);
+	if (bits <= 64 && !(v->cells && v->cell_hi >= lo)) {
+		v->wide = leaf->count;
+		v->wide_hi = disk_range_end(lo, bits);
+	}
+	return !fits;
 }
 
 static void summed(struct disk_inner *sum, const struct disk_inner *more)
@@ -215,6 +251,8 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk
 
 	if (rc == 0 && !cell_follows(v, leaf, &cell))
 		rc = grid_damaged(&v->part, leaf->place, "a cell is not behind the one before", err);
+	if (rc == 0 && !hold_range(v, leaf))
+		rc = grid_damaged(&v->part, leaf->place, SMALL_CELL, err);
 	if (rc == 0) {
 		v->at = leaf->place + leaf->bytes;
 		v->cell_hi = cell.hi;
@@ -261,7 +299,9 @@ static int open_page(struct verify *v, unsigned level, const struct disk_inner *
 	if (rc == 0 &&
 	    (head->check != up->check || up->check != grid_check(page + 8, DISK_PAGE - 8, up->place)))
 		rc = grid_damaged(&v->part, up->place, "the checksum of an index page does not agree", err);
-	if (rc == 0 && !entries_fit(v, head, level, last))
+	if (rc == 0 && (!entries_fit(v, head, level, last) || head->zero[0] || head->zero[1] ||
+			!zeros(page + sizeof *head + head->entries * (size_t)DISK_ENTRY,
+			       DISK_PAGE - sizeof *head - head->entries * (size_t)DISK_ENTRY)))
 		rc = grid_damaged(&v->part, up->place, "an index page is not what it should be", err);
 	return rc;
 }
@@ -306,9 +346,12 @@ static int hold_header(struct verify *v, const struct disk_segment *head, const 
 {
 	if (all->cells != head->cells || all->count != head->points || v->bytes != v->end - DISK_HEADER)
 		return grid_damaged(&v->part, head->root, "its index does not hold all of its cells", err);
+	if (v->wide && v->wide <= GRID_CELL_RECORDS)
+		return grid_damaged(&v->part, v->at, SMALL_CELL, err);
 	if (all->sum_hi != head->sum_hi || all->sum_lo != head->sum_lo ||
 	    memcmp(all->box, head->box, sizeof all->box) ||
-	    memcmp(v->classes, head->classes, sizeof v->classes))
+	    memcmp(v->classes, head->classes, sizeof v->classes) || !zeros(head->zero, sizeof head->zero) ||
+	    (!head->cells && (head->root || head->root_check)))
 		return grid_damaged(&v->part, 0, "its header says something else than its cells", err);
 	if (v->ntotals && memcmp(v->found, v->totals, v->ntotals * sizeof *v->totals))
 		return grid_damaged(&v->part, head->sources_place,

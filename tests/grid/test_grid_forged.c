@@ -250,13 +250,17 @@ static void test_every_number(void **state)
 	place = leaf_of(&f, f.page, f.leaf)->place;
 	block = (struct disk_block *)(f.bytes + place);
 	each(&f, "header", 8, 128 - 8 + 8 * sizeof(uint64_t), by_header);
-	each(&f, "header: the last class", 128 + 255 * sizeof(uint64_t), sizeof(uint64_t), by_header);
+	each(&f, "header: the last class, zeros", 128 + 255 * sizeof(uint64_t), 3 * sizeof(uint64_t),
+	     by_header);
+	each(&f, "header: the last zeros", DISK_HEADER - 8, 8, by_header);
 	each(&f, "table of sources", head_of(&f)->sources_place, SOURCES * sizeof(struct disk_total),
 	     by_sources);
-	each(&f, "root page", head_of(&f)->root + 8, 8, by_root);
+	each(&f, "root page", head_of(&f)->root + 8, page - 8, by_root);
 	each(&f, "root page: first entry", head_of(&f)->root + page, DISK_ENTRY, by_root);
 	each(&f, "root page: second entry", head_of(&f)->root + page + DISK_ENTRY, DISK_ENTRY, by_root);
-	each(&f, "page of cells", f.page + 8, 8, by_page);
+	each(&f, "root page: behind its entries", head_of(&f)->root + page + 2 * DISK_ENTRY, 8, by_root);
+	each(&f, "page of cells", f.page + 8, page - 8, by_page);
+	each(&f, "page of cells: its end", f.page + DISK_PAGE - 8, 8, by_page);
 	each(&f, "first cell", f.page + page, DISK_ENTRY, by_page);
 	each(&f, "cell of several blocks", f.page + page + f.leaf * (size_t)DISK_ENTRY, DISK_ENTRY, by_page);
 	each(&f, "tables of a block", place + sizeof *block, disk_head_bytes(block) - sizeof *block,
@@ -344,6 +348,117 @@ static void test_places(void **state)
 	end(&f);
 }
 
+/* A range that could be smaller as well, with all of the cell's records in it. */
+static void test_ranges(void **state)
+{
+	struct forge f;
+	size_t smaller = 0;
+
+	(void)state;
+	begin(&f);
+	for (unsigned i = 0; i < DISK_ENTRIES; i++) {
+		struct disk_leaf *leaf = leaf_of(&f, f.page, i);
+		const uint64_t first = point_morton(leaf->box[0], leaf->box[1]);
+		const uint64_t last = point_morton(leaf->box[2], leaf->box[3]);
+
+		if (!leaf->bits || first >> (leaf->bits - 1) != last >> (leaf->bits - 1))
+			continue;
+		leaf->bits--;
+		leaf->lo = first >> leaf->bits << leaf->bits;
+		if (i == 0)
+			inner_of(&f, 0)->lo = leaf->lo;
+		if (i + 1 == DISK_ENTRIES)
+			inner_of(&f, 0)->hi = disk_range_end(leaf->lo, leaf->bits);
+		seal_page(&f, f.page);
+		must_be_told(&f, "range of cell", i);
+		smaller++;
+	}
+	assert_true(smaller > DISK_ENTRIES / 2);
+	end(&f);
+}
+
+/* Few points are one cell, which may not be smaller than all there is; and of none there is no index. */
+static void test_few(void **state)
+{
+	static const char *const file[] = {"none", "some"};
+	struct forge f = {.folder = folder_new(), .bytes = malloc(ROOM)};
+
+	(void)state;
+	for (unsigned i = 0; i < 2; i++) {
+		struct set s = set_make(SHAPE_UNIFORM, 20 * i, 1, 5);
+		struct err err = ERR_INIT;
+		int fd;
+
+		for (size_t k = 0; k < s.n; k++)
+			s.pts[k].x = s.pts[k].y = -1 - (int32_t)k;
+		CHECK(stage_set(&f.folder, file[i], &s, 0, &f.info, &err));
+		set_free(&s);
+		fd = openat(f.folder.fd, f.info.file, O_RDONLY);
+		f.n = (size_t)read(fd, f.bytes, ROOM);
+		close(fd);
+		assert_string_equal(verify(&f, 1), "");
+		if (i) {
+			assert_int_equal(leaf_of(&f, head_of(&f)->root, 0)->bits, 64);
+			leaf_of(&f, head_of(&f)->root, 0)->bits = 62;
+			seal_page(&f, head_of(&f)->root);
+			assert_string_equal(verify(&f, 1),
+					    "the segment is damaged: a cell is not as large as it may be");
+		} else {
+			head_of(&f)->root = DISK_HEADER;
+			seal_header(&f);
+			assert_string_not_equal(verify(&f, 1), "");
+			head_of(&f)->root = 0;
+			head_of(&f)->root_check = 1;
+			seal_header(&f);
+			assert_string_not_equal(verify(&f, 1), "");
+		}
+	}
+	end(&f);
+}
+
+/* Where a cell has several blocks, all but the last are full: here the first gives the last its last record.
+ */
+static void test_full_blocks(void **state)
+{
+	struct forge f;
+	struct disk_leaf *leaf;
+	struct disk_block *first, *last;
+	struct grid_block_info info;
+	struct point pts[RECORDS];
+	uint32_t ids[RECORDS];
+	uint8_t *at;
+	size_t n = 0;
+
+	(void)state;
+	begin(&f);
+	leaf = leaf_of(&f, f.page, f.leaf);
+	at = f.bytes + leaf->place;
+	for (unsigned i = 0; i < 2; i++) {
+		struct grid_block b;
+
+		assert_true(grid_block_open(at, DISK_BLOCK_MAX, (uint64_t)(at - f.bytes), true, &b));
+		for (unsigned k = 0; k < b.head->records; k++, n++) {
+			pts[n] = b.records[k];
+			ids[n] = b.sources[point_source(&pts[n])].id;
+			pts[n].tag &= POINT_FLAGS;
+		}
+		at += b.bytes;
+	}
+	assert_true(n == RECORDS);
+	first = (struct disk_block *)(f.bytes + leaf->place);
+	grid_block_make(pts, GRID_CELL_RECORDS - 1, ids, NULL, first, &info);
+	last = (struct disk_block *)((uint8_t *)first + info.bytes);
+	leaf->check = grid_block_place(first, leaf->place);
+	grid_block_make(pts + GRID_CELL_RECORDS - 1, RECORDS - GRID_CELL_RECORDS + 1,
+			ids + GRID_CELL_RECORDS - 1, NULL, last, &info);
+	assert_true((uint8_t *)last + info.bytes == at);
+	leaf->check += grid_block_place(last, (uint64_t)((uint8_t *)last - f.bytes));
+	seal_page(&f, f.page);
+	assert_string_equal(verify(&f, SOURCES),
+			    "the segment is damaged: a block is not full, and not the last of its cell");
+	end(&f);
+}
+
 /* Readers find each record's source in the manifest. */
 static void test_manifest_lacks(void **state)
 {
@@ -363,9 +478,14 @@ static void test_manifest_lacks(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_every_number),   cmocka_unit_test(test_block),
-		cmocka_unit_test(test_order),          cmocka_unit_test(test_places),
+		cmocka_unit_test(test_every_number),
+		cmocka_unit_test(test_block),
+		cmocka_unit_test(test_order),
+		cmocka_unit_test(test_places),
 		cmocka_unit_test(test_manifest_lacks),
+		cmocka_unit_test(test_ranges),
+		cmocka_unit_test(test_few),
+		cmocka_unit_test(test_full_blocks),
 	};
 
 	skip_fsync();
