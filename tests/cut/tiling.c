@@ -106,12 +106,13 @@ static int hand_out(const struct tiling *t, unsigned segment, size_t from, size_
 		    struct err *err)
 {
 	const struct point *p = t->pts[segment];
+	const size_t most = t->salt % 2 ? 7 : GRID_CELL_RECORDS; /* at a time */
 
 	for (size_t i = from, end = from + n; i < end;) {
 		size_t k = i;
 		int rc;
 
-		while (k < end && k < i + 7 && live(t, segment, k))
+		while (k < end && k < i + most && live(t, segment, k))
 			k++;
 		rc = k > i ? fn(sink, p + i, k - i, err) : 0;
 		if (rc)
