@@ -514,15 +514,22 @@ void push_retry(struct push *p)
 	push_pump(p);
 }
 
-/* For a stop that cannot wait: the folder of an uncommitted push is swept as the next start would. */
+/* For a stop that cannot wait: its own files and no others. What others have in that folder may be promised, or be named by a row that is
+ * on its way to the disk; the next start knows all of it. */
 void push_remove_files(struct push *p)
 {
 	struct err err = ERR_INIT;
+	char name[64];
 
 	/* What the next start can go on with stays. */
-	if (!p->committed && !p->on_disk && (!p->busy || p->asks->kind != PUSH_COMMIT) &&
-	    dataset_sweep(p->dataset, false, &err))
+	if (p->committed || p->on_disk || p->dataset->onestep || (p->busy && p->asks->kind == PUSH_COMMIT) ||
+	    dataset_open(p->dataset, &err))
+		return;
+	push_stage_name(p->id, name);
+	strcat(name, ".");
+	if (folder_sweep(p->dataset->dirfd, name, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
+	dataset_close(p->dataset);
 }
 
 void push_tick(struct push *p)

@@ -1,0 +1,89 @@
+/* What a push left on the disk, and others that go on beside it: nobody else takes it away. */
+#include "house.h"
+
+#include <stdatomic.h>
+
+static atomic_llong ahead_ns;
+
+uint64_t __real_clock_mono_ns(void);
+uint64_t __wrap_clock_mono_ns(void);
+
+uint64_t __wrap_clock_mono_ns(void)
+{
+	return __real_clock_mono_ns() + (uint64_t)atomic_load(&ahead_ns);
+}
+
+/* The first of a house has no dataset to be beside. */
+static void push_base(void)
+{
+	struct dataset *d = push("s", 500, 1);
+
+	turn_until(!h.jobs->pushes);
+	dataset_release(d);
+}
+
+/* A push of one file, up to where it is staged. */
+static struct push *stage_file(const char *name, int fd)
+{
+	const struct push_input input = {.name = name, .path = name};
+
+	begin("s");
+	assert_int_equal(got.why.code, 0);
+	ask(push_probe(got.push, dup(fd), &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	ask(push_plan(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	if (got.known == PUSH_NEW)
+		ask(push_file(got.push, dup(fd), &input, NULL));
+	assert_int_equal(got.why.code, 0);
+	return got.push;
+}
+
+static void is_durable(void)
+{
+	atomic_fetch_add(&ahead_ns, INT64_C(6000000000));
+	turn_until(got.durable);
+}
+
+static uint32_t pending_files(void)
+{
+	struct dataset *d = dataset_find(h.jobs, "s", &me);
+	struct dataset_info info;
+
+	assert_non_null(d);
+	dataset_info(d, &info);
+	return info.pending_files;
+}
+
+/* A daemon that cannot wait for its pushes removes what they have not promised, of each its own. */
+static void test_abandoned_beside(void **state)
+{
+	int fda = text_file(500, 2), fdb = text_file(500, 3);
+	struct push *a, *b;
+
+	push_base();
+	a = stage_file("a.xyz", fda);
+	is_durable();
+	b = stage_file("b.xyz", fdb);
+	jobs_abandon(h.jobs);
+	ask(push_abort(b, NULL));
+	push_leave(b);
+	push_leave(a);
+	close_house();
+	open_house(UINT64_C(32) << 20, 2);
+	assert_int_equal(pending_files(), 1);
+	stage_file("a.xyz", fda);
+	assert_int_equal(got.known, PUSH_ADOPTED);
+	push_leave(got.push);
+	close(fda);
+	close(fdb);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(test_abandoned_beside, setup, teardown),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
