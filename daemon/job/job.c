@@ -327,13 +327,16 @@ static enum job_state end_of(struct job *job)
 	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
 }
 
-/* One whose first row did not come was never there. */
-void job_end_row(struct job *job)
+/* Its first row is there, or there is to be none. One whose first row did not come was never there (job_submit.c). */
+void job_over(struct job *job)
 {
 	struct err err = ERR_INIT;
 
-	if (!job->bound && !job->removed && job_put_row(job, NULL, &err))
+	if (!job->bound && job->removed)
+		return;
+	if (!job->bound && job_put_row(job, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "the catalogue", &err);
+	job_tell_end(job);
 }
 
 static void ended(struct job *job)
@@ -347,8 +350,7 @@ static void ended(struct job *job)
 	}
 	job->walk = walk_free(job->walk);
 	if (!job->waiting_row)
-		job_end_row(job);
-	job_tell_end(job);
+		job_over(job);
 }
 
 static void stop_walk(struct job *job)

@@ -348,7 +348,7 @@ void job_tick(struct job *);
 /* `view` becomes the job's, unless there is no memory: then NULL. */
 struct job *job_add(struct jobs *, uint64_t id, char *view, const struct job_peer *, struct err *err);
 int job_put_row(struct job *, catalogue_done_fn done, struct err *err);
-void job_end_row(struct job *); /* of one that is over */
+void job_over(struct job *); /* its last row, and the log */
 int job_load(struct jobs *, const struct catalogue_job *, struct err *err);
 struct job *job_free(struct job *);
 void job_done_with(struct job *); /* all of it but itself goes */

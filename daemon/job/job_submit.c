@@ -3,6 +3,7 @@
  * row that makes an unbound one outlive the daemon. Planning need not wait for that row: what a job does before it is promised is
  * derived, and a crash leaves a plan at most, of a number that another job will get.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -21,20 +22,30 @@ static void accept(struct job *job, const struct err *why)
 		accepted(job->token, why, why ? NULL : job);
 }
 
+/* Without a row it was never there, however far it has come. */
+static void refuse(struct job *job, const struct err *why)
+{
+	char what[128];
+
+	snprintf(what, sizeof what, "job %llu of %.60s is refused: its row cannot be written", (unsigned long long)job->id, job->dataset->name);
+	log_event_err(LOG_EVENT_JOB_FAILED, ABOUT_JOB(job), what, why);
+	job->removed = true;
+	accept(job, why);
+	job_cancel(job);
+}
+
 static void submit_row_done(void *ctx, int r, const struct err *why)
 {
 	struct job *job = ctx;
 
 	if (r) {
-		job->removed = true;
-		accept(job, why);
-		job_cancel(job);
+		refuse(job, why);
 		return;
 	}
 	accept(job, NULL);
 	/* It was faster than its row. */
 	if (job_state_final(job->state))
-		job_end_row(job);
+		job_over(job);
 	else
 		job_step(job);
 }
@@ -243,9 +254,7 @@ void job_submit(struct jobs *j, const struct job_params *p,
 	}
 	job->waiting_row = true;
 	if (job_put_row(job, submit_row_done, &err)) {
-		job->removed = true;
-		accept(job, &err);
-		job_cancel(job);
+		refuse(job, &err);
 		return;
 	}
 	/* It begins at once, and is promised, shown and told when its row is there. */

@@ -3,6 +3,7 @@
  * has come; and without a row it was never there. The test holds the row.
  */
 #include "house.h"
+#include "log.h"
 #include "plan_file.h"
 
 static struct {
@@ -70,11 +71,12 @@ static void test_goes_on(void **state)
 {
 	struct dataset *d = push("a", 5000, 3);
 	struct job *job = begin_job(d);
-	uint64_t id = info_of(job).id;
+	uint64_t id = info_of(job).id, told = log_event_count(LOG_EVENT_JOB_DONE);
 
 	turn_until_final(job);
 	assert_int_equal(info_of(job).state, JOB_done);
 	assert_int_equal(accepts, 0);
+	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told);
 	assert_int_equal(put.puts, 1); /* what it came to follows its first row */
 	assert_null(job_find(h.jobs, id, &me));
 	let_row();
@@ -83,6 +85,7 @@ static void test_goes_on(void **state)
 	assert_ptr_equal(job_find(h.jobs, id, &me), accepted_job);
 	assert_int_equal(put.puts, 2);
 	assert_string_equal(put.last, "done");
+	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told + 1);
 	/* The next start knows how it ended. */
 	dataset_release(d);
 	close_house();
@@ -96,7 +99,8 @@ static void test_refused(void **state)
 	for (int over = 0; over < 2; over++) {
 		struct dataset *d = push(over ? "b" : "a", 5000, 3);
 		struct job *job = begin_job(d);
-		uint64_t id = info_of(job).id;
+		uint64_t id = info_of(job).id, failed = log_event_count(LOG_EVENT_JOB_FAILED);
+		uint64_t otherwise = log_event_count(LOG_EVENT_JOB_DONE) + log_event_count(LOG_EVENT_JOB_CANCELLED);
 
 		if (over)
 			turn_until_final(job);
@@ -106,6 +110,9 @@ static void test_refused(void **state)
 		assert_null(job_find(h.jobs, id, &me));
 		turn_until(!h.jobs->jobs);
 		assert_int_equal(put.puts, 1); /* it has no row */
+		/* The log says why it is not there, once, and nothing else of it. */
+		assert_int_equal(log_event_count(LOG_EVENT_JOB_FAILED), failed + 1);
+		assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE) + log_event_count(LOG_EVENT_JOB_CANCELLED), otherwise);
 		dataset_release(d);
 	}
 }
