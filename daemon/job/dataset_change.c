@@ -4,7 +4,8 @@
  * The model: one manifest after the other. Who makes the next one is the dataset's `committer`; a change that finds
  * another one there waits in the house's list. A worker reads the newest manifest, lets `make` say what becomes of it,
  * and writes the new one, durable; then the row of the catalogue names it, and only then does the dataset in memory.
- * What a crash leaves of one is a manifest that nothing names, which the next change removes.
+ * What a crash leaves of one is a manifest that nothing names, or half of one; no row leads the next start to it. Whoever publishes the
+ * dataset's next manifest, a push or a change, removes it first.
  */
 #include "dataset_change.h"
 
@@ -12,6 +13,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "clock.h"
 #include "io.h"
@@ -85,6 +87,8 @@ static void change_run(struct sched_task *t)
 	c->r = dataset_open(c->dataset, &c->err);
 	c->opened = !c->r;
 	if (!c->r)
+		dataset_tidy(c->dataset, c->base_name);
+	if (!c->r)
 		c->r = grid_manifest_load(c->dataset->dirfd, c->base_name, c->jobs->p.ledger, &base, &c->err);
 	if (!c->r)
 		c->r = write_made(c, base, &c->err);
@@ -94,27 +98,47 @@ static void change_run(struct sched_task *t)
 	grid_manifest_free(base);
 }
 
-/* Nobody reads by an older name, and nobody else makes a manifest now: what another name has is of a time before. */
-static int remove_older(void *ctx, const struct dirent *e, struct err *err)
-{
-	const struct dataset_change *c = ctx;
+struct others {
+	const struct dataset *dataset;
+	const char *keep;
+};
 
-	if (strncmp(e->d_name, "manifest-", 9) || !strcmp(e->d_name, c->made_name))
+static int remove_other(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct others *o = ctx;
+
+	if (strncmp(e->d_name, "manifest-", 9) || !strcmp(e->d_name, o->keep))
 		return 0;
-	return io_remove(c->dataset->dirfd, e->d_name, err);
+	return io_remove(o->dataset->dirfd, e->d_name, err);
+}
+
+/* Nobody reads by another name, and nobody else makes a manifest now: what another name has is of a time before. */
+static void remove_others(const struct dataset *d, const char *keep)
+{
+	struct err err = ERR_INIT;
+
+	if (io_list(d->dirfd, ".", remove_other, &(struct others){d, keep}, &err))
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "an old manifest stays behind", &err);
+}
+
+void dataset_tidy(struct dataset *d, const char *newest)
+{
+	/* Where the newest is gone, whoever looks into the folder finds all that there is. */
+	if (!d->tidied && !d->onestep && *newest && faccessat(d->dirfd, newest, F_OK, 0) == 0)
+		remove_others(d, newest);
+	d->tidied = true;
 }
 
 static void tidy_run(struct sched_task *t)
 {
 	struct dataset_change *c = (struct dataset_change *)t;
-	struct err err = ERR_INIT;
 
 	if (c->r && catalogue_unsure(c->jobs->p.catalogue))
 		return;
 	if (c->r)
 		io->unlinkat(c->dataset->dirfd, c->made_name, 0);
-	else if (io_list(c->dataset->dirfd, ".", remove_older, c, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "an old manifest stays behind", &err);
+	else
+		remove_others(c->dataset, c->made_name);
 }
 
 /* ---- loop ---- */

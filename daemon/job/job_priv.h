@@ -75,6 +75,7 @@ struct dataset {
 	unsigned readers; /* of its newest manifest by name: dataset_read_begin */
 	uint32_t next_source;
 	struct pending *pending;
+	bool tidied;     /* by dataset_tidy */
 	bool row; /* the catalogue has one */
 	bool sweep; /* at the start: pushes left something */
 	bool swept_once; /* and the row that says so goes */
@@ -304,6 +305,8 @@ int folder_remove(int dirfd, const char *name, struct err *err); /* with everyth
 /* Removes the entries whose names begin so. */
 int folder_sweep(int dirfd, const char *prefix, struct err *err);
 
+/* dataset_change.c: its committer, with the folder open and before a manifest is made: once, what a crash left of others goes. Worker. */
+void dataset_tidy(struct dataset *, const char *newest);
 void dataset_drop(struct dataset *); /* nobody uses it: out of list and catalogue, its folder goes in the background */
 
 /* dataset_remove.c */

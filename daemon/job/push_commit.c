@@ -198,6 +198,7 @@ static int commit_manifest(struct push *p, const struct grid_segment_info *segme
 /* First what is there to be sealed. */
 static void seal_begin(struct push *p, struct push_ask *a)
 {
+	dataset_tidy(p->dataset, p->base_name);
 	/* Another push may have committed since this one began. */
 	p->base = grid_manifest_free(p->base);
 	if (*p->base_name)

@@ -307,7 +307,7 @@ static void check_on(uint64_t marks, const struct scene_digests *want)
 static void check_all(uint64_t marks, const struct scene_digests *want)
 {
 	static const unsigned seed[FILES] = {1, 2, 3};
-	struct dataset *a = dataset_find(h.jobs, "a", &me);
+	struct dataset *a = dataset_find(h.jobs, "a", &me), *b;
 	enum push_known_as known[FILES];
 	char digest[DIGEST_HEX_SIZE];
 	struct job *job;
@@ -338,13 +338,16 @@ static void check_all(uint64_t marks, const struct scene_digests *want)
 	must((job = submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW)));
 	mesh_to(job, digest);
 	must(!strcmp(digest, want->all));
+	/* A revert or a prune leaves no word in the catalogue that a start would clean up by: the next commit does. */
+	if ((b = dataset_find(h.jobs, "b", &me)) && b->generation)
+		push_one("b", 100 + (unsigned)b->generation);
 	turn_until(!jobs_active(h.jobs));
 }
 
 #undef has
 
 static int bad_names;
-static bool after_crash;
+static bool after_crash, keeps_manifests;
 
 static bool is_manifest(const char *name)
 {
@@ -357,8 +360,8 @@ static int look(const char *path, const struct stat *st, int kind, struct FTW *f
 	static const char *const ends[] = {".tmp", ".run", ".pending", ".part", ".stage", ".new"};
 	bool bad = !strncmp(name, "tmp-", 4);
 
-	/* What a crash leaves in the store of domains is evicted like all that is there; of a manifest see look_dataset. */
-	if (kind != FTW_F || (after_crash && (strstr(path, "/domains/") || is_manifest(name))))
+	/* What a crash leaves in the store of domains is evicted like all that is there. */
+	if (kind != FTW_F || (after_crash && strstr(path, "/domains/")) || (keeps_manifests && is_manifest(name)))
 		return 0;
 	for (unsigned i = 0; dot && i < sizeof ends / sizeof *ends; i++)
 		bad |= !strcmp(dot, ends[i]);
@@ -381,7 +384,7 @@ static bool is_named(int fd, DIR *dir, const char *name)
 		struct grid_manifest *m = NULL;
 		struct err err = ERR_INIT;
 
-		if (!is_manifest(e->d_name) || (after_crash && strstr(e->d_name, ".tmp")))
+		if (!is_manifest(e->d_name) || (keeps_manifests && strstr(e->d_name, ".tmp")))
 			continue;
 		must(!grid_manifest_read(fd, e->d_name, &m, &err));
 		for (size_t i = 0; i < m->nsegments; i++)
@@ -391,8 +394,7 @@ static bool is_named(int fd, DIR *dir, const char *name)
 	return named;
 }
 
-/* A folder of a dataset: a manifest, and what it names. A crash may leave another one, whole or half written, until the next change: a
- * revert or a prune leaves no word in the catalogue that a start would clean up by, as pushes do. */
+/* A folder of a dataset: a manifest, and what it names. */
 static void look_dataset(const char *path)
 {
 	int fd = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC), manifests = 0;
@@ -403,7 +405,7 @@ static void look_dataset(const char *path)
 		if (*e->d_name == '.')
 			continue;
 		if (is_manifest(e->d_name)) {
-			if (manifests++ == 0 || after_crash)
+			if (manifests++ == 0 || keeps_manifests)
 				continue;
 		} else if (is_named(fd, other, e->d_name)) {
 			continue;

@@ -142,8 +142,8 @@ static void one_point(unsigned long i)
 	enum push_known_as known[2];
 	char digest[DIGEST_HEX_SIZE];
 
-	/* Where removing fails too, for ever, something stays in the store until it is evicted. */
-	after_crash = plan.for_ever && (plan.kinds & 1u << FAULT_UNLINK);
+	/* Where removing fails too, for ever, something stays in the store until it is evicted, and a manifest until the next commit. */
+	after_crash = keeps_manifests = plan.for_ever && (plan.kinds & 1u << FAULT_UNLINK);
 	new_folder(i);
 	fault_log_start(h.folder);
 	plan.at = at_of(i);

@@ -55,6 +55,24 @@ static uint32_t pending_files(void)
 	return info.pending_files;
 }
 
+static void commit(void)
+{
+	ask(push_commit(got.push, NULL));
+	assert_int_equal(got.why.code, 0);
+	push_leave(got.push);
+	dataset_release(got.committed.dataset);
+	turn_until(!h.jobs->pushes);
+}
+
+static void push_file_of(const char *name)
+{
+	int fd = text_file(500, 7);
+
+	stage_file(name, fd);
+	commit();
+	close(fd);
+}
+
 /* A daemon that cannot wait for its pushes removes what they have not promised, of each its own. */
 static void test_abandoned_beside(void **state)
 {
@@ -79,10 +97,34 @@ static void test_abandoned_beside(void **state)
 	close(fdb);
 }
 
+/* What a crash left of a revert, half a manifest or a whole one that nothing names, goes when the next manifest is made. */
+static void test_half_a_manifest(void **state)
+{
+	static const char *const left[] = {"manifest-2-c1.tmp", "manifest-2-c1", "manifest-2-c2"};
+	char path[128];
+
+	push_base();
+	close_house();
+	for (unsigned i = 0; i < 3; i++) {
+		snprintf(path, sizeof path, "%s/datasets/1/%s", h.folder, left[i]);
+		close(open(path, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+		assert_int_equal(access(path, F_OK), 0);
+	}
+	open_house(UINT64_C(32) << 20, 2);
+	push_file_of("b.xyz");
+	for (unsigned i = 0; i < 3; i++) {
+		snprintf(path, sizeof path, "%s/datasets/1/%s", h.folder, left[i]);
+		assert_int_not_equal(access(path, F_OK), 0);
+	}
+	push_file_of("c.xyz");
+	assert_int_equal(dataset_find(h.jobs, "s", &me)->generation, 3);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(test_abandoned_beside, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_half_a_manifest, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
