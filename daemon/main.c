@@ -150,13 +150,35 @@ static uint64_t tasks_most(void)
 	return config_cgroup_tasks("");
 }
 
+/* One that an earlier acutd made, or that was copied from a backup. Before SQLite has it: to close it here would give up its locks. */
+static void close_to_others(const char *path)
+{
+	static const char *const ends[] = {"", "-wal", "-shm"};
+	char name[620];
+	struct stat st;
+
+	for (size_t i = 0; i < sizeof ends / sizeof *ends; i++) {
+		int fd;
+
+		snprintf(name, sizeof name, "%s%s", path, ends[i]);
+		fd = open(name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+		if (fd < 0)
+			continue;
+		if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && (st.st_mode & 0077) && fchmod(fd, st.st_mode & 0700) != 0)
+			log_warning("%s can be opened by others, and its mode cannot be changed: %s", name, strerror(errno));
+		close(fd);
+	}
+}
+
 /* It names what rights.c tells not everybody, and the folder may be one that somebody made with another mode: SQLite goes by the umask,
  * its other files by this one's mode. */
 static int open_catalogue(const char *path, struct daemon *d, struct err *err)
 {
 	mode_t mask = umask(0077);
-	int r = catalogue_new(path, d->ledger, &d->catalogue, err);
+	int r;
 
+	close_to_others(path);
+	r = catalogue_new(path, d->ledger, &d->catalogue, err);
 	umask(mask);
 	return r;
 }

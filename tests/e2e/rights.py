@@ -4,6 +4,7 @@ import json
 import mmap
 import os
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -438,7 +439,7 @@ def who_holds_what():
 
 
 def nobody_looks_into_the_state():
-    """Whatever the mode of the folder that it was given, and the umask."""
+    """Whatever the mode of the folder that it was given, the umask, and the mode that the catalogue had."""
     with e2e.Folder() as base:
         box = Box(base)
         for folder in (box.daemon.state, box.daemon.cache):
@@ -453,6 +454,17 @@ def nobody_looks_into_the_state():
                 for name in names:
                     mode = os.stat(os.path.join(folder, name)).st_mode
                     expect(not mode & 0o077, "%s/%s has mode %o" % (folder, name, mode))
+            # As an earlier acutd made it, or a copy of a backup has it; the journal of one that was killed, too.
+            box.daemon.stop(signal.SIGKILL)
+            catalogue = os.path.join(box.daemon.state, "catalogue.db")
+            files = [catalogue + end for end in ("", "-wal", "-shm") if os.path.exists(catalogue + end)]
+            expect(len(files) > 1, str(files))
+            for path in files:
+                os.chmod(path, 0o644)
+            box.daemon.start()
+            expect(len(box.daemon.ctl("jobs", "--json").ok().out.splitlines()) == 1, "jobs")
+            for path in filter(os.path.exists, files):
+                expect(os.stat(path).st_mode & 0o777 == 0o600, "%s has mode %o" % (path, os.stat(path).st_mode))
 
 
 def limit_of_exports():
