@@ -39,7 +39,7 @@ struct dataset *dataset_new(struct jobs *j, const char *name, const struct job_p
 
 	/* One of a single step goes with its mesh. */
 	if (onestep ? house_take(j, DATASET_BYTES, "another dataset", err) :
-		      house_take_lasting(j, owner->uid, DATASET_BYTES, "another dataset", err))
+		      house_take_lasting(j, HOUSE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
 		return NULL;
 	d = calloc(1, sizeof *d);
 	if (!d)

@@ -3,13 +3,15 @@
  * number is the users' business: all of it is charged before it is kept, and refused, with a sentence, when the part
  * of the memory for it is used up.
  *
- * What lasts, datasets and jobs, is not given all of that part: with no room left for walks and pushes no job would ever end,
- * and none of it go. Of jobs that are over those of the user give way who has most of them, the oldest first.
+ * What lasts is not given all of that part: datasets leave some to jobs, and these to walks and pushes, or no job would ever end and
+ * none of it go. Of jobs that are over those of the user give way who has most of them, the oldest first.
  */
 #include <stdlib.h>
 #include <string.h>
 
 #include "job_priv.h"
+
+enum { FORGOTTEN_MAX = 64 }; /* at a time: each is a change of the catalogue */
 
 static int full(struct jobs *j, const char *what, struct err *err)
 {
@@ -18,34 +20,38 @@ static int full(struct jobs *j, const char *what, struct err *err)
 	return err_add_hint(err, "remove datasets and jobs that nobody needs (acutctl rm), or give acutd more memory");
 }
 
-/* Of a view whose text has n bytes with its end. */
-static uint64_t view_bytes(uint64_t n, unsigned areas)
-{
-	/* Two copies of the text; of an area a corner for each four bytes at most: itself (with what a growing array
-	 * has in hand), its edge, its place in lists of edges, and 40 KiB of cells and strips (view_area.c). */
-	const uint64_t corner = 32 + 40 + 16, fixed = 40 << 10;
-
-	return 2 * n + (areas ? n / 4 * corner + areas * fixed : 0);
-}
-
-/* What stays for what comes and goes: a quarter, or a walk by the largest view with its window, if that is not more than half. */
-static uint64_t passing_part(uint64_t most)
-{
-	uint64_t view = view_bytes(VIEW_TEXT_MAX, 2), part = most / 4 > view ? most / 4 : view;
-
-	return part < most / 2 ? part : most / 2;
-}
-
 int house_take(struct jobs *j, uint64_t bytes, const char *what, struct err *err)
 {
-	return ledger_take(j->p.ledger, LEDGER_JOBS, bytes) ? 0 : full(j, what, err);
+	if (ledger_take(j->p.ledger, LEDGER_JOBS, bytes))
+		return 0;
+	j->lacks = bytes > j->lacks ? bytes : j->lacks;
+	return full(j, what, err);
 }
 
-int house_take_lasting(struct jobs *j, uint32_t uid, uint64_t bytes, const char *what, struct err *err)
+bool house_make_room(struct jobs *j)
+{
+	uint64_t held = ledger_held(j->p.ledger, LEDGER_JOBS), most = ledger_most(j->p.ledger, LEDGER_JOBS), lacks = j->lacks;
+	unsigned n = 0;
+
+	/* Some at a time, as those that are too old (jobs.c). */
+	if (!lacks || catalogue_busy(j->p.catalogue))
+		return false;
+	j->lacks = 0;
+	/* Not where domains have the memory, nor where it would not be enough. */
+	if (held + lacks <= most || held - past_bytes(j) + lacks > most)
+		return false;
+	while (n < FORGOTTEN_MAX && ledger_held(j->p.ledger, LEDGER_JOBS) + lacks > most && jobs_forget_one(j, PAST_BYTES, 0, 0))
+		n++;
+	if (n == FORGOTTEN_MAX)
+		j->lacks = lacks;
+	return n;
+}
+
+int house_take_lasting(struct jobs *j, enum house_lasting kind, uint32_t uid, uint64_t bytes, const char *what, struct err *err)
 {
 	uint64_t most = ledger_most(j->p.ledger, LEDGER_JOBS);
 
-	most -= passing_part(most);
+	most -= most / kind;
 	while (ledger_held(j->p.ledger, LEDGER_JOBS) + bytes > most || !ledger_take(j->p.ledger, LEDGER_JOBS, bytes))
 		if (!jobs_forget_one(j, PAST_BYTES, uid, bytes))
 			/* What a start finds is there already. */
@@ -61,14 +67,19 @@ void house_give(struct jobs *j, uint64_t bytes)
 
 uint64_t house_view_bytes(const char *text, unsigned areas)
 {
-	return view_bytes(strlen(text) + 1, areas);
+	/* Two copies of the text; of an area a corner for each four bytes at most: itself (with what a growing array
+	 * has in hand), its edge, its place in lists of edges, and 40 KiB of cells and strips (view_area.c). */
+	const uint64_t corner = 32 + 40 + 16, fixed = 40 << 10;
+	uint64_t n = strlen(text) + 1;
+
+	return 2 * n + (areas ? n / 4 * corner + areas * fixed : 0);
 }
 
 struct pending *pending_new(struct jobs *j, uint32_t uid, struct err *err)
 {
 	struct pending *q;
 
-	if (house_take_lasting(j, uid, PENDING_BYTES, "another push", err))
+	if (house_take_lasting(j, HOUSE_JOB, uid, PENDING_BYTES, "another push", err))
 		return NULL;
 	q = calloc(1, sizeof *q);
 	if (!q) {

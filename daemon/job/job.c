@@ -451,7 +451,7 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_pe
 	size_t bytes = job_bytes(strlen(view));
 	struct job *job;
 
-	if (house_take_lasting(j, peer->uid, bytes, "another job", err))
+	if (house_take_lasting(j, HOUSE_JOB, peer->uid, bytes, "another job", err))
 		return NULL;
 	job = j->spare ? j->spare : malloc(sizeof *job);
 	j->spare = NULL;

@@ -171,6 +171,7 @@ struct jobs {
 		int64_t us;
 		uint64_t at_ns, ahead_ns; /* when it was told; since when the clock is ahead of it, 0: it is not */
 	} sure; /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
+	uint64_t lacks; /* bytes that house_take did not have, the most at a time (house_make_room) */
 	struct dataset_rewrite *merge; /* that is at work */
 	struct prune *prunes;          /* the first is at work, if no merge is */
 	struct dataset_old *olds;      /* that wait until nobody opens them */
@@ -241,9 +242,12 @@ int cache_may(const struct job_peer *, const char *what, struct err *err); /* ad
 
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
 int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err); /* for what ends by itself */
-/* For what stays, of that user: leaves some for the above. Old jobs that are over give way, of the user first who has most of
- * them: not to be called where one of them is in hand, or the next in a loop over them. */
-int house_take_lasting(struct jobs *, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
+/* For what stays, of that user: leaves that part of all to what is below, and to the above. Old jobs that are over give way, of the
+ * user first who has most of them: not to be called where one of them is in hand, or the next in a loop over them. */
+enum house_lasting { HOUSE_DATASET = 8, HOUSE_JOB = 16 };
+int house_take_lasting(struct jobs *, enum house_lasting, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
+/* For what found none since the last time, likewise; true: who waits for it may try again. */
+bool house_make_room(struct jobs *);
 void house_give(struct jobs *, uint64_t bytes);
 uint64_t house_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, uint32_t uid, struct err *err); /* NULL: err says why */

@@ -465,7 +465,7 @@ static void put_away(struct jobs *j)
 	past_round(j);
 }
 
-void jobs_settle(struct jobs *j)
+static void settle(struct jobs *j)
 {
 	struct push *p, *next;
 	struct job *job;
@@ -487,6 +487,13 @@ void jobs_settle(struct jobs *j)
 	put_away(j);
 	drops_settle(j);
 	admit_relieve(j);
+}
+
+void jobs_settle(struct jobs *j)
+{
+	settle(j);
+	if (house_make_room(j))
+		settle(j);
 }
 
 void jobs_tick(struct jobs *j)

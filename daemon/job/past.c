@@ -405,7 +405,7 @@ int past_awake(struct job *guest, struct job **ret, struct err *err)
 	}
 	more = job_bytes(strlen(guest->view));
 	more = more > guest->charged ? more - guest->charged : 0;
-	if (house_take_lasting(j, guest->peer.uid, more, "another job", err))
+	if (house_take_lasting(j, HOUSE_JOB, guest->peer.uid, more, "another job", err))
 		return -(int)err->code;
 	/* Others may have made room, by going. */
 	e = entry_of(j, guest->id);
@@ -529,6 +529,15 @@ void past_forget_dataset(struct jobs *j, struct dataset *d)
 	for (unsigned i = 0; p && p->guests && i <= GUESTS; i++)
 		if (p->guests[i].dataset == d)
 			p->guests[i].dataset = NULL;
+}
+
+uint64_t past_bytes(const struct jobs *j)
+{
+	uint64_t n = 0;
+
+	for (size_t i = 0; j->past && i < j->past->naccounts; i++)
+		n += j->past->account[i].has[PAST_BYTES];
+	return n;
 }
 
 size_t past_count(const struct jobs *j)

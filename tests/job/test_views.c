@@ -256,6 +256,32 @@ static void memory(void **state)
 	turn_until(!catalogue_busy(h.catalogue));
 }
 
+/* What a large area needs while it is looked at: jobs that are over give way to that as well. */
+static void memory_of_a_walk(void **state)
+{
+	struct dataset *d;
+	struct job *job;
+	unsigned before;
+	char *view;
+
+	close_house();
+	jobs_over(1, 9000, hog.uid, 60);
+	house_most = UINT64_C(2) << 20;
+	open_house(UINT64_C(64) << 20, 1);
+	house_most = 0;
+	before = count(&hog);
+	assert_true(before < 9000);
+	d = push("valley", 300, 5);
+	view = comb(4000, 1);
+	job = want(d, &me, view);
+	assert_non_null(job);
+	turn_until_final(job);
+	assert_int_equal(info_of(job).state, JOB_done);
+	assert_true(count(&hog) > 0 && count(&hog) < before / 2 + before / 4);
+	free(view);
+	dataset_release(d);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -264,6 +290,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(wanted, setup, teardown),
 		cmocka_unit_test_setup_teardown(unfinished, setup, teardown),
 		cmocka_unit_test_setup_teardown(warm, setup, teardown),
+		cmocka_unit_test_setup_teardown(memory_of_a_walk, setup, teardown),
 		cmocka_unit_test_setup_teardown(memory, setup, teardown),
 	};
 
