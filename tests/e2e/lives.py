@@ -343,6 +343,10 @@ class Life(generations_model.Life):
         with open(self.path("mesh.obj.changes.geojson")) as f:
             rows = [r["properties"] for r in json.load(f)["features"]]
         gone = [[v if v is None else round(v * 200) for v in r["region"]] for r in rows if r["change"] == "gone"]
+        if len(gone) * len(was) > 3 * 10 ** 6:  # too many to be looked at one by one; acutctl has compared the digests
+            left = len(was) - sum(r["triangles"] for r in rows if r["change"] == "gone")
+            expect(left + len(came) == len(now), "changes from %d to %d: %d and %d are not %d" % (since, generation, left, len(came), len(now)))
+            return
         kept = [t for t in was if not shapes.centre_in(t, gone)]
         expect(sorted(kept + came) == sorted(now), "changes from %d to %d: %d kept and %d new are not %d" % (since, generation, len(kept), len(came), len(now)))
 
