@@ -124,12 +124,36 @@ static int revert(struct ctl *ctl)
 	return ctl_dataset_revert(ctl, ctl->args.word[1], ctl->args.nword > 2 ? ctl->args.word[2] : NULL);
 }
 
+struct named {
+	const char *name;
+	unsigned n;
+};
+
+static void count_name(void *ctx, const struct acut_dataset *d)
+{
+	struct named *named = ctx;
+
+	named->n += !strcmp(d->name, named->name);
+}
+
+/* How to get it back: where several of its name were removed, that does not say which. */
+static void say_removed(struct ctl *ctl, const char *name, uint64_t id, int64_t until_us)
+{
+	struct named named = { .name = name };
+	char until[32], number[32];
+
+	snprintf(number, sizeof(number), "%llu", (unsigned long long)id);
+	if (acut_datasets_removed(ctl->acut, count_name, &named))
+		named.n = 0;
+	ctl_note(ctl, "%s is removed; acutctl dataset restore %s brings it back until %s", name, named.n > 1 ? number : name,
+		 ctl_job_time_text(until_us, until));
+}
+
 /* rm, restore, pin, unpin: the daemon's word for it, and what came of it. */
 static int change(struct ctl *ctl, const char *verb)
 {
 	const char *name = ctl->args.word[1];
 	struct acut_dataset d;
-	char until[32];
 	uint64_t id = 0;
 	int status = ctl_connect(ctl);
 
@@ -142,8 +166,7 @@ static int change(struct ctl *ctl, const char *verb)
 	if (ctl->args.json)
 		ctl_dataset_json(ctl, &d);
 	else if (d.removed_us)
-		ctl_note(ctl, "%s is removed; acutctl dataset restore %s brings it back until %s", d.name, d.name,
-			 ctl_job_time_text(d.until_us, until));
+		say_removed(ctl, name, d.id, d.until_us);
 	else if (!strcmp(verb, "restore"))
 		ctl_note(ctl, "%s is there again", d.name);
 	return CTL_DONE;

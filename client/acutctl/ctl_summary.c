@@ -51,13 +51,14 @@ static void changes_text(struct ctl *ctl, const struct format_changes *c)
 	char a[32], b[32], d[32];
 
 	if (!c->gone && !c->new_regions)
-		ctl_note(ctl, "nothing has changed since generation %s: all %s regions hold", ctl->args.since,
-			 ctl_job_count(c->kept, a));
+		ctl_note(ctl, "nothing has changed since generation %s: all %s region%s", ctl->args.since,
+			 ctl_job_count(c->kept, a), c->kept == 1 ? " holds" : "s hold");
 	else
-		ctl_note(ctl, "since generation %s: %s regions are gone, with %s triangles; %s hold", ctl->args.since,
-			 ctl_job_count(c->gone, a), ctl_job_count(c->gone_triangles, b), ctl_job_count(c->kept, d));
+		ctl_note(ctl, "since generation %s: %s region%s gone, with %s triangles; %s hold%s", ctl->args.since,
+			 ctl_job_count(c->gone, a), c->gone == 1 ? " is" : "s are", ctl_job_count(c->gone_triangles, b), ctl_job_count(c->kept, d),
+			 c->kept == 1 ? "s" : "");
 	if (c->new_regions)
-		ctl_note(ctl, "  new: %s regions, with %s triangles", ctl_job_count(c->new_regions, a),
+		ctl_note(ctl, "  new: %s region%s, with %s triangles", ctl_job_count(c->new_regions, a), c->new_regions == 1 ? "" : "s",
 			 ctl_job_count(c->new_triangles, b));
 }
 

@@ -54,9 +54,10 @@ int64_t dataset_until_us(const struct dataset *d)
 
 /* ---- what is asked ---- */
 
-static int no_dataset(const char *name, const char *kind, struct err *err)
+static int no_dataset(const char *name, bool removed, struct err *err)
 {
-	return err_set(err, ERR_NOTFOUND, "there is no %sdataset \"%.100s\"", kind, name);
+	err_set(err, ERR_NOTFOUND, "there is no %sdataset \"%.100s\"", removed ? "removed " : "", name);
+	return err_add_hint(err, removed ? "acutctl datasets --removed lists what can be restored" : "acutctl datasets lists them");
 }
 
 static int check_remove(const struct dataset *d, struct err *err)
@@ -97,10 +98,8 @@ static int find_removed(struct jobs *j, const struct dataset_wanted *w, struct d
 		err_set(err, ERR_USAGE, "%u datasets were called %s: numbers %s", n, w->name, ids);
 		return err_add_hint(err, "acutctl datasets --removed shows them; restore one by its number");
 	}
-	if (!found) {
-		no_dataset(w->name, "removed ", err);
-		return err_add_hint(err, "acutctl datasets --removed lists what can be restored");
-	}
+	if (!found)
+		return no_dataset(w->name, true, err);
 	*ret = found;
 	return 0;
 }
@@ -140,7 +139,7 @@ static int check_wanted(struct jobs *j, const struct dataset_wanted *w, struct d
 	} else {
 		d = dataset_find(j, w->name, &w->peer);
 		if (!d || d->onestep)
-			r = no_dataset(w->name, "", err);
+			r = no_dataset(w->name, false, err);
 	}
 	if (!r)
 		r = rights_dataset(d, &w->peer, w->verb == DATASET_CHOWN ? RIGHT_GIVE : RIGHT_OWN, err);

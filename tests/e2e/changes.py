@@ -280,6 +280,11 @@ def command():
         d.ctl(*fetch, "1", "-o", os.path.join(base, "c.ply"), "--canonical", "--origin", "auto").ok()
         empty = d.ctl(*fetch, "2", "-o", os.path.join(base, "none.ply")).ok()
         expect("nothing has changed" in empty.out + empty.err, empty.out + empty.err)
+        for n in (1, 2):
+            d.ctl("push", "tiny", corner(base, "tiny%d.xyz" % n, 50, seed=n)).ok()
+            tiny = d.ctl("submit", "tiny", "--wait").ok().out.split()[0]
+        said = d.ctl("fetch", tiny, "--changed-since", "1", "-o", os.path.join(base, "tiny.ply")).ok().out
+        expect("1 region is gone, with" in said and "; 0 hold" in said and "new: 1 region, with" in said, said)
         got = d.ctl(*fetch, "2", "--format", "null", "--json").ok().json()
         expect(got["changes"]["gone"] == 0 and got["changes"]["new_triangles"] == 0 and got["changes"]["kept"] > 0, got["changes"])
         expect(d.ctl("fetch", str(two), "--format", "null", "--json").ok().json()["changes"] is None, "null, not absent")

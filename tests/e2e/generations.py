@@ -530,7 +530,8 @@ def remove_and_restore():
             first = mesh(d, "s", "--at", "1")
             job = d.ctl("submit", "s", "--wait").ok().out.split()[0]
             whole = d.ctl("show", job, "--json").ok().json()["digest"]
-            says(d.ctl("dataset", "rm", "nothing"), 4, "there is no dataset")
+            for verb in ("rm", "pin", "unpin"):
+                says(d.ctl("dataset", verb, "nothing"), 4, "there is no dataset", "acutctl datasets lists them")
             says(d.ctl("dataset", "pin", "s"), 0)
             says(d.ctl("dataset", "rm", "s"), 1, "pinned", "unpin")
             expect(show(d, "s")["pinned"] is True, "it is not pinned")
@@ -554,7 +555,8 @@ def remove_and_restore():
             d.ctl("push", "s", b).ok()
             expect(show(d, "s")["generation"] == 1, "the name is not free")
             says(d.ctl("dataset", "restore", "s"), 1, "there is a dataset s already", "--as")
-            d.ctl("dataset", "rm", "s").ok()
+            number = show(d, "s")["id"]
+            says(d.ctl("dataset", "rm", "s"), 0, "acutctl dataset restore %d brings it back" % number)
             says(d.ctl("dataset", "restore", "s"), 2, "2 datasets were called s", "restore one by its number")
             says(d.ctl("dataset", "restore", "99"), 4, "no removed dataset")
         with e2e.Daemon(base) as d:
@@ -563,6 +565,8 @@ def remove_and_restore():
             says(d.ctl("dataset", "restore", str(ids[2])), 0)
             says(d.ctl("dataset", "restore", "s", "--as", "."), 2, "cannot name a dataset")
             says(d.ctl("dataset", "restore", "s", "--as", "t"), 0)
+            says(d.ctl("dataset", "rm", "t"), 0, "acutctl dataset restore t brings it back")
+            says(d.ctl("dataset", "restore", "t"), 0)
             expect(names(d) == ["s", "t"] and removed(d) == [], "%s" % names(d))
             expect(mesh(d, "s", "--at", "1") == first and mesh(d, "s")["digest"] == whole, "it is not what it was")
             expect(show(d, "t")["files"] == 1, "%s" % show(d, "t"))
