@@ -47,6 +47,7 @@ static struct push *push_free(struct push *p)
 	free(p->geoid_way);
 	free(p->last);
 	pthread_mutex_destroy(&p->space.lock);
+	push_guard_free(&p->row_guard);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
 	free(p);
@@ -198,16 +199,18 @@ static const struct err *refusal(const struct push *p, const struct push_ask *a,
 	return NULL;
 }
 
-/* What reads only need not wait until the next start would know of the push. A plan may give up what an interrupted push left:
- * not for a push that may never be one. */
-static bool only_reads(const struct push_ask *a)
+/* What writes nothing need not wait until the next start would know of the push. Points go into memory; who runs out of that
+ * waits then (push_row_wait). A plan may give up what an interrupted push left, and a stage goes on from there: not for a push that may
+ * never be one. */
+static bool before_row(const struct push_ask *a)
 {
-	return a->kind == PUSH_PROBE || (a->kind == PUSH_PLAN && !a->push->adopt);
+	return a->kind == PUSH_PROBE ||
+	       (!a->push->adopt && (a->kind == PUSH_PLAN || a->kind == PUSH_STAGE || a->kind == PUSH_FILE));
 }
 
 void push_pump(struct push *p)
 {
-	while (p->asks && !p->busy && !p->waiting_row && (!p->row_comes || only_reads(p->asks))) {
+	while (p->asks && !p->busy && !p->waiting_row && (!p->row_comes || before_row(p->asks))) {
 		struct push_ask *a = p->asks;
 		struct err err = ERR_INIT;
 		const struct err *why = refusal(p, a, &err);
@@ -307,6 +310,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	disk_mend(j);
 	if (p) {
 		pthread_mutex_init(&p->space.lock, NULL);
+		push_guard_init(&p->row_guard);
 		p->space.why = ERR_INIT;
 		p->asks_end = &p->asks;
 		p->scale_xy = copy(in->scale_xy);
@@ -447,6 +451,7 @@ void push_abort(struct push *p, void *token)
 {
 	atomic_store(&p->cancel, true);
 	push_streams_wake(p);
+	push_row_wake(p);
 	if (!push_ask_new(p, PUSH_ABORT, token, false))
 		p->calls.aborted(token);
 	else
@@ -463,6 +468,7 @@ void push_leave(struct push *p)
 	if (!p->busy || p->asks->kind != PUSH_COMMIT) {
 		atomic_store(&p->cancel, true);
 		push_streams_wake(p);
+		push_row_wake(p);
 		if (p->busy)
 			sched_cancel(p->jobs->p.sched, &p->task);
 	}

@@ -215,6 +215,8 @@ static void stage_run(struct push *p, struct push_ask *a)
 		.durable = !p->dataset->onestep,
 		.passing = p->dataset->onestep, /* nobody finds it after a crash */
 		.folder_later = true,           /* the manifest comes into it, and is durable only with its folder */
+		.ready = push_row_wait,
+		.ready_ctx = p,
 	};
 
 	push_stage_name(p->id, name);
@@ -456,7 +458,7 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 		p->unsynced_points += a->in.points;
 	} else if (tried && stage_broke(why)) {
 		push_break(p, why);
-	} else if (why) {
+	} else if (why && !p->broken) {
 		push_tell_refused(p, a->name, why);
 	}
 	p->calls.staged(a->token, why, why ? NULL : &file);

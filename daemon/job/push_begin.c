@@ -1,7 +1,7 @@
 /*
  * The beginning of a push: what the dataset is already, and what an interrupted push of the same user has left of
  * it; then its row in the catalogue, so that whatever it writes is known to the next start. Nobody waits for the row: it comes to
- * the disk while headers are read, and what writes comes after it (push_pump).
+ * the disk while headers are read, and points into memory. What writes comes after it (push_pump, push_row_wait).
  */
 #include <stdio.h>
 #include <string.h>
@@ -73,11 +73,42 @@ static void row_done(void *ctx, int r, const struct err *why)
 {
 	struct push *p = ctx;
 
+	push_guard_lock(&p->row_guard);
 	p->row_comes = false;
 	p->row = !r;
 	if (r && !p->left)
 		push_break(p, why);
+	push_guard_wake(&p->row_guard);
+	push_guard_unlock(&p->row_guard);
 	push_pump(p);
+}
+
+int push_row_wait(void *push, struct err *err)
+{
+	struct push *p = push;
+	int r;
+
+	push_guard_lock(&p->row_guard);
+	while (p->row_comes && !atomic_load(&p->cancel)) {
+		p->row_awaited = true;
+		push_guard_wait(&p->row_guard);
+	}
+	/* Who leaves when it is there writes what is to stay. */
+	if (!p->row_comes && (p->row || p->dataset->onestep))
+		r = 0;
+	else if (!p->row_comes && p->broken)
+		r = -(int)(*err = p->broken_err).code;
+	else
+		r = err_set(err, ERR_CANCELLED, "the push was ended");
+	push_guard_unlock(&p->row_guard);
+	return r;
+}
+
+void push_row_wake(struct push *p)
+{
+	push_guard_lock(&p->row_guard);
+	push_guard_wake(&p->row_guard);
+	push_guard_unlock(&p->row_guard);
 }
 
 static int settle_base(struct push *p, struct err *err)

@@ -146,7 +146,7 @@ void push_end_run(struct push *p)
 		/* What was there before stays. */
 		if (p->on_disk && write_manifest(p, &err))
 			log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "an interrupted push", &err);
-	} else if (!p->aborted && p->stage && !p->broken && (p->files > p->durable) &&
+	} else if (!p->aborted && p->stage && p->row && !p->broken && (p->files > p->durable) &&
 		   push_leave_pending(p, &err)) {
 		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "what a push staged last cannot be kept", &err);
 	}

@@ -141,6 +141,8 @@ struct push {
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
 	bool row_comes; /* its row is on its way to the disk: nothing is written before it is there */
+	struct push_guard row_guard; /* around row_comes, and broken_err of a row that did not come, for workers */
+	_Atomic bool row_awaited;    /* a worker has something to write */
 	bool reads;   /* the dataset's newest manifest, by name */
 	bool settled; /* what was there is known, and the push's own (push_begin_done) */
 	/* The first ask waits for memory: its worker is done and `done` is asked again, or all of it is (again). */
@@ -247,7 +249,9 @@ void push_streams_wake(struct push *);         /* cancelled: nobody waits any lo
 bool push_streams_busy(const struct push *);
 void push_streams_free(struct push *);
 
-/* push_begin.c: the row of PUSH_BEGIN */
+/* push_begin.c: the row of PUSH_BEGIN; and that in the catalogue, which a worker waits for. It ends with the push's cancel. */
+int push_row_wait(void *push, struct err *err);
+void push_row_wake(struct push *);
 int push_begin_start(struct push *, struct push_ask *, struct err *err);
 void push_begin_run(struct push *, struct push_ask *);
 bool push_begin_done(struct push *, struct push_ask *, const struct err *why);

@@ -37,6 +37,9 @@ struct grid_stage_params {
 	bool durable;           /* runs are fsynced; if not, grid_stage_sync does nothing */
 	bool passing;           /* nor need the segment outlive a crash: it is not fsynced */
 	bool folder_later;      /* the segment's name is durable when the caller has fsynced the folder, which it does anyway */
+	/* Asked before what was added becomes a run: a file may be made now? It may wait. Not 0: the stage fails with that. NULL: yes. */
+	int (*ready)(void *ctx, struct err *err);
+	void *ready_ctx;
 };
 
 /* The least `memory` that does. */

@@ -62,6 +62,8 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	snprintf(s->stem, sizeof s->stem, "%s", params->name);
 	s->passing = params->passing;
 	s->folder_later = params->folder_later;
+	s->ready = params->ready;
+	s->ready_ctx = params->ready_ctx;
 	s->lists = s->pages + grid_segment_bytes();
 	s->lists_bytes = memory / 64 < LISTS_MOST ? memory / 64 & ~(size_t)63 : LISTS_MOST;
 	s->cap = (memory - grid_segment_bytes() - s->lists_bytes) / 2 / 64 * 64 / sizeof *s->pts;
@@ -187,6 +189,9 @@ static int spill_lane(struct grid_stage *s, struct grid_lane *l, struct err *err
 	if (!l->n)
 		return 0;
 	point_sort(pts, scratch, l->n);
+	rc = s->ready ? s->ready(s->ready_ctx, err) : 0;
+	if (rc)
+		return rc;
 	lock(s);
 	rc = grid_stage_add_run(s, name, err);
 	unlock(s);

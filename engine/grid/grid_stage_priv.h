@@ -18,6 +18,8 @@ struct grid_lane {
 struct grid_stage {
 	int dirfd;
 	bool durable, passing, folder_later, failed, sealed;
+	int (*ready)(void *ctx, struct err *err); /* as in the params */
+	void *ready_ctx;
 	bool litter; /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
 	uint8_t *pages;     /* of the segment's index; the start of all memory */
