@@ -25,7 +25,36 @@ struct reading {
 	const char *what, *folder; /* before its name in what is told; "": nothing */
 	unsigned found;
 	bool derived;
+	/* Of an interrupted push: its number, and its two files that lead to the others, as they were when its reading began. */
+	uint64_t push;
+	int dirfd;
+	struct stat left[2];
 };
+
+/* Somebody took up the push, or dropped it. Who does writes or removes these before he removes anything that they name. */
+static void look_left(const struct reading *r, struct stat ret[2])
+{
+	static const char *const ends[] = {"pending", "stage"};
+	char name[64];
+
+	for (int i = 0; i < 2; i++) {
+		snprintf(name, sizeof name, "push-%llu.%s", (unsigned long long)r->push, ends[i]);
+		if (io->fstatat(r->dirfd, name, &ret[i], AT_SYMLINK_NOFOLLOW) != 0)
+			ret[i] = (struct stat){0};
+	}
+}
+
+static bool went_on(const struct reading *r)
+{
+	struct stat now[2];
+
+	look_left(r, now);
+	for (int i = 0; i < 2; i++)
+		if (now[i].st_ino != r->left[i].st_ino || now[i].st_ctim.tv_sec != r->left[i].st_ctim.tv_sec ||
+		    now[i].st_ctim.tv_nsec != r->left[i].st_ctim.tv_nsec)
+			return true;
+	return false;
+}
 
 /* "folder/file": names in a dataset's folder are the same in each. */
 static void add_folder(struct err *err, const char *folder)
@@ -43,6 +72,8 @@ static void damaged(void *ctx, const struct err *why)
 	struct reading *r = ctx;
 	struct err err = *why;
 
+	if (r->push && went_on(r))
+		return;
 	add_folder(&err, r->folder);
 	r->found++;
 	if (!r->derived)
@@ -113,6 +144,9 @@ static int read_push(struct reading *r, int dirfd, uint64_t id, struct err *err)
 	char name[64];
 	int s;
 
+	r->push = id;
+	r->dirfd = dirfd;
+	look_left(r, r->left);
 	snprintf(name, sizeof name, "push-%llu.pending", (unsigned long long)id);
 	if (io->faccessat(dirfd, name, F_OK, 0) != 0 && errno == ENOENT)
 		return 0;

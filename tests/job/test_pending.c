@@ -3,7 +3,10 @@
 
 #include <stdatomic.h>
 
+#include "grid.h"
+
 static atomic_llong ahead_ns;
+static atomic_bool hold, held;
 
 uint64_t __real_clock_mono_ns(void);
 uint64_t __wrap_clock_mono_ns(void);
@@ -11,6 +14,17 @@ uint64_t __wrap_clock_mono_ns(void);
 uint64_t __wrap_clock_mono_ns(void)
 {
 	return __real_clock_mono_ns() + (uint64_t)atomic_load(&ahead_ns);
+}
+
+int __real_grid_verify_stage(const struct grid_verify_params *, const char *stem, struct err *);
+int __wrap_grid_verify_stage(const struct grid_verify_params *, const char *stem, struct err *);
+
+int __wrap_grid_verify_stage(const struct grid_verify_params *p, const char *stem, struct err *err)
+{
+	atomic_store(&held, true);
+	while (atomic_load(&hold))
+		usleep(1000);
+	return __real_grid_verify_stage(p, stem, err);
 }
 
 /* The first of a house has no dataset to be beside. */
@@ -120,11 +134,66 @@ static void test_half_a_manifest(void **state)
 	assert_int_equal(dataset_find(h.jobs, "s", &me)->generation, 3);
 }
 
+static unsigned damages, overs;
+
+static void damage(void *token, const struct cache_damage *d)
+{
+	damages++;
+}
+
+static void verifying(void *token, const char *phase, uint64_t bytes, uint64_t total) {}
+
+static void verified(void *token, const struct err *why, const struct cache_verified *v)
+{
+	assert_null(why);
+	overs++;
+}
+
+/* What is taken up and committed while it is read for `cache verify` is not damaged; what lacks a file without that is. */
+static void test_verified_meanwhile(void **state)
+{
+	const struct cache_verify_calls verify_calls = {damage, verifying, verified};
+	const struct job_peer admin = {.uid = geteuid(), .pid = 1, .admin = true};
+	int fd = text_file(500, 2);
+	struct err err = ERR_INIT;
+	struct cache_verify *v;
+	char command[160];
+
+	for (int taken = 1; taken >= 0; taken--) {
+		push_base();
+		push_leave(stage_file("a.xyz", fd));
+		turn_until(!h.jobs->pushes);
+		assert_int_equal(pending_files(), 1);
+		damages = overs = 0;
+		atomic_store(&held, false);
+		atomic_store(&hold, true);
+		assert_int_equal(cache_verify(h.jobs, &admin, &verify_calls, NULL, &v, &err), 0);
+		turn_until(atomic_load(&held));
+		if (taken) {
+			stage_file("a.xyz", fd);
+			assert_int_equal(got.known, PUSH_ADOPTED);
+			commit();
+		} else {
+			snprintf(command, sizeof command, "rm %s/datasets/1/push-*.run", h.folder);
+			assert_int_equal(system(command), 0);
+		}
+		atomic_store(&hold, false);
+		turn_until(overs);
+		assert_int_equal(damages, !taken);
+		close_house();
+		nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
+		assert_int_equal(mkdir(h.folder, 0700), 0);
+		open_house(UINT64_C(32) << 20, 2);
+	}
+	close(fd);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test_setup_teardown(test_abandoned_beside, setup, teardown),
 		cmocka_unit_test_setup_teardown(test_half_a_manifest, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_verified_meanwhile, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
