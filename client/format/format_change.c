@@ -1,8 +1,9 @@
 /*
  * --changed-since: which regions are gone and which are new, as GeoJSON beside the output that has the new triangles.
  *
- * A region is a box of circumcentres; a triangle belongs to the one that its circumcentre is in, low < c <= high on both
- * axes. Its borders lie between lattice numbers, halves of them, and are written as exact decimals; null is infinite.
+ * A region is a box of circumcentres; a triangle belongs to the one that its circumcentre is in, and where that lies on a
+ * border its corners decide (geom_cut_side; for users: STREAM.md, "Changes"). Borders lie between lattice numbers, halves
+ * of them, and are written as exact decimals; null is infinite.
  * The polygon of a feature is the region as far as it is in the box of the dataset, for looking at. New regions come with
  * the blocks, gone ones before them; what depends on the job stands at the end, where it is known.
  */

@@ -559,7 +559,10 @@ int acut_fetch_window(struct acut *, const char *area);
  * What differs between two meshes of a dataset under one view: that of generation `since`, as its newest job that is done
  * made it, and that of `job`, which must be done. Regions are those of the blocks (`box`). A reader who keeps the old
  * mesh by region takes out those that are gone and puts in the blocks that come; who does not, takes out every triangle
- * whose circumcentre lies in a region that is gone (low < c <= high on both axes, in doubled lattice numbers). Vertices
+ * whose circumcentre lies in a region that is gone (low < c < high on both axes, in doubled lattice numbers). Where it
+ * lies on a border, let p be the corner with the greatest x (of two such, the greater y), and q and r the next ones,
+ * counter-clockwise: beside a border in x it counts as greater if q.y > r.y and as less if q.y < r.y, beside one in y as
+ * greater if q.x < r.x and as less if q.x > r.x; of equal ones p is the greatest of the two others instead. Vertices
  * are numbered within this stream. A region of which only heights have changed is gone and comes again.
  */
 struct acut_mesh_base {

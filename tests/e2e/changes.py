@@ -1,6 +1,6 @@
 """fetch --changed-since: who holds the old mesh by its regions, takes out those that are gone and puts in what comes, has the
-new mesh, triangle by triangle and with the heights; so has who holds it without regions and goes by circumcentres. Points
-that come, heights alone that change, a way back, nothing; going on in the middle; what cannot be."""
+new mesh, triangle by triangle and with the heights; so has who holds it without regions and goes by circumcentres, on borders
+too. Points that come, heights alone that change, a way back, nothing; going on in the middle; what cannot be."""
 import json
 import os
 import random
@@ -14,6 +14,7 @@ from e2e import Daemon, Folder, expect
 try:
     import xxhash
     from acut_wire import Client, Digest, Mesh, PipeReader, pb, read_all
+    from life_shapes import centre_in
 except ImportError as e:
     e2e.skip("python3-xxhash and python3-protobuf are needed: %s" % e)
 
@@ -249,32 +250,69 @@ def read_obj(path):
     return triangles
 
 
+def doubled(regions):
+    """Regions of the list beside the output, read as fractions, in doubled hundredths."""
+    out = [[v if v is None else v * 200 for v in r] for r in regions]
+    expect(all(v is None or v % 2 == 1 for r in out for v in r), "borders are halves: %s" % out)
+    return [[v if v is None else int(v) for v in r] for r in out]
+
+
+def changed_command(base, d, one, two):
+    """What a holder without regions has of job two, by the changes since generation 1, is its mesh; the file of changes."""
+    old, new, out = (os.path.join(base, n) for n in ("old.obj", "new.obj", "out.obj"))
+    d.ctl("fetch", str(one), "-o", old).ok()
+    d.ctl("fetch", str(two), "-o", new).ok()
+    got = d.ctl("fetch", str(two), "--changed-since", "1", "-o", out, "--json").ok().json()
+    was, now, came = (read_obj(p) for p in (old, new, out))
+    with open(out + ".changes.geojson") as f:
+        index = json.load(f, parse_float=Fraction)
+    gone = doubled(f["properties"]["region"] for f in index["features"] if f["properties"]["change"] == "gone")
+    fresh = [f["properties"] for f in index["features"] if f["properties"]["change"] == "new"]
+    expect(len(came) == sum(p["triangles"] for p in fresh) == got["changes"]["new_triangles"], got["changes"])
+    expect(len(gone) == got["changes"]["gone"] == index["acut"]["gone"], got["changes"])
+    expect(got["changes"]["since"] == 1 and got["changes"]["old_job"] == one and got["digest"] == index["acut"]["digest"], got)
+    kept = [t for t in was if not centre_in(t, gone)]
+    expect(len(was) - len(kept) == got["changes"]["gone_triangles"], "circumcentres in regions that are gone")
+    expect(sorted(kept + came) == sorted(now), "without regions it is not the new mesh")
+    places = doubled(p["region"] for p in fresh)
+    expect(all(centre_in(t, places) for t in came), "what came lies in no new region")
+    return out
+
+
+def beside_borders():
+    """Half of a small grid, at random: many circumcentres lie on borders, and the corners say where the triangle is. On the
+    lower side few are: those have holes in the grid, circles round a place on a border with three points on them."""
+    middle, radius2 = 417, 2210  # doubled
+    holes = {(middle, n): ((19, -43), (41, -23), (47, 1)) for n in (101, 201, 301)}
+    holes.update({(n, middle): ((47, 1), (41, 23), (19, 43)) for n in (101, 201, 301)})
+    places = [(x, y) for x in range(420) for y in range(420)
+              if all((2 * x - i) ** 2 + (2 * y - j) ** 2 > radius2 for i, j in holes)]
+    on_holes = [((i + x) // 2, (j + y) // 2) for (i, j), corners in holes.items() for x, y in corners]
+    with Folder() as base, Daemon(base, **SMALL) as d, Client(d.socket, timeout=60) as c:
+        rng = random.Random(8)
+
+        def write(name, places):
+            return write_points(os.path.join(base, name), [(x / 100, y / 100, rng.uniform(0, 50)) for x, y in places])
+        pushed(d, write("half.xyz", rng.sample(places, POINTS) + on_holes),
+               write("corner.xyz", [(x, y) for x in range(40) for y in range(40)]))
+        one, two = job_of(d, 1), job_of(d, 2)
+        mesh, ties = c.fetch(one), [0] * 4
+        for r, rows in mesh.regions.items():
+            box = [None if abs(v) >= (1 << 63) - 1 else v + 2 * mesh.k[i % 2] for i, v in enumerate(r)]
+            for t in rows:
+                expect(centre_in(t, [box]), "%s by its circumcentre is not in its region %s" % (t, box))
+                for i, v in enumerate(circumcentre(*(p[:2] for p in t)) * 2):
+                    ties[i] += v == box[i]
+        expect(min(ties) >= 3, "triangles beside a border that their circumcentre is on: %s" % ties)
+        changed_command(base, d, one, two)
+
+
 def command():
     """acutctl alone, and a holder without regions."""
     with Folder() as base, Daemon(base, **SMALL) as d:
         pushed(d, survey(base), corner(base))
-        old, new, out = (os.path.join(base, n) for n in ("old.obj", "new.obj", "out.obj"))
         one, two = job_of(d, 1), job_of(d, 2)
-        d.ctl("fetch", str(one), "-o", old).ok()
-        d.ctl("fetch", str(two), "-o", new).ok()
-        got = d.ctl("fetch", str(two), "--changed-since", "1", "-o", out, "--json").ok().json()
-        was, now, came = (read_obj(p) for p in (old, new, out))
-        with open(out + ".changes.geojson") as f:
-            index = json.load(f, parse_float=Fraction)
-        gone = [f["properties"]["region"] for f in index["features"] if f["properties"]["change"] == "gone"]
-        fresh = [f["properties"] for f in index["features"] if f["properties"]["change"] == "new"]
-        expect(len(came) == sum(p["triangles"] for p in fresh) == got["changes"]["new_triangles"], got["changes"])
-        expect(len(gone) == got["changes"]["gone"] == index["acut"]["gone"], got["changes"])
-        expect(got["changes"]["since"] == 1 and got["changes"]["old_job"] == one and got["digest"] == index["acut"]["digest"], got)
-
-        def lies_in(t, regions):
-            x, y = circumcentre(*(p[:2] for p in t))
-            return any((r[0] is None or r[0] * 200 < x) and (r[1] is None or r[1] * 200 < y) and
-                       (r[2] is None or x <= r[2] * 200) and (r[3] is None or y <= r[3] * 200) for r in regions)
-        kept = [t for t in was if not lies_in(t, gone)]
-        expect(len(was) - len(kept) == got["changes"]["gone_triangles"], "circumcentres in regions that are gone")
-        expect(sorted(kept + came) == sorted(now), "without regions it is not the new mesh")
-        expect(all(lies_in(t, [p["region"] for p in fresh]) for t in came), "what came lies in no new region")
+        out = changed_command(base, d, one, two)
         # In other formats; nothing; and what cannot be.
         fetch = ["fetch", str(two), "--changed-since"]
         d.ctl(*fetch, "1", "-o", os.path.join(base, "c.ply"), "--canonical", "--origin", "auto").ok()
@@ -336,4 +374,4 @@ def pruned():
         refused(d.ctl("fetch", str(three), "--changed-since", "2", "-o", out), 1, "was pruned", "fetch the whole mesh")
 
 
-e2e.main(follows, selected, goes_on, command, pruned)
+e2e.main(follows, selected, goes_on, command, beside_borders, pruned)

@@ -150,12 +150,22 @@ def geojson(path, ring):
     return path
 
 
+def higher(t, along):
+    """Whether t (counter-clockwise) is above a border along axis 0, or right of one along axis 1, on which its circumcentre lies."""
+    for p in sorted(range(3), key=lambda i: t[i][:2], reverse=True):
+        q, r = (t[(p + n) % 3][along] for n in (1, 2))
+        if q != r:
+            return q > r if along else q < r
+
+
 def centre_in(t, regions):
-    """Whether the circumcentre of t lies in one of the regions (x0, y0, x1, y1, doubled and half open; None: without end)."""
+    """Whether t is in one of the regions (x0, y0, x1, y1, doubled; None: without end) by its circumcentre, as STREAM.md says."""
     (ax, ay), (bx, by), (cx, cy) = (p[:2] for p in t)
     bx, by, cx, cy = bx - ax, by - ay, cx - ax, cy - ay
     d = 2 * (bx * cy - by * cx)
     b2, c2 = bx * bx + by * by, cx * cx + cy * cy
     x, y = 2 * (cy * b2 - by * c2) + 2 * ax * d, 2 * (bx * c2 - cx * b2) + 2 * ay * d
-    return any((r[0] is None or r[0] * d < x) and (r[1] is None or r[1] * d < y) and (r[2] is None or x <= r[2] * d) and
-               (r[3] is None or y <= r[3] * d) for r in regions)
+    # Whole numbers, doubled once more: a step of one leaves a border and reaches no other.
+    x, y, d = 2 * x + (1 if higher(t, 1) else -1), 2 * y + (1 if higher(t, 0) else -1), 2 * d
+    return any((r[0] is None or r[0] * d < x) and (r[1] is None or r[1] * d < y) and (r[2] is None or x < r[2] * d) and
+               (r[3] is None or y < r[3] * d) for r in regions)
