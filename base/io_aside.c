@@ -10,8 +10,8 @@
  *
  * Each entry has an owner, and of one owner one is being closed at a time: who has files that never close keeps one thread, and
  * what he gives after that waits behind it. The threads are as many as are needed for that, up to CLOSERS: so many owners with
- * such files hold up everyone's. One waits for what comes next, the others end. How much an owner may have here is for those
- * to say who take descriptors (io_close_behind): what is to be closed cannot be refused any more.
+ * such files hold up everyone's. One waits for what comes next, the others end. How much an owner may have here, and for how
+ * long, is for those to say who take descriptors (io_close_behind): what is to be closed cannot be refused any more.
  */
 #include <fcntl.h>
 #include <pthread.h>
@@ -21,6 +21,7 @@
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 
+#include "clock.h"
 #include "err.h"
 #include "io.h"
 #include "io_aside.h"
@@ -30,6 +31,7 @@ enum { CLOSERS = 16, NUMBERS = 16384 /* of descriptors whose owner is kept: no m
 struct closing {
 	int fd;
 	uint32_t owner;
+	uint64_t since_ns; /* in the list; then, with a thread */
 };
 
 struct closer {
@@ -98,6 +100,7 @@ static void *closer(void *ctx)
 			continue;
 		}
 		mine->at = aside.list[i];
+		mine->at.since_ns = clock_mono_ns();
 		memmove(&aside.list[i], &aside.list[i + 1], (--aside.n - i) * sizeof *aside.list);
 		see_to_next();
 		pthread_mutex_unlock(&aside.lock);
@@ -164,18 +167,27 @@ void io_close_owned(int fd, uint32_t owner)
 		owner_of[fd] = owner;
 }
 
-bool io_close_behind(uint32_t owner, size_t most)
+bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns)
 {
+	uint64_t since = 0;
 	size_t n = 0;
 
 	if (pending < most)
 		return false;
 	pthread_mutex_lock(&aside.lock);
 	for (unsigned i = 0; i < CLOSERS; i++)
-		n += aside.closer[i].there && aside.closer[i].at.fd >= 0 && aside.closer[i].at.owner == owner;
+		if (aside.closer[i].there && aside.closer[i].at.fd >= 0 && aside.closer[i].at.owner == owner) {
+			since = aside.closer[i].at.since_ns;
+			n++;
+		}
+	/* None with a thread: the first that waits for one. */
 	for (size_t i = 0; i < aside.n; i++)
-		n += aside.list[i].owner == owner;
+		if (aside.list[i].owner == owner) {
+			since = since ? since : aside.list[i].since_ns;
+			n++;
+		}
 	pthread_mutex_unlock(&aside.lock);
+	*ret_since_ns = since;
 	return n >= most;
 }
 
@@ -216,7 +228,7 @@ bool io_aside(int fd)
 	pthread_mutex_lock(&aside.lock);
 	kept = aside.threads && room();
 	if (kept) {
-		aside.list[aside.n++] = (struct closing){fd, owner};
+		aside.list[aside.n++] = (struct closing){fd, owner, clock_mono_ns()};
 		pending++;
 		see_to_next();
 	}

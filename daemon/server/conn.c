@@ -199,11 +199,14 @@ static void receive(struct conn *c)
 	Acut__V1__Message *m = NULL;
 	uint32_t id = 0;
 	int got = -1, r;
+	bool later;
 
-	if (room_files(&c->peer, &err)) {
+	if (room_files(&c->peer, &later, &err) || (later && room_wait(c, &err))) {
 		conn_fail(c, &err);
 		return;
 	}
+	if (later)
+		return;
 	room_make(c->server, COMFORT, c->peer.uid, c);
 	r = frame_conn_recv(c->frame, &id, &m, &got, &err);
 	if (r == FRAME_E_AGAIN) {
@@ -250,7 +253,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 	if (events & EPOLLOUT)
 		flush(c);
 	c->dry = false;
-	for (int i = 0; i < TURN_REQUESTS && now - start < most && !c->closed && !c->dry; i++) {
+	for (int i = 0; i < TURN_REQUESTS && now - start < most && !c->closed && !c->dry && !c->waits; i++) {
 		receive(c);
 		now = clock_mono_ns();
 	}

@@ -5,12 +5,15 @@
  * Where nobody is like that it is a crowd: of the user whose connections hold most together those are cut off that hold
  * most, as long as it is not he who asks. How many connections one user has is bounded as other things that are shared are: half of
  * what those of others leave. So a crowd that does nothing at all keeps nobody out, and neither does one that holds
- * a little with each. Nor does one whose files never close (base/io_aside.c): there are so many of a user, and then he is cut off.
+ * a little with each. Nor does one whose files do not close (base/io_aside.c): there are so many of a user, then he waits until
+ * there are fewer, and is cut off when the first of them has not been closed for so long: its file system does not answer. A
+ * thread that closes may well come later than the next files of a busy client.
  *
  * Who is cut off is closed when the loop comes to him: what calls here may be going through lists of what closing changes.
  */
 #include <sys/resource.h>
 
+#include "clock.h"
 #include "io.h"
 #include "rights.h"
 #include "server_priv.h"
@@ -23,6 +26,8 @@ enum {
 	CLOSING_MOST = 1024, /* files of a user that are not closed yet, and a share of all descriptors at most */
 	CLOSING_SHARE = 16,
 	CLOSING_LEAST = 16,
+	CLOSING_SECONDS = 5, /* that the close of one of them may take */
+	LATER_USEC = 5000,
 };
 
 /* All that may be there, half of the descriptors at most. */
@@ -43,30 +48,64 @@ uint32_t room_owner(const struct job_peer *peer)
 }
 
 /* A file system in user space that does not answer keeps what is closed there open for ever: of one user at most so many. */
-int room_files(const struct job_peer *peer, struct err *err)
+int room_files(const struct job_peer *peer, bool *ret_later, struct err *err)
 {
+	uint64_t since;
 	uint32_t owner = room_owner(peer);
 	rlim_t most = CLOSING_MOST;
 	struct rlimit files;
 
-	if (rights_admin(peer) || !io_close_behind(owner, CLOSING_LEAST))
+	*ret_later = false;
+	if (rights_admin(peer) || !io_close_behind(owner, CLOSING_LEAST, &since))
 		return 0;
 	if (getrlimit(RLIMIT_NOFILE, &files) == 0 && files.rlim_cur / CLOSING_SHARE < most)
 		most = files.rlim_cur / CLOSING_SHARE > CLOSING_LEAST ? files.rlim_cur / CLOSING_SHARE : CLOSING_LEAST;
-	if (!io_close_behind(owner, most))
+	if (!io_close_behind(owner, most, &since))
+		return 0;
+	*ret_later = clock_since(since) < CLOSING_SECONDS;
+	if (*ret_later)
 		return 0;
 	err_set(err, ERR_BUSY, "%u files of this user could not be closed yet: a file system does not answer", (unsigned)most);
 	err_add_hint(err, "see that what they lie on answers or is unmounted, and try again");
 	return err_add_place(err, ERR_NO_OFFSET, "user-files");
 }
 
+static int look_again(sd_event_source *source, uint64_t usec, void *ctx)
+{
+	struct server *s = ctx;
+
+	for (struct conn *c = s->conns; c; c = c->next)
+		if (c->waits && c->io)
+			c->waits = sd_event_source_set_enabled(c->io, SD_EVENT_ON) < 0;
+	return 0;
+}
+
+int room_wait(struct conn *c, struct err *err)
+{
+	struct server *s = c->server;
+	int r = 0;
+
+	/* Not its events alone: that its peer is gone would be told all the time. */
+	c->waits = true;
+	if (!s->closing)
+		r = sd_event_add_time_relative(s->p.event, &s->closing, CLOCK_MONOTONIC, LATER_USEC, 0, look_again, s);
+	else if (sd_event_source_get_enabled(s->closing, NULL) == SD_EVENT_OFF)
+		r = sd_event_source_set_time_relative(s->closing, LATER_USEC);
+	if (r >= 0)
+		r = sd_event_source_set_enabled(s->closing, SD_EVENT_ONESHOT);
+	if (r >= 0)
+		r = sd_event_source_set_enabled(c->io, SD_EVENT_OFF);
+	return r < 0 ? err_sys(err, -r, "a client cannot wait until his files are closed") : 0;
+}
+
 int room_place(const struct server *s, const struct job_peer *peer, struct err *err)
 {
 	unsigned own, others, most;
+	bool later;
 
 	if (rights_admin(peer))
 		return 0;
-	if (room_files(peer, err))
+	if (room_files(peer, &later, err))
 		return -(int)err->code;
 	own = conns_of(s, peer->uid);
 	if (s->p.user_connections && own >= s->p.user_connections) {

@@ -44,6 +44,7 @@ static void listeners_free(struct server *s)
 		free(l);
 	}
 	s->again = sd_event_source_disable_unref(s->again);
+	s->closing = sd_event_source_disable_unref(s->closing);
 }
 
 struct server *server_free(struct server *s)

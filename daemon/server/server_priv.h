@@ -27,6 +27,7 @@ struct server {
 	struct jobs *jobs;
 	struct listener *listeners;
 	sd_event_source *again; /* accept paused: no descriptors left */
+	sd_event_source *closing; /* to look whether there is room for those who wait (room_wait) */
 	struct conn *conns;
 	unsigned nconns;
 	uint64_t last_conn;
@@ -84,6 +85,7 @@ struct conn {
 	uint64_t blocked_ns; /* since when it has read nothing of what lies ready for it; 0: it has read all */
 	bool hello, closed, dry; /* dry: no whole message has come */
 	bool later;              /* its turn is after others' */
+	bool waits;              /* nothing is received: room_wait */
 	bool cut;                /* it ends when the loop comes to it */
 	unsigned nrequests, nfiles;
 	size_t charged; /* itself and its requests */
@@ -125,7 +127,9 @@ uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now,
 void room_make(struct server *, size_t bytes, uint32_t uid, const struct conn *but);
 int room_place(const struct server *, const struct job_peer *, struct err *err); /* for one connection more. -ERR_BUSY */
 uint32_t room_owner(const struct job_peer *); /* of descriptors that he passes (io_close_owned) */
-int room_files(const struct job_peer *, struct err *err); /* for a file more of his. -ERR_BUSY: too many of them do not close */
+/* For a file more of his. *ret_later: not yet. -ERR_BUSY: too many of them do not close. */
+int room_files(const struct job_peer *, bool *ret_later, struct err *err);
+int room_wait(struct conn *, struct err *err); /* nothing is received until it has been looked again, soon */
 
 /* refusal.c */
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */

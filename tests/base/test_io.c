@@ -21,6 +21,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "clock.h"
 #include "err.h"
 #include "io.h"
 
@@ -358,6 +359,7 @@ static void each_waits_for_his_own(void **state)
 {
 	struct io_table table = io_system;
 	struct err err = ERR_INIT;
+	uint64_t begin = clock_mono_ns(), first, since;
 	int other, noted;
 
 	(void)state;
@@ -366,7 +368,7 @@ static void each_waits_for_his_own(void **state)
 	assert_int_equal(io_close_aside(&err), 0);
 	assert_int_equal(io_close_whose(HANGS), 0);
 	for (int i = 0; i < MOST; i++) {
-		assert_false(io_close_behind(HANGS, (size_t)i + 1));
+		assert_false(io_close_behind(HANGS, (size_t)i + 1, &since));
 		never[i] = memfd_create("never", 0);
 		if (i == MOST - 1) {
 			/* Passed on by him, and closed in somebody else's turn. */
@@ -374,7 +376,7 @@ static void each_waits_for_his_own(void **state)
 			io_close_whose(OTHER);
 		}
 		io_close(never[i]);
-		assert_true(io_close_behind(HANGS, (size_t)i + 1));
+		assert_true(io_close_behind(HANGS, (size_t)i + 1, &since));
 	}
 	for (int i = 0; i < 20; i++) {
 		other = memfd_create("other", 0);
@@ -384,6 +386,12 @@ static void each_waits_for_his_own(void **state)
 	}
 	assert_int_equal(io_close_whose(0), OTHER);
 	assert_int_equal(hung, 1);
+	/* Since when the first hangs, however many wait behind it. */
+	assert_true(io_close_behind(HANGS, MOST, &first));
+	assert_true(begin <= first && first <= clock_mono_ns());
+	usleep(1000);
+	assert_true(io_close_behind(HANGS, MOST, &since));
+	assert_int_equal(since, first);
 	for (int i = 0; i < MOST; i++)
 		assert_true(is_open(never[i]));
 	/* The number is another file's afterwards. */
@@ -401,7 +409,7 @@ static void each_waits_for_his_own(void **state)
 		usleep(1000);
 	assert_int_equal(threads(), alone + 2);
 	answers = true;
-	while (io_close_behind(HANGS, 1) || io_close_behind(OTHER, 1))
+	while (io_close_behind(HANGS, 1, &since) || io_close_behind(OTHER, 1, &since))
 		usleep(1000);
 	assert_int_equal(hung, MOST);
 	for (int i = 0; i < MOST; i++)
