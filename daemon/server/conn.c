@@ -32,10 +32,12 @@ enum {
 	TURN_NS = 200000,        /* and no further one after so long */
 };
 
-static void watch(struct conn *c)
+void conn_watch(struct conn *c)
 {
+	uint32_t but = c->waits ? EPOLLIN : 0;
+
 	if (c->io && c->frame)
-		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
+		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame) & ~but);
 }
 
 static void flush(struct conn *c)
@@ -52,7 +54,7 @@ static void flush(struct conn *c)
 	if (r == FRAME_E_EOF || r < 0)
 		conn_close(c);
 	else
-		watch(c);
+		conn_watch(c);
 }
 
 static void sent(struct conn *c, int r, const struct err *err)
@@ -199,9 +201,9 @@ static void receive(struct conn *c)
 	Acut__V1__Message *m = NULL;
 	uint32_t id = 0;
 	int got = -1, r;
-	bool later;
+	bool later = false;
 
-	if (room_files(&c->peer, &later, &err) || (later && room_wait(c, &err))) {
+	if (!c->cut && (room_files(&c->peer, &later, &err) || (later && room_wait(c, &err)))) {
 		conn_fail(c, &err);
 		return;
 	}
@@ -243,6 +245,11 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 
 	if (c->closed)
 		return 0;
+	/* What it asked for last waits with it. */
+	if (c->waits && events & (EPOLLHUP | EPOLLERR)) {
+		conn_close(c);
+		return 0;
+	}
 	if (comes_later(c, start)) {
 		/* Who is gone makes room at once. */
 		if (!was_later && !(events & (EPOLLHUP | EPOLLERR)))
@@ -260,7 +267,7 @@ static int conn_ready(sd_event_source *source, int fd, uint32_t events, void *ct
 	io_close_whose(0);
 	turn_used(c->server, c->peer.uid, start);
 	if (!c->closed)
-		watch(c);
+		conn_watch(c);
 	return 0;
 }
 
@@ -404,6 +411,8 @@ void conn_close(struct conn *c)
 	c->server->nconns--;
 	log_debug("client gone: pid %u", c->peer.pid);
 	c->io = sd_event_source_disable_unref(c->io);
+	/* Where messages lie unread the close may wait for the files in them: its peer is not to. */
+	shutdown(frame_conn_fd(c->frame), SHUT_RDWR);
 	before = io_close_whose(room_owner(&c->peer));
 	c->frame = frame_conn_free(c->frame);
 	io_close_whose(before);

@@ -27,7 +27,7 @@ enum {
 	CLOSING_SHARE = 16,
 	CLOSING_LEAST = 16,
 	CLOSING_SECONDS = 5, /* that the close of one of them may take */
-	LATER_USEC = 5000,
+	LATER_USEC = 5000, LATER_ACCURACY_USEC = 1000,
 };
 
 /* All that may be there, half of the descriptors at most. */
@@ -70,14 +70,38 @@ int room_files(const struct job_peer *peer, bool *ret_later, struct err *err)
 	return err_add_place(err, ERR_NO_OFFSET, "user-files");
 }
 
+static int look_later(struct server *s);
+
 static int look_again(sd_event_source *source, uint64_t usec, void *ctx)
 {
 	struct server *s = ctx;
+	uint32_t owner = 0;
+	bool later = false, more = false;
 
-	for (struct conn *c = s->conns; c; c = c->next)
-		if (c->waits && c->io)
-			c->waits = sd_event_source_set_enabled(c->io, SD_EVENT_ON) < 0;
-	return 0;
+	for (struct conn *c = s->conns; c; c = c->next) {
+		struct err err = ERR_INIT;
+
+		if (!c->waits || c->closed)
+			continue;
+		/* Most are of one user, and each look goes through what is to be closed. Who is refused hears it in his turn. */
+		if (room_owner(&c->peer) != owner)
+			room_files(&c->peer, &later, &err);
+		owner = room_owner(&c->peer);
+		c->waits = later;
+		more |= later;
+		conn_watch(c);
+	}
+	return more ? look_later(s) : 0;
+}
+
+static int look_later(struct server *s)
+{
+	int r;
+
+	if (!s->closing)
+		return sd_event_add_time_relative(s->p.event, &s->closing, CLOCK_MONOTONIC, LATER_USEC, LATER_ACCURACY_USEC, look_again, s);
+	r = sd_event_source_set_time_relative(s->closing, LATER_USEC);
+	return r < 0 ? r : sd_event_source_set_enabled(s->closing, SD_EVENT_ONESHOT);
 }
 
 int room_wait(struct conn *c, struct err *err)
@@ -85,17 +109,13 @@ int room_wait(struct conn *c, struct err *err)
 	struct server *s = c->server;
 	int r = 0;
 
-	/* Not its events alone: that its peer is gone would be told all the time. */
+	if (!s->closing || sd_event_source_get_enabled(s->closing, NULL) == SD_EVENT_OFF)
+		r = look_later(s);
+	if (r < 0)
+		return err_sys(err, -r, "a client cannot wait until its files are closed");
 	c->waits = true;
-	if (!s->closing)
-		r = sd_event_add_time_relative(s->p.event, &s->closing, CLOCK_MONOTONIC, LATER_USEC, 0, look_again, s);
-	else if (sd_event_source_get_enabled(s->closing, NULL) == SD_EVENT_OFF)
-		r = sd_event_source_set_time_relative(s->closing, LATER_USEC);
-	if (r >= 0)
-		r = sd_event_source_set_enabled(s->closing, SD_EVENT_ONESHOT);
-	if (r >= 0)
-		r = sd_event_source_set_enabled(c->io, SD_EVENT_OFF);
-	return r < 0 ? err_sys(err, -r, "a client cannot wait until his files are closed") : 0;
+	conn_watch(c);
+	return 0;
 }
 
 int room_place(const struct server *s, const struct job_peer *peer, struct err *err)

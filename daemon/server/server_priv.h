@@ -103,6 +103,7 @@ struct conn {
 /* conn.c */
 unsigned conns_of(const struct server *, uint32_t uid); /* that are open */
 int conn_new(struct server *, int fd, struct err *err);
+void conn_watch(struct conn *); /* for what it waits for now */
 void conn_close(struct conn *); /* at once for the peer; the memory goes later */
 bool conn_reap(struct conn *);  /* frees it if nothing refers to it */
 void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd); /* takes over `fd`; -1: none */
@@ -129,7 +130,7 @@ int room_place(const struct server *, const struct job_peer *, struct err *err);
 uint32_t room_owner(const struct job_peer *); /* of descriptors that he passes (io_close_owned) */
 /* For a file more of his. *ret_later: not yet. -ERR_BUSY: too many of them do not close. */
 int room_files(const struct job_peer *, bool *ret_later, struct err *err);
-int room_wait(struct conn *, struct err *err); /* nothing is received until it has been looked again, soon */
+int room_wait(struct conn *, struct err *err); /* nothing is received until there is room, which is looked for every few ms */
 
 /* refusal.c */
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */

@@ -254,8 +254,7 @@ static void tell_why(struct stream_out *o, const struct err *why)
 	if (c->closed || frame_conn_send_error(c->frame, o->request, why, &err))
 		return;
 	frame_conn_flush(c->frame, &err);
-	if (c->io)
-		sd_event_source_set_io_events(c->io, (uint32_t)frame_conn_events(c->frame));
+	conn_watch(c);
 }
 
 static void out_head(struct job_output *output, const struct job_stream_head *in)

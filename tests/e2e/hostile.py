@@ -5,6 +5,7 @@ import fcntl
 import os
 import select
 import shutil
+import signal
 import socket
 import statistics
 import subprocess
@@ -470,14 +471,19 @@ def passes_files(path, name, uid, status):
         os.setgid(uid)
         os.setuid(uid)
         sent = 0
+        client = Client(path, timeout=20)
         try:
-            with Client(path, timeout=20) as client:
-                while sent < 3000:
-                    with open(name, "rb") as f:
-                        client.ask("info_request", pb.InfoRequest(name="x"), f.fileno())
-                    sent += 1
+            while sent < 3000:
+                with open(name, "rb") as f:
+                    client.ask("info_request", pb.InfoRequest(name="x"), f.fileno())
+                sent += 1
         except (Refused, Breach, Gone) as e:
             said.append("%s: %s" % (type(e).__name__, e))
+            try:
+                client.wire.recv()
+                said.append("he is not cut off")
+            except Gone:
+                pass
             again = Wire(path, timeout=20)
             message = again.recv()[1]
             said.append("%s: %s" % (message.error.code, message.error.message))
@@ -522,16 +528,36 @@ def files_that_never_close():
             os.waitpid(passes_files(few.socket, plain, 65534, status), 0)
             with open(status) as f:
                 expect(f.read() == "3000", "he is not served again")
-            gate.close("close", "/hangs.las")
-            slow = passes_files(few.socket, hangs, 65534, status)
-            wait_until(lambda: files_of(few).count(hangs) >= 64, "files that wait for their close")
-            time.sleep(0.2)
-            held = files_of(few).count(hangs)
+            told = few.log_text().count("is cut off")
+            gone = slow_close(few, gate, hangs, status)
+            os.kill(gone, signal.SIGKILL)
+            os.waitpid(gone, 0)
+            with Client(few.socket, timeout=20) as other:
+                e2e.until(lambda: other.ask("status_request", pb.StatusRequest()).connections == 1, "who is gone while he waits stays connected")
+            expect(few.log_text().count("is cut off") == told, "who is gone while he waits stays until he is cut off")
             gate.open()
-            expect(64 <= held <= 66, "%d descriptors of them are open" % held)
+            wait_until(lambda: hangs not in files_of(few), "the close of all")
+            slow = slow_close(few, gate, hangs, status)
+            gate.open()
             os.waitpid(slow, 0)
             with open(status) as f:
                 expect(f.read() == "3000", "who had to wait for the close of his files is cut off")
+
+
+def slow_close(few, gate, hangs, status):
+    """Who passes files until he has to wait: his process. The gate is closed."""
+    gate.close("close", "/hangs.las")
+    pid = passes_files(few.socket, hangs, 65534, status)
+    try:
+        wait_until(lambda: files_of(few).count(hangs) >= 64, "files that wait for their close")
+        time.sleep(0.2)
+        held = files_of(few).count(hangs)
+        expect(64 <= held <= 66, "%d descriptors of them are open" % held)
+    except BaseException:
+        os.kill(pid, signal.SIGKILL)
+        os.waitpid(pid, 0)
+        raise
+    return pid
 
 
 def files_of(daemon):
@@ -561,7 +587,7 @@ def cpu_seconds(pid):
 def descriptors_run_out():
     """A daemon with few descriptors: more clients than fit wait at the door, nobody spins, those inside are served."""
     with Folder() as base, e2e.Daemon(base, memory="64M", threads=1,
-                                      prefix=("sh", "-c", 'ulimit -n 24; exec "$@"', "sh")) as few:
+                                      prefix=("sh", "-c", 'ulimit -n 32; exec "$@"', "sh")) as few:
         with Client(few.socket) as inside:
             crowd = []
             for _ in range(60):
