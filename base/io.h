@@ -69,8 +69,8 @@ void io_close_waits(void); /* it may wait again */
  * those of others beside them. */
 uint32_t io_close_whose(uint32_t owner);
 void io_close_owned(int fd, uint32_t owner); /* this descriptor is his until it is closed, whoever does that */
-/* So many of his (at least 1), or more, are not closed yet: he is to bring no more. since: when the close of the first of them began,
- * or that one came here if no thread is free for it (clock_mono_ns). */
+/* So many of his (at least 1), or more, are not closed yet: he is to bring no more. *ret_since_ns is then when the close of the first
+ * of them began, or when it came here if no thread is free for it (clock_mono_ns). */
 bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns);
 
 #endif

@@ -27,7 +27,8 @@ enum {
 	CLOSING_SHARE = 16,
 	CLOSING_LEAST = 16,
 	CLOSING_SECONDS = 5, /* that the close of one of them may take */
-	LATER_USEC = 5000, LATER_ACCURACY_USEC = 1000,
+	LATER_USEC = 5000, /* between two looks whether those who wait may go on: a thread that closes does not tell the loop */
+	LATER_ACCURACY_USEC = 1000,
 };
 
 /* All that may be there, half of the descriptors at most. */

@@ -334,16 +334,16 @@ static void closes_aside(void **state)
 /* ---- of several owners ---- */
 
 enum { HANGS = 1, OTHER = 2, MOST = 5 };
-static _Atomic int hung;
-static _Atomic bool answers;
+static _Atomic int hung, answers; /* closes that have begun; that may end */
 static int never[MOST];
 
 static int hanging_close(int fd)
 {
 	for (int i = 0; i < MOST; i++)
 		if (fd == never[i]) {
-			hung++;
-			while (!answers)
+			int n = ++hung;
+
+			while (n > answers)
 				usleep(1000);
 		}
 	return close(fd);
@@ -408,7 +408,14 @@ static void each_waits_for_his_own(void **state)
 	while (threads() > alone + 2)
 		usleep(1000);
 	assert_int_equal(threads(), alone + 2);
-	answers = true;
+	/* The next one's own time counts, not since when it waits in the list. */
+	begin = clock_mono_ns();
+	answers = 1;
+	while (hung < 2)
+		usleep(1000);
+	assert_true(io_close_behind(HANGS, MOST - 1, &since));
+	assert_true(begin <= since && since <= clock_mono_ns());
+	answers = MOST;
 	while (io_close_behind(HANGS, 1, &since) || io_close_behind(OTHER, 1, &since))
 		usleep(1000);
 	assert_int_equal(hung, MOST);
