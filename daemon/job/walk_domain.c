@@ -201,17 +201,26 @@ void walk_tell_damaged(const struct walk *w, unsigned n)
 			  w->dataset->name);
 }
 
+static struct pipe_reuse_params reuse_params(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+
+	return (struct pipe_reuse_params){.storefd = walk_store(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
+					  .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
+					  .size = d->size, .light = d->front, .sums = w->sums,
+					  .after_ns = d->looked ? w->there.looked_ns : 0, .hint = walk_hint, .ctx = w};
+}
+
 static bool load(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
 	unsigned damaged = 0;
-	const struct pipe_reuse_params p = {.storefd = walk_store(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
-					    .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
-					    .size = d->size, .light = d->front, .sums = w->sums,
-					    .after_ns = d->looked ? w->there.looked_ns : 0, .hint = walk_hint,
-					    .ctx = w, .damaged = &damaged};
+	struct pipe_reuse_params p = reuse_params(d);
 	struct err err = ERR_INIT;
-	int r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
+	int r;
+
+	p.damaged = &damaged;
+	r = pipe_reuse(&p, &d->domain, &d->as, &d->held, &err);
 
 	walk_tell_damaged(w, damaged);
 
@@ -266,6 +275,19 @@ static void strip(struct walk_domain *d)
 	d->held = 0;
 }
 
+/* Beside the survey and far from it a region has few points, and reads many others for its halo. */
+static int make(struct walk_domain *d)
+{
+	struct walk *w = d->walk;
+	const struct pipe_reuse_params p = reuse_params(d);
+	struct pipe_known known = {.sites = d->sites};
+	struct pipe_before before;
+
+	if (d->looked && !w->rest.window && pipe_before(&p, &before))
+		known.before = &before;
+	return pipe_domain(w->grid, &w->rest, &d->region, &known, &w->budget, d->memory, &d->domain, &d->need, &d->err);
+}
+
 static void make_run(struct sched_task *t)
 {
 	struct walk_domain *d = domain_of(t);
@@ -283,8 +305,7 @@ static void make_run(struct sched_task *t)
 		return;
 	}
 	d->made = true;
-	d->r = pipe_domain(w->grid, &w->rest, &d->region, d->sites, &w->budget, d->memory, &d->domain, &d->need,
-			   &d->err);
+	d->r = make(d);
 	if (d->r)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);

@@ -71,6 +71,9 @@ struct cut_load {
 	const struct cut_sites *sites; /* of the plan, for a leaf that is `known`: its halo is not read; else NULL */
 	void *scratch;
 	size_t scratch_size;
+	/* NULL; or a trace of the same region, lattice and view that stands (cut_valid.h) and fits: the halo is looked for no farther
+	 * out than its sites let it be. Less is read, the result is the same. Of it only sites are looked at. */
+	const struct cut_trace *before;
 	struct cut_trace *trace; /* NULL; or after cut_trace_init: what was loaded goes in here (cut_valid.h) */
 	/* results */
 	uint32_t n, own;

@@ -114,6 +114,14 @@ int cut_valid(struct grid_reader *reader, const struct view *view, const struct 
 	return cut_valid_from(&src, view, region, trace, ret, err);
 }
 
+bool cut_trace_stands(struct grid_reader *reader, const struct cut_trace *trace)
+{
+	struct cut_source src;
+
+	cut_source_grid(reader, &src);
+	return cut_trace_stands_in(&src, trace);
+}
+
 int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *ret, struct err *err)
 {
 	struct cut_source src;

@@ -133,6 +133,22 @@ struct cut_halo *cut_halo_init(void *scratch, size_t size, const struct cut_sour
 	return h;
 }
 
+void cut_halo_before(struct cut_halo *h, const struct cut_trace *before)
+{
+	const struct point *from = before->site;
+	struct point *at = h->bound_site;
+
+	h->bounded = true;
+	for (unsigned i = 0; i < h->nchain; from += before->nsite[i], at += before->nsite[i], i++) {
+		const struct cut_chain *c = &h->chain[i];
+
+		memcpy(at, from, before->nsite[i] * sizeof *at);
+		cut_chain_init(&h->bound[i], c->vertical, c->c2, c->t0, c->t1, NULL, 0, NULL, 0);
+		cut_chain_of(&h->bound[i], at, before->nsite[i]);
+		cut_chain_survey(&h->bound[i]);
+	}
+}
+
 void cut_halo_limit(struct cut_halo *h, unsigned rounds, uint32_t seen)
 {
 	h->rounds = rounds;
@@ -198,13 +214,18 @@ static struct seen *seen_find(const struct cut_halo *h, const struct grid_cell *
 	return &h->seen[i];
 }
 
+bool cut_halo_hit(const struct cut_halo *h, unsigned i, const int32_t box[4])
+{
+	return cut_chain_hit(&h->chain[i], box) && (!h->bounded || cut_chain_hit(&h->bound[i], box));
+}
+
 /* Whether a cell or subtree may hold a point that belongs to some chain. */
 static bool matters(const struct cut_halo *h, const struct grid_cell *cell)
 {
 	if (cell->count == 0 || (h->own_known && inside(h, cell)))
 		return false;
 	for (unsigned i = 0; i < h->nchain; i++)
-		if (cut_chain_hit(&h->chain[i], cell->box))
+		if (cut_halo_hit(h, i, cell->box))
 			return true;
 	return false;
 }
@@ -240,9 +261,11 @@ static void span_columns(struct cut_halo *h)
 		const struct cut_chain *c = &h->chain[i];
 		int64_t x;
 
+		double reach = h->bounded && h->bound[i].reach < c->reach ? h->bound[i].reach : c->reach;
+
 		cut_chain_span(c, h->box, &h->u0[i], &h->u1[i], &x);
-		if (c->reach < 0x1p35) {
-			int64_t far = (int64_t)c->reach + 1;
+		if (reach < 0x1p35) {
+			int64_t far = (int64_t)reach + 1;
 
 			h->u0[i] = c->t0 - far > h->u0[i] ? c->t0 - far : h->u0[i];
 			h->u1[i] = c->t1 + far < h->u1[i] ? c->t1 + far : h->u1[i];
@@ -289,7 +312,7 @@ static bool round_note(struct cut_halo *h, const struct grid_cell *cell)
 	for (unsigned i = 0; i < h->nchain; i++) {
 		int64_t u0, u1, x, last;
 
-		if (!cut_chain_hit(&h->chain[i], cell->box))
+		if (!cut_halo_hit(h, i, cell->box))
 			continue;
 		if (!any && seen_find(h, cell)->used)
 			return false;
@@ -330,7 +353,7 @@ static int round_walk(struct cut_halo *h, struct err *err)
 	h->nlist = 0;
 	if (!h->listed) {
 		for (unsigned i = 0; i < h->nchain; i++)
-			empty |= h->chain[i].n == 0;
+			empty |= h->chain[i].n == 0 && !(h->bounded && h->bound[i].n);
 		if (empty)
 			v.enter = round_enter;
 		h->listed = true;

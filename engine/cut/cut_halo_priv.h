@@ -5,6 +5,7 @@
 #include "cut_chain.h"
 #include "cut_halo.h"
 #include "cut_judge.h"
+#include "cut_valid.h"
 #include "point.h"
 
 enum {
@@ -54,6 +55,10 @@ struct cut_halo {
 	struct cut_range range[4];
 	unsigned nrange, nchain;
 	struct cut_chain chain[4];
+	/* Of sites known before: E of these is nowhere below that of all. */
+	bool bounded;
+	struct cut_chain bound[4];
+	struct point bound_site[4 * CUT_TRACE_SITES];
 	int32_t box[4];         /* of all cells */
 	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
 	unsigned columns;       /* in use */
@@ -93,6 +98,8 @@ struct cut_halo {
 /* A kept point into chain i, and its batch into the chain; where it is full, with more of the pool. */
 int cut_halo_add(struct cut_halo *, unsigned i, const struct point *);
 int cut_halo_flush(struct cut_halo *, unsigned i);
+/* Whether chain i may have a site in the box. */
+bool cut_halo_hit(const struct cut_halo *, unsigned i, const int32_t box[4]);
 /* What the chains ask of a cell into them. */
 int cut_halo_read(struct cut_halo *, const struct grid_cell *, struct err *);
 

@@ -182,7 +182,7 @@ int cut_halo_seed(struct cut_halo *h, const struct mesh_vertex *own, uint32_t n)
 	struct seeding s = { .own = own, .n = n, .block = h->block_bits };
 
 	if (n == 0) {
-		h->columns = 16;
+		h->columns = h->bounded ? COLUMNS : 16;
 		return 0;
 	}
 	while (n >> s.block >= SEED_BLOCKS)

@@ -154,6 +154,16 @@ static void ask_window(struct take *t, const int32_t box[4], unsigned columns)
 	t->wide = (uint32_t)(hi - lo);
 }
 
+/* Nor do points matter that are beyond what sites known before let through. */
+static void ask_bounded(const struct cut_chain *bound, struct take *t, unsigned columns)
+{
+	int64_t limit[TAKE_COLUMNS];
+
+	cut_chain_limits(bound, t->u0, t->shift, columns, limit);
+	for (unsigned k = 0; k < columns; k++)
+		t->limit[k] = limit[k] < t->limit[k] ? limit[k] : t->limit[k];
+}
+
 /* Hulls only sink, so what a chain does not ask for before the cell is read it will not want later. */
 static void ask(struct cut_halo *h, const struct grid_cell *cell)
 {
@@ -164,7 +174,7 @@ static void ask(struct cut_halo *h, const struct grid_cell *cell)
 		unsigned columns;
 		int64_t u1, x;
 
-		if (!cut_chain_hit(c, cell->box))
+		if (!cut_halo_hit(h, i, cell->box))
 			continue;
 		*t = (struct take){ .chain = i, .across = c->vertical ? 0 : 1, .c2 = c->c2 };
 		cut_chain_span(c, cell->box, &t->u0, &u1, &x);
@@ -172,6 +182,8 @@ static void ask(struct cut_halo *h, const struct grid_cell *cell)
 			t->shift++;
 		columns = (unsigned)((u1 - t->u0) >> t->shift) + 1;
 		cut_chain_limits(c, t->u0, t->shift, columns, t->limit);
+		if (h->bounded)
+			ask_bounded(&h->bound[i], t, columns);
 		ask_window(t, cell->box, columns);
 		h->ntake++;
 	}

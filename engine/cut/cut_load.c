@@ -137,6 +137,8 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 	if (rc)
 		return rc;
 	load->counts.used = load->own;
+	if (load->before)
+		cut_halo_before(h, load->before);
 	if (load->trace)
 		cut_halo_trace(h, load->trace);
 	rc = cut_halo_seed(h, load->out, load->own);

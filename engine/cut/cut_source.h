@@ -40,6 +40,7 @@ int cut_load_from(const struct cut_source *, const struct view *, const struct c
 		  uint64_t *ret_need, struct err *err);
 int cut_valid_from(const struct cut_source *, const struct view *, const struct cut_region *, const struct cut_trace *,
 		   bool *ret, struct err *err);
+bool cut_trace_stands_in(const struct cut_source *, const struct cut_trace *);
 int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
 int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap,
 			struct err *err);

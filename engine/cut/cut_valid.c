@@ -453,6 +453,13 @@ static bool fresh_find(const struct cut_source *src, const struct cut_trace *t, 
 	return same == t->nparts;
 }
 
+bool cut_trace_stands_in(const struct cut_source *src, const struct cut_trace *t)
+{
+	struct fresh f = { .n = 0 };
+
+	return fresh_find(src, t, &f);
+}
+
 /* False: no point in the box has h <= E', by how far a point of the border can be from the nearest of these sites at most. On
  * an infinite end that is from the last site on (or the other end, if that lies before it): beyond the site E' is infinite, and
  * before it such a point is no farther across than the site is. */

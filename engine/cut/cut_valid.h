@@ -47,6 +47,8 @@ void cut_trace_init(struct cut_trace *, void *memory);
 /* The steps of a load: the chains, thinned; then all that they can see, and its sums. */
 void cut_trace_sites(struct cut_trace *, const struct cut_chain *chain, unsigned n);
 int cut_trace_ranges(struct cut_trace *, const struct cut_source *, const struct cut_region *, struct err *err);
+/* All that was live where it was made is live here, whatever else is: so its sites are sites here, too, if the view is the same. */
+bool cut_trace_stands(struct grid_reader *, const struct cut_trace *);
 /* Whether a trace, of whatever origin, is one of that region by its form. */
 bool cut_trace_fits(const struct cut_trace *, const struct cut_region *);
 

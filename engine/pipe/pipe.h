@@ -11,6 +11,7 @@
 
 #include "crs_geo.h"
 #include "cut.h"
+#include "cut_valid.h"
 #include "digest.h"
 #include "grid.h"
 #include "input.h"
@@ -161,12 +162,16 @@ int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader,
 
 /* ---- domain: one region to a finished domain ---- */
 
-/* Everything in `memory` of budget->domain_bytes; *ret points into it. `sites`: of the plan, if the leaf is
- * `known`; else NULL. The domain is the same with and without. PIPE_E_SPLIT: own + halo do not fit; *ret_need
+/* What is known of a region's halo beforehand, or NULL. The domain is the same with and without. */
+struct pipe_known {
+	const struct cut_sites *sites;   /* of the plan, if the leaf is `known` */
+	const struct pipe_before *before; /* by pipe_before */
+};
+/* Everything in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do not fit; *ret_need
  * positions would. */
 enum { PIPE_E_SPLIT = 1 };
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
+		const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err);
 /* Bytes of `memory` from its start that *domain and its trace need to stay valid. */
 size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
@@ -222,6 +227,14 @@ struct pipe_reuse_params {
 enum { PIPE_E_ABSENT = 4 };
 int pipe_reuse(const struct pipe_reuse_params *, struct mesh_domain *ret, struct pipe_stored *ret_stored, size_t *ret_held,
 	       struct err *err);
+
+/* Of a region that is to be made again: what it stood on when it was stored last bounds its halo now, if all that was there then
+ * still is. False: it is not known, or not so; *ret is of no use. `memory` is used, nothing in it is needed later. */
+struct pipe_before {
+	struct cut_trace trace;
+	struct point site[4 * CUT_TRACE_SITES];
+};
+bool pipe_before(const struct pipe_reuse_params *, struct pipe_before *ret);
 
 /*
  * Between the steps of a plan: of few leaves that have changed since they were stored smaller ones are made, so that several

@@ -70,7 +70,7 @@ struct tri *pipe_domain_tri(const struct grid *grid, const struct pipe_budget *b
 }
 
 static int load_points(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		       const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct cut_load *load,
+		       const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct cut_load *load,
 		       uint64_t *ret_own, uint64_t *ret_need, struct err *err)
 {
 	struct pipe_trace *trace = memory;
@@ -82,7 +82,8 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	r = cut_count(reader, region, ret_own, err);
 	for (unsigned whole = 0; !r && whole < 2; whole++) {
 		pipe_domain_room(grid, budget, *ret_own, whole, memory, load);
-		load->sites = sites;
+		load->sites = known ? known->sites : NULL;
+		load->before = known && known->before ? &known->before->trace : NULL;
 		load->trace = &trace->trace;
 		cut_trace_init(load->trace, trace + 1);
 		r = cut_load(reader, view, region, load, ret_need, err);
@@ -123,7 +124,7 @@ static void finish_flat(const struct tri *tri, const struct cut_region *region, 
 }
 
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
+		const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
 		struct err *err)
 {
 	struct pipe_finish f = { 0 };
@@ -140,7 +141,7 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		cut_trace_init(&trace->trace, trace + 1);
 		return r;
 	}
-	r = load_points(grid, view, region, sites, budget, memory, &load, &own, ret_need, err);
+	r = load_points(grid, view, region, known, budget, memory, &load, &own, ret_need, err);
 	if (r)
 		return r;
 	tri = pipe_domain_tri(grid, budget, own, memory, &load);

@@ -303,6 +303,61 @@ int pipe_reuse(const struct pipe_reuse_params *p, struct mesh_domain *ret, struc
 	return r ? r : take(p, &f.id, &f.front, ret, ret_stored, ret_held, err);
 }
 
+/* Of what is stored of the region, what did last, else the latest. */
+static bool last_of(const struct pipe_reuse_params *p, struct store_id *ret)
+{
+	struct store_version version;
+	struct err err = ERR_INIT;
+	size_t n;
+
+	ret->base = pipe_key_of(p->key, p->region);
+	if (p->hint && p->hint(p->ctx, ret->base, &ret->list))
+		return true;
+	if (store_versions(p->storefd, ret->base, &version, 1, &n, &err) || !n)
+		return false;
+	ret->list = version.list;
+	return true;
+}
+
+/* Its trace, at the start of `memory`. What cannot be read is not known: whoever needed it has said so. */
+static bool trace_of(const struct pipe_reuse_params *p, struct cut_trace **ret)
+{
+	struct pipe_trace *trace = p->memory;
+	struct store_front front;
+	struct err err = ERR_INIT;
+	struct store_id id;
+
+	*ret = &trace->trace;
+	if (!last_of(p, &id) || store_proof(p->storefd, &id, front_of(p), front_room(p), &front, &err))
+		return false;
+	cut_trace_init(&trace->trace, trace + 1);
+	return proof_unpack(&front.beside, p->region, &trace->trace);
+}
+
+bool pipe_before(const struct pipe_reuse_params *p, struct pipe_before *ret)
+{
+	struct grid_reader *reader;
+	struct cut_trace *trace;
+	struct err err = ERR_INIT;
+	uint32_t sites;
+	bool stands;
+
+	if (!trace_of(p, &trace) ||
+	    grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, &err))
+		return false;
+	stands = cut_trace_stands(reader, trace);
+	grid_reader_free(reader);
+	if (!stands)
+		return false;
+	sites = trace->nsite[0] + trace->nsite[1] + trace->nsite[2] + trace->nsite[3];
+	ret->trace = *trace;
+	ret->trace.range = NULL;
+	ret->trace.nrange = 0;
+	ret->trace.site = ret->site;
+	memcpy(ret->site, trace->site, sites * sizeof *ret->site);
+	return true;
+}
+
 void pipe_found_stored(const struct pipe_found *f, struct pipe_stored *ret)
 {
 	stored_of(&f->front, &f->id, ret);

@@ -154,15 +154,19 @@ static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct
 	return n;
 }
 
-static void load(const struct state *s, const struct cut_region *region, struct mesh_vertex *out, struct cut_trace *trace,
-		 struct cut_load *ret)
+/* Returns how many points were read for it. */
+static uint64_t load(const struct state *s, const struct cut_region *region, struct mesh_vertex *out,
+		     const struct cut_trace *before, struct cut_trace *trace, struct cut_load *ret)
 {
 	struct err err = ERR_INIT;
-	uint64_t need = 0;
+	uint64_t need = 0, read;
 
-	*ret = (struct cut_load){.out = out, .cap = MOST, .scratch = scratch, .scratch_size = scratch_size, .trace = trace};
+	*ret = (struct cut_load){.out = out, .cap = MOST, .scratch = scratch, .scratch_size = scratch_size, .before = before,
+				 .trace = trace};
 	assert_int_equal(cut_load_from(&s->src, &view, region, ret, &need, &err), 0);
+	read = ret->counts.points_read;
 	ret->counts.cells_read = ret->counts.points_read = 0;
+	return read;
 }
 
 static bool loads_same(const struct cut_load *a, const struct cut_load *b)
@@ -181,24 +185,37 @@ static bool outgrown(const struct state *s, const struct cut_region *root)
 	return !cut_region_holds(root, box[0], box[1]) || !cut_region_holds(root, box[2], box[3]);
 }
 
+/* Whether all that was live still is; regions where what was there before bounded the halo, those of them that changed, and what was read
+ * for these, with and without. */
+static bool still;
+static uint64_t bounded, bounded_changed, bounded_read, all_read;
+
 static void check_region(const struct cut_region *region)
 {
-	struct mesh_vertex before[MOST], after[MOST];
+	struct mesh_vertex before[MOST], after[MOST], again[MOST];
 	struct cut_trace trace;
-	struct cut_load a, b;
+	struct cut_load a, b, c;
 	struct err err = ERR_INIT;
 	bool valid = false, equal;
+	uint64_t all;
 
 	cut_trace_init(&trace, traces);
 	trace.most_sites = most_sites;
 	trace.most_ranges = most_ranges;
-	load(&old, region, before, &trace, &a);
+	load(&old, region, before, NULL, &trace, &a);
 	assert_true(cut_trace_fits(&trace, region));
 	assert_int_equal(cut_valid_from(&old.src, &view, region, &trace, &valid, &err), 0);
 	assert_true(valid);
 	assert_int_equal(cut_valid_from(&new.src, &view, region, &trace, &valid, &err), 0);
-	load(&new, region, after, NULL, &b);
+	all = load(&new, region, after, NULL, NULL, &b);
 	equal = loads_same(&a, &b);
+	if (still || cut_trace_stands_in(&new.src, &trace)) {
+		bounded_read += load(&new, region, again, &trace, NULL, &c);
+		assert_true(loads_same(&b, &c));
+		all_read += all;
+		bounded++;
+		bounded_changed += !equal;
+	}
 	if (valid && !equal) {
 		char text[CUT_REGION_TEXT_SIZE];
 
@@ -260,6 +277,7 @@ static void one_case(uint64_t seed)
 		}
 		add(&seed, at, SOURCES);
 	}
+	still = !(live & ~then);
 	lay_out(&seed, &new, then);
 	nleaf = make_leaves(&seed, below(&seed, 2) ? &new.src : &old.src, leaf, &root);
 	if (nleaf && outgrown(&old, &root))
@@ -273,7 +291,7 @@ static void local_case(uint64_t seed)
 {
 	const int32_t zero[2] = {-100, -90};
 	struct cut_region leaf[LEAVES], root;
-	unsigned nleaf, live = 3;
+	unsigned nleaf, live = 3, then;
 	int32_t at[2];
 
 	view = VIEW_INIT;
@@ -290,7 +308,9 @@ static void local_case(uint64_t seed)
 		add(&seed, at, 1 + below(&seed, 2));
 	}
 	lay_out(&seed, &old, live);
-	lay_out(&seed, &new, 1 + below(&seed, 4) * 2);
+	then = 1 + below(&seed, 4) * 2;
+	still = !(live & ~then);
+	lay_out(&seed, &new, then);
 	old.tiling.cell_records = new.tiling.cell_records = 1 + below(&seed, 4);
 	nleaf = make_leaves(&seed, &new.src, leaf, &root);
 	for (unsigned i = 0; i < nleaf && !outgrown(&old, &root); i++)
@@ -308,7 +328,7 @@ static void run(const struct fuzz *f)
 	const char *cases = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
 	uint64_t n = (cases ? strtoull(cases, NULL, 10) : 2000) / f->cases, at = first ? strtoull(first, NULL, 10) : 1;
 
-	judged = same = found = changed = 0;
+	judged = same = found = changed = bounded = bounded_changed = bounded_read = all_read = 0;
 	scratch_size = cut_load_scratch_bytes(MOST);
 	scratch = malloc(scratch_size);
 	assert_non_null(scratch);
@@ -317,6 +337,10 @@ static void run(const struct fuzz *f)
 	free(scratch);
 	printf("%s: %llu regions: %llu load the same, %llu of these found; %llu changed\n", f->name,
 	       (unsigned long long)judged, (unsigned long long)same, (unsigned long long)found, (unsigned long long)changed);
+	printf("%s: %llu bounded by what was there, %llu of these changed; %llu points read, else %llu\n", f->name,
+	       (unsigned long long)bounded, (unsigned long long)bounded_changed, (unsigned long long)bounded_read,
+	       (unsigned long long)all_read);
+	assert_true(bounded > judged / 5 && bounded_changed > bounded / 20 && bounded_read < all_read);
 	assert_true(changed > judged / 50);
 	assert_true(found >= same * f->least / 100);
 }

@@ -112,11 +112,11 @@ static int run_leaves(struct grid *grid, const struct view *view, struct cut_pla
 	int r = 0;
 
 	for (size_t i = 0; !r && i < plan->n; i++) {
-		r = pipe_domain(grid, view, &plan->leaf[i].region, plan->leaf[i].known ? plan->sites : NULL, budget, memory, &domain, &need, err);
+		r = pipe_domain(grid, view, &plan->leaf[i].region, &(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget, memory, &domain, &need, err);
 		while (r == PIPE_E_SPLIT) {
 			r = cut_plan_split(plan, i, reader, need, budget->cap, err);
 			if (!r)
-				r = pipe_domain(grid, view, &plan->leaf[i].region, plan->leaf[i].known ? plan->sites : NULL, budget, memory, &domain, &need, err);
+				r = pipe_domain(grid, view, &plan->leaf[i].region, &(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget, memory, &domain, &need, err);
 		}
 		if (!r)
 			r = pipe_emit(sums, &domain, &plan->leaf[i].region, NULL, err);

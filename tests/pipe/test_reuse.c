@@ -249,6 +249,84 @@ static void test_generations(void **state)
 	assert_true(found > judged / 10 * 5 && found < judged);
 }
 
+/* ---- what a region stood on bounds its halo ---- */
+
+static bool before_of(struct generation *g, int store, const struct cut_region *r, struct pipe_before *ret)
+{
+	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
+					    .region = r, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes};
+
+	return pipe_before(&p, ret);
+}
+
+/* Points of source 1, and more of source 2 in a corner of them; each has a segment. */
+static struct set points_and_more(size_t all, size_t some)
+{
+	struct set s = points_more(all, some, 3000 + (uint32_t)rnd(100000));
+
+	for (size_t i = 0; i < s.n; i++)
+		s.ids[i] = i < all ? 1 : 2;
+	return s;
+}
+
+static uint64_t compare_bounded(struct generation *new, int store, const struct cut_region *r, void *memory, uint64_t *ret_all)
+{
+	struct pipe_before before;
+	const struct pipe_known known = {.before = &before};
+	struct err err = ERR_INIT;
+	struct mesh_domain a, b;
+	uint64_t need;
+
+	assert_true(before_of(new, store, r, &before));
+	make(new, r, &a);
+	CHECK(pipe_domain(new->reader.grid, &view, r, &known, &new->budget, memory, &b, &need, &err));
+	check_same(&a, &b);
+	*ret_all += a.counts.points_read - a.counts.points;
+	return b.counts.points_read - b.counts.points;
+}
+
+static void test_before(void **state)
+{
+	uint64_t all = 0, bounded = 0;
+
+	(void)state;
+	for (unsigned c = 1; c < 12; c++) {
+		struct folder store = folder_new();
+		struct generation old, new, less;
+		struct pipe_before none;
+		struct pipe_stored as;
+		struct cut_plan plan;
+		struct set s;
+		void *memory;
+
+		rng = 70 + c;
+		s = points_and_more(8000, 20 + rnd(200));
+		old = generation_of(&s, 2, 2);
+		new = generation_of(&s, 2, 0);
+		less = generation_of(&s, 2, 1);
+		memory = aligned_alloc(64, (new.budget.domain_bytes + 63) & ~(size_t)63);
+		plan = plan_of(&new);
+		assert_false(before_of(&new, store.fd, &plan.leaf[0].region, &none));
+		for (size_t i = 0; i < plan.n; i++) {
+			const struct cut_region *r = &plan.leaf[i].region;
+
+			keep(&old, store.fd, r, &as);
+			bounded += compare_bounded(&new, store.fd, r, memory, &all);
+			/* What it stood on is not all there. */
+			assert_false(before_of(&less, store.fd, r, &none));
+		}
+		free(memory);
+		cut_plan_done(&plan);
+		generation_end(&old);
+		generation_end(&new);
+		generation_end(&less);
+		folder_remove(&store);
+		set_free(&s);
+	}
+	printf("%llu points read for halos, without what was known %llu\n", (unsigned long long)bounded, (unsigned long long)all);
+	assert_true(bounded < all);
+}
+
 /* ---- plans that grew a little ---- */
 
 static void count_there(void *ctx, const struct cut_region *r, const struct mesh_domain *d, const struct pipe_stored *as)
@@ -644,6 +722,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_generations),
+		cmocka_unit_test(test_before),
 		cmocka_unit_test(test_refine),
 		cmocka_unit_test(test_refine_much),
 		cmocka_unit_test(test_fronts),
