@@ -29,8 +29,10 @@ static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
 	for (d = w->domains; d; d = d->next) {
 		uint64_t taken = sched_taken(s, &d->task);
 
-		held[LEDGER_DOMAIN] += taken ? taken : d->size;
+		/* A lent arena is the walk's. */
+		held[LEDGER_DOMAIN] += taken ? taken : d->lent && d->state == DOMAIN_MAKING ? 0 : d->size;
 	}
+	held[LEDGER_DOMAIN] += w->arenas.charged;
 	/* Workers have it in these states. */
 	if (!w->splitting && w->state >= WALK_RUNNING)
 		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf + cut_sites_bytes(w->plan.sites);

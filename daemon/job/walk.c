@@ -318,7 +318,7 @@ static void settle_stopping(struct walk *w)
 {
 	struct walk_domain *d, *next;
 
-	walk_arenas_free(w);
+	walk_arenas_fit(w);
 	bool farewell = w->sending && w->output && clock_since(w->stopped_ns) < FAREWELL_SECONDS;
 
 	/* It goes on behind this block. */
@@ -482,7 +482,7 @@ static void settle_running(struct walk *w)
 		store_backlog(w);
 	if (!w->stopping)
 		make_next(w);
-	walk_arenas_free(w); /* that nothing was started with */
+	walk_arenas_fit(w);
 	if (w->stopping) {
 		settle_stopping(w);
 		return;

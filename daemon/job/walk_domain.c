@@ -30,7 +30,7 @@ static struct walk_domain *domain_of(struct sched_task *t)
 
 /* ---- memory ---- */
 
-static size_t page_round(size_t n)
+size_t walk_page_round(size_t n)
 {
 	return (n + PAGE - 1) & ~(PAGE - 1);
 }
@@ -40,7 +40,7 @@ static size_t page_round(size_t n)
  * memory than it uses: each of the arena's arrays begins on pages of its own. */
 static void *memory_map(size_t size, bool huge)
 {
-	size_t whole = page_round(size) + HUGE_PAGE, head;
+	size_t whole = walk_page_round(size) + HUGE_PAGE, head;
 	uint8_t *base =
 		mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
 
@@ -49,15 +49,15 @@ static void *memory_map(size_t size, bool huge)
 	head = -(uintptr_t)base & (HUGE_PAGE - 1);
 	if (head)
 		munmap(base, head);
-	munmap(base + head + page_round(size), HUGE_PAGE - head);
-	madvise(base + head, page_round(size), huge ? MADV_HUGEPAGE : MADV_NOHUGEPAGE);
+	munmap(base + head + walk_page_round(size), HUGE_PAGE - head);
+	madvise(base + head, walk_page_round(size), huge ? MADV_HUGEPAGE : MADV_NOHUGEPAGE);
 	return base + head;
 }
 
 /* Keeps the first `held` bytes. */
 static void memory_trim(struct walk_domain *d, size_t held)
 {
-	size_t keep = page_round(held);
+	size_t keep = walk_page_round(held);
 
 	if (!d->memory || keep >= d->size)
 		return;
@@ -71,43 +71,6 @@ static void memory_trim(struct walk_domain *d, size_t held)
 static void walk_domain_unmap(struct walk_domain *d)
 {
 	memory_trim(d, 0);
-}
-
-/* The memory of a domain of which only sums are wanted, for the next one: what was cleared and mapped once need not be again.
- * Not where somebody else waits for it. */
-static void arena_keep(struct walk_domain *d)
-{
-	struct walk *w = d->walk;
-
-	if (!d->memory || d->size != page_round(w->budget.domain_bytes) || w->narenas == WALK_ARENAS ||
-	    sched_starved(w->jobs->p.sched)) {
-		walk_domain_unmap(d);
-		return;
-	}
-	w->arena[w->narenas++] = (struct walk_arena){d->memory, d->size};
-	d->memory = NULL;
-	d->size = 0;
-}
-
-static bool arena_take(struct walk_domain *d)
-{
-	struct walk *w = d->walk;
-
-	if (!w->narenas)
-		return false;
-	d->memory = w->arena[--w->narenas].memory;
-	d->size = w->arena[w->narenas].size;
-	return true;
-}
-
-void walk_arenas_free(struct walk *w)
-{
-	while (w->narenas) {
-		struct walk_arena a = w->arena[--w->narenas];
-
-		munmap(a.memory, a.size);
-		sched_give(w->jobs->p.sched, LEDGER_DOMAIN, a.size);
-	}
 }
 
 /* ---- the list ---- */
@@ -259,7 +222,7 @@ static void map(struct walk_domain *d, uint64_t bytes)
 	/* One that serves many domains fills its huge pages. */
 	bool huge = d->count >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
 
-	d->size = page_round(bytes);
+	d->size = walk_page_round(bytes);
 	d->memory = memory_map(d->size, huge);
 	if (!d->memory)
 		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
@@ -288,17 +251,10 @@ static int make(struct walk_domain *d)
 	return pipe_domain(w->grid, &w->rest, &d->region, &known, &w->budget, d->memory, &d->domain, &d->need, &d->err);
 }
 
-static void make_run(struct sched_task *t)
+static void make_or_load(struct walk_domain *d)
 {
-	struct walk_domain *d = domain_of(t);
 	struct walk *w = d->walk;
 
-	d->err = ERR_INIT;
-	d->r = 0;
-	if (!d->memory)
-		map(d, t->bytes);
-	if (d->r)
-		return;
 	d->made = false;
 	if (!w->rest.window && load(d)) {
 		tell(d);
@@ -310,10 +266,40 @@ static void make_run(struct sched_task *t)
 		return;
 	d->held = pipe_domain_held(&d->domain, d->memory);
 	d->unstorable = w->rest.window;
-	if (!d->unstorable && w->keep && !atomic_load(&t->cancel))
+	if (!d->unstorable && w->keep && !atomic_load(&d->task.cancel))
 		keep(d);
 	if (d->stored)
 		tell(d);
+}
+
+static void make_run(struct sched_task *t)
+{
+	struct walk_domain *d = domain_of(t);
+	struct walk *w = d->walk;
+
+	d->err = ERR_INIT;
+	d->r = 0;
+	if (!d->lent)
+		map(d, t->bytes);
+	else
+		d->bare = !walk_arena_take(d);
+	if (d->r || d->bare)
+		return;
+	make_or_load(d);
+	if (d->r || !w->sums)
+		return;
+	strip(d);
+	/* Not for the next one where somebody else waits for memory. */
+	if (!sched_starved(w->jobs->p.sched))
+		walk_arena_put(d);
+}
+
+static void make_done(struct sched_task *);
+
+static void make_submit(struct walk_domain *d, enum sched_priority priority, bool own)
+{
+	submit(d, make_run, make_done, priority,
+	       d->walk->sums ? walk_arena_ask(d, own) : walk_page_round(d->walk->budget.domain_bytes));
 }
 
 static void make_done(struct sched_task *t)
@@ -322,8 +308,14 @@ static void make_done(struct sched_task *t)
 	struct walk *w = d->walk;
 
 	w->tasks--;
-	if (t->ran && !d->memory)
+	if (w->sums)
+		walk_arena_back(d);
+	if (t->ran && !d->memory && !d->put)
 		sched_give(w->jobs->p.sched, t->name, t->bytes);
+	if (d->bare && t->ran && !w->stopping) {
+		make_submit(d, t->priority, true);
+		return;
+	}
 	if (!t->ran || w->stopping) {
 		walk_domain_release(d);
 		return;
@@ -335,12 +327,7 @@ static void make_done(struct sched_task *t)
 		walk_fail(w, &d->err);
 		walk_domain_release(d);
 	} else {
-		if (w->sums)
-			strip(d);
-		if (w->sums)
-			arena_keep(d);
-		else
-			memory_trim(d, d->held);
+		memory_trim(d, d->held);
 		w->made += d->made;
 		if (d->made)
 			tally_domain(w->jobs, d->domain.ntriangle);
@@ -366,7 +353,7 @@ static void walk_domain_restart(struct walk_domain *d, enum sched_priority prior
 	d->state = DOMAIN_MAKING;
 	d->stored = false;
 	d->front = passes(d);
-	submit(d, make_run, make_done, priority, arena_take(d) ? 0 : page_round(d->walk->budget.domain_bytes));
+	make_submit(d, priority, false);
 }
 
 struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_priority priority)

@@ -29,7 +29,8 @@ struct walk_domain {
 	uint64_t count; /* positions that it owns at most, as the plan knows */
 	struct mesh_domain domain;
 	void *memory;
-	size_t size; /* mapped, and charged to LEDGER_DOMAIN */
+	size_t size; /* mapped, and charged to LEDGER_DOMAIN: for it, or as one of the walk's arenas while it is lent that */
+	bool lent, put, bare; /* walk_arena.c: has one that was there; gave it back; found none */
 	size_t held; /* of it, what the result needs */
 	bool stored, unstorable;
 	bool front; /* only what later blocks are numbered by is asked for: `domain.triangle` is NULL if it came from the store */
@@ -51,8 +52,6 @@ struct walk_change {
 	uint8_t *skip;             /* by leaf: it holds in both meshes, or is empty */
 	uint64_t charged;          /* of LEDGER_PLAN */
 };
-
-enum { WALK_ARENAS = 4 };
 
 /* Any thread. What log_event is told. */
 #define ABOUT_WALK(w)                                                                                        \
@@ -138,8 +137,11 @@ struct walk {
 		size_t leaves;
 		bool triangles;
 	} there;
-	struct walk_arena { void *memory; size_t size; } arena[WALK_ARENAS]; /* charged; within a walk_settle only */
-	unsigned narenas;
+	struct walk_arenas {
+		struct arena *free; /* any thread, under the lock of walk_arena.c */
+		unsigned owned;     /* that are there, or will be when who brings one runs */
+		uint64_t charged;   /* of LEDGER_DOMAIN: for those that are no domain's own any more */
+	} arenas;
 	size_t made; /* domains that were triangulated, some perhaps more than once */
 	size_t reusable; /* of one that plans only: domains that are in the store */
 	size_t plan_n; /* plan.n, for whoever asks while a worker has the plan */
@@ -219,7 +221,16 @@ void walk_used(const struct walk *, const struct pipe_stored *, int64_t now_ns);
 /* The time of a file is its last use, to the hour; what is written now may have a time a little earlier. */
 #define STORE_TOUCH_NS (INT64_C(3600) * 1000000000)
 #define STORE_LOOK_NS INT64_C(1000000000)
-void walk_arenas_free(struct walk *);
+size_t walk_page_round(size_t);
+/* walk_arena.c, of walks with `sums`. Workers: one that is free, if there is; and free again, nothing of it is needed. */
+bool walk_arena_take(struct walk_domain *);
+void walk_arena_put(struct walk_domain *);
+/* Loop. Before it is submitted: bytes that it is to take; `own`: it is lent none. When its task is over: what it still has then is its own
+ * from here on, with the charge. */
+uint64_t walk_arena_ask(struct walk_domain *, bool own);
+void walk_arena_back(struct walk_domain *);
+/* Unmaps those that nobody will need. */
+void walk_arenas_fit(struct walk *);
 /* The leaf was emitted with the plan. Not while `splitting`. */
 bool walk_is_there(const struct walk *, size_t index);
 /* The selected grid of the walk's view takes the place of its generation's. WALK_E_ABSENT: it is not there.

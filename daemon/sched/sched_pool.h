@@ -78,7 +78,7 @@ unsigned sched_dispatch(struct sched *);
 uint64_t sched_taken(struct sched *, const struct sched_task *);
 /* Gives bytes back to the ledger and starts what fits now. Any thread. */
 void sched_give(struct sched *, enum ledger_name, uint64_t bytes);
-/* The bytes that the first waiting task lacks memory for; 0 if none waits for memory. Any change of the
+/* The bytes that the first waiting task lacks memory for; 0 if none waits for memory. Any thread. Any change of the
  * answer to non-zero makes sched_fd readable. */
 uint64_t sched_starved(struct sched *);
 /* What the user was served beyond who was served least, in nanoseconds of workers. */

@@ -1,0 +1,165 @@
+/*
+ * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others lack
+ * memory, and given back at the end, however that comes. That all was given back is asserted where a house is closed.
+ *
+ * Linked with --wrap of what walk_domain.c asks of walk_arena.c.
+ */
+#include "house.h"
+
+#include "job_priv.h"
+#include "walk_priv.h"
+
+enum { THREADS = 2, POINTS = 400000 };
+
+static struct {
+	atomic_uint asked, own, put, bare;
+	atomic_bool want; /* somebody else is to lack memory from the first one on that is put back */
+	struct sched_task hungry;
+	atomic_uint fed, fed_at; /* it had its memory; when so many had been asked for */
+} seen;
+
+uint64_t __real_walk_arena_ask(struct walk_domain *d, bool own);
+bool __real_walk_arena_take(struct walk_domain *d);
+void __real_walk_arena_put(struct walk_domain *d);
+
+uint64_t __wrap_walk_arena_ask(struct walk_domain *d, bool own);
+bool __wrap_walk_arena_take(struct walk_domain *d);
+void __wrap_walk_arena_put(struct walk_domain *d);
+
+uint64_t __wrap_walk_arena_ask(struct walk_domain *d, bool own)
+{
+	uint64_t bytes = __real_walk_arena_ask(d, own);
+
+	seen.asked++;
+	seen.own += bytes > 0;
+	return bytes;
+}
+
+bool __wrap_walk_arena_take(struct walk_domain *d)
+{
+	bool is = __real_walk_arena_take(d);
+
+	seen.bare += !is;
+	return is;
+}
+
+static void eat(struct sched_task *t)
+{
+	seen.fed_at = seen.asked;
+	seen.fed++;
+}
+
+static void eaten(struct sched_task *t)
+{
+	if (t->ran)
+		sched_give(h.sched, t->name, t->bytes);
+}
+
+void __wrap_walk_arena_put(struct walk_domain *d)
+{
+	seen.put++;
+	if (atomic_exchange(&seen.want, false)) {
+		/* All that is free, and a little of what this walk has. */
+		seen.hungry = (struct sched_task){.run = eat, .done = eaten, .owner = {.uid = 1001, .flow = UINT64_MAX},
+						  .priority = SCHED_FIRST, .name = LEDGER_DOMAIN,
+						  .bytes = ledger_room(h.ledger, LEDGER_DOMAIN) + 1};
+		sched_submit(h.sched, &seen.hungry);
+	}
+	__real_walk_arena_put(d);
+}
+
+struct walk *__real_walk_free(struct walk *w);
+struct walk *__wrap_walk_free(struct walk *w);
+
+/* None is left behind by whatever became of the walk. */
+struct walk *__wrap_walk_free(struct walk *w)
+{
+	if (w) {
+		assert_null(w->arenas.free);
+		assert_int_equal(w->arenas.owned, 0);
+		assert_int_equal(w->arenas.charged, 0);
+	}
+	return __real_walk_free(w);
+}
+
+static int open_seen(void **state)
+{
+	int r = setup(state);
+
+	memset(&seen, 0, sizeof seen);
+	return r;
+}
+
+static void go_round(void **state)
+{
+	struct dataset *d = push("valley", POINTS, 1);
+	struct job *job = submit(d, false, "");
+
+	turn_until_final(job);
+	assert_int_equal(info_of(job).state, JOB_done);
+	assert_true(seen.asked > 3 * THREADS);
+	assert_in_range(seen.own, 1, THREADS);
+	assert_int_equal(seen.put, seen.asked);
+	assert_int_equal(seen.bare, 0);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+	dataset_release(d);
+}
+
+/* The same survey in a house that has nothing stored. */
+static void given_up(void **state)
+{
+	char digest[2][DIGEST_HEX_SIZE];
+
+	for (int i = 0; i < 2; i++) {
+		struct dataset *d;
+		struct job *job;
+
+		if (i) {
+			assert_int_equal(teardown(state), 0);
+			assert_int_equal(open_seen(state), 0);
+		}
+		d = push("valley", POINTS, 1);
+		seen.want = i == 1;
+		job = submit(d, false, "");
+		turn_until_final(job);
+		assert_int_equal(info_of(job).state, JOB_done);
+		assert_int_equal(info_of(job).report->domains_reused, 0);
+		snprintf(digest[i], sizeof digest[i], "%s", info_of(job).report->digest);
+		dataset_release(d);
+	}
+	/* While there was more to be made; and that was made with memory of its own again. */
+	assert_int_equal(seen.fed, 1);
+	assert_true(seen.fed_at < seen.asked);
+	assert_true(seen.bare > 0 && seen.own > THREADS);
+	assert_string_equal(digest[0], digest[1]);
+	assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+}
+
+static void stopped(void **state)
+{
+	/* From before the first has run. */
+	for (unsigned puts = 0; puts < 6; puts++) {
+		char name[16];
+		struct dataset *d;
+		struct job *job;
+
+		snprintf(name, sizeof name, "d%u", puts);
+		d = push(name, POINTS / 2, puts);
+		memset(&seen, 0, sizeof seen);
+		job = submit(d, false, "");
+		turn_until((seen.asked && seen.put >= puts) || job_state_final(info_of(job).state));
+		job_cancel(job);
+		turn_until(!jobs_active(h.jobs));
+		assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+		dataset_release(d);
+	}
+}
+
+#define TEST(f) cmocka_unit_test_setup_teardown(f, open_seen, teardown)
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {TEST(go_round), TEST(given_up), TEST(stopped)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
