@@ -10,6 +10,10 @@
 /* What stands in a JSON text as it is. */
 static const bool plain[256] = {[' ' ... '!'] = true, ['#' ... '['] = true, [']' ... '~'] = true};
 
+/* Bytes that are looked at together, each true or false; of signed ones those that are not ASCII are below all others. */
+typedef signed char several __attribute__((vector_size(16)));
+enum { HELD = 8192, SEVERAL = sizeof(several) };
+
 /*
  * What is not yet in its stream: a list is ten thousand lines of seventy keys, and a call of stdio for each shows. All that
  * is written in one line goes through here, in order, and is in the stream when the line ends.
@@ -17,7 +21,7 @@ static const bool plain[256] = {[' ' ... '!'] = true, ['#' ... '['] = true, [']'
 static struct {
 	FILE *out;
 	size_t n;
-	char bytes[8192];
+	char bytes[HELD + SEVERAL];
 } held;
 
 static void let_go(void)
@@ -27,16 +31,21 @@ static void let_go(void)
 	held.n = 0;
 }
 
-/* A place for n bytes, n <= sizeof held.bytes; the caller says by `held.n +=` how many it took. */
-static char *room_for(FILE *out, size_t n)
+/* A place for n bytes, n <= HELD; the caller says by `took` how many there were. */
+static inline char *room_for(FILE *out, size_t n)
 {
-	if (held.out != out || n > sizeof held.bytes - held.n)
+	if (held.out != out || n > HELD - held.n)
 		let_go();
 	held.out = out;
 	return held.bytes + held.n;
 }
 
-static void put_byte(FILE *out, char c)
+static inline void took(const char *end)
+{
+	held.n = (size_t)(end - held.bytes);
+}
+
+static inline void put_byte(FILE *out, char c)
 {
 	*room_for(out, 1) = c;
 	held.n++;
@@ -45,7 +54,7 @@ static void put_byte(FILE *out, char c)
 static void put_bytes(FILE *out, const char *bytes, size_t n)
 {
 	while (n) {
-		size_t part = n < sizeof held.bytes ? n : sizeof held.bytes;
+		size_t part = n < HELD ? n : HELD;
 
 		memcpy(room_for(out, part), bytes, part);
 		held.n += part;
@@ -59,7 +68,9 @@ static void put_string(FILE *out, const char *text)
 	put_bytes(out, text, strlen(text));
 }
 
-static void put_text(FILE *out, const char *text)
+/* ---- texts ---- */
+
+static void put_escaped(FILE *out, const char *text)
 {
 	char code[8];
 
@@ -87,39 +98,83 @@ static void put_text(FILE *out, const char *text)
 	put_byte(out, '"');
 }
 
-enum { KEY_MOST = 256 };
-
-static void put_key(struct ctl_json *j, const char *key)
+static inline several not_plain(const char *at)
 {
-	char *at = room_for(j->out, KEY_MOST + 4);
-	size_t n = 0;
+	several c;
 
+	memcpy(&c, at, sizeof c);
+	return (c < ' ') | (c == '"') | (c == '\\') | (c == 0x7f);
+}
+
+static inline bool any(several truths)
+{
+	uint64_t half[2];
+
+	memcpy(half, &truths, sizeof half);
+	return half[0] | half[1];
+}
+
+/* Most texts have nothing to be escaped: they are copied, and looked at where they are then. */
+static void put_text(FILE *out, const char *text)
+{
+	size_t n = strlen(text);
+	several odd = {0};
+	char *at;
+
+	if (n > HELD - 2) {
+		put_escaped(out, text);
+		return;
+	}
+	at = room_for(out, n + 2);
+	*at++ = '"';
+	memcpy(at, text, n);
+	memset(at + n, ' ', SEVERAL);
+	for (size_t i = 0; i < n; i += SEVERAL)
+		odd |= not_plain(at + i);
+	if (any(odd)) {
+		put_escaped(out, text);
+		return;
+	}
+	at += n;
+	*at++ = '"';
+	took(at);
+}
+
+/* ---- keys ---- */
+
+/* Writes the key, of n bytes or CTL_JSON_LOOK, and gives a place for `more` bytes behind it. */
+static inline char *put_key(struct ctl_json *j, const char *key, size_t n, size_t more)
+{
+	char *at;
+
+	if (n == CTL_JSON_LOOK) {
+		if (j->comma)
+			put_byte(j->out, ',');
+		if (key) {
+			put_text(j->out, key);
+			put_byte(j->out, ':');
+		}
+		j->comma = true;
+		return room_for(j->out, more);
+	}
+	at = room_for(j->out, n + 4 + more);
 	if (j->comma)
 		*at++ = ',';
 	j->comma = true;
-	if (key) {
-		*at = '"';
-		for (; n < KEY_MOST && plain[(unsigned char)key[n]]; n++)
-			at[1 + n] = key[n];
-	}
-	if (key && !key[n]) {
-		at += 1 + n;
-		*at++ = '"';
-		*at++ = ':';
-		key = NULL;
-	}
-	held.n = (size_t)(at - held.bytes);
-	if (!key)
-		return;
-	/* Not only letters. */
-	put_text(j->out, key);
-	put_byte(j->out, ':');
+	*at++ = '"';
+	at = mempcpy(at, key, n);
+	*at++ = '"';
+	*at++ = ':';
+	took(at);
+	return at;
 }
 
-void ctl_json_open(struct ctl_json *j, const char *key, char bracket)
+void ctl_json_put_open(struct ctl_json *j, const char *key, size_t n, char bracket)
 {
-	put_key(j, key);
-	put_byte(j->out, bracket);
+	char *at = put_key(j, key, n, 1);
+
+	*at = bracket;
+	held.n++;
 	j->comma = false;
 }
 
@@ -129,82 +184,99 @@ void ctl_json_close(struct ctl_json *j, char bracket)
 	j->comma = true;
 }
 
-void ctl_json_text(struct ctl_json *j, const char *key, const char *text)
+static void put_null(struct ctl_json *j, const char *key, size_t n)
 {
-	put_key(j, key);
-	if (text)
-		put_text(j->out, text);
-	else
-		put_bytes(j->out, "null", 4);
+	took(mempcpy(put_key(j, key, n, 4), "null", 4));
 }
 
-void ctl_json_known(struct ctl_json *j, const char *key, const char *text)
+void ctl_json_put_text(struct ctl_json *j, const char *key, size_t n, const char *text)
 {
-	ctl_json_text(j, key, text && *text && strcmp(text, "unknown") ? text : NULL);
-}
-
-/* In decimal, with leading zeros up to `least` digits. */
-static void put_digits(FILE *out, uint64_t n, unsigned least)
-{
-	char digits[24];
-	unsigned at = sizeof digits;
-
-	while (n || sizeof digits - at < least) {
-		digits[--at] = (char)('0' + n % 10);
-		n /= 10;
+	if (!text) {
+		put_null(j, key, n);
+		return;
 	}
-	put_bytes(out, digits + at, sizeof digits - at);
+	put_key(j, key, n, 0);
+	put_text(j->out, text);
+}
+
+void ctl_json_put_known(struct ctl_json *j, const char *key, size_t n, const char *text)
+{
+	ctl_json_put_text(j, key, n, text && *text && strcmp(text, "unknown") ? text : NULL);
+}
+
+/* ---- numbers ---- */
+
+enum { DIGITS = 20 }; /* of 64 bits */
+
+/* In decimal; gives the end. */
+static inline char *put_digits(char *at, uint64_t n)
+{
+	char digits[DIGITS];
+	unsigned from = DIGITS;
+
+	if (n < 10) {
+		*at = (char)('0' + n);
+		return at + 1;
+	}
+	for (; n; n /= 10)
+		digits[--from] = (char)('0' + n % 10);
+	return mempcpy(at, digits + from, DIGITS - from);
 }
 
 /*
  * Millionths, as seconds are, without trying how many digits they need: no other decimal of up to 15 digits is read as
- * the same number, so this is the shortest. False: it is none, or so large or small that %g has another form for it.
+ * the same number, so this is the shortest. NULL: it is none, or so large or small that %g has another form for it.
  */
-static bool put_millionths(FILE *out, double v)
+static char *put_millionths(char *at, double v)
 {
-	uint64_t n, fraction;
-	unsigned digits = 6;
+	uint64_t n;
+	unsigned fraction;
 
 	if (!(v >= 1e-4 && v < 1e6))
-		return false;
+		return NULL;
 	n = (uint64_t)(v * 1e6 + 0.5);
 	if ((double)n / 1e6 != v)
-		return false;
-	put_digits(out, n / 1000000, 1);
-	for (fraction = n % 1000000; fraction && fraction % 10 == 0; fraction /= 10)
-		digits--;
-	if (fraction) {
-		put_byte(out, '.');
-		put_digits(out, fraction, digits);
-	}
-	return true;
+		return NULL;
+	at = put_digits(at, n / 1000000);
+	fraction = (unsigned)(n % 1000000);
+	if (!fraction)
+		return at;
+	*at++ = '.';
+	for (unsigned i = 6; i-- > 0; fraction /= 10)
+		at[i] = (char)('0' + fraction % 10);
+	for (at += 6; at[-1] == '0';)
+		at--;
+	return at;
 }
 
-void ctl_json_u64(struct ctl_json *j, const char *key, uint64_t n)
+void ctl_json_put_u64(struct ctl_json *j, const char *key, size_t n, uint64_t v)
 {
-	put_key(j, key);
-	put_digits(j->out, n, 1);
+	took(put_digits(put_key(j, key, n, DIGITS), v));
 }
 
-void ctl_json_i64(struct ctl_json *j, const char *key, int64_t n)
+void ctl_json_put_i64(struct ctl_json *j, const char *key, size_t n, int64_t v)
 {
-	put_key(j, key);
-	if (n < 0)
-		put_byte(j->out, '-');
-	put_digits(j->out, n < 0 ? 0 - (uint64_t)n : (uint64_t)n, 1);
+	char *at = put_key(j, key, n, 1 + DIGITS);
+
+	if (v < 0)
+		*at++ = '-';
+	took(put_digits(at, v < 0 ? 0 - (uint64_t)v : (uint64_t)v));
 }
 
-void ctl_json_number(struct ctl_json *j, const char *key, double v)
+void ctl_json_put_number(struct ctl_json *j, const char *key, size_t n, double v)
 {
-	char buf[40];
+	char buf[40], *at, *end;
 
-	put_key(j, key);
 	if (!isfinite(v)) {
-		put_bytes(j->out, "null", 4);
+		put_null(j, key, n);
 		return;
 	}
-	if (put_millionths(j->out, v))
+	at = put_key(j, key, n, DIGITS + 7);
+	end = v == 0 && !signbit(v) ? put_digits(at, 0) : put_millionths(at, v);
+	if (end) {
+		took(end);
 		return;
+	}
 	for (int digits = 6; digits <= 17; digits++) {
 		snprintf(buf, sizeof(buf), "%.*g", digits, v);
 		if (strtod(buf, NULL) == v)
@@ -213,15 +285,10 @@ void ctl_json_number(struct ctl_json *j, const char *key, double v)
 	put_string(j->out, buf);
 }
 
-void ctl_json_literal(struct ctl_json *j, const char *key, const char *text)
+void ctl_json_put_literal(struct ctl_json *j, const char *key, size_t n, const char *text)
 {
-	put_key(j, key);
+	put_key(j, key, n, 0);
 	put_string(j->out, text);
-}
-
-void ctl_json_bool(struct ctl_json *j, const char *key, bool v)
-{
-	ctl_json_literal(j, key, v ? "true" : "false");
 }
 
 void ctl_json_line(struct ctl_json *j)

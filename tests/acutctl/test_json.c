@@ -132,6 +132,74 @@ static void texts(void **state)
 	check(put_lattice, "00000000000000000000000000000000000000000000000000000001 1 1 1 1", "\"lattice\":null");
 }
 
+/* What must be escaped, byte by byte; `c`: no part of a longer character. */
+static const char *escaped(unsigned char c, char buf[16])
+{
+	if (c == '"' || c == '\\')
+		snprintf(buf, 16, "\\%c", c);
+	else if (c < 0x20 || c == 0x7f)
+		snprintf(buf, 16, "\\u%04x", c);
+	else
+		snprintf(buf, 16, c < 0x80 ? "%c" : "\\ufffd", c);
+	return buf;
+}
+
+/* Each byte at each place of texts of many lengths: they are looked at several bytes at once. The same as a key. */
+static void odd_places(void **state)
+{
+	enum { MOST = 40 };
+
+	for (unsigned c = 1; c < 256; c++)
+		for (unsigned len = 1; len <= MOST; len += 1 + len / 6)
+			for (unsigned at = 0; at < len; at++) {
+				char text[MOST + 1], wanted[2 * MOST + 32], one[16], *got, *as_key;
+				struct ctl_json j = {.list = true};
+				size_t n;
+
+				memset(text, 'w', len);
+				text[len] = 0;
+				text[at] = (char)c;
+				escaped((unsigned char)c, one);
+				snprintf(wanted, sizeof wanted, "\"k\\\"\":\"%.*s%s%s\"", (int)at, text, one, text + at + 1);
+				check(put_text, text, wanted);
+				if (len > 17)
+					continue;
+				j.out = open_memstream(&got, &n);
+				ctl_json_bool(&j, text, true);
+				ctl_json_line(&j);
+				fclose(j.out);
+				assert_true(asprintf(&as_key, "%s:true\n", wanted + strlen("\"k\\\"\":")) > 0);
+				assert_string_equal(got, as_key);
+				free(got);
+				free(as_key);
+			}
+}
+
+/* Keys of the source, and those that only look so. */
+static void keys(void **state)
+{
+	const char *const rule = "of a \"table\"";
+	char *text;
+	size_t n;
+	struct ctl_json j = {.out = open_memstream(&text, &n), .list = true};
+
+	ctl_json_open(&j, NULL, '{');
+	ctl_json_text(&j, "", NULL);
+	ctl_json_number(&j, "zero", 0);
+	ctl_json_number(&j, "minus", -0.0);
+	ctl_json_u64(&j, rule, 9);
+	ctl_json_i64(&j, "a\\b", -10);
+	ctl_json_literal(&j, "Höhe", "[]");
+	ctl_json_known(&j, "none", "unknown");
+	ctl_json_known(&j, "some", "unknowns");
+	ctl_json_close(&j, '}');
+	ctl_json_line(&j);
+	fclose(j.out);
+	assert_string_equal(text, "{\"\":null,\"zero\":0,\"minus\":-0,\"of a \\\"table\\\"\":9,\"a\\\\b\":-10,\"Höhe\":[],"
+				  "\"none\":null,\"some\":\"unknowns\"}\n");
+	free(text);
+}
+
 /* Keys and texts of all lengths around what is held back; lines for two streams in turns. */
 static void lengths(void **state)
 {
@@ -181,6 +249,8 @@ int main(void)
 		cmocka_unit_test(integers),
 		cmocka_unit_test(times),
 		cmocka_unit_test(texts),
+		cmocka_unit_test(odd_places),
+		cmocka_unit_test(keys),
 		cmocka_unit_test(lengths),
 	};
 
