@@ -18,7 +18,8 @@
 #include "err.h"
 #include "utf8.h"
 
-enum { CHUNK_SIZE = 2048, DEPTH_MAX = 16 };
+/* CHUNK_MORE: of who counts no bytes, whose pages of lists take hundreds of KiB. */
+enum { CHUNK_SIZE = 2048, CHUNK_MORE = 32 << 10, DEPTH_MAX = 16 };
 
 struct chunk {
 	struct chunk *next;
@@ -65,6 +66,14 @@ static struct chunk *arena_chunk(struct arena *a, size_t size)
 	return chunk;
 }
 
+/* Of the next chunk, which must have `size` bytes: nothing that fits is refused because more was asked for. */
+static size_t chunk_size(const struct arena *a, size_t size)
+{
+	size_t more = !a->ledger && a->cap - a->taken > CHUNK_MORE + sizeof(struct chunk) ? CHUNK_MORE : CHUNK_SIZE;
+
+	return size > more ? size : more;
+}
+
 static void *arena_alloc(void *ctx, size_t size)
 {
 	struct arena *a = ctx;
@@ -77,7 +86,7 @@ static void *arena_alloc(void *ctx, size_t size)
 	}
 	size = (size + 15) & ~(size_t)15;
 	if (!chunk || chunk->size - chunk->used < size) {
-		chunk = arena_chunk(a, size > CHUNK_SIZE ? size : CHUNK_SIZE);
+		chunk = arena_chunk(a, chunk_size(a, size));
 		if (!chunk)
 			return NULL;
 	}
@@ -106,10 +115,29 @@ static void arena_drop(struct arena *a)
 
 /* ---- texts ---- */
 
+/* Whether all n bytes are ASCII, which nearly all texts are: by eights, of which the last may take some a second time. */
+static bool text_plain(const char *text, size_t n)
+{
+	uint64_t all = 0, eight;
+
+	if (n < 8) {
+		for (size_t i = 0; i < n; i++)
+			all |= (uint8_t)text[i];
+		return all < 0x80;
+	}
+	for (size_t i = 0; i < n; i += 8) {
+		memcpy(&eight, text + (n - i < 8 ? n - 8 : i), 8);
+		all |= eight;
+	}
+	return !(all & UINT64_C(0x8080808080808080));
+}
+
 static bool text_valid(const char *text)
 {
 	const uint8_t *s = (const uint8_t *)text;
 
+	if (text_plain(text, strlen(text)))
+		return true;
 	while (*s) {
 		size_t n = *s < 0x80 ? 1 : utf8_length(s, SIZE_MAX);
 
@@ -138,68 +166,69 @@ static int check_texts(const ProtobufCMessage *message, unsigned depth, struct e
 
 static int check_text(const ProtobufCFieldDescriptor *field, const char *text, struct err *err)
 {
-	if (!text || text_valid(text))
+	if (!text || !*text || text_valid(text))
 		return 0;
 	err_set(err, ERR_PROTO, "the text of a message's field is not UTF-8");
 	return err_add_place(err, ERR_NO_OFFSET, field->name);
 }
 
-static int check_member(const ProtobufCFieldDescriptor *field, void *const *at, unsigned depth,
-			struct err *err)
+/* One that is there or not, or as many as a list has. */
+static int check_field(const ProtobufCFieldDescriptor *field, const uint8_t *message, unsigned depth, struct err *err)
 {
-	if (field->type == PROTOBUF_C_TYPE_STRING)
-		return check_text(field, *at, err);
-	if (field->type == PROTOBUF_C_TYPE_MESSAGE && *at)
-		return check_texts(*at, depth + 1, err);
-	return 0;
+	void *const *at = (void *const *)(message + field->offset);
+	size_t count = 1;
+	int r = 0;
+
+	if ((field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF) &&
+	    *(const uint32_t *)(message + field->quantifier_offset) != field->id)
+		return 0;
+	if (field->label == PROTOBUF_C_LABEL_REPEATED) {
+		count = *(const size_t *)(message + field->quantifier_offset);
+		at = *at;
+	}
+	for (size_t k = 0; k < count && r == 0; k++) {
+		if (field->type == PROTOBUF_C_TYPE_STRING)
+			r = check_text(field, at[k], err);
+		else if (at[k])
+			r = check_texts(at[k], depth + 1, err);
+	}
+	return r;
 }
 
 /* Every text of the message and of those inside it. */
 static int check_texts(const ProtobufCMessage *message, unsigned depth, struct err *err)
 {
-	const uint8_t *base = (const uint8_t *)message;
+	const ProtobufCMessageDescriptor *what = message->descriptor;
 
 	if (depth > DEPTH_MAX)
 		return err_set(err, ERR_PROTO, "a message holds messages deeper than %d", DEPTH_MAX);
-	for (unsigned i = 0; i < message->descriptor->n_fields; i++) {
-		const ProtobufCFieldDescriptor *field = &message->descriptor->fields[i];
-		void *const *at = (void *const *)(base + field->offset);
-		size_t count = 1;
+	for (unsigned i = 0; i < what->n_fields; i++) {
+		const ProtobufCFieldDescriptor *field = &what->fields[i];
 		int r;
 
 		if (field->type != PROTOBUF_C_TYPE_STRING && field->type != PROTOBUF_C_TYPE_MESSAGE)
 			continue;
-		if ((field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF) &&
-		    *(const uint32_t *)(base + field->quantifier_offset) != field->id)
-			continue;
-		if (field->label == PROTOBUF_C_LABEL_REPEATED) {
-			count = *(const size_t *)(base + field->quantifier_offset);
-			at = *at;
-		}
-		for (size_t k = 0; k < count; k++) {
-			r = check_member(field, at + k, depth, err);
-			if (r < 0)
-				return r;
-		}
+		r = check_field(field, (const uint8_t *)message, depth, err);
+		if (r < 0)
+			return r;
 	}
 	return 0;
 }
 
 /* ---- unpacking ---- */
 
-/* The allocator's first call is for the message itself: it gets the place behind the arena. */
+/* The allocator's first call is for the message itself: it gets the place behind the arena. All others are the arena's. */
 struct first {
 	struct arena_start *start;
-	bool given;
+	ProtobufCAllocator *allocator;
 };
 
 static void *first_alloc(void *ctx, size_t size)
 {
 	struct first *first = ctx;
 
-	if (first->given)
-		return arena_alloc(&first->start->arena, size);
-	first->given = true;
+	first->allocator->alloc = arena_alloc;
+	first->allocator->allocator_data = &first->start->arena;
 	return size <= sizeof(Acut__V1__Message) ? first->start->message : NULL;
 }
 
@@ -221,7 +250,7 @@ int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledg
 	struct arena a = {.cap = cap, .ledger = ledger};
 	size_t lead = (sizeof(struct arena_start) + sizeof(Acut__V1__Message) + 15) & ~(size_t)15;
 	struct chunk *chunk = arena_chunk(&a, lead + CHUNK_SIZE);
-	struct first first = {0};
+	struct first first;
 	ProtobufCAllocator allocator = {.alloc = first_alloc, .free = arena_keep, .allocator_data = &first};
 	Acut__V1__Message *message;
 	int r;
@@ -229,7 +258,7 @@ int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledg
 	if (!chunk)
 		return unpack_error(&a, size, err);
 	chunk->used = lead;
-	first.start = (struct arena_start *)chunk->bytes;
+	first = (struct first){(struct arena_start *)chunk->bytes, &allocator};
 	first.start->arena = a;
 	message = acut__v1__message__unpack(&allocator, size, bytes);
 	if (!message) {

@@ -274,6 +274,38 @@ static void test_text_not_utf8(void **state)
 	}
 }
 
+/* Texts are looked at by eights: one bad byte among any number of good ones, or none. */
+static void test_text_lengths(void **state)
+{
+	char text[64];
+	uint8_t bytes[256];
+
+	for (size_t len = 1; len < 40; len++)
+		for (size_t at = 0; at <= len; at++) {
+			Acut__V1__PushBegin b = ACUT__V1__PUSH_BEGIN__INIT;
+			struct err err = ERR_INIT;
+			Acut__V1__Message *m;
+			size_t n;
+
+			memset(text, 'x', len);
+			text[len] = 0;
+			if (at < len)
+				text[at] = (char)0x80;
+			b.dataset = text;
+			n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
+			assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), at < len ? -ERR_PROTO : 0);
+			if (at < len)
+				continue;
+			assert_string_equal(m->push_begin->dataset, text);
+			frame_message_free(m);
+			memcpy(text + len - 1, "\xc3\xbc", 3);
+			n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
+			assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), 0);
+			assert_string_equal(m->push_begin->dataset, text);
+			frame_message_free(m);
+		}
+}
+
 static void test_errors_over_the_wire(void **state)
 {
 	struct pair p = pair_new(NULL);
@@ -319,6 +351,7 @@ int main(void)
 		cmocka_unit_test(test_malformed_message),
 		cmocka_unit_test(test_unknown_kind),
 		cmocka_unit_test(test_text_not_utf8),
+		cmocka_unit_test(test_text_lengths),
 		cmocka_unit_test(test_errors_over_the_wire),
 	};
 
