@@ -14,12 +14,13 @@ enum kind { NUMBER, SECONDS, TEXT };
 
 static const struct {
 	const char *name;
+	size_t length;
 	enum kind kind;
 	size_t offset, size;
 } fields[] = {
 #define FIELD(name, kind)                                                                                    \
 	{                                                                                                    \
-#name, kind, offsetof(struct job_report, name), sizeof(((struct job_report *)0)->name)       \
+#name, sizeof #name - 1, kind, offsetof(struct job_report, name), sizeof(((struct job_report *)0)->name)       \
 	}
 	FIELD(points, NUMBER),         FIELD(used, NUMBER),
 	FIELD(vertices, NUMBER),       FIELD(triangles, NUMBER),
@@ -87,30 +88,53 @@ static bool few_digits(const char *at, size_t n, uint64_t *ret)
 	return n > 0;
 }
 
-/* Behind the name and the space that the line begins with; NULL: it begins with something else. */
-static const char *after_name(const char *line, const char *name)
+/* Behind the name, of n bytes, and the space that the line begins with; NULL: it begins with something else. */
+static const char *after_name(const char *line, const char *name, size_t n)
 {
-	for (; *name && *line == *name; line++)
-		name++;
-	return *name || *line != ' ' ? NULL : line + 1;
+	return strncmp(line, name, n) || line[n] != ' ' ? NULL : line + n + 1;
+}
+
+/* Adds digits to *v, gives what is behind them. How many there were is for the caller to judge. */
+static const char *more_digits(const char *at, uint64_t *v)
+{
+	uint64_t n = *v;
+
+	for (unsigned digit; (digit = (unsigned)*at - '0') < 10; at++)
+		n = n * 10 + digit;
+	*v = n;
+	return at;
 }
 
 /* A number or (`seconds`) one with six digits behind the point, in millionths, as report_text writes them: gives the end of the
  * line, NULL: it is something else, or so large that it needs a look. */
 static const char *number_line(const char *value, bool seconds, uint64_t *ret)
 {
-	const char *at = value, *point = NULL;
 	uint64_t v = 0;
+	const char *at = more_digits(value, &v), *point = at;
 
-	for (; (*at >= '0' && *at <= '9') || (seconds && !point && *at == '.' && at > value); at++)
-		if (*at == '.')
-			point = at;
-		else
-			v = v * 10 + (uint64_t)(*at - '0');
-	if (*at != '\n' || at == value || at - value > (seconds ? 16 : 18) || (seconds && (!point || at - point != 7)))
+	if (at == value)
+		return NULL;
+	if (seconds) {
+		if (*point != '.')
+			return NULL;
+		at = more_digits(point + 1, &v);
+		if (at - point != 7)
+			return NULL;
+	}
+	if (*at != '\n' || at - value > (seconds ? 16 : 18))
 		return NULL;
 	*ret = v;
 	return at + 1;
+}
+
+/* As much of it as there is room for. */
+static const char *text_line(const char *value, char *place, size_t size)
+{
+	const char *end = strchrnul(value, '\n');
+	size_t n = (size_t)(end - value);
+
+	*(char *)mempcpy(place, value, n < size ? n : size - 1) = 0;
+	return *end ? end + 1 : end;
 }
 
 static void get_number(const struct part *value, uint64_t *ret)
@@ -182,28 +206,38 @@ static void get_field(const struct part *name, const struct part *value, size_t 
 	}
 }
 
+static const char *next_rule(const char *text, size_t *at_rule, struct job_report *ret)
+{
+	const char *rule, *value, *end;
+
+	if (*at_rule == VIEW_RULES || strncmp(text, "removed-", 8))
+		return NULL;
+	rule = view_rule_text((enum view_rule)*at_rule);
+	value = after_name(text + 8, rule, strlen(rule));
+	end = value ? number_line(value, false, &ret->removed[*at_rule]) : NULL;
+	*at_rule += end != NULL;
+	return end;
+}
+
 /* The line that comes next where this version wrote them all. NULL: it is another, or not as it is written today. */
 static const char *next_line(const char *text, size_t *at, size_t *at_rule, struct job_report *ret)
 {
-	char *place = *at < FIELDS ? (char *)ret + fields[*at].offset : NULL;
-	const char *value = place && fields[*at].kind != TEXT ? after_name(text, fields[*at].name) : NULL, *end;
+	const char *value = *at < FIELDS ? after_name(text, fields[*at].name, fields[*at].length) : NULL, *end;
+	char *place;
 	uint64_t n;
 
-	if (value) {
-		end = number_line(value, fields[*at].kind == SECONDS, &n);
-		if (!end)
-			return NULL;
-		if (fields[(*at)++].kind == SECONDS)
-			*(double *)place = (double)n / 1e6;
-		else
-			*(uint64_t *)place = n;
-		return end;
-	}
-	if (*at_rule == VIEW_RULES || strncmp(text, "removed-", 8))
+	if (!value)
+		return next_rule(text, at_rule, ret);
+	place = (char *)ret + fields[*at].offset;
+	if (fields[*at].kind == TEXT)
+		return text_line(value, place, fields[(*at)++].size);
+	end = number_line(value, fields[*at].kind == SECONDS, &n);
+	if (!end)
 		return NULL;
-	value = after_name(text + 8, view_rule_text((enum view_rule)*at_rule));
-	end = value ? number_line(value, false, &ret->removed[*at_rule]) : NULL;
-	*at_rule += end != NULL;
+	if (fields[(*at)++].kind == SECONDS)
+		*(double *)place = (double)n / 1e6;
+	else
+		*(uint64_t *)place = n;
 	return end;
 }
 
