@@ -80,7 +80,7 @@ static void remember(struct pass *p, const char *path, bool selection, int64_t u
 		return;
 	to = p->n < OLDEST_MAX ? &p->heap[p->n++] : &p->heap[0];
 	*to = (struct old){.used_ns = used_ns, .bytes = bytes, .selection = selection};
-	snprintf(to->path, sizeof to->path, "%s", path);
+	memcpy(to->path, path, strlen(path) + 1);
 	if (p->n == OLDEST_MAX)
 		for (size_t i = to == &p->heap[0] ? 1 : OLDEST_MAX / 2; i-- > 0;)
 			sift_down(p, i);
@@ -102,11 +102,14 @@ static int64_t used_of(const struct stat *st)
 
 typedef void found_fn(struct pass *, int dirfd, const char *name, const char *path, const struct stat *);
 
+enum { NAME_MOST = 170 }; /* of an entry; longer ones are nobody's */
+
 struct reading {
 	struct pass *pass;
 	int fd;
-	const char *path; /* of that folder, below the one that was read first */
-	unsigned depth;   /* of folders that are read too */
+	char path[2 * PATH_SIZE]; /* of that folder, below the one that was read first; then of one of its entries */
+	size_t length;            /* of the folder's, with the / behind it */
+	unsigned depth;           /* of folders that are read too */
 	found_fn *found;
 };
 
@@ -117,15 +120,17 @@ static int folder_read(struct pass *p, int parent, const char *name, const char 
 static int entry_read(void *ctx, const struct dirent *e, struct err *err)
 {
 	struct reading *r = ctx;
-	char below[2 * PATH_SIZE];
+	size_t n = strnlen(e->d_name, NAME_MOST);
 	struct stat st;
 
 	if (io->fstatat(r->fd, e->d_name, &st, AT_SYMLINK_NOFOLLOW) != 0)
 		return 0;
-	snprintf(below, sizeof below, "%s%s%.170s", r->path, *r->path ? "/" : "", e->d_name);
+	if (n >= sizeof r->path - r->length)
+		n = sizeof r->path - r->length - 1;
+	*(char *)mempcpy(r->path + r->length, e->d_name, n) = 0;
 	if (S_ISDIR(st.st_mode) && r->depth)
-		return folder_read(r->pass, r->fd, e->d_name, below, r->depth - 1, r->found, err);
-	r->found(r->pass, r->fd, e->d_name, below, &st);
+		return folder_read(r->pass, r->fd, e->d_name, r->path, r->depth - 1, r->found, err);
+	r->found(r->pass, r->fd, e->d_name, r->path, &st);
 	return 0;
 }
 
@@ -133,7 +138,7 @@ static int entry_read(void *ctx, const struct dirent *e, struct err *err)
 static int folder_read(struct pass *p, int parent, const char *name, const char *path, unsigned depth, found_fn *found,
 		       struct err *err)
 {
-	struct reading reading = {.pass = p, .path = path, .depth = depth, .found = found};
+	struct reading reading = {.pass = p, .depth = depth, .found = found};
 	struct err why = ERR_INIT;
 	int r = io_open(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &reading.fd, &why);
 
@@ -143,6 +148,8 @@ static int folder_read(struct pass *p, int parent, const char *name, const char 
 		*err = why;
 		return r;
 	}
+	if (*path)
+		reading.length = (size_t)snprintf(reading.path, sizeof reading.path, "%.*s/", PATH_SIZE, path);
 	r = io_list(reading.fd, ".", entry_read, &reading, err);
 	io_close(reading.fd);
 	return r;
