@@ -85,7 +85,8 @@ static void look_idle(struct daemon *d)
  * and to see whether others have filled the disk; both at once. */
 static uint64_t sleep_usec(struct daemon *d)
 {
-	uint64_t usec = jobs_active(d->jobs) || d->stopping ? TICK_USEC : QUIET_TICK_USEC, most = notify_wait(&d->notify);
+	bool soon = jobs_active(d->jobs) || jobs_resting(d->jobs) || d->stopping;
+	uint64_t usec = soon ? TICK_USEC : QUIET_TICK_USEC, most = notify_wait(&d->notify);
 	double wait = idle_wait(d);
 
 	if (wait < 0 || busy(d)) {

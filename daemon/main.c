@@ -183,6 +183,9 @@ static int open_catalogue(const char *path, struct daemon *d, struct err *err)
 	return r;
 }
 
+/* Whoever has started it has asked what he wants to know. */
+#define REST_SECONDS 2.0
+
 static int make_jobs(struct daemon *d, struct err *err)
 {
 	char path[600];
@@ -211,6 +214,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.disk = d->config.disk,
 		.keep_free = d->config.keep_free,
 		.space_wait = d->config.space_wait,
+		.rest = REST_SECONDS,
 		.keep_removed = d->config.keep_removed,
 		.user = {.jobs = d->config.user_jobs, .memory = d->config.user_memory,
 			 .datasets = d->config.user_datasets, .disk = d->config.user_disk},

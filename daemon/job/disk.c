@@ -192,5 +192,8 @@ void disk_tick(struct jobs *j)
 		disk_count(j);
 		count_running(j);
 	}
-	disk_look(j);
+	if (rest_over(j))
+		disk_look(j);
+	else
+		disk_mend(j);
 }

@@ -63,6 +63,7 @@ struct jobs_params {
 	struct space_limit disk, keep_free; /* as space_params */
 	double keep_removed;         /* seconds that a removed dataset can be restored; 0: 7 days */
 	double space_wait;           /* seconds that what a client waits for may lack space */
+	double rest;                 /* seconds after jobs_new in which nothing is swept or measured, if nobody begins anything; 0: none */
 	struct jobs_user_limits {    /* of one user who is no admin; 0, SPACE_UNLIMITED: none */
 		unsigned jobs;           /* that are not done */
 		unsigned memory;         /* per cent that jobs, pushes and plans hold */
@@ -91,9 +92,10 @@ void jobs_set_user_limits(struct jobs *, const struct jobs_user_limits *);
 struct jobs *jobs_free(struct jobs *);
 /* After sched_dispatch and catalogue_dispatch: gives memory to who starves, starts what can start. */
 void jobs_settle(struct jobs *);
-/* About ten times a second while jobs_active. */
+/* About ten times a second while jobs_active or jobs_resting. */
 void jobs_tick(struct jobs *);
 bool jobs_active(const struct jobs *); /* a push is open, or a job or stream is not over */
+bool jobs_resting(const struct jobs *); /* what a start has to sweep and measure has not begun; nobody waits for that */
 /* Work stops as soon as it can: pushes end, bound jobs end, unbound jobs stay queued for the next start. */
 void jobs_park(struct jobs *);
 bool jobs_parked(const struct jobs *);

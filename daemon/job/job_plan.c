@@ -294,6 +294,5 @@ void job_plan_sweep(struct jobs *j)
 	*s = (struct sweep){.jobs = j, .n = n, .last = j->last_job};
 	s->task = (struct sched_task){.run = sweep_run, .done = sweep_done, .priority = SCHED_LAST};
 	past_numbers(j, s->job);
-	j->background++;
-	sched_submit(j->p.sched, &s->task);
+	rest_submit(j, &s->task);
 }

@@ -184,6 +184,12 @@ struct jobs {
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned walks_max;
+	struct rest { /* rest.c */
+		uint64_t from_ns;
+		bool over;
+		struct sched_task *task[2];
+		unsigned n;
+	} rest;
 	struct disk {
 		uint64_t counted_ns, looked_ns;
 		bool begun, busy;
@@ -231,6 +237,12 @@ void tell_damage(struct jobs *, const struct log_about *, const struct err *why)
 /* disk.c: the house's side of the disk */
 void disk_look(struct jobs *); /* folders that are gone, and what there is to measure or evict */
 void disk_tick(struct jobs *);
+/* The rest after a start. rest_submit counts the task in `background`, now or when the rest is over. */
+void rest_begin(struct jobs *);
+void rest_submit(struct jobs *, struct sched_task *);
+bool rest_over(struct jobs *);
+void rest_end(struct jobs *);
+void rest_drop(struct jobs *);
 void disk_mend(struct jobs *); /* folders of the cache that somebody has removed */
 void disk_count(struct jobs *); /* what the lists of datasets and pushes say */
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */

@@ -229,8 +229,7 @@ static void clear_aside(struct jobs *j)
 		return;
 	c->task = (struct sched_task){.run = clearing_run, .done = clearing_done, .priority = SCHED_LAST};
 	c->jobs = j;
-	j->background++;
-	sched_submit(j->p.sched, &c->task);
+	rest_submit(j, &c->task);
 }
 
 static int open_folders(struct jobs *j, struct err *err)
@@ -329,6 +328,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	j->last_job = last[1];
 	j->last_push = last[2];
 	verified_load(j);
+	rest_begin(j);
 	clear_aside(j);
 	job_plan_sweep(j);
 	disk_count(j); /* the first who asks is held against it */
@@ -343,6 +343,7 @@ struct jobs *jobs_free(struct jobs *j)
 
 	if (!j)
 		return NULL;
+	rest_drop(j);
 	dataset_old_forget(j);
 	while ((job = j->jobs)) {
 		/* The datasets go next, whoever uses them. */
@@ -541,6 +542,7 @@ void jobs_park(struct jobs *j)
 	struct job *job;
 
 	j->parking = true;
+	rest_end(j);
 	dataset_prunes_park(j);
 	if (j->merge)
 		dataset_rewrite_cancel(j->merge);

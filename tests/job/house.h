@@ -73,9 +73,11 @@ static void turn(int ms)
 
 static uint64_t house_most; /* of what datasets, jobs and pushes are charged; 0: no bound but the memory */
 
+static double house_rest;   /* jobs_params.rest */
+
 static void open_house(uint64_t memory, unsigned threads)
 {
-	struct jobs_params p = {.threads = threads};
+	struct jobs_params p = {.threads = threads, .rest = house_rest};
 	struct err err = ERR_INIT;
 	char path[128];
 

@@ -303,6 +303,59 @@ static void listing(void **state)
 	assert_int_equal(seen, ALL * 8 / 10);
 }
 
+/* What an earlier daemon left in the cache. */
+static bool left(const char *name, bool make)
+{
+	char path[128], file[160];
+	struct stat st;
+
+	snprintf(path, sizeof path, "%s/%s", h.folder, name);
+	snprintf(file, sizeof file, "%s/x", path);
+	if (make)
+		close(open(file, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	return !stat(path, &st);
+}
+
+/* What a start has to sweep waits, and the loop is told; it is swept when the time is over, when a daemon stops before, and
+ * when its jobs go without that. */
+static void rests(void **state)
+{
+	assert_false(jobs_resting(h.jobs));
+	assert_true(left("tmp", true));
+	close_house();
+	house_rest = 1e6;
+	assert_true(left("tmp", true));
+	open_house(UINT64_C(64) << 20, 1);
+	for (int i = 0; i < 20; i++)
+		turn(10);
+	assert_true(jobs_resting(h.jobs));
+	assert_false(jobs_active(h.jobs));
+	assert_false(h.jobs->disk.begun);
+	assert_true(left("gone-0", false));
+	close_house();
+	assert_false(left("gone-0", false));
+
+	house_rest = 0.05;
+	assert_true(left("tmp", true));
+	open_house(UINT64_C(64) << 20, 1);
+	turn_until(!left("gone-0", false));
+	turn_until(h.jobs->disk.begun);
+	assert_false(jobs_resting(h.jobs));
+	close_house();
+
+	house_rest = 1e6;
+	assert_true(left("tmp", true));
+	open_house(UINT64_C(64) << 20, 1);
+	sched_free(h.sched);
+	catalogue_free(h.catalogue);
+	jobs_free(h.jobs);
+	ledger_free(h.ledger);
+	close(h.statefd);
+	close(h.cachefd);
+	house_rest = 0;
+	open_house(UINT64_C(64) << 20, 1);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
@@ -311,6 +364,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(little_memory_push, setup, teardown),
 		cmocka_unit_test_setup_teardown(all_get_done, setup, teardown),
 		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
+		cmocka_unit_test_setup_teardown(rests, setup, teardown),
 		cmocka_unit_test(reports),
 		cmocka_unit_test(old_reports),
 		cmocka_unit_test(listing),
