@@ -71,7 +71,8 @@ static void turn(int ms)
 		}                                                                                            \
 	} while (0)
 
-static uint64_t house_most; /* of what datasets, jobs and pushes are charged; 0: no bound but the memory */
+/* Of what datasets, jobs and pushes are charged: no more than this; so much is kept for them. 0: no bound but the memory; nothing. */
+static uint64_t house_most, house_aside;
 
 static double house_rest;   /* jobs_params.rest */
 
@@ -87,7 +88,7 @@ static void open_house(uint64_t memory, unsigned threads)
 	h.ledger = ledger_new(memory);
 	assert_true(ledger_share(h.ledger, LEDGER_MESSAGE, 1 << 20, 0));
 	assert_true(ledger_share(h.ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP + CATALOGUE_QUEUE, 0));
-	assert_true(!house_most || ledger_share(h.ledger, LEDGER_JOBS, 0, house_most));
+	assert_true(ledger_share(h.ledger, LEDGER_JOBS, house_aside, house_most));
 	assert_int_equal(sched_new(h.ledger, threads, &h.sched, &err), 0);
 	assert_int_equal(catalogue_new(path, h.ledger, &h.catalogue, &err), 0);
 	p.ledger = h.ledger;

@@ -334,7 +334,10 @@ static void all_kinds_in_little(void **state)
 	struct job *jobs[20];
 
 	close_house();
+	/* As acutd has it: who asks is heard, whatever domains hold. */
+	house_aside = 384 << 10;
 	open_house(UINT64_C(24) << 20, 2);
+	house_aside = 0;
 	planned_n = inspected_n = 0;
 	d[0] = push("large", 120000, 9);
 	d[1] = push("small", 5000, 10);
