@@ -66,7 +66,7 @@ static struct chunk *arena_chunk(struct arena *a, size_t size)
 	return chunk;
 }
 
-/* Of the next chunk, which must have `size` bytes: nothing that fits is refused because more was asked for. */
+/* Of the next chunk, which must have `size` bytes: more than that is asked for only while it fits. */
 static size_t chunk_size(const struct arena *a, size_t size)
 {
 	size_t more = !a->ledger && a->cap - a->taken > CHUNK_MORE + sizeof(struct chunk) ? CHUNK_MORE : CHUNK_SIZE;
@@ -86,9 +86,18 @@ static void *arena_alloc(void *ctx, size_t size)
 	}
 	size = (size + 15) & ~(size_t)15;
 	if (!chunk || chunk->size - chunk->used < size) {
-		chunk = arena_chunk(a, chunk_size(a, size));
+		struct chunk *newest = chunk;
+		bool alone = newest && size > CHUNK_MORE / 8;
+
+		chunk = arena_chunk(a, alone ? size : chunk_size(a, size));
 		if (!chunk)
 			return NULL;
+		/* Of what is large little is wasted so: the newest one has room for others still. */
+		if (alone) {
+			chunk->next = newest->next;
+			newest->next = chunk;
+			a->chunks = newest;
+		}
 	}
 	at = chunk->bytes + chunk->used;
 	chunk->used += size;
