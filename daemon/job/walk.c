@@ -532,6 +532,7 @@ void walk_relieve(struct walk *w, bool urgent)
 
 	if (w->state != WALK_RUNNING || w->stopping)
 		return;
+	walk_arenas_fit(w);
 	if (urgent)
 		walk_output_relieve(w);
 	/* What it has will be given back soon. */

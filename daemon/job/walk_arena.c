@@ -2,8 +2,9 @@
  * The memory of domains of which only sums are wanted: it goes from one to the next, among the workers that make them.
  *
  * The model: as many domains as the walk has threads bring an arena, and its charge; the others are lent one, and ask the scheduler
- * for no memory. Who is made then finds one free, as all others that are made have one each; unless one was given up because others
- * lack memory: a domain that finds none asks for one of its own. So an arena stays where its pages are in memory already, and
+ * for no memory. Who is made then mostly finds one free, as others that are made have one each. Not where one was given up because
+ * others lack memory, where who is to bring one waits for his memory still, or where there are more workers than the walk is to have: a
+ * domain that finds none asks for one of its own, and what is too many then goes. So an arena stays where its pages are in memory already, and
  * mostly in the cache of that worker; with two for each worker a third of the page faults of a small job were theirs.
  *
  * Which are free is for any thread; how many there are, and what is charged for them, is the loop's to know.
@@ -81,14 +82,23 @@ void walk_arena_back(struct walk_domain *d)
 	}
 }
 
-void walk_arenas_fit(struct walk *w)
+/* As many as can be made at once, of those that are to be. */
+static unsigned arenas_most(const struct walk *w)
 {
-	struct walk_domain *d, one = {.walk = w};
+	const struct walk_domain *d;
 	unsigned making = 0;
 
 	for (d = w->domains; d; d = d->next)
 		making += d->state == DOMAIN_MAKING;
-	while (w->arenas.owned > making && walk_arena_take(&one)) {
+	return making < w->budget.threads ? making : w->budget.threads;
+}
+
+void walk_arenas_fit(struct walk *w)
+{
+	struct walk_domain one = {.walk = w};
+	unsigned most = arenas_most(w);
+
+	while ((w->arenas.owned > most || sched_starved(w->jobs->p.sched)) && walk_arena_take(&one)) {
 		munmap(one.memory, one.size);
 		w->arenas.owned--;
 		w->arenas.charged -= one.size;

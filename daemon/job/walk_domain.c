@@ -219,8 +219,8 @@ static void keep(struct walk_domain *d)
 static void map(struct walk_domain *d, uint64_t bytes)
 {
 	const struct walk *w = d->walk;
-	/* One that serves many domains fills its huge pages. */
-	bool huge = d->count >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
+	/* One that serves many domains fills its huge pages; of those it serves some may be larger than this. */
+	bool huge = (w->sums ? w->budget.load : d->count) >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
 
 	d->size = walk_page_round(bytes);
 	d->memory = memory_map(d->size, huge);
@@ -246,7 +246,7 @@ static int make(struct walk_domain *d)
 	struct pipe_known known = {.sites = d->sites};
 	struct pipe_before before;
 
-	if (d->looked && !w->rest.window && pipe_before(&p, &before))
+	if (d->changed && !w->rest.window && pipe_before(&p, &before))
 		known.before = &before;
 	return pipe_domain(w->grid, &w->rest, &d->region, &known, &w->budget, d->memory, &d->domain, &d->need, &d->err);
 }
@@ -366,6 +366,7 @@ struct walk_domain *walk_domain_start(struct walk *w, size_t index, enum sched_p
 	d->sites = w->plan.leaf[index].known ? w->plan.sites : NULL;
 	d->count = w->plan.leaf[index].count;
 	d->looked = w->plan.leaf[index].looked && !w->plan.leaf[index].there;
+	d->changed = w->plan.leaf[index].changed;
 	walk_domain_restart(d, priority);
 	return d;
 }
@@ -419,7 +420,7 @@ static void split_done(struct sched_task *t)
 	w->next_start++;
 	d->region = w->plan.leaf[at].region;
 	d->sites = NULL;
-	d->looked = false;
+	d->looked = d->changed = false;
 	d->count = w->plan.leaf[at].count;
 	walk_domain_restart(d, SCHED_FIRST);
 	walk_domain_start(w, at + 1, SCHED_FIRST);

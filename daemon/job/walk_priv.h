@@ -35,7 +35,7 @@ struct walk_domain {
 	bool stored, unstorable;
 	bool front; /* only what later blocks are numbered by is asked for: `domain.triangle` is NULL if it came from the store */
 	bool made;  /* not from the store */
-	bool looked; /* for, when the plan was made */
+	bool looked, changed; /* as its leaf's, when the plan was made */
 	struct pipe_stored as; /* if `stored` */
 	bool block; /* its emission gave one */
 	uint64_t need;
@@ -229,7 +229,7 @@ void walk_arena_put(struct walk_domain *);
  * from here on, with the charge. */
 uint64_t walk_arena_ask(struct walk_domain *, bool own);
 void walk_arena_back(struct walk_domain *);
-/* Unmaps those that nobody will need. */
+/* Unmaps those that nobody will need, and what is free while others lack memory. */
 void walk_arenas_fit(struct walk *);
 /* The leaf was emitted with the plan. Not while `splitting`. */
 bool walk_is_there(const struct walk *, size_t index);

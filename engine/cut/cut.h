@@ -92,6 +92,7 @@ struct cut_leaf {
 	bool exact;
 	bool known;          /* its halo is in the plan's sites */
 	bool looked, there;  /* pipe_refine: it was looked for in the store; it is there, and unchanged */
+	bool changed;        /* likewise: what is there is of other points */
 	bool fits;           /* own + halo fitted when it was made last: the probe passes it */
 	uint8_t stuck;       /* consecutive levels without progress above it */
 	uint64_t above;      /* own + halo of the region it was cut out of because they did not fit; else 0 */

@@ -87,6 +87,12 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 		load->trace = &trace->trace;
 		cut_trace_init(load->trace, trace + 1);
 		r = cut_load(reader, view, region, load, ret_need, err);
+		/* What it would need is to be the same whatever the store had. */
+		if (r == CUT_E_FULL && load->before) {
+			load->before = NULL;
+			cut_trace_init(load->trace, trace + 1);
+			r = cut_load(reader, view, region, load, ret_need, err);
+		}
 		if (r != CUT_E_FULL)
 			break;
 		r = whole ? PIPE_E_SPLIT : 0;

@@ -32,6 +32,7 @@ static int state_of(const struct pipe_reuse_params *p, struct cut_leaf *leaf, en
 	leaf->fits |= f.fits;
 	leaf->looked = true;
 	leaf->there = r == 0;
+	leaf->changed = r != 0 && f.versions;
 	*ret = r == 0 ? THERE : f.versions ? CHANGED : NEW;
 	if (r == 0 && p->there) {
 		struct mesh_domain d = f.front.domain;

@@ -16,6 +16,7 @@ static struct {
 	atomic_bool want; /* somebody else is to lack memory from the first one on that is put back */
 	struct sched_task hungry;
 	atomic_uint fed, fed_at; /* it had its memory; when so many had been asked for */
+	atomic_uint made, split_at, fail_at; /* domains begun to be made; of these numbers one does not fit, one cannot be read */
 } seen;
 
 uint64_t __real_walk_arena_ask(struct walk_domain *d, bool own);
@@ -66,6 +67,25 @@ void __wrap_walk_arena_put(struct walk_domain *d)
 		sched_submit(h.sched, &seen.hungry);
 	}
 	__real_walk_arena_put(d);
+}
+
+int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
+		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
+		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+
+int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
+		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+{
+	unsigned n = ++seen.made;
+
+	if (n == seen.fail_at)
+		return err_set(err, ERR_IO, "the test's disk is gone");
+	if (n == seen.split_at) {
+		*ret_need = (uint64_t)budget->cap + 1;
+		return PIPE_E_SPLIT;
+	}
+	return __real_pipe_domain(grid, v, region, known, budget, memory, ret, ret_need, err);
 }
 
 struct walk *__real_walk_free(struct walk *w);
@@ -144,22 +164,50 @@ static void stopped(void **state)
 		struct job *job;
 
 		snprintf(name, sizeof name, "d%u", puts);
-		d = push(name, POINTS / 2, puts);
+		d = push(name, POINTS, puts);
 		memset(&seen, 0, sizeof seen);
 		job = submit(d, false, "");
 		turn_until((seen.asked && seen.put >= puts) || job_state_final(info_of(job).state));
 		job_cancel(job);
 		turn_until(!jobs_active(h.jobs));
+		assert_true(puts > 2 || info_of(job).state == JOB_cancelled);
 		assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
 		dataset_release(d);
 	}
+}
+
+/* Whoever has the arena then, whether he brought it or was lent it. */
+static void split_or_failed(void **state)
+{
+	char whole[DIGEST_HEX_SIZE] = "";
+
+	for (unsigned at = 0; at < 7; at++)
+		for (unsigned fails = 0; fails < 2; fails++) {
+			struct dataset *d;
+			struct job *job;
+
+			assert_int_equal(teardown(state), 0);
+			assert_int_equal(open_seen(state), 0);
+			d = push("valley", POINTS / 2, 1);
+			atomic_store(fails ? &seen.fail_at : &seen.split_at, at);
+			job = submit(d, false, "");
+			turn_until_final(job);
+			turn_until(!jobs_active(h.jobs));
+			assert_int_equal(info_of(job).state, fails && at ? JOB_failed : JOB_done);
+			if (!fails && !at)
+				snprintf(whole, sizeof whole, "%s", info_of(job).report->digest);
+			else if (!fails)
+				assert_string_equal(info_of(job).report->digest, whole);
+			assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
+			dataset_release(d);
+		}
 }
 
 #define TEST(f) cmocka_unit_test_setup_teardown(f, open_seen, teardown)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {TEST(go_round), TEST(given_up), TEST(stopped)};
+	const struct CMUnitTest tests[] = {TEST(go_round), TEST(given_up), TEST(stopped), TEST(split_or_failed)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
