@@ -72,7 +72,8 @@ struct cut_load {
 	void *scratch;
 	size_t scratch_size;
 	/* NULL; or a trace of the same region, lattice and view that stands (cut_valid.h) and fits: the halo is looked for no farther
-	 * out than its sites let it be. Less is read, the result is the same. Of it only sites are looked at. */
+	 * out than its sites let it be. Less is read, what is loaded is the same; but CUT_E_FULL and *ret_need may differ: who goes by
+	 * these asks again without. Of it only sites are looked at. */
 	const struct cut_trace *before;
 	struct cut_trace *trace; /* NULL; or after cut_trace_init: what was loaded goes in here (cut_valid.h) */
 	/* results */
