@@ -218,12 +218,8 @@ static void keep(struct walk_domain *d)
 
 static void map(struct walk_domain *d, uint64_t bytes)
 {
-	const struct walk *w = d->walk;
-	/* One that serves many domains fills its huge pages; of those it serves some may be larger than this. */
-	bool huge = (w->sums ? w->budget.load : d->count) >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
-
 	d->size = walk_page_round(bytes);
-	d->memory = memory_map(d->size, huge);
+	d->memory = memory_map(d->size, d->huge);
 	if (!d->memory)
 		d->r = err_set(&d->err, ERR_NOMEM, "no memory for a domain of %zu bytes", d->size);
 }
@@ -298,6 +294,10 @@ static void make_done(struct sched_task *);
 
 static void make_submit(struct walk_domain *d, enum sched_priority priority, bool own)
 {
+	const struct walk *w = d->walk;
+
+	/* An arena that serves many domains fills its huge pages; of those it serves some may be larger than this. */
+	d->huge = (w->sums ? w->budget.load : d->count) >= HUGE_COUNT || (w->sums && w->plan_n > w->there.leaves + HUGE_DOMAINS);
 	submit(d, make_run, make_done, priority,
 	       d->walk->sums ? walk_arena_ask(d, own) : walk_page_round(d->walk->budget.domain_bytes));
 }

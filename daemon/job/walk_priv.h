@@ -30,6 +30,7 @@ struct walk_domain {
 	struct mesh_domain domain;
 	void *memory;
 	size_t size; /* mapped, and charged to LEDGER_DOMAIN: for it, or as one of the walk's arenas while it is lent that */
+	bool huge; /* memory that it maps is to be in huge pages */
 	bool lent, put, bare; /* walk_arena.c: has one that was there; gave it back; found none */
 	size_t held; /* of it, what the result needs */
 	bool stored, unstorable;
