@@ -442,11 +442,9 @@ def _opened(file: Any) -> Iterator[Any]:
     if hasattr(file, "fileno"):
         yield file.fileno(), encoded(str(getattr(file, "name", "file")))
         return
-    try:
-        fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-    except OSError as e:
-        raise InputError("it cannot be opened: %s" % e.strerror, file=os.fsdecode(file)) from e
-    try:
+    with contextlib.ExitStack() as stack:
+        try:
+            fd = stack.enter_context(_library.opened(file))
+        except OSError as e:
+            raise InputError("it cannot be opened: %s" % e.strerror, file=os.fsdecode(file)) from e
         yield fd, encoded(file)
-    finally:
-        os.close(fd)

@@ -6,11 +6,12 @@ just such a function, before any `try` in it. Therefore C never calls a function
 generator that waits inside of its `try` (guard). What it catches is kept, makes the call end as soon as C asks, and is
 raised when the call has come back (State.call).
 """
+import contextlib
 import ctypes
 import functools
 import os
 import threading
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Iterator, List, Optional
 
 from . import _abi as abi
 from ._errors import NoMemoryError, UsageError, VersionError, from_failure
@@ -157,6 +158,19 @@ def close(state: State) -> None:
     if handle:
         library().acut_close(handle)
     state.keep.clear()
+
+
+@contextlib.contextmanager
+def opened(path: Any) -> Iterator[int]:
+    """A descriptor of a file to be read. Not blocking: a named pipe without a writer must not hold up all."""
+    fds: List[int] = []
+    closing = map(os.close, fds)
+    try:
+        # In one call of C each, so that no interrupt comes between a descriptor and where it is kept.
+        fds.extend(map(os.open, [path], [os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK]))
+        yield fds[0]
+    finally:
+        any(closing)
 
 
 def encoded(text: Any) -> Optional[bytes]:

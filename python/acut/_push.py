@@ -53,22 +53,17 @@ class _Input:
     def opened(self) -> Iterator[Any]:
         """What libacut is told of it."""
         fd = -1 if self.streamed else self.fd
-        mine = fd < 0 and not self.streamed
-        if mine:
-            try:
-                # Not blocking: a named pipe without a writer must not hold up all.
-                fd = os.open(self.source, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK)
-            except FileNotFoundError as e:
-                raise InputError("it cannot be opened: %s" % e.strerror, file=self.name) from None
-            except PermissionError as e:
-                raise NotPermittedError("it cannot be opened: %s" % e.strerror, file=self.name) from None
-            except OSError as e:
-                raise ReadWriteError("it cannot be opened: %s" % e.strerror, file=self.name) from None
-        try:
+        with contextlib.ExitStack() as stack:
+            if fd < 0 and not self.streamed:
+                try:
+                    fd = stack.enter_context(_library.opened(self.source))
+                except FileNotFoundError as e:
+                    raise InputError("it cannot be opened: %s" % e.strerror, file=self.name) from None
+                except PermissionError as e:
+                    raise NotPermittedError("it cannot be opened: %s" % e.strerror, file=self.name) from None
+                except OSError as e:
+                    raise ReadWriteError("it cannot be opened: %s" % e.strerror, file=self.name) from None
             yield abi.acut_push_input(fd, encoded(self.name), self.path)
-        finally:
-            if mine:
-                os.close(fd)
 
     def start(self, fd: int) -> None:
         """Copies into the daemon's pipe from a thread, which ends with the input or with the pipe's other end."""
