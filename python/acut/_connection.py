@@ -13,7 +13,7 @@ from . import _library
 from . import _results as results
 from ._backup import BackupFile, Giver, backup_sink
 from ._errors import InputError, UsageError, from_failure
-from ._library import Exclusive, State, decoded, encoded, guard
+from ._library import State, decoded, encoded, guard
 from ._mesh import Fetch, Mesh, progress_function
 from ._push import Push, push_options
 from ._results import take
@@ -66,12 +66,8 @@ class Connection:
 
     def close(self) -> None:
         """Closes it; twice is fine. Jobs go on, but for those that are bound to it."""
-        if not self._state.lock.acquire(blocking=False):
-            raise UsageError("a call goes on on this connection, in another thread or around this callback")
-        try:
-            self._closed()
-        finally:
-            self._state.lock.release()
+        self._state.turn(functools.partial(_library.close, self._state), _goes_on)
+        self._closed.detach()
 
     def __enter__(self) -> "Connection":
         return self
@@ -80,18 +76,16 @@ class Connection:
         self.close()
 
     def __repr__(self) -> str:
-        return "<acut.Connection %s%s>" % (self.socket, "" if self._closed.alive else ", closed")
+        return "<acut.Connection %s%s>" % (self.socket, "" if self._state.handle else ", closed")
 
     def fileno(self) -> int:
         """The socket, to poll for reading between calls."""
-        with Exclusive(self._state):
-            return _library.library().acut_fd(self._state.handle)
+        return self._state.alone(lambda: _library.library().acut_fd(self._state.handle))
 
     @property
     def daemon_build(self) -> str:
         """Build id of the other side."""
-        with Exclusive(self._state):
-            return decoded(_library.library().acut_daemon_build(self._state.handle))
+        return self._state.alone(lambda: decoded(_library.library().acut_daemon_build(self._state.handle)))
 
     def ping(self) -> float:
         """Seconds until an answer."""
@@ -123,16 +117,18 @@ class Connection:
     def _ask(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
         """The answer is a pointer, good until the next call."""
         ret = ctypes.POINTER(struct)()
-        with Exclusive(self._state):
-            self._state.ask(getattr(_library.library(), "acut_" + name), self._state.handle, *arguments, ctypes.byref(ret))
-            return convert(ret.contents)
+        return self._answer(name, ret, arguments, lambda: convert(ret.contents))
 
     def _fill(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
         """The answer is put where the caller says."""
         ret = struct()
-        with Exclusive(self._state):
+        return self._answer(name, ret, arguments, lambda: convert(ret))
+
+    def _answer(self, name: str, ret: Any, arguments: Iterable[Any], converted: Callable[[], T]) -> T:
+        def work() -> T:
             self._state.ask(getattr(_library.library(), "acut_" + name), self._state.handle, *arguments, ctypes.byref(ret))
-            return convert(ret)
+            return converted()
+        return self._state.alone(work)
 
     def _list(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> List[T]:
         """A function is called for each row."""
@@ -257,15 +253,18 @@ class Connection:
             raise UsageError("there is no input to push")
         if replaces is not None and len(inputs) != 1:
             raise UsageError("replaces is about one input, there are %d" % len(inputs))
-        # On a connection of its own, which ends with it: what broke off is then for the next push to take up, at once.
-        with Exclusive(self._state), Connection(self.socket, program=self._program, timeout=self._timeout) as own:
-            if mode is not None:
-                own._call("dataset_mode", _mode(mode))
-            options = push_options(own._state, dataset, scale, assume_units, progress, format=format, columns=columns,
-                                   assume_crs=assume_crs, utm=utm, geoid=geoid, geoid_way=geoid_way, planar=planar,
-                                   accept_truncated=accept_truncated, checksum=checksum, add=add, replace=replace,
-                                   replaces=replaces)
-            return Push(own._state, inputs, strict, options).run()
+
+        def work() -> results.Pushed:
+            # On a connection of its own, which ends with it: what broke off is then for the next push to take up, at once.
+            with Connection(self.socket, program=self._program, timeout=self._timeout) as own:
+                if mode is not None:
+                    own._call("dataset_mode", _mode(mode))
+                options = push_options(own._state, dataset, scale, assume_units, progress, format=format, columns=columns,
+                                       assume_crs=assume_crs, utm=utm, geoid=geoid, geoid_way=geoid_way, planar=planar,
+                                       accept_truncated=accept_truncated, checksum=checksum, add=add, replace=replace,
+                                       replaces=replaces)
+                return Push(own._state, inputs, strict, options).run()
+        return self._state.alone(work)
 
     def info(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None) -> results.Info:
         """What the header of a file says; `file` is a path or an open file."""
@@ -347,7 +346,12 @@ class Connection:
 
     def mesh(self, job: JobOrId, *, bbox: Any = None, polygon: Optional[Area] = None, progress: OnProgress = None) -> Mesh:
         """The whole mesh of a job in memory; waits until it is made."""
-        return Mesh(self.fetch(job, bbox=bbox, polygon=polygon, progress=progress))
+        fetch = self.fetch(job, bbox=bbox, polygon=polygon, progress=progress)
+        try:
+            return Mesh(fetch)
+        finally:
+            fetch._over = True  # also if an interrupt keeps the next line from it: nobody else could end it
+            fetch.close()
 
     # ---- geoid grids, disk, backups ----
 
@@ -401,6 +405,10 @@ class Connection:
         with contextlib.closing(Giver(self._state, folder)) as giver:
             return self._ask("import", abi.acut_imported, encoded(name or os.path.basename(os.path.abspath(folder))),
                              giver.next, None, convert=functools.partial(take, results.Imported))
+
+
+def _goes_on() -> None:
+    raise UsageError("a call goes on on this connection, in another thread or around this callback")
 
 
 def _id(job: JobOrId) -> int:

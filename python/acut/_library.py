@@ -4,17 +4,23 @@ A Python function that C calls cannot raise: ctypes prints what comes out of it 
 Ctrl-C raises KeyboardInterrupt) runs where the interpreter next looks, and while C waits that is the first instruction of
 just such a function, before any `try` in it. Therefore C never calls a function of Python here but the `send` of a
 generator that waits inside of its `try` (guard). What it catches is kept, makes the call end as soon as C asks, and is
-raised when the call has come back (State.call).
+raised when the call has come back (State.ask).
+
+Neither is there a lock that an interrupt could leave taken, between its being taken and the `try`, or before it is given
+back. Who uses a connection does so within a generator, and has it as long as the frame of that runs (State.turn).
 """
 import contextlib
 import ctypes
 import functools
 import os
 import threading
-from typing import Any, Callable, Iterator, List, Optional
+import weakref
+from typing import Any, Callable, Iterator, List, Optional, TypeVar
 
 from . import _abi as abi
 from ._errors import NoMemoryError, UsageError, VersionError, from_failure
+
+T = TypeVar("T")
 
 _lock = threading.Lock()
 _library: Optional[ctypes.CDLL] = None
@@ -23,10 +29,10 @@ _library: Optional[ctypes.CDLL] = None
 def library() -> ctypes.CDLL:
     """libacut.so.0, or what ACUT_LIBRARY names; loaded when it is first needed."""
     global _library
-    with _lock:
-        if _library is None:
-            _library = _load(os.environ.get("ACUT_LIBRARY") or "libacut.so.0")
-        return _library
+    if _library is None:
+        with _lock:
+            _library = _library or _load(os.environ.get("ACUT_LIBRARY") or "libacut.so.0")
+    return _library
 
 
 def _load(path: str) -> ctypes.CDLL:
@@ -90,10 +96,10 @@ class State:
 
     def __init__(self) -> None:
         self.handle = ctypes.c_void_p()
-        self.lock = threading.Lock()
+        self.turns: List[Any] = []  # weak references, in the order in which they came; what is over goes with the next
         self.error: Optional[BaseException] = None
         self.keep: list = []  # what C has the address of
-        self.fetch: Any = None  # a weak reference to the Fetch that runs
+        self.fetch: Any = None  # a weak reference to the Fetch that C has, or has had last
 
     def fail(self, error: BaseException) -> None:
         if self.error is None:
@@ -102,16 +108,41 @@ class State:
     def interrupted(self, ctx: int) -> bool:
         return self.error is not None
 
+    def turn(self, work: Callable[[], T], refused: Callable[[], T]) -> T:
+        """work() if no other turn goes on, else refused(). A turn goes on in another thread, or further up in this one: around
+        a callback, or what the collector calls."""
+        mine = _turn(self.turns, work, refused)
+        next(mine)  # up to where it hears of itself
+        answer, stop = mine.send(weakref.ref(mine))
+        if stop is not None:
+            raise stop
+        return answer
+
+    def alone(self, work: Callable[[], T], fetch: Any = None) -> T:
+        """work() as one call on the connection: one thread at a time, and none while a callback runs or a fetch other than
+        `fetch` goes on."""
+        def checked() -> T:
+            if not self.handle:
+                raise UsageError("this connection is closed")
+            last = self.fetch() if self.fetch else None
+            if fetch is not None and last is not fetch:
+                raise UsageError("there is no fetch to go on with")
+            if last is not None and last is not fetch and not last._over:
+                raise UsageError("a fetch goes on on this connection",
+                                 hint="take all of its blocks, close it, or open a second connection")
+            return work()
+        return self.turn(checked, _in_use)
+
     def call(self, function: Callable[..., int], *arguments: Any) -> int:
         """Calls it on the connection. What a callback has raised is raised; so is the failure of the call."""
-        with Exclusive(self):
-            return self.ask(function, self.handle, *arguments)
+        return self.alone(lambda: self.ask(function, self.handle, *arguments))
 
     def ask(self, function: Callable[..., int], *arguments: Any) -> int:
-        """The same for who has the lock; `arguments` are all."""
-        self.error = None
-        r = function(*arguments)
-        error, self.error = self.error, None
+        """The same for whose turn it is; `arguments` are all."""
+        try:
+            r = function(*arguments) if self.error is None else 0  # else it came while a callback was made ready
+        finally:
+            error, self.error = self.error, None
         if error is not None:
             try:
                 raise error
@@ -127,37 +158,38 @@ class State:
         return from_failure(library().acut_error(self.handle).contents)
 
 
-class Exclusive:
-    """One thread at a time, and no call while a fetch of the same connection goes on or a callback runs."""
+def _turn(turns, work, refused):
+    """A turn goes on while its frame runs (gi_running), which ends with it however it is left, also by an interrupt at any
+    instruction: there is nothing to be given back. The first of those that run has the connection."""
+    me = yield
+    turns.append(me)
+    for other in tuple(turns):
+        if other is me:
+            del turns[:turns.index(me)]  # all of these are over; nobody else takes any away while this one runs
+            break
+        running = other()
+        if running is not None and running.gi_running:
+            work = refused
+            break
+    running = None
+    try:
+        answer = work(), None
+    except StopIteration as e:  # of a callback: a generator cannot raise it
+        answer = None, e
+    yield answer
 
-    def __init__(self, state: State, fetch: Any = None) -> None:
-        self.state, self.fetch = state, fetch
 
-    def __enter__(self) -> None:
-        if not self.state.lock.acquire(blocking=False):
-            raise UsageError("this connection is in use, by another thread or by the call that this callback belongs to",
-                             hint="open a connection for each thread")
-        running = self.state.fetch() if self.state.fetch else None
-        try:
-            if not self.state.handle:
-                raise UsageError("this connection is closed")
-            if running is not None and running is not self.fetch:
-                raise UsageError("a fetch goes on on this connection",
-                                 hint="take all of its blocks, close it, or open a second connection")
-        except BaseException:
-            self.state.lock.release()
-            raise
-
-    def __exit__(self, *exc: Any) -> None:
-        self.state.lock.release()
+def _in_use() -> Any:
+    raise UsageError("this connection is in use, by another thread or by the call that this callback belongs to",
+                     hint="open a connection for each thread")
 
 
 def close(state: State) -> None:
-    """Of a connection that nobody uses any more."""
-    handle, state.handle = state.handle, ctypes.c_void_p()
-    if handle:
-        library().acut_close(handle)
+    """Of a connection that nobody uses any more; a second time does no harm."""
+    # One call, and all of it in C: no interrupt comes between the end of what the handle is of and the handle's.
+    any(map(functools.partial(setattr, state.handle, "value"), map(library().acut_close, [state.handle])))
     state.keep.clear()
+    state.fetch = None
 
 
 @contextlib.contextmanager

@@ -4,6 +4,7 @@ Arrays are memoryviews with a shape: `numpy.asarray(block.coordinates)` copies n
 libacut read is copied once, as bytes, since its memory goes with the next block.
 """
 import ctypes
+import functools
 import json
 import weakref
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 from . import _abi as abi
 from . import _library
-from ._library import Exclusive, State, decoded, guard
+from ._library import State, UsageError, decoded, guard
 from ._results import Progress, take
 
 _EMPTY = {"i": ctypes.c_int32, "I": ctypes.c_uint32, "Q": ctypes.c_uint64, "d": ctypes.c_double}
@@ -177,7 +178,9 @@ class Fetch:
     """
 
     def __init__(self, state: State, job: int, since: int, resume: Optional[bytes], progress: Any) -> None:
-        self._state, self._pieces, self._over = state, [], True  # type: ignore[var-annotated]
+        self._state, self._pieces = state, []  # type: ignore[var-annotated]
+        # _over: other calls may use the connection. _kept: it ended by itself; until there is one, state() still answers.
+        self._over, self._kept = True, False
         self._head: Optional[Head] = None
         self.tail: Optional[Tail] = None
         self.base: Optional[Base] = None
@@ -185,22 +188,32 @@ class Fetch:
         # Guarded functions hold what they fill, not this object: a fetch that is dropped is closed at once.
         got = self._got = {"head": None, "tail": None, "base": None, "gone": self.gone, "blocks": self._pieces}
         self._sink = _sink(state, got, progress)
-        with Exclusive(state):
+        self._ref: Any = weakref.ref(self, functools.partial(_end, state))
+
+        def begin() -> None:
+            state.fetch = self._ref  # before C has it: what an interrupt then leaves there goes with this object
             state.ask(_library.library().acut_fetch_begin, state.handle, job, since, resume, len(resume or b""),
                       ctypes.byref(self._sink))
-            self._ref = state.fetch = weakref.ref(self)
-        self._over = False
+            self._over = False
+
+        try:
+            state.alone(begin)
+        except BaseException:
+            self._over = True
+            raise
 
     def _step(self) -> bool:
+        state = self._state
         try:
-            with Exclusive(self._state, self):
-                more = self._state.ask(_library.library().acut_fetch_step, self._state.handle) > 0
+            more = state.alone(lambda: state.ask(_library.library().acut_fetch_step, state.handle) > 0, self)
+            self.tail, self.base = self._got["tail"], self._got["base"]
+            if not more:
+                state.fetch = self._ref = weakref.ref(self)  # nothing is left to be done when it goes
         except BaseException:
-            self.close(keep_state=True)
+            self._over = self._kept = True
             raise
-        self.tail, self.base = self._got["tail"], self._got["base"]
         if not more:
-            self.close(keep_state=True)
+            self._over = self._kept = True
         return more
 
     @property
@@ -209,7 +222,7 @@ class Fetch:
             pass
         head = self._got["head"]
         if head is None:
-            raise _library.UsageError("this fetch was closed before its head came")
+            raise UsageError("this fetch was closed before its head came")
         return head
 
     def __iter__(self) -> Iterator[Block]:
@@ -219,33 +232,30 @@ class Fetch:
         while not self._pieces:
             if self._over or not self._step():
                 raise StopIteration
-        return self._pieces.pop(0)
+        piece = self._pieces[0]
+        del self._pieces[0]  # not by a call, in which an interrupt could lose it
+        return piece
 
     def state(self) -> bytes:
         """What it takes to go on with this fetch later, behind the last block that was taken: for fetch(resume=...)."""
-        at, size = ctypes.c_void_p(), ctypes.c_size_t()
-        lib = _library.library()
-        with Exclusive(self._state, self):
-            self._state.ask(lib.acut_fetch_state, self._state.handle, ctypes.byref(at), ctypes.byref(size))
+        if self._pieces:
+            raise UsageError("a block has come that was not taken", hint="take it first, by next()")
+        state, at, size = self._state, ctypes.c_void_p(), ctypes.c_size_t()
         try:
+            state.alone(lambda: state.ask(_library.library().acut_fetch_state, state.handle, ctypes.byref(at),
+                                          ctypes.byref(size)), self)
             return ctypes.string_at(at, size.value)
         finally:
             _free(at)
 
     def close(self, keep_state: bool = False) -> None:
         """Ends it; the daemon sees that nobody reads. `keep_state`: until the next call, state() still answers."""
-        if self._over:
+        if self._kept:
             return
-        self._over = True
-        # Where the lock is taken, another call has ended this fetch already.
-        if self._state.lock.acquire(blocking=False):
-            try:
-                if self._state.fetch is self._ref:
-                    self._state.fetch = None
-                    if self._state.handle and not keep_state:
-                        _library.library().acut_fetch_end(self._state.handle)
-            finally:
-                self._state.lock.release()
+        self._over, self._kept = True, keep_state
+        if not keep_state:
+            _end(self._state, self._ref)
+            self._ref = None
 
     def __enter__(self) -> "Fetch":
         return self
@@ -253,11 +263,16 @@ class Fetch:
     def __exit__(self, *exc: Any) -> None:
         self.close()
 
-    def __del__(self) -> None:
-        try:
-            self.close()
-        except (AttributeError, TypeError):  # it never began, or the interpreter ends
-            pass
+
+def _end(state: State, ref: Any) -> None:
+    """Of the fetch of this weak reference, which calls it if the fetch was dropped; a second time does no harm."""
+    def work() -> None:
+        if state.fetch is ref:
+            if state.handle:
+                _library.library().acut_fetch_end(state.handle)
+            state.fetch = None
+    if ref is not None and state.fetch is ref:
+        state.turn(work, lambda: None)  # whoever has the turn ends it, or the next one does
 
 
 def _sink(state: State, got: Dict[str, Any], progress: Any) -> Any:
@@ -303,10 +318,8 @@ def progress_function(state: State, progress: Any) -> Any:
         guard(state, lambda ctx, at: progress(take(Progress, abi.acut_progress.from_address(at))) and None, 2))
 
 
-def _free(at: Any) -> None:
-    free = ctypes.CDLL(None).free
-    free.argtypes, free.restype = [ctypes.c_void_p], None
-    free(at)
+_free = ctypes.CDLL(None).free
+_free.argtypes, _free.restype = [ctypes.c_void_p], None
 
 
 class Mesh:

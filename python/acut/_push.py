@@ -122,7 +122,8 @@ class Push:
             if committed or (self.options.dataset and not self.strict):
                 self.lib.acut_push_leave(self.push)
             else:
-                self.lib.acut_push_end(self.push)
+                # It waits for an answer: what a signal raises meanwhile is not to be lost.
+                ask(lambda: self.lib.acut_push_end(self.push) or 0)
 
     def _each(self, step: Any) -> None:
         for i in self.inputs:
