@@ -1,5 +1,5 @@
-"""The Python module beside acutctl on one daemon: the same views, meshes, changes and errors; callbacks that raise, Ctrl-C at
-any moment, threads; nothing left open. Run under -X dev -W error, where a warning is an exception."""
+"""The Python module beside acutctl on one daemon: the same views, meshes, changes and errors; callbacks that raise,
+threads; nothing left open. Run under -X dev -W error, where a warning is an exception."""
 import contextlib
 import gc
 import grp
@@ -8,12 +8,10 @@ import json
 import os
 import pickle
 import pwd
-import random
 import signal
 import struct
 import sys
 import threading
-import time
 
 import acut
 import e2e
@@ -115,6 +113,19 @@ def same_mesh():
             some += list(rest)
             expect(rest.tail.digest == r["digest"], "the digest of a fetch that went on")
         expect([b.vertices.tolist() for b in some] == [b.vertices.tolist() for b in got], "blocks of a fetch that went on")
+        # A state is of this fetch, and behind what was taken of it.
+        early = c.fetch(job)
+        while not early._pieces:
+            early._step()
+        raises(acut.UsageError, early.state)
+        next(early)
+        expect(early.state() == state, "the state behind the first block")
+        list(early)
+        early.state()
+        later = c.fetch(job)
+        list(later)
+        later.state()
+        raises(acut.UsageError, early.state)
         # A window, as acutctl has it.
         box = (500070, 5400010, 500090, 5400030)
         w = c.mesh(job, bbox=box)
@@ -420,6 +431,7 @@ def callbacks_of(base, gate, d, c):
     for call in calls[1:]:
         expect(raises(Mine, call) is mine, "not what was raised")
         expect(c.ping() < e2e.PATIENCE, "the connection is gone")
+    expect(raises(StopIteration, c.backup, lambda f: next(iter(()))) is not None, "what a generator cannot raise")
     # Whose job is over at once is never called.
     gate.close("pread", ".seg")
     job = c.submit("s")
@@ -435,48 +447,6 @@ def callbacks_of(base, gate, d, c):
     expect(c.mesh(fresh, progress=progress.append).digest == c.job(job).report.digest, "a mesh that is made meanwhile")
     expect(all(isinstance(p, acut.Progress) for p in progress), progress)
     expect(not lost, lost)
-
-
-def interrupts():
-    """Ctrl-C at any moment comes out as KeyboardInterrupt, once, and never gets lost in a callback."""
-    with Folder() as base, Daemon(base, **SMALL) as d, acut.connect(d.socket) as c:
-        c.push("s", synth(os.path.join(base, "a.las"), 200000))
-        extra = [synth(os.path.join(base, "x%d.las" % i), 1000, i) for i in range(30)]
-        done = c.wait(c.submit("s"))
-        # While a call waits for what does not come: an answer of a daemon that is stopped.
-        os.kill(d.process.pid, signal.SIGSTOP)
-        try:
-            threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
-            c.ping()
-            expect(False, "a stopped daemon has answered")
-        except KeyboardInterrupt:
-            pass  # it has ended, and the daemon is still stopped
-        short = acut.connect
-        raises(acut.TimedOutError, short, d.socket, timeout=0.2)
-        os.kill(d.process.pid, signal.SIGCONT)
-        expect(c.ping() < e2e.PATIENCE, "the connection is gone")
-        rng, got, whole = random.Random(3), 0, 0
-        works = [lambda: c.mesh(done, progress=lambda p: None), lambda: c.wait(c.submit("s", new=True), changed=lambda j: None),
-                 lambda: c.push("t", extra, progress=lambda p: None, replace=True), lambda: c.jobs()]
-        for i in range(60):
-            came = False
-            try:
-                try:
-                    signal.setitimer(signal.ITIMER_REAL, rng.uniform(0.0005, 0.06))
-                    works[i % len(works)]()
-                    whole += 1
-                finally:
-                    while not came and signal.getitimer(signal.ITIMER_REAL)[0] > 0:
-                        time.sleep(0.001)
-            except KeyboardInterrupt:
-                got += 1
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        expect(got == 60, "%d of 60 interrupts came through" % got)
-        expect(not lost, lost)
-        expect(c.mesh(done).digest == done.report.digest, "another mesh")
-        for job in c.jobs():
-            if not job.final:
-                c.cancel(job)
 
 
 def threads():
@@ -572,5 +542,4 @@ def leave(c, job):
             raise Mine
 
 
-signal.signal(signal.SIGALRM, signal.default_int_handler)
-e2e.main(same_mesh, same_views, changes, rights, inputs, failures, the_page, callbacks, interrupts, threads, nothing_is_left)
+e2e.main(same_mesh, same_views, changes, rights, inputs, failures, the_page, callbacks, threads, nothing_is_left)
