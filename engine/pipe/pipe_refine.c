@@ -6,7 +6,10 @@
  * others have nothing to do. So regions that were stored and have changed are cut to half of the load, except into
  * what is in the store as it is: the cost of a change follows its own size more closely each time. Where much has changed
  * nothing is cut: large regions are faster.
+ *
+ * Looking at what is in the store opens a file for each leaf: that is done by as many as like to, some leaves each.
  */
+#include <stdatomic.h>
 #include <stdlib.h>
 
 #include "err.h"
@@ -89,9 +92,64 @@ static int cut_leaf(const struct pipe_reuse_params *p, struct grid_reader *reade
 	return 0;
 }
 
-/* *ret_few: what has changed is little. */
-static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_t *state, bool *ret_few, struct err *err)
+/* ---- looking ---- */
+
+enum { LOOK = 16 /* leaves at once: half a millisecond, and more where their files are not in memory */ };
+
+struct pipe_refine {
+	struct cut_plan *plan;
+	size_t leaves; /* that there were before any was cut */
+	atomic_size_t next;
+	uint8_t state[];
+};
+
+int pipe_refine_new(struct cut_plan *plan, struct pipe_refine **ret, struct err *err)
 {
+	struct pipe_refine *f = calloc(1, sizeof *f + plan->n);
+
+	if (!f)
+		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", plan->n);
+	f->plan = plan;
+	f->leaves = plan->n;
+	*ret = f;
+	return 0;
+}
+
+struct pipe_refine *pipe_refine_free(struct pipe_refine *f)
+{
+	free(f);
+	return NULL;
+}
+
+int pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
+{
+	size_t from = atomic_fetch_add(&f->next, LOOK);
+	struct pipe_reuse_params q = *p;
+	struct grid_reader *reader;
+	int r;
+
+	if (from >= f->leaves)
+		return PIPE_E_LOOKED;
+	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
+	if (r)
+		return r;
+	q.reader = reader;
+	for (size_t k = from; !r && k < from + LOOK && k < f->leaves; k++) {
+		enum state is = NEW;
+
+		r = state_of(&q, &f->plan->leaf[k], &is, err);
+		f->state[k] = (uint8_t)is;
+	}
+	grid_reader_free(reader);
+	return r;
+}
+
+/* ---- cutting ---- */
+
+/* *ret_few: what has changed is little. */
+static int weigh(const struct pipe_reuse_params *p, struct pipe_refine *f, bool *ret_few, struct err *err)
+{
+	const struct cut_leaf *leaf = f->plan->leaf;
 	uint64_t changed = 0, all = 0;
 	struct cut_region root;
 	size_t stored = 0;
@@ -99,69 +157,72 @@ static int look(const struct pipe_reuse_params *p, struct cut_plan *plan, uint8_
 	int r = 0;
 
 	*ret_few = false;
-	for (size_t k = 0; !r && k < plan->n; k++) {
-		struct cut_leaf *leaf = &plan->leaf[k];
-		enum state is = NEW;
-
-		r = state_of(p, leaf, &is, err);
-		state[k] = (uint8_t)is;
-		stored += is != NEW;
-		changed += is == CHANGED ? leaf->count : 0;
-		all += leaf->count;
+	for (size_t k = 0; k < f->leaves; k++) {
+		stored += f->state[k] != NEW;
+		changed += f->state[k] == CHANGED ? leaf[k].count : 0;
+		all += leaf[k].count;
 	}
 	if (!stored || !grid_box(p->grid, box))
-		return r;
+		return 0;
 	cut_region_root(box, &root);
-	for (size_t k = 0; !r && k < plan->n; k++) {
+	for (size_t k = 0; !r && k < f->leaves; k++) {
 		bool is = false;
 
 		/* What is not to be cut is not asked for: of a survey that doubled most leaves are new. */
-		if (state[k] != NEW || changed > all / MOST)
+		if (f->state[k] != NEW || changed > all / MOST)
 			continue;
-		r = outgrown(p, &root, &plan->leaf[k].region, &is, err);
-		changed += is ? plan->leaf[k].count : 0;
-		state[k] = is ? CHANGED : NEW;
+		r = outgrown(p, &root, &leaf[k].region, &is, err);
+		changed += is ? leaf[k].count : 0;
+		f->state[k] = is ? CHANGED : NEW;
 		/* All above fitted, and what came is little. */
-		plan->leaf[k].fits = is;
+		f->plan->leaf[k].fits = is;
 	}
 	*ret_few = changed <= all / MOST;
 	return r;
 }
 
-static int refine(const struct pipe_reuse_params *p, struct grid_reader *reader, struct cut_plan *plan, uint8_t *state,
-		  struct err *err)
+int pipe_refine_cut(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
-	size_t leaves = plan->n, i = 0;
+	struct pipe_reuse_params q = *p;
+	struct grid_reader *reader;
+	size_t i = 0;
 	bool few;
-	int r = look(p, plan, state, &few, err);
+	int r;
 
-	for (size_t k = 0; !r && few && k < leaves; k++) {
-		if (state[k] == CHANGED && plan->leaf[i].count > p->load / FINE)
-			r = cut_leaf(p, reader, plan, &i, err);
+	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
+	if (r)
+		return r;
+	q.reader = reader;
+	r = weigh(&q, f, &few, err);
+	for (size_t k = 0; !r && few && k < f->leaves; k++) {
+		if (f->state[k] == CHANGED && f->plan->leaf[i].count > p->load / FINE)
+			r = cut_leaf(&q, reader, f->plan, &i, err);
 		else
 			i++;
 	}
+	grid_reader_free(reader);
 	return r;
+}
+
+bool pipe_refines(const struct view *view, const struct cut_plan *plan)
+{
+	/* Regions of a window are not those of the whole mesh. */
+	return !view->window && plan->n >= MOST;
 }
 
 int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct err *err)
 {
-	struct pipe_reuse_params q = *p;
-	struct grid_reader *reader = NULL;
-	uint8_t *state;
+	struct pipe_refine *f;
 	int r;
 
-	/* Regions of a window are not those of the whole mesh. */
-	if (p->view->window || plan->n < MOST)
+	if (!pipe_refines(p->view, plan))
 		return 0;
-	state = calloc(plan->n, 1);
-	if (!state)
-		return err_set(err, ERR_NOMEM, "no memory for a plan of %zu domains", plan->n);
-	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
-	q.reader = reader;
-	if (!r)
-		r = refine(&q, reader, plan, state, err);
-	grid_reader_free(reader);
-	free(state);
+	r = pipe_refine_new(plan, &f, err);
+	if (r)
+		return r;
+	while (!r)
+		r = pipe_look(f, p, err);
+	r = r == PIPE_E_LOOKED ? pipe_refine_cut(f, p, err) : r;
+	pipe_refine_free(f);
 	return r;
 }

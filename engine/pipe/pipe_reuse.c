@@ -193,6 +193,12 @@ static size_t front_room(const struct pipe_reuse_params *p)
 	return p->size > before ? p->size - before : 0;
 }
 
+/* With the header of a store's file (store_proof). */
+size_t pipe_look_bytes(const struct grid *grid)
+{
+	return PIPE_TRACE + pipe_round(grid_reader_bytes(grid)) + pipe_round(STORE_PROOF_FRONT + PROOF_MOST);
+}
+
 static int judge(const struct pipe_reuse_params *p, const struct store_front *front, struct err *err)
 {
 	struct pipe_trace *trace = p->memory;

@@ -27,6 +27,8 @@ struct store_beside {
 	size_t proof_size;
 };
 enum { STORE_PROOF_MOST = 1 << 20 };
+/* Beside a proof, of the memory that store_proof takes. */
+enum { STORE_PROOF_FRONT = 512 };
 
 /* What is there under a base: at most `most`, those written or used last, latest first. */
 struct store_version {

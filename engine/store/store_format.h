@@ -12,6 +12,7 @@
 
 /* NAME: "ab/d-BASE-LIST" */
 enum { STORE_HEADER = 384, STORE_FOLDER = 3, STORE_NAME = STORE_FOLDER + 2 + 32 + 1 + 32 + 1 };
+_Static_assert((int)STORE_HEADER <= (int)STORE_PROOF_FRONT, "a proof's front has room for the header");
 
 static inline size_t store_padded(size_t n)
 {
