@@ -3,7 +3,8 @@
  * is short.
  *
  * The model: domains [0, next_emit) are emitted; of [next_emit, next_start) those in the list are in memory
- * or being made, the others are in the store, or were lost and are made again when their turn comes. At most
+ * or being made, the others are in the store, or were lost and are made again when their turn comes. Behind next_start
+ * nothing is begun but what is in the list: the last ones of a mesh that nobody reads, largest first. At most
  * one emission, one split and one output task run at a time. A walk never waits while it holds memory that
  * others need: whatever is finished and not next can go to the store at any moment (walk_relieve), and the
  * block being written can be spooled. A reader who is slow for a quarter of a second turns run-ahead in
@@ -22,6 +23,10 @@
 #define STALL_SECONDS 0.25
 /* A failed walk lets a block that is half written be finished, so that the error can follow it. */
 #define FAREWELL_SECONDS 2.0
+/* Domains of a thread that are made by size. */
+enum { LAST_EACH = 8 };
+
+unsigned walk_domains_most = 64;
 
 static struct walk *walk_of_task(struct sched_task *t)
 {
@@ -340,7 +345,7 @@ static void settle_stopping(struct walk *w)
 
 /* ---- running ---- */
 
-static struct walk_domain *find(struct walk *w, size_t index)
+static struct walk_domain *find(const struct walk *w, size_t index)
 {
 	struct walk_domain *d;
 
@@ -420,7 +425,6 @@ static bool emit_next(struct walk *w)
  */
 static bool walk_window(const struct walk *w)
 {
-	enum { MOST = 64 };
 	uint64_t each = w->budget.domain_bytes, taken = 0;
 	const struct walk_domain *d;
 	unsigned making = 0, idle = 0;
@@ -436,8 +440,8 @@ static bool walk_window(const struct walk *w)
 		taken += whole ? each : d->size;
 		making += whole;
 	}
-	if (w->ndomains >= MOST)
-		return false;
+	if (w->ndomains >= walk_domains_most)
+		return w->next_start == w->next_emit; /* which all of these wait for */
 	/* Of those that are only waiting to be counted the memory is there for the next, at once. */
 	if (w->sums && w->ndomains - idle < w->budget.threads + 2)
 		return true;
@@ -450,13 +454,49 @@ bool walk_crowded(const struct walk *w)
 	return w->keep || w->jobs->places || (w->next_start < walk_reach(w) && !walk_window(w));
 }
 
+/* It is there, or being made, or nothing of it is to be made. */
+static bool begun(const struct walk *w, size_t index)
+{
+	return walk_change_skips(w, index) || walk_is_there(w, index) || find(w, index);
+}
+
+/* What a region beside the survey reads for its halo is not known before. */
+static bool takes_longer(const struct cut_leaf *a, const struct cut_leaf *b)
+{
+	return a->changed != b->changed ? a->changed : a->count > b->count;
+}
+
+/*
+ * As they lie in the plan, since neighbours read the same cells. But of a mesh that nobody reads the last ones, a few for each
+ * thread, by size: then what is done last is small, and no worker is idle for long beside it (longest processing time
+ * first: Graham, Bounds on multiprocessing timing anomalies, 1969). Domains are still counted in the order of the plan; of more
+ * than a few nobody would see for long how far it is.
+ */
+static size_t make_which(const struct walk *w)
+{
+	size_t room = w->ndomains < walk_domains_most ? walk_domains_most - w->ndomains : 0, best = w->next_start;
+
+	room = room < LAST_EACH * w->budget.threads ? room : LAST_EACH * w->budget.threads;
+	for (size_t i = w->next_start; w->sums && i < walk_reach(w); i++) {
+		if (begun(w, i))
+			continue;
+		if (!room--)
+			return w->next_start;
+		if (takes_longer(&w->plan.leaf[i], &w->plan.leaf[best]))
+			best = i;
+	}
+	return best;
+}
+
 static void make_next(struct walk *w)
 {
-	while (!w->splitting && w->next_start < walk_reach(w) && walk_window(w) && limit_domain(w)) {
-		if (!walk_change_skips(w, w->next_start) && !walk_is_there(w, w->next_start) &&
-		    !walk_domain_start(w, w->next_start, SCHED_NORMAL))
+	while (!w->splitting && w->next_start < walk_reach(w)) {
+		if (begun(w, w->next_start)) {
+			w->next_start++;
+			continue;
+		}
+		if (!walk_window(w) || !limit_domain(w) || !walk_domain_start(w, make_which(w), SCHED_NORMAL))
 			return;
-		w->next_start++;
 	}
 }
 

@@ -417,7 +417,7 @@ static void split_done(struct sched_task *t)
 	for (other = w->domains; other; other = other->next)
 		if (other->index > at)
 			other->index++;
-	w->next_start++;
+	w->next_start += at < w->next_start;
 	d->region = w->plan.leaf[at].region;
 	d->sites = NULL;
 	d->looked = d->changed = false;

@@ -7,6 +7,7 @@
  * then it stands for another stream, and what was promised of the old one is gone. A walk that follows another
  * takes over the splits of that one.
  */
+#include <pthread.h>
 #include <stdlib.h>
 
 #include "clock.h"
@@ -19,6 +20,12 @@
 /* Positions of a leaf of a dataset that is kept: so little is made again after a push, and all of it for a tenth more.
  * What its arena carries stays that of the rung. */
 enum { KEPT_LOAD = 1 << 16 };
+/* Leaves from which on a plan is worth a second worker. */
+enum { LOOK_TOGETHER = 32 };
+
+static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* of those who look at leaves */
+
+static void plan_over(void *walk);
 
 static struct walk *walk_of_task(struct sched_task *t)
 {
@@ -64,7 +71,8 @@ static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory,
 	};
 }
 
-/* A leaf that is there: its sums at once; its place among the finished ones when there is a plan to note it in. */
+/* A leaf that is there: its sums at once; its place among the finished ones when there is a plan to note it in. Any of those who
+ * look. */
 static void take_there(void *ctx, const struct cut_region *region, const struct mesh_domain *domain, const struct pipe_stored *as)
 {
 	struct walk *w = ctx;
@@ -72,15 +80,17 @@ static void take_there(void *ctx, const struct cut_region *region, const struct 
 	struct mesh_domain d = *domain;
 	struct err err = ERR_INIT;
 
+	pthread_mutex_lock(&lock);
 	if (pipe_emit(w->emitter, &d, region, NULL, &err))
 		log_err(LOG_LEVEL_ERROR, "the sums of a stored domain are not taken", &err); /* the mesh will not be whole */
 	t->leaves++;
 	t->points += domain->counts.points;
 	t->triangles |= domain->ntriangle > 0;
-	walk_used(w, as, t->looked_ns + STORE_LOOK_NS);
 	if (t->n < t->room)
 		t->done[t->n++] = (struct plan_done){.region = *region, .base = as->id.base, .list = as->id.list, .digest = as->digest,
 						     .payload = as->payload, .triangles = as->triangles, .bytes = as->bytes};
+	pthread_mutex_unlock(&lock);
+	walk_used(w, as, t->looked_ns + STORE_LOOK_NS);
 }
 
 /* Those that no memory is left for are missed by comparisons only. */
@@ -119,29 +129,86 @@ static void tell_there(struct walk *w)
 	walk_there_free(w);
 }
 
-/* What the store has of earlier generations; without it the plan is as good. */
-static int refine(struct walk *w, void *memory, size_t size)
+/* ---- what the store has of earlier generations ---- */
+
+/* One of so many that share the memory. */
+static struct pipe_reuse_params look_params(struct walk *w, unsigned member, unsigned members)
 {
-	struct pipe_reuse_params p = reuse_params(w, memory, size);
+	size_t each = w->planning.bytes / members & ~(size_t)63;
+	struct pipe_reuse_params p = reuse_params(w, (uint8_t *)w->planning.memory + member * each, each);
+
+	if (w->sums)
+		p.there = take_there;
+	return p;
+}
+
+static void looked(struct walk *w, unsigned damaged, int r, const struct err *err)
+{
+	struct walk_planning *m = &w->planning;
+
+	pthread_mutex_lock(&lock);
+	m->damaged += damaged;
+	if (r < 0 && !m->err.code)
+		m->err = *err;
+	pthread_mutex_unlock(&lock);
+}
+
+/* Some leaves; false: there are no others, or it failed. */
+static bool look(void *ctx, unsigned member)
+{
+	struct walk *w = ctx;
+	struct pipe_reuse_params p = look_params(w, member, w->planning.members);
 	struct err err = ERR_INIT;
 	unsigned damaged = 0;
 	int r;
 
 	p.damaged = &damaged;
-	if (w->sums) {
-		there_room(w);
-		p.there = take_there;
-	}
-	r = w->keep || w->plan_only ? pipe_refine(&p, &w->plan, &err) : 0;
-	walk_tell_damaged(w, damaged);
+	r = pipe_look(w->planning.refine, &p, &err);
+	looked(w, damaged, r, &err);
+	return !r;
+}
 
-	if (r == -ERR_BUSY || r == -ERR_NOMEM) {
-		w->err = err;
-		return r;
+/* Without it the plan is as good. */
+static int cut(struct walk *w)
+{
+	struct walk_planning *m = &w->planning;
+	struct pipe_reuse_params p = look_params(w, 0, 1);
+	struct err err = ERR_INIT;
+	unsigned damaged = 0;
+
+	p.damaged = &damaged;
+	if (!m->err.code)
+		looked(w, damaged, pipe_refine_cut(m->refine, &p, &err), &err);
+	walk_tell_damaged(w, m->damaged + damaged);
+	if (m->err.code == ERR_BUSY || m->err.code == ERR_NOMEM) {
+		w->err = m->err;
+		return -(int)m->err.code;
 	}
-	if (r)
-		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "the store of finished domains cannot be looked at", &err);
+	if (m->err.code)
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "the store of finished domains cannot be looked at", &m->err);
 	return 0;
+}
+
+/* As many as have something to do, and memory. */
+static unsigned look_members(const struct walk *w)
+{
+	size_t most = w->planning.bytes / pipe_look_bytes(w->grid), threads = sched_threads(w->jobs->p.sched);
+
+	threads = threads < most ? threads : most;
+	return threads > 1 && w->plan.n >= LOOK_TOGETHER ? (unsigned)threads : 1;
+}
+
+static int look_begin(struct walk *w)
+{
+	struct walk_planning *m = &w->planning;
+	struct crew_params crew = {.sched = w->jobs->p.sched, .owner = w->owner, .step = look, .over = plan_over, .ctx = w};
+	int r;
+
+	if (w->sums)
+		there_room(w);
+	crew.members = m->members = look_members(w);
+	r = pipe_refine_new(&w->plan, &m->refine, &w->err);
+	return r || m->members < 2 ? r : crew_new(&crew, &m->crew, &w->err);
 }
 
 /* Only told: what cannot be read counts as not there. */
@@ -163,34 +230,59 @@ static void count_reusable(struct walk *w, void *memory, size_t size)
 	}
 }
 
-static void plan_run(struct sched_task *t)
+/* Nobody looks at a leaf any more. */
+static void plan_rest(struct walk *w)
 {
-	struct walk *w = walk_of_task(t);
-	void *memory = aligned_alloc(64, (t->bytes + 63) & ~(size_t)63);
-	struct mesh_counts flat;
+	struct walk_planning *m = &w->planning;
 
-	w->err = ERR_INIT;
-	if (!memory) {
-		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
-		return;
-	}
-	w->r = pipe_plan_make(w->grid, &w->rest, &w->budget, memory, &w->plan, &flat, &w->err);
+	if (!w->r && m->refine)
+		w->r = cut(w);
 	if (!w->r)
-		w->r = refine(w, memory, t->bytes);
-	if (!w->r)
-		w->r = pipe_plan_probe(w->grid, &w->rest, &w->budget, memory, &w->plan, &w->err);
+		w->r = pipe_plan_probe(w->grid, &w->rest, &w->budget, m->memory, &w->plan, &w->err);
 	if (!w->r && w->plan_only)
-		count_reusable(w, memory, t->bytes);
-	free(memory);
+		count_reusable(w, m->memory, m->bytes);
+	free(m->memory);
+	m->memory = NULL;
 	if (!w->r)
 		w->r = keep(w);
 	if (!w->r)
 		tell_there(w);
 	if (w->r == PIPE_E_FLAT) {
 		/* Nothing to triangulate: no domains, but the counts of what was read. */
-		pipe_emit_flat(w->emitter, &flat);
+		pipe_emit_flat(w->emitter, &m->flat);
 		w->r = 0;
 	}
+}
+
+static void plan_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+	struct walk_planning *m = &w->planning;
+
+	w->err = ERR_INIT;
+	m->memory = aligned_alloc(64, (t->bytes + 63) & ~(size_t)63);
+	if (!m->memory) {
+		w->r = err_set(&w->err, ERR_NOMEM, "no memory to plan a mesh");
+		return;
+	}
+	w->r = pipe_plan_make(w->grid, &w->rest, &w->budget, m->memory, &w->plan, &m->flat, &w->err);
+	m->bytes = t->bytes;
+	if (!w->r && (w->keep || w->plan_only) && pipe_refines(&w->rest, &w->plan))
+		w->r = look_begin(w);
+	if (!w->r && m->crew)
+		return;
+	while (!w->r && m->refine && look(w, 0))
+		;
+	plan_rest(w);
+}
+
+/* The rest of it, with helpers. */
+static void look_run(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+
+	crew_work(w->planning.crew);
+	plan_rest(w);
 }
 
 /* The memory is less than that of the plan: the regions stay, the cap does not. */
@@ -241,13 +333,18 @@ static bool waits_for_plans(struct walk *w)
 	return true;
 }
 
-static void plan_done(struct sched_task *t)
+static void plan_over(void *ctx)
 {
-	struct walk *w = walk_of_task(t);
+	struct walk *w = ctx;
+	struct walk_planning m = w->planning;
 
 	w->task_busy = false;
-	if (t->ran) {
-		sched_give(w->jobs->p.sched, t->name, t->bytes);
+	w->planning = (struct walk_planning){.err = ERR_INIT};
+	crew_free(m.crew);
+	pipe_refine_free(m.refine);
+	free(m.memory);
+	if (m.ran) {
+		sched_give(w->jobs->p.sched, LEDGER_DOMAIN, m.bytes);
 		if (waits_for_plans(w))
 			return;
 		if (w->r)
@@ -256,6 +353,28 @@ static void plan_done(struct sched_task *t)
 	if (!w->stopping)
 		run(w);
 	walk_settle(w);
+}
+
+static void look_done(struct sched_task *t)
+{
+	crew_end(walk_of_task(t)->planning.crew);
+}
+
+static void plan_done(struct sched_task *t)
+{
+	struct walk *w = walk_of_task(t);
+	struct walk_planning *m = &w->planning;
+
+	m->ran = t->ran;
+	m->bytes = t->bytes;
+	if (!m->crew || w->r || w->stopping) {
+		plan_over(w);
+		return;
+	}
+	w->task = (struct sched_task){.run = look_run, .done = look_done, .owner = w->owner, .lengthy = true,
+				      .priority = SCHED_FIRST};
+	sched_submit(w->jobs->p.sched, &w->task);
+	crew_start(m->crew);
 }
 
 static void start(struct walk *w, void (*task)(struct sched_task *), uint64_t bytes)

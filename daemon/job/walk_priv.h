@@ -4,6 +4,7 @@
 
 #include <stdatomic.h>
 
+#include "crew.h"
 #include "plan_file.h"
 #include "walk.h"
 
@@ -120,6 +121,18 @@ struct walk {
 	struct plan_kept kept;
 	bool planned; /* it was read from there */
 	size_t splits_seen;
+	/* While it is made: of its task, and then of several that look at what is stored of it. */
+	struct walk_planning {
+		void *memory;
+		uint64_t bytes; /* of LEDGER_DOMAIN */
+		bool ran;
+		struct mesh_counts flat;
+		struct pipe_refine *refine;
+		unsigned members; /* that share the memory */
+		struct crew *crew;
+		unsigned damaged; /* with the next, and `there`, any thread's, under the lock of walk_plan.c */
+		struct err err;   /* of whoever failed first */
+	} planning;
 	struct walk_domain *splitting;
 
 	struct walk_domain *domains;
@@ -183,6 +196,8 @@ struct walk {
 	struct err why;
 	struct pipe_totals totals;
 };
+
+extern unsigned walk_domains_most; /* in the list of a walk at one time; only a test sets it */
 
 void walk_fail(struct walk *, const struct err *why);
 void walk_start(struct walk *);

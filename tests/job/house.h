@@ -240,24 +240,32 @@ static void begin(const char *dataset)
 	ask(push_begin(h.jobs, &p, NULL));
 }
 
-static struct dataset *push(const char *dataset, unsigned n, unsigned seed)
+/* The file is closed. */
+static struct dataset *push_file_as(const char *dataset, const char *file, int fd)
 {
-	int fd = text_file(n, seed);
+	const struct push_input input = {.name = file};
 
 	begin(dataset);
 	assert_int_equal(got.why.code, 0);
-	ask(push_probe(got.push, dup(fd), &(const struct push_input){.name = "a.xyz"}, NULL));
+	ask(push_probe(got.push, dup(fd), &input, NULL));
 	assert_int_equal(got.why.code, 0);
 	ask(push_plan(got.push, NULL));
 	assert_int_equal(got.why.code, 0);
-	ask(push_file(got.push, fd, &(const struct push_input){.name = "a.xyz"}, NULL));
+	ask(push_file(got.push, fd, &input, NULL));
 	assert_int_equal(got.why.code, 0);
-	assert_int_equal(got.file.in.points, n);
 	ask(push_commit(got.push, NULL));
 	if (got.why.code)
 		fail_msg("%s %s", got.why.file, got.why.message);
 	push_leave(got.push);
 	return got.committed.dataset;
+}
+
+static struct dataset *push(const char *dataset, unsigned n, unsigned seed)
+{
+	struct dataset *d = push_file_as(dataset, "a.xyz", text_file(n, seed));
+
+	assert_int_equal(got.file.in.points, n);
+	return d;
 }
 
 /* ---- jobs ---- */
