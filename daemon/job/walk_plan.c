@@ -22,6 +22,7 @@
 enum { KEPT_LOAD = 1 << 16 };
 /* Leaves from which on a plan is worth a second worker. */
 enum { LOOK_TOGETHER = 32 };
+#define LOOK_SECONDS 0.005
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER; /* of those who look at leaves */
 
@@ -153,17 +154,23 @@ static void looked(struct walk *w, unsigned damaged, int r, const struct err *er
 	pthread_mutex_unlock(&lock);
 }
 
-/* Some leaves; false: there are no others, or it failed. */
+/* Some leaves, for as long as it is worth to queue up again (crew.h); false: there are no others, or it failed. */
 static bool look(void *ctx, unsigned member)
 {
 	struct walk *w = ctx;
 	struct pipe_reuse_params p = look_params(w, member, w->planning.members);
+	uint64_t begun_ns = clock_mono_ns();
 	struct err err = ERR_INIT;
 	unsigned damaged = 0;
 	int r;
 
 	p.damaged = &damaged;
-	r = pipe_look(w->planning.refine, &p, &err);
+	p.reader = w->planning.reader[member];
+	r = p.reader ? 0 : pipe_look_reader(&p, &err);
+	w->planning.reader[member] = p.reader;
+	do
+		r = r ? r : pipe_look(w->planning.refine, &p, &err);
+	while (!r && clock_since(begun_ns) < LOOK_SECONDS);
 	looked(w, damaged, r, &err);
 	return !r;
 }
@@ -177,6 +184,7 @@ static int cut(struct walk *w)
 	unsigned damaged = 0;
 
 	p.damaged = &damaged;
+	p.reader = m->reader[0];
 	if (!m->err.code)
 		looked(w, damaged, pipe_refine_cut(m->refine, &p, &err), &err);
 	walk_tell_damaged(w, m->damaged + damaged);
@@ -207,6 +215,9 @@ static int look_begin(struct walk *w)
 	if (w->sums)
 		there_room(w);
 	crew.members = m->members = look_members(w);
+	m->reader = calloc(m->members, sizeof *m->reader);
+	if (!m->reader)
+		return err_set(&w->err, ERR_NOMEM, "no memory for %u workers", m->members);
 	r = pipe_refine_new(&w->plan, &m->refine, &w->err);
 	return r || m->members < 2 ? r : crew_new(&crew, &m->crew, &w->err);
 }
@@ -342,6 +353,7 @@ static void plan_over(void *ctx)
 	w->planning = (struct walk_planning){.err = ERR_INIT};
 	crew_free(m.crew);
 	pipe_refine_free(m.refine);
+	free(m.reader);
 	free(m.memory);
 	if (m.ran) {
 		sched_give(w->jobs->p.sched, LEDGER_DOMAIN, m.bytes);

@@ -129,6 +129,7 @@ struct walk {
 		struct mesh_counts flat;
 		struct pipe_refine *refine;
 		unsigned members; /* that share the memory */
+		struct grid_reader **reader; /* theirs, as far as they have begun */
 		struct crew *crew;
 		unsigned damaged; /* with the next, and `there`, any thread's, under the lock of walk_plan.c */
 		struct err err;   /* of whoever failed first */

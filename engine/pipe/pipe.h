@@ -245,8 +245,9 @@ bool pipe_before(const struct pipe_reuse_params *, struct pipe_before *ret);
 int pipe_refine(const struct pipe_reuse_params *, struct cut_plan *, struct err *err);
 /*
  * Its steps, for who has several threads: where pipe_refines, pipe_refine_new; pipe_look until one says PIPE_E_LOOKED, by each
- * with parameters and `memory` of his own, of pipe_look_bytes at least (`there` is then called by any of them, at any time); when all
- * have come back, pipe_refine_cut by one. An error by any of them is that of pipe_refine. The plan is nobody else's meanwhile.
+ * with parameters and `memory` of his own, of pipe_look_bytes at least, and pipe_look_reader before the first (`there` is then called
+ * by any of them, at any time); when all have come back, pipe_refine_cut by one. An error by any of them is that of pipe_refine. The
+ * plan is nobody else's meanwhile.
  */
 struct pipe_refine;
 enum { PIPE_E_LOOKED = 6 }; /* there is no leaf left to begin */
@@ -254,6 +255,7 @@ bool pipe_refines(const struct view *, const struct cut_plan *); /* else there i
 size_t pipe_look_bytes(const struct grid *);
 int pipe_refine_new(struct cut_plan *, struct pipe_refine **ret, struct err *err); /* `plan` is borrowed */
 struct pipe_refine *pipe_refine_free(struct pipe_refine *); /* NULL is fine; returns NULL */
+int pipe_look_reader(struct pipe_reuse_params *, struct err *err); /* sets `reader`, which lies in `memory` */
 int pipe_look(struct pipe_refine *, const struct pipe_reuse_params *, struct err *err);
 int pipe_refine_cut(struct pipe_refine *, const struct pipe_reuse_params *, struct err *err);
 

@@ -121,26 +121,24 @@ struct pipe_refine *pipe_refine_free(struct pipe_refine *f)
 	return NULL;
 }
 
+int pipe_look_reader(struct pipe_reuse_params *p, struct err *err)
+{
+	return grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &p->reader, err);
+}
+
 int pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
 	size_t from = atomic_fetch_add(&f->next, LOOK);
-	struct pipe_reuse_params q = *p;
-	struct grid_reader *reader;
-	int r;
+	int r = 0;
 
 	if (from >= f->leaves)
 		return PIPE_E_LOOKED;
-	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
-	if (r)
-		return r;
-	q.reader = reader;
 	for (size_t k = from; !r && k < from + LOOK && k < f->leaves; k++) {
 		enum state is = NEW;
 
-		r = state_of(&q, &f->plan->leaf[k], &is, err);
+		r = state_of(p, &f->plan->leaf[k], &is, err);
 		f->state[k] = (uint8_t)is;
 	}
-	grid_reader_free(reader);
 	return r;
 }
 
@@ -183,24 +181,16 @@ static int weigh(const struct pipe_reuse_params *p, struct pipe_refine *f, bool 
 
 int pipe_refine_cut(struct pipe_refine *f, const struct pipe_reuse_params *p, struct err *err)
 {
-	struct pipe_reuse_params q = *p;
-	struct grid_reader *reader;
 	size_t i = 0;
 	bool few;
-	int r;
+	int r = weigh(p, f, &few, err);
 
-	r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
-	if (r)
-		return r;
-	q.reader = reader;
-	r = weigh(&q, f, &few, err);
 	for (size_t k = 0; !r && few && k < f->leaves; k++) {
 		if (f->state[k] == CHANGED && f->plan->leaf[i].count > p->load / FINE)
-			r = cut_leaf(&q, reader, f->plan, &i, err);
+			r = cut_leaf(p, p->reader, f->plan, &i, err);
 		else
 			i++;
 	}
-	grid_reader_free(reader);
 	return r;
 }
 
@@ -212,17 +202,21 @@ bool pipe_refines(const struct view *view, const struct cut_plan *plan)
 
 int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct err *err)
 {
+	struct pipe_reuse_params q = *p;
 	struct pipe_refine *f;
 	int r;
 
 	if (!pipe_refines(p->view, plan))
 		return 0;
+	r = pipe_look_reader(&q, err);
+	if (r)
+		return r;
 	r = pipe_refine_new(plan, &f, err);
 	if (r)
 		return r;
 	while (!r)
-		r = pipe_look(f, p, err);
-	r = r == PIPE_E_LOOKED ? pipe_refine_cut(f, p, err) : r;
+		r = pipe_look(f, &q, err);
+	r = r == PIPE_E_LOOKED ? pipe_refine_cut(f, &q, err) : r;
 	pipe_refine_free(f);
 	return r;
 }
