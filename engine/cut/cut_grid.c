@@ -38,9 +38,9 @@ static int grid_source_sums(void *ctx, struct grid_sum *range, size_t n, struct 
 	return grid_sums(ctx, range, n, err);
 }
 
-static size_t grid_source_parts(void *ctx, struct cut_part *ret, uint32_t *ret_segment, size_t most)
+static size_t grid_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
 {
-	const struct grid *g = grid_reader_grid(ctx);
+	const struct grid *g = ctx;
 	size_t all = grid_manifest(g)->nsegments, n = 0;
 
 	for (size_t i = 0; i < all; i++) {
@@ -50,12 +50,17 @@ static size_t grid_source_parts(void *ctx, struct cut_part *ret, uint32_t *ret_s
 			continue;
 		if (n < most) {
 			ret[n] = (struct cut_part){ .points = points, .sum = grid_segment_content(g, i) };
-			memcpy(ret[n].box, grid_manifest(g)->segments[i].box, sizeof ret[n].box);
-			ret_segment[n] = (uint32_t)i;
+			ret_segment[n].number = (uint32_t)i;
+			memcpy(ret_segment[n].box, grid_manifest(g)->segments[i].box, sizeof ret_segment[n].box);
 		}
 		n++;
 	}
 	return n;
+}
+
+static size_t grid_source_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
+{
+	return grid_parts((void *)grid_reader_grid(ctx), ret, ret_segment, most);
 }
 
 static bool grid_source_box(void *ctx, int32_t ret_box[4])
@@ -120,6 +125,13 @@ bool cut_trace_stands(struct grid_reader *reader, const struct cut_trace *trace)
 
 	cut_source_grid(reader, &src);
 	return cut_trace_stands_in(&src, trace);
+}
+
+bool cut_far(const struct grid *grid, const struct cut_region *region, const struct cut_reach *reach, const struct cut_live *then)
+{
+	const struct cut_source src = {.ctx = (void *)grid, .parts = grid_parts};
+
+	return cut_far_from(&src, region, reach, then);
 }
 
 int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *ret, struct err *err)

@@ -11,7 +11,15 @@
 #include "cut.h"
 #include "grid.h"
 
+struct cut_live;
 struct cut_part;
+struct cut_reach;
+
+/* A segment, by the number that its cells have, and a box that holds what is live in it. */
+struct cut_segment {
+	uint32_t number;
+	int32_t box[4];
+};
 
 struct cut_source {
 	void *ctx;
@@ -26,9 +34,8 @@ struct cut_source {
 	int (*sums)(void *ctx, struct grid_sum *range, size_t n, struct err *);
 	/* As grid_box: of all points of all sources. */
 	bool (*box)(void *ctx, int32_t ret_box[4]);
-	/* The segments with live records: how many there are, and of the first `most` what is live in them, in the order of
-	 * `segment` of their cells, but for those without. NULL: not known. */
-	size_t (*parts)(void *ctx, struct cut_part *ret, uint32_t *ret_segment, size_t most);
+	/* The segments with live records: how many there are, and of the first `most` what is live in them, and where. NULL: not known. */
+	size_t (*parts)(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most);
 	struct ledger *ledger; /* of plans; NULL: none */
 };
 
@@ -41,6 +48,7 @@ int cut_load_from(const struct cut_source *, const struct view *, const struct c
 int cut_valid_from(const struct cut_source *, const struct view *, const struct cut_region *, const struct cut_trace *,
 		   bool *ret, struct err *err);
 bool cut_trace_stands_in(const struct cut_source *, const struct cut_trace *);
+bool cut_far_from(const struct cut_source *, const struct cut_region *, const struct cut_reach *, const struct cut_live *);
 int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
 int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap,
 			struct err *err);

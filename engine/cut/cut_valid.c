@@ -26,6 +26,9 @@
  * more is asked: of a survey that grew at one end the index of what is old is not looked at. Cells of what came that are in R
  * count as near, their whole segment only where its box does for the other two reasons.
  *
+ * That of whole segments needs no trace: only what was live in any generation G in which it was valid, and how far E' reaches (cut_far). For
+ * E of G is that of the trace, all that was live in G is live now, so is what E stands on, and what came is not in the region and has h > E' >= E.
+ *
  * Merged segments, removed and restored sources, copies of a point in other files change no live content, so they
  * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers are of one lattice with its
  * K; whoever compares generations of different ones is wrong before this is asked.
@@ -237,10 +240,10 @@ static int list_cell(void *ctx, const struct grid_cell *cell)
 
 static void trace_parts(struct cut_trace *t, const struct cut_source *src)
 {
-	uint32_t segment[CUT_TRACE_PARTS];
-	size_t n = src->parts ? src->parts(src->ctx, t->part, segment, CUT_TRACE_PARTS) : 0;
+	struct cut_segment segment[CUT_TRACE_PARTS];
+	size_t n = src->parts ? src->parts(src->ctx, t->live.part, segment, CUT_TRACE_PARTS) : 0;
 
-	t->nparts = n <= CUT_TRACE_PARTS ? (uint32_t)n : 0;
+	t->live.n = n <= CUT_TRACE_PARTS ? (uint32_t)n : 0;
 }
 
 int cut_trace_ranges(struct cut_trace *t, const struct cut_source *src, const struct cut_region *region, struct err *err)
@@ -271,7 +274,7 @@ bool cut_trace_fits(const struct cut_trace *t, const struct cut_region *region)
 	const struct point *at = t->site;
 	struct cut_chain chain[4];
 
-	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->nparts > CUT_TRACE_PARTS)
+	if (!t->nrange || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->live.n > CUT_TRACE_PARTS)
 		return false;
 	for (uint32_t i = 0; i < t->nrange; i++)
 		if (t->range[i].hi < t->range[i].lo || (i > 0 && t->range[i].lo <= t->range[i - 1].hi))
@@ -386,8 +389,7 @@ static int same_sums(const struct cut_source *src, const struct cut_trace *t, bo
 
 struct fresh {
 	struct judge *judge;
-	uint32_t segment[2 * CUT_TRACE_PARTS];
-	int32_t box[2 * CUT_TRACE_PARTS][4];
+	struct cut_segment segment[2 * CUT_TRACE_PARTS];
 	size_t n;
 };
 
@@ -403,7 +405,7 @@ static bool fresh_segment(void *ctx, const struct grid_cell *whole)
 	const struct fresh *f = ctx;
 	size_t i = 0;
 
-	while (i < f->n && f->segment[i] != whole->segment)
+	while (i < f->n && f->segment[i].number != whole->segment)
 		i++;
 	if (i == f->n || !whole->count ||
 	    !(meets(f->judge, whole->box) || hit(f->judge->chain, f->judge->nchain, whole->box)))
@@ -426,83 +428,128 @@ static int fresh_cell(void *ctx, const struct grid_cell *cell)
 	return fresh_near(ctx, cell) ? FOUND : 0;
 }
 
-/* The segments that are not of the trace. False: not all of the trace are there as they were. */
-static bool fresh_find(const struct cut_source *src, const struct cut_trace *t, struct fresh *f)
+static bool part_same(const struct cut_part *a, const struct cut_part *b)
+{
+	return a->points == b->points && digest_equal(a->sum, b->sum);
+}
+
+/* The segments that were not live then. False: not all that were are there as they were. */
+static bool fresh_find(const struct cut_source *src, const struct cut_live *then, struct fresh *f)
 {
 	enum { MOST = sizeof f->segment / sizeof f->segment[0] };
 	bool taken[CUT_TRACE_PARTS] = { false };
 	struct cut_part now[MOST];
-	uint32_t segment[MOST];
-	size_t n = t->nparts && src->parts ? src->parts(src->ctx, now, segment, MOST) : 0, same = 0;
+	struct cut_segment segment[MOST];
+	size_t n = then->n && src->parts ? src->parts(src->ctx, now, segment, MOST) : 0, same = 0;
 
 	if (!n || n > MOST)
 		return false;
 	for (size_t i = 0; i < n; i++) {
 		uint32_t k = 0;
 
-		while (k < t->nparts && (taken[k] || now[i].points != t->part[k].points || !digest_equal(now[i].sum, t->part[k].sum)))
+		while (k < then->n && (taken[k] || !part_same(&now[i], &then->part[k])))
 			k++;
-		if (k == t->nparts) {
-			f->segment[f->n] = segment[i];
-			memcpy(f->box[f->n++], now[i].box, sizeof now[i].box);
+		if (k == then->n) {
+			f->segment[f->n++] = segment[i];
 			continue;
 		}
 		taken[k] = true;
 		same++;
 	}
-	return same == t->nparts;
+	return same == then->n;
 }
 
 bool cut_trace_stands_in(const struct cut_source *src, const struct cut_trace *t)
 {
 	struct fresh f = { .n = 0 };
 
-	return fresh_find(src, t, &f);
+	return fresh_find(src, &t->live, &f);
 }
 
-/* False: no point in the box has h <= E', by how far a point of the border can be from the nearest of these sites at most. On
- * an infinite end that is from the last site on (or the other end, if that lies before it): beyond the site E' is infinite, and
- * before it such a point is no farther across than the site is. */
-static bool border_near(const struct cut_chain *c, const struct point *site, uint32_t n, const int32_t box[4])
+/* Between which ends of a border a point of it can be that has a site, by the first and the last one. On an infinite end that is
+ * from the last site on (or the other end, if that lies before it). */
+static void border_ends(const struct cut_chain *c, int64_t first, int64_t last, int64_t *ret_t0, int64_t *ret_t1)
 {
-	int64_t far = 0, u0, u1, x, u, first, last, t0, t1;
+	int64_t t0 = c->t0 > INT64_MIN ? c->t0 : first < c->t1 ? first : c->t1;
+
+	*ret_t0 = t0;
+	*ret_t1 = c->t1 < INT64_MAX ? c->t1 : last > t0 ? last : t0;
+}
+
+/* How far a point of the border can be from the nearest of these sites at most. */
+static struct cut_reach_border border_reach(const struct cut_chain *c, const struct point *site, uint32_t n)
+{
+	struct cut_reach_border b = { .any = n > 0 };
+	int64_t u, t0, t1;
 
 	if (!n)
-		return true;
-	first = cut_chain_u(c, site);
-	last = cut_chain_u(c, &site[n - 1]);
-	cut_chain_span(c, box, &u0, &u1, &x);
-	if ((c->t0 == INT64_MIN && u0 <= first) || (c->t1 == INT64_MAX && u1 >= last))
-		return true;
-	t0 = c->t0 > INT64_MIN ? c->t0 : first < c->t1 ? first : c->t1;
-	t1 = c->t1 < INT64_MAX ? c->t1 : last > t0 ? last : t0;
-	u = t0 < first ? t0 : first;
+		return b;
+	b.first = cut_chain_u(c, site);
+	b.last = cut_chain_u(c, &site[n - 1]);
+	border_ends(c, b.first, b.last, &t0, &t1);
+	u = t0 < b.first ? t0 : b.first;
 	for (uint32_t i = 0; i < n; i++) {
 		int64_t next = cut_chain_u(c, &site[i]), least = cut_chain_x(c, &site[i]) + next - u;
 
-		far = least > far ? least : far;
+		b.far = least > b.far ? least : b.far;
 		u = next;
 	}
-	if (t1 > last && cut_chain_x(c, &site[n - 1]) + t1 - last > far)
-		far = cut_chain_x(c, &site[n - 1]) + t1 - last;
-	return x <= far && u0 - t1 <= far && t0 - u1 <= far;
+	if (t1 > b.last && cut_chain_x(c, &site[n - 1]) + t1 - b.last > b.far)
+		b.far = cut_chain_x(c, &site[n - 1]) + t1 - b.last;
+	return b;
 }
 
-/* Of a whole segment, from its box: most are far from most regions. True says nothing. What is in R only, neither in the region nor
- * with h <= E', changes no site on E. */
-static bool fresh_may(const struct judge *j, const struct cut_region *region, const int32_t box[4])
+void cut_reach_of(const struct cut_trace *t, const struct cut_region *region, struct cut_reach *ret)
 {
-	const struct cut_trace *t = j->trace;
 	const struct point *at = t->site;
 	struct cut_chain border[4];
 	unsigned n = borders_of(region, border);
 
-	if (meets(j, box))
-		return true;
+	memset(ret, 0, sizeof *ret);
 	for (unsigned i = 0; i < n; at += t->nsite[i++])
-		if (border_near(&border[i], at, t->nsite[i], box))
+		ret->border[i] = border_reach(&border[i], at, t->nsite[i]);
+}
+
+/* False: no point in the box has h <= E'. Beyond the last site of an infinite end E' is infinite, and before it such a point is no farther
+ * across than the site is. */
+static bool border_near(const struct cut_chain *c, const struct cut_reach_border *b, const int32_t box[4])
+{
+	int64_t u0, u1, x, t0, t1;
+
+	if (!b->any)
+		return true;
+	cut_chain_span(c, box, &u0, &u1, &x);
+	if ((c->t0 == INT64_MIN && u0 <= b->first) || (c->t1 == INT64_MAX && u1 >= b->last))
+		return true;
+	border_ends(c, b->first, b->last, &t0, &t1);
+	return x <= b->far && u0 - t1 <= b->far && t0 - u1 <= b->far;
+}
+
+/* Of whole segments, from their boxes: most are far from most regions. True says nothing. What is in R only, neither in the region nor
+ * with h <= E', changes no site on E. */
+static bool fresh_may(const struct fresh *f, const struct cut_region *region, const struct cut_reach *reach)
+{
+	struct cut_chain border[4];
+	unsigned n = borders_of(region, border);
+
+	for (size_t k = 0; k < f->n; k++) {
+		if (meets(f->judge, f->segment[k].box))
 			return true;
+		for (unsigned i = 0; i < n; i++)
+			if (border_near(&border[i], &reach->border[i], f->segment[k].box))
+				return true;
+	}
 	return false;
+}
+
+bool cut_far_from(const struct cut_source *src, const struct cut_region *region, const struct cut_reach *reach,
+		  const struct cut_live *then)
+{
+	struct judge j = { .src = src };
+	struct fresh f = { .judge = &j };
+
+	cut_region_box(region, j.box);
+	return fresh_find(src, then, &f) && !fresh_may(&f, region, reach);
 }
 
 /* *ret: what is not of the trace's generation is not near. False in it says nothing. Chains are built where boxes do not do. */
@@ -510,12 +557,13 @@ static int nothing_near(const struct cut_source *src, struct judge *j, const str
 {
 	struct fresh f = { .judge = j };
 	const struct grid_visitor v = { .ctx = &f, .segment = fresh_segment, .enter = fresh_near, .cell = fresh_cell };
-	bool known = fresh_find(src, j->trace, &f), may = false;
+	bool known = fresh_find(src, &j->trace->live, &f);
+	struct cut_reach reach;
 	int rc;
 
-	for (size_t i = 0; i < f.n && !may; i++)
-		may = fresh_may(j, region, f.box[i]);
-	*ret = known && !may;
+	if (known)
+		cut_reach_of(j->trace, region, &reach);
+	*ret = known && !fresh_may(&f, region, &reach);
 	if (*ret)
 		return 0;
 	j->nchain = chains_of(j->trace, region, j->chain);

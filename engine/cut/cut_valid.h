@@ -17,25 +17,25 @@ struct cut_source;
 /* Sites kept of a border's chain, and ranges, at most: what is more is thinned, or made coarser. */
 enum { CUT_TRACE_SITES = 128, CUT_TRACE_RANGES = 1024, CUT_TRACE_OWN = 4, CUT_TRACE_PARTS = 16 };
 
-/* What was live in a segment: its records, and their content sum. */
-struct cut_part {
-	uint64_t points;
-	struct digest sum;
-	int32_t box[4]; /* that holds them; of a trace nothing */
+/* What was live in a generation, by segments, of each its records and their content sum; none: there were too many. */
+struct cut_live {
+	struct cut_part {
+		uint64_t points;
+		struct digest sum;
+	} part[CUT_TRACE_PARTS];
+	uint32_t n;
 };
 
 /*
  * The trace of a load. `range`: of Morton keys, ascending, disjoint and not adjacent, with the content sums of the live
  * records in them; the region's own ranges are inside. `site`: the border chains (ALGORITHM 4.3), those of the finite
- * borders in the order left, right, lower, upper; of these sites x and y count. `part`: all that was live, by segments; none
- * where there were too many.
+ * borders in the order left, right, lower, upper; of these sites x and y count. `live`: where it was made.
  */
 struct cut_trace {
 	struct grid_sum *range;
 	struct point *site;
 	uint32_t nrange, nsite[4];
-	struct cut_part part[CUT_TRACE_PARTS];
-	uint32_t nparts;
+	struct cut_live live;
 	uint32_t most_ranges, most_sites; /* of a border; at least 4 and 2; tests make them less than there is room for */
 };
 
@@ -57,5 +57,20 @@ bool cut_trace_fits(const struct cut_trace *, const struct cut_region *);
  * would be the same. */
 int cut_valid(struct grid_reader *, const struct view *, const struct cut_region *, const struct cut_trace *, bool *ret,
 	      struct err *err);
+
+/*
+ * What boxes alone tell of a trace, in some numbers, for whoever looks at many regions again and again. `border`: of each
+ * finite border where its first and last site are, and how far a point that it sees can be from it at most.
+ */
+struct cut_reach {
+	struct cut_reach_border {
+		int64_t first, last, far;
+		bool any; /* it has sites */
+	} border[4];
+};
+void cut_reach_of(const struct cut_trace *, const struct cut_region *, struct cut_reach *ret);
+/* `then`: of a generation in which the trace was valid, or made. True: it is here too, since all that was live then is, and what came is far.
+ * False says nothing. */
+bool cut_far(const struct grid *, const struct cut_region *, const struct cut_reach *, const struct cut_live *then);
 
 #endif

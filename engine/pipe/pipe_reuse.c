@@ -94,13 +94,13 @@ static size_t proof_size(uint32_t ranges, uint32_t sites, uint32_t parts)
 static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 {
 	uint32_t sites = t->nsite[0] + t->nsite[1] + t->nsite[2] + t->nsite[3];
-	size_t size = proof_size(t->nrange, sites, t->nparts);
+	size_t size = proof_size(t->nrange, sites, t->live.n);
 	struct packer p = packer_of(out, size);
 
 	packer_u32(&p, t->nrange);
 	for (unsigned i = 0; i < 4; i++)
 		packer_u32(&p, t->nsite[i]);
-	packer_u32(&p, t->nparts);
+	packer_u32(&p, t->live.n);
 	for (uint32_t i = 0; i < t->nrange; i++) {
 		packer_u64(&p, t->range[i].lo);
 		packer_u64(&p, t->range[i].hi);
@@ -111,10 +111,10 @@ static size_t proof_pack(const struct cut_trace *t, uint8_t *out)
 		packer_i32(&p, t->site[i].x);
 		packer_i32(&p, t->site[i].y);
 	}
-	for (uint32_t i = 0; i < t->nparts; i++) {
-		packer_u64(&p, t->part[i].points);
-		packer_u64(&p, t->part[i].sum.hi);
-		packer_u64(&p, t->part[i].sum.lo);
+	for (uint32_t i = 0; i < t->live.n; i++) {
+		packer_u64(&p, t->live.part[i].points);
+		packer_u64(&p, t->live.part[i].sum.hi);
+		packer_u64(&p, t->live.part[i].sum.lo);
 	}
 	return size;
 }
@@ -133,9 +133,9 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 			return false;
 		sites += t->nsite[i];
 	}
-	t->nparts = cursor_u32(&c);
-	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->nparts > CUT_TRACE_PARTS ||
-	    b->proof_size != proof_size(t->nrange, sites, t->nparts))
+	t->live.n = cursor_u32(&c);
+	if (c.bad || t->nrange > CUT_TRACE_RANGES + CUT_TRACE_OWN || t->live.n > CUT_TRACE_PARTS ||
+	    b->proof_size != proof_size(t->nrange, sites, t->live.n))
 		return false;
 	/* Of many regions many sites: as they lie there, little-endian. */
 	memcpy(t->range, cursor_bytes(&c, (size_t)t->nrange * PROOF_RANGE), (size_t)t->nrange * PROOF_RANGE);
@@ -144,10 +144,10 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 		memcpy(&t->site[i].x, site, 4);
 		memcpy(&t->site[i].y, site + 4, 4);
 	}
-	for (uint32_t i = 0; i < t->nparts; i++) {
-		t->part[i].points = cursor_u64(&c);
-		t->part[i].sum.hi = cursor_u64(&c);
-		t->part[i].sum.lo = cursor_u64(&c);
+	for (uint32_t i = 0; i < t->live.n; i++) {
+		t->live.part[i].points = cursor_u64(&c);
+		t->live.part[i].sum.hi = cursor_u64(&c);
+		t->live.part[i].sum.lo = cursor_u64(&c);
 	}
 	return !c.bad && cut_trace_fits(t, region);
 }

@@ -1,7 +1,8 @@
 /*
  * Validity by the ten thousand: a small dataset, what every region of a plan loads of it, and the trace of that; then
  * another generation of it (points more and less, other segments, other cells). Where the trace is said to be valid the
- * region must load the very same; and of the regions that do load the same nearly all must be found.
+ * region must load the very same; and of the regions that do load the same nearly all must be found. Likewise of what boxes alone tell,
+ * of that generation by the first, and of a third by the second.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -39,11 +40,11 @@ struct state {
 };
 
 static struct history history;
-static struct state old, new;
+static struct state old, new, later;
 static struct view view;
 static void *scratch;
 static size_t scratch_size;
-static uint64_t judged, same, found, changed;
+static uint64_t judged, same, found, changed, boxes;
 static uint32_t most_sites = CUT_TRACE_SITES, most_ranges = CUT_TRACE_RANGES;
 static uint64_t traces[CUT_TRACE_BYTES / 8 + 1];
 
@@ -97,7 +98,7 @@ static bool by_source;
 
 static unsigned segment_of(unsigned source)
 {
-	return source == SOURCES ? TILING_SEGMENTS - 1 : source % (TILING_SEGMENTS - 1);
+	return source >= SOURCES ? TILING_SEGMENTS - 2 + source - SOURCES : source % (TILING_SEGMENTS - 2);
 }
 
 /* The live sources in segments anyhow; some of what is not live lies there too. */
@@ -190,9 +191,38 @@ static bool outgrown(const struct state *s, const struct cut_region *root)
 static bool still;
 static uint64_t bounded, bounded_changed, bounded_read, all_read;
 
+static void live_of(const struct state *s, struct cut_live *ret)
+{
+	struct cut_segment segment[CUT_TRACE_PARTS];
+
+	ret->n = (uint32_t)s->src.parts(s->src.ctx, ret->part, segment, CUT_TRACE_PARTS);
+}
+
+/* What boxes tell of a generation, by what was live in an earlier one in which the trace holds. */
+static void check_far(const struct cut_region *region, const struct cut_reach *reach, const struct state *then,
+		      const struct state *now, const struct cut_load *was)
+{
+	struct mesh_vertex out[MOST];
+	struct cut_live live;
+	struct cut_load is;
+
+	live_of(then, &live);
+	if (!cut_far_from(&now->src, region, reach, &live))
+		return;
+	boxes++;
+	load(now, region, out, NULL, NULL, &is);
+	if (!loads_same(was, &is)) {
+		char text[CUT_REGION_TEXT_SIZE];
+
+		fail_msg("all that came is said to be far from %s: %u of %u, now %u of %u", cut_region_text(region, text), was->own,
+			 was->n, is.own, is.n);
+	}
+}
+
 static void check_region(const struct cut_region *region)
 {
 	struct mesh_vertex before[MOST], after[MOST], again[MOST];
+	struct cut_reach reach;
 	struct cut_trace trace;
 	struct cut_load a, b, c;
 	struct err err = ERR_INIT;
@@ -208,6 +238,10 @@ static void check_region(const struct cut_region *region)
 	assert_true(valid);
 	assert_int_equal(cut_valid_from(&new.src, &view, region, &trace, &valid, &err), 0);
 	all = load(&new, region, after, NULL, NULL, &b);
+	cut_reach_of(&trace, region, &reach);
+	check_far(region, &reach, &old, &new, &a);
+	if (valid)
+		check_far(region, &reach, &new, &later, &a);
 	equal = loads_same(&a, &b);
 	if (still || cut_trace_stands_in(&new.src, &trace)) {
 		bounded_read += load(&new, region, again, &trace, NULL, &c);
@@ -279,6 +313,14 @@ static void one_case(uint64_t seed)
 	}
 	still = !(live & ~then);
 	lay_out(&seed, &new, then);
+	for (unsigned i = 0; i < more; i++) {
+		int32_t at[2];
+
+		place(&seed, family, range, base, at);
+		add(&seed, at, SOURCES + 1);
+	}
+	then |= 1u << (SOURCES + 1);
+	lay_out(&seed, &later, below(&seed, 4) ? then : then & ~(1u << below(&seed, SOURCES)));
 	nleaf = make_leaves(&seed, below(&seed, 2) ? &new.src : &old.src, leaf, &root);
 	if (nleaf && outgrown(&old, &root))
 		return;
@@ -311,7 +353,12 @@ static void local_case(uint64_t seed)
 	then = 1 + below(&seed, 4) * 2;
 	still = !(live & ~then);
 	lay_out(&seed, &new, then);
-	old.tiling.cell_records = new.tiling.cell_records = 1 + below(&seed, 4);
+	for (unsigned i = 0; i < 5; i++) {
+		place(&seed, 9, 32, zero, at);
+		add(&seed, at, SOURCES + 1);
+	}
+	lay_out(&seed, &later, then | 1u << (SOURCES + 1));
+	old.tiling.cell_records = new.tiling.cell_records = later.tiling.cell_records = 1 + below(&seed, 4);
 	nleaf = make_leaves(&seed, &new.src, leaf, &root);
 	for (unsigned i = 0; i < nleaf && !outgrown(&old, &root); i++)
 		check_region(&leaf[i]);
@@ -319,7 +366,7 @@ static void local_case(uint64_t seed)
 
 struct fuzz {
 	const char *name;
-	uint64_t cases, least; /* of those that load the same found: percent */
+	uint64_t cases, least, boxes; /* of those that load the same found, and by boxes: percent */
 	void (*one)(uint64_t seed);
 };
 
@@ -328,27 +375,29 @@ static void run(const struct fuzz *f)
 	const char *cases = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
 	uint64_t n = (cases ? strtoull(cases, NULL, 10) : 2000) / f->cases, at = first ? strtoull(first, NULL, 10) : 1;
 
-	judged = same = found = changed = bounded = bounded_changed = bounded_read = all_read = 0;
+	judged = same = found = changed = boxes = bounded = bounded_changed = bounded_read = all_read = 0;
 	scratch_size = cut_load_scratch_bytes(MOST);
 	scratch = malloc(scratch_size);
 	assert_non_null(scratch);
 	for (uint64_t i = 0; i < n; i++)
 		f->one(at + i * 7919);
 	free(scratch);
-	printf("%s: %llu regions: %llu load the same, %llu of these found; %llu changed\n", f->name,
-	       (unsigned long long)judged, (unsigned long long)same, (unsigned long long)found, (unsigned long long)changed);
+	printf("%s: %llu regions: %llu load the same, %llu of these found; %llu changed; %llu by boxes\n", f->name,
+	       (unsigned long long)judged, (unsigned long long)same, (unsigned long long)found, (unsigned long long)changed,
+	       (unsigned long long)boxes);
 	printf("%s: %llu bounded by what was there, %llu of these changed; %llu points read, else %llu\n", f->name,
 	       (unsigned long long)bounded, (unsigned long long)bounded_changed, (unsigned long long)bounded_read,
 	       (unsigned long long)all_read);
 	assert_true(bounded > judged / 5 && bounded_changed > bounded / 20 && bounded_read < all_read);
 	assert_true(changed > judged / 50);
 	assert_true(found >= same * f->least / 100);
+	assert_true(boxes >= same * f->boxes / 100);
 }
 
 /* Most cells are about as large as the data here, and a change in one is a change of all who see it. */
 static void test_random(void **state)
 {
-	const struct fuzz f = {"random", 1, 30, one_case};
+	const struct fuzz f = {"random", 1, 30, 5, one_case};
 
 	(void)state;
 	run(&f);
@@ -356,7 +405,7 @@ static void test_random(void **state)
 
 static void test_local(void **state)
 {
-	const struct fuzz f = {"local", 20, 80, local_case};
+	const struct fuzz f = {"local", 20, 80, 30, local_case};
 
 	(void)state;
 	run(&f);

@@ -206,21 +206,22 @@ static int tiling_sums(void *ctx, struct grid_sum *range, size_t n, struct err *
 	return 0;
 }
 
-static size_t tiling_parts(void *ctx, struct cut_part *ret, uint32_t *ret_segment, size_t most)
+static size_t tiling_parts(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most)
 {
 	const struct tiling *t = ctx;
 	size_t n = 0;
 
 	for (unsigned s = 0; s < t->segments; s++) {
-		struct cut_part part = { .box = { INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN } };
+		struct cut_segment segment = { .number = s, .box = { INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN } };
+		struct cut_part part = { 0 };
 
 		for (size_t i = 0; i < t->n[s]; i++)
 			if (live(t, s, i)) {
 				const int32_t at[2] = { t->pts[s][i].x, t->pts[s][i].y };
 
 				for (unsigned k = 0; k < 2; k++) {
-					part.box[k] = at[k] < part.box[k] ? at[k] : part.box[k];
-					part.box[k + 2] = at[k] > part.box[k + 2] ? at[k] : part.box[k + 2];
+					segment.box[k] = at[k] < segment.box[k] ? at[k] : segment.box[k];
+					segment.box[k + 2] = at[k] > segment.box[k + 2] ? at[k] : segment.box[k + 2];
 				}
 				digest_add(&part.sum, digest_hash(&t->pts[s][i], sizeof(struct point)));
 				part.points++;
@@ -229,7 +230,7 @@ static size_t tiling_parts(void *ctx, struct cut_part *ret, uint32_t *ret_segmen
 			continue;
 		if (n < most) {
 			ret[n] = part;
-			ret_segment[n] = s;
+			ret_segment[n] = segment;
 		}
 		n++;
 	}
