@@ -21,7 +21,7 @@
  *   neither hull. So E and E2 are the hulls of the same sites, those with keys in R, and the sites on them are the same.
  * A border without any site has no E', which counts as infinite: everything is a hit.
  *
- * Where all that was live then is live now, segment by segment, R's sums can differ and (2) be false only by what is live
+ * Where all that was live then is live now, segment by segment, or merged, R's sums can differ and (2) be false only by what is live
  * in other segments. If none of that comes near, neither in the region nor with h <= E', no site on E is another, and nothing
  * more is asked: of a survey that grew at one end the index of what is old is not looked at. Cells of what came that are in R
  * count as near, their whole segment only where its box does for the other two reasons.
@@ -389,6 +389,7 @@ static int same_sums(const struct cut_source *src, const struct cut_trace *t, bo
 
 struct fresh {
 	struct judge *judge;
+	struct cut_part part[2 * CUT_TRACE_PARTS];
 	struct cut_segment segment[2 * CUT_TRACE_PARTS];
 	size_t n;
 };
@@ -433,6 +434,27 @@ static bool part_same(const struct cut_part *a, const struct cut_part *b)
 	return a->points == b->points && digest_equal(a->sum, b->sum);
 }
 
+/* All that is missing lies in one segment now, which then is none of what came. */
+static bool fresh_merged(struct fresh *f, const struct cut_live *then, const bool *there)
+{
+	struct cut_part all = { 0 };
+	size_t i = 0;
+
+	for (uint32_t k = 0; k < then->n; k++)
+		if (!there[k]) {
+			all.points += then->part[k].points;
+			digest_add(&all.sum, then->part[k].sum);
+		}
+	while (i < f->n && !part_same(&f->part[i], &all))
+		i++;
+	if (i == f->n)
+		return false;
+	f->n--;
+	f->part[i] = f->part[f->n];
+	f->segment[i] = f->segment[f->n];
+	return true;
+}
+
 /* The segments that were not live then. False: not all that were are there as they were. */
 static bool fresh_find(const struct cut_source *src, const struct cut_live *then, struct fresh *f)
 {
@@ -450,13 +472,14 @@ static bool fresh_find(const struct cut_source *src, const struct cut_live *then
 		while (k < then->n && (taken[k] || !part_same(&now[i], &then->part[k])))
 			k++;
 		if (k == then->n) {
+			f->part[f->n] = now[i];
 			f->segment[f->n++] = segment[i];
 			continue;
 		}
 		taken[k] = true;
 		same++;
 	}
-	return same == then->n;
+	return same == then->n || fresh_merged(f, then, taken);
 }
 
 bool cut_trace_stands_in(const struct cut_source *src, const struct cut_trace *t)

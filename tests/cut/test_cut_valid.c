@@ -94,10 +94,12 @@ static bool point_less(const void *ctx, const struct point *a, const struct poin
 }
 
 /* What is live in a segment is what was live there before, but for the sources that came or went: only these are looked at. */
-static bool by_source;
+static bool by_source, merged;
 
 static unsigned segment_of(unsigned source)
 {
+	if (merged && source == SOURCES)
+		return segment_of(1);
 	return source >= SOURCES ? TILING_SEGMENTS - 2 + source - SOURCES : source % (TILING_SEGMENTS - 2);
 }
 
@@ -256,6 +258,12 @@ static void check_region(const struct cut_region *region)
 		fail_msg("region %s is said to be unchanged: %u of %u, now %u of %u", cut_region_text(region, text), a.own, a.n,
 			 b.own, b.n);
 	}
+	/* Also where segments were merged since. */
+	if (cut_trace_stands_in(&later.src, &trace)) {
+		load(&later, region, after, NULL, NULL, &b);
+		load(&later, region, again, &trace, NULL, &c);
+		assert_true(loads_same(&b, &c));
+	}
 	judged++;
 	same += equal;
 	changed += !equal;
@@ -320,7 +328,9 @@ static void one_case(uint64_t seed)
 		add(&seed, at, SOURCES + 1);
 	}
 	then |= 1u << (SOURCES + 1);
+	merged = below(&seed, 2);
 	lay_out(&seed, &later, below(&seed, 4) ? then : then & ~(1u << below(&seed, SOURCES)));
+	merged = false;
 	nleaf = make_leaves(&seed, below(&seed, 2) ? &new.src : &old.src, leaf, &root);
 	if (nleaf && outgrown(&old, &root))
 		return;
@@ -357,7 +367,9 @@ static void local_case(uint64_t seed)
 		place(&seed, 9, 32, zero, at);
 		add(&seed, at, SOURCES + 1);
 	}
+	merged = below(&seed, 2);
 	lay_out(&seed, &later, then | 1u << (SOURCES + 1));
+	merged = false;
 	old.tiling.cell_records = new.tiling.cell_records = later.tiling.cell_records = 1 + below(&seed, 4);
 	nleaf = make_leaves(&seed, &new.src, leaf, &root);
 	for (unsigned i = 0; i < nleaf && !outgrown(&old, &root); i++)
@@ -411,9 +423,41 @@ static void test_local(void **state)
 	run(&f);
 }
 
+/* What lies in one segment of what was in two is none of what came, wherever it is. */
+static void test_merged(void **state)
+{
+	const int32_t zero[2] = {-100, -90};
+	struct cut_reach nothing = {0};
+	struct cut_region root;
+	struct cut_live live;
+	uint64_t seed = 5;
+	int32_t at[2], box[4];
+
+	(void)state;
+	view = VIEW_INIT;
+	history.n = 0;
+	by_source = true;
+	for (unsigned i = 0; i < 200; i++) {
+		place(&seed, 9, 256, zero, at);
+		add(&seed, at, i % (SOURCES + 1));
+	}
+	lay_out(&seed, &old, (2u << SOURCES) - 1);
+	live_of(&old, &live);
+	assert_int_equal(live.n, 3);
+	for (unsigned k = 0; k < 4; k++) {
+		merged = k & 1;
+		lay_out(&seed, &new, (2u << SOURCES) - 1 - (k >> 1));
+		assert_true(new.src.box(new.src.ctx, box));
+		cut_region_root(box, &root);
+		/* A little of it is not live any more. */
+		assert_true(cut_far_from(&new.src, &root, &nothing, &live) == (k < 2));
+	}
+	merged = false;
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_random), cmocka_unit_test(test_local)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_random), cmocka_unit_test(test_local), cmocka_unit_test(test_merged)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
