@@ -174,9 +174,11 @@ int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *
 	/* A domain without a trace stands on all there is. */
 	id.list = trace->nrange ? digest_hash(proof + PROOF_HEAD, (size_t)trace->nrange * PROOF_RANGE) : key->content;
 	r = store_put(storefd, &id, &beside, domain, &front, err);
-	if (!r)
-		stored_of(&front, &id, ret);
-	return r;
+	if (r)
+		return r;
+	stored_of(&front, &id, ret);
+	ret->used_ns = 0;
+	return 0;
 }
 
 /* ---- using again ---- */

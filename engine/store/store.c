@@ -25,6 +25,11 @@
 
 enum { TEMP = STORE_NAME + 48 };
 
+static int64_t time_of(const struct stat *st)
+{
+	return (int64_t)st->st_mtim.tv_sec * 1000000000 + st->st_mtim.tv_nsec;
+}
+
 /* ---- checksums ---- */
 
 /* Of two arrays as if they were one. */
@@ -180,6 +185,7 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 {
 	struct store_front f = { .domain = *d, .beside = *beside };
 	char name[STORE_NAME], temp[TEMP];
+	struct stat st;
 	int fd = -1, r;
 
 	if (beside->proof_size > STORE_PROOF_MOST)
@@ -195,6 +201,8 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 		r = err_sys(err, errno, "cannot publish %s", name);
 	if (r)
 		io->unlinkat(dirfd, temp, 0);
+	else if (!io->fstat(fd, &st))
+		f.used_ns = time_of(&st);
 	io_close(fd);
 	if (!r)
 		*ret = f;
@@ -225,7 +233,7 @@ static int look_at(void *ctx, const struct dirent *e, struct err *err)
 	snprintf(name, sizeof name, "%s/%.*s", l->folder, STORE_NAME - STORE_FOLDER - 1, e->d_name);
 	if (io->fstatat(l->dirfd, name, &st, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISREG(st.st_mode))
 		return 0; /* it may have been evicted just now */
-	v.mtime_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec;
+	v.mtime_ns = time_of(&st);
 	if (l->n < l->most)
 		at = l->n++;
 	else if (l->version[at = l->most - 1].mtime_ns >= v.mtime_ns)
@@ -297,7 +305,7 @@ static int open_start(int dirfd, const struct store_id *id, char name[STORE_NAME
 	} else if (st.st_size < STORE_HEADER) {
 		r = damaged(dirfd, name);
 	} else {
-		ret->used_ns = (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec;
+		ret->used_ns = time_of(&st);
 		r = io_read_some(fd, start, (uint64_t)st.st_size < room ? (size_t)st.st_size : room, 0, name, &got, err);
 		if (!r)
 			r = got < STORE_HEADER ? damaged(dirfd, name) :
@@ -451,8 +459,7 @@ void store_touch(int dirfd, const struct store_id *id, int64_t before_ns)
 	struct stat st;
 
 	store_name(id, name);
-	if (io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) == 0 &&
-	    (int64_t)st.st_mtim.tv_sec * 1000000000 + st.st_mtim.tv_nsec < before_ns)
+	if (io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) == 0 && time_of(&st) < before_ns)
 		io->utimensat(dirfd, name, NULL, AT_SYMLINK_NOFOLLOW);
 }
 
@@ -463,6 +470,16 @@ uint64_t store_size(int dirfd, const struct store_id *id)
 
 	store_name(id, name);
 	return io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) ? 0 : (uint64_t)st.st_size;
+}
+
+bool store_unchanged(int dirfd, const struct store_id *id, uint64_t bytes, int64_t used_ns)
+{
+	char name[STORE_NAME];
+	struct stat st;
+
+	store_name(id, name);
+	return io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode) && (uint64_t)st.st_size == bytes &&
+	       time_of(&st) == used_ns;
 }
 
 int store_remove(int dirfd, const struct store_id *id, struct err *err)

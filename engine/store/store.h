@@ -47,7 +47,7 @@ struct store_front {
 	uint64_t payload;            /* checksum of links, vertices and triangles */
 	uint64_t bytes;              /* of the file */
 	size_t front, whole;         /* bytes of memory that store_front and store_get take */
-	int64_t used_ns;             /* the file's time, of what was read */
+	int64_t used_ns;             /* the file's time; 0: of what was written it is not known */
 };
 /* *ret: the numbers of what was written. */
 int store_put(int dirfd, const struct store_id *, const struct store_beside *, const struct mesh_domain *,
@@ -64,6 +64,8 @@ int store_get(int dirfd, const struct store_id *, void *memory, size_t size, str
 /* It is in use: what is used last is evicted last. Touches no file whose time is later than `before_ns`. */
 void store_touch(int dirfd, const struct store_id *, int64_t before_ns);
 uint64_t store_size(int dirfd, const struct store_id *); /* bytes of its file; 0: it is not there */
+/* Its file is there as it was when it had that size and time, as far as they tell. */
+bool store_unchanged(int dirfd, const struct store_id *, uint64_t bytes, int64_t used_ns);
 int store_remove(int dirfd, const struct store_id *, struct err *err); /* absent is success */
 /* Removes files of the versions before 3, which lay in the folder itself. */
 int store_sweep(int dirfd, struct err *err);
