@@ -204,7 +204,7 @@ static void keep(struct walk_domain *d)
 	d->unstorable = !walk_space_domain(w, d->held);
 	if (d->unstorable)
 		return;
-	r = pipe_keep(walk_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &err);
+	r = pipe_keep(walk_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, NULL, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;

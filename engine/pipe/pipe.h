@@ -196,9 +196,17 @@ struct pipe_stored {
 	uint64_t payload, triangles, bytes; /* as store.h has them */
 	int64_t used_ns; /* when it was used before it was found; 0 of what was kept */
 };
-/* Keep what pipe_domain made in `memory`, as long as nothing else was done there. */
+/* Of a domain in the store what is worth remembering, so that whoever plans later generations need not read its file: its numbers,
+ * and of its proof what boxes need (cut_far). No pointer in it is of use. */
+struct pipe_summary {
+	struct store_id id;
+	struct store_front front; /* `beside.content`: of a generation in which it stands */
+	struct cut_reach reach;
+	struct cut_live live;
+};
+/* Keep what pipe_domain made in `memory`, as long as nothing else was done there. `ret_summary`: NULL, or what can be remembered of it. */
 int pipe_keep(int storefd, const struct pipe_key *, const struct cut_region *region, const struct mesh_domain *,
-	      const void *memory, struct pipe_stored *ret, struct err *err);
+	      const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err);
 
 struct pipe_reuse_params {
 	int storefd;
@@ -216,9 +224,13 @@ struct pipe_reuse_params {
 	/* The list of what was kept or used last of a base, as far as somebody remembers (false: nobody does): it is asked for before
 	 * the folder is, and checked as anything else is. NULL: the folder is asked. */
 	bool (*hint)(void *ctx, struct digest base, struct digest *ret_list);
+	/* What is remembered of a base (false: nothing), asked for before all else, but not where its front is wanted; and what is to be remembered. Where
+	 * that tells that the domain stands, and its file has still that size and time, the file is not read to find it. NULL, either: nobody does. */
+	bool (*recall)(void *ctx, struct digest base, struct pipe_summary *ret);
+	void (*remember)(void *ctx, const struct pipe_summary *);
 	/* pipe_refine: of each leaf that is `there` at the end, as pipe_reuse has it with `sums`; NULL: nobody asks. */
 	void (*there)(void *ctx, const struct cut_region *, const struct mesh_domain *, const struct pipe_stored *);
-	void *ctx;                    /* of both */
+	void *ctx;                    /* of all of these */
 	unsigned *damaged;            /* counts those that were damaged, and are removed; NULL: nobody asks */
 };
 /* A domain of the store that is what pipe_domain would make: of this generation's content, or of another's that is the

@@ -14,6 +14,10 @@
  * Which lists there are of a base is a question to a folder, and most of what finding a domain costs where many are to be
  * found. Whoever asks for the same bases again and again remembers the list that did last (`hint`); that is no more than
  * what is looked at first.
+ *
+ * And where a push has changed a few of 240 regions, opening 240 files takes longer than all else. So he may remember their summaries
+ * (`recall`): their numbers, and of their proofs the little that boxes need. What these do not settle is read. That the file is still there, of the
+ * same size and time, is asked in any case, as it may have gone without a word. That is one fstatat, and nobody need tell what he removed.
  */
 #include <string.h>
 #define XXH_STATIC_LINKING_ONLY /* the state on the stack */
@@ -160,8 +164,24 @@ static void stored_of(const struct store_front *f, const struct store_id *id, st
 				    .triangles = f->domain.ntriangle, .bytes = f->bytes, .used_ns = f->used_ns};
 }
 
+/* It stands in the generation of the key. Without a trace it stands where all is the same only. */
+static void summary_of(const struct store_front *f, const struct store_id *id, const struct pipe_key *key,
+		       const struct cut_region *region, const struct cut_trace *trace, struct pipe_summary *ret)
+{
+	*ret = (struct pipe_summary){.id = *id, .front = *f};
+	ret->front.beside = (struct store_beside){.content = key->content};
+	ret->front.domain.vertex = NULL;
+	ret->front.domain.link = NULL;
+	ret->front.domain.triangle = NULL;
+	ret->front.domain.final = NULL;
+	if (!trace->nrange)
+		return;
+	cut_reach_of(trace, region, &ret->reach);
+	ret->live = trace->live;
+}
+
 int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
-	      const void *memory, struct pipe_stored *ret, struct err *err)
+	      const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err)
 {
 	const struct cut_trace *trace = &((const struct pipe_trace *)memory)->trace;
 	uint8_t proof[PROOF_MOST];
@@ -178,6 +198,8 @@ int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *
 		return r;
 	stored_of(&front, &id, ret);
 	ret->used_ns = 0;
+	if (ret_summary)
+		summary_of(&front, &id, key, region, trace, ret_summary);
 	return 0;
 }
 
@@ -201,26 +223,40 @@ size_t pipe_look_bytes(const struct grid *grid)
 	return PIPE_TRACE + pipe_round(grid_reader_bytes(grid)) + pipe_round(STORE_PROOF_FRONT + PROOF_MOST);
 }
 
-static int judge(const struct pipe_reuse_params *p, const struct store_front *front, struct err *err)
+static int valid_here(const struct pipe_reuse_params *p, const struct cut_trace *trace, struct err *err)
 {
-	struct pipe_trace *trace = p->memory;
 	struct grid_reader *reader = p->reader;
 	bool valid = false;
 	int r = 0;
 
-	if (digest_equal(front->beside.content, p->key->content))
-		return 0;
-	cut_trace_init(&trace->trace, trace + 1);
-	if (!proof_unpack(&front->beside, p->region, &trace->trace))
-		return PIPE_E_ABSENT;
 	if (!reader)
 		r = grid_reader_new(p->grid, (uint8_t *)p->memory + PIPE_TRACE, grid_reader_bytes(p->grid), &reader, err);
 	if (r)
 		return r;
-	r = cut_valid(reader, p->view, p->region, &trace->trace, &valid, err);
+	r = cut_valid(reader, p->view, p->region, trace, &valid, err);
 	if (!p->reader)
 		grid_reader_free(reader);
 	return r ? r : valid ? 0 : PIPE_E_ABSENT;
+}
+
+static int judge(const struct pipe_reuse_params *p, const struct pipe_found *f, struct err *err)
+{
+	const bool same = digest_equal(f->front.beside.content, p->key->content);
+	struct cut_trace *trace = &((struct pipe_trace *)p->memory)->trace;
+	struct pipe_summary summary;
+	int r;
+
+	if (same && !p->remember)
+		return 0;
+	cut_trace_init(trace, (struct pipe_trace *)p->memory + 1);
+	if (!proof_unpack(&f->front.beside, p->region, trace))
+		return same ? 0 : PIPE_E_ABSENT;
+	r = same ? 0 : valid_here(p, trace, err);
+	if (!r && p->remember) {
+		summary_of(&f->front, &f->id, p->key, p->region, trace, &summary);
+		p->remember(p->ctx, &summary);
+	}
+	return r;
 }
 
 /* What the store says is ours. */
@@ -231,18 +267,44 @@ static int absent(const struct pipe_reuse_params *p, int r)
 	return r > 0 ? PIPE_E_ABSENT : r;
 }
 
+/* Nothing else is: what is read whole afterwards is checked then. */
+static bool front_wanted(const struct pipe_reuse_params *p)
+{
+	return p->light && !p->sums;
+}
+
+/* What was made with more memory would be split with this one: the plan's cap decides alone. */
+static bool fits(const struct pipe_reuse_params *p, const struct mesh_domain *d)
+{
+	return d->counts.used + d->counts.halo <= p->cap;
+}
+
 /* Its front, if it may stand for the region here; of what is read whole afterwards the proof is enough. */
 static int look(const struct pipe_reuse_params *p, struct pipe_found *f, struct err *err)
 {
-	int r = (p->light && !p->sums ? store_front : store_proof)(p->storefd, &f->id, front_of(p), front_room(p), &f->front, err);
+	int r = (front_wanted(p) ? store_front : store_proof)(p->storefd, &f->id, front_of(p), front_room(p), &f->front, err);
 
 	if (r)
 		return absent(p, r);
-	/* What was made with more memory would be split with this one: the plan's cap decides alone. */
-	if (f->front.domain.counts.used + f->front.domain.counts.halo > p->cap)
+	if (!fits(p, &f->front.domain))
 		return PIPE_E_ABSENT;
 	f->fits = true;
-	return judge(p, &f->front, err);
+	return judge(p, f, err);
+}
+
+/* It is remembered, stands, and is there. */
+static bool recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
+{
+	struct pipe_summary s;
+
+	if (!p->recall || front_wanted(p) || p->after_ns || !p->recall(p->ctx, f->id.base, &s) || !fits(p, &s.front.domain))
+		return false;
+	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_far(p->grid, p->region, &s.reach, &s.live))
+		return false;
+	if (!store_unchanged(p->storefd, &s.id, s.front.bytes, s.front.used_ns))
+		return false;
+	*f = (struct pipe_found){.id = s.id, .front = s.front, .versions = 1, .fits = true};
+	return true;
 }
 
 static int take(const struct pipe_reuse_params *p, const struct store_id *id, const struct store_front *front,
@@ -282,6 +344,8 @@ int pipe_find(const struct pipe_reuse_params *p, struct pipe_found *ret, struct 
 	bool hinted;
 
 	*ret = (struct pipe_found){.id.base = pipe_key_of(p->key, p->region)};
+	if (recalled(p, ret))
+		return 0;
 	hinted = p->hint && !p->after_ns && p->hint(p->ctx, ret->id.base, &hint);
 	if (hinted) {
 		ret->id.list = hint;

@@ -267,7 +267,7 @@ static void one_generation(struct generation *g)
 			emit(taken, &e, &leaf[i]);
 		}
 		if (rnd(4))
-			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], &d, g->memory, &as, &err));
+			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], &d, g->memory, &as, NULL, &err));
 		emit(made, &d, &leaf[i]);
 		if (!hit) {
 			make(g, &leaf[i], &d);
