@@ -286,6 +286,9 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 	return 0;
 }
 
+/* Of the memory. */
+enum { HINTS_PART = 1024 };
+
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
 	struct catalogue_reader reader = {.dataset = load_dataset, .job = load_job, .push = load_push};
@@ -300,7 +303,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	admit_init(j);
 	reader.ctx = j;
 	limit_init(j);
-	j->hints = hints_new(p->ledger);
+	j->hints = hints_new(p->ledger, sizeof(struct store_id), HINTS_PART);
 	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &j->space, err);
 	if (!r)
 		r = open_folders(j, err);

@@ -134,7 +134,12 @@ int walk_store(const struct walk *w)
 
 bool walk_hint(void *walk, struct digest base, struct digest *ret_list)
 {
-	return hints_find(((const struct walk *)walk)->jobs->hints, base, ret_list);
+	struct store_id id;
+	bool is = hints_find(((const struct walk *)walk)->jobs->hints, base, &id);
+
+	if (is)
+		*ret_list = id.list;
+	return is;
 }
 
 void walk_used(const struct walk *w, const struct pipe_stored *as, int64_t now_ns)
