@@ -149,7 +149,7 @@ struct jobs {
 	struct tally tally;
 	struct verified verified;
 	struct space *space; /* accounts of the disk; any thread */
-	struct hints *hints; /* what the store has; any thread; NULL: no memory was left for them */
+	struct hints *hints, *summaries; /* what the store has: which did last, and pipe_summary; any thread; NULL: no memory was left for them */
 	int datafd, onestepfd, domainsfd,
 		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
 		plansfd, geoidsfd; /* state/plans, state/geoids */

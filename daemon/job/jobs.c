@@ -287,7 +287,7 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 }
 
 /* Of the memory. */
-enum { HINTS_PART = 1024 };
+enum { HINTS_PART = 1024, SUMMARIES_PART = 256 };
 
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
@@ -304,6 +304,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	reader.ctx = j;
 	limit_init(j);
 	j->hints = hints_new(p->ledger, sizeof(struct store_id), HINTS_PART);
+	j->summaries = hints_new(p->ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
 	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &j->space, err);
 	if (!r)
 		r = open_folders(j, err);
@@ -366,6 +367,7 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->plansfd);
 	io_close(j->geoidsfd);
 	hints_free(j->hints);
+	hints_free(j->summaries);
 	space_free(j->space);
 	limit_done(j);
 	free(j);

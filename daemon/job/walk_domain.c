@@ -142,6 +142,19 @@ bool walk_hint(void *walk, struct digest base, struct digest *ret_list)
 	return is;
 }
 
+bool walk_recall(void *walk, struct digest base, struct pipe_summary *ret)
+{
+	return hints_find(((const struct walk *)walk)->jobs->summaries, base, ret);
+}
+
+void walk_remember(void *walk, const struct pipe_summary *summary)
+{
+	const struct walk *w = walk;
+
+	if (!w->dataset->onestep)
+		hints_note(w->jobs->summaries, summary);
+}
+
 void walk_used(const struct walk *w, const struct pipe_stored *as, int64_t now_ns)
 {
 	hints_note(w->jobs->hints, &as->id);
@@ -176,7 +189,8 @@ static struct pipe_reuse_params reuse_params(struct walk_domain *d)
 	return (struct pipe_reuse_params){.storefd = walk_store(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
 					  .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
 					  .size = d->size, .light = d->front, .sums = w->sums,
-					  .after_ns = d->looked ? w->there.looked_ns : 0, .hint = walk_hint, .ctx = w};
+					  .after_ns = d->looked ? w->there.looked_ns : 0, .hint = walk_hint,
+					  .recall = walk_recall, .remember = w->sums ? walk_remember : NULL, .ctx = w};
 }
 
 static bool load(struct walk_domain *d)
@@ -203,19 +217,21 @@ static bool load(struct walk_domain *d)
 static void keep(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
+	struct pipe_summary summary;
 	struct err err = ERR_INIT;
 	int r;
 
 	d->unstorable = !walk_space_domain(w, d->held);
 	if (d->unstorable)
 		return;
-	r = pipe_keep(walk_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, NULL, &err);
+	r = pipe_keep(walk_store(w), &w->key, &d->region, &d->domain, d->memory, &d->as, &summary, &err);
 
 	d->stored = !r;
 	d->unstorable = r != 0;
 	walk_space_stored(w, d->held, r ? 0 : d->as.bytes);
 	if (!r) {
 		hints_note(w->jobs->hints, &d->as.id);
+		walk_remember(w, &summary);
 		return;
 	}
 	log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "a finished domain cannot be stored", &err);

@@ -67,6 +67,8 @@ static struct pipe_reuse_params reuse_params(const struct walk *w, void *memory,
 		.memory = memory,
 		.size = size,
 		.hint = walk_hint,
+		.recall = walk_recall,
+		.remember = walk_remember,
 		.ctx = (void *)w,
 		.sums = true,
 	};

@@ -234,6 +234,10 @@ void walk_domain_release(struct walk_domain *); /* takes it out of the list and 
 void walk_there_free(struct walk *); /* walk_plan.c */
 int walk_store(const struct walk *); /* the folder of its domains */
 bool walk_hint(void *walk, struct digest base, struct digest *ret_list); /* pipe_reuse_params.hint */
+/* pipe_reuse_params.recall and .remember. A one-step dataset is not passed over again: nothing is noted of it. Nor of what streams find,
+ * which may be of old generations. */
+bool walk_recall(void *walk, struct digest base, struct pipe_summary *ret);
+void walk_remember(void *walk, const struct pipe_summary *);
 void walk_used(const struct walk *, const struct pipe_stored *, int64_t now_ns); /* it was found in the store */
 /* The time of a file is its last use, to the hour; what is written now may have a time a little earlier. */
 #define STORE_TOUCH_NS (INT64_C(3600) * 1000000000)
