@@ -9,7 +9,7 @@
 #include "job_priv.h"
 #include "walk_priv.h"
 
-enum { THREADS = 2, POINTS = 2500000, MORE = 30000 };
+enum { THREADS = 2, POINTS = 1000000, MORE = 20000 };
 
 /* ---- what is seen, and done to it ---- */
 
@@ -185,7 +185,7 @@ static void last_by_size(void **state)
 
 	look_anew(false, false, 0);
 	mesh(d);
-	assert_true(seen.begun > 64);
+	assert_true(seen.begun > 8 * THREADS);
 	assert_int_equal(seen.last, 8 * THREADS);
 	assert_true(seen.turned);
 	dataset_release(d);
@@ -198,7 +198,7 @@ static void mesh_crowded(void **state, unsigned most, unsigned split_at, char di
 
 	assert_int_equal(teardown(state), 0);
 	assert_int_equal(setup(state), 0);
-	d = push("valley", POINTS / 16, 3);
+	d = push("valley", POINTS / 6, 3);
 	look_anew(false, false, 0);
 	seen.split_at = split_at;
 	seen.light = true;
@@ -245,7 +245,7 @@ static void together(void **state)
 		look_anew(true, false, fails[i]);
 		info = mesh(d);
 		assert_int_equal(lookers(), THREADS);
-		assert_true(seen.looks >= 3 && seen.begun && (fails[i] || seen.begun < 64));
+		assert_true(seen.looks >= 3 && seen.begun && (fails[i] || seen.begun < 48));
 		assert_true(info.report->domains_reused > info.report->domains / 2);
 		snprintf(digest, sizeof digest, "%s", info.report->digest);
 	}
