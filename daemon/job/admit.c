@@ -13,7 +13,8 @@
  *     refused (push_room).
  *   - for a while: what a task takes when it starts (a domain, a plan, a selection, buffers to read a file). It ends
  *     without asking for more; what it leaves in memory (a finished domain) goes to the store when others lack
- *     memory (walk_relieve), by tasks that need none and so are never behind one that waits.
+ *     memory (walk_relieve), by tasks that need none and so are never behind one that waits. A plan is made by two tasks, of which the
+ *     second needs none either (walk_plan.c).
  * Let F be the memory without what is held for long. Then at any time F is at least what the largest single task of
  * any walk at work takes: a place is given only where F stays so large (room_for), a stage leaves twice that
  * (admit_stage), and a plan's domains are at most half of F when it is made. The first task in the queue that lacks

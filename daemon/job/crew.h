@@ -9,6 +9,7 @@
 struct crew;
 struct err;
 
+/* The task must be one that takes no bytes of the scheduler's: helpers may be at work before it, and wait for nobody. */
 struct crew_params {
 	struct sched *sched;
 	struct sched_owner owner;

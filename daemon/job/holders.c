@@ -24,6 +24,7 @@ static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
 
 	task_held(s, &w->task, held);
 	task_held(s, &w->output_task, held);
+	held[LEDGER_DOMAIN] += w->planning.held;
 	held[LEDGER_EMITTER] += w->emitter_bytes;
 	held[LEDGER_PIPE] += w->output_buffer ? JOB_OUTPUT_BUFFER : 0;
 	for (d = w->domains; d; d = d->next) {

@@ -580,8 +580,9 @@ void walk_relieve(struct walk *w, bool urgent)
 		return;
 	for (d = w->domains; d; d = next) {
 		next = d->next;
-		/* The next one to be emitted is on its way already, unless its reader is slow. */
-		if (d->state != DOMAIN_READY ||
+		/* The next one to be emitted is on its way already, unless its reader is slow. What has no memory gives none: it would only be
+		 * made or read again. */
+		if (d->state != DOMAIN_READY || !d->size ||
 		    (d->index == w->next_emit && !w->output_busy && !awaits_output(w)))
 			continue;
 		if (d->stored || d->unstorable)

@@ -172,9 +172,9 @@ static bool look(void *ctx, unsigned member)
 	w->planning.reader[member] = p.reader;
 	do
 		r = r ? r : pipe_look(w->planning.refine, &p, &err);
-	while (!r && clock_since(begun_ns) < LOOK_SECONDS);
+	while (!r && clock_since(begun_ns) < LOOK_SECONDS && !atomic_load(&w->task.cancel));
 	looked(w, damaged, r, &err);
-	return !r;
+	return !r && !atomic_load(&w->task.cancel);
 }
 
 /* Without it the plan is as good. */
@@ -183,13 +183,15 @@ static int cut(struct walk *w)
 	struct walk_planning *m = &w->planning;
 	struct pipe_reuse_params p = look_params(w, 0, 1);
 	struct err err = ERR_INIT;
-	unsigned damaged = 0;
+	int r;
 
-	p.damaged = &damaged;
+	p.damaged = &m->damaged; /* nobody else is at it */
 	p.reader = m->reader[0];
-	if (!m->err.code)
-		looked(w, damaged, pipe_refine_cut(m->refine, &p, &err), &err);
-	walk_tell_damaged(w, m->damaged + damaged);
+	if (!m->err.code) {
+		r = pipe_refine_cut(m->refine, &p, &err);
+		looked(w, 0, r, &err);
+	}
+	walk_tell_damaged(w, m->damaged);
 	if (m->err.code == ERR_BUSY || m->err.code == ERR_NOMEM) {
 		w->err = m->err;
 		return -(int)m->err.code;
@@ -295,7 +297,9 @@ static void look_run(struct sched_task *t)
 	struct walk *w = walk_of_task(t);
 
 	crew_work(w->planning.crew);
-	plan_rest(w);
+	/* Else the walk has stopped. */
+	if (!atomic_load(&t->cancel))
+		plan_rest(w);
 }
 
 /* The memory is less than that of the plan: the regions stay, the cap does not. */
@@ -334,6 +338,8 @@ static bool waits_for_plans(struct walk *w)
 	if (w->r != -ERR_BUSY || w->stopping)
 		return false;
 	cut_plan_done(&w->plan);
+	walk_there_free(w);
+	w->there = (struct walk_there){0};
 	if (!ledger_held(j->p.ledger, LEDGER_PLAN)) {
 		w->err.code = ERR_LIMIT;
 		w->err.hint[0] = 0; /* which speaks of other jobs */
@@ -380,7 +386,7 @@ static void plan_done(struct sched_task *t)
 	struct walk_planning *m = &w->planning;
 
 	m->ran = t->ran;
-	m->bytes = t->bytes;
+	m->held = m->bytes = t->bytes;
 	if (!m->crew || w->r || w->stopping) {
 		plan_over(w);
 		return;

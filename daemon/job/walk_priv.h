@@ -125,6 +125,7 @@ struct walk {
 	struct walk_planning {
 		void *memory;
 		uint64_t bytes; /* of LEDGER_DOMAIN */
+		uint64_t held;  /* the same, for the loop, when its first task is done */
 		bool ran;
 		struct mesh_counts flat;
 		struct pipe_refine *refine;
@@ -235,7 +236,7 @@ void walk_there_free(struct walk *); /* walk_plan.c */
 int walk_store(const struct walk *); /* the folder of its domains */
 bool walk_hint(void *walk, struct digest base, struct digest *ret_list); /* pipe_reuse_params.hint */
 /* pipe_reuse_params.recall and .remember. A one-step dataset is not passed over again: nothing is noted of it. Nor of what streams find,
- * which may be of old generations. */
+ * which may be of old generations. (What they make is: the domain of that region that was used last.) */
 bool walk_recall(void *walk, struct digest base, struct pipe_summary *ret);
 void walk_remember(void *walk, const struct pipe_summary *);
 void walk_used(const struct walk *, const struct pipe_stored *, int64_t now_ns); /* it was found in the store */

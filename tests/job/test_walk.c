@@ -2,7 +2,7 @@
  * How a walk of which only sums are wanted goes about its leaves: several look at what is stored of them, and of those that are to be
  * made the last ones are made by size. What comes of it is what comes of it otherwise.
  *
- * Linked with --wrap of walk_domain_start, pipe_look, pipe_domain and pipe_plan_probe.
+ * Linked with --wrap of walk_domain_start, pipe_look, pipe_domain, pipe_plan_probe and pipe_keep.
  */
 #include "house.h"
 
@@ -19,6 +19,7 @@ static struct {
 	unsigned again;               /* that had been begun before */
 	bool light, first_last;       /* the plan says that its first leaf is smaller than all others; it came last */
 	atomic_uint made, split_at;   /* domains that a worker makes; this one does not fit */
+	atomic_bool full;             /* nothing can be stored */
 	/* Of workers that look. */
 	pthread_mutex_t lock;
 	pthread_cond_t came;
@@ -61,7 +62,7 @@ struct walk_domain *__wrap_walk_domain_start(struct walk *w, size_t index, enum 
 	}
 	seen.begun++;
 	seen.first_last = !index && left == 1;
-	if (left <= 8 * THREADS && left + w->ndomains <= walk_domains_most) {
+	if (left <= 8 * w->budget.threads && left + w->ndomains <= walk_domains_most) {
 		seen.last++;
 		seen.turned += index != first;
 		assert_true(leaf[index].changed == changed);
@@ -90,6 +91,18 @@ int __real_pipe_plan_probe(const struct grid *grid, const struct view *v, const 
 			   struct cut_plan *plan, struct err *err);
 int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
 			   struct cut_plan *plan, struct err *err);
+
+int __real_pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+		     const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
+int __wrap_pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+		     const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err);
+
+int __wrap_pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *region, const struct mesh_domain *domain,
+		     const void *memory, struct pipe_stored *ret, struct pipe_summary *summary, struct err *err)
+{
+	return seen.full ? err_set(err, ERR_IO, "the test's disk is gone") :
+			   __real_pipe_keep(storefd, key, region, domain, memory, ret, summary, err);
+}
 
 /* Planning has come to its end. */
 int __wrap_pipe_plan_probe(const struct grid *grid, const struct view *v, const struct pipe_budget *budget, void *memory,
@@ -226,6 +239,35 @@ static void crowded(void **state)
 		}
 }
 
+/* Two that lack memory, and cannot store what they have made: what is finished and has no memory is not given up for the other. */
+static void side_by_side(void **state)
+{
+	uint64_t domains = 0;
+	struct dataset *d[2];
+	struct job *job[2];
+
+	close_house();
+	open_house(UINT64_C(24) << 20, 4);
+	for (unsigned i = 0; i < 2; i++)
+		d[i] = push(i ? "ridge" : "valley", POINTS, 1 + i);
+	look_anew(false, false, 0);
+	seen.full = true;
+	for (unsigned i = 0; i < 2; i++)
+		job[i] = submit(d[i], false, "");
+	for (unsigned i = 0; i < 2; i++)
+		turn_until_final(job[i]);
+	seen.full = false;
+	turn_until(!jobs_active(h.jobs));
+	for (unsigned i = 0; i < 2; i++) {
+		assert_int_equal(info_of(job[i]).state, JOB_done);
+		assert_int_equal(info_of(job[i]).report->domains_reused, 0);
+		domains += info_of(job[i]).report->domains;
+		dataset_release(d[i]);
+	}
+	assert_true(domains > 4 * 8);
+	assert_int_equal(seen.made, domains);
+}
+
 /* Each in a generation of its own, which has something to make; the same at last as from nothing. */
 static void together(void **state)
 {
@@ -243,7 +285,10 @@ static void together(void **state)
 		dataset_release(d);
 		d = push_file_as("valley", name, corner_file(i));
 		look_anew(true, false, fails[i]);
+		/* Another's plan, which it waits for. */
+		assert_true(ledger_take(h.ledger, LEDGER_PLAN, 4096));
 		info = mesh(d);
+		ledger_give(h.ledger, LEDGER_PLAN, 4096);
 		assert_int_equal(lookers(), THREADS);
 		assert_true(seen.looks >= 3 && seen.begun && (fails[i] || seen.begun < 48));
 		assert_true(info.report->domains_reused > info.report->domains / 2);
@@ -284,7 +329,7 @@ static void together(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {TEST(last_by_size), TEST(crowded), TEST(together)};
+	const struct CMUnitTest tests[] = {TEST(last_by_size), TEST(crowded), TEST(side_by_side), TEST(together)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
