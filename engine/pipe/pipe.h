@@ -225,7 +225,7 @@ struct pipe_reuse_params {
 	 * the folder is, and checked as anything else is. NULL: the folder is asked. */
 	bool (*hint)(void *ctx, struct digest base, struct digest *ret_list);
 	/* What is remembered of a base (false: nothing), asked for before all else, but not where its front is wanted; and what is to be remembered. Where
-	 * that tells that the domain stands, and its file has still that size and time, the file is not read to find it. NULL, either: nobody does. */
+	 * that tells that the domain stands, and its file is there and has that size, the file is not read to find it. NULL, either: nobody does. */
 	bool (*recall)(void *ctx, struct digest base, struct pipe_summary *ret);
 	void (*remember)(void *ctx, const struct pipe_summary *);
 	/* pipe_refine: of each leaf that is `there` at the end, as pipe_reuse has it with `sums`; NULL: nobody asks. */

@@ -301,7 +301,7 @@ static bool recalled(const struct pipe_reuse_params *p, struct pipe_found *f)
 		return false;
 	if (!digest_equal(s.front.beside.content, p->key->content) && !cut_far(p->grid, p->region, &s.reach, &s.live))
 		return false;
-	if (!store_unchanged(p->storefd, &s.id, s.front.bytes, s.front.used_ns))
+	if (!store_there(p->storefd, &s.id, s.front.bytes, &s.front.used_ns))
 		return false;
 	*f = (struct pipe_found){.id = s.id, .front = s.front, .versions = 1, .fits = true};
 	return true;

@@ -472,14 +472,16 @@ uint64_t store_size(int dirfd, const struct store_id *id)
 	return io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) ? 0 : (uint64_t)st.st_size;
 }
 
-bool store_unchanged(int dirfd, const struct store_id *id, uint64_t bytes, int64_t used_ns)
+bool store_there(int dirfd, const struct store_id *id, uint64_t bytes, int64_t *ret_used_ns)
 {
 	char name[STORE_NAME];
 	struct stat st;
 
 	store_name(id, name);
-	return io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(st.st_mode) && (uint64_t)st.st_size == bytes &&
-	       time_of(&st) == used_ns;
+	if (io->fstatat(dirfd, name, &st, AT_SYMLINK_NOFOLLOW) || !S_ISREG(st.st_mode) || (uint64_t)st.st_size != bytes)
+		return false;
+	*ret_used_ns = time_of(&st);
+	return true;
 }
 
 int store_remove(int dirfd, const struct store_id *id, struct err *err)

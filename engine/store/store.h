@@ -64,8 +64,8 @@ int store_get(int dirfd, const struct store_id *, void *memory, size_t size, str
 /* It is in use: what is used last is evicted last. Touches no file whose time is later than `before_ns`. */
 void store_touch(int dirfd, const struct store_id *, int64_t before_ns);
 uint64_t store_size(int dirfd, const struct store_id *); /* bytes of its file; 0: it is not there */
-/* Its file is there as it was when it had that size and time, as far as they tell. */
-bool store_unchanged(int dirfd, const struct store_id *, uint64_t bytes, int64_t used_ns);
+/* Its file is there, of that size: its name tells what is in it. *ret_used_ns: when it was used last. */
+bool store_there(int dirfd, const struct store_id *, uint64_t bytes, int64_t *ret_used_ns);
 int store_remove(int dirfd, const struct store_id *, struct err *err); /* absent is success */
 /* Removes files of the versions before 3, which lay in the folder itself. */
 int store_sweep(int dirfd, struct err *err);

@@ -378,35 +378,35 @@ static void test_other_versions(void **state)
 	unmake(&m);
 }
 
-/* Size and time tell that a file is the one that was written or read. */
-static void test_unchanged(void **state)
+/* A file that is there, and when it was used last. */
+static void test_there(void **state)
 {
 	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
 	const struct timespec times[2] = { { 77, 0 }, { 77, 3 } };
 	struct store_front put, read;
 	struct err err = ERR_INIT;
+	int64_t used_ns = 0;
 	struct made m;
 	int fd;
 
 	(void)state;
-	assert_false(store_unchanged(dirfd, &ID, 0, 0));
+	assert_false(store_there(dirfd, &ID, 0, &used_ns));
 	make(10, 4, 12, low, high, &m);
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &put, &err), &err);
 	check(store_head(dirfd, &ID, &read, &err), &err);
 	assert_true(put.used_ns > 0 && put.used_ns == read.used_ns && put.bytes == read.bytes);
-	assert_true(store_unchanged(dirfd, &ID, put.bytes, put.used_ns));
-	assert_false(store_unchanged(dirfd, &ID, put.bytes + 1, put.used_ns));
-	assert_false(store_unchanged(dirfd, &ID, put.bytes, put.used_ns + 1));
+	assert_true(store_there(dirfd, &ID, put.bytes, &used_ns));
+	assert_true(used_ns == put.used_ns);
+	assert_false(store_there(dirfd, &ID, put.bytes + 1, &used_ns));
 	assert_int_equal(utimensat(dirfd, name_of(), times, 0), 0);
-	assert_false(store_unchanged(dirfd, &ID, put.bytes, put.used_ns));
-	assert_true(store_unchanged(dirfd, &ID, put.bytes, INT64_C(77000000003)));
+	assert_true(store_there(dirfd, &ID, put.bytes, &used_ns));
+	assert_true(used_ns == INT64_C(77000000003));
 	fd = openat(dirfd, name_of(), O_RDWR);
 	assert_int_equal(ftruncate(fd, (off_t)put.bytes - 1), 0);
 	close(fd);
-	assert_int_equal(utimensat(dirfd, name_of(), times, 0), 0);
-	assert_false(store_unchanged(dirfd, &ID, put.bytes, INT64_C(77000000003)));
+	assert_false(store_there(dirfd, &ID, put.bytes, &used_ns));
 	check(store_remove(dirfd, &ID, &err), &err);
-	assert_false(store_unchanged(dirfd, &ID, put.bytes, INT64_C(77000000003)));
+	assert_false(store_there(dirfd, &ID, put.bytes, &used_ns));
 	unmake(&m);
 }
 
@@ -435,7 +435,7 @@ int main(void)
 		cmocka_unit_test(test_version_4),
 		cmocka_unit_test(test_forged),
 		cmocka_unit_test(test_other_versions),
-		cmocka_unit_test(test_unchanged),
+		cmocka_unit_test(test_there),
 	};
 
 	return cmocka_run_group_tests(tests, begin, end);
