@@ -116,6 +116,8 @@ struct frame_page {
 };
 /* False: it does not fit, and nothing changed. */
 bool frame_page_add(struct frame_page *, const ProtobufCMessage *row);
+/* The same for a text that is the list's own, as its field of this number (below 100,000). */
+bool frame_page_text(struct frame_page *, unsigned field, const char *text);
 /* As a Message, which takes at most FRAME_PAGE_AROUND more than n. Gives how many bytes. */
 size_t frame_page_pack(const struct frame_page *, Acut__V1__Message__BodyCase list, bool more, uint8_t *ret);
 

@@ -2,7 +2,7 @@
  * A page of a list, packed row by row: whoever makes a page of a hundred rows has one of them in memory, not all.
  *
  * The model: a list is a message with rows as its field 1 and "more follow" as its field 2; it is a field of Message.
- * What protobuf would write for it is written here.
+ * What protobuf would write for it is written here. Texts that all rows share are fields of the list, and come before the rows.
  *
  * A row is packed from its last byte to its first, into what is free of the page: the length of a message is known when it
  * is there, so that each field is looked at once, and not for its size before. Ten thousand jobs have three quarters of a
@@ -147,6 +147,11 @@ static void put_list(struct packing *p, const ProtobufCFieldDescriptor *field, c
 	} else if (field->type == PROTOBUF_C_TYPE_STRING) {
 		for (size_t i = n; i-- > 0 && !p->full;)
 			put_text(p, field, ((char *const *)list)[i]);
+	} else if (field->type == PROTOBUF_C_TYPE_UINT64 && field->flags & PROTOBUF_C_FIELD_FLAG_PACKED) {
+		for (size_t i = n; i-- > 0 && !p->full;)
+			put_varint(p, ((const uint64_t *)list)[i]);
+		put_varint(p, (size_t)(end - p->at));
+		put_key(p, field, WIRE_BYTES);
 	} else if (field->type == PROTOBUF_C_TYPE_DOUBLE && field->flags & PROTOBUF_C_FIELD_FLAG_PACKED) {
 		for (size_t i = n; i-- > 0 && !p->full;)
 			put_double(p, (const double *)list + i);
@@ -201,6 +206,20 @@ bool frame_page_add(struct frame_page *page, const ProtobufCMessage *row)
 		protobuf_c_message_pack(row, to);
 	else
 		memmove(to, p.at, size);
+	page->n = (size_t)(to - page->rows) + size;
+	return true;
+}
+
+bool frame_page_text(struct frame_page *page, unsigned field, const char *text)
+{
+	uint8_t *to = page->rows + page->n;
+	size_t size = strlen(text), key = (size_t)field << 3 | WIRE_BYTES;
+
+	if (size > sizeof page->rows || sizeof page->rows - page->n < size + 2 * LENGTH_MOST)
+		return false;
+	to += varint_put(to, key);
+	to += varint_put(to, size);
+	memcpy(to, text, size);
 	page->n = (size_t)(to - page->rows) + size;
 	return true;
 }
