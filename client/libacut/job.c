@@ -22,14 +22,33 @@ void call_wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
 	};
 }
 
-static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_report *ret, void **ret_rows)
+/* What each rule removed: with its name, or as numbers alone, of which the page that the job is on has the names (NULL: it is on none). */
+static int get_removed(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_removed **ret, size_t *ret_n)
 {
-	struct acut_removed *rows = calloc(p->n_removed + 1, sizeof *rows);
+	size_t names = page ? page->n_rules : 0, counts = p->n_removed_counts, n = counts ? counts : p->n_removed;
+	struct acut_removed *rows;
 
+	if (counts > names)
+		return err_set(&a->err, ERR_PROTO, "a report counts for %zu rules, of which %zu have names", counts, names);
+	rows = malloc((n + 1) * sizeof *rows);
 	if (!rows)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a report");
-	for (size_t i = 0; i < p->n_removed; i++)
-		rows[i] = (struct acut_removed){p->removed[i]->rule, p->removed[i]->count};
+	for (size_t i = 0; i < n; i++)
+		rows[i] = counts ? (struct acut_removed){page->rules[i], p->removed_counts[i]} :
+				   (struct acut_removed){p->removed[i]->rule, p->removed[i]->count};
+	*ret = rows;
+	*ret_n = n;
+	return 0;
+}
+
+static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_report *ret, void **ret_rows)
+{
+	struct acut_removed *rows = NULL;
+	size_t n = 0;
+	int r = get_removed(a, p, page, &rows, &n);
+
+	if (r < 0)
+		return r;
 	*ret = (struct acut_report){
 	    .points = p->points,
 	    .used = p->used,
@@ -47,7 +66,7 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	    .note = p->note,
 	    .window = p->window,
 	    .removed = rows,
-	    .nremoved = p->n_removed,
+	    .nremoved = n,
 	    .seconds = p->seconds,
 	    .stage_seconds = p->stage_seconds,
 	    .first_triangle_seconds = p->first_triangle_seconds,
@@ -59,8 +78,8 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, struct acut_rep
 	return 0;
 }
 
-/* *ret_rows: free it with the result. */
-static int take_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret, void **ret_rows)
+/* page: that it is on, or NULL. *ret_rows: free it with the result. */
+static int take_job(struct acut *a, const Acut__V1__Job *j, const Acut__V1__Jobs *page, struct acut_job *ret, void **ret_rows)
 {
 	int r = 0;
 
@@ -94,7 +113,7 @@ static int take_job(struct acut *a, const Acut__V1__Job *j, struct acut_job *ret
 	if (j->error)
 		call_wire_failure(j->error, &ret->error);
 	if (j->report)
-		r = get_report(a, j->report, &ret->report, ret_rows);
+		r = get_report(a, j->report, page, &ret->report, ret_rows);
 	return r;
 }
 
@@ -103,7 +122,7 @@ static int job_ask(struct acut *a, const Acut__V1__Message *question, const stru
 	int r = call_ask(a, question, -1, ACUT__V1__MESSAGE__BODY_JOB);
 
 	if (r == 0)
-		r = take_job(a, a->answer->job, &a->job, &a->rows);
+		r = take_job(a, a->answer->job, NULL, &a->job, &a->rows);
 	if (r == 0)
 		*ret = &a->job;
 	return r;
@@ -165,7 +184,7 @@ int acut_job_wait(struct acut *a, uint64_t id, bool follow,
 		if (r == 0 && a->answer->body_case != ACUT__V1__MESSAGE__BODY_JOB)
 			r = call_unexpected(a, a->answer);
 		if (r == 0)
-			r = take_job(a, a->answer->job, &a->job, &a->rows);
+			r = take_job(a, a->answer->job, NULL, &a->job, &a->rows);
 		if (r < 0)
 			break;
 		if (changed)
@@ -208,7 +227,7 @@ static int jobs_rows(void *ctx, const Acut__V1__Message *page)
 
 		r = call_rises(l->acut, row->id > l->last, "jobs");
 		if (r == 0)
-			r = take_job(l->acut, row, &job, &rows);
+			r = take_job(l->acut, row, page->jobs, &job, &rows);
 		if (r == 0)
 			l->each(l->ctx, &job);
 		l->last = row->id;
@@ -223,6 +242,7 @@ int acut_jobs(struct acut *a, void (*each)(void *ctx, const struct acut_job *), 
 	int r = call_begin(a);
 
 	l.question.limit = CALL_PAGE;
+	l.question.counts = true;
 	if (r < 0)
 		return r;
 	return call_list(a, &(struct call_list){.question = FRAME_MESSAGE(JOBS_REQUEST, jobs_request, &l.question),

@@ -7,10 +7,30 @@
 
 #include "server_priv.h"
 
-static void report_message(const struct job_report *r, struct message_job *m)
-{
-	int i;
+enum { JOBS_RULES = 3 }; /* acut.proto: Jobs.rules */
 
+static void removed_message(const struct job_report *r, struct message_job *m)
+{
+	for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++) {
+		Acut__V1__Removed *removed = &m->removed[m->report.n_removed];
+
+		acut__v1__removed__init(removed);
+		removed->rule = (char *)view_rule_text((enum view_rule)i);
+		removed->count = r->removed[i];
+		m->removed_list[m->report.n_removed++] = removed;
+	}
+	m->report.removed = m->removed_list;
+}
+
+static void removed_counts(const struct job_report *r, struct message_job *m)
+{
+	for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
+		m->removed_counts[m->report.n_removed_counts++] = r->removed[i];
+	m->report.removed_counts = m->removed_counts;
+}
+
+static void report_message(const struct job_report *r, bool counts, struct message_job *m)
+{
 	acut__v1__report__init(&m->report);
 	m->report.points = r->points;
 	m->report.used = r->used;
@@ -33,19 +53,14 @@ static void report_message(const struct job_report *r, struct message_job *m)
 	m->report.peak_rss_bytes = r->peak_rss;
 	m->report.note = (char *)r->note;
 	m->report.window = r->window;
-	for (i = VIEW_KEPT + 1; i < VIEW_RULES; i++) {
-		Acut__V1__Removed *removed = &m->removed[m->report.n_removed];
-
-		acut__v1__removed__init(removed);
-		removed->rule = (char *)view_rule_text((enum view_rule)i);
-		removed->count = r->removed[i];
-		m->removed_list[m->report.n_removed++] = removed;
-	}
-	m->report.removed = m->removed_list;
+	if (counts)
+		removed_counts(r, m);
+	else
+		removed_message(r, m);
 	m->job.report = &m->report;
 }
 
-void message_job(const struct job *job, struct message_job *m)
+static void job_message(const struct job *job, bool counts, struct message_job *m)
 {
 	struct dataset_info d;
 	struct job_info info;
@@ -83,11 +98,30 @@ void message_job(const struct job *job, struct message_job *m)
 		m->job.unit_z = (char *)d.unit_z;
 	}
 	if (info.report)
-		report_message(info.report, m);
+		report_message(info.report, counts, m);
 	if (info.err) {
 		frame_error_from_err(info.err, &m->error);
 		m->job.error = &m->error.body;
 	}
+}
+
+void message_job(const struct job *job, struct message_job *m)
+{
+	job_message(job, false, m);
+}
+
+void message_job_counts(const struct job *job, struct message_job *m)
+{
+	job_message(job, true, m);
+}
+
+bool message_job_rules(struct frame_page *page)
+{
+	bool fits = true;
+
+	for (int i = VIEW_KEPT + 1; i < VIEW_RULES && fits; i++)
+		fits = frame_page_text(page, JOBS_RULES, view_rule_text((enum view_rule)i));
+	return fits;
 }
 
 /* Rule names and the note hold no character that JSON would escape. */

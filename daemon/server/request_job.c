@@ -185,13 +185,16 @@ void request_jobs(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 	struct message_job row;
 	struct frame_page page;
 	struct job *job;
-	bool more = false;
+	bool more = false, counts;
 
 	page.n = 0;
+	counts = m->jobs_request->counts && message_job_rules(&page);
 	if (!limit || limit > PAGE_MAX)
 		limit = PAGE_MAX;
 	while (!more && (job = job_after(c->server->jobs, after, &c->peer))) {
-		if (n < limit)
+		if (n < limit && counts)
+			message_job_counts(job, &row);
+		else if (n < limit)
 			message_job(job, &row);
 		more = n == limit || !frame_page_add(&page, &row.job.base);
 		after = row.job.id;

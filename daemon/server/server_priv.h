@@ -185,10 +185,14 @@ struct message_job {
 	Acut__V1__Progress progress;
 	Acut__V1__Report report;
 	Acut__V1__Removed removed[VIEW_RULES], *removed_list[VIEW_RULES];
+	uint64_t removed_counts[VIEW_RULES];
 	struct frame_error error;
 	char waiting[96];
 };
 void message_job(const struct job *, struct message_job *ret);
+/* With `removed_counts`, for a page that message_job_rules gave the names to; false: they do not fit. */
+void message_job_counts(const struct job *, struct message_job *ret);
+bool message_job_rules(struct frame_page *);
 /* The report as a JSON object, for the tail of a stream. */
 char *message_report_json(const struct job_report *, char *buf, size_t size);
 

@@ -161,6 +161,15 @@ def named_dataset():
                 break
             after = jobs[-1]
         expect(jobs == sorted(jobs) and {new.id, old.id} <= set(jobs), "Jobs: %s" % jobs)
+        named, counted = [c.ask("jobs_request", pb.JobsRequest(counts=counts)) for counts in (False, True)]
+        expect(not named.rules and list(counted.rules) == "crop class noise returns withheld overlap z every thin duplicate".split(),
+               "rules: %s" % counted.rules)
+        for a, b in zip(named.jobs, counted.jobs):
+            removed = list(zip(counted.rules, b.report.removed_counts))
+            expect([(r.rule, r.count) for r in a.report.removed] == removed and not b.report.removed, "removed: %s" % removed)
+            a.report.ClearField("removed")
+            b.report.ClearField("removed_counts")
+            expect(a == b, "the same job: %s, %s" % (a, b))
         listed = c.ask("datasets_request", pb.DatasetsRequest())
         expect([d.points for d in listed.datasets if d.name == "survey"] == [30000], "Datasets: %s" % listed)
         c.ask("remove", pb.Remove(job=old.id))

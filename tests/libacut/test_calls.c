@@ -145,6 +145,95 @@ static void test_wait_and_lists(void **state)
 	fake_stop(f);
 }
 
+/* A page of three jobs: what their rules removed comes with names, as numbers, and not at all. */
+struct told {
+	size_t names, numbers;
+	bool asked; /* for numbers */
+};
+
+static void serve_counts(struct fake *f)
+{
+	struct told *told = f->ctx;
+	Acut__V1__Message *m;
+	uint32_t id;
+	int fd;
+
+	while (fake_recv(f, &id, &m, &fd)) {
+		Acut__V1__Jobs jobs = ACUT__V1__JOBS__INIT;
+		Acut__V1__Job j[3] = {ACUT__V1__JOB__INIT, ACUT__V1__JOB__INIT, ACUT__V1__JOB__INIT};
+		Acut__V1__Job *rows[] = {&j[0], &j[1], &j[2]};
+		Acut__V1__Report report[3] = {ACUT__V1__REPORT__INIT, ACUT__V1__REPORT__INIT, ACUT__V1__REPORT__INIT};
+		Acut__V1__Removed removed = ACUT__V1__REMOVED__INIT, *list[] = {&removed};
+		char *names[] = {"crop", "thin"};
+		uint64_t numbers[] = {4, 0, 6};
+
+		if (m->body_case == ACUT__V1__MESSAGE__BODY_HELLO) {
+			fake_answer_hello(f, id);
+		} else {
+			told->asked = m->jobs_request->counts;
+			for (unsigned i = 0; i < 3; i++) {
+				j[i].id = i + 1;
+				j[i].report = &report[i];
+			}
+			removed.rule = "every";
+			removed.count = 9;
+			report[0].n_removed = 1;
+			report[0].removed = list;
+			report[1].n_removed_counts = told->numbers;
+			report[1].removed_counts = numbers;
+			jobs.n_rules = told->names;
+			jobs.rules = names;
+			jobs.n_jobs = 3;
+			jobs.jobs = rows;
+			fake_send(f, id, FRAME_MESSAGE(JOBS, jobs, &jobs), -1);
+		}
+		frame_message_free(m);
+	}
+}
+
+static void see_removed(void *ctx, const struct acut_job *job)
+{
+	struct seen *seen = ctx;
+	const struct acut_report *p = &job->report;
+
+	seen->calls++;
+	for (size_t i = 0; i < p->nremoved; i++) {
+		size_t n = strlen(seen->text);
+
+		snprintf(seen->text + n, sizeof seen->text - n, "%u %s %u;", (unsigned)job->id, p->removed[i].rule,
+			 (unsigned)p->removed[i].count);
+	}
+}
+
+static void test_counts(void **state)
+{
+	static const struct {
+		struct told told;
+		const char *text; /* NULL: the daemon is at fault */
+	} row[] = {
+		{{2, 2, false}, "1 every 9;2 crop 4;2 thin 0;"},
+		{{2, 1, false}, "1 every 9;2 crop 4;"},
+		{{0, 0, false}, "1 every 9;"},
+		{{2, 3, false}, NULL},
+		{{0, 1, false}, NULL},
+	};
+
+	for (unsigned i = 0; i < sizeof row / sizeof *row; i++) {
+		struct told told = row[i].told;
+		struct seen seen = {0};
+		struct fake *f;
+		struct acut *a = fake_attach(&f, serve_counts, &told, NULL);
+		int r = acut_jobs(a, see_removed, &seen);
+
+		assert_true(told.asked);
+		assert_int_equal(r, row[i].text ? 0 : -ERR_PROTO);
+		assert_int_equal(seen.calls, row[i].text ? 3 : 1);
+		assert_string_equal(seen.text, row[i].text ? row[i].text : "1 every 9;");
+		acut_close(a);
+		fake_stop(f);
+	}
+}
+
 static void test_push(void **state)
 {
 	unsigned before = fake_open_descriptors();
@@ -229,7 +318,7 @@ int main(void)
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_small_calls),    cmocka_unit_test(test_error_parts),
 		cmocka_unit_test(test_wait_and_lists), cmocka_unit_test(test_push),
-		cmocka_unit_test(test_push_abort),
+		cmocka_unit_test(test_push_abort),     cmocka_unit_test(test_counts),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

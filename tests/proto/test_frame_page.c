@@ -49,6 +49,49 @@ static void test_page(void **state)
 	assert_int_equal(page.n, 0);
 }
 
+/* Texts of the list come before its rows, and where one does not fit nothing changes. */
+static void test_page_text(void **state)
+{
+	static struct frame_page page;
+	static uint8_t packed[FRAME_BODY_MAX];
+	static char text[FRAME_PAGE_SIZE + 2];
+	const size_t length[] = {0, 1, 127, 128, 20000, FRAME_PAGE_SIZE};
+	Acut__V1__Job row = ACUT__V1__JOB__INIT;
+	Acut__V1__Message *m;
+	struct err err = ERR_INIT;
+	size_t n, before;
+
+	row.id = 5;
+	for (unsigned i = 0; i < sizeof length / sizeof *length; i++) {
+		memset(text, 'r', length[i]);
+		text[length[i]] = 0;
+		page.n = 0;
+		if (length[i] == FRAME_PAGE_SIZE) {
+			assert_false(frame_page_text(&page, 3, text));
+			assert_int_equal(page.n, 0);
+			continue;
+		}
+		assert_true(frame_page_text(&page, 3, text));
+		assert_true(frame_page_text(&page, 3, "thin"));
+		assert_true(frame_page_add(&page, &row.base));
+		n = frame_page_pack(&page, ACUT__V1__MESSAGE__BODY_JOBS, true, packed);
+		assert_int_equal(frame_message_unpack(packed, n, 1 << 20, NULL, &m, &err), 0);
+		assert_int_equal(m->jobs->n_rules, 2);
+		assert_string_equal(m->jobs->rules[0], text);
+		assert_string_equal(m->jobs->rules[1], "thin");
+		assert_int_equal(m->jobs->n_jobs, 1);
+		assert_int_equal(m->jobs->jobs[0]->id, 5);
+		assert_true(m->jobs->more);
+		frame_message_free(m);
+	}
+	memset(text, 'r', sizeof text - 1);
+	for (page.n = 0; frame_page_text(&page, 99999, "thin");)
+		assert_true(page.n <= sizeof page.rows);
+	before = page.n;
+	assert_false(frame_page_text(&page, 3, text));
+	assert_int_equal(page.n, before);
+}
+
 /* ---- any message as a row ---- */
 
 static uint64_t dice = 1;
@@ -221,6 +264,7 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_page),
+		cmocka_unit_test(test_page_text),
 		cmocka_unit_test(test_page_rows),
 		cmocka_unit_test(test_page_sent),
 	};
