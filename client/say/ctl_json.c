@@ -142,21 +142,38 @@ static void put_text(FILE *out, const char *text)
 
 /* ---- keys ---- */
 
+/* One that may have what is to be escaped, and need not be there. */
+static char *put_any_key(struct ctl_json *j, const char *key, size_t more)
+{
+	if (j->comma)
+		put_byte(j->out, ',');
+	if (key) {
+		put_text(j->out, key);
+		put_byte(j->out, ':');
+	}
+	j->comma = true;
+	return room_for(j->out, more);
+}
+
+/* Of one that is not long and has nothing to be escaped; or CTL_JSON_LOOK. */
+static inline size_t plain_length(const char *key)
+{
+	size_t n = 0;
+
+	while (n < 32 && plain[(unsigned char)key[n]])
+		n++;
+	return key[n] ? CTL_JSON_LOOK : n;
+}
+
 /* Writes the key, of n bytes or CTL_JSON_LOOK, and gives a place for `more` bytes behind it. */
 static inline char *put_key(struct ctl_json *j, const char *key, size_t n, size_t more)
 {
 	char *at;
 
-	if (n == CTL_JSON_LOOK) {
-		if (j->comma)
-			put_byte(j->out, ',');
-		if (key) {
-			put_text(j->out, key);
-			put_byte(j->out, ':');
-		}
-		j->comma = true;
-		return room_for(j->out, more);
-	}
+	if (n == CTL_JSON_LOOK && key)
+		n = plain_length(key);
+	if (n == CTL_JSON_LOOK)
+		return put_any_key(j, key, more);
 	at = room_for(j->out, n + 4 + more);
 	if (j->comma)
 		*at++ = ',';
