@@ -124,15 +124,22 @@ static void arena_drop(struct arena *a)
 
 /* ---- texts ---- */
 
-/* Whether all n bytes are ASCII, which nearly all texts are: by eights, of which the last may take some a second time. */
+/* Whether all n bytes are ASCII, which nearly all texts are: by eights or fours, of which the last may take some a second time. */
 static bool text_plain(const char *text, size_t n)
 {
 	uint64_t all = 0, eight;
 
-	if (n < 8) {
+	if (n < 4) {
 		for (size_t i = 0; i < n; i++)
 			all |= (uint8_t)text[i];
 		return all < 0x80;
+	}
+	if (n < 8) {
+		uint32_t four[2];
+
+		memcpy(&four[0], text, 4);
+		memcpy(&four[1], text + n - 4, 4);
+		return !((four[0] | four[1]) & UINT32_C(0x80808080));
 	}
 	for (size_t i = 0; i < n; i += 8) {
 		memcpy(&eight, text + (n - i < 8 ? n - 8 : i), 8);
@@ -204,6 +211,18 @@ static int check_field(const ProtobufCFieldDescriptor *field, const uint8_t *mes
 	return r;
 }
 
+/* What nearly every field is that has a text: one text, and ASCII. */
+static bool text_ascii(const ProtobufCFieldDescriptor *field, const uint8_t *message)
+{
+	const char *text;
+
+	if (field->type != PROTOBUF_C_TYPE_STRING || field->label == PROTOBUF_C_LABEL_REPEATED ||
+	    field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF)
+		return false;
+	text = *(char *const *)(message + field->offset);
+	return text && (!*text || text_plain(text, strlen(text)));
+}
+
 /* Every text of the message and of those inside it. */
 static int check_texts(const ProtobufCMessage *message, unsigned depth, struct err *err)
 {
@@ -216,6 +235,8 @@ static int check_texts(const ProtobufCMessage *message, unsigned depth, struct e
 		int r;
 
 		if (field->type != PROTOBUF_C_TYPE_STRING && field->type != PROTOBUF_C_TYPE_MESSAGE)
+			continue;
+		if (text_ascii(field, (const uint8_t *)message))
 			continue;
 		r = check_field(field, (const uint8_t *)message, depth, err);
 		if (r < 0)
