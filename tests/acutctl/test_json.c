@@ -200,6 +200,31 @@ static void keys(void **state)
 	free(text);
 }
 
+/* Each byte of short keys and texts is where it was. */
+static void short_ones(void **state)
+{
+	static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+
+	for (size_t len = 0; len < sizeof letters; len++) {
+		char word[sizeof letters], *text, *wanted;
+		size_t n;
+		struct ctl_json j = {.out = open_memstream(&text, &n), .list = true};
+
+		memcpy(word, letters, len);
+		word[len] = 0;
+		ctl_json_open(&j, NULL, '{');
+		ctl_json_u64(&j, word, UINT64_C(12345678901234567890) >> len);
+		ctl_json_text(&j, word, word);
+		ctl_json_close(&j, '}');
+		ctl_json_line(&j);
+		fclose(j.out);
+		assert_true(asprintf(&wanted, "{\"%s\":%llu,\"%s\":\"%s\"}\n", word, 12345678901234567890ull >> len, word, word) > 0);
+		assert_string_equal(text, wanted);
+		free(text);
+		free(wanted);
+	}
+}
+
 /* Keys and texts of all lengths around what is held back; lines for two streams in turns. */
 static void lengths(void **state)
 {
@@ -251,6 +276,7 @@ int main(void)
 		cmocka_unit_test(texts),
 		cmocka_unit_test(odd_places),
 		cmocka_unit_test(keys),
+		cmocka_unit_test(short_ones),
 		cmocka_unit_test(lengths),
 	};
 
