@@ -17,7 +17,7 @@
  *
  * And where a push has changed a few of 240 regions, opening 240 files takes longer than all else. So he may remember their summaries
  * (`recall`): their numbers, and of their proofs the little that boxes need. What these do not settle is read. That the file is still there, of the
- * same size and time, is asked in any case, as it may have gone without a word. That is one fstatat, and nobody need tell what he removed.
+ * same size, is asked in any case, as it may have gone without a word. That is one fstatat, and nobody need tell what he removed.
  */
 #include <string.h>
 #define XXH_STATIC_LINKING_ONLY /* the state on the stack */
@@ -197,7 +197,6 @@ int pipe_keep(int storefd, const struct pipe_key *key, const struct cut_region *
 	if (r)
 		return r;
 	stored_of(&front, &id, ret);
-	ret->used_ns = 0;
 	if (ret_summary)
 		summary_of(&front, &id, key, region, trace, ret_summary);
 	return 0;

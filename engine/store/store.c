@@ -185,7 +185,6 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 {
 	struct store_front f = { .domain = *d, .beside = *beside };
 	char name[STORE_NAME], temp[TEMP];
-	struct stat st;
 	int fd = -1, r;
 
 	if (beside->proof_size > STORE_PROOF_MOST)
@@ -201,8 +200,6 @@ int store_put(int dirfd, const struct store_id *id, const struct store_beside *b
 		r = err_sys(err, errno, "cannot publish %s", name);
 	if (r)
 		io->unlinkat(dirfd, temp, 0);
-	else if (!io->fstat(fd, &st))
-		f.used_ns = time_of(&st);
 	io_close(fd);
 	if (!r)
 		*ret = f;

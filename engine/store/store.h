@@ -47,7 +47,7 @@ struct store_front {
 	uint64_t payload;            /* checksum of links, vertices and triangles */
 	uint64_t bytes;              /* of the file */
 	size_t front, whole;         /* bytes of memory that store_front and store_get take */
-	int64_t used_ns;             /* the file's time; 0: of what was written it is not known */
+	int64_t used_ns;             /* the file's time, of what was read */
 };
 /* *ret: the numbers of what was written. */
 int store_put(int dirfd, const struct store_id *, const struct store_beside *, const struct mesh_domain *,
