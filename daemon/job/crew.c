@@ -1,9 +1,9 @@
 /*
  * Helpers for a task (crew.h): sealing what was staged, looking at what is stored of a plan.
  *
- * The model: the task goes on as long as there is anything to do. Helpers start only where a thread is idle, take one
- * step each and queue up again behind everybody else; they take no memory of the scheduler's. Whoever comes when the last step was
- * begun goes; the task waits for those still at work.
+ * The model: the task goes on as long as there is anything to do. Helpers start only where a thread is idle, and after
+ * each step they queue up again behind everybody else who waits; they take no memory of the scheduler's. Whoever comes when the
+ * last step was begun goes; the task waits for those still at work.
  */
 #include "crew.h"
 
@@ -88,8 +88,13 @@ void crew_work(struct crew *c)
 static void help(struct sched_task *t)
 {
 	struct helper *h = (struct helper *)t;
+	bool more;
 
-	if (!step(h->crew, h->member))
+	/* Through the queue only behind somebody: the way there and back costs what a short step does. */
+	do
+		more = step(h->crew, h->member);
+	while (more && !atomic_load(&t->cancel) && !sched_waiting(h->crew->p.sched));
+	if (!more)
 		atomic_store(&t->cancel, true);
 }
 

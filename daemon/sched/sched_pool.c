@@ -53,6 +53,7 @@ struct sched {
 struct worker {
 	struct sched *sched;
 	bool spare;
+	bool tells; /* the loop, what it has not been told yet */
 };
 
 static void notify(struct sched *s)
@@ -64,12 +65,12 @@ static void notify(struct sched *s)
 		return;
 }
 
+/* The loop is told by whoever calls, once the lock is open. */
 static void over_add(struct sched *s, struct sched_task *t)
 {
 	t->next = NULL;
 	*s->over_end = t;
 	s->over_end = &t->next;
-	notify(s);
 }
 
 /* Both kinds of threads look again. */
@@ -80,30 +81,40 @@ static void wake_all(struct sched *s)
 		pthread_cond_broadcast(&s->wake_spare);
 }
 
-static struct sched_task *take(struct sched *s, bool spare)
+static struct sched_task *take(struct worker *w)
 {
+	struct sched *s = w->sched;
 	struct sched_task *t;
 	uint64_t starved;
 
-	if (spare && s->lengthy < s->threads && !s->stop)
+	if (w->spare && s->lengthy < s->threads && !s->stop)
 		return NULL;
-	t = sched_queue_take(s->queue, spare && !s->stop);
+	t = sched_queue_take(s->queue, w->spare && !s->stop);
 	starved = sched_queue_starved(s->queue);
-	if (starved && s->starved != starved)
-		notify(s);
+	w->tells |= starved && s->starved != starved;
 	s->starved = starved;
 	return t;
 }
 
-static void run(struct sched *s, struct sched_task *t, bool spare)
+/* Opens the lock. Whoever is woken wants it first of all. */
+static void leave(struct worker *w)
 {
-	bool lengthy = t->lengthy && !spare;
+	pthread_mutex_unlock(&w->sched->lock);
+	if (w->tells)
+		notify(w->sched);
+	w->tells = false;
+}
+
+static void run(struct worker *w, struct sched_task *t)
+{
+	struct sched *s = w->sched;
+	bool lengthy = t->lengthy && !w->spare;
 	uint64_t begun;
 
 	s->lengthy += lengthy;
 	if (lengthy && s->lengthy == s->threads)
 		pthread_cond_broadcast(&s->wake_spare);
-	pthread_mutex_unlock(&s->lock);
+	leave(w);
 	begun = clock_mono_ns();
 	t->ran = true;
 	t->run(t);
@@ -111,6 +122,7 @@ static void run(struct sched *s, struct sched_task *t, bool spare)
 	s->lengthy -= lengthy;
 	sched_queue_over(s->queue, t, clock_mono_ns() - begun);
 	over_add(s, t);
+	w->tells = true;
 }
 
 static void *work(void *arg)
@@ -121,14 +133,19 @@ static void *work(void *arg)
 	free(arg);
 	pthread_mutex_lock(&s->lock);
 	for (;;) {
-		struct sched_task *t = take(s, w.spare);
+		struct sched_task *t = take(&w);
 
-		if (t)
-			run(s, t, w.spare);
-		else if (s->stop && sched_queue_empty(s->queue))
+		if (t) {
+			run(&w, t);
+		} else if (w.tells) {
+			/* Before it sleeps; something may have come meanwhile. */
+			leave(&w);
+			pthread_mutex_lock(&s->lock);
+		} else if (s->stop && sched_queue_empty(s->queue)) {
 			break;
-		else
+		} else {
 			pthread_cond_wait(w.spare ? &s->wake_spare : &s->wake, &s->lock);
+		}
 	}
 	pthread_mutex_unlock(&s->lock);
 	return NULL;
@@ -216,6 +233,7 @@ static void cancel_all(struct sched *s)
 	for (t = sched_queue_running(s->queue); t; t = t->next)
 		atomic_store(&t->cancel, true);
 	pthread_mutex_unlock(&s->lock);
+	notify(s);
 }
 
 struct sched *sched_free(struct sched *s)
@@ -248,30 +266,42 @@ struct sched *sched_free(struct sched *s)
 
 void sched_submit(struct sched *s, struct sched_task *t)
 {
+	bool over, spare;
+
 	pthread_mutex_lock(&s->lock);
 	t->ran = t->took = false;
 	s->busy++;
-	if (s->stop || atomic_load(&t->cancel)) {
+	over = s->stop || atomic_load(&t->cancel);
+	spare = s->lengthy == s->threads;
+	if (over)
 		over_add(s, t);
-	} else {
+	else
 		sched_queue_add(s->queue, t);
-		pthread_cond_signal(&s->wake);
-		if (s->lengthy == s->threads)
-			pthread_cond_signal(&s->wake_spare);
-	}
 	pthread_mutex_unlock(&s->lock);
+	if (over) {
+		notify(s);
+		return;
+	}
+	pthread_cond_signal(&s->wake);
+	if (spare)
+		pthread_cond_signal(&s->wake_spare);
 }
 
 void sched_cancel(struct sched *s, struct sched_task *t)
 {
+	bool waited;
+
 	pthread_mutex_lock(&s->lock);
 	atomic_store(&t->cancel, true);
-	if (sched_queue_remove(s->queue, t)) {
+	waited = sched_queue_remove(s->queue, t);
+	if (waited) {
 		over_add(s, t);
 		/* Others may have waited behind it. */
 		wake_all(s);
 	}
 	pthread_mutex_unlock(&s->lock);
+	if (waited)
+		notify(s);
 }
 
 int sched_fd(const struct sched *s)
@@ -355,6 +385,16 @@ void sched_flow(struct sched *s, uint64_t flow, struct sched_flow *ret)
 unsigned sched_threads(const struct sched *s)
 {
 	return s->threads;
+}
+
+bool sched_waiting(struct sched *s)
+{
+	bool waiting;
+
+	pthread_mutex_lock(&s->lock);
+	waiting = !sched_queue_empty(s->queue);
+	pthread_mutex_unlock(&s->lock);
+	return waiting;
 }
 
 unsigned sched_busy(struct sched *s)

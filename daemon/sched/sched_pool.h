@@ -85,6 +85,8 @@ uint64_t sched_starved(struct sched *);
 int64_t sched_service(struct sched *, uint32_t uid);
 void sched_flow(struct sched *, uint64_t flow, struct sched_flow *ret);
 unsigned sched_threads(const struct sched *);
+/* Some task is not begun, for whatever reason. Any thread. */
+bool sched_waiting(struct sched *);
 /* Tasks submitted whose done has not been called. */
 unsigned sched_busy(struct sched *);
 
