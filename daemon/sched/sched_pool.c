@@ -22,7 +22,6 @@
 #include "clock.h"
 #include "err.h"
 #include "ledger.h"
-#include "sched_home.h"
 #include "sched_queue.h"
 
 enum { SPARES = 2 };
@@ -41,7 +40,6 @@ struct sched {
 	pthread_cond_t wake, wake_spare;
 	struct ledger *ledger;
 	struct sched_queue *queue;
-	struct sched_homes *homes;
 	struct sched_task *over, **over_end;
 	pthread_t *thread;
 	unsigned threads, started; /* started: with spares, which come after the others */
@@ -54,11 +52,8 @@ struct sched {
 
 struct worker {
 	struct sched *sched;
-	unsigned number;
 	bool spare;
 	bool tells; /* the loop, what it has not been told yet */
-	bool went;  /* home, or tried to */
-	struct sched_home home;
 };
 
 static void notify(struct sched *s)
@@ -120,9 +115,6 @@ static void run(struct worker *w, struct sched_task *t)
 	if (lengthy && s->lengthy == s->threads)
 		pthread_cond_broadcast(&s->wake_spare);
 	leave(w);
-	if (w->went)
-		sched_home_leave(s->homes, w->number, &w->home);
-	w->went = false;
 	begun = clock_mono_ns();
 	t->ran = true;
 	t->run(t);
@@ -145,12 +137,9 @@ static void *work(void *arg)
 
 		if (t) {
 			run(&w, t);
-		} else if (w.tells || (!w.spare && !w.went)) {
+		} else if (w.tells) {
 			/* Before it sleeps; something may have come meanwhile. */
 			leave(&w);
-			if (!w.spare)
-				sched_home_go(s->homes, w.number, &w.home);
-			w.went = !w.spare;
 			pthread_mutex_lock(&s->lock);
 		} else if (s->stop && sched_queue_empty(s->queue)) {
 			break;
@@ -185,7 +174,7 @@ static int start(struct sched *s, struct err *err)
 			r = ENOMEM;
 			break;
 		}
-		*w = (struct worker){.sched = s, .number = s->started, .spare = s->started >= s->threads};
+		*w = (struct worker){.sched = s, .spare = s->started >= s->threads};
 		r = pthread_create(&s->thread[s->started], &attr, work, w);
 		if (r) {
 			free(w);
@@ -216,9 +205,8 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 	s->threads = threads;
 	s->thread = calloc(threads + SPARES, sizeof *s->thread);
 	s->queue = sched_queue_new(ledger);
-	s->homes = sched_homes_new(threads);
 	s->event = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-	if (!s->thread || !s->queue || !s->homes)
+	if (!s->thread || !s->queue)
 		r = err_set(err, ERR_NOMEM, "no memory for %u threads", threads);
 	else if (s->event < 0)
 		r = err_sys(err, errno, "cannot make an eventfd");
@@ -272,7 +260,6 @@ struct sched *sched_free(struct sched *s)
 	pthread_mutex_destroy(&s->lock);
 	free(s->thread);
 	sched_queue_free(s->queue);
-	sched_homes_free(s->homes);
 	free(s);
 	return NULL;
 }
