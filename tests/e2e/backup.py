@@ -43,11 +43,16 @@ def restored(base, folder, name):
 
 
 def files_of(folder):
+    """A daemon that lives in it may take files away meanwhile."""
     out = {}
     for path, _, names in os.walk(folder):
         for n in names:
             p = os.path.join(path, n)
-            out[os.path.relpath(p, folder)] = (os.stat(p).st_ino, os.stat(p).st_mtime_ns)
+            try:
+                s = os.stat(p)
+            except FileNotFoundError:
+                continue
+            out[os.path.relpath(p, folder)] = (s.st_ino, s.st_mtime_ns)
     return out
 
 
