@@ -1,9 +1,9 @@
 /*
  * Helpers for a task (crew.h): sealing what was staged, looking at what is stored of a plan.
  *
- * The model: the task goes on as long as there is anything to do. Helpers start only where a thread is idle, and after
- * each step they queue up again behind everybody else who waits; they take no memory of the scheduler's. Whoever comes when the
- * last step was begun goes; the task waits for those still at work.
+ * The model: the task goes on as long as there is anything to do. Helpers are SCHED_LAST: they start, but for one start in
+ * sixteen, only where a thread is idle. After a step they queue up again if anybody else waits, and otherwise after STAY_SECONDS; they
+ * take no memory of the scheduler's. Whoever comes when the last step was begun goes; the task waits for those still at work.
  */
 #include "crew.h"
 
@@ -11,7 +11,12 @@
 #include <stddef.h>
 #include <stdlib.h>
 
+#include "clock.h"
 #include "err.h"
+
+/* The way through the queue costs what a short step does. But only there it is counted what a helper has had, which matters once
+ * somebody else comes, and only there a spare thread is given back. */
+#define STAY_SECONDS 0.02
 
 struct helper {
 	struct sched_task task;
@@ -88,12 +93,13 @@ void crew_work(struct crew *c)
 static void help(struct sched_task *t)
 {
 	struct helper *h = (struct helper *)t;
+	uint64_t begun_ns = clock_mono_ns();
 	bool more;
 
-	/* Through the queue only behind somebody: the way there and back costs what a short step does. */
 	do
 		more = step(h->crew, h->member);
-	while (more && !atomic_load(&t->cancel) && !sched_waiting(h->crew->p.sched));
+	while (more && !atomic_load(&t->cancel) && clock_since(begun_ns) < STAY_SECONDS &&
+	       !sched_others_wait(h->crew->p.sched, t->owner.flow));
 	if (!more)
 		atomic_store(&t->cancel, true);
 }

@@ -156,7 +156,7 @@ static void looked(struct walk *w, unsigned damaged, int r, const struct err *er
 	pthread_mutex_unlock(&lock);
 }
 
-/* Some leaves, for as long as it is worth to queue up again (crew.h); false: there are no others, or it failed. */
+/* Some leaves, for as long as others may wait for a helper's thread; false: there are no others, or it failed. */
 static bool look(void *ctx, unsigned member)
 {
 	struct walk *w = ctx;

@@ -73,11 +73,14 @@ static void over_add(struct sched *s, struct sched_task *t)
 	s->over_end = &t->next;
 }
 
-/* Both kinds of threads look again. */
-static void wake_all(struct sched *s)
+/* Both kinds of threads look again. Opens the lock. */
+static void leave_waking_all(struct sched *s)
 {
+	bool spare = s->lengthy == s->threads;
+
+	pthread_mutex_unlock(&s->lock);
 	pthread_cond_broadcast(&s->wake);
-	if (s->lengthy == s->threads)
+	if (spare)
 		pthread_cond_broadcast(&s->wake_spare);
 }
 
@@ -108,13 +111,14 @@ static void leave(struct worker *w)
 static void run(struct worker *w, struct sched_task *t)
 {
 	struct sched *s = w->sched;
-	bool lengthy = t->lengthy && !w->spare;
+	bool lengthy = t->lengthy && !w->spare, spare;
 	uint64_t begun;
 
 	s->lengthy += lengthy;
-	if (lengthy && s->lengthy == s->threads)
-		pthread_cond_broadcast(&s->wake_spare);
+	spare = lengthy && s->lengthy == s->threads;
 	leave(w);
+	if (spare)
+		pthread_cond_broadcast(&s->wake_spare);
 	begun = clock_mono_ns();
 	t->ran = true;
 	t->run(t);
@@ -294,14 +298,14 @@ void sched_cancel(struct sched *s, struct sched_task *t)
 	pthread_mutex_lock(&s->lock);
 	atomic_store(&t->cancel, true);
 	waited = sched_queue_remove(s->queue, t);
-	if (waited) {
-		over_add(s, t);
-		/* Others may have waited behind it. */
-		wake_all(s);
+	if (!waited) {
+		pthread_mutex_unlock(&s->lock);
+		return;
 	}
-	pthread_mutex_unlock(&s->lock);
-	if (waited)
-		notify(s);
+	over_add(s, t);
+	/* Others may have waited behind it. */
+	leave_waking_all(s);
+	notify(s);
 }
 
 int sched_fd(const struct sched *s)
@@ -351,8 +355,7 @@ void sched_give(struct sched *s, enum ledger_name name, uint64_t bytes)
 	pthread_mutex_lock(&s->lock);
 	if (bytes)
 		ledger_give(s->ledger, name, bytes);
-	wake_all(s);
-	pthread_mutex_unlock(&s->lock);
+	leave_waking_all(s);
 }
 
 uint64_t sched_starved(struct sched *s)
@@ -387,14 +390,14 @@ unsigned sched_threads(const struct sched *s)
 	return s->threads;
 }
 
-bool sched_waiting(struct sched *s)
+bool sched_others_wait(struct sched *s, uint64_t flow)
 {
-	bool waiting;
+	bool wait;
 
 	pthread_mutex_lock(&s->lock);
-	waiting = !sched_queue_empty(s->queue);
+	wait = sched_queue_others_wait(s->queue, flow);
 	pthread_mutex_unlock(&s->lock);
-	return waiting;
+	return wait;
 }
 
 unsigned sched_busy(struct sched *s)

@@ -85,8 +85,8 @@ uint64_t sched_starved(struct sched *);
 int64_t sched_service(struct sched *, uint32_t uid);
 void sched_flow(struct sched *, uint64_t flow, struct sched_flow *ret);
 unsigned sched_threads(const struct sched *);
-/* Some task is not begun, for whatever reason. Any thread. */
-bool sched_waiting(struct sched *);
+/* Some task of another flow is not begun, for whatever reason. Any thread. */
+bool sched_others_wait(struct sched *, uint64_t flow);
 /* Tasks submitted whose done has not been called. */
 unsigned sched_busy(struct sched *);
 

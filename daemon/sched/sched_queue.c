@@ -341,7 +341,7 @@ static struct sched_task *best(const struct sched_queue *q, const struct rules *
 }
 
 /* Tasks of more than one user wait, or of another one than those that run. */
-static bool others_wait(const struct sched_queue *q)
+static bool other_users_wait(const struct sched_queue *q)
 {
 	for (const struct sched_task *t = q->waiting; t; t = t->next)
 		for (const struct sched_task *o = q->running; o; o = o->next)
@@ -360,7 +360,7 @@ struct sched_task *sched_queue_take(struct sched_queue *q, bool spare)
 	struct rules r = {
 		.spare = spare,
 		.no_memory = q->claim != NULL,
-		.one_reader = others_wait(q),
+		.one_reader = other_users_wait(q),
 		.first = q->starts % LOWER_TURN < LOWER_TURN - 1 ? 0 : 1 + q->starts / LOWER_TURN % (CLASSES - 1),
 	};
 	struct sched_task *t = q->claim;
@@ -387,6 +387,15 @@ struct sched_task *sched_queue_take(struct sched_queue *q, bool spare)
 bool sched_queue_empty(const struct sched_queue *q)
 {
 	return !q->waiting;
+}
+
+bool sched_queue_others_wait(const struct sched_queue *q, uint64_t flow)
+{
+	const struct sched_task *t;
+
+	for (t = q->waiting; t && t->owner.flow == flow; t = t->next)
+		;
+	return t != NULL;
 }
 
 struct sched_task *sched_queue_first(const struct sched_queue *q)

@@ -26,6 +26,7 @@ void sched_queue_over(struct sched_queue *, struct sched_task *, uint64_t ns);
 extern unsigned (*sched_queue_choice)(unsigned n);
 
 bool sched_queue_empty(const struct sched_queue *); /* nothing waits */
+bool sched_queue_others_wait(const struct sched_queue *, uint64_t flow); /* a task of another flow waits */
 struct sched_task *sched_queue_first(const struct sched_queue *);   /* any that waits, NULL: none */
 struct sched_task *sched_queue_running(const struct sched_queue *); /* the first that runs; task->next */
 /* Bytes of the task that has the next memory that comes free; 0: none waits for memory. */

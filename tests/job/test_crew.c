@@ -1,7 +1,9 @@
 /*
  * Helpers of a task: every step is taken once, none when the task is told that all are over, and whoever began the work hears
- * of its end once, whatever is cancelled when. Run it under the thread sanitizer too.
+ * of its end once, whatever is cancelled when. They go on where nobody waits, and give way where somebody does. Run it under the
+ * thread sanitizer too.
  */
+#include <limits.h>
 #include <poll.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -85,16 +87,20 @@ static void begin(struct sched *s, unsigned members)
 	crew_start(it.crew);
 }
 
+/* Only when told. Returns how many tasks were over. */
+static unsigned turn(struct sched *s)
+{
+	struct pollfd p = {.fd = sched_fd(s), .events = POLLIN};
+
+	return poll(&p, 1, TOO_LONG * 1000) > 0 ? sched_dispatch(s) : 0;
+}
+
 static void end(struct sched *s)
 {
 	uint64_t since = clock_mono_ns();
 
-	while (!it.over && clock_since(since) < TOO_LONG) {
-		struct pollfd p = {.fd = sched_fd(s), .events = POLLIN};
-
-		poll(&p, 1, 10);
-		sched_dispatch(s);
-	}
+	while (!it.over && clock_since(since) < TOO_LONG)
+		turn(s);
 	assert_int_equal(it.over, 1);
 	it.crew = crew_free(it.crew);
 	assert_int_equal(sched_busy(s), 0);
@@ -180,9 +186,153 @@ static void shut(void **state)
 	}
 }
 
+/* ---- staying and giving way ---- */
+
+enum { ALONE = 3000, ROUNDS = 20 };
+static const double STAY = 0.02; /* of crew.c */
+
+static struct {
+	atomic_uint taken; /* steps of helpers */
+	unsigned most;     /* so many are there */
+	/* A helper waits in its step, `in`, while it is held; the task in its own until it is free. */
+	atomic_bool held, in, free;
+	unsigned at; /* steps taken when somebody else had the thread */
+	struct sched_task other;
+	bool other_done;
+} way;
+
+static bool way_step(void *ctx, unsigned member)
+{
+	if (!member) {
+		while (!way.free)
+			usleep(100);
+		return false;
+	}
+	while (way.held) {
+		way.in = true;
+		usleep(100);
+	}
+	return ++way.taken < way.most;
+}
+
+static void way_run(struct sched_task *t)
+{
+	crew_work(it.crew);
+	it.ran = true;
+}
+
+static void other_run(struct sched_task *t)
+{
+	way.at = way.taken;
+	way.free = true;
+}
+
+static void other_done(struct sched_task *t)
+{
+	way.other_done = true;
+}
+
+/* One helper is held in its step, on the last thread; the others wait behind it. With one thread the task is not begun. */
+static struct sched *way_of(struct ledger **ledger, unsigned threads, unsigned members, unsigned most)
+{
+	struct sched *s = sched_of(ledger, threads);
+	struct crew_params p = {.sched = s, .owner = {.uid = 1, .flow = 1}, .members = members, .step = way_step, .over = over, .ctx = &it};
+	struct err err = ERR_INIT;
+
+	memset(&way, 0, sizeof way);
+	way.most = most;
+	way.held = true;
+	way.other = (struct sched_task){.run = other_run, .done = other_done, .owner = {.uid = 1, .flow = 2}};
+	assert_int_equal(crew_new(&p, &it.crew, &err), 0);
+	it.task = (struct sched_task){.run = way_run, .done = done, .owner = p.owner};
+	if (threads > 1)
+		sched_submit(s, &it.task);
+	crew_start(it.crew);
+	while (!way.in)
+		usleep(100);
+	if (threads == 1)
+		sched_submit(s, &it.task);
+	return s;
+}
+
+static void way_end(struct sched *s, struct ledger *ledger)
+{
+	end(s);
+	sched_free(s);
+	ledger_free(ledger);
+}
+
+/* Its own kind that waits is nobody else: two helpers and one thread. */
+static void stays(void **state)
+{
+	for (unsigned members = 2; members <= 3; members++) {
+		struct ledger *ledger;
+		struct sched *s = way_of(&ledger, 2, members, ALONE);
+		uint64_t since = clock_mono_ns();
+		unsigned trips = 0;
+
+		way.held = false;
+		while (way.taken < ALONE)
+			trips += turn(s);
+		/* With the last one. */
+		assert_true(trips <= clock_since(since) / STAY + members);
+		way.free = true;
+		way_end(s, ledger);
+	}
+}
+
+/* The queue hears of it now and then even so. */
+static void comes_back(void **state)
+{
+	struct ledger *ledger;
+	struct sched *s = way_of(&ledger, 2, 2, UINT_MAX);
+	struct pollfd p = {.fd = sched_fd(s), .events = POLLIN};
+
+	way.held = false;
+	/* Of the task nothing is heard before it is free. */
+	assert_int_equal(poll(&p, 1, TOO_LONG * 1000), 1);
+	assert_int_equal(sched_dispatch(s), 1);
+	way.free = true;
+	way_end(s, ledger);
+}
+
+/* Whoever comes during a step has the thread after it. */
+static void gives_way(void **state)
+{
+	for (unsigned round = 0; round < ROUNDS; round++) {
+		struct ledger *ledger;
+		struct sched *s = way_of(&ledger, 2, 2 + round % 2, UINT_MAX);
+
+		sched_submit(s, &way.other);
+		way.held = false;
+		way_end(s, ledger);
+		assert_true(way.other_done);
+		assert_int_equal(way.at, 1);
+	}
+}
+
+/* The task is cancelled before it began: a helper begins no other step. */
+static void goes(void **state)
+{
+	for (unsigned round = 0; round < ROUNDS; round++) {
+		struct ledger *ledger;
+		struct sched *s = way_of(&ledger, 1, 2, UINT_MAX);
+
+		sched_cancel(s, &it.task);
+		assert_int_equal(turn(s), 1);
+		way.held = false;
+		way_end(s, ledger);
+		assert_false(it.ran);
+		assert_int_equal(way.taken, 1);
+	}
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(each_once), cmocka_unit_test(failed), cmocka_unit_test(cancelled), cmocka_unit_test(shut)};
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(each_once), cmocka_unit_test(failed),     cmocka_unit_test(cancelled), cmocka_unit_test(shut),
+		cmocka_unit_test(stays),     cmocka_unit_test(comes_back), cmocka_unit_test(gives_way), cmocka_unit_test(goes),
+	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }
