@@ -2,7 +2,7 @@
  * Chains of generations over one store, by the thousand: real segments, manifests in which sources come, go and come back,
  * small ranges with many equal positions, ranges at the ends of the lattice, views, two lattices. Whatever is found in the
  * store for a region is what making it gives, and a mesh put together from it is the one that is made of nothing, also where
- * only the fronts are read.
+ * only the fronts are read. What is known of a halo beforehand, by the plan and by what the region stood on, changes nothing.
  *
  * ACUT_FUZZ_CASES: how many; ACUT_FUZZ_SEED: the first.
  */
@@ -29,7 +29,7 @@ enum { LOCAL = 5 };
 enum { CAP = 40000, SOURCES = 25, LEAVES = 90, STEPS = 6, SEGMENTS = 25 };
 
 static uint64_t rng, plan_seed;
-static uint64_t domains, found, proved, fronts, meshes;
+static uint64_t domains, found, proved, fronts, meshes, bounded, sited, both;
 static struct folder store;
 static struct view view;
 
@@ -223,6 +223,28 @@ static bool reuse(struct generation *g, const struct cut_region *r, bool light, 
 	return true;
 }
 
+/* With what the plan and an earlier generation know of its halo: in `other`. False: nothing is known. */
+static bool make_known(struct generation *g, const struct cut_plan *plan, unsigned i, struct mesh_domain *ret)
+{
+	const struct cut_region *r = &plan->leaf[i].region;
+	const struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
+					    .region = r, .cap = CAP, .memory = g->other, .size = g->budget.domain_bytes};
+	struct pipe_before before;
+	struct pipe_known known = {.sites = plan->leaf[i].known && rnd(4) ? plan->sites : NULL};
+	struct err err = ERR_INIT;
+	uint64_t need;
+
+	if (rnd(4) && pipe_before(&p, &before))
+		known.before = &before;
+	if (!known.before && !known.sites)
+		return false;
+	bounded += known.before != NULL;
+	sited += known.sites != NULL;
+	both += known.before && known.sites;
+	CHECK(pipe_domain(g->reader.grid, &view, r, &known, &g->budget, g->other, ret, &need, &err));
+	return true;
+}
+
 static void emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *r)
 {
 	struct err err = ERR_INIT;
@@ -236,11 +258,30 @@ static void check_totals(struct pipe_totals a, struct pipe_totals b)
 	assert_memory_equal(&a, &b, sizeof a);
 }
 
+/* Of the regions, as one of leaves that may have few positions: so that many are nearly empty. It splits none, since all fit. */
+static void plan_known(struct generation *g, const struct cut_region *leaf, unsigned n, struct cut_plan *ret)
+{
+	struct grid_reader *reader;
+	struct err err = ERR_INIT;
+
+	*ret = (struct cut_plan){.load = 8u << rnd(8)};
+	CHECK(cut_plan_room(ret, n, &err));
+	CHECK(grid_reader_new(g->reader.grid, g->memory, g->budget.domain_bytes, &reader, &err));
+	for (; ret->n < n; ret->n++) {
+		ret->leaf[ret->n] = (struct cut_leaf){.region = leaf[ret->n]};
+		CHECK(cut_count(reader, &leaf[ret->n], &ret->leaf[ret->n].count, &err));
+	}
+	grid_reader_free(reader);
+	CHECK(pipe_plan_probe(g->reader.grid, &view, &g->budget, g->memory, ret, &err));
+	assert_int_equal(ret->n, n);
+}
+
 static void one_generation(struct generation *g)
 {
 	struct cut_region leaf[LEAVES], root;
 	struct pipe_emitter *made, *taken;
 	struct pipe_totals a, b;
+	struct cut_plan plan;
 	struct err err = ERR_INIT;
 	int32_t box[4];
 	unsigned n = 0;
@@ -249,13 +290,13 @@ static void one_generation(struct generation *g)
 		return;
 	cut_region_root(box, &root);
 	cut(&root, leaf, &n, 0);
+	plan_known(g, leaf, n, &plan);
 	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &made, &err));
 	CHECK(pipe_emitter_new(&g->m.lattice, 1 << 16, g->layout->folder.fd, &taken, &err));
 	for (unsigned i = 0; i < n; i++) {
-		bool light = rnd(2);
-		struct mesh_domain d, e;
+		struct mesh_domain d, e, k;
 		struct pipe_stored as;
-		bool hit;
+		bool light = rnd(2), hit, known;
 
 		domains++;
 		hit = reuse(g, &leaf[i], light, &e);
@@ -266,8 +307,12 @@ static void one_generation(struct generation *g)
 			check_same(&d, &e, light && e.ntriangle);
 			emit(taken, &e, &leaf[i]);
 		}
+		known = make_known(g, &plan, i, &k);
+		if (known)
+			check_same(&d, &k, false);
+		known = known && rnd(2);
 		if (rnd(4))
-			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], &d, g->memory, &as, NULL, &err));
+			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL, &err));
 		emit(made, &d, &leaf[i]);
 		if (!hit) {
 			make(g, &leaf[i], &d);
@@ -277,6 +322,7 @@ static void one_generation(struct generation *g)
 	CHECK(pipe_emitter_finish(made, &a, &err));
 	CHECK(pipe_emitter_finish(taken, &b, &err));
 	check_totals(a, b);
+	cut_plan_done(&plan);
 	meshes++;
 	pipe_emitter_free(made);
 	pipe_emitter_free(taken);
@@ -343,6 +389,9 @@ static void test_chains(void **state)
 	printf("%llu meshes of %llu domains: %llu found, %llu of these of other generations, %llu by their fronts alone\n",
 	       (unsigned long long)meshes, (unsigned long long)domains, (unsigned long long)found, (unsigned long long)proved,
 	       (unsigned long long)fronts);
+	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n", (unsigned long long)bounded,
+	       (unsigned long long)sited, (unsigned long long)both);
+	assert_true(bounded > domains / 100 && sited > 0 && both > 0);
 	assert_true(found > domains / 10 && found < domains && proved > domains / 1000 && fronts > found / 4);
 }
 
