@@ -4,6 +4,7 @@
  *
  * Linked with --wrap of what walk_domain.c asks of walk_arena.c.
  */
+#include "failing_domain.h"
 #include "house.h"
 
 #include "job_priv.h"
@@ -16,7 +17,6 @@ static struct {
 	atomic_bool want; /* somebody else is to lack memory from the first one on that is put back */
 	struct sched_task hungry;
 	atomic_uint fed, fed_at; /* it had its memory; when so many had been asked for */
-	atomic_uint made, split_at, fail_at; /* domains begun to be made; of these numbers one does not fit, one cannot be read */
 } seen;
 
 uint64_t __real_walk_arena_ask(struct walk_domain *d, bool own);
@@ -69,25 +69,6 @@ void __wrap_walk_arena_put(struct walk_domain *d)
 	__real_walk_arena_put(d);
 }
 
-int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
-		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
-int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
-		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
-
-int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
-		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
-{
-	unsigned n = ++seen.made;
-
-	if (n == seen.fail_at)
-		return err_set(err, ERR_IO, "the test's disk is gone");
-	if (n == seen.split_at) {
-		*ret_need = (uint64_t)budget->cap + 1;
-		return PIPE_E_SPLIT;
-	}
-	return __real_pipe_domain(grid, v, region, known, budget, memory, ret, ret_need, err);
-}
-
 struct walk *__real_walk_free(struct walk *w);
 struct walk *__wrap_walk_free(struct walk *w);
 
@@ -107,6 +88,7 @@ static int open_seen(void **state)
 	int r = setup(state);
 
 	memset(&seen, 0, sizeof seen);
+	memset(&making, 0, sizeof making);
 	return r;
 }
 
@@ -166,6 +148,7 @@ static void stopped(void **state)
 		snprintf(name, sizeof name, "d%u", puts);
 		d = push(name, POINTS, puts);
 		memset(&seen, 0, sizeof seen);
+		memset(&making, 0, sizeof making);
 		job = submit(d, false, "");
 		turn_until((seen.asked && seen.put >= puts) || job_state_final(info_of(job).state));
 		job_cancel(job);
@@ -180,6 +163,7 @@ static void stopped(void **state)
 static void split_or_failed(void **state)
 {
 	char whole[DIGEST_HEX_SIZE] = "";
+	uint64_t domains = 0;
 
 	for (unsigned at = 0; at < 7; at++)
 		for (unsigned fails = 0; fails < 2; fails++) {
@@ -189,15 +173,18 @@ static void split_or_failed(void **state)
 			assert_int_equal(teardown(state), 0);
 			assert_int_equal(open_seen(state), 0);
 			d = push("valley", POINTS / 2, 1);
-			atomic_store(fails ? &seen.fail_at : &seen.split_at, at);
+			atomic_store(fails ? &making.fail_at : &making.split_at, at);
 			job = submit(d, false, "");
 			turn_until_final(job);
 			turn_until(!jobs_active(h.jobs));
 			assert_int_equal(info_of(job).state, fails && at ? JOB_failed : JOB_done);
-			if (!fails && !at)
+			if (!fails && !at) {
 				snprintf(whole, sizeof whole, "%s", info_of(job).report->digest);
-			else if (!fails)
+				domains = info_of(job).report->domains;
+			} else if (!fails) {
 				assert_string_equal(info_of(job).report->digest, whole);
+				assert_int_equal(info_of(job).report->domains, domains + 1);
+			}
 			assert_int_equal(ledger_held(h.ledger, LEDGER_DOMAIN), 0);
 			dataset_release(d);
 		}

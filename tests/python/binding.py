@@ -16,10 +16,7 @@ import threading
 import acut
 import e2e
 from e2e import Daemon, Folder, expect
-
-SMALL = {"memory": "24M", "threads": 2}
-lost = []  # what ctypes or the collector would only have printed
-sys.unraisablehook = lambda u: lost.append("%r in %r" % (u.exc_value, u.object))
+from module import SMALL, lost, raises, synth
 
 
 def descriptors():
@@ -31,19 +28,6 @@ def resident():
     gc.collect()
     with open("/proc/self/statm") as f:
         return int(f.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def synth(path, points=20000, seed=1, *options):
-    e2e.run([e2e.SYNTH, "--points", points, "--seed", seed, *options, path]).ok()
-    return path
-
-
-def raises(kind, call, *args, **kw):
-    try:
-        call(*args, **kw)
-    except kind as e:
-        return e
-    raise e2e.Fault("%s did not come of %s %r %r" % (kind.__name__, call, args, kw))
 
 
 def read_ply(path):

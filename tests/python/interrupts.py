@@ -13,27 +13,11 @@ import weakref
 import acut
 import e2e
 from e2e import Daemon, Folder, expect
-
-SMALL = {"memory": "24M", "threads": 2}
-lost = []  # what ctypes or the collector would only have printed
-sys.unraisablehook = lambda u: lost.append("%r in %r" % (u.exc_value, u.object))
+from module import SMALL, lost, raises, synth
 
 
 def descriptors():
     return len(os.listdir("/proc/self/fd"))
-
-
-def synth(path, points=20000, seed=1):
-    e2e.run([e2e.SYNTH, "--points", points, "--seed", seed, path]).ok()
-    return path
-
-
-def raises(kind, call, *args, **kw):
-    try:
-        call(*args, **kw)
-    except kind as e:
-        return e
-    raise e2e.Fault("%s did not come of %s %r %r" % (kind.__name__, call, args, kw))
 
 
 came = False

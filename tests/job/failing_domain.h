@@ -1,0 +1,36 @@
+/*
+ * One domain that a worker makes does not fit into what it got, another cannot be read.
+ *
+ * Linked with --wrap=pipe_domain.
+ */
+#ifndef FAILING_DOMAIN_H
+#define FAILING_DOMAIN_H
+
+#include "house.h"
+#include "pipe.h"
+
+static struct {
+	atomic_uint made;              /* begun to be made */
+	atomic_uint split_at, fail_at; /* of these numbers; 0: none */
+} making;
+
+int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
+		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
+		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+
+int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
+		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+{
+	unsigned n = ++making.made;
+
+	if (n == making.fail_at)
+		return err_set(err, ERR_IO, "the test's disk is gone");
+	if (n == making.split_at) {
+		*ret_need = (uint64_t)budget->cap + 1;
+		return PIPE_E_SPLIT;
+	}
+	return __real_pipe_domain(grid, v, region, known, budget, memory, ret, ret_need, err);
+}
+
+#endif
