@@ -1,9 +1,10 @@
 /*
  * Helpers for a task (crew.h): sealing what was staged, looking at what is stored of a plan.
  *
- * The model: the task goes on as long as there is anything to do. Helpers are SCHED_LAST: they start, but for one start in
- * sixteen, only where a thread is idle. After a step they queue up again if anybody else waits, and otherwise after STAY_SECONDS; they
- * take no memory of the scheduler's. Whoever comes when the last step was begun goes; the task waits for those still at work.
+ * The model: the task goes on as long as there is anything to do. Helpers are SCHED_LAST: they start where a thread is idle, and
+ * now and then elsewhere (sched_queue.c). After a step they queue up again if a task of another flow waits, and otherwise after
+ * STAY_SECONDS; they take no memory of the scheduler's. Whoever comes when the last step was begun goes; the task waits for those still
+ * at work.
  */
 #include "crew.h"
 

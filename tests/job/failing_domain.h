@@ -6,7 +6,9 @@
 #ifndef FAILING_DOMAIN_H
 #define FAILING_DOMAIN_H
 
-#include "house.h"
+#include <stdatomic.h>
+
+#include "err.h"
 #include "pipe.h"
 
 static struct {

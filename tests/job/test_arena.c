@@ -2,7 +2,7 @@
  * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others lack
  * memory, and given back at the end, however that comes. That all was given back is asserted where a house is closed.
  *
- * Linked with --wrap of what walk_domain.c asks of walk_arena.c.
+ * Linked with --wrap of what walk_domain.c asks of walk_arena.c, walk_free, and failing_domain.h.
  */
 #include "failing_domain.h"
 #include "house.h"

@@ -19,7 +19,7 @@
 #include "crew.h"
 #include "err.h"
 
-enum { MEMBERS = 4, STEPS = 400, TOO_LONG = 100 };
+enum { MEMBERS = 4, STEPS = 400, TOO_LONG = 40 };
 
 static struct {
 	struct sched_task task;
@@ -188,7 +188,7 @@ static void shut(void **state)
 
 /* ---- staying and giving way ---- */
 
-enum { ALONE = 3000, ROUNDS = 20 };
+enum { ALONE = 1000, ROUNDS = 20 };
 static const double STAY = 0.02; /* of crew.c */
 
 static struct {
@@ -198,7 +198,6 @@ static struct {
 	atomic_bool held, in, free;
 	unsigned at; /* steps taken when somebody else had the thread */
 	struct sched_task other;
-	bool other_done;
 } way;
 
 static bool way_step(void *ctx, unsigned member)
@@ -212,6 +211,8 @@ static bool way_step(void *ctx, unsigned member)
 		way.in = true;
 		usleep(100);
 	}
+	/* As long as the loop needs to bring a helper back to the queue. */
+	usleep(20);
 	return ++way.taken < way.most;
 }
 
@@ -224,12 +225,11 @@ static void way_run(struct sched_task *t)
 static void other_run(struct sched_task *t)
 {
 	way.at = way.taken;
-	way.free = true;
 }
 
 static void other_done(struct sched_task *t)
 {
-	way.other_done = true;
+	way.free = true;
 }
 
 /* One helper is held in its step, on the last thread; the others wait behind it. With one thread the task is not begun. */
@@ -248,8 +248,9 @@ static struct sched *way_of(struct ledger **ledger, unsigned threads, unsigned m
 	if (threads > 1)
 		sched_submit(s, &it.task);
 	crew_start(it.crew);
-	while (!way.in)
+	for (uint64_t since = clock_mono_ns(); !way.in && clock_since(since) < TOO_LONG;)
 		usleep(100);
+	assert_true(way.in);
 	if (threads == 1)
 		sched_submit(s, &it.task);
 	return s;
@@ -272,9 +273,10 @@ static void stays(void **state)
 		unsigned trips = 0;
 
 		way.held = false;
-		while (way.taken < ALONE)
+		while (way.taken < ALONE && clock_since(since) < TOO_LONG)
 			trips += turn(s);
-		/* With the last one. */
+		assert_true(way.taken >= ALONE);
+		/* One stay began before; and each helper ends one early. */
 		assert_true(trips <= clock_since(since) / STAY + members);
 		way.free = true;
 		way_end(s, ledger);
@@ -291,7 +293,7 @@ static void comes_back(void **state)
 	way.held = false;
 	/* Of the task nothing is heard before it is free. */
 	assert_int_equal(poll(&p, 1, TOO_LONG * 1000), 1);
-	assert_int_equal(sched_dispatch(s), 1);
+	assert_true(sched_dispatch(s) > 0);
 	way.free = true;
 	way_end(s, ledger);
 }
@@ -306,7 +308,6 @@ static void gives_way(void **state)
 		sched_submit(s, &way.other);
 		way.held = false;
 		way_end(s, ledger);
-		assert_true(way.other_done);
 		assert_int_equal(way.at, 1);
 	}
 }

@@ -30,7 +30,7 @@ static atomic_int norder;
 static int ndone;
 
 /* A way out of a hang: whoever waits waits for an event. */
-enum { TOO_LONG = 100 };
+enum { TOO_LONG = 40 };
 
 static void run(struct sched_task *t)
 {
@@ -286,7 +286,7 @@ static void spare_for_others(void **state)
 	ledger_free(ledger);
 }
 
-/* The others have waited when the worker takes the lengthy one. */
+/* Who waits already when the worker takes the lengthy one. */
 static void spare_for_who_waits(void **state)
 {
 	struct ledger *ledger;
