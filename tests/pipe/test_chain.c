@@ -184,6 +184,8 @@ static void check_same(const struct mesh_domain *a, const struct mesh_domain *b,
 	assert_int_equal(a->counts.used, b->counts.used);
 	assert_int_equal(a->counts.halo, b->counts.halo);
 	assert_memory_equal(a->counts.removed, b->counts.removed, sizeof a->counts.removed);
+	assert_true(digest_equal(a->own_digest, b->own_digest));
+	assert_int_equal(a->nhull, b->nhull);
 	if (!a->ntriangle)
 		return;
 	assert_memory_equal(a->box, b->box, sizeof a->box);
@@ -258,7 +260,8 @@ static void check_totals(struct pipe_totals a, struct pipe_totals b)
 	assert_memory_equal(&a, &b, sizeof a);
 }
 
-/* Of the regions, as one of leaves that may have few positions: so that many are nearly empty. It splits none, since all fit. */
+/* Of the regions, as one of leaves that may have few positions: a halo has more than those that are nearly empty, and is found with
+ * others. It splits none, since all fit. */
 static void plan_known(struct generation *g, const struct cut_region *leaf, unsigned n, struct cut_plan *ret)
 {
 	struct grid_reader *reader;
@@ -391,6 +394,9 @@ static void test_chains(void **state)
 	       (unsigned long long)fronts);
 	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n", (unsigned long long)bounded,
 	       (unsigned long long)sited, (unsigned long long)both);
+	/* Of many cases; one may be tried again by itself. */
+	if (n < 40)
+		return;
 	assert_true(bounded > domains / 100 && sited > 0 && both > 0);
 	assert_true(found > domains / 10 && found < domains && proved > domains / 1000 && fronts > found / 4);
 }

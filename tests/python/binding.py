@@ -10,7 +10,6 @@ import pickle
 import pwd
 import signal
 import struct
-import sys
 import threading
 
 import acut
