@@ -294,6 +294,32 @@ int stage_set(const struct folder *f, const char *name, const struct set *s, siz
 	return rc;
 }
 
+void stage_sources(const struct folder *f, const struct set *s, unsigned segments, struct grid_segment_info *ret)
+{
+	for (unsigned i = 0; i < segments; i++) {
+		struct set part = {calloc(s->n + 1, sizeof *s->pts), calloc(s->n + 1, sizeof *s->ids), 0};
+		struct err err = ERR_INIT;
+		char name[16];
+
+		for (size_t k = 0; k < s->n; k++)
+			if (s->ids[k] % segments == i) {
+				part.pts[part.n] = s->pts[k];
+				part.ids[part.n++] = s->ids[k];
+			}
+		snprintf(name, sizeof name, "s%u", i);
+		CHECK(stage_set(f, name, &part, GRID_STAGE_MIN, &ret[i], &err));
+		set_free(&part);
+	}
+}
+
+void manifest_count(struct grid_manifest *m, const struct set *s)
+{
+	for (size_t i = 0; i < m->nsources; i++)
+		m->sources[i].points = 0;
+	for (size_t k = 0; k < s->n; k++)
+		m->sources[s->ids[k] - 1].points++;
+}
+
 struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources)
 {
 	static char names[8][32];

@@ -68,9 +68,14 @@ void check_ok(int rc, const struct err *err, const char *what, const char *file,
 /* Stage and seal, in pieces of odd sizes; memory 0: plenty. */
 int stage_set(const struct folder *, const char *name, const struct set *, size_t memory,
 	      struct grid_segment_info *ret, struct err *err);
+/* Segments s0, s1, ...: each source lies in one of them, by its number. Made of little memory. */
+void stage_sources(const struct folder *, const struct set *, unsigned segments, struct grid_segment_info *ret);
 /* A manifest over segments whose sources are 1..sources, all added in generation 1. Caller frees
  * m.sources. */
 struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, uint32_t sources);
+
+/* How many of the set's points are of each source. */
+void manifest_count(struct grid_manifest *, const struct set *);
 
 /* A reader with its memory. */
 struct reader {

@@ -53,27 +53,13 @@ static struct generation generation_of(const struct set *s, unsigned segments, u
 	struct err err = ERR_INIT;
 	size_t reader_size;
 
-	for (unsigned i = 0; i < segments; i++) {
-		struct set part = {calloc(s->n + 1, sizeof *s->pts), calloc(s->n + 1, sizeof *s->ids), 0};
-		char name[16];
-
-		for (size_t k = 0; k < s->n; k++)
-			if (s->ids[k] % segments == i) {
-				part.pts[part.n] = s->pts[k];
-				part.ids[part.n++] = s->ids[k];
-			}
-		snprintf(name, sizeof name, "s%u", i);
-		CHECK(stage_set(&g.folder, name, &part, GRID_STAGE_MIN, &g.info[i], &err));
-		set_free(&part);
-	}
+	stage_sources(&g.folder, s, segments, g.info);
 	g.m = manifest_of(g.info, segments, SOURCES);
 	g.m.generation = 2;
-	for (unsigned i = 0; i < SOURCES; i++) {
-		for (size_t k = 0; k < s->n; k++)
-			g.m.sources[i].points += s->ids[k] == i + 1;
+	manifest_count(&g.m, s);
+	for (unsigned i = 0; i < SOURCES; i++)
 		if (dead >> i & 1)
 			g.m.sources[i].removed = 2;
-	}
 	CHECK(grid_manifest_write(g.folder.fd, "m", &g.m, &err));
 	g.reader = reader_open(&g.folder, "m", GRID_NEWEST, 1 << 20);
 	reader_size = grid_reader_bytes(g.reader.grid);

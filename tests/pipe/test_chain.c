@@ -128,13 +128,10 @@ static void generation_begin(struct generation *g, struct layout *l, const struc
 	g->m.generation = 2;
 	if (moved)
 		g->m.lattice.k[0] += 12345;
-	for (unsigned i = 0; i < SOURCES; i++) {
-		g->m.sources[i].points = 0;
-		for (size_t k = 0; k < s->n; k++)
-			g->m.sources[i].points += s->ids[k] == i + 1;
+	manifest_count(&g->m, s);
+	for (unsigned i = 0; i < SOURCES; i++)
 		if (dead >> i & 1)
 			g->m.sources[i].removed = 2;
-	}
 	CHECK(grid_manifest_write(l->folder.fd, "m", &g->m, &err));
 	g->reader = reader_open(&l->folder, "m", GRID_NEWEST, 1 << 20);
 	g->budget = (struct pipe_budget){.load = CAP, .cap = CAP, .threads = 1,

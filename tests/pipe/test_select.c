@@ -241,31 +241,16 @@ static struct dataset dataset_of(const struct set *s, unsigned sources, unsigned
 	struct dataset d = {.folder = folder_new()};
 	struct err err = ERR_INIT;
 
-	for (unsigned i = 0; i < segments; i++) {
-		struct set part = {calloc(s->n + 1, sizeof *s->pts), calloc(s->n + 1, sizeof *s->ids), 0};
-		char name[16];
-
-		/* A source lies in one segment. */
-		for (size_t k = 0; k < s->n; k++)
-			if (s->ids[k] % segments == i) {
-				part.pts[part.n] = s->pts[k];
-				part.ids[part.n++] = s->ids[k];
-			}
-		snprintf(name, sizeof name, "s%u", i);
-		CHECK(stage_set(&d.folder, name, &part, GRID_STAGE_MIN, &d.info[i], &err));
-		set_free(&part);
-	}
+	stage_sources(&d.folder, s, segments, d.info);
 	d.m = manifest_of(d.info, segments, sources);
 	random_k(d.m.lattice.k);
 	d.m.generation = 2;
-	for (unsigned i = 0; i < sources; i++) {
-		for (size_t k = 0; k < s->n; k++)
-			d.m.sources[i].points += s->ids[k] == i + 1;
+	manifest_count(&d.m, s);
+	for (unsigned i = 0; i < sources; i++)
 		if (removal && rnd(2)) {
 			d.m.sources[i].removed = 2;
 			d.dead[i + 1] = true;
 		}
-	}
 	CHECK(grid_manifest_write(d.folder.fd, "m", &d.m, &err));
 	d.reader = reader_open(&d.folder, "m", GRID_NEWEST, 1 << 20);
 	return d;
