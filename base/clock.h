@@ -5,7 +5,7 @@
 #include <stdint.h>
 
 uint64_t clock_mono_ns(void);
-int64_t clock_real_us(void); /* since 1970, UTC */
+int64_t clock_real_us(void);          /* since 1970, UTC */
 double clock_since(uint64_t mono_ns); /* seconds */
 
 #endif

@@ -38,15 +38,15 @@ void cursor_skip(struct cursor *c, size_t n)
 	cursor_bytes(c, n);
 }
 
-#define READ(name, type)                                                                                     \
-	type cursor_##name(struct cursor *c)                                                                 \
-	{                                                                                                    \
-		type v = 0;                                                                                  \
-		const uint8_t *b = cursor_bytes(c, sizeof v);                                                \
-                                                                                                             \
-		if (b)                                                                                       \
-			memcpy(&v, b, sizeof v);                                                             \
-		return v;                                                                                    \
+#define READ(name, type)                                      \
+	type cursor_##name(struct cursor *c)                  \
+	{                                                     \
+		type v = 0;                                   \
+		const uint8_t *b = cursor_bytes(c, sizeof v); \
+                                                              \
+		if (b)                                        \
+			memcpy(&v, b, sizeof v);              \
+		return v;                                     \
 	}
 
 READ(u8, uint8_t)
@@ -93,10 +93,10 @@ void packer_zero(struct packer *p, size_t n)
 	}
 }
 
-#define WRITE(name, type)                                                                                    \
-	void packer_##name(struct packer *p, type v)                                                         \
-	{                                                                                                    \
-		packer_bytes(p, &v, sizeof v);                                                               \
+#define WRITE(name, type)                            \
+	void packer_##name(struct packer *p, type v) \
+	{                                            \
+		packer_bytes(p, &v, sizeof v);       \
 	}
 
 WRITE(u8, uint8_t)

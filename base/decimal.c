@@ -189,8 +189,7 @@ int decimal_compare(struct decimal a, struct decimal b)
 	if (sign_a != sign_b || !sign_a)
 		return (sign_a > sign_b) - (sign_a < sign_b);
 	unsigned __int128 ma = magnitude(a.mantissa), mb = magnitude(b.mantissa);
-	int64_t top_a = (int64_t)digits_of(ma, digits) + a.exponent,
-		top_b = (int64_t)digits_of(mb, digits) + b.exponent;
+	int64_t top_a = (int64_t)digits_of(ma, digits) + a.exponent, top_b = (int64_t)digits_of(mb, digits) + b.exponent;
 
 	if (top_a != top_b)
 		return top_a > top_b ? sign_a : -sign_a;
@@ -219,14 +218,13 @@ double decimal_scaled_double(struct decimal scale, int64_t n)
 	int64_t product;
 
 	if (!__builtin_mul_overflow(scale.mantissa, n, &product) && product <= (INT64_C(1) << 53) &&
-	    product >= -(INT64_C(1) << 53) && scale.exponent >= -POWER_EXACT &&
-	    scale.exponent <= POWER_EXACT) {
+	    product >= -(INT64_C(1) << 53) && scale.exponent >= -POWER_EXACT && scale.exponent <= POWER_EXACT) {
 		if (scale.exponent < 0)
 			return (double)product / power_ten[-scale.exponent];
 		return (double)product * power_ten[scale.exponent];
 	}
-	return by_text((scale.mantissa < 0) != (n < 0),
-		       (unsigned __int128)magnitude(scale.mantissa) * magnitude(n), scale.exponent);
+	return by_text((scale.mantissa < 0) != (n < 0), (unsigned __int128)magnitude(scale.mantissa) * magnitude(n),
+		       scale.exponent);
 }
 
 double decimal_double(struct decimal d)

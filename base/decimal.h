@@ -23,7 +23,7 @@ bool decimal_parse(const char *text, struct decimal *ret);
 /* Canonical text of a decimal: plain notation for exponents -12..12, else mantissa "e" exponent. */
 char *decimal_text(struct decimal, char buf[DECIMAL_TEXT_SIZE]);
 int decimal_compare(struct decimal a, struct decimal b); /* exact; -1, 0, 1 */
-double decimal_double(struct decimal d); /* nearest double */
+double decimal_double(struct decimal d);                 /* nearest double */
 
 /* n * scale, for a lattice number n: nearest double; exact plain decimal text (never an exponent for the
  * scales that a lattice may have: exponent -40..8). */

@@ -21,7 +21,7 @@ struct digest digest_hash(const void *bytes, size_t size);
 struct digest_stream;
 struct digest_stream *digest_stream_new(void); /* NULL: no memory */
 void digest_stream_add(struct digest_stream *, const void *bytes, size_t size);
-struct digest digest_stream_end(const struct digest_stream *); /* of all that was added so far */
+struct digest digest_stream_end(const struct digest_stream *);    /* of all that was added so far */
 struct digest_stream *digest_stream_free(struct digest_stream *); /* NULL is fine; gives NULL */
 void digest_add(struct digest *sum, struct digest part);
 void digest_sub(struct digest *sum, struct digest part);

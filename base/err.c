@@ -49,8 +49,8 @@ static void text_copy(char *buf, size_t size, const char *from)
 		text_close(buf, size);
 }
 
-static int raise_list(struct err *err, enum err_code code, int sys, const char *src_file, int src_line,
-		      const char *fmt, va_list ap)
+static int raise_list(struct err *err, enum err_code code, int sys, const char *src_file, int src_line, const char *fmt,
+		      va_list ap)
 {
 	if (err->code)
 		return -(int)err->code;
@@ -62,8 +62,7 @@ static int raise_list(struct err *err, enum err_code code, int sys, const char *
 	return -(int)code;
 }
 
-int err_raise(struct err *err, enum err_code code, int sys, const char *src_file, int src_line,
-	      const char *fmt, ...)
+int err_raise(struct err *err, enum err_code code, int sys, const char *src_file, int src_line, const char *fmt, ...)
 {
 	va_list ap;
 
@@ -166,7 +165,7 @@ char *err_format(const struct err *err, char *buf, unsigned long size)
 	if (err->offset != ERR_NO_OFFSET)
 		snprintf(place, sizeof place, "byte %llu", (unsigned long long)err->offset);
 	snprintf(buf, size, "%s%s%s%s%s%s%s%s%s%s", err->file, err->file[0] ? ": " : "", place,
-		 place[0] && err->field[0] ? ", " : "", err->field, place[0] || err->field[0] ? ": " : "",
-		 message, err->hint[0] ? " (" : "", err->hint, err->hint[0] ? ")" : "");
+		 place[0] && err->field[0] ? ", " : "", err->field, place[0] || err->field[0] ? ": " : "", message,
+		 err->hint[0] ? " (" : "", err->hint, err->hint[0] ? ")" : "");
 	return buf;
 }

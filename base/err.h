@@ -25,18 +25,18 @@ enum err_code {
 
 struct err {
 	enum err_code code;
-	int sys;             /* errno, 0 if none */
-	uint64_t need;       /* of a LIMIT: how much would do, in the unit of whoever raised it; 0 unknown */
-	uint64_t offset;     /* byte offset (or line for text) in `file`; ERR_NO_OFFSET if unknown */
-	char file[256];      /* the file it is about, "" if none */
-	char field[64];      /* the field it is about, "" if none */
-	char message[512];   /* one sentence: what is wrong */
-	char hint[384];      /* one sentence: what to do, "" if nothing can be said */
+	int sys;              /* errno, 0 if none */
+	uint64_t need;        /* of a LIMIT: how much would do, in the unit of whoever raised it; 0 unknown */
+	uint64_t offset;      /* byte offset (or line for text) in `file`; ERR_NO_OFFSET if unknown */
+	char file[256];       /* the file it is about, "" if none */
+	char field[64];       /* the field it is about, "" if none */
+	char message[512];    /* one sentence: what is wrong */
+	char hint[384];       /* one sentence: what to do, "" if nothing can be said */
 	const char *src_file; /* where it was raised, for the debug log */
 	int src_line;
 };
 
-#define ERR_INIT ((struct err){ .offset = ERR_NO_OFFSET })
+#define ERR_INIT ((struct err){.offset = ERR_NO_OFFSET})
 
 /* Raise: fills *err and returns -code. Truncates long texts safely. */
 #define err_set(err, code, ...) err_raise((err), (code), 0, __FILE__, __LINE__, __VA_ARGS__)
@@ -44,8 +44,8 @@ struct err {
  * IO; the text of `sys` is appended to the message. */
 #define err_sys(err, sys, ...) err_raise_sys((err), (sys), __FILE__, __LINE__, __VA_ARGS__)
 
-int err_raise(struct err *err, enum err_code code, int sys, const char *src_file, int src_line,
-	      const char *fmt, ...) __attribute__((format(printf, 6, 7)));
+int err_raise(struct err *err, enum err_code code, int sys, const char *src_file, int src_line, const char *fmt, ...)
+	__attribute__((format(printf, 6, 7)));
 int err_raise_sys(struct err *err, int sys, const char *src_file, int src_line, const char *fmt, ...)
 	__attribute__((format(printf, 5, 6)));
 

@@ -218,7 +218,6 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 int io_close(int fd)
 {
 	if (fd >= 0 && !io_aside(fd))
-		io->close(
-			fd); /* the number is free afterwards, whatever it answers; what matters was synced */
+		io->close(fd); /* the number is free afterwards, whatever it answers; what matters was synced */
 	return -1;
 }

@@ -54,7 +54,7 @@ int io_write_at(int fd, const void *buf, size_t n, uint64_t off, const char *nam
 int io_sync(int fd, const char *name, struct err *err);
 /* fsync(fd), rename temp to name, fsync(dirfd). On failure the temp file is removed. Does not close. */
 int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err);
-int io_remove(int dirfd, const char *path, struct err *err); /* absent is success */
+int io_remove(int dirfd, const char *path, struct err *err);                /* absent is success */
 int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err); /* present is success */
 /* Calls `each` for every entry but "." and "..", until it returns non-zero, which is returned. What `each` removes is
  * not met again. A folder that cannot be read to its end is an error. */
@@ -62,15 +62,16 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 	    struct err *err);
 /* Closes if fd >= 0; returns -1, so that `fd = io_close(fd)`. */
 int io_close(int fd);
-/* The thread that calls this must not wait: what it closes from now on and can take long (files) is closed by another one, soon. */
+/* The thread that calls this must not wait: what it closes from now on and can take long (files) is closed by another one, soon.
+ */
 int io_close_aside(struct err *err);
 void io_close_waits(void); /* it may wait again */
-/* Whose it is that this thread closes so from now on (0: nobody's); returns whose it was. One owner's are closed one after the other,
- * those of others beside them. */
+/* Whose it is that this thread closes so from now on (0: nobody's); returns whose it was. One owner's are closed one after the
+ * other, those of others beside them. */
 uint32_t io_close_whose(uint32_t owner);
 void io_close_owned(int fd, uint32_t owner); /* this descriptor is his until it is closed, whoever does that */
-/* So many of his (at least 1), or more, are not closed yet: he is to bring no more. *ret_since_ns is then when the close of the first
- * of them began, or when it came here if no thread is free for it (clock_mono_ns). */
+/* So many of his (at least 1), or more, are not closed yet: he is to bring no more. *ret_since_ns is then when the close of the
+ * first of them began, or when it came here if no thread is free for it (clock_mono_ns). */
 bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns);
 
 #endif

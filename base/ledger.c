@@ -1,6 +1,6 @@
 /*
- * The budget (ledger.h): one total, held by name, with a part set aside for some. Taking never waits: who cannot have it now gives way
- * or comes back later. A name that gives back more than it holds is a fault in the program and ends it.
+ * The budget (ledger.h): one total, held by name, with a part set aside for some. Taking never waits: who cannot have it now
+ * gives way or comes back later. A name that gives back more than it holds is a fault in the program and ends it.
  */
 #include "ledger.h"
 
@@ -153,10 +153,10 @@ uint64_t ledger_claimed(struct ledger *l, unsigned mask)
 const char *ledger_name_text(enum ledger_name name)
 {
 	static const char *const text[LEDGER_NAMES] = {
-		[LEDGER_STAGE] = "stage",     [LEDGER_INDEX] = "index",         [LEDGER_DOMAIN] = "domain",
-		[LEDGER_EMITTER] = "emitter", [LEDGER_PIPE] = "pipe",           [LEDGER_INPUT] = "input",
-		[LEDGER_MESSAGE] = "message", [LEDGER_CATALOGUE] = "catalogue", [LEDGER_PLAN] = "plan",
-		[LEDGER_MANIFEST] = "manifest", [LEDGER_FILES] = "files",       [LEDGER_JOBS] = "jobs",
+		[LEDGER_STAGE] = "stage",       [LEDGER_INDEX] = "index",         [LEDGER_DOMAIN] = "domain",
+		[LEDGER_EMITTER] = "emitter",   [LEDGER_PIPE] = "pipe",           [LEDGER_INPUT] = "input",
+		[LEDGER_MESSAGE] = "message",   [LEDGER_CATALOGUE] = "catalogue", [LEDGER_PLAN] = "plan",
+		[LEDGER_MANIFEST] = "manifest", [LEDGER_FILES] = "files",         [LEDGER_JOBS] = "jobs",
 		[LEDGER_THREAD] = "thread",
 	};
 

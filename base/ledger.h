@@ -28,7 +28,7 @@ enum ledger_name {
 
 struct ledger;
 
-struct ledger *ledger_new(uint64_t total); /* NULL: no memory */
+struct ledger *ledger_new(uint64_t total);   /* NULL: no memory */
 struct ledger *ledger_free(struct ledger *); /* asserts that everything was given back */
 
 /* What a name has of the whole: `aside` is kept for it, so that what is small and cannot wait (a message) is never
@@ -41,8 +41,8 @@ bool ledger_take(struct ledger *, enum ledger_name, uint64_t bytes);
 void ledger_give(struct ledger *, enum ledger_name, uint64_t bytes);
 
 uint64_t ledger_total(const struct ledger *);
-uint64_t ledger_left(struct ledger *); /* for a name that nothing is set aside for */
-uint64_t ledger_room(struct ledger *, enum ledger_name); /* what that name could take now */
+uint64_t ledger_left(struct ledger *);                         /* for a name that nothing is set aside for */
+uint64_t ledger_room(struct ledger *, enum ledger_name);       /* what that name could take now */
 uint64_t ledger_most(const struct ledger *, enum ledger_name); /* that it ever gets */
 uint64_t ledger_held(struct ledger *, enum ledger_name);
 uint64_t ledger_peak(struct ledger *, enum ledger_name); /* the most that was held at a time */

@@ -30,9 +30,8 @@ static const struct {
 	const char *text;
 	char priority; /* of syslog */
 } levels[] = {
-	[LOG_LEVEL_ERROR] = {"error", '3'},   [LOG_LEVEL_WARNING] = {"warning", '4'},
-	[LOG_LEVEL_NOTICE] = {"notice", '5'}, [LOG_LEVEL_INFO] = {"info", '6'},
-	[LOG_LEVEL_DEBUG] = {"debug", '7'},
+	[LOG_LEVEL_ERROR] = {"error", '3'}, [LOG_LEVEL_WARNING] = {"warning", '4'}, [LOG_LEVEL_NOTICE] = {"notice", '5'},
+	[LOG_LEVEL_INFO] = {"info", '6'},   [LOG_LEVEL_DEBUG] = {"debug", '7'},
 };
 
 static const struct {
@@ -59,8 +58,8 @@ static bool stderr_is_journal(void)
 	unsigned long long dev, ino;
 	struct stat st;
 
-	return stream && sscanf(stream, "%llu:%llu", &dev, &ino) == 2 && fstat(STDERR_FILENO, &st) == 0 &&
-	       st.st_dev == dev && st.st_ino == ino;
+	return stream && sscanf(stream, "%llu:%llu", &dev, &ino) == 2 && fstat(STDERR_FILENO, &st) == 0 && st.st_dev == dev &&
+	       st.st_ino == ino;
 }
 
 void log_init(const char *program, enum log_level level)
@@ -176,8 +175,8 @@ static void write_line(enum log_level level, const char *message)
 		(void)0;
 }
 
-static void tell(const struct log_place *place, enum log_level level, int event, const struct log_about *about,
-		 const char *fmt, va_list ap)
+static void tell(const struct log_place *place, enum log_level level, int event, const struct log_about *about, const char *fmt,
+		 va_list ap)
 {
 	char message[LINE], texts[3][FIELD];
 	struct log_about a = about ? *about : (struct log_about){0};
@@ -280,8 +279,7 @@ void log_line_at(const struct log_place *place, enum log_level level, const char
 	va_end(ap);
 }
 
-void log_event_at(const struct log_place *place, enum log_event event, const struct log_about *about, const char *fmt,
-		  ...)
+void log_event_at(const struct log_place *place, enum log_event event, const struct log_about *about, const char *fmt, ...)
 {
 	enum log_level level = events[event].level;
 	va_list ap;
@@ -308,8 +306,8 @@ void log_err_at(const struct log_place *place, enum log_level level, const char 
 	raised_at(place, err);
 }
 
-void log_event_err_at(const struct log_place *place, enum log_event event, const struct log_about *about,
-		      const char *what, const struct err *err)
+void log_event_err_at(const struct log_place *place, enum log_event event, const struct log_about *about, const char *what,
+		      const struct err *err)
 {
 	struct log_about a = about ? *about : (struct log_about){0};
 	char text[1400];

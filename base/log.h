@@ -43,8 +43,8 @@ struct log_place { /* in the source */
 
 struct log_entry {
 	enum log_level level;
-	int event;           /* enum log_event; -1: a line */
-	const char *message; /* clean, one line */
+	int event;                     /* enum log_event; -1: a line */
+	const char *message;           /* clean, one line */
 	const struct log_about *about; /* never NULL; its texts are clean */
 	const struct log_place *place;
 };
@@ -78,8 +78,7 @@ uint64_t log_event_count(enum log_event);
 /* "what: message (hint)"; file and code of the error become fields */
 #define log_event_err(event, ...) log_event_err_at(LOG_HERE, event, __VA_ARGS__) /* about, what, err */
 
-void log_line_at(const struct log_place *, enum log_level, const char *fmt, ...)
-	__attribute__((format(printf, 3, 4)));
+void log_line_at(const struct log_place *, enum log_level, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
 void log_err_at(const struct log_place *, enum log_level, const char *what, const struct err *err);
 void log_event_at(const struct log_place *, enum log_event, const struct log_about *, const char *fmt, ...)
 	__attribute__((format(printf, 4, 5)));

@@ -26,12 +26,9 @@ struct words {
 static void list_options(struct option *to)
 {
 	static const struct option more[] = {
-		{"config", required_argument, NULL, OPTION_FILE},
-		{"no-config", no_argument, NULL, OPTION_NO_FILE},
-		{"check-config", no_argument, NULL, OPTION_CHECK},
-		{"version", no_argument, NULL, OPTION_VERSION},
-		{"help", no_argument, NULL, OPTION_HELP},
-		{0},
+		{"config", required_argument, NULL, OPTION_FILE},  {"no-config", no_argument, NULL, OPTION_NO_FILE},
+		{"check-config", no_argument, NULL, OPTION_CHECK}, {"version", no_argument, NULL, OPTION_VERSION},
+		{"help", no_argument, NULL, OPTION_HELP},          {0},
 	};
 
 	for (int i = 0; i < CONFIG_SETTINGS; i++) {

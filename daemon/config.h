@@ -43,7 +43,7 @@ struct config {
 	double idle_exit; /* seconds; 0: never */
 	struct space_limit disk, keep_free;
 	double keep_removed; /* seconds that a removed dataset can be restored */
-	double space_wait; /* seconds that what a client waits for waits for room on the disk */
+	double space_wait;   /* seconds that what a client waits for waits for room on the disk */
 
 	/* Who may: names or numbers of groups, "": unset; and their numbers here, -1: unset. */
 	char group[CONFIG_GROUP_SIZE], admin_group[CONFIG_GROUP_SIZE];
@@ -56,7 +56,7 @@ struct config {
 	unsigned user_connections;
 
 	struct config_origin origin[CONFIG_SETTINGS];
-	uint64_t cgroup_limit; /* UINT64_MAX: none */
+	uint64_t cgroup_limit;       /* UINT64_MAX: none */
 	char file[CONFIG_PATH_SIZE]; /* that is read, if it is there; "": none */
 	int argc;                    /* of config_parse */
 	char **argv;

@@ -81,8 +81,8 @@ static void resolve_folders(struct config *c, struct config_told *told)
 	if (!*c->state && !default_folder(c->state, "STATE_DIRECTORY", "/var/lib/acut", "XDG_STATE_HOME", ".local/state",
 					  &c->origin[CONFIG_state]))
 		wrong(c, told, CONFIG_state, "give --state", "there is no home folder to keep data in");
-	if (!*c->cache && !default_folder(c->cache, "CACHE_DIRECTORY", "/var/cache/acut", "XDG_CACHE_HOME", ".cache",
-					  &c->origin[CONFIG_cache]))
+	if (!*c->cache &&
+	    !default_folder(c->cache, "CACHE_DIRECTORY", "/var/cache/acut", "XDG_CACHE_HOME", ".cache", &c->origin[CONFIG_cache]))
 		wrong(c, told, CONFIG_cache, "give --cache", "there is no home folder for the cache");
 }
 
@@ -98,16 +98,16 @@ static void resolve_memory(struct config *c, struct config_told *told)
 	most = config_memory_most(c->cgroup_limit, private);
 	if (!said) {
 		c->memory = config_memory(c->cgroup_limit, config_machine_memory(), private);
-		c->origin[CONFIG_memory].by = c->memory == config_memory_most(c->cgroup_limit, false) ? CONFIG_BY_CGROUP
-												  : CONFIG_BY_DEFAULT;
+		c->origin[CONFIG_memory].by =
+			c->memory == config_memory_most(c->cgroup_limit, false) ? CONFIG_BY_CGROUP : CONFIG_BY_DEFAULT;
 	}
 	if (c->memory < MEMORY_LEAST)
 		wrong(c, told, CONFIG_memory, "set memory, or give the service a higher limit",
 		      "%s of memory are too little, acutd needs 24 MB at least", parse_size_text(c->memory, text));
 	else if (said && c->memory > most)
 		wrong(c, told, CONFIG_memory,
-		      private ? "give less --memory, or the control group a higher limit"
-			      : "leave memory out, and set the limit alone (MemoryMax= of the unit): acutd takes what it leaves",
+		      private ? "give less --memory, or the control group a higher limit" :
+				"leave memory out, and set the limit alone (MemoryMax= of the unit): acutd takes what it leaves",
 		      "memory is %s, but the control group has a limit of %s, which leaves %s", parse_size_text(c->memory, text),
 		      parse_size_text(c->cgroup_limit, limit), parse_size_text(most, left));
 }
@@ -159,8 +159,8 @@ static void resolve_group(struct config *c, enum config_id id, const char *name,
 	free(buffer);
 	if (*gid >= 0)
 		return;
-	snprintf(hint, sizeof hint, "make it (groupadd --system %.64s, or systemd-sysusers), or set %s to one that is there", name,
-		 config_settings[id].name);
+	snprintf(hint, sizeof hint, "make it (groupadd --system %.64s, or systemd-sysusers), or set %s to one that is there",
+		 name, config_settings[id].name);
 	if (r && r != ENOENT && r != ESRCH)
 		wrong(c, told, id, "getent group tells whether groups can be read", "group %s cannot be looked up: %s", name,
 		      strerror(r));

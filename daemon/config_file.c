@@ -158,7 +158,8 @@ static bool unquote(struct reading *r, char **value)
 
 	if (quote == '"' || quote == '\'') {
 		if (n < 2 || v[n - 1] != quote || memchr(v + 1, quote, n - 2)) {
-			wrong(r, "a value in quotes ends with the quote that it began with", "the quotes of %.100s do not pair", v);
+			wrong(r, "a value in quotes ends with the quote that it began with", "the quotes of %.100s do not pair",
+			      v);
 			return false;
 		}
 		v[n - 1] = 0;
@@ -208,8 +209,8 @@ static void set(struct reading *r, int id, const char *value)
 		return;
 	}
 	if (s->type == CONFIG_TYPE_PATH && *value != '/') {
-		wrong(r, "begin it with /: a service has no folder of its own to start from", "%s = %.100s is not an absolute path",
-		      s->name, value);
+		wrong(r, "begin it with /: a service has no folder of its own to start from",
+		      "%s = %.100s is not an absolute path", s->name, value);
 		return;
 	}
 	if (!config_value_parse(s, value, r->to, &wanted)) {
@@ -357,8 +358,9 @@ bool config_file(const char *path, bool must, struct config *to, struct config_t
 	if (fd < 0) {
 		if (errno == ENOENT && !must)
 			return false;
-		cannot(path, told, errno, errno == ENOENT ? "make it, or leave --config out"
-							  : "the user that acutd runs as must be able to read it");
+		cannot(path, told, errno,
+		       errno == ENOENT ? "make it, or leave --config out" :
+					 "the user that acutd runs as must be able to read it");
 		return true;
 	}
 	read_open(path, fd, to, told);

@@ -12,7 +12,8 @@
 #include "config.h"
 #include "parse.h"
 
-static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_BESIDE = UINT64_C(32) << 20, MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
+static const uint64_t MEMORY_SPARE = UINT64_C(48) << 20, MEMORY_BESIDE = UINT64_C(32) << 20,
+		      MEMORY_DEFAULT_MOST = UINT64_C(2) << 30;
 
 uint64_t config_memory(uint64_t limit, uint64_t machine, bool private)
 {

@@ -22,8 +22,18 @@ void config_presets(struct config *ret)
 
 const struct config_setting config_settings[CONFIG_SETTINGS] = {
 #define SETTING(name, field, type, least, most, unit, preset, told, scope, argument, help, more) \
-	{name,	 CONFIG_TYPE_##type, offsetof(struct config, field), least, most, unit, preset, \
-	 told, CONFIG_##scope,      argument,                      help,  more},
+	{name,                                                                                   \
+	 CONFIG_TYPE_##type,                                                                     \
+	 offsetof(struct config, field),                                                         \
+	 least,                                                                                  \
+	 most,                                                                                   \
+	 unit,                                                                                   \
+	 preset,                                                                                 \
+	 told,                                                                                   \
+	 CONFIG_##scope,                                                                         \
+	 argument,                                                                               \
+	 help,                                                                                   \
+	 more},
 #include "config_table.def"
 };
 
@@ -116,9 +126,9 @@ static const char *wanted(const struct config_setting *s)
 	case CONFIG_TYPE_SECONDS:
 		return s->least ? "a time above 0, as 90s, 5m, 2h or 7d," : "a time as 90s, 5m, 2h or 7d";
 	case CONFIG_TYPE_LIMIT:
-		return s->most < 100 ? "a size as 10G, or a percentage from 0% to 99%,"
-		       : s->least    ? "a size as 200G, or a percentage from 1% to 100%,"
-				     : "a size as 200G, or a percentage from 0% to 100%,";
+		return s->most < 100 ? "a size as 10G, or a percentage from 0% to 99%," :
+		       s->least      ? "a size as 200G, or a percentage from 1% to 100%," :
+				       "a size as 200G, or a percentage from 0% to 100%,";
 	case CONFIG_TYPE_LEVEL:
 		return "error, warning, notice, info or debug";
 	default:
@@ -227,10 +237,14 @@ char *config_value_text(const struct config_setting *s, const struct config *c, 
 void config_value_copy(const struct config_setting *s, const struct config *from, struct config *to)
 {
 	static const size_t sizes[] = {
-		[CONFIG_TYPE_PATH] = CONFIG_PATH_SIZE,		 [CONFIG_TYPE_GROUP] = CONFIG_GROUP_SIZE,
-		[CONFIG_TYPE_FLAG] = sizeof(bool),		 [CONFIG_TYPE_SIZE] = sizeof(uint64_t),
-		[CONFIG_TYPE_COUNT] = sizeof(unsigned),		 [CONFIG_TYPE_PERCENT] = sizeof(unsigned),
-		[CONFIG_TYPE_SECONDS] = sizeof(double),		 [CONFIG_TYPE_LIMIT] = sizeof(struct space_limit),
+		[CONFIG_TYPE_PATH] = CONFIG_PATH_SIZE,
+		[CONFIG_TYPE_GROUP] = CONFIG_GROUP_SIZE,
+		[CONFIG_TYPE_FLAG] = sizeof(bool),
+		[CONFIG_TYPE_SIZE] = sizeof(uint64_t),
+		[CONFIG_TYPE_COUNT] = sizeof(unsigned),
+		[CONFIG_TYPE_PERCENT] = sizeof(unsigned),
+		[CONFIG_TYPE_SECONDS] = sizeof(double),
+		[CONFIG_TYPE_LIMIT] = sizeof(struct space_limit),
 		[CONFIG_TYPE_LEVEL] = sizeof(enum log_level),
 	};
 

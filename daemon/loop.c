@@ -251,8 +251,7 @@ int loop_make(struct daemon *d, struct err *err)
 	if (r >= 0)
 		r = sd_event_add_signal(d->event, NULL, SIGHUP, on_hangup, d);
 	if (r >= 0)
-		r = sd_event_add_time_relative(d->event, &d->tick, CLOCK_MONOTONIC, TICK_USEC, TICK_USEC / 10,
-					       on_tick, d);
+		r = sd_event_add_time_relative(d->event, &d->tick, CLOCK_MONOTONIC, TICK_USEC, TICK_USEC / 10, on_tick, d);
 	if (r >= 0)
 		r = sd_event_add_post(d->event, NULL, on_round, d);
 	if (r < 0)

@@ -31,10 +31,10 @@ struct daemon {
 	struct notify notify;
 	bool ticking, stopping, over;
 	uint64_t tick_usec; /* that the tick was set to */
-	uint64_t slow_ns; /* when a slow round was told last, 0: never */
-	char warning[256]; /* that the start found; "": none */
-	uint64_t idle_ns; /* since when, 0: busy */
-	uint64_t heaped;  /* the most that heap_trim has seen since it trimmed */
+	uint64_t slow_ns;   /* when a slow round was told last, 0: never */
+	char warning[256];  /* that the start found; "": none */
+	uint64_t idle_ns;   /* since when, 0: busy */
+	uint64_t heaped;    /* the most that heap_trim has seen since it trimmed */
 };
 
 /* The event loop with its signals and its tick. */

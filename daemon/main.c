@@ -74,8 +74,7 @@ static int take_sockets(struct daemon *d, struct err *err)
 		int flags = fcntl(SD_LISTEN_FDS_START + i, F_GETFL);
 
 		if (flags < 0 || fcntl(SD_LISTEN_FDS_START + i, F_SETFL, flags | O_NONBLOCK) < 0)
-			return err_sys(err, errno, "cannot use descriptor %d that was handed over",
-				       SD_LISTEN_FDS_START + i);
+			return err_sys(err, errno, "cannot use descriptor %d that was handed over", SD_LISTEN_FDS_START + i);
 		r = adopt(d, SD_LISTEN_FDS_START + i, err);
 	}
 	if (!r && n > 0 && *d->config.socket) {
@@ -150,7 +149,8 @@ static uint64_t tasks_most(void)
 	return config_cgroup_tasks("");
 }
 
-/* One that an earlier acutd made, or that was copied from a backup. Before SQLite has it: to close it here would give up its locks. */
+/* One that an earlier acutd made, or that was copied from a backup. Before SQLite has it: to close it here would give up its
+ * locks. */
 static void close_to_others(const char *path)
 {
 	static const char *const ends[] = {"", "-wal", "-shm"};
@@ -170,8 +170,8 @@ static void close_to_others(const char *path)
 	}
 }
 
-/* It names what rights.c tells not everybody, and the folder may be one that somebody made with another mode: SQLite goes by the umask,
- * its other files by this one's mode. */
+/* It names what rights.c tells not everybody, and the folder may be one that somebody made with another mode: SQLite goes by the
+ * umask, its other files by this one's mode. */
 static int open_catalogue(const char *path, struct daemon *d, struct err *err)
 {
 	mode_t mask = umask(0077);
@@ -216,8 +216,10 @@ static int make_jobs(struct daemon *d, struct err *err)
 		.space_wait = d->config.space_wait,
 		.rest = REST_SECONDS,
 		.keep_removed = d->config.keep_removed,
-		.user = {.jobs = d->config.user_jobs, .memory = d->config.user_memory,
-			 .datasets = d->config.user_datasets, .disk = d->config.user_disk},
+		.user = {.jobs = d->config.user_jobs,
+			 .memory = d->config.user_memory,
+			 .datasets = d->config.user_datasets,
+			 .disk = d->config.user_disk},
 		.cache_again = cache_again,
 		.cache_ctx = d,
 		.changed = server_job_changed,
@@ -251,8 +253,7 @@ static int make_jobs(struct daemon *d, struct err *err)
 static void make_room(struct daemon *d)
 {
 	const uint64_t least = 1 << 20;
-	const struct space_params p = {.statefd = d->statefd, .cachefd = d->cachefd,
-				       .keep_free = {SPACE_BYTES, 2 * least}};
+	const struct space_params p = {.statefd = d->statefd, .cachefd = d->cachefd, .keep_free = {SPACE_BYTES, 2 * least}};
 	struct err err = ERR_INIT;
 	struct space *space;
 	struct statvfs vfs;
@@ -278,7 +279,8 @@ static void look_places(struct daemon *d)
 	struct statfs fs;
 
 	if (io->fstatfs(d->statefd, &fs) == 0 && ((uint32_t)fs.f_type == tmpfs || (uint32_t)fs.f_type == ramfs))
-		snprintf(d->warning, sizeof d->warning, "the state folder is in memory: what is pushed is gone when the machine stops");
+		snprintf(d->warning, sizeof d->warning,
+			 "the state folder is in memory: what is pushed is gone when the machine stops");
 	else if (place_fs_check(d->cachefd, &err) == -ERR_UNSUPPORTED)
 		snprintf(d->warning, sizeof d->warning, "the cache is on a network file system: it is slow, and not made for it");
 }
@@ -384,8 +386,7 @@ static void turn_away(const struct err *why)
 
 int main(int argc, char **argv)
 {
-	struct daemon d = {
-		.statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1};
+	struct daemon d = {.statefd = -1, .cachefd = -1, .state_lock = -1, .cache_lock = -1, .socket_lock = -1};
 	struct config_told told = {.tell = config_log};
 	struct err err = ERR_INIT;
 	char size[32];

@@ -59,7 +59,8 @@ static int judge(const struct disk_marker *d, enum marker_kind kind, size_t n, s
 		return err_add_hint(err, "acut keeps its files little-endian: run it on such a machine");
 	}
 	if (d->version > MARKER_VERSION) {
-		err_set(err, ERR_VERSION, "the %s folder was made by a newer acutd: its marker has version %u, this one (%s) knows up to %d",
+		err_set(err, ERR_VERSION,
+			"the %s folder was made by a newer acutd: its marker has version %u, this one (%s) knows up to %d",
 			kinds[kind].what, d->version, ACUT_VERSION, MARKER_VERSION);
 		return err_add_hint(err, "use that acutd, or another folder (--%s)", kinds[kind].what);
 	}

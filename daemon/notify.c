@@ -2,8 +2,8 @@
  * sd_notify, from the loop's thread alone.
  *
  * The watchdog is fed by rounds of the loop and by steps within one, not by a clock of its own: a loop that hangs is not alive,
- * whatever its threads do. What can take longer than a watchdog waits (fsync above all) is on other threads. A start is given more time by steps
- * that it has made (base/progress.h): one that hangs makes none, and is ended.
+ * whatever its threads do. What can take longer than a watchdog waits (fsync above all) is on other threads. A start is given
+ * more time by steps that it has made (base/progress.h): one that hangs makes none, and is ended.
  */
 #include "notify.h"
 

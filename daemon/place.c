@@ -108,8 +108,7 @@ static int open_locked(const char *path, int *ret_fd, int *ret_lock, struct err 
 	if (r) {
 		io_close(fd);
 		if (err->code == ERR_BUSY)
-			err_add_hint(err,
-				     "end that daemon, or give this one other folders (--state, --cache)");
+			err_add_hint(err, "end that daemon, or give this one other folders (--state, --cache)");
 		return r;
 	}
 	*ret_fd = fd;
@@ -216,8 +215,8 @@ static int of_folder(const char *path, struct err *err)
 	return err_add_file(err, path);
 }
 
-/* The folder is a copy of a backup, and no daemon has been on it: what acutctl notes beside a backup (FORMAT.md) came along, and names
- * the very store that the marker does. */
+/* The folder is a copy of a backup, and no daemon has been on it: what acutctl notes beside a backup (FORMAT.md) came along, and
+ * names the very store that the marker does. */
 static bool is_restored(int fd, const struct marker *m)
 {
 	char text[640] = "", identity[64] = "\nidentity ", *at = identity + strlen(identity);
@@ -238,9 +237,9 @@ static bool is_restored(int fd, const struct marker *m)
 }
 
 /*
- * What the store gave out after the backup is lost here, and its numbers are given out again, for other datasets, generations and jobs. So
- * it is another store from here on: whatever goes by identity, such as the next backup into the folder of the old ones, or an export,
- * takes neither for the other, also where the one that it was copied of goes on elsewhere.
+ * What the store gave out after the backup is lost here, and its numbers are given out again, for other datasets, generations and
+ * jobs. So it is another store from here on: whatever goes by identity, such as the next backup into the folder of the old ones,
+ * or an export, takes neither for the other, also where the one that it was copied of goes on elsewhere.
  */
 static int part(int fd, const char *path, struct marker *m, struct err *err)
 {
@@ -253,7 +252,8 @@ static int part(int fd, const char *path, struct marker *m, struct err *err)
 	if (r)
 		return r;
 	*m = new;
-	log_notice("%s is a backup that was restored: the store has a new identity, and its backups and exports need new folders", path);
+	log_notice("%s is a backup that was restored: the store has a new identity, and its backups and exports need new folders",
+		   path);
 	return 0;
 }
 

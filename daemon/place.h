@@ -14,8 +14,8 @@ struct marker;
 int place_state(const char *path, bool init, int *ret_fd, int *ret_lock, struct marker *ret, struct err *err);
 /* Whether place_state would take it without --init, and nothing else: no lock, nothing written. */
 int place_state_look(const char *path, struct err *err);
-/* Whether the cache is apart from the state, by whatever links and "..", before either is made: it is not the state folder, does not
- * hold it (`passing`: may, the state goes with the process), and is not in a folder that the store has made. -ERR_USAGE. */
+/* Whether the cache is apart from the state, by whatever links and "..", before either is made: it is not the state folder, does
+ * not hold it (`passing`: may, the state goes with the process), and is not in a folder that the store has made. -ERR_USAGE. */
 int place_apart(const char *state, const char *cache, bool passing, struct err *err);
 /* The cache's, made with its parents if it is not there. */
 int place_cache(const char *path, int *ret_fd, int *ret_lock, struct err *err);

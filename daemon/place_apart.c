@@ -3,8 +3,8 @@
  * folder nor hold it, nor lie among what the store has made for itself.
  *
  * Paths say little (links, mounts, ".."), so folders are compared by device and inode, from a folder upwards to the
- * root. What is not there yet is known by the nearest folder above it that is, and the names that come below that. A bind mount of
- * a folder in between has other folders above it, and is not seen through.
+ * root. What is not there yet is known by the nearest folder above it that is, and the names that come below that. A bind mount
+ * of a folder in between has other folders above it, and is not seen through.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -22,7 +22,7 @@ enum { PATH = 512, DEPTH = 256 };
 struct spot {
 	struct stat up[DEPTH]; /* the nearest folder that is there, and those above it */
 	unsigned n;
-	char rest[PATH];       /* of names below it, each behind a '/'; "": it is there itself */
+	char rest[PATH]; /* of names below it, each behind a '/'; "": it is there itself */
 };
 
 /* Of folders that are the store's own: what the daemon lists, sweeps and gives to others. */
@@ -65,8 +65,8 @@ static int step(int fd, const char *name)
 	return to;
 }
 
-/* From the folder where a path stopped to be there: up by `up`, which names that are to be made and left again have not taken back,
- * and down what is there after all. */
+/* From the folder where a path stopped to be there: up by `up`, which names that are to be made and left again have not taken
+ * back, and down what is there after all. */
 static int walk_on(int fd, unsigned up, char rest[PATH])
 {
 	char name[PATH], *next;
@@ -88,7 +88,8 @@ static int walk_on(int fd, unsigned up, char rest[PATH])
 	return to;
 }
 
-/* The nearest folder that is there. What is not will be made name by name: a ".." behind one leads back to where that was made. */
+/* The nearest folder that is there. What is not will be made name by name: a ".." behind one leads back to where that was made.
+ */
 static int nearest(const char *path, char rest[PATH])
 {
 	char at[PATH], name[PATH];
@@ -122,7 +123,8 @@ static bool spot_find(const char *path, struct spot *ret)
 	while (ret->n < DEPTH && fstat(fd, &ret->up[ret->n]) == 0) {
 		int up;
 
-		if (ret->n && ret->up[ret->n].st_dev == ret->up[ret->n - 1].st_dev && ret->up[ret->n].st_ino == ret->up[ret->n - 1].st_ino)
+		if (ret->n && ret->up[ret->n].st_dev == ret->up[ret->n - 1].st_dev &&
+		    ret->up[ret->n].st_ino == ret->up[ret->n - 1].st_ino)
 			break; /* the root is above itself */
 		ret->n++;
 		up = openat(fd, "..", O_PATH | O_DIRECTORY | O_CLOEXEC);
@@ -185,16 +187,19 @@ int place_apart(const char *state, const char *cache, bool passing, struct err *
 	if (!*state || !*cache || !spot_find(state, &s) || !spot_find(cache, &c))
 		return 0;
 	if (lies_in(&s, &c) && lies_in(&c, &s)) {
-		err_set(err, ERR_USAGE, "the cache folder is the state folder (%s): what can be made again must be a folder of its own", state);
+		err_set(err, ERR_USAGE,
+			"the cache folder is the state folder (%s): what can be made again must be a folder of its own", state);
 		return refuse(cache, "give --cache another folder", err);
 	}
 	if (lies_in(&s, &c) && !passing) {
-		err_set(err, ERR_USAGE, "the state folder (%s) lies in the cache folder: whoever empties the cache loses what was pushed", state);
+		err_set(err, ERR_USAGE,
+			"the state folder (%s) lies in the cache folder: whoever empties the cache loses what was pushed", state);
 		return refuse(cache, "give --cache or --state another folder", err);
 	}
 	in = lies_in(&c, &s) ? lies_in_own(&c, state) : NULL;
 	if (!in)
 		return 0;
-	err_set(err, ERR_USAGE, "the cache folder lies in %s of the state folder (%s), where the store has what was pushed", in, state);
+	err_set(err, ERR_USAGE, "the cache folder lies in %s of the state folder (%s), where the store has what was pushed", in,
+		state);
 	return refuse(cache, "give --cache another folder", err);
 }

@@ -23,18 +23,18 @@ static const struct {
 	uint32_t magic;
 	const char *name;
 } network[] = {
-	{0x00006969, "nfs"},      {0x0000517B, "smb"},    {0xFF534D42, "cifs"},   {0xFE534D42, "smb2"},
-	{0x5346414F, "afs"},      {0x6B414653, "kafs"},   {0x01021997, "9p"},     {0x00C36400, "ceph"},
-	{0x0BD00BD0, "lustre"},   {0x47504653, "gpfs"},   {0x7461636F, "ocfs2"},  {0x01161970, "gfs2"},
-	{0x73757245, "coda"},     {0x0000564C, "ncp"},    {0xAAD7AAEA, "panfs"},  {0x20030528, "orangefs"},
-	{0x19830326, "beegfs"},   {0xBEEFDEAD, "snfs"},   {0xBACBACBC, "vmhgfs"}, {0x786F4256, "vboxsf"},
-	{0x7C7C6673, "prl_fs"},   {0x61636673, "acfs"},  
+	{0x00006969, "nfs"},      {0x0000517B, "smb"},    {0xFF534D42, "cifs"}, {0xFE534D42, "smb2"},   {0x5346414F, "afs"},
+	{0x6B414653, "kafs"},     {0x01021997, "9p"},     {0x00C36400, "ceph"}, {0x0BD00BD0, "lustre"}, {0x47504653, "gpfs"},
+	{0x7461636F, "ocfs2"},    {0x01161970, "gfs2"},   {0x73757245, "coda"}, {0x0000564C, "ncp"},    {0xAAD7AAEA, "panfs"},
+	{0x20030528, "orangefs"}, {0x19830326, "beegfs"}, {0xBEEFDEAD, "snfs"}, {0xBACBACBC, "vmhgfs"}, {0x786F4256, "vboxsf"},
+	{0x7C7C6673, "prl_fs"},   {0x61636673, "acfs"},
 };
 
 static const char *const network_fuse[] = {
-	"sshfs", "glusterfs", "ceph-fuse", "ceph", "s3fs", "s3fs-fuse", "rclone", "davfs", "davfs2", "curlftpfs", "gcsfuse",
-	"goofys", "juicefs", "JuiceFS", "mfs", "moosefs", "seaweedfs", "lizardfs", "blobfuse", "blobfuse2", "smbnetfs", "nfs",
-	"fuse-nfs", "beegfs", "cvmfs2", "afp", "afpfs", "gvfsd-fuse", "wdfs", "hdfs", "fuse_dfs", "quobyte", "vmhgfs-fuse",
+	"sshfs",      "glusterfs", "ceph-fuse", "ceph",     "s3fs",     "s3fs-fuse",   "rclone",  "davfs",     "davfs2",
+	"curlftpfs",  "gcsfuse",   "goofys",    "juicefs",  "JuiceFS",  "mfs",         "moosefs", "seaweedfs", "lizardfs",
+	"blobfuse",   "blobfuse2", "smbnetfs",  "nfs",      "fuse-nfs", "beegfs",      "cvmfs2",  "afp",       "afpfs",
+	"gvfsd-fuse", "wdfs",      "hdfs",      "fuse_dfs", "quobyte",  "vmhgfs-fuse",
 };
 
 const char *place_fs_network(uint64_t magic, const char *mount_type)
@@ -98,6 +98,7 @@ int place_fs_check(int dirfd, struct err *err)
 	name = place_fs_network((uint32_t)fs.f_type, type);
 	if (!name)
 		return 0;
-	err_set(err, ERR_UNSUPPORTED, "the state folder is on a network file system (%s), where what was pushed is not safe", name);
+	err_set(err, ERR_UNSUPPORTED, "the state folder is on a network file system (%s), where what was pushed is not safe",
+		name);
 	return err_add_hint(err, "give --state a folder on a disk of this machine (ext4, xfs, btrfs, zfs)");
 }

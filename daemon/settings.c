@@ -25,7 +25,7 @@ static const char *origin_name(const struct config_origin *o)
 {
 	static const char *const names[] = {
 		[CONFIG_BY_DEFAULT] = "default", [CONFIG_BY_ENVIRONMENT] = "environment", [CONFIG_BY_CGROUP] = "control_group",
-		[CONFIG_BY_FILE] = "file",	 [CONFIG_BY_LINE] = "command_line",
+		[CONFIG_BY_FILE] = "file",       [CONFIG_BY_LINE] = "command_line",
 	};
 
 	return names[o->by];
@@ -100,8 +100,8 @@ static void apply(const struct config *c, struct jobs *jobs, struct server *serv
 		.keep_removed = c->keep_removed,
 		.space_wait = c->space_wait,
 	};
-	const struct jobs_user_limits user = {.jobs = c->user_jobs, .memory = c->user_memory,
-					      .datasets = c->user_datasets, .disk = c->user_disk};
+	const struct jobs_user_limits user = {
+		.jobs = c->user_jobs, .memory = c->user_memory, .datasets = c->user_datasets, .disk = c->user_disk};
 	struct rights rights;
 
 	settings_rights(c, &rights);

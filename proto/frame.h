@@ -49,19 +49,18 @@ bool frame_message_fields(const void *bytes, size_t size, unsigned most);
 /* Unpacks `size` bytes; what the message takes may not exceed `cap` bytes and is taken from `ledger` (NULL:
  * not charged). -ERR_PROTO: malformed, beyond the cap, or a text that is not UTF-8. -ERR_BUSY: the ledger
  * has no room. A body that this build does not know gives body_case 0 (answer it with ERR_UNSUPPORTED). */
-int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger,
-			 Acut__V1__Message **ret, struct err *err);
+int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger, Acut__V1__Message **ret,
+			 struct err *err);
 /* Only for messages that came from here (frame_conn_recv included). Returns NULL. */
 Acut__V1__Message *frame_message_free(Acut__V1__Message *);
 
 /* ---- a connection ---- */
 
 struct frame_limits {
-	size_t queue;   /* bytes of frames waiting to be sent; 0: 256 KiB */
-	size_t message; /* bytes that one unpacked message may take; 0: 1 MiB */
-	unsigned fields; /* that one message may have, with those of messages inside it; 0: any number */
-	struct ledger
-	    *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
+	size_t queue;          /* bytes of frames waiting to be sent; 0: 256 KiB */
+	size_t message;        /* bytes that one unpacked message may take; 0: 1 MiB */
+	unsigned fields;       /* that one message may have, with those of messages inside it; 0: any number */
+	struct ledger *ledger; /* what buffers and messages are taken from (LEDGER_MESSAGE), NULL: not charged */
 };
 
 /* Positive results; the connection stays whole after AGAIN and FULL. */
@@ -92,8 +91,7 @@ size_t frame_conn_held(const struct frame_conn *);   /* bytes that it takes, the
  * caller's, close-on-exec) are set. FRAME_E_AGAIN, FRAME_E_EOF, or negative: -ERR_PROTO, -ERR_VERSION,
  * -ERR_IO, -ERR_BUSY; after a negative result the connection is beyond use (each further call gives it
  * again), though an Error may still be sent. */
-int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd,
-		    struct err *err);
+int frame_conn_recv(struct frame_conn *, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd, struct err *err);
 
 /* Queues a message. `fd` (-1: none) belongs to the connection from now on, whatever the result. 0 or
  * FRAME_E_FULL; -ERR_LIMIT: the message is larger than a frame; -ERR_NOMEM. Call frame_conn_flush next. */
@@ -107,8 +105,8 @@ int frame_conn_send_error(struct frame_conn *, uint32_t id, const struct err *wh
 /* Sends what the socket takes. 0: all sent. FRAME_E_AGAIN, FRAME_E_EOF, -ERR_IO. */
 int frame_conn_flush(struct frame_conn *, struct err *err);
 
-/* A page of a list, packed row by row. Starts with n = 0. (Smaller than a frame can be: acutd takes what has 64 KiB straight from the
- * kernel, which clears it each time.) */
+/* A page of a list, packed row by row. Starts with n = 0. (Smaller than a frame can be: acutd takes what has 64 KiB straight from
+ * the kernel, which clears it each time.) */
 enum { FRAME_PAGE_SIZE = 60 << 10, FRAME_PAGE_AROUND = 16 };
 struct frame_page {
 	size_t n;
@@ -139,9 +137,9 @@ int frame_error_to_err(const Acut__V1__Error *, struct err *err);
 char *frame_text_clean(char *text);
 
 /* A Message around one body: FRAME_MESSAGE(PROBED, probed, &p). */
-#define FRAME_MESSAGE(CASE, member, ptr)                                                                     \
-	(&(Acut__V1__Message){.base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor),               \
-			      .body_case = ACUT__V1__MESSAGE__BODY_##CASE,                                   \
+#define FRAME_MESSAGE(CASE, member, ptr)                                                       \
+	(&(Acut__V1__Message){.base = PROTOBUF_C_MESSAGE_INIT(&acut__v1__message__descriptor), \
+			      .body_case = ACUT__V1__MESSAGE__BODY_##CASE,                     \
 			      .member = (ptr)})
 
 #endif

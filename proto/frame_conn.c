@@ -31,7 +31,7 @@ enum {
 struct queued {
 	struct queued *next;
 	size_t size, sent, room; /* room: charged, this included */
-	int fd; /* -1: none, or sent already */
+	int fd;                  /* -1: none, or sent already */
 	uint8_t bytes[];
 };
 
@@ -222,8 +222,7 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 		char bytes[CMSG_SPACE(DESCRIPTORS_MAX * sizeof(int))];
 	} control;
 	struct iovec iov = {.iov_base = bytes, .iov_len = n};
-	struct msghdr msg = {
-	    .msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
+	struct msghdr msg = {.msg_iov = &iov, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
 	bool had = conn->in_fd >= 0;
 	unsigned count;
 	ssize_t r;
@@ -240,13 +239,11 @@ static int conn_read(struct frame_conn *conn, uint8_t *bytes, size_t n, size_t *
 	if (r == 0 && conn->got == 0)
 		return FRAME_E_EOF;
 	if (r == 0)
-		return err_set(err, ERR_PROTO,
-			       "the other side went away in the middle of a frame (%zu bytes of it had come)",
+		return err_set(err, ERR_PROTO, "the other side went away in the middle of a frame (%zu bytes of it had come)",
 			       conn->got);
 	count = conn_take_descriptors(conn, &msg);
 	if (count + had > 1)
-		return err_set(err, ERR_PROTO, "a frame came with %u descriptors; at most 1 is allowed",
-			       count + had);
+		return err_set(err, ERR_PROTO, "a frame came with %u descriptors; at most 1 is allowed", count + had);
 	/* There was room for as many as can be sent: the process has no descriptor left. */
 	if (msg.msg_flags & MSG_CTRUNC) {
 		err_set(err, ERR_BUSY, "there is no room for one more descriptor");
@@ -308,8 +305,7 @@ static int conn_frame(struct frame_conn *conn, struct err *err)
 	return 0;
 }
 
-int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd,
-		    struct err *err)
+int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message **ret_message, int *ret_fd, struct err *err)
 {
 	Acut__V1__Message *message;
 	int r;
@@ -327,8 +323,7 @@ int frame_conn_recv(struct frame_conn *conn, uint32_t *ret_id, Acut__V1__Message
 		err_set(err, ERR_PROTO, "a message has more than %u fields", conn->limits.fields);
 		return conn_break(conn, err);
 	}
-	r = frame_message_unpack(conn->body, conn->header.length, conn->limits.message, conn->limits.ledger,
-				 &message, err);
+	r = frame_message_unpack(conn->body, conn->header.length, conn->limits.message, conn->limits.ledger, &message, err);
 	if (r < 0)
 		return conn_break(conn, err);
 	*ret_id = conn->header.request_id;
@@ -347,8 +342,7 @@ static struct queued *conn_place(struct frame_conn *conn, size_t length, int *re
 	struct queued *q = NULL;
 
 	if (length > FRAME_BODY_MAX) {
-		*ret_r = err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u",
-				 length, FRAME_MAX);
+		*ret_r = err_set(err, ERR_LIMIT, "a message of %zu bytes does not fit into a frame of %u", length, FRAME_MAX);
 		return NULL;
 	}
 	length += FRAME_HEADER_SIZE;
@@ -373,8 +367,7 @@ static void conn_queue(struct frame_conn *conn, uint32_t id, size_t length, int 
 	conn->queued += q->size;
 }
 
-int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd,
-		    struct err *err)
+int frame_conn_send(struct frame_conn *conn, uint32_t id, const Acut__V1__Message *message, int fd, struct err *err)
 {
 	int r;
 	struct queued *q = conn_place(conn, acut__v1__message__get_packed_size(message), &r, err);
@@ -421,8 +414,7 @@ static ssize_t conn_write(struct frame_conn *conn, struct queued *q)
 		msg.msg_control = &control;
 		msg.msg_controllen = sizeof control.bytes;
 		c = CMSG_FIRSTHDR(&msg);
-		*c = (struct cmsghdr){
-		    .cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS, .cmsg_len = CMSG_LEN(sizeof(int))};
+		*c = (struct cmsghdr){.cmsg_level = SOL_SOCKET, .cmsg_type = SCM_RIGHTS, .cmsg_len = CMSG_LEN(sizeof(int))};
 		memcpy(CMSG_DATA(c), &q->fd, sizeof q->fd);
 	}
 	do {

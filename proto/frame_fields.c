@@ -82,7 +82,8 @@ static bool walk(struct bytes b, const ProtobufCMessageDescriptor *what, unsigne
 
 	while (b.at < b.end && field_head(&b, &key, &length)) {
 		field = (key & 7) == WIRE_LENGTH && key >> 3 <= UINT32_MAX ?
-			protobuf_c_message_descriptor_get_field(what, (unsigned)(key >> 3)) : NULL;
+				protobuf_c_message_descriptor_get_field(what, (unsigned)(key >> 3)) :
+				NULL;
 		n = 1 + (field ? packed(field, length) : 0);
 		if (n > *left)
 			return false;

@@ -124,7 +124,8 @@ static void arena_drop(struct arena *a)
 
 /* ---- texts ---- */
 
-/* Whether all n bytes are ASCII, which nearly all texts are: by eights or fours, of which the last may take some a second time. */
+/* Whether all n bytes are ASCII, which nearly all texts are: by eights or fours, of which the last may take some a second time.
+ */
 static bool text_plain(const char *text, size_t n)
 {
 	uint64_t all = 0, eight;
@@ -195,8 +196,7 @@ static int check_field(const ProtobufCFieldDescriptor *field, const uint8_t *mes
 	size_t count = 1;
 	int r = 0;
 
-	if ((field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF) &&
-	    *(const uint32_t *)(message + field->quantifier_offset) != field->id)
+	if ((field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF) && *(const uint32_t *)(message + field->quantifier_offset) != field->id)
 		return 0;
 	if (field->label == PROTOBUF_C_LABEL_REPEATED) {
 		count = *(const size_t *)(message + field->quantifier_offset);
@@ -269,13 +269,12 @@ static int unpack_error(const struct arena *a, size_t size, struct err *err)
 		return err_add_hint(err, "try again when other clients are done, or set a larger --memory");
 	}
 	if (a->over_cap)
-		return err_set(err, ERR_PROTO, "a message of %zu bytes unpacks to more than %zu bytes", size,
-			       a->cap);
+		return err_set(err, ERR_PROTO, "a message of %zu bytes unpacks to more than %zu bytes", size, a->cap);
 	return err_set(err, ERR_PROTO, "a message of %zu bytes is malformed", size);
 }
 
-int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger,
-			 Acut__V1__Message **ret, struct err *err)
+int frame_message_unpack(const void *bytes, size_t size, size_t cap, struct ledger *ledger, Acut__V1__Message **ret,
+			 struct err *err)
 {
 	struct arena a = {.cap = cap, .ledger = ledger};
 	size_t lead = (sizeof(struct arena_start) + sizeof(Acut__V1__Message) + 15) & ~(size_t)15;
@@ -353,8 +352,7 @@ int frame_error_to_err(const Acut__V1__Error *error, struct err *err)
 		error->message[0] ? error->message : "the daemon gave no reason");
 	if (error->file[0])
 		err_add_file(err, error->file);
-	err_add_place(err, error->has_offset ? error->offset : ERR_NO_OFFSET,
-		      error->field[0] ? error->field : NULL);
+	err_add_place(err, error->has_offset ? error->offset : ERR_NO_OFFSET, error->field[0] ? error->field : NULL);
 	if (error->hint[0])
 		err_add_hint(err, "%s", error->hint);
 	return -(int)err->code;

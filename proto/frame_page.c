@@ -179,8 +179,10 @@ static void put_message(struct packing *p, const ProtobufCMessage *m)
 			if (n)
 				put_list(p, field, *(const void *const *)at, n);
 		} else {
-			put_one(p, field, at, field->label == PROTOBUF_C_LABEL_OPTIONAL && field->type != PROTOBUF_C_TYPE_MESSAGE ?
-						      (const void *)((const uint8_t *)m + field->quantifier_offset) : NULL);
+			put_one(p, field, at,
+				field->label == PROTOBUF_C_LABEL_OPTIONAL && field->type != PROTOBUF_C_TYPE_MESSAGE ?
+					(const void *)((const uint8_t *)m + field->quantifier_offset) :
+					NULL);
 		}
 	}
 }

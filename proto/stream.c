@@ -76,8 +76,7 @@ static unsigned put_small(enum stream_type type, struct packer *p, struct stream
 	return 1;
 }
 
-unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_SCRATCH],
-			 struct stream_piece *piece)
+unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
 {
 	static const uint8_t zeros[8];
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
@@ -102,8 +101,7 @@ unsigned stream_put_head(const struct stream_head *head, uint8_t scratch[STREAM_
 	return n;
 }
 
-unsigned stream_put_base(const struct stream_base *base, uint8_t scratch[STREAM_SCRATCH],
-			 struct stream_piece *piece)
+unsigned stream_put_base(const struct stream_base *base, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
 {
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
 
@@ -136,8 +134,7 @@ unsigned stream_put_gone(const struct stream_region *region, uint32_t n, uint8_t
 	return pieces;
 }
 
-unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH],
-			  struct stream_piece *piece)
+unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
 {
 	static const uint8_t zeros[8];
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
@@ -166,8 +163,7 @@ unsigned stream_put_block(const struct stream_block *b, uint8_t scratch[STREAM_S
 	return n;
 }
 
-unsigned stream_put_tail(const struct stream_tail *tail, uint8_t scratch[STREAM_SCRATCH],
-			 struct stream_piece *piece)
+unsigned stream_put_tail(const struct stream_tail *tail, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *piece)
 {
 	struct packer p = packer_of(scratch, STREAM_SCRATCH);
 

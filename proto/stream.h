@@ -28,11 +28,11 @@ struct stream_head {
 
 /* STREAM_CHANGES: what the changes are against, right behind the head. Regions count where they have triangles. */
 struct stream_base {
-	uint64_t generation, job;              /* whose mesh the reader has */
+	uint64_t generation, job;                    /* whose mesh the reader has */
 	struct digest old_digest, old_vertex_digest; /* of that mesh, whole */
-	struct digest digest, vertex_digest;   /* of the mesh that it becomes, whole */
-	uint64_t gone, gone_triangles;         /* regions that no longer hold */
-	uint64_t kept, kept_triangles;         /* that both have */
+	struct digest digest, vertex_digest;         /* of the mesh that it becomes, whole */
+	uint64_t gone, gone_triangles;               /* regions that no longer hold */
+	uint64_t kept, kept_triangles;               /* that both have */
 };
 /* A region that no longer holds; as it goes on the wire. */
 struct stream_region {
@@ -74,17 +74,15 @@ unsigned stream_put_head(const struct stream_head *, uint8_t scratch[STREAM_SCRA
 unsigned stream_put_base(const struct stream_base *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
 /* 1 <= n <= STREAM_REGIONS; the regions go out from where they lie. */
 #define STREAM_REGIONS 65536u
-unsigned stream_put_gone(const struct stream_region *, uint32_t n, uint8_t scratch[STREAM_SCRATCH],
-			 struct stream_piece *);
-unsigned stream_put_block(const struct stream_block *, uint8_t scratch[STREAM_SCRATCH],
-			  struct stream_piece *);
+unsigned stream_put_gone(const struct stream_region *, uint32_t n, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
+unsigned stream_put_block(const struct stream_block *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
 unsigned stream_put_tail(const struct stream_tail *, uint8_t scratch[STREAM_SCRATCH], struct stream_piece *);
 
 /* Decoding: feed bytes as they come; events come out one at a time. Checks magic, version, lengths,
- * checksums, order of frames and blocks, counts of regions that are gone, numbering (first == vertices so far, foreign < first), index
- * bounds, boxes, and the tail's counts and box. Not checked here: geometry and digests. Every breach is
- * -ERR_PROTO with the offset in the stream (-ERR_VERSION: another version; -ERR_UNSUPPORTED: a kind that this
- * build cannot read). Takes as much memory as the largest frame, at most STREAM_FRAME_MAX. */
+ * checksums, order of frames and blocks, counts of regions that are gone, numbering (first == vertices so far, foreign < first),
+ * index bounds, boxes, and the tail's counts and box. Not checked here: geometry and digests. Every breach is -ERR_PROTO with the
+ * offset in the stream (-ERR_VERSION: another version; -ERR_UNSUPPORTED: a kind that this build cannot read). Takes as much
+ * memory as the largest frame, at most STREAM_FRAME_MAX. */
 #define STREAM_FRAME_MAX (1u << 30)
 struct stream_reader;
 enum stream_event { STREAM_MORE, STREAM_HEAD, STREAM_BLOCK, STREAM_TAIL, STREAM_BASE, STREAM_GONE };

@@ -7,8 +7,13 @@
 #define STREAM_MAGIC 0x53554341u /* "ACUS" */
 #define STREAM_VERSION 1u
 
-enum stream_type { STREAM_TYPE_HEAD = 1, STREAM_TYPE_BLOCK = 2, STREAM_TYPE_TAIL = 3,
-		   STREAM_TYPE_BASE = 4, STREAM_TYPE_GONE = 5 };
+enum stream_type {
+	STREAM_TYPE_HEAD = 1,
+	STREAM_TYPE_BLOCK = 2,
+	STREAM_TYPE_TAIL = 3,
+	STREAM_TYPE_BASE = 4,
+	STREAM_TYPE_GONE = 5
+};
 
 enum {
 	STREAM_HEADER_SIZE = 32,     /* magic, version, type, length, payload checksum, header checksum */
@@ -19,11 +24,10 @@ enum {
 };
 
 /* Bytes of a block's payload before padding. */
-static inline uint64_t stream_block_bytes(uint64_t nforeign, uint64_t nnew, uint64_t ntriangle,
-					  unsigned flags)
+static inline uint64_t stream_block_bytes(uint64_t nforeign, uint64_t nnew, uint64_t ntriangle, unsigned flags)
 {
-	return STREAM_BLOCK_SIZE + nforeign * 8 + nnew * 12 + ntriangle * 12 +
-	       (flags & STREAM_BLOCK_FLAG_BYTES ? ntriangle : 0) + (nforeign + nnew + 7) / 8;
+	return STREAM_BLOCK_SIZE + nforeign * 8 + nnew * 12 + ntriangle * 12 + (flags & STREAM_BLOCK_FLAG_BYTES ? ntriangle : 0) +
+	       (nforeign + nnew + 7) / 8;
 }
 
 static inline uint64_t stream_padded(uint64_t n)

@@ -162,8 +162,7 @@ int stream_reader_space(struct stream_reader *r, void **ret, size_t *ret_size, s
 		return 0;
 	}
 	if (r->length > r->room && make_room(r) < 0)
-		return err_set(err, ERR_NOMEM, "there is no memory for a frame of %zu bytes of the mesh stream",
-			       r->length);
+		return err_set(err, ERR_NOMEM, "there is no memory for a frame of %zu bytes of the mesh stream", r->length);
 	*ret = r->payload + (r->got - STREAM_HEADER_SIZE);
 	*ret_size = r->length - (r->got - STREAM_HEADER_SIZE);
 	return 0;
@@ -196,27 +195,23 @@ static int read_header(struct stream_reader *r, struct err *err)
 
 	r->checksum = cursor_u64(&c);
 	if (magic != STREAM_MAGIC)
-		return err_set(err, ERR_PROTO, "what was received is no frame of a mesh stream (0x%08x)",
-			       magic);
+		return err_set(err, ERR_PROTO, "what was received is no frame of a mesh stream (0x%08x)", magic);
 	if (XXH3_64bits(r->header, STREAM_HEADER_CHECKED) != cursor_u64(&c))
-		return err_set(err, ERR_PROTO,
-			       "the header of a frame of the mesh stream does not agree with its checksum");
+		return err_set(err, ERR_PROTO, "the header of a frame of the mesh stream does not agree with its checksum");
 	if (version != STREAM_VERSION)
-		return err_set(err, ERR_VERSION,
-			       "the mesh stream has version %u; this build reads version %u", version,
+		return err_set(err, ERR_VERSION, "the mesh stream has version %u; this build reads version %u", version,
 			       STREAM_VERSION);
 	if (type < STREAM_TYPE_HEAD || type > STREAM_TYPE_GONE)
 		return err_set(err, ERR_PROTO, "a frame of the mesh stream has the unknown type %u", type);
 	if ((type == STREAM_TYPE_HEAD) == r->has_head)
 		return err_set(err, ERR_PROTO,
-			       r->has_head ? "the mesh stream has a second head"
-					   : "the mesh stream does not start with its head");
+			       r->has_head ? "the mesh stream has a second head" :
+					     "the mesh stream does not start with its head");
 	r->type = type;
 	if (type != STREAM_TYPE_HEAD && !in_order(r))
 		return err_set(err, ERR_PROTO, "a frame of the type %u stands where the mesh stream has none", type);
 	if (length == 0 || length % 8 != 0 || length > STREAM_FRAME_MAX)
-		return err_set(err, ERR_PROTO, "a frame of the mesh stream announces %llu bytes",
-			       (unsigned long long)length);
+		return err_set(err, ERR_PROTO, "a frame of the mesh stream announces %llu bytes", (unsigned long long)length);
 	r->length = length;
 	return 0;
 }
@@ -314,8 +309,7 @@ static int read_head(struct stream_reader *r, struct err *err)
 	if (e < 0)
 		return e;
 	if (head->kind < STREAM_WHOLE || head->kind > STREAM_CHANGES)
-		return err_set(err, ERR_UNSUPPORTED,
-			       "the mesh stream is of kind %u, which this version cannot read", head->kind);
+		return err_set(err, ERR_UNSUPPORTED, "the mesh stream is of kind %u, which this version cannot read", head->kind);
 	r->has_head = true;
 	return 0;
 }
@@ -382,19 +376,17 @@ static int check_tail(const struct stream_reader *r, struct err *err)
 		const char *what;
 		uint64_t said, came;
 	} row[] = {
-	    {"blocks", r->tail.blocks, r->blocks},
-	    {"vertices", r->tail.vertices, r->vertices},
-	    {"triangles", r->tail.triangles, r->triangles},
+		{"blocks", r->tail.blocks, r->blocks},
+		{"vertices", r->tail.vertices, r->vertices},
+		{"triangles", r->tail.triangles, r->triangles},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++)
 		if (row[i].said != row[i].came)
-			return err_set(
-			    err, ERR_PROTO, "the tail of the mesh stream counts %llu %s, but %llu came",
-			    (unsigned long long)row[i].said, row[i].what, (unsigned long long)row[i].came);
+			return err_set(err, ERR_PROTO, "the tail of the mesh stream counts %llu %s, but %llu came",
+				       (unsigned long long)row[i].said, row[i].what, (unsigned long long)row[i].came);
 	if (r->vertices > 0 && memcmp(r->box, r->tail.box, sizeof r->box) != 0)
-		return err_set(err, ERR_PROTO,
-			       "the box in the tail of the mesh stream is not that of its vertices");
+		return err_set(err, ERR_PROTO, "the box in the tail of the mesh stream is not that of its vertices");
 	return 0;
 }
 
@@ -461,12 +453,10 @@ static int check_triangles(const struct stream_block *b, struct err *err)
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
 
-		bad |= (t[0] >= locals) | (t[1] >= locals) | (t[2] >= locals) | (t[0] == t[1]) |
-		       (t[1] == t[2]) | (t[2] == t[0]);
+		bad |= (t[0] >= locals) | (t[1] >= locals) | (t[2] >= locals) | (t[0] == t[1]) | (t[1] == t[2]) | (t[2] == t[0]);
 	}
 	if (bad)
-		return err_set(err, ERR_PROTO,
-			       "block %llu has a triangle whose corners are not three of its %u vertices",
+		return err_set(err, ERR_PROTO, "block %llu has a triangle whose corners are not three of its %u vertices",
 			       (unsigned long long)b->index, locals);
 	return 0;
 }
@@ -477,13 +467,11 @@ static int check_block(struct stream_reader *r, const struct stream_block *b, st
 	int e;
 
 	if (b->index < r->last_index) /* pieces of one domain have the same */
-		return err_set(err, ERR_PROTO, "block %llu comes after block %llu",
-			       (unsigned long long)b->index, (unsigned long long)r->last_index);
+		return err_set(err, ERR_PROTO, "block %llu comes after block %llu", (unsigned long long)b->index,
+			       (unsigned long long)r->last_index);
 	if (b->first != r->vertices)
-		return err_set(err, ERR_PROTO,
-			       "block %llu numbers its vertices from %llu, but %llu vertices came before",
-			       (unsigned long long)b->index, (unsigned long long)b->first,
-			       (unsigned long long)r->vertices);
+		return err_set(err, ERR_PROTO, "block %llu numbers its vertices from %llu, but %llu vertices came before",
+			       (unsigned long long)b->index, (unsigned long long)b->first, (unsigned long long)r->vertices);
 	for (uint32_t i = 0; i < b->nforeign; i++)
 		if (b->foreign[i] >= b->first)
 			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which has not come yet",
@@ -517,8 +505,7 @@ static int read_block(struct stream_reader *r, struct err *err)
 	/* The payload begins on 16 bytes, and wide arrays come first: all of them are aligned. */
 	b.foreign = (const uint64_t *)(const void *)cursor_bytes(&c, (size_t)b.nforeign * sizeof *b.foreign);
 	b.vertex = (const int32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.nnew * sizeof *b.vertex);
-	b.triangle =
-	    (const uint32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);
+	b.triangle = (const uint32_t(*)[3])(const void *)cursor_bytes(&c, (size_t)b.ntriangle * sizeof *b.triangle);
 	b.flags = flags ? cursor_bytes(&c, b.ntriangle) : NULL;
 	b.final = cursor_bytes(&c, ((size_t)b.nforeign + b.nnew + 7) / 8);
 	e = get_end(&c, "block", err);
@@ -542,8 +529,12 @@ static int read_payload(struct stream_reader *r, enum stream_event *ret_event, s
 	static const struct {
 		enum stream_event event;
 		int (*read)(struct stream_reader *, struct err *);
-	} row[] = {{0}, {STREAM_HEAD, read_head}, {STREAM_BLOCK, read_block}, {STREAM_TAIL, read_tail},
-		   {STREAM_BASE, read_base}, {STREAM_GONE, read_gone}};
+	} row[] = {{0},
+		   {STREAM_HEAD, read_head},
+		   {STREAM_BLOCK, read_block},
+		   {STREAM_TAIL, read_tail},
+		   {STREAM_BASE, read_base},
+		   {STREAM_GONE, read_gone}};
 	int e;
 
 	if (XXH3_64bits(r->payload, r->length) != r->checksum)

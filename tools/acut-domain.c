@@ -72,10 +72,8 @@ static int usage_error(const char *text)
 static int parse_options(int argc, char **argv, struct options *o)
 {
 	static const struct option longs[] = {
-		{ "memory", required_argument, NULL, 'm' }, { "plan", no_argument, NULL, 'p' },
-		{ "select", no_argument, NULL, 's' },
-		{ "help", no_argument, NULL, 'h' },         { "version", no_argument, NULL, 'V' },
-		{ 0 },
+		{"memory", required_argument, NULL, 'm'}, {"plan", no_argument, NULL, 'p'},    {"select", no_argument, NULL, 's'},
+		{"help", no_argument, NULL, 'h'},         {"version", no_argument, NULL, 'V'}, {0},
 	};
 	int c;
 
@@ -105,9 +103,9 @@ static int parse_options(int argc, char **argv, struct options *o)
 	if (o->plan && o->select)
 		return usage_error("--plan and --select are two commands");
 	if (argc - optind != (o->plan ? 2 : o->select ? 3 : 4))
-		return usage_error(o->plan	? "--plan wants MANIFEST and VIEW"
-				   : o->select ? "--select wants MANIFEST, VIEW and FOLDER"
-					       : "it wants MANIFEST, VIEW, REGION and OUT");
+		return usage_error(o->plan   ? "--plan wants MANIFEST and VIEW" :
+				   o->select ? "--select wants MANIFEST, VIEW and FOLDER" :
+					       "it wants MANIFEST, VIEW, REGION and OUT");
 	o->manifest = argv[optind];
 	o->view = argv[optind + 1];
 	o->region = o->plan || o->select ? NULL : argv[optind + 2];
@@ -119,8 +117,7 @@ static int parse_options(int argc, char **argv, struct options *o)
 
 static int select_into(struct session *s, int dirfd, struct err *err)
 {
-	struct pipe_select_params p = {
-		.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
+	struct pipe_select_params p = {.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
 	struct pipe_selected counts;
 
 	return pipe_select(&p, &counts, err);
@@ -228,7 +225,7 @@ static void *domain_memory(const struct session *s)
 static int print_plan(struct session *s, struct err *err)
 {
 	char text[CUT_REGION_TEXT_SIZE];
-	struct cut_plan plan = { 0 };
+	struct cut_plan plan = {0};
 	struct mesh_counts flat;
 	void *memory = domain_memory(s);
 	int r;
@@ -244,8 +241,8 @@ static int print_plan(struct session *s, struct err *err)
 	if (r)
 		return r;
 	for (size_t i = 0; i < plan.n; i++)
-		printf("%s %s %llu\n", cut_region_text(&plan.leaf[i].region, text),
-		       plan.leaf[i].exact ? "exact" : "at-most", (unsigned long long)plan.leaf[i].count);
+		printf("%s %s %llu\n", cut_region_text(&plan.leaf[i].region, text), plan.leaf[i].exact ? "exact" : "at-most",
+		       (unsigned long long)plan.leaf[i].count);
 	cut_plan_done(&plan);
 	return 0;
 }
@@ -253,7 +250,7 @@ static int print_plan(struct session *s, struct err *err)
 static int make_domain(struct session *s, const struct options *o, struct err *err)
 {
 	char digest[DIGEST_HEX_SIZE], base[DIGEST_HEX_SIZE], list[DIGEST_HEX_SIZE];
-	struct mesh_domain domain = { 0 };
+	struct mesh_domain domain = {0};
 	struct pipe_stored stored;
 	struct cut_region region;
 	struct pipe_key key;
@@ -279,8 +276,7 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 		r = pipe_keep(dirfd, &key, &region, &domain, memory, &stored, NULL, err);
 	}
 	if (!r)
-		printf("%.2s/d-%s-%s points %llu halo %llu triangles %u digest %s\n",
-		       digest_hex(stored.id.base, base), base,
+		printf("%.2s/d-%s-%s points %llu halo %llu triangles %u digest %s\n", digest_hex(stored.id.base, base), base,
 		       digest_hex(stored.id.list, list), (unsigned long long)domain.counts.used,
 		       (unsigned long long)domain.counts.halo, domain.ntriangle, digest_hex(domain.digest, digest));
 	io_close(dirfd);
@@ -290,9 +286,9 @@ static int make_domain(struct session *s, const struct options *o, struct err *e
 
 int main(int argc, char **argv)
 {
-	struct options o = { .memory = 256 << 20 };
+	struct options o = {.memory = 256 << 20};
 	struct err err = ERR_INIT;
-	struct session s = { 0 };
+	struct session s = {0};
 	char text[1600];
 	int status = parse_options(argc, argv, &o), r;
 
@@ -300,9 +296,7 @@ int main(int argc, char **argv)
 		return status;
 	r = session_open(&s, &o, &err);
 	if (!r)
-		r = o.plan     ? print_plan(&s, &err)
-		    : o.select ? select_folder(&s, &o, &err)
-			       : make_domain(&s, &o, &err);
+		r = o.plan ? print_plan(&s, &err) : o.select ? select_folder(&s, &o, &err) : make_domain(&s, &o, &err);
 	session_close(&s);
 	if (!r && fflush(stdout) != 0)
 		r = err_sys(&err, errno, "cannot write to standard output");

@@ -36,8 +36,7 @@ static void worse(int to)
 	status = to > status ? to : status;
 }
 
-static void complain(const char *file, uint64_t place, const char *fmt, ...)
-    __attribute__((format(printf, 3, 4)));
+static void complain(const char *file, uint64_t place, const char *fmt, ...) __attribute__((format(printf, 3, 4)));
 
 static void complain(const char *file, uint64_t place, const char *fmt, ...)
 {
@@ -73,8 +72,8 @@ static void print_sum(uint64_t hi, uint64_t lo)
 
 static void print_record(const struct point *p, uint32_t source)
 {
-	printf("      %d %d %d class %u return %u/%u flags %x source %u\n", p->x, p->y, p->z, p->cls,
-	       point_return(p), point_returns(p), point_flags(p), source);
+	printf("      %d %d %d class %u return %u/%u flags %x source %u\n", p->x, p->y, p->z, p->cls, point_return(p),
+	       point_returns(p), point_flags(p), source);
 }
 
 /* ---- segments ---- */
@@ -174,8 +173,7 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 		}
 		struct digest h = grid_record_hash(p);
 
-		sum->distinct =
-		    (uint16_t)(sum->distinct + (!sum->count || p->x != s->last.x || p->y != s->last.y));
+		sum->distinct = (uint16_t)(sum->distinct + (!sum->count || p->x != s->last.x || p->y != s->last.y));
 		check_order(s, p, b.sources[k].id, place);
 		sum->count++;
 		sum->sum_hi += h.hi;
@@ -194,9 +192,7 @@ static size_t dump_block(struct segment *s, uint64_t place, struct disk_leaf *su
 		    derived[k].sum_lo != b.sources[k].sum_lo || !derived[k].records)
 			complain(s->name, place, "source %u of a block does not add up", b.sources[k].id);
 		add_total(s, &b.sources[k], place);
-		sum->source = b.head->sources > 1 || (sum->blocks && sum->source != b.sources[k].id)
-				  ? 0
-				  : b.sources[k].id;
+		sum->source = b.head->sources > 1 || (sum->blocks && sum->source != b.sources[k].id) ? 0 : b.sources[k].id;
 	}
 	for (unsigned k = 0; k < b.head->classes; k++) {
 		if (classes[b.classes[k].cls] != b.classes[k].records)
@@ -227,16 +223,14 @@ static void remember(struct segment *s, const struct disk_leaf *leaf)
 
 static void dump_cell(struct segment *s, const struct disk_leaf *leaf)
 {
-	struct disk_leaf sum = {.lo = leaf->lo,
-				.place = leaf->place,
-				.bits = leaf->bits,
-				.box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN}};
+	struct disk_leaf sum = {
+		.lo = leaf->lo, .place = leaf->place, .bits = leaf->bits, .box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN}};
 	uint64_t end = disk_range_end(leaf->lo, leaf->bits);
 
 	if (options.cells || options.records) {
 		printf("    cell %016llx..%016llx %llu records, %u positions, %u blocks at %llu, source ",
-		       (unsigned long long)leaf->lo, (unsigned long long)end, (unsigned long long)leaf->count,
-		       leaf->distinct, leaf->blocks, (unsigned long long)leaf->place);
+		       (unsigned long long)leaf->lo, (unsigned long long)end, (unsigned long long)leaf->count, leaf->distinct,
+		       leaf->blocks, (unsigned long long)leaf->place);
 		printf(leaf->source ? "%u, " : "several, ", leaf->source);
 		print_box(leaf->box);
 		fputs(", sum ", stdout);
@@ -255,8 +249,7 @@ static void dump_cell(struct segment *s, const struct disk_leaf *leaf)
 	}
 	if (memcmp(&sum, leaf, sizeof sum))
 		complain(s->name, leaf->place, "the cell is not what its index entry says");
-	if (point_morton(leaf->box[0], leaf->box[1]) < leaf->lo ||
-	    point_morton(leaf->box[2], leaf->box[3]) > end ||
+	if (point_morton(leaf->box[0], leaf->box[1]) < leaf->lo || point_morton(leaf->box[2], leaf->box[3]) > end ||
 	    (leaf->bits < 64 && leaf->lo & (((uint64_t)1 << leaf->bits) - 1)))
 		complain(s->name, leaf->place, "the cell's range is not aligned or not that of its records");
 }
@@ -281,8 +274,7 @@ static void add_inner(struct disk_inner *sum, const struct disk_inner *by)
 	widen(sum->box, by->box[2], by->box[3]);
 }
 
-static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check,
-		      struct disk_inner *ret);
+static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check, struct disk_inner *ret);
 
 static void dump_entry(struct segment *s, const uint8_t *entry, unsigned level, struct disk_inner *ret)
 {
@@ -310,8 +302,7 @@ static void dump_entry(struct segment *s, const uint8_t *entry, unsigned level, 
 }
 
 /* *ret: what the page's entries come to. */
-static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check,
-		      struct disk_inner *ret)
+static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_t check, struct disk_inner *ret)
 {
 	uint8_t *page = aligned_alloc(64, DISK_PAGE);
 	const struct disk_page *head = (const struct disk_page *)page;
@@ -320,9 +311,8 @@ static void dump_page(struct segment *s, unsigned level, uint64_t place, uint64_
 		free(page);
 		return;
 	}
-	if (head->check != check || head->check != grid_check(page + 8, DISK_PAGE - 8, place) ||
-	    head->magic != DISK_PAGE_MAGIC || head->level != level || !head->entries ||
-	    head->entries > DISK_ENTRIES) {
+	if (head->check != check || head->check != grid_check(page + 8, DISK_PAGE - 8, place) || head->magic != DISK_PAGE_MAGIC ||
+	    head->level != level || !head->entries || head->entries > DISK_ENTRIES) {
 		complain(s->name, place, "an index page is damaged");
 		free(page);
 		return;
@@ -358,8 +348,7 @@ static void check_maximal(const struct segment *s)
 		for (; k < s->nranges && s->ranges[k].lo <= hi; k++)
 			count += s->ranges[k].count;
 		if (count <= GRID_CELL_RECORDS || r->count > GRID_CELL_RECORDS)
-			complain(s->name, 0, "the cell at %016llx is not as large as it may be",
-				 (unsigned long long)r->lo);
+			complain(s->name, 0, "the cell at %016llx is not as large as it may be", (unsigned long long)r->lo);
 	}
 }
 
@@ -367,8 +356,8 @@ static void check_totals(const struct segment *s)
 {
 	const struct disk_segment *h = &s->head;
 
-	if (s->sum.count != h->points || s->sum.cells != h->cells || s->sum.sum_hi != h->sum_hi ||
-	    s->sum.sum_lo != h->sum_lo || (h->cells && memcmp(s->sum.box, h->box, sizeof h->box)))
+	if (s->sum.count != h->points || s->sum.cells != h->cells || s->sum.sum_hi != h->sum_hi || s->sum.sum_lo != h->sum_lo ||
+	    (h->cells && memcmp(s->sum.box, h->box, sizeof h->box)))
 		complain(s->name, 0, "the header is not what the cells come to");
 	if (!options.check)
 		return;
@@ -394,8 +383,7 @@ static void print_segment(const struct segment *s)
 			printf(" %u:%llu", c, (unsigned long long)h->classes[c]);
 	putchar('\n');
 	for (uint32_t i = 0; i < h->sources; i++) {
-		printf("  source %u: %llu points, sum ", s->totals[i].id,
-		       (unsigned long long)s->totals[i].points);
+		printf("  source %u: %llu points, sum ", s->totals[i].id, (unsigned long long)s->totals[i].points);
 		print_sum(s->totals[i].sum_hi, s->totals[i].sum_lo);
 		putchar('\n');
 	}
@@ -410,9 +398,9 @@ static void dump_segment(int fd, const char *name)
 	h->bytes = DISK_HEADER;
 	if (!segment_read(&s, h, sizeof *h, 0))
 		return;
-	if (h->check != grid_check((uint8_t *)h + 8, DISK_HEADER - 8, 0) || h->version != DISK_VERSION ||
-	    fstat(fd, &st) || (uint64_t)st.st_size != h->bytes || h->height > DISK_LEVELS ||
-	    h->sources_place > h->bytes || h->sources > (h->bytes - h->sources_place) / sizeof *s.totals) {
+	if (h->check != grid_check((uint8_t *)h + 8, DISK_HEADER - 8, 0) || h->version != DISK_VERSION || fstat(fd, &st) ||
+	    (uint64_t)st.st_size != h->bytes || h->height > DISK_LEVELS || h->sources_place > h->bytes ||
+	    h->sources > (h->bytes - h->sources_place) / sizeof *s.totals) {
 		complain(name, 0, "the header is damaged");
 		return;
 	}
@@ -459,9 +447,8 @@ static void dump_manifest(int dirfd, const char *name)
 	for (size_t i = 0; i < m->nsegments; i++) {
 		const struct grid_segment_info *s = &m->segments[i];
 
-		printf("  segment %s: %llu points in %llu cells, %llu bytes, ", s->file,
-		       (unsigned long long)s->points, (unsigned long long)s->cells,
-		       (unsigned long long)s->bytes);
+		printf("  segment %s: %llu points in %llu cells, %llu bytes, ", s->file, (unsigned long long)s->points,
+		       (unsigned long long)s->cells, (unsigned long long)s->bytes);
 		print_box(s->box);
 		printf(", sum %s\n", digest_hex(s->sum, hex));
 	}
@@ -583,8 +570,7 @@ int main(int argc, char **argv)
 		struct err err = ERR_INIT;
 		int dirfd = -1;
 
-		if (!folder || !base ||
-		    io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, &err))
+		if (!folder || !base || io_open(AT_FDCWD, dirname(folder), O_RDONLY | O_DIRECTORY, 0, &dirfd, &err))
 			print_err(&err);
 		else
 			dump_file(dirfd, basename(base), argv[i]);

@@ -22,8 +22,8 @@
 enum { PIPE_BYTES = 1 << 20, SWATH = 640 /* metres */ };
 
 static const char *const shape_names[SYNTH_SHAPES] = {
-	"survey", "uniform",  "grid",     "clustered",         "two-clusters", "circle",
-	"ring",   "parabola", "corridor", "corridor-diagonal", "collinear",    "duplicates",
+	"survey", "uniform",   "grid",     "clustered",         "two-clusters",     "circle",
+	"ring",   "parabola",  "corridor", "corridor-diagonal", "collinear",        "duplicates",
 	"swath",  "gaussians", "pipeline", "pipeline-diagonal", "pipeline-slanted", "few",
 };
 
@@ -86,8 +86,7 @@ static bool parse_area(char *text, struct synth_options *o)
 	if (!x)
 		return false;
 	*x = '\0';
-	return parse_double(text, &o->width) && parse_double(x + 1, &o->height) && o->width > 0 &&
-	       o->height > 0;
+	return parse_double(text, &o->width) && parse_double(x + 1, &o->height) && o->width > 0 && o->height > 0;
 }
 
 static bool parse_origin(char *text, struct synth_options *o)
@@ -130,15 +129,14 @@ enum {
 };
 
 static const struct option long_options[] = {
-	{"points", 1, NULL, OPT_POINTS},   {"density", 1, NULL, OPT_DENSITY},
-	{"area", 1, NULL, OPT_AREA},       {"scale", 1, NULL, OPT_SCALE},
-	{"origin", 1, NULL, OPT_ORIGIN},   {"seed", 1, NULL, OPT_SEED},
-	{"format", 1, NULL, OPT_FORMAT},   {"distribution", 1, NULL, OPT_SHAPE},
-	{"step", 1, NULL, OPT_STEP},       {"range", 1, NULL, OPT_RANGE},
-	{"positions", 1, NULL, OPT_POSITIONS},
-	{"no-crs", 0, NULL, OPT_NO_CRS},   {"head", 1, NULL, OPT_HEAD},
-	{"help", 0, NULL, OPT_HELP},       {"version", 0, NULL, OPT_VERSION},
-	{0},
+	{"points", 1, NULL, OPT_POINTS},       {"density", 1, NULL, OPT_DENSITY},
+	{"area", 1, NULL, OPT_AREA},           {"scale", 1, NULL, OPT_SCALE},
+	{"origin", 1, NULL, OPT_ORIGIN},       {"seed", 1, NULL, OPT_SEED},
+	{"format", 1, NULL, OPT_FORMAT},       {"distribution", 1, NULL, OPT_SHAPE},
+	{"step", 1, NULL, OPT_STEP},           {"range", 1, NULL, OPT_RANGE},
+	{"positions", 1, NULL, OPT_POSITIONS}, {"no-crs", 0, NULL, OPT_NO_CRS},
+	{"head", 1, NULL, OPT_HEAD},           {"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},     {0},
 };
 
 static bool take_option(struct synth_options *o, int option, char *value, double *density)
@@ -201,10 +199,8 @@ static int fit(struct synth_options *o, double density, struct err *err)
 	}
 	if (!synth_flown(o->shape))
 		return synth_shape_fit(o, err);
-	if (o->width * per_scale > 0x1p31 - 1 || o->height * per_scale > 0x1p31 - 1 ||
-	    1000 * per_scale > 0x1p31 - 1) {
-		err_set(err, ERR_USAGE, "%g x %g metres at this scale do not fit into 32 bits", o->width,
-			o->height);
+	if (o->width * per_scale > 0x1p31 - 1 || o->height * per_scale > 0x1p31 - 1 || 1000 * per_scale > 0x1p31 - 1) {
+		err_set(err, ERR_USAGE, "%g x %g metres at this scale do not fit into 32 bits", o->width, o->height);
 		return err_add_hint(err, "give a coarser --scale or a higher --density");
 	}
 	return 0;
@@ -350,11 +346,8 @@ static int finish(int rc, const struct err *err)
 
 int main(int argc, char **argv)
 {
-	struct synth_options o = {.points = 1000000,
-				  .seed = 1,
-				  .scale = {1, -2},
-				  .format = 1,
-				  .origin = {{5, 5}, {54, 5}, {0, 0}}};
+	struct synth_options o = {
+		.points = 1000000, .seed = 1, .scale = {1, -2}, .format = 1, .origin = {{5, 5}, {54, 5}, {0, 0}}};
 	struct err err = ERR_INIT;
 	const char *kept = NULL;
 	double density = 0;
@@ -384,7 +377,7 @@ int main(int argc, char **argv)
 	}
 	rc = fit(&o, density, &err);
 	if (rc == 0)
-		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, kept, STDOUT_FILENO, &err)
-						    : to_path(&o, kept, argv[optind], &err);
+		rc = strcmp(argv[optind], "-") == 0 ? to_pipe(&o, kept, STDOUT_FILENO, &err) :
+						      to_path(&o, kept, argv[optind], &err);
 	return finish(rc, &err);
 }

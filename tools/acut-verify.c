@@ -17,21 +17,20 @@
 #include "err.h"
 #include "verify.h"
 
-static const char help[] =
-	"Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
-	"Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
-	"digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
-	"\n"
-	"What the mesh was made of, as for acutctl:\n"
-	"  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface, --keep-withheld,\n"
-	"  --keep-noise, --drop-overlap, --duplicates lowest|highest; --planar is always meant\n"
-	"  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
-	"\n"
-	"  --json             one JSON object\n"
-	"  --quiet            say nothing of a good mesh\n"
-	"  --help, --version\n"
-	"\n"
-	"Exit status: 0 good, 1 the mesh is wrong or a file is broken, 2 usage, 74 reading failed.\n";
+static const char help[] = "Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
+			   "Check a mesh (PLY as acutctl writes it; - is standard input): shape, exact Delaunay, tie rule,\n"
+			   "digests; and, if POINTS are named (LAS or XYZ files), that its vertices are just those points.\n"
+			   "\n"
+			   "What the mesh was made of, as for acutctl:\n"
+			   "  --class LIST, --not-class LIST, --returns all|first|last, --ground, --surface, --keep-withheld,\n"
+			   "  --keep-noise, --drop-overlap, --duplicates lowest|highest; --planar is always meant\n"
+			   "  --view TEXT        in place of all of these, the text of any view (acutctl show prints it)\n"
+			   "\n"
+			   "  --json             one JSON object\n"
+			   "  --quiet            say nothing of a good mesh\n"
+			   "  --help, --version\n"
+			   "\n"
+			   "Exit status: 0 good, 1 the mesh is wrong or a file is broken, 2 usage, 74 reading failed.\n";
 
 struct verdict {
 	const char *name;
@@ -68,22 +67,14 @@ enum {
 };
 
 static const struct option long_options[] = {
-	{"class", 1, NULL, OPT_CLASS},
-	{"not-class", 1, NULL, OPT_NOT_CLASS},
-	{"returns", 1, NULL, OPT_RETURNS},
-	{"ground", 0, NULL, OPT_GROUND},
-	{"surface", 0, NULL, OPT_SURFACE},
-	{"keep-withheld", 0, NULL, OPT_WITHHELD},
-	{"keep-noise", 0, NULL, OPT_NOISE},
-	{"drop-overlap", 0, NULL, OPT_OVERLAP},
-	{"duplicates", 1, NULL, OPT_DUPLICATES},
-	{"view", 1, NULL, OPT_VIEW},
-	{"planar", 0, NULL, OPT_PLANAR},
-	{"json", 0, NULL, OPT_JSON},
-	{"quiet", 0, NULL, OPT_QUIET},
-	{"help", 0, NULL, OPT_HELP},
-	{"version", 0, NULL, OPT_VERSION},
-	{0},
+	{"class", 1, NULL, OPT_CLASS},           {"not-class", 1, NULL, OPT_NOT_CLASS},
+	{"returns", 1, NULL, OPT_RETURNS},       {"ground", 0, NULL, OPT_GROUND},
+	{"surface", 0, NULL, OPT_SURFACE},       {"keep-withheld", 0, NULL, OPT_WITHHELD},
+	{"keep-noise", 0, NULL, OPT_NOISE},      {"drop-overlap", 0, NULL, OPT_OVERLAP},
+	{"duplicates", 1, NULL, OPT_DUPLICATES}, {"view", 1, NULL, OPT_VIEW},
+	{"planar", 0, NULL, OPT_PLANAR},         {"json", 0, NULL, OPT_JSON},
+	{"quiet", 0, NULL, OPT_QUIET},           {"help", 0, NULL, OPT_HELP},
+	{"version", 0, NULL, OPT_VERSION},       {0},
 };
 
 /* The place of a word in a list, -1 if none. */
@@ -188,8 +179,8 @@ static int check_all(struct verdict *v, char **inputs, struct err *err)
 	if (v->view_text && (rc = view_resolve(v->view_text, &v->mesh.lattice, "unknown", &v->view, err)))
 		return rc;
 	view_bind(&v->view, &v->mesh.lattice);
-	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle,
-				 v->mesh.nvertex, v->mesh.ntriangle};
+	m = (struct verify_mesh){(const int32_t(*)[3])v->mesh.vertex, (const uint32_t(*)[3])v->mesh.triangle, v->mesh.nvertex,
+				 v->mesh.ntriangle};
 	if ((rc = verify_mesh(&m, &v->report, err)))
 		return rc;
 	if (v->report.fault == VERIFY_INDEX) /* nothing else can be asked of it */
@@ -253,13 +244,12 @@ static void print_json(const struct verdict *v)
 	       (unsigned long long)r->ties, (unsigned long long)r->hull);
 	printf(",\"lattice\":\"%s\",\"crs\":", lattice_text(&v->mesh.lattice, lattice));
 	print_string(stdout, v->mesh.crs[0] ? v->mesh.crs : "unknown");
-	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s",
-	       digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
-	       v->mesh.has_digest ? "true" : "false");
+	printf(",\"digest\":\"%s\",\"vertex_digest\":\"%s\",\"digest_in_file\":%s", digest_hex(v->digest, hex[0]),
+	       digest_hex(v->vertex_digest, hex[1]), v->mesh.has_digest ? "true" : "false");
 	if (v->with_points) {
 		printf(",\"points\":%llu,\"used\":%llu,\"positions\":%llu,\"rounded\":%llu,\"removed\":{",
-		       (unsigned long long)v->points.read, (unsigned long long)v->points.n,
-		       (unsigned long long)r->positions, (unsigned long long)v->points.rounded);
+		       (unsigned long long)v->points.read, (unsigned long long)v->points.n, (unsigned long long)r->positions,
+		       (unsigned long long)v->points.rounded);
 		for (int rule = VIEW_KEPT + 1; rule < VIEW_BY_DUPLICATE; rule++)
 			printf("%s\"%s\":%llu", rule > 1 ? "," : "", view_rule_text((enum view_rule)rule),
 			       (unsigned long long)v->points.removed[rule]);
@@ -278,15 +268,14 @@ static void print_text(const struct verdict *v)
 	if (v->fault) {
 		place_text(v, place);
 		if (r->has_place)
-			printf("%s: wrong (%s): %s, at %s %s %s\n", v->name, v->fault, v->text, place[0],
-			       place[1], place[2]);
+			printf("%s: wrong (%s): %s, at %s %s %s\n", v->name, v->fault, v->text, place[0], place[1], place[2]);
 		else
 			printf("%s: wrong (%s): %s\n", v->name, v->fault, v->text);
 		return;
 	}
 	printf("%s: good\n", v->name);
-	printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n",
-	       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+	printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n", v->mesh.nvertex,
+	       v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
 	       (unsigned long long)r->inner, (unsigned long long)r->ties);
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),

@@ -44,8 +44,7 @@ struct check_points {
 	uint64_t removed[VIEW_RULES];
 };
 
-int check_points_read(struct check_points *, const char *path, const struct lattice *, const struct view *,
-		      struct err *err);
+int check_points_read(struct check_points *, const char *path, const struct lattice *, const struct view *, struct err *err);
 /* When all are read: leaves one point of each thin cell, by code of its own. */
 int check_points_thin(struct check_points *, const struct view *, struct err *err);
 void check_points_clear(struct check_points *);

@@ -29,8 +29,7 @@ struct digest check_triangle_digest(const struct check_mesh *m)
 		unsigned first = 0;
 
 		for (unsigned i = 1; i < 3; i++) {
-			const int32_t *a = m->vertex[m->triangle[t][i]],
-				      *b = m->vertex[m->triangle[t][first]];
+			const int32_t *a = m->vertex[m->triangle[t][i]], *b = m->vertex[m->triangle[t][first]];
 
 			if (a[0] < b[0] || (a[0] == b[0] && a[1] < b[1]))
 				first = i;

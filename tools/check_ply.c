@@ -93,8 +93,8 @@ static bool take_digests(const char *text, struct check_mesh *m)
 	char hex[2][40];
 	int end = 0;
 
-	return sscanf(text, "%39s %39s%n", hex[0], hex[1], &end) == 2 && !text[end] &&
-	       digest_parse(hex[0], &m->digest) && digest_parse(hex[1], &m->vertex_digest);
+	return sscanf(text, "%39s %39s%n", hex[0], hex[1], &end) == 2 && !text[end] && digest_parse(hex[0], &m->digest) &&
+	       digest_parse(hex[1], &m->vertex_digest);
 }
 
 static bool take_origin(const char *text, struct check_mesh *m)
@@ -136,8 +136,7 @@ static bool take_property(const char *text, struct ply_header *h)
 	if (h->element != IN_FACE || h->faces)
 		return false;
 	h->faces = true;
-	return strcmp(text, "list uchar int vertex_indices") == 0 ||
-	       strcmp(text, "list uchar uint vertex_indices") == 0;
+	return strcmp(text, "list uchar int vertex_indices") == 0 || strcmp(text, "list uchar uint vertex_indices") == 0;
 }
 
 static bool take_header_line(const char *line, struct ply_header *h, struct check_mesh *m)
@@ -183,11 +182,9 @@ static int read_header(struct reader *r, struct ply_header *h, struct check_mesh
 	if (!h->format || h->doubles != 3 || !h->faces)
 		return fail(r, ERR_INPUT, "the header lacks what acutctl writes", err);
 	if (!h->has_lattice)
-		return fail(r, ERR_INPUT,
-			    "no comment acut-lattice: the coordinates cannot be taken back exactly", err);
+		return fail(r, ERR_INPUT, "no comment acut-lattice: the coordinates cannot be taken back exactly", err);
 	if (h->converted)
-		return fail(r, ERR_INPUT, "its heights were converted (comment acut-z-unit): write it without --z-unit",
-			    err);
+		return fail(r, ERR_INPUT, "its heights were converted (comment acut-z-unit): write it without --z-unit", err);
 	if (h->nvertex > UINT32_MAX || h->nface > UINT32_MAX)
 		return fail(r, ERR_INPUT, "more vertices or faces than 32 bits can number", err);
 	return 0;
@@ -217,8 +214,7 @@ static bool axis_init(struct axis *a, struct decimal scale, struct decimal origi
 	a->unit = (struct decimal){1, e};
 	a->step = decimal_double(scale);
 	a->origin = decimal_double(origin);
-	return shifted(scale.mantissa, scale.exponent - e, &a->a) &&
-	       shifted(origin.mantissa, origin.exponent - e, &a->b);
+	return shifted(scale.mantissa, scale.exponent - e, &a->a) && shifted(origin.mantissa, origin.exponent - e, &a->b);
 }
 
 static bool is_at(const struct axis *a, int64_t n, double v)
@@ -253,8 +249,7 @@ static int read_vertices(struct reader *r, struct check_mesh *m, struct err *err
 	int rc;
 
 	for (unsigned i = 0; i < 3; i++)
-		if (!axis_init(&axis[i], i < 2 ? m->lattice.scale_xy : m->lattice.scale_z, m->origin[i],
-			       m->lattice.k[i]))
+		if (!axis_init(&axis[i], i < 2 ? m->lattice.scale_xy : m->lattice.scale_z, m->origin[i], m->lattice.k[i]))
 			return fail(r, ERR_INPUT, "scale and origin have too many digits", err);
 	for (size_t v = 0; v < m->nvertex; v++) {
 		double xyz[3];
@@ -265,9 +260,8 @@ static int read_vertices(struct reader *r, struct check_mesh *m, struct err *err
 		for (unsigned i = 0; i < 3; i++) {
 			if (axis_number(&axis[i], xyz[i], &m->vertex[v][i]))
 				continue;
-			err_set(err, ERR_INPUT,
-				"%c of vertex %zu is %.17g, which is no coordinate of the lattice", "xyz"[i],
-				v, xyz[i]);
+			err_set(err, ERR_INPUT, "%c of vertex %zu is %.17g, which is no coordinate of the lattice", "xyz"[i], v,
+				xyz[i]);
 			err_add_place(err, r->offset + r->at, NULL);
 			return err_add_file(err, r->name);
 		}
@@ -316,8 +310,7 @@ int check_ply_read(int fd, const char *name, struct check_mesh *ret, struct err 
 		m.vertex = malloc((m.nvertex ? m.nvertex : 1) * sizeof *m.vertex);
 		m.triangle = malloc((m.ntriangle ? m.ntriangle : 1) * sizeof *m.triangle);
 		if (!m.vertex || !m.triangle)
-			rc = err_set(err, ERR_NOMEM, "no memory for %zu vertices and %zu triangles",
-				     m.nvertex, m.ntriangle);
+			rc = err_set(err, ERR_NOMEM, "no memory for %zu vertices and %zu triangles", m.nvertex, m.ntriangle);
 	}
 	if (rc == 0)
 		rc = read_vertices(r, &m, err);

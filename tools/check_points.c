@@ -34,8 +34,7 @@ static int make_room(struct check_points *c, size_t n, struct err *err)
 	return 0;
 }
 
-static int keep(struct check_points *c, const struct batch *b, size_t n, const struct view *view,
-		struct err *err)
+static int keep(struct check_points *c, const struct batch *b, size_t n, const struct view *view, struct err *err)
 {
 	int rc = make_room(c, n, err);
 
@@ -54,27 +53,24 @@ static int keep(struct check_points *c, const struct batch *b, size_t n, const s
 	return 0;
 }
 
-static int read_all(struct check_points *c, struct input *in, struct batch *b, const struct lattice *l,
-		    const struct view *view, struct err *err)
+static int read_all(struct check_points *c, struct input *in, struct batch *b, const struct lattice *l, const struct view *view,
+		    struct err *err)
 {
-	struct input_points pts = {
-		.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
+	struct input_points pts = {.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
 	double shift[3] = {0, 0, 0};
 	struct lattice_map map;
 	size_t bad;
 	int rc = lattice_map_init(&map, l, &input_info(in)->coords, err);
 
 	while (rc == 0 && (rc = input_read(in, &pts, err)) == 0 && pts.n > 0) {
-		rc = lattice_map_apply(&map, (const int64_t(*)[3])b->raw, pts.n, b->at, &c->rounded, shift,
-				       &bad, err);
+		rc = lattice_map_apply(&map, (const int64_t(*)[3])b->raw, pts.n, b->at, &c->rounded, shift, &bad, err);
 		if (rc == 0)
 			rc = keep(c, b, pts.n, view, err);
 	}
 	return rc;
 }
 
-int check_points_read(struct check_points *c, const char *path, const struct lattice *l,
-		      const struct view *view, struct err *err)
+int check_points_read(struct check_points *c, const char *path, const struct lattice *l, const struct view *view, struct err *err)
 {
 	/* Degrees are a plane here: whether that was wise was judged when the mesh was made. */
 	const struct input_options options = {.planar = true};
@@ -139,8 +135,8 @@ int check_points_thin(struct check_points *c, const struct view *view, struct er
 
 		key[i] = (struct thin_key){
 			{cell_of(p->x + view->k[0], view->thin.cell), cell_of(p->y + view->k[1], view->thin.cell)},
-			{view->thin.pick == VIEW_PICK_HIGHEST ? -(int64_t)p->z : p->z, p->cls, p->ret,
-			 p->tag & POINT_FLAGS, p->x, p->y},
+			{view->thin.pick == VIEW_PICK_HIGHEST ? -(int64_t)p->z : p->z, p->cls, p->ret, p->tag & POINT_FLAGS, p->x,
+			 p->y},
 			i};
 	}
 	qsort(key, c->n, sizeof *key, key_compare);

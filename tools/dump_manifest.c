@@ -24,8 +24,7 @@ static void print_source(const struct grid_source *s)
 
 	printf("  source %u: generation", s->id);
 	for (size_t i = 0; i < s->nearlier; i++)
-		printf(" %llu until %llu,", (unsigned long long)s->earlier[i].added,
-		       (unsigned long long)s->earlier[i].removed);
+		printf(" %llu until %llu,", (unsigned long long)s->earlier[i].added, (unsigned long long)s->earlier[i].removed);
 	printf(" %llu", (unsigned long long)s->added);
 	if (s->removed)
 		printf(" until %llu", (unsigned long long)s->removed);
@@ -69,9 +68,8 @@ const char *dump_manifest_fault(const struct grid_manifest *m)
 
 		if (g->number < oldest || (g->number == oldest && oldest > 1))
 			continue;
-		if (g->files != d->files || g->files_removed != d->files_removed ||
-		    g->points_added != d->points_added || g->points_removed != d->points_removed ||
-		    !digest_equal(g->content, d->content))
+		if (g->files != d->files || g->files_removed != d->files_removed || g->points_added != d->points_added ||
+		    g->points_removed != d->points_removed || !digest_equal(g->content, d->content))
 			fault = "a generation is not what its sources say";
 	}
 	free(derived);

@@ -155,8 +155,7 @@ static inline bool synth_flown(enum synth_shape shape)
 /* Metres of a shape whose --area is length x width and has a length of its own; else 0. */
 double synth_shape_length(enum synth_shape);
 int synth_shape_fit(struct synth_options *, struct err *err);
-void synth_shape_point(const struct synth_options *, struct synth_noise *height, uint64_t i,
-		       struct synth_point *ret);
+void synth_shape_point(const struct synth_options *, struct synth_noise *height, uint64_t i, struct synth_point *ret);
 
 /* LAS (synth_las.c). */
 struct synth_las {
@@ -175,8 +174,7 @@ struct synth_las {
 size_t synth_las_head_size(const struct synth_options *);
 /* The header with what `las` has counted; `bytes` of that size. */
 void synth_las_head(const struct synth_las *, uint8_t *bytes);
-int synth_las_open(struct synth_las *, const struct synth_options *, int fd, const char *name,
-		   struct err *err);
+int synth_las_open(struct synth_las *, const struct synth_options *, int fd, const char *name, struct err *err);
 int synth_las_put(struct synth_las *, const struct synth_point *, unsigned n, struct err *err);
 int synth_las_flush(struct synth_las *, struct err *err);
 /* All bytes, by write(2). A closed pipe is -ERR_IO with sys EPIPE. */

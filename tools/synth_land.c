@@ -77,8 +77,8 @@ static double ground(struct synth_land *l, double x, double y, double river)
 {
 	double n = 2 * synth_noise_at(&l->ridge, x, y) - 1, ridge = 1 - (n < 0 ? -n : n);
 	double bank = river - river_half(l), level = 180 + 0.0015 * y;
-	double z = 140 * ridge * ridge + 45 * synth_noise_at(&l->hill, x, y) +
-		   5 * synth_noise_at(&l->bump, x, y) + 0.25 * synth_noise_at(&l->rough, x, y);
+	double z = 140 * ridge * ridge + 45 * synth_noise_at(&l->hill, x, y) + 5 * synth_noise_at(&l->bump, x, y) +
+		   0.25 * synth_noise_at(&l->rough, x, y);
 
 	return bank <= 0 ? level : level + 0.4 + z * (bank / (bank + 160));
 }

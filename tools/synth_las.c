@@ -17,19 +17,18 @@
 
 enum { HEAD_12 = 227, HEAD_14 = 375, VLR_HEAD = 54, KEYS = 6, BUFFER = 1 << 20 };
 
-static const char wkt[] =
-	"COMPD_CS[\"WGS 84 / UTM zone 33N + ellipsoid height\",PROJCS[\"WGS 84 / UTM zone 33N\",GEOGCS[\"WGS "
-	"84\","
-	"DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],"
-	"AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],"
-	"UNIT[\"degree\",0.0174532925199433,AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]],"
-	"PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_"
-	"meridian\",15],"
-	"PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\","
-	"0],"
-	"UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH],"
-	"AUTHORITY[\"EPSG\",\"32633\"]],VERT_CS[\"ellipsoid height\",VERT_DATUM[\"ellipsoid\",2002],"
-	"UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Up\",UP]]]";
+static const char wkt[] = "COMPD_CS[\"WGS 84 / UTM zone 33N + ellipsoid height\",PROJCS[\"WGS 84 / UTM zone 33N\",GEOGCS[\"WGS "
+			  "84\","
+			  "DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563,AUTHORITY[\"EPSG\",\"7030\"]],"
+			  "AUTHORITY[\"EPSG\",\"6326\"]],PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],"
+			  "UNIT[\"degree\",0.0174532925199433,AUTHORITY[\"EPSG\",\"9122\"]],AUTHORITY[\"EPSG\",\"4326\"]],"
+			  "PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"latitude_of_origin\",0],PARAMETER[\"central_"
+			  "meridian\",15],"
+			  "PARAMETER[\"scale_factor\",0.9996],PARAMETER[\"false_easting\",500000],PARAMETER[\"false_northing\","
+			  "0],"
+			  "UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Easting\",EAST],AXIS[\"Northing\",NORTH],"
+			  "AUTHORITY[\"EPSG\",\"32633\"]],VERT_CS[\"ellipsoid height\",VERT_DATUM[\"ellipsoid\",2002],"
+			  "UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Up\",UP]]]";
 
 static bool is_14(const struct synth_options *o)
 {
@@ -123,8 +122,7 @@ void synth_las_head(const struct synth_las *las, uint8_t *bytes)
 		put_vlr(&p, o);
 }
 
-int synth_las_open(struct synth_las *las, const struct synth_options *o, int fd, const char *name,
-		   struct err *err)
+int synth_las_open(struct synth_las *las, const struct synth_options *o, int fd, const char *name, struct err *err)
 {
 	memset(las, 0, sizeof *las);
 	las->options = o;

@@ -58,8 +58,7 @@ int synth_shape_fit(struct synth_options *o, struct err *err)
 		uint64_t many = o->shape == SYNTH_GRID ? side_of(o->points) : o->points;
 
 		if (o->step > span_most || many > span_most / o->step)
-			return err_set(err, ERR_USAGE,
-				       "a step of %llu with %llu points does not fit into 32 bits",
+			return err_set(err, ERR_USAGE, "a step of %llu with %llu points does not fit into 32 bits",
 				       (unsigned long long)o->step, (unsigned long long)o->points);
 		return 0;
 	}
@@ -70,16 +69,13 @@ int synth_shape_fit(struct synth_options *o, struct err *err)
 	if (!o->range) {
 		widest *= lengthened(o, widest * per_scale);
 		if (widest * per_scale >= (double)range_most)
-			return err_set(err, ERR_USAGE,
-				       "%g metres at this scale do not fit into 32 bits; use --range",
-				       widest);
+			return err_set(err, ERR_USAGE, "%g metres at this scale do not fit into 32 bits; use --range", widest);
 		o->range = (uint64_t)(widest * per_scale) + 1;
 	}
 	if (o->range > range_most)
 		return err_set(err, ERR_USAGE, "--range goes up to %llu", (unsigned long long)range_most);
 	if (o->shape == SYNTH_PARABOLA && o->points > span_most)
-		return err_set(err, ERR_USAGE, "a parabola has up to %llu points",
-			       (unsigned long long)span_most);
+		return err_set(err, ERR_USAGE, "a parabola has up to %llu points", (unsigned long long)span_most);
 	return 0;
 }
 
@@ -115,8 +111,7 @@ static void clustered(const struct synth_options *o, uint64_t h, uint64_t g, int
 		xy[1] = within(o->range, (uint32_t)(g >> 32));
 		return;
 	}
-	uint64_t middle = synth_hash(o->seed + 21, h / 10 % CLUSTERS),
-		 reach = o->range / (40 + (middle & 127)) + 2;
+	uint64_t middle = synth_hash(o->seed + 21, h / 10 % CLUSTERS), reach = o->range / (40 + (middle & 127)) + 2;
 
 	xy[0] = within(o->range, (uint32_t)middle) + bell(reach, h ^ h >> 7);
 	xy[1] = within(o->range, (uint32_t)(middle >> 32)) + bell(reach, g);
@@ -136,8 +131,7 @@ static void gaussians(const struct synth_options *o, uint64_t h, uint64_t g, int
 /* Along the x axis, turned by the rational direction `x, y`. */
 static void pipeline(const struct synth_options *o, uint64_t h, double x, double y, int64_t xy[2])
 {
-	double per_scale = 1 / decimal_double(o->scale),
-	       along = (synth_fraction((uint32_t)h) - 0.5) * o->width * per_scale,
+	double per_scale = 1 / decimal_double(o->scale), along = (synth_fraction((uint32_t)h) - 0.5) * o->width * per_scale,
 	       across = (synth_fraction((uint32_t)(h >> 32)) - 0.5) * o->height * per_scale;
 
 	xy[0] = synth_floor(along * x - across * y + 0.5);
@@ -227,8 +221,7 @@ static int32_t clamped(int64_t v)
 	return (int32_t)(v < INT32_MIN ? INT32_MIN : v > INT32_MAX ? INT32_MAX : v);
 }
 
-void synth_shape_point(const struct synth_options *o, struct synth_noise *height, uint64_t i,
-		       struct synth_point *ret)
+void synth_shape_point(const struct synth_options *o, struct synth_noise *height, uint64_t i, struct synth_point *ret)
 {
 	int64_t xy[2];
 

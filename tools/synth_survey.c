@@ -85,8 +85,8 @@ static int32_t quantised(const struct synth_survey *s, double v)
 	return (int32_t)synth_floor(v * s->per_scale + 0.5);
 }
 
-static void put(const struct synth_survey *s, struct synth_point *p, double x, double y, double z,
-		double side, double above, unsigned cls)
+static void put(const struct synth_survey *s, struct synth_point *p, double x, double y, double z, double side, double above,
+		unsigned cls)
 {
 	double reach = side * slope * above; /* a slanted ray meets what is high further in */
 
@@ -99,8 +99,8 @@ static void put(const struct synth_survey *s, struct synth_point *p, double x, d
 }
 
 /* A crown: what the ray meets from the top down; the ground is reached by three of four. */
-static unsigned in_forest(const struct synth_survey *s, double x, double y, double z, double top, double side,
-			  uint64_t h, struct synth_point *ret)
+static unsigned in_forest(const struct synth_survey *s, double x, double y, double z, double top, double side, uint64_t h,
+			  struct synth_point *ret)
 {
 	unsigned n = 1 + (unsigned)((h >> 40 & 7) * 3 >> 3) + (unsigned)(h >> 43 & 1);
 	bool grounded = (h >> 44 & 3) != 0;
@@ -108,8 +108,7 @@ static unsigned in_forest(const struct synth_survey *s, double x, double y, doub
 	if (top < 2)
 		n = 1 + (unsigned)(h >> 40 & 1);
 	for (unsigned i = 0; i < n; i++) {
-		double above = top * (1 - (double)i / (n + 0.5)) *
-			       (0.85 + 0.15 * synth_fraction((uint32_t)(h >> (i * 5))));
+		double above = top * (1 - (double)i / (n + 0.5)) * (0.85 + 0.15 * synth_fraction((uint32_t)(h >> (i * 5))));
 
 		if (i + 1 == n && grounded)
 			put(s, &ret[i], x, y, z, side, 0, CLASS_GROUND);
@@ -119,8 +118,8 @@ static unsigned in_forest(const struct synth_survey *s, double x, double y, doub
 	return n;
 }
 
-static unsigned on_surface(const struct synth_survey *s, double x, double y, double z, double top,
-			   double side, enum synth_cover cover, uint64_t h, struct synth_point *ret)
+static unsigned on_surface(const struct synth_survey *s, double x, double y, double z, double top, double side,
+			   enum synth_cover cover, uint64_t h, struct synth_point *ret)
 {
 	double error = (synth_fraction((uint32_t)(h >> 8)) - 0.5) * 0.08;
 
@@ -137,8 +136,7 @@ static unsigned on_surface(const struct synth_survey *s, double x, double y, dou
 		return in_forest(s, x, y, z + error, top, side, h, ret);
 	default:
 		if (cover == SYNTH_FIELD && (h >> 50 & 7) == 0)
-			put(s, ret, x, y, z + error, side, 0.05 + 0.4 * synth_fraction((uint32_t)(h >> 20)),
-			    CLASS_LOW);
+			put(s, ret, x, y, z + error, side, 0.05 + 0.4 * synth_fraction((uint32_t)(h >> 20)), CLASS_LOW);
 		else
 			put(s, ret, x, y, z + error, side, 0, h % 60 == 7 ? CLASS_NONE : CLASS_GROUND);
 		return 1;
@@ -148,8 +146,7 @@ static unsigned on_surface(const struct synth_survey *s, double x, double y, dou
 /* The returns of the pulse that would reach flat ground at x, y; `side` -1 to 1 across the swath. */
 static unsigned pulse_at(struct synth_survey *s, double x, double y, double side, struct synth_point *ret)
 {
-	uint64_t h = synth_hash(s->options->seed ^ UINT64_C(0x5bd1e995), s->counter),
-		 g = h * UINT64_C(0x9fb21c651e98df25);
+	uint64_t h = synth_hash(s->options->seed ^ UINT64_C(0x5bd1e995), s->counter), g = h * UINT64_C(0x9fb21c651e98df25);
 	enum synth_cover cover;
 	double top, z = synth_land_at(&s->land, x, y, &cover, &top);
 	unsigned n;
@@ -157,11 +154,9 @@ static unsigned pulse_at(struct synth_survey *s, double x, double y, double side
 	g ^= g >> 32;
 	if (g % 3000 == 1) {
 		bool high = g >> 40 & 1;
-		double above =
-			high ? 40 + 90 * synth_fraction((uint32_t)h) : -4 - 25 * synth_fraction((uint32_t)h);
+		double above = high ? 40 + 90 * synth_fraction((uint32_t)h) : -4 - 25 * synth_fraction((uint32_t)h);
 
-		put(s, ret, x, y, z, 0, above,
-		    high && s->options->format == 6 ? CLASS_NOISE_HIGH : CLASS_NOISE);
+		put(s, ret, x, y, z, 0, above, high && s->options->format == 6 ? CLASS_NOISE_HIGH : CLASS_NOISE);
 		n = 1;
 	} else {
 		n = on_surface(s, x, y, z, top, side, cover, h, ret);
@@ -172,8 +167,7 @@ static unsigned pulse_at(struct synth_survey *s, double x, double y, double side
 		ret[i].flags = ret[i].cls == CLASS_GROUND && (h >> 13) % 300 == 3 ? POINT_KEY : 0;
 		if ((g >> 20) % 700 == i + 5)
 			ret[i].flags |= POINT_WITHHELD;
-		ret[i].intensity =
-			(uint16_t)(200 + (h >> (16 + i)) % 900 + (ret[i].cls == CLASS_WATER ? 0 : 1500 / n));
+		ret[i].intensity = (uint16_t)(200 + (h >> (16 + i)) % 900 + (ret[i].cls == CLASS_WATER ? 0 : 1500 / n));
 	}
 	if (n == 1 && (g >> 8) % 900 == 4) { /* recorded twice */
 		ret[1] = ret[0];
@@ -207,8 +201,7 @@ unsigned synth_survey_next(struct synth_survey *s, struct synth_point ret[SYNTH_
 	bool forward = line % 2 == 0, up = s->at_swath % 2 == 0;
 	double side = forward ? 2 * part - 1 : 1 - 2 * part;
 	double along = ((double)line + part) * s->reach, y = up ? along : o->height - along;
-	double sway = (synth_noise_at(&s->sway, (double)s->at_swath * 1000 + (double)s->round * 7, y) - 0.5) *
-		      0.02 * s->swath;
+	double sway = (synth_noise_at(&s->sway, (double)s->at_swath * 1000 + (double)s->round * 7, y) - 0.5) * 0.02 * s->swath;
 	double x = (double)s->at_swath * s->advance + s->swath * 0.5 * (1 + side) + sway;
 
 	x += (synth_fraction((uint32_t)h) - 0.5) * 0.7 * s->spacing;
@@ -217,8 +210,7 @@ unsigned synth_survey_next(struct synth_survey *s, struct synth_point ret[SYNTH_
 	y = y < 0 ? 0 : y > o->height ? o->height : y;
 	unsigned n = pulse_at(s, x, y, side, ret);
 	double into = x - (double)s->at_swath * s->advance, back = s->advance;
-	bool overlap =
-		(s->at_swath > 0 && into < s->swath - back) || (s->at_swath + 1 < s->swaths && into > back);
+	bool overlap = (s->at_swath > 0 && into < s->swath - back) || (s->at_swath + 1 < s->swaths && into > back);
 
 	for (unsigned i = 0; i < n; i++) {
 		ret[i].source = (uint16_t)(s->at_swath % 60000 + 1);

@@ -70,9 +70,14 @@ static pid_t feeder(const char *path, int *ret_fd)
 static int on_head(struct bench *b)
 {
 	const struct stream_head *h = stream_reader_head(b->reader);
-	struct acut_mesh_head head = { .lattice = h->lattice, .scale_xy = b->scale[0], .scale_z = b->scale[1],
-				       .crs = h->crs, .unit_xy = h->unit_xy, .unit_z = h->unit_z, .view = h->view,
-				       .stream_id = "" };
+	struct acut_mesh_head head = {.lattice = h->lattice,
+				      .scale_xy = b->scale[0],
+				      .scale_z = b->scale[1],
+				      .crs = h->crs,
+				      .unit_xy = h->unit_xy,
+				      .unit_z = h->unit_z,
+				      .view = h->view,
+				      .stream_id = ""};
 	long long k[3];
 
 	if (sscanf(h->lattice, "%31s %31s %lld %lld %lld", b->scale[0], b->scale[1], &k[0], &k[1], &k[2]) != 5)
@@ -88,9 +93,16 @@ static int on_head(struct bench *b)
 static int on_block(struct bench *b)
 {
 	const struct stream_block *s = stream_reader_block(b->reader);
-	struct acut_mesh_block out = { .index = s->index, .first = s->first, .foreign = s->foreign, .vertex = s->vertex,
-				       .triangle = s->triangle, .final = s->final, .flags = s->flags,
-				       .nforeign = s->nforeign, .nnew = s->nnew, .ntriangle = s->ntriangle };
+	struct acut_mesh_block out = {.index = s->index,
+				      .first = s->first,
+				      .foreign = s->foreign,
+				      .vertex = s->vertex,
+				      .triangle = s->triangle,
+				      .final = s->final,
+				      .flags = s->flags,
+				      .nforeign = s->nforeign,
+				      .nnew = s->nnew,
+				      .ntriangle = s->ntriangle};
 
 	memcpy(out.box, s->box, sizeof(out.box));
 	if (b->step >= CHECK && check_block(b->check, s, &b->err))
@@ -102,9 +114,13 @@ static int on_tail(struct bench *b)
 {
 	const struct stream_tail *t = stream_reader_tail(b->reader);
 	char digest[2][DIGEST_HEX_SIZE];
-	struct acut_mesh_tail tail = { .blocks = t->blocks, .vertices = t->vertices, .triangles = t->triangles,
-				       .hull = t->hull, .digest = digest_hex(t->digest, digest[0]),
-				       .vertex_digest = digest_hex(t->vertex_digest, digest[1]), .report = t->report };
+	struct acut_mesh_tail tail = {.blocks = t->blocks,
+				      .vertices = t->vertices,
+				      .triangles = t->triangles,
+				      .hull = t->hull,
+				      .digest = digest_hex(t->digest, digest[0]),
+				      .vertex_digest = digest_hex(t->vertex_digest, digest[1]),
+				      .report = t->report};
 
 	if (b->step >= CHECK && check_tail(b->check, t, true, &b->err))
 		return 1;
@@ -128,7 +144,10 @@ static void feed(struct bench *b, int fd)
 			return;
 		if (stream_reader_feed(b->reader, (size_t)n, &event, &b->err))
 			die("stream", &b->err);
-		r = event == STREAM_HEAD ? on_head(b) : event == STREAM_BLOCK ? on_block(b) : event == STREAM_TAIL ? on_tail(b) : 0;
+		r = event == STREAM_HEAD  ? on_head(b) :
+		    event == STREAM_BLOCK ? on_block(b) :
+		    event == STREAM_TAIL  ? on_tail(b) :
+					    0;
 		if (r)
 			die("block", b->run && format_run_error(b->run)->code ? format_run_error(b->run) : &b->err);
 	}
@@ -148,14 +167,13 @@ static void swallow(int fd)
 
 static void open_format(struct bench *b, const char *name)
 {
-	const struct format_run_options ropt = { 0 };
-	const struct format_options opt = { 0 };
+	const struct format_run_options ropt = {0};
+	const struct format_options opt = {0};
 	const struct format *f = format_find(name);
 	char path[512];
 
 	snprintf(path, sizeof(path), "%s/bench-client.%s", b->folder, name);
-	if (format_run_new(&ropt, &b->run, &b->err) ||
-	    format_run_add(b->run, f->nothing ? NULL : path, f, &opt, &b->err))
+	if (format_run_new(&ropt, &b->run, &b->err) || format_run_add(b->run, f->nothing ? NULL : path, f, &opt, &b->err))
 		die(path, &b->err);
 	b->sink = format_run_sink(b->run);
 }
@@ -163,7 +181,7 @@ static void open_format(struct bench *b, const char *name)
 /* user and system time, seconds; the number of vertices */
 static uint64_t once(const char *stream, const char *folder, int step, const char *format, double ret[2])
 {
-	struct bench b = { .step = step, .stream = stream, .folder = folder, .err = ERR_INIT };
+	struct bench b = {.step = step, .stream = stream, .folder = folder, .err = ERR_INIT};
 	struct rusage from, to;
 	uint64_t vertices = 0;
 	int fd, status;
@@ -194,10 +212,15 @@ static uint64_t once(const char *stream, const char *folder, int step, const cha
 
 int main(int argc, char **argv)
 {
-	static const struct { const char *name; int step; const char *format; int below; } row[] = {
-		{ "pipe", PIPE, NULL, -1 },	  { "+ checksum, numbering", READER, NULL, 0 },
-		{ "+ digests", CHECK, NULL, 1 },  { "+ format null", FORMAT, "null", 2 },
-		{ "+ format ply", FORMAT, "ply", 2 }, { "+ format obj", FORMAT, "obj", 2 },
+	static const struct {
+		const char *name;
+		int step;
+		const char *format;
+		int below;
+	} row[] = {
+		{"pipe", PIPE, NULL, -1},           {"+ checksum, numbering", READER, NULL, 0},
+		{"+ digests", CHECK, NULL, 1},      {"+ format null", FORMAT, "null", 2},
+		{"+ format ply", FORMAT, "ply", 2}, {"+ format obj", FORMAT, "obj", 2},
 	};
 	double best[6];
 	struct rusage ru;

@@ -14,7 +14,7 @@
 #include "grid.h"
 #include "inputs.h"
 
-static const char *const names[] = { "bench.acut", "bench" };
+static const char *const names[] = {"bench.acut", "bench"};
 
 static double now(void)
 {
@@ -38,9 +38,14 @@ static void must(int rc, const struct err *err)
 static struct mesh_vertex *corridor(const char *kind, uint32_t n, uint32_t *ret_n)
 {
 	/* Directions of the lattice; pipelines are 300 km by 500 m in centimetres. */
-	static const struct { const char *kind; int64_t x, y, norm, length, width; } strips[] = {
-		{ "corridor", 2, 1, 2, 1000000000, 1000000 },    { "pipeline", 1, 0, 1, 30000000, 50000 },
-		{ "pipeline-diagonal", 7, 7, 10, 30000000, 50000 }, { "pipeline-slanted", 4, 3, 5, 30000000, 50000 },
+	static const struct {
+		const char *kind;
+		int64_t x, y, norm, length, width;
+	} strips[] = {
+		{"corridor", 2, 1, 2, 1000000000, 1000000},
+		{"pipeline", 1, 0, 1, 30000000, 50000},
+		{"pipeline-diagonal", 7, 7, 10, 30000000, 50000},
+		{"pipeline-slanted", 4, 3, 5, 30000000, 50000},
 	};
 	unsigned k = 3;
 
@@ -53,8 +58,8 @@ static struct mesh_vertex *corridor(const char *kind, uint32_t n, uint32_t *ret_
 		int64_t along = (int64_t)(input_random(&seed) % (uint64_t)strips[k].length) - strips[k].length / 2,
 			across = (int64_t)(input_random(&seed) % (uint64_t)strips[k].width) - strips[k].width / 2;
 
-		v[i] = (struct mesh_vertex){ (int32_t)((strips[k].x * along - strips[k].y * across) / strips[k].norm),
-					     (int32_t)((strips[k].y * along + strips[k].x * across) / strips[k].norm), 0 };
+		v[i] = (struct mesh_vertex){(int32_t)((strips[k].x * along - strips[k].y * across) / strips[k].norm),
+					    (int32_t)((strips[k].y * along + strips[k].x * across) / strips[k].norm), 0};
 	}
 	*ret_n = v ? input_unique(v, n) : 0;
 	return v;
@@ -62,12 +67,17 @@ static struct mesh_vertex *corridor(const char *kind, uint32_t n, uint32_t *ret_
 
 static struct grid *make(int dirfd, const struct mesh_vertex *v, uint32_t n)
 {
-	const struct grid_stage_params params = { .dirfd = dirfd, .name = names[1], .memory = (size_t)256 << 20 };
-	struct grid_source source = { .id = 1, .added = 1, .points = n, .name = "bench" };
+	const struct grid_stage_params params = {.dirfd = dirfd, .name = names[1], .memory = (size_t)256 << 20};
+	struct grid_source source = {.id = 1, .added = 1, .points = n, .name = "bench"};
 	struct grid_segment_info info;
-	struct grid_manifest m = { .lattice = { .scale_xy = { 1, -2 }, .scale_z = { 1, -2 } }, .unit_xy = "metre",
-				   .unit_z = "metre", .generation = 1, .segments = &info, .nsegments = 1,
-				   .sources = &source, .nsources = 1 };
+	struct grid_manifest m = {.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -2}},
+				  .unit_xy = "metre",
+				  .unit_z = "metre",
+				  .generation = 1,
+				  .segments = &info,
+				  .nsegments = 1,
+				  .sources = &source,
+				  .nsources = 1};
 	struct err err = ERR_INIT;
 	struct grid_stage *stage;
 	struct grid *grid;
@@ -75,7 +85,7 @@ static struct grid *make(int dirfd, const struct mesh_vertex *v, uint32_t n)
 	must(grid_stage_new(&params, &stage, &err), &err);
 	must(grid_stage_source(stage, 1, &err), &err);
 	for (uint32_t i = 0; i < n; i++) {
-		const struct point p = { .x = v[i].x, .y = v[i].y, .z = v[i].z, .cls = 1, .ret = 0x11 };
+		const struct point p = {.x = v[i].x, .y = v[i].y, .z = v[i].z, .cls = 1, .ret = 0x11};
 
 		must(grid_stage_add(stage, &p, 1, &err), &err);
 	}
@@ -126,8 +136,11 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 	scan = now() - scan;
 	loaded = now();
 	for (size_t i = 0; i < plan.n; i++) {
-		struct cut_load l = { .out = out, .cap = cap, .scratch = scratch, .scratch_size = scratch_size,
-				      .sites = plan.leaf[i].known ? plan.sites : NULL };
+		struct cut_load l = {.out = out,
+				     .cap = cap,
+				     .scratch = scratch,
+				     .scratch_size = scratch_size,
+				     .sites = plan.leaf[i].known ? plan.sites : NULL};
 		uint64_t need;
 		int rc = cut_load(reader, &view, &plan.leaf[i].region, &l, &need, &err);
 
@@ -142,8 +155,8 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 	for (size_t i = 0; i < plan.n; i++)
 		known += plan.leaf[i].known;
 	printf("| %s | %u | %zu | %llu | %.1f | %.2f | %.2f | %.2f | %.0f | %.3f | %.3f | %.2f | %.2f |%s\n", kind, load, plan.n,
-	       (unsigned long long)known, (double)cut_sites_bytes(plan.sites) / 1024,
-	       (double)plan.points_read / (double)scanned, (double)read / (double)scanned, 100.0 * (double)halo / (double)own, (double)cells / (double)plan.n,
+	       (unsigned long long)known, (double)cut_sites_bytes(plan.sites) / 1024, (double)plan.points_read / (double)scanned,
+	       (double)read / (double)scanned, 100.0 * (double)halo / (double)own, (double)cells / (double)plan.n,
 	       1e6 * scan / (double)own, 1e6 * (loaded - scan) / (double)own, 1e3 * planned, 1e3 * probed,
 	       refused ? " (some do not fit)" : "");
 	fflush(stdout);
@@ -156,9 +169,9 @@ static void measure(const char *kind, const struct grid *grid, uint32_t load)
 
 int main(int argc, char **argv)
 {
-	static const char *const kinds[] = { "uniform", "scan", "grid", "cluster", "two", "holes", "corridor", "pipeline",
-					    "pipeline-diagonal", "pipeline-slanted" };
-	static const uint32_t loads[] = { 1 << 15, 1 << 17, 1 << 19, 1 << 20 }; /* the ladder */
+	static const char *const kinds[] = {"uniform", "scan",     "grid",     "cluster",           "two",
+					    "holes",   "corridor", "pipeline", "pipeline-diagonal", "pipeline-slanted"};
+	static const uint32_t loads[] = {1 << 15, 1 << 17, 1 << 19, 1 << 20}; /* the ladder */
 	uint32_t want = argc > 1 ? (uint32_t)strtoul(argv[1], NULL, 10) : 1000000;
 	char path[] = "/tmp/acut-bench-cut-XXXXXX";
 	int dirfd = mkdtemp(path) ? open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC) : -1;
@@ -166,14 +179,16 @@ int main(int argc, char **argv)
 	if (dirfd < 0)
 		return 1;
 	printf("| input, %u points | load | domains | known | sites KiB | read by the plan / own | by domains / own | halo %% | halo cells a domain | own us/point | "
-	       "halo us/point | plan ms | probe ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n", want);
+	       "halo us/point | plan ms | probe ms |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|\n",
+	       want);
 	for (size_t i = 0; i < sizeof(kinds) / sizeof(kinds[0]); i++) {
 		uint32_t n;
 
 		if (argc > 2 && strcmp(kinds[i], argv[2]))
 			continue;
-		struct mesh_vertex *v = strstr(kinds[i], "corridor") || strstr(kinds[i], "pipeline")
-						? corridor(kinds[i], want, &n) : input_make(kinds[i], want, 1, &n);
+		struct mesh_vertex *v = strstr(kinds[i], "corridor") || strstr(kinds[i], "pipeline") ?
+						corridor(kinds[i], want, &n) :
+						input_make(kinds[i], want, 1, &n);
 		struct grid *grid;
 		char file[64];
 

@@ -32,10 +32,10 @@ static void lap(const char *what, uint64_t points)
 static int ingest(int dirfd, const char *path, struct grid_segment_info *info, struct lattice *lattice, size_t memory,
 		  struct err *err)
 {
-	struct grid_stage_params params = { .dirfd = dirfd, .name = "bench", .memory = memory };
-	struct input_options options = { .planar = true };
+	struct grid_stage_params params = {.dirfd = dirfd, .name = "bench", .memory = memory};
+	struct input_options options = {.planar = true};
 	struct grid_stage *stage = NULL;
-	struct pipe_ingested in = { 0 };
+	struct pipe_ingested in = {0};
 	struct input *input = NULL;
 	int fd, r;
 
@@ -50,7 +50,7 @@ static int ingest(int dirfd, const char *path, struct grid_segment_info *info, s
 		r = grid_stage_source(stage, 1, err);
 	last = phase_cpu();
 	if (!r) {
-		const struct pipe_ingest_params how = { .lattice = lattice, .stage = stage };
+		const struct pipe_ingest_params how = {.lattice = lattice, .stage = stage};
 
 		r = pipe_ingest(input, &how, &in, err);
 	}
@@ -80,8 +80,8 @@ static void print(const struct phases *sum, const struct pipe_totals *t, uint64_
 	       (double)sum->cells_read / (double)(t->domains ? t->domains : 1),
 	       100.0 * (double)sum->open / (double)(sum->vertices ? sum->vertices : 1));
 	printf("%llu domains, halo %.2f %%, %llu triangles, %s %s\n", (unsigned long long)t->domains,
-	       100.0 * (double)t->counts.halo / (double)(t->counts.used ? t->counts.used : 1),
-	       (unsigned long long)t->triangles, digest_hex(t->digest, a), digest_hex(t->vertex_digest, b));
+	       100.0 * (double)t->counts.halo / (double)(t->counts.used ? t->counts.used : 1), (unsigned long long)t->triangles,
+	       digest_hex(t->digest, a), digest_hex(t->vertex_digest, b));
 }
 
 /* As the daemon has it. */
@@ -113,9 +113,8 @@ static int each(struct bench *b, size_t i, struct err *err)
 	uint64_t need;
 	int r;
 
-	while ((r = phase_domain(b->grid, &b->view, &b->plan.leaf[i].region,
-				 b->plan.leaf[i].known ? b->plan.sites : NULL, &b->budget, b->memory, b->twice, &b->sum,
-				 &domain, &need, err)) == PIPE_E_SPLIT)
+	while ((r = phase_domain(b->grid, &b->view, &b->plan.leaf[i].region, b->plan.leaf[i].known ? b->plan.sites : NULL,
+				 &b->budget, b->memory, b->twice, &b->sum, &domain, &need, err)) == PIPE_E_SPLIT)
 		if ((r = cut_plan_split(&b->plan, i, b->reader, need, b->budget.cap, err)))
 			break;
 	if (!r && domain.ntriangle)
@@ -126,7 +125,7 @@ static int each(struct bench *b, size_t i, struct err *err)
 static int mesh(struct grid *grid, uint64_t memory, int dirfd, struct err *err)
 {
 	size_t reader_size = grid_reader_bytes(grid);
-	struct bench b = { .grid = grid, .view = VIEW_INIT, .dirfd = dirfd };
+	struct bench b = {.grid = grid, .view = VIEW_INIT, .dirfd = dirfd};
 	struct pipe_totals totals;
 	struct mesh_counts flat;
 	int r = pipe_budget(memory, 2, grid, &b.budget, err);
@@ -159,8 +158,8 @@ static int mesh(struct grid *grid, uint64_t memory, int dirfd, struct err *err)
 
 int main(int argc, char **argv)
 {
-	struct grid_manifest manifest = { .generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown" };
-	struct grid_source source = { .id = 1, .added = 1, .name = "bench" };
+	struct grid_manifest manifest = {.generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown"};
+	struct grid_source source = {.id = 1, .added = 1, .name = "bench"};
 	struct grid_segment_info info;
 	uint64_t memory = 256 << 20;
 	struct err err = ERR_INIT;

@@ -83,12 +83,17 @@ static bool timed_box(void *ctx, int32_t ret_box[4])
 	return grid_box(grid_reader_grid(((struct timed *)ctx)->reader), ret_box);
 }
 
-static int load(const struct grid *grid, const struct view *view, const struct cut_region *region, void *memory,
-		void *twice, struct cut_load *load, struct phases *sum, uint64_t *ret_need, struct err *err)
+static int load(const struct grid *grid, const struct view *view, const struct cut_region *region, void *memory, void *twice,
+		struct cut_load *load, struct phases *sum, uint64_t *ret_need, struct err *err)
 {
-	struct timed t = { .sum = sum };
+	struct timed t = {.sum = sum};
 	const struct cut_source source = {
-		.ctx = &t, .walk = timed_walk, .read = timed_read, .scan = timed_scan, .count = timed_count, .box = timed_box,
+		.ctx = &t,
+		.walk = timed_walk,
+		.read = timed_read,
+		.scan = timed_scan,
+		.count = timed_count,
+		.box = timed_box,
 	};
 	double from;
 	int r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &t.reader, err);
@@ -124,11 +129,11 @@ static bool triangulate(struct tri *tri, uint32_t n, struct phases *sum)
 	return !flat;
 }
 
-int phase_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		 const struct cut_sites *sites, const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum,
-		 struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+int phase_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct cut_sites *sites,
+		 const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum, struct mesh_domain *ret,
+		 uint64_t *ret_need, struct err *err)
 {
-	struct pipe_finish f = { 0 };
+	struct pipe_finish f = {0};
 	struct cut_load room;
 	struct tri *tri;
 	double from;
@@ -164,8 +169,8 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 
 int phase_store(int dirfd, const struct mesh_domain *d, void *memory, size_t size, struct phases *sum, struct err *err)
 {
-	const struct store_id id = { { 1, 2 }, { 3, 4 } };
-	const struct store_beside beside = { .proof = "" };
+	const struct store_id id = {{1, 2}, {3, 4}};
+	const struct store_beside beside = {.proof = ""};
 	struct store_front front;
 	struct mesh_domain back;
 	double from = phase_cpu();
@@ -190,7 +195,7 @@ static int encode(void *ctx, const struct mesh_block *b, struct err *err)
 		.nnew = b->nnew,
 		.ntriangle = b->ntriangle,
 		.foreign = b->foreign,
-		.vertex = (const int32_t (*)[3])b->vertex,
+		.vertex = (const int32_t(*)[3])b->vertex,
 		.triangle = b->triangle,
 		.final = b->final,
 	};
@@ -210,7 +215,7 @@ static int encode(void *ctx, const struct mesh_block *b, struct err *err)
 int phase_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *region, struct phases *sum,
 	       struct err *err)
 {
-	const struct mesh_sink sink = { .ctx = sum, .block = encode };
+	const struct mesh_sink sink = {.ctx = sum, .block = encode};
 	double from = phase_cpu();
 	int r = pipe_emit(e, d, region, &sink, err);
 

@@ -49,7 +49,8 @@ static void make_segment(int dirfd, unsigned number, uint64_t first, uint64_t n,
 		uint64_t v = (i + 1) * UINT64_C(0x9e3779b97f4a7c15);
 
 		v = (v ^ v >> 31) * UINT64_C(0xbf58476d1ce4e5b9);
-		struct point pt = {.x = (int32_t)(v >> 42), .y = (int32_t)(v >> 20 & (SIDE - 1)), .z = (int32_t)(i & 1023), .cls = 2};
+		struct point pt = {
+			.x = (int32_t)(v >> 42), .y = (int32_t)(v >> 20 & (SIDE - 1)), .z = (int32_t)(i & 1023), .cls = 2};
 
 		check(grid_stage_add(s, &pt, 1, &err), &err);
 	}
@@ -61,8 +62,14 @@ static void make(int dirfd, unsigned segments, uint64_t points)
 {
 	struct grid_segment_info *info = calloc(segments, sizeof *info);
 	struct grid_source *sources = calloc(segments, sizeof *sources);
-	struct grid_manifest m = {.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -2}}, .crs = "unknown", .unit_xy = "metre",
-				  .unit_z = "metre", .generation = 1, .segments = info, .nsegments = segments, .sources = sources,
+	struct grid_manifest m = {.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -2}},
+				  .crs = "unknown",
+				  .unit_xy = "metre",
+				  .unit_z = "metre",
+				  .generation = 1,
+				  .segments = info,
+				  .nsegments = segments,
+				  .sources = sources,
 				  .nsources = segments};
 	struct err err = ERR_INIT;
 

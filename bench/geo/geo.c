@@ -52,8 +52,7 @@ static int run_step(const struct crs_step_params *p, const char *what, double si
 	int r = crs_step_new(p, &s, err);
 
 	for (int i = 0; !r && i < POINTS; i += BATCH)
-		r = crs_step_apply(s, (const int64_t (*)[3])raw + i, POINTS - i < BATCH ? POINTS - i : BATCH, at + i, &bad,
-				   err);
+		r = crs_step_apply(s, (const int64_t(*)[3])raw + i, POINTS - i < BATCH ? POINTS - i : BATCH, at + i, &bad, err);
 	if (r)
 		return r;
 	tell(what, side, strewn, cpu() - began);
@@ -90,7 +89,7 @@ static int run_direct(const struct crs_info *to, const struct crs_info *wgs, str
 	for (int i = 0; !r && i < POINTS; i += 997) {
 		int32_t one[1][3];
 
-		r = crs_step_apply(s, (const int64_t (*)[3])raw + i, 1, one, &bad, err);
+		r = crs_step_apply(s, (const int64_t(*)[3])raw + i, 1, one, &bad, err);
 		if (r)
 			break;
 		r = crs_geo_forward(g, (double)raw[i][1] * 1e-7, (double)raw[i][0] * 1e-7, &x, &y, err);
@@ -109,8 +108,13 @@ int main(int argc, char **argv)
 	const struct crs_info wgs = {
 		.plane = CRS_PLANE_GEOGRAPHIC,
 		.text = "EPSG:4326",
-		.system = {.method = CRS_METHOD_GEOGRAPHIC, .epsg = 4326, .datum = "WGS 84", .a = 6378137,
-			   .inverse_flattening = 298.257223563, .unit = 1, .unit_z = 1},
+		.system = {.method = CRS_METHOD_GEOGRAPHIC,
+			   .epsg = 4326,
+			   .datum = "WGS 84",
+			   .a = 6378137,
+			   .inverse_flattening = 298.257223563,
+			   .unit = 1,
+			   .unit_z = 1},
 	};
 	const struct crs_zone z = {.number = 32, .north = true};
 	const struct lattice lattice = {.scale_xy = {1, -3}, .scale_z = {1, -3}, .k = {500000000, 5200000000, 0}};
@@ -135,7 +139,9 @@ int main(int argc, char **argv)
 			r = run_direct(&to, &wgs, z, side, strewn, &err);
 		if (!r && argc > 1) {
 			/* What was just projected, as a projected file. */
-			const struct lattice_input plane = {.name = "b", .scale = {{1, -3}, {1, -3}, {1, -2}}, .has_offset = true,
+			const struct lattice_input plane = {.name = "b",
+							    .scale = {{1, -3}, {1, -3}, {1, -2}},
+							    .has_offset = true,
 							    .offset = {{5, 5}, {52, 5}}};
 			struct crs_step_params q = {.from = &to, .geoid_path = argv[1], .lattice = &lattice, .coords = &plane};
 

@@ -37,7 +37,7 @@ static unsigned long long acut_pass(const struct input *in, enum laz_fields fiel
 {
 	const struct input_las *las = &in->as.las;
 	int fd = in->fd;
-	const struct laz_source source = { &fd, read_fd };
+	const struct laz_source source = {&fd, read_fd};
 	void *memory = malloc(laz_table_bytes() + 64), *decoder = malloc(laz_reader_bytes(&las->laz, fields));
 	uint8_t *records = malloc((size_t)BATCH * las->length);
 	struct err err = ERR_INIT;
@@ -97,8 +97,8 @@ static int compare(const void *a, const void *b)
 
 static void measure(const char *path, unsigned passes)
 {
-	static const char *const name[KINDS] = { "acut", "acut terrain", "LASzip", "LASzip terrain" };
-	const struct input_options options = { .planar = true };
+	static const char *const name[KINDS] = {"acut", "acut terrain", "LASzip", "LASzip terrain"};
+	const struct input_options options = {.planar = true};
 	double rate[KINDS][PASSES_MAX];
 	struct err err = ERR_INIT;
 	struct input *in;

@@ -33,10 +33,10 @@ static double seconds(clockid_t id)
 
 static int ingest(int dirfd, const char *path, struct grid_segment_info *info, struct lattice *lattice, struct err *err)
 {
-	struct grid_stage_params params = { .dirfd = dirfd, .name = "bench", .memory = 256 << 20 };
-	struct input_options options = { .planar = true };
-	struct pipe_ingest_params how = { .lattice = lattice };
-	struct pipe_ingested in = { 0 };
+	struct grid_stage_params params = {.dirfd = dirfd, .name = "bench", .memory = 256 << 20};
+	struct input_options options = {.planar = true};
+	struct pipe_ingest_params how = {.lattice = lattice};
+	struct pipe_ingested in = {0};
 	struct input *input = NULL;
 	int fd, r;
 
@@ -58,10 +58,10 @@ static int ingest(int dirfd, const char *path, struct grid_segment_info *info, s
 	return r;
 }
 
-static int one(const char *name, const struct grid *grid, const struct view *view, size_t memory, int dirfd,
-	       uint64_t segment, struct err *err)
+static int one(const char *name, const struct grid *grid, const struct view *view, size_t memory, int dirfd, uint64_t segment,
+	       struct err *err)
 {
-	struct pipe_select_params p = { .grid = grid, .view = view, .memory = memory, .dirfd = dirfd };
+	struct pipe_select_params p = {.grid = grid, .view = view, .memory = memory, .dirfd = dirfd};
 	double cpu = seconds(CLOCK_THREAD_CPUTIME_ID), wall = seconds(CLOCK_MONOTONIC), points = (double)grid_points(grid);
 	struct pipe_selected got;
 	int r;
@@ -78,7 +78,7 @@ static int one(const char *name, const struct grid *grid, const struct view *vie
 
 static int all(const struct grid *grid, size_t memory, int dirfd, const struct grid_segment_info *info, struct err *err)
 {
-	static const char *const thin[] = { "thin, lowest", "thin, highest", "thin, median" };
+	static const char *const thin[] = {"thin, lowest", "thin, highest", "thin, median"};
 	const int32_t *box = info->box;
 	struct view crop = VIEW_INIT, every, pick;
 	int r;
@@ -97,7 +97,7 @@ static int all(const struct grid *grid, size_t memory, int dirfd, const struct g
 	if (!r)
 		r = one("every 10", grid, &every, memory, dirfd, info->bytes, err);
 	for (int i = 0; !r && i < 3; i++) {
-		pick.thin = (struct view_thin){ 250, (uint8_t)i };
+		pick.thin = (struct view_thin){250, (uint8_t)i};
 		r = one(thin[i], grid, &pick, memory, dirfd, info->bytes, err);
 	}
 	pick.thin.cell = 100000000;
@@ -108,8 +108,8 @@ static int all(const struct grid *grid, size_t memory, int dirfd, const struct g
 
 int main(int argc, char **argv)
 {
-	struct grid_manifest manifest = { .generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown" };
-	struct grid_source source = { .id = 1, .added = 1, .name = "bench" };
+	struct grid_manifest manifest = {.generation = 1, .crs = "unknown", .unit_xy = "unknown", .unit_z = "unknown"};
+	struct grid_source source = {.id = 1, .added = 1, .name = "bench"};
 	struct grid_segment_info info;
 	uint64_t memory = 64 << 20;
 	struct err err = ERR_INIT;

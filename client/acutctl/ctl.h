@@ -29,7 +29,7 @@ struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
 	bool header, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
-	bool all; /* cache gc */
+	bool all;       /* cache gc */
 	bool origin_of; /* config show */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
 	const char *socket, *timeout;
@@ -45,7 +45,7 @@ struct ctl_args {
 	const char *textfile;
 	const char *out[CTL_OUTPUTS];
 	unsigned nout;
-	char **word;               /* what is not an option, without the command */
+	char **word; /* what is not an option, without the command */
 	unsigned nword;
 };
 
@@ -56,7 +56,7 @@ struct ctl {
 	struct ctl_args args;
 	const struct ctl_command *command;
 	const struct ctl_verb *verb; /* of a command that has some */
-	double timeout;            /* seconds, 0 = none */
+	double timeout;              /* seconds, 0 = none */
 	uint64_t deadline_ns;
 	struct acut *acut;
 	struct ctl_daemon *daemon; /* of this command's own, or NULL */
@@ -65,10 +65,10 @@ struct ctl {
 	char **warning;
 	size_t nwarning;
 	unsigned long long refusals; /* inputs that were left out (ctl_refusal) */
-	bool list;                 /* what is told is one of many lines, and the last comes at once */
-	bool progress_shown;       /* a progress line stands on the terminal */
-	bool out_closed;           /* the reader of standard output is gone */
-	bool for_reader;           /* without that reader there is no use in going on: -o -, wait, watch */
+	bool list;                   /* what is told is one of many lines, and the last comes at once */
+	bool progress_shown;         /* a progress line stands on the terminal */
+	bool out_closed;             /* the reader of standard output is gone */
+	bool for_reader;             /* without that reader there is no use in going on: -o -, wait, watch */
 };
 
 /* Exit statuses that are no error's (DESIGN of the command line). */
@@ -76,29 +76,29 @@ enum { CTL_DONE = 0, CTL_USAGE = 2, CTL_SOME_REFUSED = 3, CTL_PIPE = 141 };
 
 /* Which options a command takes: an option is allowed where its groups meet the command's. */
 enum ctl_group {
-	CTL_ALL = 1,               /* every command */
-	CTL_STAGE = 2,             /* what is stored: mesh, push */
-	CTL_VIEW = 4,              /* which points: mesh, submit, plan */
-	CTL_OUT = 8,               /* what is written: mesh, fetch */
-	CTL_OWN = 16,              /* a daemon of its own: mesh, info */
-	CTL_INPUT = 32,            /* reads inputs: mesh, push, info */
+	CTL_ALL = 1,    /* every command */
+	CTL_STAGE = 2,  /* what is stored: mesh, push */
+	CTL_VIEW = 4,   /* which points: mesh, submit, plan */
+	CTL_OUT = 8,    /* what is written: mesh, fetch */
+	CTL_OWN = 16,   /* a daemon of its own: mesh, info */
+	CTL_INPUT = 32, /* reads inputs: mesh, push, info */
 	CTL_SUBMIT = 64,
-	CTL_GENERATION = 128,      /* of a dataset: submit, plan, dataset show */
+	CTL_GENERATION = 128, /* of a dataset: submit, plan, dataset show */
 	CTL_FETCH = 256,
 	CTL_PUSH = 512,
-	CTL_CREATE = 1024,           /* dataset create */
-	CTL_DATASET = 1 << 24,       /* dataset log, restore */
-	CTL_REMOVED = 1 << 25,       /* datasets */
+	CTL_CREATE = 1024,     /* dataset create */
+	CTL_DATASET = 1 << 24, /* dataset log, restore */
+	CTL_REMOVED = 1 << 25, /* datasets */
 	CTL_GEOID = 1 << 16,
-	CTL_CACHE = 1 << 22,       /* cache gc */
-	CTL_CONFIG = 1 << 26,      /* config show */
+	CTL_CACHE = 1 << 22,  /* cache gc */
+	CTL_CONFIG = 1 << 26, /* config show */
 	CTL_INFO = 1 << 17,
-	CTL_JOB = 1 << 18,         /* begins a job: mesh, submit */
+	CTL_JOB = 1 << 18, /* begins a job: mesh, submit */
 	CTL_METRICS = 1 << 20,
-	CTL_COPY = 1 << 19,        /* backup, dataset export */
+	CTL_COPY = 1 << 19, /* backup, dataset export */
 	CTL_INGEST = 1 << 11,
-	CTL_MANIFEST = 1 << 12,    /* inputs that are named: mesh, push */
-	CTL_REPLACES = 1 << 13,    /* push */
+	CTL_MANIFEST = 1 << 12, /* inputs that are named: mesh, push */
+	CTL_REPLACES = 1 << 13, /* push */
 };
 
 /* What stands behind a command that has several: "dataset show". */
@@ -112,11 +112,11 @@ struct ctl_verb {
 struct ctl_command {
 	const char *name, *usage, *help;
 	unsigned groups;
-	unsigned least, most;      /* words */
-	bool starts;               /* starts a private daemon unasked */
-	int (*run)(struct ctl *);  /* NULL: not in this version */
+	unsigned least, most;         /* words */
+	bool starts;                  /* starts a private daemon unasked */
+	int (*run)(struct ctl *);     /* NULL: not in this version */
 	const struct ctl_verb *verbs; /* up to one without a name; NULL: the words are no verbs. Those run, not this. */
-	bool hidden;               /* not for people */
+	bool hidden;                  /* not for people */
 };
 
 /* NULL: there is none of that name. */
@@ -143,28 +143,27 @@ int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err);
  * (ctl_complete.c).
  */
 struct ctl_option {
-	const char *name;          /* without the dashes */
+	const char *name; /* without the dashes */
 	char letter;
-	const char *value;         /* what follows, NULL: nothing */
+	const char *value; /* what follows, NULL: nothing */
 	enum { CTL_FLAG, CTL_TEXT, CTL_OUTPUT, CTL_LATER } kind;
-	size_t at;                 /* in struct ctl_args */
+	size_t at; /* in struct ctl_args */
 	unsigned groups;
-	const char *help;          /* NULL: of a later version */
+	const char *help; /* NULL: of a later version */
 };
 const struct ctl_option *ctl_option_rows(size_t *ret_n);
 /* "INPUT FORMAT" of numbers: a whole number from `least` to `most`. */
-int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
-		      struct err *err);
+int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret, struct err *err);
 
 /* ---- ctl_help.c ---- */
-
 
 /* ---- ctl_error.c ---- */
 
 /* Prints the failure, for people or as JSON; returns the exit status. A caught signal or a passed
  * deadline is told as that. */
 int ctl_error(struct ctl *, const struct err *);
-/* An input that is left out: told, up to a hundred; the last line then says how many more there were. JSON has each with its line. */
+/* An input that is left out: told, up to a hundred; the last line then says how many more there were. JSON has each with its
+ * line. */
 void ctl_refusal(struct ctl *, const struct err *);
 void ctl_refusals_end(struct ctl *, int status);
 /* The same for the last failure of the connection. */
@@ -216,8 +215,8 @@ void ctl_window_tail(struct ctl_window *, const struct acut_mesh_tail *);
 
 struct ctl_input {
 	char *name;
-	int fd;      /* -1: opened when it is its turn; else a pipe's reading end */
-	int kept;    /* of a pipe that is judged by its content, a regular file that has all of it; 0: none */
+	int fd;         /* -1: opened when it is its turn; else a pipe's reading end */
+	int kept;       /* of a pipe that is judged by its content, a regular file that has all of it; 0: none */
 	bool anonymous; /* standard input without --name */
 	bool refused;
 	bool verified; /* by --manifest, as this file: */
@@ -225,16 +224,17 @@ struct ctl_input {
 	ino_t ino;
 	off_t size;
 	struct timespec mtime;
-	const char *entry; /* NULL, or what it is called in dirfd: an ingest's, opened there, and only as the very file that was seen */
+	const char *entry; /* NULL, or what it is called in dirfd: an ingest's, opened there, and only as the very file that was
+			      seen */
 	int dirfd;
 	struct timespec ctime;
-	const char *path;  /* NULL, or its absolute one, which `name` is not */
-	int copier;  /* the process that empties the pipe; 0: none */
+	const char *path; /* NULL, or its absolute one, which `name` is not */
+	int copier;       /* the process that empties the pipe; 0: none */
 };
 struct ctl_inputs {
 	struct ctl_input *input;
 	size_t n, room;
-	bool each;   /* what became of each is told by the caller: that all were refused is no failure of its own */
+	bool each;          /* what became of each is told by the caller: that all were refused is no failure of its own */
 	const double *crop; /* NULL, or the box (x1, y1, x2, y2) that is all that will be asked for */
 };
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
@@ -287,9 +287,9 @@ struct ctl_daemon *ctl_private_end(struct ctl_daemon *);
 struct ctl_spawn {
 	const char *state, *cache, *log;
 	const char *memory, *threads, *disk, *keep_free; /* NULL if not given */
-	int socket_fd;             /* handed over as the service manager does */
-	int lock_fd;               /* kept open by the daemon; -1: none */
-	bool bound;                /* ends with this process */
+	int socket_fd;                                   /* handed over as the service manager does */
+	int lock_fd;                                     /* kept open by the daemon; -1: none */
+	bool bound;                                      /* ends with this process */
 };
 int ctl_spawn_daemon(const struct ctl_spawn *, int *ret_pid, struct err *err);
 /* Makes and binds a listening socket; long paths are bound through the folder's descriptor. */
@@ -319,9 +319,9 @@ struct ctl_progress {
 	struct ctl *ctl;
 	char phase[16];
 	uint64_t start_ns, last_ns; /* of the phase; of the last line */
-	uint64_t base, total;      /* staging: points of files that are done, of all files */
+	uint64_t base, total;       /* staging: points of files that are done, of all files */
 	bool on, told_space;
-	char line[256];            /* what stands there */
+	char line[256]; /* what stands there */
 };
 /* Puts this line in place of the one that stands; a caller of its own asks `on` first. */
 void ctl_progress_line(struct ctl_progress *, const char *text);
@@ -363,12 +363,12 @@ struct ctl_staged {
 		bool partial;
 		uint32_t replaced; /* files of the dataset */
 		double shift[3];
-		char *warning; /* NULL: none */
+		char *warning;        /* NULL: none */
 		char *projected_from; /* of its degrees; NULL: they were not projected */
-		uint64_t shifted; /* heights, by a geoid; by how many metres */
-		double height[3]; /* smallest, mean, largest */
+		uint64_t shifted;     /* heights, by a geoid; by how many metres */
+		double height[3];     /* smallest, mean, largest */
 		struct err err;
-	} *file;
+	} * file;
 	size_t nfile;
 	double seconds;
 	char zone[16], datum[64], geoid[160]; /* that degrees and heights went to; "": nothing did */
@@ -394,8 +394,7 @@ void ctl_inspect_json(struct ctl_json *, const struct acut_inspected *);
 /* ---- ctl_geoid.c, ctl_height.c: what geoids do ---- */
 
 /* Adds the file to the daemon's grids; `name` NULL: named after it. Exit status, failures printed. */
-int ctl_geoid_file(struct ctl *, const char *path, const char *name, char ret_name[128],
-		   const struct acut_geoid **ret);
+int ctl_geoid_file(struct ctl *, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret);
 /* --geoid names a kept grid, or a .pgm file, which is added then. */
 int ctl_height_geoid(struct ctl *, char ret_name[128]);
 /* What the plan says, taken over and told. */
@@ -454,7 +453,9 @@ static inline char *ctl_job_time_text(int64_t us, char buf[32])
 /* ---- ctl_formats.c ---- */
 
 /* What the daemon of this version reads; up to one without a name. extensions: ".las .laz". */
-extern const struct ctl_input_format { const char *name, *extensions, *help; } ctl_formats_input[];
+extern const struct ctl_input_format {
+	const char *name, *extensions, *help;
+} ctl_formats_input[];
 /* "laz" is an extension of las. */
 bool ctl_formats_extension(const struct ctl_input_format *, const char *word);
 

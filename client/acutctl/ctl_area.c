@@ -33,7 +33,7 @@ int ctl_area_ring(struct ctl_area *a, bool shell, struct err *err)
 		a->ring = more;
 		a->rings_room = room;
 	}
-	a->ring[a->nring++] = (struct ctl_area_ring){ a->ncorner, shell };
+	a->ring[a->nring++] = (struct ctl_area_ring){a->ncorner, shell};
 	return 0;
 }
 
@@ -57,7 +57,7 @@ void ctl_area_done(struct ctl_area *a)
 {
 	free(a->ring);
 	free(a->corner);
-	*a = (struct ctl_area){ 0 };
+	*a = (struct ctl_area){0};
 }
 
 /* ---- the file ---- */
@@ -78,8 +78,7 @@ static int read_text(const char *file, char **ret, size_t *ret_size, struct err 
 	}
 	if (!S_ISREG(st.st_mode) || st.st_size > FILE_MOST) {
 		close(fd);
-		return err_set(err, ERR_INPUT, "it is not a file of at most %d MiB, so not an area",
-			       FILE_MOST >> 20);
+		return err_set(err, ERR_INPUT, "it is not a file of at most %d MiB, so not an area", FILE_MOST >> 20);
 	}
 	text = malloc((size_t)st.st_size + 1);
 	while (text && got < (size_t)st.st_size && (n = read(fd, text + got, (size_t)st.st_size - got)) > 0)
@@ -99,7 +98,7 @@ static int read_text(const char *file, char **ret, size_t *ret_size, struct err 
 
 int ctl_area_read(const char *file, struct ctl_area *ret, struct err *err)
 {
-	struct ctl_area a = { 0 };
+	struct ctl_area a = {0};
 	char *text = NULL, *start;
 	size_t size = 0;
 	int r = read_text(file, &text, &size, err);
@@ -176,7 +175,7 @@ static size_t ring_end(const struct ctl_area *a, size_t r)
 int ctl_area_print(const struct ctl_area *a, FILE *out, struct err *err)
 {
 	int32_t exponent = common_exponent(a);
-	__int128 at[2] = { 0, 0 }, to[2];
+	__int128 at[2] = {0, 0}, to[2];
 	char code[2 * AREA_CODE_SIZE];
 	size_t bytes = 0;
 
@@ -197,7 +196,7 @@ int ctl_area_print(const struct ctl_area *a, FILE *out, struct err *err)
 	}
 	if (bytes + a->nring <= AREA_TEXT_MAX - 512)
 		return 0;
-	err_set(err, ERR_LIMIT, "the area has %zu corners, too many for one view (%zu bytes of %d)", a->ncorner,
-		bytes + a->nring, AREA_TEXT_MAX - 512);
+	err_set(err, ERR_LIMIT, "the area has %zu corners, too many for one view (%zu bytes of %d)", a->ncorner, bytes + a->nring,
+		AREA_TEXT_MAX - 512);
 	return err_add_hint(err, "simplify it (ogr2ogr -simplify), or give fewer digits after the point");
 }

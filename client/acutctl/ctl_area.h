@@ -14,7 +14,10 @@
 struct err;
 
 struct ctl_area {
-	struct ctl_area_ring { size_t first; bool shell; } *ring;
+	struct ctl_area_ring {
+		size_t first;
+		bool shell;
+	} * ring;
 	struct decimal (*corner)[2];
 	size_t nring, ncorner, rings_room, corners_room;
 };

@@ -197,7 +197,7 @@ static int parse(const char *text, size_t size, struct json_object **ret, struct
 
 int ctl_area_json(const char *text, size_t size, struct ctl_area *area, struct err *err)
 {
-	struct reader r = { .area = area, .err = err };
+	struct reader r = {.area = area, .err = err};
 	struct json_object *document = NULL;
 	size_t skip = size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3) ? 3 : 0;
 	int rc = parse(text + skip, size - skip, &document, err);

@@ -28,8 +28,7 @@ static int bad(struct wkt *w, const char *what)
 	if (w->at == w->end)
 		err_set(w->err, ERR_INPUT, "line %u: the text ends where %s should be", line, what);
 	else
-		err_set(w->err, ERR_INPUT, "line %u: \"%.*s\" stands where %s should be", line,
-			(int)(end - w->at), w->at, what);
+		err_set(w->err, ERR_INPUT, "line %u: \"%.*s\" stands where %s should be", line, (int)(end - w->at), w->at, what);
 	return err_add_place(w->err, (uint64_t)(w->at - w->text), NULL);
 }
 
@@ -151,8 +150,8 @@ static void dimensions(struct wkt *w)
 
 static int geometry(struct wkt *w)
 {
-	static const char *const many[] = { "MULTIPOLYGON", "MULTIPOLYGONZ", "MULTIPOLYGONM", "MULTIPOLYGONZM" };
-	static const char *const one[] = { "POLYGON", "POLYGONZ", "POLYGONM", "POLYGONZM" };
+	static const char *const many[] = {"MULTIPOLYGON", "MULTIPOLYGONZ", "MULTIPOLYGONM", "MULTIPOLYGONZM"};
+	static const char *const one[] = {"POLYGON", "POLYGONZ", "POLYGONM", "POLYGONZM"};
 
 	for (unsigned i = 0; i < 4; i++) {
 		if (word(w, many[i])) {
@@ -171,7 +170,7 @@ static int geometry(struct wkt *w)
 
 int ctl_area_wkt(const char *text, size_t size, struct ctl_area *area, struct err *err)
 {
-	struct wkt w = { .text = text, .at = text, .end = text + size, .area = area, .err = err };
+	struct wkt w = {.text = text, .at = text, .end = text + size, .area = area, .err = err};
 	int r;
 
 	if (size >= 3 && !memcmp(text, "\xef\xbb\xbf", 3))

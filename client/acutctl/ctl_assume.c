@@ -24,8 +24,8 @@ static int read_wkt(const char *path, char **ret, struct err *err)
 	if (r)
 		return r;
 	text = malloc(WKT_MAX + 1);
-	r = text ? io_read_some(fd, text, WKT_MAX + 1, 0, path, &n, err)
-		 : err_set(err, ERR_NOMEM, "no memory for a coordinate system");
+	r = text ? io_read_some(fd, text, WKT_MAX + 1, 0, path, &n, err) :
+		   err_set(err, ERR_NOMEM, "no memory for a coordinate system");
 	io_close(fd);
 	if (!r && n > WKT_MAX) {
 		err_set(err, ERR_USAGE, "it is no coordinate system: longer than %d bytes", WKT_MAX);
@@ -126,7 +126,9 @@ void ctl_assume_warn(struct ctl *ctl, const struct ctl_assume *a)
 	if (!n)
 		return;
 	ctl_warn(ctl, "%s%s%s%s%s %s unknown: a mesh needs no unit, and its outputs say so; %s", what[0],
-		 n == 3 ? ", " : n == 2 ? " and " : "", n > 1 ? what[1] : "", n == 3 ? " and " : "",
-		 n == 3 ? what[2] : "", n == 1 ? "is" : "are",
+		 n == 3 ? ", " :
+		 n == 2 ? " and " :
+			  "",
+		 n > 1 ? what[1] : "", n == 3 ? " and " : "", n == 3 ? what[2] : "", n == 1 ? "is" : "are",
 		 a->no_crs ? "--assume-crs and --assume-units say what they are" : "--assume-units says it");
 }

@@ -46,7 +46,7 @@ static int file(void *ctx, const struct acut_backup_file *f)
 
 static void report(struct ctl *ctl, const struct ctl_copy *c, const char *dataset, double seconds)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 	char all[32], more[32];
 
 	if (ctl->args.json) {
@@ -71,7 +71,8 @@ static void report(struct ctl *ctl, const struct ctl_copy *c, const char *datase
 
 static int take(struct ctl *ctl, const char *dataset, const char *dir)
 {
-	struct showing s = {.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy, .err = ERR_INIT}};
+	struct showing s = {
+		.copy = {.ctl = ctl, .dir = dir, .flat = dataset != NULL, .no_links = ctl->args.copy, .err = ERR_INIT}};
 	const struct acut_backup_sink sink = {.ready = ready, .file = file, .ctx = &s};
 	uint64_t begun = clock_mono_ns();
 	struct err err = ERR_INIT;
@@ -205,7 +206,7 @@ static void last_part(const char *dir, char *ret, size_t size)
 
 static void imported(struct ctl *ctl, const struct acut_imported *i)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 	char n[32];
 
 	if (ctl->args.json) {

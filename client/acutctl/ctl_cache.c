@@ -48,7 +48,7 @@ void ctl_cache_side_json(struct ctl_json *j, const char *name, const struct acut
 
 static void stat_json(struct ctl *ctl, const struct acut_cache_stat *s)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_open(&j, "kinds", '{');
@@ -104,7 +104,7 @@ static int cache_stat(struct ctl *ctl)
 	if (!s->measured)
 		ctl_term_line(out, "what was in the cache before the start is not counted yet");
 	ctl_term_field(out, "evicted", "%s in %llu domains and selections since the start",
-		parse_size_text(s->evicted_bytes, size), (unsigned long long)s->evicted_entries);
+		       parse_size_text(s->evicted_bytes, size), (unsigned long long)s->evicted_entries);
 	return CTL_DONE;
 }
 
@@ -118,7 +118,7 @@ struct verify {
 static void damage(void *ctx, const struct acut_cache_damage *d)
 {
 	struct ctl *ctl = ((struct verify *)ctx)->ctl;
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 	struct err err;
 	char text[1400];
 
@@ -138,12 +138,15 @@ static void damage(void *ctx, const struct acut_cache_damage *d)
 	}
 	if (err.code == ERR_VERSION) {
 		ctl_term_line(ctl->report, "of a newer version: %s%s%s: %s", d->what, *d->dataset ? " of " : "", d->dataset,
-			err_format(&err, text, sizeof(text)));
+			      err_format(&err, text, sizeof(text)));
 		fflush(ctl->report);
 		return;
 	}
 	ctl_term_line(ctl->report, "damaged %s%s%s: %s%s", d->what, *d->dataset ? " of " : "", d->dataset,
-		err_format(&err, text, sizeof(text)), !d->derived ? "" : d->removed ? "; removed, it is made again" : "; it could not be removed");
+		      err_format(&err, text, sizeof(text)),
+		      !d->derived ? "" :
+		      d->removed  ? "; removed, it is made again" :
+				    "; it could not be removed");
 	fflush(ctl->report);
 }
 
@@ -161,8 +164,8 @@ static void verify_progress(void *ctx, const struct acut_progress *now)
 
 static int cache_verify(struct ctl *ctl)
 {
-	struct verify v = { .ctl = ctl };
-	struct ctl_json j = { .out = ctl->report };
+	struct verify v = {.ctl = ctl};
+	struct ctl_json j = {.out = ctl->report};
 	struct acut_cache_verified out;
 	char size[32];
 	int r;
@@ -187,8 +190,10 @@ static int cache_verify(struct ctl *ctl)
 			(unsigned long long)out.files, parse_size_text(out.bytes, size), (unsigned long long)out.damaged,
 			(unsigned long long)out.derived);
 		if (out.newer || out.derived_newer)
-			fprintf(ctl->report, "%llu of what was pushed, %llu of what is made again are of a newer version of acut and were not "
-				"read%s\n", (unsigned long long)out.newer, (unsigned long long)out.derived_newer,
+			fprintf(ctl->report,
+				"%llu of what was pushed, %llu of what is made again are of a newer version of acut and were not "
+				"read%s\n",
+				(unsigned long long)out.newer, (unsigned long long)out.derived_newer,
 				out.newer ? ": install the acut that wrote them again, or a later one" : "");
 	}
 	return out.damaged ? 1 : out.newer ? err_exit_status(ERR_VERSION) : CTL_DONE;
@@ -198,7 +203,7 @@ static int cache_verify(struct ctl *ctl)
 
 static int cache_gc(struct ctl *ctl)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 	uint64_t bytes, entries;
 	char size[32];
 

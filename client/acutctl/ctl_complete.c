@@ -4,8 +4,8 @@
  * capitals name a kind of word (JOB, DATASET, ...) and small letters are the word itself.
  *
  * A line a candidate: the word, a tab, what it is. Or, once: ":files", ":files .las .laz" or ":folders". What the
- * tables know comes first; what only the daemon knows is asked with a limit of a second ($ACUT_COMPLETE_SECONDS), of a daemon that runs: none is
- * started, and whatever goes wrong is silence.
+ * tables know comes first; what only the daemon knows is asked with a limit of a second ($ACUT_COMPLETE_SECONDS), of a daemon
+ * that runs: none is started, and whatever goes wrong is silence.
  */
 #include <signal.h>
 #include <stdlib.h>
@@ -19,15 +19,15 @@ enum { LIMIT_SECONDS = 1, NEWEST = 100 };
 
 struct line {
 	struct ctl *ctl;
-	char **word;                       /* up to the one to be completed */
+	char **word; /* up to the one to be completed */
 	unsigned n;
 	const char *at;                    /* what is there of it */
 	const struct ctl_command *command; /* NULL: not yet said */
 	const struct ctl_verb *verb;
-	const char *plain[8];              /* words behind command and verb */
+	const char *plain[8]; /* words behind command and verb */
 	unsigned nplain;
-	const struct ctl_option *option;   /* whose value it is; NULL: none's */
-	bool ended;                        /* "--" came before it */
+	const struct ctl_option *option; /* whose value it is; NULL: none's */
+	bool ended;                      /* "--" came before it */
 	bool connected;
 };
 
@@ -74,7 +74,10 @@ static void offer_geoid(void *ctx, const struct acut_geoid *g)
 /* The newest ones, in a ring. */
 struct jobs {
 	bool (*wanted)(const struct acut_job *);
-	struct { uint64_t id; char what[80]; } row[NEWEST];
+	struct {
+		uint64_t id;
+		char what[80];
+	} row[NEWEST];
 	size_t n;
 };
 
@@ -107,10 +110,10 @@ static bool is_made(const struct acut_job *job)
 static void offer_jobs(struct line *l)
 {
 	const char *name = l->command->name;
-	struct jobs jobs = {.wanted = !strcmp(name, "cancel")  ? is_open
-				      : !strcmp(name, "rm")    ? is_over
-				      : !strcmp(name, "fetch") ? is_made
-							       : NULL};
+	struct jobs jobs = {.wanted = !strcmp(name, "cancel") ? is_open :
+				      !strcmp(name, "rm")     ? is_over :
+				      !strcmp(name, "fetch")  ? is_made :
+								NULL};
 	char word[24];
 
 	if (acut_jobs(l->ctl->acut, keep_job, &jobs))

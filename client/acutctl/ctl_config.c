@@ -13,7 +13,7 @@ struct listing {
 
 static void setting_json(struct ctl *ctl, const struct acut_setting *s)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "name", s->name);

@@ -26,8 +26,7 @@ static const char *configured(const struct ctl_args *a)
 
 static int connect_to(struct ctl *ctl, const char *path, struct err *err)
 {
-	const struct acut_options opt = {
-		.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
+	const struct acut_options opt = {.program = "acutctl", .interrupted = ctl_signal_interrupted, .ctx = ctl};
 	int fd, r = ctl_spawn_connect(path, &fd);
 
 	if (!r)
@@ -59,8 +58,7 @@ int ctl_connect_try(struct ctl *ctl, struct err *err)
 	} else if (a->own_private || ctl->command->starts) {
 		r = ctl_private_connect(ctl, err);
 	} else {
-		r = err_set(err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s",
-			    SYSTEM_SOCKET);
+		r = err_set(err, ERR_NODAEMON, "no daemon is set: no --socket, no ACUT_SOCKET, no %s", SYSTEM_SOCKET);
 		err_add_hint(err, "start acutd, or use the private daemon of acutctl mesh with --private");
 	}
 	return r;

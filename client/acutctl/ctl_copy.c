@@ -38,8 +38,9 @@ static int write_mark(const struct ctl_copy *c, bool whole, struct err *err)
 	int fd, n, r = 0;
 
 	ctl_job_time_text(c->begun_us, when);
-	n = snprintf(text, sizeof text, "acut copy 1\nof %s\n%s %s\nfiles %llu\nbytes %llu\n%s%s%s", c->what, whole ? "whole, as of" : "begun", when,
-		     (unsigned long long)c->files, (unsigned long long)c->bytes, *c->identity ? "identity " : "", c->identity, *c->identity ? "\n" : "");
+	n = snprintf(text, sizeof text, "acut copy 1\nof %s\n%s %s\nfiles %llu\nbytes %llu\n%s%s%s", c->what,
+		     whole ? "whole, as of" : "begun", when, (unsigned long long)c->files, (unsigned long long)c->bytes,
+		     *c->identity ? "identity " : "", c->identity, *c->identity ? "\n" : "");
 	fd = openat(c->dirfd, MARK ".part", O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0600);
 	if (fd < 0)
 		return failed(err, "cannot write", c->dir);
@@ -70,8 +71,10 @@ static int read_mark(const struct ctl_copy *c, struct err *err)
 	else if (!strstr(text, of))
 		err_set(err, ERR_USAGE, "this folder holds something else than the %s", c->what);
 	else if (has && *c->identity && strncmp(has, id, strlen(id)))
-		err_set(err, ERR_USAGE, c->flat ? "this folder holds another %s: one of the same name, but not the same one" :
-			"this folder holds the backup of another store, not of this %s", c->what);
+		err_set(err, ERR_USAGE,
+			c->flat ? "this folder holds another %s: one of the same name, but not the same one" :
+				  "this folder holds the backup of another store, not of this %s",
+			c->what);
 	else
 		return 0;
 	err_add_hint(err, "give another folder");
@@ -104,7 +107,8 @@ static int check_place(const struct ctl_copy *c, struct err *err)
 		int up = openat(fd, "..", O_PATH | O_DIRECTORY | O_CLOEXEC);
 
 		for (size_t i = 0; !r && i < 2; i++)
-			if (c->place[i].inode && c->place[i].device == (uint64_t)st.st_dev && c->place[i].inode == (uint64_t)st.st_ino)
+			if (c->place[i].inode && c->place[i].device == (uint64_t)st.st_dev &&
+			    c->place[i].inode == (uint64_t)st.st_ino)
 				r = err_set(err, ERR_USAGE, "this folder is in the %s folder of the daemon, or is that folder",
 					    c->place[i].what);
 		last = st;

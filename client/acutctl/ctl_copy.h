@@ -7,23 +7,23 @@
 struct ctl_copy {
 	struct ctl *ctl;
 	const char *dir;
-	char what[96];   /* as the folder's mark says it: "state", "dataset NAME" */
+	char what[96];     /* as the folder's mark says it: "state", "dataset NAME" */
 	char identity[64]; /* of what is brought; "": not known */
 	struct ctl_copy_place {
 		uint64_t device, inode; /* 0: not known */
 		const char *what;
 	} place[2]; /* folders of the daemon: nothing is brought into these */
-	bool flat;       /* all files in the folder itself */
+	bool flat;  /* all files in the folder itself */
 	bool no_links;
 	int dirfd;
-	int storefd;     /* of the marker of the store, until the catalogue comes; -1 */
+	int storefd; /* of the marker of the store, until the catalogue comes; -1 */
 	uint64_t store_size;
 	int64_t begun_us;
-	char **name;     /* that came, in the order of time */
+	char **name; /* that came, in the order of time */
 	size_t n, room;
-	uint64_t files, bytes;           /* all of them */
-	uint64_t new_files, new_bytes;   /* not there before */
-	uint64_t linked, removed;        /* of the new ones; that are of an earlier time */
+	uint64_t files, bytes;         /* all of them */
+	uint64_t new_files, new_bytes; /* not there before */
+	uint64_t linked, removed;      /* of the new ones; that are of an earlier time */
 	struct err err;
 };
 

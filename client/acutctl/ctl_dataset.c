@@ -11,7 +11,7 @@
 
 void ctl_dataset_json(struct ctl *ctl, const struct acut_dataset *d)
 {
-	struct ctl_json j = { .out = ctl->report, .list = ctl->list };
+	struct ctl_json j = {.out = ctl->report, .list = ctl->list};
 	char mode[8];
 
 	ctl_json_open(&j, NULL, '{');
@@ -139,7 +139,7 @@ static void count_name(void *ctx, const struct acut_dataset *d)
 /* How to get it back: where several of its name were removed, that does not say which. */
 static void say_removed(struct ctl *ctl, const char *name, uint64_t id, int64_t until_us)
 {
-	struct named named = { .name = name };
+	struct named named = {.name = name};
 	char until[32], number[32];
 
 	snprintf(number, sizeof(number), "%llu", (unsigned long long)id);
@@ -261,8 +261,8 @@ const struct ctl_verb ctl_dataset_verbs[] = {
 	{"pin", "pin DATASET", "it is neither removed nor pruned from now on", 1, 1, NULL, pin},
 	{"prune", "prune DATASET", "old generations go, and the points that only they have", 1, 1, "keep before", prune},
 	{"restore", "restore REMOVED", "bring a removed dataset back, by name or number", 1, 1, "as", restore},
-	{"revert", "revert DATASET [GENERATION]", "undo what a generation did, unless told another one the newest", 1, 2,
-	 NULL, revert},
+	{"revert", "revert DATASET [GENERATION]", "undo what a generation did, unless told another one the newest", 1, 2, NULL,
+	 revert},
 	{"rm", "rm DATASET", "remove it; it can be restored for seven days", 1, 1, NULL, rm},
 	{"show", "show DATASET", "what is in it", 1, 1, "at generation", show},
 	{"unpin", "unpin DATASET", "it can be removed and pruned again", 1, 1, NULL, unpin},

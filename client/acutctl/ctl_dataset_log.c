@@ -14,25 +14,16 @@ struct logging {
 };
 
 static const struct ctl_column generations[] = {
-	{"GENERATION", .right = true},
-	{"KIND"},
-	{"TIME", .spare = true},
-	{"USER", .shrink = true, .spare = true},
-	{"POINTS+", .right = true},
-	{"FILES+", .right = true, .spare = true},
-	{"POINTS-", .right = true},
-	{"FILES-", .right = true, .spare = true},
-	{"CONTENT", .spare = true},
-	{"NOTE", .spare = true},
+	{"GENERATION", .right = true}, {"KIND"},
+	{"TIME", .spare = true},       {"USER", .shrink = true, .spare = true},
+	{"POINTS+", .right = true},    {"FILES+", .right = true, .spare = true},
+	{"POINTS-", .right = true},    {"FILES-", .right = true, .spare = true},
+	{"CONTENT", .spare = true},    {"NOTE", .spare = true},
 };
 
 /* With --files: a row a file. */
 static const struct ctl_column files[] = {
-	{"GENERATION", .right = true},
-	{"KIND"},
-	{"CHANGE"},
-	{"FILE", .shrink = true},
-	{"POINTS", .right = true},
+	{"GENERATION", .right = true}, {"KIND"}, {"CHANGE"}, {"FILE", .shrink = true}, {"POINTS", .right = true},
 	{"HASH", .spare = true},
 };
 
@@ -97,7 +88,8 @@ static void row(void *ctx, const struct acut_generation *g)
 		row_text(l, g);
 }
 
-/* By its path, where it had one: that of what came through a pipe was made up (ctl_input_path), and says no more than its name. */
+/* By its path, where it had one: that of what came through a pipe was made up (ctl_input_path), and says no more than its name.
+ */
 static const char *known_as(const struct acut_log_file *f)
 {
 	static const char made_up[] = "/dev/stdin/";
@@ -152,8 +144,8 @@ int ctl_dataset_log(struct ctl *ctl, const char *name)
 	if (status)
 		return status;
 	if (!ctl->args.json)
-		l.table = ctl->args.files ? ctl_table_new(ctl->report, files, sizeof(files) / sizeof(*files))
-					  : ctl_table_new(ctl->report, generations, sizeof(generations) / sizeof(*generations));
+		l.table = ctl->args.files ? ctl_table_new(ctl->report, files, sizeof(files) / sizeof(*files)) :
+					    ctl_table_new(ctl->report, generations, sizeof(generations) / sizeof(*generations));
 	status = acut_dataset_log(ctl->acut, name, &sink);
 	ctl_table_free(l.table);
 	return status ? ctl_error_acut(ctl) : CTL_DONE;

@@ -6,25 +6,17 @@
 #include "mode.h"
 
 static const struct ctl_column there[] = {
-	{"NAME", .shrink = true},
-	{"GENERATION", .right = true},
-	{"POINTS", .right = true},
-	{"FILES", .right = true, .spare = true},
-	{"SIZE", .right = true},
-	{"PUSHED", .spare = true},
-	{"MODE", .spare = true},
-	{"OWNER", .spare = true},
-	{"GROUP", .spare = true},
-	{"NOTE", .tail = true, .spare = true},
+	{"NAME", .shrink = true},  {"GENERATION", .right = true},
+	{"POINTS", .right = true}, {"FILES", .right = true, .spare = true},
+	{"SIZE", .right = true},   {"PUSHED", .spare = true},
+	{"MODE", .spare = true},   {"OWNER", .spare = true},
+	{"GROUP", .spare = true},  {"NOTE", .tail = true, .spare = true},
 };
 
 static const struct ctl_column gone[] = {
-	{"NUMBER", .right = true},
-	{"NAME", .shrink = true},
-	{"POINTS", .right = true},
-	{"FILES", .right = true, .spare = true},
-	{"SIZE", .right = true},
-	{"UNTIL"},
+	{"NUMBER", .right = true}, {"NAME", .shrink = true},
+	{"POINTS", .right = true}, {"FILES", .right = true, .spare = true},
+	{"SIZE", .right = true},   {"UNTIL"},
 };
 
 struct listing {
@@ -82,8 +74,8 @@ int ctl_datasets_run(struct ctl *ctl)
 	if (status)
 		return status;
 	if (!ctl->args.json)
-		l.table = removed ? ctl_table_new(ctl->report, gone, sizeof(gone) / sizeof(*gone))
-				  : ctl_table_new(ctl->report, there, sizeof(there) / sizeof(*there));
+		l.table = removed ? ctl_table_new(ctl->report, gone, sizeof(gone) / sizeof(*gone)) :
+				    ctl_table_new(ctl->report, there, sizeof(there) / sizeof(*there));
 	status = removed ? acut_datasets_removed(ctl->acut, each_removed, &l) : acut_datasets(ctl->acut, NULL, each, &l);
 	ctl_table_free(l.table);
 	return status ? ctl_error_acut(ctl) : CTL_DONE;

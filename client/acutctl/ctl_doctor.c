@@ -106,8 +106,9 @@ static void told_refused(struct doctor *d, const char *path, const struct err *w
 		say(d, "rights", "wrong", "log out and in again: a group counts from the next login",
 		    "%s: this user is in the group acut, but this session is not", why->message);
 	else
-		say(d, "rights", "wrong", why->hint[0] ? why->hint : "an administrator can add the user to the group: adduser USER acut",
-		    "%s%s%s", path ? path : "", path ? ": " : "", why->message);
+		say(d, "rights", "wrong",
+		    why->hint[0] ? why->hint : "an administrator can add the user to the group: adduser USER acut", "%s%s%s",
+		    path ? path : "", path ? ": " : "", why->message);
 }
 
 /* Why nobody answers there, as far as the name tells it. */
@@ -117,15 +118,16 @@ static void told_unreachable(struct doctor *d, const char *path, const struct er
 	struct stat st;
 
 	if (!path)
-		say(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or say with --socket where it listens", "%s",
-		    why->message);
+		say(d, "socket", "wrong", "start acutd (systemctl start acutd.socket), or say with --socket where it listens",
+		    "%s", why->message);
 	else if (stat(path, &st) < 0 && errno == ENOENT)
 		say(d, "socket", "wrong", start, "there is no socket %s: acutd does not run, or listens elsewhere", path);
 	else if (stat(path, &st) < 0)
 		say(d, "socket", "wrong", "look at the rights of its folder", "the socket %s cannot be looked at: %s", path,
 		    strerror(errno));
 	else if (!S_ISSOCK(st.st_mode))
-		say(d, "socket", "wrong", "give the path of acutd's socket with --socket or ACUT_SOCKET", "%s is no socket", path);
+		say(d, "socket", "wrong", "give the path of acutd's socket with --socket or ACUT_SOCKET", "%s is no socket",
+		    path);
 	else if (why->code == ERR_NODAEMON)
 		say(d, "socket", "wrong", start, "nobody listens at %s: acutd has ended and left its socket behind", path);
 	else
@@ -159,7 +161,8 @@ static void check_sync(struct doctor *d)
 	if (r < 0)
 		say(d, "time", "unknown", "", "whether the clock is synchronised cannot be asked: %s", strerror(errno));
 	else if (t.status & STA_UNSYNC)
-		say(d, "time", "warning", "have it set by NTP: timedatectl set-ntp true", "the clock of this machine is not synchronised");
+		say(d, "time", "warning", "have it set by NTP: timedatectl set-ntp true",
+		    "the clock of this machine is not synchronised");
 	else
 		say(d, "time", "ok", "", "the clock of this machine is synchronised");
 }
@@ -187,7 +190,8 @@ static int ask(struct doctor *d)
 		return d->wrong ? 1 : CTL_DONE;
 	ctl_error_from_acut(d->ctl->acut, NULL, &err);
 	if (err.code == ERR_UNSUPPORTED) {
-		say(d, "daemon", "unknown", "install acutctl and acutd of one release", "this acutd cannot be asked: %s", err.message);
+		say(d, "daemon", "unknown", "install acutctl and acutd of one release", "this acutd cannot be asked: %s",
+		    err.message);
 		return d->wrong ? 1 : CTL_DONE;
 	}
 	say(d, "daemon", "wrong", err.hint, "acutd cannot tell: %s", err.message);
@@ -218,7 +222,10 @@ int ctl_doctor_run(struct ctl *ctl)
 		ctl_json_close(&d.json, '}');
 		ctl_json_line(&d.json);
 	} else if (!ctl->args.quiet) {
-		fprintf(ctl->report, "%s: %u ok, %u warning%s, %u wrong%s\n", d.wrong ? "something is wrong" : d.warnings ? "it works" : "all is well",
+		fprintf(ctl->report, "%s: %u ok, %u warning%s, %u wrong%s\n",
+			d.wrong    ? "something is wrong" :
+			d.warnings ? "it works" :
+				     "all is well",
 			d.ok, d.warnings, d.warnings == 1 ? "" : "s", d.wrong, d.unknown ? ", some is not known" : "");
 	}
 	return status;

@@ -12,7 +12,7 @@
 
 static void print_json(struct ctl *ctl, const struct err *err)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_error_json(&j, "error", err);
@@ -65,15 +65,14 @@ void ctl_refusals_end(struct ctl *ctl, int status)
 		return;
 	ctl_progress_clear(ctl);
 	/* Where none was good JSON has the failure alone. */
-	ctl_term_line(stderr, "acutctl: %llu more inputs were refused, %llu in all%s", ctl->refusals - REFUSALS_TOLD, ctl->refusals,
-		      status == CTL_SOME_REFUSED ? ": --json tells each" : "");
+	ctl_term_line(stderr, "acutctl: %llu more inputs were refused, %llu in all%s", ctl->refusals - REFUSALS_TOLD,
+		      ctl->refusals, status == CTL_SOME_REFUSED ? ": --json tells each" : "");
 }
 
 void ctl_error_from_failure(const struct acut_failure *f, struct err *ret)
 {
 	*ret = ERR_INIT;
-	err_set(ret, f->code > 0 && f->code < ERR_COUNT ? (enum err_code)f->code : ERR_INTERNAL, "%s",
-		f->message);
+	err_set(ret, f->code > 0 && f->code < ERR_COUNT ? (enum err_code)f->code : ERR_INTERNAL, "%s", f->message);
 	if (f->file[0])
 		err_add_file(ret, f->file);
 	err_add_place(ret, f->offset, f->field);

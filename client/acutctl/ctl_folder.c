@@ -18,8 +18,7 @@ int ctl_folder_make(const char *path, struct err *err)
 	size_t n = strlen(path);
 
 	if (n >= sizeof(part))
-		return err_set(err, ERR_USAGE, "the name of a folder is longer than %zu bytes",
-			       sizeof(part) - 1);
+		return err_set(err, ERR_USAGE, "the name of a folder is longer than %zu bytes", sizeof(part) - 1);
 	for (size_t i = 1; i <= n; i++) {
 		if (path[i] && path[i] != '/')
 			continue;

@@ -5,10 +5,10 @@
 #include "ctl_table.h"
 
 const struct ctl_input_format ctl_formats_input[] = {
-	{ "las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10" },
-	{ "pts", ".pts", "text with the number of points in its first line, then as xyz" },
-	{ "xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon" },
-	{ 0 },
+	{"las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10"},
+	{"pts", ".pts", "text with the number of points in its first line, then as xyz"},
+	{"xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon"},
+	{0},
 };
 
 bool ctl_formats_extension(const struct ctl_input_format *f, const char *word)
@@ -31,7 +31,7 @@ static const struct ctl_column columns[] = {
 static void row(struct ctl *ctl, struct ctl_table *t, const char *direction, const char *name, const char *extensions,
 		const char *help)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	if (!ctl->args.json) {
 		ctl_table_text(t, "%s", name);

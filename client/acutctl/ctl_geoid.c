@@ -10,7 +10,7 @@
 
 static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "name", g->name);
@@ -30,14 +30,10 @@ static void geoid_json(struct ctl *ctl, const struct acut_geoid *g)
 }
 
 static const struct ctl_column columns[] = {
-	{"NAME", .shrink = true},
-	{"POSTS", .right = true, .spare = true},
-	{"SIZE", .right = true},
-	{"LEAST", .right = true},
-	{"MOST", .right = true},
-	{"RMS ERROR", .right = true, .spare = true},
-	{"HASH", .spare = true},
-	{"DESCRIPTION", .tail = true, .spare = true},
+	{"NAME", .shrink = true}, {"POSTS", .right = true, .spare = true},
+	{"SIZE", .right = true},  {"LEAST", .right = true},
+	{"MOST", .right = true},  {"RMS ERROR", .right = true, .spare = true},
+	{"HASH", .spare = true},  {"DESCRIPTION", .tail = true, .spare = true},
 };
 
 struct listing {
@@ -83,10 +79,9 @@ static void name_of(const char *path, char *ret, size_t size)
 	snprintf(ret, size, "%.*s", (int)n, base);
 }
 
-int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret_name[128],
-		   const struct acut_geoid **ret)
+int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret_name[128], const struct acut_geoid **ret)
 {
-	struct ctl_input in = { .name = (char *)path, .fd = -1 };
+	struct ctl_input in = {.name = (char *)path, .fd = -1};
 	struct err err = ERR_INIT;
 	int fd, r;
 

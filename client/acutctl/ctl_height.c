@@ -51,7 +51,7 @@ static void add(struct shift *sum, const struct ctl_staged_file *f)
 
 static struct shift sum_of(const struct ctl_staged *s, const struct ctl_staged_file *f)
 {
-	struct shift sum = { 0 };
+	struct shift sum = {0};
 
 	if (f)
 		add(&sum, f);

@@ -6,7 +6,9 @@
 #include "ctl_term.h"
 
 /* At least one of each command; tests/acutctl/cli.py reads them as command lines. */
-static const struct { const char *command, *line; } examples[] = {
+static const struct {
+	const char *command, *line;
+} examples[] = {
 	{"backup", "acutctl backup /mnt/backup/acut"},
 	{"cache", "acutctl cache stat"},
 	{"cache", "acutctl cache gc --all"},

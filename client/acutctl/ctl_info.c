@@ -66,7 +66,7 @@ static void number(struct ctl_json *j, const char *key, uint32_t n)
 
 static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct acut_inspected *in)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "file", p->name);
@@ -120,7 +120,7 @@ static int info(struct ctl *ctl, const struct ctl_input *in)
 /* Broken files among good ones: all are told, status 3, as with a push. */
 int ctl_info_run(struct ctl *ctl)
 {
-	struct ctl_inputs in = { 0 };
+	struct ctl_inputs in = {0};
 	struct err err = ERR_INIT;
 	int status, first = 0;
 	size_t good = 0;

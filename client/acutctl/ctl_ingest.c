@@ -45,9 +45,9 @@ struct ingest {
 	struct err *bad; /* what contents were refused for, of which there are more files */
 	size_t nbad;
 	uint64_t settle;
-	uint64_t until;         /* what settles later is left to another pass */
+	uint64_t until; /* what settles later is left to another pass */
 	unsigned done, refused, left, stuck;
-	int status;             /* that ends the pass, or that of a file that is stuck */
+	int status; /* that ends the pass, or that of a file that is stuck */
 };
 
 /* ---- pushing ---- */
@@ -102,7 +102,8 @@ static void note_taken(struct ingest *g, const struct ctl_drop_file *f)
 /* By what is in it, whatever it is called. */
 static bool is_content(const struct err *why)
 {
-	return (why->code == ERR_INPUT && strcmp(why->field, "name")) || why->code == ERR_TRUNCATED || why->code == ERR_UNSUPPORTED;
+	return (why->code == ERR_INPUT && strcmp(why->field, "name")) || why->code == ERR_TRUNCATED ||
+	       why->code == ERR_UNSUPPORTED;
 }
 
 static const char *extension(const char *name)
@@ -112,8 +113,8 @@ static const char *extension(const char *name)
 	return dot ? dot : "";
 }
 
-/* The others of the same content, that would be read as of the same format, have the same said of them. Without memory they go the
- * long way. */
+/* The others of the same content, that would be read as of the same format, have the same said of them. Without memory they go
+ * the long way. */
 static void note_refused(struct ingest *g, const struct ctl_drop_file *f, const struct err *why)
 {
 	struct err *bad = NULL;
@@ -145,8 +146,8 @@ static const char *put_away(struct ingest *g, struct ctl_drop_file *f, const str
 		g->left++;
 		return NULL;
 	}
-	r = why ? ctl_drop_failed(&g->drop, &f->in, g->ctl->args.word[0], why, name, &err)
-		: ctl_drop_done(&g->drop, &f->in, name, &err);
+	r = why ? ctl_drop_failed(&g->drop, &f->in, g->ctl->args.word[0], why, name, &err) :
+		  ctl_drop_done(&g->drop, &f->in, name, &err);
 	if (!r) {
 		g->done += !why;
 		g->refused += why != NULL;
@@ -220,8 +221,8 @@ static int alone(struct ingest *g, struct ctl_drop_file *f, int status)
 static int push(struct ingest *g, struct batch b)
 {
 	struct ctl *ctl = g->ctl;
-	struct ctl_inputs in = { .n = b.n, .each = true };
-	struct ctl_staged staged = { .nfile = 0 };
+	struct ctl_inputs in = {.n = b.n, .each = true};
+	struct ctl_staged staged = {.nfile = 0};
 	bool made = false;
 	int status;
 
@@ -253,14 +254,14 @@ static int push(struct ingest *g, struct batch b)
 		return status;
 	if (b.n == 1)
 		return alone(g, b.file[0], status);
-	status = push(g, (struct batch){ b.file, b.n / 2 });
-	return status ? status : push(g, (struct batch){ b.file + b.n / 2, b.n - b.n / 2 });
+	status = push(g, (struct batch){b.file, b.n / 2});
+	return status ? status : push(g, (struct batch){b.file + b.n / 2, b.n - b.n / 2});
 }
 
 /* The next of the list, which become the batch; gives how many were looked at. */
 static size_t next_batch(const struct ingest *g, struct ctl_drop_file **list, size_t n, struct batch *ret)
 {
-	struct batch b = { calloc(BATCH_FILES, sizeof(*list)), 0 };
+	struct batch b = {calloc(BATCH_FILES, sizeof(*list)), 0};
 	off_t bytes = 0;
 	size_t at = 0;
 
@@ -280,8 +281,8 @@ static size_t next_batch(const struct ingest *g, struct ctl_drop_file **list, si
 /* Refused without a push, as one of the same content was. `list` keeps the others, *n of them. */
 static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n)
 {
-	struct ctl_staged s = { .file = calloc(*n + 1, sizeof(*s.file)) };
-	struct batch b = { calloc(*n + 1, sizeof(*list)), 0 };
+	struct ctl_staged s = {.file = calloc(*n + 1, sizeof(*s.file))};
+	struct batch b = {calloc(*n + 1, sizeof(*list)), 0};
 	struct err err = ERR_INIT;
 	size_t kept = 0;
 	int status = 0;
@@ -297,7 +298,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 			list[kept++] = list[i];
 			continue;
 		}
-		*told = (struct ctl_staged_file){ .name = list[i]->in.name, .refused = true, .err = g->bad[list[i]->bad - 1] };
+		*told = (struct ctl_staged_file){.name = list[i]->in.name, .refused = true, .err = g->bad[list[i]->bad - 1]};
 		*told->err.file = 0;
 		err_add_file(&told->err, list[i]->in.name);
 		list[i]->tried = true;
@@ -329,7 +330,8 @@ static int push_settled(struct ingest *g, bool *ret_any)
 		return ctl_error(g->ctl, &err);
 	}
 	for (size_t i = 0; i < g->list.n; i++)
-		if (!g->list.file[i].tried && now >= g->list.file[i].since + g->settle && g->list.file[i].since + g->settle <= g->until)
+		if (!g->list.file[i].tried && now >= g->list.file[i].since + g->settle &&
+		    g->list.file[i].since + g->settle <= g->until)
 			list[n++] = &g->list.file[i];
 	*ret_any = n;
 	status = refuse_twins(g, list, &n);
@@ -455,7 +457,7 @@ static int lock(struct ingest *g, struct err *err)
 
 int ctl_ingest_run(struct ctl *ctl)
 {
-	struct ingest g = { .ctl = ctl };
+	struct ingest g = {.ctl = ctl};
 	struct err err = ERR_INIT;
 	int status;
 

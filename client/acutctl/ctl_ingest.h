@@ -19,7 +19,7 @@ struct ctl_drop {
 struct ctl_drop_file {
 	struct ctl_input in; /* name: safe to print; entry: as it is */
 	char *entry, *path;
-	uint64_t since; /* it was seen as it is */
+	uint64_t since;     /* it was seen as it is */
 	struct digest hash; /* of its bytes */
 	bool tried, there, hashed;
 	bool taken; /* the dataset has its content */
@@ -43,7 +43,8 @@ void ctl_drop_close(struct ctl_drop *);
 /* What is there now; what has not changed since it was seen keeps all that is known of it. */
 int ctl_drop_look(const struct ctl_drop *, struct ctl_drop_list *, struct err *err);
 void ctl_drop_list_done(struct ctl_drop_list *);
-/* Moves what was pushed, if it is still what was pushed, under a name that nothing has yet. -ERR_CHANGED: it is not, and stays. */
+/* Moves what was pushed, if it is still what was pushed, under a name that nothing has yet. -ERR_CHANGED: it is not, and stays.
+ */
 int ctl_drop_done(const struct ctl_drop *, const struct ctl_input *, struct ctl_drop_name *ret, struct err *err);
 /* Likewise what was refused; NAME.error beside it says why. */
 int ctl_drop_failed(const struct ctl_drop *, const struct ctl_input *, const char *dataset, const struct err *why,

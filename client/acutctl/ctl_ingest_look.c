@@ -56,7 +56,7 @@ static void see(struct ctl_drop_file *f, const struct stat *st)
 
 static int add(const struct ctl_drop *d, struct ctl_drop_list *l, const char *name, const struct stat *st, struct err *err)
 {
-	struct ctl_drop_file f = { .there = true, .in = { .fd = -1, .dirfd = d->fd } };
+	struct ctl_drop_file f = {.there = true, .in = {.fd = -1, .dirfd = d->fd}};
 	size_t slash = strlen(d->path);
 
 	if (l->n == l->room) {
@@ -93,7 +93,7 @@ struct looking {
 
 static int look_at(struct looking *l, const char *name, struct err *err)
 {
-	struct ctl_drop_file key = { .entry = (char *)name }, *f;
+	struct ctl_drop_file key = {.entry = (char *)name}, *f;
 	struct stat st;
 
 	if (!is_ours(name) || fstatat(l->drop->fd, name, &st, AT_SYMLINK_NOFOLLOW))
@@ -113,7 +113,7 @@ static int look_at(struct looking *l, const char *name, struct err *err)
 
 int ctl_drop_look(const struct ctl_drop *d, struct ctl_drop_list *list, struct err *err)
 {
-	struct looking l = { d, list, list->n };
+	struct looking l = {d, list, list->n};
 	int fd = openat(d->fd, ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC), r = 0, sys;
 	DIR *dir = fd < 0 ? NULL : fdopendir(fd);
 	const struct dirent *e;
@@ -154,5 +154,5 @@ void ctl_drop_list_done(struct ctl_drop_list *list)
 	for (size_t i = 0; i < list->n; i++)
 		file_done(&list->file[i]);
 	free(list->file);
-	*list = (struct ctl_drop_list){ 0 };
+	*list = (struct ctl_drop_list){0};
 }

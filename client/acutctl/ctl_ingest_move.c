@@ -44,7 +44,7 @@ int ctl_drop_open(struct ctl_drop *d, const char *name, struct err *err)
 {
 	int sys;
 
-	*d = (struct ctl_drop){ .name = name, .done = -1, .failed = -1 };
+	*d = (struct ctl_drop){.name = name, .done = -1, .failed = -1};
 	d->fd = open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	sys = errno;
 	if (d->fd < 0) {
@@ -194,7 +194,7 @@ int ctl_drop_done(const struct ctl_drop *d, const struct ctl_input *in, struct c
 
 static void put_reason(FILE *f, const char *dataset, const struct ctl_input *in, const struct err *why)
 {
-	struct ctl_json j = { .out = f };
+	struct ctl_json j = {.out = f};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "file", in->entry);

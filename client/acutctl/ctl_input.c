@@ -17,7 +17,7 @@
 
 /* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the
  * daemon refuses them by name, so that nothing is left out in silence. */
-static const char *const extension[] = { ".las", ".laz", ".xyz", ".pts" };
+static const char *const extension[] = {".las", ".laz", ".xyz", ".pts"};
 
 #define DEPTH 64
 
@@ -41,7 +41,7 @@ static int add(struct ctl_inputs *in, const char *name, int fd, struct err *err)
 		in->input = grown;
 		in->room = room;
 	}
-	in->input[in->n] = (struct ctl_input){ .name = strdup(name), .fd = fd };
+	in->input[in->n] = (struct ctl_input){.name = strdup(name), .fd = fd};
 	if (!in->input[in->n].name)
 		return err_set(err, ERR_NOMEM, "no memory for a list of inputs");
 	in->n++;
@@ -77,8 +77,7 @@ static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, s
 
 		if (!r && entry[i]->d_name[0] != '.') {
 			size_t len = strlen(path);
-			if (asprintf(&name, "%s%s%s", path, len && path[len - 1] == '/' ? "" : "/",
-				     entry[i]->d_name) < 0)
+			if (asprintf(&name, "%s%s%s", path, len && path[len - 1] == '/' ? "" : "/", entry[i]->d_name) < 0)
 				r = err_set(err, ERR_NOMEM, "no memory for a file name");
 		}
 		if (!r && name && !lstat(name, &st)) {
@@ -137,9 +136,7 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 		if (!r && in->n == before) {
 			err_set(err, ERR_INPUT, "the folder holds no survey files");
 			err_add_file(err, word);
-			return err_add_hint(
-				err,
-				"files ending in .las, .laz, .xyz or .pts are taken from folders; name others");
+			return err_add_hint(err, "files ending in .las, .laz, .xyz or .pts are taken from folders; name others");
 		}
 		return r;
 	}
@@ -179,7 +176,7 @@ int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_in
 {
 	int r = 0;
 
-	*ret = (struct ctl_inputs){ 0 };
+	*ret = (struct ctl_inputs){0};
 	for (unsigned i = 0; i < nword && !r; i++)
 		r = add_word(ctl, ret, word[i], false, err);
 	if (!r && !ret->n)
@@ -233,9 +230,9 @@ int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 	if (in->entry)
 		return open_entry(in, ret_fd, err);
 	/* what comes through a pipe the daemon has already */
-	int fd = in->kept      ? fcntl(in->kept, F_DUPFD_CLOEXEC, 3)
-		 : in->fd >= 0 ? -1
-			       : open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
+	int fd = in->kept    ? fcntl(in->kept, F_DUPFD_CLOEXEC, 3) :
+		 in->fd >= 0 ? -1 :
+			       open(in->name, O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
 
 	if (fd < 0 && in->fd < 0)
 		return open_failed(in->name, err);
@@ -307,7 +304,7 @@ void ctl_input_done(struct ctl_inputs *in)
 			close(in->input[i].kept);
 	}
 	free(in->input);
-	*in = (struct ctl_inputs){ 0 };
+	*in = (struct ctl_inputs){0};
 }
 
 int ctl_input_not_output(const struct ctl_inputs *in, const struct ctl_args *a, struct err *err)

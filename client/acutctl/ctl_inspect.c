@@ -5,7 +5,7 @@
 #include "ctl.h"
 #include "ctl_term.h"
 
-static const char *const flag_name[4] = { "withheld", "synthetic", "key_point", "overlap" };
+static const char *const flag_name[4] = {"withheld", "synthetic", "key_point", "overlap"};
 
 /* ---- for people ---- */
 
@@ -121,9 +121,9 @@ static void place_json(struct ctl_json *j, const struct acut_inspected *in)
 
 void ctl_inspect_json(struct ctl_json *j, const struct acut_inspected *in)
 {
-	static const char *const keys[] = { "records", "distinct", "duplicates", "record_min", "record_max",
-					    "classes", "returns", "return_counts", "flags", "lattice", "hull",
-					    "density", "place", "differences" };
+	static const char *const keys[] = {"records", "distinct", "duplicates",    "record_min", "record_max",
+					   "classes", "returns",  "return_counts", "flags",      "lattice",
+					   "hull",    "density",  "place",         "differences"};
 
 	if (!in) {
 		for (size_t i = 0; i < sizeof(keys) / sizeof(*keys); i++)

@@ -92,12 +92,11 @@ void ctl_job_refused(struct ctl_json *j, const struct ctl_staged_file *f)
 /* All of it unknown. */
 static void no_report(struct ctl_json *j)
 {
-	static const char *const key[] = {"points",        "used",          "vertices",
-					  "triangles",     "hull",          "domains",
-					  "digest",        "vertex_digest", "removed",
-					  "seconds",       "stage_seconds", "first_triangle_seconds",
-					  "peak_rss_bytes", "halo", "points_read", "cells_read", "seal_seconds",
-					  "plan_seconds", "domains_seconds", "domains_reused", "pieces"};
+	static const char *const key[] = {
+		"points",          "used",           "vertices",    "triangles",  "hull",          "domains",
+		"digest",          "vertex_digest",  "removed",     "seconds",    "stage_seconds", "first_triangle_seconds",
+		"peak_rss_bytes",  "halo",           "points_read", "cells_read", "seal_seconds",  "plan_seconds",
+		"domains_seconds", "domains_reused", "pieces"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		ctl_json_text(j, key[i], NULL);
@@ -179,7 +178,7 @@ void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)
 
 void ctl_job_json(struct ctl *ctl, const struct acut_job *job)
 {
-	struct ctl_json j = { .out = ctl->report, .list = ctl->list };
+	struct ctl_json j = {.out = ctl->report, .list = ctl->list};
 	struct err err;
 
 	ctl_json_open(&j, NULL, '{');
@@ -270,8 +269,7 @@ int ctl_job_status(struct ctl *ctl, const struct acut_job *job)
 	else if (!strcmp(job->state, "cancelled"))
 		err_set(&err, ERR_CANCELLED, "job %llu was cancelled", (unsigned long long)job->id);
 	else
-		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason",
-			(unsigned long long)job->id, job->state);
+		err_set(&err, ERR_INTERNAL, "job %llu ended as %s, without a reason", (unsigned long long)job->id, job->state);
 	return ctl_error(ctl, &err);
 }
 

@@ -6,16 +6,11 @@
 #include "parse.h"
 
 static const struct ctl_column columns[] = {
-	{"JOB", .right = true},
-	{"STATE"},
-	{"DATASET", .shrink = true},
-	{"GENERATION", .right = true, .spare = true},
-	{"TRIANGLES", .right = true},
-	{"DOMAINS", .right = true, .spare = true},
-	{"SUBMITTED", .spare = true},
-	{"USER", .right = true, .spare = true},
-	{"PRIORITY", .spare = true},
-	{"NOTE", .tail = true},
+	{"JOB", .right = true},       {"STATE"},
+	{"DATASET", .shrink = true},  {"GENERATION", .right = true, .spare = true},
+	{"TRIANGLES", .right = true}, {"DOMAINS", .right = true, .spare = true},
+	{"SUBMITTED", .spare = true}, {"USER", .right = true, .spare = true},
+	{"PRIORITY", .spare = true},  {"NOTE", .tail = true},
 };
 
 struct listing {

@@ -95,13 +95,14 @@ static bool split(char *text, unsigned char sum[SUM], char **ret_name)
 
 static int add(struct manifest *m, char *text, uint64_t number, struct err *err)
 {
-	struct line line = { 0 };
+	struct line line = {0};
 	struct stat st;
 	char *name, *path;
 	int there;
 
 	if (!split(text, line.sum, &name)) {
-		err_set(err, ERR_INPUT, "no line of a list of SHA-256 sums: a sum of 64 hexadecimal digits and a name are wanted");
+		err_set(err, ERR_INPUT,
+			"no line of a list of SHA-256 sums: a sum of 64 hexadecimal digits and a name are wanted");
 		err_add_place(err, number, "line");
 		err_add_hint(err, "sha256sum writes such lists");
 		return err_add_file(err, m->path);
@@ -206,7 +207,7 @@ static void hex(const unsigned char sum[SUM], char text[2 * SUM + 1])
 /* Every line about this file must agree. */
 static int compare(const struct manifest *m, const struct stat *st, const unsigned char sum[SUM], struct err *err)
 {
-	struct line key = { .dev = st->st_dev, .ino = st->st_ino };
+	struct line key = {.dev = st->st_dev, .ino = st->st_ino};
 	const struct line *at = m->n ? bsearch(&key, m->line, m->n, sizeof(key), by_file) : NULL;
 	char is[2 * SUM + 1], want[2 * SUM + 1];
 
@@ -225,7 +226,7 @@ static int compare(const struct manifest *m, const struct stat *st, const unsign
 
 static bool listed(const struct manifest *m, const struct stat *st)
 {
-	struct line key = { .dev = st->st_dev, .ino = st->st_ino };
+	struct line key = {.dev = st->st_dev, .ino = st->st_ino};
 
 	return m->n && bsearch(&key, m->line, m->n, sizeof(key), by_file);
 }
@@ -282,7 +283,7 @@ static void also(struct err *first, const char *name, size_t n)
 
 int ctl_manifest_check(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
 {
-	struct manifest m = { .path = ctl->args.manifest };
+	struct manifest m = {.path = ctl->args.manifest};
 	const char *slash = strrchr(m.path, '/');
 	size_t bad = 0;
 	int r;

@@ -31,7 +31,7 @@ static int mesh(struct ctl *ctl, struct ctl_inputs *in, const char *view, struct
 
 int ctl_mesh_run(struct ctl *ctl)
 {
-	struct ctl_inputs in = { 0 };
+	struct ctl_inputs in = {0};
 	struct format_run *run = NULL;
 	char *view = NULL;
 	double box[4];

@@ -46,8 +46,7 @@ static const struct ctl_option table[] = {
 	{"class", 0, "LIST", TEXT, AT(classes), CTL_VIEW, "only points of these classes: 2,8 or 2-5"},
 	{"not-class", 0, "LIST", TEXT, AT(not_classes), CTL_VIEW, "no points of these classes"},
 	{"returns", 0, "all|first|last", TEXT, AT(returns), CTL_VIEW, "only these returns"},
-	{"ground", 0, NULL, FLAG, AT(ground), CTL_VIEW,
-	 "classes 2 and 8 and key-points, the lowest of a position"},
+	{"ground", 0, NULL, FLAG, AT(ground), CTL_VIEW, "classes 2 and 8 and key-points, the lowest of a position"},
 	{"surface", 0, NULL, FLAG, AT(surface), CTL_VIEW, "first returns, the highest of a position"},
 	{"keep-withheld", 0, NULL, FLAG, AT(keep_withheld), CTL_VIEW, "take withheld points too"},
 	{"keep-noise", 0, NULL, FLAG, AT(keep_noise), CTL_VIEW, "take classes 7 and 18 too"},
@@ -60,11 +59,9 @@ static const struct ctl_option table[] = {
 	 "only points inside a box or the polygons of a GeoJSON or WKT file"},
 	{"bbox", 0, "X1,Y1,X2,Y2", TEXT, AT(bbox), CTL_VIEW | CTL_FETCH,
 	 "only those triangles of the whole mesh that meet this box"},
-	{"polygon", 0, "FILE", TEXT, AT(polygon), CTL_VIEW | CTL_FETCH,
-	 "likewise, the polygons of a GeoJSON or WKT file"},
+	{"polygon", 0, "FILE", TEXT, AT(polygon), CTL_VIEW | CTL_FETCH, "likewise, the polygons of a GeoJSON or WKT file"},
 	{"every", 0, "N", TEXT, AT(every), CTL_VIEW, "about one position of N, always the same ones"},
-	{"thin", 0, "CELL", TEXT, AT(thin), CTL_VIEW,
-	 "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
+	{"thin", 0, "CELL", TEXT, AT(thin), CTL_VIEW, "one point a square cell of this side: file units, or 10m, 30ft, 30ftUS"},
 	{"thin-pick", 0, "lowest|highest|median", TEXT, AT(thin_pick), CTL_VIEW, "which point of a cell (lowest)"},
 	{"constraints", 0, "FILE", LATER, 0, CTL_VIEW, NULL},
 
@@ -73,15 +70,13 @@ static const struct ctl_option table[] = {
 	{"mode", 0, "MODE", TEXT, AT(mode), CTL_PUSH | CTL_CREATE,
 	 "of a dataset that comes to be: 640, o+r (of 640); unless given 666 less the umask"},
 	{"crs", 0, "CRS", TEXT, AT(crs), CTL_CREATE, "EPSG:n, a WKT file, or a name that all inputs must be in"},
-	{"planar", 0, NULL, FLAG, AT(planar), CTL_STAGE,
-	 "triangulate the file's own plane, degrees included"},
+	{"planar", 0, NULL, FLAG, AT(planar), CTL_STAGE, "triangulate the file's own plane, degrees included"},
 	{"accept-truncated", 0, NULL, FLAG, AT(accept_truncated), CTL_STAGE,
 	 "take files that have fewer points than their header says"},
 	{"strict", 0, NULL, FLAG, AT(strict), CTL_STAGE, "one refused input refuses all"},
 	{"checksum", 0, NULL, FLAG, AT(checksum), CTL_PUSH,
 	 "a file is the same if its content is, whatever its name and times; reads it"},
-	{"add", 0, NULL, FLAG, AT(add), CTL_PUSH,
-	 "take a file whose name is there with other content beside the old one"},
+	{"add", 0, NULL, FLAG, AT(add), CTL_PUSH, "take a file whose name is there with other content beside the old one"},
 	{"replace", 0, NULL, FLAG, AT(replace), CTL_PUSH,
 	 "take a file whose name is there with other content in place of the old one"},
 	{"replaces", 0, "FILE", TEXT, AT(replaces), CTL_REPLACES,
@@ -94,16 +89,12 @@ static const struct ctl_option table[] = {
 	 "columns of texts: x y z, c class, r return, n number of returns, _ to skip one (xyz)"},
 	{"input-format", 0, "INPUT-FORMAT", TEXT, AT(input_format), CTL_INPUT,
 	 "format of the inputs, in place of what their bytes say"},
-	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE,
-	 "EPSG:n, a WKT file, or a name, for inputs that say nothing"},
-	{"assume-units", 0, "XY[,Z]", TEXT, AT(assume_units), CTL_STAGE,
-	 "m, ft or ftUS, for inputs that do not say their units"},
+	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE, "EPSG:n, a WKT file, or a name, for inputs that say nothing"},
+	{"assume-units", 0, "XY[,Z]", TEXT, AT(assume_units), CTL_STAGE, "m, ft or ftUS, for inputs that do not say their units"},
 	{"utm", 0, "ZONE", TEXT, AT(utm), CTL_STAGE,
 	 "project degrees to this zone (32N, 5S, UPS-N), not to that of their middle"},
-	{"geoid", 0, "GEOID|FILE.pgm", TEXT, AT(geoid), CTL_STAGE,
-	 "shift the heights by a kept geoid grid, or by a .pgm file"},
-	{"geoid-way", 0, "orthometric|ellipsoidal", TEXT, AT(geoid_way), CTL_STAGE,
-	 "what they become (orthometric)"},
+	{"geoid", 0, "GEOID|FILE.pgm", TEXT, AT(geoid), CTL_STAGE, "shift the heights by a kept geoid grid, or by a .pgm file"},
+	{"geoid-way", 0, "orthometric|ellipsoidal", TEXT, AT(geoid_way), CTL_STAGE, "what they become (orthometric)"},
 	{"header", 0, NULL, FLAG, AT(header), CTL_INFO, "read the headers only"},
 	{"all", 0, NULL, FLAG, AT(all), CTL_CACHE, "everything that can be made again"},
 	{"origin", 0, NULL, FLAG, AT(origin_of), CTL_CONFIG, "with the file and line that each comes from"},
@@ -116,8 +107,7 @@ static const struct ctl_option table[] = {
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
 	{"priority", 0, "low|normal|high", TEXT, AT(priority), CTL_JOB,
 	 "before or after the jobs of others (high: administrators)"},
-	{"at", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION,
-	 "of this state of the dataset, not the newest"},
+	{"at", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION, "of this state of the dataset, not the newest"},
 	{"generation", 0, "GENERATION", TEXT, AT(generation), CTL_GENERATION, "the same as --at"},
 	{"files", 0, NULL, FLAG, AT(files), CTL_DATASET, "log: with each file"},
 	{"as", 0, "NAME", TEXT, AT(as), CTL_DATASET, "restore: under another name"},
@@ -125,16 +115,14 @@ static const struct ctl_option table[] = {
 	{"keep", 0, "N", TEXT, AT(keep), CTL_DATASET, "prune: so many of the newest generations stay"},
 	{"before", 0, "GENERATION", TEXT, AT(before), CTL_DATASET, "prune: the generations before this one go"},
 
-	{"memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN,
-	 "a daemon of this command's own, with this much memory"},
+	{"memory", 0, "SIZE", TEXT, AT(memory), CTL_OWN, "a daemon of this command's own, with this much memory"},
 	{"threads", 0, "N", TEXT, AT(threads), CTL_OWN, "the same, with this many threads"},
 	{"cache", 0, "FOLDER", TEXT, AT(cache), CTL_OWN, "the same, with this cache"},
 	{"disk", 0, "SIZE|N%", TEXT, AT(disk), CTL_OWN, "the same, which may hold so much on the disk"},
 	{"keep-free", 0, "SIZE|N%", TEXT, AT(keep_free), CTL_OWN, "the same, which leaves so much of the disk free"},
 
 	{"socket", 0, "PATH", TEXT, AT(socket), CTL_ALL, "where the daemon listens"},
-	{"private", 0, NULL, FLAG, AT(own_private), CTL_ALL,
-	 "use the user's private daemon, start it if need be"},
+	{"private", 0, NULL, FLAG, AT(own_private), CTL_ALL, "use the user's private daemon, start it if need be"},
 	{"timeout", 0, "TIME", TEXT, AT(timeout), CTL_ALL, "end with status 124 after 90, 90s, 5m, 2h"},
 	{"json", 0, NULL, FLAG, AT(json), CTL_ALL, "results and errors as JSON"},
 	{"quiet", 'q', NULL, FLAG, AT(quiet), CTL_ALL, "say nothing but errors and what was asked for"},
@@ -230,7 +218,9 @@ static void choices_text(const char *choices, char *buf, size_t size)
 		const char *rest = choices + k + (choices[k] == '|');
 
 		n += (size_t)snprintf(buf + n, size - n, "%.*s%s", (int)k, choices,
-				      !*rest ? "" : strchr(rest, '|') ? ", " : " or ");
+				      !*rest            ? "" :
+				      strchr(rest, '|') ? ", " :
+							  " or ");
 		choices = rest;
 	}
 }
@@ -392,14 +382,13 @@ static int check_verb(const struct reader *r, struct ctl *ctl, struct err *err)
 	return 0;
 }
 
-int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret,
-		      struct err *err)
+int ctl_option_number(const char *name, const char *text, uint64_t least, uint64_t most, uint64_t *ret, struct err *err)
 {
 	uint64_t n;
 
 	if (!parse_u64(text, &n) || n < least || n > most)
-		return err_set(err, ERR_USAGE, "%s must be a whole number from %llu to %llu, not \"%s\"",
-			       name, (unsigned long long)least, (unsigned long long)most, text);
+		return err_set(err, ERR_USAGE, "%s must be a whole number from %llu to %llu, not \"%s\"", name,
+			       (unsigned long long)least, (unsigned long long)most, text);
 	*ret = n;
 	return 0;
 }
@@ -432,8 +421,7 @@ static int check_values(struct ctl *ctl, struct err *err)
 		if (ctl_formats_extension(&ctl_formats_input[i], a->input_format))
 			ctl->args.input_format = ctl_formats_input[i].name; /* laz is read as las */
 	if (a->timeout && (!parse_seconds(a->timeout, &ctl->timeout) || ctl->timeout <= 0))
-		return err_set(err, ERR_USAGE, "--timeout is not a time: \"%s\" (90, 90s, 5m, 2h)",
-			       a->timeout);
+		return err_set(err, ERR_USAGE, "--timeout is not a time: \"%s\" (90, 90s, 5m, 2h)", a->timeout);
 	if (ctl->timeout > 0)
 		ctl->deadline_ns = clock_mono_ns() + (uint64_t)(ctl->timeout * 1e9);
 	if (a->memory && (!parse_size(a->memory, &n) || n < 24u << 20)) {
@@ -451,7 +439,8 @@ static int check_values(struct ctl *ctl, struct err *err)
 	if (!r && a->keep_free)
 		r = disk_limit("--keep-free", a->keep_free, err);
 	if (!r && (a->memory || a->threads || a->cache || a->disk || a->keep_free) && (a->socket || a->own_private)) {
-		err_set(err, ERR_USAGE, "--memory, --threads, --cache, --disk and --keep-free mean a daemon of the command's own");
+		err_set(err, ERR_USAGE,
+			"--memory, --threads, --cache, --disk and --keep-free mean a daemon of the command's own");
 		err_add_hint(err, "leave out --%s", a->socket ? "socket" : "private");
 		r = -ERR_USAGE;
 	}
@@ -460,7 +449,7 @@ static int check_values(struct ctl *ctl, struct err *err)
 
 int ctl_option_parse(int argc, char **argv, struct ctl *ctl, struct err *err)
 {
-	struct reader r = { .argc = argc, .argv = argv, .args = &ctl->args };
+	struct reader r = {.argc = argc, .argv = argv, .args = &ctl->args};
 	char *command = NULL;
 	bool options = true;
 	int rc;

@@ -37,22 +37,20 @@ static int parse_origin(const char *text, struct format_options *opt, struct err
 }
 
 /* Options of one output; what it cannot use is refused by the run, what none can use below. */
-static int options_of(const struct ctl_args *a, const struct format *f, struct format_options *opt,
-		      struct err *err)
+static int options_of(const struct ctl_args *a, const struct format *f, struct format_options *opt, struct err *err)
 {
 	bool picture = f->positions && !f->canonical;
 	uint64_t n;
 	int r = 0;
 
-	*opt = (struct format_options){ .no_clobber = a->no_clobber };
+	*opt = (struct format_options){.no_clobber = a->no_clobber};
 	if (picture) {
 		if (a->width) {
 			r = ctl_option_number("--width", a->width, 1, FORMAT_WIDTH_MAX, &n, err);
 			opt->width = r ? 0 : (uint32_t)n;
 		}
 		if (!r && a->color && !format_parse_color(a->color, &opt->color))
-			r = err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"",
-				    a->color);
+			r = err_set(err, ERR_USAGE, "--color is hillshade, elevation or domain, not \"%s\"", a->color);
 		return r;
 	}
 	opt->canonical = a->canonical;
@@ -83,8 +81,8 @@ static const struct format *format_of(const struct ctl_args *a, const char *path
 	return f;
 }
 
-static int add_output(const struct ctl_args *a, const char *path, struct format_run *run, bool *ret_picture,
-		      bool *ret_mesh, struct err *err)
+static int add_output(const struct ctl_args *a, const char *path, struct format_run *run, bool *ret_picture, bool *ret_mesh,
+		      struct err *err)
 {
 	const struct format *f = path ? format_of(a, path, err) : format_find(a->format);
 	struct format_options opt;
@@ -123,8 +121,8 @@ static int check_outputs(const struct ctl_args *a, struct err *err)
 				return err_set(err, ERR_USAGE, "the output %s is given twice", a->out[i]);
 	}
 	if (a->tile && a->nout != 1) {
-		err_set(err, ERR_USAGE, a->nout ? "tiles go into one folder, and --output is given %u times"
-						: "tiles need a folder", a->nout);
+		err_set(err, ERR_USAGE,
+			a->nout ? "tiles go into one folder, and --output is given %u times" : "tiles need a folder", a->nout);
 		return err_add_hint(err, "say where to write with one -o DIR/, as in -o tiles/");
 	}
 	return standard > 1 ? err_set(err, ERR_USAGE, "standard output is given twice") : 0;
@@ -162,7 +160,7 @@ static int parse_tile(struct ctl *ctl, struct format_run_options *opt, struct er
 int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
-	struct format_run_options opt = { .edges = (a->ground || a->surface) && !a->since, .changes = a->since != NULL };
+	struct format_run_options opt = {.edges = (a->ground || a->surface) && !a->since, .changes = a->since != NULL};
 	struct format_run *run = NULL;
 	bool picture = false, mesh = false;
 	int r = check_outputs(a, err);
@@ -184,13 +182,12 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	for (unsigned i = 0; i < a->nout && !r; i++)
 		r = add_output(a, a->out[i], run, &picture, &mesh, err);
 	if (!r && !picture && (a->width || a->color))
-		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one",
-			    a->width ? "width" : "color");
+		r = err_set(err, ERR_USAGE, "--%s is for pictures, and no OUT is one", a->width ? "width" : "color");
 	if (!r && !mesh && (a->canonical || a->origin || a->z_unit))
 		r = err_set(err, ERR_USAGE, "--%s has no meaning for a picture",
-			    a->canonical ? "canonical"
-			    : a->origin  ? "origin"
-					 : "z-unit");
+			    a->canonical ? "canonical" :
+			    a->origin    ? "origin" :
+					   "z-unit");
 	if (r)
 		format_run_free(run);
 	else
@@ -286,7 +283,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 			const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_u64(&j, "job", job->id);
@@ -324,8 +321,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_json_line(&j);
 }
 
-static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run,
-		   const struct ctl_staged *staged)
+static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run, const struct ctl_staged *staged)
 {
 	struct format_report out;
 	struct err err = ERR_INIT;
@@ -453,8 +449,8 @@ static int feed_failed(struct feed *f, uint64_t id)
 
 int ctl_output_fetch(struct ctl *ctl, uint64_t id, struct format_run *run, const struct ctl_staged *staged)
 {
-	struct feed feed = { .sink = format_run_sink(run), .run = run, .ctl = ctl, .err = ERR_INIT };
-	const struct acut_mesh_sink sink = { feed_head, feed_block, feed_tail, feed_progress, &feed };
+	struct feed feed = {.sink = format_run_sink(run), .run = run, .ctl = ctl, .err = ERR_INIT};
+	const struct acut_mesh_sink sink = {feed_head, feed_block, feed_tail, feed_progress, &feed};
 	const struct acut_job *job;
 	struct acut_job part;
 	struct acut_changes_sink changes = format_run_changes(run);

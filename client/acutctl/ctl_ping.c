@@ -3,7 +3,7 @@
 
 int ctl_ping_run(struct ctl *ctl)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 	double seconds;
 	int status = ctl_connect(ctl);
 

@@ -21,7 +21,7 @@ enum { PIECE = 256 << 10, PIPE = 1 << 20 };
 /* From pipe to pipe the kernel moves pages. 0: the end, or the daemon has closed its; ENOSYS: not from here. */
 static int move(int from, int to)
 {
-	struct pollfd wait = { .fd = from, .events = POLLIN };
+	struct pollfd wait = {.fd = from, .events = POLLIN};
 
 	fcntl(from, F_SETPIPE_SZ, PIPE); /* to no avail: smaller pieces */
 	for (bool any = false;;) {
@@ -41,7 +41,7 @@ static int move(int from, int to)
 /* Exit status: 0, or the errno of the reading. A daemon that closed its end has said why. */
 static int copy(int from, int to, void *piece)
 {
-	struct pollfd wait = { .fd = from, .events = POLLIN };
+	struct pollfd wait = {.fd = from, .events = POLLIN};
 
 	for (;;) {
 		ssize_t n, done = 0;
@@ -65,7 +65,7 @@ static int copy(int from, int to, void *piece)
 
 static void child(int from, int to, pid_t parent)
 {
-	static const int list[] = { SIGINT, SIGTERM, SIGHUP, SIGPIPE };
+	static const int list[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
 	void *piece = malloc(PIECE);
 
 	for (unsigned i = 0; i < 4; i++)
@@ -122,7 +122,7 @@ int ctl_pipe_finish(struct ctl_input *in, struct err *err)
 
 static int keep(struct ctl *ctl, const struct ctl_input *in, int to, struct err *err)
 {
-	struct pollfd from = { .fd = in->fd, .events = POLLIN };
+	struct pollfd from = {.fd = in->fd, .events = POLLIN};
 	char *piece = malloc(PIECE);
 	uint64_t at = 0;
 	ssize_t n = 1;

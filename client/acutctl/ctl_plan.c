@@ -25,7 +25,7 @@ static void print(struct ctl *ctl, const struct acut_plan *p)
 
 static void print_json(struct ctl *ctl, const struct acut_plan *p)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "dataset", ctl->args.word[0]);

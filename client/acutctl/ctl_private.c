@@ -73,7 +73,7 @@ static int take_lock(const char *path, struct ctl *ctl, int *ret_fd, struct err 
 			close(fd);
 			return err_set(err, ERR_CANCELLED, "interrupted");
 		}
-		nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+		nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
 	}
 	*ret_fd = fd;
 	return 0;
@@ -88,22 +88,24 @@ static int explain(const char *log, int pid, struct err *err)
 
 	/* it closes the connection a moment before it ends */
 	for (int i = 0; i < 200 && r == 0; i++) {
-		nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+		nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
 		r = waitpid(pid, &status, WNOHANG);
 	}
 	ctl_spawn_last_words(log, words, sizeof(words));
 	if (r != pid || !words[0])
 		return -(int)err->code;
 	*err = ERR_INIT;
-	return err_set(err, WIFEXITED(status) && WEXITSTATUS(status) == 2 ? ERR_USAGE
-			    : WIFEXITED(status) && WEXITSTATUS(status) == 75 ? ERR_BUSY : ERR_NODAEMON,
+	return err_set(err,
+		       WIFEXITED(status) && WEXITSTATUS(status) == 2  ? ERR_USAGE :
+		       WIFEXITED(status) && WEXITSTATUS(status) == 75 ? ERR_BUSY :
+									ERR_NODAEMON,
 		       "the private daemon did not start: %s", words);
 }
 
 static int start_shared(const char *socket, const char *log, int *ret_pid, struct err *err)
 {
 	char state[FOLDER], cache[FOLDER];
-	struct ctl_spawn s = { .state = state, .cache = cache, .log = log, .lock_fd = -1 };
+	struct ctl_spawn s = {.state = state, .cache = cache, .log = log, .lock_fd = -1};
 	int r = ctl_folder_state(state, sizeof(state), err);
 
 	if (!r)
@@ -161,7 +163,7 @@ static bool replace_idle(struct ctl *ctl)
 	if (s->jobs_running || s->jobs_waiting || s->connections > 1 || kill((pid_t)s->pid, SIGTERM))
 		return false;
 	while (!kill((pid_t)s->pid, 0) && clock_since(start) < 5)
-		nanosleep(&(struct timespec){ .tv_nsec = 10000000 }, NULL);
+		nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
 	ctl->acut = acut_close(ctl->acut);
 	return true;
 }
@@ -187,7 +189,7 @@ int ctl_private_connect(struct ctl *ctl, struct err *err)
 		if (r && (err->code != ERR_BUSY || i >= TRIES || ctl_signal_interrupted(ctl)))
 			return r;
 		if (r)
-			nanosleep(&(struct timespec){ .tv_nsec = 200000000 }, NULL);
+			nanosleep(&(struct timespec){.tv_nsec = 200000000}, NULL);
 	}
 }
 
@@ -306,7 +308,7 @@ struct ctl_daemon *ctl_private_end(struct ctl_daemon *d)
 		while (waitpid(d->pid, NULL, WNOHANG) == 0) {
 			if (clock_since(start) > END_SECONDS)
 				kill(d->pid, SIGKILL);
-			nanosleep(&(struct timespec){ .tv_nsec = 5000000 }, NULL);
+			nanosleep(&(struct timespec){.tv_nsec = 5000000}, NULL);
 		}
 	}
 	if (d->folder[0])

@@ -90,19 +90,17 @@ static void draw(struct ctl_progress *p, const struct acut_progress *now)
 	n = snprintf(line, sizeof(line), "%-6s %3d %%  %s points", p->phase, (int)(100 * share + 1e-9),
 		     short_count((double)points, a));
 	if (now->domains_total)
-		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains",
-			      (unsigned long long)now->domains, (unsigned long long)now->domains_total);
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %llu of %llu domains", (unsigned long long)now->domains,
+			      (unsigned long long)now->domains_total);
 	if (now->waiting && *now->waiting)
 		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s", waits_text(now->waiting, text));
 	else if (seconds > 0.2 && points)
-		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s",
-			      short_count((double)points / seconds, b));
+		n += snprintf(line + n, sizeof(line) - (size_t)n, "  %s/s", short_count((double)points / seconds, b));
 	/* The daemon knows what was work and what was waiting. */
 	if (now->seconds_left > 0)
 		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(now->seconds_left, c));
 	else if (seconds > 1 && share > 0.01 && !now->domains_total)
-		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left",
-			 ctl_progress_time(seconds / share * (1 - share), c));
+		snprintf(line + n, sizeof(line) - (size_t)n, "  %s left", ctl_progress_time(seconds / share * (1 - share), c));
 	ctl_progress_line(p, line);
 }
 

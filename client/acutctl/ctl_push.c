@@ -51,8 +51,8 @@ static bool is_tight(const struct room *room)
 static void room_text(struct ctl *ctl, const struct room *room, bool always)
 {
 	if (room->known && (always || is_tight(room)))
-		ctl_note(ctl, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north",
-			 room->scale, room->left[0], room->left[1], room->left[2], room->left[3]);
+		ctl_note(ctl, "room left on the lattice of %.10g: %.10g west, %.10g south, %.10g east, %.10g north", room->scale,
+			 room->left[0], room->left[1], room->left[2], room->left[3]);
 }
 
 /* A file without a point, in a push that made no generation for it. */
@@ -71,11 +71,11 @@ static bool is_nothing(const struct ctl_staged *s)
 	return s->committed && s->unchanged && empty;
 }
 
-static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f,
-		      const struct room *room, bool nothing, const char *const *moved_to)
+static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct ctl_staged_file *f, const struct room *room,
+		      bool nothing, const char *const *moved_to)
 {
-	static const char *const state[] = { "staged", "known", "adopted", "refused" };
-	struct ctl_json j = { .out = ctl->report };
+	static const char *const state[] = {"staged", "known", "adopted", "refused"};
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "file", f->name);
@@ -125,9 +125,8 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 		ctl_note(ctl, "%s: %s points, taken up from the push that was interrupted, not read again", f->name,
 			 ctl_job_count(f->points, a));
 	else if (f->moved)
-		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g",
-			 f->name, ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0],
-			 f->shift[1], f->shift[2]);
+		ctl_note(ctl, "%s: %s points, %s of them rounded to the lattice, by at most %.6g %.6g %.6g", f->name,
+			 ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
 	else
 		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
 	if (f->replaced)
@@ -139,22 +138,24 @@ int ctl_push_check(const struct ctl *ctl, struct err *err)
 	const struct ctl_args *a = &ctl->args;
 
 	if (a->add && (a->replace || a->replaces))
-		return err_set(err, ERR_USAGE, "--add takes a file beside the old one, --replace in its place: both at once are nothing");
+		return err_set(err, ERR_USAGE,
+			       "--add takes a file beside the old one, --replace in its place: both at once are nothing");
 	if (a->name) {
 		unsigned streams = 0;
 
 		for (unsigned i = 1; i < a->nword; i++)
 			streams += !strcmp(a->word[i], "-");
 		if (!streams || !*a->name || strchr(a->name, '/'))
-			return err_set(err, ERR_USAGE, streams ? "--name is a name without slashes"
-							       : "--name is the name of standard input, and no INPUT is -");
+			return err_set(err, ERR_USAGE,
+				       streams ? "--name is a name without slashes" :
+						 "--name is the name of standard input, and no INPUT is -");
 	}
 	return 0;
 }
 
 int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *const *moved_to)
 {
-	struct room room = { 0 };
+	struct room room = {0};
 	char count[32];
 	bool nothing = is_nothing(s);
 	int status = 0;
@@ -184,8 +185,8 @@ int ctl_push_report(struct ctl *ctl, const struct ctl_staged *s, const char *con
 
 int ctl_push_run(struct ctl *ctl)
 {
-	struct ctl_inputs in = { 0 };
-	struct ctl_staged staged = { .nfile = 0 };
+	struct ctl_inputs in = {0};
+	struct ctl_staged staged = {.nfile = 0};
 	struct err err = ERR_INIT;
 	int status;
 

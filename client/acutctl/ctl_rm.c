@@ -3,7 +3,7 @@
 
 static int rm(struct ctl *ctl, uint64_t id)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	if (acut_job_remove(ctl->acut, id))
 		return ctl_error_acut(ctl);

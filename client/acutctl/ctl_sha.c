@@ -48,7 +48,8 @@ static int load(struct err *err)
 	    find(library, "EVP_DigestInit_ex", &crypto.begin) || find(library, "EVP_DigestUpdate", &crypto.add) ||
 	    find(library, "EVP_DigestFinal_ex", &crypto.end) || find(library, "EVP_MD_CTX_new", &crypto.ctx_new)) {
 		err_set(err, ERR_UNSUPPORTED, "there is no SHA-256 here: %s", dlerror());
-		return err_add_hint(err, "install OpenSSL's libcrypto, or verify the files with sha256sum and leave --manifest out");
+		return err_add_hint(err,
+				    "install OpenSSL's libcrypto, or verify the files with sha256sum and leave --manifest out");
 	}
 	return 0;
 }

@@ -9,7 +9,8 @@ static void show_mesh(FILE *out, const struct acut_report *p)
 	char a[32], b[32], c[32];
 
 	if (p->window) {
-		ctl_term_field(out, "read", "%s points of %s cells", ctl_job_count(p->points_read, a), ctl_job_count(p->cells_read, b));
+		ctl_term_field(out, "read", "%s points of %s cells", ctl_job_count(p->points_read, a),
+			       ctl_job_count(p->cells_read, b));
 		ctl_term_field(out, "window", "%s vertices, %s triangles", ctl_job_count(p->vertices, a),
 			       ctl_job_count(p->triangles, b));
 		return;
@@ -45,7 +46,8 @@ static void show_text(struct ctl *ctl, const struct acut_job *job)
 	ctl_term_field(out, "state", "%s", job->state);
 	ctl_term_field(out, "dataset", "%s, generation %" PRIu64, job->dataset, job->generation);
 	ctl_term_field(out, "view", "%s", job->view);
-	ctl_term_field(out, "submitted", "%s by user %u, process %u", ctl_job_time_text(job->submitted_us, a), job->uid, job->pid);
+	ctl_term_field(out, "submitted", "%s by user %u, process %u", ctl_job_time_text(job->submitted_us, a), job->uid,
+		       job->pid);
 	ctl_term_field(out, "finished", "%s", ctl_job_time_text(job->finished_us, a));
 	ctl_term_field(out, "lattice", "%s", job->lattice);
 	ctl_term_field(out, "crs", "%s", job->crs);

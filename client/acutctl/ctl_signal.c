@@ -20,7 +20,7 @@ static void note(int sig)
 
 void ctl_signal_init(struct ctl *ctl)
 {
-	static const int list[] = { SIGINT, SIGTERM, SIGHUP };
+	static const int list[] = {SIGINT, SIGTERM, SIGHUP};
 	struct sigaction sa;
 
 	memset(&sa, 0, sizeof(sa));

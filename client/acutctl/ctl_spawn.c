@@ -25,7 +25,7 @@ static int address_of(const char *path, struct sockaddr_un *ret, int *ret_dirfd)
 	char dir[PATH_MAX];
 	int fd;
 
-	*ret = (struct sockaddr_un){ .sun_family = AF_UNIX };
+	*ret = (struct sockaddr_un){.sun_family = AF_UNIX};
 	*ret_dirfd = -1;
 	if (strlen(path) < sizeof(ret->sun_path)) {
 		strcpy(ret->sun_path, path);
@@ -96,8 +96,8 @@ int ctl_spawn_listen(const char *path, int *ret_fd, struct err *err)
 /* Beside this program (installed, or in a build folder), then by PATH. */
 static int find_acutd(char *buf, size_t size, struct err *err)
 {
-	static const char *const place[] = {"acutd", "../../daemon/acutd", "../libexec/acut/acutd",
-					    "../libexec/acutd", "../sbin/acutd"};
+	static const char *const place[] = {"acutd", "../../daemon/acutd", "../libexec/acut/acutd", "../libexec/acutd",
+					    "../sbin/acutd"};
 	const char *named = getenv("ACUT_ACUTD"), *path = getenv("PATH");
 	char self[PATH_MAX];
 	ssize_t n = readlink("/proc/self/exe", self, sizeof(self) - 1);
@@ -122,8 +122,7 @@ static int find_acutd(char *buf, size_t size, struct err *err)
 		path += len + (path[len] == ':');
 	}
 	err_set(err, ERR_NODAEMON, "acutd is not installed beside acutctl, nor in PATH");
-	return err_add_hint(
-		err, "say with --socket where a daemon listens, or with ACUT_ACUTD where the program is");
+	return err_add_hint(err, "say with --socket where a daemon listens, or with ACUT_ACUTD where the program is");
 }
 
 /* In the child: descriptors, environment, and off. Only calls that are safe after fork in one thread. */

@@ -12,8 +12,7 @@
 /* A failure of the file itself, not of the way there. */
 static bool is_refusal(enum err_code code)
 {
-	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_CHANGED || code == ERR_UNSUPPORTED ||
-	       code == ERR_LIMIT;
+	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_CHANGED || code == ERR_UNSUPPORTED || code == ERR_LIMIT;
 }
 
 struct staging {
@@ -23,9 +22,9 @@ struct staging {
 	struct acut_push *push;
 	struct ctl_assume assume;
 	struct ctl_progress progress;
-	bool named;  /* a dataset that stays: it wants to know who the inputs are */
-	bool cut;    /* the only input broke off with the connection it came over */
-	int status;  /* of what ended it, told already */
+	bool named; /* a dataset that stays: it wants to know who the inputs are */
+	bool cut;   /* the only input broke off with the connection it came over */
+	int status; /* of what ended it, told already */
 	char path[4096];
 };
 
@@ -135,10 +134,9 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 
 static int each_file(struct staging *s, bool probe)
 {
-	const struct acut_push_each each = { open_input, probed, staged, s };
+	const struct acut_push_each each = {open_input, probed, staged, s};
 	size_t left = 0, first = s->in->n;
-	int r = probe ? acut_push_probe_each(s->push, s->in->n, &each)
-		      : acut_push_file_each(s->push, s->in->n, &each);
+	int r = probe ? acut_push_probe_each(s->push, s->in->n, &each) : acut_push_file_each(s->push, s->in->n, &each);
 
 	if (r && !s->status)
 		s->status = ctl_error_acut(s->ctl);
@@ -187,8 +185,7 @@ static int begin(struct staging *s, const char *dataset)
 			*comma++ = 0;
 		if (strlen(a->scale) >= sizeof(scale) || !decimal_parse(scale, &d) || d.mantissa <= 0 ||
 		    (comma && (!decimal_parse(comma, &d) || d.mantissa <= 0))) {
-			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"",
-				a->scale);
+			err_set(&err, ERR_USAGE, "--scale is not XY or XY,Z, numbers above zero: \"%s\"", a->scale);
 			return ctl_error(s->ctl, &err);
 		}
 		opt.scale_xy = scale;
@@ -261,13 +258,13 @@ static int whole(struct staging *s)
 
 int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struct ctl_staged *ret)
 {
-	struct staging s = { .ctl = ctl, .in = in, .ret = ret, .named = dataset };
+	struct staging s = {.ctl = ctl, .in = in, .ret = ret, .named = dataset};
 	uint64_t start = clock_mono_ns();
 	const char *lattice;
 	struct err err = ERR_INIT;
 	int status;
 
-	*ret = (struct ctl_staged){ .nfile = in->n };
+	*ret = (struct ctl_staged){.nfile = in->n};
 	ret->file = calloc(in->n, sizeof(*ret->file));
 	if (!ret->file) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu inputs", in->n);
@@ -314,5 +311,5 @@ void ctl_stage_done(struct ctl_staged *s)
 	for (size_t i = 0; s->file && i < s->nfile; i++)
 		free(s->file[i].projected_from);
 	free(s->file);
-	*s = (struct ctl_staged){ 0 };
+	*s = (struct ctl_staged){0};
 }

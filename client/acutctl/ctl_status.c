@@ -80,8 +80,13 @@ static void print_tables(FILE *out, const struct acut_status *s)
 {
 	static const struct ctl_column names[] = {{"MEMORY FOR"}, {"HELD", .right = true}, {"AT MOST", .right = true}};
 	static const struct ctl_column holders[] = {
-		{"HELD", .right = true}, {"BY"}, {"NUMBER", .right = true, .spare = true}, {"USER", .right = true},
-		{"PROCESS", .right = true, .spare = true}, {"DATASET", .shrink = true, .spare = true}, {"FOR", .tail = true},
+		{"HELD", .right = true},
+		{"BY"},
+		{"NUMBER", .right = true, .spare = true},
+		{"USER", .right = true},
+		{"PROCESS", .right = true, .spare = true},
+		{"DATASET", .shrink = true, .spare = true},
+		{"FOR", .tail = true},
 	};
 	struct ctl_table *t = ctl_table_new(out, names, 3);
 
@@ -113,7 +118,8 @@ static void print(struct ctl *ctl, const struct acut_status *s)
 	ctl_term_field(out, "acutd", "%s, process %llu, up %.0f s", s->version, (unsigned long long)s->pid, s->uptime_seconds);
 	ctl_term_field(out, "memory", "%s, held %s, at most %s since the start", parse_size_text(s->memory, a),
 		       parse_size_text(sum, b), parse_size_text(s->ledger_peak, c));
-	ctl_term_field(out, "resident", "%s, at most %s", parse_size_text(s->rss_bytes, a), parse_size_text(s->peak_rss_bytes, b));
+	ctl_term_field(out, "resident", "%s, at most %s", parse_size_text(s->rss_bytes, a),
+		       parse_size_text(s->peak_rss_bytes, b));
 	ctl_term_field(out, "pipes", "%s (of the kernel, beside the memory)", parse_size_text(s->pipe_capacity, a));
 	ctl_term_field(out, "threads", "%u", s->threads);
 	ctl_term_field(out, "jobs", "%u running, %u waiting", s->jobs_running, s->jobs_waiting);
@@ -155,7 +161,7 @@ static void print_json_holders(struct ctl_json *j, const struct acut_status *s)
 
 static void print_json(struct ctl *ctl, const struct acut_status *s)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	ctl_json_open(&j, NULL, '{');
 	ctl_json_text(&j, "version", s->version);

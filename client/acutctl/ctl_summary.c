@@ -42,8 +42,8 @@ static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
 		n++;
 	}
 	if (n)
-		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s",
-			 ctl_job_count(read, a), ctl_job_count(bytes, b));
+		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s", ctl_job_count(read, a),
+			 ctl_job_count(bytes, b));
 }
 
 static void changes_text(struct ctl *ctl, const struct format_changes *c)
@@ -55,11 +55,11 @@ static void changes_text(struct ctl *ctl, const struct format_changes *c)
 			 ctl_job_count(c->kept, a), c->kept == 1 ? " holds" : "s hold");
 	else
 		ctl_note(ctl, "since generation %s: %s region%s gone, with %s triangles; %s hold%s", ctl->args.since,
-			 ctl_job_count(c->gone, a), c->gone == 1 ? " is" : "s are", ctl_job_count(c->gone_triangles, b), ctl_job_count(c->kept, d),
-			 c->kept == 1 ? "s" : "");
+			 ctl_job_count(c->gone, a), c->gone == 1 ? " is" : "s are", ctl_job_count(c->gone_triangles, b),
+			 ctl_job_count(c->kept, d), c->kept == 1 ? "s" : "");
 	if (c->new_regions)
-		ctl_note(ctl, "  new: %s region%s, with %s triangles", ctl_job_count(c->new_regions, a), c->new_regions == 1 ? "" : "s",
-			 ctl_job_count(c->new_triangles, b));
+		ctl_note(ctl, "  new: %s region%s, with %s triangles", ctl_job_count(c->new_regions, a),
+			 c->new_regions == 1 ? "" : "s", ctl_job_count(c->new_triangles, b));
 }
 
 static void left_out_text(struct ctl *ctl, const struct format_report *out)
@@ -72,9 +72,9 @@ static void left_out_text(struct ctl *ctl, const struct format_report *out)
 	else
 		ctl_note(ctl, "%s triangles with edges longer than %s were left out, an area of %.6g square %s", count,
 			 ctl->args.max_edge, out->left_out_area,
-			 !strcmp(out->unit_xy, "metre")  ? "metres"
-			 : !strcmp(out->unit_xy, "foot") ? "feet"
-							 : "US survey feet");
+			 !strcmp(out->unit_xy, "metre") ? "metres" :
+			 !strcmp(out->unit_xy, "foot")  ? "feet" :
+							  "US survey feet");
 }
 
 /* ---- on a terminal ---- */
@@ -113,12 +113,13 @@ static void points(struct ctl *ctl, FILE *out, const struct acut_report *p, cons
 	for (size_t i = 0; i < p->nremoved; i++) {
 		if (!p->removed[i].count)
 			continue;
-		ctl_term_field(out, first ? "left out" : "", "%s by %s", ctl_job_count(p->removed[i].count, a), p->removed[i].rule);
+		ctl_term_field(out, first ? "left out" : "", "%s by %s", ctl_job_count(p->removed[i].count, a),
+			       p->removed[i].rule);
 		first = false;
 	}
 	if (moved)
-		ctl_term_field(out, "rounded", "%s points, by at most %.6g %.6g %.6g", ctl_job_count(moved, a), shift[0], shift[1],
-			       shift[2]);
+		ctl_term_field(out, "rounded", "%s points, by at most %.6g %.6g %.6g", ctl_job_count(moved, a), shift[0],
+			       shift[1], shift[2]);
 	if (staged && staged->refused)
 		ctl_term_field(out, "refused", "%u input%s, named above", staged->refused, staged->refused == 1 ? "" : "s");
 }
@@ -162,20 +163,22 @@ static void left_out(struct ctl *ctl, FILE *out, const struct format_report *f)
 	char count[32];
 
 	if (isnan(f->left_out_area))
-		ctl_term_field(out, "max-edge", "%s triangles with edges above %s are not in the file", ctl_job_count(f->left_out, count),
-			       ctl->args.max_edge);
+		ctl_term_field(out, "max-edge", "%s triangles with edges above %s are not in the file",
+			       ctl_job_count(f->left_out, count), ctl->args.max_edge);
 	else
 		ctl_term_field(out, "max-edge", "%s triangles with edges above %s are not in the file, %.6g square %s",
 			       ctl_job_count(f->left_out, count), ctl->args.max_edge, f->left_out_area,
-			       !strcmp(f->unit_xy, "metre") ? "metres" : !strcmp(f->unit_xy, "foot") ? "feet" : "US survey feet");
+			       !strcmp(f->unit_xy, "metre") ? "metres" :
+			       !strcmp(f->unit_xy, "foot")  ? "feet" :
+							      "US survey feet");
 }
 
 static void mesh(FILE *out, const struct acut_report *p)
 {
 	char a[32], b[32], domains[96];
 
-	ctl_term_field(out, "mesh", "%s vertices, %s triangles in %s", ctl_job_count(p->vertices, a), ctl_job_count(p->triangles, b),
-		       ctl_job_domains(p, domains, sizeof(domains)));
+	ctl_term_field(out, "mesh", "%s vertices, %s triangles in %s", ctl_job_count(p->vertices, a),
+		       ctl_job_count(p->triangles, b), ctl_job_domains(p, domains, sizeof(domains)));
 }
 
 static void page(struct ctl *ctl, const struct acut_job *job, const struct format_report *f, const struct ctl_staged *staged)
@@ -203,8 +206,7 @@ static void page(struct ctl *ctl, const struct acut_job *job, const struct forma
 
 /* ---- anywhere else ---- */
 
-static void lines(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
-		  const struct ctl_staged *staged)
+static void lines(struct ctl *ctl, const struct acut_job *job, const struct format_report *out, const struct ctl_staged *staged)
 {
 	const struct acut_report *p = &job->report;
 	char a[32], b[96], c[32];
@@ -222,27 +224,25 @@ static void lines(struct ctl *ctl, const struct acut_job *job, const struct form
 	if (p->window)
 		ctl_note(ctl, "%s points read: %s vertices", ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
 	else
-		ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a),
-			 ctl_job_count(p->points, b), ctl_job_count(p->vertices, c));
+		ctl_note(ctl, "%s points used of %s: %s vertices", ctl_job_count(p->used, a), ctl_job_count(p->points, b),
+			 ctl_job_count(p->vertices, c));
 	inputs_text(ctl, staged);
 	if (moved)
-		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a),
-			 shift[0], shift[1], shift[2]);
+		ctl_note(ctl, "  rounded to the lattice: %s, by at most %.6g %.6g %.6g", ctl_job_count(moved, a), shift[0],
+			 shift[1], shift[2]);
 	if (staged)
 		ctl_height_text(ctl, staged);
 	for (size_t i = 0; i < p->nremoved; i++)
 		if (p->removed[i].count)
-			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule,
-				 ctl_job_count(p->removed[i].count, a));
-	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", ctl_job_count(p->triangles, a),
-		 ctl_job_domains(p, b, sizeof b), p->seconds, p->digest);
+			ctl_note(ctl, "  left out by %s: %s", p->removed[i].rule, ctl_job_count(p->removed[i].count, a));
+	ctl_note(ctl, "%s triangles in %s, %.1f s; digest %s", ctl_job_count(p->triangles, a), ctl_job_domains(p, b, sizeof b),
+		 p->seconds, p->digest);
 	ctl_remark(ctl, p->note);
 	if (ctl->args.max_edge)
 		left_out_text(ctl, out);
 }
 
-void ctl_summary(struct ctl *ctl, const struct acut_job *job, const struct format_report *out,
-		 const struct ctl_staged *staged)
+void ctl_summary(struct ctl *ctl, const struct acut_job *job, const struct format_report *out, const struct ctl_staged *staged)
 {
 	if (ctl_term_of(ctl->report).on)
 		page(ctl, job, out, staged);

@@ -3,7 +3,7 @@
 
 int ctl_version_run(struct ctl *ctl)
 {
-	struct ctl_json j = { .out = ctl->report };
+	struct ctl_json j = {.out = ctl->report};
 
 	if (ctl->args.json) {
 		ctl_json_open(&j, NULL, '{');

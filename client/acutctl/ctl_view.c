@@ -56,12 +56,9 @@ static int check_words(const struct ctl_args *a, struct err *err)
 	if (a->returns && !is(a->returns, "all") && !is(a->returns, "first") && !is(a->returns, "last"))
 		return err_set(err, ERR_USAGE, "--returns is all, first or last, not \"%s\"", a->returns);
 	if (a->duplicates && !is(a->duplicates, "lowest") && !is(a->duplicates, "highest"))
-		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"",
-			       a->duplicates);
-	if (a->thin_pick && !is(a->thin_pick, "lowest") && !is(a->thin_pick, "highest") &&
-	    !is(a->thin_pick, "median"))
-		return err_set(err, ERR_USAGE, "--thin-pick is lowest, highest or median, not \"%s\"",
-			       a->thin_pick);
+		return err_set(err, ERR_USAGE, "--duplicates is lowest or highest, not \"%s\"", a->duplicates);
+	if (a->thin_pick && !is(a->thin_pick, "lowest") && !is(a->thin_pick, "highest") && !is(a->thin_pick, "median"))
+		return err_set(err, ERR_USAGE, "--thin-pick is lowest, highest or median, not \"%s\"", a->thin_pick);
 	if (a->thin_pick && !a->thin) {
 		err_set(err, ERR_USAGE, "--thin-pick says which point of a cell is taken, and there are no cells");
 		return err_add_hint(err, "give --thin CELL too");
@@ -111,7 +108,7 @@ static int check_heights(const struct ctl_args *a, struct err *err)
 /* A number, alone or with the name of a unit of length. */
 static int check_thin(const struct ctl_args *a, struct err *err)
 {
-	static const char *const units[] = { "ftUS", "ft", "m" };
+	static const char *const units[] = {"ftUS", "ft", "m"};
 	char number[DECIMAL_TEXT_SIZE];
 	struct decimal d;
 	size_t n = a->thin ? strlen(a->thin) : 0;
@@ -175,8 +172,7 @@ static void bounds(struct decimal (*corner)[2], size_t n, double ret[4])
 		}
 }
 
-static int put_box(const char *option, const char *text, const struct decimal d[4], FILE *out, double ret_box[4],
-		   struct err *err)
+static int put_box(const char *option, const char *text, const struct decimal d[4], FILE *out, double ret_box[4], struct err *err)
 {
 	for (int i = 0; i < 4; i++)
 		ret_box[i] = decimal_double(d[i]);
@@ -274,9 +270,9 @@ static void put_words(const struct ctl_args *a, FILE *out)
 	/* Which point of a cell is taken follows that of a position, unless it is said. */
 	if (a->thin)
 		fprintf(out, " thin=%s:%s", a->thin,
-			a->thin_pick			       ? a->thin_pick :
+			a->thin_pick                               ? a->thin_pick :
 			a->surface || is(a->duplicates, "highest") ? "highest" :
-								 "lowest");
+								     "lowest");
 	if (a->surface || is(a->duplicates, "highest"))
 		fputs(" duplicates=highest", out);
 }
@@ -312,8 +308,7 @@ int ctl_view_box(const struct ctl_args *a, char **ret, bool *ret_cropped, double
 	if (fclose(out) && !r)
 		r = err_set(err, ERR_NOMEM, "no memory for a view");
 	if (!r && size > AREA_TEXT_MAX)
-		r = err_set(err, ERR_LIMIT, "the view takes %zu bytes, more than the %d that fit", size,
-			    AREA_TEXT_MAX);
+		r = err_set(err, ERR_LIMIT, "the view takes %zu bytes, more than the %d that fit", size, AREA_TEXT_MAX);
 	if (r)
 		free(text);
 	else

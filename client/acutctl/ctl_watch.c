@@ -24,7 +24,10 @@ static int watch_one(struct ctl *ctl, uint64_t id)
 /* What was printed of each unfinished job, so that only changes are. */
 struct watched {
 	struct ctl *ctl;
-	struct seen { uint64_t id, domains; char state[16], waiting[96]; } *seen;
+	struct seen {
+		uint64_t id, domains;
+		char state[16], waiting[96];
+	} * seen;
 	size_t n;
 	bool first;
 	unsigned open;
@@ -47,7 +50,7 @@ static void look(void *ctx, const struct acut_job *job)
 			return;
 		w->seen = grown;
 		s = &grown[w->n++];
-		*s = (struct seen){ .id = job->id };
+		*s = (struct seen){.id = job->id};
 	} else if (s->domains == job->progress.domains && !strcmp(s->state, job->state) &&
 		   !strncmp(s->waiting, job->waiting, sizeof(s->waiting) - 1)) {
 		return;
@@ -60,7 +63,7 @@ static void look(void *ctx, const struct acut_job *job)
 
 static int watch_all(struct ctl *ctl)
 {
-	struct watched w = { .ctl = ctl, .first = true };
+	struct watched w = {.ctl = ctl, .first = true};
 	struct err err = ERR_INIT;
 	int status = 0;
 
@@ -70,7 +73,7 @@ static int watch_all(struct ctl *ctl)
 			status = ctl_error_acut(ctl);
 		w.first = false;
 		if (!status && w.open)
-			nanosleep(&(struct timespec){ .tv_nsec = 300000000 }, NULL);
+			nanosleep(&(struct timespec){.tv_nsec = 300000000}, NULL);
 		if (!status && ctl_signal_interrupted(ctl)) {
 			err_set(&err, ERR_CANCELLED, "interrupted");
 			status = ctl_error(ctl, &err);

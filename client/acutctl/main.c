@@ -39,7 +39,7 @@ static bool completing(int argc, char **argv, struct ctl *ctl)
 
 int main(int argc, char **argv)
 {
-	struct ctl ctl = { .report = stdout };
+	struct ctl ctl = {.report = stdout};
 	struct err err = ERR_INIT;
 	int status;
 

@@ -22,12 +22,12 @@ struct packer;
 enum format_color { FORMAT_HILLSHADE, FORMAT_ELEVATION, FORMAT_DOMAIN };
 
 struct format_options {
-	bool canonical;            /* vertices by (x, y), triangles by their numbers */
-	bool no_clobber;           /* an output that exists is an error */
+	bool canonical;  /* vertices by (x, y), triangles by their numbers */
+	bool no_clobber; /* an output that exists is an error */
 	bool origin_auto, has_origin;
-	struct decimal origin[3];  /* subtracted from the coordinates, exactly; of z after its conversion */
-	const char *z_unit;        /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
-	uint32_t width;            /* pictures: pixels; 0 = FORMAT_WIDTH */
+	struct decimal origin[3]; /* subtracted from the coordinates, exactly; of z after its conversion */
+	const char *z_unit;       /* name of a length ("metre", ...) that heights are converted to; NULL: as they are */
+	uint32_t width;           /* pictures: pixels; 0 = FORMAT_WIDTH */
 	enum format_color color;
 };
 
@@ -45,10 +45,10 @@ struct format_block {
  * comes last, also after a failure, and returns NULL. Writers write to their output and nowhere else. */
 struct format {
 	const char *name, *extensions, *help; /* extensions: ".a .b" */
-	bool canonical;            /* --canonical makes sense */
-	bool origin;               /* so does --origin */
-	bool positions;            /* blocks come with positions */
-	bool nothing;              /* writes nothing: added without a path, opened without an output */
+	bool canonical;                       /* --canonical makes sense */
+	bool origin;                          /* so does --origin */
+	bool positions;                       /* blocks come with positions */
+	bool nothing;                         /* writes nothing: added without a path, opened without an output */
 	int (*open)(struct format_output *, const struct format_options *, void **ret, struct err *);
 	int (*head)(void *writer, const struct acut_mesh_head *, struct err *);
 	int (*block)(void *writer, const struct format_block *, struct err *);
@@ -68,13 +68,13 @@ bool format_parse_color(const char *text, enum format_color *ret);
 
 struct format_run_options {
 	bool has_max_edge;
-	struct decimal max_edge;   /* triangles with a longer xy edge are left out */
-	const char *max_edge_unit; /* name of its unit; NULL: that of the file */
-	bool edges;                /* gather edge statistics */
-	uint64_t sort_memory;      /* for canonical and tiles; 0 = 64 MiB */
-	bool changes;              /* the stream is one of changes: NAME.changes.geojson stands beside the first output */
-	bool tiled;                /* the one output is a folder of tiles */
-	struct decimal tile;       /* their side, in file units: above zero */
+	struct decimal max_edge;       /* triangles with a longer xy edge are left out */
+	const char *max_edge_unit;     /* name of its unit; NULL: that of the file */
+	bool edges;                    /* gather edge statistics */
+	uint64_t sort_memory;          /* for canonical and tiles; 0 = 64 MiB */
+	bool changes;                  /* the stream is one of changes: NAME.changes.geojson stands beside the first output */
+	bool tiled;                    /* the one output is a folder of tiles */
+	struct decimal tile;           /* their side, in file units: above zero */
 	int (*interrupted)(void *ctx); /* not 0: give up; asked while tiles are made; NULL: nobody is */
 	void *ctx;
 };
@@ -89,26 +89,26 @@ const char *format_unit_of_word(const char *word, size_t n);
 
 /* Regions with triangles. */
 struct format_changes {
-	uint64_t since, old_job;   /* generation and job of the old mesh; 0: none came */
+	uint64_t since, old_job; /* generation and job of the old mesh; 0: none came */
 	uint64_t gone, gone_triangles, kept, kept_triangles, new_regions, new_triangles;
 };
 
 /* What a run has to say when the stream has ended. Lengths and areas are in file units. */
 struct format_report {
-	uint64_t bytes;            /* of all outputs */
-	uint64_t left_out;         /* triangles, by max_edge */
-	double left_out_area;      /* NAN where the unit of x and y is no known length */
-	char unit_xy[16];          /* of the file */
+	uint64_t bytes;       /* of all outputs */
+	uint64_t left_out;    /* triangles, by max_edge */
+	double left_out_area; /* NAN where the unit of x and y is no known length */
+	char unit_xy[16];     /* of the file */
 	struct format_changes changes;
-	uint64_t tiles;            /* files of tiles; 0 without tiles */
+	uint64_t tiles;                   /* files of tiles; 0 without tiles */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
 };
 
 struct format_run;
 int format_run_new(const struct format_run_options *, struct format_run **ret, struct err *err);
-/* Opens the output: "-" is standard output; of tiles, the folder they will stand in, which is made; NULL for a format that writes nothing. Wrong combinations are -ERR_USAGE. */
-int format_run_add(struct format_run *, const char *path, const struct format *,
-		   const struct format_options *, struct err *err);
+/* Opens the output: "-" is standard output; of tiles, the folder they will stand in, which is made; NULL for a format that writes
+ * nothing. Wrong combinations are -ERR_USAGE. */
+int format_run_add(struct format_run *, const char *path, const struct format *, const struct format_options *, struct err *err);
 /* The sink to hand to acut_fetch; valid as long as the run. `progress` is left NULL. */
 struct acut_mesh_sink format_run_sink(struct format_run *);
 /* The same of a run of changes, for acut_fetch_changes. */

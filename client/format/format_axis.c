@@ -15,8 +15,8 @@
 #include "format_digits.h"
 #include "format_priv.h"
 
-static const double ten[] = { 1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
-			      1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22 };
+static const double ten[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,  1e8,  1e9,  1e10, 1e11,
+			     1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
 
 /* m * 10^n into *ret; false if it overflows. */
 static bool times_ten(int64_t m, int32_t n, int64_t *ret)
@@ -37,8 +37,7 @@ static bool axis_whole(struct format_axis *ax, const struct decimal *origin)
 	ax->e = ax->scale.exponent;
 	if (origin && origin->mantissa && origin->exponent < ax->e)
 		ax->e = origin->exponent;
-	if (ax->scale.exponent - ax->e > 18 ||
-	    !times_ten(ax->scale.mantissa, ax->scale.exponent - ax->e, &ax->a))
+	if (ax->scale.exponent - ax->e > 18 || !times_ten(ax->scale.mantissa, ax->scale.exponent - ax->e, &ax->a))
 		return false;
 	if (origin && origin->mantissa &&
 	    (origin->exponent - ax->e > 18 || !times_ten(origin->mantissa, origin->exponent - ax->e, &o)))
@@ -72,7 +71,7 @@ static bool same_unit(const struct acut_mesh_head *head, const struct format_opt
 /* The origin that --origin auto takes off converted heights. */
 static struct decimal auto_height(const struct acut_mesh_head *head, const struct format_options *opt)
 {
-	struct decimal scale, ret = { 0, 0 };
+	struct decimal scale, ret = {0, 0};
 	int64_t num, den;
 	char text[32];
 
@@ -89,7 +88,7 @@ static struct decimal auto_height(const struct acut_mesh_head *head, const struc
 static int axis_convert(struct format_axis *ax, const struct acut_mesh_head *head, const struct format_options *opt,
 			struct err *err)
 {
-	struct decimal origin = { 0, 0 };
+	struct decimal origin = {0, 0};
 	int64_t num, den;
 
 	if (!format_unit_ratio(head->unit_z, opt->z_unit, &num, &den)) {
@@ -109,10 +108,10 @@ static int axis_convert(struct format_axis *ax, const struct acut_mesh_head *hea
 	return err_add_hint(err, "stage with a --scale of fewer decimals, or leave --z-unit or --origin out");
 }
 
-int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *head,
-		     const struct format_options *opt, struct err *err)
+int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *head, const struct format_options *opt,
+		     struct err *err)
 {
-	static const char *const name[] = { "x", "y", "z" };
+	static const char *const name[] = {"x", "y", "z"};
 
 	for (int i = 0; i < 3; i++) {
 		struct format_axis *ax = &axis[i];
@@ -137,8 +136,8 @@ int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *he
 			ax->whole = axis_whole(ax, NULL);
 		}
 		if (!ok) {
-			err_set(err, ERR_USAGE, "the %s of --origin has too many digits beside the scale %s",
-				name[i], i < 2 ? head->scale_xy : head->scale_z);
+			err_set(err, ERR_USAGE, "the %s of --origin has too many digits beside the scale %s", name[i],
+				i < 2 ? head->scale_xy : head->scale_z);
 			return err_add_hint(err, "give --origin with fewer decimals");
 		}
 	}
@@ -154,17 +153,16 @@ double format_axis_value(const struct format_axis *ax, int32_t x)
 		return ax->e < 0 ? n / ax->power : n * ax->power;
 	}
 	if (ax->whole)
-		return decimal_scaled_double((struct decimal){ 1, ax->e }, x * ax->a + ax->b);
+		return decimal_scaled_double((struct decimal){1, ax->e}, x * ax->a + ax->b);
 	return decimal_scaled_double(ax->scale, x + ax->k);
 }
 
 void format_axis_values(const struct format_axis axis[3], const int32_t (*v)[3], size_t n, double *ret)
 {
-	if (axis[0].fast && axis[1].fast && axis[2].fast && axis[0].e <= 0 && axis[1].e <= 0 &&
-	    axis[2].e <= 0) {
-		const double a[3] = { (double)axis[0].a, (double)axis[1].a, (double)axis[2].a };
-		const double b[3] = { (double)axis[0].b, (double)axis[1].b, (double)axis[2].b };
-		const double p[3] = { axis[0].power, axis[1].power, axis[2].power };
+	if (axis[0].fast && axis[1].fast && axis[2].fast && axis[0].e <= 0 && axis[1].e <= 0 && axis[2].e <= 0) {
+		const double a[3] = {(double)axis[0].a, (double)axis[1].a, (double)axis[2].a};
+		const double b[3] = {(double)axis[0].b, (double)axis[1].b, (double)axis[2].b};
+		const double p[3] = {axis[0].power, axis[1].power, axis[2].power};
 
 		for (size_t i = 0; i < n; i++)
 			for (int j = 0; j < 3; j++)
@@ -182,15 +180,19 @@ static char *put_decimal(uint64_t n, int decimals, char *at)
 	uint64_t whole = n, rest = 0;
 
 	switch (decimals) {
-#define SPLIT(d, power) case d: whole = n / power; rest = n % power; break
-	SPLIT(1, 10u);
-	SPLIT(2, 100u);
-	SPLIT(3, 1000u);
-	SPLIT(4, 10000u);
-	SPLIT(5, 100000u);
-	SPLIT(6, 1000000u);
-	SPLIT(7, 10000000u);
-	SPLIT(8, 100000000u);
+#define SPLIT(d, power)            \
+	case d:                    \
+		whole = n / power; \
+		rest = n % power;  \
+		break
+		SPLIT(1, 10u);
+		SPLIT(2, 100u);
+		SPLIT(3, 1000u);
+		SPLIT(4, 10000u);
+		SPLIT(5, 100000u);
+		SPLIT(6, 1000000u);
+		SPLIT(7, 10000000u);
+		SPLIT(8, 100000000u);
 #undef SPLIT
 	}
 	at = format_digits_put(whole, at);
@@ -212,7 +214,7 @@ char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 	if (!ax->whole || ax->e < -20 || ax->e > 18) {
 		char buf[DECIMAL_TEXT_SIZE];
 		if (ax->whole)
-			decimal_scaled_text((struct decimal){ 1, ax->e }, x * ax->a + ax->b, buf);
+			decimal_scaled_text((struct decimal){1, ax->e}, x * ax->a + ax->b, buf);
 		else
 			decimal_scaled_text(ax->scale, x + ax->k, buf);
 		return stpcpy(at, buf);
@@ -244,8 +246,7 @@ char *format_axis_text(const struct format_axis *ax, int32_t x, char *at)
 	return at;
 }
 
-char *format_axis_origin(const struct acut_mesh_head *head, const struct format_options *opt, char *buf,
-			 size_t size)
+char *format_axis_origin(const struct acut_mesh_head *head, const struct format_options *opt, char *buf, size_t size)
 {
 	char text[3][DECIMAL_TEXT_SIZE];
 

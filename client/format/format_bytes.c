@@ -257,8 +257,7 @@ static bool can_collapse(const struct format_output *host)
 
 	if (!host->seekable || !has_holes(host->fd) || getrlimit(RLIMIT_FSIZE, &most) || most.rlim_cur != RLIM_INFINITY)
 		return false;
-	if (io->fstat(host->fd, &st) || st.st_blksize <= 0 || FORMAT_BLOCK % st.st_blksize ||
-	    io->ftruncate(host->fd, end))
+	if (io->fstat(host->fd, &st) || st.st_blksize <= 0 || FORMAT_BLOCK % st.st_blksize || io->ftruncate(host->fd, end))
 		return false;
 	ok = !fallocate(host->fd, FALLOC_FL_COLLAPSE_RANGE, end - 2 * block, block);
 	return !io->ftruncate(host->fd, st.st_size) && ok;
@@ -281,8 +280,7 @@ static int annex_open(struct format_output *o, struct err *err)
 }
 
 /* Inside the kernel where the file systems can; 0 done, 1 not possible here (nothing was copied). */
-static int copy_inside(struct format_output *o, struct format_output *from, uint64_t start, uint64_t n,
-		       struct err *err)
+static int copy_inside(struct format_output *o, struct format_output *from, uint64_t start, uint64_t n, struct err *err)
 {
 	off_t off = (off_t)(from->base + start), to = (off_t)o->at;
 	uint64_t left = n;

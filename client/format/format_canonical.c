@@ -14,12 +14,12 @@
 #include "format_priv.h"
 
 #define PAGE_KEYS 512
-#define PAGES 256             /* kept in memory */
+#define PAGES 256 /* kept in memory */
 #define RECENT (1u << 16)
-#define PIECE 8192            /* vertices or triangles in one block for the writer */
+#define PIECE 8192 /* vertices or triangles in one block for the writer */
 
 struct page {
-	uint64_t number;           /* + 1; 0 = empty */
+	uint64_t number; /* + 1; 0 = empty */
 	uint64_t key[PAGE_KEYS];
 };
 
@@ -28,14 +28,16 @@ struct format_canonical {
 	void *writer;
 	struct format_sort *vertices, *triangles;
 	struct format_output *keys;
-	bool merge;                /* the same vertex comes more than once */
-	uint64_t nvertex, *first;  /* first key of each page */
+	bool merge;               /* the same vertex comes more than once */
+	uint64_t nvertex, *first; /* first key of each page */
 	size_t npage, first_room;
 	struct page *page;
-	struct { uint64_t key, number; } *recent;
-	uint64_t *foreign;         /* 3 * PIECE */
+	struct {
+		uint64_t key, number;
+	} * recent;
+	uint64_t *foreign; /* 3 * PIECE */
 	uint32_t (*index)[3];
-	int32_t (*position)[3];    /* PIECE */
+	int32_t (*position)[3]; /* PIECE */
 };
 
 static uint64_t key_of(const int32_t *p)
@@ -43,8 +45,8 @@ static uint64_t key_of(const int32_t *p)
 	return (uint64_t)((uint32_t)p[0] ^ 1u << 31) << 32 | ((uint32_t)p[1] ^ 1u << 31);
 }
 
-int format_canonical_new(const struct format *format, void *writer, const struct format_output *beside,
-			 uint64_t memory, struct format_canonical **ret, struct err *err)
+int format_canonical_new(const struct format *format, void *writer, const struct format_output *beside, uint64_t memory,
+			 struct format_canonical **ret, struct err *err)
 {
 	struct format_canonical *c = calloc(1, sizeof(*c));
 	int r = c ? 0 : err_set(err, ERR_NOMEM, "no memory to sort with");
@@ -85,7 +87,7 @@ int format_canonical_block(struct format_canonical *c, const struct format_block
 	int r = 0;
 
 	for (uint32_t i = 0; i < b->nnew && !r; i++) {
-		uint64_t rec[2] = { key_of(b->vertex[i]), (uint32_t)b->vertex[i][2] };
+		uint64_t rec[2] = {key_of(b->vertex[i]), (uint32_t)b->vertex[i][2]};
 		r = format_sort_add(c->vertices, rec, err);
 	}
 	for (uint32_t i = 0; i < b->ntriangle && !r; i++) {
@@ -120,7 +122,7 @@ static int first_add(struct format_canonical *c, uint64_t key, struct err *err)
 
 static int send(struct format_canonical *c, const struct acut_mesh_block *b, struct err *err)
 {
-	const struct format_block block = { b, NULL };
+	const struct format_block block = {b, NULL};
 
 	return c->format->block(c->writer, &block, err);
 }
@@ -128,7 +130,7 @@ static int send(struct format_canonical *c, const struct acut_mesh_block *b, str
 static int send_vertices(struct format_canonical *c, struct err *err)
 {
 	const uint64_t *rec;
-	uint64_t last[2] = { 0 };
+	uint64_t last[2] = {0};
 	uint32_t n = 0;
 	int r = format_sort_start(c->vertices, err);
 
@@ -139,8 +141,8 @@ static int send_vertices(struct format_canonical *c, struct err *err)
 			continue;
 		}
 		if (n == PIECE || (!rec && n)) {
-			struct acut_mesh_block b = { .first = c->nvertex - n, .nnew = n,
-						     .vertex = (const int32_t (*)[3])c->position };
+			struct acut_mesh_block b = {
+				.first = c->nvertex - n, .nnew = n, .vertex = (const int32_t(*)[3])c->position};
 			r = send(c, &b, err);
 			n = 0;
 		}
@@ -213,9 +215,11 @@ static int send_triangles(struct format_canonical *c, struct err *err)
 
 	while (!r && !(r = format_sort_next(c->triangles, &rec, err))) {
 		if (n == PIECE || (!rec && n)) {
-			struct acut_mesh_block b = { .first = c->nvertex, .nforeign = 3 * n,
-						     .foreign = c->foreign, .ntriangle = n,
-						     .triangle = (const uint32_t (*)[3])c->index };
+			struct acut_mesh_block b = {.first = c->nvertex,
+						    .nforeign = 3 * n,
+						    .foreign = c->foreign,
+						    .ntriangle = n,
+						    .triangle = (const uint32_t(*)[3])c->index};
 			r = send(c, &b, err);
 			n = 0;
 		}

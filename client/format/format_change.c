@@ -22,11 +22,11 @@ struct format_change {
 	struct format_options opt;
 	struct acut_mesh_head head; /* its texts are in here: */
 	char *lattice, *crs, unit_xy[64], unit_z[64];
-	struct decimal half;       /* of the lattice's xy scale */
+	struct decimal half; /* of the lattice's xy scale */
 	char digest[4][DIGEST_HEX_SIZE];
 	struct format_changes counts;
-	bool any;                  /* a feature is written */
-	bool open;                 /* a new region is being counted: */
+	bool any;  /* a feature is written */
+	bool open; /* a new region is being counted: */
 	uint64_t index, triangles;
 	int64_t box[4];
 	struct digest sum;
@@ -116,8 +116,8 @@ static int64_t clipped(const struct format_change *c, unsigned side, int64_t n)
 	return n < low ? low : n > high ? high : n;
 }
 
-static int feature(struct format_change *c, const char *change, const int64_t box[4], uint64_t triangles,
-		   const char *digest, struct err *err)
+static int feature(struct format_change *c, const char *change, const int64_t box[4], uint64_t triangles, const char *digest,
+		   struct err *err)
 {
 	char text[4][DECIMAL_TEXT_SIZE];
 	struct format_page p;
@@ -147,8 +147,11 @@ int format_change_base(struct format_change *c, const struct acut_mesh_base *b, 
 
 	for (unsigned i = 0; i < 4; i++)
 		snprintf(c->digest[i], sizeof(c->digest[i]), "%s", digest[i]);
-	c->counts = (struct format_changes){.since = b->generation, .old_job = b->job, .gone = b->gone,
-					    .gone_triangles = b->gone_triangles, .kept = b->kept,
+	c->counts = (struct format_changes){.since = b->generation,
+					    .old_job = b->job,
+					    .gone = b->gone,
+					    .gone_triangles = b->gone_triangles,
+					    .kept = b->kept,
 					    .kept_triangles = b->kept_triangles};
 	r = c->out ? format_page_start(&p, err) : 1;
 	if (r)
@@ -197,7 +200,7 @@ int format_change_block(struct format_change *c, const struct format_block *bloc
 			const int32_t *p = block->position[b->triangle[i][j]];
 			place[0][j] = digest_place(p[0], p[1]);
 		}
-		digest_add_triangles(&c->sum, (const uint64_t (*)[3])place, 1, c->head.k);
+		digest_add_triangles(&c->sum, (const uint64_t(*)[3])place, 1, c->head.k);
 	}
 	return r;
 }
@@ -219,10 +222,11 @@ static int foot(struct format_change *c, struct err *err)
 	format_geojson_text(p.f, c->dataset);
 	fprintf(p.f, ",\"generation\":%llu,\"since\":%llu,\"old_job\":%llu,", (unsigned long long)c->generation,
 		(unsigned long long)n->since, (unsigned long long)n->old_job);
-	fprintf(p.f, "\"gone\":%llu,\"gone_triangles\":%llu,\"kept\":%llu,\"kept_triangles\":%llu,\"new\":%llu,"
-		"\"new_triangles\":%llu,", (unsigned long long)n->gone, (unsigned long long)n->gone_triangles,
-		(unsigned long long)n->kept, (unsigned long long)n->kept_triangles, (unsigned long long)n->new_regions,
-		(unsigned long long)n->new_triangles);
+	fprintf(p.f,
+		"\"gone\":%llu,\"gone_triangles\":%llu,\"kept\":%llu,\"kept_triangles\":%llu,\"new\":%llu,"
+		"\"new_triangles\":%llu,",
+		(unsigned long long)n->gone, (unsigned long long)n->gone_triangles, (unsigned long long)n->kept,
+		(unsigned long long)n->kept_triangles, (unsigned long long)n->new_regions, (unsigned long long)n->new_triangles);
 	fprintf(p.f, "\"old_digest\":\"%s\",\"old_vertex_digest\":\"%s\",\"digest\":\"%s\",\"vertex_digest\":\"%s\",",
 		c->digest[0], c->digest[1], c->digest[2], c->digest[3]);
 	format_geojson_head(p.f, &c->head, &c->opt);

@@ -32,7 +32,9 @@ int format_comment_head(const struct acut_mesh_head *head, const struct format_o
 	if (!r) {
 		snprintf(text, sizeof(text), "acut-units %.64s %.64s",
 			 head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown",
-			 opt->z_unit ? opt->z_unit : head->unit_z && *head->unit_z ? head->unit_z : "unknown");
+			 opt->z_unit                   ? opt->z_unit :
+			 head->unit_z && *head->unit_z ? head->unit_z :
+							 "unknown");
 		make_line(text);
 		r = line(ctx, text, err);
 	}

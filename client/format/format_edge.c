@@ -27,8 +27,7 @@ static u128 gcd(u128 a, u128 b)
 	return a;
 }
 
-bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p,
-		       uint64_t *ret_q)
+bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q)
 {
 	u128 p = (u128)limit.mantissa * (u128)num, q = (u128)scale.mantissa * (u128)den, g;
 	int32_t e = limit.exponent - scale.exponent;
@@ -49,8 +48,8 @@ bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct de
 	return true;
 }
 
-int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head,
-		     const struct format_run_options *opt, struct err *err)
+int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head, const struct format_run_options *opt,
+		     struct err *err)
 {
 	struct decimal scale;
 	int64_t num = 1, den = 1;
@@ -71,7 +70,7 @@ int format_edge_init(struct format_edge *ed, const struct acut_mesh_head *head,
 		err_set(err, ERR_USAGE, "--max-edge is in %s, but the unit of x and y is %.30s", opt->max_edge_unit,
 			head->unit_xy && *head->unit_xy ? head->unit_xy : "unknown");
 		return err_add_hint(err, "give a bare number in the units of the files, or stage the inputs with "
-				    "--assume-units");
+					 "--assume-units");
 	}
 	/* the longest edge of all is below 2^33 lattice units */
 	if (decimal_double(opt->max_edge) * (double)num / (double)den / ed->scale >= 0x1p34) {
@@ -141,7 +140,7 @@ int format_edge_block(struct format_edge *ed, const struct acut_mesh_block *b, c
 		memcpy(ed->triangle[kept++], t, sizeof(*ed->triangle));
 	}
 	*ret = *b;
-	ret->triangle = (const uint32_t (*)[3])ed->triangle;
+	ret->triangle = (const uint32_t(*)[3])ed->triangle;
 	ret->ntriangle = kept;
 	return 0;
 }

@@ -69,6 +69,6 @@ void format_geojson_head(FILE *f, const struct acut_mesh_head *h, const struct f
 
 void format_geojson_square(FILE *f, const char *x0, const char *y0, const char *x1, const char *y1)
 {
-	fprintf(f, "{\"type\":\"Polygon\",\"coordinates\":[[[%s,%s],[%s,%s],[%s,%s],[%s,%s],[%s,%s]]]}", x0, y0, x1, y0,
-		x1, y1, x0, y1, x0, y0);
+	fprintf(f, "{\"type\":\"Polygon\",\"coordinates\":[[[%s,%s],[%s,%s],[%s,%s],[%s,%s],[%s,%s]]]}", x0, y0, x1, y0, x1, y1,
+		x0, y1, x0, y0);
 }

@@ -39,7 +39,7 @@ struct format_kept {
 	uint64_t sync_bytes;
 	uint64_t saved_ns, saved_size;
 	bool saved;
-	uint8_t *state; /* that this run goes on with */
+	uint8_t *state;     /* that this run goes on with */
 	struct cursor rest; /* of it, behind the state of the fetch */
 	const uint8_t *fetch;
 	size_t fetch_size;
@@ -153,8 +153,8 @@ static int read_state(struct format_run *run, const char *name, size_t *ret_size
 	if (!r) {
 		*ret_size = (size_t)st.st_size;
 		k->state = malloc(*ret_size);
-		r = k->state ? io_read_at(fd, k->state, *ret_size, 0, name, err)
-			     : err_set(err, ERR_NOMEM, "no memory for %s", name);
+		r = k->state ? io_read_at(fd, k->state, *ret_size, 0, name, err) :
+			       err_set(err, ERR_NOMEM, "no memory for %s", name);
 	}
 	io_close(fd);
 	return r;
@@ -391,8 +391,8 @@ int format_run_save(struct format_run *run, const void *state, size_t size, stru
 		return err_set(err, ERR_NOMEM, "no memory to keep the state of a fetch");
 	p = packer_of(bytes, room);
 	pack(run, state, size, &p);
-	r = p.bad ? err_set(err, ERR_INTERNAL, "the state of a fetch does not fit its place")
-		  : write_state(run, bytes, packer_size(&p), err);
+	r = p.bad ? err_set(err, ERR_INTERNAL, "the state of a fetch does not fit its place") :
+		    write_state(run, bytes, packer_size(&p), err);
 	free(bytes);
 	if (r)
 		return r;

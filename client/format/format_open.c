@@ -36,7 +36,7 @@ static void open_put(struct format_open *t, uint64_t number, const int32_t at[3]
 
 	while (t->slot[i].used)
 		i = (i + 1) & (t->size - 1);
-	t->slot[i] = (struct format_open_slot){ number, { at[0], at[1], at[2] }, 1 };
+	t->slot[i] = (struct format_open_slot){number, {at[0], at[1], at[2]}, 1};
 	t->used++;
 }
 
@@ -79,8 +79,7 @@ static bool is_final(const struct acut_mesh_block *b, uint32_t local)
 	return b->final && (b->final[local >> 3] >> (local & 7) & 1);
 }
 
-int format_open_block(struct format_open *t, const struct acut_mesh_block *b, const int32_t (**ret)[3],
-		      struct err *err)
+int format_open_block(struct format_open *t, const struct acut_mesh_block *b, const int32_t (**ret)[3], struct err *err)
 {
 	size_t n = (size_t)b->nforeign + b->nnew;
 
@@ -109,7 +108,7 @@ int format_open_block(struct format_open *t, const struct acut_mesh_block *b, co
 			return -err->code;
 		open_put(t, b->first + i, b->vertex[i]);
 	}
-	*ret = (const int32_t (*)[3])t->position;
+	*ret = (const int32_t(*)[3])t->position;
 	return 0;
 }
 

@@ -60,8 +60,7 @@ static char *proc_name(int fd, char buf[32])
 }
 
 /* Calls `make` with temporary names until one is free. */
-static int output_temp(struct format_output *o, int (*make)(struct format_output *, struct err *),
-		       struct err *err)
+static int output_temp(struct format_output *o, int (*make)(struct format_output *, struct err *), struct err *err)
 {
 	for (unsigned i = 0; i < 1000; i++) {
 		struct err e = ERR_INIT;

@@ -12,18 +12,18 @@ struct format_output {
 	int dirfd, fd;             /* dirfd -1: standard output or not a regular file; fd -1: an annex without bytes */
 	char *label, *name, *temp; /* label: what messages call it; name, temp: inside dirfd */
 	bool seekable, no_clobber, own_fd;
-	bool passing;              /* its name is not the last one: the folder need not be durable */
-	bool nameless;             /* has no name yet, temp is NULL */
-	bool may_direct;           /* past the page cache, once it is worth it */
-	bool direct;               /* fd is in that state */
+	bool passing;               /* its name is not the last one: the folder need not be durable */
+	bool nameless;              /* has no name yet, temp is NULL */
+	bool may_direct;            /* past the page cache, once it is worth it */
+	bool direct;                /* fd is in that state */
 	struct format_output *host; /* of an annex; it outlives the annex */
-	bool inside;               /* the annex's bytes are in the host's file, from `base` on */
+	bool inside;                /* the annex's bytes are in the host's file, from `base` on */
 	uint64_t base;
-	uint64_t at;               /* bytes handed to the system */
-	struct format_part *part;  /* it is kept in NAME.part; NULL: it is not */
+	uint64_t at;                 /* bytes handed to the system */
+	struct format_part *part;    /* it is kept in NAME.part; NULL: it is not */
 	struct format_output *annex; /* of a kept one */
 	size_t used;
-	uint8_t *buf;              /* FORMAT_BUFFER and FORMAT_BUFFER_BEHIND at least, on a block's bounds */
+	uint8_t *buf; /* FORMAT_BUFFER and FORMAT_BUFFER_BEHIND at least, on a block's bounds */
 };
 
 struct format_output *format_output_alloc(const char *label, struct err *err);

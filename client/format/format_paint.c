@@ -18,13 +18,21 @@
 /* Metres a unit; 0 = unknown. */
 static double unit_metres(const char *unit)
 {
-	static const struct { const char *name; double metres; } unit_row[] = {
-		{ "metre", 1 },		       { "meter", 1 },
-		{ "m", 1 },		       { "foot", 0.3048 },
-		{ "ft", 0.3048 },	       { "us-foot", 1200.0 / 3937 },
-		{ "us-survey-foot", 1200.0 / 3937 }, { "ftUS", 1200.0 / 3937 },
-		{ "us survey foot", 1200.0 / 3937 }, { "degree", 111320 },
-		{ "deg", 111320 },
+	static const struct {
+		const char *name;
+		double metres;
+	} unit_row[] = {
+		{"metre", 1},
+		{"meter", 1},
+		{"m", 1},
+		{"foot", 0.3048},
+		{"ft", 0.3048},
+		{"us-foot", 1200.0 / 3937},
+		{"us-survey-foot", 1200.0 / 3937},
+		{"ftUS", 1200.0 / 3937},
+		{"us survey foot", 1200.0 / 3937},
+		{"degree", 111320},
+		{"deg", 111320},
 	};
 
 	for (size_t i = 0; unit && i < sizeof(unit_row) / sizeof(unit_row[0]); i++)
@@ -51,7 +59,7 @@ static void paint_range(struct format_paint *p)
 	const struct format_raster *r = p->raster;
 	size_t n = (size_t)r->w * r->h, covered = 0;
 	float low = INFINITY, high = -INFINITY;
-	uint64_t bin[BINS] = { 0 };
+	uint64_t bin[BINS] = {0};
 
 	for (size_t i = 0; i < n; i++) {
 		if (isnan(r->z[i]))
@@ -74,10 +82,10 @@ static void paint_range(struct format_paint *p)
 	p->high = percentile(bin, covered, 0.98, low, high);
 }
 
-void format_paint_init(struct format_paint *p, const struct format_raster *r,
-		       const struct acut_mesh_head *head, enum format_color color)
+void format_paint_init(struct format_paint *p, const struct format_raster *r, const struct acut_mesh_head *head,
+		       enum format_color color)
 {
-	struct decimal xy = { 1, 0 }, z = { 1, 0 };
+	struct decimal xy = {1, 0}, z = {1, 0};
 	double mxy = unit_metres(head->unit_xy), mz = unit_metres(head->unit_z);
 
 	memset(p, 0, sizeof(*p));
@@ -137,8 +145,7 @@ static void hue(double h, double v, uint8_t rgb[3])
 /* Lowland green over tan and brown to white. */
 static void ramp(double t, double v, uint8_t rgb[3])
 {
-	static const uint8_t stop[][3] = { { 34, 102, 60 }, { 126, 166, 88 }, { 222, 208, 142 },
-					   { 168, 118, 78 }, { 250, 250, 250 } };
+	static const uint8_t stop[][3] = {{34, 102, 60}, {126, 166, 88}, {222, 208, 142}, {168, 118, 78}, {250, 250, 250}};
 	unsigned i;
 
 	t = t < 0 ? 0 : t > 1 ? 4 : t * 4;

@@ -29,7 +29,7 @@ struct format_part {
 	XXH3_state_t *hash; /* of the chunk that is not full */
 	uint64_t from;      /* offset in the file where the sum begins */
 	uint64_t size, chain;
-	bool on;            /* the file goes on */
+	bool on;                     /* the file goes on */
 	struct format_sum annex_sum; /* then, of the annex */
 };
 
@@ -219,8 +219,7 @@ int format_part_begin(struct format_output *o, bool on, struct err *err)
 	return 0;
 }
 
-int format_part_go_on(struct format_output *o, const struct format_sum *sum, const struct format_sum *annex,
-		      struct err *err)
+int format_part_go_on(struct format_output *o, const struct format_sum *sum, const struct format_sum *annex, struct err *err)
 {
 	o->part->annex_sum = *annex;
 	return part_verify(o, o, "", sum, err);

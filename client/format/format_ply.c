@@ -30,8 +30,8 @@ struct ply {
 	struct format_options opt;
 	struct format_axis axis[3];
 	uint64_t nvertex, nface;
-	size_t header;             /* bytes kept for it */
-	char *comments;            /* lines of the head */
+	size_t header;  /* bytes kept for it */
+	char *comments; /* lines of the head */
 };
 
 static int ply_comment(void *ctx, const char *text, struct err *err)
@@ -46,14 +46,13 @@ static int ply_comment(void *ctx, const char *text, struct err *err)
 	return 0;
 }
 
-static int ply_header(const struct ply *p, const char *digest, const char *vertex_digest, uint64_t nvertex,
-		      uint64_t nface, char buf[PLY_HEADER], struct err *err)
+static int ply_header(const struct ply *p, const char *digest, const char *vertex_digest, uint64_t nvertex, uint64_t nface,
+		      char buf[PLY_HEADER], struct err *err)
 {
 	const char *index = nvertex > (1u << 31) - 1 ? "uint" : "int";
 	int n = snprintf(buf, PLY_HEADER,
 			 "ply\nformat binary_little_endian 1.0\n%scomment acut-digest %s %s\n"
-			 "element vertex %" PRIu64
-			 "\nproperty double x\nproperty double y\nproperty double z\n"
+			 "element vertex %" PRIu64 "\nproperty double x\nproperty double y\nproperty double z\n"
 			 "element face %" PRIu64 "\nproperty list uchar %s vertex_indices\nend_header\n",
 			 p->comments, digest, vertex_digest, nvertex, nface, index);
 

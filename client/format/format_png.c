@@ -20,11 +20,10 @@ struct picture {
 	struct format_raster raster;
 	struct acut_mesh_head head; /* scales and units only */
 	char scale_xy[64], scale_z[64], unit_xy[64], unit_z[64];
-	struct err *err;           /* of the running call, for libpng's callbacks */
+	struct err *err; /* of the running call, for libpng's callbacks */
 };
 
-static int png_open_writer(struct format_output *out, const struct format_options *opt, void **ret,
-			   struct err *err)
+static int png_open_writer(struct format_output *out, const struct format_options *opt, void **ret, struct err *err)
 {
 	struct picture *p;
 
@@ -55,8 +54,7 @@ static int png_head(void *writer, const struct acut_mesh_head *head, struct err 
 	p->head.scale_z = keep(p->scale_z, sizeof(p->scale_z), head->scale_z);
 	p->head.unit_xy = keep(p->unit_xy, sizeof(p->unit_xy), head->unit_xy);
 	p->head.unit_z = keep(p->unit_z, sizeof(p->unit_z), head->unit_z);
-	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width,
-				  p->opt.color == FORMAT_DOMAIN, err);
+	return format_raster_init(&p->raster, head->box, head->box + 3, p->opt.width, p->opt.color == FORMAT_DOMAIN, err);
 }
 
 /* One number for a region, well mixed: neighbours must not look alike. */
@@ -79,8 +77,7 @@ static int png_block(void *writer, const struct format_block *block, struct err 
 
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
-		format_raster_triangle(&p->raster, block->position[t[0]], block->position[t[1]],
-				       block->position[t[2]], domain);
+		format_raster_triangle(&p->raster, block->position[t[0]], block->position[t[1]], block->position[t[2]], domain);
 	}
 	return 0;
 }
@@ -93,9 +90,7 @@ static void png_put(png_structp png, png_bytep bytes, png_size_t n)
 		png_error(png, "output");
 }
 
-static void png_put_flush(png_structp png)
-{
-}
+static void png_put_flush(png_structp png) {}
 
 static void png_fail(png_structp png, png_const_charp text)
 {
@@ -106,16 +101,16 @@ static void png_fail(png_structp png, png_const_charp text)
 	png_longjmp(png, 1);
 }
 
-static void png_warn(png_structp png, png_const_charp text)
-{
-}
+static void png_warn(png_structp png, png_const_charp text) {}
 
-struct frame { uint32_t x0, y0, x1, y1; };
+struct frame {
+	uint32_t x0, y0, x1, y1;
+};
 
 /* The covered part of the raster; one transparent pixel if there is none. */
 static struct frame covered(const struct format_raster *r)
 {
-	struct frame f = { r->w, r->h, 0, 0 };
+	struct frame f = {r->w, r->h, 0, 0};
 
 	for (uint32_t y = 0; y < r->h; y++) {
 		const float *z = r->z + (size_t)y * r->w;
@@ -128,7 +123,7 @@ static struct frame covered(const struct format_raster *r)
 			f.y1 = y + 1;
 		}
 	}
-	return f.x1 ? f : (struct frame){ 0, 0, 1, 1 };
+	return f.x1 ? f : (struct frame){0, 0, 1, 1};
 }
 
 static int png_encode(struct picture *p, const struct format_paint *paint, struct frame f, uint8_t *row)

@@ -38,7 +38,7 @@ int format_output_publish(struct format_output *, struct err *err);
 struct format_output *format_output_free(struct format_output *);
 
 #define FORMAT_BUFFER (1u << 20)
-#define FORMAT_BUFFER_KEPT 4096      /* what may stay in it when it was written */
+#define FORMAT_BUFFER_KEPT 4096 /* what may stay in it when it was written */
 #define FORMAT_BUFFER_BEHIND 16
 #define FORMAT_ANNEX_AT (1ull << 37) /* an output with an annex stays below this size until they are joined */
 
@@ -53,29 +53,27 @@ struct format_fraction {
 struct format_axis {
 	int64_t a, b;
 	int32_t e;
-	bool whole;                /* a, b, e hold; else scale and k, without origin */
-	bool fast;                 /* |X * a + b| < 2^53 and |e| <= 22: one rounding in doubles */
-	double power;              /* 10^|e| */
+	bool whole;   /* a, b, e hold; else scale and k, without origin */
+	bool fast;    /* |X * a + b| < 2^53 and |e| <= 22: one rounding in doubles */
+	double power; /* 10^|e| */
 	struct decimal scale;
 	int64_t k;
 	bool converted;
-	int decimals;              /* of the text */
+	int decimals; /* of the text */
 	struct format_fraction value, text;
 };
 
 #define FORMAT_COORDINATE 64 /* room for one coordinate as text */
 
 /* Three axes of a stream; origin as the options say, rounded to the lattice if "auto". */
-int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *, const struct format_options *,
-		     struct err *err);
+int format_axis_init(struct format_axis axis[3], const struct acut_mesh_head *, const struct format_options *, struct err *err);
 double format_axis_value(const struct format_axis *, int32_t number);
 /* n vertices to n * 3 doubles. */
 void format_axis_values(const struct format_axis axis[3], const int32_t (*vertex)[3], size_t n, double *ret);
 /* Exact text at `at`, as many decimals as the lattice has; returns the end. 8 bytes more may be overwritten. */
 char *format_axis_text(const struct format_axis *, int32_t number, char *at);
 /* "acut-origin X Y Z" text if one was taken, else "". */
-char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf,
-			 size_t size);
+char *format_axis_origin(const struct acut_mesh_head *, const struct format_options *, char *buf, size_t size);
 
 /* ---- units of length: format_unit.c ---- */
 
@@ -98,14 +96,17 @@ int format_comment_head(const struct acut_mesh_head *, const struct format_optio
 /* ---- positions of open vertices: format_open.c ---- */
 
 struct format_open {
-	struct format_open_slot { uint64_t number; int32_t at[3]; uint32_t used; } *slot;
-	size_t size, used;         /* size a power of two */
-	int32_t (*position)[3];    /* of the current block */
+	struct format_open_slot {
+		uint64_t number;
+		int32_t at[3];
+		uint32_t used;
+	} * slot;
+	size_t size, used;      /* size a power of two */
+	int32_t (*position)[3]; /* of the current block */
 	size_t room;
 };
 /* Positions of all local vertices of the block; afterwards the table holds what later blocks may use. */
-int format_open_block(struct format_open *, const struct acut_mesh_block *, const int32_t (**ret)[3],
-		      struct err *err);
+int format_open_block(struct format_open *, const struct acut_mesh_block *, const int32_t (**ret)[3], struct err *err);
 void format_open_done(struct format_open *);
 enum { FORMAT_OPEN_SAVED = 20 }; /* bytes a vertex, and 8 */
 void format_open_save(const struct format_open *, struct packer *);
@@ -120,7 +121,7 @@ struct format_edge {
 	unsigned __int128 limit;   /* squared lattice length: longer edges are left out */
 	bool gather;
 	double scale;
-	char unit[16];             /* of x and y */
+	char unit[16]; /* of x and y */
 	uint64_t left_out;
 	unsigned __int128 left_out_area2; /* twice the area, lattice units */
 	unsigned __int128 longest;
@@ -129,10 +130,8 @@ struct format_edge {
 	size_t room;
 };
 /* limit * num / den / scale as p / q in lowest terms; false if it does not fit 64 bits. */
-bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p,
-		       uint64_t *ret_q);
-int format_edge_init(struct format_edge *, const struct acut_mesh_head *, const struct format_run_options *,
-		     struct err *err);
+bool format_edge_ratio(struct decimal limit, int64_t num, int64_t den, struct decimal scale, uint64_t *ret_p, uint64_t *ret_q);
+int format_edge_init(struct format_edge *, const struct acut_mesh_head *, const struct format_run_options *, struct err *err);
 /* *ret is the block without the triangles left out; it points into the filter and the block. */
 int format_edge_block(struct format_edge *, const struct acut_mesh_block *, const int32_t (*position)[3],
 		      struct acut_mesh_block *ret, struct err *err);
@@ -147,8 +146,8 @@ void format_edge_load(struct format_edge *, struct cursor *);
 
 struct format_sort;
 /* Records of `words` words; the first `keys` of them are the order. At most `memory` bytes. */
-int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct format_output *beside,
-		    struct format_sort **ret, struct err *err);
+int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct format_output *beside, struct format_sort **ret,
+		    struct err *err);
 int format_sort_add(struct format_sort *, const uint64_t *record, struct err *err);
 int format_sort_start(struct format_sort *, struct err *err);
 /* *ret: the next record, valid until the next call; NULL at the end. */
@@ -158,8 +157,8 @@ struct format_sort *format_sort_free(struct format_sort *);
 /* ---- --canonical: format_canonical.c ---- */
 
 struct format_canonical;
-int format_canonical_new(const struct format *, void *writer, const struct format_output *beside,
-			 uint64_t memory, struct format_canonical **ret, struct err *err);
+int format_canonical_new(const struct format *, void *writer, const struct format_output *beside, uint64_t memory,
+			 struct format_canonical **ret, struct err *err);
 /* Vertices come once for each triangle that has them, and are written once. */
 void format_canonical_merge(struct format_canonical *);
 int format_canonical_block(struct format_canonical *, const struct format_block *, struct err *err);
@@ -171,17 +170,16 @@ struct format_canonical *format_canonical_free(struct format_canonical *);
 
 struct format_raster {
 	uint32_t w, h;
-	float *z;                  /* lattice numbers, row 0 is the north; NaN where nothing is */
-	uint32_t *domain;          /* NULL unless asked for; hash of the region */
+	float *z;         /* lattice numbers, row 0 is the north; NaN where nothing is */
+	uint32_t *domain; /* NULL unless asked for; hash of the region */
 	int32_t min[2];
-	double factor;             /* sub-pixels a lattice unit */
+	double factor; /* sub-pixels a lattice unit */
 };
 #define FORMAT_SUBPIXEL 256
 /* For the box (min x y, max x y); the picture is `width` pixels wide, less if it would be very high. */
-int format_raster_init(struct format_raster *, const int32_t min[2], const int32_t max[2], uint32_t width,
-		       bool domains, struct err *err);
-void format_raster_triangle(struct format_raster *, const int32_t *a, const int32_t *b, const int32_t *c,
-			    uint32_t domain);
+int format_raster_init(struct format_raster *, const int32_t min[2], const int32_t max[2], uint32_t width, bool domains,
+		       struct err *err);
+void format_raster_triangle(struct format_raster *, const int32_t *a, const int32_t *b, const int32_t *c, uint32_t domain);
 void format_raster_done(struct format_raster *);
 
 /* ---- pixels to colours: format_paint.c ---- */
@@ -189,11 +187,10 @@ void format_raster_done(struct format_raster *);
 struct format_paint {
 	const struct format_raster *raster;
 	enum format_color color;
-	double cell, height;       /* xy length of a pixel, z length of a number, in one unit */
-	float low, high;           /* z numbers at the ends of the ramp */
+	double cell, height; /* xy length of a pixel, z length of a number, in one unit */
+	float low, high;     /* z numbers at the ends of the ramp */
 };
-void format_paint_init(struct format_paint *, const struct format_raster *, const struct acut_mesh_head *,
-		       enum format_color);
+void format_paint_init(struct format_paint *, const struct format_raster *, const struct acut_mesh_head *, enum format_color);
 /* RGBA of the pixels x0 <= x < x1 of one row. */
 void format_paint_row(const struct format_paint *, uint32_t y, uint32_t x0, uint32_t x1, uint8_t *ret);
 

@@ -18,8 +18,8 @@
 #define RASTER_PIXELS (1u << 26) /* at most */
 #define RASTER_HIGH 4            /* at most this many times as high as wide was asked for */
 
-int format_raster_init(struct format_raster *r, const int32_t min[2], const int32_t max[2], uint32_t width,
-		       bool domains, struct err *err)
+int format_raster_init(struct format_raster *r, const int32_t min[2], const int32_t max[2], uint32_t width, bool domains,
+		       struct err *err)
 {
 	double ex = (double)max[0] - min[0], ey = (double)max[1] - min[1], high, pixels;
 	size_t n;
@@ -72,7 +72,9 @@ static int64_t pixel_to(int64_t v)
 	return (v - S / 2) >> 8;
 }
 
-struct corner { int64_t x, y; };
+struct corner {
+	int64_t x, y;
+};
 
 /* Narrows [*from, *to] to the pixels of the row at `y` that lie to the left of the edge a -> b. */
 static void narrow(const struct corner *a, const struct corner *b, int64_t y, int64_t *from, int64_t *to)
@@ -93,11 +95,13 @@ static void narrow(const struct corner *a, const struct corner *b, int64_t y, in
 	}
 }
 
-struct plane { double z, gx, gy; float low, high; };
+struct plane {
+	double z, gx, gy;
+	float low, high;
+};
 
 /* Height over the snapped triangle, z = z_a + gx (x - a.x) + gy (y - a.y). */
-static struct plane plane_of(const struct corner p[3], const int32_t *a, const int32_t *b, const int32_t *c,
-			     int64_t area)
+static struct plane plane_of(const struct corner p[3], const int32_t *a, const int32_t *b, const int32_t *c, int64_t area)
 {
 	double bx = (double)(p[1].x - p[0].x), by = (double)(p[1].y - p[0].y);
 	double cx = (double)(p[2].x - p[0].x), cy = (double)(p[2].y - p[0].y);
@@ -112,8 +116,8 @@ static struct plane plane_of(const struct corner p[3], const int32_t *a, const i
 
 static struct corner snap(const struct format_raster *r, const int32_t *v)
 {
-	return (struct corner){ (int64_t)(((double)v[0] - r->min[0]) * r->factor + 0.5),
-				(int64_t)(((double)v[1] - r->min[1]) * r->factor + 0.5) };
+	return (struct corner){(int64_t)(((double)v[0] - r->min[0]) * r->factor + 0.5),
+			       (int64_t)(((double)v[1] - r->min[1]) * r->factor + 0.5)};
 }
 
 static int64_t min3(int64_t a, int64_t b, int64_t c)
@@ -126,12 +130,10 @@ static int64_t max3(int64_t a, int64_t b, int64_t c)
 	return a > b ? (a > c ? a : c) : (b > c ? b : c);
 }
 
-void format_raster_triangle(struct format_raster *r, const int32_t *a, const int32_t *b, const int32_t *c,
-			    uint32_t domain)
+void format_raster_triangle(struct format_raster *r, const int32_t *a, const int32_t *b, const int32_t *c, uint32_t domain)
 {
-	const struct corner p[3] = { snap(r, a), snap(r, b), snap(r, c) };
-	int64_t left = pixel_from(min3(p[0].x, p[1].x, p[2].x)),
-		right = pixel_to(max3(p[0].x, p[1].x, p[2].x));
+	const struct corner p[3] = {snap(r, a), snap(r, b), snap(r, c)};
+	int64_t left = pixel_from(min3(p[0].x, p[1].x, p[2].x)), right = pixel_to(max3(p[0].x, p[1].x, p[2].x));
 	int64_t low = pixel_from(min3(p[0].y, p[1].y, p[2].y)), high = pixel_to(max3(p[0].y, p[1].y, p[2].y));
 	int64_t area;
 	struct plane f;
@@ -153,8 +155,7 @@ void format_raster_triangle(struct format_raster *r, const int32_t *a, const int
 		for (int i = 0; i < 3; i++)
 			narrow(&p[i], &p[i == 2 ? 0 : i + 1], y, &from, &to);
 		for (int64_t px = from; px <= to; px++) {
-			double z =
-				f.z + f.gx * (double)(px * S + S / 2 - p[0].x) + f.gy * (double)(y - p[0].y);
+			double z = f.z + f.gx * (double)(px * S + S / 2 - p[0].x) + f.gy * (double)(y - p[0].y);
 			float fz = (float)z;
 			r->z[at + (size_t)px] = fz < f.low ? f.low : fz > f.high ? f.high : fz;
 			if (r->domain)

@@ -42,8 +42,7 @@ static struct format_target *target_free(struct format_target *t)
 	return NULL;
 }
 
-static int target_check(const char *path, const struct format *format, const struct format_options *opt,
-			struct err *err)
+static int target_check(const char *path, const struct format *format, const struct format_options *opt, struct err *err)
 {
 	if (opt->canonical && !format->canonical)
 		return err_set(err, ERR_USAGE, "--canonical has no meaning for %s", format->name);
@@ -60,15 +59,15 @@ static int target_check(const char *path, const struct format *format, const str
 	return 0;
 }
 
-int format_run_add(struct format_run *run, const char *path, const struct format *format,
-		   const struct format_options *opt, struct err *err)
+int format_run_add(struct format_run *run, const char *path, const struct format *format, const struct format_options *opt,
+		   struct err *err)
 {
 	int r = target_check(path, format, opt, err);
 	struct format_target *t = r ? NULL : calloc(1, sizeof(*t));
 
 	if (!r && run->opt.tiled)
-		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given")
-			       : format_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
+		r = run->tiles ? err_set(err, ERR_USAGE, "tiles go into one folder, and two are given") :
+				 format_tiles_new(path, format, opt, &run->opt, &run->tiles, err);
 	run->positions |= run->opt.tiled;
 	if (r || run->opt.tiled) {
 		free(t);
@@ -118,7 +117,7 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 {
 	struct format_run *run = ctx;
 	struct acut_mesh_block kept;
-	struct format_block block = { b, NULL };
+	struct format_block block = {b, NULL};
 	int r = 0;
 
 	if (run->positions)
@@ -130,8 +129,8 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 		block.mesh = &kept;
 	}
 	for (struct format_target *t = run->target; t && !r; t = t->next)
-		r = t->canonical ? format_canonical_block(t->canonical, &block, &run->err)
-				 : t->format->block(t->writer, &block, &run->err);
+		r = t->canonical ? format_canonical_block(t->canonical, &block, &run->err) :
+				   t->format->block(t->writer, &block, &run->err);
 	return r || !run->tiles ? r : format_tiles_block(run->tiles, &block, &run->err);
 }
 
@@ -172,12 +171,12 @@ static int run_gone(void *ctx, const struct acut_mesh_region *region)
 
 struct acut_changes_sink format_run_changes(struct format_run *run)
 {
-	return (struct acut_changes_sink){ .mesh = format_run_sink(run), .base = run_base, .gone = run_gone };
+	return (struct acut_changes_sink){.mesh = format_run_sink(run), .base = run_base, .gone = run_gone};
 }
 
 struct acut_mesh_sink format_run_sink(struct format_run *run)
 {
-	return (struct acut_mesh_sink){ .head = run_head, .block = run_block, .tail = run_tail, .ctx = run };
+	return (struct acut_mesh_sink){.head = run_head, .block = run_block, .tail = run_tail, .ctx = run};
 }
 
 const struct err *format_run_error(const struct format_run *run)

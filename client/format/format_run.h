@@ -19,15 +19,15 @@ struct format_target {
 struct format_run {
 	struct format_run_options opt;
 	struct format_target *target, **end;
-	bool positions;            /* somebody needs them */
+	bool positions;               /* somebody needs them */
 	struct format_change *change; /* NULL: the stream is of a mesh */
-	struct format_tiles *tiles; /* NULL: one file an output */
+	struct format_tiles *tiles;   /* NULL: one file an output */
 	bool finished;
 	struct format_open open;
 	struct format_edge edge;
 	struct err err;
 	uint64_t bytes;
-	struct format_kept *kept;  /* NULL: nothing is */
+	struct format_kept *kept; /* NULL: nothing is */
 };
 
 /* format_keep.c: in place of the heads of the writers, when a run goes on. */

@@ -15,9 +15,9 @@
 #define SORT_RUN_LEAST 4096 /* bytes a run's buffer has at least */
 
 struct run {
-	uint64_t at, end;          /* what is still in the file, bytes */
+	uint64_t at, end; /* what is still in the file, bytes */
 	uint64_t *buf;
-	size_t next, have;         /* records in buf */
+	size_t next, have; /* records in buf */
 };
 
 struct format_sort {
@@ -25,12 +25,12 @@ struct format_sort {
 	const struct format_output *beside;
 	struct format_output *spool;
 	uint64_t *buf;
-	size_t room, used;         /* records */
+	size_t room, used; /* records */
 	struct run *run;
 	size_t nrun, run_room;
 	uint32_t *heap;
 	size_t nheap;
-	size_t next;               /* without runs: the next record of buf */
+	size_t next; /* without runs: the next record of buf */
 };
 
 static int compare(const struct format_sort *s, const uint64_t *a, const uint64_t *b)
@@ -64,7 +64,7 @@ static unsigned byte_of(const uint64_t *rec, unsigned byte)
 /* Records that agree in all bytes before `byte`: put into 256 places by that byte, each sorted further. */
 static void sort_bytes(const struct format_sort *s, uint64_t *rec, size_t n, unsigned byte)
 {
-	size_t at[256] = { 0 }, end[256], sum = 0, size = s->words * sizeof(uint64_t);
+	size_t at[256] = {0}, end[256], sum = 0, size = s->words * sizeof(uint64_t);
 	uint64_t hold[SORT_WORDS];
 
 	if (n < 48 || byte == 8 * s->keys) {
@@ -100,8 +100,8 @@ static void sort_bytes(const struct format_sort *s, uint64_t *rec, size_t n, uns
 	}
 }
 
-int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct format_output *beside,
-		    struct format_sort **ret, struct err *err)
+int format_sort_new(unsigned words, unsigned keys, uint64_t memory, const struct format_output *beside, struct format_sort **ret,
+		    struct err *err)
 {
 	struct format_sort *s = calloc(1, sizeof(*s));
 
@@ -142,7 +142,7 @@ static int spill(struct format_sort *s, struct err *err)
 		return rc;
 	sort_bytes(s, s->buf, s->used, 0);
 	r = &s->run[s->nrun++];
-	*r = (struct run){ .at = format_output_size(s->spool) };
+	*r = (struct run){.at = format_output_size(s->spool)};
 	rc = format_output_write(s->spool, s->buf, s->used * s->words * sizeof(uint64_t), err);
 	r->end = format_output_size(s->spool);
 	s->used = 0;

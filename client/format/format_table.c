@@ -7,7 +7,7 @@
 
 #include "format_priv.h"
 
-static const struct format *const row[] = { &format_ply, &format_obj, &format_png, &format_null };
+static const struct format *const row[] = {&format_ply, &format_obj, &format_png, &format_null};
 
 const struct format *const *format_rows(size_t *ret_n)
 {
@@ -52,7 +52,7 @@ const struct format *format_by_path(const char *path)
 
 bool format_parse_color(const char *text, enum format_color *ret)
 {
-	static const char *const name[] = { "hillshade", "elevation", "domain" };
+	static const char *const name[] = {"hillshade", "elevation", "domain"};
 
 	for (unsigned i = 0; i < 3; i++) {
 		if (!strcmp(text, name[i])) {

@@ -23,8 +23,8 @@
 
 typedef __int128 i128;
 
-static int tiles_check(const char *dir, const struct format *format, const struct format_options *opt,
-		       struct decimal size, struct err *err)
+static int tiles_check(const char *dir, const struct format *format, const struct format_options *opt, struct decimal size,
+		       struct err *err)
 {
 	if (!dir || format->nothing)
 		return err_set(err, ERR_USAGE, "%s writes nothing: there are no tiles to write", format->name);
@@ -115,8 +115,7 @@ static int lay_out(struct format_tiles *t, struct err *err)
 	const struct acut_mesh_head *h = &t->head;
 
 	for (int i = 0; i < 2 && h->box[0] <= h->box[3] && h->box[1] <= h->box[4]; i++) {
-		i128 first = tile_of(t, 3 * ((i128)h->box[i] + h->k[i])),
-		     last = tile_of(t, 3 * ((i128)h->box[i + 3] + h->k[i]));
+		i128 first = tile_of(t, 3 * ((i128)h->box[i] + h->k[i])), last = tile_of(t, 3 * ((i128)h->box[i + 3] + h->k[i]));
 
 		if (first < INT64_MIN / 2 || last > INT64_MAX / 2)
 			return err_set(err, ERR_USAGE, "--tile is too small: the numbers of the tiles have more than 62 bits");
@@ -142,8 +141,7 @@ static int keep_text(struct format_tiles *t, const char **text, struct err *err)
 int format_tiles_head(struct format_tiles *t, const struct acut_mesh_head *head, struct err *err)
 {
 	struct acut_mesh_head *h = &t->head;
-	const char **text[] = { &h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view,
-				&h->stream_id };
+	const char **text[] = {&h->lattice, &h->scale_xy, &h->scale_z, &h->crs, &h->unit_xy, &h->unit_z, &h->view, &h->stream_id};
 	struct decimal scale;
 	int r = 0;
 
@@ -174,8 +172,7 @@ const char *format_tiles_name(void *tiles, size_t i, char buf[FORMAT_PLACE_NAME]
 	int64_t at[2];
 
 	format_tiles_number(t, i, at);
-	snprintf(buf, FORMAT_PLACE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n,
-		 t->format->extensions);
+	snprintf(buf, FORMAT_PLACE_NAME, "tile_%lld_%lld%.*s", (long long)at[0], (long long)at[1], n, t->format->extensions);
 	return buf;
 }
 
@@ -230,7 +227,7 @@ static int find_tile(struct format_tiles *t, uint64_t number, struct format_tile
 	if (!r && !t->slot[i]) {
 		if (t->ntile == FORMAT_TILES)
 			return too_many(t, err);
-		t->tile[t->ntile] = (struct format_tile){ .number = number };
+		t->tile[t->ntile] = (struct format_tile){.number = number};
 		t->slot[i] = (uint32_t)++t->ntile;
 	}
 	if (!r)
@@ -296,7 +293,7 @@ static int add_triangle(struct format_tiles *t, const int32_t *const corner[3], 
 	}
 	rec[4] = (uint64_t)(uint32_t)corner[low][2] << 32 | (uint32_t)corner[(low + 1) % 3][2];
 	rec[5] = (uint32_t)corner[(low + 2) % 3][2];
-	digest_add_triangles(&tile->digest, (const uint64_t (*)[3]) & place, 1, t->head.k);
+	digest_add_triangles(&tile->digest, (const uint64_t(*)[3]) & place, 1, t->head.k);
 	tile->triangles++;
 	return format_sort_add(t->sort, rec, err);
 }

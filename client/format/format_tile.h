@@ -27,9 +27,9 @@ struct format_place *format_place_free(struct format_place *);
 /* ---- tiles ---- */
 
 struct format_tile {
-	uint64_t number;           /* row << 32 | column, from the first ones of the box */
+	uint64_t number; /* row << 32 | column, from the first ones of the box */
 	uint64_t triangles, vertices, bytes;
-	int32_t box[6];            /* of the vertices of its triangles */
+	int32_t box[6]; /* of the vertices of its triangles */
 	struct digest digest, vertex_digest;
 };
 
@@ -37,28 +37,28 @@ struct format_tiles {
 	const struct format *format;
 	struct format_options opt;
 	struct format_run_options run;
-	struct decimal size;       /* exponent not above 0 */
+	struct decimal size; /* exponent not above 0 */
 	struct format_place *place;
 	struct format_output *index;
-	struct format_sort *sort;  /* the triangles, by tile */
+	struct format_sort *sort;   /* the triangles, by tile */
 	struct acut_mesh_head head; /* its texts are this object's */
 	char *text[8];
 	unsigned ntext;
 	struct acut_mesh_tail tail;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
-	uint64_t p, q;             /* side of a tile over the lattice's scale */
-	int64_t first[2];          /* numbers of the first column and row */
-	uint64_t count[2];         /* columns and rows that the box has */
-	struct format_tile *tile;  /* those with triangles: as they came, then by number */
+	uint64_t p, q;            /* side of a tile over the lattice's scale */
+	int64_t first[2];         /* numbers of the first column and row */
+	uint64_t count[2];        /* columns and rows that the box has */
+	struct format_tile *tile; /* those with triangles: as they came, then by number */
 	size_t ntile;
-	uint32_t *slot;            /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
+	uint32_t *slot; /* by number, open: 1 + which tile, 0 nothing; a power of two of them */
 	size_t nslot;
 	uint64_t job, generation;
 	char *dataset;
 };
 
-int format_tiles_new(const char *dir, const struct format *, const struct format_options *,
-		     const struct format_run_options *, struct format_tiles **ret, struct err *err);
+int format_tiles_new(const char *dir, const struct format *, const struct format_options *, const struct format_run_options *,
+		     struct format_tiles **ret, struct err *err);
 int format_tiles_head(struct format_tiles *, const struct acut_mesh_head *, struct err *err);
 int format_tiles_block(struct format_tiles *, const struct format_block *, struct err *err);
 int format_tiles_tail(struct format_tiles *, const struct acut_mesh_tail *, struct err *err);

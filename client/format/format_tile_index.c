@@ -35,8 +35,7 @@ static void put_head(FILE *f, const struct format_tiles *t, uint64_t left_out)
 	format_geojson_text(f, t->dataset);
 	fprintf(f, ",\"generation\":%llu,\"size\":%s,\"format\":\"%s\",\"tiles\":%llu,\"triangles\":%llu,\"left_out\":%llu,",
 		(unsigned long long)t->generation, decimal_scaled_text(t->size, 1, size), t->format->name,
-		(unsigned long long)format_tiles_count(t), (unsigned long long)t->tail.triangles,
-		(unsigned long long)left_out);
+		(unsigned long long)format_tiles_count(t), (unsigned long long)t->tail.triangles, (unsigned long long)left_out);
 	fprintf(f, "\"digest\":\"%s\",\"vertex_digest\":\"%s\",", t->digest, t->vertex_digest);
 	format_geojson_head(f, h, &t->opt);
 	fputs(",\"origin\":", f);
@@ -64,13 +63,12 @@ static void put_tile(FILE *f, struct format_tiles *t, size_t i)
 	format_tiles_number(t, i, at);
 	fputs("\n{\"type\":\"Feature\",\"geometry\":", f);
 	put_square(f, t, at);
-	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[",
-		format_tiles_name(t, i, name), (long long)at[0], (long long)at[1]);
+	fprintf(f, ",\"properties\":{\"file\":\"%s\",\"column\":%lld,\"row\":%lld,\"box\":[", format_tiles_name(t, i, name),
+		(long long)at[0], (long long)at[1]);
 	for (int k = 0; k < 6; k++)
 		fprintf(f, "%s%s", k ? "," : "", acut_coordinate_text(&t->head, k % 3, tile->box[k], number));
-	fprintf(f, "],\"vertices\":%llu,\"triangles\":%llu,\"bytes\":%llu,\"digest\":\"%s\"",
-		(unsigned long long)tile->vertices, (unsigned long long)tile->triangles, (unsigned long long)tile->bytes,
-		digest_hex(tile->digest, hex));
+	fprintf(f, "],\"vertices\":%llu,\"triangles\":%llu,\"bytes\":%llu,\"digest\":\"%s\"", (unsigned long long)tile->vertices,
+		(unsigned long long)tile->triangles, (unsigned long long)tile->bytes, digest_hex(tile->digest, hex));
 	fprintf(f, ",\"vertex_digest\":\"%s\",\"job\":%llu,\"generation\":%llu}}", digest_hex(tile->vertex_digest, hex),
 		(unsigned long long)t->job, (unsigned long long)t->generation);
 }

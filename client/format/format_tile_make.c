@@ -43,13 +43,15 @@ static int count_block(void *ctx, const struct format_block *block, struct err *
 	return is_picture(m->tiles) ? 0 : m->tiles->format->block(m->writer, block, err);
 }
 
-static const struct format counter = { .name = "tile", .canonical = true, .block = count_block };
+static const struct format counter = {.name = "tile", .canonical = true, .block = count_block};
 
 static int send(struct maker *m, struct err *err)
 {
-	struct acut_mesh_block b = { .nnew = 3 * m->n, .ntriangle = m->n, .vertex = (const int32_t (*)[3])m->vertex,
-				     .triangle = (const uint32_t (*)[3])m->triangle };
-	const struct format_block block = { &b, b.vertex };
+	struct acut_mesh_block b = {.nnew = 3 * m->n,
+				    .ntriangle = m->n,
+				    .vertex = (const int32_t(*)[3])m->vertex,
+				    .triangle = (const uint32_t(*)[3])m->triangle};
+	const struct format_block block = {&b, b.vertex};
 	int r = 0;
 
 	if (m->n && is_picture(m->tiles))
@@ -67,7 +69,7 @@ static int interrupted(const struct format_tiles *t, struct err *err)
 
 static int add(struct maker *m, const uint64_t *rec, struct err *err)
 {
-	const uint32_t z[3] = { (uint32_t)(rec[4] >> 32), (uint32_t)rec[4], (uint32_t)rec[5] };
+	const uint32_t z[3] = {(uint32_t)(rec[4] >> 32), (uint32_t)rec[4], (uint32_t)rec[5]};
 	int r = 0;
 
 	if (m->n == PIECE) {
@@ -119,7 +121,7 @@ static int start(struct maker *m, const char *name, struct err *err)
 static int finish(struct maker *m, struct err *err)
 {
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
-	struct acut_mesh_tail tail = { .triangles = m->tile->triangles, .report = "{}" };
+	struct acut_mesh_tail tail = {.triangles = m->tile->triangles, .report = "{}"};
 	int r = send(m, err);
 
 	if (!r)

@@ -75,8 +75,8 @@ static int open_inner(struct format_place *p, struct err *err)
 		r = io_open(p->fd, PART, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &p->part, err);
 	if (r)
 		return r;
-	if (flock(p->part, LOCK_EX | LOCK_NB) || fstat(p->part, &own) ||
-	    fstatat(p->fd, PART, &named, AT_SYMLINK_NOFOLLOW) || own.st_ino != named.st_ino || own.st_dev != named.st_dev)
+	if (flock(p->part, LOCK_EX | LOCK_NB) || fstat(p->part, &own) || fstatat(p->fd, PART, &named, AT_SYMLINK_NOFOLLOW) ||
+	    own.st_ino != named.st_ino || own.st_dev != named.st_dev)
 		return err_set(err, ERR_BUSY, "another fetch writes tiles there");
 	p->locked = true;
 	empty(p->part);

@@ -19,8 +19,13 @@
 typedef __int128 i128;
 typedef unsigned __int128 u128;
 
-static const struct { const char *word, *name; int64_t num, den; } units[] = {
-	{ "m", "metre", 1, 1 }, { "ft", "foot", 381, 1250 }, { "ftUS", "us-survey-foot", 1200, 3937 },
+static const struct {
+	const char *word, *name;
+	int64_t num, den;
+} units[] = {
+	{"m", "metre", 1, 1},
+	{"ft", "foot", 381, 1250},
+	{"ftUS", "us-survey-foot", 1200, 3937},
 };
 
 #define UNITS (sizeof(units) / sizeof(*units))
@@ -84,13 +89,10 @@ static bool fraction(const struct format_axis *ax, int64_t num, int64_t den, str
 {
 	i128 up, o = 0, most, scaled;
 
-	if (!power_of_ten(decimals + ax->e, &up) ||
-	    (origin.mantissa && !power_of_ten(decimals + origin.exponent, &o)))
+	if (!power_of_ten(decimals + ax->e, &up) || (origin.mantissa && !power_of_ten(decimals + origin.exponent, &o)))
 		return false;
-	if (__builtin_mul_overflow((i128)ax->a * num, up, &ret->a) ||
-	    __builtin_mul_overflow((i128)ax->b * num, up, &ret->b) ||
-	    __builtin_mul_overflow((i128)origin.mantissa * den, o, &scaled) ||
-	    __builtin_sub_overflow(ret->b, scaled, &ret->b))
+	if (__builtin_mul_overflow((i128)ax->a * num, up, &ret->a) || __builtin_mul_overflow((i128)ax->b * num, up, &ret->b) ||
+	    __builtin_mul_overflow((i128)origin.mantissa * den, o, &scaled) || __builtin_sub_overflow(ret->b, scaled, &ret->b))
 		return false;
 	ret->q = den;
 	/* the largest number of all, with room for a doubling when it is rounded */
@@ -169,14 +171,13 @@ char *format_unit_text(const struct format_axis *ax, int32_t x, char *at)
 	return at;
 }
 
-char *format_unit_comment(const struct acut_mesh_head *head, const struct format_options *opt, char *buf,
-			  size_t size)
+char *format_unit_comment(const struct acut_mesh_head *head, const struct format_options *opt, char *buf, size_t size)
 {
 	int64_t num, den;
 
 	buf[0] = 0;
 	if (opt->z_unit && format_unit_ratio(head->unit_z, opt->z_unit, &num, &den) && num != den)
-		snprintf(buf, size, "acut-z-unit %s: z is the lattice's z in %s times %lld/%lld", opt->z_unit,
-			 head->unit_z, (long long)num, (long long)den);
+		snprintf(buf, size, "acut-z-unit %s: z is the lattice's z in %s times %lld/%lld", opt->z_unit, head->unit_z,
+			 (long long)num, (long long)den);
 	return buf;
 }

@@ -15,7 +15,7 @@
 
 #include "clock.h"
 
-#define ERR(name, wire, status, text)                                                                        \
+#define ERR(name, wire, status, text) \
 	_Static_assert((int)ACUT_E_##name == (int)ERR_##name, "acut.h and err.def disagree on " #name);
 #include "err.def"
 #undef ERR
@@ -29,8 +29,7 @@ static struct acut *acut_alloc(const struct acut_options *options)
 	a->err = a->dead = ERR_INIT;
 	if (options)
 		a->options = *options;
-	snprintf(a->program, sizeof a->program, "%s",
-		 options && options->program ? options->program : "libacut");
+	snprintf(a->program, sizeof a->program, "%s", options && options->program ? options->program : "libacut");
 	frame_text_clean(a->program);
 	a->options.program = a->program;
 	return a;
@@ -39,8 +38,7 @@ static struct acut *acut_alloc(const struct acut_options *options)
 static int check_hello(struct acut *a, const Acut__V1__Hello *hello)
 {
 	if (hello->version_min > FRAME_PROTOCOL_MAX || hello->version_max < FRAME_PROTOCOL_MIN) {
-		err_set(&a->err, ERR_VERSION,
-			"the daemon speaks protocol versions %u to %u, this program %u to %u",
+		err_set(&a->err, ERR_VERSION, "the daemon speaks protocol versions %u to %u, this program %u to %u",
 			hello->version_min, hello->version_max, FRAME_PROTOCOL_MIN, FRAME_PROTOCOL_MAX);
 		return err_add_hint(&a->err, "use acutctl and acutd of the same release");
 	}
@@ -98,8 +96,7 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 		if (errno == EISCONN)
 			return 0;
 		if (errno == ENOENT || errno == ECONNREFUSED || errno == ENOTDIR || errno == ENOTSOCK) {
-			err_set(&a->err, ERR_NODAEMON, "no daemon answers at %s: %s", address->sun_path,
-				strerror(errno));
+			err_set(&a->err, ERR_NODAEMON, "no daemon answers at %s: %s", address->sun_path, strerror(errno));
 			return err_add_hint(&a->err, "start acutd, or say with --socket where it listens");
 		}
 		if (errno != EAGAIN && errno != EINTR)
@@ -107,8 +104,7 @@ static int connect_fd(struct acut *a, int fd, const struct sockaddr_un *address)
 		if (a->options.interrupted && a->options.interrupted(a->options.ctx))
 			return err_set(&a->err, ERR_CANCELLED, "interrupted");
 		if (a->options.timeout > 0 && clock_since(since) > a->options.timeout)
-			return err_set(&a->err, ERR_TIMEOUT,
-				       "the daemon at %s took no connection within %g s", address->sun_path,
+			return err_set(&a->err, ERR_TIMEOUT, "the daemon at %s took no connection within %g s", address->sun_path,
 				       a->options.timeout);
 	}
 	return 0;
@@ -120,8 +116,8 @@ static int connect_path(struct acut *a, const char *path)
 	int fd, r;
 
 	if (strlen(path) >= sizeof address.sun_path)
-		return err_set(&a->err, ERR_USAGE, "the socket's path is longer than %zu bytes: %s",
-			       sizeof address.sun_path - 1, path);
+		return err_set(&a->err, ERR_USAGE, "the socket's path is longer than %zu bytes: %s", sizeof address.sun_path - 1,
+			       path);
 	strcpy(address.sun_path, path);
 	fd = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
 	if (fd < 0)
@@ -166,28 +162,28 @@ struct acut *acut_close(struct acut *a)
 void call_failure(const struct err *err, struct acut_failure *ret)
 {
 	*ret = (struct acut_failure){
-	    .code = (int)err->code,
-	    .name = err->code ? err_wire_name(err->code) : "",
-	    .exit_status = err->code ? err_exit_status(err->code) : 0,
-	    .message = err->message,
-	    .file = err->file,
-	    .field = err->field,
-	    .hint = err->hint,
-	    .offset = err->offset,
+		.code = (int)err->code,
+		.name = err->code ? err_wire_name(err->code) : "",
+		.exit_status = err->code ? err_exit_status(err->code) : 0,
+		.message = err->message,
+		.file = err->file,
+		.field = err->field,
+		.hint = err->hint,
+		.offset = err->offset,
 	};
 }
 
 const struct acut_failure *acut_error(const struct acut *a)
 {
 	static const struct acut_failure no_memory = {
-	    .code = ACUT_E_NOMEM,
-	    .name = "out-of-memory",
-	    .exit_status = 75,
-	    .message = "there is no memory for a connection",
-	    .file = "",
-	    .field = "",
-	    .hint = "",
-	    .offset = UINT64_MAX,
+		.code = ACUT_E_NOMEM,
+		.name = "out-of-memory",
+		.exit_status = 75,
+		.message = "there is no memory for a connection",
+		.file = "",
+		.field = "",
+		.hint = "",
+		.offset = UINT64_MAX,
 	};
 
 	if (!a)
@@ -267,31 +263,30 @@ int acut_status(struct acut *a, const struct acut_status **ret)
 {
 	Acut__V1__StatusRequest question = ACUT__V1__STATUS_REQUEST__INIT;
 	const Acut__V1__Status *s;
-	int r = call_ask(a, FRAME_MESSAGE(STATUS_REQUEST, status_request, &question), -1,
-			 ACUT__V1__MESSAGE__BODY_STATUS);
+	int r = call_ask(a, FRAME_MESSAGE(STATUS_REQUEST, status_request, &question), -1, ACUT__V1__MESSAGE__BODY_STATUS);
 
 	if (r < 0)
 		return r;
 	s = a->answer->status;
 	a->status = (struct acut_status){
-	    .version = s->version,
-	    .state_dir = s->state_dir,
-	    .cache_dir = s->cache_dir,
-	    .pid = s->pid,
-	    .memory = s->memory,
-	    .peak_rss_bytes = s->peak_rss_bytes,
-	    .threads = s->threads,
-	    .jobs_running = s->jobs_running,
-	    .jobs_waiting = s->jobs_waiting,
-	    .connections = s->connections,
-	    .uptime_seconds = s->uptime_seconds,
-	    .holders_more = s->holders_more,
-	    .pipe_capacity = s->pipe_capacity,
-	    .ledger_peak = s->ledger_peak,
-	    .rss_bytes = s->rss_bytes,
-	    .disk_limit = s->disk_limit,
-	    .keep_free_limit = s->keep_free_limit,
-	    .one_file_system = s->one_file_system,
+		.version = s->version,
+		.state_dir = s->state_dir,
+		.cache_dir = s->cache_dir,
+		.pid = s->pid,
+		.memory = s->memory,
+		.peak_rss_bytes = s->peak_rss_bytes,
+		.threads = s->threads,
+		.jobs_running = s->jobs_running,
+		.jobs_waiting = s->jobs_waiting,
+		.connections = s->connections,
+		.uptime_seconds = s->uptime_seconds,
+		.holders_more = s->holders_more,
+		.pipe_capacity = s->pipe_capacity,
+		.ledger_peak = s->ledger_peak,
+		.rss_bytes = s->rss_bytes,
+		.disk_limit = s->disk_limit,
+		.keep_free_limit = s->keep_free_limit,
+		.one_file_system = s->one_file_system,
 	};
 	call_side(s->state_space, &a->status.state_side);
 	call_side(s->cache_space, &a->status.cache_side);

@@ -87,16 +87,16 @@ struct acut_ledger_entry {
 };
 /* A job, a later stream of one ("fetch"), a plan, a push, a reading of a file ("info") or a connection. */
 struct acut_holder {
-	const char *kind, *what; /* what: the dataset, "" if there is none */
-	uint64_t id;             /* of the job or push; of a connection a running number */
-	uint32_t uid, pid;       /* pid 0: not known */
+	const char *kind, *what;              /* what: the dataset, "" if there is none */
+	uint64_t id;                          /* of the job or push; of a connection a running number */
+	uint32_t uid, pid;                    /* pid 0: not known */
 	const struct acut_ledger_entry *held; /* names of which it holds something */
 	size_t nheld;
 };
 /* The file system of one of the daemon's folders, and what counts there. */
 struct acut_side {
-	bool known, has_quota; /* an older daemon says nothing of it */
-	uint64_t used, quota;  /* of the daemon's, that the quota is about */
+	bool known, has_quota;           /* an older daemon says nothing of it */
+	uint64_t used, quota;            /* of the daemon's, that the quota is about */
 	uint64_t total, free, keep_free; /* of the file system; of it, what stays free */
 };
 struct acut_status {
@@ -106,14 +106,14 @@ struct acut_status {
 	double uptime_seconds;
 	const struct acut_ledger_entry *ledger;
 	size_t nledger;
-	const struct acut_holder *holders; /* those that hold the most; what nobody holds is the daemon's own */
-	size_t nholders, holders_more;     /* that were left out */
-	uint64_t pipe_capacity; /* of the kernel's pipes of open streams: beside `memory` */
-	uint64_t ledger_peak;   /* the most that all names together held */
-	uint64_t rss_bytes;     /* resident now */
+	const struct acut_holder *holders;        /* those that hold the most; what nobody holds is the daemon's own */
+	size_t nholders, holders_more;            /* that were left out */
+	uint64_t pipe_capacity;                   /* of the kernel's pipes of open streams: beside `memory` */
+	uint64_t ledger_peak;                     /* the most that all names together held */
+	uint64_t rss_bytes;                       /* resident now */
 	const char *disk_limit, *keep_free_limit; /* as the daemon was told: "80%", "200 GB" */
 	struct acut_side state_side, cache_side;
-	bool one_file_system;          /* both are the same then */
+	bool one_file_system; /* both are the same then */
 };
 /* Results stay valid until the next call on this connection. */
 int acut_status(struct acut *, const struct acut_status **ret);
@@ -144,17 +144,17 @@ typedef void (*acut_progress_fn)(void *ctx, const struct acut_progress *);
 struct acut_push_options {
 	const char *dataset;                     /* NULL: one-step */
 	const char *scale_xy, *scale_z, *format; /* NULL: as found */
-	const char *columns; /* of texts, a letter each ("xyzc", "_" skips one); NULL: as they say themselves */
-	const char *assume_crs;    /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
+	const char *columns;    /* of texts, a letter each ("xyzc", "_" skips one); NULL: as they say themselves */
+	const char *assume_crs; /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
 	const char *assume_unit_xy, *assume_unit_z; /* "m", "ft", "ftUS"; NULL: nothing */
 	const char *utm;       /* zone that degrees are projected to: "32N", "UPS-S"; NULL: of the middle of all */
 	const char *geoid;     /* a grid that the daemon keeps, to shift the heights; NULL: they stay */
 	const char *geoid_way; /* what they become: "orthometric" (also NULL) or "ellipsoidal" */
 	bool planar, accept_truncated;
-	bool checksum; /* the same file: by its content, not by path, size and time */
-	const double *crop; /* NULL, or x1, y1, x2, y2: no view will ask for points outside; one-step only */
-	bool add;      /* a file of a path that is there already is taken beside the old one, */
-	bool replace;  /* or in its place */
+	bool checksum;        /* the same file: by its content, not by path, size and time */
+	const double *crop;   /* NULL, or x1, y1, x2, y2: no view will ask for points outside; one-step only */
+	bool add;             /* a file of a path that is there already is taken beside the old one, */
+	bool replace;         /* or in its place */
 	const char *replaces; /* files are taken in place of this one, by path or name; NULL: none */
 	acut_progress_fn progress;
 	void *ctx;
@@ -167,10 +167,12 @@ struct acut_probe {
 	double min[3], max[3];
 	const char *scale[3], *offset[3];
 	uint32_t replaced; /* files of the dataset, in the place of which one comes that is taken up */
-	int known; /* not 0: the push needs no file for it, and nothing but its points is said here */
+	int known;         /* not 0: the push needs no file for it, and nothing but its points is said here */
 };
-enum { ACUT_KNOWN = 1, /* the dataset has it, or this push has it twice */
-       ACUT_KNOWN_ADOPTED = 2 /* taken up from a push that was interrupted: it counts as staged */ };
+enum {
+	ACUT_KNOWN = 1,        /* the dataset has it, or this push has it twice */
+	ACUT_KNOWN_ADOPTED = 2 /* taken up from a push that was interrupted: it counts as staged */
+};
 struct acut_file_result {
 	const char *name, *warning;
 	uint64_t points, moved;
@@ -212,13 +214,14 @@ int acut_push_commit(struct acut_push *, const struct acut_push_result **ret);
 
 /* One of many inputs. */
 struct acut_push_input {
-	int fd;                 /* an open regular file; the library closes it */
+	int fd; /* an open regular file; the library closes it */
 	const char *name;
-	const char *path;       /* absolute: who it is; NULL: unknown, always taken. Only read while sending. */
-	/* Of a stream (fd -1): what will come, so that it is told by path and content as a file is with `checksum`: known, adopted,
-	 * replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; what comes otherwise is refused. NULL: not said. */
+	const char *path; /* absolute: who it is; NULL: unknown, always taken. Only read while sending. */
+	/* Of a stream (fd -1): what will come, so that it is told by path and content as a file is with `checksum`: known,
+	 * adopted, replaced. XXH3-128 (seed 0) of all bytes, 32 hexadecimal digits; what comes otherwise is refused. NULL: not
+	 * said. */
 	const char *hash;
-	uint64_t size;          /* and how many */
+	uint64_t size; /* and how many */
 };
 /* acut_push_probe and acut_push_file with what tells who the input is. Its descriptor stays the caller's here. */
 int acut_push_probe_input(struct acut_push *, const struct acut_push_input *, const struct acut_probe **ret);
@@ -246,19 +249,18 @@ struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed;
 struct acut_push *acut_push_leave(struct acut_push *);
 
 /* `columns`: of a text, a letter each; NULL: as it says itself. */
-int acut_info(struct acut *, int fd, const char *name, const char *format, const char *columns,
-	      const struct acut_probe **ret);
+int acut_info(struct acut *, int fd, const char *name, const char *format, const char *columns, const struct acut_probe **ret);
 
 /* What is in the records of a file: all of it is read. */
 struct acut_inspected {
 	struct acut_probe header;
-	uint64_t points, distinct;       /* read; distinct xy positions */
-	double min[3], max[3];           /* of the records; NAN without points */
+	uint64_t points, distinct; /* read; distinct xy positions */
+	double min[3], max[3];     /* of the records; NAN without points */
 	uint64_t classes[256], returns[16], return_counts[16];
-	uint64_t flags[4];               /* withheld, synthetic, key-point, overlap */
-	uint32_t hull_corners;           /* of the convex hull of the positions */
-	bool hull_thinned;               /* it has more */
-	double hull_area;                /* in squares of the file's unit */
+	uint64_t flags[4];     /* withheld, synthetic, key-point, overlap */
+	uint32_t hull_corners; /* of the convex hull of the positions */
+	bool hull_thinned;     /* it has more */
+	double hull_area;      /* in squares of the file's unit */
 	const char *lattice;
 	bool has_place;                  /* it is known where on the earth this is: */
 	const char *no_place;            /* or why not */
@@ -290,7 +292,7 @@ int acut_geoid_remove(struct acut *, const char *name);
 struct acut_cache_kind {
 	const char *name; /* "datasets", "domains", ... */
 	uint64_t bytes, entries;
-	bool state;       /* below the state folder; else below the cache's */
+	bool state; /* below the state folder; else below the cache's */
 };
 struct acut_cache_stat {
 	const struct acut_cache_kind *kinds;
@@ -305,7 +307,7 @@ int acut_cache_stat(struct acut *, const struct acut_cache_stat **ret);
 struct acut_cache_damage {
 	const char *what, *dataset; /* "segment", "domain", ...; "": of no dataset */
 	struct acut_failure error;
-	bool derived, removed;      /* it can be made again; and is removed */
+	bool derived, removed; /* it can be made again; and is removed */
 };
 struct acut_cache_verified {
 	uint64_t files, bytes, damaged, derived; /* damaged: of what was pushed */
@@ -313,8 +315,8 @@ struct acut_cache_verified {
 };
 /* Reads everything that the daemon keeps; `damage` for each damaged thing, and each of a newer version (error.code
  * "version"). progress->points are bytes. */
-int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut_cache_damage *),
-		      acut_progress_fn progress, void *ctx, struct acut_cache_verified *ret);
+int acut_cache_verify(struct acut *, void (*damage)(void *ctx, const struct acut_cache_damage *), acut_progress_fn progress,
+		      void *ctx, struct acut_cache_verified *ret);
 /* all: everything derived goes. */
 int acut_cache_gc(struct acut *, bool all, uint64_t *ret_bytes, uint64_t *ret_entries);
 
@@ -323,16 +325,16 @@ int acut_cache_gc(struct acut *, bool all, uint64_t *ret_bytes, uint64_t *ret_en
 /* One sample of the Prometheus text format. */
 struct acut_metric {
 	const char *name, *type, *help; /* type: "counter", "gauge" */
-	char *const *label; /* name, value, name, value, ... */
-	size_t nlabel;      /* pairs */
+	char *const *label;             /* name, value, name, value, ... */
+	size_t nlabel;                  /* pairs */
 	double value;
 };
 /* Samples of one name may come apart; whoever writes the format gathers them. */
 int acut_metrics(struct acut *, void (*each)(void *ctx, const struct acut_metric *), void *ctx);
 
 struct acut_check {
-	const char *name, *state;    /* state: "ok", "warning", "wrong", "unknown" */
-	const char *message, *hint;  /* hint: what to do, "": nothing */
+	const char *name, *state;   /* state: "ok", "warning", "wrong", "unknown" */
+	const char *message, *hint; /* hint: what to do, "": nothing */
 };
 /* What the daemon can see of whether all is well. */
 int acut_doctor(struct acut *, void (*each)(void *ctx, const struct acut_check *), void *ctx);
@@ -349,10 +351,10 @@ struct acut_report {
 	const struct acut_removed *removed;
 	size_t nremoved;
 	double seconds, stage_seconds, first_triangle_seconds;
-	uint64_t domains_reused; /* of `domains`: found finished, not made by this job */
-	uint64_t points_read, cells_read; /* records, from the cache; cells, for halos */
+	uint64_t domains_reused;                            /* of `domains`: found finished, not made by this job */
+	uint64_t points_read, cells_read;                   /* records, from the cache; cells, for halos */
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
-	bool window; /* of some triangles of a mesh: used, hull, halo and removed mean nothing; points were read for it */
+	bool window;      /* of some triangles of a mesh: used, hull, halo and removed mean nothing; points were read for it */
 	const char *note; /* "" or a sentence that whoever reads the mesh should know */
 };
 struct acut_job {
@@ -369,8 +371,8 @@ struct acut_job {
 	struct acut_report report;
 	struct acut_failure error;
 };
-int acut_submit(struct acut *, const char *dataset, uint64_t generation, const char *view, bool bound,
-		bool fresh, const struct acut_job **ret);
+int acut_submit(struct acut *, const char *dataset, uint64_t generation, const char *view, bool bound, bool fresh,
+		const struct acut_job **ret);
 struct acut_submission {
 	const char *dataset;
 	uint64_t generation;  /* 0: the newest */
@@ -380,8 +382,7 @@ struct acut_submission {
 };
 int acut_submit_job(struct acut *, const struct acut_submission *, const struct acut_job **ret);
 /* Once (follow false), or until the job is final; `changed` (may be NULL) at each change. */
-int acut_job_wait(struct acut *, uint64_t id, bool follow,
-		  void (*changed)(void *ctx, const struct acut_job *), void *ctx,
+int acut_job_wait(struct acut *, uint64_t id, bool follow, void (*changed)(void *ctx, const struct acut_job *), void *ctx,
 		  const struct acut_job **ret);
 int acut_job_cancel(struct acut *, uint64_t id, const struct acut_job **ret);
 int acut_job_remove(struct acut *, uint64_t id);
@@ -393,12 +394,12 @@ struct acut_dataset {
 	uint64_t generation, points, bytes;
 	uint32_t files, uid;
 	int64_t created_us, pushed_us;
-	double min[3], max[3]; /* NAN where the daemon does not say */
+	double min[3], max[3];        /* NAN where the daemon does not say */
 	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
 	bool pinned;
 	uint32_t gid; /* its group; ACUT_NO_GROUP: none */
 	uint64_t id;
-	uint64_t oldest; /* generation that can be read; 0: not said */
+	uint64_t oldest;   /* generation that can be read; 0: not said */
 	uint32_t segments; /* files that hold its points; 0: not known */
 	bool merging;      /* some of them become one now */
 	uint32_t mode;     /* as of a file: 0640 */
@@ -409,33 +410,33 @@ struct acut_dataset {
 int acut_dataset_mode(struct acut *, const char *mode);
 /* A dataset before its first push. NULL, "": as the inputs of that push have it. */
 int acut_dataset_create(struct acut *, const char *name, const char *scale_xy, const char *scale_z, const char *crs);
-int acut_datasets(struct acut *, const char *name /* NULL: all */,
-		  void (*each)(void *ctx, const struct acut_dataset *), void *ctx);
+int acut_datasets(struct acut *, const char *name /* NULL: all */, void (*each)(void *ctx, const struct acut_dataset *),
+		  void *ctx);
 
 /* As it was in that generation: points and files; the call's texts until the next one. */
 int acut_dataset_at(struct acut *, const char *dataset, uint64_t generation, struct acut_dataset *ret);
 
 struct acut_generation {
-	uint64_t number, undoes;     /* the generation that it undoes, or up to which was pruned; 0: none */
-	int64_t time_us;             /* 0: not known */
-	const char *user, *kind;     /* "": not known; push, revert, replace, prune, import */
-	const char *content;         /* sum of the hashes of the files that it added */
+	uint64_t number, undoes; /* the generation that it undoes, or up to which was pruned; 0: none */
+	int64_t time_us;         /* 0: not known */
+	const char *user, *kind; /* "": not known; push, revert, replace, prune, import */
+	const char *content;     /* sum of the hashes of the files that it added */
 	uint64_t points_added, points_removed;
 	uint32_t uid, files, files_removed; /* files that it added (or brought back), and removed */
-	bool readable;               /* it was not pruned */
+	bool readable;                      /* it was not pruned */
 };
 struct acut_log_file {
-	const char *name, *hash;     /* XXH3-128 of its bytes; "": not known */
-	const char *path;            /* as the client saw it; "": a pipe, or not for this user */
+	const char *name, *hash; /* XXH3-128 of its bytes; "": not known */
+	const char *path;        /* as the client saw it; "": a pipe, or not for this user */
 	uint64_t points, size;
 	uint32_t source;
-	bool removed;                /* by the generation, not added */
+	bool removed; /* by the generation, not added */
 };
 /* Calls that must not call on the connection. */
 struct acut_log_sink {
 	void (*generation)(void *ctx, const struct acut_generation *);
-	void (*file)(void *ctx, const struct acut_log_file *);      /* of it; NULL: files are not asked for */
-	void (*end)(void *ctx, const struct acut_generation *);     /* of its files; may be NULL */
+	void (*file)(void *ctx, const struct acut_log_file *);  /* of it; NULL: files are not asked for */
+	void (*end)(void *ctx, const struct acut_generation *); /* of its files; may be NULL */
 	void *ctx;
 };
 /* Ascending by number, paging inside. */
@@ -444,8 +445,7 @@ int acut_dataset_log(struct acut *, const char *dataset, const struct acut_log_s
 /* "remove" hides a dataset and keeps it for a while (until_us); "restore", by name or (id, where no removed one has
  * that name) by number, brings it back, under another name if `as` is not NULL; "pin": it can be neither removed nor
  * pruned; "unpin". What it is then, until the next call. */
-int acut_dataset_change(struct acut *, const char *verb, const char *name, uint64_t id, const char *as,
-			struct acut_dataset *ret);
+int acut_dataset_change(struct acut *, const char *verb, const char *name, uint64_t id, const char *as, struct acut_dataset *ret);
 /* "640", "g+w,o=", as chmod takes it; the owner, and administrators. */
 int acut_dataset_chmod(struct acut *, const char *name, const char *mode, struct acut_dataset *ret);
 /* To a group that the owner is in; administrators to any. */
@@ -464,9 +464,9 @@ struct acut_reverted {
 int acut_dataset_revert(struct acut *, const char *dataset, uint64_t generation, struct acut_reverted *ret);
 
 struct acut_pruned {
-	uint64_t oldest; /* generation that can be read now */
+	uint64_t oldest;                            /* generation that can be read now */
 	uint64_t generations, files, points, bytes; /* that went; bytes on the disk */
-	uint64_t segments; /* files of points that were made anew, or went */
+	uint64_t segments;                          /* files of points that were made anew, or went */
 };
 /* All generations but the newest `keep` go, or all before generation `before`; the other one is 0. */
 int acut_dataset_prune(struct acut *, const char *dataset, uint64_t keep, uint64_t before, struct acut_pruned *ret);
@@ -478,8 +478,7 @@ struct acut_plan {
 	double seconds;
 	uint32_t load, threads;
 };
-int acut_plan(struct acut *, const char *dataset, uint64_t generation, const char *view,
-	      const struct acut_plan **ret);
+int acut_plan(struct acut *, const char *dataset, uint64_t generation, const char *view, const struct acut_plan **ret);
 
 /* ---- backups, exports, imports ---- */
 
@@ -493,8 +492,8 @@ struct acut_backup_ready {
 struct acut_backup_file {
 	const char *name; /* relative, with '/', nothing in it climbs */
 	uint64_t size;
-	bool lasting;     /* a file of this name never has other bytes */
-	int fd;           /* for reading; closed when the callback returns */
+	bool lasting; /* a file of this name never has other bytes */
+	int fd;       /* for reading; closed when the callback returns */
 };
 /* Takes the files of the whole state (dataset NULL: what acutd started on them has, as of this moment), or of one
  * dataset ("manifest" last). Non-zero from a callback ends it and is returned. */
@@ -511,8 +510,7 @@ struct acut_imported {
 };
 /* A new dataset of the files of one: `next` gives them one after the other, "manifest" first, and NULL when there are no
  * more; *ret_fd stays the caller's. Non-zero from it ends it and is returned. */
-int acut_import(struct acut *, const char *dataset,
-		int (*next)(void *ctx, const char **ret_name, int *ret_fd), void *ctx,
+int acut_import(struct acut *, const char *dataset, int (*next)(void *ctx, const char **ret_name, int *ret_fd), void *ctx,
 		const struct acut_imported **ret);
 
 /* ---- the mesh ---- */
@@ -566,14 +564,14 @@ int acut_fetch_window(struct acut *, const char *area);
  * are numbered within this stream. A region of which only heights have changed is gone and comes again.
  */
 struct acut_mesh_base {
-	uint64_t generation, job;  /* of the old mesh */
+	uint64_t generation, job;                                            /* of the old mesh */
 	const char *old_digest, *old_vertex_digest, *digest, *vertex_digest; /* of the meshes, whole */
-	uint64_t gone, gone_triangles, kept, kept_triangles; /* regions with triangles, of the old mesh */
+	uint64_t gone, gone_triangles, kept, kept_triangles;                 /* regions with triangles, of the old mesh */
 };
 struct acut_mesh_region {
 	int64_t box[4];
 	uint64_t triangles;
-	const char *digest;        /* of these */
+	const char *digest; /* of these */
 };
 struct acut_changes_sink {
 	struct acut_mesh_sink mesh; /* the head first; then `base`, each `gone`, the blocks, the tail, which is of this stream */

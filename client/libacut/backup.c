@@ -37,10 +37,11 @@ static int one(struct acut *a, uint64_t backup, const struct acut_backup_sink *s
 	} else if (m->backup_file->last) {
 		*ret_more = false;
 	} else if (fd < 0 || !name_ok(m->backup_file->name)) {
-		r = err_set(&a->err, ERR_PROTO, "the daemon sent %s", fd < 0 ? "a name without a descriptor" : "a name that climbs");
+		r = err_set(&a->err, ERR_PROTO, "the daemon sent %s",
+			    fd < 0 ? "a name without a descriptor" : "a name that climbs");
 	} else {
-		f = (struct acut_backup_file){.name = m->backup_file->name, .size = m->backup_file->size,
-					      .lasting = m->backup_file->lasting, .fd = fd};
+		f = (struct acut_backup_file){
+			.name = m->backup_file->name, .size = m->backup_file->size, .lasting = m->backup_file->lasting, .fd = fd};
 		r = sink->file(sink->ctx, &f);
 	}
 	if (fd >= 0)
@@ -69,7 +70,8 @@ int acut_backup(struct acut *a, const char *dataset, const struct acut_backup_si
 	if (r < 0)
 		return r;
 	end.backup = a->answer->backup_ready->backup;
-	ready = (struct acut_backup_ready){.files = a->answer->backup_ready->files, .bytes = a->answer->backup_ready->bytes,
+	ready = (struct acut_backup_ready){.files = a->answer->backup_ready->files,
+					   .bytes = a->answer->backup_ready->bytes,
 					   .damaged = a->answer->backup_ready->damaged};
 	if (a->answer->backup_ready->damage)
 		call_wire_failure(a->answer->backup_ready->damage, &ready.damage);
@@ -142,15 +144,16 @@ int acut_import(struct acut *a, const char *dataset, int (*next)(void *ctx, cons
 	commit.import = end.import = a->answer->importing->import;
 	r = send_files(a, end.import, next, ctx);
 	if (!r)
-		r = call_again(a, FRAME_MESSAGE(IMPORT_COMMIT, import_commit, &commit), -1, ACUT__V1__MESSAGE__BODY_IMPORTED, &id, &m);
+		r = call_again(a, FRAME_MESSAGE(IMPORT_COMMIT, import_commit, &commit), -1, ACUT__V1__MESSAGE__BODY_IMPORTED, &id,
+			       &m);
 	if (!a->dead.code)
 		call_send(a, FRAME_MESSAGE(BACKUP_END, backup_end, &end), -1, &id);
 	if (r)
 		return r;
 	frame_message_free(a->answer);
 	a->answer = m;
-	a->imported = (struct acut_imported){.dataset = m->imported->dataset, .generation = m->imported->generation,
-					     .points = m->imported->points};
+	a->imported = (struct acut_imported){
+		.dataset = m->imported->dataset, .generation = m->imported->generation, .points = m->imported->points};
 	*ret = &a->imported;
 	return 0;
 }

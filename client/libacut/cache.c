@@ -31,17 +31,17 @@ int acut_cache_stat(struct acut *a, const struct acut_cache_stat **ret)
 	if (!rows)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for an answer");
 	for (size_t i = 0; i < s->n_kinds; i++)
-		rows[i] = (struct acut_cache_kind){s->kinds[i]->name, s->kinds[i]->bytes, s->kinds[i]->entries,
-						   s->kinds[i]->state};
+		rows[i] =
+			(struct acut_cache_kind){s->kinds[i]->name, s->kinds[i]->bytes, s->kinds[i]->entries, s->kinds[i]->state};
 	a->cache = (struct acut_cache_stat){
-	    .kinds = rows,
-	    .nkinds = s->n_kinds,
-	    .one_file_system = s->one_file_system,
-	    .measured = s->measured,
-	    .disk_limit = s->disk_limit,
-	    .keep_free_limit = s->keep_free_limit,
-	    .evicted_bytes = s->evicted_bytes,
-	    .evicted_entries = s->evicted_entries,
+		.kinds = rows,
+		.nkinds = s->n_kinds,
+		.one_file_system = s->one_file_system,
+		.measured = s->measured,
+		.disk_limit = s->disk_limit,
+		.keep_free_limit = s->keep_free_limit,
+		.evicted_bytes = s->evicted_bytes,
+		.evicted_entries = s->evicted_entries,
 	};
 	call_side(s->state, &a->cache.state);
 	call_side(s->cache, &a->cache.cache);
@@ -58,8 +58,8 @@ static void tell_damage(const Acut__V1__CacheDamage *d, void (*damage)(void *ctx
 	damage(ctx, &out);
 }
 
-int acut_cache_verify(struct acut *a, void (*damage)(void *ctx, const struct acut_cache_damage *),
-		      acut_progress_fn progress, void *ctx, struct acut_cache_verified *ret)
+int acut_cache_verify(struct acut *a, void (*damage)(void *ctx, const struct acut_cache_damage *), acut_progress_fn progress,
+		      void *ctx, struct acut_cache_verified *ret)
 {
 	Acut__V1__CacheVerify question = ACUT__V1__CACHE_VERIFY__INIT;
 	uint32_t id;
@@ -83,12 +83,12 @@ int acut_cache_verify(struct acut *a, void (*damage)(void *ctx, const struct acu
 			break;
 		}
 		*ret = (struct acut_cache_verified){
-		    .files = a->answer->cache_verified->files,
-		    .bytes = a->answer->cache_verified->bytes,
-		    .damaged = a->answer->cache_verified->damaged,
-		    .derived = a->answer->cache_verified->derived,
-		    .newer = a->answer->cache_verified->newer,
-		    .derived_newer = a->answer->cache_verified->derived_newer,
+			.files = a->answer->cache_verified->files,
+			.bytes = a->answer->cache_verified->bytes,
+			.damaged = a->answer->cache_verified->damaged,
+			.derived = a->answer->cache_verified->derived,
+			.newer = a->answer->cache_verified->newer,
+			.derived_newer = a->answer->cache_verified->derived_newer,
 		};
 		break;
 	}

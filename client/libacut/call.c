@@ -240,13 +240,12 @@ int call_window_wait(struct acut *a)
 
 int call_unexpected(struct acut *a, const Acut__V1__Message *m)
 {
-	return err_set(&a->err, ERR_PROTO,
-		       "the daemon answered with a message of kind %d, which was not asked for",
+	return err_set(&a->err, ERR_PROTO, "the daemon answered with a message of kind %d, which was not asked for",
 		       (int)m->body_case);
 }
 
-int call_again(struct acut *a, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want,
-	       uint32_t *ret_id, Acut__V1__Message **ret)
+int call_again(struct acut *a, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
+	       Acut__V1__Message **ret)
 {
 	Acut__V1__Message *m;
 	uint32_t id;

@@ -48,8 +48,8 @@ struct acut {
 	void *progress_ctx;
 
 	char umask_mode[8], mode[40]; /* of datasets that come to be; "": by the umask */
-	char *area;          /* of fetches; NULL: all */
-	struct fetch *fetch; /* the one that runs, or the last one until the next call; NULL: none */
+	char *area;                   /* of fetches; NULL: all */
+	struct fetch *fetch;          /* the one that runs, or the last one until the next call; NULL: none */
 
 	Acut__V1__Message *answer; /* what the results below point into */
 	void *rows;                /* an array that the result points to */
@@ -79,8 +79,8 @@ int call_next(struct acut *, uint32_t id, Acut__V1__Message **ret, int *ret_fd);
 /* begin, send, next; the answer must be `want` and is kept as acut->answer. */
 int call_ask(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want);
 /* Same without begin, for the second and later questions of one call. *ret is the caller's. */
-int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want,
-	       uint32_t *ret_id, Acut__V1__Message **ret);
+int call_again(struct acut *, const Acut__V1__Message *, int fd, Acut__V1__Message__BodyCase want, uint32_t *ret_id,
+	       Acut__V1__Message **ret);
 /* A list, page by page (call_list.c). */
 struct call_list {
 	const Acut__V1__Message *question; /* of the first page; then as `next` left it */

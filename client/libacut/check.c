@@ -141,16 +141,14 @@ static int look_up_foreign(struct check *c, const struct stream_block *b, struct
 		c->room = 0;
 		c->foreign = malloc(b->nforeign * sizeof *c->foreign);
 		if (!c->foreign)
-			return err_set(err, ERR_NOMEM, "there is no memory for a block's %u vertices",
-				       b->nforeign);
+			return err_set(err, ERR_NOMEM, "there is no memory for a block's %u vertices", b->nforeign);
 		c->room = b->nforeign;
 	}
 	for (uint32_t i = 0; i < b->nforeign; i++) {
 		struct slot *slot = find(c, b->foreign[i] + 1);
 
 		if (slot->key == 0)
-			return err_set(err, ERR_PROTO,
-				       "block %llu uses vertex %llu, which an earlier block said to be final",
+			return err_set(err, ERR_PROTO, "block %llu uses vertex %llu, which an earlier block said to be final",
 				       (unsigned long long)b->index, (unsigned long long)b->foreign[i]);
 		memcpy(c->foreign[i], slot->xy, sizeof slot->xy);
 		if (is_final(b, i))
@@ -188,8 +186,7 @@ static void add_triangles(struct check *c, const struct stream_block *b)
 		for (uint32_t j = 0; j < m; j++, i++)
 			for (unsigned k = 0; k < 3; k++) {
 				uint32_t local = b->triangle[i][k];
-				const int32_t *p =
-				    local < nforeign ? c->foreign[local] : b->vertex[local - nforeign];
+				const int32_t *p = local < nforeign ? c->foreign[local] : b->vertex[local - nforeign];
 
 				corner[j][k] = digest_place(p[0], p[1]);
 			}
@@ -214,10 +211,9 @@ static int compare(const char *what, struct digest came, struct digest said, str
 
 	if (digest_equal(came, said))
 		return 0;
-	err_set(err, ERR_DIGEST, "the mesh that came has the %s %s, but the daemon says %s", what,
-		digest_hex(came, a), digest_hex(said, b));
-	return err_add_hint(
-	    err, "fetch it again; if it stays so, the daemon or its machine is at fault: please report it");
+	err_set(err, ERR_DIGEST, "the mesh that came has the %s %s, but the daemon says %s", what, digest_hex(came, a),
+		digest_hex(said, b));
+	return err_add_hint(err, "fetch it again; if it stays so, the daemon or its machine is at fault: please report it");
 }
 
 int check_tail(const struct check *c, const struct stream_tail *tail, bool whole, struct err *err)
@@ -240,8 +236,7 @@ void check_gone(struct check *c, const struct stream_region *region, size_t n)
 		digest_add(&c->gone, region[i].digest);
 }
 
-int check_changes(const struct check *c, const struct stream_base *base, const struct stream_tail *tail,
-		  struct err *err)
+int check_changes(const struct check *c, const struct stream_base *base, const struct stream_tail *tail, struct err *err)
 {
 	struct digest sum = base->old_digest;
 	char a[DIGEST_HEX_SIZE], b[DIGEST_HEX_SIZE];

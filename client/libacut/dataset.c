@@ -10,28 +10,28 @@
 void call_dataset(const Acut__V1__Dataset *d, struct acut_dataset *ret)
 {
 	*ret = (struct acut_dataset){
-	    .name = d->name,
-	    .lattice = d->lattice,
-	    .crs = d->crs,
-	    .unit_xy = d->unit_xy,
-	    .unit_z = d->unit_z,
-	    .pending = d->pending,
-	    .generation = d->generation,
-	    .points = d->points,
-	    .bytes = d->bytes,
-	    .files = d->files,
-	    .uid = d->uid,
-	    .gid = d->gid,
-	    .mode = d->mode,
-	    .created_us = d->created_us,
-	    .pushed_us = d->pushed_us,
-	    .removed_us = d->removed_us,
-	    .until_us = d->until_us,
-	    .pinned = d->pinned,
-	    .id = d->id,
-	    .oldest = d->oldest,
-	    .segments = d->segments,
-	    .merging = d->merging,
+		.name = d->name,
+		.lattice = d->lattice,
+		.crs = d->crs,
+		.unit_xy = d->unit_xy,
+		.unit_z = d->unit_z,
+		.pending = d->pending,
+		.generation = d->generation,
+		.points = d->points,
+		.bytes = d->bytes,
+		.files = d->files,
+		.uid = d->uid,
+		.gid = d->gid,
+		.mode = d->mode,
+		.created_us = d->created_us,
+		.pushed_us = d->pushed_us,
+		.removed_us = d->removed_us,
+		.until_us = d->until_us,
+		.pinned = d->pinned,
+		.id = d->id,
+		.oldest = d->oldest,
+		.segments = d->segments,
+		.merging = d->merging,
 	};
 	for (size_t i = 0; i < 3; i++) {
 		ret->min[i] = i < d->n_min ? d->min[i] : NAN;
@@ -190,8 +190,8 @@ int acut_dataset_log(struct acut *a, const char *dataset, const struct acut_log_
 struct datasets_list {
 	struct acut *acut;
 	Acut__V1__DatasetsRequest question;
-	const char *last;  /* handed out: by name */
-	uint64_t last_id;  /* by number, those that were removed */
+	const char *last; /* handed out: by name */
+	uint64_t last_id; /* by number, those that were removed */
 	void (*each)(void *ctx, const struct acut_dataset *);
 	void *ctx;
 };
@@ -230,16 +230,14 @@ static int datasets_list(struct datasets_list *l)
 {
 	l->last = "";
 	l->question.limit = CALL_PAGE;
-	return call_list(l->acut, &(struct call_list){
-		.question = FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &l->question),
-		.want = ACUT__V1__MESSAGE__BODY_DATASETS,
-		.ctx = l,
-		.next = datasets_next,
-		.rows = datasets_rows});
+	return call_list(l->acut, &(struct call_list){.question = FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &l->question),
+						      .want = ACUT__V1__MESSAGE__BODY_DATASETS,
+						      .ctx = l,
+						      .next = datasets_next,
+						      .rows = datasets_rows});
 }
 
-int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *),
-		  void *ctx)
+int acut_datasets(struct acut *a, const char *name, void (*each)(void *ctx, const struct acut_dataset *), void *ctx)
 {
 	struct datasets_list l = {.acut = a, .question = ACUT__V1__DATASETS_REQUEST__INIT, .each = each, .ctx = ctx};
 	int r = call_begin(a);
@@ -269,8 +267,7 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 	}
 	question.name = call_text(dataset);
 	question.generation = generation;
-	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1,
-		     ACUT__V1__MESSAGE__BODY_DATASETS);
+	r = call_ask(a, FRAME_MESSAGE(DATASETS_REQUEST, datasets_request, &question), -1, ACUT__V1__MESSAGE__BODY_DATASETS);
 	if (r == 0 && a->answer->datasets->n_datasets != 1)
 		r = err_set(&a->err, ERR_PROTO, "the daemon did not say what the dataset is");
 	if (r == 0)
@@ -280,8 +277,7 @@ int acut_dataset_at(struct acut *a, const char *dataset, uint64_t generation, st
 
 /* ---- changes ---- */
 
-static int change(struct acut *a, Acut__V1__DatasetChange *question, const char *verb, const char *name,
-		  struct acut_dataset *ret)
+static int change(struct acut *a, Acut__V1__DatasetChange *question, const char *verb, const char *name, struct acut_dataset *ret)
 {
 	int r;
 
@@ -295,8 +291,7 @@ static int change(struct acut *a, Acut__V1__DatasetChange *question, const char 
 	return r;
 }
 
-int acut_dataset_change(struct acut *a, const char *verb, const char *name, uint64_t id, const char *as,
-			struct acut_dataset *ret)
+int acut_dataset_change(struct acut *a, const char *verb, const char *name, uint64_t id, const char *as, struct acut_dataset *ret)
 {
 	Acut__V1__DatasetChange question = ACUT__V1__DATASET_CHANGE__INIT;
 

@@ -37,11 +37,9 @@ static int get_lattice(struct fetch *f, const char *text)
 		word[n++] = w;
 	ok = n == 5;
 	for (unsigned i = 0; ok && i < 2; i++)
-		ok = decimal_parse(word[i], &scale[i]) && scale[i].mantissa > 0 &&
-		     strlen(word[i]) < DECIMAL_TEXT_SIZE;
+		ok = decimal_parse(word[i], &scale[i]) && scale[i].mantissa > 0 && strlen(word[i]) < DECIMAL_TEXT_SIZE;
 	for (unsigned i = 0; ok && i < 3; i++)
-		ok = parse_i64(word[2 + i], &f->head.k[i]) && f->head.k[i] >= -INT64_MAX / 2 &&
-		     f->head.k[i] <= INT64_MAX / 2;
+		ok = parse_i64(word[2 + i], &f->head.k[i]) && f->head.k[i] >= -INT64_MAX / 2 && f->head.k[i] <= INT64_MAX / 2;
 	if (!ok)
 		return err_set(&f->acut->err, ERR_PROTO, "the mesh stream has no good lattice: \"%s\"", text);
 	for (unsigned i = 0; i < 2; i++) {
@@ -67,8 +65,9 @@ static int other_stream(struct fetch *f)
 
 static int unasked_kind(struct fetch *f)
 {
-	return err_set(&f->acut->err, ERR_PROTO, f->changes ? "changes were asked for, and the mesh stream has none"
-							    : "a mesh was asked for, and the mesh stream has changes");
+	return err_set(&f->acut->err, ERR_PROTO,
+		       f->changes ? "changes were asked for, and the mesh stream has none" :
+				    "a mesh was asked for, and the mesh stream has changes");
 }
 
 static int go_on(struct fetch *f)
@@ -118,16 +117,16 @@ static int on_base(struct fetch *f)
 	const struct stream_base *b = stream_reader_base(f->reader);
 	char hex[4][DIGEST_HEX_SIZE];
 	const struct acut_mesh_base out = {
-	    .generation = b->generation,
-	    .job = b->job,
-	    .old_digest = digest_hex(b->old_digest, hex[0]),
-	    .old_vertex_digest = digest_hex(b->old_vertex_digest, hex[1]),
-	    .digest = digest_hex(b->digest, hex[2]),
-	    .vertex_digest = digest_hex(b->vertex_digest, hex[3]),
-	    .gone = b->gone,
-	    .gone_triangles = b->gone_triangles,
-	    .kept = b->kept,
-	    .kept_triangles = b->kept_triangles,
+		.generation = b->generation,
+		.job = b->job,
+		.old_digest = digest_hex(b->old_digest, hex[0]),
+		.old_vertex_digest = digest_hex(b->old_vertex_digest, hex[1]),
+		.digest = digest_hex(b->digest, hex[2]),
+		.vertex_digest = digest_hex(b->vertex_digest, hex[3]),
+		.gone = b->gone,
+		.gone_triangles = b->gone_triangles,
+		.kept = b->kept,
+		.kept_triangles = b->kept_triangles,
 	};
 
 	if (!f->changes)
@@ -159,16 +158,16 @@ static int on_block(struct fetch *f)
 {
 	const struct stream_block *b = stream_reader_block(f->reader);
 	struct acut_mesh_block out = {
-	    .index = b->index,
-	    .first = b->first,
-	    .foreign = b->foreign,
-	    .vertex = b->vertex,
-	    .triangle = b->triangle,
-	    .final = b->final,
-	    .flags = b->flags,
-	    .nforeign = b->nforeign,
-	    .nnew = b->nnew,
-	    .ntriangle = b->ntriangle,
+		.index = b->index,
+		.first = b->first,
+		.foreign = b->foreign,
+		.vertex = b->vertex,
+		.triangle = b->triangle,
+		.final = b->final,
+		.flags = b->flags,
+		.nforeign = b->nforeign,
+		.nnew = b->nnew,
+		.ntriangle = b->ntriangle,
 	};
 	int r = f->unasked ? unasked_kind(f) : f->other ? other_stream(f) : check_block(f->check, b, &f->acut->err);
 
@@ -197,13 +196,13 @@ static int on_tail(struct fetch *f)
 	bool whole = stream_reader_head(f->reader)->kind == STREAM_WHOLE;
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	struct acut_mesh_tail out = {
-	    .blocks = tail->blocks,
-	    .vertices = tail->vertices,
-	    .triangles = tail->triangles,
-	    .hull = tail->hull,
-	    .digest = digest_hex(tail->digest, digest),
-	    .vertex_digest = digest_hex(tail->vertex_digest, vertex_digest),
-	    .report = tail->report,
+		.blocks = tail->blocks,
+		.vertices = tail->vertices,
+		.triangles = tail->triangles,
+		.hull = tail->hull,
+		.digest = digest_hex(tail->digest, digest),
+		.vertex_digest = digest_hex(tail->vertex_digest, vertex_digest),
+		.report = tail->report,
 	};
 	int r;
 
@@ -344,8 +343,7 @@ int fetch_stream(struct fetch *f)
 			if (looked < 0 && !f->acut->dead.code)
 				return looked;
 			err_clear(&f->acut->err);
-			if (f->acut->options.interrupted &&
-			    f->acut->options.interrupted(f->acut->options.ctx))
+			if (f->acut->options.interrupted && f->acut->options.interrupted(f->acut->options.ctx))
 				return err_set(&f->acut->err, ERR_CANCELLED, "interrupted");
 		}
 		if (r == FRAME_E_AGAIN)

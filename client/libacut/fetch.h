@@ -12,18 +12,18 @@
 struct fetch {
 	struct acut *acut;
 	uint64_t job;
-	bool torn;     /* check is not between two blocks */
+	bool torn; /* check is not between two blocks */
 	bool continued;
-	bool other;    /* the head is not of the stream that is to go on */
-	bool unasked;  /* nor of the kind that was asked for */
-	bool stepped;  /* acut_fetch_step: stop behind each frame */
-	bool given;    /* a frame was whole with the last read */
-	bool over;     /* nothing comes any more */
+	bool other;   /* the head is not of the stream that is to go on */
+	bool unasked; /* nor of the kind that was asked for */
+	bool stepped; /* acut_fetch_step: stop behind each frame */
+	bool given;   /* a frame was whole with the last read */
+	bool over;    /* nothing comes any more */
 	unsigned reads;
 	struct stream_reader_state from;
-	struct digest id;        /* of the stream; when continued, that of the state */
-	int64_t k[3];            /* of the state */
-	struct cursor state;     /* the rest of it: check's */
+	struct digest id;    /* of the stream; when continued, that of the state */
+	int64_t k[3];        /* of the state */
+	struct cursor state; /* the rest of it: check's */
 	const struct acut_mesh_sink *sink;
 	uint64_t since; /* 0: the whole mesh */
 	const struct acut_changes_sink *changes;

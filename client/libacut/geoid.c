@@ -7,18 +7,18 @@
 static void get_geoid(const Acut__V1__Geoid *g, struct acut_geoid *ret)
 {
 	*ret = (struct acut_geoid){
-	    .name = g->name,
-	    .hash = g->hash,
-	    .description = g->description,
-	    .date = g->date,
-	    .width = g->width,
-	    .height = g->height,
-	    .uid = g->uid,
-	    .bytes = g->bytes,
-	    .min = g->min,
-	    .max = g->max,
-	    .rms_error = g->rms_error,
-	    .max_error = g->max_error,
+		.name = g->name,
+		.hash = g->hash,
+		.description = g->description,
+		.date = g->date,
+		.width = g->width,
+		.height = g->height,
+		.uid = g->uid,
+		.bytes = g->bytes,
+		.min = g->min,
+		.max = g->max,
+		.rms_error = g->rms_error,
+		.max_error = g->max_error,
 	};
 }
 
@@ -42,8 +42,7 @@ int acut_geoid_add(struct acut *a, int fd, const char *name, const char *file, c
 	}
 	question.name = frame_text_clean(named);
 	question.file = frame_text_clean(called);
-	r = call_again(a, FRAME_MESSAGE(GEOID_ADD, geoid_add, &question), fd, ACUT__V1__MESSAGE__BODY_GEOIDS, &id,
-		       &a->answer);
+	r = call_again(a, FRAME_MESSAGE(GEOID_ADD, geoid_add, &question), fd, ACUT__V1__MESSAGE__BODY_GEOIDS, &id, &a->answer);
 	free(named);
 	free(called);
 	if (r < 0)
@@ -59,8 +58,7 @@ int acut_geoids(struct acut *a, void (*each)(void *ctx, const struct acut_geoid 
 {
 	Acut__V1__GeoidsRequest question = ACUT__V1__GEOIDS_REQUEST__INIT;
 	struct acut_geoid g;
-	int r = call_ask(a, FRAME_MESSAGE(GEOIDS_REQUEST, geoids_request, &question), -1,
-			 ACUT__V1__MESSAGE__BODY_GEOIDS);
+	int r = call_ask(a, FRAME_MESSAGE(GEOIDS_REQUEST, geoids_request, &question), -1, ACUT__V1__MESSAGE__BODY_GEOIDS);
 
 	for (size_t i = 0; r == 0 && i < a->answer->geoids->n_geoids; i++) {
 		get_geoid(a->answer->geoids->geoids[i], &g);

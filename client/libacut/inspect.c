@@ -14,23 +14,23 @@ static void get_counts(const uint64_t *from, size_t n, uint64_t *to, size_t room
 static void get_inspected(const Acut__V1__Inspected *m, struct acut_inspected *ret)
 {
 	*ret = (struct acut_inspected){
-	    .points = m->points,
-	    .distinct = m->distinct,
-	    .hull_corners = m->hull_corners,
-	    .hull_thinned = m->hull_thinned,
-	    .hull_area = m->hull_area,
-	    .lattice = m->lattice,
-	    .has_place = m->has_place,
-	    .no_place = m->no_place,
-	    .area = m->area,
-	    .perimeter = m->perimeter,
-	    .south = m->south,
-	    .west = m->west,
-	    .north = m->north,
-	    .east = m->east,
-	    .mgrs = m->mgrs,
-	    .difference = m->differences,
-	    .ndifference = m->n_differences,
+		.points = m->points,
+		.distinct = m->distinct,
+		.hull_corners = m->hull_corners,
+		.hull_thinned = m->hull_thinned,
+		.hull_area = m->hull_area,
+		.lattice = m->lattice,
+		.has_place = m->has_place,
+		.no_place = m->no_place,
+		.area = m->area,
+		.perimeter = m->perimeter,
+		.south = m->south,
+		.west = m->west,
+		.north = m->north,
+		.east = m->east,
+		.mgrs = m->mgrs,
+		.difference = m->differences,
+		.ndifference = m->n_differences,
 	};
 	call_probe(m->header, &ret->header);
 	for (size_t i = 0; i < 3; i++) {
@@ -65,8 +65,7 @@ int acut_inspect(struct acut *a, int fd, const char *name, const char *format, c
 	question.name = frame_text_clean(named);
 	question.format = frame_text_clean(formed);
 	question.columns = call_text(columns);
-	r = call_again(a, FRAME_MESSAGE(INSPECT, inspect, &question), fd, ACUT__V1__MESSAGE__BODY_INSPECTED, &id,
-		       &a->answer);
+	r = call_again(a, FRAME_MESSAGE(INSPECT, inspect, &question), fd, ACUT__V1__MESSAGE__BODY_INSPECTED, &id, &a->answer);
 	free(named);
 	free(formed);
 	if (r < 0)

@@ -11,19 +11,21 @@ void call_wire_failure(const Acut__V1__Error *e, struct acut_failure *ret)
 	enum err_code code = err_from_wire_name(e->code);
 
 	*ret = (struct acut_failure){
-	    .code = (int)code,
-	    .name = err_wire_name(code),
-	    .exit_status = err_exit_status(code),
-	    .message = e->message,
-	    .file = e->file,
-	    .field = e->field,
-	    .hint = e->hint,
-	    .offset = e->has_offset ? e->offset : UINT64_MAX,
+		.code = (int)code,
+		.name = err_wire_name(code),
+		.exit_status = err_exit_status(code),
+		.message = e->message,
+		.file = e->file,
+		.field = e->field,
+		.hint = e->hint,
+		.offset = e->has_offset ? e->offset : UINT64_MAX,
 	};
 }
 
-/* What each rule removed: with its name, or as numbers alone, of which the page that the job is on has the names (NULL: it is on none). */
-static int get_removed(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_removed **ret, size_t *ret_n)
+/* What each rule removed: with its name, or as numbers alone, of which the page that the job is on has the names (NULL: it is on
+ * none). */
+static int get_removed(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_removed **ret,
+		       size_t *ret_n)
 {
 	size_t names = page ? page->n_rules : 0, counts = p->n_removed_counts, n = counts ? counts : p->n_removed;
 	struct acut_removed *rows;
@@ -41,7 +43,8 @@ static int get_removed(struct acut *a, const Acut__V1__Report *p, const Acut__V1
 	return 0;
 }
 
-static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_report *ret, void **ret_rows)
+static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1__Jobs *page, struct acut_report *ret,
+		      void **ret_rows)
 {
 	struct acut_removed *rows = NULL;
 	size_t n = 0;
@@ -50,29 +53,29 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1_
 	if (r < 0)
 		return r;
 	*ret = (struct acut_report){
-	    .points = p->points,
-	    .used = p->used,
-	    .vertices = p->vertices,
-	    .triangles = p->triangles,
-	    .hull = p->hull,
-	    .domains = p->domains,
-	    .domains_reused = p->domains_reused,
-	    .halo = p->halo,
-	    .points_read = p->points_read,
-	    .cells_read = p->cells_read,
-	    .peak_rss_bytes = p->peak_rss_bytes,
-	    .digest = p->digest,
-	    .vertex_digest = p->vertex_digest,
-	    .note = p->note,
-	    .window = p->window,
-	    .removed = rows,
-	    .nremoved = n,
-	    .seconds = p->seconds,
-	    .stage_seconds = p->stage_seconds,
-	    .first_triangle_seconds = p->first_triangle_seconds,
-	    .seal_seconds = p->seal_seconds,
-	    .plan_seconds = p->plan_seconds,
-	    .domains_seconds = p->domains_seconds,
+		.points = p->points,
+		.used = p->used,
+		.vertices = p->vertices,
+		.triangles = p->triangles,
+		.hull = p->hull,
+		.domains = p->domains,
+		.domains_reused = p->domains_reused,
+		.halo = p->halo,
+		.points_read = p->points_read,
+		.cells_read = p->cells_read,
+		.peak_rss_bytes = p->peak_rss_bytes,
+		.digest = p->digest,
+		.vertex_digest = p->vertex_digest,
+		.note = p->note,
+		.window = p->window,
+		.removed = rows,
+		.nremoved = n,
+		.seconds = p->seconds,
+		.stage_seconds = p->stage_seconds,
+		.first_triangle_seconds = p->first_triangle_seconds,
+		.seal_seconds = p->seal_seconds,
+		.plan_seconds = p->plan_seconds,
+		.domains_seconds = p->domains_seconds,
 	};
 	*ret_rows = rows;
 	return 0;
@@ -85,27 +88,27 @@ static int take_job(struct acut *a, const Acut__V1__Job *j, const Acut__V1__Jobs
 
 	*ret_rows = NULL;
 	*ret = (struct acut_job){
-	    .id = j->id,
-	    .generation = j->generation,
-	    .dataset = j->dataset,
-	    .view = j->view,
-	    .state = j->state,
-	    .lattice = j->lattice,
-	    .crs = j->crs,
-	    .unit_xy = j->unit_xy,
-	    .unit_z = j->unit_z,
-	    .uid = j->uid,
-	    .pid = j->pid,
-	    .submitted_us = j->submitted_us,
-	    .finished_us = j->finished_us,
-	    .priority = j->priority,
-	    .waiting = j->waiting,
-	    .position = j->position,
-	    .lacks_space = j->lacks_space,
-	    .final = j->final,
-	    .has_report = j->report != NULL,
-	    .has_error = j->error != NULL,
-	    .progress = {.phase = "", .waiting = ""},
+		.id = j->id,
+		.generation = j->generation,
+		.dataset = j->dataset,
+		.view = j->view,
+		.state = j->state,
+		.lattice = j->lattice,
+		.crs = j->crs,
+		.unit_xy = j->unit_xy,
+		.unit_z = j->unit_z,
+		.uid = j->uid,
+		.pid = j->pid,
+		.submitted_us = j->submitted_us,
+		.finished_us = j->finished_us,
+		.priority = j->priority,
+		.waiting = j->waiting,
+		.position = j->position,
+		.lacks_space = j->lacks_space,
+		.final = j->final,
+		.has_report = j->report != NULL,
+		.has_error = j->error != NULL,
+		.progress = {.phase = "", .waiting = ""},
 	};
 	if (j->progress)
 		call_progress(j->progress, &ret->progress);
@@ -141,8 +144,8 @@ int acut_submit_job(struct acut *a, const struct acut_submission *what, const st
 	return job_ask(a, FRAME_MESSAGE(SUBMIT, submit, &question), ret);
 }
 
-int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound,
-		bool fresh, const struct acut_job **ret)
+int acut_submit(struct acut *a, const char *dataset, uint64_t generation, const char *view, bool bound, bool fresh,
+		const struct acut_job **ret)
 {
 	const struct acut_submission what = {dataset, generation, view, NULL, bound, fresh};
 
@@ -165,8 +168,8 @@ int acut_job_remove(struct acut *a, uint64_t id)
 	return call_ask(a, FRAME_MESSAGE(REMOVE, remove, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
 }
 
-int acut_job_wait(struct acut *a, uint64_t id, bool follow,
-		  void (*changed)(void *ctx, const struct acut_job *), void *ctx, const struct acut_job **ret)
+int acut_job_wait(struct acut *a, uint64_t id, bool follow, void (*changed)(void *ctx, const struct acut_job *), void *ctx,
+		  const struct acut_job **ret)
 {
 	Acut__V1__Wait question = ACUT__V1__WAIT__INIT;
 	uint32_t request;
@@ -269,8 +272,7 @@ int acut_dataset_create(struct acut *a, const char *name, const char *scale_xy, 
 			  &a->answer);
 }
 
-int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view,
-	      const struct acut_plan **ret)
+int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const char *view, const struct acut_plan **ret)
 {
 	Acut__V1__PlanRequest question = ACUT__V1__PLAN_REQUEST__INIT;
 	const Acut__V1__Plan *p;
@@ -279,8 +281,7 @@ int acut_plan(struct acut *a, const char *dataset, uint64_t generation, const ch
 	question.dataset = call_text(dataset);
 	question.generation = generation;
 	question.view = call_text(view);
-	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &question), -1,
-		     ACUT__V1__MESSAGE__BODY_PLAN);
+	r = call_ask(a, FRAME_MESSAGE(PLAN_REQUEST, plan_request, &question), -1, ACUT__V1__MESSAGE__BODY_PLAN);
 	if (r < 0)
 		return r;
 	p = a->answer->plan;

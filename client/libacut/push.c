@@ -57,33 +57,33 @@ static void get_double3(const double *from, size_t n, double to[3])
 void call_progress(const Acut__V1__Progress *p, struct acut_progress *ret)
 {
 	*ret = (struct acut_progress){
-	    .phase = p->phase,
-	    .points = p->points,
-	    .points_total = p->points_total,
-	    .domains = p->domains,
-	    .domains_total = p->domains_total,
-	    .seconds_left = p->seconds_left,
-	    .waiting = p->waiting,
+		.phase = p->phase,
+		.points = p->points,
+		.points_total = p->points_total,
+		.domains = p->domains,
+		.domains_total = p->domains_total,
+		.seconds_left = p->seconds_left,
+		.waiting = p->waiting,
 	};
 }
 
 void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 {
 	*ret = (struct acut_probe){
-	    .name = p->name,
-	    .format = p->format,
-	    .variant = p->variant,
-	    .crs = p->crs,
-	    .unit_xy = p->unit_xy,
-	    .unit_z = p->unit_z,
-	    .plane = p->plane,
-	    .warning = p->warning,
-	    .datum = p->datum,
-	    .epsg = p->epsg,
-	    .epsg_z = p->epsg_z,
-	    .replaced = p->replaced,
-	    .points = p->points,
-	    .known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
+		.name = p->name,
+		.format = p->format,
+		.variant = p->variant,
+		.crs = p->crs,
+		.unit_xy = p->unit_xy,
+		.unit_z = p->unit_z,
+		.plane = p->plane,
+		.warning = p->warning,
+		.datum = p->datum,
+		.epsg = p->epsg,
+		.epsg_z = p->epsg_z,
+		.replaced = p->replaced,
+		.points = p->points,
+		.known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
 	};
 	get_double3(p->min, p->n_min, ret->min);
 	get_double3(p->max, p->n_max, ret->max);
@@ -132,8 +132,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	question.format = push->format;
 	question.crop = (double *)o->crop;
 	question.n_crop = o->crop ? 4 : 0;
-	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &question), -1,
-		       ACUT__V1__MESSAGE__BODY_PUSH_BEGUN, &push->request_id, &a->answer);
+	r = call_again(a, FRAME_MESSAGE(PUSH_BEGIN, push_begin, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_BEGUN,
+		       &push->request_id, &a->answer);
 	if (r < 0) {
 		free(push->format);
 		free(push->columns);
@@ -157,8 +157,7 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 }
 
 /* A question about the push: what went wrong unasked comes first. */
-static int push_ask(struct acut_push *push, const Acut__V1__Message *question, int fd,
-		    Acut__V1__Message__BodyCase want)
+static int push_ask(struct acut_push *push, const Acut__V1__Message *question, int fd, Acut__V1__Message__BodyCase want)
 {
 	struct acut *a = push->acut;
 	uint32_t id;
@@ -234,20 +233,20 @@ static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 	}
 	done = m->file_done;
 	a->file = (struct acut_file_result){
-	    .name = done->name,
-	    .warning = done->warning,
-	    .points = done->points,
-	    .moved = done->moved,
-	    .projected_from = done->projected_from,
-	    .geoid = done->geoid,
-	    .shifted = done->shifted,
-	    .shift_min = done->shift_min,
-	    .shift_mean = done->shift_mean,
-	    .shift_max = done->shift_max,
-	    .bytes_read = done->bytes_read,
-	    .bytes = done->bytes,
-	    .partial = done->partial,
-	    .replaced = done->replaced,
+		.name = done->name,
+		.warning = done->warning,
+		.points = done->points,
+		.moved = done->moved,
+		.projected_from = done->projected_from,
+		.geoid = done->geoid,
+		.shifted = done->shifted,
+		.shift_min = done->shift_min,
+		.shift_mean = done->shift_mean,
+		.shift_max = done->shift_max,
+		.bytes_read = done->bytes_read,
+		.bytes = done->bytes,
+		.partial = done->partial,
+		.replaced = done->replaced,
 	};
 	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
 	return 0;
@@ -336,8 +335,7 @@ static int many_send(const struct many *m, size_t i)
 	if (r > 0)
 		return 0;
 	if (r < 0)
-		return a->err.code ? -(int)a->err.code
-				   : err_set(&a->err, ERR_CANCELLED, "the caller ended it");
+		return a->err.code ? -(int)a->err.code : err_set(&a->err, ERR_CANCELLED, "the caller ended it");
 	r = file_send(m->push, m->probe, &in, &id);
 	if (in.fd >= 0)
 		close(in.fd);
@@ -438,13 +436,12 @@ int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 	int r;
 
 	question.push = push->push;
-	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &question), -1,
-		     ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
+	r = push_ask(push, FRAME_MESSAGE(PUSH_PLAN, push_plan, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_PLANNED);
 	if (r == 0) {
 		const Acut__V1__PushPlanned *p = push->acut->answer->push_planned;
 
 		push->acut->planned = (struct acut_push_planned){
-		    .lattice = p->lattice, .crs = p->crs, .zone = p->zone, .datum = p->datum, .geoid = p->geoid};
+			.lattice = p->lattice, .crs = p->crs, .zone = p->zone, .datum = p->datum, .geoid = p->geoid};
 		*ret_lattice = p->lattice;
 	}
 	return r;
@@ -463,14 +460,13 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 	int r;
 
 	question.push = push->push;
-	r = push_ask(push, FRAME_MESSAGE(PUSH_COMMIT, push_commit, &question), -1,
-		     ACUT__V1__MESSAGE__BODY_PUSH_COMMITTED);
+	r = push_ask(push, FRAME_MESSAGE(PUSH_COMMIT, push_commit, &question), -1, ACUT__V1__MESSAGE__BODY_PUSH_COMMITTED);
 	if (r < 0)
 		return r;
 	push->committed = true;
 	c = a->answer->push_committed;
 	a->pushed = (struct acut_push_result){
-	    .dataset = c->dataset, .generation = c->generation, .points = c->points, .unchanged = c->unchanged};
+		.dataset = c->dataset, .generation = c->generation, .points = c->points, .unchanged = c->unchanged};
 	*ret = &a->pushed;
 	return 0;
 }
@@ -515,16 +511,14 @@ struct acut_push *acut_push_end(struct acut_push *push)
 		struct err why = a->err;
 
 		question.push = push->push;
-		call_ask(a, FRAME_MESSAGE(PUSH_ABORT, push_abort, &question), -1,
-			 ACUT__V1__MESSAGE__BODY_DONE);
+		call_ask(a, FRAME_MESSAGE(PUSH_ABORT, push_abort, &question), -1, ACUT__V1__MESSAGE__BODY_DONE);
 		if (why.code)
 			a->err = why;
 	}
 	return acut_push_leave(push);
 }
 
-int acut_info(struct acut *a, int fd, const char *name, const char *format, const char *columns,
-	      const struct acut_probe **ret)
+int acut_info(struct acut *a, int fd, const char *name, const char *format, const char *columns, const struct acut_probe **ret)
 {
 	Acut__V1__InfoRequest question = ACUT__V1__INFO_REQUEST__INIT;
 	char *copy;
@@ -541,8 +535,8 @@ int acut_info(struct acut *a, int fd, const char *name, const char *format, cons
 	question.name = copy;
 	question.format = call_text(format);
 	question.columns = call_text(columns);
-	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd,
-		       ACUT__V1__MESSAGE__BODY_PROBED, &id, &a->answer);
+	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd, ACUT__V1__MESSAGE__BODY_PROBED, &id,
+		       &a->answer);
 	free(copy);
 	if (r < 0)
 		return r;

@@ -34,8 +34,8 @@ int acut_metrics(struct acut *a, void (*each)(void *ctx, const struct acut_metri
 	while (r == 0 && more) {
 		Acut__V1__Message *page;
 
-		r = call_again(a, FRAME_MESSAGE(METRICS_REQUEST, metrics_request, &question), -1,
-			       ACUT__V1__MESSAGE__BODY_METRICS, &id, &page);
+		r = call_again(a, FRAME_MESSAGE(METRICS_REQUEST, metrics_request, &question), -1, ACUT__V1__MESSAGE__BODY_METRICS,
+			       &id, &page);
 		if (r < 0)
 			break;
 		for (size_t i = 0; i < page->metrics->n_families; i++)

@@ -46,8 +46,8 @@ static inline void took(const char *end)
 }
 
 /*
- * memcpy, of bytes that are few nearly always, as those of a key are: by two pieces that may overlap, and without a call. Gives the
- * end.
+ * memcpy, of bytes that are few nearly always, as those of a key are: by two pieces that may overlap, and without a call. Gives
+ * the end.
  */
 static inline char *copy_few(char *to, const char *from, size_t n)
 {

@@ -8,11 +8,14 @@
 #include <string.h>
 
 /* list: its lines go out together, not each at once. */
-struct ctl_json { FILE *out; bool comma, list; };
+struct ctl_json {
+	FILE *out;
+	bool comma, list;
+};
 
 /*
- * A list has a million keys, and nearly all stand in the source: the compiler knows how long these are and that nothing in them is
- * to be escaped. Of others, CTL_JSON_LOOK.
+ * A list has a million keys, and nearly all stand in the source: the compiler knows how long these are and that nothing in them
+ * is to be escaped. Of others, CTL_JSON_LOOK.
  */
 #define CTL_JSON_LOOK SIZE_MAX
 static inline __attribute__((always_inline)) size_t ctl_json_length(const char *key)

@@ -22,11 +22,11 @@ struct ctl_table {
 	FILE *out;
 	struct ctl_term term;
 	const struct ctl_column *column;
-	unsigned n, at;                      /* columns; where the next cell goes */
+	unsigned n, at; /* columns; where the next cell goes */
 	enum ctl_tint tint;
-	struct cell *cell;                   /* of `rows` rows */
+	struct cell *cell; /* of `rows` rows */
 	size_t rows, room;
-	unsigned width[CTL_TABLE_COLUMNS];   /* 0: left out */
+	unsigned width[CTL_TABLE_COLUMNS]; /* 0: left out */
 	bool settled;
 };
 

@@ -41,8 +41,8 @@ void ctl_table_text(struct ctl_table *, const char *fmt, ...) __attribute__((for
 void ctl_table_count(struct ctl_table *, uint64_t n); /* 1,234,567 */
 void ctl_table_id(struct ctl_table *, uint64_t n);    /* 1234567; 0 is none */
 void ctl_table_size(struct ctl_table *, uint64_t bytes);
-void ctl_table_time(struct ctl_table *, int64_t us);  /* since 1970; 0 is none */
-void ctl_table_none(struct ctl_table *);              /* not known: "-" */
+void ctl_table_time(struct ctl_table *, int64_t us);    /* since 1970; 0 is none */
+void ctl_table_none(struct ctl_table *);                /* not known: "-" */
 void ctl_table_tint(struct ctl_table *, enum ctl_tint); /* of the next cell */
 /* Prints the rows that are kept back and the table's end. Returns NULL; takes NULL. */
 struct ctl_table *ctl_table_free(struct ctl_table *);

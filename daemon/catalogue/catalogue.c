@@ -99,14 +99,13 @@ struct catalogue *catalogue_free(struct catalogue *c)
 
 /* ---- the thread ---- */
 
-static int bind_and_step(struct catalogue *c, sqlite3_stmt *s, const struct value *v, unsigned n,
-			 struct err *err)
+static int bind_and_step(struct catalogue *c, sqlite3_stmt *s, const struct value *v, unsigned n, struct err *err)
 {
 	int r = SQLITE_OK;
 
 	for (unsigned i = 0; i < n && r == SQLITE_OK; i++)
-		r = v[i].kind == VALUE_TEXT ? sqlite3_bind_text(s, (int)i + 1, v[i].text, -1, SQLITE_STATIC)
-					    : sqlite3_bind_int64(s, (int)i + 1, v[i].number);
+		r = v[i].kind == VALUE_TEXT ? sqlite3_bind_text(s, (int)i + 1, v[i].text, -1, SQLITE_STATIC) :
+					      sqlite3_bind_int64(s, (int)i + 1, v[i].number);
 	if (r == SQLITE_OK && n > 1)
 		r = sqlite3_bind_int64(s, (int)n + 1, catalogue_sum(v, n));
 	if (r == SQLITE_OK)

@@ -66,8 +66,7 @@ struct catalogue_reader {
 	int (*push)(void *ctx, const struct catalogue_push *, struct err *err);
 };
 /* Everything, by id; before catalogue_start. ret_last: the largest id ever given: dataset, job, push. */
-int catalogue_load(struct catalogue *, const struct catalogue_reader *, uint64_t ret_last[3],
-		   struct err *err);
+int catalogue_load(struct catalogue *, const struct catalogue_reader *, uint64_t ret_last[3], struct err *err);
 int catalogue_start(struct catalogue *, struct err *err);
 
 /* Readable when catalogue_dispatch has something to call. */
@@ -82,14 +81,11 @@ unsigned catalogue_busy(struct catalogue *); /* changes whose `done` has not bee
  * queued, done is not called. put replaces the row of that id. */
 typedef void (*catalogue_done_fn)(void *ctx, int r, const struct err *why);
 /* push: the push that this commits, whose row goes in the same transaction; 0: none. */
-int catalogue_put_dataset(struct catalogue *, const struct catalogue_dataset *, uint64_t push,
-			  catalogue_done_fn done, void *ctx, struct err *err);
-int catalogue_put_job(struct catalogue *, const struct catalogue_job *, catalogue_done_fn done, void *ctx,
-		      struct err *err);
-int catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn done, void *ctx,
-		       struct err *err);
-int catalogue_drop_dataset(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx,
-			   struct err *err);
+int catalogue_put_dataset(struct catalogue *, const struct catalogue_dataset *, uint64_t push, catalogue_done_fn done, void *ctx,
+			  struct err *err);
+int catalogue_put_job(struct catalogue *, const struct catalogue_job *, catalogue_done_fn done, void *ctx, struct err *err);
+int catalogue_put_push(struct catalogue *, const struct catalogue_push *, catalogue_done_fn done, void *ctx, struct err *err);
+int catalogue_drop_dataset(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 int catalogue_drop_job(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 int catalogue_drop_push(struct catalogue *, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err);
 
@@ -102,7 +98,7 @@ int catalogue_check(struct catalogue *, catalogue_done_fn done, void *ctx, struc
  * it. Whoever owns `from` goes on meanwhile. */
 int catalogue_copy(const char *from, const char *to, struct err *err);
 /* The datasets that have a manifest, by id; what `each` returns ends it, if not 0. Nobody may have `path` open. */
-int catalogue_manifests(const char *path, int (*each)(void *ctx, uint64_t dataset, const char *manifest, struct err *),
-			void *ctx, struct err *err);
+int catalogue_manifests(const char *path, int (*each)(void *ctx, uint64_t dataset, const char *manifest, struct err *), void *ctx,
+			struct err *err);
 
 #endif

@@ -89,8 +89,8 @@ static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
 	return 0;
 }
 
-int catalogue_put_dataset(struct catalogue *c, const struct catalogue_dataset *d, uint64_t push,
-			  catalogue_done_fn done, void *ctx, struct err *err)
+int catalogue_put_dataset(struct catalogue *c, const struct catalogue_dataset *d, uint64_t push, catalogue_done_fn done,
+			  void *ctx, struct err *err)
 {
 	struct change *ch = change_new(CATALOGUE_PUT_DATASET, done, ctx);
 
@@ -121,8 +121,7 @@ int catalogue_put_dataset(struct catalogue *c, const struct catalogue_dataset *d
 	return change_queue(c, ch, err);
 }
 
-int catalogue_put_job(struct catalogue *c, const struct catalogue_job *j, catalogue_done_fn done, void *ctx,
-		      struct err *err)
+int catalogue_put_job(struct catalogue *c, const struct catalogue_job *j, catalogue_done_fn done, void *ctx, struct err *err)
 {
 	struct change *ch = change_new(CATALOGUE_PUT_JOB, done, ctx);
 
@@ -148,8 +147,7 @@ int catalogue_put_job(struct catalogue *c, const struct catalogue_job *j, catalo
 	return change_queue(c, ch, err);
 }
 
-int catalogue_put_push(struct catalogue *c, const struct catalogue_push *p, catalogue_done_fn done, void *ctx,
-		       struct err *err)
+int catalogue_put_push(struct catalogue *c, const struct catalogue_push *p, catalogue_done_fn done, void *ctx, struct err *err)
 {
 	struct change *ch = change_new(CATALOGUE_PUT_PUSH, done, ctx);
 
@@ -161,8 +159,7 @@ int catalogue_put_push(struct catalogue *c, const struct catalogue_push *p, cata
 	return change_queue(c, ch, err);
 }
 
-static int drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalogue_done_fn done, void *ctx,
-		struct err *err)
+static int drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
 {
 	struct change *ch = change_new(sql, done, ctx);
 
@@ -170,8 +167,7 @@ static int drop(struct catalogue *c, enum catalogue_sql sql, uint64_t id, catalo
 	return change_queue(c, ch, err);
 }
 
-int catalogue_drop_dataset(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx,
-			   struct err *err)
+int catalogue_drop_dataset(struct catalogue *c, uint64_t id, catalogue_done_fn done, void *ctx, struct err *err)
 {
 	return drop(c, CATALOGUE_DROP_DATASET, id, done, ctx, err);
 }

@@ -16,11 +16,11 @@ static int failed(sqlite3 *db, int code, const char *what, struct err *err)
 {
 	code &= 0xff;
 	return err_set(err,
-		       code == SQLITE_FULL                               ? ERR_NOSPACE
-		       : code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT
-		       : code == SQLITE_NOMEM                            ? ERR_NOMEM
-		       : code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY
-									 : ERR_IO,
+		       code == SQLITE_FULL                             ? ERR_NOSPACE :
+		       code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT :
+		       code == SQLITE_NOMEM                            ? ERR_NOMEM :
+		       code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY :
+									 ERR_IO,
 		       "%s: %s", what, db ? sqlite3_errmsg(db) : sqlite3_errstr(code));
 }
 
@@ -67,8 +67,8 @@ int catalogue_copy(const char *from, const char *to, struct err *err)
 	return r;
 }
 
-int catalogue_manifests(const char *path, int (*each)(void *ctx, uint64_t dataset, const char *manifest, struct err *),
-			void *ctx, struct err *err)
+int catalogue_manifests(const char *path, int (*each)(void *ctx, uint64_t dataset, const char *manifest, struct err *), void *ctx,
+			struct err *err)
 {
 	sqlite3_stmt *s = NULL;
 	sqlite3 *db = NULL;

@@ -3,10 +3,10 @@
  *
  * The model: a commit whose fsync failed may be there or not, and a second fsync would say that all is well either
  * way. So nothing is tried again on that connection. It is closed, which throws away what was not committed, and the
- * database is opened anew; a checkpoint writes all that counts afresh and brings it to the disk. Then the change that failed is looked
- * for: if it is there, it was made; if it is not, it has failed for good. Where even that cannot be told, the catalogue
- * is unsure: nobody may remove what the change was about (the next start sees what it says), and every change after it
- * fails, or begins by opening the database.
+ * database is opened anew; a checkpoint writes all that counts afresh and brings it to the disk. Then the change that failed is
+ * looked for: if it is there, it was made; if it is not, it has failed for good. Where even that cannot be told, the catalogue is
+ * unsure: nobody may remove what the change was about (the next start sees what it says), and every change after it fails, or
+ * begins by opening the database.
  */
 #include "catalogue_priv.h"
 
@@ -55,8 +55,7 @@ static bool equal(sqlite3_stmt *s, const struct change *ch)
 		const struct value *v = &ch->value[i];
 		const char *text = v->kind == VALUE_TEXT ? (const char *)sqlite3_column_text(s, (int)i) : NULL;
 
-		if (v->kind == VALUE_TEXT ? !text || strcmp(text, v->text) != 0
-					  : sqlite3_column_int64(s, (int)i) != v->number)
+		if (v->kind == VALUE_TEXT ? !text || strcmp(text, v->text) != 0 : sqlite3_column_int64(s, (int)i) != v->number)
 			return false;
 	}
 	return true;
@@ -99,7 +98,8 @@ void catalogue_after_error(struct catalogue *c, struct change *ch, struct err *w
 		if (ch->r)
 			atomic_store(&c->unsure, true);
 		catalogue_close(c);
-		err_add_hint(why, "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
+		err_add_hint(why,
+			     "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
 		return;
 	}
 	if (ch->r && made)
@@ -113,7 +113,8 @@ int catalogue_again(struct catalogue *c, struct err *err)
 	if (c->db || !reopen(c, &why))
 		return 0;
 	err_set(err, ERR_IO, "the catalogue is closed after an error of the disk: %.300s", why.message);
-	return err_add_hint(err, "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
+	return err_add_hint(err,
+			    "look after the disk of the state folder, then start acutd again: what was acknowledged is there");
 }
 
 bool catalogue_unsure(struct catalogue *c)

@@ -52,8 +52,8 @@ static int read_dataset(const struct column *c, const struct catalogue_reader *t
 		.crs = c[11].text,
 		.unit_xy = c[12].text,
 		.unit_z = c[13].text,
-		.box = {(int32_t)(c[14].number >> 32), (int32_t)c[14].number,
-			(int32_t)(c[15].number >> 32), (int32_t)c[15].number},
+		.box = {(int32_t)(c[14].number >> 32), (int32_t)c[14].number, (int32_t)(c[15].number >> 32),
+			(int32_t)c[15].number},
 		.removed_us = c[16].number,
 		.pinned = c[17].number != 0,
 		.oldest = (uint64_t)c[18].number,
@@ -143,8 +143,7 @@ static int read_all(struct catalogue *c, const char *table, const char *sql,
 	return r;
 }
 
-int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint64_t ret_last[3],
-		   struct err *err)
+int catalogue_load(struct catalogue *c, const struct catalogue_reader *to, uint64_t ret_last[3], struct err *err)
 {
 	struct catalogue_reader last = {.ctx = ret_last};
 	int r;

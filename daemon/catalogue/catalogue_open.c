@@ -19,12 +19,12 @@ enum { CHECKPOINT_PAGES = 256 };
 int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 {
 	int code = sqlite3_extended_errcode(c->db) & 0xff;
-	enum err_code as = code == SQLITE_FULL                               ? ERR_NOSPACE
-			   : code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT
-			   : code == SQLITE_NOMEM                            ? ERR_NOMEM
-			   : code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY
-			   : code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM
-									     : ERR_IO;
+	enum err_code as = code == SQLITE_FULL                             ? ERR_NOSPACE :
+			   code == SQLITE_CORRUPT || code == SQLITE_NOTADB ? ERR_CORRUPT :
+			   code == SQLITE_NOMEM                            ? ERR_NOMEM :
+			   code == SQLITE_BUSY || code == SQLITE_LOCKED    ? ERR_BUSY :
+			   code == SQLITE_PERM || code == SQLITE_READONLY  ? ERR_PERM :
+									     ERR_IO;
 
 	int sys = code == SQLITE_IOERR ? sqlite3_system_errno(c->db) : 0;
 
@@ -117,18 +117,18 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 	/* Cached pages go before the heap is full; statements and texts of one change need far less than the rest. */
 	sqlite3_soft_heap_limit64(CATALOGUE_HEAP - (CATALOGUE_HEAP >> 2));
 	sqlite3_hard_heap_limit64(CATALOGUE_HEAP);
-	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
-			    NULL) != SQLITE_OK)
-		return c->db ? catalogue_failed(c, err, "the catalogue cannot be opened")
-			     : err_set(err, ERR_NOMEM, "no memory for the catalogue");
+	if (sqlite3_open_v2(path, &c->db, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL) != SQLITE_OK)
+		return c->db ? catalogue_failed(c, err, "the catalogue cannot be opened") :
+			       err_set(err, ERR_NOMEM, "no memory for the catalogue");
 	sqlite3_busy_timeout(c->db, 2000);
 	sqlite3_progress_handler(c->db, STEP_INSTRUCTIONS, on_instructions, NULL);
 	r = user_version(c, &version, err);
 	if (r)
 		return r;
 	if (version > CATALOGUE_VERSION) {
-		err_set(err, ERR_VERSION, "the catalogue was written by a newer acutd: it has version %d, this one (%s) knows up to %d",
-			version, ACUT_VERSION, CATALOGUE_VERSION);
+		err_set(err, ERR_VERSION,
+			"the catalogue was written by a newer acutd: it has version %d, this one (%s) knows up to %d", version,
+			ACUT_VERSION, CATALOGUE_VERSION);
 		return err_add_hint(err, "use that acutd, or another state folder (--state; of private daemons XDG_STATE_HOME)");
 	}
 	r = catalogue_run(c, catalogue_sql_setup, err);
@@ -142,8 +142,8 @@ int catalogue_open(struct catalogue *c, const char *path, struct err *err)
 	if (!r)
 		sqlite3_wal_hook(c->db, on_wal, c);
 	for (int i = 0; !r && i < CATALOGUE_SQLS; i++)
-		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT,
-				       &c->stmt[i], NULL) != SQLITE_OK)
+		if (sqlite3_prepare_v3(c->db, catalogue_sql_text[i], -1, SQLITE_PREPARE_PERSISTENT, &c->stmt[i], NULL) !=
+		    SQLITE_OK)
 			r = catalogue_failed(c, err, "the catalogue");
 	return r;
 }

@@ -14,50 +14,48 @@ const char catalogue_sql_setup[] = "PRAGMA journal_mode = WAL;"
 /* The last column of each table is a checksum of the others (catalogue_sum.c); NULL in rows that an older version wrote. */
 
 /* A dataset that was removed keeps its row for a while, and its name is free: names differ among the others. */
-#define DATASET_COLUMNS(more) \
-	"(id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, uid INTEGER NOT NULL," \
-	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL," \
+#define DATASET_COLUMNS(more)                                                                                    \
+	"(id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, uid INTEGER NOT NULL,"                       \
+	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"                      \
 	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT NULL," \
-	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL," \
-	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL, removed_us INTEGER NOT NULL DEFAULT 0," \
-	" pinned INTEGER NOT NULL DEFAULT 0, oldest INTEGER NOT NULL DEFAULT 0," \
+	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL,"                \
+	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL, removed_us INTEGER NOT NULL DEFAULT 0,"            \
+	" pinned INTEGER NOT NULL DEFAULT 0, oldest INTEGER NOT NULL DEFAULT 0,"                                 \
 	" segments INTEGER NOT NULL DEFAULT 0," more " sum INTEGER);"
 #define DATASET_RIGHTS " gid INTEGER NOT NULL, mode INTEGER NOT NULL,"
-#define JOB_COLUMNS \
+#define JOB_COLUMNS                                                                                     \
 	"(id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, generation INTEGER NOT NULL," \
-	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL," \
-	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL," \
-	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL," \
-	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL," \
-	" priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT ''," \
+	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL,"         \
+	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL,"           \
+	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL,"             \
+	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL,"          \
+	" priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT '',"                          \
 	" admin INTEGER NOT NULL DEFAULT 0, sum INTEGER);"
 #define DATASET_NAMES "CREATE UNIQUE INDEX dataset_name ON dataset (name) WHERE removed_us = 0;"
 
-const char catalogue_sql_schema[] =
-	"BEGIN IMMEDIATE;"
-	"CREATE TABLE dataset " DATASET_COLUMNS(DATASET_RIGHTS) DATASET_NAMES
-	"CREATE TABLE job " JOB_COLUMNS
-	"CREATE TABLE push ("
+const char catalogue_sql_schema[] = "BEGIN IMMEDIATE;"
+				    "CREATE TABLE dataset " DATASET_COLUMNS(DATASET_RIGHTS) DATASET_NAMES
+	"CREATE TABLE job " JOB_COLUMNS "CREATE TABLE push ("
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"
 	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL, sum INTEGER);"
 	"PRAGMA user_version = 4;"
 	"COMMIT;";
 
 /* Columns that have to do with sums, as they were in version 3. */
-#define DATASET_3 \
+#define DATASET_3                                                                                                          \
 	"id, name, uid, created_us, pushed_us, manifest, generation, points, bytes, files, lattice, crs, unit_xy, unit_z," \
 	" box_min, box_max, removed_us, pinned, oldest, segments"
-#define JOB_3 \
+#define JOB_3                                                                                                           \
 	"id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, error_code, error_message," \
 	" error_file, error_field, error_hint, error_offset, priority, area"
 /* A row that is what was written gets the sum of what it is now; one that is not keeps one that does not fit. */
 #define SUM(was, is) "CASE WHEN sum IS row_sum(" was ") THEN row_sum(" is ") ELSE sum END"
 /* Of what is older than groups: none, and what everybody could do: rw-r--r--. */
 #define OLD_RIGHTS "4294967295, 420"
-#define MADE_ANEW(table) \
-	"DELETE FROM sqlite_sequence WHERE name = '" table "_4';" \
+#define MADE_ANEW(table)                                                            \
+	"DELETE FROM sqlite_sequence WHERE name = '" table "_4';"                   \
 	"UPDATE sqlite_sequence SET name = '" table "_4' WHERE name = '" table "';" \
-	"DROP TABLE " table ";" \
+	"DROP TABLE " table ";"                                                     \
 	"ALTER TABLE " table "_4 RENAME TO " table ";"
 
 const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
@@ -67,33 +65,32 @@ const char *const catalogue_sql_step[CATALOGUE_VERSION] = {
 	      "COMMIT;",
 	/* A column cannot lose its UNIQUE: the table is made again, and keeps its place in sqlite_sequence. */
 	[2] = "BEGIN IMMEDIATE;"
-	      "CREATE TABLE dataset_3 " DATASET_COLUMNS("")
-	      "INSERT INTO dataset_3 SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes,"
-	      " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0, 0, 0, NULL FROM dataset;"
-	      "DELETE FROM sqlite_sequence WHERE name = 'dataset_3';"
-	      "UPDATE sqlite_sequence SET name = 'dataset_3' WHERE name = 'dataset';"
-	      "DROP TABLE dataset;"
-	      "ALTER TABLE dataset_3 RENAME TO dataset;" DATASET_NAMES
-	      "ALTER TABLE job ADD COLUMN area TEXT NOT NULL DEFAULT '';"
-	      "ALTER TABLE job ADD COLUMN sum INTEGER;"
-	      "ALTER TABLE push ADD COLUMN sum INTEGER;"
-	      "PRAGMA user_version = 3;"
-	      "COMMIT;",
+	      "CREATE TABLE dataset_3 " DATASET_COLUMNS(
+		      "") "INSERT INTO dataset_3 SELECT id, name, uid, created_us, pushed_us, manifest, generation, points, bytes,"
+			  " files, lattice, crs, unit_xy, unit_z, box_min, box_max, 0, 0, 0, 0, NULL FROM dataset;"
+			  "DELETE FROM sqlite_sequence WHERE name = 'dataset_3';"
+			  "UPDATE sqlite_sequence SET name = 'dataset_3' WHERE name = 'dataset';"
+			  "DROP TABLE dataset;"
+			  "ALTER TABLE dataset_3 RENAME TO dataset;" DATASET_NAMES
+			  "ALTER TABLE job ADD COLUMN area TEXT NOT NULL DEFAULT '';"
+			  "ALTER TABLE job ADD COLUMN sum INTEGER;"
+			  "ALTER TABLE push ADD COLUMN sum INTEGER;"
+			  "PRAGMA user_version = 3;"
+			  "COMMIT;",
 	/* The sum stays the last column. */
 	[3] = "BEGIN IMMEDIATE;"
-	      "CREATE TABLE dataset_4 " DATASET_COLUMNS(DATASET_RIGHTS)
-	      "INSERT INTO dataset_4 SELECT " DATASET_3 ", " OLD_RIGHTS ", " SUM(DATASET_3, DATASET_3 ", " OLD_RIGHTS) " FROM dataset;"
-	      MADE_ANEW("dataset") DATASET_NAMES
-	      "CREATE TABLE job_4 " JOB_COLUMNS
-	      "INSERT INTO job_4 SELECT " JOB_3 ", 0, " SUM(JOB_3, JOB_3 ", 0") " FROM job;"
-	      MADE_ANEW("job")
-	      "PRAGMA user_version = 4;"
-	      "COMMIT;",
+	      "CREATE TABLE dataset_4 " DATASET_COLUMNS(
+		      DATASET_RIGHTS) "INSERT INTO dataset_4 SELECT " DATASET_3 ", " OLD_RIGHTS
+				      ", " SUM(DATASET_3, DATASET_3 ", " OLD_RIGHTS) " FROM dataset;" MADE_ANEW("dataset")
+					      DATASET_NAMES
+	"CREATE TABLE job_4 " JOB_COLUMNS "INSERT INTO job_4 SELECT " JOB_3
+	", 0, " SUM(JOB_3, JOB_3 ", 0") " FROM job;" MADE_ANEW("job") "PRAGMA user_version = 4;"
+								      "COMMIT;",
 };
 
 /* Of a name that another dataset has nothing is put: REPLACE would remove that one. */
 const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
-	[CATALOGUE_PUT_DATASET] = 
+	[CATALOGUE_PUT_DATASET] =
 		"INSERT INTO dataset VALUES (?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?,?)"
 		" ON CONFLICT (id) DO UPDATE SET name = excluded.name, uid = excluded.uid,"
 		" created_us = excluded.created_us, pushed_us = excluded.pushed_us, manifest = excluded.manifest,"
@@ -109,9 +106,10 @@ const char *const catalogue_sql_text[CATALOGUE_SQLS] = {
 	[CATALOGUE_DROP_PUSH] = "DELETE FROM push WHERE id = ?",
 };
 
-const char catalogue_sql_datasets[] = "SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
-				      "points, bytes, files, lattice, crs,"
-				      " unit_xy, unit_z, box_min, box_max, removed_us, pinned, oldest, segments, gid, mode, sum FROM dataset ORDER BY id";
+const char catalogue_sql_datasets[] =
+	"SELECT id, name, uid, created_us, pushed_us, manifest, generation, "
+	"points, bytes, files, lattice, crs,"
+	" unit_xy, unit_z, box_min, box_max, removed_us, pinned, oldest, segments, gid, mode, sum FROM dataset ORDER BY id";
 const char catalogue_sql_jobs[] =
 	"SELECT id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report, "
 	"error_code,"

@@ -91,6 +91,7 @@ int catalogue_sum_check(const struct column *c, unsigned n, const char *table, s
 	}
 	if (last->type == SQLITE_INTEGER && last->number == fold(&sum))
 		return 0;
-	err_set(err, ERR_CORRUPT, "the catalogue is damaged: %s number %lld is not what was written", table, (long long)c->number);
+	err_set(err, ERR_CORRUPT, "the catalogue is damaged: %s number %lld is not what was written", table,
+		(long long)c->number);
 	return err_add_hint(err, "take the state from a backup");
 }

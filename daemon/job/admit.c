@@ -13,14 +13,13 @@
  *     refused (push_room).
  *   - for a while: what a task takes when it starts (a domain, a plan, a selection, buffers to read a file). It ends
  *     without asking for more; what it leaves in memory (a finished domain) goes to the store when others lack
- *     memory (walk_relieve), by tasks that need none and so are never behind one that waits. A plan is made by two tasks, of which the
- *     second needs none either (walk_plan.c).
- * Let F be the memory without what is held for long. Then at any time F is at least what the largest single task of
- * any walk at work takes: a place is given only where F stays so large (room_for), a stage leaves twice that
- * (admit_stage), and a plan's domains are at most half of F when it is made. The first task in the queue that lacks
- * memory has a claim on all that comes free (sched_queue.c). So when those before it have ended, it fits. Tasks that
- * are no walk's (inspection, a file larger than was thought) are refused where they could be larger than F can
- * become (admit_never). Helpers that read a file in parts only take what is idle, and never have a claim.
+ *     memory (walk_relieve), by tasks that need none and so are never behind one that waits. A plan is made by two tasks, of
+ * which the second needs none either (walk_plan.c). Let F be the memory without what is held for long. Then at any time F is at
+ * least what the largest single task of any walk at work takes: a place is given only where F stays so large (room_for), a stage
+ * leaves twice that (admit_stage), and a plan's domains are at most half of F when it is made. The first task in the queue that
+ * lacks memory has a claim on all that comes free (sched_queue.c). So when those before it have ended, it fits. Tasks that are no
+ * walk's (inspection, a file larger than was thought) are refused where they could be larger than F can become (admit_never).
+ * Helpers that read a file in parts only take what is idle, and never have a claim.
  */
 #include "clock.h"
 #include "job_priv.h"
@@ -62,8 +61,8 @@ void admit_init(struct jobs *j)
 	j->stage_share = total / 2;
 	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
 	j->reserve = house_bytes(j);
-	j->reserve_part = ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN |
-						    1u << LEDGER_PIPE);
+	j->reserve_part =
+		ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE);
 }
 
 /* ---- what is held ---- */
@@ -251,7 +250,8 @@ static unsigned stages_of(const struct jobs *j, uint32_t uid)
 	return n;
 }
 
-/* Of those that wait for one, and whose user may have one more: whose user has the fewest, then was served least, then who came first. */
+/* Of those that wait for one, and whose user may have one more: whose user has the fewest, then was served least, then who came
+ * first. */
 static struct push *stage_next(struct jobs *j)
 {
 	struct push *p, *best = NULL;

@@ -42,9 +42,9 @@ struct backup {
 	struct sched_owner owner;
 	int dirfd, listfd;
 	uint64_t list_size, at, files, bytes;
-	bool pathless; /* the paths of the sources are not for him */
+	bool pathless;             /* the paths of the sources are not for him */
 	bool busy, ended, telling; /* a task is under way; nobody wants it; its client is being told */
-	uint64_t ndamaged; /* datasets whose files were taken as they are */
+	uint64_t ndamaged;         /* datasets whose files were taken as they are */
 	struct err damaged;
 	char line[LINE], gone[LINE]; /* of the list; what was not there any more */
 	struct backup_file file;
@@ -182,8 +182,7 @@ static int take_files(struct backup *b, int fd, const char *prefix, bool copy, s
 }
 
 /* Links of one manifest and its segments, below `prefix`. */
-static int take_dataset(struct backup *b, uint64_t id, const char *manifest, const char *prefix, const char *as,
-			struct err *err)
+static int take_dataset(struct backup *b, uint64_t id, const char *manifest, const char *prefix, const char *as, struct err *err)
 {
 	struct grid_manifest *m = NULL;
 	char name[32], path[LINE];
@@ -352,8 +351,13 @@ static void end_done(struct sched_task *t)
 /* With bytes: the making of it. The next file is a few system calls. */
 static void submit(struct backup *b, void (*run)(struct sched_task *), void (*done)(struct sched_task *), uint64_t bytes)
 {
-	b->task = (struct sched_task){.run = run, .done = done, .owner = b->owner, .priority = SCHED_NORMAL,
-				      .lengthy = bytes || run == end_run, .name = LEDGER_INPUT, .bytes = bytes};
+	b->task = (struct sched_task){.run = run,
+				      .done = done,
+				      .owner = b->owner,
+				      .priority = SCHED_NORMAL,
+				      .lengthy = bytes || run == end_run,
+				      .name = LEDGER_INPUT,
+				      .bytes = bytes};
 	b->busy = true;
 	b->err = ERR_INIT;
 	sched_submit(b->jobs->p.sched, &b->task);
@@ -556,8 +560,7 @@ static void next_done(struct sched_task *t)
 		submit(b, end_run, end_done, 0);
 }
 
-void backup_next(struct backup *b, void (*next)(void *token, const struct err *why, const struct backup_file *),
-		 void *token)
+void backup_next(struct backup *b, void (*next)(void *token, const struct err *why, const struct backup_file *), void *token)
 {
 	struct err err = ERR_INIT;
 

@@ -22,12 +22,13 @@ struct backup_ready {
 struct backup_file {
 	const char *name; /* relative, with '/' */
 	uint64_t size;
-	bool lasting;     /* one of this name never has other bytes */
-	int fd;           /* for reading; the callee's */
+	bool lasting; /* one of this name never has other bytes */
+	int fd;       /* for reading; the callee's */
 };
 
 /* All that the state of this moment consists of; dataset not "": the files of that one. Root and the daemon's user, the
- * who may read the dataset; who does not own it gets its manifest without the paths of its files. Nothing of it goes before backup_end, whatever is pushed, merged or removed meanwhile. */
+ * who may read the dataset; who does not own it gets its manifest without the paths of its files. Nothing of it goes before
+ * backup_end, whatever is pushed, merged or removed meanwhile. */
 void backup_begin(struct jobs *, const char *dataset, const struct job_peer *,
 		  void (*ready)(void *token, const struct err *why, const struct backup_ready *), void *token);
 /* The next file; NULL: that was all. One at a time. */

@@ -28,8 +28,10 @@ void cache_stat(struct jobs *j, struct cache_stat *ret)
 	disk_count(j);
 	space_stat(j->space, &ret->space);
 	for (d = j->datasets; d; d = d->next) {
-		ret->space.kind[d->onestep ? SPACE_ONESTEP : d->removed_us ? SPACE_REMOVED : SPACE_DATASETS].entries +=
-			d->onestep || d->generation;
+		ret->space.kind[d->onestep    ? SPACE_ONESTEP :
+				d->removed_us ? SPACE_REMOVED :
+						SPACE_DATASETS]
+			.entries += d->onestep || d->generation;
 		for (q = d->pending; q; q = q->next)
 			ret->space.kind[SPACE_PENDING].entries++;
 	}
@@ -99,8 +101,8 @@ void cache_gc(struct jobs *j, const struct job_peer *peer, bool all,
 		freed(token, &err, 0, 0);
 		return;
 	}
-	g->task = (struct sched_task){.run = gc_run, .done = gc_done, .owner = {.uid = peer->uid},
-				      .priority = SCHED_NORMAL, .lengthy = true};
+	g->task = (struct sched_task){
+		.run = gc_run, .done = gc_done, .owner = {.uid = peer->uid}, .priority = SCHED_NORMAL, .lengthy = true};
 	g->jobs = j;
 	g->all = all;
 	g->err = ERR_INIT;

@@ -4,8 +4,8 @@
  * The model: the plan of a job lists the domains that its mesh is made of, and a job is listed for some time after its
  * dataset is gone. What such plans name goes, unless the plan of a job whose dataset is there names it too. Those are too
  * many to be kept in mind one by one: each sets a few bits of a table of fixed size, and what finds all of its bits set stays. So
- * now and then one stays that could go; none goes that is in a plan of somebody else. Where no plan tells, time does: what is not used is
- * evicted first.
+ * now and then one stays that could go; none goes that is in a plan of somebody else. Where no plan tells, time does: what is not
+ * used is evicted first.
  */
 #include <stdlib.h>
 

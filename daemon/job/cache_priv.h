@@ -18,16 +18,16 @@ struct cache_verify {
 	void *token;
 	struct sched_task task;
 	enum cache_step step;
-	bool busy;              /* a worker, or the catalogue's thread, has it */
-	uint64_t last;          /* dataset that was read last */
+	bool busy;               /* a worker, or the catalogue's thread, has it */
+	uint64_t last;           /* dataset that was read last */
 	struct dataset *dataset; /* that is being read */
 	char manifest[64];
-	uint64_t pending[32];   /* its interrupted pushes */
+	uint64_t pending[32]; /* its interrupted pushes */
 	size_t npending;
-	uint64_t wait_ns;       /* there was no memory for it then: again later */
+	uint64_t wait_ns; /* there was no memory for it then: again later */
 	uint64_t told_ns;
 
-	pthread_mutex_t lock;   /* of what workers and the loop share */
+	pthread_mutex_t lock; /* of what workers and the loop share */
 	pthread_cond_t room;
 	struct cache_damage *damage; /* CACHE_DAMAGES */
 	size_t ndamage;

@@ -282,8 +282,7 @@ struct folder {
 	unsigned depth;
 };
 
-static int read_domains(struct cache_verify *v, int parent, const char *name, const char *path, unsigned depth,
-			struct err *err);
+static int read_domains(struct cache_verify *v, int parent, const char *name, const char *path, unsigned depth, struct err *err);
 
 static int read_domain(struct folder *f, const char *name, const struct stat *st, struct err *err)
 {
@@ -329,8 +328,7 @@ static int read_entry(void *ctx, const struct dirent *e, struct err *err)
 	return read_domains(f->v, f->fd, e->d_name, path, f->depth - 1, err);
 }
 
-static int read_domains(struct cache_verify *v, int parent, const char *name, const char *path, unsigned depth,
-			struct err *err)
+static int read_domains(struct cache_verify *v, int parent, const char *name, const char *path, unsigned depth, struct err *err)
 {
 	struct folder f = {.v = v, .depth = depth};
 	struct err why = ERR_INIT;

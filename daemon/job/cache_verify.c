@@ -18,7 +18,7 @@
 #define AGAIN_SECONDS 1.0
 
 static const char *const phases[CACHE_OVER] = {
-	[CACHE_CATALOGUE] = "catalogue", [CACHE_DATASETS] = "datasets",	[CACHE_PLANS] = "plans",
+	[CACHE_CATALOGUE] = "catalogue",   [CACHE_DATASETS] = "datasets", [CACHE_PLANS] = "plans",
 	[CACHE_SELECTIONS] = "selections", [CACHE_DOMAINS] = "domains",
 };
 
@@ -49,8 +49,10 @@ void cache_found(struct cache_verify *v, const char *what, bool derived, bool re
 		d = &v->damage[v->ndamage++];
 		*d = (struct cache_damage){.what = what, .err = *err, .derived = derived, .removed = removed};
 		if (newer)
-			err_add_hint(&d->err, derived ? "it stays for the newer acut that wrote it, and is made again where this one needs it" :
-				     "it stays as it is: install the newer acut that wrote it again, or a later one");
+			err_add_hint(
+				&d->err,
+				derived ? "it stays for the newer acut that wrote it, and is made again where this one needs it" :
+					  "it stays as it is: install the newer acut that wrote it again, or a later one");
 		if (v->step == CACHE_DATASETS && v->dataset)
 			memcpy(d->dataset, v->dataset->name, sizeof d->dataset);
 	}
@@ -301,7 +303,8 @@ int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache
 	if (r)
 		return r;
 	if (j->verify || j->parking)
-		return err_set(err, ERR_BUSY, j->verify ? "it is being done already, for somebody else" : "the daemon is stopping");
+		return err_set(err, ERR_BUSY,
+			       j->verify ? "it is being done already, for somebody else" : "the daemon is stopping");
 	v = calloc(1, sizeof *v);
 	if (v)
 		v->damage = calloc(CACHE_DAMAGES, sizeof *v->damage);

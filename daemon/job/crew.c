@@ -3,8 +3,8 @@
  *
  * The model: the task goes on as long as there is anything to do. Helpers are SCHED_LAST: they start where a thread is idle, and
  * now and then elsewhere (sched_queue.c). After a step they queue up again if a task of another flow waits, and otherwise after
- * STAY_SECONDS; they take no memory of the scheduler's. Whoever comes when the last step was begun goes; the task waits for those still
- * at work.
+ * STAY_SECONDS; they take no memory of the scheduler's. Whoever comes when the last step was begun goes; the task waits for those
+ * still at work.
  */
 #include "crew.h"
 
@@ -131,7 +131,8 @@ void crew_start(struct crew *c)
 	c->running = c->p.members;
 	for (unsigned i = 0; i + 1 < c->p.members; i++) {
 		c->helper[i] = (struct helper){.task = {.run = help, .done = helped, .owner = c->p.owner, .priority = SCHED_LAST},
-					       .crew = c, .member = i + 1};
+					       .crew = c,
+					       .member = i + 1};
 		sched_submit(c->p.sched, &c->helper[i].task);
 	}
 }

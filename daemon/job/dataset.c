@@ -286,8 +286,8 @@ static void remove_folder(struct dataset *d)
 
 	if (!rm)
 		return;
-	rm->task = (struct sched_task){.run = removal_run, .done = removal_done, .owner = {.uid = d->uid},
-					.priority = SCHED_LAST};
+	rm->task =
+		(struct sched_task){.run = removal_run, .done = removal_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
 	rm->jobs = d->jobs;
 	rm->parent = parent_of(d);
 	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);
@@ -461,8 +461,8 @@ int dataset_set(struct dataset *d, const struct grid_manifest *m, const char *ma
 	size_t i;
 
 	lattice_text(&m->lattice, lattice);
-	if (!replace(&d->lattice, lattice) || !replace(&d->crs, m->crs) ||
-	    !replace(&d->unit_xy, m->unit_xy) || !replace(&d->unit_z, m->unit_z))
+	if (!replace(&d->lattice, lattice) || !replace(&d->crs, m->crs) || !replace(&d->unit_xy, m->unit_xy) ||
+	    !replace(&d->unit_z, m->unit_z))
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
 	d->generation = m->generation;
 	d->oldest = grid_manifest_oldest(m);
@@ -532,8 +532,7 @@ int dataset_check_generation(const struct dataset *d, uint64_t generation, struc
 		err_set(err, ERR_NOTFOUND, "generation %llu of the dataset %s was pruned", (unsigned long long)generation,
 			d->name);
 	else
-		err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu", d->name,
-			(unsigned long long)generation);
+		err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu", d->name, (unsigned long long)generation);
 	return err_add_hint(err, "it has generations %llu to %llu", (unsigned long long)oldest,
 			    (unsigned long long)d->generation);
 }
@@ -599,8 +598,8 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	d->merge_due = merge_due_likely(row->segments);
 	d->jobs->merges_due |= d->merge_due;
 	memcpy(d->box, row->box, sizeof d->box);
-	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) ||
-	    !replace(&d->unit_xy, row->unit_xy) || !replace(&d->unit_z, row->unit_z))
+	if (!replace(&d->lattice, row->lattice) || !replace(&d->crs, row->crs) || !replace(&d->unit_xy, row->unit_xy) ||
+	    !replace(&d->unit_z, row->unit_z))
 		return err_set(err, ERR_NOMEM, "no memory for a dataset");
 	charge_texts(d);
 	return 0;

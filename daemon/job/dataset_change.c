@@ -4,8 +4,8 @@
  * The model: one manifest after the other. Who makes the next one is the dataset's `committer`; a change that finds
  * another one there waits in the house's list. A worker reads the newest manifest, lets `make` say what becomes of it,
  * and writes the new one, durable; then the row of the catalogue names it, and only then does the dataset in memory.
- * What a crash leaves of one is a manifest that nothing names, or half of one; no row leads the next start to it. Whoever publishes the
- * dataset's next manifest, a push or a change, removes it first.
+ * What a crash leaves of one is a manifest that nothing names, or half of one; no row leads the next start to it. Whoever
+ * publishes the dataset's next manifest, a push or a change, removes it first.
  */
 #include "dataset_change.h"
 
@@ -35,8 +35,8 @@ static int take_room(struct dataset_change *c, uint64_t bytes, struct err *err)
 {
 	if (ledger_take(c->jobs->p.ledger, LEDGER_MANIFEST, bytes))
 		return 0;
-	err_set(err, ERR_BUSY, "no %llu KiB are free for the next manifest of the dataset %s",
-		(unsigned long long)(bytes >> 10), c->dataset->name);
+	err_set(err, ERR_BUSY, "no %llu KiB are free for the next manifest of the dataset %s", (unsigned long long)(bytes >> 10),
+		c->dataset->name);
 	return err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
 }
 
@@ -164,8 +164,8 @@ static void tidy_done(struct sched_task *t)
 
 static void task(struct dataset_change *c, void (*run)(struct sched_task *), void (*done)(struct sched_task *))
 {
-	c->task = (struct sched_task){.run = run, .done = done, .owner = {.uid = c->peer.uid, .flow = ++c->jobs->last_flow},
-				      .priority = SCHED_FIRST};
+	c->task = (struct sched_task){
+		.run = run, .done = done, .owner = {.uid = c->peer.uid, .flow = ++c->jobs->last_flow}, .priority = SCHED_FIRST};
 	sched_submit(c->jobs->p.sched, &c->task);
 }
 

@@ -109,8 +109,8 @@ static void row_done(void *ctx, int r, const struct err *why)
 	finish(ctx, r ? why : NULL);
 }
 
-void dataset_create(struct jobs *j, const struct dataset_wish *w,
-		    void (*created)(void *token, const struct err *why), void *token)
+void dataset_create(struct jobs *j, const struct dataset_wish *w, void (*created)(void *token, const struct err *why),
+		    void *token)
 {
 	struct creation *c = calloc(1, sizeof *c);
 	struct catalogue_dataset row;
@@ -165,10 +165,9 @@ static int keep_to(const struct push *p, const char *what, const char *wanted, c
 {
 	if (!*wanted || !strcmp(wanted, "unknown") || !strcmp(wanted, got))
 		return 0;
-	err_set(err, ERR_INPUT, "%s is %.100s, but the dataset %s was created with %.100s", what, got, p->dataset->name,
-		wanted);
-	err_add_hint(err, strcmp(got, "unknown") ? "push into a dataset of that coordinate system"
-						  : "say with --assume-crs that it is that, where no record says so");
+	err_set(err, ERR_INPUT, "%s is %.100s, but the dataset %s was created with %.100s", what, got, p->dataset->name, wanted);
+	err_add_hint(err, strcmp(got, "unknown") ? "push into a dataset of that coordinate system" :
+						   "say with --assume-crs that it is that, where no record says so");
 	return err_add_file(err, p->crs_of);
 }
 

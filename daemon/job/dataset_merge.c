@@ -18,9 +18,9 @@
 enum {
 	SMALLEST = 4096, /* points: what is smaller is of one class */
 	CLASSES = 32,
-	ENOUGH = 4,      /* of a class: they are merged */
-	FAN = 32,        /* at most at once */
-	MANY = 40,       /* segments: merging gives way to nobody */
+	ENOUGH = 4, /* of a class: they are merged */
+	FAN = 32,   /* at most at once */
+	MANY = 40,  /* segments: merging gives way to nobody */
 };
 
 /* After one that was given up; where there was no space, twice as long each time. */

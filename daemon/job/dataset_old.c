@@ -96,8 +96,8 @@ static void go(struct dataset_old *o)
 {
 	struct jobs *j = o->dataset->jobs;
 
-	o->task = (struct sched_task){.run = old_run, .done = old_done, .owner = {.uid = o->dataset->uid},
-				      .priority = SCHED_LAST};
+	o->task =
+		(struct sched_task){.run = old_run, .done = old_done, .owner = {.uid = o->dataset->uid}, .priority = SCHED_LAST};
 	j->background++;
 	sched_submit(j->p.sched, &o->task);
 }

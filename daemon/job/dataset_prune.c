@@ -3,9 +3,9 @@
  *
  * The model: a source whose lives all end by the oldest generation that stays is dead. Segments that hold records of dead
  * sources are made anew without them, or go if they hold nothing else; the next manifest lacks these sources, and says
- * which generation is the oldest that can be read; what each of the others did is told still. Nothing that can be read afterwards has changed: the same
- * records, and the same sums of contents. A job of a generation that would go, and is not done, stops it: nobody takes away
- * what somebody waits for.
+ * which generation is the oldest that can be read; what each of the others did is told still. Nothing that can be read afterwards
+ * has changed: the same records, and the same sums of contents. A job of a generation that would go, and is not done, stops it:
+ * nobody takes away what somebody waits for.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -190,10 +190,11 @@ static void answer(struct prune *p, const struct err *why)
 	if (!why) {
 		p->done.dataset = d;
 		p->done.oldest = d->oldest;
-		log_event(LOG_EVENT_DATASET_PRUNED, ABOUT_DATASET(d), "%s: %llu generations before %llu went, with %llu points of %llu files, %llu bytes", d->name,
-			   (unsigned long long)p->done.generations, (unsigned long long)d->oldest,
-			   (unsigned long long)p->done.points, (unsigned long long)p->done.files,
-			   (unsigned long long)p->done.bytes);
+		log_event(LOG_EVENT_DATASET_PRUNED, ABOUT_DATASET(d),
+			  "%s: %llu generations before %llu went, with %llu points of %llu files, %llu bytes", d->name,
+			  (unsigned long long)p->done.generations, (unsigned long long)d->oldest,
+			  (unsigned long long)p->done.points, (unsigned long long)p->done.files,
+			  (unsigned long long)p->done.bytes);
 	}
 	p->answer(p->token, why, why ? NULL : &p->done);
 	dataset_release(d);
@@ -277,8 +278,8 @@ void dataset_prune_tick(struct jobs *j)
 		dataset_rewrite_tick(&j->prunes->rewrite);
 }
 
-struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, const struct job_peer *peer,
-			    prune_answer_fn *fn, void *token)
+struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, const struct job_peer *peer, prune_answer_fn *fn,
+			    void *token)
 {
 	struct jobs *j = d->jobs;
 	struct err err = ERR_INIT;

@@ -63,7 +63,9 @@ void dataset_read(struct dataset *d, const struct job_peer *peer, dataset_read_f
 		answer(token, &err, d, NULL);
 		return;
 	}
-	x->task = (struct sched_task){.run = reading_run, .done = reading_done, .priority = SCHED_FIRST,
+	x->task = (struct sched_task){.run = reading_run,
+				      .done = reading_done,
+				      .priority = SCHED_FIRST,
 				      .owner = {.uid = peer->uid, .flow = ++j->last_flow}};
 	x->dataset = dataset_hold(d);
 	x->err = ERR_INIT;

@@ -57,7 +57,8 @@ int64_t dataset_until_us(const struct dataset *d)
 static int no_dataset(const char *name, bool removed, struct err *err)
 {
 	err_set(err, ERR_NOTFOUND, "there is no %sdataset \"%.100s\"", removed ? "removed " : "", name);
-	return err_add_hint(err, removed ? "acutctl datasets --removed lists what can be restored" : "acutctl datasets lists them");
+	return err_add_hint(err,
+			    removed ? "acutctl datasets --removed lists what can be restored" : "acutctl datasets lists them");
 }
 
 static int check_remove(const struct dataset *d, struct err *err)
@@ -207,8 +208,8 @@ static int change(struct jobs *j, const struct dataset_wanted *w, struct verb *v
 static void tell(const struct verb *v)
 {
 	const struct dataset *d = v->dataset;
-	const struct log_about about = {.dataset = d->name, .generation = d->generation, ABOUT_USER(v->wanted.peer.uid),
-					.pid = v->wanted.peer.pid};
+	const struct log_about about = {
+		.dataset = d->name, .generation = d->generation, ABOUT_USER(v->wanted.peer.uid), .pid = v->wanted.peer.pid};
 	char mode[MODE_TEXT_SIZE];
 
 	if (v->wanted.verb == DATASET_REMOVE)
@@ -216,11 +217,10 @@ static void tell(const struct verb *v)
 	else if (v->wanted.verb == DATASET_RESTORE)
 		log_event(LOG_EVENT_DATASET_RESTORED, &about, "the dataset %s was restored", d->name);
 	else if (v->wanted.verb == DATASET_PIN || v->wanted.verb == DATASET_UNPIN)
-		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s was %s", d->name,
-			  d->pinned ? "pinned" : "unpinned");
+		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s was %s", d->name, d->pinned ? "pinned" : "unpinned");
 	else
-		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s is that of uid %u, group %d, mode %s", d->name, d->uid,
-			  (int)d->gid, mode_text(d->mode, mode));
+		log_event(LOG_EVENT_DATASET_CHANGED, &about, "the dataset %s is that of uid %u, group %d, mode %s", d->name,
+			  d->uid, (int)d->gid, mode_text(d->mode, mode));
 }
 
 static void finish(struct verb *v, const struct err *why)
@@ -409,8 +409,9 @@ void datasets_expire(struct jobs *j)
 		forget(d);
 		if (d->users)
 			continue;
-		log_event(LOG_EVENT_DATASET_GONE, ABOUT_DATASET(d), "the dataset %s (number %llu) was removed and goes with its %llu points", d->name,
-			   (unsigned long long)d->id, (unsigned long long)d->points);
+		log_event(LOG_EVENT_DATASET_GONE, ABOUT_DATASET(d),
+			  "the dataset %s (number %llu) was removed and goes with its %llu points", d->name,
+			  (unsigned long long)d->id, (unsigned long long)d->points);
 		dataset_drop(d);
 	}
 }

@@ -39,8 +39,7 @@ static bool ended(const struct grid_source *s, uint64_t g)
 }
 
 /* Where others have their files is for the owner alone, as in a list of files. */
-static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner,
-		    struct err *err)
+static int conflict(const struct grid_source *s, uint64_t g, uint64_t by, const char *what, bool owner, struct err *err)
 {
 	err_set(err, ERR_CONFLICT, "generation %llu cannot be undone: the file was %s in generation %llu", (unsigned long long)g,
 		what, (unsigned long long)by);
@@ -65,7 +64,8 @@ static int check_number(const struct grid_manifest *m, uint64_t g, const char *n
 		return err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu, the newest is %llu", name,
 			       (unsigned long long)g, (unsigned long long)m->generation);
 	if (g < first)
-		return err_set(err, ERR_NOTFOUND, "generation %llu of %s cannot be undone: what was before generation %llu was pruned",
+		return err_set(err, ERR_NOTFOUND,
+			       "generation %llu of %s cannot be undone: what was before generation %llu was pruned",
 			       (unsigned long long)g, name, (unsigned long long)oldest);
 	if (note && note->kind == GRID_PRUNE)
 		return err_set(err, ERR_CONFLICT, "generation %llu of %s cannot be undone: what was pruned is gone",
@@ -118,7 +118,8 @@ static int check(const struct grid_manifest *m, uint64_t g, bool owner, struct e
 	}
 	names_free(&paths);
 	if (!r && !any)
-		r = err_set(err, ERR_CONFLICT, "generation %llu changed nothing: there is nothing to undo", (unsigned long long)g);
+		r = err_set(err, ERR_CONFLICT, "generation %llu changed nothing: there is nothing to undo",
+			    (unsigned long long)g);
 	return r;
 }
 
@@ -137,8 +138,7 @@ static int live_again(struct grid_source *s, uint64_t generation, struct grid_sp
 	return 0;
 }
 
-static int revert_make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m,
-		       struct err *err)
+static int revert_make(struct dataset_change *c, const struct grid_manifest *base, struct grid_manifest *m, struct err *err)
 {
 	struct revert *v = (struct revert *)c;
 	uint64_t g = v->generation;
@@ -182,10 +182,12 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 	c->dataset->reverting--;
 	if (!why)
 		log_event(LOG_EVENT_DATASET_REVERTED,
-			  &(struct log_about){.dataset = c->dataset->name, .generation = done.generation,
-					      ABOUT_USER(c->peer.uid), .pid = c->peer.pid},
-			  "%s: generation %llu undoes generation %llu", c->dataset->name,
-			  (unsigned long long)done.generation, (unsigned long long)done.undone);
+			  &(struct log_about){.dataset = c->dataset->name,
+					      .generation = done.generation,
+					      ABOUT_USER(c->peer.uid),
+					      .pid = c->peer.pid},
+			  "%s: generation %llu undoes generation %llu", c->dataset->name, (unsigned long long)done.generation,
+			  (unsigned long long)done.undone);
 	v->answer(v->token, why, why ? NULL : &done);
 	house_give(c->dataset->jobs, sizeof *v);
 	free(v);
@@ -197,19 +199,20 @@ static int check_prune(const struct dataset *d, uint64_t generation, struct err 
 	generation = generation ? generation : d->generation;
 	if (!d->prune_to || generation > d->prune_to)
 		return 0;
-	return err_set(err, ERR_NOTFOUND, "generation %llu of %s cannot be undone: what was before generation %llu is being pruned",
+	return err_set(err, ERR_NOTFOUND,
+		       "generation %llu of %s cannot be undone: what was before generation %llu is being pruned",
 		       (unsigned long long)generation, d->name, (unsigned long long)d->prune_to);
 }
 
-void dataset_revert(struct dataset *d, uint64_t generation, const struct job_peer *peer, revert_answer_fn *answer,
-		    void *token)
+void dataset_revert(struct dataset *d, uint64_t generation, const struct job_peer *peer, revert_answer_fn *answer, void *token)
 {
 	struct revert *v = NULL;
 	struct err err = ERR_INIT;
 
 	if (d->onestep)
 		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
-	else if (!rights_dataset(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) && !house_take(d->jobs, sizeof *v, "a revert", &err)) {
+	else if (!rights_dataset(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) &&
+		 !house_take(d->jobs, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
 		if (!v) {
 			house_give(d->jobs, sizeof *v);

@@ -57,8 +57,7 @@ static bool grow(struct dataset_rewrite *w, size_t n)
 	return true;
 }
 
-int rewrite_add(struct dataset_rewrite *w, const struct grid_segment_info *const *segments, size_t n, bool gone,
-		struct err *err)
+int rewrite_add(struct dataset_rewrite *w, const struct grid_segment_info *const *segments, size_t n, bool gone, struct err *err)
 {
 	if (!grow(w, n))
 		return err_set(err, ERR_NOMEM, "no memory for a list of segments");
@@ -157,7 +156,10 @@ void dataset_rewrite_clear(struct dataset_rewrite *w)
 static void task(struct dataset_rewrite *w, void (*run)(struct sched_task *), void (*done)(struct sched_task *),
 		 enum sched_priority priority)
 {
-	w->task = (struct sched_task){.run = run, .done = done, .priority = priority, .lengthy = true,
+	w->task = (struct sched_task){.run = run,
+				      .done = done,
+				      .priority = priority,
+				      .lengthy = true,
 				      .owner = {.uid = w->peer.uid, .flow = ++w->jobs->last_flow}};
 	w->busy = true;
 	sched_submit(w->jobs->p.sched, &w->task);

@@ -25,19 +25,19 @@ struct dataset_rewrite {
 	int (*last_look)(struct dataset_rewrite *, struct err *err);
 	/* Loop: done, or why not; the last that is heard of it, and who frees it (by dataset_rewrite_clear before). */
 	void (*over)(struct dataset_rewrite *, const struct err *why);
-	const char *what;       /* it is, in messages */
+	const char *what; /* it is, in messages */
 	enum sched_priority priority;
-	bool patient;           /* waits for memory; else -ERR_BUSY */
-	bool always;            /* the manifest changes even where no segment does; it frees disk: it may go beyond the quota */
-	uint64_t most;          /* memory that it may have; choose looks at it */
-	const uint32_t *drop;   /* sources whose records go, ascending; choose sets it, `over` frees it */
+	bool patient;         /* waits for memory; else -ERR_BUSY */
+	bool always;          /* the manifest changes even where no segment does; it frees disk: it may go beyond the quota */
+	uint64_t most;        /* memory that it may have; choose looks at it */
+	const uint32_t *drop; /* sources whose records go, ascending; choose sets it, `over` frees it */
 	size_t ndrop;
 
 	/* What was chosen, and what was made of it. */
 	struct grid_segment_info *old, *made; /* made: points == 0: nothing */
 	size_t nold, room;
-	size_t *unit;           /* of each new segment: where its old ones end */
-	bool *gone;             /* of each: it holds nothing that stays, and is not made */
+	size_t *unit; /* of each new segment: where its old ones end */
+	bool *gone;   /* of each: it holds nothing that stays, and is not made */
 	size_t nunits, nmade;
 	size_t nsources;        /* of the manifest */
 	uint64_t read, written; /* bytes of segments */
@@ -64,8 +64,7 @@ void dataset_rewrite_tick(struct dataset_rewrite *);
 void dataset_rewrite_clear(struct dataset_rewrite *);
 
 /* In choose: n segments become one, without the dropped sources; gone: they hold nothing that stays. */
-int rewrite_add(struct dataset_rewrite *, const struct grid_segment_info *const *segments, size_t n, bool gone,
-		struct err *err);
+int rewrite_add(struct dataset_rewrite *, const struct grid_segment_info *const *segments, size_t n, bool gone, struct err *err);
 /* In choose: all but the last segment of what was added last. */
 void rewrite_drop_last(struct dataset_rewrite *);
 /* In choose, after adding: the memory that it takes. */

@@ -98,8 +98,8 @@ static void tidy(struct jobs *j, bool measures)
 
 	if (!x)
 		return;
-	x->task = (struct sched_task){.run = tidy_run, .done = tidy_done, .owner = {.uid = geteuid()},
-				      .priority = SCHED_LAST, .lengthy = true};
+	x->task = (struct sched_task){
+		.run = tidy_run, .done = tidy_done, .owner = {.uid = geteuid()}, .priority = SCHED_LAST, .lengthy = true};
 	x->jobs = j;
 	x->measures = measures;
 	j->disk.busy = true;

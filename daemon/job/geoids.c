@@ -43,8 +43,8 @@ size_t geoids_write(const struct geoid_info *g, char text[GEOIDS_TEXT_MOST])
 	return (size_t)snprintf(text, GEOIDS_TEXT_MOST,
 				"acut-geoid 1\nhash %s\nuid %u\nsize %u %u %llu\nheights %.17g %.17g\nerrors %.17g %.17g\n"
 				"date %s\ndescription %s\n",
-				g->hash, g->uid, i->width, i->height, (unsigned long long)i->bytes, i->min, i->max,
-				i->rms_error, i->max_error, i->date, i->description);
+				g->hash, g->uid, i->width, i->height, (unsigned long long)i->bytes, i->min, i->max, i->rms_error,
+				i->max_error, i->date, i->description);
 }
 
 static bool read_text(const char *text, struct geoid_info *ret)
@@ -53,8 +53,7 @@ static bool read_text(const char *text, struct geoid_info *ret)
 	unsigned long long bytes;
 	int at = 0;
 
-	if (sscanf(text,
-		   "acut-geoid 1\nhash %32[0-9a-f]\nuid %u\nsize %u %u %llu\nheights %lg %lg\nerrors %lg %lg\ndate%n",
+	if (sscanf(text, "acut-geoid 1\nhash %32[0-9a-f]\nuid %u\nsize %u %u %llu\nheights %lg %lg\nerrors %lg %lg\ndate%n",
 		   ret->hash, &ret->uid, &i->width, &i->height, &bytes, &i->min, &i->max, &i->rms_error, &i->max_error,
 		   &at) != 9 ||
 	    !at || !digest_parse(ret->hash, &i->hash))
@@ -137,8 +136,8 @@ static int look_one(const char *name, void *ctx, struct err *err)
 		if (io->fstatat(l->dirfd, grid, &st, AT_SYMLINK_NOFOLLOW) < 0)
 			err_sys(&why, errno, "the grid %s cannot be read", name);
 		else if ((uint64_t)st.st_size != g.grid.bytes)
-			err_set(&why, ERR_CORRUPT, "the grid %s has %llu bytes, not %llu", name,
-				(unsigned long long)st.st_size, (unsigned long long)g.grid.bytes);
+			err_set(&why, ERR_CORRUPT, "the grid %s has %llu bytes, not %llu", name, (unsigned long long)st.st_size,
+				(unsigned long long)g.grid.bytes);
 	}
 	if (why.code && !l->bad++)
 		l->first = why;

@@ -94,7 +94,9 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 		return err_set(&a->err, ERR_LIMIT, "%d geoid grids are kept already", GEOIDS_MAX);
 	/* Something is left for the next user, and for administrators. */
 	if (!rights_admin(&a->peer) && users.own >= (GEOIDS_MAX - (users.all - users.own)) / GEOIDS_PART) {
-		err_set(&a->err, ERR_LIMIT, "%u geoid grids of this user are kept already, as many as one user may have beside those of others", users.own);
+		err_set(&a->err, ERR_LIMIT,
+			"%u geoid grids of this user are kept already, as many as one user may have beside those of others",
+			users.own);
 		return err_add_hint(&a->err, "acutctl geoid rm one that nobody needs, or ask an administrator to add it");
 	}
 	snprintf(grid, sizeof grid, "%s.pgm", g->hash);
@@ -190,8 +192,8 @@ static int by_name(const void *a, const void *b)
 static void list_run(struct ask *a)
 {
 	a->list = calloc(GEOIDS_MAX, sizeof *a->list);
-	a->r = a->list ? geoids_each(a->jobs->geoidsfd, list_one, a, &a->err)
-		       : err_set(&a->err, ERR_NOMEM, "no memory for a list");
+	a->r = a->list ? geoids_each(a->jobs->geoidsfd, list_one, a, &a->err) :
+			 err_set(&a->err, ERR_NOMEM, "no memory for a list");
 	if (!a->r)
 		qsort(a->list, a->n, sizeof *a->list, by_name);
 }
@@ -271,8 +273,8 @@ static void ask_done(struct sched_task *t)
 	ask_free(a);
 }
 
-static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, const char *file,
-		const struct job_peer *peer, geoid_answer_fn *answer, void *token)
+static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, const char *file, const struct job_peer *peer,
+		geoid_answer_fn *answer, void *token)
 {
 	struct ask *a = calloc(1, sizeof *a);
 	struct err err = ERR_INIT;
@@ -309,8 +311,8 @@ static void ask(struct jobs *j, enum ask_kind kind, int fd, const char *name, co
 	sched_submit(j->p.sched, &a->task);
 }
 
-void geoid_add(struct jobs *j, int fd, const char *name, const char *file, const struct job_peer *peer,
-	       geoid_answer_fn *answer, void *token)
+void geoid_add(struct jobs *j, int fd, const char *name, const char *file, const struct job_peer *peer, geoid_answer_fn *answer,
+	       void *token)
 {
 	ask(j, ASK_ADD, fd, name, file, peer, answer, token);
 }

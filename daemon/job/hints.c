@@ -1,10 +1,10 @@
 /*
  * What was noted last of the store, by base.
  *
- * The model: sets of a few entries, a base in the set that its own bits name. A new one takes a free place, or that of any other: datasets
- * are passed over from one end to the other again and again, and where those used last stay, one that is a little too large for the table
- * finds nothing in it each time. Nothing is ever taken out: who removes a file need not tell, since whoever takes a hint finds out, looks
- * at the folder, and notes what he found there.
+ * The model: sets of a few entries, a base in the set that its own bits name. A new one takes a free place, or that of any other:
+ * datasets are passed over from one end to the other again and again, and where those used last stay, one that is a little too
+ * large for the table finds nothing in it each time. Nothing is ever taken out: who removes a file need not tell, since whoever
+ * takes a hint finds out, looks at the folder, and notes what he found there.
  */
 #include "hints.h"
 

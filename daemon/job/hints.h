@@ -1,7 +1,7 @@
 /*
- * What was noted last of a base of the store of finished domains: a table in memory of entries of one size, each of which begins with
- * the store_id that it is about. It saves a look at the store; what it says is a hint: the file may be gone, or be none for this
- * generation any more. Any thread.
+ * What was noted last of a base of the store of finished domains: a table in memory of entries of one size, each of which begins
+ * with the store_id that it is about. It saves a look at the store; what it says is a hint: the file may be gone, or be none for
+ * this generation any more. Any thread.
  */
 #ifndef HINTS_H
 #define HINTS_H
@@ -14,8 +14,8 @@
 struct hints;
 struct ledger;
 
-/* Of entries of `size` bytes. Its memory is one `part`th of the total of the ledger, and taken from it (borrowed; LEDGER_JOBS). NULL:
- * there is none for it, and all the others take that: nothing is known. */
+/* Of entries of `size` bytes. Its memory is one `part`th of the total of the ledger, and taken from it (borrowed; LEDGER_JOBS).
+ * NULL: there is none for it, and all the others take that: nothing is known. */
 struct hints *hints_new(struct ledger *, size_t size, unsigned part);
 struct hints *hints_free(struct hints *);
 /* Takes the place of what was noted of that base. */

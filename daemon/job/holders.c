@@ -75,8 +75,7 @@ static void tell(const struct job_holder *h, void (*each)(void *, const struct j
 		}
 }
 
-static void tell_walk(const struct walk *w, struct job_holder h, void (*each)(void *, const struct job_holder *),
-		      void *ctx)
+static void tell_walk(const struct walk *w, struct job_holder h, void (*each)(void *, const struct job_holder *), void *ctx)
 {
 	if (!w)
 		return;
@@ -95,8 +94,7 @@ void jobs_holders(struct jobs *j, void (*each)(void *ctx, const struct job_holde
 	for (job = j->jobs; job; job = job->next) {
 		tell_walk(job->walk, (struct job_holder){.kind = "job", .id = job->id, .peer = job->peer}, each, ctx);
 		for (f = job->fetches; f; f = f->next)
-			tell_walk(f->walk, (struct job_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each,
-				  ctx);
+			tell_walk(f->walk, (struct job_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each, ctx);
 	}
 	for (plan = j->plans; plan; plan = plan->next)
 		tell_walk(plan->walk, (struct job_holder){.kind = "plan", .peer = plan->peer}, each, ctx);

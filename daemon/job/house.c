@@ -3,8 +3,8 @@
  * number is the users' business: all of it is charged before it is kept, and refused, with a sentence, when the part
  * of the memory for it is used up.
  *
- * What lasts is not given all of that part: datasets leave some to jobs, and these to walks and pushes, or no job would ever end and
- * none of it go. Of jobs that are over those of the user give way who has most of them, the oldest first.
+ * What lasts is not given all of that part: datasets leave some to jobs, and these to walks and pushes, or no job would ever end
+ * and none of it go. Of jobs that are over those of the user give way who has most of them, the oldest first.
  */
 #include <stdlib.h>
 #include <string.h>

@@ -51,8 +51,14 @@ uint64_t import_id(const struct import *i)
 
 static void submit(struct import *i, void (*run)(struct sched_task *), void (*done)(struct sched_task *), uint64_t bytes)
 {
-	i->task = (struct sched_task){.run = run, .done = done, .owner = i->owner, .priority = SCHED_NORMAL,
-				      .lengthy = true, .reads = bytes > 0, .name = LEDGER_INPUT, .bytes = bytes};
+	i->task = (struct sched_task){.run = run,
+				      .done = done,
+				      .owner = i->owner,
+				      .priority = SCHED_NORMAL,
+				      .lengthy = true,
+				      .reads = bytes > 0,
+				      .name = LEDGER_INPUT,
+				      .bytes = bytes};
 	i->busy = true;
 	i->r = 0;
 	i->err = ERR_INIT;
@@ -69,7 +75,8 @@ static void gone(struct import *i)
 		dataset_close(i->dataset);
 	space_give(i->jobs->space, SPACE_PENDING, i->taken);
 	limit_disk_give(i->jobs, i->peer.uid, i->taken);
-	if (i->row && !i->committed && i->dataset->users == 1 && catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
+	if (i->row && !i->committed && i->dataset->users == 1 &&
+	    catalogue_drop_push(i->jobs->p.catalogue, i->push, NULL, NULL, &err))
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
 	i->dataset->pushes--;
 	i->jobs->background--;
@@ -372,8 +379,7 @@ static int check(struct import *i, struct err *err)
 {
 	struct err first = ERR_INIT;
 	struct checking c = {i, &first};
-	struct grid_verify_params p = {
-		.dirfd = i->dataset->dirfd, .damaged = damaged, .progress = go_on, .ctx = &c};
+	struct grid_verify_params p = {.dirfd = i->dataset->dirfd, .damaged = damaged, .progress = go_on, .ctx = &c};
 	struct ledger *ledger = i->jobs->p.ledger;
 	int r = 0;
 
@@ -399,7 +405,7 @@ static int check(struct import *i, struct err *err)
 /* The manifest with the names that the segments have here. */
 static int write_manifest(struct import *i, struct err *err)
 {
-	char (*sent)[sizeof i->m->segments->file] = calloc(i->m->nsegments + 1, sizeof *sent);
+	char(*sent)[sizeof i->m->segments->file] = calloc(i->m->nsegments + 1, sizeof *sent);
 	int r;
 
 	if (!sent)
@@ -446,7 +452,9 @@ static void answer(struct import *i, const struct err *why)
 	i->dataset->committer = NULL;
 	if (!why)
 		log_event(LOG_EVENT_DATASET_IMPORTED,
-			  &(struct log_about){.dataset = done.dataset, .generation = done.generation, ABOUT_USER(i->peer.uid),
+			  &(struct log_about){.dataset = done.dataset,
+					      .generation = done.generation,
+					      ABOUT_USER(i->peer.uid),
 					      .pid = i->peer.pid},
 			  "the dataset %s was imported: %llu points", done.dataset, (unsigned long long)done.points);
 	i->telling = true;

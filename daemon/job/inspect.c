@@ -20,7 +20,7 @@ struct inspect {
 	struct jobs *jobs;
 	int fd, r;
 	char *name, *format, *columns, info_format[16];
-	bool read;   /* the header is: now the records */
+	bool read; /* the header is: now the records */
 	size_t read_bytes;
 	struct push_input_id id;
 	struct inspect_result *result;
@@ -90,8 +90,7 @@ static size_t rim_of(const struct pipe_inspected *in, double ret[PIPE_HULL_MOST 
 	return n;
 }
 
-static int box_of(const struct crs_geo *g, const double (*rim)[2], size_t n, struct inspect_result *res,
-		  struct err *err)
+static int box_of(const struct crs_geo *g, const double (*rim)[2], size_t n, struct inspect_result *res, struct err *err)
 {
 	double lat, lon, first = 0;
 	int r = 0;
@@ -119,7 +118,7 @@ static int box_of(const struct crs_geo *g, const double (*rim)[2], size_t n, str
 static int place(struct inspect_result *res, struct err *err)
 {
 	const struct pipe_inspected *in = &res->in;
-	double (*rim)[2] = malloc((PIPE_HULL_MOST + RIM) * sizeof *rim), lat, lon;
+	double(*rim)[2] = malloc((PIPE_HULL_MOST + RIM) * sizeof *rim), lat, lon;
 	struct crs_geo *g = NULL;
 	struct err none = ERR_INIT;
 	size_t n;
@@ -130,9 +129,9 @@ static int place(struct inspect_result *res, struct err *err)
 		return r;
 	}
 	n = rim_of(in, rim);
-	r = box_of(g, (const double (*)[2])rim, n, res, err);
+	r = box_of(g, (const double(*)[2])rim, n, res, err);
 	if (!r)
-		r = crs_geo_area(g, (const double (*)[2])rim, n, &res->area, &res->perimeter, err);
+		r = crs_geo_area(g, (const double(*)[2])rim, n, &res->area, &res->perimeter, err);
 	if (!r)
 		r = crs_geo_reverse(g, in->min[0] / 2 + in->max[0] / 2, in->min[1] / 2 + in->max[1] / 2, &lat, &lon, err);
 	if (!r && crs_geo_mgrs(lat, lon, 2, res->mgrs, sizeof res->mgrs, &none))
@@ -164,8 +163,8 @@ static void compare_box(struct inspect_result *res)
 
 		/* Text has no header: its box was read off the points. NaN differs. */
 		if (!(fabs(c->min[k] - res->in.min[k]) <= half) || !(fabs(c->max[k] - res->in.max[k]) <= half))
-			differs(res, "the header has %c from %.10g to %.10g, the points from %.10g to %.10g", "xyz"[k], c->min[k],
-				c->max[k], res->in.min[k], res->in.max[k]);
+			differs(res, "the header has %c from %.10g to %.10g, the points from %.10g to %.10g", "xyz"[k],
+				c -> min[k], c -> max[k], res -> in.min[k], res->in.max[k]);
 	}
 }
 
@@ -213,8 +212,8 @@ static int records(struct inspect *a, struct input *in)
 	struct inspect_result *res = a->result;
 	char name[40];
 	struct grid_stage_params stage = {.dirfd = a->jobs->tempfd, .name = name, .memory = STAGE_BYTES};
-	struct pipe_inspect_params params = {.lattice = &res->lattice, .dirfd = a->jobs->tempfd, .name = name,
-					     .progress = cancelled, .ctx = a};
+	struct pipe_inspect_params params = {
+		.lattice = &res->lattice, .dirfd = a->jobs->tempfd, .name = name, .progress = cancelled, .ctx = a};
 	struct err none = ERR_INIT;
 	int r = lattice_choose(&res->info.coords, 1, NULL, NULL, &res->lattice, &a->err);
 
@@ -300,8 +299,8 @@ static void inspect_done(struct sched_task *t)
 	inspect_free(a);
 }
 
-void inspect_file(struct jobs *j, int fd, const char *name, const char *format, const char *columns,
-		  const struct job_peer *peer, inspect_answer_fn *answer, void *token)
+void inspect_file(struct jobs *j, int fd, const char *name, const char *format, const char *columns, const struct job_peer *peer,
+		  inspect_answer_fn *answer, void *token)
 {
 	struct inspect *a = calloc(1, sizeof *a);
 	struct err err = ERR_INIT;

@@ -101,8 +101,7 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 		.error_field = job->has_error ? job->err.field : "",
 		.error_hint = job->has_error ? job->err.hint : "",
 		.priority = (uint32_t)job->priority,
-		.error_offset =
-			job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
+		.error_offset = job->has_error && job->err.offset != ERR_NO_OFFSET ? (int64_t)job->err.offset : -1,
 	};
 
 	return catalogue_put_job(job->jobs->p.catalogue, &row, done, job, err);
@@ -281,8 +280,8 @@ static void note_classes(struct job *job, const struct view *view)
 		return;
 	snprintf(job->report.note, sizeof job->report.note,
 		 "points of all classes are meshed, %s%llu of the ground (class 2) and %s%llu others: "
-		 "--ground takes the ground alone", exact ? "" : "at least ",
-		 (unsigned long long)ground, exact ? "" : "at least ", (unsigned long long)other);
+		 "--ground takes the ground alone",
+		 exact ? "" : "at least ", (unsigned long long)ground, exact ? "" : "at least ", (unsigned long long)other);
 }
 
 static void make_report(struct job *job)
@@ -320,8 +319,7 @@ static enum job_state end_of(struct job *job)
 		make_report(job);
 	output = walk_detach(job->walk);
 	if (output)
-		output->calls->end(output, job->has_error ? &job->err : NULL, walk_totals(job->walk),
-				   &job->report);
+		output->calls->end(output, job->has_error ? &job->err : NULL, walk_totals(job->walk), &job->report);
 	if (!job->has_error)
 		return JOB_done;
 	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
@@ -513,8 +511,7 @@ void job_info(const struct job *job, struct job_info *ret)
 		.err = states[job->state].final && job->has_error ? &job->err : NULL,
 	};
 	if (job->walk) {
-		walk_progress(job->walk, &ret->points_done, &ret->points_total, &ret->domains_done,
-			      &ret->domains_total);
+		walk_progress(job->walk, &ret->points_done, &ret->points_total, &ret->domains_done, &ret->domains_total);
 	} else if (job->has_report) {
 		ret->points_done = ret->points_total = job->report.points;
 		ret->domains_done = ret->domains_total = job->report.domains;
@@ -535,13 +532,12 @@ int job_remove(struct job *job, struct err *err)
 	struct err ignored = ERR_INIT;
 
 	if (!states[job->state].final) {
-		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id,
-			states[job->state].wire);
+		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id, states[job->state].wire);
 		return err_add_hint(err, "cancel it first");
 	}
 	job->removed = true;
 	if (job->jobs->loading ? drops_add(job->jobs, job->id, &ignored) :
-	    !job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
+				 !job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
 		return err_set(err, ERR_NOMEM, "no memory to remove a job");
 	if (job->guest)
 		past_drop(job);

@@ -44,8 +44,8 @@ enum right {
 
 /* Who holds how much of the budget, by name. */
 struct job_holder {
-	const char *kind;    /* "job", "fetch", "plan", "push" */
-	uint64_t id;         /* of the job or push; 0: none */
+	const char *kind; /* "job", "fetch", "plan", "push" */
+	uint64_t id;      /* of the job or push; 0: none */
 	struct job_peer peer;
 	const char *dataset; /* "": none */
 	uint64_t held[LEDGER_NAMES];
@@ -58,13 +58,13 @@ struct jobs_params {
 	struct sched *sched;
 	struct catalogue *catalogue; /* not started: jobs_new loads it and starts it */
 	int statefd, cachefd;        /* folders, borrowed */
-	const uint8_t *store;        /* 16 bytes, of the state's marker, borrowed: what tells this store from others; NULL: zeros */
-	unsigned threads;            /* domains at once, at most */
+	const uint8_t *store; /* 16 bytes, of the state's marker, borrowed: what tells this store from others; NULL: zeros */
+	unsigned threads;     /* domains at once, at most */
 	struct space_limit disk, keep_free; /* as space_params */
-	double keep_removed;         /* seconds that a removed dataset can be restored; 0: 7 days */
-	double space_wait;           /* seconds that what a client waits for may lack space */
-	double rest;                 /* seconds after jobs_new in which nothing is swept or measured, if nobody begins anything; 0: none */
-	struct jobs_user_limits {    /* of one user who is no admin; 0, SPACE_UNLIMITED: none */
+	double keep_removed;                /* seconds that a removed dataset can be restored; 0: 7 days */
+	double space_wait;                  /* seconds that what a client waits for may lack space */
+	double rest; /* seconds after jobs_new in which nothing is swept or measured, if nobody begins anything; 0: none */
+	struct jobs_user_limits {        /* of one user who is no admin; 0, SPACE_UNLIMITED: none */
 		unsigned jobs;           /* that are not done */
 		unsigned memory;         /* per cent that jobs, pushes and plans hold */
 		unsigned datasets;       /* that he owns, removed ones too */
@@ -94,7 +94,7 @@ struct jobs *jobs_free(struct jobs *);
 void jobs_settle(struct jobs *);
 /* About ten times a second while jobs_active or jobs_resting. */
 void jobs_tick(struct jobs *);
-bool jobs_active(const struct jobs *); /* a push is open, or a job or stream is not over */
+bool jobs_active(const struct jobs *);  /* a push is open, or a job or stream is not over */
 bool jobs_resting(const struct jobs *); /* what a start has to sweep and measure has not begun; nobody waits for that */
 /* Work stops as soon as it can: pushes end, bound jobs end, unbound jobs stay queued for the next start. */
 void jobs_park(struct jobs *);
@@ -121,21 +121,21 @@ struct tally {
 	uint64_t merges, merged_bytes;
 };
 struct verified {
-	int64_t at_us; /* real time; 0: never */
+	int64_t at_us;                                  /* real time; 0: never */
 	uint64_t files, bytes, damaged, derived, newer; /* newer: of what was pushed */
 };
 struct jobs_numbers {
 	struct tally tally;
 	struct verified verified;
-	uint64_t states[7];    /* by enum job_state: of jobs that are not over */
-	uint64_t kept;         /* jobs, over ones included */
-	double oldest_waiting; /* seconds since the oldest job that has not begun was submitted; 0: none waits */
-	uint64_t pushes;       /* open */
-	uint64_t pending;      /* interrupted ones that wait */
-	double pending_left;   /* seconds until the first of these is dropped */
+	uint64_t states[7];     /* by enum job_state: of jobs that are not over */
+	uint64_t kept;          /* jobs, over ones included */
+	double oldest_waiting;  /* seconds since the oldest job that has not begun was submitted; 0: none waits */
+	uint64_t pushes;        /* open */
+	uint64_t pending;       /* interrupted ones that wait */
+	double pending_left;    /* seconds until the first of these is dropped */
 	uint64_t waiting_space; /* jobs */
 	uint64_t datasets, removed;
-	bool unsure;           /* the catalogue cannot be written, and nobody knows what of the last change it has */
+	bool unsure; /* the catalogue cannot be written, and nobody knows what of the last change it has */
 };
 void jobs_numbers(struct jobs *, struct jobs_numbers *ret);
 struct jobs_user {
@@ -148,7 +148,7 @@ size_t jobs_users(struct jobs *, uint64_t from, struct jobs_user *ret, size_t n)
 
 /* How much one user has of what he may; a limit of 0: there is none. */
 struct jobs_own {
-	bool exempt; /* no limit holds for him */
+	bool exempt;                                                /* no limit holds for him */
 	unsigned jobs, jobs_most, datasets, removed, datasets_most; /* jobs: unfinished; of the datasets so many are removed */
 	uint64_t disk, disk_most;
 };
@@ -156,14 +156,14 @@ void jobs_own(struct jobs *, const struct job_peer *, uint64_t state_bytes, stru
 
 /* What a worker sees of disks and grids when it looks. */
 struct house_side {
-	int sys; /* errno: it cannot be looked at */
+	int sys;                                 /* errno: it cannot be looked at */
 	uint64_t free, total, files_free, files; /* bytes; inodes, files 0: it does not count them */
 	bool read_only;
 };
 struct house_looked {
 	struct house_side state, cache;
 	unsigned geoids, geoids_bad;
-	char geoid_why[512]; /* of the first that is bad */
+	char geoid_why[512];          /* of the first that is bad */
 	unsigned open_files, threads; /* of this process */
 };
 /* What was seen within the last second, or what a worker sees now: one look serves all who ask meanwhile. */
@@ -177,16 +177,16 @@ enum { DATASET_MODE = 0640 }; /* of one that nobody gave a mode */
 struct dataset_info {
 	const char *name;
 	uint64_t id, generation, points, bytes;
-	uint32_t files, uid, gid, mode; /* of its owner, its group (RIGHTS_NOBODY: none), as of a file */
+	uint32_t files, uid, gid, mode;               /* of its owner, its group (RIGHTS_NOBODY: none), as of a file */
 	const char *lattice, *crs, *unit_xy, *unit_z; /* "" while there is no generation */
 	int64_t created_us, pushed_us;
 	int32_t box[4];
-	uint64_t oldest;   /* generation that can be read */
-	uint32_t segments; /* 0: not known */
-	bool merging;      /* some of them become one now */
+	uint64_t oldest;              /* generation that can be read */
+	uint32_t segments;            /* 0: not known */
+	bool merging;                 /* some of them become one now */
 	int64_t removed_us, until_us; /* 0: it is there; else until when it can be restored */
 	bool pinned;
-	unsigned pushes; /* open now */
+	unsigned pushes;  /* open now */
 	unsigned pending; /* interrupted; the next five are of the newest */
 	uint32_t pending_files, pending_uid;
 	uint64_t pending_points;
@@ -208,21 +208,18 @@ void dataset_release(struct dataset *);
 struct dataset_wish {
 	const char *name, *scale_xy, *scale_z;
 	const char *crs; /* as push_params.assume_crs */
-	bool has_mode; /* else DATASET_MODE */
+	bool has_mode;   /* else DATASET_MODE */
 	uint32_t mode;
 	struct job_peer peer;
 };
 /* Answered when the catalogue has it. -ERR_USAGE: there is one of that name. */
-void dataset_create(struct jobs *, const struct dataset_wish *,
-		    void (*created)(void *token, const struct err *why), void *token);
+void dataset_create(struct jobs *, const struct dataset_wish *, void (*created)(void *token, const struct err *why), void *token);
 
 /* The oldest generation that can be read, also while others are being pruned. */
 uint64_t dataset_oldest(const struct dataset *);
 /* -ERR_NOTFOUND, with the range that there is; 0 is the newest. */
 int dataset_check_generation(const struct dataset *, uint64_t generation, struct err *err);
-enum dataset_verb {
-	DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN, DATASET_CHMOD, DATASET_CHGRP, DATASET_CHOWN
-};
+enum dataset_verb { DATASET_REMOVE, DATASET_RESTORE, DATASET_PIN, DATASET_UNPIN, DATASET_CHMOD, DATASET_CHGRP, DATASET_CHOWN };
 struct dataset_wanted {
 	enum dataset_verb verb;
 	const char *name, *as; /* to restore under another name; "": its own */
@@ -232,8 +229,9 @@ struct dataset_wanted {
 	struct job_peer peer;
 };
 typedef void dataset_verb_fn(void *token, const struct err *why, struct dataset *);
-/* RIGHT_OWN, a new owner RIGHT_GIVE; a new group is one that the owner is in. A removed dataset is hidden, its name free, and kept for jobs_params.keep_removed; what is pinned can
- * be neither removed nor pruned. -ERR_USAGE, -ERR_BUSY (a push is open), -ERR_NOTFOUND. */
+/* RIGHT_OWN, a new owner RIGHT_GIVE; a new group is one that the owner is in. A removed dataset is hidden, its name free, and
+ * kept for jobs_params.keep_removed; what is pinned can be neither removed nor pruned. -ERR_USAGE, -ERR_BUSY (a push is open),
+ * -ERR_NOTFOUND. */
 void dataset_verb(struct jobs *, const struct dataset_wanted *, dataset_verb_fn *answer, void *token);
 /* Removed ones that this peer can restore, by number: the first after `id`; NULL at the end. */
 struct dataset *dataset_removed_after(struct jobs *, uint64_t id, const struct job_peer *);
@@ -245,8 +243,7 @@ struct reverted {
 };
 typedef void revert_answer_fn(void *token, const struct err *why, const struct reverted *);
 /* A new generation that undoes another one; 0: the newest. -ERR_USAGE: what it did was changed since. */
-void dataset_revert(struct dataset *, uint64_t generation, const struct job_peer *, revert_answer_fn *answer,
-		    void *token);
+void dataset_revert(struct dataset *, uint64_t generation, const struct job_peer *, revert_answer_fn *answer, void *token);
 
 /* The newest manifest of a dataset (NULL: there is none yet), which is the house's, and the callback's while it is
  * called. */
@@ -255,7 +252,7 @@ void dataset_read(struct dataset *, const struct job_peer *, dataset_read_fn *an
 
 struct pruned {
 	struct dataset *dataset;
-	uint64_t oldest; /* generation that can be read now */
+	uint64_t oldest;                            /* generation that can be read now */
 	uint64_t generations, files, points, bytes; /* that went; of files: points and what they took on the disk */
 	uint64_t segments;                          /* that were made anew, or went */
 };
@@ -265,8 +262,8 @@ struct prune;
  * Generations go: all but the newest `keep`, or all before generation `before`; the other one is 0. -ERR_BUSY: jobs
  * of these are not done. Answered when the catalogue has it; NULL: answered already. The handle is good until then.
  */
-struct prune *dataset_prune(struct dataset *, uint64_t keep, uint64_t before, const struct job_peer *,
-			    prune_answer_fn *answer, void *token);
+struct prune *dataset_prune(struct dataset *, uint64_t keep, uint64_t before, const struct job_peer *, prune_answer_fn *answer,
+			    void *token);
 void dataset_prune_cancel(struct prune *); /* answered with -ERR_CANCELLED, if it is not too late */
 
 /* ---- pushes ---- */
@@ -304,16 +301,16 @@ struct push_probe_result {
 	const char *name;
 	const struct input_info *info; /* NULL if it is known: it was not read */
 	enum push_known_as known;
-	uint64_t points;               /* of one that is known */
-	uint32_t replaced;             /* files of the dataset, by one that is taken up */
+	uint64_t points;   /* of one that is known */
+	uint32_t replaced; /* files of the dataset, by one that is taken up */
 };
 struct push_input {
 	const char *name, *format;
-	const char *columns; /* of a text, as input_options; "": as it says itself */
-	const char *path; /* absolute; "": it has none */
-	bool checksum;    /* judged by its content, not by path, size and time */
-	bool add;         /* taken beside another one of its path */
-	bool replace;     /* taken in place of those of its path */
+	const char *columns;  /* of a text, as input_options; "": as it says itself */
+	const char *path;     /* absolute; "": it has none */
+	bool checksum;        /* judged by its content, not by path, size and time */
+	bool add;             /* taken beside another one of its path */
+	bool replace;         /* taken in place of those of its path */
 	const char *replaces; /* and of this one, by path or name; "": none */
 	bool told;            /* of a stream: what will come has this content; else nothing is known of it */
 	struct digest hash;
@@ -340,10 +337,10 @@ struct push_params {
 	const char *dataset; /* "" = one-step */
 	const char *scale_xy, *scale_z, *format;
 	const char *assume_crs, *assume_unit_xy, *assume_unit_z; /* for inputs that say nothing; NULL, "": nothing */
-	const char *utm;   /* zone that degrees go to; "": of the middle of all */
-	const char *geoid; /* grid that shifts the heights; "": none */
-	const char *geoid_way; /* "orthometric" or "ellipsoidal"; "": orthometric */
-	bool has_mode; /* for a dataset that comes to be; else DATASET_MODE */
+	const char *utm;                                         /* zone that degrees go to; "": of the middle of all */
+	const char *geoid;                                       /* grid that shifts the heights; "": none */
+	const char *geoid_way;                                   /* "orthometric" or "ellipsoidal"; "": orthometric */
+	bool has_mode;                                           /* for a dataset that comes to be; else DATASET_MODE */
 	uint32_t mode;
 	bool planar, accept_truncated;
 	const double *crop; /* x1, y1, x2, y2, in the dataset's coordinates, or ncrop is 0; of one-step ones only */
@@ -367,11 +364,8 @@ void push_abort(struct push *, void *token);
  * neither committed nor aborted stays as a pending push. The push is void. */
 void push_leave(struct push *);
 /* A probe of its own, for `acutctl info`. */
-void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns,
-	       const struct job_peer *,
-	       void (*probed)(void *token, const struct err *why, const char *name,
-			      const struct input_info *),
-	       void *token);
+void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns, const struct job_peer *,
+	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *), void *token);
 
 /* ---- inspection: what is in the records of one file ---- */
 
@@ -381,18 +375,18 @@ struct inspect_result {
 	struct input_info info;
 	struct lattice lattice;
 	struct pipe_inspected in;
-	bool has_place;      /* on the earth: */
-	char no_place[256];  /* why not */
-	double area, perimeter;            /* of the hull, by geodesics: square metres, metres */
-	double south, west, north, east;   /* of the hull, degrees */
-	char mgrs[16];       /* of the middle of the box, a square of 1 km; "": none there */
+	bool has_place;                            /* on the earth: */
+	char no_place[256];                        /* why not */
+	double area, perimeter;                    /* of the hull, by geodesics: square metres, metres */
+	double south, west, north, east;           /* of the hull, degrees */
+	char mgrs[16];                             /* of the middle of the box, a square of 1 km; "": none there */
 	char difference[INSPECT_DIFFERENCES][192]; /* between header and records, in words */
 	unsigned ndifferences;
 };
 typedef void inspect_answer_fn(void *token, const struct err *why, const struct inspect_result *);
 /* Reads all of the file. `fd` becomes the house's in any case. */
-void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns,
-		  const struct job_peer *, inspect_answer_fn *answer, void *token);
+void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns, const struct job_peer *,
+		  inspect_answer_fn *answer, void *token);
 
 /* ---- geoid grids that the daemon keeps ---- */
 
@@ -404,8 +398,8 @@ struct geoid_info {
 typedef void geoid_answer_fn(void *token, const struct err *why, const struct geoid_info *list, size_t n);
 /* A checked copy of the file under that name; answers with it alone. `fd` becomes the house's in any case;
  * `file` is what messages call it. */
-void geoid_add(struct jobs *, int fd, const char *name, const char *file, const struct job_peer *,
-	       geoid_answer_fn *answer, void *token);
+void geoid_add(struct jobs *, int fd, const char *name, const char *file, const struct job_peer *, geoid_answer_fn *answer,
+	       void *token);
 void geoid_list(struct jobs *, const struct job_peer *, geoid_answer_fn *answer, void *token); /* by name */
 void geoid_remove(struct jobs *, const char *name, const struct job_peer *, geoid_answer_fn *answer, void *token);
 
@@ -429,10 +423,10 @@ struct job_report {
 	uint64_t removed[VIEW_RULES];
 	char digest[DIGEST_HEX_SIZE], vertex_digest[DIGEST_HEX_SIZE];
 	double seconds, stage_seconds, first_triangle_seconds; /* the last: 0 if there was none */
-	uint64_t points_read, cells_read; /* records, by the plan and by domains; cells, for halos */
-	uint64_t window; /* 1: of a view with one; what is of a whole mesh means nothing */
-	double worked_seconds; /* in which a worker or the disk was at it */
-	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
+	uint64_t points_read, cells_read;                      /* records, by the plan and by domains; cells, for halos */
+	uint64_t window;                                       /* 1: of a view with one; what is of a whole mesh means nothing */
+	double worked_seconds;                                 /* in which a worker or the disk was at it */
+	double seal_seconds, plan_seconds, domains_seconds;    /* of staging; up to the plan; from there to the end */
 	uint64_t peak_rss;
 	char note[160]; /* "" or a sentence, as for a mesh without triangles */
 };
@@ -445,27 +439,27 @@ struct job_info {
 	bool bound;
 	int64_t submitted_us, finished_us;
 	enum job_priority priority;
-	char waiting[96];   /* for what, in words; "": it does not */
+	char waiting[96];     /* for what, in words; "": it does not */
 	uint64_t lacks_space; /* bytes of disk that it waits for; 0: it does not */
-	unsigned position;  /* among those that wait for their turn, from 1; 0: it has had it */
-	double seconds_left; /* at the pace of late, without waiting; 0: not known */
-	const char *phase; /* "select" (of points, for a view that selects) or "mesh" */
+	unsigned position;    /* among those that wait for their turn, from 1; 0: it has had it */
+	double seconds_left;  /* at the pace of late, without waiting; 0: not known */
+	const char *phase;    /* "select" (of points, for a view that selects) or "mesh" */
 	uint64_t points_done, points_total, domains_done, domains_total;
 	const struct job_report *report; /* NULL unless done */
 	const struct err *err;           /* NULL unless failed or cancelled */
 };
 struct job_params {
 	struct dataset *dataset;
-	uint64_t generation; /* 0 = the newest */
-	const char *view;    /* canonical text; "" = the default view */
+	uint64_t generation;  /* 0 = the newest */
+	const char *view;     /* canonical text; "" = the default view */
 	const char *priority; /* its text; NULL, "": normal, or that of the earlier job. Above normal: -ERR_PERM, but
 			       * for root and the daemon's own user */
 	bool bound, fresh;
 	struct job_peer peer;
 };
 /* Unbound jobs: `accepted` comes when the catalogue has it. */
-void job_submit(struct jobs *, const struct job_params *,
-		void (*accepted)(void *token, const struct err *why, struct job *), void *token);
+void job_submit(struct jobs *, const struct job_params *, void (*accepted)(void *token, const struct err *why, struct job *),
+		void *token);
 /* NULL: none that this peer may see. One that is over is there until the next jobs_settle: it is looked for again then. */
 struct job *job_find(struct jobs *, uint64_t id, const struct job_peer *);
 struct job *job_after(struct jobs *, uint64_t id, const struct job_peer *);
@@ -494,21 +488,20 @@ struct job_changes {
 struct job_stream_head {
 	const struct grid_manifest *manifest;
 	const char *view;
-	struct digest id; /* generation, view, plan, kernel version */
-	bool window;      /* the triangles of the view's window, not the whole mesh */
+	struct digest id;                  /* generation, view, plan, kernel version */
+	bool window;                       /* the triangles of the view's window, not the whole mesh */
 	const struct job_changes *changes; /* NULL: the whole mesh; valid during the call */
-	int32_t box[6];   /* holds all vertices; heights are not known yet: all of int32 */
+	int32_t box[6];                    /* holds all vertices; heights are not known yet: all of int32 */
 };
 struct job_output;
 struct job_output_calls {
 	/* Loop. */
 	void (*head)(struct job_output *, const struct job_stream_head *);
-	void (*send)(struct job_output *);  /* what was encoded; job_output_sent when all of it is written */
-	void (*pause)(struct job_output *); /* a worker gets it next; `send` comes when it is back */
+	void (*send)(struct job_output *);      /* what was encoded; job_output_sent when all of it is written */
+	void (*pause)(struct job_output *);     /* a worker gets it next; `send` comes when it is back */
 	double (*stalled)(struct job_output *); /* seconds since bytes last moved, 0 if none wait */
 	/* The mesh is whole (why NULL), or will never be. The output is on its own from here. */
-	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *,
-		    const struct job_report *);
+	void (*end)(struct job_output *, const struct err *why, const struct pipe_totals *, const struct job_report *);
 	/* Workers, never two at once, and the loop sends nothing meanwhile. The block's arrays stay until
 	 * sent or spooled. */
 	void (*encode)(struct job_output *, const struct mesh_block *);
@@ -523,7 +516,7 @@ struct job_output {
 	struct job_fetch *fetch;
 	bool spooled; /* set by spool: the block's memory is not needed any more; encode takes it back */
 	/* Set before job_fetch: go on at this block, of the stream `want`. What cannot be is -ERR_GONE. */
-	char *window; /* a view of job_window: the triangles of its window; NULL: those of the job. Freed by job/ */
+	char *window;   /* a view of job_window: the triangles of its window; NULL: those of the job. Freed by job/ */
 	uint64_t since; /* what differs from the mesh of this generation; 0: the whole mesh */
 	uint64_t from;
 	bool wants;
@@ -555,17 +548,17 @@ void job_plan(struct jobs *, struct dataset *, uint64_t generation, const char *
 /* ---- the disk ---- */
 
 struct cache_stat {
-	struct space_stat space; /* with the numbers of datasets, pending pushes, one-step ones */
+	struct space_stat space;      /* with the numbers of datasets, pending pushes, one-step ones */
 	char disk[32], keep_free[32]; /* the limits as they were given; "none" */
 };
 void cache_stat(struct jobs *, struct cache_stat *ret);
 
 /* One damaged thing; or one of a newer version (err.code is ERR_VERSION), which stays as it is. */
 struct cache_damage {
-	const char *what;    /* "manifest", "segment", "push", "plan", "domain", "selection", "catalogue" */
+	const char *what;     /* "manifest", "segment", "push", "plan", "domain", "selection", "catalogue" */
 	char dataset[64 + 1]; /* "": of none */
-	struct err err;      /* file, place, reason */
-	bool derived;        /* and removed, if that could be done: it is made again */
+	struct err err;       /* file, place, reason */
+	bool derived;         /* and removed, if that could be done: it is made again */
 	bool removed;
 };
 struct cache_verified {

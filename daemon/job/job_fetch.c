@@ -155,7 +155,9 @@ static void end(struct job_fetch *f, struct job_output *output, const struct err
 			report.seconds = clock_since(f->begun_ns);
 		}
 		output->calls->end(output, why, f->walk && !why ? walk_totals(f->walk) : NULL,
-				   why ? NULL : f->window ? &report : &f->job->report);
+				   why       ? NULL :
+				   f->window ? &report :
+					       &f->job->report);
 	}
 	fetch_free(f);
 }
@@ -169,7 +171,8 @@ static int never_was(const struct walk_since *s, struct err *err)
 {
 	err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu: it has %llu to %llu", s->dataset,
 		(unsigned long long)s->generation, (unsigned long long)s->oldest, (unsigned long long)s->newest);
-	return s->near ? err_add_hint(err, "--changed-since %llu can be had, or the whole mesh without it", (unsigned long long)s->near) :
+	return s->near ? err_add_hint(err, "--changed-since %llu can be had, or the whole mesh without it",
+				      (unsigned long long)s->near) :
 			 err_add_hint(err, "fetch the whole mesh, without --changed-since");
 }
 
@@ -180,8 +183,11 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 	const struct job *job = f->job, *other;
 	struct walk_since *s = &f->since;
 
-	*s = (struct walk_since){.generation = generation, .job = job->id, .dataset = job->dataset->name,
-				 .oldest = dataset_oldest(job->dataset), .newest = job->dataset->generation};
+	*s = (struct walk_since){.generation = generation,
+				 .job = job->id,
+				 .dataset = job->dataset->name,
+				 .oldest = dataset_oldest(job->dataset),
+				 .newest = job->dataset->generation};
 	if (job->bound)
 		return err_set(err, ERR_USAGE, "changes are those of a submitted job, not of a mesh of one step");
 	if (!digest_parse(job->report.digest, &s->digest) || !digest_parse(job->report.vertex_digest, &s->vertex_digest))
@@ -280,8 +286,7 @@ static void finish(struct job_fetch *f)
 	if (!f->why.code && f->since.generation)
 		walk_change_agrees(f->walk, &f->why);
 	else if (!f->why.code && !f->window && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
-		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex,
-			f->job->report.digest);
+		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex, f->job->report.digest);
 	end(f, output, f->why.code ? &f->why : NULL);
 }
 
@@ -291,8 +296,7 @@ static bool can_begin(const struct job *job, const struct job_fetch *f)
 	/* Which of its regions hold is known when all of them are. */
 	if (f->output && f->output->since && !job_state_final(job->state))
 		return false;
-	return job_state_final(job->state) ||
-	       (job->state == JOB_meshing && !job->bound && job->planned && !job->walk_ended);
+	return job_state_final(job->state) || (job->state == JOB_meshing && !job->bound && job->planned && !job->walk_ended);
 }
 
 void job_fetch_settle(struct job *job)

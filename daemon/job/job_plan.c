@@ -41,8 +41,7 @@ static double pace(struct jobs *j)
 	/* What a selection left out was not meshed. */
 	for (uint64_t id = UINT64_MAX; (job = past_before(j, id)); id = job->id) {
 		const uint64_t *removed = job->report.removed;
-		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] -
-				  removed[VIEW_BY_THIN];
+		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] - removed[VIEW_BY_THIN];
 
 		/* Waiting is not work, nor is what was found finished; reports of older versions do not tell them apart. */
 		double took = job->report.worked_seconds > 0 ? job->report.worked_seconds : job->report.seconds;
@@ -68,8 +67,8 @@ static void plan_answer(struct job_asked_plan *p)
 		.points = points,
 		.domains = plan->n,
 		.domains_reused = walk_reused(p->walk),
-		.memory_bytes = (uint64_t)budget->domain_bytes * (budget->threads + 1) +
-				p->jobs->emitter_share + p->jobs->index_share,
+		.memory_bytes =
+			(uint64_t)budget->domain_bytes * (budget->threads + 1) + p->jobs->emitter_share + p->jobs->index_share,
 		.disk_bytes = window ? 0 : points * (budget->load <= SMALL ? STORED_SMALL : STORED_BYTES),
 		.exact = true,
 		.load = budget->load,
@@ -126,8 +125,7 @@ void job_plans_park(struct jobs *j)
 			walk_stop(p->walk, &err);
 }
 
-void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view,
-	      const struct job_peer *peer,
+void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view, const struct job_peer *peer,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
 {
 	struct job_asked_plan *p = calloc(1, sizeof *p);
@@ -178,8 +176,7 @@ int job_plan_new(struct job *job, struct err *err)
 {
 	const struct jobs *j = job->jobs;
 
-	job->plan = plan_file_new(job->bound ? j->tempfd : j->plansfd, job->id, job->generation, !job->bound,
-				  j->p.ledger);
+	job->plan = plan_file_new(job->bound ? j->tempfd : j->plansfd, job->id, job->generation, !job->bound, j->p.ledger);
 	return job->plan ? 0 : err_set(err, ERR_NOMEM, "no memory for a job");
 }
 
@@ -212,8 +209,8 @@ void job_plan_drop(struct job *job)
 
 	if (!d)
 		return;
-	d->task = (struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = job->peer.uid},
-				      .priority = SCHED_LAST};
+	d->task =
+		(struct sched_task){.run = drop_run, .done = drop_done, .owner = {.uid = job->peer.uid}, .priority = SCHED_LAST};
 	d->jobs = job->jobs;
 	d->plan = job->plan;
 	job->plan = NULL;

@@ -33,7 +33,7 @@ enum place_wait { PLACE_READY, PLACE_TURN, PLACE_USER, PLACE_SHARE, PLACE_FULL, 
 struct place {
 	struct place *next; /* of those that seek, by number */
 	struct sched_owner owner;
-	bool reader; /* its walk waits for whoever reads its output */
+	bool reader;                     /* its walk waits for whoever reads its output */
 	void (*granted)(struct place *); /* no longer among those that seek: walk_begin now */
 	/* of places.c */
 	bool seeks, skip, seen, keeps;
@@ -52,37 +52,37 @@ struct dataset {
 	int64_t created_us, pushed_us;
 	char manifest[64]; /* "": no generation yet */
 	uint64_t generation, points, bytes;
-	uint64_t oldest;   /* generation that can be read; 0: there is none */
-	uint32_t segments; /* of the newest manifest; 0: not known yet */
-	bool merge_due;    /* there may be something to merge */
-	uint64_t prune_to; /* a prune is at work: what is before that will go; 0: none is */
+	uint64_t oldest;    /* generation that can be read; 0: there is none */
+	uint32_t segments;  /* of the newest manifest; 0: not known yet */
+	bool merge_due;     /* there may be something to merge */
+	uint64_t prune_to;  /* a prune is at work: what is before that will go; 0: none is */
 	unsigned reverting; /* reverts that were asked for and are not over: no prune begins */
-	unsigned rows; /* that name another manifest, on their way to the catalogue: no other row of it may follow them */
+	unsigned rows;      /* that name another manifest, on their way to the catalogue: no other row of it may follow them */
 	int64_t removed_us; /* 0: it is there */
 	bool pinned;
 	char *lattice, *crs, *unit_xy, *unit_z;
 	int32_t box[4];
 	bool onestep;
-	bool partial;    /* only views inside of this box can be served: more was not read */
+	bool partial; /* only views inside of this box can be served: more was not read */
 	double crop[4];
 	unsigned users;  /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
 	unsigned opened; /* users of dirfd */
 	int dirfd;
-	bool named;      /* its folder's name is on the disk */
+	bool named; /* its folder's name is on the disk */
 	unsigned pushes;
-	struct push *planner; /* fixes the lattice */
+	struct push *planner;  /* fixes the lattice */
 	const void *committer; /* publishes the next manifest: a push, or a rewriting (merge, prune) */
-	unsigned readers; /* of its newest manifest by name: dataset_read_begin */
+	unsigned readers;      /* of its newest manifest by name: dataset_read_begin */
 	uint32_t next_source;
 	struct pending *pending;
-	bool tidied;     /* by dataset_tidy */
-	bool row; /* the catalogue has one */
-	bool sweep; /* at the start: pushes left something */
-	bool swept_once; /* and the row that says so goes */
-	bool unswept;    /* what they left cannot be read: it stays */
+	bool tidied;                        /* by dataset_tidy */
+	bool row;                           /* the catalogue has one */
+	bool sweep;                         /* at the start: pushes left something */
+	bool swept_once;                    /* and the row that says so goes */
+	bool unswept;                       /* what they left cannot be read: it stays */
 	double stage_seconds, seal_seconds; /* of the last push; the second is a part of the first */
-	size_t charged; /* of LEDGER_JOBS */
-	atomic_uint_fast64_t derived; /* of a one-step one: domains and selections in its folder, bytes */
+	size_t charged;                     /* of LEDGER_JOBS */
+	atomic_uint_fast64_t derived;       /* of a one-step one: domains and selections in its folder, bytes */
 };
 
 struct job {
@@ -107,7 +107,7 @@ struct job {
 	struct job_report report;
 	struct err err;
 	struct job_fetch *fetches;
-	uint64_t told_ns; /* when `changed` last told progress */
+	uint64_t told_ns;   /* when `changed` last told progress */
 	uint64_t looked_ns; /* when it was last seen what it waits for */
 	char waited[96];    /* as told */
 	bool moved;
@@ -128,7 +128,7 @@ struct job_fetch {
 	char *window; /* the view, of a window of the job's mesh; else NULL */
 	uint64_t begun_ns;
 	struct walk_since since; /* of a stream of changes */
-	char waited[96]; /* for what, as its client was told */
+	char waited[96];         /* for what, as its client was told */
 };
 
 struct job_asked_plan {
@@ -148,16 +148,16 @@ struct jobs {
 	struct jobs_params p;
 	struct tally tally;
 	struct verified verified;
-	struct space *space; /* accounts of the disk; any thread */
-	struct hints *hints, *summaries; /* what the store has: which did last, and pipe_summary; any thread; NULL: no memory was left for them */
-	int datafd, onestepfd, domainsfd,
-		tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
-		plansfd, geoidsfd; /* state/plans, state/geoids */
+	struct space *space;             /* accounts of the disk; any thread */
+	struct hints *hints, *summaries; /* what the store has: which did last, and pipe_summary; any thread; NULL: no memory was
+					    left for them */
+	int datafd, onestepfd, domainsfd, tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
+		plansfd, geoidsfd;                /* state/plans, state/geoids */
 	struct dataset *datasets;
 	struct push *pushes;
-	struct job *jobs;  /* at work: not over, or read, or about to go. All: past.h */
+	struct job *jobs; /* at work: not over, or read, or about to go. All: past.h */
 	struct past *past;
-	int64_t aged_us;   /* when jobs that are too old were looked for */
+	int64_t aged_us;       /* when jobs that are too old were looked for */
 	struct loaded *loaded; /* datasets by id, while the catalogue is loaded */
 	struct dataset *last_loaded;
 	bool loading;
@@ -170,17 +170,17 @@ struct jobs {
 	struct {
 		int64_t us;
 		uint64_t at_ns, ahead_ns; /* when it was told; since when the clock is ahead of it, 0: it is not */
-	} sure; /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
-	uint64_t lacks; /* bytes that house_take did not have, the most at a time (house_make_room) */
-	struct dataset_rewrite *merge; /* that is at work */
-	struct prune *prunes;          /* the first is at work, if no merge is */
-	struct dataset_old *olds;      /* that wait until nobody opens them */
-	uint64_t rewriting;            /* memory that merge and prune hold */
-	bool merges_due;               /* a dataset may have something to merge */
-	uint64_t merge_after_ns;       /* none begins before */
-	double merge_wait;             /* seconds that the last one was put off for want of space; 0: it was not */
-	struct dataset_change *changes; /* that wait for their turn */
-	struct verb *verbs; /* dataset_remove.c: likewise */
+	} sure;                           /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
+	uint64_t lacks;                   /* bytes that house_take did not have, the most at a time (house_make_room) */
+	struct dataset_rewrite *merge;    /* that is at work */
+	struct prune *prunes;             /* the first is at work, if no merge is */
+	struct dataset_old *olds;         /* that wait until nobody opens them */
+	uint64_t rewriting;               /* memory that merge and prune hold */
+	bool merges_due;                  /* a dataset may have something to merge */
+	uint64_t merge_after_ns;          /* none begins before */
+	double merge_wait;                /* seconds that the last one was put off for want of space; 0: it was not */
+	struct dataset_change *changes;   /* that wait for their turn */
+	struct verb *verbs;               /* dataset_remove.c: likewise */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
 	unsigned walks_max;
@@ -199,15 +199,15 @@ struct jobs {
 		struct limit_row *row;
 		size_t n, cap;
 	} limits;
-	struct looks { /* looked.c */
-		struct looking *now; /* is under way; NULL: none is */
+	struct looks {                  /* looked.c */
+		struct looking *now;    /* is under way; NULL: none is */
 		struct look_wait *next; /* wait for another one */
 		struct house_looked last;
 		uint64_t last_ns; /* when that look began; 0: there is none that still holds */
 	} looks;
 	struct cache_verify *verify; /* that goes on; NULL: none */
-	unsigned background; /* tasks of the house itself: removal of folders, probes for info */
-	struct backup *backups; /* and exports, that are open */
+	unsigned background;         /* tasks of the house itself: removal of folders, probes for info */
+	struct backup *backups;      /* and exports, that are open */
 	uint64_t last_backup, last_import;
 	bool parking;
 	struct place *places; /* that are sought */
@@ -215,14 +215,17 @@ struct jobs {
 	bool placing;
 	uint64_t last_place, grants;
 	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
-	uint64_t starved_ns;        /* since when the first in the queue lacks memory */
+	uint64_t starved_ns;     /* since when the first in the queue lacks memory */
 };
 
 /* What log_event is told. */
 #define ABOUT_DATASET(d) (&(const struct log_about){.dataset = (d)->name, .generation = (d)->generation, ABOUT_USER((d)->uid)})
-#define ABOUT_JOB(j)                                                                                         \
-	(&(const struct log_about){.job = (j)->id, .dataset = (j)->dataset ? (j)->dataset->name : NULL,          \
-				   .generation = (j)->generation, ABOUT_USER((j)->peer.uid), .pid = (j)->peer.pid})
+#define ABOUT_JOB(j)                                                                    \
+	(&(const struct log_about){.job = (j)->id,                                      \
+				   .dataset = (j)->dataset ? (j)->dataset->name : NULL, \
+				   .generation = (j)->generation,                       \
+				   ABOUT_USER((j)->peer.uid),                           \
+				   .pid = (j)->peer.pid})
 
 /* tell.c: what the log hears of ends, and what is counted since the start. Loop. */
 /* verified.c: the last verification that came to its end, beyond a restart */
@@ -243,8 +246,8 @@ void rest_submit(struct jobs *, struct sched_task *);
 bool rest_over(struct jobs *);
 void rest_end(struct jobs *);
 void rest_drop(struct jobs *);
-void disk_mend(struct jobs *); /* folders of the cache that somebody has removed */
-void disk_count(struct jobs *); /* what the lists of datasets and pushes say */
+void disk_mend(struct jobs *);               /* folders of the cache that somebody has removed */
+void disk_count(struct jobs *);              /* what the lists of datasets and pushes say */
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
 
 /* cache_verify.c */
@@ -254,8 +257,8 @@ int cache_may(const struct job_peer *, const char *what, struct err *err); /* ad
 
 /* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
 int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err); /* for what ends by itself */
-/* For what stays, of that user: leaves that part of all to what is below, and to the above. Old jobs that are over give way, of the
- * user first who has most of them: not to be called where one of them is in hand, or the next in a loop over them. */
+/* For what stays, of that user: leaves that part of all to what is below, and to the above. Old jobs that are over give way, of
+ * the user first who has most of them: not to be called where one of them is in hand, or the next in a loop over them. */
 enum house_lasting { HOUSE_DATASET = 8, HOUSE_JOB = 16 };
 int house_take_lasting(struct jobs *, enum house_lasting, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
 /* For what found none since the last time, likewise; true: who waits for it may try again. */
@@ -316,19 +319,20 @@ bool dataset_created(const struct dataset *); /* before its first push, by datas
 int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
 /* Removes what no manifest of the dataset names. Reads the disk. */
 int dataset_sweep(struct dataset *, bool again, struct err *err); /* again: the next start does it, too */
-int folder_empty(int dirfd, struct err *err); /* removes everything in it */
-int folder_remove(int dirfd, const char *name, struct err *err); /* with everything in it; absent is success */
+int folder_empty(int dirfd, struct err *err);                     /* removes everything in it */
+int folder_remove(int dirfd, const char *name, struct err *err);  /* with everything in it; absent is success */
 /* Removes the entries whose names begin so. */
 int folder_sweep(int dirfd, const char *prefix, struct err *err);
 
-/* dataset_change.c: its committer, with the folder open and before a manifest is made: once, what a crash left of others goes. Worker. */
+/* dataset_change.c: its committer, with the folder open and before a manifest is made: once, what a crash left of others goes.
+ * Worker. */
 void dataset_tidy(struct dataset *, const char *newest);
 void dataset_drop(struct dataset *); /* nobody uses it: out of list and catalogue, its folder goes in the background */
 
 /* dataset_remove.c */
 int64_t dataset_until_us(const struct dataset *); /* it can be restored; 0: it is there */
-int64_t jobs_sure_us(struct jobs *); /* by which what was pushed may go: no clock that jumps ahead */
-void datasets_expire(struct jobs *); /* what was removed so long ago that it goes */
+int64_t jobs_sure_us(struct jobs *);              /* by which what was pushed may go: no clock that jumps ahead */
+void datasets_expire(struct jobs *);              /* what was removed so long ago that it goes */
 void datasets_tick(struct jobs *);
 
 /* dataset_change.c (dataset_change.h): what is no push */
@@ -341,8 +345,8 @@ int dataset_commit_row(struct dataset *, const struct grid_manifest *made, const
 /* dataset_generation.c */
 /* m->generations becomes the base's (NULL: there is none) and m->generation, as its sources have it; to be freed.
  * Workers. */
-int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct job_peer *,
-		    enum grid_generation_kind, uint64_t undoes, struct err *err);
+int generation_note(struct grid_manifest *m, const struct grid_manifest *base, const struct job_peer *, enum grid_generation_kind,
+		    uint64_t undoes, struct err *err);
 
 /* push_pending.c */
 int pending_load(struct dataset *, const struct catalogue_push *, bool *ret_stays, struct err *err);
@@ -403,19 +407,19 @@ void report_window(struct job_report *); /* made so, but it is that of a window 
 
 /* jobs.c, admit.c */
 struct dataset *dataset_loaded(struct jobs *, uint64_t id); /* at the start; NULL: there is none */
-void jobs_put_away(struct jobs *); /* those that are over and that nobody looks at: past_keep */
+void jobs_put_away(struct jobs *);                          /* those that are over and that nobody looks at: past_keep */
 /* A job that is over and that nobody looks at goes: the oldest of the user who has most of that (`more` counted with
  * those of `uid`). False: there is none. */
 bool jobs_forget_one(struct jobs *, enum past_kind, uint32_t uid, uint64_t more);
-uint64_t jobs_domain_memory(struct jobs *); /* that a plan may count on now */
+uint64_t jobs_domain_memory(struct jobs *);              /* that a plan may count on now */
 bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */
 /* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */
 int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);
 /* The smallest `memory` whose domains carry that many positions; 0: none does. */
 uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
-uint64_t jobs_domain_largest(struct jobs *);              /* of the walks that run */
-uint64_t jobs_staged(const struct jobs *);                /* held by stages */
-bool jobs_opening(struct jobs *, const struct dataset *); /* a walk is about to open its manifest */
+uint64_t jobs_domain_largest(struct jobs *);                                      /* of the walks that run */
+uint64_t jobs_staged(const struct jobs *);                                        /* held by stages */
+bool jobs_opening(struct jobs *, const struct dataset *);                         /* a walk is about to open its manifest */
 void jobs_each_walk(struct jobs *, void (*fn)(struct walk *, void *), void *ctx); /* that has not ended */
 
 struct admit_tally {
@@ -427,7 +431,7 @@ void admit_init(struct jobs *);
 struct admit_tally admit_tally(struct jobs *, uint32_t uid);
 uint64_t admit_share(const struct jobs *); /* what each walk at work holds */
 uint64_t admit_alone(const struct jobs *); /* what the tasks of the only walk can have */
-bool admit_only(struct jobs *);             /* no more than one walk is at work, and no push */
+bool admit_only(struct jobs *);            /* no more than one walk is at work, and no push */
 uint64_t admit_least(void);                /* what the smallest plan needs */
 /* -ERR_LIMIT if a task of so many bytes could never start, with the memory that would do. */
 int admit_never(struct jobs *, uint64_t bytes, const char *what, struct err *err);
@@ -439,7 +443,7 @@ void admit_relieve(struct jobs *);
 /* limit.c: what one user may have; none of it holds admins. -ERR_LIMIT, with the setting's name as field. */
 void limit_init(struct jobs *);
 void limit_done(struct jobs *);
-int limit_jobs(const struct jobs *, const struct job_peer *, struct err *err); /* one more */
+int limit_jobs(const struct jobs *, const struct job_peer *, struct err *err);     /* one more */
 int limit_datasets(const struct jobs *, const struct job_peer *, struct err *err); /* likewise */
 /* Bytes more of that user on the disk, beside those of the lists; any thread. Balanced. */
 int limit_disk_take(struct jobs *, uint32_t uid, bool admin, uint64_t bytes, const char *what, struct err *err);
@@ -449,7 +453,7 @@ struct limit_geoid {
 	uint64_t bytes;
 };
 void limit_geoids(struct jobs *, const struct limit_geoid *all, size_t n); /* all that are kept; any thread */
-void limit_count(struct jobs *); /* what the lists say */
+void limit_count(struct jobs *);                                           /* what the lists say */
 /* The same, and two users give back what they took (negative: take it, whatever the limit), in one step. */
 void limit_count_given(struct jobs *, uint32_t uid, int64_t bytes, uint32_t other, int64_t others);
 /* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */

@@ -27,7 +27,8 @@ static void refuse(struct job *job, const struct err *why)
 {
 	char what[128];
 
-	snprintf(what, sizeof what, "job %llu of %.60s is refused: its row cannot be written", (unsigned long long)job->id, job->dataset->name);
+	snprintf(what, sizeof what, "job %llu of %.60s is refused: its row cannot be written", (unsigned long long)job->id,
+		 job->dataset->name);
 	log_event_err(LOG_EVENT_JOB_FAILED, ABOUT_JOB(job), what, why);
 	job->removed = true;
 	accept(job, why);
@@ -105,15 +106,13 @@ int job_window(const struct job *job, const char *area, char **ret, struct err *
 }
 
 /* The same generation and view: the same job, unless it came to nothing. */
-static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation,
-			     const char *view)
+static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation, const char *view)
 {
 	struct job *job;
 
 	for (uint64_t id = 0; (job = past_next(j, p->dataset, id)); id = job->id)
-		if (job->generation == generation && !job->bound &&
-		    !job->removed && !job->stop && job->peer.uid == p->peer.uid && job->state != JOB_failed &&
-		    job->state != JOB_cancelled && !strcmp(job->view, view))
+		if (job->generation == generation && !job->bound && !job->removed && !job->stop && job->peer.uid == p->peer.uid &&
+		    job->state != JOB_failed && job->state != JOB_cancelled && !strcmp(job->view, view))
 			return job;
 	return NULL;
 }
@@ -141,7 +140,8 @@ static int take_view(struct jobs *j, const struct job_peer *peer, const char *vi
 	jobs_put_away(j); /* what is over is not busy */
 	past_views(j, peer->uid, &v);
 	if (v.own_busy + n > views_most(peer, &v)) {
-		err_set(err, ERR_BUSY, "its area takes %llu KiB, and those of this user's unfinished jobs %llu of the %llu KiB that they may have",
+		err_set(err, ERR_BUSY,
+			"its area takes %llu KiB, and those of this user's unfinished jobs %llu of the %llu KiB that they may have",
 			(unsigned long long)(n + 1023) >> 10, (unsigned long long)(v.own_busy + 1023) >> 10,
 			(unsigned long long)views_most(peer, &v) >> 10);
 		return err_add_hint(err, "submit it again when some of them are done, or crop to a simpler area");
@@ -154,8 +154,7 @@ static int take_view(struct jobs *j, const struct job_peer *peer, const char *vi
 	return err_add_hint(err, "submit it again when some of them are done");
 }
 
-static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, char **ret_view,
-			struct err *err)
+static int check_submit(struct jobs *j, const struct job_params *p, uint64_t generation, char **ret_view, struct err *err)
 {
 	const struct job *job;
 	unsigned open = 0, own = 0;
@@ -194,8 +193,8 @@ static void change_priority(struct job *job, const struct job_params *p, enum jo
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, ABOUT_JOB(job), "a priority is forgotten at the next start", &err);
 }
 
-void job_submit(struct jobs *j, const struct job_params *p,
-		void (*accepted)(void *token, const struct err *why, struct job *), void *token)
+void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(void *token, const struct err *why, struct job *),
+		void *token)
 {
 	uint64_t generation = p->generation ? p->generation : p->dataset->generation;
 	struct err err = ERR_INIT;

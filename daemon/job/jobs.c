@@ -212,7 +212,8 @@ static void clearing_run(struct sched_task *t)
 	struct err err = ERR_INIT;
 
 	if (folder_sweep(((struct clearing *)t)->jobs->p.cachefd, aside, &err))
-		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start", &err);
+		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start",
+			      &err);
 }
 
 static void clearing_done(struct sched_task *t)
@@ -280,7 +281,8 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	if (dataset_loaded(o->jobs, id))
 		return 0;
-	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes", (unsigned long long)id);
+	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes",
+		  (unsigned long long)id);
 	if (folder_remove(o->jobs->datafd, e->d_name, &why))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &why);
 	return 0;
@@ -528,8 +530,7 @@ static bool anything(const struct jobs *j, bool queued)
 {
 	struct job *job;
 
-	if (j->pushes || j->plans || j->background || sched_busy(j->p.sched) ||
-	    catalogue_busy(j->p.catalogue))
+	if (j->pushes || j->plans || j->background || sched_busy(j->p.sched) || catalogue_busy(j->p.catalogue))
 		return true;
 	for (job = j->jobs; job; job = job->next)
 		if (job->walk || job->fetches || (queued && !job_state_final(job->state)))

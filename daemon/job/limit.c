@@ -77,12 +77,16 @@ int limit_datasets(const struct jobs *j, const struct job_peer *peer, struct err
 	if (own < j->p.user.datasets)
 		return 0;
 	if (removed)
-		err_set(err, ERR_LIMIT, "this user has %u datasets, %u of them removed but not gone yet, and %u are all that one user may "
-			"have (user-datasets)", own, removed, j->p.user.datasets);
+		err_set(err, ERR_LIMIT,
+			"this user has %u datasets, %u of them removed but not gone yet, and %u are all that one user may "
+			"have (user-datasets)",
+			own, removed, j->p.user.datasets);
 	else
 		err_set(err, ERR_LIMIT, "this user has %u datasets, and %u are all that one user may have (user-datasets)", own,
 			j->p.user.datasets);
-	err_add_hint(err, "push into one that is there, remove some (they count until keep-removed is over), or ask an administrator for more");
+	err_add_hint(
+		err,
+		"push into one that is there, remove some (they count until keep-removed is over), or ask an administrator for more");
 	return err_add_place(err, ERR_NO_OFFSET, "user-datasets");
 }
 
@@ -219,8 +223,9 @@ static int disk_refused(uint32_t uid, uint64_t bytes, uint64_t has, uint64_t lim
 {
 	char need[32], have[32], may[32];
 
-	err_set(err, ERR_LIMIT, "%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)",
-		what, parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
+	err_set(err, ERR_LIMIT,
+		"%s needs %s on the disk: the user with id %u has %s of the %s that one user may have (user-disk)", what,
+		parse_size_text(bytes, need), uid, parse_size_text(has, have), parse_size_text(limit, may));
 	return refused("user-disk", err);
 }
 
@@ -273,7 +278,8 @@ void jobs_own(struct jobs *j, const struct job_peer *peer, uint64_t state_bytes,
 		own.jobs += !job->removed && !job_state_final(job->state) && job->peer.uid == peer->uid;
 	own.datasets = limit_datasets_of(j, peer->uid, &own.removed);
 	if (limits_disk(j)) {
-		own.disk_most = may->disk.unit == SPACE_BYTES ? may->disk.n : (uint64_t)((double)state_bytes / 100 * (double)may->disk.n);
+		own.disk_most =
+			may->disk.unit == SPACE_BYTES ? may->disk.n : (uint64_t)((double)state_bytes / 100 * (double)may->disk.n);
 		pthread_mutex_lock(&j->limits.lock);
 		for (size_t i = 0; i < j->limits.n; i++)
 			if (j->limits.row[i].uid == peer->uid)

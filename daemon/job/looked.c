@@ -1,5 +1,6 @@
 /*
- * A look at what lies under the house: file systems, geoid grids, the process itself. By a worker, since a disk may take its time.
+ * A look at what lies under the house: file systems, geoid grids, the process itself. By a worker, since a disk may take its
+ * time.
  *
  * The model: one look at a time, and one a second: whoever asks while one is under way gets what it sees, and so does who asks
  * within a second of its beginning. So many who ask at once, or one after the other, cost no more than one. Grids that are
@@ -136,7 +137,9 @@ static void look(struct jobs *j)
 		answer_all(waits, &err, NULL);
 		return;
 	}
-	l->task = (struct sched_task){.run = look_run, .done = look_done, .priority = SCHED_FIRST,
+	l->task = (struct sched_task){.run = look_run,
+				      .done = look_done,
+				      .priority = SCHED_FIRST,
 				      .owner = {.uid = waits->peer.uid, .flow = ++j->last_flow}};
 	l->jobs = j;
 	l->begun_ns = clock_mono_ns();

@@ -50,8 +50,7 @@ bool names_next(const struct names *t, const char *key, size_t *at, uint32_t *re
 
 	if (!t->cap)
 		return false;
-	for (i = *at == NAMES_START ? place_of(t, key) : (*at + 1) & (t->cap - 1); t->slot[i].key;
-	     i = (i + 1) & (t->cap - 1))
+	for (i = *at == NAMES_START ? place_of(t, key) : (*at + 1) & (t->cap - 1); t->slot[i].key; i = (i + 1) & (t->cap - 1))
 		if (!strcmp(t->slot[i].key, key)) {
 			*at = i;
 			*ret = t->slot[i].value;

@@ -12,7 +12,7 @@ struct names {
 	struct name_slot {
 		const char *key; /* NULL: free */
 		uint32_t value;
-	} *slot;
+	} * slot;
 	size_t cap, n;
 };
 

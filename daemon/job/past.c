@@ -18,14 +18,22 @@
 
 _Static_assert(sizeof(struct job) % 8 == 0, "packed by words");
 /* GUESTS: that a caller may have in hand at once, and more; few, so that the heap has them and the kernel need not clear them. */
-enum { GUESTS = 16, WORDS = (sizeof(struct job) + 7) / 8, MAP = (WORDS + 7) / 8, SLACK = 8, IMAGE_MAX = MAP + 9 * WORDS + SLACK, ENTRY_BYTES = 48 };
+enum {
+	GUESTS = 16,
+	WORDS = (sizeof(struct job) + 7) / 8,
+	MAP = (WORDS + 7) / 8,
+	SLACK = 8,
+	IMAGE_MAX = MAP + 9 * WORDS + SLACK,
+	ENTRY_BYTES = 48
+};
 
 struct kept {
 	int64_t finished_us;
 	const struct dataset *dataset;
 	uint32_t uid;
 	size_t view_bytes, charged; /* of it, and not in the image */
-	/* A bit for each word that is not zero; of each such word a bit for each byte, and the bytes. SLACK more are there to be read. */
+	/* A bit for each word that is not zero; of each such word a bit for each byte, and the bytes. SLACK more are there to be
+	 * read. */
 	uint8_t image[];
 };
 
@@ -48,7 +56,7 @@ struct past {
 	struct account *account;
 	size_t naccounts, accounts_room;
 	struct job *guests; /* GUESTS that take turns, and one that is about to go */
-	unsigned guest; /* that comes next; of this round */
+	unsigned guest;     /* that comes next; of this round */
 };
 
 /* ---- packing ---- */
@@ -316,8 +324,12 @@ bool past_keep(struct job *job)
 {
 	struct jobs *j = job->jobs;
 	struct entry *e = entry_of(j, job->id);
-	struct kept all = {.finished_us = job->finished_us, .dataset = job->dataset, .uid = job->peer.uid, .view_bytes = strlen(job->view),
-			   .charged = job->charged}, *k;
+	struct kept all = {.finished_us = job->finished_us,
+			   .dataset = job->dataset,
+			   .uid = job->peer.uid,
+			   .view_bytes = strlen(job->view),
+			   .charged = job->charged},
+		    *k;
 	struct plan_file *plan = job->plan;
 	struct job *next = job->next;
 	uint8_t image[IMAGE_MAX];

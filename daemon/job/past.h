@@ -47,8 +47,8 @@ struct job *past_of_most(struct jobs *, enum past_kind, uint32_t uid, uint64_t m
 bool past_has(const struct jobs *, uint64_t id);
 /* The dataset is about to go: jobs that are kept use it no more. */
 void past_forget_dataset(struct jobs *, struct dataset *);
-size_t past_count(const struct jobs *); /* all jobs */
-uint64_t past_bytes(const struct jobs *); /* that are charged for those that are kept */
+size_t past_count(const struct jobs *);                /* all jobs */
+uint64_t past_bytes(const struct jobs *);              /* that are charged for those that are kept */
 void past_numbers(const struct jobs *, uint64_t *ret); /* of all jobs, ascending */
 /* Their numbers, first those whose dataset is there: gives how many these are. */
 size_t past_list(const struct jobs *, uint64_t *ret);

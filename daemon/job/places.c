@@ -155,7 +155,8 @@ static enum place_wait room_for(struct jobs *j, struct place *p)
 static void skip_like(struct jobs *j, const struct place *like)
 {
 	for (struct place *p = j->places; p; p = p->next)
-		if (p->reader == like->reader && (p->owner.uid == like->owner.uid || (like->wait != PLACE_USER && like->wait != PLACE_SHARE))) {
+		if (p->reader == like->reader &&
+		    (p->owner.uid == like->owner.uid || (like->wait != PLACE_USER && like->wait != PLACE_SHARE))) {
 			p->skip = true;
 			p->wait = like->wait;
 			p->lacks = like->lacks;

@@ -61,7 +61,8 @@ static bool done_unpack(const uint8_t record[PLAN_RECORD], struct plan_done *ret
 	char text[CUT_REGION_TEXT_SIZE];
 	struct plan_done d;
 
-	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION || cursor_u8(&c) != PLAN_DONE)
+	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION ||
+	    cursor_u8(&c) != PLAN_DONE)
 		return false;
 	d.region.inf = cursor_u8(&c);
 	d.region.x = cursor_u32(&c);
@@ -84,8 +85,7 @@ static bool done_unpack(const uint8_t record[PLAN_RECORD], struct plan_done *ret
 	return true;
 }
 
-int plan_record_next(const char *name, int fd, uint64_t at, uint8_t record[3 * PLAN_RECORD], size_t *ret_size,
-		     struct err *err)
+int plan_record_next(const char *name, int fd, uint64_t at, uint8_t record[3 * PLAN_RECORD], size_t *ret_size, struct err *err)
 {
 	size_t got = 0;
 	int r = io_read_some(fd, record, 3 * PLAN_RECORD, at, name, &got, err);
@@ -100,8 +100,8 @@ int plan_record_next(const char *name, int fd, uint64_t at, uint8_t record[3 * P
 	return 0;
 }
 
-int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *),
-			void *ctx, struct err *err)
+int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *), void *ctx,
+			struct err *err)
 {
 	uint8_t record[3 * PLAN_RECORD];
 	struct plan_done done;

@@ -5,9 +5,9 @@
  * split: the region that was split and its halves. Each record ends with its own checksum, and the header has a
  * digest of all leaves. The file appears whole (temporary name, fsync, rename); splits are appended, and durable
  * before a half of them is made. What a crash left of a split at the end is not there: no block of its halves has
- * left. Of a walk that sends no blocks neither waits for the disk: who reads the plan brings it there first. The same split may be there twice, of two walks at once; the second finds nothing to split. Between splits there
- * are records of finished domains, which nothing waits for: a split that is durable makes those before it so, and the
- * first that is torn ends the file.
+ * left. Of a walk that sends no blocks neither waits for the disk: who reads the plan brings it there first. The same split may
+ * be there twice, of two walks at once; the second finds nothing to split. Between splits there are records of finished domains,
+ * which nothing waits for: a split that is durable makes those before it so, and the first that is torn ends the file.
  */
 #include "plan_file.h"
 
@@ -44,11 +44,11 @@ struct plan_file {
 	struct ledger *ledger; /* borrowed; NULL: none */
 	char name[PLAN_NAME];
 	pthread_mutex_t lock; /* of the file and the next two: held while the disk is waited for, so never taken by the loop */
-	bool settled; /* what is in it outlives a crash */
-	bool fresh;   /* what is there under its name, if anything, is another's, or did not reach the disk */
+	bool settled;         /* what is in it outlives a crash */
+	bool fresh;           /* what is there under its name, if anything, is another's, or did not reach the disk */
 	pthread_mutex_t list; /* of the splits below; who changes them holds both */
-	uint64_t size; /* of what is whole in the file */
-	struct split *split; /* of this run */
+	uint64_t size;        /* of what is whole in the file */
+	struct split *split;  /* of this run */
 	size_t n, room;
 };
 
@@ -141,8 +141,7 @@ static void leaf_pack(unsigned kind, const struct cut_leaf *leaf, uint8_t record
 	packer_u64(&p, leaf->above);
 	cut_region_text(&leaf->region, (char *)record + TEXT_AT);
 	/* Behind the text: zeros, whatever the function left there. */
-	memset(record + TEXT_AT + strlen((char *)record + TEXT_AT), 0,
-	       CUT_REGION_TEXT_SIZE - strlen((char *)record + TEXT_AT));
+	memset(record + TEXT_AT + strlen((char *)record + TEXT_AT), 0, CUT_REGION_TEXT_SIZE - strlen((char *)record + TEXT_AT));
 	plan_record_seal(record);
 }
 
@@ -151,15 +150,15 @@ static bool leaf_unpack(unsigned kind, const uint8_t record[PLAN_RECORD], struct
 	struct cursor c = cursor_of(record, PLAN_RECORD);
 	struct cut_leaf leaf = {0};
 
-	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION || cursor_u8(&c) != kind)
+	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION ||
+	    cursor_u8(&c) != kind)
 		return false;
 	leaf.exact = cursor_u8(&c) != 0;
 	leaf.stuck = cursor_u8(&c);
 	cursor_skip(&c, 7);
 	leaf.count = cursor_u64(&c);
 	leaf.above = cursor_u64(&c);
-	if (!memchr(record + TEXT_AT, 0, CUT_REGION_TEXT_SIZE) ||
-	    !cut_region_parse((const char *)record + TEXT_AT, &leaf.region))
+	if (!memchr(record + TEXT_AT, 0, CUT_REGION_TEXT_SIZE) || !cut_region_parse((const char *)record + TEXT_AT, &leaf.region))
 		return false;
 	*ret = leaf;
 	return true;
@@ -190,7 +189,8 @@ bool plan_head_unpack(const uint8_t record[PLAN_RECORD], struct plan_head *ret)
 {
 	struct cursor c = cursor_of(record, PLAN_RECORD);
 
-	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION || cursor_u8(&c) != PLAN_HEAD)
+	if (!plan_record_sealed(record) || cursor_u32(&c) != PLAN_MAGIC || cursor_u16(&c) != PLAN_VERSION ||
+	    cursor_u8(&c) != PLAN_HEAD)
 		return false;
 	cursor_skip(&c, 1);
 	ret->job = cursor_u64(&c);
@@ -229,8 +229,7 @@ static int plan_apply(struct cut_plan *plan, size_t least, const struct split *s
 
 /* ---- writing ---- */
 
-static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan *plan, struct digest *ret,
-			struct err *err)
+static int write_leaves(const struct plan_file *f, int fd, const struct cut_plan *plan, struct digest *ret, struct err *err)
 {
 	struct digest_stream *sum = digest_stream_new();
 	uint8_t *chunk = malloc(CHUNK * PLAN_RECORD);
@@ -404,8 +403,7 @@ static int split_room(struct plan_file *f, size_t room, struct err *err)
 	return 0;
 }
 
-int plan_file_split(struct plan_file *f, const struct cut_region *whole, const struct cut_leaf half[2],
-		    struct err *err)
+int plan_file_split(struct plan_file *f, const struct cut_region *whole, const struct cut_leaf half[2], struct err *err)
 {
 	const struct split s = {*whole, {half[0], half[1]}};
 	int r = 0;
@@ -466,8 +464,7 @@ int plan_file_follow(struct plan_file *f, size_t *seen, size_t least, struct cut
 /* ---- reading ---- */
 
 /* PLAN_FILE_ABSENT: damaged. */
-static int read_leaves(const struct plan_file *f, int fd, const struct plan_head *head, struct cut_plan *plan,
-		       struct err *err)
+static int read_leaves(const struct plan_file *f, int fd, const struct plan_head *head, struct cut_plan *plan, struct err *err)
 {
 	struct digest_stream *sum = digest_stream_new();
 	uint8_t *chunk = malloc(CHUNK * PLAN_RECORD);
@@ -535,8 +532,7 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 	/* An empty one is what a power cut leaves of one that nobody had read yet. */
 	r = io_read_some(fd, record, PLAN_RECORD, 0, f->name, &got, err);
 	if (!r && (got < PLAN_RECORD || !plan_head_unpack(record, &head) || head.job != f->job ||
-		   head.generation != f->generation || io->fstat(fd, &st) < 0 ||
-		   head.n >= (uint64_t)st.st_size / PLAN_RECORD))
+		   head.generation != f->generation || io->fstat(fd, &st) < 0 || head.n >= (uint64_t)st.st_size / PLAN_RECORD))
 		r = PLAN_FILE_ABSENT;
 	if (!r)
 		r = read_leaves(f, fd, &head, plan, err);
@@ -547,15 +543,14 @@ static int read_plan(struct plan_file *f, struct cut_plan *plan, struct plan_kep
 	if (r == PLAN_FILE_ABSENT && got)
 		log_event(LOG_EVENT_DAMAGE_DERIVED, &(struct log_about){.job = f->job},
 			  "the plan of job %llu is damaged: it is made again, streams of it cannot go on",
-			    (unsigned long long)f->job);
+			  (unsigned long long)f->job);
 	io_close(fd);
 	if (!r)
 		*kept = head.kept;
 	return r;
 }
 
-int plan_file_read(struct plan_file *f, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen,
-		   struct err *err)
+int plan_file_read(struct plan_file *f, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen, struct err *err)
 {
 	struct cut_plan plan = {.ledger = f->ledger};
 	int r;

@@ -17,8 +17,8 @@ struct ledger;
 struct plan_file;
 
 struct plan_kept {
-	uint32_t load, cap;  /* of the budget that it was made for */
-	struct digest base;  /* stands for the plan before any split, and the cap */
+	uint32_t load, cap; /* of the budget that it was made for */
+	struct digest base; /* stands for the plan before any split, and the cap */
 };
 
 /* In `dirfd` (borrowed), under the job's number. `durable`: a write returns when it outlives a crash. No file is
@@ -32,15 +32,13 @@ struct plan_file *plan_file_free(struct plan_file *); /* the file stays; NULL is
 /* The plan with all its splits, and how many of this run's splits are in it; a durable one outlives a crash from then on.
  * PLAN_FILE_ABSENT: there is none, or it is damaged (then it is told in the log, and a new one will be written). */
 enum { PLAN_FILE_ABSENT = 1 };
-int plan_file_read(struct plan_file *, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen,
-		   struct err *err);
+int plan_file_read(struct plan_file *, struct cut_plan *ret, struct plan_kept *ret_kept, size_t *ret_seen, struct err *err);
 /* Takes the place of what was kept. Sets kept->base. Later: of this walk no block leaves, so that a durable one, and its
  * splits, need not outlive a crash before somebody reads it. */
 int plan_file_write(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
 int plan_file_write_later(struct plan_file *, const struct cut_plan *, struct plan_kept *kept, struct err *err);
 /* `whole` became the two halves. One that is there already changes nothing. */
-int plan_file_split(struct plan_file *, const struct cut_region *whole, const struct cut_leaf half[2],
-		    struct err *err);
+int plan_file_split(struct plan_file *, const struct cut_region *whole, const struct cut_leaf half[2], struct err *err);
 /* Splits of this run from *seen on go into the plan, those of leaf `least` or later. */
 int plan_file_follow(struct plan_file *, size_t *seen, size_t least, struct cut_plan *, struct err *err);
 
@@ -51,16 +49,16 @@ int plan_file_follow(struct plan_file *, size_t *seen, size_t least, struct cut_
  */
 struct plan_done {
 	struct cut_region region;
-	struct digest base, list;     /* the name of the stored file (store.h) */
-	struct digest digest;         /* of its triangles */
-	uint64_t payload;             /* checksum of all that the domain is: counts and arrays (store.h) */
-	uint64_t triangles, bytes;    /* bytes of the file */
+	struct digest base, list;  /* the name of the stored file (store.h) */
+	struct digest digest;      /* of its triangles */
+	uint64_t payload;          /* checksum of all that the domain is: counts and arrays (store.h) */
+	uint64_t triangles, bytes; /* bytes of the file */
 };
 int plan_file_done(struct plan_file *, const struct plan_done *, size_t n, struct err *err);
 /* Of any job whose plan is in that folder; `fn` in the order in which they were told; non-zero from it ends the call
  * and is returned. A plan that is absent or damaged has none. */
-int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *),
-			void *ctx, struct err *err);
+int plan_file_each_done(int plansfd, uint64_t job, int (*fn)(void *ctx, const struct plan_done *, struct err *), void *ctx,
+			struct err *err);
 
 /* Reads all of a job's plan in that folder. -ERR_CORRUPT: something in it is damaged, other than a last split or domain
  * that was cut short. *ret_bytes: of the file. */

@@ -23,7 +23,6 @@ bool plan_head_unpack(const uint8_t record[PLAN_RECORD], struct plan_head *ret);
 void plan_done_pack(const struct plan_done *, uint8_t record[PLAN_RECORD]);
 /* Behind the leaves: one record of a finished domain, or the three of a split; *ret_size 0: nothing whole comes any
  * more. */
-int plan_record_next(const char *name, int fd, uint64_t at, uint8_t record[3 * PLAN_RECORD], size_t *ret_size,
-		     struct err *err);
+int plan_record_next(const char *name, int fd, uint64_t at, uint8_t record[3 * PLAN_RECORD], size_t *ret_size, struct err *err);
 
 #endif

@@ -165,7 +165,8 @@ static void task_done(struct sched_task *t)
 	push_task_over(p);
 }
 
-/* What is asked from here on is answered with this, and may be about a file that has no part in it: so it says what it is about. */
+/* What is asked from here on is answered with this, and may be about a file that has no part in it: so it says what it is about.
+ */
 void push_break(struct push *p, const struct err *why)
 {
 	struct err *err = &p->broken_err;
@@ -200,8 +201,8 @@ static const struct err *refusal(const struct push *p, const struct push_ask *a,
 }
 
 /* What writes nothing need not wait until the next start would know of the push. Points go into memory; who runs out of that
- * waits then (push_row_wait). A plan may give up what an interrupted push left, and a stage goes on from there: not for a push that may
- * never be one. */
+ * waits then (push_row_wait). A plan may give up what an interrupted push left, and a stage goes on from there: not for a push
+ * that may never be one. */
 static bool before_row(const struct push_ask *a)
 {
 	return a->kind == PUSH_PROBE ||
@@ -217,8 +218,8 @@ void push_pump(struct push *p)
 		int r = 0;
 
 		p->busy = true;
-		p->task = (struct sched_task){.run = task_run, .done = task_done, .owner = p->owner,
-					      .priority = SCHED_NORMAL, .lengthy = true};
+		p->task = (struct sched_task){
+			.run = task_run, .done = task_done, .owner = p->owner, .priority = SCHED_NORMAL, .lengthy = true};
 		if (!why && push_rows[a->kind].start)
 			r = push_rows[a->kind].start(p, a, &err);
 		if (r == PUSH_WAIT) {
@@ -254,8 +255,7 @@ static struct dataset *target(struct jobs *j, const struct push_params *in, stru
 		return dataset_new(j, "", &in->peer, true, err);
 	if (!dataset_name_valid(in->dataset)) {
 		err_set(err, ERR_USAGE, "\"%.80s\" cannot name a dataset", in->dataset);
-		err_add_hint(err,
-			     "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
+		err_add_hint(err, "use up to %d letters, digits, '_', '-' and '.', not starting with '.' or '-'",
 			     DATASET_NAME_MAX);
 		return NULL;
 	}
@@ -289,8 +289,8 @@ static int check_crop(const struct push_params *in, struct err *err)
 
 	if (!in->ncrop)
 		return 0;
-	if (in->ncrop != 4 || !(c[0] <= c[2] && c[1] <= c[3]) || !isfinite(c[0]) || !isfinite(c[1]) ||
-	    !isfinite(c[2]) || !isfinite(c[3])) {
+	if (in->ncrop != 4 || !(c[0] <= c[2] && c[1] <= c[3]) || !isfinite(c[0]) || !isfinite(c[1]) || !isfinite(c[2]) ||
+	    !isfinite(c[3])) {
 		err_set(err, ERR_PROTO, "a crop that is not x1, y1, x2, y2, the smaller ones first");
 		return err_add_place(err, ERR_NO_OFFSET, "crop");
 	}
@@ -333,7 +333,8 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (too_many(j, &in->peer))
-		err_set(&err, ERR_BUSY, "so many pushes are open already, of all users or of this one, that there can be no other now");
+		err_set(&err, ERR_BUSY,
+			"so many pushes are open already, of all users or of this one, that there can be no other now");
 	else if (!push_assume_read(p, in, &err) && !check_crop(in, &err))
 		p->dataset = target(j, in, &err);
 	if (!err.code && !push_ask_new(p, PUSH_BEGIN, token, false))
@@ -520,8 +521,8 @@ void push_retry(struct push *p)
 	push_pump(p);
 }
 
-/* For a stop that cannot wait: its own files and no others. What others have in that folder may be promised, or be named by a row that is
- * on its way to the disk; the next start knows all of it. */
+/* For a stop that cannot wait: its own files and no others. What others have in that folder may be promised, or be named by a row
+ * that is on its way to the disk; the next start knows all of it. */
 void push_remove_files(struct push *p)
 {
 	struct err err = ERR_INIT;
@@ -550,8 +551,7 @@ void push_tick(struct push *p)
 	    clock_since(p->told_ns) >= PROGRESS_SECONDS) {
 		p->told_ns = clock_mono_ns();
 		if (a->kind == PUSH_FILE)
-			p->calls.progress(a->token, "stage", atomic_load(&p->progress),
-					  atomic_load(&p->claimed));
+			p->calls.progress(a->token, "stage", atomic_load(&p->progress), atomic_load(&p->claimed));
 		else
 			p->calls.progress(a->token, "seal", a->sealing ? atomic_load(&p->progress) : 0,
 					  a->sealing ? atomic_load(&p->claimed) : 0);

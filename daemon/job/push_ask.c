@@ -62,7 +62,8 @@ static int probe_start(struct push *p, struct push_ask *a, struct err *err)
 		return -(int)err->code;
 	p->task.reads = true;
 	task_bytes(p, LEDGER_INPUT, input_bytes());
-	return a->name && a->format && a->columns && a->path && a->replaces ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
+	return a->name && a->format && a->columns && a->path && a->replaces ? 0 :
+									      err_set(err, ERR_NOMEM, "no memory for a request");
 }
 
 static void remember_info(struct push_ask *a, const struct input *in)
@@ -159,8 +160,7 @@ static void plan_run(struct push *p, struct push_ask *a)
 static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	char lattice[LATTICE_TEXT_SIZE] = "", zone[8] = "";
-	struct push_planned planned = {.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "",
-				       .geoid = p->plane.geoid};
+	struct push_planned planned = {.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "", .geoid = p->plane.geoid};
 
 	if (!why) {
 		p->has_lattice = true;
@@ -413,8 +413,8 @@ static void source_add(struct push *p, const struct push_ask *a, uint32_t *ret_r
 /* Of the stage, not of the input: nothing more can be staged. */
 static bool stage_broke(const struct err *why)
 {
-	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM ||
-	       why->code == ERR_CORRUPT || why->code == ERR_INTERNAL;
+	return why->code == ERR_IO || why->code == ERR_NOSPACE || why->code == ERR_NOMEM || why->code == ERR_CORRUPT ||
+	       why->code == ERR_INTERNAL;
 }
 
 static bool file_done(struct push *p, struct push_ask *a, const struct err *why)

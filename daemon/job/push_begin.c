@@ -126,10 +126,8 @@ static int settle_base(struct push *p, struct err *err)
 	if (*p->scale_xy || *p->scale_z) {
 		struct decimal d;
 
-		if ((*p->scale_xy &&
-		     (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
-		    (*p->scale_z &&
-		     (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
+		if ((*p->scale_xy && (!decimal_parse(p->scale_xy, &d) || decimal_compare(d, m->lattice.scale_xy))) ||
+		    (*p->scale_z && (!decimal_parse(p->scale_z, &d) || decimal_compare(d, m->lattice.scale_z)))) {
 			err_set(err, ERR_USAGE, "the dataset %s has another scale", p->dataset->name);
 			return err_add_hint(err, "leave the scale out, or push into a new dataset");
 		}

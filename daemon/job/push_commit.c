@@ -69,22 +69,18 @@ int push_commit_start(struct push *p, struct push_ask *a, struct err *err)
 	if (!p->commit_ns)
 		p->commit_ns = clock_mono_ns();
 	if (!p->nsources && !p->ntaken)
-		return d->generation
-			       ? PUSH_NOW
-			       : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
+		return d->generation ? PUSH_NOW : err_set(err, ERR_INPUT, "no file was staged: there is nothing to commit");
 	if (changes_nothing(p))
 		return PUSH_NOW;
 	if (d->committer && d->committer != p)
 		return PUSH_WAIT;
 	if (!p->stage)
-		return push_ask_new(p, PUSH_STAGE, NULL, true)
-			       ? 0
-			       : err_set(err, ERR_NOMEM, "no memory for a request");
+		return push_ask_new(p, PUSH_STAGE, NULL, true) ? 0 : err_set(err, ERR_NOMEM, "no memory for a request");
 	d->committer = p;
 	memcpy(p->base_name, d->manifest, sizeof p->base_name);
 	/* No other push ever has this name: who fails removes only what is its own. */
-	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu-%llu",
-		 (unsigned long long)d->generation + 1, (unsigned long long)p->id);
+	snprintf(p->made_name, sizeof p->made_name, "manifest-%llu-%llu", (unsigned long long)d->generation + 1,
+		 (unsigned long long)p->id);
 	return 0;
 }
 
@@ -255,8 +251,8 @@ static void rest_done(struct sched_task *t)
 /* Loop: what the commit's task began goes on by as many as there are. */
 static void seal_rest(struct push *p)
 {
-	p->task = (struct sched_task){.run = rest_run, .done = rest_done, .owner = p->owner,
-				      .priority = SCHED_NORMAL, .lengthy = true};
+	p->task = (struct sched_task){
+		.run = rest_run, .done = rest_done, .owner = p->owner, .priority = SCHED_NORMAL, .lengthy = true};
 	sched_submit(p->jobs->p.sched, &p->task);
 	push_sealing_start(p->sealing);
 }

@@ -19,8 +19,7 @@ static bool known(const char *text)
 
 /* ---- what is assumed ---- */
 
-static int read_unit(const char *text, const char *field, const char *alike, char ret[CRS_UNIT_SIZE],
-		     struct err *err)
+static int read_unit(const char *text, const char *field, const char *alike, char ret[CRS_UNIT_SIZE], struct err *err)
 {
 	const char *unit = crs_assume_unit(text);
 
@@ -77,8 +76,8 @@ static int contradicts(const char *name, const char *what, const char *says, con
 	return err_add_file(err, name);
 }
 
-static int assume_unit(const char *name, const char *what, char mine[CRS_UNIT_SIZE], const char *assumed,
-		       const char *option, struct err *err)
+static int assume_unit(const char *name, const char *what, char mine[CRS_UNIT_SIZE], const char *assumed, const char *option,
+		       struct err *err)
 {
 	if (!known(assumed) || !strcmp(mine, assumed))
 		return 0;
@@ -92,8 +91,10 @@ static int assume_unit(const char *name, const char *what, char mine[CRS_UNIT_SI
 static int check_plane(const char *name, const struct crs_info *info, struct err *err)
 {
 	if (info->plane == CRS_PLANE_GEOCENTRIC) {
-		err_set(err, ERR_UNSUPPORTED, "its coordinates are geocentric (%.200s): no terrain stands on the plane of "
-			"x and y", info->text);
+		err_set(err, ERR_UNSUPPORTED,
+			"its coordinates are geocentric (%.200s): no terrain stands on the plane of "
+			"x and y",
+			info->text);
 		err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
 	} else {
 		return 0;
@@ -151,8 +152,7 @@ struct difference {
 	const char *option; /* that would say what is unknown */
 };
 
-static bool differ(const char *what, const char *mine, const char *theirs, const char *option,
-		   struct difference *ret)
+static bool differ(const char *what, const char *mine, const char *theirs, const char *option, struct difference *ret)
 {
 	if (!known(mine))
 		mine = "unknown";
@@ -191,11 +191,9 @@ static bool definitions_differ(const struct crs_info *a, const struct crs_info *
 
 /* Of two inputs that do not go together, the one that sorts first is told about: the sentence is the same in
  * whatever order they came. */
-static int refuse_pair(const char *a, const struct crs_info *ca, const char *b, const struct crs_info *cb,
-		       struct err *err)
+static int refuse_pair(const char *a, const struct crs_info *ca, const char *b, const struct crs_info *cb, struct err *err)
 {
-	static const struct difference definition = {"the definition of its coordinate system", "one thing",
-						     "another", NULL};
+	static const struct difference definition = {"the definition of its coordinate system", "one thing", "another", NULL};
 	struct difference d;
 
 	if (strcmp(a, b) > 0)

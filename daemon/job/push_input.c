@@ -30,10 +30,10 @@ int push_fd_check(int fd, const char *name, struct push_input_id *ret, struct er
 	}
 	if (!S_ISREG(st.st_mode)) {
 		err_set(err, ERR_INPUT, "it is a %s, not a regular file",
-			S_ISDIR(st.st_mode)    ? "folder"
-			: S_ISFIFO(st.st_mode) ? "pipe"
-			: S_ISSOCK(st.st_mode) ? "socket"
-					       : "device");
+			S_ISDIR(st.st_mode)  ? "folder" :
+			S_ISFIFO(st.st_mode) ? "pipe" :
+			S_ISSOCK(st.st_mode) ? "socket" :
+					       "device");
 		err_add_hint(err, "pass a file; what comes from a pipe must be written to a file first");
 		return err_add_file(err, name);
 	}
@@ -99,8 +99,7 @@ int push_choose_lattice(struct push *p, struct err *err)
 	if (r)
 		return r;
 	if (!p->nprobes)
-		return err_set(err, ERR_USAGE,
-			       "no input was probed: there is nothing to choose a lattice from");
+		return err_set(err, ERR_USAGE, "no input was probed: there is nothing to choose a lattice from");
 	inputs = calloc(p->nprobes, sizeof *inputs);
 	probes = calloc(p->nprobes, sizeof *probes);
 	if (!inputs || !probes)
@@ -179,11 +178,8 @@ static void info_done(struct sched_task *t)
 	free(a);
 }
 
-void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns,
-	       const struct job_peer *peer,
-	       void (*probed)(void *token, const struct err *why, const char *name,
-			      const struct input_info *),
-	       void *token)
+void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns, const struct job_peer *peer,
+	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *), void *token)
 {
 	struct info_ask *a = calloc(1, sizeof *a);
 	struct err err = ERR_INIT;

@@ -3,9 +3,9 @@
  *
  * The model: a file is the same if its path, size and time of change are those of a live source, or, where the
  * client asks for it, if its bytes have that source's hash, whatever its name. The same path with anything else
- * is another file of that name, and taken only if the client says so: beside the old one, or in its place. What has no path is always new, and so is a pipe, unless
- * the client says beforehand what its bytes will be: then it is judged by that, and held to it.
- * Workers call this between the asks of one push, so its tables stand still meanwhile.
+ * is another file of that name, and taken only if the client says so: beside the old one, or in its place. What has no path is
+ * always new, and so is a pipe, unless the client says beforehand what its bytes will be: then it is judged by that, and held to
+ * it. Workers call this between the asks of one push, so its tables stand still meanwhile.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -116,8 +116,8 @@ static bool same_file(const struct push_ask *a, const struct grid_source *s)
 }
 
 /* A live source of `m` that is this file; *ret_path: there is one of its path at least. */
-static const struct grid_source *find(const struct grid_manifest *m, const struct names *paths,
-				      const struct push_ask *a, bool *ret_path)
+static const struct grid_source *find(const struct grid_manifest *m, const struct names *paths, const struct push_ask *a,
+				      bool *ret_path)
 {
 	size_t at = NAMES_START;
 	uint32_t i;
@@ -130,8 +130,7 @@ static const struct grid_source *find(const struct grid_manifest *m, const struc
 	for (size_t k = 0; a->checksum && k < m->nsources; k++) {
 		const struct grid_source *s = &m->sources[k];
 
-		if (!s->removed && !digest_is_zero(s->hash) && s->size == a->id.size &&
-		    digest_equal(s->hash, a->hash))
+		if (!s->removed && !digest_is_zero(s->hash) && s->size == a->id.size && digest_equal(s->hash, a->hash))
 			return s;
 	}
 	return NULL;
@@ -172,11 +171,13 @@ static int check_beside(const struct push *p, struct push_ask *a, const struct g
 
 	if (target ? push_replace_means(target, s) : !strcmp(s->path, a->path))
 		return 0;
-	err_set(&a->err, ERR_INPUT, "the dataset %s has this content already, as %.200s: it takes no other file's place", p->dataset->name,
-		owner && *s->path ? s->path : s->name);
+	err_set(&a->err, ERR_INPUT, "the dataset %s has this content already, as %.200s: it takes no other file's place",
+		p->dataset->name, owner && *s->path ? s->path : s->name);
 	err_add_place(&a->err, ERR_NO_OFFSET, "name");
 	return err_add_hint(&a->err, "acutctl dataset revert undoes the push that brought %.200s",
-			    target && owner && *target->path ? target->path : target ? target->name : a->path);
+			    target && owner && *target->path ? target->path :
+			    target                           ? target->name :
+							       a->path);
 }
 
 /* What a file would replace, if it is that file already, whatever its times say: then nothing changes. */

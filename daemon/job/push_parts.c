@@ -17,10 +17,10 @@
 enum { MEMBERS_MAX = GRID_LANES - 1, STEP_MAX = 16, STEPS = 8, HELPINGS_MAX = 128 };
 
 struct member {
-	struct sched_task task;  /* of helpers; the first has the push's */
+	struct sched_task task; /* of helpers; the first has the push's */
 	struct push_crew *crew;
-	uint64_t begin;          /* of its helping */
-	uint64_t told;           /* points of it */
+	uint64_t begin; /* of its helping */
+	uint64_t told;  /* points of it */
 };
 
 struct push_crew {
@@ -51,7 +51,8 @@ static int progress(void *ctx, uint64_t points)
 
 	atomic_fetch_add(&p->progress, points - m->told);
 	m->told = points;
-	return atomic_load(&p->cancel) || !push_space_staged(p, atomic_load(&p->progress)) || atomic_load(&m->crew->failed) < m->begin;
+	return atomic_load(&p->cancel) || !push_space_staged(p, atomic_load(&p->progress)) ||
+	       atomic_load(&m->crew->failed) < m->begin;
 }
 
 static void helping_over(struct member *m, int r, const struct err *err, const struct pipe_ingested *in)
@@ -257,16 +258,24 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	push_guard_init(&c->guard);
 	c->members = c->running = n;
 	a->crew = c;
-	p->task = (struct sched_task){.run = first_run, .done = first_done, .owner = p->owner,
-				      .priority = SCHED_NORMAL, .lengthy = true, .reads = true,
-				      .name = p->task.name, .bytes = p->task.bytes};
+	p->task = (struct sched_task){.run = first_run,
+				      .done = first_done,
+				      .owner = p->owner,
+				      .priority = SCHED_NORMAL,
+				      .lengthy = true,
+				      .reads = true,
+				      .name = p->task.name,
+				      .bytes = p->task.bytes};
 	for (unsigned i = 0; i < n; i++)
 		c->member[i].crew = c;
 	sched_submit(p->jobs->p.sched, &p->task);
 	for (unsigned i = 1; i < n; i++) {
-		c->member[i].task = (struct sched_task){.run = helper_run, .done = helper_done,
-							.owner = p->owner, .reads = true,
-							.priority = SCHED_LAST, .name = LEDGER_INPUT,
+		c->member[i].task = (struct sched_task){.run = helper_run,
+							.done = helper_done,
+							.owner = p->owner,
+							.reads = true,
+							.priority = SCHED_LAST,
+							.name = LEDGER_INPUT,
 							.bytes = push_helper_bytes(info)};
 		sched_submit(p->jobs->p.sched, &c->member[i].task);
 	}

@@ -146,12 +146,10 @@ void push_end_run(struct push *p)
 		/* What was there before stays. */
 		if (p->on_disk && write_manifest(p, &err))
 			log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "an interrupted push", &err);
-	} else if (!p->aborted && p->stage && p->row && !p->broken && (p->files > p->durable) &&
-		   push_leave_pending(p, &err)) {
+	} else if (!p->aborted && p->stage && p->row && !p->broken && (p->files > p->durable) && push_leave_pending(p, &err)) {
 		log_event_err(LOG_EVENT_PUSH_FAILED, ABOUT_PUSH(p), "what a push staged last cannot be kept", &err);
 	}
-	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) &&
-		  (p->files || p->adopt || p->durable);
+	p->kept = named && !p->committed && p->on_disk && (!p->aborted || p->adopt) && (p->files || p->adopt || p->durable);
 	if (p->kept) {
 		p->stage = grid_stage_part(p->stage);
 		return;
@@ -237,8 +235,9 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 {
 	struct dropping *x = calloc(1, sizeof *x);
 
-	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PENDING(q, d), "the interrupted push %llu of user %u into %s is dropped with its %u files: %s",
-		   (unsigned long long)q->id, q->uid, d->name, q->files, why);
+	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PENDING(q, d),
+		  "the interrupted push %llu of user %u into %s is dropped with its %u files: %s", (unsigned long long)q->id,
+		  q->uid, d->name, q->files, why);
 	if (!x) {
 		pending_free(d->jobs, q);
 		dataset_release(d);
@@ -336,8 +335,10 @@ static void take_up(struct push *p, struct grid_manifest *m)
 	p->id = p->pending->id;
 	p->on_disk = true;
 	snprintf(p->reading, sizeof p->reading, "%s", strstr(m->choices, " reading=") + strlen(" reading="));
-	snprintf(p->note, sizeof p->note, "the push that was interrupted is taken up: of its files (%u) those that are named again count, the others go with the commit",
-		 p->pending->files);
+	snprintf(
+		p->note, sizeof p->note,
+		"the push that was interrupted is taken up: of its files (%u) those that are named again count, the others go with the commit",
+		p->pending->files);
 }
 
 /* Worker, with the dataset open and its manifest read. */
@@ -425,8 +426,9 @@ void push_adopt_nothing(struct push *p)
 {
 	if (!p->adopt || p->ntaken || p->base)
 		return;
-	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p), "%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
-		   (unsigned long long)p->id, p->adopt->nsources);
+	log_event(LOG_EVENT_PUSH_DROPPED, ABOUT_PUSH(p),
+		  "%s: nothing of the interrupted push %llu is pushed again: its %zu files are dropped", p->dataset->name,
+		  (unsigned long long)p->id, p->adopt->nsources);
 	names_free(&p->adopt_paths);
 	p->adopt = grid_manifest_free(p->adopt);
 	p->has_lattice = p->has_crs = false;
@@ -447,8 +449,7 @@ void push_unclaim(struct push *p)
 
 /* ---- at the start ---- */
 
-static bool was_committed(const struct dataset *d, const struct grid_manifest *base, const struct grid_manifest *m,
-			  uint64_t id)
+static bool was_committed(const struct dataset *d, const struct grid_manifest *base, const struct grid_manifest *m, uint64_t id)
 {
 	char end[32];
 	size_t n = strlen(d->manifest), k;

@@ -45,8 +45,8 @@ int push_plane_heights(const struct push *p, struct err *err)
 	if (same_heights(base, p->plane.geoid))
 		return 0;
 	if (*base)
-		err_set(err, ERR_USAGE, "the heights of the dataset %s are %s, those of this push %s", p->dataset->name,
-			base, *p->plane.geoid ? p->plane.geoid : "as the files have them");
+		err_set(err, ERR_USAGE, "the heights of the dataset %s are %s, those of this push %s", p->dataset->name, base,
+			*p->plane.geoid ? p->plane.geoid : "as the files have them");
 	else
 		err_set(err, ERR_USAGE, "the heights of the dataset %s are as its files had them, not shifted by a geoid",
 			p->dataset->name);
@@ -141,8 +141,8 @@ static const struct push_probed *first_of(const struct push *p, bool projected)
 	for (size_t i = 0; i < p->nprobes; i++) {
 		const struct push_probed *probe = &p->probes[i];
 
-		if (!probe->why && (projected ? probe->crs->plane == CRS_PLANE_PROJECTED && known(probe->crs->text)
-					      : to_project(p, probe->crs)))
+		if (!probe->why &&
+		    (projected ? probe->crs->plane == CRS_PLANE_PROJECTED && known(probe->crs->text) : to_project(p, probe->crs)))
 			return probe;
 	}
 	return NULL;
@@ -166,8 +166,7 @@ static int zone_of_boxes(struct push *p, struct err *err)
 
 		if (probe->why || !to_project(p, probe->crs))
 			continue;
-		if (crs_zone_choose(&probe->coords, 1, &any, &bad) && *bad.file && left > 1 &&
-		    !push_leave_out(probe, &bad)) {
+		if (crs_zone_choose(&probe->coords, 1, &any, &bad) && *bad.file && left > 1 && !push_leave_out(probe, &bad)) {
 			left--;
 			continue;
 		}

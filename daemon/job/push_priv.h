@@ -26,20 +26,20 @@ struct push_stream {
 	struct push_stream *next;
 	struct push *push;
 	char *name;
-	int fd, spool;       /* the pipe's reading end; the file of what is kept, -1: none yet */
-	void *watch;         /* of whoever watches the pipe */
+	int fd, spool; /* the pipe's reading end; the file of what is kept, -1: none yet */
+	void *watch;   /* of whoever watches the pipe */
 	struct sched_task task;
-	bool busy;           /* a worker keeps bytes */
-	bool text;           /* that can be read forwards */
-	bool kept;           /* the worker has kept all that it must, or err says why not; the loop: ready */
+	bool busy; /* a worker keeps bytes */
+	bool text; /* that can be read forwards */
+	bool kept; /* the worker has kept all that it must, or err says why not; the loop: ready */
 	bool ready;
 	bool forward, ended; /* the rest is read from the pipe; the pipe has ended */
 	bool asks;           /* its File waits for the pipe */
 	uint8_t look[INPUT_FORWARD_LOOK];
 	size_t nlook;
 	uint64_t size, room; /* kept; bytes of the disk taken for that */
-	uint64_t claimed; /* points, as its header says */
-	bool told;        /* the client has said what will come: */
+	uint64_t claimed;    /* points, as its header says */
+	bool told;           /* the client has said what will come: */
 	struct digest hash;
 	uint64_t told_size;
 	struct digest_stream *seen; /* what came of it to a File that reads forwards */
@@ -61,10 +61,10 @@ struct push_input_id {
 struct push_hashing {
 	struct push *push;
 	struct digest_stream *sum; /* NULL: not begun */
-	uint64_t at;   /* of the file, up to there */
+	uint64_t at;               /* of the file, up to there */
 	int fd;
 	const char *name;
-	bool missed;   /* something was shown that does not follow: all is read once more */
+	bool missed; /* something was shown that does not follow: all is read once more */
 };
 
 struct push_ask {
@@ -74,9 +74,9 @@ struct push_ask {
 	void *token;
 	int fd;
 	char *name, *format, *columns, *path;
-	char *replaces;             /* file of the dataset, by path or name; "": none */
+	char *replaces; /* file of the dataset, by path or name; "": none */
 	bool checksum, add, replace, projected;
-	bool told;                  /* hash and size of what a stream will bring were said */
+	bool told; /* hash and size of what a stream will bring were said */
 	uint64_t told_size;
 	bool sealing;               /* a commit, by several workers now */
 	struct push_stream *stream; /* it comes from there */
@@ -92,8 +92,8 @@ struct push_ask {
 	struct digest hash;
 	struct push_hashing hashing; /* of a file */
 	enum push_known_as known;
-	size_t target;           /* 1 + which source of push.base `replaces` means; 0: none */
-	struct input *whole;     /* a file that several workers read; closed by the loop */
+	size_t target;       /* 1 + which source of push.base `replaces` means; 0: none */
+	struct input *whole; /* a file that several workers read; closed by the loop */
 	struct push_crew *crew;
 	size_t adopted; /* which source of push.adopt it is */
 };
@@ -103,23 +103,23 @@ struct push_probed {
 	const char *path; /* behind the name */
 	struct push_input_id id;
 	struct lattice_input coords;
-	const struct crs_info *crs; /* what it says; one of push.crs_seen, as the next */
+	const struct crs_info *crs;   /* what it says; one of push.crs_seen, as the next */
 	const struct crs_info *plane; /* what it becomes in the dataset; NULL: not decided */
-	size_t read_bytes;          /* what decoding it takes */
-	uint64_t claimed;           /* points, as it says; 0: it does not */
-	struct push_why *why;       /* it was left out of the plan; NULL: it was not */
-	bool replace;               /* what the dataset has of its path goes, */
-	size_t target;              /* and this one, as push_ask.target */
-	bool stepped;               /* `coords` are those on the dataset's plane */
+	size_t read_bytes;            /* what decoding it takes */
+	uint64_t claimed;             /* points, as it says; 0: it does not */
+	struct push_why *why;         /* it was left out of the plan; NULL: it was not */
+	bool replace;                 /* what the dataset has of its path goes, */
+	size_t target;                /* and this one, as push_ask.target */
+	bool stepped;                 /* `coords` are those on the dataset's plane */
 };
 
 /* push_plane.c: where degrees and heights go */
 struct push_plane {
 	bool projects; /* there are degrees, and they go to `zone` */
 	struct crs_zone zone, wanted;
-	char datum[64];                           /* of the degrees */
-	char created[512];                        /* plane that the dataset was created with; "": it was not */
-	char geoid_path[64], geoid[GRID_GEOID];   /* as the manifest keeps it; "": heights stay */
+	char datum[64];                         /* of the degrees */
+	char created[512];                      /* plane that the dataset was created with; "": it was not */
+	char geoid_path[64], geoid[GRID_GEOID]; /* as the manifest keeps it; "": heights stay */
 	enum crs_geoid_way way;
 };
 
@@ -137,62 +137,62 @@ struct push {
 	double crop[4];
 
 	struct sched_task task;
-	struct sched_owner owner; /* of all its tasks */
+	struct sched_owner owner;          /* of all its tasks */
 	struct push_ask *asks, **asks_end; /* the first is being done if `busy` */
 	bool busy, waiting_row, row, left, committed, opened;
-	bool row_comes; /* its row is on its way to the disk: nothing is written before it is there */
+	bool row_comes;              /* its row is on its way to the disk: nothing is written before it is there */
 	struct push_guard row_guard; /* around row_comes, and broken_err of a row that did not come, for workers */
 	_Atomic bool row_awaited;    /* a worker has something to write */
-	bool reads;   /* the dataset's newest manifest, by name */
-	bool settled; /* what was there is known, and the push's own (push_begin_done) */
+	bool reads;                  /* the dataset's newest manifest, by name */
+	bool settled;                /* what was there is known, and the push's own (push_begin_done) */
 	/* The first ask waits for memory: its worker is done and `done` is asked again, or all of it is (again). */
 	bool lacks, again;
-	bool old_goes;         /* the manifest before this push's is used by nobody */
+	bool old_goes; /* the manifest before this push's is used by nobody */
 	struct push_stream *streams;
 	struct push_ask *last; /* made beforehand, so that closing needs no memory */
 	unsigned unanswered;
 
 	struct grid_manifest *base; /* as the push found it; NULL: none */
-	uint64_t base_generation; /* of that */
+	uint64_t base_generation;   /* of that */
 	char base_name[64];
 	bool has_lattice;
 	struct lattice lattice;
 	struct push_plane plane;
 	char crs[512], unit_xy[16], unit_z[16];
-	char crs_of[256];           /* who says so: the dataset, or an input */
+	char crs_of[256]; /* who says so: the dataset, or an input */
 	bool has_crs, assumes;
-	struct crs_info assume;     /* for inputs that say nothing */
+	struct crs_info assume; /* for inputs that say nothing */
 	struct push_probed *probes;
 	size_t nprobes;
 	struct names probe_names, probe_paths;
 	struct push_crs **crs_seen; /* what the probes say, each once */
 	size_t ncrs;
 	struct names crs_keys;
-	struct names base_paths;    /* live sources of `base` */
+	struct names base_paths; /* live sources of `base` */
 	/* Sources of `base` that go with the commit: which, and their numbers; NULL: nothing is replaced. */
 	bool *goes;
 	uint32_t *gone;
 	size_t ngone;
 	struct grid_manifest *adopt; /* of the interrupted push that this one goes on with; NULL: none */
 	struct names adopt_paths;
-	bool *adopt_taken;          /* the client named that source again */
+	bool *adopt_taken; /* the client named that source again */
 	size_t ntaken;
-	uint32_t adopt_last;        /* the largest number of a source in its stage */
-	struct pending *pending;    /* what it claims, or becomes */
-	bool claims;                /* pending was taken out of the dataset's list */
-	uint64_t drops;             /* the number of an interrupted push that did not fit; 0: none */
-	bool drops_row; /* ... and its row may go: nothing of it is left */
+	uint32_t adopt_last;     /* the largest number of a source in its stage */
+	struct pending *pending; /* what it claims, or becomes */
+	bool claims;             /* pending was taken out of the dataset's list */
+	uint64_t drops;          /* the number of an interrupted push that did not fit; 0: none */
+	bool drops_row;          /* ... and its row may go: nothing of it is left */
 	char note[160];
 	char reading[PUSH_READING_SIZE]; /* of all its files; "": there is none yet */
-	bool on_disk;               /* its files say that it can be gone on with */
+	bool on_disk;                    /* its files say that it can be gone on with */
 	bool aborted, kept;
 	uint64_t table_bytes, table_used; /* charged, and needed, for what is kept of each file */
 
 	struct grid_stage *stage;
-	uint64_t stage_bytes; /* charged */
-	uint64_t stage_ns;    /* since when */
+	uint64_t stage_bytes;         /* charged */
+	uint64_t stage_ns;            /* since when */
 	struct push_sealing *sealing; /* of the commit, while it goes on */
-	size_t read_bytes;    /* in it, for decoding one file at a time */
+	size_t read_bytes;            /* in it, for decoding one file at a time */
 	bool broken;
 	struct err broken_err;
 	struct grid_source *sources;
@@ -206,12 +206,12 @@ struct push {
 	char made_name[64];
 
 	struct push_space {
-		pthread_mutex_t lock;  /* of what is not atomic */
+		pthread_mutex_t lock;           /* of what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
-		uint64_t promised;     /* of `taken`, not written yet */
-		uint64_t own, owed;    /* of user-disk, taken of who pushes; of the owner, if that is another one */
-		uint32_t owner;        /* of the dataset, when the push began */
-		struct err why;        /* there is no room for more */
+		uint64_t promised;              /* of `taken`, not written yet */
+		uint64_t own, owed;             /* of user-disk, taken of who pushes; of the owner, if that is another one */
+		uint32_t owner;                 /* of the dataset, when the push began */
+		struct err why;                 /* there is no room for more */
 	} space;
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
 	uint64_t told_ns;
@@ -244,8 +244,8 @@ void push_stream_run(struct push *, struct push_ask *);
 /* Worker: push_known of a stream, and what came of one that was kept whole: is it what was said? */
 int push_stream_known(struct push *, struct push_ask *);
 int push_stream_kept(struct push_ask *);
-void push_stream_wait(struct push_stream *);   /* the push's task is submitted again when the pipe has bytes */
-void push_streams_wake(struct push *);         /* cancelled: nobody waits any longer */
+void push_stream_wait(struct push_stream *); /* the push's task is submitted again when the pipe has bytes */
+void push_streams_wake(struct push *);       /* cancelled: nobody waits any longer */
 bool push_streams_busy(const struct push *);
 void push_streams_free(struct push *);
 
@@ -272,13 +272,14 @@ void push_commit_run(struct push *, struct push_ask *);
 bool push_commit_done(struct push *, struct push_ask *, const struct err *why);
 
 /* tell.c */
-#define ABOUT_PUSH(p)                                                                                        \
-	(&(const struct log_about){.push = (p)->id, .dataset = (p)->dataset->onestep ? NULL : (p)->dataset->name,  \
-				   ABOUT_USER((p)->peer.uid), .pid = (p)->peer.pid})
-#define ABOUT_PENDING(q, d)                                                                                  \
-	(&(const struct log_about){.push = (q)->id, .dataset = (d)->name, ABOUT_USER((q)->uid)})
+#define ABOUT_PUSH(p)                                                                            \
+	(&(const struct log_about){.push = (p)->id,                                              \
+				   .dataset = (p)->dataset->onestep ? NULL : (p)->dataset->name, \
+				   ABOUT_USER((p)->peer.uid),                                    \
+				   .pid = (p)->peer.pid})
+#define ABOUT_PENDING(q, d) (&(const struct log_about){.push = (q)->id, .dataset = (d)->name, ABOUT_USER((q)->uid)})
 void push_tell_committed(const struct push *);
-void push_tell_failed(const struct push *, const struct err *why);               /* before it is broken */
+void push_tell_failed(const struct push *, const struct err *why);                    /* before it is broken */
 void push_tell_refused(const struct push *, const char *file, const struct err *why); /* one file of it */
 
 /* push_seal.c: the stage becomes a segment */
@@ -286,11 +287,11 @@ struct push_sealing *push_sealing_new(struct push *, struct err *err); /* worker
 struct push_sealing *push_sealing_free(struct push_sealing *);
 void push_sealing_start(struct push_sealing *); /* loop: helpers, for a task that finishes ... */
 int push_sealing_finish(struct push_sealing *, struct grid_segment_info *ret, struct err *err); /* worker */
-void push_sealing_end(struct push_sealing *);   /* loop: that is over; push_task_over when all are */
+void push_sealing_end(struct push_sealing *); /* loop: that is over; push_task_over when all are */
 
 struct push_ask *push_ask_new(struct push *, enum push_kind, void *token, bool front); /* NULL: no memory */
-void push_break(struct push *, const struct err *why);                                   /* nothing can be staged or committed any more */
-void push_ask_over(struct push *);                                                     /* the first one */
+void push_break(struct push *, const struct err *why); /* nothing can be staged or committed any more */
+void push_ask_over(struct push *);                     /* the first one */
 void push_pump(struct push *);
 
 /* Loop: the ask is over, as a->r and a->err say. */
@@ -299,7 +300,7 @@ void push_task_over(struct push *);
 /* push_parts.c: a->whole by several workers; push_task_over when all are done */
 int push_crew_start(struct push *, struct push_ask *, struct err *err);
 struct push_crew *push_crew_free(struct push_crew *);
-uint64_t push_crew_held(const struct push_crew *); /* of LEDGER_INPUT, by those who help; NULL: none */
+uint64_t push_crew_held(const struct push_crew *);         /* of LEDGER_INPUT, by those who help; NULL: none */
 uint64_t push_crew_step(uint64_t parts, unsigned members); /* parts that are read at a time */
 /* push_ask.c: when all was read: hash it, and see that it is still the same file. */
 int push_file_finish(struct push *, struct push_ask *);
@@ -310,8 +311,8 @@ int push_choose_lattice(struct push *, struct err *err);
 
 /* push_plane.c */
 struct push_plane_step {
-	struct crs_info from, to;       /* params points to these: do not move it */
-	struct crs_info plane;          /* as the dataset has it: with what a geoid makes of the heights */
+	struct crs_info from, to; /* params points to these: do not move it */
+	struct crs_info plane;    /* as the dataset has it: with what a geoid makes of the heights */
 	bool projects, needed;
 	struct crs_step_params params;
 };
@@ -351,13 +352,13 @@ static inline const struct grid_manifest *push_settled(const struct push *p)
 
 /* push_space.c: room on the disk */
 void push_space_claim(struct push *, const struct pending *); /* loop: it is not in the list any more, and counts as before */
-void push_space_unclaim(struct push *);                     /* loop: it is in the list again */
-int push_space_plan(struct push *, struct err *err);         /* worker: for all that was probed */
-bool push_space_staged(struct push *, uint64_t points);      /* worker: so many of a file more; false: there is no room */
+void push_space_unclaim(struct push *);                       /* loop: it is in the list again */
+int push_space_plan(struct push *, struct err *err);          /* worker: for all that was probed */
+bool push_space_staged(struct push *, uint64_t points);       /* worker: so many of a file more; false: there is no room */
 void push_space_adopted(struct push *);
-const struct err *push_space_full(const struct push *);      /* NULL: there was room so far */
+const struct err *push_space_full(const struct push *); /* NULL: there was room so far */
 void push_space_tick(struct push *);
-void push_space_end(struct push *);                          /* loop */
+void push_space_end(struct push *); /* loop */
 
 /* push_pending.c: pushes that were interrupted */
 void push_stage_name(uint64_t id, char name[48]);
@@ -383,8 +384,7 @@ int push_hash(struct push *, int fd, uint64_t size, const char *name, struct dig
 void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *name);
 void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
 int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* and frees */
-void push_hash_free(struct push_hashing *); /* what was begun */
-
+void push_hash_free(struct push_hashing *);                                                   /* what was begun */
 
 /* push_replace.c: what it puts others in the place of */
 int push_replace_target(struct push *, struct push_ask *);

@@ -164,8 +164,8 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 	size_t n = strlen(name) + 1, m = strlen(path) + 1;
 	struct push_probed *at;
 	/* Itself, what the commit makes of it (tables, and a manifest written and read), its places in tables of names. */
-	uint64_t bytes = sizeof *at + 3 * sizeof(struct grid_source) + 3 * (SOURCE_FILE_BYTES + n + m) +
-			 8 * sizeof(struct name_slot);
+	uint64_t bytes =
+		sizeof *at + 3 * sizeof(struct grid_source) + 3 * (SOURCE_FILE_BYTES + n + m) + 8 * sizeof(struct name_slot);
 	int r = push_room(p, bytes, err);
 
 	if (r)
@@ -257,8 +257,12 @@ int push_leave_out(struct push_probed *probe, const struct err *why)
 
 	if (!w)
 		return -ERR_NOMEM;
-	*w = (struct push_why){.code = why->code, .sys = why->sys, .src_line = why->src_line, .need = why->need,
-			       .offset = why->offset, .src_file = why->src_file};
+	*w = (struct push_why){.code = why->code,
+			       .sys = why->sys,
+			       .src_line = why->src_line,
+			       .need = why->need,
+			       .offset = why->offset,
+			       .src_file = why->src_file};
 	put(put(put(w->text, why->message), why->field), hint);
 	probe->why = w;
 	return 0;
@@ -269,7 +273,11 @@ void push_left_out(const struct push_probed *probe, struct err *ret)
 	const struct push_why *w = probe->why;
 	const char *field = w->text + strlen(w->text) + 1, *hint = field + strlen(field) + 1;
 
-	*ret = (struct err){.code = w->code, .sys = w->sys, .src_line = w->src_line, .need = w->need, .offset = w->offset,
+	*ret = (struct err){.code = w->code,
+			    .sys = w->sys,
+			    .src_line = w->src_line,
+			    .need = w->need,
+			    .offset = w->offset,
 			    .src_file = w->src_file};
 	snprintf(ret->message, sizeof ret->message, "%s", w->text);
 	snprintf(ret->field, sizeof ret->field, "%s", field);

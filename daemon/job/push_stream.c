@@ -3,10 +3,10 @@
  *
  * The model: the loop watches the pipe's reading end; when it has bytes, a worker takes them, never waiting.
  * First they go into a file without a name in the cache's folder: of LAS, which is read forwards, what lies
- * before the points; of a text whose lattice is known, its beginning; of everything else all of it, because it must be read twice (text: digits and extent) or
- * out of order (LAZ, COPC: the table of chunks is behind them). Probe and File of the stream's name then work
- * on that file; the File of a LAS stream goes on with the pipe, and gives its worker back whenever the pipe is
- * dry. So a slow client costs a watched descriptor.
+ * before the points; of a text whose lattice is known, its beginning; of everything else all of it, because it must be read twice
+ * (text: digits and extent) or out of order (LAZ, COPC: the table of chunks is behind them). Probe and File of the stream's name
+ * then work on that file; the File of a LAS stream goes on with the pipe, and gives its worker back whenever the pipe is dry. So
+ * a slow client costs a watched descriptor.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -21,8 +21,9 @@
 enum {
 	STREAMS_MAX = 8,
 	PIECE = 64 << 10,
-	ROUND = 64 << 20,    /* a worker's turn */
-	STEP_LEAST = 1 << 20, STEP_MOST = 64 << 20, /* of room on the disk that is taken at once */
+	ROUND = 64 << 20, /* a worker's turn */
+	STEP_LEAST = 1 << 20,
+	STEP_MOST = 64 << 20, /* of room on the disk that is taken at once */
 };
 
 static struct push_stream *stream_of(struct sched_task *t)
@@ -220,8 +221,8 @@ void push_streams_wake(struct push *p)
 	}
 }
 
-static int stage_piece(struct push_stream *s, const struct input_options *options,
-		       const struct pipe_ingest_params *params, bool *ret_dry, struct err *err)
+static int stage_piece(struct push_stream *s, const struct input_options *options, const struct pipe_ingest_params *params,
+		       bool *ret_dry, struct err *err)
 {
 	struct pipe_ingested part;
 	int r = s->err.code ? -(int)(*err = s->err).code : 0;

@@ -18,21 +18,32 @@ static const struct {
 	enum kind kind;
 	size_t offset, size;
 } fields[] = {
-#define FIELD(name, kind)                                                                                    \
-	{                                                                                                    \
-#name, sizeof #name - 1, kind, offsetof(struct job_report, name), sizeof(((struct job_report *)0)->name)       \
+#define FIELD(name, kind)                                                                                                \
+	{                                                                                                                \
+#name, sizeof #name - 1, kind, offsetof(struct job_report, name), sizeof(((struct job_report *)0)->name) \
 	}
-	FIELD(points, NUMBER),         FIELD(used, NUMBER),
-	FIELD(vertices, NUMBER),       FIELD(triangles, NUMBER),
-	FIELD(hull, NUMBER),           FIELD(domains, NUMBER),
-	FIELD(halo, NUMBER),           FIELD(digest, TEXT),
-	FIELD(vertex_digest, TEXT),    FIELD(seconds, SECONDS),
-	FIELD(stage_seconds, SECONDS), FIELD(first_triangle_seconds, SECONDS),
-	FIELD(points_read, NUMBER),    FIELD(cells_read, NUMBER),
-	FIELD(seal_seconds, SECONDS),  FIELD(plan_seconds, SECONDS),
-	FIELD(domains_seconds, SECONDS), FIELD(worked_seconds, SECONDS),
-	FIELD(peak_rss, NUMBER),       FIELD(note, TEXT),
-	FIELD(domains_reused, NUMBER),  FIELD(window, NUMBER),
+	FIELD(points, NUMBER),
+	FIELD(used, NUMBER),
+	FIELD(vertices, NUMBER),
+	FIELD(triangles, NUMBER),
+	FIELD(hull, NUMBER),
+	FIELD(domains, NUMBER),
+	FIELD(halo, NUMBER),
+	FIELD(digest, TEXT),
+	FIELD(vertex_digest, TEXT),
+	FIELD(seconds, SECONDS),
+	FIELD(stage_seconds, SECONDS),
+	FIELD(first_triangle_seconds, SECONDS),
+	FIELD(points_read, NUMBER),
+	FIELD(cells_read, NUMBER),
+	FIELD(seal_seconds, SECONDS),
+	FIELD(plan_seconds, SECONDS),
+	FIELD(domains_seconds, SECONDS),
+	FIELD(worked_seconds, SECONDS),
+	FIELD(peak_rss, NUMBER),
+	FIELD(note, TEXT),
+	FIELD(domains_reused, NUMBER),
+	FIELD(window, NUMBER),
 #undef FIELD
 };
 
@@ -50,14 +61,13 @@ char *report_text(const struct job_report *r, char *buf, size_t size)
 			at += (size_t)snprintf(buf + at, size - at, "%s %llu\n", fields[i].name,
 					       (unsigned long long)*(const uint64_t *)place);
 		else if (fields[i].kind == SECONDS)
-			at += (size_t)snprintf(buf + at, size - at, "%s %.6f\n", fields[i].name,
-					       *(const double *)place);
+			at += (size_t)snprintf(buf + at, size - at, "%s %.6f\n", fields[i].name, *(const double *)place);
 		else
 			at += (size_t)snprintf(buf + at, size - at, "%s %s\n", fields[i].name, place);
 	}
 	for (i = 0; i < VIEW_RULES && at < size; i++)
-		at += (size_t)snprintf(buf + at, size - at, "removed-%s %llu\n",
-				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);
+		at += (size_t)snprintf(buf + at, size - at, "removed-%s %llu\n", view_rule_text((enum view_rule)i),
+				       (unsigned long long)r->removed[i]);
 	return buf;
 }
 
@@ -212,7 +222,7 @@ static const char *next_rule(const char *text, size_t *at_rule, struct job_repor
 
 	if (*at_rule == VIEW_RULES || strncmp(text, "removed-", 8))
 		return NULL;
-	rule = view_rule_text((enum view_rule)*at_rule);
+	rule = view_rule_text((enum view_rule) * at_rule);
 	value = after_name(text + 8, rule, strlen(rule));
 	end = value ? number_line(value, false, &ret->removed[*at_rule]) : NULL;
 	*at_rule += end != NULL;
@@ -268,8 +278,7 @@ void report_window(struct job_report *r)
 	r->window = 1;
 	*r->note = 0;
 	if (!r->triangles)
-		snprintf(r->note, sizeof r->note,
-			 "no triangle of the mesh meets the area (is it in the dataset's coordinates?)");
+		snprintf(r->note, sizeof r->note, "no triangle of the mesh meets the area (is it in the dataset's coordinates?)");
 }
 
 void report_make(const struct pipe_totals *t, struct job_report *ret)
@@ -294,8 +303,7 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 	if (t->triangles)
 		return;
 	if (!t->counts.points)
-		snprintf(ret->note, sizeof ret->note,
-			 "the dataset has no points, so the mesh has no triangles");
+		snprintf(ret->note, sizeof ret->note, "the dataset has no points, so the mesh has no triangles");
 	else if (!t->counts.used && t->counts.removed[VIEW_BY_CROP])
 		snprintf(ret->note, sizeof ret->note,
 			 "the area of crop holds no point that the view takes (is it in the dataset's coordinates?); "
@@ -306,7 +314,6 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 			 "triangles",
 			 (unsigned long long)t->counts.used);
 	else
-		snprintf(ret->note, sizeof ret->note,
-			 "all %llu positions lie on one line, so the mesh has no triangles",
+		snprintf(ret->note, sizeof ret->note, "all %llu positions lie on one line, so the mesh has no triangles",
 			 (unsigned long long)t->counts.used);
 }

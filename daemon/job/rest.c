@@ -1,9 +1,9 @@
 /*
  * The rest after a start: what an earlier daemon left is removed, and what is in the cache measured, a little later.
  *
- * The model: whoever starts a daemon wants an answer of it first, and of a large cache these look at a hundred thousand files. So tasks
- * that nobody waits for are kept until that time is over, somebody begins something (which may want the room that they make), or the
- * daemon stops. What they do is said when they are made: what comes meanwhile is none of theirs.
+ * The model: whoever starts a daemon wants an answer of it first, and of a large cache these look at a hundred thousand files. So
+ * tasks that nobody waits for are kept until that time is over, somebody begins something (which may want the room that they
+ * make), or the daemon stops. What they do is said when they are made: what comes meanwhile is none of theirs.
  */
 #include "clock.h"
 #include "job_priv.h"

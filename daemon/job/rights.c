@@ -41,8 +41,7 @@ int rights_groups(int fd, struct ledger *ledger, struct job_peer *peer, struct e
 	if (!size)
 		return 0;
 	if (!ledger_take(ledger, LEDGER_MESSAGE, size))
-		return err_set(err, ERR_BUSY, "there is no memory left for the %zu groups of a client",
-			       size / sizeof *all);
+		return err_set(err, ERR_BUSY, "there is no memory left for the %zu groups of a client", size / sizeof *all);
 	all = malloc(size);
 	if (!all) {
 		ledger_give(ledger, LEDGER_MESSAGE, size);
@@ -77,8 +76,7 @@ bool rights_in_group(const struct job_peer *peer, uint32_t gid)
 {
 	if (gid == RIGHTS_NOBODY)
 		return false;
-	return peer->gid == gid ||
-	       (peer->ngroups && bsearch(&gid, peer->groups, peer->ngroups, sizeof *peer->groups, by_number));
+	return peer->gid == gid || (peer->ngroups && bsearch(&gid, peer->groups, peer->ngroups, sizeof *peer->groups, by_number));
 }
 
 void rights_look(const struct rights *rules, struct job_peer *peer)
@@ -91,8 +89,7 @@ int rights_connect(const struct rights *rules, const struct job_peer *peer, stru
 	if (rights_admin(peer) || rules->gid == RIGHTS_NOBODY || rights_in_group(peer, rules->gid))
 		return 0;
 	err_set(err, ERR_PERM, "this acutd serves members of the group %s only", rules->group);
-	return err_add_hint(err, "ask an administrator to add you to it (usermod -aG %s NAME), and log in again",
-			    rules->group);
+	return err_add_hint(err, "ask an administrator to add you to it (usermod -aG %s NAME), and log in again", rules->group);
 }
 
 struct job_peer rights_kept(const struct job_peer *peer)
@@ -147,8 +144,8 @@ int rights_dataset(const struct dataset *d, const struct job_peer *peer, enum ri
 	}
 	if (right == RIGHT_OWN || d->onestep)
 		return err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u", d->name, d->uid);
-	err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u, and its mode %s does not let you %s it",
-		d->name, d->uid, mode_text(d->mode, text), what[right]);
+	err_set(err, ERR_PERM, "the dataset %s belongs to the user with id %u, and its mode %s does not let you %s it", d->name,
+		d->uid, mode_text(d->mode, text), what[right]);
 	return err_add_hint(err, "its owner can change that: acutctl dataset chmod %s+%c %s",
 			    rights_in_group(peer, d->gid) ? "g" : "o", right == RIGHT_READ ? 'r' : 'w', d->name);
 }

@@ -118,9 +118,9 @@ static struct fs fs_of(const struct space *s, int side)
 
 static uint64_t limit_of(const struct space_limit *limit, uint64_t total, uint64_t none)
 {
-	return limit->unit == SPACE_BYTES     ? limit->n
-	       : limit->unit == SPACE_PERCENT ? total / 100 * limit->n + total % 100 * limit->n / 100
-					      : none;
+	return limit->unit == SPACE_BYTES   ? limit->n :
+	       limit->unit == SPACE_PERCENT ? total / 100 * limit->n + total % 100 * limit->n / 100 :
+					      none;
 }
 
 /* One number for both, or one for each. */
@@ -168,8 +168,7 @@ struct space_lack space_lack_of(struct space *s, int side, uint64_t bytes)
 /* ---- asking ---- */
 
 /* Which bound it is that does not hold, in its numbers; of two the one that lacks more decides. */
-static int refuse(struct space *s, int side, uint64_t bytes, const char *what, const struct space_lack *l,
-		  struct err *err)
+static int refuse(struct space *s, int side, uint64_t bytes, const char *what, const struct space_lack *l, struct err *err)
 {
 	char need[32], left[32], limit[32], most[32], used[32];
 	const char *where = s->one ? "" : side == SPACE_ON_STATE ? " of --state" : " of --cache";
@@ -220,8 +219,7 @@ static bool helps(const struct space *s, int side, const struct space_lack *l, e
 	return space_by_cache(s, side, l) > 0;
 }
 
-int space_take(struct space *s, enum space_kind kind, uint64_t bytes, enum space_need need, const char *what,
-	       struct err *err)
+int space_take(struct space *s, enum space_kind kind, uint64_t bytes, enum space_need need, const char *what, struct err *err)
 {
 	int side = side_of(kind), r = 0;
 	struct space_lack l;
@@ -270,8 +268,8 @@ void space_change(struct space *s, enum space_kind kind, uint64_t taken, uint64_
 void space_count(struct space *s, enum space_kind kind, int entries)
 {
 	pthread_mutex_lock(&s->lock);
-	s->entries[kind] = entries < 0 ? less(s->entries[kind], (uint64_t)-(int64_t)entries) :
-					 s->entries[kind] + (uint64_t)entries;
+	s->entries[kind] =
+		entries < 0 ? less(s->entries[kind], (uint64_t) - (int64_t)entries) : s->entries[kind] + (uint64_t)entries;
 	pthread_mutex_unlock(&s->lock);
 }
 

@@ -19,11 +19,11 @@ struct space;
 /* What it is for. Wire and JSON names: space_kind_text. */
 enum space_kind {
 	/* state */
-	SPACE_DATASETS,   /* segments of named datasets, as the catalogue says */
-	SPACE_REMOVED,    /* of datasets that were removed and can be restored */
-	SPACE_PENDING,    /* pushes that go on or were interrupted */
-	SPACE_MERGES,     /* segments that a merge or prune is making */
-	SPACE_PLANS,      /* plans of jobs, geoid grids */
+	SPACE_DATASETS, /* segments of named datasets, as the catalogue says */
+	SPACE_REMOVED,  /* of datasets that were removed and can be restored */
+	SPACE_PENDING,  /* pushes that go on or were interrupted */
+	SPACE_MERGES,   /* segments that a merge or prune is making */
+	SPACE_PLANS,    /* plans of jobs, geoid grids */
 	/* cache */
 	SPACE_DOMAINS,    /* finished domains: derived, evicted */
 	SPACE_SELECTIONS, /* likewise */
@@ -111,9 +111,9 @@ struct space_side {
 struct space_stat {
 	struct {
 		uint64_t bytes, entries;
-	} kind[SPACE_KINDS];          /* entries: of DOMAINS and SELECTIONS; else 0 */
+	} kind[SPACE_KINDS]; /* entries: of DOMAINS and SELECTIONS; else 0 */
 	struct space_side state, cache;
-	bool one;                     /* both lie on one file system: the two are the same */
+	bool one; /* both lie on one file system: the two are the same */
 	bool measured;
 	uint64_t evicted_bytes, evicted_files; /* since the start */
 };

@@ -46,7 +46,7 @@ struct pass {
 	int64_t since_ns;  /* domains used since then are in use */
 	int64_t before_ns; /* temporary files changed since then are being written */
 	size_t n;
-	struct old *heap;  /* the youngest first */
+	struct old *heap;              /* the youngest first */
 	uint64_t bytes[2], entries[2]; /* of domains, selections */
 };
 
@@ -415,8 +415,8 @@ static void end(struct pass *p)
 	free(p->heap);
 }
 
-int space_evict_for(struct space *s, int side, uint64_t bytes, enum space_need need, uint64_t *ret_bytes,
-		    uint64_t *ret_files, struct err *err)
+int space_evict_for(struct space *s, int side, uint64_t bytes, enum space_need need, uint64_t *ret_bytes, uint64_t *ret_files,
+		    struct err *err)
 {
 	struct pass p;
 	int r = begin(&p, s, err);
@@ -428,7 +428,7 @@ int space_evict_for(struct space *s, int side, uint64_t bytes, enum space_need n
 	end(&p);
 	if (*ret_files)
 		log_event(LOG_EVENT_EVICTED, NULL, "the cache makes room: %llu domains and selections of %llu bytes are removed",
-			 (unsigned long long)*ret_files, (unsigned long long)*ret_bytes);
+			  (unsigned long long)*ret_files, (unsigned long long)*ret_bytes);
 	return r;
 }
 
@@ -496,8 +496,7 @@ static void left_selection(struct pass *p, int dirfd, const char *name, const ch
 	struct left *left = p->ctx;
 	uint64_t bytes;
 
-	if (!S_ISDIR(st->st_mode) || strncmp(name, WALK_SELECT_TEMP, strlen(WALK_SELECT_TEMP)) ||
-	    used_of(st) >= left->before_ns)
+	if (!S_ISDIR(st->st_mode) || strncmp(name, WALK_SELECT_TEMP, strlen(WALK_SELECT_TEMP)) || used_of(st) >= left->before_ns)
 		return;
 	bytes = space_folder_bytes(dirfd, name);
 	if (!folder_remove(dirfd, name, &left->err)) {

@@ -26,13 +26,13 @@ struct space {
 	struct space_held *held;
 	int64_t since_us;
 	bool measured;
-	uint64_t in_vain_ns[2];   /* when an eviction last found too little, by need; 0: none has */
+	uint64_t in_vain_ns[2]; /* when an eviction last found too little, by need; 0: none has */
 	uint64_t evicted_bytes, evicted_files;
 };
 
 /* What is lacking for so many more bytes there; under the lock. */
 struct space_lack {
-	uint64_t bytes;              /* the larger of the next two; 0: nothing */
+	uint64_t bytes; /* the larger of the next two; 0: nothing */
 	uint64_t by_quota, by_free;
 	uint64_t used, quota, free, keep_free;
 };

@@ -37,8 +37,8 @@ void job_tell_end(const struct job *job)
 			  (unsigned long long)job->id, dataset, (unsigned long long)r->triangles,
 			  (unsigned long long)(r->domains - r->domains_reused), (unsigned long long)r->domains, r->seconds);
 	} else if (job->state == JOB_cancelled) {
-		log_event(LOG_EVENT_JOB_CANCELLED, ABOUT_JOB(job), "job %llu of %s was cancelled",
-			  (unsigned long long)job->id, dataset);
+		log_event(LOG_EVENT_JOB_CANCELLED, ABOUT_JOB(job), "job %llu of %s was cancelled", (unsigned long long)job->id,
+			  dataset);
 	} else if (job->state == JOB_failed) {
 		snprintf(what, sizeof what, "job %llu of %s failed", (unsigned long long)job->id, dataset);
 		log_event_err(LOG_EVENT_JOB_FAILED, ABOUT_JOB(job), what, &job->err);
@@ -54,9 +54,10 @@ void push_tell_committed(const struct push *p)
 	struct log_about about = *ABOUT_PUSH(p);
 
 	about.generation = d->generation;
-	log_event(LOG_EVENT_PUSH_COMMITTED, &about, "push %llu of user %u into %s is done: %zu files, generation %llu, %llu points",
-		  (unsigned long long)p->id, p->peer.uid, d->onestep ? "a dataset of one step" : d->name,
-		  p->nsources + p->ntaken, (unsigned long long)d->generation, (unsigned long long)d->points);
+	log_event(LOG_EVENT_PUSH_COMMITTED, &about,
+		  "push %llu of user %u into %s is done: %zu files, generation %llu, %llu points", (unsigned long long)p->id,
+		  p->peer.uid, d->onestep ? "a dataset of one step" : d->name, p->nsources + p->ntaken,
+		  (unsigned long long)d->generation, (unsigned long long)d->points);
 }
 
 /* Whoever ends a push himself knows it. */

@@ -32,7 +32,8 @@ void verified_load(struct jobs *j)
 	if (!io_read_some(fd, text, sizeof text - 1, 0, name, &n, &err)) {
 		text[n] = 0;
 		if ((sscanf(text, LINE_WHOLE, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &end) == 6 && end == '.') ||
-		    (sscanf(text, LINE_NEWER, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &v.newer, &end) == 7 && end == '.'))
+		    (sscanf(text, LINE_NEWER, &v.at_us, &v.files, &v.bytes, &v.damaged, &v.derived, &v.newer, &end) == 7 &&
+		     end == '.'))
 			j->verified = v;
 	}
 	io_close(fd);
@@ -55,8 +56,9 @@ static void note_run(struct sched_task *t)
 	if (!r) {
 		if (v->newer)
 			snprintf(newer, sizeof newer, " %" PRIu64, v->newer);
-		n = snprintf(text, sizeof text, "acut-verified 1 %" PRId64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "%s .\n",
-			     v->at_us, v->files, v->bytes, v->damaged, v->derived, newer);
+		n = snprintf(text, sizeof text,
+			     "acut-verified 1 %" PRId64 " %" PRIu64 " %" PRIu64 " %" PRIu64 " %" PRIu64 "%s .\n", v->at_us,
+			     v->files, v->bytes, v->damaged, v->derived, newer);
 		r = io_write_at(fd, text, (size_t)n, 0, name, &err);
 		if (!r)
 			r = io_publish(dirfd, fd, "last-verify.tmp", name, &err);
@@ -80,8 +82,12 @@ void verified_note(struct jobs *j, const struct cache_verified *found)
 {
 	struct noting *x = calloc(1, sizeof *x);
 
-	j->verified = (struct verified){.at_us = clock_real_us(), .files = found->files, .bytes = found->bytes,
-					.damaged = found->damaged, .derived = found->derived, .newer = found->newer};
+	j->verified = (struct verified){.at_us = clock_real_us(),
+					.files = found->files,
+					.bytes = found->bytes,
+					.damaged = found->damaged,
+					.derived = found->derived,
+					.newer = found->newer};
 	if (!x)
 		return;
 	x->task = (struct sched_task){.run = note_run, .done = note_done, .priority = SCHED_NORMAL};

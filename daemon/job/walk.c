@@ -125,8 +125,8 @@ static uint64_t surely(uint64_t points, uint64_t dead)
 	return points > dead ? points - dead : 0;
 }
 
-/* Segments have their points by class, sources have not: of a segment with records that are not of this generation it is known how
- * many points of a class there are at least. */
+/* Segments have their points by class, sources have not: of a segment with records that are not of this generation it is known
+ * how many points of a class there are at least. */
 static void count_classes(struct walk *w)
 {
 	const struct grid_manifest *m = grid_manifest(w->grid);
@@ -158,15 +158,13 @@ static void open_run(struct sched_task *t)
 	if (w->r)
 		return;
 	w->opened = true;
-	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->p.ledger, j->index_share, &w->grid,
-			 &w->err);
+	w->r = grid_open(w->dataset->dirfd, w->manifest, w->generation, j->p.ledger, j->index_share, &w->grid, &w->err);
 	if (w->r)
 		return;
 	view_bind(&w->view, &grid_manifest(w->grid)->lattice);
 	w->rest = w->view;
 	count_classes(w);
-	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter,
-				&w->err);
+	w->r = pipe_emitter_new(&grid_manifest(w->grid)->lattice, j->emitter_share, j->tempfd, &w->emitter, &w->err);
 	if (!w->r && w->view.window)
 		pipe_emitter_part(w->emitter);
 	if (!w->r)
@@ -276,13 +274,14 @@ static void memory_hint(struct walk *w)
 	uint64_t memory = jobs_memory_for(w->jobs, w->grid, w->why.need);
 
 	if (limit_memory(w->jobs, &w->owner) != UINT64_MAX)
-		err_add_hint(&w->why, "one user may have %u%% of the memory (user-memory): ask an administrator for more, or leave out points",
-			     w->jobs->p.user.memory);
+		err_add_hint(
+			&w->why,
+			"one user may have %u%% of the memory (user-memory): ask an administrator for more, or leave out points",
+			w->jobs->p.user.memory);
 	else if (memory)
 		err_add_hint(&w->why, "run with memory=%lluM or more", (unsigned long long)(memory >> 20));
 	else
-		err_add_hint(&w->why,
-			     "a domain carries at most %u positions, whatever the memory: leave out points",
+		err_add_hint(&w->why, "a domain carries at most %u positions, whatever the memory: leave out points",
 			     w->budget.cap);
 }
 
@@ -374,7 +373,7 @@ bool walk_stalled(const struct walk *w)
 		return false;
 	/* For its reader, or for the walk that it follows. */
 	return walk_backlog(w) ? w->lazy || w->next_start == w->plan_n :
-	       w->next_start < w->plan_n && w->next_start >= walk_reach(w);
+				 w->next_start < w->plan_n && w->next_start >= walk_reach(w);
 }
 
 static void split_next(struct walk *w)
@@ -580,10 +579,9 @@ void walk_relieve(struct walk *w, bool urgent)
 		return;
 	for (d = w->domains; d; d = next) {
 		next = d->next;
-		/* The next one to be emitted is on its way already, unless its reader is slow. What has no memory gives none: it would only be
-		 * made or read again. */
-		if (d->state != DOMAIN_READY || !d->size ||
-		    (d->index == w->next_emit && !w->output_busy && !awaits_output(w)))
+		/* The next one to be emitted is on its way already, unless its reader is slow. What has no memory gives none: it
+		 * would only be made or read again. */
+		if (d->state != DOMAIN_READY || !d->size || (d->index == w->next_emit && !w->output_busy && !awaits_output(w)))
 			continue;
 		if (d->stored || d->unstorable)
 			walk_domain_release(d);

@@ -26,12 +26,12 @@ struct walk_calls {
 
 /* The walk is to give what its job's mesh has and an older one has not. */
 struct walk_since {
-	uint64_t generation, job;  /* of the old mesh; of the walk */
+	uint64_t generation, job;            /* of the old mesh; of the walk */
 	struct digest digest, vertex_digest; /* of the walk's job */
-	const char *dataset;       /* for messages, and so are */
-	uint64_t oldest, newest;   /* the generations that it has */
-	uint64_t near;             /* the one next to `generation` of which a job has made such a mesh; 0: none */
-	unsigned n;                /* jobs that made the old mesh, the newest first */
+	const char *dataset;                 /* for messages, and so are */
+	uint64_t oldest, newest;             /* the generations that it has */
+	uint64_t near;                       /* the one next to `generation` of which a job has made such a mesh; 0: none */
+	unsigned n;                          /* jobs that made the old mesh, the newest first */
 	struct walk_base {
 		uint64_t job;
 		struct digest digest, vertex_digest;
@@ -44,14 +44,14 @@ struct walk_params {
 	struct dataset *dataset;
 	uint64_t generation;
 	const char *view_text;
-	bool client;     /* who asked waits for it: it does not lack disk space for ever */
-	bool keep;       /* every finished domain goes to the store */
-	bool plan_only;  /* ends after the plan */
-	struct sched_owner owner; /* for whom it runs; its flow is the walk's own */
-	struct place *place;      /* of its caller, who calls walk_begin when it is granted */
-	bool lazy;       /* takes no domain as long as its reader is slow: they are in the store */
-	struct plan_file *plan; /* that it goes by, and keeps; borrowed; NULL: its own, of now */
-	double patience; /* seconds to wait for an output before the domains go to the store */
+	bool client;                    /* who asked waits for it: it does not lack disk space for ever */
+	bool keep;                      /* every finished domain goes to the store */
+	bool plan_only;                 /* ends after the plan */
+	struct sched_owner owner;       /* for whom it runs; its flow is the walk's own */
+	struct place *place;            /* of its caller, who calls walk_begin when it is granted */
+	bool lazy;                      /* takes no domain as long as its reader is slow: they are in the store */
+	struct plan_file *plan;         /* that it goes by, and keeps; borrowed; NULL: its own, of now */
+	double patience;                /* seconds to wait for an output before the domains go to the store */
 	const struct walk_since *since; /* borrowed; NULL: the whole mesh */
 	const struct walk_calls *calls;
 	void *ctx;
@@ -70,15 +70,15 @@ bool walk_attach(struct walk *, struct job_output *);
 /* The output is the caller's again. */
 struct job_output *walk_output(const struct walk *); /* NULL: none is attached */
 struct job_output *walk_detach(struct walk *);
-void walk_settle(struct walk *);  /* start what can start */
+void walk_settle(struct walk *); /* start what can start */
 /* Somebody lacks memory: give what can be given. Not urgent: unless it comes back by itself soon. */
 void walk_relieve(struct walk *, bool urgent);
 void walk_tick(struct walk *);
 /* What keeps it from getting on, in words: "memory: needs 134M, 20M are free"; "": nothing. */
 char *walk_waiting(const struct walk *, char *buf, size_t size);
-uint64_t walk_space_lacks(const struct walk *); /* bytes of disk that it waits for; 0: it does not */
-double walk_seconds_left(const struct walk *); /* at the pace of late, without waiting; 0: not known */
-double walk_worked(const struct walk *);       /* seconds in which a task of it ran */
+uint64_t walk_space_lacks(const struct walk *);     /* bytes of disk that it waits for; 0: it does not */
+double walk_seconds_left(const struct walk *);      /* at the pace of late, without waiting; 0: not known */
+double walk_worked(const struct walk *);            /* seconds in which a task of it ran */
 void walk_set_rank(struct walk *, enum sched_rank); /* of its tasks from now on */
 
 /* After `ended` without why, of a walk with `since`: the old mesh with its changes is the new one, or -ERR_DIGEST. */
@@ -90,8 +90,8 @@ bool walk_opens(const struct walk *, const struct dataset *); /* is about to ope
 size_t walk_domain_bytes(const struct walk *);
 /* Makes the same selection as the other walk right now. */
 bool walk_selects_same(const struct walk *, const struct walk *other);
-const char *walk_phase(const struct walk *); /* "select" or "mesh" */
-const struct pipe_totals *walk_totals(const struct walk *);   /* after `ended` without why */
+const char *walk_phase(const struct walk *);                /* "select" or "mesh" */
+const struct pipe_totals *walk_totals(const struct walk *); /* after `ended` without why */
 /* Of its domains, how many were not triangulated for it; of one that plans only, how many need not be. */
 uint64_t walk_reused(const struct walk *);
 size_t walk_emitted(const struct walk *); /* domains, from the first */

@@ -1,11 +1,12 @@
 /*
  * The memory of domains of which only sums are wanted: it goes from one to the next, among the workers that make them.
  *
- * The model: as many domains as the walk has threads bring an arena, and its charge; the others are lent one, and ask the scheduler
- * for no memory. Who is made then mostly finds one free, as others that are made have one each. Not where one was given up because
- * others lack memory, where who is to bring one waits for his memory still, or where there are more workers than the walk is to have: a
- * domain that finds none asks for one of its own, and what is too many then goes. So an arena stays where its pages are in memory already, and
- * mostly in the cache of that worker; with two for each worker a third of the page faults of a small job were theirs.
+ * The model: as many domains as the walk has threads bring an arena, and its charge; the others are lent one, and ask the
+ * scheduler for no memory. Who is made then mostly finds one free, as others that are made have one each. Not where one was given
+ * up because others lack memory, where who is to bring one waits for his memory still, or where there are more workers than the
+ * walk is to have: a domain that finds none asks for one of its own, and what is too many then goes. So an arena stays where its
+ * pages are in memory already, and mostly in the cache of that worker; with two for each worker a third of the page faults of a
+ * small job were theirs.
  *
  * Which are free is for any thread; how many there are, and what is charged for them, is the loop's to know.
  */

@@ -62,8 +62,9 @@ uint64_t walk_grid_points(const struct walk *w)
 void walk_progress(const struct walk *w, uint64_t *ret_points, uint64_t *ret_total, uint64_t *ret_domains,
 		   uint64_t *ret_domains_total)
 {
-	*ret_points = walk_selecting(w) ? atomic_load(&w->select.judged) :
-		      w->points > w->points_before ? w->points : w->points_before;
+	*ret_points = walk_selecting(w)            ? atomic_load(&w->select.judged) :
+		      w->points > w->points_before ? w->points :
+						     w->points_before;
 	*ret_total = walk_selecting(w) ? w->select.total : w->grid_total;
 	*ret_domains = w->next_emit;
 	*ret_domains_total = w->plan_n;

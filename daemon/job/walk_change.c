@@ -22,7 +22,7 @@ struct leaves {
 		struct digest digest, base, list;
 		uint64_t payload, triangles;
 		bool known;
-	} *record;       /* by leaf */
+	} * record; /* by leaf */
 };
 
 static int compare(const struct cut_region *a, const struct cut_region *b)
@@ -225,9 +225,12 @@ static int against(struct walk *w, const struct walk_base *base, struct err *err
 	if (!r)
 		r = leaves_read(&new, &w->plan, w->jobs->plansfd, w->since->job, err);
 	if (!r) {
-		c->told = (struct job_changes){.generation = w->since->generation, .job = base->job,
-					       .old_digest = base->digest, .old_vertex_digest = base->vertex_digest,
-					       .digest = w->since->digest, .vertex_digest = w->since->vertex_digest};
+		c->told = (struct job_changes){.generation = w->since->generation,
+					       .job = base->job,
+					       .old_digest = base->digest,
+					       .old_vertex_digest = base->vertex_digest,
+					       .digest = w->since->digest,
+					       .vertex_digest = w->since->vertex_digest};
 		compare_plans(c, &new, &old);
 		w->change = c;
 	} else {
@@ -246,16 +249,21 @@ static int no_base(const struct walk_since *s, struct err *err)
 	const unsigned long long wanted = s->generation, near = s->near, oldest = s->oldest, newest = s->newest;
 
 	if (s->generation < s->oldest) {
-		err_set(err, ERR_GONE, "generation %llu of %s was pruned, and no job of it with the same view has kept the regions of its "
-			"mesh: the dataset has generations %llu to %llu", wanted, s->dataset, oldest, newest);
+		err_set(err, ERR_GONE,
+			"generation %llu of %s was pruned, and no job of it with the same view has kept the regions of its "
+			"mesh: the dataset has generations %llu to %llu",
+			wanted, s->dataset, oldest, newest);
 		return near ? err_add_hint(err, "--changed-since %llu can be had, or the whole mesh without it", near) :
 			      err_add_hint(err, "fetch the whole mesh, without --changed-since");
 	}
 	err_set(err, ERR_GONE, "no job of generation %llu with the same view has kept the regions of its mesh", wanted);
-	return near ? err_add_hint(err, "acutctl submit %.200s --at %llu --new, with the options of that view, makes one; --changed-since "
-					"%llu has one", s->dataset, wanted, near) :
-		      err_add_hint(err, "acutctl submit %.200s --at %llu --new, with the options of that view, makes one", s->dataset,
-				   wanted);
+	return near ? err_add_hint(
+			      err,
+			      "acutctl submit %.200s --at %llu --new, with the options of that view, makes one; --changed-since "
+			      "%llu has one",
+			      s->dataset, wanted, near) :
+		      err_add_hint(err, "acutctl submit %.200s --at %llu --new, with the options of that view, makes one",
+				   s->dataset, wanted);
 }
 
 int walk_change_read(struct walk *w, struct err *err)

@@ -41,8 +41,7 @@ size_t walk_page_round(size_t n)
 static void *memory_map(size_t size, bool huge)
 {
 	size_t whole = walk_page_round(size) + HUGE_PAGE, head;
-	uint8_t *base =
-		mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+	uint8_t *base = mmap(NULL, whole, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
 
 	if (base == MAP_FAILED)
 		return NULL;
@@ -166,8 +165,13 @@ void walk_used(const struct walk *w, const struct pipe_stored *as, int64_t now_n
 static void tell(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
-	struct plan_done done = {.region = d->region, .base = d->as.id.base, .list = d->as.id.list, .digest = d->as.digest,
-				 .payload = d->as.payload, .triangles = d->as.triangles, .bytes = d->as.bytes};
+	struct plan_done done = {.region = d->region,
+				 .base = d->as.id.base,
+				 .list = d->as.id.list,
+				 .digest = d->as.digest,
+				 .payload = d->as.payload,
+				 .triangles = d->as.triangles,
+				 .bytes = d->as.bytes};
 	struct err err = ERR_INIT;
 
 	if (w->file && w->keep && !w->lazy && plan_file_done(w->file, &done, 1, &err))
@@ -186,11 +190,21 @@ static struct pipe_reuse_params reuse_params(struct walk_domain *d)
 {
 	struct walk *w = d->walk;
 
-	return (struct pipe_reuse_params){.storefd = walk_store(w), .grid = w->grid, .view = &w->rest, .key = &w->key,
-					  .region = &d->region, .cap = w->budget.cap, .memory = d->memory,
-					  .size = d->size, .light = d->front, .sums = w->sums,
-					  .after_ns = d->looked ? w->there.looked_ns : 0, .hint = walk_hint,
-					  .recall = walk_recall, .remember = w->sums ? walk_remember : NULL, .ctx = w};
+	return (struct pipe_reuse_params){.storefd = walk_store(w),
+					  .grid = w->grid,
+					  .view = &w->rest,
+					  .key = &w->key,
+					  .region = &d->region,
+					  .cap = w->budget.cap,
+					  .memory = d->memory,
+					  .size = d->size,
+					  .light = d->front,
+					  .sums = w->sums,
+					  .after_ns = d->looked ? w->there.looked_ns : 0,
+					  .hint = walk_hint,
+					  .recall = walk_recall,
+					  .remember = w->sums ? walk_remember : NULL,
+					  .ctx = w};
 }
 
 static bool load(struct walk_domain *d)

@@ -79,8 +79,8 @@ static bool is_wanted(struct walk *w, struct digest id)
 
 	if (!w->output->wants || digest_equal(id, w->output->want))
 		return true;
-	err_set(&err, ERR_GONE, "the stream %s cannot be continued, the job's is %s now",
-		digest_hex(w->output->want, want), digest_hex(id, have));
+	err_set(&err, ERR_GONE, "the stream %s cannot be continued, the job's is %s now", digest_hex(w->output->want, want),
+		digest_hex(id, have));
 	err_add_hint(&err, "fetch it from its start");
 	walk_fail(w, &err);
 	return false;
@@ -92,8 +92,8 @@ bool walk_output_enough(struct walk *w)
 
 	if (!w->output || w->output->from <= w->blocks)
 		return true;
-	err_set(&err, ERR_GONE, "the stream cannot go on at block %llu, it has %llu",
-		(unsigned long long)w->output->from, (unsigned long long)w->blocks);
+	err_set(&err, ERR_GONE, "the stream cannot go on at block %llu, it has %llu", (unsigned long long)w->output->from,
+		(unsigned long long)w->blocks);
 	err_add_hint(&err, "fetch it from its start");
 	walk_fail(w, &err);
 	return false;
@@ -226,8 +226,8 @@ static bool can_spool(const struct walk *w)
 
 void walk_output_tick(struct walk *w)
 {
-	if (can_spool(w) && walk_crowded(w) && (w->output->calls->stalled(w->output) > STALL_SECONDS ||
-			     clock_since(w->sending_ns) > SLOWEST_SECONDS))
+	if (can_spool(w) && walk_crowded(w) &&
+	    (w->output->calls->stalled(w->output) > STALL_SECONDS || clock_since(w->sending_ns) > SLOWEST_SECONDS))
 		output_submit(w, spool_run, 0);
 }
 

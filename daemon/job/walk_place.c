@@ -43,8 +43,7 @@ void walk_retreat(struct walk *w, uint64_t need)
 
 bool walk_can_give_way(const struct walk *w)
 {
-	return w->state == WALK_RUNNING && w->keep && !w->output && !w->stopping && !w->giving &&
-	       w->next_emit < w->plan_n;
+	return w->state == WALK_RUNNING && w->keep && !w->output && !w->stopping && !w->giving && w->next_emit < w->plan_n;
 }
 
 void walk_give_way(struct walk *w)

@@ -90,8 +90,13 @@ static void take_there(void *ctx, const struct cut_region *region, const struct 
 	t->points += domain->counts.points;
 	t->triangles |= domain->ntriangle > 0;
 	if (t->n < t->room)
-		t->done[t->n++] = (struct plan_done){.region = *region, .base = as->id.base, .list = as->id.list, .digest = as->digest,
-						     .payload = as->payload, .triangles = as->triangles, .bytes = as->bytes};
+		t->done[t->n++] = (struct plan_done){.region = *region,
+						     .base = as->id.base,
+						     .list = as->id.list,
+						     .digest = as->digest,
+						     .payload = as->payload,
+						     .triangles = as->triangles,
+						     .bytes = as->bytes};
 	pthread_mutex_unlock(&lock);
 	walk_used(w, as, t->looked_ns + STORE_LOOK_NS);
 }
@@ -197,7 +202,8 @@ static int cut(struct walk *w)
 		return -(int)m->err.code;
 	}
 	if (m->err.code)
-		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "the store of finished domains cannot be looked at", &m->err);
+		log_event_err(LOG_EVENT_STORE_FAILED, ABOUT_WALK(w), "the store of finished domains cannot be looked at",
+			      &m->err);
 	return 0;
 }
 
@@ -391,8 +397,8 @@ static void plan_done(struct sched_task *t)
 		plan_over(w);
 		return;
 	}
-	w->task = (struct sched_task){.run = look_run, .done = look_done, .owner = w->owner, .lengthy = true,
-				      .priority = SCHED_FIRST};
+	w->task = (struct sched_task){
+		.run = look_run, .done = look_done, .owner = w->owner, .lengthy = true, .priority = SCHED_FIRST};
 	sched_submit(w->jobs->p.sched, &w->task);
 	crew_start(m->crew);
 }
@@ -457,8 +463,7 @@ void walk_plan_start(struct walk *w)
 		limit = limit > admit_share(j) ? limit - admit_share(j) : 0;
 	alone = alone < limit ? alone : limit;
 	if (w->planned) {
-		if (!pipe_budget_kept(all, j->p.threads, w->grid, w->kept.load, w->kept.cap,
-				      &w->budget, &err)) {
+		if (!pipe_budget_kept(all, j->p.threads, w->grid, w->kept.load, w->kept.cap, &w->budget, &err)) {
 			sums_choose(w);
 			run(w);
 			return;

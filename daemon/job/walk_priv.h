@@ -27,19 +27,19 @@ struct walk_domain {
 	size_t index;
 	struct cut_region region;
 	const struct cut_sites *sites; /* of the plan, if its halo is in them */
-	uint64_t count; /* positions that it owns at most, as the plan knows */
+	uint64_t count;                /* positions that it owns at most, as the plan knows */
 	struct mesh_domain domain;
 	void *memory;
 	size_t size; /* mapped, and charged to LEDGER_DOMAIN: for it, or as one of the walk's arenas while it is lent that */
-	bool huge; /* memory that it maps is to be in huge pages */
+	bool huge;   /* memory that it maps is to be in huge pages */
 	bool lent, put, bare; /* walk_arena.c: has one that was there; gave it back; found none */
-	size_t held; /* of it, what the result needs */
+	size_t held;          /* of it, what the result needs */
 	bool stored, unstorable;
 	bool front; /* only what later blocks are numbered by is asked for: `domain.triangle` is NULL if it came from the store */
 	bool made;  /* not from the store */
-	bool looked, changed; /* as its leaf's, when the plan was made */
+	bool looked, changed;  /* as its leaf's, when the plan was made */
 	struct pipe_stored as; /* if `stored` */
-	bool block; /* its emission gave one */
+	bool block;            /* its emission gave one */
 	uint64_t need;
 	int r;
 	struct err err;
@@ -56,9 +56,9 @@ struct walk_change {
 };
 
 /* Any thread. What log_event is told. */
-#define ABOUT_WALK(w)                                                                                        \
-	(&(const struct log_about){.job = (w)->job, .dataset = (w)->dataset->name, .generation = (w)->generation, \
-				   ABOUT_USER((w)->owner.uid)})
+#define ABOUT_WALK(w)               \
+	(&(const struct log_about){ \
+		.job = (w)->job, .dataset = (w)->dataset->name, .generation = (w)->generation, ABOUT_USER((w)->owner.uid)})
 
 struct walk {
 	uint64_t job; /* 0: none */
@@ -73,8 +73,8 @@ struct walk {
 	bool keep, plan_only, lazy, client;
 	struct sched_owner owner; /* of all its tasks */
 	struct place *place;
-	bool placed; /* has its place, which is its share of the memory */
-	bool giving; /* stops to begin again later */
+	bool placed;            /* has its place, which is its share of the memory */
+	bool giving;            /* stops to begin again later */
 	uint64_t points_before; /* emitted before it gave way */
 	double patience;
 	const struct walk_since *since;
@@ -98,7 +98,7 @@ struct walk {
 	int r;
 	struct err err;
 
-	bool opened; /* the dataset's folder */
+	bool opened;       /* the dataset's folder */
 	struct grid *grid; /* of the generation; of a view that selects, then of its selection */
 	struct walk_select {
 		struct digest key;
@@ -115,8 +115,8 @@ struct walk {
 	uint64_t emitter_bytes; /* charged */
 	struct pipe_emitter *emitter;
 	struct pipe_budget budget;
-	struct pipe_key key; /* of its domains; known with `grid` */
-	struct cut_plan plan; /* a worker's while `splitting` */
+	struct pipe_key key;    /* of its domains; known with `grid` */
+	struct cut_plan plan;   /* a worker's while `splitting` */
 	struct plan_file *file; /* where it is kept; NULL: nowhere */
 	struct plan_kept kept;
 	bool planned; /* it was read from there */
@@ -129,7 +129,7 @@ struct walk {
 		bool ran;
 		struct mesh_counts flat;
 		struct pipe_refine *refine;
-		unsigned members; /* that share the memory */
+		unsigned members;            /* that share the memory */
 		struct grid_reader **reader; /* theirs, as far as they have begun */
 		struct crew *crew;
 		unsigned damaged; /* with the next, and `there`, any thread's, under the lock of walk_plan.c */
@@ -158,31 +158,30 @@ struct walk {
 		unsigned owned;     /* that are there, or will be when who brings one runs */
 		uint64_t charged;   /* of LEDGER_DOMAIN: for those that are no domain's own any more */
 	} arenas;
-	size_t made; /* domains that were triangulated, some perhaps more than once */
+	size_t made;     /* domains that were triangulated, some perhaps more than once */
 	size_t reusable; /* of one that plans only: domains that are in the store */
-	size_t plan_n; /* plan.n, for whoever asks while a worker has the plan */
+	size_t plan_n;   /* plan.n, for whoever asks while a worker has the plan */
 	struct walk_domain *emitting, *sending;
 
 	struct job_output *output;
 	struct sched_task output_task;
-	bool output_head, output_busy,
-		output_working; /* head sent; a block is not all written; a worker has it */
+	bool output_head, output_busy, output_working; /* head sent; a block is not all written; a worker has it */
 	bool output_refilling, output_buffer;
 	bool output_spooling;
 	void (*output_freed)(struct job_output *);
 	uint64_t spool_failed_ns;
 	uint64_t sending_ns; /* since when the block is sent */
-	uint64_t blocks; /* emitted */
+	uint64_t blocks;     /* emitted */
 
 	struct walk_pace {
 		uint64_t looked_ns, seen; /* when last, and points then */
 		double worked;            /* seconds */
 		double points, seconds;   /* of late: what is long ago counts little */
 	} pace;
-	struct walk_space { /* walk_space.c */
-		bool waits, over;  /* gave its place back for want of space; will not again */
-		bool holds;        /* its selection */
-		atomic_bool told;  /* that domains are not stored */
+	struct walk_space {       /* walk_space.c */
+		bool waits, over; /* gave its place back for want of space; will not again */
+		bool holds;       /* its selection */
+		atomic_bool told; /* that domains are not stored */
 		unsigned vanished;
 		uint64_t need, lacks; /* bytes that it asked for; of these, what is lacking: 0, it waits for the cache */
 		double wait;          /* seconds to the next look */
@@ -213,7 +212,7 @@ bool walk_gave_way(struct walk *); /* it stopped for that: it seeks a place agai
 /* walk_plan.c */
 int walk_plan_read(struct walk *, struct err *err); /* worker */
 void walk_plan_start(struct walk *);
-void walk_plan_follow(struct walk *); /* what the walk that it follows has split */
+void walk_plan_follow(struct walk *);   /* what the walk that it follows has split */
 size_t walk_reach(const struct walk *); /* domains before this one may be started now */
 
 /* walk_area.c */
@@ -231,12 +230,12 @@ struct walk_domain *walk_domain_start(struct walk *, size_t index, enum sched_pr
 void walk_domain_emit(struct walk_domain *);
 void walk_domain_store(struct walk_domain *);
 void walk_domain_split(struct walk_domain *);
-void walk_domain_release(struct walk_domain *); /* takes it out of the list and frees it */
-void walk_there_free(struct walk *); /* walk_plan.c */
-int walk_store(const struct walk *); /* the folder of its domains */
+void walk_domain_release(struct walk_domain *);                          /* takes it out of the list and frees it */
+void walk_there_free(struct walk *);                                     /* walk_plan.c */
+int walk_store(const struct walk *);                                     /* the folder of its domains */
 bool walk_hint(void *walk, struct digest base, struct digest *ret_list); /* pipe_reuse_params.hint */
-/* pipe_reuse_params.recall and .remember. A one-step dataset is not passed over again: nothing is noted of it. Nor of what streams find,
- * which may be of old generations. (What they make is: the domain of that region that was used last.) */
+/* pipe_reuse_params.recall and .remember. A one-step dataset is not passed over again: nothing is noted of it. Nor of what
+ * streams find, which may be of old generations. (What they make is: the domain of that region that was used last.) */
 bool walk_recall(void *walk, struct digest base, struct pipe_summary *ret);
 void walk_remember(void *walk, const struct pipe_summary *);
 void walk_used(const struct walk *, const struct pipe_stored *, int64_t now_ns); /* it was found in the store */
@@ -247,8 +246,8 @@ size_t walk_page_round(size_t);
 /* walk_arena.c, of walks with `sums`. Workers: one that is free, if there is; and free again, nothing of it is needed. */
 bool walk_arena_take(struct walk_domain *);
 void walk_arena_put(struct walk_domain *);
-/* Loop. Before it is submitted: bytes that it is to take; `own`: it is lent none. When its task is over: what it still has then is its own
- * from here on, with the charge. */
+/* Loop. Before it is submitted: bytes that it is to take; `own`: it is lent none. When its task is over: what it still has then
+ * is its own from here on, with the charge. */
 uint64_t walk_arena_ask(struct walk_domain *, bool own);
 void walk_arena_back(struct walk_domain *);
 /* Unmaps those that nobody will need, and what is free while others lack memory. */

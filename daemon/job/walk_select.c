@@ -4,8 +4,9 @@
  *
  * The model: a selection is a folder cache/selected/KEY (of a one-step dataset: in its own folder, so that it goes
  * with it). KEY is of the generation's content, what it says of its coordinates, and the rules that select,
- * so a later job with the same ones stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N and renamed when whole;
- * what a crash left of those is swept at the next start. Whatever cannot be read there is removed and made again.
+ * so a later job with the same ones stages nothing, and its report has the counts that lie there. It is made in a folder tmp-N
+ * and renamed when whole; what a crash left of those is swept at the next start. Whatever cannot be read there is removed and
+ * made again.
  *
  * Memory: a selection is to the others what a domain is: bytes that are taken at once before it starts, and come
  * back without waiting for anybody. Of two walks that want the same one, the second waits for the first.
@@ -47,8 +48,7 @@ static int selected_open(struct walk *w, int dirfd, struct err *err)
 	if (r)
 		return r;
 	w->grid = grid_close(w->grid);
-	return grid_open(dirfd, PIPE_SELECT_MANIFEST, GRID_NEWEST, w->jobs->p.ledger, w->jobs->index_share, &w->grid,
-			 err);
+	return grid_open(dirfd, PIPE_SELECT_MANIFEST, GRID_NEWEST, w->jobs->p.ledger, w->jobs->index_share, &w->grid, err);
 }
 
 static int open_in(struct walk *w, int parent, const char *name, struct err *err)
@@ -103,8 +103,7 @@ static int select_progress(void *ctx, uint64_t points)
 	struct making *m = ctx;
 
 	atomic_store(&m->walk->select.judged, points);
-	return atomic_load(&m->walk->task.cancel) ||
-	       walk_space_select_grow(m->walk, m->parent, m->temp, false, &m->full);
+	return atomic_load(&m->walk->task.cancel) || walk_space_select_grow(m->walk, m->parent, m->temp, false, &m->full);
 }
 
 /* The points into the folder `temp`; what it holds then is taken of the disk. */

@@ -191,7 +191,8 @@ static int start(struct sched *s, struct err *err)
 	if (!r)
 		return 0;
 	err_sys(err, r, "cannot start a worker thread, the %u. of %u", s->started + 1, s->threads + SPARES);
-	return r == EAGAIN ? err_add_hint(err, "give fewer --threads, or allow more tasks (TasksMax= of the unit, ulimit -u)") : -(int)err->code;
+	return r == EAGAIN ? err_add_hint(err, "give fewer --threads, or allow more tasks (TasksMax= of the unit, ulimit -u)") :
+			     -(int)err->code;
 }
 
 int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struct err *err)

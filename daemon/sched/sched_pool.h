@@ -39,7 +39,7 @@ struct sched_flow {
 };
 
 struct sched_task {
-	void (*run)(struct sched_task *); /* on a worker; not called for a task cancelled before it started */
+	void (*run)(struct sched_task *);  /* on a worker; not called for a task cancelled before it started */
 	void (*done)(struct sched_task *); /* on the loop, once, from sched_dispatch; may free the task */
 	struct sched_owner owner;
 	enum sched_priority priority;

@@ -35,8 +35,8 @@ struct sched_account {
 	unsigned class;
 	uint64_t flow, number; /* number: in order of making, to break ties */
 	int64_t tag, mean;
-	bool known;  /* mean is its own */
-	int64_t now; /* of a user: where flows that come begin */
+	bool known;     /* mean is its own */
+	int64_t now;    /* of a user: where flows that come begin */
 	unsigned tasks; /* that wait or run */
 };
 

@@ -61,7 +61,8 @@ static void sent(struct conn *c, int r, const struct err *err)
 {
 	if (r == FRAME_E_FULL) {
 		if (refusal_cut(c->server))
-			log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c), "a client (pid %u) does not read its answers and is cut off", c->peer.pid);
+			log_event(LOG_EVENT_CLIENT_CUT, ABOUT_CONN(c),
+				  "a client (pid %u) does not read its answers and is cut off", c->peer.pid);
 		conn_close(c);
 	} else if (r < 0) {
 		if (refusal_cut(c->server))

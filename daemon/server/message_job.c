@@ -138,11 +138,9 @@ char *message_report_json(const struct job_report *r, char *buf, size_t size)
 		"\"plan_seconds\":%.6f,\"domains_seconds\":%.6f,\"peak_rss_bytes\":%llu,\"note\":\"%s\","
 		"\"removed\":{",
 		(unsigned long long)r->points, (unsigned long long)r->used, (unsigned long long)r->domains,
-		(unsigned long long)r->domains_reused,
-		(unsigned long long)r->halo, (unsigned long long)r->points_read,
-		(unsigned long long)r->cells_read, r->seconds, r->stage_seconds, r->first_triangle_seconds,
-		r->seal_seconds, r->plan_seconds, r->domains_seconds,
-		(unsigned long long)r->peak_rss, r->note);
+		(unsigned long long)r->domains_reused, (unsigned long long)r->halo, (unsigned long long)r->points_read,
+		(unsigned long long)r->cells_read, r->seconds, r->stage_seconds, r->first_triangle_seconds, r->seal_seconds,
+		r->plan_seconds, r->domains_seconds, (unsigned long long)r->peak_rss, r->note);
 	for (i = VIEW_KEPT + 1; i < VIEW_RULES && at < size; i++)
 		at += (size_t)snprintf(buf + at, size - at, "%s\"%s\":%llu", i > VIEW_KEPT + 1 ? "," : "",
 				       view_rule_text((enum view_rule)i), (unsigned long long)r->removed[i]);

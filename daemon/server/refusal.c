@@ -53,11 +53,13 @@ bool refusal_worth(const struct err *why)
 
 static void tell_hidden(struct refusals *r)
 {
-	const char *what = r->event == LOG_EVENT_REFUSED ? "clients or requests were refused" :
-		r->event == LOG_EVENT_CLIENT_CUT ? "clients were cut off" : "clients were turned away";
+	const char *what = r->event == LOG_EVENT_REFUSED    ? "clients or requests were refused" :
+			   r->event == LOG_EVENT_CLIENT_CUT ? "clients were cut off" :
+							      "clients were turned away";
 
 	if (r->hidden)
-		log_event(r->event, NULL, "%llu more %s within %.0f seconds", (unsigned long long)r->hidden, what, clock_since(r->since_ns));
+		log_event(r->event, NULL, "%llu more %s within %.0f seconds", (unsigned long long)r->hidden, what,
+			  clock_since(r->since_ns));
 	r->hidden = r->told = 0;
 	r->since_ns = clock_mono_ns();
 }
@@ -73,8 +75,8 @@ static void hide(struct server *s, struct refusals *r)
 	if (r->hidden++)
 		return;
 	if (!r->timer)
-		sd_event_add_time_relative(s->p.event, &r->timer, CLOCK_MONOTONIC, WHILE_SECONDS * UINT64_C(1000000),
-					   1000000, while_over, r);
+		sd_event_add_time_relative(s->p.event, &r->timer, CLOCK_MONOTONIC, WHILE_SECONDS * UINT64_C(1000000), 1000000,
+					   while_over, r);
 	else if (sd_event_source_set_time_relative(r->timer, WHILE_SECONDS * UINT64_C(1000000)) >= 0)
 		sd_event_source_set_enabled(r->timer, SD_EVENT_ONESHOT);
 }

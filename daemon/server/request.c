@@ -11,8 +11,7 @@ static void request_hello(struct conn *c, struct request *q, Acut__V1__Message *
 	struct err err = ERR_INIT;
 
 	if (m->hello->version_min > FRAME_PROTOCOL_MAX || m->hello->version_max < FRAME_PROTOCOL_MIN) {
-		err_set(&err, ERR_VERSION,
-			"acutd speaks versions %u to %u of the protocol, the client %u to %u",
+		err_set(&err, ERR_VERSION, "acutd speaks versions %u to %u of the protocol, the client %u to %u",
 			FRAME_PROTOCOL_MIN, FRAME_PROTOCOL_MAX, m->hello->version_min, m->hello->version_max);
 		request_refuse(q, &err);
 		return;
@@ -39,9 +38,9 @@ static const struct {
 	request_fn *handle;
 	bool file; /* counts among the unanswered files, and takes a descriptor */
 } table[] = {
-#define ROW(CASE, fn, file)                                                                                  \
-	{                                                                                                    \
-		ACUT__V1__MESSAGE__BODY_##CASE, fn, file                                                     \
+#define ROW(CASE, fn, file)                              \
+	{                                                \
+		ACUT__V1__MESSAGE__BODY_##CASE, fn, file \
 	}
 	ROW(HELLO, request_hello, false),
 	ROW(PING, request_ping, false),

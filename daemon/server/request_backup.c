@@ -50,8 +50,7 @@ static struct conn_copy **find(struct conn *c, uint64_t backup, uint64_t import)
 	struct conn_copy **at;
 
 	for (at = &c->copies; *at; at = &(*at)->next)
-		if ((*at)->backup ? backup && backup_id((*at)->backup) == backup
-				  : import && import_id((*at)->import) == import)
+		if ((*at)->backup ? backup && backup_id((*at)->backup) == backup : import && import_id((*at)->import) == import)
 			break;
 	return at;
 }

@@ -37,8 +37,8 @@ void request_config(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	struct err err = ERR_INIT;
 
 	if (rows && list) {
-		while (answer.n_settings < p->settings && p->setting(p->setting_ctx, (unsigned)answer.n_settings,
-								     &rows[answer.n_settings].setting)) {
+		while (answer.n_settings < p->settings &&
+		       p->setting(p->setting_ctx, (unsigned)answer.n_settings, &rows[answer.n_settings].setting)) {
 			fill(&rows[answer.n_settings]);
 			list[answer.n_settings] = &rows[answer.n_settings].message;
 			answer.n_settings++;

@@ -31,8 +31,8 @@ static void message_pending(const struct dataset_info *info, struct message_data
 	if (info->pending)
 		snprintf(m->pending, sizeof m->pending,
 			 "%s%u interrupted push%s, the newest of user %u: %u files, %llu points, kept until %s",
-			 info->pushes ? "a push is open; " : "", info->pending, info->pending == 1 ? "" : "es",
-			 info->pending_uid, info->pending_files, (unsigned long long)info->pending_points, day);
+			 info->pushes ? "a push is open; " : "", info->pending, info->pending == 1 ? "" : "es", info->pending_uid,
+			 info->pending_files, (unsigned long long)info->pending_points, day);
 	else if (info->pushes)
 		snprintf(m->pending, sizeof m->pending, "a push is open");
 	m->dataset.pending = m->pending;
@@ -91,8 +91,7 @@ static void answer_one(struct request *q, struct message_dataset *m)
 	request_answer(q, FRAME_MESSAGE(DATASETS, datasets, &list));
 }
 
-void request_dataset_state(struct request *q, const struct dataset *d, const struct grid_manifest *then,
-			   uint64_t generation)
+void request_dataset_state(struct request *q, const struct dataset *d, const struct grid_manifest *then, uint64_t generation)
 {
 	struct message_dataset m;
 
@@ -190,8 +189,8 @@ static void verb_done(void *token, const struct err *why, struct dataset *d)
 void request_dataset_change(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
 	static const char *const verbs[] = {
-		[DATASET_REMOVE] = "remove", [DATASET_RESTORE] = "restore", [DATASET_PIN] = "pin", [DATASET_UNPIN] = "unpin",
-		[DATASET_CHMOD] = "chmod", [DATASET_CHGRP] = "chgrp", [DATASET_CHOWN] = "chown"};
+		[DATASET_REMOVE] = "remove", [DATASET_RESTORE] = "restore", [DATASET_PIN] = "pin",    [DATASET_UNPIN] = "unpin",
+		[DATASET_CHMOD] = "chmod",   [DATASET_CHGRP] = "chgrp",     [DATASET_CHOWN] = "chown"};
 	const Acut__V1__DatasetChange *in = m->dataset_change;
 	struct dataset_wanted w = {.name = in->name, .as = in->as, .id = in->id, .peer = c->peer};
 	struct err err = ERR_INIT;
@@ -279,6 +278,5 @@ void request_plan(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		request_refuse(q, &err);
 		return;
 	}
-	job_plan(c->server->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned,
-		 q);
+	job_plan(c->server->jobs, d, m->plan_request->generation, m->plan_request->view, &c->peer, planned, q);
 }

@@ -25,7 +25,7 @@ enum { OK, WARNING, WRONG, UNKNOWN };
 static const char *const states[] = {"ok", "warning", "wrong", "unknown"};
 
 #define DAY 86400.0
-#define VERIFY_DAYS 35 /* the timer asks for it each week */
+#define VERIFY_DAYS 35                     /* the timer asks for it each week */
 #define PROCESS_BYTES (UINT64_C(48) << 20) /* of the process beside its budget */
 
 struct visit {
@@ -89,8 +89,8 @@ static void check_files(struct visit *v, const struct house_looked *h)
 	else if (n + 32 > files.rlim_cur || n > files.rlim_cur - files.rlim_cur / 10)
 		say(v, "files", WRONG, hint, "%u files are open, of %llu that may be", n, (unsigned long long)files.rlim_cur);
 	else if (files.rlim_cur < 1024 || count(LOG_EVENT_CLIENTS_WAIT))
-		say(v, "files", WARNING, hint, "%u files are open, of %llu that may be; clients had to wait for one %llu times", n,
-		    (unsigned long long)files.rlim_cur, count(LOG_EVENT_CLIENTS_WAIT));
+		say(v, "files", WARNING, hint, "%u files are open, of %llu that may be; clients had to wait for one %llu times",
+		    n, (unsigned long long)files.rlim_cur, count(LOG_EVENT_CLIENTS_WAIT));
 	else
 		say(v, "files", OK, "", "%u files are open, of %llu that may be", n, (unsigned long long)files.rlim_cur);
 }
@@ -103,7 +103,8 @@ static void check_memory(struct visit *v, const struct server *s)
 	parse_size_text(s->p.memory, a);
 	parse_size_text(peak, b);
 	if (s->p.memory_most != UINT64_MAX && s->p.memory_most != 0 && s->p.memory_most < s->p.memory + PROCESS_BYTES)
-		say(v, "memory", WRONG, "raise MemoryMax= of acutd.service, or lower memory in acutd.conf: 48M less than MemoryMax=",
+		say(v, "memory", WRONG,
+		    "raise MemoryMax= of acutd.service, or lower memory in acutd.conf: 48M less than MemoryMax=",
 		    "acutd may use %s, but its control group leaves it %s", a, parse_size_text(s->p.memory_most, c));
 	else if (peak > s->p.memory + PROCESS_BYTES)
 		say(v, "memory", WARNING, "please report this, with the output of acutctl status --json",
@@ -118,10 +119,11 @@ static void check_clock(struct visit *v)
 	double skew = (double)(v->client_us - now) / 1e6;
 
 	if (now < INT64_C(1700000000) * 1000000 || now > INT64_C(7258118400) * 1000000)
-		say(v, "clock", WRONG, "set the clock: what was pushed is dated by it (timedatectl)", "the clock of acutd is far off");
+		say(v, "clock", WRONG, "set the clock: what was pushed is dated by it (timedatectl)",
+		    "the clock of acutd is far off");
 	else if (v->client_us && (skew > 5 || skew < -5))
-		say(v, "clock", WARNING, "set both clocks by NTP (timedatectl)", "the clocks of acutctl and acutd differ by %.0f seconds",
-		    skew < 0 ? -skew : skew);
+		say(v, "clock", WARNING, "set both clocks by NTP (timedatectl)",
+		    "the clocks of acutctl and acutd differ by %.0f seconds", skew < 0 ? -skew : skew);
 	else
 		say(v, "clock", OK, "", "acutctl and acutd have the same time");
 }
@@ -134,12 +136,14 @@ static void check_tasks(struct visit *v, const struct server *s, const struct ho
 	if (!h->threads)
 		say(v, "tasks", UNKNOWN, "", "the threads of acutd cannot be counted");
 	else if (most < h->threads)
-		say(v, "tasks", WARNING, "raise TasksMax= of acutd.service (320), or lower threads in acutd.conf: it does not start again so",
+		say(v, "tasks", WARNING,
+		    "raise TasksMax= of acutd.service (320), or lower threads in acutd.conf: it does not start again so",
 		    "acutd has %u threads, and its control group allows %llu tasks", h->threads, (unsigned long long)most);
 	else if (most == UINT64_MAX)
 		say(v, "tasks", OK, "", "%u threads; no control group limits them", h->threads);
 	else
-		say(v, "tasks", OK, "", "%u threads, of %llu tasks that its control group allows", h->threads, (unsigned long long)most);
+		say(v, "tasks", OK, "", "%u threads, of %llu tasks that its control group allows", h->threads,
+		    (unsigned long long)most);
 }
 
 /* ---- what the user may have ---- */
@@ -159,8 +163,8 @@ static void add_near(struct near *l, uint64_t has, uint64_t most, bool bytes, co
 		return;
 	snprintf(a, sizeof a, "%llu", (unsigned long long)has);
 	snprintf(b, sizeof b, "%llu", (unsigned long long)most);
-	n = snprintf(l->text + l->n, sizeof l->text - l->n, "%s%s of %s %s", l->n ? ", " : "", bytes ? parse_size_text(has, a) : a,
-		     bytes ? parse_size_text(most, b) : b, what);
+	n = snprintf(l->text + l->n, sizeof l->text - l->n, "%s%s of %s %s", l->n ? ", " : "",
+		     bytes ? parse_size_text(has, a) : a, bytes ? parse_size_text(most, b) : b, what);
 	l->n += n > 0 && (size_t)n < sizeof l->text - l->n ? (size_t)n : 0;
 	l->near |= has >= most - most / 10;
 }
@@ -176,13 +180,15 @@ static void check_limits(struct visit *v, const struct conn *c, const struct hou
 		return;
 	}
 	add_near(&l, own.jobs, own.jobs_most, false, "unfinished jobs");
-	add_near(&l, own.datasets, own.datasets_most, false, own.removed ? "datasets (removed ones count until they are gone)" : "datasets");
+	add_near(&l, own.datasets, own.datasets_most, false,
+		 own.removed ? "datasets (removed ones count until they are gone)" : "datasets");
 	add_near(&l, own.disk, own.disk_most, true, "on the disk");
 	add_near(&l, conns_of(c->server, c->peer.uid), c->server->p.user_connections, false, "connections");
 	if (!l.n)
 		say(v, "limits", OK, "", "nothing limits what one user may have");
 	else if (l.near)
-		say(v, "limits", WARNING, "remove what nobody needs (acutctl rm, dataset rm, dataset prune), or ask an administrator for more",
+		say(v, "limits", WARNING,
+		    "remove what nobody needs (acutctl rm, dataset rm, dataset prune), or ask an administrator for more",
 		    "this user has nearly what one user may have: %s", l.text);
 	else
 		say(v, "limits", OK, "", "this user has %s", l.text);
@@ -193,8 +199,9 @@ static void check_limits(struct visit *v, const struct conn *c, const struct hou
 static void check_side(struct visit *v, const char *name, const char *folder, const struct house_side *h,
 		       const struct space_side *s)
 {
-	static const char room[] = "make room on the disk; acutctl cache stat shows what acut holds, cache gc --all frees what can be "
-				   "made again, dataset rm and prune the rest";
+	static const char room[] =
+		"make room on the disk; acutctl cache stat shows what acut holds, cache gc --all frees what can be "
+		"made again, dataset rm and prune the rest";
 	char a[32], b[32];
 
 	parse_size_text(h->free, a);
@@ -213,7 +220,8 @@ static void check_side(struct visit *v, const char *name, const char *folder, co
 		    "%llu inodes are free for %s", (unsigned long long)h->files_free, folder);
 	else if (h->files && h->files_free < h->files / 50)
 		say(v, name, WARNING, "remove files that nobody needs from the file system, or make one with more inodes",
-		    "%llu of %llu inodes are free for %s", (unsigned long long)h->files_free, (unsigned long long)h->files, folder);
+		    "%llu of %llu inodes are free for %s", (unsigned long long)h->files_free, (unsigned long long)h->files,
+		    folder);
 	else if (h->free - s->keep_free < h->total / 20 || (s->quota != UINT64_MAX && s->used > s->quota - s->quota / 20))
 		say(v, name, WARNING, room, "space for %s runs low: %s are free, %s of them have to stay free", folder, a, b);
 	else
@@ -228,32 +236,36 @@ static void check_verify(struct visit *v, const struct jobs_numbers *n)
 	double days = (double)(clock_real_us() - last->at_us) / 1e6 / DAY;
 
 	if (last->at_us && last->damaged)
-		say(v, "verify", WRONG, "acutctl cache verify names what is damaged: push it again or import a backup, and look at the "
-					"disk's health (smartctl, dmesg)",
+		say(v, "verify", WRONG,
+		    "acutctl cache verify names what is damaged: push it again or import a backup, and look at the "
+		    "disk's health (smartctl, dmesg)",
 		    "the last verification, %.0f days ago, found %llu damaged things of what was pushed", days,
 		    (unsigned long long)last->damaged);
 	else if (last->at_us && last->newer)
-		say(v, "verify", WRONG, "acutctl cache verify names them: install the newer acut that wrote them again, or a later one",
-		    "the last verification, %.0f days ago, found %llu things of a newer version of acut, which this one cannot read", days,
-		    (unsigned long long)last->newer);
+		say(v, "verify", WRONG,
+		    "acutctl cache verify names them: install the newer acut that wrote them again, or a later one",
+		    "the last verification, %.0f days ago, found %llu things of a newer version of acut, which this one cannot read",
+		    days, (unsigned long long)last->newer);
 	else if (!last->at_us)
 		say(v, "verify", n->datasets ? WARNING : OK, how, "what is stored was never verified");
 	else if (days > VERIFY_DAYS)
 		say(v, "verify", WARNING, how, "what is stored was verified last %.0f days ago", days);
 	else
-		say(v, "verify", OK, "", "all was read %.0f days ago: %llu files, none of what was pushed damaged", days < 0 ? 0 : days,
-		    (unsigned long long)last->files);
+		say(v, "verify", OK, "", "all was read %.0f days ago: %llu files, none of what was pushed damaged",
+		    days < 0 ? 0 : days, (unsigned long long)last->files);
 }
 
 static void check_damage(struct visit *v)
 {
 	if (count(LOG_EVENT_DAMAGE) || count(LOG_EVENT_VERIFY_DAMAGE))
-		say(v, "damage", WRONG, "acutctl cache verify names what is damaged: push it again or import a backup, and look at the "
-					"disk's health (smartctl, dmesg)",
+		say(v, "damage", WRONG,
+		    "acutctl cache verify names what is damaged: push it again or import a backup, and look at the "
+		    "disk's health (smartctl, dmesg)",
 		    "damage of what was pushed was met %llu times since the start", count(LOG_EVENT_DAMAGE));
 	else if (count(LOG_EVENT_DAMAGE_DERIVED))
 		say(v, "damage", WARNING, "look at the disk's health (smartctl, dmesg)",
-		    "things in the cache were damaged %llu times since the start, and made again", count(LOG_EVENT_DAMAGE_DERIVED));
+		    "things in the cache were damaged %llu times since the start, and made again",
+		    count(LOG_EVENT_DAMAGE_DERIVED));
 	else
 		say(v, "damage", OK, "", "nothing damaged was met since the start");
 }
@@ -261,8 +273,10 @@ static void check_damage(struct visit *v)
 static void check_geoids(struct visit *v, const struct house_looked *h)
 {
 	if (h->geoids_bad || (!h->geoids && *h->geoid_why))
-		say(v, "geoids", WRONG, "remove it and add it again: acutctl geoid rm, acutctl geoid add", "%u of %u geoid grids cannot be "
-		    "used: %s", h->geoids_bad, h->geoids, h->geoid_why);
+		say(v, "geoids", WRONG, "remove it and add it again: acutctl geoid rm, acutctl geoid add",
+		    "%u of %u geoid grids cannot be "
+		    "used: %s",
+		    h->geoids_bad, h->geoids, h->geoid_why);
 	else
 		say(v, "geoids", OK, "", "%u geoid grids are kept", h->geoids);
 }
@@ -271,7 +285,8 @@ static void check_geoids(struct visit *v, const struct house_looked *h)
 
 static void check_catalogue(struct visit *v, const struct jobs_numbers *n)
 {
-	static const char hint[] = "look at the space and the health of the disk with the state folder, then: systemctl restart acutd";
+	static const char hint[] =
+		"look at the space and the health of the disk with the state folder, then: systemctl restart acutd";
 
 	if (n->unsure)
 		say(v, "catalogue", WRONG, hint, "the catalogue cannot be written: nothing is acknowledged");
@@ -279,18 +294,20 @@ static void check_catalogue(struct visit *v, const struct jobs_numbers *n)
 		say(v, "catalogue", WARNING, hint, "the catalogue could not be written %llu times since the start",
 		    count(LOG_EVENT_CATALOGUE_FAILED));
 	else
-		say(v, "catalogue", OK, "", "it can be written; datasets: %llu, jobs: %llu", (unsigned long long)n->datasets, (unsigned long long)n->kept);
+		say(v, "catalogue", OK, "", "it can be written; datasets: %llu, jobs: %llu", (unsigned long long)n->datasets,
+		    (unsigned long long)n->kept);
 }
 
 static void check_pushes(struct visit *v, const struct jobs_numbers *n)
 {
 	if (n->pending && n->pending_left < DAY)
-		say(v, "pushes", WARNING, "push the same files again: what is there is not read twice (acutctl datasets shows where)",
+		say(v, "pushes", WARNING,
+		    "push the same files again: what is there is not read twice (acutctl datasets shows where)",
 		    "%llu interrupted pushes wait, the first is dropped in %.0f hours", (unsigned long long)n->pending,
 		    n->pending_left < 0 ? 0 : n->pending_left / 3600);
 	else if (n->pending)
-		say(v, "pushes", OK, "", "%llu interrupted pushes wait to be pushed again, %llu go on", (unsigned long long)n->pending,
-		    (unsigned long long)n->pushes);
+		say(v, "pushes", OK, "", "%llu interrupted pushes wait to be pushed again, %llu go on",
+		    (unsigned long long)n->pending, (unsigned long long)n->pushes);
 	else
 		say(v, "pushes", OK, "", "%llu go on, none was interrupted", (unsigned long long)n->pushes);
 }
@@ -305,19 +322,20 @@ static void check_jobs(struct visit *v, const struct jobs_numbers *n)
 		say(v, "jobs", WARNING, "acutctl jobs shows for how much; make room, or acutctl cache gc --all",
 		    "%llu jobs wait for room on the disk", (unsigned long long)n->waiting_space);
 	else if (n->oldest_waiting > 3600)
-		say(v, "jobs", WARNING, "acutctl jobs shows what each waits for: give acutd more memory or threads, or cancel jobs",
+		say(v, "jobs", WARNING,
+		    "acutctl jobs shows what each waits for: give acutd more memory or threads, or cancel jobs",
 		    "the oldest of %llu jobs waits for %.1f hours", (unsigned long long)unfinished, n->oldest_waiting / 3600);
 	else
-		say(v, "jobs", OK, "", "%llu are not over; since the start %llu were done, %llu failed", (unsigned long long)unfinished,
-		    count(LOG_EVENT_JOB_DONE), count(LOG_EVENT_JOB_FAILED));
+		say(v, "jobs", OK, "", "%llu are not over; since the start %llu were done, %llu failed",
+		    (unsigned long long)unfinished, count(LOG_EVENT_JOB_DONE), count(LOG_EVENT_JOB_FAILED));
 }
 
 /* What was told and nobody may have read. */
 static void check_log(struct visit *v, const struct server *s)
 {
-	static const enum log_event told[] = {LOG_EVENT_SLOW, LOG_EVENT_STORE_FAILED, LOG_EVENT_LEFTOVER, LOG_EVENT_MERGE_FAILED,
-					      LOG_EVENT_CONFIG_REFUSED, LOG_EVENT_SPACE_UNKNOWN, LOG_EVENT_UNREADABLE,
-					      LOG_EVENT_CLIENT_TURNED_AWAY};
+	static const enum log_event told[] = {LOG_EVENT_SLOW,         LOG_EVENT_STORE_FAILED,      LOG_EVENT_LEFTOVER,
+					      LOG_EVENT_MERGE_FAILED, LOG_EVENT_CONFIG_REFUSED,    LOG_EVENT_SPACE_UNKNOWN,
+					      LOG_EVENT_UNREADABLE,   LOG_EVENT_CLIENT_TURNED_AWAY};
 	unsigned bad = 0;
 
 	if (s->p.warning) {

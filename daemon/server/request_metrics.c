@@ -21,10 +21,10 @@
 enum {
 	FAMILIES = 72,
 	SAMPLES = 400,
-	LABELS = 2, /* of a sample, at most */
+	LABELS = 2,    /* of a sample, at most */
 	DATASETS = 40, /* of a page: each takes 1 KiB at most */
 	USERS = 96,
-	TEXT = 24,  /* of a number */
+	TEXT = 24, /* of a number */
 };
 
 struct page {
@@ -114,7 +114,8 @@ static void add_process(struct page *p, struct server *s)
 	gauge(p, "acut_threads", "Domains that are triangulated at once, at most.", s->p.threads);
 	gauge(p, "acut_memory_limit_bytes", "The memory that acutd may use.", (double)s->p.memory);
 	gauge(p, "acut_resident_memory_bytes", "Resident memory of acutd.", (double)jobs_rss());
-	gauge(p, "acut_resident_memory_peak_bytes", "The most resident memory of acutd since its start.", (double)jobs_peak_rss());
+	gauge(p, "acut_resident_memory_peak_bytes", "The most resident memory of acutd since its start.",
+	      (double)jobs_peak_rss());
 	family(p, "acut_ledger_bytes", "gauge", "Memory that is taken of the budget, by what it is for.");
 	for (int i = 0; i < LEDGER_NAMES; i++)
 		sample(p, (double)ledger_held(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
@@ -123,8 +124,8 @@ static void add_process(struct page *p, struct server *s)
 		sample(p, (double)ledger_peak(l, (enum ledger_name)i), "name", ledger_name_text((enum ledger_name)i));
 	gauge(p, "acut_connections_open", "Clients that are connected.", server_connections(s));
 	counter(p, "acut_connections_total", "Clients that were served since the start.", s->last_conn);
-	counter(p, "acut_refusals_total", "Clients and requests that were refused for rights or limits of a user since the start.",
-		s->refusals.total);
+	counter(p, "acut_refusals_total",
+		"Clients and requests that were refused for rights or limits of a user since the start.", s->refusals.total);
 }
 
 /* One of state and cache; the same file system is told once for each. */
@@ -135,8 +136,10 @@ static void add_sides(struct page *p, const struct space_stat *st)
 		size_t at;
 	} rows[] = {
 		{"acut_filesystem_size_bytes", "Size of the file system of state and cache.", offsetof(struct space_side, total)},
-		{"acut_filesystem_free_bytes", "What is free on the file system of state and cache.", offsetof(struct space_side, free)},
-		{"acut_filesystem_keep_free_bytes", "What has to stay free there (keep-free).", offsetof(struct space_side, keep_free)},
+		{"acut_filesystem_free_bytes", "What is free on the file system of state and cache.",
+		 offsetof(struct space_side, free)},
+		{"acut_filesystem_keep_free_bytes", "What has to stay free there (keep-free).",
+		 offsetof(struct space_side, keep_free)},
 		{"acut_disk_used_bytes", "What acutd holds there and the quota is about.", offsetof(struct space_side, used)},
 	};
 
@@ -187,7 +190,8 @@ static void add_jobs(struct page *p, const struct jobs_numbers *n)
 	sample(p, (double)log_event_count(LOG_EVENT_JOB_DONE), "result", "done");
 	sample(p, (double)log_event_count(LOG_EVENT_JOB_FAILED), "result", "failed");
 	sample(p, (double)log_event_count(LOG_EVENT_JOB_CANCELLED), "result", "cancelled");
-	counter(p, "acut_triangles_made_total", "Triangles that domains were triangulated to since the start.", n->tally.triangles);
+	counter(p, "acut_triangles_made_total", "Triangles that domains were triangulated to since the start.",
+		n->tally.triangles);
 	counter(p, "acut_domains_made_total", "Domains that were triangulated since the start.", n->tally.domains_made);
 	counter(p, "acut_domains_reused_total", "Domains that were found finished since the start.", n->tally.domains_reused);
 }
@@ -201,7 +205,8 @@ static void add_pushes(struct page *p, const struct jobs_numbers *n)
 	sample(p, (double)log_event_count(LOG_EVENT_PUSH_FAILED), "result", "failed");
 	sample(p, (double)log_event_count(LOG_EVENT_PUSH_PENDING), "result", "interrupted");
 	counter(p, "acut_files_staged_total", "Files that pushes have read whole since the start.", n->tally.files_staged);
-	counter(p, "acut_files_refused_total", "Files that were refused since the start.", log_event_count(LOG_EVENT_FILE_REFUSED));
+	counter(p, "acut_files_refused_total", "Files that were refused since the start.",
+		log_event_count(LOG_EVENT_FILE_REFUSED));
 	counter(p, "acut_points_staged_total", "Points that pushes have read since the start.", n->tally.points_staged);
 	counter(p, "acut_input_bytes_total", "Bytes of files that pushes have read since the start.", n->tally.bytes_read);
 	counter(p, "acut_merges_total", "Merges of segments since the start.", n->tally.merges);
@@ -219,8 +224,8 @@ static void add_health(struct page *p, const struct jobs_numbers *n)
 	gauge(p, "acut_catalogue_unsure", "1: the catalogue cannot be written.", n->unsure);
 	gauge(p, "acut_datasets", "Named datasets.", (double)n->datasets);
 	gauge(p, "acut_datasets_removed", "Datasets that were removed and can be restored.", (double)n->removed);
-	gauge(p, "acut_last_verify_timestamp_seconds", "When all that is stored was verified last, in seconds since 1970; 0: never.",
-	      (double)v->at_us / 1e6);
+	gauge(p, "acut_last_verify_timestamp_seconds",
+	      "When all that is stored was verified last, in seconds since 1970; 0: never.", (double)v->at_us / 1e6);
 	if (v->at_us) {
 		gauge(p, "acut_last_verify_files", "Files that the last verification read.", (double)v->files);
 		gauge(p, "acut_last_verify_bytes", "Bytes that the last verification read.", (double)v->bytes);
@@ -228,7 +233,8 @@ static void add_health(struct page *p, const struct jobs_numbers *n)
 		       "Damaged things that the last verification found: of what was pushed, and of what is made again.");
 		sample(p, (double)v->damaged, "data", "pushed");
 		sample(p, (double)v->derived, "data", "derived");
-		gauge(p, "acut_last_verify_newer", "Things of what was pushed that are of a newer version of acut, as the last verification found.",
+		gauge(p, "acut_last_verify_newer",
+		      "Things of what was pushed that are of a newer version of acut, as the last verification found.",
 		      (double)v->newer);
 	}
 	family(p, "acut_events_total", "counter", "Events of the log since the start, by name.");
@@ -258,12 +264,30 @@ static void first_page(struct page *p, struct server *s)
 
 /* ---- datasets, users ---- */
 
-static double dataset_bytes(const struct dataset_info *i) { return (double)i->bytes; }
-static double dataset_points(const struct dataset_info *i) { return (double)i->points; }
-static double dataset_files(const struct dataset_info *i) { return (double)i->files; }
-static double dataset_generation(const struct dataset_info *i) { return (double)i->generation; }
-static double dataset_pushed(const struct dataset_info *i) { return (double)i->pushed_us / 1e6; }
-static double dataset_pending(const struct dataset_info *i) { return i->pending; }
+static double dataset_bytes(const struct dataset_info *i)
+{
+	return (double)i->bytes;
+}
+static double dataset_points(const struct dataset_info *i)
+{
+	return (double)i->points;
+}
+static double dataset_files(const struct dataset_info *i)
+{
+	return (double)i->files;
+}
+static double dataset_generation(const struct dataset_info *i)
+{
+	return (double)i->generation;
+}
+static double dataset_pushed(const struct dataset_info *i)
+{
+	return (double)i->pushed_us / 1e6;
+}
+static double dataset_pending(const struct dataset_info *i)
+{
+	return i->pending;
+}
 
 static void dataset_page(struct page *p, struct server *s, const struct job_peer *peer, const char *after)
 {
@@ -275,8 +299,8 @@ static void dataset_page(struct page *p, struct server *s, const struct job_peer
 		{"acut_dataset_points", "Points of a dataset.", dataset_points},
 		{"acut_dataset_files", "Files that were pushed into a dataset.", dataset_files},
 		{"acut_dataset_generation", "Number of the newest generation of a dataset.", dataset_generation},
-		{"acut_dataset_last_push_timestamp_seconds", "When a push into a dataset was done last, in seconds since 1970; 0: never.",
-		 dataset_pushed},
+		{"acut_dataset_last_push_timestamp_seconds",
+		 "When a push into a dataset was done last, in seconds since 1970; 0: never.", dataset_pushed},
 		{"acut_dataset_pushes_pending", "Interrupted pushes into a dataset that can be taken up.", dataset_pending},
 	};
 	struct dataset *list[DATASETS + 1];
@@ -297,10 +321,22 @@ static void dataset_page(struct page *p, struct server *s, const struct job_peer
 		snprintf(p->next, sizeof p->next, "u0");
 }
 
-static double user_bytes(const struct jobs_user *u) { return (double)u->bytes; }
-static double user_points(const struct jobs_user *u) { return (double)u->points; }
-static double user_pending(const struct jobs_user *u) { return (double)u->pending_bytes; }
-static double user_jobs(const struct jobs_user *u) { return u->jobs; }
+static double user_bytes(const struct jobs_user *u)
+{
+	return (double)u->bytes;
+}
+static double user_points(const struct jobs_user *u)
+{
+	return (double)u->points;
+}
+static double user_pending(const struct jobs_user *u)
+{
+	return (double)u->pending_bytes;
+}
+static double user_jobs(const struct jobs_user *u)
+{
+	return u->jobs;
+}
 
 static void user_page(struct page *p, struct server *s, const struct job_peer *peer, uint64_t from)
 {

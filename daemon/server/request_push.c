@@ -509,6 +509,5 @@ void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 
 void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns, &c->peer,
-		     inspected, q);
+	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns, &c->peer, inspected, q);
 }

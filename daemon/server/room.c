@@ -3,11 +3,11 @@
  *
  * The model: a client that keeps more than an honest one ever does is cut off first, then who has not read for the longest.
  * Where nobody is like that it is a crowd: of the user whose connections hold most together those are cut off that hold
- * most, as long as it is not he who asks. How many connections one user has is bounded as other things that are shared are: half of
- * what those of others leave. So a crowd that does nothing at all keeps nobody out, and neither does one that holds
- * a little with each. Nor does one whose files do not close (base/io_aside.c): there are so many of a user, then he waits until
- * there are fewer, and is cut off when the first of them has not been closed for so long: its file system does not answer. A
- * thread that closes may well come later than the next files of a busy client.
+ * most, as long as it is not he who asks. How many connections one user has is bounded as other things that are shared are: half
+ * of what those of others leave. So a crowd that does nothing at all keeps nobody out, and neither does one that holds a little
+ * with each. Nor does one whose files do not close (base/io_aside.c): there are so many of a user, then he waits until there are
+ * fewer, and is cut off when the first of them has not been closed for so long: its file system does not answer. A thread that
+ * closes may well come later than the next files of a busy client.
  *
  * Who is cut off is closed when the loop comes to him: what calls here may be going through lists of what closing changes.
  */
@@ -19,7 +19,7 @@
 #include "server_priv.h"
 
 enum {
-	FAT = 32 << 10,   /* nobody who reads his answers has as much for long */
+	FAT = 32 << 10,    /* nobody who reads his answers has as much for long */
 	CROWD = 256 << 10, /* a user whose connections hold less is no crowd */
 	PLACE = 128 << 10, /* of the memory there is a place for each so many bytes: 4 KiB of what is kept for messages */
 	PLACES_LEAST = 64,
@@ -27,7 +27,7 @@ enum {
 	CLOSING_SHARE = 16,
 	CLOSING_LEAST = 16,
 	CLOSING_SECONDS = 5, /* that the close of one of them may take */
-	LATER_USEC = 5000, /* between two looks whether those who wait may go on: a thread that closes does not tell the loop */
+	LATER_USEC = 5000,   /* between two looks whether those who wait may go on: a thread that closes does not tell the loop */
 	LATER_ACCURACY_USEC = 1000,
 };
 
@@ -100,7 +100,8 @@ static int look_later(struct server *s)
 	int r;
 
 	if (!s->closing)
-		return sd_event_add_time_relative(s->p.event, &s->closing, CLOCK_MONOTONIC, LATER_USEC, LATER_ACCURACY_USEC, look_again, s);
+		return sd_event_add_time_relative(s->p.event, &s->closing, CLOCK_MONOTONIC, LATER_USEC, LATER_ACCURACY_USEC,
+						  look_again, s);
 	r = sd_event_source_set_time_relative(s->closing, LATER_USEC);
 	return r < 0 ? r : sd_event_source_set_enabled(s->closing, SD_EVENT_ONESHOT);
 }
@@ -137,7 +138,8 @@ int room_place(const struct server *s, const struct job_peer *peer, struct err *
 		most = places(s) > others ? (places(s) - others) / 2 : 0;
 		if (own < (most ? most : 1))
 			return 0;
-		err_set(err, ERR_BUSY, "%u connections of this user are open, as many as one user may have beside those of others", own);
+		err_set(err, ERR_BUSY,
+			"%u connections of this user are open, as many as one user may have beside those of others", own);
 	}
 	err_add_hint(err, "try again when some of them are closed");
 	return err_add_place(err, ERR_NO_OFFSET, "user-connections");

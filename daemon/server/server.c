@@ -112,8 +112,8 @@ static void accept_pause(struct server *s, int why)
 		told = clock_mono_ns();
 	}
 	accept_enable(s, false);
-	if (!s->again && sd_event_add_time_relative(s->p.event, &s->again, CLOCK_MONOTONIC, 1000000, 100000,
-						    accept_again, s) < 0) {
+	if (!s->again &&
+	    sd_event_add_time_relative(s->p.event, &s->again, CLOCK_MONOTONIC, 1000000, 100000, accept_again, s) < 0) {
 		accept_enable(s, true);
 		return;
 	}
@@ -178,7 +178,8 @@ int server_listen(struct server *s, int fd, struct err *err)
 		free(l);
 		return err_sys(err, -r, "cannot wait for clients");
 	}
-	/* Clients that are served first; and those who come take turns with those who ask too much, so that they do not pile up. */
+	/* Clients that are served first; and those who come take turns with those who ask too much, so that they do not pile up.
+	 */
 	sd_event_source_set_priority(l->io, TURN_LATER);
 	l->next = s->listeners;
 	s->listeners = l;

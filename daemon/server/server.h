@@ -31,11 +31,11 @@ struct server_params {
 	const char *version, *state_dir, *cache_dir;
 	uint64_t memory;
 	unsigned threads;
-	struct rights rights;      /* who is served */
-	uint64_t memory_most;      /* that the control group leaves to all of the process; UINT64_MAX: no limit */
+	struct rights rights;         /* who is served */
+	uint64_t memory_most;         /* that the control group leaves to all of the process; UINT64_MAX: no limit */
 	uint64_t (*tasks_most)(void); /* likewise of tasks, as it is now */
-	const char *warning;       /* that the start found, and a doctor repeats; NULL: none */
-	unsigned user_connections; /* of one user who is no admin, at once; 0: no limit */
+	const char *warning;          /* that the start found, and a doctor repeats; NULL: none */
+	unsigned user_connections;    /* of one user who is no admin, at once; 0: no limit */
 	/* The settings, by number from 0; false: there are no more. */
 	bool (*setting)(void *ctx, unsigned i, struct server_setting *ret);
 	unsigned settings;

@@ -26,7 +26,7 @@ struct server {
 	struct server_params p;
 	struct jobs *jobs;
 	struct listener *listeners;
-	sd_event_source *again; /* accept paused: no descriptors left */
+	sd_event_source *again;   /* accept paused: no descriptors left */
 	sd_event_source *closing; /* to look whether there is room for those who wait (room_wait) */
 	struct conn *conns;
 	unsigned nconns;
@@ -49,12 +49,12 @@ struct request {
 	struct request *next;
 	struct conn *conn;
 	uint32_t id;
-	unsigned files;        /* 1: counts among the unanswered files */
+	unsigned files; /* 1: counts among the unanswered files */
 	size_t charged;
 	struct push_ref *push; /* of PushBegin to PushAbort */
 	uint64_t job;          /* of Wait and Fetch */
 	bool watch, wait;
-	struct prune *prune;   /* of Prune */
+	struct prune *prune; /* of Prune */
 };
 
 /* A push of this connection. */
@@ -81,8 +81,8 @@ struct conn {
 	struct frame_conn *frame; /* NULL: closed */
 	sd_event_source *io;
 	struct job_peer peer;
-	uint64_t number; /* of all that ever came */
-	uint64_t blocked_ns; /* since when it has read nothing of what lies ready for it; 0: it has read all */
+	uint64_t number;         /* of all that ever came */
+	uint64_t blocked_ns;     /* since when it has read nothing of what lies ready for it; 0: it has read all */
 	bool hello, closed, dry; /* dry: no whole message has come */
 	bool later;              /* its turn is after others' */
 	bool waits;              /* nothing is received: room_wait */
@@ -95,7 +95,7 @@ struct conn {
 	struct conn_dataset *held; /* one-step datasets that it pushed */
 	struct stream_out *streams;
 	struct cache_verify *verify; /* that this connection asked for and that goes on; NULL: none */
-	struct conn_copy *copies; /* backups, exports and imports that are open */
+	struct conn_copy *copies;    /* backups, exports and imports that are open */
 };
 
 #define ABOUT_CONN(c) (&(const struct log_about){ABOUT_USER((c)->peer.uid), .pid = (c)->peer.pid})
@@ -103,9 +103,9 @@ struct conn {
 /* conn.c */
 unsigned conns_of(const struct server *, uint32_t uid); /* that are open */
 int conn_new(struct server *, int fd, struct err *err);
-void conn_watch(struct conn *); /* for what it waits for now */
-void conn_close(struct conn *); /* at once for the peer; the memory goes later */
-bool conn_reap(struct conn *);  /* frees it if nothing refers to it */
+void conn_watch(struct conn *);                                                /* for what it waits for now */
+void conn_close(struct conn *);                                                /* at once for the peer; the memory goes later */
+bool conn_reap(struct conn *);                                                 /* frees it if nothing refers to it */
 void conn_send(struct conn *, uint32_t id, const Acut__V1__Message *, int fd); /* takes over `fd`; -1: none */
 void conn_send_error(struct conn *, uint32_t id, const struct err *);
 void conn_fail(struct conn *, const struct err *); /* a breach: Error on id 0, then the end */
@@ -115,13 +115,13 @@ struct request *request_free(struct request *);
 void request_answer(struct request *, const Acut__V1__Message *); /* and free it */
 /* The same, of a page of a list. */
 void request_answer_page(struct request *, Acut__V1__Message__BodyCase list, const struct frame_page *, bool more);
-void request_refuse(struct request *, const struct err *);        /* likewise */
+void request_refuse(struct request *, const struct err *); /* likewise */
 
 uint64_t conn_held(const struct conn *); /* taken of LEDGER_MESSAGE */
 
 /* turn.c. Priorities of the loop's sources: requests before bulk, and both before requests of who had much of it. */
 enum { TURN_NOW = SD_EVENT_PRIORITY_NORMAL, TURN_BULK = TURN_NOW + 3, TURN_LATER = TURN_NOW + 5 };
-bool turn_later(struct server *, uint32_t uid, uint64_t now); /* others come first */
+bool turn_later(struct server *, uint32_t uid, uint64_t now);      /* others come first */
 uint64_t turn_used(struct server *, uint32_t uid, uint64_t since); /* until now, which it returns */
 
 /* room.c: as far as that is possible, memory for messages of that user, at the expense of others but that one (NULL: of any). */
@@ -136,7 +136,7 @@ int room_wait(struct conn *, struct err *err); /* nothing is received until ther
 /* A client that nothing was kept for yet hears why, as far as the socket takes it, and is gone. Takes over `fd`. */
 void refusal_tell(int fd, const struct err *why);
 bool refusal_away(struct server *); /* a client is turned away for want of what is needed to serve him: likewise */
-bool refusal_cut(struct server *); /* a client is cut off: the log may have it; false: it is only counted */
+bool refusal_cut(struct server *);  /* a client is cut off: the log may have it; false: it is only counted */
 /* What a user may not, or has too much of: to the log, but no flood of it. */
 void refusal_log(struct server *, const struct job_peer *, const struct err *why);
 bool refusal_worth(const struct err *why);
@@ -152,8 +152,8 @@ request_fn request_status;
 /* request_config.c */
 request_fn request_config;
 /* request_push.c */
-request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit,
-	request_push_abort, request_stream, request_info, request_inspect;
+request_fn request_push_begin, request_probe, request_push_plan, request_file, request_push_commit, request_push_abort,
+	request_stream, request_info, request_inspect;
 void push_ref_leave(struct push_ref *);
 /* request_job.c */
 request_fn request_submit, request_fetch, request_wait, request_cancel, request_remove, request_jobs;
@@ -166,8 +166,7 @@ request_fn request_metrics, request_doctor;
 /* request_geoid.c */
 request_fn request_geoid_add, request_geoids, request_geoid_remove;
 /* request_backup.c */
-request_fn request_backup, request_backup_next, request_backup_end, request_import, request_import_file,
-	request_import_commit;
+request_fn request_backup, request_backup_next, request_backup_end, request_import, request_import_file, request_import_commit;
 void conn_copies_end(struct conn *);
 /* request_data.c */
 request_fn request_datasets, request_dataset_create, request_dataset_change, request_plan;
@@ -197,16 +196,15 @@ bool message_job_rules(struct frame_page *);
 char *message_report_json(const struct job_report *, char *buf, size_t size);
 
 /* stream_out.c */
-struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end,
-				  struct err *err);
+struct stream_out *stream_out_new(struct conn *, uint64_t job, uint32_t request, int *ret_read_end, struct err *err);
 /* Before start: go on at block `from` of the stream `want` (NULL: whatever it is). */
 struct digest;
 /* since: changes only, against the mesh of that generation; 0: the whole mesh. */
 void stream_out_from(struct stream_out *, uint64_t from, const struct digest *want, uint64_t since);
 void stream_out_start(struct stream_out *, struct job *, char *window); /* of job_window, given away; or NULL */
-void stream_out_leave(struct conn *); /* all streams of the connection end */
-uint64_t stream_out_held(const struct conn *);  /* taken of LEDGER_PIPE */
-uint64_t stream_out_pipes(const struct conn *); /* the kernel's capacity for its pipes that are open */
+void stream_out_leave(struct conn *);                                   /* all streams of the connection end */
+uint64_t stream_out_held(const struct conn *);                          /* taken of LEDGER_PIPE */
+uint64_t stream_out_pipes(const struct conn *);                         /* the kernel's capacity for its pipes that are open */
 void stream_out_progress(struct conn *, struct job *);
 
 #endif

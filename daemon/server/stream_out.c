@@ -2,10 +2,10 @@
  * One mesh stream to one client: a pipe that the daemon made, written from the loop as the client reads.
  *
  * The model: four frames at most, in this order: head, what changes are against (several, one after the other, and
- * only of such a stream), the block that daemon/job handed over, tail; each is pieces with its own scratch, and a position. The pieces of a block point into the domain's memory. When the
- * reader is too slow, daemon/job lets a worker spool what is left of the block (`paused` meanwhile: the loop
- * keeps its hands off), and it is written from a small buffer that workers refill. The pipe is non-blocking;
- * a reader who closes it ends the stream and nothing else. A stream whose block was cut off by an error has
+ * only of such a stream), the block that daemon/job handed over, tail; each is pieces with its own scratch, and a position. The
+ * pieces of a block point into the domain's memory. When the reader is too slow, daemon/job lets a worker spool what is left of
+ * the block (`paused` meanwhile: the loop keeps its hands off), and it is written from a small buffer that workers refill. The
+ * pipe is non-blocking; a reader who closes it ends the stream and nothing else. A stream whose block was cut off by an error has
  * no tail: the error goes over the socket, on the request of the Fetch, and then the pipe ends.
  */
 #include <errno.h>
@@ -34,11 +34,11 @@ struct stream_out {
 	int fd;
 	sd_event_source *io;
 	struct out_frame frame[FRAMES]; /* that of CHANGES is not used */
-	struct out_changes *changes; /* NULL: there are none, or all are sent */
-	char *view; /* that the head points to */
-	size_t view_bytes; /* charged for it, and for the changes */
-	uint64_t blocks; /* before `from`, and sent */
-	uint64_t blocked_ns; /* since when bytes wait; 0: none do */
+	struct out_changes *changes;    /* NULL: there are none, or all are sent */
+	char *view;                     /* that the head points to */
+	size_t view_bytes;              /* charged for it, and for the changes */
+	uint64_t blocks;                /* before `from`, and sent */
+	uint64_t blocked_ns;            /* since when bytes wait; 0: none do */
 	bool paused, ended, gone;
 
 	int spool; /* -1: none */
@@ -134,8 +134,7 @@ static int write_frame(struct stream_out *o, struct out_frame *f)
 		for (unsigned i = f->at; i < f->n; i++) {
 			size_t skip = i == f->at ? f->done : 0;
 
-			iov[n++] =
-				(struct iovec){(uint8_t *)f->piece[i].bytes + skip, f->piece[i].size - skip};
+			iov[n++] = (struct iovec){(uint8_t *)f->piece[i].bytes + skip, f->piece[i].size - skip};
 		}
 		r = write_bytes(o, iov, n, &done);
 		if (r)
@@ -362,8 +361,7 @@ static int out_spool(struct job_output *output, int dirfd, struct err *err)
 	for (unsigned i = f->at; !r && i < f->n; i++) {
 		size_t skip = i == f->at ? f->done : 0, size = f->piece[i].size - skip;
 
-		r = io_write_at(fd, (const uint8_t *)f->piece[i].bytes + skip, size, at, "a spooled block",
-				err);
+		r = io_write_at(fd, (const uint8_t *)f->piece[i].bytes + skip, size, at, "a spooled block", err);
 		at += size;
 	}
 	if (r) {
@@ -519,8 +517,7 @@ static struct stream_out *stream_make(struct conn *c, uint64_t job, uint32_t req
 	return o;
 }
 
-struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end,
-				  struct err *err)
+struct stream_out *stream_out_new(struct conn *c, uint64_t job, uint32_t request, int *ret_read_end, struct err *err)
 {
 	struct ledger *l = c->server->p.ledger;
 	struct stream_out *o;

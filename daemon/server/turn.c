@@ -3,8 +3,8 @@
  *
  * The model: a connection that is ready has a short turn (conn.c), and those that are ready take turns. That is fair
  * between connections, and a user may have many; so what the loop does for each user is timed. Who has had more than a
- * quarter of it of late comes after everybody else, listening sockets and streams included, until that is over: a flood delays its
- * own user's requests, and those of others by one turn. Nothing is refused here, and nobody is cut off.
+ * quarter of it of late comes after everybody else, listening sockets and streams included, until that is over: a flood delays
+ * its own user's requests, and those of others by one turn. Nothing is refused here, and nobody is cut off.
  */
 #include "clock.h"
 #include "server_priv.h"

@@ -39,8 +39,13 @@ void crs_set_unit(char unit[CRS_UNIT_SIZE], const char *name)
 /* Exact: *num / *den metres. */
 static bool unit_ratio(const char *name, int64_t *num, int64_t *den)
 {
-	static const struct { const char *name; int64_t num, den; } table[] = {
-		{ "metre", 1, 1 }, { "foot", 381, 1250 }, { "us-survey-foot", 1200, 3937 },
+	static const struct {
+		const char *name;
+		int64_t num, den;
+	} table[] = {
+		{"metre", 1, 1},
+		{"foot", 381, 1250},
+		{"us-survey-foot", 1200, 3937},
 	};
 
 	for (size_t i = 0; i < sizeof table / sizeof *table; i++) {
@@ -98,17 +103,29 @@ const char *crs_unit_of_epsg(unsigned code)
 const char *crs_unit_of_remark(const char *text, size_t size)
 {
 	/* EPSG ends the names of its systems so; "(ft)" is the international foot there. */
-	static const struct { const char *ending, *unit; } endings[] = {
-		{ "(m)", "metre" }, { "(ft)", "foot" }, { "(ftus)", "us-survey-foot" },
+	static const struct {
+		const char *ending, *unit;
+	} endings[] = {
+		{"(m)", "metre"},
+		{"(ft)", "foot"},
+		{"(ftus)", "us-survey-foot"},
 	};
-	static const struct { const char *word, *unit; } words[] = {
-		{ "ussurveyf", "us-survey-foot" }, { "surveyfoot", "us-survey-foot" },
-		{ "surveyfeet", "us-survey-foot" }, { "footus", "us-survey-foot" },
-		{ "feetus", "us-survey-foot" },     { "ftus", "us-survey-foot" },
-		{ "usft", "us-survey-foot" },       { "usfeet", "us-survey-foot" },
-		{ "usfoot", "us-survey-foot" },     { "internationalf", "foot" },
-		{ "intlf", "foot" },                { "metre", "metre" },
-		{ "meter", "metre" },
+	static const struct {
+		const char *word, *unit;
+	} words[] = {
+		{"ussurveyf", "us-survey-foot"},
+		{"surveyfoot", "us-survey-foot"},
+		{"surveyfeet", "us-survey-foot"},
+		{"footus", "us-survey-foot"},
+		{"feetus", "us-survey-foot"},
+		{"ftus", "us-survey-foot"},
+		{"usft", "us-survey-foot"},
+		{"usfeet", "us-survey-foot"},
+		{"usfoot", "us-survey-foot"},
+		{"internationalf", "foot"},
+		{"intlf", "foot"},
+		{"metre", "metre"},
+		{"meter", "metre"},
 	};
 	char plain[CRS_TEXT_SIZE];
 	const char *found = NULL;
@@ -121,7 +138,7 @@ const char *crs_unit_of_remark(const char *text, size_t size)
 		if (size >= n && !strncasecmp(text + size - n, endings[i].ending, n))
 			return endings[i].unit;
 	}
-	crs_text_plain((struct crs_span){ text, size }, plain, sizeof plain);
+	crs_text_plain((struct crs_span){text, size}, plain, sizeof plain);
 	for (size_t i = 0; i < sizeof words / sizeof *words; i++) {
 		if (!strstr(plain, words[i].word))
 			continue;
@@ -235,7 +252,8 @@ static void fill_open(struct crs_info *info, const struct crs_info *other)
 		crs_set_unit(info->unit_xy, other->unit_xy);
 	if (crs_is_unknown(info->unit_z))
 		crs_set_unit(info->unit_z, other->unit_z);
-	if (!named || (!crs_text_heights(info->text) && crs_text_heights(other->text) && !strncmp(info->text, other->text, strlen(info->text)))) {
+	if (!named || (!crs_text_heights(info->text) && crs_text_heights(other->text) &&
+		       !strncmp(info->text, other->text, strlen(info->text)))) {
 		memcpy(info->text, other->text, sizeof info->text);
 		if (!info->system.epsg_z)
 			info->system.epsg_z = other->system.epsg_z;

@@ -41,13 +41,13 @@ enum crs_method {
 
 struct crs_system {
 	enum crs_method method;
-	unsigned epsg, epsg_z;          /* 0: none said */
-	char datum[64];                 /* "WGS 84", "NAD83", "ETRS89", ... or as the record has it; "": not said */
-	double a, inverse_flattening;   /* metres; a 0: ellipsoid unknown; inverse_flattening 0: a sphere */
-	double lat0, lon0, lat1, lat2;  /* degrees, east of Greenwich */
-	double k0, x0, y0;              /* scale; false origin in metres */
-	double unit;                    /* metres of one unit of x and y, degrees of a geographic one; 0: unknown */
-	double unit_z;                  /* metres of one unit of z; 0: unknown */
+	unsigned epsg, epsg_z;         /* 0: none said */
+	char datum[64];                /* "WGS 84", "NAD83", "ETRS89", ... or as the record has it; "": not said */
+	double a, inverse_flattening;  /* metres; a 0: ellipsoid unknown; inverse_flattening 0: a sphere */
+	double lat0, lon0, lat1, lat2; /* degrees, east of Greenwich */
+	double k0, x0, y0;             /* scale; false origin in metres */
+	double unit;                   /* metres of one unit of x and y, degrees of a geographic one; 0: unknown */
+	double unit_z;                 /* metres of one unit of z; 0: unknown */
 };
 
 /*

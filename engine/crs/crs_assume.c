@@ -10,9 +10,11 @@
 
 const char *crs_assume_unit(const char *text)
 {
-	static const struct { const char *text, *unit; } names[] = {
-		{ "m", "metre" },           { "metre", "metre" },     { "ft", "foot" }, { "foot", "foot" },
-		{ "ftUS", "us-survey-foot" }, { "us-survey-foot", "us-survey-foot" },
+	static const struct {
+		const char *text, *unit;
+	} names[] = {
+		{"m", "metre"},   {"metre", "metre"},         {"ft", "foot"},
+		{"foot", "foot"}, {"ftUS", "us-survey-foot"}, {"us-survey-foot", "us-survey-foot"},
 	};
 
 	for (size_t i = 0; i < sizeof names / sizeof *names; i++)

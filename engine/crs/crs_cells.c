@@ -2,8 +2,8 @@
  * Cubics in the cells of a raster (crs_cells.h).
  *
  * Model: a table of 16 by 16 cells, each in the place of its numbers modulo 16, so that any window of that size
- * fits whole; a cell that finds another in its place takes it. The nodes are Chebyshev's, where the cubic through them is nearly the best one. Nothing here knows
- * what the function means.
+ * fits whole; a cell that finds another in its place takes it. The nodes are Chebyshev's, where the cubic through them is nearly
+ * the best one. Nothing here knows what the function means.
  */
 #include "crs_cells.h"
 
@@ -44,7 +44,7 @@ static void fill(struct crs_cells *c, struct crs_cell *cell)
 				return;
 		}
 	}
-	if (c->smooth && !c->smooth((const double (*)[2])node))
+	if (c->smooth && !c->smooth((const double(*)[2])node))
 		return;
 	for (unsigned k = 0; k < c->outputs; k++) {
 		for (unsigned n = 0; n < CRS_CELL_NODES; n++)

@@ -27,9 +27,9 @@ struct crs_cells {
 	 * value, the function itself is asked at each place. */
 	bool (*smooth)(const double node[CRS_CELL_NODES][2]);
 	void *ctx;
-	unsigned outputs;      /* 1 or 2 */
-	double per_unit[2];    /* cells in one unit of u and v */
-	int64_t top;           /* cells of v reach from -top to top: the edge itself belongs to the last */
+	unsigned outputs;   /* 1 or 2 */
+	double per_unit[2]; /* cells in one unit of u and v */
+	int64_t top;        /* cells of v reach from -top to top: the edge itself belongs to the last */
 	struct crs_cell table[CRS_CELLS];
 };
 

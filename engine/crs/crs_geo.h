@@ -25,20 +25,18 @@ int crs_geo_new(const struct crs_system *, struct crs_geo **ret, struct err *err
 struct crs_geo *crs_geo_free(struct crs_geo *);
 /* Plane coordinates in the system's own unit, and back. -ERR_INPUT: no place on the earth, or more than the
  * projection can do (transverse Mercator: 45 degrees from its meridian). */
-int crs_geo_reverse(const struct crs_geo *, double x, double y, double *ret_lat, double *ret_lon,
-		    struct err *err);
-int crs_geo_forward(const struct crs_geo *, double lat, double lon, double *ret_x, double *ret_y,
-		    struct err *err);
+int crs_geo_reverse(const struct crs_geo *, double x, double y, double *ret_lat, double *ret_lon, struct err *err);
+int crs_geo_forward(const struct crs_geo *, double lat, double lon, double *ret_x, double *ret_y, struct err *err);
 /* Geodesic polygon of n plane positions in order, either way round: square metres, metres around it. */
-int crs_geo_area(const struct crs_geo *, const double (*xy)[2], size_t n, double *ret_area,
-		 double *ret_perimeter, struct err *err);
+int crs_geo_area(const struct crs_geo *, const double (*xy)[2], size_t n, double *ret_area, double *ret_perimeter,
+		 struct err *err);
 /* The MGRS square of a place, e.g. "31TFJ8549" at `digits` (0 to 5) digits an axis. */
 int crs_geo_mgrs(double lat, double lon, int digits, char *buf, size_t size, struct err *err);
 
 /* ---- UTM and UPS zones ---- */
 
 struct crs_zone {
-	int number;    /* 1 to 60; 0: UPS */
+	int number; /* 1 to 60; 0: UPS */
 	bool north;
 };
 /* The standard zone: UTM from 80 S to below 84 N with the exceptions of Norway and Svalbard, UPS beyond. */
@@ -72,9 +70,9 @@ int crs_geoid_height(struct crs_geoid *, double lat, double lon, double *ret, st
 enum { CRS_GEOID_BYTES = 32 * 1024 };
 struct crs_geoid_info {
 	char description[128], date[64];
-	struct digest hash;          /* of the file */
+	struct digest hash; /* of the file */
 	uint64_t bytes;
-	double min, max;             /* metres */
+	double min, max; /* metres */
 	unsigned width, height;
 	double rms_error, max_error; /* cubic, as the grid's author says; NAN: not said */
 };
@@ -85,9 +83,9 @@ int crs_geoid_check(int fd, const char *name, struct crs_geoid_info *ret, struct
 
 enum crs_geoid_way { CRS_TO_ORTHOMETRIC, CRS_TO_ELLIPSOIDAL };
 struct crs_step_params {
-	const struct crs_info *from;        /* of the file */
-	const struct crs_info *to;          /* of the dataset; NULL: the file's own plane, only heights change */
-	const char *geoid_path;             /* NULL: heights stay */
+	const struct crs_info *from; /* of the file */
+	const struct crs_info *to;   /* of the dataset; NULL: the file's own plane, only heights change */
+	const char *geoid_path;      /* NULL: heights stay */
 	enum crs_geoid_way way;
 	const struct lattice *lattice;
 	const struct lattice_input *coords; /* of the file */
@@ -102,8 +100,7 @@ size_t crs_step_bytes(void); /* all that a step takes */
 int crs_step_new(const struct crs_step_params *, struct crs_step **ret, struct err *err);
 struct crs_step *crs_step_free(struct crs_step *);
 /* -ERR_LIMIT or -ERR_INPUT: number *ret_bad cannot be projected or does not fit. */
-int crs_step_apply(struct crs_step *, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], size_t *ret_bad,
-		   struct err *err);
+int crs_step_apply(struct crs_step *, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], size_t *ret_bad, struct err *err);
 /* What the geoid added to the heights so far, in metres; n 0: nothing. The sum is of whole micrometres, so
  * that it does not depend on the order of points. */
 struct crs_shift {

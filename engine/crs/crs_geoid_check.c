@@ -99,8 +99,8 @@ static bool next_line(const char *text, size_t n, size_t *at, char line[256])
 	return true;
 }
 
-static int read_header(const char *text, size_t n, const char *name, struct header *h,
-		       struct crs_geoid_info *info, struct err *err)
+static int read_header(const char *text, size_t n, const char *name, struct header *h, struct crs_geoid_info *info,
+		       struct err *err)
 {
 	char line[256], more;
 	size_t at = 0, was = 0;
@@ -124,8 +124,8 @@ static int read_header(const char *text, size_t n, const char *name, struct head
 		return bad(err, name, was, "maximum", "the greatest pixel is not 65535");
 	if (!h->has_offset || !h->has_scale)
 		return bad(err, name, ERR_NO_OFFSET, "header", "it does not say Offset and Scale");
-	if (info->width < 2 || info->height < 3 || info->width % 2 || info->height % 2 == 0 ||
-	    info->width > SIDE_MOST || info->height > SIDE_MOST)
+	if (info->width < 2 || info->height < 3 || info->width % 2 || info->height % 2 == 0 || info->width > SIDE_MOST ||
+	    info->height > SIDE_MOST)
 		return bad(err, name, ERR_NO_OFFSET, "size", "its width must be even and its height odd");
 	h->start = at;
 	return 0;
@@ -159,8 +159,7 @@ static int read_pieces(int fd, const char *name, const struct header *h, uint8_t
 	return 0;
 }
 
-static int read_all(int fd, const char *name, const struct header *h, struct crs_geoid_info *info,
-		    struct err *err)
+static int read_all(int fd, const char *name, const struct header *h, struct crs_geoid_info *info, struct err *err)
 {
 	uint8_t *piece = malloc(PIECE);
 	XXH3_state_t *state = XXH3_createState();

@@ -82,7 +82,7 @@ static bool find(const struct crs_records *records, unsigned key, struct entry *
 		return false;
 	for (unsigned i = 0; i < n && cursor_left(&c) >= 8; i++) {
 		unsigned id = cursor_u16(&c);
-		struct entry e = { .tag = cursor_u16(&c) };
+		struct entry e = {.tag = cursor_u16(&c)};
 
 		e.count = cursor_u16(&c);
 		e.value = cursor_u16(&c);
@@ -165,8 +165,7 @@ static enum crs_plane plane(const struct crs_records *records)
 	 * a projection on top of it. */
 	if (is_epsg(code(records, KEY_PROJECTED_CRS)))
 		return CRS_PLANE_PROJECTED;
-	if (is_epsg(code(records, KEY_GEODETIC_CRS)) && !code(records, KEY_PROJECTED_CRS) &&
-	    !code(records, KEY_LINEAR_UNITS))
+	if (is_epsg(code(records, KEY_GEODETIC_CRS)) && !code(records, KEY_PROJECTED_CRS) && !code(records, KEY_LINEAR_UNITS))
 		return CRS_PLANE_GEOGRAPHIC;
 	return CRS_PLANE_UNKNOWN;
 }
@@ -194,8 +193,10 @@ static const char *unit_of_citation(const struct crs_records *records, enum key 
 static void read_units(const struct crs_records *records, struct crs_info *info)
 {
 	static const enum key units[] = {
-		[CRS_PLANE_UNKNOWN] = KEY_LINEAR_UNITS, [CRS_PLANE_PROJECTED] = KEY_LINEAR_UNITS,
-		[CRS_PLANE_GEOGRAPHIC] = KEY_ANGULAR_UNITS, [CRS_PLANE_GEOCENTRIC] = KEY_GEODETIC_LINEAR_UNITS,
+		[CRS_PLANE_UNKNOWN] = KEY_LINEAR_UNITS,
+		[CRS_PLANE_PROJECTED] = KEY_LINEAR_UNITS,
+		[CRS_PLANE_GEOGRAPHIC] = KEY_ANGULAR_UNITS,
+		[CRS_PLANE_GEOCENTRIC] = KEY_GEODETIC_LINEAR_UNITS,
 	};
 	enum key key = units[info->plane];
 	bool angle = key == KEY_ANGULAR_UNITS;
@@ -223,14 +224,14 @@ static void read_units(const struct crs_records *records, struct crs_info *info)
 
 static void read_ellipsoid(const struct crs_records *records, struct crs_system *s)
 {
-	struct crs_ellipsoid e = { 0 };
+	struct crs_ellipsoid e = {0};
 	double a, b, f;
 
 	if (number(records, KEY_SEMI_MAJOR, &a) && a > 6.3e6 && a < 6.4e6) {
 		if (number(records, KEY_INVERSE_FLATTENING, &f) && (f == 0 || f > 100))
-			e = (struct crs_ellipsoid){ a, f };
+			e = (struct crs_ellipsoid){a, f};
 		else if (number(records, KEY_SEMI_MINOR, &b) && b > 6.3e6 && b <= a)
-			e = (struct crs_ellipsoid){ a, b == a ? 0 : a / (a - b) };
+			e = (struct crs_ellipsoid){a, b == a ? 0 : a / (a - b)};
 	}
 	if (e.a == 0)
 		crs_ellipsoid_of_epsg(code(records, KEY_ELLIPSOID), &e);
@@ -247,7 +248,7 @@ static void read_datum(const struct crs_records *records, struct crs_system *s)
 
 	read_ellipsoid(records, s);
 	if (crs_epsg_system(code(records, KEY_GEODETIC_CRS), &geodetic))
-		crs_datum_of_name(s, (struct crs_span){ geodetic.system.datum, strlen(geodetic.system.datum) });
+		crs_datum_of_name(s, (struct crs_span){geodetic.system.datum, strlen(geodetic.system.datum)});
 	else
 		crs_datum_of_epsg(s, code(records, KEY_DATUM));
 	if (s->datum[0] || !citation(records, KEY_GEODETIC_CITATION, &text, &size))
@@ -259,7 +260,7 @@ static void read_datum(const struct crs_records *records, struct crs_system *s)
 		size = (end ? (size_t)(end - text) : size) - 11;
 		text += 11;
 	}
-	crs_datum_of_name(s, (struct crs_span){ text, size });
+	crs_datum_of_name(s, (struct crs_span){text, size});
 }
 
 static bool is_greenwich(const struct crs_records *records)
@@ -309,24 +310,23 @@ static enum crs_way way_of(unsigned method)
  * contradict each other. */
 static void read_params(const struct crs_records *records, double metres, struct crs_params *ret)
 {
-	static const struct { enum key key; enum crs_role role; } roles[] = {
-		{ KEY_STD_PARALLEL_1, CRS_LAT1 },     { KEY_STD_PARALLEL_2, CRS_LAT2 },
-		{ KEY_NAT_ORIGIN_LAT, CRS_LAT0 },     { KEY_FALSE_ORIGIN_LAT, CRS_LAT0 },
-		{ KEY_CENTER_LAT, CRS_LAT0 },         { KEY_NAT_ORIGIN_LONG, CRS_LON0 },
-		{ KEY_FALSE_ORIGIN_LONG, CRS_LON0 },  { KEY_CENTER_LONG, CRS_LON0 },
-		{ KEY_POLE_LONG, CRS_LON0 },          { KEY_SCALE_AT_ORIGIN, CRS_K0 },
-		{ KEY_SCALE_AT_CENTER, CRS_K0 },      { KEY_FALSE_EASTING, CRS_X0 },
-		{ KEY_FALSE_ORIGIN_EASTING, CRS_X0 }, { KEY_CENTER_EASTING, CRS_X0 },
-		{ KEY_FALSE_NORTHING, CRS_Y0 },       { KEY_FALSE_ORIGIN_NORTHING, CRS_Y0 },
-		{ KEY_CENTER_NORTHING, CRS_Y0 },
+	static const struct {
+		enum key key;
+		enum crs_role role;
+	} roles[] = {
+		{KEY_STD_PARALLEL_1, CRS_LAT1},      {KEY_STD_PARALLEL_2, CRS_LAT2}, {KEY_NAT_ORIGIN_LAT, CRS_LAT0},
+		{KEY_FALSE_ORIGIN_LAT, CRS_LAT0},    {KEY_CENTER_LAT, CRS_LAT0},     {KEY_NAT_ORIGIN_LONG, CRS_LON0},
+		{KEY_FALSE_ORIGIN_LONG, CRS_LON0},   {KEY_CENTER_LONG, CRS_LON0},    {KEY_POLE_LONG, CRS_LON0},
+		{KEY_SCALE_AT_ORIGIN, CRS_K0},       {KEY_SCALE_AT_CENTER, CRS_K0},  {KEY_FALSE_EASTING, CRS_X0},
+		{KEY_FALSE_ORIGIN_EASTING, CRS_X0},  {KEY_CENTER_EASTING, CRS_X0},   {KEY_FALSE_NORTHING, CRS_Y0},
+		{KEY_FALSE_ORIGIN_NORTHING, CRS_Y0}, {KEY_CENTER_NORTHING, CRS_Y0},
 	};
 	double v;
 
 	memset(ret, 0, sizeof *ret);
 	for (size_t i = 0; i < sizeof roles / sizeof *roles; i++)
 		if (number(records, roles[i].key, &v))
-			crs_param_set(ret, roles[i].role,
-				      roles[i].role == CRS_X0 || roles[i].role == CRS_Y0 ? v * metres : v);
+			crs_param_set(ret, roles[i].role, roles[i].role == CRS_X0 || roles[i].role == CRS_Y0 ? v * metres : v);
 }
 
 /* The number of a conversion, where the system itself has none: 16001 to 16060 and 16101 to 16160 are UTM. */
@@ -353,7 +353,7 @@ static void read_projection(const struct crs_records *records, struct crs_system
 
 static void read_method(const struct crs_records *records, struct crs_info *info)
 {
-	struct crs_system own = { 0 }, *s = &info->system;
+	struct crs_system own = {0}, *s = &info->system;
 	double metres = crs_unit_metres(info->unit_xy);
 	struct crs_params params;
 
@@ -452,8 +452,7 @@ static bool read_pe_string(const struct crs_records *records, struct crs_info *r
 	const char *text;
 	size_t size, n = sizeof head - 1;
 
-	return (citation(records, KEY_PROJECTED_CITATION, &text, &size) ||
-		citation(records, KEY_CITATION, &text, &size)) &&
+	return (citation(records, KEY_PROJECTED_CITATION, &text, &size) || citation(records, KEY_CITATION, &text, &size)) &&
 	       size > n && !strncasecmp(text, head, n) && crs_read_wkt(text + n, size - n, ret);
 }
 
@@ -468,8 +467,7 @@ bool crs_read_geokeys(const struct crs_records *records, struct crs_info *ret)
 	if (!ret->system.epsg_z && is_epsg(code(records, KEY_VERTICAL_CRS)))
 		ret->system.epsg_z = code(records, KEY_VERTICAL_CRS);
 	read_units(records, ret);
-	if (!ret->system.epsg && ret->plane == CRS_PLANE_PROJECTED && read_pe_string(records, &pe) &&
-	    pe.plane == ret->plane) {
+	if (!ret->system.epsg && ret->plane == CRS_PLANE_PROJECTED && read_pe_string(records, &pe) && pe.plane == ret->plane) {
 		unsigned vertical = ret->system.epsg_z;
 
 		if (crs_is_unknown(pe.unit_z))

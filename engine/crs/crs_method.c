@@ -42,8 +42,8 @@ static bool no_scale(const struct crs_params *p)
 static bool settle_conic(struct crs_system *s, enum crs_way way, const struct crs_params *p)
 {
 	const double *v = p->value;
-	bool two = way == CRS_WAY_LCC_2SP || way == CRS_WAY_ALBERS ||
-		   (way == CRS_WAY_LCC && p->said[CRS_LAT1] && p->said[CRS_LAT2]);
+	bool two =
+		way == CRS_WAY_LCC_2SP || way == CRS_WAY_ALBERS || (way == CRS_WAY_LCC && p->said[CRS_LAT1] && p->said[CRS_LAT2]);
 
 	if (!have(p, PLACE | BIT(CRS_LAT0)))
 		return false;
@@ -54,8 +54,7 @@ static bool settle_conic(struct crs_system *s, enum crs_way way, const struct cr
 		s->lat2 = v[CRS_LAT2];
 		s->k0 = 1;
 	} else {
-		if (p->said[CRS_LAT2] || !p->said[CRS_K0] ||
-		    (p->said[CRS_LAT1] && v[CRS_LAT1] != v[CRS_LAT0]))
+		if (p->said[CRS_LAT2] || !p->said[CRS_K0] || (p->said[CRS_LAT1] && v[CRS_LAT1] != v[CRS_LAT0]))
 			return false;
 		s->lat1 = s->lat2 = v[CRS_LAT0];
 		s->k0 = v[CRS_K0];
@@ -84,8 +83,7 @@ static bool settle_polar(struct crs_system *s, enum crs_way way, const struct cr
 		if (!p->said[at] || !no_scale(p))
 			return false;
 		truth = v[at];
-		if (truth == 0 || (way == CRS_WAY_POLAR_NORTH && truth < 0) ||
-		    (way == CRS_WAY_POLAR_SOUTH && truth > 0))
+		if (truth == 0 || (way == CRS_WAY_POLAR_NORTH && truth < 0) || (way == CRS_WAY_POLAR_SOUTH && truth > 0))
 			return false;
 		s->lat0 = truth > 0 ? 90 : -90;
 		s->lat1 = truth;
@@ -107,8 +105,8 @@ static bool settle_tm(struct crs_system *s, const struct crs_params *p)
 
 static bool sane(const struct crs_system *s)
 {
-	return fabs(s->lat0) <= 90 && fabs(s->lat1) <= 90 && fabs(s->lat2) <= 90 && fabs(s->lon0) <= 360 &&
-	       s->k0 > 0.5 && s->k0 < 2 && fabs(s->x0) < 1e9 && fabs(s->y0) < 1e9;
+	return fabs(s->lat0) <= 90 && fabs(s->lat1) <= 90 && fabs(s->lat2) <= 90 && fabs(s->lon0) <= 360 && s->k0 > 0.5 &&
+	       s->k0 < 2 && fabs(s->x0) < 1e9 && fabs(s->y0) < 1e9;
 }
 
 void crs_method_settle(struct crs_system *s, enum crs_way way, const struct crs_params *p)
@@ -159,8 +157,7 @@ bool crs_system_same(const struct crs_system *a, const struct crs_system *b)
 	bool parallels = (near(a->lat1, b->lat1, 1e-9) && near(a->lat2, b->lat2, 1e-9)) ||
 			 (near(a->lat1, b->lat2, 1e-9) && near(a->lat2, b->lat1, 1e-9));
 
-	return a->method == b->method && near(a->a, b->a, 1e-3) &&
-	       near(a->inverse_flattening, b->inverse_flattening, 1e-7) && near(a->lat0, b->lat0, 1e-9) &&
-	       near(remainder(a->lon0 - b->lon0, 360), 0, 1e-9) && parallels && near(a->k0, b->k0, 1e-10) &&
-	       near(a->x0, b->x0, 1e-4) && near(a->y0, b->y0, 1e-4);
+	return a->method == b->method && near(a->a, b->a, 1e-3) && near(a->inverse_flattening, b->inverse_flattening, 1e-7) &&
+	       near(a->lat0, b->lat0, 1e-9) && near(remainder(a->lon0 - b->lon0, 360), 0, 1e-9) && parallels &&
+	       near(a->k0, b->k0, 1e-10) && near(a->x0, b->x0, 1e-4) && near(a->y0, b->y0, 1e-4);
 }

@@ -54,19 +54,19 @@ struct crs_params {
 	bool said[CRS_ROLES], bad;
 };
 
-enum crs_way { /* how a record names a method */
-	CRS_WAY_NONE,           /* none is named */
-	CRS_WAY_OTHER,          /* one that is not known here */
-	CRS_WAY_TM,
-	CRS_WAY_LCC_1SP,
-	CRS_WAY_LCC_2SP,
-	CRS_WAY_LCC,            /* one or two parallels, by its parameters */
-	CRS_WAY_ALBERS,
-	CRS_WAY_POLAR,          /* the origin is a pole, or it is the latitude of true scale */
-	CRS_WAY_POLAR_A,        /* the origin is a pole, with a scale */
-	CRS_WAY_POLAR_B,        /* latitude of true scale */
-	CRS_WAY_POLAR_NORTH,    /* the same, with the pole in its name */
-	CRS_WAY_POLAR_SOUTH,
+enum crs_way {                /* how a record names a method */
+	       CRS_WAY_NONE,  /* none is named */
+	       CRS_WAY_OTHER, /* one that is not known here */
+	       CRS_WAY_TM,
+	       CRS_WAY_LCC_1SP,
+	       CRS_WAY_LCC_2SP,
+	       CRS_WAY_LCC, /* one or two parallels, by its parameters */
+	       CRS_WAY_ALBERS,
+	       CRS_WAY_POLAR,       /* the origin is a pole, or it is the latitude of true scale */
+	       CRS_WAY_POLAR_A,     /* the origin is a pole, with a scale */
+	       CRS_WAY_POLAR_B,     /* latitude of true scale */
+	       CRS_WAY_POLAR_NORTH, /* the same, with the pole in its name */
+	       CRS_WAY_POLAR_SOUTH,
 };
 
 /* Said twice, differently: bad. */

@@ -17,19 +17,19 @@
 #include "err.h"
 
 enum { LAT_CELLS = 4, PLANE_CELL = 32768 };
-#define POLAR 80.0        /* beyond, meridians run together: places are not interpolated */
-#define SCALE_FINEST -4   /* of projected metres, power of ten */
+#define POLAR 80.0      /* beyond, meridians run together: places are not interpolated */
+#define SCALE_FINEST -4 /* of projected metres, power of ten */
 #define SCALE_HEIGHT -3
 
 struct crs_step {
 	struct crs_system from, to;
-	bool project;              /* degrees to a zone */
+	bool project; /* degrees to a zone */
 	struct crs_zone zone;
-	struct crs_geo *plane;     /* of `to` if project, else of `from` */
+	struct crs_geo *plane; /* of `to` if project, else of `from` */
 	struct crs_geoid *geoid;
-	double sign, metre_z;      /* what a geoid height adds to z: sign * N / metre_z */
+	double sign, metre_z; /* what a geoid height adds to z: sign * N / metre_z */
 	struct lattice lattice;
-	struct lattice_map map;    /* of the axes that nothing changes; the others are zeros */
+	struct lattice_map map; /* of the axes that nothing changes; the others are zeros */
 	double scale[3], offset[3], to_scale[3];
 	struct crs_cells forward, place, height;
 	struct crs_shift shift;
@@ -90,8 +90,10 @@ static int project_init(struct crs_step *s, const struct crs_step_params *p, str
 	if (r)
 		return r;
 	if (!crs_zone_of_text(p->from, p->to->text, &s->zone)) {
-		err_set(err, ERR_UNSUPPORTED, "degrees of %.100s cannot be brought to the plane %.100s: it is no UTM or "
-			"UPS zone of their datum", p->from->text, p->to->text);
+		err_set(err, ERR_UNSUPPORTED,
+			"degrees of %.100s cannot be brought to the plane %.100s: it is no UTM or "
+			"UPS zone of their datum",
+			p->from->text, p->to->text);
 		return err_add_hint(err, "project the file first, or use a dataset of its own");
 	}
 	s->to = p->to->system;
@@ -213,9 +215,8 @@ static int beyond(const struct crs_step *s, double lat, double lon, struct err *
 
 	crs_zone_text(s->zone, zone);
 	if (s->zone.number)
-		err_set(err, ERR_INPUT,
-			"latitude %.10g, longitude %.10g lies more than %d degrees from the meridian of zone %s", lat, lon,
-			CRS_ZONE_UTM_DEGREES, zone);
+		err_set(err, ERR_INPUT, "latitude %.10g, longitude %.10g lies more than %d degrees from the meridian of zone %s",
+			lat, lon, CRS_ZONE_UTM_DEGREES, zone);
 	else
 		err_set(err, ERR_INPUT, "latitude %.10g, longitude %.10g lies outside of %s, which begins at %d degrees", lat,
 			lon, zone, CRS_ZONE_UPS_LATITUDE);
@@ -225,10 +226,10 @@ static int beyond(const struct crs_step *s, double lat, double lon, struct err *
 static int no_place(double lat, double lon, struct err *err)
 {
 	err_set(err, ERR_INPUT, "x %.10g, y %.10g is no longitude and latitude", lon, lat);
-	return err_add_hint(err, fabs(lon) <= 90 && lat >= -180 && lat <= 360
-					 ? "x must be the longitude and y the latitude: they seem to be swapped"
-					 : "mend its coordinate system with --assume-crs, or take x and y as they are "
-					   "with --planar");
+	return err_add_hint(err, fabs(lon) <= 90 && lat >= -180 && lat <= 360 ?
+					 "x must be the longitude and y the latitude: they seem to be swapped" :
+					 "mend its coordinate system with --assume-crs, or take x and y as they are "
+					 "with --planar");
 }
 
 static bool zone_carries(const struct crs_step *s, double lat, double dlon)
@@ -292,7 +293,7 @@ static int to_lattice(const struct crs_step *s, unsigned axis, double v, int32_t
 
 	if (!(n >= INT32_MIN && n <= INT32_MAX)) {
 		err_set(err, ERR_LIMIT, "%c of a point lies %.6g beyond the middle of the lattice, which reaches %.6g",
-			"xyz"[axis], n * s->to_scale[axis], 0x1p31 * s->to_scale[axis]);
+			"xyz"[axis], n * s -> to_scale[axis], 0x1p31 * s -> to_scale[axis]);
 		return err_add_hint(err, "use a coarser --scale, a dataset of its own, or mend the file");
 	}
 	*ret = (int32_t)n;
@@ -335,8 +336,7 @@ static int apply_one(struct crs_step *s, const int64_t raw[3], int32_t ret[3], s
 	return r;
 }
 
-int crs_step_apply(struct crs_step *s, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], size_t *ret_bad,
-		   struct err *err)
+int crs_step_apply(struct crs_step *s, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], size_t *ret_bad, struct err *err)
 {
 	uint64_t moved = 0;
 	double most[3] = {0};
@@ -375,8 +375,7 @@ void crs_shift_add(struct crs_shift *sum, const struct crs_shift *part)
 
 /* The box of a box of degrees: its rim and inside at a raster of places, drawn into what the zone carries. A
  * header may lie, so this decides only where the lattice's zero is. */
-static int project_box(struct crs_step *s, const struct lattice_input *in, struct lattice_input *out,
-		       struct err *err)
+static int project_box(struct crs_step *s, const struct lattice_input *in, struct lattice_input *out, struct err *err)
 {
 	enum { STEPS = 16 };
 	double least = s->zone.number ? -90 : s->zone.north ? CRS_ZONE_UPS_LATITUDE : -90;
@@ -413,8 +412,7 @@ static struct decimal scale_of_degrees(struct decimal scale)
 	return (struct decimal){1, e < SCALE_FINEST ? SCALE_FINEST : e > -2 ? -2 : e};
 }
 
-static int coords_of_degrees(struct crs_step *s, const struct crs_step_params *p, struct lattice_input *out,
-			     struct err *err)
+static int coords_of_degrees(struct crs_step *s, const struct crs_step_params *p, struct lattice_input *out, struct err *err)
 {
 	const struct lattice_input *in = p->coords;
 	bool good = true;

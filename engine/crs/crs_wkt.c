@@ -12,29 +12,54 @@
 
 #include "crs_wkt.h"
 
-static const struct { const char *word; enum wkt_kind kind; } keywords[] = {
-	{ "PROJCS", WKT_PROJECTED },        { "PROJCRS", WKT_PROJECTED },
-	{ "PROJECTEDCRS", WKT_PROJECTED },  { "DERIVEDPROJCRS", WKT_DERIVED },
-	{ "GEOGCS", WKT_GEOGRAPHIC },       { "GEOGCRS", WKT_GEOGRAPHIC },
-	{ "GEOGRAPHICCRS", WKT_GEOGRAPHIC }, { "GEODCRS", WKT_GEODETIC },
-	{ "GEODETICCRS", WKT_GEODETIC },    { "GEOCCS", WKT_GEOCENTRIC },
-	{ "VERT_CS", WKT_VERTICAL },        { "VERTCS", WKT_VERTICAL },
-	{ "VERTCRS", WKT_VERTICAL },        { "VERTICALCRS", WKT_VERTICAL },
-	{ "LOCAL_CS", WKT_LOCAL },          { "ENGCRS", WKT_LOCAL },
-	{ "ENGINEERINGCRS", WKT_LOCAL },    { "COMPD_CS", WKT_COMPOUND },
-	{ "COMPOUNDCRS", WKT_COMPOUND },    { "BOUNDCRS", WKT_AROUND },
-	{ "SOURCECRS", WKT_AROUND },        { "CS", WKT_CS },
-	{ "AXIS", WKT_AXIS },               { "LENGTHUNIT", WKT_LENGTH },
-	{ "ANGLEUNIT", WKT_ANGLE },         { "SCALEUNIT", WKT_SCALE },
-	{ "UNIT", WKT_UNIT },               { "AUTHORITY", WKT_ID },
-	{ "ID", WKT_ID },                   { "BASEGEOGCRS", WKT_BASE },
-	{ "BASEGEODCRS", WKT_BASE },        { "DATUM", WKT_DATUM },
-	{ "TRF", WKT_DATUM },               { "GEODETICDATUM", WKT_DATUM },
-	{ "ENSEMBLE", WKT_DATUM },          { "SPHEROID", WKT_ELLIPSOID },
-	{ "ELLIPSOID", WKT_ELLIPSOID },     { "PRIMEM", WKT_MERIDIAN },
-	{ "PRIMEMERIDIAN", WKT_MERIDIAN },  { "PROJECTION", WKT_METHOD },
-	{ "METHOD", WKT_METHOD },           { "PARAMETER", WKT_PARAMETER },
-	{ "DERIVINGCONVERSION", WKT_DERIVING }, { "BASEPROJCRS", WKT_DERIVING },
+static const struct {
+	const char *word;
+	enum wkt_kind kind;
+} keywords[] = {
+	{"PROJCS", WKT_PROJECTED},
+	{"PROJCRS", WKT_PROJECTED},
+	{"PROJECTEDCRS", WKT_PROJECTED},
+	{"DERIVEDPROJCRS", WKT_DERIVED},
+	{"GEOGCS", WKT_GEOGRAPHIC},
+	{"GEOGCRS", WKT_GEOGRAPHIC},
+	{"GEOGRAPHICCRS", WKT_GEOGRAPHIC},
+	{"GEODCRS", WKT_GEODETIC},
+	{"GEODETICCRS", WKT_GEODETIC},
+	{"GEOCCS", WKT_GEOCENTRIC},
+	{"VERT_CS", WKT_VERTICAL},
+	{"VERTCS", WKT_VERTICAL},
+	{"VERTCRS", WKT_VERTICAL},
+	{"VERTICALCRS", WKT_VERTICAL},
+	{"LOCAL_CS", WKT_LOCAL},
+	{"ENGCRS", WKT_LOCAL},
+	{"ENGINEERINGCRS", WKT_LOCAL},
+	{"COMPD_CS", WKT_COMPOUND},
+	{"COMPOUNDCRS", WKT_COMPOUND},
+	{"BOUNDCRS", WKT_AROUND},
+	{"SOURCECRS", WKT_AROUND},
+	{"CS", WKT_CS},
+	{"AXIS", WKT_AXIS},
+	{"LENGTHUNIT", WKT_LENGTH},
+	{"ANGLEUNIT", WKT_ANGLE},
+	{"SCALEUNIT", WKT_SCALE},
+	{"UNIT", WKT_UNIT},
+	{"AUTHORITY", WKT_ID},
+	{"ID", WKT_ID},
+	{"BASEGEOGCRS", WKT_BASE},
+	{"BASEGEODCRS", WKT_BASE},
+	{"DATUM", WKT_DATUM},
+	{"TRF", WKT_DATUM},
+	{"GEODETICDATUM", WKT_DATUM},
+	{"ENSEMBLE", WKT_DATUM},
+	{"SPHEROID", WKT_ELLIPSOID},
+	{"ELLIPSOID", WKT_ELLIPSOID},
+	{"PRIMEM", WKT_MERIDIAN},
+	{"PRIMEMERIDIAN", WKT_MERIDIAN},
+	{"PROJECTION", WKT_METHOD},
+	{"METHOD", WKT_METHOD},
+	{"PARAMETER", WKT_PARAMETER},
+	{"DERIVINGCONVERSION", WKT_DERIVING},
+	{"BASEPROJCRS", WKT_DERIVING},
 };
 
 struct reader {
@@ -183,8 +208,8 @@ static void argument(struct reader *r, struct crs_span s)
 
 static bool is_word(char c)
 {
-	return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
-	       c == '+' || c == '-' || c == '.';
+	return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' || c == '+' || c == '-' ||
+	       c == '.';
 }
 
 static bool is_space(char c)
@@ -195,7 +220,7 @@ static bool is_space(char c)
 /* "..." with "" for a quote inside; the span keeps doubled quotes, which is good enough for a name. */
 static bool read_quoted(struct reader *r)
 {
-	struct crs_span s = { .at = ++r->at };
+	struct crs_span s = {.at = ++r->at};
 
 	for (; r->at < r->end; r->at++) {
 		if (*r->at != '"')
@@ -214,7 +239,7 @@ static bool read_quoted(struct reader *r)
 /* A keyword with its opening bracket, or a bare argument. */
 static bool read_word(struct reader *r)
 {
-	struct crs_span s = { .at = r->at };
+	struct crs_span s = {.at = r->at};
 
 	while (r->at < r->end && is_word(*r->at))
 		r->at++;
@@ -228,7 +253,7 @@ static bool read_word(struct reader *r)
 	if (r->depth == WKT_DEPTH)
 		return false;
 	r->at++;
-	r->stack[r->depth] = (struct wkt_node){ .kind = keyword(s) };
+	r->stack[r->depth] = (struct wkt_node){.kind = keyword(s)};
 	r->depth++;
 	return true;
 }
@@ -274,7 +299,7 @@ static bool read_trees(struct reader *r)
 
 bool crs_read_wkt(const void *text, size_t size, struct crs_info *ret)
 {
-	struct reader r = { .at = text, .info = ret };
+	struct reader r = {.at = text, .info = ret};
 
 	crs_info_clear(ret);
 	if (!size)

@@ -7,21 +7,21 @@
 enum wkt_kind {
 	WKT_OTHER,
 	WKT_PROJECTED,
-	WKT_DERIVED,    /* from a projected one, by a conversion that is not known here */
+	WKT_DERIVED, /* from a projected one, by a conversion that is not known here */
 	WKT_GEOGRAPHIC,
-	WKT_GEODETIC,   /* WKT 2: geographic or geocentric, its CS says which */
+	WKT_GEODETIC, /* WKT 2: geographic or geocentric, its CS says which */
 	WKT_GEOCENTRIC,
 	WKT_VERTICAL,
 	WKT_LOCAL,
 	WKT_COMPOUND,
-	WKT_AROUND,     /* a keyword that only wraps a system */
-	WKT_BASE,       /* the geographic system under a projected one */
+	WKT_AROUND, /* a keyword that only wraps a system */
+	WKT_BASE,   /* the geographic system under a projected one */
 	WKT_CS,
 	WKT_AXIS,
 	WKT_LENGTH,
 	WKT_ANGLE,
 	WKT_SCALE,
-	WKT_UNIT,       /* WKT 1: of length or of angle, by what it belongs to */
+	WKT_UNIT, /* WKT 1: of length or of angle, by what it belongs to */
 	WKT_ID,
 	WKT_DATUM,
 	WKT_ELLIPSOID,
@@ -44,7 +44,7 @@ struct wkt_node {
 	unsigned n_args, n_axes;
 	struct crs_span arg[WKT_ARGUMENTS]; /* the first ones, quotes taken off */
 	struct wkt_unit unit, axis[WKT_AXES];
-	unsigned epsg;                      /* 0: not said */
+	unsigned epsg; /* 0: not said */
 	bool cartesian, ellipsoidal;
 };
 
@@ -54,7 +54,7 @@ struct wkt_system {
 	double a, inverse_flattening;
 	struct crs_span datum, method;
 	unsigned datum_epsg, base_epsg, method_epsg;
-	struct crs_span base;         /* name of the geographic system under it */
+	struct crs_span base; /* name of the geographic system under it */
 	struct wkt_unit base_unit, meridian_unit;
 	double meridian;
 	struct {

@@ -172,22 +172,26 @@ void wkt_system_part(struct wkt_system *s, const struct wkt_node *n)
 
 static enum crs_way way_of(const struct wkt_system *s)
 {
-	static const struct { const char *plain; unsigned epsg; enum crs_way way; } ways[] = {
-		{ "transversemercator", 9807, CRS_WAY_TM },
-		{ "gausskruger", 0, CRS_WAY_TM },
-		{ "lambertconformalconic1sp", 9801, CRS_WAY_LCC_1SP },
-		{ "lambertconicconformal1sp", 9801, CRS_WAY_LCC_1SP },
-		{ "lambertconformalconic2sp", 9802, CRS_WAY_LCC_2SP },
-		{ "lambertconicconformal2sp", 9802, CRS_WAY_LCC_2SP },
-		{ "lambertconformalconic", 0, CRS_WAY_LCC },
-		{ "albersconicequalarea", 9822, CRS_WAY_ALBERS },
-		{ "albersequalarea", 9822, CRS_WAY_ALBERS },
-		{ "albers", 0, CRS_WAY_ALBERS },
-		{ "polarstereographic", 0, CRS_WAY_POLAR },
-		{ "polarstereographicvarianta", 9810, CRS_WAY_POLAR_A },
-		{ "polarstereographicvariantb", 9829, CRS_WAY_POLAR_B },
-		{ "stereographicnorthpole", 0, CRS_WAY_POLAR_NORTH },
-		{ "stereographicsouthpole", 0, CRS_WAY_POLAR_SOUTH },
+	static const struct {
+		const char *plain;
+		unsigned epsg;
+		enum crs_way way;
+	} ways[] = {
+		{"transversemercator", 9807, CRS_WAY_TM},
+		{"gausskruger", 0, CRS_WAY_TM},
+		{"lambertconformalconic1sp", 9801, CRS_WAY_LCC_1SP},
+		{"lambertconicconformal1sp", 9801, CRS_WAY_LCC_1SP},
+		{"lambertconformalconic2sp", 9802, CRS_WAY_LCC_2SP},
+		{"lambertconicconformal2sp", 9802, CRS_WAY_LCC_2SP},
+		{"lambertconformalconic", 0, CRS_WAY_LCC},
+		{"albersconicequalarea", 9822, CRS_WAY_ALBERS},
+		{"albersequalarea", 9822, CRS_WAY_ALBERS},
+		{"albers", 0, CRS_WAY_ALBERS},
+		{"polarstereographic", 0, CRS_WAY_POLAR},
+		{"polarstereographicvarianta", 9810, CRS_WAY_POLAR_A},
+		{"polarstereographicvariantb", 9829, CRS_WAY_POLAR_B},
+		{"stereographicnorthpole", 0, CRS_WAY_POLAR_NORTH},
+		{"stereographicsouthpole", 0, CRS_WAY_POLAR_SOUTH},
 	};
 	char plain[64];
 
@@ -196,36 +200,39 @@ static enum crs_way way_of(const struct wkt_system *s)
 	crs_text_plain(s->method, plain, sizeof plain);
 	for (size_t i = 0; i < sizeof ways / sizeof *ways; i++)
 		if (!strcmp(plain, ways[i].plain))
-			return s->method_epsg && ways[i].epsg && s->method_epsg != ways[i].epsg ? CRS_WAY_OTHER
-												: ways[i].way;
+			return s->method_epsg && ways[i].epsg && s->method_epsg != ways[i].epsg ? CRS_WAY_OTHER : ways[i].way;
 	return CRS_WAY_OTHER;
 }
 
 static bool role_of(struct crs_span name, unsigned epsg, enum crs_role *ret)
 {
-	static const struct { const char *plain; unsigned epsg; enum crs_role role; } roles[] = {
-		{ "latitudeoforigin", 0, CRS_LAT0 },
-		{ "latitudeofnaturalorigin", 8801, CRS_LAT0 },
-		{ "latitudeoffalseorigin", 8821, CRS_LAT0 },
-		{ "latitudeofcenter", 0, CRS_LAT0 },
-		{ "latitudeofcentre", 0, CRS_LAT0 },
-		{ "centralmeridian", 0, CRS_LON0 },
-		{ "longitudeofnaturalorigin", 8802, CRS_LON0 },
-		{ "longitudeoffalseorigin", 8822, CRS_LON0 },
-		{ "longitudeoforigin", 8833, CRS_LON0 },
-		{ "longitudeofcenter", 0, CRS_LON0 },
-		{ "longitudeofcentre", 0, CRS_LON0 },
-		{ "standardparallel1", 0, CRS_LAT1 },
-		{ "latitudeof1ststandardparallel", 8823, CRS_LAT1 },
-		{ "latitudeofstandardparallel", 8832, CRS_LAT1 },
-		{ "standardparallel2", 0, CRS_LAT2 },
-		{ "latitudeof2ndstandardparallel", 8824, CRS_LAT2 },
-		{ "scalefactor", 0, CRS_K0 },
-		{ "scalefactoratnaturalorigin", 8805, CRS_K0 },
-		{ "falseeasting", 8806, CRS_X0 },
-		{ "eastingatfalseorigin", 8826, CRS_X0 },
-		{ "falsenorthing", 8807, CRS_Y0 },
-		{ "northingatfalseorigin", 8827, CRS_Y0 },
+	static const struct {
+		const char *plain;
+		unsigned epsg;
+		enum crs_role role;
+	} roles[] = {
+		{"latitudeoforigin", 0, CRS_LAT0},
+		{"latitudeofnaturalorigin", 8801, CRS_LAT0},
+		{"latitudeoffalseorigin", 8821, CRS_LAT0},
+		{"latitudeofcenter", 0, CRS_LAT0},
+		{"latitudeofcentre", 0, CRS_LAT0},
+		{"centralmeridian", 0, CRS_LON0},
+		{"longitudeofnaturalorigin", 8802, CRS_LON0},
+		{"longitudeoffalseorigin", 8822, CRS_LON0},
+		{"longitudeoforigin", 8833, CRS_LON0},
+		{"longitudeofcenter", 0, CRS_LON0},
+		{"longitudeofcentre", 0, CRS_LON0},
+		{"standardparallel1", 0, CRS_LAT1},
+		{"latitudeof1ststandardparallel", 8823, CRS_LAT1},
+		{"latitudeofstandardparallel", 8832, CRS_LAT1},
+		{"standardparallel2", 0, CRS_LAT2},
+		{"latitudeof2ndstandardparallel", 8824, CRS_LAT2},
+		{"scalefactor", 0, CRS_K0},
+		{"scalefactoratnaturalorigin", 8805, CRS_K0},
+		{"falseeasting", 8806, CRS_X0},
+		{"eastingatfalseorigin", 8826, CRS_X0},
+		{"falsenorthing", 8807, CRS_Y0},
+		{"northingatfalseorigin", 8827, CRS_Y0},
 	};
 	char plain[64];
 
@@ -266,8 +273,9 @@ static void read_params(const struct wkt_system *s, const struct wkt_unit *unit,
 			ret->bad = true;
 			return;
 		}
-		factor = role == CRS_K0 ? (own->said ? own->factor : 1)
-			 : role == CRS_X0 || role == CRS_Y0 ? length_of(own, unit) : angle_of(own, &s->base_unit);
+		factor = role == CRS_K0                   ? (own->said ? own->factor : 1) :
+			 role == CRS_X0 || role == CRS_Y0 ? length_of(own, unit) :
+							    angle_of(own, &s->base_unit);
 		if (factor <= 0)
 			ret->bad = true;
 		crs_param_set(ret, role, v * factor);
@@ -287,8 +295,7 @@ static enum crs_plane plane_of(const struct wkt_node *n)
 	case WKT_GEOCENTRIC:
 		return CRS_PLANE_GEOCENTRIC;
 	case WKT_GEODETIC:
-		return n->cartesian ? CRS_PLANE_GEOCENTRIC
-				    : n->ellipsoidal ? CRS_PLANE_GEOGRAPHIC : CRS_PLANE_UNKNOWN;
+		return n->cartesian ? CRS_PLANE_GEOCENTRIC : n->ellipsoidal ? CRS_PLANE_GEOGRAPHIC : CRS_PLANE_UNKNOWN;
 	default:
 		return CRS_PLANE_UNKNOWN;
 	}
@@ -298,12 +305,11 @@ static enum crs_plane plane_of(const struct wkt_node *n)
 static void read_units(const struct wkt_node *n, struct wkt_unit *ret_xy, struct crs_info *info)
 {
 	const struct wkt_unit *x = &n->axis[0], *y = &n->axis[1], *z = &n->axis[2];
-	enum wkt_kind kind = n->kind == WKT_GEODETIC && info->plane == CRS_PLANE_GEOGRAPHIC ? WKT_GEOGRAPHIC
-											      : n->kind;
+	enum wkt_kind kind = n->kind == WKT_GEODETIC && info->plane == CRS_PLANE_GEOGRAPHIC ? WKT_GEOGRAPHIC : n->kind;
 
 	*ret_xy = x->said ? *x : n->unit;
 	if (x->said && y->said && strcmp(x->name, y->name))
-		*ret_xy = (struct wkt_unit){ 0 };
+		*ret_xy = (struct wkt_unit){0};
 	crs_set_unit(info->unit_xy, wkt_unit_name(ret_xy, kind));
 	if (info->plane == CRS_PLANE_GEOCENTRIC)
 		crs_set_unit(info->unit_z, info->unit_xy);
@@ -326,7 +332,7 @@ static void read_datum(const struct wkt_system *s, const struct wkt_node *n, str
 	if (!ret->datum[0])
 		crs_datum_of_epsg(ret, s->datum_epsg);
 	if (!ret->datum[0] && base && crs_epsg_system(base, &known))
-		crs_datum_of_name(ret, (struct crs_span){ known.system.datum, strlen(known.system.datum) });
+		crs_datum_of_name(ret, (struct crs_span){known.system.datum, strlen(known.system.datum)});
 	if (!ret->datum[0])
 		crs_datum_of_name(ret, whole ? n->arg[0] : s->base);
 }

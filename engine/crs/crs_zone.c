@@ -106,12 +106,11 @@ int crs_zone_datum(const struct crs_info *g, struct err *err)
 	if (g->plane != CRS_PLANE_GEOGRAPHIC) {
 		err_set(err, ERR_UNSUPPORTED, "its coordinates are not known to be degrees");
 	} else if (!(s->a > 0) || (!*s->datum && !s->epsg)) {
-		err_set(err, ERR_UNSUPPORTED,
-			"its coordinates are degrees (%.200s), but of which datum is not known", g->text);
+		err_set(err, ERR_UNSUPPORTED, "its coordinates are degrees (%.200s), but of which datum is not known", g->text);
 	} else if (s->unit > 0 && fabs(s->unit - 1) > 1e-12) {
 		err_set(err, ERR_UNSUPPORTED, "its coordinates are angles, but not degrees (%.200s)", g->text);
-	} else if (s->a != 6378137.0 || (fabs(s->inverse_flattening - 298.257223563) > 1e-6 &&
-					 fabs(s->inverse_flattening - 298.257222101) > 1e-6)) {
+	} else if (s->a != 6378137.0 ||
+		   (fabs(s->inverse_flattening - 298.257223563) > 1e-6 && fabs(s->inverse_flattening - 298.257222101) > 1e-6)) {
 		err_set(err, ERR_UNSUPPORTED,
 			"its datum (%.60s) stands on the ellipsoid %.10g m, 1/%.12g; only WGS 84 and GRS 80 are "
 			"projected",
@@ -169,8 +168,13 @@ int crs_zone_system(const struct crs_info *geographic, struct crs_zone zone, str
 	} else {
 		snprintf(which, sizeof which, zone.number ? "%d%c" : "", zone.number, zone.north ? 'N' : 'S');
 		snprintf(name, sizeof name, "%.60s / %s%s",
-			 datum ? datum->name : *from->datum ? from->datum : geographic->text,
-			 zone.number ? "UTM zone " : zone.north ? "UPS North" : "UPS South", which);
+			 datum        ? datum->name :
+			 *from->datum ? from->datum :
+					geographic->text,
+			 zone.number ? "UTM zone " :
+			 zone.north  ? "UPS North" :
+				       "UPS South",
+			 which);
 	}
 	snprintf(to.text, sizeof to.text, "%.100s%.300s", name, heights ? heights : "");
 	*ret = to;
@@ -208,11 +212,10 @@ static int not_degrees(const struct lattice_input *b, struct err *err)
 {
 	bool swapped = fabs(b->min[0]) <= 90 && fabs(b->max[0]) <= 90 && b->min[1] >= -180 && b->max[1] <= 360;
 
-	err_set(err, ERR_INPUT,
-		"its coordinates should be degrees, but x runs from %.10g to %.10g and y from %.10g to %.10g",
+	err_set(err, ERR_INPUT, "its coordinates should be degrees, but x runs from %.10g to %.10g and y from %.10g to %.10g",
 		b->min[0], b->max[0], b->min[1], b->max[1]);
-	err_add_hint(err, swapped ? "x must be the longitude and y the latitude: they seem to be swapped"
-				  : "mend its coordinate system with --assume-crs, or take x and y as they are with "
+	err_add_hint(err, swapped ? "x must be the longitude and y the latitude: they seem to be swapped" :
+				    "mend its coordinate system with --assume-crs, or take x and y as they are with "
 				    "--planar");
 	return err_add_file(err, b->name ? b->name : "");
 }
@@ -239,8 +242,7 @@ int crs_zone_choose(const struct lattice_input *boxes, size_t n, struct crs_zone
 
 		if (!box_is_good(b))
 			continue;
-		if (b->min[1] < -90 || b->max[1] > 90 || b->min[0] < -180 || b->max[0] > 360 ||
-		    b->max[0] - b->min[0] > 360)
+		if (b->min[1] < -90 || b->max[1] > 90 || b->min[0] < -180 || b->max[0] > 360 || b->max[0] - b->min[0] > 360)
 			return not_degrees(b, err);
 		range_add(&lat, b->min[1], b->max[1]);
 		/* Once with longitudes that begin at -180, once at 0; the narrower range is the one meant. */

@@ -24,7 +24,9 @@ struct cut_region {
 	uint8_t wx, wy, inf;
 };
 
-struct cut_range { uint64_t lo, hi; };
+struct cut_range {
+	uint64_t lo, hi;
+};
 
 #define CUT_REGION_TEXT_SIZE 64
 char *cut_region_text(const struct cut_region *, char buf[CUT_REGION_TEXT_SIZE]);
@@ -71,17 +73,17 @@ struct cut_load {
 	const struct cut_sites *sites; /* of the plan, for a leaf that is `known`: its halo is not read; else NULL */
 	void *scratch;
 	size_t scratch_size;
-	/* NULL; or a trace of the same region, lattice and view that stands (cut_valid.h) and fits: the halo is looked for no farther
-	 * out than its sites let it be. Less is read, what is loaded is the same; but CUT_E_FULL and *ret_need may differ: who goes by
-	 * these asks again without. Of it only sites are looked at. */
+	/* NULL; or a trace of the same region, lattice and view that stands (cut_valid.h) and fits: the halo is looked for no
+	 * farther out than its sites let it be. Less is read, what is loaded is the same; but CUT_E_FULL and *ret_need may
+	 * differ: who goes by these asks again without. Of it only sites are looked at. */
 	const struct cut_trace *before;
 	struct cut_trace *trace; /* NULL; or after cut_trace_init: what was loaded goes in here (cut_valid.h) */
 	/* results */
 	uint32_t n, own;
 	struct mesh_counts counts;
 };
-int cut_load(struct grid_reader *, const struct view *, const struct cut_region *, struct cut_load *,
-	     uint64_t *ret_need, struct err *err);
+int cut_load(struct grid_reader *, const struct view *, const struct cut_region *, struct cut_load *, uint64_t *ret_need,
+	     struct err *err);
 size_t cut_load_scratch_bytes(uint32_t cap);
 /* Records in the region, before the view, at most. */
 int cut_count(struct grid_reader *, const struct cut_region *, uint64_t *ret, struct err *err);
@@ -89,19 +91,19 @@ int cut_count(struct grid_reader *, const struct cut_region *, uint64_t *ret, st
 /* The plan: leaves in order, each with an upper bound of its own positions. */
 struct cut_leaf {
 	struct cut_region region;
-	uint64_t count;      /* own positions at most, before the view (their number if `exact`) */
+	uint64_t count; /* own positions at most, before the view (their number if `exact`) */
 	bool exact;
-	bool known;          /* its halo is in the plan's sites */
-	bool looked, there;  /* pipe_refine: it was looked for in the store; it is there, and unchanged */
-	bool changed;        /* likewise: what is there is of other points */
-	bool fits;           /* own + halo fitted when it was made last: the probe passes it */
-	uint8_t stuck;       /* consecutive levels without progress above it */
-	uint64_t above;      /* own + halo of the region it was cut out of because they did not fit; else 0 */
+	bool known;         /* its halo is in the plan's sites */
+	bool looked, there; /* pipe_refine: it was looked for in the store; it is there, and unchanged */
+	bool changed;       /* likewise: what is there is of other points */
+	bool fits;          /* own + halo fitted when it was made last: the probe passes it */
+	uint8_t stuck;      /* consecutive levels without progress above it */
+	uint64_t above;     /* own + halo of the region it was cut out of because they did not fit; else 0 */
 };
 struct cut_plan {
 	struct cut_leaf *leaf;
 	size_t n, cap;
-	uint32_t load; /* it was made with: positions of a leaf at most */
+	uint32_t load;         /* it was made with: positions of a leaf at most */
 	struct ledger *ledger; /* that `cap` leaves are taken from (LEDGER_PLAN); NULL: none */
 	/* By the probe: sites of the halos of leaves that have few points and would read many; NULL: none. The same
 	 * as long as the plan lives, also when leaves split. */
@@ -121,8 +123,7 @@ enum { CUT_BYTES_PER_POSITION = 80 };
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);
 /* Replace leaf i by its two halves (in order). `need` as cut_load said, for the error's text:
  * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
-int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap,
-		   struct err *err);
+int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap, struct err *err);
 /* Likewise, but for no need: what fits fits in halves too. False in *ret: it is one position wide. */
 int cut_plan_halve(struct cut_plan *, size_t i, struct grid_reader *, bool *ret, struct err *err);
 /*

@@ -20,9 +20,9 @@ struct bound {
 	struct cut_range range[4];
 	unsigned nrange, nchain;
 	struct cut_chain chain[4];
-	uint64_t least;       /* subtrees of no more records are not entered */
-	uint64_t sum;         /* positions of hits that were not entered */
-	uint64_t total;       /* records of the largest subtree met */
+	uint64_t least; /* subtrees of no more records are not entered */
+	uint64_t sum;   /* positions of hits that were not entered */
+	uint64_t total; /* records of the largest subtree met */
 	struct point pt[4][CHAIN], batch[4][BATCH];
 };
 
@@ -48,7 +48,7 @@ static void add_corners(struct bound *b, const int32_t box[4])
 {
 	for (unsigned i = 0; i < b->nchain; i++) {
 		const struct cut_chain *c = &b->chain[i];
-		struct point low = { .x = box[0], .y = box[1] }, high = { .x = box[2], .y = box[3] };
+		struct point low = {.x = box[0], .y = box[1]}, high = {.x = box[2], .y = box[3]};
 		bool low_far = cut_chain_x(c, &low) > cut_chain_x(c, &high);
 
 		if (c->vertical)
@@ -137,7 +137,7 @@ static void add_chain(struct bound *b, bool vertical, int64_t c2, int64_t t0, in
 
 static int outer_walk(struct bound *b, const struct cut_source *src, uint64_t least, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = b, .segment = outer_segment, .enter = outer_enter, .cell = outer_cell };
+	const struct grid_visitor v = {.ctx = b, .segment = outer_segment, .enter = outer_enter, .cell = outer_cell};
 	int rc;
 
 	b->least = least;
@@ -147,10 +147,10 @@ static int outer_walk(struct bound *b, const struct cut_source *src, uint64_t le
 	return rc;
 }
 
-int cut_bound_halo(const struct cut_source *src, const struct view *view, const struct cut_region *region,
-		   uint64_t enough, void *scratch, uint64_t *ret, struct err *err)
+int cut_bound_halo(const struct cut_source *src, const struct view *view, const struct cut_region *region, uint64_t enough,
+		   void *scratch, uint64_t *ret, struct err *err)
 {
-	const struct grid_visitor own = { .ctx = scratch, .segment = own_segment, .cell = own_cell };
+	const struct grid_visitor own = {.ctx = scratch, .segment = own_segment, .cell = own_cell};
 	struct bound *b = scratch;
 	uint64_t least = UINT64_MAX;
 	int64_t box[4];

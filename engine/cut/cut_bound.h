@@ -15,7 +15,7 @@ size_t cut_bound_bytes(void);
  * where all records are live and the view keeps them all; else nearly always. Stops descending where it knows
  * that the sum is at most `enough`. `scratch` of cut_bound_bytes.
  */
-int cut_bound_halo(const struct cut_source *, const struct view *, const struct cut_region *, uint64_t enough,
-		   void *scratch, uint64_t *ret, struct err *err);
+int cut_bound_halo(const struct cut_source *, const struct view *, const struct cut_region *, uint64_t enough, void *scratch,
+		   uint64_t *ret, struct err *err);
 
 #endif

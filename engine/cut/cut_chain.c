@@ -39,11 +39,18 @@ static void ripen(struct cut_chain *c)
 	c->ripe = ripe < c->batch_cap ? ripe : c->batch_cap;
 }
 
-void cut_chain_init(struct cut_chain *c, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt,
-		    uint32_t cap, struct point *batch, uint32_t batch_cap)
+void cut_chain_init(struct cut_chain *c, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt, uint32_t cap,
+		    struct point *batch, uint32_t batch_cap)
 {
-	*c = (struct cut_chain){ .vertical = vertical, .c2 = c2, .t0 = t0, .t1 = t1, .pt = pt, .cap = cap,
-				 .batch = batch, .batch_cap = batch_cap, .reach = INFINITY };
+	*c = (struct cut_chain){.vertical = vertical,
+				.c2 = c2,
+				.t0 = t0,
+				.t1 = t1,
+				.pt = pt,
+				.cap = cap,
+				.batch = batch,
+				.batch_cap = batch_cap,
+				.reach = INFINITY};
 	ripen(c);
 }
 
@@ -283,7 +290,8 @@ static void sort_batch(struct cut_chain *c)
 		cut_order_sort(c->batch, c->nbatch, chain_less, c);
 }
 
-/* The batch and the chain into one order, from behind. *ret_first, *ret_last: what lies before and behind these is of the chain. */
+/* The batch and the chain into one order, from behind. *ret_first, *ret_last: what lies before and behind these is of the chain.
+ */
 static void merge_batch(struct cut_chain *c, uint32_t *ret_first, uint32_t *ret_last)
 {
 	uint32_t i = c->n, j = c->nbatch, k = i + j;
@@ -320,8 +328,8 @@ static uint32_t hull_add(struct cut_chain *c, const struct view *view, uint32_t 
 }
 
 /*
- * The chain was a hull: so it still is one up to where the batch begins, and where two groups of entries behind the batch have stayed
- * next to each other, the rest stays too.
+ * The chain was a hull: so it still is one up to where the batch begins, and where two groups of entries behind the batch have
+ * stayed next to each other, the rest stays too.
  */
 int cut_chain_flush(struct cut_chain *c, const struct view *view)
 {
@@ -354,8 +362,7 @@ int cut_chain_flush(struct cut_chain *c, const struct view *view)
 	return 0;
 }
 
-void cut_chain_span(const struct cut_chain *c, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1,
-		    int64_t *ret_x)
+void cut_chain_span(const struct cut_chain *c, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1, int64_t *ret_x)
 {
 	unsigned along = c->vertical ? 1 : 0, across = 1 - along;
 	int64_t v0 = 2 * (int64_t)box[across] - c->c2, v1 = 2 * (int64_t)box[across + 2] - c->c2;
@@ -384,15 +391,15 @@ static double ray_most(const struct cut_chain *c, const struct point *end, int64
 	return x * x + bow + SLACK_REL * (x * x + fabs(bow));
 }
 
-/* E(U) - U^2 on the edge from a to b. Either share of it from a difference of U, which is exact: 1 less the other share is not. */
+/* E(U) - U^2 on the edge from a to b. Either share of it from a difference of U, which is exact: 1 less the other share is not.
+ */
 static double edge_at(double ua, double xa, double ub, double xb, double u)
 {
 	return (xa * xa * (ub - u) + xb * xb * (u - ua)) / (ub - ua) + (u - ua) * (ub - u);
 }
 
 /* The largest of it for U in [u0, u1] within the edge. */
-static double edge_most(const struct cut_chain *c, const struct point *a, const struct point *b, int64_t u0,
-			int64_t u1)
+static double edge_most(const struct cut_chain *c, const struct point *a, const struct point *b, int64_t u0, int64_t u1)
 {
 	double ua = (double)cut_chain_u(c, a), ub = (double)cut_chain_u(c, b);
 	double xa = (double)cut_chain_x(c, a), xb = (double)cut_chain_x(c, b);
@@ -430,8 +437,7 @@ bool cut_chain_hit(const struct cut_chain *c, const int32_t box[4])
 	cut_chain_span(c, box, &u0, &u1, &x);
 	if (c->n == 0)
 		return true;
-	if (c->reach < INFINITY &&
-	    ((double)x > c->reach || (double)(u0 - c->t1) > c->reach || (double)(c->t0 - u1) > c->reach))
+	if (c->reach < INFINITY && ((double)x > c->reach || (double)(u0 - c->t1) > c->reach || (double)(c->t0 - u1) > c->reach))
 		return false;
 	need = (double)x * (double)x * (1 - SLACK_REL) - SLACK_ABS;
 	first = cut_chain_u(c, &c->pt[0]);
@@ -465,8 +471,8 @@ static double at(const struct cut_chain *c, int64_t u, uint32_t *k)
 	if (*k == c->n)
 		return ray_most(c, a, c->t1, u, u);
 	b = &c->pt[*k];
-	return edge_at((double)cut_chain_u(c, a), (double)cut_chain_x(c, a), (double)cut_chain_u(c, b),
-		       (double)cut_chain_x(c, b), (double)u);
+	return edge_at((double)cut_chain_u(c, a), (double)cut_chain_x(c, a), (double)cut_chain_u(c, b), (double)cut_chain_x(c, b),
+		       (double)u);
 }
 
 void cut_chain_limits(const struct cut_chain *c, int64_t u0, unsigned shift, unsigned n, int64_t *ret)

@@ -18,14 +18,14 @@ enum { CUT_CHAIN_PEAKS = 32 };
 
 struct cut_chain {
 	bool vertical;
-	int64_t c2;          /* doubled border */
-	int64_t t0, t1;      /* its ends, doubled; INT64_MIN, INT64_MAX: it has none on that side */
-	struct point *pt;    /* by U: the sites with h == E(U); of one U one or two (mirrored) */
+	int64_t c2;       /* doubled border */
+	int64_t t0, t1;   /* its ends, doubled; INT64_MIN, INT64_MAX: it has none on that side */
+	struct point *pt; /* by U: the sites with h == E(U); of one U one or two (mirrored) */
 	uint32_t n, cap;
 	struct point *batch; /* not in the chain yet */
 	uint32_t nbatch, batch_cap;
-	uint32_t ripe;       /* the batch is merged in when it has as many: a quarter of the chain, at most batch_cap */
-	double reach;        /* no border point is farther from its site than this; INFINITY: unknown */
+	uint32_t ripe; /* the batch is merged in when it has as many: a quarter of the chain, at most batch_cap */
+	double reach;  /* no border point is farther from its site than this; INFINITY: unknown */
 	/* Edge k ends in entry k: no E(U) - U^2 on those of number k >> peak_shift is above this. */
 	unsigned peak_shift;
 	double peak[CUT_CHAIN_PEAKS];
@@ -44,8 +44,8 @@ static inline int64_t cut_chain_x(const struct cut_chain *c, const struct point 
 }
 
 /* Start empty: E is +infinity everywhere. Memory: n + batch never exceeds cap. */
-void cut_chain_init(struct cut_chain *, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt,
-		    uint32_t cap, struct point *batch, uint32_t batch_cap);
+void cut_chain_init(struct cut_chain *, bool vertical, int64_t c2, int64_t t0, int64_t t1, struct point *pt, uint32_t cap,
+		    struct point *batch, uint32_t batch_cap);
 /* Hand the batch's memory in later; it is empty. */
 void cut_chain_batch(struct cut_chain *, struct point *batch, uint32_t batch_cap);
 /* n sites of a chain that was whole, in its order, the first and the last among them: E of these is nowhere below that
@@ -65,7 +65,6 @@ bool cut_chain_hit(const struct cut_chain *, const int32_t box[4]);
  * infinite, -1 where there can be none. */
 void cut_chain_limits(const struct cut_chain *, int64_t u0, unsigned shift, unsigned n, int64_t *ret);
 /* Extents of a box along the border, and its least distance from the line; doubled. */
-void cut_chain_span(const struct cut_chain *, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1,
-		    int64_t *ret_x);
+void cut_chain_span(const struct cut_chain *, const int32_t box[4], int64_t *ret_u0, int64_t *ret_u1, int64_t *ret_x);
 
 #endif

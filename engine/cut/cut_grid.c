@@ -11,8 +11,7 @@ static int grid_source_walk(void *ctx, uint64_t lo, uint64_t hi, const struct gr
 	return grid_walk(ctx, lo, hi, v, err);
 }
 
-static int grid_source_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn, void *sink,
-			    struct err *err)
+static int grid_source_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn, void *sink, struct err *err)
 {
 	return grid_cell_read(ctx, cell, fn, sink, err);
 }
@@ -22,8 +21,7 @@ static int grid_source_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn 
 	return grid_scan(ctx, lo, hi, fn, sink, err);
 }
 
-static int grid_source_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
-			     struct err *err)
+static int grid_source_count(void *ctx, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
 {
 	return grid_count(ctx, lo, hi, ret_count, ret_exact, err);
 }
@@ -49,7 +47,7 @@ static size_t grid_parts(void *ctx, struct cut_part *ret, struct cut_segment *re
 		if (!points)
 			continue;
 		if (n < most) {
-			ret[n] = (struct cut_part){ .points = points, .sum = grid_segment_content(g, i) };
+			ret[n] = (struct cut_part){.points = points, .sum = grid_segment_content(g, i)};
 			ret_segment[n].number = (uint32_t)i;
 			memcpy(ret_segment[n].box, grid_manifest(g)->segments[i].box, sizeof ret_segment[n].box);
 		}
@@ -82,8 +80,8 @@ void cut_source_grid(struct grid_reader *reader, struct cut_source *ret)
 	ret->ledger = grid_ledger(grid_reader_grid(reader));
 }
 
-int cut_load(struct grid_reader *reader, const struct view *view, const struct cut_region *region,
-	     struct cut_load *load, uint64_t *ret_need, struct err *err)
+int cut_load(struct grid_reader *reader, const struct view *view, const struct cut_region *region, struct cut_load *load,
+	     uint64_t *ret_need, struct err *err)
 {
 	struct cut_source src;
 
@@ -110,8 +108,8 @@ int cut_count(struct grid_reader *reader, const struct cut_region *region, uint6
 	return 0;
 }
 
-int cut_valid(struct grid_reader *reader, const struct view *view, const struct cut_region *region,
-	      const struct cut_trace *trace, bool *ret, struct err *err)
+int cut_valid(struct grid_reader *reader, const struct view *view, const struct cut_region *region, const struct cut_trace *trace,
+	      bool *ret, struct err *err)
 {
 	struct cut_source src;
 
@@ -142,8 +140,7 @@ int cut_plan_make(struct grid_reader *reader, uint32_t load, struct cut_plan *re
 	return cut_plan_make_from(&src, load, ret, err);
 }
 
-int cut_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, uint64_t need, uint32_t cap,
-		   struct err *err)
+int cut_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, uint64_t need, uint32_t cap, struct err *err)
 {
 	struct cut_source src;
 
@@ -159,8 +156,8 @@ int cut_plan_halve(struct cut_plan *plan, size_t i, struct grid_reader *reader, 
 	return cut_plan_halve_from(&src, plan, i, ret, err);
 }
 
-int cut_plan_probe_rim(struct cut_plan *plan, struct grid_reader *reader, const struct view *view, uint32_t cap,
-		       void *scratch, size_t scratch_size, struct err *err)
+int cut_plan_probe_rim(struct cut_plan *plan, struct grid_reader *reader, const struct view *view, uint32_t cap, void *scratch,
+		       size_t scratch_size, struct err *err)
 {
 	struct cut_source src;
 

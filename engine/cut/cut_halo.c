@@ -208,8 +208,8 @@ static struct seen *seen_find(const struct cut_halo *h, const struct grid_cell *
 	uint64_t key = (cell->lo + cell->segment) * UINT64_C(0x9e3779b97f4a7c15) ^ cell->place;
 	uint32_t i = (uint32_t)((key * UINT64_C(0xd6e8feb86659fd93)) >> 32) & (h->seen_size - 1);
 
-	while (h->seen[i].used && (h->seen[i].lo != cell->lo || h->seen[i].place != cell->place ||
-				   h->seen[i].segment != cell->segment))
+	while (h->seen[i].used &&
+	       (h->seen[i].lo != cell->lo || h->seen[i].place != cell->place || h->seen[i].segment != cell->segment))
 		i = (i + 1) & (h->seen_size - 1);
 	return &h->seen[i];
 }
@@ -341,11 +341,11 @@ static int round_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-/* All hits: of the index, or of those that were listed, which are hits no more once they are none. As long as a chain is empty they
- * are all there is, and only the nearest are looked for. */
+/* All hits: of the index, or of those that were listed, which are hits no more once they are none. As long as a chain is empty
+ * they are all there is, and only the nearest are looked for. */
 static int round_walk(struct cut_halo *h, struct err *err)
 {
-	struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = round_cell };
+	struct grid_visitor v = {.ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = round_cell};
 	uint32_t n = h->nlist;
 	bool empty = false;
 	int rc;
@@ -386,7 +386,7 @@ static int round_once(struct cut_halo *h, bool *ret_more, struct err *err)
 			seen = seen_find(h, &noted->cell);
 			if (seen->used || h->nseen >= h->seen_limit)
 				continue;
-			*seen = (struct seen){ noted->cell.lo, noted->cell.place, noted->cell.segment, 1 };
+			*seen = (struct seen){noted->cell.lo, noted->cell.place, noted->cell.segment, 1};
 			h->nseen++;
 			rc = cut_halo_read(h, &noted->cell, err);
 		}
@@ -413,9 +413,8 @@ static int sweep_cell(void *ctx, const struct grid_cell *cell)
 	struct cut_halo *h = ctx;
 	uint32_t i;
 
-	if ((h->has_after && !cell_before(&h->after, cell)) ||
-	    (h->nsweep == SWEEP && !cell_before(cell, &h->sweep[SWEEP - 1])) || !matters(h, cell) ||
-	    seen_find(h, cell)->used)
+	if ((h->has_after && !cell_before(&h->after, cell)) || (h->nsweep == SWEEP && !cell_before(cell, &h->sweep[SWEEP - 1])) ||
+	    !matters(h, cell) || seen_find(h, cell)->used)
 		return 0;
 	i = h->nsweep < SWEEP ? h->nsweep++ : SWEEP - 1;
 	for (; i > 0 && cell_before(cell, &h->sweep[i - 1]); i--)
@@ -426,7 +425,7 @@ static int sweep_cell(void *ctx, const struct grid_cell *cell)
 
 static int sweep_all(struct cut_halo *h, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = sweep_cell };
+	const struct grid_visitor v = {.ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = sweep_cell};
 
 	for (;;) {
 		int rc;
@@ -464,7 +463,7 @@ static int estimate_cell(void *ctx, const struct grid_cell *cell)
 /* What the halo may come to, from what is in the chains and the cells that may still matter. */
 static int estimate(struct cut_halo *h, uint64_t *ret, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = estimate_cell };
+	const struct grid_visitor v = {.ctx = h, .segment = halo_segment, .enter = halo_enter, .cell = estimate_cell};
 	uint64_t known = 0;
 	int rc;
 
@@ -513,8 +512,7 @@ void cut_halo_trace(struct cut_halo *h, struct cut_trace *trace)
 	h->trace = trace;
 }
 
-int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n, uint64_t *ret_need,
-		  struct err *err)
+int cut_halo_find(struct cut_halo *h, const struct point **ret, uint32_t *ret_n, uint64_t *ret_need, struct err *err)
 {
 	bool more = h->nchain > 0;
 	int rc = 0;

@@ -11,31 +11,31 @@
 enum {
 	COLUMNS = 256,
 	BATCH = 1024,
-	BATCH_SHARE = 32,       /* one batch, of the memory for points */
+	BATCH_SHARE = 32, /* one batch, of the memory for points */
 	LIST = 512,
 	SWEEP = 256,
 	ROUNDS = 200,
 	SEED_COLUMNS = 1024,
 	SEED_BLOCKS = 1024,
 	SEED_GROUPS = 64,
-	SEED_BLOCK_BITS = 5,    /* at least */
-	SEED_COLUMN_BITS = 4,   /* likewise */
+	SEED_BLOCK_BITS = 5,  /* at least */
+	SEED_COLUMN_BITS = 4, /* likewise */
 	TAKE_COLUMNS = 16,
 	TAKE_MANY = 96,
 	NONE = UINT32_MAX,
 };
 
 struct noted {
-	int64_t x;              /* distance of the cell's box from the line; INT64_MAX: nothing noted */
+	int64_t x; /* distance of the cell's box from the line; INT64_MAX: nothing noted */
 	struct grid_cell cell;
 };
 
 /* What of the cell that is being read a chain asks for: by columns along it, no point farther from it than this. */
 struct take {
 	unsigned chain, shift;
-	unsigned across;        /* 0: x, 1: y */
+	unsigned across; /* 0: x, 1: y */
 	int64_t c2, u0;
-	int32_t from;           /* what is within the largest limit lies in [from, from + wide] across */
+	int32_t from; /* what is within the largest limit lies in [from, from + wide] across */
 	uint32_t wide;
 	int64_t limit[TAKE_COLUMNS];
 };
@@ -59,18 +59,18 @@ struct cut_halo {
 	bool bounded;
 	struct cut_chain bound[4];
 	struct point bound_site[4 * CUT_TRACE_SITES];
-	int32_t box[4];         /* of all cells */
-	int64_t u0[4], u1[4];   /* what the columns of each chain span in this round */
-	unsigned columns;       /* in use */
-	unsigned rounds;        /* limit */
+	int32_t box[4];                   /* of all cells */
+	int64_t u0[4], u1[4];             /* what the columns of each chain span in this round */
+	unsigned columns;                 /* in use */
+	unsigned rounds;                  /* limit */
 	unsigned block_bits, column_bits; /* of seeding, at least */
-	uint32_t many;          /* points of a cell that pass: from more than these on they are held against each other */
+	uint32_t many; /* points of a cell that pass: from more than these on they are held against each other */
 	struct seen *seen;
 	uint32_t seen_size, seen_limit, nseen;
 	/* The hits of the last walk, where they found room: those of later rounds are among them. */
 	bool listed;
 	uint32_t nlist, list_limit;
-	struct point *pool;     /* the chains in order, each with room behind it; then the batches */
+	struct point *pool; /* the chains in order, each with room behind it; then the batches */
 	size_t pool_size;
 	uint64_t cells, points;
 	struct cut_trace *trace; /* NULL: not asked for */
@@ -80,7 +80,7 @@ struct cut_halo {
 	struct grid_cell after;
 	bool has_after;
 	uint32_t nsweep;
-	uint64_t waiting;       /* estimate: records of hits not read */
+	uint64_t waiting;            /* estimate: records of hits not read */
 	struct grid_cell list[LIST]; /* from here on each use fills its own part */
 	union {
 		struct noted noted[4][COLUMNS];

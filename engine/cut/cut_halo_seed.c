@@ -15,10 +15,10 @@ _Static_assert(1 << COLUMN_BITS_MOST == SEED_COLUMNS && SEED_COLUMNS >> GROUP ==
 struct seeding {
 	const struct mesh_vertex *own;
 	uint32_t n;
-	unsigned block;     /* log2 of the positions of one */
-	unsigned across;    /* 0: x, 1: y */
+	unsigned block;  /* log2 of the positions of one */
+	unsigned across; /* 0: x, 1: y */
 	int64_t c2;
-	uint32_t base;      /* where its columns begin, and their width */
+	uint32_t base; /* where its columns begin, and their width */
 	unsigned shift, columns, blocks;
 };
 
@@ -139,7 +139,7 @@ static void find_limits(struct cut_halo *h, const struct cut_chain *c, const str
 static int seed_add(struct cut_halo *h, unsigned chain, const struct mesh_vertex *v)
 {
 	/* Stands for its position only: never part of the result. */
-	const struct point p = { .x = v->x, .y = v->y, .z = v->z };
+	const struct point p = {.x = v->x, .y = v->y, .z = v->z};
 
 	return cut_halo_add(h, chain, &p);
 }
@@ -179,7 +179,7 @@ static int seed_chain(struct cut_halo *h, unsigned chain, struct seeding *s)
 
 int cut_halo_seed(struct cut_halo *h, const struct mesh_vertex *own, uint32_t n)
 {
-	struct seeding s = { .own = own, .n = n, .block = h->block_bits };
+	struct seeding s = {.own = own, .n = n, .block = h->block_bits};
 
 	if (n == 0) {
 		h->columns = h->bounded ? COLUMNS : 16;

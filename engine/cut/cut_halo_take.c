@@ -3,14 +3,14 @@
  *
  * A chain that has been there bounds what it can still want, column by column, and few points pass. Where it has no site yet,
  * or only far ones, whole cells pass: beside the side of a survey that is every cell along it, and each of their points
- * would be sorted into the chain to be thrown out of it. So of many that pass the nearest of each column make a chain of their own
- * first. Its sites are some of all sites, so its E is nowhere below the chain's: what lies above it is in no halo.
+ * would be sorted into the chain to be thrown out of it. So of many that pass the nearest of each column make a chain of their
+ * own first. Its sites are some of all sites, so its E is nowhere below the chain's: what lies above it is in no halo.
  */
 #include "cut_halo_priv.h"
 
 enum {
-	STRIP = GRID_CELL_RECORDS,      /* points that are looked at together */
-	NEAR_BITS = 2,                  /* their columns are by so much narrower than those of `take` */
+	STRIP = GRID_CELL_RECORDS, /* points that are looked at together */
+	NEAR_BITS = 2,             /* their columns are by so much narrower than those of `take` */
 	NEAR = TAKE_COLUMNS << NEAR_BITS,
 };
 
@@ -176,7 +176,7 @@ static void ask(struct cut_halo *h, const struct grid_cell *cell)
 
 		if (!cut_halo_hit(h, i, cell->box))
 			continue;
-		*t = (struct take){ .chain = i, .across = c->vertical ? 0 : 1, .c2 = c->c2 };
+		*t = (struct take){.chain = i, .across = c->vertical ? 0 : 1, .c2 = c->c2};
 		cut_chain_span(c, cell->box, &t->u0, &u1, &x);
 		while ((u1 - t->u0) >> t->shift >= TAKE_COLUMNS)
 			t->shift++;

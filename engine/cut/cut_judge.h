@@ -23,9 +23,9 @@ struct cut_judge {
 
 static inline void cut_judge_init(struct cut_judge *j, const struct view *view)
 {
-	const struct point zero = { .x = 0 };
+	const struct point zero = {.x = 0};
 
-	*j = (struct cut_judge){ .view = view, .by_kind = view_by_kind(view) };
+	*j = (struct cut_judge){.view = view, .by_kind = view_by_kind(view)};
 	if (j->by_kind)
 		memset(j->rule, (int)view_judge(view, &zero), sizeof j->rule);
 }

@@ -20,7 +20,7 @@ enum {
 	CELL = 2 * GRID_CELL_RECORDS, /* positions of a cell that can be kept */
 	COLUMNS = 16,
 	SLOTS_LEAST = 128,
-	POINTS_SLOT = 24,             /* kept points that a slot comes with */
+	POINTS_SLOT = 24, /* kept points that a slot comes with */
 };
 
 struct slot {
@@ -36,10 +36,10 @@ struct cut_keep {
 	const struct cut_region *region;
 	uint32_t nregion;
 	struct slot *slot;
-	uint32_t nslot, used;      /* a power of two; how many are in use */
+	uint32_t nslot, used; /* a power of two; how many are in use */
 	struct point *pool;
 	uint32_t npool, cap;
-	bool full;                 /* something was not kept */
+	bool full; /* something was not kept */
 	uint64_t cells, points;
 	/* the cell that is being read */
 	uint32_t n;
@@ -99,8 +99,8 @@ static struct slot *slot_find(const struct cut_keep *k, const struct grid_cell *
 	uint64_t key = (cell->lo + cell->segment) * UINT64_C(0x9e3779b97f4a7c15) ^ cell->place;
 	uint32_t i = (uint32_t)((key * UINT64_C(0xd6e8feb86659fd93)) >> 32) & (k->nslot - 1);
 
-	while (k->slot[i].used && (k->slot[i].lo != cell->lo || k->slot[i].place != cell->place ||
-				   k->slot[i].segment != cell->segment))
+	while (k->slot[i].used &&
+	       (k->slot[i].lo != cell->lo || k->slot[i].place != cell->place || k->slot[i].segment != cell->segment))
 		i = (i + 1) & (k->nslot - 1);
 	return &k->slot[i];
 }
@@ -142,8 +142,7 @@ static int64_t node_gap(const struct cut_region *node, const int64_t box[4])
 {
 	int64_t x = 2 * ((int64_t)node->x - ((int64_t)1 << 31)) - 1, y = 2 * ((int64_t)node->y - ((int64_t)1 << 31)) - 1;
 
-	return larger(gap(box[0], box[2], x, x + ((int64_t)2 << node->wx)),
-		      gap(box[1], box[3], y, y + ((int64_t)2 << node->wy)));
+	return larger(gap(box[0], box[2], x, x + ((int64_t)2 << node->wx)), gap(box[1], box[3], y, y + ((int64_t)2 << node->wy)));
 }
 
 /* Whether a region of the node lies in its upper half. */
@@ -284,8 +283,7 @@ static int reduce(struct cut_keep *k, const int32_t box[4], const int64_t w[4])
 	for (unsigned i = 0; i < 4; i++) {
 		unsigned across = i & 1, beside = 1 - across;
 
-		cut_chain_init(&c[i], !across, w[i], w[beside], w[beside + 2], k->chain[i], CELL, k->batch,
-			       CELL);
+		cut_chain_init(&c[i], !across, w[i], w[beside], w[beside + 2], k->chain[i], CELL, k->batch, CELL);
 		if (see(k, &c[i], box))
 			return CUT_E_FULL;
 	}
@@ -376,7 +374,7 @@ static int keep_read(void *ctx, const struct grid_cell *cell, grid_points_fn fn,
 	rc = k->n ? reduce(k, cell->box, w) : 0;
 	k->full = k->full || k->n > k->cap - k->npool;
 	if (!rc && k->n <= k->cap - k->npool) {
-		*slot = (struct slot){ cell->lo, cell->place, cell->segment, k->npool, k->n, 1 };
+		*slot = (struct slot){cell->lo, cell->place, cell->segment, k->npool, k->n, 1};
 		memcpy(k->pool + k->npool, k->cell, k->n * sizeof(struct point));
 		k->npool += k->n;
 		k->used++;
@@ -414,6 +412,6 @@ static bool keep_box(void *ctx, int32_t ret_box[4])
 
 void cut_keep_source(struct cut_keep *k, struct cut_source *ret)
 {
-	*ret = (struct cut_source){ .ctx = k, .walk = keep_walk, .read = keep_read, .scan = keep_scan,
-				    .count = keep_count, .box = keep_box };
+	*ret = (struct cut_source){
+		.ctx = k, .walk = keep_walk, .read = keep_read, .scan = keep_scan, .count = keep_count, .box = keep_box};
 }

@@ -19,7 +19,7 @@ _Static_assert(MESH_RULES >= VIEW_RULES, "counts by rule");
 struct own {
 	struct cut_load *load;
 	struct cut_judge judge;
-	struct point last;      /* the record taken so far of the last position */
+	struct point last; /* the record taken so far of the last position */
 };
 
 static int own_points(void *ctx, const struct point *pts, size_t n, struct err *err)
@@ -50,17 +50,17 @@ static int own_points(void *ctx, const struct point *pts, size_t n, struct err *
 			return CUT_E_FULL;
 		}
 		last = p;
-		l->out[own++] = (struct mesh_vertex){ p->x, p->y, p->z };
+		l->out[own++] = (struct mesh_vertex){p->x, p->y, p->z};
 	}
 	o->last = *last;
 	l->own = own;
 	return 0;
 }
 
-static int load_own(const struct cut_source *src, const struct view *view, const struct cut_region *region,
-		    struct cut_load *load, struct err *err)
+static int load_own(const struct cut_source *src, const struct view *view, const struct cut_region *region, struct cut_load *load,
+		    struct err *err)
 {
-	struct own o = { .load = load };
+	struct own o = {.load = load};
 	struct cut_range range[4];
 	unsigned n = cut_region_ranges(region, range);
 
@@ -102,7 +102,7 @@ static void merge(struct cut_load *load, const struct point *halo, uint32_t m)
 		uint32_t at = before(load->out, i, p);
 
 		memmove(load->out + at + m, load->out + at, (i - at) * sizeof(*load->out));
-		load->out[at + m - 1] = (struct mesh_vertex){ p->x, p->y, p->z };
+		load->out[at + m - 1] = (struct mesh_vertex){p->x, p->y, p->z};
 		i = at;
 	}
 }
@@ -112,8 +112,8 @@ size_t cut_load_scratch_bytes(uint32_t cap)
 	return cut_halo_bytes(cap);
 }
 
-int cut_load_from(const struct cut_source *src, const struct view *view, const struct cut_region *region,
-		  struct cut_load *load, uint64_t *ret_need, struct err *err)
+int cut_load_from(const struct cut_source *src, const struct view *view, const struct cut_region *region, struct cut_load *load,
+		  uint64_t *ret_need, struct err *err)
 {
 	struct cut_source near = *src;
 	const struct point *halo;

@@ -24,14 +24,14 @@
 enum {
 	STRADDLERS = 64,
 	STUCK_LEVELS = 8,
-	STACK = 80, /* a split adds one region; 64 levels at most */
+	STACK = 80,      /* a split adds one region; 64 levels at most */
 	FIRST = 1 << 17, /* positions of a leaf at most, until the leaves own half as many */
 };
 
 struct bound {
 	struct cut_range range;
 	uint64_t positions;
-	bool several;            /* cells of more than one segment counted */
+	bool several; /* cells of more than one segment counted */
 	bool any, loose;
 	uint32_t segment;
 	uint32_t nstraddler;
@@ -111,8 +111,7 @@ static int bound_points(void *ctx, const struct point *pts, size_t n, struct err
 }
 
 /* An upper bound of the region's positions before the view; *ret_exact: it is the number itself. */
-static int region_bound(const struct cut_source *src, const struct cut_region *r, uint64_t *ret, bool *ret_exact,
-			struct err *err)
+static int region_bound(const struct cut_source *src, const struct cut_region *r, uint64_t *ret, bool *ret_exact, struct err *err)
 {
 	unsigned bits = (unsigned)r->wx + r->wy;
 	struct cut_range range[4];
@@ -122,7 +121,7 @@ static int region_bound(const struct cut_source *src, const struct cut_region *r
 	struct bound b;
 
 	for (unsigned i = 0; i < n; i++) {
-		const struct grid_visitor v = { .ctx = &b, .segment = bound_whole, .enter = bound_enter, .cell = bound_cell };
+		const struct grid_visitor v = {.ctx = &b, .segment = bound_whole, .enter = bound_enter, .cell = bound_cell};
 		uint64_t records = UINT64_MAX;
 		bool all_live = src->all_live && src->all_live(src->ctx);
 		int rc;
@@ -202,11 +201,11 @@ void cut_plan_done(struct cut_plan *plan)
 	cut_sites_free(plan->sites);
 	if (plan->ledger && plan->cap)
 		ledger_give(plan->ledger, LEDGER_PLAN, plan->cap * sizeof(*plan->leaf));
-	*plan = (struct cut_plan){ .ledger = plan->ledger };
+	*plan = (struct cut_plan){.ledger = plan->ledger};
 }
 
-static int plan_root(const struct cut_source *src, const struct cut_region *root, uint32_t load,
-		     struct cut_plan *plan, struct err *err)
+static int plan_root(const struct cut_source *src, const struct cut_region *root, uint32_t load, struct cut_plan *plan,
+		     struct err *err)
 {
 	struct cut_region stack[STACK], half[2];
 	uint64_t before = 0; /* positions of the leaves so far */
@@ -215,7 +214,7 @@ static int plan_root(const struct cut_source *src, const struct cut_region *root
 
 	stack[n++] = *root;
 	while (n > 0) {
-		struct cut_leaf leaf = { .region = stack[--n] };
+		struct cut_leaf leaf = {.region = stack[--n]};
 		uint64_t most = several && before < FIRST / 2 && load > FIRST ? FIRST : load;
 		int rc = region_bound(src, &leaf.region, &leaf.count, &leaf.exact, err);
 
@@ -237,7 +236,7 @@ static int plan_root(const struct cut_source *src, const struct cut_region *root
 
 int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_plan *ret, struct err *err)
 {
-	struct cut_plan plan = { .ledger = src->ledger, .load = load ? load : 1 };
+	struct cut_plan plan = {.ledger = src->ledger, .load = load ? load : 1};
 	struct cut_region root;
 	int32_t box[4];
 	int rc = 0;
@@ -253,8 +252,7 @@ int cut_plan_make_from(const struct cut_source *src, uint32_t load, struct cut_p
 	return rc;
 }
 
-static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap,
-		  struct err *err)
+static int refuse(const struct cut_source *src, const struct cut_leaf *leaf, uint64_t need, uint32_t cap, struct err *err)
 {
 	uint64_t points = 0, bytes = need * CUT_BYTES_PER_POSITION;
 	char text[CUT_REGION_TEXT_SIZE];
@@ -279,7 +277,7 @@ static int plan_cut(const struct cut_source *src, struct cut_plan *plan, size_t 
 	int rc;
 
 	for (unsigned k = 0; k < 2; k++) {
-		child[k] = (struct cut_leaf){ .region = half[k], .above = above, .stuck = stuck };
+		child[k] = (struct cut_leaf){.region = half[k], .above = above, .stuck = stuck};
 		rc = region_bound(src, &half[k], &child[k].count, &child[k].exact, err);
 		if (rc)
 			return rc;

@@ -3,11 +3,11 @@
  * leaves would read the same cells for.
  *
  * Suspicious are leaves at the rim (a hull), nearly empty ones (the middle of a circle, the sides of a corridor) and
- * those cut out of one that did not fit, unless they were made before and are stored; everywhere else neighbours of equal load keep a halo small. The index's
- * bound lets most of them pass. The halos of the others are found, all through one source that keeps what they can see
- * of each cell, and are the plan's sites. A strip of land along a diagonal has as many empty leaves beside it as leaves on
- * it, of every size, and each sees a long stretch of its edge. A halo that does not fit is counted once more by itself,
- * and its leaf split.
+ * those cut out of one that did not fit, unless they were made before and are stored; everywhere else neighbours of equal load
+ * keep a halo small. The index's bound lets most of them pass. The halos of the others are found, all through one source that
+ * keeps what they can see of each cell, and are the plan's sites. A strip of land along a diagonal has as many empty leaves
+ * beside it as leaves on it, of every size, and each sees a long stretch of its edge. A halo that does not fit is counted once
+ * more by itself, and its leaf split.
  */
 #include "cut_source.h"
 
@@ -23,7 +23,7 @@
 #include "ledger.h"
 
 enum {
-	FEW = 8,     /* nearly empty: an eighth of what a leaf of this plan may have, or of cap */
+	FEW = 8, /* nearly empty: an eighth of what a leaf of this plan may have, or of cap */
 	GAIN = 4,
 };
 
@@ -43,8 +43,8 @@ struct probe {
 	struct point *site;
 	uint32_t nsite, site_cap;
 	bool sites_full;
-	uint8_t *how;           /* by leaf */
-	uint64_t together;      /* what the bounds of those that are TOGETHER come to */
+	uint8_t *how;      /* by leaf */
+	uint64_t together; /* what the bounds of those that are TOGETHER come to */
 	struct cut_region *region;
 	uint32_t nregion;
 };
@@ -312,10 +312,10 @@ static void deal(struct probe *p)
 	p->site_cap = (uint32_t)((sites < room ? sites : room) / sizeof(*p->site));
 }
 
-int cut_plan_probe_from(const struct cut_source *src, const struct view *view, struct cut_plan *plan, uint32_t cap,
-			void *scratch, size_t scratch_size, struct err *err)
+int cut_plan_probe_from(const struct cut_source *src, const struct view *view, struct cut_plan *plan, uint32_t cap, void *scratch,
+			size_t scratch_size, struct err *err)
 {
-	struct probe p = { .src = src, .view = view, .plan = plan, .cap = cap, .scratch = scratch, .size = scratch_size };
+	struct probe p = {.src = src, .view = view, .plan = plan, .cap = cap, .scratch = scratch, .size = scratch_size};
 	int rc;
 
 	if (plan->n == 0)

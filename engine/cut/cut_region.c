@@ -286,7 +286,7 @@ bool cut_region_owns(const struct cut_region *r, const int32_t a[2], const int32
  */
 bool cut_region_owns_hull(const struct cut_region *r, const int32_t a[2], const int32_t b[2])
 {
-	int64_t box[4], to[2] = { (int64_t)a[1] - b[1], (int64_t)b[0] - a[0] };
+	int64_t box[4], to[2] = {(int64_t)a[1] - b[1], (int64_t)b[0] - a[0]};
 
 	cut_region_box(r, box);
 	for (unsigned axis = 0; axis < 2; axis++) {

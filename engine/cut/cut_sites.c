@@ -41,14 +41,14 @@ struct cut_sites *cut_sites_new(const struct point *pts, uint32_t n, struct ledg
 			ledger_give(ledger, LEDGER_PLAN, bytes);
 		return NULL;
 	}
-	*s = (struct cut_sites){ .bytes = bytes, .ledger = ledger, .n = n, .ncell = (n + CELL - 1) / CELL };
+	*s = (struct cut_sites){.bytes = bytes, .ledger = ledger, .n = n, .ncell = (n + CELL - 1) / CELL};
 	s->ntree = (s->ncell + TREE - 1) / TREE;
 	s->pt = (struct point *)(s + 1);
-	s->cell = (int32_t (*)[4])(s->pt + n);
+	s->cell = (int32_t(*)[4])(s->pt + n);
 	s->tree = s->cell + ncell;
 	memcpy(s->pt, pts, n * sizeof(*pts));
 	for (uint32_t i = 0; i < n; i++)
-		widen(s->cell[i / CELL], (const int32_t[4]){ pts[i].x, pts[i].y, pts[i].x, pts[i].y }, i % CELL == 0);
+		widen(s->cell[i / CELL], (const int32_t[4]){pts[i].x, pts[i].y, pts[i].x, pts[i].y}, i % CELL == 0);
 	for (uint32_t i = 0; i < s->ncell; i++)
 		widen(s->tree[i / TREE], s->cell[i], i % TREE == 0);
 	return s;
@@ -70,7 +70,7 @@ size_t cut_sites_bytes(const struct cut_sites *s)
 /* Sites [from, to) as the index would tell of them. */
 static struct grid_cell cell_of(const struct cut_sites *s, uint32_t from, uint32_t to, const int32_t box[4])
 {
-	struct grid_cell cell = { .count = to - from, .distinct = to - from, .place = from, .blocks = 1 };
+	struct grid_cell cell = {.count = to - from, .distinct = to - from, .place = from, .blocks = 1};
 
 	cell.lo = point_morton(s->pt[from].x, s->pt[from].y);
 	cell.hi = point_morton(s->pt[to - 1].x, s->pt[to - 1].y);
@@ -125,5 +125,5 @@ static bool sites_box(void *ctx, int32_t ret_box[4])
 
 void cut_sites_source(const struct cut_sites *s, struct cut_source *ret)
 {
-	*ret = (struct cut_source){ .ctx = (void *)s, .walk = sites_walk, .read = sites_read, .box = sites_box };
+	*ret = (struct cut_source){.ctx = (void *)s, .walk = sites_walk, .read = sites_read, .box = sites_box};
 }

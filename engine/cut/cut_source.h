@@ -34,7 +34,8 @@ struct cut_source {
 	int (*sums)(void *ctx, struct grid_sum *range, size_t n, struct err *);
 	/* As grid_box: of all points of all sources. */
 	bool (*box)(void *ctx, int32_t ret_box[4]);
-	/* The segments with live records: how many there are, and of the first `most` what is live in them, and where. NULL: not known. */
+	/* The segments with live records: how many there are, and of the first `most` what is live in them, and where. NULL: not
+	 * known. */
 	size_t (*parts)(void *ctx, struct cut_part *ret, struct cut_segment *ret_segment, size_t most);
 	struct ledger *ledger; /* of plans; NULL: none */
 };
@@ -45,15 +46,14 @@ void cut_source_grid(struct grid_reader *, struct cut_source *ret);
 /* The functions of cut.h over any source. */
 int cut_load_from(const struct cut_source *, const struct view *, const struct cut_region *, struct cut_load *,
 		  uint64_t *ret_need, struct err *err);
-int cut_valid_from(const struct cut_source *, const struct view *, const struct cut_region *, const struct cut_trace *,
-		   bool *ret, struct err *err);
+int cut_valid_from(const struct cut_source *, const struct view *, const struct cut_region *, const struct cut_trace *, bool *ret,
+		   struct err *err);
 bool cut_trace_stands_in(const struct cut_source *, const struct cut_trace *);
 bool cut_far_from(const struct cut_source *, const struct cut_region *, const struct cut_reach *, const struct cut_live *);
 int cut_plan_make_from(const struct cut_source *, uint32_t load, struct cut_plan *ret, struct err *err);
-int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap,
-			struct err *err);
+int cut_plan_split_from(const struct cut_source *, struct cut_plan *, size_t i, uint64_t need, uint32_t cap, struct err *err);
 int cut_plan_halve_from(const struct cut_source *, struct cut_plan *, size_t i, bool *ret, struct err *err);
-int cut_plan_probe_from(const struct cut_source *, const struct view *, struct cut_plan *, uint32_t cap,
-			void *scratch, size_t scratch_size, struct err *err);
+int cut_plan_probe_from(const struct cut_source *, const struct view *, struct cut_plan *, uint32_t cap, void *scratch,
+			size_t scratch_size, struct err *err);
 
 #endif

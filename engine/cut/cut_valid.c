@@ -21,13 +21,14 @@
  *   neither hull. So E and E2 are the hulls of the same sites, those with keys in R, and the sites on them are the same.
  * A border without any site has no E', which counts as infinite: everything is a hit.
  *
- * Where all that was live then is live now, segment by segment, or merged, R's sums can differ and (2) be false only by what is live
- * in other segments. If none of that comes near, neither in the region nor with h <= E', no site on E is another, and nothing
- * more is asked: of a survey that grew at one end the index of what is old is not looked at. Cells of what came that are in R
- * count as near, their whole segment only where its box does for the other two reasons.
+ * Where all that was live then is live now, segment by segment, or merged, R's sums can differ and (2) be false only by what is
+ * live in other segments. If none of that comes near, neither in the region nor with h <= E', no site on E is another, and
+ * nothing more is asked: of a survey that grew at one end the index of what is old is not looked at. Cells of what came that are
+ * in R count as near, their whole segment only where its box does for the other two reasons.
  *
- * That of whole segments needs no trace: only what was live in any generation G in which it was valid, and how far E' reaches (cut_far). For
- * E of G is that of the trace, all that was live in G is live now, so is what E stands on, and what came is not in the region and has h > E' >= E.
+ * That of whole segments needs no trace: only what was live in any generation G in which it was valid, and how far E' reaches
+ * (cut_far). For E of G is that of the trace, all that was live in G is live now, so is what E stands on, and what came is not in
+ * the region and has h > E' >= E.
  *
  * Merged segments, removed and restored sources, copies of a point in other files change no live content, so they
  * change nothing here. Coarser ranges or fewer sites make R larger, never wrong. All numbers are of one lattice with its
@@ -170,7 +171,7 @@ struct listing {
 	struct cut_range own[4];
 	unsigned nown, nchain;
 	struct cut_chain chain[4];
-	uint64_t mask;           /* low bits that are not told apart any more */
+	uint64_t mask; /* low bits that are not told apart any more */
 };
 
 static void widen(struct grid_sum *r, uint64_t mask)
@@ -316,8 +317,8 @@ static void judge_survey(struct judge *j)
 
 static bool meets(const struct judge *j, const int32_t box[4])
 {
-	return 2 * (int64_t)box[0] <= j->box[2] && 2 * (int64_t)box[2] >= j->box[0] &&
-	       2 * (int64_t)box[1] <= j->box[3] && 2 * (int64_t)box[3] >= j->box[1];
+	return 2 * (int64_t)box[0] <= j->box[2] && 2 * (int64_t)box[2] >= j->box[0] && 2 * (int64_t)box[1] <= j->box[3] &&
+	       2 * (int64_t)box[3] >= j->box[1];
 }
 
 static bool judge_wants(const struct judge *j, const struct grid_cell *cell)
@@ -325,8 +326,7 @@ static bool judge_wants(const struct judge *j, const struct grid_cell *cell)
 	uint64_t lo, hi;
 
 	keys_of(cell->box, &lo, &hi);
-	return cell->count && !in_ranges(j->trace, lo, hi) &&
-	       (meets(j, cell->box) || hit(j->chain, j->nchain, cell->box));
+	return cell->count && !in_ranges(j->trace, lo, hi) && (meets(j, cell->box) || hit(j->chain, j->nchain, cell->box));
 }
 
 static bool judge_enter(void *ctx, const struct grid_cell *subtree)
@@ -408,8 +408,7 @@ static bool fresh_segment(void *ctx, const struct grid_cell *whole)
 
 	while (i < f->n && f->segment[i].number != whole->segment)
 		i++;
-	if (i == f->n || !whole->count ||
-	    !(meets(f->judge, whole->box) || hit(f->judge->chain, f->judge->nchain, whole->box)))
+	if (i == f->n || !whole->count || !(meets(f->judge, whole->box) || hit(f->judge->chain, f->judge->nchain, whole->box)))
 		return false;
 	judge_survey(f->judge);
 	return true;
@@ -437,7 +436,7 @@ static bool part_same(const struct cut_part *a, const struct cut_part *b)
 /* All that is missing lies in one segment now, which then is none of what came. */
 static bool fresh_merged(struct fresh *f, const struct cut_live *then, const bool *there)
 {
-	struct cut_part all = { 0 };
+	struct cut_part all = {0};
 	size_t i = 0;
 
 	for (uint32_t k = 0; k < then->n; k++)
@@ -459,7 +458,7 @@ static bool fresh_merged(struct fresh *f, const struct cut_live *then, const boo
 static bool fresh_find(const struct cut_source *src, const struct cut_live *then, struct fresh *f)
 {
 	enum { MOST = sizeof f->segment / sizeof f->segment[0] };
-	bool taken[CUT_TRACE_PARTS] = { false };
+	bool taken[CUT_TRACE_PARTS] = {false};
 	struct cut_part now[MOST];
 	struct cut_segment segment[MOST];
 	size_t n = then->n && src->parts ? src->parts(src->ctx, now, segment, MOST) : 0, same = 0;
@@ -484,7 +483,7 @@ static bool fresh_find(const struct cut_source *src, const struct cut_live *then
 
 bool cut_trace_stands_in(const struct cut_source *src, const struct cut_trace *t)
 {
-	struct fresh f = { .n = 0 };
+	struct fresh f = {.n = 0};
 
 	return fresh_find(src, &t->live, &f);
 }
@@ -502,7 +501,7 @@ static void border_ends(const struct cut_chain *c, int64_t first, int64_t last, 
 /* How far a point of the border can be from the nearest of these sites at most. */
 static struct cut_reach_border border_reach(const struct cut_chain *c, const struct point *site, uint32_t n)
 {
-	struct cut_reach_border b = { .any = n > 0 };
+	struct cut_reach_border b = {.any = n > 0};
 	int64_t u, t0, t1;
 
 	if (!n)
@@ -533,8 +532,8 @@ void cut_reach_of(const struct cut_trace *t, const struct cut_region *region, st
 		ret->border[i] = border_reach(&border[i], at, t->nsite[i]);
 }
 
-/* False: no point in the box has h <= E'. Beyond the last site of an infinite end E' is infinite, and before it such a point is no farther
- * across than the site is. */
+/* False: no point in the box has h <= E'. Beyond the last site of an infinite end E' is infinite, and before it such a point is
+ * no farther across than the site is. */
 static bool border_near(const struct cut_chain *c, const struct cut_reach_border *b, const int32_t box[4])
 {
 	int64_t u0, u1, x, t0, t1;
@@ -548,8 +547,8 @@ static bool border_near(const struct cut_chain *c, const struct cut_reach_border
 	return x <= b->far && u0 - t1 <= b->far && t0 - u1 <= b->far;
 }
 
-/* Of whole segments, from their boxes: most are far from most regions. True says nothing. What is in R only, neither in the region nor
- * with h <= E', changes no site on E. */
+/* Of whole segments, from their boxes: most are far from most regions. True says nothing. What is in R only, neither in the
+ * region nor with h <= E', changes no site on E. */
 static bool fresh_may(const struct fresh *f, const struct cut_region *region, const struct cut_reach *reach)
 {
 	struct cut_chain border[4];
@@ -568,18 +567,19 @@ static bool fresh_may(const struct fresh *f, const struct cut_region *region, co
 bool cut_far_from(const struct cut_source *src, const struct cut_region *region, const struct cut_reach *reach,
 		  const struct cut_live *then)
 {
-	struct judge j = { .src = src };
-	struct fresh f = { .judge = &j };
+	struct judge j = {.src = src};
+	struct fresh f = {.judge = &j};
 
 	cut_region_box(region, j.box);
 	return fresh_find(src, then, &f) && !fresh_may(&f, region, reach);
 }
 
 /* *ret: what is not of the trace's generation is not near. False in it says nothing. Chains are built where boxes do not do. */
-static int nothing_near(const struct cut_source *src, struct judge *j, const struct cut_region *region, bool *ret, struct err *err)
+static int nothing_near(const struct cut_source *src, struct judge *j, const struct cut_region *region, bool *ret,
+			struct err *err)
 {
-	struct fresh f = { .judge = j };
-	const struct grid_visitor v = { .ctx = &f, .segment = fresh_segment, .enter = fresh_near, .cell = fresh_cell };
+	struct fresh f = {.judge = j};
+	const struct grid_visitor v = {.ctx = &f, .segment = fresh_segment, .enter = fresh_near, .cell = fresh_cell};
 	bool known = fresh_find(src, &j->trace->live, &f);
 	struct cut_reach reach;
 	int rc;

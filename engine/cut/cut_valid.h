@@ -40,14 +40,15 @@ struct cut_trace {
 };
 
 /* `memory` (8-byte aligned) of this size is what the trace points to. */
-#define CUT_TRACE_BYTES ((CUT_TRACE_RANGES + CUT_TRACE_OWN) * sizeof(struct grid_sum) + \
-			 4 * CUT_TRACE_SITES * sizeof(struct point))
+#define CUT_TRACE_BYTES \
+	((CUT_TRACE_RANGES + CUT_TRACE_OWN) * sizeof(struct grid_sum) + 4 * CUT_TRACE_SITES * sizeof(struct point))
 void cut_trace_init(struct cut_trace *, void *memory);
 
 /* The steps of a load: the chains, thinned; then all that they can see, and its sums. */
 void cut_trace_sites(struct cut_trace *, const struct cut_chain *chain, unsigned n);
 int cut_trace_ranges(struct cut_trace *, const struct cut_source *, const struct cut_region *, struct err *err);
-/* All that was live where it was made is live here, whatever else is: so its sites are sites here, too, if the view is the same. */
+/* All that was live where it was made is live here, whatever else is: so its sites are sites here, too, if the view is the same.
+ */
 bool cut_trace_stands(struct grid_reader *, const struct cut_trace *);
 /* Whether a trace, of whatever origin, is one of that region by its form. */
 bool cut_trace_fits(const struct cut_trace *, const struct cut_region *);
@@ -69,8 +70,8 @@ struct cut_reach {
 	} border[4];
 };
 void cut_reach_of(const struct cut_trace *, const struct cut_region *, struct cut_reach *ret);
-/* `then`: of a generation in which the trace was valid, or made. True: it is here too, since all that was live then is, and what came is far.
- * False says nothing. */
+/* `then`: of a generation in which the trace was valid, or made. True: it is here too, since all that was live then is, and what
+ * came is far. False says nothing. */
 bool cut_far(const struct grid *, const struct cut_region *, const struct cut_reach *, const struct cut_live *then);
 
 #endif

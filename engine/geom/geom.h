@@ -38,9 +38,7 @@ static inline bool geom_fits31(int64_t a, int64_t b, int64_t c, int64_t d)
 {
 	uint64_t bias = UINT64_C(1) << 31;
 
-	return !(
-	    (((uint64_t)a + bias) | ((uint64_t)b + bias) | ((uint64_t)c + bias) | ((uint64_t)d + bias)) >>
-	    32);
+	return !((((uint64_t)a + bias) | ((uint64_t)b + bias) | ((uint64_t)c + bias) | ((uint64_t)d + bias)) >> 32);
 }
 
 /* Twice the signed area of a, b, c: > 0 counter-clockwise, 0 collinear. |value| <= 2^64. */
@@ -73,8 +71,8 @@ static inline int geom_orient(const int32_t a[2], const int32_t b[2], const int3
  * counter-clockwise a, b, c). Intermediates reach 2^131.6, so only the last value has a sign; unweighted
  * heights of full-range positions keep it below 2^127 (ALGORITHM 2).
  */
-static inline geom_i128 geom_lift_det(int64_t ax, int64_t ay, geom_u128 az, int64_t bx, int64_t by,
-				      geom_u128 bz, int64_t cx, int64_t cy, geom_u128 cz)
+static inline geom_i128 geom_lift_det(int64_t ax, int64_t ay, geom_u128 az, int64_t bx, int64_t by, geom_u128 bz, int64_t cx,
+				      int64_t cy, geom_u128 cz)
 {
 	geom_u128 bc = (geom_u128)((geom_i128)bx * cy) - (geom_u128)((geom_i128)by * cx);
 	geom_u128 ca = (geom_u128)((geom_i128)cx * ay) - (geom_u128)((geom_i128)cy * ax);
@@ -90,26 +88,23 @@ static inline geom_u128 geom_lift(int64_t x, int64_t y)
 }
 
 /* The unperturbed in-circle sign: 1 inside, 0 on the circle, -1 outside. a, b, c counter-clockwise. */
-static inline int geom_incircle_plain(const int32_t a[2], const int32_t b[2], const int32_t c[2],
-				      const int32_t d[2])
+static inline int geom_incircle_plain(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2])
 {
 	int64_t ax = (int64_t)a[0] - d[0], ay = (int64_t)a[1] - d[1];
 	int64_t bx = (int64_t)b[0] - d[0], by = (int64_t)b[1] - d[1];
 	int64_t cx = (int64_t)c[0] - d[0], cy = (int64_t)c[1] - d[1];
-	uint64_t bits = (uint64_t)(ax + 32767) | (uint64_t)(ay + 32767) | (uint64_t)(bx + 32767) |
-			(uint64_t)(by + 32767) | (uint64_t)(cx + 32767) | (uint64_t)(cy + 32767);
+	uint64_t bits = (uint64_t)(ax + 32767) | (uint64_t)(ay + 32767) | (uint64_t)(bx + 32767) | (uint64_t)(by + 32767) |
+			(uint64_t)(cx + 32767) | (uint64_t)(cy + 32767);
 
 	/* All differences in [-32767, 32768]: they span at most 2^16 - 1, so the value is below 2^63. */
 	if (bits < 65536) {
 		uint64_t az = (uint64_t)(ax * ax + ay * ay), bz = (uint64_t)(bx * bx + by * by);
 		uint64_t cz = (uint64_t)(cx * cx + cy * cy);
 
-		return geom_sign64((int64_t)(az * (uint64_t)(bx * cy - by * cx) +
-					     bz * (uint64_t)(cx * ay - cy * ax) +
+		return geom_sign64((int64_t)(az * (uint64_t)(bx * cy - by * cx) + bz * (uint64_t)(cx * ay - cy * ax) +
 					     cz * (uint64_t)(ax * by - ay * bx)));
 	}
-	return geom_sign128(
-	    geom_lift_det(ax, ay, geom_lift(ax, ay), bx, by, geom_lift(bx, by), cx, cy, geom_lift(cx, cy)));
+	return geom_sign128(geom_lift_det(ax, ay, geom_lift(ax, ay), bx, by, geom_lift(bx, by), cx, cy, geom_lift(cx, cy)));
 }
 
 /* The answer of geom_incircle where the unperturbed sign is 0: 1 inside, -1 outside. */
@@ -119,8 +114,7 @@ int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2]
  * Whether d lies inside the circle through a, b, c (counter-clockwise), ties broken by the lexicographic
  * order: 1 inside, -1 outside, never 0. The four positions are distinct and a, b, c are not collinear.
  */
-static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2],
-				const int32_t d[2])
+static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2])
 {
 	int sign = geom_incircle_plain(a, b, c, d);
 
@@ -139,8 +133,8 @@ int geom_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], in
  * c relative to a and their heights relative to a's. `at` is a's coordinate across the cut; bv, cv are the
  * differences along it; area is geom_area(a, b, c). Exact for heights within 2^90.
  */
-static inline geom_i128 geom_cut_value(int32_t at, int64_t bv, geom_i128 bz, int64_t cv, geom_i128 cz,
-				       geom_i128 area, int64_t c2, bool vertical)
+static inline geom_i128 geom_cut_value(int32_t at, int64_t bv, geom_i128 bz, int64_t cv, geom_i128 cz, geom_i128 area, int64_t c2,
+				       bool vertical)
 {
 	geom_i128 tilt = bz * cv - cz * bv;
 

@@ -31,13 +31,14 @@ struct grid_guard {
 struct grid_stage;
 
 struct grid_stage_params {
-	int dirfd;              /* folder for runs and the segment (borrowed) */
-	const char *name;       /* file name stem of the segment, unique in the folder */
-	size_t memory;          /* bytes the stage may use for its buffers; the caller has charged them */
-	bool durable;           /* runs are fsynced; if not, grid_stage_sync does nothing */
-	bool passing;           /* nor need the segment outlive a crash: it is not fsynced */
-	bool folder_later;      /* the segment's name is durable when the caller has fsynced the folder, which it does anyway */
-	/* Asked before what was added becomes a run: a file may be made now? It may wait. Not 0: the stage fails with that. NULL: yes. */
+	int dirfd;         /* folder for runs and the segment (borrowed) */
+	const char *name;  /* file name stem of the segment, unique in the folder */
+	size_t memory;     /* bytes the stage may use for its buffers; the caller has charged them */
+	bool durable;      /* runs are fsynced; if not, grid_stage_sync does nothing */
+	bool passing;      /* nor need the segment outlive a crash: it is not fsynced */
+	bool folder_later; /* the segment's name is durable when the caller has fsynced the folder, which it does anyway */
+	/* Asked before what was added becomes a run: a file may be made now? It may wait. Not 0: the stage fails with that. NULL:
+	 * yes. */
 	int (*ready)(void *ctx, struct err *err);
 	void *ready_ctx;
 };
@@ -64,11 +65,11 @@ int grid_stage_share(struct grid_stage *, const struct point *pts, size_t n, str
 int grid_stage_sync(struct grid_stage *, struct err *err);
 
 struct grid_segment_info {
-	char file[64];          /* name in the folder */
+	char file[64]; /* name in the folder */
 	uint64_t points, cells, bytes;
-	int32_t box[4];         /* min x, min y, max x, max y; meaningless if points == 0 */
-	uint64_t classes[256];  /* points by class */
-	struct digest sum;      /* content sum of all its records, without their sources */
+	int32_t box[4];        /* min x, min y, max x, max y; meaningless if points == 0 */
+	uint64_t classes[256]; /* points by class */
+	struct digest sum;     /* content sum of all its records, without their sources */
 };
 
 /* Merge the runs (and what is still in memory) into a segment, published durably. Runs are removed, unless the
@@ -123,15 +124,15 @@ int grid_stage_discard(int dirfd, const char *name, struct err *err);
  */
 struct grid_rewrite;
 struct grid_rewrite_params {
-	int dirfd;              /* borrowed during grid_rewrite_new only, but for the new segment, where it is until the end */
+	int dirfd; /* borrowed during grid_rewrite_new only, but for the new segment, where it is until the end */
 	const struct grid_segment_info *segments; /* borrowed during grid_rewrite_new only */
-	size_t nsegments;       /* at most 512 */
-	size_t nsources;        /* that they can have, all together */
-	const char *name;       /* file name stem of the new one */
-	const uint32_t *drop;   /* sources whose records are left out, ascending; borrowed until the end */
+	size_t nsegments;                         /* at most 512 */
+	size_t nsources;                          /* that they can have, all together */
+	const char *name;                         /* file name stem of the new one */
+	const uint32_t *drop;                     /* sources whose records are left out, ascending; borrowed until the end */
 	size_t ndrop;
-	size_t memory;          /* bytes it may use; the caller has charged them */
-	bool passing;           /* it need not outlive a crash */
+	size_t memory; /* bytes it may use; the caller has charged them */
+	bool passing;  /* it need not outlive a crash */
 };
 /* The least `memory` that does. */
 size_t grid_rewrite_least(const struct grid_segment_info *segments, size_t n, size_t nsources);
@@ -144,8 +145,8 @@ void grid_rewrite_progress(const struct grid_rewrite *, uint64_t *ret_done, uint
 int grid_rewrite_finish(struct grid_rewrite *, struct grid_segment_info *ret, struct err *err);
 struct grid_rewrite *grid_rewrite_free(struct grid_rewrite *); /* nothing of it stays on the disk */
 /* How many records of these sources (ascending) a segment has. Takes 32 bytes a source of it meanwhile. */
-int grid_segment_holds(int dirfd, const struct grid_segment_info *, const uint32_t *ids, size_t n,
-		       uint64_t *ret_points, struct err *err);
+int grid_segment_holds(int dirfd, const struct grid_segment_info *, const uint32_t *ids, size_t n, uint64_t *ret_points,
+		       struct err *err);
 
 /* ---- manifests: a text or binary file that alone describes a dataset ---- */
 
@@ -155,17 +156,17 @@ struct grid_span {
 };
 
 struct grid_source {
-	uint32_t id;            /* > 0, never used twice in a dataset */
+	uint32_t id;             /* > 0, never used twice in a dataset */
 	uint64_t added, removed; /* added it; removed it, 0 = none; the same: never counted */
 	/* It was there before, removed, and is brought back by `added`: when, ascending, all over before that. */
 	const struct grid_span *earlier;
 	size_t nearlier;
 	uint64_t points;
-	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
-	const char *path;       /* absolute, as the client saw it, at most 4095 bytes; "": none (a pipe) */
-	uint64_t size;          /* of the input, in bytes, and when it was last changed (ns since 1970); */
-	int64_t mtime_ns;       /* both 0 if unknown */
-	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
+	const char *name;   /* file name as pushed, at most 255 bytes; NULL is "" */
+	const char *path;   /* absolute, as the client saw it, at most 4095 bytes; "": none (a pipe) */
+	uint64_t size;      /* of the input, in bytes, and when it was last changed (ns since 1970); */
+	int64_t mtime_ns;   /* both 0 if unknown */
+	struct digest hash; /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
 };
 enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096 }; /* with the zero at the end */
 
@@ -185,15 +186,15 @@ const char *grid_generation_kind_text(enum grid_generation_kind); /* "push" ... 
 enum { GRID_USER = 64 };
 struct grid_generation {
 	uint64_t number;
-	int64_t time_us;        /* since 1970; 0 if unknown */
+	int64_t time_us; /* since 1970; 0 if unknown */
 	uint32_t uid;
-	const char *user;       /* that had this number then, at most 63 bytes; NULL is "": unknown */
+	const char *user; /* that had this number then, at most 63 bytes; NULL is "": unknown */
 	enum grid_generation_kind kind;
-	uint64_t undoes;        /* 0: none */
+	uint64_t undoes; /* 0: none */
 	/* By the sources: those that it added (a source that is brought back is added, too), and that it removed. */
 	uint32_t files, files_removed;
 	uint64_t points_added, points_removed;
-	struct digest content;  /* of what it added: the hashes of the files, summed up */
+	struct digest content; /* of what it added: the hashes of the files, summed up */
 };
 
 enum { GRID_GEOID = 128 };
@@ -204,9 +205,9 @@ struct grid_manifest {
 	/* What was done to the heights of its sources: "", or "orthometric HASH NAME" or "ellipsoidal HASH NAME" of
 	 * the geoid grid that made them so. */
 	char geoid[GRID_GEOID];
-	char choices[256];      /* of a push that is not committed: how its files were read; else "" */
-	uint64_t generation;    /* the newest */
-	uint64_t oldest;        /* that can still be read; 0 is 1 */
+	char choices[256];   /* of a push that is not committed: how its files were read; else "" */
+	uint64_t generation; /* the newest */
+	uint64_t oldest;     /* that can still be read; 0 is 1 */
 	struct grid_segment_info *segments;
 	size_t nsegments;
 	struct grid_source *sources;
@@ -215,11 +216,11 @@ struct grid_manifest {
 	 * manifest before version 4 they are made of its sources: pushes of unknown times and users. */
 	struct grid_generation *generations;
 	size_t ngenerations;
-	char *texts;            /* of sources and generations, of a manifest that was read; else NULL */
+	char *texts; /* of sources and generations, of a manifest that was read; else NULL */
 	size_t texts_bytes;
 	struct grid_span *spans; /* likewise, of the sources */
 	size_t nspans;
-	struct ledger *ledger;  /* of a manifest that was read: what it was charged to (LEDGER_MANIFEST), and how much */
+	struct ledger *ledger; /* of a manifest that was read: what it was charged to (LEDGER_MANIFEST), and how much */
 	uint64_t charged;
 };
 
@@ -236,23 +237,23 @@ void grid_generations_tally(const struct grid_manifest *, struct grid_generation
 
 /* ---- reading one generation; thread-safe, all state in the caller's reader ---- */
 
-struct grid;        /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
+struct grid; /* an open manifest: segments, shared index pages (charged to LEDGER_INDEX) */
 
 #define GRID_NEWEST UINT64_MAX /* the newest generation of the manifest */
 /* Takes index_memory and its own tables from the ledger (may be NULL) until grid_close: -ERR_BUSY if they
  * are not free now. Any index_memory works; pages beyond it are read again. dirfd is
  * needed during the call only. */
-int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory,
-	      struct grid **ret, struct err *err);
+int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *, size_t index_memory, struct grid **ret,
+	      struct err *err);
 struct grid *grid_close(struct grid *);
 struct ledger *grid_ledger(const struct grid *); /* that it was opened with */
-uint64_t grid_charged(const struct grid *);    /* taken of LEDGER_INDEX */
+uint64_t grid_charged(const struct grid *);      /* taken of LEDGER_INDEX */
 const struct grid_manifest *grid_manifest(const struct grid *);
-uint64_t grid_points(const struct grid *);           /* live records */
-bool grid_all_live(const struct grid *);             /* nothing that is read in this generation has to be left out */
-uint64_t grid_segment_points(const struct grid *, size_t segment); /* likewise, of one segment of the manifest */
+uint64_t grid_points(const struct grid *); /* live records */
+bool grid_all_live(const struct grid *);   /* nothing that is read in this generation has to be left out */
+uint64_t grid_segment_points(const struct grid *, size_t segment);       /* likewise, of one segment of the manifest */
 struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
-struct digest grid_content(const struct grid *);     /* content sum of them, however they lie in segments */
+struct digest grid_content(const struct grid *);                         /* content sum of them, however they lie in segments */
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);
 
@@ -260,14 +261,14 @@ bool grid_box(const struct grid *, int32_t ret_box[4]);
  * from the first to the last cell for a subtree. */
 struct grid_cell {
 	uint64_t lo, hi;
-	int32_t box[4];         /* tight: min x, min y, max x, max y */
-	uint64_t count;         /* records, live or not: an upper bound */
-	uint64_t distinct;      /* distinct positions, upper bound likewise */
+	int32_t box[4];    /* tight: min x, min y, max x, max y */
+	uint64_t count;    /* records, live or not: an upper bound */
+	uint64_t distinct; /* distinct positions, upper bound likewise */
 	uint32_t segment;
 	uint32_t blocks;
-	uint64_t place, check;  /* where the blocks are, and their checksum; opaque */
-	uint32_t head_bytes;    /* of the first block; opaque */
-	uint32_t source;        /* of all its records; 0: several, or a subtree */
+	uint64_t place, check; /* where the blocks are, and their checksum; opaque */
+	uint32_t head_bytes;   /* of the first block; opaque */
+	uint32_t source;       /* of all its records; 0: several, or a subtree */
 };
 
 struct grid_visitor {
@@ -308,8 +309,7 @@ int grid_cell_read(struct grid_reader *, const struct grid_cell *, grid_points_f
 /* Live records of Morton range [lo, hi] of all segments, merged in point order, in pieces. */
 int grid_scan(struct grid_reader *, uint64_t lo, uint64_t hi, grid_points_fn, void *ctx, struct err *);
 /* Upper bound of live records in the range; *ret_exact if it is the number itself. */
-int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
-	       struct err *);
+int grid_count(struct grid_reader *, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *);
 /* Content sum (FORMAT.md) of the live records in the range, over all segments: exact always. */
 int grid_sum(struct grid_reader *, uint64_t lo, uint64_t hi, struct digest *ret, struct err *);
 /* The same of many ranges, ascending and disjoint, in one descent: *range[i].sum is set. */

@@ -24,8 +24,7 @@ static inline unsigned highest_bit(uint64_t v)
 	return 63u - (unsigned)__builtin_clzll(v);
 }
 
-size_t grid_cell_extent(const struct point *pts, size_t n, const uint64_t *prev, const uint64_t *next,
-			unsigned *ret_bits)
+size_t grid_cell_extent(const struct point *pts, size_t n, const uint64_t *prev, const uint64_t *next, unsigned *ret_bits)
 {
 	uint64_t key = point_morton(pts[0].x, pts[0].y);
 	unsigned bits = prev ? highest_bit(*prev ^ key) : 64;
@@ -178,13 +177,12 @@ static void tabulate(struct point *records, size_t n, const uint32_t *ids, struc
 		at->records++;
 		at->sum_hi += h.hi;
 		at->sum_lo += h.lo;
-		records[i].tag =
-		    (uint16_t)(point_flags(&records[i]) | (unsigned)(at - out) << POINT_SOURCE_SHIFT);
+		records[i].tag = (uint16_t)(point_flags(&records[i]) | (unsigned)(at - out) << POINT_SOURCE_SHIFT);
 	}
 }
 
-void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table,
-		     void *out, struct grid_block_info *ret)
+void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table, void *out,
+		     struct grid_block_info *ret)
 {
 	uint32_t counts[256] = {0}, space[GRID_CELL_RECORDS], only;
 	struct disk_source sources[GRID_CELL_RECORDS];
@@ -245,8 +243,8 @@ size_t grid_block_head_bytes(const void *bytes)
 	struct disk_block head;
 
 	memcpy(&head, bytes, sizeof head);
-	if (!head.records || head.records > GRID_CELL_RECORDS || !head.sources ||
-	    head.sources > GRID_CELL_RECORDS || !head.classes || head.classes > 256)
+	if (!head.records || head.records > GRID_CELL_RECORDS || !head.sources || head.sources > GRID_CELL_RECORDS ||
+	    !head.classes || head.classes > 256)
 		return 0;
 	return disk_head_bytes(&head);
 }
@@ -283,8 +281,7 @@ bool grid_block_open(void *bytes, size_t size, uint64_t place, bool whole, struc
 		return false;
 	if (whole) {
 		b.records = (struct point *)(at + b.head_bytes);
-		if (b.bytes > size ||
-		    b.head->records_check != grid_check(b.records, b.bytes - b.head_bytes, place))
+		if (b.bytes > size || b.head->records_check != grid_check(b.records, b.bytes - b.head_bytes, place))
 			return false;
 	}
 	*ret = b;

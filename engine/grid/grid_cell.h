@@ -23,15 +23,14 @@ struct err;
  * not in its cell. Returns how many records the cell has and the size of its range, 2^*ret_bits keys; 0: the
  * cell is one position with more than GRID_CELL_RECORDS records.
  */
-size_t grid_cell_extent(const struct point *pts, size_t n, const uint64_t *prev, const uint64_t *next,
-			unsigned *ret_bits);
+size_t grid_cell_extent(const struct point *pts, size_t n, const uint64_t *prev, const uint64_t *next, unsigned *ret_bits);
 
 /* ---- blocks ---- */
 
 struct grid_block_info {
 	size_t head_bytes, bytes;
 	uint32_t distinct;
-	uint32_t source;          /* of all records, or 0 */
+	uint32_t source; /* of all records, or 0 */
 	int32_t box[4];
 	struct digest sum;
 };
@@ -41,8 +40,8 @@ struct grid_block_info {
  * (DISK_BLOCK_MAX bytes, aligned to 16), all but its checksums. Their sources are ids[i], or if ids is NULL
  * table[source index of record i].
  */
-void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table,
-		     void *out, struct grid_block_info *ret);
+void grid_block_make(const struct point *pts, size_t n, const uint32_t *ids, const uint32_t *table, void *out,
+		     struct grid_block_info *ret);
 /* The checksums, when its place is known; returns that of the head. */
 uint64_t grid_block_place(void *block, uint64_t place);
 
@@ -51,7 +50,7 @@ struct grid_block {
 	const struct disk_block *head;
 	const struct disk_source *sources;
 	const struct disk_class *classes;
-	struct point *records;    /* NULL if only the head was there */
+	struct point *records; /* NULL if only the head was there */
 	size_t head_bytes, bytes;
 };
 

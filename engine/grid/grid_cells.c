@@ -32,8 +32,8 @@ static bool room(const struct grid_cells *c)
 	return c->size - c->used >= DISK_BLOCK_MAX + (c->n + 1) * sizeof(struct grid_made);
 }
 
-static struct grid_made *put(struct grid_cells *c, const struct point *pts, const uint32_t *ids,
-			     const uint32_t *table, size_t n, unsigned bits)
+static struct grid_made *put(struct grid_cells *c, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
+			     unsigned bits)
 {
 	struct grid_made *b = grid_cells_block(c, c->n++);
 	uint64_t key = point_morton(pts->x, pts->y);
@@ -52,8 +52,8 @@ static struct grid_made *put(struct grid_cells *c, const struct point *pts, cons
 }
 
 /* The next block of a cell that is one position. */
-static void long_cell(struct grid_cells *c, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-		      size_t n, bool first, size_t *ret_taken)
+static void long_cell(struct grid_cells *c, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
+		      bool first, size_t *ret_taken)
 {
 	uint64_t key = first ? point_morton(pts->x, pts->y) : c->last;
 	size_t most = n < GRID_CELL_RECORDS ? n : GRID_CELL_RECORDS, take = 0;
@@ -68,8 +68,8 @@ static void long_cell(struct grid_cells *c, const struct point *pts, const uint3
 	c->open = !b->last;
 }
 
-bool grid_cells_add(struct grid_cells *c, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
-		    bool end, size_t *ret_taken)
+bool grid_cells_add(struct grid_cells *c, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n, bool end,
+		    size_t *ret_taken)
 {
 	size_t at = 0, take;
 	unsigned bits;

@@ -22,13 +22,13 @@ enum {
 	DISK_VERSION = 1,
 	DISK_MANIFEST_VERSION = 4, /* 1 had no paths, sizes and times of sources, 2 no geoid, 3 no generations; all are read */
 	DISK_ALIGN = 16,
-	DISK_HEADER = 4096,      /* of a segment */
-	DISK_RUN_VERSION = 2,    /* 1 had blocks of any size */
-	DISK_RUN_BLOCK = 8192,   /* bytes; the header of a run is one, too */
-	DISK_RUN_RECORDS = 510,  /* at most, a block of a run */
-	DISK_RUN_LEAST = 408,    /* in every block but the last, if each record has a source of its own */
-	DISK_PAGE = 16384,       /* of the index */
-	DISK_LEVELS = 9,         /* 185^9 > 2^64: no index is higher */
+	DISK_HEADER = 4096,     /* of a segment */
+	DISK_RUN_VERSION = 2,   /* 1 had blocks of any size */
+	DISK_RUN_BLOCK = 8192,  /* bytes; the header of a run is one, too */
+	DISK_RUN_RECORDS = 510, /* at most, a block of a run */
+	DISK_RUN_LEAST = 408,   /* in every block but the last, if each record has a source of its own */
+	DISK_PAGE = 16384,      /* of the index */
+	DISK_LEVELS = 9,        /* 185^9 > 2^64: no index is higher */
 };
 
 static inline size_t disk_align(size_t n)
@@ -39,7 +39,7 @@ static inline size_t disk_align(size_t n)
 /* ---- segment ---- */
 
 struct disk_segment {
-	uint64_t check;          /* of the other bytes of the header */
+	uint64_t check; /* of the other bytes of the header */
 	char magic[8];
 	uint32_t version, header_bytes, page_bytes, cell_records;
 	uint64_t points, cells, bytes;
@@ -53,9 +53,9 @@ struct disk_segment {
 	uint8_t zero[DISK_HEADER - 2048 - 128];
 };
 _Static_assert(sizeof(struct disk_segment) == DISK_HEADER && offsetof(struct disk_segment, box) == 56 &&
-	       offsetof(struct disk_segment, root) == 88 &&
-	       offsetof(struct disk_segment, sources_place) == 112 &&
-	       offsetof(struct disk_segment, classes) == 128, "FORMAT.md");
+		       offsetof(struct disk_segment, root) == 88 && offsetof(struct disk_segment, sources_place) == 112 &&
+		       offsetof(struct disk_segment, classes) == 128,
+	       "FORMAT.md");
 
 /* One source of a segment, in its table of sources; ascending by id. */
 struct disk_total {
@@ -66,7 +66,7 @@ _Static_assert(sizeof(struct disk_total) == 32, "FORMAT.md");
 
 /* A block: this, disk_source[sources], disk_class[classes], zeros to a multiple of 16, records. */
 struct disk_block {
-	uint64_t check;          /* of the head from here on; seed: place in the file */
+	uint64_t check; /* of the head from here on; seed: place in the file */
 	uint64_t records_check;
 	uint32_t records;
 	uint16_t classes, sources;
@@ -74,13 +74,13 @@ struct disk_block {
 };
 _Static_assert(sizeof(struct disk_block) == 32, "FORMAT.md");
 
-struct disk_source {             /* ascending by id */
+struct disk_source { /* ascending by id */
 	uint32_t id, records;
 	uint64_t sum_hi, sum_lo;
 };
 _Static_assert(sizeof(struct disk_source) == 24, "FORMAT.md");
 
-struct disk_class {              /* ascending by cls */
+struct disk_class { /* ascending by cls */
 	uint8_t cls, zero;
 	uint16_t records;
 };
@@ -92,35 +92,34 @@ _Static_assert(DISK_HEAD_MAX % DISK_ALIGN == 0, "blocks start aligned");
 
 static inline size_t disk_head_bytes(const struct disk_block *b)
 {
-	return disk_align(sizeof *b + b->sources * sizeof(struct disk_source) +
-			  b->classes * sizeof(struct disk_class));
+	return disk_align(sizeof *b + b->sources * sizeof(struct disk_source) + b->classes * sizeof(struct disk_class));
 }
 
 /* ---- index ---- */
 
 struct disk_page {
-	uint64_t check;          /* of the other bytes of the page; seed: place in the file */
+	uint64_t check; /* of the other bytes of the page; seed: place in the file */
 	uint32_t magic;
 	uint16_t level, entries; /* level 0: its entries are cells */
 	uint64_t zero[2];
 };
 _Static_assert(sizeof(struct disk_page) == 32, "FORMAT.md");
 
-struct disk_leaf {               /* a cell */
+struct disk_leaf { /* a cell */
 	uint64_t lo, place, bytes, count;
-	uint64_t check;          /* sum modulo 2^64 of the checks of its blocks */
+	uint64_t check; /* sum modulo 2^64 of the checks of its blocks */
 	uint64_t sum_hi, sum_lo;
 	int32_t box[4];
 	uint32_t blocks;
-	uint32_t head_bytes;     /* of the first block */
-	uint32_t source;         /* 0: several */
+	uint32_t head_bytes; /* of the first block */
+	uint32_t source;     /* 0: several */
 	uint16_t distinct;
-	uint8_t bits;            /* the range has 2^bits keys, 0..64 */
+	uint8_t bits; /* the range has 2^bits keys, 0..64 */
 	uint8_t zero;
 };
 _Static_assert(sizeof(struct disk_leaf) == 88 && offsetof(struct disk_leaf, box) == 56, "FORMAT.md");
 
-struct disk_inner {              /* a page below */
+struct disk_inner { /* a page below */
 	uint64_t lo, hi, place, check, count, distinct, cells, sum_hi, sum_lo;
 	int32_t box[4];
 };
@@ -137,7 +136,7 @@ static inline uint64_t disk_range_end(uint64_t lo, unsigned bits)
 /* ---- runs ---- */
 
 struct disk_run {
-	uint64_t check;          /* of the other bytes of the header, DISK_RUN_BLOCK in all */
+	uint64_t check; /* of the other bytes of the header, DISK_RUN_BLOCK in all */
 	char magic[8];
 	uint32_t version, block_bytes;
 	uint64_t records, blocks, bytes, zero[2];
@@ -146,7 +145,7 @@ _Static_assert(sizeof(struct disk_run) == 64, "FORMAT.md");
 
 /* Block i lies at (i + 1) * DISK_RUN_BLOCK: this, records, uint32 ids[sources] ascending, zeros. */
 struct disk_run_block {
-	uint64_t check;          /* of the other bytes of the block; seed: place in the file */
+	uint64_t check; /* of the other bytes of the block; seed: place in the file */
 	uint16_t records, sources;
 	uint32_t zero;
 };

@@ -10,18 +10,19 @@ struct err;
 
 enum { GRID_NAME_MAX = 64 };
 
-/* A file of that name for reading, which something else names: that it is gone is -ERR_CORRUPT, with the errno. `what`: "the segment". */
+/* A file of that name for reading, which something else names: that it is gone is -ERR_CORRUPT, with the errno. `what`: "the
+ * segment". */
 int grid_file_open(int dirfd, const char *name, const char *what, int *ret_fd, struct err *err);
 
 struct grid_file {
-	int dirfd, fd;           /* fd -1: not open */
+	int dirfd, fd; /* fd -1: not open */
 	char name[GRID_NAME_MAX], temp[GRID_NAME_MAX + 8];
 	uint8_t *buf;
 	size_t cap, used;
-	uint64_t at;             /* place of buf[0] in the file */
+	uint64_t at; /* place of buf[0] in the file */
 };
 
-#define GRID_FILE_INIT ((struct grid_file){ .fd = -1 })
+#define GRID_FILE_INIT ((struct grid_file){.fd = -1})
 
 /* `buf` of `cap` bytes is borrowed until publish or abort. */
 int grid_file_create(struct grid_file *, int dirfd, const char *name, void *buf, size_t cap, struct err *err);

@@ -20,8 +20,8 @@ bool grid_source_live(const struct grid_source *s, uint64_t generation)
 const char *grid_generation_kind_text(enum grid_generation_kind kind)
 {
 	static const char *const texts[GRID_KINDS] = {
-		[GRID_PUSH] = "push", [GRID_REVERT] = "revert", [GRID_REPLACE] = "replace", [GRID_PRUNE] = "prune",
-		[GRID_IMPORT] = "import",
+		[GRID_PUSH] = "push",   [GRID_REVERT] = "revert", [GRID_REPLACE] = "replace",
+		[GRID_PRUNE] = "prune", [GRID_IMPORT] = "import",
 	};
 
 	return kind < GRID_KINDS && texts[kind] ? texts[kind] : "unknown";
@@ -49,8 +49,7 @@ static struct grid_generation *find(struct grid_generation *all, size_t n, uint6
 	return a < n && all[a].number == number ? &all[a] : NULL;
 }
 
-static void tally_life(const struct grid_source *s, uint64_t added, uint64_t removed, struct grid_generation *all,
-		       size_t n)
+static void tally_life(const struct grid_source *s, uint64_t added, uint64_t removed, struct grid_generation *all, size_t n)
 {
 	struct grid_generation *from = find(all, n, added), *to = removed ? find(all, n, removed) : NULL;
 
@@ -115,8 +114,7 @@ bool grid_manifest_derive(struct grid_manifest *m)
 
 	m->generations = numbers ? calloc(n + 1, sizeof *m->generations) : NULL;
 	for (size_t i = 0; m->generations && i < n; i++)
-		m->generations[i] = (struct grid_generation){
-			.number = numbers[i], .kind = GRID_PUSH, .user = ""};
+		m->generations[i] = (struct grid_generation){.number = numbers[i], .kind = GRID_PUSH, .user = ""};
 	free(numbers);
 	if (!m->generations)
 		return false;

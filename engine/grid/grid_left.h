@@ -12,11 +12,11 @@ struct err;
 
 struct grid_left {
 	uint32_t next_run;
-	const uint32_t *runs;    /* their numbers, oldest first, all less than next_run */
+	const uint32_t *runs; /* their numbers, oldest first, all less than next_run */
 	size_t nruns;
 	const uint32_t *sources; /* of all their records, ascending */
 	size_t nsources;
-	uint32_t *memory;        /* of one that was read */
+	uint32_t *memory; /* of one that was read */
 };
 
 void grid_left_run_name(const char *stem, uint32_t number, char name[GRID_NAME_MAX]);

@@ -175,8 +175,7 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 	uint64_t most = bytes_most(m);
 
 	if (!len || len >= GRID_NAME_MAX || most > MANIFEST_MOST)
-		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'",
-			       m->nsources, name);
+		return err_set(err, ERR_LIMIT, "a manifest of %zu sources cannot be written as '%s'", m->nsources, name);
 	uint8_t *bytes = nomem ? NULL : malloc(2 * most);
 
 	if (!bytes)
@@ -186,8 +185,7 @@ int grid_manifest_write(int dirfd, const char *name, const struct grid_manifest 
 	if (rc == 0) {
 		size_t n = pack(m, bytes, most);
 
-		rc = n ? grid_file_append(&f, bytes, n, err)
-		       : err_set(err, ERR_INTERNAL, "a manifest is larger than it can be");
+		rc = n ? grid_file_append(&f, bytes, n, err) : err_set(err, ERR_INTERNAL, "a manifest is larger than it can be");
 		if (rc == 0)
 			rc = grid_file_publish(&f, GRID_DURABLE, err);
 		grid_file_abort(&f);
@@ -265,8 +263,8 @@ static bool unpack_spans(struct cursor *c, struct grid_manifest *m, size_t most,
 }
 
 /* spans_most: earlier lives of all sources. */
-static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room,
-			  size_t spans_most, struct grid_source *ret)
+static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t version, size_t room, size_t spans_most,
+			  struct grid_source *ret)
 {
 	ret->id = cursor_u32(c);
 	ret->added = cursor_u64(c);
@@ -337,8 +335,7 @@ static bool unpack_counts(struct cursor *c, uint32_t version, struct grid_manife
 	return true;
 }
 
-static const char *unpack_generations(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t room,
-				      bool *ret_nomem)
+static const char *unpack_generations(struct cursor *c, uint32_t version, struct grid_manifest *m, size_t room, bool *ret_nomem)
 {
 	if (version < 4) {
 		*ret_nomem = !grid_manifest_derive(m);
@@ -385,8 +382,7 @@ static const char *unpack(struct cursor *c, uint32_t version, struct grid_manife
 			return "a source in it is malformed";
 	if (m->nspans != spans)
 		return "its sources have fewer lives than it says";
-	if (version >= 3 &&
-	    (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
+	if (version >= 3 && (!unpack_text(c, m->geoid, sizeof m->geoid) || !unpack_text(c, m->choices, sizeof m->choices)))
 		return "a text in it is malformed";
 	fault = unpack_generations(c, version, m, room, ret_nomem);
 	if (fault || *ret_nomem)
@@ -403,8 +399,7 @@ static int damaged(const char *name, const char *what, struct err *err)
 	return err_add_hint(err, "check the disk, and restore the file or push the data again");
 }
 
-static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_manifest **ret,
-		 struct err *err)
+static int parse(const uint8_t *bytes, size_t n, const char *name, struct grid_manifest **ret, struct err *err)
 {
 	struct cursor c = cursor_of(bytes, n);
 	const uint8_t *magic = cursor_bytes(&c, 8);
@@ -486,8 +481,7 @@ static int charge(struct ledger *ledger, uint64_t bytes, const char *name, struc
 			(unsigned long long)(bytes >> 20), (unsigned long long)(ledger_total(ledger) >> 20));
 		err_add_hint(err, "give acutd --memory %lluM or more", (unsigned long long)(bytes >> 18));
 	} else {
-		err_set(err, ERR_BUSY, "no %llu KiB are free for the manifest of the dataset",
-			(unsigned long long)(bytes >> 10));
+		err_set(err, ERR_BUSY, "no %llu KiB are free for the manifest of the dataset", (unsigned long long)(bytes >> 10));
 		err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
 	}
 	return err_add_file(err, name);

@@ -119,9 +119,8 @@ const char *grid_manifest_fault(const struct grid_manifest *m, bool *ret_nomem)
 	const char *fault = NULL;
 
 	*ret_nomem = false;
-	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) ||
-	    !text_ok(m->unit_z, sizeof m->unit_z) || !text_ok(m->geoid, sizeof m->geoid) ||
-	    !text_ok(m->choices, sizeof m->choices))
+	if (!text_ok(m->crs, sizeof m->crs) || !text_ok(m->unit_xy, sizeof m->unit_xy) || !text_ok(m->unit_z, sizeof m->unit_z) ||
+	    !text_ok(m->geoid, sizeof m->geoid) || !text_ok(m->choices, sizeof m->choices))
 		return "a text is too long";
 	if (!lattice_parse(lattice_text(&m->lattice, text), &back))
 		return "the lattice is not one";

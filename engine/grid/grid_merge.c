@@ -113,8 +113,7 @@ int grid_merge_other(struct grid_merge *m,
 	return rc;
 }
 
-void grid_merge_memory(struct grid_merge *m, const struct point *pts, size_t n, const uint32_t *table, uint64_t lo,
-		       uint64_t hi)
+void grid_merge_memory(struct grid_merge *m, const struct point *pts, size_t n, const uint32_t *table, uint64_t lo, uint64_t hi)
 {
 	size_t from = find(pts, n, lo), to = hi == UINT64_MAX ? n : from + find(pts + from, n - from, hi + 1);
 
@@ -213,8 +212,7 @@ static size_t take_stretch(struct grid_merge_input *in, struct point *pts, uint3
 	return n;
 }
 
-int grid_merge_take(struct grid_merge *m, struct point *pts, uint32_t *ids, size_t max, size_t *ret_n,
-		    struct err *err)
+int grid_merge_take(struct grid_merge *m, struct point *pts, uint32_t *ids, size_t max, size_t *ret_n, struct err *err)
 {
 	size_t n = 0;
 

@@ -16,24 +16,24 @@ enum { GRID_MERGE_INPUTS = 512 };
 /* Records from key `lo` to key `hi`, both included. */
 struct grid_merge_input {
 	const struct point *at, *end;
-	const uint32_t *table;    /* source index of a record -> source */
+	const uint32_t *table; /* source index of a record -> source */
 	uint64_t lo, hi;
 	bool done;
 	struct grid_run_reader run; /* run NULL: from memory, or from elsewhere: */
 	/* The next sorted records and their table, which stay until the call after; *ret_n = 0 at the end. */
 	int (*next)(void *ctx, const struct point **ret_pts, size_t *ret_n, const uint32_t **ret_table, struct err *err);
 	void *ctx;
-	uint64_t *seen;           /* if not NULL: counts the records taken from the run */
+	uint64_t *seen; /* if not NULL: counts the records taken from the run */
 };
 
 struct grid_merge_seat {
-	uint64_t key;             /* of the record that is next, the largest when there is none */
+	uint64_t key; /* of the record that is next, the largest when there is none */
 	int who;
 };
 
 struct grid_merge {
 	unsigned n, room;
-	unsigned wins;            /* how often the winner has won in a row */
+	unsigned wins;                /* how often the winner has won in a row */
 	struct grid_merge_seat *tree; /* 0: the winner; else the loser of that match */
 	struct grid_merge_input *input;
 };
@@ -44,15 +44,13 @@ void grid_merge_init(struct grid_merge *, unsigned inputs, void *memory);
 /* Inputs. Those without records in lo..hi are left out. */
 int grid_merge_run(struct grid_merge *, const struct grid_run_reader *, uint64_t lo, uint64_t hi, uint64_t *seen,
 		   struct err *err);
-void grid_merge_memory(struct grid_merge *, const struct point *pts, size_t n, const uint32_t *table, uint64_t lo,
-		       uint64_t hi);
+void grid_merge_memory(struct grid_merge *, const struct point *pts, size_t n, const uint32_t *table, uint64_t lo, uint64_t hi);
 int grid_merge_other(struct grid_merge *,
 		     int (*next)(void *ctx, const struct point **ret_pts, size_t *ret_n, const uint32_t **ret_table,
 				 struct err *err),
 		     void *ctx, struct err *err);
 void grid_merge_start(struct grid_merge *);
 /* The next records, up to max, and their sources (ids may be NULL); *ret_n < max only at the end. */
-int grid_merge_take(struct grid_merge *, struct point *pts, uint32_t *ids, size_t max, size_t *ret_n,
-		    struct err *err);
+int grid_merge_take(struct grid_merge *, struct point *pts, uint32_t *ids, size_t max, size_t *ret_n, struct err *err);
 
 #endif

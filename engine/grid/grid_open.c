@@ -41,8 +41,7 @@ static bool known(const struct grid *g, uint32_t source)
 }
 
 /* Which sources a segment has: whether all, some or none of them are live. */
-static int read_sources(const struct grid *g, struct grid_part *p, const struct disk_segment *h,
-			struct err *err)
+static int read_sources(const struct grid *g, struct grid_part *p, const struct disk_segment *h, struct err *err)
 {
 	size_t bytes = h->sources * sizeof(struct disk_total);
 	struct disk_total *totals = NULL;
@@ -112,12 +111,11 @@ static int charge(struct grid *g, size_t index_memory, size_t *ret_frames, struc
 		pages += page_count(m->segments[i].cells);
 	frames = frames < pages ? frames : pages;
 	/* Sorting the lives doubles them for a while. */
-	uint64_t bytes = sizeof *g + m->nsegments * sizeof *g->parts + 2 * m->nsources * sizeof *g->lives +
-			 grid_cache_bytes(frames);
+	uint64_t bytes =
+		sizeof *g + m->nsegments * sizeof *g->parts + 2 * m->nsources * sizeof *g->lives + grid_cache_bytes(frames);
 
 	if (g->ledger && !ledger_take(g->ledger, LEDGER_INDEX, bytes)) {
-		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset",
-			(unsigned long long)bytes);
+		err_set(err, ERR_BUSY, "no %llu bytes are free for the index of the dataset", (unsigned long long)bytes);
 		return err_add_hint(err, "try again when other jobs are done, or give acutd more memory");
 	}
 	g->charged = bytes;
@@ -132,8 +130,7 @@ static int fill_lives(struct grid *g, uint64_t generation, struct err *err)
 	g->lives = calloc(m->nsources ? m->nsources : 1, sizeof *g->lives);
 	g->parts = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->parts);
 	if (!g->lives || !g->parts)
-		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources,
-			       m->nsegments);
+		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
 	for (size_t i = 0; i < m->nsegments; i++)
 		g->parts[i].fd = -1;
 	for (size_t i = 0; i < m->nsources; i++) {
@@ -162,8 +159,8 @@ static int check_generation(const struct grid *g, const char *manifest, struct e
 	return err_add_file(err, manifest);
 }
 
-int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger,
-	      size_t index_memory, struct grid **ret, struct err *err)
+int grid_open(int dirfd, const char *manifest, uint64_t generation, struct ledger *ledger, size_t index_memory, struct grid **ret,
+	      struct err *err)
 {
 	struct grid *g = calloc(1, sizeof *g);
 	size_t frames = 0;

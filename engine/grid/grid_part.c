@@ -42,8 +42,8 @@ unsigned grid_levels(uint64_t cells)
 	return levels;
 }
 
-static int check_header(const struct grid_part *p, const struct disk_segment *h,
-			const struct grid_segment_info *info, struct err *err)
+static int check_header(const struct grid_part *p, const struct disk_segment *h, const struct grid_segment_info *info,
+			struct err *err)
 {
 	struct stat st;
 
@@ -52,13 +52,12 @@ static int check_header(const struct grid_part *p, const struct disk_segment *h,
 		return grid_damaged(p, 0, "its header is not one", err);
 	if (h->version != DISK_VERSION || h->header_bytes != DISK_HEADER || h->page_bytes != DISK_PAGE ||
 	    h->cell_records != GRID_CELL_RECORDS) {
-		err_set(err, ERR_VERSION, "a segment of version %u; this acut reads version %u", h->version,
-			DISK_VERSION);
+		err_set(err, ERR_VERSION, "a segment of version %u; this acut reads version %u", h->version, DISK_VERSION);
 		return err_add_file(err, p->name);
 	}
-	if (h->points != info->points || h->cells != info->cells || h->bytes != info->bytes ||
-	    h->sum_hi != info->sum.hi || h->sum_lo != info->sum.lo ||
-	    memcmp(h->box, info->box, sizeof h->box) || memcmp(h->classes, info->classes, sizeof h->classes))
+	if (h->points != info->points || h->cells != info->cells || h->bytes != info->bytes || h->sum_hi != info->sum.hi ||
+	    h->sum_lo != info->sum.lo || memcmp(h->box, info->box, sizeof h->box) ||
+	    memcmp(h->classes, info->classes, sizeof h->classes))
 		return grid_damaged(p, 0, "it is not the one that the manifest means", err);
 	if (io->fstat(p->fd, &st) != 0) {
 		err_sys(err, errno, "cannot look at");
@@ -66,15 +65,14 @@ static int check_header(const struct grid_part *p, const struct disk_segment *h,
 	}
 	if ((uint64_t)st.st_size != h->bytes)
 		return grid_damaged(p, 0, "its size is not what its header says", err);
-	if (h->height != grid_levels(h->cells) || !h->points != !h->cells || h->cells > h->points ||
-	    h->sources > h->points || h->sources_place > h->bytes || h->sources_place < DISK_HEADER ||
+	if (h->height != grid_levels(h->cells) || !h->points != !h->cells || h->cells > h->points || h->sources > h->points ||
+	    h->sources_place > h->bytes || h->sources_place < DISK_HEADER ||
 	    h->bytes - h->sources_place != h->sources * sizeof(struct disk_total))
 		return grid_damaged(p, 0, "its header contradicts itself", err);
 	return 0;
 }
 
-int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_info *info, struct disk_segment *h,
-		   struct err *err)
+int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_info *info, struct disk_segment *h, struct err *err)
 {
 	p->name = info->file;
 	int rc = grid_file_open(dirfd, p->name, "the segment", &p->fd, err);
@@ -98,8 +96,7 @@ int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_inf
 	return 0;
 }
 
-int grid_part_sources(const struct grid_part *p, const struct disk_segment *h, struct disk_total **ret,
-		      struct err *err)
+int grid_part_sources(const struct grid_part *p, const struct disk_segment *h, struct disk_total **ret, struct err *err)
 {
 	size_t bytes = h->sources * sizeof(struct disk_total);
 	struct disk_total *totals = malloc(bytes ? bytes : 1);
@@ -110,8 +107,7 @@ int grid_part_sources(const struct grid_part *p, const struct disk_segment *h, s
 	int rc = grid_part_read(p, totals, bytes, h->sources_place, err);
 
 	if (rc == 0 && grid_check(totals, bytes, h->sources_place) != h->sources_check)
-		rc = grid_damaged(p, h->sources_place, "the checksum of its table of sources does not agree",
-				  err);
+		rc = grid_damaged(p, h->sources_place, "the checksum of its table of sources does not agree", err);
 	for (uint32_t i = 0; rc == 0 && i < h->sources; i++) {
 		if (totals[i].id <= (i ? totals[i - 1].id : 0))
 			rc = grid_damaged(p, h->sources_place, "its table of sources is not in order", err);

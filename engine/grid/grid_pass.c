@@ -33,9 +33,8 @@ bool grid_dropped_has(const struct grid_dropped *d, uint32_t id)
 	return d->n && bsearch(&id, d->ids, d->n, sizeof id, by_number);
 }
 
-int grid_pass_open(struct grid_pass *p, int dirfd, const struct grid_segment_info *info,
-		   const struct grid_dropped *dropped, void *memory, size_t window, struct disk_total **ret_sources,
-		   uint32_t *ret_n, struct err *err)
+int grid_pass_open(struct grid_pass *p, int dirfd, const struct grid_segment_info *info, const struct grid_dropped *dropped,
+		   void *memory, size_t window, struct disk_total **ret_sources, uint32_t *ret_n, struct err *err)
 {
 	struct disk_segment h;
 	uint8_t *at = memory;

@@ -28,29 +28,29 @@ void grid_cache_put(struct grid_cache *, uint32_t segment, uint64_t place, const
 
 /* ---- an open manifest ---- */
 
-struct grid_part {                /* a segment */
+struct grid_part { /* a segment */
 	int fd;
 	const char *name;
 	uint64_t bytes, cells, live_points;
 	uint64_t root, root_check;
 	uint32_t height;
-	int32_t box[4];           /* of its points, and the keys of its corners: all others lie between */
+	int32_t box[4]; /* of its points, and the keys of its corners: all others lie between */
 	uint64_t lo, hi;
-	struct digest live_sum;   /* content of what is live */
+	struct digest live_sum; /* content of what is live */
 	bool all_live, none_live;
 };
 
-struct grid_life {                /* ascending by id */
+struct grid_life { /* ascending by id */
 	uint32_t id;
 	bool live;
 };
 
 struct grid {
 	struct grid_manifest *manifest;
-	uint64_t generation;      /* that is read */
-	struct grid_part *parts;  /* as many as segments */
-	struct grid_life *lives;  /* as many as sources */
-	uint32_t height, active;  /* of the highest index; parts with anything live */
+	uint64_t generation;     /* that is read */
+	struct grid_part *parts; /* as many as segments */
+	struct grid_life *lives; /* as many as sources */
+	uint32_t height, active; /* of the highest index; parts with anything live */
 	struct grid_cache *cache;
 	struct ledger *ledger;
 	uint64_t charged;
@@ -66,8 +66,7 @@ int grid_part_read(const struct grid_part *, void *buf, size_t n, uint64_t place
 /* Of the index of so many cells. */
 unsigned grid_levels(uint64_t cells);
 /* Its header, checked against what the manifest says of it. On failure p->fd may be open. */
-int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_info *, struct disk_segment *ret,
-		   struct err *err);
+int grid_part_open(struct grid_part *p, int dirfd, const struct grid_segment_info *, struct disk_segment *ret, struct err *err);
 /* Its table of sources, to be freed. */
 int grid_part_sources(const struct grid_part *, const struct disk_segment *, struct disk_total **ret, struct err *err);
 
@@ -75,26 +74,26 @@ int grid_part_sources(const struct grid_part *, const struct disk_segment *, str
 
 enum { GRID_BATCH = 16, GRID_LEAVES = 8 };
 
-struct grid_cursor {              /* grid_scan: the place in one segment */
+struct grid_cursor { /* grid_scan: the place in one segment */
 	uint32_t part;
-	bool done;                /* no cells after the batch */
-	uint64_t from;            /* the next batch begins here */
+	bool done;     /* no cells after the batch */
+	uint64_t from; /* the next batch begins here */
 	struct disk_leaf batch[GRID_BATCH];
 	unsigned nbatch, at;
 	/* the cell that is being read */
 	struct grid_cell cell;
-	uint32_t block;           /* next of its blocks; cell.blocks: none left */
+	uint32_t block; /* next of its blocks; cell.blocks: none left */
 	uint64_t place, check;
 	/* its records that have not been taken, when merging */
 	struct point *pts;
 	size_t n, pos;
-	uint64_t key;             /* of pts[pos] */
+	uint64_t key; /* of pts[pos] */
 };
 
 struct grid_reader {
 	const struct grid *grid;
 	struct grid_reader_stats stats;
-	bool walking;             /* pages are in use */
+	bool walking; /* pages are in use */
 	/* DISK_PAGE for each level above the cells, and for some pages of cells; what lies there is not fetched again. */
 	uint8_t *pages;
 	struct grid_held {
@@ -103,12 +102,12 @@ struct grid_reader {
 		bool is;
 	} held[DISK_LEVELS + GRID_LEAVES];
 	uint64_t clock;
-	unsigned leaves, leaf;    /* pages of cells, the first ones; the one that was asked for last */
-	uint8_t *block;           /* DISK_BLOCK_MAX */
-	struct point *piece;      /* GRID_CELL_RECORDS */
+	unsigned leaves, leaf;       /* pages of cells, the first ones; the one that was asked for last */
+	uint8_t *block;              /* DISK_BLOCK_MAX */
+	struct point *piece;         /* GRID_CELL_RECORDS */
 	struct grid_cursor *cursors; /* for the active parts */
 	struct grid_cursor **heap;
-	bool *flags;              /* GRID_CELL_RECORDS: sources of a block that are live */
+	bool *flags; /* GRID_CELL_RECORDS: sources of a block that are live */
 };
 
 static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned level)
@@ -117,8 +116,7 @@ static inline uint8_t *grid_reader_page(const struct grid_reader *r, unsigned le
 }
 
 /* A page of the index, checked, into the reader's page of that level. */
-int grid_page_read(struct grid_reader *, uint32_t part, unsigned level, uint64_t place, uint64_t check,
-		   struct err *err);
+int grid_page_read(struct grid_reader *, uint32_t part, unsigned level, uint64_t place, uint64_t check, struct err *err);
 static inline unsigned grid_page_entries(const uint8_t *page)
 {
 	return ((const struct disk_page *)page)->entries;
@@ -156,16 +154,14 @@ static inline bool grid_part_meets(const struct grid_part *p, uint64_t lo, uint6
 }
 
 /* The cell of a leaf entry. -ERR_CORRUPT if it cannot be one. */
-int grid_cell_of(const struct grid_part *, uint32_t part, const struct disk_leaf *, struct grid_cell *ret,
-		 struct err *err);
+int grid_cell_of(const struct grid_part *, uint32_t part, const struct disk_leaf *, struct grid_cell *ret, struct err *err);
 /* Whether it is known without reading that no record of the cell is live. */
 bool grid_cell_dead(const struct grid *, const struct grid_cell *);
 
 /* Start reading a cell's blocks with this cursor, and the next block: its live records, in the reader's block
  * buffer; *ret_n may be 0. cursor->block == cell.blocks afterwards: it was the last. */
 void grid_cursor_cell(struct grid_cursor *, const struct grid_cell *);
-int grid_cursor_block(struct grid_reader *, struct grid_cursor *, struct point **ret_pts, size_t *ret_n,
-		      struct err *err);
+int grid_cursor_block(struct grid_reader *, struct grid_cursor *, struct point **ret_pts, size_t *ret_n, struct err *err);
 /* Likewise, but only the head; not to be mixed in one cell. Pointers into the block buffer. */
 int grid_cursor_head(struct grid_reader *, struct grid_cursor *, struct grid_block *ret, struct err *err);
 

@@ -42,9 +42,8 @@ size_t grid_reader_bytes(const struct grid *g)
 {
 	size_t each = lines(sizeof(struct grid_cursor)) + lines(sizeof(struct grid_cursor *));
 
-	return LINE + lines(sizeof(struct grid_reader)) + page_bytes(g) +
-	       lines(DISK_BLOCK_MAX) + lines(GRID_CELL_RECORDS * sizeof(struct point)) +
-	       lines(GRID_CELL_RECORDS) + (g->active + 1) * each +
+	return LINE + lines(sizeof(struct grid_reader)) + page_bytes(g) + lines(DISK_BLOCK_MAX) +
+	       lines(GRID_CELL_RECORDS * sizeof(struct point)) + lines(GRID_CELL_RECORDS) + (g->active + 1) * each +
 	       buffers(g) * lines(GRID_CELL_RECORDS * sizeof(struct point));
 }
 
@@ -56,15 +55,13 @@ static void *carve(uint8_t **at, size_t n)
 	return piece;
 }
 
-int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid_reader **ret,
-		    struct err *err)
+int grid_reader_new(const struct grid *g, void *memory, size_t size, struct grid_reader **ret, struct err *err)
 {
 	uint8_t *at = (uint8_t *)(((uintptr_t)memory + LINE - 1) & ~(uintptr_t)(LINE - 1));
 	struct grid_reader *r;
 
 	if (size < grid_reader_bytes(g))
-		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g),
-			       size);
+		return err_set(err, ERR_INTERNAL, "a reader needs %zu bytes, not %zu", grid_reader_bytes(g), size);
 	r = carve(&at, sizeof *r);
 	*r = (struct grid_reader){.grid = g, .leaves = leaves(g)};
 	r->pages = carve(&at, page_bytes(g));
@@ -119,8 +116,7 @@ static struct grid_held *hold(struct grid_reader *r, uint32_t part, unsigned lev
 	return at;
 }
 
-int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_t place, uint64_t check,
-		   struct err *err)
+int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_t place, uint64_t check, struct err *err)
 {
 	const struct grid_part *p = &r->grid->parts[part];
 	struct grid_held *held = hold(r, part, level, place);
@@ -142,33 +138,30 @@ int grid_page_read(struct grid_reader *r, uint32_t part, unsigned level, uint64_
 		return rc;
 	if (head->check != check || check != grid_check(page + 8, DISK_PAGE - 8, place))
 		return grid_damaged(p, place, "the checksum of an index page does not agree", err);
-	if (head->magic != DISK_PAGE_MAGIC || head->level != level || !head->entries ||
-	    head->entries > DISK_ENTRIES)
+	if (head->magic != DISK_PAGE_MAGIC || head->level != level || !head->entries || head->entries > DISK_ENTRIES)
 		return grid_damaged(p, place, "an index page is not what it should be", err);
 	grid_cache_put(r->grid->cache, part, place, page);
 	held->is = true;
 	return 0;
 }
 
-int grid_cell_of(const struct grid_part *p, uint32_t part, const struct disk_leaf *leaf,
-		 struct grid_cell *ret, struct err *err)
+int grid_cell_of(const struct grid_part *p, uint32_t part, const struct disk_leaf *leaf, struct grid_cell *ret, struct err *err)
 {
-	if (leaf->bits > 64 || (leaf->lo & disk_range_end(0, leaf->bits)) || leaf->place % DISK_ALIGN ||
-	    !leaf->blocks || !leaf->count || leaf->head_bytes > DISK_HEAD_MAX ||
-	    leaf->count > (uint64_t)leaf->blocks * GRID_CELL_RECORDS || leaf->place > p->bytes ||
-	    leaf->bytes > p->bytes - leaf->place)
+	if (leaf->bits > 64 || (leaf->lo & disk_range_end(0, leaf->bits)) || leaf->place % DISK_ALIGN || !leaf->blocks ||
+	    !leaf->count || leaf->head_bytes > DISK_HEAD_MAX || leaf->count > (uint64_t)leaf->blocks * GRID_CELL_RECORDS ||
+	    leaf->place > p->bytes || leaf->bytes > p->bytes - leaf->place)
 		return grid_damaged(p, leaf->place, "an index entry is not what it should be", err);
 	*ret = (struct grid_cell){
-	    .lo = leaf->lo,
-	    .hi = disk_range_end(leaf->lo, leaf->bits),
-	    .count = leaf->count,
-	    .distinct = leaf->distinct,
-	    .segment = part,
-	    .blocks = leaf->blocks,
-	    .place = leaf->place,
-	    .check = leaf->check,
-	    .head_bytes = leaf->head_bytes,
-	    .source = leaf->source,
+		.lo = leaf->lo,
+		.hi = disk_range_end(leaf->lo, leaf->bits),
+		.count = leaf->count,
+		.distinct = leaf->distinct,
+		.segment = part,
+		.blocks = leaf->blocks,
+		.place = leaf->place,
+		.check = leaf->check,
+		.head_bytes = leaf->head_bytes,
+		.source = leaf->source,
 	};
 	memcpy(ret->box, leaf->box, sizeof ret->box);
 	return 0;
@@ -195,8 +188,7 @@ void grid_cursor_cell(struct grid_cursor *c, const struct grid_cell *cell)
 }
 
 /* The next block's bytes: first `want`, then what its head says is missing. */
-static int fetch(struct grid_reader *r, struct grid_cursor *c, size_t want, bool whole,
-		 struct grid_block *ret, struct err *err)
+static int fetch(struct grid_reader *r, struct grid_cursor *c, size_t want, bool whole, struct grid_block *ret, struct err *err)
 {
 	const struct grid_part *p = &r->grid->parts[c->part];
 	size_t got = p->bytes - c->place < want ? (size_t)(p->bytes - c->place) : want, need;
@@ -232,13 +224,11 @@ static int advance(struct grid_reader *r, struct grid_cursor *c, const struct gr
 	r->stats.cells++;
 	if (c->check == c->cell.check)
 		return 0;
-	return grid_damaged(&r->grid->parts[c->part], c->cell.place,
-			    "a cell is not the one that the index means", err);
+	return grid_damaged(&r->grid->parts[c->part], c->cell.place, "a cell is not the one that the index means", err);
 }
 
 /* Keep what is live, in place, and clear the source index of all. */
-static int keep_live(struct grid_reader *r, const struct grid_part *p, const struct grid_block *b,
-		     size_t *ret_n, struct err *err)
+static int keep_live(struct grid_reader *r, const struct grid_part *p, const struct grid_block *b, size_t *ret_n, struct err *err)
 {
 	unsigned sources = b->head->sources, live = 0;
 	size_t n = 0;
@@ -260,8 +250,7 @@ static int keep_live(struct grid_reader *r, const struct grid_part *p, const str
 	return 0;
 }
 
-int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point **ret_pts, size_t *ret_n,
-		      struct err *err)
+int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point **ret_pts, size_t *ret_n, struct err *err)
 {
 	const struct grid_part *p = &r->grid->parts[c->part];
 	uint64_t left = c->cell.count - c->block * (uint64_t)GRID_CELL_RECORDS;
@@ -288,9 +277,7 @@ int grid_cursor_block(struct grid_reader *r, struct grid_cursor *c, struct point
 
 int grid_cursor_head(struct grid_reader *r, struct grid_cursor *c, struct grid_block *ret, struct err *err)
 {
-	int rc = fetch(r, c,
-		       c->cell.head_bytes < sizeof(struct disk_block) ? sizeof(struct disk_block)
-								      : c->cell.head_bytes,
+	int rc = fetch(r, c, c->cell.head_bytes < sizeof(struct disk_block) ? sizeof(struct disk_block) : c->cell.head_bytes,
 		       false, ret, err);
 
 	return rc ? rc : advance(r, c, ret, err);
@@ -322,8 +309,7 @@ void grid_trim(struct point **pts, size_t *n, uint64_t lo, uint64_t hi)
 	*n = from - first;
 }
 
-int grid_cell_read(struct grid_reader *r, const struct grid_cell *cell, grid_points_fn sink, void *ctx,
-		   struct err *err)
+int grid_cell_read(struct grid_reader *r, const struct grid_cell *cell, grid_points_fn sink, void *ctx, struct err *err)
 {
 	struct grid_cursor c;
 	struct point *pts;

@@ -16,8 +16,8 @@
 #include "io.h"
 
 enum {
-	WINDOW = 4096,           /* records that are merged at a time */
-	WINDOW_MOST = 1 << 20,   /* bytes that are read at a time */
+	WINDOW = 4096,         /* records that are merged at a time */
+	WINDOW_MOST = 1 << 20, /* bytes that are read at a time */
 };
 
 struct grid_rewrite {
@@ -25,7 +25,7 @@ struct grid_rewrite {
 	struct grid_segment_info *info; /* of each, copied */
 	size_t npass;
 	struct grid_dropped dropped;
-	uint32_t *sources;       /* that stay, ascending */
+	uint32_t *sources; /* that stay, ascending */
 	size_t nsources;
 	struct grid_merge merge;
 	struct grid_cells cells;
@@ -33,7 +33,7 @@ struct grid_rewrite {
 	struct point *window;
 	uint32_t *ids;
 	size_t held;
-	uint64_t all;            /* records of the segments */
+	uint64_t all; /* records of the segments */
 	uint8_t *memory;
 	bool passing, over, failed;
 };
@@ -127,8 +127,7 @@ static void sort_sources(struct grid_rewrite *w)
 	w->nsources = n;
 }
 
-static int open_all(struct grid_rewrite *w, const struct grid_rewrite_params *in, uint8_t **at, size_t window,
-		    struct err *err)
+static int open_all(struct grid_rewrite *w, const struct grid_rewrite_params *in, uint8_t **at, size_t window, struct err *err)
 {
 	for (size_t i = 0; i < in->nsegments; i++) {
 		struct disk_total *totals = NULL;
@@ -314,8 +313,8 @@ int grid_rewrite_finish(struct grid_rewrite *w, struct grid_segment_info *ret, s
 
 /* ---- what a segment holds ---- */
 
-int grid_segment_holds(int dirfd, const struct grid_segment_info *info, const uint32_t *ids, size_t n,
-		       uint64_t *ret_points, struct err *err)
+int grid_segment_holds(int dirfd, const struct grid_segment_info *info, const uint32_t *ids, size_t n, uint64_t *ret_points,
+		       struct err *err)
 {
 	const struct grid_dropped wanted = {ids, n};
 	struct grid_part p = {.fd = -1};

@@ -16,8 +16,7 @@
 #include "grid_cell.h"
 #include "io.h"
 
-int grid_run_begin(struct grid_run_writer *w, int dirfd, const char *name, void *buffer, size_t cap,
-		   struct err *err)
+int grid_run_begin(struct grid_run_writer *w, int dirfd, const char *name, void *buffer, size_t cap, struct err *err)
 {
 	uint8_t *room;
 
@@ -63,8 +62,8 @@ static uint32_t collect(const struct point *pts, const uint32_t *ids, const uint
 	return at + 1;
 }
 
-static void put_records(struct point *out, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-			size_t n, const uint32_t *sources, unsigned nsources)
+static void put_records(struct point *out, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
+			const uint32_t *sources, unsigned nsources)
 {
 	for (size_t i = 0, at = 0; i < n; i++) {
 		out[i] = pts[i];
@@ -82,8 +81,8 @@ static void put_records(struct point *out, const struct point *pts, const uint32
 }
 
 /* One block of the first of n records; *ret_n: how many. */
-static int put_block(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids,
-		     const uint32_t *table, size_t n, size_t *ret_n, struct err *err)
+static int put_block(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
+		     size_t *ret_n, struct err *err)
 {
 	uint32_t sources[DISK_RUN_RECORDS];
 	struct disk_run_block head = {0};
@@ -116,8 +115,8 @@ static int put_block(struct grid_run_writer *w, const struct point *pts, const u
 	return 0;
 }
 
-int grid_run_add(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids,
-		 const uint32_t *table, size_t n, bool end, size_t *ret_taken, struct err *err)
+int grid_run_add(struct grid_run_writer *w, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
+		 bool end, size_t *ret_taken, struct err *err)
 {
 	size_t at = 0, part;
 
@@ -139,11 +138,11 @@ int grid_run_finish(struct grid_run_writer *w, bool durable, uint64_t *ret_recor
 	} u = {.bytes = {0}};
 
 	u.head = (struct disk_run){
-	    .version = DISK_RUN_VERSION,
-	    .block_bytes = DISK_RUN_BLOCK,
-	    .records = w->records,
-	    .blocks = w->blocks,
-	    .bytes = grid_file_place(&w->file),
+		.version = DISK_RUN_VERSION,
+		.block_bytes = DISK_RUN_BLOCK,
+		.records = w->records,
+		.blocks = w->blocks,
+		.bytes = grid_file_place(&w->file),
 	};
 	memcpy(u.head.magic, DISK_RUN_MAGIC, sizeof u.head.magic);
 	u.head.check = grid_check(u.bytes + 8, sizeof u - 8, 0);
@@ -284,8 +283,8 @@ void grid_run_read(struct grid_run_reader *r, const struct grid_run *run, uint64
 	*r = (struct grid_run_reader){.run = run, .next = first, .end = end, .buf = buffer, .cap = cap};
 }
 
-int grid_run_next(struct grid_run_reader *r, const struct point **ret_pts, size_t *ret_n,
-		  const uint32_t **ret_ids, struct err *err)
+int grid_run_next(struct grid_run_reader *r, const struct point **ret_pts, size_t *ret_n, const uint32_t **ret_ids,
+		  struct err *err)
 {
 	*ret_n = 0;
 	if (r->at == r->have) {

@@ -28,11 +28,11 @@ struct converter {
 	int fd;
 	const char *name;
 	uint64_t at, bytes, records;
-	uint8_t *block;      /* OLD_BLOCK_MAX */
-	struct point *pts;   /* OLD_RECORDS, and what the last block left */
+	uint8_t *block;    /* OLD_BLOCK_MAX */
+	struct point *pts; /* OLD_RECORDS, and what the last block left */
 	uint32_t *ids;
 	size_t n;
-	uint8_t *buffer;     /* of the writer */
+	uint8_t *buffer; /* of the writer */
 };
 
 static int damaged(const char *name, uint64_t place, const char *what, struct err *err)
@@ -44,8 +44,7 @@ static int damaged(const char *name, uint64_t place, const char *what, struct er
 }
 
 /* *ret_records and *ret_bytes are of an older one. */
-static int read_header(int fd, const char *name, bool *ret_older, uint64_t *ret_records, uint64_t *ret_bytes,
-		       struct err *err)
+static int read_header(int fd, const char *name, bool *ret_older, uint64_t *ret_records, uint64_t *ret_bytes, struct err *err)
 {
 	union {
 		struct disk_run head;

@@ -69,8 +69,7 @@ static int next_batch(struct grid_reader *r, struct grid_cursor *c, uint64_t hi,
 }
 
 /* The next block of the segment in the range; *ret_n = 0: there is none. Points into the block buffer. */
-static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_pts, size_t *ret_n,
-		      struct err *err)
+static int next_block(struct scan *s, struct grid_cursor *c, struct point **ret_pts, size_t *ret_n, struct err *err)
 {
 	const struct grid *g = s->r->grid;
 	int rc = 0;
@@ -292,8 +291,7 @@ static int start(struct scan *s, struct err *err)
 	return 0;
 }
 
-int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn sink, void *ctx,
-	      struct err *err)
+int grid_scan(struct grid_reader *r, uint64_t lo, uint64_t hi, grid_points_fn sink, void *ctx, struct err *err)
 {
 	struct scan s = {.r = r, .lo = lo, .hi = hi, .sink = sink, .ctx = ctx};
 	size_t kept = 0;

@@ -26,11 +26,11 @@ enum {
 	WINDOW_MIN = 4096,
 	WINDOW_MAX = 16384,
 	SLOTS = GRID_LANES + 1,
-	READ_BLOCKS = 16,        /* of a run, at a time, where there is room */
-	PIECE_LEAST = 1 << 15,   /* records: less is not worth a sort of its own */
-	SLICE_LEAST = 1 << 13,   /* likewise, a slice */
-	RECORD_BYTES = 20,       /* made into cells, with heads, and some to spare */
-	PUNCH_LEAST = 1 << 20,   /* bytes */
+	READ_BLOCKS = 16,      /* of a run, at a time, where there is room */
+	PIECE_LEAST = 1 << 15, /* records: less is not worth a sort of its own */
+	SLICE_LEAST = 1 << 13, /* likewise, a slice */
+	RECORD_BYTES = 20,     /* made into cells, with heads, and some to spare */
+	PUNCH_LEAST = 1 << 20, /* bytes */
 };
 
 enum slot_state { FREE, FILLING, FILLED };
@@ -38,14 +38,14 @@ enum slot_state { FREE, FILLING, FILLED };
 struct slot {
 	enum slot_state state;
 	struct grid_slice slice;
-	uint64_t *seen;           /* of each run: records taken */
+	uint64_t *seen; /* of each run: records taken */
 	struct point *window;
 	uint32_t *ids;
-	size_t room;              /* of the window */
+	size_t room; /* of the window */
 	void *merging;
-	uint8_t *blocks;          /* of runs: `ahead` each */
+	uint8_t *blocks; /* of runs: `ahead` each */
 	unsigned ahead;
-	uint8_t *memory;          /* for cells */
+	uint8_t *memory; /* for cells */
 	size_t size;
 	struct grid_merge merge;
 	struct grid_cells cells;
@@ -63,9 +63,9 @@ struct grid_seal {
 	unsigned sorting, sorted; /* pieces: begun, done */
 	bool planned, punching, failed;
 	struct err err;
-	size_t placed;            /* slices put wholly */
+	size_t placed;                   /* slices put wholly */
 	uint64_t *seen, *dead, *punched; /* of each run: records taken; blocks not needed any more; given back */
-	uint64_t left_out;        /* records of dropped sources */
+	uint64_t left_out;               /* records of dropped sources */
 };
 
 static size_t align(size_t n)
@@ -193,7 +193,6 @@ size_t grid_seal_bytes(void)
 	return sizeof(struct grid_seal);
 }
 
-
 size_t grid_seal_runs_bytes(size_t n)
 {
 	return align(n * (sizeof(struct grid_run) + 4 * sizeof(uint64_t)));
@@ -316,8 +315,8 @@ static int open_slice(struct grid_seal *z, struct slot *s, struct err *err)
 
 		if (slice->first[i] >= slice->end[i])
 			continue;
-		grid_run_read(&r, &all->run[i], slice->first[i], slice->end[i],
-			      s->blocks + i * s->ahead * DISK_RUN_BLOCK, s->ahead);
+		grid_run_read(&r, &all->run[i], slice->first[i], slice->end[i], s->blocks + i * s->ahead * DISK_RUN_BLOCK,
+			      s->ahead);
 		rc = grid_merge_run(&s->merge, &r, slice->lo, slice->hi, &s->seen[i], err);
 	}
 	grid_merge_start(&s->merge);
@@ -341,8 +340,8 @@ static int put_some(struct grid_seal *z, struct slot *s, struct err *err)
 }
 
 /* Cells of all of pts, or of those that make whole cells. */
-static int add(struct grid_seal *z, struct slot *s, const struct point *pts, const uint32_t *ids, const uint32_t *table,
-	       size_t n, bool end, size_t *ret_taken, struct err *err)
+static int add(struct grid_seal *z, struct slot *s, const struct point *pts, const uint32_t *ids, const uint32_t *table, size_t n,
+	       bool end, size_t *ret_taken, struct err *err)
 {
 	size_t at = 0, taken;
 
@@ -561,8 +560,7 @@ static int check_all(struct grid_seal *z, struct err *err)
 {
 	for (size_t i = 0; i < z->slices.nruns; i++)
 		if (z->seen[i] != z->slices.run[i].records)
-			return grid_run_damaged(&z->slices.run[i], 0, "it has not as many records as its header says",
-						err);
+			return grid_run_damaged(&z->slices.run[i], 0, "it has not as many records as its header says", err);
 	if (z->placed == z->slices.n && z->seg.head.points + z->left_out == z->slices.records)
 		return 0;
 	return err_set(err, ERR_INTERNAL, "of %llu points %llu were sealed", (unsigned long long)z->slices.records,
@@ -584,8 +582,11 @@ int grid_seal_finish(struct grid_seal *z, struct grid_segment_info *ret, struct 
 	int rc = z->failed ? -(int)(*err = z->err).code : check_all(z, err);
 
 	if (rc == 0)
-		rc = grid_segment_finish(&z->seg, s->passing ? GRID_PASSING : s->folder_later ? GRID_BUT_NAME : GRID_DURABLE, ret,
-					 err);
+		rc = grid_segment_finish(&z->seg,
+					 s->passing      ? GRID_PASSING :
+					 s->folder_later ? GRID_BUT_NAME :
+							   GRID_DURABLE,
+					 ret, err);
 	grid_segment_abort(&z->seg);
 	seal_free(z);
 	if (rc)

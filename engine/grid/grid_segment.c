@@ -18,8 +18,8 @@ size_t grid_segment_bytes(void)
 	return GRID_SEGMENT_LEVELS * (size_t)DISK_PAGE;
 }
 
-int grid_segment_begin(struct grid_segment *s, int dirfd, const char *name, const uint32_t *ids, uint32_t n,
-		       void *memory, struct err *err)
+int grid_segment_begin(struct grid_segment *s, int dirfd, const char *name, const uint32_t *ids, uint32_t n, void *memory,
+		       struct err *err)
 {
 	*s = (struct grid_segment){.file = GRID_FILE_INIT, .at = DISK_HEADER};
 	s->totals = calloc(n ? n : 1, sizeof *s->totals);
@@ -94,8 +94,7 @@ static int level_write(struct grid_segment *s, unsigned i, struct disk_inner *re
 }
 
 /* An entry into level i; a full page goes out first, and its entry up. */
-static int index_put(struct grid_segment *s, unsigned i, const void *bytes, const struct disk_inner *sum,
-		     struct err *err)
+static int index_put(struct grid_segment *s, unsigned i, const void *bytes, const struct disk_inner *sum, struct err *err)
 {
 	struct disk_inner up[GRID_SEGMENT_LEVELS];
 	unsigned top = i;
@@ -159,8 +158,7 @@ static int total_add(struct grid_segment *s, const struct disk_source *source, s
 			to = mid;
 	}
 	if (from == s->ntotals || s->totals[from].id != source->id)
-		return err_set(err, ERR_INTERNAL, "a record of source %u, which was never announced",
-			       source->id);
+		return err_set(err, ERR_INTERNAL, "a record of source %u, which was never announced", source->id);
 	s->total = from;
 	s->totals[from].points += source->records;
 	s->totals[from].sum_hi += source->sum_hi;
@@ -189,8 +187,11 @@ static int block_put(struct grid_segment *s, struct grid_made *b, uint8_t *bytes
 	struct disk_leaf *c = &s->cell;
 
 	if (b->first) {
-		*c = (struct disk_leaf){.lo = b->lo, .bits = b->bits, .place = s->at,
-					.head_bytes = (uint32_t)b->info.head_bytes, .source = b->info.source,
+		*c = (struct disk_leaf){.lo = b->lo,
+					.bits = b->bits,
+					.place = s->at,
+					.head_bytes = (uint32_t)b->info.head_bytes,
+					.source = b->info.source,
 					.distinct = (uint16_t)b->info.distinct};
 		memcpy(c->box, b->info.box, sizeof c->box); /* further blocks are of the same position */
 	} else if (c->source != b->info.source) {
@@ -211,13 +212,13 @@ static int cell_end(struct grid_segment *s, struct err *err)
 {
 	const struct disk_leaf *c = &s->cell;
 	struct disk_inner sum = {
-	    .lo = c->lo,
-	    .hi = disk_range_end(c->lo, c->bits),
-	    .count = c->count,
-	    .distinct = c->distinct,
-	    .cells = 1,
-	    .sum_hi = c->sum_hi,
-	    .sum_lo = c->sum_lo,
+		.lo = c->lo,
+		.hi = disk_range_end(c->lo, c->bits),
+		.count = c->count,
+		.distinct = c->distinct,
+		.cells = 1,
+		.sum_hi = c->sum_hi,
+		.sum_lo = c->sum_lo,
 	};
 
 	memcpy(sum.box, c->box, sizeof sum.box);
@@ -251,7 +252,7 @@ static void describe(const struct grid_segment *s, struct grid_segment_info *ret
 	const struct disk_segment *h = &s->head;
 
 	*ret = (struct grid_segment_info){
-	    .points = h->points, .cells = h->cells, .bytes = h->bytes, .sum = {h->sum_hi, h->sum_lo}};
+		.points = h->points, .cells = h->cells, .bytes = h->bytes, .sum = {h->sum_hi, h->sum_lo}};
 	memcpy(ret->file, s->file.name, sizeof s->file.name);
 	memcpy(ret->box, h->box, sizeof ret->box);
 	memcpy(ret->classes, h->classes, sizeof ret->classes);

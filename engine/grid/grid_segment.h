@@ -17,25 +17,25 @@ enum { GRID_SEGMENT_LEVELS = 7 }; /* 185^7 cells are 2^52: no disk holds more */
 
 struct grid_segment_level {
 	uint16_t entries;
-	struct disk_inner sum;    /* of the entries of the page that is being filled */
-	uint8_t *page;            /* DISK_PAGE bytes */
+	struct disk_inner sum; /* of the entries of the page that is being filled */
+	uint8_t *page;         /* DISK_PAGE bytes */
 };
 
 struct grid_segment {
-	struct grid_file file;    /* without a buffer */
-	uint64_t at;              /* its end */
+	struct grid_file file; /* without a buffer */
+	uint64_t at;           /* its end */
 	struct disk_segment head;
 	struct grid_segment_level level[GRID_SEGMENT_LEVELS];
 	struct disk_total *totals; /* ascending by id */
-	uint32_t ntotals, total;  /* total: the last one that was added to */
-	struct disk_leaf cell;    /* that is being put */
+	uint32_t ntotals, total;   /* total: the last one that was added to */
+	struct disk_leaf cell;     /* that is being put */
 };
 
 /* Bytes of `memory` that writing takes. */
 size_t grid_segment_bytes(void);
 /* `ids`: all sources, ascending, n of them. `memory` is borrowed until finish or abort. */
-int grid_segment_begin(struct grid_segment *, int dirfd, const char *name, const uint32_t *ids, uint32_t n,
-		       void *memory, struct err *err);
+int grid_segment_begin(struct grid_segment *, int dirfd, const char *name, const uint32_t *ids, uint32_t n, void *memory,
+		       struct err *err);
 /* The next blocks get their places and go into the index; their bytes are written by grid_cells_write, by whoever
  * and whenever, before grid_segment_finish. */
 int grid_segment_put(struct grid_segment *, struct grid_cells *, struct err *err);

@@ -15,7 +15,7 @@
 #include "grid.h"
 
 enum {
-	SAMPLES = 24,             /* a slice, about */
+	SAMPLES = 24, /* a slice, about */
 	BLOCKS_APART = GRID_CELL_RECORDS / DISK_RUN_LEAST + 1,
 };
 

@@ -12,7 +12,7 @@
 
 struct err;
 
-struct grid_piece {               /* sorted records in memory */
+struct grid_piece { /* sorted records in memory */
 	struct point *pts;
 	size_t n;
 };
@@ -21,12 +21,12 @@ enum { GRID_SLICES = 1024 };
 
 struct grid_slices {
 	struct grid_run *run;
-	uint64_t *from;           /* of each run: the first block of the next slice */
+	uint64_t *from; /* of each run: the first block of the next slice */
 	size_t nruns;
 	struct grid_piece piece[GRID_LANES];
 	unsigned npieces;
 	uint64_t border[GRID_SLICES]; /* first keys of all slices but the first */
-	size_t n, next;           /* slices; the next one */
+	size_t n, next;               /* slices; the next one */
 	uint64_t records;
 };
 
@@ -36,8 +36,8 @@ int grid_slices_plan(struct grid_slices *, size_t target, bool whole, void *memo
 
 struct grid_slice {
 	size_t number;
-	uint64_t lo, hi;          /* its keys, both included */
-	uint64_t *first, *end;    /* of each run: blocks that may hold some of it */
+	uint64_t lo, hi;       /* its keys, both included */
+	uint64_t *first, *end; /* of each run: blocks that may hold some of it */
 };
 
 /* The next slice; first and end are the caller's, nruns entries each. */

@@ -42,8 +42,7 @@ int grid_stage_new(const struct grid_stage_params *params, struct grid_stage **r
 	if (!len || len >= STEM_MAX || strchr(params->name, '/') || params->name[0] == '.')
 		return err_set(err, ERR_INTERNAL, "not a name for a segment: '%s'", params->name);
 	if (params->memory < GRID_STAGE_MIN)
-		return err_set(err, ERR_LIMIT, "staging needs %d bytes of memory, not %zu", GRID_STAGE_MIN,
-			       params->memory);
+		return err_set(err, ERR_LIMIT, "staging needs %d bytes of memory, not %zu", GRID_STAGE_MIN, params->memory);
 	/* All of these are what was charged. */
 	size_t memory = (params->memory - sizeof(struct grid_stage) - grid_seal_bytes()) & ~(size_t)63;
 	struct grid_stage *s = calloc(1, sizeof *s);
@@ -244,8 +243,7 @@ int grid_stage_usable(struct grid_stage *s, struct err *err)
 	join(s);
 	if (!s->failed && !s->sealed)
 		return 0;
-	return err_set(err, ERR_INTERNAL, "the stage was used after it %s",
-		       s->failed ? "failed" : "was sealed");
+	return err_set(err, ERR_INTERNAL, "the stage was used after it %s", s->failed ? "failed" : "was sealed");
 }
 
 int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
@@ -274,7 +272,8 @@ int grid_stage_source(struct grid_stage *s, uint32_t id, struct err *err)
 	return 0;
 }
 
-/* Sorting goes to and fro in all of it. To no avail: it is slower. A small push is faster without: the kernel clears whole pages. */
+/* Sorting goes to and fro in all of it. To no avail: it is slower. A small push is faster without: the kernel clears whole pages.
+ */
 static void look_huge(struct grid_stage *s, const struct grid_lane *l)
 {
 	if (s->huge || l->n < HUGE_FROM / s->lanes)
@@ -507,4 +506,3 @@ struct grid_stage *grid_stage_free(struct grid_stage *s)
 		grid_stage_remove_run(s, i);
 	return grid_stage_release(s);
 }
-

@@ -79,11 +79,11 @@ size_t grid_stage_leave_out(const struct grid_stage *s, struct point *pts, uint3
 int grid_stage_write_left(struct grid_stage *s, size_t gone, struct err *err)
 {
 	const struct grid_left left = {
-	    .next_run = s->next_run,
-	    .runs = s->runs + gone,
-	    .nruns = s->nruns - gone,
-	    .sources = s->all,
-	    .nsources = s->nall,
+		.next_run = s->next_run,
+		.runs = s->runs + gone,
+		.nruns = s->nruns - gone,
+		.sources = s->all,
+		.nsources = s->nall,
 	};
 	int rc = grid_left_write(s->dirfd, s->stem, &left, s->durable, err);
 

@@ -22,10 +22,10 @@ struct grid_stage {
 	void *ready_ctx;
 	bool litter; /* a run could not be removed when it was not needed any more */
 	char stem[STEM_MAX];
-	uint8_t *pages;     /* of the segment's index; the start of all memory */
+	uint8_t *pages; /* of the segment's index; the start of all memory */
 	size_t memory;
-	bool huge;          /* it has large pages by now, if the kernel has any */
-	uint8_t *lists;     /* behind them: of runs, while sealing */
+	bool huge;      /* it has large pages by now, if the kernel has any */
+	uint8_t *lists; /* behind them: of runs, while sealing */
 	size_t lists_bytes;
 	struct point *pts, *scratch; /* the halves, one after the other */
 	size_t cap;                  /* records of each */
@@ -52,7 +52,7 @@ struct grid_stage {
  * the rest of a small push. */
 void grid_stage_touch(const struct grid_stage *, void *from, size_t bytes);
 int grid_stage_usable(struct grid_stage *, struct err *err); /* and what was split is one again */
-int grid_stage_fail(struct grid_stage *, int rc); /* rc; if it is not 0 the stage is done for */
+int grid_stage_fail(struct grid_stage *, int rc);            /* rc; if it is not 0 the stage is done for */
 /* `id` into an ascending list of *n of *room entries, once. */
 int grid_stage_insert(uint32_t **list, uint32_t *n, uint32_t *room, uint32_t id, struct err *err);
 /* What is in memory becomes a run; the source that is being added stays. */

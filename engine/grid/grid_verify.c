@@ -21,8 +21,7 @@
 #include "ledger.h"
 
 enum { RUN_BLOCKS = 4 };
-_Static_assert(GRID_VERIFY_BYTES >= DISK_LEVELS * DISK_PAGE + 2 * (DISK_BLOCK_MAX + 16) + 64,
-	       "pages and two blocks");
+_Static_assert(GRID_VERIFY_BYTES >= DISK_LEVELS * DISK_PAGE + 2 * (DISK_BLOCK_MAX + 16) + 64, "pages and two blocks");
 _Static_assert(GRID_VERIFY_BYTES >= RUN_BLOCKS * DISK_RUN_BLOCK, "blocks of a run");
 
 static const char SMALL_CELL[] = "a cell is not as large as it may be";
@@ -37,8 +36,7 @@ struct verify {
 	size_t ntotals;
 	uint64_t at, end;       /* cells and pages lie from here to there */
 	uint64_t wide, wide_hi; /* hold_range: records of a range, or 0, and its last key */
-	uint64_t cell_hi,
-		key; /* last key of the cell before; key, source (0: none) and rest of the record before */
+	uint64_t cell_hi, key;  /* last key of the cell before; key, source (0: none) and rest of the record before */
 	uint32_t id;
 	struct point last;
 	uint32_t ids[GRID_CELL_RECORDS]; /* of a block's sources */
@@ -93,8 +91,8 @@ static bool in_place(struct verify *v, const struct grid_cell *cell, const struc
 		uint32_t id = v->ids[point_source(&p)];
 
 		p.tag &= POINT_FLAGS;
-		if (key < cell->lo || key > cell->hi || p.x < cell->box[0] || p.x > cell->box[2] ||
-		    p.y < cell->box[1] || p.y > cell->box[3] || key < v->key)
+		if (key < cell->lo || key > cell->hi || p.x < cell->box[0] || p.x > cell->box[2] || p.y < cell->box[1] ||
+		    p.y > cell->box[3] || key < v->key)
 			return false;
 		if (key == v->key && v->id) {
 			int order = point_compare(&v->last, &p);
@@ -162,8 +160,8 @@ static bool count_block(struct verify *v, const struct grid_block *b)
 }
 
 /* A block of the cell, and what the index must say of it, into `sum`. */
-static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t place, uint64_t end,
-		      struct disk_leaf *sum, struct err *err)
+static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t place, uint64_t end, struct disk_leaf *sum,
+		      struct err *err)
 {
 	struct grid_block_info info;
 	struct grid_block b;
@@ -172,13 +170,11 @@ static int take_block(struct verify *v, const struct grid_cell *cell, uint64_t p
 	if (rc)
 		return rc;
 	if (!same_made(v, &b, &info))
-		return grid_damaged(&v->part, place, "the tables of a block are not those of its records",
-				    err);
+		return grid_damaged(&v->part, place, "the tables of a block are not those of its records", err);
 	if (!in_place(v, cell, &b))
 		return grid_damaged(&v->part, place, "a record lies where its cell has none", err);
 	if (sum->blocks + 1 < cell->blocks && b.head->records != GRID_CELL_RECORDS)
-		return grid_damaged(&v->part, place, "a block is not full, and not the last of its cell",
-				    err);
+		return grid_damaged(&v->part, place, "a block is not full, and not the last of its cell", err);
 	if (!count_block(v, &b))
 		return grid_damaged(&v->part, place, "a block has a source that the segment has not", err);
 	if (!sum->blocks++) {
@@ -212,8 +208,7 @@ static bool cell_follows(const struct verify *v, const struct disk_leaf *leaf, c
  */
 static bool hold_range(struct verify *v, const struct disk_leaf *leaf)
 {
-	const bool over = v->wide && leaf->lo > v->wide_hi,
-		   fits = over && v->wide <= GRID_CELL_RECORDS && !v->holes;
+	const bool over = v->wide && leaf->lo > v->wide_hi, fits = over && v->wide <= GRID_CELL_RECORDS && !v->holes;
 	const unsigned bits = leaf->bits + 1u;
 	const uint64_t lo = bits < 64 ? leaf->lo >> bits << bits : 0;
 
@@ -282,22 +277,19 @@ static int read_cell(struct verify *v, const struct disk_leaf *leaf, struct disk
 /* All but the last of a level are full, and the highest would not be there for one. */
 static bool entries_fit(const struct verify *v, const struct disk_page *head, unsigned level, bool last)
 {
-	return head->magic == DISK_PAGE_MAGIC && head->level == level && head->entries &&
-	       head->entries <= DISK_ENTRIES && (last || head->entries == DISK_ENTRIES) &&
-	       (!level || level + 1 < v->part.height || head->entries > 1);
+	return head->magic == DISK_PAGE_MAGIC && head->level == level && head->entries && head->entries <= DISK_ENTRIES &&
+	       (last || head->entries == DISK_ENTRIES) && (!level || level + 1 < v->part.height || head->entries > 1);
 }
 
-static int open_page(struct verify *v, unsigned level, const struct disk_inner *up, bool last,
-		     struct err *err)
+static int open_page(struct verify *v, unsigned level, const struct disk_inner *up, bool last, struct err *err)
 {
 	uint8_t *page = v->pages + level * (size_t)DISK_PAGE;
 	const struct disk_page *head = (const struct disk_page *)page;
-	int rc = up->place > v->end || v->end - up->place < DISK_PAGE || up->place % DISK_ALIGN
-			 ? grid_damaged(&v->part, up->place, "an index page lies where none can be", err)
-			 : grid_part_read(&v->part, page, DISK_PAGE, up->place, err);
+	int rc = up->place > v->end || v->end - up->place < DISK_PAGE || up->place % DISK_ALIGN ?
+			 grid_damaged(&v->part, up->place, "an index page lies where none can be", err) :
+			 grid_part_read(&v->part, page, DISK_PAGE, up->place, err);
 
-	if (rc == 0 &&
-	    (head->check != up->check || up->check != grid_check(page + 8, DISK_PAGE - 8, up->place)))
+	if (rc == 0 && (head->check != up->check || up->check != grid_check(page + 8, DISK_PAGE - 8, up->place)))
 		rc = grid_damaged(&v->part, up->place, "the checksum of an index page does not agree", err);
 	if (rc == 0 && (!entries_fit(v, head, level, last) || head->zero[0] || head->zero[1] ||
 			!zeros(page + sizeof *head + head->entries * (size_t)DISK_ENTRY,
@@ -307,8 +299,8 @@ static int open_page(struct verify *v, unsigned level, const struct disk_inner *
 }
 
 /* The page that `up` points to and says this of. `sum`: what is found below. */
-static int read_page(struct verify *v, unsigned level, const struct disk_inner *up, bool last,
-		     struct disk_inner *sum, struct err *err)
+static int read_page(struct verify *v, unsigned level, const struct disk_inner *up, bool last, struct disk_inner *sum,
+		     struct err *err)
 {
 	const uint8_t *page = v->pages + level * (size_t)DISK_PAGE;
 	struct disk_inner is = {0};
@@ -322,40 +314,34 @@ static int read_page(struct verify *v, unsigned level, const struct disk_inner *
 	rc = tell(v, DISK_PAGE, err);
 	n = grid_page_entries(page);
 	for (unsigned i = 0; rc == 0 && i < n; i++)
-		rc = level ? read_page(v, level - 1, grid_page_inner(page, i), last && i + 1 == n, &is, err)
-			   : read_cell(v, grid_page_leaf(page, i), &is, err);
+		rc = level ? read_page(v, level - 1, grid_page_inner(page, i), last && i + 1 == n, &is, err) :
+			     read_cell(v, grid_page_leaf(page, i), &is, err);
 	if (rc || holes != v->holes)
 		return rc;
 	is.place = up->place;
 	is.check = up->check;
 	summed(sum, &is);
 	if (level + 1 < v->part.height && memcmp(&is, up, sizeof is))
-		rc = told(v,
-			  grid_damaged(&v->part, up->place,
-				       "the index says something else of a page than it has", err),
-			  err);
+		rc = told(v, grid_damaged(&v->part, up->place, "the index says something else of a page than it has", err), err);
 	if (up->place < v->at)
-		rc = told(v, grid_damaged(&v->part, up->place, "an index page lies before its cells", err),
-			  err);
+		rc = told(v, grid_damaged(&v->part, up->place, "an index page lies before its cells", err), err);
 	return rc;
 }
 
 /* All that was found, against the header. */
-static int hold_header(struct verify *v, const struct disk_segment *head, const struct disk_inner *all,
-		       struct err *err)
+static int hold_header(struct verify *v, const struct disk_segment *head, const struct disk_inner *all, struct err *err)
 {
 	if (all->cells != head->cells || all->count != head->points || v->bytes != v->end - DISK_HEADER)
 		return grid_damaged(&v->part, head->root, "its index does not hold all of its cells", err);
 	if (v->wide && v->wide <= GRID_CELL_RECORDS)
 		return grid_damaged(&v->part, v->at, SMALL_CELL, err);
-	if (all->sum_hi != head->sum_hi || all->sum_lo != head->sum_lo ||
-	    memcmp(all->box, head->box, sizeof all->box) ||
+	if (all->sum_hi != head->sum_hi || all->sum_lo != head->sum_lo || memcmp(all->box, head->box, sizeof all->box) ||
 	    memcmp(v->classes, head->classes, sizeof v->classes) || !zeros(head->zero, sizeof head->zero) ||
 	    (!head->cells && (head->root || head->root_check)))
 		return grid_damaged(&v->part, 0, "its header says something else than its cells", err);
 	if (v->ntotals && memcmp(v->found, v->totals, v->ntotals * sizeof *v->totals))
-		return grid_damaged(&v->part, head->sources_place,
-				    "its table of sources says something else than its cells", err);
+		return grid_damaged(&v->part, head->sources_place, "its table of sources says something else than its cells",
+				    err);
 	return 0;
 }
 
@@ -367,8 +353,7 @@ static int by_number(const void *a, const void *b)
 }
 
 /* What readers look up is there: each source of the segment is one of the manifest. */
-static int hold_manifest(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m,
-			 struct err *err)
+static int hold_manifest(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
 {
 	uint32_t *ids = malloc((m->nsources ? m->nsources : 1) * sizeof *ids);
 	int rc = ids ? 0 : err_set(err, ERR_NOMEM, "no memory for a table of %zu sources", m->nsources);
@@ -379,14 +364,12 @@ static int hold_manifest(struct verify *v, const struct disk_segment *head, cons
 		qsort(ids, m->nsources, sizeof *ids, by_number);
 	for (size_t i = 0; rc == 0 && i < v->ntotals; i++)
 		if (!bsearch(&v->totals[i].id, ids, m->nsources, sizeof *ids, by_number))
-			rc = grid_damaged(&v->part, head->sources_place,
-					  "the manifest lacks one of its sources", err);
+			rc = grid_damaged(&v->part, head->sources_place, "the manifest lacks one of its sources", err);
 	free(ids);
 	return rc;
 }
 
-static int verify_all(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m,
-		      struct err *err)
+static int verify_all(struct verify *v, const struct disk_segment *head, const struct grid_manifest *m, struct err *err)
 {
 	const struct disk_inner root = {.place = head->root, .check = head->root_check};
 	struct disk_inner all = {0};
@@ -409,8 +392,7 @@ static int verify_all(struct verify *v, const struct disk_segment *head, const s
 	return rc;
 }
 
-int grid_verify_segment(const struct grid_verify_params *p, const struct grid_manifest *m, size_t segment,
-			struct err *err)
+int grid_verify_segment(const struct grid_verify_params *p, const struct grid_manifest *m, size_t segment, struct err *err)
 {
 	enum { EACH = 2 * sizeof(struct disk_total) + sizeof(uint32_t) };
 	struct verify v = {.p = p, .part = {.fd = -1}};
@@ -420,8 +402,8 @@ int grid_verify_segment(const struct grid_verify_params *p, const struct grid_ma
 
 	/* Of the manifest's sources a segment has some: more are not read. */
 	if (m->ledger && !ledger_take(m->ledger, LEDGER_INDEX, bytes))
-		return err_set(err, ERR_BUSY, "no %llu bytes are free for a table of %zu sources",
-			       (unsigned long long)bytes, m->nsources);
+		return err_set(err, ERR_BUSY, "no %llu bytes are free for a table of %zu sources", (unsigned long long)bytes,
+			       m->nsources);
 	v.block = (uint8_t *)(((uintptr_t)p->memory + 63) & ~(uintptr_t)63);
 	v.made = v.block + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);
 	v.pages = v.made + ((DISK_BLOCK_MAX + 15) & ~(size_t)15);

@@ -101,11 +101,11 @@ static bool walk_inner(struct descent *d, const struct disk_inner *e)
 {
 	const struct grid_visitor *v = d->ctx;
 	struct grid_cell cell = {
-	    .lo = e->lo,
-	    .hi = e->hi,
-	    .count = e->count,
-	    .distinct = e->distinct,
-	    .segment = d->part,
+		.lo = e->lo,
+		.hi = e->hi,
+		.count = e->count,
+		.distinct = e->distinct,
+		.segment = d->part,
 	};
 
 	memcpy(cell.box, e->box, sizeof cell.box);
@@ -116,26 +116,29 @@ static bool walk_segment(const struct descent *d)
 {
 	const struct grid_part *p = &d->r->grid->parts[d->part];
 	const struct grid_visitor *v = d->ctx;
-	struct grid_cell whole = {.lo = p->lo, .hi = p->hi, .segment = d->part,
-				  .count = d->r->grid->manifest->segments[d->part].points};
+	struct grid_cell whole = {
+		.lo = p->lo, .hi = p->hi, .segment = d->part, .count = d->r->grid->manifest->segments[d->part].points};
 
 	memcpy(whole.box, p->box, sizeof whole.box);
 	return !v->segment || v->segment(v->ctx, &whole);
 }
 
-static int walk_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
-		     struct err *err)
+static int walk_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf, struct err *err)
 {
 	const struct grid_visitor *v = d->ctx;
 
 	return v->cell(v->ctx, cell);
 }
 
-int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid_visitor *visitor,
-	      struct err *err)
+int grid_walk(struct grid_reader *r, uint64_t lo, uint64_t hi, const struct grid_visitor *visitor, struct err *err)
 {
-	struct descent d = {
-	    .r = r, .lo = lo, .hi = hi, .ctx = (void *)visitor, .segment = walk_segment, .inner = walk_inner, .cell = walk_cell};
+	struct descent d = {.r = r,
+			    .lo = lo,
+			    .hi = hi,
+			    .ctx = (void *)visitor,
+			    .segment = walk_segment,
+			    .inner = walk_inner,
+			    .cell = walk_cell};
 
 	return descend(&d, err);
 }
@@ -158,8 +161,7 @@ static bool count_inner(struct descent *d, const struct disk_inner *e)
 	return false;
 }
 
-static int count_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
-		      struct err *err)
+static int count_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf, struct err *err)
 {
 	struct count *c = d->ctx;
 	struct grid_cursor cursor;
@@ -182,8 +184,7 @@ static int count_cell(struct descent *d, const struct grid_cell *cell, const str
 	return 0;
 }
 
-int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact,
-	       struct err *err)
+int grid_count(struct grid_reader *r, uint64_t lo, uint64_t hi, uint64_t *ret_count, bool *ret_exact, struct err *err)
 {
 	struct count c = {.exact = true};
 	struct descent d = {.r = r, .lo = lo, .hi = hi, .ctx = &c, .segment = meets, .inner = count_inner, .cell = count_cell};
@@ -224,8 +225,7 @@ static int sum_heads(struct descent *d, const struct grid_cell *cell, struct err
 	return 0;
 }
 
-static int sum_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf,
-		    struct err *err)
+static int sum_cell(struct descent *d, const struct grid_cell *cell, const struct disk_leaf *leaf, struct err *err)
 {
 	struct grid_cursor cursor;
 	struct point *pts;

@@ -65,7 +65,7 @@ static bool has_extension(const char *name, const char *extensions)
 
 	if (!dot)
 		return false;
-	for (const char *e = extensions; *e; ) {
+	for (const char *e = extensions; *e;) {
 		size_t n = strcspn(e, " ");
 
 		if (strlen(dot) == n && !strncasecmp(dot, e, n))
@@ -147,8 +147,7 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	return rc;
 }
 
-int input_open(int fd, const char *name, const struct input_options *options, struct input **ret,
-	       struct err *err)
+int input_open(int fd, const char *name, const struct input_options *options, struct input **ret, struct err *err)
 {
 	struct input *in = malloc(sizeof *in);
 	int rc;
@@ -184,8 +183,7 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	return 0;
 }
 
-int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret,
-		    struct err *err)
+int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret, struct err *err)
 {
 	struct input *in;
 

@@ -18,36 +18,36 @@ struct input;
 /* A raw point: coordinate = raw * scale + offset of the input's lattice_input. */
 struct input_points {
 	int64_t (*raw)[3];
-	uint8_t *cls;      /* class */
-	uint8_t *ret;      /* as point.ret */
-	uint8_t *flags;    /* POINT_WITHHELD ... */
+	uint8_t *cls;   /* class */
+	uint8_t *ret;   /* as point.ret */
+	uint8_t *flags; /* POINT_WITHHELD ... */
 	size_t n, cap;
 };
 
 struct input_info {
-	const char *format;        /* "las", "xyz" */
-	char variant[64];          /* "LAS 1.2, point format 3, 34 bytes" */
-	uint64_t claimed;          /* points the header claims, or of them those selected; for text: counted by the probe */
-	uint64_t most;             /* points that its bytes can hold, whatever the header claims; 0: not known (compressed) */
+	const char *format; /* "las", "xyz" */
+	char variant[64];   /* "LAS 1.2, point format 3, 34 bytes" */
+	uint64_t claimed;   /* points the header claims, or of them those selected; for text: counted by the probe */
+	uint64_t most;      /* points that its bytes can hold, whatever the header claims; 0: not known (compressed) */
 	struct lattice_input coords;
-	struct crs_info crs;       /* what its records say; all unknown for text */
-	char warning[256];         /* a header lie that does no harm, "" if none */
-	uint64_t parts;            /* it can be read in so many parts, in any order and at once; 1: only forwards */
-	uint64_t first_point;      /* of a part, once something was read: points of the file before it */
-	bool partial;              /* only parts that meet the crop box are read */
+	struct crs_info crs;            /* what its records say; all unknown for text */
+	char warning[256];              /* a header lie that does no harm, "" if none */
+	uint64_t parts;                 /* it can be read in so many parts, in any order and at once; 1: only forwards */
+	uint64_t first_point;           /* of a part, once something was read: points of the file before it */
+	bool partial;                   /* only parts that meet the crop box are read */
 	uint64_t bytes, bytes_selected; /* of the file; without the points that need not be read */
-	bool has_returns;          /* the header counts points by return: */
-	uint64_t returns[16];      /* of return numbers 1 to 15 */
-	bool has_trailing;         /* it is known where the records end: */
-	uint64_t trailing;         /* bytes behind them that belong to nothing */
-	size_t read_bytes;         /* that reading takes beside input_bytes, for each input or part of it */
+	bool has_returns;               /* the header counts points by return: */
+	uint64_t returns[16];           /* of return numbers 1 to 15 */
+	bool has_trailing;              /* it is known where the records end: */
+	uint64_t trailing;              /* bytes behind them that belong to nothing */
+	size_t read_bytes;              /* that reading takes beside input_bytes, for each input or part of it */
 };
 
 struct input_options {
-	const char *format;        /* forced format, or NULL: by content */
+	const char *format; /* forced format, or NULL: by content */
 	bool accept_truncated;
-	bool planar;               /* take degrees as a plane */
-	bool degrees;              /* take degrees: whoever reads them projects them */
+	bool planar;  /* take degrees as a plane */
+	bool degrees; /* take degrees: whoever reads them projects them */
 	/* Points outside of this box (x and y from, to; in the file's coordinates) need not be given. Formats
 	 * that know where their points are read less (COPC); the others give all. */
 	bool has_crop;
@@ -75,13 +75,11 @@ size_t input_bytes(void);
 
 /* Take a descriptor (borrowed: the caller closes it after input_close), read the header (text: the
  * whole file, for digits and extent). `name` is copied, for messages. Reading starts at offset 0. */
-int input_open(int fd, const char *name, const struct input_options *, struct input **ret,
-	       struct err *err);
+int input_open(int fd, const char *name, const struct input_options *, struct input **ret, struct err *err);
 const struct input_info *input_info(const struct input *);
 /* A reader of parts [first, last) of `whole`, with buffers of its own and the same descriptor, which other
  * threads may read at the same time. `whole` must stay open and is not read itself. */
-int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret,
-		    struct err *err);
+int input_open_part(const struct input *whole, uint64_t first, uint64_t last, struct input **ret, struct err *err);
 /* The next points, up to pts->cap; pts->n == 0 at the end. -ERR_TRUNCATED, -ERR_INPUT name the place. */
 int input_read(struct input *, struct input_points *pts, struct err *err);
 /* The last read gave no points because the pipe has no bytes now; read again when it has. */
@@ -97,7 +95,9 @@ struct input *input_close(struct input *);
 uint64_t input_bytes_read(const struct input *);
 
 /* The table, for `acutctl formats`. */
-struct input_format_row { const char *name, *help, *extensions; };
+struct input_format_row {
+	const char *name, *help, *extensions;
+};
 const struct input_format_row *input_formats(size_t *ret_n);
 
 #endif

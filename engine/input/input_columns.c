@@ -36,8 +36,8 @@ static void settle(struct input_columns *c)
 /* The letters of --columns. -ERR_USAGE. */
 static int letters_read(const char *text, struct input_columns *ret, struct err *err)
 {
-	struct input_columns c = { .n = 0 };
-	unsigned seen[INPUT_ROLES + 1] = { 0 };
+	struct input_columns c = {.n = 0};
+	unsigned seen[INPUT_ROLES + 1] = {0};
 	size_t n = 0;
 
 	memset(c.role, INPUT_SKIPPED, sizeof c.role);
@@ -111,13 +111,16 @@ static void plain_word(struct input_line word, char ret[WORD])
 /* Single letters but x, y, z could mean several things: r g b, e n h. */
 static unsigned role_of(const char *word)
 {
-	static const struct { enum input_role role; const char *words; } names[] = {
-		{ INPUT_X, " x xcoord xcoordinate easting east lon longitude " },
-		{ INPUT_Y, " y ycoord ycoordinate northing north lat latitude " },
-		{ INPUT_Z, " z zcoord zcoordinate height elevation elev altitude alt " },
-		{ INPUT_CLASS, " class classification " },
-		{ INPUT_RETURN, " return returnnumber returnno " },
-		{ INPUT_RETURNS, " returns numberofreturns numreturns nreturns " },
+	static const struct {
+		enum input_role role;
+		const char *words;
+	} names[] = {
+		{INPUT_X, " x xcoord xcoordinate easting east lon longitude "},
+		{INPUT_Y, " y ycoord ycoordinate northing north lat latitude "},
+		{INPUT_Z, " z zcoord zcoordinate height elevation elev altitude alt "},
+		{INPUT_CLASS, " class classification "},
+		{INPUT_RETURN, " return returnnumber returnno "},
+		{INPUT_RETURNS, " returns numberofreturns numreturns nreturns "},
 	};
 	char padded[WORD + 2];
 
@@ -145,8 +148,8 @@ static bool names_to_columns(struct input_line line, struct input_columns *ret)
 {
 	const char *p = line.at;
 	char kind = column_kind(line), plain[WORD];
-	unsigned seen[INPUT_ROLES + 1] = { 0 }, n = 0;
-	struct input_columns c = { .n = 0 };
+	unsigned seen[INPUT_ROLES + 1] = {0}, n = 0;
+	struct input_columns c = {.n = 0};
 	struct input_line word;
 
 	memset(c.role, INPUT_SKIPPED, sizeof c.role);
@@ -192,8 +195,10 @@ static struct input_line without_mark(struct input_line line)
 
 static void warn_names(struct input *in, const char *names)
 {
-	input_warn(in, "the line of column names (%s) does not say for sure which are x, y and z: the first three "
-		       "are taken; --columns would say others", names);
+	input_warn(in,
+		   "the line of column names (%s) does not say for sure which are x, y and z: the first three "
+		   "are taken; --columns would say others",
+		   names);
 }
 
 /* What was found before the points; texts are copies, since lines go with the window. */
@@ -213,7 +218,7 @@ static void keep(struct input_line line, char *ret, size_t size)
 
 static struct input_line line_of(const char *text)
 {
-	return (struct input_line){ text, text + strlen(text) };
+	return (struct input_line){text, text + strlen(text)};
 }
 
 /* Up to the first point, which is *ret, or ret->at NULL at the end. */
@@ -266,8 +271,7 @@ static void apply_names(struct input *in, struct head *h, unsigned words)
 			show_names(h->names, h->shown);
 			warn_names(in, h->shown);
 		}
-	} else if (*h->comment && names_to_columns(line_of(h->comment), &c) &&
-		   count_words(line_of(h->comment)) == words) {
+	} else if (*h->comment && names_to_columns(line_of(h->comment), &c) && count_words(line_of(h->comment)) == words) {
 		xyz->columns = c;
 	}
 }
@@ -277,7 +281,7 @@ int input_columns_look(struct input *in, struct err *err)
 	struct input_xyz *xyz = &in->as.xyz;
 	struct input_columns c;
 	struct input_line first;
-	struct head h = { .names_line = 0 };
+	struct head h = {.names_line = 0};
 	unsigned words;
 	int rc = letters_read(in->columns, &xyz->columns, err);
 
@@ -289,7 +293,7 @@ int input_columns_look(struct input *in, struct err *err)
 	xyz->commas = first.at && column_kind(first) == ',' ? words : 0;
 	/* words alone are a text, not points */
 	if (*h.names && !first.at && !names_to_columns(line_of(h.names), &c))
-		h = (struct head){ .names_line = 0 };
+		h = (struct head){.names_line = 0};
 	xyz->head = h.names_line;
 	if (!in->columns)
 		apply_names(in, &h, words);

@@ -50,12 +50,11 @@ static bool meets(const struct input_copc *c, const int32_t key[4])
 
 void input_copc_walk_begin(struct input_copc_walk *w, const struct input_copc *c, bool whole)
 {
-	*w = (struct input_copc_walk){ .copc = c, .whole = whole, .depth = 1, .left = c->bytes / ENTRY };
-	w->page[0] = (struct input_copc_page){ .at = c->root_at, .end = c->root_at + c->root_bytes };
+	*w = (struct input_copc_walk){.copc = c, .whole = whole, .depth = 1, .left = c->bytes / ENTRY};
+	w->page[0] = (struct input_copc_page){.at = c->root_at, .end = c->root_at + c->root_bytes};
 }
 
-static int read_entry(struct input *in, struct input_copc_walk *w, struct input_copc_page *page, uint8_t *entry,
-		      struct err *err)
+static int read_entry(struct input *in, struct input_copc_walk *w, struct input_copc_page *page, uint8_t *entry, struct err *err)
 {
 	if (page->at < w->block_at || page->at - w->block_at >= w->block_n) {
 		uint64_t n = page->end - page->at;
@@ -92,8 +91,7 @@ static const char *descend(struct input_copc_walk *w, const int32_t key[4], uint
 	const struct input_copc *c = w->copc;
 	const struct input_copc_page *page = &w->page[w->depth - 1];
 
-	if (bytes <= 0 || bytes % ENTRY || at < c->at || at - c->at > c->bytes ||
-	    (uint64_t)bytes > c->bytes - (at - c->at))
+	if (bytes <= 0 || bytes % ENTRY || at < c->at || at - c->at > c->bytes || (uint64_t)bytes > c->bytes - (at - c->at))
 		return bad_page;
 	if (w->depth > 1 && key[0] == page->key[0]) /* its own page again */
 		return bad_cycle;
@@ -101,13 +99,13 @@ static const char *descend(struct input_copc_walk *w, const int32_t key[4], uint
 		return NULL;
 	if (w->depth == sizeof w->page / sizeof *w->page)
 		return bad_cycle;
-	w->page[w->depth] = (struct input_copc_page){ .at = at, .end = at + (uint64_t)bytes };
+	w->page[w->depth] = (struct input_copc_page){.at = at, .end = at + (uint64_t)bytes};
 	memcpy(w->page[w->depth++].key, key, sizeof w->page->key);
 	return NULL;
 }
 
-int input_copc_walk_next(struct input *in, struct input_copc_walk *w, struct laz_chunk *ret, bool *ret_meets,
-			 bool *ret_more, const char **ret_why, struct err *err)
+int input_copc_walk_next(struct input *in, struct input_copc_walk *w, struct laz_chunk *ret, bool *ret_meets, bool *ret_more,
+			 const char **ret_why, struct err *err)
 {
 	const struct input_copc *c = w->copc;
 
@@ -142,21 +140,21 @@ int input_copc_walk_next(struct input *in, struct input_copc_walk *w, struct laz
 		else if (points == -1)
 			*ret_why = descend(w, key, offset, size);
 		else if (points < 0 || (points > 0 && (size <= 0 || offset < c->data_at || offset >= c->data_end ||
-						      (uint64_t)size > c->data_end - offset)))
+						       (uint64_t)size > c->data_end - offset)))
 			*ret_why = bad_chunk;
 		if (*ret_why)
 			return 0;
 		*ret_meets = meets(c, key);
 		if (points <= 0 || (!w->whole && !*ret_meets))
 			continue;
-		*ret = (struct laz_chunk){ .at = offset, .bytes = (uint64_t)size, .points = (uint64_t)points };
+		*ret = (struct laz_chunk){.at = offset, .bytes = (uint64_t)size, .points = (uint64_t)points};
 		return 0;
 	}
 }
 
 static void add_chunk(struct digest *sum, const struct laz_chunk *chunk)
 {
-	const uint64_t numbers[3] = { chunk->at, chunk->bytes, chunk->points };
+	const uint64_t numbers[3] = {chunk->at, chunk->bytes, chunk->points};
 
 	digest_add(sum, digest_hash(numbers, sizeof numbers));
 }
@@ -167,7 +165,7 @@ static int sum_table(struct laz_table *table, struct digest *ret, struct err *er
 	struct laz_chunk chunk;
 	bool more = true;
 
-	*ret = (struct digest){ 0 };
+	*ret = (struct digest){0};
 	for (;;) {
 		int rc = laz_table_next(table, &chunk, &more, err);
 
@@ -182,8 +180,7 @@ struct totals {
 	uint64_t nodes, points, bytes, all_bytes; /* of the nodes that meet the box; of all */
 };
 
-static int sum_hierarchy(struct input *in, const struct input_copc *c, struct totals *t, const char **ret_why,
-			 struct err *err)
+static int sum_hierarchy(struct input *in, const struct input_copc *c, struct totals *t, const char **ret_why, struct err *err)
 {
 	struct input_copc_walk walk;
 	struct laz_chunk chunk;

@@ -41,8 +41,7 @@ int input_forward_read(struct input *in, uint64_t at, void *buf, size_t n, size_
 
 	in->dry = false;
 	if (at < in->head)
-		return io_read_some(in->fd, buf, n < in->head - at ? n : (size_t)(in->head - at), at, in->name, ret_n,
-				    err);
+		return io_read_some(in->fd, buf, n < in->head - at ? n : (size_t)(in->head - at), at, in->name, ret_n, err);
 	do {
 		got = io->read(in->pipe, buf, n);
 	} while (got < 0 && errno == EINTR);

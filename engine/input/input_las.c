@@ -21,7 +21,7 @@
 
 unsigned input_las_min_length(unsigned format)
 {
-	static const uint8_t length[] = { 20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67 };
+	static const uint8_t length[] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
 
 	return format < sizeof length ? length[format] : 0;
 }
@@ -35,10 +35,9 @@ static inline int32_t load_i32(const uint8_t *at)
 }
 
 /* Inlined into one loop for each record length, so that the step is a constant. */
-static inline __attribute__((always_inline)) void decode(const uint8_t *restrict at, size_t length,
-							 bool extended, size_t n,
-							 int64_t (*restrict raw)[3], uint8_t *restrict cls,
-							 uint8_t *restrict ret, uint8_t *restrict flags)
+static inline __attribute__((always_inline)) void decode(const uint8_t *restrict at, size_t length, bool extended, size_t n,
+							 int64_t (*restrict raw)[3], uint8_t *restrict cls, uint8_t *restrict ret,
+							 uint8_t *restrict flags)
 {
 	for (size_t i = 0; i < n; i++, at += length) {
 		unsigned r = at[14], c = at[15];
@@ -64,30 +63,29 @@ _Static_assert(POINT_WITHHELD == 1 && POINT_SYNTHETIC == 2 && POINT_KEY == 4 && 
 	       "decode() moves the bits of LAS to these places");
 
 /* n records to points, by format and record length (at least the minimum of the format). */
-static void decode_all(unsigned format, unsigned length, const uint8_t *records, size_t n,
-		      struct input_points *pts)
+static void decode_all(unsigned format, unsigned length, const uint8_t *records, size_t n, struct input_points *pts)
 {
-	int64_t (*raw)[3] = pts->raw + pts->n;
+	int64_t(*raw)[3] = pts->raw + pts->n;
 	uint8_t *cls = pts->cls + pts->n, *ret = pts->ret + pts->n, *flags = pts->flags + pts->n;
 
-#define STEP(bytes, extended) \
-	case bytes: \
+#define STEP(bytes, extended)                                              \
+	case bytes:                                                        \
 		decode(records, bytes, extended, n, raw, cls, ret, flags); \
 		break
 	if (format < 6) {
 		switch (length) {
-		STEP(20, false);
-		STEP(28, false);
-		STEP(26, false);
-		STEP(34, false);
+			STEP(20, false);
+			STEP(28, false);
+			STEP(26, false);
+			STEP(34, false);
 		default:
 			decode(records, length, false, n, raw, cls, ret, flags);
 		}
 	} else {
 		switch (length) {
-		STEP(30, true);
-		STEP(36, true);
-		STEP(38, true);
+			STEP(30, true);
+			STEP(36, true);
+			STEP(38, true);
 		default:
 			decode(records, length, true, n, raw, cls, ret, flags);
 		}
@@ -118,14 +116,13 @@ static int refill_forward(struct input *in, struct err *err)
 	if (got || in->dry)
 		return 0;
 	if (in->accept_truncated) {
-		input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", in->info.claimed - las->left,
-			   in->info.claimed);
+		input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", in->info.claimed - las->left, in->info.claimed);
 		las->left = 0;
 		return 0;
 	}
 	input_fail(in, err, ERR_TRUNCATED, las->at, "points",
-		   "the pipe ended after %" PRIu64 " whole points, but the header says %" PRIu64,
-		   in->info.claimed - las->left, in->info.claimed);
+		   "the pipe ended after %" PRIu64 " whole points, but the header says %" PRIu64, in->info.claimed - las->left,
+		   in->info.claimed);
 	return err_add_hint(err, "look at what fills the pipe, or take what is there with --accept-truncated");
 }
 
@@ -156,7 +153,8 @@ static int drain(struct input *in, struct err *err)
 	return rc;
 }
 
-/* The next whole records of a file that is not compressed. A short read means that the file shrank: its size was checked at open. */
+/* The next whole records of a file that is not compressed. A short read means that the file shrank: its size was checked at open.
+ */
 static int refill(struct input *in, struct err *err)
 {
 	struct input_las *las = &in->as.las;
@@ -172,8 +170,7 @@ static int refill(struct input *in, struct err *err)
 		rc = input_check_unchanged(in, err);
 		if (rc)
 			return rc;
-		return input_fail(in, err, ERR_TRUNCATED, las->at + got, "points",
-				  "the file ends in the middle of its points");
+		return input_fail(in, err, ERR_TRUNCATED, las->at + got, "points", "the file ends in the middle of its points");
 	}
 	if (in->seen)
 		in->seen(in->seen_ctx, las->at, in->buffer, got);
@@ -194,9 +191,9 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 		size_t n;
 
 		if (las->i_buffered == las->n_buffered) {
-			rc = las->compressed ? input_laz_refill(in, err)
-			     : in->has_pipe  ? refill_forward(in, err)
-					     : refill(in, err);
+			rc = las->compressed ? input_laz_refill(in, err) :
+			     in->has_pipe    ? refill_forward(in, err) :
+					       refill(in, err);
 			if (rc)
 				return rc;
 			if (!las->left)

@@ -75,11 +75,11 @@ static int check_kind(struct input *in, size_t n, struct err *err)
 	las->major = b[AT_VERSION];
 	las->minor = b[AT_VERSION + 1];
 	if (las->major != 1)
-		return input_fail(in, err, ERR_INPUT, AT_VERSION, "version",
-				  "LAS version %u.%u does not exist", las->major, las->minor);
+		return input_fail(in, err, ERR_INPUT, AT_VERSION, "version", "LAS version %u.%u does not exist", las->major,
+				  las->minor);
 	if (las->minor > 5) {
-		input_fail(in, err, ERR_UNSUPPORTED, AT_VERSION, "version",
-			   "LAS version 1.%u is not in this version", las->minor);
+		input_fail(in, err, ERR_UNSUPPORTED, AT_VERSION, "version", "LAS version 1.%u is not in this version",
+			   las->minor);
 		return err_add_hint(err, "LAS 1.0 to 1.5 can be read");
 	}
 	if (n < min_header_size(las->minor))
@@ -90,7 +90,7 @@ static int check_kind(struct input *in, size_t n, struct err *err)
 /* LAS 1.4 counts fifteen returns; the five of before hold where a writer filled only those. */
 static void parse_returns(struct cursor *c, struct header *h)
 {
-	uint64_t many[16] = { 0 }, all = 0;
+	uint64_t many[16] = {0}, all = 0;
 
 	for (int i = 1; i <= 15; i++)
 		all |= many[i] = cursor_u64(c);
@@ -143,30 +143,29 @@ static int check_layout(struct input *in, const struct header *h, struct err *er
 
 	if (las->header_size < header_min)
 		return input_fail(in, err, ERR_INPUT, AT_HEADER_SIZE, "header size",
-				  "a header of %u bytes; LAS 1.%u has at least %u", las->header_size,
-				  las->minor, header_min);
+				  "a header of %u bytes; LAS 1.%u has at least %u", las->header_size, las->minor, header_min);
 	if (las->format > 10)
-		return input_fail(in, err, ERR_INPUT, AT_FORMAT, "point format",
-				  "point format %u does not exist", h->format_byte);
+		return input_fail(in, err, ERR_INPUT, AT_FORMAT, "point format", "point format %u does not exist",
+				  h->format_byte);
 	if (las->length < input_las_min_length(las->format))
 		return input_fail(in, err, ERR_INPUT, AT_LENGTH, "record length",
-				  "records of %u bytes; point format %u has at least %u", las->length,
-				  las->format, input_las_min_length(las->format));
+				  "records of %u bytes; point format %u has at least %u", las->length, las->format,
+				  input_las_min_length(las->format));
 	if (las->point_offset < las->header_size)
 		return input_fail(in, err, ERR_INPUT, AT_POINT_OFFSET, "point offset",
-				  "points begin at byte %" PRIu64 ", inside the header of %u bytes",
-				  las->point_offset, las->header_size);
+				  "points begin at byte %" PRIu64 ", inside the header of %u bytes", las->point_offset,
+				  las->header_size);
 	if (las->point_offset > in->size && (h->count || h->legacy_count))
 		return input_fail(in, err, ERR_INPUT, AT_POINT_OFFSET, "point offset",
-				  "points begin at byte %" PRIu64 ", but the file has only %" PRIu64 " bytes",
-				  las->point_offset, in->size);
+				  "points begin at byte %" PRIu64 ", but the file has only %" PRIu64 " bytes", las->point_offset,
+				  in->size);
 	return 0;
 }
 
 static int check_numbers(struct input *in, const struct header *h, struct err *err)
 {
-	static const char *const scale_name[] = { "x scale", "y scale", "z scale" };
-	static const char *const offset_name[] = { "x offset", "y offset", "z offset" };
+	static const char *const scale_name[] = {"x scale", "y scale", "z scale"};
+	static const char *const offset_name[] = {"x offset", "y offset", "z offset"};
 	struct lattice_input *coords = &in->info.coords;
 
 	coords->has_offset = true;
@@ -174,20 +173,18 @@ static int check_numbers(struct input *in, const struct header *h, struct err *e
 		/* written so that NaN fails */
 		if (!(h->scale[i] >= SCALE_MIN && h->scale[i] <= SCALE_MAX) ||
 		    !decimal_from_double(h->scale[i], &coords->scale[i]))
-			return input_fail(in, err, ERR_INPUT, AT_SCALE + 8 * i, scale_name[i],
-					  "a scale of %g cannot be used", h->scale[i]);
-		if (!(fabs(h->offset[i]) <= OFFSET_MAX) ||
-		    !decimal_from_double(h->offset[i], &coords->offset[i]))
-			return input_fail(in, err, ERR_INPUT, AT_OFFSET + 8 * i, offset_name[i],
-					  "an offset of %g cannot be used", h->offset[i]);
+			return input_fail(in, err, ERR_INPUT, AT_SCALE + 8 * i, scale_name[i], "a scale of %g cannot be used",
+					  h->scale[i]);
+		if (!(fabs(h->offset[i]) <= OFFSET_MAX) || !decimal_from_double(h->offset[i], &coords->offset[i]))
+			return input_fail(in, err, ERR_INPUT, AT_OFFSET + 8 * i, offset_name[i], "an offset of %g cannot be used",
+					  h->offset[i]);
 		coords->min[i] = h->min[i];
 		coords->max[i] = h->max[i];
 	}
 	for (unsigned i = 0; i < 3; i++) {
 		if (isfinite(h->min[i]) && isfinite(h->max[i]) && h->min[i] <= h->max[i])
 			continue;
-		input_warn(in, "the header's box is not one (%c from %g to %g)", "xyz"[i], h->min[i],
-			   h->max[i]);
+		input_warn(in, "the header's box is not one (%c from %g to %g)", "xyz"[i], h -> min[i], h -> max[i]);
 		break;
 	}
 	return 0;
@@ -200,8 +197,8 @@ static void settle_count(struct input *in, struct header *h)
 		if (!h->count)
 			h->count = h->legacy_count;
 		else
-			input_warn(in, "the header's two point counts differ (%" PRIu64 " and %" PRIu32 ")",
-				   h->count, h->legacy_count);
+			input_warn(in, "the header's two point counts differ (%" PRIu64 " and %" PRIu32 ")", h->count,
+				   h->legacy_count);
 	}
 	in->info.claimed = h->count;
 }
@@ -249,8 +246,7 @@ static int check_plane(struct input *in, struct err *err)
 		return 0;
 	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->degrees) {
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
-			   "its coordinates are degrees (%.200s), which are no plane",
-			   in->info.crs.text);
+			   "its coordinates are degrees (%.200s), which are no plane", in->info.crs.text);
 		return err_add_hint(err, "--planar triangulates the file's own plane, degrees as they are");
 	}
 	if (in->info.crs.plane == CRS_PLANE_GEOCENTRIC) {
@@ -270,8 +266,8 @@ static void settle_trailing(struct input *in, const struct header *h)
 
 	if (!las->compressed && !in->has_pipe && las->length)
 		in->info.most = left / las->length ? left / las->length : 1;
-	in->info.has_trailing = !las->compressed && !h->n_evlrs && !h->waveform && !in->has_pipe &&
-				las->length && h->count <= left / las->length;
+	in->info.has_trailing =
+		!las->compressed && !h->n_evlrs && !h->waveform && !in->has_pipe && las->length && h->count <= left / las->length;
 	in->info.trailing = in->info.has_trailing ? left - h->count * las->length : 0;
 }
 
@@ -296,8 +292,7 @@ int input_las_open(struct input *in, struct err *err)
 	settle_count(in, &h);
 	rc = input_las_read_vlrs(in, h.n_vlrs, h.evlr_offset, h.n_evlrs, err);
 	if (!rc)
-		rc = las->compressed ? input_laz_open(in, h.count, end_of_points(in, &h), err) :
-				       check_count(in, &h, err);
+		rc = las->compressed ? input_laz_open(in, h.count, end_of_points(in, &h), err) : check_count(in, &h, err);
 	if (!rc)
 		rc = check_plane(in, err);
 	if (!las->compressed && !in->has_pipe && las->left > INPUT_LAS_PART)
@@ -305,13 +300,12 @@ int input_las_open(struct input *in, struct err *err)
 	in->info.has_returns = true;
 	memcpy(in->info.returns, h.returns, sizeof in->info.returns);
 	settle_trailing(in, &h);
-	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes",
-		 las->compressed ? 'Z' : 'S', las->minor, las->format, las->length);
+	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes", las->compressed ? 'Z' : 'S',
+		 las->minor, las->format, las->length);
 	if (las->compressed) {
 		size_t used = strlen(in->info.variant);
 
-		snprintf(in->info.variant + used, sizeof in->info.variant - used, ", compressor %u",
-			 las->laz.compressor);
+		snprintf(in->info.variant + used, sizeof in->info.variant - used, ", compressor %u", las->laz.compressor);
 	}
 	return rc;
 }

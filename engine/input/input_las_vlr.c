@@ -19,7 +19,7 @@ enum slot { SLOT_KEYS, SLOT_DOUBLES, SLOT_ASCII, SLOT_WKT, SLOTS };
 
 enum { SLOT_SIZE = 65536, VLR_MAX = 65536, VLR_HEAD = 54, EVLR_HEAD = 60 };
 
-_Static_assert(SLOTS * SLOT_SIZE <= INPUT_BUFFER, "one slot of each kind fits the buffer");
+_Static_assert(SLOTS *SLOT_SIZE <= INPUT_BUFFER, "one slot of each kind fits the buffer");
 
 struct walk {
 	struct input *in;
@@ -120,8 +120,7 @@ static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size,
 }
 
 /* `n` records from `at` to at most `end`. `*ret_seen` is how many are there. */
-static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, bool extended,
-			uint64_t *ret_seen, struct err *err)
+static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, bool extended, uint64_t *ret_seen, struct err *err)
 {
 	size_t head_size = extended ? EVLR_HEAD : VLR_HEAD, got;
 	uint8_t head[EVLR_HEAD];
@@ -153,21 +152,20 @@ static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, b
 static void settle_crs(struct walk *w)
 {
 	const struct crs_records records = {
-		.keys = { slot_bytes(w, SLOT_KEYS), w->size[SLOT_KEYS] },
-		.doubles = { slot_bytes(w, SLOT_DOUBLES), w->size[SLOT_DOUBLES] },
-		.ascii = { slot_bytes(w, SLOT_ASCII), w->size[SLOT_ASCII] },
-		.wkt = { slot_bytes(w, SLOT_WKT), w->size[SLOT_WKT] },
+		.keys = {slot_bytes(w, SLOT_KEYS), w->size[SLOT_KEYS]},
+		.doubles = {slot_bytes(w, SLOT_DOUBLES), w->size[SLOT_DOUBLES]},
+		.ascii = {slot_bytes(w, SLOT_ASCII), w->size[SLOT_ASCII]},
+		.wkt = {slot_bytes(w, SLOT_WKT), w->size[SLOT_WKT]},
 		.prefer_wkt = w->in->as.las.encoding & 0x10,
 	};
 
 	crs_read(&records, &w->in->info.crs);
 }
 
-int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs,
-			struct err *err)
+int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs, struct err *err)
 {
 	struct input_las *las = &in->as.las;
-	struct walk w = { .in = in };
+	struct walk w = {.in = in};
 	uint64_t end = las->point_offset < in->size ? las->point_offset : in->size, seen;
 	int rc = walk_records(&w, las->header_size, end, n_vlrs, false, &seen, err);
 
@@ -182,8 +180,7 @@ int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset,
 		if (rc)
 			return rc;
 		if (seen < n_evlrs)
-			input_warn(in, "%" PRIu32 " extended variable length records claimed, %" PRIu64 " read",
-				   n_evlrs, seen);
+			input_warn(in, "%" PRIu32 " extended variable length records claimed, %" PRIu64 " read", n_evlrs, seen);
 	}
 	settle_crs(&w);
 	return 0;

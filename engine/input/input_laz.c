@@ -24,10 +24,10 @@ enum { AT_FORMAT = 104 };
 struct input_laz_reading {
 	struct laz_source source;
 	struct laz_reader *reader;
-	struct laz_table *table; /* NULL: all is one chunk */
+	struct laz_table *table;      /* NULL: all is one chunk */
 	struct input_copc_walk *walk; /* NULL: chunks come from the table */
-	uint64_t chunk;          /* the next one of the table, or node of the walk */
-	bool open;               /* a chunk was begun */
+	uint64_t chunk;               /* the next one of the table, or node of the walk */
+	bool open;                    /* a chunk was begun */
 };
 
 /* The file, up to place.end. */
@@ -55,20 +55,18 @@ static enum laz_fields fields(const struct input_las *las)
 /* What says where the chunks are; the same whether all of them are read. */
 static size_t table_bytes(void)
 {
-	return sizeof(struct input_copc_walk) > laz_table_bytes() ? sizeof(struct input_copc_walk) :
-								    laz_table_bytes();
+	return sizeof(struct input_copc_walk) > laz_table_bytes() ? sizeof(struct input_copc_walk) : laz_table_bytes();
 }
 
 static size_t read_bytes(const struct input_las *las)
 {
-	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes()) +
-	       up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
+	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes()) + up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
 }
 
 int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *err)
 {
 	struct input_las *las = &in->as.las;
-	const struct laz_source source = { in, read_source };
+	const struct laz_source source = {in, read_source};
 	struct laz_table *table;
 	uint64_t chunks;
 	const char *why;
@@ -83,8 +81,7 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 		return err_add_file(err, in->name);
 	}
 	/* the table may lie behind other records, the points may not */
-	las->place = (struct laz_place){ .begin = las->point_offset, .end = in->size, .points = points,
-					 .size = in->size };
+	las->place = (struct laz_place){.begin = las->point_offset, .end = in->size, .points = points, .size = in->size};
 	_Static_assert(offsetof(struct input, buffer) % 16 == 0, "the table may lie in the buffer");
 	if (laz_table_bytes() > sizeof in->buffer)
 		return err_set(err, ERR_INTERNAL, "no room for a chunk table");
@@ -127,7 +124,7 @@ static int start(struct input *in, struct err *err)
 	}
 	at = (uint8_t *)up64((uintptr_t)las->memory);
 	r = las->reading = (struct input_laz_reading *)at;
-	*r = (struct input_laz_reading){ .source = { in, read_source } };
+	*r = (struct input_laz_reading){.source = {in, read_source}};
 	at += up64(sizeof *r);
 	if (las->copc.selects) {
 		r->walk = (struct input_copc_walk *)at;

@@ -17,8 +17,7 @@
 
 enum { LINE_MAX_BYTES = 4096, EXCERPT = 40, LINES_A_TURN = 1 << 16 };
 
-int input_bad_line(struct input *in, struct err *err, enum err_code code, const char *what,
-		   struct input_line text)
+int input_bad_line(struct input *in, struct err *err, enum err_code code, const char *what, struct input_line text)
 {
 	char excerpt[EXCERPT + 1];
 	size_t n = 0;
@@ -148,8 +147,8 @@ bool input_line_is_count(struct input_line line, uint64_t *ret)
 	const char *p = skip_blanks(line.at, line.end);
 	struct input_number n;
 
-	if (input_number_read(&p, line.end, &n) != INPUT_NUMBER_OK || skip_blanks(p, line.end) != line.end ||
-	    n.mantissa < 0 || n.exponent < 0 || n.written)
+	if (input_number_read(&p, line.end, &n) != INPUT_NUMBER_OK || skip_blanks(p, line.end) != line.end || n.mantissa < 0 ||
+	    n.exponent < 0 || n.written)
 		return false;
 	*ret = (uint64_t)n.mantissa;
 	for (int i = 0; i < n.exponent; i++)
@@ -208,10 +207,9 @@ static int no_separator(struct input *in, struct err *err, struct input_line lin
 	return err_add_hint(err, "one separator a line: blanks, commas or semicolons; decimal points");
 }
 
-static int no_number(struct input *in, struct err *err, enum input_number_state state, struct input_line line,
-		     const char *p)
+static int no_number(struct input *in, struct err *err, enum input_number_state state, struct input_line line, const char *p)
 {
-	const struct input_line rest = { p, line.end };
+	const struct input_line rest = {p, line.end};
 	char what[48];
 
 	if (state == INPUT_NUMBER_NOT_FINITE)
@@ -228,8 +226,8 @@ static int no_number(struct input *in, struct err *err, enum input_number_state 
 		snprintf(what, sizeof what, "fewer than %u columns", in->as.xyz.columns.n);
 	input_bad_line(in, err, ERR_INPUT, what, line);
 	return err_add_hint(err, in->as.xyz.columns.n == 3 ?
-				 "every line needs x y z; comments begin with #, // or %%" :
-				 "every line needs all columns that --columns or the line of names tells");
+					 "every line needs x y z; comments begin with #, // or %%" :
+					 "every line needs all columns that --columns or the line of names tells");
 }
 
 /* Commas between whole numbers, some with a blank behind them and some without: "1,5, 2,5, 3,5". */
@@ -247,8 +245,7 @@ static bool uneven_commas(struct input_line line)
 	return blank && tight;
 }
 
-int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES],
-		     struct err *err)
+int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES], struct err *err)
 {
 	const struct input_columns *columns = &in->as.xyz.columns;
 	const char *p = skip_blanks(line.at, line.end);

@@ -10,9 +10,25 @@
 enum { DIGITS_MAX = 18, PLACE_MIN = -15, PLACE_MAX = 18, EXPONENT_MAX = 9999 };
 
 static const uint64_t power[DIGITS_MAX + 1] = {
-	1ull, 10ull, 100ull, 1000ull, 10000ull, 100000ull, 1000000ull, 10000000ull, 100000000ull, 1000000000ull,
-	10000000000ull, 100000000000ull, 1000000000000ull, 10000000000000ull, 100000000000000ull,
-	1000000000000000ull, 10000000000000000ull, 100000000000000000ull, 1000000000000000000ull,
+	1ull,
+	10ull,
+	100ull,
+	1000ull,
+	10000ull,
+	100000ull,
+	1000000ull,
+	10000000ull,
+	100000000ull,
+	1000000000ull,
+	10000000000ull,
+	100000000000ull,
+	1000000000000ull,
+	10000000000000ull,
+	100000000000000ull,
+	1000000000000000ull,
+	10000000000000000ull,
+	100000000000000000ull,
+	1000000000000000000ull,
 };
 
 struct digits {
@@ -97,8 +113,7 @@ static inline bool read_plain(const char **at, const char *end, struct input_num
 			break;
 	}
 	places = point ? (int)(p - point) - 1 : 0;
-	if (p - first - (point != NULL) < 1 || p - first > DIGITS_MAX || places > -PLACE_MIN ||
-	    (p < end && (*p | 0x20) == 'e'))
+	if (p - first - (point != NULL) < 1 || p - first > DIGITS_MAX || places > -PLACE_MIN || (p < end && (*p | 0x20) == 'e'))
 		return false;
 	ret->written = ret->exponent = -places;
 	if (!m)
@@ -113,7 +128,7 @@ static inline bool read_plain(const char **at, const char *end, struct input_num
 enum input_number_state input_number_read(const char **at, const char *end, struct input_number *ret)
 {
 	const char *p = *at;
-	struct digits d = { .mantissa = 0 };
+	struct digits d = {.mantissa = 0};
 	bool negative = false;
 	int exponent = 0, place;
 
@@ -127,8 +142,7 @@ enum input_number_state input_number_read(const char **at, const char *end, stru
 		digits_read(&p, end, &d, true);
 	}
 	if (!d.any)
-		return word_is(p, end, "nan") || word_is(p, end, "inf") ? INPUT_NUMBER_NOT_FINITE
-									: INPUT_NUMBER_BAD;
+		return word_is(p, end, "nan") || word_is(p, end, "inf") ? INPUT_NUMBER_NOT_FINITE : INPUT_NUMBER_BAD;
 	if (p < end && (*p | 0x20) == 'e' && !exponent_read(&p, end, &exponent))
 		return INPUT_NUMBER_BAD;
 	place = exponent - (int)d.fraction;

@@ -37,27 +37,27 @@ extern const size_t input_n_rows;
 
 /* Of a COPC file; see input_copc.c. */
 struct input_copc {
-	uint64_t info_at;          /* body of the record copc/1; 0: the file is no COPC file */
-	uint64_t at, bytes;        /* body of the record copc/1000, the hierarchy; 0: there is none */
-	bool selects;              /* only nodes that meet the crop box are read */
-	uint64_t nodes;            /* so many */
+	uint64_t info_at;   /* body of the record copc/1; 0: the file is no COPC file */
+	uint64_t at, bytes; /* body of the record copc/1000, the hierarchy; 0: there is none */
+	bool selects;       /* only nodes that meet the crop box are read */
+	uint64_t nodes;     /* so many */
 	uint64_t root_at, root_bytes;
 	uint64_t data_at, data_end; /* where points may be */
-	double low[2], side;       /* the cube, in x and y */
+	double low[2], side;        /* the cube, in x and y */
 	double crop[4], margin;
 };
 
 struct input_copc_page {
 	uint64_t at, end;
-	int32_t key[4];            /* of the node that it belongs to: level, x, y, z */
+	int32_t key[4]; /* of the node that it belongs to: level, x, y, z */
 };
 
 struct input_copc_walk {
 	const struct input_copc *copc;
-	bool whole;                /* all nodes, not only those that meet the box */
+	bool whole; /* all nodes, not only those that meet the box */
 	unsigned depth;
-	uint64_t left;             /* entries, at most */
-	uint64_t block_at;         /* place in the file */
+	uint64_t left;     /* entries, at most */
+	uint64_t block_at; /* place in the file */
 	size_t block_n;
 	struct input_copc_page page[33];
 	uint8_t block[2048];
@@ -66,52 +66,51 @@ struct input_copc_walk {
 typedef void input_watch_fn(void *arg, const uint8_t *records, size_t n, size_t length);
 
 struct input_las {
-	unsigned format, length;   /* point data record format, bytes of a record */
+	unsigned format, length; /* point data record format, bytes of a record */
 	unsigned major, minor, encoding, header_size;
 	uint64_t point_offset;
-	uint64_t left;             /* records still to be handed out */
-	uint64_t at;               /* file offset of the next record to be read into the buffer */
+	uint64_t left;                 /* records still to be handed out */
+	uint64_t at;                   /* file offset of the next record to be read into the buffer */
 	size_t n_buffered, i_buffered; /* records in the buffer; the next one to be handed out */
-	bool has_laszip;           /* a record says how the points are compressed: its body and place */
+	bool has_laszip;               /* a record says how the points are compressed: its body and place */
 	uint8_t laszip[80];
 	size_t laszip_size;
 	uint64_t laszip_at;
 	bool compressed;
 	struct laz_format laz;
-	struct laz_place place;    /* `end` is where the points end, for the reader of points */
-	uint64_t chunks;           /* in the table; 0: there is none, or it cannot be used */
+	struct laz_place place; /* `end` is where the points end, for the reader of points */
+	uint64_t chunks;        /* in the table; 0: there is none, or it cannot be used */
 	struct input_copc copc;
-	uint64_t part_first, part_last; /* chunks to be read */
-	void *memory;              /* from the first read on */
+	uint64_t part_first, part_last;    /* chunks to be read */
+	void *memory;                      /* from the first read on */
 	struct input_laz_reading *reading; /* in it */
-	size_t rest;               /* of a pipe: bytes of a record begun, behind the records in the buffer */
-	input_watch_fn *watch;     /* tests: sees every record that is handed out, in order */
+	size_t rest;                       /* of a pipe: bytes of a record begun, behind the records in the buffer */
+	input_watch_fn *watch;             /* tests: sees every record that is handed out, in order */
 	void *watch_arg;
 };
 
 /* What a column of a text is; roles up to INPUT_ROLES are read. */
-enum input_role { INPUT_X, INPUT_Y, INPUT_Z, INPUT_CLASS, INPUT_RETURN, INPUT_RETURNS, INPUT_ROLES,
-		  INPUT_SKIPPED = INPUT_ROLES };
+enum input_role { INPUT_X, INPUT_Y, INPUT_Z, INPUT_CLASS, INPUT_RETURN, INPUT_RETURNS, INPUT_ROLES, INPUT_SKIPPED = INPUT_ROLES };
 enum { INPUT_COLUMNS = 64 };
 
 struct input_columns {
 	uint8_t role[INPUT_COLUMNS];
-	unsigned n;                /* up to the last one that is read */
-	bool cls, returns;         /* there are columns of them */
+	unsigned n;        /* up to the last one that is read */
+	bool cls, returns; /* there are columns of them */
 };
 
 struct input_xyz {
 	struct input_columns columns;
 	int exponent_xy, exponent_z; /* raw numbers are multiples of 10 to this power */
-	uint64_t at;               /* file offset of the next byte to be read into the buffer */
-	uint64_t line;             /* of the line handed out last, from 1 */
-	uint64_t head;             /* lines before the points: up to this one they are not read again */
+	uint64_t at;                 /* file offset of the next byte to be read into the buffer */
+	uint64_t line;               /* of the line handed out last, from 1 */
+	uint64_t head;               /* lines before the points: up to this one they are not read again */
 	size_t i_buffered, n_buffered;
-	uint64_t points;           /* handed out so far */
+	uint64_t points; /* handed out so far */
 	bool ended;
-	bool head_only;            /* of a pipe: while opening, what is there already is all */
-	bool counts;               /* .pts: a line of one number says how many points follow */
-	unsigned commas;           /* columns of the first point, if commas separate them; else 0 */
+	bool head_only;  /* of a pipe: while opening, what is there already is all */
+	bool counts;     /* .pts: a line of one number says how many points follow */
+	unsigned commas; /* columns of the first point, if commas separate them; else 0 */
 };
 
 struct input {
@@ -119,20 +118,20 @@ struct input {
 	char name[1024];
 	bool accept_truncated, planar, degrees, has_crop;
 	double crop[4];
-	bool has_pipe, dry;        /* dry: the pipe has no bytes now */
+	bool has_pipe, dry; /* dry: the pipe has no bytes now */
 	int pipe;
 	void (*pipe_seen)(void *ctx, const void *bytes, size_t n);
 	void (*seen)(void *ctx, uint64_t at, const void *bytes, size_t n);
 	void *seen_ctx;
 	void *pipe_ctx;
-	uint64_t head;             /* bytes of the descriptor, before those of the pipe */
-	uint64_t size;             /* of a pipe: more than any file has */
-	const char *columns;       /* of input_options, while opening */
+	uint64_t head;       /* bytes of the descriptor, before those of the pipe */
+	uint64_t size;       /* of a pipe: more than any file has */
+	const char *columns; /* of input_options, while opening */
 	struct timespec mtime;
 	const struct input_row *row;
 	struct input_info info;
-	uint64_t bytes_read;       /* since it was opened */
-	bool checked;              /* the end was reached, and the file is still the one that was opened */
+	uint64_t bytes_read; /* since it was opened */
+	bool checked;        /* the end was reached, and the file is still the one that was opened */
 	union {
 		struct input_las las;
 		struct input_xyz xyz;
@@ -142,8 +141,7 @@ struct input {
 
 /* -code, with place and file filled in. */
 #define input_fail(in, err, code, offset, field, ...) \
-	(err_set((err), code, __VA_ARGS__), err_add_place((err), (offset), (field)), \
-	 err_add_file((err), (in)->name))
+	(err_set((err), code, __VA_ARGS__), err_add_place((err), (offset), (field)), err_add_file((err), (in)->name))
 
 /* A lie that does no harm: said once, in info.warning. */
 void input_warn(struct input *in, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
@@ -157,8 +155,7 @@ bool input_las_matches(const uint8_t *bytes, size_t n);
 int input_las_open(struct input *in, struct err *err);
 int input_las_read(struct input *in, struct input_points *pts, struct err *err);
 /* Reads the variable length records, before and after the points, and fills in the CRS. */
-int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs,
-			struct err *err);
+int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset, uint32_t n_evlrs, struct err *err);
 unsigned input_las_min_length(unsigned format); /* 0: no such format */
 /* Compressed: `points` that the header claims, up to byte `end` of the file. Looks at the chunk table. */
 int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *err);
@@ -174,8 +171,8 @@ void input_laz_close(struct input *in);
 int input_copc_open(struct input *in, struct laz_table *table, struct err *err);
 void input_copc_walk_begin(struct input_copc_walk *, const struct input_copc *, bool whole);
 /* The next node with points. *ret_why: the hierarchy cannot be used, static text. */
-int input_copc_walk_next(struct input *in, struct input_copc_walk *, struct laz_chunk *ret, bool *ret_meets,
-			 bool *ret_more, const char **ret_why, struct err *err);
+int input_copc_walk_next(struct input *in, struct input_copc_walk *, struct laz_chunk *ret, bool *ret_meets, bool *ret_more,
+			 const char **ret_why, struct err *err);
 
 /* NULL is fine. -ERR_USAGE. */
 int input_columns_check(const char *text, struct err *err);

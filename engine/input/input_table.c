@@ -4,16 +4,15 @@
 enum { LAS, PTS, XYZ, ROWS };
 
 static const struct input_format_row texts[ROWS] = {
-	[LAS] = { "las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10", ".las .laz" },
-	[PTS] = { "pts", "text with the number of points in its first line, then as xyz", ".pts" },
-	[XYZ] = { "xyz", "text, one point a line: x y z or --columns; space, tab, comma or semicolon",
-		  ".xyz .txt .csv .asc" },
+	[LAS] = {"las", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10", ".las .laz"},
+	[PTS] = {"pts", "text with the number of points in its first line, then as xyz", ".pts"},
+	[XYZ] = {"xyz", "text, one point a line: x y z or --columns; space, tab, comma or semicolon", ".xyz .txt .csv .asc"},
 };
 
 const struct input_row input_rows[ROWS] = {
-	[LAS] = { &texts[LAS], input_las_matches, input_las_open, input_las_read, input_las_part, input_laz_close },
-	[PTS] = { &texts[PTS], input_pts_matches, input_xyz_open, input_xyz_read, NULL, NULL },
-	[XYZ] = { &texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read, NULL, NULL },
+	[LAS] = {&texts[LAS], input_las_matches, input_las_open, input_las_read, input_las_part, input_laz_close},
+	[PTS] = {&texts[PTS], input_pts_matches, input_xyz_open, input_xyz_read, NULL, NULL},
+	[XYZ] = {&texts[XYZ], input_xyz_matches, input_xyz_open, input_xyz_read, NULL, NULL},
 };
 
 const size_t input_n_rows = ROWS;

@@ -23,8 +23,7 @@ enum { RETURNS_MAX = 15, CLASS_MAX = 255, FORWARD_PLACE = -9 };
 bool input_xyz_matches(const uint8_t *bytes, size_t n)
 {
 	for (size_t i = 0; i < n; i++)
-		if (bytes[i] == 0x7f ||
-		    (bytes[i] < 0x20 && bytes[i] != '\t' && bytes[i] != '\n' && bytes[i] != '\r'))
+		if (bytes[i] == 0x7f || (bytes[i] < 0x20 && bytes[i] != '\t' && bytes[i] != '\n' && bytes[i] != '\r'))
 			return false;
 	return true;
 }
@@ -40,7 +39,7 @@ bool input_pts_matches(const uint8_t *bytes, size_t n)
 	if (n >= 3 && !memcmp(at, "\xef\xbb\xbf", 3))
 		at += 3;
 	for (; at < end && (stop = memchr(at, '\n', (size_t)(end - at))); at = stop + 1) {
-		struct input_line line = { at, stop > at && stop[-1] == '\r' ? stop - 1 : stop };
+		struct input_line line = {at, stop > at && stop[-1] == '\r' ? stop - 1 : stop};
 
 		if (!input_line_is_comment(line))
 			return input_line_is_count(line, &count);
@@ -49,8 +48,8 @@ bool input_pts_matches(const uint8_t *bytes, size_t n)
 }
 
 /* One small whole number of a column. */
-static int small(struct input *in, struct input_line line, const char *what, struct input_number n, int most,
-		 uint8_t *ret, struct err *err)
+static int small(struct input *in, struct input_line line, const char *what, struct input_number n, int most, uint8_t *ret,
+		 struct err *err)
 {
 	int64_t v = n.mantissa;
 	char text[64];
@@ -66,8 +65,8 @@ static int small(struct input *in, struct input_line line, const char *what, str
 }
 
 /* Class and returns, where there are columns of them; else never classified, the only return. */
-static int attributes(struct input *in, struct input_line line, const struct input_number n[INPUT_ROLES],
-		      uint8_t *ret_class, uint8_t *ret_return, struct err *err)
+static int attributes(struct input *in, struct input_line line, const struct input_number n[INPUT_ROLES], uint8_t *ret_class,
+		      uint8_t *ret_return, struct err *err)
 {
 	const struct input_columns *c = &in->as.xyz.columns;
 	uint8_t r = 1, count = 1;
@@ -86,18 +85,18 @@ static int attributes(struct input *in, struct input_line line, const struct inp
 
 struct probe {
 	uint64_t points;
-	uint64_t count, count_line;    /* .pts: points that the last such line says, and are yet to come */
-	uint64_t more;                 /* points that none says */
+	uint64_t count, count_line; /* .pts: points that the last such line says, and are yet to come */
+	uint64_t more;              /* points that none says */
 	struct {
-		int written, needed;     /* places */
-		uint64_t line;           /* of the first number that needs that place */
+		int written, needed; /* places */
+		uint64_t line;       /* of the first number that needs that place */
 		double min, max;
 	} axis[3];
 };
 
 static double number_double(struct input_number n)
 {
-	struct decimal d = { n.mantissa, n.exponent };
+	struct decimal d = {n.mantissa, n.exponent};
 
 	return decimal_double(d);
 }
@@ -106,8 +105,7 @@ static double number_double(struct input_number n)
  * goes the exact way. */
 static double coordinate(struct input_number n)
 {
-	static const double power[] = { 1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12,
-					1e13, 1e14, 1e15 };
+	static const double power[] = {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15};
 	int64_t m = n.mantissa;
 
 	if (n.exponent <= 0 && m < (int64_t)1 << 53 && m > -((int64_t)1 << 53))
@@ -140,13 +138,12 @@ static int check_count(struct input *in, const struct probe *probe, struct err *
 	if (!probe->count)
 		return 0;
 	if (in->accept_truncated) {
-		input_warn(in, "%" PRIu64 " points fewer than line %" PRIu64 " says", probe->count,
-			   probe->count_line);
+		input_warn(in, "%" PRIu64 " points fewer than line %" PRIu64 " says", probe->count, probe->count_line);
 		return 0;
 	}
 	input_fail(in, err, ERR_TRUNCATED, probe->count_line, "line",
-		   "line %" PRIu64 " says how many points follow, but %" PRIu64 " of them are missing",
-		   probe->count_line, probe->count);
+		   "line %" PRIu64 " says how many points follow, but %" PRIu64 " of them are missing", probe->count_line,
+		   probe->count);
 	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
 }
 
@@ -215,8 +212,7 @@ static bool comfortable(const struct probe *probe, int axis, int place)
 	       (!probe->points || (probe->axis[axis].max - probe->axis[axis].min) / pow(10, place) < 0x1p31);
 }
 
-static int choose_place(struct input *in, const struct probe *probe, int from, int to, int *ret,
-			struct err *err)
+static int choose_place(struct input *in, const struct probe *probe, int from, int to, int *ret, struct err *err)
 {
 	int written = 0, needed = 0, finest = from;
 	bool fits = true;
@@ -251,8 +247,8 @@ static void describe(struct input *in, const struct probe *probe)
 		columns[n] = "xyzcrn_"[xyz->columns.role[n]];
 	columns[n] = 0;
 	snprintf(in->info.variant, sizeof in->info.variant, "text%s%.16s, %u and %u decimals",
-		 strcmp(columns, "xyz") ? ", columns " : "", strcmp(columns, "xyz") ? columns : "",
-		 (uint8_t)-xyz->exponent_xy, (uint8_t)-xyz->exponent_z);
+		 strcmp(columns, "xyz") ? ", columns " : "", strcmp(columns, "xyz") ? columns : "", (uint8_t)-xyz->exponent_xy,
+		 (uint8_t)-xyz->exponent_z);
 	if (xyz->counts && probe->more)
 		input_warn(in, "%" PRIu64 " points more than its lines of numbers say", probe->more);
 	if (xyz->commas >= 6 && !probe->axis[0].written && !probe->axis[1].written && !probe->axis[2].written &&
@@ -291,7 +287,7 @@ static int open_forward(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
 	struct lattice_input *coords = &in->info.coords;
-	struct probe probe = { 0 };
+	struct probe probe = {0};
 	int rc;
 
 	xyz->head_only = true;
@@ -304,8 +300,8 @@ static int open_forward(struct input *in, struct err *err)
 	xyz->exponent_xy = xyz->exponent_z = FORWARD_PLACE;
 	crs_info_clear(&in->info.crs);
 	for (int i = 0; i < 3; i++) {
-		coords->scale[i] = (struct decimal){ 1, FORWARD_PLACE };
-		coords->offset[i] = (struct decimal){ 0, 0 };
+		coords->scale[i] = (struct decimal){1, FORWARD_PLACE};
+		coords->offset[i] = (struct decimal){0, 0};
 		coords->min[i] = probe.axis[i].min;
 		coords->max[i] = probe.axis[i].max;
 	}
@@ -319,7 +315,7 @@ int input_xyz_open(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
 	struct lattice_input *coords = &in->info.coords;
-	struct probe probe = { 0 };
+	struct probe probe = {0};
 	int rc;
 
 	xyz->counts = in->row->matches == input_pts_matches;
@@ -338,8 +334,8 @@ int input_xyz_open(struct input *in, struct err *err)
 	crs_info_clear(&in->info.crs);
 	coords->has_offset = false;
 	for (int i = 0; i < 3; i++) {
-		coords->scale[i] = (struct decimal){ 1, i < 2 ? xyz->exponent_xy : xyz->exponent_z };
-		coords->offset[i] = (struct decimal){ 0, 0 };
+		coords->scale[i] = (struct decimal){1, i < 2 ? xyz->exponent_xy : xyz->exponent_z};
+		coords->offset[i] = (struct decimal){0, 0};
 		coords->min[i] = probe.axis[i].min;
 		coords->max[i] = probe.axis[i].max;
 	}
@@ -371,8 +367,7 @@ static int changed(struct input *in, struct err *err)
 {
 	if (in->has_pipe) {
 		input_fail(in, err, ERR_INPUT, in->as.xyz.line, "line",
-			   "line %" PRIu64 " has more than nine decimals, or a number too large for them",
-			   in->as.xyz.line);
+			   "line %" PRIu64 " has more than nine decimals, or a number too large for them", in->as.xyz.line);
 		return err_add_hint(err, "write it to a file first: its digits are looked at before it is read");
 	}
 	input_fail(in, err, ERR_CHANGED, in->as.xyz.line, "line", "the file changed while it was read");
@@ -385,7 +380,7 @@ static int read_point(struct input *in, struct input_points *pts, bool *ret_coun
 {
 	struct input_xyz *xyz = &in->as.xyz;
 	struct input_number n[INPUT_ROLES];
-	struct input_line line = { .at = "" };
+	struct input_line line = {.at = ""};
 	uint64_t count;
 	int rc = input_line_next_point(in, &line, err);
 

@@ -19,46 +19,46 @@ struct mesh_vertex {
 
 /* What is known of an open vertex: one that other domains or the hull may share. */
 struct mesh_link {
-	uint64_t hi, lo;   /* 128-bit sum over its triangles (p, a, b), ccw: H(a) - H(b); zero: closed */
-	uint32_t edges;    /* triangles counted */
+	uint64_t hi, lo; /* 128-bit sum over its triangles (p, a, b), ccw: H(a) - H(b); zero: closed */
+	uint32_t edges;  /* triangles counted */
 };
 
 #define MESH_RULES 12 /* at least VIEW_RULES */
 
 struct mesh_counts {
-	uint64_t points;               /* records read whose position lies in the region */
-	uint64_t removed[MESH_RULES];  /* by rule, enum view_rule */
-	uint64_t used;                 /* positions of the region that are in the mesh's point set */
-	uint64_t halo;                 /* positions loaded from outside */
-	uint64_t cells_read;           /* for the halo */
-	uint64_t points_read;          /* records: `points`, and those of the cells read for the halo */
+	uint64_t points;              /* records read whose position lies in the region */
+	uint64_t removed[MESH_RULES]; /* by rule, enum view_rule */
+	uint64_t used;                /* positions of the region that are in the mesh's point set */
+	uint64_t halo;                /* positions loaded from outside */
+	uint64_t cells_read;          /* for the halo */
+	uint64_t points_read;         /* records: `points`, and those of the cells read for the halo */
 };
 
 /* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. The arrays lie in
  * memory of whoever made the domain; the emitter renumbers them in place, so a domain is emitted once. */
 struct mesh_domain {
 	struct mesh_vertex *vertex;
-	struct mesh_link *link;            /* nopen of them */
-	uint32_t (*triangle)[3];           /* local vertex numbers, counter-clockwise */
-	uint8_t *final;                    /* room for (nvertex + 7) / 8 bytes, filled by the emitter */
+	struct mesh_link *link;  /* nopen of them */
+	uint32_t (*triangle)[3]; /* local vertex numbers, counter-clockwise */
+	uint8_t *final;          /* room for (nvertex + 7) / 8 bytes, filled by the emitter */
 	uint32_t nvertex, nopen, ntriangle;
-	struct digest digest;              /* of its triangles */
-	struct digest closed_digest;       /* vertex digest of the closed vertices */
-	struct digest own_digest;          /* of all positions of the region (counts.used), whoever has their triangles */
-	uint32_t nhull;                    /* edges of the hull whose outer ray ends in the region */
-	int32_t box[6];                    /* of its vertices: min x y z, max x y z; meaningless if none */
+	struct digest digest;        /* of its triangles */
+	struct digest closed_digest; /* vertex digest of the closed vertices */
+	struct digest own_digest;    /* of all positions of the region (counts.used), whoever has their triangles */
+	uint32_t nhull;              /* edges of the hull whose outer ray ends in the region */
+	int32_t box[6];              /* of its vertices: min x y z, max x y z; meaningless if none */
 	struct mesh_counts counts;
 };
 
 /* Local vertices: foreign first (numbers given before), then new ones, numbered from `first`. */
 struct mesh_block {
 	uint64_t index;
-	int64_t box[4];                    /* region, doubled odd lattice borders; INT64_MIN/MAX: infinite */
+	int64_t box[4]; /* region, doubled odd lattice borders; INT64_MIN/MAX: infinite */
 	uint64_t first;
 	const uint64_t *foreign;
-	const struct mesh_vertex *vertex;  /* nnew of them */
+	const struct mesh_vertex *vertex; /* nnew of them */
 	const uint32_t (*triangle)[3];
-	const uint8_t *final;              /* bit set over nforeign + nnew: no later block uses it */
+	const uint8_t *final; /* bit set over nforeign + nnew: no later block uses it */
 	uint32_t nforeign, nnew, ntriangle;
 };
 

@@ -70,20 +70,19 @@ static void check_triangles(struct check *c)
 
 		for (unsigned i = 0; i < 3; i++) {
 			if (v[i] >= m->nvertex) {
-				verify_tell(c->report, VERIFY_INDEX, NULL,
-					    "triangle %zu names vertex %u of %zu", t, v[i], m->nvertex);
+				verify_tell(c->report, VERIFY_INDEX, NULL, "triangle %zu names vertex %u of %zu", t, v[i],
+					    m->nvertex);
 				return;
 			}
 		}
 		if (v[0] == v[1] || v[1] == v[2] || v[2] == v[0]) {
-			verify_tell(c->report, VERIFY_INDEX, xy(c, v[0]),
-				    "triangle %zu (%u, %u, %u) names a vertex twice", t, v[0], v[1], v[2]);
+			verify_tell(c->report, VERIFY_INDEX, xy(c, v[0]), "triangle %zu (%u, %u, %u) names a vertex twice", t,
+				    v[0], v[1], v[2]);
 			return;
 		}
 		if (verify_area(xy(c, v[0]), xy(c, v[1]), xy(c, v[2])) <= 0) {
 			verify_tell(c->report, VERIFY_ORIENTATION, xy(c, v[0]),
-				    "triangle %zu (%u, %u, %u) is not counter-clockwise", t, v[0], v[1],
-				    v[2]);
+				    "triangle %zu (%u, %u, %u) is not counter-clockwise", t, v[0], v[1], v[2]);
 			return;
 		}
 	}
@@ -154,15 +153,13 @@ static void group_edges(struct check *c)
 		for (size_t i = 1; i < n; i++) {
 			if (to(c, list[i]) != to(c, list[i - 1]))
 				continue;
-			verify_tell(
-				c->report, VERIFY_EDGE, xy(c, (uint32_t)v),
-				"the edge from vertex %zu to %u is in triangles %u and %u in one direction",
-				v, to(c, list[i]), list[i - 1] / 3, list[i] / 3);
+			verify_tell(c->report, VERIFY_EDGE, xy(c, (uint32_t)v),
+				    "the edge from vertex %zu to %u is in triangles %u and %u in one direction", v,
+				    to(c, list[i]), list[i - 1] / 3, list[i] / 3);
 			return;
 		}
 		if (!n) {
-			verify_tell(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v),
-				    "vertex %zu is in no triangle", v);
+			verify_tell(c->report, VERIFY_UNUSED, xy(c, (uint32_t)v), "vertex %zu is in no triangle", v);
 			return;
 		}
 	}
@@ -233,8 +230,7 @@ static void check_edges(struct check *c)
 		}
 		if (o < h)
 			continue;
-		const int32_t *a = xy(c, from(c, h)), *b = xy(c, to(c, h)), *l = xy(c, apex(c, h)),
-			      *r = xy(c, apex(c, o));
+		const int32_t *a = xy(c, from(c, h)), *b = xy(c, to(c, h)), *l = xy(c, apex(c, h)), *r = xy(c, apex(c, o));
 		int side = in_circle(a, b, l, r);
 
 		c->report->inner++;
@@ -256,12 +252,12 @@ static void check_circles(struct check *c)
 
 	if (wrong != NO_EDGE)
 		verify_tell(c->report, VERIFY_DELAUNAY, xy(c, from(c, wrong)),
-			    "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong),
-			    to(c, wrong), wrong / 3);
+			    "the edge from vertex %u to %u (triangle %u) is not Delaunay", from(c, wrong), to(c, wrong),
+			    wrong / 3);
 	else if (tie != NO_EDGE)
 		verify_tell(c->report, VERIFY_TIE, xy(c, from(c, tie)),
-			    "the edge from vertex %u to %u (triangle %u) is not the one of the tie rule",
-			    from(c, tie), to(c, tie), tie / 3);
+			    "the edge from vertex %u to %u (triangle %u) is not the one of the tie rule", from(c, tie),
+			    to(c, tie), tie / 3);
 }
 
 /* The boundary half-edges as one loop: next[v] is the one that leaves v. */
@@ -272,8 +268,7 @@ static void check_loop(struct check *c, uint32_t *next)
 		uint32_t v = from(c, c->rim[i]);
 
 		if (next[v] != NO_EDGE) {
-			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v),
-				    "the boundary passes vertex %u twice", v);
+			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary passes vertex %u twice", v);
 			return;
 		}
 		next[v] = c->rim[i];
@@ -287,16 +282,15 @@ static void check_loop(struct check *c, uint32_t *next)
 
 	do {
 		if (next[v] == NO_EDGE) {
-			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary ends at vertex %u",
-				    v);
+			verify_tell(c->report, VERIFY_BOUNDARY, xy(c, v), "the boundary ends at vertex %u", v);
 			return;
 		}
 		v = to(c, next[v]);
 	} while (++length < c->nrim && v != start);
 	if (v != start || length != c->nrim)
 		verify_tell(c->report, VERIFY_BOUNDARY, xy(c, start),
-			    "the boundary is not one loop: the one through vertex %u has %zu of %zu edges",
-			    start, length, c->nrim);
+			    "the boundary is not one loop: the one through vertex %u has %zu of %zu edges", start, length,
+			    c->nrim);
 }
 
 /* 0 for directions from 0 up to 180 degrees, 1 for the rest. */
@@ -316,14 +310,12 @@ static void check_convex(struct check *c, const uint32_t *next)
 
 		turns += half(p, q) == 1 && half(q, r) == 0;
 		if (area < 0 || (area == 0 && half(p, q) != half(q, r))) {
-			verify_tell(c->report, VERIFY_CONVEX, q, "the boundary is not convex at vertex %u",
-				    vb);
+			verify_tell(c->report, VERIFY_CONVEX, q, "the boundary is not convex at vertex %u", vb);
 			return;
 		}
 	}
 	if (turns != 1)
-		verify_tell(c->report, VERIFY_CONVEX, xy(c, from(c, c->rim[0])),
-			    "the boundary turns %u times, not once", turns);
+		verify_tell(c->report, VERIFY_CONVEX, xy(c, from(c, c->rim[0])), "the boundary turns %u times, not once", turns);
 }
 
 static void check_euler(struct check *c)
@@ -331,8 +323,7 @@ static void check_euler(struct check *c)
 	const struct verify_mesh *m = c->mesh;
 
 	if (m->nvertex + m->ntriangle != c->report->edges + 1)
-		verify_tell(c->report, VERIFY_EULER, NULL,
-			    "%zu vertices, %llu edges and %zu triangles are no disc", m->nvertex,
+		verify_tell(c->report, VERIFY_EULER, NULL, "%zu vertices, %llu edges and %zu triangles are no disc", m->nvertex,
 			    (unsigned long long)c->report->edges, m->ntriangle);
 }
 
@@ -362,8 +353,7 @@ int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct e
 	struct check c = {.mesh = m, .report = &r, .wrong = NO_EDGE, .tie = NO_EDGE};
 
 	if (m->nvertex >= UINT32_MAX || m->ntriangle >= UINT32_MAX / 3)
-		return err_set(err, ERR_LIMIT, "the verifier takes meshes of up to %u triangles",
-			       UINT32_MAX / 3 - 1);
+		return err_set(err, ERR_LIMIT, "the verifier takes meshes of up to %u triangles", UINT32_MAX / 3 - 1);
 	if (!m->ntriangle) {
 		if (m->nvertex)
 			verify_tell(&r, VERIFY_UNUSED, m->vertex[0], "vertex 0 is in no triangle");
@@ -388,18 +378,10 @@ int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct e
 const char *verify_fault_text(enum verify_fault fault)
 {
 	static const char *const text[VERIFY_FAULTS] = {
-		[VERIFY_GOOD] = "good",
-		[VERIFY_INDEX] = "index",
-		[VERIFY_ORIENTATION] = "orientation",
-		[VERIFY_EDGE] = "edge",
-		[VERIFY_UNUSED] = "unused",
-		[VERIFY_BOUNDARY] = "boundary",
-		[VERIFY_EULER] = "euler",
-		[VERIFY_CONVEX] = "convex",
-		[VERIFY_DELAUNAY] = "delaunay",
-		[VERIFY_TIE] = "tie",
-		[VERIFY_MISSING] = "missing",
-		[VERIFY_EXTRA] = "extra",
+		[VERIFY_GOOD] = "good",     [VERIFY_INDEX] = "index",     [VERIFY_ORIENTATION] = "orientation",
+		[VERIFY_EDGE] = "edge",     [VERIFY_UNUSED] = "unused",   [VERIFY_BOUNDARY] = "boundary",
+		[VERIFY_EULER] = "euler",   [VERIFY_CONVEX] = "convex",   [VERIFY_DELAUNAY] = "delaunay",
+		[VERIFY_TIE] = "tie",       [VERIFY_MISSING] = "missing", [VERIFY_EXTRA] = "extra",
 		[VERIFY_HEIGHT] = "height",
 	};
 

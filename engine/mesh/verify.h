@@ -67,8 +67,8 @@ int verify_mesh(const struct verify_mesh *, struct verify_report *ret, struct er
 /* Compares vertices and points (already judged by the view) both ways; duplicates are reduced as the view
  * says. `pts` is sorted in place. A mesh without triangles is good if all positions are collinear. Goes on
  * with a report that is good so far. -ERR_NOMEM. */
-int verify_points(const struct verify_mesh *, const struct view *, struct point *pts, size_t n,
-		  struct verify_report *, struct err *err);
+int verify_points(const struct verify_mesh *, const struct view *, struct point *pts, size_t n, struct verify_report *,
+		  struct err *err);
 
 const char *verify_fault_text(enum verify_fault);
 

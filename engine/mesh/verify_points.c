@@ -51,16 +51,14 @@ static bool all_collinear(const struct point *pts, size_t n)
 	return true;
 }
 
-static void compare(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex,
-		    struct verify_report *r)
+static void compare(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, struct verify_report *r)
 {
 	size_t i = 0, v = 0;
 	int32_t place[3];
 
 	while (!r->fault && (i < n || v < nvertex)) {
 		const struct point *p = i < n ? &pts[i] : NULL, *q = v < nvertex ? &vertex[v] : NULL;
-		uint64_t kp = p ? point_morton(p->x, p->y) : UINT64_MAX,
-			 kq = q ? point_morton(q->x, q->y) : UINT64_MAX;
+		uint64_t kp = p ? point_morton(p->x, p->y) : UINT64_MAX, kq = q ? point_morton(q->x, q->y) : UINT64_MAX;
 
 		if (q && v > 0 && same_place(q, q - 1)) {
 			place_of(q, place);
@@ -73,16 +71,15 @@ static void compare(const struct point *pts, size_t n, const struct point *verte
 			verify_tell(r, VERIFY_EXTRA, place, "a vertex is none of the points");
 		} else if (p->z != q->z) {
 			place_of(q, place);
-			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d",
-				    (int)q->z, (int)p->z);
+			verify_tell(r, VERIFY_HEIGHT, place, "a vertex has the height %d, its point %d", (int)q->z, (int)p->z);
 		}
 		i++;
 		v++;
 	}
 }
 
-int verify_points(const struct verify_mesh *m, const struct view *view, struct point *pts, size_t n,
-		  struct verify_report *r, struct err *err)
+int verify_points(const struct verify_mesh *m, const struct view *view, struct point *pts, size_t n, struct verify_report *r,
+		  struct err *err)
 {
 	size_t most = n > m->nvertex ? n : m->nvertex;
 	struct point *scratch = malloc((most ? most : 1) * sizeof *scratch);

@@ -33,8 +33,8 @@ struct pipe_ingested {
 	uint64_t bytes_read, bytes; /* of the file: for its points; all */
 	bool partial;               /* not all points were read, see input_options.has_crop */
 	char warning[256];
-	uint64_t returns[16];       /* by return number */
-	int64_t low[3], high[3];    /* box of the raw numbers; where there are points */
+	uint64_t returns[16];    /* by return number */
+	int64_t low[3], high[3]; /* box of the raw numbers; where there are points */
 };
 
 /* Memory that pipe_ingest takes besides the stage; charge it before. */
@@ -44,18 +44,17 @@ struct pipe_ingest_params {
 	const struct lattice *lattice;
 	struct grid_stage *stage;
 	const struct crs_step_params *step; /* where a point is more than scaled; lattice and coords are put in here */
-	bool split;                 /* the stage is, for several parts of one input that go into it at once */
-	uint64_t before;            /* points that calls for the same input took before; for messages */
-	pipe_progress_fn progress;  /* may be NULL; called now and then with this call's points so far;
-				     * non-zero from it cancels (-ERR_CANCELLED) */
+	bool split;                         /* the stage is, for several parts of one input that go into it at once */
+	uint64_t before;                    /* points that calls for the same input took before; for messages */
+	pipe_progress_fn progress;          /* may be NULL; called now and then with this call's points so far;
+					     * non-zero from it cancels (-ERR_CANCELLED) */
 	void *ctx;
 };
 /* Read all of `input` (or of the part that it is, input_open_part) into the stage, as the source that
  * grid_stage_source named last. PIPE_E_DRY: all that the input's pipe had; *ret has what came by this call, and
  * another call with the same input goes on. */
 enum { PIPE_E_DRY = 3 };
-int pipe_ingest(struct input *input, const struct pipe_ingest_params *, struct pipe_ingested *ret,
-		struct err *err);
+int pipe_ingest(struct input *input, const struct pipe_ingest_params *, struct pipe_ingested *ret, struct err *err);
 /* Adds what another part of the same input gave. */
 void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *part);
 /* When all of the input was read: adds to the warning what its header says otherwise than its points. */
@@ -72,11 +71,11 @@ struct pipe_selected {
 
 struct pipe_select_params {
 	const struct grid *grid;
-	const struct view *view;      /* bound to the grid's lattice */
-	size_t memory;                /* all that it takes, at least pipe_select_min; the caller has charged it */
-	int dirfd;                    /* a folder of its own: segment, counts, and last the manifest */
-	pipe_progress_fn progress;    /* may be NULL; called now and then with the points judged so far;
-				       * non-zero from it cancels (-ERR_CANCELLED) */
+	const struct view *view;   /* bound to the grid's lattice */
+	size_t memory;             /* all that it takes, at least pipe_select_min; the caller has charged it */
+	int dirfd;                 /* a folder of its own: segment, counts, and last the manifest */
+	pipe_progress_fn progress; /* may be NULL; called now and then with the points judged so far;
+				    * non-zero from it cancels (-ERR_CANCELLED) */
 	void *ctx;
 };
 
@@ -95,22 +94,22 @@ struct digest pipe_select_key(const struct grid *grid, const struct view *view);
 
 enum { PIPE_HULL_MOST = 4096 };
 struct pipe_inspected {
-	uint64_t points, distinct;       /* read; distinct xy positions of these */
-	double min[3], max[3];           /* of the records, in coordinates; without points zeros */
+	uint64_t points, distinct; /* read; distinct xy positions of these */
+	double min[3], max[3];     /* of the records, in coordinates; without points zeros */
 	uint64_t classes[256];
 	uint64_t returns[16], return_counts[16]; /* by return number, by number of returns */
-	uint64_t flags[4];               /* withheld, synthetic, key-point, overlap */
-	double hull[PIPE_HULL_MOST][2];  /* convex hull of the positions, counter-clockwise, in coordinates */
+	uint64_t flags[4];                       /* withheld, synthetic, key-point, overlap */
+	double hull[PIPE_HULL_MOST][2];          /* convex hull of the positions, counter-clockwise, in coordinates */
 	size_t nhull;
-	bool hull_thinned;               /* it has more corners: those here are some of them */
-	double hull_area;                /* in squares of the unit of coordinates */
+	bool hull_thinned; /* it has more corners: those here are some of them */
+	double hull_area;  /* in squares of the unit of coordinates */
 };
 struct pipe_inspect_params {
-	const struct lattice *lattice;   /* of this input alone */
-	struct grid_stage *stage;        /* empty; sealed by this */
-	int dirfd;                       /* the stage's folder and name: what it leaves there is removed */
+	const struct lattice *lattice; /* of this input alone */
+	struct grid_stage *stage;      /* empty; sealed by this */
+	int dirfd;                     /* the stage's folder and name: what it leaves there is removed */
 	const char *name;
-	pipe_progress_fn progress;       /* as of pipe_ingest */
+	pipe_progress_fn progress; /* as of pipe_ingest */
 	void *ctx;
 };
 /* Memory besides the stage, what reading takes, and *ret. */
@@ -126,16 +125,15 @@ enum { PIPE_RUNGS = 4 };
 extern const uint32_t pipe_rung[PIPE_RUNGS]; /* 2^15, 2^17, 2^19, 2^20 positions */
 
 struct pipe_budget {
-	uint32_t load;        /* positions a leaf may own: a rung */
-	uint32_t cap;         /* positions an arena carries: own + halo */
-	size_t domain_bytes;  /* of one domain, all of it */
-	unsigned threads;     /* domains at once */
+	uint32_t load;       /* positions a leaf may own: a rung */
+	uint32_t cap;        /* positions an arena carries: own + halo */
+	size_t domain_bytes; /* of one domain, all of it */
+	unsigned threads;    /* domains at once */
 };
 /* The highest rung that `memory` carries with `threads`; fewer threads only where not even the lowest does.
  * -ERR_LIMIT with the number if not even the lowest fits one thread. `grid` may be NULL (reader bytes
  * of one segment are assumed). */
-int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret,
-		struct err *err);
+int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, struct pipe_budget *ret, struct err *err);
 
 /* The same for a plan that was made before: exactly its load and cap, with as many threads as `memory` carries.
  * -ERR_LIMIT if not even one domain fits. */
@@ -164,15 +162,14 @@ int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader,
 
 /* What is known of a region's halo beforehand, or NULL. The domain is the same with and without. */
 struct pipe_known {
-	const struct cut_sites *sites;   /* of the plan, if the leaf is `known` */
+	const struct cut_sites *sites;    /* of the plan, if the leaf is `known` */
 	const struct pipe_before *before; /* by pipe_before */
 };
 /* Everything in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do not fit; *ret_need
  * positions would. */
 enum { PIPE_E_SPLIT = 1 };
-int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
-		struct err *err);
+int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
 /* Bytes of `memory` from its start that *domain and its trace need to stay valid. */
 size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory);
 
@@ -192,19 +189,20 @@ struct digest pipe_key_mesh(const struct pipe_key *, const struct cut_region *ro
 /* A domain in the store. */
 struct pipe_stored {
 	struct store_id id;
-	struct digest digest;  /* of its triangles */
+	struct digest digest;               /* of its triangles */
 	uint64_t payload, triangles, bytes; /* as store.h has them */
-	int64_t used_ns; /* when it was used before it was found; 0 of what was kept */
+	int64_t used_ns;                    /* when it was used before it was found; 0 of what was kept */
 };
-/* Of a domain in the store what is worth remembering, so that whoever plans later generations need not read its file: its numbers,
- * and of its proof what boxes need (cut_far). No pointer in it is of use. */
+/* Of a domain in the store what is worth remembering, so that whoever plans later generations need not read its file: its
+ * numbers, and of its proof what boxes need (cut_far). No pointer in it is of use. */
 struct pipe_summary {
 	struct store_id id;
 	struct store_front front; /* `beside.content`: of a generation in which it stands */
 	struct cut_reach reach;
 	struct cut_live live;
 };
-/* Keep what pipe_domain made in `memory`, as long as nothing else was done there. `ret_summary`: NULL, or what can be remembered of it. */
+/* Keep what pipe_domain made in `memory`, as long as nothing else was done there. `ret_summary`: NULL, or what can be remembered
+ * of it. */
 int pipe_keep(int storefd, const struct pipe_key *, const struct cut_region *region, const struct mesh_domain *,
 	      const void *memory, struct pipe_stored *ret, struct pipe_summary *ret_summary, struct err *err);
 
@@ -214,24 +212,25 @@ struct pipe_reuse_params {
 	const struct view *view;
 	const struct pipe_key *key;
 	const struct cut_region *region;
-	uint32_t load, cap;           /* of the budget */
+	uint32_t load, cap; /* of the budget */
 	void *memory;
-	size_t size;                  /* of a domain's budget */
-	bool light;                   /* the front is enough: what pipe_emit needs without a sink */
-	bool sums;                    /* not even that is needed: no array of *ret is there (pipe_emitter_sums) */
-	int64_t after_ns;             /* what was used last before this time is known not to do */
-	struct grid_reader *reader;   /* that is open on the grid; NULL: one is made in `memory` */
-	/* The list of what was kept or used last of a base, as far as somebody remembers (false: nobody does): it is asked for before
-	 * the folder is, and checked as anything else is. NULL: the folder is asked. */
+	size_t size;                /* of a domain's budget */
+	bool light;                 /* the front is enough: what pipe_emit needs without a sink */
+	bool sums;                  /* not even that is needed: no array of *ret is there (pipe_emitter_sums) */
+	int64_t after_ns;           /* what was used last before this time is known not to do */
+	struct grid_reader *reader; /* that is open on the grid; NULL: one is made in `memory` */
+	/* The list of what was kept or used last of a base, as far as somebody remembers (false: nobody does): it is asked for
+	 * before the folder is, and checked as anything else is. NULL: the folder is asked. */
 	bool (*hint)(void *ctx, struct digest base, struct digest *ret_list);
-	/* What is remembered of a base (false: nothing), asked for before all else, but not where its front is wanted; and what is to be remembered. Where
-	 * that tells that the domain stands, and its file is there and has that size, the file is not read to find it. NULL, either: nobody does. */
+	/* What is remembered of a base (false: nothing), asked for before all else, but not where its front is wanted; and what
+	 * is to be remembered. Where that tells that the domain stands, and its file is there and has that size, the file is not
+	 * read to find it. NULL, either: nobody does. */
 	bool (*recall)(void *ctx, struct digest base, struct pipe_summary *ret);
 	void (*remember)(void *ctx, const struct pipe_summary *);
 	/* pipe_refine: of each leaf that is `there` at the end, as pipe_reuse has it with `sums`; NULL: nobody asks. */
 	void (*there)(void *ctx, const struct cut_region *, const struct mesh_domain *, const struct pipe_stored *);
-	void *ctx;                    /* of all of these */
-	unsigned *damaged;            /* counts those that were damaged, and are removed; NULL: nobody asks */
+	void *ctx;         /* of all of these */
+	unsigned *damaged; /* counts those that were damaged, and are removed; NULL: nobody asks */
 };
 /* A domain of the store that is what pipe_domain would make: of this generation's content, or of another's that is the
  * same for this region. Of several the one used last. *ret lies in *ret_held bytes at the start of `memory`.
@@ -257,17 +256,17 @@ bool pipe_before(const struct pipe_reuse_params *, struct pipe_before *ret);
 int pipe_refine(const struct pipe_reuse_params *, struct cut_plan *, struct err *err);
 /*
  * Its steps, for who has several threads: where pipe_refines, pipe_refine_new; pipe_look until one says PIPE_E_LOOKED, by each
- * with parameters and `memory` of his own, of pipe_look_bytes at least, and pipe_look_reader before the first (`there` is then called
- * by any of them, at any time); when all have come back, pipe_refine_cut by one. An error by any of them is that of pipe_refine. The
- * plan is nobody else's meanwhile.
+ * with parameters and `memory` of his own, of pipe_look_bytes at least, and pipe_look_reader before the first (`there` is then
+ * called by any of them, at any time); when all have come back, pipe_refine_cut by one. An error by any of them is that of
+ * pipe_refine. The plan is nobody else's meanwhile.
  */
 struct pipe_refine;
-enum { PIPE_E_LOOKED = 6 }; /* there is no leaf left to begin */
+enum { PIPE_E_LOOKED = 6 };                                      /* there is no leaf left to begin */
 bool pipe_refines(const struct view *, const struct cut_plan *); /* else there is nothing to do */
 size_t pipe_look_bytes(const struct grid *);
 int pipe_refine_new(struct cut_plan *, struct pipe_refine **ret, struct err *err); /* `plan` is borrowed */
-struct pipe_refine *pipe_refine_free(struct pipe_refine *); /* NULL is fine; returns NULL */
-int pipe_look_reader(struct pipe_reuse_params *, struct err *err); /* sets `reader`, which lies in `memory` */
+struct pipe_refine *pipe_refine_free(struct pipe_refine *);                        /* NULL is fine; returns NULL */
+int pipe_look_reader(struct pipe_reuse_params *, struct err *err);                 /* sets `reader`, which lies in `memory` */
 int pipe_look(struct pipe_refine *, const struct pipe_reuse_params *, struct err *err);
 int pipe_refine_cut(struct pipe_refine *, const struct pipe_reuse_params *, struct err *err);
 
@@ -279,19 +278,17 @@ struct pipe_totals {
 	uint64_t vertices, triangles, hull, domains;
 	struct mesh_counts counts;
 	struct digest digest, vertex_digest;
-	int32_t box[6];   /* of the vertices: min x y z, max x y z */
+	int32_t box[6]; /* of the vertices: min x y z, max x y z */
 };
 
 /* `memory`: bytes for the table of unfinished vertices (charged by the caller); beyond them it spills
  * into an unlinked file in `tempdirfd`. */
-int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
-		     struct err *err);
+int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret, struct err *err);
 /* Of a domain that pipe_reuse gave `light` (`triangle` is NULL) only the totals are made: no sink may be there. */
 /* The next domain of the plan. Calls sink->block once (sink may be NULL: counted and digested only).
  * Domains without triangles give no block. The arrays of the block are those of the domain, renumbered in
  * place: they stay valid as long as the domain's memory, also after this returns. */
-int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *,
-	      const struct mesh_sink *, struct err *err);
+int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *, const struct mesh_sink *, struct err *err);
 /* Before the first domain: they are those of a window. The mesh has a border that is not the hull's, so it is not held
  * against Euler's count; totals.hull is 0. */
 void pipe_emitter_part(struct pipe_emitter *);

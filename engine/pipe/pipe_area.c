@@ -79,7 +79,7 @@ struct pipe_area *pipe_area_find(const struct cut_source *src, const struct view
 	a->cap = cap;
 	a->round = round && round < AREA_PICK ? round : AREA_PICK;
 	a->tri = tri;
-	a->highest = view_prefers(view, &(struct point){ .z = 1 }, &(struct point){ .z = 0 });
+	a->highest = view_prefers(view, &(struct point){.z = 1}, &(struct point){.z = 0});
 	/* Points, and as much again to sort them, fit between the kernel's input and the arena's end: 28 of its 64
 	 * bytes a position lie before them. */
 	a->pts = (struct point *)(behind + (-(uintptr_t)behind & 15));
@@ -167,8 +167,8 @@ int pipe_area_run(struct pipe_area *a, bool *ret_flat, uint64_t *ret_need, struc
  * pipe_finish_owned. */
 static void pick(struct pipe_finish *f, const struct pipe_window *w)
 {
-	const int32_t (*xy)[2] = f->tri.xy;
-	uint32_t (*out)[3] = (uint32_t (*)[3])f->tri.triangle;
+	const int32_t(*xy)[2] = f->tri.xy;
+	uint32_t(*out)[3] = (uint32_t(*)[3])f->tri.triangle;
 	uint8_t *mark = (uint8_t *)f->tri.id;
 	uint64_t place[BATCH][3];
 	uint32_t n = 0, batch = 0;
@@ -176,7 +176,7 @@ static void pick(struct pipe_finish *f, const struct pipe_window *w)
 	memset(mark, 0, f->tri.nvertex);
 	for (uint32_t i = 0; i < f->tri.ntriangle; i++) {
 		const struct tri_triangle *t = &f->tri.triangle[i];
-		const uint32_t c[3] = { t->corner[0], t->corner[1], t->corner[2] };
+		const uint32_t c[3] = {t->corner[0], t->corner[1], t->corner[2]};
 		bool ghost = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
 		bool take = !ghost && pipe_window_has(w, xy[c[0]], xy[c[1]], xy[c[2]]) &&
 			    pipe_window_sends(w, xy[c[0]], xy[c[1]], xy[c[2]]);
@@ -193,17 +193,17 @@ static void pick(struct pipe_finish *f, const struct pipe_window *w)
 		n++;
 		if (++batch < BATCH)
 			continue;
-		digest_add_triangles(&f->out.digest, (const uint64_t (*)[3])place, batch, f->k);
+		digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
 		batch = 0;
 	}
-	digest_add_triangles(&f->out.digest, (const uint64_t (*)[3])place, batch, f->k);
+	digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
 	f->out.triangle = out;
 	f->out.ntriangle = n;
 }
 
 static int finish(struct pipe_area *a, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need)
 {
-	struct pipe_finish f = { .out.counts = a->counts };
+	struct pipe_finish f = {.out.counts = a->counts};
 
 	pipe_finish_init(&f, a->region, k, a->tri);
 	pick(&f, &a->window);
@@ -229,7 +229,7 @@ int pipe_area_from(const struct cut_source *src, const struct view *view, const 
 	a->counts.points = a->counts.points_read;
 	if (!flat)
 		return finish(a, k, ret, ret_need);
-	*ret = (struct mesh_domain){ .counts = a->counts };
+	*ret = (struct mesh_domain){.counts = a->counts};
 	return 0;
 }
 
@@ -244,8 +244,8 @@ uint32_t pipe_area_cap(uint32_t cap)
 	return n;
 }
 
-int pipe_area(const struct grid *grid, const struct view *view, const struct cut_region *region,
-	      const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+int pipe_area(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_budget *budget,
+	      void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
 	size_t reader_size = grid_reader_bytes(grid);
 	uint32_t cap = pipe_area_cap(budget->cap);

@@ -7,23 +7,23 @@
 #include "tri.h"
 
 enum {
-	AREA_RASTER = 256,     /* squares an axis */
-	AREA_PICK = 256,       /* cells of a round */
-	AREA_DISCS = 4096,     /* of a batch, at most */
-	AREA_CAP_BYTES = 8,    /* of tables, for a position of the arena */
-	AREA_AGAIN = 100,      /* from pipe_area_test */
+	AREA_RASTER = 256,  /* squares an axis */
+	AREA_PICK = 256,    /* cells of a round */
+	AREA_DISCS = 4096,  /* of a batch, at most */
+	AREA_CAP_BYTES = 8, /* of tables, for a position of the arena */
+	AREA_AGAIN = 100,   /* from pipe_area_test */
 };
 
 /* The closed disc of a triangle that meets the piece, or the closed half plane of a ghost, as far as it may hold
  * points of cells that were not read. */
 struct area_disc {
-	const int32_t *a, *b;    /* corners; a ghost's: its side, outside on the left */
-	double ux, uy;           /* from a to the centre */
-	double at[2];            /* near which cells are looked for first */
-	double best;             /* distance squared of `cell` from there; INFINITY: no cell */
+	const int32_t *a, *b; /* corners; a ghost's: its side, outside on the left */
+	double ux, uy;        /* from a to the centre */
+	double at[2];         /* near which cells are looked for first */
+	double best;          /* distance squared of `cell` from there; INFINITY: no cell */
 	bool ghost;
 	struct grid_cell cell;
-	double depth;            /* of `deepest` in the disc, in the cell that is sifted; 0: none */
+	double depth; /* of `deepest` in the disc, in the cell that is sifted; 0: none */
 	struct mesh_vertex deepest;
 };
 
@@ -33,7 +33,7 @@ struct area_seen {
 };
 
 struct area_pick {
-	double far;              /* squared */
+	double far; /* squared */
 	struct grid_cell cell;
 };
 
@@ -42,19 +42,19 @@ struct pipe_area {
 	struct cut_source src;
 	const struct view *view;
 	const struct cut_region *region;
-	uint32_t cap;            /* positions of the arena */
-	uint32_t round;          /* cells of a round, at most AREA_PICK */
+	uint32_t cap;   /* positions of the arena */
+	uint32_t round; /* cells of a round, at most AREA_PICK */
 	struct tri *tri;
-	bool highest;            /* of two heights of a position the view prefers the higher one */
+	bool highest; /* of two heights of a position the view prefers the higher one */
 	/* the work */
 	struct pipe_window window;
-	bool built;              /* tri has triangles: points go into them */
-	struct point *pts;       /* before: in the arena */
-	uint32_t npts, base;     /* base: of the cells that meet the piece */
+	bool built;          /* tri has triangles: points go into them */
+	struct point *pts;   /* before: in the arena */
+	uint32_t npts, base; /* base: of the cells that meet the piece */
 	bool unsorted;
-	bool sift;               /* of cells only points that are in the way are taken, and the cells count as not read */
-	bool thorough;           /* few points come of the cells: all hits are read, not the nearest ones only */
-	uint64_t waiting;        /* estimate, when the arena is full */
+	bool sift;        /* of cells only points that are in the way are taken, and the cells count as not read */
+	bool thorough;    /* few points come of the cells: all hits are read, not the nearest ones only */
+	uint64_t waiting; /* estimate, when the arena is full */
 	struct mesh_counts counts;
 	/* what was read beside the cells that meet the piece */
 	struct area_seen *seen;
@@ -85,13 +85,13 @@ int pipe_area_plan_from(const struct cut_source *, const struct view *, uint32_t
 
 /* pipe_area_cells.c: reading. PIPE_E_SPLIT: what was read does not fit. */
 bool pipe_area_read(const struct pipe_area *, const struct grid_cell *); /* it was */
-int pipe_area_begin(struct pipe_area *, struct err *err);  /* the cells that meet the piece, into pts */
-int pipe_area_picked(struct pipe_area *, struct err *err); /* those of pick */
-int pipe_area_nearest(struct pipe_area *, uint32_t n, struct err *err); /* picks the n nearest the piece */
+int pipe_area_begin(struct pipe_area *, struct err *err);                /* the cells that meet the piece, into pts */
+int pipe_area_picked(struct pipe_area *, struct err *err);               /* those of pick */
+int pipe_area_nearest(struct pipe_area *, uint32_t n, struct err *err);  /* picks the n nearest the piece */
 /* Points that are not on one line with those in pts, from wherever: three at most, their cells count as not read. */
 int pipe_area_apex(struct pipe_area *, struct err *err);
-bool pipe_area_seen_full(const struct pipe_area *);        /* no more cells can be remembered */
-bool pipe_area_build(struct pipe_area *);                  /* pts to triangles. False: they are flat */
+bool pipe_area_seen_full(const struct pipe_area *);             /* no more cells can be remembered */
+bool pipe_area_build(struct pipe_area *);                       /* pts to triangles. False: they are flat */
 double pipe_area_far(const int32_t box[4], const double at[2]); /* distance squared */
 void pipe_area_pick(struct pipe_area *, uint32_t most, double far, const struct grid_cell *);
 

@@ -52,7 +52,7 @@ static int keep(struct pipe_area *a, const struct point *p)
 
 static int insert(struct pipe_area *a, const struct point *p)
 {
-	const struct mesh_vertex v = { p->x, p->y, p->z };
+	const struct mesh_vertex v = {p->x, p->y, p->z};
 
 	return tri_add(a->tri, &v, 1, a->highest) == TRI_E_FULL ? PIPE_E_SPLIT : 0;
 }
@@ -110,8 +110,8 @@ static int begin_cell(void *ctx, const struct grid_cell *cell)
 
 int pipe_area_begin(struct pipe_area *a, struct err *err)
 {
-	struct begin b = { .a = a, .err = err };
-	const struct grid_visitor v = { .ctx = &b, .enter = begin_enter, .cell = begin_cell };
+	struct begin b = {.a = a, .err = err};
+	const struct grid_visitor v = {.ctx = &b, .enter = begin_enter, .cell = begin_cell};
 	int r;
 
 	a->waiting = 0;
@@ -154,7 +154,7 @@ void pipe_area_pick(struct pipe_area *a, uint32_t most, double far, const struct
 	i = a->npick < most ? a->npick++ : most - 1;
 	for (; i > 0 && a->pick[i - 1].far > far; i--)
 		a->pick[i] = a->pick[i - 1];
-	a->pick[i] = (struct area_pick){ far, *cell };
+	a->pick[i] = (struct area_pick){far, *cell};
 }
 
 bool pipe_area_seen_full(const struct pipe_area *a)
@@ -168,7 +168,7 @@ int pipe_area_picked(struct pipe_area *a, struct err *err)
 		struct area_seen *seen = find(a, &a->pick[i].cell);
 		int r;
 
-		*seen = (struct area_seen){ a->pick[i].cell.place, a->pick[i].cell.segment, 1 };
+		*seen = (struct area_seen){a->pick[i].cell.place, a->pick[i].cell.segment, 1};
 		a->nseen++;
 		r = read_cell(a, &a->pick[i].cell, err);
 		if (r)
@@ -199,8 +199,7 @@ static bool nearest_enter(void *ctx, const struct grid_cell *subtree)
 {
 	const struct nearest *n = ctx;
 
-	return subtree->count > 0 &&
-	       (n->a->npick < n->n || piece_far(n, subtree->box) < n->a->pick[n->n - 1].far);
+	return subtree->count > 0 && (n->a->npick < n->n || piece_far(n, subtree->box) < n->a->pick[n->n - 1].far);
 }
 
 static int nearest_cell(void *ctx, const struct grid_cell *cell)
@@ -214,8 +213,8 @@ static int nearest_cell(void *ctx, const struct grid_cell *cell)
 
 int pipe_area_nearest(struct pipe_area *a, uint32_t most, struct err *err)
 {
-	struct nearest n = { .a = a, .n = most };
-	const struct grid_visitor v = { .ctx = &n, .enter = nearest_enter, .cell = nearest_cell };
+	struct nearest n = {.a = a, .n = most};
+	const struct grid_visitor v = {.ctx = &n, .enter = nearest_enter, .cell = nearest_cell};
 
 	for (unsigned i = 0; i < 4; i++)
 		n.box[i] = (double)a->window.box[i] / 2;
@@ -232,7 +231,7 @@ static int apex_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	a->counts.points_read += n;
 	for (size_t i = 0; i < n; i++) {
-		const int32_t at[2] = { pts[i].x, pts[i].y };
+		const int32_t at[2] = {pts[i].x, pts[i].y};
 		int32_t line[2][2];
 		int r;
 
@@ -279,7 +278,7 @@ bool pipe_area_build(struct pipe_area *a)
 		a->unsorted = false;
 	}
 	for (uint32_t i = 0; i < a->npts; i++)
-		in[i] = (struct mesh_vertex){ a->pts[i].x, a->pts[i].y, a->pts[i].z };
+		in[i] = (struct mesh_vertex){a->pts[i].x, a->pts[i].y, a->pts[i].z};
 	a->built = tri_run(a->tri, a->npts) == 0;
 	return a->built;
 }

@@ -84,7 +84,7 @@ static int zone_cell(void *ctx, const struct grid_cell *cell)
 
 static int make_raster(struct pipe_area *a, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = a, .enter = zone_enter, .cell = zone_cell };
+	const struct grid_visitor v = {.ctx = a, .enter = zone_enter, .cell = zone_cell};
 
 	set_zone(a);
 	memset(a->dirty, 0, sizeof(a->dirty));
@@ -94,7 +94,7 @@ static int make_raster(struct pipe_area *a, struct err *err)
 /* No cell that was not read has a point within `size` of the centre, along either axis. */
 static bool clean(const struct pipe_area *a, double x, double y, double size)
 {
-	double from[2] = { x - size, y - size }, to[2] = { x + size, y + size };
+	double from[2] = {x - size, y - size}, to[2] = {x + size, y + size};
 	int64_t lo[2], hi[2];
 
 	for (unsigned k = 0; k < 2; k++) {
@@ -115,7 +115,7 @@ static bool clean(const struct pipe_area *a, double x, double y, double size)
 /* Where cells are looked for first: at the middle of what is given, but not outside of the piece. */
 static void look_at(const struct pipe_area *a, struct area_disc *d, double x, double y)
 {
-	const double at[2] = { x, y };
+	const double at[2] = {x, y};
 
 	for (unsigned k = 0; k < 2; k++) {
 		double low = (double)a->window.box[k] / 2, high = (double)a->window.box[2 + k] / 2;
@@ -149,8 +149,7 @@ static bool ghost_disc(struct pipe_area *a, const int32_t p[2], const int32_t q[
 	return true;
 }
 
-static bool true_disc(struct pipe_area *area, const int32_t a[2], const int32_t b[2], const int32_t c[2],
-		      struct area_disc *ret)
+static bool true_disc(struct pipe_area *area, const int32_t a[2], const int32_t b[2], const int32_t c[2], struct area_disc *ret)
 {
 	int64_t bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1], cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1];
 	double ex = (double)(cx - bx), ey = (double)(cy - by), twice = 2 * (double)geom_area(a, b, c), radius;
@@ -207,7 +206,7 @@ static bool beside(const struct area_disc *d, const int32_t box[4])
 
 static bool ghost_meets(const struct area_disc *d, const int32_t box[4])
 {
-	const int64_t wide[4] = { box[0], box[1], box[2], box[3] };
+	const int64_t wide[4] = {box[0], box[1], box[2], box[3]};
 	int64_t at[2];
 	int32_t far[2];
 	int turn;
@@ -235,7 +234,7 @@ static bool meets(const struct area_disc *d, const int32_t box[4])
 /* How deep a point is in the disc: > 0; 0: it may be on the circle; < 0: outside. */
 static double depth_of(const struct area_disc *d, int32_t x, int32_t y)
 {
-	const int32_t at[2] = { x, y }, box[4] = { x, y, x, y };
+	const int32_t at[2] = {x, y}, box[4] = {x, y, x, y};
 	double slack = 0, value;
 
 	if (d->ghost) {
@@ -260,7 +259,7 @@ static int sift_points(void *ctx, const struct point *pts, size_t n, struct err 
 	(void)err;
 	a->counts.points_read += n;
 	for (size_t i = 0; i < n; i++) {
-		const struct mesh_vertex v = { pts[i].x, pts[i].y, pts[i].z };
+		const struct mesh_vertex v = {pts[i].x, pts[i].y, pts[i].z};
 		bool on = false;
 
 		if (view_judge(a->view, &pts[i]) != VIEW_KEPT)
@@ -360,9 +359,9 @@ static int batch_cell(void *ctx, const struct grid_cell *cell)
 /* Of each disc the nearest hit, of these the nearest; after cells that gave few points, of all hits. */
 static int batch(struct pipe_area *a, struct err *err)
 {
-	const struct grid_visitor v = { .ctx = a, .enter = batch_enter, .cell = batch_cell };
-	struct sift s = { a, err };
-	const struct grid_visitor sift = { .ctx = &s, .enter = sift_enter, .cell = sift_cell };
+	const struct grid_visitor v = {.ctx = a, .enter = batch_enter, .cell = batch_cell};
+	struct sift s = {a, err};
+	const struct grid_visitor sift = {.ctx = &s, .enter = sift_enter, .cell = sift_cell};
 	uint32_t before = tri_count(a->tri);
 	int r = a->ndisc ? a->src.walk(a->src.ctx, 0, UINT64_MAX, a->sift ? &sift : &v, err) : 0;
 

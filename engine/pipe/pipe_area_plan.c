@@ -43,14 +43,14 @@ static int sum_cell(void *ctx, const struct grid_cell *cell)
 }
 
 /* The leaf of a region; *ret_any false: it has no piece. */
-static int leaf_of(const struct cut_source *src, const struct view *view, const int32_t data[4],
-		   const struct cut_region *region, struct cut_leaf *ret, bool *ret_any, struct err *err)
+static int leaf_of(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct cut_region *region,
+		   struct cut_leaf *ret, bool *ret_any, struct err *err)
 {
-	struct sum s = { 0 };
-	const struct grid_visitor v = { .ctx = &s, .enter = sum_enter, .cell = sum_cell };
+	struct sum s = {0};
+	const struct grid_visitor v = {.ctx = &s, .enter = sum_enter, .cell = sum_cell};
 	int r = 0;
 
-	*ret = (struct cut_leaf){ .region = *region };
+	*ret = (struct cut_leaf){.region = *region};
 	*ret_any = pipe_window_init(&s.window, view, data, region);
 	if (*ret_any) {
 		pipe_window_tighten(&s.window, &ret->region);
@@ -68,7 +68,7 @@ static int halve(const struct cut_source *src, const struct view *view, const in
 	unsigned first = *n;
 
 	for (unsigned k = 2; k-- > 0;) {
-		struct part part = { .waste = whole->waste };
+		struct part part = {.waste = whole->waste};
 		bool any;
 		int r = leaf_of(src, view, data, &half[k], &part.leaf, &any, err);
 
@@ -88,7 +88,7 @@ int pipe_area_plan_from(const struct cut_source *src, const struct view *view, u
 			struct err *err)
 {
 	const struct cut_region plane = pipe_window_plane();
-	struct cut_plan plan = { .ledger = src->ledger };
+	struct cut_plan plan = {.ledger = src->ledger};
 	struct part stack[STACK];
 	struct cut_region half[2];
 	int32_t data[4];
@@ -96,7 +96,7 @@ int pipe_area_plan_from(const struct cut_source *src, const struct view *view, u
 	bool any = false;
 	int r = 0;
 
-	stack[0] = (struct part){ 0 };
+	stack[0] = (struct part){0};
 	if (src->box(src->ctx, data))
 		r = leaf_of(src, view, data, &plane, &stack[0].leaf, &any, err);
 	n = any;

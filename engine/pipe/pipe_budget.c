@@ -8,7 +8,7 @@
 #include "pipe_priv.h"
 #include "tri.h"
 
-const uint32_t pipe_rung[PIPE_RUNGS] = { 1u << 15, 1u << 17, 1u << 19, 1u << 20 };
+const uint32_t pipe_rung[PIPE_RUNGS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
 
 /* Room for the halo: an eighth of the load and what a small, ragged region needs. Measured halos of ordinary
  * surveys are 0.5 to 6 % of a region's points (ALGORITHM 6); a region that needs more is split. */

@@ -114,7 +114,7 @@ static int along_line(const void *a, const void *b)
  */
 static void finish_flat(const struct tri *tri, const struct cut_region *region, const int64_t k[3], struct mesh_domain *d)
 {
-	int32_t (*xy)[2];
+	int32_t(*xy)[2];
 	struct tri_result t;
 
 	tri_result(tri, &t);
@@ -123,17 +123,17 @@ static void finish_flat(const struct tri *tri, const struct cut_region *region, 
 			digest_add_vertex(&d->own_digest, t.xy[i][0] + k[0], t.xy[i][1] + k[1], t.z[i] + k[2]);
 	if (!region->inf)
 		return;
-	xy = (int32_t (*)[2])(uintptr_t)t.xy; /* in the arena, and of no more use there */
+	xy = (int32_t(*)[2])(uintptr_t)t.xy; /* in the arena, and of no more use there */
 	qsort(xy, t.nvertex, sizeof *xy, along_line);
 	for (uint32_t i = 1; i < t.nvertex; i++)
-		d->nhull += (uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
+		d->nhull +=
+			(uint32_t)cut_region_owns_hull(region, xy[i - 1], xy[i]) + cut_region_owns_hull(region, xy[i], xy[i - 1]);
 }
 
-int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region,
-		const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need,
-		struct err *err)
+int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
+		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
-	struct pipe_finish f = { 0 };
+	struct pipe_finish f = {0};
 	struct cut_load load;
 	struct tri *tri;
 	uint64_t own = 0;

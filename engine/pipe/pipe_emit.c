@@ -28,8 +28,7 @@ struct pipe_emitter {
 	bool any_box, part, sums;
 };
 
-int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret,
-		     struct err *err)
+int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret, struct err *err)
 {
 	struct pipe_emitter *e = calloc(1, sizeof *e);
 	int r;
@@ -103,8 +102,7 @@ _Static_assert(sizeof(struct found) == sizeof(struct mesh_link), "found replaces
 
 static void vertex_count(struct pipe_emitter *e, const struct mesh_vertex *v)
 {
-	digest_add_vertex(&e->totals.vertex_digest, v->x + e->lattice.k[0], v->y + e->lattice.k[1],
-			  v->z + e->lattice.k[2]);
+	digest_add_vertex(&e->totals.vertex_digest, v->x + e->lattice.k[0], v->y + e->lattice.k[1], v->z + e->lattice.k[2]);
 }
 
 /* Look every open vertex up; returns through ret_foreign how many were known. */
@@ -117,13 +115,15 @@ static int look_up(struct pipe_emitter *e, struct mesh_domain *d, uint32_t *ret_
 	for (i = 0; i < d->nopen; i++) {
 		struct mesh_link link = d->link[i];
 		const struct mesh_vertex *v = &d->vertex[i];
-		struct pipe_vertex add = {
-			.place = (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y,
-			.number = e->totals.vertices + nnew + 1,
-			.hi = link.hi,
-			.lo = link.lo,
-			.edges = link.edges,
-		}, got;
+		struct pipe_vertex add =
+					   {
+						   .place = (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y,
+						   .number = e->totals.vertices + nnew + 1,
+						   .hi = link.hi,
+						   .lo = link.lo,
+						   .edges = link.edges,
+					   },
+				   got;
 
 		if (!link.hi && !link.lo) {
 			/* Closed inside this domain, though another triangle of the kernel's touched it. */
@@ -229,7 +229,7 @@ void pipe_emitter_sums(struct pipe_emitter *e, bool sums)
 	const struct lattice lattice = e->lattice;
 	struct pipe_table *table = e->table;
 
-	*e = (struct pipe_emitter){ .lattice = lattice, .table = table, .sums = sums };
+	*e = (struct pipe_emitter){.lattice = lattice, .table = table, .sums = sums};
 }
 
 static int emit_sums(struct pipe_emitter *e, const struct mesh_domain *d, const struct mesh_sink *sink, struct err *err)
@@ -247,10 +247,10 @@ static int emit_sums(struct pipe_emitter *e, const struct mesh_domain *d, const 
 	return 0;
 }
 
-int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *region,
-	      const struct mesh_sink *sink, struct err *err)
+int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_region *region, const struct mesh_sink *sink,
+	      struct err *err)
 {
-	struct mesh_block block = { .index = e->blocks, .first = e->totals.vertices };
+	struct mesh_block block = {.index = e->blocks, .first = e->totals.vertices};
 	uint32_t nforeign = 0;
 	int r;
 
@@ -279,7 +279,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	cut_region_box(region, block.box);
 	block.foreign = (const uint64_t *)d->link;
 	block.vertex = d->vertex + nforeign;
-	block.triangle = (const uint32_t (*)[3])d->triangle;
+	block.triangle = (const uint32_t(*)[3])d->triangle;
 	block.final = d->final;
 	block.nforeign = nforeign;
 	block.nnew = d->nvertex - nforeign;
@@ -308,16 +308,17 @@ int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct 
 	t->hull = e->sums ? e->hull : pipe_table_count(e->table);
 	if (e->sums && !t->triangles) {
 		t->vertices = t->hull = 0;
-		t->vertex_digest = (struct digest){ 0 };
+		t->vertex_digest = (struct digest){0};
 	}
 	/* Euler's count and the point set: a mesh with a hole, a lost or a doubled triangle fails here, and a job
 	 * must not end as done with one. */
-	if (t->triangles && (t->vertices != t->counts.used || t->triangles != 2 * t->vertices - 2 - t->hull ||
-			     t->hull != e->hull))
-		return err_set(err, ERR_INTERNAL,
-			       "the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull (%llu told)",
-			       (unsigned long long)t->counts.used, (unsigned long long)t->vertices,
-			       (unsigned long long)t->triangles, (unsigned long long)t->hull, (unsigned long long)e->hull);
+	if (t->triangles &&
+	    (t->vertices != t->counts.used || t->triangles != 2 * t->vertices - 2 - t->hull || t->hull != e->hull))
+		return err_set(
+			err, ERR_INTERNAL,
+			"the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull (%llu told)",
+			(unsigned long long)t->counts.used, (unsigned long long)t->vertices, (unsigned long long)t->triangles,
+			(unsigned long long)t->hull, (unsigned long long)e->hull);
 	*ret = *t;
 	return 0;
 }

@@ -47,7 +47,7 @@ static void mark_open(uint8_t *mark, const uint32_t corner[3])
 
 static void ghost_count(struct pipe_finish *f, const uint32_t corner[3])
 {
-	const int32_t (*xy)[2] = f->tri.xy;
+	const int32_t(*xy)[2] = f->tri.xy;
 	unsigned k = corner[0] == TRI_GHOST ? 0 : corner[1] == TRI_GHOST ? 1 : 2;
 
 	f->out.nhull += cut_region_owns_hull(f->region, xy[corner[(k + 1) % 3]], xy[corner[(k + 2) % 3]]);
@@ -61,8 +61,8 @@ static inline uint64_t place_of(const int32_t xy[2])
 void pipe_finish_owned(struct pipe_finish *f)
 {
 	const struct tri_triangle *t = f->tri.triangle;
-	const int32_t (*xy)[2] = f->tri.xy;
-	uint32_t (*out)[3] = (uint32_t (*)[3])f->tri.triangle;
+	const int32_t(*xy)[2] = f->tri.xy;
+	uint32_t(*out)[3] = (uint32_t(*)[3])f->tri.triangle;
 	uint8_t *mark = marks(f);
 	uint64_t place[BATCH][3];
 	uint32_t n = 0, batch = 0, count = f->tri.ntriangle;
@@ -71,7 +71,7 @@ void pipe_finish_owned(struct pipe_finish *f)
 	cut_owner_init(&owner, f->region);
 	memset(mark, 0, f->tri.nvertex);
 	for (uint32_t i = 0; i < count; i++) {
-		const uint32_t c[3] = { t[i].corner[0], t[i].corner[1], t[i].corner[2] };
+		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
 		bool ghost = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
 
 		/* A ghost's corner is fetched from nowhere, which harms nothing. */
@@ -90,11 +90,11 @@ void pipe_finish_owned(struct pipe_finish *f)
 		}
 		n++;
 		if (++batch == BATCH) {
-			digest_add_triangles(&f->out.digest, (const uint64_t (*)[3])place, batch, f->k);
+			digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
 			batch = 0;
 		}
 	}
-	digest_add_triangles(&f->out.digest, (const uint64_t (*)[3])place, batch, f->k);
+	digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
 	f->out.triangle = out;
 	f->out.ntriangle = n;
 }
@@ -142,14 +142,14 @@ bool pipe_finish_vertices(struct pipe_finish *f)
 {
 	const uint8_t *mark = marks(f);
 	uint32_t *number = numbers(f), open_at, closed_at;
-	int32_t box[6] = { INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN };
+	int32_t box[6] = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN};
 
 	if (!lay_out(f))
 		return false;
 	open_at = f->out.nopen;
 	closed_at = f->out.nvertex;
 	for (uint32_t v = f->tri.nvertex; v-- > 0;) {
-		const int32_t at[3] = { f->tri.xy[v][0], f->tri.xy[v][1], f->tri.z[v] };
+		const int32_t at[3] = {f->tri.xy[v][0], f->tri.xy[v][1], f->tri.z[v]};
 		uint8_t m = mark[v];
 		uint32_t to;
 
@@ -159,7 +159,7 @@ bool pipe_finish_vertices(struct pipe_finish *f)
 		if (!(m & USED))
 			continue;
 		to = m & OPEN ? --open_at : --closed_at;
-		f->out.vertex[to] = (struct mesh_vertex){ at[0], at[1], at[2] };
+		f->out.vertex[to] = (struct mesh_vertex){at[0], at[1], at[2]};
 		number[v] = to;
 		box_add(box, at);
 		if (!(m & OPEN))
@@ -201,7 +201,7 @@ void pipe_finish_numbers(struct pipe_finish *f)
 {
 	const uint32_t *number = numbers(f);
 	uint32_t nopen = f->out.nopen, count = f->out.ntriangle;
-	uint32_t (*triangle)[3] = f->out.triangle;
+	uint32_t(*triangle)[3] = f->out.triangle;
 
 	for (uint32_t i = 0; i < count; i++) {
 		uint32_t *t = triangle[i];

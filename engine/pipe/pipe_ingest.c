@@ -60,8 +60,7 @@ static void tally(const struct batch *b, size_t n, struct pipe_ingested *in)
 
 static int stage_batch(const struct pipe_ingest_params *p, const struct batch *b, size_t n, struct err *err)
 {
-	return p->split ? grid_stage_share(p->stage, b->point, n, err)
-			: grid_stage_add(p->stage, b->point, n, err);
+	return p->split ? grid_stage_share(p->stage, b->point, n, err) : grid_stage_add(p->stage, b->point, n, err);
 }
 
 /* From the file's numbers to the lattice's: a map, or a step where that does not do. */
@@ -70,8 +69,7 @@ struct way {
 	struct crs_step *step;
 };
 
-static int way_init(struct way *w, const struct input_info *info, const struct pipe_ingest_params *p,
-		    struct err *err)
+static int way_init(struct way *w, const struct input_info *info, const struct pipe_ingest_params *p, struct err *err)
 {
 	struct crs_step_params step;
 
@@ -84,10 +82,10 @@ static int way_init(struct way *w, const struct input_info *info, const struct p
 	return crs_step_new(&step, &w->step, err);
 }
 
-static int ingest_batches(struct input *input, const struct way *w, const struct pipe_ingest_params *p,
-			  struct batch *b, struct pipe_ingested *in, struct err *err)
+static int ingest_batches(struct input *input, const struct way *w, const struct pipe_ingest_params *p, struct batch *b,
+			  struct pipe_ingested *in, struct err *err)
 {
-	struct input_points pts = { .raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH };
+	struct input_points pts = {.raw = b->raw, .cls = b->cls, .ret = b->ret, .flags = b->flags, .cap = BATCH};
 	const struct input_info *info = input_info(input);
 	size_t bad = 0;
 	int r;
@@ -96,13 +94,14 @@ static int ingest_batches(struct input *input, const struct way *w, const struct
 		r = input_read(input, &pts, err);
 		if (r || !pts.n)
 			return r ? r : input_dry(input) ? PIPE_E_DRY : 0;
-		r = w->step ? crs_step_apply(w->step, (const int64_t (*)[3])b->raw, pts.n, b->at, &bad, err)
-			    : lattice_map_apply(&w->map, (const int64_t (*)[3])b->raw, pts.n, b->at, &in->moved,
-						in->max_shift, &bad, err);
+		r = w->step ? crs_step_apply(w->step, (const int64_t(*)[3])b->raw, pts.n, b->at, &bad, err) :
+			      lattice_map_apply(&w->map, (const int64_t(*)[3])b->raw, pts.n, b->at, &in->moved, in->max_shift,
+						&bad, err);
 		if (r) {
 			char field[64];
 
-			snprintf(field, sizeof field, "point %llu", (unsigned long long)(p->before + info->first_point + in->points + bad));
+			snprintf(field, sizeof field, "point %llu",
+				 (unsigned long long)(p->before + info->first_point + in->points + bad));
 			return err_add_place(err, ERR_NO_OFFSET, field);
 		}
 		batch_points(b, pts.n);
@@ -119,7 +118,7 @@ static int ingest_batches(struct input *input, const struct way *w, const struct
 int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct pipe_ingested *ret, struct err *err)
 {
 	const struct input_info *info = input_info(input);
-	struct pipe_ingested in = { 0 };
+	struct pipe_ingested in = {0};
 	struct way w;
 	struct batch *b;
 	int r;
@@ -128,8 +127,7 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 	if (r)
 		return err_add_file(err, info->coords.name);
 	b = malloc(sizeof *b);
-	r = b ? ingest_batches(input, &w, p, b, &in, err)
-	      : err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
+	r = b ? ingest_batches(input, &w, p, b, &in, err) : err_set(err, ERR_NOMEM, "no memory to read %s", info->coords.name);
 	free(b);
 	if (w.step)
 		in.shift = crs_step_shift(w.step);
@@ -193,9 +191,9 @@ static long double raw_of(const struct lattice_input *c, int k, double bound)
 {
 	struct decimal d;
 
-	return !isfinite(bound) || !decimal_from_double(bound, &d)
-		       ? NAN
-		       : (exact(d) - (c->has_offset ? exact(c->offset[k]) : 0)) / exact(c->scale[k]);
+	return !isfinite(bound) || !decimal_from_double(bound, &d) ?
+		       NAN :
+		       (exact(d) - (c->has_offset ? exact(c->offset[k]) : 0)) / exact(c->scale[k]);
 }
 
 /* Half a unit is how far a header may round; NaN differs. Text has no header: its box is that of its points. */
@@ -208,8 +206,8 @@ static void compare_box(struct pipe_ingested *in, const struct lattice_input *c)
 
 		if (fabsl(low) <= half && fabsl(high) <= half)
 			continue;
-		warn(in, "the header's box is wrong: %c %.10g to %.10g, its points %.10g to %.10g", "xyz"[k], c->min[k],
-		     c->max[k], (double)(in->low[k] * exact(c->scale[k]) + exact(c->offset[k])),
+		warn(in, "the header's box is wrong: %c %.10g to %.10g, its points %.10g to %.10g", "xyz"[k], c -> min[k],
+		     c -> max[k], (double)(in->low[k] * exact(c->scale[k]) + exact(c->offset[k])),
 		     (double)(in->high[k] * exact(c->scale[k]) + exact(c->offset[k])));
 		return;
 	}

@@ -123,8 +123,8 @@ static void count(struct inspection *s, size_t n, struct pipe_inspected *in)
 	}
 }
 
-static int pass(struct input *input, const struct pipe_inspect_params *p, struct inspection *s,
-		struct pipe_inspected *in, struct err *err)
+static int pass(struct input *input, const struct pipe_inspect_params *p, struct inspection *s, struct pipe_inspected *in,
+		struct err *err)
 {
 	struct input_points pts = {.raw = s->raw, .cls = s->cls, .ret = s->ret, .flags = s->flags, .cap = BATCH};
 	struct lattice_map map;
@@ -137,7 +137,7 @@ static int pass(struct input *input, const struct pipe_inspect_params *p, struct
 		r = input_read(input, &pts, err);
 		if (r || !pts.n)
 			break;
-		r = lattice_map_apply(&map, (const int64_t (*)[3])s->raw, pts.n, s->at, &moved, shift, &bad, err);
+		r = lattice_map_apply(&map, (const int64_t(*)[3])s->raw, pts.n, s->at, &moved, shift, &bad, err);
 		if (r)
 			break;
 		count(s, pts.n, in);
@@ -198,8 +198,8 @@ static int count_distinct(const struct pipe_inspect_params *p, const char *manif
 	if (r)
 		return r;
 	memory = malloc(grid_reader_bytes(grid));
-	r = memory ? grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err)
-		   : err_set(err, ERR_NOMEM, "no memory to count positions");
+	r = memory ? grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err) :
+		     err_set(err, ERR_NOMEM, "no memory to count positions");
 	if (!r)
 		r = grid_walk(reader, 0, UINT64_MAX, &visitor, err);
 	grid_reader_free(reader);
@@ -212,8 +212,13 @@ static int seal(const struct pipe_inspect_params *p, struct pipe_inspected *in, 
 {
 	struct grid_segment_info segment = {0};
 	struct grid_source source = {.id = 1, .added = 1, .points = in->points, .name = "inspected", .path = ""};
-	struct grid_manifest m = {.lattice = *p->lattice, .crs = "unknown", .generation = 1, .segments = &segment,
-				  .nsegments = 1, .sources = &source, .nsources = 1};
+	struct grid_manifest m = {.lattice = *p->lattice,
+				  .crs = "unknown",
+				  .generation = 1,
+				  .segments = &segment,
+				  .nsegments = 1,
+				  .sources = &source,
+				  .nsources = 1};
 	char manifest[80];
 	int r = grid_stage_seal(p->stage, &segment, err);
 

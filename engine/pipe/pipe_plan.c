@@ -34,7 +34,7 @@ static int flat_points(void *ctx, const struct point *pts, size_t n, struct err 
 	f->counts.points_read += n;
 	for (i = 0; i < n; i++) {
 		enum view_rule rule = view_judge(f->view, &pts[i]);
-		int32_t at[2] = { pts[i].x, pts[i].y };
+		int32_t at[2] = {pts[i].x, pts[i].y};
 
 		if (rule == VIEW_KEPT && f->counts.used && !memcmp(at, f->last, sizeof at))
 			rule = VIEW_BY_DUPLICATE;
@@ -55,9 +55,9 @@ static int flat_points(void *ctx, const struct point *pts, size_t n, struct err 
 int pipe_plan_make(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
 		   struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err)
 {
-	struct flat flat = { .view = view };
+	struct flat flat = {.view = view};
 	struct grid_reader *reader = NULL;
-	struct cut_plan plan = { 0 };
+	struct cut_plan plan = {0};
 	int r;
 
 	r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);

@@ -50,8 +50,8 @@ static int state_of(const struct pipe_reuse_params *p, struct cut_leaf *leaf, en
 
 /* A region that nothing is stored of: whether something is of one of the regions just above it. Then it was split off a
  * leaf that has outgrown the load. */
-static int outgrown(const struct pipe_reuse_params *p, const struct cut_region *root, const struct cut_region *region,
-		    bool *ret, struct err *err)
+static int outgrown(const struct pipe_reuse_params *p, const struct cut_region *root, const struct cut_region *region, bool *ret,
+		    struct err *err)
 {
 	struct cut_region above[ABOVE];
 	size_t n = cut_region_above(root, region, above, ABOVE), found = 0;

@@ -15,9 +15,11 @@
  * found. Whoever asks for the same bases again and again remembers the list that did last (`hint`); that is no more than
  * what is looked at first.
  *
- * And where a push has changed a few of 240 regions, opening 240 files takes longer than all else. So he may remember their summaries
- * (`recall`): their numbers, and of their proofs the little that boxes need. What these do not settle is read. That the file is still there, of the
- * same size, is asked in any case, as it may have gone without a word. That is one fstatat, and nobody need tell what he removed.
+ * And where a push has changed a few of 240 regions, opening 240 files takes longer than all else. So he may remember their
+ * summaries
+ * (`recall`): their numbers, and of their proofs the little that boxes need. What these do not settle is read. That the file is
+ * still there, of the same size, is asked in any case, as it may have gone without a word. That is one fstatat, and nobody need
+ * tell what he removed.
  */
 #include <string.h>
 #define XXH_STATIC_LINKING_ONLY /* the state on the stack */
@@ -33,8 +35,9 @@
 static const char KERNEL[] = "kernel 3";
 
 enum { VERSIONS = 8, PROOF_HEAD = 24, PROOF_RANGE = 32, PROOF_SITE = 8, PROOF_PART = 24 };
-#define PROOF_MOST (PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE + \
-		    CUT_TRACE_PARTS * PROOF_PART)
+#define PROOF_MOST                                                                                          \
+	(PROOF_HEAD + (CUT_TRACE_RANGES + CUT_TRACE_OWN) * PROOF_RANGE + 4 * CUT_TRACE_SITES * PROOF_SITE + \
+	 CUT_TRACE_PARTS * PROOF_PART)
 _Static_assert(sizeof(struct grid_sum) == PROOF_RANGE && offsetof(struct grid_sum, sum) == 16, "FORMAT.md");
 _Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
 
@@ -160,8 +163,12 @@ static bool proof_unpack(const struct store_beside *b, const struct cut_region *
 
 static void stored_of(const struct store_front *f, const struct store_id *id, struct pipe_stored *ret)
 {
-	*ret = (struct pipe_stored){.id = *id, .digest = f->domain.digest, .payload = f->payload,
-				    .triangles = f->domain.ntriangle, .bytes = f->bytes, .used_ns = f->used_ns};
+	*ret = (struct pipe_stored){.id = *id,
+				    .digest = f->domain.digest,
+				    .payload = f->payload,
+				    .triangles = f->domain.ntriangle,
+				    .bytes = f->bytes,
+				    .used_ns = f->used_ns};
 }
 
 /* It stands in the generation of the key. Without a trace it stands where all is the same only. */

@@ -109,7 +109,7 @@ static int publish(struct select *s, const struct grid_segment_info *info)
 {
 	const struct grid_manifest *from = grid_manifest(s->p->grid);
 	struct grid_segment_info segment = *info;
-	struct grid_source source = { .id = 1, .added = 1, .points = s->out.kept, .name = "selection" };
+	struct grid_source source = {.id = 1, .added = 1, .points = s->out.kept, .name = "selection"};
 	struct grid_manifest m = {
 		.lattice = from->lattice,
 		.generation = 1,
@@ -133,21 +133,21 @@ static int count_rest(struct select *s)
 	uint64_t points = grid_points(s->p->grid), sum = s->out.kept;
 
 	if (s->judged > points || (s->judged < points && !s->p->view->crop))
-		return err_set(s->err, ERR_INTERNAL, "the generation has %llu points, %llu were read",
-			       (unsigned long long)points, (unsigned long long)s->judged);
+		return err_set(s->err, ERR_INTERNAL, "the generation has %llu points, %llu were read", (unsigned long long)points,
+			       (unsigned long long)s->judged);
 	s->out.points = points;
 	s->out.removed[VIEW_BY_CROP] += points - s->judged;
 	for (int i = 0; i < VIEW_RULES; i++)
 		sum += s->out.removed[i];
 	if (sum != points)
-		return err_set(s->err, ERR_INTERNAL, "of %llu points the selection counts %llu",
-			       (unsigned long long)points, (unsigned long long)sum);
+		return err_set(s->err, ERR_INTERNAL, "of %llu points the selection counts %llu", (unsigned long long)points,
+			       (unsigned long long)sum);
 	return 0;
 }
 
 static int run(struct select *s)
 {
-	const struct grid_visitor visitor = { s, enter, take_cell };
+	const struct grid_visitor visitor = {s, enter, take_cell};
 	struct grid_segment_info info;
 	int r = grid_stage_source(s->stage, 1, s->err);
 
@@ -169,14 +169,14 @@ static int run(struct select *s)
 int pipe_select(const struct pipe_select_params *params, struct pipe_selected *ret, struct err *err)
 {
 	size_t fixed = fixed_bytes(params->grid), reader_bytes = grid_reader_bytes(params->grid), rest, table = 0;
-	struct grid_stage_params stage = { .dirfd = params->dirfd, .name = "selection" };
+	struct grid_stage_params stage = {.dirfd = params->dirfd, .name = "selection"};
 	struct select *s;
 	uint8_t *memory;
 	int r;
 
 	if (params->memory < pipe_select_min(params->grid))
-		return err_set(err, ERR_LIMIT, "a selection needs %zu bytes of memory, not %zu",
-			       pipe_select_min(params->grid), params->memory);
+		return err_set(err, ERR_LIMIT, "a selection needs %zu bytes of memory, not %zu", pipe_select_min(params->grid),
+			       params->memory);
 	rest = params->memory - fixed - SMALL_BYTES;
 	/* A thin rule keeps few of many: the table that sees all of them deserves the larger part. */
 	if (params->view->thin.cell)

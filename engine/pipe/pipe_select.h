@@ -17,11 +17,11 @@ struct select {
 	const struct pipe_select_params *p;
 	struct grid_reader *reader;
 	struct grid_stage *stage;
-	void *table;                 /* of the thin rule: table_bytes */
+	void *table; /* of the thin rule: table_bytes */
 	size_t table_bytes;
 	struct pipe_selected out;
-	uint64_t judged;             /* records that were read and judged, each once */
-	uint64_t seen, told;         /* records that were read, some more than once; when progress was last told */
+	uint64_t judged;     /* records that were read and judged, each once */
+	uint64_t seen, told; /* records that were read, some more than once; when progress was last told */
 	struct err *err;
 	struct point batch[SELECT_BATCH];
 	size_t nbatch;

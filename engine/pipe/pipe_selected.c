@@ -53,8 +53,7 @@ static int counts_text(const struct pipe_selected *s, char text[TEXT_MAX])
 	for (int i = VIEW_KEPT + 1; i < VIEW_RULES; i++)
 		at += snprintf(text + at, TEXT_MAX - (size_t)at, "%s %" PRIu64 "\n", view_rule_text((enum view_rule)i),
 			       s->removed[i]);
-	return at + snprintf(text + at, TEXT_MAX - (size_t)at, "check %s\n",
-			     digest_hex(digest_hash(text, (size_t)at), hex));
+	return at + snprintf(text + at, TEXT_MAX - (size_t)at, "check %s\n", digest_hex(digest_hash(text, (size_t)at), hex));
 }
 
 int pipe_selected_write(int dirfd, const struct pipe_selected *s, struct err *err)
@@ -92,7 +91,7 @@ static void counts_parse(const char *text, struct pipe_selected *ret)
 int pipe_selected_read(int dirfd, struct pipe_selected *ret, struct err *err)
 {
 	char text[TEXT_MAX] = "", again[TEXT_MAX];
-	struct pipe_selected s = { 0 };
+	struct pipe_selected s = {0};
 	size_t n = 0;
 	int fd, r;
 

@@ -37,8 +37,8 @@ struct pipe_table {
 	uint64_t npages, nslots, count;
 	size_t nframes;
 	struct frame *frame;
-	uint8_t *bytes;       /* nframes pages */
-	uint64_t file_pages;  /* pages that were ever written to the file: the rest are zero */
+	uint8_t *bytes;      /* nframes pages */
+	uint64_t file_pages; /* pages that were ever written to the file: the rest are zero */
 };
 
 static const char NAME[] = "the emitter's spill file";
@@ -104,12 +104,11 @@ static int page_get(struct pipe_table *t, uint64_t page, struct pipe_vertex **re
 		f->used = false;
 		memset(frame_bytes(t, i), 0, PIPE_TABLE_PAGE);
 		if (t->fd >= 0 && page < t->file_pages) {
-			r = io_read_some(t->fd, frame_bytes(t, i), PIPE_TABLE_PAGE, page * PIPE_TABLE_PAGE, NAME, &got,
-					 err);
+			r = io_read_some(t->fd, frame_bytes(t, i), PIPE_TABLE_PAGE, page * PIPE_TABLE_PAGE, NAME, &got, err);
 			if (r)
 				return r;
 		}
-		*f = (struct frame){ .page = page, .used = true };
+		*f = (struct frame){.page = page, .used = true};
 	}
 	*ret = frame_bytes(t, i);
 	*ret_frame = i;
@@ -172,7 +171,7 @@ static int slot_find(struct pipe_table *t, uint64_t place, uint64_t *ret_slot, s
 /* Free a slot: move back every follower that may not stand behind a gap. */
 static int slot_free(struct pipe_table *t, uint64_t gap, struct err *err)
 {
-	const struct pipe_vertex none = { 0 };
+	const struct pipe_vertex none = {0};
 	uint64_t slot = gap;
 	struct pipe_vertex v;
 	int r;
@@ -207,7 +206,7 @@ static void table_clear(struct pipe_table *t, uint64_t npages)
 	t->count = 0;
 	t->file_pages = 0;
 	for (i = 0; i < t->nframes; i++)
-		t->frame[i] = (struct frame){ 0 };
+		t->frame[i] = (struct frame){0};
 	t->fd = io_close(t->fd);
 }
 

@@ -12,9 +12,9 @@ struct err;
 struct pipe_table;
 
 struct pipe_vertex {
-	uint64_t place;        /* position: x, y as two unsigned 32-bit halves */
-	uint64_t number;       /* in the stream, plus one: 0 marks a free slot */
-	uint64_t hi, lo;       /* link sum */
+	uint64_t place;  /* position: x, y as two unsigned 32-bit halves */
+	uint64_t number; /* in the stream, plus one: 0 marks a free slot */
+	uint64_t hi, lo; /* link sum */
 	uint32_t edges;
 	uint32_t reserved;
 };

@@ -46,22 +46,22 @@ struct thin {
 	struct select *s;
 	const struct view *view;
 	struct rect root, rect;
-	int64_t box[4];          /* of rect: lattice numbers, both ends included */
-	bool count;              /* this pass is the one that counts */
+	int64_t box[4]; /* of rect: lattice numbers, both ends included */
+	bool count;     /* this pass is the one that counts */
 	int (*take)(struct thin *, const struct point *);
-	uint64_t bound;          /* what the table must carry for the rectangle, at most */
-	uint64_t cells;          /* of the cache that the rectangle meets */
-	uint64_t kept;           /* points of the rectangle that the rules before keep */
+	uint64_t bound; /* what the table must carry for the rectangle, at most */
+	uint64_t cells; /* of the cache that the rectangle meets */
+	uint64_t kept;  /* points of the rectangle that the rules before keep */
 	/* lowest, highest */
 	struct slot *slot, *last;
 	size_t slots, used;
-	int64_t last_box[4];     /* of the thin cell of `last` */
+	int64_t last_box[4]; /* of the thin cell of `last` */
 	/* median */
 	struct item *item;
 	size_t items, cap;
-	uint64_t *histogram;     /* before the items */
-	rank_t lo, hi;           /* ranks that may be the median */
-	unsigned shift;          /* of them, to a number of the histogram */
+	uint64_t *histogram; /* before the items */
+	rank_t lo, hi;       /* ranks that may be the median */
+	unsigned shift;      /* of them, to a number of the histogram */
 };
 
 /* ---- rectangles ---- */
@@ -104,7 +104,7 @@ static bool enter(void *ctx, const struct grid_cell *subtree)
 /* Thin cells of the rectangle that the box of a cache cell touches, at most `limit`. */
 static uint64_t touched(const struct thin *t, const int32_t box[4], uint64_t limit)
 {
-	struct point a = { .x = box[0], .y = box[1] }, b = { .x = box[2], .y = box[3] };
+	struct point a = {.x = box[0], .y = box[1]}, b = {.x = box[2], .y = box[3]};
 	int64_t from[2], to[2];
 	__int128 n;
 
@@ -168,7 +168,7 @@ static int read_cell(void *ctx, const struct grid_cell *cell)
 
 static int pass(struct thin *t, bool count, int (*take)(struct thin *, const struct point *))
 {
-	const struct grid_visitor visitor = { t, enter, read_cell };
+	const struct grid_visitor visitor = {t, enter, read_cell};
 
 	t->count = count;
 	t->take = take;
@@ -203,7 +203,7 @@ static int take_best(struct thin *t, const struct point *p)
 		uint32_t x, y;
 
 		view_thin_cell(t->view, p, cell);
-		one = (struct rect){ cell[0], cell[1], cell[0], cell[1] };
+		one = (struct rect){cell[0], cell[1], cell[0], cell[1]};
 		lattice_box(t, &one, t->last_box);
 		x = (uint32_t)(cell[0] - t->rect.x0 + 1);
 		y = (uint32_t)(cell[1] - t->rect.y0);
@@ -211,7 +211,7 @@ static int take_best(struct thin *t, const struct point *p)
 		if (!slot->x) {
 			if (t->used++ == best_cap(t))
 				return FULL;
-			*slot = (struct slot){ x, y, *p };
+			*slot = (struct slot){x, y, *p};
 			return 0;
 		}
 	}
@@ -525,7 +525,7 @@ static uint64_t few_cells(const struct thin *t)
 
 static int cut(struct thin *t, const struct rect *r)
 {
-	const struct grid_visitor visitor = { t, enter, bound_cell };
+	const struct grid_visitor visitor = {t, enter, bound_cell};
 	bool one = r->x0 == r->x1 && r->y0 == r->y1, median = t->view->thin.pick == VIEW_PICK_MEDIAN;
 	uint64_t cap = median ? t->cap : best_cap(t);
 	int status;
@@ -549,8 +549,8 @@ static int cut(struct thin *t, const struct rect *r)
 
 int select_thin(struct select *s)
 {
-	struct thin t = { .s = s, .view = s->p->view };
-	struct point corner = { 0 };
+	struct thin t = {.s = s, .view = s->p->view};
+	struct point corner = {0};
 	int64_t from[2], to[2];
 	int32_t box[4];
 
@@ -565,6 +565,6 @@ int select_thin(struct select *s)
 	corner.x = box[2];
 	corner.y = box[3];
 	view_thin_cell(t.view, &corner, to);
-	t.root = (struct rect){ from[0], from[1], to[0], to[1] };
+	t.root = (struct rect){from[0], from[1], to[0], to[1]};
 	return cut(&t, &t.root);
 }

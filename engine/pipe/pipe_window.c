@@ -52,7 +52,7 @@ static bool may_meet(const struct pipe_window *w, const struct cut_region *r)
 	unsigned wx = r->wx > w->grain ? r->wx : w->grain, wy = r->wy > w->grain ? r->wy : w->grain;
 	int64_t x = (int64_t)aligned(r->x, wx) - BIAS, y = (int64_t)aligned(r->y, wy) - BIAS;
 	/* Rounded outwards to whole numbers: borders lie between them. */
-	const int64_t box[4] = { x - 1, y - 1, x + ((int64_t)1 << wx), y + ((int64_t)1 << wy) };
+	const int64_t box[4] = {x - 1, y - 1, x + ((int64_t)1 << wx), y + ((int64_t)1 << wy)};
 
 	return view_window_near(w->view, box);
 }
@@ -94,7 +94,7 @@ static unsigned grain_of(const struct view *view)
 
 bool pipe_window_init(struct pipe_window *w, const struct view *view, const int32_t data[4], const struct cut_region *region)
 {
-	const struct shape all = { 0 };
+	const struct shape all = {0};
 	struct cut_region at = pipe_window_plane(), half[2];
 
 	memset(w, 0, sizeof(*w));
@@ -121,7 +121,7 @@ bool pipe_window_init(struct pipe_window *w, const struct view *view, const int3
 
 void pipe_window_tighten(const struct pipe_window *w, struct cut_region *ret)
 {
-	const struct shape all = { 0 };
+	const struct shape all = {0};
 	struct cut_region r = w->region, half[2];
 
 	while (cut_region_split(&r, half)) {
@@ -136,8 +136,8 @@ void pipe_window_tighten(const struct pipe_window *w, struct cut_region *ret)
 
 bool pipe_window_has_box(const struct pipe_window *w, const int32_t box[4])
 {
-	const int64_t twice[4] = { 2 * (int64_t)box[0], 2 * (int64_t)box[1], 2 * (int64_t)box[2], 2 * (int64_t)box[3] };
-	const struct shape s = { .box = twice };
+	const int64_t twice[4] = {2 * (int64_t)box[0], 2 * (int64_t)box[1], 2 * (int64_t)box[2], 2 * (int64_t)box[3]};
+	const struct shape s = {.box = twice};
 
 	return cover_meets(w, &w->region, &s);
 }
@@ -155,13 +155,13 @@ static void triangle(struct shape *s, int64_t corner[3][2], const int32_t a[2], 
 		s->bounds[2 + k] = high > r ? high : r;
 	}
 	s->box = NULL;
-	s->corner = (const int64_t (*)[2])corner;
+	s->corner = (const int64_t(*)[2])corner;
 }
 
 /* A corner that lies in the piece tells most triangles of it at once. */
 static bool holds(const struct pipe_window *w, const int64_t at[2])
 {
-	const struct cut_region here = { .x = (uint32_t)(at[0] / 2 + BIAS), .y = (uint32_t)(at[1] / 2 + BIAS) };
+	const struct cut_region here = {.x = (uint32_t)(at[0] / 2 + BIAS), .y = (uint32_t)(at[1] / 2 + BIAS)};
 
 	if (at[0] < w->box[0] || at[1] < w->box[1] || at[0] > w->box[2] || at[1] > w->box[3])
 		return false;

@@ -16,9 +16,9 @@
 struct pipe_window {
 	const struct view *view;
 	struct cut_region region;
-	int64_t clip[4];  /* doubled: the window's bounds within the box of the data */
-	int64_t box[4];   /* doubled: those within the region; nothing if box[0] > box[2] or box[1] > box[3] */
-	unsigned grain;   /* the cover of a polygon is made of squares of side 2^grain */
+	int64_t clip[4];              /* doubled: the window's bounds within the box of the data */
+	int64_t box[4];               /* doubled: those within the region; nothing if box[0] > box[2] or box[1] > box[3] */
+	unsigned grain;               /* the cover of a polygon is made of squares of side 2^grain */
 	struct cut_region before[64]; /* boxes that come before the region and meet the bounds; they and what is behind */
 	unsigned nbefore;             /* it, and the region, are the plane */
 };
@@ -26,7 +26,7 @@ struct pipe_window {
 /* The plane. Its sides are finite: all that is asked lies within the lattice. */
 static inline struct cut_region pipe_window_plane(void)
 {
-	return (struct cut_region){ .wx = 32, .wy = 32 };
+	return (struct cut_region){.wx = 32, .wy = 32};
 }
 
 /* `data`: a box that holds all points. The view, bound, has a window, and stays the caller's. False: the piece is

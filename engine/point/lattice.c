@@ -20,8 +20,7 @@ static const char axis_name[] = "xyz";
 
 static bool scale_is_good(struct decimal s)
 {
-	return s.mantissa > 0 && s.mantissa <= mantissa_most && s.exponent >= EXPONENT_LEAST &&
-	       s.exponent <= EXPONENT_MOST;
+	return s.mantissa > 0 && s.mantissa <= mantissa_most && s.exponent >= EXPONENT_LEAST && s.exponent <= EXPONENT_MOST;
 }
 
 /* floor(v / scale); false if beyond +-2^62. The scale is good. */
@@ -76,8 +75,7 @@ static int check_wanted(const struct decimal *scale, const char *what, struct er
 
 	if (!scale || scale_is_good(*scale))
 		return 0;
-	return err_set(err, ERR_USAGE,
-		       "%s is no %s scale: it must be positive, from 1e-40 to 1e8, of at most 17 digits",
+	return err_set(err, ERR_USAGE, "%s is no %s scale: it must be positive, from 1e-40 to 1e8, of at most 17 digits",
 		       decimal_text(*scale, text), what);
 }
 
@@ -170,8 +168,8 @@ static int too_wide(const struct lattice_facts *f, unsigned axis, struct decimal
 	const struct lattice_input *in = who_does_not_fit(f, axis, decimal_double(scale));
 	const struct lattice_input *min = f->first[axis][LATTICE_BY_MIN], *max = f->first[axis][LATTICE_BY_MAX];
 
-	err_set(err, ERR_INPUT, "with the scale %s, %c from %.10g to %.10g does not fit into 32 bits",
-		decimal_text(scale, text), axis_name[axis], min ? min->min[axis] : 0, max ? max->max[axis] : 0);
+	err_set(err, ERR_INPUT, "with the scale %s, %c from %.10g to %.10g does not fit into 32 bits", decimal_text(scale, text),
+		axis_name[axis], min ? min->min[axis] : 0, max ? max->max[axis] : 0);
 	err_add_hint(err, "give a coarser --scale, or leave the file out");
 	return err_add_file(err, in->name);
 }
@@ -203,8 +201,7 @@ int lattice_decide(const struct lattice_facts *f, const struct decimal *scale_xy
 	struct lattice l;
 	int rc;
 
-	if ((rc = check_scales(f, err)) || (rc = check_wanted(scale_xy, "xy", err)) ||
-	    (rc = check_wanted(scale_z, "z", err)))
+	if ((rc = check_scales(f, err)) || (rc = check_wanted(scale_xy, "xy", err)) || (rc = check_wanted(scale_z, "z", err)))
 		return rc;
 
 	struct decimal x = f->first[0][LATTICE_BY_SCALE]->scale[0], y = f->first[1][LATTICE_BY_SCALE]->scale[1];
@@ -228,8 +225,8 @@ bool lattice_alike(const struct lattice_input *a, const struct lattice_input *b)
 	return true;
 }
 
-int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy,
-		   const struct decimal *scale_z, struct lattice *ret, struct err *err)
+int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy, const struct decimal *scale_z,
+		   struct lattice *ret, struct err *err)
 {
 	struct lattice_facts f = {.alike = true};
 
@@ -262,8 +259,8 @@ char *lattice_text(const struct lattice *l, char buf[LATTICE_TEXT_SIZE])
 {
 	char xy[DECIMAL_TEXT_SIZE], z[DECIMAL_TEXT_SIZE];
 
-	snprintf(buf, LATTICE_TEXT_SIZE, "%s %s %lld %lld %lld", decimal_text(l->scale_xy, xy),
-		 decimal_text(l->scale_z, z), (long long)l->k[0], (long long)l->k[1], (long long)l->k[2]);
+	snprintf(buf, LATTICE_TEXT_SIZE, "%s %s %lld %lld %lld", decimal_text(l->scale_xy, xy), decimal_text(l->scale_z, z),
+		 (long long)l->k[0], (long long)l->k[1], (long long)l->k[2]);
 	return buf;
 }
 
@@ -275,8 +272,8 @@ bool lattice_parse(const char *text, struct lattice *ret)
 	if (strlen(text) >= LATTICE_TEXT_SIZE ||
 	    sscanf(text, "%47s %47s %47s %47s %47s", words[0], words[1], words[2], words[3], words[4]) != 5)
 		return false;
-	if (!decimal_parse(words[0], &l.scale_xy) || !decimal_parse(words[1], &l.scale_z) ||
-	    !scale_is_good(l.scale_xy) || !scale_is_good(l.scale_z))
+	if (!decimal_parse(words[0], &l.scale_xy) || !decimal_parse(words[1], &l.scale_z) || !scale_is_good(l.scale_xy) ||
+	    !scale_is_good(l.scale_z))
 		return false;
 	for (unsigned a = 0; a < 3; a++)
 		if (!parse_i64(words[2 + a], &l.k[a]) || l.k[a] > k_most || l.k[a] < -k_most)

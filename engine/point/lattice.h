@@ -21,14 +21,14 @@ struct lattice {
 struct lattice_input {
 	const char *name;
 	struct decimal scale[3], offset[3];
-	bool has_offset;          /* text has none: k comes from the middle of the boxes */
-	double min[3], max[3];    /* the header's box, in coordinates; ignored if not finite or inverted */
+	bool has_offset;       /* text has none: k comes from the middle of the boxes */
+	double min[3], max[3]; /* the header's box, in coordinates; ignored if not finite or inverted */
 };
 
 /* The lattice for a set of inputs (order does not matter). `scale` NULL, or the wanted xy and z scale.
  * -ERR_INPUT names the input that cannot be represented (scale 0, negative, not finite; does not fit). */
-int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy,
-		   const struct decimal *scale_z, struct lattice *ret, struct err *err);
+int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy, const struct decimal *scale_z,
+		   struct lattice *ret, struct err *err);
 
 bool lattice_equal(const struct lattice *a, const struct lattice *b);
 /* Canonical one-line text "SXY SZ KX KY KZ", and back. */
@@ -39,18 +39,16 @@ bool lattice_parse(const char *text, struct lattice *ret);
 /* How raw numbers of one file become lattice numbers: floor((raw * a + b) / d + 1/2), exact. */
 struct lattice_map {
 	struct {
-		__int128 a, b, d;  /* d > 0; exact if d == 1; a shift by b if a == 1 too */
-		bool exact;        /* every raw number maps without rounding */
+		__int128 a, b, d; /* d > 0; exact if d == 1; a shift by b if a == 1 too */
+		bool exact;       /* every raw number maps without rounding */
 	} axis[3];
 	struct decimal scale[3]; /* of the lattice, for reports */
 };
 
-int lattice_map_init(struct lattice_map *, const struct lattice *, const struct lattice_input *,
-		     struct err *err);
+int lattice_map_init(struct lattice_map *, const struct lattice *, const struct lattice_input *, struct err *err);
 /* n raw coordinates to lattice numbers; *ret_moved counts points that were rounded, max_shift (in
  * coordinates, per axis) keeps the largest. -ERR_LIMIT: number `*ret_bad` does not fit int32. */
-int lattice_map_apply(const struct lattice_map *, const int64_t (*raw)[3], size_t n,
-		      int32_t (*ret)[3], uint64_t *ret_moved, double max_shift[3], size_t *ret_bad,
-		      struct err *err);
+int lattice_map_apply(const struct lattice_map *, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], uint64_t *ret_moved,
+		      double max_shift[3], size_t *ret_bad, struct err *err);
 
 #endif

@@ -20,7 +20,7 @@ enum lattice_order {
 #define LATTICE_ORDERS (LATTICE_BY_FAR + 1)
 
 struct lattice_facts {
-	const struct lattice_input *bad; /* the first with a scale that is none; NULL: they are good */
+	const struct lattice_input *bad;                      /* the first with a scale that is none; NULL: they are good */
 	const struct lattice_input *first[3][LATTICE_ORDERS]; /* NULL: none is in that order */
 	bool scales_differ[3];
 	bool alike; /* all have one (offset, scale) */

@@ -36,17 +36,16 @@ static __int128 gcd(__int128 a, __int128 b)
 
 /* coordinate = raw * fs + fo = (X + k) * ls, so X = (raw * fs + fo - k * ls) / ls; all over one power of ten.
  */
-static bool axis_init(struct decimal fs, struct decimal fo, struct decimal ls, int64_t k, __int128 *ret_a,
-		      __int128 *ret_b, __int128 *ret_d)
+static bool axis_init(struct decimal fs, struct decimal fo, struct decimal ls, int64_t k, __int128 *ret_a, __int128 *ret_b,
+		      __int128 *ret_d)
 {
 	int64_t least = ls.exponent < fs.exponent ? ls.exponent : fs.exponent;
 	__int128 a = fs.mantissa, b = fo.mantissa, d = ls.mantissa, kd;
 
 	if (fo.mantissa && fo.exponent < least)
 		least = fo.exponent;
-	if (!power_up(&a, fs.exponent - least) || !power_up(&b, fo.exponent - least) ||
-	    !power_up(&d, ls.exponent - least) || __builtin_mul_overflow(d, (__int128)k, &kd) ||
-	    __builtin_sub_overflow(b, kd, &b))
+	if (!power_up(&a, fs.exponent - least) || !power_up(&b, fo.exponent - least) || !power_up(&d, ls.exponent - least) ||
+	    __builtin_mul_overflow(d, (__int128)k, &kd) || __builtin_sub_overflow(b, kd, &b))
 		return false;
 	__int128 g = gcd(gcd(a, d), b);
 
@@ -61,8 +60,7 @@ static bool axis_init(struct decimal fs, struct decimal fo, struct decimal ls, i
 	return true;
 }
 
-int lattice_map_init(struct lattice_map *map, const struct lattice *l, const struct lattice_input *in,
-		     struct err *err)
+int lattice_map_init(struct lattice_map *map, const struct lattice *l, const struct lattice_input *in, struct err *err)
 {
 	char fs[DECIMAL_TEXT_SIZE], fo[DECIMAL_TEXT_SIZE], ls[DECIMAL_TEXT_SIZE];
 	struct lattice_map m;
@@ -71,12 +69,10 @@ int lattice_map_init(struct lattice_map *map, const struct lattice *l, const str
 		struct decimal offset = in->has_offset ? in->offset[i] : (struct decimal){0, 0};
 
 		m.scale[i] = i < 2 ? l->scale_xy : l->scale_z;
-		if (in->scale[i].mantissa <= 0 || !axis_init(in->scale[i], offset, m.scale[i], l->k[i],
-							     &m.axis[i].a, &m.axis[i].b, &m.axis[i].d)) {
-			err_set(err, ERR_INPUT,
-				"%c scale %s and offset %s cannot be brought exactly to the scale %s",
-				"xyz"[i], decimal_text(in->scale[i], fs), decimal_text(offset, fo),
-				decimal_text(m.scale[i], ls));
+		if (in->scale[i].mantissa <= 0 ||
+		    !axis_init(in->scale[i], offset, m.scale[i], l->k[i], &m.axis[i].a, &m.axis[i].b, &m.axis[i].d)) {
+			err_set(err, ERR_INPUT, "%c scale %s and offset %s cannot be brought exactly to the scale %s", "xyz"[i],
+				decimal_text(in->scale[i], fs), decimal_text(offset, fo), decimal_text(m.scale[i], ls));
 			err_add_hint(err, "mend the header of the file: its numbers have too many digits");
 			return err_add_file(err, in->name);
 		}
@@ -104,8 +100,7 @@ static bool in_range(__int128 v)
 	return v >= INT32_MIN && v <= INT32_MAX;
 }
 
-static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, size_t *ret_bad,
-			struct err *err)
+static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, size_t *ret_bad, struct err *err)
 {
 	__int128 off;
 
@@ -119,10 +114,8 @@ static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], si
 			err_set(err, ERR_LIMIT,
 				"%c of a point lies %.6g beyond the middle of the lattice, which reaches "
 				"%.6g",
-				"xyz"[a], (double)v * decimal_double(m->scale[a]),
-				0x1p31 * decimal_double(m->scale[a]));
-			return err_add_hint(err,
-					    "use a coarser --scale, a dataset of its own, or mend the file");
+				"xyz"[a], (double)v * decimal_double(m->scale[a]), 0x1p31 * decimal_double(m->scale[a]));
+			return err_add_hint(err, "use a coarser --scale, a dataset of its own, or mend the file");
 		}
 	}
 	return err_set(err, ERR_INTERNAL, "a point is out of range, but none was found");
@@ -145,21 +138,18 @@ static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], siz
 	*ret_narrow = true;
 	for (unsigned i = 0; i < 3; i++) {
 		__int128 a = m->axis[i].a, b = m->axis[i].b, d = m->axis[i].d;
-		__int128 low = 2 * (lo[i] * a + b) + d, high = 2 * (hi[i] * a + b) + d,
-			 limit = (__int128)1 << 62;
+		__int128 low = 2 * (lo[i] * a + b) + d, high = 2 * (hi[i] * a + b) + d, limit = (__int128)1 << 62;
 
 		if (!in_range(map_one(a, b, d, lo[i], &off)) || !in_range(map_one(a, b, d, hi[i], &off)))
 			return false;
-		if (low < -limit || high > limit || d > limit / 2 || 2 * a > limit || 2 * b + d > limit ||
-		    2 * b + d < -limit)
+		if (low < -limit || high > limit || d > limit / 2 || 2 * a > limit || 2 * b + d > limit || 2 * b + d < -limit)
 			*ret_narrow = false;
 	}
 	return true;
 }
 
 /* Exact axes: numbers modulo 2^64, whose result is known to fit. */
-static void apply_exact(const struct lattice_map *m, const int64_t (*restrict raw)[3], size_t n,
-			int32_t (*restrict ret)[3])
+static void apply_exact(const struct lattice_map *m, const int64_t (*restrict raw)[3], size_t n, int32_t (*restrict ret)[3])
 {
 	const uint64_t a[3] = {(uint64_t)m->axis[0].a, (uint64_t)m->axis[1].a, (uint64_t)m->axis[2].a};
 	const uint64_t b[3] = {(uint64_t)m->axis[0].b, (uint64_t)m->axis[1].b, (uint64_t)m->axis[2].b};
@@ -179,8 +169,8 @@ static void apply_exact(const struct lattice_map *m, const int64_t (*restrict ra
 			ret[i][k] = (int32_t)(uint32_t)((uint64_t)raw[i][k] * a[k] + b[k]);
 }
 
-static void apply_narrow(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3],
-			 uint64_t *moved, __int128 most[3])
+static void apply_narrow(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], uint64_t *moved,
+			 __int128 most[3])
 {
 	for (size_t i = 0; i < n; i++) {
 		bool rounded = false;
@@ -205,8 +195,8 @@ static void apply_narrow(const struct lattice_map *m, const int64_t (*raw)[3], s
 	}
 }
 
-static void apply_wide(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3],
-		       uint64_t *moved, __int128 most[3])
+static void apply_wide(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], uint64_t *moved,
+		       __int128 most[3])
 {
 	for (size_t i = 0; i < n; i++) {
 		bool rounded = false;
@@ -214,8 +204,7 @@ static void apply_wide(const struct lattice_map *m, const int64_t (*raw)[3], siz
 		for (unsigned k = 0; k < 3; k++) {
 			__int128 off;
 
-			ret[i][k] =
-				(int32_t)map_one(m->axis[k].a, m->axis[k].b, m->axis[k].d, raw[i][k], &off);
+			ret[i][k] = (int32_t)map_one(m->axis[k].a, m->axis[k].b, m->axis[k].d, raw[i][k], &off);
 			rounded |= off != 0;
 			if (off > most[k])
 				most[k] = off;
@@ -224,8 +213,8 @@ static void apply_wide(const struct lattice_map *m, const int64_t (*raw)[3], siz
 	}
 }
 
-int lattice_map_apply(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3],
-		      uint64_t *ret_moved, double max_shift[3], size_t *ret_bad, struct err *err)
+int lattice_map_apply(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], uint64_t *ret_moved,
+		      double max_shift[3], size_t *ret_bad, struct err *err)
 {
 	__int128 most[3] = {0, 0, 0};
 	bool narrow;

@@ -14,8 +14,8 @@
 #include "lattice_facts.h"
 
 struct order {
-	uint32_t *at;       /* inputs, in order */
-	size_t first, end;  /* of those that may be there */
+	uint32_t *at;      /* inputs, in order */
+	size_t first, end; /* of those that may be there */
 };
 
 struct lattice_set {

@@ -8,10 +8,10 @@
 #include <stdint.h>
 
 struct point {
-	int32_t x, y, z;  /* lattice numbers */
-	uint8_t cls;      /* class */
-	uint8_t ret;      /* return number (low nibble), number of returns (high nibble) */
-	uint16_t tag;     /* flags (low 4 bits), index into the cell's table of sources (high 12 bits) */
+	int32_t x, y, z; /* lattice numbers */
+	uint8_t cls;     /* class */
+	uint8_t ret;     /* return number (low nibble), number of returns (high nibble) */
+	uint16_t tag;    /* flags (low 4 bits), index into the cell's table of sources (high 12 bits) */
 };
 
 _Static_assert(sizeof(struct point) == 16, "the record of FORMAT.md");
@@ -26,10 +26,22 @@ enum {
 	POINT_SOURCES = 4096,
 };
 
-static inline unsigned point_return(const struct point *p) { return p->ret & 15u; }
-static inline unsigned point_returns(const struct point *p) { return p->ret >> 4; }
-static inline unsigned point_flags(const struct point *p) { return p->tag & POINT_FLAGS; }
-static inline unsigned point_source(const struct point *p) { return p->tag >> POINT_SOURCE_SHIFT; }
+static inline unsigned point_return(const struct point *p)
+{
+	return p->ret & 15u;
+}
+static inline unsigned point_returns(const struct point *p)
+{
+	return p->ret >> 4;
+}
+static inline unsigned point_flags(const struct point *p)
+{
+	return p->tag & POINT_FLAGS;
+}
+static inline unsigned point_source(const struct point *p)
+{
+	return p->tag >> POINT_SOURCE_SHIFT;
+}
 
 /* Morton key: x + 2^31 and y + 2^31; bit i of x at 2i + 1, of y at 2i (DESIGN of regions and cells). */
 static inline uint64_t point_morton(int32_t x, int32_t y);

@@ -20,10 +20,10 @@ _Static_assert(sizeof(struct pair) == sizeof(struct point), "records are rewritt
 enum {
 	DIGIT_BITS = 8,
 	DIGITS = 1 << DIGIT_BITS,
-	FIRST_BITS = 11,      /* of all records: more would be written to more places than the processor keeps in mind */
+	FIRST_BITS = 11, /* of all records: more would be written to more places than the processor keeps in mind */
 	FIRST_DIGITS = 1 << FIRST_BITS,
 	LEAST_BITS = 4,
-	BUCKET_BITS = 3,      /* of the number of records that a bucket is meant to have */
+	BUCKET_BITS = 3, /* of the number of records that a bucket is meant to have */
 	INSERTION_MOST = 24,
 };
 
@@ -33,8 +33,7 @@ static inline struct pair pair_of(const struct point *p)
 
 	return (struct pair){
 		point_morton(p->x, p->y),
-		(uint64_t)((uint32_t)p->z ^ 0x80000000u) << 32 | (uint64_t)p->cls << 24 |
-			(uint64_t)p->ret << 16 | tag,
+		(uint64_t)((uint32_t)p->z ^ 0x80000000u) << 32 | (uint64_t)p->cls << 24 | (uint64_t)p->ret << 16 | tag,
 	};
 }
 

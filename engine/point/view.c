@@ -153,8 +153,7 @@ enum view_rule view_judge(const struct view *v, const struct point *p)
 		return VIEW_BY_CROP;
 	if (!has_class(v, p))
 		return VIEW_BY_CLASS;
-	if ((p->cls == CLASS_NOISE_LOW || p->cls == CLASS_NOISE_HIGH) && !v->keep_noise &&
-	    !view_names_class(v, p->cls))
+	if ((p->cls == CLASS_NOISE_LOW || p->cls == CLASS_NOISE_HIGH) && !v->keep_noise && !view_names_class(v, p->cls))
 		return VIEW_BY_NOISE;
 	if (!has_return(v->surface ? VIEW_RETURNS_FIRST : v->returns, p))
 		return VIEW_BY_RETURNS;

@@ -43,25 +43,25 @@ enum view_rule {
 };
 
 struct view_thin {
-	int64_t cell;          /* side of a cell in lattice numbers; 0: no thinning */
-	uint8_t pick;          /* enum view_pick */
+	int64_t cell; /* side of a cell in lattice numbers; 0: no thinning */
+	uint8_t pick; /* enum view_pick */
 };
 
 struct view {
 	uint64_t classes[4];     /* bit set of the classes asked for; meaningful if has_classes */
 	uint64_t not_classes[4]; /* of those left out; 0: none */
 	bool has_classes;
-	bool ground;           /* classes 2, 8 and key-points of any class; lowest; fails if none */
-	bool surface;          /* first returns, highest */
+	bool ground;  /* classes 2, 8 and key-points of any class; lowest; fails if none */
+	bool surface; /* first returns, highest */
 	bool keep_withheld, keep_noise;
-	bool drop_overlap;     /* POINT_OVERLAP */
-	uint8_t returns;       /* enum view_returns */
-	uint8_t duplicates;    /* enum view_duplicates */
-	uint8_t crop;          /* enum view_crop */
+	bool drop_overlap;  /* POINT_OVERLAP */
+	uint8_t returns;    /* enum view_returns */
+	uint8_t duplicates; /* enum view_duplicates */
+	uint8_t crop;       /* enum view_crop */
 	bool has_zmin, has_zmax;
-	int64_t zmin, zmax;    /* closed */
-	int64_t crop_box[4];   /* x1 y1 x2 y2, closed; of VIEW_CROP_AREA the bounds */
-	uint64_t every;        /* keeps positions whose hash is 0 modulo this; 0, 1: all */
+	int64_t zmin, zmax;  /* closed */
+	int64_t crop_box[4]; /* x1 y1 x2 y2, closed; of VIEW_CROP_AREA the bounds */
+	uint64_t every;      /* keeps positions whose hash is 0 modulo this; 0, 1: all */
 	struct view_thin thin;
 	struct view_area *area; /* of VIEW_CROP_AREA; owned: view_done */
 	/* Not which points, but which triangles of their mesh: those that meet this closed area. Kind, box and area
@@ -69,10 +69,10 @@ struct view {
 	uint8_t window;
 	int64_t window_box[4];
 	struct view_area *window_area;
-	int64_t k[3];          /* view_bind; no part of the text */
+	int64_t k[3]; /* view_bind; no part of the text */
 };
 
-#define VIEW_INIT ((struct view){ .returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST })
+#define VIEW_INIT ((struct view){.returns = VIEW_RETURNS_ALL, .duplicates = VIEW_LOWEST})
 /* Frees the areas. The view may be filled again. */
 void view_done(struct view *);
 /* Before a point is judged. */
@@ -101,8 +101,8 @@ struct digest view_hash(const struct view *);
  * of this dataset (its unit is unknown); -ERR_LIMIT: the canonical text would be too long. */
 int view_resolve(const char *text, const struct lattice *, const char *unit_xy, struct view *ret, struct err *err);
 /* The same with a window, "box:..." or "area@E:..." as a request has it, in place of the view's own; "": without one. */
-int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy,
-			struct view *ret, struct err *err);
+int view_resolve_window(const char *text, const char *window, const struct lattice *, const char *unit_xy, struct view *ret,
+			struct err *err);
 /* "2,8" or "2-5,9": sets classes, or those left out; -ERR_USAGE for rubbish. */
 int view_set_classes(struct view *, const char *list, struct err *err);
 int view_set_not_classes(struct view *, const char *list, struct err *err);

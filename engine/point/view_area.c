@@ -207,8 +207,7 @@ static void make_edges(struct view_area *a)
 		const struct ring *ring = &a->ring[r];
 
 		for (size_t i = 0; i < ring->n; i++) {
-			const int64_t *p = a->corner[ring->first + i],
-				      *q = a->corner[ring->first + (i + 1) % ring->n];
+			const int64_t *p = a->corner[ring->first + i], *q = a->corner[ring->first + (i + 1) % ring->n];
 
 			if (p[1] > q[1]) {
 				const int64_t *t = p;
@@ -506,7 +505,7 @@ bool view_area_meets_triangle(const struct view_area *a, const int64_t corner[3]
 	for (uint32_t i = a->strip[first]; i < a->strip[last + 1]; i++) {
 		const struct edge *e = &a->edge[a->list[i]];
 
-		if (e->by >= box[1] && e->ay <= box[3] && edge_meets(e, (const int64_t (*)[2])t))
+		if (e->by >= box[1] && e->ay <= box[3] && edge_meets(e, (const int64_t(*)[2])t))
 			return true;
 	}
 	return false;
@@ -519,11 +518,11 @@ void view_area_bounds(const struct view_area *a, int64_t ret[4])
 
 bool view_area_is_box(const struct view_area *a)
 {
-	const int64_t (*c)[2] = (const int64_t (*)[2])a->corner;
+	const int64_t(*c)[2] = (const int64_t(*)[2])a->corner;
 
 	/* In normal form: the lower left corner first, then up. */
-	return a->nring == 1 && a->ncorner == 4 && c[0][0] == c[1][0] && c[1][1] == c[2][1] &&
-	       c[2][0] == c[3][0] && c[3][1] == c[0][1];
+	return a->nring == 1 && a->ncorner == 4 && c[0][0] == c[1][0] && c[1][1] == c[2][1] && c[2][0] == c[3][0] &&
+	       c[3][1] == c[0][1];
 }
 
 size_t view_area_rings(const struct view_area *a)
@@ -534,6 +533,6 @@ size_t view_area_rings(const struct view_area *a)
 size_t view_area_ring_at(const struct view_area *a, size_t i, bool *ret_shell, const int64_t (**ret)[2])
 {
 	*ret_shell = a->ring[i].shell;
-	*ret = (const int64_t (*)[2])(a->corner + a->ring[i].first);
+	*ret = (const int64_t(*)[2])(a->corner + a->ring[i].first);
 	return a->ring[i].n;
 }

@@ -18,7 +18,7 @@ struct view_area;
 #define VIEW_AREA_MOST (INT64_C(1) << 60)
 
 /* Made corner by corner. Rings need not repeat their first corner. */
-struct view_area *view_area_new(void);                        /* NULL: no memory */
+struct view_area *view_area_new(void);                               /* NULL: no memory */
 int view_area_ring(struct view_area *, bool shell, struct err *err); /* shell: begins a polygon */
 int view_area_corner(struct view_area *, int64_t x, int64_t y, struct err *err);
 /* Brings the rings to their normal form (corners that repeat dropped, the smallest first, its smaller neighbour

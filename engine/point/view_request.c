@@ -19,7 +19,7 @@ struct request {
 	const struct lattice *lattice;
 	const char *unit_xy;
 	struct view *view;
-	int32_t exponent; /* of the corners of an area */
+	int32_t exponent;       /* of the corners of an area */
 	struct view_area *area; /* that is being read */
 	const char *option;
 	struct err *err;
@@ -40,8 +40,7 @@ static bool scaled(__int128 *v, int64_t tens)
 
 /* floor(v * 10^exponent * up / (down * scale) + 1/2), kept within number_most. up and down are small. False: it
  * was not within. */
-static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal scale,
-		       int64_t *ret)
+static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, struct decimal scale, int64_t *ret)
 {
 	int64_t tens = exponent - scale.exponent;
 	__int128 num, den, q, rest;
@@ -69,8 +68,7 @@ static bool to_lattice(__int128 v, int64_t exponent, int64_t up, int64_t down, s
 
 static int not_a_number(struct view_word w, const char *what, struct err *err)
 {
-	err_set(err, ERR_USAGE, "%s: \"%.*s\" is not a number that can be kept exactly", what,
-		(int)(w.n < 60 ? w.n : 60), w.at);
+	err_set(err, ERR_USAGE, "%s: \"%.*s\" is not a number that can be kept exactly", what, (int)(w.n < 60 ? w.n : 60), w.at);
 	return err_add_hint(err, "give a decimal of at most 18 digits, as in 1250.75");
 }
 
@@ -194,8 +192,7 @@ static int no_unit(struct request *q, struct view_word w, bool degrees)
 		return err_add_hint(q->err, "project the points, or give --thin a bare number of degrees");
 	}
 	err_set(q->err, ERR_INPUT, "a length of %.*s cannot be told: the unit of the dataset is unknown", n, w.at);
-	return err_add_hint(q->err,
-			    "give --thin a bare number in the units of the files, or push with --assume-units");
+	return err_add_hint(q->err, "give --thin a bare number in the units of the files, or push with --assume-units");
 }
 
 /* The factor from the length's unit to the dataset's, 1 without a suffix. */
@@ -254,19 +251,17 @@ static int take_thin(struct request *q, struct view_word w)
 	if ((r = take_unit(q, &number, &up, &down)))
 		return r;
 	if (!to_decimal(number, &d) || d.mantissa <= 0) {
-		err_set(q->err, ERR_USAGE, "--thin: \"%.*s\" is not a length", (int)(length.n < 60 ? length.n : 60),
-			length.at);
+		err_set(q->err, ERR_USAGE, "--thin: \"%.*s\" is not a length", (int)(length.n < 60 ? length.n : 60), length.at);
 		return err_add_hint(q->err, "give a number in the units of the files, or with m, ft or ftUS");
 	}
 	if (!to_lattice(d.mantissa, d.exponent, up, down, q->lattice->scale_xy, &q->view->thin.cell)) {
-		err_set(q->err, ERR_USAGE, "a cell of %.*s is larger than any dataset",
-			(int)(length.n < 60 ? length.n : 60), length.at);
+		err_set(q->err, ERR_USAGE, "a cell of %.*s is larger than any dataset", (int)(length.n < 60 ? length.n : 60),
+			length.at);
 		return err_add_hint(q->err, "give --thin a smaller cell");
 	}
 	if (!q->view->thin.cell) {
 		err_set(q->err, ERR_USAGE, "a cell of %.*s is less than half a step of the lattice (%s)",
-			(int)(length.n < 60 ? length.n : 60), length.at,
-			decimal_text(q->lattice->scale_xy, scale));
+			(int)(length.n < 60 ? length.n : 60), length.at, decimal_text(q->lattice->scale_xy, scale));
 		return err_add_hint(q->err, "give --thin a larger cell, or leave it out");
 	}
 	return take_pick(q->view, w);
@@ -320,7 +315,7 @@ static size_t corners_of(const struct view_area *a)
 	size_t corners = 0;
 
 	for (size_t i = 0; a && i < view_area_rings(a); i++) {
-		const int64_t (*corner)[2];
+		const int64_t(*corner)[2];
 		bool shell;
 
 		corners += view_area_ring_at(a, i, &shell, &corner);
@@ -335,8 +330,7 @@ static int too_long(const struct view *v, struct err *err)
 	return err_add_hint(err, "simplify it, for example with ogr2ogr -simplify, or give its box");
 }
 
-int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, struct view *ret,
-		 struct err *err)
+int view_resolve(const char *text, const struct lattice *lattice, const char *unit_xy, struct view *ret, struct err *err)
 {
 	return view_resolve_window(text, "", lattice, unit_xy, ret, err);
 }

@@ -20,11 +20,11 @@
 #include "view_word.h"
 
 struct sink {
-	size_t n;            /* bytes so far */
-	char *copy;          /* NULL: none */
-	const char *like;    /* NULL: none; must go on as the text does */
+	size_t n;         /* bytes so far */
+	char *copy;       /* NULL: none */
+	const char *like; /* NULL: none; must go on as the text does */
 	bool differs;
-	XXH3_state_t *hash;  /* NULL: none */
+	XXH3_state_t *hash; /* NULL: none */
 };
 
 static void put(struct sink *s, const char *bytes, size_t n)
@@ -78,7 +78,7 @@ static void put_area(struct sink *s, const char *word, const struct view_area *a
 
 	put_text(s, " %s=area:", word);
 	for (size_t i = 0; i < view_area_rings(a); i++) {
-		const int64_t (*corner)[2];
+		const int64_t(*corner)[2];
 		bool shell;
 		size_t n = view_area_ring_at(a, i, &shell, &corner);
 
@@ -116,9 +116,9 @@ static void put_view(struct sink *s, const struct view *view)
 	if (v.not_classes[0] | v.not_classes[1] | v.not_classes[2] | v.not_classes[3])
 		put_classes(s, "not-class", v.not_classes);
 	put_text(s, "%s%s%s%s%s", v.ground ? " ground" : "",
-		 v.returns == VIEW_RETURNS_FIRST  ? " returns=first"
-		 : v.returns == VIEW_RETURNS_LAST ? " returns=last"
-						  : "",
+		 v.returns == VIEW_RETURNS_FIRST ? " returns=first" :
+		 v.returns == VIEW_RETURNS_LAST  ? " returns=last" :
+						   "",
 		 v.keep_withheld ? " keep-withheld" : "", v.keep_noise ? " keep-noise" : "",
 		 v.drop_overlap ? " drop-overlap" : "");
 	if (v.has_zmin)
@@ -220,8 +220,7 @@ static int take_area(struct view_word w, struct view_area **ret, int64_t ret_box
 {
 	struct area_ctx ctx = {view_area_new(), err};
 	struct view_rings to = {area_ring, area_corner, &ctx};
-	int r = ctx.area ? view_word_rings(w, &to)
-			 : err_set(err, ERR_NOMEM, "no memory for the area of a view");
+	int r = ctx.area ? view_word_rings(w, &to) : err_set(err, ERR_NOMEM, "no memory for the area of a view");
 
 	if (!r)
 		r = view_area_end(ctx.area, err);

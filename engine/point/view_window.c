@@ -77,10 +77,10 @@ bool view_window_meets(const struct view *v, const int32_t a[2], const int32_t b
 		for (unsigned k = 0; k < 2; k++)
 			t[i][k] = from[i][k];
 	view_window_bounds(v, bounds);
-	if (!view_box_meets(bounds, (const int64_t (*)[2])t))
+	if (!view_box_meets(bounds, (const int64_t(*)[2])t))
 		return false;
 	for (unsigned i = 0; i < 3 && v->window_area; i++)
 		for (unsigned k = 0; k < 2; k++)
 			t[i][k] += v->k[k];
-	return !v->window_area || view_area_meets_triangle(v->window_area, (const int64_t (*)[2])t);
+	return !v->window_area || view_area_meets_triangle(v->window_area, (const int64_t(*)[2])t);
 }

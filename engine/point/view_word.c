@@ -158,9 +158,9 @@ int view_word_rings(struct view_word w, const struct view_rings *to)
 
 bool view_word_new(struct view_seen *seen, struct view_word w)
 {
-	static const char *const kind[] = {"class=",        "not-class=",   "ground", "returns=", "keep-withheld",
-					   "keep-noise",    "drop-overlap", "zmin=",  "zmax=",    "crop=",
-					   "every=",        "thin=",        "duplicates=", "window="};
+	static const char *const kind[] = {
+		"class=", "not-class=", "ground", "returns=", "keep-withheld", "keep-noise",  "drop-overlap",
+		"zmin=",  "zmax=",      "crop=",  "every=",   "thin=",         "duplicates=", "window="};
 
 	for (unsigned i = 0; i < sizeof kind / sizeof *kind; i++) {
 		if (!view_word_after(&w, kind[i]))

@@ -127,7 +127,7 @@ static int put_rest(struct piece *p, const struct mesh_domain *d, const struct s
 		r = piece_room(p, store_triangle_bytes(c), &some, err);
 		some = some < d->ntriangle - i ? some : d->ntriangle - i;
 		if (!r)
-			piece_packed(p, store_pack_triangles(c, (const uint32_t (*)[3])d->triangle + i, some, p->buf + p->used));
+			piece_packed(p, store_pack_triangles(c, (const uint32_t(*)[3])d->triangle + i, some, p->buf + p->used));
 	}
 	return r ? r : piece_pad(p, e->end, err);
 }
@@ -136,7 +136,7 @@ static int put_rest(struct piece *p, const struct mesh_domain *d, const struct s
 static int write_all(int fd, const char *name, const struct store_id *id, struct store_front *f, struct err *err)
 {
 	const struct mesh_domain *d = &f->domain;
-	struct store_header h = { .code = store_code_of(d) };
+	struct store_header h = {.code = store_code_of(d)};
 	const struct store_extent e = store_extent_of(d, &h.code, f->beside.proof_size);
 	struct piece p;
 	uint8_t header[STORE_HEADER];
@@ -160,7 +160,7 @@ static int write_all(int fd, const char *name, const struct store_id *id, struct
 		r = piece_flush(&p, err);
 	if (r)
 		return r;
-	h.sums = (struct store_sums){ XXH3_64bits(f->beside.proof, f->beside.proof_size), open_sum(d), XXH3_64bits_digest(&p.sum) };
+	h.sums = (struct store_sums){XXH3_64bits(f->beside.proof, f->beside.proof_size), open_sum(d), XXH3_64bits_digest(&p.sum)};
 	store_sizes(f, &h);
 	store_header_pack(f, id, &h, header);
 	return io_write_at(fd, header, STORE_HEADER, 0, name, err);
@@ -169,7 +169,7 @@ static int write_all(int fd, const char *name, const struct store_id *id, struct
 /* A temporary file beside `name`, in a folder that is made when it is first needed. */
 static int temp_open(int dirfd, const char *name, const char *temp, int *ret_fd, struct err *err)
 {
-	char folder[STORE_FOLDER] = { name[0], name[1] };
+	char folder[STORE_FOLDER] = {name[0], name[1]};
 	int fd = io->openat(dirfd, temp, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), r;
 
 	if (fd >= 0 || errno != ENOENT) {
@@ -183,7 +183,7 @@ static int temp_open(int dirfd, const char *name, const char *temp, int *ret_fd,
 int store_put(int dirfd, const struct store_id *id, const struct store_beside *beside, const struct mesh_domain *d,
 	      struct store_front *ret, struct err *err)
 {
-	struct store_front f = { .domain = *d, .beside = *beside };
+	struct store_front f = {.domain = *d, .beside = *beside};
 	char name[STORE_NAME], temp[TEMP];
 	int fd = -1, r;
 
@@ -243,7 +243,7 @@ static int look_at(void *ctx, const struct dirent *e, struct err *err)
 
 int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err)
 {
-	struct looking l = { .dirfd = dirfd, .version = ret, .most = most };
+	struct looking l = {.dirfd = dirfd, .version = ret, .most = most};
 	char hex[DIGEST_HEX_SIZE];
 	struct stat st;
 	int r;
@@ -500,4 +500,3 @@ int store_sweep(int dirfd, struct err *err)
 {
 	return io_list(dirfd, ".", sweep_entry, &dirfd, err);
 }
-

@@ -37,17 +37,18 @@ struct store_version {
 };
 int store_versions(int dirfd, struct digest base, struct store_version *ret, size_t most, size_t *ret_n, struct err *err);
 
-/* STORE_E_ABSENT: not there, or of another format (of an earlier one it is removed). STORE_E_DAMAGED: removed, and that is why. */
+/* STORE_E_ABSENT: not there, or of another format (of an earlier one it is removed). STORE_E_DAMAGED: removed, and that is why.
+ */
 enum { STORE_E_ABSENT = 1, STORE_E_DAMAGED = 2 };
 
 /* The front of a file: all but closed vertices and triangles. */
 struct store_front {
-	struct mesh_domain domain;   /* `triangle` and `final` are NULL; of `vertex` the open ones are there */
+	struct mesh_domain domain; /* `triangle` and `final` are NULL; of `vertex` the open ones are there */
 	struct store_beside beside;
-	uint64_t payload;            /* checksum of links, vertices and triangles */
-	uint64_t bytes;              /* of the file */
-	size_t front, whole;         /* bytes of memory that store_front and store_get take */
-	int64_t used_ns;             /* the file's time, of what was read */
+	uint64_t payload;    /* checksum of links, vertices and triangles */
+	uint64_t bytes;      /* of the file */
+	size_t front, whole; /* bytes of memory that store_front and store_get take */
+	int64_t used_ns;     /* the file's time, of what was read */
 };
 /* *ret: the numbers of what was written. */
 int store_put(int dirfd, const struct store_id *, const struct store_beside *, const struct mesh_domain *,

@@ -48,9 +48,9 @@ static int check_sums(int fd, const char *name, const struct store_front *f, con
 		uint64_t then; /* a second piece */
 		size_t more;
 	} part[] = {
-		{ h->sums.proof, STORE_HEADER, f->beside.proof_size, 0, 0 },
-		{ h->sums.open, e.open_at, e.open, 0, 0 },
-		{ h->sums.rest, e.closed_at, e.closed, e.triangle_at, e.triangle },
+		{h->sums.proof, STORE_HEADER, f->beside.proof_size, 0, 0},
+		{h->sums.open, e.open_at, e.open, 0, 0},
+		{h->sums.rest, e.closed_at, e.closed, e.triangle_at, e.triangle},
 	};
 
 	for (size_t i = 0; i < 3; i++) {
@@ -105,7 +105,7 @@ static int check_corners(int fd, const char *name, const struct store_front *f, 
 
 int store_check(int dirfd, const char *name, void *memory, size_t size, struct err *err)
 {
-	struct store_front f = { 0 };
+	struct store_front f = {0};
 	uint8_t header[STORE_HEADER];
 	enum store_header_is is = STORE_HEADER_DAMAGED;
 	struct store_header h;

@@ -1,5 +1,6 @@
 /*
- * The bytes of a stored domain: header, layout, and how closed vertices and triangles become fewer bytes than they have in memory.
+ * The bytes of a stored domain: header, layout, and how closed vertices and triangles become fewer bytes than they have in
+ * memory.
  *
  * The model: a closed vertex lies in the region, so two bytes a coordinate are enough where the region is small, and
  * two bytes a corner where the domain has few vertices. What does not fit is written as it lies in memory. Which it is
@@ -39,7 +40,7 @@ void store_name(const struct store_id *id, char name[STORE_NAME])
 
 struct store_layout store_layout_of(const struct mesh_domain *d)
 {
-	struct store_layout l = { 0 };
+	struct store_layout l = {0};
 
 	l.vertex = (size_t)d->nopen * sizeof(struct mesh_link);
 	l.open_end = l.vertex + (size_t)d->nopen * sizeof(struct mesh_vertex);
@@ -66,11 +67,11 @@ struct store_extent store_extent_of(const struct mesh_domain *d, const struct st
 
 struct store_code store_code_of(const struct mesh_domain *d)
 {
-	struct store_code c = { .vertex = { WIDE, WIDE, WIDE }, .triangle = d->nvertex <= 1 << 16 ? NARROW : WIDE };
-	int32_t low[3] = { INT32_MAX, INT32_MAX, INT32_MAX }, high[3] = { INT32_MIN, INT32_MIN, INT32_MIN };
+	struct store_code c = {.vertex = {WIDE, WIDE, WIDE}, .triangle = d->nvertex <= 1 << 16 ? NARROW : WIDE};
+	int32_t low[3] = {INT32_MAX, INT32_MAX, INT32_MAX}, high[3] = {INT32_MIN, INT32_MIN, INT32_MIN};
 
 	for (uint32_t i = d->nopen; i < d->nvertex; i++) {
-		const int32_t at[3] = { d->vertex[i].x, d->vertex[i].y, d->vertex[i].z };
+		const int32_t at[3] = {d->vertex[i].x, d->vertex[i].y, d->vertex[i].z};
 
 		for (unsigned k = 0; k < 3; k++) {
 			low[k] = at[k] < low[k] ? at[k] : low[k];
@@ -219,7 +220,7 @@ enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], cons
 	    f->beside.proof_size > STORE_PROOF_MOST)
 		return STORE_HEADER_DAMAGED;
 	if (version == OLDEST)
-		h->code = (struct store_code){ .vertex = { WIDE, WIDE, WIDE }, .triangle = WIDE };
+		h->code = (struct store_code){.vertex = {WIDE, WIDE, WIDE}, .triangle = WIDE};
 	else if (!code_unpack(&c, &h->code))
 		return STORE_HEADER_DAMAGED;
 	store_sizes(f, h);
@@ -245,7 +246,7 @@ static void bases_of(const struct store_code *c, uint32_t base[CORNERS])
 static void pack_narrow(const struct store_code *c, const struct mesh_vertex *v, size_t n, uint8_t *out)
 {
 	uint32_t base[CORNERS], in[CORNERS];
-	uint16_t some[CORNERS] = { 0 };
+	uint16_t some[CORNERS] = {0};
 
 	bases_of(c, base);
 	for (; n >= GROUP; n -= GROUP, v += GROUP, out += sizeof some) {
@@ -317,7 +318,7 @@ static inline __attribute__((always_inline)) void unpack_rows(const int32_t base
 
 size_t store_pack_vertices(const struct store_code *c, const struct mesh_vertex *v, size_t n, uint8_t *out)
 {
-	const int32_t base[3] = { c->base[0], c->base[1], c->base[2] };
+	const int32_t base[3] = {c->base[0], c->base[1], c->base[2]};
 
 	if (widths(c, WIDE, WIDE, WIDE))
 		memcpy(out, v, n * sizeof *v);
@@ -334,7 +335,7 @@ size_t store_pack_vertices(const struct store_code *c, const struct mesh_vertex 
 void store_unpack_vertices(const struct store_code *c, struct mesh_vertex *v, size_t n)
 {
 	const uint8_t *in = (const uint8_t *)(v + n) - n * store_vertex_bytes(c);
-	const int32_t base[3] = { c->base[0], c->base[1], c->base[2] };
+	const int32_t base[3] = {c->base[0], c->base[1], c->base[2]};
 
 	if (widths(c, NARROW, NARROW, NARROW))
 		unpack_narrow(c, v, n, in);
@@ -348,7 +349,7 @@ void store_unpack_vertices(const struct store_code *c, struct mesh_vertex *v, si
 
 size_t store_pack_triangles(const struct store_code *c, const uint32_t (*triangle)[3], size_t n, uint8_t *out)
 {
-	static const struct store_code corners = { .vertex = { NARROW, NARROW, NARROW } };
+	static const struct store_code corners = {.vertex = {NARROW, NARROW, NARROW}};
 
 	if (c->triangle == WIDE)
 		memcpy(out, triangle, n * sizeof *triangle);
@@ -359,7 +360,7 @@ size_t store_pack_triangles(const struct store_code *c, const uint32_t (*triangl
 
 void store_unpack_triangles(const struct store_code *c, uint32_t (*triangle)[3], size_t n)
 {
-	static const struct store_code corners = { .vertex = { NARROW, NARROW, NARROW } };
+	static const struct store_code corners = {.vertex = {NARROW, NARROW, NARROW}};
 
 	if (c->triangle == NARROW)
 		store_unpack_vertices(&corners, (struct mesh_vertex *)triangle, n);

@@ -35,7 +35,7 @@ struct store_code store_code_of(const struct mesh_domain *);
 
 /* The same in the file, behind the proof. */
 struct store_extent {
-	size_t open, closed, triangle; /* bytes, without padding */
+	size_t open, closed, triangle;               /* bytes, without padding */
 	size_t open_at, closed_at, triangle_at, end; /* offsets in the file */
 };
 struct store_extent store_extent_of(const struct mesh_domain *, const struct store_code *, size_t proof_size);

@@ -53,7 +53,7 @@ struct tri_result {
 	const int32_t (*xy)[2];
 	const int32_t *z;
 	const uint32_t *id;
-	struct tri_triangle *triangle;    /* the caller may overwrite it (compaction in place) */
+	struct tri_triangle *triangle; /* the caller may overwrite it (compaction in place) */
 };
 
 void tri_result(const struct tri *, struct tri_result *ret);

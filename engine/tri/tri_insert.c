@@ -62,8 +62,7 @@ static inline int64_t cross(const struct spoke *a, const struct spoke *b)
 
 /* The tie order with the new position at the origin: keys are lexicographic. By value: whatever has its
  * address taken would live in memory all through the sweep. */
-static inline bool spoke_tie(struct spoke a, struct spoke b, struct spoke v, int64_t av, int64_t vb,
-			     int64_t ab)
+static inline bool spoke_tie(struct spoke a, struct spoke b, struct spoke v, int64_t av, int64_t vb, int64_t ab)
 {
 	int64_t ka = a.x * ((int64_t)1 << 32) + a.y, kb = b.x * ((int64_t)1 << 32) + b.y;
 	int64_t kv = v.x * ((int64_t)1 << 32) + v.y, most = ka > kb ? ka : kb;
@@ -112,8 +111,7 @@ static uint32_t real_neighbour(const struct tri_triangle *tri, uint32_t at)
 }
 
 /* From triangle `at` to the one that holds p, or the ghost it is outside of. */
-static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2],
-			     uint32_t at)
+static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2], uint32_t at)
 {
 	uint32_t from = UINT32_MAX;
 
@@ -142,8 +140,7 @@ static uint32_t careful_walk(const struct tri_triangle *tri, const int32_t (*xy)
  * The same in 64 bits: leave each triangle by the side that p is farther beyond. The state is the side that
  * was crossed, seen from the triangle behind it: p is not left of a, b. No branch depends on the way taken.
  */
-static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2],
-				   uint32_t at)
+static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t (*xy)[2], const int32_t p[2], uint32_t at)
 {
 	const int64_t px = p[0], py = p[1];
 	const struct tri_triangle *t = &tri[at = real_neighbour(tri, at)];
@@ -186,8 +183,8 @@ static inline uint32_t narrow_walk(const struct tri_triangle *tri, const int32_t
 
 /* Replace the triangles in conflict with vertex p, of which `root` is one, by a fan around p. The slots
  * `fresh` and `fresh` + 1 are unused. Returns a triangle of the fan. */
-static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p, uint32_t root,
-			    uint32_t fresh, bool careful)
+static uint32_t cavity_fill(struct tri_triangle *tri, const int32_t (*xy)[2], uint32_t p, uint32_t root, uint32_t fresh,
+			    bool careful)
 {
 	const int32_t at[2] = {xy[p][0], xy[p][1]};
 	uint32_t top = STACK_FIRST, slot = fresh, last = fresh, link = tri[root].link[0];

@@ -26,8 +26,7 @@ struct tri {
 };
 
 /* The order of insertion: reads n positions from `in`, fills xy, z and id. `scratch`: 16 bytes a position. */
-void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n,
-	       struct tri_extent *ret);
+void tri_order(struct tri *, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n, struct tri_extent *ret);
 
 /* Triangulate the nvertex vertices in the order in which they stand (three may move to the front). The second
  * half of tri_run. `narrow`: all differences of coordinates lie within +-(2^31 - 1). */

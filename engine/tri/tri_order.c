@@ -20,7 +20,7 @@ enum {
 	CURVE_STEP_BITS = 4, /* bits an axis that one table look-up takes */
 	CURVE_STATES = 4,    /* bit 0: axes swapped, bit 1: both axes inverted */
 	CURVE_CELLS = 1 << (2 * CURVE_STEP_BITS),
-	CURVE_BITS = 12,     /* an axis */
+	CURVE_BITS = 12,         /* an axis */
 	DIGIT_BITS = CURVE_BITS, /* of the radix sort: two passes */
 	DIGITS = 1 << DIGIT_BITS,
 	SORT_FEW = 48,  /* below, sorting by insertion is faster */
@@ -105,8 +105,7 @@ static inline void extent_add(struct tri_extent *e, const struct mesh_vertex *v)
 
 static const struct tri_extent nowhere = {{INT32_MAX, INT32_MAX}, {INT32_MIN, INT32_MIN}};
 
-static void extent_and_rounds(const struct mesh_vertex *in, uint32_t n, struct tri_extent *ret,
-			      uint32_t count[ROUND_MAX + 1])
+static void extent_and_rounds(const struct mesh_vertex *in, uint32_t n, struct tri_extent *ret, uint32_t count[ROUND_MAX + 1])
 {
 	struct tri_extent e = nowhere;
 
@@ -167,8 +166,8 @@ static void sort_round(uint64_t *key, uint64_t *other, uint32_t n)
  * Where many of a sorted round share a cell of the curve, sort these along a curve over their own box. A
  * cell is at most 2^20 units wide, one of the second curve 2^8, one of the third is a unit: so often this goes down.
  */
-static void sort_cells(struct curve *curve, const struct mesh_vertex *in, uint64_t *key, uint64_t *other,
-		       uint32_t n, uint32_t backwards)
+static void sort_cells(struct curve *curve, const struct mesh_vertex *in, uint64_t *key, uint64_t *other, uint32_t n,
+		       uint32_t backwards)
 {
 	for (uint32_t first = 0, end; first < n; first = end) {
 		struct tri_extent box = nowhere;
@@ -211,8 +210,7 @@ static inline uint32_t round_direction(unsigned round)
 	return 0u - (round & 1);
 }
 
-void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n,
-	       struct tri_extent *ret)
+void tri_order(struct tri *t, const struct mesh_vertex *in, uint64_t *scratch, uint32_t n, struct tri_extent *ret)
 {
 	uint32_t count[ROUND_MAX + 1] = {0}, place[ROUND_MAX + 1], sum = 0;
 	uint64_t *key = scratch, *other = scratch + n;

@@ -20,23 +20,23 @@ enum { SCAN_PROFILE_FOLDERS = 8 };
 
 struct scan_args {
 	const char *command;
-	const char *const *inputs;   /* what is no option */
+	const char *const *inputs; /* what is no option */
 	size_t n;
 	bool json, quiet, all, no_progress, help;
-	bool watch;                  /* --watch: list goes on with what comes and leaves */
-	bool udev;                   /* --udev: profiles as rules for udev */
+	bool watch;                                     /* --watch: list goes on with what comes and leaves */
+	bool udev;                                      /* --udev: profiles as rules for udev */
 	const char *profiles[SCAN_PROFILE_FOLDERS + 1]; /* --profiles DIR, in place of the built-in folders; ends with NULL */
 	size_t n_profiles;
-	const char *device;          /* --device WHICH: serial:..., port:..., VENDOR:PRODUCT, a profile's name */
-	const char *output;          /* -o FILE */
-	const char *folder;          /* --folder DIR: record makes PROFILE-SERIAL-TIME.spool in it */
-	const char *from;            /* --from FILE|-: record takes the bytes of a file or pipe, not those of a device */
-	bool resume;                 /* --continue: record goes on in the spool -o that has no END */
-	bool reconnect;              /* --reconnect: goes on in the same spool when the device comes back */
-	double seconds;              /* --for SECONDS; 0: until stopped */
-	uint64_t bytes;              /* --bytes SIZE; 0 */
-	double sync_s;               /* --sync SECONDS */
-	const char *profile;         /* --profile NAME|FILE: in place of the spool's own */
+	const char *device;  /* --device WHICH: serial:..., port:..., VENDOR:PRODUCT, a profile's name */
+	const char *output;  /* -o FILE */
+	const char *folder;  /* --folder DIR: record makes PROFILE-SERIAL-TIME.spool in it */
+	const char *from;    /* --from FILE|-: record takes the bytes of a file or pipe, not those of a device */
+	bool resume;         /* --continue: record goes on in the spool -o that has no END */
+	bool reconnect;      /* --reconnect: goes on in the same spool when the device comes back */
+	double seconds;      /* --for SECONDS; 0: until stopped */
+	uint64_t bytes;      /* --bytes SIZE; 0 */
+	double sync_s;       /* --sync SECONDS */
+	const char *profile; /* --profile NAME|FILE: in place of the spool's own */
 	/* push */
 	const char *socket, *into, *pose, *crs, *utm, *name;
 	const char *pose_clock;      /* --pose-clock utc|gps */
@@ -45,7 +45,7 @@ struct scan_args {
 	const char *geoid;           /* --geoid NAME: a grid of the daemon */
 	bool grid_scale, replace;
 	/* replay */
-	const char *to;              /* --to raw|telegrams|sweeps|csv|points */
+	const char *to; /* --to raw|telegrams|sweeps|csv|points */
 };
 
 /* Exit status; errors were printed. */
@@ -82,15 +82,15 @@ int scan_stop_signal(void); /* 0: none */
 /* ---- the tables ---- */
 
 enum scan_group { /* an option is allowed where its groups meet the command's */
-	SCAN_ALL = 1,
-	SCAN_PROFILES = 2, /* reads the folders of profiles */
-	SCAN_DEVICE = 4,   /* of one device */
-	SCAN_LIST = 8,
-	SCAN_PROBE = 16,
-	SCAN_RECORD = 32,
-	SCAN_REPLAY = 64,
-	SCAN_PUSH = 128,
-	SCAN_KINDS = 256,  /* profiles */
+		  SCAN_ALL = 1,
+		  SCAN_PROFILES = 2, /* reads the folders of profiles */
+		  SCAN_DEVICE = 4,   /* of one device */
+		  SCAN_LIST = 8,
+		  SCAN_PROBE = 16,
+		  SCAN_RECORD = 32,
+		  SCAN_REPLAY = 64,
+		  SCAN_PUSH = 128,
+		  SCAN_KINDS = 256, /* profiles */
 };
 
 struct scan_command {
@@ -98,7 +98,7 @@ struct scan_command {
 	unsigned groups;
 	unsigned least, most; /* words */
 	int (*run)(const struct scan_args *);
-	bool hidden;          /* not for people */
+	bool hidden; /* not for people */
 };
 const struct scan_command *scan_command_rows(size_t *ret_n);
 const struct scan_command *scan_command_find(const char *name); /* NULL: there is none */
@@ -115,8 +115,8 @@ struct scan_option {
 };
 const struct scan_option *scan_option_rows(size_t *ret_n);
 /* Reads the command line; `words` (argc places) will hold what is no option. -ERR_USAGE. */
-int scan_option_parse(int argc, char **argv, const char **words, struct scan_args *ret,
-		      const struct scan_command **ret_command, struct err *);
+int scan_option_parse(int argc, char **argv, const char **words, struct scan_args *ret, const struct scan_command **ret_command,
+		      struct err *);
 
 /* "complete N WORD...": what could stand as the Nth of these words, for the shells. */
 int scan_complete(int argc, char **argv);

@@ -82,8 +82,7 @@ void scan_device_json(struct ctl_json *j, const struct usb_device *d, const stru
 	ctl_json_known(j, "model", d->model);
 	ctl_json_known(j, "serial", d->serial);
 	ctl_json_known(j, "speed", d->speed);
-	ctl_json_text(j, "profile",
-		      set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
+	ctl_json_text(j, "profile", set && d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : NULL);
 	ctl_json_bool(j, "mass_storage", d->mass_storage);
 	ctl_json_bool(j, "may_open", d->openable && !d->mass_storage);
 	ctl_json_text(j, "why_not", d->openable && !d->mass_storage ? NULL : scan_device_access(d));

@@ -4,7 +4,9 @@
 #include "err.h"
 #include "scan.h"
 
-static const struct { const char *command, *line; } examples[] = {
+static const struct {
+	const char *command, *line;
+} examples[] = {
 	{"help", "acut-scan help record"},
 	{"list", "acut-scan list"},
 	{"list", "acut-scan list --all --json"},

@@ -33,8 +33,13 @@ static void cell(struct ctl_table *t, const char *text)
 
 static void as_table(const struct usb_device *list, size_t n, const struct profile_set *set)
 {
-	static const struct ctl_column columns[] = {{"PORT"}, {"ID"}, {"MODEL", .shrink = true}, {"SERIAL", .shrink = true},
-						    {"SPEED", .spare = true}, {"PROFILE"}, {"MAY BE OPENED", .tail = true}};
+	static const struct ctl_column columns[] = {{"PORT"},
+						    {"ID"},
+						    {"MODEL", .shrink = true},
+						    {"SERIAL", .shrink = true},
+						    {"SPEED", .spare = true},
+						    {"PROFILE"},
+						    {"MAY BE OPENED", .tail = true}};
 	struct ctl_table *t = ctl_table_new(stdout, columns, sizeof(columns) / sizeof(*columns));
 
 	for (size_t i = 0; i < n; i++) {
@@ -53,8 +58,7 @@ static void as_table(const struct usb_device *list, size_t n, const struct profi
 	ctl_table_free(t);
 }
 
-static void tell(const struct scan_args *args, enum usb_change change, const struct usb_device *d,
-		 const struct profile_set *set)
+static void tell(const struct scan_args *args, enum usb_change change, const struct usb_device *d, const struct profile_set *set)
 {
 	char words[200];
 
@@ -64,8 +68,8 @@ static void tell(const struct scan_args *args, enum usb_change change, const str
 		as_json(d, set, change == USB_CAME ? "came" : "left");
 		return;
 	}
-	ctl_term_line(stdout, "%s %s%s%s", change == USB_CAME ? "came" : "left",
-		      scan_device_text(d, words, sizeof(words)), d->profile >= 0 ? ", profile " : "",
+	ctl_term_line(stdout, "%s %s%s%s", change == USB_CAME ? "came" : "left", scan_device_text(d, words, sizeof(words)),
+		      d->profile >= 0 ? ", profile " : "",
 		      d->profile >= 0 ? profile_set_at(set, (size_t)d->profile)->profile.name : "");
 	fflush(stdout);
 }

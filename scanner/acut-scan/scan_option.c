@@ -16,10 +16,12 @@
 #define AT(field) offsetof(struct scan_args, field)
 
 static const struct scan_option table[] = {
-	{"output", 'o', "FILE", SCAN_TEXT, AT(output), SCAN_RECORD | SCAN_REPLAY | SCAN_PUSH, "write there; never over a file that is there"},
+	{"output", 'o', "FILE", SCAN_TEXT, AT(output), SCAN_RECORD | SCAN_REPLAY | SCAN_PUSH,
+	 "write there; never over a file that is there"},
 	{"folder", 0, "DIR", SCAN_TEXT, AT(folder), SCAN_RECORD, "a new spool in this folder: PROFILE-SERIAL-TIME.spool"},
 	{"from", 0, "FILE|-", SCAN_TEXT, AT(from), SCAN_RECORD, "take the bytes of a file or pipe, not those of a device"},
-	{"continue", 0, NULL, SCAN_FLAG, AT(resume), SCAN_RECORD, "go on in the spool of -o, which a crash has left without its end"},
+	{"continue", 0, NULL, SCAN_FLAG, AT(resume), SCAN_RECORD,
+	 "go on in the spool of -o, which a crash has left without its end"},
 	{"reconnect", 0, NULL, SCAN_FLAG, AT(reconnect), SCAN_RECORD,
 	 "when the device is unplugged, wait for it and go on in the same spool"},
 	{"for", 0, "TIME", SCAN_SECONDS, AT(seconds), SCAN_RECORD | SCAN_PROBE, "stop after so long: 90, 90s, 5m, 2h"},
@@ -32,11 +34,14 @@ static const struct scan_option table[] = {
 	{"pose-clock", 0, "utc|gps", SCAN_TEXT, AT(pose_clock), SCAN_PUSH, "what the times of the pose file are (utc)"},
 	{"pose-offset", 0, "SECONDS", SCAN_NUMBER, AT(pose_offset_s), SCAN_PUSH, "added to the times of the pose file"},
 	{"gap", 0, "TIME", SCAN_SECONDS, AT(gap_s), SCAN_PUSH, "poses further apart than this leave a gap (1.5s)"},
-	{"heading", 0, "true|grid", SCAN_TEXT, AT(heading), SCAN_PUSH, "headings are from true north (degrees), or from the plane's north"},
-	{"grid-scale", 0, NULL, SCAN_FLAG, AT(grid_scale), SCAN_PUSH, "shorten or lengthen ranges as the plane does lengths where the scanner is"},
+	{"heading", 0, "true|grid", SCAN_TEXT, AT(heading), SCAN_PUSH,
+	 "headings are from true north (degrees), or from the plane's north"},
+	{"grid-scale", 0, NULL, SCAN_FLAG, AT(grid_scale), SCAN_PUSH,
+	 "shorten or lengthen ranges as the plane does lengths where the scanner is"},
 	{"geoid", 0, "NAME", SCAN_TEXT, AT(geoid), SCAN_PUSH, "make ellipsoidal heights orthometric by this grid of the daemon"},
 	{"replace", 0, NULL, SCAN_FLAG, AT(replace), SCAN_PUSH, "in place of what the dataset has of the spool already"},
-	{"crs", 0, "CRS", SCAN_TEXT, AT(crs), SCAN_PUSH, "the plane of the poses, or the datum of their degrees: EPSG:n, or a name"},
+	{"crs", 0, "CRS", SCAN_TEXT, AT(crs), SCAN_PUSH,
+	 "the plane of the poses, or the datum of their degrees: EPSG:n, or a name"},
 	{"utm", 0, "ZONE", SCAN_TEXT, AT(utm), SCAN_PUSH, "project degrees to this zone (32N, 5S), not to that of their middle"},
 	{"name", 0, "NAME", SCAN_TEXT, AT(name), SCAN_PUSH, "the name under which the dataset keeps it (the spool's)"},
 	{"socket", 0, "PATH", SCAN_TEXT, AT(socket), SCAN_PUSH, "where the daemon listens"},
@@ -45,7 +50,8 @@ static const struct scan_option table[] = {
 	 "which one: serial:TEXT, port:1-2.4, VENDOR:PRODUCT, or a profile's name"},
 	{"profile", 0, "NAME|FILE", SCAN_TEXT, AT(profile), SCAN_DEVICE | SCAN_REPLAY | SCAN_PUSH,
 	 "this profile, not that which the device or the spool asks for"},
-	{"profiles", 0, "DIR", SCAN_FOLDERS, 0, SCAN_PROFILES, "a folder of profiles, in place of the usual ones; may be repeated"},
+	{"profiles", 0, "DIR", SCAN_FOLDERS, 0, SCAN_PROFILES,
+	 "a folder of profiles, in place of the usual ones; may be repeated"},
 	{"all", 'a', NULL, SCAN_FLAG, AT(all), SCAN_LIST, "all devices, not only those with a profile"},
 	{"watch", 0, NULL, SCAN_FLAG, AT(watch), SCAN_LIST, "go on with a line for each device that comes or leaves"},
 	{"udev", 0, NULL, SCAN_FLAG, AT(udev), SCAN_KINDS, "print udev rules: all, or lines of the profiles named"},
@@ -195,8 +201,8 @@ static int check(const struct reader *r, const struct scan_command *c, struct er
 	return err_add_hint(err, "acut-scan %s", c->usage);
 }
 
-int scan_option_parse(int argc, char **argv, const char **words, struct scan_args *ret,
-		      const struct scan_command **ret_command, struct err *err)
+int scan_option_parse(int argc, char **argv, const char **words, struct scan_args *ret, const struct scan_command **ret_command,
+		      struct err *err)
 {
 	struct reader r = {.argc = argc, .argv = argv, .args = ret};
 	bool ended = false;

@@ -28,7 +28,7 @@ struct probe {
 	double seconds;
 	uint8_t begin[BEGIN]; /* of what came */
 	size_t nbegin;
-	char fault[512];      /* the first */
+	char fault[512]; /* the first */
 	enum usb_end end;
 	char end_text[USB_LINE_SIZE];
 	/* the first sweep */
@@ -162,8 +162,9 @@ static char *escaped(const uint8_t *at, size_t n, char *buf, size_t size)
 
 	buf[0] = 0;
 	for (size_t i = 0; i < n && used + 5 < size; i++)
-		used += (size_t)(at[i] >= 0x20 && at[i] < 0x7f && at[i] != '\\' ? snprintf(buf + used, size - used, "%c", at[i])
-										: snprintf(buf + used, size - used, "\\x%02x", at[i]));
+		used += (size_t)(at[i] >= 0x20 && at[i] < 0x7f && at[i] != '\\' ?
+					 snprintf(buf + used, size - used, "%c", at[i]) :
+					 snprintf(buf + used, size - used, "\\x%02x", at[i]));
 	return buf;
 }
 
@@ -181,8 +182,10 @@ static int judge(const struct probe *p, struct err *err)
 		return err_set(err, ERR_IO, "%s does not answer any more: %s", words, p->end_text);
 	if (!p->bytes) {
 		err_set(err, ERR_TIMEOUT, "%s sent nothing within %.1f s", words, p->seconds);
-		return err_add_hint(err, pr->starts ? "the start commands of profile %s were taken; is the device busy starting up?"
-						    : "profile %s sends no start command: does the device need one?", pr->name);
+		return err_add_hint(err,
+				    pr->starts ? "the start commands of profile %s were taken; is the device busy starting up?" :
+						 "profile %s sends no start command: does the device need one?",
+				    pr->name);
 	}
 	if (!p->counts.framer.telegrams) {
 		err_set(err, ERR_INPUT, "%s: no telegram in what came, as profile %s frames them; it begins with %s", words,
@@ -259,8 +262,8 @@ static void as_text(const struct probe *p)
 			snprintf(range, sizeof(range), ", %.3f to %.3f m", p->nearest, p->farthest);
 		ctl_term_field(stdout, "sweeps", "%llu%s", (unsigned long long)c->sweeps,
 			       p->dirty ? "; the device says that its window is dirty" : "");
-		ctl_term_field(stdout, "the first", "%u shots from %.1f to %.1f degrees, %u with a range%s", p->shots, p->from, p->to,
-			       p->returns, range);
+		ctl_term_field(stdout, "the first", "%u shots from %.1f to %.1f degrees, %u with a range%s", p->shots, p->from,
+			       p->to, p->returns, range);
 	}
 	if (p->serial[0])
 		ctl_term_field(stdout, "says it is", "%s", p->serial);

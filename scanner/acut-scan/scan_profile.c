@@ -18,8 +18,11 @@ int scan_profile_set(const struct scan_args *args, struct profile_set **ret, str
 	int r = profile_set_read(args->n_profiles ? args->profiles : NULL, ret, err);
 
 	if (!r && !profile_set_count(*ret) && !args->n_profiles && !(args->profile && is_file(args->profile)))
-		scan_warn(args, "there is no profile in %s nor in %s: no scanner is known; --profiles DIR names a folder of profiles (etc/scanners.d of "
-				"the source, where acut is not installed)", profile_folders[0], profile_folders[1]);
+		scan_warn(
+			args,
+			"there is no profile in %s nor in %s: no scanner is known; --profiles DIR names a folder of profiles (etc/scanners.d of "
+			"the source, where acut is not installed)",
+			profile_folders[0], profile_folders[1]);
 	return r;
 }
 

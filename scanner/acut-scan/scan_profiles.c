@@ -38,7 +38,8 @@ static const char *match_text(const struct profile *p, char buf[400])
 	if (!profile_matches_some(p))
 		return "-";
 	if (p->vendor >= 0)
-		n += (size_t)snprintf(buf, 400, p->product >= 0 ? "%04x:%04x" : "%04x:*", (unsigned)p->vendor, (unsigned)p->product);
+		n += (size_t)snprintf(buf, 400, p->product >= 0 ? "%04x:%04x" : "%04x:*", (unsigned)p->vendor,
+				      (unsigned)p->product);
 	if (p->device_class >= 0)
 		n += (size_t)snprintf(buf + n, 400 - n, "%sclass %02x", n ? " " : "", (unsigned)p->device_class);
 	if (p->interface_class >= 0)
@@ -115,8 +116,8 @@ static void show_usb(const struct profile *p)
 
 	if (p->endpoint_out)
 		snprintf(out, sizeof out, ", out 0x%02x", p->endpoint_out);
-	ctl_term_field(stdout, "usb", "interface %u, endpoint in 0x%02x%s, %u transfers of %u bytes", p->interface, p->endpoint_in, out, p->transfers,
-		       p->transfer_size);
+	ctl_term_field(stdout, "usb", "interface %u, endpoint in 0x%02x%s, %u transfers of %u bytes", p->interface,
+		       p->endpoint_in, out, p->transfers, p->transfer_size);
 	if (p->starts || p->stops)
 		ctl_term_field(stdout, "commands", "%zu to start, %zu to stop", p->starts, p->stops);
 }
@@ -138,9 +139,10 @@ static void show(const struct profile_entry *e)
 	show_usb(p);
 	ctl_term_field(stdout, "framer", "%s, telegrams of at most %u bytes", framers[p->framer], p->telegram_max);
 	ctl_term_field(stdout, "decoder", "%s%s%s", p->decoder, d ? ": " : "", d ? d->title : "");
-	ctl_term_field(stdout, "time", "%s, %g s late", p->time == PROFILE_TIME_DEVICE ? "of the device" : "of arrival", p->latency_s);
-	ctl_term_field(stdout, "mount", "roll %g, pitch %g, heading %g degrees; lever %g %g %g m", p->mount_roll, p->mount_pitch, p->mount_heading,
-		       p->lever[0], p->lever[1], p->lever[2]);
+	ctl_term_field(stdout, "time", "%s, %g s late", p->time == PROFILE_TIME_DEVICE ? "of the device" : "of arrival",
+		       p->latency_s);
+	ctl_term_field(stdout, "mount", "roll %g, pitch %g, heading %g degrees; lever %g %g %g m", p->mount_roll, p->mount_pitch,
+		       p->mount_heading, p->lever[0], p->lever[1], p->lever[2]);
 	if (p->range_max > 0)
 		ctl_term_field(stdout, "ranges", "%g to %g m", p->range_min, p->range_max);
 }
@@ -149,7 +151,8 @@ static void list_row(const struct profile_entry *e, bool broken, int name_width,
 {
 	char buf[400];
 
-	ctl_term_line(stdout, "%-*s  %-*s  %s", name_width, e->profile.name, match_width, broken ? "broken" : match_text(&e->profile, buf), e->profile.title);
+	ctl_term_line(stdout, "%-*s  %-*s  %s", name_width, e->profile.name, match_width,
+		      broken ? "broken" : match_text(&e->profile, buf), e->profile.title);
 }
 
 static int list(const struct scan_args *args, const struct profile_set *set)
@@ -225,8 +228,8 @@ static int one(const struct scan_args *args, const struct profile_set *set, cons
 	} else if (!own) {
 		show(e);
 	} else if (!*why && !args->quiet) {
-		ctl_term_line(stdout, "%s: good; devices: %s; framer %s, decoder %s", word, match_text(&e->profile, match), framers[e->profile.framer],
-			      e->profile.decoder);
+		ctl_term_line(stdout, "%s: good; devices: %s; framer %s, decoder %s", word, match_text(&e->profile, match),
+			      framers[e->profile.framer], e->profile.decoder);
 	}
 	if (*why && !args->json)
 		ctl_term_line(stderr, "acut-scan: %s", why);

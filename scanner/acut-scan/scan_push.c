@@ -2,9 +2,10 @@
  * push: spools into a dataset.
  *
  * The model: each spool becomes sources (scan_source.h), whose hash is known before anything is sent. They go through pipes in
- * pushes of at most eight, each said beforehand (path "spool:ID", hash, size): what the dataset has is not sent, what an interrupted push
- * left whole is taken up, and with --replace the new points take the place of the old ones in one generation. So the same command again, after
- * whatever happened, leaves each spool in the dataset exactly once. A spool that cannot be used does not hold up the others.
+ * pushes of at most eight, each said beforehand (path "spool:ID", hash, size): what the dataset has is not sent, what an
+ * interrupted push left whole is taken up, and with --replace the new points take the place of the old ones in one generation. So
+ * the same command again, after whatever happened, leaves each spool in the dataset exactly once. A spool that cannot be used
+ * does not hold up the others.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -36,12 +37,12 @@ struct pushing {
 	int pose_fd;
 	struct pose_track *track;
 	bool poses_failed;
-	struct scan_spool *spool;  /* an input each */
+	struct scan_spool *spool; /* an input each */
 	struct part *part;
 	struct scan_result *result; /* a source each; in order */
 	size_t n, refused;
 	uint64_t generation, points;
-	uint64_t base;             /* points of sources that are done */
+	uint64_t base; /* points of sources that are done */
 };
 
 /* ---- the daemon ---- */
@@ -120,8 +121,8 @@ static int look_at_dataset(struct pushing *p, struct err *err)
 
 static bool refusal(enum err_code code)
 {
-	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_CHANGED || code == ERR_UNSUPPORTED || code == ERR_LIMIT ||
-	       code == ERR_VERSION || code == ERR_PERM;
+	return code == ERR_INPUT || code == ERR_TRUNCATED || code == ERR_CHANGED || code == ERR_UNSUPPORTED ||
+	       code == ERR_LIMIT || code == ERR_VERSION || code == ERR_PERM;
 }
 
 static int open_poses(struct pushing *p, struct err *err)
@@ -194,8 +195,10 @@ static int result_add(struct pushing *p, const struct scan_source *s, const stru
 	if (!more)
 		return -ERR_NOMEM;
 	p->result = more;
-	p->result[p->n] = (struct scan_result){.source = s, .points = s->points, .err = ERR_INIT,
-					     .first = !p->n || p->result[p->n - 1].source->spool != s->spool};
+	p->result[p->n] = (struct scan_result){.source = s,
+					       .points = s->points,
+					       .err = ERR_INIT,
+					       .first = !p->n || p->result[p->n - 1].source->spool != s->spool};
 	if (why) {
 		p->result[p->n].state = SCAN_REFUSED;
 		p->result[p->n].err = *why;
@@ -258,9 +261,11 @@ static int refuse(struct batch *b, size_t i, struct err *err)
 	if (!*err->file)
 		err_add_file(err, r->source->name);
 	if (strstr(err->hint, "--replace")) {
-		snprintf(err->message, sizeof err->message, "the dataset %.60s has this capture already, with other points", b->p->args->into);
+		snprintf(err->message, sizeof err->message, "the dataset %.60s has this capture already, with other points",
+			 b->p->args->into);
 		err->field[0] = err->hint[0] = 0;
-		err_add_hint(err, "the spool has grown, or its poses are others now: --replace takes it in place of what is there");
+		err_add_hint(err,
+			     "the spool has grown, or its poses are others now: --replace takes it in place of what is there");
 	}
 	if (scan_stopped() || !refusal(err->code))
 		return -(int)err->code;
@@ -413,7 +418,8 @@ static int push_batch(struct batch *b, struct err *err)
 /* What goes into one push is read in one way. */
 static bool together(const struct scan_source *a, const struct scan_source *b)
 {
-	return a->kind == b->kind && (a->kind != SCAN_TEXT_LINES || !strcmp(a->spool->profile.columns, b->spool->profile.columns));
+	return a->kind == b->kind &&
+	       (a->kind != SCAN_TEXT_LINES || !strcmp(a->spool->profile.columns, b->spool->profile.columns));
 }
 
 /* Streams of one push are told apart by their names. */
@@ -474,15 +480,20 @@ static int write_file(struct pushing *p, struct err *err)
 static int check(const struct scan_args *a, struct err *err)
 {
 	if (!a->into == !a->output) {
-		err_set(err, ERR_USAGE, a->into ? "--into pushes, -o writes a file: one of the two" : "nothing says where to: --into DATASET");
+		err_set(err, ERR_USAGE,
+			a->into ? "--into pushes, -o writes a file: one of the two" : "nothing says where to: --into DATASET");
 		return err_add_hint(err, "acut-scan push SPOOL... --pose FILE --into DATASET");
 	}
 	if (a->name && (a->n != 1 || strchr(a->name, '/')))
 		return err_set(err, ERR_USAGE, "--name is the name of one spool, without slashes");
 	if (a->output && (a->replace || a->geoid || a->socket))
-		return err_set(err, ERR_USAGE, "-o writes a file: there is no daemon for --%s", a->replace ? "replace" : a->geoid ? "geoid" : "socket");
+		return err_set(err, ERR_USAGE, "-o writes a file: there is no daemon for --%s",
+			       a->replace ? "replace" :
+			       a->geoid   ? "geoid" :
+					    "socket");
 	if (!a->pose && (a->heading || a->grid_scale || a->gap_s > 0 || a->pose_offset_s != 0))
-		return err_set(err, ERR_USAGE, "--heading, --grid-scale, --gap and --pose-offset are about poses, and there is no --pose");
+		return err_set(err, ERR_USAGE,
+			       "--heading, --grid-scale, --gap and --pose-offset are about poses, and there is no --pose");
 	return 0;
 }
 

@@ -3,8 +3,8 @@
  *
  * The model: a dataset that has a system decides, units included; then --crs may only say the same, or what the degrees of the
  * poses are. A new one gets the plane that --crs names, whose datum the degrees are then of; else the UTM zone of the poses, or
- * nothing but metres. Nothing is brought from one datum or plane to another. Ranges are metres: where a plane's unit is not known,
- * they are not laid into it by a guess.
+ * nothing but metres. Nothing is brought from one datum or plane to another. Ranges are metres: where a plane's unit is not
+ * known, they are not laid into it by a guess.
  */
 #include <stdio.h>
 #include <string.h>
@@ -55,7 +55,8 @@ static int check_units(const struct scan_args *args, const struct scan_target *t
 
 	if (!what)
 		return 0;
-	err_set(err, ERR_UNSUPPORTED, "nothing says which unit the dataset's %s in: ranges are metres, and how many of its units that is would be a guess",
+	err_set(err, ERR_UNSUPPORTED,
+		"nothing says which unit the dataset's %s in: ranges are metres, and how many of its units that is would be a guess",
 		what);
 	err_add_hint(err, "use another dataset, or make this one anew: acutctl push --assume-units says it");
 	return err_add_file(err, args->into);
@@ -97,12 +98,16 @@ static int of_new(struct scan_plane *p, struct err *err)
 	if (!p->has_to || known(p->to.unit_z))
 		return 0;
 	if (known(p->to.text) && !known(p->to.unit_xy)) {
-		err_set(err, ERR_UNSUPPORTED, "which unit the plane %.200s has is not known: ranges are metres, and how many of its units that is "
-			"would be a guess", p->to.text);
-		return err_add_hint(err, "a dataset that has a file of this plane already says its unit (acutctl push --assume-units)");
+		err_set(err, ERR_UNSUPPORTED,
+			"which unit the plane %.200s has is not known: ranges are metres, and how many of its units that is "
+			"would be a guess",
+			p->to.text);
+		return err_add_hint(
+			err, "a dataset that has a file of this plane already says its unit (acutctl push --assume-units)");
 	}
 	if (known(p->to.unit_xy) && strcmp(p->to.unit_xy, "metre")) {
-		err_set(err, ERR_USAGE, "the plane %.200s is in %s, and what its heights are in is not said", p->to.text, p->to.unit_xy);
+		err_set(err, ERR_USAGE, "the plane %.200s is in %s, and what its heights are in is not said", p->to.text,
+			p->to.unit_xy);
 		return err_add_hint(err, "name the vertical system too: --crs \"EPSG:n + EPSG:m\"");
 	}
 	snprintf(p->to.unit_xy, sizeof p->to.unit_xy, "metre");
@@ -144,16 +149,17 @@ int scan_push_plane(const struct scan_args *args, const struct scan_target *t, s
 	return 0;
 }
 
-int scan_push_poses(const struct scan_args *args, const struct scan_plane *plane, int fd, struct pose_track **ret, struct err *err)
+int scan_push_poses(const struct scan_args *args, const struct scan_plane *plane, int fd, struct pose_track **ret,
+		    struct err *err)
 {
 	const struct pose_params params = {
 		.to = plane->has_to ? &plane->to : NULL,
 		.degrees = plane->has_degrees ? &plane->degrees : NULL,
 		.utm = args->utm,
 		.clock = !strcmp(args->pose_clock, "gps") ? POSE_GPS : POSE_UTC,
-		.north = !args->heading		       ? POSE_NORTH_AS_POSED
-			 : !strcmp(args->heading, "true") ? POSE_NORTH_TRUE
-							 : POSE_NORTH_GRID,
+		.north = !args->heading                 ? POSE_NORTH_AS_POSED :
+			 !strcmp(args->heading, "true") ? POSE_NORTH_TRUE :
+							  POSE_NORTH_GRID,
 		.grid_scale = args->grid_scale,
 		.gap_s = args->gap_s,
 		.offset_s = args->pose_offset_s,

@@ -7,7 +7,7 @@
 
 /* The dataset as it is before the push. */
 struct scan_target {
-	bool there, empty;         /* empty: it has no generation yet */
+	bool there, empty; /* empty: it has no generation yet */
 	char crs[CRS_TEXT_SIZE], unit_xy[CRS_UNIT_SIZE], unit_z[CRS_UNIT_SIZE];
 };
 struct scan_plane {

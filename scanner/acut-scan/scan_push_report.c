@@ -7,8 +7,8 @@
 #include "scan_source.h"
 
 static const char *const states[] = {
-	[SCAN_STAGED] = "staged", [SCAN_KNOWN] = "known", [SCAN_ADOPTED] = "adopted", [SCAN_REFUSED] = "refused",
-	[SCAN_WRITTEN] = "written",
+	[SCAN_STAGED] = "staged",   [SCAN_KNOWN] = "known",     [SCAN_ADOPTED] = "adopted",
+	[SCAN_REFUSED] = "refused", [SCAN_WRITTEN] = "written",
 };
 
 /* "1 234 567" */
@@ -125,8 +125,8 @@ static void add(char *text, size_t size, uint64_t n, const char *what)
 	char buf[32];
 
 	if (n)
-		snprintf(text + at, size - at, "%s%s %.*s%s%s", at ? ", " : "", count(n, buf), head, what, mark && n > 1 ? "s" : "",
-			 mark ? mark + 1 : "");
+		snprintf(text + at, size - at, "%s%s %.*s%s%s", at ? ", " : "", count(n, buf), head, what,
+			 mark && n > 1 ? "s" : "", mark ? mark + 1 : "");
 }
 
 static void tell_shots(const struct scan_args *args, const struct scan_source *s)
@@ -140,8 +140,8 @@ static void tell_shots(const struct scan_args *args, const struct scan_source *s
 	add(why, sizeof why, g->after, "after the last pose");
 	add(why, sizeof why, g->gap, "in gaps of the poses");
 	add(why, sizeof why, g->too_far, "too far from the others for one file");
-	scan_note(args, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a), plural(g->sweeps), count(g->shots, b),
-		  plural(g->shots), count(g->points, c), plural(g->points), *why ? "; dropped: " : "", why);
+	scan_note(args, "%s: %s sweep%s, %s shot%s, %s point%s%s%s", s->spool->file, count(g->sweeps, a), plural(g->sweeps),
+		  count(g->shots, b), plural(g->shots), count(g->points, c), plural(g->points), *why ? "; dropped: " : "", why);
 }
 
 static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
@@ -159,8 +159,11 @@ static void tell_spool(const struct scan_args *args, const struct scan_spool *s)
 	if (*why)
 		scan_note(args, "%s: %s", s->file, why);
 	if (c->clock_sets && s->decoder->kind == DECODER_SWEEP)
-		scan_warn(args, "%s: the computer's clock was set %" PRIu64 " time%s while it was captured, by up to %.3f s: what came before has the "
-			  "time of then", s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
+		scan_warn(args,
+			  "%s: the computer's clock was set %" PRIu64
+			  " time%s while it was captured, by up to %.3f s: what came before has the "
+			  "time of then",
+			  s->file, c->clock_sets, plural(c->clock_sets), c->clock_most_s);
 	if (!s->tail.ended && !s->tail.torn)
 		scan_note(args, "%s: it has no end yet: what was recorded until now was taken", s->file);
 }
@@ -187,10 +190,11 @@ void scan_push_tell(const struct scan_args *args, const struct scan_result *r)
 	if (r->state == SCAN_KNOWN)
 		scan_note(args, "%s: the dataset has it already, nothing was sent", s->name);
 	else if (r->state == SCAN_ADOPTED)
-		scan_note(args, "%s: %s point%s, taken up from the push that was interrupted, not sent again", s->name, count(r->points, a),
-			  plural(r->points));
+		scan_note(args, "%s: %s point%s, taken up from the push that was interrupted, not sent again", s->name,
+			  count(r->points, a), plural(r->points));
 	else if (r->state == SCAN_WRITTEN)
-		scan_note(args, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points), count(s->size, b));
+		scan_note(args, "%s: %s point%s, %s bytes", args->output, count(r->points, a), plural(r->points),
+			  count(s->size, b));
 	else if (r->moved)
 		scan_note(args, "%s: %s point%s, %s of them rounded to the dataset's lattice", s->name, count(r->points, a),
 			  plural(r->points), count(r->moved, b));
@@ -204,7 +208,8 @@ void scan_push_tell_all(const struct scan_args *args, uint64_t generation, uint6
 {
 	char a[32];
 
-	scan_note(args, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a), plural(points), seconds);
+	scan_note(args, "%s: generation %" PRIu64 ", %s point%s, %.1f s", args->into, generation, count(points, a),
+		  plural(points), seconds);
 }
 
 void scan_push_tell_poses(const struct scan_args *args, const struct pose_track *t)
@@ -218,8 +223,8 @@ void scan_push_tell_poses(const struct scan_args *args, const struct pose_track 
 	if (s->gaps)
 		snprintf(gaps, sizeof gaps, ", %s gap%s", count(s->gaps, b), plural(s->gaps));
 	snprintf(unnamed, sizeof unnamed, "a plane that is not named (unit: %s)", c->unit_xy);
-	scan_note(args, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a), s->last - s->first,
-		  gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
+	scan_note(args, "%s: %s poses over %.1f s%s%s; points in %s, heights %s", args->pose, count(s->poses, a),
+		  s->last - s->first, gaps, zone, strcmp(c->text, "unknown") ? c->text : unnamed,
 		  s->ellipsoidal ? "above the ellipsoid" : "as the poses have them");
 	if (s->degrees && *s->zone && !args->crs)
 		scan_note(args, "%s: its degrees are taken as WGS 84; --crs says otherwise", args->pose);

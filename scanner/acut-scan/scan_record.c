@@ -84,8 +84,8 @@ int record_patience(const struct record *r)
 static void plain(char *text)
 {
 	for (char *p = text; *p; p++)
-		if (!((*p >= '0' && *p <= '9') || (*p >= 'A' && *p <= 'Z') || (*p >= 'a' && *p <= 'z') || *p == '-' || *p == '_' ||
-		      (*p == '.' && p != text)))
+		if (!((*p >= '0' && *p <= '9') || (*p >= 'A' && *p <= 'Z') || (*p >= 'a' && *p <= 'z') || *p == '-' ||
+		      *p == '_' || (*p == '.' && p != text)))
 			*p = '_';
 }
 

@@ -18,17 +18,17 @@ struct record {
 	struct spool_writer *spool;
 	struct spool_head head;
 	char *path;
-	struct framer *framer;        /* counts telegrams; NULL: without a profile, or it failed */
-	struct usb_counts before;     /* of captures of this run that are over (--reconnect) */
-	struct usb_capture *capture;  /* now; NULL */
-	uint64_t began_ns, clock_ns;  /* this run; the last CLOCK */
-	uint64_t first_bytes;         /* in the spool when this run began (--continue) */
+	struct framer *framer;       /* counts telegrams; NULL: without a profile, or it failed */
+	struct usb_counts before;    /* of captures of this run that are over (--reconnect) */
+	struct usb_capture *capture; /* now; NULL */
+	uint64_t began_ns, clock_ns; /* this run; the last CLOCK */
+	uint64_t first_bytes;        /* in the spool when this run began (--continue) */
 	uint64_t bytes, left;
 	enum record_why why;
 	/* telling */
 	bool started, progress, notified;
 	uint64_t told_ns, told_bytes;
-	double rate;                  /* bytes a second, of the last seconds */
+	double rate; /* bytes a second, of the last seconds */
 };
 
 /* ---- scan_record.c ---- */
@@ -49,7 +49,7 @@ int record_from_file(struct record *, int fd, struct err *);
 /* ---- scan_record_tell.c ---- */
 
 void record_tell_start(struct record *, const char *what);
-void record_tell_progress(struct record *);   /* as often as it is called, seldom done */
+void record_tell_progress(struct record *); /* as often as it is called, seldom done */
 void record_tell_event(struct record *, const char *event, const char *text);
 void record_tell_end(struct record *, const struct err *err); /* err->code ERR_NONE: none */
 

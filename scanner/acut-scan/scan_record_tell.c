@@ -126,7 +126,8 @@ static void line(struct record *r)
 		snprintf(parked, sizeof(parked), "  parked %.1f s, %llu dropped", seconds(u.parked_ns),
 			 (unsigned long long)(u.overflows + u.errors));
 	scan_progress("%s %s%s  %s/s%s%s", r->args->from ? "import" : "capture", parse_size_text(r->bytes, size), telegrams,
-		      parse_size_text((uint64_t)r->rate, rate), parked, r->args->from || r->capture ? "" : "  unplugged, waiting");
+		      parse_size_text((uint64_t)r->rate, rate), parked,
+		      r->args->from || r->capture ? "" : "  unplugged, waiting");
 }
 
 void record_tell_progress(struct record *r)
@@ -210,11 +211,13 @@ static void end_text(const struct record *r, const struct spool_totals *t, const
 		       parse_size_text((uint64_t)((double)r->bytes / (passed > 0.001 ? passed : 0.001)), rate));
 	ctl_term_field(stdout, "ended by", "%s", r->why == RECORD_UNPLUGGED ? "unplugging" : record_why_name(r->why));
 	if (u.stalls || u.overflows || u.errors || u.timeouts || u.parked)
-		ctl_term_field(stdout, "bus", "%llu stalls, %llu overflows, %llu errors, %llu timeouts; parked %llu times, %.3f s",
+		ctl_term_field(stdout, "bus",
+			       "%llu stalls, %llu overflows, %llu errors, %llu timeouts; parked %llu times, %.3f s",
 			       (unsigned long long)u.stalls, (unsigned long long)u.overflows, (unsigned long long)u.errors,
 			       (unsigned long long)u.timeouts, (unsigned long long)u.parked, seconds(u.parked_ns));
 	if (t->waits)
-		ctl_term_field(stdout, "disk", "waited for %llu times, %.3f s", (unsigned long long)t->waits, seconds(t->wait_ns));
+		ctl_term_field(stdout, "disk", "waited for %llu times, %.3f s", (unsigned long long)t->waits,
+			       seconds(t->wait_ns));
 	if (t->durable < t->bytes)
 		ctl_term_field(stdout, "durable", "%llu of %llu bytes", (unsigned long long)t->durable,
 			       (unsigned long long)t->bytes);

@@ -58,14 +58,14 @@ static int event(struct record *r, const struct usb_buffer *b, struct err *err)
 		record_gap(r);
 	if (b->kind != USB_PARKED)
 		record_tell_event(r, name, b->text);
-	return b->kind == USB_PARKED ? spool_event(r->spool, b->time_ns, err, "%s", b->text)
-				     : spool_event(r->spool, b->time_ns, err, "%s %s", name, b->text);
+	return b->kind == USB_PARKED ? spool_event(r->spool, b->time_ns, err, "%s", b->text) :
+				       spool_event(r->spool, b->time_ns, err, "%s %s", name, b->text);
 }
 
 static int keep(struct record *r, const struct usb_buffer *b, struct err *err)
 {
-	unsigned flags = (b->is_short ? SPOOL_SHORT : 0) | (b->after_gap ? SPOOL_AFTER_GAP : 0) |
-			 (b->with_error ? SPOOL_WITH_ERROR : 0);
+	unsigned flags =
+		(b->is_short ? SPOOL_SHORT : 0) | (b->after_gap ? SPOOL_AFTER_GAP : 0) | (b->with_error ? SPOOL_WITH_ERROR : 0);
 
 	if (b->kind == USB_DATA)
 		return record_data(r, flags, b->time_ns, b->at, b->size, err);
@@ -163,9 +163,9 @@ static int come_back(struct record *r, struct scan_device *d, struct err *err)
 				record_tell_event(r, "back", device.port);
 				r->clock_ns = clock_mono_ns();
 				return spool_event(r->spool, (int64_t)r->clock_ns, err, "back %s", device.port) ||
-						       spool_clock(r->spool, err)
-					       ? -(int)err->code
-					       : 0;
+						       spool_clock(r->spool, err) ?
+					       -(int)err->code :
+					       0;
 			}
 			/* Rights that udev has not given yet, a device that is still starting up: said once. */
 			if (why.code != ERR_CANCELLED && strcmp(told, why.message)) {

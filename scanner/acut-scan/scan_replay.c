@@ -28,8 +28,8 @@ struct run {
 	struct replay *replay; /* NULL: raw bytes only */
 	struct replay_clock clock;
 	EVP_MD_CTX *sha;
-	double shown;          /* when progress was */
-	uint64_t size;         /* of the file; 0: not known */
+	double shown;  /* when progress was */
+	uint64_t size; /* of the file; 0: not known */
 };
 
 static double now(void)
@@ -249,7 +249,8 @@ static int open_replay(struct run *r, struct err *err)
 	}
 	if (!rc && to == SCAN_TO_POINTS && decoder_find(f->profile.decoder)->kind != DECODER_POINTS) {
 		err_set(err, ERR_USAGE, "decoder %s gives sweeps, not points", f->profile.decoder);
-		return err_add_hint(err, "push --pose puts sweeps on the ground; --to sweeps and --to csv write them as they are");
+		return err_add_hint(err,
+				    "push --pose puts sweeps on the ground; --to sweeps and --to csv write them as they are");
 	}
 	if (!rc && (to == SCAN_TO_SWEEPS || to == SCAN_TO_CSV) && decoder_find(f->profile.decoder)->kind != DECODER_SWEEP)
 		return err_set(err, ERR_USAGE, "decoder %s gives points, not sweeps: --to points", f->profile.decoder);
@@ -290,7 +291,8 @@ static int judge(const struct scan_args *args, const struct scan_found *f)
 {
 	if (!f->damaged && !f->sha_differs)
 		return 0;
-	scan_warn(args, "%s: %s", f->file, f->damaged ? "records in its middle are damaged" : "its bytes are not those of the hash at its end");
+	scan_warn(args, "%s: %s", f->file,
+		  f->damaged ? "records in its middle are damaged" : "its bytes are not those of the hash at its end");
 	return err_exit_status(ERR_CORRUPT);
 }
 

@@ -21,19 +21,22 @@ struct scan_found {
 	const char *file;
 	struct spool_head head;
 	struct profile profile;
-	bool decoded;                 /* there is a profile with a decoder; why not: */
+	bool decoded; /* there is a profile with a decoder; why not: */
 	struct err why;
-	struct replay_counts counts;  /* of decoded ones */
+	struct replay_counts counts; /* of decoded ones */
 	uint64_t records, transfers, bytes, damaged, damaged_bytes;
-	struct { char word[16]; uint64_t n; } events[SCAN_EVENTS];
+	struct {
+		char word[16];
+		uint64_t n;
+	} events[SCAN_EVENTS];
 	size_t n_events;
-	int64_t first_ns, last_ns;    /* of DATA */
-	char sha256[65];              /* of the payloads of DATA */
-	bool sha_differs;             /* the END record has another one */
+	int64_t first_ns, last_ns; /* of DATA */
+	char sha256[65];           /* of the payloads of DATA */
+	bool sha_differs;          /* the END record has another one */
 	struct spool_tail tail;
 	struct scan_fault faults[SCAN_FAULTS];
-	uint64_t n_faults;            /* all */
-	double seconds;               /* that it took */
+	uint64_t n_faults; /* all */
+	double seconds;    /* that it took */
 };
 void scan_replay_report(const struct scan_args *, const struct scan_found *);
 

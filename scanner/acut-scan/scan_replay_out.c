@@ -20,10 +20,10 @@ enum { PATH = 4096 };
 struct scan_out {
 	const struct scan_args *args;
 	enum scan_to to;
-	FILE *file;            /* NULL: none is open */
-	char path[PATH];       /* of it; "": standard output */
-	unsigned files;        /* LAS: that were begun */
-	bool begun;            /* CSV: the names of the columns stand there */
+	FILE *file;      /* NULL: none is open */
+	char path[PATH]; /* of it; "": standard output */
+	unsigned files;  /* LAS: that were begun */
+	bool begun;      /* CSV: the names of the columns stand there */
 	struct err err;
 };
 
@@ -103,7 +103,10 @@ int scan_out_new(const struct scan_args *args, struct scan_out **ret, struct err
 	return 0;
 }
 
-enum scan_to scan_out_to(const struct scan_out *o) { return o->to; }
+enum scan_to scan_out_to(const struct scan_out *o)
+{
+	return o->to;
+}
 
 int scan_out_free(struct scan_out *o, bool good, struct err *err)
 {
@@ -198,8 +201,8 @@ static void sweep_json(FILE *f, const struct replay_sweep *r)
 		fprintf(f, ",\"device_time_s\":%.6f", r->device_time_s);
 	if (s->has_counter)
 		fprintf(f, ",\"counter\":%u", s->counter);
-	fprintf(f, ",\"lost\":%llu,\"repeated\":%s,\"after_gap\":%s,\"dirty\":%s", (unsigned long long)r->lost, r->repeated ? "true" : "false",
-		r->after_gap ? "true" : "false", s->dirty ? "true" : "false");
+	fprintf(f, ",\"lost\":%llu,\"repeated\":%s,\"after_gap\":%s,\"dirty\":%s", (unsigned long long)r->lost,
+		r->repeated ? "true" : "false", r->after_gap ? "true" : "false", s->dirty ? "true" : "false");
 	fprintf(f, ",\"period_s\":%.9g,\"first_deg\":%.9g,\"step_deg\":%.9g", s->period_s, s->first * degree, s->step * degree);
 	put_array(f, "range_m", s->range, s->shots);
 	if (has_intensity(s))
@@ -246,7 +249,8 @@ static int next_file(struct scan_out *o)
 	int size;
 
 	o->files++;
-	size = o->files == 1 ? snprintf(path, sizeof path, "%s", name) : snprintf(path, sizeof path, "%.*s-%u%s", (int)n, name, o->files, name + n);
+	size = o->files == 1 ? snprintf(path, sizeof path, "%s", name) :
+			       snprintf(path, sizeof path, "%.*s-%u%s", (int)n, name, o->files, name + n);
 	if (size < 0 || (size_t)size >= sizeof path)
 		return err_set(&o->err, ERR_USAGE, "the path of the output is too long");
 	return open_file(o, path);

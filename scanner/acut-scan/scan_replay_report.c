@@ -21,7 +21,10 @@ static const char *utc_text(double utc_s, char buf[48])
 	return buf;
 }
 
-static double per_second(uint64_t n, double seconds) { return n > 1 && seconds > 0 ? (double)(n - 1) / seconds : 0; }
+static double per_second(uint64_t n, double seconds)
+{
+	return n > 1 && seconds > 0 ? (double)(n - 1) / seconds : 0;
+}
 
 /* ---- for people ---- */
 
@@ -30,15 +33,16 @@ static void tell_records(FILE *out, const struct scan_found *f)
 	char size[32], rate[32];
 	double seconds = (double)(f->last_ns - f->first_ns) / 1e9;
 
-	ctl_term_field(out, "bytes", "%llu (%s) in %llu transfer%s%s%s%s", (unsigned long long)f->bytes, parse_size_text(f->bytes, size),
-		       (unsigned long long)f->transfers, f->transfers == 1 ? "" : "s", seconds > 0 ? ", " : "",
-		       seconds > 0 ? parse_size_text((uint64_t)((double)f->bytes / seconds), rate) : "", seconds > 0 ? "/s" : "");
+	ctl_term_field(out, "bytes", "%llu (%s) in %llu transfer%s%s%s%s", (unsigned long long)f->bytes,
+		       parse_size_text(f->bytes, size), (unsigned long long)f->transfers, f->transfers == 1 ? "" : "s",
+		       seconds > 0 ? ", " : "", seconds > 0 ? parse_size_text((uint64_t)((double)f->bytes / seconds), rate) : "",
+		       seconds > 0 ? "/s" : "");
 	ctl_term_field(out, "sha256", "%s%s", f->sha256, f->sha_differs ? " (its end says another)" : "");
 	for (size_t i = 0; i < f->n_events; i++)
 		ctl_term_field(out, i ? "" : "events", "%s: %llu", f->events[i].word, (unsigned long long)f->events[i].n);
 	if (f->damaged)
-		ctl_term_field(out, "damaged", "%llu place%s, %llu bytes of records", (unsigned long long)f->damaged, f->damaged == 1 ? "" : "s",
-			       (unsigned long long)f->damaged_bytes);
+		ctl_term_field(out, "damaged", "%llu place%s, %llu bytes of records", (unsigned long long)f->damaged,
+			       f->damaged == 1 ? "" : "s", (unsigned long long)f->damaged_bytes);
 	if (f->tail.torn)
 		ctl_term_field(out, "end", "torn: %llu byte%s behind the last whole record", (unsigned long long)f->tail.torn,
 			       f->tail.torn == 1 ? "" : "s");
@@ -51,11 +55,13 @@ static void tell_telegrams(FILE *out, const struct scan_found *f)
 	const struct framer_counts *c = &f->counts.framer;
 	const char *comma = ": ";
 
-	ctl_term_field(out, "telegrams", "%llu good, %llu bad; %llu byte%s in none", (unsigned long long)(c->telegrams - f->counts.undecoded),
-		       (unsigned long long)(c->bad + f->counts.undecoded), (unsigned long long)c->skipped, c->skipped == 1 ? "" : "s");
+	ctl_term_field(out, "telegrams", "%llu good, %llu bad; %llu byte%s in none",
+		       (unsigned long long)(c->telegrams - f->counts.undecoded),
+		       (unsigned long long)(c->bad + f->counts.undecoded), (unsigned long long)c->skipped,
+		       c->skipped == 1 ? "" : "s");
 	if (f->counts.not_data)
-		ctl_term_field(out, "", "%llu of the good %s no measurements: answers, names, comments", (unsigned long long)f->counts.not_data,
-			       f->counts.not_data == 1 ? "has" : "have");
+		ctl_term_field(out, "", "%llu of the good %s no measurements: answers, names, comments",
+			       (unsigned long long)f->counts.not_data, f->counts.not_data == 1 ? "has" : "have");
 	if (!c->bad && !c->by[FRAMER_GARBAGE] && !f->counts.undecoded && !f->counts.gaps)
 		return;
 	fputs("  bad", out);
@@ -82,18 +88,21 @@ static void tell_sweeps(FILE *out, const struct scan_found *f)
 		else
 			ctl_term_field(out, "points", "%llu", (unsigned long long)c->points);
 	} else {
-		ctl_term_field(out, "sweeps", "%llu (%.2f a second); %llu shots, %llu with a range", (unsigned long long)c->sweeps,
-			       per_second(c->sweeps, seconds - c->clock_moved_s), (unsigned long long)c->shots, (unsigned long long)c->returns);
-		ctl_term_field(out, "lost", "%llu by the device's counter; came twice: %llu; device started anew: %llu", (unsigned long long)c->lost,
-			       (unsigned long long)c->repeated, (unsigned long long)c->restarts);
+		ctl_term_field(out, "sweeps", "%llu (%.2f a second); %llu shots, %llu with a range",
+			       (unsigned long long)c->sweeps, per_second(c->sweeps, seconds - c->clock_moved_s),
+			       (unsigned long long)c->shots, (unsigned long long)c->returns);
+		ctl_term_field(out, "lost", "%llu by the device's counter; came twice: %llu; device started anew: %llu",
+			       (unsigned long long)c->lost, (unsigned long long)c->repeated, (unsigned long long)c->restarts);
 		if (c->dirty)
 			ctl_term_field(out, "dirty", "%llu sweep%s: the device says that its window is dirty, or that it fails",
 				       (unsigned long long)c->dirty, c->dirty == 1 ? "" : "s");
 	}
 	if (c->has_times)
-		ctl_term_field(out, "time", "%s to %s (%.3f s)", utc_text(c->first_utc_s, from), utc_text(c->last_utc_s, to), seconds);
+		ctl_term_field(out, "time", "%s to %s (%.3f s)", utc_text(c->first_utc_s, from), utc_text(c->last_utc_s, to),
+			       seconds);
 	if (c->clock_sets)
-		ctl_term_field(out, "clock", "the computer's was set %llu time%s, by up to %.3f s: what came before has the time of then",
+		ctl_term_field(out, "clock",
+			       "the computer's was set %llu time%s, by up to %.3f s: what came before has the time of then",
 			       (unsigned long long)c->clock_sets, c->clock_sets == 1 ? "" : "s", c->clock_most_s);
 	if (c->device_serial[0])
 		ctl_term_field(out, "serial", "%s, by its telegrams", c->device_serial);
@@ -102,8 +111,8 @@ static void tell_sweeps(FILE *out, const struct scan_found *f)
 static void tell_faults(FILE *out, const struct scan_found *f)
 {
 	for (uint64_t i = 0; i < f->n_faults && i < SCAN_FAULTS; i++)
-		ctl_term_line(out, "  at %llu, %llu bytes: %s", (unsigned long long)f->faults[i].offset, (unsigned long long)f->faults[i].size,
-			      f->faults[i].text);
+		ctl_term_line(out, "  at %llu, %llu bytes: %s", (unsigned long long)f->faults[i].offset,
+			      (unsigned long long)f->faults[i].size, f->faults[i].text);
 	if (f->n_faults > SCAN_FAULTS)
 		ctl_term_line(out, "  and %llu more", (unsigned long long)(f->n_faults - SCAN_FAULTS));
 }
@@ -116,7 +125,8 @@ static void tell(const struct scan_args *args, const struct scan_found *f)
 
 	ctl_term_field(out, "spool", "%s", f->file);
 	if (h->vendor || h->model[0] || h->serial[0])
-		ctl_term_field(out, "scanner", "%04x:%04x %s %s%s%s", h->vendor, h->product, h->manufacturer, h->model, h->serial[0] ? " " : "", h->serial);
+		ctl_term_field(out, "scanner", "%04x:%04x %s %s%s%s", h->vendor, h->product, h->manufacturer, h->model,
+			       h->serial[0] ? " " : "", h->serial);
 	if (h->utc_ns)
 		ctl_term_field(out, "captured", "%s at %s", utc_text((double)h->utc_ns / 1e9, when), h->port);
 	tell_records(out, f);

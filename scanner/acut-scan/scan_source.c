@@ -1,9 +1,9 @@
 /*
  * Sources out of spools (scan_source.h).
  *
- * The model: what is written depends on the records of the spool, its profile and the poses, and on nothing else: no clock, no chance,
- * no name of a file. So the same spool with the same poses is the same bytes, whose hash tells a dataset that it has them.
- * Memory does not grow with the spool.
+ * The model: what is written depends on the records of the spool, its profile and the poses, and on nothing else: no clock, no
+ * chance, no name of a file. So the same spool with the same poses is the same bytes, whose hash tells a dataset that it has
+ * them. Memory does not grow with the spool.
  */
 #include "scan_source.h"
 
@@ -53,9 +53,9 @@ struct making {
 	bool measures, has_frame; /* the first pass: only the summary */
 	struct out *out;
 	bool (*stop)(void *ctx);
-	void *ctx;                /* of the stop */
+	void *ctx; /* of the stop */
 	struct err *err;
-	struct err far;           /* the first that lies too far */
+	struct err far; /* the first that lies too far */
 	uint64_t lines;
 };
 
@@ -68,7 +68,8 @@ static int point(void *ctx, const struct ground_point *p)
 
 	struct err why = ERR_INIT;
 
-	/* A digit of a pose is damaged, or a range: it has no place, as a shot without a pose has none, and nothing goes by it. */
+	/* A digit of a pose is damaged, or a range: it has no place, as a shot without a pose has none, and nothing goes by it.
+	 */
 	if (m->measures && !m->has_frame)
 		m->frame = las_frame_of(p->at);
 	r = las_place(&m->frame, p->at, at, &why);
@@ -133,14 +134,16 @@ static int pass(struct making *m)
 	const struct replay_sinks sinks = {
 		.ctx = m,
 		.sweep = kind == SCAN_GROUND ? sweep : NULL,
-		.points = kind == SCAN_TEXT_LINES ? line : kind == SCAN_LAS_FILE ? las_piece : NULL,
+		.points = kind == SCAN_TEXT_LINES ? line :
+			  kind == SCAN_LAS_FILE   ? las_piece :
+						    NULL,
 	};
 
 	return scan_spool_pass(m->source->spool, &sinks, ask, m->err);
 }
 
-int scan_source_write(const struct scan_source *s, int (*put)(void *ctx, const void *, size_t), bool (*stop)(void *ctx), void *ctx,
-		      struct err *err)
+int scan_source_write(const struct scan_source *s, int (*put)(void *ctx, const void *, size_t), bool (*stop)(void *ctx),
+		      void *ctx, struct err *err)
 {
 	struct out *out = malloc(sizeof *out);
 	struct making m = {.source = s, .frame = s->las.frame, .out = out, .stop = stop, .ctx = ctx, .err = err};
@@ -210,10 +213,13 @@ static int no_time(const struct scan_source *s, struct err *err)
 	double gps = pose_gps_of_utc(span->first), apart = span->first - s->spool->counts.first_utc_s;
 
 	if ((span->first >= 0 && span->first <= week) || (gps >= 0 && gps <= week))
-		return err_add_hint(err, "they look like seconds of a GPS week: add 604800 for each week since 1980-01-06, take 1000000000 away, and "
-					 "say --pose-clock gps");
+		return err_add_hint(
+			err,
+			"they look like seconds of a GPS week: add 604800 for each week since 1980-01-06, take 1000000000 away, and "
+			"say --pose-clock gps");
 	if (fabs(apart - adjust) < 30 * day || fabs(apart + epoch) < 30 * day)
-		return err_add_hint(err, "they look like seconds since 1980-01-06: take 1000000000 away, and say --pose-clock gps");
+		return err_add_hint(err,
+				    "they look like seconds since 1980-01-06: take 1000000000 away, and say --pose-clock gps");
 	return err_add_hint(err, "--pose-clock gps if their times are GPS time; --pose-offset if one of the clocks was wrong");
 }
 
@@ -224,12 +230,14 @@ static int no_points(const struct scan_source *s, struct err *err)
 	const struct ground_counts *g = &s->ground;
 
 	if (!c->sweeps) {
-		err_set(err, ERR_INPUT, "there is no sweep in it: %llu telegrams, %llu bad", (unsigned long long)c->framer.telegrams,
-			(unsigned long long)(c->framer.bad + c->undecoded));
+		err_set(err, ERR_INPUT, "there is no sweep in it: %llu telegrams, %llu bad",
+			(unsigned long long)c->framer.telegrams, (unsigned long long)(c->framer.bad + c->undecoded));
 		err_add_hint(err, "acut-scan replay says what is in it; --profile decodes it by another profile");
 	} else if (g->before + g->after + g->gap) {
-		err_set(err, ERR_INPUT, "no shot has a pose: its sweeps are from %.3f to %.3f, the poses from %.3f to %.3f (UTC, seconds "
-			"since 1970)", c->first_utc_s, c->last_utc_s, span->first, span->last);
+		err_set(err, ERR_INPUT,
+			"no shot has a pose: its sweeps are from %.3f to %.3f, the poses from %.3f to %.3f (UTC, seconds "
+			"since 1970)",
+			c->first_utc_s, c->last_utc_s, span->first, span->last);
 		no_time(s, err);
 	} else {
 		err_set(err, ERR_INPUT, "none of its %llu shots is a point: %llu had no return, %llu were out of range",
@@ -334,12 +342,15 @@ static int find_files(struct scan_spool *spool, struct files *ret, struct err *e
 	if (!r && !ret->n) {
 		uint64_t laz = spool->counts.framer.by[FRAMER_LAZ];
 
-		err_set(err, ERR_INPUT, laz ? "its LAS files are compressed (LAZ, %llu of them), and where one ends only its reader knows"
-					    : "there is no whole LAS file in it (%llu were not)",
+		err_set(err, ERR_INPUT,
+			laz ? "its LAS files are compressed (LAZ, %llu of them), and where one ends only its reader knows" :
+			      "there is no whole LAS file in it (%llu were not)",
 			(unsigned long long)(laz ? laz : spool->counts.framer.bad));
 		if (laz)
-			err_add_hint(err, "have the scanner send LAS; acut-scan replay SPOOL --to raw -o FILE.laz writes what came, and acutctl push "
-					  "takes that if it is one file");
+			err_add_hint(
+				err,
+				"have the scanner send LAS; acut-scan replay SPOOL --to raw -o FILE.laz writes what came, and acutctl push "
+				"takes that if it is one file");
 		r = err_add_file(err, spool->file);
 	}
 	return r;
@@ -361,9 +372,13 @@ static void name_source(const struct scan_args *args, struct scan_source *s, siz
 
 static int needs_pose(const struct scan_spool *s, struct err *err)
 {
-	err_set(err, ERR_USAGE, "it holds sweeps of a scanner (%.60s): ranges without a pose are no points on the ground; they stay "
-		"recorded, raw", *s->profile.title ? s->profile.title : s->profile.name);
-	err_add_hint(err, "say where the scanner was with --pose FILE, see acut-pose(5); acut-scan replay --to sweeps shows the ranges");
+	err_set(err, ERR_USAGE,
+		"it holds sweeps of a scanner (%.60s): ranges without a pose are no points on the ground; they stay "
+		"recorded, raw",
+		*s->profile.title ? s->profile.title : s->profile.name);
+	err_add_hint(
+		err,
+		"say where the scanner was with --pose FILE, see acut-pose(5); acut-scan replay --to sweeps shows the ranges");
 	return err_add_file(err, s->file);
 }
 
@@ -391,9 +406,9 @@ int scan_source_find(const struct scan_args *args, struct scan_spool *spool, str
 		list[i].kind = spool->decoder->kind == DECODER_SWEEP ? SCAN_GROUND : las ? SCAN_LAS_FILE : SCAN_TEXT_LINES;
 		list[i].file = las ? files.number[i] : 0;
 		name_source(args, &list[i], i, n);
-		r = list[i].kind == SCAN_GROUND	? find_ground(&list[i], err)
-		    : las			? hash_source(&list[i], err)
-						: find_text(&list[i], err);
+		r = list[i].kind == SCAN_GROUND ? find_ground(&list[i], err) :
+		    las                         ? hash_source(&list[i], err) :
+						  find_text(&list[i], err);
 	}
 	free(files.number);
 	if (r) {

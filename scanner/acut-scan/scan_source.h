@@ -16,14 +16,14 @@
 #include "spool.h"
 
 struct scan_spool {
-	const char *file;          /* as it was named */
+	const char *file; /* as it was named */
 	struct spool_head head;
 	char id[33];
 	struct profile profile;
 	const struct decoder *decoder;
 	/* of the first pass; those behind it read no further */
 	bool passed;
-	uint64_t records, damaged;  /* damaged: bytes in its middle that are no records */
+	uint64_t records, damaged; /* damaged: bytes in its middle that are no records */
 	struct spool_tail tail;
 	struct replay_counts counts;
 };
@@ -36,14 +36,14 @@ int scan_spool_pass(struct scan_spool *, const struct replay_sinks *, bool (*sto
 enum scan_kind { SCAN_GROUND, SCAN_LAS_FILE, SCAN_TEXT_LINES };
 struct scan_source {
 	struct scan_spool *spool;
-	struct pose_track *track;   /* GROUND: borrowed */
+	struct pose_track *track; /* GROUND: borrowed */
 	enum scan_kind kind;
 	uint64_t file;              /* LAS_FILE: its number in the spool */
 	char name[256];             /* that the dataset keeps */
 	char path[64];              /* who it is: "spool:ID", "spool:ID/2" */
 	char hash[DIGEST_HEX_SIZE]; /* of its bytes */
 	uint64_t size;
-	uint64_t points;            /* 0 of LAS_FILE: not counted */
+	uint64_t points; /* 0 of LAS_FILE: not counted */
 	struct ground_counts ground;
 	struct las_params las;
 	uint8_t head[LAS_HEAD_MAX];
@@ -78,9 +78,9 @@ struct scan_result {
 	uint64_t points, moved;
 	uint32_t replaced;
 	char *warning;
-	uint64_t generation;        /* that has it; 0: none */
-	bool first;                 /* of its spool */
-	struct err err;             /* of REFUSED */
+	uint64_t generation; /* that has it; 0: none */
+	bool first;          /* of its spool */
+	struct err err;      /* of REFUSED */
 };
 void scan_push_tell(const struct scan_args *, const struct scan_result *);
 /* At the end: the dataset. */

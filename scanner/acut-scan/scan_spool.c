@@ -97,8 +97,8 @@ int scan_spool_open(const struct scan_args *args, const char *file, struct scan_
 			sprintf(ret->id + 2 * i, "%02x", ret->head.id[i]);
 		ret->decoder = decoder_find(ret->profile.decoder);
 		if (!ret->decoder) {
-			err_set(err, ERR_INPUT, "its profile %.60s asks for a decoder \"%.60s\" that there is not", ret->profile.name,
-				ret->profile.decoder);
+			err_set(err, ERR_INPUT, "its profile %.60s asks for a decoder \"%.60s\" that there is not",
+				ret->profile.name, ret->profile.decoder);
 			r = err_add_file(err, file);
 		}
 	}

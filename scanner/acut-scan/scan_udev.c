@@ -20,16 +20,16 @@ static const char head[] =
 	"ENV{DEVTYPE}!=\"usb_device\", GOTO=\"acut_scanner_end\"\n"
 	"\n";
 
-/* Mass storage is never captured, whatever a profile says. The alias gives the unit a device to be bound to that has the same name, BUS-PORT: / is written - there. */
-static const char tail[] =
-	"\n"
-	"ENV{ACUT_SCANNER}==\"\", GOTO=\"acut_scanner_end\"\n"
-	"ENV{ACUT_SCANNER}==\"none\", GOTO=\"acut_scanner_end\"\n"
-	"ENV{ID_USB_INTERFACES}==\"*:08????:*\", GOTO=\"acut_scanner_end\"\n"
-	"SUBSYSTEM==\"usb\", GROUP=\"acut-scan\", MODE=\"0660\", TAG+=\"systemd\", "
-	"ENV{SYSTEMD_ALIAS}+=\"/acut/scanner/$attr{busnum}/$attr{devpath}\"\n"
-	"ENV{ACUT_SCANNER_START}!=\"no\", ENV{SYSTEMD_WANTS}+=\"acut-scan@$kernel.service\"\n"
-	"LABEL=\"acut_scanner_end\"\n";
+/* Mass storage is never captured, whatever a profile says. The alias gives the unit a device to be bound to that has the same
+ * name, BUS-PORT: / is written - there. */
+static const char tail[] = "\n"
+			   "ENV{ACUT_SCANNER}==\"\", GOTO=\"acut_scanner_end\"\n"
+			   "ENV{ACUT_SCANNER}==\"none\", GOTO=\"acut_scanner_end\"\n"
+			   "ENV{ID_USB_INTERFACES}==\"*:08????:*\", GOTO=\"acut_scanner_end\"\n"
+			   "SUBSYSTEM==\"usb\", GROUP=\"acut-scan\", MODE=\"0660\", TAG+=\"systemd\", "
+			   "ENV{SYSTEMD_ALIAS}+=\"/acut/scanner/$attr{busnum}/$attr{devpath}\"\n"
+			   "ENV{ACUT_SCANNER_START}!=\"no\", ENV{SYSTEMD_WANTS}+=\"acut-scan@$kernel.service\"\n"
+			   "LABEL=\"acut_scanner_end\"\n";
 
 /* A value in a rule: what means something to udev there, and is not to, stands for any one character. */
 static void print_glob(FILE *out, const char *glob)
@@ -50,10 +50,12 @@ static void print_rule(FILE *out, const struct profile *p, bool alone)
 {
 	fprintf(out, "# %s%s%s\n", p->name, p->title[0] ? ": " : "", p->title);
 	if (p->vendor < 0 || !is_plain(p->name)) {
-		fprintf(out, "# (no rule: %s)\n", p->vendor < 0 ? "it names no vendor" : "its name has other than letters, digits and ._+-");
+		fprintf(out, "# (no rule: %s)\n",
+			p->vendor < 0 ? "it names no vendor" : "its name has other than letters, digits and ._+-");
 		return;
 	}
-	fputs(alone ? "SUBSYSTEM==\"usb\", ENV{DEVTYPE}==\"usb_device\", " : "SUBSYSTEM==\"usb\", ENV{ACUT_SCANNER}==\"\", ", out);
+	fputs(alone ? "SUBSYSTEM==\"usb\", ENV{DEVTYPE}==\"usb_device\", " : "SUBSYSTEM==\"usb\", ENV{ACUT_SCANNER}==\"\", ",
+	      out);
 	fprintf(out, "ATTR{idVendor}==\"%04x\", ", (unsigned)p->vendor);
 	if (p->product >= 0)
 		fprintf(out, "ATTR{idProduct}==\"%04x\", ", (unsigned)p->product);

@@ -27,14 +27,18 @@ static int las_check(const struct profile *p, struct err *err)
 static const struct decoder decoders[] = {
 	{"cola-a", "SICK CoLa-A: LMDscandata telegrams (TiM, LMS)", DECODER_SWEEP, decoder_cola, decoder_cola_check, NULL},
 	{"las", "LAS files, one behind the other", DECODER_POINTS, NULL, las_check, "las"},
-	{"ranges", "binary telegrams with ranges in a row, as the profile says", DECODER_SWEEP, decoder_ranges, decoder_ranges_check, NULL},
+	{"ranges", "binary telegrams with ranges in a row, as the profile says", DECODER_SWEEP, decoder_ranges,
+	 decoder_ranges_check, NULL},
 	{"raw", "nothing is decoded: captured now, decoded by a later acut", DECODER_SWEEP, no_data, NULL, NULL},
 	{"xyz", "lines of numbers", DECODER_POINTS, decoder_xyz, decoder_xyz_check, "xyz"},
 };
 
 enum { DECODERS = sizeof decoders / sizeof *decoders };
 
-const struct decoder *decoder_at(size_t i) { return i < DECODERS ? &decoders[i] : NULL; }
+const struct decoder *decoder_at(size_t i)
+{
+	return i < DECODERS ? &decoders[i] : NULL;
+}
 
 const struct decoder *decoder_find(const char *name)
 {

@@ -19,17 +19,17 @@ enum { SWEEP_SHOTS = 65536 };
 struct sweep {
 	double first, step;
 	uint32_t shots;
-	float *range;          /* SWEEP_SHOTS places, the caller's */
-	float *intensity;      /* 0 to 1; NAN: not said */
-	double period_s;       /* of one revolution, so that shot i is at + i * step / 2 pi * period; 0: not known */
+	float *range;     /* SWEEP_SHOTS places, the caller's */
+	float *intensity; /* 0 to 1; NAN: not said */
+	double period_s;  /* of one revolution, so that shot i is at + i * step / 2 pi * period; 0: not known */
 	bool has_device_time;
-	double device_time_s;  /* of the first shot, the device's own clock, an arbitrary zero; may be below 0 */
-	double device_wrap_s;  /* that clock begins again at 0 after as many seconds */
-	uint32_t counter;      /* of sweeps, as the device counts them */
-	uint8_t counter_bits;  /* begins again at 0 behind 2^bits - 1 */
+	double device_time_s; /* of the first shot, the device's own clock, an arbitrary zero; may be below 0 */
+	double device_wrap_s; /* that clock begins again at 0 after as many seconds */
+	uint32_t counter;     /* of sweeps, as the device counts them */
+	uint8_t counter_bits; /* begins again at 0 behind 2^bits - 1 */
 	bool has_counter;
-	char device_serial[32];/* as its label has it; "": not said */
-	bool dirty;            /* the device says that its window is dirty or that it fails */
+	char device_serial[32]; /* as its label has it; "": not said */
+	bool dirty;             /* the device says that its window is dirty or that it fails */
 };
 
 enum decoder_kind { DECODER_SWEEP, DECODER_POINTS }; /* POINTS: telegrams are the text or file itself (XYZ, LAS) */
@@ -42,7 +42,7 @@ struct decoder {
 	 * undefined after anything but 0. POINTS: NULL for LAS; of XYZ says whether the line is one (ret may be NULL). */
 	int (*decode)(const uint8_t *at, size_t size, const struct profile *, struct sweep *ret, struct err *);
 	int (*check)(const struct profile *, struct err *); /* what the profile must say for it; NULL: nothing */
-	const char *input_format;  /* POINTS: "las", "xyz" as acutctl names them; NULL */
+	const char *input_format;                           /* POINTS: "las", "xyz" as acutctl names them; NULL */
 };
 enum { DECODER_NOT_DATA = 1 };
 

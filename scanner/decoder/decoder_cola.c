@@ -50,8 +50,8 @@ static struct word next(struct words *w)
 }
 
 static const int8_t hex[256] = {
-	['0'] = 1, ['1'] = 2, ['2'] = 3, ['3'] = 4, ['4'] = 5, ['5'] = 6, ['6'] = 7, ['7'] = 8, ['8'] = 9, ['9'] = 10,
-	['A'] = 11, ['B'] = 12, ['C'] = 13, ['D'] = 14, ['E'] = 15, ['F'] = 16,
+	['0'] = 1,  ['1'] = 2,  ['2'] = 3,  ['3'] = 4,  ['4'] = 5,  ['5'] = 6,  ['6'] = 7,  ['7'] = 8,
+	['8'] = 9,  ['9'] = 10, ['A'] = 11, ['B'] = 12, ['C'] = 13, ['D'] = 14, ['E'] = 15, ['F'] = 16,
 	['a'] = 11, ['b'] = 12, ['c'] = 13, ['d'] = 14, ['e'] = 15, ['f'] = 16,
 };
 
@@ -147,7 +147,8 @@ struct seen {
 	uint32_t rssi_n;
 };
 
-static int channels(struct words *w, unsigned n, size_t digits, const struct profile *p, struct sweep *ret, struct seen *seen, struct err *err)
+static int channels(struct words *w, unsigned n, size_t digits, const struct profile *p, struct sweep *ret, struct seen *seen,
+		    struct err *err)
 {
 	for (unsigned i = 0; i < n && !w->bad; i++) {
 		size_t at = (size_t)(w->at - w->start);
@@ -176,7 +177,10 @@ static int channels(struct words *w, unsigned n, size_t digits, const struct pro
 			seen->rssi_n = c.n;
 		}
 		rc = channel_values(w, &c, dist ? "DIST1" : "", digits, rssi ? digits == 4 ? 65535.0F : 255.0F : 0,
-				    dist ? ret->range : rssi ? ret->intensity : NULL, err);
+				    dist ? ret->range :
+				    rssi ? ret->intensity :
+					   NULL,
+				    err);
 		if (rc)
 			return rc;
 	}
@@ -218,7 +222,7 @@ static void besides(struct words *w)
 		text(w, 16 * 4);
 	if (w->at < w->end)
 		text(w, 128 * 4);
-	block(w, 7); /* time: year month day hour minute second microseconds */
+	block(w, 7);                        /* time: year month day hour minute second microseconds */
 	if (w->at < w->end && number(w, 4)) /* event: of various forms, nothing follows */
 		w->at = w->end;
 	if (w->at < w->end)
@@ -252,7 +256,8 @@ static bool parameters(struct words *w, unsigned extra, struct sweep *ret, unsig
 static int answer(const uint8_t *at, size_t size, struct err *err)
 {
 	/* s, two letters, a blank or the end: sEA, sRA, sAN, sWA, sFA; or an event of another name */
-	if (size >= 3 && at[0] == 's' && at[1] >= 'A' && at[1] <= 'Z' && at[2] >= 'A' && at[2] <= 'Z' && (size == 3 || at[3] == ' ')) {
+	if (size >= 3 && at[0] == 's' && at[1] >= 'A' && at[1] <= 'Z' && at[2] >= 'A' && at[2] <= 'Z' &&
+	    (size == 3 || at[3] == ' ')) {
 		for (size_t i = 0; i < size; i++)
 			if (at[i] < ' ')
 				return decoder_bad(err, i, "a control character in an answer");
@@ -304,7 +309,8 @@ int decoder_cola(const uint8_t *at, size_t size, const struct profile *p, struct
 	if (!w.bad && !parameters(&w, 0, ret, &n)) {
 		w = again;
 		if (!parameters(&w, 1, ret, &n))
-			return decoder_bad(err, (size_t)(again.at - at), "frequencies, encoders and channels are not as they should be");
+			return decoder_bad(err, (size_t)(again.at - at),
+					   "frequencies, encoders and channels are not as they should be");
 	}
 	if (!w.bad && (rc = channels(&w, n, 4, p, ret, &seen, err)))
 		return rc;

@@ -25,7 +25,10 @@ static uint32_t value(const uint8_t *at, struct profile_field f)
 	return v;
 }
 
-static uint32_t all_ones(struct profile_field f) { return UINT32_MAX >> (32 - 8 * f.size); }
+static uint32_t all_ones(struct profile_field f)
+{
+	return UINT32_MAX >> (32 - 8 * f.size);
+}
 
 /* How many shots there are; -ERR_INPUT if they do not fit. */
 static int count_shots(const struct profile_ranges *r, const uint8_t *at, size_t size, uint32_t *ret, struct err *err)

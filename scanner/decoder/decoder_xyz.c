@@ -1,7 +1,7 @@
 /*
  * Lines of numbers. It says only whether a line is one of points: numbers where the columns x, y and z are, by the rules of
- * acut's reader of texts (one kind of separator a line), since that refuses a whole text for one line; what they mean, to the last
- * digit, is said by it, to which the line goes as it is.
+ * acut's reader of texts (one kind of separator a line), since that refuses a whole text for one line; what they mean, to the
+ * last digit, is said by it, to which the line goes as it is.
  */
 #include <ctype.h>
 #include <string.h>
@@ -28,7 +28,8 @@ static bool is_plain(const uint8_t *at, size_t size)
 	return points < 2 && size - start > points;
 }
 
-/* At most 18 digits between the first and the last that is not 0, at places from 10^18 to 10^-15: what the reader keeps exactly. */
+/* At most 18 digits between the first and the last that is not 0, at places from 10^18 to 10^-15: what the reader keeps exactly.
+ */
 static bool is_kept(const uint8_t *at, size_t size)
 {
 	int n = 0, whole = -1, first = -1, last = -1, exponent = 0;
@@ -119,7 +120,8 @@ static size_t column_end(const uint8_t *at, size_t pos, size_t size, bool skippe
 
 	if (quote)
 		return (size_t)(quote - at) + 1;
-	while (pos < size && at[pos] != ',' && at[pos] != ';' && ((at[pos] != ' ' && at[pos] != '\t') || (skipped && kind && kind != ' ')))
+	while (pos < size && at[pos] != ',' && at[pos] != ';' &&
+	       ((at[pos] != ' ' && at[pos] != '\t') || (skipped && kind && kind != ' ')))
 		pos++;
 	return pos;
 }
@@ -137,7 +139,10 @@ static bool uneven_commas(const uint8_t *at, size_t size)
 	return blank && tight && !memchr(at, '.', size);
 }
 
-static bool is_skipped(char c) { return c == '_' || c == 's' || c == '-'; }
+static bool is_skipped(char c)
+{
+	return c == '_' || c == 's' || c == '-';
+}
 
 int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct sweep *ret, struct err *err)
 {

@@ -26,7 +26,7 @@ int framer_new(const struct profile *p, framer_sink sink, void *ctx, struct fram
 {
 	static size_t (*const cuts[])(struct framer *, const uint8_t *, size_t) = {
 		[PROFILE_FRAMER_STREAM] = framer_cut_stream, [PROFILE_FRAMER_STX_ETX] = framer_cut_stx_etx,
-		[PROFILE_FRAMER_LINE] = framer_cut_line, [PROFILE_FRAMER_FIXED] = framer_cut_fixed,
+		[PROFILE_FRAMER_LINE] = framer_cut_line,     [PROFILE_FRAMER_FIXED] = framer_cut_fixed,
 		[PROFILE_FRAMER_LENGTH] = framer_cut_length, [PROFILE_FRAMER_LAS] = framer_cut_las,
 	};
 	struct framer *f = calloc(1, sizeof *f);
@@ -108,8 +108,12 @@ static int64_t time_of(const struct framer *f, uint64_t place)
 bool framer_give(struct framer *f, const uint8_t *at, size_t size, uint64_t offset, size_t frame)
 {
 	struct telegram t = {
-		.at = at, .size = size, .offset = offset, .number = f->counts.telegrams,
-		.first_ns = time_of(f, offset), .time_ns = time_of(f, offset + frame - (frame > 0)),
+		.at = at,
+		.size = size,
+		.offset = offset,
+		.number = f->counts.telegrams,
+		.first_ns = time_of(f, offset),
+		.time_ns = time_of(f, offset + frame - (frame > 0)),
 	};
 
 	end_garbage(f);

@@ -18,42 +18,42 @@ struct framer;
 struct telegram {
 	const uint8_t *at; /* without STX, ETX and line end, with sync and length; until the sink returns */
 	size_t size;
-	uint64_t number;   /* of good telegrams, from 0 */
-	uint64_t offset;   /* of the first byte of its framing in the stream */
-	int64_t time_ns;   /* of the transfer that completed it */
-	int64_t first_ns;  /* of the transfer that began it (of those cut over more than 32 transfers: of one near) */
-	uint64_t file;     /* LAS: number of the file that it is a piece of, from 0 */
+	uint64_t number;             /* of good telegrams, from 0 */
+	uint64_t offset;             /* of the first byte of its framing in the stream */
+	int64_t time_ns;             /* of the transfer that completed it */
+	int64_t first_ns;            /* of the transfer that began it (of those cut over more than 32 transfers: of one near) */
+	uint64_t file;               /* LAS: number of the file that it is a piece of, from 0 */
 	bool file_begins, file_ends; /* LAS: with this piece. A file that begins and does not end is in framer_bad. */
 };
 /* Non-zero ends the feed with it: what the feed had behind it is not seen. */
 typedef int (*framer_sink)(void *ctx, const struct telegram *);
 
 /* Why bytes are in no telegram. GARBAGE lies between telegrams and is not counted as a bad one. */
-#define FRAMER_REASONS(R)                                                                       \
-	R(GARBAGE, "garbage")       /* begins as no telegram does */                            \
-	R(LONG, "too-long")         /* longer than telegram_max */                              \
-	R(CUT, "cut")               /* the next one begins before its end */                    \
-	R(GAP, "gap")               /* bytes were lost in it */                                 \
-	R(END, "unfinished")        /* the stream ends in it */                                 \
-	R(LENGTH, "bad-length")     /* says a length that cannot be */                          \
-	R(HEADER, "bad-header")     /* LAS: a header that is none */                            \
-	R(LAZ, "compressed")        /* LAS: the header of a compressed file, which does not say how long it is */
+#define FRAMER_REASONS(R)                                                \
+	R(GARBAGE, "garbage")   /* begins as no telegram does */         \
+	R(LONG, "too-long")     /* longer than telegram_max */           \
+	R(CUT, "cut")           /* the next one begins before its end */ \
+	R(GAP, "gap")           /* bytes were lost in it */              \
+	R(END, "unfinished")    /* the stream ends in it */              \
+	R(LENGTH, "bad-length") /* says a length that cannot be */       \
+	R(HEADER, "bad-header") /* LAS: a header that is none */         \
+	R(LAZ, "compressed")    /* LAS: the header of a compressed file, which does not say how long it is */
 enum framer_reason {
 #define R(name, text) FRAMER_##name,
 	FRAMER_REASONS(R)
 #undef R
-	FRAMER_REASON_COUNT
+		FRAMER_REASON_COUNT
 };
 const char *framer_reason_name(enum framer_reason);
 
 struct framer_counts {
-	uint64_t bytes;      /* fed */
+	uint64_t bytes; /* fed */
 	uint64_t telegrams, bad;
-	uint64_t framed;     /* bytes of good telegrams, with their framing */
-	uint64_t skipped;    /* bytes in no telegram; bytes = framed + skipped + held, held is 0 after framer_end */
-	uint64_t held;       /* begun, not decided yet */
+	uint64_t framed;                  /* bytes of good telegrams, with their framing */
+	uint64_t skipped;                 /* bytes in no telegram; bytes = framed + skipped + held, held is 0 after framer_end */
+	uint64_t held;                    /* begun, not decided yet */
 	uint64_t by[FRAMER_REASON_COUNT]; /* how many of each; bad is their sum without GARBAGE */
-	uint64_t files;      /* LAS: whole ones */
+	uint64_t files;                   /* LAS: whole ones */
 };
 
 /* Memory: telegram_max of the profile and 64 KiB. STREAM: every feed is a telegram. LAS: telegrams are pieces of at

@@ -10,11 +10,11 @@ enum { FRAMER_PIECE = 64 << 10, FRAMER_MARKS = 32 };
 
 struct las_file {
 	bool inside;
-	uint64_t at;          /* bytes of it that were cut off already */
-	uint64_t end;         /* of what is known of it */
-	uint32_t evlrs;       /* whose heads were not read yet */
+	uint64_t at;    /* bytes of it that were cut off already */
+	uint64_t end;   /* of what is known of it */
+	uint32_t evlrs; /* whose heads were not read yet */
 	uint64_t number;
-	uint64_t start;       /* in the stream */
+	uint64_t start; /* in the stream */
 };
 
 struct framer {
@@ -25,18 +25,21 @@ struct framer {
 	void *told_ctx;
 	size_t (*cut)(struct framer *, const uint8_t *at, size_t size);
 
-	uint64_t at;          /* in the stream: of the first byte that is handed to cut */
-	size_t looked;        /* from there on: cut has looked at as many and they hold no end */
-	bool skipping;        /* LINE: until the next line end */
-	bool lost;            /* LENGTH without sync: since a length that cannot be, no telegram was found */
-	int result;           /* what the sink answered */
+	uint64_t at;   /* in the stream: of the first byte that is handed to cut */
+	size_t looked; /* from there on: cut has looked at as many and they hold no end */
+	bool skipping; /* LINE: until the next line end */
+	bool lost;     /* LENGTH without sync: since a length that cannot be, no telegram was found */
+	int result;    /* what the sink answered */
 	struct las_file las;
 	uint64_t garbage_at, garbage; /* a stretch of it that is not over */
 
 	uint8_t *held;
 	size_t n, room;
 	/* When held bytes came: those from `from` on, in order. */
-	struct { uint64_t from; int64_t time_ns; } mark[FRAMER_MARKS];
+	struct {
+		uint64_t from;
+		int64_t time_ns;
+	} mark[FRAMER_MARKS];
 	size_t marks;
 	struct framer_counts counts;
 };

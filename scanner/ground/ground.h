@@ -37,14 +37,14 @@ enum pose_north { POSE_NORTH_AS_POSED, POSE_NORTH_TRUE, POSE_NORTH_GRID };
 
 struct pose_params {
 	const struct crs_info *to;      /* plane of the points; NULL: poses in degrees go to a UTM or UPS zone, others stay in
-	                                   a plane of which nothing is known but that its unit is the metre */
+					   a plane of which nothing is known but that its unit is the metre */
 	const struct crs_info *degrees; /* of latitude and longitude; NULL: WGS 84 */
 	const char *utm;                /* zone by hand; NULL: of the middle of all poses */
 	enum pose_clock clock;
-	enum pose_north north;          /* of headings; AS_POSED: true north in degrees, grid north in a plane */
-	bool grid_scale;                /* lengths are scaled as the plane scales them where the head is */
-	double gap_s;                   /* poses further apart than this are a gap; 0: POSE_GAP_S */
-	double offset_s;                /* added to the times of the poses */
+	enum pose_north north; /* of headings; AS_POSED: true north in degrees, grid north in a plane */
+	bool grid_scale;       /* lengths are scaled as the plane scales them where the head is */
+	double gap_s;          /* poses further apart than this are a gap; 0: POSE_GAP_S */
+	double offset_s;       /* added to the times of the poses */
 };
 #define POSE_GAP_S 1.5
 
@@ -61,16 +61,16 @@ struct pose_track *pose_track_free(struct pose_track *);
 const struct crs_info *pose_track_system(const struct pose_track *);
 struct pose_span {
 	uint64_t poses, gaps;
-	double first, last;             /* UTC */
+	double first, last; /* UTC */
 	bool degrees, ellipsoidal;
-	char zone[8];                   /* that degrees were projected to; "": `to` said where to */
-	struct digest hash;             /* XXH3-128 of the file's bytes */
+	char zone[8];       /* that degrees were projected to; "": `to` said where to */
+	struct digest hash; /* XXH3-128 of the file's bytes */
 };
 const struct pose_span *pose_track_span(const struct pose_track *);
 
 struct pose {
-	double at[3];       /* plane, its own units */
-	double body[3][3];  /* metres of the body to east, north, up in those units; convergence is in it */
+	double at[3];      /* plane, its own units */
+	double body[3][3]; /* metres of the body to east, north, up in those units; convergence is in it */
 };
 enum pose_found { POSE_HERE, POSE_BEFORE, POSE_AFTER, POSE_GAP };
 /* One of them; *ret is set if it is POSE_HERE. Quick where the time is near the one before. -ERR_CHANGED: the file did. */
@@ -85,12 +85,12 @@ struct ground_counts {
 	uint64_t too_far; /* of whoever keeps the points: not within what a file can hold; they are no points then */
 };
 struct ground_point {
-	double at[3];        /* plane, its own units */
+	double at[3]; /* plane, its own units */
 	double utc_s;
-	float intensity;     /* 0 to 1; NAN */
+	float intensity; /* 0 to 1; NAN */
 };
 /* `utc_s` of the sweep's first shot. The sink's non-zero answer ends it. */
-int ground_sweep(const struct profile *, struct pose_track *, const struct sweep *, double utc_s,
-		 struct ground_counts *counts, int (*sink)(void *ctx, const struct ground_point *), void *ctx, struct err *);
+int ground_sweep(const struct profile *, struct pose_track *, const struct sweep *, double utc_s, struct ground_counts *counts,
+		 int (*sink)(void *ctx, const struct ground_point *), void *ctx, struct err *);
 
 #endif

@@ -89,8 +89,10 @@ int pose_lines_next(struct pose_lines *l, char **ret, uint64_t *ret_offset, stru
 		if (memchr(at, 0, n) || memchr(at, '\r', n)) {
 			bool zero = memchr(at, 0, n) != NULL;
 
-			err_set(err, ERR_INPUT, "line %llu has a %s in it", (unsigned long long)l->line, zero ? "byte 0" : "carriage return");
-			err_add_hint(err, zero ? "write the file as UTF-8, or ASCII, not as UTF-16" : "lines end with a line feed, or carriage return and line feed");
+			err_set(err, ERR_INPUT, "line %llu has a %s in it", (unsigned long long)l->line,
+				zero ? "byte 0" : "carriage return");
+			err_add_hint(err, zero ? "write the file as UTF-8, or ASCII, not as UTF-16" :
+						 "lines end with a line feed, or carriage return and line feed");
 			return err_add_place(err, l->line, "line");
 		}
 		at[n] = 0; /* the line end, or behind the last byte read, for which there is room */

@@ -10,8 +10,8 @@ enum { POSE_BUFFER = 64 << 10 };
 struct pose_lines {
 	int fd;
 	const char *name;
-	uint64_t at;              /* of the file, behind what is in the buffer */
-	uint64_t line;            /* number of the last one that was given */
+	uint64_t at;   /* of the file, behind what is in the buffer */
+	uint64_t line; /* number of the last one that was given */
 	size_t i, n;
 	bool ended;
 	struct digest_stream *hash; /* takes all that is read; NULL */
@@ -24,8 +24,19 @@ int pose_lines_next(struct pose_lines *, char **ret, uint64_t *ret_offset, struc
 
 /* ---- rows (pose_row.c) ---- */
 
-enum pose_column { POSE_TIME, POSE_EASTING, POSE_NORTHING, POSE_LATITUDE, POSE_LONGITUDE, POSE_HEIGHT,
-		   POSE_ELLIPSOIDAL_HEIGHT, POSE_ROLL, POSE_PITCH, POSE_HEADING, POSE_COLUMNS };
+enum pose_column {
+	POSE_TIME,
+	POSE_EASTING,
+	POSE_NORTHING,
+	POSE_LATITUDE,
+	POSE_LONGITUDE,
+	POSE_HEIGHT,
+	POSE_ELLIPSOIDAL_HEIGHT,
+	POSE_ROLL,
+	POSE_PITCH,
+	POSE_HEADING,
+	POSE_COLUMNS
+};
 enum { POSE_FIELDS_MAX = 64 };
 struct pose_form {
 	char comma;
@@ -36,9 +47,9 @@ struct pose_form {
 	double offset_s;
 };
 struct pose_row {
-	double time;      /* UTC */
-	double at[3];     /* x, y, z: easting, northing or longitude, latitude; height */
-	double angle[3];  /* roll, pitch, heading: degrees */
+	double time;     /* UTC */
+	double at[3];    /* x, y, z: easting, northing or longitude, latitude; height */
+	double angle[3]; /* roll, pitch, heading: degrees */
 };
 /* The line of names. Both change the line. */
 int pose_form_read(char *line, struct pose_form *, struct err *);
@@ -46,7 +57,7 @@ int pose_row_read(const struct pose_form *, char *line, struct pose_row *ret, st
 
 /* ---- rotations (pose_turn.c): quaternions w, x, y, z ---- */
 
-void pose_turn_of(const double angle[3], double ret[4]); /* degrees; body to north-east-down */
+void pose_turn_of(const double angle[3], double ret[4]);                               /* degrees; body to north-east-down */
 void pose_turn_between(const double a[4], const double b[4], double t, double ret[4]); /* the shorter way */
 void pose_turn_matrix(const double q[4], double ret[3][3]);
 
@@ -54,11 +65,11 @@ void pose_turn_matrix(const double q[4], double ret[3][3]);
 
 struct crs_geo;
 struct pose_plane {
-	struct crs_info system;     /* of the points */
-	struct crs_geo *geo;        /* NULL: not needed */
+	struct crs_info system; /* of the points */
+	struct crs_geo *geo;    /* NULL: not needed */
 	bool degrees, grid_scale;
-	bool true_north;            /* headings are from there */
-	double metres[2];           /* of a unit of xy, of z */
+	bool true_north;  /* headings are from there */
+	double metres[2]; /* of a unit of xy, of z */
 	char zone[8];
 };
 struct pose_box { /* of all rows */

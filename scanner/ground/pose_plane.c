@@ -25,10 +25,12 @@ static int same_datum(const struct crs_info *from, const struct crs_info *to, bo
 
 	if (from->system.a == to->system.a && !strcmp(from->system.datum, to->system.datum))
 		return 0;
-	err_set(err, ERR_UNSUPPORTED, "the degrees are of %.60s%s, the plane %.100s stands on %.60s: no shift between datums is known",
-		mine, said ? "" : " (nothing else was said)", to->text, theirs);
-	return err_add_hint(err, said ? "bring them to the plane's datum first"
-				      : "if the receiver gave them in the plane's datum, say so with --crs (as EPSG:4258 for ETRS89)");
+	err_set(err, ERR_UNSUPPORTED,
+		"the degrees are of %.60s%s, the plane %.100s stands on %.60s: no shift between datums is known", mine,
+		said ? "" : " (nothing else was said)", to->text, theirs);
+	return err_add_hint(err,
+			    said ? "bring them to the plane's datum first" :
+				   "if the receiver gave them in the plane's datum, say so with --crs (as EPSG:4258 for ETRS89)");
 }
 
 /* Where degrees go; the plane's geo is there afterwards. */
@@ -57,11 +59,13 @@ static int place_degrees(const struct pose_params *p, const struct crs_info *fro
 			return crs_geo_new(&ret->system.system, &ret->geo, err);
 		}
 		if (p->to->plane != CRS_PLANE_PROJECTED) {
-			err_set(err, ERR_UNSUPPORTED, "degrees cannot go to %.200s: it is no plane on the earth that is known", p->to->text);
+			err_set(err, ERR_UNSUPPORTED, "degrees cannot go to %.200s: it is no plane on the earth that is known",
+				p->to->text);
 			return err_add_hint(err, "use poses with easting and northing of that plane");
 		}
 		if (p->utm)
-			return err_set(err, ERR_USAGE, "the points go to %.200s, which is no zone: --utm has no meaning", p->to->text);
+			return err_set(err, ERR_USAGE, "the points go to %.200s, which is no zone: --utm has no meaning",
+				       p->to->text);
 		r = crs_geo_new(&p->to->system, &ret->geo, err);
 		return r ? r : same_datum(from, p->to, p->degrees, err);
 	}
@@ -84,15 +88,19 @@ static int say_ellipsoidal(struct crs_info *s, struct err *err)
 	snprintf(number, sizeof number, "EPSG:%u", epsg);
 	if (heights && strcmp(heights + 3, number)) {
 		err_set(err, ERR_INPUT, "the poses have ellipsoidal heights, the points would be in %.200s", s->text);
-		return err_add_hint(err, "--geoid makes them orthometric; name the column \"height\" if its heights are of that kind already");
+		return err_add_hint(
+			err,
+			"--geoid makes them orthometric; name the column \"height\" if its heights are of that kind already");
 	}
 	if (heights)
 		return 0;
 	if (s->system.a != 6378137.0) { /* what cannot be said would be mixed with other heights */
 		if (s->system.a > 0 || (*s->text && strcmp(s->text, "unknown")))
-			err_set(err, ERR_UNSUPPORTED, "the poses have ellipsoidal heights, and above the ellipsoid of %.200s none are known", s->text);
+			err_set(err, ERR_UNSUPPORTED,
+				"the poses have ellipsoidal heights, and above the ellipsoid of %.200s none are known", s->text);
 		else
-			err_set(err, ERR_INPUT, "the poses have ellipsoidal heights, and of a plane without a name nothing says above which ellipsoid");
+			err_set(err, ERR_INPUT,
+				"the poses have ellipsoidal heights, and of a plane without a name nothing says above which ellipsoid");
 		return err_add_hint(err, "%sname the column \"height\" if the dataset's heights are of the same kind",
 				    s->system.a > 0 ? "" : "say which plane it is with --crs, or ");
 	}

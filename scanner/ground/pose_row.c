@@ -99,14 +99,16 @@ static int check_names(struct pose_form *f, struct err *err)
 		if (!has(f, always[i]))
 			err_set(err, ERR_INPUT, "there is no column %s", names[always[i]]);
 	if (plane == f->degrees)
-		err_set(err, ERR_INPUT, plane ? "it has both easting, northing and latitude, longitude"
-					      : "it has neither easting, northing nor latitude, longitude");
+		err_set(err, ERR_INPUT,
+			plane ? "it has both easting, northing and latitude, longitude" :
+				"it has neither easting, northing nor latitude, longitude");
 	else if (f->degrees ? !has(f, POSE_LATITUDE) || !has(f, POSE_LONGITUDE) : !has(f, POSE_EASTING) || !has(f, POSE_NORTHING))
-		err_set(err, ERR_INPUT, f->degrees ? "of latitude and longitude one is not there"
-						   : "of easting and northing one is not there");
+		err_set(err, ERR_INPUT,
+			f->degrees ? "of latitude and longitude one is not there" : "of easting and northing one is not there");
 	if (f->ellipsoidal == has(f, POSE_HEIGHT))
-		err_set(err, ERR_INPUT, f->ellipsoidal ? "it has both height and ellipsoidal_height"
-						       : "it has neither height nor ellipsoidal_height");
+		err_set(err, ERR_INPUT,
+			f->ellipsoidal ? "it has both height and ellipsoidal_height" :
+					 "it has neither height nor ellipsoidal_height");
 	if (!err->code)
 		return 0;
 	return err_add_hint(err, "the first line names the columns: acut-pose(5)");
@@ -138,7 +140,10 @@ static int bad_field(int column, const char *text, const char *want, struct err 
 
 static int take_number(const struct pose_form *f, int column, const char *text, struct pose_row *row, struct err *err)
 {
-	static const struct { double least, most; const char *what; } of[POSE_COLUMNS] = {
+	static const struct {
+		double least, most;
+		const char *what;
+	} of[POSE_COLUMNS] = {
 		[POSE_EASTING] = {-1e9, 1e9, "number of the plane"},
 		[POSE_NORTHING] = {-1e9, 1e9, "number of the plane"},
 		[POSE_LATITUDE] = {-90, 90, "latitude in degrees"},
@@ -153,8 +158,10 @@ static int take_number(const struct pose_form *f, int column, const char *text, 
 
 	if (column == POSE_TIME) {
 		if (!pose_time_parse(text, f->clock, &row->time))
-			return bad_field(column, text, f->clock == POSE_GPS ? "time of GPS (seconds less 10^9, or a date and time without Z)"
-									     : "time (seconds since 1970, or 2026-05-04T10:00:00.25Z)", err);
+			return bad_field(column, text,
+					 f->clock == POSE_GPS ? "time of GPS (seconds less 10^9, or a date and time without Z)" :
+								"time (seconds since 1970, or 2026-05-04T10:00:00.25Z)",
+					 err);
 		row->time += f->offset_s;
 		return 0;
 	}

@@ -87,8 +87,8 @@ static long days_of(int y, int m, int d)
 
 	y -= m <= 2;
 	era = y / 400;
-	doe = (y - era * 400) * 365L + (y - era * 400) / 4 - (y - era * 400) / 100 + (153 * (m + (m > 2 ? -3 : 9)) + 2) / 5 +
-	      d - 1;
+	doe = (y - era * 400) * 365L + (y - era * 400) / 4 - (y - era * 400) / 100 + (153 * (m + (m > 2 ? -3 : 9)) + 2) / 5 + d -
+	      1;
 	return era * 146097 + doe - 719468;
 }
 

@@ -161,8 +161,9 @@ static int read_rows(struct pose_track *t, struct pose_box *box, struct err *err
 	if (r < 0)
 		return r;
 	if (t->span.poses < 2) {
-		err_set(err, ERR_INPUT, t->span.poses ? "it has one pose: between one and nothing there is no time"
-						     : "it has no poses, only the names of columns");
+		err_set(err, ERR_INPUT,
+			t->span.poses ? "it has one pose: between one and nothing there is no time" :
+					"it has no poses, only the names of columns");
 		return -(int)err->code;
 	}
 	if (t->form.degrees) {
@@ -359,8 +360,7 @@ int pose_track_at(struct pose_track *t, double time, struct pose *ret, struct er
 		return POSE_BEFORE;
 	if (time > t->span.last)
 		return POSE_AFTER;
-	if (t->block == SIZE_MAX || time < t->node[0].time ||
-	    (t->block + 1 < t->nplace && time >= t->place[t->block + 1].time)) {
+	if (t->block == SIZE_MAX || time < t->node[0].time || (t->block + 1 < t->nplace && time >= t->place[t->block + 1].time)) {
 		int r = load(t, block_of(t, time), err);
 
 		if (r)

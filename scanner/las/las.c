@@ -9,9 +9,13 @@
 #include "err.h"
 
 enum {
-	HEADER = 375, VLR = 54, FORMAT = 6, WKT_RECORD = 2112,
-	GPS_STANDARD = 1, WKT_SAID = 16, /* global encoding */
-	LEGACY_MOST = 0,                 /* format 6 has no counts of old */
+	HEADER = 375,
+	VLR = 54,
+	FORMAT = 6,
+	WKT_RECORD = 2112,
+	GPS_STANDARD = 1,
+	WKT_SAID = 16,   /* global encoding */
+	LEGACY_MOST = 0, /* format 6 has no counts of old */
 };
 #define UNITS 1000 /* of the lattice, in one of the plane */
 #define MILLION 1000000
@@ -145,9 +149,9 @@ void las_record(uint8_t ret[LAS_RECORD], const int32_t at[3], float intensity, d
 	packer_u16(&p, (uint16_t)(part * 65535 + 0.5f));
 	packer_u8(&p, 1 | 1 << 4); /* the first return of one */
 	packer_u8(&p, 0);
-	packer_u8(&p, 0);          /* never classified */
+	packer_u8(&p, 0); /* never classified */
 	packer_u8(&p, 0);
-	packer_u16(&p, 0);         /* no scan angle: it is that of the vehicle, which says nothing */
+	packer_u16(&p, 0); /* no scan angle: it is that of the vehicle, which says nothing */
 	packer_u16(&p, 0);
 	packer_f64(&p, gps_s);
 }

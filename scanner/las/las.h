@@ -1,7 +1,7 @@
 /*
  * LAS 1.4, written forwards: what is to stand in the header must be known before the first point. Points of format 6: 30
- * bytes, GPS time, intensity, one return of one. The system stands there as WKT. No clock and no chance: the same points, system and
- * id are the same bytes.
+ * bytes, GPS time, intensity, one return of one. The system stands there as WKT. No clock and no chance: the same points, system
+ * and id are the same bytes.
  */
 #ifndef LAS_H
 #define LAS_H
@@ -18,7 +18,7 @@ enum { LAS_RECORD = 30, LAS_HEAD_MAX = 375 + 54 + 4096, LAS_WKT_MAX = 4096 };
 /* Coordinates are numbers of millimetres (thousandths of the plane's unit) on an offset of whole millions, which the first point
  * decides: points of one survey mostly share it, and all such files map exactly onto each other's lattices. */
 struct las_frame {
-	int64_t offset[3];      /* whole units */
+	int64_t offset[3]; /* whole units */
 };
 struct las_frame las_frame_of(const double first[3]);
 /* Rounded to the nearest thousandth. -ERR_LIMIT: further than 2147 km (of units: 2147483) from the offset. */
@@ -33,8 +33,8 @@ void las_summary_add(struct las_summary *, const int32_t at[3]);
 
 struct las_params {
 	const struct crs_info *system;
-	uint8_t id[16];         /* of the project: where it comes from */
-	int64_t made_s;         /* day and year of the file; UTC since 1970 */
+	uint8_t id[16]; /* of the project: where it comes from */
+	int64_t made_s; /* day and year of the file; UTC since 1970 */
 	struct las_frame frame;
 	struct las_summary summary;
 };

@@ -168,8 +168,8 @@ static bool same(const struct crs_info *a, const struct text *t, bool whole)
 {
 	struct crs_info b;
 
-	return t->n + 1 < t->size && crs_read_wkt(t->at, t->n, &b) && !strcmp(a->text, b.text) && !strcmp(a->unit_xy, b.unit_xy) &&
-	       !strcmp(a->unit_z, b.unit_z) && a->system.epsg_z == b.system.epsg_z &&
+	return t->n + 1 < t->size && crs_read_wkt(t->at, t->n, &b) && !strcmp(a->text, b.text) &&
+	       !strcmp(a->unit_xy, b.unit_xy) && !strcmp(a->unit_z, b.unit_z) && a->system.epsg_z == b.system.epsg_z &&
 	       (!whole || crs_system_same(&a->system, &b.system));
 }
 
@@ -188,7 +188,8 @@ int las_wkt(const struct crs_info *c, char ret[LAS_WKT_MAX], size_t *ret_size, s
 	if (!whole) {
 		put_all(&t, c, false);
 		if (!same(c, &t, false)) {
-			err_set(err, ERR_UNSUPPORTED, "the coordinate system %.200s cannot be written into a LAS file so that it is read as the same",
+			err_set(err, ERR_UNSUPPORTED,
+				"the coordinate system %.200s cannot be written into a LAS file so that it is read as the same",
 				c->text);
 			return err_add_hint(err, "name it with --crs EPSG:n");
 		}

@@ -36,7 +36,8 @@ static int check_match(const struct profile *p, struct err *err)
 static int check_usb(const struct profile *p, struct err *err)
 {
 	if (p->transfer_size % 512)
-		return wrong(err, "transfer-size", "transfer-size = %u: a multiple of 512 is wanted, or the last packet of a transfer does not fit in",
+		return wrong(err, "transfer-size",
+			     "transfer-size = %u: a multiple of 512 is wanted, or the last packet of a transfer does not fit in",
 			     p->transfer_size);
 	if ((p->starts || p->stops) && !p->endpoint_out)
 		return wrong(err, "endpoint-out", "commands need an endpoint-out");

@@ -33,7 +33,8 @@ static unsigned says(const struct profile *p, const struct profile_device *d)
 	bool class = p->interface_class < 0;
 
 	if ((p->vendor >= 0 && p->vendor != d->vendor) || (p->product >= 0 && p->product != d->product) ||
-	    (p->device_class >= 0 && p->device_class != d->device_class) || (*p->serial && (!d->serial || !glob(p->serial, d->serial))))
+	    (p->device_class >= 0 && p->device_class != d->device_class) ||
+	    (*p->serial && (!d->serial || !glob(p->serial, d->serial))))
 		return 0;
 	for (size_t i = 0; !class && i < d->interfaces; i++)
 		class = d->interface_classes[i] == p->interface_class;

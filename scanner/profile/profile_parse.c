@@ -100,10 +100,12 @@ static int unknown_key(const struct reading *r, const char *name, struct err *er
 	const char *near = profile_key_near(r->section, name);
 	const struct profile_key *k;
 
-	wrong(r, err, *r->section ? "there is no key %.40s in [%s]" : "there is no key %.40s%s", name, *r->section ? r->section : " before the sections");
+	wrong(r, err, *r->section ? "there is no key %.40s in [%s]" : "there is no key %.40s%s", name,
+	      *r->section ? r->section : " before the sections");
 	for (size_t i = 0; !near && (k = profile_key_at(i)); i++)
 		if (!strcmp(k->name, name))
-			return err_add_hint(err, *k->section ? "it stands in [%s]" : "it stands before the sections%s", k->section);
+			return err_add_hint(err, *k->section ? "it stands in [%s]" : "it stands before the sections%s",
+					    k->section);
 	return near ? err_add_hint(err, "%s is likely meant", near) : err_add_hint(err, "acut-scanners.d(5) lists them");
 }
 
@@ -167,8 +169,9 @@ int profile_parse(const char *text, size_t size, const char *name, const char *f
 	int rc = 0;
 
 	presets(&p, n < PROFILE_NAME_SIZE ? name : "");
-	if (!n || n >= PROFILE_NAME_SIZE || strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.") != n ||
-	    *name == '.' || *name == '-')
+	if (!n || n >= PROFILE_NAME_SIZE ||
+	    strspn(name, "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-_.") != n || *name == '.' ||
+	    *name == '-')
 		rc = wrong(&r, err, "the name of a profile is 1 to %d letters, digits, -, _ and .", PROFILE_NAME_SIZE - 1);
 	else if (size > PROFILE_FILE_MAX)
 		rc = wrong(&r, err, "more than %d bytes", PROFILE_FILE_MAX);

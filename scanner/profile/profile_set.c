@@ -136,7 +136,8 @@ int profile_entry_read(const char *path, struct profile_entry **ret, struct err 
 	int rc;
 
 	if (!name_of(path, name)) {
-		err_set(err, ERR_INPUT, "the name of a profile's file is NAME.conf, NAME at most %d bytes", PROFILE_NAME_SIZE - 1);
+		err_set(err, ERR_INPUT, "the name of a profile's file is NAME.conf, NAME at most %d bytes",
+			PROFILE_NAME_SIZE - 1);
 		return err_add_file(err, path);
 	}
 	if (!(e = calloc(1, sizeof *e)))
@@ -236,9 +237,15 @@ int profile_set_read(const char *const *folders, struct profile_set **ret, struc
 	return 0;
 }
 
-size_t profile_set_count(const struct profile_set *s) { return s->n; }
+size_t profile_set_count(const struct profile_set *s)
+{
+	return s->n;
+}
 
-const struct profile_entry *profile_set_at(const struct profile_set *s, size_t i) { return i < s->n ? s->entries[i] : NULL; }
+const struct profile_entry *profile_set_at(const struct profile_set *s, size_t i)
+{
+	return i < s->n ? s->entries[i] : NULL;
+}
 
 const struct profile_entry *profile_set_find(const struct profile_set *s, const char *name)
 {

@@ -69,7 +69,10 @@ static const struct profile_key keys[] = {
 
 enum { KEYS = sizeof keys / sizeof *keys };
 
-const struct profile_key *profile_key_at(size_t i) { return i < KEYS ? &keys[i] : NULL; }
+const struct profile_key *profile_key_at(size_t i)
+{
+	return i < KEYS ? &keys[i] : NULL;
+}
 
 const struct profile_key *profile_key_find(const char *section, const char *name)
 {

@@ -11,16 +11,16 @@ enum profile_type {
 	PROFILE_INT,     /* int; decimal or 0x.. */
 	PROFILE_U8,
 	PROFILE_U32,
-	PROFILE_SIZE,    /* uint32_t; 16K */
-	PROFILE_MS,      /* uint32_t milliseconds; written as seconds */
-	PROFILE_REAL,    /* double */
-	PROFILE_CHOICE,  /* int-sized enum: `words`, its values in order */
-	PROFILE_YES,     /* bool */
-	PROFILE_FIELD,   /* struct profile_field */
-	PROFILE_BYTES,   /* uint8_t[size] and behind it its size_t */
-	PROFILE_LENGTH,  /* the length of a LENGTH telegram: three members */
-	PROFILE_SEND,    /* a command; may stand more than once */
-	PROFILE_ANSWER,  /* of the command before it */
+	PROFILE_SIZE,   /* uint32_t; 16K */
+	PROFILE_MS,     /* uint32_t milliseconds; written as seconds */
+	PROFILE_REAL,   /* double */
+	PROFILE_CHOICE, /* int-sized enum: `words`, its values in order */
+	PROFILE_YES,    /* bool */
+	PROFILE_FIELD,  /* struct profile_field */
+	PROFILE_BYTES,  /* uint8_t[size] and behind it its size_t */
+	PROFILE_LENGTH, /* the length of a LENGTH telegram: three members */
+	PROFILE_SEND,   /* a command; may stand more than once */
+	PROFILE_ANSWER, /* of the command before it */
 };
 
 struct profile_key {

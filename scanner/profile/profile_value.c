@@ -62,7 +62,11 @@ static bool bytes_of(const char *text, uint8_t *to, size_t room, size_t *ret)
 /* u8@OFFSET, u16le@, u16be@, u32le@, u32be@ */
 static bool field(const char *text, struct profile_field *ret)
 {
-	static const struct { const char *name; uint8_t size; bool big; } types[] = {
+	static const struct {
+		const char *name;
+		uint8_t size;
+		bool big;
+	} types[] = {
 		{"u8@", 1, false}, {"u16le@", 2, false}, {"u16be@", 2, true}, {"u32le@", 4, false}, {"u32be@", 4, true},
 	};
 	uint64_t at;
@@ -109,8 +113,10 @@ static bool text_value(const struct profile_key *k, const char *text, char *to, 
 {
 	size_t n = strlen(text);
 
-	snprintf(wanted, PROFILE_WANTED_SIZE, k->type == PROFILE_NAME ? "a name of letters a to z, digits and -, at most %zu"
-		 : "UTF-8 text without control characters, at most %zu bytes", k->size - 1);
+	snprintf(wanted, PROFILE_WANTED_SIZE,
+		 k->type == PROFILE_NAME ? "a name of letters a to z, digits and -, at most %zu" :
+					   "UTF-8 text without control characters, at most %zu bytes",
+		 k->size - 1);
 	if (n >= k->size || !is_text(text))
 		return false;
 	if (k->type == PROFILE_NAME && (!n || strspn(text, "abcdefghijklmnopqrstuvwxyz0123456789-") != n))
@@ -123,8 +129,10 @@ static bool whole_value(const struct profile_key *k, const char *text, void *to,
 {
 	uint64_t v;
 
-	snprintf(wanted, PROFILE_WANTED_SIZE, k->most == 0xffff || k->type == PROFILE_U8 || k->most == 0xff ? "a number from 0x%.2llx to 0x%.2llx"
-		 : "a whole number from %llu to %llu", (unsigned long long)k->least, (unsigned long long)k->most);
+	snprintf(wanted, PROFILE_WANTED_SIZE,
+		 k->most == 0xffff || k->type == PROFILE_U8 || k->most == 0xff ? "a number from 0x%.2llx to 0x%.2llx" :
+										 "a whole number from %llu to %llu",
+		 (unsigned long long)k->least, (unsigned long long)k->most);
 	if (k->type == PROFILE_SIZE ? !parse_size(text, &v) && !number(text, &v) : !number(text, &v))
 		return false;
 	if ((double)v < k->least || (double)v > k->most)
@@ -142,7 +150,8 @@ static bool real_value(const struct profile_key *k, const char *text, void *to, 
 {
 	double v;
 
-	snprintf(wanted, PROFILE_WANTED_SIZE, "a number from %g to %g%s", k->least, k->most, k->type == PROFILE_MS ? " (seconds)" : "");
+	snprintf(wanted, PROFILE_WANTED_SIZE, "a number from %g to %g%s", k->least, k->most,
+		 k->type == PROFILE_MS ? " (seconds)" : "");
 	if (k->type == PROFILE_MS ? !parse_seconds(text, &v) : !parse_double(text, &v))
 		return false;
 	if (!(v >= k->least && v <= k->most))

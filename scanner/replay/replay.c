@@ -28,9 +28,9 @@ struct replay {
 	struct replay_counts counts;
 	struct replay_time time;
 	bool has_counter, after_gap, gap_told, ended;
-	bool boot_unknown;    /* monotonic times may be of another boot, until a CLOCK comes */
-	uint32_t counter;     /* of the last sweep */
-	struct digest hash;   /* of its telegram */
+	bool boot_unknown;  /* monotonic times may be of another boot, until a CLOCK comes */
+	uint32_t counter;   /* of the last sweep */
+	struct digest hash; /* of its telegram */
 };
 
 /* ---- sweeps ---- */
@@ -214,7 +214,7 @@ static bool event_is(const struct spool_record *rec, const char *const *words)
 static int take_event(struct replay *r, const struct spool_record *rec)
 {
 	static const char *const gaps[] = {"overflow", "overrun", "left", "back", "error", "continued", NULL},
-		*const anew[] = {"left", "back", "continued", NULL}, *const continued[] = {"continued", NULL};
+				 *const anew[] = {"left", "back", "continued", NULL}, *const continued[] = {"continued", NULL};
 
 	r->boot_unknown |= event_is(rec, continued);
 	if (event_is(rec, anew)) { /* its clock and counter may have begun anew */

@@ -24,47 +24,47 @@ struct replay_clock {
 };
 
 struct replay_sweep {
-	const struct sweep *sweep;       /* until the sink returns */
+	const struct sweep *sweep; /* until the sink returns */
 	const struct telegram *telegram;
-	double utc_s;                    /* of the first shot, since 1970 */
-	double device_time_s;            /* of the sweep, without its wraps since the device was started; 0 */
-	uint64_t lost;                   /* sweeps that the device counted since the one before and that are not here */
-	bool repeated;                   /* the same counter and bytes as the one before: the telegram came twice */
-	bool after_gap;                  /* bytes were lost before it */
+	double utc_s;         /* of the first shot, since 1970 */
+	double device_time_s; /* of the sweep, without its wraps since the device was started; 0 */
+	uint64_t lost;        /* sweeps that the device counted since the one before and that are not here */
+	bool repeated;        /* the same counter and bytes as the one before: the telegram came twice */
+	bool after_gap;       /* bytes were lost before it */
 };
 
 enum replay_bad { REPLAY_BAD_FRAMER, REPLAY_BAD_DECODER };
 struct replay_fault {
 	enum replay_bad by;
-	enum framer_reason reason;       /* by FRAMER */
-	uint64_t offset, size;           /* in the stream of the payloads of DATA records */
-	const struct err *err;           /* by DECODER: its sentence; NULL */
+	enum framer_reason reason; /* by FRAMER */
+	uint64_t offset, size;     /* in the stream of the payloads of DATA records */
+	const struct err *err;     /* by DECODER: its sentence; NULL */
 };
 
 /* Each may be NULL; a non-zero answer of those that have one ends the replay with it. */
 struct replay_sinks {
 	void *ctx;
-	int (*telegram)(void *ctx, const struct telegram *);    /* all good ones, before they are decoded */
-	int (*sweep)(void *ctx, const struct replay_sweep *);   /* decoders of kind SWEEP */
-	int (*points)(void *ctx, const struct telegram *);      /* of kind POINTS: a line of XYZ, a piece of LAS */
+	int (*telegram)(void *ctx, const struct telegram *);  /* all good ones, before they are decoded */
+	int (*sweep)(void *ctx, const struct replay_sweep *); /* decoders of kind SWEEP */
+	int (*points)(void *ctx, const struct telegram *);    /* of kind POINTS: a line of XYZ, a piece of LAS */
 	void (*fault)(void *ctx, const struct replay_fault *);
 };
 
 struct replay_counts {
 	struct framer_counts framer;
-	uint64_t records, transfers, bytes;   /* bytes: of DATA */
-	uint64_t gaps;                        /* places where bytes are missing, as the records say */
-	uint64_t sweeps, shots, returns;      /* returns: shots that have a range */
-	uint64_t points;                      /* telegrams given to sinks.points */
-	uint64_t not_data, undecoded;         /* good telegrams without a sweep (answers), and bad ones of the decoder */
-	uint64_t lost, repeated, dirty;       /* sweeps: counted by the device and not here; came twice; window dirty */
-	uint64_t restarts;                    /* the device's counter or clock began anew, with no "left" to say why */
-	uint64_t clock_sets;                  /* times that the computer's clock was set meanwhile, by more than REPLAY_CLOCK_SET_S */
-	double clock_moved_s, clock_most_s;   /* by all of them, onwards above 0; by the largest, either way */
+	uint64_t records, transfers, bytes; /* bytes: of DATA */
+	uint64_t gaps;                      /* places where bytes are missing, as the records say */
+	uint64_t sweeps, shots, returns;    /* returns: shots that have a range */
+	uint64_t points;                    /* telegrams given to sinks.points */
+	uint64_t not_data, undecoded;       /* good telegrams without a sweep (answers), and bad ones of the decoder */
+	uint64_t lost, repeated, dirty;     /* sweeps: counted by the device and not here; came twice; window dirty */
+	uint64_t restarts;                  /* the device's counter or clock began anew, with no "left" to say why */
+	uint64_t clock_sets; /* times that the computer's clock was set meanwhile, by more than REPLAY_CLOCK_SET_S */
+	double clock_moved_s, clock_most_s; /* by all of them, onwards above 0; by the largest, either way */
 	bool has_times;
-	double first_utc_s, last_utc_s;       /* of sweeps, else of transfers with a telegram */
-	double device_span_s;                 /* by the device's own clock, of the stretches without a restart; 0 */
-	char device_serial[32];               /* of the last sweep; "" */
+	double first_utc_s, last_utc_s; /* of sweeps, else of transfers with a telegram */
+	double device_span_s;           /* by the device's own clock, of the stretches without a restart; 0 */
+	char device_serial[32];         /* of the last sweep; "" */
 };
 
 struct replay;

@@ -9,18 +9,30 @@
 #include "decoder.h"
 #include "profile.h"
 
-void replay_time_init(struct replay_time *t, const struct replay_clock *clock) { *t = (struct replay_time){.clock = *clock}; }
+void replay_time_init(struct replay_time *t, const struct replay_clock *clock)
+{
+	*t = (struct replay_time){.clock = *clock};
+}
 
-void replay_time_clock(struct replay_time *t, const struct replay_clock *clock) { t->clock = *clock; }
+void replay_time_clock(struct replay_time *t, const struct replay_clock *clock)
+{
+	t->clock = *clock;
+}
 
-void replay_time_restart(struct replay_time *t) { t->running = false; }
+void replay_time_restart(struct replay_time *t)
+{
+	t->running = false;
+}
 
 static double utc_of(const struct replay_time *t, double monotonic_s)
 {
 	return t->clock.utc_ns / 1e9 + (monotonic_s - t->clock.monotonic_ns / 1e9);
 }
 
-double replay_time_utc(const struct replay_time *t, int64_t monotonic_ns) { return utc_of(t, monotonic_ns / 1e9); }
+double replay_time_utc(const struct replay_time *t, int64_t monotonic_ns)
+{
+	return utc_of(t, monotonic_ns / 1e9);
+}
 
 /* The device's time without wraps. As many of them were as fits the time between the arrivals best; a clock that then
  * still goes back, or that leaves the monotonic one by more than a telegram can be late, began anew. */
@@ -29,7 +41,8 @@ static double unwrap(struct replay_time *t, const struct sweep *s, double arriva
 	double passed = arrival_s - t->arrival_s, late = 2;
 
 	if (t->running) {
-		double ahead = s->device_time_s - t->raw_s, turns = s->device_wrap_s > 0 ? round((passed - ahead) / s->device_wrap_s) : 0;
+		double ahead = s->device_time_s - t->raw_s,
+		       turns = s->device_wrap_s > 0 ? round((passed - ahead) / s->device_wrap_s) : 0;
 
 		ahead += turns * s->device_wrap_s;
 		if (fabs(ahead - passed) > late + passed * REPLAY_DRIFT) {
@@ -47,7 +60,8 @@ static double unwrap(struct replay_time *t, const struct sweep *s, double arriva
 	return s->device_time_s + t->wraps_s;
 }
 
-double replay_time_of(struct replay_time *t, const struct profile *p, const struct sweep *s, int64_t first_ns, double *ret_device_s)
+double replay_time_of(struct replay_time *t, const struct profile *p, const struct sweep *s, int64_t first_ns,
+		      double *ret_device_s)
 {
 	double arrival = first_ns / 1e9 - p->latency_s - sweep_duration(s); /* monotonic, of the first shot */
 	double before = t->arrival_s, device;

@@ -7,11 +7,11 @@
 struct replay_time {
 	struct replay_clock clock;
 	/* the device's clock; all of it since its last restart */
-	bool running, restarted;   /* restarted: with the last sweep, and nobody said so before */
-	double raw_s, wraps_s;     /* of the last sweep; and what its wraps come to */
-	double arrival_s;          /* of the last sweep, monotonic */
-	double offset_s;           /* monotonic time less the device's */
-	double span_s;             /* of all stretches */
+	bool running, restarted; /* restarted: with the last sweep, and nobody said so before */
+	double raw_s, wraps_s;   /* of the last sweep; and what its wraps come to */
+	double arrival_s;        /* of the last sweep, monotonic */
+	double offset_s;         /* monotonic time less the device's */
+	double span_s;           /* of all stretches */
 };
 
 void replay_time_init(struct replay_time *, const struct replay_clock *);

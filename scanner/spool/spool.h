@@ -18,17 +18,17 @@ enum { SPOOL_TEXT_SIZE = 128, SPOOL_PROFILE_MAX = 64 << 10, SPOOL_PAYLOAD_MAX = 
 
 /* Who was captured, and how. Texts are UTF-8 without control characters; "" where a device does not say. */
 struct spool_head {
-	uint8_t id[16];                        /* random; tells one capture from all others */
+	uint8_t id[16]; /* random; tells one capture from all others */
 	uint16_t vendor, product;
 	char manufacturer[SPOOL_TEXT_SIZE], model[SPOOL_TEXT_SIZE], serial[SPOOL_TEXT_SIZE];
-	char port[SPOOL_TEXT_SIZE];            /* "BUS-PORT.PORT" as the kernel names it; "file" for an imported dump */
+	char port[SPOOL_TEXT_SIZE]; /* "BUS-PORT.PORT" as the kernel names it; "file" for an imported dump */
 	char profile_name[SPOOL_TEXT_SIZE];
-	char *profile;                         /* text of the profile that captured it, so that it is decoded the same
-	                                          wherever the profile is gone or has changed; malloced, NUL at its end */
+	char *profile; /* text of the profile that captured it, so that it is decoded the same
+			  wherever the profile is gone or has changed; malloced, NUL at its end */
 	size_t profile_size;
-	char boot_id[40];                      /* monotonic times compare within one boot; "" where it cannot be known */
-	int64_t utc_ns;                        /* wall clock (UTC since 1970) ... */
-	int64_t monotonic_ns;                  /* ... at this moment of CLOCK_MONOTONIC */
+	char boot_id[40];     /* monotonic times compare within one boot; "" where it cannot be known */
+	int64_t utc_ns;       /* wall clock (UTC since 1970) ... */
+	int64_t monotonic_ns; /* ... at this moment of CLOCK_MONOTONIC */
 };
 void spool_head_clear(struct spool_head *); /* frees what it holds */
 
@@ -53,7 +53,7 @@ struct spool_record {
 	int64_t time_ns;   /* CLOCK_MONOTONIC when the transfer was completed */
 	const uint8_t *at; /* the reader's, until its next call */
 	size_t size;
-	uint64_t offset;   /* of the record in the file */
+	uint64_t offset; /* of the record in the file */
 };
 
 /* ---- writing: one thread ---- */
@@ -76,10 +76,9 @@ int spool_continue(const char *path, struct spool_head *ret_head, struct spool_w
  * before it are whole, and spool_sync still makes them durable, unless it was fsync that failed. */
 int spool_append(struct spool_writer *, enum spool_kind, unsigned flags, int64_t time_ns, const void *at, size_t size,
 		 struct err *);
-int spool_event(struct spool_writer *, int64_t time_ns, struct err *, const char *fmt, ...)
-	__attribute__((format(printf, 4, 5)));
+int spool_event(struct spool_writer *, int64_t time_ns, struct err *, const char *fmt, ...) __attribute__((format(printf, 4, 5)));
 int spool_clock(struct spool_writer *, struct err *); /* a CLOCK of now */
-int spool_sync(struct spool_writer *, struct err *); /* an fsync that failed is never repeated: the writer is dead */
+int spool_sync(struct spool_writer *, struct err *);  /* an fsync that failed is never repeated: the writer is dead */
 /* From here on a thread of the writer's own makes durable what was appended: `seconds` after it was, at the latest when
  * `bytes` wait for it; the disk may be slow, appending goes on meanwhile, until four times `bytes` wait. Its failure is
  * that of the next call. */
@@ -103,10 +102,10 @@ int spool_skip(struct spool_reader *, uint64_t *ret_bytes, struct err *);
 /* The totals of an END record (durable, waits: 0). -ERR_INPUT: it is none. */
 int spool_totals_read(const struct spool_record *, struct spool_totals *ret, struct err *);
 struct spool_tail {
-	bool ended;         /* an END record stands there */
-	bool head_damaged;  /* the first of the two heads is; the second was read */
-	uint64_t torn;      /* bytes after the last whole record */
-	uint64_t whole;     /* place behind that record */
+	bool ended;        /* an END record stands there */
+	bool head_damaged; /* the first of the two heads is; the second was read */
+	uint64_t torn;     /* bytes after the last whole record */
+	uint64_t whole;    /* place behind that record */
 };
 /* Once spool_next gave 0 (head_damaged: from the beginning). */
 void spool_tail(const struct spool_reader *, struct spool_tail *ret);

@@ -144,8 +144,7 @@ int spool_head_encode(const struct spool_head *h, uint8_t **ret, size_t *ret_siz
 	uint8_t *at;
 
 	if (h->profile_size > SPOOL_PROFILE_MAX)
-		return err_set(err, ERR_LIMIT, "the profile has %zu bytes; a spool takes %d", h->profile_size,
-			       SPOOL_PROFILE_MAX);
+		return err_set(err, ERR_LIMIT, "the profile has %zu bytes; a spool takes %d", h->profile_size, SPOOL_PROFILE_MAX);
 	texts_of(h, text);
 	for (int i = 0; i < TEXTS; i++)
 		size += strlen(text[i]);

@@ -9,14 +9,16 @@
 #include "err.h"
 #include "spool.h"
 
-#define SPOOL_MAGIC "\x89" "ACUTSP\n"
+#define SPOOL_MAGIC \
+	"\x89"      \
+	"ACUTSP\n"
 
 enum {
 	SPOOL_VERSION = 1,
-	SPOOL_BLOCK = 4096,           /* heads are multiples of it */
-	SPOOL_HEAD_MAX = 128 << 10,   /* of one of the two */
-	SPOOL_HEAD_FIXED = 24,        /* magic, version, size, check: the same in every version */
-	SPOOL_MARK = 0x1e434552,      /* "REC" and a record separator */
+	SPOOL_BLOCK = 4096,         /* heads are multiples of it */
+	SPOOL_HEAD_MAX = 128 << 10, /* of one of the two */
+	SPOOL_HEAD_FIXED = 24,      /* magic, version, size, check: the same in every version */
+	SPOOL_MARK = 0x1e434552,    /* "REC" and a record separator */
 	SPOOL_RECORD_HEAD = 40,
 	SPOOL_END_SIZE = 64,
 };
@@ -68,11 +70,10 @@ struct spool_writer {
 	uint64_t written, durable; /* bytes of DATA payloads */
 	uint64_t due_ns;           /* dirty: when it must be durable */
 	uint64_t every_ns, batch;
-	pthread_mutex_t syncing;   /* one fsync at a time: who comes second must see that the first has failed */
+	pthread_mutex_t syncing; /* one fsync at a time: who comes second must see that the first has failed */
 };
 /* A writer at the end of a file; the descriptor is the writer's, also on failure. */
-int spool_writer_new(int fd, const char *path, const uint8_t id[16], uint64_t offset, struct spool_writer **ret,
-		     struct err *);
+int spool_writer_new(int fd, const char *path, const uint8_t id[16], uint64_t offset, struct spool_writer **ret, struct err *);
 int spool_writer_count(struct spool_writer *, const struct spool_record *, struct err *); /* one that is there already */
 int spool_flush_init(struct spool_writer *, struct err *);
 void spool_flush_stop(struct spool_writer *);

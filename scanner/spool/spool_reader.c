@@ -26,13 +26,13 @@ struct spool_reader {
 	struct spool_head head;
 	uint64_t seed;
 	uint8_t *buf;
-	size_t room, at, end;   /* read and not yet taken: buf[at..end) */
-	uint64_t base;          /* place of buf[0] in the file */
+	size_t room, at, end; /* read and not yet taken: buf[at..end) */
+	uint64_t base;        /* place of buf[0] in the file */
 	bool eof;
-	uint64_t expect;        /* number of the next record */
-	uint64_t whole;         /* place behind the last whole record */
-	uint64_t spanned;       /* place up to which a payload reached that was not right */
-	bool damaged;           /* told and not skipped yet: [damage, place of at) */
+	uint64_t expect;          /* number of the next record */
+	uint64_t whole;           /* place behind the last whole record */
+	uint64_t spanned;         /* place up to which a payload reached that was not right */
+	bool damaged;             /* told and not skipped yet: [damage, place of at) */
 	uint64_t damage, missing; /* records that are lost there: from expect - missing */
 	bool over, head_damaged, ended;
 	uint64_t torn;
@@ -114,8 +114,9 @@ static int no_spool(const struct spool_reader *r, const char *why, struct err *e
 
 static int cut_head(const struct spool_reader *r, struct err *err)
 {
-	err_set(err, ERR_TRUNCATED, left(r) ? "its head was not written whole: nothing was captured into this spool"
-					    : "the file is empty: nothing was captured into it");
+	err_set(err, ERR_TRUNCATED,
+		left(r) ? "its head was not written whole: nothing was captured into this spool" :
+			  "the file is empty: nothing was captured into it");
 	return err_add_file(err, r->name);
 }
 
@@ -407,6 +408,5 @@ int spool_skip(struct spool_reader *r, uint64_t *ret_bytes, struct err *err)
 
 void spool_tail(const struct spool_reader *r, struct spool_tail *ret)
 {
-	*ret = (struct spool_tail){
-		.ended = r->ended, .head_damaged = r->head_damaged, .torn = r->torn, .whole = r->whole};
+	*ret = (struct spool_tail){.ended = r->ended, .head_damaged = r->head_damaged, .torn = r->torn, .whole = r->whole};
 }

@@ -24,8 +24,7 @@ static int no_memory(struct err *err)
 	return err_set(err, ERR_NOMEM, "no memory to write a spool");
 }
 
-int spool_writer_new(int fd, const char *path, const uint8_t id[16], uint64_t offset, struct spool_writer **ret,
-		     struct err *err)
+int spool_writer_new(int fd, const char *path, const uint8_t id[16], uint64_t offset, struct spool_writer **ret, struct err *err)
 {
 	struct spool_writer *w = calloc(1, sizeof(*w));
 	int r;

@@ -19,16 +19,16 @@ enum { USB_TEXT_SIZE = 128, USB_LINE_SIZE = 256, USB_INTERFACES = 32 };
 struct usb_device {
 	uint16_t vendor, product;
 	uint8_t device_class, bus, address;
-	char port[32];                       /* "1-2.4" as the kernel names it */
-	char node[48];                       /* /dev/bus/usb/001/004 */
+	char port[32]; /* "1-2.4" as the kernel names it */
+	char node[48]; /* /dev/bus/usb/001/004 */
 	uint8_t interface_classes[USB_INTERFACES];
 	size_t interfaces;
 	char manufacturer[USB_TEXT_SIZE], model[USB_TEXT_SIZE], serial[USB_TEXT_SIZE]; /* "": does not say */
-	bool openable;                       /* we may */
-	int refused;                         /* errno of the try, where not */
-	bool mass_storage;                   /* one of its interfaces is: it is left alone */
-	const char *speed;                   /* "full", "high", "super", ... */
-	int profile;                         /* place in the profile_set; -1: none */
+	bool openable;                                                                 /* we may */
+	int refused;                                                                   /* errno of the try, where not */
+	bool mass_storage; /* one of its interfaces is: it is left alone */
+	const char *speed; /* "full", "high", "super", ... */
+	int profile;       /* place in the profile_set; -1: none */
 };
 
 struct usb; /* the context and its thread */
@@ -52,7 +52,7 @@ int usb_find(struct usb *, const char *which, struct usb_device *ret, struct err
 
 /* ---- coming and going: only queued in the thread, taken here ---- */
 enum usb_change { USB_CAME, USB_LEFT };
-int usb_watch_fd(struct usb *);                       /* readable: usb_change gives something */
+int usb_watch_fd(struct usb *); /* readable: usb_change gives something */
 /* 1: there was one since usb_new, 0: no more. Of both kinds all devices but hubs, also mass storage (for scripts). */
 int usb_change(struct usb *, enum usb_change *ret, struct usb_device *ret_device);
 
@@ -78,18 +78,18 @@ enum usb_end {
 struct usb_buffer {
 	enum usb_kind kind;
 	enum usb_end end;
-	const uint8_t *at;     /* of DATA and SENT */
+	const uint8_t *at; /* of DATA and SENT */
 	size_t size;
-	bool is_short;         /* less than was asked for */
-	bool with_error;       /* its transfer ended with an error, which follows as an event */
-	bool after_gap;        /* bytes before it may be missing (overflow, error) */
-	int64_t time_ns;       /* CLOCK_MONOTONIC when it was completed */
+	bool is_short;            /* less than was asked for */
+	bool with_error;          /* its transfer ended with an error, which follows as an event */
+	bool after_gap;           /* bytes before it may be missing (overflow, error) */
+	int64_t time_ns;          /* CLOCK_MONOTONIC when it was completed */
 	char text[USB_LINE_SIZE]; /* of what is no data: one line */
 	void *own;
 };
 struct usb_capture;
 struct usb_counts {
-	uint64_t transfers;    /* that were filled, or brought a part */
+	uint64_t transfers; /* that were filled, or brought a part */
 	uint64_t bytes, shorts, stalls, overflows, timeouts, errors;
 	uint64_t parked, parked_ns; /* times that no transfer was in flight because no buffer was free, and how long */
 	uint32_t in_flight;
@@ -101,9 +101,8 @@ struct usb_counts {
  * who has it; -ERR_TIMEOUT an answer that did not come, with what was sent and what came; -ERR_NOTFOUND: unplugged
  * meanwhile; -ERR_UNSUPPORTED: mass storage, which is never opened; -ERR_INPUT: the profile does not fit the device's
  * interfaces and endpoints; -ERR_CANCELLED: see usb_set_stop_fd. */
-int usb_capture_start(struct usb *, const struct usb_device *, const struct profile *, struct usb_capture **ret,
-		      struct err *);
-int usb_capture_fd(struct usb_capture *);                 /* readable: usb_capture_take gives something */
+int usb_capture_start(struct usb *, const struct usb_device *, const struct profile *, struct usb_capture **ret, struct err *);
+int usb_capture_fd(struct usb_capture *); /* readable: usb_capture_take gives something */
 /* 1: a buffer, the caller's until he gives it back: it is not resubmitted before (that is the back-pressure). Those
  * that are no data need not be given back. 0: nothing now, or nothing any more. */
 int usb_capture_take(struct usb_capture *, struct usb_buffer *ret);

@@ -79,8 +79,8 @@ static void wait_for_start(struct usb *usb, struct usb_capture *c)
 	}
 }
 
-int usb_capture_start(struct usb *usb, const struct usb_device *device, const struct profile *profile,
-		      struct usb_capture **ret, struct err *err)
+int usb_capture_start(struct usb *usb, const struct usb_device *device, const struct profile *profile, struct usb_capture **ret,
+		      struct err *err)
 {
 	struct usb_capture *c = create(usb, device, profile);
 	bool ready;

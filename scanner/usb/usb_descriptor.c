@@ -9,8 +9,15 @@
 
 #include "usb_priv.h"
 
-enum { DESCRIPTOR_CONFIGURATION = 2, DESCRIPTOR_INTERFACE = 4, DESCRIPTOR_ENDPOINT = 5, DEVICE_SIZE = 18,
-       CONFIGURATION_SIZE = 9, INTERFACE_SIZE = 9, ENDPOINT_SIZE = 7 };
+enum {
+	DESCRIPTOR_CONFIGURATION = 2,
+	DESCRIPTOR_INTERFACE = 4,
+	DESCRIPTOR_ENDPOINT = 5,
+	DEVICE_SIZE = 18,
+	CONFIGURATION_SIZE = 9,
+	INTERFACE_SIZE = 9,
+	ENDPOINT_SIZE = 7
+};
 
 static unsigned le16(const uint8_t *at)
 {
@@ -67,8 +74,8 @@ bool usb_descriptor_device(const uint8_t *at, size_t size, unsigned configuratio
 	return true;
 }
 
-bool usb_descriptor_setting(const uint8_t *at, size_t size, unsigned configuration, unsigned interface,
-			    unsigned alternate, struct usb_setting *ret)
+bool usb_descriptor_setting(const uint8_t *at, size_t size, unsigned configuration, unsigned interface, unsigned alternate,
+			    struct usb_setting *ret)
 {
 	size_t offset = DEVICE_SIZE;
 	unsigned current = 0;
@@ -82,13 +89,12 @@ bool usb_descriptor_setting(const uint8_t *at, size_t size, unsigned configurati
 			current = d[5];
 			inside = false;
 		} else if (d[1] == DESCRIPTOR_INTERFACE && d[0] >= INTERFACE_SIZE) {
-			inside = !found && (!configuration || current == configuration) && d[2] == interface &&
-				 d[3] == alternate;
+			inside = !found && (!configuration || current == configuration) && d[2] == interface && d[3] == alternate;
 			if (!inside)
 				continue;
 			found = true;
-			*ret = (struct usb_setting){.configuration = (uint8_t)current, .interface = d[2],
-						    .alternate = d[3], .interface_class = d[5]};
+			*ret = (struct usb_setting){
+				.configuration = (uint8_t)current, .interface = d[2], .alternate = d[3], .interface_class = d[5]};
 		} else if (d[1] == DESCRIPTOR_ENDPOINT && d[0] >= ENDPOINT_SIZE && inside && ret->n < USB_ENDPOINTS) {
 			ret->endpoints[ret->n++] = (struct usb_endpoint){
 				.address = d[2], .type = d[3] & 3, .packet = (uint16_t)(le16(d + 4) & 0x7ff)};

@@ -58,13 +58,15 @@ int usb_limit_check(const struct usb_limit *limit, const struct profile *profile
 
 	if (!limit->bytes || all <= limit->bytes)
 		return 0;
-	err_set(err, ERR_LIMIT, "%u transfers of %u bytes need %llu bytes of the kernel's memory for USB%s, and it lends %llu "
-				"(usbfs_memory_mb=%llu%s)",
+	err_set(err, ERR_LIMIT,
+		"%u transfers of %u bytes need %llu bytes of the kernel's memory for USB%s, and it lends %llu "
+		"(usbfs_memory_mb=%llu%s)",
 		profile->transfers, profile->transfer_size, (unsigned long long)need,
 		others ? ", beside what other captures have" : "", (unsigned long long)limit->bytes,
 		(unsigned long long)(limit->bytes >> 20), limit->assumed ? ", assumed: its file is not there" : "");
 	err->need = all;
-	return err_add_hint(err, "echo %llu > " USB_MEMORY_FILE ", for ever with the kernel's parameter "
-				 "usbcore.usbfs_memory_mb=%llu; or fewer or smaller transfers in profile %s",
+	return err_add_hint(err,
+			    "echo %llu > " USB_MEMORY_FILE ", for ever with the kernel's parameter "
+			    "usbcore.usbfs_memory_mb=%llu; or fewer or smaller transfers in profile %s",
 			    (unsigned long long)mb, (unsigned long long)mb, profile->name);
 }

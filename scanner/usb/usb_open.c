@@ -32,8 +32,7 @@ static int usb_failed(struct usb_capture *c, int r, const char *what)
 	case LIBUSB_ERROR_NO_MEM:
 		return err_set(&c->err, ERR_NOMEM, "no memory to open a device");
 	}
-	err_set(&c->err, ERR_IO, "%s: %s: %s", usb_device_words(&c->device, words, sizeof(words)), what,
-		libusb_strerror(r));
+	err_set(&c->err, ERR_IO, "%s: %s: %s", usb_device_words(&c->device, words, sizeof(words)), what, libusb_strerror(r));
 	return err_add_hint(&c->err, "unplug it and plug it in again");
 }
 
@@ -44,8 +43,7 @@ static int misfit(struct usb_capture *c, const char *fmt, unsigned a, unsigned b
 	snprintf(text, sizeof(text), fmt, a, b);
 	err_set(&c->err, ERR_INPUT, "profile %s does not fit %s: %s", c->profile.name,
 		usb_device_words(&c->device, words, sizeof(words)), text);
-	return err_add_hint(&c->err, "lsusb -v -d %04x:%04x shows what the device has", c->device.vendor,
-			    c->device.product);
+	return err_add_hint(&c->err, "lsusb -v -d %04x:%04x shows what the device has", c->device.vendor, c->device.product);
 }
 
 static bool streams(const struct usb_endpoint *endpoint)
@@ -85,16 +83,14 @@ static int check_device(struct usb_capture *c)
 	size_t size;
 	int r = usb_sysfs_descriptors(USB_SYSFS, c->device.port, descriptors, sizeof(descriptors), &size);
 
-	if (r || !usb_watch_present(c->usb, &c->device) ||
-	    !usb_descriptor_device(descriptors, size, configuration, &now) || now.vendor != c->device.vendor ||
-	    now.product != c->device.product)
+	if (r || !usb_watch_present(c->usb, &c->device) || !usb_descriptor_device(descriptors, size, configuration, &now) ||
+	    now.vendor != c->device.vendor || now.product != c->device.product)
 		return usb_refusal_left(&c->device, "before it was started", &c->err);
 	if (now.mass_storage || c->device.mass_storage)
 		return usb_refusal_storage(&c->device, &c->err);
 	if (c->profile.configuration)
 		configuration = c->profile.configuration;
-	if (!usb_descriptor_setting(descriptors, size, configuration, c->profile.interface, c->profile.alternate,
-				    &c->setting))
+	if (!usb_descriptor_setting(descriptors, size, configuration, c->profile.interface, c->profile.alternate, &c->setting))
 		return misfit(c, "it has no interface %u with setting %u", c->profile.interface, c->profile.alternate);
 	usb_access(&now);
 	if (now.refused == ENOENT)
@@ -125,9 +121,8 @@ static bool is_it(libusb_device *device, const struct usb_device *wanted)
 	while (last && wanted->port[last - 1] >= '0' && wanted->port[last - 1] <= '9')
 		last--;
 	return libusb_get_bus_number(device) == wanted->bus && libusb_get_device_address(device) == wanted->address &&
-	       libusb_get_port_number(device) == atoi(wanted->port + last) &&
-	       libusb_get_device_descriptor(device, &d) == 0 && d.idVendor == wanted->vendor &&
-	       d.idProduct == wanted->product;
+	       libusb_get_port_number(device) == atoi(wanted->port + last) && libusb_get_device_descriptor(device, &d) == 0 &&
+	       d.idVendor == wanted->vendor && d.idProduct == wanted->product;
 }
 
 /* What libusb does not list (udev's word did not get here) is opened by its node. */

@@ -38,8 +38,8 @@ struct usb_setting { /* one alternate setting of an interface */
 /* Fills vendor, product, classes and mass_storage. `configuration`: the active one, 0: the first. False: too short. */
 bool usb_descriptor_device(const uint8_t *at, size_t size, unsigned configuration, struct usb_device *ret);
 /* False: there is none such. `configuration` 0: the first that has it. */
-bool usb_descriptor_setting(const uint8_t *at, size_t size, unsigned configuration, unsigned interface,
-			    unsigned alternate, struct usb_setting *ret);
+bool usb_descriptor_setting(const uint8_t *at, size_t size, unsigned configuration, unsigned interface, unsigned alternate,
+			    struct usb_setting *ret);
 const struct usb_endpoint *usb_setting_endpoint(const struct usb_setting *, unsigned address);
 
 /* ---- usb_sysfs.c: what the kernel says, without opening a device ---- */
@@ -52,8 +52,7 @@ int usb_sysfs_list(const char *folder, struct usb_device **ret, size_t *ret_n, s
 int usb_sysfs_descriptors(const char *folder, const char *port, uint8_t *ret, size_t room, size_t *ret_size);
 unsigned usb_sysfs_configuration(const char *folder, const char *port); /* 0: not known */
 /* Name of the driver of an interface; "" none. */
-void usb_sysfs_driver(const char *folder, const char *port, unsigned configuration, unsigned interface, char *ret,
-		      size_t room);
+void usb_sysfs_driver(const char *folder, const char *port, unsigned configuration, unsigned interface, char *ret, size_t room);
 void usb_access(struct usb_device *); /* openable and refused, as of now */
 
 /* ---- usb_limit.c ---- */
@@ -106,14 +105,14 @@ struct usb {
 	int stop_fd;
 
 	pthread_mutex_t lock;
-	pthread_cond_t scanned;             /* tickets */
-	struct libusb_context *context;     /* NULL: no usbfs here */
-	int wake_fd;                        /* of the thread without a context */
+	pthread_cond_t scanned;         /* tickets */
+	struct libusb_context *context; /* NULL: no usbfs here */
+	int wake_fd;                    /* of the thread without a context */
 	bool quit;
 	const char *polls;
 	uint64_t scan_wanted, scan_done;
 	int scan_failed;
-	struct usb_capture *starting;       /* handed to the thread, by their next */
+	struct usb_capture *starting; /* handed to the thread, by their next */
 	struct usb_known *known;
 	size_t n, room;
 	struct usb_notice *first, *last;
@@ -127,18 +126,18 @@ struct usb {
 	bool events_lost, registered;
 	int hotplug;
 	uint64_t poll_at;
-	unsigned failures;                  /* of the event loop, in a row */
+	unsigned failures; /* of the event loop, in a row */
 };
 void usb_wake(struct usb *);
 
 /* ---- capture ---- */
 
 enum usb_phase {
-	USB_PHASE_START,  /* transfers in flight, start commands under way */
+	USB_PHASE_START, /* transfers in flight, start commands under way */
 	USB_PHASE_STREAM,
-	USB_PHASE_QUIET,  /* to stop: transfers are being cancelled */
-	USB_PHASE_STOP,   /* stop commands under way, one small transfer reads */
-	USB_PHASE_LEAVE,  /* all is being cancelled */
+	USB_PHASE_QUIET, /* to stop: transfers are being cancelled */
+	USB_PHASE_STOP,  /* stop commands under way, one small transfer reads */
+	USB_PHASE_LEAVE, /* all is being cancelled */
 	USB_PHASE_ENDED,
 };
 enum usb_recover { USB_RECOVER_NONE, USB_RECOVER_STALL, USB_RECOVER_OVERFLOW, USB_RECOVER_ERROR };
@@ -167,7 +166,7 @@ struct usb_talk { /* commands, one after the other; thread's */
 	struct libusb_transfer *transfer;
 	uint8_t out[PROFILE_COMMAND_SIZE];
 	bool flying, returned;
-	bool taken, heard;     /* one of them was, whatever came of it; one of them has had its answer, where one is waited for */
+	bool taken, heard; /* one of them was, whatever came of it; one of them has had its answer, where one is waited for */
 	uint64_t deadline;
 	uint16_t fall[PROFILE_COMMAND_SIZE]; /* where to go on in the answer after a byte that does not fit */
 	size_t matched;
@@ -183,11 +182,11 @@ struct usb_capture {
 	struct usb_device device;
 
 	pthread_mutex_t lock;
-	pthread_cond_t changed;             /* ended */
-	int fd;                             /* the caller's queue */
-	int start_fd;                       /* the start is done */
+	pthread_cond_t changed;               /* ended */
+	int fd;                               /* the caller's queue */
+	int start_fd;                         /* the start is done */
 	struct usb_item *first, *last, *held; /* held: copies in the caller's hand */
-	size_t copied;                      /* bytes in copies */
+	size_t copied;                        /* bytes in copies */
 	struct usb_slot *given;
 	struct usb_counts counts;
 	bool stop, abandon, ready, ended, gone_taken, short_of_memory;
@@ -199,22 +198,22 @@ struct usb_capture {
 	/* thread's */
 	enum usb_phase phase;
 	struct libusb_device_handle *handle;
-	int node_fd;                        /* of a device that libusb does not list; -1 */
+	int node_fd; /* of a device that libusb does not list; -1 */
 	bool claimed, left, cancelled, gap, lacking, spare_out;
-	bool start_failed;                  /* it is told to stop, and the capture has failed: err says why */
+	bool start_failed; /* it is told to stop, and the capture has failed: err says why */
 	struct usb_setting setting;
 	const struct usb_endpoint *in, *out;
-	struct usb_slot *slots, spare;      /* spare: reads while stop commands are sent */
+	struct usb_slot *slots, spare; /* spare: reads while stop commands are sent */
 	uint32_t slots_n;
 	struct usb_slot *free;
 	uint32_t flying;
 	uint64_t submitted;
 	enum usb_recover recover;
-	unsigned troubles;     /* kinds that this episode had: 1 << usb_recover */
-	unsigned fruitless;                 /* stalls and errors without a byte between them */
-	uint64_t retry_at, drain_by;        /* 0: none */
+	unsigned troubles;           /* kinds that this episode had: 1 << usb_recover */
+	unsigned fruitless;          /* stalls and errors without a byte between them */
+	uint64_t retry_at, drain_by; /* 0: none */
 	struct usb_talk talk;
-	struct err err;                     /* why the start failed */
+	struct err err; /* why the start failed */
 };
 
 /* usb_open.c: opens, claims, allocates; on failure c->err is set, and what was opened is closed by usb_close_device.
@@ -225,8 +224,8 @@ void usb_slots_free(struct usb_capture *);
 
 /* usb_queue.c */
 void usb_queue_data(struct usb_capture *, struct usb_slot *, size_t size, bool with_error, int64_t now);
-void usb_queue_event(struct usb_capture *, enum usb_kind, const uint8_t *at, size_t size, int64_t now, const char *fmt,
-		     ...) __attribute__((format(printf, 6, 7)));
+void usb_queue_event(struct usb_capture *, enum usb_kind, const uint8_t *at, size_t size, int64_t now, const char *fmt, ...)
+	__attribute__((format(printf, 6, 7)));
 bool usb_queue_has_data(const struct usb_capture *); /* not taken yet; under the lock */
 void usb_queue_end(struct usb_capture *);
 void usb_slot_free(struct usb_capture *, struct usb_slot *); /* may be submitted again; thread's */

@@ -75,8 +75,7 @@ void usb_queue_data(struct usb_capture *c, struct usb_slot *slot, size_t size, b
 	pthread_mutex_unlock(&c->lock);
 }
 
-void usb_queue_event(struct usb_capture *c, enum usb_kind kind, const uint8_t *at, size_t size, int64_t now,
-		     const char *fmt, ...)
+void usb_queue_event(struct usb_capture *c, enum usb_kind kind, const uint8_t *at, size_t size, int64_t now, const char *fmt, ...)
 {
 	struct usb_item *item;
 	va_list ap;

@@ -13,9 +13,8 @@
 
 char *usb_device_words(const struct usb_device *device, char *buf, size_t size)
 {
-	snprintf(buf, size, "%.40s%s%04x:%04x%s%s%.40s at %s", device->model, device->model[0] ? " " : "",
-		 device->vendor, device->product, device->model[0] ? "" : "", device->serial[0] ? " serial " : "",
-		 device->serial, device->port);
+	snprintf(buf, size, "%.40s%s%04x:%04x%s%s%.40s at %s", device->model, device->model[0] ? " " : "", device->vendor,
+		 device->product, device->model[0] ? "" : "", device->serial[0] ? " serial " : "", device->serial, device->port);
 	return buf;
 }
 
@@ -47,9 +46,10 @@ int usb_refusal_mode(const struct usb_device *device, int sys, struct err *err)
 		  usb_device_words(device, words, sizeof(words)), device->node, strerror(sys));
 	if (sys == EPERM)
 		return err_add_hint(err, "the service's DeviceAllow= keeps it away: it takes \"char-usb_device rw\"");
-	return err_add_hint(err, "put SUBSYSTEM==\"usb\", ATTRS{idVendor}==\"%04x\", ATTRS{idProduct}==\"%04x\", "
-				 "MODE=\"0660\", GROUP=\"" USB_RULE_GROUP "\" into " USB_RULE_FILE ", be in that group, "
-				 "then udevadm control --reload, and plug it in again",
+	return err_add_hint(err,
+			    "put SUBSYSTEM==\"usb\", ATTRS{idVendor}==\"%04x\", ATTRS{idProduct}==\"%04x\", "
+			    "MODE=\"0660\", GROUP=\"" USB_RULE_GROUP "\" into " USB_RULE_FILE ", be in that group, "
+			    "then udevadm control --reload, and plug it in again",
 			    device->vendor, device->product);
 }
 
@@ -113,8 +113,8 @@ int usb_refusal_busy(const struct usb_device *device, unsigned configuration, un
 	if (find_holder(device->node, holder, sizeof(holder)))
 		err_set(err, ERR_BUSY, "%s: interface %u is in use by %s", words, interface, holder);
 	else if (driver[0] && strcmp(driver, "usbfs"))
-		err_set(err, ERR_BUSY, "%s: interface %u is in use by the kernel's driver %s, which does not let go of it",
-			words, interface, driver);
+		err_set(err, ERR_BUSY, "%s: interface %u is in use by the kernel's driver %s, which does not let go of it", words,
+			interface, driver);
 	else
 		err_set(err, ERR_BUSY, "%s: interface %u is in use by another program", words, interface);
 	return err_add_hint(err, "end that program; as root \"fuser -v %s\" names it", device->node);
@@ -124,8 +124,7 @@ int usb_refusal_storage(const struct usb_device *device, struct err *err)
 {
 	char words[160];
 
-	err_set(err, ERR_UNSUPPORTED, "%s is mass storage, which is left alone",
-		usb_device_words(device, words, sizeof(words)));
+	err_set(err, ERR_UNSUPPORTED, "%s is mass storage, which is left alone", usb_device_words(device, words, sizeof(words)));
 	return err_add_hint(err, "mount it and push its files with acutctl");
 }
 

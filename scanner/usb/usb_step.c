@@ -111,9 +111,10 @@ static bool clear(struct usb_capture *c, uint64_t now)
 	}
 	c->recover = USB_RECOVER_NONE;
 	c->retry_at = 0;
-	usb_queue_event(c, USB_CLEARED, NULL, 0, (int64_t)clock_mono_ns(), "endpoint 0x%02x goes on after %s",
-			c->in->address, how == USB_RECOVER_STALL ? "a stall" : how == USB_RECOVER_OVERFLOW ? "an overflow" :
-			"an error");
+	usb_queue_event(c, USB_CLEARED, NULL, 0, (int64_t)clock_mono_ns(), "endpoint 0x%02x goes on after %s", c->in->address,
+			how == USB_RECOVER_STALL    ? "a stall" :
+			how == USB_RECOVER_OVERFLOW ? "an overflow" :
+						      "an error");
 	return true;
 }
 
@@ -122,8 +123,9 @@ static uint64_t recover(struct usb_capture *c, uint64_t now)
 	if (!drained(c, now))
 		return c->drain_by;
 	if (c->fruitless > FRUITLESS_MAX) {
-		leave_failed(c, now, c->recover == USB_RECOVER_STALL ? "it stalls again and again without a byte"
-								     : "it does not answer any more");
+		leave_failed(c, now,
+			     c->recover == USB_RECOVER_STALL ? "it stalls again and again without a byte" :
+							       "it does not answer any more");
 		return now;
 	}
 	clear(c, now);
@@ -153,8 +155,10 @@ static uint64_t start_on(struct usb_capture *c, uint64_t now)
 	int r;
 
 	if (c->lacking) {
-		err_set(&c->err, ERR_LIMIT, "the kernel has no memory for %u transfers of %u bytes: other programs have what "
-					    "usbfs_memory_mb lends", c->profile.transfers, c->profile.transfer_size);
+		err_set(&c->err, ERR_LIMIT,
+			"the kernel has no memory for %u transfers of %u bytes: other programs have what "
+			"usbfs_memory_mb lends",
+			c->profile.transfers, c->profile.transfer_size);
 		err_add_hint(&c->err, "write more into " USB_MEMORY_FILE ", or end the other programs that use USB");
 		leave(c, now, USB_END_FAILED, "no memory for transfers");
 		return now;
@@ -253,7 +257,8 @@ static uint64_t stop_on(struct usb_capture *c, uint64_t now, bool abandon)
 	if (r || c->left)
 		return now;
 	return c->recover != USB_RECOVER_NONE && c->retry_at && c->retry_at > now && c->retry_at < usb_talk_until(c) ?
-		       c->retry_at : usb_talk_until(c);
+		       c->retry_at :
+		       usb_talk_until(c);
 }
 
 static uint64_t finish(struct usb_capture *c, uint64_t now)

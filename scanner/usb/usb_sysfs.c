@@ -84,8 +84,7 @@ unsigned usb_sysfs_configuration(const char *folder, const char *port)
 	return read_number(folder, port, "bConfigurationValue", UINT8_MAX, &value) ? (unsigned)value : 0;
 }
 
-void usb_sysfs_driver(const char *folder, const char *port, unsigned configuration, unsigned interface, char *ret,
-		      size_t room)
+void usb_sysfs_driver(const char *folder, const char *port, unsigned configuration, unsigned interface, char *ret, size_t room)
 {
 	char path[512], link[512];
 	const char *name;
@@ -103,9 +102,10 @@ void usb_sysfs_driver(const char *folder, const char *port, unsigned configurati
 
 static const char *speed_words(const char *mbit)
 {
-	static const struct { const char *mbit, *words; } speeds[] = {
-		{"1.5", "low"}, {"12", "full"}, {"480", "high"}, {"5000", "super"}, {"10000", "super+"},
-		{"20000", "super+ x2"},
+	static const struct {
+		const char *mbit, *words;
+	} speeds[] = {
+		{"1.5", "low"}, {"12", "full"}, {"480", "high"}, {"5000", "super"}, {"10000", "super+"}, {"20000", "super+ x2"},
 	};
 
 	for (size_t i = 0; i < sizeof(speeds) / sizeof(speeds[0]); i++) {
@@ -138,8 +138,8 @@ static bool read_device(const char *folder, const char *port, struct usb_device 
 	*ret = (struct usb_device){.profile = -1};
 	if (usb_sysfs_descriptors(folder, port, descriptors, sizeof(descriptors), &size) ||
 	    !usb_descriptor_device(descriptors, size, usb_sysfs_configuration(folder, port), ret) ||
-	    !read_number(folder, port, "busnum", UINT8_MAX, &bus) ||
-	    !read_number(folder, port, "devnum", UINT8_MAX, &address) || ret->device_class == USB_CLASS_HUB)
+	    !read_number(folder, port, "busnum", UINT8_MAX, &bus) || !read_number(folder, port, "devnum", UINT8_MAX, &address) ||
+	    ret->device_class == USB_CLASS_HUB)
 		return false;
 	ret->bus = (uint8_t)bus;
 	ret->address = (uint8_t)address;

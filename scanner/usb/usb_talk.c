@@ -90,8 +90,8 @@ static int failed(struct usb_capture *c, enum err_code code, const char *how, st
 	usb_bytes_words(t->came, kept, came, sizeof(came));
 	if (t->state == USB_TALK_WAITING)
 		err_set(err, code, "%s: %s: sent \"%s\", waited %u ms for \"%s\", %llu byte%s came%s%s%s%s", words, how, sent,
-			timeout_ms(c), answer, (unsigned long long)t->came_n, t->came_n == 1 ? "" : "s",
-			t->came_n ? ": \"" : "", came, t->came_n > kept ? "..." : "", t->came_n ? "\"" : "");
+			timeout_ms(c), answer, (unsigned long long)t->came_n, t->came_n == 1 ? "" : "s", t->came_n ? ": \"" : "",
+			came, t->came_n > kept ? "..." : "", t->came_n ? "\"" : "");
 	else
 		err_set(err, code, "%s: %s: \"%s\"", words, how, sent);
 	err_add_hint(err, "see whether profile %s is for this model, and its timeout", c->profile.name);
@@ -110,11 +110,11 @@ static int send(struct usb_capture *c, uint64_t now, struct err *err)
 	t->returned = false;
 	memcpy(t->out, command->at, command->size);
 	if (c->out->type == LIBUSB_TRANSFER_TYPE_INTERRUPT)
-		libusb_fill_interrupt_transfer(t->transfer, c->handle, c->out->address, t->out, (int)command->size,
-					       on_sent, c, timeout_ms(c));
+		libusb_fill_interrupt_transfer(t->transfer, c->handle, c->out->address, t->out, (int)command->size, on_sent, c,
+					       timeout_ms(c));
 	else
-		libusb_fill_bulk_transfer(t->transfer, c->handle, c->out->address, t->out, (int)command->size, on_sent,
-					  c, timeout_ms(c));
+		libusb_fill_bulk_transfer(t->transfer, c->handle, c->out->address, t->out, (int)command->size, on_sent, c,
+					  timeout_ms(c));
 	r = libusb_submit_transfer(t->transfer);
 	if (r == LIBUSB_ERROR_NO_DEVICE) {
 		c->left = true;
@@ -201,8 +201,8 @@ bool usb_talk_heard(const struct usb_capture *c)
 {
 	const struct usb_talk *t = &c->talk;
 
-	return t->heard || (t->state == USB_TALK_SENDING && t->returned && t->answered &&
-			    t->transfer->status == LIBUSB_TRANSFER_COMPLETED);
+	return t->heard ||
+	       (t->state == USB_TALK_SENDING && t->returned && t->answered && t->transfer->status == LIBUSB_TRANSFER_COMPLETED);
 }
 
 bool usb_talk_taken(const struct usb_capture *c)

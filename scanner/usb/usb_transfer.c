@@ -114,11 +114,9 @@ static void LIBUSB_CALL on_done(struct libusb_transfer *t)
 void usb_transfer_fill(struct usb_capture *c, struct usb_slot *slot, uint32_t size)
 {
 	if (c->in->type == LIBUSB_TRANSFER_TYPE_INTERRUPT)
-		libusb_fill_interrupt_transfer(slot->transfer, c->handle, c->in->address, slot->at, (int)size, on_done,
-					       slot, 0);
+		libusb_fill_interrupt_transfer(slot->transfer, c->handle, c->in->address, slot->at, (int)size, on_done, slot, 0);
 	else
-		libusb_fill_bulk_transfer(slot->transfer, c->handle, c->in->address, slot->at, (int)size, on_done, slot,
-					  0);
+		libusb_fill_bulk_transfer(slot->transfer, c->handle, c->in->address, slot->at, (int)size, on_done, slot, 0);
 	slot->capture = c;
 }
 
@@ -142,8 +140,7 @@ static void note_flying(struct usb_capture *c, uint64_t now)
 static void lack(struct usb_capture *c, uint64_t now)
 {
 	if (!c->lacking && c->phase != USB_PHASE_START)
-		usb_queue_event(c, USB_ERROR, NULL, 0, (int64_t)now,
-				"the kernel has no memory for a transfer (usbfs_memory_mb)");
+		usb_queue_event(c, USB_ERROR, NULL, 0, (int64_t)now, "the kernel has no memory for a transfer (usbfs_memory_mb)");
 	c->lacking = true;
 }
 

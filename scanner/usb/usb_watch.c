@@ -38,8 +38,8 @@ static int LIBUSB_CALL on_hotplug(libusb_context *context, libusb_device *device
 		usb->events_room = room;
 	}
 	usb->events[usb->events_n++] = (struct usb_event){.left = event == LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT,
-							   .bus = libusb_get_bus_number(device),
-							   .address = libusb_get_device_address(device)};
+							  .bus = libusb_get_bus_number(device),
+							  .address = libusb_get_device_address(device)};
 	return 0;
 }
 
@@ -66,10 +66,10 @@ void usb_watch_start(struct usb *usb)
 	} else if (!libusb_has_capability(LIBUSB_CAP_HAS_HOTPLUG)) {
 		why = "libusb was built without hotplug";
 	} else {
-		r = libusb_hotplug_register_callback(
-			usb->context, LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED | LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT, 0,
-			LIBUSB_HOTPLUG_MATCH_ANY, LIBUSB_HOTPLUG_MATCH_ANY, LIBUSB_HOTPLUG_MATCH_ANY, on_hotplug, usb,
-			&usb->hotplug);
+		r = libusb_hotplug_register_callback(usb->context,
+						     LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED | LIBUSB_HOTPLUG_EVENT_DEVICE_LEFT, 0,
+						     LIBUSB_HOTPLUG_MATCH_ANY, LIBUSB_HOTPLUG_MATCH_ANY, LIBUSB_HOTPLUG_MATCH_ANY,
+						     on_hotplug, usb, &usb->hotplug);
 		usb->registered = r == 0;
 		if (r)
 			why = "libusb's hotplug cannot be used";
@@ -141,8 +141,11 @@ static void forget(struct usb *usb, struct usb_known *known)
 static int match(struct usb *usb, const struct usb_device *device)
 {
 	struct profile_device told = {
-		.vendor = device->vendor, .product = device->product, .device_class = device->device_class,
-		.interface_classes = device->interface_classes, .interfaces = device->interfaces,
+		.vendor = device->vendor,
+		.product = device->product,
+		.device_class = device->device_class,
+		.interface_classes = device->interface_classes,
+		.interfaces = device->interfaces,
 		.serial = device->serial[0] ? device->serial : NULL,
 	};
 	const struct profile_entry *entry = usb->profiles ? profile_set_match(usb->profiles, &told) : NULL;
@@ -176,8 +179,7 @@ static bool add(struct usb *usb, const struct usb_device *device, bool silent)
 
 static bool same(const struct usb_device *a, const struct usb_device *b)
 {
-	return a->vendor == b->vendor && a->product == b->product && !strcmp(a->port, b->port) &&
-	       !strcmp(a->serial, b->serial);
+	return a->vendor == b->vendor && a->product == b->product && !strcmp(a->port, b->port) && !strcmp(a->serial, b->serial);
 }
 
 /* Under the lock. */

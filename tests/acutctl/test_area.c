@@ -19,7 +19,7 @@
 
 typedef int read_fn(const char *text, size_t size, struct ctl_area *, struct err *);
 
-static const struct lattice lattice = { .scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {0, 0, 0} };
+static const struct lattice lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {0, 0, 0}};
 
 static uint64_t seed = 3;
 
@@ -35,7 +35,7 @@ static int read_text(const char *text, struct ctl_area *a, struct err *err)
 {
 	const char *start = text + strspn(text, " \t\r\n");
 
-	*a = (struct ctl_area){ 0 };
+	*a = (struct ctl_area){0};
 	return *start == '{' ? ctl_area_json(text, strlen(text), a, err) : ctl_area_wkt(text, strlen(text), a, err);
 }
 
@@ -96,8 +96,14 @@ static void test_forms(void **state)
 /* Digits of both kinds of numbers come through json-c as they stood. */
 static void test_exact(void **state)
 {
-	static const char *const numbers[] = {"635000.2500000001", "0.30000000000000004", "123456789012345678", "-1e-12",
-					      "9007199254740993", "1E3", "-0", "0.1e+2"};
+	static const char *const numbers[] = {"635000.2500000001",
+					      "0.30000000000000004",
+					      "123456789012345678",
+					      "-1e-12",
+					      "9007199254740993",
+					      "1E3",
+					      "-0",
+					      "0.1e+2"};
 
 	for (size_t i = 0; i < sizeof(numbers) / sizeof(*numbers); i++) {
 		char json[200], wkt[200];
@@ -170,8 +176,8 @@ static void test_damaged(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(test_forms), cmocka_unit_test(test_exact),
-					    cmocka_unit_test(test_damaged) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_forms), cmocka_unit_test(test_exact),
+					   cmocka_unit_test(test_damaged)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -78,8 +78,9 @@ static void number_is(double v)
 
 static void numbers(void **state)
 {
-	static const double some[] = {0, 1, -1, 0.5, 0.1, 1e-4, 0.000099, 0.00012, 0.000001, 999999.999999, 1e6, 123456.7, 100, 100.01,
-				      1.0000001, 1.0 / 3, 2e-7, 1e300, 0.025279, 0.04606, 1234567.25};
+	static const double some[] = {
+		0,        1,   -1,     0.5,       0.1,     1e-4, 0.000099, 0.00012,  0.000001, 999999.999999, 1e6,
+		123456.7, 100, 100.01, 1.0000001, 1.0 / 3, 2e-7, 1e300,    0.025279, 0.04606,  1234567.25};
 	uint64_t x = 88172645463325252u;
 
 	for (size_t i = 0; i < sizeof some / sizeof *some; i++) {
@@ -218,7 +219,8 @@ static void short_ones(void **state)
 		ctl_json_close(&j, '}');
 		ctl_json_line(&j);
 		fclose(j.out);
-		assert_true(asprintf(&wanted, "{\"%s\":%llu,\"%s\":\"%s\"}\n", word, 12345678901234567890ull >> len, word, word) > 0);
+		assert_true(asprintf(&wanted, "{\"%s\":%llu,\"%s\":\"%s\"}\n", word, 12345678901234567890ull >> len, word, word) >
+			    0);
 		assert_string_equal(text, wanted);
 		free(text);
 		free(wanted);
@@ -270,14 +272,8 @@ static void lengths(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(numbers),
-		cmocka_unit_test(integers),
-		cmocka_unit_test(times),
-		cmocka_unit_test(texts),
-		cmocka_unit_test(odd_places),
-		cmocka_unit_test(keys),
-		cmocka_unit_test(short_ones),
-		cmocka_unit_test(lengths),
+		cmocka_unit_test(numbers),    cmocka_unit_test(integers), cmocka_unit_test(times),      cmocka_unit_test(texts),
+		cmocka_unit_test(odd_places), cmocka_unit_test(keys),     cmocka_unit_test(short_ones), cmocka_unit_test(lengths),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

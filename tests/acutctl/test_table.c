@@ -28,7 +28,9 @@ static void test_safe(void **state)
 	safe_is("", "");
 	safe_is("Grüße, 地形.las", "Grüße, 地形.las");
 	safe_is("a\033[2J\nb\tc\r", "a\\x1b[2J\\nb\\tc\\x0d");
-	safe_is("\x7f\xc2\x9b" "31m", "\\x7f\\xc2\\x9b31m");
+	safe_is("\x7f\xc2\x9b"
+		"31m",
+		"\\x7f\\xc2\\x9b31m");
 	safe_is("\xff\xc0\xaf\xed\xa0\x80\xc3", "\\xff\\xc0\\xaf\\xed\\xa0\\x80\\xc3");
 	safe_is("x\u202egnp", "x\\xe2\\x80\\xaegnp"); /* would turn the name around */
 }
@@ -70,7 +72,8 @@ static void test_shorten(void **state)
 }
 
 static const struct ctl_column columns[] = {
-	{"NAME", .shrink = true}, {"POINTS", .right = true}, {"SIZE", .right = true}, {"PUSHED", .spare = true}, {"NOTE", .tail = true},
+	{"NAME", .shrink = true},  {"POINTS", .right = true}, {"SIZE", .right = true},
+	{"PUSHED", .spare = true}, {"NOTE", .tail = true},
 };
 
 static void fill(FILE *out)
@@ -167,8 +170,8 @@ static void test_terminal(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_safe),	 cmocka_unit_test(test_columns), cmocka_unit_test(test_shorten),
-		cmocka_unit_test(test_plain),	 cmocka_unit_test(test_terminal),
+		cmocka_unit_test(test_safe),  cmocka_unit_test(test_columns),  cmocka_unit_test(test_shorten),
+		cmocka_unit_test(test_plain), cmocka_unit_test(test_terminal),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -15,10 +15,10 @@
 #include "view.h"
 
 static const char *const classes[] = {NULL, "2", "2,8", "8,2", "2-5,9", "5,4,3", "0-255", "255", "0,2,4,6-8"};
-static const char *const returns[] = { NULL, "all", "first", "last" };
-static const char *const duplicates[] = { NULL, "lowest", "highest" };
+static const char *const returns[] = {NULL, "all", "first", "last"};
+static const char *const duplicates[] = {NULL, "lowest", "highest"};
 
-static const struct lattice lattice = { .scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {63500000, -7, 0} };
+static const struct lattice lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {63500000, -7, 0}};
 
 static void assert_same(const char *asked, const struct view *want)
 {
@@ -36,9 +36,13 @@ static void assert_same(const char *asked, const struct view *want)
 
 static void one(unsigned c, unsigned r, unsigned d, unsigned flags)
 {
-	struct ctl_args a = { .classes = classes[c], .returns = returns[r], .duplicates = duplicates[d],
-			      .ground = flags & 1, .surface = flags & 2, .keep_withheld = flags & 4,
-			      .keep_noise = flags & 8 };
+	struct ctl_args a = {.classes = classes[c],
+			     .returns = returns[r],
+			     .duplicates = duplicates[d],
+			     .ground = flags & 1,
+			     .surface = flags & 2,
+			     .keep_withheld = flags & 4,
+			     .keep_noise = flags & 8};
 	struct view v = VIEW_INIT;
 	struct err e = ERR_INIT, f = ERR_INIT;
 	char *asked = NULL;
@@ -72,12 +76,11 @@ static void test_all(void **state)
 
 static void test_rubbish(void **state)
 {
-	static const char *const bad[] = {"",   ",",  "2,",  ",2",    "256",
-					  "-1", "2-", "-2",  "5-2",   "2;8",
-					  " 2", "2 ", "two", "1-2-3", "99999999999999999999"};
+	static const char *const bad[] = {
+		"", ",", "2,", ",2", "256", "-1", "2-", "-2", "5-2", "2;8", " 2", "2 ", "two", "1-2-3", "99999999999999999999"};
 
 	for (unsigned i = 0; i < sizeof(bad) / sizeof(*bad); i++) {
-		struct ctl_args a = { .classes = bad[i] };
+		struct ctl_args a = {.classes = bad[i]};
 		struct view v = VIEW_INIT;
 		char *text;
 		struct err e = ERR_INIT, f = ERR_INIT;
@@ -90,10 +93,10 @@ static void test_rubbish(void **state)
 /* A number has one spelling in a request, whatever was typed. */
 static void test_every(void **state)
 {
-	static const char *const typed[] = { "7", "007", "0000000000000000000000007" };
+	static const char *const typed[] = {"7", "007", "0000000000000000000000007"};
 
 	for (unsigned i = 0; i < sizeof(typed) / sizeof(*typed); i++) {
-		struct ctl_args a = { .every = (char *)typed[i] };
+		struct ctl_args a = {.every = (char *)typed[i]};
 		struct view v = VIEW_INIT;
 		struct err err = ERR_INIT;
 		char *text;
@@ -107,8 +110,8 @@ static void test_every(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(test_all), cmocka_unit_test(test_rubbish),
-					    cmocka_unit_test(test_every) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_all), cmocka_unit_test(test_rubbish),
+					   cmocka_unit_test(test_every)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

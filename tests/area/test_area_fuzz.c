@@ -81,7 +81,7 @@ static void make_box(uint64_t *seed)
 /* A hole that repeats corners until two are left is none. */
 static void drop_hole(unsigned r)
 {
-	int64_t (*c)[2] = polygon.at[r];
+	int64_t(*c)[2] = polygon.at[r];
 	unsigned n = 0;
 
 	for (unsigned i = 0; i < polygon.n[r]; i++)
@@ -107,9 +107,8 @@ static void make_polygon(uint64_t *seed)
 		for (unsigned i = 0; i < polygon.n[r]; i++) {
 			for (unsigned k = 0; k < 2; k++)
 				polygon.at[r][i][k] = near(seed, k);
-			assert_int_equal(view_area_corner(a, polygon.at[r][i][0] + view.k[0], polygon.at[r][i][1] + view.k[1],
-							  &err),
-					 0);
+			assert_int_equal(
+				view_area_corner(a, polygon.at[r][i][0] + view.k[0], polygon.at[r][i][1] + view.k[1], &err), 0);
 		}
 		drop_hole(r);
 	}
@@ -192,7 +191,7 @@ static bool meets(const int32_t c[6])
 	for (unsigned i = 0; i < 6; i++)
 		t[i / 2][i % 2] = c[i];
 	if (view.window == VIEW_CROP_BOX) {
-		polygon = (struct polygon){ .rings = 1, .n = { 4 }, .shell = { true } };
+		polygon = (struct polygon){.rings = 1, .n = {4}, .shell = {true}};
 		for (unsigned i = 0; i < 4; i++) {
 			polygon.at[0][i][0] = view.window_box[i == 1 || i == 2 ? 2 : 0] - view.k[0];
 			polygon.at[0][i][1] = view.window_box[i >= 2 ? 3 : 1] - view.k[1];
@@ -205,7 +204,7 @@ static bool meets(const int32_t c[6])
 		for (unsigned i = 0; i < polygon.n[r]; i++) {
 			const int64_t *a = polygon.at[r][i], *b = polygon.at[r][(i + 1) % polygon.n[r]];
 
-			if (in_triangle((const int64_t (*)[2])t, a))
+			if (in_triangle((const int64_t(*)[2])t, a))
 				return true;
 			for (unsigned k = 0; k < 3; k++)
 				if (crosses(a, b, t[k], t[(k + 1) % 3]))
@@ -346,7 +345,7 @@ static int count_cell(void *ctx, const struct grid_cell *cell)
 static uint64_t cells_of(const struct cut_source *src)
 {
 	uint64_t n = 0;
-	const struct grid_visitor v = { .ctx = &n, .cell = count_cell };
+	const struct grid_visitor v = {.ctx = &n, .cell = count_cell};
 	struct err err = ERR_INIT;
 
 	assert_int_equal(src->walk(src->ctx, 0, UINT64_MAX, &v, &err), 0);
@@ -414,7 +413,7 @@ static void fuzz(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(fuzz) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -34,8 +34,7 @@ static void test_err(void **state)
 	err_add_place(&err, 131, "x scale");
 	err_add_place(&err, 7, "other");
 	err_add_hint(&err, "mend it");
-	assert_string_equal(err_format(&err, text, sizeof text),
-			    "a.las: byte 131, x scale: scale is 0 (mend it)");
+	assert_string_equal(err_format(&err, text, sizeof text), "a.las: byte 131, x scale: scale is 0 (mend it)");
 	err_clear(&err);
 	assert_int_equal(err_sys(&err, ENOSPC, "cannot write"), -ERR_NOSPACE);
 	assert_string_equal(err_format(&err, text, sizeof text), "cannot write: No space left on device");
@@ -335,17 +334,10 @@ static void test_utf8(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_utf8),
-		cmocka_unit_test(test_err),
-		cmocka_unit_test(test_err_long),
-		cmocka_unit_test(test_err_table),
-		cmocka_unit_test(test_log),
-		cmocka_unit_test(test_ledger),
-		cmocka_unit_test(test_ledger_shares),
-		cmocka_unit_test(test_cursor),
-		cmocka_unit_test(test_clock),
-		cmocka_unit_test(test_parse_integers),
-		cmocka_unit_test(test_parse_units),
+		cmocka_unit_test(test_utf8),           cmocka_unit_test(test_err),         cmocka_unit_test(test_err_long),
+		cmocka_unit_test(test_err_table),      cmocka_unit_test(test_log),         cmocka_unit_test(test_ledger),
+		cmocka_unit_test(test_ledger_shares),  cmocka_unit_test(test_cursor),      cmocka_unit_test(test_clock),
+		cmocka_unit_test(test_parse_integers), cmocka_unit_test(test_parse_units),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -61,8 +61,7 @@ static struct fixed fixed_of_product(int64_t a, int64_t b, int e)
 
 	for (int i = 0; i < na; i++)
 		for (int j = 0; j < nb; j++)
-			product[i + j] +=
-				(unsigned long)(ta[na - 1 - i] - '0') * (unsigned long)(tb[nb - 1 - j] - '0');
+			product[i + j] += (unsigned long)(ta[na - 1 - i] - '0') * (unsigned long)(tb[nb - 1 - j] - '0');
 	for (int i = 0; i < 47; i++) {
 		product[i + 1] += product[i] / 10;
 		product[i] %= 10;
@@ -159,8 +158,7 @@ static void test_scaled_text(void **state)
 	char buf[DECIMAL_TEXT_SIZE];
 
 	for (int i = 0; i < 60000; i++) {
-		struct decimal d = {(int64_t)(rnd() % 100000000000000000u >> (rnd() % 56)) | 1,
-				    (int32_t)(rnd() % 49) - 40};
+		struct decimal d = {(int64_t)(rnd() % 100000000000000000u >> (rnd() % 56)) | 1, (int32_t)(rnd() % 49) - 40};
 		int64_t n = (int64_t)rnd() >> (rnd() % 64);
 		struct fixed want = fixed_of_product(d.mantissa, n, d.exponent), got = {0};
 		char *t = decimal_scaled_text(d, n, buf), *point = strchr(t, '.');
@@ -311,17 +309,15 @@ static void test_compare(void **state)
 {
 	for (int i = 0; i < 50000; i++) {
 		struct decimal a = {(int64_t)(rnd() >> (rnd() % 63 + 1)), (int32_t)(rnd() % 30) - 20};
-		struct decimal b = rnd() % 3 ? (struct decimal){(int64_t)(rnd() >> (rnd() % 63 + 1)),
-								(int32_t)(rnd() % 30) - 20}
-					     : a;
+		struct decimal b =
+			rnd() % 3 ? (struct decimal){(int64_t)(rnd() >> (rnd() % 63 + 1)), (int32_t)(rnd() % 30) - 20} : a;
 
 		if (rnd() % 4 == 0 && b.mantissa < INT64_MAX / 10) {
 			b.mantissa *= 10;
 			b.exponent--;
 			b.mantissa += (int64_t)(rnd() % 3) - 1;
 		}
-		struct fixed fa = fixed_of_product(a.mantissa, 1, a.exponent),
-			     fb = fixed_of_product(b.mantissa, 1, b.exponent);
+		struct fixed fa = fixed_of_product(a.mantissa, 1, a.exponent), fb = fixed_of_product(b.mantissa, 1, b.exponent);
 		int sa = rnd() % 2 ? 1 : -1, sb = rnd() % 4 ? sa : -sa, want;
 
 		a.mantissa *= sa;

@@ -20,8 +20,7 @@ static const uint8_t secret[64] = {
 	0xb8, 0x08, 0x46, 0x74, 0xf7, 0x43, 0x24, 0x8e, 0xe0, 0x35, 0x90, 0xe6, 0x81, 0x3a, 0x26, 0x4c,
 };
 
-static const uint64_t prime1 = 0x9e3779b185ebca87u, prime2 = 0xc2b2ae3d27d4eb4fu,
-		      prime4 = 0x85ebca77c2b2ae63u;
+static const uint64_t prime1 = 0x9e3779b185ebca87u, prime2 = 0xc2b2ae3d27d4eb4fu, prime4 = 0x85ebca77c2b2ae63u;
 
 static uint64_t read64(const uint8_t *b)
 {
@@ -34,8 +33,7 @@ static uint64_t read64(const uint8_t *b)
 
 static uint64_t mix16(const uint8_t *in, const uint8_t *key)
 {
-	unsigned __int128 p =
-		(unsigned __int128)(read64(in) ^ read64(key)) * (read64(in + 8) ^ read64(key + 8));
+	unsigned __int128 p = (unsigned __int128)(read64(in) ^ read64(key)) * (read64(in + 8) ^ read64(key + 8));
 
 	return (uint64_t)p ^ (uint64_t)(p >> 64);
 }
@@ -250,10 +248,10 @@ static void test_stream(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_triangle), cmocka_unit_test(test_many), cmocka_unit_test(test_many_vertices),
-		cmocka_unit_test(test_orientation_matters),
-		cmocka_unit_test(test_vertex),   cmocka_unit_test(test_sums),
-		cmocka_unit_test(test_hex),      cmocka_unit_test(test_stream),
+		cmocka_unit_test(test_triangle),      cmocka_unit_test(test_many),
+		cmocka_unit_test(test_many_vertices), cmocka_unit_test(test_orientation_matters),
+		cmocka_unit_test(test_vertex),        cmocka_unit_test(test_sums),
+		cmocka_unit_test(test_hex),           cmocka_unit_test(test_stream),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -202,8 +202,7 @@ static void test_publish_each_fault(void **state)
 			assert_int_equal(err.sys, errors[e]);
 			assert_string_equal(err.file, at == 1 ? "a.tmp" : "a");
 			assert_false(there("a.tmp"));
-			assert_int_equal(there("a"),
-					 at == 5); /* only the last fsync may fail with the file in place */
+			assert_int_equal(there("a"), at == 5); /* only the last fsync may fail with the file in place */
 		}
 	}
 	io = &io_system;

@@ -68,7 +68,9 @@ static void test_fields(void **state)
 	got.takes = true;
 	log_set_sink(sink, &got);
 	log_event(LOG_EVENT_JOB_DONE, &(struct log_about){.job = 7, ABOUT_USER(0), .pid = 12, .dataset = "v\nx\x1b[31m"},
-		  "job %d of %s", 7, "a\tb\xff\xc2\x9b" "\xc3\xbc");
+		  "job %d of %s", 7,
+		  "a\tb\xff\xc2\x9b"
+		  "\xc3\xbc");
 	assert_int_equal(got.event, LOG_EVENT_JOB_DONE);
 	assert_int_equal(got.level, LOG_LEVEL_INFO);
 	assert_string_equal(got.message, "job 7 of a?b???\xc3\xbc");
@@ -202,7 +204,7 @@ static void test_flood(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_table),	 cmocka_unit_test(test_fields),	   cmocka_unit_test(test_counts),
+		cmocka_unit_test(test_table),    cmocka_unit_test(test_fields),    cmocka_unit_test(test_counts),
 		cmocka_unit_test(test_fallback), cmocka_unit_test(test_catalogue), cmocka_unit_test(test_flood),
 	};
 

@@ -230,10 +230,13 @@ static void damage_is_found(void **state)
 	assert_int_equal(told_r, 0);
 	catalogue_free(c);
 	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
-	assert_int_equal(sqlite3_exec(db, "DROP INDEX dataset_name; CREATE INDEX dataset_name ON dataset (name) WHERE id < 0;"
-					  "PRAGMA writable_schema = 1;"
-					  "UPDATE sqlite_master SET sql = 'CREATE INDEX dataset_name ON dataset (name)'"
-					  " WHERE name = 'dataset_name'", NULL, NULL, NULL), SQLITE_OK);
+	assert_int_equal(sqlite3_exec(db,
+				      "DROP INDEX dataset_name; CREATE INDEX dataset_name ON dataset (name) WHERE id < 0;"
+				      "PRAGMA writable_schema = 1;"
+				      "UPDATE sqlite_master SET sql = 'CREATE INDEX dataset_name ON dataset (name)'"
+				      " WHERE name = 'dataset_name'",
+				      NULL, NULL, NULL),
+			 SQLITE_OK);
 	sqlite3_close(db);
 	c = reopen(NULL, &seen, last);
 	assert_int_equal(seen.datasets, 1);

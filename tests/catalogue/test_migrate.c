@@ -20,39 +20,39 @@
 
 static char folder[64], path[128];
 
-#define DATASET_AND_PUSH \
-	"CREATE TABLE dataset (" \
-	" id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE, uid INTEGER NOT NULL," \
-	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL," \
+#define DATASET_AND_PUSH                                                                                         \
+	"CREATE TABLE dataset ("                                                                                 \
+	" id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL UNIQUE, uid INTEGER NOT NULL,"                \
+	" created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"                      \
 	" generation INTEGER NOT NULL, points INTEGER NOT NULL, bytes INTEGER NOT NULL, files INTEGER NOT NULL," \
-	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL," \
-	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL);" \
-	"CREATE TABLE push (" \
-	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL," \
+	" lattice TEXT NOT NULL, crs TEXT NOT NULL, unit_xy TEXT NOT NULL, unit_z TEXT NOT NULL,"                \
+	" box_min INTEGER NOT NULL, box_max INTEGER NOT NULL);"                                                  \
+	"CREATE TABLE push ("                                                                                    \
+	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"                 \
 	" files INTEGER NOT NULL, begun_us INTEGER NOT NULL);"
-#define JOB(more) \
-	"CREATE TABLE job (" \
+#define JOB(more)                                                                                       \
+	"CREATE TABLE job ("                                                                            \
 	" id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, generation INTEGER NOT NULL," \
-	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL," \
-	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL," \
-	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL," \
+	" view TEXT NOT NULL, state TEXT NOT NULL, uid INTEGER NOT NULL, pid INTEGER NOT NULL,"         \
+	" submitted_us INTEGER NOT NULL, finished_us INTEGER NOT NULL, report TEXT NOT NULL,"           \
+	" error_code TEXT NOT NULL, error_message TEXT NOT NULL, error_file TEXT NOT NULL,"             \
 	" error_field TEXT NOT NULL, error_hint TEXT NOT NULL, error_offset INTEGER NOT NULL" more ");"
 /* 9 was given and is gone: it is not given again. */
-#define DATASET_ROWS \
-	"INSERT INTO dataset VALUES (9,'gone',1000,1,1,'',0,0,0,0,'','','','',0,0);" \
-	"DELETE FROM dataset WHERE id = 9;" \
+#define DATASET_ROWS                                                                                           \
+	"INSERT INTO dataset VALUES (9,'gone',1000,1,1,'',0,0,0,0,'','','','',0,0);"                           \
+	"DELETE FROM dataset WHERE id = 9;"                                                                    \
 	"INSERT INTO dataset VALUES (7,'valley',1000,1,2,'manifest-1',1,10,160,1,'0.01 0.01 1 2 3','unknown'," \
-	"'metre','metre',-21474836481,6);" \
-	"INSERT INTO dataset VALUES (3,'ridge',1001,3,4,'manifest-9',5,11,176,2,'l','c','u','z',0,0);" \
+	"'metre','metre',-21474836481,6);"                                                                     \
+	"INSERT INTO dataset VALUES (3,'ridge',1001,3,4,'manifest-9',5,11,176,2,'l','c','u','z',0,0);"         \
 	"INSERT INTO push VALUES (4,7,1000,2,99);"
 
 static const char *const old[] = {
 	[1] = "PRAGMA journal_mode = WAL; BEGIN;" DATASET_AND_PUSH JOB("") DATASET_ROWS
-	      "INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1);"
-	      "PRAGMA user_version = 1; COMMIT;",
+	"INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1);"
+	"PRAGMA user_version = 1; COMMIT;",
 	[2] = "PRAGMA journal_mode = WAL; BEGIN;" DATASET_AND_PUSH JOB(", priority INTEGER NOT NULL DEFAULT 0") DATASET_ROWS
-	      "INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1,2);"
-	      "PRAGMA user_version = 2; COMMIT;",
+	"INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1,2);"
+	"PRAGMA user_version = 2; COMMIT;",
 	[3] = "PRAGMA journal_mode = WAL; BEGIN;"
 	      "CREATE TABLE dataset (id INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, uid INTEGER NOT NULL,"
 	      " created_us INTEGER NOT NULL, pushed_us INTEGER NOT NULL, manifest TEXT NOT NULL,"
@@ -63,16 +63,15 @@ static const char *const old[] = {
 	      " segments INTEGER NOT NULL DEFAULT 0, sum INTEGER);"
 	      "CREATE UNIQUE INDEX dataset_name ON dataset (name) WHERE removed_us = 0;"
 	      "CREATE TABLE push (id INTEGER PRIMARY KEY AUTOINCREMENT, dataset INTEGER NOT NULL, uid INTEGER NOT NULL,"
-	      " files INTEGER NOT NULL, begun_us INTEGER NOT NULL, sum INTEGER);"
-	      JOB(", priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT '', sum INTEGER")
-	      "INSERT INTO dataset VALUES (9,'gone',1000,1,1,'',0,0,0,0,'','','','',0,0,0,0,0,0,NULL);"
-	      "DELETE FROM dataset WHERE id = 9;"
-	      "INSERT INTO dataset VALUES (7,'valley',1000,1,2,'manifest-1',1,10,160,1,'0.01 0.01 1 2 3','unknown',"
-	      "'metre','metre',-21474836481,6,0,0,0,0,NULL);"
-	      "INSERT INTO dataset VALUES (3,'ridge',1001,3,4,'manifest-9',5,11,176,2,'l','c','u','z',0,0,0,0,0,0,NULL);"
-	      "INSERT INTO push VALUES (4,7,1000,2,99,NULL);"
-	      "INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1,2,'',NULL);"
-	      "PRAGMA user_version = 3; COMMIT;",
+	      " files INTEGER NOT NULL, begun_us INTEGER NOT NULL, sum INTEGER);" JOB(
+		      ", priority INTEGER NOT NULL DEFAULT 0, area TEXT NOT NULL DEFAULT '', sum INTEGER") "INSERT INTO dataset VALUES (9,'gone',1000,1,1,'',0,0,0,0,'','','','',0,0,0,0,0,0,NULL);"
+													   "DELETE FROM dataset WHERE id = 9;"
+													   "INSERT INTO dataset VALUES (7,'valley',1000,1,2,'manifest-1',1,10,160,1,'0.01 0.01 1 2 3','unknown',"
+													   "'metre','metre',-21474836481,6,0,0,0,0,NULL);"
+													   "INSERT INTO dataset VALUES (3,'ridge',1001,3,4,'manifest-9',5,11,176,2,'l','c','u','z',0,0,0,0,0,0,NULL);"
+													   "INSERT INTO push VALUES (4,7,1000,2,99,NULL);"
+													   "INSERT INTO job VALUES (5,7,1,'view 1','done',1000,77,11,12,'report','','','','','',-1,2,'',NULL);"
+													   "PRAGMA user_version = 3; COMMIT;",
 };
 
 static int setup(void **state)
@@ -273,9 +272,19 @@ static void newer(void **state)
 /* What was removed leaves its name to others, and is not touched when one of them is put. */
 static void names(void **state)
 {
-	struct catalogue_dataset d = {.id = 1, .name = "valley", .manifest = "", .lattice = "", .crs = "",
-				      .unit_xy = "", .unit_z = "", .removed_us = 5, .pinned = true, .oldest = 3, .segments = 4,
-				      .gid = 17, .mode = 0750};
+	struct catalogue_dataset d = {.id = 1,
+				      .name = "valley",
+				      .manifest = "",
+				      .lattice = "",
+				      .crs = "",
+				      .unit_xy = "",
+				      .unit_z = "",
+				      .removed_us = 5,
+				      .pinned = true,
+				      .oldest = 3,
+				      .segments = 4,
+				      .gid = 17,
+				      .mode = 0750};
 	struct err err = ERR_INIT;
 	struct catalogue *c;
 

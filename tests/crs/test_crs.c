@@ -12,10 +12,11 @@
 
 #include "crs.h"
 
-#define UTM10 "PROJCS[\"NAD83 / UTM zone 10N\",GEOGCS[\"NAD83\",DATUM[\"North_American_Datum_1983\"," \
+#define UTM10                                                                                                      \
+	"PROJCS[\"NAD83 / UTM zone 10N\",GEOGCS[\"NAD83\",DATUM[\"North_American_Datum_1983\","                    \
 	"SPHEROID[\"GRS 1980\",6378137,298.257222101,AUTHORITY[\"EPSG\",\"7019\"]],AUTHORITY[\"EPSG\",\"6269\"]]," \
-	"PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433]," \
-	"AUTHORITY[\"EPSG\",\"4269\"]],PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"central_meridian\",-123]," \
+	"PRIMEM[\"Greenwich\",0,AUTHORITY[\"EPSG\",\"8901\"]],UNIT[\"degree\",0.0174532925199433],"                \
+	"AUTHORITY[\"EPSG\",\"4269\"]],PROJECTION[\"Transverse_Mercator\"],PARAMETER[\"central_meridian\",-123],"  \
 	"UNIT[\"metre\",1,AUTHORITY[\"EPSG\",\"9001\"]],AXIS[\"Easting\",EAST],AUTHORITY[\"EPSG\",\"26910\"]]"
 
 struct wkt_case {
@@ -25,45 +26,47 @@ struct wkt_case {
 };
 
 static const struct wkt_case wkt_cases[] = {
-	{ UTM10, CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "PROJCS[\"Lambert\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"foot\",0.3048]]",
-	  CRS_PLANE_PROJECTED, "Lambert", "foot", "unknown" },
-	{ "PROJCS(\"round\",GEOGCS(\"g\",UNIT(\"Degree\",0.017453292519943295)),UNIT(\"Foot_US\",0.3048006096012192))",
-	  CRS_PLANE_PROJECTED, "round", "us-survey-foot", "unknown" },
-	{ "GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563]],PRIMEM[\"Greenwich\",0],"
-	  "UNIT[\"degree\",0.0174532925199433],AUTHORITY[\"EPSG\",\"4326\"]]",
-	  CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ "GEOCCS[\"WGS 84 (geocentric)\",DATUM[\"WGS_1984\"],UNIT[\"metre\",1]]",
-	  CRS_PLANE_GEOCENTRIC, "WGS 84 (geocentric)", "metre", "metre" },
-	{ "COMPD_CS[\"both\",PROJCS[\"h\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"metre\",1],"
-	  "AUTHORITY[\"EPSG\",\"2991\"]],VERT_CS[\"v\",VERT_DATUM[\"d\",2005,AUTHORITY[\"EPSG\",\"5103\"]],"
-	  "UNIT[\"US survey foot\",0.304800609601219],AXIS[\"up\",UP],AUTHORITY[\"EPSG\",\"6360\"]]]",
-	  CRS_PLANE_PROJECTED, "EPSG:2991 + EPSG:6360", "metre", "us-survey-foot" },
-	{ "PROJCRS[\"WGS 84 / UTM zone 23S\",\n BASEGEOGCRS[\"WGS 84\",DATUM[\"x\",ELLIPSOID[\"WGS 84\",6378137,298.25,"
-	  "LENGTHUNIT[\"metre\",1]]],ID[\"EPSG\",4326]],CONVERSION[\"UTM\",METHOD[\"Transverse Mercator\"],"
-	  "PARAMETER[\"False easting\",500000,LENGTHUNIT[\"foot\",0.3048]]],CS[Cartesian,2],"
-	  "AXIS[\"(E)\",east,ORDER[1],LENGTHUNIT[\"metre\",1]],AXIS[\"(N)\",north,ORDER[2],LENGTHUNIT[\"metre\",1]],"
-	  "ID[\"EPSG\",32723]]", CRS_PLANE_PROJECTED, "EPSG:32723", "metre", "unknown" },
-	{ "GEOGCRS[\"WGS 84 3D\",CS[ellipsoidal,3],AXIS[\"lat\",north,ANGLEUNIT[\"degree\",0.0174532925199433]],"
-	  "AXIS[\"lon\",east,ANGLEUNIT[\"degree\",0.0174532925199433]],AXIS[\"h\",up,LENGTHUNIT[\"metre\",1]]]",
-	  CRS_PLANE_GEOGRAPHIC, "WGS 84 3D", "degree", "metre" },
-	{ "GEODCRS[\"xyz\",CS[Cartesian,3],AXIS[\"X\",x],AXIS[\"Y\",y],AXIS[\"Z\",z],LENGTHUNIT[\"metre\",1]]",
-	  CRS_PLANE_GEOCENTRIC, "xyz", "metre", "metre" },
-	{ "GEODCRS[\"no kind\",LENGTHUNIT[\"metre\",1]]", CRS_PLANE_UNKNOWN, "no kind", "metre", "unknown" },
-	{ "BOUNDCRS[SOURCECRS[" UTM10 "],TARGETCRS[GEOGCS[\"WGS 84\",UNIT[\"degree\",0.0174532925199433]]]]",
-	  CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "LOCAL_CS[\"site\",UNIT[\"metre\",1]]", CRS_PLANE_UNKNOWN, "site", "metre", "unknown" },
-	{ "VERT_CS[\"only heights\",UNIT[\"metre\",1]]", CRS_PLANE_UNKNOWN, "only heights", "unknown", "metre" },
+	{UTM10, CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown"},
+	{"PROJCS[\"Lambert\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"foot\",0.3048]]", CRS_PLANE_PROJECTED,
+	 "Lambert", "foot", "unknown"},
+	{"PROJCS(\"round\",GEOGCS(\"g\",UNIT(\"Degree\",0.017453292519943295)),UNIT(\"Foot_US\",0.3048006096012192))",
+	 CRS_PLANE_PROJECTED, "round", "us-survey-foot", "unknown"},
+	{"GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.257223563]],PRIMEM[\"Greenwich\",0],"
+	 "UNIT[\"degree\",0.0174532925199433],AUTHORITY[\"EPSG\",\"4326\"]]",
+	 CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown"},
+	{"GEOCCS[\"WGS 84 (geocentric)\",DATUM[\"WGS_1984\"],UNIT[\"metre\",1]]", CRS_PLANE_GEOCENTRIC, "WGS 84 (geocentric)",
+	 "metre", "metre"},
+	{"COMPD_CS[\"both\",PROJCS[\"h\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"metre\",1],"
+	 "AUTHORITY[\"EPSG\",\"2991\"]],VERT_CS[\"v\",VERT_DATUM[\"d\",2005,AUTHORITY[\"EPSG\",\"5103\"]],"
+	 "UNIT[\"US survey foot\",0.304800609601219],AXIS[\"up\",UP],AUTHORITY[\"EPSG\",\"6360\"]]]",
+	 CRS_PLANE_PROJECTED, "EPSG:2991 + EPSG:6360", "metre", "us-survey-foot"},
+	{"PROJCRS[\"WGS 84 / UTM zone 23S\",\n BASEGEOGCRS[\"WGS 84\",DATUM[\"x\",ELLIPSOID[\"WGS 84\",6378137,298.25,"
+	 "LENGTHUNIT[\"metre\",1]]],ID[\"EPSG\",4326]],CONVERSION[\"UTM\",METHOD[\"Transverse Mercator\"],"
+	 "PARAMETER[\"False easting\",500000,LENGTHUNIT[\"foot\",0.3048]]],CS[Cartesian,2],"
+	 "AXIS[\"(E)\",east,ORDER[1],LENGTHUNIT[\"metre\",1]],AXIS[\"(N)\",north,ORDER[2],LENGTHUNIT[\"metre\",1]],"
+	 "ID[\"EPSG\",32723]]",
+	 CRS_PLANE_PROJECTED, "EPSG:32723", "metre", "unknown"},
+	{"GEOGCRS[\"WGS 84 3D\",CS[ellipsoidal,3],AXIS[\"lat\",north,ANGLEUNIT[\"degree\",0.0174532925199433]],"
+	 "AXIS[\"lon\",east,ANGLEUNIT[\"degree\",0.0174532925199433]],AXIS[\"h\",up,LENGTHUNIT[\"metre\",1]]]",
+	 CRS_PLANE_GEOGRAPHIC, "WGS 84 3D", "degree", "metre"},
+	{"GEODCRS[\"xyz\",CS[Cartesian,3],AXIS[\"X\",x],AXIS[\"Y\",y],AXIS[\"Z\",z],LENGTHUNIT[\"metre\",1]]",
+	 CRS_PLANE_GEOCENTRIC, "xyz", "metre", "metre"},
+	{"GEODCRS[\"no kind\",LENGTHUNIT[\"metre\",1]]", CRS_PLANE_UNKNOWN, "no kind", "metre", "unknown"},
+	{"BOUNDCRS[SOURCECRS[" UTM10 "],TARGETCRS[GEOGCS[\"WGS 84\",UNIT[\"degree\",0.0174532925199433]]]]", CRS_PLANE_PROJECTED,
+	 "EPSG:26910", "metre", "unknown"},
+	{"LOCAL_CS[\"site\",UNIT[\"metre\",1]]", CRS_PLANE_UNKNOWN, "site", "metre", "unknown"},
+	{"VERT_CS[\"only heights\",UNIT[\"metre\",1]]", CRS_PLANE_UNKNOWN, "only heights", "unknown", "metre"},
 	/* contradictions and unknown units are never settled by a guess */
-	{ "PROJCS[\"p\",UNIT[\"US survey foot\",0.3048]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown" },
-	{ "PROJCS[\"p\",UNIT[\"metre\",0.3048]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown" },
-	{ "PROJCS[\"p\",UNIT[\"link\",0.201168]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown" },
-	{ "PROJCS[\"p\"]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown" },
-	{ "PROJCS[\"p\",UNIT[\"metre\"]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown" },
-	{ "PROJCRS[\"p\",CS[Cartesian,2],AXIS[\"E\",east,LENGTHUNIT[\"metre\",1]],"
-	  "AXIS[\"N\",north,LENGTHUNIT[\"foot\",0.3048]]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown" },
-	{ "GEOGCS[\"gon\",UNIT[\"grad\",0.015707963267949]]", CRS_PLANE_GEOGRAPHIC, "gon", "unknown", "unknown" },
-	{ "PROJCS[\"na\xc3\xafve\nname\",UNIT[\"metre\",1]]", CRS_PLANE_PROJECTED, "na??ve?name", "metre", "unknown" },
+	{"PROJCS[\"p\",UNIT[\"US survey foot\",0.3048]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown"},
+	{"PROJCS[\"p\",UNIT[\"metre\",0.3048]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown"},
+	{"PROJCS[\"p\",UNIT[\"link\",0.201168]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown"},
+	{"PROJCS[\"p\"]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown"},
+	{"PROJCS[\"p\",UNIT[\"metre\"]]", CRS_PLANE_PROJECTED, "p", "unknown", "unknown"},
+	{"PROJCRS[\"p\",CS[Cartesian,2],AXIS[\"E\",east,LENGTHUNIT[\"metre\",1]],"
+	 "AXIS[\"N\",north,LENGTHUNIT[\"foot\",0.3048]]]",
+	 CRS_PLANE_PROJECTED, "p", "unknown", "unknown"},
+	{"GEOGCS[\"gon\",UNIT[\"grad\",0.015707963267949]]", CRS_PLANE_GEOGRAPHIC, "gon", "unknown", "unknown"},
+	{"PROJCS[\"na\xc3\xafve\nname\",UNIT[\"metre\",1]]", CRS_PLANE_PROJECTED, "na??ve?name", "metre", "unknown"},
 };
 
 static void wkt_texts(void **state)
@@ -83,8 +86,18 @@ static void wkt_texts(void **state)
 static void wkt_not_well_formed(void **state)
 {
 	static const char *const texts[] = {
-		"", " ", "]", "PROJCS", "PROJCS[", "PROJCS[\"p", "PROJCS[\"p\"", "PROJCS[\"p\",UNIT[\"metre\",1]",
-		"{\"type\":\"ProjectedCRS\"}", "FOO[\"x\"]", "PROJCS[=]", "[[[[",
+		"",
+		" ",
+		"]",
+		"PROJCS",
+		"PROJCS[",
+		"PROJCS[\"p",
+		"PROJCS[\"p\"",
+		"PROJCS[\"p\",UNIT[\"metre\",1]",
+		"{\"type\":\"ProjectedCRS\"}",
+		"FOO[\"x\"]",
+		"PROJCS[=]",
+		"[[[[",
 	};
 	struct crs_info info;
 	char deep[400];
@@ -113,10 +126,10 @@ struct keys {
 static struct crs_records records_of(const struct keys *k, const char *wkt)
 {
 	return (struct crs_records){
-		.keys = { k->words, 8 + (size_t)k->words[3] * 8 },
-		.doubles = { k->doubles, sizeof k->doubles },
-		.ascii = { k->ascii, k->ascii ? strlen(k->ascii) : 0 },
-		.wkt = { wkt, wkt ? strlen(wkt) : 0 },
+		.keys = {k->words, 8 + (size_t)k->words[3] * 8},
+		.doubles = {k->doubles, sizeof k->doubles},
+		.ascii = {k->ascii, k->ascii ? strlen(k->ascii) : 0},
+		.wkt = {wkt, wkt ? strlen(wkt) : 0},
 	};
 }
 
@@ -125,34 +138,57 @@ static const struct {
 	enum crs_plane plane;
 	const char *text, *unit_xy, *unit_z;
 } key_cases[] = {
-	{ { { 1, 1, 0, 4, 1024, 0, 1, 1, 3072, 0, 1, 26917, 3076, 0, 1, 9001, 4099, 0, 1, 9001 } },
-	  CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "metre" },
+	{{{1, 1, 0, 4, 1024, 0, 1, 1, 3072, 0, 1, 26917, 3076, 0, 1, 9001, 4099, 0, 1, 9001}},
+	 CRS_PLANE_PROJECTED,
+	 "EPSG:26917",
+	 "metre",
+	 "metre"},
 	/* the file's own unit goes before the system's */
-	{ { { 1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 32128, 3076, 0, 1, 9003 } },
-	  CRS_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown" },
-	{ { { 1, 1, 0, 5, 1024, 0, 1, 1, 3072, 0, 1, 2903, 3076, 0, 1, 9003, 4096, 0, 1, 5103, 4099, 0, 1, 9003 } },
-	  CRS_PLANE_PROJECTED, "EPSG:2903 + EPSG:5103", "us-survey-foot", "us-survey-foot" },
+	{{{1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 32128, 3076, 0, 1, 9003}},
+	 CRS_PLANE_PROJECTED,
+	 "EPSG:32128",
+	 "us-survey-foot",
+	 "unknown"},
+	{{{1, 1, 0, 5, 1024, 0, 1, 1, 3072, 0, 1, 2903, 3076, 0, 1, 9003, 4096, 0, 1, 5103, 4099, 0, 1, 9003}},
+	 CRS_PLANE_PROJECTED,
+	 "EPSG:2903 + EPSG:5103",
+	 "us-survey-foot",
+	 "us-survey-foot"},
 	/* UTM is defined in metres; other systems are not looked up */
-	{ { { 1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32617 } }, CRS_PLANE_PROJECTED, "EPSG:32617", "metre", "unknown" },
-	{ { { 1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903 } }, CRS_PLANE_PROJECTED, "EPSG:2903", "unknown", "unknown" },
-	{ { { 1, 1, 0, 3, 1024, 0, 1, 2, 2048, 0, 1, 4326, 2054, 0, 1, 9102 } },
-	  CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ { { 1, 1, 0, 2, 1024, 0, 1, 2, 2048, 0, 1, 4326 } }, CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ { { 1, 1, 0, 1, 2048, 0, 1, 4326 } }, CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ { { 1, 1, 0, 2, 1024, 0, 1, 3, 2052, 0, 1, 9001 } }, CRS_PLANE_GEOCENTRIC, "unknown", "metre", "metre" },
+	{{{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32617}}, CRS_PLANE_PROJECTED, "EPSG:32617", "metre", "unknown"},
+	{{{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903}}, CRS_PLANE_PROJECTED, "EPSG:2903", "unknown", "unknown"},
+	{{{1, 1, 0, 3, 1024, 0, 1, 2, 2048, 0, 1, 4326, 2054, 0, 1, 9102}},
+	 CRS_PLANE_GEOGRAPHIC,
+	 "EPSG:4326",
+	 "degree",
+	 "unknown"},
+	{{{1, 1, 0, 2, 1024, 0, 1, 2, 2048, 0, 1, 4326}}, CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown"},
+	{{{1, 1, 0, 1, 2048, 0, 1, 4326}}, CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown"},
+	{{{1, 1, 0, 2, 1024, 0, 1, 3, 2052, 0, 1, 9001}}, CRS_PLANE_GEOCENTRIC, "unknown", "metre", "metre"},
 	/* user-defined: citation, unit by its size */
-	{ { { 1, 1, 0, 5, 1024, 0, 1, 1, 1026, 34737, 8, 2, 3072, 0, 1, 32767, 3076, 0, 1, 32767, 3077, 34736, 1, 1 },
-	    { 7, 0.3048 }, "x|My CRS|y|" }, CRS_PLANE_PROJECTED, "My CRS|y", "foot", "unknown" },
-	{ { { 1, 1, 0, 3, 1024, 0, 1, 1, 1026, 34737, 7, 2, 3072, 0, 1, 65535 }, { 0 }, "x|My CRS|y|" },
-	  CRS_PLANE_PROJECTED, "My CRS", "unknown", "unknown" },
+	{{{1, 1, 0, 5, 1024, 0, 1, 1, 1026, 34737, 8, 2, 3072, 0, 1, 32767, 3076, 0, 1, 32767, 3077, 34736, 1, 1},
+	  {7, 0.3048},
+	  "x|My CRS|y|"},
+	 CRS_PLANE_PROJECTED,
+	 "My CRS|y",
+	 "foot",
+	 "unknown"},
+	{{{1, 1, 0, 3, 1024, 0, 1, 1, 1026, 34737, 7, 2, 3072, 0, 1, 65535}, {0}, "x|My CRS|y|"},
+	 CRS_PLANE_PROJECTED,
+	 "My CRS",
+	 "unknown",
+	 "unknown"},
 	/* no model, units only */
-	{ { { 1, 1, 0, 2, 3076, 0, 1, 9001, 4099, 0, 1, 9001 } }, CRS_PLANE_UNKNOWN, "unknown", "metre", "metre" },
-	{ { { 1, 1, 0, 2, 2048, 0, 1, 32767, 3076, 0, 1, 9001 } }, CRS_PLANE_UNKNOWN, "unknown", "metre", "unknown" },
+	{{{1, 1, 0, 2, 3076, 0, 1, 9001, 4099, 0, 1, 9001}}, CRS_PLANE_UNKNOWN, "unknown", "metre", "metre"},
+	{{{1, 1, 0, 2, 2048, 0, 1, 32767, 3076, 0, 1, 9001}}, CRS_PLANE_UNKNOWN, "unknown", "metre", "unknown"},
 	/* a model that does not exist, entries that point outside */
-	{ { { 1, 1, 0, 2, 1024, 0, 1, 9, 3072, 0, 1, 26917 } }, CRS_PLANE_UNKNOWN, "unknown", "unknown", "unknown" },
-	{ { { 1, 1, 0, 4, 1024, 0, 1, 1, 1026, 34737, 9, 500, 3076, 0, 1, 32767, 3077, 34736, 1, 60000 }, { 0 }, "x|" },
-	  CRS_PLANE_PROJECTED, "unknown", "unknown", "unknown" },
-	{ { { 2, 1, 0, 1, 1024, 0, 1, 1 } }, CRS_PLANE_UNKNOWN, "unknown", "unknown", "unknown" },
+	{{{1, 1, 0, 2, 1024, 0, 1, 9, 3072, 0, 1, 26917}}, CRS_PLANE_UNKNOWN, "unknown", "unknown", "unknown"},
+	{{{1, 1, 0, 4, 1024, 0, 1, 1, 1026, 34737, 9, 500, 3076, 0, 1, 32767, 3077, 34736, 1, 60000}, {0}, "x|"},
+	 CRS_PLANE_PROJECTED,
+	 "unknown",
+	 "unknown",
+	 "unknown"},
+	{{{2, 1, 0, 1, 1024, 0, 1, 1}}, CRS_PLANE_UNKNOWN, "unknown", "unknown", "unknown"},
 };
 
 static void geokeys(void **state)
@@ -171,8 +207,8 @@ static void geokeys(void **state)
 
 static void both_kinds(void **state)
 {
-	static const struct keys projected = { { 1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903 } };
-	static const struct keys units = { { 1, 1, 0, 1, 4099, 0, 1, 9001 } };
+	static const struct keys projected = {{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903}};
+	static const struct keys units = {{1, 1, 0, 1, 4099, 0, 1, 9001}};
 	struct crs_records r = records_of(&projected, UTM10);
 	struct crs_info info;
 
@@ -208,12 +244,12 @@ static void check_sane(const void *bytes, size_t size)
 
 	memcpy(copy, bytes, size);
 	for (int kind = 0; kind < 3; kind++) {
-		struct crs_records r = { .prefer_wkt = kind };
-		struct crs_bytes b = { copy, size };
+		struct crs_records r = {.prefer_wkt = kind};
+		struct crs_bytes b = {copy, size};
 
 		r.keys = b;
-		r.doubles = kind == 1 ? b : (struct crs_bytes){ 0 };
-		r.ascii = kind ? b : (struct crs_bytes){ 0 };
+		r.doubles = kind == 1 ? b : (struct crs_bytes){0};
+		r.ascii = kind ? b : (struct crs_bytes){0};
 		r.wkt = b;
 		memset(&info, 0xff, sizeof info);
 		crs_read(&r, &info);
@@ -235,23 +271,22 @@ static void rubbish(void **state)
 		unsigned how = rng() % 4;
 
 		for (size_t i = 0; i < n; i++)
-			bytes[i] = how == 0 ? (unsigned char)rng()
-				   : how == 1 ? (unsigned char)alphabet[rng() % (sizeof alphabet - 1)]
-				   : how == 2 ? (unsigned char)UTM10[i % sizeof UTM10]
-				   : i % 2 ? 0 : (unsigned char)(rng() % 5);
+			bytes[i] = how == 0 ? (unsigned char)rng() :
+				   how == 1 ? (unsigned char)alphabet[rng() % (sizeof alphabet - 1)] :
+				   how == 2 ? (unsigned char)UTM10[i % sizeof UTM10] :
+				   i % 2    ? 0 :
+					      (unsigned char)(rng() % 5);
 		if (how == 2)
 			for (int k = 0; n && k < 4; k++)
 				bytes[rng() % n] = (unsigned char)rng();
 		if (how == 3 && n >= 8) {
-			uint16_t head[4] = { 1, 1, 0, (uint16_t)rng() };
+			uint16_t head[4] = {1, 1, 0, (uint16_t)rng()};
 
 			memcpy(bytes, head, 8);
 			for (size_t i = 8; i + 8 <= n; i += 8) {
-				static const uint16_t ids[] = { 1024, 1026, 2048, 2049, 3072,
-								3073, 3076, 3077, 4096, 4099 };
-				static const uint16_t tags[] = { 0, 34736, 34737, 34735 };
-				uint16_t e[4] = { ids[rng() % 10], tags[rng() % 4], (uint16_t)rng(),
-						  (uint16_t)(rng() % 700) };
+				static const uint16_t ids[] = {1024, 1026, 2048, 2049, 3072, 3073, 3076, 3077, 4096, 4099};
+				static const uint16_t tags[] = {0, 34736, 34737, 34735};
+				uint16_t e[4] = {ids[rng() % 10], tags[rng() % 4], (uint16_t)rng(), (uint16_t)(rng() % 700)};
 
 				memcpy(bytes + i, e, 8);
 			}
@@ -278,12 +313,8 @@ static void halves(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(halves),
-		cmocka_unit_test(wkt_texts),
-		cmocka_unit_test(wkt_not_well_formed),
-		cmocka_unit_test(geokeys),
-		cmocka_unit_test(both_kinds),
-		cmocka_unit_test(rubbish),
+		cmocka_unit_test(halves),  cmocka_unit_test(wkt_texts),  cmocka_unit_test(wkt_not_well_formed),
+		cmocka_unit_test(geokeys), cmocka_unit_test(both_kinds), cmocka_unit_test(rubbish),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

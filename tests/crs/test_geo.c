@@ -23,14 +23,15 @@ static struct crs_info degrees(unsigned epsg, const char *datum, double f)
 		.plane = CRS_PLANE_GEOGRAPHIC,
 		.unit_xy = "degree",
 		.unit_z = "metre",
-		.system = {
-			.method = CRS_METHOD_GEOGRAPHIC,
-			.epsg = epsg,
-			.a = 6378137,
-			.inverse_flattening = f,
-			.unit = 1,
-			.unit_z = 1,
-		},
+		.system =
+			{
+				.method = CRS_METHOD_GEOGRAPHIC,
+				.epsg = epsg,
+				.a = 6378137,
+				.inverse_flattening = f,
+				.unit = 1,
+				.unit_z = 1,
+			},
 	};
 
 	snprintf(g.system.datum, sizeof g.system.datum, "%s", datum);
@@ -41,33 +42,113 @@ static struct crs_info degrees(unsigned epsg, const char *datum, double f)
 	return g;
 }
 
-
 #define FT_US (1200.0 / 3937)
 
-/* EPSG guidance note 7-2 (its transverse Mercator by a shorter series), but the Albers: Snyder, Map projections, a working manual, page 292. */
+/* EPSG guidance note 7-2 (its transverse Mercator by a shorter series), but the Albers: Snyder, Map projections, a working
+ * manual, page 292. */
 static const struct example {
 	const char *what;
 	struct crs_system s;
 	double lat, lon, x, y, within;
 } examples[] = {
-	{"Lambert, two parallels", {.method = CRS_METHOD_LAMBERT_CONIC, .a = 6378206.4, .inverse_flattening = 294.9786982,
-	  .lat0 = 27.0 + 50 / 60.0, .lon0 = -99, .lat1 = 28 + 23 / 60.0, .lat2 = 30 + 17 / 60.0, .k0 = 1,
-	  .x0 = 2000000 * FT_US, .unit = FT_US}, 28.5, -96, 2963503.91, 254759.80, 0.006},
-	{"Lambert, one parallel", {.method = CRS_METHOD_LAMBERT_CONIC, .a = 6378206.4, .inverse_flattening = 294.9786982,
-	  .lat0 = 18, .lon0 = -77, .k0 = 1, .x0 = 250000, .y0 = 150000, .unit = 1},
-	 17 + 55 / 60.0 + 55.80 / 3600, -(76 + 56 / 60.0 + 37.26 / 3600), 255966.58, 142493.51, 0.006},
-	{"transverse Mercator", {.method = CRS_METHOD_TRANSVERSE_MERCATOR, .a = 6377563.396, .inverse_flattening = 299.3249646,
-	  .lat0 = 49, .lon0 = -2, .k0 = 0.9996012717, .x0 = 400000, .y0 = -100000, .unit = 1},
-	 50.5, 0.5, 577274.99, 69740.50, 0.01},
-	{"polar stereographic A", {.method = CRS_METHOD_POLAR_STEREOGRAPHIC, .a = 6378137, .inverse_flattening = WGS84_F,
-	  .lat0 = 90, .k0 = 0.994, .x0 = 2000000, .y0 = 2000000, .unit = 1}, 73, 44, 3320416.75, 632668.43, 0.006},
-	{"polar stereographic B", {.method = CRS_METHOD_POLAR_STEREOGRAPHIC, .a = 6378137, .inverse_flattening = WGS84_F,
-	  .lat0 = -90, .lat1 = -71, .lon0 = 70, .k0 = 1, .x0 = 6000000, .y0 = 6000000, .unit = 1},
-	 -75, 120, 7255380.79, 7053389.56, 0.006},
-	{"Albers", {.method = CRS_METHOD_ALBERS, .a = 6378206.4, .inverse_flattening = 294.9786982,
-	  .lat0 = 23, .lon0 = -96, .lat1 = 29.5, .lat2 = 45.5, .k0 = 1, .unit = 1}, 35, -75, 1885472.7, 1535925.0, 0.06},
-	{"degrees", {.method = CRS_METHOD_GEOGRAPHIC, .a = 6378137, .inverse_flattening = WGS84_F, .unit = 1},
-	 45.5, -93.25, -93.25, 45.5, 1e-12},
+	{"Lambert, two parallels",
+	 {.method = CRS_METHOD_LAMBERT_CONIC,
+	  .a = 6378206.4,
+	  .inverse_flattening = 294.9786982,
+	  .lat0 = 27.0 + 50 / 60.0,
+	  .lon0 = -99,
+	  .lat1 = 28 + 23 / 60.0,
+	  .lat2 = 30 + 17 / 60.0,
+	  .k0 = 1,
+	  .x0 = 2000000 * FT_US,
+	  .unit = FT_US},
+	 28.5,
+	 -96,
+	 2963503.91,
+	 254759.80,
+	 0.006},
+	{"Lambert, one parallel",
+	 {.method = CRS_METHOD_LAMBERT_CONIC,
+	  .a = 6378206.4,
+	  .inverse_flattening = 294.9786982,
+	  .lat0 = 18,
+	  .lon0 = -77,
+	  .k0 = 1,
+	  .x0 = 250000,
+	  .y0 = 150000,
+	  .unit = 1},
+	 17 + 55 / 60.0 + 55.80 / 3600,
+	 -(76 + 56 / 60.0 + 37.26 / 3600),
+	 255966.58,
+	 142493.51,
+	 0.006},
+	{"transverse Mercator",
+	 {.method = CRS_METHOD_TRANSVERSE_MERCATOR,
+	  .a = 6377563.396,
+	  .inverse_flattening = 299.3249646,
+	  .lat0 = 49,
+	  .lon0 = -2,
+	  .k0 = 0.9996012717,
+	  .x0 = 400000,
+	  .y0 = -100000,
+	  .unit = 1},
+	 50.5,
+	 0.5,
+	 577274.99,
+	 69740.50,
+	 0.01},
+	{"polar stereographic A",
+	 {.method = CRS_METHOD_POLAR_STEREOGRAPHIC,
+	  .a = 6378137,
+	  .inverse_flattening = WGS84_F,
+	  .lat0 = 90,
+	  .k0 = 0.994,
+	  .x0 = 2000000,
+	  .y0 = 2000000,
+	  .unit = 1},
+	 73,
+	 44,
+	 3320416.75,
+	 632668.43,
+	 0.006},
+	{"polar stereographic B",
+	 {.method = CRS_METHOD_POLAR_STEREOGRAPHIC,
+	  .a = 6378137,
+	  .inverse_flattening = WGS84_F,
+	  .lat0 = -90,
+	  .lat1 = -71,
+	  .lon0 = 70,
+	  .k0 = 1,
+	  .x0 = 6000000,
+	  .y0 = 6000000,
+	  .unit = 1},
+	 -75,
+	 120,
+	 7255380.79,
+	 7053389.56,
+	 0.006},
+	{"Albers",
+	 {.method = CRS_METHOD_ALBERS,
+	  .a = 6378206.4,
+	  .inverse_flattening = 294.9786982,
+	  .lat0 = 23,
+	  .lon0 = -96,
+	  .lat1 = 29.5,
+	  .lat2 = 45.5,
+	  .k0 = 1,
+	  .unit = 1},
+	 35,
+	 -75,
+	 1885472.7,
+	 1535925.0,
+	 0.06},
+	{"degrees",
+	 {.method = CRS_METHOD_GEOGRAPHIC, .a = 6378137, .inverse_flattening = WGS84_F, .unit = 1},
+	 45.5,
+	 -93.25,
+	 -93.25,
+	 45.5,
+	 1e-12},
 };
 
 static void published_examples(void **state)
@@ -175,15 +256,36 @@ static void zones_against_formulas(void **state)
 
 static void zones_of_places(void **state)
 {
-	static const struct { double lat, lon; const char *zone; } row[] = {
-		{0, 0, "31N"}, {-1e-9, 0, "31S"}, {45, -180, "1N"}, {45, 180, "1N"}, {45, 179.9999, "60N"},
-		{45, 359.5, "30N"}, {47, 6, "32N"}, {47, 5.999999, "31N"},
+	static const struct {
+		double lat, lon;
+		const char *zone;
+	} row[] = {
+		{0, 0, "31N"},
+		{-1e-9, 0, "31S"},
+		{45, -180, "1N"},
+		{45, 180, "1N"},
+		{45, 179.9999, "60N"},
+		{45, 359.5, "30N"},
+		{47, 6, "32N"},
+		{47, 5.999999, "31N"},
 		/* Norway */
-		{60, 3, "32N"}, {60, 2.9999, "31N"}, {64, 3, "31N"}, {55.999, 3, "31N"},
+		{60, 3, "32N"},
+		{60, 2.9999, "31N"},
+		{64, 3, "31N"},
+		{55.999, 3, "31N"},
 		/* Svalbard */
-		{72, 8.99, "31X"}, {72, 9, "33N"}, {75, 20.9, "33N"}, {75, 21, "35N"}, {75, 33, "37N"}, {71.99, 9, "32N"},
+		{72, 8.99, "31X"},
+		{72, 9, "33N"},
+		{75, 20.9, "33N"},
+		{75, 21, "35N"},
+		{75, 33, "37N"},
+		{71.99, 9, "32N"},
 		/* the poles */
-		{84, 10, "UPS-N"}, {83.9999, 10, "33N"}, {90, 0, "UPS-N"}, {-80, 10, "32S"}, {-80.0001, 10, "UPS-S"},
+		{84, 10, "UPS-N"},
+		{83.9999, 10, "33N"},
+		{90, 0, "UPS-N"},
+		{-80, 10, "32S"},
+		{-80.0001, 10, "UPS-S"},
 		{-90, 77, "UPS-S"},
 	};
 	struct crs_zone z, back;
@@ -209,14 +311,25 @@ static void zones_of_places(void **state)
 
 static void names_of_zones(void **state)
 {
-	static const struct { unsigned epsg; const char *datum; double f; const char *zone, *text; } row[] = {
-		{4326, "WGS 84", WGS84_F, "32N", "EPSG:32632"}, {4326, "", WGS84_F, "60S", "EPSG:32760"},
-		{4326, "WGS 84", WGS84_F, "UPS-N", "EPSG:5041"}, {4326, "WGS 84", WGS84_F, "0S", "EPSG:5042"},
-		{0, "WGS 84", WGS84_F, "1N", "EPSG:32601"}, {4258, "ETRS89", GRS80_F, "32N", "EPSG:25832"},
+	static const struct {
+		unsigned epsg;
+		const char *datum;
+		double f;
+		const char *zone, *text;
+	} row[] = {
+		{4326, "WGS 84", WGS84_F, "32N", "EPSG:32632"},
+		{4326, "", WGS84_F, "60S", "EPSG:32760"},
+		{4326, "WGS 84", WGS84_F, "UPS-N", "EPSG:5041"},
+		{4326, "WGS 84", WGS84_F, "0S", "EPSG:5042"},
+		{0, "WGS 84", WGS84_F, "1N", "EPSG:32601"},
+		{4258, "ETRS89", GRS80_F, "32N", "EPSG:25832"},
 		{4258, "ETRS89", GRS80_F, "27N", "ETRS89 / UTM zone 27N"},
-		{4258, "ETRS89", GRS80_F, "0N", "ETRS89 / UPS North"}, {4269, "NAD83", GRS80_F, "10N", "EPSG:26910"},
-		{6318, "NAD83(2011)", GRS80_F, "10N", "EPSG:6339"}, {4283, "GDA94", GRS80_F, "55S", "EPSG:28355"},
-		{4674, "SIRGAS 2000", GRS80_F, "23S", "EPSG:31983"}, {0, "Moon 2000", GRS80_F, "3N", "Moon 2000 / UTM zone 3N"},
+		{4258, "ETRS89", GRS80_F, "0N", "ETRS89 / UPS North"},
+		{4269, "NAD83", GRS80_F, "10N", "EPSG:26910"},
+		{6318, "NAD83(2011)", GRS80_F, "10N", "EPSG:6339"},
+		{4283, "GDA94", GRS80_F, "55S", "EPSG:28355"},
+		{4674, "SIRGAS 2000", GRS80_F, "23S", "EPSG:31983"},
+		{0, "Moon 2000", GRS80_F, "3N", "Moon 2000 / UTM zone 3N"},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -324,7 +437,7 @@ static void areas(void **state)
 	double want = (double)(b2 / 2 * rad * (q2 - q1));
 
 	assert_int_equal(crs_geo_new(&wgs.system, &g, &err), 0);
-	assert_int_equal(crs_geo_area(g, (const double (*)[2])box, n, &area, &perimeter, &err), 0);
+	assert_int_equal(crs_geo_area(g, (const double(*)[2])box, n, &area, &perimeter, &err), 0);
 	assert_true(fabs(area / want - 1) < 1e-7);
 	assert_true(fabs(perimeter - 2 * 111042.0 - 85394.0 - 84137.0) < 500);
 	for (size_t i = 0; i < n / 2; i++)
@@ -336,7 +449,7 @@ static void areas(void **state)
 		}
 	double other;
 
-	assert_int_equal(crs_geo_area(g, (const double (*)[2])box, n, &other, &perimeter, &err), 0);
+	assert_int_equal(crs_geo_area(g, (const double(*)[2])box, n, &other, &perimeter, &err), 0);
 	assert_true(fabs(other - area) < 1);
 	crs_geo_free(g);
 }

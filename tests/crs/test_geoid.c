@@ -22,10 +22,20 @@
 
 /* GeoidEval 2.1.2 -c on egm84-30.pgm, cubic. */
 static const double known[][3] = {
-	{38.6281550, 269.7791550, -32.2069}, {-14.6212170, 305.0211140, -2.0504}, {46.8743190, 102.4487290, -43.3753},
-	{-23.6174460, 133.8747120, 17.9965}, {38.6254730, 359.9995000, 51.1756}, {-.4667440, 0.0023000, 18.4208},
-	{16.775833, -3.009444, 31.3031}, {0, 0, 18.3266}, {90, 0, 13.0980}, {-90, 0, -29.7120},
-	{27.988056, 86.925278, -30.4495}, {0, 180, 21.7122}, {0.1, 359.9, 18.3427}, {52.0, 4.0, 43.7310},
+	{38.6281550, 269.7791550, -32.2069},
+	{-14.6212170, 305.0211140, -2.0504},
+	{46.8743190, 102.4487290, -43.3753},
+	{-23.6174460, 133.8747120, 17.9965},
+	{38.6254730, 359.9995000, 51.1756},
+	{-.4667440, 0.0023000, 18.4208},
+	{16.775833, -3.009444, 31.3031},
+	{0, 0, 18.3266},
+	{90, 0, 13.0980},
+	{-90, 0, -29.7120},
+	{27.988056, 86.925278, -30.4495},
+	{0, 180, 21.7122},
+	{0.1, 359.9, 18.3427},
+	{52.0, 4.0, 43.7310},
 };
 
 static char *real_grid(void)
@@ -45,7 +55,11 @@ static struct crs_info plane_of(enum crs_method m, const char *text)
 {
 	struct crs_info g = {
 		.plane = m == CRS_METHOD_GEOGRAPHIC ? CRS_PLANE_GEOGRAPHIC : CRS_PLANE_PROJECTED,
-		.system = {.method = m, .datum = "WGS 84", .a = 6378137, .inverse_flattening = 298.257223563, .unit = 1,
+		.system = {.method = m,
+			   .datum = "WGS 84",
+			   .a = 6378137,
+			   .inverse_flattening = 298.257223563,
+			   .unit = 1,
 			   .unit_z = 1},
 	};
 
@@ -111,7 +125,7 @@ static void known_shifts(void **state)
 
 			if (raw[0][0] > 3000000000)
 				raw[0][0] -= 3600000000; /* within the lattice */
-			assert_int_equal(crs_step_apply(s, (const int64_t (*)[3])raw, 1, at, &bad, &err), 0);
+			assert_int_equal(crs_step_apply(s, (const int64_t(*)[3])raw, 1, at, &bad, &err), 0);
 			assert_int_equal(at[0][0], raw[0][0] - 900000000);
 			assert_int_equal(at[0][1], raw[0][1]);
 			if (fabs(at[0][2] * 1e-4 - want) > 0.00016)
@@ -140,8 +154,8 @@ static void cells_of_the_grid(void **state)
 	srand(5);
 	for (size_t k = 0; k < sizeof size / sizeof *size; k++) {
 		char *path = geoid_synthetic(size[k][0], size[k][1]);
-		struct crs_step_params p = {.from = &wgs, .geoid_path = path, .lattice = &lattice, .coords = &coords,
-					    .way = CRS_TO_ELLIPSOIDAL};
+		struct crs_step_params p = {
+			.from = &wgs, .geoid_path = path, .lattice = &lattice, .coords = &coords, .way = CRS_TO_ELLIPSOIDAL};
 		struct crs_step *s;
 		struct crs_geoid *g;
 		struct err err = ERR_INIT;
@@ -158,7 +172,7 @@ static void cells_of_the_grid(void **state)
 				raw[0][0] = (i % 8 - 4) * 45000000;
 				raw[0][1] = (i / 8 - 2) * 45000000;
 			}
-			assert_int_equal(crs_step_apply(s, (const int64_t (*)[3])raw, 1, at, &bad, &err), 0);
+			assert_int_equal(crs_step_apply(s, (const int64_t(*)[3])raw, 1, at, &bad, &err), 0);
 			assert_int_equal(crs_geoid_height(g, raw[0][1] * 1e-6, raw[0][0] * 1e-6, &h, &err), 0);
 			/* The first forty lie on borders of cells. */
 			worst = fmax(worst, fabs(at[0][2] * 1e-7 - h));
@@ -180,8 +194,7 @@ static void heights_in_a_plane(void **state)
 	struct crs_info plane = plane_of(CRS_METHOD_LAMBERT_CONIC, "Lambert in feet");
 	const struct lattice lattice = {.scale_xy = {1, -2}, .scale_z = {1, -5}, .k = {60000000, 20000000, 0}};
 	struct lattice_input coords = {.name = "a", .scale = {{1, -2}, {1, -2}, {1, -2}}, .has_offset = true};
-	struct crs_step_params p = {.from = &plane, .to = &plane, .geoid_path = path, .lattice = &lattice,
-				    .coords = &coords};
+	struct crs_step_params p = {.from = &plane, .to = &plane, .geoid_path = path, .lattice = &lattice, .coords = &coords};
 	struct crs_step *s;
 	struct crs_geoid *g;
 	struct crs_geo *geo;
@@ -205,7 +218,7 @@ static void heights_in_a_plane(void **state)
 		int32_t at[1][3];
 		size_t bad;
 
-		assert_int_equal(crs_step_apply(s, (const int64_t (*)[3])raw, 1, at, &bad, &err), 0);
+		assert_int_equal(crs_step_apply(s, (const int64_t(*)[3])raw, 1, at, &bad, &err), 0);
 		assert_int_equal(crs_geo_reverse(geo, x, y, &lat, &lon, &err), 0);
 		assert_int_equal(crs_geoid_height(g, lat, lon, &n, &err), 0);
 		worst = fmax(worst, fabs(at[0][2] * 1e-5 - (400 - n / foot)));
@@ -262,7 +275,12 @@ static int check_bytes(const char *header, size_t pixels, struct err *err)
 
 static void bad_grids(void **state)
 {
-	static const struct { const char *header; size_t pixels; int code; const char *words; } row[] = {
+	static const struct {
+		const char *header;
+		size_t pixels;
+		int code;
+		const char *words;
+	} row[] = {
 		{"P5\n# Offset -108\n# Scale 0.003\n4 3\n65535\n", 24, 0, ""},
 		{"P5\n# Offset -108\n# Scale 0.003\n4  3\r\n65535\n", 24, 0, ""},
 		{"P5\n# Offset -108\n# Scale 0.003\n4 3\n65535\n", 23, ERR_TRUNCATED, "64"},
@@ -308,12 +326,8 @@ static void open_refuses(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(known_heights),
-		cmocka_unit_test(known_shifts),
-		cmocka_unit_test(cells_of_the_grid),
-		cmocka_unit_test(heights_in_a_plane),
-		cmocka_unit_test(bad_grids),
-		cmocka_unit_test(open_refuses),
+		cmocka_unit_test(known_heights),      cmocka_unit_test(known_shifts), cmocka_unit_test(cells_of_the_grid),
+		cmocka_unit_test(heights_in_a_plane), cmocka_unit_test(bad_grids),    cmocka_unit_test(open_refuses),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

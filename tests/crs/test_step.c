@@ -28,15 +28,16 @@ static const struct crs_info wgs = {
 	.text = "EPSG:4326",
 	.unit_xy = "degree",
 	.unit_z = "metre",
-	.system = {
-		.method = CRS_METHOD_GEOGRAPHIC,
-		.epsg = 4326,
-		.datum = "WGS 84",
-		.a = 6378137,
-		.inverse_flattening = WGS84_F,
-		.unit = 1,
-		.unit_z = 1,
-	},
+	.system =
+		{
+			.method = CRS_METHOD_GEOGRAPHIC,
+			.epsg = 4326,
+			.datum = "WGS 84",
+			.a = 6378137,
+			.inverse_flattening = WGS84_F,
+			.unit = 1,
+			.unit_z = 1,
+		},
 };
 
 static double uniform(void)
@@ -105,7 +106,7 @@ static void accuracy(void **state)
 		for (int i = 0; i < 60; i++) {
 			int64_t raw[1][3] = {{llround((lon + (uniform() - 0.5) * 0.01) * 1e9),
 					      llround((lat + (uniform() - 0.5) * 0.01) * 1e9), 1234567}};
-			int r = crs_step_apply(s, (const int64_t (*)[3])raw, 1, at, &bad, &err);
+			int r = crs_step_apply(s, (const int64_t(*)[3])raw, 1, at, &bad, &err);
 
 			if (r)
 				fail_msg("zone %d%s: %s", z.number, z.north ? "N" : "S", err.message);
@@ -147,7 +148,7 @@ static void accuracy_direct(void **state)
 			int64_t raw[1][3] = {{llround((lon + (uniform() - 0.5) * 1e-6) * 1e9),
 					      llround((lat + (uniform() - 0.5) * 1e-6) * 1e9), 0}};
 
-			assert_int_equal(crs_step_apply(s, (const int64_t (*)[3])raw, 1, at, &bad, &err), 0);
+			assert_int_equal(crs_step_apply(s, (const int64_t(*)[3])raw, 1, at, &bad, &err), 0);
 			assert_int_equal(crs_geo_forward(g, raw[0][1] * 1e-9, raw[0][0] * 1e-9, &x, &y, &err), 0);
 			worst = fmax(worst, fabs(((double)at[0][0] + (double)b.lattice.k[0]) * 1e-9 - x));
 			worst = fmax(worst, fabs(((double)at[0][1] + (double)b.lattice.k[1]) * 1e-9 - y));
@@ -207,7 +208,7 @@ static void depends_on_the_point_alone(void **state)
 		raw[i][2] = rand() % 1000000;
 		order[i] = i;
 	}
-	all = (struct part){&b.params, (const int64_t (*)[3])raw, at, CLOUD};
+	all = (struct part){&b.params, (const int64_t(*)[3])raw, at, CLOUD};
 	assert_null(run_part(&all));
 	/* Another order. */
 	for (size_t i = CLOUD - 1; i; i--) {
@@ -218,13 +219,13 @@ static void depends_on_the_point_alone(void **state)
 	}
 	for (size_t i = 0; i < CLOUD; i++)
 		memcpy(mixed[i], raw[order[i]], sizeof mixed[i]);
-	all = (struct part){&b.params, (const int64_t (*)[3])mixed, again, CLOUD};
+	all = (struct part){&b.params, (const int64_t(*)[3])mixed, again, CLOUD};
 	assert_null(run_part(&all));
 	for (size_t i = 0; i < CLOUD; i++)
 		assert_memory_equal(again[i], at[order[i]], sizeof again[i]);
 	/* Each alone, with a step of its own. */
 	for (size_t i = 0; i < CLOUD; i += 500) {
-		all = (struct part){&b.params, (const int64_t (*)[3])&raw[i], &again[i], 1};
+		all = (struct part){&b.params, (const int64_t(*)[3]) & raw[i], &again[i], 1};
 		assert_null(run_part(&all));
 		assert_memory_equal(again[i], at[i], sizeof again[i]);
 	}
@@ -233,7 +234,7 @@ static void depends_on_the_point_alone(void **state)
 	for (int k = 0; k < 2; k++) {
 		size_t from = k ? 0 : CLOUD / 2;
 
-		two[k] = (struct part){&b.params, (const int64_t (*)[3])&raw[from], &again[from], CLOUD / 2};
+		two[k] = (struct part){&b.params, (const int64_t(*)[3]) & raw[from], &again[from], CLOUD / 2};
 		pthread_create(&thread[k], NULL, run_part, &two[k]);
 	}
 	for (int k = 0; k < 2; k++) {
@@ -274,8 +275,8 @@ static void depends_on_no_file(void **state)
 		int64_t one[1][3] = {{8000000000 + 5 * u, 47000000000 + 10 * v, 7}}, other[1][3] = {{u, 9400000000 + v, 7}};
 		int32_t p[1][3], q[1][3];
 
-		assert_int_equal(crs_step_apply(s, (const int64_t (*)[3])one, 1, p, &bad, &err), 0);
-		assert_int_equal(crs_step_apply(t, (const int64_t (*)[3])other, 1, q, &bad, &err), 0);
+		assert_int_equal(crs_step_apply(s, (const int64_t(*)[3])one, 1, p, &bad, &err), 0);
+		assert_int_equal(crs_step_apply(t, (const int64_t(*)[3])other, 1, q, &bad, &err), 0);
 		/* Their doubles may differ in the last place: a nanometre, which may cross a half. */
 		assert_true(abs(p[0][0] - q[0][0]) <= 1 && abs(p[0][1] - q[0][1]) <= 1 && p[0][2] == q[0][2]);
 	}
@@ -294,7 +295,7 @@ static int one(const struct bench *b, double lon, double lat, int32_t ret[3], st
 	int r = crs_step_new(&b->params, &s, err);
 
 	if (!r) {
-		r = crs_step_apply(s, (const int64_t (*)[3])raw, 1, at, &bad, err);
+		r = crs_step_apply(s, (const int64_t(*)[3])raw, 1, at, &bad, err);
 		assert_true(!r || bad == 0);
 		crs_step_free(s);
 	}
@@ -406,7 +407,9 @@ static void header_of(struct bench *b, double x0, double y0, double x1, double y
 
 static void headers(void **state)
 {
-	static const struct { int from, to; } scale[] = {{-7, -3}, {-8, -4}, {-6, -2}, {-9, -4}, {-11, -4}, {-2, -2}, {0, -2}};
+	static const struct {
+		int from, to;
+	} scale[] = {{-7, -3}, {-8, -4}, {-6, -2}, {-9, -4}, {-11, -4}, {-2, -2}, {0, -2}};
 	struct bench b;
 	struct lattice_input in;
 	double a[2];

@@ -14,15 +14,14 @@ static bool before(const struct mesh_vertex *a, const struct mesh_vertex *b)
 static bool in_circle(const struct mesh_vertex *a, const struct mesh_vertex *b, const struct mesh_vertex *c,
 		      const struct mesh_vertex *d)
 {
-	const int32_t at[4][2] = { { a->x, a->y }, { b->x, b->y }, { c->x, c->y }, { d->x, d->y } };
+	const int32_t at[4][2] = {{a->x, a->y}, {b->x, b->y}, {c->x, c->y}, {d->x, d->y}};
 
 	return geom_incircle(at[0], at[1], at[2], at[3]) > 0;
 }
 
 static int turn(const struct mesh_vertex *a, const struct mesh_vertex *b, const struct mesh_vertex *c)
 {
-	i128 v = (i128)((int64_t)b->x - a->x) * ((int64_t)c->y - a->y) -
-		 (i128)((int64_t)b->y - a->y) * ((int64_t)c->x - a->x);
+	i128 v = (i128)((int64_t)b->x - a->x) * ((int64_t)c->y - a->y) - (i128)((int64_t)b->y - a->y) * ((int64_t)c->x - a->x);
 
 	return (v > 0) - (v < 0);
 }
@@ -53,7 +52,7 @@ static bool first_edge(const struct mesh_vertex *p, unsigned n, unsigned *ret_a,
 
 static void put(const struct mesh_vertex *a, const struct mesh_vertex *b, const struct mesh_vertex *c, int32_t ret[6])
 {
-	const struct mesh_vertex *v[3] = { a, b, c };
+	const struct mesh_vertex *v[3] = {a, b, c};
 	unsigned first = 0;
 
 	for (unsigned i = 1; i < 3; i++)
@@ -110,10 +109,9 @@ static bool less(struct rational a, struct rational b)
 }
 
 /* The t on the line for which p[i] is nearest form an interval: its ends are intersections of half lines. */
-static bool meets_border(const struct mesh_vertex *p, unsigned n, unsigned i, bool vertical, int64_t c2, int64_t t0,
-			 int64_t t1)
+static bool meets_border(const struct mesh_vertex *p, unsigned n, unsigned i, bool vertical, int64_t c2, int64_t t0, int64_t t1)
 {
-	struct rational lo = { t0, 1 }, hi = { t1, 1 };
+	struct rational lo = {t0, 1}, hi = {t1, 1};
 	bool has_lo = t0 != INT64_MIN, has_hi = t1 != INT64_MAX;
 	int64_t u = 2 * (int64_t)(vertical ? p[i].y : p[i].x), x = 2 * (int64_t)(vertical ? p[i].x : p[i].y) - c2;
 
@@ -122,7 +120,7 @@ static bool meets_border(const struct mesh_vertex *p, unsigned n, unsigned i, bo
 		int64_t xk = 2 * (int64_t)(vertical ? p[k].x : p[k].y) - c2;
 		/* |(0, t) - (x, u)|^2 <= |(0, t) - (xk, uk)|^2: 2 t (uk - u) <= gap */
 		i128 gap = (i128)xk * xk + (i128)uk * uk - (i128)x * x - (i128)u * u;
-		struct rational at = { uk > u ? gap : -gap, 2 * (i128)(uk > u ? uk - u : u - uk) };
+		struct rational at = {uk > u ? gap : -gap, 2 * (i128)(uk > u ? uk - u : u - uk)};
 
 		if (uk == u && gap < 0)
 			return false;

@@ -11,15 +11,15 @@ unsigned sets_below(uint64_t *seed, unsigned n)
 
 static int32_t corner(uint64_t *seed)
 {
-	static const int32_t at[5] = { INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX };
+	static const int32_t at[5] = {INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX};
 
 	return at[sets_below(seed, 5)];
 }
 
 static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, const int32_t base[2], int32_t ret[2])
 {
-	static const int32_t circle[12][2] = { { 5, 0 }, { 4, 3 }, { 3, 4 }, { 0, 5 }, { -3, 4 }, { -4, 3 },
-					       { -5, 0 }, { -4, -3 }, { -3, -4 }, { 0, -5 }, { 3, -4 }, { 4, -3 } };
+	static const int32_t circle[12][2] = {{5, 0},  {4, 3},   {3, 4},   {0, 5},  {-3, 4}, {-4, 3},
+					      {-5, 0}, {-4, -3}, {-3, -4}, {0, -5}, {3, -4}, {4, -3}};
 	int32_t r = (int32_t)sets_below(seed, (unsigned)range + 1), s = (int32_t)sets_below(seed, (unsigned)range + 1);
 
 	switch (family) {
@@ -59,8 +59,11 @@ static void place(uint64_t *seed, unsigned family, unsigned i, int32_t range, co
 
 static struct point record_at(uint64_t *seed, const int32_t at[2])
 {
-	struct point p = { .x = at[0], .y = at[1], .z = (int32_t)sets_below(seed, 4), .cls = (uint8_t)(1 + sets_below(seed, 2)),
-			   .ret = 0x11 };
+	struct point p = {.x = at[0],
+			  .y = at[1],
+			  .z = (int32_t)sets_below(seed, 4),
+			  .cls = (uint8_t)(1 + sets_below(seed, 2)),
+			  .ret = 0x11};
 
 	if (sets_below(seed, 12) == 0)
 		p.cls = 7;
@@ -93,15 +96,15 @@ void sets_reduce(struct sets *set, const struct view *view)
 
 		for (size_t k = 0; k < n && best; k++)
 			if (k != i && kept[k].x == kept[i].x && kept[k].y == kept[i].y &&
-			    (view_prefers(view, &kept[k], &kept[i]) ||
-			     (k < i && !view_prefers(view, &kept[i], &kept[k]))))
+			    (view_prefers(view, &kept[k], &kept[i]) || (k < i && !view_prefers(view, &kept[i], &kept[k]))))
 				best = false;
 		if (best)
-			set->pos[set->n++] = (struct mesh_vertex){ kept[i].x, kept[i].y, kept[i].z };
+			set->pos[set->n++] = (struct mesh_vertex){kept[i].x, kept[i].y, kept[i].z};
 	}
 	for (unsigned i = 1; i < set->n; i++)
-		for (unsigned j = i; j > 0 && point_morton(set->pos[j].x, set->pos[j].y) <
-						      point_morton(set->pos[j - 1].x, set->pos[j - 1].y); j--) {
+		for (unsigned j = i;
+		     j > 0 && point_morton(set->pos[j].x, set->pos[j].y) < point_morton(set->pos[j - 1].x, set->pos[j - 1].y);
+		     j--) {
 			struct mesh_vertex t = set->pos[j];
 
 			set->pos[j] = set->pos[j - 1];
@@ -113,7 +116,7 @@ void sets_make(uint64_t *seed, struct sets *set, struct view *view)
 {
 	unsigned family = sets_below(seed, 16), n = 3 + sets_below(seed, sets_below(seed, 4) ? 20 : SETS_MAX_N - 2);
 	int32_t range = sets_below(seed, 3) ? (int32_t)sets_below(seed, 6) : (int32_t)sets_below(seed, 200);
-	int32_t base[2] = { (int32_t)sets_below(seed, 100000) - 50000, (int32_t)sets_below(seed, 100000) - 50000 };
+	int32_t base[2] = {(int32_t)sets_below(seed, 100000) - 50000, (int32_t)sets_below(seed, 100000) - 50000};
 
 	if (sets_below(seed, 3) == 0)
 		base[0] = base[1] = -(int32_t)sets_below(seed, 4); /* across the highest cut */
@@ -142,7 +145,7 @@ void sets_make(uint64_t *seed, struct sets *set, struct view *view)
 
 void sets_tiling(uint64_t *seed, struct sets *set, struct tiling *t)
 {
-	*t = (struct tiling){ .segments = set->segments, .salt = tiling_random(seed) };
+	*t = (struct tiling){.segments = set->segments, .salt = tiling_random(seed)};
 	t->cell_records = sets_below(seed, 4) ? 1 + sets_below(seed, 6) : 1000;
 	for (unsigned s = 0; s < set->segments; s++) {
 		t->pts[s] = set->record[s];

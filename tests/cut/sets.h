@@ -16,7 +16,7 @@ struct sets {
 	unsigned segments;
 	struct mesh_vertex pos[SETS_MAX_N]; /* after the view, Morton order */
 	unsigned n;
-	bool all_kept;                      /* the view takes nothing away */
+	bool all_kept; /* the view takes nothing away */
 };
 
 unsigned sets_below(uint64_t *seed, unsigned n);

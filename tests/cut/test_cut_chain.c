@@ -40,7 +40,7 @@ static int32_t number(void)
 
 static struct point point_of(const struct cut_chain *c, int32_t along, int32_t across)
 {
-	return c->vertical ? (struct point){ .x = across, .y = along } : (struct point){ .x = along, .y = across };
+	return c->vertical ? (struct point){.x = across, .y = along} : (struct point){.x = along, .y = across};
 }
 
 /* Where the numbers are: between the sites, most of all just beside one. */
@@ -77,8 +77,8 @@ static int32_t moved(int32_t at, int side)
 
 static void check_hit(const struct cut_chain *c, const struct point *p)
 {
-	const int32_t alone[4] = { p->x, p->y, p->x, p->y };
-	const int32_t among[4] = { moved(p->x, -1), moved(p->y, -1), moved(p->x, 1), moved(p->y, 1) };
+	const int32_t alone[4] = {p->x, p->y, p->x, p->y};
+	const int32_t among[4] = {moved(p->x, -1), moved(p->y, -1), moved(p->x, 1), moved(p->y, 1)};
 
 	assert_false(cut_chain_above(c, p));
 	assert_true(cut_chain_hit(c, alone));

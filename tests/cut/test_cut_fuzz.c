@@ -159,12 +159,11 @@ static unsigned halo_of(const struct cut_region *region, struct mesh_vertex *ret
 }
 
 /* Some of the leaves; their halos by definition, and other positions besides, as sites. */
-static void make_group(uint64_t *seed, const struct cut_source *src, const struct cut_region *leaf, unsigned n,
-		       struct group *g)
+static void make_group(uint64_t *seed, const struct cut_source *src, const struct cut_region *leaf, unsigned n, struct group *g)
 {
 	size_t size = 300000;
 	struct point sites[MAX_N];
-	bool wanted[MAX_N] = { false };
+	bool wanted[MAX_N] = {false};
 	struct cut_region root;
 	int32_t box[4];
 	uint32_t m = 0;
@@ -185,7 +184,7 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 	}
 	for (unsigned j = 0; j < set.n; j++)
 		if (wanted[j] || sets_below(seed, 4) == 0)
-			sites[m++] = (struct point){ .x = set.pos[j].x, .y = set.pos[j].y, .z = set.pos[j].z, .ret = 0x11 };
+			sites[m++] = (struct point){.x = set.pos[j].x, .y = set.pos[j].y, .z = set.pos[j].z, .ret = 0x11};
 	g->sites = cut_sites_new(sites, m, NULL);
 	assert_non_null(g->sites);
 	if (g->n == 0 || !src->box(src->ctx, box))
@@ -199,8 +198,7 @@ static void make_group(uint64_t *seed, const struct cut_source *src, const struc
 		cut_keep_limit(g->keep, sets_below(seed, 40));
 }
 
-static void check_kept(uint64_t *seed, struct group *g, const struct cut_region *region, const struct mesh_vertex *pb,
-		       unsigned n)
+static void check_kept(uint64_t *seed, struct group *g, const struct cut_region *region, const struct mesh_vertex *pb, unsigned n)
 {
 	struct err err = ERR_INIT;
 	const struct point *pts;
@@ -231,7 +229,8 @@ static void check_bound(uint64_t *seed, const struct cut_source *src, const stru
 	struct err err = ERR_INIT;
 	uint64_t bound, reads = t->reads;
 
-	assert_int_equal(cut_bound_halo(src, &view, region, sets_below(seed, 2) * sets_below(seed, 50), scratch, &bound, &err), 0);
+	assert_int_equal(cut_bound_halo(src, &view, region, sets_below(seed, 2) * sets_below(seed, 50), scratch, &bound, &err),
+			 0);
 	assert_true(t->reads == reads);
 	if (set.all_kept) {
 		assert_true(bound >= halo);
@@ -243,8 +242,7 @@ static void check_load(uint64_t *seed, const struct cut_source *src, const struc
 		       const struct cut_region *region, const struct mesh_vertex *pb, unsigned n, unsigned own)
 {
 	struct mesh_vertex out[MAX_N];
-	struct cut_load load = { .out = out, .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size,
-				 .sites = sites };
+	struct cut_load load = {.out = out, .cap = MAX_N, .scratch = scratch, .scratch_size = scratch_size, .sites = sites};
 	struct err err = ERR_INIT;
 	uint64_t need = 0, removed = 0;
 
@@ -348,15 +346,15 @@ static void fuzz(void **state)
 	print_message("%llu cases, %llu regions, %llu triangles, %llu halo sites, %llu empty regions with triangles, "
 		      "%llu halos found together, %llu bounds\n",
 		      (unsigned long long)cases, (unsigned long long)regions, (unsigned long long)triangles,
-		      (unsigned long long)halos, (unsigned long long)empty_owners,
-		      (unsigned long long)together, (unsigned long long)bounds);
+		      (unsigned long long)halos, (unsigned long long)empty_owners, (unsigned long long)together,
+		      (unsigned long long)bounds);
 	if (n >= 1000)
 		assert_true(empty_owners > 0 && halos > 0 && together > 0 && bounds > 0);
 }
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(fuzz) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

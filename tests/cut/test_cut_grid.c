@@ -67,7 +67,7 @@ static void load_all(struct reader *r, uint32_t load, uint32_t cap, struct sums 
 	sums->leaves = plan.n;
 	for (size_t i = 0; i < plan.n; i++) {
 		struct tri *t = tri_init(arena, cap);
-		struct cut_load l = { .out = tri_input(t), .cap = cap, .scratch = scratch, .scratch_size = scratch_size };
+		struct cut_load l = {.out = tri_input(t), .cap = cap, .scratch = scratch, .scratch_size = scratch_size};
 		uint64_t need;
 
 		CHECK(cut_load(r->r, &view, &plan.leaf[i].region, &l, &need, &err));
@@ -84,13 +84,13 @@ static void load_all(struct reader *r, uint32_t load, uint32_t cap, struct sums 
 static struct reader make_grid(struct folder *f, const struct mesh_vertex *v, uint32_t n, unsigned segments)
 {
 	struct grid_segment_info info[3];
-	struct set set[3] = { 0 };
+	struct set set[3] = {0};
 	struct err err = ERR_INIT;
 	struct grid_manifest m;
 	struct reader r;
 
 	for (unsigned s = 0; s < segments; s++)
-		set[s] = (struct set){ calloc(2 * n + 2, sizeof(struct point)), calloc(2 * n + 2, sizeof(uint32_t)), 0 };
+		set[s] = (struct set){calloc(2 * n + 2, sizeof(struct point)), calloc(2 * n + 2, sizeof(uint32_t)), 0};
 	for (uint32_t i = 0; i < n; i++)
 		for (unsigned k = 0; k < 1 + (i % 10 == 0); k++) {
 			/* One point in fifty goes to the second segment, one in a thousand to the third: cells that
@@ -98,8 +98,8 @@ static struct reader make_grid(struct folder *f, const struct mesh_vertex *v, ui
 			unsigned s = segments == 1 ? 0 : (i + k) % 1000 == 7 ? 2 : (i + k) % 50 == 3;
 
 			set[s].ids[set[s].n] = s + 1;
-			set[s].pts[set[s].n++] = (struct point){ .x = v[i].x, .y = v[i].y, .z = v[i].z + (int32_t)k,
-								 .cls = 1, .ret = 0x11 };
+			set[s].pts[set[s].n++] =
+				(struct point){.x = v[i].x, .y = v[i].y, .z = v[i].z + (int32_t)k, .cls = 1, .ret = 0x11};
 		}
 	*f = folder_new();
 	for (unsigned s = 0; s < segments; s++) {
@@ -118,7 +118,7 @@ static struct reader make_grid(struct folder *f, const struct mesh_vertex *v, ui
 
 static void check_kind(const char *kind)
 {
-	struct sums whole = { 0 }, got[3];
+	struct sums whole = {0}, got[3];
 	uint32_t n;
 	struct mesh_vertex *v = input_make(kind, N, 11, &n);
 	struct tri *t = tri_init(arena, 2 * N);
@@ -127,7 +127,7 @@ static void check_kind(const char *kind)
 	memcpy(tri_input(t), v, n * sizeof(*v));
 	add_owned(t, n, NULL, &whole);
 	for (unsigned segments = 1; segments <= 3; segments += 2) {
-		static const uint32_t loads[2] = { 3000, 700 };
+		static const uint32_t loads[2] = {3000, 700};
 		struct folder f;
 		struct reader r = make_grid(&f, v, n, segments);
 
@@ -146,8 +146,8 @@ static void check_kind(const char *kind)
 		folder_remove(&f);
 	}
 	print_message("%s: %u positions, %llu triangles; %zu and %zu leaves, halo %.2f %% and %.2f %%\n", kind, n,
-		      (unsigned long long)whole.ntriangle, got[0].leaves, got[1].leaves,
-		      100.0 * (double)got[0].halo / n, 100.0 * (double)got[1].halo / n);
+		      (unsigned long long)whole.ntriangle, got[0].leaves, got[1].leaves, 100.0 * (double)got[0].halo / n,
+		      100.0 * (double)got[1].halo / n);
 	free(v);
 }
 
@@ -166,7 +166,7 @@ static void parts_are_the_whole(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(parts_are_the_whole) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(parts_are_the_whole)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* What is remembered of a view's rule for a kind of point is what the view says of each point, whatever kinds come, in whatever order. */
+/* What is remembered of a view's rule for a kind of point is what the view says of each point, whatever kinds come, in whatever
+ * order. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -29,10 +30,14 @@ static void as_the_view_says(void **state)
 		by_kind += judge.by_kind;
 		for (unsigned k = 0; k < 1000; k++) {
 			/* Of a hundred kinds: they come again, and some of them share a place. */
-			uint64_t pool = i * 100 + tiling_random(&seed) % 100, kind = tiling_random(&pool), what = tiling_random(&seed);
-			struct point p = { .x = (int32_t)(what & 63), .y = (int32_t)(what >> 6 & 63), .z = (int32_t)(what >> 12 & 3) - 1,
-					   .cls = (uint8_t)(kind & 31), .ret = (uint8_t)(kind >> 5),
-					   .tag = (uint16_t)(kind >> 13 & 31) };
+			uint64_t pool = i * 100 + tiling_random(&seed) % 100, kind = tiling_random(&pool),
+				 what = tiling_random(&seed);
+			struct point p = {.x = (int32_t)(what & 63),
+					  .y = (int32_t)(what >> 6 & 63),
+					  .z = (int32_t)(what >> 12 & 3) - 1,
+					  .cls = (uint8_t)(kind & 31),
+					  .ret = (uint8_t)(kind >> 5),
+					  .tag = (uint16_t)(kind >> 13 & 31)};
 
 			assert_int_equal(cut_judge(&judge, &p), view_judge(&view, &p));
 			kept += view_judge(&view, &p) == VIEW_KEPT;
@@ -45,7 +50,7 @@ static void as_the_view_says(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(as_the_view_says) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(as_the_view_says)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -31,7 +31,8 @@ static void make(struct tiling *t, struct cut_source *src, enum shape shape, siz
 
 	assert_non_null(p);
 	for (size_t i = 0; i < n; i++) {
-		int32_t k = (int32_t)i, r = (int32_t)(tiling_random(&seed) & 0xfffff), s = (int32_t)(tiling_random(&seed) & 0xfffff);
+		int32_t k = (int32_t)i, r = (int32_t)(tiling_random(&seed) & 0xfffff),
+			s = (int32_t)(tiling_random(&seed) & 0xfffff);
 
 		p[i].ret = 0x11;
 		p[i].cls = 1;
@@ -67,7 +68,7 @@ static void make(struct tiling *t, struct cut_source *src, enum shape shape, siz
 		}
 	}
 	cut_order_sort(p, n, point_less, NULL);
-	*t = (struct tiling){ .segments = 1, .pts = { p }, .n = { n }, .cell_records = cell_records, .salt = 1 };
+	*t = (struct tiling){.segments = 1, .pts = {p}, .n = {n}, .cell_records = cell_records, .salt = 1};
 	tiling_source(t, src);
 }
 
@@ -78,7 +79,7 @@ static void make_done(struct tiling *t)
 
 static void leaves_cover_once(void **state)
 {
-	static const enum shape shapes[] = { UNIFORM, DIAGONAL, CLUSTERS };
+	static const enum shape shapes[] = {UNIFORM, DIAGONAL, CLUSTERS};
 
 	for (unsigned s = 0; s < 3; s++) {
 		struct cut_source src;
@@ -89,7 +90,7 @@ static void leaves_cover_once(void **state)
 		int32_t box[4];
 		uint64_t sum = 0;
 		double area = 0;
-		unsigned infinite[4] = { 0 };
+		unsigned infinite[4] = {0};
 
 		make(&t, &src, shapes[s], 5000, 40);
 		assert_int_equal(cut_plan_make_from(&src, 300, &plan, &err), 0);
@@ -121,7 +122,7 @@ static void leaves_cover_once(void **state)
 /* Of several leaves the first are small, so that something leaves early; the others are as large as they may be. */
 static void first_leaves_are_small(void **state)
 {
-	static const enum shape shapes[] = { UNIFORM, CLUSTERS, CORRIDOR };
+	static const enum shape shapes[] = {UNIFORM, CLUSTERS, CORRIDOR};
 	const uint64_t first = 1 << 17;
 
 	for (unsigned s = 0; s < 3; s++) {
@@ -186,7 +187,7 @@ static int probe(enum shape shape, size_t n, uint32_t load, uint32_t cap, size_t
 	assert_int_equal(cut_plan_make_from(&src, load, &plan, err), 0);
 	rc = cut_plan_probe_from(&src, &view, &plan, cap, scratch, size, err);
 	for (size_t i = 0; i < plan.n && rc == 0; i++) {
-		struct cut_load l = { .out = out, .cap = cap, .scratch = scratch, .scratch_size = size };
+		struct cut_load l = {.out = out, .cap = cap, .scratch = scratch, .scratch_size = size};
 
 		assert_int_equal(cut_load_from(&src, &view, &plan.leaf[i].region, &l, &need, err), 0);
 		used += l.own;
@@ -215,7 +216,7 @@ static void probe_lets_real_data_pass(void **state)
 
 static void probe_refuses_convex_position(void **state)
 {
-	static const enum shape shapes[] = { DIAGONAL, PARABOLA };
+	static const enum shape shapes[] = {DIAGONAL, PARABOLA};
 
 	for (unsigned i = 0; i < 2; i++) {
 		struct err err = ERR_INIT;
@@ -224,7 +225,7 @@ static void probe_refuses_convex_position(void **state)
 		assert_int_equal(probe(shapes[i], 20000, 2000, 4000, &leaves, &err), -ERR_LIMIT);
 		assert_non_null(strstr(err.message, "of 20000 points"));
 		assert_non_null(strstr(err.message, "the budget carries 4000"));
-	assert_true(err.need > 0);
+		assert_true(err.need > 0);
 		/* With room for all of them it goes. */
 		err = ERR_INIT;
 		assert_int_equal(probe(shapes[i], 20000, 2000, 60000, &leaves, &err), 0);
@@ -269,10 +270,10 @@ static void splits_end(void **state)
 /* The sweep with more hits than one batch of it, against the rounds; every site of a parabola is a neighbour. */
 static void sweep_finds_what_rounds_find(void **state)
 {
-	static const enum shape shapes[] = { PARABOLA, UNIFORM, DIAGONAL };
+	static const enum shape shapes[] = {PARABOLA, UNIFORM, DIAGONAL};
 	const struct view view = VIEW_INIT;
 	size_t size = cut_load_scratch_bytes(100000);
-	void *scratch[2] = { malloc(size), malloc(size) };
+	void *scratch[2] = {malloc(size), malloc(size)};
 	unsigned many = 0;
 
 	for (unsigned s = 0; s < 3; s++) {
@@ -320,7 +321,7 @@ static void one_chain_takes_the_room(void **state)
 	struct err err = ERR_INIT;
 	struct cut_region root, half[2], quarter[2];
 	const struct point *pts;
-	const int32_t some[4] = { 2100, 2100, 14000, 14000 }, all[4] = { 9000, 9000, 56000, 56000 };
+	const int32_t some[4] = {2100, 2100, 14000, 14000}, all[4] = {9000, 9000, 56000, 56000};
 	uint64_t need = 0;
 	uint32_t m;
 
@@ -365,7 +366,7 @@ static void halos_read_little(void **state)
 	make(&t, &src, UNIFORM, 100000, 100);
 	assert_int_equal(cut_plan_make_from(&src, 8000, &plan, &err), 0);
 	for (size_t i = 0; i < plan.n; i++) {
-		struct cut_load l = { .out = out, .cap = 20000, .scratch = scratch, .scratch_size = size };
+		struct cut_load l = {.out = out, .cap = 20000, .scratch = scratch, .scratch_size = size};
 
 		assert_int_equal(cut_load_from(&src, &view, &plan.leaf[i].region, &l, &need, &err), 0);
 		cells += l.counts.cells_read;
@@ -386,12 +387,12 @@ static void halos_read_little(void **state)
 static void corridors_read_little(void **state)
 {
 	const struct view view = VIEW_INIT;
-	const uint32_t loads[] = { 4000, 10000 };
+	const uint32_t loads[] = {4000, 10000};
 
 	for (unsigned k = 0; k < 2; k++) {
 		uint32_t cap = loads[k] + loads[k] / 8 + 4096;
 		size_t size = (size_t)64 * cap + 2000000;
-		struct mesh_vertex *out[2] = { malloc(cap * sizeof(*out[0])), malloc(cap * sizeof(*out[1])) };
+		struct mesh_vertex *out[2] = {malloc(cap * sizeof(*out[0])), malloc(cap * sizeof(*out[1]))};
 		uint64_t need, points = 0, own = 0, known = 0, apart = 0;
 		void *scratch = malloc(size);
 		struct err err = ERR_INIT;
@@ -409,7 +410,7 @@ static void corridors_read_little(void **state)
 			struct cut_load l[2];
 
 			for (unsigned how = 0; how < 2; how++) {
-				l[how] = (struct cut_load){ .out = out[how], .cap = cap, .scratch = scratch, .scratch_size = size };
+				l[how] = (struct cut_load){.out = out[how], .cap = cap, .scratch = scratch, .scratch_size = size};
 				l[how].sites = how && plan.leaf[i].known ? plan.sites : NULL;
 				assert_int_equal(cut_load_from(&src, &view, &plan.leaf[i].region, &l[how], &need, &err), 0);
 			}

@@ -25,18 +25,18 @@ static void root_is_small(void **state)
 		int32_t box[4];
 		unsigned w;
 	} row[] = {
-		{ { 5, 7, 5, 7 }, 0 },
-		{ { -1, 0, 0, 1 }, 3 },           /* across the highest cut: 2 above it, and 1 for the room */
-		{ { 1, 1, 2, 2 }, 2 },
-		{ { 0, 0, 1, 1 }, 3 },            /* beginning at a cut: there is room beyond it */
-		{ { 7, 7, 8, 8 }, 2 },            /* the aligned square would have side 16 */
-		{ { -900, -900, 900, 900 }, 12 },  /* 226 of room */
-		{ { -800, -800, 800, 800 }, 11 },
-		{ { 0, 0, 1000000, 1000000 }, 22 },
-		{ { 130000, 130000, 900000, 900000 }, 20 },
-		{ { INT32_MIN, INT32_MIN, INT32_MAX, INT32_MAX }, 32 },
-		{ { INT32_MIN, 0, INT32_MIN, 0 }, 0 },
-		{ { INT32_MAX - 1, INT32_MAX, INT32_MAX, INT32_MAX }, 2 },
+		{{5, 7, 5, 7}, 0},
+		{{-1, 0, 0, 1}, 3}, /* across the highest cut: 2 above it, and 1 for the room */
+		{{1, 1, 2, 2}, 2},
+		{{0, 0, 1, 1}, 3},            /* beginning at a cut: there is room beyond it */
+		{{7, 7, 8, 8}, 2},            /* the aligned square would have side 16 */
+		{{-900, -900, 900, 900}, 12}, /* 226 of room */
+		{{-800, -800, 800, 800}, 11},
+		{{0, 0, 1000000, 1000000}, 22},
+		{{130000, 130000, 900000, 900000}, 20},
+		{{INT32_MIN, INT32_MIN, INT32_MAX, INT32_MAX}, 32},
+		{{INT32_MIN, 0, INT32_MIN, 0}, 0},
+		{{INT32_MAX - 1, INT32_MAX, INT32_MAX, INT32_MAX}, 2},
 	};
 
 	for (size_t i = 0; i < sizeof(row) / sizeof(row[0]); i++) {
@@ -51,7 +51,8 @@ static void root_is_small(void **state)
 	}
 }
 
-/* A region full of points does not reach the root's side: an eighth of the data's longer side lies between, as far as the lattice goes. */
+/* A region full of points does not reach the root's side: an eighth of the data's longer side lies between, as far as the lattice
+ * goes. */
 static void root_has_room(void **state)
 {
 	uint64_t seed = 3;
@@ -81,7 +82,8 @@ static void root_has_room(void **state)
 
 			assert_true(low < at[a] - room || low == INT32_MIN);
 			assert_true(low + w - 1 > at[2 + a] + room || low + w - 1 == INT32_MAX);
-			/* Not far larger than that takes: ten eighths, and as much again where they lie badly, to the next power of two. */
+			/* Not far larger than that takes: ten eighths, and as much again where they lie badly, to the next power
+			 * of two. */
 			assert_true(w < 8 * (room + 2) * 8);
 		}
 	}
@@ -92,7 +94,7 @@ static void random_region(uint64_t *seed, struct cut_region *ret)
 	unsigned shift = (unsigned)(tiling_random(seed) % 32);
 	int32_t x = num(tiling_random(seed)), y = num(tiling_random(seed));
 	int64_t x1 = x + (int64_t)(tiling_random(seed) >> 32 >> shift), y1 = y + (int64_t)(tiling_random(seed) >> 32 >> shift);
-	int32_t box[4] = { x, y, (int32_t)(x1 > INT32_MAX ? INT32_MAX : x1), (int32_t)(y1 > INT32_MAX ? INT32_MAX : y1) };
+	int32_t box[4] = {x, y, (int32_t)(x1 > INT32_MAX ? INT32_MAX : x1), (int32_t)(y1 > INT32_MAX ? INT32_MAX : y1)};
 	unsigned depth = (unsigned)(tiling_random(seed) % 10);
 	struct cut_region half[2];
 
@@ -115,7 +117,7 @@ static void near_position(uint64_t *seed, const struct cut_region *r, int32_t re
 
 static void way_up_is_the_way_down(void **state)
 {
-	const int32_t box[4] = { -1000, 5, 70000, 1 << 20 };
+	const int32_t box[4] = {-1000, 5, 70000, 1 << 20};
 	uint64_t seed = 11;
 
 	(void)state;
@@ -180,9 +182,23 @@ static void ranges_are_the_box(void **state)
 static void rubbish_is_no_region(void **state)
 {
 	static const char *const bad[] = {
-		"", "1:2:3:4", "0:0:1:1:15 ", " 0:0:1:1:15", "00:0:1:1:15", "0:0:33:33:15", "0:0:3:5:15", "0:0:5:4:15",
-		"1:0:1:1:14", "3:0:2:2:15", "4294967295:0:1:1:15", "0:0:1:1:16", "0:0:1:1:-1", "4294967296:0:1:1:15",
-		"0:0:1:1:15:0", "2:1:1:2:15", "0:0:1:1:1515151515151515151515151515151515151515151515151515151515151515",
+		"",
+		"1:2:3:4",
+		"0:0:1:1:15 ",
+		" 0:0:1:1:15",
+		"00:0:1:1:15",
+		"0:0:33:33:15",
+		"0:0:3:5:15",
+		"0:0:5:4:15",
+		"1:0:1:1:14",
+		"3:0:2:2:15",
+		"4294967295:0:1:1:15",
+		"0:0:1:1:16",
+		"0:0:1:1:-1",
+		"4294967296:0:1:1:15",
+		"0:0:1:1:15:0",
+		"2:1:1:2:15",
+		"0:0:1:1:1515151515151515151515151515151515151515151515151515151515151515",
 	};
 	struct cut_region r;
 
@@ -207,10 +223,10 @@ static void ties_have_one_owner(void **state)
 		for (int32_t at = -20; at < 20; at++)
 			for (unsigned i = 0; i < 4; i++) {
 				int32_t x = at, y = at * 3 - 7, d = step;
-				const int32_t p[4][2] = { { x, y }, { x + d, y }, { x + d, y + d }, { x, y + d } };
+				const int32_t p[4][2] = {{x, y}, {x + d, y}, {x + d, y + d}, {x, y + d}};
 				const int32_t *a = p[i], *b = p[(i + 1) % 4], *c = p[(i + 2) % 4];
 				/* The cell whose border runs through the centre, and its neighbours. */
-				struct cut_region root = { 0, 0, 32, 32, 15 };
+				struct cut_region root = {0, 0, 32, 32, 15};
 				unsigned owners = 0;
 
 				for (unsigned depth = 0; depth < 64; depth++) {
@@ -238,7 +254,7 @@ static void quick_owner_is_exact(void **state)
 	for (unsigned i = 0; i < 400000; i++) {
 		uint8_t w = (uint8_t)(tiling_random(&seed) % 31), inf = (uint8_t)(tiling_random(&seed) % 16);
 		uint32_t size = (uint32_t)1 << (tiling_random(&seed) % (w + 2u)), side = (uint32_t)1 << w;
-		struct cut_region r = { side, side, w, w, i % 4 ? 0 : inf };
+		struct cut_region r = {side, side, w, w, i % 4 ? 0 : inf};
 		struct cut_owner owner;
 		int32_t p[3][2];
 		bool has;
@@ -270,7 +286,7 @@ static void far_centres_have_one_owner(void **state)
 
 	for (unsigned i = 0; i < 20000; i++) {
 		int32_t p[3][2];
-		struct cut_region r = { 0, 0, 32, 32, 15 }, half[2];
+		struct cut_region r = {0, 0, 32, 32, 15}, half[2];
 
 		for (unsigned k = 0; k < 3; k++) {
 			int32_t t = num(tiling_random(&seed)), e = (int32_t)(tiling_random(&seed) % 3) - 1;
@@ -281,7 +297,7 @@ static void far_centres_have_one_owner(void **state)
 		if (geom_orient(p[0], p[1], p[2]) == 0)
 			continue;
 		if (geom_orient(p[0], p[1], p[2]) < 0) {
-			int32_t t[2] = { p[0][0], p[0][1] };
+			int32_t t[2] = {p[0][0], p[0][1]};
 
 			memcpy(p[0], p[1], sizeof(t));
 			memcpy(p[1], t, sizeof(t));
@@ -308,14 +324,10 @@ static void far_centres_have_one_owner(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(root_is_small),
-		cmocka_unit_test(root_has_room),
-		cmocka_unit_test(way_up_is_the_way_down),
-		cmocka_unit_test(ranges_are_the_box),
-		cmocka_unit_test(rubbish_is_no_region),
-		cmocka_unit_test(ties_have_one_owner),
-		cmocka_unit_test(quick_owner_is_exact),
-		cmocka_unit_test(far_centres_have_one_owner),
+		cmocka_unit_test(root_is_small),          cmocka_unit_test(root_has_room),
+		cmocka_unit_test(way_up_is_the_way_down), cmocka_unit_test(ranges_are_the_box),
+		cmocka_unit_test(rubbish_is_no_region),   cmocka_unit_test(ties_have_one_owner),
+		cmocka_unit_test(quick_owner_is_exact),   cmocka_unit_test(far_centres_have_one_owner),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

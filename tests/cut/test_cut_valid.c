@@ -1,8 +1,8 @@
 /*
  * Validity by the ten thousand: a small dataset, what every region of a plan loads of it, and the trace of that; then
  * another generation of it (points more and less, other segments, other cells). Where the trace is said to be valid the
- * region must load the very same; and of the regions that do load the same nearly all must be found. Likewise of what boxes alone tell,
- * of that generation by the first, and of a third by the second.
+ * region must load the very same; and of the regions that do load the same nearly all must be found. Likewise of what boxes alone
+ * tell, of that generation by the first, and of a third by the second.
  */
 #include <stdarg.h>
 #include <stddef.h>
@@ -79,8 +79,8 @@ static void add(uint64_t *seed, const int32_t at[2], unsigned source)
 		return;
 	history.n++;
 	*r = (struct record){.source = source};
-	r->p = (struct point){.x = at[0], .y = at[1], .z = (int32_t)below(seed, 3), .cls = (uint8_t)(1 + below(seed, 2)),
-			      .ret = 0x11};
+	r->p = (struct point){
+		.x = at[0], .y = at[1], .z = (int32_t)below(seed, 3), .cls = (uint8_t)(1 + below(seed, 2)), .ret = 0x11};
 	if (below(seed, 10) == 0)
 		r->p.cls = 7;
 	if (below(seed, 10) == 0)
@@ -135,8 +135,7 @@ static void lay_out(uint64_t *seed, struct state *s, unsigned live)
 	tiling_source(&s->tiling, &s->src);
 }
 
-static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret,
-			    struct cut_region *ret_root)
+static unsigned make_leaves(uint64_t *seed, const struct cut_source *src, struct cut_region *ret, struct cut_region *ret_root)
 {
 	unsigned want = 1 + below(seed, LEAVES - 1), n = 1;
 	int32_t box[4];
@@ -164,8 +163,8 @@ static uint64_t load(const struct state *s, const struct cut_region *region, str
 	struct err err = ERR_INIT;
 	uint64_t need = 0, read;
 
-	*ret = (struct cut_load){.out = out, .cap = MOST, .scratch = scratch, .scratch_size = scratch_size, .before = before,
-				 .trace = trace};
+	*ret = (struct cut_load){
+		.out = out, .cap = MOST, .scratch = scratch, .scratch_size = scratch_size, .before = before, .trace = trace};
 	assert_int_equal(cut_load_from(&s->src, &view, region, ret, &need, &err), 0);
 	read = ret->counts.points_read;
 	ret->counts.cells_read = ret->counts.points_read = 0;
@@ -188,8 +187,8 @@ static bool outgrown(const struct state *s, const struct cut_region *root)
 	return !cut_region_holds(root, box[0], box[1]) || !cut_region_holds(root, box[2], box[3]);
 }
 
-/* Whether all that was live still is; regions where what was there before bounded the halo, those of them that changed, and what was read
- * for these, with and without. */
+/* Whether all that was live still is; regions where what was there before bounded the halo, those of them that changed, and what
+ * was read for these, with and without. */
 static bool still;
 static uint64_t bounded, bounded_changed, bounded_read, all_read;
 
@@ -216,8 +215,8 @@ static void check_far(const struct cut_region *region, const struct cut_reach *r
 	if (!loads_same(was, &is)) {
 		char text[CUT_REGION_TEXT_SIZE];
 
-		fail_msg("all that came is said to be far from %s: %u of %u, now %u of %u", cut_region_text(region, text), was->own,
-			 was->n, is.own, is.n);
+		fail_msg("all that came is said to be far from %s: %u of %u, now %u of %u", cut_region_text(region, text),
+			 was->own, was->n, is.own, is.n);
 	}
 }
 
@@ -457,7 +456,8 @@ static void test_merged(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_random), cmocka_unit_test(test_local), cmocka_unit_test(test_merged)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_random), cmocka_unit_test(test_local),
+					   cmocka_unit_test(test_merged)};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
 }

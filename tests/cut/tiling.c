@@ -30,8 +30,8 @@ static size_t lower(const struct point *p, size_t n, uint64_t key)
 static void make_cell(const struct point *p, size_t n, uint64_t lo, uint64_t hi, unsigned segment, size_t place,
 		      struct grid_cell *ret)
 {
-	*ret = (struct grid_cell){ .lo = lo, .hi = hi, .count = n, .segment = segment, .place = place, .blocks = 1,
-				   .box = { p->x, p->y, p->x, p->y } };
+	*ret = (struct grid_cell){
+		.lo = lo, .hi = hi, .count = n, .segment = segment, .place = place, .blocks = 1, .box = {p->x, p->y, p->x, p->y}};
 	for (size_t i = 0; i < n; i++) {
 		ret->box[0] = p[i].x < ret->box[0] ? p[i].x : ret->box[0];
 		ret->box[1] = p[i].y < ret->box[1] ? p[i].y : ret->box[1];
@@ -79,9 +79,9 @@ static int tiling_walk(void *ctx, uint64_t lo, uint64_t hi, const struct grid_vi
 	const struct tiling *t = ctx;
 
 	for (unsigned s = 0; s < t->segments; s++) {
-		const struct walk w = { t, v, lo, hi, s };
+		const struct walk w = {t, v, lo, hi, s};
 
-		struct grid_cell whole = { .segment = s };
+		struct grid_cell whole = {.segment = s};
 
 		if (t->n[s])
 			make_cell(t->pts[s], t->n[s], 0, 0, s, 0, &whole);
@@ -149,8 +149,7 @@ static int tiling_scan(void *ctx, uint64_t lo, uint64_t hi, grid_points_fn fn, v
 			while (at[s] < t->n[s] && !live(t, s, at[s]))
 				at[s]++;
 			p = t->pts[s] + at[s];
-			if (at[s] < t->n[s] && point_morton(p->x, p->y) <= hi &&
-			    (!best || point_compare(p, best) < 0)) {
+			if (at[s] < t->n[s] && point_morton(p->x, p->y) <= hi && (!best || point_compare(p, best) < 0)) {
 				best = p;
 				from = s;
 			}
@@ -212,12 +211,12 @@ static size_t tiling_parts(void *ctx, struct cut_part *ret, struct cut_segment *
 	size_t n = 0;
 
 	for (unsigned s = 0; s < t->segments; s++) {
-		struct cut_segment segment = { .number = s, .box = { INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN } };
-		struct cut_part part = { 0 };
+		struct cut_segment segment = {.number = s, .box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN}};
+		struct cut_part part = {0};
 
 		for (size_t i = 0; i < t->n[s]; i++)
 			if (live(t, s, i)) {
-				const int32_t at[2] = { t->pts[s][i].x, t->pts[s][i].y };
+				const int32_t at[2] = {t->pts[s][i].x, t->pts[s][i].y};
 
 				for (unsigned k = 0; k < 2; k++) {
 					segment.box[k] = at[k] < segment.box[k] ? at[k] : segment.box[k];
@@ -244,7 +243,7 @@ static bool tiling_box(void *ctx, int32_t ret_box[4])
 
 	for (unsigned s = 0; s < t->segments; s++)
 		for (size_t i = 0; i < t->n[s]; i++) {
-			const int32_t at[2] = { t->pts[s][i].x, t->pts[s][i].y };
+			const int32_t at[2] = {t->pts[s][i].x, t->pts[s][i].y};
 
 			for (unsigned k = 0; k < 2; k++) {
 				ret_box[k] = any && ret_box[k] < at[k] ? ret_box[k] : at[k];

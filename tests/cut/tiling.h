@@ -10,12 +10,12 @@
 enum { TILING_SEGMENTS = 4 };
 
 struct tiling {
-	struct point *pts[TILING_SEGMENTS];  /* sorted by point_compare */
-	const bool *dead[TILING_SEGMENTS];   /* by point: not live; NULL: all are */
+	struct point *pts[TILING_SEGMENTS]; /* sorted by point_compare */
+	const bool *dead[TILING_SEGMENTS];  /* by point: not live; NULL: all are */
 	size_t n[TILING_SEGMENTS];
 	unsigned segments;
-	size_t cell_records;                 /* cells are split above this */
-	uint64_t salt;                       /* of the random tiling: where cells stop early, subtrees show */
+	size_t cell_records; /* cells are split above this */
+	uint64_t salt;       /* of the random tiling: where cells stop early, subtrees show */
 	uint64_t reads, read_points;
 };
 

@@ -212,8 +212,16 @@ static void times(void **state)
 	static const struct {
 		const char *given, *told; /* NULL: whatever it is, it is the same */
 	} row[] = {
-		{"5000.1d", "432008640.00000006s"}, {"0.1s", "0.1s"}, {"0.3m", "18s"}, {"1.5m", "90s"}, {"90m", "90m"}, {"24h", "1d"},
-		{"0.7h", NULL}, {"1.1d", NULL}, {"0.123456789012345678s", NULL}, {"9999.3d", NULL},
+		{"5000.1d", "432008640.00000006s"},
+		{"0.1s", "0.1s"},
+		{"0.3m", "18s"},
+		{"1.5m", "90s"},
+		{"90m", "90m"},
+		{"24h", "1d"},
+		{"0.7h", NULL},
+		{"1.1d", NULL},
+		{"0.123456789012345678s", NULL},
+		{"9999.3d", NULL},
 	};
 	const struct config_setting *s = &config_settings[CONFIG_keep_removed];
 	char text[CONFIG_PATH_SIZE];
@@ -230,7 +238,8 @@ static void times(void **state)
 			assert_string_equal(text, row[i].told);
 		assert_true(config_value_parse(s, text, &again, &wanted));
 		if (again.keep_removed != c.keep_removed)
-			fail_msg("%s is told as %s, which is %.17g and not %.17g s", row[i].given, text, again.keep_removed, c.keep_removed);
+			fail_msg("%s is told as %s, which is %.17g and not %.17g s", row[i].given, text, again.keep_removed,
+				 c.keep_removed);
 	}
 }
 
@@ -282,7 +291,7 @@ static struct config parse(unsigned errors, char **words, unsigned n)
 	return c;
 }
 
-#define PARSE(errors, ...) \
+#define PARSE(errors, ...)                                                                                        \
 	parse(errors, (char *[]){"acutd", "--config", file, "--state", root, "--cache", root, __VA_ARGS__, NULL}, \
 	      (unsigned)(sizeof((char *[]){__VA_ARGS__}) / sizeof(char *) + 7))
 
@@ -350,16 +359,11 @@ static int teardown(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(taken),
-		cmocka_unit_test(taken_back),
-		cmocka_unit_test(last_holds),
-		cmocka_unit_test(refused),
-		cmocka_unit_test(all_are_told),
-		cmocka_unit_test(texts),
-		cmocka_unit_test(times),
-		cmocka_unit_test(table),
-		cmocka_unit_test(memory),
-		cmocka_unit_test_setup_teardown(files, setup, teardown),
+		cmocka_unit_test(taken),        cmocka_unit_test(taken_back),
+		cmocka_unit_test(last_holds),   cmocka_unit_test(refused),
+		cmocka_unit_test(all_are_told), cmocka_unit_test(texts),
+		cmocka_unit_test(times),        cmocka_unit_test(table),
+		cmocka_unit_test(memory),       cmocka_unit_test_setup_teardown(files, setup, teardown),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -97,9 +97,8 @@ static void network_by_name(void **state)
 	static const struct {
 		uint32_t magic;
 		const char *name;
-	} bad[] = {{0x6969, "nfs"},        {0xFF534D42, "cifs"},   {0xFE534D42, "smb2"},   {0x517B, "smb"},
-		   {0x5346414F, "afs"},    {0x01021997, "9p"},     {0x00C36400, "ceph"},   {0x0BD00BD0, "lustre"},
-		   {0x47504653, "gpfs"},   {0x7461636F, "ocfs2"}};
+	} bad[] = {{0x6969, "nfs"},    {0xFF534D42, "cifs"}, {0xFE534D42, "smb2"},   {0x517B, "smb"},      {0x5346414F, "afs"},
+		   {0x01021997, "9p"}, {0x00C36400, "ceph"}, {0x0BD00BD0, "lustre"}, {0x47504653, "gpfs"}, {0x7461636F, "ocfs2"}};
 	static const uint32_t good[] = {0xEF53, 0x58465342, 0x9123683E, 0x2FC12FC1, 0x01021994, 0x794C7630, 0xF2F52010};
 	struct marker m;
 	struct err err;
@@ -132,7 +131,8 @@ static void fuse_by_mount(void **state)
 	assert_non_null(f);
 	fputs("22 1 254:0 / / rw,relatime shared:1 - ext4 /dev/vda rw\n"
 	      "30 22 0:51 / /mnt/far\\040away rw,nosuid shared:9 master:1 - fuse.sshfs me@there:/ rw,user_id=0\n"
-	      "31 22 0:52 / /mnt/ntfs rw - fuseblk /dev/sdb1 rw\n", f);
+	      "31 22 0:52 / /mnt/ntfs rw - fuseblk /dev/sdb1 rw\n",
+	      f);
 	fclose(f);
 	place_fs_mount_type(path, 0, 51, type, sizeof type);
 	assert_string_equal(type, "fuse.sshfs");
@@ -297,7 +297,8 @@ static void apart(const char *state, const char *cache, const char *words)
 static void cache_is_apart(void **state)
 {
 	static const char *const folders[] = {"s", "s/datasets", "s/datasets/1", "s/plans", "c", "c/deep", "other"};
-	static const char *const is = "is the state folder", *const holds = "lies in the cache folder", *const within = "has what was pushed";
+	static const char *const is = "is the state folder", *const holds = "lies in the cache folder",
+				 *const within = "has what was pushed";
 	char path[200], to[200];
 	struct err err = ERR_INIT;
 

@@ -1,8 +1,8 @@
 /*
- * A preload for Gate of e2e.py: calls of a program on files wait until the test lets them go. So a test brings about "in the middle of
- * it" instead of sleeping and hoping. $ACUT_GATE is a folder; its file "rule" says which calls, "CALL TEXT N ID PROGRAM": those named CALL on
- * a path that has TEXT in it, but for the first N since the rule of that ID came, in that program (*: in any). Who waits makes the file "held". Without a rule nobody
- * waits. It changes no call, no result and no order.
+ * A preload for Gate of e2e.py: calls of a program on files wait until the test lets them go. So a test brings about "in the
+ * middle of it" instead of sleeping and hoping. $ACUT_GATE is a folder; its file "rule" says which calls, "CALL TEXT N ID
+ * PROGRAM": those named CALL on a path that has TEXT in it, but for the first N since the rule of that ID came, in that program
+ * (*: in any). Who waits makes the file "held". Without a rule nobody waits. It changes no call, no result and no order.
  */
 #undef _FILE_OFFSET_BITS /* both names of a call are to be had */
 #include <dlfcn.h>

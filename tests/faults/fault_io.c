@@ -77,9 +77,9 @@ enum fault_call fault_first(void)
 const char *fault_call_text(enum fault_call c)
 {
 	static const char *const text[FAULT_CALLS] = {
-		"open",	 "close", "read", "write", "fsync", "rename", "unlink", "truncate", "stat", "mkdir", "punch",
-		"link",	 "times", "list", "copy", "lock", "sqlite open", "sqlite read", "sqlite write", "sqlite sync",
-		"sqlite other"};
+		"open",     "close", "read",        "write",       "fsync",        "rename",      "unlink",
+		"truncate", "stat",  "mkdir",       "punch",       "link",         "times",       "list",
+		"copy",     "lock",  "sqlite open", "sqlite read", "sqlite write", "sqlite sync", "sqlite other"};
 
 	return text[c];
 }
@@ -426,21 +426,21 @@ size_t fault_log(const struct disk_entry **ret)
 
 /* ---- the table ---- */
 
-#define GUARDED(type, fault, good, then)                                                                               \
-	do {                                                                                                           \
-		type rc_ = -1;                                                                                         \
-		int saved_;                                                                                            \
-		pthread_mutex_lock(&lock);                                                                             \
-		if (!fault_fails(fault)) {                                                                             \
-			rc_ = (good);                                                                                  \
-			saved_ = errno;                                                                                \
-			if (rc_ >= 0) {                                                                                \
-				then;                                                                                  \
-			}                                                                                              \
-			errno = saved_;                                                                                \
-		}                                                                                                      \
-		pthread_mutex_unlock(&lock);                                                                           \
-		return rc_;                                                                                            \
+#define GUARDED(type, fault, good, then)     \
+	do {                                 \
+		type rc_ = -1;               \
+		int saved_;                  \
+		pthread_mutex_lock(&lock);   \
+		if (!fault_fails(fault)) {   \
+			rc_ = (good);        \
+			saved_ = errno;      \
+			if (rc_ >= 0) {      \
+				then;        \
+			}                    \
+			errno = saved_;      \
+		}                            \
+		pthread_mutex_unlock(&lock); \
+		return rc_;                  \
 	} while (0)
 
 static int f_openat(int dirfd, const char *path, int flags, mode_t mode)

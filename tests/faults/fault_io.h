@@ -47,8 +47,8 @@ enum fault_call {
 void fault_io_start(void);
 
 struct fault_plan {
-	unsigned kinds;   /* bits of fault_call */
-	unsigned long at; /* counted over these kinds from 1; 0: none fails */
+	unsigned kinds;      /* bits of fault_call */
+	unsigned long at;    /* counted over these kinds from 1; 0: none fails */
 	bool for_ever, half; /* half: a transfer is done by half first */
 	int error;
 };

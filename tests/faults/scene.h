@@ -138,14 +138,14 @@ static struct job *submit_at(struct dataset *d, uint64_t generation, const char 
 
 /* ---- the play, which must go well ---- */
 
-#define must(what)                                                                                                     \
-	do {                                                                                                           \
-		if (!(what)) {                                                                                         \
-			printf("%s:%d: %s; %s: %s %s\n", __FILE__, __LINE__, #what, got.why.file, got.why.message,     \
-			       accepted_err.message);                                                                  \
-			fflush(stdout);                                                                                \
-			_exit(1);                                                                                      \
-		}                                                                                                      \
+#define must(what)                                                                                                 \
+	do {                                                                                                       \
+		if (!(what)) {                                                                                     \
+			printf("%s:%d: %s; %s: %s %s\n", __FILE__, __LINE__, #what, got.why.file, got.why.message, \
+			       accepted_err.message);                                                              \
+			fflush(stdout);                                                                            \
+			_exit(1);                                                                                  \
+		}                                                                                                  \
 	} while (0)
 
 static void mesh_to(struct job *job, char digest[DIGEST_HEX_SIZE])
@@ -205,7 +205,8 @@ static void play_on(struct scene_digests *ret)
 	fault_mark(MARK_OTHER);
 	push_one("b", 2);
 	push_one("b", 3);
-	/* What the next commit brings to the disk: the rows of b's pushes are gone, by which a start would look into its folder. */
+	/* What the next commit brings to the disk: the rows of b's pushes are gone, by which a start would look into its folder.
+	 */
 	turn_until(!jobs_active(h.jobs));
 	push_one("d", 1);
 	fault_mark(MARK_OTHER_3);

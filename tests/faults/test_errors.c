@@ -41,14 +41,14 @@ static void lift(void)
 }
 
 /* Turns until it is so; what waits for a fault to go is shown that it went. */
-#define turn_or_lift(what)                                                                                             \
-	do {                                                                                                           \
-		double since_ = seconds();                                                                             \
-		while (!(what) && seconds() - since_ < 0.3)                                                              \
-			turn(10);                                                                                      \
-		if (!(what))                                                                                           \
-			lift();                                                                                        \
-		turn_until(what);                                                                                      \
+#define turn_or_lift(what)                                  \
+	do {                                                \
+		double since_ = seconds();                  \
+		while (!(what) && seconds() - since_ < 0.3) \
+			turn(10);                           \
+		if (!(what))                                \
+			lift();                             \
+		turn_until(what);                           \
 	} while (0)
 
 static void try_push(void)
@@ -142,7 +142,8 @@ static void one_point(unsigned long i)
 	enum push_known_as known[2];
 	char digest[DIGEST_HEX_SIZE];
 
-	/* Where removing fails too, for ever, something stays in the store until it is evicted, and a manifest until the next commit. */
+	/* Where removing fails too, for ever, something stays in the store until it is evicted, and a manifest until the next
+	 * commit. */
 	after_crash = keeps_manifests = plan.for_ever && (plan.kinds & 1u << FAULT_UNLINK);
 	new_folder(i);
 	fault_log_start(h.folder);
@@ -206,7 +207,8 @@ static void series(const char *text, unsigned kinds, int error, bool for_ever, b
 
 int main(void)
 {
-	const unsigned writing = 1u << FAULT_WRITE | 1u << FAULT_TRUNCATE | 1u << FAULT_OPEN | 1u << FAULT_MKDIR | 1u << FAULT_RENAME;
+	const unsigned writing =
+		1u << FAULT_WRITE | 1u << FAULT_TRUNCATE | 1u << FAULT_OPEN | 1u << FAULT_MKDIR | 1u << FAULT_RENAME;
 	double begun = seconds();
 
 	log_init("errors", setting("ACUT_FAULT_LOG", 0) ? LOG_LEVEL_INFO : LOG_LEVEL_ERROR);

@@ -329,8 +329,8 @@ int main(void)
 	find_old();
 	flip_datasets(n);
 	then = seconds();
-	printf("%lu flips before readers: %lu errors raised, %lu without effect, %lu undetected, %.1f s\n", flips, errors, harmless,
-	       undetected, then - begun);
+	printf("%lu flips before readers: %lu errors raised, %lu without effect, %lu undetected, %.1f s\n", flips, errors,
+	       harmless, undetected, then - begun);
 	drop_folder();
 	n = n / 20;
 	if (!freopen("/dev/null", "w", stderr))

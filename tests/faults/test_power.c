@@ -86,8 +86,8 @@ static void tell(unsigned long i, int status)
 {
 	struct disk_cut c = cut_of(i);
 
-	printf("cut %lu: after entry %zu of %zu, seed %llu, mark %llu: status %x\n", i, c.at, entries,
-	       (unsigned long long)c.seed, (unsigned long long)marks_before(c.at), status);
+	printf("cut %lu: after entry %zu of %zu, seed %llu, mark %llu: status %x\n", i, c.at, entries, (unsigned long long)c.seed,
+	       (unsigned long long)marks_before(c.at), status);
 }
 
 static unsigned long control(const char *what, unsigned long n)

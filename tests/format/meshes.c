@@ -16,8 +16,8 @@ static int32_t row_of(const struct meshes_spec *s, uint32_t row)
 static void make_block(struct acut_mesh_block *b, const struct meshes_spec *s, uint32_t from, uint32_t to)
 {
 	uint32_t w = s->columns, nf = from ? w : 0, first_row = from ? from + 1 : 0, n = 0;
-	int32_t (*v)[3];
-	uint32_t (*t)[3];
+	int32_t(*v)[3];
+	uint32_t(*t)[3];
 	uint64_t *f = calloc(w, sizeof(*f));
 	uint8_t *final;
 
@@ -36,11 +36,11 @@ static void make_block(struct acut_mesh_block *b, const struct meshes_spec *s, u
 	t = calloc(2 * (size_t)(to - from) * w + 1, sizeof(*t));
 	for (uint32_t r = from; r < to; r++) {
 		for (uint32_t c = 0; c + 1 < w; c++) {
-			uint32_t a = (r - from) * w + c, q[4] = { a, a + 1, a + w + 1, a + w };
+			uint32_t a = (r - from) * w + c, q[4] = {a, a + 1, a + w + 1, a + w};
 			if (s->shuffle) /* rows go down; the diagonal is the same */
-				memcpy(q, (uint32_t[4]){ a + w, a + w + 1, a + 1, a }, sizeof(q));
-			memcpy(t[n++], (uint32_t[3]){ q[0], q[1], q[2] }, 12);
-			memcpy(t[n++], (uint32_t[3]){ q[0], q[2], q[3] }, 12);
+				memcpy(q, (uint32_t[4]){a + w, a + w + 1, a + 1, a}, sizeof(q));
+			memcpy(t[n++], (uint32_t[3]){q[0], q[1], q[2]}, 12);
+			memcpy(t[n++], (uint32_t[3]){q[0], q[2], q[3]}, 12);
 		}
 	}
 	final = calloc((nf + b->nnew) / 8 + 1, 1);
@@ -48,8 +48,8 @@ static void make_block(struct acut_mesh_block *b, const struct meshes_spec *s, u
 		if (to == s->rows - 1 || i < nf + b->nnew - w)
 			final[i >> 3] |= (uint8_t)(1u << (i & 7));
 	b->foreign = f;
-	b->vertex = (const int32_t (*)[3])v;
-	b->triangle = (const uint32_t (*)[3])t;
+	b->vertex = (const int32_t(*)[3])v;
+	b->triangle = (const uint32_t(*)[3])t;
 	b->ntriangle = n;
 	b->final = final;
 	b->box[0] = from;
@@ -61,15 +61,20 @@ void meshes_make(struct meshes *m, const struct meshes_spec *s)
 	memset(m, 0, sizeof(*m));
 	m->columns = s->columns;
 	m->rows = s->rows;
-	snprintf(lattice, sizeof(lattice), "%s %s %lld %lld %lld", s->scale_xy, s->scale_z,
-		 (long long)s->k[0], (long long)s->k[1], (long long)s->k[2]);
-	m->head = (struct acut_mesh_head){ .lattice = lattice, .scale_xy = s->scale_xy, .scale_z = s->scale_z,
-					   .crs = "EPSG:26910\nsecond line", .unit_xy = "metre",
-					   .unit_z = "metre", .view = "view 1", .stream_id = "00" };
+	snprintf(lattice, sizeof(lattice), "%s %s %lld %lld %lld", s->scale_xy, s->scale_z, (long long)s->k[0],
+		 (long long)s->k[1], (long long)s->k[2]);
+	m->head = (struct acut_mesh_head){.lattice = lattice,
+					  .scale_xy = s->scale_xy,
+					  .scale_z = s->scale_z,
+					  .crs = "EPSG:26910\nsecond line",
+					  .unit_xy = "metre",
+					  .unit_z = "metre",
+					  .view = "view 1",
+					  .stream_id = "00"};
 	memcpy(m->head.k, s->k, sizeof(s->k));
-	m->tail = (struct acut_mesh_tail){ .digest = "0123456789abcdef0123456789abcdef",
-					   .vertex_digest = "fedcba9876543210fedcba9876543210",
-					   .report = "{}" };
+	m->tail = (struct acut_mesh_tail){.digest = "0123456789abcdef0123456789abcdef",
+					  .vertex_digest = "fedcba9876543210fedcba9876543210",
+					  .report = "{}"};
 	if (!s->columns)
 		return;
 	for (int i = 0; i < 2; i++) {

@@ -9,15 +9,15 @@ struct meshes {
 	struct acut_mesh_tail tail;
 	struct acut_mesh_block *block;
 	size_t nblock;
-	uint32_t columns, rows;    /* of points; 0: no points at all */
+	uint32_t columns, rows; /* of points; 0: no points at all */
 };
 
 struct meshes_spec {
-	uint32_t columns, rows;    /* of points */
-	uint32_t strip;            /* rows of squares in a block */
+	uint32_t columns, rows; /* of points */
+	uint32_t strip;         /* rows of squares in a block */
 	int32_t x0, y0, step;
-	int32_t slope_x, slope_y;  /* z = slope_x * column + slope_y * row */
-	uint32_t shuffle;          /* numbers the rows from the top if set */
+	int32_t slope_x, slope_y; /* z = slope_x * column + slope_y * row */
+	uint32_t shuffle;         /* numbers the rows from the top if set */
 	const char *scale_xy, *scale_z;
 	int64_t k[3];
 };

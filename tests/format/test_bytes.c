@@ -147,8 +147,8 @@ static void expect_file(uint64_t nfront, uint64_t nback)
 }
 
 static const uint64_t size[][2] = {
-	{ 1, 0 }, { 1, 1 }, { 10, 80659 }, { 10, 80660 }, { 10, 80661 }, { 43690, 90000 }, { 43691, 81000 }, { 100000, 7 },
-	{ 150000, 300000 }, { 150001, 300001 }, { 149848, 299999 },
+	{1, 0},         {1, 1},      {10, 80659},      {10, 80660},      {10, 80661},      {43690, 90000},
+	{43691, 81000}, {100000, 7}, {150000, 300000}, {150001, 300001}, {149848, 299999},
 };
 
 static void each_size(void)
@@ -208,7 +208,7 @@ static void test_apart(void **state)
 	table.ftruncate = ftruncate;
 	/* a limit that the file keeps and the hole would not */
 	assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
-	limit = (struct rlimit){ 1 << 30, was.rlim_max };
+	limit = (struct rlimit){1 << 30, was.rlim_max};
 	assert_int_equal(setrlimit(RLIMIT_FSIZE, &limit), 0);
 	each_size();
 	assert_int_equal(setrlimit(RLIMIT_FSIZE, &was), 0);
@@ -272,11 +272,8 @@ static void test_full(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_inside),
-		cmocka_unit_test(test_through_cache),
-		cmocka_unit_test(test_apart),
-		cmocka_unit_test(test_elsewhere),
-		cmocka_unit_test(test_full),
+		cmocka_unit_test(test_inside),    cmocka_unit_test(test_through_cache), cmocka_unit_test(test_apart),
+		cmocka_unit_test(test_elsewhere), cmocka_unit_test(test_full),
 	};
 	int failed;
 

@@ -23,14 +23,22 @@
 static char dir[] = "/tmp/acut-content-XXXXXX";
 static char out[512];
 
-static const struct meshes_spec grid = { .columns = 50, .rows = 33, .strip = 5, .x0 = -7000, .y0 = 123,
-					 .step = 100, .slope_x = 10, .slope_y = -7, .scale_xy = "0.01",
-					 .scale_z = "0.001", .k = { 50000000, 400000000, -12 } };
+static const struct meshes_spec grid = {.columns = 50,
+					.rows = 33,
+					.strip = 5,
+					.x0 = -7000,
+					.y0 = 123,
+					.step = 100,
+					.slope_x = 10,
+					.slope_y = -7,
+					.scale_xy = "0.01",
+					.scale_z = "0.001",
+					.k = {50000000, 400000000, -12}};
 
 static int write_as(const char *name, const struct meshes *m, const struct format_options *opt,
 		    const struct format_run_options *ropt, struct format_report *report, struct err *err)
 {
-	const struct format_run_options plain = { 0 };
+	const struct format_run_options plain = {0};
 	struct format_run *run = NULL;
 	struct acut_mesh_sink sink;
 	int r = format_run_new(ropt ? ropt : &plain, &run, err);
@@ -67,7 +75,12 @@ static char *slurp(size_t *ret_size)
 	return text;
 }
 
-struct ply { char *text; uint64_t nvertex, nface; const double *v; const uint8_t *f; };
+struct ply {
+	char *text;
+	uint64_t nvertex, nface;
+	const double *v;
+	const uint8_t *f;
+};
 
 static struct ply read_ply(void)
 {
@@ -105,7 +118,7 @@ static void done_ply(struct ply *p)
 /* Every vertex and face of the mesh, in the order of the stream. */
 static void test_ply(void **state)
 {
-	const struct format_options opt = { 0 };
+	const struct format_options opt = {0};
 	struct meshes m;
 	struct ply p;
 	struct err err = ERR_INIT;
@@ -129,8 +142,7 @@ static void test_ply(void **state)
 				uint32_t l = b->triangle[j][c];
 				int32_t got;
 				memcpy(&got, p.f + 13 * f + 1 + 4 * c, 4);
-				assert_int_equal(got, l < b->nforeign ? b->foreign[l]
-								      : b->first + l - b->nforeign);
+				assert_int_equal(got, l < b->nforeign ? b->foreign[l] : b->first + l - b->nforeign);
 			}
 		}
 	}
@@ -146,7 +158,7 @@ static void test_ply(void **state)
 /* OBJ and PLY say the same; OBJ's decimals are exact. */
 static void test_obj(void **state)
 {
-	const struct format_options opt = { 0 };
+	const struct format_options opt = {0};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	size_t size;
@@ -175,15 +187,15 @@ static void test_obj(void **state)
 /* Two orders of one mesh give the same bytes, whether the sort fits its memory or not. */
 static void test_canonical(void **state)
 {
-	const char *const name[] = { "ply", "obj" };
-	const struct format_options opt = { .canonical = true };
+	const char *const name[] = {"ply", "obj"};
+	const struct format_options opt = {.canonical = true};
 
 	for (int n = 0; n < 2; n++) {
 		char *first = NULL;
 		size_t first_size = 0;
 
 		for (int i = 0; i < 4; i++) {
-			const struct format_run_options ropt = { .sort_memory = i & 2 ? 200000 : 0 };
+			const struct format_run_options ropt = {.sort_memory = i & 2 ? 200000 : 0};
 			struct meshes_spec spec = grid;
 			struct meshes m;
 			struct err err = ERR_INIT;
@@ -214,13 +226,13 @@ static void test_canonical(void **state)
 /* Vertices by (x, y); triangles start at their smallest number, sorted, still counter-clockwise. */
 static void test_canonical_order(void **state)
 {
-	const struct format_options opt = { .canonical = true };
-	const struct format_run_options ropt = { .sort_memory = 200000 };
+	const struct format_options opt = {.canonical = true};
+	const struct format_run_options ropt = {.sort_memory = 200000};
 	struct meshes_spec spec = grid;
 	struct meshes m;
 	struct err err = ERR_INIT;
 	struct ply p;
-	uint32_t before[3] = { 0, 0, 0 };
+	uint32_t before[3] = {0, 0, 0};
 
 	spec.shuffle = 1;
 	spec.columns = 200;
@@ -241,8 +253,8 @@ static void test_canonical_order(void **state)
 		assert_true(t[0] < t[1] && t[0] < t[2]);
 		if (i) {
 			assert_true(memcmp(t, before, 12));
-			assert_true(t[0] > before[0] || (t[0] == before[0] &&
-				    (t[1] > before[1] || (t[1] == before[1] && t[2] > before[2]))));
+			assert_true(t[0] > before[0] ||
+				    (t[0] == before[0] && (t[1] > before[1] || (t[1] == before[1] && t[2] > before[2]))));
 		}
 		memcpy(before, t, 12);
 		a = p.v + 3 * t[0], b = p.v + 3 * t[1], c = p.v + 3 * t[2];
@@ -255,8 +267,8 @@ static void test_canonical_order(void **state)
 /* The limit is exact: an edge of just that length stays, a shorter limit by one digit drops it. */
 static void test_max_edge(void **state)
 {
-	const struct format_options opt = { 0 };
-	struct format_run_options ropt = { .has_max_edge = true, .edges = true };
+	const struct format_options opt = {0};
+	struct format_run_options ropt = {.has_max_edge = true, .edges = true};
 	struct meshes_spec spec = grid;
 	struct format_report report;
 	struct meshes m;
@@ -275,8 +287,7 @@ static void test_max_edge(void **state)
 	assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
 	assert_int_equal(report.left_out, all);
 	assert_true(fabs(report.left_out_area - (double)all * 4.5) < 1e-6);
-	assert_true(decimal_parse("1e300", &ropt.max_edge) == false ||
-		    write_as("ply", &m, &opt, &ropt, &report, &err) == 0);
+	assert_true(decimal_parse("1e300", &ropt.max_edge) == false || write_as("ply", &m, &opt, &ropt, &report, &err) == 0);
 	meshes_done(&m);
 	spec.step = 500; /* 5.00 and 7.0710678: rational limits */
 	meshes_make(&m, &spec);
@@ -291,14 +302,14 @@ static void test_max_edge(void **state)
 /* Two triangles with the same hull: only the one with the long edge goes. */
 static void test_max_edge_equal(void **state)
 {
-	static const int32_t v[][3] = { { 0, 0, 0 }, { 300, 0, 0 }, { 0, 400, 0 }, { -4000, 200, 0 } };
-	static const uint32_t t[][3] = { { 0, 1, 2 }, { 0, 2, 3 } };
-	static const uint8_t final[] = { 15 };
-	struct acut_mesh_block b = { .nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final };
-	const struct format_options opt = { 0 };
-	struct format_run_options ropt = { .has_max_edge = true };
+	static const int32_t v[][3] = {{0, 0, 0}, {300, 0, 0}, {0, 400, 0}, {-4000, 200, 0}};
+	static const uint32_t t[][3] = {{0, 1, 2}, {0, 2, 3}};
+	static const uint8_t final[] = {15};
+	struct acut_mesh_block b = {.nnew = 4, .ntriangle = 2, .vertex = v, .triangle = t, .final = final};
+	const struct format_options opt = {0};
+	struct format_run_options ropt = {.has_max_edge = true};
 	struct format_report report;
-	struct meshes_spec spec = { .scale_xy = "0.01", .scale_z = "1" };
+	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	struct ply p;
@@ -321,7 +332,7 @@ static void test_max_edge_equal(void **state)
 
 static void test_origin(void **state)
 {
-	struct format_options opt = { .has_origin = true };
+	struct format_options opt = {.has_origin = true};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	struct ply p;
@@ -337,7 +348,7 @@ static void test_origin(void **state)
 	assert_true(p.v[2] == 1.488);
 	assert_non_null(strstr(p.text, "comment acut-origin 500000.005 4000000 -1.5\n"));
 	done_ply(&p);
-	opt = (struct format_options){ .origin_auto = true };
+	opt = (struct format_options){.origin_auto = true};
 	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), 0);
 	p = read_ply();
 	/* x from -7000 to -2100, middle -4550; z from -100000 to 100000, middle 0 */
@@ -345,7 +356,7 @@ static void test_origin(void **state)
 	assert_true(p.v[2] == 0);
 	assert_non_null(strstr(p.text, "comment acut-origin 499954.5 "));
 	done_ply(&p);
-	opt = (struct format_options){ .has_origin = true };
+	opt = (struct format_options){.has_origin = true};
 	assert_true(decimal_parse("0.0000000000000000001", &opt.origin[0]));
 	assert_int_equal(write_as("ply", &m, &opt, NULL, NULL, &err), -ERR_USAGE);
 	meshes_done(&m);
@@ -386,25 +397,14 @@ static void test_digits(void **state)
 
 static void test_axis(void **state)
 {
-	static const char *const scale[] = {"1",
-					    "0.1",
-					    "0.01",
-					    "0.001",
-					    "1e-7",
-					    "0.00025",
-					    "0.0003048006096",
-					    "25",
-					    "1e-22",
-					    "1e5",
-					    "0.333333333333333"};
-	static const int64_t k[] = { 0, 1, -1, 6000000000, -123456789012345, 12345678901234567,
-				    4611686018427387904 };
+	static const char *const scale[] = {
+		"1", "0.1", "0.01", "0.001", "1e-7", "0.00025", "0.0003048006096", "25", "1e-22", "1e5", "0.333333333333333"};
+	static const int64_t k[] = {0, 1, -1, 6000000000, -123456789012345, 12345678901234567, 4611686018427387904};
 
 	for (unsigned i = 0; i < sizeof(scale) / sizeof(*scale); i++) {
 		for (unsigned j = 0; j < sizeof(k) / sizeof(*k); j++) {
-			struct acut_mesh_head head = { .scale_xy = scale[i], .scale_z = scale[i],
-						       .k = { k[j], k[j], k[j] } };
-			const struct format_options opt = { 0 };
+			struct acut_mesh_head head = {.scale_xy = scale[i], .scale_z = scale[i], .k = {k[j], k[j], k[j]}};
+			const struct format_options opt = {0};
 			struct format_axis axis[3];
 			struct err err = ERR_INIT;
 			struct decimal s;
@@ -412,16 +412,16 @@ static void test_axis(void **state)
 			assert_true(decimal_parse(scale[i], &s));
 			assert_int_equal(format_axis_init(axis, &head, &opt, &err), 0);
 			for (int n = 0; n < 200; n++) {
-				int32_t x = n == 0   ? INT32_MIN
-					    : n == 1 ? INT32_MAX
-					    : n == 2 ? 0
-						     : (int32_t)(random() * 2 - RAND_MAX);
-				int32_t v[1][3] = { { x, x, x } };
+				int32_t x = n == 0 ? INT32_MIN :
+					    n == 1 ? INT32_MAX :
+					    n == 2 ? 0 :
+						     (int32_t)(random() * 2 - RAND_MAX);
+				int32_t v[1][3] = {{x, x, x}};
 				double want = decimal_scaled_double(s, x + k[j]), got[3];
 				char text[FORMAT_COORDINATE * 2], *end;
 
 				assert_true(format_axis_value(&axis[0], x) == want);
-				format_axis_values(axis, (const int32_t (*)[3])v, 1, got);
+				format_axis_values(axis, (const int32_t(*)[3])v, 1, got);
 				assert_true(got[0] == want && got[2] == want);
 				*format_axis_text(&axis[0], x, text) = 0;
 				assert_true(strtod(text, &end) == want && !*end);
@@ -436,17 +436,16 @@ static void test_open(void **state)
 {
 	enum { LIVE = 3000, ROUNDS = 20000 };
 	static uint64_t number[LIVE];
-	struct format_open table = { 0 };
+	struct format_open table = {0};
 	size_t live = 0;
 
 	srandom(7);
 	for (int round = 0; round < ROUNDS; round++) {
 		uint64_t foreign[4], used[4];
 		int32_t v[2][3];
-		uint8_t final[1] = { 0 };
-		struct acut_mesh_block b = {
-			.foreign = foreign, .vertex = (const int32_t(*)[3])v, .final = final, .nnew = 2};
-		const int32_t (*position)[3];
+		uint8_t final[1] = {0};
+		struct acut_mesh_block b = {.foreign = foreign, .vertex = (const int32_t(*)[3])v, .final = final, .nnew = 2};
+		const int32_t(*position)[3];
 		struct err err = ERR_INIT;
 
 		b.first = ((uint64_t)random() << 31 | (uint64_t)random()) << 1;
@@ -474,11 +473,14 @@ static void test_open(void **state)
 	format_open_done(&table);
 }
 
-struct image { uint32_t w, h; uint8_t *p; };
+struct image {
+	uint32_t w, h;
+	uint8_t *p;
+};
 
 static struct image read_png(void)
 {
-	png_image im = { .version = PNG_IMAGE_VERSION };
+	png_image im = {.version = PNG_IMAGE_VERSION};
 	struct image r;
 
 	assert_true(png_image_begin_read_from_file(&im, out));
@@ -493,14 +495,14 @@ static struct image read_png(void)
 /* A rectangle of triangles covers every pixel; a plane has one shade, that of the formula. */
 static void test_png_cover(void **state)
 {
-	static const uint32_t width[] = { 1, 7, 48, 333, 800 };
+	static const uint32_t width[] = {1, 7, 48, 333, 800};
 	struct meshes_spec spec = grid;
 
 	spec.scale_z = "0.01";
 	spec.slope_x = 100; /* rises to the east by 45 degrees: away from the light in the north-west */
 	spec.slope_y = 0;
 	for (unsigned i = 0; i < 5; i++) {
-		const struct format_options opt = { .width = width[i] };
+		const struct format_options opt = {.width = width[i]};
 		struct meshes m;
 		struct err err = ERR_INIT;
 		struct image im;
@@ -524,13 +526,18 @@ static void test_png_cover(void **state)
 /* Slopes towards and away from the light; level ground. */
 static void test_png_light(void **state)
 {
-	static const struct { int sx, sy, low, high; } row[] = {
-		{ 0, 0, 180, 181 }, { 100, -100, 245, 255 }, { -100, 100, 0, 2 }, { 100, 100, 100, 110 },
+	static const struct {
+		int sx, sy, low, high;
+	} row[] = {
+		{0, 0, 180, 181},
+		{100, -100, 245, 255},
+		{-100, 100, 0, 2},
+		{100, 100, 100, 110},
 	};
 
 	for (unsigned i = 0; i < 4; i++) {
 		struct meshes_spec spec = grid;
-		const struct format_options opt = { .width = 100 };
+		const struct format_options opt = {.width = 100};
 		struct meshes m;
 		struct err err = ERR_INIT;
 		struct image im;
@@ -554,20 +561,23 @@ static void test_png_fan(void **state)
 	static int32_t v[N + 1][3];
 	static uint32_t t[N][3];
 	static uint8_t final[N / 8 + 1];
-	struct acut_mesh_block b = { .nnew = N + 1, .ntriangle = N, .vertex = (const int32_t (*)[3])v,
-				     .triangle = (const uint32_t (*)[3])t, .final = final };
-	const struct format_options opt = { .width = 500 };
-	struct meshes_spec spec = { .scale_xy = "0.01", .scale_z = "1" };
+	struct acut_mesh_block b = {.nnew = N + 1,
+				    .ntriangle = N,
+				    .vertex = (const int32_t(*)[3])v,
+				    .triangle = (const uint32_t(*)[3])t,
+				    .final = final};
+	const struct format_options opt = {.width = 500};
+	struct meshes_spec spec = {.scale_xy = "0.01", .scale_z = "1"};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	struct image im;
-	const int32_t box[6] = { -1000, -1000, 0, 1000, 1000, 0 };
+	const int32_t box[6] = {-1000, -1000, 0, 1000, 1000, 0};
 
 	v[0][0] = v[0][1] = 3;
 	for (int i = 0; i < N; i++) {
 		v[i + 1][0] = (int32_t)lrint(1000 * cos(2 * M_PI * i / N));
 		v[i + 1][1] = (int32_t)lrint(1000 * sin(2 * M_PI * i / N));
-		memcpy(t[i], (uint32_t[3]){ 0, (uint32_t)i + 1, (uint32_t)(i + 1) % N + 1 }, 12);
+		memcpy(t[i], (uint32_t[3]){0, (uint32_t)i + 1, (uint32_t)(i + 1) % N + 1}, 12);
 	}
 	meshes_make(&m, &spec);
 	m.block = &b;
@@ -599,7 +609,7 @@ static void test_png_fan(void **state)
 static void test_png_domains(void **state)
 {
 	struct meshes_spec spec = grid;
-	struct format_options opt = { .width = 100, .color = FORMAT_DOMAIN };
+	struct format_options opt = {.width = 100, .color = FORMAT_DOMAIN};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	struct image im;
@@ -627,12 +637,19 @@ static void test_png_domains(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_digits), cmocka_unit_test(test_ply),         cmocka_unit_test(test_obj),
-		cmocka_unit_test(test_canonical),   cmocka_unit_test(test_canonical_order),
-		cmocka_unit_test(test_max_edge),    cmocka_unit_test(test_max_edge_equal),
-		cmocka_unit_test(test_origin),      cmocka_unit_test(test_axis),
-		cmocka_unit_test(test_open),        cmocka_unit_test(test_png_cover),
-		cmocka_unit_test(test_png_light),   cmocka_unit_test(test_png_fan),
+		cmocka_unit_test(test_digits),
+		cmocka_unit_test(test_ply),
+		cmocka_unit_test(test_obj),
+		cmocka_unit_test(test_canonical),
+		cmocka_unit_test(test_canonical_order),
+		cmocka_unit_test(test_max_edge),
+		cmocka_unit_test(test_max_edge_equal),
+		cmocka_unit_test(test_origin),
+		cmocka_unit_test(test_axis),
+		cmocka_unit_test(test_open),
+		cmocka_unit_test(test_png_cover),
+		cmocka_unit_test(test_png_light),
+		cmocka_unit_test(test_png_fan),
 		cmocka_unit_test(test_png_domains),
 	};
 	int failed;

@@ -24,12 +24,19 @@
 
 static char dir[] = "/tmp/acut-format-XXXXXX";
 
-static const struct meshes_spec many = { .columns = 60, .rows = 41, .strip = 7, .x0 = -500, .y0 = 900,
-					 .step = 25, .slope_x = 3, .slope_y = 4, .scale_xy = "0.01",
-					 .scale_z = "0.01", .k = { 50000000, 400000000, 0 } };
-static const struct meshes_spec one = { .columns = 2, .rows = 2, .strip = 1, .step = 10, .scale_xy = "0.01",
-					.scale_z = "0.01" };
-static const struct meshes_spec none = { .scale_xy = "0.01", .scale_z = "0.01" };
+static const struct meshes_spec many = {.columns = 60,
+					.rows = 41,
+					.strip = 7,
+					.x0 = -500,
+					.y0 = 900,
+					.step = 25,
+					.slope_x = 3,
+					.slope_y = 4,
+					.scale_xy = "0.01",
+					.scale_z = "0.01",
+					.k = {50000000, 400000000, 0}};
+static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .step = 10, .scale_xy = "0.01", .scale_z = "0.01"};
+static const struct meshes_spec none = {.scale_xy = "0.01", .scale_z = "0.01"};
 
 /* Files in the folder; nothing hidden may stay behind. */
 static int files(void)
@@ -65,9 +72,8 @@ static void sweep(void)
 }
 
 /* Writes the mesh with one row; 0, or the error's code. The output is published only if all went well. */
-static int write_mesh(const struct format *f, const struct meshes *m, const char *path,
-		      const struct format_options *opt, const struct format_run_options *ropt, size_t nblock,
-		      struct err *err)
+static int write_mesh(const struct format *f, const struct meshes *m, const char *path, const struct format_options *opt,
+		      const struct format_run_options *ropt, size_t nblock, struct err *err)
 {
 	struct format_run *run = NULL;
 	struct acut_mesh_sink sink;
@@ -101,7 +107,7 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 
 	assert_true(n >= 3);
 	for (size_t i = 0; i < n; i++) {
-		struct format_options opt = { .width = 200 };
+		struct format_options opt = {.width = 200};
 
 		if (row[i]->nothing)
 			continue;
@@ -117,8 +123,8 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 
 static void meshes_whole(const struct format *f, const struct format_options *opt)
 {
-	const struct meshes_spec *const spec[] = { &none, &one, &many };
-	const struct format_run_options ropt = { 0 };
+	const struct meshes_spec *const spec[] = {&none, &one, &many};
+	const struct format_run_options ropt = {0};
 
 	for (unsigned i = 0; i < 3; i++) {
 		struct meshes m;
@@ -142,7 +148,7 @@ static void test_whole(void **state)
 /* Stopped before the tail: nothing stays, and what stood there before is untouched. */
 static void stopped(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = { 0 };
+	const struct format_run_options ropt = {0};
 	struct meshes m;
 	struct err err = ERR_INIT;
 	FILE *old = fopen(path_of("out"), "w");
@@ -169,7 +175,7 @@ static void test_stopped(void **state)
 /* The disk fills at every size: always "no space" or the like, never a file. */
 static void full_disk(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = { 0 };
+	const struct format_run_options ropt = {0};
 	struct meshes m;
 	struct rlimit was;
 	struct stat st;
@@ -182,7 +188,7 @@ static void full_disk(const struct format *f, const struct format_options *opt)
 	signal(SIGXFSZ, SIG_IGN);
 	assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
 	for (off_t size = 0; size < st.st_size; size += st.st_size / 7 + 1) {
-		struct rlimit small = { (rlim_t)size, was.rlim_max };
+		struct rlimit small = {(rlim_t)size, was.rlim_max};
 		int r;
 
 		err = ERR_INIT;
@@ -202,10 +208,9 @@ static void test_full_disk(void **state)
 	each_row(full_disk);
 }
 
-static void run_in_child(const struct format *f, const struct format_options *opt, const struct meshes *m,
-			 int out)
+static void run_in_child(const struct format *f, const struct format_options *opt, const struct meshes *m, int out)
 {
-	const struct format_run_options ropt = { 0 };
+	const struct format_run_options ropt = {0};
 	struct err err = ERR_INIT;
 
 	dup2(out, STDOUT_FILENO);
@@ -247,7 +252,7 @@ static void test_pipe(void **state)
 /* /dev/full takes nothing; it is written as it is, and stays a device. */
 static void to_device(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = { 0 };
+	const struct format_run_options ropt = {0};
 	struct meshes m;
 	struct stat st;
 	struct err err = ERR_INIT;
@@ -266,7 +271,7 @@ static void test_device(void **state)
 
 static void clobber(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = { 0 };
+	const struct format_run_options ropt = {0};
 	struct format_options keep = *opt;
 	struct meshes m;
 	struct err err = ERR_INIT;
@@ -288,7 +293,7 @@ static void test_clobber(void **state)
 /* A link stays a link, and the file behind it is replaced. */
 static void through_link(const struct format *f, const struct format_options *opt)
 {
-	const struct format_run_options ropt = { 0 };
+	const struct format_run_options ropt = {0};
 	struct meshes m;
 	struct stat st;
 	struct err err = ERR_INIT;
@@ -315,37 +320,33 @@ static void test_link(void **state)
 /* A stream that uses a finished vertex is refused by whoever needs positions. */
 static void test_finished_vertex(void **state)
 {
-	const struct format_run_options ropt = { 0 };
-	const struct format_options opt = { .width = 50 };
+	const struct format_run_options ropt = {0};
+	const struct format_options opt = {.width = 50};
 	struct meshes m;
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &many);
 	memset((void *)m.block[0].final, 0xff, (m.block[0].nnew + 7) / 8);
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
-			 -ERR_PROTO);
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_PROTO);
 	assert_int_equal(files(), 0);
 	meshes_done(&m);
 }
 
 static void test_wrong_options(void **state)
 {
-	const struct format_run_options ropt = { 0 };
-	struct format_options opt = { .canonical = true };
+	const struct format_run_options ropt = {0};
+	struct format_options opt = {.canonical = true};
 	struct meshes m;
 	struct err err = ERR_INIT;
 
 	meshes_make(&m, &one);
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
-			 -ERR_USAGE);
-	opt = (struct format_options){ .origin_auto = true };
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	opt = (struct format_options){.origin_auto = true};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
-			 -ERR_USAGE);
-	opt = (struct format_options){ .width = FORMAT_WIDTH_MAX + 1 };
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
+	opt = (struct format_options){.width = FORMAT_WIDTH_MAX + 1};
 	err = ERR_INIT;
-	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err),
-			 -ERR_USAGE);
+	assert_int_equal(write_mesh(format_find("png"), &m, path_of("out"), &opt, &ropt, SIZE_MAX, &err), -ERR_USAGE);
 	assert_int_equal(files(), 0);
 	meshes_done(&m);
 }
@@ -367,8 +368,8 @@ static void test_table(void **state)
 /* Rows that write nothing take no output; all others need one. */
 static void test_nothing(void **state)
 {
-	const struct format_options opt = { 0 };
-	const struct format_run_options ropt = { .has_max_edge = true, .max_edge = { 26, -2 }, .edges = true };
+	const struct format_options opt = {0};
+	const struct format_run_options ropt = {.has_max_edge = true, .max_edge = {26, -2}, .edges = true};
 	struct meshes m;
 	size_t n, nothing = 0;
 	const struct format *const *row = format_rows(&n);
@@ -444,13 +445,10 @@ static void test_named(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_whole),	    cmocka_unit_test(test_stopped),
-		cmocka_unit_test(test_full_disk),   cmocka_unit_test(test_pipe),
-		cmocka_unit_test(test_device),	    cmocka_unit_test(test_clobber),
-		cmocka_unit_test(test_link),	    cmocka_unit_test(test_finished_vertex),
-		cmocka_unit_test(test_wrong_options), cmocka_unit_test(test_table),
-		cmocka_unit_test(test_nothing),
-		cmocka_unit_test(test_named),
+		cmocka_unit_test(test_whole), cmocka_unit_test(test_stopped),         cmocka_unit_test(test_full_disk),
+		cmocka_unit_test(test_pipe),  cmocka_unit_test(test_device),          cmocka_unit_test(test_clobber),
+		cmocka_unit_test(test_link),  cmocka_unit_test(test_finished_vertex), cmocka_unit_test(test_wrong_options),
+		cmocka_unit_test(test_table), cmocka_unit_test(test_nothing),         cmocka_unit_test(test_named),
 	};
 	int failed;
 

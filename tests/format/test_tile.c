@@ -16,9 +16,17 @@
 
 static char dir[] = "/tmp/acut-tiles-XXXXXX";
 
-static const struct meshes_spec many = { .columns = 60, .rows = 41, .strip = 7, .x0 = -500, .y0 = 900,
-					 .step = 25, .slope_x = 3, .slope_y = 4, .scale_xy = "0.01",
-					 .scale_z = "0.01", .k = { -700, 400000000, 0 } };
+static const struct meshes_spec many = {.columns = 60,
+					.rows = 41,
+					.strip = 7,
+					.x0 = -500,
+					.y0 = 900,
+					.step = 25,
+					.slope_x = 3,
+					.slope_y = 4,
+					.scale_xy = "0.01",
+					.scale_z = "0.01",
+					.k = {-700, 400000000, 0}};
 
 static char *path_of(const char *name, char buf[512])
 {
@@ -49,8 +57,8 @@ static int stop(void *ctx)
 static int write_tiles(const struct meshes *m, const char *out, const char *format, const char *side, uint64_t memory,
 		       struct format_report *report, struct err *err)
 {
-	struct format_run_options ropt = { .tiled = true, .sort_memory = memory, .interrupted = stop };
-	const struct format_options opt = { .width = 50 };
+	struct format_run_options ropt = {.tiled = true, .sort_memory = memory, .interrupted = stop};
+	const struct format_options opt = {.width = 50};
 	struct format_run *run = NULL;
 	struct acut_mesh_sink sink;
 	int r;
@@ -114,8 +122,8 @@ static void same_folder(const char *a, const char *b)
 
 static void test_memory(void **state)
 {
-	static const char *const side[] = { "1000", "3.2", "1.9" };
-	static const char *const format[] = { "ply", "obj", "png" };
+	static const char *const side[] = {"1000", "3.2", "1.9"};
+	static const char *const format[] = {"ply", "obj", "png"};
 	struct meshes m;
 
 	meshes_make(&m, &many);
@@ -217,7 +225,7 @@ static void test_numbers(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_memory),	    cmocka_unit_test(test_interrupted), cmocka_unit_test(test_outside),
+		cmocka_unit_test(test_memory),      cmocka_unit_test(test_interrupted), cmocka_unit_test(test_outside),
 		cmocka_unit_test(test_two_heights), cmocka_unit_test(test_numbers),
 	};
 	char command[128];

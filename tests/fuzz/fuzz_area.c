@@ -9,8 +9,11 @@ static const char *const texts[] = {
 	"{\"type\":\"Polygon\",\"coordinates\":[[[0,0],[10,0],[10,10.5],[0,0]],[[1,1],[2,1],[2,2],[1,1]]]}",
 	"{\"type\":\"FeatureCollection\",\"features\":[{\"type\":\"Feature\",\"properties\":{\"a\":[1,null,true]},"
 	"\"geometry\":{\"type\":\"MultiPolygon\",\"coordinates\":[[[[0,0],[1e2,0],[1,-1.5E-3],[0,0]]]]}}]}",
-	"{\"type\":\"GeometryCollection\",\"geometries\":[]}", "POLYGON((0 0, 10 0, 10 10, 0 0),(1 1,2 1,2 2,1 1))",
-	"MULTIPOLYGON (((0 0,1 0,1 1,0 0)),((5 5,6 5,6 6,5 5)))", "POLYGON Z((0 0 1,1 0 2,1 1 3,0 0 1))", "POLYGON EMPTY",
+	"{\"type\":\"GeometryCollection\",\"geometries\":[]}",
+	"POLYGON((0 0, 10 0, 10 10, 0 0),(1 1,2 1,2 2,1 1))",
+	"MULTIPOLYGON (((0 0,1 0,1 1,0 0)),((5 5,6 5,6 6,5 5)))",
+	"POLYGON Z((0 0 1,1 0 2,1 1 3,0 0 1))",
+	"POLYGON EMPTY",
 	"GEOMETRYCOLLECTION(POLYGON((0 0,1 0,1 1,0 0)))",
 	"{\"type\":\"Polygon\",\"coordinates\":[[]]}",
 };
@@ -32,7 +35,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 	memcpy(text, bytes, size);
 	text[size] = 0;
 	for (int wkt = 0; wkt < 2; wkt++) {
-		struct ctl_area area = { 0 };
+		struct ctl_area area = {0};
 		struct err err = ERR_INIT;
 		int rc = wkt ? ctl_area_wkt(text, size, &area, &err) : ctl_area_json(text, size, &area, &err);
 

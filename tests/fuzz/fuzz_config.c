@@ -9,10 +9,14 @@
 #include "fuzz_input.h"
 
 static const char *const texts[] = {
-	"", "# a comment\nmemory = 4G\nthreads=2\r\n  disk = 70%  \n", "state = \"/srv/a b\"\ncache = '/c'\nsocket=/run/s\n",
+	"",
+	"# a comment\nmemory = 4G\nthreads=2\r\n  disk = 70%  \n",
+	"state = \"/srv/a b\"\ncache = '/c'\nsocket=/run/s\n",
 	"group = acut\nadmin-group = 0\nuser-jobs = 3\nuser-memory = 25%\nuser-disk = 50G\nuser-connections = 4\n",
-	"keep-free = 0%\nkeep-removed = 7d\nspace-wait = 1.5m\nlog-level = debug\nkeep-free =\n", "memroy = 1\n[x]\ndisk\ndisk = 1 # a\n",
-	"\xef\xbb\xbfthreads = 256\nthreads = 257\n", "init = yes\nstate = data\ndisk = 1\\\n",
+	"keep-free = 0%\nkeep-removed = 7d\nspace-wait = 1.5m\nlog-level = debug\nkeep-free =\n",
+	"memroy = 1\n[x]\ndisk\ndisk = 1 # a\n",
+	"\xef\xbb\xbfthreads = 256\nthreads = 257\n",
+	"init = yes\nstate = data\ndisk = 1\\\n",
 };
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)

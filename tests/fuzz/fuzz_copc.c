@@ -8,8 +8,10 @@
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	/* level, x, y, z; a page below (points -1) at byte 33, or points */
-	const int32_t entry[4][8] = { { 0, 0, 0, 0, 1000, 0, 50, 20 }, { 1, 1, 0, 0, 65, 0, 64, -1 },
-				      { 1, 1, 0, 0, 2000, 0, 60, 20 }, { 2, 3, 1, 0, 3000, 0, 70, (int32_t)i } };
+	const int32_t entry[4][8] = {{0, 0, 0, 0, 1000, 0, 50, 20},
+				     {1, 1, 0, 0, 65, 0, 64, -1},
+				     {1, 1, 0, 0, 2000, 0, 60, 20},
+				     {2, 3, 1, 0, 3000, 0, 70, (int32_t)i}};
 
 	if (i >= 4)
 		return 0;
@@ -22,8 +24,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	static struct input *in;
 	static struct input_copc_walk walk;
-	struct input_copc copc = { .at = 1, .bytes = size - 1, .root_at = 1, .side = 1000, .crop = { 200, 200, 700, 300 },
-				   .data_at = 0, .data_end = 1 << 20 };
+	struct input_copc copc = {.at = 1,
+				  .bytes = size - 1,
+				  .root_at = 1,
+				  .side = 1000,
+				  .crop = {200, 200, 700, 300},
+				  .data_at = 0,
+				  .data_end = 1 << 20};
 	struct err err = ERR_INIT;
 	struct laz_chunk chunk;
 	bool meets, more = true;

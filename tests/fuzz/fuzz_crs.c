@@ -30,8 +30,10 @@ static const char *const texts[] = {
 	"ANGLEUNIT[\"degree\",0.0174532925199433]]],CS[Cartesian,2],AXIS[\"(E)\",east],LENGTHUNIT[\"metre\",1],ID[\"EPSG\",25832]]",
 	"COMPOUNDCRS[\"a\",GEOGCRS[\"WGS 84\",DATUM[\"World Geodetic System 1984\",ELLIPSOID[\"WGS 84\",6378137,298.257]]],"
 	"VERTCRS[\"EGM96 height\",VDATUM[\"EGM96\"],CS[vertical,1],AXIS[\"up\",up],LENGTHUNIT[\"metre\",1.0]]]",
-	"GEOCCS[\"WGS 84\",DATUM[\"x\",SPHEROID[\"y\",1,0]],UNIT[\"metre\",1]]", "LOCAL_CS[\"\"\"\",UNIT[(\"\")]]",
-	"BOUNDCRS[SOURCECRS[GEOGCS[\"a\"]],TARGETCRS[GEOGCS[\"b\"]]]", "EPSG:25832 + EPSG:7837",
+	"GEOCCS[\"WGS 84\",DATUM[\"x\",SPHEROID[\"y\",1,0]],UNIT[\"metre\",1]]",
+	"LOCAL_CS[\"\"\"\",UNIT[(\"\")]]",
+	"BOUNDCRS[SOURCECRS[GEOGCS[\"a\"]],TARGETCRS[GEOGCS[\"b\"]]]",
+	"EPSG:25832 + EPSG:7837",
 };
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
@@ -41,7 +43,7 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
-	struct crs_records records = { .wkt = { bytes, size }, .prefer_wkt = true };
+	struct crs_records records = {.wkt = {bytes, size}, .prefer_wkt = true};
 	struct err err = ERR_INIT;
 	struct crs_info info;
 	char *text;
@@ -65,10 +67,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 /* Sizes of the three records, 16 bits each, then their bytes. */
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
-	static const uint16_t keys[] = { 1, 1, 0, 6, 1024, 0, 1, 1, 1026, 34737, 8, 0, 3072, 0, 1, 26910, 3076, 0, 1, 9001,
-					 4096, 0, 1, 5703, 2057, 34736, 1, 0 };
-	static const double doubles[] = { 6378137, 298.257222101 };
-	uint16_t size[3] = { sizeof keys, sizeof doubles, 8 };
+	static const uint16_t keys[] = {1, 1,     0,    6, 1024, 0,    1,    1, 1026, 34737, 8,    0,     3072, 0,
+					1, 26910, 3076, 0, 1,    9001, 4096, 0, 1,    5703,  2057, 34736, 1,    0};
+	static const double doubles[] = {6378137, 298.257222101};
+	uint16_t size[3] = {sizeof keys, sizeof doubles, 8};
 	size_t n = sizeof size;
 
 	if (i >= 4)
@@ -86,8 +88,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
-	struct crs_records records = { .prefer_wkt = false };
-	struct crs_bytes *record[3] = { &records.keys, &records.doubles, &records.ascii };
+	struct crs_records records = {.prefer_wkt = false};
+	struct crs_bytes *record[3] = {&records.keys, &records.doubles, &records.ascii};
 	struct crs_info info;
 	uint16_t n[3];
 	uint8_t *copy[3];

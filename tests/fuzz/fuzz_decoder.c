@@ -12,15 +12,21 @@ static const char *const profiles[] = {
 	"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\n",
 	"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\nstamp = last\nahead = 0\n",
 	("[decoder]\nname = ranges\nkind = u8@0\ndata-kind = 1\ncount = u16be@1\nrange = u32le@3\nrange-stride = 5\nintensity = u8@7\nangle-step = 1\n"
-	"counter = u8@3\ntime = u32be@4\nstamp = last\nperiod = 0.1\nintensity-stride = 5\n"),
+	 "counter = u8@3\ntime = u32be@4\nstamp = last\nperiod = 0.1\nintensity-stride = 5\n"),
 	"[decoder]\nname = ranges\nrange = u16be@9\nrange-least = 3\nrange-most = 60000\nangle-step = -0.25\ncount = u32le@0\n",
 	"[framer]\nkind = line\n[decoder]\nname = xyz\ncolumns = _xyzc\n",
 };
 enum { KINDS = sizeof profiles / sizeof *profiles };
 static const char *const texts[] = {
-	"\4" "7 1.5 2 3e2 4", "\4" "a;1;2;3;4;5", "\3\2\0\0\0abcde\1\2\3\4", "\2\1\0\2aaaabbbbbccccc", "\0sEA LMDscandata 1",
+	"\4"
+	"7 1.5 2 3e2 4",
+	"\4"
+	"a;1;2;3;4;5",
+	"\3\2\0\0\0abcde\1\2\3\4",
+	"\2\1\0\2aaaabbbbbccccc",
+	"\0sEA LMDscandata 1",
 	("\1sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 1 0 3E8 2 DIST1 3F800000 0 186A0 1388 2 8A1 8A5 RSSI1 3F800000 0 1 1 2 3 4 0 1 0 0 0 0 0 "
-	"0 0 1 4 a  b 0 0 0"),
+	 "0 0 1 4 a  b 0 0 0"),
 };
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
@@ -53,8 +59,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 static void check(const struct sweep *s)
 {
-	if (!s->shots || s->shots > SWEEP_SHOTS || !isfinite(s->first) || !isfinite(s->step) || !isfinite(s->period_s) || s->period_s < 0 ||
-	    !isfinite(s->device_time_s) || (s->has_counter && (!s->counter_bits || s->counter_bits > 32)) ||
+	if (!s->shots || s->shots > SWEEP_SHOTS || !isfinite(s->first) || !isfinite(s->step) || !isfinite(s->period_s) ||
+	    s->period_s < 0 || !isfinite(s->device_time_s) || (s->has_counter && (!s->counter_bits || s->counter_bits > 32)) ||
 	    !memchr(s->device_serial, 0, sizeof s->device_serial))
 		abort();
 	for (uint32_t i = 0; i < s->shots; i++) {

@@ -8,17 +8,27 @@
 #include "framer.h"
 #include "profile.h"
 
-#define SEED(text) {text, sizeof(text) - 1}
-static const struct { const char *at; size_t size; } texts[] = {
-	SEED("\0\0\2sSN LMDscandata\3\2\2a\3"), SEED("\1\3abc\r\nde\n\n"), SEED("\2\0abcdefg"), SEED("\3\1SYabcdSYefghxxSY"),
-	SEED("\4\0\5abcde\1\3ab"), SEED("\5\2SYS\0\7abSYS\0\5SYS\0\7defg"),
+#define SEED(text)                     \
+	{                              \
+		text, sizeof(text) - 1 \
+	}
+static const struct {
+	const char *at;
+	size_t size;
+} texts[] = {
+	SEED("\0\0\2sSN LMDscandata\3\2\2a\3"), SEED("\1\3abc\r\nde\n\n"), SEED("\2\0abcdefg"),
+	SEED("\3\1SYabcdSYefghxxSY"),           SEED("\4\0\5abcde\1\3ab"), SEED("\5\2SYS\0\7abSYS\0\5SYS\0\7defg"),
 };
 enum { TEXTS = sizeof texts / sizeof *texts };
 
 static const char *const profiles[] = {
-	"[framer]\nkind = stx-etx\ntelegram-max = 20\n", "[framer]\nkind = line\ntelegram-max = 20\n", "[framer]\nkind = fixed\nsize = 7\n",
-	"[framer]\nkind = fixed\nsize = 6\nsync = SY\n", "[framer]\nkind = length\nlength = u8@0\nlength-add = 1\ntelegram-max = 50\n",
-	"[framer]\nkind = length\nlength = u16be@3\nsync = SYS\ntelegram-max = 50\n", "[framer]\nkind = las\n",
+	"[framer]\nkind = stx-etx\ntelegram-max = 20\n",
+	"[framer]\nkind = line\ntelegram-max = 20\n",
+	"[framer]\nkind = fixed\nsize = 7\n",
+	"[framer]\nkind = fixed\nsize = 6\nsync = SY\n",
+	"[framer]\nkind = length\nlength = u8@0\nlength-add = 1\ntelegram-max = 50\n",
+	"[framer]\nkind = length\nlength = u16be@3\nsync = SYS\ntelegram-max = 50\n",
+	"[framer]\nkind = las\n",
 	"[framer]\nkind = line\ntelegram-max = 1\nstarts-torn = yes\n",
 };
 enum { KINDS = sizeof profiles / sizeof *profiles };
@@ -71,7 +81,8 @@ static void bad(void *ctx, enum framer_reason reason, uint64_t offset, uint64_t 
 	digest_stream_add(((struct seen *)ctx)->digest, head, sizeof head);
 }
 
-static struct digest run(const struct profile *p, const uint8_t *bytes, size_t size, size_t piece, size_t gap, struct framer_counts *c)
+static struct digest run(const struct profile *p, const uint8_t *bytes, size_t size, size_t piece, size_t gap,
+			 struct framer_counts *c)
 {
 	struct seen s = {.digest = digest_stream_new()};
 	struct err err = ERR_INIT;

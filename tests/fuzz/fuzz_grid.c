@@ -49,17 +49,27 @@ static const char *name(void)
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
-	struct grid_segment_info segment = { .points = 7, .bytes = 8192, .file = "a.segment" };
-	struct grid_span life = { .added = 1, .removed = 2 };
-	struct grid_source source[2] = { { .id = 1, .added = 1, .points = 3, .name = "a.las", .path = "/a.las", .size = 9 },
-					 { .id = 2, .added = 4, .points = 4, .name = "b", .path = "", .earlier = &life, .nearlier = 1 } };
-	struct grid_generation all[3] = { { .number = 1, .time_us = 5, .uid = 1000, .user = "ann", .kind = GRID_PUSH, .files = 2, .points_added = 7 },
-					  { .number = 2, .kind = GRID_REVERT, .undoes = 1, .files_removed = 1, .points_removed = 4 },
-					  { .number = 4, .kind = GRID_REVERT, .undoes = 2, .files = 1, .points_added = 4 } };
-	struct grid_manifest m = { .lattice = { .scale_xy = { 1, -2 }, .scale_z = { 1, -2 } }, .crs = "unknown",
-				   .unit_xy = "unknown", .unit_z = "metre", .generation = 4, .oldest = i & 1, .segments = &segment,
-				   .nsegments = i & 1, .sources = source, .nsources = i & 1 ? 2 : 0,
-				   .generations = all, .ngenerations = i & 1 ? 3 : 0 };
+	struct grid_segment_info segment = {.points = 7, .bytes = 8192, .file = "a.segment"};
+	struct grid_span life = {.added = 1, .removed = 2};
+	struct grid_source source[2] = {
+		{.id = 1, .added = 1, .points = 3, .name = "a.las", .path = "/a.las", .size = 9},
+		{.id = 2, .added = 4, .points = 4, .name = "b", .path = "", .earlier = &life, .nearlier = 1}};
+	struct grid_generation all[3] = {
+		{.number = 1, .time_us = 5, .uid = 1000, .user = "ann", .kind = GRID_PUSH, .files = 2, .points_added = 7},
+		{.number = 2, .kind = GRID_REVERT, .undoes = 1, .files_removed = 1, .points_removed = 4},
+		{.number = 4, .kind = GRID_REVERT, .undoes = 2, .files = 1, .points_added = 4}};
+	struct grid_manifest m = {.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -2}},
+				  .crs = "unknown",
+				  .unit_xy = "unknown",
+				  .unit_z = "metre",
+				  .generation = 4,
+				  .oldest = i & 1,
+				  .segments = &segment,
+				  .nsegments = i & 1,
+				  .sources = source,
+				  .nsources = i & 1 ? 2 : 0,
+				  .generations = all,
+				  .ngenerations = i & 1 ? 3 : 0};
 	struct err err = ERR_INIT;
 	ssize_t n;
 	int fd;
@@ -108,13 +118,13 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	static _Alignas(16) uint8_t block[DISK_BLOCK_MAX];
 	struct point pts[8];
-	uint32_t ids[8] = { 1, 2, 2, 1, 3, 3, 3, 9 };
+	uint32_t ids[8] = {1, 2, 2, 1, 3, 3, 3, 9};
 	struct grid_block_info info;
 
 	if (i >= 8)
 		return 0;
 	for (int k = 0; k < 8; k++)
-		pts[k] = (struct point){ .x = 5, .y = 7, .z = k, .cls = (uint8_t)(k / 3), .ret = 0x11 };
+		pts[k] = (struct point){.x = 5, .y = 7, .z = k, .cls = (uint8_t)(k / 3), .ret = 0x11};
 	grid_block_make(pts, i + 1, ids, NULL, block, &info);
 	grid_block_place(block, PLACE);
 	memcpy(bytes, block, info.bytes);

@@ -70,7 +70,7 @@ static int read_all(struct input *in, uint64_t *ret_points, struct err *err)
 {
 	static int64_t raw[BATCH][3];
 	static uint8_t cls[BATCH], ret[BATCH], flags[BATCH];
-	struct input_points pts = { .raw = raw, .cls = cls, .ret = ret, .flags = flags, .cap = BATCH };
+	struct input_points pts = {.raw = raw, .cls = cls, .ret = ret, .flags = flags, .cap = BATCH};
 	int rc;
 
 	*ret_points = 0;

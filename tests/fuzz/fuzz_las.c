@@ -10,8 +10,14 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
 	static const char wkt[] = "PROJCS[\"x\",GEOGCS[\"WGS 84\",DATUM[\"WGS_1984\",SPHEROID[\"WGS 84\",6378137,298.2]],"
 				  "PRIMEM[\"Greenwich\",0],UNIT[\"degree\",0.0174]],UNIT[\"metre\",1]]";
-	const struct las_spec spec = { .minor = i % 6, .format = i % 11, .n = 3, .extra = i % 3, .gap = i % 5,
-				       .wkt = i & 1 ? wkt : NULL, .wkt_behind = (i & 1) && i % 6 > 3, .encoding = i & 1 ? 16 : 0 };
+	const struct las_spec spec = {.minor = i % 6,
+				      .format = i % 11,
+				      .n = 3,
+				      .extra = i % 3,
+				      .gap = i % 5,
+				      .wkt = i & 1 ? wkt : NULL,
+				      .wkt_behind = (i & 1) && i % 6 > 3,
+				      .encoding = i & 1 ? 16 : 0};
 	struct bytes las;
 	size_t n;
 
@@ -27,8 +33,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	uint8_t how = size ? bytes[size - 1] : 0;
-	const struct input_options options = { .accept_truncated = how & 1, .planar = !(how & 2), .has_crop = how & 4,
-					       .crop = { 0, 0, 1000, 1000 } };
+	const struct input_options options = {
+		.accept_truncated = how & 1, .planar = !(how & 2), .has_crop = how & 4, .crop = {0, 0, 1000, 1000}};
 
 	fuzz_input_read(bytes, size, "fuzz.laz", &options);
 	return 0;

@@ -27,28 +27,30 @@ static int read_text(void *ctx, uint64_t at, void *buf, size_t n, size_t *ret_n,
 	return 0;
 }
 
-static const struct { uint16_t type, size; } items[] = {
-	{ FUZZ_FORMAT < 6 ? LAZ_POINT10 : LAZ_POINT14, FUZZ_FORMAT < 6 ? 20 : 30 },
+static const struct {
+	uint16_t type, size;
+} items[] = {
+	{FUZZ_FORMAT < 6 ? LAZ_POINT10 : LAZ_POINT14, FUZZ_FORMAT < 6 ? 20 : 30},
 #if FUZZ_FORMAT == 1 || FUZZ_FORMAT == 3 || FUZZ_FORMAT == 4 || FUZZ_FORMAT == 5
-	{ LAZ_GPSTIME11, 8 },
+	{LAZ_GPSTIME11, 8},
 #endif
 #if FUZZ_FORMAT == 2 || FUZZ_FORMAT == 3 || FUZZ_FORMAT == 5
-	{ LAZ_RGB12, 6 },
+	{LAZ_RGB12, 6},
 #endif
 #if FUZZ_FORMAT == 4 || FUZZ_FORMAT == 5
-	{ LAZ_WAVEPACKET13, 29 },
+	{LAZ_WAVEPACKET13, 29},
 #endif
 #if FUZZ_FORMAT == 7
-	{ LAZ_RGB14, 6 },
+	{LAZ_RGB14, 6},
 #endif
 #if FUZZ_FORMAT == 8 || FUZZ_FORMAT == 10
-	{ LAZ_RGBNIR14, 8 },
+	{LAZ_RGBNIR14, 8},
 #endif
 #if FUZZ_FORMAT == 9 || FUZZ_FORMAT == 10
-	{ LAZ_WAVEPACKET14, 29 },
+	{LAZ_WAVEPACKET14, 29},
 #endif
 #if FUZZ_EXTRA
-	{ FUZZ_FORMAT < 6 ? LAZ_BYTE : LAZ_BYTE14, FUZZ_EXTRA },
+	{FUZZ_FORMAT < 6 ? LAZ_BYTE : LAZ_BYTE14, FUZZ_EXTRA},
 #endif
 };
 enum { ITEMS = sizeof items / sizeof *items };
@@ -62,7 +64,7 @@ static void put16(uint8_t *to, unsigned v)
 /* The record that a writer would put into the file; false: it is none. */
 static bool make_format(uint8_t how, struct laz_format *ret)
 {
-	uint8_t vlr[34 + 6 * ITEMS] = { 0 };
+	uint8_t vlr[34 + 6 * ITEMS] = {0};
 	unsigned length = 0;
 	struct err err = ERR_INIT;
 	int rc;
@@ -73,7 +75,9 @@ static bool make_format(uint8_t how, struct laz_format *ret)
 	for (unsigned i = 0; i < ITEMS; i++) {
 		put16(vlr + 34 + 6 * i, items[i].type);
 		put16(vlr + 36 + 6 * i, items[i].size);
-		put16(vlr + 38 + 6 * i, items[i].type == LAZ_WAVEPACKET13 ? 1 : FUZZ_FORMAT > 5 ? 2 + (how >> 1 & 3) : 1 + (how >> 1 & 1));
+		put16(vlr + 38 + 6 * i, items[i].type == LAZ_WAVEPACKET13 ? 1 :
+					FUZZ_FORMAT > 5                   ? 2 + (how >> 1 & 3) :
+									    1 + (how >> 1 & 1));
 		length += items[i].size;
 	}
 	rc = laz_format_parse(vlr, sizeof vlr, FUZZ_FORMAT, length, ret, &err);
@@ -119,9 +123,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	static uint8_t records[RECORDS * 256];
 	uint8_t *copy = malloc(size + 1);
-	struct text text = { copy + 1, size - 1 };
-	const struct laz_source source = { &text, read_text };
-	struct laz_chunk chunk = { 0, size - 1, FUZZ_FORMAT > 5 ? CHUNK : 60 };
+	struct text text = {copy + 1, size - 1};
+	const struct laz_source source = {&text, read_text};
+	struct laz_chunk chunk = {0, size - 1, FUZZ_FORMAT > 5 ? CHUNK : 60};
 	struct laz_reader *reader;
 	struct laz_format format;
 	struct err err = ERR_INIT;
@@ -139,7 +143,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 	if (!(bytes[0] & 128))
 		make_layers(copy + 1, size - 1);
 	if (!(bytes[0] & 16))
-		chunk = laz_table_whole(&format, &(struct laz_place){ .begin = 0, .end = size - 1, .points = 120, .size = size - 1 });
+		chunk = laz_table_whole(&format,
+					&(struct laz_place){.begin = 0, .end = size - 1, .points = 120, .size = size - 1});
 	memory = aligned_alloc(64, (laz_reader_bytes(&format, LAZ_ALL) + 63) & ~(size_t)63);
 	if (!memory)
 		abort();

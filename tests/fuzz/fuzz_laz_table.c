@@ -21,8 +21,8 @@ static int read_text(void *ctx, uint64_t at, void *buf, size_t n, size_t *ret_n,
 	return 0;
 }
 
-static const uint8_t point10[] = { 2, 0, 0, 0, 2, 2, 0, 0, 0, 0, 0, 0, 50, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255,
-				   255, 255, 255, 255, 255, 255, 255, 255, 1, 0, 6, 0, 20, 0, 2, 0 };
+static const uint8_t point10[] = {2,   0,   0,   0,   2,   2,   0,   0,   0,   0,   0,   0,   50, 0, 0, 0, 255, 255, 255, 255,
+				  255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 255, 1,  0, 6, 0, 20,  0,   2,   0};
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
@@ -41,9 +41,9 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
 	enum { HEAD = 1 + sizeof point10 };
-	struct text text = { bytes + HEAD, size - HEAD };
-	const struct laz_source source = { &text, read_text };
-	struct laz_place place = { .begin = 0, .end = size - HEAD, .points = 200, .size = size - HEAD };
+	struct text text = {bytes + HEAD, size - HEAD};
+	const struct laz_source source = {&text, read_text};
+	struct laz_place place = {.begin = 0, .end = size - HEAD, .points = 200, .size = size - HEAD};
 	uint64_t chunks, sum = 0, seen = 0;
 	struct laz_table *table;
 	struct laz_format format;

@@ -14,7 +14,9 @@ static const char *const texts[] = {
 	"[framer]\nkind = length\ntelegram-max = 9K\nsync = \\xaa\\x55\nlength = u16be@2\nlength-add = 4\n[decoder]\nname = ranges\nkind = u8@4\n"
 	"data-kind = 0x10\ncount = u16le@5\nrange = u32be@7\nrange-scale = 0.004\nangle-step = -0.5\n[time]\nsource = device\n",
 	"[framer]\nkind = line\nstarts-torn = yes\n[decoder]\nname = xyz\ncolumns = _xyz\n[geometry]\nmount-roll = 180\nlever-x = 1e-1\nrange-max = 25\n",
-	"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\nahead = 90\nstamp = last\n", "[framer]\nkind = fixed\nsize = 24\nsync = RS\n", "\xef\xbb\xbf# c\r\n;\n",
+	"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\nahead = 90\nstamp = last\n",
+	"[framer]\nkind = fixed\nsize = 24\nsync = RS\n",
+	"\xef\xbb\xbf# c\r\n;\n",
 };
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
@@ -22,19 +24,25 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 	return fuzz_input_text(texts, sizeof texts / sizeof *texts, i, bytes, room);
 }
 
-static bool text_ok(const char *text, size_t room) { return memchr(text, 0, room) != NULL; }
+static bool text_ok(const char *text, size_t room)
+{
+	return memchr(text, 0, room) != NULL;
+}
 
 static void check(const struct profile *p)
 {
 	if (!text_ok(p->title, sizeof p->title) || !text_ok(p->note, sizeof p->note) || !text_ok(p->serial, sizeof p->serial) ||
-	    !text_ok(p->decoder, sizeof p->decoder) || !text_ok(p->columns, sizeof p->columns) || !text_ok(p->name, sizeof p->name))
+	    !text_ok(p->decoder, sizeof p->decoder) || !text_ok(p->columns, sizeof p->columns) ||
+	    !text_ok(p->name, sizeof p->name))
 		abort();
-	if (p->transfer_size < 512 || p->transfer_size % 512 || p->transfer_size > 1 << 20 || !p->transfers || p->transfers > 256 || !p->timeout_ms)
+	if (p->transfer_size < 512 || p->transfer_size % 512 || p->transfer_size > 1 << 20 || !p->transfers ||
+	    p->transfers > 256 || !p->timeout_ms)
 		abort();
 	if (!(p->endpoint_in & 0x80) || (p->endpoint_out & 0x80) || p->starts > PROFILE_COMMANDS || p->stops > PROFILE_COMMANDS)
 		abort();
 	for (size_t i = 0; i < p->starts; i++)
-		if (!p->start[i].size || p->start[i].size > PROFILE_COMMAND_SIZE || p->start[i].answer_size > PROFILE_COMMAND_SIZE)
+		if (!p->start[i].size || p->start[i].size > PROFILE_COMMAND_SIZE ||
+		    p->start[i].answer_size > PROFILE_COMMAND_SIZE)
 			abort();
 	if (!p->telegram_max || p->telegram_max > 1 << 20 || p->fixed_size > p->telegram_max || p->sync_size > sizeof p->sync)
 		abort();

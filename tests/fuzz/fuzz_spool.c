@@ -11,7 +11,8 @@
 #include "replay.h"
 #include "spool.h"
 
-static const char *const profiles[] = {"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\n", "[framer]\nkind = line\n[decoder]\nname = xyz\n",
+static const char *const profiles[] = {"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\n",
+				       "[framer]\nkind = line\n[decoder]\nname = xyz\n",
 				       "[framer]\nkind = las\n[decoder]\nname = las\n"};
 
 /* Written by the writer, so that checksums are right. */
@@ -42,7 +43,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 		cola_scan_step(&scan, k);
 		size = cola_make(&scan, telegram, sizeof telegram);
-		spool_append(w, SPOOL_DATA, k == 3 ? SPOOL_AFTER_GAP : 0, k, i % 3 == 1 ? (const uint8_t *)"1 2 3\n" : telegram, i % 3 == 1 ? 6 : size, &err);
+		spool_append(w, SPOOL_DATA, k == 3 ? SPOOL_AFTER_GAP : 0, k, i % 3 == 1 ? (const uint8_t *)"1 2 3\n" : telegram,
+			     i % 3 == 1 ? 6 : size, &err);
 		spool_event(w, k, &err, k % 2 ? "overflow 3" : "parked 5");
 		spool_append(w, SPOOL_SENT, 0, k, "\2sEN\3", 5, &err);
 	}

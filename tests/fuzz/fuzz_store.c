@@ -61,12 +61,7 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 	static struct mesh_vertex vertex[5] = {{0, 0, 1}, {9, 0, 2}, {0, 9, 3}, {9, 9, 4}, {4, 4, 5}};
 	static struct mesh_link link[4] = {{1, 2, 1}, {3, 4, 2}, {5, 6, 1}, {0, 0, 3}};
 	static uint32_t triangle[4][3] = {{0, 1, 4}, {1, 3, 4}, {3, 2, 4}, {2, 0, 4}};
-	struct mesh_domain d = {.vertex = vertex,
-				.link = link,
-				.triangle = triangle,
-				.nvertex = 5,
-				.nopen = 4,
-				.ntriangle = 4};
+	struct mesh_domain d = {.vertex = vertex, .link = link, .triangle = triangle, .nvertex = 5, .nopen = 4, .ntriangle = 4};
 	const struct store_beside beside = {.proof = "proof", .proof_size = i & 1 ? 5 : 0};
 	struct err err = ERR_INIT;
 	struct store_front f;
@@ -214,8 +209,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *input, size_t size)
 	err_clear(&err);
 	if (judged(store_head(folder(), &ID, &head, &err), &err) == 0) {
 		memory = malloc(STORE_HEADER + head.beside.proof_size);
-		judged(store_proof(folder(), &ID, memory, STORE_HEADER + head.beside.proof_size, &f, &err),
-		       &err);
+		judged(store_proof(folder(), &ID, memory, STORE_HEADER + head.beside.proof_size, &f, &err), &err);
 		free(memory);
 		memory = malloc(head.front + 1);
 		if (judged(store_front(folder(), &ID, memory, head.front, &f, &err), &err) == 0)

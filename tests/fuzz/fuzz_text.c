@@ -7,12 +7,31 @@
 #include "input_parts.h"
 
 static const char *const texts[] = {
-	"\1" "1 2 3\n4.5 -5 6e2\n", "\2" "x,y,z\r\n1,2,3\r\n", "\3" "7 2.25 1.5 18 3\n", "\4" "# a\n//X Y Z C\n1 2 3 4\n",
-	"\5" "2\n1 2 3 -5 1 2 3\n4 5 6\n", "\6" "\xef\xbb\xbf" "id;Northing [m];Easting [m];Height;Class\n7;2;1;3;9\n",
-	"\7" "123,45 67,8 9,1\n", "\10" "1, 2, 3\n1,5, 2,5, 3,5\n", "\11" "\"a, b\",1,2,3\n", "\12" "0.1234567890123456789 1e-15 1e18\n",
-	"\13" "1 2 3 2 5 2\n",
+	"\1"
+	"1 2 3\n4.5 -5 6e2\n",
+	"\2"
+	"x,y,z\r\n1,2,3\r\n",
+	"\3"
+	"7 2.25 1.5 18 3\n",
+	"\4"
+	"# a\n//X Y Z C\n1 2 3 4\n",
+	"\5"
+	"2\n1 2 3 -5 1 2 3\n4 5 6\n",
+	"\6"
+	"\xef\xbb\xbf"
+	"id;Northing [m];Easting [m];Height;Class\n7;2;1;3;9\n",
+	"\7"
+	"123,45 67,8 9,1\n",
+	"\10"
+	"1, 2, 3\n1,5, 2,5, 3,5\n",
+	"\11"
+	"\"a, b\",1,2,3\n",
+	"\12"
+	"0.1234567890123456789 1e-15 1e18\n",
+	"\13"
+	"1 2 3 2 5 2\n",
 };
-static const char *const columns[] = { NULL, "xyz", "_yxc", "zyxcrn", "xyzc", "__xyz" };
+static const char *const columns[] = {NULL, "xyz", "_yxc", "zyxcrn", "xyzc", "__xyz"};
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 {
@@ -39,7 +58,7 @@ static void both_ways(const char *at, const char *end)
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
-	struct input_options options = { .planar = true };
+	struct input_options options = {.planar = true};
 
 	if (!size)
 		return 0;

@@ -7,11 +7,19 @@
 #include "view.h"
 
 static const char *const texts[] = {
-	"", "view 1", "ask 1", "view 1 class=2-5,9 returns=last keep-withheld keep-noise drop-overlap",
+	"",
+	"view 1",
+	"ask 1",
+	"view 1 class=2-5,9 returns=last keep-withheld keep-noise drop-overlap",
 	"view 1 not-class=7 ground zmin=-5 zmax=12346 every=10 thin=100:median duplicates=highest",
-	"view 1 crop=box:63500000,685300001,63510000,685320000", "view 1 crop=area:+AAUATU", "view 1 crop=area:+AA.CA.CAABC-BBCAAC",
-	"ask 1 crop=box:635000.2,-3,635100,4e2", "ask 1 crop=area@-2:+AAUATU thin=10ft:lowest every=3",
-	"ask 1 not-class=3 class=2-4 zmax=12.3455 zmin=-0.0005", "ask 1 thin=0.5:highest returns=first", "ask 1 zmin=1e-4000",
+	"view 1 crop=box:63500000,685300001,63510000,685320000",
+	"view 1 crop=area:+AAUATU",
+	"view 1 crop=area:+AA.CA.CAABC-BBCAAC",
+	"ask 1 crop=box:635000.2,-3,635100,4e2",
+	"ask 1 crop=area@-2:+AAUATU thin=10ft:lowest every=3",
+	"ask 1 not-class=3 class=2-4 zmax=12.3455 zmin=-0.0005",
+	"ask 1 thin=0.5:highest returns=first",
+	"ask 1 zmin=1e-4000",
 };
 
 size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
@@ -21,7 +29,7 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 {
-	static const struct lattice lattice = { .scale_xy = { 1, -2 }, .scale_z = { 1, -3 }, .k = { 43500000, -5, 0 } };
+	static const struct lattice lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {43500000, -5, 0}};
 	char *text = malloc(size + 1), *again;
 	struct err err = ERR_INIT;
 	struct view view;

@@ -76,8 +76,7 @@ int oracle_orient(const int32_t a[2], const int32_t b[2], const int32_t c[2])
 	return sign;
 }
 
-int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2],
-		    bool perturbed)
+int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2], bool perturbed)
 {
 	const int32_t *const p[4] = {a, b, c, d};
 	mpz_t lift[MAX_POINTS], det, minor;
@@ -107,8 +106,7 @@ int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], 
 }
 
 /* 2 (b - a) . o = lift b - lift a, 2 (c - a) . o = lift c - lift a. */
-int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical,
-		    bool perturbed)
+int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical, bool perturbed)
 {
 	const int32_t *const p[3] = {a, b, c};
 	int64_t b0 = (int64_t)b[0] - a[0], b1 = (int64_t)b[1] - a[1];

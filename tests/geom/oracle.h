@@ -16,12 +16,10 @@ extern "C" {
 int oracle_orient(const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
 /* Of the 4 x 4 determinant of rows x, y, lift, 1. `perturbed` false: without the powers of M. */
-int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2],
-		    bool perturbed);
+int oracle_incircle(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2], bool perturbed);
 
 /* The point of equal power to a, b, c (Cramer), against the cut c2 / 2. Any orientation. */
-int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical,
-		    bool perturbed);
+int oracle_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical, bool perturbed);
 
 #ifdef __cplusplus
 }

@@ -104,8 +104,7 @@ static void incircle_any(void **unused)
 			continue;
 		plain = oracle_incircle(p[0], p[1], p[2], p[3], false);
 		assert_int_equal(geom_incircle_plain(p[0], p[1], p[2], p[3]), plain);
-		assert_int_equal(geom_incircle(p[0], p[1], p[2], p[3]),
-				 oracle_incircle(p[0], p[1], p[2], p[3], true));
+		assert_int_equal(geom_incircle(p[0], p[1], p[2], p[3]), oracle_incircle(p[0], p[1], p[2], p[3], true));
 		ties += plain == 0;
 	}
 	assert_true(ties > 1000);
@@ -121,11 +120,9 @@ static void incircle_bound(void **unused)
 	for (unsigned k = 0; k < 4; k++)
 		for (int cx = -1; cx <= 0; cx++)
 			for (int cy = -1; cy <= 0; cy++) {
-				const int32_t *a = corner[k], *b = corner[(k + 1) % 4],
-					      *c = corner[(k + 2) % 4];
+				const int32_t *a = corner[k], *b = corner[(k + 1) % 4], *c = corner[(k + 2) % 4];
 				const int32_t m[2] = {cx, cy};
-				const int32_t *const order[4][4] = {
-				    {a, b, c, m}, {m, a, b, c}, {b, c, m, a}, {c, m, a, b}};
+				const int32_t *const order[4][4] = {{a, b, c, m}, {m, a, b, c}, {b, c, m, a}, {c, m, a, b}};
 
 				for (unsigned o = 0; o < 4; o++) {
 					const int32_t *p = order[o][0], *q = order[o][1], *r = order[o][2];
@@ -151,10 +148,10 @@ static void incircle_bound(void **unused)
 static void incircle_bound_value(void **unused)
 {
 	const int64_t s = UINT32_MAX, h = (s + 1) / 2;
-	geom_i128 det = geom_lift_det(-h, -h, geom_lift(-h, -h), s - h, -h, geom_lift(s - h, -h), s - h,
-				      s - h, geom_lift(s - h, s - h));
-	geom_i128 mirror = geom_lift_det(s - h, -h, geom_lift(s - h, -h), -h, -h, geom_lift(-h, -h), s - h,
-					 s - h, geom_lift(s - h, s - h));
+	geom_i128 det =
+		geom_lift_det(-h, -h, geom_lift(-h, -h), s - h, -h, geom_lift(s - h, -h), s - h, s - h, geom_lift(s - h, s - h));
+	geom_i128 mirror =
+		geom_lift_det(s - h, -h, geom_lift(s - h, -h), -h, -h, geom_lift(-h, -h), s - h, s - h, geom_lift(s - h, s - h));
 
 	assert_true(det > (geom_i128)1 << 126);
 	assert_true(det == -mirror);
@@ -203,8 +200,7 @@ static void cut_through_cell_centres(void **unused)
 	for (unsigned s = 0; s < sizeof(steps) / sizeof(steps[0]); s++)
 		for (unsigned cell = 0; cell < 64; cell++) {
 			int64_t room = UINT32_MAX / steps[s];
-			int64_t x = INT32_MIN + steps[s] * (draw() % room),
-				y = INT32_MIN + steps[s] * (draw() % room);
+			int64_t x = INT32_MIN + steps[s] * (draw() % room), y = INT32_MIN + steps[s] * (draw() % room);
 			const int32_t q[4][2] = {{(int32_t)x, (int32_t)y},
 						 {(int32_t)(x + steps[s]), (int32_t)y},
 						 {(int32_t)(x + steps[s]), (int32_t)(y + steps[s])},
@@ -213,20 +209,15 @@ static void cut_through_cell_centres(void **unused)
 			for (unsigned skip = 0; skip < 4; skip++)
 				for (unsigned turn = 0; turn < 3; turn++)
 					for (int vertical = 0; vertical < 2; vertical++) {
-						const int32_t *v[3] = {q[(skip + 1) % 4], q[(skip + 2) % 4],
-								       q[(skip + 3) % 4]};
-						const int32_t *a = v[turn], *b = v[(turn + 1) % 3],
-							      *c = v[(turn + 2) % 3];
+						const int32_t *v[3] = {q[(skip + 1) % 4], q[(skip + 2) % 4], q[(skip + 3) % 4]};
+						const int32_t *a = v[turn], *b = v[(turn + 1) % 3], *c = v[(turn + 2) % 3];
 						int64_t c2 = 2 * (vertical ? x : y) + steps[s];
 
-						assert_int_equal(
-						    oracle_cut_side(a, b, c, c2, vertical, false), 0);
-						assert_int_equal(
-						    geom_cut_side(a, b, c, c2, vertical),
-						    oracle_cut_side(a, b, c, c2, vertical, true));
+						assert_int_equal(oracle_cut_side(a, b, c, c2, vertical, false), 0);
+						assert_int_equal(geom_cut_side(a, b, c, c2, vertical),
+								 oracle_cut_side(a, b, c, c2, vertical, true));
 						assert_int_equal(geom_cut_side(a, b, c, c2 - 2, vertical), 1);
-						assert_int_equal(geom_cut_side(a, b, c, c2 + 2, vertical),
-								 -1);
+						assert_int_equal(geom_cut_side(a, b, c, c2 + 2, vertical), -1);
 						done++;
 					}
 		}
@@ -275,15 +266,13 @@ static void cut_below_double_precision(void **unused)
 		area = geom_area(a, b, c);
 		if (area <= 0)
 			continue;
-		twice =
-		    geom_cut_value(vertical ? a[0] : a[1], vertical ? by : bx, (geom_i128)geom_lift(bx, by),
-				   vertical ? cy : cx, (geom_i128)geom_lift(cx, cy), area, 0, vertical) /
-		    area;
+		twice = geom_cut_value(vertical ? a[0] : a[1], vertical ? by : bx, (geom_i128)geom_lift(bx, by),
+				       vertical ? cy : cx, (geom_i128)geom_lift(cx, cy), area, 0, vertical) /
+			area;
 		if (twice > INT64_C(1) << 33 || twice < -(INT64_C(1) << 33))
 			continue;
 		c2 = ((int64_t)twice | 1) + 2 * (int64_t)(draw() % 3) - 2;
-		assert_int_equal(geom_cut_side(a, b, c, c2, vertical),
-				 oracle_cut_side(a, b, c, c2, vertical, true));
+		assert_int_equal(geom_cut_side(a, b, c, c2, vertical), oracle_cut_side(a, b, c, c2, vertical, true));
 		done++;
 	}
 	assert_true(done > 50000);
@@ -292,15 +281,15 @@ static void cut_below_double_precision(void **unused)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(orient_any),
-	    cmocka_unit_test(incircle_any),
-	    cmocka_unit_test(incircle_bound),
-	    cmocka_unit_test(incircle_bound_value),
-	    cmocka_unit_test(heights_are_parameters),
-	    cmocka_unit_test(cut_any),
-	    cmocka_unit_test(cut_through_cell_centres),
-	    cmocka_unit_test(cut_of_needles),
-	    cmocka_unit_test(cut_below_double_precision),
+		cmocka_unit_test(orient_any),
+		cmocka_unit_test(incircle_any),
+		cmocka_unit_test(incircle_bound),
+		cmocka_unit_test(incircle_bound_value),
+		cmocka_unit_test(heights_are_parameters),
+		cmocka_unit_test(cut_any),
+		cmocka_unit_test(cut_through_cell_centres),
+		cmocka_unit_test(cut_of_needles),
+		cmocka_unit_test(cut_below_double_precision),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

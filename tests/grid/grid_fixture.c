@@ -122,8 +122,7 @@ static int32_t coordinate(enum shape shape, uint64_t *rng)
 	case SHAPE_UNIFORM:
 		return (int32_t)rng_below(rng, 2000000) - 1000000;
 	case SHAPE_CLUSTERED:
-		return (int32_t)(rng_below(rng, 5) * 400000000u) +
-		       (int32_t)(rng_below(rng, 40) * rng_below(rng, 40));
+		return (int32_t)(rng_below(rng, 5) * 400000000u) + (int32_t)(rng_below(rng, 40) * rng_below(rng, 40));
 	case SHAPE_DUPLICATES:
 		return (int32_t)rng_below(rng, 12) - 6;
 	case SHAPE_EXTREME:
@@ -242,11 +241,11 @@ static void halve(struct halving *h, size_t first, size_t n, uint64_t lo, unsign
 	struct ref_cell *c = &h->cells[h->n++];
 
 	*c = (struct ref_cell){
-	    .lo = lo,
-	    .hi = bits == 64 ? UINT64_MAX : lo + ((uint64_t)1 << bits) - 1,
-	    .first = first,
-	    .n = n,
-	    .box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
+		.lo = lo,
+		.hi = bits == 64 ? UINT64_MAX : lo + ((uint64_t)1 << bits) - 1,
+		.first = first,
+		.n = n,
+		.box = {INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN},
 	};
 	for (size_t i = 0; i < n; i++) {
 		struct digest d = digest_hash(&p[i], sizeof p[i]); /* tags have no source here */
@@ -271,11 +270,11 @@ struct ref_cell *ref_cells(const struct set *s, size_t *ret_n)
 
 /* ---- datasets ---- */
 
-int stage_set(const struct folder *f, const char *name, const struct set *s, size_t memory,
-	      struct grid_segment_info *ret, struct err *err)
+int stage_set(const struct folder *f, const char *name, const struct set *s, size_t memory, struct grid_segment_info *ret,
+	      struct err *err)
 {
 	struct grid_stage_params params = {
-	    .dirfd = f->fd, .name = name, .memory = memory ? memory : (size_t)64 << 20, .durable = false};
+		.dirfd = f->fd, .name = name, .memory = memory ? memory : (size_t)64 << 20, .durable = false};
 	struct grid_stage *stage;
 	int rc = grid_stage_new(&params, &stage, err);
 
@@ -324,14 +323,14 @@ struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, u
 {
 	static char names[8][32];
 	struct grid_manifest m = {
-	    .lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {5, -6, 7}},
-	    .crs = "EPSG:26910",
-	    .unit_xy = "metre",
-	    .unit_z = "unknown",
-	    .generation = 1,
-	    .segments = segments,
-	    .nsegments = n,
-	    .nsources = sources,
+		.lattice = {.scale_xy = {1, -2}, .scale_z = {1, -3}, .k = {5, -6, 7}},
+		.crs = "EPSG:26910",
+		.unit_xy = "metre",
+		.unit_z = "unknown",
+		.generation = 1,
+		.segments = segments,
+		.nsegments = n,
+		.nsources = sources,
 	};
 
 	m.sources = calloc(sources + 1, sizeof *m.sources);
@@ -343,8 +342,7 @@ struct grid_manifest manifest_of(struct grid_segment_info *segments, size_t n, u
 	return m;
 }
 
-struct reader reader_open(const struct folder *f, const char *manifest, uint64_t generation,
-			  size_t index_memory)
+struct reader reader_open(const struct folder *f, const char *manifest, uint64_t generation, size_t index_memory)
 {
 	struct reader r = {0};
 	struct err err = ERR_INIT;

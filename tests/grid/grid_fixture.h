@@ -26,7 +26,7 @@ struct folder {
 };
 
 struct folder folder_new(void);
-void folder_remove(struct folder *); /* with everything in it */
+void folder_remove(struct folder *);                            /* with everything in it */
 size_t folder_files(const struct folder *, const char *suffix); /* files whose name ends so; "" all */
 size_t open_descriptors(void);
 
@@ -66,8 +66,8 @@ struct ref_cell *ref_cells(const struct set *, size_t *ret_n);
 void check_ok(int rc, const struct err *err, const char *what, const char *file, int line);
 
 /* Stage and seal, in pieces of odd sizes; memory 0: plenty. */
-int stage_set(const struct folder *, const char *name, const struct set *, size_t memory,
-	      struct grid_segment_info *ret, struct err *err);
+int stage_set(const struct folder *, const char *name, const struct set *, size_t memory, struct grid_segment_info *ret,
+	      struct err *err);
 /* Segments s0, s1, ...: each source lies in one of them, by its number. Made of little memory. */
 void stage_sources(const struct folder *, const struct set *, unsigned segments, struct grid_segment_info *ret);
 /* A manifest over segments whose sources are 1..sources, all added in generation 1. Caller frees
@@ -83,8 +83,7 @@ struct reader {
 	struct grid_reader *r;
 	void *memory;
 };
-struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation,
-			  size_t index_memory);
+struct reader reader_open(const struct folder *, const char *manifest, uint64_t generation, size_t index_memory);
 void reader_close(struct reader *);
 
 /* Everything that a scan hands out. */

@@ -96,8 +96,7 @@ static void random_range(const struct set *s, uint64_t *rng, uint64_t *lo, uint6
 }
 
 /* Scan, count and sum of a range against the filter over a sorted set of what is live. */
-static void check_range(struct reader *r, const struct set *live, uint64_t lo, uint64_t hi,
-			bool must_be_exact)
+static void check_range(struct reader *r, const struct set *live, uint64_t lo, uint64_t hi, bool must_be_exact)
 {
 	struct gather g = {0};
 	struct err err = ERR_INIT;
@@ -322,8 +321,8 @@ static void test_prune(void **state)
 	struct reader r = reader_open(&f, "m", 1, 1 << 20);
 
 	for (int i = 0; i < 50; i++) {
-		struct box_walk with = {.box = {(int32_t)rng_below(&rng, 2000000) - 1000000,
-						(int32_t)rng_below(&rng, 2000000) - 1000000}};
+		struct box_walk with = {
+			.box = {(int32_t)rng_below(&rng, 2000000) - 1000000, (int32_t)rng_below(&rng, 2000000) - 1000000}};
 		with.box[2] = with.box[0] + 30000;
 		with.box[3] = with.box[1] + 30000;
 		struct box_walk without = with;
@@ -416,9 +415,9 @@ static void test_box(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_small),        cmocka_unit_test(test_cells),
-	    cmocka_unit_test(test_many_sources), cmocka_unit_test(test_generations),
-	    cmocka_unit_test(test_prune),        cmocka_unit_test(test_twins), cmocka_unit_test(test_box),
+		cmocka_unit_test(test_small),       cmocka_unit_test(test_cells), cmocka_unit_test(test_many_sources),
+		cmocka_unit_test(test_generations), cmocka_unit_test(test_prune), cmocka_unit_test(test_twins),
+		cmocka_unit_test(test_box),
 	};
 
 	skip_fsync();

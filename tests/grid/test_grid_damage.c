@@ -183,8 +183,7 @@ static void test_exchanged(void **state)
 	for (int i = 0; i < 300; i++) {
 		size_t n = 16 * (1 + rng_below(&rng, 1200)), from = 16 * rng_below(&rng, (b.n - n) / 16);
 		size_t to = i % 2 ? from : 4096 + 16 * rng_below(&rng, (b.n - n - 4096) / 16);
-		const uint8_t *source =
-		    i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
+		const uint8_t *source = i % 2 ? o.at : b.at; /* the other at the same place, or itself elsewhere */
 
 		if (i % 2 && from + n > o.n)
 			continue;
@@ -235,8 +234,7 @@ static void test_stale(void **state)
 		uint8_t *mixed = malloc(b.n);
 
 		for (unsigned i = 0; i < 4; i++)
-			memcpy(mixed + cuts[i], (mask >> i & 1 ? o.at : b.at) + cuts[i],
-			       cuts[i + 1] - cuts[i]);
+			memcpy(mixed + cuts[i], (mask >> i & 1 ? o.at : b.at) + cuts[i], cuts[i + 1] - cuts[i]);
 		store(&f, one.file, mixed, b.n);
 		must_be_found(&f, one.file, mask);
 		free(mixed);
@@ -298,7 +296,8 @@ static void note_damage(void *ctx, const struct err *err)
 
 static const char *verified(const struct folder *f, const struct grid_segment_info *info, char message[])
 {
-	struct grid_verify_params p = {.dirfd = f->fd, .memory = malloc(GRID_VERIFY_BYTES), .damaged = note_damage, .ctx = message};
+	struct grid_verify_params p = {
+		.dirfd = f->fd, .memory = malloc(GRID_VERIFY_BYTES), .damaged = note_damage, .ctx = message};
 	struct grid_segment_info one = *info;
 	struct grid_manifest m = manifest_of(&one, 1, 5);
 	struct err err = ERR_INIT;
@@ -333,7 +332,7 @@ static void test_out_of_place(void **state)
 	struct folder f = folder_new();
 	struct set s;
 	struct grid_segment_info info = make(&f, &s, 1);
-	char message[sizeof ((struct err *)0)->message];
+	char message[sizeof((struct err *)0)->message];
 
 	(void)state;
 	assert_string_equal(verified(&f, &info, message), "");
@@ -358,7 +357,8 @@ static void test_out_of_place(void **state)
 		}
 		reseal(b, leaf);
 		store(&f, info.file, b.at, b.n);
-		assert_string_equal(verified(&f, &info, message), way ? "the segment is damaged: a record lies where its cell has none" : "");
+		assert_string_equal(verified(&f, &info, message),
+				    way ? "the segment is damaged: a record lies where its cell has none" : "");
 		free(b.at);
 		set_free(&s);
 		folder_remove(&f);
@@ -372,9 +372,8 @@ static void test_out_of_place(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_segment_flips), cmocka_unit_test(test_manifest_flips),
-	    cmocka_unit_test(test_exchanged),     cmocka_unit_test(test_stale),
-	    cmocka_unit_test(test_run_flips),     cmocka_unit_test(test_out_of_place),
+		cmocka_unit_test(test_segment_flips), cmocka_unit_test(test_manifest_flips), cmocka_unit_test(test_exchanged),
+		cmocka_unit_test(test_stale),         cmocka_unit_test(test_run_flips),      cmocka_unit_test(test_out_of_place),
 	};
 
 	skip_fsync();

@@ -87,21 +87,20 @@ static int fault_fstat(int fd, struct stat *st)
 }
 
 static const struct io_table faulty = {
-    .openat = fault_openat,
-    .close = fault_close,
-    .pread = fault_pread,
-    .pwrite = fault_pwrite,
-    .fsync = fault_fsync,
-    .renameat = fault_renameat,
-    .unlinkat = fault_unlinkat,
-    .fstat = fault_fstat,
+	.openat = fault_openat,
+	.close = fault_close,
+	.pread = fault_pread,
+	.pwrite = fault_pwrite,
+	.fsync = fault_fsync,
+	.renameat = fault_renameat,
+	.unlinkat = fault_unlinkat,
+	.fstat = fault_fstat,
 };
 
 enum { RUNS = 12, EACH = 400 };
 
 /* Stage with so many runs that they are merged twice, seal. */
-static int make_segment(const struct folder *f, const struct set *s, struct grid_segment_info *ret,
-			struct err *err)
+static int make_segment(const struct folder *f, const struct set *s, struct grid_segment_info *ret, struct err *err)
 {
 	struct grid_stage_params params = {f->fd, "seg", GRID_STAGE_MIN, true};
 	struct grid_stage *stage;
@@ -126,8 +125,7 @@ static int make_segment(const struct folder *f, const struct set *s, struct grid
 }
 
 /* The whole way; what could be read, if it got that far. */
-static int whole_way(const struct folder *f, const struct set *s, bool *ret_sealed, struct gather *ret,
-		     struct err *err)
+static int whole_way(const struct folder *f, const struct set *s, bool *ret_sealed, struct gather *ret, struct err *err)
 {
 	struct grid_segment_info info;
 	struct grid_manifest m;
@@ -207,8 +205,7 @@ static bool attempt(unsigned long n, bool for_ever, int error, const struct set 
 
 static void run(bool for_ever, int error)
 {
-	struct set s = set_make(SHAPE_UNIFORM, RUNS * EACH, 1, 4),
-		   sorted = set_make(SHAPE_UNIFORM, RUNS * EACH, 1, 4);
+	struct set s = set_make(SHAPE_UNIFORM, RUNS * EACH, 1, 4), sorted = set_make(SHAPE_UNIFORM, RUNS * EACH, 1, 4);
 	unsigned long n = 1;
 
 	set_sort(&sorted);
@@ -267,10 +264,10 @@ static void test_given_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_given_up),
-	    cmocka_unit_test(test_once_eio),
-	    cmocka_unit_test(test_once_full),
-	    cmocka_unit_test(test_for_ever),
+		cmocka_unit_test(test_given_up),
+		cmocka_unit_test(test_once_eio),
+		cmocka_unit_test(test_once_full),
+		cmocka_unit_test(test_for_ever),
 	};
 
 	return cmocka_run_group_tests_name("grid: faults", tests, NULL, NULL);

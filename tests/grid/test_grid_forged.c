@@ -56,8 +56,7 @@ static struct set many_cells(void)
 		const uint64_t key = UINT64_C(0x0123456789abcdef) * (2 * h + 1);
 
 		for (unsigned i = 0; i < RECORDS + 60; i++, at++) {
-			point_from_morton(i < RECORDS ? key : key ^ UINT64_C(1) << (i - RECORDS),
-					  &s.pts[at].x, &s.pts[at].y);
+			point_from_morton(i < RECORDS ? key : key ^ UINT64_C(1) << (i - RECORDS), &s.pts[at].x, &s.pts[at].y);
 			s.pts[at].z = (int32_t)(i / 3);
 			s.pts[at].cls = (uint8_t)(i % 5);
 			s.ids[at] = 1 + i % SOURCES;
@@ -105,10 +104,8 @@ static void note(void *ctx, const struct err *err)
 /* The manifest says what the header says: whoever makes one makes the other. */
 static const char *verify(struct forge *f, uint32_t sources)
 {
-	struct grid_verify_params p = {.dirfd = f->folder.fd,
-				       .memory = malloc(GRID_VERIFY_BYTES),
-				       .damaged = note,
-				       .ctx = f->message};
+	struct grid_verify_params p = {
+		.dirfd = f->folder.fd, .memory = malloc(GRID_VERIFY_BYTES), .damaged = note, .ctx = f->message};
 	struct grid_segment_info info = f->info;
 	struct grid_manifest m = manifest_of(&info, 1, sources);
 	const struct disk_segment *h = head_of(f);
@@ -164,8 +161,7 @@ static void seal_sources(struct forge *f)
 {
 	struct disk_segment *h = head_of(f);
 
-	h->sources_check = grid_check(f->bytes + h->sources_place, h->sources * sizeof(struct disk_total),
-				      h->sources_place);
+	h->sources_check = grid_check(f->bytes + h->sources_place, h->sources * sizeof(struct disk_total), h->sources_place);
 	seal_header(f);
 }
 
@@ -191,8 +187,7 @@ static void must_be_told(struct forge *f, const char *what, size_t at)
 }
 
 /* Each number of so many bytes at `at`, a little and very different. */
-static void each(struct forge *f, const char *what, size_t at, size_t bytes,
-		 void (*seal)(struct forge *, size_t at))
+static void each(struct forge *f, const char *what, size_t at, size_t bytes, void (*seal)(struct forge *, size_t at))
 {
 	static const uint32_t much[] = {1, UINT32_MAX, 0x10, 0x7fffffff};
 
@@ -250,11 +245,9 @@ static void test_every_number(void **state)
 	place = leaf_of(&f, f.page, f.leaf)->place;
 	block = (struct disk_block *)(f.bytes + place);
 	each(&f, "header", 8, 128 - 8 + 8 * sizeof(uint64_t), by_header);
-	each(&f, "header: the last class, zeros", 128 + 255 * sizeof(uint64_t), 3 * sizeof(uint64_t),
-	     by_header);
+	each(&f, "header: the last class, zeros", 128 + 255 * sizeof(uint64_t), 3 * sizeof(uint64_t), by_header);
 	each(&f, "header: the last zeros", DISK_HEADER - 8, 8, by_header);
-	each(&f, "table of sources", head_of(&f)->sources_place, SOURCES * sizeof(struct disk_total),
-	     by_sources);
+	each(&f, "table of sources", head_of(&f)->sources_place, SOURCES * sizeof(struct disk_total), by_sources);
 	each(&f, "root page", head_of(&f)->root + 8, page - 8, by_root);
 	each(&f, "root page: first entry", head_of(&f)->root + page, DISK_ENTRY, by_root);
 	each(&f, "root page: second entry", head_of(&f)->root + page + DISK_ENTRY, DISK_ENTRY, by_root);
@@ -263,8 +256,7 @@ static void test_every_number(void **state)
 	each(&f, "page of cells: its end", f.page + DISK_PAGE - 8, 8, by_page);
 	each(&f, "first cell", f.page + page, DISK_ENTRY, by_page);
 	each(&f, "cell of several blocks", f.page + page + f.leaf * (size_t)DISK_ENTRY, DISK_ENTRY, by_page);
-	each(&f, "tables of a block", place + sizeof *block, disk_head_bytes(block) - sizeof *block,
-	     by_block);
+	each(&f, "tables of a block", place + sizeof *block, disk_head_bytes(block) - sizeof *block, by_block);
 	print_message("%zu numbers changed\n", tried);
 	end(&f);
 }
@@ -308,13 +300,11 @@ static void test_order(void **state)
 	pts[0] = pts[100];
 	pts[100] = first;
 	seal_block(&f, leaf, leaf->place);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: a record lies where its cell has none");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a record lies where its cell has none");
 	memcpy(f.bytes, f.good, f.n);
 	pts[0].tag = (uint16_t)(point_flags(&pts[0]) | SOURCES << POINT_SOURCE_SHIFT);
 	seal_block(&f, leaf, leaf->place);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: the tables of a block are not those of its records");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: the tables of a block are not those of its records");
 	end(&f);
 }
 
@@ -331,20 +321,17 @@ static void test_places(void **state)
 	*leaf_of(&f, f.page, 0) = *leaf_of(&f, f.page, 1);
 	*leaf_of(&f, f.page, 1) = leaf;
 	seal_page(&f, f.page);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: a cell is not behind the one before");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
 	memcpy(f.bytes, f.good, f.n);
 	*inner_of(&f, 1) = *inner_of(&f, 0);
 	seal_page(&f, head_of(&f)->root);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: a cell is not behind the one before");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
 	memcpy(f.bytes, f.good, f.n);
 	while (leaf_of(&f, f.page, wide)->lo >> leaf_of(&f, f.page, wide)->bits & 1)
 		wide++;
 	leaf_of(&f, f.page, wide)->bits++; /* what is as near belongs to another cell */
 	seal_page(&f, f.page);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: a cell is not behind the one before");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a cell is not behind the one before");
 	end(&f);
 }
 
@@ -401,8 +388,7 @@ static void test_few(void **state)
 			assert_int_equal(leaf_of(&f, head_of(&f)->root, 0)->bits, 64);
 			leaf_of(&f, head_of(&f)->root, 0)->bits = 62;
 			seal_page(&f, head_of(&f)->root);
-			assert_string_equal(verify(&f, 1),
-					    "the segment is damaged: a cell is not as large as it may be");
+			assert_string_equal(verify(&f, 1), "the segment is damaged: a cell is not as large as it may be");
 		} else {
 			head_of(&f)->root = DISK_HEADER;
 			seal_header(&f);
@@ -449,13 +435,12 @@ static void test_full_blocks(void **state)
 	grid_block_make(pts, GRID_CELL_RECORDS - 1, ids, NULL, first, &info);
 	last = (struct disk_block *)((uint8_t *)first + info.bytes);
 	leaf->check = grid_block_place(first, leaf->place);
-	grid_block_make(pts + GRID_CELL_RECORDS - 1, RECORDS - GRID_CELL_RECORDS + 1,
-			ids + GRID_CELL_RECORDS - 1, NULL, last, &info);
+	grid_block_make(pts + GRID_CELL_RECORDS - 1, RECORDS - GRID_CELL_RECORDS + 1, ids + GRID_CELL_RECORDS - 1, NULL, last,
+			&info);
 	assert_true((uint8_t *)last + info.bytes == at);
 	leaf->check += grid_block_place(last, (uint64_t)((uint8_t *)last - f.bytes));
 	seal_page(&f, f.page);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: a block is not full, and not the last of its cell");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: a block is not full, and not the last of its cell");
 	end(&f);
 }
 
@@ -466,26 +451,19 @@ static void test_manifest_lacks(void **state)
 
 	(void)state;
 	begin(&f);
-	assert_string_equal(verify(&f, SOURCES - 1),
-			    "the segment is damaged: the manifest lacks one of its sources");
+	assert_string_equal(verify(&f, SOURCES - 1), "the segment is damaged: the manifest lacks one of its sources");
 	((struct disk_total *)(f.bytes + head_of(&f)->sources_place))[SOURCES - 1].id = 77;
 	seal_sources(&f);
-	assert_string_equal(verify(&f, SOURCES),
-			    "the segment is damaged: the manifest lacks one of its sources");
+	assert_string_equal(verify(&f, SOURCES), "the segment is damaged: the manifest lacks one of its sources");
 	end(&f);
 }
 
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_every_number),
-		cmocka_unit_test(test_block),
-		cmocka_unit_test(test_order),
-		cmocka_unit_test(test_places),
-		cmocka_unit_test(test_manifest_lacks),
-		cmocka_unit_test(test_ranges),
-		cmocka_unit_test(test_few),
-		cmocka_unit_test(test_full_blocks),
+		cmocka_unit_test(test_every_number), cmocka_unit_test(test_block),          cmocka_unit_test(test_order),
+		cmocka_unit_test(test_places),       cmocka_unit_test(test_manifest_lacks), cmocka_unit_test(test_ranges),
+		cmocka_unit_test(test_few),          cmocka_unit_test(test_full_blocks),
 	};
 
 	skip_fsync();

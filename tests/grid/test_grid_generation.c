@@ -19,13 +19,10 @@ enum { SOURCES = 7, GENERATIONS = 12 };
 
 /* Which generations each source is in, a letter each from the first on. */
 static const char *const in[SOURCES] = {
-    "xxxxxxxxxxxx", /* always */
-    "xx..xx..xx.x", /* comes and goes, is there at last */
-    ".xxx..xxxx..", /* and is not */
-    "......xxxxxx",
-    "x...........",
-    "..x.x.x.x.x.",
-    "............", /* was never there: added and removed at once */
+	"xxxxxxxxxxxx",                                                 /* always */
+	"xx..xx..xx.x",                                                 /* comes and goes, is there at last */
+	".xxx..xxxx..",                                                 /* and is not */
+	"......xxxxxx", "x...........", "..x.x.x.x.x.", "............", /* was never there: added and removed at once */
 };
 
 static bool alive(unsigned source, uint64_t g)
@@ -94,8 +91,7 @@ static void check_generation(const struct folder *f, const struct set *all, uint
 	reader_close(&r);
 }
 
-static struct grid_manifest lived(struct grid_segment_info *info, size_t nsegments,
-				  struct grid_span spans[SOURCES][GENERATIONS])
+static struct grid_manifest lived(struct grid_segment_info *info, size_t nsegments, struct grid_span spans[SOURCES][GENERATIONS])
 {
 	struct grid_manifest m = manifest_of(info, nsegments, SOURCES);
 
@@ -243,10 +239,10 @@ static void test_dump(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_lives),
-	    cmocka_unit_test(test_pruned),
-	    cmocka_unit_test(test_tally),
-	    cmocka_unit_test(test_dump),
+		cmocka_unit_test(test_lives),
+		cmocka_unit_test(test_pruned),
+		cmocka_unit_test(test_tally),
+		cmocka_unit_test(test_dump),
 	};
 
 	skip_fsync();

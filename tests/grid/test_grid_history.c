@@ -28,10 +28,10 @@ struct history {
 	struct grid_source sources[SOURCES];
 	struct grid_span spans[SOURCES]; /* a source comes back once at most */
 	size_t nsources;
-	uint32_t last;                   /* number of a source */
+	uint32_t last; /* number of a source */
 	uint64_t generation, oldest;
-	unsigned files;                  /* named so far */
-	struct point *pts;               /* all records ever, but for those that were pruned; the model */
+	unsigned files;    /* named so far */
+	struct point *pts; /* all records ever, but for those that were pruned; the model */
 	uint32_t *ids;
 	size_t n;
 	int32_t side;
@@ -67,7 +67,8 @@ static void push(struct history *h)
 		set.ids[i] = h->last + 1 + (uint32_t)(i * files / n);
 	}
 	for (unsigned i = 0; i < files; i++)
-		h->sources[h->nsources++] = (struct grid_source){.id = ++h->last, .added = h->generation, .name = "f", .path = ""};
+		h->sources[h->nsources++] =
+			(struct grid_source){.id = ++h->last, .added = h->generation, .name = "f", .path = ""};
 	for (size_t i = 0; i < n; i++)
 		source_of(h, set.ids[i])->points++;
 	snprintf(name, sizeof name, "push%u", h->files++);
@@ -102,8 +103,8 @@ static void bring_back(struct history *h)
 static void rewrite(struct history *h, const size_t *which, size_t n, const uint32_t *drop, size_t ndrop)
 {
 	struct grid_segment_info some[SEGMENTS], made;
-	struct grid_rewrite_params p = {.dirfd = h->f.fd, .segments = some, .nsegments = n, .nsources = h->last, .drop = drop,
-					.ndrop = ndrop};
+	struct grid_rewrite_params p = {
+		.dirfd = h->f.fd, .segments = some, .nsegments = n, .nsources = h->last, .drop = drop, .ndrop = ndrop};
 	struct grid_rewrite *w;
 	struct err err = ERR_INIT;
 	char name[32];

@@ -317,9 +317,9 @@ static void test_damage(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_death),
-	    cmocka_unit_test(test_drop),
-	    cmocka_unit_test(test_damage),
+		cmocka_unit_test(test_death),
+		cmocka_unit_test(test_drop),
+		cmocka_unit_test(test_damage),
 	};
 
 	skip_fsync();

@@ -16,11 +16,8 @@
 
 static struct grid_segment_info segment(const char *file, uint64_t points)
 {
-	struct grid_segment_info s = {.points = points,
-				      .cells = 3,
-				      .bytes = 99999,
-				      .box = {-5, INT32_MIN, 7, INT32_MAX},
-				      .sum = {1, ~0ull}};
+	struct grid_segment_info s = {
+		.points = points, .cells = 3, .bytes = 99999, .box = {-5, INT32_MIN, 7, INT32_MAX}, .sum = {1, ~0ull}};
 
 	snprintf(s.file, sizeof s.file, "%s", file);
 	s.classes[0] = 1;
@@ -32,9 +29,9 @@ static char longest[GRID_SOURCE_NAME], farthest[GRID_SOURCE_PATH], whoever[GRID_
 static const struct grid_span first_lives[] = {{1, 2}, {4, 6}};
 static struct grid_span lives[2];
 static const struct grid_generation first_history[] = {
-    {.number = 1, .time_us = INT64_MIN, .uid = UINT32_MAX, .kind = GRID_PUSH, .files = 3, .points_added = ~0ull},
-    {.number = 4, .time_us = 7, .kind = GRID_REPLACE, .user = whoever, .files_removed = UINT32_MAX, .content = {5, 6}},
-    {.number = 9, .kind = GRID_REVERT, .undoes = 4, .points_removed = 8, .user = ""},
+	{.number = 1, .time_us = INT64_MIN, .uid = UINT32_MAX, .kind = GRID_PUSH, .files = 3, .points_added = ~0ull},
+	{.number = 4, .time_us = 7, .kind = GRID_REPLACE, .user = whoever, .files_removed = UINT32_MAX, .content = {5, 6}},
+	{.number = 9, .kind = GRID_REVERT, .undoes = 4, .points_removed = 8, .user = ""},
 };
 static struct grid_generation history[3];
 
@@ -78,8 +75,7 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 	assert_string_equal(a->unit_z, b->unit_z);
 	assert_string_equal(a->geoid, b->geoid);
 	assert_string_equal(a->choices, b->choices);
-	assert_true(a->generation == b->generation && a->nsegments == b->nsegments &&
-		    a->nsources == b->nsources);
+	assert_true(a->generation == b->generation && a->nsegments == b->nsegments && a->nsources == b->nsources);
 	for (size_t i = 0; i < a->nsegments; i++) {
 		const struct grid_segment_info *s = &a->segments[i], *t = &b->segments[i];
 
@@ -334,10 +330,10 @@ static void scaleless(struct grid_manifest *m)
 
 static void test_rules(void **state)
 {
-	static const breaker breakers[] = {long_crs, twice,    zero,       future, backwards, same_name,
-					   climbing, nameless, inside_out, no_sum, no_cells,  scaleless, long_name, long_path,
-					   overlapping, unending, stillborn, unordered, unnumbered, not_yet, kindless, prophetic,
-					   long_user, pruned_all};
+	static const breaker breakers[] = {long_crs,   twice,     zero,        future,    backwards, same_name,
+					   climbing,   nameless,  inside_out,  no_sum,    no_cells,  scaleless,
+					   long_name,  long_path, overlapping, unending,  stillborn, unordered,
+					   unnumbered, not_yet,   kindless,    prophetic, long_user, pruned_all};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {
@@ -375,8 +371,7 @@ static void test_rubbish(void **state)
 
 		memcpy(changed, bytes, n);
 		for (uint64_t k = rng_below(&rng, 3) + (size == n); k-- > 0;)
-			changed[24 + rng_below(&rng, size - 32)] =
-			    (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
+			changed[24 + rng_below(&rng, size - 32)] = (uint8_t)(rng_below(&rng, 2) ? rng_next(&rng) : 255);
 		memcpy(changed + 16, &size, sizeof size);
 		check = XXH3_64bits(changed, size - 8);
 		memcpy(changed + size - 8, &check, sizeof check);
@@ -481,13 +476,9 @@ static void test_load_charges(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_back),
-	    cmocka_unit_test(test_old_versions),
-	    cmocka_unit_test(test_newer_version),
-	    cmocka_unit_test(test_rules),
-	    cmocka_unit_test(test_rubbish),
-	    cmocka_unit_test(test_ledger),
-	    cmocka_unit_test(test_load_charges),
+		cmocka_unit_test(test_back),         cmocka_unit_test(test_old_versions), cmocka_unit_test(test_newer_version),
+		cmocka_unit_test(test_rules),        cmocka_unit_test(test_rubbish),      cmocka_unit_test(test_ledger),
+		cmocka_unit_test(test_load_charges),
 	};
 
 	skip_fsync();

@@ -36,8 +36,14 @@ static struct set set_part(const struct set *all, bool (*wanted)(uint32_t id, vo
 static int rewrite(const struct folder *f, const char *name, const struct grid_segment_info *segments, size_t n,
 		   const uint32_t *drop, size_t ndrop, size_t memory, struct grid_segment_info *ret, struct err *err)
 {
-	struct grid_rewrite_params p = {.dirfd = f->fd, .segments = segments, .nsegments = n, .nsources = 100,
-					.name = name, .drop = drop, .ndrop = ndrop, .memory = memory};
+	struct grid_rewrite_params p = {.dirfd = f->fd,
+					.segments = segments,
+					.nsegments = n,
+					.nsources = 100,
+					.name = name,
+					.drop = drop,
+					.ndrop = ndrop,
+					.memory = memory};
 	struct grid_rewrite *w;
 	int rc;
 
@@ -189,8 +195,7 @@ static void test_too_little(void **state)
 	struct err err = ERR_INIT;
 
 	seal_parts(&f, &all, 2, part);
-	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_least(part, 2, 100) - 1, &made, &err),
-			 -ERR_LIMIT);
+	assert_int_equal(rewrite(&f, "made", part, 2, NULL, 0, grid_rewrite_least(part, 2, 100) - 1, &made, &err), -ERR_LIMIT);
 	assert_int_equal(folder_files(&f, ""), 2);
 	set_free(&all);
 	folder_remove(&f);
@@ -202,8 +207,8 @@ static void test_given_up(void **state)
 	struct folder f = folder_new();
 	struct set all = set_make(SHAPE_UNIFORM, 50000, 4, 1);
 	struct grid_segment_info part[2];
-	struct grid_rewrite_params p = {.dirfd = f.fd, .segments = part, .nsegments = 2, .nsources = 4, .name = "made",
-					.memory = PLENTY};
+	struct grid_rewrite_params p = {
+		.dirfd = f.fd, .segments = part, .nsegments = 2, .nsources = 4, .name = "made", .memory = PLENTY};
 	struct grid_rewrite *w;
 	struct err err = ERR_INIT;
 	uint64_t done, total;
@@ -289,8 +294,8 @@ int main(void)
 {
 	skip_fsync();
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_same),  cmocka_unit_test(test_nothing), cmocka_unit_test(test_too_little),
-	    cmocka_unit_test(test_given_up),  cmocka_unit_test(test_damage),  cmocka_unit_test(test_holds),
+		cmocka_unit_test(test_same),     cmocka_unit_test(test_nothing), cmocka_unit_test(test_too_little),
+		cmocka_unit_test(test_given_up), cmocka_unit_test(test_damage),  cmocka_unit_test(test_holds),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -130,8 +130,7 @@ static int seal(struct grid_stage *stage, unsigned workers, struct grid_segment_
 }
 
 /* A run every `each` records, 0: only where memory is full. */
-static struct grid_stage *staged(const struct folder *f, const char *name, const struct set *s, size_t memory,
-				 size_t each)
+static struct grid_stage *staged(const struct folder *f, const char *name, const struct set *s, size_t memory, size_t each)
 {
 	struct grid_stage_params params = {.dirfd = f->fd, .name = name, .memory = memory, .durable = each > 0};
 	struct grid_stage *stage;
@@ -174,8 +173,8 @@ static void every_way(const struct set *in, const char *what)
 		size_t memory, each;
 		unsigned workers;
 	} ways[] = {
-	    {4 * MIB, 0, 1},     {4 * MIB, 0, 4},     {4 * MIB, 9000, 3},  {4 * MIB, 1500, 2},
-	    {MIB, 20000, 2},     {MIB, 700, 2},       {64 * MIB, 0, 8},    {16 * MIB, 30000, 8},
+		{4 * MIB, 0, 1}, {4 * MIB, 0, 4}, {4 * MIB, 9000, 3}, {4 * MIB, 1500, 2},
+		{MIB, 20000, 2}, {MIB, 700, 2},   {64 * MIB, 0, 8},   {16 * MIB, 30000, 8},
 	};
 	struct set s = {malloc(in->n * sizeof *s.pts), malloc(in->n * sizeof *s.ids), in->n};
 	struct folder f = folder_new();
@@ -330,8 +329,8 @@ static int counting_punch(int fd, off_t from, off_t n)
 	return io_system.punch(fd, from, n);
 }
 
-static void in_lanes(const struct folder *f, const struct set *s, unsigned lanes, size_t memory, size_t before,
-		     const char *name, struct grid_segment_info *ret)
+static void in_lanes(const struct folder *f, const struct set *s, unsigned lanes, size_t memory, size_t before, const char *name,
+		     struct grid_segment_info *ret)
 {
 	struct grid_stage_params params = {.dirfd = f->fd, .name = name, .memory = memory};
 	struct work work = {.set = s};
@@ -395,7 +394,8 @@ static void test_written_once(void **state)
 		bytes = (double)written / (double)s.n;
 		print_message("%u lanes, spills: %.2f bytes written a point, %.2f given back\n", lanes, bytes,
 			      (double)given_back / (double)s.n);
-		/* Which lane has what when the last point comes is the threads' turn: all but what memory holds is written twice. */
+		/* Which lane has what when the last point comes is the threads' turn: all but what memory holds is written twice.
+		 */
 		assert_true(bytes > 32.5 - 6.0 * MIB / (double)s.n && bytes < 33.2);
 		assert_true(lanes > 2 || given_back > 4 * s.n);
 	}
@@ -548,11 +548,10 @@ static void test_given_up(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_every_way),    cmocka_unit_test(test_made_up),  cmocka_unit_test(test_dropped),
-	    cmocka_unit_test(test_lanes),        cmocka_unit_test(test_written_once),
-	    cmocka_unit_test(test_failures),     cmocka_unit_test(test_failing_lanes),
-	    cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
-	    cmocka_unit_test(test_left),
+		cmocka_unit_test(test_every_way),     cmocka_unit_test(test_made_up),      cmocka_unit_test(test_dropped),
+		cmocka_unit_test(test_lanes),         cmocka_unit_test(test_written_once), cmocka_unit_test(test_failures),
+		cmocka_unit_test(test_failing_lanes), cmocka_unit_test(test_given_up),     cmocka_unit_test(test_many_runs),
+		cmocka_unit_test(test_left),
 	};
 
 	skip_fsync();

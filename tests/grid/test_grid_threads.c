@@ -73,8 +73,7 @@ static void *work(void *ctx)
 static void test_threads(void **state)
 {
 	struct set s = set_make(SHAPE_UNIFORM, POINTS, 2, 3);
-	struct set half = {s.pts, s.ids, POINTS / 2},
-		   rest = {s.pts + POINTS / 2, s.ids + POINTS / 2, POINTS / 2};
+	struct set half = {s.pts, s.ids, POINTS / 2}, rest = {s.pts + POINTS / 2, s.ids + POINTS / 2, POINTS / 2};
 	struct grid_segment_info info[2];
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
@@ -134,8 +133,7 @@ static void test_cache(void **state)
 	CHECK(grid_scan(r.r, 0, UINT64_MAX, gather_sink, &g, &err));
 	struct grid_reader_stats a = grid_reader_stats(r.r);
 
-	assert_true(a.records == POINTS && a.cells == info.cells && a.bytes > 16 * POINTS &&
-		    a.bytes < info.bytes);
+	assert_true(a.records == POINTS && a.cells == info.cells && a.bytes > 16 * POINTS && a.bytes < info.bytes);
 	assert_true(a.misses < 10 && a.misses < a.pages);
 	g.n = 0;
 	CHECK(grid_scan(r.r, 0, UINT64_MAX, gather_sink, &g, &err));

@@ -11,7 +11,7 @@
 
 unsigned fixture_length(unsigned format)
 {
-	static const unsigned length[] = { 20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67 };
+	static const unsigned length[] = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
 
 	return length[format];
 }
@@ -101,7 +101,7 @@ struct bytes fixture_las(const struct las_spec *s)
 	size_t wkt = s->wkt ? strlen(s->wkt) : 0, header = fixture_header_size(s->minor) + s->header_extra;
 	size_t point_offset = header + (wkt && !s->wkt_behind ? 54 + wkt : 0) + s->gap;
 	size_t behind = point_offset + s->n * length;
-	struct bytes b = { .size = behind + (s->wkt_behind ? 60 + wkt : 0) };
+	struct bytes b = {.size = behind + (s->wkt_behind ? 60 + wkt : 0)};
 	struct packer p;
 
 	b.at = calloc(1, b.size);
@@ -132,7 +132,7 @@ int fixture_fd(const void *bytes, size_t size)
 
 void fixture_points_new(struct input_points *pts, size_t cap)
 {
-	*pts = (struct input_points){ .cap = cap };
+	*pts = (struct input_points){.cap = cap};
 	pts->raw = malloc(cap * sizeof *pts->raw);
 	pts->cls = malloc(cap);
 	pts->ret = malloc(cap);
@@ -149,12 +149,12 @@ void fixture_points_free(struct input_points *pts)
 
 struct outcome fixture_read_fd(int fd, const char *name, const struct input_options *options, size_t batch)
 {
-	struct outcome out = { .err = ERR_INIT };
+	struct outcome out = {.err = ERR_INIT};
 	struct input_points pts;
 	struct input *in = NULL;
 	int rc = input_open(fd, name, options, &in, &out.err);
 
-	out.code = (enum err_code)-rc;
+	out.code = (enum err_code) - rc;
 	if (rc)
 		return out;
 	out.info = *input_info(in);
@@ -164,14 +164,13 @@ struct outcome fixture_read_fd(int fd, const char *name, const struct input_opti
 		if (!rc)
 			out.points += pts.n;
 	} while (!rc && pts.n);
-	out.code = (enum err_code)-rc;
+	out.code = (enum err_code) - rc;
 	fixture_points_free(&pts);
 	input_close(in);
 	return out;
 }
 
-struct outcome fixture_read(const void *bytes, size_t size, const char *name,
-			    const struct input_options *options, size_t batch)
+struct outcome fixture_read(const void *bytes, size_t size, const char *name, const struct input_options *options, size_t batch)
 {
 	int fd = fixture_fd(bytes, size);
 	struct outcome out = fixture_read_fd(fd, name, options, batch);

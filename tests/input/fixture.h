@@ -13,13 +13,13 @@
 #include "input.h"
 
 struct las_spec {
-	unsigned minor, format, extra;  /* version 1.minor; extra bytes of a record */
+	unsigned minor, format, extra; /* version 1.minor; extra bytes of a record */
 	uint64_t n;
-	unsigned header_extra, gap;     /* bytes behind the standard header; bytes before the points */
+	unsigned header_extra, gap; /* bytes behind the standard header; bytes before the points */
 	uint16_t encoding;
-	const char *wkt;                /* a WKT record, or NULL */
-	bool wkt_behind;                /* after the points */
-	uint32_t vlrs_more;             /* claimed but not there */
+	const char *wkt;    /* a WKT record, or NULL */
+	bool wkt_behind;    /* after the points */
+	uint32_t vlrs_more; /* claimed but not there */
 };
 
 struct bytes {
@@ -45,8 +45,7 @@ struct outcome {
 
 /* Opens, reads all in batches of `batch`, closes. */
 struct outcome fixture_read_fd(int fd, const char *name, const struct input_options *options, size_t batch);
-struct outcome fixture_read(const void *bytes, size_t size, const char *name,
-			    const struct input_options *options, size_t batch);
+struct outcome fixture_read(const void *bytes, size_t size, const char *name, const struct input_options *options, size_t batch);
 
 void fixture_points_new(struct input_points *pts, size_t cap);
 void fixture_points_free(struct input_points *pts);

@@ -22,7 +22,7 @@ static double cpu_seconds(void)
 
 static void measure(int fd, const char *name)
 {
-	const struct input_options options = { .planar = true };
+	const struct input_options options = {.planar = true};
 	struct input_points pts;
 	double best = 1e9, best_open = 1e9;
 	uint64_t n = 0;
@@ -48,8 +48,8 @@ static void measure(int fd, const char *name)
 		input_close(in);
 	}
 	fixture_points_free(&pts);
-	printf("%-28s %9llu points, open %7.4f s, read %7.4f s, %6.1f M points/s\n", name, (unsigned long long)n,
-	       best_open, best, (double)n / best * 1e-6);
+	printf("%-28s %9llu points, open %7.4f s, read %7.4f s, %6.1f M points/s\n", name, (unsigned long long)n, best_open, best,
+	       (double)n / best * 1e-6);
 }
 
 static void measure_text(void)
@@ -59,8 +59,8 @@ static void measure_text(void)
 	int fd;
 
 	for (int i = 0; i < POINTS; i++)
-		size += (size_t)sprintf(text + size, "%d.%02d %d.%02d %d.%02d\n", 435000 + i % 1000, i % 100,
-					5400000 + i % 777, i % 97, i % 300, i % 89);
+		size += (size_t)sprintf(text + size, "%d.%02d %d.%02d %d.%02d\n", 435000 + i % 1000, i % 100, 5400000 + i % 777,
+					i % 97, i % 300, i % 89);
 	fd = fixture_fd(text, size);
 	measure(fd, "text, 28 bytes a line");
 	close(fd);
@@ -69,7 +69,7 @@ static void measure_text(void)
 
 int main(int argc, char **argv)
 {
-	static const unsigned formats[] = { 0, 1, 3, 6, 7 };
+	static const unsigned formats[] = {0, 1, 3, 6, 7};
 
 	for (int i = 1; i < argc; i++) {
 		int fd = open(argv[i], O_RDONLY | O_CLOEXEC);
@@ -82,7 +82,7 @@ int main(int argc, char **argv)
 		close(fd);
 	}
 	for (size_t i = 0; argc < 2 && i < sizeof formats / sizeof *formats; i++) {
-		struct las_spec s = { .minor = 4, .format = formats[i], .n = POINTS };
+		struct las_spec s = {.minor = 4, .format = formats[i], .n = POINTS};
 		struct bytes b = fixture_las(&s);
 		int fd = fixture_fd(b.at, b.size);
 		char name[40];

@@ -23,8 +23,7 @@ struct sums {
 	uint64_t points, inside, hash;
 };
 
-static void add(struct sums *s, const struct input_points *pts, const struct lattice_input *coords,
-		const double crop[4])
+static void add(struct sums *s, const struct input_points *pts, const struct lattice_input *coords, const double crop[4])
 {
 	double scale[2], offset[2];
 
@@ -58,11 +57,10 @@ static int read_all(struct input *in, const double crop[4], struct sums *s, stru
 }
 
 /* `parts`: each part by a reader of its own, the last one first. */
-static struct sums read_fd(const char *what, int fd, const double crop[4], bool select, bool parts,
-			   struct input_info *ret_info)
+static struct sums read_fd(const char *what, int fd, const double crop[4], bool select, bool parts, struct input_info *ret_info)
 {
-	struct input_options options = { .planar = true, .has_crop = select };
-	struct sums s = { 0 };
+	struct input_options options = {.planar = true, .has_crop = select};
+	struct sums s = {0};
 	struct input *in = NULL;
 	struct err err = ERR_INIT;
 	int rc;
@@ -107,7 +105,7 @@ static void boxes(const char *folder, const char *name, unsigned least)
 	CHECK(fd >= 0, "cannot be opened");
 	if (fd < 0)
 		return;
-	read_fd(what, fd, (double[4]){ 0 }, false, false, &info);
+	read_fd(what, fd, (double[4]){0}, false, false, &info);
 	for (int round = 0; round < 40; round++) {
 		double crop[4], size[2];
 		struct sums some, parts, all;
@@ -148,22 +146,58 @@ _Static_assert(sizeof(struct entry) == ENTRY, "as in the file");
 struct lie {
 	const char *name;
 	void (*tell)(struct bytes *, struct entry *);
-	bool harmless;           /* it is only unusual */
-	const double *crop;      /* NULL: the usual one */
+	bool harmless;      /* it is only unusual */
+	const double *crop; /* NULL: the usual one */
 };
 
-static void no_lie(struct bytes *b, struct entry *e) { (void)b, (void)e; }
-static void left_out(struct bytes *b, struct entry *e) { (void)b, e[7].points = 0; }
-static void twice(struct bytes *b, struct entry *e) { (void)b, e[7] = e[8]; }
-static void moved(struct bytes *b, struct entry *e) { (void)b, e[7].at++; }
-static void beyond(struct bytes *b, struct entry *e) { (void)b, e[7].at = b->size; }
-static void far_beyond(struct bytes *b, struct entry *e) { (void)b, e[7].at = UINT64_MAX - 4; }
-static void negative_size(struct bytes *b, struct entry *e) { (void)b, e[7].bytes = -5; }
-static void more_points(struct bytes *b, struct entry *e) { (void)b, e[7].points = INT32_MAX; }
-static void no_such_points(struct bytes *b, struct entry *e) { (void)b, e[7].points = -2; }
-static void no_such_node(struct bytes *b, struct entry *e) { (void)b, e[7].x = 4; }
-static void negative_node(struct bytes *b, struct entry *e) { (void)b, e[7].y = -1; }
-static void deep_node(struct bytes *b, struct entry *e) { (void)b, e[7].level = 200; }
+static void no_lie(struct bytes *b, struct entry *e)
+{
+	(void)b, (void)e;
+}
+static void left_out(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].points = 0;
+}
+static void twice(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7] = e[8];
+}
+static void moved(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].at++;
+}
+static void beyond(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].at = b->size;
+}
+static void far_beyond(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].at = UINT64_MAX - 4;
+}
+static void negative_size(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].bytes = -5;
+}
+static void more_points(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].points = INT32_MAX;
+}
+static void no_such_points(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].points = -2;
+}
+static void no_such_node(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].x = 4;
+}
+static void negative_node(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].y = -1;
+}
+static void deep_node(struct bytes *b, struct entry *e)
+{
+	(void)b, e[7].level = 200;
+}
 /* The smallest node in the last corner of the cube, whose number has no successor. */
 static void last_node(struct bytes *b, struct entry *e)
 {
@@ -174,27 +208,51 @@ static void last_node(struct bytes *b, struct entry *e)
 static void page_of_itself(struct bytes *b, struct entry *e)
 {
 	(void)b;
-	e[7] = (struct entry){ .level = 0, .at = HIERARCHY, .bytes = NODES * ENTRY, .points = -1 };
+	e[7] = (struct entry){.level = 0, .at = HIERARCHY, .bytes = NODES * ENTRY, .points = -1};
 }
 static void page_elsewhere(struct bytes *b, struct entry *e)
 {
 	(void)b;
-	e[7] = (struct entry){ .level = 2, .at = 1000, .bytes = ENTRY, .points = -1 };
+	e[7] = (struct entry){.level = 2, .at = 1000, .bytes = ENTRY, .points = -1};
 }
 static void page_cut(struct bytes *b, struct entry *e)
 {
 	(void)b;
-	e[7] = (struct entry){ .level = 2, .at = HIERARCHY, .bytes = 33, .points = -1 };
+	e[7] = (struct entry){.level = 2, .at = HIERARCHY, .bytes = 33, .points = -1};
 }
 
-static void put_double(struct bytes *b, size_t at, double v) { memcpy(b->at + INFO + at, &v, 8); }
-static void put_long(struct bytes *b, size_t at, uint64_t v) { memcpy(b->at + INFO + at, &v, 8); }
-static void small_cube(struct bytes *b, struct entry *e) { (void)e, put_double(b, 24, 1000); }
-static void endless_cube(struct bytes *b, struct entry *e) { (void)e, put_double(b, 24, 1.0 / 0.0); }
-static void moved_cube(struct bytes *b, struct entry *e) { (void)e, put_double(b, 0, 0); }
-static void root_elsewhere(struct bytes *b, struct entry *e) { (void)e, put_long(b, 40, 0); }
-static void root_too_long(struct bytes *b, struct entry *e) { (void)e, put_long(b, 48, 1 << 20); }
-static void no_hierarchy(struct bytes *b, struct entry *e) { (void)e, b->at[HIERARCHY - 60 + 2] = 'C'; }
+static void put_double(struct bytes *b, size_t at, double v)
+{
+	memcpy(b->at + INFO + at, &v, 8);
+}
+static void put_long(struct bytes *b, size_t at, uint64_t v)
+{
+	memcpy(b->at + INFO + at, &v, 8);
+}
+static void small_cube(struct bytes *b, struct entry *e)
+{
+	(void)e, put_double(b, 24, 1000);
+}
+static void endless_cube(struct bytes *b, struct entry *e)
+{
+	(void)e, put_double(b, 24, 1.0 / 0.0);
+}
+static void moved_cube(struct bytes *b, struct entry *e)
+{
+	(void)e, put_double(b, 0, 0);
+}
+static void root_elsewhere(struct bytes *b, struct entry *e)
+{
+	(void)e, put_long(b, 40, 0);
+}
+static void root_too_long(struct bytes *b, struct entry *e)
+{
+	(void)e, put_long(b, 48, 1 << 20);
+}
+static void no_hierarchy(struct bytes *b, struct entry *e)
+{
+	(void)e, b->at[HIERARCHY - 60 + 2] = 'C';
+}
 
 static bool is_below(const struct entry *e, const struct entry *node)
 {
@@ -244,32 +302,32 @@ static void in_pages(struct bytes *b, struct entry *e)
 	put_long(b, 48, n * ENTRY);
 }
 
-static const double last_corner[4] = { 638000, 851300, 1e7, 1e7 };
+static const double last_corner[4] = {638000, 851300, 1e7, 1e7};
 
 static const struct lie lies[] = {
-	{ "no lie", no_lie, true },
-	{ "pages below pages", in_pages, true },
-	{ "a node in the last corner", last_node, true, last_corner },
-	{ "a node left out", left_out, false },
-	{ "a node twice, another left out", twice, false },
-	{ "a node at another byte", moved, false },
-	{ "a node beyond the file", beyond, false },
-	{ "a node far beyond", far_beyond, false },
-	{ "a node of negative size", negative_size, false },
-	{ "a node of too many points", more_points, false },
-	{ "a node of -2 points", no_such_points, false },
-	{ "a node out of the cube", no_such_node, false },
-	{ "a node below the cube", negative_node, false },
-	{ "a node of level 200", deep_node, false },
-	{ "a page that names itself", page_of_itself, false },
-	{ "a page among the points", page_elsewhere, false },
-	{ "a page of 33 bytes", page_cut, false },
-	{ "a cube too small", small_cube, false },
-	{ "a cube without end", endless_cube, false },
-	{ "a cube elsewhere", moved_cube, false },
-	{ "a root page elsewhere", root_elsewhere, false },
-	{ "a root page too long", root_too_long, false },
-	{ "no hierarchy", no_hierarchy, false },
+	{"no lie", no_lie, true},
+	{"pages below pages", in_pages, true},
+	{"a node in the last corner", last_node, true, last_corner},
+	{"a node left out", left_out, false},
+	{"a node twice, another left out", twice, false},
+	{"a node at another byte", moved, false},
+	{"a node beyond the file", beyond, false},
+	{"a node far beyond", far_beyond, false},
+	{"a node of negative size", negative_size, false},
+	{"a node of too many points", more_points, false},
+	{"a node of -2 points", no_such_points, false},
+	{"a node out of the cube", no_such_node, false},
+	{"a node below the cube", negative_node, false},
+	{"a node of level 200", deep_node, false},
+	{"a page that names itself", page_of_itself, false},
+	{"a page among the points", page_elsewhere, false},
+	{"a page of 33 bytes", page_cut, false},
+	{"a cube too small", small_cube, false},
+	{"a cube without end", endless_cube, false},
+	{"a cube elsewhere", moved_cube, false},
+	{"a root page elsewhere", root_elsewhere, false},
+	{"a root page too long", root_too_long, false},
+	{"no hierarchy", no_hierarchy, false},
 };
 
 static struct bytes read_bytes(int fd, size_t more)
@@ -279,7 +337,7 @@ static struct bytes read_bytes(int fd, size_t more)
 
 	if (fstat(fd, &st))
 		abort();
-	b = (struct bytes){ calloc(1, (size_t)st.st_size + more), (size_t)st.st_size + more };
+	b = (struct bytes){calloc(1, (size_t)st.st_size + more), (size_t)st.st_size + more};
 	if (pread(fd, b.at, (size_t)st.st_size, 0) != st.st_size)
 		abort();
 	return b;
@@ -287,7 +345,7 @@ static struct bytes read_bytes(int fd, size_t more)
 
 static void tell(const char *folder, const struct lie *lie)
 {
-	static const double usual[4] = { 635700, 849000, 636000, 849500 };
+	static const double usual[4] = {635700, 849000, 636000, 849500};
 	const double *crop = lie->crop ? lie->crop : usual;
 	const char *what = lie->name;
 	size_t more = lie->tell == in_pages ? 20 * ENTRY : 0;

@@ -29,41 +29,44 @@ struct row {
 };
 
 static const struct row rows[] = {
-#define GOLDEN(...) { __VA_ARGS__ },
+#define GOLDEN(...) {__VA_ARGS__},
 #include "golden.def"
 #undef GOLDEN
 };
 
 /* What the files say of their coordinate systems; all others say nothing. */
-static const struct { const char *file; enum crs_plane plane; const char *crs, *unit_xy, *unit_z; } systems[] = {
-	{ "las10_pdrf0_ft.las", CRS_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown" },
-	{ "las10_pdrf1_tiny.las", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "metre" },
-	{ "las12_pdrf0_lonlat_epsg4326.las", CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ "las12_pdrf0_utm10.las", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "las12_pdrf2_utm10.las", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "las12_pdrf3_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
-	{ "las12_pdrf3_epsg2903_ftus.las", CRS_PLANE_PROJECTED, "EPSG:2903 + EPSG:5103", "us-survey-foot",
-	  "us-survey-foot" },
-	{ "las12_pdrf3_lonlat_epsg4326.las", CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown" },
-	{ "las10_pdrf0_ft_pointwise.laz", CRS_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown" },
-	{ "las10_pdrf1_tiny.laz", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "metre" },
-	{ "las11_pdrf1_town_278k.laz", CRS_PLANE_PROJECTED, "EPSG:32754", "metre", "metre" },
-	{ "las12_pdrf0_utm10.laz", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "las12_pdrf2_utm10.laz", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown" },
-	{ "las12_pdrf3_autzen_ft.laz", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
-	{ "las13_pdrf1_forest_217k.laz", CRS_PLANE_PROJECTED, "EPSG:32617", "metre", "metre" },
-	{ "las13_pdrf4_fullwave.laz", CRS_PLANE_PROJECTED, "unknown", "unknown", "metre" },
-	{ "las14_pdrf7_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown" },
-	{ "las14_pdrf6_ign_289k.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "tiles_ign_pdrf8/770500_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "tiles_ign_pdrf8/770550_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "tiles_ign_pdrf8/770600_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "tiles_ign_pdrf8/770500_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "tiles_ign_pdrf8/770550_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "tiles_ign_pdrf8/770600_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown" },
-	{ "las14_pdrf10_fullwave.laz", CRS_PLANE_PROJECTED, "EPSG:32723", "metre", "unknown" },
-	{ "las14_pdrf7_1065.copc.laz", CRS_PLANE_PROJECTED, "EPSG:2991 + EPSG:6360", "metre", "us-survey-foot" },
-	{ "las14_pdrf6_tiny_chunk0.copc.laz", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "unknown" },
+static const struct {
+	const char *file;
+	enum crs_plane plane;
+	const char *crs, *unit_xy, *unit_z;
+} systems[] = {
+	{"las10_pdrf0_ft.las", CRS_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown"},
+	{"las10_pdrf1_tiny.las", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "metre"},
+	{"las12_pdrf0_lonlat_epsg4326.las", CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown"},
+	{"las12_pdrf0_utm10.las", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown"},
+	{"las12_pdrf2_utm10.las", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown"},
+	{"las12_pdrf3_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown"},
+	{"las12_pdrf3_epsg2903_ftus.las", CRS_PLANE_PROJECTED, "EPSG:2903 + EPSG:5103", "us-survey-foot", "us-survey-foot"},
+	{"las12_pdrf3_lonlat_epsg4326.las", CRS_PLANE_GEOGRAPHIC, "EPSG:4326", "degree", "unknown"},
+	{"las10_pdrf0_ft_pointwise.laz", CRS_PLANE_PROJECTED, "EPSG:32128", "us-survey-foot", "unknown"},
+	{"las10_pdrf1_tiny.laz", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "metre"},
+	{"las11_pdrf1_town_278k.laz", CRS_PLANE_PROJECTED, "EPSG:32754", "metre", "metre"},
+	{"las12_pdrf0_utm10.laz", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown"},
+	{"las12_pdrf2_utm10.laz", CRS_PLANE_PROJECTED, "EPSG:26910", "metre", "unknown"},
+	{"las12_pdrf3_autzen_ft.laz", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown"},
+	{"las13_pdrf1_forest_217k.laz", CRS_PLANE_PROJECTED, "EPSG:32617", "metre", "metre"},
+	{"las13_pdrf4_fullwave.laz", CRS_PLANE_PROJECTED, "unknown", "unknown", "metre"},
+	{"las14_pdrf7_autzen_ft.las", CRS_PLANE_PROJECTED, "NAD_1983_HARN_Lambert_Conformal_Conic", "foot", "unknown"},
+	{"las14_pdrf6_ign_289k.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"tiles_ign_pdrf8/770500_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"tiles_ign_pdrf8/770550_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"tiles_ign_pdrf8/770600_6277550.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"tiles_ign_pdrf8/770500_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"tiles_ign_pdrf8/770550_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"tiles_ign_pdrf8/770600_6277600.laz", CRS_PLANE_PROJECTED, "EPSG:2154", "metre", "unknown"},
+	{"las14_pdrf10_fullwave.laz", CRS_PLANE_PROJECTED, "EPSG:32723", "metre", "unknown"},
+	{"las14_pdrf7_1065.copc.laz", CRS_PLANE_PROJECTED, "EPSG:2991 + EPSG:6360", "metre", "us-survey-foot"},
+	{"las14_pdrf6_tiny_chunk0.copc.laz", CRS_PLANE_PROJECTED, "EPSG:26917", "metre", "unknown"},
 };
 
 static int failures;
@@ -137,8 +140,7 @@ static void check_system(const struct row *row, const struct input_info *info)
 	while (i < sizeof systems / sizeof *systems && strcmp(systems[i].file, row->file))
 		i++;
 	if (i == sizeof systems / sizeof *systems) {
-		CHECK(row, info->crs.plane == CRS_PLANE_UNKNOWN && !strcmp(info->crs.text, "unknown"), "is %s",
-		      info->crs.text);
+		CHECK(row, info->crs.plane == CRS_PLANE_UNKNOWN && !strcmp(info->crs.text, "unknown"), "is %s", info->crs.text);
 		return;
 	}
 	CHECK(row, info->crs.plane == systems[i].plane, "plane %d", info->crs.plane);
@@ -161,10 +163,10 @@ static void check_variant(const struct row *row, const struct input_info *info)
 /* `whole`: every byte of the records is looked at; otherwise only what terrain needs is decoded. */
 static void check_file(const char *folder, const struct row *row, bool whole)
 {
-	const struct input_options options = { .planar = true };
+	const struct input_options options = {.planar = true};
 	struct err err = ERR_INIT;
 	struct input_points pts;
-	struct sums sums = { 0 };
+	struct sums sums = {0};
 	struct input *in = NULL;
 	XXH64_state_t *hash = XXH64_createState();
 	char path[4400];
@@ -184,8 +186,7 @@ static void check_file(const char *folder, const struct row *row, bool whole)
 		while (!(rc = input_read(in, &pts, &err)) && pts.n)
 			add(&sums, &pts);
 		check_sums(row, &sums, &input_info(in)->coords);
-		CHECK(row, !whole || XXH64_digest(hash) == row->hash, "hash %016llx",
-		      (unsigned long long)XXH64_digest(hash));
+		CHECK(row, !whole || XXH64_digest(hash) == row->hash, "hash %016llx", (unsigned long long)XXH64_digest(hash));
 	}
 	CHECK(row, !rc, "%s", err.message);
 	input_close(in);
@@ -202,18 +203,18 @@ static const struct text_row {
 	int place_xy, place_z;
 	int64_t sum[3];
 } texts[] = {
-	{ "s400.xyz", 400, -3, -1, { 40599627, 40221370, 0 } },
-	{ "rect1.xyz", 242, -3, -1, { 24601886, 14489233, 0 } },
-	{ "grid_60m.xyz", 400, 0, 0, { 176528000, 1500288000, 50706 } },
+	{"s400.xyz", 400, -3, -1, {40599627, 40221370, 0}},
+	{"rect1.xyz", 242, -3, -1, {24601886, 14489233, 0}},
+	{"grid_60m.xyz", 400, 0, 0, {176528000, 1500288000, 50706}},
 };
 
 static void check_text(const char *folder, const struct text_row *row)
 {
-	const struct input_options options = { 0 };
+	const struct input_options options = {0};
 	struct err err = ERR_INIT;
 	struct input_points pts;
 	struct input *in = NULL;
-	int64_t sum[3] = { 0 };
+	int64_t sum[3] = {0};
 	uint64_t n = 0;
 	char path[4400];
 	int fd, rc;
@@ -234,8 +235,8 @@ static void check_text(const char *folder, const struct text_row *row)
 					sum[k] += pts.raw[i][k];
 		}
 		CHECK(row, n == row->points, "%llu points", (unsigned long long)n);
-		CHECK(row, !memcmp(sum, row->sum, sizeof sum), "sums %lld %lld %lld", (long long)sum[0],
-		      (long long)sum[1], (long long)sum[2]);
+		CHECK(row, !memcmp(sum, row->sum, sizeof sum), "sums %lld %lld %lld", (long long)sum[0], (long long)sum[1],
+		      (long long)sum[2]);
 	}
 	CHECK(row, !rc, "%s", err.message);
 	input_close(in);

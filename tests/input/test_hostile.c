@@ -19,10 +19,11 @@
 #include "fixture.h"
 #include "io.h"
 
-#define WKT "COMPD_CS[\"c\",PROJCS[\"p\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"metre\",1]]," \
+#define WKT                                                                                                 \
+	"COMPD_CS[\"c\",PROJCS[\"p\",GEOGCS[\"g\",UNIT[\"degree\",0.0174532925199433]],UNIT[\"metre\",1]]," \
 	"VERT_CS[\"v\",UNIT[\"metre\",1]]]"
 
-static const struct input_options defaults, truncated = { .accept_truncated = true, .planar = true };
+static const struct input_options defaults, truncated = {.accept_truncated = true, .planar = true};
 
 enum { KINDS = 3, BATCH = 64, BATCH_BYTES = BATCH * (24 + 3) };
 
@@ -44,9 +45,9 @@ static void check(const void *bytes, size_t size, const struct input_options *op
 static struct bytes sample(int kind)
 {
 	static const struct las_spec specs[] = {
-		{ .minor = 2, .format = 1, .n = 20, .wkt = WKT, .gap = 5 },
-		{ .minor = 4, .format = 6, .n = 20, .wkt = WKT, .wkt_behind = true, .encoding = 16, .extra = 3 },
-		{ .minor = 3, .format = 4, .n = 20, .encoding = 2 },
+		{.minor = 2, .format = 1, .n = 20, .wkt = WKT, .gap = 5},
+		{.minor = 4, .format = 6, .n = 20, .wkt = WKT, .wkt_behind = true, .encoding = 16, .extra = 3},
+		{.minor = 3, .format = 4, .n = 20, .encoding = 2},
 	};
 
 	return fixture_las(&specs[kind]);
@@ -65,8 +66,7 @@ static void cut_at_every_byte(void **state)
 			if (out.code == 0)
 				assert_int_equal(out.points, 20);
 			else
-				assert_int_equal(out.code, n >= 227 && out.err.offset == 96 ? ERR_INPUT
-											    : ERR_TRUNCATED);
+				assert_int_equal(out.code, n >= 227 && out.err.offset == 96 ? ERR_INPUT : ERR_TRUNCATED);
 		}
 		free(b.at);
 	}
@@ -85,10 +85,10 @@ static void random_changes(void **state)
 			/* half of them in the header, where they hurt */
 			size_t range = fixture_random(&seed) % 2 && b.size > 400 ? 400 : b.size;
 			size_t at = fixture_random(&seed) % range;
-			static const uint8_t odd[] = { 0, 1, 0x7f, 0x80, 0xff };
+			static const uint8_t odd[] = {0, 1, 0x7f, 0x80, 0xff};
 
-			b.at[at] = fixture_random(&seed) % 2 ? odd[fixture_random(&seed) % sizeof odd]
-							    : (uint8_t)fixture_random(&seed);
+			b.at[at] = fixture_random(&seed) % 2 ? odd[fixture_random(&seed) % sizeof odd] :
+							       (uint8_t)fixture_random(&seed);
 		}
 		if (fixture_random(&seed) % 4 == 0)
 			b.size -= fixture_random(&seed) % b.size;
@@ -110,10 +110,9 @@ static void random_text(void **state)
 		struct outcome out;
 
 		for (size_t i = 0; i < n; i++)
-			text[i] =
-			    fixture_random(&seed) % 50
-				? alphabet[fixture_random(&seed) % (round % 2 ? 15 : sizeof alphabet - 1)]
-				: (char)fixture_random(&seed);
+			text[i] = fixture_random(&seed) % 50 ?
+					  alphabet[fixture_random(&seed) % (round % 2 ? 15 : sizeof alphabet - 1)] :
+					  (char)fixture_random(&seed);
 		account_begin();
 		out = fixture_read(text, n, "a.xyz", &defaults, BATCH);
 		assert_true(account_taken() <= input_bytes() + BATCH_BYTES);
@@ -125,14 +124,13 @@ static void random_text(void **state)
 /* A header of 4 GiB of records, a sparse file: bounded reading, bounded memory. */
 static void four_gigabytes_of_records(void **state)
 {
-	struct las_spec s = { .minor = 4, .format = 6, .vlrs_more = UINT32_MAX };
+	struct las_spec s = {.minor = 4, .format = 6, .vlrs_more = UINT32_MAX};
 	struct bytes b = fixture_las(&s);
 	int fd = fixture_fd(b.at, b.size);
 	struct outcome out;
 
 	assert_int_equal(pwrite(fd, "\xff\xff\xff\xff", 4, 96), 4);
-	assert_int_equal(pwrite(fd, "\x77\x01\0\0\0\0\0\0\xff\xff\xff\xff", 12, 235),
-			 12); /* records behind, too */
+	assert_int_equal(pwrite(fd, "\x77\x01\0\0\0\0\0\0\xff\xff\xff\xff", 12, 235), 12); /* records behind, too */
 	assert_int_equal(ftruncate(fd, (off_t)5 << 30), 0);
 	account_begin();
 	out = fixture_read_fd(fd, "a.las", &defaults, BATCH);
@@ -178,12 +176,12 @@ static void file_calls_fail(void **state)
 	faults.table.fstat = faulty_fstat;
 	io = &faults.table;
 	for (int kind = 0; kind <= KINDS; kind++) {
-		struct bytes b = kind < KINDS ? sample(kind) : (struct bytes){ (uint8_t *)text, sizeof text - 1 };
+		struct bytes b = kind < KINDS ? sample(kind) : (struct bytes){(uint8_t *)text, sizeof text - 1};
 		const char *name = kind < KINDS ? "a.las" : "a.xyz";
 		struct outcome out;
 
 		faults.at_most = 0;
-		for (faults.fail_at = 1; ; faults.fail_at++) {
+		for (faults.fail_at = 1;; faults.fail_at++) {
 			faults.calls = 0;
 			out = fixture_read(b.at, b.size, name, &defaults, BATCH);
 			if (faults.calls < faults.fail_at)
@@ -195,8 +193,7 @@ static void file_calls_fail(void **state)
 		assert_true(faults.fail_at > 5);
 		faults.fail_at = 0;
 		for (faults.at_most = 1; faults.at_most < 60; faults.at_most += 7)
-			assert_int_equal(fixture_read(b.at, b.size, name, &defaults, BATCH).points,
-					 kind < KINDS ? 20 : 3);
+			assert_int_equal(fixture_read(b.at, b.size, name, &defaults, BATCH).points, kind < KINDS ? 20 : 3);
 		if (kind < KINDS)
 			free(b.at);
 	}
@@ -206,11 +203,8 @@ static void file_calls_fail(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(cut_at_every_byte),
-		cmocka_unit_test(random_changes),
-		cmocka_unit_test(random_text),
-		cmocka_unit_test(four_gigabytes_of_records),
-		cmocka_unit_test(file_calls_fail),
+		cmocka_unit_test(cut_at_every_byte),         cmocka_unit_test(random_changes),  cmocka_unit_test(random_text),
+		cmocka_unit_test(four_gigabytes_of_records), cmocka_unit_test(file_calls_fail),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -17,7 +17,7 @@
 #include "input_parts.h"
 #include "point.h"
 
-static const struct input_options defaults, truncated = { .accept_truncated = true }, planar = { .planar = true };
+static const struct input_options defaults, truncated = {.accept_truncated = true}, planar = {.planar = true};
 
 #define GEOGRAPHIC "GEOGCS[\"WGS 84\",UNIT[\"degree\",0.0174532925199433],AUTHORITY[\"EPSG\",\"4326\"]]"
 #define GEOCENTRIC "GEOCCS[\"here\",UNIT[\"metre\",1]]"
@@ -91,7 +91,7 @@ static void every_format(void **state)
 {
 	for (unsigned format = 0; format <= 10; format++) {
 		for (unsigned minor = format < 4 ? 0 : format < 6 ? 3 : 4; minor <= 5; minor++) {
-			struct las_spec s = { .minor = minor, .format = format, .n = 300 };
+			struct las_spec s = {.minor = minor, .format = format, .n = 300};
 
 			check_all_points(&s, 300);
 			s.extra = 7;
@@ -104,7 +104,7 @@ static void every_format(void **state)
 static void many_points(void **state)
 {
 	for (unsigned format = 0; format <= 10; format++) {
-		struct las_spec s = { .minor = 4, .format = format, .n = 33333, .extra = format % 3 };
+		struct las_spec s = {.minor = 4, .format = format, .n = 33333, .extra = format % 3};
 
 		check_all_points(&s, 4097);
 	}
@@ -112,7 +112,7 @@ static void many_points(void **state)
 
 static void coordinates(void **state)
 {
-	struct las_spec s = { .minor = 2, .n = 5 };
+	struct las_spec s = {.minor = 2, .n = 5};
 	struct bytes b = fixture_las(&s);
 	struct outcome out = fixture_read(b.at, b.size, "a.las", &defaults, 10);
 	const struct lattice_input *c = &out.info.coords;
@@ -137,14 +137,14 @@ static void coordinates(void **state)
 static void harmless_quirks(void **state)
 {
 	const struct las_spec specs[] = {
-		{ .minor = 2, .n = 50, .header_extra = 2 },
-		{ .minor = 4, .format = 6, .n = 50, .header_extra = 18, .gap = 1000 },
-		{ .minor = 0, .n = 50, .gap = 2 },
-		{ .minor = 2, .n = 50, .vlrs_more = 1 },
-		{ .minor = 2, .n = 50, .vlrs_more = UINT32_MAX },
-		{ .minor = 2, .format = 6, .n = 50 }, /* a format that is newer than the file */
-		{ .minor = 3, .n = 0 },
-		{ .minor = 2, .n = 50, .extra = 300 },
+		{.minor = 2, .n = 50, .header_extra = 2},
+		{.minor = 4, .format = 6, .n = 50, .header_extra = 18, .gap = 1000},
+		{.minor = 0, .n = 50, .gap = 2},
+		{.minor = 2, .n = 50, .vlrs_more = 1},
+		{.minor = 2, .n = 50, .vlrs_more = UINT32_MAX},
+		{.minor = 2, .format = 6, .n = 50}, /* a format that is newer than the file */
+		{.minor = 3, .n = 0},
+		{.minor = 2, .n = 50, .extra = 300},
 	};
 
 	for (size_t i = 0; i < sizeof specs / sizeof *specs; i++)
@@ -153,7 +153,7 @@ static void harmless_quirks(void **state)
 
 static void coordinate_systems(void **state)
 {
-	struct las_spec s = { .minor = 4, .format = 6, .n = 9, .encoding = 16 };
+	struct las_spec s = {.minor = 4, .format = 6, .n = 9, .encoding = 16};
 	struct outcome out;
 	struct bytes b;
 
@@ -206,7 +206,7 @@ static size_t put_record(struct bytes b, size_t at, const char *user, uint16_t s
 /* The standard's own record goes before libLAS' and others', the first before the second. */
 static void several_records(void **state)
 {
-	struct las_spec s = { .minor = 2, .n = 9, .gap = 2000, .vlrs_more = 4 };
+	struct las_spec s = {.minor = 2, .n = 9, .gap = 2000, .vlrs_more = 4};
 	struct bytes b = fixture_las(&s);
 	size_t at = 227;
 	struct outcome out;
@@ -225,7 +225,7 @@ static void several_records(void **state)
 /* A record that does not fit before the points, or behind them, or is too large for any text: not read. */
 static void records_that_lie_of_their_size(void **state)
 {
-	struct las_spec s = { .minor = 2, .n = 9, .gap = 500, .vlrs_more = 1 };
+	struct las_spec s = {.minor = 2, .n = 9, .gap = 500, .vlrs_more = 1};
 	struct bytes b = fixture_las(&s);
 	size_t size = 70000;
 	char *wkt = malloc(size + 1);
@@ -245,7 +245,7 @@ static void records_that_lie_of_their_size(void **state)
 	memcpy(wkt, PROJECTED, sizeof PROJECTED - 1);
 	wkt[size] = 0;
 	for (int lie = 0; lie < 3; lie++) {
-		s = (struct las_spec){ .minor = 4, .format = 6, .n = 9, .wkt_behind = true };
+		s = (struct las_spec){.minor = 4, .format = 6, .n = 9, .wkt_behind = true};
 		s.wkt = lie < 2 ? wkt : PROJECTED;
 		wkt[lie ? 65536 : size] = 0;
 		b = fixture_las(&s);
@@ -272,41 +272,41 @@ struct lie {
 };
 
 static const struct lie lies[] = {
-	{ 2, 0, 0, "LASX", 4, ERR_INPUT, 0, "file signature" },
-	{ 2, 0, 24, "\x02", 1, ERR_INPUT, 24, "version" },
-	{ 2, 0, 25, "\x06", 1, ERR_UNSUPPORTED, 24, "version" },
-	{ 2, 0, 25, "\x09", 1, ERR_UNSUPPORTED, 24, "version" },
-	{ 2, 0, 25, "\x04", 1, ERR_INPUT, 94, "header size" },
-	{ 2, 0, 94, "\x0a\0", 2, ERR_INPUT, 94, "header size" },
-	{ 2, 0, 94, "\xe2\0", 2, ERR_INPUT, 94, "header size" },
-	{ 2, 0, 94, "\xff\xff", 2, ERR_INPUT, 96, "point offset" },
-	{ 2, 0, 96, "\x0a\0\0\0", 4, ERR_INPUT, 96, "point offset" },
-	{ 2, 0, 96, "\xff\xff\xff\x7f", 4, ERR_INPUT, 96, "point offset" },
-	{ 2, 0, 104, "\x0b", 1, ERR_INPUT, 104, "point format" },
-	{ 2, 0, 104, "\x40", 1, ERR_INPUT, 104, "point format" },
-	{ 2, 0, 104, "\x80", 1, ERR_INPUT, 104, "point format" },
-	{ 4, 6, 104, "\x86", 1, ERR_INPUT, 104, "point format" },
-	{ 2, 0, 105, "\0\0", 2, ERR_INPUT, 105, "record length" },
-	{ 2, 0, 105, "\x13\0", 2, ERR_INPUT, 105, "record length" },
-	{ 2, 0, 105, "\x15\0", 2, ERR_TRUNCATED, 227 + 47 * 21, "points" },
-	{ 2, 0, 107, "\x33\0\0\0", 4, ERR_TRUNCATED, 227 + 50 * 20, "points" },
-	{ 2, 0, 107, "\xff\xff\xff\xff", 4, ERR_TRUNCATED, 227 + 50 * 20, "points" },
-	{ 4, 6, 247, "\0\0\0\0\0\0\0\x80", 8, ERR_TRUNCATED, 375 + 50 * 30, "points" },
-	{ 4, 6, 247, "\xff\xff\xff\xff\xff\xff\xff\xff", 8, ERR_TRUNCATED, 375 + 50 * 30, "points" },
-	{ 2, 0, 131, "\0\0\0\0\0\0\0\0", 8, ERR_INPUT, 131, "x scale" },
-	{ 2, 0, 139, "\0\0\0\0\0\0\xf8\x7f", 8, ERR_INPUT, 139, "y scale" },
-	{ 2, 0, 147, "\0\0\0\0\0\0\xf0\x7f", 8, ERR_INPUT, 147, "z scale" },
-	{ 2, 0, 138, "\xbf", 1, ERR_INPUT, 131, "x scale" },
-	{ 2, 0, 131, "\x9c\x75\0\x88\x3c\xe4\x37\x7e", 8, ERR_INPUT, 131, "x scale" }, /* 1e300 */
-	{ 2, 0, 155, "\0\0\0\0\0\0\xf0\x7f", 8, ERR_INPUT, 155, "x offset" },
-	{ 2, 0, 171, "\0\0\0\0\0\0\xf8\xff", 8, ERR_INPUT, 171, "z offset" },
+	{2, 0, 0, "LASX", 4, ERR_INPUT, 0, "file signature"},
+	{2, 0, 24, "\x02", 1, ERR_INPUT, 24, "version"},
+	{2, 0, 25, "\x06", 1, ERR_UNSUPPORTED, 24, "version"},
+	{2, 0, 25, "\x09", 1, ERR_UNSUPPORTED, 24, "version"},
+	{2, 0, 25, "\x04", 1, ERR_INPUT, 94, "header size"},
+	{2, 0, 94, "\x0a\0", 2, ERR_INPUT, 94, "header size"},
+	{2, 0, 94, "\xe2\0", 2, ERR_INPUT, 94, "header size"},
+	{2, 0, 94, "\xff\xff", 2, ERR_INPUT, 96, "point offset"},
+	{2, 0, 96, "\x0a\0\0\0", 4, ERR_INPUT, 96, "point offset"},
+	{2, 0, 96, "\xff\xff\xff\x7f", 4, ERR_INPUT, 96, "point offset"},
+	{2, 0, 104, "\x0b", 1, ERR_INPUT, 104, "point format"},
+	{2, 0, 104, "\x40", 1, ERR_INPUT, 104, "point format"},
+	{2, 0, 104, "\x80", 1, ERR_INPUT, 104, "point format"},
+	{4, 6, 104, "\x86", 1, ERR_INPUT, 104, "point format"},
+	{2, 0, 105, "\0\0", 2, ERR_INPUT, 105, "record length"},
+	{2, 0, 105, "\x13\0", 2, ERR_INPUT, 105, "record length"},
+	{2, 0, 105, "\x15\0", 2, ERR_TRUNCATED, 227 + 47 * 21, "points"},
+	{2, 0, 107, "\x33\0\0\0", 4, ERR_TRUNCATED, 227 + 50 * 20, "points"},
+	{2, 0, 107, "\xff\xff\xff\xff", 4, ERR_TRUNCATED, 227 + 50 * 20, "points"},
+	{4, 6, 247, "\0\0\0\0\0\0\0\x80", 8, ERR_TRUNCATED, 375 + 50 * 30, "points"},
+	{4, 6, 247, "\xff\xff\xff\xff\xff\xff\xff\xff", 8, ERR_TRUNCATED, 375 + 50 * 30, "points"},
+	{2, 0, 131, "\0\0\0\0\0\0\0\0", 8, ERR_INPUT, 131, "x scale"},
+	{2, 0, 139, "\0\0\0\0\0\0\xf8\x7f", 8, ERR_INPUT, 139, "y scale"},
+	{2, 0, 147, "\0\0\0\0\0\0\xf0\x7f", 8, ERR_INPUT, 147, "z scale"},
+	{2, 0, 138, "\xbf", 1, ERR_INPUT, 131, "x scale"},
+	{2, 0, 131, "\x9c\x75\0\x88\x3c\xe4\x37\x7e", 8, ERR_INPUT, 131, "x scale"}, /* 1e300 */
+	{2, 0, 155, "\0\0\0\0\0\0\xf0\x7f", 8, ERR_INPUT, 155, "x offset"},
+	{2, 0, 171, "\0\0\0\0\0\0\xf8\xff", 8, ERR_INPUT, 171, "z offset"},
 };
 
 static void lies_that_matter(void **state)
 {
 	for (size_t i = 0; i < sizeof lies / sizeof *lies; i++) {
 		const struct lie *lie = &lies[i];
-		struct las_spec s = { .minor = lie->minor, .format = lie->format, .n = 50 };
+		struct las_spec s = {.minor = lie->minor, .format = lie->format, .n = 50};
 		struct bytes b = fixture_las(&s);
 		struct outcome out;
 
@@ -331,15 +331,15 @@ static void lies_that_do_not_matter(void **state)
 		size_t n;
 		const char *warning;
 	} harmless[] = {
-		{ 2, 0, 179, "\0\0\0\0\0\0\xf8\x7f", 8, "box" },            /* max x NaN */
-		{ 2, 0, 187, "\0\0\0\0\0\0\xf0\x7f", 8, "box" },            /* min x infinite */
-		{ 2, 0, 100, "\xff\xff\xff\xff", 4, "variable length records claimed" },
-		{ 4, 6, 243, "\x03\0\0\0", 4, "extended variable length records claimed" },
-		{ 4, 6, 107, "\x07\0\0\0", 4, "two point counts" },
+		{2, 0, 179, "\0\0\0\0\0\0\xf8\x7f", 8, "box"}, /* max x NaN */
+		{2, 0, 187, "\0\0\0\0\0\0\xf0\x7f", 8, "box"}, /* min x infinite */
+		{2, 0, 100, "\xff\xff\xff\xff", 4, "variable length records claimed"},
+		{4, 6, 243, "\x03\0\0\0", 4, "extended variable length records claimed"},
+		{4, 6, 107, "\x07\0\0\0", 4, "two point counts"},
 	};
 
 	for (size_t i = 0; i < sizeof harmless / sizeof *harmless; i++) {
-		struct las_spec s = { .minor = harmless[i].minor, .format = harmless[i].format, .n = 50 };
+		struct las_spec s = {.minor = harmless[i].minor, .format = harmless[i].format, .n = 50};
 		struct bytes b = fixture_las(&s);
 		struct outcome out;
 
@@ -356,7 +356,7 @@ static void lies_that_do_not_matter(void **state)
 
 static void truncation_accepted(void **state)
 {
-	struct las_spec s = { .minor = 2, .format = 1, .n = 50 };
+	struct las_spec s = {.minor = 2, .format = 1, .n = 50};
 	struct bytes b = fixture_las(&s);
 	struct outcome out = fixture_read(b.at, b.size - 1, "a.las", &defaults, 100);
 
@@ -376,7 +376,7 @@ static void truncation_accepted(void **state)
 /* What follows the points is not points, even where a wrong count says so. */
 static void points_end_at_the_records_behind(void **state)
 {
-	struct las_spec s = { .minor = 4, .format = 6, .n = 50, .wkt = PROJECTED, .wkt_behind = true };
+	struct las_spec s = {.minor = 4, .format = 6, .n = 50, .wkt = PROJECTED, .wkt_behind = true};
 	struct bytes b = fixture_las(&s);
 	struct outcome out;
 
@@ -391,7 +391,7 @@ static void points_end_at_the_records_behind(void **state)
 
 static void legacy_count_alone(void **state)
 {
-	struct las_spec s = { .minor = 4, .format = 1, .n = 50 };
+	struct las_spec s = {.minor = 4, .format = 1, .n = 50};
 	struct bytes b = fixture_las(&s);
 	struct outcome out;
 
@@ -404,7 +404,7 @@ static void legacy_count_alone(void **state)
 
 static void changes_while_read(void **state)
 {
-	struct las_spec s = { .minor = 2, .n = 50000 };
+	struct las_spec s = {.minor = 2, .n = 50000};
 	struct bytes b = fixture_las(&s);
 
 	for (int how = 0; how < 3; how++) {
@@ -422,7 +422,7 @@ static void changes_while_read(void **state)
 		else if (how == 1)
 			assert_int_equal(ftruncate(fd, (off_t)b.size + 1), 0);
 		else
-			assert_int_equal(futimens(fd, (struct timespec[]){ { .tv_sec = 1 }, { .tv_sec = 1 } }), 0);
+			assert_int_equal(futimens(fd, (struct timespec[]){{.tv_sec = 1}, {.tv_sec = 1}}), 0);
 		do
 			rc = input_read(in, &pts, &err);
 		while (!rc && pts.n);
@@ -437,9 +437,10 @@ static void changes_while_read(void **state)
 
 static void formats_by_content_and_name(void **state)
 {
-	struct input_options forced = { .format = "xyz" }, wrong = { .format = "e57" };
-	static const char binary[] = "\x7f" "ELF\2\1\1\0\0\0";
-	struct las_spec s = { .minor = 2, .n = 3 };
+	struct input_options forced = {.format = "xyz"}, wrong = {.format = "e57"};
+	static const char binary[] = "\x7f"
+				     "ELF\2\1\1\0\0\0";
+	struct las_spec s = {.minor = 2, .n = 3};
 	struct bytes b = fixture_las(&s);
 	size_t n;
 
@@ -462,7 +463,7 @@ static void formats_by_content_and_name(void **state)
 /* Each part by a reader of its own, the last one first: the points of the whole, each once. */
 static void parts(void **state)
 {
-	struct las_spec s = { .minor = 4, .format = 6, .n = 2 * INPUT_LAS_PART + 77 };
+	struct las_spec s = {.minor = 4, .format = 6, .n = 2 * INPUT_LAS_PART + 77};
 	struct bytes b = fixture_las(&s);
 	int fd = fixture_fd(b.at, b.size);
 	struct err err = ERR_INIT;
@@ -528,11 +529,11 @@ static uint64_t read_through(struct input *in)
 /* The whole: each byte of the points once, upwards. Parts, which are read at once and in any order: nothing. */
 static void shows_what_it_reads(void **state)
 {
-	struct las_spec s = { .minor = 2, .format = 1, .n = INPUT_LAS_PART + 77 };
+	struct las_spec s = {.minor = 2, .format = 1, .n = INPUT_LAS_PART + 77};
 	struct bytes b = fixture_las(&s);
 	int fd = fixture_fd(b.at, b.size);
-	struct shown shown = { .at = b.size - s.n * fixture_length(1), .file = b.at };
-	struct input_options options = { .seen = show, .seen_ctx = &shown };
+	struct shown shown = {.at = b.size - s.n * fixture_length(1), .file = b.at};
+	struct input_options options = {.seen = show, .seen_ctx = &shown};
 	struct err err = ERR_INIT;
 	struct input *whole, *part;
 
@@ -555,10 +556,10 @@ static void shows_what_it_reads(void **state)
 /* What fills the pipe never stops: the reader comes back now and then, so that it can be told to. */
 static void endless_pipe(void **state)
 {
-	struct las_spec s = { .minor = 2, .format = 1, .n = 100 };
+	struct las_spec s = {.minor = 2, .format = 1, .n = 100};
 	struct bytes b = fixture_las(&s);
 	int fd = fixture_fd(b.at, b.size), zero = open("/dev/zero", O_RDONLY | O_CLOEXEC);
-	struct input_options options = { .has_pipe = true, .pipe = zero };
+	struct input_options options = {.has_pipe = true, .pipe = zero};
 	struct err err = ERR_INIT;
 	struct input_points pts;
 	struct input *in;

@@ -63,7 +63,7 @@ static void too_many_extra_bytes(void **state)
 	struct laz_format f;
 	struct err err = ERR_INIT;
 
-	struct laz_source source = { 0 };
+	struct laz_source source = {0};
 	struct laz_reader *reader;
 	void *memory;
 
@@ -79,7 +79,7 @@ static void too_many_extra_bytes(void **state)
 
 static void versions(void **state)
 {
-	static const unsigned good[] = { 2, 3, 4 }, bad[] = { 0, 1, 5, 65535 };
+	static const unsigned good[] = {2, 3, 4}, bad[] = {0, 1, 5, 65535};
 	struct laz_format f;
 
 	for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
@@ -119,9 +119,9 @@ static void stream_of_ones(void **state)
 	struct laz_format f;
 	struct err err = ERR_INIT;
 	uint8_t chunk[HEAD + 2 * LAYER], *records = malloc(2000 * 30);
-	struct memory_file file = { chunk, sizeof chunk };
-	struct laz_source source = { &file, read_memory };
-	struct laz_chunk place = { .at = 0, .bytes = sizeof chunk, .points = 2000 };
+	struct memory_file file = {chunk, sizeof chunk};
+	struct laz_source source = {&file, read_memory};
+	struct laz_chunk place = {.at = 0, .bytes = sizeof chunk, .points = 2000};
 	struct packer p = packer_of(chunk, sizeof chunk);
 	struct laz_reader *reader;
 	size_t n, bytes;
@@ -148,11 +148,11 @@ static void stream_of_ones(void **state)
 /* The real file of version 3, told to be of version 2. */
 static void version_2_is_3(void **state)
 {
-	static const struct input_options options = { .planar = true };
+	static const struct input_options options = {.planar = true};
 	const char *folder = fixture_data();
 	struct input_info info[2];
 	struct input_points pts[2];
-	struct bytes b = { 0 };
+	struct bytes b = {0};
 	struct stat st;
 	char path[4400];
 	uint8_t *vlr;
@@ -163,7 +163,7 @@ static void version_2_is_3(void **state)
 	if (fd < 0)
 		skip();
 	assert_int_equal(fstat(fd, &st), 0);
-	b = (struct bytes){ malloc((size_t)st.st_size), (size_t)st.st_size };
+	b = (struct bytes){malloc((size_t)st.st_size), (size_t)st.st_size};
 	assert_int_equal(pread(fd, b.at, b.size, 0), b.size);
 	close(fd);
 	vlr = memmem(b.at, 2000, "laszip encoded", 14);

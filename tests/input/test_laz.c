@@ -24,15 +24,26 @@ enum { BATCH = 100, BATCH_BYTES = BATCH * (24 + 3), ROUNDS = 400, NAMES = 17 };
 
 /* One of each point format and item version, up to 60 KB. */
 static const char *const names[NAMES] = {
-	"las10_pdrf0_ft_pointwise.laz", "las10_pdrf1_tiny.laz", "las12_pdrf0_utm10.laz", "las12_pdrf2_utm10.laz",
-	"las12_pdrf3_extrabytes.laz", "las13_pdrf4.laz", "las13_pdrf4_fullwave.laz", "las13_pdrf5.laz",
-	"las14_pdrf6.laz", "las14_pdrf7_v4.laz", "las14_pdrf8.laz", "las14_pdrf9.laz", "las14_pdrf10.laz",
-	"las14_pdrf6_tiny_chunk0.copc.laz", "las14_pdrf7_1065.copc.laz", "las15_pdrf9.laz",
+	"las10_pdrf0_ft_pointwise.laz",
+	"las10_pdrf1_tiny.laz",
+	"las12_pdrf0_utm10.laz",
+	"las12_pdrf2_utm10.laz",
+	"las12_pdrf3_extrabytes.laz",
+	"las13_pdrf4.laz",
+	"las13_pdrf4_fullwave.laz",
+	"las13_pdrf5.laz",
+	"las14_pdrf6.laz",
+	"las14_pdrf7_v4.laz",
+	"las14_pdrf8.laz",
+	"las14_pdrf9.laz",
+	"las14_pdrf10.laz",
+	"las14_pdrf6_tiny_chunk0.copc.laz",
+	"las14_pdrf7_1065.copc.laz",
+	"las15_pdrf9.laz",
 	"las14_pdrf6_ground_21k.copc.laz",
 };
 
-static const struct input_options defaults = { .planar = true },
-				  truncated = { .planar = true, .accept_truncated = true };
+static const struct input_options defaults = {.planar = true}, truncated = {.planar = true, .accept_truncated = true};
 static const char *folder;
 static int failures;
 
@@ -42,7 +53,7 @@ static int failures;
 static struct bytes load(const char *name)
 {
 	char path[4400];
-	struct bytes b = { 0 };
+	struct bytes b = {0};
 	struct stat st;
 	int fd;
 
@@ -75,7 +86,10 @@ static void put64(uint8_t *at, uint64_t v)
 		at[i] = (uint8_t)v;
 }
 
-static uint32_t point_offset(const uint8_t *file) { return (uint32_t)get64(file + 96); }
+static uint32_t point_offset(const uint8_t *file)
+{
+	return (uint32_t)get64(file + 96);
+}
 
 /* XXH64 of the first `most` points from `in` on, and how many there were. */
 static int hash_points(struct input *in, uint64_t most, XXH64_state_t *state, uint64_t *ret_n, struct err *err)
@@ -100,8 +114,8 @@ static int hash_points(struct input *in, uint64_t most, XXH64_state_t *state, ui
 }
 
 /* Of a file in memory; *ret_rc says how it ended. */
-static uint64_t hash_bytes(const struct bytes *b, const struct input_options *options, uint64_t most,
-			   uint64_t *ret_n, int *ret_rc, uint64_t *ret_parts)
+static uint64_t hash_bytes(const struct bytes *b, const struct input_options *options, uint64_t most, uint64_t *ret_n,
+			   int *ret_rc, uint64_t *ret_parts)
 {
 	XXH64_state_t *state = XXH64_createState();
 	struct err err = ERR_INIT;
@@ -134,27 +148,25 @@ static uint64_t cpu_ns(void)
 	return (uint64_t)t.tv_sec * 1000000000 + (uint64_t)t.tv_nsec;
 }
 
-static void check_one(const char *name, const uint8_t *at, size_t size, const struct input_options *options,
-		      unsigned *read)
+static void check_one(const char *name, const uint8_t *at, size_t size, const struct input_options *options, unsigned *read)
 {
 	uint64_t start = cpu_ns();
 	struct outcome out;
 
 	account_begin();
 	out = fixture_read(at, size, "a.laz", options, BATCH);
-	CHECK(name, account_taken() <= input_bytes() + out.info.read_bytes + BATCH_BYTES, "%zu bytes of memory",
-	      account_taken());
+	CHECK(name, account_taken() <= input_bytes() + out.info.read_bytes + BATCH_BYTES, "%zu bytes of memory", account_taken());
 	CHECK(name, out.info.read_bytes < 12 << 20, "%zu bytes to read it", out.info.read_bytes);
 	CHECK(name, account_read() <= 4 * (uint64_t)size + (1 << 20), "%" PRIu64 " bytes read", account_read());
 	CHECK(name, cpu_ns() - start < UINT64_C(5000000000), "it took seconds");
-	CHECK(name, out.code < ERR_COUNT && (!out.code || (out.err.message[0] && !strcmp(out.err.file, "a.laz"))),
-	      "error %d %s", out.code, out.err.message);
+	CHECK(name, out.code < ERR_COUNT && (!out.code || (out.err.message[0] && !strcmp(out.err.file, "a.laz"))), "error %d %s",
+	      out.code, out.err.message);
 	*read += out.code == 0;
 }
 
 static void random_changes(const char *name, const struct bytes *whole)
 {
-	static const uint8_t odd[] = { 0, 1, 0x7f, 0x80, 0xff };
+	static const uint8_t odd[] = {0, 1, 0x7f, 0x80, 0xff};
 	uint64_t seed = XXH64(name, strlen(name), 0);
 	uint32_t points = point_offset(whole->at);
 	uint8_t *copy = malloc(whole->size);
@@ -167,13 +179,13 @@ static void random_changes(const char *name, const struct bytes *whole)
 		memcpy(copy, whole->at, size);
 		for (unsigned i = 0; i < n; i++) {
 			/* header and records; the first points and layer sizes; the table; anywhere */
-			size_t from[] = { 0, points, size - 100, 0 }, range[] = { points, 120, 100, size };
+			size_t from[] = {0, points, size - 100, 0}, range[] = {points, 120, 100, size};
 			unsigned kind = fixture_random(&seed) % 4;
 			size_t at = from[kind] + fixture_random(&seed) % range[kind];
 
 			if (at < size)
-				copy[at] = fixture_random(&seed) % 2 ? odd[fixture_random(&seed) % sizeof odd]
-								     : (uint8_t)fixture_random(&seed);
+				copy[at] = fixture_random(&seed) % 2 ? odd[fixture_random(&seed) % sizeof odd] :
+								       (uint8_t)fixture_random(&seed);
 		}
 		if (fixture_random(&seed) % 4 == 0)
 			size -= fixture_random(&seed) % size;
@@ -191,7 +203,7 @@ static void cut(const char *name, const struct bytes *whole)
 
 	for (int round = 0; round < 12; round++) {
 		uint32_t points = point_offset(whole->at);
-		struct bytes b = { whole->at, points + fixture_random(&seed) % (whole->size - points) };
+		struct bytes b = {whole->at, points + fixture_random(&seed) % (whole->size - points)};
 		uint64_t hash = hash_bytes(&b, &truncated, UINT64_MAX, &n, &rc, &parts);
 
 		if (rc)
@@ -207,7 +219,7 @@ static void cut(const char *name, const struct bytes *whole)
 
 static void tables(const char *name, const struct bytes *whole)
 {
-	struct bytes b = { malloc(whole->size + 8), whole->size };
+	struct bytes b = {malloc(whole->size + 8), whole->size};
 	uint8_t *address;
 	uint64_t n, m, parts, parts_then, hash, then;
 	int rc;
@@ -248,7 +260,7 @@ static void tables(const char *name, const struct bytes *whole)
 /* The header's count: more or fewer points than the chunks hold is an error, never silence. */
 static void counts(const char *name, const struct bytes *whole)
 {
-	struct bytes b = { malloc(whole->size), whole->size };
+	struct bytes b = {malloc(whole->size), whole->size};
 	uint64_t n, m, parts;
 	int rc;
 
@@ -332,8 +344,8 @@ static void file_calls_fail(const char *name, const struct bytes *whole)
 		out = fixture_read(whole->at, whole->size, "a.laz", &defaults, BATCH);
 		if (faults.calls < faults.fail_at)
 			break;
-		CHECK(name, out.code == ERR_IO && !strcmp(out.err.file, "a.laz"), "call %u fails: %d, %s",
-		      faults.fail_at, out.code, out.err.message);
+		CHECK(name, out.code == ERR_IO && !strcmp(out.err.file, "a.laz"), "call %u fails: %d, %s", faults.fail_at,
+		      out.code, out.err.message);
 	}
 	points = out.points;
 	CHECK(name, !out.code && points, "%s", out.err.message);

@@ -39,8 +39,8 @@ static void read_table(const char *path)
 
 		if (line[0] == '#' || line[0] == '\n')
 			continue;
-		if (n_rows == ROWS || sscanf(line, "%79s %15s %31s %31s %79s %llu", r->file, r->options,
-					     r->outcome, r->offset, r->field, &r->points) != 6) {
+		if (n_rows == ROWS || sscanf(line, "%79s %15s %31s %31s %79s %llu", r->file, r->options, r->outcome, r->offset,
+					     r->field, &r->points) != 6) {
 			printf("%s: cannot read the row: %s", path, line);
 			exit(1);
 		}
@@ -62,9 +62,9 @@ static void compare(const struct row *row, const struct outcome *out)
 	    !strcmp(row->field, out->code ? out->err.field : "-") && (!out->code || out->err.message[0]))
 		return;
 	failures++;
-	printf("%s (%s): %s %s %s %llu; expected %s %s %s %llu; %s\n", row->file, row->options, outcome,
-	       offset, out->err.field, (unsigned long long)out->points, row->outcome, row->offset, row->field,
-	       row->points, out->code ? out->err.message : out->info.warning);
+	printf("%s (%s): %s %s %s %llu; expected %s %s %s %llu; %s\n", row->file, row->options, outcome, offset, out->err.field,
+	       (unsigned long long)out->points, row->outcome, row->offset, row->field, row->points,
+	       out->code ? out->err.message : out->info.warning);
 }
 
 static void check_row(const char *folder, const struct row *row)

@@ -26,34 +26,39 @@ struct good {
 };
 
 static const struct good good[] = {
-	{ "", 0, 0, 0, { 0 } },
-	{ "\n\n\r\n  \t\n", 0, 0, 0, { 0 } },
-	{ "# nothing\n// at all\n%\n  # here", 0, 0, 0, { 0 } },
-	{ "1 2 3", 1, 0, 0, { 1, 2, 3 } },
-	{ "1 2 3\n4 5 6\n", 2, 0, 0, { 4, 5, 6 } },
-	{ "1 2 3\r\n4 5 6\r\n", 2, 0, 0, { 4, 5, 6 } },
-	{ "1\t2\t3\n", 1, 0, 0, { 1, 2, 3 } },
-	{ "1,2,3\n", 1, 0, 0, { 1, 2, 3 } },
-	{ " 1 , 2 , 3 \n", 1, 0, 0, { 1, 2, 3 } },
-	{ "1,2,3 # note\n", 1, 0, 0, { 1, 2, 3 } },
-	{ "1;2;3;\n", 1, 0, 0, { 1, 2, 3 } },
-	{ "1; 2;\t3 ; 4;x\n", 1, 0, 0, { 1, 2, 3 } },
-	{ "1,2,3\n4 5 6\n7;8;9", 3, 0, 0, { 7, 8, 9 } },
-	{ "   1   2   3   red 255 #7\n", 1, 0, 0, { 1, 2, 3 } },
-	{ "# x y z\n1.5 2.25 3.125\n", 1, -2, -3, { 150, 225, 3125 } },
-	{ "-1.5 +2 -.5\n", 1, -1, -1, { -15, 20, -5 } },
-	{ "5. .5 0.\n", 1, -1, 0, { 50, 5, 0 } },
-	{ "77.890 73.988 0.0\n", 1, -3, -1, { 77890, 73988, 0 } },
-	{ "1e3 2.5E-3 -1e+2\n", 1, -4, 0, { 10000000, 25, -100 } },
-	{ "1 2 3\n1.23456789 2 3\n", 2, -8, 0, { 123456789, 200000000, 3 } },
-	{ "0.000 -0 0e5\n", 1, -3, 0, { 0, 0, 0 } },
+	{"", 0, 0, 0, {0}},
+	{"\n\n\r\n  \t\n", 0, 0, 0, {0}},
+	{"# nothing\n// at all\n%\n  # here", 0, 0, 0, {0}},
+	{"1 2 3", 1, 0, 0, {1, 2, 3}},
+	{"1 2 3\n4 5 6\n", 2, 0, 0, {4, 5, 6}},
+	{"1 2 3\r\n4 5 6\r\n", 2, 0, 0, {4, 5, 6}},
+	{"1\t2\t3\n", 1, 0, 0, {1, 2, 3}},
+	{"1,2,3\n", 1, 0, 0, {1, 2, 3}},
+	{" 1 , 2 , 3 \n", 1, 0, 0, {1, 2, 3}},
+	{"1,2,3 # note\n", 1, 0, 0, {1, 2, 3}},
+	{"1;2;3;\n", 1, 0, 0, {1, 2, 3}},
+	{"1; 2;\t3 ; 4;x\n", 1, 0, 0, {1, 2, 3}},
+	{"1,2,3\n4 5 6\n7;8;9", 3, 0, 0, {7, 8, 9}},
+	{"   1   2   3   red 255 #7\n", 1, 0, 0, {1, 2, 3}},
+	{"# x y z\n1.5 2.25 3.125\n", 1, -2, -3, {150, 225, 3125}},
+	{"-1.5 +2 -.5\n", 1, -1, -1, {-15, 20, -5}},
+	{"5. .5 0.\n", 1, -1, 0, {50, 5, 0}},
+	{"77.890 73.988 0.0\n", 1, -3, -1, {77890, 73988, 0}},
+	{"1e3 2.5E-3 -1e+2\n", 1, -4, 0, {10000000, 25, -100}},
+	{"1 2 3\n1.23456789 2 3\n", 2, -8, 0, {123456789, 200000000, 3}},
+	{"0.000 -0 0e5\n", 1, -3, 0, {0, 0, 0}},
 	/* zeros beyond what the extent leaves room for mean nothing */
-	{ "435000.120000000000 10 1\n535000 20 2\n", 2, -2, 0, { 53500000, 2000, 2 } },
-	{ "1.50000000000000000000000000 2 3\n", 1, -1, 0, { 15, 20, 3 } },
-	{ "00000000000000000000000001 2 3\n", 1, 0, 0, { 1, 2, 3 } },
-	{ "1000000000000000000 1 1\n", 1, 0, 0, { 1000000000000000000, 1, 1 } },
-	{ "123456789.123456789 0 0\n", 1, -9, 0, { 123456789123456789, 0, 0 } },
-	{ "\xef\xbb\xbf" "1 2 3\n", 1, 0, 0, { 1, 2, 3 } },
+	{"435000.120000000000 10 1\n535000 20 2\n", 2, -2, 0, {53500000, 2000, 2}},
+	{"1.50000000000000000000000000 2 3\n", 1, -1, 0, {15, 20, 3}},
+	{"00000000000000000000000001 2 3\n", 1, 0, 0, {1, 2, 3}},
+	{"1000000000000000000 1 1\n", 1, 0, 0, {1000000000000000000, 1, 1}},
+	{"123456789.123456789 0 0\n", 1, -9, 0, {123456789123456789, 0, 0}},
+	{"\xef\xbb\xbf"
+	 "1 2 3\n",
+	 1,
+	 0,
+	 0,
+	 {1, 2, 3}},
 };
 
 static void good_texts(void **state)
@@ -65,7 +70,7 @@ static void good_texts(void **state)
 		struct input_points pts;
 		const struct input_info *info;
 		struct input *in = NULL;
-		int64_t last[3] = { 0 };
+		int64_t last[3] = {0};
 		uint64_t n = 0;
 		int rc = input_open(fd, "a.xyz", &defaults, &in, &err);
 
@@ -101,46 +106,51 @@ static void good_texts(void **state)
 	}
 }
 
-static const struct { const char *text; enum err_code code; uint64_t line; const char *says; } bad[] = {
-	{ "1 2\n", ERR_INPUT, 1, "fewer than three" },
-	{ "1 2 3\n\n# c\n1 2\n", ERR_INPUT, 4, "fewer than three" },
-	{ "1 2 3\r\n4 5\r\n", ERR_INPUT, 2, "fewer than three" },
-	{ "1 2 3\nx y z\n", ERR_INPUT, 2, "not a number" },
-	{ "nothing but words here\n", ERR_INPUT, 1, "not a number" },
-	{ "x y z\nEasting Northing Height\n1 2 3\n", ERR_INPUT, 2, "not a number" },
-	{ "x y 1\n1 2 3\n", ERR_INPUT, 1, "not a number" },
-	{ "id;x;y;z\n1;2;3\n", ERR_INPUT, 2, "fewer than 4" },
-	{ "1 nan 3\n", ERR_INPUT, 1, "finite" },
-	{ "nan 2 3\n", ERR_INPUT, 1, "finite" },
-	{ "1 2 3\n1 2 -Inf\n", ERR_INPUT, 2, "finite" },
-	{ "1 2 infinity\n", ERR_INPUT, 1, "finite" },
-	{ "1 2 3x\n", ERR_INPUT, 1, "run together" },
-	{ "1 2 3#\n", ERR_INPUT, 1, "run together" },
-	{ "1-2 3 4\n", ERR_INPUT, 1, "run together" },
-	{ "1,,2,3\n", ERR_INPUT, 1, "not a number" },
-	{ ",1,2,3\n", ERR_INPUT, 1, "not a number" },
-	{ "1,5 2,5 3,5\n", ERR_INPUT, 1, "decimal commas" },
-	{ "123,45 67,8 9,1\n", ERR_INPUT, 1, "decimal commas" },
-	{ "1 2 3\n123,45;67,8;9,1\n", ERR_INPUT, 2, "decimal commas" },
-	{ "1,5\t2,5\t3,5\n", ERR_INPUT, 1, "decimal commas" },
-	{ "1,5, 2,5, 3,5\n", ERR_INPUT, 1, "decimal commas" },
-	{ "100;200;30,5\n", ERR_INPUT, 1, "decimal commas" },
-	{ "100,5;200;30\n", ERR_INPUT, 1, "decimal commas" },
-	{ "1 2 3,5\n", ERR_INPUT, 1, "decimal commas" },
-	{ "1,5 2\n", ERR_INPUT, 1, "decimal commas" },
-	{ "1, 2; 3\n", ERR_INPUT, 1, "separators" },
-	{ "1 2 3\r4 5 6\r", ERR_INPUT, 1, "carriage return" },
-	{ "1e 2 3\n", ERR_INPUT, 1, "not a number" },
-	{ "1e+ 2 3\n", ERR_INPUT, 1, "not a number" },
-	{ ". 2 3\n", ERR_INPUT, 1, "not a number" },
-	{ "- 2 3\n", ERR_INPUT, 1, "not a number" },
-	{ "0x10 2 3\n", ERR_INPUT, 1, "run together" },
-	{ "1 2 3\n1e300 2 3\n", ERR_INPUT, 2, "digits" },
-	{ "1e-300 2 3\n", ERR_INPUT, 1, "digits" },
-	{ "1e99999999999999999999 2 3\n", ERR_INPUT, 1, "digits" },
-	{ "0.10000000000000000555 2 3\n", ERR_INPUT, 1, "digits" },
-	{ "1234567890123456789 2 3\n", ERR_INPUT, 1, "digits" },
-	{ "99999999999 1 1\n1 0.000000001 1\n", ERR_INPUT, 2, "too fine" },
+static const struct {
+	const char *text;
+	enum err_code code;
+	uint64_t line;
+	const char *says;
+} bad[] = {
+	{"1 2\n", ERR_INPUT, 1, "fewer than three"},
+	{"1 2 3\n\n# c\n1 2\n", ERR_INPUT, 4, "fewer than three"},
+	{"1 2 3\r\n4 5\r\n", ERR_INPUT, 2, "fewer than three"},
+	{"1 2 3\nx y z\n", ERR_INPUT, 2, "not a number"},
+	{"nothing but words here\n", ERR_INPUT, 1, "not a number"},
+	{"x y z\nEasting Northing Height\n1 2 3\n", ERR_INPUT, 2, "not a number"},
+	{"x y 1\n1 2 3\n", ERR_INPUT, 1, "not a number"},
+	{"id;x;y;z\n1;2;3\n", ERR_INPUT, 2, "fewer than 4"},
+	{"1 nan 3\n", ERR_INPUT, 1, "finite"},
+	{"nan 2 3\n", ERR_INPUT, 1, "finite"},
+	{"1 2 3\n1 2 -Inf\n", ERR_INPUT, 2, "finite"},
+	{"1 2 infinity\n", ERR_INPUT, 1, "finite"},
+	{"1 2 3x\n", ERR_INPUT, 1, "run together"},
+	{"1 2 3#\n", ERR_INPUT, 1, "run together"},
+	{"1-2 3 4\n", ERR_INPUT, 1, "run together"},
+	{"1,,2,3\n", ERR_INPUT, 1, "not a number"},
+	{",1,2,3\n", ERR_INPUT, 1, "not a number"},
+	{"1,5 2,5 3,5\n", ERR_INPUT, 1, "decimal commas"},
+	{"123,45 67,8 9,1\n", ERR_INPUT, 1, "decimal commas"},
+	{"1 2 3\n123,45;67,8;9,1\n", ERR_INPUT, 2, "decimal commas"},
+	{"1,5\t2,5\t3,5\n", ERR_INPUT, 1, "decimal commas"},
+	{"1,5, 2,5, 3,5\n", ERR_INPUT, 1, "decimal commas"},
+	{"100;200;30,5\n", ERR_INPUT, 1, "decimal commas"},
+	{"100,5;200;30\n", ERR_INPUT, 1, "decimal commas"},
+	{"1 2 3,5\n", ERR_INPUT, 1, "decimal commas"},
+	{"1,5 2\n", ERR_INPUT, 1, "decimal commas"},
+	{"1, 2; 3\n", ERR_INPUT, 1, "separators"},
+	{"1 2 3\r4 5 6\r", ERR_INPUT, 1, "carriage return"},
+	{"1e 2 3\n", ERR_INPUT, 1, "not a number"},
+	{"1e+ 2 3\n", ERR_INPUT, 1, "not a number"},
+	{". 2 3\n", ERR_INPUT, 1, "not a number"},
+	{"- 2 3\n", ERR_INPUT, 1, "not a number"},
+	{"0x10 2 3\n", ERR_INPUT, 1, "run together"},
+	{"1 2 3\n1e300 2 3\n", ERR_INPUT, 2, "digits"},
+	{"1e-300 2 3\n", ERR_INPUT, 1, "digits"},
+	{"1e99999999999999999999 2 3\n", ERR_INPUT, 1, "digits"},
+	{"0.10000000000000000555 2 3\n", ERR_INPUT, 1, "digits"},
+	{"1234567890123456789 2 3\n", ERR_INPUT, 1, "digits"},
+	{"99999999999 1 1\n1 0.000000001 1\n", ERR_INPUT, 2, "too fine"},
 };
 
 static void bad_lines(void **state)
@@ -170,36 +180,36 @@ struct columned {
 };
 
 static const struct columned columned[] = {
-	{ "xyz", "1 2 3 4\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
-	{ "_zyx", "9 1 2 3\n", 1, { 3, 2, 1 }, 0, 0x11, "columns _zyx" },
-	{ "s-yxizc", "a b 2 1 77 3 18 rest\n", 1, { 1, 2, 3 }, 18, 0x11, "columns __yx_zc" },
-	{ "xyzrn", "1,2,3,2,5\n", 1, { 1, 2, 3 }, 0, 0x52, "xyzrn" },
-	{ "xyzc", "1 2 3 2.0\n", 1, { 1, 2, 3 }, 2, 0x11, "xyzc" },
-	{ "x_yz", "1;;2;3\n", 1, { 1, 2, 3 }, 0, 0x11, "x_yz" },
-	{ "_xyz", "\"a, b\",1,2,3\n", 1, { 1, 2, 3 }, 0, 0x11, "_xyz" },
-	{ "x_yz", "1,two words,2,3\n", 1, { 1, 2, 3 }, 0, 0x11, "x_yz" },
-	{ "xyz", "y x z\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL }, /* the option wins */
-	{ NULL, "X,Y,Z\n1,2,3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
-	{ NULL, "x y z\n", 0, { 0 }, 0, 0x11, NULL },
-	{ NULL, "\xef\xbb\xbf\"X\"; \"Y\"; \"Z\"\r\n1;2;3\r\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
-	{ NULL, "//X Y Z\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
-	{ NULL, "//Z Y X\n1 2 3\n", 1, { 3, 2, 1 }, 0, 0x11, "zyx" },
-	{ NULL, "# z y x in metres\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, NULL }, /* prose */
-	{ NULL, "\nid;Northing [m];Easting [m];Height;Classification\n7;2;1;3;9\n", 1, { 1, 2, 3 }, 9, 0x11, "_yxzc" },
-	{ NULL, "X,Y,Z,Return Number,Number of Returns,R\n1,2,3,1,2,255\n", 1, { 1, 2, 3 }, 0, 0x21, "xyzrn" },
-	{ NULL, "X,Y,Z,return\n1,2,3,1\n", 1, { 1, 2, 3 }, 0, 0x11, NULL },
-	{ NULL, "E N H\n1 2 3\n", 1, { 1, 2, 3 }, 0, 0x11, "does not say for sure" },
-	{ NULL, "x y z x\n1 2 3 4\n", 1, { 1, 2, 3 }, 0, 0x11, "does not say for sure" },
-	{ NULL, "y x z\n1 2 3 4\n", 1, { 1, 2, 3 }, 0, 0x11, "does not say for sure" },
-	{ NULL, "1,5,2,5,3,5\n", 1, { 1, 5, 2 }, 0, 0x11, "decimal commas" },
-	{ NULL, "1.0,5,2,5,3,5\n", 1, { 10, 50, 2 }, 0, 0x11, NULL },
+	{"xyz", "1 2 3 4\n", 1, {1, 2, 3}, 0, 0x11, NULL},
+	{"_zyx", "9 1 2 3\n", 1, {3, 2, 1}, 0, 0x11, "columns _zyx"},
+	{"s-yxizc", "a b 2 1 77 3 18 rest\n", 1, {1, 2, 3}, 18, 0x11, "columns __yx_zc"},
+	{"xyzrn", "1,2,3,2,5\n", 1, {1, 2, 3}, 0, 0x52, "xyzrn"},
+	{"xyzc", "1 2 3 2.0\n", 1, {1, 2, 3}, 2, 0x11, "xyzc"},
+	{"x_yz", "1;;2;3\n", 1, {1, 2, 3}, 0, 0x11, "x_yz"},
+	{"_xyz", "\"a, b\",1,2,3\n", 1, {1, 2, 3}, 0, 0x11, "_xyz"},
+	{"x_yz", "1,two words,2,3\n", 1, {1, 2, 3}, 0, 0x11, "x_yz"},
+	{"xyz", "y x z\n1 2 3\n", 1, {1, 2, 3}, 0, 0x11, NULL}, /* the option wins */
+	{NULL, "X,Y,Z\n1,2,3\n", 1, {1, 2, 3}, 0, 0x11, NULL},
+	{NULL, "x y z\n", 0, {0}, 0, 0x11, NULL},
+	{NULL, "\xef\xbb\xbf\"X\"; \"Y\"; \"Z\"\r\n1;2;3\r\n", 1, {1, 2, 3}, 0, 0x11, NULL},
+	{NULL, "//X Y Z\n1 2 3\n", 1, {1, 2, 3}, 0, 0x11, NULL},
+	{NULL, "//Z Y X\n1 2 3\n", 1, {3, 2, 1}, 0, 0x11, "zyx"},
+	{NULL, "# z y x in metres\n1 2 3\n", 1, {1, 2, 3}, 0, 0x11, NULL}, /* prose */
+	{NULL, "\nid;Northing [m];Easting [m];Height;Classification\n7;2;1;3;9\n", 1, {1, 2, 3}, 9, 0x11, "_yxzc"},
+	{NULL, "X,Y,Z,Return Number,Number of Returns,R\n1,2,3,1,2,255\n", 1, {1, 2, 3}, 0, 0x21, "xyzrn"},
+	{NULL, "X,Y,Z,return\n1,2,3,1\n", 1, {1, 2, 3}, 0, 0x11, NULL},
+	{NULL, "E N H\n1 2 3\n", 1, {1, 2, 3}, 0, 0x11, "does not say for sure"},
+	{NULL, "x y z x\n1 2 3 4\n", 1, {1, 2, 3}, 0, 0x11, "does not say for sure"},
+	{NULL, "y x z\n1 2 3 4\n", 1, {1, 2, 3}, 0, 0x11, "does not say for sure"},
+	{NULL, "1,5,2,5,3,5\n", 1, {1, 5, 2}, 0, 0x11, "decimal commas"},
+	{NULL, "1.0,5,2,5,3,5\n", 1, {10, 50, 2}, 0, 0x11, NULL},
 };
 
 static void columns_and_names(void **state)
 {
 	for (size_t i = 0; i < sizeof columned / sizeof *columned; i++) {
 		const struct columned *c = &columned[i];
-		const struct input_options options = { .columns = c->columns };
+		const struct input_options options = {.columns = c->columns};
 		int fd = fixture_fd(c->text, strlen(c->text));
 		struct err err = ERR_INIT;
 		struct input_points pts;
@@ -216,7 +226,7 @@ static void columns_and_names(void **state)
 		if (pts.n)
 			assert_int_equal(pts.ret[0], c->ret);
 		if (!c->says ? *input_info(in)->warning != 0 :
-		    !strstr(input_info(in)->warning, c->says) && !strstr(input_info(in)->variant, c->says))
+			       !strstr(input_info(in)->warning, c->says) && !strstr(input_info(in)->variant, c->says))
 			fail_msg("%s: %s; %s", c->text, input_info(in)->variant, input_info(in)->warning);
 		fixture_points_free(&pts);
 		input_close(in);
@@ -226,27 +236,31 @@ static void columns_and_names(void **state)
 
 static void bad_columns(void **state)
 {
-	static const struct { const char *columns, *text, *says; enum err_code code; uint64_t line; } cases[] = {
-		{ "xy", "", "are needed", ERR_USAGE, ERR_NO_OFFSET },
-		{ "xyzz", "", "twice", ERR_USAGE, ERR_NO_OFFSET },
-		{ "xyzq", "", "letter", ERR_USAGE, ERR_NO_OFFSET },
-		{ "", "", "are needed", ERR_USAGE, ERR_NO_OFFSET },
-		{ "xyzr", "", "together", ERR_USAGE, ERR_NO_OFFSET },
-		{ "xyz_________1_________2_________3_________4_________5_________6_________7", "", "letter",
-		  ERR_USAGE, ERR_NO_OFFSET },
-		{ "xyz______________________________________________________________", "", "64", ERR_USAGE, ERR_NO_OFFSET },
-		{ "xyzc", "1 2 3 256\n", "class", ERR_INPUT, 1 },
-		{ "xyzc", "1 2 3 4\n1 2 3 -1\n", "class", ERR_INPUT, 2 },
-		{ "xyzc", "1 2 3 0.5\n", "class", ERR_INPUT, 1 },
-		{ "xyzc", "1 2 3 -99e17\n", "class", ERR_INPUT, 1 },
-		{ "xyzrn", "1 2 3 16 2\n", "return", ERR_INPUT, 1 },
-		{ "xyzrn", "1 2 3 1 1e3\n", "number of returns", ERR_INPUT, 1 },
-		{ "xyzc", "1 2 3\n", "fewer than 4", ERR_INPUT, 1 },
-		{ "_xyz", "7,5 1,5 2,5 3,5\n", "decimal commas", ERR_INPUT, 1 },
+	static const struct {
+		const char *columns, *text, *says;
+		enum err_code code;
+		uint64_t line;
+	} cases[] = {
+		{"xy", "", "are needed", ERR_USAGE, ERR_NO_OFFSET},
+		{"xyzz", "", "twice", ERR_USAGE, ERR_NO_OFFSET},
+		{"xyzq", "", "letter", ERR_USAGE, ERR_NO_OFFSET},
+		{"", "", "are needed", ERR_USAGE, ERR_NO_OFFSET},
+		{"xyzr", "", "together", ERR_USAGE, ERR_NO_OFFSET},
+		{"xyz_________1_________2_________3_________4_________5_________6_________7", "", "letter", ERR_USAGE,
+		 ERR_NO_OFFSET},
+		{"xyz______________________________________________________________", "", "64", ERR_USAGE, ERR_NO_OFFSET},
+		{"xyzc", "1 2 3 256\n", "class", ERR_INPUT, 1},
+		{"xyzc", "1 2 3 4\n1 2 3 -1\n", "class", ERR_INPUT, 2},
+		{"xyzc", "1 2 3 0.5\n", "class", ERR_INPUT, 1},
+		{"xyzc", "1 2 3 -99e17\n", "class", ERR_INPUT, 1},
+		{"xyzrn", "1 2 3 16 2\n", "return", ERR_INPUT, 1},
+		{"xyzrn", "1 2 3 1 1e3\n", "number of returns", ERR_INPUT, 1},
+		{"xyzc", "1 2 3\n", "fewer than 4", ERR_INPUT, 1},
+		{"_xyz", "7,5 1,5 2,5 3,5\n", "decimal commas", ERR_INPUT, 1},
 	};
 
 	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-		const struct input_options options = { .columns = cases[i].columns };
+		const struct input_options options = {.columns = cases[i].columns};
 		struct outcome out = fixture_read(cases[i].text, strlen(cases[i].text), "a.xyz", &options, 10);
 
 		if (out.code != cases[i].code || !strstr(out.err.message, cases[i].says))
@@ -257,26 +271,31 @@ static void bad_columns(void **state)
 
 static void counted_points(void **state)
 {
-	static const struct { const char *text; bool lenient; enum err_code code; uint64_t points, line; const char *says; }
-	cases[] = {
-		{ "2\n1 2 3 -100 255 0 0\n4 5 6 7 8 9 10\n", false, 0, 2, 0, NULL },
-		{ "\xef\xbb\xbf\r\n# scan\r\n  2 \r\n1 2 3\r\n\r\n4 5 6\r\n", false, 0, 2, 0, NULL },
-		{ "0\n", false, 0, 0, 0, NULL },
-		{ "1\n1 2 3\n2\n4 5 6\n7 8 9\n", false, 0, 3, 0, NULL }, /* two scans */
-		{ "3\n1 2 3\n4 5 6\n", false, ERR_TRUNCATED, 0, 1, "1 of them" },
-		{ "3\n1 2 3\n4 5 6\n", true, 0, 2, 0, "fewer" },
-		{ "\n2\n1 2 3\n1\n4 5 6\n", false, ERR_TRUNCATED, 0, 2, "missing" },
-		{ "1\n1 2 3\n4 5 6\n", false, 0, 2, 0, "1 points more" },
-		{ "18446744073709551616\n1 2 3\n", false, ERR_INPUT, 0, 1, "digits" },
-		{ "1000000000000\n1 2 3\n", false, ERR_TRUNCATED, 0, 1, "999999999999" },
-		{ "1\n1 2\n", false, ERR_INPUT, 0, 2, "fewer than three" },
+	static const struct {
+		const char *text;
+		bool lenient;
+		enum err_code code;
+		uint64_t points, line;
+		const char *says;
+	} cases[] = {
+		{"2\n1 2 3 -100 255 0 0\n4 5 6 7 8 9 10\n", false, 0, 2, 0, NULL},
+		{"\xef\xbb\xbf\r\n# scan\r\n  2 \r\n1 2 3\r\n\r\n4 5 6\r\n", false, 0, 2, 0, NULL},
+		{"0\n", false, 0, 0, 0, NULL},
+		{"1\n1 2 3\n2\n4 5 6\n7 8 9\n", false, 0, 3, 0, NULL}, /* two scans */
+		{"3\n1 2 3\n4 5 6\n", false, ERR_TRUNCATED, 0, 1, "1 of them"},
+		{"3\n1 2 3\n4 5 6\n", true, 0, 2, 0, "fewer"},
+		{"\n2\n1 2 3\n1\n4 5 6\n", false, ERR_TRUNCATED, 0, 2, "missing"},
+		{"1\n1 2 3\n4 5 6\n", false, 0, 2, 0, "1 points more"},
+		{"18446744073709551616\n1 2 3\n", false, ERR_INPUT, 0, 1, "digits"},
+		{"1000000000000\n1 2 3\n", false, ERR_TRUNCATED, 0, 1, "999999999999"},
+		{"1\n1 2\n", false, ERR_INPUT, 0, 2, "fewer than three"},
 	};
 
 	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
 		for (int name = 0; name < 2; name++) {
-			const struct input_options options = { .accept_truncated = cases[i].lenient };
-			struct outcome out = fixture_read(cases[i].text, strlen(cases[i].text), name ? "a.pts" : "a.txt",
-							  &options, 10);
+			const struct input_options options = {.accept_truncated = cases[i].lenient};
+			struct outcome out =
+				fixture_read(cases[i].text, strlen(cases[i].text), name ? "a.pts" : "a.txt", &options, 10);
 			const char *text = out.code ? out.err.message : out.info.warning;
 
 			if (out.code != cases[i].code || (cases[i].says ? !strstr(text, cases[i].says) : *text))
@@ -311,10 +330,10 @@ static void numbers(void **state)
 		snprintf(longer, sizeof longer, "%se0", text);
 		assert_int_equal(input_number_read(&at, text + n, &quick), INPUT_NUMBER_OK);
 		assert_int_equal(input_number_read(&also, longer + n + 2, &slow), INPUT_NUMBER_OK);
-		if (quick.mantissa != slow.mantissa || quick.exponent != slow.exponent ||
-		    quick.written != slow.written || at != text + n)
-			fail_msg("%s: %lld %d %d, %lld %d %d", text, (long long)quick.mantissa, quick.exponent,
-				 quick.written, (long long)slow.mantissa, slow.exponent, slow.written);
+		if (quick.mantissa != slow.mantissa || quick.exponent != slow.exponent || quick.written != slow.written ||
+		    at != text + n)
+			fail_msg("%s: %lld %d %d, %lld %d %d", text, (long long)quick.mantissa, quick.exponent, quick.written,
+				 (long long)slow.mantissa, slow.exponent, slow.written);
 	}
 }
 
@@ -355,8 +374,8 @@ static void across_the_buffer(void **state)
 	int fd;
 
 	for (size_t i = 0; i < n; i++)
-		size += (size_t)snprintf(text + size, cap - size, "%zu.%02zu -%zu.5 %zu%*s%s", i, i % 100, i,
-					 i * 7, (int)(i % 37), "", i % 3 ? "\n" : "\r\n");
+		size += (size_t)snprintf(text + size, cap - size, "%zu.%02zu -%zu.5 %zu%*s%s", i, i % 100, i, i * 7,
+					 (int)(i % 37), "", i % 3 ? "\n" : "\r\n");
 	fd = fixture_fd(text, size);
 	assert_int_equal(input_open(fd, "a.xyz", &defaults, &in, &err), 0);
 	assert_int_equal(input_info(in)->claimed, n);
@@ -381,10 +400,12 @@ static void across_the_buffer(void **state)
 
 static void changes_between_the_passes(void **state)
 {
-	static const struct { const char *before, *after; } cases[] = {
-		{ "1 2 3\n4 5 6\n", "1 2 3\n" },
-		{ "1 2 3\n4 5 6\n", "1 2 3\n4 5.5 6\n" },
-		{ "1 2 3\n4 5 6\n", "1 2 3\n4 5 6\n7 8 9\n" },
+	static const struct {
+		const char *before, *after;
+	} cases[] = {
+		{"1 2 3\n4 5 6\n", "1 2 3\n"},
+		{"1 2 3\n4 5 6\n", "1 2 3\n4 5.5 6\n"},
+		{"1 2 3\n4 5 6\n", "1 2 3\n4 5 6\n7 8 9\n"},
 	};
 
 	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
@@ -397,7 +418,7 @@ static void changes_between_the_passes(void **state)
 		assert_int_equal(input_open(fd, "a.xyz", &defaults, &in, &err), 0);
 		assert_int_equal(ftruncate(fd, 0), 0);
 		assert_int_equal(pwrite(fd, cases[i].after, strlen(cases[i].after), 0), strlen(cases[i].after));
-		assert_int_equal(futimens(fd, (struct timespec[]){ { .tv_sec = 1 }, { .tv_sec = 1 } }), 0);
+		assert_int_equal(futimens(fd, (struct timespec[]){{.tv_sec = 1}, {.tv_sec = 1}}), 0);
 		fixture_points_new(&pts, 10);
 		rc = input_read(in, &pts, &err);
 		assert_int_equal(rc, -ERR_CHANGED);
@@ -413,7 +434,7 @@ static void endless_blank_lines(void **state)
 {
 	enum { BLANK = 1 << 20 };
 	static char text[BLANK + 16], head[300];
-	struct input_options options = { .format = "xyz", .has_pipe = true };
+	struct input_options options = {.format = "xyz", .has_pipe = true};
 	struct err err = ERR_INIT;
 	struct input_points pts;
 	struct input *in;
@@ -444,16 +465,11 @@ static void endless_blank_lines(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(good_texts),
-		cmocka_unit_test(bad_lines),
-		cmocka_unit_test(columns_and_names),
-		cmocka_unit_test(bad_columns),
-		cmocka_unit_test(counted_points),
-		cmocka_unit_test(numbers),
-		cmocka_unit_test(long_lines),
-		cmocka_unit_test(across_the_buffer),
-		cmocka_unit_test(endless_blank_lines),
-		cmocka_unit_test(changes_between_the_passes),
+		cmocka_unit_test(good_texts),          cmocka_unit_test(bad_lines),
+		cmocka_unit_test(columns_and_names),   cmocka_unit_test(bad_columns),
+		cmocka_unit_test(counted_points),      cmocka_unit_test(numbers),
+		cmocka_unit_test(long_lines),          cmocka_unit_test(across_the_buffer),
+		cmocka_unit_test(endless_blank_lines), cmocka_unit_test(changes_between_the_passes),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -16,13 +16,16 @@ static struct {
 	atomic_uint split_at, fail_at; /* of these numbers; 0: none */
 } making;
 
-int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
-		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
-int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
-		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int __real_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region,
+		       const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret,
+		       uint64_t *ret_need, struct err *err);
+int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region,
+		       const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret,
+		       uint64_t *ret_need, struct err *err);
 
-int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region, const struct pipe_known *known,
-		       const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
+int __wrap_pipe_domain(const struct grid *grid, const struct view *v, const struct cut_region *region,
+		       const struct pipe_known *known, const struct pipe_budget *budget, void *memory, struct mesh_domain *ret,
+		       uint64_t *ret_need, struct err *err)
 {
 	unsigned n = ++making.made;
 

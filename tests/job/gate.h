@@ -103,10 +103,10 @@ static void step(void)
 	assert_true(gate.noted < GATE_NOTED);
 }
 
-#define step_until(what)                                                                                     \
-	do {                                                                                                 \
-		while (!(what))                                                                              \
-			step();                                                                              \
+#define step_until(what)        \
+	do {                    \
+		while (!(what)) \
+			step(); \
 	} while (0)
 
 /* Tasks of the flow that started since as many had as `since` says. */

@@ -50,8 +50,7 @@ static struct house {
 
 static void turn(int ms)
 {
-	struct pollfd p[2] = {{.fd = sched_fd(h.sched), .events = POLLIN},
-			      {.fd = catalogue_fd(h.catalogue), .events = POLLIN}};
+	struct pollfd p[2] = {{.fd = sched_fd(h.sched), .events = POLLIN}, {.fd = catalogue_fd(h.catalogue), .events = POLLIN}};
 
 	poll(p, 2, ms);
 	sched_dispatch(h.sched);
@@ -61,20 +60,21 @@ static void turn(int ms)
 }
 
 /* Turns until `what` is true; fails after a hundred seconds (sanitizers are slow). */
-#define turn_until(what)                                                                                     \
-	do {                                                                                                 \
-		uint64_t begun_at = clock_mono_ns();                                                         \
-		while (!(what)) {                                                                            \
-			if (clock_since(begun_at) > 100)                                                      \
-				fail_msg("waited too long for %s", #what);                                   \
-			turn(10);                                                                            \
-		}                                                                                            \
+#define turn_until(what)                                                   \
+	do {                                                               \
+		uint64_t begun_at = clock_mono_ns();                       \
+		while (!(what)) {                                          \
+			if (clock_since(begun_at) > 100)                   \
+				fail_msg("waited too long for %s", #what); \
+			turn(10);                                          \
+		}                                                          \
 	} while (0)
 
-/* Of what datasets, jobs and pushes are charged: no more than this; so much is kept for them. 0: no bound but the memory; nothing. */
+/* Of what datasets, jobs and pushes are charged: no more than this; so much is kept for them. 0: no bound but the memory;
+ * nothing. */
 static uint64_t house_most, house_aside;
 
-static double house_rest;   /* jobs_params.rest */
+static double house_rest; /* jobs_params.rest */
 
 static void open_house(uint64_t memory, unsigned threads)
 {
@@ -221,14 +221,13 @@ static void durable(void *ctx, uint64_t files)
 
 static void progress(void *token, const char *phase, uint64_t points, uint64_t total) {}
 
-static const struct push_calls calls = {begun,     probed,  planned, staged,
-					committed, aborted, durable, progress};
+static const struct push_calls calls = {begun, probed, planned, staged, committed, aborted, durable, progress};
 
-#define ask(call)                                                                                            \
-	do {                                                                                                 \
-		int before = got.answers;                                                                    \
-		call;                                                                                        \
-		turn_until(got.answers > before);                                                            \
+#define ask(call)                                 \
+	do {                                      \
+		int before = got.answers;         \
+		call;                             \
+		turn_until(got.answers > before); \
 	} while (0)
 
 static void begin(const char *dataset)
@@ -355,8 +354,7 @@ static double r_stalled(struct job_output *o)
 	return r->sending ? clock_since(r->sending_ns) : 0;
 }
 
-static void r_end(struct job_output *o, const struct err *why, const struct pipe_totals *totals,
-		  const struct job_report *report)
+static void r_end(struct job_output *o, const struct err *why, const struct pipe_totals *totals, const struct job_report *report)
 {
 	struct reader *r = (struct reader *)o;
 
@@ -393,7 +391,6 @@ static void r_freed(struct job_output *o)
 	((struct reader *)o)->freed = true;
 }
 
-static const struct job_output_calls reader_calls = {r_head, r_send,   r_pause, r_stalled,
-						     r_end,  r_encode, r_spool, r_refill};
+static const struct job_output_calls reader_calls = {r_head, r_send, r_pause, r_stalled, r_end, r_encode, r_spool, r_refill};
 
 #endif

@@ -11,8 +11,7 @@ enum { HUNDRED = 100 };
 
 static struct job *submit_as(uint32_t uid, struct dataset *d, const char *view, const char *priority)
 {
-	struct job_params p = {
-		.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = rights_stored(uid, 1)};
+	struct job_params p = {.dataset = d, .view = view, .fresh = true, .priority = priority, .peer = rights_stored(uid, 1)};
 	int before = accepts;
 
 	job_submit(h.jobs, &p, accepted, NULL);
@@ -161,8 +160,7 @@ static void gives_way(void **state)
 
 		step();
 		info = info_of(job);
-		if (info.state == JOB_meshing && info.domains_done >= 2 + 2 * ways && ways < 3 &&
-		    walk_can_give_way(job->walk)) {
+		if (info.state == JOB_meshing && info.domains_done >= 2 + 2 * ways && ways < 3 && walk_can_give_way(job->walk)) {
 			walk_give_way(job->walk);
 			ways++;
 		}
@@ -510,11 +508,10 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, gate_teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(hundred_against_one), TEST(small_behind_huge),    TEST(gives_way),
-		TEST(way_is_made),         TEST(priorities),           TEST(says_why),
-		TEST(never_and_the_number), TEST(all_kinds_in_little),
-		TEST(push_waits),          TEST(plan_waits),           TEST(plan_never),
-		TEST(leaves_before_its_place),
+		TEST(hundred_against_one),  TEST(small_behind_huge),   TEST(gives_way),
+		TEST(way_is_made),          TEST(priorities),          TEST(says_why),
+		TEST(never_and_the_number), TEST(all_kinds_in_little), TEST(push_waits),
+		TEST(plan_waits),           TEST(plan_never),          TEST(leaves_before_its_place),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,6 @@
 /*
- * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others lack
- * memory, and given back at the end, however that comes. That all was given back is asserted where a house is closed.
+ * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others
+ * lack memory, and given back at the end, however that comes. That all was given back is asserted where a house is closed.
  *
  * Linked with --wrap of what walk_domain.c asks of walk_arena.c, walk_free, and failing_domain.h.
  */
@@ -61,8 +61,11 @@ void __wrap_walk_arena_put(struct walk_domain *d)
 	seen.put++;
 	if (atomic_exchange(&seen.want, false)) {
 		/* All that is free, and a little of what this walk has. */
-		seen.hungry = (struct sched_task){.run = eat, .done = eaten, .owner = {.uid = 1001, .flow = UINT64_MAX},
-						  .priority = SCHED_FIRST, .name = LEDGER_DOMAIN,
+		seen.hungry = (struct sched_task){.run = eat,
+						  .done = eaten,
+						  .owner = {.uid = 1001, .flow = UINT64_MAX},
+						  .priority = SCHED_FIRST,
+						  .name = LEDGER_DOMAIN,
 						  .bytes = ledger_room(h.ledger, LEDGER_DOMAIN) + 1};
 		sched_submit(h.sched, &seen.hungry);
 	}

@@ -28,7 +28,8 @@ static struct {
 	atomic_uint taken[STEPS];
 	unsigned over;
 	bool ended, ran;
-	atomic_bool together, wait, fails, out; /* fails: the task finds an end before the last step; out: it was told that all are over */
+	atomic_bool together, wait, fails,
+		out; /* fails: the task finds an end before the last step; out: it was told that all are over */
 } it;
 
 static bool step(void *ctx, unsigned member)
@@ -78,7 +79,8 @@ static void done(struct sched_task *t)
 
 static void begin(struct sched *s, unsigned members)
 {
-	struct crew_params p = {.sched = s, .owner = {.uid = 1, .flow = 1}, .members = members, .step = step, .over = over, .ctx = &it};
+	struct crew_params p = {
+		.sched = s, .owner = {.uid = 1, .flow = 1}, .members = members, .step = step, .over = over, .ctx = &it};
 	struct err err = ERR_INIT;
 
 	assert_int_equal(crew_new(&p, &it.crew, &err), 0);
@@ -236,7 +238,8 @@ static void other_done(struct sched_task *t)
 static struct sched *way_of(struct ledger **ledger, unsigned threads, unsigned members, unsigned most)
 {
 	struct sched *s = sched_of(ledger, threads);
-	struct crew_params p = {.sched = s, .owner = {.uid = 1, .flow = 1}, .members = members, .step = way_step, .over = over, .ctx = &it};
+	struct crew_params p = {
+		.sched = s, .owner = {.uid = 1, .flow = 1}, .members = members, .step = way_step, .over = over, .ctx = &it};
 	struct err err = ERR_INIT;
 
 	memset(&way, 0, sizeof way);

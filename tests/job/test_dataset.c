@@ -201,11 +201,11 @@ static void test_expiry(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test_setup_teardown(test_rights, setup, teardown),
-	    cmocka_unit_test_setup_teardown(test_turns, setup, teardown),
-	    cmocka_unit_test_setup_teardown(test_readers, setup, teardown),
-	    cmocka_unit_test_setup_teardown(test_failure, setup, teardown),
-	    cmocka_unit_test_setup_teardown(test_expiry, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_rights, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_turns, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_readers, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_failure, setup, teardown),
+		cmocka_unit_test_setup_teardown(test_expiry, setup, teardown),
 	};
 
 	return cmocka_run_group_tests_name("datasets", tests, NULL, NULL);

@@ -597,15 +597,23 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, let_teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(push_mesh_fetch), TEST(slow_reader_stops_nobody),
-		TEST(refused_is_not_run), TEST(reader_gone),
+		TEST(push_mesh_fetch),
+		TEST(slow_reader_stops_nobody),
+		TEST(refused_is_not_run),
+		TEST(reader_gone),
 		TEST(cancel),
-		TEST(no_ground),       TEST(generations),
-		TEST(restart),         TEST(refused_descriptors),
-		TEST(one_planner),     TEST(changed_file),
-		TEST(kept_of_files_is_charged), TEST(nobody_waits_for_the_plan_of_a_cancelled_push),
-		TEST(failed_commit),   TEST(many_slow_readers),
-		TEST(selection_made_once), TEST(selection_cancelled),
+		TEST(no_ground),
+		TEST(generations),
+		TEST(restart),
+		TEST(refused_descriptors),
+		TEST(one_planner),
+		TEST(changed_file),
+		TEST(kept_of_files_is_charged),
+		TEST(nobody_waits_for_the_plan_of_a_cancelled_push),
+		TEST(failed_commit),
+		TEST(many_slow_readers),
+		TEST(selection_made_once),
+		TEST(selection_cancelled),
 		cmocka_unit_test(many_parts_in_few_readings),
 	};
 

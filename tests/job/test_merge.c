@@ -596,9 +596,20 @@ int main(void)
 {
 #define TEST(f) cmocka_unit_test_setup_teardown(f, setup, gate_teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(many_pushes),   TEST(pushes_meanwhile),     TEST(damaged),         TEST(cut_short),
-		TEST(no_space), TEST(due_at_start),  TEST(stopped),              TEST(prune_all),       TEST(prune_last),
-		TEST(prune_refused), TEST(prune_under_a_reader), TEST(prune_cancelled),      TEST(prune_of_merged),   TEST(row_first),
+		TEST(many_pushes),
+		TEST(pushes_meanwhile),
+		TEST(damaged),
+		TEST(cut_short),
+		TEST(no_space),
+		TEST(due_at_start),
+		TEST(stopped),
+		TEST(prune_all),
+		TEST(prune_last),
+		TEST(prune_refused),
+		TEST(prune_under_a_reader),
+		TEST(prune_cancelled),
+		TEST(prune_of_merged),
+		TEST(row_first),
 		TEST(old_files_stay_while_named),
 	};
 

@@ -25,9 +25,15 @@ static void sql(const char *text)
 
 static void make_jobs(void)
 {
-	const struct job_report r = {.points = 123456789, .used = 123456, .vertices = 99, .triangles = 190, .hull = 7,
-				     .domains = 3, .digest = "0123456789abcdef0123456789abcdef",
-				     .vertex_digest = "fedcba9876543210fedcba9876543210", .seconds = 1.25,
+	const struct job_report r = {.points = 123456789,
+				     .used = 123456,
+				     .vertices = 99,
+				     .triangles = 190,
+				     .hull = 7,
+				     .domains = 3,
+				     .digest = "0123456789abcdef0123456789abcdef",
+				     .vertex_digest = "fedcba9876543210fedcba9876543210",
+				     .seconds = 1.25,
 				     .worked_seconds = 0.75};
 	int64_t now = clock_real_us(), old = now - INT64_C(31) * 86400000000;
 	char report[2048], text[4096];
@@ -42,7 +48,8 @@ static void make_jobs(void)
 		 " CASE WHEN i <= %d THEN %lld ELSE %lld END, CASE WHEN i %% 10 THEN '%s' ELSE '' END,"
 		 " CASE WHEN i %% 10 THEN '' ELSE 'bad-input' END, CASE WHEN i %% 10 THEN '' ELSE 'broken' END,"
 		 " '', '', '', -1 FROM n;"
-		 "COMMIT;", JOBS, (long long)old, OLD, (long long)old, (long long)now, report);
+		 "COMMIT;",
+		 JOBS, (long long)old, OLD, (long long)old, (long long)now, report);
 	sql(text);
 }
 
@@ -128,8 +135,8 @@ static void little_memory(void **state)
 	assert_true(past_count(h.jobs) > 0);
 }
 
-/* What a push left is taken up, however many jobs are over: these fill the memory, and give way, with their rows and plans, some at
- * a time. */
+/* What a push left is taken up, however many jobs are over: these fill the memory, and give way, with their rows and plans, some
+ * at a time. */
 static void little_memory_push(void **state)
 {
 	enum { PUSHES = 100, TAKEN_UP = 20000 };
@@ -230,13 +237,20 @@ static void lengths(void **state)
 /* What is read of a report is what was written, as strtod reads it. */
 static void reports(void **state)
 {
-	static const double seconds[] = {0, 0.000001, 0.025279, 0.999999, 1.25, 86400.000001, 123456789.123456, 12345678901.5, 1e300, 0.1};
+	static const double seconds[] = {0,     0.000001, 0.025279, 0.999999, 1.25, 86400.000001, 123456789.123456, 12345678901.5,
+					 1e300, 0.1};
 	char text[4096];
 
 	for (size_t i = 0; i < sizeof seconds / sizeof *seconds; i++) {
-		struct job_report r = {.points = UINT64_MAX - i, .used = UINT64_C(999999999999999999) + i, .vertices = 10 * i,
-				       .digest = "0123456789abcdef0123456789abcdef", .seconds = seconds[i], .peak_rss = i,
-				       .note = "with blanks, and a full stop.", .worked_seconds = 1 / (1.0 + (double)i), .window = i % 2};
+		struct job_report r = {.points = UINT64_MAX - i,
+				       .used = UINT64_C(999999999999999999) + i,
+				       .vertices = 10 * i,
+				       .digest = "0123456789abcdef0123456789abcdef",
+				       .seconds = seconds[i],
+				       .peak_rss = i,
+				       .note = "with blanks, and a full stop.",
+				       .worked_seconds = 1 / (1.0 + (double)i),
+				       .window = i % 2};
 		struct job_report back;
 
 		for (int k = 0; k < VIEW_RULES; k++)
@@ -259,8 +273,10 @@ static void old_reports(void **state)
 {
 	struct job_report r;
 
-	report_parse("points 7\nvertices 5\nseconds 2\nused 0006\nremoved-noise 3\nremoved-kept 9\nstage_seconds 0.5\n"
-		     "hull \ndomains 4x\nhalo -1\nnote a b\ndigest abc\nseal_seconds 1.234567\nremoved-kept 11\nwindow 1\ntriangles 8", &r);
+	report_parse(
+		"points 7\nvertices 5\nseconds 2\nused 0006\nremoved-noise 3\nremoved-kept 9\nstage_seconds 0.5\n"
+		"hull \ndomains 4x\nhalo -1\nnote a b\ndigest abc\nseal_seconds 1.234567\nremoved-kept 11\nwindow 1\ntriangles 8",
+		&r);
 	assert_int_equal(r.points, 7);
 	assert_int_equal(r.used, 6);
 	assert_int_equal(r.vertices, 5);

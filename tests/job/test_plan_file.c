@@ -226,8 +226,13 @@ static void test_torn_split(void **state)
 
 static struct plan_done done_of(const struct cut_leaf *leaf, uint64_t salt)
 {
-	return (struct plan_done){.region = leaf->region, .base = {1, salt}, .list = {2, salt}, .digest = {3, salt},
-				  .payload = 4 * salt, .triangles = 5 + salt, .bytes = 6 + salt};
+	return (struct plan_done){.region = leaf->region,
+				  .base = {1, salt},
+				  .list = {2, salt},
+				  .digest = {3, salt},
+				  .payload = 4 * salt,
+				  .triangles = 5 + salt,
+				  .bytes = 6 + salt};
 }
 
 struct told {
@@ -280,8 +285,7 @@ static void test_done(void **state)
 		assert_true(cut_region_same(&t.done[i].region, &d.region));
 		assert_true(digest_equal(t.done[i].base, d.base) && digest_equal(t.done[i].list, d.list) &&
 			    digest_equal(t.done[i].digest, d.digest));
-		assert_true(t.done[i].payload == d.payload && t.done[i].triangles == d.triangles &&
-			    t.done[i].bytes == d.bytes);
+		assert_true(t.done[i].payload == d.payload && t.done[i].triangles == d.triangles && t.done[i].bytes == d.bytes);
 	}
 	{
 		struct plan_done d = done_of(&p.leaf[2], 9);
@@ -359,7 +363,8 @@ static bool among(void *ctx, uint64_t job)
 static void test_sweep(void **state)
 {
 	static uint64_t jobs[] = {3, 5, 8, 0};
-	static const char *const all[] = {"plan-3", "plan-4", "plan-5.tmp", "plan-8", "plan-9", "plan-10", "plan-10.tmp", "other"};
+	static const char *const all[] = {"plan-3", "plan-4",  "plan-5.tmp",  "plan-8",
+					  "plan-9", "plan-10", "plan-10.tmp", "other"};
 	static const bool stays[] = {true, false, false, true, false, true, false, false};
 	struct err err = ERR_INIT;
 

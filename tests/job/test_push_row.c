@@ -1,6 +1,6 @@
 /*
- * A push whose row is on its way to the disk: what reads, and puts points into memory, goes on, what writes waits for the row, and a
- * row that cannot be written ends the push. The test holds the row.
+ * A push whose row is on its way to the disk: what reads, and puts points into memory, goes on, what writes waits for the row,
+ * and a row that cannot be written ends the push. The test holds the row.
  */
 #include "house.h"
 #include "io.h"

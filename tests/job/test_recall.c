@@ -1,6 +1,6 @@
 /*
- * What is remembered of stored domains: a push of a point makes planning read few of their files, and what was removed or damaged behind the
- * daemon's back costs time only.
+ * What is remembered of stored domains: a push of a point makes planning read few of their files, and what was removed or damaged
+ * behind the daemon's back costs time only.
  *
  * Linked with --wrap of store_proof, by which planning reads a file.
  */

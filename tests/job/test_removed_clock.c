@@ -1,5 +1,5 @@
-/* Removed datasets, interrupted pushes and clocks that are wrong: what can be restored, or taken up, does not go because somebody says
- * that it is next year. */
+/* Removed datasets, interrupted pushes and clocks that are wrong: what can be restored, or taken up, does not go because somebody
+ * says that it is next year. */
 #include "house.h"
 
 #include <stdatomic.h>

@@ -26,7 +26,8 @@ static struct job_peer peer(uint32_t uid, uint32_t gid, const uint32_t *groups, 
 static void datasets(void **state)
 {
 	const struct job_peer owner = peer(OWNER, 1, NULL, 0), first = peer(OTHER, GROUP, NULL, 0),
-			      more = peer(OTHER, 1, in_group, 2), other = peer(OTHER, 1, in_served, 1), root = peer(0, 0, NULL, 0);
+			      more = peer(OTHER, 1, in_group, 2), other = peer(OTHER, 1, in_served, 1),
+			      root = peer(0, 0, NULL, 0);
 
 	for (uint32_t mode = 0; mode <= MODE_ALL; mode++) {
 		assert_int_equal(rights_allow(&owner, RIGHT_READ, OWNER, GROUP, mode), mode >> 8 & 1);
@@ -55,14 +56,10 @@ static void admins(void **state)
 		struct job_peer peer;
 		bool admin, served;
 	} row[] = {
-		{peer(0, 0, NULL, 0), true, true},
-		{peer(SELF, 1, NULL, 0), true, true},
-		{peer(OTHER, ADMINS, NULL, 0), true, true},
-		{peer(OTHER, 1, in_admins, 3), true, true},
-		{peer(OTHER, SERVED, NULL, 0), false, true},
-		{peer(OTHER, 1, in_served, 1), false, true},
-		{peer(OTHER, 1, NULL, 0), false, false},
-		{peer(OTHER, RIGHTS_NOBODY, NULL, 0), false, false},
+		{peer(0, 0, NULL, 0), true, true},           {peer(SELF, 1, NULL, 0), true, true},
+		{peer(OTHER, ADMINS, NULL, 0), true, true},  {peer(OTHER, 1, in_admins, 3), true, true},
+		{peer(OTHER, SERVED, NULL, 0), false, true}, {peer(OTHER, 1, in_served, 1), false, true},
+		{peer(OTHER, 1, NULL, 0), false, false},     {peer(OTHER, RIGHTS_NOBODY, NULL, 0), false, false},
 	};
 
 	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
@@ -114,12 +111,12 @@ static void modes(void **state)
 		const char *text;
 		uint32_t old, mask, want; /* MODE_ALL + 1: refused */
 	} row[] = {
-		{"640", 0, 0, 0640}, {"0640", 0777, 0, 0640}, {"0", 0777, 0, 0}, {"777", 0, 0, 0777},
-		{"g+w", 0640, 0, 0660}, {"o-r", 0644, 0, 0640}, {"u=rw,g=r,o=", 0, 0, 0640}, {"a+r", 0, 0, 0444},
-		{"+w", 0444, 022, 0644}, {"ug+rwX,o-w", 0402, 0, 0660}, {"u+rwX", 0100, 0, 0700}, {"g=u", 0640, 0, 0660},
-		{"g=u-w", 0640, 0, 0640}, {"go=", 0777, 0, 0700},
-		{"", 0, 0, 01000}, {"8", 0, 0, 01000}, {"1777", 0, 0, 01000}, {"u+s", 0, 0, 01000}, {"rw", 0, 0, 01000},
-		{"u+r,", 0, 0, 01000}, {"u", 0, 0, 01000}, {"640 ", 0, 0, 01000}, {"+t", 0, 0, 01000}, {"00000640", 0, 0, 01000},
+		{"640", 0, 0, 0640},      {"0640", 0777, 0, 0640},       {"0", 0777, 0, 0},           {"777", 0, 0, 0777},
+		{"g+w", 0640, 0, 0660},   {"o-r", 0644, 0, 0640},        {"u=rw,g=r,o=", 0, 0, 0640}, {"a+r", 0, 0, 0444},
+		{"+w", 0444, 022, 0644},  {"ug+rwX,o-w", 0402, 0, 0660}, {"u+rwX", 0100, 0, 0700},    {"g=u", 0640, 0, 0660},
+		{"g=u-w", 0640, 0, 0640}, {"go=", 0777, 0, 0700},        {"", 0, 0, 01000},           {"8", 0, 0, 01000},
+		{"1777", 0, 0, 01000},    {"u+s", 0, 0, 01000},          {"rw", 0, 0, 01000},         {"u+r,", 0, 0, 01000},
+		{"u", 0, 0, 01000},       {"640 ", 0, 0, 01000},         {"+t", 0, 0, 01000},         {"00000640", 0, 0, 01000},
 	};
 	char text[MODE_TEXT_SIZE];
 

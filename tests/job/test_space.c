@@ -47,8 +47,8 @@ static int setup(void **state)
 	if (!mkdtemp(folder))
 		return -1;
 	fd = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	return fd < 0 || mkdirat(fd, "domains", 0700) || mkdirat(fd, "domains/a", 0700) ||
-	       mkdirat(fd, "domains/a/b", 0700) || mkdirat(fd, "selected", 0700) || mkdirat(fd, "datasets", 0700);
+	return fd < 0 || mkdirat(fd, "domains", 0700) || mkdirat(fd, "domains/a", 0700) || mkdirat(fd, "domains/a/b", 0700) ||
+	       mkdirat(fd, "selected", 0700) || mkdirat(fd, "datasets", 0700);
 }
 
 static int remove_one(const char *path, const struct stat *st, int kind, struct FTW *ftw)

@@ -1,6 +1,7 @@
 /*
  * The texts of views, which all users share: who has many of them, in jobs that are over or are not, keeps nobody from
- * submitting, and what he himself may have of unfinished ones has an end. The loop turns only where it says so, so no job gets on.
+ * submitting, and what he himself may have of unfinished ones has an end. The loop turns only where it says so, so no job gets
+ * on.
  */
 #include "house.h"
 
@@ -28,12 +29,14 @@ static void jobs_over(unsigned from, unsigned n, uint32_t uid, unsigned bytes)
 {
 	char text[1024];
 
-	snprintf(text, sizeof text,
-		 "WITH RECURSIVE n(i) AS (SELECT %u UNION ALL SELECT i + 1 FROM n WHERE i < %u)"
-		 " INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
-		 " error_code, error_message, error_file, error_field, error_hint, error_offset)"
-		 " SELECT i, 0, 1, printf('%%*s', %u, 'v'), 'failed', %u, 1, 1, strftime('%%s') * 1000000, '', 'bad-input', '', '',"
-		 " '', '', -1 FROM n", from, from + n - 1, bytes, uid);
+	snprintf(
+		text, sizeof text,
+		"WITH RECURSIVE n(i) AS (SELECT %u UNION ALL SELECT i + 1 FROM n WHERE i < %u)"
+		" INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
+		" error_code, error_message, error_file, error_field, error_hint, error_offset)"
+		" SELECT i, 0, 1, printf('%%*s', %u, 'v'), 'failed', %u, 1, 1, strftime('%%s') * 1000000, '', 'bad-input', '', '',"
+		" '', '', -1 FROM n",
+		from, from + n - 1, bytes, uid);
 	sql(text);
 }
 

@@ -1,6 +1,6 @@
 /*
- * How a walk of which only sums are wanted goes about its leaves: several look at what is stored of them, and of those that are to be
- * made the last ones are made by size. What comes of it is what comes of it otherwise.
+ * How a walk of which only sums are wanted goes about its leaves: several look at what is stored of them, and of those that are
+ * to be made the last ones are made by size. What comes of it is what comes of it otherwise.
  *
  * Linked with --wrap of walk_domain_start, pipe_look, pipe_plan_probe and pipe_keep, and failing_domain.h.
  */
@@ -125,7 +125,7 @@ int __wrap_pipe_look(struct pipe_refine *f, const struct pipe_reuse_params *p, s
 		pthread_cond_wait(&seen.came, &seen.lock);
 	fails = ++seen.looks == 3 ? seen.fails : 0;
 	pthread_mutex_unlock(&seen.lock);
-	return fails ? err_set(err, (enum err_code)-fails, "the test's disk is gone") : __real_pipe_look(f, p, err);
+	return fails ? err_set(err, (enum err_code) - fails, "the test's disk is gone") : __real_pipe_look(f, p, err);
 }
 
 static void look_anew(bool together, bool closed, int fails)
@@ -162,7 +162,8 @@ static int corner_file(unsigned seed)
 
 	for (unsigned i = 0; i < MORE; i++) {
 		v = v * UINT64_C(6364136223846793005) + UINT64_C(1442695040888963407);
-		fprintf(f, "%u.%02u %u.%02u %u.00\n", (unsigned)(v >> 33) % 20000, i % 100, (unsigned)(v >> 20) % 20000, i % 97, i % 500);
+		fprintf(f, "%u.%02u %u.%02u %u.00\n", (unsigned)(v >> 33) % 20000, i % 100, (unsigned)(v >> 20) % 20000, i % 97,
+			i % 500);
 	}
 	fclose(f);
 	return fd;
@@ -229,7 +230,8 @@ static void crowded(void **state)
 		}
 }
 
-/* Two that lack memory, and cannot store what they have made: what is finished and has no memory is not given up for the other. */
+/* Two that lack memory, and cannot store what they have made: what is finished and has no memory is not given up for the other.
+ */
 static void side_by_side(void **state)
 {
 	uint64_t domains = 0;

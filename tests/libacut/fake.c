@@ -140,8 +140,7 @@ unsigned fake_open_descriptors(void)
 	return n;
 }
 
-struct acut *fake_attach(struct fake **ret_fake, void (*serve)(struct fake *), void *ctx,
-			 const struct acut_options *options)
+struct acut *fake_attach(struct fake **ret_fake, void (*serve)(struct fake *), void *ctx, const struct acut_options *options)
 {
 	struct acut *a;
 	int fd, r;

@@ -33,8 +33,7 @@ void fake_pipe(int fds[2]);
 bool fake_write(int fd, const struct stream_piece *, unsigned n);
 
 /* A connection to a fake that was greeted. */
-struct acut *fake_attach(struct fake **ret_fake, void (*serve)(struct fake *), void *ctx,
-			 const struct acut_options *options);
+struct acut *fake_attach(struct fake **ret_fake, void (*serve)(struct fake *), void *ctx, const struct acut_options *options);
 
 /* Answers everything until the client is gone; ctx NULL, or a uint64_t that gets the number of an aborted
  * push. */

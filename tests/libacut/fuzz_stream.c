@@ -40,10 +40,8 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 
 	for (unsigned b = 0; b < 1 + i % 5; b++) {
 		const uint64_t foreign[2] = {2 * b, 2 * b + 1};
-		const int32_t vertex[4][3] = {{(int32_t)b, 0, 0},
-					      {(int32_t)b, 1, 0},
-					      {(int32_t)b + 1, 0, 0},
-					      {(int32_t)b + 1, 1, 0}};
+		const int32_t vertex[4][3] = {
+			{(int32_t)b, 0, 0}, {(int32_t)b, 1, 0}, {(int32_t)b + 1, 0, 0}, {(int32_t)b + 1, 1, 0}};
 		const uint32_t triangle[2][3] = {{0, 2, 1}, {1, 2, 3}};
 		const uint8_t final = b % 2 ? 3 : 0, flags[2] = {1, 2};
 		struct stream_block block = {.index = b,
@@ -103,8 +101,7 @@ static int on_event(struct stream_reader *r, struct check **check, enum stream_e
 	return 0;
 }
 
-static int run(const uint8_t *bytes, size_t size, struct stream_reader *r, struct check **check,
-	       struct err *err)
+static int run(const uint8_t *bytes, size_t size, struct stream_reader *r, struct check **check, struct err *err)
 {
 	int e = 0;
 

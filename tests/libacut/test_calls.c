@@ -238,8 +238,7 @@ static void test_push(void **state)
 {
 	unsigned before = fake_open_descriptors();
 	struct seen seen = {0};
-	struct acut_push_options options = {
-		.dataset = "alps", .format = "xyz", .progress = see_progress, .ctx = &seen};
+	struct acut_push_options options = {.dataset = "alps", .format = "xyz", .progress = see_progress, .ctx = &seen};
 	const struct acut_probe *probe;
 	const struct acut_file_result *file;
 	const struct acut_push_result *done;
@@ -316,9 +315,8 @@ static void test_push_abort(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_small_calls),    cmocka_unit_test(test_error_parts),
-		cmocka_unit_test(test_wait_and_lists), cmocka_unit_test(test_push),
-		cmocka_unit_test(test_push_abort),     cmocka_unit_test(test_counts),
+		cmocka_unit_test(test_small_calls), cmocka_unit_test(test_error_parts), cmocka_unit_test(test_wait_and_lists),
+		cmocka_unit_test(test_push),        cmocka_unit_test(test_push_abort),  cmocka_unit_test(test_counts),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

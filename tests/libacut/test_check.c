@@ -78,8 +78,7 @@ static void expect(struct stream_tail *tail)
 			int32_t p[3];
 
 			position(column, row, p);
-			digest_add_vertex(&tail->vertex_digest, p[0] + offset[0], p[1] + offset[1],
-					  p[2] + offset[2]);
+			digest_add_vertex(&tail->vertex_digest, p[0] + offset[0], p[1] + offset[1], p[2] + offset[2]);
 		}
 	for (unsigned column = 0; column < W; column++)
 		for (unsigned row = 0; row < H; row++) {
@@ -92,12 +91,10 @@ static void expect(struct stream_tail *tail)
 				q[i][1] = p[i][1] + offset[1];
 			}
 			/* Corners in another order than the blocks have them. */
-			digest_add_triangle(&tail->digest, (const int64_t[3][2]){{q[2][0], q[2][1]},
-										 {q[0][0], q[0][1]},
-										 {q[1][0], q[1][1]}});
-			digest_add_triangle(&tail->digest, (const int64_t[3][2]){{q[1][0], q[1][1]},
-										 {q[3][0], q[3][1]},
-										 {q[2][0], q[2][1]}});
+			digest_add_triangle(&tail->digest,
+					    (const int64_t[3][2]){{q[2][0], q[2][1]}, {q[0][0], q[0][1]}, {q[1][0], q[1][1]}});
+			digest_add_triangle(&tail->digest,
+					    (const int64_t[3][2]){{q[1][0], q[1][1]}, {q[3][0], q[3][1]}, {q[2][0], q[2][1]}});
 		}
 	tail->triangles = 2 * W * H;
 	tail->hull = 2 * (W + H);
@@ -195,8 +192,7 @@ static void test_table(void **state)
 
 			seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
 			old = seed % n;
-			b = (struct stream_block){
-				.first = n + 1, .nforeign = 1, .foreign = &old, .final = &all};
+			b = (struct stream_block){.first = n + 1, .nforeign = 1, .foreign = &old, .final = &all};
 			assert_int_equal(check_block(c, &b, &err), open[old] ? 0 : -ERR_PROTO);
 			alive -= open[old];
 			open[old] = 0;
@@ -234,8 +230,12 @@ static void test_bits(void **state)
 			final[i / 8] |= (uint8_t)(is << i % 8);
 			open += !is;
 		}
-		b = (struct stream_block){.first = nforeign, .nforeign = nforeign, .nnew = nnew, .foreign = foreign,
-					  .vertex = (const int32_t(*)[3])vertex, .final = final};
+		b = (struct stream_block){.first = nforeign,
+					  .nforeign = nforeign,
+					  .nnew = nnew,
+					  .foreign = foreign,
+					  .vertex = (const int32_t(*)[3])vertex,
+					  .final = final};
 		assert_int_equal(check_block(c, &b, &err), 0);
 		assert_int_equal(check_open(c), open);
 		check_free(c);

@@ -249,8 +249,7 @@ static void test_connect(void **state)
 static void test_two_connections(void **state)
 {
 	struct fake *f, *g;
-	struct acut *a = fake_attach(&f, fake_serve_all, NULL, NULL),
-		    *b = fake_attach(&g, serve_death, NULL, NULL);
+	struct acut *a = fake_attach(&f, fake_serve_all, NULL, NULL), *b = fake_attach(&g, serve_death, NULL, NULL);
 	const struct acut_job *job;
 	double seconds;
 

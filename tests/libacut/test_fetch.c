@@ -57,8 +57,7 @@ static void put_blocks(struct stream_block b[2])
 	static const uint32_t first[1][3] = {{0, 1, 2}}, second[1][3] = {{0, 2, 1}};
 	static const uint8_t none = 0;
 
-	b[0] = (struct stream_block){
-		.index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first, .final = &none};
+	b[0] = (struct stream_block){.index = 0, .nnew = 3, .ntriangle = 1, .vertex = vertex, .triangle = first, .final = &none};
 	b[1] = (struct stream_block){.index = 4,
 				     .box = {1, 3, 5, INT64_MAX},
 				     .first = 3,
@@ -75,15 +74,10 @@ static void put_tail(struct stream_tail *tail, enum how how)
 {
 	static const unsigned triangle[2][3] = {{0, 1, 2}, {1, 3, 2}};
 
-	*tail = (struct stream_tail){.blocks = 2,
-				     .vertices = 4,
-				     .triangles = 2,
-				     .hull = 4,
-				     .box = {0, 0, -8, 10, 10, 7},
-				     .report = "{}"};
+	*tail = (struct stream_tail){
+		.blocks = 2, .vertices = 4, .triangles = 2, .hull = 4, .box = {0, 0, -8, 10, 10, 7}, .report = "{}"};
 	for (unsigned i = 0; i < 4; i++)
-		digest_add_vertex(&tail->vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1],
-				  vertex[i][2] + k[2]);
+		digest_add_vertex(&tail->vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]);
 	for (unsigned i = 0; i < 2; i++) {
 		int64_t corner[3][2];
 
@@ -105,9 +99,15 @@ static void put_tail(struct stream_tail *tail, enum how how)
 static bool write_changes(int fd, const struct server *s, const struct stream_tail *tail)
 {
 	static uint8_t scratch[STREAM_SCRATCH];
-	struct stream_base base = {.generation = s->how == CHANGES_OLDER ? 4 : 5, .job = 2, .old_digest = {100, 200},
-				   .old_vertex_digest = {3, 4}, .vertex_digest = {5, 6}, .gone = 1, .gone_triangles = 7,
-				   .kept = 9, .kept_triangles = 1000};
+	struct stream_base base = {.generation = s->how == CHANGES_OLDER ? 4 : 5,
+				   .job = 2,
+				   .old_digest = {100, 200},
+				   .old_vertex_digest = {3, 4},
+				   .vertex_digest = {5, 6},
+				   .gone = 1,
+				   .gone_triangles = 7,
+				   .kept = 9,
+				   .kept_triangles = 1000};
 	struct stream_region gone = {{1, 3, INT64_MAX, 5}, 7, {90, 210}};
 	struct stream_piece piece[STREAM_PIECES];
 
@@ -134,8 +134,7 @@ static void write_stream(int fd, struct server *s)
 
 	put_blocks(block);
 	put_tail(&tail, s->how);
-	ok = fake_write(fd, piece, stream_put_head(&head, scratch, piece)) &&
-	     (s->how < CHANGES || write_changes(fd, s, &tail)) &&
+	ok = fake_write(fd, piece, stream_put_head(&head, scratch, piece)) && (s->how < CHANGES || write_changes(fd, s, &tail)) &&
 	     (s->from > 0 || fake_write(fd, piece, stream_put_block(&block[0], scratch, piece)));
 	if (s->how == CUT || s->how == DEATH || s->how == STALL || s->how == ERROR_SOCKET)
 		return;
@@ -270,8 +269,8 @@ static void got_progress(void *ctx, const struct acut_progress *p)
 	progressed = true;
 }
 
-static int fetch(enum how how, const struct acut_options *options, unsigned stop_at, struct got *got,
-		 char *message, struct server *s)
+static int fetch(enum how how, const struct acut_options *options, unsigned stop_at, struct got *got, char *message,
+		 struct server *s)
 {
 	struct acut_mesh_sink sink = {got_head, got_block, got_tail, got_progress, got};
 	unsigned before = fake_open_descriptors();

@@ -51,8 +51,7 @@ static int64_t circle(const int32_t *a, const int32_t *b, const int32_t *c, cons
 		m[i][1] = p[i][1] - d[1];
 		m[i][2] = m[i][0] * m[i][0] + m[i][1] * m[i][1];
 	}
-	return m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) -
-	       m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
+	return m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0]) +
 	       m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0]);
 }
 
@@ -86,8 +85,7 @@ static void triangulate(struct mesh *m)
 
 				for (uint32_t d = 0; d < n && empty; d++)
 					empty = d == a || d == b || d == c ||
-						!inside(m->vertex[a], m->vertex[b], m->vertex[c],
-							m->vertex[d]);
+						!inside(m->vertex[a], m->vertex[b], m->vertex[c], m->vertex[d]);
 				if (!empty)
 					continue;
 				uint32_t *t = m->triangle[m->ntriangle++];
@@ -123,8 +121,7 @@ static struct mesh random_mesh(size_t n, int32_t range)
 
 static struct verify_report verified(const struct mesh *m)
 {
-	struct verify_mesh v = {(const int32_t(*)[3])m->vertex, (const uint32_t(*)[3])m->triangle, m->nvertex,
-				m->ntriangle};
+	struct verify_mesh v = {(const int32_t(*)[3])m->vertex, (const uint32_t(*)[3])m->triangle, m->nvertex, m->ntriangle};
 	struct verify_report r;
 	struct err err = ERR_INIT;
 
@@ -187,8 +184,7 @@ static void test_index(void **state)
 
 static void test_orientation(void **state)
 {
-	struct mesh m = spoilable(),
-		    flat = {.vertex = {{0, 0, 0}, {1, 1, 0}, {2, 2, 0}}, .nvertex = 3, .ntriangle = 1};
+	struct mesh m = spoilable(), flat = {.vertex = {{0, 0, 0}, {1, 1, 0}, {2, 2, 0}}, .nvertex = 3, .ntriangle = 1};
 	uint32_t t = m.triangle[7][0];
 
 	m.triangle[7][0] = m.triangle[7][1];
@@ -372,8 +368,7 @@ static void test_delaunay_and_tie(void **state)
 			for (size_t u = 0; u < m.ntriangle; u++) {
 				for (int k = 0; k < 9; k++) {
 					uint32_t *p = m.triangle[t], *q = m.triangle[u];
-					uint32_t a = p[k / 3], b = p[(k / 3 + 1) % 3], c = p[(k / 3 + 2) % 3],
-						 d = q[(k + 2) % 3];
+					uint32_t a = p[k / 3], b = p[(k / 3 + 1) % 3], c = p[(k / 3 + 2) % 3], d = q[(k + 2) % 3];
 					struct mesh bad = m;
 
 					if (q[k % 3] != b || q[(k + 1) % 3] != a ||
@@ -381,8 +376,7 @@ static void test_delaunay_and_tie(void **state)
 					    orient(m.vertex[d], m.vertex[b], m.vertex[c]) <= 0)
 						continue;
 					uint32_t other[2][3] = {{c, a, d}, {d, b, c}};
-					bool tie = circle(m.vertex[a], m.vertex[b], m.vertex[c],
-							  m.vertex[d]) == 0;
+					bool tie = circle(m.vertex[a], m.vertex[b], m.vertex[c], m.vertex[d]) == 0;
 
 					memcpy(bad.triangle[t], other[0], sizeof other[0]);
 					memcpy(bad.triangle[u], other[1], sizeof other[1]);
@@ -416,8 +410,7 @@ static void test_full_range(void **state)
 static enum verify_fault compared(const struct mesh *m, const struct view *view, struct point *pts, size_t n,
 				  struct verify_report *r)
 {
-	struct verify_mesh v = {(const int32_t(*)[3])m->vertex, (const uint32_t(*)[3])m->triangle, m->nvertex,
-				m->ntriangle};
+	struct verify_mesh v = {(const int32_t(*)[3])m->vertex, (const uint32_t(*)[3])m->triangle, m->nvertex, m->ntriangle};
 	struct err err = ERR_INIT;
 
 	*r = verified(m);

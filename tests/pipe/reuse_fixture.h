@@ -1,4 +1,5 @@
-/* Generations on disk, their domains in a store, and files of it that are damaged: what tests of finished domains have in common. */
+/* Generations on disk, their domains in a store, and files of it that are damaged: what tests of finished domains have in common.
+ */
 #ifndef REUSE_FIXTURE_H
 #define REUSE_FIXTURE_H
 
@@ -63,7 +64,8 @@ static struct generation generation_of(const struct set *s, unsigned segments, u
 	CHECK(grid_manifest_write(g.folder.fd, "m", &g.m, &err));
 	g.reader = reader_open(&g.folder, "m", GRID_NEWEST, 1 << 20);
 	reader_size = grid_reader_bytes(g.reader.grid);
-	g.budget = (struct pipe_budget){.load = LOAD, .cap = CAP, .threads = 1, .domain_bytes = pipe_domain_bytes(CAP, reader_size)};
+	g.budget =
+		(struct pipe_budget){.load = LOAD, .cap = CAP, .threads = 1, .domain_bytes = pipe_domain_bytes(CAP, reader_size)};
 	g.memory = aligned_alloc(64, (g.budget.domain_bytes + 63) & ~(size_t)63);
 	pipe_key_init(&g.key, g.reader.grid, &view);
 	return g;
@@ -86,8 +88,11 @@ static struct set points_more(size_t all, size_t some, uint32_t side)
 	for (size_t i = 0; i < n; i++) {
 		uint32_t within = i < all ? side : side / 6;
 
-		s.pts[i] = (struct point){.x = (int32_t)rnd(within) - (int32_t)(side / 2), .y = (int32_t)rnd(within) - 77,
-					  .z = (int32_t)rnd(50), .cls = rnd(20) ? 2 : 7, .ret = 0x11};
+		s.pts[i] = (struct point){.x = (int32_t)rnd(within) - (int32_t)(side / 2),
+					  .y = (int32_t)rnd(within) - 77,
+					  .z = (int32_t)rnd(50),
+					  .cls = rnd(20) ? 2 : 7,
+					  .ret = 0x11};
 		s.ids[i] = i < all ? 1 + (uint32_t)rnd(3) : i < all + some ? 4 : 5;
 	}
 	return s;
@@ -124,9 +129,16 @@ static void keep(struct generation *g, int store, const struct cut_region *r, st
 static int reuse_as(struct generation *g, int store, const struct cut_region *r, void *memory, bool light, bool sums,
 		    struct mesh_domain *ret, struct pipe_stored *ret_stored)
 {
-	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					    .region = r, .cap = CAP, .memory = memory, .size = g->budget.domain_bytes,
-					    .light = light, .sums = sums};
+	const struct pipe_reuse_params p = {.storefd = store,
+					    .grid = g->reader.grid,
+					    .view = &view,
+					    .key = &g->key,
+					    .region = r,
+					    .cap = CAP,
+					    .memory = memory,
+					    .size = g->budget.domain_bytes,
+					    .light = light,
+					    .sums = sums};
 	struct err err = ERR_INIT;
 	size_t held = 0;
 	int rc = pipe_reuse(&p, ret, ret_stored, &held, &err);
@@ -137,8 +149,8 @@ static int reuse_as(struct generation *g, int store, const struct cut_region *r,
 	return rc;
 }
 
-static int reuse(struct generation *g, int store, const struct cut_region *r, void *memory, bool light,
-		 struct mesh_domain *ret, struct pipe_stored *ret_stored)
+static int reuse(struct generation *g, int store, const struct cut_region *r, void *memory, bool light, struct mesh_domain *ret,
+		 struct pipe_stored *ret_stored)
 {
 	return reuse_as(g, store, r, memory, light, false, ret, ret_stored);
 }

@@ -43,8 +43,11 @@ static uint64_t rnd(uint64_t n)
 static struct point point_at(unsigned family, uint32_t range)
 {
 	static const int32_t ends[6] = {INT32_MIN, INT32_MIN + 1, -1, 0, INT32_MAX - 1, INT32_MAX};
-	struct point p = {.x = (int32_t)rnd(range) - (int32_t)(range / 2), .y = (int32_t)rnd(range) - 3, .z = (int32_t)rnd(4),
-			  .cls = (uint8_t)(rnd(12) ? 1 + rnd(2) : 7), .ret = rnd(3) ? 0x11 : 0x22,
+	struct point p = {.x = (int32_t)rnd(range) - (int32_t)(range / 2),
+			  .y = (int32_t)rnd(range) - 3,
+			  .z = (int32_t)rnd(4),
+			  .cls = (uint8_t)(rnd(12) ? 1 + rnd(2) : 7),
+			  .ret = rnd(3) ? 0x11 : 0x22,
 			  .tag = rnd(12) ? 0 : POINT_WITHHELD};
 
 	if (family == 0) {
@@ -134,8 +137,8 @@ static void generation_begin(struct generation *g, struct layout *l, const struc
 			g->m.sources[i].removed = 2;
 	CHECK(grid_manifest_write(l->folder.fd, "m", &g->m, &err));
 	g->reader = reader_open(&l->folder, "m", GRID_NEWEST, 1 << 20);
-	g->budget = (struct pipe_budget){.load = CAP, .cap = CAP, .threads = 1,
-					 .domain_bytes = pipe_domain_bytes(CAP, grid_reader_bytes(g->reader.grid))};
+	g->budget = (struct pipe_budget){
+		.load = CAP, .cap = CAP, .threads = 1, .domain_bytes = pipe_domain_bytes(CAP, grid_reader_bytes(g->reader.grid))};
 	g->memory = aligned_alloc(64, (g->budget.domain_bytes + 63) & ~(size_t)63);
 	g->other = aligned_alloc(64, (g->budget.domain_bytes + 63) & ~(size_t)63);
 	view_bind(&view, &g->m.lattice);
@@ -204,8 +207,14 @@ static void make(struct generation *g, const struct cut_region *r, struct mesh_d
 
 static bool reuse(struct generation *g, const struct cut_region *r, bool light, struct mesh_domain *ret)
 {
-	const struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					    .region = r, .cap = CAP, .memory = g->other, .size = g->budget.domain_bytes,
+	const struct pipe_reuse_params p = {.storefd = store.fd,
+					    .grid = g->reader.grid,
+					    .view = &view,
+					    .key = &g->key,
+					    .region = r,
+					    .cap = CAP,
+					    .memory = g->other,
+					    .size = g->budget.domain_bytes,
 					    .light = light};
 	struct err err = ERR_INIT;
 	struct pipe_stored as;
@@ -226,8 +235,14 @@ static bool reuse(struct generation *g, const struct cut_region *r, bool light, 
 static bool make_known(struct generation *g, const struct cut_plan *plan, unsigned i, struct mesh_domain *ret)
 {
 	const struct cut_region *r = &plan->leaf[i].region;
-	const struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					    .region = r, .cap = CAP, .memory = g->other, .size = g->budget.domain_bytes};
+	const struct pipe_reuse_params p = {.storefd = store.fd,
+					    .grid = g->reader.grid,
+					    .view = &view,
+					    .key = &g->key,
+					    .region = r,
+					    .cap = CAP,
+					    .memory = g->other,
+					    .size = g->budget.domain_bytes};
 	struct pipe_before before;
 	struct pipe_known known = {.sites = plan->leaf[i].known && rnd(4) ? plan->sites : NULL};
 	struct err err = ERR_INIT;
@@ -257,8 +272,8 @@ static void check_totals(struct pipe_totals a, struct pipe_totals b)
 	assert_memory_equal(&a, &b, sizeof a);
 }
 
-/* Of the regions, as one of leaves that may have few positions: a halo has more than those that are nearly empty, and is found with
- * others. It splits none, since all fit. */
+/* Of the regions, as one of leaves that may have few positions: a halo has more than those that are nearly empty, and is found
+ * with others. It splits none, since all fit. */
 static void plan_known(struct generation *g, const struct cut_region *leaf, unsigned n, struct cut_plan *ret)
 {
 	struct grid_reader *reader;
@@ -312,7 +327,8 @@ static void one_generation(struct generation *g)
 			check_same(&d, &k, false);
 		known = known && rnd(2);
 		if (rnd(4))
-			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL, &err));
+			CHECK(pipe_keep(store.fd, &g->key, &leaf[i], known ? &k : &d, known ? g->other : g->memory, &as, NULL,
+					&err));
 		emit(made, &d, &leaf[i]);
 		if (!hit) {
 			make(g, &leaf[i], &d);
@@ -389,8 +405,8 @@ static void test_chains(void **state)
 	printf("%llu meshes of %llu domains: %llu found, %llu of these of other generations, %llu by their fronts alone\n",
 	       (unsigned long long)meshes, (unsigned long long)domains, (unsigned long long)found, (unsigned long long)proved,
 	       (unsigned long long)fronts);
-	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n", (unsigned long long)bounded,
-	       (unsigned long long)sited, (unsigned long long)both);
+	printf("%llu made with sites of an earlier generation, %llu with sites of the plan, %llu with both\n",
+	       (unsigned long long)bounded, (unsigned long long)sited, (unsigned long long)both);
 	/* Of many cases; one may be tried again by itself. */
 	if (n < 40)
 		return;

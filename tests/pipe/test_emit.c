@@ -118,8 +118,7 @@ static void domain_make(const struct mesh *m, uint32_t which, struct mesh_domain
 				if (m->domain[i] != which || local[v] != UINT32_MAX || shared[v] != !pass)
 					continue;
 				local[v] = d->nvertex++;
-				d->vertex[local[v]] =
-				    (struct mesh_vertex){(int32_t)(v % m->w), (int32_t)(v / m->w), 7};
+				d->vertex[local[v]] = (struct mesh_vertex){(int32_t)(v % m->w), (int32_t)(v / m->w), 7};
 			}
 		if (!pass)
 			d->nopen = d->nvertex;
@@ -285,8 +284,7 @@ static void test_table(void **state)
 		uint32_t v = rnd(i < 150000 ? N : N / 2);
 		bool close_it = sum[v] && rnd(2);
 		uint64_t delta = close_it ? (uint64_t)0 - sum[v] : 1 + rnd(1000);
-		struct pipe_vertex add = {.place = v * 0x100000001u, .number = next, .hi = delta, .edges = 1},
-				   got;
+		struct pipe_vertex add = {.place = v * 0x100000001u, .number = next, .hi = delta, .edges = 1}, got;
 		int r = pipe_table_add(t, &add, &got, &err);
 
 		sum[v] += delta;
@@ -315,10 +313,10 @@ static void test_table(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_table),
-	    cmocka_unit_test(test_random_order),
-	    cmocka_unit_test(test_spill),
-	    cmocka_unit_test(test_missing_domain),
+		cmocka_unit_test(test_table),
+		cmocka_unit_test(test_random_order),
+		cmocka_unit_test(test_spill),
+		cmocka_unit_test(test_missing_domain),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,7 +1,8 @@
 /*
  * The whole engine in one process, without daemon: points to a segment on disk, plan, domains, emitter. Small
  * coordinate ranges, duplicates, collinear strips, full-range corners, many tiny regions: whatever the load, the
- * mesh is that of one single region, its digests agree, also where they are only added up, and a verifier that shares no code with it is content.
+ * mesh is that of one single region, its digests agree, also where they are only added up, and a verifier that shares no code
+ * with it is content.
  *
  * ACUT_FUZZ_CASES sets the number of random sets (default 2,000).
  */
@@ -60,8 +61,7 @@ static int collect(void *ctx, const struct mesh_block *b, struct err *err)
 			uint32_t c = b->triangle[i][k];
 
 			assert_true(c < b->nforeign + b->nnew);
-			m->triangle[m->ntriangle][k] =
-				(uint32_t)(c < b->nforeign ? b->foreign[c] : b->first + c - b->nforeign);
+			m->triangle[m->ntriangle][k] = (uint32_t)(c < b->nforeign ? b->foreign[c] : b->first + c - b->nforeign);
 		}
 	return 0;
 }
@@ -75,9 +75,9 @@ static void mesh_free(struct mesh *m)
 /* One sealed segment and its manifest "m". */
 static struct grid *cache_make(const struct point *pts, size_t n, struct ledger *ledger)
 {
-	struct grid_stage_params params = { .dirfd = dirfd_, .name = "s", .memory = 1 << 20 };
-	struct grid_source source = { .id = 1, .added = 1, .points = n, .name = "test" };
-	struct grid_manifest manifest = { .lattice = { { 1, -2 }, { 1, -2 }, { 0, 0, 0 } }, .generation = 1 };
+	struct grid_stage_params params = {.dirfd = dirfd_, .name = "s", .memory = 1 << 20};
+	struct grid_source source = {.id = 1, .added = 1, .points = n, .name = "test"};
+	struct grid_manifest manifest = {.lattice = {{1, -2}, {1, -2}, {0, 0, 0}}, .generation = 1};
 	struct grid_segment_info info;
 	struct grid_stage *stage = NULL;
 	struct grid *grid = NULL;
@@ -105,18 +105,22 @@ static int run_leaves(struct grid *grid, const struct view *view, struct cut_pla
 		      struct grid_reader *reader, struct pipe_emitter *emitter, struct pipe_emitter *sums, struct mesh *m,
 		      struct err *err)
 {
-	struct mesh_sink sink = { m, collect };
+	struct mesh_sink sink = {m, collect};
 	void *memory = aligned_alloc(64, (budget->domain_bytes + 63) & ~(size_t)63);
 	struct mesh_domain domain;
 	uint64_t need;
 	int r = 0;
 
 	for (size_t i = 0; !r && i < plan->n; i++) {
-		r = pipe_domain(grid, view, &plan->leaf[i].region, &(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget, memory, &domain, &need, err);
+		r = pipe_domain(grid, view, &plan->leaf[i].region,
+				&(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget, memory, &domain,
+				&need, err);
 		while (r == PIPE_E_SPLIT) {
 			r = cut_plan_split(plan, i, reader, need, budget->cap, err);
 			if (!r)
-				r = pipe_domain(grid, view, &plan->leaf[i].region, &(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget, memory, &domain, &need, err);
+				r = pipe_domain(grid, view, &plan->leaf[i].region,
+						&(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget,
+						memory, &domain, &need, err);
 		}
 		if (!r)
 			r = pipe_emit(sums, &domain, &plan->leaf[i].region, NULL, err);
@@ -130,16 +134,15 @@ static int run_leaves(struct grid *grid, const struct view *view, struct cut_pla
 static void mesh_make(struct grid *grid, const struct view *view, uint32_t load, uint32_t cap, struct mesh *m)
 {
 	size_t reader_size = grid_reader_bytes(grid);
-	struct pipe_budget budget = { .load = load, .cap = cap, .threads = 1,
-				      .domain_bytes = pipe_domain_bytes(cap, reader_size) };
+	struct pipe_budget budget = {.load = load, .cap = cap, .threads = 1, .domain_bytes = pipe_domain_bytes(cap, reader_size)};
 	struct pipe_emitter *emitter = NULL, *sums = NULL;
 	struct pipe_totals added;
 	struct grid_reader *reader = NULL;
-	struct cut_plan plan = { 0 };
+	struct cut_plan plan = {0};
 	struct err err = ERR_INIT;
 	void *memory = malloc(reader_size);
 
-	*m = (struct mesh){ 0 };
+	*m = (struct mesh){0};
 	assert_int_equal(grid_reader_new(grid, memory, reader_size, &reader, &err), 0);
 	assert_int_equal(pipe_emitter_new(&grid_manifest(grid)->lattice, 1 << 17, dirfd_, &emitter, &err), 0);
 	assert_int_equal(pipe_emitter_new(&grid_manifest(grid)->lattice, 1 << 17, dirfd_, &sums, &err), 0);
@@ -167,7 +170,7 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 
 static size_t make_points(struct point *pts, uint64_t which)
 {
-	static const int32_t corner[] = { INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX };
+	static const int32_t corner[] = {INT32_MIN, INT32_MIN + 1, 0, INT32_MAX - 1, INT32_MAX};
 	uint32_t range = 1 + rnd(6), n = 1 + rnd(which % 10 == 9 ? 200 : 40), kind = rnd(6);
 
 	for (uint32_t i = 0; i < n; i++) {
@@ -193,7 +196,7 @@ static size_t make_points(struct point *pts, uint64_t which)
 			y = (int32_t)rnd(1000);
 			break;
 		}
-		pts[i] = (struct point){ .x = x, .y = y, .z = (int32_t)rnd(50), .cls = (uint8_t)(1 + rnd(3)), .ret = 0x11 };
+		pts[i] = (struct point){.x = x, .y = y, .z = (int32_t)rnd(50), .cls = (uint8_t)(1 + rnd(3)), .ret = 0x11};
 	}
 	return n;
 }
@@ -209,8 +212,7 @@ static void check_same(const struct mesh *a, const struct mesh *b)
 
 static void check_verified(const struct mesh *m, const struct view *view, struct point *pts, size_t n)
 {
-	struct verify_mesh mesh = { (const int32_t (*)[3])m->vertex, (const uint32_t (*)[3])m->triangle, m->nvertex,
-				    m->ntriangle };
+	struct verify_mesh mesh = {(const int32_t(*)[3])m->vertex, (const uint32_t(*)[3])m->triangle, m->nvertex, m->ntriangle};
 	struct verify_report report;
 	struct err err = ERR_INIT;
 
@@ -300,7 +302,7 @@ static void test_wide_halo(void **state)
 	for (int32_t i = 0; i < N; i++) {
 		int32_t x = i - N / 2;
 
-		pts[i] = (struct point){ .x = x, .y = (int32_t)((int64_t)x * (x - 1) / 2 - 1000000000), .cls = 2, .ret = 0x11 };
+		pts[i] = (struct point){.x = x, .y = (int32_t)((int64_t)x * (x - 1) / 2 - 1000000000), .cls = 2, .ret = 0x11};
 	}
 	grid = cache_make(pts, N, ledger);
 	mesh_make(grid, &view, CAP, CAP, &whole);
@@ -318,7 +320,7 @@ static void test_wide_halo(void **state)
 
 int main(void)
 {
-	const struct CMUnitTest tests[] = { cmocka_unit_test(test_wide_halo), cmocka_unit_test(test_fuzz) };
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide_halo), cmocka_unit_test(test_fuzz)};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -52,11 +52,20 @@ static int count_openat(int dirfd, const char *name, int flags, mode_t mode)
 }
 
 static int reuse_recalled(struct generation *g, int store, const struct cut_region *r, struct mesh_domain *ret,
-		       struct pipe_stored *ret_stored)
+			  struct pipe_stored *ret_stored)
 {
-	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					    .region = r, .cap = memory.cap, .memory = g->memory, .size = g->budget.domain_bytes,
-					    .sums = !memory.whole, .light = memory.light, .recall = recall, .remember = remember,
+	const struct pipe_reuse_params p = {.storefd = store,
+					    .grid = g->reader.grid,
+					    .view = &view,
+					    .key = &g->key,
+					    .region = r,
+					    .cap = memory.cap,
+					    .memory = g->memory,
+					    .size = g->budget.domain_bytes,
+					    .sums = !memory.whole,
+					    .light = memory.light,
+					    .recall = recall,
+					    .remember = remember,
 					    .damaged = &memory.damaged};
 	const struct io_table *before = io;
 	struct io_table counting = *io;

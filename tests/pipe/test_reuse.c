@@ -69,8 +69,14 @@ static void test_generations(void **state)
 
 static bool before_of(struct generation *g, int store, const struct cut_region *r, struct pipe_before *ret)
 {
-	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					    .region = r, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes};
+	const struct pipe_reuse_params p = {.storefd = store,
+					    .grid = g->reader.grid,
+					    .view = &view,
+					    .key = &g->key,
+					    .region = r,
+					    .cap = CAP,
+					    .memory = g->memory,
+					    .size = g->budget.domain_bytes};
 
 	return pipe_before(&p, ret);
 }
@@ -167,8 +173,14 @@ static void test_refine(void **state)
 	new = generation_of(&s, 2, 0);
 	for (unsigned round = 0; round < 2; round++) {
 		struct generation *g = round ? &new : &old;
-		struct pipe_reuse_params p = {.storefd = store.fd, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					      .load = LOAD, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes};
+		struct pipe_reuse_params p = {.storefd = store.fd,
+					      .grid = g->reader.grid,
+					      .view = &view,
+					      .key = &g->key,
+					      .load = LOAD,
+					      .cap = CAP,
+					      .memory = g->memory,
+					      .size = g->budget.domain_bytes};
 		struct cut_plan plan = plan_of(g), again;
 		size_t before = plan.n, made = 0, fits = 0, there = 0;
 		struct err err = ERR_INIT;
@@ -244,8 +256,13 @@ static void test_refine_much(void **state)
 			keep(&g[i], store.fd, &plan.leaf[k].region, &as);
 		}
 		if (i) {
-			struct pipe_reuse_params p = {.storefd = store.fd, .grid = g[i].reader.grid, .view = &view, .key = &g[i].key,
-						      .load = LOAD, .cap = CAP, .memory = g[i].memory,
+			struct pipe_reuse_params p = {.storefd = store.fd,
+						      .grid = g[i].reader.grid,
+						      .view = &view,
+						      .key = &g[i].key,
+						      .load = LOAD,
+						      .cap = CAP,
+						      .memory = g[i].memory,
 						      .size = g[i].budget.domain_bytes};
 
 			CHECK(pipe_refine(&p, &plan, &err));
@@ -282,7 +299,8 @@ static struct pipe_totals emit_all(struct generation *g, int store, enum how how
 			make(g, r, &d);
 		else
 			assert_int_equal(how == SUMS ? reuse_sums(g, store, r, g->memory, &d, &as) :
-						       reuse(g, store, r, g->memory, light, &d, &as), 0);
+						       reuse(g, store, r, g->memory, light, &d, &as),
+					 0);
 		assert_true(!store || !light || i % 5 == 4 || !d.triangle);
 		CHECK(pipe_emit(emitter, &d, r, NULL, &err));
 	}
@@ -349,9 +367,18 @@ static struct dirent *count_readdir(void *dir)
 
 static int reuse_hinted(struct generation *g, int store, const struct cut_region *r, int64_t after_ns, struct pipe_stored *ret)
 {
-	const struct pipe_reuse_params p = {.storefd = store, .grid = g->reader.grid, .view = &view, .key = &g->key,
-					    .region = r, .cap = CAP, .memory = g->memory, .size = g->budget.domain_bytes,
-					    .sums = true, .light = true, .hint = give_hint, .after_ns = after_ns};
+	const struct pipe_reuse_params p = {.storefd = store,
+					    .grid = g->reader.grid,
+					    .view = &view,
+					    .key = &g->key,
+					    .region = r,
+					    .cap = CAP,
+					    .memory = g->memory,
+					    .size = g->budget.domain_bytes,
+					    .sums = true,
+					    .light = true,
+					    .hint = give_hint,
+					    .after_ns = after_ns};
 	const struct io_table *before = io;
 	struct io_table counting = *io;
 	struct err err = ERR_INIT;
@@ -368,7 +395,8 @@ static int reuse_hinted(struct generation *g, int store, const struct cut_region
 	return rc;
 }
 
-/* What somebody remembers is looked at first and saves the folder; where it is gone, or of another generation, the folder tells. */
+/* What somebody remembers is looked at first and saves the folder; where it is gone, or of another generation, the folder tells.
+ */
 static void test_hints(void **state)
 {
 	struct folder store = folder_new();
@@ -524,14 +552,9 @@ static void test_versions(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_generations),
-		cmocka_unit_test(test_before),
-		cmocka_unit_test(test_refine),
-		cmocka_unit_test(test_refine_much),
-		cmocka_unit_test(test_fronts),
-		cmocka_unit_test(test_hints),
-		cmocka_unit_test(test_damage),
-		cmocka_unit_test(test_versions),
+		cmocka_unit_test(test_generations), cmocka_unit_test(test_before),   cmocka_unit_test(test_refine),
+		cmocka_unit_test(test_refine_much), cmocka_unit_test(test_fronts),   cmocka_unit_test(test_hints),
+		cmocka_unit_test(test_damage),      cmocka_unit_test(test_versions),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

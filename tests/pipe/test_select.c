@@ -51,8 +51,8 @@ static int by_cell_and_rank(const void *a, const void *b)
 {
 	const struct entry *x = a, *y = b;
 
-#define DECIDE(f, g, sign)                                                                                   \
-	if ((f) != (g))                                                                                      \
+#define DECIDE(f, g, sign) \
+	if ((f) != (g))    \
 		return ((f) < (g) ? -1 : 1) * (sign);
 	DECIDE(x->cx, y->cx, 1)
 	DECIDE(x->cy, y->cy, 1)
@@ -80,8 +80,7 @@ static bool outside(const struct view *v, const struct point *p)
 }
 
 /* The live points (those of sources below `dead`, or all) into `out`; counts as the report has them. */
-static size_t brute(const struct set *s, const bool *dead, const struct view *v, struct point *out,
-		    struct pipe_selected *ret)
+static size_t brute(const struct set *s, const bool *dead, const struct view *v, struct point *out, struct pipe_selected *ret)
 {
 	struct entry *e = calloc(s->n + 1, sizeof *e);
 	size_t n = 0, kept = 0, group;
@@ -151,8 +150,11 @@ static struct set random_set(unsigned sources)
 	struct set s = {.pts = calloc(n + 1, sizeof *s.pts), .ids = calloc(n + 1, sizeof *s.ids), .n = n};
 
 	for (size_t i = 0; i < n; i++) {
-		s.pts[i] = (struct point){coordinate(sx), coordinate(sy), coordinate(sz),
-					  (uint8_t)("\2\2\2\7\22\10\1"[rnd(7)]), (uint8_t)(rnd(3) | rnd(3) << 4),
+		s.pts[i] = (struct point){coordinate(sx),
+					  coordinate(sy),
+					  coordinate(sz),
+					  (uint8_t)("\2\2\2\7\22\10\1"[rnd(7)]),
+					  (uint8_t)(rnd(3) | rnd(3) << 4),
 					  (uint16_t)(rnd(4) ? 0 : rnd(16))};
 		s.ids[i] = 1 + (uint32_t)rnd(sources);
 	}
@@ -219,8 +221,8 @@ static struct view random_view(const struct set *s, const struct lattice *lattic
 
 static void random_k(int64_t k[3])
 {
-	static const int64_t far[] = {0, 1, -1, 5, -123456789, INT64_C(1) << 40, -(INT64_C(1) << 40),
-				      (INT64_C(1) << 59) + 3, -(INT64_C(1) << 59) - 3};
+	static const int64_t far[] = {
+		0, 1, -1, 5, -123456789, INT64_C(1) << 40, -(INT64_C(1) << 40), (INT64_C(1) << 59) + 3, -(INT64_C(1) << 59) - 3};
 
 	for (int i = 0; i < 3; i++)
 		k[i] = far[rnd(9)];
@@ -263,8 +265,7 @@ static void dataset_end(struct dataset *d)
 	folder_remove(&d->folder);
 }
 
-static struct pipe_selected select_into(const struct folder *to, const struct grid *grid, const struct view *v,
-					size_t memory)
+static struct pipe_selected select_into(const struct folder *to, const struct grid *grid, const struct view *v, size_t memory)
 {
 	struct pipe_select_params p = {.grid = grid, .view = v, .memory = memory, .dirfd = to->fd};
 	struct pipe_selected got = {0}, again = {0};
@@ -312,16 +313,14 @@ static void one_case(uint64_t seed)
 	points = calloc(set.n + 1, sizeof *points);
 	n = brute(&set, d.dead, &view, points, &want);
 	to = folder_new();
-	got = select_into(&to, d.reader.grid, &view,
-			  pipe_select_min(d.reader.grid) + (rnd(2) ? rnd(4096) : rnd(1 << 20)));
+	got = select_into(&to, d.reader.grid, &view, pipe_select_min(d.reader.grid) + (rnd(2) ? rnd(4096) : rnd(1 << 20)));
 	found = all_of(&to, &d.m.lattice);
 	if (found.n != n || memcmp(found.pts ? found.pts : points, points, n * sizeof *points))
 		fail_msg("seed %llu: %zu points selected, not these %zu", (unsigned long long)seed, found.n, n);
 	for (int i = 0; i < VIEW_RULES; i++)
 		if (got.removed[i] != want.removed[i])
 			fail_msg("seed %llu: %llu removed by %s, not %llu", (unsigned long long)seed,
-				 (unsigned long long)got.removed[i], view_rule_text(i),
-				 (unsigned long long)want.removed[i]);
+				 (unsigned long long)got.removed[i], view_rule_text(i), (unsigned long long)want.removed[i]);
 	assert_int_equal(got.points, want.points);
 	assert_int_equal(got.kept, want.kept);
 	/* Manifest, segment and counts, nothing else. */
@@ -350,8 +349,8 @@ static struct set survey(size_t n, int32_t side, int32_t heights)
 	struct set s = {.pts = calloc(n, sizeof *s.pts), .ids = calloc(n, sizeof *s.ids), .n = n};
 
 	for (size_t i = 0; i < n; i++) {
-		s.pts[i] = (struct point){(int32_t)rnd((uint64_t)side), (int32_t)rnd((uint64_t)side),
-					  (int32_t)rnd((uint64_t)heights), 2, 0x11, 0};
+		s.pts[i] = (struct point){
+			(int32_t)rnd((uint64_t)side), (int32_t)rnd((uint64_t)side), (int32_t)rnd((uint64_t)heights), 2, 0x11, 0};
 		s.ids[i] = 1;
 	}
 	return s;
@@ -505,12 +504,8 @@ static void test_cancel(void **state)
 	struct folder to = folder_new();
 	struct view v = VIEW_INIT;
 	unsigned calls = 0;
-	struct pipe_select_params p = {.grid = d.reader.grid,
-				       .view = &v,
-				       .memory = 2 << 20,
-				       .dirfd = to.fd,
-				       .progress = stop_at_once,
-				       .ctx = &calls};
+	struct pipe_select_params p = {
+		.grid = d.reader.grid, .view = &v, .memory = 2 << 20, .dirfd = to.fd, .progress = stop_at_once, .ctx = &calls};
 	struct pipe_selected got;
 	struct err err = ERR_INIT;
 
@@ -596,8 +591,7 @@ static void test_full_disk(void **state)
 	failing.pwrite = failing_pwrite;
 	for (int n = 0; rc; n++) {
 		struct folder to = folder_new();
-		struct pipe_select_params p = {
-			.grid = d.reader.grid, .view = &v, .memory = 1400 << 10, .dirfd = to.fd};
+		struct pipe_select_params p = {.grid = d.reader.grid, .view = &v, .memory = 1400 << 10, .dirfd = to.fd};
 		struct pipe_selected got;
 		struct err err = ERR_INIT;
 
@@ -681,10 +675,9 @@ static void test_key(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_random),    cmocka_unit_test(test_large),
-		cmocka_unit_test(test_all_equal), cmocka_unit_test(test_bounds),
-		cmocka_unit_test(test_cancel),    cmocka_unit_test(test_cancel_large_cell), cmocka_unit_test(test_full_disk),
-		cmocka_unit_test(test_damaged_counts), cmocka_unit_test(test_key),
+		cmocka_unit_test(test_random),    cmocka_unit_test(test_large),          cmocka_unit_test(test_all_equal),
+		cmocka_unit_test(test_bounds),    cmocka_unit_test(test_cancel),         cmocka_unit_test(test_cancel_large_cell),
+		cmocka_unit_test(test_full_disk), cmocka_unit_test(test_damaged_counts), cmocka_unit_test(test_key),
 	};
 
 	skip_fsync();

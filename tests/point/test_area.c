@@ -106,8 +106,8 @@ static void random_model(struct model *m, unsigned corners, uint64_t range, int6
 		m->ring[r].n = 1 + (unsigned)roll(corners);
 		for (unsigned i = 0; i < m->ring[r].n; i++)
 			for (unsigned k = 0; k < 2; k++)
-				m->ring[r].at[i][k] = (int64_t)roll(range) * scale + shift +
-						      (scale > 1 ? (int64_t)roll((uint64_t)scale) : 0);
+				m->ring[r].at[i][k] =
+					(int64_t)roll(range) * scale + shift + (scale > 1 ? (int64_t)roll((uint64_t)scale) : 0);
 	}
 }
 
@@ -128,8 +128,7 @@ static void test_small(void **state)
 				bool want = brute_has(&m, x, y);
 
 				if (view_area_has(a, x, y) != want)
-					print_error("run %u at %lld %lld\n", run, (long long)(x - shift),
-						    (long long)(y - shift));
+					print_error("run %u at %lld %lld\n", run, (long long)(x - shift), (long long)(y - shift));
 				assert_int_equal(view_area_has(a, x, y), want);
 				for (unsigned r = 0; r < m.nring; r++)
 					on += !brute_ring(&m, r, x, y);
@@ -163,8 +162,7 @@ static void test_large(void **state)
 		for (unsigned t = 0; t < 400; t++) {
 			unsigned r = (unsigned)roll(m.nring), i = (unsigned)roll(m.ring[r].n);
 			const int64_t *p = m.ring[r].at[i], *q = m.ring[r].at[(i + 1) % m.ring[r].n];
-			int64_t part = (int64_t)roll(5), x = p[0] + (q[0] - p[0]) / 4 * part,
-				y = p[1] + (q[1] - p[1]) / 4 * part;
+			int64_t part = (int64_t)roll(5), x = p[0] + (q[0] - p[0]) / 4 * part, y = p[1] + (q[1] - p[1]) / 4 * part;
 
 			if (roll(3)) {
 				x += (int64_t)roll(3) - 1;
@@ -219,7 +217,7 @@ static void test_normal(void **state)
 {
 	for (unsigned run = 0; run < 2000; run++) {
 		struct model m, n;
-		const int64_t (*c)[2], (*d)[2];
+		const int64_t(*c)[2], (*d)[2];
 		bool shell;
 
 		random_model(&m, 9, 6, 1, 0);

@@ -38,8 +38,7 @@ static struct decimal dec(const char *text)
 }
 
 /* An input with the same numbers on x and y. */
-static struct lattice_input input(const char *name, const char *scale, const char *offset, double min,
-				  double max)
+static struct lattice_input input(const char *name, const char *scale, const char *offset, double min, double max)
 {
 	struct lattice_input in = {.name = name, .has_offset = offset != NULL};
 
@@ -240,7 +239,7 @@ static void test_set_steps(void **state)
 {
 	enum { N = 10000, LOG = 14, ORDERS = 19 };
 	struct lattice_input *in = calloc(N, sizeof *in);
-	char (*names)[8] = calloc(N, sizeof *names);
+	char(*names)[8] = calloc(N, sizeof *names);
 	struct lattice_set *set;
 	struct lattice l;
 	size_t which, gone = 0;
@@ -290,8 +289,7 @@ static void test_text(void **state)
 		assert_false(lattice_parse(bad[i], &l));
 	assert_int_equal(l.k[0], 5);
 	l = lattice_of("99999999999999999e-40 1 -4611686018427387904 4611686018427387904 0");
-	assert_string_equal(lattice_text(&l, text),
-			    "99999999999999999e-40 1 -4611686018427387904 4611686018427387904 0");
+	assert_string_equal(lattice_text(&l, text), "99999999999999999e-40 1 -4611686018427387904 4611686018427387904 0");
 	(void)state;
 }
 
@@ -313,8 +311,7 @@ static void test_map_rounding(void **state)
 		size_t bad;
 		int64_t want = (int64_t)floor((double)(raw * 2 + 10) / 20); /* floor(raw / 10 + 1/2) */
 
-		assert_int_equal(
-			lattice_map_apply(&m, (const int64_t(*)[3])r, 1, got, &moved, shift, &bad, &err), 0);
+		assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])r, 1, got, &moved, shift, &bad, &err), 0);
 		for (int a = 0; a < 3; a++) {
 			assert_int_equal(got[0][a], want);
 			assert_true(fabs(shift[a] - fabs((double)(raw - want * 10)) * 0.001) < 1e-12);
@@ -327,8 +324,7 @@ static void test_map_rounding(void **state)
 /* A whole number of lattice steps added to a file's offset moves all its points by just that many. */
 static void test_map_commutes(void **state)
 {
-	static const char *const scales[] = {"0.001",  "0.01", "0.0025", "3048006096012192e-16",
-					     "0.3048", "1e-7", "7e-3"};
+	static const char *const scales[] = {"0.001", "0.01", "0.0025", "3048006096012192e-16", "0.3048", "1e-7", "7e-3"};
 	static const char *const steps[] = {"0.01", "0.001", "3048006096012192e-17", "0.007"};
 
 	for (int round = 0; round < 3000; round++) {
@@ -354,9 +350,9 @@ static void test_map_commutes(void **state)
 			for (int a = 0; v && a < 3; a++)
 				k.k[a] = l.k[a] - by; /* the same as moving the offset by `by` steps */
 			assert_int_equal(lattice_map_init(&m[v], &k, v ? &moved_in : &in, &err), 0);
-			assert_int_equal(lattice_map_apply(&m[v], (const int64_t(*)[3])raw, 16, got[v],
-							   &moved[v], shift[v], &bad, &err),
-					 0);
+			assert_int_equal(
+				lattice_map_apply(&m[v], (const int64_t(*)[3])raw, 16, got[v], &moved[v], shift[v], &bad, &err),
+				0);
 		}
 		assert_int_equal(moved[0], moved[1]);
 		for (int i = 0; i < 16; i++)
@@ -370,8 +366,7 @@ static void test_map_commutes(void **state)
  * in exact decimals: X - 1/2 <= v < X + 1/2. */
 static void test_map_defining(void **state)
 {
-	static const char *const scales[] = {"0.001",         "0.01", "1", "0.3048", "3048006096012192e-16",
-					     "123456789e-10", "0.1"};
+	static const char *const scales[] = {"0.001", "0.01", "1", "0.3048", "3048006096012192e-16", "123456789e-10", "0.1"};
 
 	for (int round = 0; round < 20000; round++) {
 		struct lattice l = {.scale_xy = dec(scales[rnd() % 7]), .scale_z = dec("1"), .k = {0, 0, 0}};
@@ -419,28 +414,23 @@ static void test_map_exact(void **state)
 	in.scale[2] = dec("0.1");
 	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
 	assert_true(m.axis[0].exact && m.axis[1].exact && m.axis[2].exact);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err),
-			 0);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), 0);
 	assert_int_equal(got[0][0], 1 + 1000 - 5);
 	assert_int_equal(got[1][1], -2 + 1000 + 5);
 	assert_int_equal(got[1][2], -300 + 10000);
 	assert_int_equal(got[2][0], 2000000995);
 	assert_true(moved == 0 && shift[0] == 0);
 	raw[2][2] = 21474737; /* 21474737 * 100 + 10000 = 2^31 + 52 */
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err),
-			 -ERR_LIMIT);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), -ERR_LIMIT);
 	assert_int_equal(bad, 2);
 	raw[2][2] = 21474736; /* 2^31 - 48 */
 	err_clear(&err);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err),
-			 0);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), 0);
 	assert_int_equal(got[2][2], INT32_MAX - 47);
 	raw[1][1] = INT64_MIN;
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err),
-			 -ERR_LIMIT);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 3, got, &moved, shift, &bad, &err), -ERR_LIMIT);
 	assert_int_equal(bad, 1);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 0, got, &moved, shift, &bad, &err),
-			 0);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 0, got, &moved, shift, &bad, &err), 0);
 	(void)state;
 }
 
@@ -458,13 +448,11 @@ static void test_map_wide(void **state)
 	struct err err = ERR_INIT;
 
 	assert_int_equal(lattice_map_init(&m, &l, &in, &err), 0);
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err),
-			 -ERR_LIMIT);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err), -ERR_LIMIT);
 	err_clear(&err);
 	raw[0][0] = 1000;
 	raw[0][1] = -1000;
-	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err),
-			 0);
+	assert_int_equal(lattice_map_apply(&m, (const int64_t(*)[3])raw, 1, got, &moved, shift, &bad, &err), 0);
 	/* 1000 * 9.9999999999999999e-9 + 0.123456789012345 = 0.12346678901234499999: 1234667.89 steps */
 	assert_int_equal(got[0][0], 1234668);
 	assert_int_equal(got[0][1], 1234468); /* 1234467.89 */
@@ -486,12 +474,18 @@ static void test_map_wide(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_choose),         cmocka_unit_test(test_choose_lying_box),
-		cmocka_unit_test(test_choose_refused), cmocka_unit_test(test_choose_wanted),
-		cmocka_unit_test(test_set),            cmocka_unit_test(test_set_steps),
-		cmocka_unit_test(test_text),           cmocka_unit_test(test_map_rounding),
-		cmocka_unit_test(test_map_commutes),   cmocka_unit_test(test_map_defining),
-		cmocka_unit_test(test_map_exact),      cmocka_unit_test(test_map_wide),
+		cmocka_unit_test(test_choose),
+		cmocka_unit_test(test_choose_lying_box),
+		cmocka_unit_test(test_choose_refused),
+		cmocka_unit_test(test_choose_wanted),
+		cmocka_unit_test(test_set),
+		cmocka_unit_test(test_set_steps),
+		cmocka_unit_test(test_text),
+		cmocka_unit_test(test_map_rounding),
+		cmocka_unit_test(test_map_commutes),
+		cmocka_unit_test(test_map_defining),
+		cmocka_unit_test(test_map_exact),
+		cmocka_unit_test(test_map_wide),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

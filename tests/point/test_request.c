@@ -79,8 +79,7 @@ static void test_words(void **state)
 	becomes("ask 1 zmax=12.3455 zmin=-0.0005", &fine, "x", "view 1 zmin=0 zmax=12346");
 	becomes("ask 1 zmin=2.4999 zmax=2.5", &coarse, "x", "view 1 zmin=0 zmax=1");
 	becomes("ask 1 zmin=-2.5 zmax=-2.5", &coarse, "x", "view 1 zmin=0 zmax=0");
-	becomes("ask 1 zmin=-1e4000 zmax=1e4000", &coarse, "x",
-		"view 1 zmin=-4611686018427387904 zmax=4611686018427387904");
+	becomes("ask 1 zmin=-1e4000 zmax=1e4000", &coarse, "x", "view 1 zmin=-4611686018427387904 zmax=4611686018427387904");
 	becomes("ask 1 zmin=1e-4000", &coarse, "x", "view 1 zmin=0");
 	becomes("ask 1 zmin=-1e-4000", &coarse, "x", "view 1 zmin=0");
 	becomes("ask 1 crop=box:635000.004,6853000.005,635100,6.8532e6", &fine, "x",
@@ -98,7 +97,8 @@ static void test_words(void **state)
 /* In place of what the view has; the same text whichever way it was asked for. */
 static void test_window(void **state)
 {
-	static const char *const ways[][2] = {{"ask 1 ground", "box:1,2,3,4"}, {"view 1 ground", "box:1.0,2e0,3,4"},
+	static const char *const ways[][2] = {{"ask 1 ground", "box:1,2,3,4"},
+					      {"view 1 ground", "box:1.0,2e0,3,4"},
 					      {"ask 1 ground window=box:1,2,3,4", ""},
 					      {"view 1 ground window=box:7,7,8,8", "box:1,2,3,4"}};
 	struct err err = ERR_INIT;
@@ -440,9 +440,9 @@ static void test_long(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_words),   cmocka_unit_test(test_window), cmocka_unit_test(test_lengths), cmocka_unit_test(test_lengths_refused),
-		cmocka_unit_test(test_refused), cmocka_unit_test(test_codes),   cmocka_unit_test(test_any_area),
-		cmocka_unit_test(test_random),  cmocka_unit_test(test_long),
+		cmocka_unit_test(test_words),           cmocka_unit_test(test_window),  cmocka_unit_test(test_lengths),
+		cmocka_unit_test(test_lengths_refused), cmocka_unit_test(test_refused), cmocka_unit_test(test_codes),
+		cmocka_unit_test(test_any_area),        cmocka_unit_test(test_random),  cmocka_unit_test(test_long),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

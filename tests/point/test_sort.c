@@ -37,8 +37,7 @@ static void test_morton(void **state)
 	static const int32_t ends[] = {INT32_MIN, INT32_MIN + 1, -1, 0, 1, INT32_MAX - 1, INT32_MAX};
 
 	for (int i = 0; i < 100049; i++) {
-		int32_t x = i < 49 ? ends[i / 7] : (int32_t)rnd(), y = i < 49 ? ends[i % 7] : (int32_t)rnd(),
-			bx, by;
+		int32_t x = i < 49 ? ends[i / 7] : (int32_t)rnd(), y = i < 49 ? ends[i % 7] : (int32_t)rnd(), bx, by;
 		uint64_t key = point_morton(x, y);
 
 		assert_true(key == morton_again(x, y));
@@ -89,8 +88,7 @@ enum family { FULL, SMALL, TWO, ONE, CLUSTERS, TIES, COLUMN, STAIRS, FAMILIES };
 static struct point make(enum family f)
 {
 	uint64_t a = rnd(), b = rnd(), c = rnd();
-	struct point p = {(int32_t)a,         (int32_t)b,         (int32_t)c,
-			  (uint8_t)(a >> 40), (uint8_t)(b >> 40), (uint16_t)(c >> 40)};
+	struct point p = {(int32_t)a, (int32_t)b, (int32_t)c, (uint8_t)(a >> 40), (uint8_t)(b >> 40), (uint16_t)(c >> 40)};
 
 	switch (f) {
 	case SMALL:
@@ -130,8 +128,7 @@ static struct point make(enum family f)
 static void test_sort(void **state)
 {
 	static const size_t sizes[] = {0, 1, 2, 3, 23, 24, 25, 26, 47, 48, 49, 50, 1000, 32767, 32768, 32769, 200000};
-	struct point *a = malloc(200000 * sizeof *a), *b = malloc(200000 * sizeof *b),
-		     *s = malloc(200000 * sizeof *s);
+	struct point *a = malloc(200000 * sizeof *a), *b = malloc(200000 * sizeof *b), *s = malloc(200000 * sizeof *s);
 
 	for (int f = 0; f < FAMILIES; f++) {
 		for (size_t k = 0; k < sizeof sizes / sizeof sizes[0]; k++) {
@@ -156,8 +153,7 @@ static void test_sort(void **state)
 static void test_compare(void **state)
 {
 	for (int i = 0; i < 100000; i++) {
-		struct point a = make((enum family)(i % FAMILIES)),
-			     b = i % 3 ? make((enum family)(i % FAMILIES)) : a;
+		struct point a = make((enum family)(i % FAMILIES)), b = i % 3 ? make((enum family)(i % FAMILIES)) : a;
 
 		if (i % 5 == 0)
 			b.tag ^= (uint16_t)(1u << (rnd() % 16));

@@ -30,8 +30,7 @@ static struct point point_with(unsigned cls, unsigned number, unsigned count, un
 
 static void test_matrix(void **state)
 {
-	struct view all = view_with(NULL), named = view_with("2,7"), ground = all, surface = all, last = all,
-		    loud = all;
+	struct view all = view_with(NULL), named = view_with("2,7"), ground = all, surface = all, last = all, loud = all;
 	struct view first = all, kept = all, ground7;
 
 	ground.ground = true;
@@ -92,8 +91,7 @@ static void test_matrix(void **state)
 		enum view_rule got = view_judge(rows[i].view, &p);
 
 		if (got != rows[i].want)
-			print_error("row %zu: %s, not %s\n", i, view_rule_text(got),
-				    view_rule_text(rows[i].want));
+			print_error("row %zu: %s, not %s\n", i, view_rule_text(got), view_rule_text(rows[i].want));
 		assert_int_equal(got, rows[i].want);
 		assert_true(view_by_kind(rows[i].view));
 	}
@@ -153,8 +151,12 @@ static void test_places(void **state)
 		for (unsigned l = 0; l < 2; l++) {
 			const int64_t *k = lattices[l].k;
 			struct view v = asked(rows[i].request, &lattices[l]);
-			struct point p = {rows[i].x - (int32_t)k[0], rows[i].y - (int32_t)k[1], rows[i].z - (int32_t)k[2],
-					  (uint8_t)rows[i].cls, 0x11, (uint16_t)rows[i].flags};
+			struct point p = {rows[i].x - (int32_t)k[0],
+					  rows[i].y - (int32_t)k[1],
+					  rows[i].z - (int32_t)k[2],
+					  (uint8_t)rows[i].cls,
+					  0x11,
+					  (uint16_t)rows[i].flags};
 			int32_t box[4] = {p.x, p.y, p.x, p.y};
 			enum view_rule got = view_judge(&v, &p);
 
@@ -219,8 +221,11 @@ static void test_thin(void **state)
 	struct view v = asked("ask 1 thin=5:lowest", &l);
 	struct view_thin high = {5, VIEW_PICK_HIGHEST}, median = {5, VIEW_PICK_MEDIAN};
 	static const int32_t at[][4] = {/* x, y absolute, cell */
-					{0, 0, 0, 0},    {4, 5, 0, 1},     {-1, -5, -1, -1},
-					{-5, -6, -1, -2}, {-6, 14, -2, 2}};
+					{0, 0, 0, 0},
+					{4, 5, 0, 1},
+					{-1, -5, -1, -1},
+					{-5, -6, -1, -2},
+					{-6, 14, -2, 2}};
 	struct point set[4 * 3 * 3 * 2 * 2];
 	size_t n = 0;
 
@@ -236,7 +241,7 @@ static void test_thin(void **state)
 	assert_true(view_selects(&v));
 	for (int z = 0; z < 4; z++)
 		for (unsigned m = 0; m < 36; m++)
-			set[n++] = (struct point){(int32_t)(m % 3), (int32_t)(m / 3 % 3), z, (uint8_t)(m / 9 % 2), 0x11,
+			set[n++] = (struct point){(int32_t)(m % 3),  (int32_t)(m / 3 % 3), z, (uint8_t)(m / 9 % 2), 0x11,
 						  (uint16_t)(m / 18)};
 	/* A total order, upwards and downwards alike in all but z; the source has no part in it. */
 	for (size_t i = 0; i < n; i++) {
@@ -247,7 +252,7 @@ static void test_thin(void **state)
 			b.tag |= 9 << POINT_SOURCE_SHIFT;
 			assert_int_equal(low, view_thin_compare(&median, &set[i], &b));
 			assert_int_equal(!low, i == j);
-			assert_int_equal(low < 0, view_thin_compare(&v.thin, &b, &set[i]) > 0);
+			assert_int_equal(low<0, view_thin_compare(&v.thin, &b, &set[i])> 0);
 			if (set[i].z != b.z)
 				assert_int_equal(low < 0, set[i].z < b.z);
 			else if (set[i].cls != b.cls)
@@ -269,12 +274,8 @@ static void test_preference(void **state)
 
 	for (int z = 0; z < 3; z++)
 		for (unsigned m = 0; m < 16; m++)
-			all[n++] = (struct point){0,
-						  0,
-						  z,
-						  (uint8_t)(m & 1),
-						  (uint8_t)(m >> 1 & 1),
-						  (uint16_t)((m >> 2 & 1) | (m >> 3 & 1) << 4)};
+			all[n++] = (struct point){
+				0, 0, z, (uint8_t)(m & 1), (uint8_t)(m >> 1 & 1), (uint16_t)((m >> 2 & 1) | (m >> 3 & 1) << 4)};
 	for (unsigned mode = 0; mode < 4; mode++) {
 		struct view v = VIEW_INIT;
 
@@ -332,8 +333,7 @@ static void test_text_round_trip(void **state)
 		assert_true(digest_equal(view_hash(&v), view_hash(&w)));
 		assert_memory_equal(&v, &w, sizeof v);
 		for (size_t i = 0; i < nseen; i++)
-			assert_false(
-				digest_equal(seen[i], view_hash(&v))); /* different views, different texts */
+			assert_false(digest_equal(seen[i], view_hash(&v))); /* different views, different texts */
 		seen[nseen++] = view_hash(&v);
 	}
 	(void)state;
@@ -439,11 +439,9 @@ static void test_contradictions(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_matrix),          cmocka_unit_test(test_preference),
-		cmocka_unit_test(test_places),          cmocka_unit_test(test_every),
-		cmocka_unit_test(test_thin),
-		cmocka_unit_test(test_text_round_trip), cmocka_unit_test(test_text),
-		cmocka_unit_test(test_bad_texts),       cmocka_unit_test(test_contradictions),
+		cmocka_unit_test(test_matrix), cmocka_unit_test(test_preference), cmocka_unit_test(test_places),
+		cmocka_unit_test(test_every),  cmocka_unit_test(test_thin),       cmocka_unit_test(test_text_round_trip),
+		cmocka_unit_test(test_text),   cmocka_unit_test(test_bad_texts),  cmocka_unit_test(test_contradictions),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -87,9 +87,8 @@ const Acut__V1__Message *hello(void)
 
 size_t frame_bytes(const Acut__V1__Message *m, uint32_t id, unsigned descriptors, uint8_t *to)
 {
-	struct frame_header header = {.length = (uint32_t)acut__v1__message__get_packed_size(m),
-				      .request_id = id,
-				      .descriptors = (uint8_t)descriptors};
+	struct frame_header header = {
+		.length = (uint32_t)acut__v1__message__get_packed_size(m), .request_id = id, .descriptors = (uint8_t)descriptors};
 
 	frame_header_put(&header, to);
 	return FRAME_HEADER_SIZE + acut__v1__message__pack(m, to + FRAME_HEADER_SIZE);

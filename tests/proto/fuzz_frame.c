@@ -11,8 +11,7 @@
 
 static size_t put(const Acut__V1__Message *m, uint32_t id, uint8_t *bytes)
 {
-	struct frame_header header = {.length = (uint32_t)acut__v1__message__get_packed_size(m),
-				      .request_id = id};
+	struct frame_header header = {.length = (uint32_t)acut__v1__message__get_packed_size(m), .request_id = id};
 
 	frame_header_put(&header, bytes);
 	return FRAME_HEADER_SIZE + acut__v1__message__pack(m, bytes + FRAME_HEADER_SIZE);
@@ -85,8 +84,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 	if (!ledger)
 		ledger = ledger_new(8 << 20);
 	limits.ledger = ledger;
-	if (size > 100000 || socketpair(AF_UNIX, SOCK_STREAM, 0, sv) < 0 ||
-	    frame_conn_new(sv[0], &limits, &conn, &err) < 0)
+	if (size > 100000 || socketpair(AF_UNIX, SOCK_STREAM, 0, sv) < 0 || frame_conn_new(sv[0], &limits, &conn, &err) < 0)
 		return 0;
 	for (size_t at = 0, n; at < size; at += n) {
 		n = size - at < 4096 ? size - at : 4096;

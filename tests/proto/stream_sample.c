@@ -18,8 +18,7 @@ static void write_pieces(const struct stream_piece *piece, unsigned n)
 
 static void add(struct stream_tail *tail, const int32_t *a, const int32_t *b, const int32_t *c)
 {
-	const int64_t corner[3][2] = {
-	    {a[0] + k[0], a[1] + k[1]}, {b[0] + k[0], b[1] + k[1]}, {c[0] + k[0], c[1] + k[1]}};
+	const int64_t corner[3][2] = {{a[0] + k[0], a[1] + k[1]}, {b[0] + k[0], b[1] + k[1]}, {c[0] + k[0], c[1] + k[1]}};
 
 	digest_add_triangle(&tail->digest, corner);
 }
@@ -40,41 +39,43 @@ int main(int argc, char **argv)
 				   .id = {1, 2},
 				   .box = {0, 0, -5, 10, 10, 5}};
 	struct stream_block block[2] = {
-	    {.index = 0,
-	     .box = {INT64_MIN, INT64_MIN, 9, INT64_MAX},
-	     .nnew = 4,
-	     .ntriangle = 2,
-	     .vertex = first_vertex,
-	     .triangle = first,
-	     .final = &none},
-	    {.index = 2,
-	     .box = {9, INT64_MIN, INT64_MAX, INT64_MAX},
-	     .first = 4,
-	     .nforeign = 3,
-	     .nnew = 1,
-	     .ntriangle = 2,
-	     .foreign = foreign,
-	     .vertex = &vertex[2],
-	     .triangle = second,
-	     .final = &centre,
-	     .flags = flags},
+		{.index = 0,
+		 .box = {INT64_MIN, INT64_MIN, 9, INT64_MAX},
+		 .nnew = 4,
+		 .ntriangle = 2,
+		 .vertex = first_vertex,
+		 .triangle = first,
+		 .final = &none},
+		{.index = 2,
+		 .box = {9, INT64_MIN, INT64_MAX, INT64_MAX},
+		 .first = 4,
+		 .nforeign = 3,
+		 .nnew = 1,
+		 .ntriangle = 2,
+		 .foreign = foreign,
+		 .vertex = &vertex[2],
+		 .triangle = second,
+		 .final = &centre,
+		 .flags = flags},
 	};
-	struct stream_tail tail = {.blocks = 2,
-				   .vertices = 5,
-				   .triangles = 4,
-				   .hull = 4,
-				   .box = {0, 0, -5, 10, 10, 4},
-				   .report = "{\"points\":5}"};
-	const struct stream_base base = {.generation = 3, .job = 7, .gone = 2, .gone_triangles = 9, .kept = 1, .kept_triangles = 4,
-					 .old_digest = {1, 2}, .old_vertex_digest = {3, 4}, .digest = {5, 6},
+	struct stream_tail tail = {
+		.blocks = 2, .vertices = 5, .triangles = 4, .hull = 4, .box = {0, 0, -5, 10, 10, 4}, .report = "{\"points\":5}"};
+	const struct stream_base base = {.generation = 3,
+					 .job = 7,
+					 .gone = 2,
+					 .gone_triangles = 9,
+					 .kept = 1,
+					 .kept_triangles = 4,
+					 .old_digest = {1, 2},
+					 .old_vertex_digest = {3, 4},
+					 .digest = {5, 6},
 					 .vertex_digest = {7, 8}};
 	const struct stream_region gone[2] = {{{INT64_MIN, -3, 5, 7}, 4, {1, 1}}, {{5, -3, INT64_MAX, 7}, 5, {2, 2}}};
 	struct stream_piece piece[STREAM_PIECES];
 	bool changes;
 
 	for (unsigned i = 0; i < 5; i++)
-		digest_add_vertex(&tail.vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1],
-				  vertex[i][2] + k[2]);
+		digest_add_vertex(&tail.vertex_digest, vertex[i][0] + k[0], vertex[i][1] + k[1], vertex[i][2] + k[2]);
 	for (unsigned i = 0; i < 4; i++)
 		add(&tail, vertex[i], vertex[(i + 1) % 4], vertex[4]);
 	changes = argc > 1 && !strcmp(argv[1], "changes");

@@ -18,8 +18,7 @@
 static void test_header(void **state)
 {
 	struct frame_header in = {.length = 0x1234, .request_id = 0x89abcdef, .descriptors = 1}, out;
-	static const uint8_t want[16] = {0x41, 0x43, 1,    0,    0x34, 0x12, 0, 0,
-					 0xef, 0xcd, 0xab, 0x89, 1,    0,    0, 0};
+	static const uint8_t want[16] = {0x41, 0x43, 1, 0, 0x34, 0x12, 0, 0, 0xef, 0xcd, 0xab, 0x89, 1, 0, 0, 0};
 	uint8_t bytes[16];
 	struct err err = ERR_INIT;
 
@@ -39,12 +38,10 @@ static void test_header_bad(void **state)
 		enum err_code code;
 		const char *field;
 	} row[] = {
-		{0, 0x42, ERR_PROTO, "magic"},     {1, 0, ERR_PROTO, "magic"},
-		{2, 2, ERR_VERSION, "version"},    {3, 1, ERR_VERSION, "version"},
-		{6, 1, ERR_PROTO, "length"},       {7, 4, ERR_PROTO, "length"},
-		{12, 2, ERR_PROTO, "descriptors"}, {12, 255, ERR_PROTO, "descriptors"},
-		{13, 1, ERR_PROTO, "padding"},     {14, 1, ERR_PROTO, "padding"},
-		{15, 1, ERR_PROTO, "padding"},
+		{0, 0x42, ERR_PROTO, "magic"},     {1, 0, ERR_PROTO, "magic"},          {2, 2, ERR_VERSION, "version"},
+		{3, 1, ERR_VERSION, "version"},    {6, 1, ERR_PROTO, "length"},         {7, 4, ERR_PROTO, "length"},
+		{12, 2, ERR_PROTO, "descriptors"}, {12, 255, ERR_PROTO, "descriptors"}, {13, 1, ERR_PROTO, "padding"},
+		{14, 1, ERR_PROTO, "padding"},     {15, 1, ERR_PROTO, "padding"},
 	};
 	struct frame_header good = {.length = 10, .request_id = 1}, out;
 
@@ -249,9 +246,8 @@ static void test_unknown_kind(void **state)
 
 static void test_text_not_utf8(void **state)
 {
-	static const char *bad[] = {"\x80",         "a\xff",        "\xc0\xaf",
-				    "\xe0\x80\x80", "\xed\xa0\x80", "\xf4\x90\x80\x80",
-				    "\xc3",         "\xe2\x82"};
+	static const char *bad[] = {"\x80", "a\xff",   "\xc0\xaf", "\xe0\x80\x80", "\xed\xa0\x80", "\xf4\x90\x80\x80",
+				    "\xc3", "\xe2\x82"};
 	uint8_t bytes[256];
 
 	for (size_t i = 0; i < sizeof bad / sizeof *bad; i++) {
@@ -263,8 +259,7 @@ static void test_text_not_utf8(void **state)
 
 		b.dataset = (char *)bad[i];
 		n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
-		assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err),
-				 -ERR_PROTO);
+		assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), -ERR_PROTO);
 		assert_string_equal(err.field, "dataset");
 		strcpy(copy, bad[i]);
 		b.dataset = frame_text_clean(copy);
@@ -293,7 +288,8 @@ static void test_text_lengths(void **state)
 				text[at] = (char)0x80;
 			b.dataset = text;
 			n = frame_bytes(FRAME_MESSAGE(PUSH_BEGIN, push_begin, &b), 1, 0, bytes);
-			assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err), at < len ? -ERR_PROTO : 0);
+			assert_int_equal(frame_message_unpack(bytes + 16, n - 16, 1 << 20, NULL, &m, &err),
+					 at < len ? -ERR_PROTO : 0);
 			if (at < len)
 				continue;
 			assert_string_equal(m->push_begin->dataset, text);

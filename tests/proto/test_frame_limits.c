@@ -57,10 +57,9 @@ static void test_caps(void **state)
 static void test_fields(void **state)
 {
 	static const uint8_t plain[] = {0x08, 1, 0x08, 2, 0x11, 0, 0, 0, 0,
-					0,    0, 0,    0, 0x1d, 0, 0, 0, 0}; /* 4 that are not known */
-	static const uint8_t jobs[] = {0xb2, 2,    8, 0x0a, 0, 0x0a,
-				       4,    0x08, 1, 0x10, 2};    /* Jobs, 2 of them, 2 fields in one: 5 */
-	static const uint8_t unended[] = {0x08, 1, 0x08, 2, 0x80}; /* 2, and what is malformed */
+					0,    0, 0,    0, 0x1d, 0, 0, 0, 0};            /* 4 that are not known */
+	static const uint8_t jobs[] = {0xb2, 2, 8, 0x0a, 0, 0x0a, 4, 0x08, 1, 0x10, 2}; /* Jobs, 2 of them, 2 fields in one: 5 */
+	static const uint8_t unended[] = {0x08, 1, 0x08, 2, 0x80};                      /* 2, and what is malformed */
 	static const uint8_t beyond[] = {0x08, 1, 0xb2, 2, 100, 0x0a, 0, 0x0a, 0};
 	static const uint8_t group[] = {0x08, 1, 0x0b, 0x08, 1, 0x08, 1};
 	Acut__V1__PushBegin begin = ACUT__V1__PUSH_BEGIN__INIT;
@@ -71,22 +70,17 @@ static void test_fields(void **state)
 	uint8_t bytes[4096];
 	size_t n;
 
-	assert_true(frame_message_fields(plain, sizeof plain, 4) &&
-		    !frame_message_fields(plain, sizeof plain, 3));
-	assert_true(frame_message_fields(jobs, sizeof jobs, 5) &&
-		    !frame_message_fields(jobs, sizeof jobs, 4));
-	assert_true(frame_message_fields(unended, sizeof unended, 2) &&
-		    !frame_message_fields(unended, sizeof unended, 1));
-	assert_true(frame_message_fields(beyond, sizeof beyond, 1) &&
-		    frame_message_fields(group, sizeof group, 1));
+	assert_true(frame_message_fields(plain, sizeof plain, 4) && !frame_message_fields(plain, sizeof plain, 3));
+	assert_true(frame_message_fields(jobs, sizeof jobs, 5) && !frame_message_fields(jobs, sizeof jobs, 4));
+	assert_true(frame_message_fields(unended, sizeof unended, 2) && !frame_message_fields(unended, sizeof unended, 1));
+	assert_true(frame_message_fields(beyond, sizeof beyond, 1) && frame_message_fields(group, sizeof group, 1));
 	assert_true(frame_message_fields(plain, 0, 0));
 	begin.n_crop = 4;
 	begin.crop = crop;
 	m.body_case = ACUT__V1__MESSAGE__BODY_PUSH_BEGIN;
 	m.push_begin = &begin;
 	n = acut__v1__message__pack(&m, bytes);
-	assert_true(frame_message_fields(bytes, n, 6) &&
-		    !frame_message_fields(bytes, n, 5)); /* itself, the list, 4 in it */
+	assert_true(frame_message_fields(bytes, n, 6) && !frame_message_fields(bytes, n, 5)); /* itself, the list, 4 in it */
 	inspected.n_flags = 300;
 	inspected.flags = flags;
 	m.body_case = ACUT__V1__MESSAGE__BODY_INSPECTED;
@@ -243,8 +237,7 @@ static void test_too_large(void **state)
 	memset(text, 'a', FRAME_MAX);
 	text[FRAME_MAX] = '\0';
 	h.build = text;
-	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), dup(2), &err),
-			 -ERR_LIMIT);
+	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), dup(2), &err), -ERR_LIMIT);
 	assert_int_equal(open_descriptors(), before);
 	text[FRAME_BODY_MAX - 8] = '\0';
 	assert_int_equal(frame_conn_send(p.conn, 1, FRAME_MESSAGE(HELLO, hello, &h), -1, &err), 0);

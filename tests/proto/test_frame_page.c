@@ -110,9 +110,8 @@ static uint64_t any_number(void)
 
 static const char *any_text(void)
 {
-	static const char long_text[] =
-		"0123456789012345678901234567890123456789012345678901234567890123456789"
-		"0123456789012345678901234567890123456789012345678901234567890123456789";
+	static const char long_text[] = "0123456789012345678901234567890123456789012345678901234567890123456789"
+					"0123456789012345678901234567890123456789012345678901234567890123456789";
 
 	return roll() % 3 ? long_text + sizeof long_text - 1 - roll() % sizeof long_text : "";
 }
@@ -130,8 +129,7 @@ static void any_value(const ProtobufCFieldDescriptor *field, void *at, unsigned 
 		break;
 	case PROTOBUF_C_TYPE_BYTES:
 		*(ProtobufCBinaryData *)at = (ProtobufCBinaryData){roll() % 5, (uint8_t *)any_text()};
-		((ProtobufCBinaryData *)at)->len =
-			strnlen((char *)((ProtobufCBinaryData *)at)->data, roll() % 5);
+		((ProtobufCBinaryData *)at)->len = strnlen((char *)((ProtobufCBinaryData *)at)->data, roll() % 5);
 		break;
 	case PROTOBUF_C_TYPE_DOUBLE:
 		*(double *)at = roll() % 3 ? (double)roll() / 7 - 1e8 : roll() % 2 ? 0 : -0.0;
@@ -151,10 +149,10 @@ static void any_value(const ProtobufCFieldDescriptor *field, void *at, unsigned 
 
 static size_t value_bytes(const ProtobufCFieldDescriptor *field)
 {
-	return field->type == PROTOBUF_C_TYPE_BYTES  ? sizeof(ProtobufCBinaryData)
-	       : field->type == PROTOBUF_C_TYPE_BOOL ? sizeof(protobuf_c_boolean)
-	       : field->type == PROTOBUF_C_TYPE_UINT32 || field->type == PROTOBUF_C_TYPE_INT32 ? 4
-											       : 8;
+	return field->type == PROTOBUF_C_TYPE_BYTES                                          ? sizeof(ProtobufCBinaryData) :
+	       field->type == PROTOBUF_C_TYPE_BOOL                                           ? sizeof(protobuf_c_boolean) :
+	       field->type == PROTOBUF_C_TYPE_UINT32 || field->type == PROTOBUF_C_TYPE_INT32 ? 4 :
+											       8;
 }
 
 static void *kept[4096];
@@ -173,8 +171,7 @@ static ProtobufCMessage *any_message(const ProtobufCMessageDescriptor *what, uns
 	protobuf_c_message_init(what, m);
 	for (unsigned i = 0; i < what->n_fields && depth < 4; i++) {
 		const ProtobufCFieldDescriptor *field = &what->fields[i];
-		uint8_t *at = (uint8_t *)m + field->offset,
-			*quantifier = (uint8_t *)m + field->quantifier_offset;
+		uint8_t *at = (uint8_t *)m + field->offset, *quantifier = (uint8_t *)m + field->quantifier_offset;
 
 		if (roll() % 4 == 0 || field->flags & PROTOBUF_C_FIELD_FLAG_ONEOF)
 			continue;

@@ -169,8 +169,14 @@ static void append_changes(const struct model *m, struct bytes *all)
 static void model_changes(struct model *m, uint32_t ngone)
 {
 	m->head.kind = STREAM_CHANGES;
-	m->base = (struct stream_base){.generation = 3, .job = 9, .old_digest = {1, 2}, .digest = {3, UINT64_MAX},
-				       .old_vertex_digest = {5, 6}, .vertex_digest = {7, 8}, .kept = 11, .kept_triangles = 99};
+	m->base = (struct stream_base){.generation = 3,
+				       .job = 9,
+				       .old_digest = {1, 2},
+				       .digest = {3, UINT64_MAX},
+				       .old_vertex_digest = {5, 6},
+				       .vertex_digest = {7, 8},
+				       .kept = 11,
+				       .kept_triangles = 99};
 	m->ngone = ngone;
 	for (uint32_t i = 0; i < ngone; i++) {
 		m->gone[i] = (struct stream_region){{2 * i + 1, INT64_MIN, 2 * i + 3, 7}, 5 + i, {i, i + 1}};
@@ -420,17 +426,17 @@ static void test_broken_rules(void **state)
 		void (*brk)(struct model *);
 		const char *text;
 	} row[] = {
-	    {break_first, "numbers its vertices from"},
-	    {break_foreign, "not come yet"},
-	    {break_index, "comes after"},
-	    {break_corner, "corners"},
-	    {break_degenerate, "corners"},
-	    {break_box, "outside the box"},
-	    {break_count, "triangles"},
-	    {break_vertices, "vertices"},
-	    {break_blocks, "blocks"},
-	    {break_tail_box, "box in the tail"},
-	    {break_final, "final"},
+		{break_first, "numbers its vertices from"},
+		{break_foreign, "not come yet"},
+		{break_index, "comes after"},
+		{break_corner, "corners"},
+		{break_degenerate, "corners"},
+		{break_box, "outside the box"},
+		{break_count, "triangles"},
+		{break_vertices, "vertices"},
+		{break_blocks, "blocks"},
+		{break_tail_box, "box in the tail"},
+		{break_final, "final"},
 	};
 	static struct model m;
 
@@ -538,8 +544,8 @@ static void empty_region(struct model *m)
 
 static void changes_broken(void **state)
 {
-	static void (*const how[])(struct model *) = {no_base, lists_alone, base_of_a_mesh, one_too_many, one_too_few,
-						      other_triangles, no_region, empty_region};
+	static void (*const how[])(struct model *) = {no_base,     lists_alone,     base_of_a_mesh, one_too_many,
+						      one_too_few, other_triangles, no_region,      empty_region};
 	static struct model m;
 
 	for (unsigned blocks = 0; blocks < 2; blocks++)
@@ -615,18 +621,18 @@ static void test_order_of_frames(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(test_round_trip),
-	    cmocka_unit_test(test_every_byte_flipped),
-	    cmocka_unit_test(test_every_cut),
-	    cmocka_unit_test(test_more_than_a_tail),
-	    cmocka_unit_test(test_error_tail),
-	    cmocka_unit_test(test_broken_rules),
-	    cmocka_unit_test(test_kind_of_a_later_version),
-	    cmocka_unit_test(test_order_of_frames),
-	    cmocka_unit_test(changes_round_trip),
-	    cmocka_unit_test(changes_every_byte),
-	    cmocka_unit_test(changes_broken),
-	    cmocka_unit_test(changes_order),
+		cmocka_unit_test(test_round_trip),
+		cmocka_unit_test(test_every_byte_flipped),
+		cmocka_unit_test(test_every_cut),
+		cmocka_unit_test(test_more_than_a_tail),
+		cmocka_unit_test(test_error_tail),
+		cmocka_unit_test(test_broken_rules),
+		cmocka_unit_test(test_kind_of_a_later_version),
+		cmocka_unit_test(test_order_of_frames),
+		cmocka_unit_test(changes_round_trip),
+		cmocka_unit_test(changes_every_byte),
+		cmocka_unit_test(changes_broken),
+		cmocka_unit_test(changes_order),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,6 +1,6 @@
 /*
- * spool-write OUT PROFILE ID UTC_NS [open]: a spool with times of one's own, for tests. Standard input has its records: kind (u8), time
- * (i64 ns, CLOCK_MONOTONIC), size (u32), bytes; little-endian. The head's clock is UTC_NS at 0; "open": no END.
+ * spool-write OUT PROFILE ID UTC_NS [open]: a spool with times of one's own, for tests. Standard input has its records: kind
+ * (u8), time (i64 ns, CLOCK_MONOTONIC), size (u32), bytes; little-endian. The head's clock is UTC_NS at 0; "open": no END.
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -44,8 +44,8 @@ static int copy(struct spool_writer *w, struct err *err)
 
 		if (size > sizeof bytes || fread(bytes, 1, size, stdin) != size)
 			return err_set(err, ERR_USAGE, "a record of %u bytes is not there", size);
-		r = kind == SPOOL_EVENT ? spool_event(w, time, err, "%.*s", (int)size, (char *)bytes)
-					: spool_append(w, (enum spool_kind)kind, 0, time, bytes, size, err);
+		r = kind == SPOOL_EVENT ? spool_event(w, time, err, "%.*s", (int)size, (char *)bytes) :
+					  spool_append(w, (enum spool_kind)kind, 0, time, bytes, size, err);
 	}
 	return r;
 }

@@ -70,8 +70,8 @@ static void channel(struct writer *w, const struct cola_scan *s, const char *nam
 {
 	const uint16_t *v = rssi ? s->rssi : s->range;
 
-	put(w, " %s %08X %08X %X %X %X", name, rssi ? 0x3F800000 : s->scale, rssi ? 0 : s->offset, (uint32_t)s->start_angle, s->step,
-	    s->shots);
+	put(w, " %s %08X %08X %X %X %X", name, rssi ? 0x3F800000 : s->scale, rssi ? 0 : s->offset, (uint32_t)s->start_angle,
+	    s->step, s->shots);
 	for (unsigned j = 0; j < s->shots; j++)
 		put(w, " %X", v[j]);
 }
@@ -88,9 +88,9 @@ size_t cola_make(const struct cola_scan *s, uint8_t *to, size_t room)
 {
 	struct writer w = {.at = (char *)to, .left = room};
 
-	put(&w, "\x02%s LMDscandata 1 1 %X %X %X %X %X %X %X 0 0 8 0 0%s %X %X %X", s->answer ? "sRA" : "sSN", s->serial, s->status[0],
-	    s->status[1], s->telegram_counter, s->scan_counter, s->since_start_us, s->transmission_us, s->early ? " 0" : "",
-	    s->scan_frequency, s->measure_frequency, s->encoders);
+	put(&w, "\x02%s LMDscandata 1 1 %X %X %X %X %X %X %X 0 0 8 0 0%s %X %X %X", s->answer ? "sRA" : "sSN", s->serial,
+	    s->status[0], s->status[1], s->telegram_counter, s->scan_counter, s->since_start_us, s->transmission_us,
+	    s->early ? " 0" : "", s->scan_frequency, s->measure_frequency, s->encoders);
 	for (unsigned e = 0; e < s->encoders; e++)
 		put(&w, " %X %X", 1000 + e, 20 + e);
 	put(&w, " %X", 1 + s->second_echo + (s->rssi_bits == 16));

@@ -13,25 +13,25 @@ enum { COLA_SHOTS_MAX = 4096, COLA_TELEGRAM_MAX = 64 << 10 };
 
 /* Raw values, as they stand in the telegram. */
 struct cola_scan {
-	bool answer;               /* sRA, of sRN; else sSN, of a running stream */
-	bool early;                /* firmware of TiM310 1130000M01: one field more before the scanning frequency */
+	bool answer; /* sRA, of sRN; else sSN, of a running stream */
+	bool early;  /* firmware of TiM310 1130000M01: one field more before the scanning frequency */
 	uint32_t serial;
-	uint8_t status[2];         /* 0 0 good, 0 1 error, 0 2 dirty */
+	uint8_t status[2]; /* 0 0 good, 0 1 error, 0 2 dirty */
 	uint16_t telegram_counter, scan_counter;
 	uint32_t since_start_us, transmission_us;
-	uint32_t scan_frequency;   /* 1/100 Hz */
-	uint32_t measure_frequency;/* 100 Hz */
-	unsigned encoders;         /* 0 to 3 */
-	uint32_t scale, offset;    /* the bits of two floats: 3F800000, 0 */
-	int32_t start_angle;       /* 1/10000 degree, 90 ahead */
-	uint16_t step;             /* 1/10000 degree */
+	uint32_t scan_frequency;    /* 1/100 Hz */
+	uint32_t measure_frequency; /* 100 Hz */
+	unsigned encoders;          /* 0 to 3 */
+	uint32_t scale, offset;     /* the bits of two floats: 3F800000, 0 */
+	int32_t start_angle;        /* 1/10000 degree, 90 ahead */
+	uint16_t step;              /* 1/10000 degree */
 	uint16_t shots;
 	uint16_t range[COLA_SHOTS_MAX];
-	unsigned rssi_bits;        /* 0: none; 8, 16 */
+	unsigned rssi_bits; /* 0: none; 8, 16 */
 	uint16_t rssi[COLA_SHOTS_MAX];
-	bool second_echo;          /* a channel DIST2 as well */
-	const char *name, *comment;/* NULL: not said */
-	bool position, time;       /* their blocks, zeros */
+	bool second_echo;           /* a channel DIST2 as well */
+	const char *name, *comment; /* NULL: not said */
+	bool position, time;        /* their blocks, zeros */
 };
 
 /* A TiM551: 271 shots of a degree from -45, 15 Hz, no RSSI, ranges 0. */

@@ -81,8 +81,12 @@ static struct options options_of(int argc, char **argv)
 
 	for (int i = 3; i < argc; i++) {
 		const char *word = argv[i];
-		long *to = !strcmp(word, "sweeps") ? &o.sweeps : !strcmp(word, "cut") ? &o.cut : !strcmp(word, "lose") ? &o.lose
-			 : !strcmp(word, "bad")    ? &o.bad    : !strcmp(word, "twice") ? &o.twice : NULL;
+		long *to = !strcmp(word, "sweeps") ? &o.sweeps :
+			   !strcmp(word, "cut")    ? &o.cut :
+			   !strcmp(word, "lose")   ? &o.lose :
+			   !strcmp(word, "bad")    ? &o.bad :
+			   !strcmp(word, "twice")  ? &o.twice :
+						     NULL;
 
 		if (!strcmp(word, "unended"))
 			o.unended = true;
@@ -99,7 +103,12 @@ static struct options options_of(int argc, char **argv)
 int main(int argc, char **argv)
 {
 	struct options o = options_of(argc, argv);
-	struct spool_head head = {.vendor = 0x19a2, .product = 0x5001, .manufacturer = "SICK AG", .model = "TiM551", .serial = "17271466", .port = "1-2"};
+	struct spool_head head = {.vendor = 0x19a2,
+				  .product = 0x5001,
+				  .manufacturer = "SICK AG",
+				  .model = "TiM551",
+				  .serial = "17271466",
+				  .port = "1-2"};
 	struct profile_entry *profile;
 	struct spool_writer *w;
 	struct err err = ERR_INIT;

@@ -372,11 +372,16 @@ static void random_mixes(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(hundred_against_one), cmocka_unit_test(by_time_not_by_number),
-		cmocka_unit_test(the_past_is_past),    cmocka_unit_test(small_behind_huge),
-		cmocka_unit_test(ranks),               cmocka_unit_test(large_against_small),
-		cmocka_unit_test(none_passes),         cmocka_unit_test(last_claims_nothing),
-		cmocka_unit_test(cancelled_claim),     cmocka_unit_test(one_reader_a_user),
+		cmocka_unit_test(hundred_against_one),
+		cmocka_unit_test(by_time_not_by_number),
+		cmocka_unit_test(the_past_is_past),
+		cmocka_unit_test(small_behind_huge),
+		cmocka_unit_test(ranks),
+		cmocka_unit_test(large_against_small),
+		cmocka_unit_test(none_passes),
+		cmocka_unit_test(last_claims_nothing),
+		cmocka_unit_test(cancelled_claim),
+		cmocka_unit_test(one_reader_a_user),
 		cmocka_unit_test(random_mixes),
 	};
 

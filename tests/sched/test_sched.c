@@ -53,11 +53,7 @@ static void done(struct sched_task *t)
 static struct job make(struct sched *s, int number, uint64_t bytes, enum sched_priority priority)
 {
 	return (struct job){
-		.task = {.run = run,
-			 .done = done,
-			 .priority = priority,
-			 .name = LEDGER_DOMAIN,
-			 .bytes = bytes},
+		.task = {.run = run, .done = done, .priority = priority, .name = LEDGER_DOMAIN, .bytes = bytes},
 		.sched = s,
 		.number = number,
 		.give = true,
@@ -134,8 +130,8 @@ static void head_waits_for_memory(void **state)
 	struct ledger *ledger;
 	struct sched *s = start(&ledger, 100, 2);
 	_Atomic int gate = 0;
-	struct job big = make(s, 1, 80, SCHED_NORMAL), head = make(s, 2, 60, SCHED_NORMAL),
-		   small = make(s, 3, 10, SCHED_NORMAL), none = make(s, 4, 0, SCHED_NORMAL);
+	struct job big = make(s, 1, 80, SCHED_NORMAL), head = make(s, 2, 60, SCHED_NORMAL), small = make(s, 3, 10, SCHED_NORMAL),
+		   none = make(s, 4, 0, SCHED_NORMAL);
 
 	big.gate = &gate;
 	sched_submit(s, &big.task);

@@ -19,7 +19,7 @@
 #include "io.h"
 #include "store.h"
 
-static const struct store_id ID = { { UINT64_C(0xab00000000001234), 5 }, { 6, 7 } };
+static const struct store_id ID = {{UINT64_C(0xab00000000001234), 5}, {6, 7}};
 enum { HEADER = 384, PROOF = 44 };
 
 static char path[] = "/tmp/acut-test-store-XXXXXX";
@@ -60,16 +60,17 @@ struct made {
 };
 
 /* Closed vertices within [low, high] of each axis, ends included; open ones anywhere. */
-static void make(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int32_t low[3], const int32_t high[3], struct made *m)
+static void make(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int32_t low[3], const int32_t high[3],
+		 struct made *m)
 {
 	struct mesh_domain *d = &m->d;
 	int32_t at[3];
 
 	memset(m, 0, sizeof *m);
 	memset(m->proof, 0x5a, PROOF);
-	m->beside = (struct store_beside){ .content = { 8, 9 }, .proof = m->proof, .proof_size = PROOF - 3 };
-	*d = (struct mesh_domain){ .nvertex = nvertex, .nopen = nopen, .ntriangle = ntriangle, .digest = { 10, 11 }, .nhull = 12,
-				   .counts.points = 13 };
+	m->beside = (struct store_beside){.content = {8, 9}, .proof = m->proof, .proof_size = PROOF - 3};
+	*d = (struct mesh_domain){
+		.nvertex = nvertex, .nopen = nopen, .ntriangle = ntriangle, .digest = {10, 11}, .nhull = 12, .counts.points = 13};
 	d->vertex = calloc(nvertex + 1, sizeof *d->vertex);
 	d->link = calloc(nopen + 1, sizeof *d->link);
 	d->triangle = calloc(ntriangle + 1, sizeof *d->triangle);
@@ -81,11 +82,11 @@ static void make(uint32_t nvertex, uint32_t nopen, uint32_t ntriangle, const int
 			if (i >= nvertex - 2)
 				at[k] = i == nvertex - 1 ? high[k] : low[k];
 		}
-		d->vertex[i] = i < nopen ? (struct mesh_vertex){ rand() - rand(), rand() - rand(), rand() - rand() } :
-					   (struct mesh_vertex){ at[0], at[1], at[2] };
+		d->vertex[i] = i < nopen ? (struct mesh_vertex){rand() - rand(), rand() - rand(), rand() - rand()} :
+					   (struct mesh_vertex){at[0], at[1], at[2]};
 	}
 	for (uint32_t i = 0; i < nopen; i++)
-		d->link[i] = (struct mesh_link){ (uint64_t)rand() << 40, (uint64_t)rand(), (uint32_t)rand() };
+		d->link[i] = (struct mesh_link){(uint64_t)rand() << 40, (uint64_t)rand(), (uint32_t)rand()};
 	for (uint32_t i = 0; i < ntriangle; i++)
 		for (unsigned k = 0; k < 3; k++)
 			d->triangle[i][k] = i + 1 == ntriangle ? nvertex - 1 - k : (uint32_t)rand() % nvertex;
@@ -146,18 +147,20 @@ static void test_extents(void **state)
 		int32_t low[3], high[3];
 		unsigned vertex; /* bytes */
 	} c[] = {
-		{ { 0, 0, 0 }, { 65535, 65535, 65535 }, 6 },
-		{ { -40000, 1 << 30, INT32_MIN }, { 25535, (1 << 30) + 9, INT32_MIN + 65535 }, 6 },
-		{ { INT32_MAX - 65535, INT32_MAX, -7 }, { INT32_MAX, INT32_MAX, -7 }, 6 },
-		{ { 0, 0, 0 }, { 65536, 65535, 65535 }, 8 },
-		{ { 0, 0, 0 }, { 65535, 65536, 65535 }, 8 },
-		{ { 0, 0, 0 }, { 65535, 65535, 65536 }, 8 },
-		{ { -5, -5, 100 }, { 1 << 20, 1 << 20, 65635 }, 10 },
-		{ { INT32_MIN, 5, INT32_MIN }, { INT32_MAX, 70, INT32_MAX }, 10 },
-		{ { INT32_MIN, INT32_MIN, INT32_MIN }, { INT32_MAX, INT32_MAX, INT32_MAX }, 12 },
+		{{0, 0, 0}, {65535, 65535, 65535}, 6},
+		{{-40000, 1 << 30, INT32_MIN}, {25535, (1 << 30) + 9, INT32_MIN + 65535}, 6},
+		{{INT32_MAX - 65535, INT32_MAX, -7}, {INT32_MAX, INT32_MAX, -7}, 6},
+		{{0, 0, 0}, {65536, 65535, 65535}, 8},
+		{{0, 0, 0}, {65535, 65536, 65535}, 8},
+		{{0, 0, 0}, {65535, 65535, 65536}, 8},
+		{{-5, -5, 100}, {1 << 20, 1 << 20, 65635}, 10},
+		{{INT32_MIN, 5, INT32_MIN}, {INT32_MAX, 70, INT32_MAX}, 10},
+		{{INT32_MIN, INT32_MIN, INT32_MIN}, {INT32_MAX, INT32_MAX, INT32_MAX}, 12},
 	};
-	static const struct { uint32_t vertices, open, triangles; } size[] = {
-		{ 3, 3, 1 }, { 4, 3, 3 }, { 5, 3, 4 }, { 13, 4, 19 }, { 1000, 100, 1900 }, { 65536, 7, 20001 }, { 65537, 7, 20001 },
+	static const struct {
+		uint32_t vertices, open, triangles;
+	} size[] = {
+		{3, 3, 1}, {4, 3, 3}, {5, 3, 4}, {13, 4, 19}, {1000, 100, 1900}, {65536, 7, 20001}, {65537, 7, 20001},
 	};
 
 	(void)state;
@@ -171,7 +174,8 @@ static void test_extents(void **state)
 
 			make(size[k].vertices, size[k].open, size[k].triangles, c[i].low, c[i].high, &m);
 			check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
-			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open + size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
+			least = HEADER + PROOF + 4 + 36 * (uint64_t)size[k].open +
+				size[k].triangles * (size[k].vertices > 65536 ? 12 : 6);
 			/* Of one there is no extent. */
 			least += closed * (uint64_t)(closed > 1 ? c[i].vertex : closed ? 6 : 0);
 			assert_in_range(f.bytes, least, least + 14);
@@ -259,7 +263,7 @@ static void write_4(const struct made *m, uint64_t *ret_payload, uint64_t *ret_b
 
 static void test_version_4(void **state)
 {
-	static const int32_t low[3] = { -3, 5, 0 }, high[3] = { 900, 7000, 50 };
+	static const int32_t low[3] = {-3, 5, 0}, high[3] = {900, 7000, 50};
 	struct err err = ERR_INIT;
 	struct store_front f, narrow;
 	struct made m;
@@ -273,7 +277,7 @@ static void test_version_4(void **state)
 	check_stored(&m, &f);
 	/* Its checksums count too. */
 	for (unsigned i = 0; i < 3; i++) {
-		const off_t at[3] = { HEADER + PROOF + 4 + 36 * 33 + 100, (off_t)f.bytes - 20, 100 };
+		const off_t at[3] = {HEADER + PROOF + 4 + 36 * 33 + 100, (off_t)f.bytes - 20, 100};
 		uint8_t byte, *memory = malloc(f.whole);
 		struct mesh_domain d;
 		uint64_t payload, bytes;
@@ -296,11 +300,14 @@ static void test_version_4(void **state)
 /* Files that somebody made: every checksum is right. */
 static void test_forged(void **state)
 {
-	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
-	static const struct { uint32_t vertices, corner; bool fits; } c[] = {
-		{ 10, 9, true },	{ 10, 10, false },    { 10, 65535, false },	  { 65535, 65534, true },
-		{ 65535, 65535, false }, { 65536, 65535, true }, { 65537, 65536, true }, { 65537, 65537, false },
-		{ 65537, UINT32_MAX, false },
+	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
+	static const struct {
+		uint32_t vertices, corner;
+		bool fits;
+	} c[] = {
+		{10, 9, true},        {10, 10, false},       {10, 65535, false},
+		{65535, 65534, true}, {65535, 65535, false}, {65536, 65535, true},
+		{65537, 65536, true}, {65537, 65537, false}, {65537, UINT32_MAX, false},
 	};
 
 	(void)state;
@@ -339,7 +346,7 @@ static void test_forged(void **state)
 
 static void test_other_versions(void **state)
 {
-	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
+	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
 	struct err err = ERR_INIT;
 	struct store_front f;
 	uint8_t memory[256];
@@ -364,7 +371,7 @@ static void test_other_versions(void **state)
 	assert_false(is_there());
 	/* Widths that no version has, though the size of the file is right. */
 	for (unsigned i = 308; i < 310; i++) {
-		const uint8_t bytes[2] = { 1, 3 };
+		const uint8_t bytes[2] = {1, 3};
 		int fd;
 
 		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
@@ -381,8 +388,8 @@ static void test_other_versions(void **state)
 /* A file that is there, and when it was used last. */
 static void test_there(void **state)
 {
-	static const int32_t low[3] = { 0, 0, 0 }, high[3] = { 9, 9, 9 };
-	const struct timespec times[2] = { { 77, 0 }, { 77, 3 } };
+	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
+	const struct timespec times[2] = {{77, 0}, {77, 3}};
 	struct store_front put, read;
 	struct err err = ERR_INIT;
 	int64_t used_ns = 0;
@@ -430,12 +437,8 @@ static int end(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_extents),
-		cmocka_unit_test(test_nothing),
-		cmocka_unit_test(test_version_4),
-		cmocka_unit_test(test_forged),
-		cmocka_unit_test(test_other_versions),
-		cmocka_unit_test(test_there),
+		cmocka_unit_test(test_extents), cmocka_unit_test(test_nothing),        cmocka_unit_test(test_version_4),
+		cmocka_unit_test(test_forged),  cmocka_unit_test(test_other_versions), cmocka_unit_test(test_there),
 	};
 
 	return cmocka_run_group_tests(tests, begin, end);

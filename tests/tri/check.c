@@ -76,8 +76,7 @@ static const char *check_vertices(const struct tri_result *r, const struct mesh_
 static const char *check_side(const struct tri_result *r, uint32_t at, unsigned i)
 {
 	const struct tri_triangle *t = &r->triangle[at], *o;
-	uint32_t link = t->link[i], side = link >> 1 & 3, a = t->corner[(i + 1) % 3],
-		 b = t->corner[(i + 2) % 3];
+	uint32_t link = t->link[i], side = link >> 1 & 3, a = t->corner[(i + 1) % 3], b = t->corner[(i + 2) % 3];
 
 	if (link & 1)
 		return "a link is marked constrained";
@@ -90,8 +89,7 @@ static const char *check_side(const struct tri_result *r, uint32_t at, unsigned 
 		return "two linked triangles do not share the edge";
 	if (is_ghost(t) || is_ghost(o))
 		return NULL;
-	if (geom_incircle(r->xy[t->corner[0]], r->xy[t->corner[1]], r->xy[t->corner[2]],
-			  r->xy[o->corner[side]]) > 0)
+	if (geom_incircle(r->xy[t->corner[0]], r->xy[t->corner[1]], r->xy[t->corner[2]], r->xy[o->corner[side]]) > 0)
 		return "a circle is not empty";
 	return NULL;
 }

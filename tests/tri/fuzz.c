@@ -28,13 +28,11 @@ static int small_incircle(const int32_t *const p[4])
 
 		for (unsigned j = 0; j < 4; j++)
 			rank += p[j][0] < p[i][0] || (p[j][0] == p[i][0] && p[j][1] < p[i][1]);
-		lift[i] =
-		    ((int64_t)(p[i][0] * p[i][0] + p[i][1] * p[i][1]) << 32) + ((int64_t)1 << (8 * rank));
+		lift[i] = ((int64_t)(p[i][0] * p[i][0] + p[i][1] * p[i][1]) << 32) + ((int64_t)1 << (8 * rank));
 	}
 	for (unsigned i = 0; i < 4; i++) {
 		const int32_t *a = p[i == 0], *b = p[i <= 1 ? 2 : 1], *c = p[i <= 2 ? 3 : 2];
-		int64_t minor = (int64_t)a[0] * (b[1] - c[1]) + (int64_t)b[0] * (c[1] - a[1]) +
-				(int64_t)c[0] * (a[1] - b[1]);
+		int64_t minor = (int64_t)a[0] * (b[1] - c[1]) + (int64_t)b[0] * (c[1] - a[1]) + (int64_t)c[0] * (a[1] - b[1]);
 
 		det += i % 2 ? -minor * lift[i] : minor * lift[i];
 	}

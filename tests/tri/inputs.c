@@ -110,8 +110,7 @@ static uint32_t fill_scan(struct mesh_vertex *v, uint32_t n, uint64_t s)
 		double across = swath * (0.5 - 0.5 * cos(3.141592653589793 * (0.15 + 0.7 * phase)) / 0.891);
 		double along = side * k / strip_n;
 
-		put(&v[i], strip * step + across + 40 * gauss(&s),
-		    (strip & 1 ? side - along : along) + 40 * gauss(&s));
+		put(&v[i], strip * step + across + 40 * gauss(&s), (strip & 1 ? side - along : along) + 40 * gauss(&s));
 	}
 	return strips * strip_n;
 }
@@ -236,9 +235,9 @@ static uint32_t fill_cross(struct mesh_vertex *v, uint32_t n, uint64_t s)
 }
 
 const struct input_kind input_kinds[] = {
-    {"uniform", fill_uniform},   {"scan", fill_scan}, {"grid", fill_grid}, {"cluster", fill_cluster},
-    {"holes", fill_holes},       {"full", fill_full}, {"ring", fill_ring}, {"circle", fill_circle},
-    {"parabola", fill_parabola}, {"two", fill_two},   {"fan", fill_fan},   {"cross", fill_cross},
+	{"uniform", fill_uniform},   {"scan", fill_scan}, {"grid", fill_grid}, {"cluster", fill_cluster},
+	{"holes", fill_holes},       {"full", fill_full}, {"ring", fill_ring}, {"circle", fill_circle},
+	{"parabola", fill_parabola}, {"two", fill_two},   {"fan", fill_fan},   {"cross", fill_cross},
 };
 const unsigned input_kind_count = sizeof(input_kinds) / sizeof(input_kinds[0]);
 

@@ -188,8 +188,7 @@ static void only_the_arena(void **unused)
 			first_arena = memory;
 			continue;
 		}
-		assert_memory_equal(result.triangle, first.triangle,
-				    result.ntriangle * sizeof(*result.triangle));
+		assert_memory_equal(result.triangle, first.triangle, result.ntriangle * sizeof(*result.triangle));
 		assert_memory_equal(result.id, first.id, n * sizeof(*result.id));
 		free(memory);
 	}
@@ -221,15 +220,15 @@ static void all_kinds(void **unused)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-	    cmocka_unit_test(few_are_flat),
-	    cmocka_unit_test(one_triangle),
-	    cmocka_unit_test(cell_diagonal),
-	    cmocka_unit_test(collinear_is_flat_and_fast),
-	    cmocka_unit_test(line_and_one),
-	    cmocka_unit_test(million_in_one_cavity),
-	    cmocka_unit_test(arena_is_64_bytes_a_point),
-	    cmocka_unit_test(only_the_arena),
-	    cmocka_unit_test(all_kinds),
+		cmocka_unit_test(few_are_flat),
+		cmocka_unit_test(one_triangle),
+		cmocka_unit_test(cell_diagonal),
+		cmocka_unit_test(collinear_is_flat_and_fast),
+		cmocka_unit_test(line_and_one),
+		cmocka_unit_test(million_in_one_cavity),
+		cmocka_unit_test(arena_is_64_bytes_a_point),
+		cmocka_unit_test(only_the_arena),
+		cmocka_unit_test(all_kinds),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -33,7 +33,8 @@ uint8_t *fake_cola_telegram(const struct fake_device *d, uint64_t number, size_t
 	if (!f)
 		return NULL;
 	fputc(STX, f);
-	fprintf(f, "sSN LMDscandata 1 1 %llX 0 0 %llX %llX %llX %llX 0 0 3F 0 0 %X A2 0 1 DIST1 3F800000 00000000 FFF92230 2710 %X",
+	fprintf(f,
+		"sSN LMDscandata 1 1 %llX 0 0 %llX %llX %llX %llX 0 0 3F 0 0 %X A2 0 1 DIST1 3F800000 00000000 FFF92230 2710 %X",
 		(unsigned long long)(strtoull(d->serial, NULL, 10) & 0xffffffff), (unsigned long long)(number & 0xffff),
 		(unsigned long long)(number & 0xffff), (unsigned long long)((us + 1000) & 0xffffffff),
 		(unsigned long long)((us + 30000) & 0xffffffff), (unsigned)(hz * 100), SHOTS);

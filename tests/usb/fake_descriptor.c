@@ -62,7 +62,7 @@ size_t fake_descriptors(const struct fake_device *d, uint8_t at[FAKE_DESCRIPTORS
 
 size_t fake_string(const struct fake_device *d, unsigned i, uint8_t at[FAKE_DESCRIPTORS])
 {
-	const char *texts[] = { NULL, d->manufacturer, d->model, d->serial };
+	const char *texts[] = {NULL, d->manufacturer, d->model, d->serial};
 	size_t n;
 
 	at[1] = 3;

@@ -9,8 +9,8 @@
 #include "fake_device.h"
 
 const char *const fake_verb_names[FAKE_VERBS] = {
-	"stall", "short", "babble", "error", "lose", "delay", "duplicate", "garbage", "unplug", "silent", "timeout",
-	"refuse", "stop", "kill", "pause", "deny",
+	"stall",  "short",  "babble",  "error",  "lose", "delay", "duplicate", "garbage",
+	"unplug", "silent", "timeout", "refuse", "stop", "kill",  "pause",     "deny",
 };
 const char *const fake_step_names[FAKE_STEPS] = {
 	"byte", "end", "open", "string", "claim", "start", "submit", "reap", "clear", "discard", "release",
@@ -151,7 +151,7 @@ static void row_add(struct fake_device *d, enum fake_verb verb, uint64_t lost, u
 		d->rows_missed++;
 		return;
 	}
-	d->rows[d->n_rows++] = (struct fake_row){ verb, d->delivered, d->made, lost, added };
+	d->rows[d->n_rows++] = (struct fake_row){verb, d->delivered, d->made, lost, added};
 }
 
 static void delivered_add(struct fake_device *d, const uint8_t *at, size_t n)
@@ -407,7 +407,7 @@ static void stream_next(struct fake_device *d, int64_t now_ns, uint8_t *at, size
 
 void fake_device_in(struct fake_device *d, int64_t now_ns, uint8_t *at, size_t room, struct fake_in *ret)
 {
-	*ret = (struct fake_in){ .kind = FAKE_WAIT, .when_ns = FAKE_NEVER };
+	*ret = (struct fake_in){.kind = FAKE_WAIT, .when_ns = FAKE_NEVER};
 	if (d->gone) {
 		ret->kind = FAKE_GONE;
 		return;
@@ -504,19 +504,20 @@ void fake_report(FILE *f, const struct fake_device *d)
 	char sum[65];
 
 	fake_hash_text(&d->hash, sum);
-	fprintf(f, "{\"name\": \"%s\", \"serial\": \"%s\", \"delivered\": %llu, \"made\": %llu, \"lost\": %llu, \"added\": %llu, \"sha256\": \"%s\"",
-		d->name, d->serial, (unsigned long long)d->delivered, (unsigned long long)d->made,
-		(unsigned long long)d->lost, (unsigned long long)d->added, sum);
+	fprintf(f,
+		"{\"name\": \"%s\", \"serial\": \"%s\", \"delivered\": %llu, \"made\": %llu, \"lost\": %llu, \"added\": %llu, \"sha256\": \"%s\"",
+		d->name, d->serial, (unsigned long long)d->delivered, (unsigned long long)d->made, (unsigned long long)d->lost,
+		(unsigned long long)d->added, sum);
 	fprintf(f, ", \"commands\": %llu, \"answers\": %llu, \"telegrams\": %llu, \"ended\": %s, \"faults\": [",
-		(unsigned long long)d->commands, (unsigned long long)d->answers,
-		(unsigned long long)d->telegrams, d->ended ? "true" : "false");
+		(unsigned long long)d->commands, (unsigned long long)d->answers, (unsigned long long)d->telegrams,
+		d->ended ? "true" : "false");
 	for (size_t i = 0; i < d->n_faults; i++)
 		fprintf(f, "%s{\"verb\": \"%s\", \"fired\": %llu}", i ? ", " : "", fake_verb_names[d->faults[i].verb],
 			(unsigned long long)d->faults[i].fired);
 	fputs("], \"rows\": [", f);
 	for (size_t i = 0; i < d->n_rows; i++)
-		fprintf(f, "%s{\"verb\": \"%s\", \"delivered\": %llu, \"source\": %llu, \"lost\": %llu, \"added\": %llu}", i ? ", " : "",
-			fake_verb_names[d->rows[i].verb], (unsigned long long)d->rows[i].delivered,
+		fprintf(f, "%s{\"verb\": \"%s\", \"delivered\": %llu, \"source\": %llu, \"lost\": %llu, \"added\": %llu}",
+			i ? ", " : "", fake_verb_names[d->rows[i].verb], (unsigned long long)d->rows[i].delivered,
 			(unsigned long long)d->rows[i].source, (unsigned long long)d->rows[i].lost,
 			(unsigned long long)d->rows[i].added);
 	fputs("], \"steps\": {", f);

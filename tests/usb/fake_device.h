@@ -16,8 +16,7 @@
 
 #include "fake_hash.h"
 
-enum { FAKE_TEXT = 128, FAKE_FAULTS = 512, FAKE_ANSWER = 4096, FAKE_DEVICES = 8, FAKE_ROWS = 4096,
-       FAKE_DESCRIPTORS = 256 };
+enum { FAKE_TEXT = 128, FAKE_FAULTS = 512, FAKE_ANSWER = 4096, FAKE_DEVICES = 8, FAKE_ROWS = 4096, FAKE_DESCRIPTORS = 256 };
 
 #define FAKE_NEVER INT64_MAX
 
@@ -42,16 +41,26 @@ enum fake_verb {
 	FAKE_VERBS,
 };
 enum fake_step {
-	FAKE_AT_BYTE, FAKE_AT_END, FAKE_AT_OPEN, FAKE_AT_STRING, FAKE_AT_CLAIM, FAKE_AT_START, FAKE_AT_SUBMIT,
-	FAKE_AT_REAP, FAKE_AT_CLEAR, FAKE_AT_DISCARD, FAKE_AT_RELEASE, FAKE_STEPS,
+	FAKE_AT_BYTE,
+	FAKE_AT_END,
+	FAKE_AT_OPEN,
+	FAKE_AT_STRING,
+	FAKE_AT_CLAIM,
+	FAKE_AT_START,
+	FAKE_AT_SUBMIT,
+	FAKE_AT_REAP,
+	FAKE_AT_CLEAR,
+	FAKE_AT_DISCARD,
+	FAKE_AT_RELEASE,
+	FAKE_STEPS,
 };
 extern const char *const fake_verb_names[FAKE_VERBS], *const fake_step_names[FAKE_STEPS];
 
 struct fake_fault {
 	enum fake_verb verb;
 	enum fake_step step;
-	uint64_t at;        /* byte of the source, or n of the step from 1 */
-	uint64_t every;     /* bytes; 0: once */
+	uint64_t at;    /* byte of the source, or n of the step from 1 */
+	uint64_t every; /* bytes; 0: once */
 	uint64_t amount;
 	int64_t span_ns;
 	uint64_t fired;
@@ -71,54 +80,54 @@ struct fake_device {
 	char name[FAKE_TEXT], serial[FAKE_TEXT], manufacturer[FAKE_TEXT], model[FAKE_TEXT], port[FAKE_TEXT];
 	uint16_t vendor, product, packet;
 	uint8_t device_class, interface_class, endpoint_in, endpoint_out;
-	bool locked;               /* its node is for nobody */
-	bool busy;                 /* another program has its interface */
-	bool unheard;              /* udev says nothing of its coming; its node can be read */
-	char driver[FAKE_TEXT];    /* of the kernel, that has its interface; "" */
-	bool away;                 /* is not plugged in at first: after appear_ns */
+	bool locked;            /* its node is for nobody */
+	bool busy;              /* another program has its interface */
+	bool unheard;           /* udev says nothing of its coming; its node can be read */
+	char driver[FAKE_TEXT]; /* of the kernel, that has its interface; "" */
+	bool away;              /* is not plugged in at first: after appear_ns */
 	int64_t appear_ns;
-	char appear_path[512];     /* or once there is such a file; "" */
-	bool after_close;          /* comes back when the program has let go of it, no sooner */
+	char appear_path[512]; /* or once there is such a file; "" */
+	bool after_close;      /* comes back when the program has let go of it, no sooner */
 	/* what it streams */
 	enum fake_source source;
-	char path[512];            /* FILE */
-	char delivered_path[512];  /* where the bytes that were delivered go too; "" */
-	uint64_t size;             /* of the source; COLA: telegrams */
-	uint64_t seed, message;    /* a short packet ends each `message` bytes; 0: never */
-	double rate;               /* bytes per second; 0: as fast as it is asked. COLA: telegrams per second */
-	double hz;                 /* COLA: sweeps per second by its own clock; 0: 15 */
-	uint64_t buffer;           /* with a rate: more than this is dropped, the oldest first; 0: it waits */
-	bool on_command;           /* streams when it was told so, not at once */
+	char path[512];           /* FILE */
+	char delivered_path[512]; /* where the bytes that were delivered go too; "" */
+	uint64_t size;            /* of the source; COLA: telegrams */
+	uint64_t seed, message;   /* a short packet ends each `message` bytes; 0: never */
+	double rate;              /* bytes per second; 0: as fast as it is asked. COLA: telegrams per second */
+	double hz;                /* COLA: sweeps per second by its own clock; 0: 15 */
+	uint64_t buffer;          /* with a rate: more than this is dropped, the oldest first; 0: it waits */
+	bool on_command;          /* streams when it was told so, not at once */
 	/* what goes wrong */
 	struct fake_fault faults[FAKE_FAULTS];
 	size_t n_faults;
 	/* how the front end behaves */
-	bool mock;                 /* unplug: transfers end with NO_DEVICE, not with ERROR as real kernels do */
-	bool no_fifo;              /* its node is a plain file: always writable */
-	uint32_t caps_off;         /* USBDEVFS_CAP_* that are not offered */
+	bool mock;         /* unplug: transfers end with NO_DEVICE, not with ERROR as real kernels do */
+	bool no_fifo;      /* its node is a plain file: always writable */
+	uint32_t caps_off; /* USBDEVFS_CAP_* that are not offered */
 
 	/* state */
-	bool detached;             /* the driver was sent away */
-	bool denies;                /* the next transfer */
+	bool detached; /* the driver was sent away */
+	bool denies;   /* the next transfer */
 	bool running, halted, refusing, deaf, silent, gone, ended;
 	int64_t gone_ns, gone_for_ns, not_before_ns, began_ns;
 	uint64_t made, sent_stream; /* bytes taken from the source; bytes of it that count against the rate */
 	uint64_t steps[FAKE_STEPS];
 	uint8_t answer[FAKE_ANSWER];
 	size_t answer_size, answer_sent;
-	uint64_t short_left;        /* bytes until the packet that ends early; meaningful with in_short */
+	uint64_t short_left; /* bytes until the packet that ends early; meaningful with in_short */
 	bool in_short;
-	uint8_t *text;              /* COLA: the telegram that is being sent */
+	uint8_t *text; /* COLA: the telegram that is being sent */
 	size_t text_size, text_sent;
-	uint64_t telegrams;         /* COLA: begun */
+	uint64_t telegrams; /* COLA: begun */
 	FILE *file, *delivered_file;
-	uint8_t last[4096];         /* the last bytes delivered */
+	uint8_t last[4096]; /* the last bytes delivered */
 	size_t last_size;
 	/* books */
 	uint64_t delivered, lost, added, commands, answers;
 	struct fake_row rows[FAKE_ROWS];
 	size_t n_rows, rows_missed;
-	struct fake_hash hash;      /* of what was delivered */
+	struct fake_hash hash; /* of what was delivered */
 	/* asked of the front end: signals to send */
 	bool wants_stop, wants_kill;
 	int64_t wants_pause_ns;
@@ -143,9 +152,9 @@ int fake_control(struct fake_device *, const uint8_t setup[8], uint8_t *at, size
 enum fake_kind { FAKE_WAIT, FAKE_BYTES, FAKE_HALT, FAKE_OVERFLOW, FAKE_BROKEN, FAKE_GONE };
 struct fake_in {
 	enum fake_kind kind;
-	size_t size;      /* bytes put at `at`; they are there with every kind */
-	bool ends;        /* a short packet: the transfer is complete */
-	int64_t when_ns;  /* WAIT: when it is worth asking again */
+	size_t size;     /* bytes put at `at`; they are there with every kind */
+	bool ends;       /* a short packet: the transfer is complete */
+	int64_t when_ns; /* WAIT: when it is worth asking again */
 };
 /* The next bytes for a transfer with `room` left. Never more than `room`; call until WAIT, `ends` or no room. */
 void fake_device_in(struct fake_device *, int64_t now_ns, uint8_t *at, size_t room, struct fake_in *ret);

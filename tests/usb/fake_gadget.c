@@ -62,7 +62,7 @@ static void sleep_until(int64_t when_ns)
 	if (left > 20000000)
 		left = 20000000;
 	if (left > 0)
-		nanosleep(&(struct timespec){ 0, (long)left }, NULL);
+		nanosleep(&(struct timespec){0, (long)left}, NULL);
 }
 
 __attribute__((format(printf, 2, 3))) static bool file_write(const char *path, const char *fmt, ...)
@@ -172,8 +172,11 @@ static void gadget_remove(struct gadget *g)
 static struct usb_endpoint_descriptor_no_audio endpoint(uint8_t address, uint16_t packet)
 {
 	return (struct usb_endpoint_descriptor_no_audio){
-		.bLength = USB_DT_ENDPOINT_SIZE, .bDescriptorType = USB_DT_ENDPOINT, .bEndpointAddress = address,
-		.bmAttributes = USB_ENDPOINT_XFER_BULK, .wMaxPacketSize = htole16(packet),
+		.bLength = USB_DT_ENDPOINT_SIZE,
+		.bDescriptorType = USB_DT_ENDPOINT,
+		.bEndpointAddress = address,
+		.bmAttributes = USB_ENDPOINT_XFER_BULK,
+		.wMaxPacketSize = htole16(packet),
 	};
 }
 
@@ -188,13 +191,18 @@ static bool descriptors_write(struct gadget *g)
 		__le32 full_count, high_count;
 		struct speed full, high;
 	} __attribute__((packed)) all = {
-		.head = { .magic = htole32(FUNCTIONFS_DESCRIPTORS_MAGIC_V2), .length = htole32(sizeof all),
-			  .flags = htole32(FUNCTIONFS_HAS_FS_DESC | FUNCTIONFS_HAS_HS_DESC) },
-		.full_count = htole32(3), .high_count = htole32(3),
-		.full.interface = { .bLength = USB_DT_INTERFACE_SIZE, .bDescriptorType = USB_DT_INTERFACE, .bNumEndpoints = 2,
-				    .bInterfaceClass = g->device->interface_class, .iInterface = 0 },
+		.head = {.magic = htole32(FUNCTIONFS_DESCRIPTORS_MAGIC_V2),
+			 .length = htole32(sizeof all),
+			 .flags = htole32(FUNCTIONFS_HAS_FS_DESC | FUNCTIONFS_HAS_HS_DESC)},
+		.full_count = htole32(3),
+		.high_count = htole32(3),
+		.full.interface = {.bLength = USB_DT_INTERFACE_SIZE,
+				   .bDescriptorType = USB_DT_INTERFACE,
+				   .bNumEndpoints = 2,
+				   .bInterfaceClass = g->device->interface_class,
+				   .iInterface = 0},
 	};
-	struct usb_functionfs_strings_head none = { .magic = htole32(FUNCTIONFS_STRINGS_MAGIC), .length = htole32(sizeof none) };
+	struct usb_functionfs_strings_head none = {.magic = htole32(FUNCTIONFS_STRINGS_MAGIC), .length = htole32(sizeof none)};
 
 	all.full.in = endpoint(g->device->endpoint_in, 64);
 	all.full.out = endpoint(g->device->endpoint_out, 64);
@@ -341,8 +349,9 @@ static void report_write(const char *path)
 		struct gadget *g = &gadgets[i];
 
 		pthread_mutex_lock(&g->lock);
-		fprintf(f, "%s{\"plugs\": %u, \"halts\": %llu, \"cut_writes\": %llu, \"cut_bytes\": %llu, \"model\": ", i ? ", " : "",
-			g->plugs, (unsigned long long)g->halts, (unsigned long long)g->cut_writes, (unsigned long long)g->cut_bytes);
+		fprintf(f, "%s{\"plugs\": %u, \"halts\": %llu, \"cut_writes\": %llu, \"cut_bytes\": %llu, \"model\": ",
+			i ? ", " : "", g->plugs, (unsigned long long)g->halts, (unsigned long long)g->cut_writes,
+			(unsigned long long)g->cut_bytes);
 		if (g->device->delivered_file)
 			fflush(g->device->delivered_file);
 		fake_report(f, g->device);
@@ -407,10 +416,10 @@ static int gadgets_run(const char *report, const char *on_stop, bool until_end)
 		if (ended != before)
 			report_write(report);
 		before = ended;
-		nanosleep(&(struct timespec){ 0, 3000000 }, NULL);
+		nanosleep(&(struct timespec){0, 3000000}, NULL);
 	}
 	if (until_end)
-		nanosleep(&(struct timespec){ 1, 0 }, NULL); /* the host takes what it was given */
+		nanosleep(&(struct timespec){1, 0}, NULL); /* the host takes what it was given */
 	report_write(report);
 	for (size_t i = 0; i < n_gadgets; i++)
 		gadget_remove(&gadgets[i]);

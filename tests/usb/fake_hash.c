@@ -19,8 +19,8 @@ static const uint32_t roots[64] = {
 
 void fake_hash_init(struct fake_hash *h)
 {
-	static const uint32_t first[8] = { 0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a, 0x510e527f, 0x9b05688c, 0x1f83d9ab,
-					   0x5be0cd19 };
+	static const uint32_t first[8] = {0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
+					  0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
 
 	memcpy(h->state, first, sizeof first);
 	h->size = 0;
@@ -42,8 +42,10 @@ static void block(uint32_t state[8], const uint8_t *at)
 		       (turn(w[i - 2], 17) ^ turn(w[i - 2], 19) ^ w[i - 2] >> 10);
 	memcpy(s, state, sizeof s);
 	for (unsigned i = 0; i < 64; i++) {
-		uint32_t one = s[7] + (turn(s[4], 6) ^ turn(s[4], 11) ^ turn(s[4], 25)) + ((s[4] & s[5]) ^ (~s[4] & s[6])) + roots[i] + w[i];
-		uint32_t two = (turn(s[0], 2) ^ turn(s[0], 13) ^ turn(s[0], 22)) + ((s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]));
+		uint32_t one = s[7] + (turn(s[4], 6) ^ turn(s[4], 11) ^ turn(s[4], 25)) + ((s[4] & s[5]) ^ (~s[4] & s[6])) +
+			       roots[i] + w[i];
+		uint32_t two =
+			(turn(s[0], 2) ^ turn(s[0], 13) ^ turn(s[0], 22)) + ((s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]));
 
 		memmove(s + 1, s, 7 * sizeof *s);
 		s[4] += one;
@@ -74,7 +76,7 @@ void fake_hash_add(struct fake_hash *h, const uint8_t *at, size_t n)
 void fake_hash_text(const struct fake_hash *from, char ret[65])
 {
 	struct fake_hash h = *from;
-	uint8_t end[72] = { 0x80 };
+	uint8_t end[72] = {0x80};
 	size_t pad = 64 - (h.size + 8) % 64;
 	uint64_t bits = h.size * 8;
 

@@ -50,8 +50,11 @@ static bool number_next(struct words *w, double *ret)
 		return false;
 	if (w->i < w->n) {
 		const char *unit = w->at[w->i];
-		double by = strcmp(unit, "KB") == 0 ? 1024 : strcmp(unit, "MB") == 0 ? 1024 * 1024 :
-			    strcmp(unit, "B") == 0 || strcmp(unit, "s") == 0 ? 1 : strcmp(unit, "ms") == 0 ? 1e-3 : 0;
+		double by = strcmp(unit, "KB") == 0                          ? 1024 :
+			    strcmp(unit, "MB") == 0                          ? 1024 * 1024 :
+			    strcmp(unit, "B") == 0 || strcmp(unit, "s") == 0 ? 1 :
+			    strcmp(unit, "ms") == 0                          ? 1e-3 :
+									       0;
 
 		if (by > 0) {
 			v *= by;
@@ -64,7 +67,7 @@ static bool number_next(struct words *w, double *ret)
 
 static bool fault_read(struct fake_device *d, struct words *w, bool every)
 {
-	struct fake_fault f = { .amount = 512 };
+	struct fake_fault f = {.amount = 512};
 	const char *word;
 	double v;
 
@@ -130,9 +133,12 @@ static bool source_read(struct fake_device *d, struct words *w)
 
 static bool text_read(struct fake_device *d, const char *key, const struct words *w)
 {
-	struct { const char *key; char *at; } texts[] = {
-		{ "serial", d->serial }, { "manufacturer", d->manufacturer }, { "model", d->model }, { "port", d->port },
-		{ "driver", d->driver },
+	struct {
+		const char *key;
+		char *at;
+	} texts[] = {
+		{"serial", d->serial}, {"manufacturer", d->manufacturer}, {"model", d->model}, {"port", d->port},
+		{"driver", d->driver},
 	};
 
 	for (size_t i = 0; i < sizeof texts / sizeof *texts; i++) {
@@ -247,7 +253,7 @@ bool fake_script_read(const char *path, struct fake_device **ret, size_t *ret_n)
 		exit(2);
 	}
 	for (unsigned number = 1; fgets(line, sizeof line, f); number++) {
-		struct words w = { .n = 0 };
+		struct words w = {.n = 0};
 		const char *key;
 		bool good;
 

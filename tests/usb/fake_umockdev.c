@@ -36,7 +36,7 @@ struct sample {
 };
 struct plug {
 	struct fake_device *device;
-	struct fake_node *node;     /* NULL: not plugged in */
+	struct fake_node *node; /* NULL: not plugged in */
 	char syspath[96], node_path[64];
 	int64_t came_back_ns;
 	struct fake_node_counts past;
@@ -49,7 +49,7 @@ struct bus {
 	struct plug plugs[FAKE_DEVICES];
 	size_t n;
 	unsigned address;
-	struct fake_node *old[NODES];     /* unplugged; kept while the program may hold them */
+	struct fake_node *old[NODES]; /* unplugged; kept while the program may hold them */
 	char *old_paths[NODES];
 	size_t n_old;
 	struct sample samples[NODES];
@@ -97,12 +97,15 @@ static char *device_text(const struct plug *p, unsigned address)
 	GString *s = g_string_new(NULL);
 	uint8_t descriptors[FAKE_DESCRIPTORS];
 
-	g_string_append_printf(s, "P: %s\nN: %s\nE: DEVNAME=%s\nE: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: MAJOR=189\n"
+	g_string_append_printf(
+		s,
+		"P: %s\nN: %s\nE: DEVNAME=%s\nE: DEVTYPE=usb_device\nE: SUBSYSTEM=usb\nE: MAJOR=189\n"
 		"E: MINOR=%u\nE: BUSNUM=001\nE: DEVNUM=%03u\nE: PRODUCT=%x/%x/100\nE: ID_VENDOR_ID=%04x\nE: ID_MODEL_ID=%04x\n"
 		"A: busnum=1\nA: devnum=%u\nA: idVendor=%04x\nA: idProduct=%04x\nA: bDeviceClass=%02x\nA: speed=480\n"
 		"A: bConfigurationValue=1\nA: bNumConfigurations=1\nA: bNumInterfaces= 1\nA: version= 2.00\nA: devpath=%s\n",
 		p->syspath + 4, p->node_path + 5, p->node_path, address - 1, address, d->vendor, d->product, d->vendor,
-		d->product, address, d->vendor, d->product, d->device_class, strchr(d->port, '-') ? strchr(d->port, '-') + 1 : "1");
+		d->product, address, d->vendor, d->product, d->device_class,
+		strchr(d->port, '-') ? strchr(d->port, '-') + 1 : "1");
 	if (d->serial[0])
 		g_string_append_printf(s, "A: serial=%s\nE: ID_SERIAL_SHORT=%s\n", d->serial, d->serial);
 	if (d->manufacturer[0])
@@ -324,7 +327,7 @@ static void signals_send(struct bus *b, struct fake_device *d)
 	if (d->wants_pause_ns) {
 		struct pause *p = g_new(struct pause, 1);
 
-		*p = (struct pause){ b->child, d->wants_pause_ns };
+		*p = (struct pause){b->child, d->wants_pause_ns};
 		g_thread_unref(g_thread_new("pause", pause_program, p));
 		d->wants_pause_ns = 0;
 	}
@@ -435,19 +438,22 @@ static void report_write(struct bus *b, const char *path, const struct outcome *
 
 	if (!f)
 		g_error("%s: %s", path, strerror(errno));
-	fprintf(f, "{\"hung\": %s, \"status\": %d, \"signal\": %d, \"seconds\": %.3f, \"cpu_s\": %.3f, \"rss_kb\": %ld, "
-		"\"switches\": %ld, \"devices\": [", o->hung ? "true" : "false", WIFEXITED(o->status) ? WEXITSTATUS(o->status) : -1,
+	fprintf(f,
+		"{\"hung\": %s, \"status\": %d, \"signal\": %d, \"seconds\": %.3f, \"cpu_s\": %.3f, \"rss_kb\": %ld, "
+		"\"switches\": %ld, \"devices\": [",
+		o->hung ? "true" : "false", WIFEXITED(o->status) ? WEXITSTATUS(o->status) : -1,
 		WIFSIGNALED(o->status) ? WTERMSIG(o->status) : 0, o->seconds,
 		seconds_of(o->used.ru_utime) + seconds_of(o->used.ru_stime), o->used.ru_maxrss, o->used.ru_nvcsw);
 	for (size_t i = 0; i < b->n; i++) {
 		struct plug *p = &b->plugs[i];
 		const struct fake_node_counts *c = &p->past;
 
-		fprintf(f, "%s{\"plugs\": %u, \"opens\": %lu, \"claims\": %lu, \"releases\": %lu, \"clears\": %lu, \"resets\": %lu, "
+		fprintf(f,
+			"%s{\"plugs\": %u, \"opens\": %lu, \"claims\": %lu, \"releases\": %lu, \"clears\": %lu, \"resets\": %lu, "
 			"\"detaches\": %lu, \"attaches\": %lu, \"submits\": %lu, \"reaps\": %lu, \"discards\": %lu, \"controls\": %lu, \"refused\": %lu, "
-			"\"unreaped\": %lu, \"in_flight_max\": %u, \"model\": ", i ? ", " : "", p->plugs, c->opens, c->claims,
-			c->releases, c->clears, c->resets, c->detaches, c->attaches, c->submits, c->reaps, c->discards, c->controls, c->refused,
-			c->unreaped_bytes, c->in_flight_max);
+			"\"unreaped\": %lu, \"in_flight_max\": %u, \"model\": ",
+			i ? ", " : "", p->plugs, c->opens, c->claims, c->releases, c->clears, c->resets, c->detaches, c->attaches,
+			c->submits, c->reaps, c->discards, c->controls, c->refused, c->unreaped_bytes, c->in_flight_max);
 		fake_report(f, p->device);
 		fputs("}", f);
 	}

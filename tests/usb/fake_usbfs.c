@@ -40,9 +40,9 @@ struct fake_node {
 	GMutex *lock;
 	struct list waiting, complete;
 	struct fake_node_counts counts;
-	GSList *clients;         /* programs that have it open */
+	GSList *clients; /* programs that have it open */
 	bool disconnected, disabled_in;
-	int64_t dying_ns;        /* a real kernel goes on for a while before it says NO_DEVICE */
+	int64_t dying_ns; /* a real kernel goes on for a while before it says NO_DEVICE */
 	int fifo;
 	bool fifo_full;
 	void (*notify)(void *);
@@ -180,7 +180,7 @@ static void pump_out(struct fake_node *n, int64_t now_ns)
 int64_t fake_node_pump(struct fake_node *n, int64_t now_ns)
 {
 	struct fake_device *d = n->device;
-	struct fake_in in = { .when_ns = FAKE_NEVER };
+	struct fake_in in = {.when_ns = FAKE_NEVER};
 
 	if (!d->gone)
 		pump_out(n, now_ns);
@@ -188,7 +188,7 @@ int64_t fake_node_pump(struct fake_node *n, int64_t now_ns)
 		fake_device_in(d, now_ns, u->buffer->data + u->filled, u->length - u->filled, &in);
 		u->filled += in.size;
 		if (in.kind == FAKE_HALT && now_ns - u->since_ns < FRAME_NS)
-			in = (struct fake_in){ .kind = FAKE_WAIT, .when_ns = u->since_ns + FRAME_NS };
+			in = (struct fake_in){.kind = FAKE_WAIT, .when_ns = u->since_ns + FRAME_NS};
 		if (in.kind == FAKE_WAIT || in.kind == FAKE_GONE)
 			break;
 		if (in.kind == FAKE_HALT)
@@ -365,9 +365,10 @@ static int answer(struct fake_node *n, UMockdevIoctlClient *client, gulong reque
 		return ENODEV;
 	switch (request) {
 	case USBDEVFS_GET_CAPABILITIES:
-		*(uint32_t *)data->data = (USBDEVFS_CAP_ZERO_PACKET | USBDEVFS_CAP_BULK_CONTINUATION |
-			USBDEVFS_CAP_NO_PACKET_SIZE_LIM | USBDEVFS_CAP_BULK_SCATTER_GATHER |
-			USBDEVFS_CAP_REAP_AFTER_DISCONNECT) & ~n->device->caps_off;
+		*(uint32_t *)data->data =
+			(USBDEVFS_CAP_ZERO_PACKET | USBDEVFS_CAP_BULK_CONTINUATION | USBDEVFS_CAP_NO_PACKET_SIZE_LIM |
+			 USBDEVFS_CAP_BULK_SCATTER_GATHER | USBDEVFS_CAP_REAP_AFTER_DISCONNECT) &
+			~n->device->caps_off;
 		return 0;
 	case USBDEVFS_SUBMITURB:
 		return submit(n, client, data);
@@ -376,7 +377,7 @@ static int answer(struct fake_node *n, UMockdevIoctlClient *client, gulong reque
 	case USBDEVFS_CLEAR_HALT:
 		n->counts.clears++;
 		fake_device_step(n->device, FAKE_AT_CLEAR, fake_now());
-		fake_device_clear_halt(n->device, (uint8_t)*(unsigned *)data->data);
+		fake_device_clear_halt(n->device, (uint8_t) * (unsigned *)data->data);
 		return n->device->gone ? ENODEV : 0;
 	case USBDEVFS_RESET:
 		n->counts.resets++;

@@ -47,7 +47,7 @@ int main(int argc, char **argv)
 	struct libusb_transfer *transfers[TRANSFERS];
 	libusb_context *ctx;
 	libusb_device_handle *handle;
-	struct timeval soon = { 0, 50000 };
+	struct timeval soon = {0, 50000};
 
 	if (argc < 3 || sscanf(argv[1], "%x:%x", &vendor, &product) != 2 || !(out = fopen(argv[2], "wbe")))
 		return 2;

@@ -17,16 +17,10 @@
 /* A device of two configurations: the first with a vendor interface of two settings and a mass storage one behind it,
  * the second with an interface of class 3. */
 static const uint8_t whole[] = {
-	18, 1, 0, 2, 0, 0, 0, 64, 0xa2, 0x19, 0x01, 0x50, 0, 1, 1, 2, 3, 2,
-	9, 2, 55, 0, 2, 1, 0, 0x80, 50,
-	9, 4, 0, 0, 2, 255, 0, 0, 0,
-	7, 5, 0x81, 2, 0, 2, 0,
-	7, 5, 0x02, 2, 0, 2, 0,
-	9, 4, 0, 1, 1, 255, 0, 0, 0,
-	7, 5, 0x83, 3, 64, 8, 1, /* packet 64 and a bit that says "one more each microframe" */
-	9, 4, 1, 0, 0, 8, 6, 80, 0,
-	9, 2, 18, 0, 1, 2, 0, 0x80, 50,
-	9, 4, 0, 0, 0, 3, 0, 0, 0,
+	18, 1,   0, 2, 0, 0,   0, 64,   0xa2, 0x19, 0x01, 0x50, 0, 1, 1, 2, 3,    2,  9,    2, 55, 0, 2, 1, 0, 0x80, 50,
+	9,  4,   0, 0, 2, 255, 0, 0,    0,    7,    5,    0x81, 2, 0, 2, 0, 7,    5,  0x02, 2, 0,  2, 0, 9, 4, 0,    1,
+	1,  255, 0, 0, 0, 7,   5, 0x83, 3,    64,   8,    1, /* packet 64 and a bit that says "one more each microframe" */
+	9,  4,   1, 0, 0, 8,   6, 80,   0,    9,    2,    18,   0, 1, 2, 0, 0x80, 50, 9,    4, 0,  0, 0, 3, 0, 0,    0,
 };
 
 static void device_of_descriptors(void **state)
@@ -247,8 +241,8 @@ static void limits(void **state)
 
 /* ---- words ---- */
 
-static const struct usb_device tim = {.vendor = 0x19a2, .product = 0x5001, .port = "1-2", .node = "/dev/bus/usb/001/004",
-				      .model = "TiM561", .serial = "1234"};
+static const struct usb_device tim = {
+	.vendor = 0x19a2, .product = 0x5001, .port = "1-2", .node = "/dev/bus/usb/001/004", .model = "TiM561", .serial = "1234"};
 
 static void refusals(void **state)
 {
@@ -257,8 +251,9 @@ static void refusals(void **state)
 
 	assert_string_equal(usb_device_words(&tim, words, sizeof(words)), "TiM561 19a2:5001 serial 1234 at 1-2");
 	assert_int_equal(usb_refusal_mode(&tim, EACCES, &err), -ERR_PERM);
-	assert_non_null(strstr(err.hint, "SUBSYSTEM==\"usb\", ATTRS{idVendor}==\"19a2\", ATTRS{idProduct}==\"5001\", MODE=\"0660\", "
-					 "GROUP=\"acut-scan\""));
+	assert_non_null(strstr(err.hint,
+			       "SUBSYSTEM==\"usb\", ATTRS{idVendor}==\"19a2\", ATTRS{idProduct}==\"5001\", MODE=\"0660\", "
+			       "GROUP=\"acut-scan\""));
 	assert_non_null(strstr(err.hint, "/etc/udev/rules.d/"));
 	assert_non_null(strstr(err.message, tim.node));
 	assert_true(strlen(err.hint) < sizeof(err.hint) - 1); /* whole */
@@ -276,8 +271,7 @@ static void bytes_in_words(void **state)
 {
 	char words[40];
 
-	assert_string_equal(usb_bytes_words((const uint8_t *)"\x02sRN a\\\x03", 8, words, sizeof(words)),
-			    "\\x02sRN a\\x5c\\x03");
+	assert_string_equal(usb_bytes_words((const uint8_t *)"\x02sRN a\\\x03", 8, words, sizeof(words)), "\\x02sRN a\\x5c\\x03");
 	assert_string_equal(usb_bytes_words(NULL, 0, words, sizeof(words)), "");
 	assert_string_equal(usb_bytes_words((const uint8_t *)"0123456789", 10, words, 9), "01234...");
 	assert_string_equal(usb_bytes_words((const uint8_t *)"0123456789", 10, words, 11), "0123456789");
@@ -286,10 +280,14 @@ static void bytes_in_words(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(device_of_descriptors),   cmocka_unit_test(settings_of_descriptors),
-		cmocka_unit_test(descriptors_of_strangers), cmocka_unit_test(folder_of_the_kernel),
-		cmocka_unit_test(texts_are_cut_at_characters), cmocka_unit_test(limits),
-		cmocka_unit_test(refusals),                cmocka_unit_test(bytes_in_words),
+		cmocka_unit_test(device_of_descriptors),
+		cmocka_unit_test(settings_of_descriptors),
+		cmocka_unit_test(descriptors_of_strangers),
+		cmocka_unit_test(folder_of_the_kernel),
+		cmocka_unit_test(texts_are_cut_at_characters),
+		cmocka_unit_test(limits),
+		cmocka_unit_test(refusals),
+		cmocka_unit_test(bytes_in_words),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

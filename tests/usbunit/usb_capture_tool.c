@@ -5,11 +5,13 @@
  *   usb-capture [--list] [--watch SECONDS] [--changes N] [--device WHICH] [--profile FILE] [--out FILE] [--bytes N] [--slow MS]
  *               [--hold N] [--until-parked] [--again] [--wait] [--waits FILE] [--debug] [--memory MB] [--drop]
  *
- * --changes: watches until so many were told; --slow: each buffer is kept until nothing is in flight for want of one (or a stop is asked
- * for), and so long; --hold: N buffers are never given back; --until-parked: stops once nothing is in flight for want of a buffer;
- * --again: captured again when it comes back; --drop: freed after --bytes, without a stop; --wait: until one comes if there is none;
- * --waits: a file that is made when it begins to wait for one; --memory: what the kernel of umockdev's folder lends. SIGINT stops.
- * Ends with the exit status of the error.
+ * --changes: watches until so many were told; --slow: each buffer is kept until nothing is in flight for want of one (or a stop
+ * is asked for), and so long; --hold: N buffers are never given back; --until-parked: stops once nothing is in flight for want of
+ * a buffer;
+ * --again: captured again when it comes back; --drop: freed after --bytes, without a stop; --wait: until one comes if there is
+ * none;
+ * --waits: a file that is made when it begins to wait for one; --memory: what the kernel of umockdev's folder lends. SIGINT
+ * stops. Ends with the exit status of the error.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -99,8 +101,8 @@ static bool arguments(struct tool *t, int argc, char **argv)
 static void print_device(const struct usb_device *d)
 {
 	printf("%s %04x:%04x serial=%s model=%s speed=%s class=%u/%u open=%d refused=%d storage=%d profile=%d\n", d->port,
-	       d->vendor, d->product, d->serial, d->model, d->speed, d->device_class,
-	       d->interfaces ? d->interface_classes[0] : 0, d->openable, d->refused, d->mass_storage, d->profile);
+	       d->vendor, d->product, d->serial, d->model, d->speed, d->device_class, d->interfaces ? d->interface_classes[0] : 0,
+	       d->openable, d->refused, d->mass_storage, d->profile);
 }
 
 static void note_waits(const struct tool *t)
@@ -225,10 +227,10 @@ static enum usb_end capture(struct tool *t, struct usb_capture *c)
 	printf("counts transfers=%llu bytes=%llu shorts=%llu stalls=%llu overflows=%llu timeouts=%llu errors=%llu parked=%llu "
 	       "parked_ns=%llu in_flight=%u with_error=%llu after_gap=%llu bad_order=%llu\n",
 	       (unsigned long long)counts.transfers, (unsigned long long)counts.bytes, (unsigned long long)counts.shorts,
-	       (unsigned long long)counts.stalls, (unsigned long long)counts.overflows,
-	       (unsigned long long)counts.timeouts, (unsigned long long)counts.errors, (unsigned long long)counts.parked,
-	       (unsigned long long)counts.parked_ns, counts.in_flight, (unsigned long long)t->with_error,
-	       (unsigned long long)t->after_gap, (unsigned long long)t->bad_order);
+	       (unsigned long long)counts.stalls, (unsigned long long)counts.overflows, (unsigned long long)counts.timeouts,
+	       (unsigned long long)counts.errors, (unsigned long long)counts.parked, (unsigned long long)counts.parked_ns,
+	       counts.in_flight, (unsigned long long)t->with_error, (unsigned long long)t->after_gap,
+	       (unsigned long long)t->bad_order);
 	usb_capture_free(c);
 	return end;
 }

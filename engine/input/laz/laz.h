@@ -44,8 +44,7 @@ struct laz_format {
 
 /* `point_format` and `length` are the header's. ERR_INPUT or ERR_UNSUPPORTED name the field; the offset is
  * that in the VLR's body (the caller adds where it lies). */
-int laz_format_parse(const void *vlr, size_t n, unsigned point_format, unsigned length,
-		     struct laz_format *ret, struct err *err);
+int laz_format_parse(const void *vlr, size_t n, unsigned point_format, unsigned length, struct laz_format *ret, struct err *err);
 
 /* Where the bytes come from: `read` fills up to n bytes of place `at` of the file, as pread. */
 struct laz_source {
@@ -55,14 +54,14 @@ struct laz_source {
 
 /* The chunk table of a file, read forwards; it is never held whole. */
 struct laz_chunk {
-	uint64_t at, bytes;      /* bytes 0: not known (no table) */
+	uint64_t at, bytes; /* bytes 0: not known (no table) */
 	uint64_t points;
 };
-struct laz_place {               /* of the points in the file */
-	uint64_t begin, end;     /* the compressed points, from the place of the chunk table's address on; end: the
-				  * file's, or where the header says that something else begins */
-	uint64_t points;         /* that the header claims */
-	uint64_t size;           /* of the file: a writer that could not seek put the address into the last 8 bytes */
+struct laz_place {           /* of the points in the file */
+	uint64_t begin, end; /* the compressed points, from the place of the chunk table's address on; end: the
+			      * file's, or where the header says that something else begins */
+	uint64_t points;     /* that the header claims */
+	uint64_t size;       /* of the file: a writer that could not seek put the address into the last 8 bytes */
 };
 struct laz_table;
 size_t laz_table_bytes(void);
@@ -81,8 +80,8 @@ enum laz_fields { LAZ_TERRAIN, /* x, y, z, returns, class, flags */ LAZ_ALL };
 /* Decodes one chunk after the other. */
 struct laz_reader;
 size_t laz_reader_bytes(const struct laz_format *, enum laz_fields);
-int laz_reader_new(void *memory, const struct laz_format *, enum laz_fields, const struct laz_source *,
-		   struct laz_reader **ret, struct err *err);
+int laz_reader_new(void *memory, const struct laz_format *, enum laz_fields, const struct laz_source *, struct laz_reader **ret,
+		   struct err *err);
 /* From now on the points of this chunk. Compressor 1, or no table: the whole of the points as one chunk with
  * bytes 0 (compressor 2 and 3 then go on over the ends of chunks of format.chunk_size). */
 int laz_reader_chunk(struct laz_reader *, const struct laz_chunk *, struct err *err);

@@ -17,11 +17,20 @@ struct extra {
 _Static_assert(sizeof(struct extra) % 16 == 0, "models are aligned");
 _Static_assert(STEP * 10 <= LAZ_GUARD, "what laz_int_read takes at most");
 
-static uint8_t *models(struct extra *e) { return (uint8_t *)(e + 1); }
+static uint8_t *models(struct extra *e)
+{
+	return (uint8_t *)(e + 1);
+}
 
-static size_t bytes_v1(unsigned size) { return sizeof(struct extra) + LAZ_INT_BYTES(8, size); }
+static size_t bytes_v1(unsigned size)
+{
+	return sizeof(struct extra) + LAZ_INT_BYTES(8, size);
+}
 
-static size_t bytes_v2(unsigned size) { return sizeof(struct extra) + size * LAZ_MODEL_BYTES(256); }
+static size_t bytes_v2(unsigned size)
+{
+	return sizeof(struct extra) + size * LAZ_MODEL_BYTES(256);
+}
 
 static void begin_v1(void *state, const uint8_t *first, unsigned size)
 {
@@ -39,8 +48,7 @@ static void begin_v2(void *state, const uint8_t *first, unsigned size)
 	laz_models_reset((struct laz_model *)models(e), 256, size);
 }
 
-static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8_t *item, unsigned size, struct err *err)
 {
 	struct extra *e = state;
 
@@ -56,8 +64,7 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8
 	return 0;
 }
 
-static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct extra *e = state;
 	struct laz_coder c = *coder;
@@ -67,13 +74,13 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 
 		if (rc)
 			return rc;
-		e->last[i] = (uint8_t)(e->last[i] + laz_symbol_lazy(&c, laz_model_at((struct laz_model *)models(e),
-										     256, i), 256));
+		e->last[i] =
+			(uint8_t)(e->last[i] + laz_symbol_lazy(&c, laz_model_at((struct laz_model *)models(e), 256, i), 256));
 	}
 	memcpy(item, e->last, size);
 	*coder = c;
 	return 0;
 }
 
-const struct laz_item_row laz_byte_v1 = { LAZ_BYTE, 1, bytes_v1, begin_v1, read_v1 };
-const struct laz_item_row laz_byte_v2 = { LAZ_BYTE, 2, bytes_v2, begin_v2, read_v2 };
+const struct laz_item_row laz_byte_v1 = {LAZ_BYTE, 1, bytes_v1, begin_v1, read_v1};
+const struct laz_item_row laz_byte_v2 = {LAZ_BYTE, 2, bytes_v2, begin_v2, read_v2};

@@ -30,7 +30,7 @@ int laz_coder_begin(struct laz_window *w, struct err *err)
 
 static void bit_init(struct laz_bit_model *m)
 {
-	*m = (struct laz_bit_model){ .p0 = 1u << 12, .zeros = 1, .bits = 2, .left = 4, .cycle = 4 };
+	*m = (struct laz_bit_model){.p0 = 1u << 12, .zeros = 1, .bits = 2, .left = 4, .cycle = 4};
 }
 
 void laz_bit_update(struct laz_bit_model *m)

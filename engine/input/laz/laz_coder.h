@@ -50,7 +50,10 @@ LAZ_INLINE uint32_t laz_bits19(struct laz_coder *c, unsigned n)
 	return v & ((UINT32_C(1) << n) - 1);
 }
 
-LAZ_INLINE uint32_t laz_u16(struct laz_coder *c) { return laz_bits19(c, 16); }
+LAZ_INLINE uint32_t laz_u16(struct laz_coder *c)
+{
+	return laz_bits19(c, 16);
+}
 
 LAZ_INLINE uint32_t laz_u32(struct laz_coder *c)
 {
@@ -79,9 +82,9 @@ LAZ_INLINE uint32_t laz_bits(struct laz_coder *c, unsigned n)
 
 /* A model of one bit. */
 struct laz_bit_model {
-	uint32_t p0;             /* probability of 0, times 2^13 */
-	uint16_t zeros, bits;    /* counts */
-	uint16_t left, cycle;    /* bits until the next update, between updates */
+	uint32_t p0;          /* probability of 0, times 2^13 */
+	uint16_t zeros, bits; /* counts */
+	uint16_t left, cycle; /* bits until the next update, between updates */
 };
 
 void laz_bit_update(struct laz_bit_model *);
@@ -106,10 +109,10 @@ LAZ_INLINE unsigned laz_bit(struct laz_coder *c, struct laz_bit_model *m)
  * in which the part of the interval with these bits begins. From there it is mostly one of the next few.
  */
 struct laz_model {
-	uint16_t last;           /* the largest symbol */
-	uint16_t left;           /* symbols until the next update */
-	uint16_t cycle;          /* symbols between updates; 0: no state yet */
-	uint16_t guess;          /* the most frequent symbol at the last update */
+	uint16_t last;  /* the largest symbol */
+	uint16_t left;  /* symbols until the next update */
+	uint16_t cycle; /* symbols between updates; 0: no state yet */
+	uint16_t guess; /* the most frequent symbol at the last update */
 	uint32_t total;
 	uint32_t pad2;
 };
@@ -130,7 +133,10 @@ enum { LAZ_STEPS = 4, LAZ_BEYOND = UINT16_MAX }; /* symbols looked at; border of
 void laz_model_init(struct laz_model *, unsigned layout, unsigned symbols);
 void laz_model_update(struct laz_model *, unsigned layout);
 /* No state: see laz_symbol_lazy. */
-static inline void laz_model_reset(struct laz_model *m) { m->cycle = 0; }
+static inline void laz_model_reset(struct laz_model *m)
+{
+	m->cycle = 0;
+}
 /* The symbol of v, from `sym` up to `last`. */
 unsigned laz_search_far(uint32_t v, const uint16_t *border, unsigned sym, unsigned last);
 /* `count` models of n symbols, one behind the other. */
@@ -149,8 +155,7 @@ LAZ_INLINE unsigned laz_search(uint32_t v, const uint16_t *words, unsigned n)
 
 	at = border + sym;
 	if (laz_unlikely(v >= at[LAZ_STEPS]))
-		return laz_search_far(v, border, sym + LAZ_STEPS,
-				      LAZ_WIDE(n) ? words[t + 1] : ((const uint8_t *)words)[t + 1]);
+		return laz_search_far(v, border, sym + LAZ_STEPS, LAZ_WIDE(n) ? words[t + 1] : ((const uint8_t *)words)[t + 1]);
 	return sym + (v >= at[1]) + (v >= at[2]) + (v >= at[3]);
 }
 
@@ -198,16 +203,15 @@ LAZ_INLINE unsigned laz_symbol_lazy(struct laz_coder *c, struct laz_model *m, un
  * then one of layout 256 for each number of bits, of its upper 8 bits.
  */
 struct laz_int;
-#define LAZ_INT_BITS_AT(contexts, bits) ((contexts) * LAZ_MODEL_BYTES((bits) + 1))
-#define LAZ_INT_BYTES(bits, contexts) \
-	(LAZ_INT_BITS_AT(contexts, bits) + 16 + (bits) * LAZ_MODEL_BYTES(256))
+#define LAZ_INT_BITS_AT(contexts, bits) ((contexts)*LAZ_MODEL_BYTES((bits) + 1))
+#define LAZ_INT_BYTES(bits, contexts) (LAZ_INT_BITS_AT(contexts, bits) + 16 + (bits)*LAZ_MODEL_BYTES(256))
 
 /* At the beginning of every chunk. */
 void laz_int_reset(struct laz_int *, unsigned bits, unsigned contexts);
 
 /* *ret_k: how many bits the correction had, 0 to `bits`. */
-LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts,
-				int32_t predicted, unsigned context, unsigned *ret_k)
+LAZ_INLINE int32_t laz_int_read(struct laz_coder *c, struct laz_int *in, unsigned bits, unsigned contexts, int32_t predicted,
+				unsigned context, unsigned *ret_k)
 {
 	uint8_t *memory = (uint8_t *)in, *zero = memory + LAZ_INT_BITS_AT(contexts, bits);
 	unsigned k = laz_symbol_lazy(c, laz_model_at((struct laz_model *)in, bits + 1, context), bits + 1);

@@ -13,29 +13,36 @@
  * The loop over n records: `s` is the state of the record's channel, `c` the coder in registers, `at` the field.
  * A channel that opens does so by `open(state, state of the channel before)`.
  */
-#define EACH_RECORD(layer, type, open, ...) \
-	struct layer *l = state; \
-	struct type *s = &l->channel[l->now]; \
-	struct laz_coder c = w->coder; \
-	for (size_t i = 0; i < n; i++, step++, item += length) { \
-		int rc = laz_window_ready(w, &c, err); \
-		if (rc) \
-			return rc; \
-		if (laz_unlikely(step->channel != l->now)) { \
-			if (step->changes & LAZ_OPENS) \
+#define EACH_RECORD(layer, type, open, ...)                          \
+	struct layer *l = state;                                     \
+	struct type *s = &l->channel[l->now];                        \
+	struct laz_coder c = w->coder;                               \
+	for (size_t i = 0; i < n; i++, step++, item += length) {     \
+		int rc = laz_window_ready(w, &c, err);               \
+		if (rc)                                              \
+			return rc;                                   \
+		if (laz_unlikely(step->channel != l->now)) {         \
+			if (step->changes & LAZ_OPENS)               \
 				open(&l->channel[step->channel], s); \
-			l->now = step->channel; \
-			s = &l->channel[l->now]; \
-		} \
-		__VA_ARGS__ \
-	} \
-	w->coder = c; \
+			l->now = step->channel;                      \
+			s = &l->channel[l->now];                     \
+		}                                                    \
+		__VA_ARGS__                                          \
+	}                                                            \
+	w->coder = c;                                                \
 	return 0
 
 /* ---- class: from the last class, and whether the return is the only one ---- */
 
-struct class { unsigned now; alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)]; };
-struct class_layer { unsigned now; struct class channel[LAZ_CHANNELS]; };
+struct class
+{
+	unsigned now;
+	alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)];
+};
+struct class_layer {
+	unsigned now;
+	struct class channel[LAZ_CHANNELS];
+};
 
 static void class_open(struct class *s, const struct class *from)
 {
@@ -53,8 +60,8 @@ static void class_begin(void *state, const uint8_t *first, unsigned channel, boo
 	class_open(s, s);
 }
 
-static int class_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		      size_t n, struct err *err)
+static int class_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		      struct err *err)
 {
 	EACH_RECORD(class_layer, class, class_open, {
 		unsigned which = (s->now & 31) * 2 + (step->place == 3);
@@ -64,12 +71,18 @@ static int class_read(void *state, struct laz_window *w, struct laz_step *step, 
 	});
 }
 
-const struct laz_layer_row laz_layer_class = { "class", sizeof(struct class_layer), true, class_begin, class_read };
+const struct laz_layer_row laz_layer_class = {"class", sizeof(struct class_layer), true, class_begin, class_read};
 
 /* ---- flags: 4 bits of class flags, direction, edge; from the last ones ---- */
 
-struct flags { unsigned now; alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(64)]; };
-struct flags_layer { unsigned now; struct flags channel[LAZ_CHANNELS]; };
+struct flags {
+	unsigned now;
+	alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(64)];
+};
+struct flags_layer {
+	unsigned now;
+	struct flags channel[LAZ_CHANNELS];
+};
 
 static void flags_open(struct flags *s, const struct flags *from)
 {
@@ -88,8 +101,8 @@ static void flags_begin(void *state, const uint8_t *first, unsigned channel, boo
 	flags_open(s, s);
 }
 
-static int flags_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		      size_t n, struct err *err)
+static int flags_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		      struct err *err)
 {
 	EACH_RECORD(flags_layer, flags, flags_open, {
 		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 64, s->now), 64);
@@ -97,7 +110,7 @@ static int flags_read(void *state, struct laz_window *w, struct laz_step *step, 
 	});
 }
 
-const struct laz_layer_row laz_layer_flags = { "flags", sizeof(struct flags_layer), true, flags_begin, flags_read };
+const struct laz_layer_row laz_layer_flags = {"flags", sizeof(struct flags_layer), true, flags_begin, flags_read};
 
 /* ---- intensity: from the last of the same place and newness of time ---- */
 
@@ -106,7 +119,10 @@ struct intensity {
 	alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 4)];
 };
 
-struct intensity_layer { unsigned now; struct intensity channel[LAZ_CHANNELS]; };
+struct intensity_layer {
+	unsigned now;
+	struct intensity channel[LAZ_CHANNELS];
+};
 
 static void intensity_open(struct intensity *s, const struct intensity *from)
 {
@@ -126,8 +142,8 @@ static void intensity_begin(void *state, const uint8_t *first, unsigned channel,
 	intensity_open(s, s);
 }
 
-static int intensity_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item,
-			  size_t length, size_t n, struct err *err)
+static int intensity_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+			  struct err *err)
 {
 	EACH_RECORD(intensity_layer, intensity, intensity_open, {
 		uint16_t *last = &s->last[step->place << 1 | (step->changes & LAZ_NEW_TIME) / LAZ_NEW_TIME];
@@ -144,8 +160,14 @@ const struct laz_layer_row laz_layer_intensity = {
 
 /* ---- scan angle and source: from the last, where they change ---- */
 
-struct angle { uint16_t now; alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 2)]; };
-struct angle_layer { unsigned now; struct angle channel[LAZ_CHANNELS]; };
+struct angle {
+	uint16_t now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 2)];
+};
+struct angle_layer {
+	unsigned now;
+	struct angle channel[LAZ_CHANNELS];
+};
 
 static void angle_open(struct angle *s, const struct angle *from)
 {
@@ -163,8 +185,8 @@ static void angle_begin(void *state, const uint8_t *first, unsigned channel, boo
 	angle_open(s, s);
 }
 
-static int angle_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		      size_t n, struct err *err)
+static int angle_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		      struct err *err)
 {
 	EACH_RECORD(angle_layer, angle, angle_open, {
 		unsigned k;
@@ -180,8 +202,14 @@ const struct laz_layer_row laz_layer_angle = {
 	"scan angle", sizeof(struct angle_layer), false, angle_begin, angle_read,
 };
 
-struct source { uint16_t now; alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 1)]; };
-struct source_layer { unsigned now; struct source channel[LAZ_CHANNELS]; };
+struct source {
+	uint16_t now;
+	alignas(16) uint8_t ints[LAZ_INT_BYTES(16, 1)];
+};
+struct source_layer {
+	unsigned now;
+	struct source channel[LAZ_CHANNELS];
+};
 
 static void source_open(struct source *s, const struct source *from)
 {
@@ -199,8 +227,8 @@ static void source_begin(void *state, const uint8_t *first, unsigned channel, bo
 	source_open(s, s);
 }
 
-static int source_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		       size_t n, struct err *err)
+static int source_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		       struct err *err)
 {
 	EACH_RECORD(source_layer, source, source_open, {
 		unsigned k;
@@ -217,8 +245,14 @@ const struct laz_layer_row laz_layer_source = {
 
 /* ---- user data: from the upper six bits of the last ---- */
 
-struct user { unsigned now; alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)]; };
-struct user_layer { unsigned now; struct user channel[LAZ_CHANNELS]; };
+struct user {
+	unsigned now;
+	alignas(16) uint8_t models[64 * LAZ_MODEL_BYTES(256)];
+};
+struct user_layer {
+	unsigned now;
+	struct user channel[LAZ_CHANNELS];
+};
 
 static void user_open(struct user *s, const struct user *from)
 {
@@ -236,8 +270,8 @@ static void user_begin(void *state, const uint8_t *first, unsigned channel, bool
 	user_open(s, s);
 }
 
-static int user_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		     size_t n, struct err *err)
+static int user_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		     struct err *err)
 {
 	EACH_RECORD(user_layer, user, user_open, {
 		s->now = laz_symbol_lazy(&c, laz_model_at(MODEL(s->models), 256, s->now / 4), 256);
@@ -245,4 +279,4 @@ static int user_read(void *state, struct laz_window *w, struct laz_step *step, u
 	});
 }
 
-const struct laz_layer_row laz_layer_user = { "user data", sizeof(struct user_layer), false, user_begin, user_read };
+const struct laz_layer_row laz_layer_user = {"user data", sizeof(struct user_layer), false, user_begin, user_read};

@@ -19,9 +19,9 @@ enum { AT_COMPRESSOR = 0, AT_CODER = 2, AT_CHUNK_SIZE = 12, AT_ITEMS = 32, AT_IT
 
 static const char *item_name(unsigned type)
 {
-	static const char *const names[] = { "BYTE", "SHORT", "INT", "LONG", "FLOAT", "DOUBLE", "POINT10",
-					     "GPSTIME11", "RGB12", "WAVEPACKET13", "POINT14", "RGB14", "RGBNIR14",
-					     "WAVEPACKET14", "BYTE14" };
+	static const char *const names[] = {"BYTE",    "SHORT",   "INT",       "LONG",         "FLOAT",
+					    "DOUBLE",  "POINT10", "GPSTIME11", "RGB12",        "WAVEPACKET13",
+					    "POINT14", "RGB14",   "RGBNIR14",  "WAVEPACKET14", "BYTE14"};
 
 	return type < sizeof names / sizeof *names ? names[type] : "unknown";
 }
@@ -29,21 +29,30 @@ static const char *item_name(unsigned type)
 static unsigned item_size(unsigned type)
 {
 	switch (type) {
-	case LAZ_POINT10: return 20;
-	case LAZ_GPSTIME11: return 8;
-	case LAZ_RGB12: case LAZ_RGB14: return 6;
-	case LAZ_WAVEPACKET13: case LAZ_WAVEPACKET14: return 29;
-	case LAZ_POINT14: return 30;
-	case LAZ_RGBNIR14: return 8;
-	default: return 0;
+	case LAZ_POINT10:
+		return 20;
+	case LAZ_GPSTIME11:
+		return 8;
+	case LAZ_RGB12:
+	case LAZ_RGB14:
+		return 6;
+	case LAZ_WAVEPACKET13:
+	case LAZ_WAVEPACKET14:
+		return 29;
+	case LAZ_POINT14:
+		return 30;
+	case LAZ_RGBNIR14:
+		return 8;
+	default:
+		return 0;
 	}
 }
 
 /* The items of a point format, without extra bytes. */
 static unsigned expected(unsigned point_format, uint16_t ret[LAZ_ITEMS])
 {
-	static const bool time[6] = { false, true, false, true, true, true };
-	static const bool colour[6] = { false, false, true, true, false, true };
+	static const bool time[6] = {false, true, false, true, true, true};
+	static const bool colour[6] = {false, false, true, true, false, true};
 	unsigned n = 0;
 
 	if (point_format < 6) {
@@ -82,8 +91,8 @@ static int check_kind(const struct laz_format *f, unsigned coder, unsigned point
 	if (coder != 0)
 		return fail(err, ERR_INPUT, AT_CODER, "coder", "there is no entropy coder %u (only 0 exists)", coder);
 	if ((f->compressor == LAZ_COMPRESSOR_LAYERED) != (point_format >= 6))
-		return fail(err, ERR_INPUT, AT_COMPRESSOR, "compressor",
-			    "compressor %u does not go with point format %u", f->compressor, point_format);
+		return fail(err, ERR_INPUT, AT_COMPRESSOR, "compressor", "compressor %u does not go with point format %u",
+			    f->compressor, point_format);
 	return 0;
 }
 
@@ -103,8 +112,7 @@ static int check_item(const struct laz_format *f, unsigned i, unsigned type, uin
 			    LAZ_EXTRA_MAX);
 	if (!known_version(type, item->version))
 		return fail(err, ERR_UNSUPPORTED, at + 4, "item version",
-			    "item %s in version %u, which this version does not know", item_name(type),
-			    item->version);
+			    "item %s in version %u, which this version does not know", item_name(type), item->version);
 	return 0;
 }
 
@@ -116,8 +124,8 @@ static int check_items(const struct laz_format *f, unsigned point_format, unsign
 	if (f->nitems == n + 1)
 		want[n++] = point_format < 6 ? LAZ_BYTE : LAZ_BYTE14;
 	if (f->nitems != n)
-		return fail(err, ERR_INPUT, AT_ITEMS, "number of items", "%u items; point format %u has %u",
-			    f->nitems, point_format, n);
+		return fail(err, ERR_INPUT, AT_ITEMS, "number of items", "%u items; point format %u has %u", f->nitems,
+			    point_format, n);
 	for (unsigned i = 0; i < n; i++) {
 		int rc = check_item(f, i, want[i], AT_ITEM + ITEM_BYTES * i, err);
 
@@ -126,16 +134,15 @@ static int check_items(const struct laz_format *f, unsigned point_format, unsign
 		sum += f->item[i].size;
 	}
 	if (sum != length)
-		return fail(err, ERR_INPUT, AT_ITEM, "items",
-			    "the items make up records of %u bytes, the header says %u", sum, length);
+		return fail(err, ERR_INPUT, AT_ITEM, "items", "the items make up records of %u bytes, the header says %u", sum,
+			    length);
 	return 0;
 }
 
-int laz_format_parse(const void *vlr, size_t n, unsigned point_format, unsigned length, struct laz_format *ret,
-		     struct err *err)
+int laz_format_parse(const void *vlr, size_t n, unsigned point_format, unsigned length, struct laz_format *ret, struct err *err)
 {
 	struct cursor c = cursor_of(vlr, n);
-	struct laz_format f = { 0 };
+	struct laz_format f = {0};
 	unsigned coder;
 	int rc;
 
@@ -158,8 +165,7 @@ int laz_format_parse(const void *vlr, size_t n, unsigned point_format, unsigned 
 		f.item[i].version = cursor_u16(&c);
 	}
 	if (c.bad)
-		return fail(err, ERR_INPUT, n, "laszip record", "the record ends after %zu bytes, inside what it says",
-			    n);
+		return fail(err, ERR_INPUT, n, "laszip record", "the record ends after %zu bytes, inside what it says", n);
 	rc = check_items(&f, point_format, length, err);
 	if (rc)
 		return rc;

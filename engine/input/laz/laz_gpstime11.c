@@ -28,7 +28,10 @@ struct gpstime {
 	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 9)];
 };
 
-static size_t gpstime_bytes(unsigned size) { return sizeof(struct gpstime); }
+static size_t gpstime_bytes(unsigned size)
+{
+	return sizeof(struct gpstime);
+}
 
 static void begin(struct gpstime *g, const uint8_t *first, unsigned contexts)
 {
@@ -49,11 +52,17 @@ LAZ_INLINE void extreme(struct sequence *s, int32_t diff)
 	}
 }
 
-LAZ_INLINE int32_t times(int32_t diff, int32_t by) { return (int32_t)((uint32_t)diff * (uint32_t)by); }
+LAZ_INLINE int32_t times(int32_t diff, int32_t by)
+{
+	return (int32_t)((uint32_t)diff * (uint32_t)by);
+}
 
 /* --- version 1 --- */
 
-static void begin_v1(void *state, const uint8_t *first, unsigned size) { begin(state, first, 6); }
+static void begin_v1(void *state, const uint8_t *first, unsigned size)
+{
+	begin(state, first, 6);
+}
 
 static int32_t read_int_v1(struct laz_coder *c, struct gpstime *g, int32_t predicted, unsigned context)
 {
@@ -81,8 +90,7 @@ static void step_v1(struct laz_coder *c, struct gpstime *g, struct sequence *s, 
 	s->time += (uint64_t)(int64_t)d;
 }
 
-static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct gpstime *g = state;
 	struct sequence *s = &g->seq[0];
@@ -112,7 +120,10 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, u
 
 /* --- version 2 --- */
 
-static void begin_v2(void *state, const uint8_t *first, unsigned size) { begin(state, first, 9); }
+static void begin_v2(void *state, const uint8_t *first, unsigned size)
+{
+	begin(state, first, 9);
+}
 
 LAZ_INLINE int32_t read_int(struct laz_coder *c, struct gpstime *g, int32_t predicted, unsigned context)
 {
@@ -129,7 +140,7 @@ static void read_full(struct laz_coder *coder, struct gpstime *g)
 
 	g->next = (g->next + 1) & 3;
 	g->last = g->next;
-	g->seq[g->last] = (struct sequence){ .time = high << 32 | laz_u32(&c) };
+	g->seq[g->last] = (struct sequence){.time = high << 32 | laz_u32(&c)};
 	*coder = c;
 }
 
@@ -180,8 +191,7 @@ LAZ_INLINE bool read_time(struct laz_coder *c, struct gpstime *g)
 	return false;
 }
 
-static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct gpstime *g = state;
 	struct laz_coder c = *coder;
@@ -199,5 +209,5 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 	return 0;
 }
 
-const struct laz_item_row laz_gpstime11_v1 = { LAZ_GPSTIME11, 1, gpstime_bytes, begin_v1, read_v1 };
-const struct laz_item_row laz_gpstime11_v2 = { LAZ_GPSTIME11, 2, gpstime_bytes, begin_v2, read_v2 };
+const struct laz_item_row laz_gpstime11_v1 = {LAZ_GPSTIME11, 1, gpstime_bytes, begin_v1, read_v1};
+const struct laz_item_row laz_gpstime11_v2 = {LAZ_GPSTIME11, 2, gpstime_bytes, begin_v2, read_v2};

@@ -14,18 +14,20 @@ struct laz_item_row {
 	/* A new chunk, whose first record has the item `first` of `size` bytes. */
 	void (*begin)(void *state, const uint8_t *first, unsigned size);
 	/* The next item; takes at most LAZ_GUARD / 2 bytes before or without laz_window_ready. */
-	int (*read)(void *state, struct laz_window *, struct laz_coder *, uint8_t *item, unsigned size,
-		    struct err *err);
+	int (*read)(void *state, struct laz_window *, struct laz_coder *, uint8_t *item, unsigned size, struct err *err);
 };
 
-extern const struct laz_item_row laz_point10_v1, laz_point10_v2, laz_gpstime11_v1, laz_gpstime11_v2, laz_rgb12_v1,
-	laz_rgb12_v2, laz_wavepacket13_v1, laz_byte_v1, laz_byte_v2;
+extern const struct laz_item_row laz_point10_v1, laz_point10_v2, laz_gpstime11_v1, laz_gpstime11_v2, laz_rgb12_v1, laz_rgb12_v2,
+	laz_wavepacket13_v1, laz_byte_v1, laz_byte_v2;
 
 /* NULL: no such item in this version. */
 const struct laz_item_row *laz_item_find(unsigned type, unsigned version);
 
 /* Little-endian numbers in records, at any place. */
-LAZ_INLINE uint16_t laz_get16(const uint8_t *at) { return (uint16_t)(at[0] | at[1] << 8); }
+LAZ_INLINE uint16_t laz_get16(const uint8_t *at)
+{
+	return (uint16_t)(at[0] | at[1] << 8);
+}
 
 LAZ_INLINE uint32_t laz_get32(const uint8_t *at)
 {
@@ -58,11 +60,14 @@ LAZ_INLINE void laz_put64(uint8_t *at, uint64_t v)
 /* The median of the last five values, near enough: LASzip's streaming median. A new value replaces in turn the
  * largest and the smallest of five, the turn changing when it lies on the side of those that stay. */
 struct laz_median {
-	int32_t v[5];            /* sorted; v[2] is the prediction */
-	uint32_t low;            /* 0: the largest goes next, 1: the smallest */
+	int32_t v[5]; /* sorted; v[2] is the prediction */
+	uint32_t low; /* 0: the largest goes next, 1: the smallest */
 };
 
-static inline void laz_median_init(struct laz_median *m) { *m = (struct laz_median){ 0 }; }
+static inline void laz_median_init(struct laz_median *m)
+{
+	*m = (struct laz_median){0};
+}
 
 /* Without branches: what is added is noise. */
 LAZ_INLINE void laz_median_add(struct laz_median *m, int32_t v)

@@ -13,25 +13,25 @@
 /*
  * The loop over n records: `s` is the state of the record's channel, `last` that whose last value counts.
  */
-#define EACH_RECORD(layer, type, open, ...) \
-	struct layer *l = state; \
-	struct type *s = &l->channel[l->turns.now], *last = s; \
-	struct laz_coder c = w->coder; \
-	for (size_t i = 0; i < n; i++, step++, item += length) { \
-		int rc = laz_window_ready(w, &c, err); \
-		if (rc) \
-			return rc; \
-		last = s; \
-		if (laz_unlikely(step->item_channel != l->turns.now)) { \
-			bool opens; \
+#define EACH_RECORD(layer, type, open, ...)                                                  \
+	struct layer *l = state;                                                             \
+	struct type *s = &l->channel[l->turns.now], *last = s;                               \
+	struct laz_coder c = w->coder;                                                       \
+	for (size_t i = 0; i < n; i++, step++, item += length) {                             \
+		int rc = laz_window_ready(w, &c, err);                                       \
+		if (rc)                                                                      \
+			return rc;                                                           \
+		last = s;                                                                    \
+		if (laz_unlikely(step->item_channel != l->turns.now)) {                      \
+			bool opens;                                                          \
 			last = &l->channel[laz_turn(&l->turns, step->item_channel, &opens)]; \
-			if (opens) \
-				open(last, s); \
-			s = &l->channel[l->turns.now]; \
-		} \
-		__VA_ARGS__ \
-	} \
-	w->coder = c; \
+			if (opens)                                                           \
+				open(last, s);                                               \
+			s = &l->channel[l->turns.now];                                       \
+		}                                                                            \
+		__VA_ARGS__                                                                  \
+	}                                                                                    \
+	w->coder = c;                                                                        \
 	return 0
 
 /* ---- colours: low and high byte of red, green, blue ---- */
@@ -42,7 +42,10 @@ struct rgb {
 	alignas(16) uint8_t diff[6 * LAZ_MODEL_BYTES(256)];
 };
 
-struct rgb_layer { struct laz_turns turns; struct rgb channel[LAZ_CHANNELS]; };
+struct rgb_layer {
+	struct laz_turns turns;
+	struct rgb channel[LAZ_CHANNELS];
+};
 
 static void rgb_open(struct rgb *s, const struct rgb *from)
 {
@@ -61,7 +64,10 @@ static void rgb_begin(void *state, const uint8_t *first, unsigned channel, bool 
 	rgb_open(s, s);
 }
 
-LAZ_INLINE int clamp(int v) { return v < 0 ? 0 : v > 255 ? 255 : v; }
+LAZ_INLINE int clamp(int v)
+{
+	return v < 0 ? 0 : v > 255 ? 255 : v;
+}
 
 LAZ_INLINE uint8_t corrected(struct laz_coder *c, struct rgb *s, unsigned i, int predicted)
 {
@@ -89,8 +95,8 @@ LAZ_INLINE void read_rgb(struct laz_coder *c, struct rgb *s, const uint8_t *last
 	}
 }
 
-static int rgb_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		    size_t n, struct err *err)
+static int rgb_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		    struct err *err)
 {
 	EACH_RECORD(rgb_layer, rgb, rgb_open, {
 		uint8_t now[6];
@@ -101,7 +107,7 @@ static int rgb_read(void *state, struct laz_window *w, struct laz_step *step, ui
 	});
 }
 
-const struct laz_layer_row laz_layer_rgb = { "colours", sizeof(struct rgb_layer), false, rgb_begin, rgb_read };
+const struct laz_layer_row laz_layer_rgb = {"colours", sizeof(struct rgb_layer), false, rgb_begin, rgb_read};
 
 /* ---- near infrared: the two bytes behind the colours ---- */
 
@@ -113,7 +119,10 @@ struct nir {
 	alignas(16) uint8_t diff[2 * LAZ_MODEL_BYTES(256)];
 };
 
-struct nir_layer { struct laz_turns turns; struct nir channel[LAZ_CHANNELS]; };
+struct nir_layer {
+	struct laz_turns turns;
+	struct nir channel[LAZ_CHANNELS];
+};
 
 static void nir_open(struct nir *s, const struct nir *from)
 {
@@ -132,26 +141,32 @@ static void nir_begin(void *state, const uint8_t *first, unsigned channel, bool 
 	nir_open(s, s);
 }
 
-static int nir_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		    size_t n, struct err *err)
+static int nir_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		    struct err *err)
 {
 	EACH_RECORD(nir_layer, nir, nir_open, {
 		unsigned used = laz_symbol_lazy(&c, MODEL(s->used), 4);
 
 		for (unsigned k = 0; k < 2; k++)
 			if (used >> k & 1)
-				last->last[k] = (uint8_t)(last->last[k] + laz_symbol_lazy(
-					&c, laz_model_at(MODEL(s->diff), 256, k), 256));
+				last->last[k] =
+					(uint8_t)(last->last[k] + laz_symbol_lazy(&c, laz_model_at(MODEL(s->diff), 256, k), 256));
 		memcpy(item + AT_NIR, last->last, 2);
 	});
 }
 
-const struct laz_layer_row laz_layer_nir = { "near infrared", sizeof(struct nir_layer), false, nir_begin, nir_read };
+const struct laz_layer_row laz_layer_nir = {"near infrared", sizeof(struct nir_layer), false, nir_begin, nir_read};
 
 /* ---- one extra byte ---- */
 
-struct byte { uint8_t last; alignas(16) uint8_t model[LAZ_MODEL_BYTES(256)]; };
-struct byte_layer { struct laz_turns turns; struct byte channel[LAZ_CHANNELS]; };
+struct byte {
+	uint8_t last;
+	alignas(16) uint8_t model[LAZ_MODEL_BYTES(256)];
+};
+struct byte_layer {
+	struct laz_turns turns;
+	struct byte channel[LAZ_CHANNELS];
+};
 
 static void byte_open(struct byte *s, const struct byte *from)
 {
@@ -169,8 +184,8 @@ static void byte_begin(void *state, const uint8_t *first, unsigned channel, bool
 	byte_open(s, s);
 }
 
-static int byte_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		     size_t n, struct err *err)
+static int byte_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		     struct err *err)
 {
 	EACH_RECORD(byte_layer, byte, byte_open, {
 		last->last = (uint8_t)(last->last + laz_symbol_lazy(&c, MODEL(s->model), 256));
@@ -178,7 +193,7 @@ static int byte_read(void *state, struct laz_window *w, struct laz_step *step, u
 	});
 }
 
-const struct laz_layer_row laz_layer_byte = { "extra bytes", sizeof(struct byte_layer), false, byte_begin, byte_read };
+const struct laz_layer_row laz_layer_byte = {"extra bytes", sizeof(struct byte_layer), false, byte_begin, byte_read};
 
 /* ---- wave packet: index, offset, size, place of the return, direction; floats are the integers of their bits ---- */
 
@@ -191,8 +206,8 @@ struct packet {
 
 struct wave {
 	struct packet last;
-	uint32_t jump;           /* the last difference of offsets that was neither 0 nor the packet's size */
-	unsigned kind;           /* last symbol of the offset */
+	uint32_t jump; /* the last difference of offsets that was neither 0 nor the packet's size */
+	unsigned kind; /* last symbol of the offset */
 	alignas(16) uint8_t index[LAZ_MODEL_BYTES(256)];
 	alignas(16) uint8_t kinds[4 * LAZ_MODEL_BYTES(4)];
 	alignas(16) uint8_t jumps[LAZ_INT_BYTES(32, 1)];
@@ -201,7 +216,10 @@ struct wave {
 	alignas(16) uint8_t directions[LAZ_INT_BYTES(32, 3)];
 };
 
-struct wave_layer { struct laz_turns turns; struct wave channel[LAZ_CHANNELS]; };
+struct wave_layer {
+	struct laz_turns turns;
+	struct wave channel[LAZ_CHANNELS];
+};
 
 static void wave_open(struct wave *s, const struct wave *from)
 {
@@ -219,7 +237,7 @@ static void wave_open(struct wave *s, const struct wave *from)
 static void wave_begin(void *state, const uint8_t *first, unsigned channel, bool fixed)
 {
 	struct wave_layer *l = state;
-	struct packet packet = { .offset = laz_get64(first + AT_OFFSET), .size = laz_get32(first + AT_SIZE) };
+	struct packet packet = {.offset = laz_get64(first + AT_OFFSET), .size = laz_get32(first + AT_SIZE)};
 	struct wave *s = &l->channel[channel];
 
 	for (unsigned i = 0; i < 4; i++)
@@ -257,12 +275,11 @@ static void read_packet(struct laz_coder *c, struct wave *s, struct packet *p)
 	p->size = read_int(c, s->sizes, p->size);
 	p->value[0] = read_int(c, s->places, p->value[0]);
 	for (unsigned i = 0; i < 3; i++)
-		p->value[1 + i] = (uint32_t)laz_int_read(c, INT(s->directions), 32, 3, (int32_t)p->value[1 + i], i,
-							 &k);
+		p->value[1 + i] = (uint32_t)laz_int_read(c, INT(s->directions), 32, 3, (int32_t)p->value[1 + i], i, &k);
 }
 
-static int wave_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		     size_t n, struct err *err)
+static int wave_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		     struct err *err)
 {
 	EACH_RECORD(wave_layer, wave, wave_open, {
 		item[0] = (uint8_t)laz_symbol_lazy(&c, MODEL(s->index), 256);

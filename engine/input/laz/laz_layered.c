@@ -22,9 +22,9 @@ struct layer {
 	const struct laz_layer_row *row;
 	struct laz_window window;
 	void *state;
-	unsigned at;             /* of its item in the record */
-	bool fixed;              /* its item is of version 4 */
-	uint64_t begin, bytes;   /* in the file */
+	unsigned at;           /* of its item in the record */
+	bool fixed;            /* its item is of version 4 */
+	uint64_t begin, bytes; /* in the file */
 };
 
 struct laz_layered {
@@ -32,22 +32,25 @@ struct laz_layered {
 	const struct laz_source *source;
 	uint64_t *counter;
 	enum laz_fields fields;
-	unsigned nlayers;        /* wanted ones; the first is that of x and y */
-	bool first;              /* the first record is still to be given */
-	uint64_t end;            /* of the chunk */
+	unsigned nlayers; /* wanted ones; the first is that of x and y */
+	bool first;       /* the first record is still to be given */
+	uint64_t end;     /* of the chunk */
 	struct laz_step *steps;
-	uint8_t *record;         /* the first one */
+	uint8_t *record; /* the first one */
 	struct layer *layer;
 };
 
-static size_t up64(size_t n) { return (n + 63) & ~(size_t)63; }
+static size_t up64(size_t n)
+{
+	return (n + 63) & ~(size_t)63;
+}
 
 /* The i-th layer of an item; NULL behind its last. */
 static const struct laz_layer_row *item_layer(const struct laz_item *item, unsigned i)
 {
 	static const struct laz_layer_row *const point[POINT_LAYERS + 1] = {
-		&laz_layer_xy, &laz_layer_z, &laz_layer_class, &laz_layer_flags, &laz_layer_intensity,
-		&laz_layer_angle, &laz_layer_user, &laz_layer_source, &laz_layer_time, NULL,
+		&laz_layer_xy,    &laz_layer_z,    &laz_layer_class,  &laz_layer_flags, &laz_layer_intensity,
+		&laz_layer_angle, &laz_layer_user, &laz_layer_source, &laz_layer_time,  NULL,
 	};
 
 	switch (item->type) {
@@ -70,8 +73,7 @@ static bool wanted(const struct laz_layer_row *row, enum laz_fields fields)
 }
 
 /* All layers of a record, and of the wanted ones how many, and the bytes of their states and windows. */
-static unsigned count_layers(const struct laz_format *f, enum laz_fields fields, unsigned *ret_wanted,
-			     size_t *ret_bytes)
+static unsigned count_layers(const struct laz_format *f, enum laz_fields fields, unsigned *ret_wanted, size_t *ret_bytes)
 {
 	const struct laz_layer_row *row;
 	unsigned n = 0;
@@ -121,8 +123,8 @@ static void add_layers(struct laz_layered *l, const struct laz_item *item, unsig
 		layer->at = place + (item->type == LAZ_BYTE14 ? i : 0);
 		layer->fixed = item->version >= 4;
 		layer->state = take(memory, row->bytes);
-		laz_window_init(&layer->window, take(memory, laz_window_bytes(LAZ_LAYER_WINDOW)), LAZ_LAYER_WINDOW,
-				l->source, l->counter);
+		laz_window_init(&layer->window, take(memory, laz_window_bytes(LAZ_LAYER_WINDOW)), LAZ_LAYER_WINDOW, l->source,
+				l->counter);
 		l->nlayers++;
 	}
 }
@@ -171,8 +173,8 @@ static int place_layer(struct laz_layered *l, const struct laz_layer_row *row, s
 	if (rc)
 		return rc;
 	if (l->end != LAZ_OPEN && bytes > l->end - *at) {
-		err_set(err, ERR_INPUT, "a layer of %" PRIu32 " bytes, but only %" PRIu64 " are left of the chunk",
-			bytes, l->end - *at);
+		err_set(err, ERR_INPUT, "a layer of %" PRIu32 " bytes, but only %" PRIu64 " are left of the chunk", bytes,
+			l->end - *at);
 		return err_add_place(err, laz_window_place(head) - 4, row->field);
 	}
 	if (wanted(row, l->fields)) {
@@ -198,8 +200,7 @@ static int read_head(struct laz_layered *l, struct laz_window *head, uint64_t at
 	if (rc)
 		return rc;
 	if (count != points) {
-		err_set(err, ERR_INPUT, "a chunk of %" PRIu64 " points that says of itself that it has %" PRIu32, points,
-			count);
+		err_set(err, ERR_INPUT, "a chunk of %" PRIu64 " points that says of itself that it has %" PRIu32, points, count);
 		return err_add_place(err, laz_window_place(head) - 4, "points of the chunk");
 	}
 	for (unsigned i = 0; !rc && i < f->nitems; i++)
@@ -263,8 +264,7 @@ static int read_batch(struct laz_layered *l, uint8_t *records, size_t n, struct 
 		if (!layer->bytes)
 			continue;
 		if (i == 0 && z->bytes)
-			rc = laz_xyz_read(layer->state, &layer->window, z->state, &z->window, l->steps, records, length, n,
-					  err);
+			rc = laz_xyz_read(layer->state, &layer->window, z->state, &z->window, l->steps, records, length, n, err);
 		else if (i != 1)
 			rc = layer->row->read(layer->state, &layer->window, l->steps, records + layer->at, length, n, err);
 		if (!rc)

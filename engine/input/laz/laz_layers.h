@@ -17,43 +17,53 @@ enum { LAZ_CHANNELS = 4, LAZ_BATCH = 256 };
 
 /* Places in a record of the item POINT14. */
 enum {
-	LAZ_AT_X = 0, LAZ_AT_Y = 4, LAZ_AT_Z = 8, LAZ_AT_INTENSITY = 12, LAZ_AT_RETURNS = 14, LAZ_AT_FLAGS = 15,
-	LAZ_AT_CLASS = 16, LAZ_AT_USER = 17, LAZ_AT_ANGLE = 18, LAZ_AT_SOURCE = 20, LAZ_AT_TIME = 22,
+	LAZ_AT_X = 0,
+	LAZ_AT_Y = 4,
+	LAZ_AT_Z = 8,
+	LAZ_AT_INTENSITY = 12,
+	LAZ_AT_RETURNS = 14,
+	LAZ_AT_FLAGS = 15,
+	LAZ_AT_CLASS = 16,
+	LAZ_AT_USER = 17,
+	LAZ_AT_ANGLE = 18,
+	LAZ_AT_SOURCE = 20,
+	LAZ_AT_TIME = 22,
 };
 
 enum {
-	LAZ_NEW_ANGLE = 1, LAZ_NEW_TIME = 2, LAZ_NEW_SOURCE = 4, /* differ from the channel's record before */
-	LAZ_OPENS = 8,           /* the first record of its channel in the chunk */
+	LAZ_NEW_ANGLE = 1,
+	LAZ_NEW_TIME = 2,
+	LAZ_NEW_SOURCE = 4, /* differ from the channel's record before */
+	LAZ_OPENS = 8,      /* the first record of its channel in the chunk */
 };
 
 struct laz_step {
 	uint8_t channel;
-	uint8_t item_channel;    /* what the items other than POINT14 take for the channel: see laz_turn */
+	uint8_t item_channel; /* what the items other than POINT14 take for the channel: see laz_turn */
 	uint8_t changes;
-	uint8_t place;           /* 0 a return between others, 1 the last, 2 the first, 3 the only one of its pulse */
-	uint8_t level;           /* returns that the pulse had after it, up to 7 */
-	uint8_t z_context;       /* whether the only one; bits of the steps in x and y */
+	uint8_t place;     /* 0 a return between others, 1 the last, 2 the first, 3 the only one of its pulse */
+	uint8_t level;     /* returns that the pulse had after it, up to 7 */
+	uint8_t z_context; /* whether the only one; bits of the steps in x and y */
 };
 
 struct laz_layer_row {
 	const char *field;
-	size_t bytes;            /* of its state */
-	bool terrain;            /* LAZ_TERRAIN wants it */
+	size_t bytes; /* of its state */
+	bool terrain; /* LAZ_TERRAIN wants it */
 	/* A new chunk; `first` is the item of its first record, `fixed` whether the item is of version 4. */
 	void (*begin)(void *state, const uint8_t *first, unsigned channel, bool fixed);
 	/* The field of the next n records, up to LAZ_BATCH; `item` is the place of the item in the first one.
 	 * The steps are written by the first layer (laz_layer_xy) and read by the others. */
-	int (*read)(void *state, struct laz_window *, struct laz_step *, uint8_t *item, size_t length, size_t n,
-		    struct err *err);
+	int (*read)(void *state, struct laz_window *, struct laz_step *, uint8_t *item, size_t length, size_t n, struct err *err);
 };
 
 /* The first two layers at once, which is faster; the row of z has no `read` of its own. */
-int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window,
-		 struct laz_step *, uint8_t *item, size_t length, size_t n, struct err *err);
+int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window, struct laz_step *,
+		 uint8_t *item, size_t length, size_t n, struct err *err);
 
 extern const struct laz_layer_row laz_layer_xy, laz_layer_z, laz_layer_class, laz_layer_flags, laz_layer_intensity,
-	laz_layer_angle, laz_layer_user, laz_layer_source, laz_layer_time, laz_layer_rgb, laz_layer_nir,
-	laz_layer_wavepacket, laz_layer_byte;
+	laz_layer_angle, laz_layer_user, laz_layer_source, laz_layer_time, laz_layer_rgb, laz_layer_nir, laz_layer_wavepacket,
+	laz_layer_byte;
 
 /*
  * Which channel's state decodes an item other than POINT14. Writers of version 3 made two mistakes that became
@@ -62,13 +72,13 @@ extern const struct laz_layer_row laz_layer_xy, laz_layer_z, laz_layer_class, la
  * takes, and replaces, the last value of the channel that it leaves. Version 4 does neither.
  */
 struct laz_turns {
-	uint8_t now, known;      /* channel; bit i: channel i is open */
+	uint8_t now, known; /* channel; bit i: channel i is open */
 	bool fixed;
 };
 
 static inline void laz_turns_begin(struct laz_turns *t, unsigned channel, bool fixed)
 {
-	*t = (struct laz_turns){ .now = (uint8_t)channel, .known = (uint8_t)(1u << channel), .fixed = fixed };
+	*t = (struct laz_turns){.now = (uint8_t)channel, .known = (uint8_t)(1u << channel), .fixed = fixed};
 }
 
 /* To another channel. Gives the channel whose last value counts; *ret_open: the new one must be opened first. */

@@ -15,10 +15,9 @@ enum { FLAGS = 14, CLASS = 15, ANGLE = 16, USER = 17, SOURCE = 18 }; /* places i
 
 /* Contexts by number of returns and return number. */
 static const uint8_t return_map[8][8] = {
-	{ 15, 14, 13, 12, 11, 10, 9, 8 },    { 14, 0, 1, 3, 6, 10, 10, 9 },
-	{ 13, 1, 2, 4, 7, 11, 11, 10 },      { 12, 3, 4, 5, 8, 12, 12, 11 },
-	{ 11, 6, 7, 8, 9, 13, 13, 12 },      { 10, 10, 11, 12, 13, 14, 14, 13 },
-	{ 9, 10, 11, 12, 13, 14, 15, 14 },   { 8, 9, 10, 11, 12, 13, 14, 15 },
+	{15, 14, 13, 12, 11, 10, 9, 8},  {14, 0, 1, 3, 6, 10, 10, 9},    {13, 1, 2, 4, 7, 11, 11, 10},
+	{12, 3, 4, 5, 8, 12, 12, 11},    {11, 6, 7, 8, 9, 13, 13, 12},   {10, 10, 11, 12, 13, 14, 14, 13},
+	{9, 10, 11, 12, 13, 14, 15, 14}, {8, 9, 10, 11, 12, 13, 14, 15},
 };
 
 /* Fields whose value is coded by the value before: a model for each value. */
@@ -44,11 +43,20 @@ struct point10 {
 	alignas(16) uint8_t user[BY_VALUE];
 };
 
-static size_t point10_bytes(unsigned size) { return sizeof(struct point10); }
+static size_t point10_bytes(unsigned size)
+{
+	return sizeof(struct point10);
+}
 
-static struct laz_model *model(uint8_t *at) { return (struct laz_model *)at; }
+static struct laz_model *model(uint8_t *at)
+{
+	return (struct laz_model *)at;
+}
 
-static struct laz_int *integer(uint8_t *at) { return (struct laz_int *)at; }
+static struct laz_int *integer(uint8_t *at)
+{
+	return (struct laz_int *)at;
+}
 
 static void begin(struct point10 *p, const uint8_t *first)
 {
@@ -80,8 +88,7 @@ LAZ_INLINE void read_source(struct laz_coder *c, struct point10 *p)
 {
 	unsigned k;
 
-	laz_put16(p->last + SOURCE,
-		  (uint32_t)laz_int_read(c, integer(p->source), 16, 1, laz_get16(p->last + SOURCE), 0, &k));
+	laz_put16(p->last + SOURCE, (uint32_t)laz_int_read(c, integer(p->source), 16, 1, laz_get16(p->last + SOURCE), 0, &k));
 }
 
 /* --- version 1 --- */
@@ -108,8 +115,7 @@ static int32_t median3(const int32_t v[3])
 	return v[2] < low ? low : v[2] > high ? high : v[2];
 }
 
-static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct point10 *p = state;
 	struct laz_coder c = *coder;
@@ -124,8 +130,7 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, u
 	p->z = (uint32_t)laz_int_read(&c, integer(p->dz), 32, 20, (int32_t)p->z, kx < 19 ? kx : 19, &k);
 	changed = laz_symbol_lazy(&c, model(p->changed), 64);
 	if (changed & 32)
-		laz_put16(p->last + 12, (uint32_t)laz_int_read(&c, integer(p->ints), 16, 1,
-							       laz_get16(p->last + 12), 0, &k));
+		laz_put16(p->last + 12, (uint32_t)laz_int_read(&c, integer(p->ints), 16, 1, laz_get16(p->last + 12), 0, &k));
 	if (changed & 16)
 		by_value(&c, p->flags, &p->last[FLAGS]);
 	if (changed & 8)
@@ -172,15 +177,14 @@ LAZ_INLINE void read_changed(struct laz_coder *c, struct point10 *p, unsigned ch
 		by_value(c, p->classes, &p->last[CLASS]);
 	if (changed & 4)
 		p->last[ANGLE] = (uint8_t)(p->last[ANGLE] +
-			laz_symbol_lazy(c, laz_model_at(model(p->angle), 256, p->last[FLAGS] >> 6 & 1), 256));
+					   laz_symbol_lazy(c, laz_model_at(model(p->angle), 256, p->last[FLAGS] >> 6 & 1), 256));
 	if (changed & 2)
 		by_value(c, p->user, &p->last[USER]);
 	if (changed & 1)
 		read_source(c, p);
 }
 
-static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct point10 *p = state;
 	struct laz_coder c = *coder;
@@ -195,8 +199,7 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 	level = n > r ? n - r : r - n;
 	single = n == 1;
 	if (changed & 16)
-		p->intensity[map] = (uint16_t)laz_int_read(&c, integer(p->ints), 16, 4, p->intensity[map],
-							   map < 3 ? map : 3, &k);
+		p->intensity[map] = (uint16_t)laz_int_read(&c, integer(p->ints), 16, 4, p->intensity[map], map < 3 ? map : 3, &k);
 	if (changed)
 		laz_put16(p->last + 12, p->intensity[map]);
 	if (changed & 15)
@@ -205,18 +208,16 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 	d = laz_int_read(&c, integer(p->dx), 32, 2, p->dx_median[map].v[2], single, &kx);
 	p->x += (uint32_t)d;
 	laz_median_add(&p->dx_median[map], d);
-	d = laz_int_read(&c, integer(p->dy), 32, 22, p->dy_median[map].v[2], single + (kx < 20 ? kx & ~1u : 20),
-			 &ky);
+	d = laz_int_read(&c, integer(p->dy), 32, 22, p->dy_median[map].v[2], single + (kx < 20 ? kx & ~1u : 20), &ky);
 	p->y += (uint32_t)d;
 	laz_median_add(&p->dy_median[map], d);
 	k = (kx + ky) / 2;
-	p->height[level] = laz_int_read(&c, integer(p->dz), 32, 20, p->height[level],
-					single + (k < 18 ? k & ~1u : 18), &k);
+	p->height[level] = laz_int_read(&c, integer(p->dz), 32, 20, p->height[level], single + (k < 18 ? k & ~1u : 18), &k);
 	p->z = (uint32_t)p->height[level];
 	give(p, item);
 	*coder = c;
 	return 0;
 }
 
-const struct laz_item_row laz_point10_v1 = { LAZ_POINT10, 1, point10_bytes, begin_v1, read_v1 };
-const struct laz_item_row laz_point10_v2 = { LAZ_POINT10, 2, point10_bytes, begin_v2, read_v2 };
+const struct laz_item_row laz_point10_v1 = {LAZ_POINT10, 1, point10_bytes, begin_v1, read_v1};
+const struct laz_item_row laz_point10_v2 = {LAZ_POINT10, 2, point10_bytes, begin_v2, read_v2};

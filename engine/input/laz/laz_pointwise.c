@@ -13,7 +13,7 @@
 
 struct part {
 	const struct laz_item_row *row;
-	unsigned at, size;       /* in the record */
+	unsigned at, size; /* in the record */
 	void *state;
 };
 
@@ -21,7 +21,7 @@ struct laz_pointwise {
 	struct laz_window window;
 	uint64_t end;
 	unsigned nparts, length;
-	bool first;              /* the first record is still to be read */
+	bool first; /* the first record is still to be read */
 	size_t good;
 	struct part part[LAZ_ITEMS];
 };
@@ -29,8 +29,8 @@ struct laz_pointwise {
 const struct laz_item_row *laz_item_find(unsigned type, unsigned version)
 {
 	static const struct laz_item_row *const rows[] = {
-		&laz_point10_v1, &laz_point10_v2, &laz_gpstime11_v1, &laz_gpstime11_v2, &laz_rgb12_v1,
-		&laz_rgb12_v2, &laz_wavepacket13_v1, &laz_byte_v1, &laz_byte_v2,
+		&laz_point10_v1, &laz_point10_v2,      &laz_gpstime11_v1, &laz_gpstime11_v2, &laz_rgb12_v1,
+		&laz_rgb12_v2,   &laz_wavepacket13_v1, &laz_byte_v1,      &laz_byte_v2,
 	};
 
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
@@ -39,7 +39,10 @@ const struct laz_item_row *laz_item_find(unsigned type, unsigned version)
 	return NULL;
 }
 
-static size_t up64(size_t n) { return (n + 63) & ~(size_t)63; }
+static size_t up64(size_t n)
+{
+	return (n + 63) & ~(size_t)63;
+}
 
 size_t laz_pointwise_bytes(const struct laz_format *f)
 {

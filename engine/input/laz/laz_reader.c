@@ -15,21 +15,23 @@
 struct laz_reader {
 	unsigned length;
 	uint32_t chunk_size;
-	uint64_t counter;        /* bytes read */
+	uint64_t counter;                /* bytes read */
 	struct laz_pointwise *pointwise; /* one of these two */
 	struct laz_layered *layered;
-	uint64_t at, end;        /* of the next chunk of the file; LAZ_OPEN */
-	uint64_t left;           /* points to be read */
-	uint64_t inner;          /* of them in the chunk that was begun */
+	uint64_t at, end; /* of the next chunk of the file; LAZ_OPEN */
+	uint64_t left;    /* points to be read */
+	uint64_t inner;   /* of them in the chunk that was begun */
 	size_t good;
 };
 
-static size_t head_bytes(void) { return (sizeof(struct laz_reader) + 63) & ~(size_t)63; }
+static size_t head_bytes(void)
+{
+	return (sizeof(struct laz_reader) + 63) & ~(size_t)63;
+}
 
 size_t laz_reader_bytes(const struct laz_format *f, enum laz_fields fields)
 {
-	return head_bytes() + (f->compressor == LAZ_COMPRESSOR_LAYERED ? laz_layered_bytes(f, fields) :
-									 laz_pointwise_bytes(f));
+	return head_bytes() + (f->compressor == LAZ_COMPRESSOR_LAYERED ? laz_layered_bytes(f, fields) : laz_pointwise_bytes(f));
 }
 
 int laz_reader_new(void *memory, const struct laz_format *f, enum laz_fields fields, const struct laz_source *source,
@@ -41,8 +43,8 @@ int laz_reader_new(void *memory, const struct laz_format *f, enum laz_fields fie
 	for (unsigned i = 0; i < f->nitems; i++) {
 		if (fields != LAZ_ALL || f->item[i].type != LAZ_BYTE14 || f->item[i].size <= LAZ_EXTRA_MAX)
 			continue;
-		err_set(err, ERR_UNSUPPORTED, "%u extra bytes in a record: this version decodes %d at most",
-			f->item[i].size, LAZ_EXTRA_MAX);
+		err_set(err, ERR_UNSUPPORTED, "%u extra bytes in a record: this version decodes %d at most", f->item[i].size,
+			LAZ_EXTRA_MAX);
 		return err_add_place(err, ERR_NO_OFFSET, "item size");
 	}
 	memset(r, 0, sizeof *r);
@@ -76,8 +78,7 @@ static int begin(struct laz_reader *r, struct err *err)
 
 static int read_some(struct laz_reader *r, uint8_t *records, size_t n, struct err *err)
 {
-	int rc = r->layered ? laz_layered_read(r->layered, records, n, err) :
-			      laz_pointwise_read(r->pointwise, records, n, err);
+	int rc = r->layered ? laz_layered_read(r->layered, records, n, err) : laz_pointwise_read(r->pointwise, records, n, err);
 
 	if (rc) {
 		r->good += r->pointwise ? laz_pointwise_good(r->pointwise) : 0;
@@ -86,8 +87,7 @@ static int read_some(struct laz_reader *r, uint8_t *records, size_t n, struct er
 	r->inner -= n;
 	r->left -= n;
 	if (!r->inner)
-		rc = r->layered ? laz_layered_end(r->layered, &r->at, err) :
-				  laz_pointwise_end(r->pointwise, &r->at, err);
+		rc = r->layered ? laz_layered_end(r->layered, &r->at, err) : laz_pointwise_end(r->pointwise, &r->at, err);
 	if (!rc)
 		r->good += n;
 	return rc;

@@ -8,13 +8,16 @@
 #include <stdalign.h>
 
 struct rgb12 {
-	uint8_t last[6];         /* low and high byte of red, green, blue */
+	uint8_t last[6]; /* low and high byte of red, green, blue */
 	alignas(16) uint8_t used[LAZ_MODEL_BYTES(128)];
 	alignas(16) uint8_t diff[6 * LAZ_MODEL_BYTES(256)];
 	alignas(16) uint8_t ints[LAZ_INT_BYTES(8, 6)];
 };
 
-static size_t rgb12_bytes(unsigned size) { return sizeof(struct rgb12); }
+static size_t rgb12_bytes(unsigned size)
+{
+	return sizeof(struct rgb12);
+}
 
 static void begin(void *state, const uint8_t *first, unsigned size)
 {
@@ -26,8 +29,7 @@ static void begin(void *state, const uint8_t *first, unsigned size)
 	laz_int_reset((struct laz_int *)s->ints, 8, 6);
 }
 
-static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct rgb12 *s = state;
 	struct laz_coder c = *coder;
@@ -41,7 +43,10 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *coder, u
 	return 0;
 }
 
-LAZ_INLINE int clamp(int v) { return v < 0 ? 0 : v > 255 ? 255 : v; }
+LAZ_INLINE int clamp(int v)
+{
+	return v < 0 ? 0 : v > 255 ? 255 : v;
+}
 
 /* Byte i: what the correction makes of the prediction. */
 LAZ_INLINE int correct(struct laz_coder *c, struct rgb12 *s, unsigned i, int predicted)
@@ -49,8 +54,7 @@ LAZ_INLINE int correct(struct laz_coder *c, struct rgb12 *s, unsigned i, int pre
 	return (predicted + (int)laz_symbol_lazy(c, laz_model_at((struct laz_model *)s->diff, 256, i), 256)) & 255;
 }
 
-static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, uint8_t *item, unsigned size, struct err *err)
 {
 	struct rgb12 *s = state;
 	struct laz_coder c = *coder;
@@ -80,5 +84,5 @@ static int read_v2(void *state, struct laz_window *w, struct laz_coder *coder, u
 	return 0;
 }
 
-const struct laz_item_row laz_rgb12_v1 = { LAZ_RGB12, 1, rgb12_bytes, begin, read_v1 };
-const struct laz_item_row laz_rgb12_v2 = { LAZ_RGB12, 2, rgb12_bytes, begin, read_v2 };
+const struct laz_item_row laz_rgb12_v1 = {LAZ_RGB12, 1, rgb12_bytes, begin, read_v1};
+const struct laz_item_row laz_rgb12_v2 = {LAZ_RGB12, 2, rgb12_bytes, begin, read_v2};

@@ -22,9 +22,9 @@ enum { WINDOW = 2048, HEAD = 8 };
 struct laz_table {
 	struct laz_window window;
 	uint64_t address, counter;
-	uint64_t begin, points;  /* of the first chunk; that the header claims */
-	uint32_t n, i;           /* chunks; given so far */
-	uint64_t at, left;       /* of the next chunk; points not yet in a chunk */
+	uint64_t begin, points; /* of the first chunk; that the header claims */
+	uint32_t n, i;          /* chunks; given so far */
+	uint64_t at, left;      /* of the next chunk; points not yet in a chunk */
 	uint32_t chunk_size, min_bytes;
 	uint32_t last_points, last_bytes;
 	bool variable;
@@ -70,8 +70,8 @@ static int rewind_table(struct laz_table *t, struct err *err)
 
 static int bad_entry(const struct laz_table *t, struct err *err)
 {
-	err_set(err, ERR_INPUT, "chunk %" PRIu32 " of the chunk table, %" PRIu32 " bytes%s, cannot be", t->i + 1,
-		t->last_bytes, t->variable && !t->last_points ? " without points" : "");
+	err_set(err, ERR_INPUT, "chunk %" PRIu32 " of the chunk table, %" PRIu32 " bytes%s, cannot be", t->i + 1, t->last_bytes,
+		t->variable && !t->last_points ? " without points" : "");
 	return err_add_place(err, t->address, "chunk table");
 }
 
@@ -100,7 +100,7 @@ int laz_table_next(struct laz_table *t, struct laz_chunk *ret, bool *ret_more, s
 		return rc;
 	if (t->last_bytes < t->min_bytes || t->last_bytes > t->address - t->at || (t->variable && !t->last_points))
 		return bad_entry(t, err);
-	*ret = (struct laz_chunk){ .at = t->at, .bytes = t->last_bytes, .points = t->last_points };
+	*ret = (struct laz_chunk){.at = t->at, .bytes = t->last_bytes, .points = t->last_points};
 	*ret_more = true;
 	t->at += t->last_bytes;
 	t->left -= t->last_points < t->left ? t->last_points : t->left;
@@ -123,8 +123,8 @@ static int read_u64(const struct laz_source *source, uint64_t at, uint64_t *ret,
 }
 
 /* t->address, or why there is none. */
-static int locate(struct laz_table *t, const struct laz_source *source, const struct laz_place *place,
-		  const char **ret_why, struct err *err)
+static int locate(struct laz_table *t, const struct laz_source *source, const struct laz_place *place, const char **ret_why,
+		  struct err *err)
 {
 	bool there = place->begin <= place->size && place->size - place->begin >= HEAD;
 	uint64_t address = 0;
@@ -190,9 +190,8 @@ static int needed(const struct laz_table *t, const struct err *cause, const char
 	return err_add_place(err, cause->code ? cause->offset : t->begin - HEAD, "chunk table");
 }
 
-int laz_table_open(void *memory, const struct laz_format *f, const struct laz_source *source,
-		   const struct laz_place *place, struct laz_table **ret, uint64_t *ret_chunks, const char **ret_why,
-		   struct err *err)
+int laz_table_open(void *memory, const struct laz_format *f, const struct laz_source *source, const struct laz_place *place,
+		   struct laz_table **ret, uint64_t *ret_chunks, const char **ret_why, struct err *err)
 {
 	struct laz_table *t = memory;
 	struct err cause = ERR_INIT;

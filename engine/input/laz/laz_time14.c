@@ -10,23 +10,28 @@
 #include "err.h"
 
 enum {
-	MULTIPLE_MAX = 500, MULTIPLE_MIN = 10, /* the latter below zero */
-	NEW = MULTIPLE_MAX + MULTIPLE_MIN + 1, MULTIPLES = NEW + 4,
-	PATIENCE = 3,            /* so many bad predictions are borne */
-	CHANGES_MAX = 4,         /* of sequence, for one time; encoders need 1 */
+	MULTIPLE_MAX = 500,
+	MULTIPLE_MIN = 10, /* the latter below zero */
+	NEW = MULTIPLE_MAX + MULTIPLE_MIN + 1,
+	MULTIPLES = NEW + 4,
+	PATIENCE = 3,    /* so many bad predictions are borne */
+	CHANGES_MAX = 4, /* of sequence, for one time; encoders need 1 */
 };
 
 struct channel {
 	uint64_t time[4];
 	int32_t step[4];
 	uint8_t bad[4];
-	unsigned now, newest;    /* sequence */
+	unsigned now, newest; /* sequence */
 	alignas(16) uint8_t multiples[LAZ_MODEL_BYTES(MULTIPLES)];
 	alignas(16) uint8_t zero[LAZ_MODEL_BYTES(5)];
 	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 9)];
 };
 
-struct time_layer { unsigned now; struct channel channel[LAZ_CHANNELS]; };
+struct time_layer {
+	unsigned now;
+	struct channel channel[LAZ_CHANNELS];
+};
 
 #define MODEL(memory) ((struct laz_model *)(memory))
 
@@ -97,7 +102,7 @@ LAZ_INLINE void read_time(struct channel *s, struct laz_coder *coder)
 	struct laz_coder c = *coder;
 	unsigned symbol;
 
-	for (unsigned changes = 0; ; changes++) {
+	for (unsigned changes = 0;; changes++) {
 		bool zero = s->step[s->now] == 0;
 
 		if (zero) {
@@ -132,8 +137,8 @@ LAZ_INLINE void read_time(struct channel *s, struct laz_coder *coder)
 	*coder = c;
 }
 
-static int time_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length,
-		     size_t n, struct err *err)
+static int time_read(void *state, struct laz_window *w, struct laz_step *step, uint8_t *item, size_t length, size_t n,
+		     struct err *err)
 {
 	struct time_layer *l = state;
 	struct channel *s = &l->channel[l->now];
@@ -158,4 +163,4 @@ static int time_read(void *state, struct laz_window *w, struct laz_step *step, u
 	return 0;
 }
 
-const struct laz_layer_row laz_layer_time = { "GPS time", sizeof(struct time_layer), false, time_begin, time_read };
+const struct laz_layer_row laz_layer_time = {"GPS time", sizeof(struct time_layer), false, time_begin, time_read};

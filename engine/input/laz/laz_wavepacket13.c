@@ -19,7 +19,10 @@ struct wavepacket {
 	alignas(16) uint8_t directions[LAZ_INT_BYTES(32, 3)];
 };
 
-static size_t wavepacket_bytes(unsigned size) { return sizeof(struct wavepacket); }
+static size_t wavepacket_bytes(unsigned size)
+{
+	return sizeof(struct wavepacket);
+}
 
 static void begin_v1(void *state, const uint8_t *first, unsigned size)
 {
@@ -46,8 +49,7 @@ static uint32_t read_int(struct laz_coder *c, uint8_t *in, uint32_t predicted)
 	return (uint32_t)laz_int_read(c, (struct laz_int *)in, 32, 1, (int32_t)predicted, 0, &k);
 }
 
-static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8_t *item, unsigned size,
-		   struct err *err)
+static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8_t *item, unsigned size, struct err *err)
 {
 	struct wavepacket *s = state;
 	unsigned k;
@@ -70,8 +72,8 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8
 	s->size = read_int(c, s->sizes, s->size);
 	s->value[0] = read_int(c, s->places, s->value[0]);
 	for (unsigned i = 0; i < 3; i++)
-		s->value[1 + i] = (uint32_t)laz_int_read(c, (struct laz_int *)s->directions, 32, 3,
-							 (int32_t)s->value[1 + i], i, &k);
+		s->value[1 + i] =
+			(uint32_t)laz_int_read(c, (struct laz_int *)s->directions, 32, 3, (int32_t)s->value[1 + i], i, &k);
 	laz_put64(item + 1, s->offset);
 	laz_put32(item + 9, s->size);
 	for (unsigned i = 0; i < 4; i++)
@@ -79,4 +81,4 @@ static int read_v1(void *state, struct laz_window *w, struct laz_coder *c, uint8
 	return 0;
 }
 
-const struct laz_item_row laz_wavepacket13_v1 = { LAZ_WAVEPACKET13, 1, wavepacket_bytes, begin_v1, read_v1 };
+const struct laz_item_row laz_wavepacket13_v1 = {LAZ_WAVEPACKET13, 1, wavepacket_bytes, begin_v1, read_v1};

@@ -15,8 +15,7 @@
 
 #include "err.h"
 
-void laz_window_init(struct laz_window *w, uint8_t *buffer, size_t size, const struct laz_source *source,
-		     uint64_t *counter)
+void laz_window_init(struct laz_window *w, uint8_t *buffer, size_t size, const struct laz_source *source, uint64_t *counter)
 {
 	memset(w, 0, sizeof *w);
 	w->buffer = buffer;
@@ -70,7 +69,7 @@ int laz_window_refill(struct laz_window *w, struct err *err)
 
 int laz_window_begin(struct laz_window *w, uint64_t at, uint64_t end, const char *field, struct err *err)
 {
-	w->coder = (struct laz_coder){ .at = w->buffer };
+	w->coder = (struct laz_coder){.at = w->buffer};
 	w->low = w->stop = w->buffer;
 	w->next = at;
 	w->end = end;
@@ -105,8 +104,7 @@ int laz_window_take(struct laz_window *w, void *buf, size_t n, struct err *err)
 
 uint64_t laz_window_place(const struct laz_window *w)
 {
-	return w->coder.at > w->stop ? w->next + (uint64_t)(w->coder.at - w->stop) :
-				       w->next - (uint64_t)(w->stop - w->coder.at);
+	return w->coder.at > w->stop ? w->next + (uint64_t)(w->coder.at - w->stop) : w->next - (uint64_t)(w->stop - w->coder.at);
 }
 
 int laz_window_check(const struct laz_window *w, struct err *err)
@@ -127,8 +125,7 @@ int laz_window_finish(const struct laz_window *w, struct err *err)
 	if (rc)
 		return rc;
 	if (laz_window_place(w) != w->end) {
-		err_set(err, ERR_INPUT,
-			"the compressed bytes are damaged: their points end %" PRIu64 " bytes before they do",
+		err_set(err, ERR_INPUT, "the compressed bytes are damaged: their points end %" PRIu64 " bytes before they do",
 			w->end - laz_window_place(w));
 		return err_add_place(err, laz_window_place(w), w->field);
 	}

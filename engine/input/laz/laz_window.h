@@ -26,26 +26,28 @@ enum { LAZ_GUARD = 256, LAZ_WINDOW_MIN = 4 * LAZ_GUARD };
 struct laz_coder {
 	const uint8_t *at;
 	uint32_t value, length;
-	uint32_t bad;            /* not 0: no encoder writes such a stream */
+	uint32_t bad; /* not 0: no encoder writes such a stream */
 };
 
 struct laz_window {
 	struct laz_coder coder;
-	const uint8_t *low;      /* coder.at beyond it: laz_window_ready has something to do */
-	const uint8_t *stop;     /* end of the stream's bytes in the buffer; LAZ_GUARD bytes can be read behind it */
+	const uint8_t *low;  /* coder.at beyond it: laz_window_ready has something to do */
+	const uint8_t *stop; /* end of the stream's bytes in the buffer; LAZ_GUARD bytes can be read behind it */
 	uint8_t *buffer;
-	size_t size;             /* of the buffer, without the guard */
-	uint64_t next, end;      /* place in the file of *stop; where the stream ends */
-	bool truncated;          /* the file ended before `end` */
+	size_t size;        /* of the buffer, without the guard */
+	uint64_t next, end; /* place in the file of *stop; where the stream ends */
+	bool truncated;     /* the file ended before `end` */
 	const struct laz_source *source;
-	uint64_t *counter;       /* bytes read */
-	const char *field;       /* what the stream holds, for messages */
+	uint64_t *counter; /* bytes read */
+	const char *field; /* what the stream holds, for messages */
 };
 
 /* Bytes of the buffer of a window of `size` bytes (at least LAZ_WINDOW_MIN). */
-static inline size_t laz_window_bytes(size_t size) { return size + LAZ_GUARD; }
-void laz_window_init(struct laz_window *, uint8_t *buffer, size_t size, const struct laz_source *,
-		     uint64_t *counter);
+static inline size_t laz_window_bytes(size_t size)
+{
+	return size + LAZ_GUARD;
+}
+void laz_window_init(struct laz_window *, uint8_t *buffer, size_t size, const struct laz_source *, uint64_t *counter);
 /* From now on the bytes [at, end); `field` is static text. Reads the first bytes. */
 int laz_window_begin(struct laz_window *, uint64_t at, uint64_t end, const char *field, struct err *err);
 /* Raw bytes, outside of the entropy coding; any number. */
@@ -60,8 +62,7 @@ int laz_window_finish(const struct laz_window *, struct err *err);
 int laz_window_refill(struct laz_window *, struct err *err);
 
 /* `c` is the caller's copy of w->coder. */
-static inline __attribute__((always_inline)) int laz_window_ready(struct laz_window *w, struct laz_coder *c,
-								  struct err *err)
+static inline __attribute__((always_inline)) int laz_window_ready(struct laz_window *w, struct laz_coder *c, struct err *err)
 {
 	int rc;
 

@@ -17,7 +17,7 @@ enum { CHANGED_CHANNEL = 64, CHANGED_COUNT = 4 };
 
 struct channel {
 	uint32_t x, y;
-	uint8_t number, count;   /* of returns */
+	uint8_t number, count; /* of returns */
 	bool new_time;
 	struct laz_median dx[GROUPS], dy[GROUPS];
 	alignas(16) uint8_t changed[8 * LAZ_MODEL_BYTES(128)];
@@ -30,16 +30,15 @@ struct channel {
 };
 
 struct xy_layer {
-	unsigned now, known;     /* channel; bit i: channel i is open */
+	unsigned now, known; /* channel; bit i: channel i is open */
 	bool fixed;
 	struct channel channel[LAZ_CHANNELS];
 };
 
 /* The group of a return, by count (row) and number; also for those that make no sense. */
 static const char group_of[16][17] = {
-	"0123453445555555", "1013333333333333", "2124444444433333", "3345444444444444",
-	"4344544444444444", "5344454444444444", "3344445444444444", "4344444544444444",
-	"4344444454444444", "5344444445444444", "5344444444544444", "5334444444455444",
+	"0123453445555555", "1013333333333333", "2124444444433333", "3345444444444444", "4344544444444444", "5344454444444444",
+	"3344445444444444", "4344444544444444", "4344444454444444", "5344444445444444", "5344444444544444", "5334444444455444",
 	"5334444444455544", "5334444444445554", "5334444444444555", "5334444444444455",
 };
 
@@ -205,7 +204,7 @@ static int xy_read(void *state, struct laz_window *w, struct laz_step *step, uin
 	return 0;
 }
 
-const struct laz_layer_row laz_layer_xy = { "x and y", sizeof(struct xy_layer), true, xy_begin, xy_read };
+const struct laz_layer_row laz_layer_xy = {"x and y", sizeof(struct xy_layer), true, xy_begin, xy_read};
 
 /* ---- z ---- */
 
@@ -214,7 +213,10 @@ struct z {
 	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 20)];
 };
 
-struct z_layer { unsigned now; struct z channel[LAZ_CHANNELS]; };
+struct z_layer {
+	unsigned now;
+	struct z channel[LAZ_CHANNELS];
+};
 
 static void z_open(struct z *s, const struct z *from)
 {
@@ -254,10 +256,10 @@ LAZ_INLINE void z_one(struct z *s, struct laz_coder *c, const struct laz_step *s
 	laz_put32(item + LAZ_AT_Z, (uint32_t)s->now);
 }
 
-const struct laz_layer_row laz_layer_z = { "z", sizeof(struct z_layer), true, z_begin, NULL };
+const struct laz_layer_row laz_layer_z = {"z", sizeof(struct z_layer), true, z_begin, NULL};
 
-int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window,
-		 struct laz_step *step, uint8_t *item, size_t length, size_t n, struct err *err)
+int laz_xyz_read(void *xy_state, struct laz_window *xy_window, void *z_state, struct laz_window *z_window, struct laz_step *step,
+		 uint8_t *item, size_t length, size_t n, struct err *err)
 {
 	struct xy_layer *xy = xy_state;
 	struct z_layer *z = z_state;

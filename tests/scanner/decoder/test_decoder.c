@@ -78,7 +78,10 @@ static void check_scan(const struct cola_scan *c, const struct sweep *s, double 
 	}
 }
 
-static unsigned rnd(unsigned *seed) { return (*seed = *seed * 1664525 + 1013904223) >> 8; }
+static unsigned rnd(unsigned *seed)
+{
+	return (*seed = *seed * 1664525 + 1013904223) >> 8;
+}
 
 /* All forms of the telegram: firmwares, encoders, channels, what is said besides. */
 static void test_cola_made(void **state)
@@ -125,9 +128,12 @@ static void test_cola_made(void **state)
 
 static void test_cola_angles(void **state)
 {
-	static const struct { uint16_t raw; double degrees; } steps[] = {
-		{10000, 1}, {5000, 0.5}, {3333, 1 / 3.0}, {3334, 1 / 3.0}, {3332, 0.3332}, {1667, 1 / 6.0}, {1666, 1 / 6.0}, {833, 1 / 12.0},
-		{2500, 0.25}, {1, 0.0001}, {65535, 6.5535},
+	static const struct {
+		uint16_t raw;
+		double degrees;
+	} steps[] = {
+		{10000, 1},      {5000, 0.5},     {3333, 1 / 3.0}, {3334, 1 / 3.0}, {3332, 0.3332},  {1667, 1 / 6.0},
+		{1666, 1 / 6.0}, {833, 1 / 12.0}, {2500, 0.25},    {1, 0.0001},     {65535, 6.5535},
 	};
 	static struct cola_scan c;
 	static uint8_t bytes[COLA_TELEGRAM_MAX];
@@ -163,36 +169,48 @@ static void test_cola_angles(void **state)
 /* Written by hand after the telegrams of real scanners. */
 static void test_cola_texts(void **state)
 {
-	static const struct { const char *text; int rc; } rows[] = {
-		{"sSN LMDscandata 1 1 1078AAA 0 0 BFD BFF CFACE0D CFAE156 0 0 1 0 0 5DC A2 0 1 DIST1 3F800000 00000000 FFF92230 D05 3 32B 0 FFFF 0 0 1 B not defined 0 0 0", 0},
-		{"sRA LMDscandata 1 1 89A27F 0 0 343 347 27477BA9 2747813B 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 00000000 186A0 1388 2 8A1 8A5 0 0 0 0 0 0", 0},
-		{"sSN LMDscandata 1 1 89A27F 0 0 343 347 1 2 0 0 7 0 0 1388 168 1 0 3E8 1 DIST1 3F800000 0 186A0 1388 2 8A1 8A5 0 0 0 0 0 0", 0},
+	static const struct {
+		const char *text;
+		int rc;
+	} rows[] = {
+		{"sSN LMDscandata 1 1 1078AAA 0 0 BFD BFF CFACE0D CFAE156 0 0 1 0 0 5DC A2 0 1 DIST1 3F800000 00000000 FFF92230 D05 3 32B 0 FFFF 0 0 1 B not defined 0 0 0",
+		 0},
+		{"sRA LMDscandata 1 1 89A27F 0 0 343 347 27477BA9 2747813B 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 00000000 186A0 1388 2 8A1 8A5 0 0 0 0 0 0",
+		 0},
+		{"sSN LMDscandata 1 1 89A27F 0 0 343 347 1 2 0 0 7 0 0 1388 168 1 0 3E8 1 DIST1 3F800000 0 186A0 1388 2 8A1 8A5 0 0 0 0 0 0",
+		 0},
 		/* nothing behind the channels; an event; two times two words of it missing */
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0", 0},
-		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0 0 0 0 0 1 3 FF", 0},
-		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 RSSI1 3F800000 0 186A0 1388 1 8A1 0", DECODER_NOT_DATA},
+		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0 0 0 0 0 1 3 FF",
+		 0},
+		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 RSSI1 3F800000 0 186A0 1388 1 8A1 0",
+		 DECODER_NOT_DATA},
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 0 0 0 0 0 0 0", DECODER_NOT_DATA},
 		{"sEA LMDscandata 1", DECODER_NOT_DATA},
 		{"sFA 3", DECODER_NOT_DATA},
 		{"sAN", DECODER_NOT_DATA},
 		{"sSN LMDscandatamon 1 1", DECODER_NOT_DATA},
-		{"", -ERR_INPUT}, {"s", -ERR_INPUT}, {"hello", -ERR_INPUT}, {"sEA \x01", -ERR_INPUT},
+		{"", -ERR_INPUT},
+		{"s", -ERR_INPUT},
+		{"hello", -ERR_INPUT},
+		{"sEA \x01", -ERR_INPUT},
 		{"sSN LMDscandata ", -ERR_INPUT},
 		{"sSN LMDscandata 1 1", -ERR_INPUT},
-		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1", -ERR_INPUT}, /* a channel is promised, and none there */
-		/* as the first good one, but: */
+		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1",
+		 -ERR_INPUT}, /* a channel is promised, and none there */
+			      /* as the first good one, but: */
 #define HEAD "sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 "
-		{HEAD "7F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},  /* infinite */
-		{HEAD "7FC00000 0 186A0 1388 1 8A1 0", -ERR_INPUT},  /* NaN */
-		{HEAD "BF800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},  /* -1 */
+		{HEAD "7F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT}, /* infinite */
+		{HEAD "7FC00000 0 186A0 1388 1 8A1 0", -ERR_INPUT}, /* NaN */
+		{HEAD "BF800000 0 186A0 1388 1 8A1 0", -ERR_INPUT}, /* -1 */
 		{HEAD "0 0 186A0 1388 1 8A1 0", -ERR_INPUT},
 		{HEAD "3F800000 FF800000 186A0 1388 1 8A1 0", -ERR_INPUT},
-		{HEAD "3F800000 0 186A0 1388 2 8A1 0", -ERR_INPUT},  /* one value missing */
+		{HEAD "3F800000 0 186A0 1388 2 8A1 0", -ERR_INPUT}, /* one value missing */
 		{HEAD "3F800000 0 186A0 1388 FFFF 8A1 0", -ERR_INPUT},
 		{HEAD "3F800000 0 186A0 1388 10000 8A1 0", -ERR_INPUT},
-		{HEAD "3F800000 0 186A0 0 2 8A1 8A1 0", -ERR_INPUT}, /* no step */
-		{HEAD "3F800000 0 186A0 1388 0 0", -ERR_INPUT},      /* no shots */
-		{HEAD "3F800000 0 186A0 1388 1 8A1FF 0", -ERR_INPUT},/* five digits */
+		{HEAD "3F800000 0 186A0 0 2 8A1 8A1 0", -ERR_INPUT},  /* no step */
+		{HEAD "3F800000 0 186A0 1388 0 0", -ERR_INPUT},       /* no shots */
+		{HEAD "3F800000 0 186A0 1388 1 8A1FF 0", -ERR_INPUT}, /* five digits */
 		{HEAD "3F800000 0 186A0 1388 1 8G1 0", -ERR_INPUT},
 		{HEAD "3F800000 0 186A0 1388 1 -1 0", -ERR_INPUT},
 		{HEAD "3F800000 0 186A0 1388 1  8A1 0", -ERR_INPUT}, /* two blanks */
@@ -203,11 +221,13 @@ static void test_cola_texts(void **state)
 		{HEAD "3F800000 0 186A0 1388 1 8A1 0 0 1 3 name 0 0 0", -ERR_INPUT},
 		{HEAD "3F800000 0 186A0 1388 1 8A1 1 RSSI1 3F800000 0 186A0 1388 1 100 0 0 0 0 0", -ERR_INPUT}, /* over 8 bits */
 		{HEAD "3F800000 0 186A0 1388 1 8A1 1 RSSI1 3F800000 0 186A0 1388 2 1 2 0 0 0 0 0", -ERR_INPUT}, /* not as many */
-		{HEAD "3F800000 0 186A0 1388 1 8A1", -ERR_INPUT},    /* number of 8 bit channels missing */
-		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 2 DIST1 3F800000 0 186A0 1388 1 8A1 DIST1 3F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},
+		{HEAD "3F800000 0 186A0 1388 1 8A1", -ERR_INPUT}, /* number of 8 bit channels missing */
+		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 2 DIST1 3F800000 0 186A0 1388 1 8A1 DIST1 3F800000 0 186A0 1388 1 8A1 0",
+		 -ERR_INPUT},
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 1388 168 FFFF 1 DIST1 3F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},
 		{"sSN LMDscandata 1 1 1 0 0 1 1 1 2 0 0 7 0 0 FFFFFFFF 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},
-		{"sSN LMDscandata 1 1 123456789 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0", -ERR_INPUT},
+		{"sSN LMDscandata 1 1 123456789 0 0 1 1 1 2 0 0 7 0 0 1388 168 0 1 DIST1 3F800000 0 186A0 1388 1 8A1 0",
+		 -ERR_INPUT},
 	};
 	struct profile p = profile_of(cola);
 	struct sweep *s = sweep_new();
@@ -221,7 +241,8 @@ static void test_cola_texts(void **state)
 	}
 	assert_int_equal(decode_text(&p, rows[0].text, s, &err), 0);
 	assert_string_equal(s->device_serial, "17271466");
-	assert_true(s->shots == 3 && fabsf(s->range[0] - 0.811F) < 1e-6F && isnan(s->range[1]) && fabsf(s->range[2] - 65.535F) < 1e-5F);
+	assert_true(s->shots == 3 && fabsf(s->range[0] - 0.811F) < 1e-6F && isnan(s->range[1]) &&
+		    fabsf(s->range[2] - 65.535F) < 1e-5F);
 	assert_true(s->counter == 0xbfd && fabs(s->device_time_s - 217.763341) < 1e-6 && fabs(s->period_s - 1 / 15.0) < 1e-12);
 	sweep_free(s);
 }
@@ -253,7 +274,7 @@ static void test_cola_mutated(void **state)
 		else if (i % 4 == 1)
 			size = at;
 		else
-			changed[at] = i % 4 == 2 ? (uint8_t)rnd(&seed) : (uint8_t)"0123456789ABCDEF "[rnd(&seed) % 17];
+			changed[at] = i % 4 == 2 ? (uint8_t)rnd(&seed) : (uint8_t) "0123456789ABCDEF "[rnd(&seed) % 17];
 		rc = decode(&p, changed, size, t, &err);
 		bad += rc < 0;
 		other += rc > 0;
@@ -261,9 +282,9 @@ static void test_cola_mutated(void **state)
 			continue;
 		assert_true(t->shots <= SWEEP_SHOTS && t->shots > 0);
 		if (t->shots != s->shots || memcmp(s->range, t->range, s->shots * sizeof *s->range) ||
-		    memcmp(s->intensity, t->intensity, s->shots * sizeof *s->intensity) || s->first != t->first || s->step != t->step ||
-		    s->period_s != t->period_s || s->counter != t->counter || s->dirty != t->dirty || s->device_time_s != t->device_time_s ||
-		    strcmp(s->device_serial, t->device_serial))
+		    memcmp(s->intensity, t->intensity, s->shots * sizeof *s->intensity) || s->first != t->first ||
+		    s->step != t->step || s->period_s != t->period_s || s->counter != t->counter || s->dirty != t->dirty ||
+		    s->device_time_s != t->device_time_s || strcmp(s->device_serial, t->device_serial))
 			differ++;
 		else
 			same++;
@@ -284,15 +305,18 @@ static const char le16[] =
 
 static void test_ranges(void **state)
 {
-	static const uint8_t bytes[] = {'R', 'S', 7, 1, 0xe8, 3, 0, 0, 100, 0, 244, 1, 4, 0, 0, 0, 0x61, 0xea, 208, 7, 0x60, 0xea, 0, 1};
+	static const uint8_t bytes[] = {'R', 'S', 7, 1, 0xe8, 3,    0,   0, 100,  0,    244, 1,
+					4,   0,   0, 0, 0x61, 0xea, 208, 7, 0x60, 0xea, 0,   1};
 	struct profile p = profile_of(le16);
 	struct sweep *s = sweep_new();
 	struct err err;
 
 	assert_int_equal(decode(&p, bytes, sizeof bytes, s, &err), 0);
 	assert_true(s->shots == 4 && s->counter == 263 && s->counter_bits == 16 && s->has_counter);
-	assert_true(fabsf(s->range[0] - 0.2F) < 1e-6F && isnan(s->range[1]) && isnan(s->range[2]) && fabsf(s->range[3] - 120) < 1e-4F);
-	assert_true(s->intensity[0] == 0.5F && s->intensity[1] == 0 && s->intensity[2] == 1 && fabsf(s->intensity[3] - 0.256F) < 1e-6F);
+	assert_true(fabsf(s->range[0] - 0.2F) < 1e-6F && isnan(s->range[1]) && isnan(s->range[2]) &&
+		    fabsf(s->range[3] - 120) < 1e-4F);
+	assert_true(s->intensity[0] == 0.5F && s->intensity[1] == 0 && s->intensity[2] == 1 &&
+		    fabsf(s->intensity[3] - 0.256F) < 1e-6F);
 	assert_true(fabs(s->first - M_PI / 2) < 1e-12 && fabs(s->step + M_PI / 4) < 1e-12);
 	/* three eighths of a turn of half a second before the last shot */
 	assert_true(fabs(s->device_time_s - (1 - 0.1875)) < 1e-12 && fabs(s->device_wrap_s - 4294967.296) < 1e-6);
@@ -303,8 +327,9 @@ static void test_ranges(void **state)
 
 static void test_ranges_counted(void **state)
 {
-	struct profile p = profile_of("[framer]\nkind = length\nlength = u16be@0\n[decoder]\nname = ranges\nkind = u8@2\ndata-kind = 0x10\n"
-				      "count = u16be@3\nrange = u32be@5\nangle-step = 1\nintensity = u8@21\n");
+	struct profile p =
+		profile_of("[framer]\nkind = length\nlength = u16be@0\n[decoder]\nname = ranges\nkind = u8@2\ndata-kind = 0x10\n"
+			   "count = u16be@3\nrange = u32be@5\nangle-step = 1\nintensity = u8@21\n");
 	uint8_t bytes[] = {0, 25, 0x10, 0, 4, 0, 0, 0, 0, 0, 0, 4, 0, 0, 1, 0, 0, 255, 255, 255, 255, 0, 255, 51, 1};
 	struct sweep *s = sweep_new();
 	struct err err;
@@ -339,18 +364,60 @@ static void test_ranges_counted(void **state)
 
 static void test_xyz(void **state)
 {
-	static const struct { const char *columns, *line; int rc; } rows[] = {
-		{"xyz", "1 2 3", 0}, {"xyz", "1,2,3", 0}, {"xyz", " 1.5e3\t-2  +3.25 9 9", 0}, {"xyz", "1;2 ; +3.25 9 9", 0},
+	static const struct {
+		const char *columns, *line;
+		int rc;
+	} rows[] = {
+		{"xyz", "1 2 3", 0},
+		{"xyz", "1,2,3", 0},
+		{"xyz", " 1.5e3\t-2  +3.25 9 9", 0},
+		{"xyz", "1;2 ; +3.25 9 9", 0},
 		/* what acut's reader would refuse the whole text for */
-		{"xyz", "1.5e3\t-2 ; 3", -1}, {"xyz", "13,.358 -387.77 -785.771", -1}, {"xyz", "1,5;2,5;3,5", -1}, {"xyz", "1 2,3 4", -1},
-		{"xyz", "1,5, 2,5, 3,5", -1}, {"xyz", "1\r 2 3", -1}, {"xyz", "% 1 2 3", 1}, {"xyz", "1 2 1e99", -1}, {"xyz", "1 2 3e-20", -1},
-		{"_xyz", "\"a b\" 1 2 3", 0}, {"xyz", "", 1}, {"xyz", "  ", 1}, {"xyz", "# 1", 1},
-		{"xyz", "//X Y Z", 1}, {"xyz", "easting northing height", 1}, {"xyz", "1 2", -1}, {"xyz", "1 2 x", -1}, {"xyz", "1,,3", -1},
-		{"xyz", "nan nan nan", -1}, {"xyz", "-inf 1 2", -1}, {"xyz", " NaN,1,2", -1}, {"xyz", "nancy 1 2", 1}, {"xyz", "laser off", 1},
-		{"xyz", "1 2 nan", -1}, {"xyz", "1 2 0x3", -1}, {"xyz", "1 2 3\x01", -1}, {"xyz", "a\x01", -1}, {"_xyz", "7;a 2 3", -1}, {"_xyz", "7;1;2;3", 0},
-		{"_xyz", "7 1 2", -1}, {"xyzi", "1 2 3 4", 0}, {"xyzi", "1 2 3", -1}, {"_xyz", "_A7 1 2 3", 0}, {"_xyz", "A7 1 2 3", 0},
-		{"_xyz", "A7 1 2", -1}, {"_xyz", "id x y z", 1}, {"_xyz", "stop", 1}, {"__xyz", "a b c", 1}, {"__xyz", "a b 1 2 3", 0},
-		{"xyz", "1. .2 -.3", 0}, {"xyz", "1 2 .", -1}, {"xyz", "1 2 -", -1}, {"xyz", "1 2 1.2.3", -1}, {"xyz", "1 2 1e400", -1}, {"xyz", "1 2 -.", -1},
+		{"xyz", "1.5e3\t-2 ; 3", -1},
+		{"xyz", "13,.358 -387.77 -785.771", -1},
+		{"xyz", "1,5;2,5;3,5", -1},
+		{"xyz", "1 2,3 4", -1},
+		{"xyz", "1,5, 2,5, 3,5", -1},
+		{"xyz", "1\r 2 3", -1},
+		{"xyz", "% 1 2 3", 1},
+		{"xyz", "1 2 1e99", -1},
+		{"xyz", "1 2 3e-20", -1},
+		{"_xyz", "\"a b\" 1 2 3", 0},
+		{"xyz", "", 1},
+		{"xyz", "  ", 1},
+		{"xyz", "# 1", 1},
+		{"xyz", "//X Y Z", 1},
+		{"xyz", "easting northing height", 1},
+		{"xyz", "1 2", -1},
+		{"xyz", "1 2 x", -1},
+		{"xyz", "1,,3", -1},
+		{"xyz", "nan nan nan", -1},
+		{"xyz", "-inf 1 2", -1},
+		{"xyz", " NaN,1,2", -1},
+		{"xyz", "nancy 1 2", 1},
+		{"xyz", "laser off", 1},
+		{"xyz", "1 2 nan", -1},
+		{"xyz", "1 2 0x3", -1},
+		{"xyz", "1 2 3\x01", -1},
+		{"xyz", "a\x01", -1},
+		{"_xyz", "7;a 2 3", -1},
+		{"_xyz", "7;1;2;3", 0},
+		{"_xyz", "7 1 2", -1},
+		{"xyzi", "1 2 3 4", 0},
+		{"xyzi", "1 2 3", -1},
+		{"_xyz", "_A7 1 2 3", 0},
+		{"_xyz", "A7 1 2 3", 0},
+		{"_xyz", "A7 1 2", -1},
+		{"_xyz", "id x y z", 1},
+		{"_xyz", "stop", 1},
+		{"__xyz", "a b c", 1},
+		{"__xyz", "a b 1 2 3", 0},
+		{"xyz", "1. .2 -.3", 0},
+		{"xyz", "1 2 .", -1},
+		{"xyz", "1 2 -", -1},
+		{"xyz", "1 2 1.2.3", -1},
+		{"xyz", "1 2 1e400", -1},
+		{"xyz", "1 2 -.", -1},
 	};
 	struct err err;
 
@@ -371,7 +438,9 @@ static void test_xyz(void **state)
 
 static void test_table(void **state)
 {
-	static const struct { const char *text, *field, *part; } faults[] = {
+	static const struct {
+		const char *text, *field, *part;
+	} faults[] = {
 		{"[decoder]\nname = none\n", "name", "no decoder none"},
 		{"[decoder]\nname = cola-a\n", "kind", "stx-etx"},
 		{"[decoder]\nname = las\n", "kind", "kind = las"},
@@ -383,7 +452,8 @@ static void test_table(void **state)
 		{"[framer]\nkind = las\n[decoder]\nname = ranges\n", "kind", "goes with decoder las"},
 		{"[decoder]\nname = ranges\n", "range", "first range"},
 		{"[decoder]\nname = ranges\nrange = u16le@0\n", "angle-step", "angle"},
-		{"[decoder]\nname = ranges\nrange = u16le@0\nangle-step = 1\nrange-stride = 1\n", "range-stride", "in one another"},
+		{"[decoder]\nname = ranges\nrange = u16le@0\nangle-step = 1\nrange-stride = 1\n", "range-stride",
+		 "in one another"},
 		{"[decoder]\nname = ranges\nrange = u16le@0\nangle-step = 1\n[time]\nsource = device\n", "time", "device's time"},
 	};
 
@@ -392,7 +462,8 @@ static void test_table(void **state)
 		struct err err = ERR_INIT;
 
 		assert_int_equal(profile_parse(faults[i].text, strlen(faults[i].text), "a", "a.conf", &p, &err), 0);
-		if (decoder_check(&p, &err) != -ERR_INPUT || strcmp(err.field, faults[i].field) || !strstr(err.message, faults[i].part))
+		if (decoder_check(&p, &err) != -ERR_INPUT || strcmp(err.field, faults[i].field) ||
+		    !strstr(err.message, faults[i].part))
 			fail_msg("%s: %s %s", faults[i].text, err.field, err.message);
 	}
 	for (size_t i = 0; decoder_at(i); i++) {
@@ -406,9 +477,9 @@ static void test_table(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_cola_made), cmocka_unit_test(test_cola_angles), cmocka_unit_test(test_cola_texts),
-		cmocka_unit_test(test_cola_mutated), cmocka_unit_test(test_ranges), cmocka_unit_test(test_ranges_counted),
-		cmocka_unit_test(test_xyz), cmocka_unit_test(test_table),
+		cmocka_unit_test(test_cola_made),    cmocka_unit_test(test_cola_angles), cmocka_unit_test(test_cola_texts),
+		cmocka_unit_test(test_cola_mutated), cmocka_unit_test(test_ranges),      cmocka_unit_test(test_ranges_counted),
+		cmocka_unit_test(test_xyz),          cmocka_unit_test(test_table),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -37,8 +37,10 @@ static int sink(void *ctx, const struct telegram *t)
 	struct seen *s = ctx;
 	char head[80];
 
-	note(s, head, (size_t)snprintf(head, sizeof head, t->file_begins || t->file_ends || t->file ? "%llu%s:%llu%s " : "%llu%s:",
-	     (unsigned long long)t->offset, t->file_begins ? "<" : "", (unsigned long long)t->file, t->file_ends ? ">" : ""));
+	note(s, head,
+	     (size_t)snprintf(head, sizeof head, t->file_begins || t->file_ends || t->file ? "%llu%s:%llu%s " : "%llu%s:",
+			      (unsigned long long)t->offset, t->file_begins ? "<" : "", (unsigned long long)t->file,
+			      t->file_ends ? ">" : ""));
 	note(s, t->at, t->size);
 	note(s, "|", 1);
 	s->first = t->first_ns;
@@ -50,15 +52,19 @@ static void bad(void *ctx, enum framer_reason why, uint64_t offset, uint64_t siz
 {
 	char head[80];
 
-	note(ctx, head, (size_t)snprintf(head, sizeof head, "!%s@%llu+%llu|", framer_reason_name(why), (unsigned long long)offset,
-	     (unsigned long long)size));
+	note(ctx, head,
+	     (size_t)snprintf(head, sizeof head, "!%s@%llu+%llu|", framer_reason_name(why), (unsigned long long)offset,
+			      (unsigned long long)size));
 }
 
-static unsigned rnd(unsigned *seed) { return (*seed = *seed * 1664525 + 1013904223) >> 8; }
+static unsigned rnd(unsigned *seed)
+{
+	return (*seed = *seed * 1664525 + 1013904223) >> 8;
+}
 
 /* Pieces of `piece` bytes; 0: of random sizes. A '\1' of `gaps` at this place: a gap before it. */
-static void run(const struct profile *p, const void *bytes, size_t size, size_t piece, unsigned seed, const char *gaps, struct seen *s,
-		struct framer_counts *c)
+static void run(const struct profile *p, const void *bytes, size_t size, size_t piece, unsigned seed, const char *gaps,
+		struct seen *s, struct framer_counts *c)
 {
 	struct framer *f;
 	struct err err = ERR_INIT;
@@ -185,7 +191,8 @@ static void test_length(void **state)
 	p.length_add = 0;
 	CHECK(p, "\xaa\x55\5ab\xaa\x55\6abc", "0:\xaa\x55\5ab|5:\xaa\x55\6abc|");
 	CHECK(p, "x\xaa\x55\5ab\xaa\xaa\x55\4c", "!garbage@0+1|1:\xaa\x55\5ab|!garbage@6+1|7:\xaa\x55\4c|");
-	CHECK(p, "\xaa\x55\xff\xaa\x55\4c\xaa\x55\1\xaa\x55\12", "!bad-length@0+1|!garbage@1+2|3:\xaa\x55\4c|!bad-length@7+1|!garbage@8+2|!unfinished@10+3|");
+	CHECK(p, "\xaa\x55\xff\xaa\x55\4c\xaa\x55\1\xaa\x55\12",
+	      "!bad-length@0+1|!garbage@1+2|3:\xaa\x55\4c|!bad-length@7+1|!garbage@8+2|!unfinished@10+3|");
 	check(&p, "\xaa\x55\5ab\xaa\x55\4c", 9, "\0\0\0\0\1\0\0\0\0", "!gap@0+4|!garbage@4+1|5:\xaa\x55\4c|");
 	p.length_size = 4;
 	CHECK(p, "\xaa\x55\xff\xff\xff\xff...", "!bad-length@0+1|!garbage@1+8|");
@@ -312,9 +319,13 @@ static void test_las(void **state)
 
 static void test_las_nonsense(void **state)
 {
-	static const struct { size_t at, size; uint64_t v; } wrong[] = {
-		{24, 1, 2}, {25, 1, 5}, {94, 2, 100}, {96, 4, 50}, {104, 1, 11}, {104, 1, 0x80}, {105, 2, 19}, {104, 1, 5},
-		{247, 8, UINT64_MAX}, {247, 8, UINT64_C(1) << 45}, {235, 8, 10}, {235, 8, UINT64_MAX},
+	static const struct {
+		size_t at, size;
+		uint64_t v;
+	} wrong[] = {
+		{24, 1, 2},     {25, 1, 5},           {94, 2, 100}, {96, 4, 50},          {104, 1, 11},
+		{104, 1, 0x80}, {105, 2, 19},         {104, 1, 5},  {247, 8, UINT64_MAX}, {247, 8, UINT64_C(1) << 45},
+		{235, 8, 10},   {235, 8, UINT64_MAX},
 	};
 	struct profile p = kind(PROFILE_FRAMER_LAS, 1);
 	uint8_t *bytes = calloc(1, 4000);
@@ -372,7 +383,7 @@ static void test_random(void **state)
 		static char gaps[sizeof bytes];
 
 		for (size_t i = 0; i < sizeof bytes; i++) {
-			bytes[i] = (uint8_t)"\2\3\n\r\5LASF\1\4"[rnd(&seed) % 11];
+			bytes[i] = (uint8_t) "\2\3\n\r\5LASF\1\4"[rnd(&seed) % 11];
 			gaps[i] = turn % 2 && rnd(&seed) % 100 == 0;
 		}
 		for (size_t k = 0; k < 8; k++)
@@ -383,9 +394,9 @@ static void test_random(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_stx_etx), cmocka_unit_test(test_line), cmocka_unit_test(test_fixed),
-		cmocka_unit_test(test_length), cmocka_unit_test(test_stream), cmocka_unit_test(test_stop),
-		cmocka_unit_test(test_times), cmocka_unit_test(test_las), cmocka_unit_test(test_las_nonsense),
+		cmocka_unit_test(test_stx_etx), cmocka_unit_test(test_line),   cmocka_unit_test(test_fixed),
+		cmocka_unit_test(test_length),  cmocka_unit_test(test_stream), cmocka_unit_test(test_stop),
+		cmocka_unit_test(test_times),   cmocka_unit_test(test_las),    cmocka_unit_test(test_las_nonsense),
 		cmocka_unit_test(test_random),
 	};
 

@@ -73,7 +73,8 @@ static inline int try_take(void *ctx, const struct ground_point *p)
 }
 
 /* Where a shot of that range in that direction of the scan plane (degrees, to the left) lands. */
-static inline void try_shot(const struct profile *p, struct pose_track *t, double time, double degrees, float range, double ret[3])
+static inline void try_shot(const struct profile *p, struct pose_track *t, double time, double degrees, float range,
+			    double ret[3])
 {
 	struct err err = ERR_INIT;
 	struct ground_counts counts = {0};

@@ -13,8 +13,8 @@ static struct pose_track *still(double roll, double pitch, double heading)
 {
 	char text[256];
 
-	snprintf(text, sizeof text, PLANE "0,100,200,50,%.10g,%.10g,%.10g\n1,100,200,50,%.10g,%.10g,%.10g\n", roll, pitch, heading,
-		 roll, pitch, heading);
+	snprintf(text, sizeof text, PLANE "0,100,200,50,%.10g,%.10g,%.10g\n1,100,200,50,%.10g,%.10g,%.10g\n", roll, pitch,
+		 heading, roll, pitch, heading);
 	return try_track(text, NULL);
 }
 
@@ -28,27 +28,28 @@ static void shoot(const struct profile *p, double roll, double pitch, double hea
 	try_near(got, 100 + x, 200 + y, 50 + z, 1e-9);
 }
 
-/* Each angle of the vehicle alone. Heading runs from north over east; a nose up is a pitch above 0; a right side down a roll above 0. */
+/* Each angle of the vehicle alone. Heading runs from north over east; a nose up is a pitch above 0; a right side down a roll
+ * above 0. */
 static void vehicle(void **state)
 {
 	const struct profile p = {0};
 	const double half = 10 * sqrt(0.5);
 
-	shoot(&p, 0, 0, 0, 0, 0, 10, 0);       /* ahead is north */
-	shoot(&p, 0, 0, 0, 90, -10, 0, 0);     /* angles run to the left */
+	shoot(&p, 0, 0, 0, 0, 0, 10, 0);   /* ahead is north */
+	shoot(&p, 0, 0, 0, 90, -10, 0, 0); /* angles run to the left */
 	shoot(&p, 0, 0, 90, 0, 10, 0, 0);
 	shoot(&p, 0, 0, 180, 90, 10, 0, 0);
 	shoot(&p, 0, 0, -45, 0, -half, half, 0);
 	shoot(&p, 0, 90, 0, 0, 0, 0, 10);
 	shoot(&p, 0, 45, 90, 0, half, 0, half);
-	shoot(&p, 90, 0, 0, 90, 0, 0, 10);     /* the left side goes up */
+	shoot(&p, 90, 0, 0, 90, 0, 0, 10); /* the left side goes up */
 	shoot(&p, 45, 0, 0, 90, -half, 0, half);
 	shoot(&p, 45, 0, 0, -90, half, 0, -half);
-	shoot(&p, 30, 90, 30, 0, 0, 0, 10);    /* the pole of the convention */
+	shoot(&p, 30, 90, 30, 0, 0, 0, 10); /* the pole of the convention */
 	shoot(&p, 0, -90, 77, 0, 0, 0, -10);
 	/* the order: heading, then pitch, then roll. Heading 90, pitch 90: the nose up, the left side north. */
 	shoot(&p, 0, 90, 90, 90, 0, 10, 0);
-	shoot(&p, 90, 90, 90, 90, -10, 0, 0);  /* and the roll about the nose: the left side goes where the roof was, west */
+	shoot(&p, 90, 90, 90, 90, -10, 0, 0); /* and the roll about the nose: the left side goes where the roof was, west */
 }
 
 /* Each angle of the mount alone: it turns the sensor as the vehicle's would. */
@@ -83,7 +84,9 @@ static void lever(void **state)
 
 static void north_is_crossed(void **state)
 {
-	static const struct { double from, to, middle; } of[] = {{359, 1, 0}, {1, 359, 0}, {350, 20, 5}, {-10, 350, -10}, {181, 179, 180}};
+	static const struct {
+		double from, to, middle;
+	} of[] = {{359, 1, 0}, {1, 359, 0}, {350, 20, 5}, {-10, 350, -10}, {181, 179, 180}};
 	const struct profile p = {0};
 
 	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -169,7 +172,12 @@ static void see(const struct profile *p, int axis, double place, double least, d
 	struct err err = ERR_INIT;
 
 	for (int k = 0; k < SWEEPS; k++) {
-		struct sweep s = {.first = -1.5, .step = 0.0166, .shots = SHOTS, .range = range, .intensity = intensity, .period_s = period};
+		struct sweep s = {.first = -1.5,
+				  .step = 0.0166,
+				  .shots = SHOTS,
+				  .range = range,
+				  .intensity = intensity,
+				  .period_s = period};
 		double start = 0.3 + k * period;
 
 		for (int i = 0; i < SHOTS; i++) {
@@ -200,14 +208,16 @@ static void see(const struct profile *p, int axis, double place, double least, d
 
 static void floor_is_flat(void **state)
 {
-	const struct profile p = {.mount_roll = 3, .mount_pitch = -85, .mount_heading = 10, .lever = {0.5, -0.3, -1.2}, .range_max = 25};
+	const struct profile p = {
+		.mount_roll = 3, .mount_pitch = -85, .mount_heading = 10, .lever = {0.5, -0.3, -1.2}, .range_max = 25};
 
 	see(&p, 2, 295, 0.5, 25);
 }
 
 static void wall_is_flat(void **state)
 {
-	const struct profile p = {.mount_roll = 90, .mount_pitch = 2, .mount_heading = 80, .lever = {-0.5, 0.4, -1.5}, .range_max = 200};
+	const struct profile p = {
+		.mount_roll = 90, .mount_pitch = 2, .mount_heading = 80, .lever = {-0.5, 0.4, -1.5}, .range_max = 200};
 
 	see(&p, 0, 500120, 0.2, 200);
 }
@@ -217,7 +227,8 @@ static void ranges_and_counts(void **state)
 {
 	const struct profile p = {.range_min = 1, .range_max = 20};
 	float range[6] = {0.5f, 1, 20, 20.5f, NAN, 5}, intensity[6] = {0};
-	struct sweep s = {.first = 0, .step = 6.283185307179586 / 6, .shots = 6, .range = range, .intensity = intensity, .period_s = 6};
+	struct sweep s = {
+		.first = 0, .step = 6.283185307179586 / 6, .shots = 6, .range = range, .intensity = intensity, .period_s = 6};
 	struct pose_track *t = try_track(PLANE "0,0,0,0,0,0,0\n1,0,0,0,0,0,0\n4,0,0,0,0,0,0\n4.5,0,0,0,0,0,0\n", NULL);
 	struct ground_counts c = {0};
 	struct try_points got = {.n = 0};
@@ -253,9 +264,12 @@ static void ranges_and_counts(void **state)
  * said to be from true north. */
 static void convergence(void **state)
 {
-	static const struct { double lat, lon; const char *utm; } of[] = {
-		{48, 6.1, NULL}, {48, 11.9, NULL}, {-35, 149.1, NULL}, {70, 14.5, "33N"}, {83.5, 45, NULL}, {85, 60, NULL}, {-88, -100, NULL},
-		{48, 12.0, "32N"}, {0.0001, 9.5, NULL},
+	static const struct {
+		double lat, lon;
+		const char *utm;
+	} of[] = {
+		{48, 6.1, NULL}, {48, 11.9, NULL},  {-35, 149.1, NULL}, {70, 14.5, "33N"},   {83.5, 45, NULL},
+		{85, 60, NULL},  {-88, -100, NULL}, {48, 12.0, "32N"},  {0.0001, 9.5, NULL},
 	};
 	const struct profile p = {0};
 
@@ -269,7 +283,8 @@ static void convergence(void **state)
 		double lat, lon, got[3], again[3];
 		struct pose pose;
 
-		snprintf(text, sizeof text, "time,latitude,longitude,height,roll,pitch,heading\n0,%.9f,%.9f,10,0,0,0\n1,%.9f,%.9f,10,0,0,0\n",
+		snprintf(text, sizeof text,
+			 "time,latitude,longitude,height,roll,pitch,heading\n0,%.9f,%.9f,10,0,0,0\n1,%.9f,%.9f,10,0,0,0\n",
 			 of[i].lat, of[i].lon, of[i].lat, of[i].lon);
 		t = try_track(text, none);
 		assert_int_equal(crs_geo_new(&pose_track_system(t)->system, &geo, &err), 0);
@@ -279,7 +294,8 @@ static void convergence(void **state)
 		assert_true(fabs(lon - of[i].lon) * cos(lat * RADIAN) < 1e-8);
 		assert_true(fabs((lat - of[i].lat) * 111200 - 100) < 1);
 		pose = try_pose(t, 0);
-		snprintf(text, sizeof text, PLANE "0,%.6f,%.6f,10,0,0,0\n1,%.6f,%.6f,10,0,0,0\n", pose.at[0], pose.at[1], pose.at[0], pose.at[1]);
+		snprintf(text, sizeof text, PLANE "0,%.6f,%.6f,10,0,0,0\n1,%.6f,%.6f,10,0,0,0\n", pose.at[0], pose.at[1],
+			 pose.at[0], pose.at[1]);
 		plane.to = pose_track_system(t);
 		grid = try_track(text, &plane);
 		try_shot(&p, grid, 0.5, 0, 100, again);
@@ -287,7 +303,8 @@ static void convergence(void **state)
 		pose_track_free(grid);
 		/* grid north by word */
 		plane = (struct pose_params){.utm = of[i].utm, .north = POSE_NORTH_GRID};
-		snprintf(text, sizeof text, "time,latitude,longitude,height,roll,pitch,heading\n0,%.9f,%.9f,10,0,0,0\n1,%.9f,%.9f,10,0,0,0\n",
+		snprintf(text, sizeof text,
+			 "time,latitude,longitude,height,roll,pitch,heading\n0,%.9f,%.9f,10,0,0,0\n1,%.9f,%.9f,10,0,0,0\n",
 			 of[i].lat, of[i].lon, of[i].lat, of[i].lon);
 		grid = try_track(text, &plane);
 		try_shot(&p, grid, 0.5, 0, 100, again);
@@ -301,7 +318,9 @@ static void convergence(void **state)
 /* In the middle of a zone a plane has 0.9996 of the length; higher up less. */
 static void grid_scale(void **state)
 {
-	static const struct { double lon, height, scale; } of[] = {{9, 0, 0.9996}, {9, 1000, 0.9996 * 6382000 / 6383000}, {12, 0, 1.000215}};
+	static const struct {
+		double lon, height, scale;
+	} of[] = {{9, 0, 0.9996}, {9, 1000, 0.9996 * 6382000 / 6383000}, {12, 0, 1.000215}};
 	const struct profile p = {0};
 
 	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -311,7 +330,8 @@ static void grid_scale(void **state)
 		double got[3];
 		struct pose pose;
 
-		snprintf(text, sizeof text, "time,latitude,longitude,height,roll,pitch,heading\n0,48,%g,%g,0,0,0\n1,48,%g,%g,0,0,0\n", of[i].lon,
+		snprintf(text, sizeof text,
+			 "time,latitude,longitude,height,roll,pitch,heading\n0,48,%g,%g,0,0,0\n1,48,%g,%g,0,0,0\n", of[i].lon,
 			 of[i].height, of[i].lon, of[i].height);
 		t = try_track(text, &scaled);
 		pose = try_pose(t, 0);
@@ -344,9 +364,16 @@ static void feet(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(vehicle), cmocka_unit_test(mounts), cmocka_unit_test(lever), cmocka_unit_test(north_is_crossed),
-		cmocka_unit_test(floor_is_flat), cmocka_unit_test(wall_is_flat), cmocka_unit_test(ranges_and_counts),
-		cmocka_unit_test(convergence), cmocka_unit_test(grid_scale), cmocka_unit_test(feet),
+		cmocka_unit_test(vehicle),
+		cmocka_unit_test(mounts),
+		cmocka_unit_test(lever),
+		cmocka_unit_test(north_is_crossed),
+		cmocka_unit_test(floor_is_flat),
+		cmocka_unit_test(wall_is_flat),
+		cmocka_unit_test(ranges_and_counts),
+		cmocka_unit_test(convergence),
+		cmocka_unit_test(grid_scale),
+		cmocka_unit_test(feet),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

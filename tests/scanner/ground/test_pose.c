@@ -10,7 +10,11 @@
 
 static void times(void **state)
 {
-	static const struct { const char *text; enum pose_clock clock; double utc; } good[] = {
+	static const struct {
+		const char *text;
+		enum pose_clock clock;
+		double utc;
+	} good[] = {
 		{"1700000000.25", POSE_UTC, 1700000000.25},
 		{"1970-01-01T00:00:00Z", POSE_UTC, 0},
 		{"2024-02-29T12:30:15.5Z", POSE_UTC, 1709209815.5},
@@ -22,8 +26,17 @@ static void times(void **state)
 		{"2024-02-29T12:30:33.5", POSE_GPS, 1709209815.5},
 		{"393245033.5", POSE_GPS, 1709209815.5},
 	};
-	static const char *const bad[] = {"", "noon", "2024-02-30T00:00:00Z", "2024-13-01T00:00:00Z", "2024-01-01T24:00:00Z",
-					  "2024-01-01", "2024-01-01T00:00:00Zulu", "1e300", "nan", "12:00:00", "2024-01-01T00:00:00.Z"};
+	static const char *const bad[] = {"",
+					  "noon",
+					  "2024-02-30T00:00:00Z",
+					  "2024-13-01T00:00:00Z",
+					  "2024-01-01T24:00:00Z",
+					  "2024-01-01",
+					  "2024-01-01T00:00:00Zulu",
+					  "1e300",
+					  "nan",
+					  "12:00:00",
+					  "2024-01-01T00:00:00.Z"};
 	double v;
 
 	for (size_t i = 0; i < sizeof good / sizeof *good; i++) {
@@ -39,9 +52,12 @@ static void times(void **state)
 /* Leap seconds, each side of some of them. */
 static void leaps(void **state)
 {
-	static const struct { double utc; int ahead; } of[] = {
-		{315964800, 0}, {362793599, 0}, {362793600, 1}, {820454399, 10}, {820454400, 11},
-		{1483228799, 17}, {1483228800, 18}, {1700000000, 18},
+	static const struct {
+		double utc;
+		int ahead;
+	} of[] = {
+		{315964800, 0},  {362793599, 0},   {362793600, 1},   {820454399, 10},
+		{820454400, 11}, {1483228799, 17}, {1483228800, 18}, {1700000000, 18},
 	};
 
 	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -76,7 +92,10 @@ static void forms(void **state)
 
 static void refused(void **state)
 {
-	static const struct { const char *text, *word; uint64_t line; } of[] = {
+	static const struct {
+		const char *text, *word;
+		uint64_t line;
+	} of[] = {
 		{"", "empty", ERR_NO_OFFSET},
 		{"# nothing\n", "empty", ERR_NO_OFFSET},
 		{PLANE, "no poses", ERR_NO_OFFSET},
@@ -101,7 +120,8 @@ static void refused(void **state)
 		{"1700000000,1,2,3,0,0,0\n", "no column of poses", 1},
 		{"time;easting;northing;height;roll;pitch;heading\n0;1,5;2;3;0;0;0\n", "never a comma", 2},
 		{PLANE "0,1,2,3,0,0,0\r1,1,2,3,0,0,0\r", "carriage return", 2},
-		{"time,easting,northing,ellipsoidal_height,roll,pitch,heading\n0,1,2,3,0,0,0\n1,1,2,3,0,0,0\n", "which ellipsoid", ERR_NO_OFFSET},
+		{"time,easting,northing,ellipsoidal_height,roll,pitch,heading\n0,1,2,3,0,0,0\n1,1,2,3,0,0,0\n", "which ellipsoid",
+		 ERR_NO_OFFSET},
 	};
 
 	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -167,9 +187,13 @@ static void long_line(void **state)
 static void gaps_and_ends(void **state)
 {
 	struct pose_track *t = try_track(PLANE "10,0,0,0,0,0,0\n11,1,0,0,0,0,0\n14,2,0,0,0,0,0\n15,3,0,0,0,0,0\n", NULL);
-	static const struct { double time; int found; } of[] = {
-		{9.999, POSE_BEFORE}, {10, POSE_HERE}, {11, POSE_HERE}, {11.001, POSE_GAP}, {13.999, POSE_GAP}, {14, POSE_HERE},
-		{15, POSE_HERE}, {15.001, POSE_AFTER}, {10.5, POSE_HERE}, {NAN, POSE_BEFORE}, {14.5, POSE_HERE},
+	static const struct {
+		double time;
+		int found;
+	} of[] = {
+		{9.999, POSE_BEFORE}, {10, POSE_HERE},    {11, POSE_HERE},   {11.001, POSE_GAP},
+		{13.999, POSE_GAP},   {14, POSE_HERE},    {15, POSE_HERE},   {15.001, POSE_AFTER},
+		{10.5, POSE_HERE},    {NAN, POSE_BEFORE}, {14.5, POSE_HERE},
 	};
 	struct err err = ERR_INIT;
 	struct pose pose;
@@ -179,7 +203,8 @@ static void gaps_and_ends(void **state)
 		if (pose_track_at(t, of[i].time, &pose, &err) != of[i].found)
 			fail_msg("at %g", of[i].time);
 	pose_track_free(t);
-	t = try_track(PLANE "10,0,0,0,0,0,0\n11,1,0,0,0,0,0\n14,2,0,0,0,0,0\n", &(struct pose_params){.gap_s = 3, .offset_s = 100});
+	t = try_track(PLANE "10,0,0,0,0,0,0\n11,1,0,0,0,0,0\n14,2,0,0,0,0,0\n",
+		      &(struct pose_params){.gap_s = 3, .offset_s = 100});
 	try_near(try_pose(t, 112.5).at, 1.5, 0, 0, 1e-12);
 	assert_int_equal(pose_track_at(t, 12.5, &pose, &err), POSE_BEFORE);
 	pose_track_free(t);
@@ -273,8 +298,12 @@ static void systems(void **state)
 /* All poses of a drive over a border of zones go to one of them, that of the middle; across 180 degrees too. */
 static void borders(void **state)
 {
-	static const struct { double west, east; const char *zone; } of[] = {
-		{11.99, 12.005, "32N"}, {11.995, 12.01, "33N"}, {179.999, -179.9, "1N"}, {179.8, -179.99, "60N"}, {179.999, 180.1, "1N"},
+	static const struct {
+		double west, east;
+		const char *zone;
+	} of[] = {
+		{11.99, 12.005, "32N"},  {11.995, 12.01, "33N"}, {179.999, -179.9, "1N"},
+		{179.8, -179.99, "60N"}, {179.999, 180.1, "1N"},
 	};
 
 	for (size_t i = 0; i < sizeof of / sizeof *of; i++) {
@@ -295,9 +324,10 @@ static void borders(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(times), cmocka_unit_test(leaps), cmocka_unit_test(forms), cmocka_unit_test(refused),
-		cmocka_unit_test(long_line), cmocka_unit_test(other_hands), cmocka_unit_test(utf16), cmocka_unit_test(gaps_and_ends), cmocka_unit_test(many), cmocka_unit_test(changes),
-		cmocka_unit_test(systems), cmocka_unit_test(borders),
+		cmocka_unit_test(times),   cmocka_unit_test(leaps),         cmocka_unit_test(forms),
+		cmocka_unit_test(refused), cmocka_unit_test(long_line),     cmocka_unit_test(other_hands),
+		cmocka_unit_test(utf16),   cmocka_unit_test(gaps_and_ends), cmocka_unit_test(many),
+		cmocka_unit_test(changes), cmocka_unit_test(systems),       cmocka_unit_test(borders),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -28,12 +28,27 @@ static struct crs_info system_of(const char *text, const char *unit_z)
 /* Each is read back as it was. */
 static void wkt(void **state)
 {
-	static const struct { const char *text, *unit_z; } of[] = {
-		{"EPSG:32632", "metre"}, {"EPSG:32733", NULL}, {"EPSG:25832 + EPSG:7837", NULL}, {"EPSG:32632 + EPSG:5030", "metre"},
-		{"EPSG:5041", "metre"}, {"EPSG:5042", "metre"}, {"EPSG:2154", "metre"}, {"EPSG:3035", "metre"}, {"EPSG:2263", "us-survey-foot"},
-		{"EPSG:31370", "metre"}, {"EPSG:27700 + EPSG:5701", NULL}, {"EPSG:26910 + EPSG:5703", NULL}, {"EPSG:3031", "metre"},
-		{"a plane of our own", "metre"}, {"a plane + a datum, of heights", NULL}, {"NAD83(CSRS) / UTM zone 10N", "metre"},
-		{"EPSG:32632 + orthometric height (egm96-5)", "metre"}, {"EPSG:5514", "foot"},
+	static const struct {
+		const char *text, *unit_z;
+	} of[] = {
+		{"EPSG:32632", "metre"},
+		{"EPSG:32733", NULL},
+		{"EPSG:25832 + EPSG:7837", NULL},
+		{"EPSG:32632 + EPSG:5030", "metre"},
+		{"EPSG:5041", "metre"},
+		{"EPSG:5042", "metre"},
+		{"EPSG:2154", "metre"},
+		{"EPSG:3035", "metre"},
+		{"EPSG:2263", "us-survey-foot"},
+		{"EPSG:31370", "metre"},
+		{"EPSG:27700 + EPSG:5701", NULL},
+		{"EPSG:26910 + EPSG:5703", NULL},
+		{"EPSG:3031", "metre"},
+		{"a plane of our own", "metre"},
+		{"a plane + a datum, of heights", NULL},
+		{"NAD83(CSRS) / UTM zone 10N", "metre"},
+		{"EPSG:32632 + orthometric height (egm96-5)", "metre"},
+		{"EPSG:5514", "foot"},
 	};
 	struct err err = ERR_INIT;
 	char text[LAS_WKT_MAX];
@@ -93,7 +108,8 @@ static void places(void **state)
 
 static void file(void **state)
 {
-	static const double point[3][3] = {{499999.9994, 5400000.25, -3.5}, {500001.001, 5400007.125, 12.0004}, {500000, 5399999, 0}};
+	static const double point[3][3] = {
+		{499999.9994, 5400000.25, -3.5}, {500001.001, 5400007.125, 12.0004}, {500000, 5399999, 0}};
 	struct las_params p = {.id = {1, 2, 3}, .made_s = 1709209815};
 	const struct input_options options = {.format = "las"};
 	struct crs_info c = system_of("EPSG:32632 + EPSG:5030", "metre");

@@ -63,8 +63,10 @@ static void test_all(void **state)
 	assert_string_equal(p.columns, "xyzi");
 	assert_true(p.angle_ahead == -90.5 && p.stamp == PROFILE_STAMP_LAST);
 	assert_true(p.ranges.kind.offset == 4 && p.ranges.kind.size == 1 && p.ranges.data_kind == 16);
-	assert_true(p.ranges.count.offset == 5 && p.ranges.count.size == 2 && !p.ranges.count.big_endian && p.ranges.shots == 360);
-	assert_true(p.ranges.range.offset == 7 && p.ranges.range.size == 4 && p.ranges.range.big_endian && p.ranges.range_stride == 6);
+	assert_true(p.ranges.count.offset == 5 && p.ranges.count.size == 2 && !p.ranges.count.big_endian &&
+		    p.ranges.shots == 360);
+	assert_true(p.ranges.range.offset == 7 && p.ranges.range.size == 4 && p.ranges.range.big_endian &&
+		    p.ranges.range_stride == 6);
 	assert_true(p.ranges.range_scale == 0.004 && p.ranges.range_least == 2 && p.ranges.range_most == 65534);
 	assert_true(p.ranges.intensity.offset == 11 && p.ranges.intensity_stride == 6 && p.ranges.intensity_full == 4095);
 	assert_true(p.ranges.angle_first == 135 && p.ranges.angle_step == -0.5 && p.ranges.period_s == 0.1);
@@ -89,7 +91,11 @@ static void test_defaults(void **state)
 /* Text, line, a part of the sentence. */
 static void test_faults(void **state)
 {
-	static const struct { const char *text; uint64_t line; const char *part; } faults[] = {
+	static const struct {
+		const char *text;
+		uint64_t line;
+		const char *part;
+	} faults[] = {
 		{"title = a\nvendro = 1\n", 2, "no key vendro before the sections"},
 		{"[match]\nvendr = 1\n", 2, "no key vendr in [match]"},
 		{"[match]\ntransfers = 8\n", 2, "no key transfers"},
@@ -129,7 +135,9 @@ static void test_faults(void **state)
 		{"[decoder]\nrange-scale = nan\n", 2, "wanted"},
 		{"[decoder]\nrange-scale = inf\n", 2, "wanted"},
 		{"[geometry]\nrange-min = 5\nrange-max = 4\n", UINT64_MAX, "less than range-min"},
-		{"title = a\x01" "b\n", 1, "UTF-8"},
+		{"title = a\x01"
+		 "b\n",
+		 1, "UTF-8"},
 		{"title = a\xc0\x80\n", 1, "UTF-8"},
 		{"title = \"a\n", 1, "not closed"},
 		{"[time]\nsource = sun\n", 2, "arrival|device"},
@@ -266,8 +274,10 @@ static void test_match(void **state)
 	assert_string_equal(matched(set, (struct profile_device){.vendor = 1, .product = 2, .serial = "A7"}), "model");
 	assert_string_equal(matched(set, (struct profile_device){.vendor = 1, .product = 2}), "model");
 	assert_string_equal(matched(set, (struct profile_device){.vendor = 1, .product = 3}), "maker");
-	assert_string_equal(matched(set, (struct profile_device){.vendor = 4, .interface_classes = classes, .interfaces = 2}), "class");
-	assert_string_equal(matched(set, (struct profile_device){.vendor = 4, .interface_classes = classes, .interfaces = 1}), "none");
+	assert_string_equal(matched(set, (struct profile_device){.vendor = 4, .interface_classes = classes, .interfaces = 2}),
+			    "class");
+	assert_string_equal(matched(set, (struct profile_device){.vendor = 4, .interface_classes = classes, .interfaces = 1}),
+			    "none");
 	assert_string_equal(matched(set, (struct profile_device){.vendor = 9}), "none");
 	profile_set_free(set);
 	snprintf(command, sizeof command, "rm -r %s", base);
@@ -301,8 +311,8 @@ static void test_shipped(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_all), cmocka_unit_test(test_defaults), cmocka_unit_test(test_faults),
-		cmocka_unit_test(test_limits), cmocka_unit_test(test_folders), cmocka_unit_test(test_match),
+		cmocka_unit_test(test_all),     cmocka_unit_test(test_defaults), cmocka_unit_test(test_faults),
+		cmocka_unit_test(test_limits),  cmocka_unit_test(test_folders),  cmocka_unit_test(test_match),
 		cmocka_unit_test(test_shipped),
 	};
 

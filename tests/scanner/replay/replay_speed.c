@@ -52,9 +52,9 @@ static void run(const char *name, const char *text, const uint8_t *bytes, size_t
 	replay_end(r);
 	decoded = now() - start;
 	replay_counts(r, &c);
-	printf("%-10s pieces of %-6zu framer %7.0f MB/s; framer and decoder %6.0f MB/s (%llu sweeps, %llu points, %llu bad)\n", name, piece,
-	       (double)size / 1e6 / framed, (double)size / 1e6 / decoded, (unsigned long long)c.sweeps, (unsigned long long)c.points,
-	       (unsigned long long)(c.framer.bad + c.undecoded));
+	printf("%-10s pieces of %-6zu framer %7.0f MB/s; framer and decoder %6.0f MB/s (%llu sweeps, %llu points, %llu bad)\n",
+	       name, piece, (double)size / 1e6 / framed, (double)size / 1e6 / decoded, (unsigned long long)c.sweeps,
+	       (unsigned long long)c.points, (unsigned long long)(c.framer.bad + c.undecoded));
 	framer_free(f);
 	replay_free(r);
 }
@@ -80,8 +80,10 @@ int main(int argc, char **argv)
 	for (size_t i = 0; i + 1500 <= n; i += 1500)
 		memcpy(bytes + i, "\xaa\x55\xd8\5", 4); /* 1500 - 4 */
 	n -= n % 1500;
-	run("ranges", "[framer]\nkind = length\nsync = \\xaa\\x55\nlength = u16le@2\nlength-add = 4\n[decoder]\nname = ranges\nrange = u16le@4\n"
-	    "angle-step = 0.5\nperiod = 0.1\n", bytes, n, TRANSFER);
+	run("ranges",
+	    "[framer]\nkind = length\nsync = \\xaa\\x55\nlength = u16le@2\nlength-add = 4\n[decoder]\nname = ranges\nrange = u16le@4\n"
+	    "angle-step = 0.5\nperiod = 0.1\n",
+	    bytes, n, TRANSFER);
 	for (size_t i = 0; i + 32 <= n; i += 32)
 		memcpy(bytes + i, "412345.678 5412345.678 123.4567\n", 32);
 	n -= n % 32;

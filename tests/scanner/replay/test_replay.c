@@ -71,7 +71,7 @@ struct scene {
 	struct seen seen;
 	struct cola_scan scan;
 	uint64_t seq;
-	int64_t now;  /* monotonic */
+	int64_t now; /* monotonic */
 	uint8_t telegram[COLA_TELEGRAM_MAX];
 	size_t size;
 };
@@ -87,7 +87,8 @@ static struct scene *scene_new(const char *profile)
 
 	s->now = BOOT;
 	cola_scan_tim551(&s->scan);
-	if (profile_parse(profile, strlen(profile), "p", "p.conf", &s->p, &err) < 0 || replay_new(&s->p, &clock, &sinks, &s->replay, &err) < 0)
+	if (profile_parse(profile, strlen(profile), "p", "p.conf", &s->p, &err) < 0 ||
+	    replay_new(&s->p, &clock, &sinks, &s->replay, &err) < 0)
 		fail_msg("%s", err.message);
 	return s;
 }
@@ -132,7 +133,8 @@ static struct replay_counts counts(struct scene *s)
 }
 
 static const char arrival[] = "[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\nstamp = last\n[time]\nlatency = 0.25\n";
-static const char device[] = "[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\nstamp = last\n[time]\nsource = device\nlatency = 0.25\n";
+static const char device[] =
+	"[framer]\nkind = stx-etx\n[decoder]\nname = cola-a\nstamp = last\n[time]\nsource = device\nlatency = 0.25\n";
 
 static void test_counts(void **state)
 {
@@ -146,7 +148,8 @@ static void test_counts(void **state)
 			s->telegram[40] = 'Q';
 		if (i == 8) /* cut by the bus, and nothing missing */
 			assert_int_equal(record(s, SPOOL_DATA, SPOOL_SHORT, s->telegram, 100) |
-					 record(s, SPOOL_DATA, 0, s->telegram + 100, s->size - 100), 0);
+						 record(s, SPOOL_DATA, 0, s->telegram + 100, s->size - 100),
+					 0);
 		else
 			assert_int_equal(record(s, SPOOL_DATA, 0, s->telegram, s->size), 0);
 		if (i == 6)
@@ -171,9 +174,23 @@ static void test_counts(void **state)
 /* What each kind of record means for what was begun. */
 static void test_gaps(void **state)
 {
-	static const struct { const char *event; unsigned flags; int gap; } rows[] = {
-		{"overflow 600", 0, 1}, {"overrun", 0, 1}, {"left", 0, 1}, {"back", 0, 1}, {"error x", 0, 1}, {"overflow 1", SPOOL_AFTER_GAP, 1},
-		{NULL, SPOOL_AFTER_GAP, 1}, {"parked 5", 0, 0}, {"stall", 0, 0}, {"cleared", 0, 0}, {"overflowing", 0, 0}, {NULL, SPOOL_SHORT, 0},
+	static const struct {
+		const char *event;
+		unsigned flags;
+		int gap;
+	} rows[] = {
+		{"overflow 600", 0, 1},
+		{"overrun", 0, 1},
+		{"left", 0, 1},
+		{"back", 0, 1},
+		{"error x", 0, 1},
+		{"overflow 1", SPOOL_AFTER_GAP, 1},
+		{NULL, SPOOL_AFTER_GAP, 1},
+		{"parked 5", 0, 0},
+		{"stall", 0, 0},
+		{"cleared", 0, 0},
+		{"overflowing", 0, 0},
+		{NULL, SPOOL_SHORT, 0},
 	};
 
 	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
@@ -241,8 +258,10 @@ static void test_arrival(void **state)
 	s->now += 1000000000;
 	send(s, 2);
 	assert_true(fabs(s->seen.utc[1] - (utc / 1e9 + 1 - 0.25 - 0.05)) < 1e-6);
-	/* it was set, by what the clock says more than passed; not by the same one ten seconds later, nor where the boot may be another */
-	assert_true(counts(s).clock_sets == 1 && fabs(counts(s).clock_moved_s - (100 - (double)(s->now - 1000000000 - BOOT) / 1e9)) < 1e-6);
+	/* it was set, by what the clock says more than passed; not by the same one ten seconds later, nor where the boot may be
+	 * another */
+	assert_true(counts(s).clock_sets == 1 &&
+		    fabs(counts(s).clock_moved_s - (100 - (double)(s->now - 1000000000 - BOOT) / 1e9)) < 1e-6);
 	for (int k = 0; k < 2; k++) {
 		s->now += 10000000000 - (k ? 0 : 1000000000);
 		utc += 10000000000 + (k ? 500000000000 : 0);
@@ -337,8 +356,9 @@ static void test_no_decoder(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_counts), cmocka_unit_test(test_gaps), cmocka_unit_test(test_counter), cmocka_unit_test(test_arrival),
-		cmocka_unit_test(test_device), cmocka_unit_test(test_points), cmocka_unit_test(test_stop), cmocka_unit_test(test_no_decoder),
+		cmocka_unit_test(test_counts),  cmocka_unit_test(test_gaps),       cmocka_unit_test(test_counter),
+		cmocka_unit_test(test_arrival), cmocka_unit_test(test_device),     cmocka_unit_test(test_points),
+		cmocka_unit_test(test_stop),    cmocka_unit_test(test_no_decoder),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

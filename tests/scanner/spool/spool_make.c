@@ -7,9 +7,16 @@ void make_head(struct spool_head *ret)
 {
 	static char profile[] = "title = a test\n";
 
-	*ret = (struct spool_head){.vendor = 0x19a2, .product = 0x5001, .manufacturer = "SICK", .model = "TiM\0x", .serial = "20370043",
-				   .port = "1-2.4", .profile_name = "sick-tim", .profile_size = sizeof(profile) - 1,
-				   .utc_ns = 1700000000000000000, .monotonic_ns = 5000000000};
+	*ret = (struct spool_head){.vendor = 0x19a2,
+				   .product = 0x5001,
+				   .manufacturer = "SICK",
+				   .model = "TiM\0x",
+				   .serial = "20370043",
+				   .port = "1-2.4",
+				   .profile_name = "sick-tim",
+				   .profile_size = sizeof(profile) - 1,
+				   .utc_ns = 1700000000000000000,
+				   .monotonic_ns = 5000000000};
 	ret->profile = malloc(sizeof(profile));
 	memcpy(ret->profile, profile, sizeof(profile));
 	for (int i = 0; i < 16; i++)

@@ -31,9 +31,9 @@ uint8_t *make_read(const char *path, size_t *ret_size);
 void make_write(const char *path, const void *at, size_t size);
 
 struct make_seen {
-	uint64_t records;  /* that were whole, each checked if it is one of make_append */
-	uint64_t others;   /* "continued", CLOCK, END */
-	uint64_t prefix;   /* records before the first that is lost */
+	uint64_t records;                              /* that were whole, each checked if it is one of make_append */
+	uint64_t others;                               /* "continued", CLOCK, END */
+	uint64_t prefix;                               /* records before the first that is lost */
 	uint64_t damages, first_damage, skipped, next; /* next: number behind the last */
 	struct spool_tail tail;
 	int error;

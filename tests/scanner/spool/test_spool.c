@@ -358,8 +358,7 @@ static void test_wounds(void **state)
 			size += k;
 		}
 		for (uint64_t i = 0; i < RECORDS; i++)
-			untouched += starts[i + 1] <= from ||
-				     starts[i] >= from + (round % 3 < 2 ? k : 0);
+			untouched += starts[i + 1] <= from || starts[i] >= from + (round % 3 < 2 ? k : 0);
 		make_write(other, copy, size);
 		make_read_all(other, RECORDS, &seen);
 		assert_int_equal(seen.error, 0);
@@ -705,8 +704,9 @@ int main(void)
 {
 #define TEST(name) cmocka_unit_test_setup_teardown(test_##name, setup, teardown)
 	const struct CMUnitTest tests[] = {
-		TEST(round), TEST(large), TEST(no_overwriting), TEST(truncations), TEST(continue), TEST(flips), TEST(wounds),
-		TEST(missing), TEST(tails), TEST(heads), TEST(full), TEST(no_space), TEST(failed_sync), TEST(flusher),
+		TEST(round), TEST(large),    TEST(no_overwriting), TEST(truncations), TEST(continue),
+		TEST(flips), TEST(wounds),   TEST(missing),        TEST(tails),       TEST(heads),
+		TEST(full),  TEST(no_space), TEST(failed_sync),    TEST(flusher),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);
