@@ -4,6 +4,7 @@
  */
 #include "err.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -35,6 +36,7 @@ static void text_close(char *buf, size_t size)
 
 static void text_print(char *buf, size_t size, const char *fmt, va_list ap)
 {
+	assert(fmt); /* else gcc follows the path on which the undefined-behaviour sanitizer has reported NULL, and warns */
 	vsnprintf(buf, size, fmt, ap);
 	text_close(buf, size);
 }

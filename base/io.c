@@ -171,6 +171,14 @@ int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err
 	return io_sync(dirfd, name, err);
 }
 
+bool io_is_gone(int fd)
+{
+	struct statx st;
+
+	return statx(fd, "", AT_EMPTY_PATH | AT_STATX_DONT_SYNC, STATX_NLINK, &st) == 0 && (st.stx_mask & STATX_NLINK) &&
+	       !st.stx_nlink;
+}
+
 int io_remove(int dirfd, const char *path, struct err *err)
 {
 	if (io->unlinkat(dirfd, path, 0) == 0 || errno == ENOENT)
@@ -213,6 +221,13 @@ int io_list(int dirfd, const char *path, int (*each)(void *ctx, const struct dir
 	}
 	closedir(dir);
 	return r;
+}
+
+void io_take_standard(void)
+{
+	for (int fd = STDIN_FILENO; fd <= STDERR_FILENO; fd++)
+		if (fcntl(fd, F_GETFD) < 0) /* opened for the other direction only; the lowest free number is this one */
+			open("/dev/null", fd == STDIN_FILENO ? O_WRONLY : O_RDONLY);
 }
 
 int io_close(int fd)

@@ -44,6 +44,10 @@ struct io_table {
 extern const struct io_table io_system;
 extern const struct io_table *io; /* io_system, unless a test says otherwise */
 
+/* The first thing that a program does: descriptors 0 to 2 that it was started without are taken, so that no file that it opens
+ * gets one of these numbers, and what is written to standard error with it. Reading and writing them fails as before, with EBADF.
+ */
+void io_take_standard(void);
 /* Always O_CLOEXEC. *ret_fd untouched on failure. */
 int io_open(int dirfd, const char *path, int flags, mode_t mode, int *ret_fd, struct err *err);
 /* All n bytes; the end of the file before that is -ERR_TRUNCATED. */
@@ -54,7 +58,15 @@ int io_write_at(int fd, const void *buf, size_t n, uint64_t off, const char *nam
 int io_sync(int fd, const char *name, struct err *err);
 /* fsync(fd), rename temp to name, fsync(dirfd). On failure the temp file is removed. Does not close. */
 int io_publish(int dirfd, int fd, const char *temp, const char *name, struct err *err);
-int io_remove(int dirfd, const char *path, struct err *err);                /* absent is success */
+/* The file or folder was removed since it was opened, as the kernel knows: the file system, which may not answer, is not asked.
+ */
+bool io_is_gone(int fd);
+int io_remove(int dirfd, const char *path, struct err *err); /* absent is success */
+/* io_folder.c: a file, or a folder with everything in it; absent is success. Everything in a folder. The entries of a folder
+ * whose names begin with `prefix`. */
+int io_folder_remove(int dirfd, const char *name, struct err *err);
+int io_folder_empty(int dirfd, struct err *err);
+int io_folder_sweep(int dirfd, const char *prefix, struct err *err);
 int io_make_dir(int dirfd, const char *path, mode_t mode, struct err *err); /* present is success */
 /* Calls `each` for every entry but "." and "..", until it returns non-zero, which is returned. What `each` removes is
  * not met again. A folder that cannot be read to its end is an error. */

@@ -14,7 +14,6 @@
  * long, is for those to say who take descriptors (io_close_behind): what is to be closed cannot be refused any more.
  */
 #include <fcntl.h>
-#include <pthread.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,6 +23,8 @@
 #include "clock.h"
 #include "err.h"
 #include "io.h"
+#include "lock.h"
+#include "thread.h"
 #include "io_aside.h"
 
 enum { CLOSERS = 16, NUMBERS = 16384 /* of descriptors whose owner is kept: no more can be open, as a rule */ };
@@ -40,13 +41,13 @@ struct closer {
 };
 
 static struct {
-	pthread_mutex_t lock;
+	struct lock lock;
 	pthread_cond_t wake;
 	struct closing *list;
 	size_t n, cap;
 	struct closer closer[CLOSERS];
 	unsigned threads, idle;
-} aside = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
+} aside = {.lock = LOCK_STATIC(CLOSERS), .wake = PTHREAD_COND_INITIALIZER};
 static _Atomic size_t pending; /* in the list or with a thread */
 static _Atomic uint32_t owner_of[NUMBERS];
 static _Thread_local bool must_not_wait;
@@ -87,7 +88,8 @@ static void *closer(void *ctx)
 {
 	struct closer *mine = ctx;
 
-	pthread_mutex_lock(&aside.lock);
+	thread_mark_helper();
+	lock_take(&aside.lock);
 	for (;;) {
 		size_t i = next();
 
@@ -95,7 +97,7 @@ static void *closer(void *ctx)
 			break;
 		if (i == aside.n) {
 			aside.idle++;
-			pthread_cond_wait(&aside.wake, &aside.lock);
+			lock_wait(&aside.lock, &aside.wake);
 			aside.idle--;
 			continue;
 		}
@@ -103,15 +105,15 @@ static void *closer(void *ctx)
 		mine->at.since_ns = clock_mono_ns();
 		memmove(&aside.list[i], &aside.list[i + 1], (--aside.n - i) * sizeof *aside.list);
 		see_to_next();
-		pthread_mutex_unlock(&aside.lock);
+		lock_give(&aside.lock);
 		io->close(mine->at.fd);
-		pthread_mutex_lock(&aside.lock);
+		lock_take(&aside.lock);
 		mine->at.fd = -1;
 		pending--;
 	}
 	mine->there = false;
 	aside.threads--;
-	pthread_mutex_unlock(&aside.lock);
+	lock_give(&aside.lock);
 	return NULL;
 }
 
@@ -141,10 +143,10 @@ int io_close_aside(struct err *err)
 	int r = 0;
 
 	must_not_wait = true;
-	pthread_mutex_lock(&aside.lock);
+	lock_take(&aside.lock);
 	if (!aside.threads)
 		r = begin();
-	pthread_mutex_unlock(&aside.lock);
+	lock_give(&aside.lock);
 	return r ? err_sys(err, r, "cannot start a thread") : 0;
 }
 
@@ -174,7 +176,7 @@ bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns)
 
 	if (pending < most)
 		return false;
-	pthread_mutex_lock(&aside.lock);
+	lock_take(&aside.lock);
 	for (unsigned i = 0; i < CLOSERS; i++)
 		if (aside.closer[i].there && aside.closer[i].at.fd >= 0 && aside.closer[i].at.owner == owner) {
 			since = aside.closer[i].at.since_ns;
@@ -186,7 +188,7 @@ bool io_close_behind(uint32_t owner, size_t most, uint64_t *ret_since_ns)
 			since = since ? since : aside.list[i].since_ns;
 			n++;
 		}
-	pthread_mutex_unlock(&aside.lock);
+	lock_give(&aside.lock);
 	*ret_since_ns = since;
 	return n >= most;
 }
@@ -225,13 +227,13 @@ bool io_aside(int fd)
 
 	if (!must_not_wait || at_once(fd))
 		return false;
-	pthread_mutex_lock(&aside.lock);
+	lock_take(&aside.lock);
 	kept = aside.threads && room();
 	if (kept) {
 		aside.list[aside.n++] = (struct closing){fd, owner, clock_mono_ns()};
 		pending++;
 		see_to_next();
 	}
-	pthread_mutex_unlock(&aside.lock);
+	lock_give(&aside.lock);
 	return kept;
 }

@@ -5,11 +5,12 @@
 #include "ledger.h"
 
 #include <assert.h>
-#include <pthread.h>
 #include <stdlib.h>
 
+#include "lock.h"
+
 struct ledger {
-	pthread_mutex_t lock;
+	struct lock lock;
 	uint64_t total, left; /* left: beside what is held and what is set aside */
 	uint64_t sum, peak_sum;
 	uint64_t held[LEDGER_NAMES], peak[LEDGER_NAMES], aside[LEDGER_NAMES], most[LEDGER_NAMES];
@@ -21,7 +22,7 @@ struct ledger *ledger_new(uint64_t total)
 
 	if (!l)
 		return NULL;
-	pthread_mutex_init(&l->lock, NULL);
+	lock_init(&l->lock, LOCK_LEDGER);
 	l->total = l->left = total;
 	return l;
 }
@@ -31,7 +32,7 @@ struct ledger *ledger_free(struct ledger *l)
 	if (!l)
 		return NULL;
 	assert(l->sum == 0);
-	pthread_mutex_destroy(&l->lock);
+	lock_done(&l->lock);
 	free(l);
 	return NULL;
 }
@@ -44,7 +45,7 @@ static uint64_t claim(const struct ledger *l, enum ledger_name name, uint64_t he
 
 bool ledger_share(struct ledger *l, enum ledger_name name, uint64_t aside, uint64_t most)
 {
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	bool fits = aside <= l->left && !l->held[name] && !l->aside[name];
 
 	if (fits) {
@@ -52,13 +53,13 @@ bool ledger_share(struct ledger *l, enum ledger_name name, uint64_t aside, uint6
 		l->most[name] = most;
 		l->left -= aside;
 	}
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 	return fits;
 }
 
 bool ledger_take(struct ledger *l, enum ledger_name name, uint64_t bytes)
 {
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	/* No sum of what is held can overflow, but what is asked for may be any number. */
 	bool fits = bytes <= l->total && (!l->most[name] || l->held[name] + bytes <= l->most[name]);
 
@@ -74,19 +75,19 @@ bool ledger_take(struct ledger *l, enum ledger_name name, uint64_t bytes)
 			l->peak_sum = l->sum > l->peak_sum ? l->sum : l->peak_sum;
 		}
 	}
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 	return fits;
 }
 
 void ledger_give(struct ledger *l, enum ledger_name name, uint64_t bytes)
 {
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	if (bytes > l->held[name])
 		abort(); /* not assert: a wrong budget must not go on in a release either */
 	l->left += claim(l, name, l->held[name]) - claim(l, name, l->held[name] - bytes);
 	l->held[name] -= bytes;
 	l->sum -= bytes;
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 }
 
 uint64_t ledger_total(const struct ledger *l)
@@ -96,10 +97,10 @@ uint64_t ledger_total(const struct ledger *l)
 
 static uint64_t read_number(struct ledger *l, const uint64_t *number)
 {
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	uint64_t n = *number;
 
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 	return n;
 }
 
@@ -110,12 +111,12 @@ uint64_t ledger_left(struct ledger *l)
 
 uint64_t ledger_room(struct ledger *l, enum ledger_name name)
 {
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	uint64_t held = l->held[name], room = l->left + claim(l, name, held) - held;
 
 	if (l->most[name] && room > l->most[name] - held)
 		room = l->most[name] - held;
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 	return room;
 }
 
@@ -143,10 +144,10 @@ uint64_t ledger_claimed(struct ledger *l, unsigned mask)
 {
 	uint64_t sum = 0;
 
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	for (unsigned i = 0; i < LEDGER_NAMES; i++)
 		sum += mask >> i & 1 ? claim(l, (enum ledger_name)i, l->held[i]) : 0;
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 	return sum;
 }
 

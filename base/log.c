@@ -10,7 +10,6 @@
 #include "log.h"
 
 #include <errno.h>
-#include <pthread.h>
 #include <stdarg.h>
 #include <stdatomic.h>
 #include <stdio.h>
@@ -21,6 +20,7 @@
 
 #include "clock.h"
 #include "err.h"
+#include "lock.h"
 #include "utf8.h"
 
 enum { LINE = 2048, FIELD = 512 };
@@ -215,7 +215,7 @@ static unsigned most_told(enum log_event event)
 	}
 }
 
-static pthread_mutex_t flood_lock = PTHREAD_MUTEX_INITIALIZER;
+static struct lock flood_lock = LOCK_STATIC(LOG);
 static struct flood {
 	uint64_t since_ns, hidden;
 	unsigned told;
@@ -233,12 +233,12 @@ void log_floods(bool all)
 	for (int i = 0; i < LOG_EVENTS; i++) {
 		struct flood *f = &floods[i], was = {0};
 
-		pthread_mutex_lock(&flood_lock);
+		lock_take(&flood_lock);
 		if (f->hidden && (all || clock_since(f->since_ns) >= FLOOD_SECONDS)) {
 			was = *f;
 			*f = (struct flood){0};
 		}
-		pthread_mutex_unlock(&flood_lock);
+		lock_give(&flood_lock);
 		if (was.hidden)
 			tell_hidden(LOG_HERE, (enum log_event)i, was.hidden, clock_since(was.since_ns));
 	}
@@ -254,7 +254,7 @@ static bool flooded(const struct log_place *place, enum log_event event)
 
 	if (!most)
 		return false;
-	pthread_mutex_lock(&flood_lock);
+	lock_take(&flood_lock);
 	if (!f->since_ns || clock_since(f->since_ns) >= FLOOD_SECONDS) {
 		hidden = f->hidden;
 		seconds = f->since_ns ? clock_since(f->since_ns) : 0;
@@ -263,7 +263,7 @@ static bool flooded(const struct log_place *place, enum log_event event)
 	over = f->told >= most;
 	f->told += !over;
 	f->hidden += over;
-	pthread_mutex_unlock(&flood_lock);
+	lock_give(&flood_lock);
 	tell_hidden(place, event, hidden, seconds);
 	return over;
 }

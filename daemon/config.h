@@ -126,7 +126,7 @@ void config_help(FILE *to);
 
 /* ---- memory ---- */
 
-/* The memory for a daemon that was not told (DESIGN of the command line): `limit` is the smallest cgroup
+/* The memory for a daemon that was not told: `limit` is the smallest cgroup
  * limit (UINT64_MAX: none), `machine` its bytes of RAM. */
 uint64_t config_memory(uint64_t limit, uint64_t machine, bool private);
 /* The most that one that was told may have; UINT64_MAX: anything. */

@@ -392,6 +392,7 @@ int main(int argc, char **argv)
 	char size[32];
 	int what, r;
 
+	io_take_standard();
 	log_init("acutd", LOG_LEVEL_INFO);
 	journal_open("acutd");
 	tame_malloc();

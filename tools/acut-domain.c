@@ -27,6 +27,7 @@
 #include "ledger.h"
 #include "parse.h"
 #include "pipe.h"
+#include "selection.h"
 #include "store.h"
 
 enum { INDEX_MEMORY = 4 << 20 };
@@ -117,16 +118,16 @@ static int parse_options(int argc, char **argv, struct options *o)
 
 static int select_into(struct session *s, int dirfd, struct err *err)
 {
-	struct pipe_select_params p = {.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
-	struct pipe_selected counts;
+	struct selection_params p = {.grid = s->grid, .view = &s->view, .memory = ledger_left(s->ledger), .dirfd = dirfd};
+	struct selection_counts counts;
 
-	return pipe_select(&p, &counts, err);
+	return selection_make(&p, &counts, err);
 }
 
 /* The grid of the selected points in place of the dataset's, in files that have no names any more. */
 static int select_own(struct session *s, struct err *err)
 {
-	static const char *const files[] = {PIPE_SELECT_MANIFEST, "counts", "selection.seg"};
+	static const char *const files[] = {SELECTION_MANIFEST, "counts", "selection.seg"};
 	const char *top = getenv("TMPDIR");
 	struct err ignored = ERR_INIT;
 	char path[4096];
@@ -144,7 +145,7 @@ static int select_own(struct session *s, struct err *err)
 		r = select_into(s, dirfd, err);
 		s->grid = grid_close(s->grid);
 		if (!r)
-			r = grid_open(dirfd, PIPE_SELECT_MANIFEST, GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
+			r = grid_open(dirfd, SELECTION_MANIFEST, GRID_NEWEST, s->ledger, INDEX_MEMORY, &s->grid, err);
 		for (size_t i = 0; i < sizeof files / sizeof files[0]; i++)
 			io_remove(dirfd, files[i], &ignored);
 		io_close(dirfd);
@@ -172,7 +173,7 @@ static int select_folder(struct session *s, const struct options *o, struct err 
 	text = view_text(&rest);
 	if (!text)
 		return err_set(err, ERR_NOMEM, "no memory for a view");
-	printf("%s/%s\t%s\n", o->out, PIPE_SELECT_MANIFEST, text);
+	printf("%s/%s\t%s\n", o->out, SELECTION_MANIFEST, text);
 	free(text);
 	return 0;
 }
@@ -226,16 +227,16 @@ static int print_plan(struct session *s, struct err *err)
 {
 	char text[CUT_REGION_TEXT_SIZE];
 	struct cut_plan plan = {0};
-	struct mesh_counts flat;
+	struct mesh_counts empty;
 	void *memory = domain_memory(s);
 	int r;
 
 	if (!memory)
 		return err_set(err, ERR_NOMEM, "no memory for planning (%zu bytes)", s->budget.domain_bytes);
-	r = pipe_plan(s->grid, &s->view, &s->budget, memory, &plan, &flat, err);
+	r = pipe_plan(s->grid, &s->view, &s->budget, memory, &plan, &empty, err);
 	free(memory);
-	if (r == PIPE_E_FLAT) {
-		fputs("acut-domain: all positions lie on one line: there is nothing to triangulate\n", stderr);
+	if (r == PIPE_E_EMPTY) {
+		fputs("acut-domain: the view takes no point: there is nothing to triangulate\n", stderr);
 		return 0;
 	}
 	if (r)
@@ -290,8 +291,10 @@ int main(int argc, char **argv)
 	struct err err = ERR_INIT;
 	struct session s = {0};
 	char text[1600];
-	int status = parse_options(argc, argv, &o), r;
+	int status, r;
 
+	io_take_standard();
+	status = parse_options(argc, argv, &o);
 	if (status >= 0)
 		return status;
 	r = session_open(&s, &o, &err);

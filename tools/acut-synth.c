@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "err.h"
+#include "io.h"
 #include "parse.h"
 #include "synth.h"
 
@@ -353,6 +354,7 @@ int main(int argc, char **argv)
 	double density = 0;
 	int option, rc;
 
+	io_take_standard();
 	signal(SIGPIPE, SIG_IGN);
 	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
 		if (option == OPT_HELP)

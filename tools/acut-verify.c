@@ -12,9 +12,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "check.h"
+#include "check_file.h"
 #include "clock.h"
 #include "err.h"
+#include "io.h"
 #include "verify.h"
 
 static const char help[] = "Usage: acut-verify [OPTION]... MESH [POINTS]...\n"
@@ -274,8 +275,11 @@ static void print_text(const struct verdict *v)
 		return;
 	}
 	printf("%s: good\n", v->name);
-	printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n", v->mesh.nvertex,
-	       v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+	if (v->mesh.ntriangle)
+		printf("  shape     %zu vertices, %zu triangles, %llu edges; one convex boundary of %llu vertices\n",
+		       v->mesh.nvertex, v->mesh.ntriangle, (unsigned long long)r->edges, (unsigned long long)r->hull);
+	else
+		printf("  shape     %zu vertices, no triangles: fewer than three, or all on one line\n", v->mesh.nvertex);
 	printf("  delaunay  %llu inner edges, %llu of them between cocircular vertices, by the tie rule\n",
 	       (unsigned long long)r->inner, (unsigned long long)r->ties);
 	printf("  digest    %s %s, %s\n", digest_hex(v->digest, hex[0]), digest_hex(v->vertex_digest, hex[1]),
@@ -328,6 +332,7 @@ int main(int argc, char **argv)
 	struct err err = ERR_INIT;
 	int option;
 
+	io_take_standard();
 	while ((option = getopt_long(argc, argv, "", long_options, NULL)) != -1) {
 		if (option == '?')
 			return 2; /* getopt has told */

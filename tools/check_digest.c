@@ -1,10 +1,10 @@
 /*
- * Digests from their description alone (DESIGN of the stream): XXH3-128 of 48 bytes a triangle and 24 a
+ * Digests from their description alone (proto/STREAM.md): XXH3-128 of 48 bytes a triangle and 24 a
  * vertex, halves summed apart. Straight from the library, sharing nothing with base/digest.c.
  */
 #include <xxhash.h>
 
-#include "check.h"
+#include "check_file.h"
 
 static void put(uint8_t *to, int64_t v)
 {

@@ -11,7 +11,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "check.h"
+#include "check_file.h"
 #include "err.h"
 #include "parse.h"
 

@@ -7,7 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "check.h"
+#include "check_file.h"
 #include "err.h"
 #include "input.h"
 #include "io.h"

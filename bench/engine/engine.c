@@ -140,7 +140,7 @@ static int mesh(struct grid *grid, uint64_t memory, int dirfd, struct err *err)
 	last = phase_cpu();
 	if (!r)
 		r = pipe_plan(grid, &b.view, &b.budget, b.memory, &b.plan, &flat, err);
-	if (r == PIPE_E_FLAT)
+	if (r == PIPE_E_EMPTY)
 		r = 0;
 	lap("plan", grid_points(grid));
 	if (!r)

@@ -7,7 +7,7 @@
 #include <time.h>
 
 #include "cut_source.h"
-#include "pipe_finish.h"
+#include "finish.h"
 #include "pipe_priv.h"
 #include "store.h"
 #include "stream.h"
@@ -133,7 +133,7 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 		 const struct pipe_budget *budget, void *memory, void *twice, struct phases *sum, struct mesh_domain *ret,
 		 uint64_t *ret_need, struct err *err)
 {
-	struct pipe_finish f = {0};
+	struct finish f = {0};
 	struct cut_load room;
 	struct tri *tri;
 	double from;
@@ -148,17 +148,17 @@ int phase_domain(const struct grid *grid, const struct view *view, const struct 
 	tri = pipe_domain_tri(grid, budget, budget->cap, memory, &room);
 	f.out.counts = room.counts;
 	if (triangulate(tri, room.n, sum)) {
-		pipe_finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
+		finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
 		from = phase_cpu();
-		pipe_finish_owned(&f);
+		finish_owned(&f);
 		lap(sum, PHASE_OWNED, &from);
-		fits = pipe_finish_vertices(&f);
+		fits = finish_vertices(&f);
 		lap(sum, PHASE_VERTICES, &from);
 		if (!fits) {
 			*ret_need = (uint64_t)room.n * 2;
 			return PIPE_E_SPLIT;
 		}
-		pipe_finish_numbers(&f);
+		finish_numbers(&f);
 		lap(sum, PHASE_NUMBERS, &from);
 	}
 	sum->open += f.out.nopen;

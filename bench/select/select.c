@@ -13,6 +13,7 @@
 #include "io.h"
 #include "parse.h"
 #include "pipe.h"
+#include "selection.h"
 
 static struct io_table counting;
 static uint64_t bytes_read;
@@ -61,13 +62,13 @@ static int ingest(int dirfd, const char *path, struct grid_segment_info *info, s
 static int one(const char *name, const struct grid *grid, const struct view *view, size_t memory, int dirfd, uint64_t segment,
 	       struct err *err)
 {
-	struct pipe_select_params p = {.grid = grid, .view = view, .memory = memory, .dirfd = dirfd};
+	struct selection_params p = {.grid = grid, .view = view, .memory = memory, .dirfd = dirfd};
 	double cpu = seconds(CLOCK_THREAD_CPUTIME_ID), wall = seconds(CLOCK_MONOTONIC), points = (double)grid_points(grid);
-	struct pipe_selected got;
+	struct selection_counts got;
 	int r;
 
 	bytes_read = 0;
-	r = pipe_select(&p, &got, err);
+	r = selection_make(&p, &got, err);
 	if (r)
 		return r;
 	printf("%-24s %10llu kept  %7.3f s CPU %7.3f s wall  %7.4f us a point  read %.3f of the segment\n", name,

@@ -27,14 +27,14 @@ struct stat;
 /* What the options said. Texts are NULL if not given; ctl_option_check has looked at them. */
 struct ctl_args {
 	bool json, quiet, no_progress, help, own_private;
-	bool header, strict, planar, accept_truncated, checksum, add, replace;
+	bool header, decimal_comma, strict, planar, accept_truncated, checksum, add, replace;
 	bool ground, surface, keep_withheld, keep_noise, drop_overlap;
 	bool all;       /* cache gc */
 	bool origin_of; /* config show */
 	bool canonical, no_clobber, wait, fresh, resume, files, removed, copy;
 	const char *socket, *timeout;
 	const char *memory, *threads, *cache, *disk, *keep_free;
-	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units;
+	const char *scale, *input_format, *manifest, *assume_crs, *crs, *assume_units, *override_crs, *override_units;
 	const char *columns;
 	const char *utm, *geoid, *geoid_way, *name;
 	const char *classes, *not_classes, *returns, *duplicates;
@@ -71,7 +71,7 @@ struct ctl {
 	bool for_reader;             /* without that reader there is no use in going on: -o -, wait, watch */
 };
 
-/* Exit statuses that are no error's (DESIGN of the command line). */
+/* Exit statuses that are no error's. */
 enum { CTL_DONE = 0, CTL_USAGE = 2, CTL_SOME_REFUSED = 3, CTL_PIPE = 141 };
 
 /* Which options a command takes: an option is allowed where its groups meet the command's. */
@@ -178,6 +178,15 @@ void ctl_remark(struct ctl *, const char *text);
 /* One line for people, unless --quiet or --json. */
 void ctl_note(struct ctl *, const char *fmt, ...) __attribute__((format(printf, 2, 3)));
 
+/* ---- ctl_outlier.c ---- */
+
+/* After a mesh was written: warnings of long edges and of many points at one position; "edges". */
+void ctl_outlier_warn(struct ctl *, const struct acut_report *, const struct format_report *);
+void ctl_outlier_most(struct ctl *, const struct acut_report *); /* of a job without outputs */
+/* Whether so many points at one position, of all at so many positions, are worth a word. */
+bool ctl_outlier_many(uint64_t at_one, uint64_t points, uint64_t positions);
+void ctl_outlier_json(struct ctl *, struct ctl_json *, const struct format_report *);
+
 /* ---- ctl_signal.c ---- */
 
 void ctl_signal_init(struct ctl *);
@@ -230,17 +239,29 @@ struct ctl_input {
 	struct timespec ctime;
 	const char *path; /* NULL, or its absolute one, which `name` is not */
 	int copier;       /* the process that empties the pipe; 0: none */
+	uint8_t *
+		head; /* of a pipe that was looked at: its first bytes, which are read already; at least 4, unless it has fewer */
+	unsigned nhead;
+	const char *label;           /* NULL, or by --name: what it is called in the dataset */
+	struct ctl_archive *archive; /* NULL, or whose member it is (ctl_archive.h), by number; then `kept` is that, unpacked */
+	size_t member;
 };
 struct ctl_inputs {
 	struct ctl_input *input;
 	size_t n, room;
 	bool each;          /* what became of each is told by the caller: that all were refused is no failure of its own */
 	const double *crop; /* NULL, or the box (x1, y1, x2, y2) that is all that will be asked for */
+	struct ctl_archive *archives; /* of its members */
 };
+/* What folders and archives are searched for. */
+#define CTL_INPUT_ENDINGS ".las, .laz, .ptx, .xyz or .pts"
+bool ctl_input_is_survey(const char *name, size_t n);
 /* Files, folders (their survey files, sorted), lists (@FILE), "-". */
 int ctl_input_gather(struct ctl *, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err);
-/* *ret_fd is the caller's; -1 of a pipe. */
-int ctl_input_open(const struct ctl_input *, int *ret_fd, struct err *err);
+/* One more. `fd` is -1, or the reading end of a pipe, which is taken over. */
+int ctl_input_add(struct ctl_inputs *, const char *name, int fd, struct err *err);
+/* *ret_fd is the caller's; -1 of a pipe. Of an archive's member: it is unpacked, and stays so (ctl_archive_drop). */
+int ctl_input_open(struct ctl *, struct ctl_input *, int *ret_fd, struct err *err);
 void ctl_input_close(const struct ctl_input *, int fd);
 /* Whether it is still the file that was seen, and as it was. */
 bool ctl_input_unchanged(const struct ctl_input *, const struct stat *);
@@ -250,6 +271,11 @@ void ctl_input_done(struct ctl_inputs *);
 /* -ERR_USAGE if an output is one of the inputs. */
 int ctl_input_not_output(const struct ctl_inputs *, const struct ctl_args *, struct err *err);
 
+/* ---- ctl_temp.c ---- */
+
+/* A file without a name. *ret_folder: where it is, for messages. */
+int ctl_temp_open(const char **ret_folder, int *ret_fd, struct err *err);
+
 /* ---- ctl_manifest.c ---- */
 
 /* Every input against args.manifest; the error names the first that does not agree, its hint the others. */
@@ -257,6 +283,10 @@ int ctl_manifest_check(struct ctl *, struct ctl_inputs *, struct err *err);
 
 /* ---- ctl_pipe.c ---- */
 
+/* Reads the first bytes of a pipe, to see what it holds; who copies it begins with them. */
+int ctl_pipe_look(struct ctl *, struct ctl_input *, struct err *err);
+/* What the daemon, which connects if need be, says of a file that begins so: -ERR_INPUT where it is none that can be read. */
+int ctl_pipe_check(struct ctl *, const struct ctl_input *, struct err *err);
 /* Lets the daemon make a pipe and starts a process that copies into it. Prints its failure; exit status. */
 int ctl_pipe_start(struct ctl_input *, struct acut_push *, struct ctl *);
 /* After the input was staged: whether all of it was copied. */
@@ -333,10 +363,11 @@ void ctl_progress_clear(struct ctl *);
 void ctl_list_begin(struct ctl *);
 const char *ctl_progress_time(double seconds, char buf[24]); /* 1:02:03 */
 
-/* ---- ctl_assume.c: what is taken for inputs that say nothing ---- */
+/* ---- ctl_assume.c: what is taken for inputs that say nothing, or in place of what they say ---- */
 
 struct ctl_assume {
 	char *crs, unit_xy[16], unit_z[16]; /* NULL, "": nothing */
+	bool overrides;                     /* in place of what the inputs say */
 	bool no_crs, no_unit_xy, no_unit_z; /* of the inputs seen: still unknown */
 };
 /* The text of a CRS: the word, or what is in the file of that name. `*ret` is the caller's. */
@@ -344,8 +375,10 @@ int ctl_assume_crs(const char *word, const char *option, char **ret, struct err 
 int ctl_assume_read(const struct ctl_args *, struct ctl_assume *ret, struct err *err);
 void ctl_assume_options(const struct ctl_assume *, struct acut_push_options *); /* borrows the texts */
 void ctl_assume_seen(struct ctl_assume *, const struct acut_probe *);
-void ctl_assume_warn(struct ctl *, const struct ctl_assume *); /* once a push */
+void ctl_assume_warn(struct ctl *, const struct ctl_assume *); /* once a dataset */
 void ctl_assume_done(struct ctl_assume *);
+struct ctl_staged;
+void ctl_assume_text(struct ctl *, const struct ctl_staged *); /* whose word was overridden */
 
 /* ---- ctl_stage.c: inputs into a dataset ---- */
 
@@ -360,11 +393,13 @@ struct ctl_staged {
 		bool refused;
 		int known; /* of struct acut_probe */
 		uint64_t points, moved, bytes_read, bytes;
+		uint64_t left_out; /* lines */
 		bool partial;
 		uint32_t replaced; /* files of the dataset */
 		double shift[3];
 		char *warning;        /* NULL: none */
 		char *projected_from; /* of its degrees; NULL: they were not projected */
+		char *overridden;     /* what its records say, in place of which something else was taken; NULL: nothing was */
 		uint64_t shifted;     /* heights, by a geoid; by how many metres */
 		double height[3];     /* smallest, mean, largest */
 		struct err err;
@@ -437,6 +472,8 @@ static inline char *ctl_job_count(uint64_t n, char buf[32])
 /* "12 of 340 domains made", or "340 domains". */
 char *ctl_job_domains(const struct acut_report *, char *buf, size_t size);
 /* The keys of a report, from "points" to "peak_rss_bytes"; all null without one. */
+/* The position that most points share, as "most". */
+void ctl_job_most(struct ctl_json *, uint64_t points, const double at[2]);
 void ctl_job_report(struct ctl_json *, const struct acut_report * /* or NULL */);
 /* "notes": the sentences of a report, none without one. */
 void ctl_job_notes(struct ctl_json *, const struct acut_report * /* or NULL */);
@@ -457,6 +494,7 @@ extern const struct ctl_input_format {
 	const char *name, *extensions, *help;
 } ctl_formats_input[];
 /* "laz" is an extension of las. */
+extern const struct ctl_input_format ctl_formats_archive[]; /* unpacked here: no values of --input-format */
 bool ctl_formats_extension(const struct ctl_input_format *, const char *word);
 
 /* ---- commands ---- */

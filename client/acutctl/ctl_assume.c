@@ -1,7 +1,7 @@
 /*
- * --assume-crs and --assume-units: what is taken for inputs that say nothing. Here the words become texts for
- * the daemon, which knows coordinate systems; a WKT may stand in a file. And the one sentence that says what is
- * still unknown.
+ * --assume-crs and --assume-units: what is taken for inputs that say nothing. --override-crs and --override-units:
+ * what is taken in place of what they say. Here the words become texts for the daemon, which knows coordinate systems;
+ * a WKT may stand in a file. And the sentences that say what is still unknown, and whose word was overridden.
  */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -66,32 +66,46 @@ static bool is_unit(const char *text)
 	return false;
 }
 
-int ctl_assume_read(const struct ctl_args *a, struct ctl_assume *ret, struct err *err)
+static int read_units(const char *units, const char *option, struct ctl_assume *ret, struct err *err)
 {
-	const char *units = a->assume_units, *comma = units ? strchr(units, ',') : NULL;
-	size_t n = units ? (comma ? (size_t)(comma - units) : strlen(units)) : 0;
+	const char *comma = strchr(units, ',');
+	size_t n = comma ? (size_t)(comma - units) : strlen(units);
 	bool good;
 
-	*ret = (struct ctl_assume){0};
-	if (units) {
-		if (n < sizeof(ret->unit_xy))
-			memcpy(ret->unit_xy, units, n);
-		snprintf(ret->unit_z, sizeof(ret->unit_z), "%s", comma ? comma + 1 : "");
-		good = n < sizeof(ret->unit_xy) && (!comma || strlen(comma + 1) < sizeof(ret->unit_z)) &&
-		       (is_unit(ret->unit_xy) || (!n && comma)) && (!comma || is_unit(ret->unit_z));
-		if (!good) {
-			err_set(err, ERR_USAGE, "--assume-units is not UNIT[,UNIT] of m, ft and ftUS: \"%s\"", units);
-			return err_add_hint(err, "the first is of x and y, the second of z; ,ft says z alone");
-		}
+	if (n < sizeof(ret->unit_xy))
+		memcpy(ret->unit_xy, units, n);
+	snprintf(ret->unit_z, sizeof(ret->unit_z), "%s", comma ? comma + 1 : "");
+	good = n < sizeof(ret->unit_xy) && (!comma || strlen(comma + 1) < sizeof(ret->unit_z)) &&
+	       (is_unit(ret->unit_xy) || (!n && comma)) && (!comma || is_unit(ret->unit_z));
+	if (good)
+		return 0;
+	err_set(err, ERR_USAGE, "%s is not UNIT[,UNIT] of m, ft and ftUS: \"%s\"", option, units);
+	return err_add_hint(err, "the first is of x and y, the second of z; ,ft says z alone");
+}
+
+int ctl_assume_read(const struct ctl_args *a, struct ctl_assume *ret, struct err *err)
+{
+	bool over = a->override_crs || a->override_units;
+	const char *crs = over ? a->override_crs : a->assume_crs, *units = over ? a->override_units : a->assume_units;
+
+	*ret = (struct ctl_assume){.overrides = over};
+	if (over && (a->assume_crs || a->assume_units)) {
+		err_set(err, ERR_USAGE,
+			"%s is for inputs that say nothing, %s is in place of what they say: both at once contradict",
+			a->assume_crs ? "--assume-crs" : "--assume-units",
+			a->override_crs ? "--override-crs" : "--override-units");
+		return err_add_hint(err, "what overrides holds for all inputs, also for those that say nothing");
 	}
-	return a->assume_crs ? ctl_assume_crs(a->assume_crs, "--assume-crs", &ret->crs, err) : 0;
+	if (units && read_units(units, over ? "--override-units" : "--assume-units", ret, err))
+		return -(int)err->code;
+	return crs ? ctl_assume_crs(crs, over ? "--override-crs" : "--assume-crs", &ret->crs, err) : 0;
 }
 
 void ctl_assume_options(const struct ctl_assume *a, struct acut_push_options *opt)
 {
-	opt->assume_crs = a->crs;
-	opt->assume_unit_xy = a->unit_xy;
-	opt->assume_unit_z = a->unit_z;
+	*(a->overrides ? &opt->override_crs : &opt->assume_crs) = a->crs;
+	*(a->overrides ? &opt->override_unit_xy : &opt->assume_unit_xy) = a->unit_xy;
+	*(a->overrides ? &opt->override_unit_z : &opt->assume_unit_z) = a->unit_z;
 }
 
 void ctl_assume_done(struct ctl_assume *a)
@@ -131,4 +145,24 @@ void ctl_assume_warn(struct ctl *ctl, const struct ctl_assume *a)
 			  "",
 		 n > 1 ? what[1] : "", n == 3 ? " and " : "", n == 3 ? what[2] : "", n == 1 ? "is" : "are",
 		 a->no_crs ? "--assume-crs and --assume-units say what they are" : "--assume-units says it");
+}
+
+/* The first input by name, of the others their number. */
+void ctl_assume_text(struct ctl *ctl, const struct ctl_staged *staged)
+{
+	const struct ctl_staged_file *first = NULL;
+	unsigned n = 0;
+	char more[64] = "";
+
+	for (size_t i = 0; staged && i < staged->nfile; i++) {
+		if (staged->file[i].refused || !staged->file[i].overridden)
+			continue;
+		first = first ? first : &staged->file[i];
+		n++;
+	}
+	if (!first)
+		return;
+	if (n > 1)
+		snprintf(more, sizeof(more), ", and those of %u more input%s", n - 1, n == 2 ? "" : "s");
+	ctl_note(ctl, "overridden: what the records of %s say (%s)%s", first->name, first->overridden, more);
 }

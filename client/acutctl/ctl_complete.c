@@ -194,6 +194,8 @@ static void offer_inputs(void)
 		all[n] = ctl_formats_input[n].extensions;
 		n++;
 	}
+	for (size_t i = 0; n < 16 && ctl_formats_archive[i].name; i++)
+		all[n++] = ctl_formats_archive[i].extensions;
 	offer_files(all, n);
 }
 

@@ -51,7 +51,7 @@ int ctl_connect_try(struct ctl *ctl, struct err *err)
 	const char *path = ctl_connect_path(ctl);
 	int r;
 
-	if (a->memory || a->threads || a->cache || a->disk || a->keep_free) {
+	if (!a->own_private && (a->memory || a->threads || a->cache || a->disk || a->keep_free)) {
 		r = ctl_private_own(ctl, err);
 	} else if (path) {
 		r = connect_to(ctl, path, err);

@@ -19,6 +19,7 @@
 #include <unistd.h>
 
 #include "clock.h"
+#include "io_place.h"
 
 #define MARK "acut-copy"
 #define STORE "acut-state"
@@ -130,14 +131,10 @@ int ctl_copy_begin(struct ctl_copy *c, struct err *err)
 
 	c->begun_us = clock_real_us();
 	c->storefd = -1;
-	made = mkdir(c->dir, 0700) == 0;
-	if (!made && errno != EEXIST) {
-		c->dirfd = -1;
-		return failed(err, "cannot make the folder", c->dir);
-	}
-	c->dirfd = open(c->dir, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	if (c->dirfd < 0)
-		return failed(err, "cannot open the folder", c->dir);
+	c->dirfd = -1;
+	r = io_place_folder(c->dir, 0700, &c->dirfd, &made, err);
+	if (r)
+		return r;
 	r = check_place(c, err);
 	if (r) {
 		if (made)

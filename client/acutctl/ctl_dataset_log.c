@@ -23,8 +23,13 @@ static const struct ctl_column generations[] = {
 
 /* With --files: a row a file. */
 static const struct ctl_column files[] = {
-	{"GENERATION", .right = true}, {"KIND"}, {"CHANGE"}, {"FILE", .shrink = true}, {"POINTS", .right = true},
+	{"GENERATION", .right = true},
+	{"KIND"},
+	{"CHANGE"},
+	{"FILE", .shrink = true},
+	{"POINTS", .right = true},
 	{"HASH", .spare = true},
+	{"OVERRIDDEN", .spare = true},
 };
 
 static void row_json(struct logging *l, const struct acut_generation *g)
@@ -110,6 +115,7 @@ static void file(void *ctx, const struct acut_log_file *f)
 		ctl_table_text(t, "%s", known_as(f));
 		ctl_table_count(t, f->points);
 		ctl_table_text(t, "%s", f->hash);
+		ctl_table_text(t, "%s", f->overridden);
 		return;
 	}
 	ctl_json_open(j, NULL, '{');
@@ -119,6 +125,7 @@ static void file(void *ctx, const struct acut_log_file *f)
 	ctl_json_u64(j, "bytes", f->size);
 	ctl_json_known(j, "hash", f->hash);
 	ctl_json_bool(j, "removed", f->removed);
+	ctl_json_known(j, "overridden", f->overridden);
 	ctl_json_u64(j, "source", f->source);
 	ctl_json_close(j, '}');
 }

@@ -6,8 +6,15 @@
 
 const struct ctl_input_format ctl_formats_input[] = {
 	{"las", ".las .laz", "ASPRS LAS 1.0 to 1.5 and LAZ, point formats 0 to 10"},
+	{"ptx", ".ptx", "scans of a scanner that stands (Leica, FARO): cells by column and row, each scan with its matrix"},
 	{"pts", ".pts", "text with the number of points in its first line, then as xyz"},
 	{"xyz", ".xyz .txt .csv .asc", "text, one point a line: x y z or --columns; space, tab, comma or semicolon"},
+	{0},
+};
+
+const struct ctl_input_format ctl_formats_archive[] = {
+	{"gz", ".gz", "a file packed by gzip: unpacked, then as what is in it"},
+	{"zip", ".zip", "an archive: the survey files in it, each unpacked, then as what it is"},
 	{0},
 };
 
@@ -57,6 +64,8 @@ int ctl_formats_run(struct ctl *ctl)
 
 	for (size_t i = 0; ctl_formats_input[i].name; i++)
 		row(ctl, t, "in", ctl_formats_input[i].name, ctl_formats_input[i].extensions, ctl_formats_input[i].help);
+	for (size_t i = 0; ctl_formats_archive[i].name; i++)
+		row(ctl, t, "in", ctl_formats_archive[i].name, ctl_formats_archive[i].extensions, ctl_formats_archive[i].help);
 	for (size_t i = 0; i < n; i++)
 		row(ctl, t, "out", rows[i]->name, rows[i]->extensions, rows[i]->help);
 	ctl_table_free(t);

@@ -89,7 +89,7 @@ int ctl_geoid_file(struct ctl *ctl, const char *path, const char *name, char ret
 		snprintf(ret_name, 128, "%s", name);
 	else
 		name_of(path, ret_name, 128);
-	if (ctl_input_open(&in, &fd, &err))
+	if (ctl_input_open(ctl, &in, &fd, &err))
 		return ctl_error(ctl, &err);
 	r = acut_geoid_add(ctl->acut, fd, ret_name, path, ret);
 	close(fd);

@@ -1,7 +1,9 @@
 /* info: what the headers of files say, as the daemon reads them, and (without --header) what their records are. */
+#include <math.h>
 #include <string.h>
 
 #include "ctl.h"
+#include "ctl_archive.h"
 #include "ctl_term.h"
 
 static void print_system(FILE *out, const struct acut_probe *p)
@@ -13,10 +15,20 @@ static void print_system(FILE *out, const struct acut_probe *p)
 	else if (p->epsg || p->epsg_z)
 		snprintf(epsg, sizeof(epsg), p->epsg ? "%u" : "unknown, heights %u", p->epsg ? p->epsg : p->epsg_z);
 	ctl_term_field(out, "  plane", "%s", p->plane);
-	ctl_term_field(out, "  crs", "%s", p->crs);
+	ctl_term_field(out, "  crs", *p->crs_name ? "%s (%s)" : "%s", p->crs, p->crs_name);
 	ctl_term_field(out, "  epsg", "%s", epsg);
 	ctl_term_field(out, "  datum", "%s", p->datum[0] ? p->datum : "unknown");
 	ctl_term_field(out, "  units", "%s, heights %s", p->unit_xy, p->unit_z);
+}
+
+/* A text without points has none. */
+static void print_box(FILE *out, const struct acut_probe *p)
+{
+	if (isfinite(p->min[0]) && isfinite(p->min[1]) && isfinite(p->min[2]))
+		ctl_term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
+			       p->max[1], p->max[2]);
+	else
+		ctl_term_field(out, "  box", "none");
 }
 
 static void print(struct ctl *ctl, const struct acut_probe *p)
@@ -27,8 +39,7 @@ static void print(struct ctl *ctl, const struct acut_probe *p)
 	ctl_term_line(out, "%s", p->name);
 	ctl_term_field(out, "  format", "%s", p->variant[0] ? p->variant : p->format);
 	ctl_term_field(out, "  points", "%s", ctl_job_count(p->points, a));
-	ctl_term_field(out, "  box", "%.15g %.15g %.15g to %.15g %.15g %.15g", p->min[0], p->min[1], p->min[2], p->max[0],
-		       p->max[1], p->max[2]);
+	print_box(out, p);
 	ctl_term_field(out, "  scale", "%s %s %s", p->scale[0], p->scale[1], p->scale[2]);
 	ctl_term_field(out, "  offset", "%s %s %s", p->offset[0], p->offset[1], p->offset[2]);
 	print_system(out, p);
@@ -79,31 +90,39 @@ static void print_json(struct ctl *ctl, const struct acut_probe *p, const struct
 	three_texts(&j, "offset", p->offset);
 	ctl_job_units(&j, p->crs, p->unit_xy, p->unit_z);
 	ctl_json_known(&j, "plane", p->plane);
+	ctl_json_known(&j, "crs_name", p->crs_name);
 	ctl_json_known(&j, "datum", p->datum);
 	number(&j, "epsg", p->epsg);
 	number(&j, "epsg_z", p->epsg_z);
+	ctl_json_u64(&j, "lines_left_out", p->left_out);
+	if (p->left_out)
+		ctl_json_u64(&j, "first_left_out", p->left_out_line);
+	else
+		ctl_json_text(&j, "first_left_out", NULL);
 	ctl_json_known(&j, "warning", p->warning);
 	ctl_inspect_json(&j, in);
 	ctl_json_close(&j, '}');
 	ctl_json_line(&j);
 }
 
-static int info(struct ctl *ctl, const struct ctl_input *in)
+static int info(struct ctl *ctl, struct ctl_input *in)
 {
 	const struct acut_inspected *records = NULL;
 	const struct acut_probe *p = NULL;
 	struct err err = ERR_INIT;
-	int fd, r = in->fd < 0 ? ctl_input_open(in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
+	int fd, r = in->fd < 0 ? ctl_input_open(ctl, in, &fd, &err) : ctl_pipe_keep(ctl, in, &fd, &err);
 
 	if (r)
 		return ctl_error(ctl, &err);
-	if (ctl->args.header) {
+	r = acut_decimal_comma(ctl->acut, ctl->args.decimal_comma);
+	if (!r && ctl->args.header) {
 		r = acut_info(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &p);
-	} else {
+	} else if (!r) {
 		r = acut_inspect(ctl->acut, fd, in->name, ctl->args.input_format, ctl->args.columns, &records);
 		p = r ? NULL : &records->header;
 	}
 	ctl_input_close(in, fd);
+	ctl_archive_drop(in);
 	if (r) {
 		ctl_error_from_acut(ctl->acut, in->name, &err);
 		return ctl_error(ctl, &err);

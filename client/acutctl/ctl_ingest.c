@@ -14,6 +14,9 @@
  * and the others go with the next push, which finds it there, or takes one of them in its stead. Where the first was refused for
  * what is in it the others are refused with it, unpushed.
  *
+ * An archive is as many inputs as it has survey files (ctl_archive.c). It is moved to failed/ if one of them was refused; the
+ * others are in the dataset all the same.
+ *
  * Only regular files that lie in the folder itself are looked at, and no link is followed. Two passes over one folder keep
  * out of each other's way by a lock on the folder.
  */
@@ -27,6 +30,7 @@
 #include <unistd.h>
 
 #include "clock.h"
+#include "ctl_archive.h"
 #include "ctl_ingest.h"
 #include "digest.h"
 #include "parse.h"
@@ -55,6 +59,12 @@ struct ingest {
 struct batch {
 	struct ctl_drop_file **file;
 	size_t n;
+};
+
+/* The inputs of a push, and of which file of its batch each is. */
+struct sent {
+	struct ctl_inputs in;
+	size_t *of;
 };
 
 /* False: it cannot be read whole; that is for its push to tell. */
@@ -164,25 +174,40 @@ static const char *put_away(struct ingest *g, struct ctl_drop_file *f, const str
 	return NULL;
 }
 
+/* Why a file is refused: as its first input that is. NULL: it is not. `of` NULL: each input is a file. */
+static const struct err *why_refused(const struct ctl_staged *s, const size_t *of, size_t file)
+{
+	for (size_t i = 0; i < s->nfile; i++)
+		if ((of ? of[i] : i) == file && s->file[i].refused)
+			return &s->file[i].err;
+	return NULL;
+}
+
 /* Each file of a push that was made, or of which files were refused. */
-static int put_away_all(struct ingest *g, const struct batch *b, const struct ctl_staged *s)
+static int put_away_all(struct ingest *g, const struct batch *b, const struct ctl_staged *s, const size_t *of)
 {
 	struct ctl_drop_name *names = calloc(b->n, sizeof(*names));
-	const char **moved = calloc(b->n, sizeof(*moved));
+	const char **moved = calloc(b->n, sizeof(*moved)), **told = calloc(s->nfile + 1, sizeof(*told));
 	struct err err = ERR_INIT;
 	int status = 0;
 
-	if (!names || !moved) {
+	if (!names || !moved || !told) {
 		err_set(&err, ERR_NOMEM, "no memory for %zu file names", b->n);
 		status = ctl_error(g->ctl, &err);
 	}
-	for (size_t i = 0; !status && i < b->n; i++)
-		if (s->committed || s->file[i].refused)
-			moved[i] = put_away(g, b->file[i], s->file[i].refused ? &s->file[i].err : NULL, &names[i]);
-	if (!status && (s->committed || s->refused == b->n))
-		status = ctl_push_report(g->ctl, s, moved);
+	for (size_t i = 0; !status && i < b->n; i++) {
+		const struct err *why = why_refused(s, of, i);
+
+		if (s->committed || why)
+			moved[i] = put_away(g, b->file[i], why, &names[i]);
+	}
+	for (size_t i = 0; !status && i < s->nfile; i++)
+		told[i] = moved[of ? of[i] : i];
+	if (!status && (s->committed || s->refused == s->nfile))
+		status = ctl_push_report(g->ctl, s, told);
 	free(names);
 	free(moved);
+	free(told);
 	return status;
 }
 
@@ -217,39 +242,77 @@ static int alone(struct ingest *g, struct ctl_drop_file *f, int status)
 	return g->stuck < STUCK_MAX ? 0 : status;
 }
 
+static void sent_done(struct sent *t)
+{
+	ctl_input_done(&t->in);
+	free(t->of);
+}
+
+static int send_file(struct ingest *g, const struct ctl_input *file, struct ctl_inputs *in, struct err *err)
+{
+	bool is = false;
+	char *name;
+	int r = ctl_archive_add(g->ctl, in, file, false, &is, err);
+
+	if (r || is)
+		return r;
+	r = ctl_input_add(in, file->name, -1, err);
+	if (r)
+		return r;
+	name = in->input[in->n - 1].name;
+	in->input[in->n - 1] = *file;
+	in->input[in->n - 1].name = name;
+	return 0;
+}
+
+/* The batch as inputs. */
+static int send(struct ingest *g, const struct batch *b, struct sent *ret, struct err *err)
+{
+	*ret = (struct sent){.in.each = true};
+	for (size_t i = 0; i < b->n; i++) {
+		size_t before = ret->in.n, *grown;
+		int r = send_file(g, &b->file[i]->in, &ret->in, err);
+
+		grown = r ? NULL : realloc(ret->of, (ret->in.n + 1) * sizeof(*ret->of));
+		if (!grown) {
+			r = r ? r : err_set(err, ERR_NOMEM, "no memory for %zu inputs", ret->in.n);
+			sent_done(ret);
+			return r;
+		}
+		ret->of = grown;
+		for (size_t k = before; k < ret->in.n; k++)
+			ret->of[k] = i;
+	}
+	return 0;
+}
+
 /* 0, or the status that ends the pass. What was told stays told. */
 static int push(struct ingest *g, struct batch b)
 {
 	struct ctl *ctl = g->ctl;
-	struct ctl_inputs in = {.n = b.n, .each = true};
 	struct ctl_staged staged = {.nfile = 0};
+	struct sent sent;
+	struct err err = ERR_INIT;
 	bool made = false;
 	int status;
 
-	in.input = calloc(b.n, sizeof(*in.input));
-	if (!in.input) {
-		struct err err = ERR_INIT;
-
-		err_set(&err, ERR_NOMEM, "no memory for %zu inputs", b.n);
+	if (send(g, &b, &sent, &err))
 		return ctl_error(ctl, &err);
-	}
-	for (size_t i = 0; i < b.n; i++)
-		in.input[i] = b.file[i]->in;
 	status = ctl->acut ? 0 : ctl_connect(ctl);
 	if (!status) {
-		status = ctl_stage(ctl, ctl->args.word[0], &in, &staged);
-		made = staged.committed || staged.refused == b.n || (ctl->args.strict && staged.refused);
+		status = ctl_stage(ctl, ctl->args.word[0], &sent.in, &staged);
+		made = staged.committed || staged.refused == sent.in.n || (ctl->args.strict && staged.refused);
 	}
 	if (made) {
-		int told = put_away_all(g, &b, &staged);
+		int told = put_away_all(g, &b, &staged, sent.of);
 
-		status = told ? told : staged.committed || staged.refused == b.n ? 0 : status;
+		status = told ? told : staged.committed || staged.refused == sent.in.n ? 0 : status;
 	}
 	/* A push that was left ends with its connection. */
 	if (!staged.committed)
 		ctl_disconnect(ctl);
 	ctl_stage_done(&staged);
-	free(in.input);
+	sent_done(&sent);
 	if (!status || made || ctl_signal_interrupted(ctl) || !may_be_one(ctl->failure.code))
 		return status;
 	if (b.n == 1)
@@ -308,7 +371,7 @@ static int refuse_twins(struct ingest *g, struct ctl_drop_file **list, size_t *n
 	s.nfile = s.refused = b.n;
 	snprintf(s.dataset, sizeof(s.dataset), "%s", g->ctl->args.word[0]);
 	if (b.n)
-		status = put_away_all(g, &b, &s);
+		status = put_away_all(g, &b, &s, NULL);
 	*n = kept;
 	free(s.file);
 	free(b.file);

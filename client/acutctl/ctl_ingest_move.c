@@ -15,6 +15,7 @@
 
 #include "clock.h"
 #include "ctl_ingest.h"
+#include "io_place.h"
 
 enum { NUMBERS_MAX = 100000 };
 
@@ -44,14 +45,16 @@ int ctl_drop_open(struct ctl_drop *d, const char *name, struct err *err)
 {
 	int sys;
 
-	*d = (struct ctl_drop){.name = name, .done = -1, .failed = -1};
-	d->fd = open(name, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-	sys = errno;
-	if (d->fd < 0) {
-		if (sys == ENOENT || sys == ENOTDIR || sys == ELOOP)
+	*d = (struct ctl_drop){.name = name, .fd = -1, .done = -1, .failed = -1};
+	if (io_place_folder(name, 0, &d->fd, NULL, err)) {
+		sys = err->sys;
+		if (sys == ENOENT || sys == ENOTDIR || sys == ELOOP) {
+			err_clear(err);
 			err_set(err, ERR_INPUT, "there is no such folder: %s", strerror(sys));
-		else
+		} else if (sys) {
+			err_clear(err);
 			err_sys(err, sys, "the folder cannot be opened");
+		}
 		return err_add_file(err, name);
 	}
 	if (name[0] == '/') {

@@ -1,7 +1,7 @@
 /*
  * Words of the command line to inputs. A folder stands for the survey files in it and below, in byte order of
- * their paths; "@FILE" for the names in it, one a line; "-" for standard input. A file that is named is never judged by its
- * extension.
+ * their paths, an archive for those in it (ctl_archive.c); "@FILE" for the names in it, one a line; "-" for standard input. A
+ * file that is named is never judged by its extension.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -14,24 +14,26 @@
 
 #include "clock.h"
 #include "ctl.h"
+#include "ctl_archive.h"
 
 /* What a folder is searched for. Files of a kind that this version cannot read are in the list too: the
  * daemon refuses them by name, so that nothing is left out in silence. */
-static const char *const extension[] = {".las", ".laz", ".xyz", ".pts"};
+static const char *const extension[] = {".las", ".laz", ".ptx", ".xyz", ".pts"};
 
 #define DEPTH 64
 
-static bool is_survey(const char *name)
+bool ctl_input_is_survey(const char *name, size_t n)
 {
-	const char *dot = strrchr(name, '.');
+	for (size_t i = 0; i < sizeof(extension) / sizeof(*extension); i++) {
+		size_t m = strlen(extension[i]);
 
-	for (size_t i = 0; dot && dot != name && i < sizeof(extension) / sizeof(*extension); i++)
-		if (!strcasecmp(dot, extension[i]))
+		if (n > m && name[n - m - 1] != '/' && !strncasecmp(name + n - m, extension[i], m))
 			return true;
+	}
 	return false;
 }
 
-static int add(struct ctl_inputs *in, const char *name, int fd, struct err *err)
+int ctl_input_add(struct ctl_inputs *in, const char *name, int fd, struct err *err)
 {
 	if (in->n == in->room) {
 		size_t room = in->room ? 2 * in->room : 16;
@@ -64,7 +66,16 @@ static int by_name(const struct dirent **a, const struct dirent **b)
 	return strcmp((*a)->d_name, (*b)->d_name);
 }
 
-static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, struct err *err)
+/* A file that is named, or one of a folder: an archive's members, else itself. */
+static int add_file(struct ctl *ctl, struct ctl_inputs *in, const char *name, bool from_folder, struct err *err)
+{
+	bool is = false;
+	int r = ctl_archive_add(ctl, in, &(struct ctl_input){.name = (char *)name, .fd = -1}, from_folder, &is, err);
+
+	return r || is ? r : ctl_input_add(in, name, -1, err);
+}
+
+static int add_folder(struct ctl *ctl, struct ctl_inputs *in, const char *path, unsigned depth, struct err *err)
 {
 	struct dirent **entry;
 	int n = scandir(path, &entry, NULL, by_name), r = 0;
@@ -82,9 +93,10 @@ static int add_folder(struct ctl_inputs *in, const char *path, unsigned depth, s
 		}
 		if (!r && name && !lstat(name, &st)) {
 			if (S_ISDIR(st.st_mode) && depth < DEPTH)
-				r = add_folder(in, name, depth + 1, err);
-			else if (is_survey(name) && !stat(name, &st) && S_ISREG(st.st_mode))
-				r = add(in, name, -1, err);
+				r = add_folder(ctl, in, name, depth + 1, err);
+			else if ((ctl_input_is_survey(name, strlen(name)) || ctl_archive_named(name)) && !stat(name, &st) &&
+				 S_ISREG(st.st_mode))
+				r = add_file(ctl, in, name, true, err);
 		}
 		free(name);
 		free(entry[i]);
@@ -100,12 +112,7 @@ static int add_pipe(struct ctl *ctl, struct ctl_inputs *in, const char *name, in
 {
 	if (fd < 0)
 		return open_failed(name, err);
-	if (!ctl->args.input_format) {
-		close(fd);
-		err_set(err, ERR_USAGE, "what %s holds is not known", name);
-		return err_add_hint(err, "say it with --input-format, as in --input-format xyz");
-	}
-	if (!add(in, name, fd, err))
+	if (!ctl_input_add(in, name, fd, err))
 		return 0;
 	close(fd);
 	return -(int)err->code;
@@ -132,18 +139,19 @@ static int add_word(struct ctl *ctl, struct ctl_inputs *in, const char *word, bo
 		return add_list(ctl, in, word + 1, err);
 	if (!stat(word, &st) && S_ISDIR(st.st_mode)) {
 		size_t before = in->n;
-		int r = add_folder(in, word, 0, err);
+		int r = add_folder(ctl, in, word, 0, err);
 		if (!r && in->n == before) {
 			err_set(err, ERR_INPUT, "the folder holds no survey files");
 			err_add_file(err, word);
-			return err_add_hint(err, "files ending in .las, .laz, .xyz or .pts are taken from folders; name others");
+			return err_add_hint(err, "files ending in " CTL_INPUT_ENDINGS
+						 ", packed by gzip or not, and .zip are taken from folders; name others");
 		}
 		return r;
 	}
 	if (!stat(word, &st) && S_ISFIFO(st.st_mode))
 		/* not waiting for a writer: whoever waits for the daemon can be interrupted */
 		return add_pipe(ctl, in, word, open(word, O_RDONLY | O_CLOEXEC | O_NONBLOCK), err);
-	return add(in, word, -1, err);
+	return add_file(ctl, in, word, false, err);
 }
 
 static int add_list(struct ctl *ctl, struct ctl_inputs *in, const char *path, struct err *err)
@@ -172,6 +180,47 @@ static int add_list(struct ctl *ctl, struct ctl_inputs *in, const char *path, st
 	return r;
 }
 
+/* What pipes hold is said, or seen where there is one input: a format is that of all of them. LAS and LAZ begin alike. */
+static int know_pipes(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
+{
+	struct ctl_input *pipe = NULL;
+
+	for (size_t i = 0; i < in->n && !pipe; i++)
+		pipe = in->input[i].fd >= 0 ? &in->input[i] : NULL;
+	if (!pipe || ctl->args.input_format)
+		return 0;
+	if (in->n == 1 && ctl_pipe_look(ctl, pipe, err))
+		return -(int)err->code;
+	if (pipe->nhead >= 4 && !memcmp(pipe->head, "LASF", 4)) {
+		ctl->args.input_format = "las";
+		return 0;
+	}
+	if (pipe->nhead >= 4 && ctl_pipe_check(ctl, pipe, err))
+		return -(int)err->code;
+	err_set(err, ERR_USAGE,
+		in->n == 1 ? "what %s holds is not known: it does not begin as LAS and LAZ do" :
+			     "what %s holds is not known, beside other inputs",
+		pipe->name);
+	return err_add_hint(err, "say it with --input-format, as in --input-format xyz");
+}
+
+/* --name: of the one input. Who it is stays its path, so the same file pushed again is known by any name. */
+static int name_one(const struct ctl_args *a, struct ctl_inputs *in, struct err *err)
+{
+	if (!a->name)
+		return 0;
+	if (in->n == 1) {
+		in->input[0].label = a->name;
+		return 0;
+	}
+	for (size_t i = 0; i < in->n; i++)
+		if (in->input[i].fd >= 0 && !strcmp(in->input[i].name, a->name))
+			return 0; /* of standard input, among others */
+	err_set(err, ERR_USAGE, "--name is the name of one input, and there are %zu, from %s to %s", in->n, in->input[0].name,
+		in->input[in->n - 1].name);
+	return err_add_hint(err, "push them one by one, or without --name");
+}
+
 int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_inputs *ret, struct err *err)
 {
 	int r = 0;
@@ -181,6 +230,10 @@ int ctl_input_gather(struct ctl *ctl, char **word, unsigned nword, struct ctl_in
 		r = add_word(ctl, ret, word[i], false, err);
 	if (!r && !ret->n)
 		r = err_set(err, ERR_USAGE, "no inputs: the lists are empty");
+	if (!r)
+		r = name_one(&ctl->args, ret, err);
+	if (!r)
+		r = know_pipes(ctl, ret, err);
 	if (!r && ctl->args.manifest)
 		r = ctl_manifest_check(ctl, ret, err);
 	if (r)
@@ -225,8 +278,10 @@ static int open_entry(const struct ctl_input *in, int *ret_fd, struct err *err)
 	return err_add_file(err, in->name);
 }
 
-int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
+int ctl_input_open(struct ctl *ctl, struct ctl_input *in, int *ret_fd, struct err *err)
 {
+	if (in->archive && ctl_archive_keep(ctl, in, err))
+		return -(int)err->code;
 	if (in->entry)
 		return open_entry(in, ret_fd, err);
 	/* what comes through a pipe the daemon has already */
@@ -236,7 +291,7 @@ int ctl_input_open(const struct ctl_input *in, int *ret_fd, struct err *err)
 
 	if (fd < 0 && in->fd < 0)
 		return open_failed(in->name, err);
-	if (in->verified && !still_verified(in, fd)) {
+	if (in->verified && !in->archive && !still_verified(in, fd)) {
 		close(fd);
 		err_set(err, ERR_CHANGED, "it is another file than the one that was verified");
 		err_add_hint(err, "push it again when nobody writes to it");
@@ -278,7 +333,7 @@ const char *ctl_input_path(const struct ctl_input *in, char *buf, size_t size)
 	char *here = in->path || in->name[0] == '/' ? NULL : get_current_dir_name();
 	int n = -1;
 
-	if (in->path)
+	if (in->path || in->archive)
 		return in->path;
 	if (in->kept && in->anonymous)
 		n = snprintf(buf, size, "/dev/stdin/%llu", (unsigned long long)clock_real_us());
@@ -298,12 +353,14 @@ void ctl_input_done(struct ctl_inputs *in)
 	for (size_t i = 0; i < in->n; i++) {
 		ctl_pipe_stop(&in->input[i]);
 		free(in->input[i].name);
+		free(in->input[i].head);
 		if (in->input[i].fd >= 0)
 			close(in->input[i].fd);
 		if (in->input[i].kept)
 			close(in->input[i].kept);
 	}
 	free(in->input);
+	ctl_archive_free(in);
 	*in = (struct ctl_inputs){0};
 }
 
@@ -317,11 +374,13 @@ int ctl_input_not_output(const struct ctl_inputs *in, const struct ctl_args *a, 
 		if (!S_ISREG(out.st_mode))
 			continue;
 		for (size_t i = 0; i < in->n; i++) {
-			if (in->input[i].fd >= 0 || stat(in->input[i].name, &st))
+			const struct ctl_input *file = in->input[i].archive ? &in->input[i].archive->file : &in->input[i];
+
+			if (file->fd >= 0 || stat(file->name, &st))
 				continue;
 			if (st.st_dev == out.st_dev && st.st_ino == out.st_ino) {
 				err_set(err, ERR_USAGE, "the output is one of the inputs");
-				return err_add_file(err, in->input[i].name);
+				return err_add_file(err, file->name);
 			}
 		}
 	}

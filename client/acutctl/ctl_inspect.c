@@ -47,6 +47,13 @@ void ctl_inspect_text(struct ctl *ctl, const struct acut_inspected *in)
 	if (in->points) {
 		ctl_term_field(out, "  from", "%.15g %.15g %.15g to %.15g %.15g %.15g", in->min[0], in->min[1], in->min[2],
 			       in->max[0], in->max[1], in->max[2]);
+		if (!isnan(in->inner_min[0]))
+			ctl_term_field(out, "  99.9 %", "%.15g %.15g %.15g to %.15g %.15g %.15g hold this part of them",
+				       in->inner_min[0], in->inner_min[1], in->inner_min[2], in->inner_max[0], in->inner_max[1],
+				       in->inner_max[2]);
+		if (ctl_outlier_many(in->most_points, in->points, in->distinct))
+			ctl_term_field(out, "  at one", "%s of them are at one position, %.15g %.15g",
+				       ctl_job_count(in->most_points, a), in->most_at[0], in->most_at[1]);
 		counts_text(out, "  class", in->classes, 256);
 		counts_text(out, "  return", in->returns, 16);
 		counts_text(out, "  of", in->return_counts, 16);
@@ -121,9 +128,9 @@ static void place_json(struct ctl_json *j, const struct acut_inspected *in)
 
 void ctl_inspect_json(struct ctl_json *j, const struct acut_inspected *in)
 {
-	static const char *const keys[] = {"records", "distinct", "duplicates",    "record_min", "record_max",
-					   "classes", "returns",  "return_counts", "flags",      "lattice",
-					   "hull",    "density",  "place",         "differences"};
+	static const char *const keys[] = {"records", "distinct",      "duplicates", "record_min", "record_max", "classes",
+					   "returns", "return_counts", "flags",      "lattice",    "hull",       "density",
+					   "place",   "differences",   "inner_min",  "inner_max",  "most"};
 
 	if (!in) {
 		for (size_t i = 0; i < sizeof(keys) / sizeof(*keys); i++)
@@ -148,4 +155,7 @@ void ctl_inspect_json(struct ctl_json *j, const struct acut_inspected *in)
 	for (size_t i = 0; i < in->ndifference; i++)
 		ctl_json_text(j, NULL, in->difference[i]);
 	ctl_json_close(j, ']');
+	three(j, "inner_min", in->inner_min);
+	three(j, "inner_max", in->inner_max);
+	ctl_job_most(j, in->most_points, in->most_at);
 }

@@ -96,7 +96,7 @@ static void no_report(struct ctl_json *j)
 		"points",          "used",           "vertices",    "triangles",  "hull",          "domains",
 		"digest",          "vertex_digest",  "removed",     "seconds",    "stage_seconds", "first_triangle_seconds",
 		"peak_rss_bytes",  "halo",           "points_read", "cells_read", "seal_seconds",  "plan_seconds",
-		"domains_seconds", "domains_reused", "pieces"};
+		"domains_seconds", "domains_reused", "pieces",      "most"};
 
 	for (size_t i = 0; i < sizeof(key) / sizeof(*key); i++)
 		ctl_json_text(j, key[i], NULL);
@@ -135,6 +135,19 @@ static void put_removed(struct ctl_json *j, const struct acut_report *p)
 	ctl_json_close(j, '}');
 }
 
+void ctl_job_most(struct ctl_json *j, uint64_t points, const double at[2])
+{
+	if (!points) {
+		ctl_json_text(j, "most", NULL);
+		return;
+	}
+	ctl_json_open(j, "most", '{');
+	ctl_json_u64(j, "points", points);
+	ctl_json_number(j, "x", at[0]);
+	ctl_json_number(j, "y", at[1]);
+	ctl_json_close(j, '}');
+}
+
 /* Of a window what is of a whole mesh is not known. */
 void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 {
@@ -166,6 +179,7 @@ void ctl_job_report(struct ctl_json *j, const struct acut_report *p)
 	ctl_json_number(j, "domains_seconds", p->domains_seconds);
 	put_unless(j, p->window, "domains_reused", p->domains_reused);
 	put_unless(j, !p->window, "pieces", p->domains);
+	ctl_job_most(j, p->most_points, p->most_at);
 }
 
 void ctl_job_notes(struct ctl_json *j, const struct acut_report *p)

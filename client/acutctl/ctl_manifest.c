@@ -2,6 +2,9 @@
  * --manifest: every input against a list of SHA-256 sums, as sha256sum writes and reads it, before anything goes
  * to the daemon.
  *
+ * A file in an archive has a line of its own, ARCHIVE/MEMBER, about its bytes as they are unpacked, or the line of its archive
+ * counts for it, about the archive's bytes.
+ *
  * The model: the list's names are relative to the list's folder; which input a line is about is decided by the
  * file behind the name, not by its spelling. All inputs are read and all that do not agree are named; one is
  * enough to end the command. What was verified is known by device, number, size and time, and an input that is
@@ -14,6 +17,7 @@
 #include <unistd.h>
 
 #include "ctl.h"
+#include "ctl_archive.h"
 #include "ctl_sha.h"
 
 enum { SUM = 32, PIECE = 1 << 20, NAMED_MOST = 20 };
@@ -21,6 +25,7 @@ enum { SUM = 32, PIECE = 1 << 20, NAMED_MOST = 20 };
 struct line {
 	dev_t dev;
 	ino_t ino;
+	char *member; /* NULL, or which of the archive */
 	unsigned char sum[SUM];
 };
 
@@ -93,11 +98,25 @@ static bool split(char *text, unsigned char sum[SUM], char **ret_name)
 	return **ret_name && (!escaped || unescape(*ret_name));
 }
 
+/* "ARCHIVE/MEMBER": the longest part in front that is a file. 0, as stat. */
+static int find_archive(char *path, struct stat *st, char **ret_member)
+{
+	int there = -1;
+
+	for (char *end = strrchr(path, '/'); there && end && end > path; end = memrchr(path, '/', (size_t)(end - path))) {
+		*end = 0;
+		there = stat(path, st);
+		*end = '/';
+		*ret_member = end + 1;
+	}
+	return there || !S_ISREG(st->st_mode) ? -1 : 0;
+}
+
 static int add(struct manifest *m, char *text, uint64_t number, struct err *err)
 {
 	struct line line = {0};
 	struct stat st;
-	char *name, *path;
+	char *name, *path, *member = NULL;
 	int there;
 
 	if (!split(text, line.sum, &name)) {
@@ -110,16 +129,23 @@ static int add(struct manifest *m, char *text, uint64_t number, struct err *err)
 	if (asprintf(&path, "%s%s", *name == '/' ? "" : m->folder, name) < 0)
 		return err_set(err, ERR_NOMEM, "no memory for a name");
 	there = stat(path, &st);
+	if (there && errno == ENOTDIR)
+		there = find_archive(path, &st, &member);
+	line.member = !there && member ? strdup(member) : NULL;
 	free(path);
 	/* What is not there can be no input. */
 	if (there)
 		return 0;
+	if (member && !line.member)
+		return err_set(err, ERR_NOMEM, "no memory for a list of sums");
 	if (m->n == m->room) {
 		size_t room = m->room ? 2 * m->room : 64;
 		void *grown = realloc(m->line, room * sizeof(*m->line));
 
-		if (!grown)
+		if (!grown) {
+			free(line.member);
 			return err_set(err, ERR_NOMEM, "no memory for a list of sums");
+		}
 		m->line = grown;
 		m->room = room;
 	}
@@ -135,7 +161,9 @@ static int by_file(const void *a, const void *b)
 
 	if (x->dev != y->dev)
 		return x->dev < y->dev ? -1 : 1;
-	return x->ino < y->ino ? -1 : x->ino > y->ino;
+	if (x->ino != y->ino)
+		return x->ino < y->ino ? -1 : 1;
+	return strcmp(x->member ? x->member : "", y->member ? y->member : "");
 }
 
 static int read_list(struct manifest *m, struct err *err)
@@ -204,16 +232,20 @@ static void hex(const unsigned char sum[SUM], char text[2 * SUM + 1])
 		snprintf(text + 2 * i, 3, "%02x", sum[i]);
 }
 
-/* Every line about this file must agree. */
-static int compare(const struct manifest *m, const struct stat *st, const unsigned char sum[SUM], struct err *err)
+static struct line key_of(dev_t dev, ino_t ino, const char *member)
 {
-	struct line key = {.dev = st->st_dev, .ino = st->st_ino};
-	const struct line *at = m->n ? bsearch(&key, m->line, m->n, sizeof(key), by_file) : NULL;
+	return (struct line){.dev = dev, .ino = ino, .member = (char *)member};
+}
+
+/* Every line about this file must agree. */
+static int compare(const struct manifest *m, const struct line *key, const unsigned char sum[SUM], struct err *err)
+{
+	const struct line *at = m->n ? bsearch(key, m->line, m->n, sizeof(*key), by_file) : NULL;
 	char is[2 * SUM + 1], want[2 * SUM + 1];
 
-	while (at && at > m->line && !by_file(at - 1, &key))
+	while (at && at > m->line && !by_file(at - 1, key))
 		at--;
-	for (; at && at < m->line + m->n && !by_file(at, &key); at++) {
+	for (; at && at < m->line + m->n && !by_file(at, key); at++) {
 		if (!memcmp(at->sum, sum, SUM))
 			continue;
 		hex(sum, is);
@@ -224,46 +256,99 @@ static int compare(const struct manifest *m, const struct stat *st, const unsign
 	return 0;
 }
 
-static bool listed(const struct manifest *m, const struct stat *st)
+static bool listed(const struct manifest *m, const struct line *key)
 {
-	struct line key = {.dev = st->st_dev, .ino = st->st_ino};
+	return m->n && bsearch(key, m->line, m->n, sizeof(*key), by_file);
+}
 
-	return m->n && bsearch(&key, m->line, m->n, sizeof(key), by_file);
+static int unlisted(const struct manifest *m, struct err *err)
+{
+	err_set(err, ERR_INPUT, "%.200s does not list it", m->path);
+	return err_add_hint(err, "names in it are relative to its folder");
+}
+
+/* Its sum, and that it was the same file before and after. */
+static int sum_still(struct ctl *ctl, int fd, const struct stat *before, unsigned char sum[SUM], struct err *err)
+{
+	struct stat after;
+	int r = sum_of(ctl, fd, sum, err);
+
+	if (!r && (fstat(fd, &after) || after.st_size != before->st_size || after.st_mtim.tv_sec != before->st_mtim.tv_sec ||
+		   after.st_mtim.tv_nsec != before->st_mtim.tv_nsec))
+		r = err_set(err, ERR_CHANGED, "the file changed while it was read");
+	return r;
+}
+
+/* By the archive's own line; its sum is taken once. */
+static int check_archive(struct ctl *ctl, const struct manifest *m, struct ctl_archive *a, struct err *err)
+{
+	const struct line key = key_of(a->file.dev, a->file.ino, NULL);
+	struct stat st;
+	int fd, r = 0;
+
+	if (!listed(m, &key))
+		return unlisted(m, err);
+	if (!a->summed) {
+		r = ctl_input_open(ctl, &a->file, &fd, err);
+		if (r)
+			return r;
+		if (fstat(fd, &st) || !ctl_input_unchanged(&a->file, &st))
+			r = err_set(err, ERR_CHANGED, "the archive has changed since it was looked at");
+		if (!r)
+			r = sum_still(ctl, fd, &st, a->sum, err);
+		ctl_input_close(&a->file, fd);
+		a->summed = !r;
+	}
+	return r ? r : compare(m, &key, a->sum, err);
+}
+
+static int check_file(struct ctl *ctl, const struct manifest *m, struct ctl_input *in, int fd, const struct line *member,
+		      struct err *err)
+{
+	unsigned char sum[SUM];
+	struct stat st;
+	struct line key;
+
+	if (fstat(fd, &st))
+		return err_sys(err, errno, "it cannot be looked at");
+	key = member ? *member : key_of(st.st_dev, st.st_ino, NULL);
+	if (!listed(m, &key))
+		return unlisted(m, err);
+	if (sum_still(ctl, fd, &st, sum, err) || compare(m, &key, sum, err))
+		return -(int)err->code;
+	in->verified = true;
+	if (!member) {
+		in->dev = st.st_dev;
+		in->ino = st.st_ino;
+		in->size = st.st_size;
+		in->mtime = st.st_mtim;
+	}
+	return 0;
 }
 
 static int check_input(struct ctl *ctl, const struct manifest *m, struct ctl_input *in, struct err *err)
 {
-	unsigned char sum[SUM];
-	struct stat st, after;
-	int fd = -1, r;
+	struct ctl_archive *a = in->archive;
+	struct line key = {0};
+	int fd, r;
 
 	if (in->fd >= 0) {
 		err_set(err, ERR_USAGE, "what comes through a pipe cannot be held against a list of sums");
 		return err_add_file(err, in->name);
 	}
-	r = ctl_input_open(in, &fd, err);
-	if (!r && fstat(fd, &st))
-		r = err_sys(err, errno, "it cannot be looked at");
-	if (!r && !listed(m, &st)) {
-		err_set(err, ERR_INPUT, "%.200s does not list it", m->path);
-		r = err_add_hint(err, "names in it are relative to its folder");
+	if (a && !a->why.code)
+		key = key_of(a->file.dev, a->file.ino, a->member[in->member].name);
+	if (a && (!key.member || !listed(m, &key))) {
+		r = check_archive(ctl, m, a, err);
+		in->verified = !r;
+	} else {
+		r = ctl_input_open(ctl, in, &fd, err);
+		if (!r) {
+			r = check_file(ctl, m, in, fd, a ? &key : NULL, err);
+			ctl_input_close(in, fd);
+		}
 	}
-	if (!r)
-		r = sum_of(ctl, fd, sum, err);
-	if (!r)
-		r = compare(m, &st, sum, err);
-	if (!r && (fstat(fd, &after) || after.st_size != st.st_size || after.st_mtim.tv_sec != st.st_mtim.tv_sec ||
-		   after.st_mtim.tv_nsec != st.st_mtim.tv_nsec))
-		r = err_set(err, ERR_CHANGED, "the file changed while it was read");
-	ctl_input_close(in, fd);
-	if (r)
-		return err_add_file(err, in->name);
-	in->verified = true;
-	in->dev = st.st_dev;
-	in->ino = st.st_ino;
-	in->size = st.st_size;
-	in->mtime = st.st_mtim;
-	return 0;
+	return r ? err_add_file(err, in->name) : 0;
 }
 
 /* The first one is the error; it names the others. */
@@ -304,6 +389,8 @@ int ctl_manifest_check(struct ctl *ctl, struct ctl_inputs *in, struct err *err)
 		/* That is none of the file's. */
 		r = one.code == ERR_INPUT || one.code == ERR_CHANGED ? 0 : -(int)one.code;
 	}
+	for (size_t i = 0; i < m.n; i++)
+		free(m.line[i].member);
 	free(m.line);
 	free(m.folder);
 	return bad ? -(int)err->code : r;

@@ -8,6 +8,7 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <math.h>
 #include <pwd.h>
 #include <stdlib.h>
@@ -16,6 +17,7 @@
 #include <unistd.h>
 
 #include "ctl.h"
+#include "io_place.h"
 
 struct family {
 	struct family *next; /* in the order of their first samples */
@@ -186,24 +188,24 @@ static void tell_json(void *ctx, const struct acut_metric *m)
 
 /* ---- the file ---- */
 
-static int publish(struct gathering *g, const char *path, struct err *err)
+static int publish_at(struct gathering *g, const struct io_place *at, const char *path, struct err *err)
 {
-	char temp[4096];
+	char temp[NAME_MAX + 1];
 	FILE *out;
 	int fd, r = 0, saved;
 
-	if ((size_t)snprintf(temp, sizeof(temp), "%s.%ld.tmp", path, (long)getpid()) >= sizeof(temp))
+	if ((size_t)snprintf(temp, sizeof(temp), "%s.%ld.tmp", at->name, (long)getpid()) >= sizeof(temp))
 		return err_set(err, ERR_USAGE, "the name of the file is too long: %.100s", path);
-	unlink(temp);
-	fd = open(temp, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0644);
+	unlinkat(at->dirfd, temp, 0);
+	fd = openat(at->dirfd, temp, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC | O_NOFOLLOW, 0644);
 	if (fd < 0) {
-		err_sys(err, errno, "cannot make the file");
-		return err_add_file(err, temp);
+		err_sys(err, errno, "cannot make the file %s", temp);
+		return err_add_file(err, path);
 	}
 	out = fdopen(fd, "w");
 	if (!out) {
 		close(fd);
-		unlink(temp);
+		unlinkat(at->dirfd, temp, 0);
 		return err_set(err, ERR_NOMEM, "no memory for a file");
 	}
 	write_all(g, out);
@@ -214,12 +216,25 @@ static int publish(struct gathering *g, const char *path, struct err *err)
 	saved = fclose(out) ? errno : 0;
 	if (!r && saved)
 		r = err_sys(err, saved, "cannot write the file");
-	if (!r && rename(temp, path) < 0)
+	if (!r && renameat(at->dirfd, temp, at->dirfd, at->name) < 0)
 		r = err_sys(err, errno, "cannot rename the file to its name");
 	if (!r)
 		return 0;
-	unlink(temp);
+	unlinkat(at->dirfd, temp, 0);
 	return err_add_file(err, path);
+}
+
+/* A link of that name is replaced. */
+static int publish(struct gathering *g, const char *path, struct err *err)
+{
+	struct io_place at;
+	int r = io_place_find(path, false, &at, err);
+
+	if (r)
+		return r;
+	r = publish_at(g, &at, path, err);
+	io_place_done(&at);
+	return r;
 }
 
 static int finish(struct ctl *ctl, struct gathering *g)

@@ -72,13 +72,14 @@ static const struct ctl_option table[] = {
 	{"crs", 0, "CRS", TEXT, AT(crs), CTL_CREATE, "EPSG:n, a WKT file, or a name that all inputs must be in"},
 	{"planar", 0, NULL, FLAG, AT(planar), CTL_STAGE, "triangulate the file's own plane, degrees included"},
 	{"accept-truncated", 0, NULL, FLAG, AT(accept_truncated), CTL_STAGE,
-	 "take files that have fewer points than their header says"},
-	{"strict", 0, NULL, FLAG, AT(strict), CTL_STAGE, "one refused input refuses all"},
+	 "take files that have fewer points than their header says, or a header that counts none"},
+	{"strict", 0, NULL, FLAG, AT(strict), CTL_STAGE, "one refused input refuses all, and one line without a value its input"},
 	{"checksum", 0, NULL, FLAG, AT(checksum), CTL_PUSH,
 	 "a file is the same if its content is, whatever its name and times; reads it"},
-	{"add", 0, NULL, FLAG, AT(add), CTL_PUSH, "take a file whose name is there with other content beside the old one"},
+	{"add", 0, NULL, FLAG, AT(add), CTL_PUSH,
+	 "take a file whose name is there with other content, or read otherwise, beside the old one"},
 	{"replace", 0, NULL, FLAG, AT(replace), CTL_PUSH,
-	 "take a file whose name is there with other content in place of the old one"},
+	 "take a file whose name is there with other content, or read otherwise, in place of the old one"},
 	{"replaces", 0, "FILE", TEXT, AT(replaces), CTL_REPLACES,
 	 "take the one input in place of this file of the dataset, by path or name"},
 	{"settle", 0, "TIME", TEXT, AT(settle), CTL_INGEST,
@@ -86,11 +87,14 @@ static const struct ctl_option table[] = {
 	{"manifest", 0, "FILE", TEXT, AT(manifest), CTL_MANIFEST,
 	 "all inputs must have the SHA-256 sums that FILE (of sha256sum) lists"},
 	{"columns", 0, "LETTERS", TEXT, AT(columns), CTL_INPUT,
-	 "columns of texts: x y z, c class, r return, n number of returns, _ to skip one (xyz)"},
+	 "columns of texts: x y z (or e n z), c class, r return, n number of returns, _ to skip one"},
+	{"decimal-comma", 0, NULL, FLAG, AT(decimal_comma), CTL_INPUT, "numbers of texts have decimal commas: 123,45"},
 	{"input-format", 0, "INPUT-FORMAT", TEXT, AT(input_format), CTL_INPUT,
 	 "format of the inputs, in place of what their bytes say"},
 	{"assume-crs", 0, "CRS", TEXT, AT(assume_crs), CTL_STAGE, "EPSG:n, a WKT file, or a name, for inputs that say nothing"},
 	{"assume-units", 0, "XY[,Z]", TEXT, AT(assume_units), CTL_STAGE, "m, ft or ftUS, for inputs that do not say their units"},
+	{"override-crs", 0, "CRS", TEXT, AT(override_crs), CTL_STAGE, "likewise, in place of what the inputs say"},
+	{"override-units", 0, "XY[,Z]", TEXT, AT(override_units), CTL_STAGE, "units in place of those that the inputs say"},
 	{"utm", 0, "ZONE", TEXT, AT(utm), CTL_STAGE,
 	 "project degrees to this zone (32N, 5S, UPS-N), not to that of their middle"},
 	{"geoid", 0, "GEOID|FILE.pgm", TEXT, AT(geoid), CTL_STAGE, "shift the heights by a kept geoid grid, or by a .pgm file"},
@@ -100,8 +104,7 @@ static const struct ctl_option table[] = {
 	{"origin", 0, NULL, FLAG, AT(origin_of), CTL_CONFIG, "with the file and line that each comes from"},
 	{"copy", 0, NULL, FLAG, AT(copy), CTL_COPY, "copy all files, also where a hard link would do"},
 	{"textfile", 0, "FILE", TEXT, AT(textfile), CTL_METRICS, "into this file, whole or not at all: for the node exporter"},
-	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID | CTL_PUSH,
-	 "under this name, not that of the file; push: of standard input"},
+	{"name", 0, "NAME", TEXT, AT(name), CTL_GEOID | CTL_PUSH, "under this name, not that of the file; push: of one INPUT"},
 
 	{"wait", 0, NULL, FLAG, AT(wait), CTL_SUBMIT, "wait until the job is over and end with its status"},
 	{"new", 0, NULL, FLAG, AT(fresh), CTL_SUBMIT, "a job of its own, even if there is the same already"},
@@ -173,6 +176,12 @@ struct reader {
 	bool seen[ROWS];
 };
 
+/* To be written to where it is, like "-", not replaced by a new file of its name. */
+static bool is_standard_output(const char *path)
+{
+	return !strcmp(path, "/dev/stdout") || !strcmp(path, "/dev/fd/1") || !strcmp(path, "/proc/self/fd/1");
+}
+
 static int set(struct reader *r, const struct ctl_option *o, const char *value, struct err *err)
 {
 	char *base = (char *)r->args;
@@ -187,7 +196,7 @@ static int set(struct reader *r, const struct ctl_option *o, const char *value, 
 	} else {
 		if (r->args->nout == CTL_OUTPUTS)
 			return err_set(err, ERR_USAGE, "more than %d outputs", CTL_OUTPUTS);
-		r->args->out[r->args->nout++] = value;
+		r->args->out[r->args->nout++] = is_standard_output(value) ? "-" : value;
 	}
 	return 0;
 }
@@ -438,11 +447,15 @@ static int check_values(struct ctl *ctl, struct err *err)
 		r = disk_limit("--disk", a->disk, err);
 	if (!r && a->keep_free)
 		r = disk_limit("--keep-free", a->keep_free, err);
-	if (!r && (a->memory || a->threads || a->cache || a->disk || a->keep_free) && (a->socket || a->own_private)) {
+	if (!r && a->own_private && (a->cache || a->disk || a->keep_free)) {
+		err_set(err, ERR_USAGE,
+			"--cache, --disk and --keep-free mean a daemon of the command's own, --private the one of the user");
+		r = err_add_hint(err, "leave out --private");
+	}
+	if (!r && (a->memory || a->threads || a->cache || a->disk || a->keep_free) && a->socket) {
 		err_set(err, ERR_USAGE,
 			"--memory, --threads, --cache, --disk and --keep-free mean a daemon of the command's own");
-		err_add_hint(err, "leave out --%s", a->socket ? "socket" : "private");
-		r = -ERR_USAGE;
+		r = err_add_hint(err, "leave out --socket");
 	}
 	return r;
 }

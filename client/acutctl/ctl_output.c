@@ -9,8 +9,6 @@
 #include "ctl.h"
 #include "parse.h"
 
-#define LONG_EDGE 50 /* times the median: worth a warning where gaps are likely */
-
 static int parse_origin(const char *text, struct format_options *opt, struct err *err)
 {
 	char part[3 * DECIMAL_TEXT_SIZE], *at = part, *rest;
@@ -160,7 +158,7 @@ static int parse_tile(struct ctl *ctl, struct format_run_options *opt, struct er
 int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 {
 	const struct ctl_args *a = &ctl->args;
-	struct format_run_options opt = {.edges = (a->ground || a->surface) && !a->since, .changes = a->since != NULL};
+	struct format_run_options opt = {.edges = !a->since, .changes = a->since != NULL};
 	struct format_run *run = NULL;
 	bool picture = false, mesh = false;
 	int r = check_outputs(a, err);
@@ -195,22 +193,26 @@ int ctl_output_open(struct ctl *ctl, struct format_run **ret, struct err *err)
 	return r;
 }
 
-/* A fetched job does not say what its pushes moved: null. */
+/* A fetched job does not say what its pushes moved and left out: null. */
 static void moved_json(struct ctl_json *j, const struct ctl_staged *staged)
 {
 	double shift[3];
-	uint64_t moved = ctl_summary_moved(staged, shift);
+	uint64_t moved = ctl_summary_moved(staged, shift), left_out = 0;
 
 	if (!staged) {
 		ctl_json_text(j, "moved", NULL);
 		ctl_json_text(j, "max_shift", NULL);
+		ctl_json_text(j, "lines_left_out", NULL);
 		return;
 	}
+	for (size_t i = 0; i < staged->nfile; i++)
+		left_out += staged->file[i].refused ? 0 : staged->file[i].left_out;
 	ctl_json_u64(j, "moved", moved);
 	ctl_json_open(j, "max_shift", '[');
 	for (int k = 0; k < 3; k++)
 		ctl_json_number(j, NULL, shift[k]);
 	ctl_json_close(j, ']');
+	ctl_json_u64(j, "lines_left_out", left_out);
 }
 
 /* What was read of each input. */
@@ -228,6 +230,7 @@ static void inputs_json(struct ctl_json *j, const struct ctl_staged *staged)
 		ctl_json_u64(j, "bytes_read", f->bytes_read);
 		ctl_json_u64(j, "bytes_total", f->bytes);
 		ctl_json_bool(j, "partial", f->partial);
+		ctl_json_text(j, "overridden", f->overridden);
 		ctl_json_close(j, '}');
 	}
 	ctl_json_close(j, ']');
@@ -297,6 +300,7 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_height_json(&j, staged, NULL);
 	inputs_json(&j, staged);
 	ctl_json_u64(&j, "output_bytes", out->bytes);
+	ctl_outlier_json(ctl, &j, out);
 	if (ctl->args.max_edge) {
 		ctl_json_open(&j, "left_out", '{');
 		ctl_json_u64(&j, "triangles", out->left_out);
@@ -321,6 +325,16 @@ static void report_json(struct ctl *ctl, const struct acut_job *job, const struc
 	ctl_json_line(&j);
 }
 
+static void warn_no_tiles(struct ctl *ctl, const struct acut_report *p, const struct format_report *out)
+{
+	char count[32];
+
+	if (ctl->args.tile && !out->tiles && p->vertices)
+		ctl_warn(ctl, "%s %s in no tile, since there are no triangles%s: without --tile they are written",
+			 ctl_job_count(p->vertices, count), p->vertices == 1 ? "vertex lies" : "vertices lie",
+			 p->triangles ? " but those that --max-edge leaves out" : "");
+}
+
 static int publish(struct ctl *ctl, const struct acut_job *job, struct format_run *run, const struct ctl_staged *staged)
 {
 	struct format_report out;
@@ -331,12 +345,8 @@ static int publish(struct ctl *ctl, const struct acut_job *job, struct format_ru
 		return ctl_error(ctl, &err);
 	format_run_report(run, &out);
 	ctl_progress_clear(ctl);
-	if (out.median_edge > 0 && out.longest_edge > LONG_EDGE * out.median_edge)
-		ctl_warn(ctl,
-			 "the longest edge is %.6g, %.0f times the median of %.3g: gaps are bridged; "
-			 "--max-edge LENGTH "
-			 "leaves such triangles out",
-			 out.longest_edge, out.longest_edge / out.median_edge, out.median_edge);
+	ctl_outlier_warn(ctl, &job->report, &out);
+	warn_no_tiles(ctl, &job->report, &out);
 	if (ctl->args.json)
 		report_json(ctl, job, &out, staged);
 	else

@@ -9,6 +9,7 @@
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -16,7 +17,7 @@
 #include "ctl.h"
 #include "io.h"
 
-enum { PIECE = 256 << 10, PIPE = 1 << 20 };
+enum { PIECE = 256 << 10, PIPE = 1 << 20, HEAD = 4096 };
 
 /* From pipe to pipe the kernel moves pages. 0: the end, or the daemon has closed its; ENOSYS: not from here. */
 static int move(int from, int to)
@@ -63,19 +64,73 @@ static int copy(int from, int to, void *piece)
 	}
 }
 
-static void child(int from, int to, pid_t parent)
+static void child(const struct ctl_input *in, int to, pid_t parent)
 {
 	static const int list[] = {SIGINT, SIGTERM, SIGHUP, SIGPIPE};
 	void *piece = malloc(PIECE);
+	int from = in->fd;
 
 	for (unsigned i = 0; i < 4; i++)
 		signal(list[i], SIG_DFL);
 	prctl(PR_SET_PDEATHSIG, SIGKILL);
 	if (getppid() != parent || !piece)
 		_exit(ENOMEM);
+	if (in->nhead && write(to, in->head, in->nhead) != (ssize_t)in->nhead)
+		_exit(0); /* the daemon has closed its end, and says why */
 	int r = move(from, to);
 
 	_exit((r == ENOSYS ? copy(from, to, piece) : r) & 0xff);
+}
+
+int ctl_pipe_look(struct ctl *ctl, struct ctl_input *in, struct err *err)
+{
+	struct pollfd from = {.fd = in->fd, .events = POLLIN};
+	ssize_t n = 1;
+
+	in->head = malloc(HEAD);
+	if (!in->head)
+		return err_set(err, ERR_NOMEM, "no memory to read a pipe");
+	while (n && in->nhead < 4) {
+		if (ctl_signal_interrupted(ctl))
+			return err_set(err, ERR_CANCELLED, "interrupted");
+		if (poll(&from, 1, 100) <= 0)
+			continue;
+		n = read(in->fd, in->head + in->nhead, HEAD - in->nhead);
+		if (n < 0 && errno != EINTR && errno != EAGAIN) {
+			err_sys(err, errno, "it cannot be read");
+			return err_add_file(err, in->name);
+		}
+		in->nhead += n > 0 ? (unsigned)n : 0;
+	}
+	return 0;
+}
+
+/* Of a text, whole lines; a part of one could look wrong. */
+static size_t whole_lines(const struct ctl_input *in)
+{
+	const uint8_t *end = in->nhead == HEAD ? memrchr(in->head, '\n', in->nhead) : NULL;
+
+	return end ? (size_t)(end + 1 - in->head) : in->nhead;
+}
+
+int ctl_pipe_check(struct ctl *ctl, const struct ctl_input *in, struct err *err)
+{
+	const struct acut_probe *probe;
+	struct err why = ERR_INIT;
+	int fd = memfd_create("head", MFD_CLOEXEC);
+
+	if (fd < 0 || io_write_at(fd, in->head, whole_lines(in), 0, in->name, &why) ||
+	    (!ctl->acut && ctl_connect_try(ctl, &why))) {
+		io_close(fd);
+		return 0;
+	}
+	if (acut_info(ctl->acut, fd, in->name, NULL, ctl->args.columns, &probe))
+		ctl_error_from_acut(ctl->acut, in->name, &why);
+	close(fd);
+	if (why.code != ERR_INPUT)
+		return 0;
+	*err = why;
+	return -(int)err->code;
 }
 
 int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct ctl *ctl)
@@ -89,7 +144,7 @@ int ctl_pipe_start(struct ctl_input *in, struct acut_push *push, struct ctl *ctl
 	fflush(NULL);
 	in->copier = fork();
 	if (in->copier == 0)
-		child(in->fd, to, self);
+		child(in, to, self);
 	close(to);
 	if (in->copier > 0)
 		return 0;
@@ -124,11 +179,13 @@ static int keep(struct ctl *ctl, const struct ctl_input *in, int to, struct err 
 {
 	struct pollfd from = {.fd = in->fd, .events = POLLIN};
 	char *piece = malloc(PIECE);
-	uint64_t at = 0;
+	uint64_t at = in->nhead;
 	ssize_t n = 1;
 
 	if (!piece)
 		err_set(err, ERR_NOMEM, "no memory to read a pipe");
+	else
+		io_write_at(to, in->head, in->nhead, 0, "a temporary file", err);
 	while (n && !err->code) {
 		if (ctl_signal_interrupted(ctl)) {
 			err_set(err, ERR_CANCELLED, "interrupted");
@@ -146,16 +203,11 @@ static int keep(struct ctl *ctl, const struct ctl_input *in, int to, struct err 
 
 int ctl_pipe_keep(struct ctl *ctl, const struct ctl_input *in, int *ret_fd, struct err *err)
 {
-	const char *dir = getenv("TMPDIR");
-	char path[4096];
+	const char *folder;
 	int fd;
 
-	dir = dir && *dir ? dir : "/var/tmp";
-	snprintf(path, sizeof(path), "%s/acut-input-XXXXXX", dir);
-	fd = mkostemp(path, O_CLOEXEC);
-	if (fd < 0)
-		return err_sys(err, errno, "%s cannot be kept in %s", in->name, dir);
-	unlink(path);
+	if (ctl_temp_open(&folder, &fd, err))
+		return err_add_file(err, in->name);
 	if (keep(ctl, in, fd, err)) {
 		close(fd);
 		return err_add_file(err, in->name);

@@ -5,7 +5,7 @@
  * binds, listens and starts acutd, so that two commands at once start one daemon. The lock is let go when the
  * connection stands. An idle daemon takes the same lock for its last accept and takes its socket away, so
  * nobody connects to one that ends; but it may still hold its folders for a moment, and then the start is
- * tried again.
+ * tried again. One of another build, or with other memory or threads than are asked for, is replaced while it is idle.
  *
  * The one of a command's own speaks over a socket pair, has fresh folders below the user's cache, ends with
  * the connection, and its folders go with it. A lock in them, held by both, says that they are in use;
@@ -27,6 +27,7 @@
 
 #include "clock.h"
 #include "ctl.h"
+#include "parse.h"
 
 #define FOLDER 3072
 #define END_SECONDS 20 /* for a daemon to park its work */
@@ -102,10 +103,11 @@ static int explain(const char *log, int pid, struct err *err)
 		       "the private daemon did not start: %s", words);
 }
 
-static int start_shared(const char *socket, const char *log, int *ret_pid, struct err *err)
+static int start_shared(const struct ctl_args *a, const char *socket, const char *log, int *ret_pid, struct err *err)
 {
 	char state[FOLDER], cache[FOLDER];
-	struct ctl_spawn s = {.state = state, .cache = cache, .log = log, .lock_fd = -1};
+	struct ctl_spawn s = {
+		.state = state, .cache = cache, .memory = a->memory, .threads = a->threads, .log = log, .lock_fd = -1};
 	int r = ctl_folder_state(state, sizeof(state), err);
 
 	if (!r)
@@ -134,7 +136,7 @@ static int shared_try(struct ctl *ctl, const char *socket, const char *log, int 
 		return r;
 	r = ctl_spawn_connect(socket, &fd);
 	if (r == -ECONNREFUSED || r == -ENOENT) {
-		r = start_shared(socket, log, ret_pid, err);
+		r = start_shared(&ctl->args, socket, log, ret_pid, err);
 		if (!r)
 			r = ctl_spawn_connect(socket, &fd);
 	}
@@ -152,13 +154,13 @@ static int shared_try(struct ctl *ctl, const char *socket, const char *log, int 
 	return r ? -(int)err->code : 0;
 }
 
-/* A daemon of another build that has nothing to do is asked to end, so that a new one can start. */
-static bool replace_idle(struct ctl *ctl)
+/* One with nothing to do is asked to end, so that a new one can start. */
+static bool end_idle(struct ctl *ctl)
 {
 	const struct acut_status *s;
 	uint64_t start = clock_mono_ns();
 
-	if (!strcmp(acut_daemon_build(ctl->acut), ACUT_VERSION) || acut_status(ctl->acut, &s))
+	if (acut_status(ctl->acut, &s))
 		return false;
 	if (s->jobs_running || s->jobs_waiting || s->connections > 1 || kill((pid_t)s->pid, SIGTERM))
 		return false;
@@ -166,6 +168,30 @@ static bool replace_idle(struct ctl *ctl)
 		nanosleep(&(struct timespec){.tv_nsec = 10000000}, NULL);
 	ctl->acut = acut_close(ctl->acut);
 	return true;
+}
+
+/* Its build, memory and threads are as they are wanted. Other memory or threads are an error that says what it has; another
+ * build does while it is at work. */
+static bool fits(struct ctl *ctl, struct err *err)
+{
+	const struct ctl_args *a = &ctl->args;
+	const struct acut_status *s;
+	uint64_t memory = 0, threads = 0;
+	bool same_build = !strcmp(acut_daemon_build(ctl->acut), ACUT_VERSION);
+	char has[32];
+
+	if ((!a->memory && !a->threads) || acut_status(ctl->acut, &s))
+		return same_build;
+	if (a->memory && parse_size(a->memory, &memory) && memory != s->memory)
+		err_set(err, ERR_BUSY, "the private daemon that is at work (process %llu) has %s of memory, not %s",
+			(unsigned long long)s->pid, parse_size_text(s->memory, has), a->memory);
+	else if (a->threads && parse_u64(a->threads, &threads) && threads != s->threads)
+		err_set(err, ERR_BUSY, "the private daemon that is at work (process %llu) has %u thread%s, not %s",
+			(unsigned long long)s->pid, s->threads, s->threads == 1 ? "" : "s", a->threads);
+	else
+		return same_build;
+	err_add_hint(err, "try again when it is idle, or leave out --private for a daemon of the command's own");
+	return false;
 }
 
 int ctl_private_connect(struct ctl *ctl, struct err *err)
@@ -182,8 +208,10 @@ int ctl_private_connect(struct ctl *ctl, struct err *err)
 
 		*err = ERR_INIT;
 		r = shared_try(ctl, socket, log, &pid, err);
-		if (!r && (i >= TRIES || !replace_idle(ctl)))
+		if (!r && (pid || i >= TRIES || fits(ctl, err)))
 			return 0;
+		if (!r && !end_idle(ctl))
+			return -(int)err->code; /* another build does */
 		if (r && pid)
 			r = explain(log, pid, err);
 		if (r && (err->code != ERR_BUSY || i >= TRIES || ctl_signal_interrupted(ctl)))

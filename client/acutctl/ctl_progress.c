@@ -124,6 +124,17 @@ void ctl_progress_line(struct ctl_progress *p, const char *text)
 	free(safe);
 }
 
+/* A large file is read once more, in the middle of another phase: for its sum, not for points. */
+static void draw_hash(struct ctl_progress *p, const struct acut_progress *now)
+{
+	double share = now->points_total ? (double)now->points / (double)now->points_total : 0;
+	char done[32], all[32], line[128];
+
+	snprintf(line, sizeof(line), "%-6s %3d %%  %s of %s, for the checksum of the file", "hash", (int)(100 * share + 1e-9),
+		 parse_size_text(now->points, done), parse_size_text(now->points_total, all));
+	ctl_progress_line(p, line);
+}
+
 void ctl_progress_show(void *ctx, const struct acut_progress *now)
 {
 	struct ctl_progress *p = ctx;
@@ -131,6 +142,10 @@ void ctl_progress_show(void *ctx, const struct acut_progress *now)
 
 	if (!p->on) {
 		tell_space(p, now);
+		return;
+	}
+	if (!strcmp(now->phase, "hash")) {
+		draw_hash(p, now);
 		return;
 	}
 	if (strncmp(p->phase, now->phase, sizeof(p->phase) - 1)) {

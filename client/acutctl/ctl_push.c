@@ -86,8 +86,10 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		ctl_json_text(&j, "points", NULL);
 		ctl_json_text(&j, "moved", NULL);
 		ctl_json_text(&j, "max_shift", NULL);
+		ctl_json_text(&j, "lines_left_out", NULL);
 		ctl_json_text(&j, "replaced", NULL);
 		ctl_height_json(&j, NULL, NULL);
+		ctl_json_text(&j, "overridden", NULL);
 		ctl_json_text(&j, "warning", NULL);
 		ctl_error_json(&j, "error", &f->err);
 	} else {
@@ -101,8 +103,10 @@ static void file_json(struct ctl *ctl, const struct ctl_staged *s, const struct 
 		for (int i = 0; i < 3; i++)
 			ctl_json_number(&j, NULL, f->shift[i]);
 		ctl_json_close(&j, ']');
+		ctl_json_u64(&j, "lines_left_out", f->left_out);
 		ctl_json_u64(&j, "replaced", f->replaced);
 		ctl_height_json(&j, s, f);
+		ctl_json_text(&j, "overridden", f->overridden);
 		ctl_json_text(&j, "warning", f->warning);
 		ctl_json_text(&j, "error", NULL);
 	}
@@ -129,6 +133,8 @@ static void file_text(struct ctl *ctl, const struct ctl_staged_file *f)
 			 ctl_job_count(f->points, a), ctl_job_count(f->moved, b), f->shift[0], f->shift[1], f->shift[2]);
 	else
 		ctl_note(ctl, "%s: %s points", f->name, ctl_job_count(f->points, a));
+	if (f->overridden)
+		ctl_note(ctl, "%s: overridden: its records say %s", f->name, f->overridden);
 	if (f->replaced)
 		ctl_note(ctl, "%s: in place of %u file%s of the dataset", f->name, f->replaced, f->replaced == 1 ? "" : "s");
 }
@@ -140,16 +146,8 @@ int ctl_push_check(const struct ctl *ctl, struct err *err)
 	if (a->add && (a->replace || a->replaces))
 		return err_set(err, ERR_USAGE,
 			       "--add takes a file beside the old one, --replace in its place: both at once are nothing");
-	if (a->name) {
-		unsigned streams = 0;
-
-		for (unsigned i = 1; i < a->nword; i++)
-			streams += !strcmp(a->word[i], "-");
-		if (!streams || !*a->name || strchr(a->name, '/'))
-			return err_set(err, ERR_USAGE,
-				       streams ? "--name is a name without slashes" :
-						 "--name is the name of standard input, and no INPUT is -");
-	}
+	if (a->name && (!*a->name || strchr(a->name, '/')))
+		return err_set(err, ERR_USAGE, "--name is a name without slashes");
 	return 0;
 }
 

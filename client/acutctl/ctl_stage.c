@@ -8,6 +8,7 @@
 
 #include "clock.h"
 #include "ctl.h"
+#include "ctl_archive.h"
 
 /* A failure of the file itself, not of the way there. */
 static bool is_refusal(enum err_code code)
@@ -36,6 +37,7 @@ static int refuse(struct staging *s, size_t i, const struct err *err, bool refus
 	if (ctl_signal_interrupted(ctl) || !refusal)
 		return ctl_error(ctl, err);
 	s->in->input[i].refused = true;
+	ctl_archive_drop(&s->in->input[i]);
 	s->ret->file[i].refused = true;
 	s->ret->file[i].err = *err;
 	s->ret->refused++;
@@ -69,12 +71,12 @@ static int open_input(void *ctx, size_t i, struct acut_push_input *ret)
 
 	if (in->refused || s->ret->file[i].known)
 		return 1;
-	if (ctl_input_open(in, &ret->fd, &err)) {
+	if (ctl_input_open(s->ctl, in, &ret->fd, &err)) {
 		/* A manifest is about all inputs: one that is not what was verified ends the push. */
 		s->status = refuse(s, i, &err, !in->verified && (is_refusal(err.code) || err.code == ERR_PERM));
 		return s->status ? -1 : 1;
 	}
-	ret->name = in->name;
+	ret->name = in->label ? in->label : in->name;
 	ret->path = s->named ? ctl_input_path(in, s->path, sizeof(s->path)) : NULL;
 	return 0;
 }
@@ -88,6 +90,7 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 		return s->status = told(s, i, why);
 	to->known = p->known;
 	if (p->known) {
+		ctl_archive_drop(&s->in->input[i]);
 		to->points = p->points;
 		to->replaced = p->replaced;
 		s->ret->known++;
@@ -96,9 +99,28 @@ static int probed(void *ctx, size_t i, const struct acut_failure *why, const str
 	}
 	s->progress.total += p->points;
 	ctl_assume_seen(&s->assume, p);
-	if (p->warning[0])
+	if (p->warning[0]) {
+		free(to->warning);
+		to->warning = strdup(p->warning);
 		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, p->warning);
+	}
 	return 0;
+}
+
+/* What is warned of once all was read begins with what was said of the header. */
+static void take_warning(struct staging *s, size_t i, const char *text)
+{
+	struct ctl_staged_file *to = &s->ret->file[i];
+	size_t n = to->warning ? strlen(to->warning) : 0;
+	const char *more = n && !strncmp(text, to->warning, n) ? text + n : text;
+
+	more += strncmp(more, "; ", 2) ? 0 : 2;
+	if (*more)
+		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, more);
+	if (*text) {
+		free(to->warning);
+		to->warning = strdup(text);
+	}
 }
 
 static int staged(void *ctx, size_t i, const struct acut_failure *why, const struct acut_file_result *f)
@@ -111,24 +133,24 @@ static int staged(void *ctx, size_t i, const struct acut_failure *why, const str
 		return s->status = told(s, i, why);
 	if (ctl_pipe_finish(&s->in->input[i], &err))
 		return s->status = ctl_error(s->ctl, &err);
+	ctl_archive_drop(&s->in->input[i]);
 	to->points = f->points;
 	to->moved = f->moved;
 	to->bytes_read = f->bytes_read;
 	to->bytes = f->bytes;
+	to->left_out = f->left_out;
 	to->partial = f->partial;
 	to->replaced = f->replaced;
 	memcpy(to->shift, f->max_shift, sizeof(to->shift));
 	to->projected_from = *f->projected_from ? strdup(f->projected_from) : NULL;
+	to->overridden = *f->overridden ? strdup(f->overridden) : NULL;
 	to->shifted = f->shifted;
 	to->height[0] = f->shift_min;
 	to->height[1] = f->shift_mean;
 	to->height[2] = f->shift_max;
 	s->progress.base += f->points;
 	s->ret->good++;
-	if (f->warning[0]) {
-		to->warning = strdup(f->warning);
-		ctl_warn(s->ctl, "%s: %s", s->in->input[i].name, f->warning);
-	}
+	take_warning(s, i, f->warning);
 	return 0;
 }
 
@@ -165,6 +187,7 @@ static int begin(struct staging *s, const char *dataset)
 					.columns = a->columns,
 					.planar = a->planar,
 					.accept_truncated = a->accept_truncated,
+					.strict = a->strict,
 					.checksum = a->checksum,
 					.add = a->add,
 					.replace = a->replace,
@@ -198,7 +221,8 @@ static int begin(struct staging *s, const char *dataset)
 			return status;
 		opt.geoid = geoid;
 	}
-	if ((a->mode && acut_dataset_mode(s->ctl->acut, a->mode)) || acut_push_begin(s->ctl->acut, &opt, &s->push))
+	if (acut_decimal_comma(s->ctl->acut, a->decimal_comma) || (a->mode && acut_dataset_mode(s->ctl->acut, a->mode)) ||
+	    acut_push_begin(s->ctl->acut, &opt, &s->push))
 		return ctl_error_acut(s->ctl);
 	if (*acut_push_note(s->push))
 		ctl_note(s->ctl, "%s: %s", dataset, acut_push_note(s->push));
@@ -283,7 +307,10 @@ int ctl_stage(struct ctl *ctl, const char *dataset, struct ctl_inputs *in, struc
 			status = ctl_error_acut(ctl);
 		} else {
 			ctl_height_planned(ctl, acut_push_planned(s.push), ret);
-			ctl_assume_warn(ctl, &s.assume);
+			if (*acut_push_planned(s.push)->note)
+				ctl_warn(ctl, "%s", acut_push_planned(s.push)->note);
+			if (acut_push_first(s.push))
+				ctl_assume_warn(ctl, &s.assume);
 		}
 		if (!status)
 			status = each_file(&s, false);
@@ -310,6 +337,8 @@ void ctl_stage_done(struct ctl_staged *s)
 		free(s->file[i].warning);
 	for (size_t i = 0; s->file && i < s->nfile; i++)
 		free(s->file[i].projected_from);
+	for (size_t i = 0; s->file && i < s->nfile; i++)
+		free(s->file[i].overridden);
 	free(s->file);
 	*s = (struct ctl_staged){0};
 }

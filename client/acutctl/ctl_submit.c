@@ -51,5 +51,7 @@ int ctl_submit_run(struct ctl *ctl)
 	}
 	ctl_progress_clear(ctl);
 	ctl_summary_job(ctl, job);
+	if (job->has_report)
+		ctl_outlier_most(ctl, &job->report);
 	return ctl_job_status(ctl, job);
 }

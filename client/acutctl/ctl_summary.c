@@ -44,6 +44,7 @@ static void inputs_text(struct ctl *ctl, const struct ctl_staged *staged)
 	if (n)
 		ctl_note(ctl, "%u COPC input%s read in part: %s of %s bytes", n, n == 1 ? "" : "s", ctl_job_count(read, a),
 			 ctl_job_count(bytes, b));
+	ctl_assume_text(ctl, staged);
 }
 
 static void changes_text(struct ctl *ctl, const struct format_changes *c)
@@ -131,9 +132,15 @@ static void place(struct ctl *ctl, FILE *out, const struct acut_job *job, const 
 	bool known = job->crs && *job->crs && strcmp(job->crs, "unknown");
 
 	ctl_term_field(out, "crs", "%s%s", known ? job->crs : "unknown",
-		       known && staged && a->assume_crs ? " (--assume-crs, where the inputs say none)" : "");
+		       !known || !staged ? "" :
+		       a->assume_crs     ? " (--assume-crs, where the inputs say none)" :
+		       a->override_crs   ? " (--override-crs)" :
+					   "");
 	ctl_term_field(out, "units", "%s, heights %s%s", job->unit_xy, a->z_unit ? a->z_unit : job->unit_z,
-		       staged && a->assume_units ? " (--assume-units, where the inputs say none)" : "");
+		       !staged           ? "" :
+		       a->assume_units   ? " (--assume-units, where the inputs say none)" :
+		       a->override_units ? " (--override-units)" :
+					   "");
 	if (staged && staged->zone[0])
 		ctl_term_field(out, "projected", "degrees to zone %s", staged->zone);
 }

@@ -21,6 +21,8 @@ static int wait_one(struct ctl *ctl, uint64_t id)
 		ctl_job_print(ctl, job);
 	if (ctl->args.json)
 		return job->has_error ? job->error.exit_status : CTL_DONE;
+	if (job->has_report)
+		ctl_outlier_most(ctl, &job->report);
 	return ctl_job_status(ctl, job);
 }
 

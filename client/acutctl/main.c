@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "ctl.h"
+#include "io.h"
 
 /* Results that nobody could read are not done. */
 static int flush(struct ctl *ctl, int status)
@@ -43,6 +44,7 @@ int main(int argc, char **argv)
 	struct err err = ERR_INIT;
 	int status;
 
+	io_take_standard();
 	/* Messages come and go by the thousand: the heap does not give back each at once. */
 	mallopt(M_TRIM_THRESHOLD, 4 << 20);
 	mallopt(M_TOP_PAD, 256 << 10);

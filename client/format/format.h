@@ -81,6 +81,7 @@ struct format_run_options {
 
 /* The most tiles that the triangles of a mesh may be in. */
 #define FORMAT_TILES 100000u
+#define FORMAT_LONG_EDGE 50 /* times the median: not of the spacing of the survey any more */
 #define FORMAT_CHANGES ".changes.geojson"
 #define FORMAT_TILES_INDEX "index.geojson"
 
@@ -102,6 +103,7 @@ struct format_report {
 	struct format_changes changes;
 	uint64_t tiles;                   /* files of tiles; 0 without tiles */
 	double longest_edge, median_edge; /* if edges were asked for; 0 without triangles */
+	double long_share; /* of the area of all triangles, the part of those with an edge above FORMAT_LONG_EDGE medians */
 };
 
 struct format_run;

@@ -3,8 +3,9 @@
  *
  * A triangle is left out if one of its xy edges is longer than the limit: d^2 * scale^2 > limit^2 with
  * everything a decimal, so that limit^2 / scale^2, rounded down, is one whole number to compare d^2 with.
- * Lengths are counted in sixteenths of an octave of d^2: memory does not grow, and the median is right to
- * about two per cent. Each inner edge is seen from both sides; that moves no median of a large mesh.
+ * Lengths are counted by d^2 as a double, sixteen buckets from each power of two to the next: memory does not grow, and the
+ * median is right to about two per cent. Each inner edge is seen from both sides; that moves no median of a large mesh. The
+ * area of triangles is added up by their longest edge, in the same buckets: so what long edges cover is known when the median is.
  */
 #include <math.h>
 #include <stdio.h>
@@ -91,14 +92,41 @@ static u128 edge_square(const int32_t *a, const int32_t *b)
 	return (u128)((__int128)dx * dx) + (u128)((__int128)dy * dy);
 }
 
-static void edge_count(struct format_edge *ed, u128 d2)
+/* d^2 is below 2^67. The corners of a mesh differ, so it is 1 at least; a stream may say what is no mesh. */
+static unsigned bucket_of(double d2)
 {
-	int i = d2 ? (int)(16 * log2((double)d2)) : 0;
+	uint64_t bits;
 
-	if (d2 > ed->longest)
-		ed->longest = d2;
-	ed->bucket[i < FORMAT_EDGE_BUCKETS ? i : FORMAT_EDGE_BUCKETS - 1]++;
-	ed->count++;
+	if (d2 < 1)
+		return 0;
+	memcpy(&bits, &d2, sizeof(bits));
+	return (unsigned)(bits >> 48) - (1023 << 4);
+}
+
+/* The least d^2 of a bucket. */
+static double bucket_from(int i)
+{
+	return ldexp(1 + i % 16 / 16.0, i / 16);
+}
+
+static void gather(struct format_edge *ed, const int32_t *a, const int32_t *b, const int32_t *c)
+{
+	double ux = (double)b[0] - a[0], uy = (double)b[1] - a[1], vx = (double)c[0] - a[0], vy = (double)c[1] - a[1];
+	double wx = vx - ux, wy = vy - uy, d2[3] = {ux * ux + uy * uy, vx * vx + vy * vy, wx * wx + wy * wy}, most = d2[0];
+
+	for (int j = 0; j < 3; j++) {
+		most = d2[j] > most ? d2[j] : most;
+		ed->bucket[bucket_of(d2[j])]++;
+	}
+	ed->longest = most > ed->longest ? most : ed->longest;
+	ed->area[bucket_of(most)] += fabs(ux * vy - uy * vx) / 2;
+	ed->count += 3;
+}
+
+static void gather_all(struct format_edge *ed, const uint32_t (*triangle)[3], uint32_t n, const int32_t (*pos)[3])
+{
+	for (uint32_t i = 0; i < n; i++)
+		gather(ed, pos[triangle[i][0]], pos[triangle[i][1]], pos[triangle[i][2]]);
 }
 
 static u128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
@@ -109,8 +137,9 @@ static u128 area2(const int32_t *a, const int32_t *b, const int32_t *c)
 	return (u128)(s < 0 ? -s : s);
 }
 
-int format_edge_block(struct format_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
-		      struct acut_mesh_block *ret, struct err *err)
+/* *ret is the block without those whose edges are longer than the limit. */
+static int leave_out(struct format_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
+		     struct acut_mesh_block *ret, struct err *err)
 {
 	uint32_t kept = 0;
 
@@ -123,26 +152,37 @@ int format_edge_block(struct format_edge *ed, const struct acut_mesh_block *b, c
 	}
 	for (uint32_t i = 0; i < b->ntriangle; i++) {
 		const uint32_t *t = b->triangle[i];
-		u128 d2[3], most = 0;
+		u128 d2, most = 0;
 
 		for (int j = 0; j < 3; j++) {
-			d2[j] = edge_square(pos[t[j]], pos[t[j == 2 ? 0 : j + 1]]);
-			if (d2[j] > most)
-				most = d2[j];
+			d2 = edge_square(pos[t[j]], pos[t[j == 2 ? 0 : j + 1]]);
+			if (d2 > most)
+				most = d2;
 		}
-		if (ed->limited && !ed->none_longer && most > ed->limit) {
+		if (most > ed->limit) {
 			ed->left_out++;
 			ed->left_out_area2 += area2(pos[t[0]], pos[t[1]], pos[t[2]]);
 			continue;
 		}
-		for (int j = 0; j < 3 && ed->gather; j++)
-			edge_count(ed, d2[j]);
 		memcpy(ed->triangle[kept++], t, sizeof(*ed->triangle));
 	}
 	*ret = *b;
 	ret->triangle = (const uint32_t(*)[3])ed->triangle;
 	ret->ntriangle = kept;
 	return 0;
+}
+
+int format_edge_block(struct format_edge *ed, const struct acut_mesh_block *b, const int32_t (*pos)[3],
+		      struct acut_mesh_block *ret, struct err *err)
+{
+	int r = 0;
+
+	*ret = *b;
+	if (ed->limited && !ed->none_longer)
+		r = leave_out(ed, b, pos, ret, err);
+	if (!r && ed->gather)
+		gather_all(ed, ret->triangle, ret->ntriangle, pos);
+	return r;
 }
 
 double format_edge_median(const struct format_edge *ed)
@@ -152,14 +192,25 @@ double format_edge_median(const struct format_edge *ed)
 	for (int i = 0; i < FORMAT_EDGE_BUCKETS && ed->count; i++) {
 		seen += ed->bucket[i];
 		if (2 * seen >= ed->count)
-			return sqrt(exp2((i + 0.5) / 16)) * ed->scale;
+			return sqrt((bucket_from(i) + bucket_from(i + 1)) / 2) * ed->scale;
 	}
 	return 0;
 }
 
 double format_edge_longest(const struct format_edge *ed)
 {
-	return sqrt((double)ed->longest) * ed->scale;
+	return sqrt(ed->longest) * ed->scale;
+}
+
+double format_edge_share(const struct format_edge *ed, double length)
+{
+	double d2 = (length / ed->scale) * (length / ed->scale), longer = 0, all = 0;
+
+	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++) {
+		all += ed->area[i];
+		longer += bucket_from(i) >= d2 ? ed->area[i] : 0;
+	}
+	return all > 0 ? longer / all : 0;
 }
 
 double format_edge_area(const struct format_edge *ed)
@@ -195,18 +246,31 @@ void format_edge_save(const struct format_edge *ed, struct packer *p)
 {
 	packer_u64(p, ed->left_out);
 	save128(p, ed->left_out_area2);
-	save128(p, ed->longest);
+	packer_f64(p, ed->longest);
 	packer_u64(p, ed->count);
 	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
 		packer_u64(p, ed->bucket[i]);
+	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+		packer_f64(p, ed->area[i]);
+}
+
+/* Version 1: edges were gathered by no fetch, and are not from there on. */
+void format_edge_load_1(struct format_edge *ed, struct cursor *c)
+{
+	ed->left_out = cursor_u64(c);
+	ed->left_out_area2 = load128(c);
+	cursor_skip(c, 16 + 8 + 8 * FORMAT_EDGE_BUCKETS);
+	ed->gather = false;
 }
 
 void format_edge_load(struct format_edge *ed, struct cursor *c)
 {
 	ed->left_out = cursor_u64(c);
 	ed->left_out_area2 = load128(c);
-	ed->longest = load128(c);
+	ed->longest = cursor_f64(c);
 	ed->count = cursor_u64(c);
 	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
 		ed->bucket[i] = cursor_u64(c);
+	for (int i = 0; i < FORMAT_EDGE_BUCKETS; i++)
+		ed->area[i] = cursor_f64(c);
 }

@@ -32,7 +32,7 @@
 
 enum { OPTIONS = 4096, TARGET_SAVED = 2 * 32 + 8 + FORMAT_SAVED };
 static const uint32_t MAGIC = 0x534b4341; /* "ACKS" */
-static const uint32_t VERSION = 1;
+static const uint32_t VERSION = 2, OLDEST = 1;
 
 struct format_kept {
 	char *options;
@@ -40,6 +40,7 @@ struct format_kept {
 	uint64_t saved_ns, saved_size;
 	bool saved;
 	uint8_t *state;     /* that this run goes on with */
+	uint32_t version;   /* of it */
 	struct cursor rest; /* of it, behind the state of the fetch */
 	const uint8_t *fetch;
 	size_t fetch_size;
@@ -168,7 +169,10 @@ static int parse_state(struct format_run *run, const char *name, size_t size, st
 	const uint8_t *options;
 	uint32_t n;
 
-	if (cursor_u64(&sum) != XXH3_64bits(k->state, size - 8) || cursor_u32(&c) != MAGIC || cursor_u32(&c) != VERSION)
+	if (cursor_u64(&sum) != XXH3_64bits(k->state, size - 8) || cursor_u32(&c) != MAGIC)
+		return damaged(name, err);
+	k->version = cursor_u32(&c);
+	if (k->version < OLDEST || k->version > VERSION)
 		return damaged(name, err);
 	n = cursor_u32(&c);
 	options = cursor_bytes(&c, n);
@@ -279,7 +283,10 @@ int format_keep_head(struct format_run *run, const struct acut_mesh_head *head, 
 		r = t->format->resume(t->writer, head, &saved, err);
 	}
 	if (!r) {
-		format_edge_load(&run->edge, &c);
+		if (run->kept->version == VERSION)
+			format_edge_load(&run->edge, &c);
+		else
+			format_edge_load_1(&run->edge, &c);
 		r = format_open_load(&run->open, &c, err);
 	}
 	if (!r && (c.bad || cursor_left(&c) != 8))

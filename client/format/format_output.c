@@ -4,12 +4,11 @@
  * A regular output is a nameless file in the folder it will stand in and gets its name only by
  * format_output_publish, so that however this process ends, nothing stays; where the file system has no
  * nameless files, it has a temporary name, and is removed when it is freed unpublished. What cannot be
- * renamed (standard output, pipes, devices) is written straight through. A link is followed first, so that
+ * renamed (standard output, pipes, devices) is written straight through. A link is followed first (io_place.c), so that
  * the file it points to is replaced and the link stays. What happens to the bytes is in format_bytes.c.
  */
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,6 +18,7 @@
 #include "err.h"
 #include "format_output.h"
 #include "io.h"
+#include "io_place.h"
 
 struct format_output *format_output_alloc(const char *label, struct err *err)
 {
@@ -34,23 +34,6 @@ struct format_output *format_output_alloc(const char *label, struct err *err)
 		return format_output_free(o);
 	}
 	return o;
-}
-
-/* Splits `path` into an opened folder and a name in it. */
-static int output_folder(struct format_output *o, const char *path, struct err *err)
-{
-	const char *slash = strrchr(path, '/');
-	char *dir = slash ? strndup(path, slash == path ? 1 : (size_t)(slash - path)) : strdup(".");
-	int r;
-
-	o->name = strdup(slash ? slash + 1 : path);
-	if (!dir || !o->name) {
-		free(dir);
-		return err_set(err, ERR_NOMEM, "no memory for a file name");
-	}
-	r = io_open(AT_FDCWD, dir, O_RDONLY | O_DIRECTORY, 0, &o->dirfd, err);
-	free(dir);
-	return r;
 }
 
 static char *proc_name(int fd, char buf[32])
@@ -115,34 +98,47 @@ static int output_make(struct format_output *o, struct err *err)
 	return r;
 }
 
-static int output_open_file(struct format_output *o, const char *path, struct err *err)
+/* What is there already under the name: 0 = a file that will be replaced, or nothing; PLACE_OPEN: something else, to be written
+ * to. */
+enum { PLACE_OPEN = 1 };
+
+static int output_look(const struct format_output *o, const struct io_place *p, struct err *err)
 {
 	struct stat st;
-	char real[PATH_MAX];
-	int r;
 
-	if (!stat(path, &st)) {
-		if (S_ISDIR(st.st_mode)) {
-			err_set(err, ERR_USAGE, "the output is a folder");
-			return err_add_file(err, path);
-		}
-		if (o->no_clobber) {
-			err_set(err, ERR_USAGE, "the output exists already, and --no-clobber was given");
-			return err_add_file(err, path);
-		}
-		if (!S_ISREG(st.st_mode)) {
-			r = io_open(AT_FDCWD, path, O_WRONLY, 0, &o->fd, err);
-			o->own_fd = !r;
-			return r ? err_add_file(err, path) : 0;
-		}
-		if (realpath(path, real))
-			path = real;
+	if (!*p->name)
+		return err_set(err, ERR_USAGE, "the output is a folder");
+	if (fstatat(p->dirfd, p->name, &st, p->opaque ? 0 : AT_SYMLINK_NOFOLLOW))
+		return 0;
+	if (S_ISDIR(st.st_mode))
+		return err_set(err, ERR_USAGE, "the output is a folder");
+	if (o->no_clobber)
+		return err_set(err, ERR_USAGE, "the output exists already, and --no-clobber was given");
+	/* It was none when it was looked at: one that is there now is not to be followed. */
+	if (S_ISLNK(st.st_mode))
+		return err_set(err, ERR_PERM, "somebody has just put a link in the place of the output");
+	return p->opaque || !S_ISREG(st.st_mode) ? PLACE_OPEN : 0;
+}
+
+static int output_open_file(struct format_output *o, const char *path, struct err *err)
+{
+	struct io_place p;
+	int r = io_place_find(path, true, &p, err);
+
+	if (r)
+		return err_add_file(err, o->label);
+	r = output_look(o, &p, err);
+	if (r == PLACE_OPEN) {
+		r = io_open(p.dirfd, p.name, O_WRONLY | (p.opaque ? 0 : O_NOFOLLOW), 0, &o->fd, err);
+		o->own_fd = !r;
+	} else if (!r) {
+		o->name = p.name;
+		p.name = NULL;
+		r = io_open(p.dirfd, ".", O_RDONLY | O_DIRECTORY, 0, &o->dirfd, err);
+		if (!r)
+			r = output_make(o, err);
 	}
-	r = output_folder(o, path, err);
-	if (!r && !o->name[0])
-		r = err_set(err, ERR_USAGE, "the output is a folder");
-	if (!r)
-		r = output_make(o, err);
+	io_place_done(&p);
 	return r ? err_add_file(err, o->label) : 0;
 }
 

@@ -123,9 +123,10 @@ struct format_edge {
 	double scale;
 	char unit[16]; /* of x and y */
 	uint64_t left_out;
-	unsigned __int128 left_out_area2; /* twice the area, lattice units */
-	unsigned __int128 longest;
-	uint64_t count, bucket[FORMAT_EDGE_BUCKETS]; /* of log2 of the squared length, 16 an octave */
+	unsigned __int128 left_out_area2;            /* twice the area, lattice units */
+	double longest;                              /* squared, lattice units */
+	uint64_t count, bucket[FORMAT_EDGE_BUCKETS]; /* of the squared length, 16 from one power of two to the next */
+	double area[FORMAT_EDGE_BUCKETS];            /* of triangles, lattice units, by their longest edge */
 	uint32_t (*triangle)[3];
 	size_t room;
 };
@@ -137,10 +138,13 @@ int format_edge_block(struct format_edge *, const struct acut_mesh_block *, cons
 		      struct acut_mesh_block *ret, struct err *err);
 double format_edge_median(const struct format_edge *);
 double format_edge_longest(const struct format_edge *);
+/* Of the area of all triangles, the part of those with an edge longer than `length` (file units): 0 to 1. */
+double format_edge_share(const struct format_edge *, double length);
 double format_edge_area(const struct format_edge *);
 void format_edge_done(struct format_edge *);
 void format_edge_save(const struct format_edge *, struct packer *); /* what was counted */
 void format_edge_load(struct format_edge *, struct cursor *);
+void format_edge_load_1(struct format_edge *, struct cursor *);
 
 /* ---- external sort of small records of 64-bit words: format_sort.c ---- */
 

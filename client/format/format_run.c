@@ -23,7 +23,7 @@ int format_run_new(const struct format_run_options *opt, struct format_run **ret
 	run->opt = *opt;
 	if (!run->opt.sort_memory)
 		run->opt.sort_memory = SORT_MEMORY;
-	run->positions = opt->has_max_edge || opt->edges;
+	run->positions = opt->has_max_edge;
 	run->end = &run->target;
 	run->err = ERR_INIT;
 	*ret = run;
@@ -120,11 +120,11 @@ static int run_block(void *ctx, const struct acut_mesh_block *b)
 	struct format_block block = {b, NULL};
 	int r = 0;
 
-	if (run->positions)
+	if (run->positions || run->edge.gather)
 		r = format_open_block(&run->open, b, &block.position, &run->err);
 	if (!r && run->change)
 		r = format_change_block(run->change, &block, &run->err);
-	if (!r && (run->opt.has_max_edge || run->opt.edges)) {
+	if (!r && (run->edge.limited || run->edge.gather)) {
 		r = format_edge_block(&run->edge, b, block.position, &kept, &run->err);
 		block.mesh = &kept;
 	}
@@ -221,6 +221,7 @@ void format_run_report(const struct format_run *run, struct format_report *ret)
 		.tiles = run->tiles ? format_tiles_count(run->tiles) : 0,
 		.longest_edge = format_edge_longest(&run->edge),
 		.median_edge = format_edge_median(&run->edge),
+		.long_share = format_edge_share(&run->edge, FORMAT_LONG_EDGE * format_edge_median(&run->edge)),
 	};
 	if (run->change)
 		ret->changes = *format_change_counts(run->change);

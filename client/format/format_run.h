@@ -19,7 +19,7 @@ struct format_target {
 struct format_run {
 	struct format_run_options opt;
 	struct format_target *target, **end;
-	bool positions;               /* somebody needs them */
+	bool positions;               /* somebody needs them, beside the gathering of edges */
 	struct format_change *change; /* NULL: the stream is of a mesh */
 	struct format_tiles *tiles;   /* NULL: one file an output */
 	bool finished;

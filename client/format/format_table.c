@@ -1,5 +1,5 @@
 /*
- * The table of output formats. A new format is one file and one row here (ARCHITECTURE.md); everything else,
+ * The table of output formats. A new format is one file and one row here (HACKING.md); everything else,
  * the help text, `acutctl formats` and the contract tests included, reads this table.
  */
 #include <string.h>

@@ -21,6 +21,7 @@
 #include "format_output.h"
 #include "format_tile.h"
 #include "io.h"
+#include "io_place.h"
 
 #define PART ".tiles.part"
 
@@ -48,18 +49,13 @@ static void empty(int fd)
 
 static int open_outer(struct format_place *p, struct err *err)
 {
-	struct stat st;
-	int r;
+	int r = io_place_folder(p->path, 0777, &p->fd, &p->made, err);
 
-	if (mkdir(p->path, 0777) == 0)
-		p->made = true;
-	else if (errno != EEXIST)
-		return err_sys(err, errno, "the folder for the tiles cannot be made");
-	if (!stat(p->path, &st) && !S_ISDIR(st.st_mode)) {
+	if (r && err->sys == ENOTDIR) {
+		err_clear(err);
 		err_set(err, ERR_USAGE, "tiles go into a folder, and this is none");
 		return err_add_hint(err, "give a folder, or one that is not there yet, as in -o tiles/");
 	}
-	r = io_open(AT_FDCWD, p->path, O_RDONLY | O_DIRECTORY, 0, &p->fd, err);
 	if (!r && p->no_clobber && !faccessat(p->fd, FORMAT_TILES_INDEX, F_OK, AT_SYMLINK_NOFOLLOW))
 		r = err_set(err, ERR_USAGE, "the folder has tiles already, and --no-clobber was given");
 	return r;

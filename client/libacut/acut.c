@@ -35,6 +35,38 @@ static struct acut *acut_alloc(const struct acut_options *options)
 	return a;
 }
 
+static const struct {
+	enum call_feature bit;
+	const char *name, *what;
+} features[] = {
+	{CALL_MODE, "mode", "a mode for new datasets (--mode)"},
+	{CALL_DECIMAL_COMMA, "decimal-comma", "decimal commas (--decimal-comma)"},
+	{CALL_OVERRIDE, "override", "systems and units in place of what files say (--override-crs, --override-units)"},
+};
+enum { FEATURES = sizeof features / sizeof *features };
+
+static unsigned features_of(const Acut__V1__Hello *hello)
+{
+	unsigned all = 0;
+
+	for (size_t i = 0; i < hello->n_features; i++)
+		for (unsigned k = 0; k < FEATURES; k++)
+			all |= strcmp(hello->features[i], features[k].name) ? 0 : (unsigned)features[k].bit;
+	return all;
+}
+
+int call_needs(struct acut *a, enum call_feature bit)
+{
+	unsigned k = 0;
+
+	if (a->features & bit)
+		return 0;
+	while (features[k].bit != bit)
+		k++;
+	err_set(&a->err, ERR_VERSION, "the daemon (acutd %s) does not know %s", a->build, features[k].what);
+	return err_add_hint(&a->err, "leave the option out, or use an acutd of the release of this program (%s)", ACUT_VERSION);
+}
+
 static int check_hello(struct acut *a, const Acut__V1__Hello *hello)
 {
 	if (hello->version_min > FRAME_PROTOCOL_MAX || hello->version_max < FRAME_PROTOCOL_MIN) {
@@ -43,6 +75,7 @@ static int check_hello(struct acut *a, const Acut__V1__Hello *hello)
 		return err_add_hint(&a->err, "use acutctl and acutd of the same release");
 	}
 	snprintf(a->build, sizeof a->build, "%s", hello->build);
+	a->features = features_of(hello);
 	return 0;
 }
 

@@ -134,7 +134,7 @@ int acut_config(struct acut *, void (*each)(void *ctx, const struct acut_setting
 /* ---- push ---- */
 
 struct acut_progress {
-	const char *phase; /* "stage", "seal", "select", "mesh" */
+	const char *phase; /* "stage", "hash" (points are bytes), "seal", "select", "mesh" */
 	uint64_t points, points_total, domains, domains_total;
 	double seconds_left; /* of a job, at the pace of late, without waiting; 0: not known */
 	const char *waiting; /* what a job waits for, in words; "": nothing */
@@ -147,10 +147,13 @@ struct acut_push_options {
 	const char *columns;    /* of texts, a letter each ("xyzc", "_" skips one); NULL: as they say themselves */
 	const char *assume_crs; /* for inputs that say nothing: "EPSG:n", a WKT, or a name; NULL: nothing */
 	const char *assume_unit_xy, *assume_unit_z; /* "m", "ft", "ftUS"; NULL: nothing */
+	const char *override_crs;                   /* in place of what the inputs say, likewise; not beside assume_* */
+	const char *override_unit_xy, *override_unit_z;
 	const char *utm;       /* zone that degrees are projected to: "32N", "UPS-S"; NULL: of the middle of all */
 	const char *geoid;     /* a grid that the daemon keeps, to shift the heights; NULL: they stay */
 	const char *geoid_way; /* what they become: "orthometric" (also NULL) or "ellipsoidal" */
 	bool planar, accept_truncated;
+	bool strict;          /* a line of a text without a value for a coordinate is an error; else it is left out and counted */
 	bool checksum;        /* the same file: by its content, not by path, size and time */
 	const double *crop;   /* NULL, or x1, y1, x2, y2: no view will ask for points outside; one-step only */
 	bool add;             /* a file of a path that is there already is taken beside the old one, */
@@ -161,8 +164,10 @@ struct acut_push_options {
 };
 struct acut_probe {
 	const char *name, *format, *variant, *crs, *unit_xy, *unit_z, *plane, *warning;
-	const char *datum;     /* "": not said */
-	uint32_t epsg, epsg_z; /* numbers of the systems of x and y, and of z; 0: not said */
+	const char *datum;                /* "": not said */
+	const char *crs_name;             /* names of the numbers, "A", "A + B"; "": none */
+	uint64_t left_out, left_out_line; /* of a text: lines without a value for a coordinate, and the first of them */
+	uint32_t epsg, epsg_z;            /* numbers of the systems of x and y, and of z; 0: not said */
 	uint64_t points;
 	double min[3], max[3];
 	const char *scale[3], *offset[3];
@@ -181,15 +186,18 @@ struct acut_file_result {
 	const char *geoid;          /* "WAY HASH NAME" that shifted its heights; "" */
 	uint64_t shifted;           /* heights that were, and by how many metres */
 	double shift_min, shift_mean, shift_max;
-	uint64_t bytes_read, bytes; /* for its points; of the file */
-	bool partial;               /* points outside of the push's crop were not read */
-	uint32_t replaced;          /* files of the dataset, in the place of which it comes */
+	uint64_t bytes_read, bytes;       /* for its points; of the file */
+	uint64_t left_out, left_out_line; /* as of the probe */
+	bool partial;                     /* points outside of the push's crop were not read */
+	uint32_t replaced;                /* files of the dataset, in the place of which it comes */
+	const char *overridden;           /* what its records said of its coordinates, where the push overrode that; else "" */
 };
 /* What acut_push_plan fixed beside the lattice. */
 struct acut_push_planned {
 	const char *lattice, *crs;
 	const char *zone, *datum; /* that degrees are projected to, and theirs; "": there are none */
 	const char *geoid;        /* "WAY HASH NAME"; "": heights stay */
+	const char *note;         /* which scale was chosen for inputs that have more digits than it keeps, in words; "" */
 };
 struct acut_push_result {
 	const char *dataset;
@@ -242,12 +250,16 @@ int acut_push_probe_each(struct acut_push *, size_t n, const struct acut_push_ea
 int acut_push_file_each(struct acut_push *, size_t n, const struct acut_push_each *);
 /* What became of an interrupted push of this user into this dataset, in words; "" if there was none. */
 const char *acut_push_note(const struct acut_push *);
+/* Nothing was pushed into its dataset before: what is not known of the coordinates is worth telling. */
+bool acut_push_first(const struct acut_push *);
 /* Files 1..n lie safely on the daemon's disk and outlive this connection (counted as they were sent). */
 uint64_t acut_push_durable(const struct acut_push *);
 struct acut_push *acut_push_end(struct acut_push *); /* aborts if not committed; NULL is fine; gives NULL */
 /* Forgets a push without aborting it: what is durable stays pending with the daemon. */
 struct acut_push *acut_push_leave(struct acut_push *);
 
+/* Of texts that are pushed, or asked about, from now on: 123,45 is a number, and columns are not separated by commas. */
+int acut_decimal_comma(struct acut *, bool);
 /* `columns`: of a text, a letter each; NULL: as it says itself. */
 int acut_info(struct acut *, int fd, const char *name, const char *format, const char *columns, const struct acut_probe **ret);
 
@@ -269,6 +281,10 @@ struct acut_inspected {
 	const char *mgrs;                /* of the middle, a square of 1 km; "": none */
 	char *const *difference;         /* between header and records, in words */
 	size_t ndifference;
+	double inner_min[3],
+		inner_max[3]; /* of 99.9 % of the records at least: beyond each side lie no more than a 6,000th; NAN: not known */
+	uint64_t most_points; /* at the position that most records share; 0: each has one, or it is not known */
+	double most_at[2];    /* that position, x and y */
 };
 int acut_inspect(struct acut *, int fd, const char *name, const char *format, const char *columns,
 		 const struct acut_inspected **ret);
@@ -356,6 +372,8 @@ struct acut_report {
 	double seal_seconds, plan_seconds, domains_seconds; /* of staging; up to the plan; from there to the end */
 	bool window;      /* of some triangles of a mesh: used, hull, halo and removed mean nothing; points were read for it */
 	const char *note; /* "" or a sentence that whoever reads the mesh should know */
+	uint64_t most_points; /* of the view, at the position that most of them share; 0: each has one, or it is not known */
+	double most_at[2];    /* that position, x and y */
 };
 struct acut_job {
 	uint64_t id, generation;
@@ -430,7 +448,8 @@ struct acut_log_file {
 	const char *path;        /* as the client saw it; "": a pipe, or not for this user */
 	uint64_t points, size;
 	uint32_t source;
-	bool removed; /* by the generation, not added */
+	bool removed;           /* by the generation, not added */
+	const char *overridden; /* what its records said of its coordinates, where the push overrode that; else "" */
 };
 /* Calls that must not call on the connection. */
 struct acut_log_sink {

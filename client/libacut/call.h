@@ -14,6 +14,8 @@ struct acut_push {
 	uint32_t request_id;    /* of PushBegin: Durable comes on it */
 	uint64_t push, durable;
 	char *format, *columns, *note;
+	bool decimal_comma;
+	bool first; /* of its dataset */
 	bool checksum, add, replace;
 	char *replaces;
 	acut_progress_fn progress;
@@ -37,6 +39,7 @@ struct acut {
 	struct frame_conn *conn; /* NULL: never connected */
 	struct acut_options options;
 	char program[64], build[128];
+	unsigned features; /* of the daemon, of enum call_feature */
 	uint32_t last_id;
 	struct err err;              /* of the last call */
 	struct err dead;             /* why the connection is beyond use; code 0: it is not */
@@ -48,6 +51,7 @@ struct acut {
 	void *progress_ctx;
 
 	char umask_mode[8], mode[40]; /* of datasets that come to be; "": by the umask */
+	bool decimal_comma;           /* of texts */
 	char *area;                   /* of fetches; NULL: all */
 	struct fetch *fetch;          /* the one that runs, or the last one until the next call; NULL: none */
 
@@ -66,6 +70,9 @@ struct acut {
 	struct acut_imported imported;
 };
 
+/* What older daemons would ignore in a question: where their Hello.features lack it, the call fails before it asks. */
+enum call_feature { CALL_MODE = 1, CALL_DECIMAL_COMMA = 2, CALL_OVERRIDE = 4 };
+int call_needs(struct acut *, enum call_feature);
 /* The mode for a dataset that comes to be; "": the daemon's. Until the next call. */
 char *call_mode(struct acut *);
 /* Starts a call: forgets the last one's error and results. Negative if the connection is dead. */

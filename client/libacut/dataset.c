@@ -86,7 +86,8 @@ static int files_rows(void *ctx, const Acut__V1__Message *page)
 						   .points = f->points,
 						   .size = f->size,
 						   .source = f->source,
-						   .removed = f->removed};
+						   .removed = f->removed,
+						   .overridden = f->overridden};
 
 		r = call_rises(l->acut, f->source > l->last, "files");
 		if (r == 0)
@@ -332,6 +333,8 @@ int acut_dataset_mode(struct acut *a, const char *mode)
 
 	if (r == 0 && strlen(mode) >= sizeof a->mode)
 		return err_set(&a->err, ERR_USAGE, "\"%.60s...\" is not a mode", mode);
+	if (r == 0 && *mode)
+		r = call_needs(a, CALL_MODE);
 	if (r == 0)
 		strcpy(a->mode, mode);
 	return r;

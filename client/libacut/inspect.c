@@ -31,11 +31,15 @@ static void get_inspected(const Acut__V1__Inspected *m, struct acut_inspected *r
 		.mgrs = m->mgrs,
 		.difference = m->differences,
 		.ndifference = m->n_differences,
+		.most_points = m->most_points,
+		.most_at = {m->most_x, m->most_y},
 	};
 	call_probe(m->header, &ret->header);
 	for (size_t i = 0; i < 3; i++) {
 		ret->min[i] = i < m->n_min ? m->min[i] : NAN;
 		ret->max[i] = i < m->n_max ? m->max[i] : NAN;
+		ret->inner_min[i] = i < m->n_inner_min ? m->inner_min[i] : NAN;
+		ret->inner_max[i] = i < m->n_inner_max ? m->inner_max[i] : NAN;
 	}
 	get_counts(m->classes, m->n_classes, ret->classes, 256);
 	get_counts(m->returns, m->n_returns, ret->returns, 16);
@@ -65,6 +69,7 @@ int acut_inspect(struct acut *a, int fd, const char *name, const char *format, c
 	question.name = frame_text_clean(named);
 	question.format = frame_text_clean(formed);
 	question.columns = call_text(columns);
+	question.decimal_comma = a->decimal_comma;
 	r = call_again(a, FRAME_MESSAGE(INSPECT, inspect, &question), fd, ACUT__V1__MESSAGE__BODY_INSPECTED, &id, &a->answer);
 	free(named);
 	free(formed);

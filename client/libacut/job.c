@@ -76,6 +76,8 @@ static int get_report(struct acut *a, const Acut__V1__Report *p, const Acut__V1_
 		.seal_seconds = p->seal_seconds,
 		.plan_seconds = p->plan_seconds,
 		.domains_seconds = p->domains_seconds,
+		.most_points = p->most_points,
+		.most_at = {p->most_x, p->most_y},
 	};
 	*ret_rows = rows;
 	return 0;

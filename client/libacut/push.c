@@ -79,8 +79,11 @@ void call_probe(const Acut__V1__Probed *p, struct acut_probe *ret)
 		.plane = p->plane,
 		.warning = p->warning,
 		.datum = p->datum,
+		.crs_name = p->crs_name,
 		.epsg = p->epsg,
 		.epsg_z = p->epsg_z,
+		.left_out = p->left_out,
+		.left_out_line = p->left_out_line,
 		.replaced = p->replaced,
 		.points = p->points,
 		.known = p->known > ACUT_KNOWN_ADOPTED ? ACUT_KNOWN : (int)p->known,
@@ -104,6 +107,10 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 		err_set(&a->err, ERR_USAGE, "\"\" cannot name a dataset");
 		return err_add_hint(&a->err, "use up to 64 letters, digits, '_', '-' and '.', not starting with '.' or '-'");
 	}
+	if (*call_text(o->override_crs) || *call_text(o->override_unit_xy) || *call_text(o->override_unit_z))
+		r = call_needs(a, CALL_OVERRIDE);
+	if (r < 0)
+		return r;
 	push = calloc(1, sizeof *push);
 	if (!push)
 		return err_set(&a->err, ERR_NOMEM, "there is no memory for a push");
@@ -124,11 +131,15 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	question.assume_crs = call_text(o->assume_crs);
 	question.assume_unit_xy = call_text(o->assume_unit_xy);
 	question.assume_unit_z = call_text(o->assume_unit_z);
+	question.override_crs = call_text(o->override_crs);
+	question.override_unit_xy = call_text(o->override_unit_xy);
+	question.override_unit_z = call_text(o->override_unit_z);
 	question.utm = call_text(o->utm);
 	question.geoid = call_text(o->geoid);
 	question.geoid_way = call_text(o->geoid_way);
 	question.planar = o->planar;
 	question.accept_truncated = o->accept_truncated;
+	question.strict = o->strict;
 	question.format = push->format;
 	question.crop = (double *)o->crop;
 	question.n_crop = o->crop ? 4 : 0;
@@ -145,6 +156,8 @@ int acut_push_begin(struct acut *a, const struct acut_push_options *o, struct ac
 	push->acut = a;
 	push->push = a->answer->push_begun->push;
 	push->note = strdup(a->answer->push_begun->note);
+	push->first = !*a->answer->push_begun->lattice;
+	push->decimal_comma = a->decimal_comma;
 	push->checksum = o->checksum;
 	push->add = o->add;
 	push->replace = o->replace;
@@ -199,6 +212,7 @@ static int file_send(struct acut_push *push, bool probe, const struct acut_push_
 	p.name = f.name = name;
 	p.format = f.format = push->format;
 	p.columns = f.columns = push->columns;
+	p.decimal_comma = f.decimal_comma = push->decimal_comma;
 	p.checksum = push->checksum;
 	p.add = push->add;
 	p.replace = push->replace;
@@ -246,7 +260,10 @@ static int file_result(struct acut *a, bool probe, Acut__V1__Message *m)
 		.bytes_read = done->bytes_read,
 		.bytes = done->bytes,
 		.partial = done->partial,
+		.left_out = done->left_out,
+		.left_out_line = done->left_out_line,
 		.replaced = done->replaced,
+		.overridden = done->overridden,
 	};
 	get_double3(done->max_shift, done->n_max_shift, a->file.max_shift);
 	return 0;
@@ -440,8 +457,12 @@ int acut_push_plan(struct acut_push *push, const char **ret_lattice)
 	if (r == 0) {
 		const Acut__V1__PushPlanned *p = push->acut->answer->push_planned;
 
-		push->acut->planned = (struct acut_push_planned){
-			.lattice = p->lattice, .crs = p->crs, .zone = p->zone, .datum = p->datum, .geoid = p->geoid};
+		push->acut->planned = (struct acut_push_planned){.lattice = p->lattice,
+								 .crs = p->crs,
+								 .zone = p->zone,
+								 .datum = p->datum,
+								 .geoid = p->geoid,
+								 .note = p->note};
 		*ret_lattice = p->lattice;
 	}
 	return r;
@@ -469,6 +490,11 @@ int acut_push_commit(struct acut_push *push, const struct acut_push_result **ret
 		.dataset = c->dataset, .generation = c->generation, .points = c->points, .unchanged = c->unchanged};
 	*ret = &a->pushed;
 	return 0;
+}
+
+bool acut_push_first(const struct acut_push *push)
+{
+	return push->first;
 }
 
 const char *acut_push_note(const struct acut_push *push)
@@ -518,6 +544,17 @@ struct acut_push *acut_push_end(struct acut_push *push)
 	return acut_push_leave(push);
 }
 
+int acut_decimal_comma(struct acut *a, bool decimal_comma)
+{
+	int r = call_begin(a);
+
+	if (r == 0 && decimal_comma)
+		r = call_needs(a, CALL_DECIMAL_COMMA);
+	if (r == 0)
+		a->decimal_comma = decimal_comma;
+	return r;
+}
+
 int acut_info(struct acut *a, int fd, const char *name, const char *format, const char *columns, const struct acut_probe **ret)
 {
 	Acut__V1__InfoRequest question = ACUT__V1__INFO_REQUEST__INIT;
@@ -535,6 +572,7 @@ int acut_info(struct acut *a, int fd, const char *name, const char *format, cons
 	question.name = copy;
 	question.format = call_text(format);
 	question.columns = call_text(columns);
+	question.decimal_comma = a->decimal_comma;
 	r = call_again(a, FRAME_MESSAGE(INFO_REQUEST, info_request, &question), fd, ACUT__V1__MESSAGE__BODY_PROBED, &id,
 		       &a->answer);
 	free(copy);

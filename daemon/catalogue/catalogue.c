@@ -6,7 +6,7 @@
  * go at once. Changes are made in the order in which they were queued; each is a transaction and is on disk
  * when its `done` is called. The heap of SQLite is bounded, and charged whole; the catalogue never caches for
  * readers.
- * A row that could not be removed, and nobody waits to hear of it, is removed before the next change: it may keep a
+ * A row that could not be removed is removed before the next change: it may keep a
  * name from others. What is still owed at the end the next start finds without anything that belongs to it.
  */
 #include "catalogue_priv.h"
@@ -21,6 +21,7 @@
 #include "err.h"
 #include "ledger.h"
 #include "log.h"
+#include "thread.h"
 
 static int take_heap(struct catalogue *c, struct err *err)
 {
@@ -35,7 +36,7 @@ int catalogue_new(const char *path, struct ledger *ledger, struct catalogue **re
 
 	if (!c)
 		return err_set(err, ERR_NOMEM, "no memory for the catalogue");
-	pthread_mutex_init(&c->lock, NULL);
+	lock_init(&c->lock, LOCK_CATALOGUE);
 	pthread_cond_init(&c->wake, NULL);
 	pthread_cond_init(&c->room, NULL);
 	c->ledger = ledger;
@@ -76,10 +77,10 @@ struct catalogue *catalogue_free(struct catalogue *c)
 	if (!c)
 		return NULL;
 	if (c->started) {
-		pthread_mutex_lock(&c->lock);
+		lock_take(&c->lock);
 		c->stop = true;
 		pthread_cond_signal(&c->wake);
-		pthread_mutex_unlock(&c->lock);
+		lock_give(&c->lock);
 		pthread_join(c->thread, NULL);
 		catalogue_dispatch(c);
 	}
@@ -91,7 +92,7 @@ struct catalogue *catalogue_free(struct catalogue *c)
 		ledger_give(c->ledger, LEDGER_CATALOGUE, CATALOGUE_HEAP);
 	pthread_cond_destroy(&c->wake);
 	pthread_cond_destroy(&c->room);
-	pthread_mutex_destroy(&c->lock);
+	lock_done(&c->lock);
 	free(c->path);
 	free(c);
 	return NULL;
@@ -188,7 +189,8 @@ static void *work(void *arg)
 {
 	struct catalogue *c = arg;
 
-	pthread_mutex_lock(&c->lock);
+	thread_mark_helper();
+	lock_take(&c->lock);
 	for (;;) {
 		struct change *ch = c->todo;
 		uint64_t one = 1;
@@ -196,14 +198,14 @@ static void *work(void *arg)
 		if (!ch) {
 			if (c->stop)
 				break;
-			pthread_cond_wait(&c->wake, &c->lock);
+			lock_wait(&c->lock, &c->wake);
 			continue;
 		}
 		c->todo = ch->next;
 		if (!c->todo)
 			c->todo_end = &c->todo;
 		c->writing = true;
-		pthread_mutex_unlock(&c->lock);
+		lock_give(&c->lock);
 		struct err why = ERR_INIT;
 
 		ch->r = catalogue_again(c, &why);
@@ -213,10 +215,10 @@ static void *work(void *arg)
 			if (c->io_failed)
 				catalogue_after_error(c, ch, &why);
 		}
-		if (ch->r && !ch->done && drops(ch))
+		if (ch->r && drops(ch))
 			owe(c, ch, &why);
 		written(c, ch, &why);
-		pthread_mutex_lock(&c->lock);
+		lock_take(&c->lock);
 		c->writing = false;
 		pthread_cond_signal(&c->room);
 		ch->next = NULL;
@@ -226,7 +228,7 @@ static void *work(void *arg)
 		if (write(c->event, &one, sizeof one) < 0)
 			continue;
 	}
-	pthread_mutex_unlock(&c->lock);
+	lock_give(&c->lock);
 	return NULL;
 }
 
@@ -262,7 +264,7 @@ unsigned catalogue_dispatch(struct catalogue *c)
 	for (;;) {
 		struct change *ch;
 
-		pthread_mutex_lock(&c->lock);
+		lock_take(&c->lock);
 		ch = c->over;
 		if (ch) {
 			c->over = ch->next;
@@ -270,7 +272,7 @@ unsigned catalogue_dispatch(struct catalogue *c)
 				c->over_end = &c->over;
 			c->busy--;
 		}
-		pthread_mutex_unlock(&c->lock);
+		lock_give(&c->lock);
 		if (!ch)
 			return n;
 		if (ch->done)
@@ -284,8 +286,8 @@ unsigned catalogue_busy(struct catalogue *c)
 {
 	unsigned busy;
 
-	pthread_mutex_lock(&c->lock);
+	lock_take(&c->lock);
 	busy = c->busy;
-	pthread_mutex_unlock(&c->lock);
+	lock_give(&c->lock);
 	return busy;
 }

@@ -4,6 +4,7 @@
  */
 #include "catalogue_priv.h"
 
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,12 +47,13 @@ static void add_text(struct change *ch, const char *t)
 		ch->value[ch->n++] = (struct value){.kind = VALUE_TEXT, .text = strdup(t ? t : "")};
 }
 
-/* Room among those that wait for the disk; locked. It comes when some are written: a slow disk slows down who asks
- * for more than it carries. */
+/* Room among the changes that wait for the disk. It comes when some are written: a slow disk slows down who asks for more than it
+ * carries. */
 static bool take_room(struct catalogue *c, struct change *ch)
 {
 	size_t bytes = sizeof *ch;
 
+	assert(lock_held(LOCK_CATALOGUE));
 	if (!c->ledger)
 		return true;
 	for (unsigned i = 0; i < ch->n; i++)
@@ -59,7 +61,7 @@ static bool take_room(struct catalogue *c, struct change *ch)
 	while (!ledger_take(c->ledger, LEDGER_CATALOGUE, bytes)) {
 		if (!c->started || (!c->todo && !c->writing))
 			return false;
-		pthread_cond_wait(&c->room, &c->lock);
+		lock_wait(&c->lock, &c->room);
 		progress_step(); /* the disk is slow, and answers */
 	}
 	ch->charged = bytes;
@@ -75,9 +77,9 @@ static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
 			catalogue_change_free(ch);
 			return err_set(err, ERR_NOMEM, "no memory for a change of the catalogue");
 		}
-	pthread_mutex_lock(&c->lock);
+	lock_take(&c->lock);
 	if (!take_room(c, ch)) {
-		pthread_mutex_unlock(&c->lock);
+		lock_give(&c->lock);
 		catalogue_change_free(ch);
 		return err_set(err, ERR_BUSY, "the memory has no room for a change of the catalogue");
 	}
@@ -85,7 +87,7 @@ static int change_queue(struct catalogue *c, struct change *ch, struct err *err)
 	c->todo_end = &ch->next;
 	c->busy++;
 	pthread_cond_signal(&c->wake);
-	pthread_mutex_unlock(&c->lock);
+	lock_give(&c->lock);
 	return 0;
 }
 

@@ -1,5 +1,5 @@
 /*
- * The catalogue after an error of the disk.
+ * The catalogue after an error of the disk, or without memory in the middle of a change.
  *
  * The model: a commit whose fsync failed may be there or not, and a second fsync would say that all is well either
  * way. So nothing is tried again on that connection. It is closed, which throws away what was not committed, and the
@@ -89,7 +89,10 @@ void catalogue_after_error(struct catalogue *c, struct change *ch, struct err *w
 	bool made = false;
 	int r;
 
-	log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "an error of the disk: the catalogue is opened anew", why);
+	log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL,
+		      why->code == ERR_NOMEM ? "no memory for the catalogue: it is opened anew" :
+					       "an error of the disk: the catalogue is opened anew",
+		      why);
 	r = reopen(c, &err);
 	if (!r && ch->r)
 		r = look(c, ch, &made, &err);

@@ -28,7 +28,8 @@ int catalogue_failed(struct catalogue *c, struct err *err, const char *what)
 
 	int sys = code == SQLITE_IOERR ? sqlite3_system_errno(c->db) : 0;
 
-	c->io_failed |= code == SQLITE_IOERR;
+	/* Without memory SQLite ends a commit anywhere, also behind what makes it durable. */
+	c->io_failed |= code == SQLITE_IOERR || code == SQLITE_NOMEM;
 	if (sys == ENOSPC || sys == EDQUOT)
 		as = ERR_NOSPACE;
 	err_set(err, as, "%s: %s%s%s", what, sqlite3_errmsg(c->db), sys ? ": " : "", sys ? strerror(sys) : "");

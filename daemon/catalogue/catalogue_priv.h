@@ -2,7 +2,6 @@
 #ifndef CATALOGUE_PRIV_H
 #define CATALOGUE_PRIV_H
 
-#include <pthread.h>
 #include <sqlite3.h>
 #include <stdatomic.h>
 #include <stdbool.h>
@@ -10,6 +9,7 @@
 
 #include "catalogue.h"
 #include "catalogue_sql.h"
+#include "lock.h"
 
 /* values of one change, at most: columns of the widest table */
 enum { VALUES = 22 };
@@ -38,10 +38,10 @@ struct change {
 struct catalogue {
 	sqlite3 *db; /* NULL: closed, after an error of the disk */
 	char *path;
-	bool io_failed; /* since it was opened; of the thread */
+	bool io_failed; /* since it was opened a change ended in the middle; of the thread */
 	atomic_bool unsure;
 	sqlite3_stmt *stmt[CATALOGUE_SQLS];
-	pthread_mutex_t lock;
+	struct lock lock;
 	pthread_cond_t wake, room; /* for the thread; for who waits to queue */
 	pthread_t thread;
 	struct ledger *ledger;

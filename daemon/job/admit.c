@@ -1,29 +1,29 @@
 /*
- * Who may have what of the memory. (Who is next for a place: places.c. Who is next for a worker and for bytes that
+ * Who may have what of the memory. (Who is next for a place: slots.c. Who is next for a worker and for bytes that
  * come free: sched_queue.c.)
  *
- * The shares of `memory`: what is small has its part whatever else is held (house_bytes); every walk at work has a share
+ * The shares of `memory`: what is small has its part whatever else is held (service_bytes); every run at work has a share
  * for its table of unfinished vertices and one for index pages; stages take up to half; domains take what is left.
  *
  * Why the first in the queue can always run. What is held falls into two kinds:
- *   - for long: the fixed part, the shares of the walks at work, the stages of pushes. Nothing of it is waited for
- *     while holding other memory: a walk gets its place, that is all of its share, at once (places.c), and gives it
- *     back before it waits for more than its plan can have (walk_retreat); a push waits for its stage, and for
+ *   - for long: the fixed part, the shares of the runs at work, the stages of pushes. Nothing of it is waited for
+ *     while holding other memory: a run gets its place, that is all of its share, at once (slots.c), and gives it
+ *     back before it waits for more than its plan can have (run_retreat); a push waits for its stage, and for
  *     room for more names, holding no more than the names of its files; where only such pushes are left the youngest is
  *     refused (push_room).
  *   - for a while: what a task takes when it starts (a domain, a plan, a selection, buffers to read a file). It ends
  *     without asking for more; what it leaves in memory (a finished domain) goes to the store when others lack
- *     memory (walk_relieve), by tasks that need none and so are never behind one that waits. A plan is made by two tasks, of
- * which the second needs none either (walk_plan.c). Let F be the memory without what is held for long. Then at any time F is at
- * least what the largest single task of any walk at work takes: a place is given only where F stays so large (room_for), a stage
- * leaves twice that (admit_stage), and a plan's domains are at most half of F when it is made. The first task in the queue that
- * lacks memory has a claim on all that comes free (sched_queue.c). So when those before it have ended, it fits. Tasks that are no
- * walk's (inspection, a file larger than was thought) are refused where they could be larger than F can become (admit_never).
- * Helpers that read a file in parts only take what is idle, and never have a claim.
+ *     memory (run_relieve), by tasks that need none and so are never behind one that waits. A plan is made by two tasks, of which
+ * the second needs none either (run_plan.c). Let F be the memory without what is held for long. Then at any time F is at least
+ * what the largest single task of any run at work takes: a place is given only where F stays so large (room_for), a stage leaves
+ * twice that (admit_stage), and a plan's domains are at most half of F when it is made. The first task in the queue that lacks
+ * memory has a claim on all that comes free (sched_queue.c). So when those before it have ended, it fits. Tasks that
+ * are no run's (inspection, a file larger than was thought) are refused where they could be larger than F can
+ * become (admit_never). Helpers that read a file in parts only take what is idle, and never have a claim.
  */
 #include "clock.h"
 #include "job_priv.h"
-#include "walk_priv.h"
+#include "run_priv.h"
 
 #define STARVED_SECONDS 0.3
 
@@ -44,7 +44,7 @@ static uint64_t index_share(uint64_t total)
 
 /* What is not for domains and stages: stacks, the catalogue, messages, streams, and what grows with jobs and sources. What pushes
  * keep of their files is in jobs_staged. */
-static uint64_t house_bytes(const struct jobs *j)
+static uint64_t service_bytes(const struct jobs *j)
 {
 	const unsigned names = 1u << LEDGER_THREAD | 1u << LEDGER_CATALOGUE | 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS |
 			       1u << LEDGER_MANIFEST | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE;
@@ -59,30 +59,30 @@ void admit_init(struct jobs *j)
 	j->emitter_share = emitter_share(total);
 	j->index_share = index_share(total);
 	j->stage_share = total / 2;
-	j->walks_max = total < (UINT64_C(64) << 20) ? 4 : 8;
-	j->reserve = house_bytes(j);
+	j->runs_max = total < (UINT64_C(64) << 20) ? 4 : 8;
+	j->reserve = service_bytes(j);
 	j->reserve_part =
 		ledger_claimed(j->p.ledger, 1u << LEDGER_MESSAGE | 1u << LEDGER_JOBS | 1u << LEDGER_PLAN | 1u << LEDGER_PIPE);
 }
 
 /* ---- what is held ---- */
 
-void jobs_each_walk(struct jobs *j, void (*fn)(struct walk *, void *), void *ctx)
+void jobs_each_run(struct jobs *j, void (*fn)(struct run *, void *), void *ctx)
 {
 	struct job_asked_plan *p;
 	struct job_fetch *f;
 	struct job *job;
 
 	for (job = j->jobs; job; job = job->next) {
-		if (job->walk && !job->walk_ended)
-			fn(job->walk, ctx);
+		if (job->run && !job->run_ended)
+			fn(job->run, ctx);
 		for (f = job->fetches; f; f = f->next)
-			if (f->walk && !f->walk_ended)
-				fn(f->walk, ctx);
+			if (f->run && !f->run_ended)
+				fn(f->run, ctx);
 	}
 	for (p = j->plans; p; p = p->next)
-		if (p->walk && !p->walk_ended)
-			fn(p->walk, ctx);
+		if (p->run && !p->run_ended)
+			fn(p->run, ctx);
 }
 
 struct look {
@@ -91,30 +91,30 @@ struct look {
 	const struct dataset *dataset;
 };
 
-static void tally_walk(struct walk *w, void *ctx)
+static void tally_run(struct run *w, void *ctx)
 {
 	struct look *l = ctx;
-	bool ours = w->owner.uid == l->uid, stalled = walk_stalled(w);
+	bool ours = w->owner.uid == l->uid, stalled = run_stalled(w);
 
-	l->t.opening += walk_opens(w, l->dataset);
+	l->t.opening += run_opens(w, l->dataset);
 	if (!w->placed)
 		return;
-	l->t.walks++;
+	l->t.runs++;
 	l->t.running += !stalled;
 	l->t.own += ours;
 	l->t.own_running += ours && !stalled;
-	if (walk_domain_bytes(w) > l->t.largest)
-		l->t.largest = walk_domain_bytes(w);
+	if (run_domain_bytes(w) > l->t.largest)
+		l->t.largest = run_domain_bytes(w);
 	/* It has come back for so much, and has no plan yet. */
-	if (w->state < WALK_PLANNING && w->place->need > l->t.largest)
-		l->t.largest = w->place->need;
+	if (w->state < RUN_PLANNING && w->slot->need > l->t.largest)
+		l->t.largest = w->slot->need;
 }
 
 struct admit_tally admit_tally(struct jobs *j, uint32_t uid)
 {
 	struct look l = {.uid = uid};
 
-	jobs_each_walk(j, tally_walk, &l);
+	jobs_each_run(j, tally_run, &l);
 	return l.t;
 }
 
@@ -127,7 +127,7 @@ bool jobs_opening(struct jobs *j, const struct dataset *d)
 {
 	struct look l = {.dataset = d};
 
-	jobs_each_walk(j, tally_walk, &l);
+	jobs_each_run(j, tally_run, &l);
 	return l.t.opening > 0;
 }
 
@@ -156,13 +156,13 @@ uint64_t admit_share(const struct jobs *j)
 
 uint64_t jobs_domain_memory(struct jobs *j)
 {
-	uint64_t used = house_bytes(j) + jobs_staged(j) + (admit_tally(j, 0).walks + 1) * admit_share(j);
+	uint64_t used = service_bytes(j) + jobs_staged(j) + (admit_tally(j, 0).runs + 1) * admit_share(j);
 	uint64_t total = ledger_total(j->p.ledger);
 
 	return total > used ? total - used : 0;
 }
 
-/* With that memory, what domains of the only walk have. */
+/* With that memory, what domains of the only run have. */
 static uint64_t alone(const struct jobs *j, uint64_t total)
 {
 	/* The parts that are set aside are in proportion to the memory. */
@@ -179,7 +179,7 @@ uint64_t admit_alone(const struct jobs *j)
 
 bool admit_only(struct jobs *j)
 {
-	return admit_tally(j, 0).walks <= 1 && !jobs_staged(j);
+	return admit_tally(j, 0).runs <= 1 && !jobs_staged(j);
 }
 
 /* Of a plan of the lowest rung on a dataset of one segment. */
@@ -278,6 +278,7 @@ static struct push *stage_next(struct jobs *j)
 
 void admit_stages(struct jobs *j)
 {
+	THREAD_LOOP_ONLY();
 	do {
 		j->stage_turn = stage_next(j);
 		if (j->stage_turn)
@@ -292,19 +293,20 @@ bool admit_stage_awaited(const struct jobs *j, uint32_t uid)
 	return p && push_uid(p) != uid && !stages_of(j, push_uid(p));
 }
 
-/* ---- who gives way ---- */
+/* ---- who yields ---- */
 
-static void relieve(struct walk *w, void *ctx)
+static void relieve(struct run *w, void *ctx)
 {
-	walk_relieve(w, *(const bool *)ctx);
+	run_relieve(w, *(const bool *)ctx);
 }
 
-/* The first in the queue lacks memory: walks that do not get on give theirs at once, the others when it has
+/* The first in the queue lacks memory: runs that do not get on give theirs at once, the others when it has
  * waited for a while. */
 void admit_relieve(struct jobs *j)
 {
 	bool urgent;
 
+	THREAD_LOOP_ONLY();
 	if (!sched_starved(j->p.sched)) {
 		j->starved_ns = 0;
 		return;
@@ -312,25 +314,25 @@ void admit_relieve(struct jobs *j)
 	if (!j->starved_ns)
 		j->starved_ns = clock_mono_ns();
 	urgent = clock_since(j->starved_ns) > STARVED_SECONDS;
-	jobs_each_walk(j, relieve, &urgent);
+	jobs_each_run(j, relieve, &urgent);
 }
 
 struct same {
-	const struct walk *walk;
+	const struct run *run;
 	bool found;
 };
 
-static void look_same(struct walk *w, void *ctx)
+static void look_same(struct run *w, void *ctx)
 {
 	struct same *s = ctx;
 
-	s->found |= walk_selects_same(w, s->walk);
+	s->found |= run_selects_same(w, s->run);
 }
 
-bool jobs_selecting(struct jobs *j, const struct walk *w)
+bool jobs_selecting(struct jobs *j, const struct run *w)
 {
-	struct same s = {.walk = w};
+	struct same s = {.run = w};
 
-	jobs_each_walk(j, look_same, &s);
+	jobs_each_run(j, look_same, &s);
 	return s.found;
 }

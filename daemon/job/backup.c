@@ -62,7 +62,7 @@ uint64_t backup_id(const struct backup *b)
 
 int backup_sweep(int statefd, struct err *err)
 {
-	return folder_sweep(statefd, "backup-", err);
+	return io_folder_sweep(statefd, "backup-", err);
 }
 
 /* ---- making it, by a worker ---- */
@@ -330,7 +330,7 @@ static void end_run(struct sched_task *t)
 
 	b->listfd = io_close(b->listfd);
 	b->dirfd = io_close(b->dirfd);
-	if (folder_remove(b->jobs->p.statefd, b->name, &err))
+	if (io_folder_remove(b->jobs->p.statefd, b->name, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "the links of a backup stay behind until the next start", &err);
 }
 
@@ -344,7 +344,7 @@ static void end_done(struct sched_task *t)
 	io_close(b->listfd);
 	io_close(b->dirfd);
 	b->jobs->background--;
-	house_give(b->jobs, sizeof *b);
+	uncharge(b->jobs, sizeof *b);
 	free(b);
 }
 
@@ -483,10 +483,10 @@ void backup_begin(struct jobs *j, const char *dataset, const struct job_peer *pe
 		err_set(&err, ERR_PERM, "a backup holds what all users have pushed: it is for administrators");
 	if (!err.code)
 		check_count(j, peer, &err);
-	if (!err.code && !house_take(j, sizeof *b, "a backup", &err)) {
+	if (!err.code && !charge(j, sizeof *b, "a backup", &err)) {
 		b = calloc(1, sizeof *b);
 		if (!b) {
-			house_give(j, sizeof *b);
+			uncharge(j, sizeof *b);
 			err_set(&err, ERR_NOMEM, "no memory for a backup");
 		}
 	}

@@ -26,6 +26,7 @@ void cache_stat(struct jobs *j, struct cache_stat *ret)
 
 	disk_look(j); /* nothing else may be going on */
 	disk_count(j);
+	disk_ask_now(j);
 	space_stat(j->space, &ret->space);
 	for (d = j->datasets; d; d = d->next) {
 		ret->space.kind[d->onestep    ? SPACE_ONESTEP :
@@ -88,6 +89,7 @@ void cache_gc(struct jobs *j, const struct job_peer *peer, bool all,
 	struct err err = ERR_INIT;
 	struct gc *g = NULL;
 
+	THREAD_LOOP_ONLY();
 	if (!cache_may(peer, "remove what is stored", &err)) {
 		g = calloc(1, sizeof *g);
 		if (!g)

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 
 #include "cache_priv.h"
-#include "past.h"
+#include "history.h"
 #include "plan_file.h"
 #include "store.h"
 
@@ -26,24 +26,24 @@ struct gone {
 
 struct gone *cache_gone_new(struct jobs *j, struct err *err)
 {
-	size_t n = past_count(j);
-	uint64_t charge = TABLE_BYTES + n * sizeof(uint64_t);
+	size_t n = history_count(j);
+	uint64_t bytes = TABLE_BYTES + n * sizeof(uint64_t);
 	struct gone *g;
 
-	if (house_take(j, charge, "looking for what is not needed", err))
+	if (charge(j, bytes, "looking for what is not needed", err))
 		return NULL;
 	g = calloc(1, sizeof *g);
 	if (g) {
 		*g = (struct gone){.jobs = j, .job = calloc(n + 1, sizeof *g->job), .table = calloc(1, TABLE_BYTES), .n = n};
 		if (g->job && g->table) {
-			g->there = past_list(j, g->job);
+			g->there = history_list(j, g->job);
 			return g;
 		}
 		free(g->job);
 		free(g->table);
 		free(g);
 	}
-	house_give(j, charge);
+	uncharge(j, bytes);
 	err_set(err, ERR_NOMEM, "no memory to look for what is not needed");
 	return NULL;
 }
@@ -52,7 +52,7 @@ struct gone *cache_gone_free(struct gone *g)
 {
 	if (!g)
 		return NULL;
-	house_give(g->jobs, TABLE_BYTES + g->n * sizeof(uint64_t));
+	uncharge(g->jobs, TABLE_BYTES + g->n * sizeof(uint64_t));
 	free(g->job);
 	free(g->table);
 	free(g);

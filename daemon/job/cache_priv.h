@@ -2,10 +2,9 @@
 #ifndef CACHE_PRIV_H
 #define CACHE_PRIV_H
 
-#include <pthread.h>
-
 #include "grid.h"
 #include "job_priv.h"
+#include "lock.h"
 
 enum cache_step { CACHE_CATALOGUE, CACHE_DATASETS, CACHE_PLANS, CACHE_SELECTIONS, CACHE_DOMAINS, CACHE_OVER };
 
@@ -27,7 +26,7 @@ struct cache_verify {
 	uint64_t wait_ns; /* there was no memory for it then: again later */
 	uint64_t told_ns;
 
-	pthread_mutex_t lock; /* of what workers and the loop share */
+	struct lock lock; /* of what workers and the loop share */
 	pthread_cond_t room;
 	struct cache_damage *damage; /* CACHE_DAMAGES */
 	size_t ndamage;

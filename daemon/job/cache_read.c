@@ -16,8 +16,9 @@
 #include "cache_priv.h"
 #include "io.h"
 #include "plan_file.h"
+#include "selection.h"
 #include "store.h"
-#include "walk.h"
+#include "run.h"
 
 /* A file of some dataset or selection that is being read. */
 struct reading {
@@ -220,11 +221,11 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 {
 	struct cache_verify *v = ctx;
 	struct reading r = {.v = v, .what = "selection", .folder = e->d_name, .derived = true};
-	struct pipe_selected counts;
+	struct selection_counts counts;
 	struct err why = ERR_INIT;
 	int parent, fd, s;
 
-	if (!strncmp(e->d_name, WALK_SELECT_TEMP, strlen(WALK_SELECT_TEMP)))
+	if (!strncmp(e->d_name, SPACE_SELECTION_TEMP, strlen(SPACE_SELECTION_TEMP)))
 		return 0;
 	if (cache_ended(v))
 		return err_set(err, ERR_CANCELLED, "cancelled");
@@ -235,8 +236,8 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 		io_close(parent);
 		return 0; /* evicted meanwhile */
 	}
-	s = read_manifest(&r, fd, PIPE_SELECT_MANIFEST, err);
-	if (!s && pipe_selected_read(fd, &counts, &why))
+	s = read_manifest(&r, fd, SELECTION_MANIFEST, err);
+	if (!s && selection_counts_read(fd, &counts, &why))
 		damaged(&r, &why);
 	/* It was evicted while it was read. */
 	if (r.found && !is_still(parent, e->d_name, fd)) {
@@ -246,7 +247,7 @@ static int read_selection(void *ctx, const struct dirent *e, struct err *err)
 	io_close(fd);
 	if (!s && r.found) {
 		uint64_t bytes = space_folder_bytes(parent, e->d_name);
-		bool removed = v->err.code != ERR_VERSION && !folder_remove(parent, e->d_name, &why);
+		bool removed = v->err.code != ERR_VERSION && !io_folder_remove(parent, e->d_name, &why);
 
 		if (removed) {
 			space_give(v->jobs->space, SPACE_SELECTIONS, bytes);

@@ -26,9 +26,9 @@ bool cache_ended(struct cache_verify *v)
 {
 	bool ended;
 
-	pthread_mutex_lock(&v->lock);
+	lock_take(&v->lock);
 	ended = v->ended;
-	pthread_mutex_unlock(&v->lock);
+	lock_give(&v->lock);
 	return ended;
 }
 
@@ -38,9 +38,9 @@ void cache_found(struct cache_verify *v, const char *what, bool derived, bool re
 
 	const bool newer = err->code == ERR_VERSION;
 
-	pthread_mutex_lock(&v->lock);
+	lock_take(&v->lock);
 	while (v->ndamage == CACHE_DAMAGES && !v->ended)
-		pthread_cond_wait(&v->room, &v->lock);
+		lock_wait(&v->lock, &v->room);
 	if (newer)
 		*(derived ? &v->found.derived_newer : &v->found.newer) += 1;
 	else
@@ -56,7 +56,7 @@ void cache_found(struct cache_verify *v, const char *what, bool derived, bool re
 		if (v->step == CACHE_DATASETS && v->dataset)
 			memcpy(d->dataset, v->dataset->name, sizeof d->dataset);
 	}
-	pthread_mutex_unlock(&v->lock);
+	lock_give(&v->lock);
 }
 
 /* ---- telling ---- */
@@ -66,14 +66,14 @@ static bool next_damage(struct cache_verify *v, struct cache_damage *ret)
 {
 	bool any;
 
-	pthread_mutex_lock(&v->lock);
+	lock_take(&v->lock);
 	any = v->ndamage > 0;
 	if (any) {
 		*ret = v->damage[0];
 		memmove(v->damage, v->damage + 1, --v->ndamage * sizeof *v->damage);
 		pthread_cond_broadcast(&v->room);
 	}
-	pthread_mutex_unlock(&v->lock);
+	lock_give(&v->lock);
 	return any;
 }
 
@@ -134,7 +134,7 @@ static void over(struct cache_verify *v, const struct err *why)
 	v->jobs->verify = NULL;
 	v->jobs->background--;
 	v->calls->over(v->token, why, &v->found);
-	pthread_mutex_destroy(&v->lock);
+	lock_done(&v->lock);
 	pthread_cond_destroy(&v->room);
 	free(v->damage);
 	free(v);
@@ -300,6 +300,7 @@ int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache
 	struct cache_verify *v;
 	int r = cache_may(peer, "verify what is stored", err);
 
+	THREAD_LOOP_ONLY();
 	if (r)
 		return r;
 	if (j->verify || j->parking)
@@ -312,7 +313,7 @@ int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache
 		free(v);
 		return err_set(err, ERR_NOMEM, "no memory to verify what is stored");
 	}
-	pthread_mutex_init(&v->lock, NULL);
+	lock_init(&v->lock, LOCK_VERIFY);
 	pthread_cond_init(&v->room, NULL);
 	v->jobs = j;
 	v->calls = calls;
@@ -328,10 +329,10 @@ int cache_verify(struct jobs *j, const struct job_peer *peer, const struct cache
 
 void cache_verify_end(struct cache_verify *v)
 {
-	pthread_mutex_lock(&v->lock);
+	lock_take(&v->lock);
 	v->ended = true;
 	pthread_cond_broadcast(&v->room);
-	pthread_mutex_unlock(&v->lock);
+	lock_give(&v->lock);
 	if (v->busy && v->step != CACHE_CATALOGUE)
 		sched_cancel(v->jobs->p.sched, &v->task);
 	v->wait_ns = 1;

@@ -9,7 +9,6 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,12 +17,13 @@
 #include "clock.h"
 #include "io.h"
 #include "job_priv.h"
+#include "lock.h"
 #include "log.h"
 
 /* Itself, and the longest texts that a manifest may give it. */
 enum { DATASET_BYTES = sizeof(struct dataset) + LATTICE_TEXT_SIZE + 512 + 2 * 16 + 5 * 24 };
 
-static pthread_mutex_t folder_lock = PTHREAD_MUTEX_INITIALIZER;
+static struct lock folder_lock = LOCK_STATIC(DATASET_FOLDER);
 
 bool dataset_name_valid(const char *name)
 {
@@ -37,13 +37,14 @@ struct dataset *dataset_new(struct jobs *j, const char *name, const struct job_p
 {
 	struct dataset *d, **at;
 
+	THREAD_LOOP_ONLY();
 	/* One of a single step goes with its mesh. */
-	if (onestep ? house_take(j, DATASET_BYTES, "another dataset", err) :
-		      house_take_lasting(j, HOUSE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
+	if (onestep ? charge(j, DATASET_BYTES, "another dataset", err) :
+		      charge_lasting(j, CHARGE_DATASET, owner->uid, DATASET_BYTES, "another dataset", err))
 		return NULL;
 	d = calloc(1, sizeof *d);
 	if (!d)
-		house_give(j, DATASET_BYTES);
+		uncharge(j, DATASET_BYTES);
 	if (d) {
 		d->jobs = j;
 		d->charged = DATASET_BYTES;
@@ -83,6 +84,7 @@ struct dataset *dataset_free(struct dataset *d)
 {
 	struct pending *q;
 
+	THREAD_LOOP_ONLY();
 	if (!d)
 		return NULL;
 	io_close(d->dirfd);
@@ -90,7 +92,7 @@ struct dataset *dataset_free(struct dataset *d)
 		d->pending = q->next;
 		pending_free(d->jobs, q);
 	}
-	house_give(d->jobs, d->charged);
+	uncharge(d->jobs, d->charged);
 	free(d->lattice);
 	free(d->crs);
 	free(d->unit_xy);
@@ -113,7 +115,7 @@ int dataset_open(struct dataset *d, struct err *err)
 	int r = 0;
 
 	snprintf(name, sizeof name, "%llu", (unsigned long long)d->id);
-	pthread_mutex_lock(&folder_lock);
+	lock_take(&folder_lock);
 	if (d->dirfd < 0) {
 		r = io_make_dir(parent_of(d), name, 0700, err);
 		if (!r)
@@ -122,14 +124,14 @@ int dataset_open(struct dataset *d, struct err *err)
 	unnamed = !r && !d->onestep && !d->named;
 	if (!r)
 		d->opened++;
-	pthread_mutex_unlock(&folder_lock);
+	lock_give(&folder_lock);
 	if (!unnamed)
 		return r;
 	/* The folder's own name must outlive a power cut as its files do. Without the lock, which the loop takes to close. */
 	r = io_sync(parent_of(d), "the folder of datasets", err);
-	pthread_mutex_lock(&folder_lock);
+	lock_take(&folder_lock);
 	d->named |= !r;
-	pthread_mutex_unlock(&folder_lock);
+	lock_give(&folder_lock);
 	if (r)
 		dataset_close(d);
 	return r;
@@ -137,61 +139,10 @@ int dataset_open(struct dataset *d, struct err *err)
 
 void dataset_close(struct dataset *d)
 {
-	pthread_mutex_lock(&folder_lock);
+	lock_take(&folder_lock);
 	if (!--d->opened)
 		d->dirfd = io_close(d->dirfd);
-	pthread_mutex_unlock(&folder_lock);
-}
-
-void dataset_copy(struct dataset *d, struct dataset *ret)
-{
-	pthread_mutex_lock(&folder_lock);
-	*ret = *d;
-	pthread_mutex_unlock(&folder_lock);
-	ret->dirfd = -1;
-	ret->opened = 0;
-}
-
-int folder_remove(int dirfd, const char *name, struct err *err)
-{
-	int sub, r;
-
-	if (io->unlinkat(dirfd, name, 0) == 0 || errno == ENOENT)
-		return 0;
-	if (errno != EISDIR && errno != EPERM)
-		return err_sys(err, errno, "cannot remove %s", name);
-	r = io_open(dirfd, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sub, err);
-	if (r)
-		return r;
-	r = folder_empty(sub, err);
-	io_close(sub);
-	if (!r && io->unlinkat(dirfd, name, AT_REMOVEDIR) != 0)
-		r = err_sys(err, errno, "cannot remove the folder %s", name);
-	return r;
-}
-
-struct sweep {
-	int dirfd;
-	const char *prefix;
-};
-
-static int remove_entry(void *ctx, const struct dirent *e, struct err *err)
-{
-	const struct sweep *s = ctx;
-
-	return strncmp(e->d_name, s->prefix, strlen(s->prefix)) ? 0 : folder_remove(s->dirfd, e->d_name, err);
-}
-
-int folder_sweep(int dirfd, const char *prefix, struct err *err)
-{
-	struct sweep s = {dirfd, prefix};
-
-	return io_list(dirfd, ".", remove_entry, &s, err);
-}
-
-int folder_empty(int dirfd, struct err *err)
-{
-	return folder_sweep(dirfd, "", err);
+	lock_give(&folder_lock);
 }
 
 /* ---- leftovers ---- */
@@ -263,7 +214,7 @@ static void removal_run(struct sched_task *t)
 	r = io_open(rm->parent, rm->name, O_RDONLY | O_DIRECTORY, 0, &fd, &err);
 	if (r)
 		return; /* never made */
-	r = folder_empty(fd, &err);
+	r = io_folder_empty(fd, &err);
 	io_close(fd);
 	if (!r && io->unlinkat(rm->parent, rm->name, AT_REMOVEDIR) != 0)
 		r = err_sys(&err, errno, "cannot remove the folder of a dataset");
@@ -279,49 +230,71 @@ static void removal_done(struct sched_task *t)
 	free(rm);
 }
 
-/* The folder goes in the background. Without memory for that it stays, and is removed at the next start. */
-static void remove_folder(struct dataset *d)
+/* NULL: without memory for it the folder stays, and is removed at the next start. */
+static struct removal *removal_new(struct dataset *d)
 {
 	struct removal *rm = calloc(1, sizeof *rm);
 
 	if (!rm)
-		return;
+		return NULL;
 	rm->task =
 		(struct sched_task){.run = removal_run, .done = removal_done, .owner = {.uid = d->uid}, .priority = SCHED_LAST};
 	rm->jobs = d->jobs;
 	rm->parent = parent_of(d);
 	snprintf(rm->name, sizeof rm->name, "%llu", (unsigned long long)d->id);
 	d->jobs->background++;
-	sched_submit(d->jobs->p.sched, &rm->task);
+	return rm;
+}
+
+/* Loop: the folder goes in the background, or stays where a row may still lead to it. */
+static void removal_go(struct removal *rm, bool goes)
+{
+	if (rm && goes)
+		sched_submit(rm->jobs->p.sched, &rm->task);
+	else if (rm)
+		removal_done(&rm->task);
+}
+
+static void removal_row_gone(void *ctx, int r, const struct err *why)
+{
+	struct removal *rm = ctx;
+
+	removal_go(rm, !r && !catalogue_unsure(rm->jobs->p.catalogue));
 }
 
 /* ---- in memory ---- */
 
 struct dataset *dataset_hold(struct dataset *d)
 {
+	THREAD_LOOP_ONLY();
 	d->users++;
 	return d;
 }
 
 void dataset_release(struct dataset *d)
 {
+	THREAD_LOOP_ONLY();
 	if (!--d->users && (d->onestep || (!d->generation && !dataset_created(d))))
 		dataset_drop(d);
 }
 
 void dataset_drop(struct dataset *d)
 {
+	struct removal *rm = removal_new(d);
 	struct err err = ERR_INIT;
 	struct dataset **at;
 
+	THREAD_LOOP_ONLY();
 	for (at = &d->jobs->datasets; *at != d; at = &(*at)->next)
 		;
 	*at = d->next;
-	/* What it may still name stays. */
-	if (d->onestep || !catalogue_unsure(d->jobs->p.catalogue))
-		remove_folder(d);
-	if (d->row && catalogue_drop_dataset(d->jobs->p.catalogue, d->id, NULL, NULL, &err))
+	/* First the row, then what it names. */
+	if (!d->row) {
+		removal_go(rm, d->onestep || !catalogue_unsure(d->jobs->p.catalogue));
+	} else if (catalogue_drop_dataset(d->jobs->p.catalogue, d->id, rm ? removal_row_gone : NULL, rm, &err)) {
 		log_event_err(LOG_EVENT_CATALOGUE_FAILED, NULL, "the catalogue", &err);
+		removal_go(rm, false);
+	}
 	if (atomic_load(&d->derived))
 		space_give(d->jobs->space, SPACE_ONESTEP, atomic_load(&d->derived));
 	disk_count(d->jobs);
@@ -419,7 +392,6 @@ void dataset_info(const struct dataset *d, struct dataset_info *ret)
 	}
 }
 
-/* What stays as it is needs no memory: a commit that is in the catalogue does not fail here. */
 static bool replace(char **to, const char *with)
 {
 	char *copy;
@@ -432,58 +404,6 @@ static bool replace(char **to, const char *with)
 	free(*to);
 	*to = copy;
 	return true;
-}
-
-/* Box and sizes of all segments. */
-static void sum_segments(struct dataset *d, const struct grid_manifest *m)
-{
-	bool any = false;
-	size_t i;
-	int k;
-
-	d->bytes = 0;
-	for (i = 0; i < m->nsegments; i++) {
-		const struct grid_segment_info *s = &m->segments[i];
-
-		d->bytes += s->bytes;
-		if (!s->points)
-			continue;
-		for (k = 0; k < 4; k++)
-			if (!any || (k < 2 ? s->box[k] < d->box[k] : s->box[k] > d->box[k]))
-				d->box[k] = s->box[k];
-		any = true;
-	}
-}
-
-int dataset_set(struct dataset *d, const struct grid_manifest *m, const char *manifest, struct err *err)
-{
-	char lattice[LATTICE_TEXT_SIZE];
-	size_t i;
-
-	lattice_text(&m->lattice, lattice);
-	if (!replace(&d->lattice, lattice) || !replace(&d->crs, m->crs) || !replace(&d->unit_xy, m->unit_xy) ||
-	    !replace(&d->unit_z, m->unit_z))
-		return err_set(err, ERR_NOMEM, "no memory for a dataset");
-	d->generation = m->generation;
-	d->oldest = grid_manifest_oldest(m);
-	d->segments = (uint32_t)m->nsegments;
-	d->merge_due = !d->onestep && merge_due(m);
-	d->jobs->merges_due |= d->merge_due;
-	snprintf(d->manifest, sizeof d->manifest, "%s", manifest);
-	d->points = 0;
-	d->files = 0;
-	for (i = 0; i < m->nsources; i++) {
-		const struct grid_source *s = &m->sources[i];
-
-		if (!s->removed) {
-			d->points += s->points;
-			d->files++;
-		}
-		if (s->id >= d->next_source)
-			d->next_source = s->id + 1;
-	}
-	sum_segments(d, m);
-	return 0;
 }
 
 void dataset_row(const struct dataset *d, struct catalogue_dataset *ret)
@@ -542,6 +462,7 @@ int dataset_put_row(struct dataset *d, struct err *err)
 	struct catalogue_dataset row;
 	int r;
 
+	THREAD_LOOP_ONLY();
 	if (d->row || d->generation)
 		return 0;
 	dataset_row(d, &row);
@@ -551,7 +472,7 @@ int dataset_put_row(struct dataset *d, struct err *err)
 }
 
 /* At the start waiting helps nobody. */
-static int house_full(struct err *err)
+static int full(struct err *err)
 {
 	err->code = ERR_LIMIT;
 	return -ERR_LIMIT;
@@ -567,7 +488,7 @@ static void charge_texts(struct dataset *d)
 		bytes += strlen(texts[i]) + 24;
 	if (bytes >= d->charged)
 		return;
-	house_give(d->jobs, d->charged - bytes);
+	uncharge(d->jobs, d->charged - bytes);
 	d->charged = bytes;
 }
 
@@ -577,7 +498,7 @@ int dataset_load(struct jobs *j, const struct catalogue_dataset *row, struct err
 	struct dataset *d = dataset_new(j, row->name, &owner, false, err);
 
 	if (!d)
-		return err->code == ERR_BUSY ? house_full(err) : -(int)err->code;
+		return err->code == ERR_BUSY ? full(err) : -(int)err->code;
 	j->last_loaded = d;
 	d->id = row->id;
 	d->row = true;

@@ -2,7 +2,7 @@
  * Changes of a dataset that are no push: a revert, for one.
  *
  * The model: one manifest after the other. Who makes the next one is the dataset's `committer`; a change that finds
- * another one there waits in the house's list. A worker reads the newest manifest, lets `make` say what becomes of it,
+ * another one there waits in the service's list. A worker reads the newest manifest, lets `make` say what becomes of it,
  * and writes the new one, durable; then the row of the catalogue names it, and only then does the dataset in memory.
  * What a crash leaves of one is a manifest that nothing names, or half of one; no row leads the next start to it. Whoever
  * publishes the dataset's next manifest, a push or a change, removes it first.
@@ -152,6 +152,7 @@ static void finish(struct dataset_change *c)
 	if (d->committer == c)
 		d->committer = NULL;
 	c->made = grid_manifest_free(c->made);
+	dataset_next_clear(&c->becomes);
 	c->jobs->background--;
 	c->over(c, c->r ? &c->err : NULL);
 	dataset_release(d);
@@ -180,11 +181,9 @@ static void row_done(void *ctx, int r, const struct err *why)
 	if (r)
 		c->err = *why;
 	else
-		c->r = dataset_set(d, c->made, c->made_name, &c->err);
+		dataset_become(d, &c->becomes, read);
 	/* The old one stays while somebody opens it. */
 	if (!r && read)
-		dataset_old_manifest(d, c->base_name);
-	if (!r && (read || c->r))
 		finish(c);
 	else
 		task(c, tidy_run, tidy_done);
@@ -198,7 +197,9 @@ static void change_done(struct sched_task *t)
 	if (!t->ran)
 		c->r = err_set(&c->err, ERR_CANCELLED, "the daemon is stopping");
 	if (!c->r)
-		c->r = dataset_commit_row(c->dataset, c->made, c->made_name, c->dataset->pushed_us, row_done, c, &c->err);
+		c->r = dataset_next_make(c->dataset, c->made, c->made_name, c->dataset->pushed_us, &c->becomes, &c->err);
+	if (!c->r)
+		c->r = dataset_next_put(c->dataset, &c->becomes, 0, row_done, c, &c->err);
 	if (!c->r)
 		return;
 	if (c->made)
@@ -249,6 +250,7 @@ void dataset_changes_settle(struct jobs *j)
 {
 	struct dataset_change **at = &j->changes, *c;
 
+	THREAD_LOOP_ONLY();
 	while ((c = *at)) {
 		if (c->dataset->committer) {
 			at = &c->next;
@@ -258,32 +260,4 @@ void dataset_changes_settle(struct jobs *j)
 		begin(c);
 		at = &j->changes;
 	}
-}
-
-/* ---- the row ---- */
-
-int dataset_commit_row(struct dataset *d, const struct grid_manifest *made, const char *name, int64_t pushed_us,
-		       catalogue_done_fn done, void *ctx, struct err *err)
-{
-	struct dataset shadow;
-	struct catalogue_dataset row;
-	int r;
-
-	dataset_copy(d, &shadow);
-	shadow.lattice = strdup("");
-	shadow.crs = strdup("");
-	shadow.unit_xy = strdup("");
-	shadow.unit_z = strdup("");
-	shadow.pushed_us = pushed_us;
-	r = dataset_set(&shadow, made, name, err);
-	if (!r) {
-		dataset_row(&shadow, &row);
-		r = catalogue_put_dataset(d->jobs->p.catalogue, &row, 0, done, ctx, err);
-		d->rows += !r;
-	}
-	free(shadow.lattice);
-	free(shadow.crs);
-	free(shadow.unit_xy);
-	free(shadow.unit_z);
-	return r;
 }

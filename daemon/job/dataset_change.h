@@ -25,6 +25,7 @@ struct dataset_change {
 	struct jobs *jobs;
 	char base_name[64], made_name[64];
 	struct grid_manifest *made;
+	struct dataset_next becomes;
 	bool opened;
 	int r;
 	struct err err;

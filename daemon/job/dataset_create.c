@@ -166,8 +166,10 @@ static int keep_to(const struct push *p, const char *what, const char *wanted, c
 	if (!*wanted || !strcmp(wanted, "unknown") || !strcmp(wanted, got))
 		return 0;
 	err_set(err, ERR_INPUT, "%s is %.100s, but the dataset %s was created with %.100s", what, got, p->dataset->name, wanted);
-	err_add_hint(err, strcmp(got, "unknown") ? "push into a dataset of that coordinate system" :
-						   "say with --assume-crs that it is that, where no record says so");
+	err_add_hint(err, strcmp(got, "unknown") ?
+				  "push into a dataset of that coordinate system, or override what the file says with "
+				  "--override-crs and --override-units" :
+				  "say with --assume-crs that it is that, where no record says so");
 	return err_add_file(err, p->crs_of);
 }
 

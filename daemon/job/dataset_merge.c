@@ -5,7 +5,7 @@
  * all below 4,096). Where a class has four, all of its segments become one, which is of a higher class, but for the
  * first. So of n points there are at most three segments a class, 3 log4 n, and a point is written once a class, log4 n
  * times, plus, while its segment is small, a few times at less than what a segment takes beside its points. One merge at a time
- * in the house, when workers have nothing else to do; it is given up where others wait for memory, unless
+ * in the service, when workers have nothing else to do; it is given up where others wait for memory, unless
  * there are so many segments that reading suffers. The generation stays, and so does every sum.
  */
 #include <stdlib.h>
@@ -134,7 +134,7 @@ static void merge_over(struct dataset_rewrite *w, const struct err *why)
 		d->merge_due = false;
 	}
 	dataset_rewrite_clear(w);
-	house_give(j, sizeof *g);
+	uncharge(j, sizeof *g);
 	free(g);
 }
 
@@ -143,8 +143,8 @@ static void start(struct jobs *j, struct dataset *d)
 	struct err err = ERR_INIT;
 	struct merge *g = NULL;
 
-	if (!house_take(j, sizeof *g, "a merge", &err) && !(g = calloc(1, sizeof *g)))
-		house_give(j, sizeof *g);
+	if (!charge(j, sizeof *g, "a merge", &err) && !(g = calloc(1, sizeof *g)))
+		uncharge(j, sizeof *g);
 	if (!g) {
 		put_off(j, NULL);
 		return;
@@ -164,8 +164,8 @@ static void start(struct jobs *j, struct dataset *d)
 
 static bool memory_awaited(const struct jobs *j)
 {
-	for (const struct place *p = j->places; p; p = p->next)
-		if (p->wait == PLACE_MEMORY)
+	for (const struct slot *p = j->slots; p; p = p->next)
+		if (p->wait == SLOT_MEMORY)
 			return true;
 	return j->stage_turn || (j->starved_ns && clock_since(j->starved_ns) > STARVED_SECONDS);
 }

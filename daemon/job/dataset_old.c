@@ -2,7 +2,7 @@
  * Files that a newer manifest does not name any more.
  *
  * The model: a manifest is opened by name, and then the segments that it names; what is open stays good whatever becomes
- * of the name. So old files go when nobody is between taking the name and having opened all: neither a walk that opens,
+ * of the name. So old files go when nobody is between taking the name and having opened all: neither a run that opens,
  * nor whoever said so by dataset_read_begin. A row of the catalogue (that of a push) says as long as they are there that
  * the next start is to look for what no manifest names; without one they stay until something else makes it look.
  */
@@ -26,11 +26,13 @@ struct dataset_old {
 
 void dataset_read_begin(struct dataset *d)
 {
+	THREAD_LOOP_ONLY();
 	d->readers++;
 }
 
 void dataset_read_end(struct dataset *d)
 {
+	THREAD_LOOP_ONLY();
 	assert(d->readers);
 	d->readers--;
 }
@@ -104,20 +106,11 @@ static void go(struct dataset_old *o)
 
 void dataset_old_goes(struct dataset_old *o, struct dataset *d, uint64_t row)
 {
+	THREAD_LOOP_ONLY();
 	o->dataset = dataset_hold(d);
 	o->row = row;
 	o->next = d->jobs->olds;
 	d->jobs->olds = o;
-}
-
-void dataset_old_manifest(struct dataset *d, const char *name)
-{
-	struct dataset_old *o = *name ? dataset_old_new(1) : NULL;
-
-	if (!o)
-		return;
-	dataset_old_add(o, name);
-	dataset_old_goes(o, d, 0);
 }
 
 void dataset_old_settle(struct jobs *j)

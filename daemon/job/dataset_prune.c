@@ -173,7 +173,7 @@ static int last_look(struct dataset_rewrite *w, struct err *err)
 static struct prune *prune_free(struct prune *p)
 {
 	dataset_rewrite_clear(&p->rewrite);
-	house_give(p->rewrite.dataset->jobs, sizeof *p);
+	uncharge(p->rewrite.dataset->jobs, sizeof *p);
 	free(p->dead);
 	free(p);
 	return NULL;
@@ -285,11 +285,12 @@ struct prune *dataset_prune(struct dataset *d, uint64_t keep, uint64_t before, c
 	struct err err = ERR_INIT;
 	struct prune *p = NULL, **at;
 
+	THREAD_LOOP_ONLY();
 	if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	else if (!rights_dataset(d, peer, RIGHT_OWN, &err) && !house_take(j, sizeof *p, "a prune", &err) &&
+	else if (!rights_dataset(d, peer, RIGHT_OWN, &err) && !charge(j, sizeof *p, "a prune", &err) &&
 		 !(p = calloc(1, sizeof *p))) {
-		house_give(j, sizeof *p);
+		uncharge(j, sizeof *p);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	}
 	if (!p) {

@@ -40,7 +40,7 @@ static void reading_done(struct sched_task *t)
 		x->r = err_set(&x->err, ERR_BUSY, "the daemon is stopping");
 	x->answer(x->token, x->r ? &x->err : NULL, d, x->manifest);
 	grid_manifest_free(x->manifest);
-	house_give(j, sizeof *x);
+	uncharge(j, sizeof *x);
 	dataset_release(d);
 	free(x);
 }
@@ -55,8 +55,8 @@ void dataset_read(struct dataset *d, const struct job_peer *peer, dataset_read_f
 		answer(token, NULL, d, NULL);
 		return;
 	}
-	if (!house_take(j, sizeof *x, "a list", &err) && !(x = calloc(1, sizeof *x))) {
-		house_give(j, sizeof *x);
+	if (!charge(j, sizeof *x, "a list", &err) && !(x = calloc(1, sizeof *x))) {
+		uncharge(j, sizeof *x);
 		err_set(&err, ERR_NOMEM, "no memory for a list");
 	}
 	if (!x) {

@@ -16,7 +16,7 @@
 #include "job_priv.h"
 #include "log.h"
 #include "mode.h"
-#include "past.h"
+#include "history.h"
 
 #define KEEP_SECONDS (7 * 86400.)
 #define LOOK_SECONDS 1.0
@@ -241,7 +241,7 @@ static void finish(struct verb *v, const struct err *why)
 	disk_count(j); /* it may be of another user now */
 	v->answer(v->token, why, why ? NULL : d);
 	dataset_release(d);
-	house_give(j, sizeof *v);
+	uncharge(j, sizeof *v);
 	free(v);
 }
 
@@ -280,7 +280,7 @@ static void run(struct jobs *j, struct verb *v, const struct dataset_wanted *w)
 		wait_for_row(j, v, w);
 	} else if (r) {
 		v->answer(v->token, &err, NULL);
-		house_give(j, sizeof *v);
+		uncharge(j, sizeof *v);
 		free(v);
 	} else {
 		v->wanted.verb = w->verb;
@@ -315,10 +315,11 @@ void dataset_verb(struct jobs *j, const struct dataset_wanted *w, dataset_verb_f
 	struct verb *v = NULL;
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (w->mode && strlen(w->mode) >= sizeof v->as)
 		err_set(&err, ERR_USAGE, "\"%.60s...\" is not a mode", w->mode);
-	else if (!house_take(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
-		house_give(j, sizeof *v);
+	else if (!charge(j, sizeof *v, "a request", &err) && !(v = calloc(1, sizeof *v))) {
+		uncharge(j, sizeof *v);
 		err_set(&err, ERR_NOMEM, "no memory for a request");
 	}
 	if (!v) {
@@ -349,11 +350,11 @@ struct dataset *dataset_removed_after(struct jobs *j, uint64_t id, const struct 
 static void forget(struct dataset *d)
 {
 	for (struct job *job = d->jobs->jobs; job; job = job->next)
-		if (job->dataset == d && job_state_final(job->state) && !job->walk && !job->fetches && !job->waiting_row) {
+		if (job->dataset == d && job_state_final(job->state) && !job->run && !job->fetches && !job->waiting_row) {
 			job->dataset = NULL;
 			d->users--;
 		}
-	past_forget_dataset(d->jobs, d);
+	history_forget_dataset(d->jobs, d);
 	pending_forget(d);
 }
 
@@ -377,31 +378,33 @@ static int64_t latest_us(const struct jobs *j)
  * hears from the network. So time that nobody saw pass, between two looks or since the last that is known of the datasets,
  * counts only when the clock has stood by it for an hour.
  */
-int64_t jobs_sure_us(struct jobs *j)
+int64_t jobs_trusted_us(struct jobs *j)
 {
-	int64_t now = clock_real_us(), us = j->sure.us;
+	int64_t now = clock_real_us(), us = j->trusted.us;
 	uint64_t mono = clock_mono_ns();
 
-	if (j->sure.at_ns)
-		us += (int64_t)((mono - j->sure.at_ns) / 1000);
+	THREAD_LOOP_ONLY();
+	if (j->trusted.at_ns)
+		us += (int64_t)((mono - j->trusted.at_ns) / 1000);
 	else
 		us = latest_us(j);
-	j->sure.at_ns = mono;
+	j->trusted.at_ns = mono;
 	if (us && now > us + SLACK_US) {
-		if (!j->sure.ahead_ns)
-			j->sure.ahead_ns = mono;
-		if ((double)(mono - j->sure.ahead_ns) < SURE_SECONDS * 1e9)
-			return j->sure.us = us;
+		if (!j->trusted.ahead_ns)
+			j->trusted.ahead_ns = mono;
+		if ((double)(mono - j->trusted.ahead_ns) < SURE_SECONDS * 1e9)
+			return j->trusted.us = us;
 	}
-	j->sure.ahead_ns = 0;
-	return j->sure.us = now;
+	j->trusted.ahead_ns = 0;
+	return j->trusted.us = now;
 }
 
 void datasets_expire(struct jobs *j)
 {
 	struct dataset *d, *next;
-	int64_t now = jobs_sure_us(j);
+	int64_t now = jobs_trusted_us(j);
 
+	THREAD_LOOP_ONLY();
 	for (d = j->datasets; d && !j->parking; d = next) {
 		next = d->next;
 		if (!d->removed_us || now < dataset_until_us(d) || d->pushes || d->committer)

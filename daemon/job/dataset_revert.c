@@ -189,7 +189,7 @@ static void revert_over(struct dataset_change *c, const struct err *why)
 			  "%s: generation %llu undoes generation %llu", c->dataset->name, (unsigned long long)done.generation,
 			  (unsigned long long)done.undone);
 	v->answer(v->token, why, why ? NULL : &done);
-	house_give(c->dataset->jobs, sizeof *v);
+	uncharge(c->dataset->jobs, sizeof *v);
 	free(v);
 }
 
@@ -209,13 +209,14 @@ void dataset_revert(struct dataset *d, uint64_t generation, const struct job_pee
 	struct revert *v = NULL;
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (d->onestep)
 		err_set(&err, ERR_USAGE, "a dataset of one step has one generation, and no other comes");
 	else if (!rights_dataset(d, peer, RIGHT_WRITE, &err) && !check_prune(d, generation, &err) &&
-		 !house_take(d->jobs, sizeof *v, "a revert", &err)) {
+		 !charge(d->jobs, sizeof *v, "a revert", &err)) {
 		v = calloc(1, sizeof *v);
 		if (!v) {
-			house_give(d->jobs, sizeof *v);
+			uncharge(d->jobs, sizeof *v);
 			err_set(&err, ERR_NOMEM, "no memory for a request");
 		}
 	}

@@ -442,7 +442,7 @@ static bool take(struct dataset_rewrite *w)
 {
 	uint64_t least = rewrite_bytes(w), want = share(w->jobs) > least ? share(w->jobs) : least;
 
-	if (w->jobs->stage_turn || w->jobs->places || !admit_stage(w->jobs, want) ||
+	if (w->jobs->stage_turn || w->jobs->slots || !admit_stage(w->jobs, want) ||
 	    !ledger_take(w->jobs->p.ledger, LEDGER_STAGE, want))
 		return false;
 	w->bytes = want;

@@ -1,10 +1,11 @@
 /*
- * The house's side of the disk (space.h): what its lists say of what lies there, the task in the background that
+ * The service's side of the disk (space.h): what its lists say of what lies there, the task in the background that
  * measures and evicts, and the cache's folders when somebody has removed them.
  *
- * The model: each half second the sums of datasets and pending pushes go to the accounts. A task reads what is derived
- * once after the start, and evicts whenever quota or keep-free do not hold, also when it is other programs that have
- * filled the disk. A folder of the cache that is gone is made again under the descriptor that everybody has of it, so
+ * The model: each half second the sums of datasets and pending pushes go to the accounts. A worker asks the file systems every
+ * two seconds what they have, every ten while the daemon is idle, as the loop must not: one that hangs keeps that worker. A task
+ * reads what is derived once after the start, and evicts whenever quota or keep-free do not hold, also when it is other programs
+ * that have filled the disk. A folder of the cache that is gone is made again under the descriptor that everybody has of it, so
  * whoever comes next finds it; what was in it is derived, and made again by whoever needs it.
  */
 #include <errno.h>
@@ -20,6 +21,9 @@
 
 #define COUNT_SECONDS 0.5
 #define LOOK_SECONDS 2.0
+#define LOOK_SECONDS_IDLE 10.0 /* each look wakes a worker */
+#define NOW_SECONDS 1.0
+#define ANSWER_NS UINT64_C(20000000) /* that the loop waits for a worker's answer */
 
 uint64_t disk_points_bytes(uint64_t points)
 {
@@ -57,7 +61,7 @@ static void count_running(struct jobs *j)
 	const struct job *job;
 
 	for (job = j->jobs; job; job = job->next)
-		if (job->walk && job->begun_ns && clock_since(job->begun_ns) > longest)
+		if (job->run && job->begun_ns && clock_since(job->begun_ns) > longest)
 			longest = clock_since(job->begun_ns);
 	space_running_since(j->space, longest < 0 ? INT64_MAX : clock_real_us() - (int64_t)(longest * 1e6));
 }
@@ -77,6 +81,8 @@ static void tidy_run(struct sched_task *t)
 	uint64_t bytes, entries;
 	int r = x->measures ? space_measure(x->jobs->space, &err) : 0;
 
+	if (!r)
+		space_ask(x->jobs->space);
 	if (!r && space_over(x->jobs->space))
 		r = space_evict(x->jobs->space, false, &bytes, &entries, &err);
 	if (r)
@@ -107,13 +113,55 @@ static void tidy(struct jobs *j, bool measures)
 	sched_submit(j->p.sched, &x->task);
 }
 
+/* ---- asking the file systems ---- */
+
+static struct jobs *jobs_of(struct sched_task *t)
+{
+	return (struct jobs *)((char *)t - offsetof(struct jobs, disk.ask));
+}
+
+static void ask_run(struct sched_task *t)
+{
+	space_ask(jobs_of(t)->space);
+}
+
+static void ask_done(struct sched_task *t)
+{
+	struct jobs *j = jobs_of(t);
+
+	j->background--;
+	j->disk.asking = false;
+	if (t->ran && !j->parking && j->disk.begun && !j->disk.busy && space_over(j->space))
+		tidy(j, false);
+}
+
+static void ask(struct jobs *j)
+{
+	struct disk *d = &j->disk;
+
+	if (d->asking || j->parking)
+		return;
+	d->ask = (struct sched_task){.run = ask_run, .done = ask_done, .owner = {.uid = geteuid()}, .priority = SCHED_FIRST};
+	d->asking = true;
+	d->asked_ns = clock_mono_ns();
+	j->background++;
+	sched_submit(j->p.sched, &d->ask);
+}
+
+void disk_ask_now(struct jobs *j)
+{
+	if (clock_since(j->disk.asked_ns) >= NOW_SECONDS)
+		ask(j);
+	/* Of a question that was asked in vain for so long already this waits no more. */
+	if (j->disk.asking)
+		space_ask_wait(j->space, j->disk.asked_ns, j->disk.asked_ns + ANSWER_NS);
+}
+
 /* ---- folders ---- */
 
 static bool is_gone(int fd)
 {
-	struct stat st;
-
-	return fd >= 0 && io->fstat(fd, &st) == 0 && !st.st_nlink;
+	return fd >= 0 && io_is_gone(fd);
 }
 
 /* The new one takes the descriptor of the old. */
@@ -169,17 +217,14 @@ void disk_look(struct jobs *j)
 {
 	struct disk *d = &j->disk;
 
+	THREAD_LOOP_ONLY();
 	disk_mend(j);
-	if (j->parking || d->busy)
+	if (clock_since(d->asked_ns) >= (jobs_active(j) || sched_busy(j->p.sched) ? LOOK_SECONDS : LOOK_SECONDS_IDLE))
+		ask(j);
+	if (j->parking || d->busy || d->begun)
 		return;
-	if (!d->begun) {
-		d->begun = true;
-		tidy(j, true);
-	} else if (clock_since(d->looked_ns) >= LOOK_SECONDS) {
-		d->looked_ns = clock_mono_ns();
-		if (space_over(j->space))
-			tidy(j, false);
-	}
+	d->begun = true;
+	tidy(j, true);
 }
 
 void disk_tick(struct jobs *j)
@@ -192,7 +237,7 @@ void disk_tick(struct jobs *j)
 		disk_count(j);
 		count_running(j);
 	}
-	if (rest_over(j))
+	if (deferred_over(j))
 		disk_look(j);
 	else
 		disk_mend(j);

@@ -6,15 +6,16 @@
  */
 #include "geoids_priv.h"
 
+#include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "io.h"
+#include "lock.h"
 #include "log.h"
 #include "push_priv.h"
 
@@ -22,7 +23,7 @@ enum { COPY_BUFFER = 256 * 1024, GEOIDS_PART = 4 };
 #define GRID_MOST (UINT64_C(512) << 20) /* the finest published, of one minute, has 445 MiB */
 
 /* Of names that appear and go; each use is short. */
-static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
+static struct lock geoids_lock = LOCK_STATIC(GEOIDS);
 
 enum ask_kind { ASK_ADD, ASK_LIST, ASK_REMOVE };
 
@@ -73,7 +74,7 @@ static int write_file(int dirfd, const char *temp, const char *name, const void 
 	return r;
 }
 
-/* Under the lock: the name is free, or is this very grid's. */
+/* The name is free, or is this very grid's. */
 static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct geoid_info *g)
 {
 	char grid[DIGEST_HEX_SIZE + 8], file[DATASET_NAME_MAX + 8], text[GEOIDS_TEXT_MOST], text_temp[32];
@@ -82,6 +83,7 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	struct geoids_users users;
 	int r = geoids_users_of(dirfd, g->hash, a->peer.uid, &users, &a->err);
 
+	assert(lock_held(LOCK_GEOIDS));
 	if (r)
 		return r;
 	if (!geoids_read(dirfd, g->name, &old, &none)) {
@@ -108,11 +110,12 @@ static int add_named(struct ask *a, int dirfd, const char *temp, int fd, struct 
 	return r;
 }
 
-/* Under the lock, so that a later look is counted later. What cannot be listed stays counted as it was. */
+/* Locked, so that a later count is taken later. What cannot be listed stays counted as it was. */
 static void count_again(struct ask *a)
 {
 	struct err err = ERR_INIT;
 
+	assert(lock_held(LOCK_GEOIDS));
 	if (geoids_count(a->jobs, &err))
 		log_event_err(LOG_EVENT_SPACE_UNKNOWN, NULL, "what geoid grids take", &err);
 }
@@ -126,6 +129,9 @@ static void add_run(struct ask *a)
 	char temp[24];
 
 	a->r = geoids_check_name(a->name, &a->err);
+	/* The answer, beforehand: what has its name is added. */
+	if (!a->r && !(a->list = malloc(sizeof g)))
+		a->r = err_set(&a->err, ERR_NOMEM, "no memory for a geoid grid");
 	if (!a->r)
 		a->r = push_fd_check(a->fd, a->file, &id, &a->err);
 	if (!a->r && id.size > GRID_MOST)
@@ -153,16 +159,16 @@ static void add_run(struct ask *a)
 	if (!a->r) {
 		snprintf(g.name, sizeof g.name, "%s", a->name);
 		digest_hex(g.grid.hash, g.hash);
-		pthread_mutex_lock(&lock);
+		lock_take(&geoids_lock);
 		a->r = add_named(a, dirfd, temp, fd, &g);
 		if (!a->r)
 			count_again(a);
-		pthread_mutex_unlock(&lock);
+		lock_give(&geoids_lock);
 	}
 	limit_disk_give(a->jobs, a->peer.uid, id.size);
 	io->unlinkat(dirfd, temp, 0); /* unless it was renamed */
 	io_close(fd);
-	if (!a->r && (a->list = malloc(sizeof g))) {
+	if (!a->r) {
 		a->list[0] = g;
 		a->n = 1;
 	}
@@ -206,7 +212,7 @@ static void remove_run(struct ask *a)
 	struct geoids_users users;
 
 	a->r = geoids_check_name(a->name, &a->err);
-	pthread_mutex_lock(&lock);
+	lock_take(&geoids_lock);
 	if (!a->r)
 		a->r = geoids_read(dirfd, a->name, &g, &a->err);
 	/* A damaged one can go as well. */
@@ -230,7 +236,7 @@ static void remove_run(struct ask *a)
 	}
 	if (!a->r)
 		count_again(a);
-	pthread_mutex_unlock(&lock);
+	lock_give(&geoids_lock);
 }
 
 static void ask_run(struct sched_task *t)
@@ -264,7 +270,7 @@ static void ask_done(struct sched_task *t)
 		a->r = err_set(&a->err, ERR_CANCELLED, "the daemon is stopping");
 	a->jobs->background--;
 	if (a->kind != ASK_LIST)
-		house_changed(a->jobs);
+		health_changed(a->jobs);
 	if (!a->r && a->kind != ASK_LIST)
 		log_event(a->kind == ASK_ADD ? LOG_EVENT_GEOID_ADDED : LOG_EVENT_GEOID_REMOVED,
 			  &(struct log_about){ABOUT_USER(a->peer.uid), .pid = a->peer.pid, .file = a->file},

@@ -1,5 +1,5 @@
 /*
- * Who holds memory: walks, pushes.
+ * Who holds memory: runs, pushes.
  *
  * The model: the ledger knows sums by name; who of several holds what is told from what each of them would give
  * back. A task's bytes are its own until the loop hears of its end, then they are where the loop keeps them. What a
@@ -7,7 +7,7 @@
  */
 #include "job_priv.h"
 #include "push_priv.h"
-#include "walk_priv.h"
+#include "run_priv.h"
 
 static void task_held(struct sched *s, const struct sched_task *t, uint64_t held[LEDGER_NAMES])
 {
@@ -17,10 +17,10 @@ static void task_held(struct sched *s, const struct sched_task *t, uint64_t held
 		held[t->name] += bytes;
 }
 
-static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
+static void run_held(const struct run *w, uint64_t held[LEDGER_NAMES])
 {
 	struct sched *s = w->jobs->p.sched;
-	const struct walk_domain *d;
+	const struct run_domain *d;
 
 	task_held(s, &w->task, held);
 	task_held(s, &w->output_task, held);
@@ -30,16 +30,16 @@ static void walk_held(const struct walk *w, uint64_t held[LEDGER_NAMES])
 	for (d = w->domains; d; d = d->next) {
 		uint64_t taken = sched_taken(s, &d->task);
 
-		/* A lent arena is the walk's. */
+		/* A lent arena is the run's. */
 		held[LEDGER_DOMAIN] += taken ? taken : d->lent && d->state == DOMAIN_MAKING ? 0 : d->size;
 	}
 	held[LEDGER_DOMAIN] += w->arenas.charged;
 	/* Workers have it in these states. */
-	if (!w->splitting && w->state >= WALK_RUNNING)
+	if (!w->splitting && w->state >= RUN_RUNNING)
 		held[LEDGER_PLAN] += w->plan.cap * sizeof *w->plan.leaf + cut_sites_bytes(w->plan.sites);
 	held[LEDGER_JOBS] += w->charged;
 	/* Workers open and close it in these states. */
-	if (w->grid && w->state != WALK_OPENING && w->state != WALK_SELECTING) {
+	if (w->grid && w->state != RUN_OPENING && w->state != RUN_SELECTING) {
 		held[LEDGER_INDEX] += grid_charged(w->grid);
 		held[LEDGER_MANIFEST] += grid_manifest(w->grid)->charged;
 	}
@@ -61,7 +61,7 @@ static void push_held(const struct push *p, uint64_t held[LEDGER_NAMES])
 		held[LEDGER_MANIFEST] += p->adopt ? p->adopt->charged : 0;
 	}
 	if (p->asks && p->asks->crew)
-		held[LEDGER_INPUT] += push_crew_held(p->asks->crew);
+		held[LEDGER_INPUT] += push_helpers_held(p->asks->crew);
 	for (s = p->streams; s; s = s->next)
 		task_held(p->jobs->p.sched, &s->task, held);
 }
@@ -75,12 +75,12 @@ static void tell(const struct job_holder *h, void (*each)(void *, const struct j
 		}
 }
 
-static void tell_walk(const struct walk *w, struct job_holder h, void (*each)(void *, const struct job_holder *), void *ctx)
+static void tell_run(const struct run *w, struct job_holder h, void (*each)(void *, const struct job_holder *), void *ctx)
 {
 	if (!w)
 		return;
 	h.dataset = w->dataset->name;
-	walk_held(w, h.held);
+	run_held(w, h.held);
 	tell(&h, each, ctx);
 }
 
@@ -92,12 +92,12 @@ void jobs_holders(struct jobs *j, void (*each)(void *ctx, const struct job_holde
 	const struct push *p;
 
 	for (job = j->jobs; job; job = job->next) {
-		tell_walk(job->walk, (struct job_holder){.kind = "job", .id = job->id, .peer = job->peer}, each, ctx);
+		tell_run(job->run, (struct job_holder){.kind = "job", .id = job->id, .peer = job->peer}, each, ctx);
 		for (f = job->fetches; f; f = f->next)
-			tell_walk(f->walk, (struct job_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each, ctx);
+			tell_run(f->run, (struct job_holder){.kind = "fetch", .id = job->id, .peer = job->peer}, each, ctx);
 	}
 	for (plan = j->plans; plan; plan = plan->next)
-		tell_walk(plan->walk, (struct job_holder){.kind = "plan", .peer = plan->peer}, each, ctx);
+		tell_run(plan->run, (struct job_holder){.kind = "plan", .peer = plan->peer}, each, ctx);
 	for (p = j->pushes; p; p = push_next(p)) {
 		struct job_holder h = {.kind = "push", .id = p->id, .peer = p->peer, .dataset = p->dataset->name};
 

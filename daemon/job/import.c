@@ -32,6 +32,7 @@ struct import {
 	struct sched_owner owner;
 	bool opened, busy, ended, row, committed, telling; /* telling: its client, who may end it */
 	struct grid_manifest *m, *made;
+	struct dataset_next becomes;
 	bool *have;
 	char name[NAME], made_name[NAME];
 	int fd;
@@ -83,7 +84,8 @@ static void gone(struct import *i)
 	dataset_release(i->dataset);
 	grid_manifest_free(i->m);
 	grid_manifest_free(i->made);
-	house_give(i->jobs, sizeof *i);
+	dataset_next_clear(&i->becomes);
+	uncharge(i->jobs, sizeof *i);
 	io_close(i->fd);
 	free(i->have);
 	free(i);
@@ -150,7 +152,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 		err_set(err, ERR_CONFLICT, "there is a dataset %s already", name);
 		return err_add_hint(err, "import under another name");
 	}
-	if (limit_datasets(j, peer, err) || house_take(j, sizeof *i, "an import", err))
+	if (limit_datasets(j, peer, err) || charge(j, sizeof *i, "an import", err))
 		return -(int)err->code;
 	i = calloc(1, sizeof *i);
 	if (i)
@@ -158,7 +160,7 @@ static int make(struct jobs *j, const char *name, const struct job_peer *peer, s
 	else
 		err_set(err, ERR_NOMEM, "no memory for an import");
 	if (!i || !i->dataset) {
-		house_give(j, sizeof *i);
+		uncharge(j, sizeof *i);
 		free(i);
 		return -(int)err->code;
 	}
@@ -467,41 +469,22 @@ static void answer(struct import *i, const struct err *why)
 static void row_done(void *ctx, int r, const struct err *why)
 {
 	struct import *i = ctx;
-	struct err err = ERR_INIT;
 
 	i->dataset->rows--;
-	if (r)
-		err = *why;
-	/* If there is no memory for that, the next start has it. */
-	else if (!dataset_set(i->dataset, i->made, i->made_name, &err))
-		i->committed = true;
-	answer(i, err.code ? &err : NULL);
+	i->committed = !r;
+	if (!r)
+		dataset_become(i->dataset, &i->becomes, false);
+	answer(i, r ? why : NULL);
 }
 
-/* The row as it will be; the dataset itself changes when it is on disk. */
+/* The dataset itself changes when the row is on disk. */
 static int put(struct import *i, struct err *err)
 {
-	struct dataset shadow = *i->dataset;
-	struct catalogue_dataset row;
 	int r;
 
-	shadow.lattice = strdup("");
-	shadow.crs = strdup("");
-	shadow.unit_xy = strdup("");
-	shadow.unit_z = strdup("");
-	shadow.dirfd = -1;
-	i->dataset->pushed_us = shadow.pushed_us = clock_real_us();
-	r = dataset_set(&shadow, i->made, i->made_name, err);
-	if (!r) {
-		dataset_row(&shadow, &row);
-		r = catalogue_put_dataset(i->jobs->p.catalogue, &row, i->push, row_done, i, err);
-		i->dataset->rows += !r;
-	}
-	free(shadow.lattice);
-	free(shadow.crs);
-	free(shadow.unit_xy);
-	free(shadow.unit_z);
-	return r;
+	dataset_next_clear(&i->becomes); /* of a commit that failed */
+	r = dataset_next_make(i->dataset, i->made, i->made_name, clock_real_us(), &i->becomes, err);
+	return r ? r : dataset_next_put(i->dataset, &i->becomes, i->push, row_done, i, err);
 }
 
 static void commit_done(struct sched_task *t)

@@ -1,12 +1,13 @@
 /*
  * Jobs: a table of states, each a function that says which comes next.
  *
- * The model: events (the walk planned, moved, ended; a cancel; the owner left) only set what the job knows
- * and then call job_step, which runs state functions until one waits. A job's mesh is made by its own walk;
- * later streams of it are walks of their own (job_fetch.c). Final states never change. Unbound jobs have a
+ * The model: events (the run planned, moved, ended; a cancel; the owner left) only set what the job knows
+ * and then call job_step, which runs state functions until one waits. A job's mesh is made by its own run;
+ * later streams of it are runs of their own (job_fetch.c). Final states never change. Unbound jobs have a
  * row in the catalogue from their submission on, so that they go on after a restart; bound ones end with
  * their owner.
  */
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,7 +16,8 @@
 #include "job_fetch.h"
 #include "job_priv.h"
 #include "log.h"
-#include "past.h"
+#include "history.h"
+#include "plan_file.h"
 
 #define TELL_SECONDS 0.2
 #define LOOK_SECONDS 0.5
@@ -23,18 +25,20 @@
 #define PATIENCE_SECONDS 2.0
 
 typedef enum job_state job_state_fn(struct job *);
-#define JOB_STATE(name, wire, final) static job_state_fn job_state_##name;
+#define JOB_STATE(name, wire, next) static job_state_fn job_state_##name;
 #include "job_state.def"
 #undef JOB_STATE
 
 static const struct {
 	const char *wire;
-	bool final;
+	unsigned next; /* bits of states that may follow */
 	job_state_fn *step;
 } states[JOB_STATES] = {
-#define JOB_STATE(name, wire, final) {wire, final, job_state_##name},
+#define NEXT(name) (1u << JOB_##name)
+#define JOB_STATE(name, wire, next) {wire, next, job_state_##name},
 #include "job_state.def"
 #undef JOB_STATE
+#undef NEXT
 };
 
 const char *job_state_text(enum job_state state)
@@ -44,7 +48,7 @@ const char *job_state_text(enum job_state state)
 
 bool job_state_final(enum job_state state)
 {
-	return states[state].final;
+	return !states[state].next;
 }
 
 void job_done_with(struct job *job)
@@ -52,7 +56,7 @@ void job_done_with(struct job *job)
 	plan_file_free(job->plan);
 	if (job->dataset)
 		dataset_release(job->dataset);
-	house_give(job->jobs, job->charged);
+	uncharge(job->jobs, job->charged);
 	free(job->view);
 }
 
@@ -60,9 +64,9 @@ struct job *job_free(struct job *job)
 {
 	if (!job)
 		return NULL;
-	place_leave(job->jobs, &job->place);
-	walk_free(job->walk);
-	past_remove(job);
+	slot_leave(job->jobs, &job->slot);
+	run_free(job->run);
+	history_remove(job);
 	job_done_with(job);
 	free(job);
 	return NULL;
@@ -81,7 +85,7 @@ static void tell(struct job *job)
 int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 {
 	char report[2048];
-	bool final = states[job->state].final;
+	bool final = job_state_final(job->state);
 	struct catalogue_job row = {
 		.id = job->id,
 		.dataset = job->dataset ? job->dataset->id : 0,
@@ -107,7 +111,7 @@ int job_put_row(struct job *job, catalogue_done_fn done, struct err *err)
 	return catalogue_put_job(job->jobs->p.catalogue, &row, done, job, err);
 }
 
-static void walk_planned(void *ctx)
+static void run_planned(void *ctx)
 {
 	struct job *job = ctx;
 
@@ -115,16 +119,16 @@ static void walk_planned(void *ctx)
 	job_step(job);
 }
 
-static void walk_moved(void *ctx)
+static void run_moved(void *ctx)
 {
 	((struct job *)ctx)->moved = true;
 }
 
-static void walk_ended(void *ctx, const struct err *why)
+static void run_ended(void *ctx, const struct err *why)
 {
 	struct job *job = ctx;
 
-	job->walk_ended = true;
+	job->run_ended = true;
 	if (why && !job->has_error) {
 		job->has_error = true;
 		job->err = *why;
@@ -132,7 +136,7 @@ static void walk_ended(void *ctx, const struct err *why)
 }
 
 /* A stream that ends early ends nothing else. */
-static const struct walk_calls calls = {.planned = walk_planned, .moved = walk_moved, .ended = walk_ended};
+static const struct run_calls calls = {.planned = run_planned, .moved = run_moved, .ended = run_ended};
 
 /* ---- the states ---- */
 
@@ -142,29 +146,29 @@ static void fail(struct job *job, const struct err *why)
 	job->err = *why;
 }
 
-static void granted(struct place *place)
+static void granted(struct slot *slot)
 {
-	struct job *job = (struct job *)((char *)place - offsetof(struct job, place));
+	struct job *job = (struct job *)((char *)slot - offsetof(struct job, slot));
 
-	if (job->walk) {
-		walk_begin(job->walk);
+	if (job->run) {
+		run_begin(job->run);
 		return;
 	}
 	job->placed = true;
 	job_step(job);
 }
 
-void job_place_init(struct job *job)
+void job_slot_init(struct job *job)
 {
-	job->place.owner = (struct sched_owner){
+	job->slot.owner = (struct sched_owner){
 		.uid = job->peer.uid, .rank = (enum sched_rank)job->priority, .exempt = rights_admin(&job->peer)};
-	job->place.granted = granted;
+	job->slot.granted = granted;
 }
 
 static enum job_state job_state_queued(struct job *job)
 {
 	bool placed = job->placed;
-	struct walk_params p = {
+	struct run_params p = {
 		.job = job->id,
 		.jobs = job->jobs,
 		.dataset = job->dataset,
@@ -173,8 +177,8 @@ static enum job_state job_state_queued(struct job *job)
 		.keep = !job->bound,
 		.client = job->bound,
 		.patience = job->bound ? PATIENCE_SECONDS : 0,
-		.owner = job->place.owner,
-		.place = &job->place,
+		.owner = job->slot.owner,
+		.slot = &job->slot,
 		.plan = job->plan,
 		.calls = &calls,
 		.ctx = job,
@@ -183,14 +187,14 @@ static enum job_state job_state_queued(struct job *job)
 
 	job->placed = false;
 	if (job->stop || job->removed || job->jobs->parking) {
-		place_leave(job->jobs, &job->place);
+		slot_leave(job->jobs, &job->slot);
 		return job->stop ? JOB_cancelled : JOB_queued;
 	}
 	if (!placed) {
-		place_seek(job->jobs, &job->place, 0);
+		slot_seek(job->jobs, &job->slot, 0);
 		return JOB_queued;
 	}
-	switch (walk_new(&p, &job->walk, &err)) {
+	switch (run_new(&p, &job->run, &err)) {
 	case 0:
 		break;
 	case -ERR_BUSY:
@@ -199,11 +203,11 @@ static enum job_state job_state_queued(struct job *job)
 		fail(job, &err);
 		return JOB_failed;
 	}
-	job->walk_ended = job->planned = false;
+	job->run_ended = job->planned = false;
 	if (!job->begun_ns)
 		job->begun_ns = clock_mono_ns();
 	job_fetch_attach(job);
-	walk_begin(job->walk);
+	run_begin(job->run);
 	return JOB_planning;
 }
 
@@ -213,7 +217,7 @@ static enum job_state job_state_planning(struct job *job)
 {
 	if (job->stop || job->jobs->parking)
 		return JOB_cancelling;
-	if (job->walk_ended)
+	if (job->run_ended)
 		return end_of(job);
 	return job->planned ? JOB_meshing : JOB_planning;
 }
@@ -222,12 +226,12 @@ static enum job_state job_state_meshing(struct job *job)
 {
 	if (job->stop || job->jobs->parking)
 		return JOB_cancelling;
-	return job->walk_ended ? end_of(job) : JOB_meshing;
+	return job->run_ended ? end_of(job) : JOB_meshing;
 }
 
 static enum job_state job_state_cancelling(struct job *job)
 {
-	if (!job->walk_ended)
+	if (!job->run_ended)
 		return JOB_cancelling;
 	/* A daemon that stops leaves it for the next start. */
 	return job->jobs->parking && !job->bound && !job->stop ? JOB_queued : end_of(job);
@@ -256,8 +260,7 @@ static void no_ground(struct job *job, const struct mesh_counts *counts)
 	struct err err = ERR_INIT;
 
 	/* What lies outside a crop is not judged by its class. */
-	if (counts->removed[VIEW_BY_CLASS] == counts->points ||
-	    (counts->removed[VIEW_BY_CLASS] && walk_unclassified(job->walk))) {
+	if (counts->removed[VIEW_BY_CLASS] == counts->points || (counts->removed[VIEW_BY_CLASS] && run_unclassified(job->run))) {
 		err_set(&err, ERR_INPUT, "the dataset has no ground points (classes 2 and 8, key-points)");
 		err_add_hint(&err, "classify it first, for example with PDAL (filters.smrf, filters.csf), "
 				   "LAStools (lasground) or CloudCompare (CSF), or leave --ground out");
@@ -272,7 +275,7 @@ static void no_ground(struct job *job, const struct mesh_counts *counts)
 static void note_classes(struct job *job, const struct view *view)
 {
 	uint64_t ground, other;
-	bool exact = walk_classes(job->walk, &ground, &other);
+	bool exact = run_classes(job->run, &ground, &other);
 
 	if (*job->report.note || !ground || !other || view->ground || view->has_classes ||
 	    view->not_classes[0] | view->not_classes[1] | view->not_classes[2] | view->not_classes[3] ||
@@ -286,9 +289,9 @@ static void note_classes(struct job *job, const struct view *view)
 
 static void make_report(struct job *job)
 {
-	const struct pipe_totals *totals = walk_totals(job->walk);
-	uint64_t first = walk_first_ns(job->walk);
-	const struct view *view = walk_view(job->walk);
+	const struct pipe_totals *totals = run_totals(job->run);
+	uint64_t first = run_first_ns(job->run);
+	const struct view *view = run_view(job->run);
 
 	if (view->ground && !view->window && !totals->counts.used && totals->counts.points) {
 		no_ground(job, &totals->counts);
@@ -297,29 +300,29 @@ static void make_report(struct job *job)
 	report_make(totals, &job->report);
 	if (view->window)
 		report_window(&job->report);
-	job->report.points_read += walk_plan(job->walk)->points_read;
-	job->report.cells_read += walk_plan(job->walk)->cells_read;
-	job->report.domains_reused = walk_reused(job->walk);
+	job->report.points_read += run_plan(job->run)->points_read;
+	job->report.cells_read += run_plan(job->run)->cells_read;
+	job->report.domains_reused = run_reused(job->run);
 	note_classes(job, view);
 	job->report.seconds = clock_since(job->begun_ns);
-	job->report.worked_seconds = walk_worked(job->walk);
+	job->report.worked_seconds = run_worked(job->run);
 	job->report.stage_seconds = job->dataset->stage_seconds;
 	job->report.seal_seconds = job->dataset->seal_seconds;
-	walk_seconds(job->walk, &job->report.plan_seconds, &job->report.domains_seconds);
+	run_seconds(job->run, &job->report.plan_seconds, &job->report.domains_seconds);
 	job->report.first_triangle_seconds = first ? (double)(first - job->begun_ns) / 1e9 : 0;
 	job->has_report = true;
 }
 
-/* The walk is over: its output hears how, then it goes. */
+/* The run is over: its output hears how, then it goes. */
 static enum job_state end_of(struct job *job)
 {
 	struct job_output *output;
 
 	if (!job->has_error)
 		make_report(job);
-	output = walk_detach(job->walk);
+	output = run_detach(job->run);
 	if (output)
-		output->calls->end(output, job->has_error ? &job->err : NULL, walk_totals(job->walk), &job->report);
+		output->calls->end(output, job->has_error ? &job->err : NULL, run_totals(job->run), &job->report);
 	if (!job->has_error)
 		return JOB_done;
 	return job->stop || job->err.code == ERR_CANCELLED ? JOB_cancelled : JOB_failed;
@@ -346,12 +349,12 @@ static void ended(struct job *job)
 		err_set(&err, ERR_CANCELLED, "the job was cancelled");
 		fail(job, &err);
 	}
-	job->walk = walk_free(job->walk);
+	job->run = run_free(job->run);
 	if (!job->waiting_row)
 		job_over(job);
 }
 
-static void stop_walk(struct job *job)
+static void stop_run(struct job *job)
 {
 	struct err err = ERR_INIT;
 
@@ -359,17 +362,17 @@ static void stop_walk(struct job *job)
 		err_set(&err, ERR_CANCELLED, "the job was cancelled");
 	else
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
-	if (!job->walk_ended)
-		walk_stop(job->walk, &err);
+	if (!job->run_ended)
+		run_stop(job->run, &err);
 }
 
 static void requeue(struct job *job)
 {
-	struct job_output *output = walk_detach(job->walk);
+	struct job_output *output = run_detach(job->run);
 
 	if (output)
 		output->calls->end(output, &job->err, NULL, NULL);
-	job->walk = walk_free(job->walk);
+	job->run = run_free(job->run);
 	job->has_error = false;
 	job->err = ERR_INIT;
 }
@@ -378,20 +381,22 @@ void job_step(struct job *job)
 {
 	enum job_state before = job->state, next;
 
-	if (states[before].final)
+	THREAD_LOOP_ONLY();
+	if (job_state_final(before))
 		return;
 	for (;;) {
 		next = states[job->state].step(job);
 		if (next == job->state)
 			break;
+		assert(states[job->state].next >> next & 1);
 		job->state = next;
 		if (next == JOB_cancelling)
-			stop_walk(job);
+			stop_run(job);
 		if (next == JOB_queued) {
 			requeue(job);
 			break;
 		}
-		if (states[next].final) {
+		if (job_state_final(next)) {
 			ended(job);
 			break;
 		}
@@ -402,8 +407,8 @@ void job_step(struct job *job)
 
 void job_settle(struct job *job)
 {
-	if (job->walk && !job->walk_ended)
-		walk_settle(job->walk);
+	if (job->run && !job->run_ended)
+		run_settle(job->run);
 	job_step(job);
 	job_fetch_settle(job);
 }
@@ -415,7 +420,7 @@ static void look_waiting(struct job *job)
 	struct job_info info = {.waiting = ""};
 
 	job->looked_ns = clock_mono_ns();
-	if (job->place.seeks && job->jobs->nplaces > MANY)
+	if (job->slot.seeks && job->jobs->nslots > MANY)
 		return;
 	job_waiting(job, &info);
 	if (!strcmp(info.waiting, job->waited))
@@ -426,10 +431,10 @@ static void look_waiting(struct job *job)
 
 void job_tick(struct job *job)
 {
-	if (job->walk && !job->walk_ended)
-		walk_tick(job->walk);
+	if (job->run && !job->run_ended)
+		run_tick(job->run);
 	job_step(job);
-	if (clock_since(job->looked_ns) >= LOOK_SECONDS && !states[job->state].final)
+	if (clock_since(job->looked_ns) >= LOOK_SECONDS && !job_state_final(job->state))
 		look_waiting(job);
 	if (job->moved && clock_since(job->told_ns) >= TELL_SECONDS)
 		tell(job);
@@ -449,12 +454,12 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_pe
 	size_t bytes = job_bytes(strlen(view));
 	struct job *job;
 
-	if (house_take_lasting(j, HOUSE_JOB, peer->uid, bytes, "another job", err))
+	if (charge_lasting(j, CHARGE_JOB, peer->uid, bytes, "another job", err))
 		return NULL;
 	job = j->spare ? j->spare : malloc(sizeof *job);
 	j->spare = NULL;
 	if (!job) {
-		house_give(j, bytes);
+		uncharge(j, bytes);
 		err_set(err, ERR_NOMEM, "no memory for a job");
 		return NULL;
 	}
@@ -465,9 +470,9 @@ struct job *job_add(struct jobs *j, uint64_t id, char *view, const struct job_pe
 	job->jobs = j;
 	job->id = id;
 	job->err = ERR_INIT;
-	if (!past_add(job, err))
+	if (!history_add(job, err))
 		return job;
-	house_give(j, bytes);
+	uncharge(j, bytes);
 	free(job);
 	return NULL;
 }
@@ -479,7 +484,7 @@ static bool may_see(const struct job *job, const struct job_peer *peer)
 
 struct job *job_find(struct jobs *j, uint64_t id, const struct job_peer *peer)
 {
-	struct job *job = past_find(j, id);
+	struct job *job = history_find(j, id);
 
 	return job && may_see(job, peer) ? job : NULL;
 }
@@ -488,7 +493,7 @@ struct job *job_after(struct jobs *j, uint64_t id, const struct job_peer *peer)
 {
 	struct job *job;
 
-	while ((job = past_next(j, NULL, id)) && !may_see(job, peer))
+	while ((job = history_next(j, NULL, id)) && !may_see(job, peer))
 		id = job->id;
 	return job;
 }
@@ -506,12 +511,12 @@ void job_info(const struct job *job, struct job_info *ret)
 		.bound = job->bound,
 		.submitted_us = job->submitted_us,
 		.finished_us = job->finished_us,
-		.phase = job->walk ? walk_phase(job->walk) : "mesh",
+		.phase = job->run ? run_phase(job->run) : "mesh",
 		.report = job->has_report ? &job->report : NULL,
-		.err = states[job->state].final && job->has_error ? &job->err : NULL,
+		.err = job_state_final(job->state) && job->has_error ? &job->err : NULL,
 	};
-	if (job->walk) {
-		walk_progress(job->walk, &ret->points_done, &ret->points_total, &ret->domains_done, &ret->domains_total);
+	if (job->run) {
+		run_progress(job->run, &ret->points_done, &ret->points_total, &ret->domains_done, &ret->domains_total);
 	} else if (job->has_report) {
 		ret->points_done = ret->points_total = job->report.points;
 		ret->domains_done = ret->domains_total = job->report.domains;
@@ -521,7 +526,8 @@ void job_info(const struct job *job, struct job_info *ret)
 
 void job_cancel(struct job *job)
 {
-	if (states[job->state].final || job->stop)
+	THREAD_LOOP_ONLY();
+	if (job_state_final(job->state) || job->stop)
 		return;
 	job->stop = true;
 	job_step(job);
@@ -531,21 +537,22 @@ int job_remove(struct job *job, struct err *err)
 {
 	struct err ignored = ERR_INIT;
 
-	if (!states[job->state].final) {
+	if (!job_state_final(job->state)) {
 		err_set(err, ERR_BUSY, "job %llu is %s", (unsigned long long)job->id, states[job->state].wire);
 		return err_add_hint(err, "cancel it first");
 	}
 	job->removed = true;
-	if (job->jobs->loading ? drops_add(job->jobs, job->id, &ignored) :
+	if (job->jobs->loading ? deletions_add(job->jobs, job->id, &ignored) :
 				 !job->bound && catalogue_drop_job(job->jobs->p.catalogue, job->id, NULL, NULL, &ignored))
 		return err_set(err, ERR_NOMEM, "no memory to remove a job");
 	if (job->guest)
-		past_drop(job);
+		history_drop(job);
 	return 0;
 }
 
 void job_leave(struct job *job)
 {
+	THREAD_LOOP_ONLY();
 	job->left = true;
 	job_cancel(job);
 	job->removed = true;
@@ -571,13 +578,13 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		job->dataset = dataset_hold(d);
 	job->generation = row->generation;
 	job->priority = row->priority < JOB_PRIORITIES ? (enum job_priority)row->priority : JOB_PRIORITY_NORMAL;
-	job_place_init(job);
+	job_slot_init(job);
 	job->submitted_us = row->submitted_us;
 	job->finished_us = row->finished_us;
 	for (s = 0; s < JOB_STATES && strcmp(states[s].wire, row->state); s++)
 		;
 	job->state = s < JOB_STATES ? (enum job_state)s : JOB_failed;
-	s = states[job->state].final ? 0 : job_plan_new(job, err);
+	s = job_state_final(job->state) ? 0 : job_plan_new(job, err);
 	if (s)
 		return s;
 	job->has_report = *row->report != 0;
@@ -592,12 +599,12 @@ int job_load(struct jobs *j, const struct catalogue_job *row, struct err *err)
 		if (*row->error_hint)
 			err_add_hint(&job->err, "%s", row->error_hint);
 	}
-	if (!job->dataset && !states[job->state].final) {
+	if (!job->dataset && !job_state_final(job->state)) {
 		job->state = JOB_failed;
 		job->has_error = true;
 		err_set(&job->err, ERR_NOTFOUND, "its dataset is gone");
 	}
-	if (states[job->state].final)
-		past_keep(job);
+	if (job_state_final(job->state))
+		history_keep(job);
 	return 0;
 }

@@ -21,7 +21,7 @@
 struct catalogue;
 struct sched;
 
-struct jobs; /* the house */
+struct jobs; /* the service */
 struct dataset;
 struct push;
 struct push_stream;
@@ -51,7 +51,7 @@ struct job_holder {
 	uint64_t held[LEDGER_NAMES];
 };
 
-/* ---- the house ---- */
+/* ---- the service ---- */
 
 struct jobs_params {
 	struct ledger *ledger;
@@ -109,7 +109,7 @@ struct jobs_work {
 	uint64_t domains_done, domains_total;
 };
 void jobs_work(const struct jobs *, struct jobs_work *ret);
-/* All that hold something. What is held beside them is of the house, or of tasks that look at a single file. */
+/* All that hold something. What is held beside them is of the service, or of tasks that look at a single file. */
 void jobs_holders(struct jobs *, void (*each)(void *ctx, const struct job_holder *), void *ctx);
 uint64_t jobs_peak_rss(void); /* VmHWM of this process, bytes */
 uint64_t jobs_rss(void);      /* VmRSS */
@@ -155,20 +155,20 @@ struct jobs_own {
 void jobs_own(struct jobs *, const struct job_peer *, uint64_t state_bytes, struct jobs_own *ret); /* size of that file system */
 
 /* What a worker sees of disks and grids when it looks. */
-struct house_side {
+struct health_side {
 	int sys;                                 /* errno: it cannot be looked at */
 	uint64_t free, total, files_free, files; /* bytes; inodes, files 0: it does not count them */
 	bool read_only;
 };
-struct house_looked {
-	struct house_side state, cache;
+struct health {
+	struct health_side state, cache;
 	unsigned geoids, geoids_bad;
 	char geoid_why[512];          /* of the first that is bad */
 	unsigned open_files, threads; /* of this process */
 };
 /* What was seen within the last second, or what a worker sees now: one look serves all who ask meanwhile. */
-void house_look(struct jobs *, const struct job_peer *,
-		void (*answer)(void *token, const struct err *why, const struct house_looked *), void *token);
+void health_check(struct jobs *, const struct job_peer *,
+		  void (*answer)(void *token, const struct err *why, const struct health *), void *token);
 
 /* ---- datasets ---- */
 
@@ -245,7 +245,7 @@ typedef void revert_answer_fn(void *token, const struct err *why, const struct r
 /* A new generation that undoes another one; 0: the newest. -ERR_USAGE: what it did was changed since. */
 void dataset_revert(struct dataset *, uint64_t generation, const struct job_peer *, revert_answer_fn *answer, void *token);
 
-/* The newest manifest of a dataset (NULL: there is none yet), which is the house's, and the callback's while it is
+/* The newest manifest of a dataset (NULL: there is none yet), which is the service's, and the callback's while it is
  * called. */
 typedef void dataset_read_fn(void *token, const struct err *why, const struct dataset *, const struct grid_manifest *);
 void dataset_read(struct dataset *, const struct job_peer *, dataset_read_fn *answer, void *token);
@@ -277,14 +277,16 @@ struct push_begun {
 struct push_file {
 	const char *name;
 	struct pipe_ingested in;
-	const char *geoid;  /* that shifted its heights: as in the manifest; "": none */
-	uint32_t replaced;  /* files of the dataset, by this one */
-	const char *crs_of; /* of the file itself, where it was projected; "": it was not */
+	const char *geoid;      /* that shifted its heights: as in the manifest; "": none */
+	uint32_t replaced;      /* files of the dataset, by this one */
+	const char *crs_of;     /* of the file itself, where it was projected; "": it was not */
+	const char *overridden; /* what its records say, where the push overrides that; "": it does not */
 };
 struct push_planned {
 	const char *lattice, *crs;
 	const char *zone, *datum; /* that degrees go to, and theirs; "": none are projected */
 	const char *geoid;        /* "": heights stay */
+	const char *note;         /* which scale was chosen for inputs that have more digits; "" */
 };
 struct push_committed {
 	struct dataset *dataset;
@@ -306,7 +308,8 @@ struct push_probe_result {
 };
 struct push_input {
 	const char *name, *format;
-	const char *columns;  /* of a text, as input_options; "": as it says itself */
+	const char *columns; /* of a text, as input_options; "": as it says itself */
+	bool decimal_comma;
 	const char *path;     /* absolute; "": it has none */
 	bool checksum;        /* judged by its content, not by path, size and time */
 	bool add;             /* taken beside another one of its path */
@@ -336,13 +339,14 @@ struct push_calls {
 struct push_params {
 	const char *dataset; /* "" = one-step */
 	const char *scale_xy, *scale_z, *format;
-	const char *assume_crs, *assume_unit_xy, *assume_unit_z; /* for inputs that say nothing; NULL, "": nothing */
-	const char *utm;                                         /* zone that degrees go to; "": of the middle of all */
-	const char *geoid;                                       /* grid that shifts the heights; "": none */
-	const char *geoid_way;                                   /* "orthometric" or "ellipsoidal"; "": orthometric */
-	bool has_mode;                                           /* for a dataset that comes to be; else DATASET_MODE */
+	const char *assume_crs, *assume_unit_xy, *assume_unit_z;       /* for inputs that say nothing; NULL, "": nothing */
+	const char *override_crs, *override_unit_xy, *override_unit_z; /* in place of what they say; not beside assume_* */
+	const char *utm;                                               /* zone that degrees go to; "": of the middle of all */
+	const char *geoid;                                             /* grid that shifts the heights; "": none */
+	const char *geoid_way;                                         /* "orthometric" or "ellipsoidal"; "": orthometric */
+	bool has_mode;                                                 /* for a dataset that comes to be; else DATASET_MODE */
 	uint32_t mode;
-	bool planar, accept_truncated;
+	bool planar, accept_truncated, strict;
 	const double *crop; /* x1, y1, x2, y2, in the dataset's coordinates, or ncrop is 0; of one-step ones only */
 	size_t ncrop;
 	struct job_peer peer;
@@ -364,7 +368,8 @@ void push_abort(struct push *, void *token);
  * neither committed nor aborted stays as a pending push. The push is void. */
 void push_leave(struct push *);
 /* A probe of its own, for `acutctl info`. */
-void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns, const struct job_peer *,
+void push_info(struct jobs *, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
+	       const struct job_peer *,
 	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *), void *token);
 
 /* ---- inspection: what is in the records of one file ---- */
@@ -384,9 +389,9 @@ struct inspect_result {
 	unsigned ndifferences;
 };
 typedef void inspect_answer_fn(void *token, const struct err *why, const struct inspect_result *);
-/* Reads all of the file. `fd` becomes the house's in any case. */
-void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns, const struct job_peer *,
-		  inspect_answer_fn *answer, void *token);
+/* Reads all of the file. `fd` becomes the service's in any case. */
+void inspect_file(struct jobs *, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
+		  const struct job_peer *, inspect_answer_fn *answer, void *token);
 
 /* ---- geoid grids that the daemon keeps ---- */
 
@@ -396,7 +401,7 @@ struct geoid_info {
 	struct crs_geoid_info grid;
 };
 typedef void geoid_answer_fn(void *token, const struct err *why, const struct geoid_info *list, size_t n);
-/* A checked copy of the file under that name; answers with it alone. `fd` becomes the house's in any case;
+/* A checked copy of the file under that name; answers with it alone. `fd` becomes the service's in any case;
  * `file` is what messages call it. */
 void geoid_add(struct jobs *, int fd, const char *name, const char *file, const struct job_peer *, geoid_answer_fn *answer,
 	       void *token);
@@ -406,7 +411,7 @@ void geoid_remove(struct jobs *, const char *name, const struct job_peer *, geoi
 /* ---- jobs ---- */
 
 enum job_state {
-#define JOB_STATE(name, wire, final) JOB_##name,
+#define JOB_STATE(name, wire, next) JOB_##name,
 #include "job_state.def"
 #undef JOB_STATE
 	JOB_STATES
@@ -428,6 +433,7 @@ struct job_report {
 	double worked_seconds;                                 /* in which a worker or the disk was at it */
 	double seal_seconds, plan_seconds, domains_seconds;    /* of staging; up to the plan; from there to the end */
 	uint64_t peak_rss;
+	char most[96];  /* the position that most points of the view share: "POINTS X Y", in coordinates; "": each has one */
 	char note[160]; /* "" or a sentence, as for a mesh without triangles */
 };
 struct job_info {
@@ -512,7 +518,7 @@ struct job_output_calls {
 };
 struct job_output {
 	const struct job_output_calls *calls;
-	struct walk *walk; /* these two are of job/ only */
+	struct run *run; /* these two are of job/ only */
 	struct job_fetch *fetch;
 	bool spooled; /* set by spool: the block's memory is not needed any more; encode takes it back */
 	/* Set before job_fetch: go on at this block, of the stream `want`. What cannot be is -ERR_GONE. */

@@ -1,8 +1,8 @@
 /*
  * Streams of a job's mesh.
  *
- * The model: the first stream of a bound job is the output of the job's own walk, so that triangles leave as
- * soon as their domain is done. Every other stream is a walk of its own over the job's plan: of a job that is done
+ * The model: the first stream of a bound job is the output of the job's own run, so that triangles leave as
+ * soon as their domain is done. Every other stream is a run of its own over the job's plan: of a job that is done
  * at once; of an unbound one that runs as far as the job has come, since its domains are in the store when they are
  * emitted, and on as it gets on. What is missing in the store is made again. The digests must be those of the job.
  */
@@ -13,7 +13,7 @@
 
 #include "clock.h"
 #include "job_priv.h"
-#include "past.h"
+#include "history.h"
 
 #define LOOK_SECONDS 0.5 /* what begins sooner did not wait */
 
@@ -24,10 +24,10 @@ static void fetch_free(struct job_fetch *f)
 	for (at = &f->job->fetches; *at != f; at = &(*at)->next)
 		;
 	*at = f->next;
-	place_leave(f->job->jobs, &f->place);
-	walk_free(f->walk);
+	slot_leave(f->job->jobs, &f->slot);
+	run_free(f->run);
 	if (f->window)
-		house_give(f->job->jobs, strlen(f->window) + 1);
+		uncharge(f->job->jobs, strlen(f->window) + 1);
 	free(f->window);
 	free(f);
 }
@@ -36,7 +36,7 @@ static void fetch_ended(void *ctx, const struct err *why)
 {
 	struct job_fetch *f = ctx;
 
-	f->walk_ended = true;
+	f->run_ended = true;
 	if (why)
 		f->why = *why;
 }
@@ -45,7 +45,7 @@ static void fetch_unread(void *ctx, const struct err *why)
 {
 	struct job_fetch *f = ctx;
 
-	walk_stop(f->walk, why);
+	run_stop(f->run, why);
 }
 
 /* Domains that the job has emitted are in the store. */
@@ -56,10 +56,10 @@ static size_t fetch_reach(void *ctx)
 
 	if (job->state == JOB_done || f->window)
 		return SIZE_MAX;
-	return job->walk && !job_state_final(job->state) ? walk_emitted(job->walk) : 0;
+	return job->run && !job_state_final(job->state) ? run_emitted(job->run) : 0;
 }
 
-static const struct walk_calls calls = {.unread = fetch_unread, .ended = fetch_ended, .reach = fetch_reach};
+static const struct run_calls calls = {.unread = fetch_unread, .ended = fetch_ended, .reach = fetch_reach};
 
 /* From the start. */
 static bool fresh(const struct job_output *output)
@@ -69,12 +69,12 @@ static bool fresh(const struct job_output *output)
 
 static void begin(struct job_fetch *f);
 
-static void granted(struct place *place)
+static void granted(struct slot *slot)
 {
-	struct job_fetch *f = (struct job_fetch *)((char *)place - offsetof(struct job_fetch, place));
+	struct job_fetch *f = (struct job_fetch *)((char *)slot - offsetof(struct job_fetch, slot));
 
-	if (f->walk) {
-		walk_begin(f->walk);
+	if (f->run) {
+		run_begin(f->run);
 		return;
 	}
 	/* At once: whoever asks next for a place must find this one taken. */
@@ -88,20 +88,21 @@ void job_fetch(struct job *job, struct job_output *output)
 	struct job_fetch *f, **at;
 	struct err err = ERR_INIT;
 
-	output->walk = NULL;
+	THREAD_LOOP_ONLY();
+	output->run = NULL;
 	output->fetch = NULL;
-	if (past_awake(job, &job, &err)) {
+	if (history_awake(job, &job, &err)) {
 		output->calls->end(output, &err, NULL, NULL);
 		return;
 	}
-	if (job->bound && fresh(output) && job->walk && !job->walk_ended && walk_attach(job->walk, output))
+	if (job->bound && fresh(output) && job->run && !job->run_ended && run_attach(job->run, output))
 		return;
 	f = calloc(1, sizeof *f);
 	output->window = NULL;
 	if (!f)
 		err_set(&err, ERR_NOMEM, "no memory for a stream");
 	else if (window)
-		house_take(job->jobs, strlen(window) + 1, "the area of a stream", &err);
+		charge(job->jobs, strlen(window) + 1, "the area of a stream", &err);
 	if (err.code) {
 		free(window);
 		free(f);
@@ -113,9 +114,9 @@ void job_fetch(struct job *job, struct job_output *output)
 	f->window = window;
 	f->why = ERR_INIT;
 	f->begun_ns = clock_mono_ns();
-	f->place.owner = job->place.owner;
-	f->place.granted = granted;
-	f->place.reader = true;
+	f->slot.owner = job->slot.owner;
+	f->slot.granted = granted;
+	f->slot.reader = true;
 	output->fetch = f;
 	for (at = &job->fetches; *at; at = &(*at)->next)
 		;
@@ -127,7 +128,7 @@ void job_fetch_attach(struct job *job)
 {
 	struct job_fetch *f = job->fetches;
 
-	if (!job->bound || !f || !f->output || f->window || !fresh(f->output) || !walk_attach(job->walk, f->output))
+	if (!job->bound || !f || !f->output || f->window || !fresh(f->output) || !run_attach(job->run, f->output))
 		return;
 	f->output->fetch = NULL;
 	fetch_free(f);
@@ -148,13 +149,13 @@ static void end(struct job_fetch *f, struct job_output *output, const struct err
 		tell_damage(f->job->jobs, ABOUT_JOB(f->job), why);
 	if (output) {
 		output->fetch = NULL;
-		if (f->window && f->walk && !why) {
-			report_make(walk_totals(f->walk), &report);
+		if (f->window && f->run && !why) {
+			report_make(run_totals(f->run), &report);
 			report_window(&report);
-			report.points_read += walk_plan(f->walk)->points_read;
+			report.points_read += run_plan(f->run)->points_read;
 			report.seconds = clock_since(f->begun_ns);
 		}
-		output->calls->end(output, why, f->walk && !why ? walk_totals(f->walk) : NULL,
+		output->calls->end(output, why, f->run && !why ? run_totals(f->run) : NULL,
 				   why       ? NULL :
 				   f->window ? &report :
 					       &f->job->report);
@@ -167,7 +168,7 @@ static uint64_t apart(uint64_t a, uint64_t b)
 	return a < b ? b - a : a - b;
 }
 
-static int never_was(const struct walk_since *s, struct err *err)
+static int never_was(const struct run_since *s, struct err *err)
 {
 	err_set(err, ERR_NOTFOUND, "the dataset %s has no generation %llu: it has %llu to %llu", s->dataset,
 		(unsigned long long)s->generation, (unsigned long long)s->oldest, (unsigned long long)s->newest);
@@ -181,22 +182,22 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 {
 	enum { MOST = sizeof f->since.base / sizeof *f->since.base };
 	const struct job *job = f->job, *other;
-	struct walk_since *s = &f->since;
+	struct run_since *s = &f->since;
 
-	*s = (struct walk_since){.generation = generation,
-				 .job = job->id,
-				 .dataset = job->dataset->name,
-				 .oldest = dataset_oldest(job->dataset),
-				 .newest = job->dataset->generation};
+	*s = (struct run_since){.generation = generation,
+				.job = job->id,
+				.dataset = job->dataset->name,
+				.oldest = dataset_oldest(job->dataset),
+				.newest = job->dataset->generation};
 	if (job->bound)
 		return err_set(err, ERR_USAGE, "changes are those of a submitted job, not of a mesh of one step");
 	if (!digest_parse(job->report.digest, &s->digest) || !digest_parse(job->report.vertex_digest, &s->vertex_digest))
 		return err_set(err, ERR_GONE, "the digests of job %llu are not known", (unsigned long long)job->id);
-	for (other = past_next(job->jobs, job->dataset, 0); other; other = past_next(job->jobs, job->dataset, other->id)) {
-		struct walk_base base = {.job = other->id};
+	for (other = history_next(job->jobs, job->dataset, 0); other; other = history_next(job->jobs, job->dataset, other->id)) {
+		struct run_base base = {.job = other->id};
 
 		if (other->bound || other->removed || other->state != JOB_done || strcmp(other->view, job->view) ||
-		    !digest_parse(other->report.digest, &base.digest) ||
+		    report_without_flat(&other->report) || !digest_parse(other->report.digest, &base.digest) ||
 		    !digest_parse(other->report.vertex_digest, &base.vertex_digest))
 			continue;
 		if (other->generation != generation) {
@@ -212,10 +213,21 @@ static int find_base(struct job_fetch *f, uint64_t generation, struct err *err)
 	return generation > s->newest ? never_was(s, err) : 0;
 }
 
+static int cannot_be_made(const struct job *job, struct err *err)
+{
+	if (!job->dataset)
+		return err_set(err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
+	if (!report_without_flat(&job->report))
+		return 0;
+	err_set(err, ERR_GONE, "job %llu was done by an older acutd, which left positions without triangles out of the mesh",
+		(unsigned long long)job->id);
+	return err_add_hint(err, "submit %s again: its mesh has them", job->dataset->name);
+}
+
 static void begin(struct job_fetch *f)
 {
 	struct job *job = f->job;
-	struct walk_params p = {
+	struct run_params p = {
 		.job = job->id,
 		.jobs = job->jobs,
 		.dataset = job->dataset,
@@ -224,8 +236,8 @@ static void begin(struct job_fetch *f)
 		.keep = !job->bound && !f->window,
 		.lazy = true,
 		.client = true,
-		.owner = f->place.owner,
-		.place = &f->place,
+		.owner = f->slot.owner,
+		.slot = &f->slot,
 		.plan = f->window ? NULL : job->plan,
 		.calls = &calls,
 		.ctx = f,
@@ -241,8 +253,7 @@ static void begin(struct job_fetch *f)
 		end(f, f->output, &job->err);
 		return;
 	}
-	if (!job->dataset) {
-		err_set(&err, ERR_GONE, "the dataset of job %llu is gone", (unsigned long long)job->id);
+	if (cannot_be_made(job, &err)) {
 		end(f, f->output, &err);
 		return;
 	}
@@ -252,11 +263,11 @@ static void begin(struct job_fetch *f)
 	}
 	p.since = f->output->since ? &f->since : NULL;
 	if (!f->placed) {
-		place_seek(job->jobs, &f->place, 0);
+		slot_seek(job->jobs, &f->slot, 0);
 		return;
 	}
 	f->placed = false;
-	switch (walk_new(&p, &f->walk, &err)) {
+	switch (run_new(&p, &f->run, &err)) {
 	case 0:
 		break;
 	case -ERR_BUSY:
@@ -266,26 +277,26 @@ static void begin(struct job_fetch *f)
 		return;
 	}
 	f->output->fetch = NULL;
-	if (!walk_attach(f->walk, f->output)) {
+	if (!run_attach(f->run, f->output)) {
 		err_set(&err, ERR_INTERNAL, "a new stream cannot be attached");
 		end(f, f->output, &err);
 		return;
 	}
 	f->output = NULL;
-	walk_begin(f->walk);
+	run_begin(f->run);
 }
 
 /* Same job, same mesh: anything else is a fault, and the client must not keep it. */
 static void finish(struct job_fetch *f)
 {
-	struct job_output *output = walk_detach(f->walk);
+	struct job_output *output = run_detach(f->run);
 	char hex[DIGEST_HEX_SIZE];
 
 	if (!f->why.code && f->job->state != JOB_done && !f->window)
 		f->why = f->job->err;
 	if (!f->why.code && f->since.generation)
-		walk_change_agrees(f->walk, &f->why);
-	else if (!f->why.code && !f->window && strcmp(digest_hex(walk_totals(f->walk)->digest, hex), f->job->report.digest))
+		run_change_agrees(f->run, &f->why);
+	else if (!f->why.code && !f->window && strcmp(digest_hex(run_totals(f->run)->digest, hex), f->job->report.digest))
 		err_set(&f->why, ERR_DIGEST, "the mesh made again has digest %s, the job had %s", hex, f->job->report.digest);
 	end(f, output, f->why.code ? &f->why : NULL);
 }
@@ -296,7 +307,7 @@ static bool can_begin(const struct job *job, const struct job_fetch *f)
 	/* Which of its regions hold is known when all of them are. */
 	if (f->output && f->output->since && !job_state_final(job->state))
 		return false;
-	return job_state_final(job->state) || (job->state == JOB_meshing && !job->bound && job->planned && !job->walk_ended);
+	return job_state_final(job->state) || (job->state == JOB_meshing && !job->bound && job->planned && !job->run_ended);
 }
 
 void job_fetch_settle(struct job *job)
@@ -306,18 +317,18 @@ void job_fetch_settle(struct job *job)
 
 	for (f = job->fetches; f; f = next) {
 		next = f->next;
-		if (f->walk && !f->walk_ended && failed)
-			walk_stop(f->walk, &job->err);
-		if (f->walk && !f->walk_ended)
-			walk_settle(f->walk);
+		if (f->run && !f->run_ended && failed)
+			run_stop(f->run, &job->err);
+		if (f->run && !f->run_ended)
+			run_settle(f->run);
 		/* Whole, but the job has not said so yet. */
-		if (f->walk && f->walk_ended && !f->why.code && !job_state_final(job->state) && !f->window)
+		if (f->run && f->run_ended && !f->why.code && !job_state_final(job->state) && !f->window)
 			continue;
-		if (f->walk && f->walk_ended)
+		if (f->run && f->run_ended)
 			finish(f);
-		else if (!f->walk && !f->output)
+		else if (!f->run && !f->output)
 			fetch_free(f);
-		else if (!f->walk && (can_begin(job, f) || f->window)) /* a window needs nothing that the job makes */
+		else if (!f->run && (can_begin(job, f) || f->window)) /* a window needs nothing that the job makes */
 			begin(f);
 	}
 }
@@ -325,15 +336,15 @@ void job_fetch_settle(struct job *job)
 /* Whoever reads it hears why nothing comes. */
 static void look_waiting(struct job_fetch *f)
 {
-	struct job_output *output = f->walk ? walk_output(f->walk) : f->output;
+	struct job_output *output = f->run ? run_output(f->run) : f->output;
 	char waits[sizeof f->waited] = "";
 
 	if (!output || !output->calls->waits)
 		return;
-	if (f->place.seeks)
-		place_text(f->job->jobs, &f->place, waits, sizeof waits);
-	else if (f->walk && !f->walk_ended)
-		walk_waiting(f->walk, waits, sizeof waits);
+	if (f->slot.seeks)
+		slot_text(f->job->jobs, &f->slot, waits, sizeof waits);
+	else if (f->run && !f->run_ended)
+		run_waiting(f->run, waits, sizeof waits);
 	if (!strcmp(waits, f->waited))
 		return;
 	memcpy(f->waited, waits, sizeof waits);
@@ -349,8 +360,8 @@ void job_fetch_tick(struct job *job)
 		if (job_state_final(job->state) && clock_since(f->begun_ns) >= LOOK_SECONDS)
 			look_waiting(f);
 	for (f = job->fetches; f; f = f->next)
-		if (f->walk && !f->walk_ended)
-			walk_tick(f->walk);
+		if (f->run && !f->run_ended)
+			run_tick(f->run);
 	job_fetch_settle(job);
 }
 
@@ -362,9 +373,9 @@ void job_fetch_park(struct job *job)
 	err_set(&err, ERR_BUSY, "the daemon is stopping");
 	for (f = job->fetches; f; f = next) {
 		next = f->next;
-		if (!f->walk)
+		if (!f->run)
 			end(f, f->output, &err);
-		else if (!f->walk_ended)
-			walk_stop(f->walk, &err);
+		else if (!f->run_ended)
+			run_stop(f->run, &err);
 	}
 }

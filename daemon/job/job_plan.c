@@ -12,7 +12,8 @@
 #include "io.h"
 #include "job_priv.h"
 #include "log.h"
-#include "past.h"
+#include "history.h"
+#include "plan_file.h"
 
 /* ---- plans that are asked for ---- */
 
@@ -20,13 +21,13 @@ static void plan_ended(void *ctx, const struct err *why)
 {
 	struct job_asked_plan *p = ctx;
 
-	p->walk_ended = true;
+	p->run_ended = true;
 	p->failed = why != NULL;
 	if (why)
 		p->err = *why;
 }
 
-static const struct walk_calls plan_calls = {.ended = plan_ended};
+static const struct run_calls plan_calls = {.ended = plan_ended};
 
 /* Bytes of a stored domain a point: 2 triangles of 12, a vertex of 12, open links; triangles of 6, and vertices of 10 or less,
  * where it has no more vertices than two bytes can tell apart (store_format.c). */
@@ -39,7 +40,7 @@ static double pace(struct jobs *j)
 	const struct job *job;
 
 	/* What a selection left out was not meshed. */
-	for (uint64_t id = UINT64_MAX; (job = past_before(j, id)); id = job->id) {
+	for (uint64_t id = UINT64_MAX; (job = history_before(j, id)); id = job->id) {
 		const uint64_t *removed = job->report.removed;
 		uint64_t points = job->report.points - removed[VIEW_BY_CROP] - removed[VIEW_BY_EVERY] - removed[VIEW_BY_THIN];
 
@@ -54,10 +55,10 @@ static double pace(struct jobs *j)
 
 static void plan_answer(struct job_asked_plan *p)
 {
-	const struct cut_plan *plan = walk_plan(p->walk);
-	const struct pipe_budget *budget = walk_budget(p->walk);
-	bool window = walk_view(p->walk)->window;
-	uint64_t points = walk_grid_points(p->walk);
+	const struct cut_plan *plan = run_plan(p->run);
+	const struct pipe_budget *budget = run_budget(p->run);
+	bool window = run_view(p->run)->window;
+	uint64_t points = run_grid_points(p->run);
 	size_t i;
 
 	/* A window is made of the points of its pieces, and of it nothing is stored. */
@@ -66,7 +67,7 @@ static void plan_answer(struct job_asked_plan *p)
 	struct job_plan out = {
 		.points = points,
 		.domains = plan->n,
-		.domains_reused = walk_reused(p->walk),
+		.domains_reused = run_reused(p->run),
 		.memory_bytes =
 			(uint64_t)budget->domain_bytes * (budget->threads + 1) + p->jobs->emitter_share + p->jobs->index_share,
 		.disk_bytes = window ? 0 : points * (budget->load <= SMALL ? STORED_SMALL : STORED_BYTES),
@@ -90,9 +91,9 @@ void job_plans_settle(struct jobs *j)
 	struct job_asked_plan **at = &j->plans, *p;
 
 	while ((p = *at)) {
-		if (p->walk && !p->walk_ended)
-			walk_tick(p->walk);
-		if (!p->walk_ended) {
+		if (p->run && !p->run_ended)
+			run_tick(p->run);
+		if (!p->run_ended) {
 			at = &p->next;
 			continue;
 		}
@@ -101,16 +102,16 @@ void job_plans_settle(struct jobs *j)
 			p->planned(p->token, &p->err, NULL);
 		else
 			plan_answer(p);
-		walk_free(p->walk);
+		run_free(p->run);
 		free(p);
 	}
 }
 
-static void plan_granted(struct place *place)
+static void plan_granted(struct slot *slot)
 {
-	struct job_asked_plan *p = (struct job_asked_plan *)((char *)place - offsetof(struct job_asked_plan, place));
+	struct job_asked_plan *p = (struct job_asked_plan *)((char *)slot - offsetof(struct job_asked_plan, slot));
 
-	walk_begin(p->walk);
+	run_begin(p->run);
 }
 
 /* Those that have not begun would never. */
@@ -121,35 +122,36 @@ void job_plans_park(struct jobs *j)
 
 	err_set(&err, ERR_BUSY, "the daemon is stopping");
 	for (p = j->plans; p; p = p->next)
-		if (p->walk && !p->walk_ended)
-			walk_stop(p->walk, &err);
+		if (p->run && !p->run_ended)
+			run_stop(p->run, &err);
 }
 
 void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char *view, const struct job_peer *peer,
 	      void (*planned)(void *token, const struct err *why, const struct job_plan *), void *token)
 {
 	struct job_asked_plan *p = calloc(1, sizeof *p);
-	struct walk_params params = {
+	struct run_params params = {
 		.jobs = j,
 		.dataset = d,
 		.generation = generation ? generation : d->generation,
 		.plan_only = true,
 		.client = true,
 		.owner = {.uid = peer->uid, .exempt = rights_admin(peer)},
-		.place = p ? &p->place : NULL,
+		.slot = p ? &p->slot : NULL,
 		.calls = &plan_calls,
 		.ctx = p,
 	};
 	char *text = NULL;
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	if (!p)
 		err_set(&err, ERR_NOMEM, "no memory for a plan");
 	else if (j->parking)
 		err_set(&err, ERR_BUSY, "the daemon is stopping");
 	else if (!dataset_check_generation(d, generation, &err) && !job_view(view, d, &text, &err)) {
 		params.view_text = text;
-		walk_new(&params, &p->walk, &err);
+		run_new(&params, &p->run, &err);
 		free(text);
 	}
 	if (err.code) {
@@ -159,15 +161,15 @@ void job_plan(struct jobs *j, struct dataset *d, uint64_t generation, const char
 	}
 	p->jobs = j;
 	p->peer = rights_kept(peer);
-	p->place.owner = params.owner;
-	p->place.granted = plan_granted;
+	p->slot.owner = params.owner;
+	p->slot.granted = plan_granted;
 	p->err = ERR_INIT;
 	p->planned = planned;
 	p->token = token;
 	p->next = j->plans;
 	j->plans = p;
-	place_seek(j, &p->place, 0);
-	places_settle(j);
+	slot_seek(j, &p->slot, 0);
+	slots_settle(j);
 }
 
 /* ---- plans that are kept ---- */
@@ -244,7 +246,7 @@ static bool was_there(void *ctx, uint64_t job)
 
 static bool is_there(void *ctx, uint64_t job)
 {
-	return past_has(ctx, job);
+	return history_has(ctx, job);
 }
 
 static void sweep_told(int r, const struct err *err)
@@ -266,7 +268,7 @@ static void sweep_done(struct sched_task *t)
 	struct sweep *s = (struct sweep *)t;
 
 	s->jobs->background--;
-	house_give(s->jobs, s->n * sizeof *s->job);
+	uncharge(s->jobs, s->n * sizeof *s->job);
 	free(s);
 }
 
@@ -274,14 +276,14 @@ static void sweep_done(struct sched_task *t)
  * unless there is no memory for the numbers of those that are there. */
 void job_plan_sweep(struct jobs *j)
 {
-	size_t n = past_count(j);
+	size_t n = history_count(j);
 	struct err err = ERR_INIT;
 	struct sweep *s = NULL;
 
-	if (!house_take(j, n * sizeof *s->job, "the numbers of jobs", &err)) {
+	if (!charge(j, n * sizeof *s->job, "the numbers of jobs", &err)) {
 		s = malloc(sizeof *s + n * sizeof *s->job);
 		if (!s)
-			house_give(j, n * sizeof *s->job);
+			uncharge(j, n * sizeof *s->job);
 	}
 	err_clear(&err);
 	if (!s) {
@@ -290,6 +292,6 @@ void job_plan_sweep(struct jobs *j)
 	}
 	*s = (struct sweep){.jobs = j, .n = n, .last = j->last_job};
 	s->task = (struct sched_task){.run = sweep_run, .done = sweep_done, .priority = SCHED_LAST};
-	past_numbers(j, s->job);
-	rest_submit(j, &s->task);
+	history_numbers(j, s->job);
+	deferred_submit(j, &s->task);
 }

@@ -1,19 +1,19 @@
-/* What the files of this room share: the house and what lives in it. */
+/* What the files of this room share: the service and what lives in it. */
 #ifndef JOB_PRIV_H
 #define JOB_PRIV_H
 
-#include <pthread.h>
 #include <stdatomic.h>
 
 #include "catalogue.h"
 #include "job.h"
 #include "ledger.h"
+#include "lock.h"
 #include "log.h"
-#include "past.h"
-#include "plan_file.h"
+#include "history.h"
 #include "rights.h"
 #include "sched_pool.h"
-#include "walk.h"
+#include "thread.h"
+#include "run.h"
 
 enum { DATASET_NAME_MAX = 64, JOBS_OPEN_MAX = 4096, PUSHES_MAX = 1024 };
 /* But for the texts of views with large areas, which are counted: of all jobs, and one text has up to VIEW_TEXT_MAX. */
@@ -28,16 +28,16 @@ struct pending {
 };
 enum { PENDING_BYTES = 64 }; /* charged; with its place in the heap */
 
-/* places.c: the turn of a job, stream or plan to be at work */
-enum place_wait { PLACE_READY, PLACE_TURN, PLACE_USER, PLACE_SHARE, PLACE_FULL, PLACE_MEMORY };
-struct place {
-	struct place *next; /* of those that seek, by number */
+/* slots.c: the turn of a job, stream or plan to be at work */
+enum slot_wait { SLOT_READY, SLOT_TURN, SLOT_USER, SLOT_SHARE, SLOT_FULL, SLOT_MEMORY };
+struct slot {
+	struct slot *next; /* of those that seek, by number */
 	struct sched_owner owner;
-	bool reader;                     /* its walk waits for whoever reads its output */
-	void (*granted)(struct place *); /* no longer among those that seek: walk_begin now */
-	/* of places.c */
+	bool reader;                    /* its run waits for whoever reads its output */
+	void (*granted)(struct slot *); /* no longer among those that seek: run_begin now */
+	/* of slots.c */
 	bool seeks, skip, seen, keeps;
-	enum place_wait wait;
+	enum slot_wait wait;
 	uint64_t number, need, lacks, free;
 	unsigned passed, held;
 	int64_t service;
@@ -65,7 +65,7 @@ struct dataset {
 	bool onestep;
 	bool partial; /* only views inside of this box can be served: more was not read */
 	double crop[4];
-	unsigned users;  /* pushes, walks, jobs and holders; a one-step dataset goes with the last */
+	unsigned users;  /* pushes, runs, jobs and holders; a one-step dataset goes with the last */
 	unsigned opened; /* users of dirfd */
 	int dirfd;
 	bool named; /* its folder's name is on the disk */
@@ -88,7 +88,7 @@ struct dataset {
 struct job {
 	struct job *next; /* of those at work, by id */
 	struct jobs *jobs;
-	bool guest; /* past.c: to be read, until the next round of the loop */
+	bool guest; /* history.c: to be read, until the next round of the loop */
 	uint64_t id, generation;
 	struct dataset *dataset;
 	char *view;
@@ -99,10 +99,10 @@ struct job {
 	bool bound, planned, has_report, has_error, left, stop, waiting_row, removed;
 	int64_t submitted_us, finished_us;
 	uint64_t begun_ns; /* monotonic, of this run of the daemon */
-	struct place place;
+	struct slot slot;
 	bool placed; /* granted, and not begun */
-	struct walk *walk;
-	bool walk_ended;
+	struct run *run;
+	bool run_ended;
 	struct plan_file *plan;
 	struct job_report report;
 	struct err err;
@@ -115,29 +115,29 @@ struct job {
 	void *token;
 };
 
-/* A stream of a mesh that is not the job's own walk. */
+/* A stream of a mesh that is not the job's own run. */
 struct job_fetch {
 	struct job_fetch *next;
 	struct job *job;
 	struct job_output *output;
-	struct place place;
+	struct slot slot;
 	bool placed;
-	struct walk *walk;
-	bool walk_ended;
+	struct run *run;
+	bool run_ended;
 	struct err why;
 	char *window; /* the view, of a window of the job's mesh; else NULL */
 	uint64_t begun_ns;
-	struct walk_since since; /* of a stream of changes */
-	char waited[96];         /* for what, as its client was told */
+	struct run_since since; /* of a stream of changes */
+	char waited[96];        /* for what, as its client was told */
 };
 
 struct job_asked_plan {
 	struct job_asked_plan *next;
 	struct jobs *jobs;
-	struct place place;
-	struct walk *walk;
+	struct slot slot;
+	struct run *run;
 	struct job_peer peer;
-	bool walk_ended;
+	bool run_ended;
 	struct err err;
 	bool failed;
 	void (*planned)(void *token, const struct err *why, const struct job_plan *);
@@ -148,21 +148,21 @@ struct jobs {
 	struct jobs_params p;
 	struct tally tally;
 	struct verified verified;
-	struct space *space;             /* accounts of the disk; any thread */
-	struct hints *hints, *summaries; /* what the store has: which did last, and pipe_summary; any thread; NULL: no memory was
-					    left for them */
+	struct space *space; /* accounts of the disk; any thread */
+	struct recency *recency,
+		*summaries; /* of stored domains: struct store_id, struct pipe_summary; any thread; NULL: no memory */
 	int datafd, onestepfd, domainsfd, tempfd, /* state/datasets, cache/one-step, cache/domains, cache/tmp */
 		plansfd, geoidsfd;                /* state/plans, state/geoids */
 	struct dataset *datasets;
 	struct push *pushes;
-	struct job *jobs; /* at work: not over, or read, or about to go. All: past.h */
-	struct past *past;
+	struct job *jobs; /* at work: not over, or read, or about to go. All: history.h */
+	struct history *history;
 	int64_t aged_us;       /* when jobs that are too old were looked for */
 	struct loaded *loaded; /* datasets by id, while the catalogue is loaded */
 	struct dataset *last_loaded;
 	bool loading;
-	uint64_t *drops; /* drops.c */
-	size_t ndrops, drops_room;
+	uint64_t *deletions; /* deletions.c */
+	size_t ndeletions, deletions_room;
 	struct job *spare; /* while jobs are loaded: what the one before was made in */
 	size_t nloaded;
 	struct job_asked_plan *plans;
@@ -170,8 +170,8 @@ struct jobs {
 	struct {
 		int64_t us;
 		uint64_t at_ns, ahead_ns; /* when it was told; since when the clock is ahead of it, 0: it is not */
-	} sure;                           /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
-	uint64_t lacks;                   /* bytes that house_take did not have, the most at a time (house_make_room) */
+	} trusted;                        /* the time that removed datasets and interrupted pushes go by (dataset_remove.c) */
+	uint64_t lacks;                   /* bytes that charge did not have, the most at a time (charge_make_room) */
 	struct dataset_rewrite *merge;    /* that is at work */
 	struct prune *prunes;             /* the first is at work, if no merge is */
 	struct dataset_old *olds;         /* that wait until nobody opens them */
@@ -183,37 +183,40 @@ struct jobs {
 	struct verb *verbs;               /* dataset_remove.c: likewise */
 	uint64_t last_dataset, last_job, last_push, last_onestep, last_select, last_flow;
 	uint64_t emitter_share, index_share, stage_share, reserve, reserve_part;
-	unsigned walks_max;
-	struct rest { /* rest.c */
+	unsigned runs_max;
+	struct deferred { /* deferred.c */
 		uint64_t from_ns;
 		bool over;
 		struct sched_task *task[2];
 		unsigned n;
-	} rest;
+	} deferred;
 	struct disk {
-		uint64_t counted_ns, looked_ns;
+		uint64_t counted_ns;
 		bool begun, busy;
+		struct sched_task ask; /* of the file systems, what they have */
+		uint64_t asked_ns;     /* when it began last */
+		bool asking;
 	} disk;
 	struct limits { /* limit.c */
-		pthread_mutex_t lock;
+		struct lock lock;
 		struct limit_row *row;
 		size_t n, cap;
 	} limits;
-	struct looks {                  /* looked.c */
+	struct looks {                  /* health.c */
 		struct looking *now;    /* is under way; NULL: none is */
 		struct look_wait *next; /* wait for another one */
-		struct house_looked last;
+		struct health last;
 		uint64_t last_ns; /* when that look began; 0: there is none that still holds */
 	} looks;
 	struct cache_verify *verify; /* that goes on; NULL: none */
-	unsigned background;         /* tasks of the house itself: removal of folders, probes for info */
+	unsigned background;         /* tasks of the service itself: removal of folders, probes for info */
 	struct backup *backups;      /* and exports, that are open */
 	uint64_t last_backup, last_import;
 	bool parking;
-	struct place *places; /* that are sought */
-	unsigned nplaces;
+	struct slot *slots; /* that are sought */
+	unsigned nslots;
 	bool placing;
-	uint64_t last_place, grants;
+	uint64_t last_slot, grants;
 	struct push *stage_turn; /* has the next stage; NULL: nobody waits for one */
 	uint64_t starved_ns;     /* since when the first in the queue lacks memory */
 };
@@ -237,15 +240,16 @@ void job_tell_end(const struct job *);
 /* What was pushed is damaged, if `why` says so. */
 void tell_damage(struct jobs *, const struct log_about *, const struct err *why);
 
-/* disk.c: the house's side of the disk */
-void disk_look(struct jobs *); /* folders that are gone, and what there is to measure or evict */
+/* disk.c: the service's side of the disk */
+void disk_ask_now(struct jobs *); /* before the figures of the file systems are told: they are of now, if they answer at once */
+void disk_look(struct jobs *);    /* folders that are gone, and what there is to measure or evict */
 void disk_tick(struct jobs *);
-/* The rest after a start. rest_submit counts the task in `background`, now or when the rest is over. */
-void rest_begin(struct jobs *);
-void rest_submit(struct jobs *, struct sched_task *);
-bool rest_over(struct jobs *);
-void rest_end(struct jobs *);
-void rest_drop(struct jobs *);
+/* The rest after a start. deferred_submit counts the task in `background`, now or when the rest is over. */
+void deferred_begin(struct jobs *);
+void deferred_submit(struct jobs *, struct sched_task *);
+bool deferred_over(struct jobs *);
+void deferred_end(struct jobs *);
+void deferred_drop(struct jobs *);
 void disk_mend(struct jobs *);               /* folders of the cache that somebody has removed */
 void disk_count(struct jobs *);              /* what the lists of datasets and pushes say */
 uint64_t disk_points_bytes(uint64_t points); /* of a segment of so many points, with its index, at most */
@@ -255,24 +259,24 @@ void cache_verify_tick(struct jobs *);
 /* cache_gc.c */
 int cache_may(const struct job_peer *, const char *what, struct err *err); /* admins */
 
-/* house.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
-int house_take(struct jobs *, uint64_t bytes, const char *what, struct err *err); /* for what ends by itself */
+/* charge.c: what is kept of datasets, jobs and pushes, taken of LEDGER_JOBS. -ERR_BUSY. */
+int charge(struct jobs *, uint64_t bytes, const char *what, struct err *err); /* for what ends by itself */
 /* For what stays, of that user: leaves that part of all to what is below, and to the above. Old jobs that are over give way, of
  * the user first who has most of them: not to be called where one of them is in hand, or the next in a loop over them. */
-enum house_lasting { HOUSE_DATASET = 8, HOUSE_JOB = 16 };
-int house_take_lasting(struct jobs *, enum house_lasting, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
+enum charge_lasting_kind { CHARGE_DATASET = 8, CHARGE_JOB = 16 };
+int charge_lasting(struct jobs *, enum charge_lasting_kind, uint32_t uid, uint64_t bytes, const char *what, struct err *err);
 /* For what found none since the last time, likewise; true: who waits for it may try again. */
-bool house_make_room(struct jobs *);
-void house_give(struct jobs *, uint64_t bytes);
-uint64_t house_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
+bool charge_make_room(struct jobs *);
+void uncharge(struct jobs *, uint64_t bytes);
+uint64_t charge_view_bytes(const char *text, unsigned areas); /* what a view of that text takes where points are judged by it */
 struct pending *pending_new(struct jobs *, uint32_t uid, struct err *err); /* NULL: err says why */
 struct pending *pending_free(struct jobs *, struct pending *);
 
-/* looked.c: something changed, and a look that began before it says nothing any more */
-void house_changed(struct jobs *);
+/* health.c: something changed, and a look that began before it says nothing any more */
+void health_changed(struct jobs *);
 
 /* dataset_old.c: what a newer manifest does not name any more */
-/* Loop: from taking d->manifest until a worker has opened what it names, or has given up; walks that open count
+/* Loop: from taking d->manifest until a worker has opened what it names, or has given up; runs that open count
  * without it. No file of the newest manifest of that time goes meanwhile. */
 void dataset_read_begin(struct dataset *);
 void dataset_read_end(struct dataset *);
@@ -282,8 +286,6 @@ struct dataset_old *dataset_old_free(struct dataset_old *);
 void dataset_old_add(struct dataset_old *, const char *name);
 /* Loop: they go when they can, and then that row of a push (0: none). `old` is not the caller's any more. */
 void dataset_old_goes(struct dataset_old *old, struct dataset *, uint64_t row);
-/* A manifest that somebody opens now; without memory for that it stays until a sweep. */
-void dataset_old_manifest(struct dataset *, const char *name);
 void dataset_old_settle(struct jobs *);
 void dataset_old_forget(struct jobs *); /* at the end: the next start finds them */
 
@@ -309,9 +311,6 @@ bool dataset_name_valid(const char *name);
 /* Its folder; balanced by dataset_close. Opens (and makes) it on a worker's or the starting thread. */
 int dataset_open(struct dataset *, struct err *err);
 void dataset_close(struct dataset *);
-/* What it says of itself, while workers open and close its folder, which the copy has not. Texts are shared. */
-void dataset_copy(struct dataset *, struct dataset *ret);
-int dataset_set(struct dataset *, const struct grid_manifest *, const char *manifest, struct err *err);
 void dataset_row(const struct dataset *, struct catalogue_dataset *ret);
 /* A dataset that has nothing yet is in the catalogue before its first push promises anything. */
 int dataset_put_row(struct dataset *, struct err *err);
@@ -319,10 +318,6 @@ bool dataset_created(const struct dataset *); /* before its first push, by datas
 int dataset_load(struct jobs *, const struct catalogue_dataset *, struct err *err);
 /* Removes what no manifest of the dataset names. Reads the disk. */
 int dataset_sweep(struct dataset *, bool again, struct err *err); /* again: the next start does it, too */
-int folder_empty(int dirfd, struct err *err);                     /* removes everything in it */
-int folder_remove(int dirfd, const char *name, struct err *err);  /* with everything in it; absent is success */
-/* Removes the entries whose names begin so. */
-int folder_sweep(int dirfd, const char *prefix, struct err *err);
 
 /* dataset_change.c: its committer, with the folder open and before a manifest is made: once, what a crash left of others goes.
  * Worker. */
@@ -331,16 +326,33 @@ void dataset_drop(struct dataset *); /* nobody uses it: out of list and catalogu
 
 /* dataset_remove.c */
 int64_t dataset_until_us(const struct dataset *); /* it can be restored; 0: it is there */
-int64_t jobs_sure_us(struct jobs *);              /* by which what was pushed may go: no clock that jumps ahead */
+int64_t jobs_trusted_us(struct jobs *);           /* by which what was pushed may go: no clock that jumps ahead */
 void datasets_expire(struct jobs *);              /* what was removed so long ago that it goes */
 void datasets_tick(struct jobs *);
 
 /* dataset_change.c (dataset_change.h): what is no push */
 void dataset_changes_settle(struct jobs *);
 void dataset_verbs_settle(struct jobs *);
-/* The dataset's row as it will be with that manifest; the dataset itself is changed (dataset_set) when `done` says so. */
-int dataset_commit_row(struct dataset *, const struct grid_manifest *made, const char *name, int64_t pushed_us,
-		       catalogue_done_fn done, void *ctx, struct err *err);
+
+/* dataset_next.c: what the next manifest makes of a dataset. */
+struct dataset_next {
+	char *lattice, *crs, *unit_xy, *unit_z, manifest[64];
+	uint64_t generation, oldest, points, bytes;
+	uint32_t files, segments, next_source;
+	int64_t pushed_us;
+	int32_t box[4];
+	bool merge_due;
+	struct dataset_old *old; /* names the manifest that was the newest until then */
+};
+/* All that can fail, before the catalogue is asked. */
+int dataset_next_make(const struct dataset *, const struct grid_manifest *, const char *manifest, int64_t pushed_us,
+		      struct dataset_next *ret, struct err *err);
+void dataset_next_clear(struct dataset_next *);
+/* Queues the row; with it goes the row of `push` (0: of none). */
+int dataset_next_put(struct dataset *, const struct dataset_next *, uint64_t push, catalogue_done_fn done, void *ctx,
+		     struct err *err);
+/* The row is durable. Clears `next`. old_is_read: somebody opens the manifest before it, which goes later. */
+void dataset_become(struct dataset *, struct dataset_next *next, bool old_is_read);
 
 /* dataset_generation.c */
 /* m->generations becomes the base's (NULL: there is none) and m->generation, as its sources have it; to be freed.
@@ -382,12 +394,12 @@ int job_plan_new(struct job *, struct err *err);
 void job_plan_drop(struct job *);
 /* Plans of jobs that are not there any more go, later. */
 void job_plan_sweep(struct jobs *);
-/* drops.c: rows of jobs that gave way while the catalogue was loaded. */
-int drops_add(struct jobs *, uint64_t id, struct err *err);
-void drops_settle(struct jobs *);
-void drops_free(struct jobs *);
+/* deletions.c: rows of jobs that gave way while the catalogue was loaded. */
+int deletions_add(struct jobs *, uint64_t id, struct err *err);
+void deletions_settle(struct jobs *);
+void deletions_free(struct jobs *);
 void job_settle(struct job *);
-void job_place_init(struct job *); /* when its peer and priority are known */
+void job_slot_init(struct job *); /* when its peer and priority are known */
 void job_plans_settle(struct jobs *);
 void job_plans_park(struct jobs *);
 /* The canonical text, to be freed, of a view asked of this dataset, which has a generation. */
@@ -404,34 +416,36 @@ char *report_text(const struct job_report *, char *buf, size_t size);
 void report_parse(const char *text, struct job_report *ret);
 void report_make(const struct pipe_totals *, struct job_report *ret);
 void report_window(struct job_report *); /* made so, but it is that of a window */
+/* By an acutd that left positions without triangles out of the mesh: it says nothing of the mesh as it is made now. */
+bool report_without_flat(const struct job_report *);
 
 /* jobs.c, admit.c */
 struct dataset *dataset_loaded(struct jobs *, uint64_t id); /* at the start; NULL: there is none */
-void jobs_put_away(struct jobs *);                          /* those that are over and that nobody looks at: past_keep */
+void jobs_put_away(struct jobs *);                          /* those that are over and that nobody looks at: history_keep */
 /* A job that is over and that nobody looks at goes: the oldest of the user who has most of that (`more` counted with
  * those of `uid`). False: there is none. */
-bool jobs_forget_one(struct jobs *, enum past_kind, uint32_t uid, uint64_t more);
-uint64_t jobs_domain_memory(struct jobs *);              /* that a plan may count on now */
-bool jobs_selecting(struct jobs *, const struct walk *); /* another walk makes this one's selection */
+bool jobs_forget_one(struct jobs *, enum history_kind, uint32_t uid, uint64_t more);
+uint64_t jobs_domain_memory(struct jobs *);             /* that a plan may count on now */
+bool jobs_selecting(struct jobs *, const struct run *); /* another run makes this one's selection */
 /* cache/selected; opened (and made) each time, since a cache may be emptied. Any thread. */
 int jobs_selected_folder(struct jobs *, int *ret_fd, struct err *err);
 /* The smallest `memory` whose domains carry that many positions; 0: none does. */
 uint64_t jobs_memory_for(struct jobs *, const struct grid *, uint64_t positions);
-uint64_t jobs_domain_largest(struct jobs *);                                      /* of the walks that run */
-uint64_t jobs_staged(const struct jobs *);                                        /* held by stages */
-bool jobs_opening(struct jobs *, const struct dataset *);                         /* a walk is about to open its manifest */
-void jobs_each_walk(struct jobs *, void (*fn)(struct walk *, void *), void *ctx); /* that has not ended */
+uint64_t jobs_domain_largest(struct jobs *);                                    /* of the runs that run */
+uint64_t jobs_staged(const struct jobs *);                                      /* held by stages */
+bool jobs_opening(struct jobs *, const struct dataset *);                       /* a run is about to open its manifest */
+void jobs_each_run(struct jobs *, void (*fn)(struct run *, void *), void *ctx); /* that has not ended */
 
 struct admit_tally {
-	unsigned walks, running, opening; /* that have places; of these not stalled; of one dataset */
-	unsigned own, own_running;        /* of one user */
-	uint64_t largest;                 /* task of any of them */
+	unsigned runs, running, opening; /* that have slots; of these not stalled; of one dataset */
+	unsigned own, own_running;       /* of one user */
+	uint64_t largest;                /* task of any of them */
 };
 void admit_init(struct jobs *);
 struct admit_tally admit_tally(struct jobs *, uint32_t uid);
-uint64_t admit_share(const struct jobs *); /* what each walk at work holds */
-uint64_t admit_alone(const struct jobs *); /* what the tasks of the only walk can have */
-bool admit_only(struct jobs *);            /* no more than one walk is at work, and no push */
+uint64_t admit_share(const struct jobs *); /* what each run at work holds */
+uint64_t admit_alone(const struct jobs *); /* what the tasks of the only run can have */
+bool admit_only(struct jobs *);            /* no more than one run is at work, and no push */
 uint64_t admit_least(void);                /* what the smallest plan needs */
 /* -ERR_LIMIT if a task of so many bytes could never start, with the memory that would do. */
 int admit_never(struct jobs *, uint64_t bytes, const char *what, struct err *err);
@@ -458,18 +472,18 @@ void limit_count(struct jobs *);                                           /* wh
 void limit_count_given(struct jobs *, uint32_t uid, int64_t bytes, uint32_t other, int64_t others);
 /* Memory that the jobs, pushes and plans of that user may hold; UINT64_MAX: no limit. */
 uint64_t limit_memory(const struct jobs *, const struct sched_owner *);
-/* What is left of it; for domains and the like of a walk that has its place. */
-uint64_t limit_room(struct jobs *, const struct sched_owner *, const struct walk *but);
-bool limit_alone(struct jobs *, const struct sched_owner *, const struct walk *but); /* nothing else holds any */
-bool limit_domain(const struct walk *); /* it may start one more beside those that it has */
+/* What is left of it; for domains and the like of a run that has its slot. */
+uint64_t limit_room(struct jobs *, const struct sched_owner *, const struct run *but);
+bool limit_alone(struct jobs *, const struct sched_owner *, const struct run *but); /* nothing else holds any */
+bool limit_domain(const struct run *); /* it may start one more beside those that it has */
 /* -ERR_LIMIT if so much could never be had. */
 int limit_never(struct jobs *, const struct sched_owner *, uint64_t bytes, const char *what, struct err *err);
 
-/* Seeks a place whose walk needs so many bytes for a task; 0: not known. Nothing if it seeks already. */
-void place_seek(struct jobs *, struct place *, uint64_t need);
-void place_leave(struct jobs *, struct place *); /* seeks no longer */
-void places_settle(struct jobs *);
-unsigned place_position(const struct jobs *, const struct place *); /* 1: next; 0: it does not seek */
-char *place_text(const struct jobs *, const struct place *, char *buf, size_t size);
+/* Seeks a place whose run needs so many bytes for a task; 0: not known. Nothing if it seeks already. */
+void slot_seek(struct jobs *, struct slot *, uint64_t need);
+void slot_leave(struct jobs *, struct slot *); /* seeks no longer */
+void slots_settle(struct jobs *);
+unsigned slot_position(const struct jobs *, const struct slot *); /* 1: next; 0: it does not seek */
+char *slot_text(const struct jobs *, const struct slot *, char *buf, size_t size);
 
 #endif

@@ -10,7 +10,8 @@
 #include "clock.h"
 #include "job_priv.h"
 #include "log.h"
-#include "past.h"
+#include "history.h"
+#include "plan_file.h"
 
 static void accept(struct job *job, const struct err *why)
 {
@@ -51,7 +52,7 @@ static void submit_row_done(void *ctx, int r, const struct err *why)
 		job_step(job);
 }
 
-/* ---- the walk's calls ---- */
+/* ---- the run's calls ---- */
 
 /* Of a dataset that was read in part, a view must lie in what was read. A unit more or less is what rounding
  * makes of the corners, and reading took two more. */
@@ -105,14 +106,15 @@ int job_window(const struct job *job, const char *area, char **ret, struct err *
 	return view_of(job->view, area, job->dataset, ret, err);
 }
 
-/* The same generation and view: the same job, unless it came to nothing. */
+/* The same generation and view: the same job, unless it came to nothing or to another mesh than now. */
 static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_t generation, const char *view)
 {
 	struct job *job;
 
-	for (uint64_t id = 0; (job = past_next(j, p->dataset, id)); id = job->id)
+	for (uint64_t id = 0; (job = history_next(j, p->dataset, id)); id = job->id)
 		if (job->generation == generation && !job->bound && !job->removed && !job->stop && job->peer.uid == p->peer.uid &&
-		    job->state != JOB_failed && job->state != JOB_cancelled && !strcmp(job->view, view))
+		    job->state != JOB_failed && job->state != JOB_cancelled && !strcmp(job->view, view) &&
+		    !report_without_flat(&job->report))
 			return job;
 	return NULL;
 }
@@ -122,7 +124,7 @@ static struct job *find_same(struct jobs *j, const struct job_params *p, uint64_
  * of it. What is not over cannot go, so a user may fill at most half of what the unfinished jobs of others leave: however
  * many users take what they may, something is left for the next.
  */
-static uint64_t views_most(const struct job_peer *peer, const struct past_views *v)
+static uint64_t views_most(const struct job_peer *peer, const struct history_views *v)
 {
 	uint64_t others = v->busy - v->own_busy, left = others < JOBS_VIEWS_MAX ? JOBS_VIEWS_MAX - others : 0;
 
@@ -132,13 +134,13 @@ static uint64_t views_most(const struct job_peer *peer, const struct past_views 
 static int take_view(struct jobs *j, const struct job_peer *peer, const char *view, struct err *err)
 {
 	uint64_t n = strlen(view);
-	struct past_views v;
+	struct history_views v;
 
-	past_views(j, peer->uid, &v);
+	history_views(j, peer->uid, &v);
 	if (v.own_busy + n <= views_most(peer, &v) && v.all + n <= JOBS_VIEWS_MAX)
 		return 0;
 	jobs_put_away(j); /* what is over is not busy */
-	past_views(j, peer->uid, &v);
+	history_views(j, peer->uid, &v);
 	if (v.own_busy + n > views_most(peer, &v)) {
 		err_set(err, ERR_BUSY,
 			"its area takes %llu KiB, and those of this user's unfinished jobs %llu of the %llu KiB that they may have",
@@ -146,8 +148,8 @@ static int take_view(struct jobs *j, const struct job_peer *peer, const char *vi
 			(unsigned long long)views_most(peer, &v) >> 10);
 		return err_add_hint(err, "submit it again when some of them are done, or crop to a simpler area");
 	}
-	while (v.all + n > JOBS_VIEWS_MAX && jobs_forget_one(j, PAST_VIEWS, peer->uid, n))
-		past_views(j, peer->uid, &v);
+	while (v.all + n > JOBS_VIEWS_MAX && jobs_forget_one(j, HISTORY_VIEWS, peer->uid, n))
+		history_views(j, peer->uid, &v);
 	if (v.all + n <= JOBS_VIEWS_MAX)
 		return 0;
 	err_set(err, ERR_BUSY, "the areas of the jobs that there are take all of the %d MiB for them", JOBS_VIEWS_MAX >> 20);
@@ -203,6 +205,7 @@ void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(voi
 	char *view = NULL;
 	int r = job_priority_read(p->priority, &p->peer, &priority, &err);
 
+	THREAD_LOOP_ONLY();
 	if (!r)
 		r = check_submit(j, p, generation, &view, &err);
 
@@ -232,7 +235,7 @@ void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(voi
 	job->dataset = dataset_hold(p->dataset);
 	job->generation = generation;
 	job->priority = priority;
-	job_place_init(job);
+	job_slot_init(job);
 	job->bound = p->bound;
 	if (job_plan_new(job, &err)) {
 		accepted(token, &err, NULL);
@@ -248,7 +251,7 @@ void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(voi
 	if (job->bound) {
 		accept(job, NULL);
 		job_step(job);
-		places_settle(j);
+		slots_settle(j);
 		return;
 	}
 	job->waiting_row = true;
@@ -258,5 +261,5 @@ void job_submit(struct jobs *j, const struct job_params *p, void (*accepted)(voi
 	}
 	/* It begins at once, and is promised, shown and told when its row is there. */
 	job_step(job);
-	places_settle(j);
+	slots_settle(j);
 }

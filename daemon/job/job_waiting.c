@@ -46,20 +46,20 @@ int job_priority_read(const char *text, const struct job_peer *peer, enum job_pr
 void job_set_priority(struct job *job, enum job_priority priority)
 {
 	job->priority = priority;
-	job->place.owner.rank = (enum sched_rank)priority;
-	if (job->walk)
-		walk_set_rank(job->walk, job->place.owner.rank);
+	job->slot.owner.rank = (enum sched_rank)priority;
+	if (job->run)
+		run_set_rank(job->run, job->slot.owner.rank);
 }
 
 void job_waiting(const struct job *job, struct job_info *ret)
 {
 	ret->priority = job->priority;
-	ret->position = place_position(job->jobs, &job->place);
-	if (job->place.seeks)
-		place_text(job->jobs, &job->place, ret->waiting, sizeof ret->waiting);
-	else if (job->walk && !job->walk_ended)
-		walk_waiting(job->walk, ret->waiting, sizeof ret->waiting);
-	ret->lacks_space = job->walk ? walk_space_lacks(job->walk) : 0;
-	if (job->walk)
-		ret->seconds_left = walk_seconds_left(job->walk);
+	ret->position = slot_position(job->jobs, &job->slot);
+	if (job->slot.seeks)
+		slot_text(job->jobs, &job->slot, ret->waiting, sizeof ret->waiting);
+	else if (job->run && !job->run_ended)
+		run_waiting(job->run, ret->waiting, sizeof ret->waiting);
+	ret->lacks_space = job->run ? run_space_lacks(job->run) : 0;
+	if (job->run)
+		ret->seconds_left = run_seconds_left(job->run);
 }

@@ -1,5 +1,5 @@
 /*
- * The house: loading, the tick, and stopping. Who may have what of the memory, and when, is in admit.c.
+ * The service: loading, the tick, and stopping. Who may have what of the memory, and when, is in admit.c.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -12,12 +12,12 @@
 #include "clock.h"
 #include "dataset_rewrite.h"
 #include "geoids.h"
-#include "hints.h"
 #include "io.h"
 #include "job_fetch.h"
 #include "job_priv.h"
 #include "log.h"
-#include "past.h"
+#include "history.h"
+#include "recency.h"
 #include "store.h"
 
 /* Of jobs that are over: so many, for so long. */
@@ -128,7 +128,7 @@ static int sweep_selected(struct jobs *j, struct err *err)
 
 	if (r)
 		return r;
-	r = folder_sweep(fd, WALK_SELECT_TEMP, err);
+	r = io_folder_sweep(fd, SPACE_SELECTION_TEMP, err);
 	io_close(fd);
 	return r;
 }
@@ -199,7 +199,7 @@ static int folder_anew(struct jobs *j, const char *name, int *ret, struct err *e
 	if (r == 0 || errno == ENOENT)
 		return folder(j->p.cachefd, name, ret, err);
 	r = folder(j->p.cachefd, name, ret, err);
-	return r ? r : folder_empty(*ret, err);
+	return r ? r : io_folder_empty(*ret, err);
 }
 
 struct clearing {
@@ -211,7 +211,7 @@ static void clearing_run(struct sched_task *t)
 {
 	struct err err = ERR_INIT;
 
-	if (folder_sweep(((struct clearing *)t)->jobs->p.cachefd, aside, &err))
+	if (io_folder_sweep(((struct clearing *)t)->jobs->p.cachefd, aside, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what an earlier acutd left in the cache stays until the next start",
 			      &err);
 }
@@ -230,7 +230,7 @@ static void clear_aside(struct jobs *j)
 		return;
 	c->task = (struct sched_task){.run = clearing_run, .done = clearing_done, .priority = SCHED_LAST};
 	c->jobs = j;
-	rest_submit(j, &c->task);
+	deferred_submit(j, &c->task);
 }
 
 static int open_folders(struct jobs *j, struct err *err)
@@ -283,13 +283,13 @@ static int sweep_orphan(void *ctx, const struct dirent *e, struct err *err)
 		return 0;
 	log_event(LOG_EVENT_DATASET_GONE, NULL, "the folder of dataset number %llu, which was removed, goes",
 		  (unsigned long long)id);
-	if (folder_remove(o->jobs->datafd, e->d_name, &why))
+	if (io_folder_remove(o->jobs->datafd, e->d_name, &why))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "a dataset's folder stays behind", &why);
 	return 0;
 }
 
-/* Of the memory. */
-enum { HINTS_PART = 1024, SUMMARIES_PART = 256 };
+/* Fractions of the memory: 1/n. */
+enum { RECENCY_PART = 1024, SUMMARIES_PART = 256 };
 
 int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 {
@@ -305,8 +305,8 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	admit_init(j);
 	reader.ctx = j;
 	limit_init(j);
-	j->hints = hints_new(p->ledger, sizeof(struct store_id), HINTS_PART);
-	j->summaries = hints_new(p->ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
+	j->recency = recency_new(p->ledger, sizeof(struct store_id), RECENCY_PART);
+	j->summaries = recency_new(p->ledger, sizeof(struct pipe_summary), SUMMARIES_PART);
 	r = space_new(&(struct space_params){p->statefd, p->cachefd, p->disk, p->keep_free}, &j->space, err);
 	if (!r)
 		r = open_folders(j, err);
@@ -334,7 +334,7 @@ int jobs_new(const struct jobs_params *p, struct jobs **ret, struct err *err)
 	j->last_job = last[1];
 	j->last_push = last[2];
 	verified_load(j);
-	rest_begin(j);
+	deferred_begin(j);
 	clear_aside(j);
 	job_plan_sweep(j);
 	disk_count(j); /* the first who asks is held against it */
@@ -349,15 +349,15 @@ struct jobs *jobs_free(struct jobs *j)
 
 	if (!j)
 		return NULL;
-	rest_drop(j);
+	deferred_drop(j);
 	dataset_old_forget(j);
 	while ((job = j->jobs)) {
 		/* The datasets go next, whoever uses them. */
 		job->dataset = NULL;
 		job_free(job);
 	}
-	past_free(j);
-	drops_free(j);
+	history_free(j);
+	deletions_free(j);
 	while ((d = j->datasets)) {
 		j->datasets = d->next;
 		dataset_free(d);
@@ -368,8 +368,8 @@ struct jobs *jobs_free(struct jobs *j)
 	io_close(j->tempfd);
 	io_close(j->plansfd);
 	io_close(j->geoidsfd);
-	hints_free(j->hints);
-	hints_free(j->summaries);
+	recency_free(j->recency);
+	recency_free(j->summaries);
 	space_free(j->space);
 	limit_done(j);
 	free(j);
@@ -388,7 +388,7 @@ static bool forget(struct jobs *j, struct job *job)
 
 static bool idle(const struct job *job)
 {
-	return !job->walk && !job->fetches && !job->waiting_row;
+	return !job->run && !job->fetches && !job->waiting_row;
 }
 
 static bool over(const struct job *job)
@@ -403,11 +403,11 @@ void jobs_put_away(struct jobs *j)
 	for (job = j->jobs; job; job = next) {
 		next = job->next;
 		if (over(job))
-			past_keep(job);
+			history_keep(job);
 	}
 }
 
-bool jobs_forget_one(struct jobs *j, enum past_kind kind, uint32_t uid, uint64_t more)
+bool jobs_forget_one(struct jobs *j, enum history_kind kind, uint32_t uid, uint64_t more)
 {
 	struct err err = ERR_INIT;
 	struct job *job;
@@ -417,7 +417,7 @@ bool jobs_forget_one(struct jobs *j, enum past_kind kind, uint32_t uid, uint64_t
 	/* Whose they are counts, not where they lie: those that are warm as well. */
 	if (!job)
 		jobs_put_away(j);
-	if (!job && forget(j, past_of_most(j, kind, uid, more)))
+	if (!job && forget(j, history_of_most(j, kind, uid, more)))
 		return true;
 	for (job = job ? job : j->jobs; job; job = job->next)
 		if (job_state_final(job->state) && idle(job) && !job->bound && (job->removed || !job_remove(job, &err)))
@@ -435,7 +435,7 @@ static void forget_old(struct jobs *j)
 	int64_t now = clock_real_us();
 	unsigned n = 0;
 
-	while (past_count(j) > JOBS_KEPT && forget(j, past_of_most(j, PAST_JOBS, 0, 0)))
+	while (history_count(j) > JOBS_KEPT && forget(j, history_of_most(j, HISTORY_JOBS, 0, 0)))
 		;
 	if (now - j->aged_us < AGE_US && now >= j->aged_us)
 		return;
@@ -443,7 +443,7 @@ static void forget_old(struct jobs *j)
 	 * and whoever comes then would wait for the disk, with all others behind him. */
 	if (catalogue_busy(j->p.catalogue))
 		return;
-	while (n < AGED_MAX && forget(j, past_oldest(j, now - JOBS_DAYS * DAY_US)))
+	while (n < AGED_MAX && forget(j, history_oldest(j, now - JOBS_DAYS * DAY_US)))
 		n++;
 	if (n < AGED_MAX)
 		j->aged_us = now;
@@ -466,11 +466,11 @@ static void put_away(struct jobs *j)
 	}
 	for (job = j->jobs; warm > JOBS_WARM && job; job = next) {
 		next = job->next;
-		if (over(job) && past_keep(job))
+		if (over(job) && history_keep(job))
 			warm--;
 	}
 	forget_old(j);
-	past_round(j);
+	history_round(j);
 }
 
 static void settle(struct jobs *j)
@@ -491,16 +491,17 @@ static void settle(struct jobs *j)
 		next = push_next(p);
 		push_retry(p);
 	}
-	places_settle(j);
+	slots_settle(j);
 	put_away(j);
-	drops_settle(j);
+	deletions_settle(j);
 	admit_relieve(j);
 }
 
 void jobs_settle(struct jobs *j)
 {
+	THREAD_LOOP_ONLY();
 	settle(j);
-	if (house_make_room(j))
+	if (charge_make_room(j))
 		settle(j);
 }
 
@@ -509,6 +510,7 @@ void jobs_tick(struct jobs *j)
 	struct push *p, *next;
 	struct job *job;
 
+	THREAD_LOOP_ONLY();
 	/* Index pages are given back without a word. */
 	if (sched_starved(j->p.sched))
 		sched_give(j->p.sched, LEDGER_INDEX, 0);
@@ -526,29 +528,33 @@ void jobs_tick(struct jobs *j)
 	jobs_settle(j);
 }
 
-static bool anything(const struct jobs *j, bool queued)
+/* More than so many tasks in the background, or anything else. */
+static bool anything(const struct jobs *j, unsigned background, bool queued)
 {
 	struct job *job;
 
-	if (j->pushes || j->plans || j->background || sched_busy(j->p.sched) || catalogue_busy(j->p.catalogue))
+	if (j->pushes || j->plans || j->background > background || sched_busy(j->p.sched) > background ||
+	    catalogue_busy(j->p.catalogue))
 		return true;
 	for (job = j->jobs; job; job = job->next)
-		if (job->walk || job->fetches || (queued && !job_state_final(job->state)))
+		if (job->run || job->fetches || (queued && !job_state_final(job->state)))
 			return true;
 	return false;
 }
 
 bool jobs_active(const struct jobs *j)
 {
-	return anything(j, true);
+	/* That the file systems are asked is no work: a daemon that ends when it is idle would never be. */
+	return anything(j, j->disk.asking, true);
 }
 
 void jobs_park(struct jobs *j)
 {
 	struct job *job;
 
+	THREAD_LOOP_ONLY();
 	j->parking = true;
-	rest_end(j);
+	deferred_end(j);
 	dataset_prunes_park(j);
 	if (j->merge)
 		dataset_rewrite_cancel(j->merge);
@@ -563,7 +569,7 @@ void jobs_park(struct jobs *j)
 
 bool jobs_parked(const struct jobs *j)
 {
-	return j->parking && !anything(j, false);
+	return j->parking && !anything(j, 0, false);
 }
 
 void jobs_abandon(struct jobs *j)
@@ -573,7 +579,7 @@ void jobs_abandon(struct jobs *j)
 
 	for (p = j->pushes; p; p = push_next(p))
 		push_remove_files(p);
-	if (folder_empty(j->onestepfd, &err) || folder_empty(j->tempfd, &err))
+	if (io_folder_empty(j->onestepfd, &err) || io_folder_empty(j->tempfd, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "temporary files stay behind until the next start", &err);
 }
 
@@ -583,7 +589,7 @@ void jobs_count(const struct jobs *j, uint32_t *ret_running, uint32_t *ret_waiti
 	struct job *job;
 
 	for (job = j->jobs; job; job = job->next) {
-		if (job->walk)
+		if (job->run)
 			running++;
 		else if (!job_state_final(job->state))
 			waiting++;

@@ -1,4 +1,4 @@
-/* Limits that change while the house is at work: they hold from the next time somebody looks at them, what is removed for too
+/* Limits that change while the service is at work: they hold from the next time somebody looks at them, what is removed for too
  * long by then goes at once. */
 #include "job_priv.h"
 

@@ -8,10 +8,11 @@
  * was taken is given back and counted in one step (limit_count_given): nobody finds room, or none, between the two. A geoid
  * grid counts with each user who gave it a name.
  *
- * The model of the memory: walks, stages and plans of a user are added up when one of them wants more (limit_held). A
- * walk gets a place, a plan its budget and a push its stage only within the user's share; domains start one after the
+ * The model of the memory: runs, stages and plans of a user are added up when one of them wants more (limit_held). A
+ * run gets a place, a plan its budget and a push its stage only within the user's share; domains start one after the
  * other where more at once would go beyond it. What could not even begin alone is refused with the numbers.
  */
+#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/statvfs.h>
@@ -20,7 +21,7 @@
 #include "job_priv.h"
 #include "parse.h"
 #include "push_priv.h"
-#include "walk_priv.h"
+#include "run_priv.h"
 
 struct limit_row {
 	uint32_t uid;
@@ -40,6 +41,7 @@ int limit_jobs(const struct jobs *j, const struct job_peer *peer, struct err *er
 	const struct job *job;
 	unsigned own = 0;
 
+	THREAD_LOOP_ONLY();
 	if (!j->p.user.jobs || rights_admin(peer))
 		return 0;
 	for (job = j->jobs; job; job = job->next)
@@ -71,6 +73,7 @@ int limit_datasets(const struct jobs *j, const struct job_peer *peer, struct err
 {
 	unsigned removed, own;
 
+	THREAD_LOOP_ONLY();
 	if (!j->p.user.datasets || rights_admin(peer))
 		return 0;
 	own = limit_datasets_of(j, peer->uid, &removed);
@@ -94,13 +97,13 @@ int limit_datasets(const struct jobs *j, const struct job_peer *peer, struct err
 
 void limit_init(struct jobs *j)
 {
-	pthread_mutex_init(&j->limits.lock, NULL);
+	lock_init(&j->limits.lock, LOCK_LIMITS);
 }
 
 void limit_done(struct jobs *j)
 {
 	free(j->limits.row);
-	pthread_mutex_destroy(&j->limits.lock);
+	lock_done(&j->limits.lock);
 }
 
 static struct limit_row *row_of(struct limits *l, uint32_t uid)
@@ -134,7 +137,6 @@ static bool limits_disk(const struct jobs *j)
 	return j->p.user.disk.unit != SPACE_UNLIMITED && j->p.user.disk.n;
 }
 
-/* Under the lock. */
 static void count_all(struct jobs *j)
 {
 	struct limits *l = &j->limits;
@@ -142,6 +144,7 @@ static void count_all(struct jobs *j)
 	const struct pending *q;
 	size_t n = 0;
 
+	assert(lock_held(LOCK_LIMITS));
 	for (size_t i = 0; i < l->n; i++) {
 		l->row[i].counted = 0;
 		if (l->row[i].taken || l->row[i].geoids)
@@ -157,6 +160,7 @@ static void count_all(struct jobs *j)
 
 void limit_count(struct jobs *j)
 {
+	THREAD_LOOP_ONLY();
 	limit_count_given(j, 0, 0, 0, 0);
 }
 
@@ -173,7 +177,7 @@ void limit_count_given(struct jobs *j, uint32_t uid, int64_t bytes, uint32_t oth
 	struct limits *l = &j->limits;
 	struct limit_row *row;
 
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	row = bytes ? row_of(l, uid) : NULL;
 	if (row)
 		row->taken = given(row->taken, bytes);
@@ -182,7 +186,7 @@ void limit_count_given(struct jobs *j, uint32_t uid, int64_t bytes, uint32_t oth
 		row->taken = given(row->taken, others);
 	if (limits_disk(j))
 		count_all(j);
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 }
 
 void limit_geoids(struct jobs *j, const struct limit_geoid *all, size_t n)
@@ -190,7 +194,7 @@ void limit_geoids(struct jobs *j, const struct limit_geoid *all, size_t n)
 	struct limits *l = &j->limits;
 	struct limit_row *row;
 
-	pthread_mutex_lock(&l->lock);
+	lock_take(&l->lock);
 	for (size_t i = 0; i < l->n; i++)
 		l->row[i].geoids = 0;
 	for (size_t i = 0; i < n; i++) {
@@ -198,7 +202,7 @@ void limit_geoids(struct jobs *j, const struct limit_geoid *all, size_t n)
 		if (row)
 			row->geoids += all[i].bytes;
 	}
-	pthread_mutex_unlock(&l->lock);
+	lock_give(&l->lock);
 }
 
 static uint64_t disk_limit(const struct jobs *j)
@@ -235,7 +239,7 @@ int limit_disk_take(struct jobs *j, uint32_t uid, bool admin, uint64_t bytes, co
 	struct limit_row *row;
 	int r = 0;
 
-	pthread_mutex_lock(&j->limits.lock);
+	lock_take(&j->limits.lock);
 	row = row_of(&j->limits, uid);
 	has = disk_of(row);
 	if (!row)
@@ -244,7 +248,7 @@ int limit_disk_take(struct jobs *j, uint32_t uid, bool admin, uint64_t bytes, co
 		r = -ERR_LIMIT;
 	else
 		row->taken += bytes;
-	pthread_mutex_unlock(&j->limits.lock);
+	lock_give(&j->limits.lock);
 	return r == -ERR_LIMIT ? disk_refused(uid, bytes, has, limit, what, err) : r;
 }
 
@@ -254,11 +258,11 @@ void limit_disk_give(struct jobs *j, uint32_t uid, uint64_t bytes)
 
 	if (!bytes)
 		return;
-	pthread_mutex_lock(&j->limits.lock);
+	lock_take(&j->limits.lock);
 	row = row_of(&j->limits, uid);
 	if (row)
 		row->taken -= bytes;
-	pthread_mutex_unlock(&j->limits.lock);
+	lock_give(&j->limits.lock);
 }
 
 void jobs_set_user_limits(struct jobs *j, const struct jobs_user_limits *user)
@@ -280,11 +284,11 @@ void jobs_own(struct jobs *j, const struct job_peer *peer, uint64_t state_bytes,
 	if (limits_disk(j)) {
 		own.disk_most =
 			may->disk.unit == SPACE_BYTES ? may->disk.n : (uint64_t)((double)state_bytes / 100 * (double)may->disk.n);
-		pthread_mutex_lock(&j->limits.lock);
+		lock_take(&j->limits.lock);
 		for (size_t i = 0; i < j->limits.n; i++)
 			if (j->limits.row[i].uid == peer->uid)
 				own.disk = disk_of(&j->limits.row[i]);
-		pthread_mutex_unlock(&j->limits.lock);
+		lock_give(&j->limits.lock);
 	}
 	*ret = own;
 }
@@ -298,24 +302,24 @@ uint64_t limit_memory(const struct jobs *j, const struct sched_owner *owner)
 	return ledger_total(j->p.ledger) / 100 * j->p.user.memory;
 }
 
-/* What a walk has or may yet ask for without being asked whether it may: its share; its plan, or two domains, one of them
+/* What a run has or may yet ask for without being asked whether it may: its share; its plan, or two domains, one of them
  * for when the other is split. */
-static uint64_t walk_claim(const struct walk *w)
+static uint64_t run_claim(const struct run *w)
 {
-	uint64_t least = pipe_budget_least(w->grid && w->state > WALK_OPENING && w->state != WALK_SELECTING ? w->grid : NULL);
-	uint64_t need = w->place->need > least ? w->place->need : least;
+	uint64_t least = pipe_budget_least(w->grid && w->state > RUN_OPENING && w->state != RUN_SELECTING ? w->grid : NULL);
+	uint64_t need = w->slot->need > least ? w->slot->need : least;
 
-	if (w->state >= WALK_PLANNING)
+	if (w->state >= RUN_PLANNING)
 		need = 2 * w->budget.domain_bytes;
 	return admit_share(w->jobs) + w->charged + need;
 }
 
-static uint64_t walk_uses(const struct walk *w)
+static uint64_t run_uses(const struct run *w)
 {
-	uint64_t bytes = admit_share(w->jobs) + w->charged, claim = walk_claim(w);
-	const struct walk_domain *d;
+	uint64_t bytes = admit_share(w->jobs) + w->charged, claim = run_claim(w);
+	const struct run_domain *d;
 
-	if (w->state == WALK_SELECTING)
+	if (w->state == RUN_SELECTING)
 		bytes += w->select.bytes;
 	for (d = w->domains; d; d = d->next)
 		/* What is mapped of one that is being made is its worker's to know. */
@@ -325,24 +329,24 @@ static uint64_t walk_uses(const struct walk *w)
 
 struct sum {
 	uint32_t uid;
-	const struct walk *but;
+	const struct run *but;
 	uint64_t bytes;
 };
 
-static void add_walk(struct walk *w, void *ctx)
+static void add_run(struct run *w, void *ctx)
 {
 	struct sum *s = ctx;
 
 	if (w->placed && w != s->but && w->owner.uid == s->uid)
-		s->bytes += walk_uses(w);
+		s->bytes += run_uses(w);
 }
 
-/* By walks and pushes of that user, but for one walk. */
-static uint64_t held(struct jobs *j, uint32_t uid, const struct walk *but)
+/* By runs and pushes of that user, but for one run. */
+static uint64_t held(struct jobs *j, uint32_t uid, const struct run *but)
 {
 	struct sum s = {.uid = uid, .but = but};
 
-	jobs_each_walk(j, add_walk, &s);
+	jobs_each_run(j, add_run, &s);
 	for (const struct push *p = j->pushes; p; p = push_next(p))
 		/* What it keeps of its files it has while it waits for its stage: that would make those of one user wait for
 		 * each other. */
@@ -350,7 +354,7 @@ static uint64_t held(struct jobs *j, uint32_t uid, const struct walk *but)
 	return s.bytes;
 }
 
-uint64_t limit_room(struct jobs *j, const struct sched_owner *owner, const struct walk *but)
+uint64_t limit_room(struct jobs *j, const struct sched_owner *owner, const struct run *but)
 {
 	uint64_t limit = limit_memory(j, owner), used;
 
@@ -360,16 +364,16 @@ uint64_t limit_room(struct jobs *j, const struct sched_owner *owner, const struc
 	return used < limit ? limit - used : 0;
 }
 
-bool limit_alone(struct jobs *j, const struct sched_owner *owner, const struct walk *but)
+bool limit_alone(struct jobs *j, const struct sched_owner *owner, const struct run *but)
 {
 	return !held(j, owner->uid, but);
 }
 
 /* One more domain, and one for when it is split. */
-bool limit_domain(const struct walk *w)
+bool limit_domain(const struct run *w)
 {
 	uint64_t limit = limit_memory(w->jobs, &w->owner), each = w->budget.domain_bytes;
-	const struct walk_domain *d;
+	const struct run_domain *d;
 
 	if (limit == UINT64_MAX)
 		return true;
@@ -377,7 +381,7 @@ bool limit_domain(const struct walk *w)
 		;
 	if (!d)
 		return true; /* what it claims */
-	return held(w->jobs, w->owner.uid, w) + walk_uses(w) + 2 * each <= limit;
+	return held(w->jobs, w->owner.uid, w) + run_uses(w) + 2 * each <= limit;
 }
 
 int limit_never(struct jobs *j, const struct sched_owner *owner, uint64_t bytes, const char *what, struct err *err)

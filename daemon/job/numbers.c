@@ -1,9 +1,9 @@
-/* What the house knows of itself in numbers, for who watches it. Looks through the lists; keeps nothing. */
+/* What the service knows of itself in numbers, for who watches it. Looks through the lists; keeps nothing. */
 #include <string.h>
 
 #include "clock.h"
 #include "job_priv.h"
-#include "past.h"
+#include "history.h"
 
 _Static_assert(JOB_STATES == 7, "struct jobs_numbers has as many");
 
@@ -29,14 +29,14 @@ void jobs_numbers(struct jobs *j, struct jobs_numbers *ret)
 {
 	int64_t now = clock_real_us(), oldest = now;
 
-	*ret = (struct jobs_numbers){.tally = j->tally, .verified = j->verified, .kept = past_count(j)};
+	*ret = (struct jobs_numbers){.tally = j->tally, .verified = j->verified, .kept = history_count(j)};
 	for (const struct job *job = j->jobs; job; job = job->next) {
 		if (job_state_final(job->state))
 			continue;
 		ret->states[job->state]++;
 		if (job->state == JOB_queued && job->submitted_us < oldest)
 			oldest = job->submitted_us;
-		ret->waiting_space += job->walk && walk_space_lacks(job->walk) > 0;
+		ret->waiting_space += job->run && run_space_lacks(job->run) > 0;
 	}
 	ret->oldest_waiting = (double)(now - oldest) / 1e6;
 	for (const struct push *p = j->pushes; p; p = push_next(p))

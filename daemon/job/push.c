@@ -36,7 +36,7 @@ static struct push *push_free(struct push *p)
 	push_replace_free(p);
 	if (p->jobs) {
 		pending_free(p->jobs, p->pending);
-		house_give(p->jobs, p->charged);
+		uncharge(p->jobs, p->charged);
 	}
 	free(p->sources);
 	free(p->scale_xy);
@@ -46,10 +46,11 @@ static struct push *push_free(struct push *p)
 	free(p->geoid);
 	free(p->geoid_way);
 	free(p->last);
-	pthread_mutex_destroy(&p->space.lock);
+	lock_done(&p->space.lock);
 	push_guard_free(&p->row_guard);
 	grid_manifest_free(p->base);
 	grid_manifest_free(p->made);
+	dataset_next_clear(&p->becomes);
 	free(p);
 	return NULL;
 }
@@ -307,9 +308,10 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	struct push *p = calloc(1, sizeof *p);
 	struct err err = ERR_INIT;
 
+	THREAD_LOOP_ONLY();
 	disk_mend(j);
 	if (p) {
-		pthread_mutex_init(&p->space.lock, NULL);
+		lock_init(&p->space.lock, LOCK_PUSH_SPACE);
 		push_guard_init(&p->row_guard);
 		p->space.why = ERR_INIT;
 		p->asks_end = &p->asks;
@@ -321,7 +323,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 		p->geoid_way = copy(in->geoid_way);
 		p->last = calloc(1, sizeof *p->last);
 		p->jobs = j;
-		if (!house_take(j, PUSH_BYTES, "another push", &err)) {
+		if (!charge(j, PUSH_BYTES, "another push", &err)) {
 			p->charged = PUSH_BYTES;
 			p->pending = pending_new(j, in->peer.uid, &err);
 		}
@@ -364,6 +366,7 @@ void push_begin(struct jobs *j, const struct push_params *in, void *token)
 	p->space.owner = p->dataset->uid;
 	p->planar = in->planar;
 	p->accept_truncated = in->accept_truncated;
+	p->strict = in->strict;
 	p->has_crop = in->ncrop > 0;
 	if (p->has_crop)
 		memcpy(p->crop, in->crop, sizeof p->crop);
@@ -390,6 +393,7 @@ static bool ask_file(struct push *p, enum push_kind kind, int fd, const struct p
 	a->name = copy(in->name);
 	a->format = copy(in->format && *in->format ? in->format : p->format);
 	a->columns = copy(in->columns);
+	a->decimal_comma = in->decimal_comma;
 	/* One that is too long to be kept is nobody's. */
 	a->path = copy(in->path && strlen(in->path) < GRID_SOURCE_PATH ? in->path : "");
 	a->checksum = in->checksum;
@@ -416,6 +420,7 @@ void push_probe(struct push *p, int fd, const struct push_input *in, void *token
 {
 	struct err err;
 
+	THREAD_LOOP_ONLY();
 	if (!ask_file(p, PUSH_PROBE, fd, in, token))
 		p->calls.probed(token, no_memory(&err), NULL);
 }
@@ -424,6 +429,7 @@ void push_file(struct push *p, int fd, const struct push_input *in, void *token)
 {
 	struct err err;
 
+	THREAD_LOOP_ONLY();
 	if (!ask_file(p, PUSH_FILE, fd, in, token))
 		p->calls.staged(token, no_memory(&err), NULL);
 }
@@ -432,6 +438,7 @@ void push_plan(struct push *p, void *token)
 {
 	struct err err;
 
+	THREAD_LOOP_ONLY();
 	if (!push_ask_new(p, PUSH_PLAN, token, false))
 		p->calls.planned(token, no_memory(&err), NULL);
 	else
@@ -442,6 +449,7 @@ void push_commit(struct push *p, void *token)
 {
 	struct err err;
 
+	THREAD_LOOP_ONLY();
 	if (!push_ask_new(p, PUSH_COMMIT, token, false))
 		p->calls.committed(token, no_memory(&err), NULL);
 	else
@@ -450,6 +458,7 @@ void push_commit(struct push *p, void *token)
 
 void push_abort(struct push *p, void *token)
 {
+	THREAD_LOOP_ONLY();
 	atomic_store(&p->cancel, true);
 	push_streams_wake(p);
 	push_row_wake(p);
@@ -461,6 +470,7 @@ void push_abort(struct push *p, void *token)
 
 void push_leave(struct push *p)
 {
+	THREAD_LOOP_ONLY();
 	if (p->left)
 		return;
 	p->left = true;
@@ -534,9 +544,24 @@ void push_remove_files(struct push *p)
 		return;
 	push_stage_name(p->id, name);
 	strcat(name, ".");
-	if (folder_sweep(p->dataset->dirfd, name, &err))
+	if (io_folder_sweep(p->dataset->dirfd, name, &err))
 		log_event_err(LOG_EVENT_LEFTOVER, NULL, "what a push left cannot be removed", &err);
 	dataset_close(p->dataset);
+}
+
+static void tell_progress(struct push *p, const struct push_ask *a)
+{
+	uint64_t hash_end = atomic_load(&p->hash_end), done = atomic_load(&p->progress), all = atomic_load(&p->claimed);
+
+	if (a->kind != PUSH_FILE && a->kind != PUSH_COMMIT && !hash_end)
+		return;
+	p->told_ns = clock_mono_ns();
+	if (hash_end)
+		p->calls.progress(a->token, "hash", atomic_load(&p->hashed), hash_end);
+	else if (a->kind == PUSH_FILE)
+		p->calls.progress(a->token, "stage", done, all);
+	else
+		p->calls.progress(a->token, "seal", a->sealing ? done : 0, a->sealing ? all : 0);
 }
 
 void push_tick(struct push *p)
@@ -547,15 +572,8 @@ void push_tick(struct push *p)
 	/* Once a tick: a worker is asked each time. */
 	if (p->again)
 		p->again = p->lacks = p->busy = false;
-	if (a && p->busy && (a->kind == PUSH_FILE || a->kind == PUSH_COMMIT) && !p->left &&
-	    clock_since(p->told_ns) >= PROGRESS_SECONDS) {
-		p->told_ns = clock_mono_ns();
-		if (a->kind == PUSH_FILE)
-			p->calls.progress(a->token, "stage", atomic_load(&p->progress), atomic_load(&p->claimed));
-		else
-			p->calls.progress(a->token, "seal", a->sealing ? atomic_load(&p->progress) : 0,
-					  a->sealing ? atomic_load(&p->claimed) : 0);
-	}
+	if (a && p->busy && !p->left && clock_since(p->told_ns) >= PROGRESS_SECONDS)
+		tell_progress(p, a);
 	if (!a && p->stage && !p->dataset->onestep && p->durable < p->files && !p->broken &&
 	    clock_since(p->synced_ns) >= DURABLE_SECONDS)
 		push_ask_new(p, PUSH_SYNC, NULL, false);

@@ -36,21 +36,47 @@ static void widen(const struct push *p, double crop[4])
 		crop[i] = p->crop[i] + (i < 2 ? -unit : unit);
 }
 
+/* What the numbers of texts are rounded to. What a step projects or shifts goes through doubles: it is as fine as they are. */
+static void lattice_of(const struct push *p, const struct push_ask *a, struct input_options *ret)
+{
+	static const struct decimal finest = {1, -9};
+	const struct push_probed *probe = push_find_probe(p, a->name);
+	struct push_plane_step step = {.projects = false};
+	struct err ignored = ERR_INIT;
+
+	ret->lattice_later = true;
+	if (p->has_lattice) {
+		ret->scale_xy = p->lattice.scale_xy;
+		ret->scale_z = p->lattice.scale_z;
+	} else if ((*p->scale_xy && !decimal_parse(p->scale_xy, &ret->scale_xy)) ||
+		   (*p->scale_z && !decimal_parse(p->scale_z, &ret->scale_z))) {
+		ret->scale_xy = ret->scale_z = (struct decimal){0, 0}; /* the plan says so */
+	}
+	if (probe && !push_plane_of(p, probe->crs, &step, &ignored) && step.projects)
+		ret->scale_xy = finest;
+	if (*p->plane.geoid)
+		ret->scale_z = finest;
+}
+
 struct input_options push_options(const struct push *p, const struct push_ask *a)
 {
 	struct input_options options = {
 		.format = a->format && *a->format ? a->format : NULL,
 		.columns = *a->columns ? a->columns : NULL,
+		.decimal_comma = a->decimal_comma,
+		.strict = p->strict,
 		.accept_truncated = p->accept_truncated,
 		.planar = p->planar,
 		.degrees = true,
+		.any_plane = p->overrides,
 		.has_pipe = a->stream && a->stream->forward,
 		.pipe = a->stream ? a->stream->fd : -1,
 		/* the box is in the dataset's coordinates: no file's own, if some are projected */
-		.has_crop = p->has_crop && !p->plane.projects,
+		.has_crop = p->has_crop && !p->plane.projects && !(p->overrides && p->assume.plane == CRS_PLANE_GEOGRAPHIC),
 	};
 
 	widen(p, options.crop);
+	lattice_of(p, a, &options);
 	return options;
 }
 
@@ -80,6 +106,8 @@ static void probe_run(struct push *p, struct push_ask *a)
 	struct input *in = NULL;
 
 	a->r = push_fd_check(a->fd, a->name, &a->id, &a->err);
+	if (!a->r && !a->stream && !p->dataset->onestep && (a->checksum || a->replace || *a->replaces))
+		a->r = push_hash_look(a, &options, &a->err);
 	if (!a->r)
 		a->r = a->stream ? push_stream_known(p, a) : push_known(p, a);
 	if (!a->r && a->known == PUSH_NEW)
@@ -91,7 +119,9 @@ static void probe_run(struct push *p, struct push_ask *a)
 	remember_info(a, in);
 	if (a->stream)
 		a->stream->claimed = a->info.claimed;
-	a->r = push_assume(p, a->name, &a->info.crs, &a->err);
+	a->r = push_assume(p, a);
+	if (!a->r && !p->dataset->onestep)
+		a->r = push_hash_bounded(&a->info, a->id.size, a->name, &a->err);
 	input_close(in);
 }
 
@@ -160,7 +190,8 @@ static void plan_run(struct push *p, struct push_ask *a)
 static bool plan_done(struct push *p, struct push_ask *a, const struct err *why)
 {
 	char lattice[LATTICE_TEXT_SIZE] = "", zone[8] = "";
-	struct push_planned planned = {.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "", .geoid = p->plane.geoid};
+	struct push_planned planned = {
+		.lattice = lattice, .crs = p->crs, .zone = zone, .datum = "", .geoid = p->plane.geoid, .note = p->lattice_note};
 
 	if (!why) {
 		p->has_lattice = true;
@@ -345,7 +376,7 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 	atomic_store(&p->claimed, a->info.claimed);
 	if (!same_input(&probe->id, &a->id))
 		return changed(a->name, "after its header was read", &a->err);
-	r = push_assume(p, a->name, &a->info.crs, &a->err);
+	r = push_assume(p, a);
 	if (!r)
 		r = push_plane_of(p, &a->info.crs, &step, &a->err);
 	if (!r)
@@ -359,6 +390,8 @@ static int file_ingest(struct push *p, struct push_ask *a, struct input *in, boo
 		return 0;
 	if (!r)
 		r = pipe_ingest(in, &params, &a->in, &a->err);
+	if (!r && !p->dataset->onestep)
+		r = push_hash_bounded(input_info(in), a->id.size, a->name, &a->err);
 	return r ? r : push_file_finish(p, a);
 }
 
@@ -403,6 +436,9 @@ static void source_add(struct push *p, const struct push_ask *a, uint32_t *ret_r
 	/* Of a name that is too long, its end; it stays as long as the push. */
 	s->name = strlen(base) < GRID_SOURCE_NAME ? base : base + strlen(base) - (GRID_SOURCE_NAME - 1);
 	s->path = probe->path;
+	s->overridden = probe->overridden;
+	s->reading = probe->reading;
+	s->left_out = a->in.left_out;
 	s->size = a->id.size;
 	s->mtime_ns = a->id.mtime_ns;
 	s->hash = a->hash;
@@ -433,13 +469,14 @@ static bool file_done(struct push *p, struct push_ask *a, const struct err *why)
 	if (why && push_space_full(p))
 		why = push_space_full(p);
 	if (!why && a->whole && !a->crew) {
-		if (!push_crew_start(p, a, &err))
+		if (!push_helpers_start(p, a, &err))
 			return false;
 		why = &err;
 	}
 	file.in = a->in;
 	file.crs_of = a->projected ? a->info.crs.text : "";
-	a->crew = push_crew_free(a->crew);
+	file.overridden = a->overridden;
+	a->crew = push_helpers_free(a->crew);
 	a->whole = input_close(a->whole);
 	if (!why && file.in.partial && !p->dataset->partial) {
 		p->dataset->partial = true;

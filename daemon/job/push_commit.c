@@ -126,7 +126,7 @@ static int check_newer(struct push *p, struct err *err)
 		return 0;
 	if (!lattice_equal(&m->lattice, &p->lattice))
 		return meanwhile(p, "another lattice", err);
-	if (strcmp(m->crs, p->crs) || strcmp(m->unit_xy, p->unit_xy) || strcmp(m->unit_z, p->unit_z))
+	if (!push_crs_is(p, m))
 		return meanwhile(p, "another coordinate system", err);
 	if (push_plane_heights(p, &ignored))
 		return meanwhile(p, "heights of another geoid", err);
@@ -232,14 +232,14 @@ void push_commit_run(struct push *p, struct push_ask *a)
 	seal_begin(p, a);
 }
 
-static void rest_run(struct sched_task *t)
+static void deferred_run(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
 
 	seal_finish(p, p->asks);
 }
 
-static void rest_done(struct sched_task *t)
+static void deferred_done(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
 
@@ -252,12 +252,12 @@ static void rest_done(struct sched_task *t)
 static void seal_rest(struct push *p)
 {
 	p->task = (struct sched_task){
-		.run = rest_run, .done = rest_done, .owner = p->owner, .priority = SCHED_NORMAL, .lengthy = true};
+		.run = deferred_run, .done = deferred_done, .owner = p->owner, .priority = SCHED_NORMAL, .lengthy = true};
 	sched_submit(p->jobs->p.sched, &p->task);
 	push_sealing_start(p->sealing);
 }
 
-/* The dataset shows the new generation from here on. */
+/* The dataset shows the new generation from here on. What is durable counts: nothing of this fails. */
 static void commit_answer(struct push *p, const struct err *why)
 {
 	struct dataset *d = p->dataset;
@@ -266,14 +266,10 @@ static void commit_answer(struct push *p, const struct err *why)
 	void *token = p->asks->token;
 
 	if (!why && p->made) {
-		d->pushed_us = clock_real_us();
 		d->stage_seconds = clock_since(p->begun_ns);
 		d->seal_seconds = p->commit_ns ? clock_since(p->commit_ns) : 0;
-		if (dataset_set(d, p->made, p->made_name, &err))
-			why = &err;
 		p->old_goes = !jobs_opening(p->jobs, d) && !d->readers;
-		if (!p->old_goes)
-			dataset_old_manifest(d, p->base_name);
+		dataset_become(d, &p->becomes, !p->old_goes && *p->base_name);
 	}
 	p->committed = !why;
 	if (!why)
@@ -322,10 +318,10 @@ bool push_commit_done(struct push *p, struct push_ask *a, const struct err *why)
 	p->sealing = push_sealing_free(p->sealing);
 	if (!p->stage)
 		push_stage_give(p);
+	if (!why && p->made && dataset_next_make(p->dataset, p->made, p->made_name, clock_real_us(), &p->becomes, &err))
+		why = &err;
 	if (!why && p->made && !p->dataset->onestep) {
-		int r = dataset_commit_row(p->dataset, p->made, p->made_name, clock_real_us(), commit_row_done, p, &err);
-
-		if (!r) {
+		if (!dataset_next_put(p->dataset, &p->becomes, 0, commit_row_done, p, &err)) {
 			p->waiting_row = true;
 			return false;
 		}

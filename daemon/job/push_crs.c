@@ -4,8 +4,10 @@
  * The model: what an input says, filled up with what the push assumes for inputs that say nothing, is its
  * system. Within a dataset all systems must be one: same texts, same units, and where two records define what
  * they name, the same definition. Known beside unknown is a difference like any other, so whether a set is
- * refused does not depend on its order. Nobody's word is overridden: an assumption that contradicts an input
- * refuses that input. Meshing needs no unit: a dataset that is unknown throughout is taken as it is.
+ * refused does not depend on its order. A dataset in a system of EPSG is the exception: its number says the units, also
+ * where an older table did not have them, so neither the dataset nor an input of the same number differs for a unit that
+ * it leaves unknown. An assumption that contradicts an input refuses that input; who knows better than the file overrides
+ * it, and the source keeps what the file said. Meshing needs no unit: a dataset that is unknown throughout is taken as it is.
  */
 #include <stdio.h>
 #include <string.h>
@@ -17,7 +19,7 @@ static bool known(const char *text)
 	return *text && strcmp(text, "unknown");
 }
 
-/* ---- what is assumed ---- */
+/* ---- what is assumed, or put in place of what the inputs say ---- */
 
 static int read_unit(const char *text, const char *field, const char *alike, char ret[CRS_UNIT_SIZE], struct err *err)
 {
@@ -30,31 +32,52 @@ static int read_unit(const char *text, const char *field, const char *alike, cha
 		return err_add_place(err, ERR_NO_OFFSET, field);
 	}
 	if (known(ret) && strcmp(ret, unit)) {
-		err_set(err, ERR_USAGE, "the unit of %s is to be assumed as %s, but %.60s has it in %s", alike, unit,
-			"the coordinate system to assume", ret);
+		err_set(err, ERR_USAGE, "the unit of %s is to be %s, but the coordinate system that is given has it in %s", alike,
+			unit, ret);
 		return err_add_place(err, ERR_NO_OFFSET, field);
 	}
 	snprintf(ret, CRS_UNIT_SIZE, "%s", unit);
 	return 0;
 }
 
-int push_assume_read(struct push *p, const struct push_params *in, struct err *err)
+static const char *text_of(const char *text)
 {
-	const char *crs = in->assume_crs ? in->assume_crs : "";
-	const char *xy = in->assume_unit_xy ? in->assume_unit_xy : "", *z = in->assume_unit_z ? in->assume_unit_z : "";
+	return text ? text : "";
+}
+
+static int read_system(const char *const words[3], const char *const fields[3], struct crs_info *ret, struct err *err)
+{
 	int r = 0;
 
-	crs_info_clear(&p->assume);
-	if (*crs)
-		r = crs_assume_text(crs, strlen(crs), &p->assume, err);
+	crs_info_clear(ret);
+	if (*words[0])
+		r = crs_assume_text(words[0], strlen(words[0]), ret, err);
 	if (!r)
-		r = read_unit(xy, "assume_unit_xy", "x and y", p->assume.unit_xy, err);
+		r = read_unit(words[1], fields[1], "x and y", ret->unit_xy, err);
 	if (!r)
-		r = read_unit(z, "assume_unit_z", "z", p->assume.unit_z, err);
+		r = read_unit(words[2], fields[2], "z", ret->unit_z, err);
 	if (!r)
-		crs_info_settle(&p->assume);
-	p->assumes = *crs || *xy || *z;
+		crs_info_settle(ret);
 	return r;
+}
+
+int push_assume_read(struct push *p, const struct push_params *in, struct err *err)
+{
+	static const char *const assume_fields[3] = {"assume_crs", "assume_unit_xy", "assume_unit_z"};
+	static const char *const override_fields[3] = {"override_crs", "override_unit_xy", "override_unit_z"};
+	const char *assume[3] = {text_of(in->assume_crs), text_of(in->assume_unit_xy), text_of(in->assume_unit_z)};
+	const char *override[3] = {text_of(in->override_crs), text_of(in->override_unit_xy), text_of(in->override_unit_z)};
+
+	p->assumes = *assume[0] || *assume[1] || *assume[2];
+	p->overrides = *override[0] || *override[1] || *override[2];
+	if (p->assumes && p->overrides) {
+		err_set(err, ERR_USAGE,
+			"a system for inputs that say none, and one in place of what they say: both at once contradict");
+		return err_add_hint(err, "leave --assume-crs and --assume-units out: what overrides holds for all inputs");
+	}
+	if (p->overrides)
+		return read_system(override, override_fields, &p->assume, err);
+	return read_system(assume, assume_fields, &p->assume, err);
 }
 
 /* ---- what an input says, and what is assumed for it ---- */
@@ -72,7 +95,8 @@ static int contradicts(const char *name, const char *what, const char *says, con
 		       struct err *err)
 {
 	err_set(err, ERR_INPUT, "%s is %.100s by its own records, and %s assumes %.100s", what, says, option, assumed);
-	err_add_hint(err, "leave %s out for this file: what a file says is not overridden", option);
+	err_add_hint(err, "leave %s out for this file, or override what it says with %s", option,
+		     strcmp(option, "--assume-crs") ? "--override-units" : "--override-crs");
 	return err_add_file(err, name);
 }
 
@@ -95,14 +119,16 @@ static int check_plane(const char *name, const struct crs_info *info, struct err
 			"its coordinates are geocentric (%.200s): no terrain stands on the plane of "
 			"x and y",
 			info->text);
-		err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
+		err_add_hint(err,
+			     "project it to a plane first; --planar takes x and y as they are; if that is not what they are, "
+			     "name their system with --override-crs");
 	} else {
 		return 0;
 	}
 	return err_add_file(err, name);
 }
 
-int push_assume(const struct push *p, const char *name, struct crs_info *info, struct err *err)
+static int assume(const struct push *p, const char *name, struct crs_info *info, struct err *err)
 {
 	const struct crs_info *a = &p->assume;
 	char plane[CRS_TEXT_SIZE], assumed_plane[CRS_TEXT_SIZE], text[CRS_TEXT_SIZE] = "";
@@ -145,6 +171,45 @@ int push_assume(const struct push *p, const char *name, struct crs_info *info, s
 	return r;
 }
 
+static bool same_words(const struct crs_info *a, const struct crs_info *b)
+{
+	return !strcmp(a->text, b->text) && !strcmp(a->unit_xy, b->unit_xy) && !strcmp(a->unit_z, b->unit_z);
+}
+
+/* A system replaces all that the input says, also of heights: what it leaves open is unknown. Units alone replace units. */
+static int override(const struct push *p, struct push_ask *a)
+{
+	struct crs_info *info = &a->info.crs;
+	const struct crs_info *new = &p->assume, said = *info;
+
+	if (known(new->text)) {
+		*info = *new;
+	} else if (known(new->unit_xy) && said.plane == CRS_PLANE_GEOGRAPHIC) {
+		err_set(&a->err, ERR_INPUT, "its coordinates are degrees by its own records (%.200s), which have no length",
+			said.text);
+		err_add_hint(&a->err, "name the system that they really have with --override-crs");
+		return err_add_file(&a->err, a->name);
+	} else {
+		if (known(new->unit_xy))
+			memcpy(info->unit_xy, new->unit_xy, sizeof info->unit_xy);
+		if (known(new->unit_z))
+			memcpy(info->unit_z, new->unit_z, sizeof info->unit_z);
+		crs_info_settle(info);
+	}
+	if (!same_words(info, &said) && (known(said.text) || known(said.unit_xy) || known(said.unit_z)))
+		snprintf(a->overridden, sizeof a->overridden, "%.400s, x and y in %s, z in %s", said.text, said.unit_xy,
+			 said.unit_z);
+	return p->planar ? 0 : check_plane(a->name, info, &a->err);
+}
+
+int push_assume(const struct push *p, struct push_ask *a)
+{
+	*a->overridden = 0;
+	if (p->overrides)
+		return override(p, a);
+	return assume(p, a->name, &a->info.crs, &a->err);
+}
+
 /* ---- do they go together ---- */
 
 struct difference {
@@ -168,7 +233,9 @@ static int refuse(const struct difference *d, const char *name, const char *othe
 	if (!d->option)
 		err_add_hint(err, "they have one name and different definitions; convert one of them first");
 	else if (known(d->mine) && known(d->theirs))
-		err_add_hint(err, "a dataset has one coordinate system: convert one of them, or use two datasets");
+		err_add_hint(err,
+			     "a dataset has one coordinate system: convert one of them, or use two datasets; where what a file "
+			     "says is wrong, --override-crs and --override-units say what holds");
 	else
 		err_add_hint(err, "say what it is where no record says so, with %s", d->option);
 	return err_add_file(err, name);
@@ -203,13 +270,60 @@ static int refuse_pair(const char *a, const struct crs_info *ca, const char *b, 
 	return refuse(&d, a, b, err);
 }
 
+static void fill_unit(char unit[CRS_UNIT_SIZE], const char *other)
+{
+	if (!known(unit))
+		snprintf(unit, CRS_UNIT_SIZE, "%s", other);
+}
+
+/* The units that the numbers of EPSG in `text` have, where they are unknown. */
+static void settle_units(const char *text, char unit_xy[CRS_UNIT_SIZE], char unit_z[CRS_UNIT_SIZE])
+{
+	struct err ignored = ERR_INIT;
+	struct crs_info by_number;
+
+	if (crs_assume_text(text, strlen(text), &by_number, &ignored))
+		return;
+	if (by_number.system.epsg)
+		fill_unit(unit_xy, by_number.unit_xy);
+	if (by_number.system.epsg || by_number.system.epsg_z)
+		fill_unit(unit_z, by_number.unit_z);
+}
+
+/* A unit that an input leaves unknown is the dataset's, if the number of both is one. */
+static struct crs_info as_numbered(const struct push *p, const struct crs_info *crs)
+{
+	static const char number[] = "EPSG:";
+	struct crs_info ret = *crs;
+	const char *heights = crs_text_heights(crs->text);
+
+	if (strcmp(crs->text, p->crs))
+		return ret;
+	if (!strncmp(crs->text, number, strlen(number)))
+		fill_unit(ret.unit_xy, p->unit_xy);
+	if (heights && !strncmp(heights + 3, number, strlen(number)))
+		fill_unit(ret.unit_z, p->unit_z);
+	return ret;
+}
+
 int push_compatible(struct push *p, const char *name, const struct crs_info *crs, struct err *err)
 {
+	struct crs_info mine = as_numbered(p, crs);
 	struct difference d;
 
-	if (!p->has_crs || !texts_differ(crs, p->crs, p->unit_xy, p->unit_z, &d))
+	if (!p->has_crs || !texts_differ(&mine, p->crs, p->unit_xy, p->unit_z, &d))
 		return 0;
 	return refuse(&d, name, p->crs_of, err);
+}
+
+bool push_crs_is(const struct push *p, const struct grid_manifest *m)
+{
+	char unit_xy[CRS_UNIT_SIZE], unit_z[CRS_UNIT_SIZE];
+
+	snprintf(unit_xy, sizeof unit_xy, "%s", m->unit_xy);
+	snprintf(unit_z, sizeof unit_z, "%s", m->unit_z);
+	settle_units(m->crs, unit_xy, unit_z);
+	return !strcmp(m->crs, p->crs) && !strcmp(unit_xy, p->unit_xy) && !strcmp(unit_z, p->unit_z);
 }
 
 static void decide(struct push *p, const char *text, const char *unit_xy, const char *unit_z, const char *of)
@@ -227,6 +341,7 @@ void push_crs_of_dataset(struct push *p, const char *text, const char *unit_xy, 
 
 	snprintf(of, sizeof of, "the dataset %s", p->dataset->name);
 	decide(p, text, unit_xy, unit_z, of);
+	settle_units(p->crs, p->unit_xy, p->unit_z);
 }
 
 int push_crs_agree(struct push *p, struct err *err)

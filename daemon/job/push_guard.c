@@ -6,13 +6,13 @@
 
 void push_guard_init(struct push_guard *g)
 {
-	pthread_mutex_init(&g->mutex, NULL);
+	lock_init(&g->lock, LOCK_STAGE);
 	pthread_cond_init(&g->woken, NULL);
 }
 
 void push_guard_free(struct push_guard *g)
 {
-	pthread_mutex_destroy(&g->mutex);
+	lock_done(&g->lock);
 	pthread_cond_destroy(&g->woken);
 }
 

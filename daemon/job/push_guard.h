@@ -2,12 +2,11 @@
 #ifndef PUSH_GUARD_H
 #define PUSH_GUARD_H
 
-#include <pthread.h>
-
 #include "grid.h"
+#include "lock.h"
 
 struct push_guard {
-	pthread_mutex_t mutex;
+	struct lock lock;
 	pthread_cond_t woken;
 };
 
@@ -18,17 +17,17 @@ struct grid_guard push_guard_of(struct push_guard *);
 
 static inline void push_guard_lock(struct push_guard *g)
 {
-	pthread_mutex_lock(&g->mutex);
+	lock_take(&g->lock);
 }
 
 static inline void push_guard_unlock(struct push_guard *g)
 {
-	pthread_mutex_unlock(&g->mutex);
+	lock_give(&g->lock);
 }
 
 static inline void push_guard_wait(struct push_guard *g)
 {
-	pthread_cond_wait(&g->woken, &g->mutex);
+	lock_wait(&g->lock, &g->woken);
 }
 
 static inline void push_guard_wake(struct push_guard *g)

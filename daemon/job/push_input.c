@@ -82,6 +82,55 @@ static int choose_of_fewer(struct push *p, const struct lattice_input *inputs, s
 	return r;
 }
 
+/* Degrees that are taken as a plane may be rounded less than lengths. */
+static void limit_rounding(const struct push_probed *probe, struct lattice_input *c)
+{
+	static const struct decimal degrees = {1, -9};
+
+	for (int k = 0; k < 2; k++)
+		if (probe->crs->plane == CRS_PLANE_GEOGRAPHIC && c->coarsest[k].mantissa &&
+		    decimal_compare(c->coarsest[k], degrees) > 0)
+			c->coarsest[k] = degrees;
+}
+
+static bool rounds(const struct push_probed *probe, unsigned axis, struct decimal scale)
+{
+	const struct lattice_input *c = &probe->coords;
+
+	return !probe->why && (c->rounds[axis] || (c->coarsest[axis].mantissa && decimal_compare(c->scale[axis], scale) < 0));
+}
+
+/* Which scale was chosen, where nobody asked for it and inputs have more digits. */
+static void note_rounding(struct push *p)
+{
+	char more[48] = "", xy[DECIMAL_TEXT_SIZE], z[DECIMAL_TEXT_SIZE];
+	const struct push_probed *first = NULL;
+	bool any_xy = false, any_z = false;
+	size_t n = 0;
+
+	*p->lattice_note = 0;
+	for (size_t i = 0; i < p->nprobes; i++) {
+		const struct push_probed *probe = &p->probes[i];
+		bool of_xy = !*p->scale_xy && (rounds(probe, 0, p->lattice.scale_xy) || rounds(probe, 1, p->lattice.scale_xy));
+		bool of_z = !*p->scale_z && rounds(probe, 2, p->lattice.scale_z);
+
+		any_xy |= of_xy;
+		any_z |= of_z;
+		if ((of_xy || of_z) && !n++)
+			first = probe;
+	}
+	if (!n)
+		return;
+	if (n > 1)
+		snprintf(more, sizeof more, " and %zu more", n - 1);
+	snprintf(p->lattice_note, sizeof p->lattice_note,
+		 "%.160s%s: more digits than 32 bits hold%s: %s%s%s%s%s, the finest scale that does; --scale XY,Z says another",
+		 first->name, more, p->dataset->onestep ? " of all inputs" : " with room for what is pushed later",
+		 any_xy ? "x and y are rounded to " : "", any_xy ? decimal_text(p->lattice.scale_xy, xy) : "",
+		 any_xy && any_z ? ", " : "", any_z ? any_xy ? "z to " : "z is rounded to " : "",
+		 any_z ? decimal_text(p->lattice.scale_z, z) : "");
+}
+
 /* From all headers that were probed, so that it does not depend on their order; those that cannot be on one
  * lattice with the others are left out one by one. Worker. */
 int push_choose_lattice(struct push *p, struct err *err)
@@ -108,13 +157,17 @@ int push_choose_lattice(struct push *p, struct err *err)
 		if (p->probes[i].why)
 			continue;
 		r = push_plane_coords(p, &p->probes[i], err);
+		limit_rounding(&p->probes[i], &p->probes[i].coords);
 		probes[n] = &p->probes[i];
-		inputs[n++] = p->probes[i].coords;
+		inputs[n] = p->probes[i].coords;
+		inputs[n++].grows = !p->dataset->onestep;
 	}
 	if (!r)
 		r = lattice_choose(inputs, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, &p->lattice, err);
 	if (r == -ERR_INPUT && n > 1 && *err->file)
 		r = choose_of_fewer(p, inputs, probes, n, *p->scale_xy ? &xy : NULL, *p->scale_z ? &z : NULL, err);
+	if (!r)
+		note_rounding(p);
 	free(inputs);
 	free(probes);
 	return r;
@@ -127,6 +180,7 @@ struct info_ask {
 	struct jobs *jobs;
 	int fd, r;
 	char *name, *format, *columns;
+	bool decimal_comma;
 	struct input_info info;
 	char info_format[16];
 	struct err err;
@@ -141,6 +195,7 @@ static void info_run(struct sched_task *t)
 	struct input_options options = {
 		.format = *a->format ? a->format : NULL,
 		.columns = *a->columns ? a->columns : NULL,
+		.decimal_comma = a->decimal_comma,
 		.accept_truncated = true,
 		.planar = true,
 	};
@@ -178,7 +233,8 @@ static void info_done(struct sched_task *t)
 	free(a);
 }
 
-void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns, const struct job_peer *peer,
+void push_info(struct jobs *j, int fd, const char *name, const char *format, const char *columns, bool decimal_comma,
+	       const struct job_peer *peer,
 	       void (*probed)(void *token, const struct err *why, const char *name, const struct input_info *), void *token)
 {
 	struct info_ask *a = calloc(1, sizeof *a);
@@ -188,6 +244,7 @@ void push_info(struct jobs *j, int fd, const char *name, const char *format, con
 		a->name = strdup(name);
 		a->format = strdup(format);
 		a->columns = strdup(columns);
+		a->decimal_comma = decimal_comma;
 	}
 	if (!a || !a->name || !a->format || !a->columns) {
 		err_set(&err, ERR_NOMEM, "no memory for a request");

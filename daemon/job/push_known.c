@@ -5,87 +5,14 @@
  * client asks for it, if its bytes have that source's hash, whatever its name. The same path with anything else
  * is another file of that name, and taken only if the client says so: beside the old one, or in its place. What has no path is
  * always new, and so is a pipe, unless the client says beforehand what its bytes will be: then it is judged by that, and held to
- * it. Workers call this between the asks of one push, so its tables stand still meanwhile.
+ * it. What was read otherwise than this push would (push_reading.c) is not what is asked for: it is refused, or taken as another
+ * file is. Workers call this between the asks of one push, so its tables stand still meanwhile.
  */
 #include <stdlib.h>
 #include <string.h>
 
-#include "io.h"
 #include "push_priv.h"
 #include "rights.h"
-
-enum { HASH_BUFFER = 64 << 10 };
-
-/* From where the sum has come to, to `end` or the end of the file. */
-static int hash_to(struct push_hashing *h, uint64_t end, struct err *err)
-{
-	uint8_t *buf = malloc(HASH_BUFFER);
-	size_t n = 1;
-	int r = h->sum && buf ? 0 : err_set(err, ERR_NOMEM, "no memory to read a file");
-
-	while (!r && h->at < end && n) {
-		n = end - h->at < HASH_BUFFER ? (size_t)(end - h->at) : HASH_BUFFER;
-		r = io_read_some(h->fd, buf, n, h->at, h->name, &n, err);
-		if (r)
-			break;
-		digest_stream_add(h->sum, buf, n);
-		h->at += n;
-		if (atomic_load(&h->push->cancel))
-			r = err_set(err, ERR_CANCELLED, "the push was ended");
-	}
-	free(buf);
-	return r;
-}
-
-void push_hash_begin(struct push_hashing *h, struct push *p, int fd, const char *name)
-{
-	*h = (struct push_hashing){.push = p, .sum = digest_stream_new(), .fd = fd, .name = name};
-}
-
-void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n)
-{
-	struct push_hashing *h = ctx;
-	struct err ignored = ERR_INIT; /* what cannot be read is found, and told, when the rest is */
-
-	if (!h->sum || h->missed)
-		return;
-	if (at > h->at && hash_to(h, at, &ignored))
-		h->missed = true;
-	if (at != h->at) {
-		h->missed = true;
-		return;
-	}
-	digest_stream_add(h->sum, bytes, n);
-	h->at += n;
-}
-
-int push_hash_end(struct push_hashing *h, uint64_t size, struct digest *ret, struct err *err)
-{
-	int r;
-
-	if (h->missed) {
-		push_hash_free(h);
-		push_hash_begin(h, h->push, h->fd, h->name);
-	}
-	r = hash_to(h, size, err);
-	if (!r)
-		*ret = digest_stream_end(h->sum);
-	push_hash_free(h);
-	return r;
-}
-
-void push_hash_free(struct push_hashing *h)
-{
-	h->sum = digest_stream_free(h->sum);
-}
-
-int push_hash(struct push *p, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err)
-{
-	struct push_hashing h;
-
-	push_hash_begin(&h, p, fd, name);
-	return push_hash_end(&h, size, ret, err);
-}
 
 int push_known_index(const struct grid_manifest *m, struct names *ret, struct err *err)
 {
@@ -115,25 +42,38 @@ static bool same_file(const struct push_ask *a, const struct grid_source *s)
 	return same_times(s, &a->id);
 }
 
-/* A live source of `m` that is this file; *ret_path: there is one of its path at least. */
-static const struct grid_source *find(const struct grid_manifest *m, const struct names *paths, const struct push_ask *a,
-				      bool *ret_path)
+/* Live sources that are this file, the first of each. */
+struct found {
+	const struct grid_source *same, *other; /* read as this push would, and otherwise */
+	bool path;                              /* there is one of its path at least */
+};
+
+static void note(const struct push *p, const struct push_ask *a, const struct grid_source *s, struct found *found)
 {
+	const struct grid_source **at = push_reading_same(p, a, s) ? &found->same : &found->other;
+
+	if (!*at)
+		*at = s;
+}
+
+static struct found find(const struct push *p, const struct grid_manifest *m, const struct names *paths, const struct push_ask *a)
+{
+	struct found found = {NULL, NULL, false};
 	size_t at = NAMES_START;
 	uint32_t i;
 
 	while (names_next(paths, a->path, &at, &i)) {
-		*ret_path = true;
+		found.path = true;
 		if (same_file(a, &m->sources[i]))
-			return &m->sources[i];
+			note(p, a, &m->sources[i], &found);
 	}
-	for (size_t k = 0; a->checksum && k < m->nsources; k++) {
+	for (size_t k = 0; a->checksum && !found.same && k < m->nsources; k++) {
 		const struct grid_source *s = &m->sources[k];
 
 		if (!s->removed && !digest_is_zero(s->hash) && s->size == a->id.size && digest_equal(s->hash, a->hash))
-			return s;
+			note(p, a, s, &found);
 	}
-	return NULL;
+	return found;
 }
 
 /* The same file twice in one push. */
@@ -180,6 +120,11 @@ static int check_beside(const struct push *p, struct push_ask *a, const struct g
 							       a->path);
 }
 
+static bool same_content(const struct push *p, const struct push_ask *a, const struct grid_source *s)
+{
+	return s->size == a->id.size && digest_equal(s->hash, a->hash) && push_reading_same(p, a, s);
+}
+
 /* What a file would replace, if it is that file already, whatever its times say: then nothing changes. */
 static int find_unchanged(struct push *p, struct push_ask *a, const struct grid_source **ret)
 {
@@ -191,11 +136,10 @@ static int find_unchanged(struct push *p, struct push_ask *a, const struct grid_
 	if (!a->checksum)
 		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	while (!r && names_next(&p->base_paths, a->path, &at, &i))
-		if (all[i].size == a->id.size && digest_equal(all[i].hash, a->hash))
+		if (same_content(p, a, &all[i]))
 			*ret = &all[i];
 	for (size_t k = 0; !r && a->target && k < p->base->nsources; k++)
-		if (!all[k].removed && push_replace_means(&all[a->target - 1], &all[k]) && all[k].size == a->id.size &&
-		    digest_equal(all[k].hash, a->hash))
+		if (!all[k].removed && push_replace_means(&all[a->target - 1], &all[k]) && same_content(p, a, &all[k]))
 			*ret = &all[k];
 	return r;
 }
@@ -235,17 +179,33 @@ static int find_successor(struct push *p, struct push_ask *a, const struct grid_
 	return r;
 }
 
+/* It lies there from the interrupted push. */
+static void adopt(struct push *p, struct push_ask *a)
+{
+	const struct found found = find(p, p->adopt, &p->adopt_paths, a);
+	const struct grid_source *s = found.same ? found.same : found.other;
+
+	if (!s)
+		return;
+	a->adopted = (size_t)(s - p->adopt->sources);
+	a->known = p->adopt_taken[a->adopted] ? PUSH_KNOWN : PUSH_ADOPTED;
+	a->in.points = s->points;
+}
+
 int push_known(struct push *p, struct push_ask *a)
 {
-	const struct grid_source *s = NULL, *t = NULL;
-	bool path = false, ignored, targeted = *a->replaces;
+	struct found found = {NULL, NULL, false};
+	const struct grid_source *s = NULL;
+	bool replaces = *a->replaces;
 	int r = 0;
 
 	a->known = PUSH_NEW;
-	if (targeted)
+	if (replaces)
 		r = find_successor(p, a, &s);
 	if (r)
 		return r;
+	if (s && !push_reading_same(p, a, s))
+		return push_reading_refuse(p, a, s);
 	if (s) {
 		a->target = 0;
 		a->known = PUSH_KNOWN;
@@ -258,10 +218,12 @@ int push_known(struct push *p, struct push_ask *a)
 	if (a->checksum && !a->told)
 		r = push_hash(p, a->fd, a->id.size, a->name, &a->hash, &a->err);
 	if (!r && p->base)
-		s = find(p->base, &p->base_paths, a, &path);
-	if (!r && s && (targeted || (path && a->replace)))
-		r = check_beside(p, a, s);
-	if (!r && !s && (targeted || (path && a->replace)))
+		found = find(p, p->base, &p->base_paths, a);
+	replaces |= found.path && a->replace;
+	s = found.same;
+	if (!r && replaces && (s || found.other))
+		r = check_beside(p, a, s ? s : found.other);
+	if (!r && replaces && !s)
 		r = find_unchanged(p, a, &s);
 	if (r)
 		return r;
@@ -270,15 +232,11 @@ int push_known(struct push *p, struct push_ask *a)
 		a->in.points = s ? s->points : 0;
 		return 0;
 	}
-	if (path && !a->add && !a->replace && !targeted)
+	if (found.other && !a->add && !replaces)
+		return push_reading_refuse(p, a, found.other);
+	if (found.path && !a->add && !replaces)
 		return other_content(p, a);
 	if (p->adopt && push_same_reading(p, a))
-		t = find(p->adopt, &p->adopt_paths, a, &ignored);
-	if (t) {
-		a->adopted = (size_t)(t - p->adopt->sources);
-		a->known = p->adopt_taken[a->adopted] ? PUSH_KNOWN : PUSH_ADOPTED;
-		a->in.points = t->points;
-		return 0;
-	}
+		adopt(p, a);
 	return 0;
 }

@@ -18,12 +18,12 @@ enum { MEMBERS_MAX = GRID_LANES - 1, STEP_MAX = 16, STEPS = 8, HELPINGS_MAX = 12
 
 struct member {
 	struct sched_task task; /* of helpers; the first has the push's */
-	struct push_crew *crew;
+	struct push_helpers *crew;
 	uint64_t begin; /* of its helping */
 	uint64_t told;  /* points of it */
 };
 
-struct push_crew {
+struct push_helpers {
 	struct push *push;
 	struct push_ask *ask;
 	const struct input *whole;
@@ -57,7 +57,7 @@ static int progress(void *ctx, uint64_t points)
 
 static void helping_over(struct member *m, int r, const struct err *err, const struct pipe_ingested *in)
 {
-	struct push_crew *c = m->crew;
+	struct push_helpers *c = m->crew;
 
 	push_guard_lock(&c->guard);
 	if (!r) {
@@ -72,7 +72,7 @@ static void helping_over(struct member *m, int r, const struct err *err, const s
 /* Worker: the next helping; false: there is none. */
 static bool help(struct member *m)
 {
-	struct push_crew *c = m->crew;
+	struct push_helpers *c = m->crew;
 	const struct pipe_ingest_params params = {
 		.lattice = &c->push->lattice,
 		.stage = c->push->stage,
@@ -100,13 +100,13 @@ static bool help(struct member *m)
 	return true;
 }
 
-static bool over(struct push_crew *c)
+static bool over(struct push_helpers *c)
 {
 	return atomic_load(&c->next) >= c->parts || atomic_load(&c->failed) < c->parts;
 }
 
 /* Loop: the last one gone answers. */
-static void leave(struct push_crew *c)
+static void leave(struct push_helpers *c)
 {
 	struct push_ask *a = c->ask;
 
@@ -120,7 +120,7 @@ static void leave(struct push_crew *c)
 	push_task_over(c->push);
 }
 
-static void set_state(struct push_crew *c, int state)
+static void set_state(struct push_helpers *c, int state)
 {
 	push_guard_lock(&c->guard);
 	c->state = state;
@@ -129,7 +129,7 @@ static void set_state(struct push_crew *c, int state)
 }
 
 /* Worker: a lane for each. */
-static void split(struct push_crew *c)
+static void split(struct push_helpers *c)
 {
 	const struct grid_guard guard = push_guard_of(&c->guard);
 	struct err err = ERR_INIT;
@@ -158,7 +158,7 @@ static void first_run(struct sched_task *t)
 static void first_done(struct sched_task *t)
 {
 	struct push *p = (struct push *)((char *)t - offsetof(struct push, task));
-	struct push_crew *c = p->asks->crew;
+	struct push_helpers *c = p->asks->crew;
 
 	if (t->ran && t->bytes)
 		sched_give(p->jobs->p.sched, t->name, t->bytes);
@@ -175,7 +175,7 @@ static void first_done(struct sched_task *t)
 
 static void helper_run(struct sched_task *t)
 {
-	struct push_crew *c = ((struct member *)t)->crew;
+	struct push_helpers *c = ((struct member *)t)->crew;
 	bool ready;
 
 	push_guard_lock(&c->guard);
@@ -190,7 +190,7 @@ static void helper_run(struct sched_task *t)
 static void helper_done(struct sched_task *t)
 {
 	struct member *m = (struct member *)t;
-	struct push_crew *c = m->crew;
+	struct push_helpers *c = m->crew;
 
 	if (t->ran)
 		sched_give(c->push->jobs->p.sched, t->name, t->bytes);
@@ -225,7 +225,7 @@ static unsigned count_members(struct push *p, const struct input_info *info)
 
 /* Small ones, so that nobody waits long for the last; but each goes through the list of all parts to find its own,
  * so of many parts there are not more than HELPINGS_MAX, unless so many members want theirs. */
-uint64_t push_crew_step(uint64_t parts, unsigned members)
+uint64_t push_helpers_step(uint64_t parts, unsigned members)
 {
 	uint64_t step = parts / (members * STEPS), most = parts / HELPINGS_MAX;
 
@@ -233,11 +233,11 @@ uint64_t push_crew_step(uint64_t parts, unsigned members)
 	return step < 1 ? 1 : step > most ? most : step;
 }
 
-int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
+int push_helpers_start(struct push *p, struct push_ask *a, struct err *err)
 {
 	const struct input_info *info = input_info(a->whole);
 	unsigned n = count_members(p, info);
-	struct push_crew *c = calloc(1, sizeof *c + n * sizeof *c->member);
+	struct push_helpers *c = calloc(1, sizeof *c + n * sizeof *c->member);
 
 	int r;
 
@@ -252,7 +252,7 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	c->ask = a;
 	c->whole = a->whole;
 	c->parts = info->parts;
-	c->step = push_crew_step(c->parts, n);
+	c->step = push_helpers_step(c->parts, n);
 	atomic_store(&c->failed, c->parts);
 	c->err = ERR_INIT;
 	push_guard_init(&c->guard);
@@ -282,7 +282,7 @@ int push_crew_start(struct push *p, struct push_ask *a, struct err *err)
 	return 0;
 }
 
-uint64_t push_crew_held(const struct push_crew *c)
+uint64_t push_helpers_held(const struct push_helpers *c)
 {
 	uint64_t bytes = 0;
 
@@ -291,7 +291,7 @@ uint64_t push_crew_held(const struct push_crew *c)
 	return bytes;
 }
 
-struct push_crew *push_crew_free(struct push_crew *c)
+struct push_helpers *push_helpers_free(struct push_helpers *c)
 {
 	if (c)
 		push_guard_free(&c->guard);

@@ -32,31 +32,6 @@ void push_stage_name(uint64_t id, char name[48])
 	snprintf(name, 48, "push-%llu", (unsigned long long)id);
 }
 
-/* How one file is to be read, where that is said for each. */
-static void reading_text(const struct push_ask *a, char ret[PUSH_READING_SIZE])
-{
-	snprintf(ret, PUSH_READING_SIZE, "%.16s:%.40s", a->format, a->columns);
-}
-
-void push_note_reading(struct push *p, const struct push_ask *a)
-{
-	char text[PUSH_READING_SIZE];
-
-	reading_text(a, text);
-	if (!*p->reading)
-		memcpy(p->reading, text, sizeof text);
-	else if (strcmp(p->reading, text))
-		snprintf(p->reading, sizeof p->reading, "several"); /* no file's */
-}
-
-bool push_same_reading(const struct push *p, const struct push_ask *a)
-{
-	char text[PUSH_READING_SIZE];
-
-	reading_text(a, text);
-	return !strcmp(p->reading, text);
-}
-
 /* What was assumed, all of it: two systems may differ in the last word of a long name, or have one name. */
 static void assume_text(const struct crs_info *a, char ret[DIGEST_HEX_SIZE])
 {
@@ -76,8 +51,9 @@ static void choices_text(const struct push *p, char *buf, size_t size)
 	char assume[DIGEST_HEX_SIZE];
 
 	assume_text(&p->assume, assume);
-	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s assume=%s,%s,%s reading=%s", p->planar,
-		 p->accept_truncated, p->utm, p->plane.geoid, p->assume.unit_xy, p->assume.unit_z, assume, p->reading);
+	snprintf(buf, size, "planar=%d accept-truncated=%d utm=%.15s geoid=%.45s %s=%s,%s,%s reading=%s", p->planar,
+		 p->accept_truncated, p->utm, p->plane.geoid, p->overrides ? "override" : "assume", p->assume.unit_xy,
+		 p->assume.unit_z, assume, p->reading);
 }
 
 /* ---- leaving ---- */
@@ -252,7 +228,7 @@ static void drop(struct dataset *d, struct pending *q, const char *why)
 
 void pending_expire(struct dataset *d)
 {
-	int64_t now = jobs_sure_us(d->jobs);
+	int64_t now = jobs_trusted_us(d->jobs);
 	struct pending **at = &d->pending, *q;
 
 	while ((q = *at)) {

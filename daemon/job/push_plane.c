@@ -208,7 +208,9 @@ static int choose(struct push *p, struct err *err)
 		if (!*p->utm || own_plane(p))
 			return 0;
 		err_set(err, ERR_USAGE, "--utm projects degrees, and no input says that it has any");
-		return err_add_hint(err, "leave it out, or say what the coordinates are with --assume-crs");
+		return err_add_hint(
+			err, "leave it out, or say what the coordinates are with --assume-crs, or with --override-crs where "
+			     "the inputs say something else");
 	}
 	from = *degrees->crs;
 	without_heights(p, from.text);
@@ -247,7 +249,7 @@ static int check_heights(const struct push *p, const struct crs_info *crs, struc
 		return 0;
 	err_set(err, ERR_USAGE, "its heights (EPSG:%u) are %s already", z,
 		ellipsoidal ? "ellipsoidal" : "above a geoid or a datum of heights");
-	return err_add_hint(err, "leave --geoid out, or mend what it says of itself with --assume-crs");
+	return err_add_hint(err, "leave --geoid out, or override what it says of itself with --override-crs");
 }
 
 int push_plane_of(const struct push *p, const struct crs_info *crs, struct push_plane_step *ret, struct err *err)

@@ -4,6 +4,7 @@
 
 #include "geoids.h"
 #include "job_priv.h"
+#include "lock.h"
 #include "names.h"
 #include "push_guard.h"
 
@@ -75,7 +76,7 @@ struct push_ask {
 	int fd;
 	char *name, *format, *columns, *path;
 	char *replaces; /* file of the dataset, by path or name; "": none */
-	bool checksum, add, replace, projected;
+	bool checksum, add, replace, projected, decimal_comma;
 	bool told; /* hash and size of what a stream will bring were said */
 	uint64_t told_size;
 	bool sealing;               /* a commit, by several workers now */
@@ -86,6 +87,7 @@ struct push_ask {
 	struct err err;
 	struct input_info info;
 	char info_format[16];
+	char overridden[GRID_SOURCE_OVERRIDDEN]; /* what its records say, where the push overrides that */
 	struct push_input_id id;
 	uint32_t source;
 	struct pipe_ingested in;
@@ -94,13 +96,14 @@ struct push_ask {
 	enum push_known_as known;
 	size_t target;       /* 1 + which source of push.base `replaces` means; 0: none */
 	struct input *whole; /* a file that several workers read; closed by the loop */
-	struct push_crew *crew;
+	struct push_helpers *crew;
 	size_t adopted; /* which source of push.adopt it is */
 };
 
 struct push_probed {
 	char *name;
-	const char *path; /* behind the name */
+	const char *path;                 /* behind the name */
+	const char *overridden, *reading; /* as grid_source has them; of push.texts */
 	struct push_input_id id;
 	struct lattice_input coords;
 	const struct crs_info *crs;   /* what it says; one of push.crs_seen, as the next */
@@ -133,7 +136,7 @@ struct push {
 	void *ctx;
 	struct job_peer peer;
 	char *scale_xy, *scale_z, *format, *utm, *geoid, *geoid_way;
-	bool planar, accept_truncated, has_crop;
+	bool planar, accept_truncated, strict, has_crop;
 	double crop[4];
 
 	struct sched_task task;
@@ -157,14 +160,19 @@ struct push {
 	char base_name[64];
 	bool has_lattice;
 	struct lattice lattice;
+	char lattice_note[512]; /* what it does to inputs that did not ask for it; "" */
 	struct push_plane plane;
 	char crs[512], unit_xy[16], unit_z[16];
 	char crs_of[256]; /* who says so: the dataset, or an input */
 	bool has_crs, assumes;
+	bool overrides;         /* `assume` is in place of what the inputs say */
 	struct crs_info assume; /* for inputs that say nothing */
 	struct push_probed *probes;
 	size_t nprobes;
 	struct names probe_names, probe_paths;
+	char **texts; /* what is kept of many files alike, each once */
+	size_t ntexts;
+	struct names text_keys;
 	struct push_crs **crs_seen; /* what the probes say, each once */
 	size_t ncrs;
 	struct names crs_keys;
@@ -202,11 +210,12 @@ struct push {
 	uint64_t unsynced_points;
 	uint64_t synced_ns, begun_ns, asked_ns, commit_ns; /* the last: when the commit was asked for first */
 
-	struct grid_manifest *made; /* by the commit */
+	struct grid_manifest *made;  /* by the commit */
+	struct dataset_next becomes; /* by `made` */
 	char made_name[64];
 
 	struct push_space {
-		pthread_mutex_t lock;           /* of what is not atomic */
+		struct lock lock;               /* of what is not atomic */
 		_Atomic uint64_t taken, staged; /* bytes of the disk; points of files that are read */
 		uint64_t promised;              /* of `taken`, not written yet */
 		uint64_t own, owed;             /* of user-disk, taken of who pushes; of the owner, if that is another one */
@@ -214,6 +223,7 @@ struct push {
 		struct err why;                 /* there is no room for more */
 	} space;
 	_Atomic uint64_t progress, claimed; /* points of the file that a worker reads */
+	_Atomic uint64_t hashed, hash_end;  /* bytes of the file that is read for its sum alone; 0: none is */
 	uint64_t told_ns;
 	atomic_bool cancel;
 };
@@ -298,10 +308,10 @@ void push_pump(struct push *);
 void push_task_over(struct push *);
 
 /* push_parts.c: a->whole by several workers; push_task_over when all are done */
-int push_crew_start(struct push *, struct push_ask *, struct err *err);
-struct push_crew *push_crew_free(struct push_crew *);
-uint64_t push_crew_held(const struct push_crew *);         /* of LEDGER_INPUT, by those who help; NULL: none */
-uint64_t push_crew_step(uint64_t parts, unsigned members); /* parts that are read at a time */
+int push_helpers_start(struct push *, struct push_ask *, struct err *err);
+struct push_helpers *push_helpers_free(struct push_helpers *);
+uint64_t push_helpers_held(const struct push_helpers *);      /* of LEDGER_INPUT, by those who help; NULL: none */
+uint64_t push_helpers_step(uint64_t parts, unsigned members); /* parts that are read at a time */
 /* push_ask.c: when all was read: hash it, and see that it is still the same file. */
 int push_file_finish(struct push *, struct push_ask *);
 
@@ -370,14 +380,18 @@ int push_adopt(struct push *, struct err *err);
 void push_adopted(struct push *);
 void push_adopt_nothing(struct push *);
 void push_unclaim(struct push *);
-/* Format and columns that were asked for a file: that of all staged ones is kept; is this one's the same? */
+
+/* push_reading.c: how files are read */
+/* For the manifest; what it is and what its records say is known. */
+void push_reading_text(const struct push *, const struct push_ask *, char ret[GRID_SOURCE_READING]);
+/* Whether this push would read a source of the dataset as it was read; and the error that it would not. */
+bool push_reading_same(const struct push *, const struct push_ask *, const struct grid_source *);
+int push_reading_refuse(const struct push *, struct push_ask *, const struct grid_source *);
+/* The same of an interrupted push: format and columns that were asked for all its files; are they those of this one? */
 void push_note_reading(struct push *, const struct push_ask *);
 bool push_same_reading(const struct push *, const struct push_ask *);
 
-/* push_known.c: what the dataset has already */
-int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err);
-/* Sets a->known, and a->in.points of what is known; refuses another file of a name that is there. */
-int push_known(struct push *, struct push_ask *);
+/* push_hash.c: sums of inputs */
 /* XXH3-128 of the first `size` bytes. */
 int push_hash(struct push *, int fd, uint64_t size, const char *name, struct digest *ret, struct err *err);
 /* The same, of what somebody else reads anyway (input_options.seen): only the rest is read for it. */
@@ -385,6 +399,17 @@ void push_hash_begin(struct push_hashing *, struct push *, int fd, const char *n
 void push_hash_seen(void *ctx, uint64_t at, const void *bytes, size_t n);
 int push_hash_end(struct push_hashing *, uint64_t size, struct digest *ret, struct err *err); /* and frees */
 void push_hash_free(struct push_hashing *);                                                   /* what was begun */
+/* Bytes behind what a header tells of that a pushed file may have. */
+enum { PUSH_TRAILING_MOST = 1 << 30 };
+/* ERR_INPUT if it has more. */
+int push_hash_bounded(const struct input_info *, uint64_t size, const char *name, struct err *err);
+/* The same, before a sum that is made before the header is read. */
+int push_hash_look(struct push_ask *, const struct input_options *, struct err *err);
+
+/* push_known.c: what the dataset has already */
+int push_known_index(const struct grid_manifest *, struct names *ret_paths, struct err *err);
+/* Sets a->known, and a->in.points of what is known; refuses another file of a name that is there. */
+int push_known(struct push *, struct push_ask *);
 
 /* push_replace.c: what it puts others in the place of */
 int push_replace_target(struct push *, struct push_ask *);
@@ -398,9 +423,10 @@ void push_replace_free(struct push *);
 /* push_crs.c: coordinate systems and units */
 int push_assume_read(struct push *, const struct push_params *, struct err *err);
 /* Fills what the input `name` leaves open. -ERR_INPUT: it says something else. */
-int push_assume(const struct push *, const char *name, struct crs_info *, struct err *err);
+int push_assume(const struct push *, struct push_ask *); /* into its info.crs, overridden and err */
 /* What the dataset is in decides for every further input. */
 void push_crs_of_dataset(struct push *, const char *text, const char *unit_xy, const char *unit_z);
+bool push_crs_is(const struct push *, const struct grid_manifest *); /* what it is in is what the push is in */
 /* All that were probed, and the dataset, must be one; the push's texts are decided. The error names two. */
 int push_crs_agree(struct push *, struct err *err);
 /* dataset_create.c: what a dataset that was created beforehand asks of its first push */

@@ -20,7 +20,7 @@ bool push_waits_in_vain(const struct push *p)
 {
 	bool younger = true; /* the list is by age, the youngest first */
 
-	if (admit_tally(p->jobs, 0).walks)
+	if (admit_tally(p->jobs, 0).runs)
 		return false;
 	for (const struct push *q = p->jobs->pushes; q; q = q->next) {
 		if (q == p)
@@ -77,7 +77,7 @@ int push_room(struct push *p, uint64_t bytes, struct err *err)
 	/* With a stage in hand nobody waits: others may wait for that. */
 	if (!p->stage_bytes && !push_waits_in_vain(p))
 		return PUSH_WAIT;
-	if (!admit_tally(j, 0).walks && jobs_staged(j) == push_stage_bytes(p))
+	if (!admit_tally(j, 0).runs && jobs_staged(j) == push_stage_bytes(p))
 		return too_many(p, err);
 	err_set(err, ERR_BUSY, "there is no memory now to keep %zu files in mind", p->nprobes + 1);
 	return err_add_hint(err, "push again when other jobs are done, or give acutd more memory");
@@ -194,10 +194,51 @@ static int add(struct push *p, const char *name, const char *path, struct push_p
 	return r;
 }
 
+/* One of push.texts, which stay for the sources that are made of the files. NULL: no memory. */
+static const char *share_text(struct push *p, const char *text)
+{
+	struct err ignored = ERR_INIT;
+	size_t at = NAMES_START;
+	char **more, *copy;
+	uint32_t i;
+
+	if (names_next(&p->text_keys, text, &at, &i))
+		return p->texts[i];
+	more = realloc(p->texts, (p->ntexts + 1) * sizeof *more);
+	if (!more)
+		return NULL;
+	p->texts = more;
+	copy = strdup(text);
+	if (!copy || names_put(&p->text_keys, copy, (uint32_t)p->ntexts, &ignored)) {
+		free(copy);
+		return NULL;
+	}
+	return p->texts[p->ntexts++] = copy;
+}
+
+/* A text of the manifest, in *at. */
+static int keep_text(struct push *p, const char *text, const char **at, struct err *err)
+{
+	const char *kept;
+	int r;
+
+	if (*at && !strcmp(*at, text))
+		return 0;
+	/* As often as a path: kept, and in what the commit writes and reads. */
+	r = push_room(p, 4 * (strlen(text) + 1), err);
+	if (r)
+		return r;
+	kept = share_text(p, text);
+	if (!kept)
+		return no_memory(err);
+	*at = kept;
+	return 0;
+}
+
 int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *err)
 {
 	struct push_probed *at = push_find_probe(p, ask->name);
-	char key[DIGEST_HEX_SIZE];
+	char key[DIGEST_HEX_SIZE], reading[GRID_SOURCE_READING];
 	const struct crs_info *crs = find_crs(p, &ask->info.crs, key);
 	int r = 0;
 
@@ -218,6 +259,12 @@ int push_remember_probe(struct push *p, const struct push_ask *ask, struct err *
 		err_add_hint(err, "bytes that are not UTF-8 count as '?' in names: rename one of them, or push it alone");
 		return err_add_file(err, at->name);
 	}
+	push_reading_text(p, ask, reading);
+	r = keep_text(p, ask->overridden, &at->overridden, err);
+	if (!r)
+		r = keep_text(p, reading, &at->reading, err);
+	if (r)
+		return r;
 	at->id = ask->id;
 	at->coords = ask->info.coords;
 	at->coords.name = at->name;
@@ -292,12 +339,18 @@ void push_forget_probes(struct push *p)
 		free(p->probes[i].why);
 	}
 	free(p->probes);
+	for (size_t i = 0; i < p->ntexts; i++)
+		free(p->texts[i]);
+	free(p->texts);
 	for (size_t i = 0; i < p->ncrs; i++)
 		free(p->crs_seen[i]);
 	free(p->crs_seen);
 	names_free(&p->probe_names);
 	names_free(&p->probe_paths);
 	p->probes = NULL;
+	names_free(&p->text_keys);
+	p->texts = NULL;
+	p->ntexts = 0;
 	names_free(&p->crs_keys);
 	p->crs_seen = NULL;
 	p->nprobes = p->ncrs = 0;

@@ -1,16 +1,16 @@
 /*
- * Sealing what was staged, by several workers at once (crew.h); they need no memory but the stage's.
+ * Sealing what was staged, by several workers at once (sched_group.h); they need no memory but the stage's.
  */
 #include <stdlib.h>
 
-#include "crew.h"
 #include "push_priv.h"
+#include "sched_group.h"
 
 struct push_sealing {
 	struct push *push;
 	struct grid_seal *seal;
 	struct push_guard guard; /* the engine's */
-	struct crew *crew;
+	struct sched_group *group;
 };
 
 static bool step(void *ctx, unsigned member)
@@ -35,7 +35,7 @@ struct push_sealing *push_sealing_new(struct push *p, struct err *err)
 {
 	unsigned threads = sched_threads(p->jobs->p.sched);
 	struct push_sealing *s = calloc(1, sizeof *s);
-	struct crew_params crew = {.sched = p->jobs->p.sched, .owner = p->owner, .step = step, .over = over, .ctx = s};
+	struct sched_group_params group = {.sched = p->jobs->p.sched, .owner = p->owner, .step = step, .over = over, .ctx = s};
 	struct grid_guard guard;
 
 	if (!s) {
@@ -48,9 +48,9 @@ struct push_sealing *push_sealing_new(struct push *p, struct err *err)
 	threads = threads < GRID_LANES ? threads : GRID_LANES;
 	if (grid_seal_begin(p->stage, threads, &guard, &s->seal, err))
 		return push_sealing_free(s);
-	crew.members = grid_seal_workers(s->seal);
-	crew.members = crew.members < threads ? crew.members : threads;
-	return crew_new(&crew, &s->crew, err) ? push_sealing_free(s) : s;
+	group.members = grid_seal_workers(s->seal);
+	group.members = group.members < threads ? group.members : threads;
+	return sched_group_new(&group, &s->group, err) ? push_sealing_free(s) : s;
 }
 
 struct push_sealing *push_sealing_free(struct push_sealing *s)
@@ -59,7 +59,7 @@ struct push_sealing *push_sealing_free(struct push_sealing *s)
 		return NULL;
 	grid_seal_free(s->seal);
 	push_guard_free(&s->guard);
-	crew_free(s->crew);
+	sched_group_free(s->group);
 	free(s);
 	return NULL;
 }
@@ -68,7 +68,7 @@ int push_sealing_finish(struct push_sealing *s, struct grid_segment_info *ret, s
 {
 	int r;
 
-	crew_work(s->crew);
+	sched_group_run(s->group);
 	r = grid_seal_finish(s->seal, ret, err);
 	s->seal = NULL;
 	return r;
@@ -76,10 +76,10 @@ int push_sealing_finish(struct push_sealing *s, struct grid_segment_info *ret, s
 
 void push_sealing_start(struct push_sealing *s)
 {
-	crew_start(s->crew);
+	sched_group_start(s->group);
 }
 
 void push_sealing_end(struct push_sealing *s)
 {
-	crew_end(s->crew);
+	sched_group_end(s->group);
 }

@@ -9,6 +9,7 @@
  * after the commit, with the owner of the dataset too (limit.c). Both have it back when the push ends, however it does:
  * then what it left counts, a new generation with the owner, an interrupted push with who pushed.
  */
+#include <assert.h>
 #include <stdio.h>
 
 #include "push_priv.h"
@@ -42,7 +43,6 @@ static uint64_t beyond(uint64_t want, uint64_t has)
 	return want > has ? want - has : 0;
 }
 
-/* Under the lock. */
 static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err)
 {
 	struct push_space *s = &p->space;
@@ -50,6 +50,7 @@ static int take(struct push *p, uint64_t bytes, uint64_t points, struct err *err
 	char what[64];
 	int r = 0;
 
+	assert(lock_held(LOCK_PUSH_SPACE));
 	snprintf(what, sizeof what, "a push of %llu points", (unsigned long long)points);
 	/* When it is published it is the owner's: the segment, without the runs. */
 	if (s->owner != p->peer.uid) {
@@ -105,10 +106,10 @@ int push_space_plan(struct push *p, struct err *err)
 			points = UINT64_MAX / 64;
 	}
 	need = bytes_of(p, points);
-	pthread_mutex_lock(&p->space.lock);
+	lock_take(&p->space.lock);
 	if (need > atomic_load(&p->space.taken))
 		r = take(p, need - atomic_load(&p->space.taken), points, err);
-	pthread_mutex_unlock(&p->space.lock);
+	lock_give(&p->space.lock);
 	return r;
 }
 
@@ -119,7 +120,7 @@ bool push_space_staged(struct push *p, uint64_t points)
 
 	if (need <= atomic_load(&p->space.taken))
 		return true;
-	pthread_mutex_lock(&p->space.lock);
+	lock_take(&p->space.lock);
 	taken = atomic_load(&p->space.taken);
 	if (need > taken && !p->space.why.code) {
 		uint64_t step = taken / 16 > STEP_LEAST ? taken / 16 : STEP_LEAST;
@@ -128,7 +129,7 @@ bool push_space_staged(struct push *p, uint64_t points)
 		if (take(p, need - taken + step, all, &err))
 			take(p, need - taken, all, &p->space.why);
 	}
-	pthread_mutex_unlock(&p->space.lock);
+	lock_give(&p->space.lock);
 	return !p->space.why.code;
 }
 
@@ -149,14 +150,16 @@ void push_space_tick(struct push *p)
 
 	/* What is in memory is not written. */
 	written = written > p->stage_bytes ? written - p->stage_bytes : 0;
-	pthread_mutex_lock(&s->lock);
+	/* A worker that holds it may be waiting for the file system; the next tick comes soon. */
+	if (!lock_try(&s->lock))
+		return;
 	open = atomic_load(&s->taken);
 	open = open > written ? open - written : 0;
 	if (open < s->promised) {
 		space_promise(p->jobs->space, kind_of(p), -(int64_t)(s->promised - open));
 		s->promised = open;
 	}
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 }
 
 void push_space_end(struct push *p)

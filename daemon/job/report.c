@@ -1,5 +1,5 @@
 /*
- * The report of a job: made from the totals of its walk, and kept in the catalogue as lines of "name value".
+ * The report of a job: made from the totals of its run, and kept in the catalogue as lines of "name value".
  * Names are only ever added; unknown ones are ignored, missing ones are zero.
  */
 #include <stddef.h>
@@ -44,6 +44,7 @@ static const struct {
 	FIELD(note, TEXT),
 	FIELD(domains_reused, NUMBER),
 	FIELD(window, NUMBER),
+	FIELD(most, TEXT),
 #undef FIELD
 };
 
@@ -276,9 +277,14 @@ void report_parse(const char *text, struct job_report *ret)
 void report_window(struct job_report *r)
 {
 	r->window = 1;
-	*r->note = 0;
+	*r->note = *r->most = 0;
 	if (!r->triangles)
 		snprintf(r->note, sizeof r->note, "no triangle of the mesh meets the area (is it in the dataset's coordinates?)");
+}
+
+bool report_without_flat(const struct job_report *r)
+{
+	return r->used && !r->vertices && !r->window;
 }
 
 void report_make(const struct pipe_totals *t, struct job_report *ret)
@@ -300,6 +306,9 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 	digest_hex(t->digest, ret->digest);
 	digest_hex(t->vertex_digest, ret->vertex_digest);
 	ret->peak_rss = jobs_peak_rss();
+	if (t->counts.most.points)
+		snprintf(ret->most, sizeof ret->most, "%llu %.17g %.17g", (unsigned long long)t->counts.most.points,
+			 t->most_at[0], t->most_at[1]);
 	if (t->triangles)
 		return;
 	if (!t->counts.points)
@@ -310,10 +319,10 @@ void report_make(const struct pipe_totals *t, struct job_report *ret)
 			 "fewer than three positions make no triangles");
 	else if (t->counts.used < 3)
 		snprintf(ret->note, sizeof ret->note,
-			 "the view leaves %llu distinct position(s), fewer than three, so the mesh has no "
-			 "triangles",
-			 (unsigned long long)t->counts.used);
+			 "the view leaves %llu distinct position%s, fewer than three: the mesh has vertices and no triangles",
+			 (unsigned long long)t->counts.used, t->counts.used == 1 ? "" : "s");
 	else
-		snprintf(ret->note, sizeof ret->note, "all %llu positions lie on one line, so the mesh has no triangles",
+		snprintf(ret->note, sizeof ret->note,
+			 "all %llu positions lie on one line: the mesh has vertices and no triangles",
 			 (unsigned long long)t->counts.used);
 }

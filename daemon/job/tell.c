@@ -12,6 +12,7 @@
 
 void tally_domain(struct jobs *j, uint32_t triangles)
 {
+	THREAD_LOOP_ONLY();
 	j->tally.domains_made++;
 	j->tally.triangles += triangles;
 }
@@ -31,6 +32,7 @@ void job_tell_end(const struct job *job)
 	const char *dataset = job->dataset ? job->dataset->name : "";
 	char what[128];
 
+	THREAD_LOOP_ONLY();
 	if (job->state == JOB_done) {
 		log_event(LOG_EVENT_JOB_DONE, ABOUT_JOB(job),
 			  "job %llu of %s is done: %llu triangles, %llu of %llu domains made, %.1f s",

@@ -13,7 +13,6 @@
 #include "sched_pool.h"
 
 #include <errno.h>
-#include <pthread.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <sys/eventfd.h>
@@ -22,7 +21,9 @@
 #include "clock.h"
 #include "err.h"
 #include "ledger.h"
+#include "lock.h"
 #include "sched_queue.h"
+#include "thread.h"
 
 enum { SPARES = 2 };
 
@@ -36,7 +37,7 @@ enum { STACK_BYTES = 256 << 10 };
 enum { STACK_TOUCHED = 128 << 10, BUFFER_BYTES = 64 << 10 };
 
 struct sched {
-	pthread_mutex_t lock;
+	struct lock lock;
 	pthread_cond_t wake, wake_spare;
 	struct ledger *ledger;
 	struct sched_queue *queue;
@@ -73,12 +74,12 @@ static void over_add(struct sched *s, struct sched_task *t)
 	s->over_end = &t->next;
 }
 
-/* Both kinds of threads look again. Opens the lock. */
+/* Unlocks, then wakes regular and spare workers. */
 static void leave_waking_all(struct sched *s)
 {
 	bool spare = s->lengthy == s->threads;
 
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	pthread_cond_broadcast(&s->wake);
 	if (spare)
 		pthread_cond_broadcast(&s->wake_spare);
@@ -102,7 +103,7 @@ static struct sched_task *take(struct worker *w)
 /* Opens the lock. Whoever is woken wants it first of all. */
 static void leave(struct worker *w)
 {
-	pthread_mutex_unlock(&w->sched->lock);
+	lock_give(&w->sched->lock);
 	if (w->tells)
 		notify(w->sched);
 	w->tells = false;
@@ -122,7 +123,7 @@ static void run(struct worker *w, struct sched_task *t)
 	begun = clock_mono_ns();
 	t->ran = true;
 	t->run(t);
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	s->lengthy -= lengthy;
 	sched_queue_over(s->queue, t, clock_mono_ns() - begun);
 	over_add(s, t);
@@ -135,7 +136,8 @@ static void *work(void *arg)
 	struct sched *s = w.sched;
 
 	free(arg);
-	pthread_mutex_lock(&s->lock);
+	thread_mark_helper();
+	lock_take(&s->lock);
 	for (;;) {
 		struct sched_task *t = take(&w);
 
@@ -144,14 +146,14 @@ static void *work(void *arg)
 		} else if (w.tells) {
 			/* Before it sleeps; something may have come meanwhile. */
 			leave(&w);
-			pthread_mutex_lock(&s->lock);
+			lock_take(&s->lock);
 		} else if (s->stop && sched_queue_empty(s->queue)) {
 			break;
 		} else {
-			pthread_cond_wait(w.spare ? &s->wake_spare : &s->wake, &s->lock);
+			lock_wait(&s->lock, w.spare ? &s->wake_spare : &s->wake);
 		}
 	}
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	return NULL;
 }
 
@@ -202,7 +204,7 @@ int sched_new(struct ledger *ledger, unsigned threads, struct sched **ret, struc
 
 	if (!s)
 		return err_set(err, ERR_NOMEM, "no memory for the scheduler");
-	pthread_mutex_init(&s->lock, NULL);
+	lock_init(&s->lock, LOCK_SCHED);
 	pthread_cond_init(&s->wake, NULL);
 	pthread_cond_init(&s->wake_spare, NULL);
 	s->ledger = ledger;
@@ -229,7 +231,7 @@ static void cancel_all(struct sched *s)
 {
 	struct sched_task *t;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	while ((t = sched_queue_first(s->queue))) {
 		sched_queue_remove(s->queue, t);
 		atomic_store(&t->cancel, true);
@@ -237,7 +239,7 @@ static void cancel_all(struct sched *s)
 	}
 	for (t = sched_queue_running(s->queue); t; t = t->next)
 		atomic_store(&t->cancel, true);
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	notify(s);
 }
 
@@ -249,11 +251,11 @@ struct sched *sched_free(struct sched *s)
 		return NULL;
 	if (s->queue)
 		cancel_all(s);
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	s->stop = true;
 	pthread_cond_broadcast(&s->wake);
 	pthread_cond_broadcast(&s->wake_spare);
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	for (i = 0; i < s->started; i++)
 		pthread_join(s->thread[i], NULL);
 	if (s->event >= 0) {
@@ -262,7 +264,7 @@ struct sched *sched_free(struct sched *s)
 	}
 	pthread_cond_destroy(&s->wake);
 	pthread_cond_destroy(&s->wake_spare);
-	pthread_mutex_destroy(&s->lock);
+	lock_done(&s->lock);
 	free(s->thread);
 	sched_queue_free(s->queue);
 	free(s);
@@ -273,7 +275,7 @@ void sched_submit(struct sched *s, struct sched_task *t)
 {
 	bool over, spare;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	t->ran = t->took = false;
 	s->busy++;
 	over = s->stop || atomic_load(&t->cancel);
@@ -282,7 +284,7 @@ void sched_submit(struct sched *s, struct sched_task *t)
 		over_add(s, t);
 	else
 		sched_queue_add(s->queue, t);
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	if (over) {
 		notify(s);
 		return;
@@ -296,11 +298,11 @@ void sched_cancel(struct sched *s, struct sched_task *t)
 {
 	bool waited;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	atomic_store(&t->cancel, true);
 	waited = sched_queue_remove(s->queue, t);
 	if (!waited) {
-		pthread_mutex_unlock(&s->lock);
+		lock_give(&s->lock);
 		return;
 	}
 	over_add(s, t);
@@ -324,7 +326,7 @@ unsigned sched_dispatch(struct sched *s)
 	for (;;) {
 		struct sched_task *t;
 
-		pthread_mutex_lock(&s->lock);
+		lock_take(&s->lock);
 		t = s->over;
 		if (t) {
 			s->over = t->next;
@@ -332,7 +334,7 @@ unsigned sched_dispatch(struct sched *s)
 				s->over_end = &s->over;
 			s->busy--;
 		}
-		pthread_mutex_unlock(&s->lock);
+		lock_give(&s->lock);
 		if (!t)
 			return n;
 		t->took = false;
@@ -345,15 +347,15 @@ uint64_t sched_taken(struct sched *s, const struct sched_task *t)
 {
 	uint64_t bytes;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	bytes = t->took ? t->bytes : 0;
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	return bytes;
 }
 
 void sched_give(struct sched *s, enum ledger_name name, uint64_t bytes)
 {
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	if (bytes)
 		ledger_give(s->ledger, name, bytes);
 	leave_waking_all(s);
@@ -363,9 +365,9 @@ uint64_t sched_starved(struct sched *s)
 {
 	uint64_t starved;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	starved = s->starved;
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	return starved;
 }
 
@@ -373,17 +375,17 @@ int64_t sched_service(struct sched *s, uint32_t uid)
 {
 	int64_t service;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	service = sched_queue_service(s->queue, uid);
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	return service;
 }
 
 void sched_flow(struct sched *s, uint64_t flow, struct sched_flow *ret)
 {
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	sched_queue_flow(s->queue, flow, ret);
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 }
 
 unsigned sched_threads(const struct sched *s)
@@ -395,9 +397,9 @@ bool sched_others_wait(struct sched *s, uint64_t flow)
 {
 	bool wait;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	wait = sched_queue_others_wait(s->queue, flow);
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	return wait;
 }
 
@@ -405,8 +407,8 @@ unsigned sched_busy(struct sched *s)
 {
 	unsigned busy;
 
-	pthread_mutex_lock(&s->lock);
+	lock_take(&s->lock);
 	busy = s->busy;
-	pthread_mutex_unlock(&s->lock);
+	lock_give(&s->lock);
 	return busy;
 }

@@ -29,6 +29,18 @@ static void removed_counts(const struct job_report *r, struct message_job *m)
 	m->report.removed_counts = m->removed_counts;
 }
 
+static void most_message(const struct job_report *r, Acut__V1__Report *ret)
+{
+	unsigned long long points;
+	double x, y;
+
+	if (sscanf(r->most, "%llu %lf %lf", &points, &x, &y) != 3)
+		return;
+	ret->most_points = points;
+	ret->most_x = x;
+	ret->most_y = y;
+}
+
 static void report_message(const struct job_report *r, bool counts, struct message_job *m)
 {
 	acut__v1__report__init(&m->report);
@@ -53,6 +65,7 @@ static void report_message(const struct job_report *r, bool counts, struct messa
 	m->report.peak_rss_bytes = r->peak_rss;
 	m->report.note = (char *)r->note;
 	m->report.window = r->window;
+	most_message(r, &m->report);
 	if (counts)
 		removed_counts(r, m);
 	else

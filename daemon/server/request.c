@@ -6,7 +6,7 @@
 
 static void request_hello(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	static char *features[] = {(char *)"push", (char *)"mesh"};
+	static char *features[] = {(char *)"push", (char *)"mesh", (char *)"mode", (char *)"decimal-comma", (char *)"override"};
 	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
 	struct err err = ERR_INIT;
 

@@ -1,7 +1,7 @@
 /*
  * Doctor: what the daemon can see of whether all is well, as checks: a name, a state, a sentence, and what to do.
  *
- * The model: a worker looks at disks and grids (house_look), the rest is known; then all checks are made at once. "wrong"
+ * The model: a worker looks at disks and grids (health_check), the rest is known; then all checks are made at once. "wrong"
  * is what keeps the service from what it promises, now: somebody has to do something. A "warning" may become that.
  * Counts are since the start of the daemon. What is checked from the client's side (socket, clock, groups) is the client's.
  */
@@ -78,7 +78,7 @@ static void check_rights(struct visit *v, const struct server *s, const struct j
 		say(v, "group", OK, "", "members of the group %s may submit", s->p.rights.group);
 }
 
-static void check_files(struct visit *v, const struct house_looked *h)
+static void check_files(struct visit *v, const struct health *h)
 {
 	static const char hint[] = "raise LimitNOFILE= of acutd.service (16384), or the limit of the shell that starts acutd";
 	unsigned n = h->open_files;
@@ -129,7 +129,7 @@ static void check_clock(struct visit *v)
 }
 
 /* All threads are there from the start: what is too few keeps the next start from succeeding. */
-static void check_tasks(struct visit *v, const struct server *s, const struct house_looked *h)
+static void check_tasks(struct visit *v, const struct server *s, const struct health *h)
 {
 	uint64_t most = s->p.tasks_most ? s->p.tasks_most() : UINT64_MAX;
 
@@ -169,7 +169,7 @@ static void add_near(struct near *l, uint64_t has, uint64_t most, bool bytes, co
 	l->near |= has >= most - most / 10;
 }
 
-static void check_limits(struct visit *v, const struct conn *c, const struct house_looked *h)
+static void check_limits(struct visit *v, const struct conn *c, const struct health *h)
 {
 	struct near l = {.n = 0};
 	struct jobs_own own;
@@ -196,7 +196,7 @@ static void check_limits(struct visit *v, const struct conn *c, const struct hou
 
 /* ---- the disk ---- */
 
-static void check_side(struct visit *v, const char *name, const char *folder, const struct house_side *h,
+static void check_side(struct visit *v, const char *name, const char *folder, const struct health_side *h,
 		       const struct space_side *s)
 {
 	static const char room[] =
@@ -270,7 +270,7 @@ static void check_damage(struct visit *v)
 		say(v, "damage", OK, "", "nothing damaged was met since the start");
 }
 
-static void check_geoids(struct visit *v, const struct house_looked *h)
+static void check_geoids(struct visit *v, const struct health *h)
 {
 	if (h->geoids_bad || (!h->geoids && *h->geoid_why))
 		say(v, "geoids", WRONG, "remove it and add it again: acutctl geoid rm, acutctl geoid add",
@@ -357,7 +357,7 @@ static void check_log(struct visit *v, const struct server *s)
 
 /* ---- all ---- */
 
-static void looked(void *token, const struct err *why, const struct house_looked *h)
+static void looked(void *token, const struct err *why, const struct health *h)
 {
 	struct visit *v = token;
 	struct request *q = v->q;
@@ -405,5 +405,5 @@ void request_doctor(struct conn *c, struct request *q, Acut__V1__Message *m, int
 	v->doctor.checks = v->checks;
 	v->client_us = m->doctor_request->now_us;
 	v->q = q;
-	house_look(c->server->jobs, &c->peer, looked, v);
+	health_check(c->server->jobs, &c->peer, looked, v);
 }

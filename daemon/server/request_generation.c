@@ -1,6 +1,7 @@
 /*
  * Requests about the generations of a dataset: a worker reads the manifest, and a page of it is the answer.
  */
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -127,7 +128,7 @@ static const struct grid_source *next_file(const struct grid_manifest *m, uint64
 
 struct message_file {
 	Acut__V1__DatasetFile file;
-	char name[GRID_SOURCE_NAME], hash[DIGEST_HEX_SIZE];
+	char name[GRID_SOURCE_NAME], hash[DIGEST_HEX_SIZE], overridden[GRID_SOURCE_OVERRIDDEN];
 };
 
 static void message_file(const struct grid_source *s, uint64_t g, bool owner, struct message_file *m)
@@ -144,6 +145,8 @@ static void message_file(const struct grid_source *s, uint64_t g, bool owner, st
 	if (!digest_is_zero(s->hash))
 		m->file.hash = digest_hex(s->hash, m->hash);
 	m->file.removed = done_to(s, g) < 0;
+	snprintf(m->overridden, sizeof m->overridden, "%s", s->overridden);
+	m->file.overridden = frame_text_clean(m->overridden);
 }
 
 static void answer_files(const struct page_ask *ask, bool owner, const struct grid_manifest *m)

@@ -3,6 +3,7 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/epoll.h>
@@ -53,8 +54,24 @@ struct message_probed {
 	Acut__V1__Probed probed;
 	char scale[3][DECIMAL_TEXT_SIZE], offset[3][DECIMAL_TEXT_SIZE], *scales[3], *offsets[3];
 	struct input_info info;
-	char name[256];
+	char name[256], crs_name[256], warning[704];
 };
+
+/* The names of the numbers: "A", "A + B" with heights. */
+static void crs_name(const struct crs_system *s, char *ret, size_t size)
+{
+	const char *plane = crs_epsg_name(s->epsg), *heights = crs_epsg_name(s->epsg_z);
+
+	snprintf(ret, size, "%s%s%s", plane, *plane && *heights ? " + " : "", heights);
+}
+
+static void warning(const struct input_info *info, char *ret, size_t size)
+{
+	char remark[400];
+
+	crs_epsg_remark(&info->crs, remark, sizeof remark);
+	snprintf(ret, size, "%s%s%s", info->warning, *info->warning && *remark ? "; " : "", remark);
+}
 
 static void message_probed(const char *name, const struct input_info *info, struct message_probed *m)
 {
@@ -73,6 +90,8 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.format = (char *)info->format;
 	m->probed.variant = frame_text_clean(m->info.variant);
 	m->probed.points = info->claimed;
+	m->probed.left_out = info->left_out;
+	m->probed.left_out_line = info->left_out_line;
 	m->probed.n_min = m->probed.n_max = m->probed.n_scale = m->probed.n_offset = 3;
 	m->probed.min = m->info.coords.min;
 	m->probed.max = m->info.coords.max;
@@ -85,7 +104,10 @@ static void message_probed(const char *name, const struct input_info *info, stru
 	m->probed.epsg = info->crs.system.epsg;
 	m->probed.epsg_z = info->crs.system.epsg_z;
 	m->probed.plane = (char *)planes[info->crs.plane];
-	m->probed.warning = frame_text_clean(m->info.warning);
+	crs_name(&info->crs.system, m->crs_name, sizeof m->crs_name);
+	m->probed.crs_name = frame_text_clean(m->crs_name);
+	warning(info, m->warning, sizeof m->warning);
+	m->probed.warning = frame_text_clean(m->warning);
 }
 
 static void described(void *token, const struct err *why, const char *name, const struct input_info *info)
@@ -118,6 +140,12 @@ static void inspected(void *token, const struct err *why, const struct inspect_r
 	m.n_min = m.n_max = res->in.points ? 3 : 0;
 	m.min = (double *)res->in.min;
 	m.max = (double *)res->in.max;
+	m.n_inner_min = m.n_inner_max = m.n_min;
+	m.inner_min = (double *)res->in.inner_min;
+	m.inner_max = (double *)res->in.inner_max;
+	m.most_points = res->in.most.points;
+	m.most_x = res->in.most_at[0];
+	m.most_y = res->in.most_at[1];
 	m.n_classes = 256;
 	m.classes = (uint64_t *)res->in.classes;
 	m.n_returns = m.n_return_counts = 16;
@@ -168,6 +196,7 @@ static void probed(void *token, const struct err *why, const struct push_probe_r
 static void planned(void *token, const struct err *why, const struct push_planned *p)
 {
 	Acut__V1__PushPlanned m = ACUT__V1__PUSH_PLANNED__INIT;
+	char note[512];
 
 	if (why) {
 		request_refuse(token, why);
@@ -178,6 +207,8 @@ static void planned(void *token, const struct err *why, const struct push_planne
 	m.zone = (char *)p->zone;
 	m.datum = (char *)p->datum;
 	m.geoid = (char *)p->geoid;
+	snprintf(note, sizeof note, "%s", p->note);
+	m.note = frame_text_clean(note);
 	request_answer(token, FRAME_MESSAGE(PUSH_PLANNED, push_planned, &m));
 }
 
@@ -211,7 +242,10 @@ static void staged(void *token, const struct err *why, const struct push_file *f
 	m.bytes_read = in.bytes_read;
 	m.bytes = in.bytes;
 	m.partial = in.partial;
+	m.left_out = in.left_out;
+	m.left_out_line = in.left_out_line;
 	m.replaced = file->replaced;
+	m.overridden = (char *)file->overridden;
 	request_answer(token, FRAME_MESSAGE(FILE_DONE, file_done, &m));
 }
 
@@ -365,11 +399,15 @@ void request_push_begin(struct conn *c, struct request *q, Acut__V1__Message *m,
 		.assume_crs = in->assume_crs,
 		.assume_unit_xy = in->assume_unit_xy,
 		.assume_unit_z = in->assume_unit_z,
+		.override_crs = in->override_crs,
+		.override_unit_xy = in->override_unit_xy,
+		.override_unit_z = in->override_unit_z,
 		.utm = in->utm,
 		.geoid = in->geoid,
 		.geoid_way = in->geoid_way,
 		.planar = in->planar,
 		.accept_truncated = in->accept_truncated,
+		.strict = in->strict,
 		.crop = in->crop,
 		.ncrop = in->n_crop,
 		.peer = c->peer,
@@ -412,6 +450,7 @@ void request_probe(struct conn *c, struct request *q, Acut__V1__Message *m, int 
 		.name = probe->name,
 		.format = probe->format,
 		.columns = probe->columns,
+		.decimal_comma = probe->decimal_comma,
 		.checksum = probe->checksum,
 		.add = probe->add,
 		.replace = probe->replace,
@@ -441,6 +480,7 @@ void request_file(struct conn *c, struct request *q, Acut__V1__Message *m, int f
 		.name = m->file->name,
 		.format = m->file->format,
 		.columns = m->file->columns,
+		.decimal_comma = m->file->decimal_comma,
 	};
 	struct push *p = find(c, q, m->file->push);
 
@@ -503,11 +543,12 @@ void request_push_abort(struct conn *c, struct request *q, Acut__V1__Message *m,
 
 void request_info(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, m->info_request->columns, &c->peer,
-		  described, q);
+	push_info(c->server->jobs, fd, m->info_request->name, m->info_request->format, m->info_request->columns,
+		  m->info_request->decimal_comma, &c->peer, described, q);
 }
 
 void request_inspect(struct conn *c, struct request *q, Acut__V1__Message *m, int fd)
 {
-	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns, &c->peer, inspected, q);
+	inspect_file(c->server->jobs, fd, m->inspect->name, m->inspect->format, m->inspect->columns, m->inspect->decimal_comma,
+		     &c->peer, inspected, q);
 }

@@ -1,5 +1,5 @@
 /*
- * What a stream of changes says between its head and its blocks (STREAM.md, "Changes"). It is copied from the walk, so
+ * What a stream of changes says between its head and its blocks (STREAM.md, "Changes"). It is copied from the run, so
  * that what is told does not wait for a slow pipe, and goes out through one frame that is filled again and again.
  */
 #include "stream_changes.h"

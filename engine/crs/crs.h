@@ -109,6 +109,11 @@ const char *crs_assume_unit(const char *text);
 const char *crs_text_heights(const char *text);
 void crs_text_plane(const char *text, char ret[CRS_TEXT_SIZE]);
 
+/* The name that EPSG gives the system of a number; "": it is in no table. */
+const char *crs_epsg_name(unsigned code);
+/* Where EPSG has other units for the numbers of a system than it has, or such as have no name here: in words; else "". */
+void crs_epsg_remark(const struct crs_info *, char *ret, size_t size);
+
 /* Metres of a length unit by its name; 0: it is none. */
 double crs_unit_metres(const char *name);
 

@@ -91,20 +91,20 @@ int crs_assume_text(const char *text, size_t size, struct crs_info *ret, struct 
 	while (size && (*text == ' ' || *text == '\n' || *text == '\r'))
 		text++, size--;
 	if (!size)
-		return err_set(err, ERR_USAGE, "the coordinate system to assume is empty");
+		return err_set(err, ERR_USAGE, "the coordinate system that is given is empty");
 	crs_info_clear(&made);
 	/* round brackets are WKT's too, but stand in names as well */
 	if ((memchr(text, '[', size) || text[size - 1] == ')') && crs_read_wkt(text, size, ret))
 		return 0;
 	if (memchr(text, '[', size)) {
-		err_set(err, ERR_USAGE, "the coordinate system to assume is no WKT that can be read");
+		err_set(err, ERR_USAGE, "the coordinate system that is given is no WKT that can be read");
 		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
 	}
 	for (size_t i = 0; i < size; i++)
 		if (text[i] < 0x20 || text[i] >= 0x7f)
-			return err_set(err, ERR_USAGE, "the coordinate system to assume is not printable ASCII");
+			return err_set(err, ERR_USAGE, "the coordinate system that is given is not printable ASCII");
 	if (size > 200) {
-		err_set(err, ERR_USAGE, "the coordinate system to assume is neither a WKT nor a name");
+		err_set(err, ERR_USAGE, "the coordinate system that is given is neither a WKT nor a name");
 		return err_add_hint(err, "give EPSG:n, or a file with a PROJCS, PROJCRS or COMPD_CS");
 	}
 	plus = memmem(text, size, " + ", 3);

@@ -136,3 +136,12 @@ void crs_datum_of_epsg(struct crs_system *s, unsigned code)
 		}
 	}
 }
+
+char *crs_ellipsoid_text(const struct crs_system *s, char buf[CRS_ELLIPSOID_TEXT])
+{
+	if (s->inverse_flattening == 0)
+		snprintf(buf, CRS_ELLIPSOID_TEXT, "a sphere of %.10g m", s->a);
+	else
+		snprintf(buf, CRS_ELLIPSOID_TEXT, "the ellipsoid %.10g m, 1/%.12g", s->a, s->inverse_flattening);
+	return buf;
+}

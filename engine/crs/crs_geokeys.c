@@ -229,7 +229,7 @@ static void read_ellipsoid(const struct crs_records *records, struct crs_system 
 
 	if (number(records, KEY_SEMI_MAJOR, &a) && a > 6.3e6 && a < 6.4e6) {
 		if (number(records, KEY_INVERSE_FLATTENING, &f) && (f == 0 || f > 100))
-			e = (struct crs_ellipsoid){a, f};
+			e = (struct crs_ellipsoid){a, isinf(f) ? 0 : f};
 		else if (number(records, KEY_SEMI_MINOR, &b) && b > 6.3e6 && b <= a)
 			e = (struct crs_ellipsoid){a, b == a ? 0 : a / (a - b)};
 	}

@@ -39,6 +39,9 @@ struct crs_ellipsoid {
 	double a, inverse_flattening;
 };
 
+/* Of a system whose `a` is known, for messages: "the ellipsoid 6378137 m, 1/298.25" or "a sphere of 6371000 m". */
+enum { CRS_ELLIPSOID_TEXT = 80 };
+char *crs_ellipsoid_text(const struct crs_system *, char buf[CRS_ELLIPSOID_TEXT]);
 bool crs_ellipsoid_of_epsg(unsigned code, struct crs_ellipsoid *ret);
 /* Sets system->datum, by the name of a datum or of a geographic system; the ellipsoid of a datum that is known
  * here is filled in where `system` has none, and taken away where it has another. */
@@ -76,11 +79,11 @@ void crs_method_settle(struct crs_system *, enum crs_way, const struct crs_param
 
 /* ---- systems by number ---- */
 
-/* What EPSG says of a projected, geographic or geocentric system, for those that need no table of thousands:
- * plane, units, datum, ellipsoid, method. False: not one of them, *ret untouched. */
+/* What EPSG says of a projected, geographic or geocentric system: plane, units, datum; ellipsoid and method where they
+ * are known here. False: not one of them, *ret untouched. */
 bool crs_epsg_system(unsigned code, struct crs_info *ret);
 const char *crs_epsg_height_unit(unsigned code); /* of a vertical system */
-/* The parts of a compound system: true if it is one of those known here. */
+/* The parts of a compound system. False: it is none. */
 bool crs_epsg_compound(unsigned code, unsigned *ret_horizontal, unsigned *ret_vertical);
 /* The number of a system by the name that EPSG or ESRI gives it; 0: none that is known here. */
 unsigned crs_epsg_of_name(const char *name, size_t size);

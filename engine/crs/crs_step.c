@@ -117,7 +117,8 @@ static int geoid_init(struct crs_step *s, const struct crs_step_params *p, struc
 		return err_add_hint(err, "say it with --assume-units, as in --assume-units ,m which is of z alone");
 	}
 	if (!s->project && (r = crs_geo_new(&s->from, &s->plane, err))) {
-		err_add_hint(err, "a geoid needs the place on the earth: say the system with --assume-crs");
+		err_add_hint(err, "a geoid needs the place on the earth: say the system with %s",
+			     strcmp(p->from->text, "unknown") ? "--override-crs" : "--assume-crs");
 		return r;
 	}
 	r = crs_geoid_open(p->geoid_path, &s->geoid, err);
@@ -228,7 +229,7 @@ static int no_place(double lat, double lon, struct err *err)
 	err_set(err, ERR_INPUT, "x %.10g, y %.10g is no longitude and latitude", lon, lat);
 	return err_add_hint(err, fabs(lon) <= 90 && lat >= -180 && lat <= 360 ?
 					 "x must be the longitude and y the latitude: they seem to be swapped" :
-					 "mend its coordinate system with --assume-crs, or take x and y as they are "
+					 "name its real coordinate system with --override-crs, or take x and y as they are "
 					 "with --planar");
 }
 
@@ -421,6 +422,8 @@ static int coords_of_degrees(struct crs_step *s, const struct crs_step_params *p
 
 	for (k = 0; k < 2; k++) {
 		out->scale[k] = scale_of_degrees(in->scale[k]);
+		out->coarsest[k] = (struct decimal){0, 0};
+		out->rounds[k] = false;
 		good = good && isfinite(in->min[k]) && isfinite(in->max[k]) && in->min[k] <= in->max[k];
 		out->min[k] = out->max[k] = NAN;
 	}

@@ -106,7 +106,7 @@ static void take_ellipsoid(struct wkt_system *s, const struct wkt_node *n)
 		a *= n->unit.angle ? 0 : n->unit.factor;
 	if (a > 6.3e6 && a < 6.4e6 && (f == 0 || f > 100)) {
 		s->a = a;
-		s->inverse_flattening = f;
+		s->inverse_flattening = isinf(f) ? 0 : f; /* both mean a sphere */
 	}
 }
 

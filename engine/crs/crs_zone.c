@@ -111,15 +111,15 @@ int crs_zone_datum(const struct crs_info *g, struct err *err)
 		err_set(err, ERR_UNSUPPORTED, "its coordinates are angles, but not degrees (%.200s)", g->text);
 	} else if (s->a != 6378137.0 ||
 		   (fabs(s->inverse_flattening - 298.257223563) > 1e-6 && fabs(s->inverse_flattening - 298.257222101) > 1e-6)) {
-		err_set(err, ERR_UNSUPPORTED,
-			"its datum (%.60s) stands on the ellipsoid %.10g m, 1/%.12g; only WGS 84 and GRS 80 are "
-			"projected",
-			*s->datum ? s->datum : g->text, s->a, s->inverse_flattening);
+		char ellipsoid[CRS_ELLIPSOID_TEXT];
+
+		err_set(err, ERR_UNSUPPORTED, "its datum (%.60s) stands on %s; only WGS 84 and GRS 80 are projected",
+			*s->datum ? s->datum : g->text, crs_ellipsoid_text(s, ellipsoid));
 	} else {
 		return 0;
 	}
-	return err_add_hint(err, "say what the degrees are with --assume-crs (as EPSG:4326), or triangulate them "
-				 "as they are with --planar");
+	return err_add_hint(err, "say what the degrees are with %s (as EPSG:4326), or triangulate them as they are with --planar",
+			    crs_is_unknown(g->text) ? "--assume-crs" : "--override-crs");
 }
 
 /* ---- systems ---- */
@@ -215,7 +215,7 @@ static int not_degrees(const struct lattice_input *b, struct err *err)
 	err_set(err, ERR_INPUT, "its coordinates should be degrees, but x runs from %.10g to %.10g and y from %.10g to %.10g",
 		b->min[0], b->max[0], b->min[1], b->max[1]);
 	err_add_hint(err, swapped ? "x must be the longitude and y the latitude: they seem to be swapped" :
-				    "mend its coordinate system with --assume-crs, or take x and y as they are with "
+				    "name its real coordinate system with --override-crs, or take x and y as they are with "
 				    "--planar");
 	return err_add_file(err, b->name ? b->name : "");
 }

@@ -1,6 +1,6 @@
 /*
  * Cutting: regions (dyadic boxes of circumcentres), which triangles they own, which points they load,
- * and the plan of a mesh (ALGORITHM 4, DESIGN of domains). A region is opaque outside this room.
+ * and the plan of a mesh (docs/design/algorithm.md 3 to 5). A region is opaque outside this room.
  */
 #ifndef CUT_H
 #define CUT_H
@@ -49,7 +49,7 @@ size_t cut_region_above(const struct cut_region *root, const struct cut_region *
 unsigned cut_region_ranges(const struct cut_region *, struct cut_range ret[4]);
 bool cut_region_holds(const struct cut_region *, int32_t x, int32_t y);
 
-/* Owner test, exact (ALGORITHM 4.2). a, b, c counter-clockwise. */
+/* Owner test, exact (algorithm.md 3). a, b, c counter-clockwise. */
 bool cut_region_owns(const struct cut_region *, const int32_t a[2], const int32_t b[2], const int32_t c[2]);
 
 /*
@@ -71,6 +71,7 @@ struct cut_load {
 	struct mesh_vertex *out;
 	uint32_t cap;
 	const struct cut_sites *sites; /* of the plan, for a leaf that is `known`: its halo is not read; else NULL */
+	bool flat;                     /* of a leaf that is `flat`: only its own positions are loaded */
 	void *scratch;
 	size_t scratch_size;
 	/* NULL; or a trace of the same region, lattice and view that stands (cut_valid.h) and fits: the halo is looked for no
@@ -97,6 +98,7 @@ struct cut_leaf {
 	bool looked, there; /* pipe_refine: it was looked for in the store; it is there, and unchanged */
 	bool changed;       /* likewise: what is there is of other points */
 	bool fits;          /* own + halo fitted when it was made last: the probe passes it */
+	bool flat;          /* the whole plan is of positions without triangles (cut_plan_flat): it has no halo */
 	uint8_t stuck;      /* consecutive levels without progress above it */
 	uint64_t above;     /* own + halo of the region it was cut out of because they did not fit; else 0 */
 };
@@ -122,7 +124,7 @@ enum { CUT_BYTES_PER_POSITION = 80 };
 /* Split the root until each leaf has at most `load` positions. No points: no leaves. Its ledger is the grid's. */
 int cut_plan_make(struct grid_reader *, uint32_t load, struct cut_plan *ret, struct err *err);
 /* Replace leaf i by its two halves (in order). `need` as cut_load said, for the error's text:
- * -ERR_LIMIT when eight levels brought no progress (ALGORITHM 4.6). */
+ * -ERR_LIMIT when eight levels brought no progress (algorithm.md 5). */
 int cut_plan_split(struct cut_plan *, size_t i, struct grid_reader *, uint64_t need, uint32_t cap, struct err *err);
 /* Likewise, but for no need: what fits fits in halves too. False in *ret: it is one position wide. */
 int cut_plan_halve(struct cut_plan *, size_t i, struct grid_reader *, bool *ret, struct err *err);
@@ -137,5 +139,11 @@ enum { CUT_SITES_BYTES = 8 };
 int cut_plan_probe_rim(struct cut_plan *, struct grid_reader *, const struct view *, uint32_t cap, void *scratch,
 		       size_t scratch_size, struct err *err);
 void cut_plan_done(struct cut_plan *); /* empty again, the ledger stays */
+/* Of a plan whose positions are fewer than three or all collinear: marks its leaves; whether they are marked. */
+void cut_plan_make_flat(struct cut_plan *);
+static inline bool cut_plan_flat(const struct cut_plan *plan)
+{
+	return plan->n && plan->leaf[0].flat;
+}
 
 #endif

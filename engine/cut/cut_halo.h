@@ -1,6 +1,6 @@
 /*
  * The halo of a region: the sites outside it whose closed Voronoi cell meets its border, found by reading
- * only the cells that can matter (ALGORITHM 4.3).
+ * only the cells that can matter (algorithm.md 4).
  */
 #ifndef CUT_HALO_H
 #define CUT_HALO_H

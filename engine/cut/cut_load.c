@@ -20,6 +20,7 @@ struct own {
 	struct cut_load *load;
 	struct cut_judge judge;
 	struct point last; /* the record taken so far of the last position */
+	uint64_t here;     /* points of that position */
 };
 
 static int own_points(void *ctx, const struct point *pts, size_t n, struct err *err)
@@ -29,6 +30,7 @@ static int own_points(void *ctx, const struct point *pts, size_t n, struct err *
 	struct mesh_counts *counts = &l->counts;
 	const struct point *last = &o->last;
 	uint32_t own = l->own;
+	uint64_t here = o->here;
 
 	(void)err;
 	counts->points += n;
@@ -42,17 +44,21 @@ static int own_points(void *ctx, const struct point *pts, size_t n, struct err *
 		}
 		if (own > 0 && last->x == p->x && last->y == p->y) {
 			counts->removed[VIEW_BY_DUPLICATE]++;
+			mesh_most_add(&counts->most, ++here, p->x, p->y);
 			if (!view_prefers(o->judge.view, p, last))
 				continue;
 			own--;
 		} else if (own == l->cap) {
 			l->own = own;
 			return CUT_E_FULL;
+		} else {
+			here = 1;
 		}
 		last = p;
 		l->out[own++] = (struct mesh_vertex){p->x, p->y, p->z};
 	}
 	o->last = *last;
+	o->here = here;
 	l->own = own;
 	return 0;
 }
@@ -137,6 +143,11 @@ int cut_load_from(const struct cut_source *src, const struct view *view, const s
 	if (rc)
 		return rc;
 	load->counts.used = load->own;
+	if (load->flat) {
+		load->counts.points_read = load->counts.points;
+		load->n = load->own;
+		return 0;
+	}
 	if (load->before)
 		cut_halo_before(h, load->before);
 	if (load->trace)

@@ -204,6 +204,12 @@ void cut_plan_done(struct cut_plan *plan)
 	*plan = (struct cut_plan){.ledger = plan->ledger};
 }
 
+void cut_plan_make_flat(struct cut_plan *plan)
+{
+	for (size_t i = 0; i < plan->n; i++)
+		plan->leaf[i].flat = true;
+}
+
 static int plan_root(const struct cut_source *src, const struct cut_region *root, uint32_t load, struct cut_plan *plan,
 		     struct err *err)
 {
@@ -277,7 +283,7 @@ static int plan_cut(const struct cut_source *src, struct cut_plan *plan, size_t 
 	int rc;
 
 	for (unsigned k = 0; k < 2; k++) {
-		child[k] = (struct cut_leaf){.region = half[k], .above = above, .stuck = stuck};
+		child[k] = (struct cut_leaf){.region = half[k], .above = above, .stuck = stuck, .flat = plan->leaf[i].flat};
 		rc = region_bound(src, &half[k], &child[k].count, &child[k].exact, err);
 		if (rc)
 			return rc;

@@ -281,8 +281,8 @@ bool cut_region_owns(const struct cut_region *r, const int32_t a[2], const int32
 }
 
 /*
- * The ray is where the Voronoi edge of a and b goes, so all of ALGORITHM 4.1 holds of its end too: whoever owns that end has
- * loaded a and b, and whatever would lie beyond their edge.
+ * The ray is where the Voronoi edge of a and b goes, so all of the theorem of algorithm.md 3 holds of its end too: whoever owns
+ * that end has loaded a and b, and whatever would lie beyond their edge.
  */
 bool cut_region_owns_hull(const struct cut_region *r, const int32_t a[2], const int32_t b[2])
 {

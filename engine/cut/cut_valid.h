@@ -28,7 +28,7 @@ struct cut_live {
 
 /*
  * The trace of a load. `range`: of Morton keys, ascending, disjoint and not adjacent, with the content sums of the live
- * records in them; the region's own ranges are inside. `site`: the border chains (ALGORITHM 4.3), those of the finite
+ * records in them; the region's own ranges are inside. `site`: the border chains (algorithm.md 4), those of the finite
  * borders in the order left, right, lower, upper; of these sites x and y count. `live`: where it was made.
  */
 struct cut_trace {

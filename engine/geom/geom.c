@@ -10,7 +10,7 @@
 #include <math.h>
 
 /* Four distinct positions on one circle: the lexicographically largest one is lifted infinitely more
- * than the others, and its cofactor, an orientation of three of them, is never zero (ALGORITHM 1). */
+ * than the others, and its cofactor, an orientation of three of them, is never zero (algorithm.md 1). */
 int geom_incircle_tie(const int32_t a[2], const int32_t b[2], const int32_t c[2], const int32_t d[2])
 {
 	const int32_t *largest = geom_less(a, b) ? b : a;

@@ -1,6 +1,6 @@
 /*
  * Exact signs on the integer lattice: orientation, in-circle with the tie order that makes the
- * triangulation unique, the side of a cut on which a circumcentre lies (ALGORITHM 1, 2, 4.2).
+ * triangulation unique, the side of a cut on which a circumcentre lies (docs/design/algorithm.md 1 to 3).
  *
  * Positions are int32_t[2], any of the full range. Every sign is that of the true value: nothing is
  * rounded, nothing overflows. Only the lift is perturbed (position p is lifted by x^2 + y^2 + eps, eps
@@ -69,7 +69,7 @@ static inline int geom_orient(const int32_t a[2], const int32_t b[2], const int3
  * The in-circle determinant from differences to the tested position d and heights of the lift relative
  * to it, all modulo 2^128: > 0 when d lies below the plane through the lifted a, b, c (inside, for
  * counter-clockwise a, b, c). Intermediates reach 2^131.6, so only the last value has a sign; unweighted
- * heights of full-range positions keep it below 2^127 (ALGORITHM 2).
+ * heights of full-range positions keep it below 2^127 (algorithm.md 2).
  */
 static inline geom_i128 geom_lift_det(int64_t ax, int64_t ay, geom_u128 az, int64_t bx, int64_t by, geom_u128 bz, int64_t cx,
 				      int64_t cy, geom_u128 cz)
@@ -129,7 +129,7 @@ static inline int geom_incircle(const int32_t a[2], const int32_t b[2], const in
 int geom_cut_side(const int32_t a[2], const int32_t b[2], const int32_t c[2], int64_t c2, bool vertical);
 
 /*
- * The inner function: N of ALGORITHM 4.2, the circumcentre less the cut times a positive number, from b and
+ * The inner function: N of algorithm.md 3, the circumcentre less the cut times a positive number, from b and
  * c relative to a and their heights relative to a's. `at` is a's coordinate across the cut; bv, cv are the
  * differences along it; area is geom_area(a, b, c). Exact for heights within 2^90.
  */

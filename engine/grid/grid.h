@@ -162,13 +162,18 @@ struct grid_source {
 	const struct grid_span *earlier;
 	size_t nearlier;
 	uint64_t points;
-	const char *name;   /* file name as pushed, at most 255 bytes; NULL is "" */
-	const char *path;   /* absolute, as the client saw it, at most 4095 bytes; "": none (a pipe) */
-	uint64_t size;      /* of the input, in bytes, and when it was last changed (ns since 1970); */
-	int64_t mtime_ns;   /* both 0 if unknown */
-	struct digest hash; /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
+	const char *name;       /* file name as pushed, at most 255 bytes; NULL is "" */
+	const char *path;       /* absolute, as the client saw it, at most 4095 bytes; "": none (a pipe) */
+	uint64_t size;          /* of the input, in bytes, and when it was last changed (ns since 1970); */
+	int64_t mtime_ns;       /* both 0 if unknown */
+	struct digest hash;     /* XXH3-128 (seed 0) of the input's bytes, zero if unknown */
+	const char *overridden; /* what its records said of its coordinates, where the push put something else in its place;
+				 * NULL is "": nothing, or they held */
+	uint64_t left_out;      /* of a text: lines without a value for a coordinate */
+	const char *reading;    /* how it was read (FORMAT.md); NULL is "": not known */
 };
-enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096 }; /* with the zero at the end */
+/* With the zero at the end. */
+enum { GRID_SOURCE_NAME = 256, GRID_SOURCE_PATH = 4096, GRID_SOURCE_OVERRIDDEN = 512, GRID_SOURCE_READING = 1024 };
 
 /* Whether its points count in that generation. */
 bool grid_source_live(const struct grid_source *, uint64_t generation);
@@ -253,7 +258,8 @@ uint64_t grid_points(const struct grid *); /* live records */
 bool grid_all_live(const struct grid *);   /* nothing that is read in this generation has to be left out */
 uint64_t grid_segment_points(const struct grid *, size_t segment);       /* likewise, of one segment of the manifest */
 struct digest grid_segment_content(const struct grid *, size_t segment); /* content sum of these */
-struct digest grid_content(const struct grid *);                         /* content sum of them, however they lie in segments */
+/* Identifies the live records of a generation: the same in every dataset and every division into segments. */
+struct digest grid_content(const struct grid *);
 /* Box of all points of all sources (not only live ones); false if there are none. */
 bool grid_box(const struct grid *, int32_t ret_box[4]);
 

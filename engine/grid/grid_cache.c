@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "grid_read.h"
+#include "lock.h"
 
 enum { NONE = UINT32_MAX };
 
@@ -19,7 +20,7 @@ struct frame {
 };
 
 struct grid_cache {
-	pthread_mutex_t lock;
+	struct lock lock;
 	size_t nframes, used;
 	uint32_t newest, oldest;
 	struct frame *frames;
@@ -38,7 +39,7 @@ struct grid_cache *grid_cache_new(size_t frames)
 
 	if (!c)
 		return NULL;
-	pthread_mutex_init(&c->lock, NULL);
+	lock_init(&c->lock, LOCK_GRID_CACHE);
 	c->nframes = frames < NONE ? frames : NONE - 1;
 	c->newest = c->oldest = NONE;
 	if (!frames)
@@ -57,7 +58,7 @@ struct grid_cache *grid_cache_free(struct grid_cache *c)
 {
 	if (!c)
 		return NULL;
-	pthread_mutex_destroy(&c->lock);
+	lock_done(&c->lock);
 	free(c->frames);
 	free(c->heads);
 	free(c->pages);
@@ -103,14 +104,14 @@ bool grid_cache_get(struct grid_cache *c, uint32_t segment, uint64_t place, void
 
 	if (!c->nframes)
 		return false;
-	pthread_mutex_lock(&c->lock);
+	lock_take(&c->lock);
 	i = find(c, segment, place);
 	if (i != NONE) {
 		memcpy(page, c->pages + i * (size_t)DISK_PAGE, DISK_PAGE);
 		unlink_use(c, i);
 		link_newest(c, i);
 	}
-	pthread_mutex_unlock(&c->lock);
+	lock_give(&c->lock);
 	return i != NONE;
 }
 
@@ -132,7 +133,7 @@ void grid_cache_put(struct grid_cache *c, uint32_t segment, uint64_t place, cons
 {
 	if (!c->nframes)
 		return;
-	pthread_mutex_lock(&c->lock);
+	lock_take(&c->lock);
 	if (find(c, segment, place) == NONE) { /* else another reader missed it too and was quicker */
 		uint32_t i = claim(c), *head = head_of(c, segment, place);
 
@@ -141,5 +142,5 @@ void grid_cache_put(struct grid_cache *c, uint32_t segment, uint64_t place, cons
 		link_newest(c, i);
 		memcpy(c->pages + i * (size_t)DISK_PAGE, page, DISK_PAGE);
 	}
-	pthread_mutex_unlock(&c->lock);
+	lock_give(&c->lock);
 }

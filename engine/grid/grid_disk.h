@@ -20,7 +20,8 @@ _Static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__, "structs are written a
 
 enum {
 	DISK_VERSION = 1,
-	DISK_MANIFEST_VERSION = 4, /* 1 had no paths, sizes and times of sources, 2 no geoid, 3 no generations; all are read */
+	DISK_MANIFEST_VERSION = 5, /* 1 had no paths, sizes and times of sources, 2 no geoid, 3 no generations, 4 nothing of
+				    * readings and overridden coordinate systems; all are read */
 	DISK_ALIGN = 16,
 	DISK_HEADER = 4096,     /* of a segment */
 	DISK_RUN_VERSION = 2,   /* 1 had blocks of any size */

@@ -26,6 +26,7 @@ enum {
 	SOURCE_LEAST = 4 + 3 * 8 + 2 * 8 + 2, /* of version 1 */
 	SOURCE_MORE = 2 * 8 + 2,              /* what version 2 adds */
 	SOURCE_SPANS = 2,                     /* what version 4 adds */
+	SOURCE_READ = 2 + 8 + 2,              /* what version 5 adds */
 	SPAN_BYTES = 2 * 8,
 	GENERATION_LEAST = 2 * 8 + 4 + 1 + 8 + 2 * 4 + 2 * 8 + 2 * 8 + 2,
 	TEXTS_MOST = 6 * 2 + LATTICE_TEXT_SIZE + 512 + 16 + 16 + GRID_GEOID + 256,
@@ -84,6 +85,9 @@ static void pack_source(struct packer *p, const struct grid_source *s)
 		packer_u64(p, s->earlier[i].added);
 		packer_u64(p, s->earlier[i].removed);
 	}
+	pack_text(p, s->overridden);
+	packer_u64(p, s->left_out);
+	pack_text(p, s->reading);
 }
 
 static void pack_generation(struct packer *p, const struct grid_generation *g)
@@ -155,8 +159,9 @@ static uint64_t bytes_most(const struct grid_manifest *m)
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
-		bytes += SOURCE_LEAST + SOURCE_MORE + SOURCE_SPANS + s->nearlier * SPAN_BYTES + (s->name ? strlen(s->name) : 0) +
-			 (s->path ? strlen(s->path) : 0);
+		bytes += SOURCE_LEAST + SOURCE_MORE + SOURCE_SPANS + SOURCE_READ + s->nearlier * SPAN_BYTES +
+			 (s->name ? strlen(s->name) : 0) + (s->path ? strlen(s->path) : 0) +
+			 (s->overridden ? strlen(s->overridden) : 0) + (s->reading ? strlen(s->reading) : 0);
 	}
 	for (size_t i = 0; i < m->ngenerations; i++)
 		bytes += GENERATION_LEAST + (m->generations[i].user ? strlen(m->generations[i].user) : 0);
@@ -274,14 +279,21 @@ static bool unpack_source(struct cursor *c, struct grid_manifest *m, uint32_t ve
 	ret->hash.lo = cursor_u64(c);
 	if (!keep_text(c, m, room, GRID_SOURCE_NAME, &ret->name))
 		return false;
-	ret->path = "";
+	ret->path = ret->overridden = ret->reading = "";
 	if (version < 2)
 		return !c->bad;
 	ret->size = cursor_u64(c);
 	ret->mtime_ns = (int64_t)cursor_u64(c);
 	if (!keep_text(c, m, room, GRID_SOURCE_PATH, &ret->path))
 		return false;
-	return version < 4 ? !c->bad : unpack_spans(c, m, spans_most, ret);
+	if (version >= 4 && !unpack_spans(c, m, spans_most, ret))
+		return false;
+	if (version < 5)
+		return !c->bad;
+	if (!keep_text(c, m, room, GRID_SOURCE_OVERRIDDEN, &ret->overridden))
+		return false;
+	ret->left_out = cursor_u64(c);
+	return keep_text(c, m, room, GRID_SOURCE_READING, &ret->reading);
 }
 
 static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t room, struct grid_generation *ret)
@@ -303,7 +315,9 @@ static bool unpack_generation(struct cursor *c, struct grid_manifest *m, size_t 
 /* Room for all texts, which are what is left: a zero in place of each two bytes of length. */
 static const char *take_texts(const struct cursor *c, uint32_t version, struct grid_manifest *m, size_t *ret_room)
 {
-	size_t each = version < 2 ? SOURCE_LEAST - 1 : SOURCE_LEAST + SOURCE_MORE - 2 + (version < 4 ? 0 : SOURCE_SPANS);
+	size_t each = version < 2 ? SOURCE_LEAST - 1 :
+				    SOURCE_LEAST + SOURCE_MORE - 2 + (version < 4 ? 0 : SOURCE_SPANS) +
+					    (version < 5 ? 0 : SOURCE_READ - 2);
 
 	if (m->nsources > cursor_left(c) / each)
 		return "it says more than it holds";

@@ -64,6 +64,10 @@ static const char *source_fault(const struct grid_manifest *m, const struct grid
 		return "the name of a source is too long";
 	if (s->path && !text_ok(s->path, GRID_SOURCE_PATH))
 		return "the path of a source is too long";
+	if (s->overridden && !text_ok(s->overridden, GRID_SOURCE_OVERRIDDEN))
+		return "what a source said of its coordinates is too long";
+	if (s->reading && !text_ok(s->reading, GRID_SOURCE_READING))
+		return "how a source was read is too long";
 	if (s->added > m->generation || s->removed > m->generation)
 		return "a source belongs to a generation that is not there yet";
 	if (s->removed && s->removed < s->added)

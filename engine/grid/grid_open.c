@@ -129,10 +129,11 @@ static int fill_lives(struct grid *g, uint64_t generation, struct err *err)
 
 	g->lives = calloc(m->nsources ? m->nsources : 1, sizeof *g->lives);
 	g->parts = calloc(m->nsegments ? m->nsegments : 1, sizeof *g->parts);
+	/* Also where the other table is missing: grid_close looks at them. */
+	for (size_t i = 0; g->parts && i < m->nsegments; i++)
+		g->parts[i].fd = -1;
 	if (!g->lives || !g->parts)
 		return err_set(err, ERR_NOMEM, "no memory for %zu sources and %zu segments", m->nsources, m->nsegments);
-	for (size_t i = 0; i < m->nsegments; i++)
-		g->parts[i].fd = -1;
 	for (size_t i = 0; i < m->nsources; i++) {
 		const struct grid_source *s = &m->sources[i];
 
@@ -246,10 +247,12 @@ bool grid_all_live(const struct grid *g)
 struct digest grid_content(const struct grid *g)
 {
 	struct digest sum = {0, 0};
+	uint64_t points = grid_points(g);
 
 	for (size_t i = 0; i < g->manifest->nsegments; i++)
 		digest_add(&sum, g->parts[i].live_sum);
-	return sum;
+	digest_add(&sum, digest_hash(&points, sizeof points));
+	return digest_hash(&sum, sizeof sum);
 }
 
 uint64_t grid_segment_points(const struct grid *g, size_t segment)

@@ -7,6 +7,7 @@
  */
 #include "input.h"
 #include "input_parts.h"
+#include "input_text.h"
 
 #include <errno.h>
 #include <stdarg.h>
@@ -59,7 +60,7 @@ int input_check_unchanged(struct input *in, struct err *err)
 	return 0;
 }
 
-static bool has_extension(const char *name, const char *extensions)
+bool input_has_extension(const char *name, const char *extensions)
 {
 	const char *dot = strrchr(name, '.');
 
@@ -77,17 +78,29 @@ static bool has_extension(const char *name, const char *extensions)
 }
 
 /* By content; where the content fits no format, by the name, so that the format's own reader says what
- * is wrong with it; an empty file without a telling name is an empty text. */
+ * is wrong with it. */
 static const struct input_row *recognise(const struct input *in, size_t n)
 {
 	for (size_t i = 0; n && i < input_n_rows; i++)
 		if (input_rows[i].matches(in->buffer, n) &&
-		    !(input_rows[i].open == input_xyz_open && has_extension(in->name, ".las .laz")))
+		    !(input_rows[i].open == input_xyz_open && input_has_extension(in->name, ".las .laz .ptx")))
 			return &input_rows[i];
 	for (size_t i = 0; i < input_n_rows; i++)
-		if (has_extension(in->name, input_rows[i].text->extensions))
+		if (input_has_extension(in->name, input_rows[i].text->extensions))
 			return &input_rows[i];
-	return n ? NULL : &input_rows[input_n_rows - 1];
+	return n ? NULL : &input_rows[input_n_rows - 1]; /* nothing but the mark of an encoding */
+}
+
+/* Of no bytes only the name says what they are: a text of no points is one, any other format has at least a head. */
+static int choose_empty(struct input *in, struct err *err)
+{
+	for (size_t i = 0; i < input_n_rows; i++)
+		if (input_rows[i].open == input_xyz_open && input_has_extension(in->name, input_rows[i].text->extensions))
+			in->row = &input_rows[i];
+	if (in->row)
+		return 0;
+	input_fail(in, err, ERR_TRUNCATED, 0, "header", "the file is empty (0 bytes)");
+	return err_add_hint(err, "copy it again; --input-format xyz takes it as a text without points");
 }
 
 static int choose_row(struct input *in, const char *format, struct err *err)
@@ -106,8 +119,12 @@ static int choose_row(struct input *in, const char *format, struct err *err)
 		return err_add_hint(err, "\"acutctl formats\" lists them");
 	}
 	rc = io_read_some(in->fd, in->buffer, INPUT_SNIFF, 0, in->name, &n, err);
-	if (rc)
-		return rc;
+	if (!rc)
+		n = input_encoding_sniff(in->buffer, n);
+	if (!rc)
+		rc = input_foreign_check(in, n, err);
+	if (rc || !in->size)
+		return rc ? rc : choose_empty(in, err);
 	in->row = recognise(in, n);
 	if (!in->row) {
 		input_fail(in, err, ERR_INPUT, 0, NULL, "neither LAS nor text: no format that acut knows");
@@ -136,12 +153,16 @@ static int open_input(struct input *in, const char *format, struct err *err)
 	rc = choose_row(in, format, err);
 	if (rc)
 		return rc;
+	if (!in->size && in->row->open == input_xyz_open)
+		input_warn(in, "the file is empty (0 bytes)");
 	in->info.format = in->row->text->name;
 	in->info.coords.name = in->name;
 	in->info.parts = 1;
 	in->info.bytes = in->info.bytes_selected = in->has_pipe ? 0 : in->size;
-	if (in->has_pipe && in->row->matches == input_pts_matches)
-		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, ".pts cannot be read from a pipe");
+	if (in->has_pipe && (in->row->matches == input_pts_matches || in->row->open == input_ptx_open))
+		return input_fail(in, err, ERR_INTERNAL, ERR_NO_OFFSET, NULL, "%s cannot be read from a pipe",
+				  in->row->text->name);
+	in->info.accounted = in->row->open == input_las_open ? 0 : in->info.bytes;
 	rc = in->row->open(in, err);
 	in->bytes_read = 0;
 	return rc;
@@ -161,6 +182,7 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	snprintf(in->name, sizeof in->name, "%s", name);
 	in->accept_truncated = options->accept_truncated;
 	in->planar = options->planar;
+	in->any_plane = options->any_plane;
 	in->has_crop = options->has_crop;
 	memcpy(in->crop, options->crop, sizeof in->crop);
 	in->degrees = options->degrees;
@@ -171,6 +193,11 @@ int input_open(int fd, const char *name, const struct input_options *options, st
 	in->seen = options->seen;
 	in->seen_ctx = options->seen_ctx;
 	in->columns = options->columns;
+	in->lattice[0] = options->scale_xy;
+	in->lattice[1] = options->scale_z;
+	in->decimal_comma = options->decimal_comma;
+	in->strict = options->strict;
+	in->lattice_later = options->lattice_later;
 	rc = input_columns_check(in->columns, err);
 	if (!rc)
 		rc = open_input(in, options->format, err);

@@ -26,11 +26,12 @@ struct input_points {
 
 struct input_info {
 	const char *format; /* "las", "xyz" */
-	char variant[64];   /* "LAS 1.2, point format 3, 34 bytes" */
+	char variant[128];  /* "LAS 1.2, point format 3, 34 bytes" */
 	uint64_t claimed;   /* points the header claims, or of them those selected; for text: counted by the probe */
 	uint64_t most;      /* points that its bytes can hold, whatever the header claims; 0: not known (compressed) */
 	struct lattice_input coords;
-	struct crs_info crs;            /* what its records say; all unknown for text */
+	struct crs_info crs;            /* what its records say; of text, the units in the names of its columns, and degrees */
+	bool miscounted;                /* the warning says how many points are there, and that the header says another number */
 	char warning[256];              /* a header lie that does no harm, "" if none */
 	uint64_t parts;                 /* it can be read in so many parts, in any order and at once; 1: only forwards */
 	uint64_t first_point;           /* of a part, once something was read: points of the file before it */
@@ -40,14 +41,18 @@ struct input_info {
 	uint64_t returns[16];           /* of return numbers 1 to 15 */
 	bool has_trailing;              /* it is known where the records end: */
 	uint64_t trailing;              /* bytes behind them that belong to nothing */
-	size_t read_bytes;              /* that reading takes beside input_bytes, for each input or part of it */
+	uint64_t accounted;             /* bytes from the beginning of the file that belong to something, at most; of compressed
+					 * points without a table exact only when they were read; 0: not known */
+	uint64_t left_out, left_out_line; /* text: lines without a value for a coordinate, and the first; of a pipe: so far */
+	size_t read_bytes;                /* that reading takes beside input_bytes, for each input or part of it */
 };
 
 struct input_options {
 	const char *format; /* forced format, or NULL: by content */
 	bool accept_truncated;
-	bool planar;  /* take degrees as a plane */
-	bool degrees; /* take degrees: whoever reads them projects them */
+	bool planar;    /* take degrees as a plane */
+	bool degrees;   /* take degrees: whoever reads them projects them */
+	bool any_plane; /* take whatever plane the records say: whoever reads it knows better what it is */
 	/* Points outside of this box (x and y from, to; in the file's coordinates) need not be given. Formats
 	 * that know where their points are read less (COPC); the others give all. */
 	bool has_crop;
@@ -64,9 +69,19 @@ struct input_options {
 	 * records. Others show nothing, and nor does one that is read in parts (input_open_part). NULL. */
 	void (*seen)(void *ctx, uint64_t at, const void *bytes, size_t n);
 	void *seen_ctx;
-	/* Text: what the columns are, a letter each: x y z, c class, r return, n number of returns, and to be
-	 * skipped s _ - i t a u p R G B. NULL: as a line of names says, else the first three. */
+	/* Text: what the columns are, a letter each: x y z (or e n z), c class, r return, n number of returns, and to be
+	 * skipped s _ - i t a u p R G B. NULL: as a line of names says, else the first three; refused where that is not sure. */
 	const char *columns;
+	/* Text: the lattice that its points go to has these scales, as far as they are known (zero: not known). Numbers that
+	 * have more digits than can be kept are rounded to it once: raw numbers tell the sides of a half, and whether they are
+	 * on the lattice. Without it such numbers are rounded to the finest scale that holds the file. */
+	struct decimal scale_xy, scale_z;
+	bool decimal_comma; /* text: 123,45 is a number, and columns are not separated by commas */
+	/* Text: a line without a value for a coordinate is an error, and so are a comment with the numbers of a point, and a
+	 * class or return that is no number. Else they are counted, and the line is left out, not read, or read without a class.
+	 */
+	bool strict;
+	bool lattice_later; /* who opens it says so, not info.warning */
 };
 
 /* Upper bound of the memory that opening an input takes, whatever its bytes are; what reading takes besides

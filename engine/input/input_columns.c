@@ -1,19 +1,20 @@
 /*
  * What the columns of a text are: --columns, else a line of names before the points, else x y z.
  *
- * Model: before the points may stand, each once: comments, one line of names (a comment or not), and for .pts
- * the number of points. Names count only if they say for sure which columns are x, y and z; a line of names
- * that does not is skipped, and the warning says so. A comment is prose until its words fit the columns of
- * the first point. Class and returns are taken from names too; returns only with their number, since a
- * return alone does not say which is the last.
+ * Model: before the points may stand: comments; a line of names (a comment or not), with lines of any text before it and
+ * a line of units behind it; lines of numbers that are no points; and for .pts the number of points. How they are found is said
+ * in input_head.c, what the names mean in input_header.c; with --columns they tell units only. A line of words is one of names if
+ * it names two coordinates or has as many words as there are columns, else a title, which may stand alone. A comment is prose
+ * until its words fit the columns of the first point. The line of names is looked for in the first hundred lines of text; where
+ * there is none, the first of them is taken for a point, and fails as one.
  */
 #include "input_text.h"
 
-#include <ctype.h>
+#include <inttypes.h>
 #include <stdio.h>
 #include <string.h>
 
-enum { WORD = 32, NAMES_SHOWN = 60 };
+enum { NAMES_SHOWN = 60 };
 
 /* The letters of txt2las; a place each for what is read. */
 static const char letters[] = "xyzcrn", skipped[] = "s_-itaupRGB";
@@ -22,7 +23,8 @@ static int bad_columns(const char *text, struct err *err, const char *why)
 {
 	err_set(err, ERR_USAGE, "columns \"%.80s\": %s", text, why);
 	err_add_place(err, ERR_NO_OFFSET, "columns");
-	return err_add_hint(err, "a letter each: x y z, c class, r return, n number of returns, _ to skip one");
+	return err_add_hint(err, "a letter each: x y z (or e n z: easting, northing), c class, r return, n number of returns, "
+				 "_ to skip one");
 }
 
 static void settle(struct input_columns *c)
@@ -33,6 +35,14 @@ static void settle(struct input_columns *c)
 	c->returns = memchr(c->role, INPUT_RETURN, sizeof c->role);
 }
 
+/* e is x, and beside it n is y, unless y stands too. */
+static char letter_of(const char *text, char c)
+{
+	if (c == 'e')
+		return 'x';
+	return c == 'n' && strchr(text, 'e') && !strchr(text, 'y') ? 'y' : c;
+}
+
 /* The letters of --columns. -ERR_USAGE. */
 static int letters_read(const char *text, struct input_columns *ret, struct err *err)
 {
@@ -41,8 +51,9 @@ static int letters_read(const char *text, struct input_columns *ret, struct err 
 	size_t n = 0;
 
 	memset(c.role, INPUT_SKIPPED, sizeof c.role);
-	for (const char *p = text ? text : "xyz"; *p; p++, n++) {
-		const char *letter = strchr(letters, *p);
+	text = text ? text : "xyz";
+	for (const char *p = text; *p; p++, n++) {
+		const char *letter = strchr(letters, letter_of(text, *p));
 
 		if (n == INPUT_COLUMNS)
 			return bad_columns(text, err, "more than 64");
@@ -70,182 +81,9 @@ int input_columns_check(const char *text, struct err *err)
 	return text ? letters_read(text, &c, err) : 0;
 }
 
-/* One word or number of a line; false at its end. `kind` as column_kind. */
-static bool next_word(const char **at, const char *end, char kind, struct input_line *ret)
-{
-	const char *p = *at;
-
-	while (p < end && (*p == ' ' || *p == '\t'))
-		p++;
-	if (p >= end)
-		return false;
-	ret->at = p;
-	while (p < end && *p != kind && (kind != ' ' || *p != '\t'))
-		p++;
-	ret->end = p;
-	*at = p < end ? p + 1 : p;
-	return true;
-}
-
-static char column_kind(struct input_line line)
-{
-	static const char kinds[] = ";,\t";
-
-	for (const char *k = kinds; *k; k++)
-		if (memchr(line.at, *k, (size_t)(line.end - line.at)))
-			return *k;
-	return ' ';
-}
-
-/* A column's name without case, quotes, blanks, dashes and what stands in brackets. */
-static void plain_word(struct input_line word, char ret[WORD])
-{
-	size_t n = 0;
-
-	for (const char *p = word.at; p < word.end && n + 1 < WORD && !(n && (*p == '(' || *p == '[')); p++)
-		if (isalnum((unsigned char)*p))
-			ret[n++] = (char)tolower((unsigned char)*p);
-	ret[n] = 0;
-}
-
-/* Single letters but x, y, z could mean several things: r g b, e n h. */
-static unsigned role_of(const char *word)
-{
-	static const struct {
-		enum input_role role;
-		const char *words;
-	} names[] = {
-		{INPUT_X, " x xcoord xcoordinate easting east lon longitude "},
-		{INPUT_Y, " y ycoord ycoordinate northing north lat latitude "},
-		{INPUT_Z, " z zcoord zcoordinate height elevation elev altitude alt "},
-		{INPUT_CLASS, " class classification "},
-		{INPUT_RETURN, " return returnnumber returnno "},
-		{INPUT_RETURNS, " returns numberofreturns numreturns nreturns "},
-	};
-	char padded[WORD + 2];
-
-	snprintf(padded, sizeof padded, " %s ", word);
-	for (size_t i = 0; *word && i < sizeof names / sizeof *names; i++)
-		if (strstr(names[i].words, padded))
-			return names[i].role;
-	return INPUT_SKIPPED;
-}
-
-static unsigned count_words(struct input_line line)
-{
-	const char *p = line.at;
-	char kind = column_kind(line);
-	struct input_line word;
-	unsigned n = 0;
-
-	while (next_word(&p, line.end, kind, &word))
-		n++;
-	return n;
-}
-
-/* False if the names do not say for sure which columns are x, y and z. */
-static bool names_to_columns(struct input_line line, struct input_columns *ret)
-{
-	const char *p = line.at;
-	char kind = column_kind(line), plain[WORD];
-	unsigned seen[INPUT_ROLES + 1] = {0}, n = 0;
-	struct input_columns c = {.n = 0};
-	struct input_line word;
-
-	memset(c.role, INPUT_SKIPPED, sizeof c.role);
-	for (; n < INPUT_COLUMNS && next_word(&p, line.end, kind, &word); n++) {
-		plain_word(word, plain);
-		c.role[n] = (uint8_t)role_of(plain);
-		seen[c.role[n]]++;
-	}
-	for (unsigned i = 0; i < INPUT_ROLES; i++)
-		if (seen[i] > 1 || (!seen[i] && i <= INPUT_Z))
-			return false;
-	for (unsigned i = 0; i < n && seen[INPUT_RETURN] != seen[INPUT_RETURNS]; i++)
-		if (c.role[i] == INPUT_RETURN || c.role[i] == INPUT_RETURNS)
-			c.role[i] = INPUT_SKIPPED;
-	settle(&c);
-	*ret = c;
-	return true;
-}
-
-/* At least three words, none of them a number. */
-static bool is_names(struct input_line line)
-{
-	const char *p = line.at, *at;
-	char kind = column_kind(line);
-	struct input_line word;
-	struct input_number n;
-	unsigned words = 0;
-
-	for (; next_word(&p, line.end, kind, &word); words++) {
-		at = word.at;
-		if (input_number_read(&at, word.end, &n) != INPUT_NUMBER_BAD || strchr("0123456789.+-,;", *word.at))
-			return false;
-	}
-	return words >= 3;
-}
-
-static struct input_line without_mark(struct input_line line)
-{
-	while (line.at < line.end && strchr("#%/ \t", *line.at))
-		line.at++;
-	return line;
-}
-
-static void warn_names(struct input *in, const char *names)
-{
-	input_warn(in,
-		   "the line of column names (%s) does not say for sure which are x, y and z: the first three "
-		   "are taken; --columns would say others",
-		   names);
-}
-
-/* What was found before the points; texts are copies, since lines go with the window. */
-struct head {
-	char names[1024], comment[1024], shown[NAMES_SHOWN];
-	uint64_t names_line;
-};
-
-static void keep(struct input_line line, char *ret, size_t size)
-{
-	size_t n = (size_t)(line.end - line.at);
-
-	n = n < size ? n : size - 1;
-	memcpy(ret, line.at, n);
-	ret[n] = 0;
-}
-
 static struct input_line line_of(const char *text)
 {
 	return (struct input_line){text, text + strlen(text)};
-}
-
-/* Up to the first point, which is *ret, or ret->at NULL at the end. */
-static int read_head(struct input *in, struct head *h, struct input_line *ret, struct err *err)
-{
-	uint64_t count;
-
-	for (;;) {
-		int rc = input_line_next(in, ret, err);
-
-		if (rc || !ret->at)
-			return rc;
-		if (input_line_is_comment(*ret)) {
-			struct input_line words = without_mark(*ret);
-			struct input_columns c;
-
-			if (words.at > ret->at && names_to_columns(words, &c))
-				keep(words, h->comment, sizeof h->comment);
-			continue;
-		}
-		if (in->as.xyz.counts && input_line_is_count(*ret, &count))
-			continue;
-		if (h->names_line || !is_names(*ret))
-			return 0;
-		h->names_line = in->as.xyz.line;
-		keep(*ret, h->names, sizeof h->names);
-	}
 }
 
 static void show_names(const char *names, char ret[NAMES_SHOWN])
@@ -257,46 +95,134 @@ static void show_names(const char *names, char ret[NAMES_SHOWN])
 	ret[n] = 0;
 }
 
-static void apply_names(struct input *in, struct head *h, unsigned words)
+/* Words that name no coordinates, in another number than there are columns: a title. */
+static bool is_prose(const struct input_head *h, const struct input_header *header)
+{
+	return header->coordinates < 2 && header->n != h->row.words;
+}
+
+/* Columns without a name have no numbers: a description may go on behind the names. Names without a column are of empty ones at
+ * the end of a row; but between blanks an empty one cannot be told, nor a name of several words. */
+static bool fits(const struct input_header *header, struct input_words row)
+{
+	if (!row.words) /* there is no point */
+		return true;
+	if (row.words >= header->n)
+		return header->n >= INPUT_COLUMNS || !(row.numbers >> header->n);
+	for (int i = 0; i < 3; i++)
+		if (header->reading[0].at[i] >= (int)row.words)
+			return false;
+	return header->kind != ' ' && row.kind != ' ';
+}
+
+/* Fits, and the coordinates are numbers. */
+static bool reads(const struct input_header *header, struct input_words row)
+{
+	for (int i = 0; i < 3; i++)
+		if (header->reading[0].at[i] < 0 || !(row.numbers >> header->reading[0].at[i] & 1))
+			return false;
+	return fits(header, row);
+}
+
+/* Up to the first point, and says what is skipped beside the line of names. */
+static void skip_head(struct input *in, const struct input_head *h)
+{
+	unsigned texts = h->texts ? h->texts - 1 : 0;
+
+	in->as.xyz.head = h->before_line;
+	if (texts)
+		input_warn(in, "%u %s before the points, beside that of names, %s skipped", texts, texts == 1 ? "line" : "lines",
+			   texts == 1 ? "is" : "are");
+	if (h->numbers)
+		input_warn(in,
+			   "%u %s before the points, up to line %" PRIu64 ", %s skipped: the columns are not those of the points",
+			   h->numbers, h->numbers == 1 ? "line" : "lines", h->before_line, h->numbers == 1 ? "is" : "are");
+}
+
+/* Names are taken, or refused where nothing else says what the columns are. */
+static int apply(struct input *in, struct input_head *h, struct input_header *header, uint64_t line, const char *text,
+		 struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	struct input_columns c;
+	struct input_header joined;
+	bool differ = false;
 
-	if (*h->names) {
-		struct input_line names = line_of(h->names);
-
-		if (names_to_columns(names, &c) && count_words(names) >= words) {
-			xyz->columns = c;
-		} else {
-			show_names(h->names, h->shown);
-			warn_names(in, h->shown);
-		}
-	} else if (*h->comment && names_to_columns(line_of(h->comment), &c) && count_words(line_of(h->comment)) == words) {
-		xyz->columns = c;
+	xyz->names = line;
+	input_header_read_joined(line_of(text), &joined);
+	if (joined.n < header->n && reads(&joined, h->row)) {
+		if (!in->columns && reads(header, h->row))
+			return input_header_refuse_two(in, header, &joined, h->row, line, text, err);
+		*header = joined;
 	}
+	if (input_header_read_units(line_of(h->units), header, &differ))
+		h->texts--; /* read, not skipped */
+	if (differ)
+		input_warn(in, "line %" PRIu64 " and the one behind it have other units: none is taken", line);
+	if (!in->columns && (header->state != INPUT_HEADER_SURE || !fits(header, h->row)))
+		return input_header_refuse(in, header, h->row, line, text, err);
+	if (!in->columns) {
+		input_header_columns(header, &xyz->columns);
+		settle(&xyz->columns);
+		xyz->guesses = false;
+	}
+	if (fits(header, h->row))
+		input_header_units(in, header, &xyz->columns);
+	return 0;
+}
+
+static int apply_names(struct input *in, struct input_head *h, struct err *err)
+{
+	struct input_header header;
+	char shown[NAMES_SHOWN];
+	int rc = 0;
+
+	input_header_read(line_of(h->names), &header);
+	/* words alone are a text, not points; and where there is no line of names, none may stand before the points */
+	if ((!h->first_line && header.state == INPUT_HEADER_LACKING) || (is_prose(h, &header) && h->texts > 1))
+		return 0;
+	if (is_prose(h, &header)) {
+		show_names(h->names, shown);
+		input_warn(in, "line %" PRIu64 " names no columns and is skipped (%s)", h->names_line, shown);
+	} else {
+		rc = apply(in, h, &header, h->names_line, h->names, err);
+	}
+	skip_head(in, h);
+	return rc;
+}
+
+/* A comment is prose until its words fit the columns. */
+static int apply_comment(struct input *in, struct input_head *h, struct err *err)
+{
+	struct input_header header;
+
+	input_header_read(line_of(h->comment), &header);
+	if (header.n > h->row.words)
+		input_header_read_joined(line_of(h->comment), &header);
+	return header.n == h->row.words ? apply(in, h, &header, h->comment_line, h->comment, err) : 0;
 }
 
 int input_columns_look(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	struct input_columns c;
-	struct input_line first;
-	struct head h = {.names_line = 0};
-	unsigned words;
+	struct input_head h;
 	int rc = letters_read(in->columns, &xyz->columns, err);
 
+	crs_info_clear(&in->info.crs);
 	if (!rc)
-		rc = read_head(in, &h, &first, err);
+		rc = input_head_read(in, &h, err);
 	if (rc)
 		return rc;
-	words = first.at ? count_words(first) : 0;
-	xyz->commas = first.at && column_kind(first) == ',' ? words : 0;
-	/* words alone are a text, not points */
-	if (*h.names && !first.at && !names_to_columns(line_of(h.names), &c))
-		h = (struct head){.names_line = 0};
-	xyz->head = h.names_line;
-	if (!in->columns)
-		apply_names(in, &h, words);
+	xyz->commas = h.row.kind == ',' ? h.row.words : 0;
+	xyz->guesses = !in->columns && !xyz->counts;
+	if (h.numbers && !h.texts)
+		skip_head(in, &h);
+	if (h.names_line)
+		rc = apply_names(in, &h, err);
+	else if (h.comment_line && h.first_line)
+		rc = apply_comment(in, &h, err);
+	if (!rc)
+		rc = input_check_plane(in, err);
+	xyz->first = xyz->head ? h.first_line : h.text_line;
 	input_line_rewind(in);
-	return 0;
+	return rc;
 }

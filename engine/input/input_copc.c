@@ -280,7 +280,7 @@ int input_copc_open(struct input *in, struct laz_table *table, struct err *err)
 	if (!in->has_crop || !c->info_at || las->laz.compressor != LAZ_COMPRESSOR_LAYERED)
 		return 0;
 	/* degrees that are going to be projected: the box is not in them */
-	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->planar)
+	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->planar && !in->any_plane)
 		return 0;
 	c->data_at = las->point_offset;
 	c->data_end = in->size;

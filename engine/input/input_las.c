@@ -210,6 +210,8 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 		if (las->watch)
 			las->watch(las->watch_arg, records, n, las->length);
 		decode_all(las->format, las->length, records, n, pts);
+		if (las->compat.format)
+			input_las_compat_restore(las, records, n, pts);
 		las->i_buffered += n;
 		las->left -= n;
 	}
@@ -219,6 +221,8 @@ int input_las_read(struct input *in, struct input_points *pts, struct err *err)
 			return 0;
 		if (rc)
 			return rc;
+		if (las->compressed)
+			input_laz_finish(in);
 		in->checked = true;
 	}
 	return 0;

@@ -35,14 +35,6 @@ static const double SCALE_MIN = 1e-15, SCALE_MAX = 1e15, OFFSET_MAX = 1e18;
 
 enum { HEADER_MAX = 393 };
 
-struct header {
-	unsigned encoding, format_byte;
-	uint32_t point_offset, n_vlrs, n_evlrs, legacy_count;
-	uint64_t count, evlr_offset, waveform;
-	uint64_t returns[16];
-	double scale[3], offset[3], min[3], max[3];
-};
-
 bool input_las_matches(const uint8_t *bytes, size_t n)
 {
 	return n >= 4 && !memcmp(bytes, "LASF", 4);
@@ -82,13 +74,13 @@ static int check_kind(struct input *in, size_t n, struct err *err)
 			   las->minor);
 		return err_add_hint(err, "LAS 1.0 to 1.5 can be read");
 	}
-	if (n < min_header_size(las->minor))
+	if (n < min_header_size(0))
 		return short_header(in, min_header_size(las->minor), err);
 	return 0;
 }
 
 /* LAS 1.4 counts fifteen returns; the five of before hold where a writer filled only those. */
-static void parse_returns(struct cursor *c, struct header *h)
+static void parse_returns(struct cursor *c, struct input_las_header *h)
 {
 	uint64_t many[16] = {0}, all = 0;
 
@@ -98,8 +90,10 @@ static void parse_returns(struct cursor *c, struct header *h)
 		memcpy(h->returns, many, sizeof h->returns);
 }
 
-static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_las *las, struct header *h)
+/* Fields of newer versions are read where the header is long enough to have them, whatever its version. */
+static void parse(const uint8_t *bytes, size_t n, struct input_las *las, struct input_las_header *h)
 {
+	unsigned minor = las->minor;
 	struct cursor c = cursor_of(bytes, n);
 
 	memset(h, 0, sizeof *h);
@@ -123,6 +117,8 @@ static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_l
 		h->min[i] = cursor_f64(&c);
 	}
 	h->count = h->legacy_count;
+	while (minor > 2 && las->header_size < min_header_size(minor))
+		minor--;
 	if (minor >= 3)
 		h->waveform = cursor_u64(&c);
 	if (minor >= 4) {
@@ -136,14 +132,27 @@ static void parse(const uint8_t *bytes, size_t n, unsigned minor, struct input_l
 	las->format = h->format_byte & 0x7f;
 }
 
-static int check_layout(struct input *in, const struct header *h, struct err *err)
+/* Some writers of LAS 1.3 and 1.4 leave the header as it was in LAS 1.2. */
+static int check_header_size(struct input *in, size_t n, struct err *err)
 {
 	const struct input_las *las = &in->as.las;
-	unsigned header_min = min_header_size(las->minor);
+	unsigned least = min_header_size(0), full = min_header_size(las->minor);
 
-	if (las->header_size < header_min)
+	if (las->header_size < least)
 		return input_fail(in, err, ERR_INPUT, AT_HEADER_SIZE, "header size",
-				  "a header of %u bytes; LAS 1.%u has at least %u", las->header_size, las->minor, header_min);
+				  "a header of %u bytes; LAS 1.%u has at least %u", las->header_size, las->minor, full);
+	if (n < full && n < las->header_size)
+		return short_header(in, las->header_size < full ? las->header_size : full, err);
+	if (las->header_size < full)
+		input_warn(in, "the header has %u bytes, that of LAS 1.%u has %u: the fields behind are not read",
+			   las->header_size, las->minor, full);
+	return 0;
+}
+
+static int check_layout(struct input *in, const struct input_las_header *h, struct err *err)
+{
+	const struct input_las *las = &in->as.las;
+
 	if (las->format > 10)
 		return input_fail(in, err, ERR_INPUT, AT_FORMAT, "point format", "point format %u does not exist",
 				  h->format_byte);
@@ -162,7 +171,7 @@ static int check_layout(struct input *in, const struct header *h, struct err *er
 	return 0;
 }
 
-static int check_numbers(struct input *in, const struct header *h, struct err *err)
+static int check_numbers(struct input *in, const struct input_las_header *h, struct err *err)
 {
 	static const char *const scale_name[] = {"x scale", "y scale", "z scale"};
 	static const char *const offset_name[] = {"x offset", "y offset", "z offset"};
@@ -184,14 +193,14 @@ static int check_numbers(struct input *in, const struct header *h, struct err *e
 	for (unsigned i = 0; i < 3; i++) {
 		if (isfinite(h->min[i]) && isfinite(h->max[i]) && h->min[i] <= h->max[i])
 			continue;
-		input_warn(in, "the header's box is not one (%c from %g to %g)", "xyz"[i], h -> min[i], h -> max[i]);
+		input_warn(in, "the header's box is not one (%c from %.10g to %.10g)", "xyz"[i], h -> min[i], h -> max[i]);
 		break;
 	}
 	return 0;
 }
 
 /* LAS 1.4 has two counts. The large one holds; writers that fill only the small one are understood. */
-static void settle_count(struct input *in, struct header *h)
+static void settle_count(struct input *in, struct input_las_header *h)
 {
 	if (in->as.las.minor >= 4 && h->count != h->legacy_count && h->legacy_count) {
 		if (!h->count)
@@ -203,26 +212,32 @@ static void settle_count(struct input *in, struct header *h)
 	in->info.claimed = h->count;
 }
 
-/* Where the points must end: at the records that follow them, if the header says where those begin. */
-static uint64_t end_of_points(const struct input *in, const struct header *h)
+void input_las_tell_uncounted(struct input *in, const char *how, uint64_t n, const char *of)
 {
-	uint64_t end = in->size, begin = in->as.las.point_offset;
-
-	if (h->n_evlrs && h->evlr_offset >= begin && h->evlr_offset < end)
-		end = h->evlr_offset;
-	if (in->as.las.format >= 4 && (h->encoding & 2) && h->waveform > begin && h->waveform < end)
-		end = h->waveform;
-	return end;
+	in->as.las.uncounted = in->info.miscounted = true;
+	input_warn(in, "the header counts no points, but %s%" PRIu64 "%s are there, which --accept-truncated reads", how, n, of);
 }
 
-static int check_count(struct input *in, const struct header *h, struct err *err)
+/* A writer that was interrupted, or could not go back, leaves the count at 0. */
+static void settle_uncounted(struct input *in, struct input_las_header *h, uint64_t found)
+{
+	if (in->has_pipe || in->as.las.has_laszip || !found)
+		return;
+	input_las_tell_uncounted(in, "", found, "");
+	if (in->accept_truncated)
+		in->as.las.left = in->info.claimed = h->count = found;
+}
+
+static int check_count(struct input *in, struct input_las_header *h, struct err *err)
 {
 	struct input_las *las = &in->as.las;
-	uint64_t end = end_of_points(in, h), found;
+	uint64_t end = input_las_points_end(in, h), found;
 
 	found = end > las->point_offset ? (end - las->point_offset) / las->length : 0;
 	las->at = las->point_offset;
 	las->left = h->count;
+	if (!h->count)
+		settle_uncounted(in, h, found);
 	if (h->count <= found)
 		return 0;
 	if (las->has_laszip)
@@ -230,6 +245,7 @@ static int check_count(struct input *in, const struct header *h, struct err *err
 				  "the points are compressed (LAZ), but the point format does not say so");
 	las->left = found;
 	if (in->accept_truncated) {
+		in->info.miscounted = true;
 		input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", found, h->count);
 		return 0;
 	}
@@ -239,10 +255,9 @@ static int check_count(struct input *in, const struct header *h, struct err *err
 	return err_add_hint(err, "copy it again, or take what is there with --accept-truncated");
 }
 
-/* Degrees and geocentric coordinates are no plane. */
-static int check_plane(struct input *in, struct err *err)
+int input_check_plane(struct input *in, struct err *err)
 {
-	if (in->planar)
+	if (in->planar || in->any_plane)
 		return 0;
 	if (in->info.crs.plane == CRS_PLANE_GEOGRAPHIC && !in->degrees) {
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
@@ -253,28 +268,31 @@ static int check_plane(struct input *in, struct err *err)
 		input_fail(in, err, ERR_UNSUPPORTED, ERR_NO_OFFSET, "coordinate system",
 			   "its coordinates are geocentric (%.200s): no terrain stands on the plane of x and y",
 			   in->info.crs.text);
-		return err_add_hint(err, "project it to a plane first; --planar takes x and y as they are");
+		return err_add_hint(err,
+				    "project it to a plane first; --planar takes x and y as they are; if that is not what they "
+				    "are, name their system with --override-crs");
 	}
 	return 0;
 }
 
-/* Only of plain files: how many records there can be, and what follows them; behind other records nothing is looked for. */
-static void settle_trailing(struct input *in, const struct header *h)
+static void settle_variant(struct input *in)
 {
 	const struct input_las *las = &in->as.las;
-	uint64_t left = in->size >= las->point_offset ? in->size - las->point_offset : 0;
+	char compressor[24] = "", compat[64] = "";
 
-	if (!las->compressed && !in->has_pipe && las->length)
-		in->info.most = left / las->length ? left / las->length : 1;
-	in->info.has_trailing =
-		!las->compressed && !h->n_evlrs && !h->waveform && !in->has_pipe && las->length && h->count <= left / las->length;
-	in->info.trailing = in->info.has_trailing ? left - h->count * las->length : 0;
+	if (las->compressed)
+		snprintf(compressor, sizeof compressor, ", compressor %u", las->laz.compressor);
+	if (las->compat.format)
+		snprintf(compat, sizeof compat, ": LAS 1.%u point format %u in compatibility mode", las->compat.minor,
+			 las->compat.format);
+	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes%s%s",
+		 las->compressed ? 'Z' : 'S', las->minor, las->format, las->length, compressor, compat);
 }
 
 int input_las_open(struct input *in, struct err *err)
 {
 	struct input_las *las = &in->as.las;
-	struct header h;
+	struct input_las_header h;
 	size_t n;
 	int rc = io_read_some(in->fd, in->buffer, HEADER_MAX, 0, in->name, &n, err);
 
@@ -283,29 +301,31 @@ int input_las_open(struct input *in, struct err *err)
 	rc = check_kind(in, n, err);
 	if (rc)
 		return rc;
-	parse(in->buffer, n, las->minor, las, &h);
-	rc = check_layout(in, &h, err);
+	parse(in->buffer, n, las, &h);
+	rc = check_header_size(in, n, err);
+	if (!rc)
+		rc = check_layout(in, &h, err);
 	if (!rc)
 		rc = check_numbers(in, &h, err);
 	if (rc)
 		return rc;
 	settle_count(in, &h);
+	rc = input_las_check_behind(in, &h, err);
+	if (rc)
+		return rc;
 	rc = input_las_read_vlrs(in, h.n_vlrs, h.evlr_offset, h.n_evlrs, err);
 	if (!rc)
-		rc = las->compressed ? input_laz_open(in, h.count, end_of_points(in, &h), err) : check_count(in, &h, err);
+		rc = input_las_compat_open(in, &h, err);
 	if (!rc)
-		rc = check_plane(in, err);
+		rc = las->compressed ? input_laz_open(in, h.count, input_las_points_end(in, &h), err) : check_count(in, &h, err);
+	if (!rc)
+		rc = input_check_plane(in, err);
+	if (!rc)
+		rc = input_las_settle_behind(in, &h, err);
 	if (!las->compressed && !in->has_pipe && las->left > INPUT_LAS_PART)
 		in->info.parts = (las->left + INPUT_LAS_PART - 1) / INPUT_LAS_PART;
 	in->info.has_returns = true;
 	memcpy(in->info.returns, h.returns, sizeof in->info.returns);
-	settle_trailing(in, &h);
-	snprintf(in->info.variant, sizeof in->info.variant, "LA%c 1.%u, point format %u, %u bytes", las->compressed ? 'Z' : 'S',
-		 las->minor, las->format, las->length);
-	if (las->compressed) {
-		size_t used = strlen(in->info.variant);
-
-		snprintf(in->info.variant + used, sizeof in->info.variant - used, ", compressor %u", las->laz.compressor);
-	}
+	settle_variant(in);
 	return rc;
 }

@@ -90,6 +90,16 @@ static void take_copc(struct input_copc *copc, const uint8_t *user, unsigned id,
 	}
 }
 
+static void take_compat(struct input_las_compat *compat, const uint8_t *user, unsigned id, uint64_t at, uint64_t size)
+{
+	if (user_is(user, "lascompatible") && id == 22204 && input_las_compat_is(size) && !compat->record_at)
+		compat->record_at = at;
+	if (user_is(user, "LASF_Spec") && id == 4 && size <= INPUT_BUFFER && !compat->extra_at) {
+		compat->extra_at = at;
+		compat->extra_size = (size_t)size;
+	}
+}
+
 static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size, struct err *err)
 {
 	struct cursor c = cursor_of(head, VLR_HEAD);
@@ -105,6 +115,7 @@ static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size,
 	if (user_is(user, "laszip encoded") && id == 22204 && !w->in->as.las.has_laszip)
 		return take_laszip(w->in, at, size, err);
 	take_copc(&w->in->as.las.copc, user, id, at, size);
+	take_compat(&w->in->as.las.compat, user, id, at, size);
 	if (!wanted(user, id, &slot, &rank) || rank <= w->rank[slot] || !size)
 		return 0;
 	if (size > SLOT_SIZE) {
@@ -119,13 +130,15 @@ static int take(struct walk *w, const uint8_t *head, uint64_t at, uint64_t size,
 	return 0;
 }
 
-/* `n` records from `at` to at most `end`. `*ret_seen` is how many are there. */
-static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, bool extended, uint64_t *ret_seen, struct err *err)
+/* `n` records from `at` to at most `end`. `*ret_seen` is how many are there, `*ret_end` where they end. */
+static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, bool extended, uint64_t *ret_seen,
+			uint64_t *ret_end, struct err *err)
 {
 	size_t head_size = extended ? EVLR_HEAD : VLR_HEAD, got;
 	uint8_t head[EVLR_HEAD];
 	uint64_t i;
 
+	*ret_end = at;
 	for (i = 0; i < n && i < VLR_MAX && at <= end && end - at >= head_size; i++) {
 		struct cursor c = cursor_of(head, sizeof head);
 		uint64_t size;
@@ -138,6 +151,7 @@ static int walk_records(struct walk *w, uint64_t at, uint64_t end, uint64_t n, b
 		cursor_skip(&c, 20);
 		size = extended ? cursor_u64(&c) : cursor_u16(&c);
 		at += head_size;
+		*ret_end = size > end - at ? end : at + size;
 		if (size > end - at)
 			break;
 		rc = take(w, head, at, size, err);
@@ -156,7 +170,8 @@ static void settle_crs(struct walk *w)
 		.doubles = {slot_bytes(w, SLOT_DOUBLES), w->size[SLOT_DOUBLES]},
 		.ascii = {slot_bytes(w, SLOT_ASCII), w->size[SLOT_ASCII]},
 		.wkt = {slot_bytes(w, SLOT_WKT), w->size[SLOT_WKT]},
-		.prefer_wkt = w->in->as.las.encoding & 0x10,
+		/* compatibility mode clears the bit and leaves the record */
+		.prefer_wkt = w->in->as.las.encoding & 0x10 || w->in->as.las.compat.record_at,
 	};
 
 	crs_read(&records, &w->in->info.crs);
@@ -166,8 +181,8 @@ int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset,
 {
 	struct input_las *las = &in->as.las;
 	struct walk w = {.in = in};
-	uint64_t end = las->point_offset < in->size ? las->point_offset : in->size, seen;
-	int rc = walk_records(&w, las->header_size, end, n_vlrs, false, &seen, err);
+	uint64_t end = las->point_offset < in->size ? las->point_offset : in->size, seen, last;
+	int rc = walk_records(&w, las->header_size, end, n_vlrs, false, &seen, &last, err);
 
 	if (rc)
 		return rc;
@@ -176,7 +191,7 @@ int input_las_read_vlrs(struct input *in, uint32_t n_vlrs, uint64_t evlr_offset,
 	if (n_evlrs && in->has_pipe) {
 		input_warn(in, "records behind the points are not read from a pipe");
 	} else if (n_evlrs) {
-		rc = walk_records(&w, evlr_offset, in->size, n_evlrs, true, &seen, err);
+		rc = walk_records(&w, evlr_offset, in->size, n_evlrs, true, &seen, &las->records_end, err);
 		if (rc)
 			return rc;
 		if (seen < n_evlrs)

@@ -28,6 +28,7 @@ struct input_laz_reading {
 	struct input_copc_walk *walk; /* NULL: chunks come from the table */
 	uint64_t chunk;               /* the next one of the table, or node of the walk */
 	bool open;                    /* a chunk was begun */
+	bool cut;                     /* the points end with the file, and not where they should */
 };
 
 /* The file, up to place.end. */
@@ -63,6 +64,32 @@ static size_t read_bytes(const struct input_las *las)
 	return up64(sizeof(struct input_laz_reading)) + up64(table_bytes()) + up64(laz_reader_bytes(&las->laz, fields(las))) + 64;
 }
 
+/* Of a header that counts no points: how many its chunks hold. The table lies in the read buffer; without one only the
+ * points tell, when they are read. *end: where they end. */
+static int find_uncounted(struct input *in, const struct laz_source *source, uint64_t *end, struct err *err)
+{
+	struct input_las *las = &in->as.las;
+	struct laz_place place = las->place;
+	int rc;
+
+	place.end = *end;
+	rc = laz_table_count(in->buffer, &las->laz, source, &place, err);
+	if (rc || !place.points)
+		return rc;
+	if (place.points == LAZ_UNCOUNTED)
+		input_las_tell_uncounted(in, "", place.end - laz_table_whole(&las->laz, &place).at, " bytes of points");
+	else
+		input_las_tell_uncounted(in, place.at_most ? "up to " : "", place.points, "");
+	if (!in->accept_truncated)
+		return 0;
+	*end = place.end;
+	las->place.points = place.points;
+	las->place.at_most = place.at_most;
+	if (place.points != LAZ_UNCOUNTED)
+		in->info.claimed = place.points;
+	return 0;
+}
+
 int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *err)
 {
 	struct input_las *las = &in->as.las;
@@ -85,11 +112,14 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 	_Static_assert(offsetof(struct input, buffer) % 16 == 0, "the table may lie in the buffer");
 	if (laz_table_bytes() > sizeof in->buffer)
 		return err_set(err, ERR_INTERNAL, "no room for a chunk table");
-	rc = laz_table_open(in->buffer, &las->laz, &source, &las->place, &table, &chunks, &why, err);
+	rc = points ? 0 : find_uncounted(in, &source, &end, err);
+	if (!rc)
+		rc = laz_table_open(in->buffer, &las->laz, &source, &las->place, &table, &chunks, &why, err);
 	if (rc)
 		return err_add_file(err, in->name);
-	las->left = points;
+	las->left = las->place.points;
 	las->chunks = chunks;
+	las->chunks_end = chunks ? laz_table_end(table) : 0;
 	if (chunks)
 		rc = input_copc_open(in, table, err);
 	if (rc)
@@ -102,7 +132,7 @@ int input_laz_open(struct input *in, uint64_t points, uint64_t end, struct err *
 	las->part_last = las->chunks ? las->chunks : 1;
 	in->info.parts = las->part_last;
 	in->info.read_bytes = read_bytes(las);
-	if (why)
+	if (why && las->place.points != LAZ_UNCOUNTED)
 		input_warn(in, "%s; the points are read without it", why);
 	return 0;
 }
@@ -188,14 +218,25 @@ static int next_chunk(struct input *in, bool *ret_more, struct err *err)
 	return 0;
 }
 
+static void tell_read(struct input *in, uint64_t points)
+{
+	input_warn(in, "%" PRIu64 " points were read", points);
+}
+
 /* A file that was cut short: the `good` records in the buffer are the last ones. */
 static int settle_cut(struct input *in, size_t good, struct err *err)
 {
 	struct input_las *las = &in->as.las;
-	uint64_t there = in->info.claimed - las->left + good;
+	bool uncounted = las->place.points == LAZ_UNCOUNTED;
+	uint64_t there = (uncounted ? LAZ_UNCOUNTED : in->info.claimed) - las->left + good;
 
 	err_clear(err);
-	input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", there, in->info.claimed);
+	las->reading->cut = true;
+	in->info.miscounted = true;
+	if (uncounted)
+		tell_read(in, there);
+	else
+		input_warn(in, "%" PRIu64 " of %" PRIu64 " points are there", there, in->info.claimed);
 	las->n_buffered = las->left = good;
 	return 0;
 }
@@ -240,9 +281,19 @@ int input_laz_refill(struct input *in, struct err *err)
 	if (rc)
 		return fail(in, rc, err);
 	las->n_buffered = n;
+	if (!more && las->place.points == LAZ_UNCOUNTED)
+		tell_read(in, LAZ_UNCOUNTED - las->left);
 	if (!more)
 		las->left = 0;
 	return 0;
+}
+
+void input_laz_finish(struct input *in)
+{
+	const struct input_laz_reading *r = in->as.las.reading;
+
+	if (r && !r->table && !r->walk)
+		input_las_account(in, r->cut ? in->as.las.place.end : laz_reader_place(r->reader));
 }
 
 void input_laz_part(struct input *in, uint64_t first, uint64_t last)

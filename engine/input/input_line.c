@@ -15,21 +15,7 @@
 
 #include "io.h"
 
-enum { LINE_MAX_BYTES = 4096, EXCERPT = 40, LINES_A_TURN = 1 << 16 };
-
-int input_bad_line(struct input *in, struct err *err, enum err_code code, const char *what, struct input_line text)
-{
-	char excerpt[EXCERPT + 1];
-	size_t n = 0;
-
-	for (const char *p = text.at; p < text.end && n < EXCERPT; p++)
-		excerpt[n++] = *p >= 0x20 && *p < 0x7f && *p != '"' ? *p : '?';
-	excerpt[n] = 0;
-	err_set(err, code, "line %" PRIu64 ": %s: \"%s\"%s", in->as.xyz.line, what, excerpt,
-		text.at + n < text.end ? " ..." : "");
-	err_add_place(err, in->as.xyz.line, "line");
-	return err_add_file(err, in->name);
-}
+enum { LINE_MAX_BYTES = 4096, LINES_A_TURN = 1 << 16 };
 
 void input_line_rewind(struct input *in)
 {
@@ -38,29 +24,39 @@ void input_line_rewind(struct input *in)
 	xyz->at = xyz->line = xyz->points = 0;
 	xyz->i_buffered = xyz->n_buffered = 0;
 	xyz->ended = false;
+	xyz->n_half = 0;
+}
+
+/* The next bytes of the file. */
+static int read_bytes(struct input *in, void *to, size_t room, size_t *ret_n, struct err *err)
+{
+	struct input_xyz *xyz = &in->as.xyz;
+	int rc = 0;
+
+	*ret_n = 0;
+	if (!in->has_pipe)
+		rc = io_read_some(in->fd, to, room, xyz->at, in->name, ret_n, err);
+	else if (!xyz->head_only || xyz->at < in->head)
+		rc = input_forward_read(in, xyz->at, to, room, ret_n, err);
+	if (!rc)
+		xyz->ended = in->has_pipe ? !*ret_n && !in->dry : *ret_n < room;
+	return rc;
 }
 
 /* Moves what is left of the window to its front and reads on behind it. */
 static int fill(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	size_t kept = xyz->n_buffered - xyz->i_buffered, got;
-	int rc;
+	size_t kept = xyz->n_buffered - xyz->i_buffered, raw, got;
+	int rc = xyz->at ? 0 : input_encoding_look(in, err);
 
 	memmove(in->buffer, in->buffer + xyz->i_buffered, kept);
-	if (in->has_pipe && xyz->head_only && xyz->at >= in->head) {
-		got = 0;
-		rc = 0;
-	} else if (in->has_pipe) {
-		rc = input_forward_read(in, xyz->at, in->buffer + kept, sizeof in->buffer - kept, &got, err);
-	} else {
-		rc = io_read_some(in->fd, in->buffer + kept, sizeof in->buffer - kept, xyz->at, in->name, &got, err);
-	}
+	if (!rc)
+		rc = input_encoding_fill(in, kept, read_bytes, &raw, &got, err);
 	if (rc)
 		return rc;
-	xyz->ended = in->has_pipe ? !got && !in->dry : got < sizeof in->buffer - kept;
-	xyz->at += got;
-	in->bytes_read += got;
+	xyz->at += raw;
+	in->bytes_read += raw;
 	xyz->i_buffered = 0;
 	xyz->n_buffered = kept + got;
 	return 0;
@@ -99,6 +95,8 @@ int input_line_next(struct input *in, struct input_line *ret, struct err *err)
 			ret->end--;
 		if (xyz->line == 1 && ret->end - at >= 3 && !memcmp(at, "\xef\xbb\xbf", 3))
 			ret->at += 3; /* byte order mark */
+		if (in->decimal_comma)
+			input_encoding_commas((char *)ret->at, (char *)ret->end);
 		return 0;
 	}
 }
@@ -110,36 +108,46 @@ static inline const char *skip_blanks(const char *p, const char *end)
 	return p;
 }
 
-bool input_line_is_comment(struct input_line line)
+/* The next line behind the head, a comment or not. Of a pipe, a turn is over after so many without a point, as if the pipe were
+ * dry: one that sends nothing else, for ever, can be ended. */
+static int next_of_turn(struct input *in, unsigned *lines, struct input_line *ret, struct err *err)
 {
-	const char *p = skip_blanks(line.at, line.end);
+	int rc;
 
-	return p == line.end || *p == '#' || *p == '%' || (*p == '/' && p + 1 < line.end && p[1] == '/');
+	if (in->has_pipe && !in->as.xyz.head_only && (*lines)++ == LINES_A_TURN) {
+		in->dry = true;
+		ret->at = NULL;
+		return 0;
+	}
+	rc = input_line_next(in, ret, err);
+	if (rc)
+		return rc;
+	/* a line end of old Macs would hide every point but the first */
+	if (ret->at && memchr(ret->at, '\r', (size_t)(ret->end - ret->at)))
+		return input_bad_line(in, err, ERR_INPUT, "a carriage return inside of a line", *ret);
+	return 0;
 }
 
-/* Of a pipe, a turn is over after so many lines without a point, as if the pipe were dry: one that sends nothing else, for
- * ever, can be ended. */
 int input_line_next_point(struct input *in, struct input_line *ret, struct err *err)
 {
 	unsigned lines = 0;
 
-	do {
-		int rc;
+	for (;;) {
+		int rc = next_of_turn(in, &lines, ret, err);
 
-		if (in->has_pipe && !in->as.xyz.head_only && lines++ == LINES_A_TURN) {
-			in->dry = true;
-			ret->at = NULL;
+		if (rc || !ret->at)
+			return rc;
+		if (in->as.xyz.line <= in->as.xyz.head)
+			continue;
+		if (!input_line_is_comment(*ret)) {
+			if (!in->as.xyz.begun)
+				input_comment_points_begin(in);
 			return 0;
 		}
-		rc = input_line_next(in, ret, err);
-
+		rc = input_comment_look(in, *ret, err);
 		if (rc)
 			return rc;
-		/* a line end of old Macs would hide every point but the first */
-		if (ret->at && memchr(ret->at, '\r', (size_t)(ret->end - ret->at)))
-			return input_bad_line(in, err, ERR_INPUT, "a carriage return inside of a line", *ret);
-	} while (ret->at && (in->as.xyz.line <= in->as.xyz.head || input_line_is_comment(*ret)));
-	return 0;
+	}
 }
 
 bool input_line_is_count(struct input_line line, uint64_t *ret)
@@ -147,8 +155,8 @@ bool input_line_is_count(struct input_line line, uint64_t *ret)
 	const char *p = skip_blanks(line.at, line.end);
 	struct input_number n;
 
-	if (input_number_read(&p, line.end, &n) != INPUT_NUMBER_OK || skip_blanks(p, line.end) != line.end || n.mantissa < 0 ||
-	    n.exponent < 0 || n.written)
+	if (input_number_read(&p, line.end, &n) != INPUT_NUMBER_OK || n.deep || skip_blanks(p, line.end) != line.end ||
+	    n.mantissa < 0 || n.exponent < 0 || n.written)
 		return false;
 	*ret = (uint64_t)n.mantissa;
 	for (int i = 0; i < n.exponent; i++)
@@ -185,51 +193,6 @@ static const char *skip_column(const char *p, const char *end, char kind)
 	return p;
 }
 
-static bool has_decimal_comma(struct input_line line)
-{
-	for (const char *p = line.at + 1; p + 1 < line.end; p++)
-		if (*p == ',' && isdigit((unsigned char)p[-1]) && isdigit((unsigned char)p[1]))
-			return true;
-	return false;
-}
-
-static int decimal_comma(struct input *in, struct err *err, struct input_line line)
-{
-	input_bad_line(in, err, ERR_INPUT, "decimal commas, it seems, and these are not read", line);
-	return err_add_hint(err, "write decimal points (123.45, not 123,45), and one kind of separator a line");
-}
-
-static int no_separator(struct input *in, struct err *err, struct input_line line)
-{
-	if (has_decimal_comma(line))
-		return decimal_comma(in, err, line);
-	input_bad_line(in, err, ERR_INPUT, "numbers that run together, or two kinds of separators", line);
-	return err_add_hint(err, "one separator a line: blanks, commas or semicolons; decimal points");
-}
-
-static int no_number(struct input *in, struct err *err, enum input_number_state state, struct input_line line, const char *p)
-{
-	const struct input_line rest = {p, line.end};
-	char what[48];
-
-	if (state == INPUT_NUMBER_NOT_FINITE)
-		return input_bad_line(in, err, ERR_INPUT, "not a finite number", rest);
-	if (state == INPUT_NUMBER_TOO_LONG) {
-		input_bad_line(in, err, ERR_INPUT, "more digits than can be kept exactly (18, down to 1e-15)", rest);
-		return err_add_hint(err, "write the coordinates with the digits that were measured");
-	}
-	if (p != line.end)
-		return input_bad_line(in, err, ERR_INPUT, "not a number", rest);
-	if (in->as.xyz.columns.n == 3)
-		snprintf(what, sizeof what, "fewer than three columns");
-	else
-		snprintf(what, sizeof what, "fewer than %u columns", in->as.xyz.columns.n);
-	input_bad_line(in, err, ERR_INPUT, what, line);
-	return err_add_hint(err, in->as.xyz.columns.n == 3 ?
-					 "every line needs x y z; comments begin with #, // or %%" :
-					 "every line needs all columns that --columns or the line of names tells");
-}
-
 /* Commas between whole numbers, some with a blank behind them and some without: "1,5, 2,5, 3,5". */
 static bool uneven_commas(struct input_line line)
 {
@@ -245,6 +208,54 @@ static bool uneven_commas(struct input_line line)
 	return blank && tight;
 }
 
+/* In place of a class or return: what neither can be. */
+static const struct input_number no_number = {.mantissa = -1};
+
+/* A column that does not begin with a number: one in quotes is read, one without a value may leave the line out. */
+__attribute__((noinline, cold)) static int odd_column(struct input *in, struct input_line line, char kind, unsigned role,
+						      enum input_number_state state, const char **at, struct input_number *ret,
+						      struct err *err)
+{
+	const char *p = *at;
+
+	if (p < line.end && *p == '"') {
+		p = skip_blanks(p + 1, line.end);
+		if (input_number_read(&p, line.end, ret) == INPUT_NUMBER_OK) {
+			p = skip_blanks(p, line.end);
+			if (p < line.end && *p == '"') {
+				*at = p + 1;
+				return 0;
+			}
+		}
+	}
+	if (input_line_may_lack(in, role)) {
+		*at = skip_column(*at, line.end, kind);
+		*ret = no_number;
+		return 0;
+	}
+	input_wrong_number(in, err, state, line, *at);
+	if (role > INPUT_Z)
+		return input_wrong_attribute(in, err);
+	if (state != INPUT_NUMBER_NOT_FINITE && !input_line_no_value(line, *at, kind))
+		return -(int)err->code;
+	return in->strict ? input_wrong_strict(err) : INPUT_E_LEFT_OUT;
+}
+
+/* What goes on where a number ended, without a separator: 1.#QNAN, or a class that is a text. *ret_next: behind the separator. */
+__attribute__((noinline, cold)) static int odd_end(struct input *in, struct input_line line, char *kind, bool last, unsigned role,
+						   const char *column, const char **ret_next, struct input_number *ret,
+						   struct err *err)
+{
+	if (input_line_may_lack(in, role)) {
+		*ret = no_number;
+		*ret_next = separator(skip_column(column, line.end, *kind), line.end, last, kind);
+		return *ret_next ? 0 : input_wrong_separator(in, err, line);
+	}
+	if (role < INPUT_ROLES && input_line_no_value(line, column, *kind))
+		return odd_column(in, line, *kind, role, INPUT_NUMBER_NOT_FINITE, &column, ret, err);
+	return input_wrong_separator(in, err, line);
+}
+
 int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES], struct err *err)
 {
 	const struct input_columns *columns = &in->as.xyz.columns;
@@ -254,20 +265,29 @@ int input_line_parse(struct input *in, struct input_line line, struct input_numb
 
 	for (unsigned i = 0; i < n; i++) {
 		const char *column = p;
+		unsigned role = columns->role[i];
 
-		if (columns->role[i] == INPUT_SKIPPED) {
+		if (role == INPUT_SKIPPED) {
 			p = skip_column(p, line.end, kind);
 		} else {
-			enum input_number_state state = input_number_read(&p, line.end, &ret[columns->role[i]]);
+			enum input_number_state state = input_number_read(&p, line.end, &ret[role]);
 
-			if (state != INPUT_NUMBER_OK)
-				return no_number(in, err, state, line, column);
+			if (state != INPUT_NUMBER_OK) {
+				int rc = odd_column(in, line, kind, role, state, &p, &ret[role], err);
+
+				if (rc)
+					return rc;
+			}
 		}
 		if (p == line.end)
 			continue;
 		p = separator(p, line.end, i + 1 == n, &kind);
-		if (!p)
-			return no_separator(in, err, line);
+		if (!p) {
+			int rc = odd_end(in, line, &kind, i + 1 == n, role, column, &p, &ret[role], err);
+
+			if (rc)
+				return rc;
+		}
 	}
-	return kind == ',' && uneven_commas(line) ? decimal_comma(in, err, line) : 0;
+	return kind == ',' && uneven_commas(line) ? input_wrong_commas(in, err, line) : 0;
 }

@@ -2,12 +2,11 @@
  * Numbers of text files, exactly: digits become an integer and a power of ten, nothing is rounded.
  *
  * Model: zeros are held back until a digit follows them, so that neither "0.000" nor "1.5000000000000000"
- * costs digits that mean nothing. What does not fit 18 digits, or lies below 10^-15, is refused rather
- * than rounded.
- */
+ * costs digits that mean nothing. What does not fit 18 digits, or has some below 10^-15, is deep: its first digits are
+ * given, and all of them on request (input_number_digits), from the text. */
 #include "input_parts.h"
 
-enum { DIGITS_MAX = 18, PLACE_MIN = -15, PLACE_MAX = 18, EXPONENT_MAX = 9999 };
+enum { DIGITS_MAX = 18, DIGITS_DEEP = 36, PLACE_MIN = -15, PLACE_MAX = 18, EXPONENT_MAX = 9999 };
 
 static const uint64_t power[DIGITS_MAX + 1] = {
 	1ull,
@@ -34,7 +33,8 @@ static const uint64_t power[DIGITS_MAX + 1] = {
 struct digits {
 	uint64_t mantissa;
 	unsigned n, held, fraction; /* significant digits, zeros held back, digits behind the point */
-	bool any, too_long;
+	unsigned dropped;           /* digits that did not fit */
+	bool any;
 };
 
 static inline void digits_read(const char **at, const char *end, struct digits *d, bool fraction)
@@ -48,8 +48,9 @@ static inline void digits_read(const char **at, const char *end, struct digits *
 			d->held += d->n != 0;
 			continue;
 		}
-		if (d->n + d->held + 1 > DIGITS_MAX) {
-			d->too_long = true;
+		if (d->dropped || d->n + d->held + 1 > DIGITS_MAX) {
+			d->dropped += d->held + 1;
+			d->held = 0;
 			continue;
 		}
 		d->mantissa = d->mantissa * power[d->held + 1] + digit;
@@ -62,7 +63,7 @@ static inline void digits_read(const char **at, const char *end, struct digits *
 	*at = p;
 }
 
-/* e or E, sign, digits. False if digits are missing. Clamped far outside of what is accepted. */
+/* The letter, sign, digits. False if digits are missing. Clamped far outside of what is accepted. */
 static bool exponent_read(const char **at, const char *end, int *ret)
 {
 	const char *p = *at + 1, *first;
@@ -113,7 +114,8 @@ static inline bool read_plain(const char **at, const char *end, struct input_num
 			break;
 	}
 	places = point ? (int)(p - point) - 1 : 0;
-	if (p - first - (point != NULL) < 1 || p - first > DIGITS_MAX || places > -PLACE_MIN || (p < end && (*p | 0x20) == 'e'))
+	if (p - first - (point != NULL) < 1 || p - first > DIGITS_MAX || places > -PLACE_MIN ||
+	    (p < end && input_number_exponent_at(*p, point != NULL)))
 		return false;
 	ret->written = ret->exponent = -places;
 	if (!m)
@@ -121,6 +123,7 @@ static inline bool read_plain(const char **at, const char *end, struct input_num
 	for (; m && m % 10 == 0; m /= 10)
 		ret->exponent++;
 	ret->mantissa = negative ? -(int64_t)m : (int64_t)m;
+	ret->deep = false;
 	*at = p;
 	return true;
 }
@@ -129,7 +132,7 @@ enum input_number_state input_number_read(const char **at, const char *end, stru
 {
 	const char *p = *at;
 	struct digits d = {.mantissa = 0};
-	bool negative = false;
+	bool negative = false, point = false;
 	int exponent = 0, place;
 
 	if (read_plain(at, end, ret))
@@ -137,21 +140,63 @@ enum input_number_state input_number_read(const char **at, const char *end, stru
 	if (p < end && (*p == '+' || *p == '-'))
 		negative = *p++ == '-';
 	digits_read(&p, end, &d, false);
-	if (p < end && *p == '.') {
+	point = p < end && *p == '.';
+	if (point) {
 		p++;
 		digits_read(&p, end, &d, true);
 	}
 	if (!d.any)
 		return word_is(p, end, "nan") || word_is(p, end, "inf") ? INPUT_NUMBER_NOT_FINITE : INPUT_NUMBER_BAD;
-	if (p < end && (*p | 0x20) == 'e' && !exponent_read(&p, end, &exponent))
+	if (p < end && input_number_exponent_at(*p, point) && !exponent_read(&p, end, &exponent))
 		return INPUT_NUMBER_BAD;
 	place = exponent - (int)d.fraction;
-	if (d.too_long || (d.mantissa && place + (int)d.held < PLACE_MIN) ||
-	    (d.mantissa && place + (int)(d.held + d.n) > PLACE_MAX + 1))
+	if (d.mantissa && place + (int)(d.held + d.dropped + d.n) > PLACE_MAX + 1)
 		return INPUT_NUMBER_TOO_LONG;
 	ret->mantissa = negative ? -(int64_t)d.mantissa : (int64_t)d.mantissa;
-	ret->exponent = d.mantissa ? place + (int)d.held : 0;
+	ret->exponent = d.mantissa ? place + (int)(d.held + d.dropped) : 0;
 	ret->written = place < 0 ? place : 0;
+	ret->deep = d.dropped || (d.mantissa && place + (int)d.held < PLACE_MIN);
+	ret->at = *at;
+	ret->length = (uint16_t)(p - *at);
 	*at = p;
 	return INPUT_NUMBER_OK;
+}
+
+/* Of a deep number: the text was read as a number before, so only its digits and its exponent are in it. */
+static struct input_digits digits_of_text(const char *p, const char *end)
+{
+	struct input_digits d = {.negative = *p == '-'};
+	bool fraction = false;
+	unsigned n = 0;
+	int e = 0;
+
+	for (; p < end && !input_number_exponent_at(*p, true); p++) {
+		unsigned digit = (unsigned char)(*p - '0');
+
+		fraction |= *p == '.';
+		if (digit > 9)
+			continue;
+		if (n < DIGITS_DEEP) {
+			d.mantissa = d.mantissa * 10 + digit;
+			n += n || digit;
+			d.exponent -= fraction;
+		} else {
+			d.more |= digit != 0;
+			d.exponent += !fraction;
+		}
+	}
+	if (p < end)
+		exponent_read(&p, end, &e);
+	d.exponent += e;
+	return d;
+}
+
+struct input_digits input_number_digits(const struct input_number *n)
+{
+	struct input_digits d = {.exponent = n->exponent, .negative = n->mantissa < 0};
+
+	if (n->deep)
+		return digits_of_text(n->at, n->at + n->length);
+	d.mantissa = (uint64_t)(d.negative ? -n->mantissa : n->mantissa);
+	return d;
 }

@@ -9,6 +9,21 @@ struct input_line {
 	const char *at, *end; /* without its line end */
 };
 
+/* ---- encodings (input_encoding.c) ---- */
+
+/* The first bytes of a file: those of UTF-16 become UTF-8, which takes at most half as many more. Returns how many they are. */
+size_t input_encoding_sniff(uint8_t *buffer, size_t n);
+/* Before the first byte is read. -ERR_INPUT: an encoding that is not read. */
+int input_encoding_look(struct input *in, struct err *err);
+typedef int input_fill_fn(struct input *in, void *to, size_t room, size_t *ret_n, struct err *err);
+/* The next bytes of the file by `read`, as UTF-8 into the buffer behind those that were kept. *ret_raw: as read. */
+int input_encoding_fill(struct input *in, size_t kept, input_fill_fn *read, size_t *ret_raw, size_t *ret_n, struct err *err);
+/* A line with decimal commas: with points. And a byte of it as it was. */
+void input_encoding_commas(char *at, char *end);
+char input_encoding_shown(const struct input *in, char c);
+
+/* ---- lines (input_line.c, input_wrong.c) ---- */
+
 /* -code: what is wrong with the line that was read last, with its number and how it begins. */
 int input_bad_line(struct input *in, struct err *err, enum err_code code, const char *what, struct input_line text);
 /* From the first byte again. */
@@ -17,13 +32,227 @@ void input_line_rewind(struct input *in);
 int input_line_next(struct input *in, struct input_line *ret, struct err *err);
 /* The same, but neither blank lines nor comments nor what stands before the points. */
 int input_line_next_point(struct input *in, struct input_line *ret, struct err *err);
-bool input_line_is_comment(struct input_line line); /* or blank */
-/* The numbers of a line, each at the place of its column's role; ret[role] of roles without a column stays. */
+/* The numbers of a line, each at the place of its column's role; ret[role] of roles without a column stays. INPUT_E_LEFT_OUT: a
+ * coordinate has no value, as err says; the line is to be left out and counted. */
+enum { INPUT_E_LEFT_OUT = 1 };
+/* Of a class or return that is no number, where that is no error: only a line of names says that it should be one. */
+static inline bool input_line_may_lack(const struct input *in, unsigned role)
+{
+	return role > INPUT_Z && role < INPUT_ROLES && in->as.xyz.columns.named && !in->strict;
+}
 int input_line_parse(struct input *in, struct input_line line, struct input_number ret[INPUT_ROLES], struct err *err);
 
-/* What stands before the points: names of columns, the number of points (.pts). Reads the first lines. */
+/* Of a column that begins at p and is no number: that there is none, as in an empty field, `*` or `null`. */
+bool input_line_no_value(struct input_line line, const char *p, char kind);
+/* -ERR_INPUT: what is wrong with a line, or the number at p. */
+int input_wrong_number(struct input *in, struct err *err, enum input_number_state state, struct input_line line, const char *p);
+int input_wrong_separator(struct input *in, struct err *err, struct input_line line);
+int input_wrong_commas(struct input *in, struct err *err, struct input_line line);
+int input_wrong_strict(struct err *err);
+/* What to do about a class or return that is no number. */
+int input_wrong_attribute(const struct input *in, struct err *err);
+
+/* ---- comments (input_comment.c) ---- */
+
+bool input_line_is_comment(struct input_line line);            /* or blank */
+struct input_line input_comment_words(struct input_line line); /* without the mark */
+/* The columns that are read as x, y and z are numbers. */
+bool input_line_is_point(const struct input_columns *, struct input_line line);
+/* The first line of the points was found: comments before it count only behind a line of names. */
+void input_comment_points_begin(struct input *in);
+/* Counts a comment that may be a point. -ERR_INPUT: it is one too many (--strict). */
+int input_comment_look(struct input *in, struct input_line line, struct err *err);
+/* At the end: a warning of those that were counted; -ERR_INPUT, if there are no points but them. */
+int input_comment_judge(struct input *in, bool any_points, struct err *err);
+
+/* ---- words (input_word.c) ---- */
+
+char input_word_kind(struct input_line line); /* what separates its words: ; , tab or blank */
+/* The next word of a line; false at its end. */
+bool input_word_next(const char **at, const char *end, char kind, struct input_line *ret);
+/* Behind the last separator of a line is one more column, with nothing in it. */
+bool input_word_trails(struct input_line line, char kind);
+/* All of the word is a number. */
+bool input_word_number(struct input_line word, struct input_number *ret);
+
+struct input_words {
+	unsigned words, leading; /* numbers before anything else */
+	char kind;               /* of their separators */
+	uint64_t numbers, whole; /* bits of words that are numbers, and have no decimals */
+};
+struct input_words input_words_of(struct input_line line);
+
+/* ---- names of columns (input_names.c, input_header.c) ---- */
+
+enum input_field {
+	INPUT_FIELD_NONE,
+	INPUT_FIELD_X,
+	INPUT_FIELD_Y,
+	INPUT_FIELD_Z,
+	INPUT_FIELD_EAST,
+	INPUT_FIELD_NORTH,
+	INPUT_FIELD_HEIGHT,
+	INPUT_FIELD_LOCAL_HEIGHT, /* in a language whose surveyors may call the northing X */
+	INPUT_FIELD_LON,
+	INPUT_FIELD_LAT,
+	INPUT_FIELD_CLASS,
+	INPUT_FIELD_RETURN,
+	INPUT_FIELD_RETURNS,
+	INPUT_FIELD_OTHER, /* known, and not read: numbers of points, colours, times */
+};
+
+enum input_unit {
+	INPUT_UNIT_NONE,
+	INPUT_UNIT_METRE,
+	INPUT_UNIT_FOOT,
+	INPUT_UNIT_US_FOOT,
+	INPUT_UNIT_SOME_FOOT,
+	INPUT_UNIT_DEGREE,
+	INPUT_UNIT_OTHER_ANGLE,
+	INPUT_UNIT_OTHER,
+};
+
+struct input_name {
+	enum input_field field;
+	enum input_unit unit;
+};
+struct input_name input_name_of(struct input_line word);
+/* Words that are one name together: "Point Number". */
+bool input_name_is_phrase(struct input_line words);
+
+struct input_axes {
+	int at[3]; /* columns of x, y and z; -1: not known */
+};
+
+/* A line of names. It has as many readings as there are ways to understand it for sure: one, or none. */
+enum input_header_state {
+	INPUT_HEADER_SURE,
+	INPUT_HEADER_OPEN,    /* X and Y may be either way round: readings 0 (X is the easting) and 1 */
+	INPUT_HEADER_TWO,     /* two pairs of coordinates: readings 0 and 1 */
+	INPUT_HEADER_LACKING, /* a coordinate is missing or stands twice: reading 0 is what is known */
+};
+
+struct input_header {
+	struct input_name name[INPUT_COLUMNS];
+	unsigned n;           /* names */
+	char kind;            /* of their separators */
+	unsigned coordinates; /* of them, those of coordinates */
+	enum input_header_state state;
+	struct input_axes reading[2];
+	const char *lacks; /* LACKING: a static text */
+};
+
+void input_header_read(struct input_line line, struct input_header *ret);
+/* The same, but of names between blanks those of several words are joined that are known. */
+void input_header_read_joined(struct input_line line, struct input_header *ret);
+/* A line of units behind the names. False: it is none. *ret_differ: the names have other units, and none counts. */
+bool input_header_read_units(struct input_line line, struct input_header *, bool *ret_differ);
+/* The columns of a header that is sure. */
+void input_header_columns(const struct input_header *, struct input_columns *ret);
+/* Units, and that coordinates are degrees, into in->info.crs; a warning where they are not known. */
+void input_header_units(struct input *in, const struct input_header *, const struct input_columns *);
+/* -ERR_INPUT for a header that is not sure, or does not fit the columns of the `row`: the letters of --columns for this file
+ * are in the hint. `line` is its number, `text` its words. */
+int input_header_refuse(struct input *in, const struct input_header *, struct input_words row, uint64_t line, const char *text,
+			struct err *err);
+/* -ERR_INPUT: names fit the row both word by word and joined. */
+int input_header_refuse_two(struct input *in, const struct input_header *words, const struct input_header *joined,
+			    struct input_words row, uint64_t line, const char *text, struct err *err);
+
+enum { INPUT_LETTERS = INPUT_COLUMNS + 1 };
+/* The letters of --columns: of `axes` ("xyz" or "enz") at their columns, else _; `width` columns in all. */
+void input_letters(const struct input_axes *at, unsigned width, const char *axes, char ret[INPUT_LETTERS]);
+
+/* ---- before the points (input_head.c) ---- */
+
+enum { INPUT_HEAD_LINE = 4096 + 1 };
+
+/* Texts are copies, since lines go with the window. Numbers of lines are 0 where there is none. */
+struct input_head {
+	char names[INPUT_HEAD_LINE], units[INPUT_HEAD_LINE], comment[INPUT_HEAD_LINE];
+	uint64_t names_line, comment_line;
+	uint64_t first_line;     /* of the points */
+	uint64_t text_line;      /* the first line that is neither blank nor a comment nor a count */
+	uint64_t before_line;    /* the last line before the points that is neither blank nor a comment */
+	unsigned texts, numbers; /* lines before the points: of text, names among them; of numbers */
+	bool has_coordinates;    /* the names tell some */
+	struct input_words row;  /* of the first point */
+};
+
+/* Reads the first lines. */
+int input_head_read(struct input *in, struct input_head *ret, struct err *err);
+/* Words that name coordinates. */
+bool input_head_is_names(struct input_line line);
+
+/* ---- columns without names (input_guess.c) ---- */
+
+struct input_guess_column {
+	double min, max, least, last;         /* `least` magnitude */
+	uint64_t ones;                        /* steps of exactly 1 */
+	bool decimals, rises, falls_or_stays; /* any; no value is less; one is no more than that before */
+};
+
+enum { INPUT_GUESS_FEW = 9 };
+/* What is known of the first columns, over all rows so far. */
+struct input_guess {
+	bool on;
+	uint64_t rows, line;     /* of the first one */
+	unsigned words, columns; /* of the first row; numbers in all of them */
+	bool described;          /* behind four numbers stands a word in the first row, and a number in none */
+	unsigned few;            /* different values of the first column, as far as there is room: */
+	double value[INPUT_GUESS_FEW];
+	struct input_guess_column column[5];
+};
+
+void input_guess_begin(const struct input *in, struct input_guess *);
+void input_guess_row(const struct input *in, struct input_guess *, struct input_line line);
+/* -ERR_INPUT if the first three columns are no x y z for sure; where that is likely only, a warning. */
+int input_guess_judge(struct input *in, const struct input_guess *, struct err *err);
+/* For a line that is no point, the first one of its file: letters for --columns as a hint, where it has three numbers. */
+int input_guess_hint(const struct input *in, struct input_line line, struct err *err);
+
+/* ---- numbers as multiples (input_place.c) ---- */
+
+/* Of the numbers of an axis, as far as they were read. */
+struct input_extent {
+	double min, max;
+	int written, needed; /* places: of the last digit, of the last one that is not zero */
+	uint64_t line;       /* of the first number that needs that place */
+	bool deep;           /* some are */
+};
+
+/* What the raw numbers of the axes are multiples of: as.xyz.place and info.coords. -ERR_INPUT: they are too large. */
+int input_places_choose(struct input *in, const struct input_extent axis[3], struct err *err);
+/* The same of a pipe, of which only the first numbers are known. */
+int input_places_forward(struct input *in, const struct input_extent axis[3], struct err *err);
+bool input_place_round(const struct input_place *, const struct input_number *, int64_t *ret);
+
+/* A number as a multiple of the unit. False: it is none, or too large. */
+static inline bool input_place_raw(const struct input_place *unit, const struct input_number *n, int64_t *ret)
+{
+	int64_t v = n->mantissa;
+	int places = n->exponent - unit->scale.exponent;
+
+	if (!v) {
+		*ret = 0;
+		return true;
+	}
+	if (unit->scale.mantissa != 1 || n->deep || places < 0 || places > 18)
+		return unit->rounding != INPUT_EXACT && input_place_round(unit, n, ret);
+	for (; places; places--)
+		if (__builtin_mul_overflow(v, 10, &v))
+			return false;
+	*ret = v;
+	return true;
+}
+
+/* What the columns are. Reads the first lines. */
 int input_columns_look(struct input *in, struct err *err);
 /* The line is one whole number and nothing else. */
 bool input_line_is_count(struct input_line line, uint64_t *ret);
+
+/* One number at *at, up to `end`, as a multiple of 10^-places, rounded half away from zero; *at moves behind it.
+ * INPUT_NUMBER_TOO_LONG: beyond `most`, of either sign. */
+enum input_number_state input_fixed_read(const char **at, const char *end, int places, int64_t most, int64_t *ret);
 
 #endif

@@ -3,11 +3,7 @@
  *
  * Model: the file is read twice. Opening reads all of it once, for the digits, the extent and the number
  * of points, and finds every bad line before a point is handed out; reading then turns each number into
- * a multiple of the unit that all numbers share.
- *
- * The unit is a power of ten, one for x and y, one for z: the last place written anywhere, zeros
- * included ("77.890" says millimetres); where that does not leave the extent within 2^31 units, the last
- * place that is not zero. No units and no coordinate system are known.
+ * a multiple of the unit that all numbers share (input_place.c). No units and no coordinate system are known.
  *
  * .pts is the same with lines of one whole number, each saying how many points follow it.
  */
@@ -18,7 +14,7 @@
 #include <stdio.h>
 #include <string.h>
 
-enum { RETURNS_MAX = 15, CLASS_MAX = 255, FORWARD_PLACE = -9 };
+enum { RETURNS_MAX = 15, CLASS_MAX = 255 };
 
 bool input_xyz_matches(const uint8_t *bytes, size_t n)
 {
@@ -47,39 +43,62 @@ bool input_pts_matches(const uint8_t *bytes, size_t n)
 	return false;
 }
 
-/* One small whole number of a column. */
-static int small(struct input *in, struct input_line line, const char *what, struct input_number n, int most, uint8_t *ret,
-		 struct err *err)
+/* A whole number up to `most`. */
+static bool is_small(struct input_number n, int most, uint8_t *ret)
 {
 	int64_t v = n.mantissa;
-	char text[64];
 
 	for (int i = 0; i < n.exponent && v >= 0 && v <= most; i++)
 		v *= 10;
-	if (n.exponent < 0 || v < 0 || v > most) {
-		snprintf(text, sizeof text, "a %s that is no whole number from 0 to %d", what, most);
-		return input_bad_line(in, err, ERR_INPUT, text, line);
-	}
+	if (n.deep || n.exponent < 0 || v < 0 || v > most)
+		return false;
 	*ret = (uint8_t)v;
-	return 0;
+	return true;
+}
+
+/* *ret stays, and *lacks is set, where it may be none. */
+static int attribute(struct input *in, struct input_line line, enum input_role role, const struct input_number *n, uint8_t *ret,
+		     bool *lacks, struct err *err)
+{
+	static const struct {
+		const char *what;
+		int most;
+	} roles[] = {
+		[INPUT_CLASS] = {"class", CLASS_MAX},
+		[INPUT_RETURN] = {"return", RETURNS_MAX},
+		[INPUT_RETURNS] = {"number of returns", RETURNS_MAX},
+	};
+	char text[64];
+
+	if (is_small(n[role], roles[role].most, ret))
+		return 0;
+	*lacks = true;
+	if (input_line_may_lack(in, role))
+		return 0;
+	snprintf(text, sizeof text, "a %s that is no whole number from 0 to %d", roles[role].what, roles[role].most);
+	input_bad_line(in, err, ERR_INPUT, text, line);
+	return input_wrong_attribute(in, err);
 }
 
 /* Class and returns, where there are columns of them; else never classified, the only return. */
 static int attributes(struct input *in, struct input_line line, const struct input_number n[INPUT_ROLES], uint8_t *ret_class,
 		      uint8_t *ret_return, struct err *err)
 {
-	const struct input_columns *c = &in->as.xyz.columns;
+	struct input_xyz *xyz = &in->as.xyz;
 	uint8_t r = 1, count = 1;
+	bool no_class = false, no_return = false;
 	int rc = 0;
 
 	*ret_class = 0;
-	if (c->cls)
-		rc = small(in, line, "class", n[INPUT_CLASS], CLASS_MAX, ret_class, err);
-	if (!rc && c->returns)
-		rc = small(in, line, "return", n[INPUT_RETURN], RETURNS_MAX, &r, err);
-	if (!rc && c->returns)
-		rc = small(in, line, "number of returns", n[INPUT_RETURNS], RETURNS_MAX, &count, err);
-	*ret_return = (uint8_t)(r | count << 4);
+	if (xyz->columns.cls)
+		rc = attribute(in, line, INPUT_CLASS, n, ret_class, &no_class, err);
+	if (!rc && xyz->columns.returns)
+		rc = attribute(in, line, INPUT_RETURN, n, &r, &no_return, err);
+	if (!rc && xyz->columns.returns)
+		rc = attribute(in, line, INPUT_RETURNS, n, &count, &no_return, err);
+	*ret_return = no_return ? 0x11 : (uint8_t)(r | count << 4);
+	if (xyz->counting && (no_class || no_return) && !xyz->unread++)
+		xyz->unread_line = xyz->line;
 	return rc;
 }
 
@@ -87,11 +106,9 @@ struct probe {
 	uint64_t points;
 	uint64_t count, count_line; /* .pts: points that the last such line says, and are yet to come */
 	uint64_t more;              /* points that none says */
-	struct {
-		int written, needed; /* places */
-		uint64_t line;       /* of the first number that needs that place */
-		double min, max;
-	} axis[3];
+	struct input_guess guess;
+	struct err left_out; /* why the first line was, that was */
+	struct input_extent axis[3];
 };
 
 static double number_double(struct input_number n)
@@ -102,13 +119,15 @@ static double number_double(struct input_number n)
 }
 
 /* Places from -15 to 0 and at most 18 digits: doubles below 2^53 divide exactly rounded; the rest, rare,
- * goes the exact way. */
+ * goes the exact way. Of deep numbers the box need not be exact. */
 static double coordinate(struct input_number n)
 {
 	static const double power[] = {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15};
 	int64_t m = n.mantissa;
 
-	if (n.exponent <= 0 && m < (int64_t)1 << 53 && m > -((int64_t)1 << 53))
+	if (n.exponent <= 0 && m < (int64_t)1 << 53 && m > -((int64_t)1 << 53) && n.exponent >= -15)
+		return (double)m / power[-n.exponent];
+	if (n.deep && n.exponent <= 0 && n.exponent >= -15)
 		return (double)m / power[-n.exponent];
 	return number_double(n);
 }
@@ -120,6 +139,8 @@ static void probe_point(struct input *in, struct probe *probe, const struct inpu
 
 		if (n[i].written < probe->axis[i].written)
 			probe->axis[i].written = n[i].written;
+		if (n[i].deep)
+			probe->axis[i].deep = true;
 		if (n[i].exponent < probe->axis[i].needed) {
 			probe->axis[i].needed = n[i].exponent;
 			probe->axis[i].line = in->as.xyz.line;
@@ -138,7 +159,8 @@ static int check_count(struct input *in, const struct probe *probe, struct err *
 	if (!probe->count)
 		return 0;
 	if (in->accept_truncated) {
-		input_warn(in, "%" PRIu64 " points fewer than line %" PRIu64 " says", probe->count, probe->count_line);
+		input_warn(in, "%" PRIu64 " %s fewer than line %" PRIu64 " says", probe->count,
+			   probe->count == 1 ? "point" : "points", probe->count_line);
 		return 0;
 	}
 	input_fail(in, err, ERR_TRUNCATED, probe->count_line, "line",
@@ -160,23 +182,84 @@ static bool take_count(struct input *in, struct input_line line, struct probe *p
 	return true;
 }
 
+/* A line without a value for a coordinate. `why` is gone then. */
+static void leave_out(struct input *in, struct err *why)
+{
+	if (!in->info.left_out++)
+		in->info.left_out_line = in->as.xyz.line;
+	err_clear(why);
+}
+
+enum { MANY_PERCENT = 5 };
+
+/* When all was read. Where nothing is left, that is what is wrong with the file; of a pipe the first line is not kept (NULL). */
+static int check_left_out(struct input *in, uint64_t points, const struct err *first, struct err *err)
+{
+	uint64_t n = in->info.left_out;
+	unsigned percent = n ? (unsigned)(100.0 * (double)n / (double)(n + points)) : 0;
+
+	if (n && !points && first) {
+		*err = *first;
+		return -(int)err->code;
+	}
+	if (n && !points) {
+		input_fail(in, err, ERR_INPUT, in->info.left_out_line, "line",
+			   "no line has a value for each coordinate, from line %" PRIu64 " on", in->info.left_out_line);
+		return err_add_hint(err, "say with --columns which columns are x, y and z");
+	}
+	if (percent >= MANY_PERCENT)
+		input_warn(in,
+			   "%u %% of its lines, %" PRIu64
+			   ", have no value for a coordinate and are left out, the first is line %" PRIu64
+			   ": are x, y and z other columns (--columns)?",
+			   percent, n, in->info.left_out_line);
+	else if (n)
+		input_warn(in, "%" PRIu64 " %s no value for a coordinate and %s left out, the first is line %" PRIu64, n,
+			   n == 1 ? "line has" : "lines have", n == 1 ? "is" : "are", in->info.left_out_line);
+	return 0;
+}
+
+/* What was counted, when all was read. `first_left_out`: as for check_left_out. */
+static int check_odd(struct input *in, uint64_t points, const struct err *first_left_out, struct err *err)
+{
+	const struct input_xyz *xyz = &in->as.xyz;
+	int rc = check_left_out(in, points, first_left_out, err);
+
+	if (!rc)
+		rc = input_comment_judge(in, points, err);
+	if (!rc && xyz->unread)
+		input_warn(in,
+			   "%" PRIu64 " %s no whole number as class or return, the first is line %" PRIu64
+			   ": never classified, the only return",
+			   xyz->unread, xyz->unread == 1 ? "line has" : "lines have", xyz->unread_line);
+	return rc;
+}
+
 static int probe_text(struct input *in, struct probe *probe, struct err *err)
 {
+	struct input_xyz *xyz = &in->as.xyz;
 	struct input_number n[INPUT_ROLES];
 	uint8_t cls, ret;
 	struct input_line line;
 	int rc;
 
+	input_guess_begin(in, &probe->guess);
 	for (int i = 0; i < 3; i++) {
 		probe->axis[i].min = INFINITY;
 		probe->axis[i].max = -INFINITY;
 	}
+	xyz->counting = true;
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
 		if (rc)
 			return rc;
-		if (!line.at)
-			return check_count(in, probe, err);
+		if (!line.at) {
+			xyz->counting = false;
+			rc = check_odd(in, probe->points, &probe->left_out, err);
+			if (!rc)
+				rc = check_count(in, probe, err);
+			return rc ? rc : input_guess_judge(in, &probe->guess, err);
+		}
 		if (take_count(in, line, probe, &rc, err)) {
 			if (rc)
 				return rc;
@@ -185,9 +268,16 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 		rc = input_line_parse(in, line, n, err);
 		if (!rc)
 			rc = attributes(in, line, n, &cls, &ret, err);
-		if (rc)
+		if (rc < 0)
 			return rc;
-		probe_point(in, probe, n);
+		if (rc) {
+			if (!in->info.left_out)
+				probe->left_out = *err;
+			leave_out(in, err);
+		} else {
+			probe_point(in, probe, n);
+			input_guess_row(in, &probe->guess, line);
+		}
 		if (probe->count)
 			probe->count--;
 		else
@@ -195,46 +285,17 @@ static int probe_text(struct input *in, struct probe *probe, struct err *err)
 	}
 }
 
-static double largest(const struct probe *probe, int axis)
+/* Those that count; all that are written, where not all are kept. */
+static unsigned decimals(const struct input *in, const struct probe *probe, unsigned from, unsigned to)
 {
-	return fmax(fabs(probe->axis[axis].min), fabs(probe->axis[axis].max));
-}
+	const struct input_place *unit = &in->as.xyz.place[from / 2];
+	int place = 0;
 
-/* Raw numbers are int64; a margin for the division. */
-static bool holds(const struct probe *probe, int axis, int place)
-{
-	return !probe->points || largest(probe, axis) / pow(10, place) < 4e18;
-}
-
-static bool comfortable(const struct probe *probe, int axis, int place)
-{
-	return place >= -15 && holds(probe, axis, place) &&
-	       (!probe->points || (probe->axis[axis].max - probe->axis[axis].min) / pow(10, place) < 0x1p31);
-}
-
-static int choose_place(struct input *in, const struct probe *probe, int from, int to, int *ret, struct err *err)
-{
-	int written = 0, needed = 0, finest = from;
-	bool fits = true;
-
-	for (int i = from; i <= to; i++) {
-		written = probe->axis[i].written < written ? probe->axis[i].written : written;
-		if (probe->axis[i].needed < needed) {
-			needed = probe->axis[i].needed;
-			finest = i;
-		}
-	}
-	for (int i = from; i <= to; i++) {
-		fits &= comfortable(probe, i, written);
-		if (holds(probe, i, needed))
-			continue;
-		input_fail(in, err, ERR_INPUT, probe->axis[finest].line, "line",
-			   "line %" PRIu64 " has digits down to 1e%d, too fine for coordinates up to %g",
-			   probe->axis[finest].line, needed, largest(probe, i));
-		return err_add_hint(err, "write the coordinates with the digits that were measured");
-	}
-	*ret = fits ? written : needed;
-	return 0;
+	if (unit->rounding == INPUT_EXACT)
+		return (unsigned)-unit->scale.exponent;
+	for (unsigned i = from; i <= to; i++)
+		place = probe->axis[i].written < place ? probe->axis[i].written : place;
+	return (unsigned)-place;
 }
 
 static void describe(struct input *in, const struct probe *probe)
@@ -247,14 +308,17 @@ static void describe(struct input *in, const struct probe *probe)
 		columns[n] = "xyzcrn_"[xyz->columns.role[n]];
 	columns[n] = 0;
 	snprintf(in->info.variant, sizeof in->info.variant, "text%s%.16s, %u and %u decimals",
-		 strcmp(columns, "xyz") ? ", columns " : "", strcmp(columns, "xyz") ? columns : "", (uint8_t)-xyz->exponent_xy,
-		 (uint8_t)-xyz->exponent_z);
+		 strcmp(columns, "xyz") ? ", columns " : "", strcmp(columns, "xyz") ? columns : "", decimals(in, probe, 0, 1),
+		 decimals(in, probe, 2, 2));
 	if (xyz->counts && probe->more)
-		input_warn(in, "%" PRIu64 " points more than its lines of numbers say", probe->more);
+		input_warn(in, "%" PRIu64 " %s more than its lines of numbers say", probe->more,
+			   probe->more == 1 ? "point" : "points");
 	if (xyz->commas >= 6 && !probe->axis[0].written && !probe->axis[1].written && !probe->axis[2].written &&
 	    !strcmp(columns, "xyz"))
-		input_warn(in, "whole numbers between commas, %u columns: with decimal commas it would be read wrongly",
-			   xyz->commas);
+		input_warn(
+			in,
+			"whole numbers between commas, %u columns: with decimal commas it would be read wrongly (--decimal-comma)",
+			xyz->commas);
 }
 
 /* The first points of a pipe, for the box: what is not known of the rest can only lead to a refusal. The last
@@ -266,27 +330,33 @@ static int probe_head(struct input *in, struct probe *probe, struct err *err)
 	struct input_line line;
 	int rc;
 
+	input_guess_begin(in, &probe->guess);
 	for (int i = 0; i < 3; i++) {
 		probe->axis[i].min = INFINITY;
 		probe->axis[i].max = -INFINITY;
 	}
 	for (;;) {
 		rc = input_line_next_point(in, &line, err);
-		if (rc || !line.at || line.end == (const char *)in->buffer + xyz->n_buffered)
-			return rc;
-		rc = input_line_parse(in, line, n, err);
 		if (rc)
 			return rc;
+		if (!line.at || line.end == (const char *)in->buffer + xyz->n_buffered)
+			return input_guess_judge(in, &probe->guess, err);
+		rc = input_line_parse(in, line, n, err);
+		if (rc < 0)
+			return rc;
+		if (rc) { /* counted when it is read */
+			err_clear(err);
+			continue;
+		}
 		probe_point(in, probe, n);
+		input_guess_row(in, &probe->guess, line);
 	}
 }
 
-/* A text that comes through a pipe is read once, so its digits are not known: nine decimals, for all. The
- * lattice must be known otherwise. */
+/* A text that comes through a pipe is read once, so its digits are not known. The lattice must be known otherwise. */
 static int open_forward(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	struct lattice_input *coords = &in->info.coords;
 	struct probe probe = {0};
 	int rc;
 
@@ -295,16 +365,12 @@ static int open_forward(struct input *in, struct err *err)
 	if (!rc)
 		rc = probe_head(in, &probe, err);
 	xyz->head_only = false;
+	xyz->begun = false;
+	xyz->counting = true;
+	if (!rc)
+		rc = input_places_forward(in, probe.axis, err);
 	if (rc)
 		return rc;
-	xyz->exponent_xy = xyz->exponent_z = FORWARD_PLACE;
-	crs_info_clear(&in->info.crs);
-	for (int i = 0; i < 3; i++) {
-		coords->scale[i] = (struct decimal){1, FORWARD_PLACE};
-		coords->offset[i] = (struct decimal){0, 0};
-		coords->min[i] = probe.axis[i].min;
-		coords->max[i] = probe.axis[i].max;
-	}
 	describe(in, &probe);
 	snprintf(in->info.variant, sizeof in->info.variant, "text, from a pipe");
 	input_line_rewind(in);
@@ -314,7 +380,6 @@ static int open_forward(struct input *in, struct err *err)
 int input_xyz_open(struct input *in, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	struct lattice_input *coords = &in->info.coords;
 	struct probe probe = {0};
 	int rc;
 
@@ -325,41 +390,13 @@ int input_xyz_open(struct input *in, struct err *err)
 	if (!rc)
 		rc = probe_text(in, &probe, err);
 	if (!rc)
-		rc = choose_place(in, &probe, 0, 1, &xyz->exponent_xy, err);
-	if (!rc)
-		rc = choose_place(in, &probe, 2, 2, &xyz->exponent_z, err);
+		rc = input_places_choose(in, probe.axis, err);
 	if (rc)
 		return rc;
 	in->info.claimed = probe.points;
-	crs_info_clear(&in->info.crs);
-	coords->has_offset = false;
-	for (int i = 0; i < 3; i++) {
-		coords->scale[i] = (struct decimal){1, i < 2 ? xyz->exponent_xy : xyz->exponent_z};
-		coords->offset[i] = (struct decimal){0, 0};
-		coords->min[i] = probe.axis[i].min;
-		coords->max[i] = probe.axis[i].max;
-	}
 	describe(in, &probe);
 	input_line_rewind(in);
 	return 0;
-}
-
-/* False if the number is none of this unit: then the file is not the one that was probed. */
-static bool raw_of(struct input_number n, int exponent, int64_t *ret)
-{
-	int64_t v = n.mantissa;
-
-	if (!v) {
-		*ret = 0;
-		return true;
-	}
-	if (n.exponent < exponent || n.exponent - exponent > 18)
-		return false;
-	for (int i = exponent; i < n.exponent; i++)
-		if (__builtin_mul_overflow(v, 10, &v))
-			return false;
-	*ret = v;
-	return true;
 }
 
 /* Of a file: it is not the one that was probed. */
@@ -367,16 +404,21 @@ static int changed(struct input *in, struct err *err)
 {
 	if (in->has_pipe) {
 		input_fail(in, err, ERR_INPUT, in->as.xyz.line, "line",
-			   "line %" PRIu64 " has more than nine decimals, or a number too large for them", in->as.xyz.line);
-		return err_add_hint(err, "write it to a file first: its digits are looked at before it is read");
+			   "line %" PRIu64
+			   " has a number that is too large, or more than nine decimals and no lattice to round it to",
+			   in->as.xyz.line);
+		return err_add_hint(err,
+				    "mend the line, or write it to a file first: its digits are looked at before it is read");
 	}
 	input_fail(in, err, ERR_CHANGED, in->as.xyz.line, "line", "the file changed while it was read");
 	return err_add_hint(err, "wait until whoever writes it is done, then push it again");
 }
 
-/* One point; *ret_counted: it was no point but a line of .pts with their number, or of a pipe its end, or there
- * is nothing now. */
-static int read_point(struct input *in, struct input_points *pts, bool *ret_counted, struct err *err)
+/* What the next line was: a point; none, but a line of .pts with their number, or one that is left out; or there is none, since
+ * a pipe has ended or has nothing now. */
+enum line_kind { LINE_POINT, LINE_OTHER, LINE_NONE };
+
+static int read_point(struct input *in, struct input_points *pts, enum line_kind *ret, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
 	struct input_number n[INPUT_ROLES];
@@ -384,57 +426,73 @@ static int read_point(struct input *in, struct input_points *pts, bool *ret_coun
 	uint64_t count;
 	int rc = input_line_next_point(in, &line, err);
 
-	if (!rc && !line.at && in->has_pipe) {
-		*ret_counted = true;
-		in->checked = !in->dry;
+	*ret = LINE_NONE;
+	if (!rc && !line.at && in->has_pipe)
 		return 0;
-	}
 	if (!rc && !line.at)
 		return changed(in, err);
-	*ret_counted = !rc && xyz->counts && input_line_is_count(line, &count);
-	if (rc || *ret_counted)
+	*ret = LINE_OTHER;
+	if (rc || (xyz->counts && input_line_is_count(line, &count)))
 		return rc;
 	rc = input_line_parse(in, line, n, err);
-	if (!rc)
-		rc = attributes(in, line, n, &pts->cls[pts->n], &pts->ret[pts->n], err);
+	if (rc == INPUT_E_LEFT_OUT && in->has_pipe)
+		leave_out(in, err);
+	else if (rc > 0)
+		err_clear(err); /* counted when it was opened */
+	if (rc)
+		return rc < 0 ? rc : 0;
+	rc = attributes(in, line, n, &pts->cls[pts->n], &pts->ret[pts->n], err);
 	if (rc)
 		return rc;
 	for (int i = 0; i < 3; i++)
-		if (!raw_of(n[i], i < 2 ? xyz->exponent_xy : xyz->exponent_z, &pts->raw[pts->n][i]))
+		if (!input_place_raw(&xyz->place[i / 2], &n[i], &pts->raw[pts->n][i]))
 			return changed(in, err);
 	pts->flags[pts->n] = 0;
+	*ret = LINE_POINT;
 	return 0;
 }
 
+/* A pipe that sends lines without a value for ever can be ended: a turn has so many. */
+enum { LINES_A_TURN = 1 << 16 };
+
 static int read_forward(struct input *in, struct input_points *pts, struct err *err)
 {
-	bool none = false;
+	unsigned left_out = 0;
 
-	while (pts->n < pts->cap && !in->checked && !none) {
-		int rc = read_point(in, pts, &none, err);
+	while (pts->n < pts->cap && !in->checked) {
+		enum line_kind kind;
+		int rc = read_point(in, pts, &kind, err);
 
 		if (rc)
 			return rc;
-		pts->n += !none;
+		pts->n += kind == LINE_POINT;
+		in->as.xyz.points += kind == LINE_POINT;
+		if (kind == LINE_NONE && in->dry)
+			return 0;
+		if (kind == LINE_OTHER && ++left_out == LINES_A_TURN) {
+			in->dry = true;
+			return 0;
+		}
+		in->checked = kind == LINE_NONE;
 	}
-	return 0;
+	return in->checked && !pts->n ? check_odd(in, in->as.xyz.points, NULL, err) : 0;
 }
 
 int input_xyz_read(struct input *in, struct input_points *pts, struct err *err)
 {
 	struct input_xyz *xyz = &in->as.xyz;
-	bool counted = false;
 
 	if (in->has_pipe)
 		return read_forward(in, pts, err);
 
 	while (pts->n < pts->cap && xyz->points < in->info.claimed) {
-		int rc = read_point(in, pts, &counted, err);
+		enum line_kind kind;
+		int rc = read_point(in, pts, &kind, err);
 
 		if (rc)
 			return rc;
-		pts->n += !counted;
-		xyz->points += !counted;
+		pts->n += kind == LINE_POINT;
+		xyz->points += kind == LINE_POINT;
 	}
 	if (xyz->points == in->info.claimed && !in->checked) {
 		int rc = input_check_unchanged(in, err);

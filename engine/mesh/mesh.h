@@ -7,6 +7,7 @@
 #ifndef MESH_H
 #define MESH_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "digest.h"
@@ -25,13 +26,28 @@ struct mesh_link {
 
 #define MESH_RULES 12 /* at least VIEW_RULES */
 
+/* Of the positions of at least two points that the view takes, the one that most of them share; of several the least by x, then
+ * y. */
+struct mesh_most {
+	uint64_t points; /* 0: there is none */
+	int32_t x, y;
+};
+static inline void mesh_most_add(struct mesh_most *m, uint64_t points, int32_t x, int32_t y)
+{
+	bool before = x != m->x ? x < m->x : y < m->y;
+
+	if (points > m->points || (points && points == m->points && before))
+		*m = (struct mesh_most){points, x, y};
+}
+
 struct mesh_counts {
 	uint64_t points;              /* records read whose position lies in the region */
 	uint64_t removed[MESH_RULES]; /* by rule, enum view_rule */
 	uint64_t used;                /* positions of the region that are in the mesh's point set */
-	uint64_t halo;                /* positions loaded from outside */
-	uint64_t cells_read;          /* for the halo */
-	uint64_t points_read;         /* records: `points`, and those of the cells read for the halo */
+	struct mesh_most most;
+	uint64_t halo;        /* positions loaded from outside */
+	uint64_t cells_read;  /* for the halo */
+	uint64_t points_read; /* records: `points`, and those of the cells read for the halo */
 };
 
 /* Vertices [0, nopen) are open, the rest are closed and appear in no other domain. The arrays lie in

@@ -347,6 +347,19 @@ static void check_all(struct check *c)
 		check_circles(c);
 }
 
+/* No triangles: all vertices are on the line from the first to the first that is elsewhere. */
+static void check_flat(const struct verify_mesh *m, struct verify_report *r)
+{
+	size_t second = 1;
+
+	while (second < m->nvertex && m->vertex[second][0] == m->vertex[0][0] && m->vertex[second][1] == m->vertex[0][1])
+		second++;
+	for (size_t v = second + 1; v < m->nvertex && !r->fault; v++)
+		if (verify_area(m->vertex[0], m->vertex[second], m->vertex[v]))
+			verify_tell(r, VERIFY_UNUSED, m->vertex[v],
+				    "vertex %zu is in no triangle, and not all vertices lie on one line", v);
+}
+
 int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct err *err)
 {
 	struct verify_report r = {0};
@@ -355,8 +368,7 @@ int verify_mesh(const struct verify_mesh *m, struct verify_report *ret, struct e
 	if (m->nvertex >= UINT32_MAX || m->ntriangle >= UINT32_MAX / 3)
 		return err_set(err, ERR_LIMIT, "the verifier takes meshes of up to %u triangles", UINT32_MAX / 3 - 1);
 	if (!m->ntriangle) {
-		if (m->nvertex)
-			verify_tell(&r, VERIFY_UNUSED, m->vertex[0], "vertex 0 is in no triangle");
+		check_flat(m, &r);
 		*ret = r;
 		return 0;
 	}

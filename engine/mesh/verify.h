@@ -7,7 +7,7 @@
  *   indices in range and distinct; triangles strictly counter-clockwise; each edge at most once in each
  *   direction; every vertex used; one outer boundary, a single loop; Euler's count of a disc; the boundary
  *   convex (collinear vertices allowed), turning once; every inner edge locally Delaunay, exactly; of
- *   cocircular points the diagonal that the tie rule takes (ALGORITHM: the lexicographically last vertex
+ *   cocircular points the diagonal that the tie rule takes (algorithm.md 1: the lexicographically last vertex
  *   of a cocircular polygon is cut off as an ear, again and again).
  * Strict orientation, a disc and a convex boundary that turns once make the triangles cover the hull without
  * overlap; local Delaunay of all edges then is global.
@@ -29,7 +29,7 @@ enum verify_fault {
 	VERIFY_INDEX,       /* a triangle names a vertex that is not there, or one twice */
 	VERIFY_ORIENTATION, /* clockwise or without area */
 	VERIFY_EDGE,        /* one edge in the same direction in two triangles */
-	VERIFY_UNUSED,      /* a vertex of no triangle */
+	VERIFY_UNUSED,      /* a vertex of no triangle, unless there is none and all vertices lie on one line */
 	VERIFY_BOUNDARY,    /* not one loop */
 	VERIFY_EULER,       /* vertices, edges and triangles are not those of a disc */
 	VERIFY_CONVEX,      /* the boundary is not the convex hull */
@@ -60,13 +60,12 @@ struct verify_report {
 	uint64_t positions; /* distinct ones among them */
 };
 
-/* 0 and the report; -ERR_NOMEM. No triangles is good if there are no vertices either: whether the points
- * allow that is asked by verify_points. */
+/* 0 and the report; -ERR_NOMEM. No triangles is good if all vertices lie on one line; that they are the points, each once, is
+ * asked by verify_points. */
 int verify_mesh(const struct verify_mesh *, struct verify_report *ret, struct err *err);
 
 /* Compares vertices and points (already judged by the view) both ways; duplicates are reduced as the view
- * says. `pts` is sorted in place. A mesh without triangles is good if all positions are collinear. Goes on
- * with a report that is good so far. -ERR_NOMEM. */
+ * says. `pts` is sorted in place. Goes on with a report that is good so far. -ERR_NOMEM. */
 int verify_points(const struct verify_mesh *, const struct view *, struct point *pts, size_t n, struct verify_report *,
 		  struct err *err);
 

@@ -37,20 +37,6 @@ static size_t reduce(const struct view *view, struct point *pts, size_t n)
 	return kept;
 }
 
-static bool all_collinear(const struct point *pts, size_t n)
-{
-	for (size_t i = 2; i < n; i++) {
-		int32_t a[3], b[3], c[3];
-
-		place_of(&pts[0], a);
-		place_of(&pts[1], b); /* positions are distinct */
-		place_of(&pts[i], c);
-		if (verify_area(a, b, c) != 0)
-			return false;
-	}
-	return true;
-}
-
 static void compare(const struct point *pts, size_t n, const struct point *vertex, size_t nvertex, struct verify_report *r)
 {
 	size_t i = 0, v = 0;
@@ -96,8 +82,7 @@ int verify_points(const struct verify_mesh *m, const struct view *view, struct p
 	r->points = n;
 	n = reduce(view, pts, n);
 	r->positions = n;
-	if (m->ntriangle || m->nvertex || !all_collinear(pts, n))
-		compare(pts, n, vertex, m->nvertex, r);
+	compare(pts, n, vertex, m->nvertex, r);
 out:
 	free(scratch);
 	free(vertex);

@@ -26,12 +26,13 @@ struct ledger;
 /* ---- ingest: one input into a stage ---- */
 
 struct pipe_ingested {
-	uint64_t points;            /* read and staged */
-	uint64_t moved;             /* of these, rounded to the lattice */
-	double max_shift[3];        /* largest move, in coordinates */
-	struct crs_shift shift;     /* of the heights, by a geoid */
-	uint64_t bytes_read, bytes; /* of the file: for its points; all */
-	bool partial;               /* not all points were read, see input_options.has_crop */
+	uint64_t points;                  /* read and staged */
+	uint64_t moved;                   /* of these, rounded to the lattice */
+	double max_shift[3];              /* largest move, in coordinates */
+	struct crs_shift shift;           /* of the heights, by a geoid */
+	uint64_t bytes_read, bytes;       /* of the file: for its points; all */
+	uint64_t left_out, left_out_line; /* as of input_info */
+	bool partial;                     /* not all points were read, see input_options.has_crop */
 	char warning[256];
 	uint64_t returns[16];    /* by return number */
 	int64_t low[3], high[3]; /* box of the raw numbers; where there are points */
@@ -60,42 +61,15 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 /* When all of the input was read: adds to the warning what its header says otherwise than its points. */
 void pipe_ingested_compare(struct pipe_ingested *, const struct input_info *);
 
-/* ---- select: the grid of the points that a view with crop, every or thin keeps ---- */
-
-/* What such a selection counted. points is the sum of all removed and kept. */
-struct pipe_selected {
-	uint64_t points;              /* of the generation */
-	uint64_t removed[VIEW_RULES]; /* never as duplicates: that rule applies to the selected grid */
-	uint64_t kept;                /* points of the selected grid */
-};
-
-struct pipe_select_params {
-	const struct grid *grid;
-	const struct view *view;   /* bound to the grid's lattice */
-	size_t memory;             /* all that it takes, at least pipe_select_min; the caller has charged it */
-	int dirfd;                 /* a folder of its own: segment, counts, and last the manifest */
-	pipe_progress_fn progress; /* may be NULL; called now and then with the points judged so far;
-				    * non-zero from it cancels (-ERR_CANCELLED) */
-	void *ctx;
-};
-
-#define PIPE_SELECT_MANIFEST "manifest" /* in the folder, when all else is there */
-size_t pipe_select_min(const struct grid *grid);
-/* Makes a grid of exactly the points that all rules but that of duplicates keep, on the same lattice. Which
- * points these are depends on the points of the generation only. After a failure the folder may hold files. */
-int pipe_select(const struct pipe_select_params *params, struct pipe_selected *ret, struct err *err);
-/* The counts that pipe_select left in its folder. -ERR_CORRUPT: they are damaged. */
-int pipe_selected_read(int dirfd, struct pipe_selected *ret, struct err *err);
-/* The identity of a selection: content, lattice, coordinate system and units of the generation, and the rules that
- * select. Views that differ in the rule of duplicates only share it. */
-struct digest pipe_select_key(const struct grid *grid, const struct view *view);
-
 /* ---- inspect: what is in the records of one input ---- */
 
 enum { PIPE_HULL_MOST = 4096 };
 struct pipe_inspected {
-	uint64_t points, distinct; /* read; distinct xy positions of these */
-	double min[3], max[3];     /* of the records, in coordinates; without points zeros */
+	uint64_t points, distinct;         /* read; distinct xy positions of these */
+	double min[3], max[3];             /* of the records, in coordinates; without points zeros */
+	double inner_min[3], inner_max[3]; /* of 99.9 % of them at least: beyond each side lie no more than a 6,000th */
+	struct mesh_most most;             /* the position that most of them share, on the lattice, */
+	double most_at[2];                 /* and in coordinates */
 	uint64_t classes[256];
 	uint64_t returns[16], return_counts[16]; /* by return number, by number of returns */
 	uint64_t flags[4];                       /* withheld, synthetic, key-point, overlap */
@@ -140,17 +114,18 @@ int pipe_budget(uint64_t memory, unsigned threads, const struct grid *grid, stru
 int pipe_budget_kept(uint64_t memory, unsigned threads, const struct grid *grid, uint32_t load, uint32_t cap,
 		     struct pipe_budget *ret, struct err *err);
 
-/* The regions of a mesh, in `memory` of budget->domain_bytes. PIPE_E_FLAT: the view's positions are fewer than
- * three or all collinear; there is nothing to triangulate, *ret_flat has the counts for pipe_emit_flat, and
- * *ret is empty. -ERR_LIMIT: it cannot fit, with the number that would do. */
-enum { PIPE_E_FLAT = 2 };
+/* The regions of a mesh, in `memory` of budget->domain_bytes. Where the view's positions are fewer than three or all collinear
+ * the leaves are `flat`: their domains are vertices without triangles. PIPE_E_EMPTY: there is nothing to emit (no position, or
+ * flat ones in a view with a window); *ret_empty has the counts for pipe_emit_empty, and *ret is empty. -ERR_LIMIT: it cannot
+ * fit, with the number that would do. */
+enum { PIPE_E_EMPTY = 2 };
 /* Of a view with a window the leaves are the pieces of the window, and `domains` are the triangles that meet them. */
 int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err);
+	      struct cut_plan *ret, struct mesh_counts *ret_empty, struct err *err);
 /* Its two steps, for who has something to do between them (pipe_refine): the leaves, and the look ahead at their halos.
  * The second empties the plan where it fails. */
 int pipe_plan_make(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-		   struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err);
+		   struct cut_plan *ret, struct mesh_counts *ret_empty, struct err *err);
 int pipe_plan_probe(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
 		    struct cut_plan *plan, struct err *err);
 
@@ -160,10 +135,11 @@ int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader,
 
 /* ---- domain: one region to a finished domain ---- */
 
-/* What is known of a region's halo beforehand, or NULL. The domain is the same with and without. */
+/* What is known of a region beforehand, or NULL. The domain is the same with and without, but for `flat`. */
 struct pipe_known {
 	const struct cut_sites *sites;    /* of the plan, if the leaf is `known` */
 	const struct pipe_before *before; /* by pipe_before */
+	bool flat;                        /* the leaf is: its own positions, and no triangles */
 };
 /* Everything in `memory` of budget->domain_bytes; *ret points into it. PIPE_E_SPLIT: own + halo do not fit; *ret_need
  * positions would. */
@@ -278,7 +254,8 @@ struct pipe_totals {
 	uint64_t vertices, triangles, hull, domains;
 	struct mesh_counts counts;
 	struct digest digest, vertex_digest;
-	int32_t box[6]; /* of the vertices: min x y z, max x y z */
+	int32_t box[6];    /* of the vertices: min x y z, max x y z */
+	double most_at[2]; /* the place of counts.most, in coordinates; if it has points */
 };
 
 /* `memory`: bytes for the table of unfinished vertices (charged by the caller); beyond them it spills
@@ -286,7 +263,7 @@ struct pipe_totals {
 int pipe_emitter_new(const struct lattice *lattice, size_t memory, int tempdirfd, struct pipe_emitter **ret, struct err *err);
 /* Of a domain that pipe_reuse gave `light` (`triangle` is NULL) only the totals are made: no sink may be there. */
 /* The next domain of the plan. Calls sink->block once (sink may be NULL: counted and digested only).
- * Domains without triangles give no block. The arrays of the block are those of the domain, renumbered in
+ * Domains without vertices give no block. The arrays of the block are those of the domain, renumbered in
  * place: they stay valid as long as the domain's memory, also after this returns. */
 int pipe_emit(struct pipe_emitter *, struct mesh_domain *, const struct cut_region *, const struct mesh_sink *, struct err *err);
 /* Before the first domain: they are those of a window. The mesh has a border that is not the hull's, so it is not held
@@ -296,8 +273,8 @@ void pipe_emitter_part(struct pipe_emitter *);
  * counts, digests and numbers of a domain and none of its arrays; no sink may be there, and the order of domains does not
  * matter. The totals are the same. */
 void pipe_emitter_sums(struct pipe_emitter *, bool sums);
-/* Instead of any domain: the counts of a flat plan. */
-void pipe_emit_flat(struct pipe_emitter *, const struct mesh_counts *counts);
+/* Instead of any domain: the counts of a plan that is empty (PIPE_E_EMPTY). */
+void pipe_emit_empty(struct pipe_emitter *, const struct mesh_counts *counts);
 /* After the last domain: totals. Vertices still open are the hull. -ERR_INTERNAL if the mesh is not whole
  * (a link that should have closed). */
 int pipe_emitter_finish(struct pipe_emitter *, struct pipe_totals *ret, struct err *err);

@@ -11,7 +11,7 @@
 const uint32_t pipe_rung[PIPE_RUNGS] = {1u << 15, 1u << 17, 1u << 19, 1u << 20};
 
 /* Room for the halo: an eighth of the load and what a small, ragged region needs. Measured halos of ordinary
- * surveys are 0.5 to 6 % of a region's points (ALGORITHM 6); a region that needs more is split. */
+ * surveys are 0.5 to 6 % of a region's points (algorithm.md 4); a region that needs more is split. */
 static uint32_t cap_of(uint32_t load)
 {
 	return load + load / 8 + 4096;
@@ -19,7 +19,7 @@ static uint32_t cap_of(uint32_t load)
 
 size_t pipe_domain_bytes(uint32_t cap, size_t reader_bytes)
 {
-	return PIPE_TRACE + pipe_round(reader_bytes) + pipe_round(tri_bytes(cap)) + PIPE_ALIGN;
+	return PIPE_TRACE + align_line(reader_bytes) + align_line(tri_bytes(cap)) + ALIGN_LINE;
 }
 
 static size_t reader_bytes_of(const struct grid *grid)

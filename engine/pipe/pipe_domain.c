@@ -4,7 +4,7 @@
  *
  * The memory is [trace | block buffers of the reader | arena of the kernel]. While points are loaded, what is left of
  * the arena is scratch for the halo; when the triangles are there, the owned ones are packed over them in
- * place, and links, vertices and final bits follow behind, still in the place of triangles (pipe_finish.c).
+ * place, and links, vertices and final bits follow behind, still in the place of triangles (finish.c).
  *
  * A region that is far smaller than the budget carries touches no more than its size: arrays lie close to each other, and the
  * halo's scratch is small at first. Pages that are touched must be cleared, and a huge one costs as much as a thousand points.
@@ -16,15 +16,16 @@
 
 #include "cut_valid.h"
 #include "err.h"
-#include "pipe_finish.h"
+#include "finish.h"
 #include "pipe_priv.h"
+#include "window.h"
 
 /* Positions of which a halo, as a rule, has fewer than a third. */
 enum { HALO_MANY = 1 << 15 };
 
 void *pipe_domain_arena(const struct grid *grid, void *memory)
 {
-	return (uint8_t *)memory + PIPE_TRACE + pipe_round(grid_reader_bytes(grid));
+	return (uint8_t *)memory + PIPE_TRACE + align_line(grid_reader_bytes(grid));
 }
 
 /* What the kernel's arena for n positions is laid out for: with that many, a finished domain fits in the place of the triangles
@@ -46,8 +47,8 @@ void pipe_domain_room(const struct grid *grid, const struct pipe_budget *budget,
 {
 	uint8_t *arena = pipe_domain_arena(grid, memory);
 	struct mesh_vertex *input = tri_input(tri_init(arena, kernel_guess(own, budget->cap)));
-	size_t before = pipe_round((size_t)((uint8_t *)input - arena) + (size_t)budget->cap * sizeof *input);
-	size_t room = (tri_bytes(budget->cap) - before) & ~(size_t)(PIPE_ALIGN - 1);
+	size_t before = align_line((size_t)((uint8_t *)input - arena) + (size_t)budget->cap * sizeof *input);
+	size_t room = (tri_bytes(budget->cap) - before) & ~(size_t)(ALIGN_LINE - 1);
 	size_t some = cut_load_scratch_bytes((own < budget->cap ? (uint32_t)own : budget->cap) + HALO_MANY);
 
 	*ret = (struct cut_load){
@@ -83,6 +84,7 @@ static int load_points(const struct grid *grid, const struct view *view, const s
 	for (unsigned whole = 0; !r && whole < 2; whole++) {
 		pipe_domain_room(grid, budget, *ret_own, whole, memory, load);
 		load->sites = known ? known->sites : NULL;
+		load->flat = known && known->flat;
 		load->before = known && known->before ? &known->before->trace : NULL;
 		load->trace = &trace->trace;
 		cut_trace_init(load->trace, trace + 1);
@@ -133,7 +135,7 @@ static void finish_flat(const struct tri *tri, const struct cut_region *region, 
 int pipe_domain(const struct grid *grid, const struct view *view, const struct cut_region *region, const struct pipe_known *known,
 		const struct pipe_budget *budget, void *memory, struct mesh_domain *ret, uint64_t *ret_need, struct err *err)
 {
-	struct pipe_finish f = {0};
+	struct finish f = {0};
 	struct cut_load load;
 	struct tri *tri;
 	uint64_t own = 0;
@@ -142,14 +144,19 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 	if (view->window) {
 		struct pipe_trace *trace = memory;
 
-		r = pipe_area(grid, view, region, budget, memory, ret, ret_need, err);
-		/* Of what it read there is no trace: it is known again in its own generation. */
+		/* Without a trace of what was read: a piece is not stored for later generations. */
 		cut_trace_init(&trace->trace, trace + 1);
-		return r;
+		r = window_domain(grid, view, region, budget->cap, (uint8_t *)memory + PIPE_TRACE,
+				  pipe_domain_arena(grid, memory), ret, ret_need, err);
+		return r == WINDOW_E_SPLIT ? PIPE_E_SPLIT : r;
 	}
 	r = load_points(grid, view, region, known, budget, memory, &load, &own, ret_need, err);
 	if (r)
 		return r;
+	if (load.flat) {
+		*ret = pipe_flat_domain(&load, grid_manifest(grid)->lattice.k);
+		return 0;
+	}
 	tri = pipe_domain_tri(grid, budget, own, memory, &load);
 	f.out.counts = load.counts;
 	if (tri_run(tri, load.n) == TRI_E_FLAT) {
@@ -157,14 +164,14 @@ int pipe_domain(const struct grid *grid, const struct view *view, const struct c
 		*ret = f.out;
 		return 0;
 	}
-	pipe_finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
-	pipe_finish_owned(&f);
-	if (!pipe_finish_vertices(&f)) {
+	finish_init(&f, region, grid_manifest(grid)->lattice.k, tri);
+	finish_owned(&f);
+	if (!finish_vertices(&f)) {
 		/* Nearly all vertices are open: points in convex position. Smaller regions have room. */
 		*ret_need = (uint64_t)load.n * 2;
 		return PIPE_E_SPLIT;
 	}
-	pipe_finish_numbers(&f);
+	finish_numbers(&f);
 	*ret = f.out;
 	return 0;
 }
@@ -173,7 +180,7 @@ size_t pipe_domain_held(const struct mesh_domain *domain, const void *memory)
 {
 	const uint8_t *end = domain->final;
 
-	if (!domain->ntriangle)
+	if (!domain->nvertex)
 		return PIPE_TRACE;
-	return (size_t)(end - (const uint8_t *)memory) + pipe_round(((size_t)domain->nvertex + 7) / 8);
+	return (size_t)(end - (const uint8_t *)memory) + align_line(((size_t)domain->nvertex + 7) / 8);
 }

@@ -3,7 +3,7 @@
  *
  * A closed vertex appears in its domain only: it is numbered and final there and then. An open one is looked
  * up by position in the table of unfinished vertices: known there, it is foreign to this block; its link sum
- * grows by what this domain adds, and is zero exactly when the triangles around it have closed (DESIGN: for a
+ * grows by what this domain adds, and is zero exactly when the triangles around it have closed (algorithm.md 8: for a
  * triangle (p, a, b) add H(a) - H(b)); then no later block uses it. Numbers are given by first use. Nothing is
  * copied: the open vertices are put in order in place (foreign first), foreign numbers take the place of the
  * link sums, and triangles that touch open vertices are renumbered.
@@ -17,7 +17,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "decimal.h"
 #include "err.h"
+#include "parse.h"
 #include "pipe_table.h"
 
 struct pipe_emitter {
@@ -65,6 +67,7 @@ static void counts_add(struct mesh_counts *sum, const struct mesh_counts *c)
 
 	sum->points += c->points;
 	sum->used += c->used;
+	mesh_most_add(&sum->most, c->most.points, c->most.x, c->most.y);
 	sum->halo += c->halo;
 	sum->cells_read += c->cells_read;
 	sum->points_read += c->points_read;
@@ -238,7 +241,7 @@ static int emit_sums(struct pipe_emitter *e, const struct mesh_domain *d, const 
 		return err_set(err, ERR_INTERNAL, "a mesh of which only sums are made has no blocks");
 	e->totals.vertices += d->counts.used;
 	digest_add(&e->totals.vertex_digest, d->own_digest);
-	if (!d->ntriangle)
+	if (!d->nvertex)
 		return 0;
 	digest_add(&e->totals.digest, d->digest);
 	box_add(e, d);
@@ -259,7 +262,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	e->hull += d->nhull;
 	if (e->sums)
 		return emit_sums(e, d, sink, err);
-	if (!d->ntriangle)
+	if (!d->nvertex)
 		return 0;
 	if (sink && !d->triangle)
 		return err_set(err, ERR_INTERNAL, "a domain of which only the front was read has no block");
@@ -287,7 +290,7 @@ int pipe_emit(struct pipe_emitter *e, struct mesh_domain *d, const struct cut_re
 	return sink->block(sink->ctx, &block, err);
 }
 
-void pipe_emit_flat(struct pipe_emitter *e, const struct mesh_counts *counts)
+void pipe_emit_empty(struct pipe_emitter *e, const struct mesh_counts *counts)
 {
 	counts_add(&e->totals.counts, counts);
 }
@@ -297,23 +300,40 @@ void pipe_emitter_part(struct pipe_emitter *e)
 	e->part = true;
 }
 
+static double coordinate(struct decimal scale, int64_t number)
+{
+	char text[DECIMAL_TEXT_SIZE];
+	double v = 0;
+
+	parse_double(decimal_scaled_text(scale, number, text), &v);
+	return v;
+}
+
+static void find_most(struct pipe_emitter *e)
+{
+	const struct mesh_most *most = &e->totals.counts.most;
+	const struct lattice *l = &e->lattice;
+
+	if (!most->points)
+		return;
+	e->totals.most_at[0] = coordinate(l->scale_xy, most->x + l->k[0]);
+	e->totals.most_at[1] = coordinate(l->scale_xy, most->y + l->k[1]);
+}
+
 int pipe_emitter_finish(struct pipe_emitter *e, struct pipe_totals *ret, struct err *err)
 {
 	struct pipe_totals *t = &e->totals;
 
+	find_most(e);
 	if (e->part) {
 		*ret = *t;
 		return 0;
 	}
 	t->hull = e->sums ? e->hull : pipe_table_count(e->table);
-	if (e->sums && !t->triangles) {
-		t->vertices = t->hull = 0;
-		t->vertex_digest = (struct digest){0};
-	}
 	/* Euler's count and the point set: a mesh with a hole, a lost or a doubled triangle fails here, and a job
-	 * must not end as done with one. */
-	if (t->triangles &&
-	    (t->vertices != t->counts.used || t->triangles != 2 * t->vertices - 2 - t->hull || t->hull != e->hull))
+	 * must not end as done with one. Collinear positions have neither triangles nor a hull. */
+	if (t->vertices && (t->vertices != t->counts.used || t->hull != e->hull ||
+			    (t->triangles && t->triangles != 2 * t->vertices - 2 - t->hull)))
 		return err_set(
 			err, ERR_INTERNAL,
 			"the mesh is not whole: %llu positions, %llu vertices, %llu triangles, %llu on the hull (%llu told)",

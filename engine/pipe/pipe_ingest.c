@@ -137,6 +137,8 @@ int pipe_ingest(struct input *input, const struct pipe_ingest_params *p, struct 
 	in.bytes_read = input_bytes_read(input);
 	in.bytes = info->bytes;
 	in.partial = info->partial;
+	in.left_out = info->left_out;
+	in.left_out_line = info->left_out_line;
 	snprintf(in.warning, sizeof in.warning, "%s", info->warning);
 	*ret = in;
 	return r;
@@ -157,11 +159,15 @@ void pipe_ingested_add(struct pipe_ingested *sum, const struct pipe_ingested *pa
 	sum->bytes_read += part->bytes_read;
 	sum->bytes = part->bytes;
 	sum->partial = part->partial;
+	if (part->left_out > sum->left_out) { /* of the input so far */
+		sum->left_out = part->left_out;
+		sum->left_out_line = part->left_out_line;
+	}
 	for (int i = 0; i < 3; i++)
 		if (part->max_shift[i] > sum->max_shift[i])
 			sum->max_shift[i] = part->max_shift[i];
 	crs_shift_add(&sum->shift, &part->shift);
-	if (!*sum->warning)
+	if (strlen(part->warning) > strlen(sum->warning)) /* what an input says grows */
 		memcpy(sum->warning, part->warning, sizeof sum->warning);
 }
 
@@ -196,7 +202,8 @@ static long double raw_of(const struct lattice_input *c, int k, double bound)
 		       (exact(d) - (c->has_offset ? exact(c->offset[k]) : 0)) / exact(c->scale[k]);
 }
 
-/* Half a unit is how far a header may round; NaN differs. Text has no header: its box is that of its points. */
+/* Points outside of the box; inside of a larger one they are right, and a box that is none was told with the header. Half a unit
+ * is how far a header may round. Text has no header: its box is that of its points. */
 static void compare_box(struct pipe_ingested *in, const struct lattice_input *c)
 {
 	static const long double half = 0.5L + 1e-6L;
@@ -204,7 +211,7 @@ static void compare_box(struct pipe_ingested *in, const struct lattice_input *c)
 	for (int k = 0; k < 3; k++) {
 		long double low = raw_of(c, k, c->min[k]) - in->low[k], high = raw_of(c, k, c->max[k]) - in->high[k];
 
-		if (fabsl(low) <= half && fabsl(high) <= half)
+		if (!(c->min[k] <= c->max[k]) || (low <= half && high >= -half))
 			continue;
 		warn(in, "the header's box is wrong: %c %.10g to %.10g, its points %.10g to %.10g", "xyz"[k], c -> min[k],
 		     c -> max[k], (double)(in->low[k] * exact(c->scale[k]) + exact(c->offset[k])),
@@ -221,7 +228,7 @@ void pipe_ingested_compare(struct pipe_ingested *in, const struct input_info *in
 	if (!in->points || info->partial || !info->coords.has_offset || in->points != info->claimed)
 		return;
 	compare_box(in, &info->coords);
-	for (int i = 1; info->has_returns && i < 16; i++) {
+	for (int i = 1; info->has_returns && !info->miscounted && i < 16; i++) {
 		if (info->returns[i] == in->returns[i])
 			continue;
 		warn(in, "the header counts %llu points of return %d, there are %llu", (unsigned long long)info->returns[i], i,

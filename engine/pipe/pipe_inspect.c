@@ -1,10 +1,10 @@
 /*
  * Inspection: what is in the records of an input, told by reading all of them.
  *
- * Model: one pass over the records counts, and stages their positions into a segment of its own, whose index
- * knows how many are distinct. The hull of the positions is kept as a convex polygon on the lattice: each batch
- * gives its own, and the two together the next. Memory is that of a batch, of the hull (bounded: beyond that it
- * is thinned, and said so) and of the stage. Not here: the earth under the plane.
+ * Model: one pass over the records counts, and stages their places into a segment of its own, whose index
+ * knows how many positions are distinct; where most points are is looked for in it (pipe_inner.c). The hull of the positions is
+ * kept as a convex polygon on the lattice: each batch gives its own, and the two together the next. Memory is that of a batch, of
+ * the hull (bounded: beyond that it is thinned, and said so) and of the stage. Not here: the earth under the plane.
  */
 #include <fcntl.h>
 #include <stdio.h>
@@ -14,6 +14,7 @@
 #include "err.h"
 #include "io.h"
 #include "pipe.h"
+#include "pipe_inner.h"
 
 enum { BATCH = 8192, HULL = PIPE_HULL_MOST, INDEX = 1 << 20 };
 
@@ -33,7 +34,7 @@ struct inspection {
 
 size_t pipe_inspect_bytes(void)
 {
-	return sizeof(struct inspection) + INDEX;
+	return sizeof(struct inspection) + pipe_inner_bytes() + INDEX;
 }
 
 /* ---- the hull ---- */
@@ -118,8 +119,7 @@ static void count(struct inspection *s, size_t n, struct pipe_inspected *in)
 			if ((!in->points && !i) || s->raw[i][k] > s->hi[k])
 				s->hi[k] = s->raw[i][k];
 		}
-		/* Only the position counts in the stage. */
-		s->point[i] = (struct point){.x = s->at[i][0], .y = s->at[i][1]};
+		s->point[i] = (struct point){.x = s->at[i][0], .y = s->at[i][1], .z = s->at[i][2]};
 	}
 }
 
@@ -187,9 +187,9 @@ static int sum_cell(void *ctx, const struct grid_cell *cell)
 	return 0;
 }
 
-static int count_distinct(const struct pipe_inspect_params *p, const char *manifest, uint64_t *ret, struct err *err)
+static int look(const struct pipe_inspect_params *p, const char *manifest, struct pipe_inspected *in, struct err *err)
 {
-	const struct grid_visitor visitor = {ret, sum_subtree, sum_cell};
+	const struct grid_visitor visitor = {&in->distinct, sum_subtree, sum_cell};
 	struct grid_reader *reader = NULL;
 	struct grid *grid = NULL;
 	void *memory = NULL;
@@ -202,6 +202,8 @@ static int count_distinct(const struct pipe_inspect_params *p, const char *manif
 		     err_set(err, ERR_NOMEM, "no memory to count positions");
 	if (!r)
 		r = grid_walk(reader, 0, UINT64_MAX, &visitor, err);
+	if (!r)
+		r = pipe_inner(reader, p, in, err);
 	grid_reader_free(reader);
 	free(memory);
 	grid_close(grid);
@@ -227,7 +229,7 @@ static int seal(const struct pipe_inspect_params *p, struct pipe_inspected *in, 
 	snprintf(manifest, sizeof manifest, "%.60s.manifest", p->name);
 	r = grid_manifest_write(p->dirfd, manifest, &m, err);
 	if (!r)
-		r = count_distinct(p, manifest, &in->distinct, err);
+		r = look(p, manifest, in, err);
 	io->unlinkat(p->dirfd, manifest, 0);
 	io->unlinkat(p->dirfd, segment.file, 0);
 	return r;

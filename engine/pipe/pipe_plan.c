@@ -3,83 +3,49 @@
  * a look ahead at those whose halo may be far larger than they are, so that a job which cannot fit is refused
  * before its first triangle.
  *
- * Collinear points are found here, not in the domains: every region of a collinear survey needs all of its
- * points (ALGORITHM 4.6), so it would be refused, and its mesh is known to be empty. The scan ends at the first
- * three points that are not collinear: on ordinary data within the first cell.
+ * Collinear points are found here, not in the domains (pipe_flat.c).
  */
 #include "pipe.h"
 
-#include <string.h>
-
 #include "err.h"
-#include "geom.h"
 #include "pipe_priv.h"
 #include "tri.h"
+#include "window.h"
 
-struct flat {
-	const struct view *view;
-	struct mesh_counts counts;
-	int32_t first[2], second[2], last[2];
-};
-
-enum { NOT_FLAT = 100 };
-
-static int flat_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+static int make_leaves(struct grid_reader *reader, const struct view *view, const struct pipe_budget *budget, bool flat,
+		       struct cut_plan *plan, struct err *err)
 {
-	struct flat *f = ctx;
-	size_t i;
+	int r = view->window ? window_plan(reader, view, budget->cap, plan, err) : cut_plan_make(reader, budget->load, plan, err);
 
-	(void)err;
-	f->counts.points += n;
-	f->counts.points_read += n;
-	for (i = 0; i < n; i++) {
-		enum view_rule rule = view_judge(f->view, &pts[i]);
-		int32_t at[2] = {pts[i].x, pts[i].y};
-
-		if (rule == VIEW_KEPT && f->counts.used && !memcmp(at, f->last, sizeof at))
-			rule = VIEW_BY_DUPLICATE;
-		if (rule != VIEW_KEPT) {
-			f->counts.removed[rule]++;
-			continue;
-		}
-		memcpy(f->last, at, sizeof at);
-		if (f->counts.used < 2)
-			memcpy(f->counts.used ? f->second : f->first, at, sizeof at);
-		else if (geom_orient(f->first, f->second, at))
-			return NOT_FLAT;
-		f->counts.used++;
-	}
-	return 0;
+	if (!r && flat)
+		cut_plan_make_flat(plan);
+	return r;
 }
 
 int pipe_plan_make(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-		   struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err)
+		   struct cut_plan *ret, struct mesh_counts *ret_empty, struct err *err)
 {
-	struct flat flat = {.view = view};
 	struct grid_reader *reader = NULL;
 	struct cut_plan plan = {0};
+	struct mesh_counts counts;
+	bool flat;
 	int r;
 
 	r = grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, err);
 	if (r)
 		return r;
-	r = grid_scan(reader, 0, UINT64_MAX, flat_points, &flat, err);
-	if (!r) {
-		*ret_flat = flat.counts;
-		*ret = plan;
-		r = PIPE_E_FLAT;
-	} else if (r == NOT_FLAT) {
-		if (view->window) {
-			r = pipe_area_plan(reader, view, budget->cap, &plan, err);
-			plan.points_read = flat.counts.points_read;
-		} else {
-			r = cut_plan_make(reader, budget->load, &plan, err);
-		}
-		if (!r)
-			*ret = plan;
-		else
-			cut_plan_done(&plan);
+	r = pipe_flat_scan(reader, view, &flat, &counts, err);
+	if (!r && flat && (!counts.used || view->window)) {
+		*ret_empty = counts;
+		r = PIPE_E_EMPTY;
+	} else if (!r) {
+		r = make_leaves(reader, view, budget, flat, &plan, err);
+		plan.points_read += view->window ? counts.points_read : 0;
 	}
+	if (!r || r == PIPE_E_EMPTY)
+		*ret = plan;
+	else
+		cut_plan_done(&plan);
 	grid_reader_free(reader);
 	return r;
 }
@@ -88,11 +54,11 @@ int pipe_plan_probe(const struct grid *grid, const struct view *view, const stru
 		    struct cut_plan *plan, struct err *err)
 {
 	size_t reader_size = grid_reader_bytes(grid);
-	uint8_t *scratch = (uint8_t *)memory + pipe_round(reader_size);
+	uint8_t *scratch = (uint8_t *)memory + align_line(reader_size);
 	struct grid_reader *reader = NULL;
 	int r;
 
-	if (view->window)
+	if (view->window || cut_plan_flat(plan))
 		return 0;
 	r = grid_reader_new(grid, memory, reader_size, &reader, err);
 	if (!r)
@@ -104,16 +70,26 @@ int pipe_plan_probe(const struct grid *grid, const struct view *view, const stru
 }
 
 int pipe_plan(const struct grid *grid, const struct view *view, const struct pipe_budget *budget, void *memory,
-	      struct cut_plan *ret, struct mesh_counts *ret_flat, struct err *err)
+	      struct cut_plan *ret, struct mesh_counts *ret_empty, struct err *err)
 {
 	struct cut_plan plan;
-	int r = pipe_plan_make(grid, view, budget, memory, &plan, ret_flat, err);
+	int r = pipe_plan_make(grid, view, budget, memory, &plan, ret_empty, err);
 
-	if (r == PIPE_E_FLAT)
+	if (r == PIPE_E_EMPTY)
 		*ret = plan;
 	if (!r)
 		r = pipe_plan_probe(grid, view, budget, memory, &plan, err);
 	if (!r)
 		*ret = plan;
+	return r;
+}
+
+int pipe_plan_split(struct cut_plan *plan, size_t i, struct grid_reader *reader, const struct view *view, uint64_t need,
+		    uint32_t cap, struct err *err)
+{
+	int r = cut_plan_split(plan, i, reader, need, view->window ? window_cap(cap) : cap, err);
+
+	for (unsigned k = 0; k < 2 && !r && view->window; k++)
+		window_tighten(grid_reader_grid(reader), view, &plan->leaf[i + k].region);
 	return r;
 }

@@ -197,7 +197,7 @@ int pipe_refine_cut(struct pipe_refine *f, const struct pipe_reuse_params *p, st
 bool pipe_refines(const struct view *view, const struct cut_plan *plan)
 {
 	/* Regions of a window are not those of the whole mesh. */
-	return !view->window && plan->n >= MOST;
+	return !view->window && !cut_plan_flat(plan) && plan->n >= MOST;
 }
 
 int pipe_refine(const struct pipe_reuse_params *p, struct cut_plan *plan, struct err *err)

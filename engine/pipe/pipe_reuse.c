@@ -28,7 +28,7 @@
 #include "cursor.h"
 #include "err.h"
 #include "pipe.h"
-#include "pipe_finish.h"
+#include "finish.h"
 #include "pipe_priv.h"
 
 /* Bump it when the same points give other blocks: stored domains of the old kernel are then not found. */
@@ -43,21 +43,12 @@ _Static_assert(PROOF_MOST <= STORE_PROOF_MOST, "a proof can be stored");
 
 /* ---- keys ---- */
 
-struct digest pipe_content(const struct grid *grid)
-{
-	struct digest parts = grid_content(grid);
-	uint64_t points = grid_points(grid);
-
-	digest_add(&parts, digest_hash(&points, sizeof points));
-	return digest_hash(&parts, sizeof parts);
-}
-
 void pipe_key_init(struct pipe_key *key, const struct grid *grid, const struct view *view)
 {
 	char lattice[LATTICE_TEXT_SIZE];
 
 	lattice_text(&grid_manifest(grid)->lattice, lattice);
-	key->content = pipe_content(grid);
+	key->content = grid_content(grid);
 	key->part[0] = digest_hash(lattice, strlen(lattice));
 	key->part[1] = view_hash(view);
 }
@@ -226,7 +217,7 @@ static size_t front_room(const struct pipe_reuse_params *p)
 /* With the header of a store's file (store_proof). */
 size_t pipe_look_bytes(const struct grid *grid)
 {
-	return PIPE_TRACE + pipe_round(grid_reader_bytes(grid)) + pipe_round(STORE_PROOF_FRONT + PROOF_MOST);
+	return PIPE_TRACE + align_line(grid_reader_bytes(grid)) + align_line(STORE_PROOF_FRONT + PROOF_MOST);
 }
 
 static int valid_here(const struct pipe_reuse_params *p, const struct cut_trace *trace, struct err *err)

@@ -294,6 +294,7 @@ int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct
 			       PIPE_TABLE_FRAMES_MIN * PIPE_TABLE_PAGE);
 	t = calloc(1, sizeof *t);
 	if (t) {
+		t->fd = -1;
 		t->frame = calloc(nframes, sizeof *t->frame);
 		t->bytes = frames_new(nframes);
 	}
@@ -301,7 +302,6 @@ int pipe_table_new(size_t memory, int tempdirfd, struct pipe_table **ret, struct
 		pipe_table_free(t);
 		return err_set(err, ERR_NOMEM, "no memory for the emitter's table (%zu bytes)", memory);
 	}
-	t->fd = -1;
 	t->dirfd = tempdirfd;
 	t->nframes = nframes;
 	table_clear(t, nframes < FIRST_PAGES ? PIPE_TABLE_FRAMES_MIN : FIRST_PAGES);

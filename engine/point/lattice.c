@@ -118,7 +118,18 @@ static double far_of(const struct lattice_input *in, unsigned axis)
 
 bool lattice_in_order(const struct lattice_input *in, unsigned axis, enum lattice_order by)
 {
-	return by == LATTICE_BY_SCALE || (by == LATTICE_BY_OFFSET ? in->has_offset : box_is_good(in, axis));
+	switch (by) {
+	case LATTICE_BY_SCALE:
+		return true;
+	case LATTICE_BY_EXACT:
+		return in->coarsest[axis].mantissa == 0;
+	case LATTICE_BY_COARSEST:
+		return in->coarsest[axis].mantissa != 0;
+	case LATTICE_BY_OFFSET:
+		return in->has_offset;
+	default:
+		return box_is_good(in, axis);
+	}
 }
 
 int lattice_compare(const struct lattice_input *a, const struct lattice_input *b, unsigned axis, enum lattice_order by)
@@ -128,7 +139,11 @@ int lattice_compare(const struct lattice_input *a, const struct lattice_input *b
 
 	switch (by) {
 	case LATTICE_BY_SCALE:
+	case LATTICE_BY_EXACT:
 		order = decimal_compare(a->scale[axis], b->scale[axis]);
+		break;
+	case LATTICE_BY_COARSEST:
+		order = decimal_compare(a->coarsest[axis], b->coarsest[axis]);
 		break;
 	case LATTICE_BY_OFFSET:
 		return decimal_compare(a->offset[axis], b->offset[axis]);
@@ -151,14 +166,19 @@ int lattice_compare(const struct lattice_input *a, const struct lattice_input *b
 }
 
 /* Who is to blame that the boxes do not fit: one whose own box is too wide for the scale, the widest; else the
- * one of the finest scale if they differ; else the one that lies farthest out. Whoever leaves that one out and
- * tries again comes to the same inputs from any order. */
+ * one that lets the scale be no coarser: of the finest scale if they differ, or of the least that it may be rounded to; else
+ * the one that lies farthest out. Whoever leaves that one out and tries again comes to the same inputs from any order. */
 static const struct lattice_input *who_does_not_fit(const struct lattice_facts *f, unsigned axis, double scale)
 {
 	const struct lattice_input *const *first = f->first[axis], *wide = first[LATTICE_BY_WIDTH];
+	const struct lattice_input *rounded = first[LATTICE_BY_COARSEST], *exact = first[LATTICE_BY_EXACT];
 
 	if (wide && (wide->max[axis] - wide->min[axis]) / scale > 0x1p32)
 		return wide;
+	if (rounded && exact && decimal_double(exact->scale[axis]) > scale)
+		return rounded;
+	if (rounded && first[LATTICE_BY_FAR])
+		return first[LATTICE_BY_FAR];
 	return f->scales_differ[axis] || !first[LATTICE_BY_FAR] ? first[LATTICE_BY_SCALE] : first[LATTICE_BY_FAR];
 }
 
@@ -175,8 +195,8 @@ static int too_wide(const struct lattice_facts *f, unsigned axis, struct decimal
 }
 
 /* K of one axis. The offset of alike inputs serves if their own scale is kept (raw numbers are 32 bits), or
- * if the boxes fit around it; else the middle of the boxes; without boxes the smallest offset. */
-static int choose_k(const struct lattice_facts *f, unsigned axis, struct decimal scale, int64_t *ret, struct err *err)
+ * if the boxes fit around it; else the middle of the boxes; without boxes the smallest offset. False: the boxes do not fit. */
+static bool find_k(const struct lattice_facts *f, unsigned axis, struct decimal scale, int64_t *ret)
 {
 	const struct lattice_input *const *first = f->first[axis];
 	const struct lattice_input *any = first[LATTICE_BY_SCALE], *min = first[LATTICE_BY_MIN], *max = first[LATTICE_BY_MAX];
@@ -185,14 +205,164 @@ static int choose_k(const struct lattice_facts *f, unsigned axis, struct decimal
 
 	if (f->alike && floor_ratio(any->offset[axis], scale, ret) &&
 	    (!min || same_decimal(any->scale[axis], scale) || box_fits(min->min[axis], max->max[axis], step, *ret)))
-		return 0;
+		return true;
 	if (min)
 		decimal_from_double(min->min[axis] / 2 + max->max[axis] / 2, &middle);
 	else if (first[LATTICE_BY_OFFSET])
 		middle = first[LATTICE_BY_OFFSET]->offset[axis];
-	if (!floor_ratio(middle, scale, ret) || (min && !box_fits(min->min[axis], max->max[axis], step, *ret)))
-		return too_wide(f, axis, scale, err);
-	return 0;
+	return floor_ratio(middle, scale, ret) && (!min || box_fits(min->min[axis], max->max[axis], step, *ret));
+}
+
+/* ---- the scale ---- */
+
+/* v is a whole multiple of the scale. */
+static bool is_multiple(struct decimal v, struct decimal scale)
+{
+	__int128 up = v.mantissa, down = scale.mantissa;
+	int64_t e = (int64_t)v.exponent - scale.exponent;
+
+	for (; e > 0 && up % down; e--)
+		if (__builtin_mul_overflow(up, (__int128)10, &up))
+			return false;
+	for (; e < 0; e++)
+		if (__builtin_mul_overflow(down, (__int128)10, &down))
+			return false;
+	return up % down == 0;
+}
+
+/* The least of axes [from, to] that are in this order; false: none is. */
+static bool least(const struct lattice_facts *f, unsigned from, unsigned to, enum lattice_order by, struct decimal *ret)
+{
+	bool any = false;
+
+	for (unsigned a = from; a <= to; a++) {
+		const struct lattice_input *in = f->first[a][by];
+		struct decimal d;
+
+		if (!in)
+			continue;
+		d = by == LATTICE_BY_COARSEST ? in->coarsest[a] : in->scale[a];
+		if (!any || decimal_compare(d, *ret) < 0)
+			*ret = d;
+		any = true;
+	}
+	return any;
+}
+
+static bool boxes_fit(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal scale)
+{
+	int64_t k;
+
+	for (unsigned a = from; a <= to; a++)
+		if (!find_k(f, a, scale, &k))
+			return false;
+	return true;
+}
+
+/* *divisor becomes what divides both; false: their digits do not fit. */
+static bool divide_both(struct decimal v, struct decimal *divisor)
+{
+	int64_t least = v.exponent < divisor->exponent ? v.exponent : divisor->exponent;
+	__int128 a = v.mantissa < 0 ? -(__int128)v.mantissa : v.mantissa, b = divisor->mantissa, r;
+
+	if (!a)
+		return true;
+	for (int64_t e = v.exponent; e > least; e--)
+		if (__builtin_mul_overflow(a, (__int128)10, &a))
+			return false;
+	for (int64_t e = divisor->exponent; e > least; e--)
+		if (__builtin_mul_overflow(b, (__int128)10, &b))
+			return false;
+	for (; b; b = r) {
+		r = a % b;
+		a = b;
+	}
+	for (; a % 10 == 0; a /= 10)
+		least++;
+	if (a > mantissa_most)
+		return false;
+	*divisor = (struct decimal){(int64_t)a, (int32_t)least};
+	return true;
+}
+
+enum { TILE = 1000 }; /* as wide as tiles are, in units of the files */
+
+/* A lattice of this scale carries much more than the inputs, wherever they lie: 64 times as wide to each side; `least`: the least
+ * width that counts. */
+static bool has_room(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal scale, double least)
+{
+	for (unsigned a = from; a <= to; a++) {
+		const struct lattice_input *min = f->first[a][LATTICE_BY_MIN], *max = f->first[a][LATTICE_BY_MAX];
+
+		if (!min || fmax(max->max[a] - min->min[a], least) * 64 > 0x1p31 * decimal_double(scale))
+			return false;
+	}
+	return boxes_fit(f, from, to, scale);
+}
+
+/* Raw numbers of 32 bits can lie in the boxes of alike inputs, which are more than one position: else a header is wrong, and of
+ * no use to tell where a finer scale has room. */
+static bool boxes_are_likely(const struct lattice_facts *f, unsigned from, unsigned to)
+{
+	bool wide = false;
+
+	for (unsigned a = from; a <= to; a++) {
+		const struct lattice_input *min = f->first[a][LATTICE_BY_MIN], *max = f->first[a][LATTICE_BY_MAX];
+		const struct lattice_input *any = f->first[a][LATTICE_BY_SCALE];
+		double reach = 0x1p31 * decimal_double(any->scale[a]), offset = decimal_double(any->offset[a]);
+
+		if (!min || min->min[a] < offset - reach || max->max[a] > offset + reach)
+			return false;
+		wide |= max->max[a] > min->min[a];
+	}
+	return wide;
+}
+
+/* Of inputs that are alike and whose offset lies between two steps of their scale, or whose scales are no multiples of each
+ * other: the coarsest scale on which all of their numbers lie, so that none is moved. Not where that is more than 1,000 times
+ * as fine, or leaves little room for what is pushed later: the numbers are rounded then, and counted. */
+static struct decimal exact_scale(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal finest)
+{
+	enum { FINER = 1000 };
+	const struct lattice_input *any = f->first[from][LATTICE_BY_SCALE];
+	struct decimal s = finest;
+
+	for (unsigned a = from; a <= to; a++)
+		if (!divide_both(any->scale[a], &s) || !divide_both(any->offset[a], &s))
+			return finest;
+	if (!scale_is_good(s) || decimal_double(s) * FINER < decimal_double(finest) * 0.999 || !boxes_are_likely(f, from, to) ||
+	    !has_room(f, from, to, s, f->grows ? TILE : 0))
+		return finest;
+	return s;
+}
+
+/* It holds the boxes; where others may come beside what is there, these too. */
+static bool is_enough(const struct lattice_facts *f, unsigned from, unsigned to, struct decimal scale)
+{
+	if (f->grows && f->first[from][LATTICE_BY_MIN])
+		return has_room(f, from, to, scale, TILE);
+	return boxes_fit(f, from, to, scale);
+}
+
+/* Of axes [from, to], which share it. What does not fit even so is told by whoever looks for K. */
+static struct decimal choose_scale(const struct lattice_facts *f, unsigned from, unsigned to)
+{
+	struct decimal finest = {1, 0}, exact, last, tenth, s;
+	bool has_exact = least(f, from, to, LATTICE_BY_EXACT, &exact);
+
+	least(f, from, to, LATTICE_BY_SCALE, &finest);
+	if (!least(f, from, to, LATTICE_BY_COARSEST, &last))
+		return f->alike ? exact_scale(f, from, to, finest) : finest;
+	tenth = (struct decimal){last.mantissa, last.exponent - 1};
+	/* What has hardly more digits than it must keep keeps them. */
+	if (is_enough(f, from, to, finest) || (decimal_compare(tenth, finest) < 0 && boxes_fit(f, from, to, finest)))
+		return finest;
+	if (has_exact && decimal_compare(exact, last) < 0)
+		last = exact;
+	for (s = (struct decimal){1, finest.exponent}; decimal_compare(s, last) < 0; s.exponent++)
+		if (decimal_compare(s, finest) > 0 && (!has_exact || is_multiple(exact, s)) && is_enough(f, from, to, s))
+			return s;
+	return last;
 }
 
 int lattice_decide(const struct lattice_facts *f, const struct decimal *scale_xy, const struct decimal *scale_z,
@@ -204,13 +374,11 @@ int lattice_decide(const struct lattice_facts *f, const struct decimal *scale_xy
 	if ((rc = check_scales(f, err)) || (rc = check_wanted(scale_xy, "xy", err)) || (rc = check_wanted(scale_z, "z", err)))
 		return rc;
 
-	struct decimal x = f->first[0][LATTICE_BY_SCALE]->scale[0], y = f->first[1][LATTICE_BY_SCALE]->scale[1];
-
-	l.scale_xy = scale_xy ? *scale_xy : decimal_compare(y, x) < 0 ? y : x;
-	l.scale_z = scale_z ? *scale_z : f->first[2][LATTICE_BY_SCALE]->scale[2];
+	l.scale_xy = scale_xy ? *scale_xy : choose_scale(f, 0, 1);
+	l.scale_z = scale_z ? *scale_z : choose_scale(f, 2, 2);
 	for (unsigned a = 0; a < 3; a++)
-		if ((rc = choose_k(f, a, a < 2 ? l.scale_xy : l.scale_z, &l.k[a], err)))
-			return rc;
+		if (!find_k(f, a, a < 2 ? l.scale_xy : l.scale_z, &l.k[a]))
+			return too_wide(f, a, a < 2 ? l.scale_xy : l.scale_z, err);
 	*ret = l;
 	return 0;
 }
@@ -228,7 +396,7 @@ bool lattice_alike(const struct lattice_input *a, const struct lattice_input *b)
 int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy, const struct decimal *scale_z,
 		   struct lattice *ret, struct err *err)
 {
-	struct lattice_facts f = {.alike = true};
+	struct lattice_facts f = {.alike = true, .grows = n && inputs[0].grows};
 
 	if (!n)
 		return err_set(err, ERR_INPUT, "a lattice needs at least one input");

@@ -1,6 +1,6 @@
 /*
  * The lattice of a dataset: coordinate = (X + k) * scale, X int32, k int64, scale a decimal; x and y
- * share one scale (ALGORITHM: the lattice must be isotropic). "Absolute lattice number" is X + k.
+ * share one scale (algorithm.md 1). "Absolute lattice number" is X + k.
  */
 #ifndef LATTICE_H
 #define LATTICE_H
@@ -21,12 +21,19 @@ struct lattice {
 struct lattice_input {
 	const char *name;
 	struct decimal scale[3], offset[3];
-	bool has_offset;       /* text has none: k comes from the middle of the boxes */
+	bool has_offset; /* text has none: k comes from the middle of the boxes */
+	/* Where its scale is too fine for all boxes together it may be rounded to a coarser one, up to this. Zero: it may not. */
+	struct decimal coarsest[3];
+	bool rounds[3]; /* it has digits below its scale */
+	bool grows;     /* others may come beside it later: a scale that is chosen leaves room for them. The same for all. */
 	double min[3], max[3]; /* the header's box, in coordinates; ignored if not finite or inverted */
 };
 
-/* The lattice for a set of inputs (order does not matter). `scale` NULL, or the wanted xy and z scale.
- * -ERR_INPUT names the input that cannot be represented (scale 0, negative, not finite; does not fit). */
+/* The lattice for a set of inputs (order does not matter). `scale` NULL, or the wanted xy and z scale. Unless wanted it is
+ * the finest of all scales, or, of inputs of one offset and scale, a finer one on which all of their numbers lie. Where that does
+ * not fit into 32 bits and inputs may be rounded, it is the finest power of ten that does and that divides the scale of those
+ * that may not; of a lattice that grows the finest that leaves room as well, if one does, else the coarsest. -ERR_INPUT names the
+ * input that cannot be represented (scale 0, negative, not finite; does not fit). */
 int lattice_choose(const struct lattice_input *inputs, size_t n, const struct decimal *scale_xy, const struct decimal *scale_z,
 		   struct lattice *ret, struct err *err);
 

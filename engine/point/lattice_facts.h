@@ -8,9 +8,11 @@
 #include "lattice.h"
 
 /* Orders of inputs on one axis; the first is what counts: the finest scale, the widest box ... Of good boxes only, or of
- * inputs that have an offset. */
+ * inputs that have an offset, or of those that may not be rounded (BY_EXACT) or may (BY_COARSEST). */
 enum lattice_order {
 	LATTICE_BY_SCALE,
+	LATTICE_BY_EXACT,
+	LATTICE_BY_COARSEST,
 	LATTICE_BY_OFFSET,
 	LATTICE_BY_MIN,
 	LATTICE_BY_MAX,
@@ -24,6 +26,7 @@ struct lattice_facts {
 	const struct lattice_input *first[3][LATTICE_ORDERS]; /* NULL: none is in that order */
 	bool scales_differ[3];
 	bool alike; /* all have one (offset, scale) */
+	bool grows; /* as of each */
 };
 
 bool lattice_scales_good(const struct lattice_input *);

@@ -2,7 +2,11 @@
  * Mapping a file's numbers to the lattice (lattice.h). Per axis the map is the rational (raw * a + b) / d,
  * rounded as floor(v + 1/2), which commutes with integer shifts. It grows with raw, so a batch is checked
  * by its least and largest number, and the loops run without checks. Nothing is rounded twice.
+ *
+ * No loop divides, where it can be helped: a double tells the quotient to less than one (estimate), and the remainder,
+ * modulo 2^64, tells exactly which one it is.
  */
+#include <math.h>
 #include <string.h>
 
 #include "err.h"
@@ -121,11 +125,32 @@ static int out_of_range(const struct lattice_map *m, const int64_t (*raw)[3], si
 	return err_set(err, ERR_INTERNAL, "a point is out of range, but none was found");
 }
 
-/* All numbers of the batch stay in range, and, if *ret_narrow, 2 * (raw * a + b) + d within 63 bits. */
-static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, bool *ret_narrow)
+/* Of an axis: round(raw * slope + base) is the number, or one beside it; if `sure`, the number. */
+struct estimate {
+	double slope, base;
+	bool serves, sure;
+};
+
+/* The double is off by less than 10 * 2^-53 of its parts, which are below 2^45: by less than 1/16. So the remainder of the number
+ * that it gives is less than 9/16 d, and twice of it fits int64. Exact values are whole multiples of 1/d, so either halves or
+ * at least 1/2d away from one: where it is off by less than 1/8d, 1/4d more brings each to the side of the half to which it is
+ * rounded. Written so that what is not finite does not serve. */
+static struct estimate estimate_of(__int128 a, __int128 b, __int128 d, int64_t lo, int64_t hi)
+{
+	const double slope = (double)a / (double)d, base = (double)b / (double)d;
+	const double part = fmax(fabs(base), fmax(fabs((double)lo * slope), fabs((double)hi * slope)));
+	struct estimate e = {slope, base, .serves = d < (__int128)1 << 61 && part < 0x1p45};
+
+	e.sure = e.serves && (part + 1) * 0x1p-49 * (double)d < 0.125;
+	if (e.sure)
+		e.base += 0.25 / (double)d;
+	return e;
+}
+
+/* The least and the largest number of each axis. A loop of its own: where all are shifted it is half of the work. */
+static __attribute__((noinline)) void batch_range(const int64_t (*raw)[3], size_t n, int64_t ret_lo[3], int64_t ret_hi[3])
 {
 	int64_t lo[3], hi[3];
-	__int128 off;
 
 	memcpy(lo, raw[0], sizeof lo);
 	memcpy(hi, raw[0], sizeof hi);
@@ -135,15 +160,23 @@ static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], siz
 			hi[a] = raw[i][a] > hi[a] ? raw[i][a] : hi[a];
 		}
 	}
-	*ret_narrow = true;
+	memcpy(ret_lo, lo, sizeof lo);
+	memcpy(ret_hi, hi, sizeof hi);
+}
+
+/* All numbers of the batch stay in range. */
+static bool batch_fits(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, struct estimate ret[3])
+{
+	int64_t lo[3], hi[3];
+	__int128 off;
+
+	batch_range(raw, n, lo, hi);
 	for (unsigned i = 0; i < 3; i++) {
 		__int128 a = m->axis[i].a, b = m->axis[i].b, d = m->axis[i].d;
-		__int128 low = 2 * (lo[i] * a + b) + d, high = 2 * (hi[i] * a + b) + d, limit = (__int128)1 << 62;
 
 		if (!in_range(map_one(a, b, d, lo[i], &off)) || !in_range(map_one(a, b, d, hi[i], &off)))
 			return false;
-		if (low < -limit || high > limit || d > limit / 2 || 2 * a > limit || 2 * b + d > limit || 2 * b + d < -limit)
-			*ret_narrow = false;
+		ret[i] = estimate_of(a, b, d, lo[i], hi[i]);
 	}
 	return true;
 }
@@ -169,47 +202,107 @@ static void apply_exact(const struct lattice_map *m, const int64_t (*restrict ra
 			ret[i][k] = (int32_t)(uint32_t)((uint64_t)raw[i][k] * a[k] + b[k]);
 }
 
-static void apply_narrow(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], uint64_t *moved,
-			 __int128 most[3])
+enum { BLOCK = 256 };
+
+static uint64_t bits_of(double x)
 {
-	for (size_t i = 0; i < n; i++) {
-		bool rounded = false;
+	uint64_t bits;
 
-		for (unsigned k = 0; k < 3; k++) {
-			int64_t d = (int64_t)m->axis[k].d;
-			int64_t v = 2 * (raw[i][k] * (int64_t)m->axis[k].a + (int64_t)m->axis[k].b) + d;
-			int64_t q = v / (2 * d), r = v % (2 * d);
-
-			if (r < 0) {
-				q--;
-				r += 2 * d;
-			}
-			int64_t off = r < d ? d - r : r - d;
-
-			ret[i][k] = (int32_t)q;
-			rounded |= off != 0;
-			if (off > most[k])
-				most[k] = off;
-		}
-		*moved += rounded;
-	}
+	memcpy(&bits, &x, sizeof bits);
+	return bits;
 }
 
-static void apply_wide(const struct lattice_map *m, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3], uint64_t *moved,
-		       __int128 most[3])
+/* One axis of a block; moved[i] is set where a number is rounded. The largest distance, as map_one has it. */
+static inline __attribute__((always_inline)) uint64_t round_axis(const struct lattice_map *m, const struct estimate *e,
+								 unsigned k, bool sure, const int64_t (*restrict raw)[3],
+								 size_t n, int32_t (*restrict ret)[3], uint8_t *restrict moved)
 {
+	/* added to a double below 2^51 this makes the last bit a one: the bits of the sum count whole numbers */
+	const double slope = e->slope, base = e->base, whole = 0x1.8p52;
+	const uint64_t zero = bits_of(whole), a = (uint64_t)m->axis[k].a, b = (uint64_t)m->axis[k].b;
+	const int64_t d = (int64_t)m->axis[k].d;
+	int64_t low = 0, high = 0;
+
 	for (size_t i = 0; i < n; i++) {
-		bool rounded = false;
+		int64_t q = (int64_t)(bits_of(((double)raw[i][k] * slope + base) + whole) - zero);
+		int64_t t = (int64_t)((uint64_t)raw[i][k] * a + b - (uint64_t)q * (uint64_t)d);
+
+		if (!sure) {
+			int64_t up = 2 * t >= d, down = 2 * t < -d;
+
+			q += up - down;
+			t += (down - up) * d;
+		}
+		ret[i][k] = (int32_t)q;
+		moved[i] |= t != 0;
+		low = t < low ? t : low;
+		high = t > high ? t : high;
+	}
+	return 2 * (uint64_t)(high > -low ? high : -low);
+}
+
+static uint64_t round_axis_sure(const struct lattice_map *m, const struct estimate *e, unsigned k, const int64_t (*raw)[3],
+				size_t n, int32_t (*ret)[3], uint8_t *moved)
+{
+	return round_axis(m, e, k, true, raw, n, ret, moved);
+}
+
+static uint64_t round_axis_near(const struct lattice_map *m, const struct estimate *e, unsigned k, const int64_t (*raw)[3],
+				size_t n, int32_t (*ret)[3], uint8_t *moved)
+{
+	return round_axis(m, e, k, false, raw, n, ret, moved);
+}
+
+static __int128 round_axis_wide(const struct lattice_map *m, unsigned k, const int64_t (*raw)[3], size_t n, int32_t (*ret)[3],
+				uint8_t *moved)
+{
+	__int128 most = 0, off;
+
+	for (size_t i = 0; i < n; i++) {
+		ret[i][k] = (int32_t)map_one(m->axis[k].a, m->axis[k].b, m->axis[k].d, raw[i][k], &off);
+		moved[i] |= off != 0;
+		if (off > most)
+			most = off;
+	}
+	return most;
+}
+
+/* An axis without fractions, or on which all numbers have the same one. */
+static __int128 shift_axis(const struct lattice_map *m, unsigned k, const int64_t (*restrict raw)[3], size_t n,
+			   int32_t (*restrict ret)[3], uint8_t *restrict moved)
+{
+	__int128 off;
+	const uint64_t b = (uint64_t)map_one(0, m->axis[k].b, m->axis[k].d, 0, &off), a = (uint64_t)(m->axis[k].a / m->axis[k].d);
+
+	for (size_t i = 0; i < n; i++)
+		ret[i][k] = (int32_t)(uint32_t)((uint64_t)raw[i][k] * a + b);
+	if (off)
+		memset(moved, 1, n);
+	return off;
+}
+
+static void apply_rounding(const struct lattice_map *m, const struct estimate e[3], const int64_t (*raw)[3], size_t n,
+			   int32_t (*ret)[3], uint64_t *ret_moved, __int128 most[3])
+{
+	for (size_t at = 0; at < n; at += BLOCK) {
+		size_t part = n - at < BLOCK ? n - at : BLOCK;
+		uint8_t moved[BLOCK] = {0};
 
 		for (unsigned k = 0; k < 3; k++) {
 			__int128 off;
 
-			ret[i][k] = (int32_t)map_one(m->axis[k].a, m->axis[k].b, m->axis[k].d, raw[i][k], &off);
-			rounded |= off != 0;
-			if (off > most[k])
-				most[k] = off;
+			if (m->axis[k].a % m->axis[k].d == 0)
+				off = shift_axis(m, k, raw + at, part, ret + at, moved);
+			else if (e[k].sure)
+				off = round_axis_sure(m, &e[k], k, raw + at, part, ret + at, moved);
+			else if (e[k].serves)
+				off = round_axis_near(m, &e[k], k, raw + at, part, ret + at, moved);
+			else
+				off = round_axis_wide(m, k, raw + at, part, ret + at, moved);
+			most[k] = off > most[k] ? off : most[k];
 		}
-		*moved += rounded;
+		for (size_t i = 0; i < part; i++)
+			*ret_moved += moved[i];
 	}
 }
 
@@ -217,20 +310,17 @@ int lattice_map_apply(const struct lattice_map *m, const int64_t (*raw)[3], size
 		      double max_shift[3], size_t *ret_bad, struct err *err)
 {
 	__int128 most[3] = {0, 0, 0};
-	bool narrow;
+	struct estimate e[3];
 
 	if (!n)
 		return 0;
-	if (!batch_fits(m, raw, n, &narrow))
+	if (!batch_fits(m, raw, n, e))
 		return out_of_range(m, raw, n, ret_bad, err);
 	if (m->axis[0].exact && m->axis[1].exact && m->axis[2].exact) {
 		apply_exact(m, raw, n, ret);
 		return 0;
 	}
-	if (narrow)
-		apply_narrow(m, raw, n, ret, ret_moved, most);
-	else
-		apply_wide(m, raw, n, ret, ret_moved, most);
+	apply_rounding(m, e, raw, n, ret, ret_moved, most);
 	for (unsigned k = 0; k < 3; k++) {
 		double shift = (double)most[k] / (2 * (double)m->axis[k].d) * decimal_double(m->scale[k]);
 

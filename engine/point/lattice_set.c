@@ -153,7 +153,7 @@ static size_t which(const struct lattice_set *s, const struct lattice_facts *f, 
 int lattice_set_choose(struct lattice_set *s, const struct decimal *scale_xy, const struct decimal *scale_z, struct lattice *ret,
 		       size_t *ret_which, struct err *err)
 {
-	struct lattice_facts f = {.alike = s->classes == 1};
+	struct lattice_facts f = {.alike = s->classes == 1, .grows = s->inputs[0].grows};
 	int rc;
 
 	*ret_which = s->n;

@@ -43,7 +43,7 @@ static inline unsigned point_source(const struct point *p)
 	return p->tag >> POINT_SOURCE_SHIFT;
 }
 
-/* Morton key: x + 2^31 and y + 2^31; bit i of x at 2i + 1, of y at 2i (DESIGN of regions and cells). */
+/* Morton key: x + 2^31 and y + 2^31; bit i of x at 2i + 1, of y at 2i (algorithm.md 3). */
 static inline uint64_t point_morton(int32_t x, int32_t y);
 void point_from_morton(uint64_t key, int32_t *ret_x, int32_t *ret_y);
 

@@ -136,7 +136,8 @@ static bool in_crop(const struct view *v, int64_t x, int64_t y)
 	return x >= b[0] && y >= b[1] && x <= b[2] && y <= b[3];
 }
 
-/* DESIGN 5: XXH3-64, seed 0, over the 16 bytes of the absolute position, little-endian. */
+/* Part of the meaning of a view, so it never changes: XXH3-64, seed 0, over the 16 bytes of the absolute position, little-endian.
+ */
 static bool in_every(const struct view *v, int64_t x, int64_t y)
 {
 	const int64_t at[2] = {x, y};

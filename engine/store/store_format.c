@@ -7,7 +7,8 @@
  * follows from the domain alone: the same domain gives the same bytes. Unpacking works in place: the bytes are read to the end of
  * the room that the array will fill, and what is written never overtakes what is to be read.
  *
- * Version 4 wrote everything as it lies in memory: the same with other widths.
+ * Version 4 wrote everything as it lies in memory: the same with other widths. Versions up to 5 do not say how many points
+ * share one position: where they left points out, and so may have had such positions, they are not used.
  */
 #include "store_format.h"
 
@@ -22,7 +23,7 @@
 _Static_assert(sizeof(struct mesh_link) == 24 && sizeof(struct mesh_vertex) == 12, "FORMAT.md");
 
 static const uint32_t MAGIC = 0x4d444341; /* "ACDM" */
-enum { VERSION = 5, OLDEST = 4, WIDE = 4, NARROW = 2 };
+enum { VERSION = 6, NO_MOST = 5, NO_CODE = 4, OLDEST = 4, WIDE = 4, NARROW = 2 };
 
 void store_name(const struct store_id *id, char name[STORE_NAME])
 {
@@ -160,6 +161,9 @@ void store_header_pack(const struct store_front *f, const struct store_id *id, c
 	packer_u8(&p, h->code.triangle);
 	for (unsigned i = 0; i < 3; i++)
 		packer_i32(&p, h->code.base[i]);
+	packer_u64(&p, d->counts.most.points);
+	packer_i32(&p, d->counts.most.x);
+	packer_i32(&p, d->counts.most.y);
 	packer_zero(&p, STORE_HEADER - 8 - packer_size(&p));
 	packer_u64(&p, XXH3_64bits(bytes, STORE_HEADER - 8));
 }
@@ -177,6 +181,15 @@ static bool code_unpack(struct cursor *c, struct store_code *ret)
 	for (unsigned i = 0; i < 3; i++)
 		ret->base[i] = cursor_i32(c);
 	return width(ret->vertex[0]) && width(ret->vertex[1]) && width(ret->vertex[2]) && width(ret->triangle);
+}
+
+static bool leaves_out(const struct mesh_counts *counts)
+{
+	uint64_t any = 0;
+
+	for (unsigned i = 0; i < MESH_RULES; i++)
+		any |= counts->removed[i];
+	return any;
 }
 
 void store_sizes(struct store_front *f, const struct store_header *h)
@@ -219,10 +232,17 @@ enum store_header_is store_header_unpack(const uint8_t bytes[STORE_HEADER], cons
 	if (d->nopen > d->nvertex || d->nvertex > INT32_MAX || d->ntriangle > INT32_MAX || (d->ntriangle && d->nvertex < 3) ||
 	    f->beside.proof_size > STORE_PROOF_MOST)
 		return STORE_HEADER_DAMAGED;
-	if (version == OLDEST)
+	if (version <= NO_MOST && leaves_out(&d->counts))
+		return STORE_HEADER_OLD;
+	if (version == NO_CODE)
 		h->code = (struct store_code){.vertex = {WIDE, WIDE, WIDE}, .triangle = WIDE};
 	else if (!code_unpack(&c, &h->code))
 		return STORE_HEADER_DAMAGED;
+	if (version > NO_MOST) {
+		d->counts.most.points = cursor_u64(&c);
+		d->counts.most.x = cursor_i32(&c);
+		d->counts.most.y = cursor_i32(&c);
+	}
 	store_sizes(f, h);
 	return STORE_HEADER_GOOD;
 }

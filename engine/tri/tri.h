@@ -1,5 +1,5 @@
 /*
- * The kernel: distinct positions to their unique Delaunay triangulation (ALGORITHM 1, 2, 8), inside one
+ * The kernel: distinct positions to their unique Delaunay triangulation (docs/design/algorithm.md 1, 2, 10), inside one
  * arena that the caller hands in. No allocation, no I/O, no globals. Same positions in the same order:
  * same triangles in the same order.
  */

@@ -1,6 +1,6 @@
 /*
  * Incremental insertion: walk to the new position, dig out the triangles whose circle holds it, fill the
- * hole with a fan (ALGORITHM 8).
+ * hole with a fan (algorithm.md 10).
  *
  * The removed triangles form a tree (two of them share at most one side, none of their vertices is inside
  * the hole). It is searched depth first, counter-clockwise, one test a side, and filled in the same

@@ -1,6 +1,6 @@
 /*
  * The order of insertion: rounds of growing size (biased randomised insertion order), each along a Hilbert
- * curve (ALGORITHM 8).
+ * curve (algorithm.md 10).
  *
  * A position goes down a round with probability 1/4, by a fixed hash of its coordinates; the smallest round
  * comes first; every other round runs along the curve backwards, so that one ends where the next begins.

@@ -119,6 +119,16 @@ class Connection:
         ret = ctypes.POINTER(struct)()
         return self._answer(name, ret, arguments, lambda: convert(ret.contents))
 
+    def _read(self, name: str, struct: Any, decimal_comma: bool, *arguments: Any, convert: Callable[[Any], T]) -> T:
+        """The same of a file, which may have decimal commas."""
+        lib, state, ret = _library.library(), self._state, ctypes.POINTER(struct)()
+
+        def work() -> T:
+            state.ask(lib.acut_decimal_comma, state.handle, decimal_comma)
+            state.ask(getattr(lib, "acut_" + name), state.handle, *arguments, ctypes.byref(ret))
+            return convert(ret.contents)
+        return state.alone(work)
+
     def _fill(self, name: str, struct: Any, *arguments: Any, convert: Callable[[Any], T]) -> T:
         """The answer is put where the caller says."""
         ret = struct()
@@ -229,7 +239,8 @@ class Connection:
                           convert=functools.partial(take, results.Pruned))
 
     def push(self, dataset: str, inputs: Any, *, scale: Any = None, format: Optional[str] = None,
-             columns: Optional[str] = None, assume_crs: Optional[str] = None, assume_units: Optional[str] = None,
+             columns: Optional[str] = None, decimal_comma: bool = False, assume_crs: Optional[str] = None, assume_units: Optional[str] = None,
+             override_crs: Optional[str] = None, override_units: Optional[str] = None,
              utm: Optional[str] = None, geoid: Optional[str] = None, geoid_way: Optional[str] = None, planar: bool = False,
              accept_truncated: bool = False, strict: bool = False, checksum: bool = False, add: bool = False,
              replace: bool = False, replaces: Optional[str] = None, mode: Union[str, int, None] = None,
@@ -259,24 +270,28 @@ class Connection:
             with Connection(self.socket, program=self._program, timeout=self._timeout) as own:
                 if mode is not None:
                     own._call("dataset_mode", _mode(mode))
-                options = push_options(own._state, dataset, scale, assume_units, progress, format=format, columns=columns,
+                own._call("decimal_comma", decimal_comma)
+                options = push_options(own._state, dataset, scale, assume_units, progress, override_units=override_units,
+                                       override_crs=override_crs, format=format, columns=columns,
                                        assume_crs=assume_crs, utm=utm, geoid=geoid, geoid_way=geoid_way, planar=planar,
                                        accept_truncated=accept_truncated, checksum=checksum, add=add, replace=replace,
-                                       replaces=replaces)
+                                       replaces=replaces, strict=strict)
                 return Push(own._state, inputs, strict, options).run()
         return self._state.alone(work)
 
-    def info(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None) -> results.Info:
+    def info(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None,
+             decimal_comma: bool = False) -> results.Info:
         """What the header of a file says; `file` is a path or an open file."""
         with _opened(file) as (fd, name):
-            return self._ask("info", abi.acut_probe, fd, name, encoded(format), encoded(columns),
-                             convert=functools.partial(take, results.Info))
+            return self._read("info", abi.acut_probe, decimal_comma, fd, name, encoded(format), encoded(columns),
+                              convert=functools.partial(take, results.Info))
 
-    def inspect(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None) -> results.Inspected:
+    def inspect(self, file: Any, *, format: Optional[str] = None, columns: Optional[str] = None,
+                decimal_comma: bool = False) -> results.Inspected:
         """What is in the records of a file: all of it is read."""
         with _opened(file) as (fd, name):
-            return self._ask("inspect", abi.acut_inspected, fd, name, encoded(format), encoded(columns),
-                             convert=results.inspected)
+            return self._read("inspect", abi.acut_inspected, decimal_comma, fd, name, encoded(format), encoded(columns),
+                              convert=results.inspected)
 
     # ---- jobs ----
 

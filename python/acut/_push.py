@@ -111,6 +111,8 @@ class Push:
             if any(i.result is None and i.error is None for i in self.inputs):
                 lattice = ctypes.c_char_p()
                 ask(self.lib.acut_push_plan, self.push, ctypes.byref(lattice))
+                planned = decoded(self.lib.acut_push_planned(self.push).contents.note)
+                note = "; ".join(text for text in (note, planned) if text)
                 self._each(self._stage)
             done = ctypes.POINTER(abi.acut_push_result)()
             ask(self.lib.acut_push_commit, self.push, ctypes.byref(done))
@@ -159,10 +161,11 @@ class Push:
 
 
 def push_options(state: State, dataset: Optional[str], scale: Any, assume_units: Optional[str], progress: Any,
-                 crop: Optional[Tuple[float, float, float, float]] = None, **more: Any) -> Any:
+                 crop: Optional[Tuple[float, float, float, float]] = None, override_units: Optional[str] = None,
+                 **more: Any) -> Any:
     options = abi.acut_push_options()
     options.dataset = encoded(dataset)
-    for name, value in (("scale", scale), ("assume_unit", assume_units)):
+    for name, value in (("scale", scale), ("assume_unit", assume_units), ("override_unit", override_units)):
         if value is not None:
             xy, _, z = str(value).partition(",") if not isinstance(value, (tuple, list)) else (value[0], "", value[1])
             setattr(options, name + "_xy", encoded(str(xy)))

@@ -197,6 +197,7 @@ class LogFile:
     size: int
     source: int
     removed: bool  # by the generation, not added
+    overridden: str  # what its records said of its coordinates, where the push overrode that; else ""
 
 
 @dataclass(frozen=True)
@@ -257,7 +258,10 @@ class PushedFile:
     replaced: int = 0  # files of the dataset, in the place of which it came
     warning: str = ""
     projected_from: str = ""
+    overridden: str = ""  # what its records say of its coordinates, in place of which something else was taken
     geoid: str = ""
+    left_out: int = 0  # lines of a text without a value for a coordinate, the first being left_out_line
+    left_out_line: int = 0
     bytes_read: int = 0
     bytes: int = 0
     partial: bool = False
@@ -292,12 +296,15 @@ class Info:
     variant: str
     crs: str
     datum: str
+    crs_name: str  # names that EPSG has for the numbers, "A", "A + B"; "": none
     epsg: int
     epsg_z: int
     unit_xy: str
     unit_z: str
     plane: str
     warning: str
+    left_out: int  # lines of a text without a value for a coordinate, the first being left_out_line
+    left_out_line: int
     points: int
     min: Three
     max: Three
@@ -331,6 +338,10 @@ class Inspected:
     east: float
     mgrs: str
     differences: List[str]
+    inner_min: Three  # of 99.9 % of the records at least
+    inner_max: Three
+    most_points: int  # at the position that most records share; 0: each has one, or it is not known
+    most_at: Tuple[float, ...]
 
 
 def inspected(s: Any) -> Inspected:
@@ -432,6 +443,8 @@ class Report:
     window: bool
     note: str
     removed: Dict[str, int]  # points, by the rule that left them out
+    most_points: int         # of the view, at the position that most of them share; 0: each has one, or it is not known
+    most_at: Tuple[float, ...]
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "err.h"
+#include "io.h"
 #include "scan.h"
 
 enum { PIPE = 141 };
@@ -30,6 +31,7 @@ int main(int argc, char **argv)
 	const char **words;
 	int status;
 
+	io_take_standard();
 	if (argc >= 3 && !strcmp(argv[1], "complete"))
 		return scan_complete(argc, argv);
 	scan_signal_init();

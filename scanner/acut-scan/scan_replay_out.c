@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "decoder.h"
+#include "io_place.h"
 #include "scan_replay.h"
 
 enum { PATH = 4096 };
@@ -36,12 +37,18 @@ static int fail(struct scan_out *o)
 
 static int open_file(struct scan_out *o, const char *path)
 {
-	int fd;
+	struct io_place at;
+	int fd, sys;
 
 	if (strlen(path) >= sizeof o->path)
 		return err_set(&o->err, ERR_USAGE, "the path of the output is too long");
 	strcpy(o->path, path);
-	fd = open(path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
+	if (io_place_find(path, false, &at, &o->err))
+		return -1;
+	fd = openat(at.dirfd, at.name, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+	sys = errno;
+	io_place_done(&at);
+	errno = sys;
 	if (fd < 0 && errno == EEXIST) {
 		err_set(&o->err, ERR_USAGE, "it is there already");
 		err_add_hint(&o->err, "nothing is written over: take another name, or remove it");

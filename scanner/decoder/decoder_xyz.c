@@ -176,7 +176,7 @@ int decoder_xyz(const uint8_t *at, size_t size, const struct profile *p, struct 
 
 int decoder_xyz_check(const struct profile *p, struct err *err)
 {
-	static const char letters[] = "xyzcrns_-itaupRGB"; /* as acutctl --columns has them */
+	static const char letters[] = "xyzcrns_-itaupRGB"; /* as acutctl --columns has them, but for e */
 	const char *text = NULL;
 
 	if (p->framer != PROFILE_FRAMER_LINE)

@@ -15,6 +15,7 @@
 #include "clock.h"
 #include "cursor.h"
 #include "io.h"
+#include "io_place.h"
 #include "spool_priv.h"
 
 enum { ONE_WRITE = 256 << 10 }; /* payloads up to this are copied behind their head */
@@ -89,8 +90,13 @@ static int sync_folder(const char *path, struct err *err)
 /* A file of this name that was not there. */
 static int make(const char *path, int *ret_fd, struct err *err)
 {
-	int r = io_open(AT_FDCWD, path, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW, 0666, ret_fd, err);
+	struct io_place at;
+	int r = io_place_find(path, false, &at, err);
 
+	if (r)
+		return r;
+	r = io_open(at.dirfd, at.name, O_RDWR | O_CREAT | O_EXCL | O_NOFOLLOW, 0666, ret_fd, err);
+	io_place_done(&at);
 	if (r && err->sys == EEXIST) {
 		*err = ERR_INIT;
 		err_set(err, ERR_USAGE, "there is a file of this name, and a spool is never written over another");

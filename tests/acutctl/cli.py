@@ -70,7 +70,7 @@ def usage(base):
     expect(["mesh", survey, "-o", out, "--format", "stl"], 2, "no output format stl")
     expect(["mesh", survey, "-o", out, "-o", out], 2, "given twice")
     expect(["mesh", survey, "-o", "-"], 69)
-    expect(["push", "x", survey, "--name", "T1"], 2, "no INPUT is -")
+    expect(["push", "x", survey, survey, "--name", "T1"], 2, "one input, and there are 2")
     expect(["push", "x", "-", "--input-format", "laz", "--name", "a/T1"], 2, "without slashes")
     expect(["mesh", survey, "-o", survey], 2, "one of the inputs")
     os.link(survey, base + "/same.ply")

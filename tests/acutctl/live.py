@@ -152,6 +152,18 @@ def outputs(p):
         g.write(f.read()[:-7])
     said = p.ctl("mesh", p.path("short.las"), "-o", p.path("e.ply"), "--accept-truncated")[2]
     check("a warning once", said.count("59999 of 60000 points are there") == 1, said)
+    # Of a header with a fault of its own, and bytes behind the points, which are told when all was read.
+    with open(las, "rb") as f, open(p.path("odd.las"), "wb") as g:
+        data = bytearray(f.read())
+        data[100:104] = (int.from_bytes(data[100:104], "little") + 1).to_bytes(4, "little")
+        g.write(data + b"rest")
+    said = p.ctl("mesh", p.path("odd.las"), "-o", p.path("e.ply"))[2]
+    both = ("variable length records claimed", "4 bytes behind the last point")
+    check("warnings once", [said.count(w) for w in both] == [1, 1], said)
+    said = p.json("mesh", p.path("odd.las"), "-o", p.path("e.ply"))["warnings"]
+    check("warnings once in JSON", [sum(w in t for t in said) for w in both] == [1, 1], str(said))
+    said = p.json("info", p.path("odd.las"))
+    check("info tells once", "claimed" in said["warning"] and len(said["differences"]) == 1, str(said))
     ground = p.json("mesh", las, "-o", p.path("g.ply"), "--ground")
     check("--ground", 0 < ground["used"] < ground["points"] and ground["removed"]["class"] > 0, str(ground))
     # A broken file among good ones.

@@ -15,6 +15,7 @@
 #include <pthread.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
+#include <sys/wait.h>
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -427,9 +428,36 @@ static void each_waits_for_his_own(void **state)
 	io = &io_system;
 }
 
+/* What stands in for them: numbers of this process are free for no file, and are read and written as if they were closed. */
+static int take_standard_in_child(void)
+{
+	char byte;
+
+	for (int fd = 0; fd <= 2; fd++)
+		close(fd);
+	io_take_standard();
+	for (int fd = 0; fd <= 2; fd++)
+		if (fcntl(fd, F_GETFD) < 0 || (fd ? write(fd, "x", 1) : read(fd, &byte, 1)) >= 0 || errno != EBADF)
+			return 1 + fd;
+	return dup(0) > 2 ? 0 : 4;
+}
+
+static void takes_standard(void **state)
+{
+	pid_t child = fork();
+	int status;
+
+	assert_true(child >= 0);
+	if (!child)
+		_exit(take_standard_in_child());
+	assert_int_equal(waitpid(child, &status, 0), child);
+	assert_int_equal(status, 0);
+}
+
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
+		cmocka_unit_test(takes_standard),
 		cmocka_unit_test(test_publish_each_fault),
 		cmocka_unit_test(test_short_and_interrupted),
 		cmocka_unit_test(test_read_fault),

@@ -154,9 +154,9 @@ static const struct {
 	 "EPSG:2903 + EPSG:5103",
 	 "us-survey-foot",
 	 "us-survey-foot"},
-	/* UTM is defined in metres; other systems are not looked up */
+	/* a number alone: its unit by EPSG's table */
 	{{{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32617}}, CRS_PLANE_PROJECTED, "EPSG:32617", "metre", "unknown"},
-	{{{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903}}, CRS_PLANE_PROJECTED, "EPSG:2903", "unknown", "unknown"},
+	{{{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903}}, CRS_PLANE_PROJECTED, "EPSG:2903", "us-survey-foot", "unknown"},
 	{{{1, 1, 0, 3, 1024, 0, 1, 2, 2048, 0, 1, 4326, 2054, 0, 1, 9102}},
 	 CRS_PLANE_GEOGRAPHIC,
 	 "EPSG:4326",
@@ -207,13 +207,13 @@ static void geokeys(void **state)
 
 static void both_kinds(void **state)
 {
-	static const struct keys projected = {{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 2903}};
+	static const struct keys projected = {{1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 100}}; /* no table has it */
 	static const struct keys units = {{1, 1, 0, 1, 4099, 0, 1, 9001}};
 	struct crs_records r = records_of(&projected, UTM10);
 	struct crs_info info;
 
 	crs_read(&r, &info); /* keys decide, WKT fills the unit that they leave open */
-	assert_string_equal(info.text, "EPSG:2903");
+	assert_string_equal(info.text, "EPSG:100");
 	assert_string_equal(info.unit_xy, "metre");
 	r.prefer_wkt = true;
 	crs_read(&r, &info);

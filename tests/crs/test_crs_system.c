@@ -298,7 +298,7 @@ static const struct {
 	{{{1, 1, 0, 2, K(1024, 1), A(1026, 13, 0)}, {0}, "UTM zone 10N|"},
 	 {PROJ, "UTM zone 10N", "unknown", "unknown", NONE, 0, 0, ""}},
 	{{{1, 1, 0, 2, K(1024, 1), A(3073, 27, 0)}, {0}, "NAD83 / Texas South (ftUS)|"},
-	 {PROJ, "NAD83 / Texas South (ftUS)", "us-survey-foot", "unknown", NONE, 0, 0, ""}},
+	 {PROJ, "EPSG:2279", "us-survey-foot", "unknown", NONE, 2279, 0, "NAD83", GRS80}},
 	{{{1, 1, 0, 2, K(1024, 1), A(3073, 27, 0)}, {0}, "NAD83 / Texas South (feet)|"},
 	 {PROJ, "NAD83 / Texas South (feet)", "unknown", "unknown", NONE, 0, 0, ""}},
 	/* user-defined: two parallels in feet; UTM by its conversion alone */
@@ -411,7 +411,7 @@ static void all_numbers(void **state)
 		if (s->method != CRS_METHOD_GEOGRAPHIC)
 			assert_true(s->k0 > .9 && s->k0 <= 1);
 	}
-	assert_true(known > 300 && known < 800);
+	assert_true(known > 6000 && known < 9000);
 }
 
 /* Degrees that are projected and files that are in that zone already must meet under one text. */
@@ -437,6 +437,34 @@ static void zones(void **state)
 		assert_int_equal(crs_assume_text(to.text, strlen(to.text), &again, &err), 0);
 		assert_true(crs_system_same(&to.system, &again.system));
 		assert_int_equal(to.system.epsg, again.system.epsg);
+	}
+}
+
+/* An ellipsoid with no flattening, however it is written, is called a sphere. */
+static void sphere(void **state)
+{
+	static const struct {
+		const char *f, *says;
+	} row[] = {
+		{"0", "a sphere of 6370997 m;"},
+		{"inf", "a sphere of 6370997 m;"},
+		{"1e999", "a sphere of 6370997 m;"},
+		{"294.5", "the ellipsoid 6370997 m, 1/294.5;"},
+	};
+
+	for (size_t i = 0; i < sizeof row / sizeof *row; i++) {
+		struct err err = ERR_INIT;
+		struct crs_info info;
+		char text[400];
+
+		snprintf(text, sizeof text, "GEOGCS[\"g\",DATUM[\"d\",SPHEROID[\"s\",6370997,%s]]," GREENWICH "," DEGREE "]",
+			 row[i].f);
+		assert_true(crs_read_wkt(text, strlen(text), &info));
+		if (info.system.a == 0)
+			continue; /* no number: no ellipsoid */
+		assert_int_equal(crs_zone_datum(&info, &err), -ERR_UNSUPPORTED);
+		if (!strstr(err.message, row[i].says))
+			fail_msg("%s: %s", row[i].f, err.message);
 	}
 }
 
@@ -529,8 +557,8 @@ static void damaged(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(wkt),         cmocka_unit_test(keys),  cmocka_unit_test(assumptions),
-		cmocka_unit_test(all_numbers), cmocka_unit_test(zones), cmocka_unit_test(damaged),
+		cmocka_unit_test(wkt),   cmocka_unit_test(keys),   cmocka_unit_test(assumptions), cmocka_unit_test(all_numbers),
+		cmocka_unit_test(zones), cmocka_unit_test(sphere), cmocka_unit_test(damaged),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

@@ -363,6 +363,10 @@ static void datums_refused(void **state)
 	g.system.a = 0;
 	assert_int_equal(crs_zone_system(&g, z, &to, &err), -ERR_UNSUPPORTED);
 	assert_non_null(strstr(err.message, "datum"));
+	assert_non_null(strstr(err.hint, "--override-crs"));
+	err = ERR_INIT;
+	snprintf(g.text, sizeof g.text, "unknown");
+	assert_int_equal(crs_zone_system(&g, z, &to, &err), -ERR_UNSUPPORTED);
 	assert_non_null(strstr(err.hint, "--assume-crs"));
 	err = ERR_INIT;
 	g = degrees(32610, "WGS 84", WGS84_F);

@@ -331,7 +331,7 @@ static void borders(void **state)
 	refused(&b, 9, 90.1, ERR_INPUT, "no longitude and latitude");
 	refused(&b, 9, -90.1, ERR_INPUT, "longitude and latitude");
 	refused(&b, 45, 93, ERR_INPUT, "swapped");
-	refused(&b, 361, 10, ERR_INPUT, "--assume-crs");
+	refused(&b, 361, 10, ERR_INPUT, "--override-crs");
 	/* The other hemisphere keeps the zone's own numbers. */
 	assert_int_equal(one(&b, 9, -1, at, &err), 0);
 	earth_utm(WGS84_F, 32, 1, -1, 9, want);

@@ -418,7 +418,7 @@ def memory_is_kept():
             return {e.name: e.bytes for e in c.ask("status_request", pb.StatusRequest()).ledger if e.bytes}
 
         with Client(d.socket) as c:
-            kept = held(c).get("jobs", 0)  # hints of the store, from the start
+            kept = held(c).get("jobs", 0)  # tables of stored domains (daemon/plan), from the start
 
         def mesh(i):
             results.append(d.ctl("mesh", path, "-o", "%s/%d.ply" % (base, i), "--json", timeout=300))

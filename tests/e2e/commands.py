@@ -250,8 +250,73 @@ def private_daemon():
         expect(e2e.sanitized() or own["peak_rss_bytes"] <= (24 + 32) << 20, "VmHWM %d" % own["peak_rss_bytes"])
         left = [n for n in os.listdir(base + "/c/acut") if n.startswith("own-")]
         expect(not left, "left: %s" % left)
+        # With --private it is the shared one, as it is told: an idle one is replaced, one at work says what it has.
+        for words, memory in (((), None), (("--memory", "300M"), 300 << 20), ((), 300 << 20), (("--memory", "200M", "--threads", "1"), 200 << 20)):
+            e2e.run([e2e.ACUTCTL, "mesh", "-q", "--private", "-o", out, path, *words], env=env).ok()
+            has = e2e.run([e2e.ACUTCTL, "status", "--private", "--json"], env=env).ok().json()
+            expect(memory in (None, has["memory"]), "%s: %s" % (words, has["memory"]))
+        with subprocess.Popen([e2e.ACUTCTL, "push", "d", "-", "--input-format", "xyz", "--private"], env=dict(os.environ, **env),
+                              stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as busy:
+            e2e.until(lambda: e2e.run([e2e.ACUTCTL, "status", "--private", "--json"], env=env).json()["connections"] > 1, "a push that holds the private daemon")
+            for words, what in ((("--memory", "300M"), "has 200 MB of memory, not 300M"), (("--threads", "2"), "has 1 thread, not 2")):
+                got = e2e.run([e2e.ACUTCTL, "mesh", "-q", "--private", "-o", out, path, *words], env=env)
+                expect(got.status == 75 and what in got.err and str(has["pid"]) in got.err, got.err)
+            e2e.run([e2e.ACUTCTL, "mesh", "-q", "--private", "-o", out, path, "--memory", "200M"], env=env).ok()
+            busy.stdin.close()
         e2e.end_daemons(base)
 
 
+def private_daemon_of_another_build():
+    """While it is at work it does, but not with other memory or threads than are asked for."""
+    with e2e.Folder() as base:
+        path, out, other = survey(base, points=1000), os.path.join(base, "m.ply"), os.path.join(base, "acutd")
+        version = e2e.run([e2e.ACUTD, "--version"]).ok().out.split()[1].encode() + b"\0"
+        with open(e2e.ACUTD, "rb") as f, open(other, "wb") as to:
+            program = f.read()
+            expect(b"\0" + version in program, "acutd has no version")
+            to.write(program.replace(b"\0" + version, b"\0" + b"x" * (len(version) - 1) + b"\0"))
+        os.chmod(other, 0o755)
+        env = {"XDG_RUNTIME_DIR": base, "XDG_CACHE_HOME": base + "/c", "XDG_STATE_HOME": base + "/s", "HOME": base, "ACUT_SOCKET": ""}
+        with subprocess.Popen([e2e.ACUTCTL, "push", "d", "-", "--input-format", "xyz", "--private"],
+                              env=dict(os.environ, ACUT_ACUTD=other, **env), stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as busy:
+            has = lambda: e2e.run([e2e.ACUTCTL, "status", "--socket", base + "/acut/acutd.sock", "--json"], env=env)
+            e2e.until(lambda: has().status == 0 and has().json()["connections"] > 1, "a push that holds the private daemon")
+            expect("x" in has().json()["version"], str(has().json()))
+            for words, text in (((), ""), (("--memory", "300M"), "of memory, not 300M"), (("--threads", "7"), "not 7")):
+                status(e2e.run([e2e.ACUTCTL, "mesh", "-q", "--private", "-o", out, path, *words], env=env), 75 if text else 0, text)
+            busy.stdin.close()
+        e2e.end_daemons(base)
+
+
+def standard_output_by_path():
+    """What stands before the mesh in a file that standard output appends to stays."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, log = survey(base, points=1000), os.path.join(base, "log")
+        meshes = []
+        for name in ("-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"):
+            with open(log, "wb") as f:
+                f.write(b"before\n")
+            with open(log, "ab") as f:
+                subprocess.run([e2e.ACUTCTL, "mesh", "--socket", d.socket, "-o", name, "--format", "obj", "--canonical", "-q", path],
+                               stdout=f, check=True)
+            with open(log, "rb") as f:
+                meshes.append(f.read())
+            expect(meshes[-1].startswith(b"before\n") and meshes[-1].count(b"\nv ") == meshes[0].count(b"\nv ") > 0,
+                   "%s: %s" % (name, meshes[-1][:80]))
+
+
+def named():
+    """--name is what a file is called; who it is stays its path."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        one, other = survey(base, "a.las", 1000), survey(base, "b.las", 1000, "--seed", "5")
+        d.ctl("push", "v", one, "--name", "flight 7").ok()
+        files = d.ctl("dataset", "log", "v", "--files", "--json").ok().json()["files"]
+        expect([(f["name"], f["path"]) for f in files] == [("flight 7", one)], str(files))
+        again = d.ctl("push", "v", one, "--name", "flight 8", "--json").ok().json()
+        expect(again["state"] == "known", str(again))
+        status(d.ctl("push", "v", one, other, "--name", "both"), 2, "one input, and there are 2", one, other)
+        status(d.ctl("push", "v", other, "--name", "a/b"), 2, "without slashes")
+
+
 e2e.main(mesh_is_complete, verify_catches, datasets_and_jobs, domains_from_files_alone, killed_daemon_resumes, sigterm_leaves_clean_folders, refusals,
-         streams_and_signals, private_daemon)
+         streams_and_signals, private_daemon, private_daemon_of_another_build, standard_output_by_path, named)

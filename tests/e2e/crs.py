@@ -1,6 +1,7 @@
 """Coordinate systems and units: what goes together, what is assumed, what is refused and with which words, and what
 every output says of what is unknown."""
 import itertools
+import json
 import re
 import os
 import struct
@@ -179,7 +180,9 @@ def assumed():
         expect(units(f["none"], "--assume-units", "m,ftUS") == (None, "metre", "us-survey-foot"), "both")
         expect(units(f["utm"], "--assume-units", ",ft") == ("EPSG:25832", "metre", "foot"), "z alone")
         expect(units(f["none"], "--assume-crs", "EPSG:2903", "--assume-units", "ftUS,ftUS") ==
-               ("EPSG:2903", "us-survey-foot", "us-survey-foot"), "a number not known here")
+               ("EPSG:2903", "us-survey-foot", "us-survey-foot"), "a unit said again")
+        expect(units(f["none"], "--assume-crs", "EPSG:100", "--assume-units", "ftUS,ftUS") ==
+               ("EPSG:100", "us-survey-foot", "us-survey-foot"), "a number not known here")
         # The dataset remembers, and a push that says nothing must assume the same again.
         d.ctl("push", "d", f["none"], "--assume-crs", "EPSG:25832", "--assume-units", "m,m").ok()
         j = d.ctl("dataset", "show", "d", "--json").ok().json()
@@ -191,13 +194,13 @@ def assumed():
 
 
 def assumed_wrongly():
-    """What a file says is not overridden, and nonsense is refused before anything is read."""
+    """An assumption does not override what a file says, and nonsense is refused before anything is read."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         f = files(base)
         out = base + "/m.ply"
         cases = [
-            (1, ["utm"], ["--assume-crs", "EPSG:32632"], ["EPSG:25832", "EPSG:32632", "utm.las", "not overridden"]),
-            (1, ["utm"], ["--assume-units", "ft"], ["the unit of its x and y is metre", "assumes foot", "utm.las"]),
+            (1, ["utm"], ["--assume-crs", "EPSG:32632"], ["EPSG:25832", "EPSG:32632", "utm.las", "--override-crs"]),
+            (1, ["utm"], ["--assume-units", "ft"], ["the unit of its x and y is metre", "assumes foot", "utm.las", "--override-units"]),
             (1, ["feet"], ["--assume-units", "m,m"], ["the unit of its z is us-survey-foot", "metre", "feet.las"]),
             (1, ["feet"], ["--assume-crs", "EPSG:25832 + EPSG:7837"], ["EPSG:6360", "EPSG:7837", "feet.las"]),
             (1, ["lonlat"], ["--planar", "--assume-crs", "EPSG:25832"], ["EPSG:4326", "EPSG:25832", "lonlat.las"]),
@@ -219,6 +222,99 @@ def assumed_wrongly():
         r = d.ctl("mesh", f["utm"], f["none"], f["n32"], "-o", out, "--assume-crs", "EPSG:25832")
         expect(r.status == 3, r.err)
         said(r, "n32.las", "EPSG:32632")
+
+
+GEOCENTRIC = [(1024, 0, 1, 3), (2048, 0, 1, 4978)]
+
+
+def overridden():
+    """A header that is wrong: what is said in its place, in the report, in the log of the dataset, and after an interruption."""
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        f = files(base)
+        earth = las(base + "/earth.las", keys=GEOCENTRIC, x0=502000)
+        degrees = las(base + "/degrees.las", DEGREES, x0=502200)
+        out = base + "/m.ply"
+        r = d.ctl("mesh", earth, "-o", out)
+        expect(r.status == 2, r.err)
+        said(r, "geocentric", "--override-crs")
+        r = d.ctl("mesh", f["utm"], earth, degrees, f["none"], f["text"], "-o", out, "--override-crs", "EPSG:32632",
+                  "--override-units", "m,ft", "--json")
+        j = r.ok().json()
+        expect(j["crs"] == "EPSG:32632" and j["units"] == {"xy": "metre", "z": "foot"}, str(j))
+        expect([i["overridden"] for i in j["inputs"]] ==
+               ["EPSG:25832, x and y in metre, z in unknown", "EPSG:4978, x and y in metre, z in metre",
+                "EPSG:4326, x and y in degree, z in unknown", None, None], str(j["inputs"]))
+        # What the system that is given does not say of heights is unknown; units alone replace units.
+        j = d.ctl("mesh", f["height"], "-o", out, "--override-crs", "EPSG:32632", "--json").ok().json()
+        expect(j["crs"] == "EPSG:32632" and j["units"] == {"xy": "metre", "z": None}, str(j))
+        j = d.ctl("mesh", f["feet"], "-o", out, "--override-units", ",m", "--json").ok().json()
+        expect(j["crs"] == "EPSG:25832 + EPSG:6360" and j["units"] == {"xy": "metre", "z": "metre"}, str(j))
+        # Nothing is overridden by what the file says itself.
+        j = d.ctl("mesh", f["utm"], "-o", out, "--override-crs", "EPSG:25832", "--json").ok().json()
+        expect(j["inputs"][0]["overridden"] is None, str(j["inputs"]))
+        # Projected numbers that are degrees are projected as such.
+        lonlat = las(base + "/named-utm.las", UTM32.replace("25832", "32632"), x0=8)
+        box = bytearray(open(lonlat, "rb").read())
+        box[131 + 32:131 + 40] = struct.pack("<d", -4999950.)  # y offset: y at 50 degrees
+        box[179 + 16:179 + 32] = struct.pack("<2d", 70, 50)
+        open(lonlat, "wb").write(bytes(box))
+        j = d.ctl("mesh", lonlat, "-o", out, "--override-crs", "EPSG:4326", "--utm", "32N", "--json")
+        expect("zone" in j.out or "longitude" in j.err, j.out + j.err)
+
+        r = d.ctl("push", "d", earth, f["utm"], "--override-crs", "EPSG:25832", "--override-units", "m,m").ok()
+        expect("earth.las: overridden: its records say EPSG:4978" in r.out + r.err, r.out + r.err)
+        d.ctl("push", "d", degrees, "--override-crs", "EPSG:25832", "--override-units", "m,m", "--json").ok()
+        d.stop()
+        d.start()
+        rows = [json.loads(line) for line in d.ctl("dataset", "log", "d", "--files", "--json").ok().out.splitlines()]
+        log = {file["name"]: file["overridden"] for row in rows for file in row["files"]}
+        expect(log == {"earth.las": "EPSG:4978, x and y in metre, z in metre",
+                       "utm.las": "EPSG:25832, x and y in metre, z in unknown",
+                       "degrees.las": "EPSG:4326, x and y in degree, z in unknown"}, str(log))
+        expect("EPSG:4978" in d.ctl("dataset", "log", "d", "--files").ok().out, "the list for people")
+
+        for status, names, options, parts in (
+                (2, ["utm"], ["--override-crs", "EPSG:25832", "--assume-crs", "EPSG:25832"], ["--assume-crs", "--override-crs"]),
+                (2, ["utm"], ["--override-units", "m", "--assume-units", ",m"], ["--assume-units", "--override-units"]),
+                (2, ["utm"], ["--override-crs", ""], ["empty"]),
+                (2, ["utm"], ["--override-units", "feet"], ["--override-units", "m, ft and ftUS"]),
+                (2, ["utm"], ["--override-crs", "EPSG:25832", "--override-units", "ft"], ["foot", "metre"]),
+                (2, ["utm"], ["--override-crs", "EPSG:4978"], ["geocentric"]),
+                (1, ["lonlat"], ["--override-units", "m"], ["degrees", "EPSG:4326", "--override-crs"])):
+            r = d.ctl("mesh", *[f[n] for n in names], "-o", out, *options)
+            expect(r.status == status, "%s: %d\n%s" % (options, r.status, r.err))
+            said(r, *parts)
+
+
+# Numbers alone, as files have them: EPSG's name and unit, or the two halves of a compound one.
+NUMBERS = {3005: "metre", 2948: "metre", 2229: "us-survey-foot", 2263: "us-survey-foot", 31983: "metre", 3763: "metre", 3003: "metre",
+           3045: "metre", 4647: "metre", 5972: "metre", 6677: "metre", 2446: "metre", 31256: "metre", 6514: "metre"}
+
+
+def numbers():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        for i, (code, unit) in enumerate(NUMBERS.items()):
+            path = las("%s/%d.las" % (base, code), keys=[(1024, 0, 1, 1), (3072, 0, 1, code)])
+            j = d.ctl("info", path, "--header", "--json").ok().json()
+            expect(j["crs_name"] and j["units"]["xy"] == unit and not j["warning"], str(j))
+            j = d.ctl("mesh", path, "-o", base + "/m.ply", "--max-edge", "30m", "--json").ok().json()
+            expect(j["triangles"] == 8 and j["left_out"]["triangles"] == 0, str(j))
+            expect(j["crs"] == ("EPSG:25832 + EPSG:5941" if code == 5972 else "EPSG:%d" % code), str(j))
+            expect(j["units"] == {"xy": unit, "z": "metre" if code == 5972 else None}, str(j))
+        r = d.ctl("info", path, "--header").ok()
+        expect("EPSG:6514 (NAD83(2011) / Montana)" in r.out, r.out)
+        # The file's own unit holds, and the contradiction is told by name; so is a unit that has no name here.
+        odd = las(base + "/odd.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 2229), (3076, 0, 1, 9001)])
+        expect(d.ctl("mesh", odd, "-o", base + "/m.ply", "--json").ok().json()["units"]["xy"] == "metre", "the file's own unit")
+        r = d.ctl("mesh", odd, "-o", base + "/m.ply").ok()
+        said(r, "odd.las", "x and y are taken as metre, but EPSG:2229 (NAD83 / California zone 5 (ftUS)) is in the unit us-survey-foot")
+        r = d.ctl("mesh", las(base + "/link.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 2314)]), "-o", base + "/m.ply").ok()
+        said(r, "EPSG:2314 (Trinidad 1903 / Trinidad Grid (ftCla)) is in the unit Clarke's foot", "the unit of x and y")
+        # What is not known of a dataset is said when it comes to be, not again.
+        said(d.ctl("push", "d", path).ok(), "the unit of z is unknown")
+        r = d.ctl("push", "d", las(base + "/more.las", keys=[(1024, 0, 1, 1), (3072, 0, 1, 6514)], x0=500200)).ok()
+        expect("unknown" not in r.err, r.err)
+        expect("unknown" not in d.ctl("submit", "d", "--wait").ok().err, "a mesh of it")
 
 
 METRES = {"metre": Fraction(1), "foot": Fraction(3048, 10000), "us-survey-foot": Fraction(1200, 3937)}
@@ -353,7 +449,7 @@ def info():
     """One line each for plane, CRS, units, number and datum; null where nothing is said."""
     with e2e.Folder() as base, e2e.Daemon(base) as d:
         f = files(base)
-        for name, want in (("feet", ("plane projected", "crs EPSG:25832 + EPSG:6360", "epsg 25832, heights 6360", "datum ETRS89",
+        for name, want in (("feet", ("plane projected", "crs EPSG:25832 + EPSG:6360 (ETRS89 / UTM zone 32N + NAVD88 height (ftUS))", "epsg 25832, heights 6360", "datum ETRS89",
                                      "units metre, heights us-survey-foot")),
                            ("none", ("plane unknown", "crs unknown", "epsg unknown", "datum unknown",
                                      "units unknown, heights unknown"))):
@@ -411,4 +507,27 @@ def created():
             d.ctl("push", "plain", f["none"]).ok()
 
 
-e2e.main(created, info, z_unit, lengths, mixing, across_pushes, unknown, assumed, assumed_wrongly)
+def units_by_number():
+    """A unit that a dataset or an input leaves unknown is that of its EPSG number: older tables did not have all of them."""
+    number = [(1024, 0, 1, 1), (3072, 0, 1, 2229)]
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        shown = lambda: d.ctl("dataset", "show", "k", "--json").ok().json()
+        # a unit of the file's own that has no name here: what an older daemon stored of the number alone
+        unknown = [las("%s/unknown%d.las" % (base, i), keys=number + [(3076, 0, 1, 32767)], x0=500000 + i * 200) for i in (1, 2)]
+        feet = [las("%s/feet%d.las" % (base, i), keys=number, x0=501000 + i * 200) for i in (1, 2)]
+        metres = las(base + "/metres.las", keys=number + [(3076, 0, 1, 9001)], x0=502000)
+        d.ctl("push", "k", unknown[0]).ok()
+        expect(shown()["crs"] == "EPSG:2229" and shown()["units"]["xy"] is None, shown())
+        r = d.ctl("push", "k", metres)
+        expect(r.status == 1, "metres beside US survey feet: %s" % r.err)
+        said(r, "the unit of its x and y is metre", "us-survey-foot")
+        d.ctl("push", "k", feet[0]).ok()
+        expect(shown()["crs"] == "EPSG:2229" and shown()["units"]["xy"] == "us-survey-foot", shown())
+        d.ctl("push", "k", unknown[1]).ok()
+        d.ctl("push", "k", feet[1]).ok()
+        expect(shown()["points"] == 36 and shown()["units"]["xy"] == "us-survey-foot", shown())
+        expect(d.ctl("push", "k", metres).status == 1, "metres beside US survey feet")
+
+
+if __name__ == "__main__":
+    e2e.main(created, info, z_unit, lengths, mixing, across_pushes, unknown, assumed, assumed_wrongly, overridden, numbers, units_by_number)

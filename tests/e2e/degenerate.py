@@ -55,7 +55,52 @@ def one_position():
         with open(path, "w") as f:
             f.write("5 5 1\n" * 300000)
         got = mesh(d, base, path, oracle=False)
-        expect(got["triangles"] == 0 and got["removed"], str(got))
+        expect(got["triangles"] == 0 and got["vertices"] == 1 and got["removed"]["duplicate"] == 299999, str(got))
+        expect(got["most"] == {"points": 300000, "x": 5, "y": 5}, str(got))
+        expect(any("300,000 of 300,000 points" in w and "5 5" in w for w in got["warnings"]), str(got["warnings"]))
+
+
+def flat_positions():
+    """Positions without triangles are vertices: of any format, with any memory, and verified."""
+    shapes = {"one": [(-3, 8)], "two": [(1, 2), (3, 9)], "axis": [(7, 31 * i) for i in range(5000)],
+              "diagonal": [(3 * i, 7 * i) for i in range(200000)]}
+    with e2e.Folder() as base:
+        for name, at in shapes.items():
+            path, out = (os.path.join(base, name + end) for end in (".xyz", ".ply"))
+            with open(path, "w") as f:
+                f.writelines("%d %d %d\n" % (x, y, i % 9) for i, (x, y) in enumerate(at))
+            digests = set()
+            for memory, threads in (("24M", 1), ("300M", 2)):
+                with e2e.Daemon(base, memory=memory, threads=threads, name=name + memory) as d:
+                    got = d.ctl("mesh", "--json", "--canonical", "-o", out, "-o", out[:-3] + "obj", path).ok().json()
+                    expect(got["vertices"] == len(at) and got["triangles"] == got["hull"] == 0, str(got))
+                    digests.add(got["vertex_digest"])
+                    d.ctl("push", "kept", path).ok()
+                    job = str(d.ctl("submit", "kept", "--wait", "--json").ok().json()["job"])
+                    again = d.ctl("fetch", job, "-o", out + ".2.ply", "--json").ok().json()
+                    expect(again["vertices"] == len(at) and again["vertex_digest"] == got["vertex_digest"], str(again))
+                e2e.run([e2e.VERIFY, out, path]).ok()
+                with open(out[:-3] + "obj") as f:
+                    expect(sum(line.startswith("v ") for line in f) == len(at), "OBJ: " + name)
+            expect(len(digests) == 1, "%s: digests %s" % (name, digests))
+
+
+def tiles_of_no_triangles():
+    """Vertices that no tile has are said, also in JSON."""
+    with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
+        path, tiles = os.path.join(base, "line.xyz"), os.path.join(base, "tiles")
+        with open(path, "w") as f:
+            f.writelines("%d %d 1\n" % (i, 2 * i) for i in range(10))
+        told = d.ctl("mesh", "--planar", "--tile", "5", "-o", tiles, path).ok()
+        expect(told.err.count("10 vertices lie in no tile, since there are no triangles") == 1, told.err)
+        got = d.ctl("mesh", "--planar", "--tile", "5", "-o", tiles, path, "--json").ok().json()
+        expect(got["tiles"]["files"] == 0 and sum("lie in no tile" in w for w in got["warnings"]) == 1, str(got))
+        with open(path, "a") as f:
+            f.write("5 5 1\n")
+        got = d.ctl("mesh", "--planar", "--tile", "5", "-o", tiles, path, "--json").ok().json()
+        expect(got["tiles"]["files"] and not any("tile" in w for w in got["warnings"]), str(got))
+        got = d.ctl("mesh", "--planar", "--tile", "5", "--max-edge", "0.5", "-o", tiles, path, "--json").ok().json()
+        expect(got["tiles"]["files"] == 0 and any("no triangles but those that --max-edge" in w for w in got["warnings"]), str(got))
 
 
 def few_positions():
@@ -69,7 +114,7 @@ def few_positions():
 
 
 e2e.main(
-    one_position, few_positions,
+    one_position, few_positions, flat_positions, tiles_of_no_triangles,
     case("uniform", 300000),
     case("grid", 300000, "--step", 1), case("grid", 300000, "--step", 16777),
     case("survey", 300000), case("clustered", 300000), case("two-clusters", 300000), case("duplicates", 300000),

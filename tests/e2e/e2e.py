@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 
 ACUTD = os.environ.get("ACUTD", "acutd")
 ACUTCTL = os.environ.get("ACUTCTL", "acutctl")
@@ -228,6 +229,12 @@ class Daemon:
         self.stop(signal.SIGKILL)
 
 
+def where(e):
+    """The lines of the tests that an error came by, the innermost last, without those of this file."""
+    frames = [f for f in traceback.extract_tb(e.__traceback__) if f.filename != __file__]
+    return "\n".join("  at %s, line %d, in %s: %s" % (os.path.basename(f.filename), f.lineno, f.name, f.line) for f in frames)
+
+
 def main(*cases):
     """Run the cases in order, each a function; all run, the status says whether one failed."""
     failed = 0
@@ -236,7 +243,7 @@ def main(*cases):
         try:
             case()
             print("ok   %-40s %6.1f s" % (case.__name__, time.monotonic() - start), flush=True)
-        except (Fault, AssertionError, KeyError, ValueError, subprocess.TimeoutExpired) as e:
+        except Exception as e:
             failed += 1
-            print("FAIL %-40s %6.1f s\n%s: %s" % (case.__name__, time.monotonic() - start, type(e).__name__, e), flush=True)
+            print("FAIL %-40s %6.1f s\n%s: %s\n%s" % (case.__name__, time.monotonic() - start, type(e).__name__, e, where(e)), flush=True)
     sys.exit(1 if failed else 0)

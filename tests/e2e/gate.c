@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <sys/syscall.h>
 #include <time.h>
 #include <unistd.h>
@@ -167,4 +168,16 @@ PUBLIC int fstatat64(int dir, const char *name, struct stat64 *ret_st, int flags
 {
 	gate("fstatat", dir, name);
 	return REAL(fstatat64)(dir, name, ret_st, flags);
+}
+
+PUBLIC int fstatvfs(int fd, struct statvfs *ret)
+{
+	gate("fstatvfs", fd, "");
+	return REAL(fstatvfs)(fd, ret);
+}
+
+PUBLIC int fstatvfs64(int fd, struct statvfs64 *ret)
+{
+	gate("fstatvfs", fd, "");
+	return REAL(fstatvfs64)(fd, ret);
 }

@@ -1,6 +1,7 @@
 """Compressed files: chunks decoded by several workers at once give what one gives, and fail as one would."""
 import os
 import shutil
+import struct
 
 import e2e
 from e2e import expect
@@ -42,6 +43,46 @@ def compressed_or_not():
             expect(a["digest"] == b["digest"], "%s is not %s" % (laz, las))
 
 
+def in_compatibility_mode(path, out):
+    """LAS 1.4 points of format 6 and extra bytes as LASzip writes them for older readers: LAS 1.2, format 1, five bytes more."""
+    with open(path, "rb") as f:
+        data = f.read()
+    at, = struct.unpack("<I", data[96:100])
+    length, = struct.unpack("<H", data[105:107])
+    n, = struct.unpack("<Q", data[247:255])
+    vlrs = struct.pack("<H16sHH32s", 0, b"lascompatible", 22204, 156, b"") + struct.pack("<HHIQQI", 1, 3, 0, 0, 0, 0) + data[247:375]
+    vlrs += struct.pack("<H16sHH32s", 0, b"LASF_Spec", 4, 5 * 192, b"")
+    vlrs += struct.pack("<HBB32s156s", 0, 0, length - 30, b"of before", b"")
+    for kind, name in ((4, b"scan angle"), (1, b"extended returns"), (1, b"classification"), (1, b"flags and channel")):
+        vlrs += struct.pack("<HBB32s156s", 0, kind, 0, b"LAS 1.4 " + name, b"")
+    records = b""
+    for i in range(at, at + length * n, length):
+        r = data[i:i + length]
+        number, of, cls = r[14] & 15, r[14] >> 4, r[16]
+        old = (number if number <= 7 else 7) if of <= 7 else number if number <= 4 else max(4, min(7, 7 - of + number))
+        old_of = min(of, 7)
+        records += r[:14] + bytes((old | old_of << 3 | r[15] & 0xc0, (cls if cls < 32 else 0) | (r[15] & 7) << 5, 0)) + r[17:18] + r[20:]
+        records += struct.pack("<HBBB", 0, number - old << 4 | of - old_of, cls if cls > 31 else 0, (r[15] >> 4 & 3) << 1 | r[15] >> 3 & 1)
+    head = bytearray(data[:227])
+    head[24:26], head[94:96] = b"\1\2", struct.pack("<H", 227)
+    head[96:111] = struct.pack("<IIBHI", 227 + len(vlrs), 2, 1, length + 3, n)
+    with open(out, "wb") as f:
+        f.write(head + vlrs + records)
+
+
+def compatibility_mode():
+    with e2e.Folder() as base, e2e.Daemon(base) as d:
+        path, old = os.path.join(LIDAR, "las14_pdrf6.las"), os.path.join(base, "old.las")
+        in_compatibility_mode(path, old)
+        a, b = (d.ctl("info", p, "--json").ok().json() for p in (path, old))
+        expect("LAS 1.4 point format 6 in compatibility mode" in b["variant"] and not b["warning"], b)
+        high = [c for c in a["classes"] if int(c) > 31]
+        expect(high and a["classes"] == b["classes"] and a["returns"] == b["returns"], (a, b))
+        for view in (["--class", high[0]], ["--drop-overlap"], ["--returns", "last"]):
+            a, b = (d.ctl("mesh", p, "--planar", "--json", "-o", os.path.join(base, "o.ply"), *view).ok().json() for p in (path, old))
+            expect(a["digest"] == b["digest"] and a["used"] == b["used"], (view, a, b))
+
+
 def cut_off(base, name, *damages):
     """A copy of LARGE with bytes turned over."""
     path = os.path.join(base, name)
@@ -75,4 +116,4 @@ def the_first_damage_is_told():
     print(told.pop())
 
 
-e2e.main(threads_and_memory_change_nothing, compressed_or_not, the_first_damage_is_told)
+e2e.main(threads_and_memory_change_nothing, compressed_or_not, compatibility_mode, the_first_damage_is_told)

@@ -23,7 +23,7 @@ from acut_wire import Client, HEADER, Refused, pack, pb
 
 MIB = 1 << 20
 SPARE = 32 * MIB
-# Of the resident size at rest and what is not charged because its bound is small (ARCHITECTURE.md, Memory).
+# Of the resident size at rest and what is not charged because its bound is small (docs/design/memory.md).
 UNCHARGED = 14 * MIB
 LONG = bool(os.environ.get("ACUT_MEMORY_LONG"))
 BASE = None

@@ -1,4 +1,5 @@
 """Inputs that come through pipes: the same mesh as from a file, never a part that looks whole, nobody kept waiting."""
+import gzip
 import json
 import os
 import shutil
@@ -52,6 +53,18 @@ def las_forwards():
             expect(code == 0, err)
             got = json.loads(text)
             expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
+        # Its first bytes say what it is, however they come; those of text do not, nor do those of one among several.
+        code, text, err = feed(d, [data[:1], data[1:3], data[3:]], "mesh", "-", "--json", "-o", out, pause=0.05)
+        expect(code == 0 and json.loads(text)["digest"] == want[0], "without --input-format: %d %s" % (code, err))
+        for pieces, words in (([b"1 2 3\n"], ()), ([b"LAS"], ()), ([b""], ()), ([data], (path,))):
+            code, _, err = feed(d, pieces, "mesh", "-", *words, "-o", out + "x.ply")
+            expect(code == 2 and "what standard input holds is not known" in err, "%d %s" % (code, err))
+        # Files of others are named as they are where a file is named.
+        for first, what in ((gzip.compress(data[:9000]), "a gzip file"), (b"PK\3\4" + bytes(100), "a zip archive"), (b"ASTM-E57" + bytes(9000), "E57"),
+                            (b"ply\nformat ascii 1.0\n", "PLY"), (b"ncols 2\nnrows 1\n1 2\n", "an ESRI ASCII grid")):
+            for command in (["mesh", "-", "-o", out + "x.ply"], ["push", "named", "-"], ["info", "-"]):
+                code, _, err = feed(d, [first], *command)
+                expect(code == 1 and "standard input: this is " + what in err and "FILE" in err, "%s: %d %s" % (what, code, err))
         e2e.run([e2e.VERIFY, out, path]).ok()
         expect(not any(os.scandir(os.path.join(d.cache, "tmp"))), "something stayed in the cache")
 
@@ -66,10 +79,13 @@ def laz_is_kept():
         path, out = os.path.join(data, "lidar/las12_pdrf3_autzen_ft.laz"), os.path.join(base, "m.ply")
         want = digest(d, "-o", out, path)
         bytes_ = open(path, "rb").read()
-        code, text, err = feed(d, [bytes_[:1000], bytes_[1000:]], "mesh", "-", "--input-format", "las", "--json", "-o", out, pause=0.1)
-        expect(code == 0, err)
-        got = json.loads(text)
-        expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
+        for words in (("--input-format", "las"), ()):
+            code, text, err = feed(d, [bytes_[:1000], bytes_[1000:]], "mesh", "-", *words, "--json", "-o", out, pause=0.1)
+            expect(code == 0, err)
+            got = json.loads(text)
+            expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
+        code, text, err = feed(d, [bytes_], "info", "-", "--json")
+        expect(code == 0 and json.loads(text)["records"] == want[2], "info: %d %s" % (code, err))
 
 
 def cut_is_no_mesh():
@@ -119,9 +135,15 @@ def text_forwards():
             expect(code == 0, err)
             got = json.loads(text)
             expect((got["digest"], got["vertex_digest"], got["points"]) == want, text)
-        for late, what in ((b"1.0000000001 2 3\n", "more than nine decimals"), (b"1,5 2,5 3,5\n", "decimal commas"), (b"1 2\n", "fewer than three")):
+        for late, what in ((b"99999999999999999999 2 3\n", "more than 19 digits"), (b"1,5 2,5 3,5\n", "decimal commas"), (b"1 2\n", "fewer than three")):
             code, _, err = feed(d, [lines + late], "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "-o", os.path.join(base, "n.ply"))
             expect(code == 1 and what in err and "150001" in err, err)
+        # More digits than its beginning had: rounded as those of a file.
+        late = b"500001.1234999999999999999999 4000000.9876500000000000000001 3.25\n"
+        open(txt + "2", "wb").write(lines + late)
+        code, text, err = feed(d, [lines + late], "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "--json", "-o", out)
+        expect(code == 0 and json.loads(text)["moved"] == 1, err)
+        expect((json.loads(text)["digest"], json.loads(text)["vertex_digest"]) == digest(d, "-o", out, "--scale", "0.001,1", txt + "2")[:2], text)
         # Which point it was, counted from the first, though they came in pieces.
         code, _, err = feed(d, [lines, b"1 2 3\n" * 10], "mesh", "-", "--input-format", "xyz", "--scale", "0.001,1", "-o",
                             os.path.join(base, "n.ply"), pause=0.5)

@@ -94,6 +94,7 @@ def client(**kw):
 def small_requests():
     with client() as c:
         expect(c.hello.version_min <= 1 <= c.hello.version_max and c.hello.build, "Hello")
+        expect(set(c.hello.features) >= {"push", "mesh", "mode", "decimal-comma", "override"}, str(c.hello.features))
         expect(c.ping() < 1, "ping")
         status = c.ask("status_request", pb.StatusRequest())
         expect(status.pid == DAEMON.process.pid, "Status.pid")

@@ -288,6 +288,11 @@ def what_does_not_fit():
         Half(d, "h", paths, 2, wait=False, assume_crs=system + "1998").vanish()
         says(d.ctl("push", "h", *paths, "--assume-crs", system + "2017"), 0, "other options")
         expect(show(d, "h")["crs"] == system + "2017" and show(d, "h")["points"] == 9000, str(show(d, "h")))
+        # What is assumed is not what overrides; the same again is taken up.
+        Half(d, "o", paths, 2, wait=False, override_crs="EPSG:25832").vanish()
+        says(d.ctl("push", "o", *paths, "--assume-crs", "EPSG:25832"), 0, "other options")
+        Half(d, "q", paths, 2, wait=False, override_crs="EPSG:25832").vanish()
+        got = says(d.ctl("push", "q", *paths, "--override-crs", "EPSG:25832"), 0, "not read again")
         # Read in another way: those files are new ones.
         Half(d, "f", paths, 2, wait=False).vanish()
         got = d.ctl("push", "f", *paths, "--input-format", "las", "--json").ok()

@@ -747,6 +747,36 @@ def passed_descriptors_of(box, gate, base):
         expect(n > 0, "nothing was handed out")
 
 
+def links_that_others_planted():
+    """In a sticky folder that everybody may write into. Whoever writes there, root too, keeps what the link leads to."""
+    with Folder() as base, Box(base) as box:
+        good = box.survey()
+        shared, mine = os.path.join(base, "shared"), os.path.join(base, "mine")
+        os.mkdir(shared)
+        os.chmod(shared, 0o1777)
+        os.mkdir(mine)
+        treasure = os.path.join(mine, "treasure")
+        with open(treasure, "w") as f:
+            f.write("kept")
+        for name, to in (("out.ply", treasure), ("tiles", mine + "/tiles"), ("drop", mine), ("up", mine), ("deep", mine)):
+            os.symlink(to, os.path.join(shared, name))
+            os.lchown(os.path.join(shared, name), CARL, OTHERS)
+        e2e.run([box.acutctl, "push", "a", good], env={"ACUT_SOCKET": box.daemon.socket}).ok()
+        job = e2e.run([box.acutctl, "submit", "a", "--wait", "--json"], env={"ACUT_SOCKET": box.daemon.socket}).ok().json()["job"]
+        # "@" stands for the shared folder.
+        for words in (("mesh", good, "-o", "@/out.ply"), ("fetch", job, "-o", "@/out.ply"), ("fetch", job, "-o", "@/out.ply", "--resume"),
+                      ("fetch", job, "-o", "@/deep/x.ply"), ("fetch", job, "-o", "@/deep/x.ply", "--resume"),
+                      ("fetch", job, "--tile", 100, "-o", "@/tiles/"), ("backup", "@/up/backup"), ("backup", "@/tiles"),
+                      ("dataset", "export", "a", "@/up/export"), ("ingest", "a", "@/drop"), ("metrics", "--textfile", "@/up/m.prom")):
+            status, out, err = box.ask("root", *[str(w).replace("@", shared) for w in words])
+            expect(status == 77 and "is a link that the user with id %d" % CARL in err and "hint: " in err, "%s: %d %s %s" % (words, status, out, err))
+        expect(os.listdir(mine) == ["treasure"] and open(treasure).read() == "kept", "%s" % os.listdir(mine))
+        # His own he may.
+        os.lchown(os.path.join(shared, "out.ply"), 0, 0)
+        status, out, err = box.ask("root", "fetch", job, "-o", os.path.join(shared, "out.ply"))
+        expect(status == 0 and os.path.islink(os.path.join(shared, "out.ply")) and os.path.getsize(treasure) > 1000, "%d %s" % (status, err))
+
+
 if __name__ == "__main__":
     if os.geteuid() != 0:
         print("to be several users takes root")
@@ -756,4 +786,4 @@ if __name__ == "__main__":
         sys.exit(1 if os.environ.get("ACUT_TEST_PRIVILEGED") == "1" else 77)
     e2e.main(datasets, owners, jobs, served, many_groups, no_process_is_asked, rights_of_open_connections, who_holds_what,
              nobody_looks_into_the_state, limit_of_exports, limit_of_jobs, limit_of_disk, limit_of_connections,
-             limit_of_memory, passed_descriptors)
+             limit_of_memory, passed_descriptors, links_that_others_planted)

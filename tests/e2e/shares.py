@@ -1,5 +1,5 @@
 """What users share, and nobody may have alone: the room for areas of jobs, datasets, the disk with pushes into the datasets of
-others and geoid grids, looks at the house. And what is the owner's alone: where his files are, also in an export."""
+others and geoid grids, looks at the service. And what is the owner's alone: where his files are, also in an export."""
 import json
 import os
 import shutil

@@ -439,6 +439,40 @@ def a_file_system_that_is_full():
             subprocess.run(["umount", at])
 
 
+def room_that_others_give_back():
+    """A stream waits for room that another program has: what the file system has free is asked for as long as somebody waits."""
+    with e2e.Folder() as base:
+        at = os.path.join(base, "fs")
+        os.mkdir(at)
+        if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=32m", "tmpfs", at], stderr=subprocess.DEVNULL).returncode:
+            print("skipped: nothing can be mounted here (room_that_others_give_back)")
+            return
+        try:
+            d = e2e.Daemon(base, memory="64M", args=["--disk", "100%", "--keep-free", "2M", "--space-wait", "9"])
+            for option, name in (("--state", "state"), ("--cache", "cache")):
+                d.command[d.command.index(option) + 1] = os.path.join(at, name)
+            d.start()
+            try:
+                d.ctl("push", "a", synth(os.path.join(base, "a.las"), 400000)).ok()
+                job = d.ctl("submit", "a", "--every", "2", "--wait", "--json").ok().json()["job"]
+                d.ctl("cache", "gc", "--all").ok()
+                v = os.statvfs(at)
+                hog = os.path.join(at, "hog")
+                with open(hog, "wb") as f:
+                    f.write(bytes(v.f_bavail * v.f_frsize - (2 << 20) - (200 << 10)))
+                fetch = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "fetch", str(job), "--format", "null"],
+                                         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+                told = fetch.stderr.readline().decode()
+                expect("of disk space are lacking" in told, told)
+                os.remove(hog)
+                err = fetch.communicate()[1].decode()
+                expect(fetch.returncode == 0, "%d %s" % (fetch.returncode, err))
+            finally:
+                d.stop(signal.SIGKILL)
+        finally:
+            subprocess.run(["umount", at])
+
+
 def a_client_of_verify_goes():
     """While it is told what is damaged, also when that is more than its socket takes: the daemon lives."""
     with e2e.Folder() as base, e2e.Daemon(base, memory="24M") as d:
@@ -534,8 +568,27 @@ def state_and_cache_on_two_file_systems():
             expect(os.stat(d.state).st_dev != os.stat(d.cache).st_dev, "one file system")
 
 
+def a_file_system_that_hangs():
+    """Whoever writes waits until it says what it has; everybody else is served, and what cannot be known is told as it was last."""
+    with e2e.Folder() as base:
+        gate = e2e.Gate(base)
+        with e2e.Daemon(base, memory="64M", threads=1, env=gate.env) as d:
+            d.ctl("push", "a", synth(base + "/a.las", "5k")).ok()
+            gate.close("fstatvfs", base)
+            push = subprocess.Popen([e2e.ACUTCTL, "--socket", d.socket, "push", "b", synth(base + "/b.las", "5k", 2)],
+                                    stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+            gate.wait()
+            total = [stat(d)["state_disk"]["total"] for _ in range(3)]
+            for words in (("ping",), ("status",), ("datasets",), ("dataset", "chmod", "0640", "a"), ("metrics",)):
+                d.ctl(*words, timeout=60).ok()
+            expect(push.poll() is None and min(total) > 0, "%s %s" % (push.poll(), total))
+            gate.open()
+            out = push.communicate(timeout=e2e.PATIENCE)[0]
+            expect(push.returncode == 0, out)
+
+
 if __name__ == "__main__":
     e2e.main(options, push_is_refused_beforehand, pipes_are_held_against_it, derived_goes_first_and_pushed_never,
              gc_knows_what_is_gone, a_job_waits_for_space, the_cache_is_removed, verify_names_damage, a_client_of_verify_goes,
-             state_and_cache_on_two_file_systems, a_file_system_that_is_full,
-             a_start_on_a_full_disk)
+             state_and_cache_on_two_file_systems, a_file_system_that_hangs, a_file_system_that_is_full,
+             room_that_others_give_back, a_start_on_a_full_disk)

@@ -12,7 +12,7 @@ import e2e
 from e2e import Daemon, Folder, expect
 
 FIXTURES = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "fixtures")
-VERSIONS = (1, 2, 3, 4, 5)
+VERSIONS = (1, 2, 3, 4, 5, 6)
 
 
 def unpack(version, base):
@@ -66,6 +66,33 @@ def older_states():
                 same(mesh(d, "valley", "--new"), expected["valley with c and e"], "after a restart, version %d" % version)
                 verify = d.ctl("cache", "verify")
                 expect(verify.status == 0, "cache verify, version %d: %s" % (version, verify.out + verify.err))
+
+
+def job_without_triangles():
+    """A job whose report is of an acutd that left positions without triangles out: not the answer to a submission, nor a mesh."""
+    with Folder() as base, Daemon(base) as d:
+        with open(base + "/line.xyz", "w") as f:
+            f.writelines("%d %d 1\n" % (i, 2 * i) for i in range(10))
+        d.ctl("push", "line", base + "/line.xyz").ok()
+        submit = lambda: d.ctl("submit", "line", "--wait", "--json").ok().json()
+        job = submit()
+        expect(job["vertices"] == 10 and submit()["job"] == job["job"], job)
+        d.stop()
+        db = sqlite3.connect(d.state + "/catalogue.db")
+        report, = db.execute("SELECT report FROM job").fetchone()
+        older = report.replace(job["vertex_digest"], "0" * 32).replace("\nvertices 10\n", "\nvertices 0\n")
+        expect(older.count("0" * 32) == 2 and "\nvertices 0\n" in older, report)
+        db.execute("UPDATE job SET report = ?, sum = NULL", (older,))
+        db.commit()
+        db.close()
+        d.start()
+        got = d.ctl("fetch", str(job["job"]), "-o", base + "/m.ply")
+        expect(got.status != 0 and "older acutd" in got.err and "submit line again" in got.err, got.err)
+        expect(not os.path.exists(base + "/m.ply"), "an output of a job that has no mesh")
+        again = submit()
+        expect(again["job"] != job["job"] and again["vertices"] == 10, again)
+        got = d.ctl("fetch", str(again["job"]), "-o", base + "/m.ply", "--json").ok().json()
+        expect(got["vertex_digest"] == job["vertex_digest"], got)
 
 
 def killed_while_converting():
@@ -221,4 +248,4 @@ def verify_passes_over_what_is_newer():
 
 
 if __name__ == "__main__":
-    e2e.main(older_states, killed_while_converting, newer_is_refused, verify_passes_over_what_is_newer)
+    e2e.main(older_states, job_without_triangles, killed_while_converting, newer_is_refused, verify_passes_over_what_is_newer)

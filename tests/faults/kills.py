@@ -2,7 +2,7 @@
 after each the next one starts within a second (of a machine that it has for itself), knows all that was acknowledged, and what
 was cut short is done again with the digests of a daemon that nobody disturbed.
 
-ACUT_FAULT_KILLS: how many (200), half of each kind; ACUT_FAULT_SEED.
+ACUT_FAULT_KILLS: how many (60), half of each kind; ACUT_FAULT_SEED.
 """
 import os
 import random
@@ -103,7 +103,7 @@ def by_call(base, inputs, kills, rng):
 
 def main():
     faults.need_tools("strace")
-    kills, seed = faults.setting("ACUT_FAULT_KILLS", 200), faults.setting("ACUT_FAULT_SEED", 1)
+    kills, seed = faults.setting("ACUT_FAULT_KILLS", 60), faults.setting("ACUT_FAULT_SEED", 1)
     rng = random.Random(seed)
     begun = time.monotonic()
     with faults.e2e.Folder() as base:

@@ -1,5 +1,6 @@
 """No memory: the N-th allocation of acutd fails while it answers one request, N = 1, 2, ... until the request needs no more.
-Whoever asked gets an answer, right or an error that says so; acutd lives, and answers the same request afterwards.
+Whoever asked gets an answer, right or an error that says so; acutd lives, and answers the same request afterwards. After a restart
+all that was acknowledged is there, and every dataset has its mesh. test_memory.c does more of that in process.
 
 ACUT_FAULT_STEP: N grows by so much (2).
 """
@@ -49,12 +50,23 @@ def requests(inputs, base):
     yield "cache stat", ("cache", "stat")
 
 
+def whole(store, inputs, pushed):
+    """After a restart."""
+    there = [d["name"] for d in store.rows("datasets") if d["generation"]]
+    missing = set(pushed) - set(there)
+    expect(not missing, "acknowledged, and gone after a restart: %s" % sorted(missing))
+    for name in there:
+        job = store.ctl("submit", name, "--new", "--wait", "--json").ok().json()
+        expect(faults.digests(job) == inputs.want[1, ()], "%s has another mesh after a restart" % name)
+
+
 def main():
     preload = os.path.join(BUILD, "no_memory.so")
     if e2e.sanitized():
         e2e.skip("a sanitizer has its own allocator")
     step = faults.setting("ACUT_FAULT_STEP", 2)
     points = answers = cut_off = 0
+    pushed = ["a"]
     with e2e.Folder() as base:
         inputs = Inputs(base)
         a = Allocations(os.path.join(base, "allocations"))
@@ -80,6 +92,8 @@ def main():
                     points += 1
                     if r.status == 0:
                         answers += 1
+                        if name == "push":
+                            pushed.append("p%d" % n)
                     else:
                         expect(r.err.startswith("acutctl: ") and r.status in (1, 69, 74, 75), "%s, allocation %d: %d %s" % (name, n, r.status, r.err))
                         cut_off += r.status == 69
@@ -89,7 +103,7 @@ def main():
                 print("%-16s %4d points" % (name, many), flush=True)
             store.stop()
             store.start()
-            expect(store.ctl("submit", "a", "--new", "--wait").status == 0, "not after a restart")
+            whole(store, inputs, pushed)
             # Interrupted pushes may be pending.
             left = [x for x in faults.leftovers(store) if x.endswith(".tmp")]
             expect(not left, "left behind: %s" % left)

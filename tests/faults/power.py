@@ -6,7 +6,7 @@ and the rest can be done again.
 Two control runs must lose data: without any fsync, and without fsync of folders (no_sync.c). Images whose file system does
 not mount are counted apart there.
 
-ACUT_FAULT_POWER: how many cuts (200), with a tenth of that for each control; ACUT_FAULT_SEED.
+ACUT_FAULT_POWER: how many cuts (50), with a tenth of that for each control; ACUT_FAULT_SEED.
 """
 import os
 import random
@@ -276,7 +276,7 @@ def main():
     faults.need_tools("nbdkit", "nbdfuse", "fusermount3", "mkfs.ext4", "losetup")
     if not os.path.exists(os.path.join(BUILD, "write_log.so")):
         faults.unavailable("the plugin was not built (nbdkit-plugin-dev)")
-    n, rng = faults.setting("ACUT_FAULT_POWER", 200), random.Random(faults.setting("ACUT_FAULT_SEED", 1))
+    n, rng = faults.setting("ACUT_FAULT_POWER", 50), random.Random(faults.setting("ACUT_FAULT_SEED", 1))
     seconds = faults.setting("ACUT_FAULT_POWER_SECONDS", 4)
     begun = time.monotonic()
     os.environ.setdefault("ACUT_TEST_TMP", "/dev/shm" if os.access("/dev/shm", os.W_OK) else "/tmp")

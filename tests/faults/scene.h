@@ -1,12 +1,12 @@
 /*
- * What happens in the tests of faults: a house (tests/job/house.h) into which three files are pushed, one at a time and
+ * What happens in the tests of faults: a service (tests/job/service.h) into which three files are pushed, one at a time and
  * with an interruption, and jobs of each generation, with a mark in the log for each thing that was acknowledged; and what
- * must be there when a house is opened over what a fault left.
+ * must be there when a service is opened over what a fault left.
  */
 #ifndef SCENE_H
 #define SCENE_H
 
-#include "house.h"
+#include "service.h"
 #include "log.h"
 
 #include <sys/wait.h>
@@ -49,15 +49,15 @@ struct scene_digests {
 
 /* ---- steps that may fail ---- */
 
-/* As open_house, but it may fail. */
-static int house_try_open(uint64_t memory, unsigned threads, struct err *err)
+/* As open_service, but it may fail. */
+static int service_try_open(uint64_t memory, unsigned threads, struct err *err)
 {
 	struct jobs_params p = {.threads = threads};
 	char path[128];
 	int r;
 
 	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
-	memset(&h.ledger, 0, sizeof h - offsetof(struct house, ledger));
+	memset(&h.ledger, 0, sizeof h - offsetof(struct service, ledger));
 	h.statefd = open(h.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
 	h.cachefd = dup(h.statefd);
 	h.ledger = ledger_new(memory);

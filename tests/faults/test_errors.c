@@ -1,6 +1,6 @@
 /*
  * Every N-th file call fails, N = 1, 2, ... until there are not so many: once, and for ever, with an error, or a transfer
- * by half; ours, and SQLite's. A house is opened, two files are pushed, a job is done and its mesh is streamed. What must
+ * by half; ours, and SQLite's. A service is opened, two files are pushed, a job is done and its mesh is streamed. What must
  * hold: whoever asked gets an answer, right or a typed error that says something; when the fault is gone the same can be
  * done again, with the right mesh; nothing is left, neither descriptors nor files; a file whose fsync failed is not trusted.
  *
@@ -118,7 +118,7 @@ static void all_of_it(void)
 	struct job *job;
 	int r;
 
-	for (int tries = 0; (r = house_try_open(SCENE_MEMORY, 2, &err)); tries++) {
+	for (int tries = 0; (r = service_try_open(SCENE_MEMORY, 2, &err)); tries++) {
 		typed("start", &err);
 		err = ERR_INIT;
 		if (tries)
@@ -151,16 +151,16 @@ static void one_point(unsigned long i)
 	fault_plan(&plan);
 	all_of_it();
 	lift();
-	close_house();
+	close_service();
 	/* As good as new. */
-	open_house(SCENE_MEMORY, 2);
+	open_service(SCENE_MEMORY, 2);
 	must(!push_some("a", seed, 2, 2, true, known));
 	must(known[0] == PUSH_KNOWN && known[1] == PUSH_KNOWN);
 	push_end();
 	mesh_to(submit_at(dataset_find(h.jobs, "a", &me), 0, VIEW), digest);
 	must(!strcmp(digest, want));
 	turn_until(!jobs_active(h.jobs));
-	close_house();
+	close_service();
 	must(open_files() == fds);
 	must(clean());
 	drop_folder();
@@ -180,7 +180,7 @@ static unsigned long count(void)
 	plan.at = 0;
 	fault_plan(&plan);
 	all_of_it();
-	close_house();
+	close_service();
 	n = fault_calls();
 	drop_folder();
 	return n;

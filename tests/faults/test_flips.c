@@ -4,7 +4,7 @@
  * turn, at random places. Two ways to look:
  *   - the readers of the rooms, thousands of times: manifests and segments (all points of all cells), stored domains, plan
  *     files: what is read is what was written, or an error is raised;
- *   - a house over the damaged store: its answers are right, or errors.
+ *   - a service over the damaged store: its answers are right, or errors.
  * What is not served is no finding; a crash or a wrong mesh is.
  *
  * ACUT_FAULT_FLIPS: how many for the readers (10000), a twentieth of it for houses; ACUT_FAULT_SEED.
@@ -276,7 +276,7 @@ static void one_house(unsigned long i)
 		}
 		put(path, &victims[k] == v ? data : victims[k].data, &victims[k] == v ? size : victims[k].size);
 	}
-	if (house_try_open(SCENE_MEMORY, 2, &err)) {
+	if (service_try_open(SCENE_MEMORY, 2, &err)) {
 		must(*err.message);
 		_exit(0);
 	}
@@ -303,7 +303,7 @@ static void one_house(unsigned long i)
 		must(r.failed || !strcmp(digest_hex(r.totals.digest, hex), digest));
 	}
 	turn_until(!jobs_active(h.jobs));
-	close_house();
+	close_service();
 	drop_folder();
 }
 
@@ -322,9 +322,9 @@ int main(void)
 	hash = XXH3_createState();
 	scene_begin();
 	new_folder(0);
-	open_house(SCENE_MEMORY, 2);
+	open_service(SCENE_MEMORY, 2);
 	play(&want);
-	close_house();
+	close_service();
 	nftw(h.folder, collect, 16, FTW_PHYS);
 	find_old();
 	flip_datasets(n);

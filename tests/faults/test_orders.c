@@ -77,7 +77,7 @@ static void one_order(unsigned long i)
 	rng = (i / WAYS + 1 + (uint64_t)setting("ACUT_FAULT_SEED", 0)) * UINT64_C(0x9e3779b97f4a7c15);
 	sched_queue_choice = draw;
 	new_folder(i);
-	open_house(SCENE_MEMORY, threads);
+	open_service(SCENE_MEMORY, threads);
 	d[0] = push("a", MANY, 1);
 	d[1] = push("a", MANY / 2, 2);
 	meshes();
@@ -87,12 +87,12 @@ static void one_order(unsigned long i)
 	dataset_release(d[0]);
 	dataset_release(d[1]);
 	turn_until(!jobs_active(h.jobs));
-	close_house();
-	open_house(SCENE_MEMORY, threads);
+	close_service();
+	open_service(SCENE_MEMORY, threads);
 	remove_below("domains");
 	meshes();
 	turn_until(!jobs_active(h.jobs));
-	close_house();
+	close_service();
 	drop_folder();
 }
 

@@ -1,7 +1,7 @@
 /*
  * Power cuts in process: the play is recorded once, then cut after any entry of the log, with anything or nothing of what
- * was not yet synced; a house is opened over each such disk, and all that was acknowledged by then must be there and right,
- * the rest be done again. Some of these are cut a second time while the house is being put in order.
+ * was not yet synced; a service is opened over each such disk, and all that was acknowledged by then must be there and right,
+ * the rest be done again. Some of these are cut a second time while the service is being put in order.
  *
  * Two controls: without fsync of files, and without fsync of folders, data must be lost, or the test sees nothing.
  *
@@ -42,9 +42,9 @@ static uint64_t marks_before(size_t at)
 
 static void settled(uint64_t marks)
 {
-	open_house(SCENE_MEMORY, 2);
+	open_service(SCENE_MEMORY, 2);
 	check_all(marks, &want);
-	close_house();
+	close_service();
 }
 
 static void one_cut(unsigned long i)
@@ -124,9 +124,9 @@ int main(void)
 	scene_begin();
 	new_folder(0);
 	fault_log_start(h.folder);
-	open_house(SCENE_MEMORY, 2);
+	open_service(SCENE_MEMORY, 2);
 	play(&want);
-	close_house();
+	close_service();
 	fault_log_stop();
 	drop_folder();
 	entries = fault_log(&log);

@@ -264,6 +264,67 @@ static void test_canonical_order(void **state)
 	meshes_done(&m);
 }
 
+/* Positions on a line: their vertices, in order, and no face. */
+static void test_line(void **state)
+{
+	const struct format_run_options ropt = {.edges = true};
+	struct meshes_spec spec = {.columns = 1,
+				   .rows = 300,
+				   .strip = 299,
+				   .x0 = 5,
+				   .y0 = -9,
+				   .step = 700,
+				   .slope_y = 1,
+				   .scale_xy = "0.01",
+				   .scale_z = "1"};
+	struct format_report report;
+	struct meshes m;
+	struct err err = ERR_INIT;
+
+	meshes_make(&m, &spec);
+	for (unsigned canonical = 0; canonical < 2; canonical++) {
+		const struct format_options opt = {.canonical = canonical};
+		struct ply p;
+
+		assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+		assert_true(report.median_edge == 0 && report.longest_edge == 0 && report.long_share == 0);
+		p = read_ply();
+		assert_int_equal(p.nvertex, 300);
+		assert_int_equal(p.nface, 0);
+		assert_true(p.v[0] == 0.05 && p.v[3 * 299 + 1] == 299 * 7 - 0.09 && p.v[3 * 299 + 2] == 299);
+		done_ply(&p);
+	}
+	meshes_done(&m);
+}
+
+/* One vertex far from a grid of 3.00: its triangles are most of the area, and only then. A stream may say two of one position. */
+static void test_long_share(void **state)
+{
+	const struct format_options opt = {0};
+	const struct format_run_options ropt = {.edges = true};
+	static const struct {
+		int32_t by;
+		double share;
+	} row[] = {{0, 0}, {-300, 0}, {14000, 0}, {16000, 0.017}, {30000000, 0.96}};
+	struct meshes_spec spec = grid;
+	struct err err = ERR_INIT;
+
+	spec.step = 300;
+	spec.strip = spec.rows - 1;
+	for (unsigned i = 0; i < sizeof(row) / sizeof(*row); i++) {
+		struct format_report report;
+		struct meshes m;
+
+		meshes_make(&m, &spec);
+		((int32_t(*)[3])(uintptr_t)m.block[0].vertex)[spec.columns * spec.rows - 1][0] += row[i].by;
+		assert_int_equal(write_as("ply", &m, &opt, &ropt, &report, &err), 0);
+		assert_true(fabs(report.median_edge / 3 - 1) < 0.05);
+		assert_true(report.long_share >= row[i].share && report.long_share <= row[i].share + 0.03);
+		assert_true(row[i].share > 0 || report.long_share == 0);
+		meshes_done(&m);
+	}
+}
+
 /* The limit is exact: an edge of just that length stays, a shorter limit by one digit drops it. */
 static void test_max_edge(void **state)
 {
@@ -642,6 +703,8 @@ int main(void)
 		cmocka_unit_test(test_obj),
 		cmocka_unit_test(test_canonical),
 		cmocka_unit_test(test_canonical_order),
+		cmocka_unit_test(test_line),
+		cmocka_unit_test(test_long_share),
 		cmocka_unit_test(test_max_edge),
 		cmocka_unit_test(test_max_edge_equal),
 		cmocka_unit_test(test_origin),

@@ -36,6 +36,9 @@ static const struct meshes_spec many = {.columns = 60,
 					.scale_z = "0.01",
 					.k = {50000000, 400000000, 0}};
 static const struct meshes_spec one = {.columns = 2, .rows = 2, .strip = 1, .step = 10, .scale_xy = "0.01", .scale_z = "0.01"};
+/* Vertices and no triangle. */
+static const struct meshes_spec line = {
+	.columns = 1, .rows = 300, .strip = 299, .x0 = 5, .step = 7, .scale_xy = "0.01", .scale_z = "0.01"};
 static const struct meshes_spec none = {.scale_xy = "0.01", .scale_z = "0.01"};
 
 /* Files in the folder; nothing hidden may stay behind. */
@@ -123,10 +126,10 @@ static void each_row(void (*test)(const struct format *, const struct format_opt
 
 static void meshes_whole(const struct format *f, const struct format_options *opt)
 {
-	const struct meshes_spec *const spec[] = {&none, &one, &many};
+	const struct meshes_spec *const spec[] = {&none, &line, &one, &many};
 	const struct format_run_options ropt = {0};
 
-	for (unsigned i = 0; i < 3; i++) {
+	for (unsigned i = 0; i < 4; i++) {
 		struct meshes m;
 		struct err err = ERR_INIT;
 		struct stat st;

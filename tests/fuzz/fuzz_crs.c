@@ -8,12 +8,17 @@
 
 static void check(const struct crs_info *info)
 {
+	char remark[64];
+
 	if (!memchr(info->text, 0, sizeof info->text) || !memchr(info->unit_xy, 0, sizeof info->unit_xy) ||
 	    !memchr(info->unit_z, 0, sizeof info->unit_z) || !info->text[0])
 		abort();
 	for (const char *p = info->text; *p; p++)
 		if (*p < 0x20 || *p > 0x7e)
 			abort();
+	crs_epsg_remark(info, remark, sizeof remark);
+	if (strlen(remark) >= sizeof remark)
+		abort();
 }
 
 #if FUZZ_WKT

@@ -21,9 +21,11 @@ size_t fuzz_seed(unsigned i, uint8_t *bytes, size_t room)
 	struct bytes las;
 	size_t n;
 
-	if (i >= 22 || (i % 11 > 5 && i % 6 < 4))
+	if (i >= 32 || (i < 22 && i % 11 > 5 && i % 6 < 4))
 		return 0;
-	las = fixture_las(&spec);
+	/* from 22 on points in compatibility mode */
+	las = i < 22 ? fixture_las(&spec) :
+		       fixture_compat(&(struct las_spec){.minor = 4, .format = 6 + i % 5, .n = 3, .extra = i % 2}, i >= 27);
 	n = las.size < room ? las.size : 0;
 	memcpy(bytes, las.at, n);
 	free(las.at);

@@ -1,5 +1,6 @@
 /* Any bytes as the points of a compressed file, from the place of the chunk table's address on, and as the record
- * that says how they are compressed (the first 46 bytes, if the first one is odd). */
+ * that says how they are compressed (the first 46 bytes, if the first one is odd). Of a header that counts no points, which the
+ * first byte makes of some, those that the table counts are those that it then gives. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -44,12 +45,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 	struct text text = {bytes + HEAD, size - HEAD};
 	const struct laz_source source = {&text, read_text};
 	struct laz_place place = {.begin = 0, .end = size - HEAD, .points = 200, .size = size - HEAD};
-	uint64_t chunks, sum = 0, seen = 0;
+	uint64_t chunks = 0, sum = 0, seen = 0, counted = 0;
 	struct laz_table *table;
 	struct laz_format format;
 	struct laz_chunk chunk;
 	struct err err = ERR_INIT;
-	const char *why;
+	const char *why = NULL;
 	bool more = true;
 	void *memory;
 	int rc;
@@ -64,12 +65,23 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
 	memory = aligned_alloc(64, (laz_table_bytes() + 63) & ~(size_t)63);
 	if (!memory)
 		abort();
-	rc = laz_table_open(memory, &format, &source, &place, &table, &chunks, &why, &err);
+	if (bytes[0] >> 1 == 1) {
+		place.points = 0;
+		rc = laz_table_count(memory, &format, &source, &place, &err);
+		fuzz_input_check(rc, &err);
+		counted = place.points != LAZ_UNCOUNTED ? place.points : 0;
+	}
+	if (!rc)
+		rc = laz_table_open(memory, &format, &source, &place, &table, &chunks, &why, &err);
+	if (counted && (rc || why || !chunks))
+		abort();
 	while (!rc && !why && chunks && more) {
 		rc = laz_table_next(table, &chunk, &more, &err);
 		if (rc || !more)
 			break;
 		sum += chunk.points;
+		if (chunk.at_most != (place.at_most && seen + 1 == chunks))
+			abort();
 		if (++seen > chunks || chunk.at > size || chunk.bytes > size)
 			abort();
 	}

@@ -54,6 +54,9 @@ static struct grid_manifest sample(struct grid_segment_info segments[2])
 	m.sources[3].name = longest;
 	m.sources[3].path = farthest;
 	m.sources[2].path = "/survey/b.las";
+	m.sources[2].overridden = "EPSG:4978, x and y in metre, z in metre";
+	m.sources[2].left_out = ~(uint64_t)0;
+	m.sources[2].reading = "xyz columns=_nez decimal-comma";
 	m.sources[2].size = ~(uint64_t)0;
 	m.sources[2].mtime_ns = INT64_MIN;
 	m.sources[0].earlier = lives;
@@ -92,6 +95,9 @@ static void assert_same(const struct grid_manifest *a, const struct grid_manifes
 		assert_true(s->points == t->points && digest_equal(s->hash, t->hash));
 		assert_string_equal(s->name, t->name);
 		assert_string_equal(s->path ? s->path : "", t->path);
+		assert_string_equal(s->overridden ? s->overridden : "", t->overridden);
+		assert_true(s->left_out == t->left_out);
+		assert_string_equal(s->reading ? s->reading : "", t->reading);
 		assert_true(s->size == t->size && s->mtime_ns == t->mtime_ns);
 		assert_true(s->nearlier == t->nearlier);
 		for (size_t k = 0; k < s->nearlier; k++)
@@ -135,17 +141,19 @@ static void test_back(void **state)
 }
 
 /* The file as an older version had it: 1 had no paths, sizes and times of sources, 2 no geoid, 3 no oldest
- * generation, earlier lives and list of generations. Without segments, one source, no list. */
+ * generation, earlier lives and list of generations, 4 nothing overridden and no
+ * readings. Without segments, one source, no list. */
 static size_t make_old(uint32_t version, const uint8_t *bytes, size_t n, uint8_t *ret)
 {
 	const size_t head = 40, tail = version < 2 ? 8 + 8 + 2 + 4 : version < 3 ? 4 : 0;
-	const size_t spans = 2, choices = 4, check = 8, from = head + 16;
-	size_t at = n - check - choices - spans; /* end of the source's path */
+	const size_t spans = version < 4 ? 2 : 0, read = 2 + 8 + 2, choices = 4, check = 8, more = version < 4 ? 16 : 0,
+		     from = head + more;
+	size_t at = n - check - choices - read - spans; /* end of the source's path */
 	uint64_t size, sum;
 
 	memcpy(ret, bytes, head);
 	memcpy(ret + head, bytes + from, at - from);
-	at -= 16;
+	at -= more;
 	memcpy(ret + at, bytes + n - check - choices, choices);
 	size = at + choices - tail + check;
 	memcpy(ret + 8, &version, sizeof version);
@@ -178,7 +186,7 @@ static void old_version(uint32_t version)
 	CHECK(grid_manifest_load(f.fd, "m", ledger, &back, &err));
 	assert_int_equal(ledger_held(ledger, LEDGER_MANIFEST), back->charged);
 	m.generations = &derived;
-	m.ngenerations = 1;
+	m.ngenerations = version < 4;
 	assert_same(&m, back);
 	grid_manifest_free(back);
 	assert_int_equal(ledger_left(ledger), 1 << 20);
@@ -192,6 +200,7 @@ static void test_old_versions(void **state)
 	old_version(1);
 	old_version(2);
 	old_version(3);
+	old_version(4);
 }
 
 /* One of a version that is not there yet is refused by name, whatever else it holds. */
@@ -201,7 +210,7 @@ static void test_newer_version(void **state)
 	struct folder f = folder_new();
 	struct err err = ERR_INIT;
 	uint8_t bytes[1024];
-	uint32_t version = 5;
+	uint32_t version = 6;
 	uint64_t check;
 	ssize_t n;
 	int fd;
@@ -215,7 +224,7 @@ static void test_newer_version(void **state)
 	assert_int_equal(pwrite(fd, bytes, (size_t)n, 0), n);
 	close(fd);
 	assert_int_equal(grid_manifest_read(f.fd, "m", &back, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "version 5"));
+	assert_non_null(strstr(err.message, "version 6"));
 	free(m.sources);
 	folder_remove(&f);
 }
@@ -273,6 +282,22 @@ static void long_name(struct grid_manifest *m)
 	memset(name, 'x', sizeof name - 1);
 	m->sources[0].name = name;
 }
+static void long_overridden(struct grid_manifest *m)
+{
+	static char text[GRID_SOURCE_OVERRIDDEN + 1];
+
+	memset(text, 'x', sizeof text - 1);
+	m->sources[0].overridden = text;
+}
+
+static void long_reading(struct grid_manifest *m)
+{
+	static char text[GRID_SOURCE_READING + 1];
+
+	memset(text, 'x', sizeof text - 1);
+	m->sources[0].reading = text;
+}
+
 static void long_path(struct grid_manifest *m)
 {
 	static char path[GRID_SOURCE_PATH + 1];
@@ -330,10 +355,10 @@ static void scaleless(struct grid_manifest *m)
 
 static void test_rules(void **state)
 {
-	static const breaker breakers[] = {long_crs,   twice,     zero,        future,    backwards, same_name,
-					   climbing,   nameless,  inside_out,  no_sum,    no_cells,  scaleless,
-					   long_name,  long_path, overlapping, unending,  stillborn, unordered,
-					   unnumbered, not_yet,   kindless,    prophetic, long_user, pruned_all};
+	static const breaker breakers[] = {
+		long_crs,  twice,     zero,       future,    backwards, same_name,       climbing,     nameless,    inside_out,
+		no_sum,    no_cells,  scaleless,  long_name, long_path, long_overridden, long_reading, overlapping, unending,
+		stillborn, unordered, unnumbered, not_yet,   kindless,  prophetic,       long_user,    pruned_all};
 	struct folder f = folder_new();
 
 	for (unsigned i = 0; i < sizeof breakers / sizeof *breakers; i++) {

@@ -165,6 +165,7 @@ struct outcome fixture_read_fd(int fd, const char *name, const struct input_opti
 			out.points += pts.n;
 	} while (!rc && pts.n);
 	out.code = (enum err_code) - rc;
+	memcpy(out.info.warning, input_info(in)->warning, sizeof out.info.warning);
 	fixture_points_free(&pts);
 	input_close(in);
 	return out;

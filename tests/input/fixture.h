@@ -29,6 +29,9 @@ struct bytes {
 
 /* A whole file. Record i is filled by fixture_record(). Freed by the caller. */
 struct bytes fixture_las(const struct las_spec *spec);
+/* The points of fixture_las(spec), of format 6 to 10, as LASzip writes them in its compatibility mode; `laz`: compressed, each
+ * record a chunk of its own, which is raw. */
+struct bytes fixture_compat(const struct las_spec *spec, bool laz);
 /* Deterministic bytes of record i, and what must come out of them. */
 void fixture_record(unsigned format, unsigned length, uint64_t i, uint8_t *ret);
 unsigned fixture_length(unsigned format); /* of a record without extra bytes, by the standard's tables */

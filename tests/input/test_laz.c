@@ -279,6 +279,191 @@ static void counts(const char *name, const struct bytes *whole)
 	free(b.at);
 }
 
+static struct outcome read_bytes(const struct bytes *b, const struct input_options *options)
+{
+	return fixture_read(b->at, b->size, "a.laz", options, BATCH);
+}
+
+/* The header counts no points: said, and with --accept-truncated those of the chunks are read, no other ones. */
+static void uncounted(const char *name, const struct bytes *whole)
+{
+	struct bytes b = {malloc(whole->size), whole->size};
+	uint64_t n, m, parts, hash;
+	bool pointwise = strstr(name, "pointwise");
+	struct outcome out;
+	int rc;
+
+	hash = hash_bytes(whole, &defaults, UINT64_MAX, &n, &rc, &parts);
+	memcpy(b.at, whole->at, whole->size);
+	memset(b.at + 107, 0, 4);
+	if (b.at[25] >= 4)
+		memset(b.at + 247, 0, 8);
+	out = read_bytes(&b, &defaults);
+	CHECK(name, !out.code && !out.points && !out.info.claimed, "without a count: %s", out.err.message);
+	CHECK(name, strstr(out.info.warning, "counts no points, but"), "says %s", out.info.warning);
+	CHECK(name, hash_bytes(&b, &truncated, UINT64_MAX, &m, &rc, &parts) == hash && m == n && !rc,
+	      "without a count: %" PRIu64 " of %" PRIu64 " points, %d", m, n, rc);
+	out = read_bytes(&b, &truncated);
+	CHECK(name, pointwise || out.info.claimed >= n, "claims %" PRIu64, out.info.claimed);
+	/* only of pointwise chunks of a fixed size the number is not known before */
+	CHECK(name, b.at[24 + 80] < 0x86 || out.info.claimed == n, "claims %" PRIu64, out.info.claimed);
+	free(b.at);
+}
+
+/* All of its points, and how many they are said to be. */
+static void check_found(const char *name, const struct bytes *whole, const struct bytes *b, const char *what)
+{
+	struct outcome out = read_bytes(b, &defaults);
+	uint64_t n, m, parts, hash = hash_bytes(whole, &defaults, UINT64_MAX, &n, &(int){0}, &parts);
+	char said[80];
+	int rc;
+
+	CHECK(name,
+	      !out.code && !out.points && strstr(out.info.warning, " bytes of points are there, which --accept-truncated reads"),
+	      "%s: %s; says %s", what, out.err.message, out.info.warning);
+	CHECK(name, out.info.accounted == b->size, "%s: %" PRIu64 " bytes accounted for", what, out.info.accounted);
+	CHECK(name, hash_bytes(b, &truncated, UINT64_MAX, &m, &rc, &parts) == hash && m == n && !rc,
+	      "%s: %" PRIu64 " of %" PRIu64 " points, %d", what, m, n, rc);
+	snprintf(said, sizeof said, "%" PRIu64 " points were read", n);
+	out = read_bytes(b, &truncated);
+	CHECK(name, strstr(out.info.warning, said), "%s: says %s", what, out.info.warning);
+}
+
+/* Cut anywhere it gives the points before the cut, no other ones, and says how many. */
+static void check_found_of_cut(const char *name, const struct bytes *whole, const struct bytes *b)
+{
+	uint64_t seed = 7, n, m, parts, first = point_offset(b->at), most = 0;
+	char said[80];
+	int rc;
+
+	for (int round = 0; round < 12; round++) {
+		struct bytes part = {b->at, first + fixture_random(&seed) % (b->size - first)};
+		uint64_t hash = hash_bytes(&part, &truncated, UINT64_MAX, &n, &rc, &parts);
+		struct outcome out = read_bytes(&part, &truncated);
+
+		CHECK(name, !rc && hash == hash_bytes(whole, &defaults, n, &m, &rc, &parts) && m == n,
+		      "cut at %zu it gives %" PRIu64 " other points, %s", part.size, n, out.err.message);
+		snprintf(said, sizeof said, "%" PRIu64 " points were read", n);
+		CHECK(name, !n || strstr(out.info.warning, said), "cut at %zu it says %s", part.size, out.info.warning);
+		most = n > most ? n : most;
+	}
+	CHECK(name, most || b->at[104] >= 0x86, "cut it gives no points");
+}
+
+/* A writer that was interrupted, with and without a place to go back to: no count, no table, and of the points a part. */
+static void interrupted(const char *name, const struct bytes *whole)
+{
+	struct bytes b = {malloc(whole->size), whole->size};
+	uint8_t *address;
+	uint64_t table;
+
+	memcpy(b.at, whole->at, whole->size);
+	memset(b.at + 107, 0, 4);
+	if (b.at[25] >= 4) {
+		memset(b.at + 247, 0, 8);
+		memset(b.at + 235, 0, 12);
+	}
+	b.at[6] &= (uint8_t)~2;
+	address = b.at + point_offset(b.at);
+	table = get64(address);
+	if (strstr(name, "pointwise")) {
+		check_found(name, whole, &b, "one stream");
+		check_found_of_cut(name, whole, &b);
+	} else if (table > point_offset(b.at) && table < b.size && !strstr(name, ".copc.")) {
+		memset(b.at + table, 0xff, 4);
+		check_found(name, whole, &b, "a table that cannot be used");
+		b.size = table;
+		put64(address, point_offset(b.at));
+		check_found(name, whole, &b, "no table");
+		put64(address, UINT64_MAX);
+		check_found(name, whole, &b, "no address");
+		check_found_of_cut(name, whole, &b);
+	}
+	free(b.at);
+}
+
+/* A header that was taken from another file: its extended records and waveforms begin inside the points. */
+static void stale_pointers(const char *name, const struct bytes *whole)
+{
+	struct bytes b = {malloc(whole->size), whole->size};
+	uint64_t n, m, parts, hash;
+	struct outcome out;
+	int rc;
+
+	hash = hash_bytes(whole, &defaults, UINT64_MAX, &n, &rc, &parts);
+	memcpy(b.at, whole->at, whole->size);
+	if (b.at[25] >= 4) {
+		put64(b.at + 235, point_offset(b.at) + 100);
+		memcpy(b.at + 243, "\2\0\0\0", 4);
+	}
+	if (b.at[25] >= 3) {
+		put64(b.at + 227, point_offset(b.at) + 90);
+		b.at[6] |= 2;
+	}
+	if (strstr(name, ".copc.")) /* the hierarchy is such a record, and not needed */
+		CHECK(name, hash_bytes(&b, &defaults, UINT64_MAX, &m, &rc, &parts) == hash && m == n, "%d", rc);
+	out = read_bytes(&b, &defaults);
+	CHECK(name, !out.code && out.points == n, "stale pointers: %s", out.err.message);
+	CHECK(name, b.at[25] < 4 || strstr(out.info.warning, "extended records begin, is in the points"), "says %s",
+	      out.info.warning);
+	CHECK(name, hash_bytes(&b, &defaults, UINT64_MAX, &m, &rc, &parts) == hash, "stale pointers: other points");
+	free(b.at);
+}
+
+/* Records behind the chunk table are read whatever they are called, and records that end in the file where there is no table. */
+static void records_behind(const char *name, const struct bytes *whole)
+{
+	static const char *const users[] = {"LASF_Projection", "ab", "", "abcd\0\0\xff\xfe", "\xff"};
+	enum { EXTRA = 2 * 60 + 5 };
+
+	if (whole->at[25] < 4 || get64(whole->at + 243) << 32 || strstr(name, "chunk0"))
+		return;
+	for (size_t i = 0; i < 2 * sizeof users / sizeof *users; i++) {
+		struct bytes b = {calloc(1, whole->size + EXTRA), whole->size + EXTRA};
+		uint8_t *record = b.at + whole->size;
+		struct outcome out;
+		uint64_t points;
+
+		memcpy(b.at, whole->at, whole->size);
+		points = read_bytes(&b, &defaults).points;
+		memcpy(record + 2, users[i / 2], i / 2 == 3 ? 8 : strlen(users[i / 2]));
+		put64(record + 20, 5);
+		put64(b.at + 235, whole->size);
+		memcpy(b.at + 243, "\2\0\0\0", 4);
+		if (i % 2)
+			put64(b.at + point_offset(b.at), point_offset(b.at));
+		out = read_bytes(&b, &defaults);
+		CHECK(name,
+		      !out.code && out.points == points && !strstr(out.info.warning, "in the points") &&
+			      out.info.accounted == b.size,
+		      "records %zu behind: %s; %s", i, out.err.message, out.info.warning);
+		free(b.at);
+	}
+}
+
+/* Bytes behind everything are known as such, at the latest when all was read. */
+static void accounted(const char *name, const struct bytes *whole)
+{
+	struct bytes b = {calloc(1, whole->size + 5000), whole->size + 5000};
+	struct err err = ERR_INIT;
+	struct input *in = NULL;
+	XXH64_state_t *state = XXH64_createState();
+	uint64_t n = 0;
+	int fd;
+
+	memcpy(b.at, whole->at, whole->size);
+	fd = fixture_fd(b.at, b.size);
+	XXH64_reset(state, 0);
+	CHECK(name, !input_open(fd, "a.laz", &defaults, &in, &err), "%s", err.message);
+	CHECK(name, !hash_points(in, UINT64_MAX, state, &n, &err) && n, "%s", err.message);
+	n = input_info(in)->accounted;
+	CHECK(name, n + 64 >= whole->size && n <= whole->size + 16, "%" PRIu64 " of %zu bytes accounted for", n, whole->size);
+	input_close(in);
+	close(fd);
+	XXH64_freeState(state);
+	free(b.at);
+}
+
 /* --- parts --- */
 
 static void read_parts(const char *name, const struct bytes *whole)
@@ -368,10 +553,21 @@ int main(void)
 		cut(names[i], &whole);
 		tables(names[i], &whole);
 		counts(names[i], &whole);
+		uncounted(names[i], &whole);
+		interrupted(names[i], &whole);
+		records_behind(names[i], &whole);
+		stale_pointers(names[i], &whole);
+		accounted(names[i], &whole);
 		read_parts(names[i], &whole);
 		file_calls_fail(names[i], &whole);
 		free(whole.at);
 	}
-	printf("%d files, %d failures\n", NAMES, failures);
+	/* a last layered chunk that is not full */
+	struct bytes part_full = load("las14_pdrf6_ign_289k.laz");
+
+	uncounted("las14_pdrf6_ign_289k.laz", &part_full);
+	interrupted("las14_pdrf6_ign_289k.laz", &part_full);
+	free(part_full.at);
+	printf("%d files, %d failures\n", NAMES + 1, failures);
 	return failures != 0;
 }

@@ -1,5 +1,5 @@
 /*
- * A gate before the workers of a house: the test lets one task after the other through. So it counts what the scheduler
+ * A gate before the workers of a service: the test lets one task after the other through. So it counts what the scheduler
  * chose, not how fast anybody was: while the gate is closed, nothing runs but within `step`, and every task takes as
  * long as any other. The order is the product's own.
  *
@@ -8,7 +8,7 @@
 #ifndef GATE_H
 #define GATE_H
 
-#include "house.h"
+#include "service.h"
 #include "sched_queue.h"
 
 enum { GATE_NOTED = 1 << 14, GATE_TASK_NS = 1000000 };

@@ -5,7 +5,7 @@
 #include "gate.h"
 
 #include "job_priv.h"
-#include "walk_priv.h"
+#include "run_priv.h"
 
 enum { HUNDRED = 100 };
 
@@ -65,7 +65,7 @@ static void step_beside(struct job *job)
 
 	while (!job_state_final(info_of(job).state)) {
 		step();
-		flow = job->walk ? job->walk->owner.flow : flow;
+		flow = job->run ? job->run->owner.flow : flow;
 	}
 	assert_int_equal(info_of(job).state, JOB_done);
 	own = steps_of(flow, since);
@@ -143,7 +143,7 @@ static void small_behind_huge(void **state)
 	dataset_release(small);
 }
 
-/* A walk that gives way begins again, ends with the same mesh, and never seems to go back. */
+/* A run that gives way begins again, ends with the same mesh, and never seems to go back. */
 static void gives_way(void **state)
 {
 	struct dataset *d = push("valley", 300000, 4);
@@ -160,8 +160,8 @@ static void gives_way(void **state)
 
 		step();
 		info = info_of(job);
-		if (info.state == JOB_meshing && info.domains_done >= 2 + 2 * ways && ways < 3 && walk_can_give_way(job->walk)) {
-			walk_give_way(job->walk);
+		if (info.state == JOB_meshing && info.domains_done >= 2 + 2 * ways && ways < 3 && run_can_yield(job->run)) {
+			run_yield(job->run);
 			ways++;
 		}
 		info = info_of(job);
@@ -193,7 +193,7 @@ static void way_is_made(void **state)
 	jobs[1] = submit_as(1000, d, "view 1 zmin=1", NULL);
 	step_until(info_of(jobs[0]).state == JOB_meshing && info_of(jobs[1]).state == JOB_meshing);
 	/* As if the memory carried these two and no more. */
-	h.jobs->walks_max = 1;
+	h.jobs->runs_max = 1;
 	jobs[3] = submit_as(1000, small, "", NULL);
 	jobs[2] = one_step(1001, small, NULL, &r);
 	/* Whose user has nothing at work is next, whoever came first. */
@@ -203,9 +203,9 @@ static void way_is_made(void **state)
 	assert_int_equal(info_of(jobs[2]).state, JOB_done);
 	/* One of the two has none now, and waits for it. */
 	for (int i = 0; i < 2; i++)
-		without += jobs[i]->walk && !jobs[i]->walk->placed && jobs[i]->place.seeks;
+		without += jobs[i]->run && !jobs[i]->run->placed && jobs[i]->slot.seeks;
 	assert_int_equal(without, 1);
-	h.jobs->walks_max = 4;
+	h.jobs->runs_max = 4;
 	gate_open();
 	all_done(jobs, 4);
 	job_leave(jobs[2]);
@@ -245,8 +245,8 @@ static void priorities(void **state)
 	/* The row keeps it. */
 	id = info_of(low[19]).id;
 	dataset_release(d);
-	close_house();
-	open_house(UINT64_C(32) << 20, 2);
+	close_service();
+	open_service(UINT64_C(32) << 20, 2);
 	low[19] = job_find(h.jobs, id, &(struct job_peer){.uid = 1000});
 	assert_non_null(low[19]);
 	assert_int_equal(info_of(low[19]).priority, JOB_PRIORITY_LOW);
@@ -301,8 +301,8 @@ static void never_and_the_number(void **state)
 	assert_in_range(mega, 101, 160);
 	/* It may be a little more than what would just do, never less. */
 	for (int i = 0; i < 2; i++) {
-		close_house();
-		open_house((i ? mega : mega - mega / 16) << 20, 2);
+		close_service();
+		open_service((i ? mega : mega - mega / 16) << 20, 2);
 		assert_int_equal(admit_never(h.jobs, bytes, "a test", &err), i ? 0 : -ERR_LIMIT);
 	}
 }
@@ -331,11 +331,11 @@ static void all_kinds_in_little(void **state)
 	struct dataset *d[2], *late;
 	struct job *jobs[20];
 
-	close_house();
+	close_service();
 	/* As acutd has it: who asks is heard, whatever domains hold. */
-	house_aside = 384 << 10;
-	open_house(UINT64_C(24) << 20, 2);
-	house_aside = 0;
+	service_aside = 384 << 10;
+	open_service(UINT64_C(24) << 20, 2);
+	service_aside = 0;
 	planned_n = inspected_n = 0;
 	d[0] = push("large", 120000, 9);
 	d[1] = push("small", 5000, 10);
@@ -345,7 +345,7 @@ static void all_kinds_in_little(void **state)
 		jobs[i] = submit_as(peer.uid, d[i % 4 == 3], view[i % 5], i % 7 ? NULL : "low");
 		if (i % 5 == 0) {
 			job_plan(h.jobs, d[0], 0, view[i % 4], &peer, plan_told, NULL);
-			inspect_file(h.jobs, text_file(2000, i), "a.xyz", "", "", &peer, inspect_told, NULL);
+			inspect_file(h.jobs, text_file(2000, i), "a.xyz", "", "", false, &peer, inspect_told, NULL);
 			r[i / 5] = (struct reader){.output.calls = &reader_calls, .slow = i == 0};
 			job_fetch(jobs[i], &r[i / 5].output);
 		}
@@ -377,7 +377,7 @@ static void leaves_before_its_place(void **state)
 	job_output_gone(&r.output, r_freed);
 	assert_true(r.freed);
 	/* Another request, before the round of the loop ends. */
-	places_settle(h.jobs);
+	slots_settle(h.jobs);
 	turn_until(!jobs_active(h.jobs));
 	assert_int_equal(r.heads + r.ends, 0);
 	dataset_release(d);
@@ -418,7 +418,7 @@ static bool waits(const struct push_params *p, uint64_t *held)
 	if (!got.answers)
 		return true;
 	if (got.why.code)
-		fail_msg("the push did not wait: %s; %u walks, %u KiB free", got.why.message, admit_tally(h.jobs, 0).walks,
+		fail_msg("the push did not wait: %s; %u runs, %u KiB free", got.why.message, admit_tally(h.jobs, 0).runs,
 			 (unsigned)(ledger_room(h.ledger, LEDGER_INPUT) >> 10));
 	push_leave(got.push);
 	sched_give(h.sched, LEDGER_INPUT, *held);
@@ -435,8 +435,8 @@ static void push_waits(void **state)
 	struct job *job;
 
 	r = (struct reader){.output.calls = &reader_calls, .slow = true};
-	close_house();
-	open_house(UINT64_C(24) << 20, 2);
+	close_service();
+	open_service(UINT64_C(24) << 20, 2);
 	d = push("valley", 600000, 12);
 	/* Its reader keeps it at work, however fast the machine is. */
 	job = submit(d, true, VIEW);

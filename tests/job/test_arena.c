@@ -1,14 +1,14 @@
 /*
  * The memory of domains of which only sums are wanted: as many arenas as threads, whatever the domains, given up where others
- * lack memory, and given back at the end, however that comes. That all was given back is asserted where a house is closed.
+ * lack memory, and given back at the end, however that comes. That all was given back is asserted where a service is closed.
  *
- * Linked with --wrap of what walk_domain.c asks of walk_arena.c, walk_free, and failing_domain.h.
+ * Linked with --wrap of what run_domain.c asks of run_arena.c, run_free, and failing_domain.h.
  */
 #include "failing_domain.h"
-#include "house.h"
+#include "service.h"
 
 #include "job_priv.h"
-#include "walk_priv.h"
+#include "run_priv.h"
 
 enum { THREADS = 2, POINTS = 400000 };
 
@@ -19,26 +19,26 @@ static struct {
 	atomic_uint fed, fed_at; /* it had its memory; when so many had been asked for */
 } seen;
 
-uint64_t __real_walk_arena_ask(struct walk_domain *d, bool own);
-bool __real_walk_arena_take(struct walk_domain *d);
-void __real_walk_arena_put(struct walk_domain *d);
+uint64_t __real_run_arena_ask(struct run_domain *d, bool own);
+bool __real_run_arena_take(struct run_domain *d);
+void __real_run_arena_put(struct run_domain *d);
 
-uint64_t __wrap_walk_arena_ask(struct walk_domain *d, bool own);
-bool __wrap_walk_arena_take(struct walk_domain *d);
-void __wrap_walk_arena_put(struct walk_domain *d);
+uint64_t __wrap_run_arena_ask(struct run_domain *d, bool own);
+bool __wrap_run_arena_take(struct run_domain *d);
+void __wrap_run_arena_put(struct run_domain *d);
 
-uint64_t __wrap_walk_arena_ask(struct walk_domain *d, bool own)
+uint64_t __wrap_run_arena_ask(struct run_domain *d, bool own)
 {
-	uint64_t bytes = __real_walk_arena_ask(d, own);
+	uint64_t bytes = __real_run_arena_ask(d, own);
 
 	seen.asked++;
 	seen.own += bytes > 0;
 	return bytes;
 }
 
-bool __wrap_walk_arena_take(struct walk_domain *d)
+bool __wrap_run_arena_take(struct run_domain *d)
 {
-	bool is = __real_walk_arena_take(d);
+	bool is = __real_run_arena_take(d);
 
 	seen.bare += !is;
 	return is;
@@ -56,11 +56,11 @@ static void eaten(struct sched_task *t)
 		sched_give(h.sched, t->name, t->bytes);
 }
 
-void __wrap_walk_arena_put(struct walk_domain *d)
+void __wrap_run_arena_put(struct run_domain *d)
 {
 	seen.put++;
 	if (atomic_exchange(&seen.want, false)) {
-		/* All that is free, and a little of what this walk has. */
+		/* All that is free, and a little of what this run has. */
 		seen.hungry = (struct sched_task){.run = eat,
 						  .done = eaten,
 						  .owner = {.uid = 1001, .flow = UINT64_MAX},
@@ -69,21 +69,21 @@ void __wrap_walk_arena_put(struct walk_domain *d)
 						  .bytes = ledger_room(h.ledger, LEDGER_DOMAIN) + 1};
 		sched_submit(h.sched, &seen.hungry);
 	}
-	__real_walk_arena_put(d);
+	__real_run_arena_put(d);
 }
 
-struct walk *__real_walk_free(struct walk *w);
-struct walk *__wrap_walk_free(struct walk *w);
+struct run *__real_run_free(struct run *w);
+struct run *__wrap_run_free(struct run *w);
 
-/* None is left behind by whatever became of the walk. */
-struct walk *__wrap_walk_free(struct walk *w)
+/* None is left behind by whatever became of the run. */
+struct run *__wrap_run_free(struct run *w)
 {
 	if (w) {
 		assert_null(w->arenas.free);
 		assert_int_equal(w->arenas.owned, 0);
 		assert_int_equal(w->arenas.charged, 0);
 	}
-	return __real_walk_free(w);
+	return __real_run_free(w);
 }
 
 static int open_seen(void **state)
@@ -110,7 +110,7 @@ static void go_round(void **state)
 	dataset_release(d);
 }
 
-/* The same survey in a house that has nothing stored. */
+/* The same survey in a service that has nothing stored. */
 static void given_up(void **state)
 {
 	char digest[2][DIGEST_HEX_SIZE];

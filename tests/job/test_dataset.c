@@ -2,7 +2,7 @@
  * What becomes of a dataset as a whole, in one process: who may, whose turn it is, what a failure leaves, what is waited
  * for before points go.
  */
-#include "house.h"
+#include "service.h"
 
 #include <errno.h>
 
@@ -187,7 +187,7 @@ static void test_expiry(void **state)
 	assert_false(slow.failed);
 	turn_until_final(job);
 	assert_true(info_of(job).state == JOB_done);
-	turn_until(!job->fetches && !job->walk);
+	turn_until(!job->fetches && !job->run);
 	datasets_expire(h.jobs);
 	turn_until(access(path, F_OK) != 0);
 	assert_null(info_of(job).dataset);

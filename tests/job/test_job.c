@@ -2,7 +2,7 @@
  * The room of jobs with the real engine, in one process: a dataset is pushed, meshed, streamed to a reader
  * who is slow or goes away, and started again over the same folders. The loop is `turn`.
  */
-#include "house.h"
+#include "service.h"
 
 #include <malloc.h>
 #include <signal.h>
@@ -10,7 +10,7 @@
 
 #include "job_priv.h"
 #include "log.h"
-#include "walk_priv.h"
+#include "run_priv.h"
 
 /* ---- tests ---- */
 
@@ -60,7 +60,7 @@ static void slow_reader_stops_nobody(void **state)
 		struct sched_flow flow;
 
 		turn(10);
-		sched_flow(h.sched, job->walk->owner.flow, &flow);
+		sched_flow(h.sched, job->run->owner.flow, &flow);
 		assert_int_equal(flow.running + flow.waiting, 0);
 	}
 	assert_int_equal(r.blocks, 1);
@@ -274,8 +274,8 @@ static void restart(void **state)
 	ask(push_file(got.push, fd, &(const struct push_input){.name = "b.xyz"}, NULL));
 	push_leave(got.push);
 	dataset_release(d);
-	close_house();
-	open_house(UINT64_C(24) << 20, 1);
+	close_service();
+	open_service(UINT64_C(24) << 20, 1);
 	done = job_find(h.jobs, ids[0], &me);
 	waits = job_find(h.jobs, ids[1], &me);
 	assert_non_null(done);
@@ -349,7 +349,7 @@ static void kept_of_files_is_charged(void **state)
 	assert_string_equal(again.hint, err.hint);
 
 	begin("");
-	a = (struct push_ask){.name = name, .path = (char *)""};
+	a = (struct push_ask){.name = name, .path = (char *)"", .columns = (char *)"yxz", .info = {.format = "xyz"}};
 	for (unsigned i = 0; i < 2 * FILES; i++) {
 		err = ERR_INIT;
 		snprintf(name, sizeof name, "%u.las", i);
@@ -362,6 +362,8 @@ static void kept_of_files_is_charged(void **state)
 		assert_ptr_equal(push_find_probe(got.push, name)->crs, push_keep_crs(got.push, &a.info.crs));
 		assert_int_equal(got.push->ncrs, i < FILES ? 1 : i - FILES + 2);
 	}
+	assert_string_equal(push_find_probe(got.push, name)->reading, "xyz columns=yxz");
+	assert_int_equal(got.push->ntexts, 2); /* that, and nothing overridden */
 	/* That of the file, and that of the dataset's plane. */
 	assert_true(got.push->table_used >= 2 * used + 2 * FILES * sizeof(struct crs_info));
 	assert_true(got.push->table_bytes + 4096 >= got.push->table_used);
@@ -380,7 +382,7 @@ static void nobody_waits_for_the_plan_of_a_cancelled_push(void **state)
 
 		begin("");
 		for (unsigned i = 0; i < 3; i++) {
-			a = (struct push_ask){.name = (char *)names[i], .path = (char *)""};
+			a = (struct push_ask){.name = (char *)names[i], .path = (char *)"", .info = {.format = "las"}};
 			for (unsigned k = 0; k < 3; k++)
 				a.info.coords.scale[k] = (struct decimal){0, 0};
 			err = ERR_INIT;
@@ -527,16 +529,16 @@ static void selection_made_once(void **state)
 /* A selection that is held where it begins, on its worker. */
 static atomic_bool hold, held;
 
-int __real_walk_space_select_begin(struct walk *w, uint64_t memory, struct err *err);
-int __wrap_walk_space_select_begin(struct walk *w, uint64_t memory, struct err *err);
+int __real_run_space_select_begin(struct run *w, uint64_t memory, struct err *err);
+int __wrap_run_space_select_begin(struct run *w, uint64_t memory, struct err *err);
 
-int __wrap_walk_space_select_begin(struct walk *w, uint64_t memory, struct err *err)
+int __wrap_run_space_select_begin(struct run *w, uint64_t memory, struct err *err)
 {
 	while (hold) {
 		held = true;
 		poll(NULL, 0, 1);
 	}
-	return __real_walk_space_select_begin(w, memory, err);
+	return __real_run_space_select_begin(w, memory, err);
 }
 
 static bool selects(const struct job *job)
@@ -577,7 +579,7 @@ static void many_parts_in_few_readings(void **state)
 {
 	for (uint64_t parts = 2; parts < UINT64_C(1) << 40; parts = parts * 7 / 4 + 1) {
 		for (unsigned members = 1; members <= 65; members += members < 4 ? 1 : 61) {
-			uint64_t step = push_crew_step(parts, members), readings = parts / step;
+			uint64_t step = push_helpers_step(parts, members), readings = parts / step;
 
 			assert_in_range(step, 1, parts);
 			assert_true(readings <= parts / 16 || readings <= 65 * 16);

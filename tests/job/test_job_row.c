@@ -2,7 +2,7 @@
  * A job whose row is on its way to the disk: it goes on, and nobody sees it; when the row is there it is promised, as far as it
  * has come; and without a row it was never there. The test holds the row.
  */
-#include "house.h"
+#include "service.h"
 #include "log.h"
 #include "plan_file.h"
 
@@ -88,8 +88,8 @@ static void test_goes_on(void **state)
 	assert_int_equal(log_event_count(LOG_EVENT_JOB_DONE), told + 1);
 	/* The next start knows how it ended. */
 	dataset_release(d);
-	close_house();
-	open_house(UINT64_C(32) << 20, 2);
+	close_service();
+	open_service(UINT64_C(32) << 20, 2);
 	assert_int_equal(info_of(job_find(h.jobs, id, &me)).state, JOB_done);
 	assert_int_equal(info_of(job_find(h.jobs, id, &me)).report->points, 5000);
 }
@@ -142,7 +142,7 @@ static void test_others_plan(void **state)
 	dataset_release(d);
 }
 
-/* Of a test that failed, too: the house waits for the row. */
+/* Of a test that failed, too: the service waits for the row. */
 static int end(void **state)
 {
 	put.hold = false;

@@ -1,7 +1,7 @@
 /*
- * What counts with whom, and looks at the house: one for all who ask at once, another when something changed.
+ * What counts with whom, and looks at the service: one for all who ask at once, another when something changed.
  */
-#include "house.h"
+#include "service.h"
 
 #include "job_priv.h"
 
@@ -76,9 +76,9 @@ uint64_t __wrap_clock_mono_ns(void)
 }
 
 static unsigned answers;
-static struct house_looked seen;
+static struct health seen;
 
-static void looked(void *token, const struct err *why, const struct house_looked *found)
+static void looked(void *token, const struct err *why, const struct health *found)
 {
 	assert_null(why);
 	answers++;
@@ -104,7 +104,7 @@ static void looks(void **state)
 	answers = 0;
 	turn_until(!j->background);
 	for (unsigned i = 0; i < ASKERS; i++)
-		house_look(j, &me, looked, NULL);
+		health_check(j, &me, looked, NULL);
 	assert_int_equal(answers, 0);
 	assert_int_equal(j->background, 1);
 	turn_until(answers);
@@ -115,22 +115,22 @@ static void looks(void **state)
 	/* Within a second it holds, unless something changed. */
 	grid_text("a", "nonsense");
 	stopped_ns = j->looks.last_ns = clock_mono_ns();
-	house_look(j, &me, looked, NULL);
+	health_check(j, &me, looked, NULL);
 	stopped_ns = 0;
 	assert_int_equal(answers, ASKERS + 1);
 	assert_int_equal(seen.geoids, 0);
-	house_changed(j);
-	house_look(j, &me, looked, NULL);
+	health_changed(j);
+	health_check(j, &me, looked, NULL);
 	assert_int_equal(answers, ASKERS + 1);
 	turn_until(answers == ASKERS + 2);
 	assert_int_equal(seen.geoids_bad, 1);
 	/* Who asks after a change waits for another look than that which is under way, also if many do. */
 	j->looks.last_ns = 0;
-	house_look(j, &me, looked, NULL);
+	health_check(j, &me, looked, NULL);
 	grid_text("b", "nonsense");
-	house_changed(j);
+	health_changed(j);
 	for (unsigned i = 0; i < ASKERS; i++)
-		house_look(j, &me, looked, NULL);
+		health_check(j, &me, looked, NULL);
 	assert_int_equal(j->background, 1);
 	turn_until(answers == 2 * ASKERS + 3);
 	assert_int_equal(seen.geoids_bad, 2);
@@ -138,7 +138,7 @@ static void looks(void **state)
 	/* A second later it is looked again. */
 	grid_text("c", "nonsense");
 	j->looks.last_ns -= UINT64_C(1000000001);
-	house_look(j, &me, looked, NULL);
+	health_check(j, &me, looked, NULL);
 	turn_until(answers == 2 * ASKERS + 4);
 	assert_int_equal(seen.geoids_bad, 3);
 }

@@ -6,7 +6,6 @@
 
 #include "clock.h"
 #include "job_priv.h"
-#include "space_priv.h"
 
 /* ---- looking at the folder ---- */
 
@@ -232,8 +231,8 @@ static void cut_short(void **state)
 	row.dataset = dataset_of("cut").id;
 	assert_int_equal(catalogue_put_push(h.catalogue, &row, NULL, NULL, &err), 0);
 	idle();
-	close_house();
-	open_house(UINT64_C(24) << 20, 1);
+	close_service();
+	open_service(UINT64_C(24) << 20, 1);
 	idle();
 	folder_is_tidy("cut");
 	assert_int_equal(dataset_of("cut").pending, 0);
@@ -243,11 +242,9 @@ static void cut_short(void **state)
 /* All that there may be, in bytes; 0: as much as there is. */
 static void quota(uint64_t bytes)
 {
-	struct space *s = h.jobs->space;
+	struct space_limit disk = {bytes ? SPACE_BYTES : SPACE_UNLIMITED, bytes};
 
-	pthread_mutex_lock(&s->lock);
-	s->p.disk = (struct space_limit){bytes ? SPACE_BYTES : SPACE_UNLIMITED, bytes};
-	pthread_mutex_unlock(&s->lock);
+	space_set_limits(h.jobs->space, disk, (struct space_limit){SPACE_UNLIMITED, 0});
 }
 
 /* A merge for which there is no room is tried again later, and later each time, up to a minute; not before, and when there is
@@ -301,8 +298,8 @@ static void due_at_start(void **state)
 	for (unsigned i = 1; i <= 9; i++)
 		dataset_release(push("later", 100, i));
 	assert_int_equal(dataset_of("later").segments, 9);
-	close_house();
-	open_house(UINT64_C(24) << 20, 1);
+	close_service();
+	open_service(UINT64_C(24) << 20, 1);
 	assert_int_equal(dataset_of("later").segments, 9);
 	turn_until(dataset_of("later").segments < 4);
 	idle();
@@ -320,8 +317,8 @@ static void stopped(void **state)
 	was = mesh_of("stop", 4);
 	h.jobs->merge_after_ns = 0;
 	turn_until(h.jobs->merge);
-	close_house();
-	open_house(UINT64_C(24) << 20, 2);
+	close_service();
+	open_service(UINT64_C(24) << 20, 2);
 	/* Whatever came of it. */
 	assert_true(dataset_of("stop").segments == 4 || dataset_of("stop").segments == 1);
 	folder_is_tidy("stop");
@@ -421,8 +418,8 @@ static void prune_all(void **state)
 	prune("old", 1, 0);
 	assert_int_equal(got.why.code, 0);
 	assert_int_equal(pruned_got.generations + pruned_got.points + pruned_got.bytes, 0);
-	close_house();
-	open_house(UINT64_C(24) << 20, 1);
+	close_service();
+	open_service(UINT64_C(24) << 20, 1);
 	assert_int_equal(dataset_of("old").oldest, 4);
 	assert_null(mesh_job("old", 3));
 	same_mesh("old", 4, &was);
@@ -450,8 +447,8 @@ static void prune_of_merged(void **state)
 	idle();
 	folder_is_tidy("mixed");
 	same_mesh("mixed", 5, &was);
-	close_house();
-	open_house(UINT64_C(24) << 20, 1);
+	close_service();
+	open_service(UINT64_C(24) << 20, 1);
 	same_mesh("mixed", 5, &was);
 }
 
@@ -469,8 +466,8 @@ static void prune_last(void **state)
 	idle();
 	assert_int_equal(dataset_of("last").segments, 1);
 	folder_is_tidy("last");
-	close_house();
-	open_house(UINT64_C(24) << 20, 1);
+	close_service();
+	open_service(UINT64_C(24) << 20, 1);
 	same_mesh("last", 3, &was);
 	dataset_release(push("last", 50, 5));
 	assert_int_equal(mesh_of("last", 4).points, 3050);

@@ -1,5 +1,5 @@
 /* What a push left on the disk, and others that go on beside it: nobody else takes it away. */
-#include "house.h"
+#include "service.h"
 
 #include <stdatomic.h>
 
@@ -27,7 +27,7 @@ int __wrap_grid_verify_stage(const struct grid_verify_params *p, const char *ste
 	return __real_grid_verify_stage(p, stem, err);
 }
 
-/* The first of a house has no dataset to be beside. */
+/* The first of a service has no dataset to be beside. */
 static void push_base(void)
 {
 	struct dataset *d = push("s", 500, 1);
@@ -101,8 +101,8 @@ static void test_abandoned_beside(void **state)
 	ask(push_abort(b, NULL));
 	push_leave(b);
 	push_leave(a);
-	close_house();
-	open_house(UINT64_C(32) << 20, 2);
+	close_service();
+	open_service(UINT64_C(32) << 20, 2);
 	assert_int_equal(pending_files(), 1);
 	stage_file("a.xyz", fda);
 	assert_int_equal(got.known, PUSH_ADOPTED);
@@ -118,13 +118,13 @@ static void test_half_a_manifest(void **state)
 	char path[128];
 
 	push_base();
-	close_house();
+	close_service();
 	for (unsigned i = 0; i < 3; i++) {
 		snprintf(path, sizeof path, "%s/datasets/1/%s", h.folder, left[i]);
 		close(open(path, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
 		assert_int_equal(access(path, F_OK), 0);
 	}
-	open_house(UINT64_C(32) << 20, 2);
+	open_service(UINT64_C(32) << 20, 2);
 	push_file_of("b.xyz");
 	for (unsigned i = 0; i < 3; i++) {
 		snprintf(path, sizeof path, "%s/datasets/1/%s", h.folder, left[i]);
@@ -180,10 +180,10 @@ static void test_verified_meanwhile(void **state)
 		atomic_store(&hold, false);
 		turn_until(overs);
 		assert_int_equal(damages, !taken);
-		close_house();
+		close_service();
 		nftw(h.folder, remove_one, 16, FTW_DEPTH | FTW_PHYS);
 		assert_int_equal(mkdir(h.folder, 0700), 0);
-		open_house(UINT64_C(32) << 20, 2);
+		open_service(UINT64_C(32) << 20, 2);
 	}
 	close(fd);
 }

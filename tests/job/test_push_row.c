@@ -2,7 +2,7 @@
  * A push whose row is on its way to the disk: what reads, and puts points into memory, goes on, what writes waits for the row,
  * and a row that cannot be written ends the push. The test holds the row.
  */
-#include "house.h"
+#include "service.h"
 #include "io.h"
 
 static struct {
@@ -145,13 +145,13 @@ static void ask_many(void)
 {
 	int fd = text_file(MANY, 3), answers;
 
-	close_house();
-	open_house(UINT64_C(24) << 20, 2);
+	close_service();
 	runs = 0;
 	real_io = io;
 	held_io = *io;
 	held_io.openat = look_openat;
-	io = &held_io;
+	io = &held_io; /* no thread reads it between the two */
+	open_service(UINT64_C(24) << 20, 2);
 	plan_a_file(fd);
 	answers = got.answers;
 	push_file(got.push, fd, &input, NULL);
@@ -168,7 +168,6 @@ static void test_runs_wait(void **state)
 	answers = got.answers;
 	let_row();
 	turn_until(got.answers > answers);
-	io = real_io;
 	assert_int_equal(got.why.code, 0);
 	assert_int_equal(got.file.in.points, MANY);
 	assert_true(runs > 0);
@@ -194,7 +193,6 @@ static void test_runs_fail(void **state)
 	assert_int_equal(runs, 0);
 	push_leave(got.push);
 	turn_until(!h.jobs->pushes);
-	io = real_io;
 }
 
 /* Whoever goes while the row is still on its way has the worker back at once. */
@@ -209,7 +207,6 @@ static void test_runs_leave(void **state)
 	assert_int_equal(got.why.code, ERR_CANCELLED);
 	let_row();
 	turn_until(!h.jobs->pushes);
-	io = real_io;
 	assert_int_equal(runs, 0);
 }
 
@@ -269,20 +266,22 @@ static void test_leaves(void **state)
 	turn_until(!h.jobs->pushes);
 }
 
-/* Of a test that failed, too: the house waits for the row. */
+/* Of a test that failed, too: the service waits for the row. */
 static int end(void **state)
 {
 	struct err err = ERR_INIT;
+	int r;
 
-	if (real_io)
-		io = real_io;
 	put.hold = false;
 	if (put.held) {
 		err_set(&err, ERR_CANCELLED, "the test is over");
 		put.held = false;
 		put.done(put.ctx, -ERR_CANCELLED, &err);
 	}
-	return teardown(state);
+	r = teardown(state);
+	if (real_io)
+		io = real_io;
+	return r;
 }
 
 int main(void)

@@ -4,7 +4,7 @@
  *
  * Linked with --wrap of store_proof, by which planning reads a file.
  */
-#include "house.h"
+#include "service.h"
 
 #include "store.h"
 

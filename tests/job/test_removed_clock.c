@@ -1,6 +1,6 @@
 /* Removed datasets, interrupted pushes and clocks that are wrong: what can be restored, or taken up, does not go because somebody
  * says that it is next year. */
-#include "house.h"
+#include "service.h"
 
 #include <stdatomic.h>
 
@@ -100,7 +100,7 @@ static void while_it_did_not_run(void **state)
 
 	remove_s(path);
 	assert_true(is_there(path));
-	memset(&h.jobs->sure, 0, sizeof h.jobs->sure);
+	memset(&h.jobs->trusted, 0, sizeof h.jobs->trusted);
 	atomic_fetch_add(&real_ahead, 8 * DAY);
 	assert_true(is_there(path));
 	pass(HOUR - HOUR / 60);
@@ -140,8 +140,8 @@ static void an_interrupted_push(void **state)
 	atomic_fetch_add(&real_ahead, 365 * DAY);
 	assert_true(is_pending());
 	/* Nor does it go where a daemon starts with that clock. */
-	close_house();
-	open_house(UINT64_C(32) << 20, 2);
+	close_service();
+	open_service(UINT64_C(32) << 20, 2);
 	assert_true(is_pending());
 	pass(HOUR / 60);
 	assert_true(is_pending());

@@ -3,11 +3,11 @@
  * submitting, and what he himself may have of unfinished ones has an end. The loop turns only where it says so, so no job gets
  * on.
  */
-#include "house.h"
+#include "service.h"
 
 #include "area_code.h"
 #include "job_priv.h"
-#include "past.h"
+#include "history.h"
 
 enum { LARGE = 40000, MANY = 104, STEP = 99000, TEETH = 4500 };
 static const struct job_peer hog = {.uid = 7, .pid = 7}, root = {.uid = 0, .pid = 8, .admin = true};
@@ -83,16 +83,16 @@ static struct job *want(struct dataset *d, const struct job_peer *peer, const ch
 /* Jobs of one user that are over take all that there is; those of the others stay. */
 static void over(void **state)
 {
-	struct past_views v;
+	struct history_views v;
 	struct dataset *d;
 	unsigned mine;
 
-	close_house();
+	close_service();
 	jobs_over(1, 5, me.uid, 300);
 	jobs_over(10, MANY, hog.uid, LARGE);
 	jobs_over(200, 1, hog.uid, JOBS_VIEWS_MAX - MANY * LARGE - 5 * 300);
-	open_house(UINT64_C(64) << 20, 1);
-	past_views(h.jobs, me.uid, &v);
+	open_service(UINT64_C(64) << 20, 1);
+	history_views(h.jobs, me.uid, &v);
 	assert_int_equal(v.all, JOBS_VIEWS_MAX);
 	assert_int_equal(v.own, 5 * 300);
 	d = push("d", 100, 1);
@@ -104,7 +104,7 @@ static void over(void **state)
 	assert_int_equal(count(&me), 6);
 	assert_int_equal(count(&hog), MANY);
 	assert_null(job_find(h.jobs, 10, &hog));
-	past_views(h.jobs, me.uid, &v);
+	history_views(h.jobs, me.uid, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX);
 	for (unsigned i = 0; i < 3; i++) {
 		char *view = comb(TEETH, i);
@@ -117,7 +117,7 @@ static void over(void **state)
 		free(view);
 	}
 	assert_true(count(&hog) < MANY && count(&hog) > MANY - 4);
-	past_views(h.jobs, me.uid, &v);
+	history_views(h.jobs, me.uid, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX);
 	turn_until(!jobs_active(h.jobs));
 }
@@ -128,10 +128,10 @@ static void own(void **state)
 	struct dataset *d;
 	char *view = comb(TEETH, 0);
 
-	close_house();
+	close_service();
 	jobs_over(1, MANY, me.uid, LARGE);
 	jobs_over(200, 1, hog.uid, 30000);
-	open_house(UINT64_C(64) << 20, 1);
+	open_service(UINT64_C(64) << 20, 1);
 	d = push("d", 100, 1);
 	submit(d, false, view);
 	assert_int_equal(accepted_err.code, 0);
@@ -147,11 +147,11 @@ static void wanted(void **state)
 	char *view = comb(TEETH, 0);
 	struct dataset *d;
 
-	close_house();
+	close_service();
 	jobs_over(1, MANY / 2, me.uid, LARGE);
 	jobs_over(200, MANY / 2, hog.uid, LARGE);
 	jobs_over(300, 1, hog.uid, LARGE / 2);
-	open_house(UINT64_C(64) << 20, 1);
+	open_service(UINT64_C(64) << 20, 1);
 	d = push("d", 100, 1);
 	submit(d, false, view);
 	assert_int_equal(accepted_err.code, 0);
@@ -165,7 +165,7 @@ static void wanted(void **state)
 static void unfinished(void **state)
 {
 	struct dataset *d = push("d", 100, 1);
-	struct past_views v;
+	struct history_views v;
 	unsigned n = 0, m = 0;
 	char *view;
 
@@ -181,7 +181,7 @@ static void unfinished(void **state)
 	free(view);
 	assert_int_equal(accepted_err.code, ERR_BUSY);
 	assert_non_null(strstr(accepted_err.message, "2048 KiB"));
-	past_views(h.jobs, hog.uid, &v);
+	history_views(h.jobs, hog.uid, &v);
 	print_message("%u of one user: %llu KiB\n", n, (unsigned long long)v.own >> 10);
 	assert_true(v.own == v.own_busy && v.own <= JOBS_VIEWS_MAX / 2 && v.own > JOBS_VIEWS_MAX / 2 - VIEW_TEXT_MAX);
 	for (;; m++) {
@@ -202,7 +202,7 @@ static void unfinished(void **state)
 		assert_true(m < 1000);
 	}
 	free(view);
-	past_views(h.jobs, 0, &v);
+	history_views(h.jobs, 0, &v);
 	assert_true(v.all <= JOBS_VIEWS_MAX && v.all > JOBS_VIEWS_MAX - VIEW_TEXT_MAX);
 	/* When they are over he may again, and all of it came to its end. */
 	turn_until(!jobs_active(h.jobs));
@@ -218,9 +218,9 @@ static void warm(void **state)
 	struct dataset *d;
 	char view[32];
 
-	close_house();
+	close_service();
 	jobs_over(1, 5, me.uid, 10);
-	open_house(UINT64_C(64) << 20, 1);
+	open_service(UINT64_C(64) << 20, 1);
 	d = push("d", 100, 1);
 	for (unsigned i = 0; i < 8; i++) {
 		snprintf(view, sizeof view, "ask 1 every=%u", i + 2);
@@ -228,7 +228,7 @@ static void warm(void **state)
 	}
 	turn_until(!jobs_active(h.jobs));
 	assert_int_equal(count(&hog), 8);
-	assert_true(jobs_forget_one(h.jobs, PAST_JOBS, 0, 0));
+	assert_true(jobs_forget_one(h.jobs, HISTORY_JOBS, 0, 0));
 	assert_int_equal(count(&hog), 7);
 	assert_int_equal(count(&me), 5);
 }
@@ -239,39 +239,39 @@ static void memory(void **state)
 	struct job *job;
 	unsigned n = 0;
 
-	close_house();
+	close_service();
 	jobs_over(1, 20, me.uid, 100);
 	jobs_over(100, 3000, hog.uid, 60);
 	jobs_over(20000, 20, me.uid, 100);
-	open_house(UINT64_C(24) << 20, 1);
+	open_service(UINT64_C(24) << 20, 1);
 	n = count(&hog);
 	print_message("%u of 3000 jobs are kept\n", n);
-	while ((job = past_of_most(h.jobs, PAST_BYTES, me.uid, 0)) && n-- > 100)
-		assert_int_equal(info_of(job).peer.uid, hog.uid), assert_true(jobs_forget_one(h.jobs, PAST_BYTES, me.uid, 0));
+	while ((job = history_of_most(h.jobs, HISTORY_BYTES, me.uid, 0)) && n-- > 100)
+		assert_int_equal(info_of(job).peer.uid, hog.uid), assert_true(jobs_forget_one(h.jobs, HISTORY_BYTES, me.uid, 0));
 	assert_int_equal(count(&me), 40);
 	/* Equally many: who asks gives way. */
 	while (count(&hog) > 40)
-		assert_true(jobs_forget_one(h.jobs, PAST_JOBS, 0, 0));
+		assert_true(jobs_forget_one(h.jobs, HISTORY_JOBS, 0, 0));
 	assert_int_equal(count(&hog), 40);
-	assert_true(jobs_forget_one(h.jobs, PAST_JOBS, me.uid, 0));
+	assert_true(jobs_forget_one(h.jobs, HISTORY_JOBS, me.uid, 0));
 	assert_int_equal(count(&me), 39);
 	assert_null(job_find(h.jobs, 1, &me));
 	turn_until(!catalogue_busy(h.catalogue));
 }
 
 /* What a large area needs while it is looked at: jobs that are over give way to that as well. */
-static void memory_of_a_walk(void **state)
+static void memory_of_a_run(void **state)
 {
 	struct dataset *d;
 	struct job *job;
 	unsigned before;
 	char *view;
 
-	close_house();
+	close_service();
 	jobs_over(1, 9000, hog.uid, 60);
-	house_most = UINT64_C(2) << 20;
-	open_house(UINT64_C(64) << 20, 1);
-	house_most = 0;
+	service_most = UINT64_C(2) << 20;
+	open_service(UINT64_C(64) << 20, 1);
+	service_most = 0;
 	before = count(&hog);
 	assert_true(before < 9000);
 	d = push("valley", 300, 5);
@@ -293,7 +293,7 @@ int main(void)
 		cmocka_unit_test_setup_teardown(wanted, setup, teardown),
 		cmocka_unit_test_setup_teardown(unfinished, setup, teardown),
 		cmocka_unit_test_setup_teardown(warm, setup, teardown),
-		cmocka_unit_test_setup_teardown(memory_of_a_walk, setup, teardown),
+		cmocka_unit_test_setup_teardown(memory_of_a_run, setup, teardown),
 		cmocka_unit_test_setup_teardown(memory, setup, teardown),
 	};
 

@@ -190,6 +190,66 @@ static void serve_other_version(struct fake *f)
 	frame_message_free(m);
 }
 
+/* A daemon with the features of f->ctx, which gets questions that it does not answer. */
+static void serve_features(struct fake *f)
+{
+	Acut__V1__Hello hello = ACUT__V1__HELLO__INIT;
+	Acut__V1__Message *m;
+	uint32_t id;
+	int fd;
+
+	hello.version_min = hello.version_max = 1;
+	hello.build = "fake 7";
+	hello.features = f->ctx;
+	while (hello.features[hello.n_features])
+		hello.n_features++;
+	while (fake_recv(f, &id, &m, &fd)) {
+		if (m->body_case == ACUT__V1__MESSAGE__BODY_HELLO)
+			fake_send(f, id, FRAME_MESSAGE(HELLO, hello, &hello), -1);
+		else
+			fake_answer_error(f, id, "busy", "it was asked");
+		frame_message_free(m);
+	}
+}
+
+static int begin(struct acut *a, const struct acut_push_options *o)
+{
+	struct acut_push *push;
+
+	return acut_push_begin(a, o, &push);
+}
+
+/* What an older daemon would ignore is not asked of it. */
+static void test_features(void **state)
+{
+	static char *none[] = {"push", "mesh", NULL}, *all[] = {"push", "mode", "later", "decimal-comma", "override", NULL};
+	const struct acut_push_options plain = {.dataset = "alps", .override_crs = "", .strict = true};
+	const struct acut_push_options over[] = {
+		{.dataset = "alps", .override_crs = "EPSG:1"},
+		{.dataset = "alps", .override_unit_xy = "ft"},
+		{.dataset = "alps", .override_unit_z = "ft"},
+	};
+
+	for (unsigned known = 0; known < 2; known++) {
+		struct fake *f;
+		struct acut *a = fake_attach(&f, serve_features, known ? all : none, NULL);
+
+		assert_int_equal(begin(a, &plain), -ACUT_E_BUSY);
+		for (unsigned i = 0; i < sizeof over / sizeof *over; i++) {
+			assert_int_equal(begin(a, &over[i]), known ? -ACUT_E_BUSY : -ACUT_E_VERSION);
+			assert_true(known || strstr(acut_error(a)->message, "(acutd fake 7) does not know"));
+		}
+		assert_int_equal(acut_decimal_comma(a, false), 0);
+		assert_int_equal(acut_decimal_comma(a, true), known ? 0 : -ACUT_E_VERSION);
+		assert_true(known || strstr(acut_error(a)->message, "--decimal-comma"));
+		assert_int_equal(acut_dataset_mode(a, ""), 0);
+		assert_int_equal(acut_dataset_mode(a, "600"), known ? 0 : -ACUT_E_VERSION);
+		assert_true(known || strstr(acut_error(a)->message, "--mode"));
+		acut_close(a);
+		fake_stop(f);
+	}
+}
+
 static void serve_nothing(struct fake *f) {}
 
 static void test_no_greeting(void **state)
@@ -271,6 +331,7 @@ int main(void)
 		cmocka_unit_test(test_interrupted),
 		cmocka_unit_test(test_daemon_at_fault),
 		cmocka_unit_test(test_no_greeting),
+		cmocka_unit_test(test_features),
 		cmocka_unit_test(test_connect),
 		cmocka_unit_test(test_two_connections),
 	};

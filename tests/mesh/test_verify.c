@@ -1,7 +1,7 @@
 /*
  * The verifier: good meshes pass, and each kind of fault, planted one at a time, is caught as what it is.
  * Good meshes come from brute force: all triples whose circle holds no point, ties by the rule as
- * ALGORITHM.md states it, with determinants written for small numbers only.
+ * docs/design/algorithm.md 1 states it, with determinants written for small numbers only.
  */
 #include <setjmp.h>
 #include <stdarg.h>
@@ -165,7 +165,12 @@ static void test_empty(void **state)
 	struct mesh m = {.nvertex = 0};
 
 	fault_is(&m, VERIFY_GOOD);
-	m.nvertex = 2;
+	for (int32_t i = 0; i < 4; i++)
+		memcpy(m.vertex[i], (int32_t[3]){i * 7, i * -3, i}, sizeof m.vertex[i]);
+	for (m.nvertex = 1; m.nvertex <= 4; m.nvertex++)
+		fault_is(&m, VERIFY_GOOD); /* of a line there are vertices only */
+	m.nvertex = 4;
+	m.vertex[3][1]++;
 	fault_is(&m, VERIFY_UNUSED);
 	(void)state;
 }
@@ -469,9 +474,13 @@ static void test_points_without_mesh(void **state)
 
 	for (int i = 0; i < 5; i++)
 		pts[i] = (struct point){i * 3, i * 2, i, 0, 0, 0};
-	assert_int_equal(compared(&none, &view, pts, 5, &r), VERIFY_GOOD);
+	assert_int_equal(compared(&none, &view, pts, 5, &r), VERIFY_MISSING);
 	assert_int_equal(compared(&none, &view, pts, 0, &r), VERIFY_GOOD);
-	pts[2].x++;
+	for (none.nvertex = 0; none.nvertex < 5; none.nvertex++)
+		memcpy(none.vertex[none.nvertex], (int32_t[3]){pts[none.nvertex].x, pts[none.nvertex].y, pts[none.nvertex].z},
+		       12);
+	assert_int_equal(compared(&none, &view, pts, 5, &r), VERIFY_GOOD);
+	none.nvertex = 4;
 	assert_int_equal(compared(&none, &view, pts, 5, &r), VERIFY_MISSING);
 	(void)state;
 }

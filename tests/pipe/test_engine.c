@@ -22,6 +22,7 @@
 #include "err.h"
 #include "ledger.h"
 #include "pipe.h"
+#include "pipe_inner.h"
 #include "pipe_priv.h"
 #include "tri.h"
 #include "verify.h"
@@ -100,6 +101,12 @@ static struct grid *cache_make(const struct point *pts, size_t n, struct ledger 
 	return grid;
 }
 
+static const struct pipe_known *known_of(const struct cut_plan *plan, size_t i, struct pipe_known *ret)
+{
+	*ret = (struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL, .flat = plan->leaf[i].flat};
+	return ret;
+}
+
 /* Every leaf in order; a region that does not fit is split, as the daemon does. */
 static int run_leaves(struct grid *grid, const struct view *view, struct cut_plan *plan, const struct pipe_budget *budget,
 		      struct grid_reader *reader, struct pipe_emitter *emitter, struct pipe_emitter *sums, struct mesh *m,
@@ -107,20 +114,19 @@ static int run_leaves(struct grid *grid, const struct view *view, struct cut_pla
 {
 	struct mesh_sink sink = {m, collect};
 	void *memory = aligned_alloc(64, (budget->domain_bytes + 63) & ~(size_t)63);
+	struct pipe_known known;
 	struct mesh_domain domain;
 	uint64_t need;
 	int r = 0;
 
 	for (size_t i = 0; !r && i < plan->n; i++) {
-		r = pipe_domain(grid, view, &plan->leaf[i].region,
-				&(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget, memory, &domain,
-				&need, err);
+		r = pipe_domain(grid, view, &plan->leaf[i].region, known_of(plan, i, &known), budget, memory, &domain, &need,
+				err);
 		while (r == PIPE_E_SPLIT) {
 			r = cut_plan_split(plan, i, reader, need, budget->cap, err);
 			if (!r)
-				r = pipe_domain(grid, view, &plan->leaf[i].region,
-						&(struct pipe_known){.sites = plan->leaf[i].known ? plan->sites : NULL}, budget,
-						memory, &domain, &need, err);
+				r = pipe_domain(grid, view, &plan->leaf[i].region, known_of(plan, i, &known), budget, memory,
+						&domain, &need, err);
 		}
 		if (!r)
 			r = pipe_emit(sums, &domain, &plan->leaf[i].region, NULL, err);
@@ -141,6 +147,8 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 	struct cut_plan plan = {0};
 	struct err err = ERR_INIT;
 	void *memory = malloc(reader_size);
+	struct mesh_counts scanned;
+	bool flat;
 
 	*m = (struct mesh){0};
 	assert_int_equal(grid_reader_new(grid, memory, reader_size, &reader, &err), 0);
@@ -148,6 +156,9 @@ static void mesh_make(struct grid *grid, const struct view *view, uint32_t load,
 	assert_int_equal(pipe_emitter_new(&grid_manifest(grid)->lattice, 1 << 17, dirfd_, &sums, &err), 0);
 	pipe_emitter_sums(sums, true);
 	m->status = cut_plan_make(reader, load, &plan, &err);
+	assert_int_equal(pipe_flat_scan(reader, view, &flat, &scanned, &err), 0);
+	if (flat)
+		cut_plan_make_flat(&plan);
 	m->split = plan.n;
 	if (!m->status)
 		m->status = run_leaves(grid, view, &plan, &budget, reader, emitter, sums, m, &err);
@@ -207,6 +218,8 @@ static void check_same(const struct mesh *a, const struct mesh *b)
 	assert_true(digest_equal(a->totals.vertex_digest, b->totals.vertex_digest));
 	assert_int_equal(a->totals.hull, b->totals.hull);
 	assert_int_equal(a->totals.counts.used, b->totals.counts.used);
+	assert_int_equal(a->totals.counts.most.points, b->totals.counts.most.points);
+	assert_true(a->totals.counts.most.x == b->totals.counts.most.x && a->totals.counts.most.y == b->totals.counts.most.y);
 	assert_memory_equal(a->totals.counts.removed, b->totals.counts.removed, sizeof a->totals.counts.removed);
 }
 
@@ -221,6 +234,22 @@ static void check_verified(const struct mesh *m, const struct view *view, struct
 		assert_int_equal(verify_points(&mesh, view, pts, n, &report, &err), 0);
 	if (report.fault != VERIFY_GOOD)
 		fail_msg("seed %llu: %s", (unsigned long long)seed, report.text);
+}
+
+/* The position that most points share, by brute force. */
+static void check_most(const struct mesh *m, const struct point *pts, size_t n)
+{
+	struct mesh_most most = {0};
+
+	for (size_t i = 0; i < n; i++) {
+		uint64_t here = 0;
+
+		for (size_t k = 0; k < n; k++)
+			here += pts[k].x == pts[i].x && pts[k].y == pts[i].y;
+		mesh_most_add(&most, here > 1 ? here : 0, pts[i].x, pts[i].y);
+	}
+	assert_int_equal(m->totals.counts.most.points, most.points);
+	assert_true(m->totals.counts.most.x == most.x && m->totals.counts.most.y == most.y);
 }
 
 static void test_fuzz(void **state)
@@ -244,7 +273,8 @@ static void test_fuzz(void **state)
 		grid = cache_make(pts, count, ledger);
 		mesh_make(grid, &view, 1 << 15, 1 << 15, &whole);
 		assert_int_equal(whole.status, 0);
-		check_verified(&whole, &view, pts, count);
+		check_most(&whole, pts, count);
+		check_verified(&whole, &view, pts, count); /* sorts and reduces them */
 		for (uint32_t k = 0; k < 3; k++) {
 			mesh_make(grid, &view, 1 + rnd(8), 1 << 14, &parts);
 			assert_int_equal(parts.status, 0);
@@ -318,9 +348,133 @@ static void test_wide_halo(void **state)
 	free(pts);
 }
 
+/* n points of a row of shapes without triangles. */
+static struct point flat_point(const char *shape, int32_t i)
+{
+	struct point p = {.z = i % 7, .cls = 2, .ret = 0x11};
+
+	if (!strcmp(shape, "one position")) {
+		p.x = p.y = -5;
+	} else if (!strcmp(shape, "two positions")) {
+		p.x = i % 2 ? INT32_MAX : INT32_MIN;
+	} else if (!strcmp(shape, "axis")) {
+		p.x = 77;
+		p.y = i * 31 - 60000;
+	} else if (!strcmp(shape, "diagonal")) {
+		p.x = p.y = i - 1000;
+	} else { /* slanted, each position twice */
+		p.x = i / 2 * 2000;
+		p.y = i / 2 * -3001 + 17;
+	}
+	return p;
+}
+
+/* Vertices and no triangles: every position, once, whatever the load, and as soon as one is off the line, triangles. */
+static void test_flat(void **state)
+{
+	static const char *const shape[] = {"one position", "two positions", "axis", "diagonal", "slanted"};
+	enum { N = 4001 };
+	struct point *pts = calloc(N + 1, sizeof *pts);
+
+	(void)state;
+	for (size_t s = 0; s < sizeof shape / sizeof *shape; s++) {
+		struct ledger *ledger = ledger_new(1 << 26);
+		struct view view = VIEW_INIT;
+		struct mesh whole, parts;
+		struct grid *grid;
+
+		for (int32_t i = 0; i < N; i++)
+			pts[i] = flat_point(shape[s], i);
+		grid = cache_make(pts, N, ledger);
+		mesh_make(grid, &view, 1 << 15, 1 << 15, &whole);
+		mesh_make(grid, &view, 50, 1 << 14, &parts);
+		assert_true(!whole.status && !parts.status);
+		assert_true(!whole.ntriangle && !whole.totals.hull && digest_is_zero(whole.totals.digest));
+		assert_int_equal(whole.nvertex, s < 2 ? s + 1 : s == 4 ? N / 2 + 1 : N);
+		check_verified(&whole, &view, pts, N);
+		check_verified(&parts, &view, pts, N);
+		check_same(&whole, &parts);
+		mesh_free(&whole);
+		mesh_free(&parts);
+		grid_close(grid);
+		pts[N] = (struct point){.x = 3, .y = -4, .cls = 2, .ret = 0x11};
+		grid = cache_make(pts, N + 1, ledger);
+		mesh_make(grid, &view, 1 << 15, 1 << 15, &whole);
+		assert_int_equal(whole.status, 0);
+		assert_true(whole.ntriangle || s == 0);
+		check_verified(&whole, &view, pts, N + 1);
+		mesh_free(&whole);
+		grid_close(grid);
+		ledger_free(ledger);
+	}
+	free(pts);
+}
+
+static int by_number(const void *a, const void *b)
+{
+	const int32_t *p = a, *q = b;
+
+	return (*p > *q) - (*p < *q);
+}
+
+/* The box of most points against sorted coordinates, and with it the position that most share. */
+static void test_inner(void **state)
+{
+	static const size_t counts[] = {1, 5999, 6000, 25000};
+	struct point *pts = calloc(25000, sizeof *pts);
+	int32_t *sorted = malloc(25000 * sizeof *sorted);
+
+	(void)state;
+	for (uint32_t i = 0; i < 16; i++) {
+		struct ledger *ledger = ledger_new(1 << 26);
+		struct pipe_inspected in = {.points = counts[i % 4]};
+		struct pipe_inspect_params params = {0};
+		struct grid_reader *reader = NULL;
+		struct err err = ERR_INIT;
+		struct grid *grid;
+		void *memory;
+
+		seed = i;
+		for (size_t k = 0; k < in.points; k++) {
+			uint32_t far = rnd(2000);
+			int32_t range = i < 8 ? 3000 : 4;
+
+			pts[k] = (struct point){.x = far == 0 ? INT32_MIN : (int32_t)rnd((uint32_t)range),
+						.y = far == 1 ? INT32_MAX : -(int32_t)rnd(7000),
+						.z = far == 2 ? INT32_MIN :
+						     far == 3 ? INT32_MAX :
+								(int32_t)rnd(500),
+						.ret = 0x11};
+		}
+		grid = cache_make(pts, in.points, ledger);
+		params.lattice = &grid_manifest(grid)->lattice;
+		memory = malloc(grid_reader_bytes(grid));
+		assert_int_equal(grid_reader_new(grid, memory, grid_reader_bytes(grid), &reader, &err), 0);
+		assert_int_equal(pipe_inner(reader, &params, &in, &err), 0);
+		for (unsigned axis = 0; axis < 3; axis++) {
+			size_t beyond = in.points / 6000;
+			const double scale = 100; /* both of the lattice are a hundredth */
+
+			for (size_t k = 0; k < in.points; k++)
+				sorted[k] = axis == 0 ? pts[k].x : axis == 1 ? pts[k].y : pts[k].z;
+			qsort(sorted, in.points, sizeof *sorted, by_number);
+			assert_true(in.inner_min[axis] == sorted[beyond] / scale);
+			assert_true(in.inner_max[axis] == sorted[in.points - 1 - beyond] / scale);
+		}
+		assert_true(i < 8 || in.points < 100 || in.most.points > 1);
+		grid_reader_free(reader);
+		free(memory);
+		grid_close(grid);
+		ledger_free(ledger);
+	}
+	free(sorted);
+	free(pts);
+}
+
 int main(void)
 {
-	const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide_halo), cmocka_unit_test(test_fuzz)};
+	const struct CMUnitTest tests[] = {cmocka_unit_test(test_wide_halo), cmocka_unit_test(test_flat),
+					   cmocka_unit_test(test_inner), cmocka_unit_test(test_fuzz)};
 
 	return cmocka_run_group_tests(tests, setup, teardown);
 }

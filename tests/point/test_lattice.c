@@ -88,7 +88,7 @@ static void test_choose(void **state)
 	in[2] = input("c", "0.001", "0", 500000, 500010);
 	choose_is(in, 3, "0.001 0.001 501000000 501000000 501000000");
 	in[0] = input("a", "0.01", "-0.005", 0, 1);
-	choose_is(in, 1, "0.01 0.01 -1 -1 -1"); /* floor(-0.5) */
+	choose_is(in, 1, "0.005 0.005 -1 -1 -1"); /* so that none of its numbers is moved */
 	in[0] = input("text", "0.001", NULL, -5, 10);
 	choose_is(in, 1, "0.001 0.001 2500 2500 2500");
 	in[0].scale[1] = dec("0.0001"); /* x and y differ: the finer for both */
@@ -96,6 +96,72 @@ static void test_choose(void **state)
 	in[0] = input("nobox", "0.01", "7", NAN, 1);
 	in[1] = input("nobox2", "0.01", "5", 3, -3);
 	choose_is(in, 2, "0.01 0.01 500 500 500");
+	(void)state;
+}
+
+/* A file whose offset lies between two steps of its scale, or of two scales that are no multiples: nothing of it is moved where
+ * a finer scale can have that. */
+static void test_choose_exact(void **state)
+{
+	static const struct {
+		const char *scale, *offset;
+		double min, max;
+		const char *want;
+		bool exact;
+	} cases[] = {
+		{"0.01", "500000.123", 500000, 501000, "0.001 0.001 500000123 500000123 500000123", true},
+		{"0.01", "500000.5", 500000, 501000, "0.01 0.01 50000050 50000050 50000050", true},
+		{"0.01", "0.0025", 0, 1000, "0.0025 0.0025 1 1 1", true},
+		{"0.25", "0.1", 0, 1000, "0.05 0.05 2 2 2", true},
+		{"0.001", "1000000.00001", 999990, 1000010, "0.00001 0.00001 100000000001 100000000001 100000000001", true},
+		/* more digits than there is room for, or than are worth it */
+		{"0.01", "500000.12345678912", 500000, 501000, "0.01 0.01 50000012 50000012 50000012", false},
+		{"0.01", "0.000001", 0, 1, "0.01 0.01 0 0 0", false},
+		{"0.01", "0.001", 0, 100000, "0.01 0.01 0 0 0", false},
+		{"0.01", "0.005", NAN, 1, "0.01 0.01 0 0 0", false},
+	};
+
+	for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+		struct lattice_input in[2] = {input("a", cases[i].scale, cases[i].offset, cases[i].min, cases[i].max)};
+		const struct lattice l = lattice_of(cases[i].want);
+		struct lattice_map m;
+		struct err err = ERR_INIT;
+
+		choose_is(in, 1, cases[i].want);
+		assert_int_equal(lattice_map_init(&m, &l, &in[0], &err), 0);
+		assert_int_equal(m.axis[0].exact && m.axis[1].exact && m.axis[2].exact, cases[i].exact);
+		in[1] = in[0]; /* many that are alike as one */
+		in[1].name = "b";
+		choose_is(in, 2, cases[i].want);
+	}
+	/* What grows has room for tiles beside it, and a box that raw numbers cannot lie in, or of one position, says nothing. */
+	static const struct {
+		const char *scale, *offset;
+		double min, max;
+		bool grows;
+		const char *want;
+	} rooms[] = {
+		{"0.001", "500000.000501", 500000, 500020, true, "0.001 0.001 500000000 500000000 500000000"},
+		{"0.001", "500000.000501", 500000, 500020, false, "0.000001 0.000001 500000000501 500000000501 500000000501"},
+		{"0.001", "500000.0005", 500000, 500020, true, "0.0005 0.0005 1000000001 1000000001 1000000001"},
+		{"0.001", "4000000.0005", 0, 0, false, "0.001 0.001 4000000000 4000000000 4000000000"},
+		{"0.001", "4000000.0005", 0, 100, false, "0.001 0.001 4000000000 4000000000 4000000000"},
+	};
+
+	for (size_t i = 0; i < sizeof rooms / sizeof *rooms; i++) {
+		struct lattice_input in = input("a", rooms[i].scale, rooms[i].offset, rooms[i].min, rooms[i].max);
+
+		in.grows = rooms[i].grows;
+		choose_is(&in, 1, rooms[i].want);
+	}
+	struct lattice_input two = input("a", "0.01", "0", 0, 1000), other[2];
+
+	two.scale[1] = dec("0.003");
+	choose_is(&two, 1, "0.001 0.01 0 0 0");
+	/* of inputs that differ each may be moved: the finest scale, as it is */
+	other[0] = input("a", "0.01", "0.005", 0, 1000);
+	other[1] = input("b", "0.01", "0", 0, 1000);
+	choose_is(other, 2, "0.01 0.01 50000 50000 50000");
 	(void)state;
 }
 
@@ -174,9 +240,109 @@ static unsigned pick(unsigned n)
 	return (unsigned)((seed >> 33) % n);
 }
 
+/* `in`, which may be rounded to scales up to `coarsest`. */
+static struct lattice_input rounded(struct lattice_input in, const char *coarsest)
+{
+	for (int a = 0; a < 3; a++)
+		in.coarsest[a] = dec(coarsest);
+	return in;
+}
+
+/* The finest power of ten that holds all boxes, between the scale of those that may be rounded and what they may be rounded to.
+ */
+static void test_choose_rounded(void **state)
+{
+	static const struct {
+		const char *scale, *exact;
+		double min, max, width;
+		const char *want;
+	} rows[] = {
+		{"1e-8", NULL, 0, 40, 0, "1e-8"}, /* fits as it is */
+		{"1e-8", NULL, 0, 43, 0, "1e-7"},
+		{"1e-8", NULL, 500000, 503000, 0, "1e-6"},
+		{"1e-8", NULL, 0, 429000, 0, "1e-4"},
+		{"1e-8", NULL, 0, 430000, 0, "5e-4"}, /* the coarsest, which is no power of ten */
+		{"1e-8", NULL, 0, 2147000, 0, "5e-4"},
+		{"1e-8", NULL, 0, 2148000, 0, NULL},
+		{"3e-8", NULL, 0, 200, 0, "1e-7"},
+		{"1e-8", "0.001", 0, 43, 10, "1e-7"}, /* each box alone would fit */
+		{"1e-8", "0.001", 0, 20, 43, "1e-7"},
+		{"1e-8", "0.00001", 0, 20, 42900, "0.00001"}, /* exact inputs stay exact */
+		{"1e-8", "0.00001", 0, 20, 43000, NULL},
+		{"1e-8", "0.000025", 0, 20, 42900, "0.000025"}, /* 1e-5 does not divide it */
+		{"1e-8", "0.25", 0, 20, 429000, "1e-4"},
+	};
+
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+		struct lattice_input in[2] = {rounded(input("r", rows[i].scale, NULL, rows[i].min, rows[i].max), "5e-4")};
+		size_t n = rows[i].exact ? 2 : 1;
+		struct err err = ERR_INIT;
+		struct lattice l, again;
+		int r;
+
+		if (rows[i].exact)
+			in[1] = input("e", rows[i].exact, NULL, rows[i].min, rows[i].min + rows[i].width);
+		r = lattice_choose(in, n, NULL, NULL, &l, &err);
+		if (!r != !!rows[i].want ||
+		    (!r && (decimal_compare(l.scale_xy, dec(rows[i].want)) || decimal_compare(l.scale_z, dec(rows[i].want)))))
+			fail_msg("row %zu: %d, %de%d", i, r, (int)l.scale_xy.mantissa, l.scale_xy.exponent);
+		if (n == 2) {
+			struct lattice_input t = in[0];
+
+			in[0] = in[1];
+			in[1] = t;
+			assert_int_equal(lattice_choose(in, n, NULL, NULL, &again, &err), r);
+			assert_true(r || lattice_equal(&l, &again));
+		}
+	}
+}
+
+/* What grows has room for 64 times its width, and for neighbours of what is small: the finest power of ten that leaves it, and
+ * never coarser than it may be rounded to. */
+static void test_choose_grows(void **state)
+{
+	static const struct {
+		const char *scale, *exact, *coarsest;
+		double min, max;
+		const char *want;
+	} rows[] = {
+		{"1e-12", NULL, "5e-4", 430000, 430100, "1e-4"}, /* a tile of a kilometre would fit */
+		{"1e-12", NULL, "5e-4", 430000, 430000, "1e-4"}, /* one position */
+		{"1e-6", NULL, "5e-4", 430000, 430300, "1e-4"},
+		{"1e-6", NULL, "5e-4", 430000, 431000, "1e-4"}, /* it would fit */
+		{"1e-12", NULL, "5e-4", 430000, 433300, "1e-4"},
+		{"1e-12", NULL, "5e-4", 430000, 440000, "5e-4"},
+		{"1e-12", NULL, "5e-4", 0, 2100000, "5e-4"},
+		{"1e-4", NULL, "5e-4", 430000, 440000, "1e-4"}, /* hardly finer than it may be */
+		{"0.001", NULL, NULL, 430000, 440000, "0.001"},
+		{"1e-6", NULL, NULL, 430000, 431000, "1e-6"}, /* not to be rounded */
+		{"1e-12", NULL, "1e-9", 9, 9.01, "1e-9"},     /* degrees */
+		{"1e-12", "0.001", "5e-4", 430000, 431000, "1e-4"},
+		{"1e-12", "0.000025", "5e-4", 430000, 431000, "0.000025"},
+	};
+
+	for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+		struct lattice_input in[2] = {input("r", rows[i].scale, NULL, rows[i].min, rows[i].max)};
+		size_t n = rows[i].exact ? 2 : 1;
+		struct err err = ERR_INIT;
+		struct lattice l;
+
+		if (rows[i].coarsest)
+			in[0] = rounded(in[0], rows[i].coarsest);
+		if (rows[i].exact)
+			in[1] = input("e", rows[i].exact, NULL, rows[i].min, rows[i].max);
+		in[0].grows = in[1].grows = true;
+		assert_int_equal(lattice_choose(in, n, NULL, NULL, &l, &err), 0);
+		if (decimal_compare(l.scale_xy, dec(rows[i].want)) || decimal_compare(l.scale_z, dec(rows[i].want)))
+			fail_msg("row %zu: %de%d", i, (int)l.scale_xy.mantissa, l.scale_xy.exponent);
+	}
+}
+
 /* Of all kinds: alike, without boxes, with scales that are none, too wide, too fine, far out. */
 static void fill(struct lattice_input *in, char (*names)[8], size_t n)
 {
+	bool grows = pick(2);
+
 	static const char *const scales[] = {"0.01", "0.01", "0.01", "0.001", "0.000001", "7e-7", "1000", "0", "-1"};
 	static const char *const offsets[] = {"0", "0", "500000", "-3.5", NULL};
 	static const double boxes[][2] = {{0, 1}, {500000, 500100}, {-1e9, 1e9}, {5e6, 5.1e6}, {3, -3}, {-1e300, 1e300}};
@@ -188,6 +354,9 @@ static void fill(struct lattice_input *in, char (*names)[8], size_t n)
 		in[i] = input(names[i], scales[pick(pick(3) ? 5 : 9)], offsets[pick(5)], box[0], box[1] + pick(3));
 		if (!pick(4))
 			in[i].scale[pick(3)] = dec(scales[pick(9)]);
+		if (!pick(3))
+			in[i] = rounded(in[i], pick(2) ? "5e-4" : "1e-9");
+		in[i].grows = grows;
 	}
 }
 
@@ -237,7 +406,7 @@ static void test_set(void **state)
 /* Thousands of which none fits with another are left out in the steps of a few sorts. */
 static void test_set_steps(void **state)
 {
-	enum { N = 10000, LOG = 14, ORDERS = 19 };
+	enum { N = 10000, LOG = 14, ORDERS = 25 };
 	struct lattice_input *in = calloc(N, sizeof *in);
 	char(*names)[8] = calloc(N, sizeof *names);
 	struct lattice_set *set;
@@ -399,6 +568,104 @@ static void test_map_defining(void **state)
 	(void)state;
 }
 
+/* v / d rounded as floor(v / d + 1/2) by division, and twice the distance from v / d in units of 1 / d. */
+static __int128 divided(__int128 v, __int128 d, __int128 *ret_off)
+{
+	__int128 q = v / d, r = v % d;
+
+	if (r < 0) {
+		q--;
+		r += d;
+	}
+	if (2 * r >= d) {
+		q++;
+		r -= d;
+	}
+	*ret_off = 2 * (r < 0 ? -r : r);
+	return q;
+}
+
+static int64_t wide(unsigned bits)
+{
+	return bits ? (int64_t)(rnd() << 33 ^ rnd() << 11 ^ rnd()) & ((INT64_C(1) << bits) - 1) : 0;
+}
+
+/* Batches of any map, with numbers near halves and near both ends of 32 bits: the same as by division. */
+static void test_map_divides(void **state)
+{
+	enum { N = 700 };
+	static int64_t raw[N][3];
+	static int32_t got[N][3];
+	int done = 0;
+
+	for (int round = 0; round < 3000; round++) {
+		struct lattice_map m = {.scale = {dec("1"), dec("1"), dec("1")}};
+		__int128 want[N][3], off, most[3] = {0, 0, 0};
+		double shift[3] = {0, 0, 0};
+		uint64_t moved = 0, want_moved = 0;
+		struct err err = ERR_INIT;
+		bool off_any[N] = {0};
+		size_t bad;
+
+		for (unsigned k = 0; k < 3; k++) {
+			__int128 a = 1 + wide((unsigned)rnd() % 61), d = 1 + wide((unsigned)rnd() % (round % 5 ? 40 : 62));
+			/* the middle is anywhere where raw can follow */
+			__int128 b = (__int128)(wide(40) - (INT64_C(1) << 39)) * (rnd() % 2 ? d : a);
+
+			if (rnd() % 4 == 0)
+				d = a;
+			if (rnd() % 4 == 0)
+				d = 1 + (int64_t)(rnd() % 12);
+			if (rnd() % 4 == 0) { /* halves, of large numbers */
+				a = 1 + wide((unsigned)rnd() % 50);
+				d = 2 * a;
+				a *= 2 * (rnd() % 500) + 1;
+				b = (__int128)(int32_t)rnd() * d;
+			}
+			m.axis[k].a = a;
+			m.axis[k].b = b;
+			m.axis[k].d = d;
+			m.axis[k].exact = d == 1;
+			for (size_t i = 0; i < N; i++) {
+				int64_t q = i % 7 == 0 ? INT32_MAX : i % 7 == 1 ? INT32_MIN : (int32_t)rnd();
+				__int128 at = (__int128)q * d - b, r = at / a;
+
+				r = r > INT64_MAX ? INT64_MAX : r < INT64_MIN ? INT64_MIN : r;
+				want[i][k] = divided(r * a + b, d, &off);
+				/* at an end the next number may be the one that fits; else nothing does */
+				for (int step = 0; step < 4 && (want[i][k] > INT32_MAX || want[i][k] < INT32_MIN); step++) {
+					r += want[i][k] > INT32_MAX ? -1 : 1;
+					want[i][k] = divided(r * a + b, d, &off);
+				}
+				if (want[i][k] > INT32_MAX || want[i][k] < INT32_MIN || r > INT64_MAX || r < INT64_MIN) {
+					r = i ? raw[i - 1][k] : 0;
+					want[i][k] = divided(r * a + b, d, &off);
+				}
+				raw[i][k] = (int64_t)r;
+				off_any[i] |= off != 0;
+				most[k] = off > most[k] ? off : most[k];
+			}
+		}
+		for (size_t i = 0; i < N; i++)
+			want_moved += off_any[i];
+		int rc = lattice_map_apply(&m, (const int64_t(*)[3])raw, N, got, &moved, shift, &bad, &err);
+
+		if (rc) { /* the first number already had no place */
+			assert_int_equal(rc, -ERR_LIMIT);
+			continue;
+		}
+		done++;
+		assert_int_equal(moved, want_moved);
+		for (size_t i = 0; i < N; i++)
+			for (unsigned k = 0; k < 3; k++)
+				assert_true(got[i][k] == want[i][k]);
+		for (unsigned k = 0; k < 3; k++)
+			assert_true(shift[k] == (double)most[k] / (2 * (double)m.axis[k].d));
+	}
+	assert_true(done > 1000);
+	(void)state;
+}
+
 static void test_map_exact(void **state)
 {
 	struct lattice l = lattice_of("0.01 0.001 5 -5 0");
@@ -474,18 +741,14 @@ static void test_map_wide(void **state)
 int main(void)
 {
 	const struct CMUnitTest tests[] = {
-		cmocka_unit_test(test_choose),
-		cmocka_unit_test(test_choose_lying_box),
-		cmocka_unit_test(test_choose_refused),
-		cmocka_unit_test(test_choose_wanted),
-		cmocka_unit_test(test_set),
-		cmocka_unit_test(test_set_steps),
-		cmocka_unit_test(test_text),
-		cmocka_unit_test(test_map_rounding),
-		cmocka_unit_test(test_map_commutes),
-		cmocka_unit_test(test_map_defining),
-		cmocka_unit_test(test_map_exact),
-		cmocka_unit_test(test_map_wide),
+		cmocka_unit_test(test_choose),        cmocka_unit_test(test_choose_lying_box),
+		cmocka_unit_test(test_choose_exact),  cmocka_unit_test(test_choose_refused),
+		cmocka_unit_test(test_choose_wanted), cmocka_unit_test(test_choose_rounded),
+		cmocka_unit_test(test_choose_grows),  cmocka_unit_test(test_set),
+		cmocka_unit_test(test_set_steps),     cmocka_unit_test(test_text),
+		cmocka_unit_test(test_map_rounding),  cmocka_unit_test(test_map_commutes),
+		cmocka_unit_test(test_map_defining),  cmocka_unit_test(test_map_divides),
+		cmocka_unit_test(test_map_exact),     cmocka_unit_test(test_map_wide),
 	};
 
 	return cmocka_run_group_tests(tests, NULL, NULL);

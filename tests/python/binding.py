@@ -3,6 +3,7 @@ threads; nothing left open. Run under -X dev -W error, where a warning is an exc
 import contextlib
 import gc
 import grp
+import gzip
 import io
 import json
 import os
@@ -11,6 +12,7 @@ import pwd
 import signal
 import struct
 import threading
+import zipfile
 
 import acut
 import e2e
@@ -218,6 +220,12 @@ def rights():
             c.create_dataset("after")
         finally:
             os.umask(before)
+        c.push("named", a, override_crs="EPSG:25832", override_units=("m", "ft"))
+        named = c.dataset("named")
+        expect((named.crs, named.unit_xy, named.unit_z) == ("EPSG:25832", "metre", "foot"), "what overrides: %s" % (named,))
+        change = c.dataset_log("named", files=True)[0].changes[0]
+        expect(change.overridden.startswith("EPSG:"), "what the file says: %s" % (change,))
+        c.remove_dataset("named")
         modes = {s.name: s.mode for s in c.datasets()}
         expect(modes == {"plain": 0o640, "mine": 0o600, "ours": 0o660, "after": 0o640}, modes)
         expect(c.chmod_dataset("mine", 0o644).mode == 0o644 and shown("mine") == "0644", "chmod by a number: " + shown("mine"))
@@ -288,6 +296,16 @@ def inputs():
         before = c.dataset("s")
         raises(acut.TruncatedError, c.push, "s", [synth(os.path.join(base, "last.las"), 5000, 11), half], strict=True)
         expect(c.dataset("s").points == before.points and not c.dataset("s").pending, "a strict push left something")
+        packed = os.path.join(base, "more.las.gz")
+        with gzip.open(packed, "wb") as f:
+            f.write(data)
+        with zipfile.ZipFile(os.path.join(base, "more.zip"), "w") as z:
+            z.writestr("more.las", data)
+        for path, says, todo in ((packed, "this is a gzip file", "gunzip -k more.las.gz"), (os.path.join(base, "more.zip"), "this is a zip archive", "unzip more.zip")):
+            e = raises(acut.InputError, c.push, "s", path)
+            expect(says in e.message and todo in e.hint and e.file == path, vars(e))
+            e = raises(acut.InputError, c.push, "s", io.BytesIO(open_and_read(path)))
+            expect(says in e.message, vars(e))
         raises(acut.UsageError, c.push, "s", more, add=True, replace=True)
         raises(acut.UsageError, c.push, "s", [])
         raises(acut.UsageError, c.push, "s", [3.5])

@@ -357,11 +357,11 @@ static void test_other_versions(void **state)
 	make(10, 4, 12, low, high, &m);
 	/* Of a later one: absent, and nobody's to judge. */
 	check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
-	header_set(6, NULL);
+	header_set(7, NULL);
 	assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_ABSENT);
 	assert_int_equal(store_get(dirfd, &ID, memory, sizeof memory, &d, &err), STORE_E_ABSENT);
 	assert_int_equal(in_folder(store_check, memory, sizeof memory, &err), -ERR_VERSION);
-	assert_non_null(strstr(err.message, "of version 6"));
+	assert_non_null(strstr(err.message, "of version 7"));
 	err_clear(&err);
 	assert_true(is_there());
 	/* Of an earlier one: absent, and gone. */
@@ -378,11 +378,37 @@ static void test_other_versions(void **state)
 		fd = openat(dirfd, name_of(), O_RDWR);
 		pwrite_all(fd, bytes, 2, i);
 		close(fd);
-		header_set(5, NULL);
+		header_set(6, NULL);
 		assert_int_equal(store_head(dirfd, &ID, &f, &err), STORE_E_DAMAGED);
 		assert_false(is_there());
 	}
 	unmake(&m);
+}
+
+/* Version 5 does not say how many points share a position: it is used where none was left out. */
+static void test_version_5(void **state)
+{
+	static const int32_t low[3] = {0, 0, 0}, high[3] = {9, 9, 9};
+	struct err err = ERR_INIT;
+	struct store_front f;
+	struct made m;
+
+	(void)state;
+	for (unsigned out = 0; out < 2; out++) {
+		make(10, 4, 12, low, high, &m);
+		memset(m.d.counts.removed, 0, sizeof m.d.counts.removed);
+		m.d.counts.removed[MESH_RULES - 1] = out;
+		m.d.counts.most = (struct mesh_most){2, -3, 4};
+		check(store_put(dirfd, &ID, &m.beside, &m.d, &f, &err), &err);
+		check(store_head(dirfd, &ID, &f, &err), &err);
+		assert_true(f.domain.counts.most.points == 2 && f.domain.counts.most.x == -3 && f.domain.counts.most.y == 4);
+		header_set(5, NULL);
+		assert_int_equal(store_head(dirfd, &ID, &f, &err), out ? STORE_E_ABSENT : 0);
+		assert_int_equal(is_there(), !out);
+		assert_true(out || !f.domain.counts.most.points);
+		store_remove(dirfd, &ID, &err);
+		unmake(&m);
+	}
 }
 
 /* A file that is there, and when it was used last. */
@@ -438,7 +464,8 @@ int main(void)
 {
 	const struct CMUnitTest tests[] = {
 		cmocka_unit_test(test_extents), cmocka_unit_test(test_nothing),        cmocka_unit_test(test_version_4),
-		cmocka_unit_test(test_forged),  cmocka_unit_test(test_other_versions), cmocka_unit_test(test_there),
+		cmocka_unit_test(test_forged),  cmocka_unit_test(test_other_versions), cmocka_unit_test(test_version_5),
+		cmocka_unit_test(test_there),
 	};
 
 	return cmocka_run_group_tests(tests, begin, end);

@@ -56,11 +56,13 @@ struct laz_source {
 struct laz_chunk {
 	uint64_t at, bytes; /* bytes 0: not known (no table) */
 	uint64_t points;
+	bool at_most; /* they may be fewer: as many as its bytes hold */
 };
 struct laz_place {           /* of the points in the file */
 	uint64_t begin, end; /* the compressed points, from the place of the chunk table's address on; end: the
 			      * file's, or where the header says that something else begins */
 	uint64_t points;     /* that the header claims */
+	bool at_most;        /* the last chunk may have fewer: see laz_table_count */
 	uint64_t size;       /* of the file: a writer that could not seek put the address into the last 8 bytes */
 };
 struct laz_table;
@@ -69,6 +71,14 @@ size_t laz_table_bytes(void);
  * the points can only be read forwards, and *ret_why (static text, or NULL) says why. */
 int laz_table_open(void *memory, const struct laz_format *, const struct laz_source *, const struct laz_place *,
 		   struct laz_table **ret, uint64_t *ret_chunks, const char **ret_why, struct err *err);
+/* How many points the chunks hold, where the header counts none: to place->points. place->at_most: pointwise chunks of a
+ * fixed size, the last of which may have fewer. What is decoded of that one then ends where its bytes do; points at its end
+ * that took no byte at all are not found. Without a table that can be used, but with bytes of points, it is LAZ_UNCOUNTED,
+ * and at_most: then all of them end where their bytes do, which is at place->end or before. */
+#define LAZ_UNCOUNTED (UINT64_MAX / 2)
+int laz_table_count(void *memory, const struct laz_format *, const struct laz_source *, struct laz_place *place, struct err *err);
+/* Of a table that was opened and has chunks: the byte behind it, or more (its decoder reads ahead). */
+uint64_t laz_table_end(const struct laz_table *);
 /* All points as one chunk of unknown size, for laz_reader_chunk where there are no chunks. */
 struct laz_chunk laz_table_whole(const struct laz_format *, const struct laz_place *);
 /* The next chunk; false at the end. Place, size and points are checked against the file's. */
@@ -90,6 +100,8 @@ int laz_reader_chunk(struct laz_reader *, const struct laz_chunk *, struct err *
 int laz_reader_read(struct laz_reader *, uint8_t *records, size_t cap, size_t *ret_n, struct err *err);
 /* After a read that failed with ERR_TRUNCATED: how many of its records are good nevertheless. */
 size_t laz_reader_good(const struct laz_reader *);
+/* Behind the last chunk that was read whole. */
+uint64_t laz_reader_place(const struct laz_reader *);
 /* Bytes of the file that were read so far. */
 uint64_t laz_reader_bytes_read(const struct laz_reader *);
 

@@ -187,7 +187,7 @@ static int place_layer(struct laz_layered *l, const struct laz_layer_row *row, s
 }
 
 /* Everything before the layers, which begin at byte `at`. */
-static int read_head(struct laz_layered *l, struct laz_window *head, uint64_t at, uint64_t points, struct err *err)
+static int read_head(struct laz_layered *l, struct laz_window *head, uint64_t at, bool at_most, uint64_t *points, struct err *err)
 {
 	const struct laz_format *f = l->format;
 	const struct laz_layer_row *row;
@@ -199,8 +199,10 @@ static int read_head(struct laz_layered *l, struct laz_window *head, uint64_t at
 		rc = read_u32(head, &count, err);
 	if (rc)
 		return rc;
-	if (count != points) {
-		err_set(err, ERR_INPUT, "a chunk of %" PRIu64 " points that says of itself that it has %" PRIu32, points, count);
+	if (at_most && count && count < *points)
+		*points = count;
+	if (count != *points) {
+		err_set(err, ERR_INPUT, "a chunk of %" PRIu64 " points that says of itself that it has %" PRIu32, *points, count);
 		return err_add_place(err, laz_window_place(head) - 4, "points of the chunk");
 	}
 	for (unsigned i = 0; !rc && i < f->nitems; i++)
@@ -232,7 +234,7 @@ static int begin_layer(struct laz_layered *l, struct layer *layer, uint64_t poin
 	return rc ? rc : laz_coder_begin(&layer->window, err);
 }
 
-int laz_layered_begin(struct laz_layered *l, uint64_t at, uint64_t end, uint64_t points, struct err *err)
+int laz_layered_begin(struct laz_layered *l, uint64_t at, uint64_t end, bool at_most, uint64_t *points, struct err *err)
 {
 	struct laz_window *head = &l->layer[0].window;
 	uint64_t layers_at;
@@ -245,9 +247,9 @@ int laz_layered_begin(struct laz_layered *l, uint64_t at, uint64_t end, uint64_t
 	l->first = true;
 	rc = laz_window_begin(head, at, layers_at < end ? layers_at : end, "compressed points", err);
 	if (!rc)
-		rc = read_head(l, head, layers_at, points, err);
+		rc = read_head(l, head, layers_at, at_most, points, err);
 	for (unsigned i = 0; !rc && i < l->nlayers; i++)
-		rc = begin_layer(l, &l->layer[i], points, err);
+		rc = begin_layer(l, &l->layer[i], *points, err);
 	return rc;
 }
 

@@ -28,6 +28,8 @@ size_t laz_pointwise_bytes(const struct laz_format *);
 struct laz_pointwise *laz_pointwise_new(void *memory, const struct laz_format *, const struct laz_source *, uint64_t *counter);
 int laz_pointwise_begin(struct laz_pointwise *, uint64_t at, uint64_t end, uint64_t points, struct err *err);
 int laz_pointwise_read(struct laz_pointwise *, uint8_t *records, size_t n, struct err *err);
+/* Whether all bytes of the chunk were taken. */
+bool laz_pointwise_used(const struct laz_pointwise *);
 /* After laz_pointwise_read failed because the file ended: how many of its records are good. */
 size_t laz_pointwise_good(const struct laz_pointwise *);
 int laz_pointwise_end(struct laz_pointwise *, uint64_t *ret_end, struct err *err);
@@ -36,7 +38,7 @@ struct laz_layered;
 size_t laz_layered_bytes(const struct laz_format *, enum laz_fields);
 struct laz_layered *laz_layered_new(void *memory, const struct laz_format *, enum laz_fields, const struct laz_source *,
 				    uint64_t *counter);
-int laz_layered_begin(struct laz_layered *, uint64_t at, uint64_t end, uint64_t points, struct err *err);
+int laz_layered_begin(struct laz_layered *, uint64_t at, uint64_t end, bool at_most, uint64_t *points, struct err *err);
 int laz_layered_read(struct laz_layered *, uint8_t *records, size_t n, struct err *err);
 int laz_layered_end(struct laz_layered *, uint64_t *ret_end, struct err *err);
 

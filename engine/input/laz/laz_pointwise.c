@@ -144,6 +144,11 @@ int laz_pointwise_read(struct laz_pointwise *p, uint8_t *records, size_t n, stru
 	return rc;
 }
 
+bool laz_pointwise_used(const struct laz_pointwise *p)
+{
+	return laz_window_place(&p->window) == p->window.end;
+}
+
 size_t laz_pointwise_good(const struct laz_pointwise *p)
 {
 	return p->window.truncated && !p->window.coder.bad ? p->good : 0;

@@ -21,6 +21,7 @@ struct laz_reader {
 	uint64_t at, end; /* of the next chunk of the file; LAZ_OPEN */
 	uint64_t left;    /* points to be read */
 	uint64_t inner;   /* of them in the chunk that was begun */
+	bool at_most;     /* they end where the chunk's bytes do */
 	size_t good;
 };
 
@@ -64,16 +65,25 @@ int laz_reader_chunk(struct laz_reader *r, const struct laz_chunk *chunk, struct
 	r->end = chunk->bytes ? chunk->at + chunk->bytes : LAZ_OPEN;
 	r->left = chunk->points;
 	r->inner = 0;
+	r->at_most = chunk->at_most && (r->pointwise || !chunk->bytes);
 	return 0;
 }
 
 static int begin(struct laz_reader *r, struct err *err)
 {
 	bool whole = r->end != LAZ_OPEN || !r->chunk_size || r->left < r->chunk_size;
+	uint64_t most = whole ? r->left : r->chunk_size;
+	int rc;
 
-	r->inner = whole ? r->left : r->chunk_size;
-	return r->layered ? laz_layered_begin(r->layered, r->at, r->end, r->inner, err) :
-			    laz_pointwise_begin(r->pointwise, r->at, r->end, r->inner, err);
+	r->inner = most;
+	if (r->pointwise)
+		return laz_pointwise_begin(r->pointwise, r->at, r->end, most, err);
+	rc = laz_layered_begin(r->layered, r->at, r->end, r->at_most, &r->inner, err);
+	if (rc)
+		r->inner = 0;
+	else if (r->chunk_size && r->inner < most)
+		r->left = r->inner; /* only the last chunk is not full */
+	return rc;
 }
 
 static int read_some(struct laz_reader *r, uint8_t *records, size_t n, struct err *err)
@@ -86,6 +96,8 @@ static int read_some(struct laz_reader *r, uint8_t *records, size_t n, struct er
 	}
 	r->inner -= n;
 	r->left -= n;
+	if (r->at_most && r->pointwise && laz_pointwise_used(r->pointwise))
+		r->inner = r->left = 0;
 	if (!r->inner)
 		rc = r->layered ? laz_layered_end(r->layered, &r->at, err) : laz_pointwise_end(r->pointwise, &r->at, err);
 	if (!rc)
@@ -104,6 +116,7 @@ int laz_reader_read(struct laz_reader *r, uint8_t *records, size_t cap, size_t *
 
 		if (!rc) {
 			m = m < r->inner ? m : (size_t)r->inner;
+			m = r->at_most && r->pointwise ? 1 : m;
 			rc = read_some(r, records + n * r->length, m, err);
 		}
 		if (rc)
@@ -117,6 +130,11 @@ int laz_reader_read(struct laz_reader *r, uint8_t *records, size_t cap, size_t *
 size_t laz_reader_good(const struct laz_reader *r)
 {
 	return r->good;
+}
+
+uint64_t laz_reader_place(const struct laz_reader *r)
+{
+	return r->at;
 }
 
 uint64_t laz_reader_bytes_read(const struct laz_reader *r)

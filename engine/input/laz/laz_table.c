@@ -27,7 +27,9 @@ struct laz_table {
 	uint64_t at, left;      /* of the next chunk; points not yet in a chunk */
 	uint32_t chunk_size, min_bytes;
 	uint32_t last_points, last_bytes;
-	bool variable;
+	bool variable, at_most;
+	uint64_t end, size; /* behind the table; of the file */
+	bool elsewhere;     /* its address is at the end of the file */
 	alignas(16) uint8_t ints[LAZ_INT_BYTES(32, 2)];
 	uint8_t buffer[WINDOW + LAZ_GUARD];
 };
@@ -42,6 +44,7 @@ struct laz_chunk laz_table_whole(const struct laz_format *f, const struct laz_pl
 	return (struct laz_chunk){
 		.at = place->begin + (f->compressor == LAZ_COMPRESSOR_POINTWISE ? 0 : HEAD),
 		.points = place->points,
+		.at_most = place->at_most,
 	};
 }
 
@@ -100,7 +103,8 @@ int laz_table_next(struct laz_table *t, struct laz_chunk *ret, bool *ret_more, s
 		return rc;
 	if (t->last_bytes < t->min_bytes || t->last_bytes > t->address - t->at || (t->variable && !t->last_points))
 		return bad_entry(t, err);
-	*ret = (struct laz_chunk){.at = t->at, .bytes = t->last_bytes, .points = t->last_points};
+	*ret = (struct laz_chunk){
+		.at = t->at, .bytes = t->last_bytes, .points = t->last_points, .at_most = t->at_most && t->i + 1 == t->n};
 	*ret_more = true;
 	t->at += t->last_bytes;
 	t->left -= t->last_points < t->left ? t->last_points : t->left;
@@ -130,7 +134,8 @@ static int locate(struct laz_table *t, const struct laz_source *source, const st
 	uint64_t address = 0;
 	int rc = there ? read_u64(source, place->begin, &address, &there, err) : 0;
 
-	if (!rc && there && address == UINT64_MAX)
+	t->elsewhere = there && address == UINT64_MAX;
+	if (!rc && t->elsewhere)
 		rc = read_u64(source, place->size - 8, &address, &there, err);
 	if (rc)
 		return rc;
@@ -164,6 +169,8 @@ static int survey(struct laz_table *t, uint64_t *ret_points, struct err *err)
 	}
 	if (!rc)
 		*ret_points = points;
+	/* an address in the last 8 bytes is behind the table */
+	t->end = t->elsewhere ? t->size : laz_window_place(&t->window);
 	return rc;
 }
 
@@ -190,6 +197,80 @@ static int needed(const struct laz_table *t, const struct err *cause, const char
 	return err_add_place(err, cause->code ? cause->offset : t->begin - HEAD, "chunk table");
 }
 
+static void init(struct laz_table *t, const struct laz_format *f, const struct laz_source *source, const struct laz_place *place)
+{
+	memset(t, 0, offsetof(struct laz_table, ints));
+	laz_window_init(&t->window, t->buffer, WINDOW, source, &t->counter);
+	t->begin = place->begin + HEAD;
+	t->size = place->size;
+	t->points = place->points;
+	t->chunk_size = f->chunk_size;
+	t->variable = f->chunk_size == LAZ_VARIABLE || f->chunk_size == 0;
+	t->at_most = place->at_most && !t->variable;
+	t->min_bytes = f->length + 4;
+}
+
+/* A layered chunk says behind its first record how many points it has. */
+static int count_last(const struct laz_table *t, const struct laz_format *f, const struct laz_source *source,
+		      struct laz_place *place, struct err *err)
+{
+	uint64_t count = 0;
+	bool there = false;
+	int rc;
+
+	place->at_most = !t->variable;
+	if (t->variable || f->compressor != LAZ_COMPRESSOR_LAYERED)
+		return 0;
+	rc = read_u64(source, t->at - t->last_bytes + f->length, &count, &there, err);
+	count &= UINT32_MAX;
+	if (rc || !there || !count || count > t->chunk_size)
+		return rc;
+	place->points -= t->chunk_size - count;
+	place->at_most = false;
+	return 0;
+}
+
+/* Less than a first record and what begins its stream is no point. */
+static void count_without_table(const struct laz_format *f, struct laz_place *place)
+{
+	uint64_t first = laz_table_whole(f, place).at;
+
+	place->at_most = place->end >= first && place->end - first >= f->length + 4;
+	place->points = place->at_most ? LAZ_UNCOUNTED : 0;
+}
+
+int laz_table_count(void *memory, const struct laz_format *f, const struct laz_source *source, struct laz_place *place,
+		    struct err *err)
+{
+	struct laz_table *t = memory;
+	struct err cause = ERR_INIT;
+	const char *why = NULL;
+	bool has_table = f->compressor != LAZ_COMPRESSOR_POINTWISE;
+	int rc;
+
+	init(t, f, source, place);
+	rc = has_table ? locate(t, source, place, &why, err) : 0;
+	if (rc)
+		return rc;
+	if (has_table && !why) {
+		rc = survey(t, &place->points, &cause);
+		if (!rc)
+			return place->points ? count_last(t, f, source, place, err) : 0;
+		if (!is_content(rc)) {
+			*err = cause;
+			return rc;
+		}
+		place->end = t->address < place->end ? t->address : place->end;
+	}
+	count_without_table(f, place);
+	return 0;
+}
+
+uint64_t laz_table_end(const struct laz_table *t)
+{
+	return t->end;
+}
+
 int laz_table_open(void *memory, const struct laz_format *f, const struct laz_source *source, const struct laz_place *place,
 		   struct laz_table **ret, uint64_t *ret_chunks, const char **ret_why, struct err *err)
 {
@@ -199,13 +280,7 @@ int laz_table_open(void *memory, const struct laz_format *f, const struct laz_so
 	uint64_t points = 0;
 	int rc;
 
-	memset(t, 0, offsetof(struct laz_table, ints));
-	laz_window_init(&t->window, t->buffer, WINDOW, source, &t->counter);
-	t->begin = place->begin + HEAD;
-	t->points = place->points;
-	t->chunk_size = f->chunk_size;
-	t->variable = f->chunk_size == LAZ_VARIABLE || f->chunk_size == 0;
-	t->min_bytes = f->length + 4;
+	init(t, f, source, place);
 	if (f->compressor != LAZ_COMPRESSOR_POINTWISE && place->points) {
 		rc = locate(t, source, place, &why, err);
 		if (rc)

@@ -1,0 +1,15 @@
+/* Sizes and offsets of what lies side by side in one piece of memory: multiples of a cache line. */
+#ifndef ALIGN_H
+#define ALIGN_H
+
+#include <stddef.h>
+
+enum { ALIGN_LINE = 64 };
+
+/* Rounds up. */
+static inline size_t align_line(size_t n)
+{
+	return (n + ALIGN_LINE - 1) & ~(size_t)(ALIGN_LINE - 1);
+}
+
+#endif

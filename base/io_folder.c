@@ -1,0 +1,58 @@
+/*
+ * Folders that are removed with everything in them.
+ *
+ * The model: entries are removed depth first, through the folder's descriptor and without following links, so nothing
+ * outside of the folder is touched. The first entry that cannot be removed ends it. Nothing is fsynced: a removed name may
+ * come back after a power cut.
+ */
+#include "io.h"
+
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "err.h"
+
+int io_folder_remove(int dirfd, const char *name, struct err *err)
+{
+	int sub, r;
+
+	if (io->unlinkat(dirfd, name, 0) == 0 || errno == ENOENT)
+		return 0;
+	if (errno != EISDIR && errno != EPERM)
+		return err_sys(err, errno, "cannot remove %s", name);
+	r = io_open(dirfd, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW, 0, &sub, err);
+	if (r)
+		return r;
+	r = io_folder_empty(sub, err);
+	io_close(sub);
+	if (!r && io->unlinkat(dirfd, name, AT_REMOVEDIR) != 0)
+		r = err_sys(err, errno, "cannot remove the folder %s", name);
+	return r;
+}
+
+struct sweep {
+	int dirfd;
+	const char *prefix;
+};
+
+static int remove_entry(void *ctx, const struct dirent *e, struct err *err)
+{
+	const struct sweep *s = ctx;
+
+	return strncmp(e->d_name, s->prefix, strlen(s->prefix)) ? 0 : io_folder_remove(s->dirfd, e->d_name, err);
+}
+
+int io_folder_sweep(int dirfd, const char *prefix, struct err *err)
+{
+	struct sweep s = {dirfd, prefix};
+
+	return io_list(dirfd, ".", remove_entry, &s, err);
+}
+
+int io_folder_empty(int dirfd, struct err *err)
+{
+	return io_folder_sweep(dirfd, "", err);
+}

@@ -1,0 +1,56 @@
+/*
+ * Rows of jobs that gave way while the catalogue was loaded.
+ *
+ * The model: with little memory a start keeps fewer jobs than there are, thousands may give way, and each row that goes is a
+ * change that waits for the disk. Their numbers are kept, charged as such changes are, and the rows go some at a time when the
+ * catalogue has nothing else to write: nobody waits behind them. What a crash leaves of them the next start finds again. Their
+ * plans go with those of all jobs that are not there (job_plan_sweep).
+ */
+#include <stdlib.h>
+
+#include "job_priv.h"
+
+enum { CHUNK = 512, AT_ONCE = 64 };
+
+int deletions_add(struct jobs *j, uint64_t id, struct err *err)
+{
+	uint64_t *more;
+
+	if (j->ndeletions == j->deletions_room) {
+		if (!ledger_take(j->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more))
+			return err_set(err, ERR_BUSY, "the memory has no room for the numbers of jobs that give way");
+		more = realloc(j->deletions, (j->deletions_room + CHUNK) * sizeof *more);
+		if (!more) {
+			ledger_give(j->p.ledger, LEDGER_CATALOGUE, CHUNK * sizeof *more);
+			return err_set(err, ERR_NOMEM, "no memory for the numbers of jobs that give way");
+		}
+		j->deletions = more;
+		j->deletions_room += CHUNK;
+	}
+	j->deletions[j->ndeletions++] = id;
+	return 0;
+}
+
+void deletions_settle(struct jobs *j)
+{
+	struct err ignored = ERR_INIT; /* next round */
+
+	if (!j->ndeletions || catalogue_busy(j->p.catalogue))
+		return;
+	for (unsigned n = 0; n < AT_ONCE && j->ndeletions; n++) {
+		if (catalogue_drop_job(j->p.catalogue, j->deletions[j->ndeletions - 1], NULL, NULL, &ignored))
+			return;
+		j->ndeletions--;
+	}
+	if (!j->ndeletions)
+		deletions_free(j);
+}
+
+void deletions_free(struct jobs *j)
+{
+	free(j->deletions);
+	if (j->deletions_room)
+		ledger_give(j->p.ledger, LEDGER_CATALOGUE, j->deletions_room * sizeof *j->deletions);
+	j->deletions = NULL;
+	j->ndeletions = j->deletions_room = 0;
+}

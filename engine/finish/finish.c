@@ -1,0 +1,216 @@
+/*
+ * The kernel's triangles become a finished domain in three passes, in the place of the triangles.
+ *
+ * The model: owned triangles are packed to the front as they are found. Their digest is computed at the same time, while
+ * the positions of their corners are in the cache: fetching them again costs more than the hash. A vertex has marks of one
+ * byte, in the memory of the kernel's ids, and later its local number in the same memory; numbers are written from the end,
+ * so that no mark is overwritten before it was read. Links and vertices follow the packed triangles. A vertex is closed if
+ * all kernel triangles around it are owned. All others (border and hull) are open and come first.
+ */
+#include "finish.h"
+
+#include <string.h>
+
+#include "align.h"
+#include "cut_owner.h"
+
+enum { USED = FINISH_USED, OPEN = FINISH_OPEN };
+/* Triangles in one call of the digest; distance of prefetching, in triangles. */
+enum { BATCH = 64, AHEAD = 12 };
+
+void finish_init(struct finish *f, const struct cut_region *region, const int64_t k[3], const struct tri *tri)
+{
+	f->region = region;
+	memcpy(f->k, k, sizeof f->k);
+	tri_result(tri, &f->tri);
+}
+
+/* By vertex: USED and OPEN. */
+static uint8_t *marks(const struct finish *f)
+{
+	return (uint8_t *)f->tri.id;
+}
+
+/* By vertex: its local number. The same memory, later. */
+static uint32_t *numbers(const struct finish *f)
+{
+	return (uint32_t *)f->tri.id;
+}
+
+static void mark_open(uint8_t *mark, const uint32_t corner[3])
+{
+	for (unsigned k = 0; k < 3; k++)
+		if (corner[k] != TRI_GHOST)
+			mark[corner[k]] |= OPEN;
+}
+
+static void ghost_count(struct finish *f, const uint32_t corner[3])
+{
+	const int32_t(*xy)[2] = f->tri.xy;
+	unsigned k = corner[0] == TRI_GHOST ? 0 : corner[1] == TRI_GHOST ? 1 : 2;
+
+	f->out.nhull += cut_region_owns_hull(f->region, xy[corner[(k + 1) % 3]], xy[corner[(k + 2) % 3]]);
+}
+
+static inline uint64_t place_of(const int32_t xy[2])
+{
+	return digest_place(xy[0], xy[1]);
+}
+
+void finish_owned(struct finish *f)
+{
+	const struct tri_triangle *t = f->tri.triangle;
+	const int32_t(*xy)[2] = f->tri.xy;
+	uint32_t(*out)[3] = (uint32_t(*)[3])f->tri.triangle;
+	uint8_t *mark = marks(f);
+	uint64_t place[BATCH][3];
+	uint32_t n = 0, batch = 0, count = f->tri.ntriangle;
+	struct cut_owner owner;
+
+	cut_owner_init(&owner, f->region);
+	memset(mark, 0, f->tri.nvertex);
+	for (uint32_t i = 0; i < count; i++) {
+		const uint32_t c[3] = {t[i].corner[0], t[i].corner[1], t[i].corner[2]};
+		bool ghost = c[0] == TRI_GHOST || c[1] == TRI_GHOST || c[2] == TRI_GHOST;
+
+		/* The prefetch of a ghost's corner has an invalid address, which is harmless. */
+		for (unsigned k = 0; k < 3 && i + AHEAD < count; k++)
+			__builtin_prefetch(&xy[t[i + AHEAD].corner[k]]);
+		if (ghost || !cut_owner_has(&owner, xy[c[0]], xy[c[1]], xy[c[2]])) {
+			mark_open(mark, c);
+			if (ghost && f->region->inf)
+				ghost_count(f, c);
+			continue;
+		}
+		for (unsigned k = 0; k < 3; k++) {
+			mark[c[k]] |= USED;
+			out[n][k] = c[k];
+			place[batch][k] = place_of(xy[c[k]]);
+		}
+		n++;
+		if (++batch == BATCH) {
+			digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
+			batch = 0;
+		}
+	}
+	digest_add_triangles(&f->out.digest, (const uint64_t(*)[3])place, batch, f->k);
+	f->out.triangle = out;
+	f->out.ntriangle = n;
+}
+
+/* Places links, vertices and final bits behind the triangles. False: they do not fit there. */
+static bool lay_out(struct finish *f)
+{
+	uint8_t *at = (uint8_t *)f->out.triangle + align_line((size_t)f->out.ntriangle * sizeof(uint32_t[3]));
+	const uint8_t *mark = marks(f), *front = (const uint8_t *)f->tri.triangle;
+	/* They are written while xy, z and marks are still read, and must not overlap these. */
+	const uint8_t *end = (const uint8_t *)f->tri.xy;
+	uint32_t nopen = 0, nvertex = 0;
+
+	if ((const uint8_t *)f->tri.z > front && (const uint8_t *)f->tri.z < end)
+		end = (const uint8_t *)f->tri.z;
+	if (mark > front && mark < end)
+		end = mark;
+	for (uint32_t v = 0; v < f->tri.nvertex; v++) {
+		nvertex += mark[v] & USED;
+		nopen += mark[v] == (USED | OPEN);
+	}
+	f->out.nvertex = nvertex;
+	f->out.nopen = nopen;
+	f->out.link = (struct mesh_link *)at;
+	at += (size_t)nopen * sizeof(struct mesh_link);
+	f->out.vertex = (struct mesh_vertex *)at;
+	at += align_line((size_t)nvertex * sizeof(struct mesh_vertex));
+	f->out.final = at;
+	at += align_line(((size_t)nvertex + 7) / 8);
+	if (at > end)
+		return false;
+	memset(f->out.link, 0, (size_t)nopen * sizeof(struct mesh_link));
+	return true;
+}
+
+static inline void box_add(int32_t box[6], const int32_t at[3])
+{
+	for (unsigned k = 0; k < 3; k++) {
+		box[k] = at[k] < box[k] ? at[k] : box[k];
+		box[3 + k] = at[k] > box[3 + k] ? at[k] : box[3 + k];
+	}
+}
+
+bool finish_vertices(struct finish *f)
+{
+	const uint8_t *mark = marks(f);
+	uint32_t *number = numbers(f), open_at, closed_at;
+	int32_t box[6] = {INT32_MAX, INT32_MAX, INT32_MAX, INT32_MIN, INT32_MIN, INT32_MIN};
+
+	if (!lay_out(f))
+		return false;
+	open_at = f->out.nopen;
+	closed_at = f->out.nvertex;
+	for (uint32_t v = f->tri.nvertex; v-- > 0;) {
+		const int32_t at[3] = {f->tri.xy[v][0], f->tri.xy[v][1], f->tri.z[v]};
+		uint8_t m = mark[v];
+		uint32_t to;
+
+		/* A closed vertex lies in the region, because all corners of its Voronoi cell do. */
+		if (m != USED && cut_region_holds(f->region, at[0], at[1]))
+			digest_add_vertex(&f->out.own_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
+		if (!(m & USED))
+			continue;
+		to = m & OPEN ? --open_at : --closed_at;
+		f->out.vertex[to] = (struct mesh_vertex){at[0], at[1], at[2]};
+		number[v] = to;
+		box_add(box, at);
+		if (!(m & OPEN))
+			digest_add_vertex(&f->out.closed_digest, at[0] + f->k[0], at[1] + f->k[1], at[2] + f->k[2]);
+	}
+	digest_add(&f->out.own_digest, f->out.closed_digest);
+	if (f->out.nvertex)
+		memcpy(f->out.box, box, sizeof box);
+	return true;
+}
+
+/* The position's hash for link sums. */
+static struct digest place_hash(const struct mesh_vertex *v)
+{
+	uint64_t place = (uint64_t)(uint32_t)v->x << 32 | (uint32_t)v->y;
+
+	return digest_hash(&place, sizeof place);
+}
+
+static void link_add(struct mesh_link *link, struct digest a, struct digest b)
+{
+	link->hi += a.hi - b.hi;
+	link->lo += a.lo - b.lo;
+	link->edges++;
+}
+
+static void link_triangle(struct mesh_domain *d, const uint32_t t[3])
+{
+	struct digest h[3];
+
+	for (unsigned k = 0; k < 3; k++)
+		h[k] = place_hash(&d->vertex[t[k]]);
+	for (unsigned k = 0; k < 3; k++)
+		if (t[k] < d->nopen)
+			link_add(&d->link[t[k]], h[(k + 1) % 3], h[(k + 2) % 3]);
+}
+
+void finish_numbers(struct finish *f)
+{
+	const uint32_t *number = numbers(f);
+	uint32_t nopen = f->out.nopen, count = f->out.ntriangle;
+	uint32_t(*triangle)[3] = f->out.triangle;
+
+	for (uint32_t i = 0; i < count; i++) {
+		uint32_t *t = triangle[i];
+		uint32_t a = number[t[0]], b = number[t[1]], c = number[t[2]];
+		uint32_t least = a < b ? a : b;
+
+		t[0] = a;
+		t[1] = b;
+		t[2] = c;
+		if (__builtin_expect((c < least ? c : least) < nopen, 0))
+			link_triangle(&f->out, t);
+	}
+}

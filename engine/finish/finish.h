@@ -1,0 +1,30 @@
+/* The kernel's triangles become a finished domain, in place, in four steps. A caller may time each, or pick the triangles itself.
+ */
+#ifndef FINISH_H
+#define FINISH_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "cut.h"
+#include "mesh.h"
+#include "tri.h"
+
+/* Marks of a vertex while triangles are picked, one byte each, in the memory of the kernel's ids: it is a corner of a picked
+ * triangle; of another triangle or a ghost. */
+enum { FINISH_USED = 1, FINISH_OPEN = 2 };
+
+struct finish {
+	const struct cut_region *region;
+	int64_t k[3];
+	struct tri_result tri;
+	struct mesh_domain out;
+};
+
+/* After tri_run, in this order. Each step adds to `out`: */
+void finish_init(struct finish *, const struct cut_region *, const int64_t k[3], const struct tri *);
+void finish_owned(struct finish *);    /* the region's triangles, their digest, and the marks of vertices */
+bool finish_vertices(struct finish *); /* vertices, box, digest of the closed ones. False: no room */
+void finish_numbers(struct finish *);  /* local numbers in the triangles, links of open vertices */
+
+#endif

@@ -1,0 +1,205 @@
+/*
+ * Selections: the points that a view with crop, every or thin keeps become a grid of their own.
+ *
+ * The model: one walk over the index of the source grid. Subtrees and cells outside the crop are not read. The kept
+ * points go into a stage, as one source; the stage seals a segment, and a manifest on the same lattice names it.
+ * With a thin rule the walk is divided into rectangles of whole thin cells (selection_thin.c). The memory is
+ * [struct selection | buffers of the reader | table of thin cells], and the stage's own part.
+ *
+ * The counts are exact although points outside the crop are not read. The crop is the first rule (view.h): a point
+ * outside it counts as cropped, even if another rule would remove it too. So the number of cropped points is the number
+ * of live records of the generation, which the grid knows, minus the records read, plus those of the records read that
+ * lie outside. This depends on the points alone, not on the cells. Without a crop every live record is read, and the
+ * sum is checked.
+ *
+ * It does not reduce duplicates (the mesh does), keep sources apart, or clean up after a failure: the folder is the
+ * caller's.
+ */
+#include "selection_priv.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "align.h"
+#include "err.h"
+
+#define PROGRESS_POINTS (1u << 18)
+
+/* For the text of the manifest and the stage's list of runs. */
+enum { SMALL_BYTES = 16 << 10 };
+
+static size_t fixed_bytes(const struct grid *grid)
+{
+	return align_line(sizeof(struct selection)) + align_line(grid_reader_bytes(grid));
+}
+
+size_t selection_memory_min(const struct grid *grid)
+{
+	return fixed_bytes(grid) + SELECTION_TABLE_MIN + GRID_STAGE_MIN + SMALL_BYTES;
+}
+
+/* ---- a point ---- */
+
+static int flush(struct selection *s)
+{
+	size_t n = s->nbatch;
+
+	s->nbatch = 0;
+	s->out.kept += n;
+	return n ? grid_stage_add(s->stage, s->batch, n, s->err) : 0;
+}
+
+int selection_keep(struct selection *s, const struct point *p)
+{
+	s->batch[s->nbatch++] = *p;
+	return s->nbatch == SELECTION_BATCH ? flush(s) : 0;
+}
+
+int selection_progress(struct selection *s)
+{
+	if (!s->p->progress || s->seen - s->reported < PROGRESS_POINTS)
+		return 0;
+	s->reported = s->seen;
+	if (s->p->progress(s->p->ctx, s->judged))
+		return err_set(s->err, ERR_CANCELLED, "the selection was cancelled");
+	return 0;
+}
+
+/* ---- without thin cells: one walk ---- */
+
+static bool enter(void *ctx, const struct grid_cell *subtree)
+{
+	const struct selection *s = ctx;
+
+	return view_may_hold(s->p->view, subtree->box);
+}
+
+static int take_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct selection *s = ctx;
+	int r = 0;
+
+	(void)err;
+	for (size_t i = 0; !r && i < n; i++) {
+		enum view_rule rule = view_judge(s->p->view, &pts[i]);
+
+		if (rule == VIEW_KEPT)
+			r = selection_keep(s, &pts[i]);
+		else
+			s->out.removed[rule]++;
+	}
+	s->judged += n;
+	s->seen += n;
+	return r ? r : selection_progress(s);
+}
+
+static int take_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct selection *s = ctx;
+
+	if (!view_may_hold(s->p->view, cell->box))
+		return 0;
+	return grid_cell_read(s->reader, cell, take_points, s, s->err);
+}
+
+/* ---- the whole ---- */
+
+static int publish(struct selection *s, const struct grid_segment_info *info)
+{
+	const struct grid_manifest *from = grid_manifest(s->p->grid);
+	struct grid_segment_info segment = *info;
+	struct grid_source source = {.id = 1, .added = 1, .points = s->out.kept, .name = "selection"};
+	struct grid_manifest m = {
+		.lattice = from->lattice,
+		.generation = 1,
+		.segments = &segment,
+		.nsegments = 1,
+		.sources = &source,
+		.nsources = 1,
+	};
+	int r;
+
+	memcpy(m.crs, from->crs, sizeof m.crs);
+	memcpy(m.unit_xy, from->unit_xy, sizeof m.unit_xy);
+	memcpy(m.unit_z, from->unit_z, sizeof m.unit_z);
+	r = selection_counts_write(s->p->dirfd, &s->out, s->err);
+	return r ? r : grid_manifest_write(s->p->dirfd, SELECTION_MANIFEST, &m, s->err);
+}
+
+/* Records that were not read lie outside the crop. */
+static int count_rest(struct selection *s)
+{
+	uint64_t points = grid_points(s->p->grid), sum = s->out.kept;
+
+	if (s->judged > points || (s->judged < points && !s->p->view->crop))
+		return err_set(s->err, ERR_INTERNAL, "the generation has %llu points, %llu were read", (unsigned long long)points,
+			       (unsigned long long)s->judged);
+	s->out.points = points;
+	s->out.removed[VIEW_BY_CROP] += points - s->judged;
+	for (int i = 0; i < VIEW_RULES; i++)
+		sum += s->out.removed[i];
+	if (sum != points)
+		return err_set(s->err, ERR_INTERNAL, "of %llu points the selection counts %llu", (unsigned long long)points,
+			       (unsigned long long)sum);
+	return 0;
+}
+
+static int run(struct selection *s)
+{
+	const struct grid_visitor visitor = {s, enter, take_cell};
+	struct grid_segment_info info;
+	int r = grid_stage_source(s->stage, 1, s->err);
+
+	if (r)
+		return r;
+	if (s->p->view->thin.cell)
+		r = selection_thin(s);
+	else
+		r = grid_walk(s->reader, 0, UINT64_MAX, &visitor, s->err);
+	if (!r)
+		r = flush(s);
+	if (!r)
+		r = count_rest(s);
+	if (!r)
+		r = grid_stage_seal(s->stage, &info, s->err);
+	return r ? r : publish(s, &info);
+}
+
+int selection_make(const struct selection_params *params, struct selection_counts *ret, struct err *err)
+{
+	size_t fixed = fixed_bytes(params->grid), reader_bytes = grid_reader_bytes(params->grid), rest, table = 0;
+	struct grid_stage_params stage = {.dirfd = params->dirfd, .name = "selection"};
+	struct selection *s;
+	uint8_t *memory;
+	int r;
+
+	if (params->memory < selection_memory_min(params->grid))
+		return err_set(err, ERR_LIMIT, "a selection needs %zu bytes of memory, not %zu",
+			       selection_memory_min(params->grid), params->memory);
+	rest = params->memory - fixed - SMALL_BYTES;
+	/* A thin rule keeps few points, so its table, which sees all of them, gets the larger part. */
+	if (params->view->thin.cell)
+		table = (rest / 3 > GRID_STAGE_MIN ? rest - rest / 3 : rest - GRID_STAGE_MIN) & ~(size_t)(ALIGN_LINE - 1);
+	stage.memory = rest - table;
+	memory = aligned_alloc(ALIGN_LINE, fixed + table);
+	if (!memory)
+		return err_set(err, ERR_NOMEM, "no memory for a selection (%zu bytes)", fixed + table);
+	s = (struct selection *)memory;
+	memset(s, 0, sizeof *s);
+	s->p = params;
+	s->err = err;
+	s->table = memory + fixed;
+	s->table_bytes = table;
+	r = grid_reader_new(params->grid, memory + align_line(sizeof *s), reader_bytes, &s->reader, err);
+	if (!r)
+		r = grid_stage_new(&stage, &s->stage, err);
+	if (!r)
+		r = run(s);
+	if (!r)
+		*ret = s->out;
+	grid_stage_free(s->stage);
+	grid_reader_free(s->reader);
+	free(memory);
+	return r;
+}

@@ -1,0 +1,45 @@
+/*
+ * Selections: a grid of exactly the points that a view with crop, every or thin keeps, so that plan, halos and domains work on
+ * real counts and know nothing of these rules.
+ */
+#ifndef SELECTION_H
+#define SELECTION_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "digest.h"
+#include "grid.h"
+#include "view.h"
+
+struct err;
+
+/* `points` is the sum of `kept` and all of `removed`. */
+struct selection_counts {
+	uint64_t points;              /* of the generation */
+	uint64_t removed[VIEW_RULES]; /* never as duplicates: that rule applies to the selected grid */
+	uint64_t kept;                /* points of the selected grid */
+};
+
+struct selection_params {
+	const struct grid *grid;
+	const struct view *view; /* bound to the grid's lattice */
+	size_t memory;           /* all that it takes, at least selection_memory_min; charged by the caller */
+	int dirfd;               /* a folder of its own: segment, counts, and last the manifest */
+	/* May be NULL. Called at intervals with the points judged so far; non-zero cancels (-ERR_CANCELLED). */
+	int (*progress)(void *ctx, uint64_t points);
+	void *ctx;
+};
+
+#define SELECTION_MANIFEST "manifest" /* in the folder, written last */
+size_t selection_memory_min(const struct grid *grid);
+/* Makes a grid of the points that all rules except that of duplicates keep, on the same lattice. The result depends only on
+ * the points of the generation. After a failure the folder may hold files. */
+int selection_make(const struct selection_params *, struct selection_counts *ret, struct err *err);
+/* The counts that selection_make left in its folder. -ERR_CORRUPT: they are damaged. */
+int selection_counts_read(int dirfd, struct selection_counts *ret, struct err *err);
+/* The identity of a selection: content, lattice, coordinate system and units of the generation, and the rules that
+ * select. Views that differ only in the rule of duplicates share it. */
+struct digest selection_key(const struct grid *grid, const struct view *view);
+
+#endif

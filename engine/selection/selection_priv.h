@@ -1,0 +1,35 @@
+/* A selection in progress, shared by the walk over the index (selection.c) and the thin rule (selection_thin.c). */
+#ifndef SELECTION_PRIV_H
+#define SELECTION_PRIV_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "selection.h"
+
+enum { SELECTION_BATCH = 512, SELECTION_TABLE_MIN = 16 << 10 };
+
+struct selection {
+	const struct selection_params *p;
+	struct grid_reader *reader;
+	struct grid_stage *stage;
+	void *table; /* of the thin rule: table_bytes */
+	size_t table_bytes;
+	struct selection_counts out;
+	uint64_t judged;         /* records read and judged, each counted once */
+	uint64_t seen, reported; /* records read, some several times; `seen` at the last call of progress */
+	struct err *err;
+	struct point batch[SELECTION_BATCH];
+	size_t nbatch;
+};
+
+/* Calls progress at intervals. -ERR_CANCELLED: the caller cancelled. */
+int selection_progress(struct selection *);
+int selection_keep(struct selection *, const struct point *);
+
+/* Applies view_judge and the thin rule to all points of the grid. */
+int selection_thin(struct selection *);
+
+int selection_counts_write(int dirfd, const struct selection_counts *, struct err *err);
+
+#endif

@@ -1,0 +1,103 @@
+/* An area query in progress: the search for the triangles that meet a piece of a window. window_area.c has the model. */
+#ifndef WINDOW_AREA_H
+#define WINDOW_AREA_H
+
+#include "cut_source.h"
+#include "tri.h"
+#include "window.h"
+#include "window_piece.h"
+
+enum {
+	WINDOW_RASTER = 256,  /* squares on each axis */
+	WINDOW_PICK = 256,    /* most cells in a round */
+	WINDOW_DISCS = 4096,  /* most discs in a batch */
+	WINDOW_CAP_BYTES = 8, /* of the tables, per position of the arena */
+	WINDOW_AGAIN = 100,   /* result of window_area_test */
+};
+
+/* The closed disc of a triangle that meets the piece, or the closed half plane of a ghost, if it may contain
+ * points of cells that were not read. */
+struct window_disc {
+	const int32_t *a, *b; /* corners; of a ghost: its side, with the outside on the left */
+	double ux, uy;        /* from a to the centre */
+	double at[2];         /* the cells nearest to it are read first */
+	double best;          /* distance squared of `cell` from there; INFINITY: no cell */
+	bool ghost;
+	struct grid_cell cell;
+	double depth; /* of `deepest`, the deepest point of the sifted cell in the disc; 0: none */
+	struct mesh_vertex deepest;
+};
+
+struct window_seen {
+	uint64_t place;
+	uint32_t segment, used;
+};
+
+struct window_pick {
+	double far; /* squared */
+	struct grid_cell cell;
+};
+
+struct window_area {
+	/* the query */
+	struct cut_source src;
+	const struct view *view;
+	const struct cut_region *region;
+	uint32_t cap;   /* positions of the arena */
+	uint32_t round; /* cells of a round, at most WINDOW_PICK */
+	struct tri *tri;
+	bool highest; /* the view prefers the higher of two heights at a position */
+	/* its state */
+	struct window_piece window;
+	bool built;          /* tri has triangles, and points are inserted into them */
+	struct point *pts;   /* until then: the points, in the arena */
+	uint32_t npts, base; /* base: points of the cells that meet the piece */
+	bool unsorted;
+	bool sift;        /* only points inside a disc are taken from a cell, and the cell counts as not read */
+	bool thorough;    /* cells give few points: all cells that meet a disc are read, not only the nearest */
+	uint64_t waiting; /* estimate of the positions needed, when the arena is full */
+	struct mesh_counts counts;
+	/* the cells read beside those that meet the piece */
+	struct window_seen *seen;
+	uint32_t seen_size, nseen;
+	/* around the piece: the squares touched by a cell that was not read */
+	int64_t zone[4];
+	unsigned shift;
+	uint64_t dirty[WINDOW_RASTER][WINDOW_RASTER / 64];
+	struct window_disc *disc;
+	uint32_t ndisc, disc_room;
+	uint32_t hit[WINDOW_DISCS], nhit; /* discs that meet the sifted cell */
+	struct window_pick pick[WINDOW_PICK];
+	uint32_t npick;
+};
+
+size_t window_area_tables(uint32_t cap);
+/* A query of the region's piece in `tables`, of window_area_tables(cap) bytes. `tri`: after tri_init with `cap`. `round`: most
+ * cells in a round, for tests; 0: WINDOW_PICK. */
+struct window_area *window_area_init(const struct cut_source *, const struct view *, const struct cut_region *, uint32_t round,
+				     struct tri *, uint32_t cap, void *tables);
+/* Triangulates the piece. *ret_flat: it has no triangle. WINDOW_E_SPLIT as of window_domain. */
+int window_area_run(struct window_area *, bool *ret_flat, uint64_t *ret_need, struct err *err);
+
+/* window_domain and window_plan for any source of cells. `memory`: an arena of `cap` positions, then the tables. */
+int window_domain_from(const struct cut_source *, const struct view *, const struct cut_region *, uint32_t round, uint32_t cap,
+		       void *memory, const int64_t k[3], struct mesh_domain *ret, uint64_t *ret_need, struct err *err);
+int window_plan_from(const struct cut_source *, const struct view *, uint32_t cap, struct cut_plan *ret, struct err *err);
+
+/* window_area_cells.c: reading. WINDOW_E_SPLIT: the points do not fit. */
+bool window_area_has_read(const struct window_area *, const struct grid_cell *); /* the cell was read */
+int window_area_begin(struct window_area *, struct err *err);       /* reads the cells that meet the piece into pts */
+int window_area_read_picked(struct window_area *, struct err *err); /* reads the cells of pick */
+int window_area_pick_nearest(struct window_area *, uint32_t n, struct err *err); /* picks the n nearest the piece */
+/* Adds up to three points from anywhere, so that pts is not collinear; their cells count as not read. */
+int window_area_apex(struct window_area *, struct err *err);
+bool window_area_full(const struct window_area *);                     /* the table of read cells is full */
+bool window_area_build(struct window_area *);                          /* triangulates pts. False: they are collinear */
+double window_area_distance(const int32_t box[4], const double at[2]); /* distance squared */
+void window_area_pick(struct window_area *, uint32_t most, double far, const struct grid_cell *);
+
+/* window_area_disc.c: tests the triangles that meet the piece. WINDOW_AGAIN: some may be wrong, and the cells to read are picked;
+ * when sifting, points were inserted. 0: all are right. */
+int window_area_test(struct window_area *, struct err *err);
+
+#endif

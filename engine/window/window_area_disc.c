@@ -1,0 +1,394 @@
+/*
+ * The test of an area query: which triangles may be wrong, because a cell that was not read may contain points in their
+ * circle.
+ *
+ * A raster of the surroundings clears most triangles: it marks every square that the box of an unread cell touches. A
+ * triangle with a corner a is cleared if no mark lies in a square around a that contains any circle of its radius through
+ * a, or in a square around its circle. The discs of the others are collected in a batch and tested against the index in
+ * one walk.
+ *
+ * Discs are computed in doubles, and rounding errs towards reading more. Relative to a, the centre u is N / 2D, with N and
+ * D exact before they are converted: each of its numbers has a relative error below 2^-51. A point p (relative to a) is in
+ * the closed disc iff p^2 - 2 u p <= 0. A box meets the disc iff the minimum of that over the box, taken axis by axis where
+ * p is nearest to u, is <= 0. |px| and |py| are exact, so the error of px (px - 2 ux) is below 2^-49 |px| (|px| + 2 |ux|);
+ * taking the nearest p by a rounded u adds the square of the error of u. SLACK is 2^-46. So circles of any size are
+ * precise near a, where triangles are thin. Half planes of ghosts are exact.
+ *
+ * A sifted cell (window_area.c) gives each disc that it meets the point that is deepest in it, the farthest below the plane
+ * of the lifted triangle. So the hull of distant clusters, or the edge of a long strip, is found in a few rounds, as by
+ * quickhull. It also gives all points that may lie on the circle, because ties are decided among known points.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "geom.h"
+#include "window_area.h"
+
+#define SLACK 0x1p-46
+
+/* ---- the raster ---- */
+
+static int64_t larger(int64_t a, int64_t b)
+{
+	return a > b ? a : b;
+}
+
+/* The piece and its size around it on every side. */
+static void set_zone(struct window_area *a)
+{
+	const int64_t *b = a->window.box;
+	int64_t size = larger(b[2] - b[0], b[3] - b[1]) / 2 + 64;
+
+	a->shift = 0;
+	for (unsigned k = 0; k < 2; k++) {
+		a->zone[k] = b[k] / 2 - size;
+		a->zone[2 + k] = b[2 + k] / 2 + size;
+	}
+	while (larger(a->zone[2] - a->zone[0], a->zone[3] - a->zone[1]) >> a->shift >= WINDOW_RASTER)
+		a->shift++;
+}
+
+/* Bits from..to of a row, both included. */
+static uint64_t row_mask(unsigned word, int64_t from, int64_t to)
+{
+	int64_t first = (int64_t)word * 64, lo = from > first ? from - first : 0, hi = to < first + 63 ? to - first : 63;
+
+	return lo > hi ? 0 : (UINT64_MAX >> (63 - (hi - lo))) << lo;
+}
+
+static bool zone_enter(void *ctx, const struct grid_cell *subtree)
+{
+	const struct window_area *a = ctx;
+	const int32_t *b = subtree->box;
+
+	return subtree->count > 0 && b[0] <= a->zone[2] && b[1] <= a->zone[3] && b[2] >= a->zone[0] && b[3] >= a->zone[1];
+}
+
+static int zone_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct window_area *a = ctx;
+	int64_t at[4];
+
+	if (!zone_enter(a, cell) || window_area_has_read(a, cell))
+		return 0;
+	for (unsigned i = 0; i < 4; i++) {
+		int64_t v = cell->box[i], low = a->zone[i & 1], high = a->zone[2 + (i & 1)];
+
+		at[i] = ((v < low ? low : v > high ? high : v) - low) >> a->shift;
+	}
+	for (int64_t y = at[1]; y <= at[3]; y++)
+		for (int64_t word = at[0] / 64; word <= at[2] / 64; word++)
+			a->dirty[y][word] |= row_mask((unsigned)word, at[0], at[2]);
+	return 0;
+}
+
+static int make_raster(struct window_area *a, struct err *err)
+{
+	const struct grid_visitor v = {.ctx = a, .enter = zone_enter, .cell = zone_cell};
+
+	set_zone(a);
+	memset(a->dirty, 0, sizeof(a->dirty));
+	return a->src.walk(a->src.ctx, 0, UINT64_MAX, &v, err);
+}
+
+/* No unread cell has a point within `size` of the centre on both axes. */
+static bool clean(const struct window_area *a, double x, double y, double size)
+{
+	double from[2] = {x - size, y - size}, to[2] = {x + size, y + size};
+	int64_t lo[2], hi[2];
+
+	for (unsigned k = 0; k < 2; k++) {
+		if (!(from[k] >= (double)a->zone[k] && to[k] <= (double)a->zone[2 + k]))
+			return false;
+		lo[k] = ((int64_t)floor(from[k]) - a->zone[k]) >> a->shift;
+		hi[k] = ((int64_t)ceil(to[k]) - a->zone[k]) >> a->shift;
+	}
+	for (int64_t row = lo[1]; row <= hi[1]; row++)
+		for (int64_t word = lo[0] / 64; word <= hi[0] / 64; word++)
+			if (a->dirty[row][word] & row_mask((unsigned)word, lo[0], hi[0]))
+				return false;
+	return true;
+}
+
+/* ---- discs ---- */
+
+/* Cells nearest to (x, y), clamped to the piece, are read first. */
+static void look_at(const struct window_area *a, struct window_disc *d, double x, double y)
+{
+	const double at[2] = {x, y};
+
+	for (unsigned k = 0; k < 2; k++) {
+		double low = (double)a->window.box[k] / 2, high = (double)a->window.box[2 + k] / 2;
+
+		d->at[k] = at[k] < low ? low : at[k] > high ? high : at[k];
+	}
+	d->best = INFINITY;
+}
+
+/* The corner of a box that is farthest to the left of the line a, b. */
+static void leftmost(const int32_t a[2], const int32_t b[2], const int64_t box[4], int64_t ret[2])
+{
+	ret[0] = b[1] > a[1] ? box[0] : box[2];
+	ret[1] = b[0] > a[0] ? box[3] : box[1];
+}
+
+static bool ghost_disc(struct window_area *a, const int32_t p[2], const int32_t q[2], struct window_disc *ret)
+{
+	int64_t far[2];
+	geom_i128 turn;
+
+	leftmost(p, q, a->window.box, far);
+	turn = (geom_i128)((int64_t)q[0] - p[0]) * (far[1] - 2 * (int64_t)p[1]) -
+	       (geom_i128)((int64_t)q[1] - p[1]) * (far[0] - 2 * (int64_t)p[0]);
+	if (turn < 0)
+		return false;
+	ret->a = p;
+	ret->b = q;
+	ret->ghost = true;
+	look_at(a, ret, ((double)p[0] + q[0]) / 2, ((double)p[1] + q[1]) / 2);
+	return true;
+}
+
+static bool true_disc(struct window_area *area, const int32_t a[2], const int32_t b[2], const int32_t c[2],
+		      struct window_disc *ret)
+{
+	int64_t bx = (int64_t)b[0] - a[0], by = (int64_t)b[1] - a[1], cx = (int64_t)c[0] - a[0], cy = (int64_t)c[1] - a[1];
+	double ex = (double)(cx - bx), ey = (double)(cy - by), twice = 2 * (double)geom_area(a, b, c), radius;
+	double sides = ((double)bx * (double)bx + (double)by * (double)by) * ((double)cx * (double)cx + (double)cy * (double)cy) *
+		       (ex * ex + ey * ey);
+	geom_i128 bz, cz;
+
+	/* The radius is l1 l2 l3 / 2D; every point of the circle is within two radii of a. */
+	radius = sqrt(sides) / twice * (1 + SLACK);
+	if (clean(area, a[0], a[1], 2 * radius + 1))
+		return false;
+	bz = (geom_i128)bx * bx + (geom_i128)by * by;
+	cz = (geom_i128)cx * cx + (geom_i128)cy * cy;
+	ret->ux = (double)(bz * cy - cz * by) / twice;
+	ret->uy = (double)(cz * bx - bz * cx) / twice;
+	if (clean(area, a[0] + ret->ux, a[1] + ret->uy, radius + SLACK * (fabs(ret->ux) + fabs(ret->uy)) + 1))
+		return false;
+	ret->a = a;
+	ret->b = b;
+	ret->ghost = false;
+	look_at(area, ret, ((double)a[0] + b[0] + c[0]) / 3, ((double)a[1] + b[1] + c[1]) / 3);
+	return true;
+}
+
+static bool make_disc(struct window_area *a, const struct tri_result *t, uint32_t i, struct window_disc *ret)
+{
+	const uint32_t *corner = t->triangle[i].corner;
+
+	for (unsigned k = 0; k < 3; k++)
+		if (corner[k] == TRI_GHOST)
+			return ghost_disc(a, t->xy[corner[(k + 1) % 3]], t->xy[corner[(k + 2) % 3]], ret);
+	if (!window_piece_meets(&a->window, t->xy[corner[0]], t->xy[corner[1]], t->xy[corner[2]]))
+		return false;
+	return true_disc(a, t->xy[corner[0]], t->xy[corner[1]], t->xy[corner[2]], ret);
+}
+
+/* px (px - 2 ux) for the p of [low, high] that is nearest to u; adds its error bound to *slack. */
+static double along(double u, double low, double high, double *slack)
+{
+	double p = u < low ? low : u > high ? high : u;
+
+	*slack += fabs(p) * (fabs(p) + 2 * fabs(u));
+	return p * (p - 2 * u);
+}
+
+/* Points on the line of a side, but beyond its ends, do not affect the ghost. */
+static bool beside(const struct window_disc *d, const int32_t box[4])
+{
+	for (unsigned k = 0; k < 2; k++)
+		if ((box[2 + k] < d->a[k] && box[2 + k] < d->b[k]) || (box[k] > d->a[k] && box[k] > d->b[k]))
+			return false;
+	return true;
+}
+
+static bool ghost_meets(const struct window_disc *d, const int32_t box[4])
+{
+	const int64_t wide[4] = {box[0], box[1], box[2], box[3]};
+	int64_t at[2];
+	int32_t far[2];
+	int turn;
+
+	leftmost(d->a, d->b, wide, at);
+	far[0] = (int32_t)at[0];
+	far[1] = (int32_t)at[1];
+	turn = geom_orient(d->a, d->b, far);
+	return turn > 0 || (turn == 0 && beside(d, box));
+}
+
+static bool meets(const struct window_disc *d, const int32_t box[4])
+{
+	double slack = 0, value;
+
+	if (d->ghost)
+		return ghost_meets(d, box);
+	value = along(d->ux, (double)box[0] - d->a[0], (double)box[2] - d->a[0], &slack);
+	value += along(d->uy, (double)box[1] - d->a[1], (double)box[3] - d->a[1], &slack);
+	return value <= SLACK * slack;
+}
+
+/* ---- sifting ---- */
+
+/* > 0: depth of a point inside the disc; 0: it may be on the circle; < 0: it is outside. */
+static double depth_of(const struct window_disc *d, int32_t x, int32_t y)
+{
+	const int32_t at[2] = {x, y}, box[4] = {x, y, x, y};
+	double slack = 0, value;
+
+	if (d->ghost) {
+		geom_i128 turn = geom_area(d->a, d->b, at);
+
+		return turn ? (double)turn : beside(d, box) ? 0 : -1;
+	}
+	value = along(d->ux, (double)x - d->a[0], (double)x - d->a[0], &slack);
+	value += along(d->uy, (double)y - d->a[1], (double)y - d->a[1], &slack);
+	return value < -SLACK * slack ? -value : value <= SLACK * slack ? 0 : -1;
+}
+
+static int add(struct window_area *a, const struct mesh_vertex *v)
+{
+	return tri_add(a->tri, v, 1, a->highest) == TRI_E_FULL ? WINDOW_E_SPLIT : 0;
+}
+
+static int sift_points(void *ctx, const struct point *pts, size_t n, struct err *err)
+{
+	struct window_area *a = ctx;
+
+	(void)err;
+	a->counts.points_read += n;
+	for (size_t i = 0; i < n; i++) {
+		const struct mesh_vertex v = {pts[i].x, pts[i].y, pts[i].z};
+		bool on = false;
+
+		if (view_judge(a->view, &pts[i]) != VIEW_KEPT)
+			continue;
+		for (uint32_t k = 0; k < a->nhit; k++) {
+			struct window_disc *d = &a->disc[a->hit[k]];
+			double depth = depth_of(d, v.x, v.y);
+
+			on |= depth == 0;
+			if (depth > d->depth) {
+				d->depth = depth;
+				d->deepest = v;
+			}
+		}
+		if (on && add(a, &v))
+			return WINDOW_E_SPLIT;
+	}
+	return 0;
+}
+
+struct sift {
+	struct window_area *a;
+	struct err *err;
+};
+
+static int sift_cell(void *ctx, const struct grid_cell *cell)
+{
+	const struct sift *s = ctx;
+	struct window_area *a = s->a;
+	int r;
+
+	if (window_area_has_read(a, cell))
+		return 0;
+	a->nhit = 0;
+	for (uint32_t i = 0; i < a->ndisc; i++)
+		if (meets(&a->disc[i], cell->box)) {
+			a->disc[i].depth = 0;
+			a->hit[a->nhit++] = i;
+		}
+	if (!a->nhit)
+		return 0;
+	a->counts.cells_read++;
+	r = a->src.read(a->src.ctx, cell, sift_points, a, s->err);
+	for (uint32_t k = 0; k < a->nhit && !r; k++) {
+		const struct window_disc *d = &a->disc[a->hit[k]];
+
+		/* The view may prefer another record at its position: that is found when the position lies on a circle. */
+		if (d->depth > 0)
+			r = add(a, &d->deepest);
+	}
+	return r;
+}
+
+/* ---- the walk ---- */
+
+static bool any_meets(const struct window_area *a, const struct grid_cell *subtree)
+{
+	for (uint32_t i = 0; i < a->ndisc && subtree->count; i++)
+		if (meets(&a->disc[i], subtree->box))
+			return true;
+	return false;
+}
+
+static bool batch_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return any_meets(ctx, subtree);
+}
+
+static bool sift_enter(void *ctx, const struct grid_cell *subtree)
+{
+	return any_meets(((struct sift *)ctx)->a, subtree);
+}
+
+static int batch_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct window_area *a = ctx;
+
+	if (window_area_has_read(a, cell))
+		return 0;
+	for (uint32_t i = 0; i < a->ndisc; i++) {
+		struct window_disc *d = &a->disc[i];
+		double far;
+
+		if (!meets(d, cell->box))
+			continue;
+		far = window_area_distance(cell->box, d->at);
+		if (a->thorough) {
+			window_area_pick(a, a->round, far, cell);
+		} else if (far < d->best) {
+			d->best = far;
+			d->cell = *cell;
+		}
+	}
+	return 0;
+}
+
+/* Picks the nearest cells among the nearest cell of each disc; if cells gave few points, among all cells that meet a disc. */
+static int batch(struct window_area *a, struct err *err)
+{
+	const struct grid_visitor v = {.ctx = a, .enter = batch_enter, .cell = batch_cell};
+	struct sift s = {a, err};
+	const struct grid_visitor sift = {.ctx = &s, .enter = sift_enter, .cell = sift_cell};
+	uint32_t before = tri_count(a->tri);
+	int r = a->ndisc ? a->src.walk(a->src.ctx, 0, UINT64_MAX, a->sift ? &sift : &v, err) : 0;
+
+	if (a->sift) {
+		a->ndisc = 0;
+		return r ? r : tri_count(a->tri) != before ? WINDOW_AGAIN : 0;
+	}
+
+	for (uint32_t i = 0; i < a->ndisc && !r; i++)
+		if (a->disc[i].best < INFINITY)
+			window_area_pick(a, a->round, a->disc[i].best, &a->disc[i].cell);
+	a->ndisc = 0;
+	return r ? r : a->npick > 0 ? WINDOW_AGAIN : 0;
+}
+
+int window_area_test(struct window_area *a, struct err *err)
+{
+	struct tri_result t;
+	int r = make_raster(a, err);
+
+	tri_result(a->tri, &t);
+	a->npick = a->ndisc = 0;
+	for (uint32_t i = 0; i < t.ntriangle && !r; i++) {
+		a->ndisc += make_disc(a, &t, i, &a->disc[a->ndisc]);
+		if (a->ndisc == a->disc_room)
+			r = batch(a, err);
+	}
+	return r ? r : batch(a, err);
+}

@@ -1,0 +1,133 @@
+/*
+ * The plan of a window: pieces that fit an arena each, in the order of the plane's halvings. A region is as small as its
+ * piece allows, so that each halving divides a piece, and parts of the plane without a piece are no leaves. The index
+ * gives the need of a piece: the positions of all cells that meet it. Halving may not reduce the need, where many
+ * segments have large cells: the halves together then read many times what the whole does. Such a piece is not halved
+ * here, but when it is found not to fit.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "window_area.h"
+
+enum { STACK = 72, WASTE = 4 };
+
+struct part {
+	struct cut_leaf leaf;
+	double waste; /* log2 of the factor by which the halvings above it increased the positions read */
+};
+
+struct sum {
+	struct window_piece window;
+	uint64_t positions;
+	bool exact;
+};
+
+static bool sum_enter(void *ctx, const struct grid_cell *subtree)
+{
+	const struct sum *s = ctx;
+
+	return subtree->count > 0 && window_piece_meets_box(&s->window, subtree->box);
+}
+
+static int sum_cell(void *ctx, const struct grid_cell *cell)
+{
+	struct sum *s = ctx;
+
+	if (cell->count && window_piece_meets_box(&s->window, cell->box))
+		s->positions += cell->distinct < cell->count ? cell->distinct : cell->count;
+	return 0;
+}
+
+/* The leaf of a region. *ret_any false: it has no piece. */
+static int leaf_of(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct cut_region *region,
+		   struct cut_leaf *ret, bool *ret_any, struct err *err)
+{
+	struct sum s = {0};
+	const struct grid_visitor v = {.ctx = &s, .enter = sum_enter, .cell = sum_cell};
+	int r = 0;
+
+	*ret = (struct cut_leaf){.region = *region};
+	*ret_any = window_piece_init(&s.window, view, data, region);
+	if (*ret_any) {
+		window_piece_tighten(&s.window, &ret->region);
+		r = src->walk(src->ctx, 0, UINT64_MAX, &v, err);
+		ret->count = s.positions;
+	}
+	return r;
+}
+
+/* Pushes the halves that have a piece onto the stack; the lower one on top. */
+static int halve(const struct cut_source *src, const struct view *view, const int32_t data[4], const struct part *whole,
+		 const struct cut_region half[2], struct part *stack, unsigned *n, struct err *err)
+{
+	uint64_t sum = 0;
+	unsigned first = *n;
+
+	for (unsigned k = 2; k-- > 0;) {
+		struct part part = {.waste = whole->waste};
+		bool any;
+		int r = leaf_of(src, view, data, &half[k], &part.leaf, &any, err);
+
+		if (r)
+			return r;
+		sum += part.leaf.count;
+		if (any)
+			stack[(*n)++] = part;
+	}
+	for (unsigned i = first; i < *n; i++)
+		if (sum > whole->leaf.count)
+			stack[i].waste += log2((double)sum / (double)whole->leaf.count);
+	return 0;
+}
+
+int window_plan_from(const struct cut_source *src, const struct view *view, uint32_t cap, struct cut_plan *ret, struct err *err)
+{
+	const struct cut_region plane = window_piece_plane();
+	struct cut_plan plan = {.ledger = src->ledger};
+	struct part stack[STACK];
+	struct cut_region half[2];
+	int32_t data[4];
+	unsigned n = 0;
+	bool any = false;
+	int r = 0;
+
+	stack[0] = (struct part){0};
+	if (src->box(src->ctx, data))
+		r = leaf_of(src, view, data, &plane, &stack[0].leaf, &any, err);
+	n = any;
+	while (n > 0 && !r) {
+		struct part part = stack[--n];
+
+		/* A quarter of the arena is for the points read around the piece. */
+		if (part.leaf.count > cap - cap / 4 && part.waste < WASTE && cut_region_split(&part.leaf.region, half)) {
+			r = halve(src, view, data, &part, half, stack, &n, err);
+			continue;
+		}
+		r = cut_plan_room(&plan, plan.n + 1, err);
+		if (!r)
+			plan.leaf[plan.n++] = part.leaf;
+	}
+	if (r)
+		cut_plan_done(&plan);
+	else
+		*ret = plan;
+	return r;
+}
+
+int window_plan(struct grid_reader *reader, const struct view *view, uint32_t cap, struct cut_plan *ret, struct err *err)
+{
+	struct cut_source src;
+
+	cut_source_grid(reader, &src);
+	return window_plan_from(&src, view, window_cap(cap), ret, err);
+}
+
+void window_tighten(const struct grid *grid, const struct view *view, struct cut_region *region)
+{
+	struct window_piece piece;
+	int32_t data[4];
+
+	if (grid_box(grid, data) && window_piece_init(&piece, view, data, region))
+		window_piece_tighten(&piece, region);
+}

@@ -1,0 +1,390 @@
+/*
+ * Jobs that are over: ten thousand of them are listed as they were, in a memory of 64 MiB; those of more than 30 days
+ * go, with their plans; one that is looked for can be removed. What is kept is the report to the last digit.
+ */
+#include "service.h"
+
+#include "job_priv.h"
+#include "log.h"
+#include "history.h"
+
+enum { JOBS = 10000, OLD = 1000, AT_ONCE = 64 };
+#define SMALL (UINT64_C(4) << 20)
+
+static void sql(const char *text)
+{
+	char path[128], *why = NULL;
+	sqlite3 *db;
+
+	snprintf(path, sizeof path, "%s/catalogue.db", h.folder);
+	assert_int_equal(sqlite3_open(path, &db), SQLITE_OK);
+	if (sqlite3_exec(db, text, NULL, NULL, &why) != SQLITE_OK)
+		fail_msg("%s", why);
+	sqlite3_close(db);
+}
+
+static void make_jobs(void)
+{
+	const struct job_report r = {.points = 123456789,
+				     .used = 123456,
+				     .vertices = 99,
+				     .triangles = 190,
+				     .hull = 7,
+				     .domains = 3,
+				     .digest = "0123456789abcdef0123456789abcdef",
+				     .vertex_digest = "fedcba9876543210fedcba9876543210",
+				     .seconds = 1.25,
+				     .worked_seconds = 0.75};
+	int64_t now = clock_real_us(), old = now - INT64_C(31) * 86400000000;
+	char report[2048], text[4096];
+
+	report_text(&r, report, sizeof report);
+	snprintf(text, sizeof text,
+		 "BEGIN;"
+		 "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < %d)"
+		 " INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
+		 " error_code, error_message, error_file, error_field, error_hint, error_offset)"
+		 " SELECT i, 0, 1, 'view 1', CASE WHEN i %% 10 THEN 'done' ELSE 'failed' END, 1000, 1, %lld,"
+		 " CASE WHEN i <= %d THEN %lld ELSE %lld END, CASE WHEN i %% 10 THEN '%s' ELSE '' END,"
+		 " CASE WHEN i %% 10 THEN '' ELSE 'bad-input' END, CASE WHEN i %% 10 THEN '' ELSE 'broken' END,"
+		 " '', '', '', -1 FROM n;"
+		 "COMMIT;",
+		 JOBS, (long long)old, OLD, (long long)old, (long long)now, report);
+	sql(text);
+}
+
+static unsigned listed(void)
+{
+	unsigned n = 0;
+	uint64_t id = 0;
+	struct job *job;
+
+	while ((job = job_after(h.jobs, id, &me))) {
+		struct job_info info;
+
+		job_info(job, &info);
+		assert_true(info.id > id);
+		id = info.id;
+		n++;
+		if (id % 10) {
+			assert_int_equal(info.state, JOB_done);
+			assert_int_equal(info.report->points, 123456789);
+			assert_string_equal(info.report->vertex_digest, "fedcba9876543210fedcba9876543210");
+			assert_true(info.report->seconds == 1.25 && info.report->worked_seconds == 0.75);
+			assert_null(info.err);
+		} else {
+			assert_int_equal(info.state, JOB_failed);
+			assert_string_equal(info.err->message, "broken");
+			assert_int_equal(info.err->offset, ERR_NO_OFFSET);
+		}
+		assert_string_equal(info.view, "view 1");
+	}
+	return n;
+}
+
+static void many(void **state)
+{
+	struct err err = ERR_INIT;
+	struct job *job;
+	char plan[96];
+
+	snprintf(plan, sizeof plan, "%s/plans/plan-5", h.folder);
+	close_service();
+	make_jobs();
+	close(open(plan, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	open_service(UINT64_C(64) << 20, 1);
+	assert_int_equal(listed(), JOBS);
+	print_message("%llu KiB for %u jobs\n", (unsigned long long)ledger_held(h.ledger, LEDGER_JOBS) >> 10, JOBS);
+	assert_true(ledger_held(h.ledger, LEDGER_JOBS) < UINT64_C(8) << 20);
+	/* None of them is at work: no loop comes by. */
+	assert_null(h.jobs->jobs);
+	/* Those that are too old go, a few at a time, and from the disk: never so many that others would wait long for it. */
+	while (history_count(h.jobs) > JOBS - OLD) {
+		turn(10);
+		assert_true(catalogue_busy(h.catalogue) <= AT_ONCE);
+	}
+	assert_int_equal(history_count(h.jobs), JOBS - OLD);
+	assert_null(job_find(h.jobs, 5, &me));
+	turn_until(access(plan, F_OK) != 0);
+	turn_until(!jobs_active(h.jobs));
+	assert_int_equal(listed(), JOBS - OLD);
+	/* Another user sees none; one is removed; one is awake, and put back among the others. */
+	assert_null(job_find(h.jobs, 7777, &(struct job_peer){.uid = 2000}));
+	job = job_find(h.jobs, 7777, &me);
+	assert_non_null(job);
+	assert_int_equal(job_remove(job, &err), 0);
+	assert_null(job_find(h.jobs, 7777, &me));
+	job = job_find(h.jobs, 7778, &me);
+	assert_int_equal(history_awake(job, &job, &err), 0);
+	assert_ptr_equal(job_find(h.jobs, 7778, &me), job);
+	assert_true(history_keep(job));
+	assert_int_equal(listed(), JOBS - OLD - 1);
+	turn_until(!catalogue_busy(h.catalogue));
+	close_service();
+	open_service(UINT64_C(64) << 20, 1);
+	assert_int_equal(listed(), JOBS - OLD - 1);
+}
+
+/* Where there is no room for all the oldest give way. */
+static void little_memory(void **state)
+{
+	close_service();
+	make_jobs();
+	open_service(UINT64_C(24) << 20, 1);
+	assert_non_null(job_find(h.jobs, JOBS, &me));
+	assert_true(history_count(h.jobs) > 0);
+}
+
+/* What a push left is taken up, however many jobs are over: these fill the memory, and give way, with their rows and plans, some
+ * at a time. */
+static void little_memory_push(void **state)
+{
+	enum { PUSHES = 100, TAKEN_UP = 20000 };
+	static struct pending *taken[TAKEN_UP];
+	struct err err = ERR_INIT;
+	char plan[96];
+	size_t left;
+
+	snprintf(plan, sizeof plan, "%s/plans/plan-5", h.folder);
+	close_service();
+	make_jobs();
+	close(open(plan, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	sql("INSERT INTO dataset (id, name, uid, created_us, pushed_us, manifest, generation, points, bytes, files, lattice, crs, unit_xy,"
+	    " unit_z, box_min, box_max, gid, mode) VALUES (1, 'valley', 1000, 1, 1, '', 1, 0, 0, 0, '', '', '', '', 0, 0, 1000, 416)");
+	sql("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 100)"
+	    " INSERT INTO push (id, dataset, uid, files, begun_us) SELECT i, 1, 1000, 1, 1 FROM n");
+	log_init("test-past", LOG_LEVEL_WARNING);
+	open_service(SMALL, 1);
+	assert_int_equal(h.jobs->last_push, PUSHES);
+	assert_non_null(job_find(h.jobs, JOBS, &me));
+	assert_null(job_find(h.jobs, 5, &me));
+	assert_true(h.jobs->ndeletions > 0);
+	while (h.jobs->ndeletions) {
+		left = h.jobs->ndeletions;
+		turn(10);
+		assert_true(left - h.jobs->ndeletions <= AT_ONCE);
+		assert_true(catalogue_busy(h.catalogue) <= 2 * AT_ONCE);
+	}
+	turn_until(access(plan, F_OK) != 0);
+	turn_until(!jobs_active(h.jobs));
+	/* As many pushes as take more than the jobs left over. */
+	left = history_count(h.jobs);
+	h.jobs->loading = true;
+	for (unsigned i = 0; i < TAKEN_UP; i++)
+		assert_non_null(taken[i] = pending_new(h.jobs, 0, &err));
+	h.jobs->loading = false;
+	assert_true(history_count(h.jobs) < left);
+	for (unsigned i = 0; i < TAKEN_UP; i++)
+		pending_free(h.jobs, taken[i]);
+	while (h.jobs->ndeletions)
+		turn(10);
+	turn_until(!jobs_active(h.jobs));
+	left = history_count(h.jobs);
+	close_service();
+	open_service(UINT64_C(64) << 20, 1);
+	assert_int_equal(history_count(h.jobs), left);
+}
+
+/* However many jobs are over, or wait, there is room for one to be at work: none holds what another needs to end. */
+static void all_get_done(void **state)
+{
+	enum { ASKED = 1200 };
+	struct job_params p = {.view = VIEW, .fresh = true, .peer = me};
+	unsigned refused = 0;
+
+	close_service();
+	make_jobs();
+	service_most = UINT64_C(2) << 20;
+	open_service(UINT64_C(64) << 20, 2);
+	service_most = 0;
+	assert_non_null(job_find(h.jobs, JOBS, &me));
+	p.dataset = push("valley", 300, 5);
+	accepts = 0;
+	for (unsigned i = 0; i < ASKED; i++) {
+		job_submit(h.jobs, &p, accepted, NULL);
+		refused += accepted_err.code == ERR_BUSY;
+	}
+	turn_until(accepts == ASKED);
+	assert_true(refused > 0 && refused < ASKED);
+	turn_until(!jobs_active(h.jobs));
+	for (struct job *job = job_after(h.jobs, JOBS, &me); job; job = job_after(h.jobs, info_of(job).id, &me))
+		assert_int_equal(info_of(job).state, JOB_done);
+	dataset_release(p.dataset);
+}
+
+/* Views of all lengths: what a job is packed into is as large as it, whatever its numbers are (seen by the sanitizer). */
+static void lengths(void **state)
+{
+	enum { LENGTHS = 600 };
+	struct job *job;
+	unsigned n = 0;
+
+	close_service();
+	sql("WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < 600)"
+	    " INSERT INTO job (id, dataset, generation, view, state, uid, pid, submitted_us, finished_us, report,"
+	    " error_code, error_message, error_file, error_field, error_hint, error_offset)"
+	    " SELECT i, 0, 1, printf('%*s', i, 'v'), 'failed', 1000, 1, 1, strftime('%s') * 1000000, '', 'bad-input', '', '',"
+	    " '', '', -1 FROM n");
+	open_service(UINT64_C(64) << 20, 1);
+	for (uint64_t id = 0; (job = job_after(h.jobs, id, &me)); n++) {
+		id = info_of(job).id;
+		assert_int_equal(strlen(info_of(job).view), id);
+	}
+	assert_int_equal(n, LENGTHS);
+	assert_null(h.jobs->jobs);
+}
+
+/* What is read of a report is what was written, as strtod reads it. */
+static void reports(void **state)
+{
+	static const double seconds[] = {0,     0.000001, 0.025279, 0.999999, 1.25, 86400.000001, 123456789.123456, 12345678901.5,
+					 1e300, 0.1};
+	char text[4096];
+
+	for (size_t i = 0; i < sizeof seconds / sizeof *seconds; i++) {
+		struct job_report r = {.points = UINT64_MAX - i,
+				       .used = UINT64_C(999999999999999999) + i,
+				       .vertices = 10 * i,
+				       .digest = "0123456789abcdef0123456789abcdef",
+				       .seconds = seconds[i],
+				       .peak_rss = i,
+				       .note = "with blanks, and a full stop.",
+				       .worked_seconds = 1 / (1.0 + (double)i),
+				       .window = i % 2};
+		struct job_report back;
+
+		for (int k = 0; k < VIEW_RULES; k++)
+			r.removed[k] = i * 1000 + (uint64_t)k;
+		report_text(&r, text, sizeof text);
+		snprintf(text + strlen(text), 99, "no-such 5\nremoved-never 6\n\nnothing\n");
+		report_parse(text, &back);
+		snprintf(text, sizeof text, "%.6f", r.worked_seconds);
+		assert_true(back.worked_seconds == strtod(text, NULL));
+		back.worked_seconds = r.worked_seconds;
+		snprintf(text, sizeof text, "%.6f", r.seconds);
+		assert_true(back.seconds == strtod(text, NULL));
+		back.seconds = r.seconds;
+		assert_memory_equal(&back, &r, sizeof r);
+	}
+}
+
+/* Of an older version, or by another hand: lines that are missing, in another order, not as they are written today. */
+static void old_reports(void **state)
+{
+	struct job_report r;
+
+	report_parse(
+		"points 7\nvertices 5\nseconds 2\nused 0006\nremoved-noise 3\nremoved-kept 9\nstage_seconds 0.5\n"
+		"hull \ndomains 4x\nhalo -1\nnote a b\ndigest abc\nseal_seconds 1.234567\nremoved-kept 11\nwindow 1\ntriangles 8",
+		&r);
+	assert_int_equal(r.points, 7);
+	assert_int_equal(r.used, 6);
+	assert_int_equal(r.vertices, 5);
+	assert_int_equal(r.triangles, 8);
+	assert_int_equal(r.hull | r.domains | r.halo, 0);
+	assert_true(r.seconds == 2 && r.stage_seconds == 0.5 && r.seal_seconds == 1.234567);
+	assert_int_equal(r.removed[VIEW_BY_NOISE], 3);
+	assert_int_equal(r.removed[VIEW_KEPT], 11);
+	assert_string_equal(r.note, "a b");
+	assert_string_equal(r.digest, "abc");
+	assert_int_equal(r.window, 1);
+}
+
+/* Pages of datasets: by name, each once, whatever order they were made in; others' private and removed ones are not there. */
+static void listing(void **state)
+{
+	enum { ALL = 500 };
+	const struct job_peer he = {.uid = 7};
+	struct dataset all[ALL] = {0}, *page[64];
+	const struct jobs service = {.datasets = all};
+	char after[DATASET_NAME_MAX + 1] = "";
+	unsigned n, seen = 0, max = 1;
+
+	for (unsigned i = 0; i < ALL; i++) {
+		all[i] = (struct dataset){.next = i + 1 < ALL ? &all[i + 1] : NULL, .uid = 7, .mode = 0600, .generation = 1};
+		snprintf(all[i].name, sizeof all[i].name, "set-%03u", i * 307 % ALL);
+		all[i].removed_us = i % 10 == 3;
+		all[i].uid = i % 10 == 4 ? 8 : 7;
+	}
+	while ((n = dataset_list(&service, after, &he, max, page))) {
+		for (unsigned i = 0; i < n; i++) {
+			assert_true(strcmp(page[i]->name, i ? page[i - 1]->name : after) > 0);
+			assert_true(!page[i]->removed_us && page[i]->uid == 7);
+		}
+		assert_true(n == max || seen + n == ALL * 8 / 10);
+		snprintf(after, sizeof after, "%s", page[n - 1]->name);
+		seen += n;
+		max = max % 64 + 1;
+	}
+	assert_int_equal(seen, ALL * 8 / 10);
+}
+
+/* What an earlier daemon left in the cache. */
+static bool left(const char *name, bool make)
+{
+	char path[128], file[160];
+	struct stat st;
+
+	snprintf(path, sizeof path, "%s/%s", h.folder, name);
+	snprintf(file, sizeof file, "%s/x", path);
+	if (make)
+		close(open(file, O_WRONLY | O_CREAT | O_CLOEXEC, 0600));
+	return !stat(path, &st);
+}
+
+/* What a start has to sweep waits, and the loop is told; it is swept when the time is over, when a daemon stops before, and
+ * when its jobs go without that. */
+static void rests(void **state)
+{
+	assert_false(jobs_resting(h.jobs));
+	assert_true(left("tmp", true));
+	close_service();
+	service_rest = 1e6;
+	assert_true(left("tmp", true));
+	open_service(UINT64_C(64) << 20, 1);
+	for (int i = 0; i < 20; i++)
+		turn(10);
+	assert_true(jobs_resting(h.jobs));
+	assert_false(jobs_active(h.jobs));
+	assert_false(h.jobs->disk.begun);
+	assert_true(left("gone-0", false));
+	close_service();
+	assert_false(left("gone-0", false));
+
+	service_rest = 0.05;
+	assert_true(left("tmp", true));
+	open_service(UINT64_C(64) << 20, 1);
+	turn_until(!left("gone-0", false));
+	turn_until(h.jobs->disk.begun);
+	assert_false(jobs_resting(h.jobs));
+	close_service();
+
+	service_rest = 1e6;
+	assert_true(left("tmp", true));
+	open_service(UINT64_C(64) << 20, 1);
+	sched_free(h.sched);
+	catalogue_free(h.catalogue);
+	jobs_free(h.jobs);
+	ledger_free(h.ledger);
+	close(h.statefd);
+	close(h.cachefd);
+	service_rest = 0;
+	open_service(UINT64_C(64) << 20, 1);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {
+		cmocka_unit_test_setup_teardown(many, setup, teardown),
+		cmocka_unit_test_setup_teardown(little_memory, setup, teardown),
+		cmocka_unit_test_setup_teardown(little_memory_push, setup, teardown),
+		cmocka_unit_test_setup_teardown(all_get_done, setup, teardown),
+		cmocka_unit_test_setup_teardown(lengths, setup, teardown),
+		cmocka_unit_test_setup_teardown(rests, setup, teardown),
+		cmocka_unit_test(reports),
+		cmocka_unit_test(old_reports),
+		cmocka_unit_test(listing),
+	};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,418 @@
+/*
+ * Random windows: small point sets in random cells and segments, boxes and polygons of every kind, divided into pieces
+ * by plans of random load and at random. Together the pieces have exactly the triangles of the whole mesh that meet the
+ * area, each once, with the heights of the whole mesh. The test finds these triangles by crossing segments and by a ray,
+ * and the engine does not.
+ */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "brute.h"
+#include "err.h"
+#include "sets.h"
+#include "view_area.h"
+#include "window_area.h"
+
+enum { MAX_TRIANGLES = 4 * BRUTE_POINTS, RINGS = 4, CORNERS = 7, CAP_MOST = 4096 };
+
+struct polygon {
+	int64_t at[RINGS][CORNERS][2]; /* lattice numbers */
+	unsigned n[RINGS], rings;
+	bool shell[RINGS];
+};
+
+static struct sets set;
+static struct view view;
+static struct polygon polygon;
+static int32_t whole[MAX_TRIANGLES][6], want[MAX_TRIANGLES][6], got[2 * MAX_TRIANGLES][6];
+static unsigned ngot;
+static void *memory;
+static uint64_t cases, wanted, some, pieces, halvings, cells, all_cells, empties;
+
+/* ---- the window ---- */
+
+static int64_t near(uint64_t *seed, unsigned axis)
+{
+	int64_t low, high, span;
+
+	if (set.n == 0)
+		return (int64_t)sets_below(seed, 9) - 4;
+	low = high = axis ? set.pos[0].y : set.pos[0].x;
+	for (unsigned i = 1; i < set.n; i++) {
+		int64_t v = axis ? set.pos[i].y : set.pos[i].x;
+
+		low = v < low ? v : low;
+		high = v > high ? v : high;
+	}
+	span = high - low;
+	switch (sets_below(seed, 8)) {
+	case 0: { /* of a point */
+		const struct mesh_vertex *p = &set.pos[sets_below(seed, set.n)];
+
+		return axis ? p->y : p->x;
+	}
+	case 1: /* outside, far or near */
+		return sets_below(seed, 2) ? high + 1 + sets_below(seed, 4) : low - (INT64_C(1) << sets_below(seed, 42));
+	case 2:
+		return sets_below(seed, 2) ? low : high;
+	default:
+		return low + (int64_t)(tiling_random(seed) % (uint64_t)(span + 1));
+	}
+}
+
+static void make_box(uint64_t *seed)
+{
+	view.window = VIEW_CROP_BOX;
+	for (unsigned k = 0; k < 2; k++) {
+		int64_t a = near(seed, k), b = sets_below(seed, 4) ? near(seed, k) : a + sets_below(seed, 3);
+
+		view.window_box[k] = (a < b ? a : b) + view.k[k];
+		view.window_box[2 + k] = (a < b ? b : a) + view.k[k];
+	}
+}
+
+/* A hole that repeats corners until two are left is none. */
+static void drop_hole(unsigned r)
+{
+	int64_t(*c)[2] = polygon.at[r];
+	unsigned n = 0;
+
+	for (unsigned i = 0; i < polygon.n[r]; i++)
+		if (n == 0 || memcmp(c[i], c[n - 1], sizeof(c[i])))
+			memmove(c[n++], c[i], sizeof(c[i]));
+	while (n > 1 && !memcmp(c[0], c[n - 1], sizeof(c[0])))
+		n--;
+	polygon.n[r] = polygon.shell[r] || n >= 3 ? n : 0;
+}
+
+/* Rings of a few random corners: they cross themselves and each other, which the rule of a ray allows. */
+static void make_polygon(uint64_t *seed)
+{
+	struct err err = ERR_INIT;
+	struct view_area *a = view_area_new();
+
+	assert_non_null(a);
+	polygon.rings = 1 + sets_below(seed, RINGS);
+	for (unsigned r = 0; r < polygon.rings; r++) {
+		polygon.shell[r] = r == 0 || sets_below(seed, 2);
+		polygon.n[r] = polygon.shell[r] ? 1 + sets_below(seed, CORNERS) : 3 + sets_below(seed, CORNERS - 2);
+		assert_int_equal(view_area_ring(a, polygon.shell[r], &err), 0);
+		for (unsigned i = 0; i < polygon.n[r]; i++) {
+			for (unsigned k = 0; k < 2; k++)
+				polygon.at[r][i][k] = near(seed, k);
+			assert_int_equal(
+				view_area_corner(a, polygon.at[r][i][0] + view.k[0], polygon.at[r][i][1] + view.k[1], &err), 0);
+		}
+		drop_hole(r);
+	}
+	assert_int_equal(view_area_end(a, &err), 0);
+	view.window = VIEW_CROP_AREA;
+	view.window_area = a;
+	view_area_bounds(a, view.window_box);
+}
+
+/* ---- which triangles ---- */
+
+typedef __int128 wide;
+
+static int side(const int64_t a[2], const int64_t b[2], const int64_t p[2])
+{
+	wide v = (wide)(b[0] - a[0]) * (p[1] - a[1]) - (wide)(b[1] - a[1]) * (p[0] - a[0]);
+
+	return (v > 0) - (v < 0);
+}
+
+static bool between(const int64_t a[2], const int64_t b[2], const int64_t p[2])
+{
+	for (unsigned k = 0; k < 2; k++)
+		if ((p[k] < a[k] && p[k] < b[k]) || (p[k] > a[k] && p[k] > b[k]))
+			return false;
+	return true;
+}
+
+static bool crosses(const int64_t a[2], const int64_t b[2], const int64_t p[2], const int64_t q[2])
+{
+	int s = side(a, b, p), t = side(a, b, q), u = side(p, q, a), v = side(p, q, b);
+
+	if (s * t < 0 && u * v < 0)
+		return true;
+	return (!s && between(a, b, p)) || (!t && between(a, b, q)) || (!u && between(p, q, a)) || (!v && between(p, q, b));
+}
+
+static bool in_triangle(const int64_t t[3][2], const int64_t p[2])
+{
+	return side(t[0], t[1], p) >= 0 && side(t[1], t[2], p) >= 0 && side(t[2], t[0], p) >= 0;
+}
+
+/* On the ring's edge: 2; else whether a ray leaves it an odd number of times. */
+static int ring_has(unsigned r, const int64_t p[2])
+{
+	int odd = 0;
+
+	for (unsigned i = 0; i < polygon.n[r]; i++) {
+		const int64_t *a = polygon.at[r][i], *b = polygon.at[r][(i + 1) % polygon.n[r]];
+
+		if (!side(a, b, p) && between(a, b, p))
+			return 2;
+		if ((a[1] > p[1]) != (b[1] > p[1]))
+			odd ^= (side(a, b, p) > 0) == (b[1] > a[1]);
+	}
+	return odd;
+}
+
+static bool polygon_has(const int64_t p[2])
+{
+	bool in = false, any = false;
+
+	for (unsigned r = 0; r < polygon.rings; r++) {
+		int has = ring_has(r, p);
+
+		if (polygon.shell[r]) {
+			any = any || in;
+			in = has != 0;
+		} else {
+			in = in && has != 1;
+		}
+	}
+	return any || in;
+}
+
+static bool meets(const int32_t c[6])
+{
+	int64_t t[3][2];
+
+	for (unsigned i = 0; i < 6; i++)
+		t[i / 2][i % 2] = c[i];
+	if (view.window == VIEW_CROP_BOX) {
+		polygon = (struct polygon){.rings = 1, .n = {4}, .shell = {true}};
+		for (unsigned i = 0; i < 4; i++) {
+			polygon.at[0][i][0] = view.window_box[i == 1 || i == 2 ? 2 : 0] - view.k[0];
+			polygon.at[0][i][1] = view.window_box[i >= 2 ? 3 : 1] - view.k[1];
+		}
+	}
+	for (unsigned i = 0; i < 3; i++)
+		if (polygon_has(t[i]))
+			return true;
+	for (unsigned r = 0; r < polygon.rings; r++) {
+		for (unsigned i = 0; i < polygon.n[r]; i++) {
+			const int64_t *a = polygon.at[r][i], *b = polygon.at[r][(i + 1) % polygon.n[r]];
+
+			if (in_triangle((const int64_t(*)[2])t, a))
+				return true;
+			for (unsigned k = 0; k < 3; k++)
+				if (crosses(a, b, t[k], t[(k + 1) % 3]))
+					return true;
+		}
+	}
+	return false;
+}
+
+/* ---- what comes ---- */
+
+static int triangle_compare(const void *a, const void *b)
+{
+	return memcmp(a, b, 6 * sizeof(int32_t));
+}
+
+/* Counter-clockwise, the smallest corner first. */
+static void normal(int32_t c[6])
+{
+	while (c[0] > c[2] || (c[0] == c[2] && c[1] > c[3]) || c[0] > c[4] || (c[0] == c[4] && c[1] > c[5])) {
+		int32_t x = c[0], y = c[1];
+
+		memmove(c, c + 2, 4 * sizeof(*c));
+		c[4] = x;
+		c[5] = y;
+	}
+}
+
+static void take(const struct mesh_domain *d)
+{
+	for (uint32_t i = 0; i < d->nvertex && d->ntriangle; i++) {
+		const struct mesh_vertex *v = &d->vertex[i];
+		unsigned k = 0;
+
+		while (k < set.n && (set.pos[k].x != v->x || set.pos[k].y != v->y))
+			k++;
+		assert_true(k < set.n);
+		assert_int_equal(v->z, set.pos[k].z);
+	}
+	for (uint32_t i = 0; i < d->ntriangle; i++) {
+		assert_true(ngot < 2 * MAX_TRIANGLES);
+		for (unsigned k = 0; k < 3; k++) {
+			got[ngot][2 * k] = d->vertex[d->triangle[i][k]].x;
+			got[ngot][2 * k + 1] = d->vertex[d->triangle[i][k]].y;
+		}
+		normal(got[ngot++]);
+	}
+}
+
+/* A piece. If it does not fit it is halved, or gets a larger arena where halving does not help. */
+static void piece(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned depth, uint32_t cap)
+{
+	uint32_t round = sets_below(seed, 2) ? 1 + sets_below(seed, 4) : 0;
+	struct err err = ERR_INIT;
+	struct mesh_domain d;
+	struct cut_region half[2];
+	uint64_t need;
+	int r = window_domain_from(src, &view, region, round, cap, memory, view.k, &d, &need, &err);
+
+	pieces++;
+	if (!r) {
+		take(&d);
+		cells += d.counts.cells_read;
+		return;
+	}
+	assert_int_equal(r, WINDOW_E_SPLIT);
+	assert_true(need > cap || cap > 16);
+	halvings++;
+	if (depth == 4 || !cut_region_split(region, half)) {
+		piece(seed, src, region, depth, 2 * cap);
+		return;
+	}
+	for (unsigned k = 0; k < 2; k++) {
+		struct window_piece w;
+		int32_t data[4];
+
+		assert_true(src->box(src->ctx, data));
+		if (window_piece_init(&w, &view, data, &half[k]))
+			window_piece_tighten(&w, &half[k]);
+		piece(seed, src, &half[k], depth + 1, cap);
+	}
+}
+
+static void by_plan(uint64_t *seed, const struct cut_source *src, uint32_t cap)
+{
+	struct err err = ERR_INIT;
+	struct cut_plan plan;
+
+	assert_int_equal(window_plan_from(src, &view, cap, &plan, &err), 0);
+	for (size_t i = 0; i < plan.n; i++)
+		piece(seed, src, &plan.leaf[i].region, 0, cap);
+	cut_plan_done(&plan);
+}
+
+/* Halves at random, mostly where the piece is. */
+static void at_random(uint64_t *seed, const struct cut_source *src, const struct cut_region *region, unsigned depth, uint32_t cap)
+{
+	struct cut_region half[2];
+
+	if (depth == 0 || sets_below(seed, 8) == 0 || !cut_region_split(region, half)) {
+		piece(seed, src, region, 0, cap);
+		return;
+	}
+	for (unsigned k = 0; k < 2; k++) {
+		struct window_piece w;
+		int32_t data[4];
+
+		if (!src->box(src->ctx, data) || !window_piece_init(&w, &view, data, &half[k]))
+			continue;
+		if (sets_below(seed, 4))
+			window_piece_tighten(&w, &half[k]);
+		at_random(seed, src, &half[k], depth - 1, cap);
+	}
+}
+
+static void check(uint64_t *seed, const struct cut_source *src, unsigned n)
+{
+	uint32_t cap = sets_below(seed, 3) ? 256 : 8 + sets_below(seed, 24);
+	const struct cut_region plane = window_piece_plane();
+
+	ngot = 0;
+	if (sets_below(seed, 2))
+		by_plan(seed, src, cap);
+	else
+		at_random(seed, src, &plane, sets_below(seed, 6), cap);
+	qsort(got, ngot, sizeof(got[0]), triangle_compare);
+	assert_int_equal(ngot, n);
+	if (n)
+		assert_memory_equal(got, want, n * sizeof(want[0]));
+}
+
+static int count_cell(void *ctx, const struct grid_cell *cell)
+{
+	*(uint64_t *)ctx += cell->count > 0;
+	return 0;
+}
+
+static uint64_t cells_of(const struct cut_source *src)
+{
+	uint64_t n = 0;
+	const struct grid_visitor v = {.ctx = &n, .cell = count_cell};
+	struct err err = ERR_INIT;
+
+	assert_int_equal(src->walk(src->ctx, 0, UINT64_MAX, &v, &err), 0);
+	return n;
+}
+
+static void one_case(uint64_t seed)
+{
+	struct cut_source src;
+	struct tiling t;
+	unsigned m, n = 0;
+
+	sets_make(&seed, &set, &view);
+	if (sets_below(&seed, 10) == 0)
+		for (unsigned s = 0; s < set.segments; s++)
+			set.nrecord[s] = set.nrecord[s] < 2 ? set.nrecord[s] : sets_below(&seed, 3);
+	for (unsigned k = 0; k < 3; k++)
+		view.k[k] = sets_below(&seed, 3) ? 0 : (int64_t)(tiling_random(&seed) >> 5) - (INT64_C(1) << 58);
+	sets_reduce(&set, &view);
+	sets_tiling(&seed, &set, &t);
+	tiling_source(&t, &src);
+	if (sets_below(&seed, 2))
+		make_box(&seed);
+	else
+		make_polygon(&seed);
+	m = brute_triangles(set.pos, set.n, whole);
+	for (unsigned i = 0; i < m; i++)
+		if (meets(whole[i]))
+			memcpy(want[n++], whole[i], sizeof(whole[i]));
+	qsort(want, n, sizeof(want[0]), triangle_compare);
+	for (unsigned k = 0; k < 2; k++) {
+		/* Twice, divided differently. */
+		check(&seed, &src, n);
+		all_cells += cells_of(&src);
+	}
+	view_done(&view);
+	cases++;
+	wanted += n;
+	some += n > 0 && n < m;
+	empties += n == 0 && m > 0;
+}
+
+static void fuzz(void **state)
+{
+	const char *most = getenv("ACUT_FUZZ_CASES"), *first = getenv("ACUT_FUZZ_SEED");
+	uint64_t n = most ? strtoull(most, NULL, 10) : 20000, from = first ? strtoull(first, NULL, 10) : 1;
+
+	(void)state;
+	memory = aligned_alloc(64, (tri_bytes(CAP_MOST) + window_area_tables(CAP_MOST) + 4096) & ~(size_t)63);
+	assert_non_null(memory);
+	for (uint64_t i = 0; i < n; i++) {
+		if (getenv("ACUT_FUZZ_TRACE"))
+			fprintf(stderr, "case %llu\n", (unsigned long long)(from + i));
+		one_case((from + i) * UINT64_C(0x2545f4914f6cdd1d));
+	}
+	free(memory);
+	print_message("%llu cases, %llu triangles, %llu windows of a part, %llu without any, %llu pieces, %llu halved, "
+		      "%llu cells read of %llu\n",
+		      (unsigned long long)cases, (unsigned long long)wanted, (unsigned long long)some,
+		      (unsigned long long)empties, (unsigned long long)pieces, (unsigned long long)halvings,
+		      (unsigned long long)cells, (unsigned long long)all_cells);
+	if (n >= 1000)
+		assert_true(some > n / 10 && empties > 0 && halvings > 0 && pieces > 2 * n);
+}
+
+int main(void)
+{
+	const struct CMUnitTest tests[] = {cmocka_unit_test(fuzz)};
+
+	return cmocka_run_group_tests(tests, NULL, NULL);
+}
